@@ -1,0 +1,52 @@
+# `make demo` and `make test` do all the set-up themselves, in .venv. They need a C compiler and
+# Python >= 3.10; if that is not python3, say which: make test PYTHON=python3.12
+
+PYTHON   ?= python3
+VENV     := .venv
+HEADERS  := $(wildcard csrc/core/*.h)
+CORE     := $(wildcard csrc/core/*.c)
+BINDING  := $(wildcard csrc/binding/*.[ch])
+SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
+
+.PHONY: demo test ctest notebooks clean
+.NOTPARALLEL:
+
+demo: $(VENV)/.plot
+	$(VENV)/bin/python -m pmalpha
+
+test: $(VENV)/.test
+	$(VENV)/bin/python -m pytest
+
+ctest: build/test_core
+	build/test_core
+
+notebooks: $(VENV)/.notebook
+	$(VENV)/bin/python -c "$$EXECUTE" notebooks/*.ipynb
+
+# what `jupyter execute --inplace` does, but without a time stamp in each cell
+define EXECUTE
+import sys, nbclient, nbformat
+for path in sys.argv[1:]:
+    notebook = nbformat.read(path, as_version=4)
+    nbclient.execute(notebook, cwd="notebooks", record_timing=False)
+    nbformat.write(notebook, path)
+endef
+export EXECUTE
+
+# Installed in place, with the extra named by the stem: what changes in Python is seen at once,
+# what changes in C is compiled again.
+$(VENV)/.%: pyproject.toml setup.py $(HEADERS) $(CORE) $(BINDING) | $(VENV)/bin/pip
+	$(VENV)/bin/python -m pip install --quiet --editable '.[$*]'
+	touch $@
+
+$(VENV)/bin/pip:
+	$(PYTHON) -m venv $(VENV)
+
+build/test_core: $(wildcard csrc/tests/*.[ch]) $(CORE) $(HEADERS)
+	mkdir -p build
+	$(CC) -std=c11 -O1 -g -ffp-contract=off -fopenmp-simd -pthread -Wall -Wextra $(SANITIZE) \
+		-Icsrc/core $(filter %.c,$^) -lm -o $@
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info pmalpha/*.so .pytest_cache .ruff_cache
+	find . -name __pycache__ -prune -exec rm -rf {} +
