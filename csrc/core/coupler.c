@@ -1,0 +1,366 @@
+#include "coupler.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Where a subdomain stands inside the macro step. */
+typedef struct {
+    pma_subdomain *subdomain;
+    size_t substeps, ratio; /* own steps in a macro step, fine steps in an own step */
+    size_t j;               /* own node at or before this instant */
+    size_t phase;           /* fine steps since that node: 0..ratio */
+    bool doubled;
+} pma_place;
+
+struct pma_coupler {
+    pma_coupler_parts parts;
+    pma_place *places;  /* one for each subdomain */
+    size_t fine;        /* fine steps in a macro step: the largest number of substeps */
+    int64_t step_count; /* macro steps done */
+    bool started;
+    size_t unstable;
+    size_t unpolled;    /* entries read since the last poll */
+    double *lam;        /* p: multipliers of the present */
+    double *lam_work;   /* p: of the fine step at hand */
+    double *block;
+};
+
+/* ---- making ----------------------------------------------------------------------------- */
+
+static pma_status check_subdomains(const pma_coupler_parts *parts, size_t fine)
+{
+    for (size_t i = 0; i < parts->count; i++) {
+        const pma_parts *s = pma_subdomain_parts(parts->subdomains[i]);
+        if (fine % s->substeps != 0 || s->link.p != parts->p)
+            return PMA_BAD_SIZE;
+    }
+    return PMA_OK;
+}
+
+static pma_status check_interface(const pma_coupler_parts *parts, const pma_factor *H)
+{
+    if (H->n != parts->p || H->nb != parts->p)
+        return PMA_BAD_SIZE;
+    return pma_factor_check(H);
+}
+
+static size_t most_substeps(const pma_coupler_parts *parts)
+{
+    size_t most = 1;
+    for (size_t i = 0; i < parts->count; i++) {
+        const size_t substeps = pma_subdomain_parts(parts->subdomains[i])->substeps;
+        most = substeps > most ? substeps : most;
+    }
+    return most;
+}
+
+static void lay_out(pma_coupler *c, pma_subdomain *const *subdomains)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_parts *s = pma_subdomain_parts(subdomains[i]);
+        c->places[i] = (pma_place){.subdomain = subdomains[i],
+                                   .substeps = s->substeps,
+                                   .ratio = c->fine / s->substeps,
+                                   .doubled = s->doubled};
+    }
+    c->lam = c->block;
+    c->lam_work = c->block + c->parts.p;
+}
+
+pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out)
+{
+    *out = NULL;
+    const size_t fine = most_substeps(parts);
+    pma_status status = check_subdomains(parts, fine);
+    if (status || (status = check_interface(parts, &parts->H_start)) ||
+        (status = check_interface(parts, &parts->H)))
+        return status;
+
+    pma_coupler *c = calloc(1, sizeof *c);
+    if (!c)
+        return PMA_NO_MEMORY;
+    c->parts = *parts;
+    c->fine = fine;
+    c->parts.subdomains = NULL; /* places keep them */
+    c->places = calloc(parts->count + 1, sizeof *c->places);
+    c->block = calloc(2 * parts->p + 1, sizeof(double));
+    if (!c->places || !c->block) {
+        pma_coupler_destroy(c);
+        return PMA_NO_MEMORY;
+    }
+    lay_out(c, parts->subdomains);
+    *out = c;
+    return PMA_OK;
+}
+
+void pma_coupler_destroy(pma_coupler *c)
+{
+    if (!c)
+        return;
+    free(c->places);
+    free(c->block);
+    free(c);
+}
+
+void pma_coupler_start(pma_coupler *c, const double *lam)
+{
+    memcpy(c->lam, lam, c->parts.p * sizeof(double));
+    c->step_count = 0;
+    c->started = true;
+}
+
+int64_t pma_coupler_step_count(const pma_coupler *c)
+{
+    return c->step_count;
+}
+
+const double *pma_coupler_multipliers(const pma_coupler *c)
+{
+    return c->lam;
+}
+
+size_t pma_coupler_unstable(const pma_coupler *c)
+{
+    return c->unstable;
+}
+
+const pma_coupler_parts *pma_coupler_get_parts(const pma_coupler *c)
+{
+    return &c->parts;
+}
+
+/* ---- the stages of a fine step -------------------------------------------------------------- */
+
+/* Double steps are taken from the second macro step on: PM-alpha is not self-starting. */
+static bool is_double(const pma_coupler *c, const pma_place *at)
+{
+    return at->doubled && c->step_count > 0;
+}
+
+/* (T1)  t = (k / fine) dt with k counted from 0, in this order: equal instants, equal bits */
+static double instant(const pma_coupler *c, size_t k)
+{
+    const double count = (double)c->step_count * (double)c->fine + (double)k;
+    return count / (double)c->fine * c->parts.dt;
+}
+
+/* Free problems (13) of all subdomains that stand at a node of their own. */
+static void open_steps(pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_place *at = &c->places[i];
+        if (at->phase != 0)
+            continue;
+        const double t1 = instant(c, (at->j + 1) * at->ratio);
+        const int64_t step = c->step_count * (int64_t)at->substeps + (int64_t)at->j;
+        pma_subdomain_open(at->subdomain, at->j, is_double(c, at), t1, step);
+        c->unpolled += pma_subdomain_entries(at->subdomain);
+    }
+}
+
+/* One fine step later: everybody stands in or at the end of an own step. */
+static void move_on(pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++)
+        c->places[i].phase++;
+}
+
+/* H Lam = - sum_i L_i vf_i, vf_i interpolated in mid-step                            (15), (18) */
+static pma_status solve_interface(pma_coupler *c)
+{
+    const size_t p = c->parts.p;
+    memset(c->lam_work, 0, p * sizeof(double));
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_place *at = &c->places[i];
+        const double theta = (double)at->phase / (double)at->ratio;
+        pma_subdomain_free_velocity(at->subdomain, at->j, theta, -1.0, c->lam_work);
+    }
+    pma_factor_interface(c->step_count > 0 ? &c->parts.H : &c->parts.H_start, c->lam_work);
+    for (size_t row = 0; row < p; row++) {
+        if (!isfinite(c->lam_work[row]))
+            return PMA_NOT_FINITE;
+    }
+    return PMA_OK;
+}
+
+/* Link problems (14) of all subdomains at the end of their own step, added to the free ones. */
+static pma_status close_steps(pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_place *at = &c->places[i];
+        if (at->phase != at->ratio)
+            continue;
+        c->unstable = i;
+        const pma_status status =
+            pma_subdomain_close(at->subdomain, at->j + 1, is_double(c, at), c->lam_work);
+        if (status != PMA_OK)
+            return status;
+    }
+    return PMA_OK;
+}
+
+/* Those that reached a node stand at it. */
+static void arrive(pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        pma_place *at = &c->places[i];
+        if (at->phase == at->ratio) {
+            at->phase = 0;
+            at->j++;
+        }
+    }
+}
+
+/* The subdomain whose free velocity made the multipliers infinite. */
+static size_t find_unstable(const pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        if (!pma_subdomain_free_is_finite(c->places[i].subdomain, c->places[i].j + 1))
+            return i;
+    }
+    return PMA_INTERFACE;
+}
+
+/* ---- recording, when everybody has arrived --------------------------------------------------- */
+
+/* sum_i L_i v_i from total velocities; in mid-step from interpolated free plus link velocity */
+static void velocity_jump(const pma_coupler *c, const double *lam, double *jump)
+{
+    memset(jump, 0, c->parts.p * sizeof(double));
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_place *at = &c->places[i];
+        if (at->phase == 0) {
+            pma_subdomain_total_velocity(at->subdomain, at->j, jump);
+        } else {
+            const double theta = (double)at->phase / (double)at->ratio;
+            pma_subdomain_free_velocity(at->subdomain, at->j, theta, 1.0, jump);
+            pma_subdomain_link_velocity(at->subdomain, is_double(c, at), lam, jump);
+        }
+    }
+}
+
+/* sum_i L_i u_i at a macro node */
+static void displacement_jump(const pma_coupler *c, double *jump)
+{
+    memset(jump, 0, c->parts.p * sizeof(double));
+    for (size_t i = 0; i < c->parts.count; i++)
+        pma_subdomain_total_displacement(c->places[i].subdomain, c->places[i].j, jump);
+}
+
+static void record_subdomains(const pma_coupler *c, const pma_record *record)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_place *at = &c->places[i];
+        if (at->phase != 0 || record->nodes[i].count == 0)
+            continue;
+        const size_t row = pma_record_row(record, c->step_count, at->j, at->substeps);
+        if (row != PMA_NO_ROW)
+            pma_record_state(&record->nodes[i], pma_subdomain_at(at->subdomain, at->j), row);
+    }
+}
+
+static void record_interface(const pma_coupler *c, const pma_record *record, size_t k)
+{
+    const size_t p = c->parts.p;
+    const size_t row = pma_record_row(record, c->step_count, k, c->fine);
+    const size_t macro = pma_record_row(record, c->step_count, 1, 1);
+    if (p == 0 || row == PMA_NO_ROW)
+        return;
+    memcpy(record->multipliers + row * p, c->lam_work, p * sizeof(double));
+    velocity_jump(c, c->lam_work, record->velocity_jump + row * p);
+    if (k == c->fine)
+        displacement_jump(c, record->displacement_jump + macro * p);
+}
+
+void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
+{
+    const size_t p = c->parts.p;
+    for (size_t i = 0; i < c->parts.count; i++)
+        pma_record_state(&record->nodes[i], pma_subdomain_at(c->places[i].subdomain, 0), 0);
+    if (p == 0)
+        return;
+    memcpy(record->multipliers, c->lam, p * sizeof(double));
+    velocity_jump(c, c->lam, record->velocity_jump);
+    displacement_jump(c, record->displacement_jump);
+}
+
+/* ---- the schedule ---------------------------------------------------------------------------- */
+
+static pma_status fine_step(pma_coupler *c)
+{
+    /* free problems that begin here */
+    open_steps(c);
+    move_on(c);
+
+    /* interface problem at the end of this fine step */
+    if (solve_interface(c) != PMA_OK) {
+        c->unstable = find_unstable(c);
+        return PMA_NOT_FINITE;
+    }
+
+    /* link problems that end here, added */
+    const pma_status status = close_steps(c);
+    arrive(c);
+    return status;
+}
+
+/* Everybody stands at the present, whatever ended the macro step before. */
+static void go_to_present(pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        c->places[i].j = 0;
+        c->places[i].phase = 0;
+    }
+}
+
+/* The nodes at the end of the macro step become the present. Cannot fail. */
+static void commit(pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_place *at = &c->places[i];
+        if (c->step_count == 0 && at->doubled && c->parts.rebased)
+            pma_subdomain_rebase(at->subdomain, at->substeps, c->lam_work);
+        pma_subdomain_commit(at->subdomain);
+    }
+    double *kept = c->lam;
+    c->lam = c->lam_work;
+    c->lam_work = kept;
+    c->step_count++;
+}
+
+static bool asked_to_stop(pma_coupler *c, const pma_poll *poll)
+{
+    if (!poll || c->unpolled < poll->entries)
+        return false;
+    c->unpolled = 0;
+    return poll->stop(poll->ctx);
+}
+
+static pma_status macro_step(pma_coupler *c, const pma_record *record, const pma_poll *poll)
+{
+    for (size_t k = 1; k <= c->fine; k++) {
+        if (asked_to_stop(c, poll))
+            return PMA_STOPPED;
+        const pma_status status = fine_step(c);
+        if (status != PMA_OK)
+            return status;
+        if (record) {
+            record_subdomains(c, record);
+            record_interface(c, record, k);
+        }
+    }
+    commit(c);
+    return PMA_OK;
+}
+
+pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,
+                               const pma_poll *poll)
+{
+    pma_status status = c->started ? PMA_OK : PMA_NOT_READY;
+    for (int64_t step = 0; step < steps && status == PMA_OK; step++) {
+        status = macro_step(c, record, poll);
+        go_to_present(c);
+    }
+    return status;
+}

@@ -1,0 +1,59 @@
+/* coupler.h - the schedule: GC-alpha and PM-alpha for any number of subdomains.
+ *
+ * The two differ in who takes double steps. The macro step is the unit of commit: whatever ends an
+ * advance early, the coupler then stands at the last whole macro step. */
+#ifndef PMA_COUPLER_H
+#define PMA_COUPLER_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "factor.h"
+#include "record.h"
+#include "status.h"
+#include "subdomain.h"
+
+/* What a coupler is made of. Subdomains and arrays are the caller's, who keeps them alive. */
+typedef struct {
+    size_t count;           /* subdomains */
+    pma_subdomain **subdomains;
+    size_t p;               /* interface conditions */
+    pma_factor H_start;     /* (18), everybody single: the first macro step */
+    pma_factor H;           /* (18), double steps where they are taken: from the second on */
+    double dt;              /* macro step */
+    bool rebased;           /* (S3) after the first macro step, else the plain start */
+} pma_coupler_parts;
+
+/* Asked between fine steps, when about `entries` matrix entries were read since; true: stop. */
+typedef struct {
+    bool (*stop)(void *ctx);
+    void *ctx;
+    size_t entries;
+} pma_poll;
+
+typedef struct pma_coupler pma_coupler;
+
+/* `subdomain` of pma_coupler_unstable when it was the interface problem itself. */
+#define PMA_INTERFACE SIZE_MAX
+
+pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out);
+void pma_coupler_destroy(pma_coupler *c); /* NULL is allowed */
+
+/* Sets t = 0; the subdomains have been started with the same lam (p). */
+void pma_coupler_start(pma_coupler *c, const double *lam);
+
+/* `steps` macro steps, recorded if record is not NULL. PMA_NOT_READY before a start,
+ * PMA_NOT_FINITE (pma_coupler_unstable says where), PMA_STOPPED. Does not allocate. */
+pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,
+                               const pma_poll *poll);
+
+/* Writes the present into row 0 of every array of the record. */
+void pma_coupler_record_present(const pma_coupler *c, const pma_record *record);
+
+int64_t pma_coupler_step_count(const pma_coupler *c);
+const double *pma_coupler_multipliers(const pma_coupler *c); /* p, of the present */
+size_t pma_coupler_unstable(const pma_coupler *c); /* where a value was first not finite */
+const pma_coupler_parts *pma_coupler_get_parts(const pma_coupler *c);
+
+#endif

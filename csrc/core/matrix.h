@@ -1,0 +1,31 @@
+/* matrix.h - a symmetric matrix that is only ever multiplied with a vector. */
+#ifndef PMA_MATRIX_H
+#define PMA_MATRIX_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "status.h"
+
+/* The forms of a matrix and of a factor. */
+typedef enum { PMA_ZERO, PMA_DIAGONAL, PMA_DENSE, PMA_SPARSE } pma_form;
+
+/* Bare arrays of the caller, who keeps them alive. */
+typedef struct {
+    pma_form form;
+    size_t n;
+    const double *values; /* diagonal: n; dense: n*n by rows; sparse: ptr[n] */
+    const int64_t *ptr;   /* sparse: n+1 starts of the rows, else NULL */
+    const int32_t *index; /* sparse: column of each entry, else NULL */
+} pma_matrix;
+
+/* PMA_BAD_INDEX unless every row and column index lies in the matrix. */
+pma_status pma_matrix_check(const pma_matrix *A);
+
+/* Entries read by one product. */
+size_t pma_matrix_entries(const pma_matrix *A);
+
+/* y -= A x, both of length n and not overlapping. Does not allocate. */
+void pma_matrix_subtract(const pma_matrix *A, const double *x, double *y);
+
+#endif

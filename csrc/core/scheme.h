@@ -1,0 +1,25 @@
+/* scheme.h - the four-parameter schemes and the constants of one step.
+ *
+ * Generalized-alpha with equilibrium at the end of the step; am and af weight the old state.
+ * Newmark, central difference, HHT-alpha and WBZ-alpha are other points of the same family. */
+#ifndef PMA_SCHEME_H
+#define PMA_SCHEME_H
+
+#include <stdbool.h>
+
+typedef struct {
+    double am, af, beta, gamma;
+} pma_scheme;
+
+/* Constants of one step of length h, formed once. */
+typedef struct {
+    double h;
+    double al1, al2;       /* (P2) u1 = ut + al1 w1, v1 = vt + al2 w1 */
+    double u_a, u_w;       /* (5)  ut = u + h v + u_a a + u_w w */
+    double v_a, v_w;       /* (6)  vt = v + v_a a + v_w w */
+    double a_a, a_w, a_w1; /* (9)  a1 = a_a a + a_w w + a_w1 w1 */
+} pma_step;
+
+pma_step pma_step_make(pma_scheme scheme, double h);
+
+#endif

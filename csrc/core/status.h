@@ -1,0 +1,24 @@
+/* status.h - what a call of the core can come back with.
+ *
+ * The core says which kind of thing went wrong; the binding, which knows the caller's values, says
+ * what it was. */
+#ifndef PMA_STATUS_H
+#define PMA_STATUS_H
+
+#define PMA_STATUS_LIST(X)                                                  \
+    X(PMA_OK, "no error")                                                   \
+    X(PMA_NO_MEMORY, "out of memory")                                       \
+    X(PMA_BAD_SIZE, "sizes do not agree")                                   \
+    X(PMA_BAD_INDEX, "an index is out of range or not in order")            \
+    X(PMA_NOT_READY, "the coupler has no initial state yet")                \
+    X(PMA_NOT_FINITE, "a value is not finite")                              \
+    X(PMA_STOPPED, "stopped by the caller")
+
+#define PMA_STATUS_ENUM(code, text) code,
+typedef enum { PMA_STATUS_LIST(PMA_STATUS_ENUM) } pma_status;
+#undef PMA_STATUS_ENUM
+
+/* The text of a status; never NULL. */
+const char *pma_status_text(pma_status status);
+
+#endif

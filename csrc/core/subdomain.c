@@ -1,0 +1,350 @@
+#include "subdomain.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Nodes inside a macro step live in `work`, in turn; the present is changed by commit alone, so
+ * that whatever ends a macro step early leaves the state of the last whole one. */
+struct pma_subdomain {
+    pma_parts parts;
+    pma_load load;
+    pma_state present;  /* own node 0 */
+    pma_state previous; /* own node -1, for the double step */
+    pma_state work[2];  /* own nodes 1, 2, ...; the second only for double steps with substeps */
+    size_t works;
+    double *vf_present, *vf_work[2]; /* nb: stored free velocities of nodes 0 and 1, 2, ... */
+    double *link;                    /* nb: scratch */
+    double *block;
+};
+
+/* ---- making ----------------------------------------------------------------------------- */
+
+static pma_status check_operator(const pma_parts *parts, const pma_operator *op)
+{
+    if (op->factor.n != parts->n || op->factor.nb != parts->nb)
+        return PMA_BAD_SIZE;
+    return pma_factor_check(&op->factor);
+}
+
+static pma_status check_parts(const pma_parts *parts)
+{
+    pma_status status = PMA_OK;
+    if (parts->n == 0 || parts->nb > parts->n || parts->substeps == 0)
+        return PMA_BAD_SIZE;
+    if (parts->K.n != parts->n || parts->C.n != parts->n || parts->link.nb != parts->nb)
+        return PMA_BAD_SIZE;
+    if ((status = pma_matrix_check(&parts->K)) || (status = pma_matrix_check(&parts->C)))
+        return status;
+    if ((status = pma_link_check(&parts->link)) || (status = check_operator(parts, &parts->single)))
+        return status;
+    return parts->doubled ? check_operator(parts, &parts->twice) : PMA_OK;
+}
+
+static double *take(double **next, size_t count)
+{
+    double *taken = *next;
+    *next += count;
+    return taken;
+}
+
+static pma_state take_state(double **next, size_t n)
+{
+    pma_state s;
+    s.u = take(next, n);
+    s.v = take(next, n);
+    s.w = take(next, n);
+    s.a = take(next, n);
+    return s;
+}
+
+static void lay_out(pma_subdomain *s)
+{
+    const size_t n = s->parts.n, nb = s->parts.nb;
+    double *next = s->block;
+    s->present = take_state(&next, n);
+    for (size_t i = 0; i < s->works; i++)
+        s->work[i] = take_state(&next, n);
+    if (s->parts.doubled)
+        s->previous = take_state(&next, n);
+    s->vf_present = take(&next, nb);
+    s->vf_work[0] = take(&next, nb);
+    s->vf_work[1] = take(&next, nb);
+    s->link = take(&next, nb);
+}
+
+pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
+{
+    *out = NULL;
+    const pma_status status = check_parts(parts);
+    if (status != PMA_OK)
+        return status;
+    const size_t works = parts->doubled && parts->substeps > 1 ? 2 : 1;
+    const size_t states = 1 + works + (parts->doubled ? 1 : 0);
+    /* at most 4 * 4 n + 4 nb doubles: no overflow below this n */
+    if (parts->n > SIZE_MAX / (32 * sizeof(double)))
+        return PMA_NO_MEMORY;
+    pma_subdomain *s = calloc(1, sizeof *s);
+    if (!s)
+        return PMA_NO_MEMORY;
+    s->parts = *parts;
+    s->works = works;
+    s->block = calloc(states * 4 * parts->n + 4 * parts->nb, sizeof(double));
+    if (!s->block) {
+        free(s);
+        return PMA_NO_MEMORY;
+    }
+    lay_out(s);
+    s->load = (pma_load){.kind = PMA_LOAD_NONE, .n = parts->n};
+    *out = s;
+    return PMA_OK;
+}
+
+void pma_subdomain_destroy(pma_subdomain *s)
+{
+    if (s)
+        free(s->block);
+    free(s);
+}
+
+const pma_parts *pma_subdomain_parts(const pma_subdomain *s)
+{
+    return &s->parts;
+}
+
+void pma_subdomain_set_load(pma_subdomain *s, pma_load load)
+{
+    assert(load.n == s->parts.n);
+    s->load = load;
+}
+
+const pma_load *pma_subdomain_load(const pma_subdomain *s)
+{
+    return &s->load;
+}
+
+size_t pma_subdomain_entries(const pma_subdomain *s)
+{
+    const pma_parts *p = &s->parts;
+    return 2 * pma_factor_entries(&p->single.factor) + pma_matrix_entries(&p->K) +
+           pma_matrix_entries(&p->C) + 12 * p->n;
+}
+
+/* ---- where a node lives ----------------------------------------------------------------- */
+
+static const pma_operator *operator_of(const pma_subdomain *s, bool twice)
+{
+    return twice ? &s->parts.twice : &s->parts.single;
+}
+
+const pma_state *pma_subdomain_at(const pma_subdomain *s, size_t j)
+{
+    return j == 0 ? &s->present : &s->work[(j - 1) % s->works];
+}
+
+static double *free_velocity_at(const pma_subdomain *s, size_t j)
+{
+    return j == 0 ? s->vf_present : s->vf_work[(j - 1) % 2];
+}
+
+/* The state a step towards own node j + 1 starts from. */
+static const pma_state *origin(const pma_subdomain *s, size_t j, bool twice)
+{
+    if (!twice)
+        return pma_subdomain_at(s, j);
+    return j == 0 ? &s->previous : pma_subdomain_at(s, j - 1);
+}
+
+/* The interface dofs are the last of a vector over all dofs. */
+static double *interface_of(const pma_subdomain *s, double *x)
+{
+    return x + (s->parts.n - s->parts.nb);
+}
+
+/* ---- the verbs -------------------------------------------------------------------------- */
+
+/* link (nb) := S^-1 L_b^T lam */
+static void solve_link(pma_subdomain *s, const pma_operator *op, const double *lam)
+{
+    memset(s->link, 0, s->parts.nb * sizeof(double));
+    pma_link_load(&s->parts.link, lam, s->link);
+    pma_factor_interface(&op->factor, s->link);
+}
+
+void pma_subdomain_compliance(pma_subdomain *s, bool twice, const double *lam, double *out)
+{
+    pma_subdomain_link_velocity(s, twice, lam, out);
+}
+
+/* (5), (6) and the known part of (9), from one state into another or in place; w := 0 */
+static void predict(const pma_step *c, size_t n, const pma_state *from, const pma_state *to)
+{
+    const double *u0 = from->u, *v0 = from->v, *w0 = from->w, *a0 = from->a;
+    double *ut = to->u, *vt = to->v, *y = to->w, *known = to->a;
+#pragma omp simd
+    for (size_t i = 0; i < n; i++) {
+        const double v = v0[i], w = w0[i], a = a0[i];
+        ut[i] = u0[i] + c->h * v + c->u_a * a + c->u_w * w;
+        vt[i] = v + c->v_a * a + c->v_w * w;
+        known[i] = c->a_a * a + c->a_w * w;
+        y[i] = 0.0;
+    }
+}
+
+void pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1, int64_t step)
+{
+    const pma_operator *op = operator_of(s, twice);
+    const pma_state *to = pma_subdomain_at(s, j + 1);
+    double *vf = free_velocity_at(s, j + 1);
+    const double *vt, *y;
+
+    /* (5), (6) */
+    predict(&op->step, s->parts.n, origin(s, j, twice), to);
+
+    /* (11)  F(t1) - C vt - K ut; a restoring force r(ut, vs, t1) would be subtracted here */
+    pma_load_add(&s->load, t1, step, to->w);
+    pma_matrix_subtract(&s->parts.C, to->v, to->w);
+    pma_matrix_subtract(&s->parts.K, to->u, to->w);
+
+    /* (F2) */
+    pma_factor_forward(&op->factor, to->w);
+
+    /* (F3)  vf_b = vt_b + al2 S^-1 y_b */
+    vt = interface_of(s, to->v);
+    y = interface_of(s, to->w);
+    memcpy(vf, y, s->parts.nb * sizeof(double));
+    pma_factor_interface(&op->factor, vf);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        vf[i] = vt[i] + op->step.al2 * vf[i];
+}
+
+/* (8), (9); true when every new value is finite, for x * 0 is 0 only then */
+static bool correct(const pma_step *c, size_t n, const pma_state *x)
+{
+    double *u = x->u, *v = x->v, *w = x->w, *a = x->a;
+    double lane[4] = {0.0, 0.0, 0.0, 0.0};
+    size_t i = 0;
+    for (; i < n; i++) {
+        u[i] += c->al1 * w[i];
+        v[i] += c->al2 * w[i];
+        a[i] += c->a_w1 * w[i];
+    }
+    for (i = 0; i + 4 <= n; i += 4) {
+        for (size_t l = 0; l < 4; l++)
+            lane[l] += 0.0 * u[i + l] + 0.0 * v[i + l] + 0.0 * a[i + l];
+    }
+    for (; i < n; i++)
+        lane[0] += 0.0 * u[i] + 0.0 * v[i] + 0.0 * a[i];
+    return (lane[0] + lane[1]) + (lane[2] + lane[3]) == 0.0;
+}
+
+pma_status pma_subdomain_close(pma_subdomain *s, size_t j, bool twice, const double *lam)
+{
+    const pma_operator *op = operator_of(s, twice);
+    const pma_state *x = pma_subdomain_at(s, j);
+    double *y_b = interface_of(s, x->w);
+
+    /* (F4)  w_b = S^-1 (y_b + L_b^T Lam) */
+    pma_link_load(&s->parts.link, lam, y_b);
+    pma_factor_interface(&op->factor, y_b);
+
+    /* (F5) */
+    pma_factor_backward(&op->factor, x->w);
+
+    return correct(&op->step, s->parts.n, x) ? PMA_OK : PMA_NOT_FINITE;
+}
+
+/* ---- velocities on the interface --------------------------------------------------------- */
+
+void pma_subdomain_free_velocity(const pma_subdomain *s, size_t j, double theta, double scale,
+                                 double *jump)
+{
+    const pma_link *L = &s->parts.link;
+    if (theta < 1.0)
+        pma_link_gather(L, scale * (1.0 - theta), free_velocity_at(s, j), jump);
+    pma_link_gather(L, scale * theta, free_velocity_at(s, j + 1), jump);
+}
+
+void pma_subdomain_link_velocity(pma_subdomain *s, bool twice, const double *lam, double *jump)
+{
+    const pma_operator *op = operator_of(s, twice);
+    solve_link(s, op, lam);
+    pma_link_gather(&s->parts.link, op->step.al2, s->link, jump);
+}
+
+void pma_subdomain_total_velocity(const pma_subdomain *s, size_t j, double *jump)
+{
+    const pma_state *x = pma_subdomain_at(s, j);
+    pma_link_gather(&s->parts.link, 1.0, interface_of(s, x->v), jump);
+}
+
+void pma_subdomain_total_displacement(const pma_subdomain *s, size_t j, double *jump)
+{
+    const pma_state *x = pma_subdomain_at(s, j);
+    pma_link_gather(&s->parts.link, 1.0, interface_of(s, x->u), jump);
+}
+
+bool pma_subdomain_free_is_finite(const pma_subdomain *s, size_t j)
+{
+    const double *vf = free_velocity_at(s, j);
+    for (size_t i = 0; i < s->parts.nb; i++) {
+        if (!isfinite(vf[i]))
+            return false;
+    }
+    return true;
+}
+
+/* ---- start and commit --------------------------------------------------------------------- */
+
+/* vf := v_b - al2 S^-1 L_b^T lam: the free velocity that, with lam, gives this total velocity */
+static void store_free_velocity(pma_subdomain *s, bool twice, const double *v, const double *lam,
+                                double *vf)
+{
+    const pma_operator *op = operator_of(s, twice);
+    solve_link(s, op, lam);
+    const double *v_b = v + (s->parts.n - s->parts.nb);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        vf[i] = v_b[i] - op->step.al2 * s->link[i];
+}
+
+void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, const double *w,
+                         const double *lam)
+{
+    const size_t bytes = s->parts.n * sizeof(double);
+    memcpy(s->present.u, u, bytes);
+    memcpy(s->present.v, v, bytes);
+    memcpy(s->present.w, w, bytes);
+    memcpy(s->present.a, w, bytes);
+    store_free_velocity(s, false, v, lam, s->vf_present); /* (S2) */
+}
+
+void pma_subdomain_rebase(pma_subdomain *s, size_t j, const double *lam)
+{
+    store_free_velocity(s, true, pma_subdomain_at(s, j)->v, lam, free_velocity_at(s, j)); /* (S3) */
+}
+
+static void swap_states(pma_state *a, pma_state *b)
+{
+    const pma_state kept = *a;
+    *a = *b;
+    *b = kept;
+}
+
+static void swap_pointers(double **a, double **b)
+{
+    double *kept = *a;
+    *a = *b;
+    *b = kept;
+}
+
+void pma_subdomain_commit(pma_subdomain *s)
+{
+    const size_t last = s->parts.substeps - 1;
+    if (s->works == 2)
+        swap_states(&s->previous, &s->work[(last - 1) % 2]);
+    else if (s->parts.doubled)
+        swap_states(&s->previous, &s->present);
+    swap_states(&s->present, &s->work[last % s->works]);
+    swap_pointers(&s->vf_present, &s->vf_work[last % 2]);
+}

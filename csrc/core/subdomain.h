@@ -1,0 +1,104 @@
+/* subdomain.h - one subdomain: its matrices, its state and the verbs of a step.
+ *
+ *   open        the free problem of one own step, as far as the free velocity on the interface
+ *   close       the same step with the multipliers: the new state
+ *   compliance  velocity on the interface for a unit of multipliers: the subdomain's block of H
+ *
+ * All arrays are in elimination order: the nb interface dofs come last. */
+#ifndef PMA_SUBDOMAIN_H
+#define PMA_SUBDOMAIN_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "factor.h"
+#include "link.h"
+#include "load.h"
+#include "matrix.h"
+#include "scheme.h"
+#include "status.h"
+
+/* A state at a node, or a step that has been opened.                                     (E1)
+ *
+ *        closed                      opened
+ *   u    displacement                predictor ut
+ *   v    velocity                    predictor vt
+ *   w    acceleration                swept right-hand side y
+ *   a    acceleration-like variable  its part that is known, (af w - am a)/(1 - am) */
+typedef struct {
+    double *u, *v, *w, *a; /* n each */
+} pma_state;
+
+/* What one step length needs: constants and the factor of Mbar. */
+typedef struct {
+    pma_step step;
+    pma_factor factor;
+} pma_operator;
+
+/* What a subdomain is made of. The arrays behind it are the caller's, who keeps them alive. */
+typedef struct {
+    size_t n, nb, substeps;
+    bool doubled;        /* takes double steps after the start */
+    pma_matrix K, C;
+    pma_operator single; /* own step h */
+    pma_operator twice;  /* 2 h; read only if doubled */
+    pma_link link;
+} pma_parts;
+
+typedef struct pma_subdomain pma_subdomain;
+
+/* Checks the parts and allocates all that stepping needs, zeroed. */
+pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out);
+void pma_subdomain_destroy(pma_subdomain *s); /* NULL is allowed */
+
+const pma_parts *pma_subdomain_parts(const pma_subdomain *s);
+void pma_subdomain_set_load(pma_subdomain *s, pma_load load);
+const pma_load *pma_subdomain_load(const pma_subdomain *s);
+
+/* out (p) += al2 L_b S^-1 L_b^T lam, lam (p), with the operator of the single or double step  (F6) */
+void pma_subdomain_compliance(pma_subdomain *s, bool twice, const double *lam, double *out);
+
+/* ---- the present: the last whole macro step --------------------------------------------- */
+
+/* State at t = 0: u, v, w (n each) and lam (p); a = w, stored free velocity by (S2). */
+void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, const double *w,
+                         const double *lam);
+
+/* ---- inside a macro step: own nodes are counted 0..substeps from its beginning ------------ */
+
+/* The state at own node j; j = 0 is the present. Valid until the next open or commit. */
+const pma_state *pma_subdomain_at(const pma_subdomain *s, size_t j);
+
+/* Free problem (13) from own node j to j+1 at time t1, own step number `step` of the whole run;
+ * double: from j-1, with twice the step. */
+void pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1, int64_t step);
+
+/* jump (p) += scale L_b vf at own node j + theta, by linear interpolation                (15) */
+void pma_subdomain_free_velocity(const pma_subdomain *s, size_t j, double theta, double scale,
+                                 double *jump);
+
+/* jump (p) += L_b times the link velocity of lam, al2 Mbar^-1 L^T lam                     (14) */
+void pma_subdomain_link_velocity(pma_subdomain *s, bool twice, const double *lam, double *jump);
+
+/* jump (p) += L_b v and L_b u at own node j */
+void pma_subdomain_total_velocity(const pma_subdomain *s, size_t j, double *jump);
+void pma_subdomain_total_displacement(const pma_subdomain *s, size_t j, double *jump);
+
+/* Link problem (14) of the step opened towards own node j, added. PMA_NOT_FINITE when a value of
+ * the new state is not finite. */
+pma_status pma_subdomain_close(pma_subdomain *s, size_t j, bool twice, const double *lam);
+
+/* true while vf at own node j is finite */
+bool pma_subdomain_free_is_finite(const pma_subdomain *s, size_t j);
+
+/* Changes the stored free velocity at own node j over to the double step, after the start  (S3) */
+void pma_subdomain_rebase(pma_subdomain *s, size_t j, const double *lam);
+
+/* The last own node of the macro step becomes the present. Swaps pointers, cannot fail. */
+void pma_subdomain_commit(pma_subdomain *s);
+
+/* Entries read by one own step, a measure of its duration. */
+size_t pma_subdomain_entries(const pma_subdomain *s);
+
+#endif
