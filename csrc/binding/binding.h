@@ -1,0 +1,62 @@
+/* binding.h - what the files of the binding share.
+ *
+ * The binding converts, enters the core and leaves it again; it does no algebra. */
+#ifndef PMA_BINDING_H
+#define PMA_BINDING_H
+
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+
+#define PY_ARRAY_UNIQUE_SYMBOL pmalpha_core_array_api
+#include <numpy/arrayobject.h>
+
+#include <stdbool.h>
+
+#include "coupler.h"
+#include "status.h"
+#include "subdomain.h"
+
+/* ---- objects ---------------------------------------------------------------------------- */
+
+typedef struct {
+    PyObject_HEAD
+    pma_subdomain *core;
+    PyObject *arrays; /* list: keeps alive what the core points into */
+    PyObject *load;   /* the load's arrays */
+    bool busy;        /* stepped by a coupler that has let the GIL go */
+} SubdomainObject;
+
+typedef struct {
+    PyTypeObject *subdomain_type;
+    PyTypeObject *coupler_type;
+} module_state;
+
+extern PyType_Spec pma_subdomain_spec;
+extern PyType_Spec pma_coupler_spec;
+
+/* ---- errors ------------------------------------------------------------------------------ */
+
+/* Sets the exception that belongs to a status other than PMA_OK and returns NULL. */
+PyObject *pma_raise(pma_status status, const char *what);
+
+/* ---- conversion: each returns 0, or -1 with an exception set ------------------------------- */
+
+/* A C-contiguous, aligned array of exactly this type, borrowed; keep it in `arrays`. A negative
+ * extent accepts any. */
+int pma_take_array(PyObject *obj, int type, int ndim, const npy_intp *shape, const char *name,
+                   PyObject *arrays, PyArrayObject **out);
+int pma_take_doubles(PyObject *obj, npy_intp count, const char *name, PyObject *arrays,
+                     const double **out);
+
+/* None, an (n,) array, an (n, n) array or a tuple (ptr, index, values) */
+int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *arrays,
+                    pma_matrix *out);
+
+/* (inverse, R): R is None, an (n, n) array whose row j is column j of R, or (ptr, index, values) */
+int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, PyObject *arrays,
+                    pma_factor *out);
+
+/* A new array of length n with a copy of x, or NULL. */
+PyObject *pma_new_vector(npy_intp n, const double *x);
+
+#endif

@@ -1,0 +1,144 @@
+#define NO_IMPORT_ARRAY
+#include "binding.h"
+
+PyObject *pma_raise(pma_status status, const char *what)
+{
+    if (PyErr_Occurred())
+        return NULL;
+    if (status == PMA_NO_MEMORY)
+        return PyErr_NoMemory();
+    PyObject *type = status == PMA_BAD_SIZE || status == PMA_BAD_INDEX ? PyExc_ValueError
+                                                                        : PyExc_RuntimeError;
+    return PyErr_Format(type, "%s: %s", what, pma_status_text(status));
+}
+
+static int shape_error(PyArrayObject *array, int ndim, const npy_intp *shape, const char *name)
+{
+    if (PyArray_NDIM(array) != ndim) {
+        PyErr_Format(PyExc_ValueError, "%s must have %d dimensions, got %d", name, ndim,
+                     PyArray_NDIM(array));
+        return -1;
+    }
+    for (int i = 0; i < ndim; i++) {
+        if (shape[i] >= 0 && PyArray_DIM(array, i) != shape[i]) {
+            PyErr_Format(PyExc_ValueError, "%s must have extent %zd along axis %d, got %zd", name,
+                         (Py_ssize_t)shape[i], i, (Py_ssize_t)PyArray_DIM(array, i));
+            return -1;
+        }
+    }
+    return 0;
+}
+
+int pma_take_array(PyObject *obj, int type, int ndim, const npy_intp *shape, const char *name,
+                   PyObject *arrays, PyArrayObject **out)
+{
+    if (!PyArray_Check(obj)) {
+        PyErr_Format(PyExc_TypeError, "%s must be an array, got %s", name, Py_TYPE(obj)->tp_name);
+        return -1;
+    }
+    PyArrayObject *array = (PyArrayObject *)obj;
+    if (PyArray_TYPE(array) != type || !PyArray_IS_C_CONTIGUOUS(array) ||
+        !PyArray_ISBEHAVED_RO(array)) {
+        PyErr_Format(PyExc_TypeError, "%s must be C-contiguous, aligned and of type %d", name,
+                     type);
+        return -1;
+    }
+    if (shape_error(array, ndim, shape, name) < 0)
+        return -1;
+    if (arrays && PyList_Append(arrays, obj) < 0)
+        return -1;
+    *out = array;
+    return 0;
+}
+
+int pma_take_doubles(PyObject *obj, npy_intp count, const char *name, PyObject *arrays,
+                     const double **out)
+{
+    PyArrayObject *array;
+    if (pma_take_array(obj, NPY_DOUBLE, 1, &count, name, arrays, &array) < 0)
+        return -1;
+    *out = PyArray_DATA(array);
+    return 0;
+}
+
+/* (ptr, index, values) of a matrix by rows or by columns, with n of them */
+static int take_compressed(PyObject *obj, npy_intp n, const char *name, PyObject *arrays,
+                           const int64_t **ptr, const int32_t **index, const double **values)
+{
+    const npy_intp starts = n + 1;
+    PyArrayObject *p, *i;
+    if (!PyTuple_Check(obj) || PyTuple_GET_SIZE(obj) != 3) {
+        PyErr_Format(PyExc_TypeError, "%s must be a tuple (ptr, index, values)", name);
+        return -1;
+    }
+    if (pma_take_array(PyTuple_GET_ITEM(obj, 0), NPY_INT64, 1, &starts, name, arrays, &p) < 0)
+        return -1;
+    *ptr = PyArray_DATA(p);
+    const npy_intp entries = (npy_intp)(*ptr)[n];
+    if (entries < 0) {
+        PyErr_Format(PyExc_ValueError, "%s: the last start must not be negative", name);
+        return -1;
+    }
+    if (pma_take_array(PyTuple_GET_ITEM(obj, 1), NPY_INT32, 1, &entries, name, arrays, &i) < 0)
+        return -1;
+    *index = PyArray_DATA(i);
+    return pma_take_doubles(PyTuple_GET_ITEM(obj, 2), entries, name, arrays, values);
+}
+
+static int take_square(PyObject *obj, npy_intp n, const char *name, PyObject *arrays,
+                       const double **values)
+{
+    const npy_intp shape[2] = {n, n};
+    PyArrayObject *array;
+    if (pma_take_array(obj, NPY_DOUBLE, 2, shape, name, arrays, &array) < 0)
+        return -1;
+    *values = PyArray_DATA(array);
+    return 0;
+}
+
+int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *arrays,
+                    pma_matrix *out)
+{
+    *out = (pma_matrix){.form = PMA_ZERO, .n = (size_t)n};
+    if (obj == Py_None)
+        return 0;
+    if (PyTuple_Check(obj)) {
+        out->form = PMA_SPARSE;
+        return take_compressed(obj, n, name, arrays, &out->ptr, &out->index, &out->values);
+    }
+    if (PyArray_Check(obj) && PyArray_NDIM((PyArrayObject *)obj) == 2) {
+        out->form = PMA_DENSE;
+        return take_square(obj, n, name, arrays, &out->values);
+    }
+    out->form = PMA_DIAGONAL;
+    return pma_take_doubles(obj, n, name, arrays, &out->values);
+}
+
+int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, PyObject *arrays,
+                    pma_factor *out)
+{
+    PyObject *inverse, *R;
+    *out = (pma_factor){.form = PMA_DIAGONAL, .n = (size_t)n, .nb = (size_t)nb};
+    if (!PyTuple_Check(obj) || !PyArg_ParseTuple(obj, "OO", &inverse, &R)) {
+        PyErr_Format(PyExc_TypeError, "%s must be a tuple (inverse, R)", name);
+        return -1;
+    }
+    if (pma_take_doubles(inverse, n, name, arrays, &out->inverse) < 0)
+        return -1;
+    if (R == Py_None)
+        return 0;
+    if (PyTuple_Check(R)) {
+        out->form = PMA_SPARSE;
+        return take_compressed(R, n, name, arrays, &out->ptr, &out->index, &out->values);
+    }
+    out->form = PMA_DENSE;
+    return take_square(R, n, name, arrays, &out->values);
+}
+
+PyObject *pma_new_vector(npy_intp n, const double *x)
+{
+    PyObject *out = PyArray_SimpleNew(1, &n, NPY_DOUBLE);
+    if (out && n > 0)
+        memcpy(PyArray_DATA((PyArrayObject *)out), x, (size_t)n * sizeof(double));
+    return out;
+}

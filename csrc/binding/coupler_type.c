@@ -1,0 +1,397 @@
+#define NO_IMPORT_ARRAY
+#include "binding.h"
+
+#include <time.h>
+
+typedef struct {
+    PyObject_HEAD
+    pma_coupler *core;
+    PyObject *subdomains; /* tuple of SubdomainObject */
+    PyObject *arrays;     /* list: keeps alive what the core points into */
+    bool busy;
+} CouplerObject;
+
+static SubdomainObject *subdomain_of(CouplerObject *self, Py_ssize_t i)
+{
+    return (SubdomainObject *)PyTuple_GET_ITEM(self->subdomains, i);
+}
+
+/* ---- making ----------------------------------------------------------------------------- */
+
+static int check_subdomains(PyTypeObject *type, PyObject *subdomains)
+{
+    module_state *state = PyType_GetModuleState(type);
+    for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(subdomains); i++) {
+        PyObject *s = PyTuple_GET_ITEM(subdomains, i);
+        if (!Py_IS_TYPE(s, state->subdomain_type)) {
+            PyErr_Format(PyExc_TypeError, "subdomains must be of type Subdomain, got %s",
+                         Py_TYPE(s)->tp_name);
+            return -1;
+        }
+    }
+    return 0;
+}
+
+static int create_core(CouplerObject *self, pma_coupler_parts *parts)
+{
+    const Py_ssize_t count = PyTuple_GET_SIZE(self->subdomains);
+    parts->count = (size_t)count;
+    parts->subdomains = PyMem_Calloc((size_t)count + 1, sizeof *parts->subdomains);
+    if (!parts->subdomains) {
+        PyErr_NoMemory();
+        return -1;
+    }
+    for (Py_ssize_t i = 0; i < count; i++)
+        parts->subdomains[i] = subdomain_of(self, i)->core;
+    const pma_status status = pma_coupler_create(parts, &self->core);
+    PyMem_Free(parts->subdomains);
+    if (status == PMA_OK)
+        return 0;
+    pma_raise(status, "Coupler");
+    return -1;
+}
+
+static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
+{
+    static char *names[] = {"subdomains", "p", "H_start", "H", "dt", "rebased", NULL};
+    PyObject *subdomains, *H_start, *H;
+    Py_ssize_t p;
+    int rebased;
+    pma_coupler_parts parts = {0};
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOdp", names, &PyTuple_Type, &subdomains,
+                                     &p, &H_start, &H, &parts.dt, &rebased) ||
+        check_subdomains(type, subdomains) < 0)
+        return NULL;
+    if (p < 0)
+        return PyErr_Format(PyExc_ValueError, "p must not be negative, got %zd", p);
+    CouplerObject *self = (CouplerObject *)type->tp_alloc(type, 0);
+    if (!self)
+        return NULL;
+    self->subdomains = Py_NewRef(subdomains);
+    self->arrays = PyList_New(0);
+    parts.p = (size_t)p;
+    parts.rebased = rebased;
+    if (self->arrays && pma_take_factor(H_start, p, p, "H_start", self->arrays, &parts.H_start) == 0 &&
+        pma_take_factor(H, p, p, "H", self->arrays, &parts.H) == 0 && create_core(self, &parts) == 0)
+        return (PyObject *)self;
+    Py_DECREF(self);
+    return NULL;
+}
+
+static int coupler_traverse(CouplerObject *self, visitproc visit, void *arg)
+{
+    Py_VISIT(Py_TYPE(self));
+    Py_VISIT(self->subdomains);
+    Py_VISIT(self->arrays);
+    return 0;
+}
+
+static void coupler_dealloc(CouplerObject *self)
+{
+    PyTypeObject *type = Py_TYPE(self);
+    PyObject_GC_UnTrack(self);
+    pma_coupler_destroy(self->core);
+    Py_XDECREF(self->subdomains);
+    Py_XDECREF(self->arrays);
+    type->tp_free(self);
+    Py_DECREF(type);
+}
+
+/* ---- a busy flag, not a lock -------------------------------------------------------------- */
+
+static int enter(CouplerObject *self)
+{
+    const Py_ssize_t count = PyTuple_GET_SIZE(self->subdomains);
+    bool busy = self->busy;
+    for (Py_ssize_t i = 0; i < count; i++)
+        busy = busy || subdomain_of(self, i)->busy;
+    if (busy) {
+        PyErr_SetString(PyExc_RuntimeError, "the coupler is being stepped");
+        return -1;
+    }
+    self->busy = true;
+    for (Py_ssize_t i = 0; i < count; i++)
+        subdomain_of(self, i)->busy = true;
+    return 0;
+}
+
+static void leave(CouplerObject *self)
+{
+    self->busy = false;
+    for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(self->subdomains); i++)
+        subdomain_of(self, i)->busy = false;
+}
+
+/* ---- records -------------------------------------------------------------------------------- */
+
+/* The arrays of one record, with the rows they all have. */
+typedef struct {
+    pma_record core;
+    npy_intp rows, fine_rows, macro_rows;
+} record_arrays;
+
+static int take_rows(PyObject *obj, npy_intp *rows, npy_intp columns, const char *name,
+                     double **out)
+{
+    PyArrayObject *array;
+    const npy_intp shape[2] = {*rows, columns};
+    if (pma_take_array(obj, NPY_DOUBLE, 2, shape, name, NULL, &array) < 0)
+        return -1;
+    if (!PyArray_ISWRITEABLE(array)) {
+        PyErr_Format(PyExc_ValueError, "%s must be writeable", name);
+        return -1;
+    }
+    *rows = PyArray_DIM(array, 0);
+    *out = PyArray_DATA(array);
+    return 0;
+}
+
+/* None or (position, u, v, w); every row the stretch will write must be there */
+static int take_nodes(PyObject *obj, size_t n, size_t last_row, pma_record_nodes *nodes)
+{
+    PyObject *position, *u, *v, *w;
+    PyArrayObject *array;
+    npy_intp rows = -1;
+    const npy_intp any = -1;
+    *nodes = (pma_record_nodes){0};
+    if (obj == Py_None)
+        return 0;
+    if (!PyTuple_Check(obj) || !PyArg_ParseTuple(obj, "OOOO", &position, &u, &v, &w) ||
+        pma_take_array(position, NPY_INT64, 1, &any, "position", NULL, &array) < 0)
+        return -1;
+    const npy_intp count = PyArray_DIM(array, 0);
+    nodes->count = (size_t)count;
+    nodes->position = PyArray_DATA(array);
+    for (npy_intp i = 0; i < count; i++) {
+        if (nodes->position[i] < 0 || (size_t)nodes->position[i] >= n) {
+            PyErr_SetString(PyExc_ValueError, "position: a dof is out of range");
+            return -1;
+        }
+    }
+    if (take_rows(u, &rows, count, "u", &nodes->u) < 0 ||
+        take_rows(v, &rows, count, "v", &nodes->v) < 0 ||
+        take_rows(w, &rows, count, "w", &nodes->w) < 0)
+        return -1;
+    if (rows >= 0 && (size_t)rows > last_row)
+        return 0;
+    PyErr_SetString(PyExc_ValueError, "the record has too few rows");
+    return -1;
+}
+
+/* The last row a stretch up to macro step `end` writes of a grid of `nodes` nodes a macro step. */
+static size_t last_row(const pma_record *record, int64_t end, size_t nodes)
+{
+    if (record->every == 0)
+        return (size_t)(end - record->begin) * nodes;
+    return (size_t)(end / record->every - record->begin / record->every);
+}
+
+static int take_interface(CouplerObject *self, PyObject *const *obj, int64_t end, size_t fine,
+                          pma_record *record)
+{
+    const npy_intp p = (npy_intp)pma_coupler_get_parts(self->core)->p;
+    npy_intp rows = -1, macro_rows = -1;
+    if (take_rows(obj[0], &rows, p, "multipliers", &record->multipliers) < 0 ||
+        take_rows(obj[1], &rows, p, "velocity_jump", &record->velocity_jump) < 0 ||
+        take_rows(obj[2], &macro_rows, p, "displacement_jump", &record->displacement_jump) < 0)
+        return -1;
+    if ((size_t)rows > last_row(record, end, fine) &&
+        (size_t)macro_rows > last_row(record, end, 1))
+        return 0;
+    PyErr_SetString(PyExc_ValueError, "the record has too few rows");
+    return -1;
+}
+
+/* (begin, every, (nodes, ...), multipliers, velocity_jump, displacement_jump); record->nodes is
+ * the caller's to free */
+static int take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record)
+{
+    const Py_ssize_t count = PyTuple_GET_SIZE(self->subdomains);
+    long long begin, every;
+    PyObject *nodes, *interface[3];
+    size_t fine = 1;
+    if (!PyTuple_Check(obj) ||
+        !PyArg_ParseTuple(obj, "LLO!OOO", &begin, &every, &PyTuple_Type, &nodes, &interface[0],
+                          &interface[1], &interface[2]))
+        return -1;
+    if (begin < 0 || every < 0 || begin > pma_coupler_step_count(self->core) ||
+        PyTuple_GET_SIZE(nodes) != count) {
+        PyErr_SetString(PyExc_ValueError, "the record does not fit the coupler");
+        return -1;
+    }
+    record->begin = begin;
+    record->every = every;
+    record->nodes = PyMem_Calloc((size_t)count + 1, sizeof *record->nodes);
+    if (!record->nodes) {
+        PyErr_NoMemory();
+        return -1;
+    }
+    for (Py_ssize_t i = 0; i < count; i++) {
+        const pma_parts *s = pma_subdomain_parts(subdomain_of(self, i)->core);
+        fine = s->substeps > fine ? s->substeps : fine;
+        if (take_nodes(PyTuple_GET_ITEM(nodes, i), s->n, last_row(record, end, s->substeps),
+                       &record->nodes[i]) < 0)
+            return -1;
+    }
+    return take_interface(self, interface, end, fine, record);
+}
+
+/* ---- stepping --------------------------------------------------------------------------------- */
+
+/* Signals are looked at every 50 ms; the clock is read after this many matrix entries. */
+enum { POLL_ENTRIES = 20000, POLL_MILLISECONDS = 50 };
+
+typedef struct {
+    PyThreadState *thread;
+    long long last; /* ms */
+} poll_context;
+
+static long long milliseconds(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (long long)now.tv_sec * 1000 + now.tv_nsec / 1000000;
+}
+
+static bool signal_came(void *ctx)
+{
+    poll_context *poll = ctx;
+    const long long now = milliseconds();
+    if (now - poll->last < POLL_MILLISECONDS)
+        return false;
+    poll->last = now;
+    PyEval_RestoreThread(poll->thread);
+    const bool came = PyErr_CheckSignals() < 0;
+    poll->thread = PyEval_SaveThread();
+    return came;
+}
+
+static int check_tables(CouplerObject *self, int64_t steps)
+{
+    const int64_t now = pma_coupler_step_count(self->core);
+    for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(self->subdomains); i++) {
+        const pma_subdomain *s = subdomain_of(self, i)->core;
+        const pma_load *load = pma_subdomain_load(s);
+        const int64_t substeps = (int64_t)pma_subdomain_parts(s)->substeps;
+        if (load->kind == PMA_LOAD_TABLE &&
+            (now * substeps < load->first ||
+             (now + steps) * substeps > load->first + (int64_t)load->rows)) {
+            PyErr_SetString(PyExc_ValueError, "a load table does not cover the steps");
+            return -1;
+        }
+    }
+    return 0;
+}
+
+/* advance(steps, record): None, or the index of the subdomain that became unstable */
+static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
+{
+    long long steps;
+    PyObject *obj, *result = NULL;
+    pma_record record = {0};
+    pma_status status = PMA_OK;
+    if (!PyArg_ParseTuple(args, "LO", &steps, &obj))
+        return NULL;
+    if (steps < 0)
+        return PyErr_Format(PyExc_ValueError, "steps must not be negative, got %lld", steps);
+    if (enter(self) < 0)
+        return NULL;
+    if (check_tables(self, steps) < 0 ||
+        (obj != Py_None &&
+         take_record(self, obj, pma_coupler_step_count(self->core) + steps, &record) < 0))
+        goto done;
+
+    poll_context context = {.last = milliseconds()};
+    const pma_poll poll = {signal_came, &context, POLL_ENTRIES};
+    context.thread = PyEval_SaveThread();
+    status = pma_coupler_advance(self->core, steps, obj == Py_None ? NULL : &record, &poll);
+    PyEval_RestoreThread(context.thread);
+
+    if (status == PMA_OK) {
+        result = Py_NewRef(Py_None);
+    } else if (status == PMA_NOT_FINITE) {
+        const size_t i = pma_coupler_unstable(self->core);
+        result = PyLong_FromSsize_t(i == PMA_INTERFACE ? PyTuple_GET_SIZE(self->subdomains)
+                                                       : (Py_ssize_t)i);
+    } else {
+        pma_raise(status, "advance");
+    }
+done:
+    PyMem_Free(record.nodes);
+    leave(self);
+    return result;
+}
+
+static PyObject *coupler_record_present(CouplerObject *self, PyObject *obj)
+{
+    pma_record record = {0};
+    PyObject *result = NULL;
+    if (enter(self) < 0)
+        return NULL;
+    if (take_record(self, obj, pma_coupler_step_count(self->core), &record) == 0) {
+        pma_coupler_record_present(self->core, &record);
+        result = Py_NewRef(Py_None);
+    }
+    PyMem_Free(record.nodes);
+    leave(self);
+    return result;
+}
+
+/* start(lam): the subdomains have been started with the same lam */
+static PyObject *coupler_start(CouplerObject *self, PyObject *obj)
+{
+    const double *lam;
+    const npy_intp p = (npy_intp)pma_coupler_get_parts(self->core)->p;
+    if (pma_take_doubles(obj, p, "lam", NULL, &lam) < 0 || enter(self) < 0)
+        return NULL;
+    pma_coupler_start(self->core, lam);
+    leave(self);
+    Py_RETURN_NONE;
+}
+
+static PyObject *coupler_get_step_count(CouplerObject *self, void *Py_UNUSED(closure))
+{
+    return PyLong_FromLongLong(pma_coupler_step_count(self->core));
+}
+
+static PyObject *coupler_get_multipliers(CouplerObject *self, void *Py_UNUSED(closure))
+{
+    if (enter(self) < 0)
+        return NULL;
+    PyObject *copy = pma_new_vector((npy_intp)pma_coupler_get_parts(self->core)->p,
+                                    pma_coupler_multipliers(self->core));
+    leave(self);
+    return copy;
+}
+
+static PyMethodDef coupler_methods[] = {
+    {"start", (PyCFunction)coupler_start, METH_O, "start(lam): t = 0 with these multipliers"},
+    {"advance", (PyCFunction)coupler_advance, METH_VARARGS,
+     "advance(steps, record): None, or the index of the subdomain that became unstable"},
+    {"record_present", (PyCFunction)coupler_record_present, METH_O,
+     "record_present(record): the present into row 0"},
+    {NULL, NULL, 0, NULL},
+};
+
+static PyGetSetDef coupler_getset[] = {
+    {"step_count", (getter)coupler_get_step_count, NULL, "macro steps done", NULL},
+    {"multipliers", (getter)coupler_get_multipliers, NULL, "of the present, a copy", NULL},
+    {NULL, NULL, NULL, NULL, NULL},
+};
+
+static PyType_Slot coupler_slots[] = {
+    {Py_tp_doc, "Coupler(subdomains, p, H_start, H, dt, rebased)\n\nThe schedule."},
+    {Py_tp_new, coupler_new},
+    {Py_tp_traverse, coupler_traverse},
+    {Py_tp_dealloc, coupler_dealloc},
+    {Py_tp_methods, coupler_methods},
+    {Py_tp_getset, coupler_getset},
+    {0, NULL},
+};
+
+PyType_Spec pma_coupler_spec = {
+    .name = "pmalpha._core.Coupler",
+    .basicsize = sizeof(CouplerObject),
+    .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC | Py_TPFLAGS_IMMUTABLETYPE,
+    .slots = coupler_slots,
+};

@@ -1,0 +1,320 @@
+#define NO_IMPORT_ARRAY
+#include "binding.h"
+
+/* ---- making ----------------------------------------------------------------------------- */
+
+/* (h, inverse, R) */
+static int take_operator(PyObject *obj, pma_scheme scheme, const pma_parts *parts,
+                         const char *name, PyObject *arrays, pma_operator *out)
+{
+    double h;
+    PyObject *inverse, *R;
+    if (!PyTuple_Check(obj) || !PyArg_ParseTuple(obj, "dOO", &h, &inverse, &R)) {
+        PyErr_Format(PyExc_TypeError, "%s must be a tuple (h, inverse, R)", name);
+        return -1;
+    }
+    PyObject *factor = PyTuple_Pack(2, inverse, R);
+    if (!factor)
+        return -1;
+    const int failed = pma_take_factor(factor, (npy_intp)parts->n, (npy_intp)parts->nb, name,
+                                       arrays, &out->factor);
+    Py_DECREF(factor);
+    out->step = pma_step_make(scheme, h);
+    return failed;
+}
+
+/* (p, ptr, index, values) of L_b by columns */
+static int take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out)
+{
+    Py_ssize_t p;
+    PyObject *ptr, *index, *values;
+    const npy_intp starts = (npy_intp)nb + 1;
+    PyArrayObject *array;
+    if (!PyTuple_Check(obj) || !PyArg_ParseTuple(obj, "nOOO", &p, &ptr, &index, &values))
+        return -1;
+    if (p < 0) {
+        PyErr_SetString(PyExc_ValueError, "link: p must not be negative");
+        return -1;
+    }
+    *out = (pma_link){.p = (size_t)p, .nb = nb};
+    if (pma_take_array(ptr, NPY_INT64, 1, &starts, "link", arrays, &array) < 0)
+        return -1;
+    out->ptr = PyArray_DATA(array);
+    const npy_intp entries = (npy_intp)out->ptr[nb];
+    if (pma_take_array(index, NPY_INT32, 1, &entries, "link", arrays, &array) < 0)
+        return -1;
+    out->index = PyArray_DATA(array);
+    return pma_take_doubles(values, entries, "link", arrays, &out->values);
+}
+
+static int take_parts(PyObject *args, PyObject *kwargs, PyObject *arrays, pma_parts *parts)
+{
+    static char *names[] = {"n",      "nb",     "substeps", "K",    "C",
+                            "scheme", "single", "twice",    "link", NULL};
+    Py_ssize_t n, nb, substeps;
+    PyObject *K, *C, *single, *twice, *link;
+    pma_scheme scheme;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "nnnOO(dddd)OOO", names, &n, &nb, &substeps, &K,
+                                     &C, &scheme.am, &scheme.af, &scheme.beta, &scheme.gamma,
+                                     &single, &twice, &link))
+        return -1;
+    if (n < 1 || nb < 0 || nb > n || substeps < 1) {
+        PyErr_SetString(PyExc_ValueError, "n, nb, substeps: need 1 <= n, 0 <= nb <= n, 1 <= substeps");
+        return -1;
+    }
+    *parts = (pma_parts){.n = (size_t)n, .nb = (size_t)nb, .substeps = (size_t)substeps};
+    parts->doubled = twice != Py_None;
+    if (pma_take_matrix(K, n, "K", arrays, &parts->K) < 0 ||
+        pma_take_matrix(C, n, "C", arrays, &parts->C) < 0 ||
+        take_operator(single, scheme, parts, "single", arrays, &parts->single) < 0 ||
+        take_link(link, parts->nb, arrays, &parts->link) < 0)
+        return -1;
+    if (!parts->doubled)
+        return 0;
+    return take_operator(twice, scheme, parts, "twice", arrays, &parts->twice);
+}
+
+static PyObject *subdomain_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
+{
+    pma_parts parts;
+    pma_status status;
+    SubdomainObject *self = (SubdomainObject *)type->tp_alloc(type, 0);
+    if (!self)
+        return NULL;
+    self->arrays = PyList_New(0);
+    if (!self->arrays || take_parts(args, kwargs, self->arrays, &parts) < 0)
+        goto failed;
+    status = pma_subdomain_create(&parts, &self->core);
+    if (status == PMA_OK)
+        return (PyObject *)self;
+    pma_raise(status, "Subdomain");
+failed:
+    Py_DECREF(self);
+    return NULL;
+}
+
+static int subdomain_traverse(SubdomainObject *self, visitproc visit, void *arg)
+{
+    Py_VISIT(Py_TYPE(self));
+    Py_VISIT(self->arrays);
+    Py_VISIT(self->load);
+    return 0;
+}
+
+static void subdomain_dealloc(SubdomainObject *self)
+{
+    PyTypeObject *type = Py_TYPE(self);
+    PyObject_GC_UnTrack(self);
+    pma_subdomain_destroy(self->core);
+    Py_XDECREF(self->arrays);
+    Py_XDECREF(self->load);
+    type->tp_free(self);
+    Py_DECREF(type);
+}
+
+static bool is_busy(SubdomainObject *self)
+{
+    if (self->busy)
+        PyErr_SetString(PyExc_RuntimeError, "the subdomain is being stepped");
+    return self->busy;
+}
+
+/* ---- loads -------------------------------------------------------------------------------- */
+
+/* (values, shape, dt, hold) */
+static int take_sampled(PyObject *obj, PyObject *arrays, pma_load *load)
+{
+    PyObject *values, *shape;
+    PyArrayObject *array;
+    const npy_intp any[2] = {-1, -1};
+    int hold;
+    if (!PyArg_ParseTuple(obj, "OOdp", &values, &shape, &load->dt, &hold) ||
+        pma_take_array(values, NPY_DOUBLE, 2, any, "values", arrays, &array) < 0)
+        return -1;
+    load->kind = PMA_LOAD_SAMPLED;
+    load->hold = hold;
+    load->values = PyArray_DATA(array);
+    load->samples = (size_t)PyArray_DIM(array, 0);
+    load->k = (size_t)PyArray_DIM(array, 1);
+    if (load->samples == 0 || !(load->dt > 0.0)) {
+        PyErr_SetString(PyExc_ValueError, "a sampled load needs samples and a positive dt");
+        return -1;
+    }
+    if (shape == Py_None) {
+        if (load->k == load->n)
+            return 0;
+        PyErr_SetString(PyExc_ValueError, "values must have n columns when there is no shape");
+        return -1;
+    }
+    const npy_intp extents[2] = {(npy_intp)load->k, (npy_intp)load->n};
+    if (pma_take_array(shape, NPY_DOUBLE, 2, extents, "shape", arrays, &array) < 0)
+        return -1;
+    load->shape = PyArray_DATA(array);
+    return 0;
+}
+
+/* (rows, first) */
+static int take_table(PyObject *obj, PyObject *arrays, pma_load *load)
+{
+    PyObject *rows;
+    PyArrayObject *array;
+    long long first;
+    const npy_intp extents[2] = {-1, (npy_intp)load->n};
+    if (!PyArg_ParseTuple(obj, "OL", &rows, &first) ||
+        pma_take_array(rows, NPY_DOUBLE, 2, extents, "rows", arrays, &array) < 0)
+        return -1;
+    load->kind = PMA_LOAD_TABLE;
+    load->values = PyArray_DATA(array);
+    load->rows = (size_t)PyArray_DIM(array, 0);
+    load->first = first;
+    return 0;
+}
+
+static int take_load(PyObject *obj, PyObject *arrays, pma_load *load)
+{
+    if (obj == Py_None)
+        return 0;
+    if (!PyTuple_Check(obj)) {
+        load->kind = PMA_LOAD_CONSTANT;
+        return pma_take_doubles(obj, (npy_intp)load->n, "load", arrays, &load->values);
+    }
+    if (PyTuple_GET_SIZE(obj) == 4)
+        return take_sampled(obj, arrays, load);
+    return take_table(obj, arrays, load);
+}
+
+static PyObject *subdomain_set_load(SubdomainObject *self, PyObject *obj)
+{
+    pma_load load = {.kind = PMA_LOAD_NONE, .n = pma_subdomain_parts(self->core)->n};
+    if (is_busy(self))
+        return NULL;
+    PyObject *arrays = PyList_New(0);
+    if (!arrays || take_load(obj, arrays, &load) < 0) {
+        Py_XDECREF(arrays);
+        return NULL;
+    }
+    pma_subdomain_set_load(self->core, load);
+    Py_XSETREF(self->load, arrays);
+    Py_RETURN_NONE;
+}
+
+/* ---- state -------------------------------------------------------------------------------- */
+
+static PyObject *subdomain_start(SubdomainObject *self, PyObject *args)
+{
+    PyObject *objs[4];
+    const double *u, *v, *w, *lam;
+    const pma_parts *parts = pma_subdomain_parts(self->core);
+    const npy_intp n = (npy_intp)parts->n;
+    if (!PyArg_ParseTuple(args, "OOOO", &objs[0], &objs[1], &objs[2], &objs[3]) || is_busy(self))
+        return NULL;
+    if (pma_take_doubles(objs[0], n, "u", NULL, &u) < 0 ||
+        pma_take_doubles(objs[1], n, "v", NULL, &v) < 0 ||
+        pma_take_doubles(objs[2], n, "w", NULL, &w) < 0 ||
+        pma_take_doubles(objs[3], (npy_intp)parts->link.p, "lam", NULL, &lam) < 0)
+        return NULL;
+    pma_subdomain_start(self->core, u, v, w, lam);
+    Py_RETURN_NONE;
+}
+
+static PyObject *subdomain_state(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
+{
+    if (is_busy(self))
+        return NULL;
+    const pma_state *x = pma_subdomain_at(self->core, 0);
+    const npy_intp n = (npy_intp)pma_subdomain_parts(self->core)->n;
+    PyObject *u = pma_new_vector(n, x->u), *v = pma_new_vector(n, x->v);
+    PyObject *w = pma_new_vector(n, x->w), *state = NULL;
+    if (u && v && w)
+        state = PyTuple_Pack(3, u, v, w);
+    Py_XDECREF(u);
+    Py_XDECREF(v);
+    Py_XDECREF(w);
+    return state;
+}
+
+/* out (k, k): compliance between the conditions in `rows` (k) */
+static void fill_compliance(pma_subdomain *s, bool twice, const int64_t *rows, npy_intp k,
+                            double *lam, double *answer, double *out)
+{
+    const size_t p = pma_subdomain_parts(s)->link.p;
+    for (npy_intp c = 0; c < k; c++) {
+        memset(answer, 0, p * sizeof(double));
+        lam[rows[c]] = 1.0;
+        pma_subdomain_compliance(s, twice, lam, answer);
+        lam[rows[c]] = 0.0;
+        for (npy_intp r = 0; r < k; r++)
+            out[r * k + c] = answer[rows[r]];
+    }
+}
+
+static int check_rows(const int64_t *rows, npy_intp k, size_t p)
+{
+    for (npy_intp c = 0; c < k; c++) {
+        if (rows[c] < 0 || (size_t)rows[c] >= p) {
+            PyErr_SetString(PyExc_ValueError, "rows: a condition is out of range");
+            return -1;
+        }
+    }
+    return 0;
+}
+
+static PyObject *subdomain_compliance(SubdomainObject *self, PyObject *args)
+{
+    int twice;
+    PyObject *obj, *out;
+    PyArrayObject *rows;
+    const npy_intp any = -1;
+    const pma_parts *parts = pma_subdomain_parts(self->core);
+    if (!PyArg_ParseTuple(args, "pO", &twice, &obj) || is_busy(self) ||
+        pma_take_array(obj, NPY_INT64, 1, &any, "rows", NULL, &rows) < 0)
+        return NULL;
+    if (twice && !parts->doubled) {
+        PyErr_SetString(PyExc_ValueError, "the subdomain takes no double steps");
+        return NULL;
+    }
+    const npy_intp shape[2] = {PyArray_DIM(rows, 0), PyArray_DIM(rows, 0)};
+    if (check_rows(PyArray_DATA(rows), shape[0], parts->link.p) < 0)
+        return NULL;
+    double *scratch = PyMem_Calloc(2 * parts->link.p + 1, sizeof(double));
+    if (!scratch)
+        return PyErr_NoMemory();
+    out = PyArray_SimpleNew(2, shape, NPY_DOUBLE);
+    if (out) {
+        self->busy = true;
+        Py_BEGIN_ALLOW_THREADS
+        fill_compliance(self->core, twice, PyArray_DATA(rows), shape[0], scratch,
+                        scratch + parts->link.p, PyArray_DATA((PyArrayObject *)out));
+        Py_END_ALLOW_THREADS
+        self->busy = false;
+    }
+    PyMem_Free(scratch);
+    return out;
+}
+
+static PyMethodDef subdomain_methods[] = {
+    {"set_load", (PyCFunction)subdomain_set_load, METH_O,
+     "set_load(None | f | (values, shape, dt, hold) | (rows, first))"},
+    {"start", (PyCFunction)subdomain_start, METH_VARARGS, "start(u, v, w, lam): state at t = 0"},
+    {"state", (PyCFunction)subdomain_state, METH_NOARGS, "state() -> (u, v, w), copies"},
+    {"compliance", (PyCFunction)subdomain_compliance, METH_VARARGS,
+     "compliance(twice, rows) -> block of H on these conditions"},
+    {NULL, NULL, 0, NULL},
+};
+
+static PyType_Slot subdomain_slots[] = {
+    {Py_tp_doc, "Subdomain(n, nb, substeps, K, C, scheme, single, twice, link)\n\n"
+                "One subdomain as the core steps it, in elimination order."},
+    {Py_tp_new, subdomain_new},
+    {Py_tp_traverse, subdomain_traverse},
+    {Py_tp_dealloc, subdomain_dealloc},
+    {Py_tp_methods, subdomain_methods},
+    {0, NULL},
+};
+
+PyType_Spec pma_subdomain_spec = {
+    .name = "pmalpha._core.Subdomain",
+    .basicsize = sizeof(SubdomainObject),
+    .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC | Py_TPFLAGS_IMMUTABLETYPE,
+    .slots = subdomain_slots,
+};
