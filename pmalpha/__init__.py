@@ -1,0 +1,51 @@
+"""Partitioned structural dynamics: subdomains with their own time steps, coupled by PM-alpha.
+
+Start with `Subdomain`, `tie` and `Coupler`; the equations are in docs/method.md.
+"""
+
+from importlib.metadata import version as _version
+
+from . import models
+from .constraints import Constraint, tie
+from .coupler import Coupler, solve
+from .errors import (
+    ConstraintError,
+    ConstraintWarning,
+    FactorizationError,
+    InstabilityError,
+    PmalphaError,
+    StabilityWarning,
+)
+from .forces import BaseAcceleration, SampledForce
+from .history import History, State, SubdomainHistory
+from .schemes import HHT, WBZ, CentralDifference, GeneralizedAlpha, Newmark, Scheme
+from .subdomain import Subdomain
+
+__version__ = _version("pmalpha")
+
+__all__ = [
+    "HHT",
+    "WBZ",
+    "BaseAcceleration",
+    "CentralDifference",
+    "Constraint",
+    "ConstraintError",
+    "ConstraintWarning",
+    "Coupler",
+    "FactorizationError",
+    "GeneralizedAlpha",
+    "History",
+    "InstabilityError",
+    "Newmark",
+    "PmalphaError",
+    "SampledForce",
+    "Scheme",
+    "StabilityWarning",
+    "State",
+    "Subdomain",
+    "SubdomainHistory",
+    "WBZ",
+    "models",
+    "solve",
+    "tie",
+]

@@ -1,0 +1,91 @@
+"""Checks of arguments that several modules make: the name, the rule and the value got."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Sequence
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+
+def real_number(value: Any, name: str, *, low: float = -np.inf, high: float = np.inf) -> float:
+    """A finite float in [low, high]."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (Real, np.number)):
+        if not (isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf"):
+            raise TypeError(f"{name} must be a real number, got {value!r}")
+    if np.iscomplexobj(value):
+        raise TypeError(f"{name} must be a real number, got {value!r}")
+    number = float(value)
+    if not low <= number <= high or not np.isfinite(number):
+        raise ValueError(f"{name} must {_range(low, high)}, got {value!r}")
+    return number
+
+
+def _range(low: float, high: float) -> str:
+    if np.isinf(low) and np.isinf(high):
+        return "be finite"
+    if np.isinf(high):
+        return f"be finite and at least {low:g}"
+    return f"lie in [{low:g}, {high:g}]"
+
+
+def positive_number(value: Any, name: str) -> float:
+    """A finite float above zero."""
+    number = real_number(value, name)
+    if not number > 0.0:
+        raise ValueError(f"{name} must be positive, got {value!r}")
+    return number
+
+
+def whole_number(value: Any, name: str, *, low: int = 0) -> int:
+    """An int of at least low."""
+    if isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name} must be a whole number, got {value!r}")
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name} must be a whole number, got {value!r}") from None
+    if number < low:
+        raise ValueError(f"{name} must be at least {low}, got {number}")
+    return number
+
+
+def real_array(value: Any, name: str, ndim: int | tuple[int, ...] = 1) -> np.ndarray:
+    """A new C-contiguous float64 array of finite numbers with one of these dimensions."""
+    if isinstance(value, np.ma.MaskedArray):
+        raise TypeError(f"{name} must not be a masked array")
+    array = np.asarray(value)
+    if array.dtype.kind not in "iuf" or array.dtype.itemsize > 8 and array.dtype.kind != "f":
+        raise TypeError(f"{name} must hold real numbers, got dtype {array.dtype}")
+    dimensions = (ndim,) if isinstance(ndim, int) else ndim
+    if array.ndim not in dimensions:
+        wanted = " or ".join(f"{d}-D" for d in dimensions)
+        raise ValueError(f"{name} must be a {wanted} array, got shape {array.shape}")
+    array = np.array(array, dtype=np.float64, order="C", subok=False)
+    require_finite(array, name)
+    return array
+
+
+def vector(value: Any, n: int, name: str) -> np.ndarray:
+    """A new float64 array of shape (n,), finite."""
+    array = real_array(value, name)
+    if array.shape != (n,):
+        raise ValueError(f"{name} must have shape ({n},), got {array.shape}")
+    return array
+
+
+def require_finite(array: np.ndarray, name: str) -> None:
+    """ValueError that names the first entry that is NaN or infinite."""
+    finite = np.isfinite(array)
+    if not finite.all():
+        where = np.unravel_index(int(np.argmin(finite)), array.shape)
+        at = ", ".join(str(int(i)) for i in where)
+        raise ValueError(f"{name} must be finite, got {array[where]} at [{at}]")
+
+
+def listing(numbers: Sequence[Any] | np.ndarray, most: int = 5) -> str:
+    """``1, 2, 3, ... (12 in all)``"""
+    shown = ", ".join(str(x) for x in list(numbers)[:most])
+    return shown if len(numbers) <= most else f"{shown}, ... ({len(numbers)} in all)"

@@ -1,0 +1,205 @@
+"""From checked subdomains and conditions to the objects of the C core.
+
+Everything here happens once, when a `Coupler` is made: ordering, factors, the interface matrix.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from . import _core
+from .factors import Factor, factorize
+from .matrices import Matrix, combination, core_matrix, core_sparse, dense, permuted
+from .memory import require
+from .ordering import elimination_order
+from .schemes import Scheme
+from .subdomain import Subdomain
+
+# An interface matrix with more than this share of entries is factored as a dense one.
+DENSE_SHARE = 0.1
+
+
+@dataclass
+class Part:
+    """A subdomain in its elimination order, with its own core object.
+
+    Attributes
+    ----------
+    order, place : (n,) array of int
+        Dof at each place, and place of each dof.
+    L : (p, n) csr_array
+        Its conditions, columns in elimination order, rows in the order of the multipliers.
+    nb : int
+        Interface dofs, the last of the order.
+    """
+
+    subdomain: Subdomain
+    name: str
+    double: bool
+    h: float
+    order: np.ndarray
+    place: np.ndarray
+    M: Matrix
+    K: Matrix
+    C: Matrix
+    L: sp.csr_array
+    nb: int
+    core: Any = None
+
+    @property
+    def n(self) -> int:
+        return self.order.size
+
+    def dof(self, place: int) -> str:
+        return f"dof {self.order[place]}"
+
+    def mbar(self, h: float) -> Matrix:
+        """M + al2 C + al1 K, explicit without K, equation (12)."""
+        al1, al2 = self.subdomain.scheme.coefficients(h)
+        stiffness = 0.0 if self.subdomain.scheme.explicit else al1
+        return combination([(1.0, self.M), (al2, self.C), (stiffness, self.K)])
+
+    def operator(self, h: float) -> tuple:
+        """Step and factor of Mbar(h) as the core takes them."""
+        what = f"M + al2 C of explicit subdomain {self.name!r}"
+        if not self.subdomain.scheme.explicit:
+            what = f"Mbar = M + al2 C + al1 K of subdomain {self.name!r}"
+        return (h, *factorize(self.mbar(h), what, self.dof))
+
+
+def make_part(subdomain: Subdomain, name: str, double: bool, h: float, L: sp.csr_array) -> Part:
+    """Order a subdomain, interface last."""
+    n = subdomain.n
+    last = np.unique(L.indices).astype(np.int64)
+    stiffness = None if subdomain.scheme.explicit else subdomain.K
+    order = elimination_order(n, [subdomain.M, subdomain.C, stiffness], last)
+    place = np.empty(n, dtype=np.int64)
+    place[order] = np.arange(n)
+    M, K, C = (permuted(A, order) for A in (subdomain.M, subdomain.K, subdomain.C))
+    conditions = sp.csr_array(L[:, order])
+    return Part(subdomain, name, double, h, order, place, M, K, C, conditions, last.size)
+
+
+def core_subdomain(
+    part: Part,
+    scheme: Scheme,
+    L: sp.csr_array,
+    single: tuple,
+    *,
+    twice: tuple | None = None,
+    substeps: int = 1,
+    K: Matrix = None,
+    C: Matrix = None,
+) -> Any:
+    """The core's object for a part with these matrices and operators."""
+    columns = sp.csc_array(L[:, part.n - part.nb :])
+    columns.sort_indices()
+    return _core.Subdomain(
+        n=part.n,
+        nb=part.nb,
+        substeps=substeps,
+        K=core_matrix(K),
+        C=core_matrix(C),
+        scheme=(scheme.am, scheme.af, scheme.beta, scheme.gamma),
+        single=single,
+        twice=twice,
+        link=(L.shape[0], *core_sparse(columns)),
+    )
+
+
+def build(part: Part) -> None:
+    """Factor Mbar and make the core's object of a part."""
+    single = part.operator(part.h)
+    twice = part.operator(2.0 * part.h) if part.double else None
+    part.core = core_subdomain(
+        part,
+        part.subdomain.scheme,
+        part.L,
+        single,
+        twice=twice,
+        substeps=part.subdomain.substeps,
+        K=part.K,
+        C=part.C,
+    )
+
+
+# ---- interface -------------------------------------------------------------------------------
+
+
+def row_order(parts: Sequence[Part], p: int) -> np.ndarray:
+    """The order of the multipliers in which the interface matrix fills little."""
+    graphs: list[Matrix] = []
+    for part in parts:
+        rows = conditions_of(part.L)
+        if part.mbar(part.h).ndim == 1:
+            pattern = abs(part.L).sign()
+            graphs.append(sp.csr_array(pattern @ pattern.T))
+        elif rows.size**2 > DENSE_SHARE * p**2:
+            return np.arange(p)  # one block alone makes the matrix dense
+        else:
+            member = sp.csr_array((np.ones(rows.size), (rows, 0 * rows)), shape=(p, 1))
+            graphs.append(sp.csr_array(member @ member.T))
+    return elimination_order(p, graphs, np.arange(0))
+
+
+def conditions_of(L: sp.csr_array) -> np.ndarray:
+    """The rows of L that have an entry."""
+    return np.flatnonzero(np.diff(L.indptr)).astype(np.int64)
+
+
+def interface_matrix(parts: Sequence[Part], p: int, *, start: bool) -> Matrix:
+    """H = sum_i al2_i L_i Mbar_i^-1 L_i^T, equations (18) and (F6).
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        With their core objects.
+    p : int
+        Number of conditions.
+    start : bool
+        Everybody single, as in the first macro step.
+    """
+    blocks = []
+    for part in parts:
+        twice = part.double and not start
+        h = 2.0 * part.h if twice else part.h
+        al2 = part.subdomain.scheme.coefficients(h)[1]
+        blocks.append(compliance(part.core, part.L, part.mbar(h), al2, part.name, twice=twice))
+    return summed(blocks, p)
+
+
+def compliance(
+    core: Any, L: sp.csr_array, mbar: Matrix, al2: float, name: str, *, twice: bool = False
+) -> sp.csr_array:
+    """al2 L Mbar^-1 L^T of one subdomain, (p, p)."""
+    if mbar.ndim == 1:
+        return sp.csr_array(L @ sp.diags_array(al2 / mbar) @ L.T)
+    rows = conditions_of(L)
+    require(40.0 * rows.size**2, f"the interface matrix of {rows.size} conditions of {name!r}")
+    block = core.compliance(twice, rows)
+    block = 0.5 * (block + block.T)  # symmetric but for rounding
+    where = (np.repeat(rows, rows.size), np.tile(rows, rows.size))
+    return sp.csr_array((block.ravel(), where), shape=(L.shape[0], L.shape[0]))
+
+
+def summed(blocks: Sequence[sp.csr_array], p: int) -> Matrix:
+    """The sum of the subdomains' blocks of H, in the form in which it is best factored."""
+    if p == 0:
+        return None
+    H = sp.csr_array(sum(blocks, sp.csr_array((p, p))))
+    H.sort_indices()
+    if H.nnz == np.count_nonzero(H.diagonal()):
+        return H.diagonal()
+    return dense(H) if H.nnz > DENSE_SHARE * p * p else H
+
+
+def interface_factor(H: Matrix, what: str = "the interface matrix H") -> Factor:
+    """The factor of H; without conditions an empty one."""
+    if H is None:
+        return np.empty(0), None
+    return factorize(H, what, lambda row: f"condition {row}")

@@ -1,0 +1,199 @@
+"""Interface conditions sum_i L_i v_i = 0 between subdomains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from ._checks import listing, real_array, require_finite
+from .errors import ConstraintError
+from .subdomain import Subdomain
+
+__all__ = ["Constraint", "tie"]
+
+
+class Constraint:
+    """p conditions sum_i L_i v_i = 0 on the velocities of one or more subdomains, equation (2).
+
+    The multipliers act as + L_i^T Lam on the right-hand side of (1).
+
+    Parameters
+    ----------
+    matrices : dict
+        A matrix L_i, (p, n_i) dense or scipy.sparse, for each subdomain that takes part. One
+        subdomain alone is allowed too.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For wrong shapes, entries that are not finite, or a condition without any entry.
+
+    Examples
+    --------
+    Two dofs of a against their mean in b:
+
+    >>> a = Subdomain([1.0, 1.0], [1.0, 1.0], scheme=GeneralizedAlpha(0.5))
+    >>> b = Subdomain([1.0], [1.0], scheme=GeneralizedAlpha(0.5))
+    >>> Constraint({a: [[0.5, 0.5]], b: [[-1.0]]}).p
+    1
+    """
+
+    def __init__(self, matrices: Mapping[Subdomain, Any]):
+        if not isinstance(matrices, Mapping) or not matrices:
+            raise TypeError(f"matrices must be a dict of matrices by subdomain, got {matrices!r}")
+        self.matrices = {s: _condition_matrix(s, L) for s, L in matrices.items()}
+        rows = {L.shape[0] for L in self.matrices.values()}
+        if len(rows) > 1:
+            raise ValueError(f"matrices must have the same number of rows, got {sorted(rows)}")
+        self.p = rows.pop()
+        entries = sum(np.bincount(L.nonzero()[0], minlength=self.p) for L in self.matrices.values())
+        if self.p == 0 or np.any(entries == 0):
+            empty = np.flatnonzero(entries == 0)
+            raise ValueError(f"every condition must have an entry, got none in rows {listing(empty)}")
+
+
+def _condition_matrix(subdomain: Any, L: Any) -> sp.csr_array:
+    if not isinstance(subdomain, Subdomain):
+        raise TypeError(f"matrices must be keyed by Subdomain, got {subdomain!r}")
+    what = f"L of {subdomain!r}"
+    if sp.issparse(L):
+        if L.dtype.kind not in "iuf":
+            raise TypeError(f"{what} must hold real numbers, got dtype {L.dtype}")
+        L = sp.csr_array(L, dtype=np.float64, copy=True)
+        require_finite(L.data, f"the stored entries of {what}")
+    else:
+        L = sp.csr_array(real_array(L, what, 2))
+    if L.shape[1] != subdomain.n:
+        raise ValueError(f"{what} must have {subdomain.n} columns, got shape {L.shape}")
+    L.sum_duplicates()
+    L.eliminate_zeros()
+    return L
+
+
+def tie(a: Subdomain, dofs_a: Any, b: Subdomain, dofs_b: Any) -> Constraint:
+    """Hold dofs of two subdomains together: +1 on a, -1 on b.
+
+    A positive multiplier pushes a and pulls b.
+
+    Parameters
+    ----------
+    a, b : Subdomain
+        Two different ones.
+    dofs_a, dofs_b : (p,) array of int
+        Which dofs; entry k of one is tied to entry k of the other.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For dofs that are no whole numbers, out of range, repeated, or not equally many.
+
+    Examples
+    --------
+    >>> a = Subdomain([1.0, 1.0], [1.0, 1.0], scheme=GeneralizedAlpha(0.5))
+    >>> b = Subdomain([1.0], [1.0], scheme=GeneralizedAlpha(0.5))
+    >>> tie(a, [1], b, [0]).p
+    1
+    """
+    if a is b:
+        raise ValueError(f"a and b must be two different subdomains, got {a!r} twice")
+    columns_a, columns_b = _dofs(dofs_a, a, "dofs_a"), _dofs(dofs_b, b, "dofs_b")
+    if columns_a.size != columns_b.size or columns_a.size == 0:
+        raise ValueError(
+            "dofs_a and dofs_b must be equally many and at least one, got "
+            f"{columns_a.size} and {columns_b.size}"
+        )
+    return Constraint({a: _boolean(columns_a, 1.0, a.n), b: _boolean(columns_b, -1.0, b.n)})
+
+
+def _dofs(value: Any, subdomain: Subdomain, name: str) -> np.ndarray:
+    if not isinstance(subdomain, Subdomain):
+        raise TypeError(f"a and b must be Subdomains, got {subdomain!r}")
+    return dof_list(value, subdomain.n, name)
+
+
+def dof_list(value: Any, n: int, name: str) -> np.ndarray:
+    """Whole numbers in 0..n-1, none twice."""
+    dofs = np.asarray(value)
+    if dofs.size == 0:
+        dofs = dofs.astype(np.int64)
+    if dofs.dtype.kind not in "iu" or dofs.ndim != 1:
+        raise TypeError(f"{name} must be a 1-D array of whole numbers, got {value!r}")
+    outside = dofs[(dofs < 0) | (dofs >= n)]
+    if outside.size:
+        raise ValueError(f"{name} must lie in 0..{n - 1}, got {listing(outside)}")
+    values, counts = np.unique(dofs, return_counts=True)
+    if np.any(counts > 1):
+        raise ValueError(f"{name} must not repeat a dof, got {listing(values[counts > 1])} twice")
+    return dofs.astype(np.int64)
+
+
+def _boolean(columns: np.ndarray, sign: float, n: int) -> sp.csr_array:
+    p = columns.size
+    return sp.csr_array((np.full(p, sign), (np.arange(p), columns)), shape=(p, n))
+
+
+def stacked(constraints: Sequence[Constraint], subdomains: Sequence[Subdomain]) -> list[Any]:
+    """L_i (p, n_i) of every subdomain over all constraints, as csr_array.
+
+    Raises ConstraintError when the rows depend on one another.
+    """
+    matrices = []
+    for s in subdomains:
+        blocks = [c.matrices.get(s, sp.csr_array((c.p, s.n))) for c in constraints]
+        matrices.append(sp.csr_array(sp.vstack(blocks)) if blocks else sp.csr_array((0, s.n)))
+    if constraints:
+        _require_independent(sp.csr_array(sp.hstack(matrices)), RowNames(constraints))
+    return matrices
+
+
+class RowNames:
+    """How messages name a row of the stacked conditions."""
+
+    def __init__(self, constraints: Sequence[Constraint]):
+        self.starts = np.cumsum([0] + [c.p for c in constraints])
+
+    def __call__(self, row: int) -> str:
+        if len(self.starts) <= 2:
+            return str(row)
+        c = int(np.searchsorted(self.starts, row, side="right")) - 1
+        return f"{row} (row {row - self.starts[c]} of constraint {c})"
+
+
+def _require_independent(L: sp.csr_array, name: RowNames) -> None:
+    """ConstraintError unless L has full row rank, decided on L alone.
+
+    Rows are scaled to length 1. The pivots of L L^T are the squared distances of a row from those
+    eliminated before it: zero for a dependent row, at least about 2 / p for the ties of p + 1
+    dofs in a tree. A shift far below keeps the factorization going past a zero pivot.
+    """
+    p = L.shape[0]
+    lengths = np.sqrt(L.power(2).sum(axis=1))
+    scaled = sp.csr_array(sp.diags_array(1.0 / lengths) @ L)
+    shift, threshold = 1e-14, 1e-13 * (p + 100)
+    gram = sp.csc_array(scaled @ scaled.T) + shift * sp.eye_array(p, format="csc")
+    lu = splu(
+        gram, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True)
+    )
+    pivots = lu.U.diagonal()[lu.perm_c]
+    dependent = np.sort(np.flatnonzero(pivots <= threshold))
+    if not dependent.size:
+        return
+    row = int(dependent[0])
+    others = _combination(gram, np.setdiff1d(np.arange(p), dependent), row)
+    raise ConstraintError(
+        f"the interface conditions depend on one another: row {name(row)} is a combination of "
+        f"rows {listing([name(int(r)) for r in others], 10)}; {dependent.size} of {p} rows are "
+        "too many, leave them out"
+    )
+
+
+def _combination(gram: Any, independent: np.ndarray, row: int) -> np.ndarray:
+    """The independent rows whose combination is the dependent one."""
+    block = sp.csc_array(gram[independent][:, independent])
+    right = gram[independent][:, [row]].toarray()[:, 0]
+    weights = splu(block).solve(right)
+    return independent[np.abs(weights) > 1e-6]

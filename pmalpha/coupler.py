@@ -1,0 +1,572 @@
+"""The coupled problem: subdomains with their own steps, advanced by the C core."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, Union
+
+import numpy as np
+
+from . import _core
+from ._checks import listing, positive_number, real_number, vector, whole_number
+from .assembly import build, interface_factor, interface_matrix, make_part, row_order
+from .constraints import Constraint, RowNames, stacked
+from .errors import ConstraintError, ConstraintWarning, InstabilityError
+from .forces import CallbackLoad, checked_force, core_load, is_callback
+from .history import History, State, SubdomainHistory, position
+from .recording import Recording
+from .stability import warn_if_above_critical
+from .start import InitialAccelerations, initial_terms
+from .subdomain import Subdomain
+
+__all__ = ["Coupler", "solve"]
+
+# t_end must be a whole number of macro steps up to this part of one.
+WHOLE = 1e-6
+# Initial velocities satisfy a condition up to this part of its terms: what rounding leaves of
+# velocities that were computed.
+ROUNDING = 1e-9
+# Loads of Python callables are asked for ahead, at most this many bytes at a time.
+AHEAD = 64_000_000
+MOST_SUBSTEPS = 2**31
+
+
+class Coupler:
+    """Subdomains tied at their velocities, each with its own scheme and step: PM-alpha, GC-alpha.
+
+    Parameters
+    ----------
+    subdomains : sequence of `Subdomain`
+        At least one. They are not changed.
+    constraints : `Constraint` or list of them, optional
+        The interface conditions, from `tie` or general ones. They must be independent.
+    dt : float
+        The macro step, in any consistent unit, positive. Subdomain i steps by dt / substeps_i; the
+        largest number of substeps must be a multiple of all.
+    coupling : {"pm", "gc"}, default "pm"
+        "pm": interfield parallel, with double steps (PM-alpha; with Newmark schemes the PM
+        method). "gc": staggered, single steps (GC-alpha).
+    start : {"rebased", "plain"}, default "rebased"
+        What is done with the stored free velocity when a subdomain changes over to double steps
+        after the first macro step, equation (S3). "plain" does nothing, as in the paper.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For arguments of the wrong kind, equal names, substeps that do not divide the largest,
+        everybody at the finest step double, an initial state that does not fit.
+    ConstraintError
+        For conditions that depend on one another or that the initial velocities break.
+    FactorizationError
+        For a singular or indefinite Mbar or mass matrix.
+    MemoryError
+        For a problem whose predicted size does not fit.
+
+    Warns
+    -----
+    StabilityWarning
+        When an own step is above the critical step of its subdomain.
+    ConstraintWarning
+        When initial displacements leave a gap.
+
+    Notes
+    -----
+    Equations (1) to (18) of docs/method.md; Bursi, He, Bonelli and Pegon 2008.
+
+    Examples
+    --------
+    A mass split in two, one half with twenty steps to one of the other:
+
+    >>> a = Subdomain([0.5], [2.0], scheme=GeneralizedAlpha(0.5), u0=[1.0], name="a")
+    >>> b = Subdomain([0.5], [2.0], scheme=GeneralizedAlpha(0.5, explicit=True), substeps=20,
+    ...               u0=[1.0], name="b")
+    >>> coupler = Coupler([a, b], tie(a, [0], b, [0]), dt=0.01)
+    >>> history = coupler.run(1.0)
+    >>> history["a"].u.shape, history["b"].u.shape, history.multipliers.shape
+    ((101, 1), (2001, 1), (2001, 1))
+    >>> bool(abs(history["b"].u[-1, 0] - np.cos(2.0)) < 1e-3)
+    True
+    """
+
+    def __init__(
+        self,
+        subdomains: Sequence[Subdomain],
+        constraints: Constraint | Sequence[Constraint] | None = None,
+        *,
+        dt: float,
+        coupling: str = "pm",
+        start: str = "rebased",
+    ):
+        subdomains = _checked_subdomains(subdomains)
+        constraints = _checked_constraints(constraints, subdomains)
+        if coupling not in ("pm", "gc"):
+            raise ValueError(f"coupling must be 'pm' or 'gc', got {coupling!r}")
+        if start not in ("rebased", "plain"):
+            raise ValueError(f"start must be 'rebased' or 'plain', got {start!r}")
+        self._dt = positive_number(dt, "dt")
+        self._fine = _finest(subdomains)
+        names = _names(subdomains)
+        self._keys = tuple(zip(names, subdomains))
+        doubles = double_steps(subdomains, coupling)
+
+        matrices = stacked(constraints, subdomains)
+        self._row_name = RowNames(constraints)
+        self._initial = [(s.u0, s.v0) for s in subdomains]
+        _check_initial_velocities(matrices, self._initial, self._row_name)
+        for s, name, double in zip(subdomains, names, doubles):
+            warn_if_above_critical(s, (2.0 if double else 1.0) * self._dt / s.substeps, name)
+        self._assemble(names, doubles, matrices, start)
+        self._last_history: History | None = None
+        self._started = False
+        self._busy = False
+        self._callbacks: dict[int, CallbackLoad] = {}
+        self._set_forces([s.force for s in subdomains])
+        if not self._callbacks:
+            self._start()  # callables are asked by run or step, which may have to raise
+
+    def _assemble(self, names, doubles, matrices, start: str) -> None:
+        """Order, factor, and make the objects of the core."""
+        p = matrices[0].shape[0]
+        parts = [
+            make_part(s, name, double, self._dt / s.substeps, L)
+            for (_, s), name, double, L in zip(self._keys, names, doubles, matrices)
+        ]
+        rows = row_order(parts, p)
+        self._row_place = np.argsort(rows)
+        for part in parts:
+            part.L = part.L[rows]
+            build(part)
+        H = interface_factor(interface_matrix(parts, p, start=False))
+        H_start = H
+        if any(doubles):
+            H_start = interface_factor(interface_matrix(parts, p, start=True))
+        self._parts = parts
+        self._initial_accelerations = InitialAccelerations(parts, p)
+        self._core = _core.Coupler(
+            tuple(part.core for part in parts), p, H_start, H, self._dt, start == "rebased"
+        )
+
+    # ---- the present -------------------------------------------------------------------------
+
+    @property
+    def dt(self) -> float:
+        """The macro step."""
+        return self._dt
+
+    @property
+    def step_count(self) -> int:
+        """Macro steps done."""
+        with self._entered():
+            return self._core.step_count
+
+    @property
+    def time(self) -> float:
+        """The time where the coupler stands, equation (T1)."""
+        return self._instant(self.step_count)
+
+    @property
+    def multipliers(self) -> np.ndarray:
+        """Lam, (p,), at the present; a copy."""
+        with self._entered():
+            self._start()
+            return self._core.multipliers[self._row_place]
+
+    @property
+    def last_history(self) -> History | None:
+        """After an exception or Ctrl-C in `run`: the History up to the last whole macro step."""
+        return self._last_history
+
+    def state(self, key: Union[str, int, Subdomain]) -> State:
+        """Displacement, velocity and true acceleration of a subdomain now; copies.
+
+        Parameters
+        ----------
+        key : str, int or Subdomain
+            Its name, its place, or itself.
+
+        Raises
+        ------
+        KeyError, IndexError
+            When there is no such subdomain.
+        """
+        part = self._parts[position(key, self._keys)]
+        with self._entered():
+            self._start()
+            u, v, w = part.core.state()
+        return State(u[part.place], v[part.place], w[part.place])
+
+    def __repr__(self) -> str:
+        names = ", ".join(repr(name) for name, _ in self._keys)
+        return f"<Coupler of {names}; dt = {self._dt:g}, {self._row_place.size} conditions>"
+
+    # ---- running -----------------------------------------------------------------------------
+
+    def run(
+        self,
+        t_end: float | None = None,
+        *,
+        steps: int | None = None,
+        record: Mapping[Any, Any] | None = None,
+        every: int | None = None,
+    ) -> History:
+        """Go on from where the coupler is, and record.
+
+        Parameters
+        ----------
+        t_end : float
+            Absolute time, a whole number of macro steps from 0 up to 1e-6 of a step, and not
+            behind the present. Give this or `steps`.
+        steps : int
+            Macro steps to do, 0 or more.
+        record : dict, optional
+            Dofs to keep by subdomain, None for all of one; a subdomain left out is not recorded.
+            Default: everything.
+        every : int, optional
+            Keep macro nodes whose `step_count` is a multiple of this, and the first node of the
+            stretch, in all arrays. Default: every own node of each subdomain.
+
+        Returns
+        -------
+        History
+
+        Raises
+        ------
+        TypeError, ValueError
+            For arguments that do not fit, and for what a load returns.
+        InstabilityError
+            When a value is not finite.
+        MemoryError
+            When the History does not fit.
+
+        Whatever a load raises reaches the caller. After any exception the coupler stands at the
+        last whole macro step, `last_history` holds the run up to there, and it can go on.
+        """
+        with self._entered():
+            begin = self._core.step_count
+            end = self._end(t_end, steps, begin)
+            recording = Recording(
+                self._parts,
+                self._keys,
+                self._row_place,
+                begin=begin,
+                end=end,
+                dt=self._dt,
+                record=record,
+                every=every,
+            )
+            self._start()
+            self._last_history = None
+            try:
+                self._core.record_present(recording.core_record())
+                self._advance(end, recording)
+            except BaseException:
+                self._last_history = recording.history(self._core.step_count)
+                raise
+            return recording.history(end)
+
+    def step(self, n: int = 1) -> None:
+        """n macro steps without a History.
+
+        Raises as `run` does; the result is the same bit for bit.
+        """
+        n = whole_number(n, "n")
+        with self._entered():
+            self._start()
+            self._advance(self._core.step_count + n, None)
+
+    def reset(
+        self,
+        u0: Mapping[Any, Any] | None = None,
+        v0: Mapping[Any, Any] | None = None,
+        force: Mapping[Any, Any] | None = None,
+    ) -> None:
+        """Back to t = 0, with all factors kept.
+
+        Parameters
+        ----------
+        u0, v0, force : dict, optional
+            Other initial values or loads by subdomain. What is not named is as the subdomain
+            was made.
+
+        Raises
+        ------
+        TypeError, ValueError, ConstraintError
+            As when the coupler was made. Nothing has changed then.
+        """
+        with self._entered():
+            initial = self._with_others(u0, v0)
+            given = _by_place(force, self._keys, "force")
+            forces = [
+                checked_force(given[i], s.n) if i in given else s.force
+                for i, (_, s) in enumerate(self._keys)
+            ]
+            _check_initial_velocities(self._matrices(), initial, self._row_name)
+            self._initial = initial
+            self._started = False
+            self._set_forces(forces)
+            if not self._callbacks:
+                self._start()
+
+    # ---- inside ------------------------------------------------------------------------------
+
+    @contextmanager
+    def _entered(self) -> Iterator[None]:
+        """One call at a time: a load that asks its own coupler would see half a step."""
+        if self._busy:
+            raise RuntimeError(
+                "the coupler is being stepped: a load or another thread may not ask it meanwhile"
+            )
+        self._busy = True
+        try:
+            yield
+        finally:
+            self._busy = False
+
+    def _instant(self, step: int) -> float:
+        return (step * self._fine / self._fine) * self._dt  # (T1)
+
+    def _end(self, t_end: float | None, steps: int | None, begin: int) -> int:
+        """The macro step at which a run ends."""
+        if (t_end is None) == (steps is None):
+            raise TypeError("give either t_end or steps, not both or none")
+        if steps is not None:
+            return begin + whole_number(steps, "steps")
+        t_end = real_number(t_end, "t_end")
+        count = round(t_end / self._dt)
+        if abs(t_end / self._dt - count) > WHOLE:
+            raise ValueError(
+                f"t_end must be a whole number of macro steps dt = {self._dt:g}, got {t_end!r}, "
+                f"which is {t_end / self._dt:.9g} of them"
+            )
+        if count < begin:
+            raise ValueError(
+                f"t_end must not be behind the present, t = {self._instant(begin):g}, got {t_end!r}"
+            )
+        return count
+
+    def _set_forces(self, forces: Sequence[Any]) -> None:
+        self._forces = forces
+        self._callbacks = {}
+        for i, (part, force) in enumerate(zip(self._parts, forces)):
+            if is_callback(force):
+                substeps = part.subdomain.substeps
+                self._callbacks[i] = CallbackLoad(
+                    force, part.name, part.order, substeps, self._fine, self._dt
+                )
+            else:
+                part.core.set_load(core_load(force, part.order))
+
+    def _force_at_start(self, i: int) -> np.ndarray:
+        """F(0) of a subdomain, in elimination order."""
+        force, part = self._forces[i], self._parts[i]
+        if i in self._callbacks:
+            return self._callbacks[i].ask(0.0)
+        if force is None:
+            return np.zeros(part.n)
+        return (force(0.0) if callable(force) else force)[part.order]
+
+    def _start(self) -> None:
+        """Consistent initial values, if that was not done yet."""
+        if self._started:
+            return
+        states = [
+            (u[part.order], v[part.order]) for part, (u, v) in zip(self._parts, self._initial)
+        ]
+        terms = [
+            initial_terms(part, self._force_at_start(i), u, v)
+            for i, (part, (u, v)) in enumerate(zip(self._parts, states))
+        ]
+        self._warn_of_gaps()
+        accelerations, lam = self._initial_accelerations.solve(terms)
+        for part, (u, v), w in zip(self._parts, states, accelerations):
+            part.core.start(u, v, w, lam)
+        self._core.start(lam)
+        self._started = True
+
+    def _warn_of_gaps(self) -> None:
+        jump, size = _jump(self._matrices(), [u for u, _ in self._initial])
+        rows = np.flatnonzero(np.abs(jump) > ROUNDING * np.max(size, initial=0.0))
+        if rows.size:
+            amounts = [f"{self._row_name(int(r))}: {jump[r]:g}" for r in rows]
+            warnings.warn(
+                f"the initial displacements leave a gap, which stays for ever, in rows "
+                f"{listing(amounts)}",
+                ConstraintWarning,
+                stacklevel=4,
+            )
+
+    def _matrices(self) -> list[Any]:
+        """L_i in the user's order of dofs and conditions."""
+        return [part.L[self._row_place][:, part.place] for part in self._parts]
+
+    def _with_others(self, u0, v0) -> list[tuple[np.ndarray, np.ndarray]]:
+        chosen = []
+        for name, others in (("u0", u0), ("v0", v0)):
+            given = _by_place(others, self._keys, name)
+            chosen.append(
+                [
+                    vector(given[i], s.n, f"{name} of {key!r}") if i in given else getattr(s, name)
+                    for i, (key, s) in enumerate(self._keys)
+                ]
+            )
+        return list(zip(*chosen))
+
+    def _advance(self, end: int, recording: Recording | None) -> None:
+        """Macro steps up to number `end`, in chunks for which the loads are asked ahead."""
+        record = None if recording is None else recording.core_record()
+        size = sum(c.bytes_per_macro_step for c in self._callbacks.values())
+        chunk = max(1, AHEAD // size) if size else end
+        while self._core.step_count < end:
+            begin = self._core.step_count
+            ready, failure = self._prepare(begin, min(end, begin + chunk))
+            unstable = self._core.advance(ready - begin, record)
+            if unstable is not None:
+                step = self._core.step_count
+                names = [name for name, _ in self._keys] + ["interface"]
+                raise InstabilityError(step, self._instant(step), names[unstable])
+            if failure is not None:
+                raise failure
+
+    def _prepare(self, begin: int, end: int) -> tuple[int, Exception | None]:
+        """Ask the callables; the macro step up to which all loads are there, and why no further."""
+        first_failure = None
+        for callback in self._callbacks.values():
+            end, failure = callback.prepare(begin, end)
+            first_failure = failure if failure is not None else first_failure
+        for i, callback in self._callbacks.items():
+            self._parts[i].core.set_load((callback.rows, callback.first))
+        return end, first_failure
+
+
+def solve(subdomain: Subdomain, dt: float, t_end: float | None = None, **as_run) -> SubdomainHistory:
+    """One uncoupled subdomain, with the same schemes and the same core.
+
+    Parameters
+    ----------
+    subdomain : Subdomain
+        Its own step is dt / substeps.
+    dt : float
+        As for `Coupler`.
+    t_end, **as_run
+        As for `Coupler.run`.
+
+    Returns
+    -------
+    SubdomainHistory
+
+    Examples
+    --------
+    >>> oscillator = Subdomain([1.0], [4.0], scheme=Newmark(), u0=[1.0])
+    >>> float(np.round(solve(oscillator, dt=0.001, t_end=1.0).u[-1, 0], 4))
+    -0.4161
+    """
+    return Coupler([subdomain], dt=dt).run(t_end, **as_run)[0]
+
+
+# ---- checks ----------------------------------------------------------------------------------
+
+
+def double_steps(subdomains: Sequence[Subdomain], coupling: str) -> list[bool]:
+    """Which subdomains take double steps.
+
+    Raises
+    ------
+    ValueError
+        When everybody at the finest step would: odd and even instants would be unrelated runs.
+    """
+    if coupling == "gc" or len(subdomains) == 1:
+        return [False] * len(subdomains)
+    fine = _finest(subdomains)
+    double = [
+        not s.scheme.explicit and s.substeps < fine if s.double_step is None else s.double_step
+        for s in subdomains
+    ]
+    if all(s.substeps == fine and s.double_step is None for s in subdomains):
+        implicit = [i for i, s in enumerate(subdomains) if not s.scheme.explicit]
+        if implicit:
+            double[implicit[0]] = True
+    if all(d for s, d in zip(subdomains, double) if s.substeps == fine):
+        raise ValueError(
+            "double_step must not be True on all subdomains of the finest step, or odd and even "
+            f"instants would be two unrelated runs; got it on all with substeps = {fine}"
+        )
+    return double
+
+
+def _checked_subdomains(subdomains: Any) -> tuple[Subdomain, ...]:
+    if isinstance(subdomains, Subdomain):
+        raise TypeError("subdomains must be a list of Subdomains, got a single one")
+    subdomains = tuple(subdomains)
+    for s in subdomains:
+        if not isinstance(s, Subdomain):
+            raise TypeError(f"subdomains must be Subdomains, got {s!r}")
+    if not subdomains:
+        raise ValueError("subdomains must not be empty")
+    if len(set(map(id, subdomains))) < len(subdomains):
+        raise ValueError("subdomains must be different, got one of them twice")
+    return subdomains
+
+
+def _checked_constraints(
+    constraints: Any, subdomains: Sequence[Subdomain]
+) -> tuple[Constraint, ...]:
+    if constraints is None:
+        return ()
+    constraints = (constraints,) if isinstance(constraints, Constraint) else tuple(constraints)
+    for i, c in enumerate(constraints):
+        if not isinstance(c, Constraint):
+            raise TypeError(f"constraints must be Constraints, got {c!r}")
+        strangers = [s for s in c.matrices if s not in subdomains]
+        if strangers:
+            raise ValueError(f"constraint {i} must hold subdomains of this coupler, got {strangers}")
+    return constraints
+
+
+def _finest(subdomains: Sequence[Subdomain]) -> int:
+    """The largest number of substeps, a multiple of all."""
+    fine = max(s.substeps for s in subdomains)
+    if fine > MOST_SUBSTEPS:
+        raise ValueError(f"substeps must be at most {MOST_SUBSTEPS}, got {fine}")
+    for s in subdomains:
+        if fine % s.substeps:
+            raise ValueError(f"substeps must divide the largest, {fine}, got {s.substeps}")
+    return fine
+
+
+def _names(subdomains: Sequence[Subdomain]) -> list[str]:
+    names = [f"subdomain {i}" if s.name is None else s.name for i, s in enumerate(subdomains)]
+    if len(set(names)) < len(names):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        raise ValueError(f"names of subdomains must be different, got {listing(twice)} twice")
+    return names
+
+
+def _by_place(
+    given: Mapping[Any, Any] | None, keys: Sequence[tuple[str, Subdomain]], name: str
+) -> dict[int, Any]:
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise TypeError(f"{name} must be a dict by subdomain, got {given!r}")
+    return {position(key, keys): value for key, value in given.items()}
+
+
+def _jump(matrices: Sequence[Any], values: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """sum L_i x_i, and the size of its terms."""
+    jump = sum(L @ x for L, x in zip(matrices, values))
+    size = sum(abs(L) @ np.abs(x) for L, x in zip(matrices, values))
+    return jump, size
+
+
+def _check_initial_velocities(
+    matrices: Sequence[Any], initial: Sequence[tuple[np.ndarray, np.ndarray]], name: RowNames
+) -> None:
+    jump, size = _jump(matrices, [v for _, v in initial])
+    rows = np.flatnonzero(np.abs(jump) > ROUNDING * np.max(size, initial=0.0))
+    if rows.size:
+        amounts = [f"{name(int(r))} by {jump[r]:g}" for r in rows]
+        raise ConstraintError(
+            f"the initial velocities v0 break the interface conditions, rows {listing(amounts)}"
+        )

@@ -1,0 +1,55 @@
+"""The exceptions and warnings of pmalpha."""
+
+from __future__ import annotations
+
+__all__ = [
+    "ConstraintError",
+    "ConstraintWarning",
+    "FactorizationError",
+    "InstabilityError",
+    "PmalphaError",
+    "StabilityWarning",
+]
+
+
+class PmalphaError(Exception):
+    """Base of all errors that are not a plain ``ValueError`` or ``TypeError``."""
+
+
+class ConstraintError(PmalphaError, ValueError):
+    """Interface conditions depend on one another, or the initial velocities break one."""
+
+
+class FactorizationError(PmalphaError):
+    """A matrix that must be positive definite is singular or indefinite."""
+
+
+class InstabilityError(PmalphaError):
+    """A value of the run is not finite; the coupler stands at the last whole macro step.
+
+    Attributes
+    ----------
+    step : int
+        Macro step, counted from 0, in which the value was seen.
+    time : float
+        The time at which that macro step begins: where the coupler stands now.
+    subdomain : str
+        Name of the subdomain where it was first seen, or ``"interface"``.
+    """
+
+    def __init__(self, step: int, time: float, subdomain: str):
+        super().__init__(
+            f"subdomain {subdomain!r} is not finite any more in macro step {step}, "
+            f"which begins at t = {time:g}: the run is unstable"
+        )
+        self.step = step
+        self.time = time
+        self.subdomain = subdomain
+
+
+class StabilityWarning(UserWarning):
+    """The step of an explicit or conditionally stable scheme is above its critical step."""
+
+
+class ConstraintWarning(UserWarning):
+    """Initial displacements leave a gap, or an equation without mass does not hold at t = 0."""

@@ -1,0 +1,116 @@
+"""Factors A = R D R^T of symmetric positive definite matrices, (F1), as the core sweeps them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg.lapack import dpotrf
+from scipy.sparse.linalg import splu
+from threadpoolctl import threadpool_limits
+
+from . import _core
+from .errors import FactorizationError
+from .matrices import Matrix
+from .memory import require
+
+# A pivot that has lost all digits of the diagonal entry it came from.
+LOST = 64.0 * np.finfo(float).eps
+# Bytes for each entry of a sparse factor while SuperLU makes it and the core's copy is taken.
+SUPERLU_BYTES = 90
+
+Factor = tuple[np.ndarray, Any]  # (inverse, R): the reciprocals of D, and R as the core takes it
+
+
+def factorize(A: Matrix, what: str, dof: Callable[[int], str]) -> Factor:
+    """R and the reciprocals of D, as the core takes them.
+
+    Parameters
+    ----------
+    A : matrix in inner form
+        Symmetric, already in elimination order.
+    what : str
+        Names the matrix in messages.
+    dof : callable
+        Names the dof at a place of the elimination order in messages.
+
+    Raises
+    ------
+    FactorizationError
+        When A is not positive definite.
+    MemoryError
+        When the factor does not fit, predicted before it is begun.
+    """
+    if A is None:
+        raise FactorizationError(f"{what} is singular: it is zero")
+    if A.ndim == 1:
+        _check_pivots(A, A, what, dof)
+        return 1.0 / A, None
+    with threadpool_limits(1):  # BLAS gives the same digits whatever its number of threads
+        return _sparse(A, what, dof) if sp.issparse(A) else _dense(A, what, dof)
+
+
+def _dense(A: np.ndarray, what: str, dof: Callable[[int], str]) -> Factor:
+    lower, info = dpotrf(A, lower=True, clean=True)
+    if info > 0:
+        raise _not_definite(what, dof(info - 1))
+    root = lower.diagonal().copy()
+    _check_pivots(root**2, A.diagonal(), what, dof)
+    return 1.0 / root**2, np.ascontiguousarray(lower.T / root[:, None])
+
+
+def _sparse(A: sp.csr_array, what: str, dof: Callable[[int], str]) -> Factor:
+    n = A.shape[0]
+    entries = n + int(_core.count_factor(A.indptr.astype(np.int64), A.indices.astype(np.int32)).sum())
+    require(SUPERLU_BYTES * entries, f"the factor of {what} ({n} dofs, {entries} entries)")
+    d = A.diagonal()
+    if not np.all(d > 0.0):
+        raise _not_definite(what, dof(int(np.argmin(d > 0.0))))
+    try:
+        lu = splu(
+            sp.csc_array(A),
+            permc_spec="NATURAL",
+            diag_pivot_thresh=0.0,
+            options=dict(SymmetricMode=True),
+        )
+    except RuntimeError:  # SuperLU: exactly singular
+        raise FactorizationError(f"{what} is singular") from None
+    natural = np.arange(n)
+    if not (np.array_equal(lu.perm_r, natural) and np.array_equal(lu.perm_c, natural)):
+        raise FactorizationError(f"{what} is not positive definite: a pivot on the diagonal is zero")
+    pivots = lu.U.diagonal()
+    _check_pivots(pivots, d, what, dof)
+    R = lu.L
+    R.sort_indices()
+    _check_symmetric(R, pivots, lu.U, what)
+    columns = np.repeat(natural, np.diff(R.indptr))
+    below = (R.indices > columns) & (R.data != 0.0)
+    kept = np.concatenate([[0], np.cumsum(np.bincount(columns[below], minlength=n))])
+    return 1.0 / pivots, (
+        kept.astype(np.int64),
+        R.indices[below].astype(np.int32),
+        R.data[below],
+    )
+
+
+def _check_symmetric(R: Any, pivots: np.ndarray, U: Any, what: str) -> None:
+    """SuperLU's U must be D R^T, which it is as long as it never left the diagonal."""
+    x = np.cos(np.arange(R.shape[0]))
+    ours, theirs = pivots * (R.T @ x), U @ x
+    if np.max(np.abs(ours - theirs)) > 1e-9 * np.max(np.abs(pivots) * (abs(R).T @ abs(x))):
+        raise FactorizationError(f"the factor of {what} is not symmetric")
+
+
+def _check_pivots(D: np.ndarray, d: np.ndarray, what: str, dof: Callable[[int], str]) -> None:
+    """D > 0, and not mere rounding of the diagonal d they came from."""
+    bad = ~(D > LOST * np.abs(d))
+    if bad.any():
+        raise _not_definite(what, dof(int(np.argmax(bad))))
+
+
+def _not_definite(what: str, dof: str) -> FactorizationError:
+    return FactorizationError(
+        f"{what} is not positive definite: it is singular or indefinite, first seen at {dof}"
+    )

@@ -1,0 +1,202 @@
+"""Loads: what may be given as ``force`` of a subdomain.
+
+A load is evaluated at the end of a step, never inside it (docs/method.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Union
+
+import numpy as np
+
+from ._checks import positive_number, real_array, vector
+from .matrices import canonical, product
+
+__all__ = ["BaseAcceleration", "SampledForce"]
+
+
+class SampledForce:
+    """A force given by samples, linear between them, equation (L1).
+
+    Parameters
+    ----------
+    values : (m,) or (m, k) array
+        Samples at t = 0, dt, 2 dt, ...; m >= 1.
+    dt : float
+        Time between two samples, any consistent unit, positive.
+    shape : (n,) or (n, k) array, optional
+        How the k samples act on the n dofs: F(t) = shape @ s(t). Without it the samples are the
+        forces on the dofs themselves, k = n.
+
+    After the last sample the force stays what it was.
+
+    Raises
+    ------
+    ValueError
+        For NaN or infinite samples, shapes that do not fit, or dt not positive.
+
+    Examples
+    --------
+    >>> push = SampledForce([0.0, 1.0, 0.0], dt=0.1, shape=[0.0, 2.0])
+    >>> push(0.05).tolist(), push(7.0).tolist()
+    ([0.0, 1.0], [0.0, 0.0])
+    """
+
+    hold = True
+
+    def __init__(self, values: Any, dt: float, shape: Any = None):
+        values = real_array(values, "values", (1, 2))
+        self.values = values.reshape(len(values), -1)
+        if self.values.size == 0:
+            raise ValueError(f"values must not be empty, got shape {values.shape}")
+        self.dt = positive_number(dt, "dt")
+        self.shape = None if shape is None else _columns(shape, "shape")
+        if self.shape is not None and self.shape.shape[1] != self.values.shape[1]:
+            raise ValueError(
+                f"shape must have a column for each of the {self.values.shape[1]} series of "
+                f"values, got {self.shape.shape[1]}"
+            )
+
+    @property
+    def n(self) -> int:
+        """Number of dofs the force acts on."""
+        return (self.values.T if self.shape is None else self.shape).shape[0]
+
+    def __call__(self, t: float) -> np.ndarray:
+        """F(t), shape (n,), for t >= 0."""
+        times = self.dt * np.arange(len(self.values))
+        right = None if self.hold else 0.0
+        samples = np.array([np.interp(t, times, s, right=right) for s in self.values.T])
+        return samples if self.shape is None else self.shape @ samples
+
+
+class BaseAcceleration(SampledForce):
+    """Motion of the ground: -M direction record(t), with displacements relative to the ground.
+
+    Parameters
+    ----------
+    record : (m,) or (m, k) array
+        Ground acceleration at t = 0, dt, 2 dt, ..., in the units of u / t^2 (a record in g has to
+        be multiplied by g first). Zero after its end.
+    dt : float
+        Time between two samples, positive.
+    direction : (n,) or (n, k) array
+        Displacement of each dof when the ground moves by one; a column for each record.
+    M : (n,) or (n, n) array or scipy.sparse matrix
+        The mass matrix of the same subdomain.
+
+    Raises
+    ------
+    ValueError, TypeError
+        As for `SampledForce` and the matrices of `Subdomain`.
+
+    Examples
+    --------
+    >>> quake = BaseAcceleration([0.0, 3.0], dt=0.02, direction=[1.0, 1.0], M=[10.0, 20.0])
+    >>> quake(0.02).tolist()
+    [-30.0, -60.0]
+    """
+
+    hold = False
+
+    def __init__(self, record: Any, dt: float, direction: Any, M: Any):
+        direction = _columns(direction, "direction")
+        mass = canonical(M, "M", direction.shape[0])
+        super().__init__(real_array(record, "record", (1, 2)), dt, -product(mass, direction))
+
+
+def _columns(value: Any, name: str) -> np.ndarray:
+    array = real_array(value, name, (1, 2))
+    return array.reshape(len(array), -1)
+
+
+Force = Union[None, np.ndarray, SampledForce, Callable[[float], Any]]
+
+
+def checked_force(force: Any, n: int) -> Force:
+    """A user's force, checked against the number of dofs as far as possible without calling it."""
+    if force is None:
+        return None
+    if isinstance(force, SampledForce):
+        if force.n != n:
+            raise ValueError(f"force must act on {n} dofs, got a {type(force).__name__} on {force.n}")
+        return force
+    if callable(force):
+        return force
+    return vector(force, n, "force")
+
+
+def core_load(force: Force, order: np.ndarray) -> Any:
+    """A force that is not a plain callable as the core takes it, in elimination order."""
+    if force is None:
+        return None
+    if isinstance(force, np.ndarray):
+        return force[order]
+    assert isinstance(force, SampledForce)
+    if force.shape is None:
+        return np.ascontiguousarray(force.values[:, order]), None, force.dt, force.hold
+    return force.values, np.ascontiguousarray(force.shape[order].T), force.dt, force.hold
+
+
+def is_callback(force: Force) -> bool:
+    """True for a force that Python has to be asked for."""
+    return callable(force) and not isinstance(force, SampledForce)
+
+
+class CallbackLoad:
+    """A Python callable asked ahead of the core, each own step once, in the order of time.
+
+    Parameters
+    ----------
+    force : callable
+        f(t) -> (n,)
+    name : str
+        Of the subdomain, for messages.
+    order : (n,) array
+        Elimination order.
+    substeps, fine : int
+        Own steps of this subdomain and of the finest in a macro step.
+    dt : float
+        Macro step.
+    """
+
+    def __init__(self, force, name: str, order: np.ndarray, substeps: int, fine: int, dt: float):
+        self.force, self.name, self.order = force, name, order
+        self.substeps, self.ratio, self.fine, self.dt = substeps, fine // substeps, fine, dt
+        self.first = 0
+        self.rows = np.empty((0, order.size))
+
+    @property
+    def bytes_per_macro_step(self) -> int:
+        return 8 * self.substeps * self.order.size
+
+    def ask(self, t: float) -> np.ndarray:
+        """f(t) in elimination order, checked."""
+        value = self.force(t)
+        try:
+            return vector(value, self.order.size, "its value")[self.order]
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"force of subdomain {self.name!r} at t = {t:g}: {error}") from None
+
+    def prepare(self, begin: int, end: int) -> tuple[int, Exception | None]:
+        """Have the loads of the macro steps begin..end-1 ready.
+
+        Values asked before and not used since an abort are kept. Returns the macro step up to
+        which the loads are there, and what the callable raised where that is before `end`.
+        """
+        wanted = np.empty(((end - begin) * self.substeps, self.order.size))
+        first = begin * self.substeps
+        kept = self.rows[max(first - self.first, 0) :][: len(wanted)]
+        kept = kept if self.first <= first else kept[:0]
+        wanted[: len(kept)] = kept
+        known, failure = len(kept), None
+        while known < len(wanted) and failure is None:
+            k = (first + known + 1) * self.ratio
+            try:
+                wanted[known] = self.ask(k / self.fine * self.dt)  # (T1)
+                known += 1
+            except Exception as error:
+                failure = error
+        self.first, self.rows = first, wanted[:known]
+        return begin + known // self.substeps, failure

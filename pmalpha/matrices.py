@@ -1,0 +1,171 @@
+"""The formats of M, C and K, and the few operations set-up needs on them.
+
+Inside the package a matrix is ``None`` (zero), a (n,) array (diagonal), a (n, n) array (dense) or
+a ``scipy.sparse.csr_array`` with sorted indices and no duplicates.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Union
+
+import numpy as np
+import scipy.sparse as sp
+
+from ._checks import real_array, require_finite
+
+Matrix = Union[np.ndarray, sp.csr_array, None]
+
+# A matrix that a program assembled is symmetric up to the rounding of its sums: relative to the
+# diagonal entries of row and column, which bound an entry of a definite matrix, and a last
+# resort relative to the largest entry, for rows without a diagonal entry.
+SYMMETRY = 1e-10
+SYMMETRY_OF_LARGEST = 1e-14
+
+
+def canonical(value: Any, name: str, n: int | None = None) -> Matrix:
+    """Check a user's matrix and bring it into the inner form; the input is copied.
+
+    Parameters
+    ----------
+    value : (n,) array, (n, n) array or scipy.sparse matrix or array
+        Real or integer numbers, symmetric.
+    name : str
+        For the messages.
+    n : int, optional
+        The size it must have.
+
+    Raises
+    ------
+    TypeError
+        For complex or other non-real entries.
+    ValueError
+        For a wrong shape, an entry that is not finite, or an unsymmetric matrix.
+    """
+    A = _sparse(value, name) if sp.issparse(value) else real_array(value, name, (1, 2))
+    size = A.shape[0]
+    if A.ndim == 2 and A.shape[1] != size:
+        raise ValueError(f"{name} must be square, got shape {A.shape}")
+    if n is not None and size != n:
+        raise ValueError(f"{name} must be of size {n} like M, got shape {A.shape}")
+    if size == 0:
+        raise ValueError(f"{name} must not be empty, got shape {A.shape}")
+    return _simplest(_symmetric(A, name))
+
+
+def _sparse(value: Any, name: str) -> sp.csr_array:
+    if value.dtype.kind not in "iuf":
+        raise TypeError(f"{name} must hold real numbers, got dtype {value.dtype}")
+    if value.ndim != 2:
+        raise ValueError(f"{name} must be 2-D when sparse, got shape {value.shape}")
+    A = sp.csr_array(value, dtype=np.float64, copy=True)
+    A.sum_duplicates()
+    A.sort_indices()
+    require_finite(A.data, f"the stored entries of {name}")
+    return A
+
+
+def _symmetric(A: Any, name: str) -> Any:
+    """A, or (A + A^T) / 2 when the two differ by rounding only."""
+    if A.ndim == 1:
+        return A
+    if sp.issparse(A):
+        skew = sp.coo_array(A - A.T)
+        rows, columns, values = skew.row, skew.col, np.abs(skew.data)
+    elif np.array_equal(A, A.T):
+        return A
+    else:
+        rows, columns = np.nonzero(A - A.T)
+        values = np.abs(A - A.T)[rows, columns]
+    if values.size == 0 or values.max() == 0.0:
+        return A
+    scale = np.sqrt(np.abs(diagonal(A)))
+    largest = np.max(np.abs(A.data if sp.issparse(A) else A))
+    excess = values - SYMMETRY * scale[rows] * scale[columns] - SYMMETRY_OF_LARGEST * largest
+    worst = int(np.argmax(excess))
+    if excess[worst] > 0.0:
+        i, j = int(rows[worst]), int(columns[worst])
+        raise ValueError(
+            f"{name} must be symmetric, got {A[i, j]:g} at [{i}, {j}] and {A[j, i]:g} at "
+            f"[{j}, {i}]; gyroscopic damping and follower stiffness are not supported"
+        )
+    mean = (A + A.T) * 0.5
+    return sp.csr_array(mean) if sp.issparse(A) else mean
+
+
+def _simplest(A: Any) -> Matrix:
+    """None or a 1-D array where the entries allow it."""
+    if A.ndim == 1:
+        return A if A.any() else None
+    if not sp.issparse(A):
+        d = A.diagonal().copy()
+        if np.count_nonzero(A) == np.count_nonzero(d):
+            return d if d.any() else None
+        return A
+    rows = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
+    if not A.data[rows != A.indices].any():
+        d = A.diagonal()
+        return d if d.any() else None
+    return A
+
+
+def diagonal(A: Any) -> np.ndarray:
+    """The diagonal of a matrix in inner form that is not None."""
+    return A if A.ndim == 1 else A.diagonal()
+
+
+def permuted(A: Matrix, order: np.ndarray) -> Matrix:
+    """A with row and column k taken from order[k]."""
+    if A is None or np.array_equal(order, np.arange(order.size)):
+        return A
+    if A.ndim == 1:
+        return A[order]
+    if not sp.issparse(A):
+        return np.ascontiguousarray(A[np.ix_(order, order)])
+    B = sp.csr_array(A[order][:, order])
+    B.sort_indices()
+    return B
+
+
+def combination(terms: list[tuple[float, Matrix]]) -> Matrix:
+    """The sum of factor times matrix, in the simplest form that holds them all."""
+    present = [(f, A) for f, A in terms if A is not None and f != 0.0]
+    if not present:
+        return None
+    if all(A.ndim == 1 for _, A in present):
+        return sum(f * A for f, A in present)
+    if any(A.ndim == 2 and not sp.issparse(A) for _, A in present):
+        return sum(f * dense(A) for f, A in present)
+    total = sum(f * (sp.diags_array(A) if A.ndim == 1 else A) for f, A in present)
+    return sp.csr_array(total)
+
+
+def dense(A: Any) -> np.ndarray:
+    """A matrix in inner form as (n, n) array."""
+    if sp.issparse(A):
+        return A.toarray()
+    return np.diag(A) if A.ndim == 1 else A
+
+
+def product(A: Matrix, x: np.ndarray) -> np.ndarray:
+    """A x for x of shape (n,) or (n, k)."""
+    if A is None:
+        return np.zeros_like(x)
+    if A.ndim == 1:
+        return (A * x.T).T
+    return A @ x
+
+
+def core_matrix(A: Matrix) -> Any:
+    """A as the core takes it: None, an array, or (ptr, index, values)."""
+    if A is None or not sp.issparse(A):
+        return None if A is None else np.ascontiguousarray(A)
+    return core_sparse(A)
+
+
+def core_sparse(A: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(ptr, index, values) of a compressed matrix, in the core's types."""
+    return (
+        A.indptr.astype(np.int64),
+        A.indices.astype(np.int32),
+        np.ascontiguousarray(A.data, dtype=np.float64),
+    )

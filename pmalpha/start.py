@@ -1,0 +1,190 @@
+"""Consistent initial accelerations and multipliers, equations (S1).
+
+    M_i w_i = r_i + L_i^T Lam,    sum_i L_i w_i = 0,    r_i = F_i(0) - C_i v_i - K_i u_i
+
+This has the form of one coupled step: with C = K = 0, al2 = 1 and r as load, the free problem is
+M wf = r, the interface problem H Lam = - sum L wf with H = sum L M^-1 L^T, and the link problem
+adds M^-1 L^T Lam. So a step of the core solves it.
+
+Dofs without mass stay out of M: a one on the diagonal stands for them, and no load or condition
+reaches it, so that w = 0 where nothing determines it. Their own equation, 0 = r + L^T Lam, and the
+acceleration that a tie gives them join the interface problem.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import lsmr, splu
+
+from . import _core
+from ._checks import listing
+from .assembly import Part, compliance, core_subdomain, interface_factor, summed
+from .errors import ConstraintWarning
+from .factors import factorize
+from .matrices import Matrix, combination, product
+from .schemes import Scheme
+
+# A step of length 1 with al1 = 0 and al2 = 1.
+UNIT_STEP = Scheme(am=0.0, af=0.0, beta=0.0, gamma=1.0, explicit=True)
+# Equations without mass hold at t = 0 up to the rounding of what was given, relative to its terms.
+RESIDUAL = 1e-8
+
+
+class InitialAccelerations:
+    """Solves (S1) for any right-hand side; mass and interface matrix are factored once.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+    p : int
+        Number of conditions.
+
+    Raises
+    ------
+    FactorizationError
+        When a mass matrix is singular in another way than by zero rows.
+    """
+
+    def __init__(self, parts: Sequence[Part], p: int):
+        self.parts = parts
+        self.masses = [_Mass(part) for part in parts]
+        blocks = [m.compliance() for m in self.masses]
+        self.bare = sp.csr_array(sp.hstack([m.bare for m in self.masses])) if p else None
+        self.H = sp.csr_array(sum(blocks, sp.csr_array((p, p))))
+        if self.ties_without_mass:
+            cores, p, H = [m.core(linked=False) for m in self.masses], 0, None
+        else:
+            cores, H = [m.core(linked=True) for m in self.masses], summed(blocks, p)
+        self.cores, self.p = cores, p
+        factor = interface_factor(H, "the interface matrix of the initial accelerations")
+        self.coupler = _core.Coupler(tuple(cores), p, factor, factor, 1.0, False)
+
+    @property
+    def ties_without_mass(self) -> bool:
+        return self.bare is not None and self.bare.nnz > 0
+
+    def solve(self, terms: Sequence[Sequence[np.ndarray]]) -> tuple[list[np.ndarray], np.ndarray]:
+        """w_i and Lam for the terms of r_i, in elimination order.
+
+        Parameters
+        ----------
+        terms : for each part the (n_i,) arrays F(0), -C v, -K u
+
+        Returns
+        -------
+        w : list of (n_i,) arrays
+        lam : (p,) array
+
+        Warns
+        -----
+        ConstraintWarning
+            When the equation of a dof without mass does not hold at t = 0.
+        """
+        r = [sum(t) for t in terms]
+        if self.ties_without_mass:
+            w, lam = self._solve_without_mass(r)
+        else:
+            w, lam = self._step(r)
+        sizes = [sum(np.abs(term) for term in own) for own in terms]
+        size = max(np.max(own, initial=0.0) for own in sizes)
+        for mass, own in zip(self.masses, r):
+            mass.check_equations(own, lam, size)
+        return w, lam
+
+    def _step(self, r: Sequence[np.ndarray]) -> tuple[list[np.ndarray], np.ndarray]:
+        """M w = r + L^T Lam by one step of the core, from rest."""
+        lam = np.zeros(self.p)
+        for mass, core, load in zip(self.masses, self.cores, r):
+            load = load.copy()
+            load[mass.massless] = 0.0
+            zero = np.zeros(load.size)
+            core.start(zero, zero, zero, lam)
+            core.set_load(load)
+        self.coupler.start(lam)
+        self.coupler.advance(1, None)
+        return [core.state()[2] for core in self.cores], self.coupler.multipliers
+
+    def _solve_without_mass(self, r: Sequence[np.ndarray]) -> tuple[list[np.ndarray], np.ndarray]:
+        """The interface problem with the tied dofs that have no mass:
+
+        [H   B] [Lam]   [- sum L wf]
+        [B^T 0] [w_m] = [- r_m     ]      B: the columns of L of these dofs
+        """
+        wf, _ = self._step(r)
+        free = sum(m.linked @ w for m, w in zip(self.masses, wf))
+        r_m = np.concatenate([own[m.massless] for m, own in zip(self.masses, r)])
+        p, tied = self.H.shape[0], np.unique(self.bare.indices)
+        B = self.bare[:, tied]
+        answer = _solve_saddle(self.H, B, np.concatenate([-free, -r_m[tied]]))
+        lam, w_m = answer[:p], np.zeros(r_m.size)
+        w_m[tied] = answer[p:]
+        w, _ = self._step([own + m.linked.T @ lam for m, own in zip(self.masses, r)])
+        starts = np.cumsum([0] + [m.massless.size for m in self.masses])
+        for mass, own, begin, end in zip(self.masses, w, starts[:-1], starts[1:]):
+            own[mass.massless] = w_m[begin:end]
+        return w, lam
+
+
+class _Mass:
+    """The mass matrix of a part, with its dofs without mass set apart."""
+
+    def __init__(self, part: Part):
+        self.part = part
+        self.massless = np.flatnonzero(np.isin(part.order, part.subdomain.massless))
+        stand_in = np.zeros(part.n)
+        stand_in[self.massless] = 1.0
+        self.matrix: Matrix = combination([(1.0, part.M), (1.0, stand_in)])
+        self.operator = (1.0, *factorize(self.matrix, f"M of subdomain {part.name!r}", part.dof))
+        self.linked = sp.csr_array(part.L @ sp.diags_array(1.0 - stand_in))
+        self.bare = sp.csr_array(part.L[:, self.massless])
+
+    def core(self, *, linked: bool) -> Any:
+        L = self.linked if linked else sp.csr_array((0, self.part.n))
+        return core_subdomain(self.part, UNIT_STEP, L, self.operator)
+
+    def compliance(self) -> sp.csr_array:
+        """L M^-1 L^T"""
+        core = self.core(linked=True)
+        return compliance(core, self.linked, self.matrix, 1.0, self.part.name)
+
+    def check_equations(self, r: np.ndarray, lam: np.ndarray, size: float) -> None:
+        """Warn when 0 = r + L^T Lam does not hold, with forces of this size about."""
+        left = np.abs(r + self.part.L.T @ lam)[self.massless]
+        broken = self.massless[left > RESIDUAL * size]
+        if broken.size:
+            dofs = np.sort(self.part.order[broken])
+            warnings.warn(
+                f"dofs {listing(dofs)} of subdomain {self.part.name!r} have no mass, and their "
+                f"equation does not hold at t = 0: {np.max(left):g} is left of forces up to "
+                f"{size:g}; the first steps will jump to where it does",
+                ConstraintWarning,
+                stacklevel=6,
+            )
+
+
+def initial_terms(part: Part, F: np.ndarray, u: np.ndarray, v: np.ndarray) -> list[np.ndarray]:
+    """F(0), -C v and -K u, all in elimination order."""
+    return [F, -product(part.C, v), -product(part.K, u)]
+
+
+def _solve_saddle(H: sp.csr_array, B: sp.csr_array, right: np.ndarray) -> np.ndarray:
+    """[[H, B], [B^T, 0]] x = right; the shortest x where the matrix is singular."""
+    matrix = sp.csc_array(sp.block_array([[H, B], [B.T, None]]))
+    # other units of mass scale H, not B: bring both to the same size, by a power of two
+    size = np.max(np.abs(H.data), initial=0.0)
+    s = 2.0 ** np.round(np.log2(size) / 2.0) if size > 0.0 else 1.0
+    scale = np.concatenate([np.full(H.shape[0], 1.0 / s), np.full(B.shape[1], s)])
+    scaled = sp.csc_array(sp.diags_array(scale) @ matrix @ sp.diags_array(scale))
+    goal = scale * right
+    try:
+        x = splu(scaled).solve(goal)
+        if np.max(np.abs(scaled @ x - goal)) <= 1e-9 * np.max(np.abs(goal), initial=0.0):
+            return scale * x
+    except RuntimeError:
+        pass  # singular: two dofs without mass tied to each other share their acceleration
+    return scale * lsmr(scaled, goal, atol=1e-14, btol=1e-14, maxiter=10 * goal.size)[0]
