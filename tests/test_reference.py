@@ -1,0 +1,642 @@
+"""The reference itself, held against truth that owes it nothing: closed forms, expm, raw data.
+
+`order` below is the slope of log(error) over log(dt). An error c1 dt^q + c2 dt^(q+1) shows a slope
+that differs from q by about dt c2/c1, so each slope is taken at steps small enough that the
+tolerance beside it covers that second term, and large enough that rounding does not show.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.linalg
+from reference import Part, alpha, exact, initial_accelerations, run
+
+ONE = np.ones((1, 1))
+FREE = [np.zeros((0, 1))]  # no conditions on a part of one dof
+CENTRAL = {"beta": 0.0, "explicit": True}  # keywords of the central difference
+
+
+def orders(errors):
+    """Observed orders between successive rows, each of half the step of the one before."""
+    errors = np.asarray(errors)
+    return np.log2(errors[:-1] / errors[1:])
+
+
+# ---- the truth ------------------------------------------------------------------------------
+
+
+def test_exact_is_the_damped_cosine_of_one_dof():
+    m, c, k = 2.0, 0.6, 50.0
+    d, om = c / (2 * m), np.sqrt(k / m - (c / (2 * m)) ** 2)
+    t = np.linspace(0.0, 3.0, 7)
+    u, v, w = exact(m * ONE, c * ONE, k * ONE, [1.0], [-d], t)
+    # u = exp(-d t) cos(om t) starts with u = 1, v = -d
+    cos, sin = np.exp(-d * t) * np.cos(om * t), np.exp(-d * t) * np.sin(om * t)
+    # expm squares itself about 8 times: eps 2^8 of the largest value, 25; c = 0.61 misses by 1e-2
+    np.testing.assert_allclose(u[:, 0], cos, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(v[:, 0], -d * cos - om * sin, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(w[:, 0], (d**2 - om**2) * cos + 2 * d * om * sin, rtol=0, atol=1e-11)
+    assert exact(m * ONE, None, k * ONE, [1.0], None, 0.5)[0].shape == (1,)
+
+
+# ---- one scheme alone -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("rho", "am", "af", "beta", "gamma"),
+    [
+        (1.0, 0.5, 0.5, 0.25, 0.5),  # no damping
+        (0.5, 0.0, 1 / 3, 4 / 9, 5 / 6),
+        (0.0, -1.0, 0.0, 1.0, 1.5),  # all damping
+    ],
+)
+def test_rho_gives_the_parameters_of_chung_and_hulbert(rho, am, af, beta, gamma):
+    got = alpha(rho)
+    # by hand from (P1); one rounding each
+    assert [got[x] for x in ("am", "af", "beta", "gamma")] == pytest.approx(
+        [am, af, beta, gamma], abs=1e-15
+    )
+
+
+def damped_chain(**scheme):
+    """Three damped dofs between two walls."""
+    K = 40.0 * (2 * np.eye(3) - np.eye(3, k=1) - np.eye(3, k=-1))
+    M = np.diag([1.0, 2.0, 1.5])
+    start = {"u0": [1.0, 0.0, -0.5], "v0": [0.0, 2.0, 1.0]}
+    return Part(M, K, 0.02 * M + 0.01 * K, **scheme, **start)
+
+
+def uncoupled_errors(part, counts):
+    """Errors of u, v, w at t = 1, one row for each number of steps."""
+    truth = np.array(exact(part.M, part.C, part.K, part.u0, part.v0, 1.0))
+    errors = []
+    for count in counts:
+        got = run([part], [np.zeros((0, len(part.M)))], 1.0 / count, count).parts[0]
+        errors.append(np.abs([got.u[-1], got.v[-1], got.w[-1]] - truth).max(axis=1))
+    return np.array(errors)
+
+
+@pytest.mark.parametrize("explicit", [False, True])
+@pytest.mark.parametrize("rho", [0.0, 0.5, 1.0])
+def test_an_uncoupled_part_has_order_two(rho, explicit):
+    part = damped_chain(**alpha(rho, explicit))
+    slopes = orders(uncoupled_errors(part, [400, 800]))
+    assert slopes == pytest.approx(2.0, abs=0.05)  # dt omega = 0.03: the next term
+    # gamma off its condition 1/2 - am + af costs one order (the same tolerance)
+    off = replace(part, gamma=part.gamma + 0.1)
+    assert orders(uncoupled_errors(off, [800, 1600])) == pytest.approx(1.0, abs=0.05)
+
+
+def test_newmark_schemes_are_the_four_parameters_without_alphas():
+    for scheme in ({}, CENTRAL):
+        slopes = orders(uncoupled_errors(damped_chain(**scheme), [400, 800]))
+        assert slopes == pytest.approx(2.0, abs=0.05)  # dt omega = 0.03: the next term
+
+
+def forced_errors(late, counts):
+    """Errors of u at t = 2 of w + 9 u = cos(2 t), the load late by `late` steps."""
+    errors = []
+    for count in counts:
+        h = 2.0 / count
+        force = lambda t, h=h: np.array([np.cos(2.0 * (t - late * h))])  # noqa: E731
+        part = Part(ONE, 9.0 * ONE, **alpha(0.5), force=force)
+        # from rest: u = (cos 2 t - cos 3 t) / (9 - 4)
+        truth = (np.cos(4.0) - np.cos(6.0)) / 5.0
+        errors.append(abs(run([part], FREE, h, count).parts[0].u[-1, 0] - truth))
+    return errors
+
+
+def test_a_load_belongs_to_the_end_of_the_step():
+    assert orders(forced_errors(0.0, [200, 400])) == pytest.approx(2.0, abs=0.05)  # dt omega = 0.03
+    # taken af h earlier, as with equilibrium inside the step, it costs one order
+    assert orders(forced_errors(1 / 3, [200, 400])) == pytest.approx(1.0, abs=0.1)
+
+
+def three_step_residual(rho, h):
+    """Left-hand side of the paper's three-step form (3) (4) on a computed sequence u."""
+    m, c, k = 2.0, 0.4, 30.0
+    s = alpha(rho)
+    am, af, g, b = s["am"], s["af"], s["gamma"], s["beta"]
+    part = Part(m * ONE, k * ONE, c * ONE, **s, u0=[1.0], v0=[2.0])
+    u = run([part], FREE, h, 40).parts[0].u[:, 0]
+    al = [am, 1 - 3 * am, -2 + 3 * am, 1 - am]
+    ga = [af * (g - 1), -1 + 2 * af + g - 3 * g * af, 1 - af - 2 * g + 3 * g * af, (1 - af) * g]
+    de = [0.5 + b - g, 0.5 - 2 * b + g, b]
+    inside = (1 - af) * u[1:] + af * u[:-1]  # u at i + 1 - af
+    count = len(u) - 3
+    inertia = sum((m * al[j] + h * c * ga[j]) * u[j : j + count] for j in range(4))
+    return inertia + h**2 * k * sum(de[j] * inside[j : j + count] for j in range(3))
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.8, 1.0])
+def test_implicit_displacements_satisfy_the_three_step_form_of_the_paper(rho):
+    # sum of ten terms below 3 each, accumulated over 40 steps
+    assert np.abs(three_step_residual(rho, 0.1)).max() < 1e-13
+
+
+def explicit_oscillator(rho, omega_h, steps):
+    """u of the explicit scheme alone, w + u = 0, h = omega_h."""
+    part = Part(ONE, ONE, **alpha(rho, explicit=True), u0=[1.0], v0=[0.7])
+    return run([part], FREE, omega_h, steps).parts[0].u[:, 0]
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.3, 0.8])
+def test_at_the_bifurcation_the_three_roots_of_the_explicit_scheme_are_minus_rho(rho):
+    def residual(omega_h):
+        u = explicit_oscillator(rho, omega_h, 13)[1:]  # a_0 = w_0 adds a root 0, gone in a step
+        # all roots -rho: (E + rho)^3 u = 0 with the shift E
+        return np.abs(u[3:] + 3 * rho * u[2:-1] + 3 * rho**2 * u[1:-2] + rho**3 * u[:-3]).max()
+
+    bifurcation = (1 + rho) * np.sqrt(2 - rho)
+    assert residual(bifurcation) < 1e-13  # four terms of size 1 to 10
+    assert residual(0.99 * bifurcation) > 1e-3
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.8])
+def test_the_explicit_scheme_is_stable_up_to_its_limit_and_not_beyond(rho):
+    limit = np.sqrt(12 * (1 + rho) * (2 - rho) / (10 - 5 * rho + rho**2))
+    # below the limit each mode decays; 1 per cent above, the largest root grows in 2000 steps
+    assert np.abs(explicit_oscillator(rho, 0.99 * limit, 2000)[-10:]).max() < 1.0
+    assert np.abs(explicit_oscillator(rho, 1.01 * limit, 2000)[-10:]).max() > 1e3
+
+
+# ---- split oscillator (METHOD section 6) ----------------------------------------------------
+
+OMEGA = 2 * np.pi
+MIRROR = [ONE, -ONE]
+
+
+def oscillator(ss=1, b1=10.0, rho=0.5, double=True):
+    """m = 1, period 1, cut in two: A implicit, B explicit; b1 = mA/mB = kB/kA."""
+    m_b, k_a = 1 / (1 + b1), OMEGA**2 / (1 + b1)
+    start = {"u0": [1.0], "v0": [0.3]}
+    a = Part((1 - m_b) * ONE, k_a * ONE, **alpha(rho), double=double, **start)
+    stiff = (OMEGA**2 - k_a) * ONE
+    return [a, Part(m_b * ONE, stiff, **alpha(rho, explicit=True), substeps=ss, **start)]
+
+
+def oscillator_truth(parts, t):
+    """Closed-form u, v, w and Lam of the cut oscillator, each (k,)."""
+    cos, sin = np.cos(OMEGA * t), np.sin(OMEGA * t)
+    u, v = cos + 0.3 / OMEGA * sin, -OMEGA * sin + 0.3 * cos
+    w = -(OMEGA**2) * u
+    # (1)  Lam = mA w + kA u, for L_A = 1
+    return u, v, w, parts[0].M[0, 0] * w + parts[0].K[0, 0] * u
+
+
+def oscillator_errors(counts, ss=1, **options):
+    """Largest errors of u, v, w, Lam in one period, one row for each number of steps.
+
+    At macro nodes; w and Lam in the second half, where the transient of the start is over.
+    """
+    errors = []
+    for count in counts:
+        parts = oscillator(ss=ss, **options)
+        got = run(parts, MIRROR, 1.0 / count, count)
+        u, v, w, Lam = oscillator_truth(parts, got.parts[0].t)
+        a, b = got.parts
+        late = slice(count // 2, None)
+        differ = [a.u[:, 0] - u, a.v[:, 0] - v, (a.w[:, 0] - w)[late]]
+        differ.append((got.multipliers[::ss, 0] - Lam)[late])
+        errors.append([np.abs(x).max() for x in differ])
+        both = [np.abs(b.u[::ss, 0] - u).max(), np.abs(b.v[::ss, 0] - v).max()]
+        errors[-1][:2] = np.maximum(errors[-1][:2], both)
+    return np.array(errors)
+
+
+@pytest.mark.parametrize("double", [False, True])
+def test_the_split_oscillator_has_order_two_with_equal_steps(double):
+    slopes = orders(oscillator_errors([320, 640], double=double))
+    assert slopes == pytest.approx(2.0, abs=0.05)  # dt omega = 0.02: the next term
+
+
+@pytest.mark.parametrize("ss", [2, 20])
+@pytest.mark.parametrize("double", [False, True])
+def test_the_split_oscillator_has_order_one_with_subcycling(ss, double):
+    # "pm" shows it in v only below dt = 1/200: before, the dt^2 term of its double step is larger
+    # than the dt term. At 1/320 it is a tenth of it, which is 0.1 / 2 / ln 2 in the slope
+    slopes = orders(oscillator_errors([320, 640], ss=ss, double=double))
+    assert slopes == pytest.approx(1.0, abs=0.08)
+
+
+@pytest.mark.parametrize("ss", [1, 2, 20])
+@pytest.mark.parametrize("double", [False, True])
+def test_velocities_of_both_sides_agree_at_every_fine_step(ss, double):
+    got = run(oscillator(ss=ss, double=double), MIRROR, 1 / 40, 200)
+    assert got.velocity_jump.shape == (200 * ss + 1, 1)
+    # difference of two numbers of size 6, each a sum of a few terms of that size
+    assert np.abs(got.velocity_jump).max() < 1e-14
+    # it is the interface problem that does it: without, the sides swing at different frequencies
+    parts = oscillator(ss=ss, double=False)
+    loose = [run([part], FREE, 1 / 40, 40).parts[0].v for part in parts]
+    assert np.abs(loose[0] - loose[1][::ss]).max() > 1.0
+
+
+@pytest.mark.parametrize("ss", [1, 20])
+def test_displacements_drift_by_a_bounded_amount_that_falls_with_the_square_of_the_step(ss):
+    drift = np.abs(run(oscillator(ss=ss), MIRROR, 1 / 40, 400).displacement_jump[:, 0])
+    # all roots lie in the unit disc and 1 is simple: what swings decays, the rest stays
+    assert drift[200:].max() <= drift[:200].max()
+    assert drift[0] == 0.0 < drift[200:].max()
+    # each step adds O(dt^3) to the gap, 1/dt of them; dt omega = 0.08 is the next term
+    fine = np.abs(run(oscillator(ss=ss), MIRROR, 1 / 80, 80).displacement_jump).max()
+    assert orders([drift[:41].max(), fine]) == pytest.approx(2.0, abs=0.1)
+
+
+def late_growth(rho, b1, ss, fraction):
+    """Largest velocity of the second half of a run over that of the first, Omega_B = fraction
+    of the limit of the explicit scheme."""
+    limit = np.sqrt(12 * (1 + rho) * (2 - rho) / (10 - 5 * rho + rho**2))
+    omega_b = OMEGA * np.sqrt(b1)
+    got = run(oscillator(ss=ss, b1=b1, rho=rho), MIRROR, fraction * limit * ss / omega_b, 200)
+    v = np.abs(got.parts[1].v[:, 0])
+    return v[len(v) // 2 :].max() / v[: len(v) // 2].max()
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize("b1", [0.01, 1.0, 100.0])
+@pytest.mark.parametrize("ss", [1, 5])
+def test_the_cut_oscillator_is_stable_up_to_the_limit_of_its_explicit_part(rho, b1, ss):
+    # every root lies in the unit disc: velocities only decay
+    assert late_growth(rho, b1, ss, fraction=0.98) <= 1.0
+
+
+@pytest.mark.parametrize("ss", [1, 5])
+def test_the_cut_oscillator_is_unstable_where_its_stiff_explicit_part_is(ss):
+    # b1 = 100: nearly all of the spring is in B; a root outside the disc doubles every few steps
+    assert late_growth(0.5, 100.0, ss, fraction=2.5) > 1e3
+
+
+# ---- the start ------------------------------------------------------------------------------
+
+
+def test_the_first_multiplier_is_the_force_that_the_cut_carries():
+    parts = oscillator(b1=10.0)
+    w, Lam = initial_accelerations(parts, MIRROR)
+    # w = -omega^2 and Lam = mA w + kA = omega^2 (1 - b1) / (1 + b1); a few roundings of 40
+    assert np.concatenate(w) == pytest.approx(-(OMEGA**2), rel=1e-14)
+    assert Lam == pytest.approx(OMEGA**2 * (1 - 10) / (1 + 10), rel=1e-13)
+    got = run(parts, MIRROR, 0.01, 1)
+    np.testing.assert_array_equal(got.parts[0].a[0], got.parts[0].w[0])
+    # (S2)  with al1 = h^2 8/27 and al2 = h 5/9 at rho = 1/2; a few roundings
+    a, h = parts[0], 0.01
+    vf = 0.3 - h * 5 / 9 * Lam[0] / (a.M[0, 0] + h**2 * 8 / 27 * a.K[0, 0])
+    assert got.parts[0].vf[0] == pytest.approx(vf, rel=1e-13)
+
+
+def accelerations_after_the_start(ss, start, dt):
+    """Error of w of B at the fine nodes of the second macro step."""
+    parts = oscillator(ss=ss)
+    b = run(parts, MIRROR, dt, 2, start).parts[1]
+    return (b.w[:, 0] - oscillator_truth(parts, b.t)[2])[ss + 1 :]
+
+
+@pytest.mark.parametrize("ss", [2, 20])
+def test_after_the_rebased_start_the_acceleration_error_shrinks_with_the_step(ss):
+    errors = [np.abs(accelerations_after_the_start(ss, "rebased", 1 / n)).max() for n in (80, 1280)]
+    # at least of order 1 over four halvings is 1/16; the dt^2 term makes it smaller still
+    assert errors[1] < errors[0] / 16 * 1.25
+
+
+@pytest.mark.parametrize("ss", [2, 20])
+def test_after_the_plain_start_the_acceleration_error_stays(ss):
+    dt = 1e-4
+    first = accelerations_after_the_start(ss, "plain", dt)[0]
+    # vf_1 misses (al2(2h) - al2(h)) Lam / mA; it enters (18) with weight 1 - 1/ss, so for dt -> 0
+    # Lam misses d = -(1 - 1/ss) (Lam / mA) / (2 / mA + 1 / (ss mB)), and w of B misses -d / mB
+    a, b = oscillator(ss=ss)
+    m_a, m_b = a.M[0, 0], b.M[0, 0]
+    Lam = OMEGA**2 * (1 - 10) / (1 + 10)
+    expected = (1 - 1 / ss) * (Lam / m_a) / (2 / m_a + 1 / (ss * m_b)) / m_b
+    assert first == pytest.approx(expected, rel=5e-3)  # O(dt): 1e-4 omega times a few
+    assert abs(accelerations_after_the_start(ss, "rebased", dt)[0]) < 1e-3 * abs(expected)
+
+
+def test_with_equal_steps_the_two_starts_are_the_same():
+    got = [run(oscillator(), MIRROR, 0.02, 30, start) for start in ("rebased", "plain")]
+    # vf is interpolated only between own nodes, and there are none in between
+    np.testing.assert_array_equal(got[0].parts[1].u, got[1].parts[1].u)
+    different = [run(oscillator(ss=2), MIRROR, 0.02, 30, start) for start in ("rebased", "plain")]
+    assert np.abs(different[0].parts[1].u - different[1].parts[1].u).max() > 1e-4
+
+
+def test_a_tiny_mass_is_not_taken_for_none():
+    parts = [Part(1e-14 * ONE, ONE, u0=[1e-14]), Part(1e6 * ONE, ONE, u0=[1.0])]
+    w, _ = initial_accelerations(parts, [np.zeros((0, 1))] * 2)
+    # w = -k u / m; two roundings
+    assert np.concatenate(w) == pytest.approx([-1.0, -1e-6], rel=1e-14)
+
+
+# ---- raw data -------------------------------------------------------------------------------
+
+
+def test_every_part_is_in_equilibrium_at_every_own_node():
+    parts, L, *_ = cross(ss=(1, 2, 4), double=(True, True, False), explicit=(False, False, True))
+    for part, load in zip(parts, ([1.0, 0.0], [0.0, 3.0], [-2.0, 1.0]), strict=True):
+        part.force = lambda t, load=load: np.cos(5 * t) * np.array(load)
+    dt = 0.02
+    got = run(parts, L, dt, 20)
+    for part, Li, x in zip(parts, L, got.parts, strict=True):
+        Lam = got.multipliers[:: 4 // part.substeps]
+        h = np.full(len(x.t), dt / part.substeps)
+        h[part.substeps + 1 :] *= 1 + part.double
+        # (7) holds with u1, (10) with ut = u1 - al1 w1; (S1) with u_0
+        al1 = h**2 * part.beta * (1 - part.af) / (1 - part.am) * part.explicit
+        al1[0] = 0.0
+        u = x.u - al1[:, None] * x.w
+        load = np.array([part.force(t) for t in x.t])
+        residual = x.w @ part.M + x.v @ part.C + u @ part.K - load - Lam @ Li
+        assert np.abs(residual).max() < 1e-12  # sums of forces of size 100; M, C, K symmetric
+        # a load that is not the one of the run does not balance
+        assert np.abs(residual + 1e-3 * load).max() > 1e-4
+
+
+def test_equal_instants_have_equal_bits():
+    asked = {0: [], 1: [], 2: []}
+    parts, L, *_ = cross(ss=(1, 3, 6), double=(True, True, False), explicit=(False,) * 3)
+    for i, part in enumerate(parts):
+        part.force = lambda t, i=i: asked[i].append(t) or np.zeros(2)
+    dt = 0.1  # 3 * 0.1 and 0.1 + 0.1 + 0.1 differ from 0.3 in the last bit
+    got = run(parts, L, dt, 10)
+    np.testing.assert_array_equal(got.multiplier_times, [(k / 6) * dt for k in range(61)])
+    for i, stride in enumerate((6, 2, 1)):
+        np.testing.assert_array_equal(got.parts[i].t, got.multiplier_times[::stride])
+        # once for the initial accelerations, then once a step, in the order of time
+        np.testing.assert_array_equal(asked[i], got.parts[i].t)
+
+
+# ---- four dofs (METHOD section 6, the paper's figure 7) -------------------------------------
+
+HERTZ = np.array([0.47, 2.90, 4.18, 9.47])
+
+
+def chain(k):
+    """Stiffness of a fixed-free chain with springs ground-1, 1-2, ..., shape (n, n)."""
+    return np.diag(k + np.append(k[1:], 0.0)) - np.diag(k[1:], 1) - np.diag(k[1:], -1)
+
+
+def published_springs():
+    """Springs of unit masses with exactly the published frequencies (a surrogate)."""
+    k = np.array([724.281, 1564.897, 18.343, 340.108])
+    for _ in range(4):
+        lam, modes = scipy.linalg.eigh(chain(k))
+        # d lam_j / d k_s = (stretch of spring s in mode j)^2
+        slope = np.diff(modes, axis=0, prepend=0.0).T ** 2
+        k = k + np.linalg.solve(slope, (2 * np.pi * HERTZ) ** 2 - lam)
+    return k
+
+
+def four_dof(scheme_a, scheme_b):
+    """A = {u2, u3, u4} implicit, double; B = {u1, u2} explicit, ss = 20; m2 split in half."""
+    k = published_springs()
+    a = Part(np.diag([0.5, 1.0, 1.0]), chain(np.append(0.0, k[2:])), **scheme_a, double=True,
+             u0=[0.0, 0.0, 1.0])  # fmt: skip
+    b = Part(np.diag([1.0, 0.5]), chain(k[:2]), **scheme_b, substeps=20)
+    return [a, b], [np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, -1.0]])]
+
+
+def modal_amplitudes(got):
+    """sqrt(q^2 + (q'/omega)^2) of the uncut chain at the macro nodes, shape (nodes, 4)."""
+    _, modes = scipy.linalg.eigh(chain(published_springs()))
+    a, b = got.parts
+    uncut = []
+    for x, y in ((a.u, b.u[::20]), (a.v, b.v[::20])):
+        uncut.append(np.column_stack([y[:, 0], (x[:, 0] + y[:, 1]) / 2, x[:, 1:]]))
+    return np.hypot(uncut[0] @ modes, uncut[1] @ modes / (2 * np.pi * HERTZ))
+
+
+def test_the_four_dof_chain_has_the_published_frequencies():
+    lam = scipy.linalg.eigvalsh(chain(published_springs()))
+    # eigenvalues up to 3540 with rounding 1e-12, on the smallest, 8.7
+    assert np.sqrt(lam) / (2 * np.pi) == pytest.approx(HERTZ, rel=1e-12)
+    # and the cut chain is the same one: parts summed with u2 shared
+    (a, b), _ = four_dof({}, CENTRAL)
+    K = scipy.linalg.block_diag(b.K, 0.0, 0.0) + scipy.linalg.block_diag(0.0, a.K)
+    np.testing.assert_allclose(K, chain(published_springs()), rtol=1e-15)
+
+
+def test_pm_keeps_the_high_modes_of_the_four_dof_chain_and_pm_alpha_annihilates_them():
+    dt = 1 / 40 / HERTZ[0]
+    pm = modal_amplitudes(run(*four_dof({}, CENTRAL), dt, 100))
+    pm_alpha = modal_amplitudes(run(*four_dof(alpha(0.5), alpha(0.5, explicit=True)), dt, 100))
+    # the bounds are the acceptance numbers of METHOD section 6, the printed digits their margin
+    assert pm[0, 2] == pm_alpha[0, 2] == pytest.approx(0.697, abs=5e-4)
+    assert pm[100, 2] > 0.6
+    assert pm_alpha[100, 2] < 0.01
+    assert pm[100, 0] == pytest.approx(pm[0, 0], rel=0.05)
+    assert pm_alpha[100, 0] == pytest.approx(pm_alpha[0, 0], rel=0.05)
+    # PM pumps the 2.90 Hz mode
+    assert pm[0, 1] == pytest.approx(0.04, abs=5e-3)
+    assert pm[100, 1] == pytest.approx(0.3, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("schemes", "drift"),
+    [(({}, CENTRAL), 0.086), ((alpha(0.5), alpha(0.5, explicit=True)), 0.022)],
+    ids=["pm", "pm-alpha"],
+)
+def test_the_four_dof_chain_drifts_apart_as_much_as_stated(schemes, drift):
+    dt = 1 / 40 / HERTZ[0]
+    plain, rebased = (
+        np.abs(run(*four_dof(*schemes), dt, 100, start).displacement_jump).max()
+        for start in ("plain", "rebased")
+    )
+    assert plain == pytest.approx(drift, abs=5e-4)  # printed digits of METHOD section 6
+    assert rebased < plain  # the plain start adds its own gap
+
+
+# ---- three subdomains at a cross point ------------------------------------------------------
+
+
+def cross(ss, double, explicit):
+    """Three parts [hub, outer] that share the hub, and the uncut system M, C, K, u0, v0."""
+    M, C, K = np.zeros((3, 4, 4))
+    u0, v0 = np.array([0.2, 1.0, -0.5, 0.3]), np.array([0.1, -0.2, 0.4, 0.0])
+    parts = []
+    for i, (hub, outer, k) in enumerate([(0.4, 1.0, 30.0), (0.25, 0.7, 55.0), (0.35, 1.5, 80.0)]):
+        m = np.diag([hub, outer])
+        stiff = k * np.array([[1.0, -1.0], [-1.0, 1.0]]) + np.diag([0.0, 10.0 * (i + 1)])
+        c = 0.02 * m + 0.01 * stiff
+        at = np.ix_([0, i + 1], [0, i + 1])
+        M[at] += m
+        C[at] += c
+        K[at] += stiff
+        parts.append(
+            Part(m, stiff, c, **alpha(0.5, explicit[i]), substeps=ss[i], double=double[i],
+                 u0=u0[[0, i + 1]], v0=v0[[0, i + 1]])  # fmt: skip
+        )
+    e, o = [1.0, 0.0], [0.0, 0.0]
+    L = [np.array([e, e]), np.array([np.negative(e), o]), np.array([o, np.negative(e)])]
+    return parts, L, M, C, K, u0, v0
+
+
+def cross_errors(counts, **options):
+    """Errors of u, v, w of all parts at t = 1, one row for each number of steps."""
+    parts, L, *uncut = cross(**options)
+    truth = np.array(exact(*uncut, 1.0))
+    errors = []
+    for count in counts:
+        got = run(parts, L, 1.0 / count, count)
+        last = [[x.u[-1], x.v[-1], x.w[-1]] - truth[:, [0, i + 1]] for i, x in enumerate(got.parts)]
+        errors.append(np.abs(last).max(axis=(0, 2)))
+    return np.array(errors)
+
+
+@pytest.mark.parametrize("double", [(False, False, False), (True, False, True)], ids=["gc", "pm"])
+def test_three_parts_at_a_cross_point_have_order_two_with_equal_steps(double):
+    options = {"ss": (1, 1, 1), "double": double, "explicit": (False, True, False)}
+    slopes = orders(cross_errors([400, 800], **options))
+    assert slopes == pytest.approx(2.0, abs=0.05)  # dt omega = 0.03: the next term
+
+
+@pytest.mark.parametrize(
+    ("ss", "double"),
+    [
+        ((1, 2, 4), (False, False, False)),
+        ((1, 2, 4), (True, True, False)),
+        ((2, 1, 4), (True, False, False)),
+        ((1, 4, 4), (True, True, False)),  # double at the finest step, beside a single one
+    ],
+)
+def test_three_parts_at_a_cross_point_have_order_one_with_any_substeps(ss, double):
+    options = {"ss": ss, "double": double, "explicit": (False, False, True)}
+    errors = cross_errors([100, 400, 800], **options)
+    # order 1 at least: a factor 8, less a tenth for terms of opposite sign
+    assert (errors[2] < errors[0] / 8 * 1.1).all()
+    # and w, where the error of Lam shows at once, is of no higher order
+    assert orders(errors[1:])[0, 2] == pytest.approx(1.0, abs=0.1)  # dt^2 term: a tenth
+
+
+def test_which_conditions_tie_the_cross_point_makes_no_difference():
+    parts, L, *_ = cross(ss=(1, 2, 4), double=(True, True, False), explicit=(False, False, True))
+    mix = np.array([[1.0, -1.0], [2.0, 1.0]])  # any regular matrix: 0 = mix (sum L_i v_i)
+    one = run(parts, L, 0.02, 50)
+    two = run(parts, [mix @ Li for Li in L], 0.02, 50)
+    for x, y in zip(one.parts, two.parts, strict=True):
+        # accelerations of size 100, 200 fine steps
+        np.testing.assert_allclose(x.w, y.w, rtol=0, atol=1e-11)
+    # L^T Lam is the same force, so Lam transforms with mix^T
+    np.testing.assert_allclose(one.multipliers, two.multipliers @ mix, rtol=0, atol=1e-11)
+    assert np.abs(two.velocity_jump).max() < 1e-13  # velocities of size 5, mixed twice
+
+
+# ---- massless dofs --------------------------------------------------------------------------
+
+
+def springs_in_series(m1, **options):
+    """ground - 30 - m1 - 70 - mass 2, from rest, in static equilibrium inside."""
+    K = np.array([[100.0, -70.0], [-70.0, 70.0]])
+    return Part(np.diag([m1, 2.0]), K, u0=[0.7, 1.0], **options)
+
+
+def test_a_massless_dof_inside_a_part_is_static_condensation():
+    whole = springs_in_series(0.0, **alpha(0.5))
+    condensed = Part(2.0 * ONE, 30 * 70 / 100 * ONE, u0=[1.0], **alpha(0.5))
+    x = run([whole], [np.zeros((0, 2))], 0.1, 200).parts[0]
+    y = run([condensed], FREE, 0.1, 200).parts[0]
+    # (7) in its row is 100 u1 = 70 u2 at every node, exactly; rounding of w = 10 over 200 steps
+    np.testing.assert_allclose(x.u[:, 0], 0.7 * y.u[:, 0], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(x.w[:, 1], y.w[:, 0], rtol=0, atol=1e-12)
+    # nothing determines its w at t = 0, so it is zero, not the -7.35 of 0.7 u2; v forgets that
+    # like n^2 rho^n, which is rounding after 60 steps
+    assert x.w[0, 0] == 0.0
+    assert abs(x.v[1, 0] - 0.7 * y.v[1, 0]) > 1e-2
+    np.testing.assert_allclose(x.v[60:, 0], 0.7 * y.v[60:, 0], rtol=0, atol=1e-12)
+    slow = run([springs_in_series(0.0, **alpha(0.9))], [np.zeros((0, 2))], 0.1, 60).parts[0]
+    fast = run([replace(condensed, **alpha(0.9))], FREE, 0.1, 60).parts[0]
+    assert abs(slow.v[60, 0] - 0.7 * fast.v[60, 0]) > 1e-6
+
+
+def series_errors(m1, explicit, counts):
+    """Errors of u, v of the mass at t = 2: ground - 30 - cut - 70 - mass, m1 in B at the cut."""
+    a = Part(0.0 * ONE, 30.0 * ONE, **alpha(0.5), double=True, u0=[0.7])
+    stiff = 70.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    b = Part(np.diag([m1, 2.0]), stiff, u0=[0.7, 1.0], **alpha(0.5, explicit))
+    if m1:
+        uncut = springs_in_series(m1)
+        truth = exact(uncut.M, None, uncut.K, uncut.u0, None, 2.0)
+    else:
+        truth = exact(2.0 * ONE, None, 21.0 * ONE, [1.0], None, 2.0)
+    errors = []
+    for count in counts:
+        got = run([a, b], [ONE, np.array([[-1.0, 0.0]])], 2.0 / count, count).parts[1]
+        errors.append([abs(got.u[-1, 1] - truth[0][-1]), abs(got.v[-1, 1] - truth[1][-1])])
+    return np.array(errors)
+
+
+@pytest.mark.parametrize(("m1", "explicit"), [(0.0, False), (0.5, True)])
+def test_a_massless_dof_on_the_interface_keeps_order_two(m1, explicit):
+    slopes = orders(series_errors(m1, explicit, [640, 1280]))
+    assert slopes == pytest.approx(2.0, abs=0.1)  # dt omega = 0.04: the next term
+
+
+def test_a_massless_dof_on_the_interface_has_the_acceleration_that_the_condition_gives():
+    a = Part(0.0 * ONE, 30.0 * ONE, u0=[1.0])
+    b = springs_in_series(0.5)
+    b.K = b.K - np.diag([30.0, 0.0])  # the spring to the ground is in A
+    b.u0 = np.array([1.0, 2.0])
+    w, Lam = initial_accelerations([a, b], [ONE, np.array([[-1.0, 0.0]])])
+    # row of A: Lam = 30 * 1; row of B: w = (70 - 30) / 0.5; a few roundings
+    assert Lam == pytest.approx([30.0], rel=1e-13)
+    assert np.concatenate(w) == pytest.approx([80.0, 80.0, -35.0], rel=1e-13)
+
+
+# ---- gc and pm ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("explicit", [False, True])
+def test_gc_with_one_scheme_and_one_step_is_the_uncut_scheme(explicit):
+    options = {"ss": (1, 1, 1), "double": (False,) * 3, "explicit": (explicit,) * 3}
+    parts, L, M, C, K, u0, v0 = cross(**options)
+    got = run(parts, L, 0.01, 200)
+    uncut = Part(M, K, C, u0=u0, v0=v0, **alpha(0.5, explicit))
+    whole = run([uncut], [np.zeros((0, 4))], 0.01, 200).parts[0]
+    # equal steps of equal schemes tie w and so a and u along with v; the sum of (1) over the
+    # parts is then the uncut equation. Rounding of w = 60 over 200 steps
+    for i, x in enumerate(got.parts):
+        np.testing.assert_allclose(x.u, whole.u[:, [0, i + 1]], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(x.w, whole.w[:, [0, i + 1]], rtol=0, atol=1e-11)
+    assert np.abs(got.displacement_jump).max() < 1e-12
+    # the double step does not: a gap of O(dt^2) opens
+    pm = run([replace(parts[0], double=True), *parts[1:]], L, 0.01, 200)
+    assert np.abs(pm.displacement_jump).max() > 1e-5
+
+
+@pytest.mark.parametrize("ss", [1, 4])
+def test_the_free_step_of_a_double_part_does_not_wait_for_the_last_multiplier(ss):
+    n, dt = 6, 0.01
+
+    def free_velocities(double, kick):
+        parts = oscillator(ss=ss, double=double)
+        parts[1].force = lambda t: np.array([kick if t == n * dt else 0.0])
+        return run(parts, MIRROR, dt, 10).parts[0].vf[:, 0]
+
+    # a kick of B at t_n changes Lam_n; "pm" has the free problem to t_{n+1} from t_{n-1}
+    pm = free_velocities(True, 0.0) != free_velocities(True, 1.0)
+    np.testing.assert_array_equal(pm, np.arange(11) >= n + 2)
+    # "gc" starts it from t_n
+    gc = free_velocities(False, 0.0) != free_velocities(False, 1.0)
+    np.testing.assert_array_equal(gc, np.arange(11) >= n + 1)
+
+
+def test_gc_and_pm_take_the_same_first_macro_step():
+    gc, pm = (run(oscillator(ss=4, double=double), MIRROR, 0.05, 2) for double in (False, True))
+    for x, y, ss in zip(gc.parts, pm.parts, (1, 4), strict=True):
+        np.testing.assert_array_equal(x.w[: ss + 1], y.w[: ss + 1])
+        assert np.abs(x.w[ss + 1 :] - y.w[ss + 1 :]).max() > 1e-3
+
+
+# ---- what is refused ------------------------------------------------------------------------
+
+
+def test_a_schedule_that_the_method_does_not_define_is_refused():
+    a, b = oscillator(ss=3)
+    with pytest.raises(ValueError, match="divide"):
+        run([replace(a, substeps=2), b], MIRROR, 0.1, 1)
+    with pytest.raises(ValueError, match="double"):
+        run([a, replace(b, double=True)], MIRROR, 0.1, 1)
+    with pytest.raises(ValueError, match="start"):
+        run([a, b], MIRROR, 0.1, 1, start="rebase")
+    with pytest.raises(ValueError, match="L must"):
+        run([a, b], [ONE, np.ones((1, 2))], 0.1, 1)
