@@ -44,7 +44,7 @@ $(VENV)/bin/pip:
 
 build/test_core: $(wildcard csrc/tests/*.[ch]) $(CORE) $(HEADERS)
 	mkdir -p build
-	$(CC) -std=c11 -O1 -g -ffp-contract=off -fopenmp-simd -pthread -Wall -Wextra $(SANITIZE) \
+	$(CC) -std=c11 -O1 -g -ffp-contract=off -fopenmp-simd -Wall -Wextra $(SANITIZE) \
 		-Icsrc/core $(filter %.c,$^) -lm -o $@
 
 clean:

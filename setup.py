@@ -26,11 +26,9 @@ setup(
                 "-ffp-contract=off",  # a fused multiply-add would round otherwise than written
                 "-fopenmp-simd",
                 "-fvisibility=hidden",
-                "-pthread",
                 "-Wall",
                 "-Wextra",
             ],
-            extra_link_args=["-pthread"],
             libraries=["m"],
         )
     ]

@@ -133,7 +133,7 @@ def build(part: Part) -> None:
 
 def row_order(parts: Sequence[Part], p: int) -> np.ndarray:
     """The order of the multipliers in which the interface matrix fills little."""
-    graphs: list[Matrix] = []
+    graphs = []
     for part in parts:
         rows = conditions_of(part.L)
         if part.mbar(part.h).ndim == 1:
@@ -144,7 +144,7 @@ def row_order(parts: Sequence[Part], p: int) -> np.ndarray:
         else:
             member = sp.csr_array((np.ones(rows.size), (rows, 0 * rows)), shape=(p, 1))
             graphs.append(sp.csr_array(member @ member.T))
-    return elimination_order(p, graphs, np.arange(0))
+    return elimination_order(p, [total(graphs, p)], np.arange(0))
 
 
 def conditions_of(L: sp.csr_array) -> np.ndarray:
@@ -187,12 +187,22 @@ def compliance(
     return sp.csr_array((block.ravel(), where), shape=(L.shape[0], L.shape[0]))
 
 
+def total(blocks: Sequence[sp.csr_array], p: int) -> sp.csr_array:
+    """The sum of (p, p) matrices that each have few rows, in one pass."""
+    entries = [sp.coo_array(block) for block in blocks]
+    values, rows, columns = (
+        np.concatenate([getattr(e, x) for e in entries]) for x in ("data", "row", "col")
+    )
+    H = sp.csr_array((values, (rows, columns)), shape=(p, p))
+    H.sort_indices()
+    return H
+
+
 def summed(blocks: Sequence[sp.csr_array], p: int) -> Matrix:
     """The sum of the subdomains' blocks of H, in the form in which it is best factored."""
     if p == 0:
         return None
-    H = sp.csr_array(sum(blocks, sp.csr_array((p, p))))
-    H.sort_indices()
+    H = total(blocks, p)
     if H.nnz == np.count_nonzero(H.diagonal()):
         return H.diagonal()
     return dense(H) if H.nnz > DENSE_SHARE * p * p else H

@@ -141,13 +141,25 @@ def stacked(constraints: Sequence[Constraint], subdomains: Sequence[Subdomain]) 
 
     Raises ConstraintError when the rows depend on one another.
     """
-    matrices = []
-    for s in subdomains:
-        blocks = [c.matrices.get(s, sp.csr_array((c.p, s.n))) for c in constraints]
-        matrices.append(sp.csr_array(sp.vstack(blocks)) if blocks else sp.csr_array((0, s.n)))
+    starts = np.cumsum([0] + [c.p for c in constraints])
+    pieces: dict[Subdomain, list[Any]] = {s: [] for s in subdomains}
+    for c, first in zip(constraints, starts):
+        for s, L in c.matrices.items():
+            own = sp.coo_array(L)
+            pieces[s].append((own.data, own.row + first, own.col))
+    p = int(starts[-1])
+    matrices = [_joined(pieces[s], (p, s.n)) for s in subdomains]
     if constraints:
         _require_independent(sp.csr_array(sp.hstack(matrices)), RowNames(constraints))
     return matrices
+
+
+def _joined(pieces: Sequence[Any], shape: tuple[int, int]) -> sp.csr_array:
+    """One matrix from entries (values, rows, columns) of several."""
+    if not pieces:
+        return sp.csr_array(shape)
+    values, rows, columns = (np.concatenate(x) for x in zip(*pieces))
+    return sp.csr_array((values, (rows, columns)), shape=shape)
 
 
 class RowNames:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg.lapack import dpotrf
 from scipy.sparse.linalg import splu
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from . import _core
 from .errors import FactorizationError
@@ -48,8 +49,16 @@ def factorize(A: Matrix, what: str, dof: Callable[[int], str]) -> Factor:
     if A.ndim == 1:
         _check_pivots(A, A, what, dof)
         return 1.0 / A, None
-    with threadpool_limits(1):  # BLAS gives the same digits whatever its number of threads
-        return _sparse(A, what, dof) if sp.issparse(A) else _dense(A, what, dof)
+    if sp.issparse(A):
+        return _sparse(A, what, dof)
+    with _blas().limit(limits=1):  # the same digits whatever the number of threads it would take
+        return _dense(A, what, dof)
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    """The BLAS library that SciPy has loaded; looking for it takes milliseconds."""
+    return ThreadpoolController().select(user_api="blas")
 
 
 def _dense(A: np.ndarray, what: str, dof: Callable[[int], str]) -> Factor:

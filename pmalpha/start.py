@@ -23,7 +23,7 @@ from scipy.sparse.linalg import lsmr, splu
 
 from . import _core
 from ._checks import listing
-from .assembly import Part, compliance, core_subdomain, interface_factor, summed
+from .assembly import Part, compliance, core_subdomain, interface_factor, summed, total
 from .errors import ConstraintWarning
 from .factors import factorize
 from .matrices import Matrix, combination, product
@@ -55,7 +55,7 @@ class InitialAccelerations:
         self.masses = [_Mass(part) for part in parts]
         blocks = [m.compliance() for m in self.masses]
         self.bare = sp.csr_array(sp.hstack([m.bare for m in self.masses])) if p else None
-        self.H = sp.csr_array(sum(blocks, sp.csr_array((p, p))))
+        self.H = total(blocks, p)
         if self.ties_without_mass:
             cores, p, H = [m.core(linked=False) for m in self.masses], 0, None
         else:

@@ -242,7 +242,7 @@ def initial_accelerations(parts, L):
 
     # [[Ms, -Ls^T], [Ls, 0]] [z; y] = [g / d; 0]
     kkt = np.block([[Ms, -Ls.T], [Ls, np.zeros((p, p))]])
-    x = np.linalg.lstsq(kkt, np.concatenate([g / d, np.zeros(p)]))[0]
+    x = np.linalg.lstsq(kkt, np.concatenate([g / d, np.zeros(p)]), rcond=None)[0]
     x[~kkt.any(axis=0)] = 0.0  # a dof which no equation mentions: zero to the last bit
     ends = np.cumsum([len(part.M) for part in parts])
     return np.split(x[:n] / d, ends[:-1]), c * x[n:]

@@ -11,9 +11,11 @@ pma_status pma_factor_check(const pma_factor *f)
     for (size_t j = 0; j < f->n; j++) {
         if (f->ptr[j + 1] < f->ptr[j])
             return PMA_BAD_INDEX;
+        int64_t above = (int64_t)j;
         for (int64_t k = f->ptr[j]; k < f->ptr[j + 1]; k++) {
-            if (f->index[k] <= (int64_t)j || (size_t)f->index[k] >= f->n)
+            if (f->index[k] <= above || (size_t)f->index[k] >= f->n)
                 return PMA_BAD_INDEX;
+            above = f->index[k];
         }
     }
     return PMA_OK;
@@ -52,42 +54,77 @@ static double gather_dense(const double *column, size_t rows, const double *x)
     return (lane[0] + lane[1]) + (lane[2] + lane[3]);
 }
 
+static void eliminate_columns(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    for (size_t j = first; j < last; j++) {
+        const double *below = f->values + j * f->n + j + 1;
+        eliminate_dense(below, f->n - j - 1, x[j - first], x + (j - first) + 1);
+    }
+}
+
+static void substitute_columns(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    for (size_t j = last; j-- > first;) {
+        const double *below = f->values + j * f->n + j + 1;
+        const double sum = gather_dense(below, f->n - j - 1, x + (j - first) + 1);
+        x[j - first] = x[j - first] * f->inverse[j] - sum;
+    }
+}
+
+/* The next unknown often depends on this one (in a chain on this one alone): it is kept in a
+ * register, for a way through memory would cost as much as the arithmetic. */
+static void eliminate_sparse(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    double xj = first < last ? x[0] : 0.0;
+    for (size_t j = first; j < last; j++) {
+        int64_t k = f->ptr[j];
+        const int64_t end = f->ptr[j + 1];
+        double next = j + 1 < f->n ? x[j + 1 - first] : 0.0;
+        if (k < end && (size_t)f->index[k] == j + 1) {
+            next -= f->values[k++] * xj;
+            x[j + 1 - first] = next;
+        }
+        for (; k < end; k++)
+            x[(size_t)f->index[k] - first] -= f->values[k] * xj;
+        xj = next;
+    }
+}
+
+static void substitute_sparse(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    double below = first < last && last < f->n ? x[last - first] : 0.0;
+    for (size_t j = last; j-- > first;) {
+        int64_t k = f->ptr[j];
+        const int64_t end = f->ptr[j + 1];
+        double xj = x[j - first] * f->inverse[j], sum = 0.0;
+        if (k < end && (size_t)f->index[k] == j + 1)
+            xj -= f->values[k++] * below;
+        for (; k < end; k++)
+            sum += f->values[k] * x[(size_t)f->index[k] - first];
+        below = xj - sum;
+        x[j - first] = below;
+    }
+}
+
 /* Forward through the columns first..last-1; x[0] stands for unknown `first`. */
 static void eliminate(const pma_factor *f, size_t first, size_t last, double *x)
 {
-    if (f->form == PMA_DENSE) {
-        for (size_t j = first; j < last; j++) {
-            const double *below = f->values + j * f->n + j + 1;
-            eliminate_dense(below, f->n - j - 1, x[j - first], x + (j - first) + 1);
-        }
-    } else if (f->form == PMA_SPARSE) {
-        for (size_t j = first; j < last; j++) {
-            const double xj = x[j - first];
-            for (int64_t k = f->ptr[j]; k < f->ptr[j + 1]; k++)
-                x[(size_t)f->index[k] - first] -= f->values[k] * xj;
-        }
-    }
+    if (f->form == PMA_DENSE)
+        eliminate_columns(f, first, last, x);
+    else if (f->form == PMA_SPARSE)
+        eliminate_sparse(f, first, last, x);
 }
 
 /* Backward through the columns last-1..first; x[0] stands for unknown `first`. */
 static void substitute(const pma_factor *f, size_t first, size_t last, double *x)
 {
-    if (f->form == PMA_DIAGONAL) {
+    if (f->form == PMA_DENSE) {
+        substitute_columns(f, first, last, x);
+    } else if (f->form == PMA_SPARSE) {
+        substitute_sparse(f, first, last, x);
+    } else {
         for (size_t j = first; j < last; j++)
             x[j - first] *= f->inverse[j];
-    } else if (f->form == PMA_DENSE) {
-        for (size_t j = last; j-- > first;) {
-            const double *below = f->values + j * f->n + j + 1;
-            const double sum = gather_dense(below, f->n - j - 1, x + (j - first) + 1);
-            x[j - first] = x[j - first] * f->inverse[j] - sum;
-        }
-    } else {
-        for (size_t j = last; j-- > first;) {
-            double sum = 0.0;
-            for (int64_t k = f->ptr[j]; k < f->ptr[j + 1]; k++)
-                sum += f->values[k] * x[(size_t)f->index[k] - first];
-            x[j - first] = x[j - first] * f->inverse[j] - sum;
-        }
     }
 }
 

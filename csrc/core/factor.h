@@ -19,10 +19,11 @@ typedef struct {
     const double *inverse; /* n: the reciprocals of D */
     const double *values;  /* dense: n*n by columns, read below the diagonal; sparse: ptr[n] */
     const int64_t *ptr;    /* sparse: n+1 starts of the columns, else NULL */
-    const int32_t *index;  /* sparse: row of each entry, below the diagonal, else NULL */
+    const int32_t *index;  /* sparse: row of each entry, below the diagonal and ascending */
 } pma_factor;
 
-/* PMA_BAD_SIZE when nb > n, PMA_BAD_INDEX unless every entry lies below the diagonal. */
+/* PMA_BAD_SIZE when nb > n, PMA_BAD_INDEX unless the entries of each column ascend and
+ * lie below the diagonal. */
 pma_status pma_factor_check(const pma_factor *f);
 
 /* Entries read by one sweep through all columns. */

@@ -219,24 +219,22 @@ void pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1, int64
         vf[i] = vt[i] + op->step.al2 * vf[i];
 }
 
-/* (8), (9); true when every new value is finite, for x * 0 is 0 only then */
+/* (8), (9); true when every new value is finite: x * 0 is 0 only then, in whatever order added */
 static bool correct(const pma_step *c, size_t n, const pma_state *x)
 {
     double *u = x->u, *v = x->v, *w = x->w, *a = x->a;
-    double lane[4] = {0.0, 0.0, 0.0, 0.0};
-    size_t i = 0;
-    for (; i < n; i++) {
-        u[i] += c->al1 * w[i];
-        v[i] += c->al2 * w[i];
-        a[i] += c->a_w1 * w[i];
+    double zero = 0.0;
+#pragma omp simd reduction(+ : zero)
+    for (size_t i = 0; i < n; i++) {
+        const double u1 = u[i] + c->al1 * w[i];
+        const double v1 = v[i] + c->al2 * w[i];
+        const double a1 = a[i] + c->a_w1 * w[i];
+        u[i] = u1;
+        v[i] = v1;
+        a[i] = a1;
+        zero += 0.0 * u1 + 0.0 * v1 + 0.0 * a1;
     }
-    for (i = 0; i + 4 <= n; i += 4) {
-        for (size_t l = 0; l < 4; l++)
-            lane[l] += 0.0 * u[i + l] + 0.0 * v[i + l] + 0.0 * a[i + l];
-    }
-    for (; i < n; i++)
-        lane[0] += 0.0 * u[i] + 0.0 * v[i] + 0.0 * a[i];
-    return (lane[0] + lane[1]) + (lane[2] + lane[3]) == 0.0;
+    return zero == 0.0;
 }
 
 pma_status pma_subdomain_close(pma_subdomain *s, size_t j, bool twice, const double *lam)

@@ -1,0 +1,60 @@
+"""A fine step of the four-dof example: recorded, not recorded, and in plain NumPy."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+from timing import in_turn, report
+
+import pmalpha as pm
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+import reference  # noqa: E402
+
+STEPS, FEW, SS, DT = 5000, 20, 20, 1.0 / 40.0 / 0.47
+
+
+def reference_parts(model):
+    """The same subdomains for the plain NumPy program."""
+    parts = []
+    for s in model.subdomains:
+        scheme = s.scheme
+        parts.append(
+            reference.Part(
+                np.diag(s.M),
+                s.K if s.K.ndim == 2 else np.diag(s.K),
+                am=scheme.am,
+                af=scheme.af,
+                beta=scheme.beta,
+                gamma=scheme.gamma,
+                explicit=scheme.explicit,
+                substeps=s.substeps,
+                double=not scheme.explicit,
+                u0=s.u0,
+            )
+        )
+    return parts, [model.constraints.matrices[s].toarray() for s in model.subdomains]
+
+
+def main():
+    model = pm.models.four_dof(rho=0.5)
+    parts, L = reference_parts(model)
+    coupler = model.coupler(DT)
+    recorded, stepped, plain = in_turn(
+        lambda: coupler.run(steps=STEPS),
+        lambda: coupler.step(STEPS),
+        lambda: reference.run(parts, L, DT, FEW),
+    )
+    us = 1e6 / SS
+    rows = [
+        {"what": "run, all recorded", "us a fine step": recorded / STEPS * us},
+        {"what": "step, not recorded", "us a fine step": stepped / STEPS * us},
+        {"what": "tests/reference.py", "us a fine step": plain / FEW * us},
+    ]
+    for row in rows:
+        row["over run"] = row["us a fine step"] / rows[0]["us a fine step"]
+    report("fine_step", rows)
+
+
+if __name__ == "__main__":
+    main()

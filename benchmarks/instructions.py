@@ -1,0 +1,60 @@
+"""Instructions and allocations of a fine step inside the core, counted by valgrind.
+
+Only what happens inside pma_coupler_advance is counted, in a run of the four-dof example with
+everything recorded. Takes some minutes: valgrind carries the whole of Python. Needs valgrind.
+"""
+
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from timing import report
+
+RUN = """
+import pmalpha as pm
+model = pm.models.four_dof(rho=0.5)
+model.coupler(1.0 / 40.0 / 0.47).run(steps={steps})
+"""
+STEPS, SS = 100, 20
+ALLOCATORS = "malloc", "calloc", "realloc", "free"
+
+
+def counted(steps):
+    """Instructions inside the core, and how often it called an allocator."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "callgrind.out"
+        command = [
+            "valgrind",
+            "--tool=callgrind",
+            "--toggle-collect=pma_coupler_advance",
+            f"--callgrind-out-file={out}",
+            sys.executable,
+            "-c",
+            RUN.format(steps=steps),
+        ]
+        subprocess.run(command, check=True, capture_output=True)
+        text = out.read_text()
+    total = int(re.search(r"^summary: (\d+)", text, re.MULTILINE).group(1))
+    names = set(re.findall(r"^c?fn=\(\d+\) (\S+)", text, re.MULTILINE))
+    return total, sorted(names & set(ALLOCATORS))
+
+
+def main():
+    few, _ = counted(STEPS)
+    many, allocators = counted(2 * STEPS)
+    report(
+        "instructions",
+        [
+            {
+                "fine steps": STEPS * SS,
+                "instructions a fine step": (many - few) / (STEPS * SS),
+                "allocators called": " ".join(allocators) or "none",
+            }
+        ],
+    )
+
+
+if __name__ == "__main__":
+    main()

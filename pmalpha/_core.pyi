@@ -1,0 +1,53 @@
+"""The C core. Private: arrays must be C-contiguous and of the exact type, in elimination order."""
+
+from typing import Any, Optional, Union
+
+import numpy as np
+
+_Compressed = tuple[np.ndarray, np.ndarray, np.ndarray]  # ptr int64, index int32, values float64
+_Matrix = Union[None, np.ndarray, _Compressed]
+_Operator = tuple[float, np.ndarray, _Matrix]  # h, reciprocals of D, R
+_Load = Union[
+    None,
+    np.ndarray,  # constant
+    tuple[np.ndarray, Optional[np.ndarray], float, bool],  # samples, shape, dt, hold
+    tuple[np.ndarray, int],  # rows of own steps, the first of them
+]
+_Nodes = Optional[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]  # position, u, v, w
+_Record = tuple[int, int, tuple[_Nodes, ...], np.ndarray, np.ndarray, np.ndarray]
+
+class Subdomain:
+    def __new__(
+        cls,
+        n: int,
+        nb: int,
+        substeps: int,
+        K: _Matrix,
+        C: _Matrix,
+        scheme: tuple[float, float, float, float],
+        single: _Operator,
+        twice: Optional[_Operator],
+        link: tuple[int, np.ndarray, np.ndarray, np.ndarray],
+    ) -> "Subdomain": ...
+    def set_load(self, load: _Load, /) -> None: ...
+    def start(self, u: np.ndarray, v: np.ndarray, w: np.ndarray, lam: np.ndarray, /) -> None: ...
+    def state(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]: ...
+    def compliance(self, twice: bool, rows: np.ndarray, /) -> np.ndarray: ...
+
+class Coupler:
+    step_count: int
+    multipliers: np.ndarray
+    def __new__(
+        cls,
+        subdomains: tuple[Subdomain, ...],
+        p: int,
+        H_start: tuple[np.ndarray, Any],
+        H: tuple[np.ndarray, Any],
+        dt: float,
+        rebased: bool,
+    ) -> "Coupler": ...
+    def start(self, lam: np.ndarray, /) -> None: ...
+    def advance(self, steps: int, record: Optional[_Record], /) -> Optional[int]: ...
+    def record_present(self, record: _Record, /) -> None: ...
+
+def count_factor(ptr: np.ndarray, index: np.ndarray, /) -> np.ndarray: ...
