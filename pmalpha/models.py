@@ -1,0 +1,443 @@
+"""Ready-made problems: those of the paper, a shear frame, a measured earthquake.
+
+The formulas are in docs/method.md. Units are any consistent set unless a function says otherwise.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse
+from numpy.typing import ArrayLike
+
+from .constraints import Constraint, tie
+from .coupler import Coupler
+from .history import History
+from .schemes import CentralDifference, GeneralizedAlpha, Newmark
+from .subdomain import Subdomain
+
+__all__ = [
+    "FourDof",
+    "Model",
+    "el_centro",
+    "four_dof",
+    "rayleigh",
+    "shear_frame",
+    "split_oscillator",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Subdomains and what ties them: everything of a coupled problem but the step.
+
+    Attributes
+    ----------
+    subdomains : tuple of Subdomain
+    constraints : Constraint
+    """
+
+    subdomains: tuple[Subdomain, ...]
+    constraints: Constraint
+
+    def coupler(self, dt: float, **options) -> Coupler:
+        """A new Coupler of these subdomains with macro step `dt`.
+
+        Parameters
+        ----------
+        dt : float
+            Macro step.
+        **options
+            Whatever else `Coupler` takes, such as ``coupling="gc"``.
+
+        Returns
+        -------
+        Coupler
+
+        Raises
+        ------
+        ValueError, TypeError
+            From `Coupler`.
+
+        Examples
+        --------
+        >>> from pmalpha import models
+        >>> history = models.split_oscillator(10.0).coupler(0.05).run(steps=3)
+        >>> history["A"].u.shape
+        (4, 1)
+        """
+        return Coupler(self.subdomains, self.constraints, dt=dt, **options)
+
+
+# ---- the two problems of the paper ----------------------------------------------------------
+
+
+def split_oscillator(
+    b1: float,
+    *,
+    rho: float | None = 0.5,
+    substeps: int = 1,
+    mass: float = 1.0,
+    stiffness: float = (2.0 * np.pi) ** 2,
+    u0: float = 1.0,
+    v0: float = 0.0,
+    scheme_a=None,
+    scheme_b=None,
+) -> Model:
+    """A single-dof oscillator, cut into an implicit part "A" and an explicit part "B".
+
+    The cut gives mA / mB = kB / kA = b1, so that a large b1 makes A heavy and soft, B light and
+    stiff. With the default mass and stiffness the uncut oscillator has period 1.
+
+    Parameters
+    ----------
+    b1 : float
+        The ratio, above 0.
+    rho : float or None
+        Of both generalized-alpha schemes, in [0, 1]; None takes the trapezoidal rule in A and
+        the central difference in B (the PM method).
+    substeps : int
+        Own steps of B in a macro step; A takes one.
+    mass, stiffness : float
+        Of the uncut oscillator.
+    u0, v0 : float
+        Initial displacement and velocity.
+    scheme_a, scheme_b : scheme or None
+        Other schemes for A and B than those `rho` stands for.
+
+    Returns
+    -------
+    Model
+        Subdomains "A" and "B", tied: L_A = 1, L_B = -1.
+
+    Raises
+    ------
+    ValueError
+        If b1 is not positive; from the schemes and from `Subdomain`.
+
+    Examples
+    --------
+    >>> from pmalpha import models
+    >>> history = models.split_oscillator(10.0).coupler(0.01).run(1.0)
+    >>> bool(abs(history["A"].u[-1, 0] - 1.0) < 0.01)
+    True
+    """
+    if not b1 > 0.0:
+        raise ValueError(f"b1 must be positive, got {b1!r}")
+    implicit, explicit = _schemes(rho)
+    # mA + mB = mass, kA + kB = stiffness, mA / mB = kB / kA = b1
+    large, small = b1 / (1.0 + b1), 1.0 / (1.0 + b1)
+    start = {"u0": np.array([u0], dtype=float), "v0": np.array([v0], dtype=float)}
+    a = Subdomain(
+        np.array([large * mass]),
+        np.array([small * stiffness]),
+        scheme=scheme_a or implicit,
+        name="A",
+        **start,
+    )
+    b = Subdomain(
+        np.array([small * mass]),
+        np.array([large * stiffness]),
+        scheme=scheme_b or explicit,
+        substeps=substeps,
+        name="B",
+        **start,
+    )
+    return Model((a, b), tie(a, [0], b, [0]))
+
+
+@dataclass(frozen=True, eq=False)
+class FourDof(Model):
+    """The four-dof system of the paper, with the uncut chain to compare with.
+
+    Made by `four_dof`. Subdomain "A" is {u2, u3, u4}, implicit; "B" is {u1, u2}, explicit.
+
+    Attributes
+    ----------
+    springs : (4,) ndarray
+        Stiffnesses ground-1, 1-2, 2-3, 3-4.
+    mass : (4,) ndarray
+        Diagonal of the mass matrix of the uncut chain.
+    stiffness : (4, 4) ndarray
+        Stiffness matrix of the uncut chain.
+    frequencies : (4,) ndarray
+        In cycles per unit of time (Hz).
+    modes : (4, 4) ndarray
+        Mass-normalised modes in columns: modes.T @ diag(mass) @ modes = 1.
+    """
+
+    springs: np.ndarray
+    mass: np.ndarray
+    stiffness: np.ndarray
+    frequencies: np.ndarray
+    modes: np.ndarray
+
+    @property
+    def macro_step(self) -> float:
+        """The paper's step: dt f1 = 1/40."""
+        return 1.0 / (40.0 * float(self.frequencies[0]))
+
+    def displacements(self, history: History) -> tuple[np.ndarray, np.ndarray]:
+        """Displacements of the chain at the macro nodes of a history.
+
+        Parameters
+        ----------
+        history : History
+            Of a coupler of this model, with all dofs of both subdomains recorded.
+
+        Returns
+        -------
+        t : (k,) ndarray
+        u : (k, 4) ndarray
+            u2 is the mean of the two sides.
+
+        Raises
+        ------
+        ValueError
+            If dofs are missing from the history.
+        """
+        return self._joined(history, "u")
+
+    def modal_amplitudes(self, history: History) -> tuple[np.ndarray, np.ndarray]:
+        """Amplitudes of the modes of the uncut chain at the macro nodes of a history.
+
+        The amplitude of a mode with angular frequency omega is sqrt(q^2 + (q'/omega)^2), q its
+        mass-normalised coordinate: constant in free vibration.
+
+        Parameters
+        ----------
+        history : History
+            Of a coupler of this model, with all dofs of both subdomains recorded.
+
+        Returns
+        -------
+        t : (k,) ndarray
+        amplitudes : (k, 4) ndarray
+            Displacement times square root of mass, in the order of `frequencies`.
+
+        Raises
+        ------
+        ValueError
+            If dofs are missing from the history.
+
+        Examples
+        --------
+        >>> from pmalpha import models
+        >>> chain = models.four_dof()
+        >>> history = chain.coupler(chain.macro_step).run(steps=10)
+        >>> t, amplitudes = chain.modal_amplitudes(history)
+        >>> amplitudes[0].round(3).tolist()
+        [0.716, 0.042, 0.697, 0.0]
+        """
+        t, u = self._joined(history, "u")
+        _, v = self._joined(history, "v")
+        # q = Phi^T M u,  q' = Phi^T M v
+        project = self.mass[:, None] * self.modes
+        return t, np.hypot(u @ project, v @ project / (2.0 * np.pi * self.frequencies))
+
+    def _joined(self, history: History, quantity: str) -> tuple[np.ndarray, np.ndarray]:
+        a, b = history["A"], history["B"]
+        xa, xb = getattr(a, quantity), getattr(b, quantity)
+        if xa.shape[1] != 3 or xb.shape[1] != 2:
+            raise ValueError("history must have all dofs of A and B recorded")
+        # the nodes that both have; equal instants have equal bits
+        t, ia, ib = np.intersect1d(a.t, b.t, assume_unique=True, return_indices=True)
+        xa, xb = xa[ia], xb[ib]
+        u2 = (xa[:, 0] + xb[:, 1]) / 2.0
+        return t, np.column_stack([xb[:, 0], u2, xa[:, 1], xa[:, 2]])
+
+
+def four_dof(rho: float | None = 0.5, *, substeps: int = 20) -> FourDof:
+    """The four-dof system of the paper, in free vibration from u = (0, 0, 0, 1).
+
+    A surrogate with the published spectrum: the paper gives the frequencies 0.47, 2.90, 4.18 and
+    9.47 Hz, not the masses and springs. Here it is a chain of unit masses, fixed at one end, with
+    the springs that yield these frequencies. The second mass is cut half and half.
+
+    Parameters
+    ----------
+    rho : float or None
+        Of both generalized-alpha schemes (PM-alpha), in [0, 1]; None takes the trapezoidal rule
+        in A and the central difference in B (PM).
+    substeps : int
+        Own steps of B in a macro step; A takes one.
+
+    Returns
+    -------
+    FourDof
+        Frequencies are in Hz if time is in seconds; length and mass have any unit.
+
+    Raises
+    ------
+    ValueError
+        From the schemes and from `Subdomain`.
+
+    Examples
+    --------
+    >>> from pmalpha import models
+    >>> models.four_dof().frequencies.round(6).tolist()
+    [0.47, 2.9, 4.18, 9.47]
+    """
+    mass = np.ones(4)
+    springs = _chain_springs(mass, (0.47, 2.90, 4.18, 9.47), (724.281, 1564.897, 18.343, 340.108))
+    stiffness = shear_frame(mass, springs)[1].toarray()
+    squares, modes = scipy.linalg.eigh(stiffness, np.diag(mass))
+
+    implicit, explicit = _schemes(rho)
+    a = Subdomain(
+        np.array([0.5, 1.0, 1.0]),
+        shear_frame([0.5, 1.0, 1.0], [0.0, *springs[2:]])[1].toarray(),
+        scheme=implicit,
+        u0=np.array([0.0, 0.0, 1.0]),
+        name="A",
+    )
+    b = Subdomain(
+        np.array([1.0, 0.5]),
+        shear_frame([1.0, 0.5], springs[:2])[1].toarray(),
+        scheme=explicit,
+        substeps=substeps,
+        name="B",
+    )
+    frequencies = np.sqrt(squares) / (2.0 * np.pi)
+    return FourDof((a, b), tie(a, [0], b, [1]), springs, mass, stiffness, frequencies, modes)
+
+
+def _schemes(rho: float | None):
+    """Implicit and explicit scheme: PM-alpha with rho, PM with None."""
+    if rho is None:
+        return Newmark(), CentralDifference()
+    return GeneralizedAlpha(rho), GeneralizedAlpha(rho, explicit=True)
+
+
+def _chain_springs(mass, frequencies, guess) -> np.ndarray:
+    """Springs that give a chain these frequencies: Newton's method on the eigenvalues."""
+    n = len(mass)
+    springs = np.array(guess, dtype=float)
+    wanted = (2.0 * np.pi * np.array(frequencies)) ** 2
+    stretch = np.eye(n) - np.eye(n, k=-1)  # row j: stretch of spring j
+    for _ in range(20):
+        squares, modes = scipy.linalg.eigh(stretch.T * springs @ stretch, np.diag(mass))
+        error = wanted - squares
+        if np.all(np.abs(error) <= 1e-14 * wanted[-1]):  # rounding of eigh is of this size
+            break
+        # d omega_i^2 / d k_j = (stretch of spring j in mode i)^2
+        springs += np.linalg.solve(((stretch @ modes) ** 2).T, error)
+    return springs
+
+
+# ---- structures and loads -------------------------------------------------------------------
+
+
+def shear_frame(
+    masses: ArrayLike, stiffnesses: ArrayLike
+) -> tuple[np.ndarray, scipy.sparse.csr_array]:
+    """Matrices of a shear frame (a chain of masses and springs) fixed at the ground.
+
+    Parameters
+    ----------
+    masses : (n,) array_like
+        Of the storeys, from the lowest to the roof.
+    stiffnesses : (n,) array_like
+        Each that of the columns below its mass: force over storey drift. With 0 as the first one
+        the frame floats, as the upper part of a cut frame does.
+
+    Returns
+    -------
+    M : (n,) ndarray
+        Diagonal of the mass matrix.
+    K : (n, n) sparse array
+        Tridiagonal, CSR.
+
+    Raises
+    ------
+    ValueError
+        If the two are not of one length, or a value is negative or not finite.
+
+    Examples
+    --------
+    >>> from pmalpha import models
+    >>> M, K = models.shear_frame([2.0, 1.0], [30.0, 10.0])
+    >>> K.toarray().tolist()
+    [[40.0, -10.0], [-10.0, 10.0]]
+    """
+    m, k = np.array(masses, dtype=float), np.array(stiffnesses, dtype=float)
+    if m.ndim != 1 or m.shape != k.shape or len(m) == 0:
+        raise ValueError(
+            f"masses and stiffnesses must be of one length, got shapes {m.shape} and {k.shape}"
+        )
+    for name, values in (("masses", m), ("stiffnesses", k)):
+        if not np.all((values >= 0.0) & np.isfinite(values)):
+            raise ValueError(f"{name} must be finite and not negative, got {values.tolist()}")
+    beside = -k[1:]
+    K = scipy.sparse.diags_array(
+        [beside, k + np.append(k[1:], 0.0), beside], offsets=[-1, 0, 1], shape=(len(m), len(m))
+    )
+    return m, K.tocsr()
+
+
+def rayleigh(omegas: Sequence[float], ratios: Sequence[float]) -> tuple[float, float]:
+    """Coefficients of Rayleigh damping C = c_m M + c_k K from two damping ratios.
+
+    With coefficients of the whole structure each part of a cut takes its own M and K, and the
+    damping of the parts adds up to that of the whole.
+
+    Parameters
+    ----------
+    omegas : two floats
+        Different angular frequencies, above 0.
+    ratios : two floats
+        Fractions of critical damping at these frequencies.
+
+    Returns
+    -------
+    c_m, c_k : float
+        In 1/time and in time.
+
+    Raises
+    ------
+    ValueError
+        If the frequencies are not positive or are equal.
+
+    Examples
+    --------
+    >>> from pmalpha import models
+    >>> c_m, c_k = models.rayleigh([10.0, 30.0], [0.05, 0.05])
+    >>> round(c_m, 6), round(c_k, 6)
+    (0.75, 0.0025)
+    """
+    first, second = omegas
+    if not (first > 0.0 and second > 0.0 and first != second):
+        raise ValueError(f"omegas must be two different positive numbers, got {omegas!r}")
+    # ratio = c_m / (2 omega) + c_k omega / 2
+    rows = [[0.5 / first, 0.5 * first], [0.5 / second, 0.5 * second]]
+    c_m, c_k = np.linalg.solve(rows, np.array(ratios, dtype=float))
+    return float(c_m), float(c_k)
+
+
+def el_centro() -> tuple[np.ndarray, float]:
+    """Ground acceleration of El Centro 1940, component north-south.
+
+    Peknold's version of the measured record, as published in Chopra, Dynamics of Structures (see
+    pmalpha/data/README.md). The file's first number is at t = 0.02 s; the zero at t = 0 stands
+    before it here. g is taken as 9.81 m/s^2.
+
+    Returns
+    -------
+    acceleration : (1561,) ndarray
+        In m/s^2, the first sample at t = 0, the last at t = 31.2 s.
+    dt : float
+        0.02, in s.
+
+    Examples
+    --------
+    >>> from pmalpha import models
+    >>> acceleration, dt = models.el_centro()
+    >>> len(acceleration), dt, round(float(abs(acceleration).max()), 3)
+    (1561, 0.02, 3.128)
+    """
+    path = resources.files(__package__) / "data" / "el_centro_1940_ns.txt"
+    lines = path.read_text(encoding="ascii").splitlines()
+    numbers = " ".join(line for line in lines if not line.startswith("#")).split()
+    return 9.81 * np.array([0.0, *map(float, numbers)]), 0.02

@@ -1,0 +1,132 @@
+"""python -m pmalpha: the numbers it prints and the picture it draws."""
+
+import doctest
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_models import PM, PM_ALPHA, four_dof_by_reference
+
+import pmalpha
+from pmalpha import models
+
+PACKAGE = Path(pmalpha.__file__).parents[1]
+
+
+def demo(folder, *arguments):
+    """Run the command in a folder, with the package that is being tested."""
+    path = os.pathsep.join(filter(None, [str(PACKAGE), os.environ.get("PYTHONPATH")]))
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-m", "pmalpha", *arguments],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+    )
+
+
+def row(text, start, columns):
+    """The last numbers of the one line that begins like this."""
+    (line,) = [line for line in text.splitlines() if line.startswith(start)]
+    return [float(x) for x in line.split()[-columns:]]
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    pytest.importorskip("matplotlib")
+    folder = tmp_path_factory.mktemp("demo")
+    done = demo(folder)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return folder, done.stdout
+
+
+def test_the_demo_prints_that_pm_alpha_annihilates_what_pm_keeps(finished):
+    _, text = finished
+    start = row(text, "start", 4)
+    pm = row(text, "PM at node 100", 4)
+    alpha = row(text, "PM-alpha at node 100", 4)
+    # 0.697 is |phi_3^T M u0| of the chain
+    assert start[2] == 0.697
+    # the claims of figure 7, at macro node 100
+    assert pm[2] > 0.6
+    assert alpha[2] < 0.01
+    for first in (pm[0], alpha[0]):
+        assert first == pytest.approx(start[0], rel=0.05)
+
+
+def test_the_demo_prints_the_drift_and_the_time_taken(finished):
+    _, text = finished
+    chain = models.four_dof()
+    for name, schemes in {"PM ": PM, "PM-alpha ": PM_ALPHA}.items():
+        (line,) = [x for x in text.splitlines() if x.startswith(name) and "node" not in x]
+        gap, milliseconds, microseconds = (float(x) for x in line.split()[1:])
+        expected = np.abs(four_dof_by_reference(chain, *schemes).displacement_jump).max()
+        assert gap == pytest.approx(expected, abs=6e-4)  # three decimals
+        # 2000 fine steps; both are printed with three decimals
+        assert milliseconds == pytest.approx(2.0 * microseconds, abs=2e-3)
+        assert microseconds > 0.0
+
+
+def test_the_picture_is_a_png_fit_for_print(finished):
+    from matplotlib import image
+
+    folder, text = finished
+    assert text.splitlines()[-1] == "Figure 7: figure7.png"
+    picture = folder / "figure7.png"
+    assert picture.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
+    pixels = image.imread(picture)[..., :3]
+    # 180 mm, the width of a page with two columns, at 300 dots an inch is 2126
+    assert pixels.shape[1] >= 2126
+    # black, a blue and a white that are not mere antialiasing: curves on paper
+    for colour in ((0.0, 0.0, 0.0), (0.0, 0x72 / 255, 0xB2 / 255), (1.0, 1.0, 1.0)):
+        close = np.abs(pixels - np.array(colour)).max(axis=-1) < 0.01
+        assert close.sum() > 1000, colour
+
+
+def test_name_of_the_picture_and_number_of_steps_can_be_chosen(tmp_path):
+    pytest.importorskip("matplotlib")
+    done = demo(tmp_path, "--output", "small.png", "--steps", "3")
+    assert done.returncode == 0, done.stderr
+    assert [x.name for x in tmp_path.iterdir()] == ["small.png"]
+    assert "3 macro steps" in done.stdout
+    assert "PM at node 3, t = 0.16 s" in done.stdout  # 3 / (40 * 0.47 Hz) = 0.1596 s
+
+
+@pytest.mark.parametrize("steps", ["0", "-1", "1.5", "many"])
+def test_a_number_of_steps_that_is_none_is_refused(tmp_path, steps):
+    done = demo(tmp_path, f"--steps={steps}")
+    assert done.returncode == 2
+    assert f"must be a whole number above 0, got '{steps}'" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_picture_that_cannot_be_written_is_one_clear_line(tmp_path):
+    pytest.importorskip("matplotlib")
+    done = demo(tmp_path, "--output", "nowhere/figure.png")
+    assert done.returncode == 1
+    assert "PM-alpha at node 100" in done.stdout  # the numbers are there all the same
+    assert done.stderr.startswith("pmalpha: nowhere/figure.png not drawn: ")
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_without_matplotlib_the_demo_says_what_to_install(tmp_path):
+    # a module of this name that cannot be imported stands before the real one
+    (tmp_path / "matplotlib.py").write_text("raise ImportError('not here')\n")
+    done = demo(tmp_path)
+    assert done.returncode == 1
+    assert "PM-alpha at node 100" in done.stdout
+    assert "pip install 'pmalpha[plot]'" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_the_examples_of_the_plots_run():
+    pytest.importorskip("matplotlib")
+    from pmalpha import plot
+
+    result = doctest.testmod(plot)
+    assert result.attempted > 3
+    assert result.failed == 0

@@ -1,0 +1,62 @@
+"""What the documents show runs as shown."""
+
+import contextlib
+import doctest
+import importlib
+import io
+import pkgutil
+import re
+from pathlib import Path
+
+import pytest
+
+import pmalpha as pm
+
+ROOT = Path(__file__).parent.parent
+MODULES = sorted(
+    f"pmalpha.{m.name}" for m in pkgutil.iter_modules(pm.__path__) if m.name != "__main__"
+)
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_the_examples_in_docstrings_run(name):
+    module = importlib.import_module(name)
+    result = doctest.testmod(module, extraglobs=vars(pm))
+    assert result.failed == 0
+
+
+def test_there_are_examples_in_the_docstrings_of_what_is_public():
+    classes_and_functions = [getattr(pm, name) for name in pm.__all__]
+    shown = [x for x in classes_and_functions if ">>>" in (x.__doc__ or "")]
+    assert {pm.Subdomain, pm.Coupler, pm.tie, pm.Constraint, pm.solve} <= set(shown)
+
+
+def test_the_example_of_the_readme_prints_what_its_comments_say():
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(compile(code, "README.md", "exec"), {})
+    said = [re.split(r":| {2}", x)[0].strip() for x in re.findall(r"print\(.*?\) +# (.*)", code)]
+    assert printed.getvalue().split("\n")[:-1] == said
+
+
+def test_links_between_the_documents_lead_somewhere():
+    for page in [ROOT / "README.md", *ROOT.glob("docs/*.md"), ROOT / "CONTRIBUTING.md"]:
+        links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text())
+        missing = [link for link in links if not (page.parent / link).exists()]
+        assert not missing, page.name
+
+
+def test_the_version_stands_in_one_place():
+    assert f'version = "{pm.__version__}"' in (ROOT / "pyproject.toml").read_text()
+
+
+def test_the_stub_names_what_the_core_has():
+    stub = (ROOT / "pmalpha" / "_core.pyi").read_text()
+    core = importlib.import_module("pmalpha._core")
+    public = {name for name in vars(core) if not name.startswith("_")}
+    assert public == set(re.findall(r"^(?:class|def) (\w+)", stub, re.MULTILINE))
+    for type_ in (core.Subdomain, core.Coupler):
+        body = re.search(rf"^class {type_.__name__}:\n((?:    .*\n)+)", stub, re.MULTILINE)[1]
+        named = set(re.findall(r"^    (?:def )?(\w+)[:(]", body, re.MULTILINE)) - {"__new__"}
+        assert named == {name for name in vars(type_) if not name.startswith("__")}

@@ -1,0 +1,42 @@
+"""Every notebook runs from top to bottom; what it claims it asserts itself."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+import pmalpha
+
+nbclient = pytest.importorskip("nbclient")
+nbformat = pytest.importorskip("nbformat")
+pytest.importorskip("ipykernel")
+pytest.importorskip("matplotlib")
+
+NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
+
+
+def test_there_are_notebooks():
+    assert NOTEBOOKS
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_the_notebook_runs_and_leaves_its_file_alone(path, tmp_path, monkeypatch):
+    # the kernel imports the package that is being tested
+    folders = [str(Path(pmalpha.__file__).parents[1]), os.environ.get("PYTHONPATH")]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, folders)))
+    before = path.read_bytes()
+    notebook = nbformat.reads(before.decode(), as_version=4)
+    nbclient.execute(notebook, cwd=tmp_path, timeout=300)  # an error in a cell is raised here
+    assert path.read_bytes() == before
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_the_notebook_is_kept_as_it_was_run(path):
+    cells = [c for c in nbformat.read(path, as_version=4).cells if c.cell_type == "code"]
+    # in order, from a new kernel
+    assert [c.execution_count for c in cells] == list(range(1, len(cells) + 1))
+    outputs = [output for c in cells for output in c.outputs]
+    assert any("image/png" in output.get("data", {}) for output in outputs)
+    assert all(output.output_type != "error" for output in outputs)
+    assert all(output.get("name") != "stderr" for output in outputs)  # warnings go there
