@@ -382,7 +382,7 @@ class Coupler:
         accelerations, lam = self._initial_accelerations.solve(terms)
         for part, (u, v), w in zip(self._parts, states, accelerations):
             part.core.start(u, v, w, lam)
-        self._core.start(lam)
+        self._core.start(0, lam)
         self._started = True
 
     def _warn_of_gaps(self) -> None:

@@ -105,7 +105,7 @@ class InitialAccelerations:
             zero = np.zeros(load.size)
             core.start(zero, zero, zero, lam)
             core.set_load(load)
-        self.coupler.start(lam)
+        self.coupler.start(0, lam)
         self.coupler.advance(1, None)
         return [core.state()[2] for core in self.cores], self.coupler.multipliers
 

@@ -337,14 +337,22 @@ static PyObject *coupler_record_present(CouplerObject *self, PyObject *obj)
     return result;
 }
 
-/* start(lam): the subdomains have been started with the same lam */
-static PyObject *coupler_start(CouplerObject *self, PyObject *obj)
+/* start(step_count, lam): the subdomains have been started, or their nodes set, accordingly */
+static PyObject *coupler_start(CouplerObject *self, PyObject *args)
 {
+    long long step_count;
+    PyObject *obj;
     const double *lam;
     const npy_intp p = (npy_intp)pma_coupler_get_parts(self->core)->p;
-    if (pma_take_doubles(obj, p, "lam", NULL, &lam) < 0 || enter(self) < 0)
+    if (!PyArg_ParseTuple(args, "LO", &step_count, &obj) ||
+        pma_take_doubles(obj, p, "lam", NULL, &lam) < 0)
         return NULL;
-    pma_coupler_start(self->core, lam);
+    if (step_count < 0)
+        return PyErr_Format(PyExc_ValueError, "step_count must not be negative, got %lld",
+                            step_count);
+    if (enter(self) < 0)
+        return NULL;
+    pma_coupler_start(self->core, step_count, lam);
     leave(self);
     Py_RETURN_NONE;
 }
@@ -365,7 +373,8 @@ static PyObject *coupler_get_multipliers(CouplerObject *self, void *Py_UNUSED(cl
 }
 
 static PyMethodDef coupler_methods[] = {
-    {"start", (PyCFunction)coupler_start, METH_O, "start(lam): t = 0 with these multipliers"},
+    {"start", (PyCFunction)coupler_start, METH_VARARGS,
+     "start(step_count, lam): stand at this macro step with these multipliers"},
     {"advance", (PyCFunction)coupler_advance, METH_VARARGS,
      "advance(steps, record): None, or the index of the subdomain that became unstable"},
     {"record_present", (PyCFunction)coupler_record_present, METH_O,

@@ -223,14 +223,69 @@ static PyObject *subdomain_state(SubdomainObject *self, PyObject *Py_UNUSED(igno
         return NULL;
     const pma_state *x = pma_subdomain_at(self->core, 0);
     const npy_intp n = (npy_intp)pma_subdomain_parts(self->core)->n;
-    PyObject *u = pma_new_vector(n, x->u), *v = pma_new_vector(n, x->v);
-    PyObject *w = pma_new_vector(n, x->w), *state = NULL;
-    if (u && v && w)
-        state = PyTuple_Pack(3, u, v, w);
-    Py_XDECREF(u);
-    Py_XDECREF(v);
-    Py_XDECREF(w);
-    return state;
+    return Py_BuildValue("(NNN)", pma_new_vector(n, x->u), pma_new_vector(n, x->v),
+                         pma_new_vector(n, x->w));
+}
+
+/* ---- the whole state: (u, v, w, a, vf), and the same of the own node before if double --------- */
+
+enum { NODE_FIELDS = 5 };
+
+static void list_fields(const pma_nodes *nodes, double *fields[2 * NODE_FIELDS])
+{
+    const pma_state *x[2] = {&nodes->present, &nodes->previous};
+    double *const vf[2] = {nodes->vf, nodes->vf_previous};
+    for (size_t k = 0; k < 2; k++) {
+        double *const own[NODE_FIELDS] = {x[k]->u, x[k]->v, x[k]->w, x[k]->a, vf[k]};
+        memcpy(fields + k * NODE_FIELDS, own, sizeof own);
+    }
+}
+
+static npy_intp field_size(const pma_parts *parts, Py_ssize_t field)
+{
+    return (npy_intp)(field % NODE_FIELDS == NODE_FIELDS - 1 ? parts->nb : parts->n);
+}
+
+static PyObject *subdomain_nodes(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
+{
+    const pma_parts *parts = pma_subdomain_parts(self->core);
+    const Py_ssize_t count = parts->doubled ? 2 * NODE_FIELDS : NODE_FIELDS;
+    double *fields[2 * NODE_FIELDS];
+    if (is_busy(self))
+        return NULL;
+    const pma_nodes nodes = pma_subdomain_nodes(self->core);
+    list_fields(&nodes, fields);
+    PyObject *tuple = PyTuple_New(count);
+    for (Py_ssize_t i = 0; tuple && i < count; i++) {
+        PyObject *field = pma_new_vector(field_size(parts, i), fields[i]);
+        if (!field)
+            Py_CLEAR(tuple);
+        else
+            PyTuple_SET_ITEM(tuple, i, field);
+    }
+    return tuple;
+}
+
+static PyObject *subdomain_set_nodes(SubdomainObject *self, PyObject *tuple)
+{
+    const pma_parts *parts = pma_subdomain_parts(self->core);
+    const Py_ssize_t count = parts->doubled ? 2 * NODE_FIELDS : NODE_FIELDS;
+    double *fields[2 * NODE_FIELDS];
+    const double *values[2 * NODE_FIELDS];
+    if (!PyTuple_Check(tuple) || PyTuple_GET_SIZE(tuple) != count)
+        return PyErr_Format(PyExc_ValueError, "nodes must be a tuple of %zd arrays", count);
+    for (Py_ssize_t i = 0; i < count; i++) {
+        if (pma_take_doubles(PyTuple_GET_ITEM(tuple, i), field_size(parts, i), "nodes", NULL,
+                             &values[i]) < 0)
+            return NULL;
+    }
+    if (is_busy(self))
+        return NULL;
+    const pma_nodes nodes = pma_subdomain_nodes(self->core);
+    list_fields(&nodes, fields);
+    for (Py_ssize_t i = 0; i < count; i++)
+        memcpy(fields[i], values[i], (size_t)field_size(parts, i) * sizeof(double));
+    Py_RETURN_NONE;
 }
 
 /* out (k, k): compliance between the conditions in `rows` (k) */
@@ -297,6 +352,9 @@ static PyMethodDef subdomain_methods[] = {
      "set_load(None | f | (values, shape, dt, hold) | (rows, first))"},
     {"start", (PyCFunction)subdomain_start, METH_VARARGS, "start(u, v, w, lam): state at t = 0"},
     {"state", (PyCFunction)subdomain_state, METH_NOARGS, "state() -> (u, v, w), copies"},
+    {"nodes", (PyCFunction)subdomain_nodes, METH_NOARGS,
+     "nodes() -> (u, v, w, a, vf), and the same of the own node before if double; copies"},
+    {"set_nodes", (PyCFunction)subdomain_set_nodes, METH_O, "set_nodes(nodes): the inverse"},
     {"compliance", (PyCFunction)subdomain_compliance, METH_VARARGS,
      "compliance(twice, rows) -> block of H on these conditions"},
     {NULL, NULL, 0, NULL},

@@ -103,10 +103,10 @@ void pma_coupler_destroy(pma_coupler *c)
     free(c);
 }
 
-void pma_coupler_start(pma_coupler *c, const double *lam)
+void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam)
 {
     memcpy(c->lam, lam, c->parts.p * sizeof(double));
-    c->step_count = 0;
+    c->step_count = step_count;
     c->started = true;
 }
 

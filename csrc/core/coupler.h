@@ -40,8 +40,9 @@ typedef struct pma_coupler pma_coupler;
 pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out);
 void pma_coupler_destroy(pma_coupler *c); /* NULL is allowed */
 
-/* Sets t = 0; the subdomains have been started with the same lam (p). */
-void pma_coupler_start(pma_coupler *c, const double *lam);
+/* Stands at macro step `step_count` with lam (p). At 0 the subdomains have been started with the
+ * same lam; later ones have had their nodes written. */
+void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam);
 
 /* `steps` macro steps, recorded if record is not NULL. PMA_NOT_READY before a start,
  * PMA_NOT_FINITE (pma_coupler_unstable says where), PMA_STOPPED. Does not allocate. */

@@ -322,6 +322,17 @@ void pma_subdomain_rebase(pma_subdomain *s, size_t j, const double *lam)
     store_free_velocity(s, true, pma_subdomain_at(s, j)->v, lam, free_velocity_at(s, j)); /* (S3) */
 }
 
+pma_nodes pma_subdomain_nodes(pma_subdomain *s)
+{
+    /* commit leaves the free velocity of the own node before in the work array it was made in,
+     * or, with one substep, in the one it swapped the present with */
+    const size_t last = s->parts.substeps - 1;
+    return (pma_nodes){.present = s->present,
+                       .vf = s->vf_present,
+                       .previous = s->previous,
+                       .vf_previous = s->vf_work[last == 0 ? 0 : (last - 1) % 2]};
+}
+
 static void swap_states(pma_state *a, pma_state *b)
 {
     const pma_state kept = *a;

@@ -65,6 +65,17 @@ void pma_subdomain_compliance(pma_subdomain *s, bool twice, const double *lam, d
 void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, const double *w,
                          const double *lam);
 
+/* All that the next macro step reads, for analysis and for saving; pointers into the subdomain,
+ * valid until the next open or commit, to be read or written in between. */
+typedef struct {
+    pma_state present;
+    double *vf;            /* nb: stored free velocity of the present */
+    pma_state previous;    /* the own node before; NULL pointers unless doubled */
+    double *vf_previous;   /* nb: its stored free velocity, which no step reads */
+} pma_nodes;
+
+pma_nodes pma_subdomain_nodes(pma_subdomain *s);
+
 /* ---- inside a macro step: own nodes are counted 0..substeps from its beginning ------------ */
 
 /* The state at own node j; j = 0 is the present. Valid until the next open or commit. */
