@@ -5,7 +5,7 @@ Start with `Subdomain`, `tie` and `Coupler`; the equations are in docs/method.md
 
 from importlib.metadata import version as _version
 
-from . import models
+from . import analysis, models
 from .constraints import Constraint, tie
 from .coupler import Coupler, solve
 from .errors import (
@@ -44,7 +44,7 @@ __all__ = [
     "State",
     "Subdomain",
     "SubdomainHistory",
-    "WBZ",
+    "analysis",
     "models",
     "solve",
     "tie",

@@ -348,14 +348,19 @@ class Coupler:
 
     def _set_forces(self, forces: Sequence[Any]) -> None:
         self._forces = forces
-        self._callbacks = {}
-        for i, (part, force) in enumerate(zip(self._parts, forces)):
-            if is_callback(force):
-                substeps = part.subdomain.substeps
-                self._callbacks[i] = CallbackLoad(
-                    force, part.name, part.order, substeps, self._fine, self._dt
-                )
-            else:
+        self._callbacks = {
+            i: CallbackLoad(
+                force, part.name, part.order, part.subdomain.substeps, self._fine, self._dt
+            )
+            for i, (part, force) in enumerate(zip(self._parts, forces))
+            if is_callback(force)
+        }
+        self._load_core()
+
+    def _load_core(self) -> None:
+        """Give the core all loads but those of callables, which are asked before each advance."""
+        for i, (part, force) in enumerate(zip(self._parts, self._forces)):
+            if i not in self._callbacks:
                 part.core.set_load(core_load(force, part.order))
 
     def _force_at_start(self, i: int) -> np.ndarray:
