@@ -39,6 +39,7 @@ class Subdomain:
 class Coupler:
     step_count: int
     multipliers: np.ndarray
+    prescribed: np.ndarray
     def __new__(
         cls,
         subdomains: tuple[Subdomain, ...],
@@ -47,8 +48,10 @@ class Coupler:
         H: tuple[np.ndarray, Any],
         dt: float,
         rebased: bool,
+        motions: tuple[np.ndarray, ...],
     ) -> "Coupler": ...
-    def start(self, step_count: int, lam: np.ndarray, /) -> None: ...
+    def start(self, step_count: int, lam: np.ndarray, g: np.ndarray, /) -> None: ...
+    def set_motion(self, i: int, load: _Load, /) -> None: ...
     def advance(self, steps: int, record: Optional[_Record], /) -> Optional[int]: ...
     def record_present(self, record: _Record, /) -> None: ...
 

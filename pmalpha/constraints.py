@@ -11,13 +11,17 @@ from scipy.sparse.linalg import splu
 
 from ._checks import listing, real_array, require_finite
 from .errors import ConstraintError
+from .forces import BaseAcceleration, checked_force
 from .subdomain import Subdomain
 
 __all__ = ["Constraint", "tie"]
 
 
 class Constraint:
-    """p conditions sum_i L_i v_i = 0 on the velocities of one or more subdomains, equation (2).
+    """p conditions sum_i L_i v_i = g(t) on velocities of one or more subdomains, equation (2).
+
+    Without `velocity` g is zero: the subdomains are held together. With it the motion is
+    prescribed, of a support or a driven end.
 
     The multipliers act as + L_i^T Lam on the right-hand side of (1).
 
@@ -26,6 +30,11 @@ class Constraint:
     matrices : dict
         A matrix L_i, (p, n_i) dense or scipy.sparse, for each subdomain that takes part. One
         subdomain alone is allowed too.
+    velocity : callable, `SampledForce` or (p,) array, optional
+        g(t) of the p rows. It is asked at every fine step, ahead of the run like a load, and the
+        initial velocities must fit it. Its derivative at t = 0, which the initial accelerations
+        need (S1), is the slope of the first two samples; of a callable, a difference of order 2
+        over an eighth of the first fine step.
 
     Raises
     ------
@@ -40,9 +49,14 @@ class Constraint:
     >>> b = Subdomain([1.0], [1.0], scheme=GeneralizedAlpha(0.5))
     >>> Constraint({a: [[0.5, 0.5]], b: [[-1.0]]}).p
     1
+
+    A driven end:
+
+    >>> Constraint({b: [[1.0]]}, velocity=lambda t: [np.sin(t)]).p
+    1
     """
 
-    def __init__(self, matrices: Mapping[Subdomain, Any]):
+    def __init__(self, matrices: Mapping[Subdomain, Any], velocity: Any = None):
         if not isinstance(matrices, Mapping) or not matrices:
             raise TypeError(f"matrices must be a dict of matrices by subdomain, got {matrices!r}")
         self.matrices = {s: _condition_matrix(s, L) for s, L in matrices.items()}
@@ -54,6 +68,9 @@ class Constraint:
         if self.p == 0 or np.any(entries == 0):
             empty = np.flatnonzero(entries == 0)
             raise ValueError(f"every condition must have an entry, got none in rows {listing(empty)}")
+        if isinstance(velocity, BaseAcceleration):
+            raise TypeError("velocity must be a SampledForce, a callable or an array, not a force")
+        self.velocity = checked_force(velocity, self.p, "velocity")
 
 
 def _condition_matrix(subdomain: Any, L: Any) -> sp.csr_array:
@@ -167,6 +184,14 @@ class RowNames:
 
     def __init__(self, constraints: Sequence[Constraint]):
         self.starts = np.cumsum([0] + [c.p for c in constraints])
+
+    @property
+    def p(self) -> int:
+        return int(self.starts[-1])
+
+    def rows(self, i: int) -> np.ndarray:
+        """The rows of constraint i."""
+        return np.arange(self.starts[i], self.starts[i + 1])
 
     def __call__(self, row: int) -> str:
         if len(self.starts) <= 2:

@@ -14,11 +14,12 @@ from ._checks import listing, positive_number, real_number, vector, whole_number
 from .assembly import build, interface_factor, interface_matrix, make_part, row_order
 from .constraints import Constraint, RowNames, stacked
 from .errors import ConstraintError, ConstraintWarning, InstabilityError
-from .forces import CallbackLoad, checked_force, core_load, is_callback
+from .forces import CallbackLoad, SampledForce, checked_force, core_load, is_callback
 from .history import History, State, SubdomainHistory, position
 from .recording import Recording
 from .stability import warn_if_above_critical
 from .start import InitialAccelerations, initial_terms
+from .static import static_displacements
 from .subdomain import Subdomain
 
 __all__ = ["Coupler", "solve"]
@@ -113,8 +114,14 @@ class Coupler:
 
         matrices = stacked(constraints, subdomains)
         self._row_name = RowNames(constraints)
+        self._motions = [
+            _Motion(i, c, self._row_name.rows(i), self._fine, self._dt)
+            for i, c in enumerate(constraints)
+            if c.velocity is not None
+        ]
         self._initial = [(s.u0, s.v0) for s in subdomains]
-        _check_initial_velocities(matrices, self._initial, self._row_name)
+        self._check_initial_velocities(matrices, self._initial)
+        self._warn_of_gaps(matrices, self._initial)
         for s, name, double in zip(subdomains, names, doubles):
             warn_if_above_critical(s, (2.0 if double else 1.0) * self._dt / s.substeps, name)
         self._assemble(names, doubles, matrices, start)
@@ -123,7 +130,7 @@ class Coupler:
         self._busy = False
         self._callbacks: dict[int, CallbackLoad] = {}
         self._set_forces([s.force for s in subdomains])
-        if not self._callbacks:
+        if not self._has_callables():
             self._start()  # callables are asked by run or step, which may have to raise
 
     def _assemble(self, names, doubles, matrices, start: str) -> None:
@@ -145,7 +152,13 @@ class Coupler:
         self._parts = parts
         self._initial_accelerations = InitialAccelerations(parts, p)
         self._core = _core.Coupler(
-            tuple(part.core for part in parts), p, H_start, H, self._dt, start == "rebased"
+            tuple(part.core for part in parts),
+            p,
+            H_start,
+            H,
+            self._dt,
+            start == "rebased",
+            tuple(self._row_place[motion.rows] for motion in self._motions),
         )
 
     # ---- the present -------------------------------------------------------------------------
@@ -159,7 +172,7 @@ class Coupler:
     def step_count(self) -> int:
         """Macro steps done."""
         with self._entered():
-            return self._core.step_count
+            return self._steps_done()
 
     @property
     def time(self) -> float:
@@ -244,7 +257,7 @@ class Coupler:
         last whole macro step, `last_history` holds the run up to there, and it can go on.
         """
         with self._entered():
-            begin = self._core.step_count
+            begin = self._steps_done()
             end = self._end(t_end, steps, begin)
             recording = Recording(
                 self._parts,
@@ -302,12 +315,42 @@ class Coupler:
                 checked_force(given[i], s.n) if i in given else s.force
                 for i, (_, s) in enumerate(self._keys)
             ]
-            _check_initial_velocities(self._matrices(), initial, self._row_name)
+            self._check_initial_velocities(self._matrices(), initial)
+            self._warn_of_gaps(self._matrices(), initial)
             self._initial = initial
             self._started = False
             self._set_forces(forces)
-            if not self._callbacks:
+            if not self._has_callables():
                 self._start()
+
+    def static(self) -> dict[str, np.ndarray]:
+        """Static equilibrium under F(0), with displacements tied: u0 for gravity before the quake.
+
+        Prescribed rows are held at zero. The coupler itself does not change; use
+        ``coupler.reset(u0=coupler.static())``.
+
+        Returns
+        -------
+        dict of (n_i,) arrays by name
+
+        Raises
+        ------
+        FactorizationError
+            When the structure is floating or its stiffness indefinite.
+
+        Examples
+        --------
+        >>> a = Subdomain([1.0], [2.0], scheme=Newmark(), force=[3.0], name="a")
+        >>> b = Subdomain([1.0], [1.0], scheme=CentralDifference(), name="b")
+        >>> coupler = Coupler([a, b], tie(a, [0], b, [0]), dt=0.1)
+        >>> {name: float(u[0]) for name, u in coupler.static().items()}
+        {'a': 1.0, 'b': 1.0}
+        """
+        with self._entered():
+            loads = [self._force_at_start(i)[p.place] for i, p in enumerate(self._parts)]
+            subdomains = [s for _, s in self._keys]
+            u = static_displacements([s.K for s in subdomains], self._matrices(), loads)
+        return dict(zip((name for name, _ in self._keys), u))
 
     # ---- inside ------------------------------------------------------------------------------
 
@@ -323,6 +366,9 @@ class Coupler:
             yield
         finally:
             self._busy = False
+
+    def _steps_done(self) -> int:
+        return self._core.step_count if self._started else 0
 
     def _instant(self, step: int) -> float:
         return (step * self._fine / self._fine) * self._dt  # (T1)
@@ -350,7 +396,12 @@ class Coupler:
         self._forces = forces
         self._callbacks = {
             i: CallbackLoad(
-                force, part.name, part.order, part.subdomain.substeps, self._fine, self._dt
+                force,
+                f"force of subdomain {part.name!r}",
+                part.order,
+                part.subdomain.substeps,
+                self._fine,
+                self._dt,
             )
             for i, (part, force) in enumerate(zip(self._parts, forces))
             if is_callback(force)
@@ -362,6 +413,20 @@ class Coupler:
         for i, (part, force) in enumerate(zip(self._parts, self._forces)):
             if i not in self._callbacks:
                 part.core.set_load(core_load(force, part.order))
+        for i, motion in enumerate(self._motions):
+            motion.callback = None if motion.known else motion.new_callback()
+            if motion.known:
+                self._core.set_motion(i, core_load(motion.velocity, np.arange(motion.rows.size)))
+
+    def _has_callables(self) -> bool:
+        return bool(self._callbacks) or not all(motion.known for motion in self._motions)
+
+    def _prescribed(self, name: str) -> np.ndarray:
+        """g(0) or g'(0), (p,), in the user's order of rows."""
+        g = np.zeros(self._row_name.p)
+        for motion in self._motions:
+            g[motion.rows] = getattr(motion, name)()
+        return g
 
     def _force_at_start(self, i: int) -> np.ndarray:
         """F(0) of a subdomain, in elimination order."""
@@ -383,15 +448,18 @@ class Coupler:
             initial_terms(part, self._force_at_start(i), u, v)
             for i, (part, (u, v)) in enumerate(zip(self._parts, states))
         ]
-        self._warn_of_gaps()
-        accelerations, lam = self._initial_accelerations.solve(terms)
+        rows = np.argsort(self._row_place)
+        g, slope = self._prescribed("value")[rows], self._prescribed("slope")[rows]
+        if not all(motion.known for motion in self._motions):
+            self._check_initial_velocities(self._matrices(), self._initial, asked=True)
+        accelerations, lam = self._initial_accelerations.solve(terms, slope)
         for part, (u, v), w in zip(self._parts, states, accelerations):
             part.core.start(u, v, w, lam)
-        self._core.start(0, lam)
+        self._core.start(0, lam, g)
         self._started = True
 
-    def _warn_of_gaps(self) -> None:
-        jump, size = _jump(self._matrices(), [u for u, _ in self._initial])
+    def _warn_of_gaps(self, matrices, initial) -> None:
+        jump, size = _jump(matrices, [u for u, _ in initial])
         rows = np.flatnonzero(np.abs(jump) > ROUNDING * np.max(size, initial=0.0))
         if rows.size:
             amounts = [f"{self._row_name(int(r))}: {jump[r]:g}" for r in rows]
@@ -399,7 +467,21 @@ class Coupler:
                 f"the initial displacements leave a gap, which stays for ever, in rows "
                 f"{listing(amounts)}",
                 ConstraintWarning,
-                stacklevel=4,
+                stacklevel=3,
+            )
+
+    def _check_initial_velocities(self, matrices, initial, *, asked: bool = False) -> None:
+        """ConstraintError unless sum L v_0 = g(0), once g(0) can be known."""
+        if not asked and not all(motion.known for motion in self._motions):
+            return
+        g = self._prescribed("value")
+        jump, size = _jump(matrices, [v for _, v in initial])
+        size = np.max(size + np.abs(g), initial=0.0)
+        rows = np.flatnonzero(np.abs(jump - g) > ROUNDING * size)
+        if rows.size:
+            amounts = [f"{self._row_name(int(r))} by {jump[r] - g[r]:g}" for r in rows]
+            raise ConstraintError(
+                f"the initial velocities v0 break the interface conditions, rows {listing(amounts)}"
             )
 
     def _matrices(self) -> list[Any]:
@@ -421,7 +503,7 @@ class Coupler:
     def _advance(self, end: int, recording: Recording | None) -> None:
         """Macro steps up to number `end`, in chunks for which the loads are asked ahead."""
         record = None if recording is None else recording.core_record()
-        size = sum(c.bytes_per_macro_step for c in self._callbacks.values())
+        size = sum(c.bytes_per_macro_step for c in self._all_callbacks())
         chunk = max(1, AHEAD // size) if size else end
         while self._core.step_count < end:
             begin = self._core.step_count
@@ -437,12 +519,52 @@ class Coupler:
     def _prepare(self, begin: int, end: int) -> tuple[int, Exception | None]:
         """Ask the callables; the macro step up to which all loads are there, and why no further."""
         first_failure = None
-        for callback in self._callbacks.values():
+        for callback in self._all_callbacks():
             end, failure = callback.prepare(begin, end)
             first_failure = failure if failure is not None else first_failure
         for i, callback in self._callbacks.items():
             self._parts[i].core.set_load((callback.rows, callback.first))
+        for i, motion in enumerate(self._motions):
+            if motion.callback is not None:
+                self._core.set_motion(i, (motion.callback.rows, motion.callback.first))
         return end, first_failure
+
+    def _all_callbacks(self) -> list[CallbackLoad]:
+        moved = [motion.callback for motion in self._motions if motion.callback is not None]
+        return [*self._callbacks.values(), *moved]
+
+
+class _Motion:
+    """The prescribed velocity of one constraint."""
+
+    def __init__(self, i: int, constraint: Constraint, rows: np.ndarray, fine: int, dt: float):
+        self.velocity, self.rows, self.fine, self.dt = constraint.velocity, rows, fine, dt
+        self.what = f"velocity of constraint {i}"
+        self.known = not is_callback(self.velocity)
+        self.callback: CallbackLoad | None = None
+
+    def new_callback(self) -> CallbackLoad:
+        order = np.arange(self.rows.size)
+        return CallbackLoad(self.velocity, self.what, order, self.fine, self.fine, self.dt)
+
+    def at(self, t: float) -> np.ndarray:
+        if isinstance(self.velocity, np.ndarray):
+            return self.velocity
+        return self.velocity(t) if self.known else self.new_callback().ask(t)
+
+    def value(self) -> np.ndarray:
+        """g(0)"""
+        return self.at(0.0)
+
+    def slope(self) -> np.ndarray:
+        """g'(0)"""
+        if isinstance(self.velocity, SampledForce):
+            dt = self.velocity.dt
+            return (self.velocity(dt) - self.velocity(0.0)) / dt
+        if self.known:
+            return np.zeros(self.rows.size)
+        d = self.dt / self.fine / 16.0
+        return (4.0 * self.at(d) - 3.0 * self.at(0.0) - self.at(2.0 * d)) / (2.0 * d)
 
 
 def solve(subdomain: Subdomain, dt: float, t_end: float | None = None, **as_run) -> SubdomainHistory:
@@ -563,15 +685,3 @@ def _jump(matrices: Sequence[Any], values: Sequence[np.ndarray]) -> tuple[np.nda
     jump = sum(L @ x for L, x in zip(matrices, values))
     size = sum(abs(L) @ np.abs(x) for L, x in zip(matrices, values))
     return jump, size
-
-
-def _check_initial_velocities(
-    matrices: Sequence[Any], initial: Sequence[tuple[np.ndarray, np.ndarray]], name: RowNames
-) -> None:
-    jump, size = _jump(matrices, [v for _, v in initial])
-    rows = np.flatnonzero(np.abs(jump) > ROUNDING * np.max(size, initial=0.0))
-    if rows.size:
-        amounts = [f"{name(int(r))} by {jump[r]:g}" for r in rows]
-        raise ConstraintError(
-            f"the initial velocities v0 break the interface conditions, rows {listing(amounts)}"
-        )

@@ -114,17 +114,18 @@ def _columns(value: Any, name: str) -> np.ndarray:
 Force = Union[None, np.ndarray, SampledForce, Callable[[float], Any]]
 
 
-def checked_force(force: Any, n: int) -> Force:
+def checked_force(force: Any, n: int, name: str = "force") -> Force:
     """A user's force, checked against the number of dofs as far as possible without calling it."""
     if force is None:
         return None
     if isinstance(force, SampledForce):
         if force.n != n:
-            raise ValueError(f"force must act on {n} dofs, got a {type(force).__name__} on {force.n}")
+            kind = type(force).__name__
+            raise ValueError(f"{name} must act on {n} dofs or rows, got a {kind} on {force.n}")
         return force
     if callable(force):
         return force
-    return vector(force, n, "force")
+    return vector(force, n, name)
 
 
 def core_load(force: Force, order: np.ndarray) -> Any:
@@ -151,18 +152,18 @@ class CallbackLoad:
     ----------
     force : callable
         f(t) -> (n,)
-    name : str
-        Of the subdomain, for messages.
+    what : str
+        For messages, such as "force of subdomain 'rig'".
     order : (n,) array
         Elimination order.
     substeps, fine : int
-        Own steps of this subdomain and of the finest in a macro step.
+        How often in a macro step it is asked, and fine steps in a macro step.
     dt : float
         Macro step.
     """
 
-    def __init__(self, force, name: str, order: np.ndarray, substeps: int, fine: int, dt: float):
-        self.force, self.name, self.order = force, name, order
+    def __init__(self, force, what: str, order: np.ndarray, substeps: int, fine: int, dt: float):
+        self.force, self.what, self.order = force, what, order
         self.substeps, self.ratio, self.fine, self.dt = substeps, fine // substeps, fine, dt
         self.first = 0
         self.rows = np.empty((0, order.size))
@@ -177,7 +178,7 @@ class CallbackLoad:
         try:
             return vector(value, self.order.size, "its value")[self.order]
         except (TypeError, ValueError) as error:
-            raise type(error)(f"force of subdomain {self.name!r} at t = {t:g}: {error}") from None
+            raise type(error)(f"{self.what} at t = {t:g}: {error}") from None
 
     def prepare(self, begin: int, end: int) -> tuple[int, Exception | None]:
         """Have the loads of the macro steps begin..end-1 ready.

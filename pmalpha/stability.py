@@ -48,24 +48,63 @@ def _is_stable(scheme: Scheme, Omega: float) -> bool:
     return bool(radius <= 1.0 + 1e-7)
 
 
+def critical_step(subdomain: Subdomain) -> float:
+    """The longest stable step of a subdomain by itself, equation (C1).
+
+    It limits the own step h = dt / substeps. A subdomain that takes double steps moves by 2 h: its
+    own step must not exceed half of this.
+
+    Parameters
+    ----------
+    subdomain : Subdomain
+        With its interface free: ties do not raise the limit.
+
+    Returns
+    -------
+    float
+        In the unit of time of the matrices; inf where every step is stable. From a few hundred
+        sparse dofs on, up to 0.1 per cent too small rather than too large.
+
+    Notes
+    -----
+    The largest stable omega h of the scheme, divided by the highest circular frequency of
+    K x = omega^2 M x. Damping is left out; being taken implicitly, it does not lower the limit.
+
+    Examples
+    --------
+    >>> from pmalpha import analysis
+    >>> rig = Subdomain([1.0], [4.0], scheme=CentralDifference())
+    >>> round(analysis.critical_step(rig), 6)
+    1.0
+    >>> analysis.critical_step(Subdomain([1.0], [4.0], scheme=Newmark()))
+    inf
+    """
+    if not isinstance(subdomain, Subdomain):
+        raise TypeError(f"subdomain must be a Subdomain, got {subdomain!r}")
+    limit = critical_product(subdomain.scheme)
+    if np.isinf(limit) or subdomain.K is None:
+        return np.inf
+    omega = highest_frequency(subdomain)
+    return float(limit / omega) if omega > 0.0 else np.inf
+
+
 def warn_if_above_critical(subdomain: Subdomain, step: float, label: str) -> None:
     """StabilityWarning when a step of this length is above the critical one."""
     limit = critical_product(subdomain.scheme)
-    K = subdomain.K
-    if np.isinf(limit) or K is None:
+    if np.isinf(limit) or subdomain.K is None:
         return
-    allowed = limit / step * (1.0 + ROUNDING)
-    if row_sum_bound(subdomain) <= allowed:
+    # the bound is cheap and nearly always enough
+    if row_sum_bound(subdomain) <= limit / step * (1.0 + ROUNDING):
         return
-    omega = highest_frequency(subdomain)
-    if omega <= allowed:
+    critical = critical_step(subdomain)
+    if step <= critical * (1.0 + ROUNDING):
         return
     damping = "" if subdomain.C is None else " (damping, which may raise it, is left out)"
     warnings.warn(
         f"the step {step:g} of subdomain {label!r} is above its critical step "
-        f"{limit / omega:.6g}{damping}: the run will grow without bound; take smaller steps",
+        f"{critical:.6g}{damping}: the run will grow without bound; take smaller steps",
         StabilityWarning,
-        stacklevel=4,
+        stacklevel=3,
     )
 
 

@@ -1,6 +1,6 @@
 """Consistent initial accelerations and multipliers, equations (S1).
 
-    M_i w_i = r_i + L_i^T Lam,    sum_i L_i w_i = 0,    r_i = F_i(0) - C_i v_i - K_i u_i
+    M_i w_i = r_i + L_i^T Lam,    sum_i L_i w_i = g'(0),    r_i = F_i(0) - C_i v_i - K_i u_i
 
 This has the form of one coupled step: with C = K = 0, al2 = 1 and r as load, the free problem is
 M wf = r, the interface problem H Lam = - sum L wf with H = sum L M^-1 L^T, and the link problem
@@ -62,18 +62,23 @@ class InitialAccelerations:
             cores, H = [m.core(linked=True) for m in self.masses], summed(blocks, p)
         self.cores, self.p = cores, p
         factor = interface_factor(H, "the interface matrix of the initial accelerations")
-        self.coupler = _core.Coupler(tuple(cores), p, factor, factor, 1.0, False)
+        everywhere = (np.arange(p),)
+        self.coupler = _core.Coupler(tuple(cores), p, factor, factor, 1.0, False, everywhere)
 
     @property
     def ties_without_mass(self) -> bool:
         return self.bare is not None and self.bare.nnz > 0
 
-    def solve(self, terms: Sequence[Sequence[np.ndarray]]) -> tuple[list[np.ndarray], np.ndarray]:
+    def solve(
+        self, terms: Sequence[Sequence[np.ndarray]], g: np.ndarray
+    ) -> tuple[list[np.ndarray], np.ndarray]:
         """w_i and Lam for the terms of r_i, in elimination order.
 
         Parameters
         ----------
         terms : for each part the (n_i,) arrays F(0), -C v, -K u
+        g : (p,) array
+            Derivative of the prescribed velocities.
 
         Returns
         -------
@@ -87,16 +92,18 @@ class InitialAccelerations:
         """
         r = [sum(t) for t in terms]
         if self.ties_without_mass:
-            w, lam = self._solve_without_mass(r)
+            w, lam = self._solve_without_mass(r, g)
         else:
-            w, lam = self._step(r)
+            w, lam = self._step(r, g)
         sizes = [sum(np.abs(term) for term in own) for own in terms]
         size = max(np.max(own, initial=0.0) for own in sizes)
         for mass, own in zip(self.masses, r):
             mass.check_equations(own, lam, size)
         return w, lam
 
-    def _step(self, r: Sequence[np.ndarray]) -> tuple[list[np.ndarray], np.ndarray]:
+    def _step(
+        self, r: Sequence[np.ndarray], g: np.ndarray
+    ) -> tuple[list[np.ndarray], np.ndarray]:
         """M w = r + L^T Lam by one step of the core, from rest."""
         lam = np.zeros(self.p)
         for mass, core, load in zip(self.masses, self.cores, r):
@@ -105,25 +112,29 @@ class InitialAccelerations:
             zero = np.zeros(load.size)
             core.start(zero, zero, zero, lam)
             core.set_load(load)
-        self.coupler.start(0, lam)
+        self.coupler.set_motion(0, g)
+        self.coupler.start(0, lam, lam)
         self.coupler.advance(1, None)
         return [core.state()[2] for core in self.cores], self.coupler.multipliers
 
-    def _solve_without_mass(self, r: Sequence[np.ndarray]) -> tuple[list[np.ndarray], np.ndarray]:
+    def _solve_without_mass(
+        self, r: Sequence[np.ndarray], g: np.ndarray
+    ) -> tuple[list[np.ndarray], np.ndarray]:
         """The interface problem with the tied dofs that have no mass:
 
-        [H   B] [Lam]   [- sum L wf]
-        [B^T 0] [w_m] = [- r_m     ]      B: the columns of L of these dofs
+        [H   B] [Lam]   [g - sum L wf]
+        [B^T 0] [w_m] = [- r_m       ]      B: the columns of L of these dofs
         """
-        wf, _ = self._step(r)
+        no_rows = np.empty(0)
+        wf, _ = self._step(r, no_rows)
         free = sum(m.linked @ w for m, w in zip(self.masses, wf))
         r_m = np.concatenate([own[m.massless] for m, own in zip(self.masses, r)])
         p, tied = self.H.shape[0], np.unique(self.bare.indices)
         B = self.bare[:, tied]
-        answer = _solve_saddle(self.H, B, np.concatenate([-free, -r_m[tied]]))
+        answer = _solve_saddle(self.H, B, np.concatenate([g - free, -r_m[tied]]))
         lam, w_m = answer[:p], np.zeros(r_m.size)
         w_m[tied] = answer[p:]
-        w, _ = self._step([own + m.linked.T @ lam for m, own in zip(self.masses, r)])
+        w, _ = self._step([own + m.linked.T @ lam for m, own in zip(self.masses, r)], no_rows)
         starts = np.cumsum([0] + [m.massless.size for m in self.masses])
         for mass, own, begin, end in zip(self.masses, w, starts[:-1], starts[1:]):
             own[mass.massless] = w_m[begin:end]
@@ -163,7 +174,7 @@ class _Mass:
                 f"equation does not hold at t = 0: {np.max(left):g} is left of forces up to "
                 f"{size:g}; the first steps will jump to where it does",
                 ConstraintWarning,
-                stacklevel=6,
+                stacklevel=5,
             )
 
 

@@ -56,6 +56,10 @@ int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *array
 int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, PyObject *arrays,
                     pma_factor *out);
 
+/* A load on load->n dofs: None, an array (constant), (values, shape, dt, hold) or (rows, first).
+ * Returns a new list of the arrays behind it, or NULL. */
+PyObject *pma_take_load(PyObject *obj, pma_load *load);
+
 /* A new array of length n with a copy of x, or NULL. */
 PyObject *pma_new_vector(npy_intp n, const double *x);
 

@@ -8,6 +8,7 @@ typedef struct {
     pma_coupler *core;
     PyObject *subdomains; /* tuple of SubdomainObject */
     PyObject *arrays;     /* list: keeps alive what the core points into */
+    PyObject *motions;    /* list: the arrays of each prescribed motion */
     bool busy;
 } CouplerObject;
 
@@ -32,6 +33,28 @@ static int check_subdomains(PyTypeObject *type, PyObject *subdomains)
     return 0;
 }
 
+/* a tuple of (k,) arrays: the rows of each prescribed motion, without a load yet */
+static int take_motions(PyObject *obj, PyObject *arrays, pma_coupler_parts *parts)
+{
+    const Py_ssize_t count = PyTuple_GET_SIZE(obj);
+    const npy_intp any = -1;
+    PyArrayObject *rows;
+    parts->motions = PyMem_Calloc((size_t)count + 1, sizeof *parts->motions);
+    if (!parts->motions) {
+        PyErr_NoMemory();
+        return -1;
+    }
+    parts->motion_count = (size_t)count;
+    for (Py_ssize_t i = 0; i < count; i++) {
+        if (pma_take_array(PyTuple_GET_ITEM(obj, i), NPY_INT64, 1, &any, "motions", arrays,
+                           &rows) < 0)
+            return -1;
+        parts->motions[i].rows = PyArray_DATA(rows);
+        parts->motions[i].load.n = (size_t)PyArray_DIM(rows, 0);
+    }
+    return 0;
+}
+
 static int create_core(CouplerObject *self, pma_coupler_parts *parts)
 {
     const Py_ssize_t count = PyTuple_GET_SIZE(self->subdomains);
@@ -51,15 +74,31 @@ static int create_core(CouplerObject *self, pma_coupler_parts *parts)
     return -1;
 }
 
+static int take_parts(CouplerObject *self, PyObject *H_start, PyObject *H, PyObject *motions,
+                      pma_coupler_parts *parts)
+{
+    const npy_intp p = (npy_intp)parts->p;
+    if (pma_take_factor(H_start, p, p, "H_start", self->arrays, &parts->H_start) < 0 ||
+        pma_take_factor(H, p, p, "H", self->arrays, &parts->H) < 0 ||
+        take_motions(motions, self->arrays, parts) < 0)
+        return -1;
+    for (size_t i = 0; i < parts->motion_count; i++) {
+        if (PyList_Append(self->motions, Py_None) < 0)
+            return -1;
+    }
+    return create_core(self, parts);
+}
+
 static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
-    static char *names[] = {"subdomains", "p", "H_start", "H", "dt", "rebased", NULL};
-    PyObject *subdomains, *H_start, *H;
+    static char *names[] = {"subdomains", "p", "H_start", "H", "dt", "rebased", "motions", NULL};
+    PyObject *subdomains, *H_start, *H, *motions;
     Py_ssize_t p;
     int rebased;
     pma_coupler_parts parts = {0};
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOdp", names, &PyTuple_Type, &subdomains,
-                                     &p, &H_start, &H, &parts.dt, &rebased) ||
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOdpO!", names, &PyTuple_Type, &subdomains,
+                                     &p, &H_start, &H, &parts.dt, &rebased, &PyTuple_Type,
+                                     &motions) ||
         check_subdomains(type, subdomains) < 0)
         return NULL;
     if (p < 0)
@@ -67,15 +106,15 @@ static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwarg
     CouplerObject *self = (CouplerObject *)type->tp_alloc(type, 0);
     if (!self)
         return NULL;
-    self->subdomains = Py_NewRef(subdomains);
-    self->arrays = PyList_New(0);
     parts.p = (size_t)p;
     parts.rebased = rebased;
-    if (self->arrays && pma_take_factor(H_start, p, p, "H_start", self->arrays, &parts.H_start) == 0 &&
-        pma_take_factor(H, p, p, "H", self->arrays, &parts.H) == 0 && create_core(self, &parts) == 0)
-        return (PyObject *)self;
-    Py_DECREF(self);
-    return NULL;
+    self->subdomains = Py_NewRef(subdomains);
+    self->arrays = PyList_New(0);
+    self->motions = PyList_New(0);
+    if (!self->arrays || !self->motions || take_parts(self, H_start, H, motions, &parts) < 0)
+        Py_CLEAR(self);
+    PyMem_Free(parts.motions);
+    return (PyObject *)self;
 }
 
 static int coupler_traverse(CouplerObject *self, visitproc visit, void *arg)
@@ -83,6 +122,7 @@ static int coupler_traverse(CouplerObject *self, visitproc visit, void *arg)
     Py_VISIT(Py_TYPE(self));
     Py_VISIT(self->subdomains);
     Py_VISIT(self->arrays);
+    Py_VISIT(self->motions);
     return 0;
 }
 
@@ -93,6 +133,7 @@ static void coupler_dealloc(CouplerObject *self)
     pma_coupler_destroy(self->core);
     Py_XDECREF(self->subdomains);
     Py_XDECREF(self->arrays);
+    Py_XDECREF(self->motions);
     type->tp_free(self);
     Py_DECREF(type);
 }
@@ -266,21 +307,31 @@ static bool signal_came(void *ctx)
     return came;
 }
 
+/* does a table hold the loads of all own steps, `substeps` in a macro step? */
+static bool covers(const pma_load *load, int64_t begin, int64_t end, int64_t substeps)
+{
+    return load->kind != PMA_LOAD_TABLE ||
+           (begin * substeps >= load->first &&
+            end * substeps <= load->first + (int64_t)load->rows);
+}
+
 static int check_tables(CouplerObject *self, int64_t steps)
 {
-    const int64_t now = pma_coupler_step_count(self->core);
+    const int64_t begin = pma_coupler_step_count(self->core), end = begin + steps;
+    const pma_coupler_parts *parts = pma_coupler_get_parts(self->core);
+    bool all = true;
+    int64_t fine = 1;
     for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(self->subdomains); i++) {
         const pma_subdomain *s = subdomain_of(self, i)->core;
-        const pma_load *load = pma_subdomain_load(s);
         const int64_t substeps = (int64_t)pma_subdomain_parts(s)->substeps;
-        if (load->kind == PMA_LOAD_TABLE &&
-            (now * substeps < load->first ||
-             (now + steps) * substeps > load->first + (int64_t)load->rows)) {
-            PyErr_SetString(PyExc_ValueError, "a load table does not cover the steps");
-            return -1;
-        }
+        fine = substeps > fine ? substeps : fine;
+        all = all && covers(pma_subdomain_load(s), begin, end, substeps);
     }
-    return 0;
+    for (size_t i = 0; i < parts->motion_count; i++)
+        all = all && covers(&parts->motions[i].load, begin, end, fine);
+    if (!all)
+        PyErr_SetString(PyExc_ValueError, "a load table does not cover the steps");
+    return all ? 0 : -1;
 }
 
 /* advance(steps, record): None, or the index of the subdomain that became unstable */
@@ -337,22 +388,45 @@ static PyObject *coupler_record_present(CouplerObject *self, PyObject *obj)
     return result;
 }
 
-/* start(step_count, lam): the subdomains have been started, or their nodes set, accordingly */
+/* start(step_count, lam, g): the subdomains have been started, or their nodes set, accordingly */
 static PyObject *coupler_start(CouplerObject *self, PyObject *args)
 {
     long long step_count;
-    PyObject *obj;
-    const double *lam;
+    PyObject *lam_obj, *g_obj;
+    const double *lam, *g;
     const npy_intp p = (npy_intp)pma_coupler_get_parts(self->core)->p;
-    if (!PyArg_ParseTuple(args, "LO", &step_count, &obj) ||
-        pma_take_doubles(obj, p, "lam", NULL, &lam) < 0)
+    if (!PyArg_ParseTuple(args, "LOO", &step_count, &lam_obj, &g_obj) ||
+        pma_take_doubles(lam_obj, p, "lam", NULL, &lam) < 0 ||
+        pma_take_doubles(g_obj, p, "g", NULL, &g) < 0)
         return NULL;
     if (step_count < 0)
         return PyErr_Format(PyExc_ValueError, "step_count must not be negative, got %lld",
                             step_count);
     if (enter(self) < 0)
         return NULL;
-    pma_coupler_start(self->core, step_count, lam);
+    pma_coupler_start(self->core, step_count, lam, g);
+    leave(self);
+    Py_RETURN_NONE;
+}
+
+/* set_motion(i, load): the velocity of a prescribed motion, in the forms of a load */
+static PyObject *coupler_set_motion(CouplerObject *self, PyObject *args)
+{
+    Py_ssize_t i;
+    PyObject *obj;
+    const pma_coupler_parts *parts = pma_coupler_get_parts(self->core);
+    if (!PyArg_ParseTuple(args, "nO", &i, &obj))
+        return NULL;
+    if (i < 0 || (size_t)i >= parts->motion_count)
+        return PyErr_Format(PyExc_ValueError, "there is no motion %zd", i);
+    pma_load load = {.kind = PMA_LOAD_NONE, .n = parts->motions[i].load.n};
+    PyObject *arrays = pma_take_load(obj, &load);
+    if (!arrays || enter(self) < 0) {
+        Py_XDECREF(arrays);
+        return NULL;
+    }
+    pma_coupler_set_motion(self->core, (size_t)i, load);
+    PyList_SetItem(self->motions, i, arrays);
     leave(self);
     Py_RETURN_NONE;
 }
@@ -362,19 +436,32 @@ static PyObject *coupler_get_step_count(CouplerObject *self, void *Py_UNUSED(clo
     return PyLong_FromLongLong(pma_coupler_step_count(self->core));
 }
 
-static PyObject *coupler_get_multipliers(CouplerObject *self, void *Py_UNUSED(closure))
+/* a copy of a (p,) array of the present */
+static PyObject *copy_rows(CouplerObject *self, const double *(*get)(const pma_coupler *))
 {
     if (enter(self) < 0)
         return NULL;
-    PyObject *copy = pma_new_vector((npy_intp)pma_coupler_get_parts(self->core)->p,
-                                    pma_coupler_multipliers(self->core));
+    const npy_intp p = (npy_intp)pma_coupler_get_parts(self->core)->p;
+    PyObject *copy = pma_new_vector(p, get(self->core));
     leave(self);
     return copy;
 }
 
+static PyObject *coupler_get_multipliers(CouplerObject *self, void *Py_UNUSED(closure))
+{
+    return copy_rows(self, pma_coupler_multipliers);
+}
+
+static PyObject *coupler_get_prescribed(CouplerObject *self, void *Py_UNUSED(closure))
+{
+    return copy_rows(self, pma_coupler_prescribed);
+}
+
 static PyMethodDef coupler_methods[] = {
     {"start", (PyCFunction)coupler_start, METH_VARARGS,
-     "start(step_count, lam): stand at this macro step with these multipliers"},
+     "start(step_count, lam, g): stand at this macro step with these multipliers"},
+    {"set_motion", (PyCFunction)coupler_set_motion, METH_VARARGS,
+     "set_motion(i, load): the velocity of a prescribed motion, in the forms of a load"},
     {"advance", (PyCFunction)coupler_advance, METH_VARARGS,
      "advance(steps, record): None, or the index of the subdomain that became unstable"},
     {"record_present", (PyCFunction)coupler_record_present, METH_O,
@@ -385,11 +472,12 @@ static PyMethodDef coupler_methods[] = {
 static PyGetSetDef coupler_getset[] = {
     {"step_count", (getter)coupler_get_step_count, NULL, "macro steps done", NULL},
     {"multipliers", (getter)coupler_get_multipliers, NULL, "of the present, a copy", NULL},
+    {"prescribed", (getter)coupler_get_prescribed, NULL, "g of the present, a copy", NULL},
     {NULL, NULL, NULL, NULL, NULL},
 };
 
 static PyType_Slot coupler_slots[] = {
-    {Py_tp_doc, "Coupler(subdomains, p, H_start, H, dt, rebased)\n\nThe schedule."},
+    {Py_tp_doc, "Coupler(subdomains, p, H_start, H, dt, rebased, motions)\n\nThe schedule."},
     {Py_tp_new, coupler_new},
     {Py_tp_traverse, coupler_traverse},
     {Py_tp_dealloc, coupler_dealloc},

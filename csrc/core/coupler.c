@@ -1,5 +1,6 @@
 #include "coupler.h"
 
+#include <assert.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -23,6 +24,9 @@ struct pma_coupler {
     size_t unpolled;    /* entries read since the last poll */
     double *lam;        /* p: multipliers of the present */
     double *lam_work;   /* p: of the fine step at hand */
+    double *g;          /* p: prescribed velocities of the present, zero where none is */
+    double *g_work;     /* p: of the fine step at hand */
+    double *motion;     /* p: scratch */
     double *block;
 };
 
@@ -55,8 +59,23 @@ static size_t most_substeps(const pma_coupler_parts *parts)
     return most;
 }
 
-static void lay_out(pma_coupler *c, pma_subdomain *const *subdomains)
+static pma_status check_motions(const pma_coupler_parts *parts)
 {
+    for (size_t i = 0; i < parts->motion_count; i++) {
+        const pma_motion *motion = &parts->motions[i];
+        if (motion->load.n > parts->p)
+            return PMA_BAD_SIZE;
+        for (size_t k = 0; k < motion->load.n; k++) {
+            if (motion->rows[k] < 0 || (size_t)motion->rows[k] >= parts->p)
+                return PMA_BAD_INDEX;
+        }
+    }
+    return PMA_OK;
+}
+
+static void lay_out(pma_coupler *c, pma_subdomain *const *subdomains, const pma_motion *motions)
+{
+    const size_t p = c->parts.p;
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_parts *s = pma_subdomain_parts(subdomains[i]);
         c->places[i] = (pma_place){.subdomain = subdomains[i],
@@ -64,8 +83,13 @@ static void lay_out(pma_coupler *c, pma_subdomain *const *subdomains)
                                    .ratio = c->fine / s->substeps,
                                    .doubled = s->doubled};
     }
+    for (size_t i = 0; i < c->parts.motion_count; i++)
+        c->parts.motions[i] = motions[i];
     c->lam = c->block;
-    c->lam_work = c->block + c->parts.p;
+    c->lam_work = c->block + p;
+    c->g = c->block + 2 * p;
+    c->g_work = c->block + 3 * p;
+    c->motion = c->block + 4 * p;
 }
 
 pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out)
@@ -74,7 +98,7 @@ pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out)
     const size_t fine = most_substeps(parts);
     pma_status status = check_subdomains(parts, fine);
     if (status || (status = check_interface(parts, &parts->H_start)) ||
-        (status = check_interface(parts, &parts->H)))
+        (status = check_interface(parts, &parts->H)) || (status = check_motions(parts)))
         return status;
 
     pma_coupler *c = calloc(1, sizeof *c);
@@ -84,12 +108,13 @@ pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out)
     c->fine = fine;
     c->parts.subdomains = NULL; /* places keep them */
     c->places = calloc(parts->count + 1, sizeof *c->places);
-    c->block = calloc(2 * parts->p + 1, sizeof(double));
-    if (!c->places || !c->block) {
+    c->parts.motions = calloc(parts->motion_count + 1, sizeof *c->parts.motions);
+    c->block = calloc(5 * parts->p + 1, sizeof(double));
+    if (!c->places || !c->parts.motions || !c->block) {
         pma_coupler_destroy(c);
         return PMA_NO_MEMORY;
     }
-    lay_out(c, parts->subdomains);
+    lay_out(c, parts->subdomains, parts->motions);
     *out = c;
     return PMA_OK;
 }
@@ -99,13 +124,21 @@ void pma_coupler_destroy(pma_coupler *c)
     if (!c)
         return;
     free(c->places);
+    free(c->parts.motions);
     free(c->block);
     free(c);
 }
 
-void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam)
+void pma_coupler_set_motion(pma_coupler *c, size_t i, pma_load load)
+{
+    assert(i < c->parts.motion_count && load.n == c->parts.motions[i].load.n);
+    c->parts.motions[i].load = load;
+}
+
+void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, const double *g)
 {
     memcpy(c->lam, lam, c->parts.p * sizeof(double));
+    memcpy(c->g, g, c->parts.p * sizeof(double));
     c->step_count = step_count;
     c->started = true;
 }
@@ -118,6 +151,11 @@ int64_t pma_coupler_step_count(const pma_coupler *c)
 const double *pma_coupler_multipliers(const pma_coupler *c)
 {
     return c->lam;
+}
+
+const double *pma_coupler_prescribed(const pma_coupler *c)
+{
+    return c->g;
 }
 
 size_t pma_coupler_unstable(const pma_coupler *c)
@@ -166,11 +204,24 @@ static void move_on(pma_coupler *c)
         c->places[i].phase++;
 }
 
-/* H Lam = - sum_i L_i vf_i, vf_i interpolated in mid-step                            (15), (18) */
+/* g at the end of fine step k of the macro step */
+static void prescribe(pma_coupler *c, size_t k)
+{
+    const int64_t step = c->step_count * (int64_t)c->fine + (int64_t)k - 1;
+    for (size_t i = 0; i < c->parts.motion_count; i++) {
+        const pma_motion *motion = &c->parts.motions[i];
+        memset(c->motion, 0, motion->load.n * sizeof(double));
+        pma_load_add(&motion->load, instant(c, k), step, c->motion);
+        for (size_t row = 0; row < motion->load.n; row++)
+            c->g_work[motion->rows[row]] = c->motion[row];
+    }
+}
+
+/* H Lam = g - sum_i L_i vf_i, vf_i interpolated in mid-step                          (15) (18) (G1) */
 static pma_status solve_interface(pma_coupler *c)
 {
     const size_t p = c->parts.p;
-    memset(c->lam_work, 0, p * sizeof(double));
+    memcpy(c->lam_work, c->g_work, p * sizeof(double));
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_place *at = &c->places[i];
         const double theta = (double)at->phase / (double)at->ratio;
@@ -224,10 +275,11 @@ static size_t find_unstable(const pma_coupler *c)
 
 /* ---- recording, when everybody has arrived --------------------------------------------------- */
 
-/* sum_i L_i v_i from total velocities; in mid-step from interpolated free plus link velocity */
-static void velocity_jump(const pma_coupler *c, const double *lam, double *jump)
+/* sum_i L_i v_i - g from total velocities; in mid-step from interpolated free plus link velocity */
+static void velocity_jump(const pma_coupler *c, const double *lam, const double *g, double *jump)
 {
-    memset(jump, 0, c->parts.p * sizeof(double));
+    for (size_t row = 0; row < c->parts.p; row++)
+        jump[row] = -g[row];
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_place *at = &c->places[i];
         if (at->phase == 0) {
@@ -268,7 +320,7 @@ static void record_interface(const pma_coupler *c, const pma_record *record, siz
     if (p == 0 || row == PMA_NO_ROW)
         return;
     memcpy(record->multipliers + row * p, c->lam_work, p * sizeof(double));
-    velocity_jump(c, c->lam_work, record->velocity_jump + row * p);
+    velocity_jump(c, c->lam_work, c->g_work, record->velocity_jump + row * p);
     if (k == c->fine)
         displacement_jump(c, record->displacement_jump + macro * p);
 }
@@ -281,19 +333,20 @@ void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
     if (p == 0)
         return;
     memcpy(record->multipliers, c->lam, p * sizeof(double));
-    velocity_jump(c, c->lam, record->velocity_jump);
+    velocity_jump(c, c->lam, c->g, record->velocity_jump);
     displacement_jump(c, record->displacement_jump);
 }
 
 /* ---- the schedule ---------------------------------------------------------------------------- */
 
-static pma_status fine_step(pma_coupler *c)
+static pma_status fine_step(pma_coupler *c, size_t k)
 {
     /* free problems that begin here */
     open_steps(c);
     move_on(c);
 
     /* interface problem at the end of this fine step */
+    prescribe(c, k);
     if (solve_interface(c) != PMA_OK) {
         c->unstable = find_unstable(c);
         return PMA_NOT_FINITE;
@@ -314,6 +367,13 @@ static void go_to_present(pma_coupler *c)
     }
 }
 
+static void swap(double **a, double **b)
+{
+    double *kept = *a;
+    *a = *b;
+    *b = kept;
+}
+
 /* The nodes at the end of the macro step become the present. Cannot fail. */
 static void commit(pma_coupler *c)
 {
@@ -323,9 +383,8 @@ static void commit(pma_coupler *c)
             pma_subdomain_rebase(at->subdomain, at->substeps, c->lam_work);
         pma_subdomain_commit(at->subdomain);
     }
-    double *kept = c->lam;
-    c->lam = c->lam_work;
-    c->lam_work = kept;
+    swap(&c->lam, &c->lam_work);
+    swap(&c->g, &c->g_work);
     c->step_count++;
 }
 
@@ -342,7 +401,7 @@ static pma_status macro_step(pma_coupler *c, const pma_record *record, const pma
     for (size_t k = 1; k <= c->fine; k++) {
         if (asked_to_stop(c, poll))
             return PMA_STOPPED;
-        const pma_status status = fine_step(c);
+        const pma_status status = fine_step(c, k);
         if (status != PMA_OK)
             return status;
         if (record) {

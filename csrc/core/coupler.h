@@ -10,9 +10,16 @@
 #include <stdint.h>
 
 #include "factor.h"
+#include "load.h"
 #include "record.h"
 #include "status.h"
 #include "subdomain.h"
+
+/* Conditions whose velocity is prescribed: sum_i L_i v_i = g(t) in some rows, where others have 0. */
+typedef struct {
+    const int64_t *rows; /* load.n rows, each in 0..p-1 */
+    pma_load load;       /* g(t), as a load on these rows, asked at every fine step */
+} pma_motion;
 
 /* What a coupler is made of. Subdomains and arrays are the caller's, who keeps them alive. */
 typedef struct {
@@ -23,6 +30,8 @@ typedef struct {
     pma_factor H;           /* (18), double steps where they are taken: from the second on */
     double dt;              /* macro step */
     bool rebased;           /* (S3) after the first macro step, else the plain start */
+    size_t motion_count;
+    pma_motion *motions;
 } pma_coupler_parts;
 
 /* Asked between fine steps, when about `entries` matrix entries were read since; true: stop. */
@@ -40,9 +49,13 @@ typedef struct pma_coupler pma_coupler;
 pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out);
 void pma_coupler_destroy(pma_coupler *c); /* NULL is allowed */
 
-/* Stands at macro step `step_count` with lam (p). At 0 the subdomains have been started with the
- * same lam; later ones have had their nodes written. */
-void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam);
+/* Another g(t) for a prescribed motion, on as many rows as before. */
+void pma_coupler_set_motion(pma_coupler *c, size_t i, pma_load load);
+
+/* Stands at macro step `step_count` with lam and the prescribed velocities g (p each, 0 where
+ * none is). At 0 the subdomains have been started with the same lam; later their nodes have been
+ * written. */
+void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, const double *g);
 
 /* `steps` macro steps, recorded if record is not NULL. PMA_NOT_READY before a start,
  * PMA_NOT_FINITE (pma_coupler_unstable says where), PMA_STOPPED. Does not allocate. */
@@ -54,6 +67,7 @@ void pma_coupler_record_present(const pma_coupler *c, const pma_record *record);
 
 int64_t pma_coupler_step_count(const pma_coupler *c);
 const double *pma_coupler_multipliers(const pma_coupler *c); /* p, of the present */
+const double *pma_coupler_prescribed(const pma_coupler *c);  /* p, g of the present */
 size_t pma_coupler_unstable(const pma_coupler *c); /* where a value was first not finite */
 const pma_coupler_parts *pma_coupler_get_parts(const pma_coupler *c);
 
