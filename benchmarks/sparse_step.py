@@ -22,9 +22,9 @@ def chain(n):
 def cube(n):
     """Laplacian of an n x n x n grid: fill like that of a solid."""
     one, T = sp.eye_array(n), chain(n)
-    return sp.csr_array(
-        sp.kron(sp.kron(T, one), one) + sp.kron(sp.kron(one, T), one) + sp.kron(sp.kron(one, one), T)
-    )
+    layers = sp.kron(sp.kron(T, one), one)
+    rows = sp.kron(sp.kron(one, T), one)
+    return sp.csr_array(layers + rows + sp.kron(sp.kron(one, one), T))
 
 
 def measure(name, K, steps):

@@ -1,19 +1,19 @@
 """The C core. Private: arrays must be C-contiguous and of the exact type, in elimination order."""
 
-from typing import Any, Optional, Union
+from typing import Any
 
 import numpy as np
 
 _Compressed = tuple[np.ndarray, np.ndarray, np.ndarray]  # ptr int64, index int32, values float64
-_Matrix = Union[None, np.ndarray, _Compressed]
+_Matrix = np.ndarray | _Compressed | None
 _Operator = tuple[float, np.ndarray, _Matrix]  # h, reciprocals of D, R
-_Load = Union[
-    None,
-    np.ndarray,  # constant
-    tuple[np.ndarray, Optional[np.ndarray], float, bool],  # samples, shape, dt, hold
-    tuple[np.ndarray, int],  # rows of own steps, the first of them
-]
-_Nodes = Optional[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]  # position, u, v, w
+_Load = (
+    np.ndarray  # constant
+    | tuple[np.ndarray, np.ndarray | None, float, bool]  # samples, shape, dt, hold
+    | tuple[np.ndarray, int]  # rows of own steps, the first of them
+    | None
+)
+_Nodes = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None  # position, u, v, w
 _Record = tuple[int, int, tuple[_Nodes, ...], np.ndarray, np.ndarray, np.ndarray]
 
 class Subdomain:
@@ -26,9 +26,9 @@ class Subdomain:
         C: _Matrix,
         scheme: tuple[float, float, float, float],
         single: _Operator,
-        twice: Optional[_Operator],
+        twice: _Operator | None,
         link: tuple[int, np.ndarray, np.ndarray, np.ndarray],
-    ) -> "Subdomain": ...
+    ) -> Subdomain: ...
     def set_load(self, load: _Load, /) -> None: ...
     def start(self, u: np.ndarray, v: np.ndarray, w: np.ndarray, lam: np.ndarray, /) -> None: ...
     def state(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]: ...
@@ -49,10 +49,10 @@ class Coupler:
         dt: float,
         rebased: bool,
         motions: tuple[np.ndarray, ...],
-    ) -> "Coupler": ...
+    ) -> Coupler: ...
     def start(self, step_count: int, lam: np.ndarray, g: np.ndarray, /) -> None: ...
     def set_motion(self, i: int, load: _Load, /) -> None: ...
-    def advance(self, steps: int, record: Optional[_Record], /) -> Optional[int]: ...
+    def advance(self, steps: int, record: _Record | None, /) -> int | None: ...
     def record_present(self, record: _Record, /) -> None: ...
 
 def count_factor(ptr: np.ndarray, index: np.ndarray, /) -> np.ndarray: ...

@@ -67,7 +67,9 @@ class Constraint:
         entries = sum(np.bincount(L.nonzero()[0], minlength=self.p) for L in self.matrices.values())
         if self.p == 0 or np.any(entries == 0):
             empty = np.flatnonzero(entries == 0)
-            raise ValueError(f"every condition must have an entry, got none in rows {listing(empty)}")
+            raise ValueError(
+                f"every condition must have an entry, got none in rows {listing(empty)}"
+            )
         if isinstance(velocity, BaseAcceleration):
             raise TypeError("velocity must be a SampledForce, a callable or an array, not a force")
         self.velocity = checked_force(velocity, self.p, "velocity")

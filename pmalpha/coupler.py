@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Union
+from typing import Any
 
 import numpy as np
 
@@ -191,7 +191,7 @@ class Coupler:
         """After an exception or Ctrl-C in `run`: the History up to the last whole macro step."""
         return self._last_history
 
-    def state(self, key: Union[str, int, Subdomain]) -> State:
+    def state(self, key: str | int | Subdomain) -> State:
         """Displacement, velocity and true acceleration of a subdomain now; copies.
 
         Parameters
@@ -567,7 +567,9 @@ class _Motion:
         return (4.0 * self.at(d) - 3.0 * self.at(0.0) - self.at(2.0 * d)) / (2.0 * d)
 
 
-def solve(subdomain: Subdomain, dt: float, t_end: float | None = None, **as_run) -> SubdomainHistory:
+def solve(
+    subdomain: Subdomain, dt: float, t_end: float | None = None, **as_run: Any
+) -> SubdomainHistory:
     """One uncoupled subdomain, with the same schemes and the same core.
 
     Parameters
@@ -647,7 +649,9 @@ def _checked_constraints(
             raise TypeError(f"constraints must be Constraints, got {c!r}")
         strangers = [s for s in c.matrices if s not in subdomains]
         if strangers:
-            raise ValueError(f"constraint {i} must hold subdomains of this coupler, got {strangers}")
+            raise ValueError(
+                f"constraint {i} must hold subdomains of this coupler, got {strangers}"
+            )
     return constraints
 
 

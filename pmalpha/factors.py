@@ -72,7 +72,9 @@ def _dense(A: np.ndarray, what: str, dof: Callable[[int], str]) -> Factor:
 
 def _sparse(A: sp.csr_array, what: str, dof: Callable[[int], str]) -> Factor:
     n = A.shape[0]
-    entries = n + int(_core.count_factor(A.indptr.astype(np.int64), A.indices.astype(np.int32)).sum())
+    entries = n + int(
+        _core.count_factor(A.indptr.astype(np.int64), A.indices.astype(np.int32)).sum()
+    )
     require(SUPERLU_BYTES * entries, f"the factor of {what} ({n} dofs, {entries} entries)")
     d = A.diagonal()
     if not np.all(d > 0.0):
@@ -88,7 +90,7 @@ def _sparse(A: sp.csr_array, what: str, dof: Callable[[int], str]) -> Factor:
         raise FactorizationError(f"{what} is singular") from None
     natural = np.arange(n)
     if not (np.array_equal(lu.perm_r, natural) and np.array_equal(lu.perm_c, natural)):
-        raise FactorizationError(f"{what} is not positive definite: a pivot on the diagonal is zero")
+        raise FactorizationError(f"{what} is not positive definite: a pivot is zero")
     pivots = lu.U.diagonal()
     _check_pivots(pivots, d, what, dof)
     R = lu.L

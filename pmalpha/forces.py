@@ -6,7 +6,7 @@ A load is evaluated at the end of a step, never inside it (docs/method.md).
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Union
+from typing import Any
 
 import numpy as np
 
@@ -111,7 +111,7 @@ def _columns(value: Any, name: str) -> np.ndarray:
     return array.reshape(len(array), -1)
 
 
-Force = Union[None, np.ndarray, SampledForce, Callable[[float], Any]]
+Force = np.ndarray | SampledForce | Callable[[float], Any] | None
 
 
 def checked_force(force: Any, n: int, name: str = "force") -> Force:

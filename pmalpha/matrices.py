@@ -6,14 +6,14 @@ a ``scipy.sparse.csr_array`` with sorted indices and no duplicates.
 
 from __future__ import annotations
 
-from typing import Any, Union
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
 from ._checks import real_array, require_finite
 
-Matrix = Union[np.ndarray, sp.csr_array, None]
+Matrix = np.ndarray | sp.csr_array | None
 
 # A matrix that a program assembled is symmetric up to the rounding of its sums: relative to the
 # diagonal entries of row and column, which bound an entry of a definite matrix, and a last

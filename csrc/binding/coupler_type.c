@@ -277,7 +277,7 @@ static int take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_reco
     return take_interface(self, interface, end, fine, record);
 }
 
-/* ---- stepping --------------------------------------------------------------------------------- */
+/* ---- stepping ------------------------------------------------------------------------------- */
 
 /* Signals are looked at every 50 ms; the clock is read after this many matrix entries. */
 enum { POLL_ENTRIES = 20000, POLL_MILLISECONDS = 50 };

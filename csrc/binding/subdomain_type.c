@@ -59,7 +59,7 @@ static int take_parts(PyObject *args, PyObject *kwargs, PyObject *arrays, pma_pa
                                      &single, &twice, &link))
         return -1;
     if (n < 1 || nb < 0 || nb > n || substeps < 1) {
-        PyErr_SetString(PyExc_ValueError, "n, nb, substeps: need 1 <= n, 0 <= nb <= n, 1 <= substeps");
+        PyErr_SetString(PyExc_ValueError, "need 1 <= n, 0 <= nb <= n and 1 <= substeps");
         return -1;
     }
     *parts = (pma_parts){.n = (size_t)n, .nb = (size_t)nb, .substeps = (size_t)substeps};
@@ -163,7 +163,7 @@ static PyObject *subdomain_state(SubdomainObject *self, PyObject *Py_UNUSED(igno
                          pma_new_vector(n, x->w));
 }
 
-/* ---- the whole state: (u, v, w, a, vf), and the same of the own node before if double --------- */
+/* ---- the whole state: (u, v, w, a, vf), and the same of the own node before if double ------ */
 
 enum { NODE_FIELDS = 5 };
 

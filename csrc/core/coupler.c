@@ -217,7 +217,7 @@ static void prescribe(pma_coupler *c, size_t k)
     }
 }
 
-/* H Lam = g - sum_i L_i vf_i, vf_i interpolated in mid-step                          (15) (18) (G1) */
+/* H Lam = g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (18) (G1) */
 static pma_status solve_interface(pma_coupler *c)
 {
     const size_t p = c->parts.p;

@@ -15,7 +15,7 @@
 #include "status.h"
 #include "subdomain.h"
 
-/* Conditions whose velocity is prescribed: sum_i L_i v_i = g(t) in some rows, where others have 0. */
+/* Prescribed velocity: sum_i L_i v_i = g(t) in some rows, where the others have 0.        (G1) */
 typedef struct {
     const int64_t *rows; /* load.n rows, each in 0..p-1 */
     pma_load load;       /* g(t), as a load on these rows, asked at every fine step */

@@ -56,7 +56,7 @@ const pma_parts *pma_subdomain_parts(const pma_subdomain *s);
 void pma_subdomain_set_load(pma_subdomain *s, pma_load load);
 const pma_load *pma_subdomain_load(const pma_subdomain *s);
 
-/* out (p) += al2 L_b S^-1 L_b^T lam, lam (p), with the operator of the single or double step  (F6) */
+/* out (p) += al2 L_b S^-1 L_b^T lam, lam (p), with the operator of the single or double step (F6) */
 void pma_subdomain_compliance(pma_subdomain *s, bool twice, const double *lam, double *out);
 
 /* ---- the present: the last whole macro step --------------------------------------------- */
