@@ -35,8 +35,10 @@ def machine():
 def report(name, rows):
     """Print a list of dicts as a table and write it to results/name.csv."""
     columns = list(rows[0])
-    cells = [[str(row[c]) if not isinstance(row[c], float) else f"{row[c]:.4g}" for c in columns]
-             for row in rows]
+    cells = [
+        [str(row[c]) if not isinstance(row[c], float) else f"{row[c]:.4g}" for c in columns]
+        for row in rows
+    ]
     widths = [max(len(c), *(len(r[i]) for r in cells)) for i, c in enumerate(columns)]
     print(machine())
     for line in [columns, *cells]:

@@ -6,7 +6,8 @@ import numpy as np
 
 _Compressed = tuple[np.ndarray, np.ndarray, np.ndarray]  # ptr int64, index int32, values float64
 _Matrix = np.ndarray | _Compressed | None
-_Operator = tuple[float, np.ndarray, _Matrix]  # h, reciprocals of D, R
+_Panels = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+_Operator = tuple[float, np.ndarray, _Matrix | _Panels]  # h, reciprocals of D, R
 _Load = (
     np.ndarray  # constant
     | tuple[np.ndarray, np.ndarray | None, float, bool]  # samples, shape, dt, hold
@@ -56,3 +57,15 @@ class Coupler:
     def record_present(self, record: _Record, /) -> None: ...
 
 def count_factor(ptr: np.ndarray, index: np.ndarray, /) -> np.ndarray: ...
+def postorder(ptr: np.ndarray, index: np.ndarray, nb: int, /) -> np.ndarray: ...
+def supernodes(ptr: np.ndarray, index: np.ndarray, nb: int, /) -> tuple[np.ndarray, ...]: ...
+def factor_panels(
+    matrix: _Compressed,
+    structure: tuple[np.ndarray, ...],
+    values: np.ndarray,
+    inverse: np.ndarray,
+    lost: float,
+    dgemm: Any,
+    dtrsm: Any,
+    /,
+) -> int | None: ...

@@ -69,7 +69,7 @@ class Part:
         what = f"M + al2 C of explicit subdomain {self.name!r}"
         if not self.subdomain.scheme.explicit:
             what = f"Mbar = M + al2 C + al1 K of subdomain {self.name!r}"
-        return (h, *factorize(self.mbar(h), what, self.dof))
+        return (h, *factorize(self.mbar(h), what, self.dof, nb=self.nb))
 
 
 def make_part(subdomain: Subdomain, name: str, double: bool, h: float, L: sp.csr_array) -> Part:

@@ -8,24 +8,27 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg import cython_blas
 from scipy.linalg.lapack import dpotrf
 from scipy.sparse.linalg import splu
 from threadpoolctl import ThreadpoolController
 
 from . import _core
 from .errors import FactorizationError
-from .matrices import Matrix
+from .matrices import Matrix, core_sparse
 from .memory import require
 
 # A pivot that has lost all digits of the diagonal entry it came from.
 LOST = 64.0 * np.finfo(float).eps
 # Bytes for each entry of a sparse factor while SuperLU makes it and the core's copy is taken.
 SUPERLU_BYTES = 90
+# From this many entries a column on, panels are swept faster than columns.
+WIDE = 24
 
 Factor = tuple[np.ndarray, Any]  # (inverse, R): the reciprocals of D, and R as the core takes it
 
 
-def factorize(A: Matrix, what: str, dof: Callable[[int], str]) -> Factor:
+def factorize(A: Matrix, what: str, dof: Callable[[int], str], *, nb: int = 0) -> Factor:
     """R and the reciprocals of D, as the core takes them.
 
     Parameters
@@ -36,6 +39,8 @@ def factorize(A: Matrix, what: str, dof: Callable[[int], str]) -> Factor:
         Names the matrix in messages.
     dof : callable
         Names the dof at a place of the elimination order in messages.
+    nb : int, default 0
+        The last so many unknowns are the interface, swept apart from the others.
 
     Raises
     ------
@@ -49,14 +54,18 @@ def factorize(A: Matrix, what: str, dof: Callable[[int], str]) -> Factor:
     if A.ndim == 1:
         _check_pivots(A, A, what, dof)
         return 1.0 / A, None
-    if sp.issparse(A):
-        return _sparse(A, what, dof)
-    with _blas().limit(limits=1):  # the same digits whatever the number of threads it would take
-        return _dense(A, what, dof)
+    with _blas_threads().limit(limits=1):  # the same digits whatever the number it would take
+        if not sp.issparse(A):
+            return _dense(A, what, dof)
+        ptr, index, _ = core_sparse(A)
+        entries = A.shape[0] + int(_core.count_factor(ptr, index).sum())
+        if entries > WIDE * A.shape[0]:
+            return panels(A, what, dof, nb=nb)
+        return columns(A, what, dof, entries)
 
 
 @cache
-def _blas() -> ThreadpoolController:
+def _blas_threads() -> ThreadpoolController:
     """The BLAS library that SciPy has loaded; looking for it takes milliseconds."""
     return ThreadpoolController().select(user_api="blas")
 
@@ -70,11 +79,28 @@ def _dense(A: np.ndarray, what: str, dof: Callable[[int], str]) -> Factor:
     return 1.0 / root**2, np.ascontiguousarray(lower.T / root[:, None])
 
 
-def _sparse(A: sp.csr_array, what: str, dof: Callable[[int], str]) -> Factor:
-    n = A.shape[0]
-    entries = n + int(
-        _core.count_factor(A.indptr.astype(np.int64), A.indices.astype(np.int32)).sum()
+def panels(A: sp.csr_array, what: str, dof: Callable[[int], str], *, nb: int) -> Factor:
+    """Our own supernodal factor: dense panels, 8 bytes an entry."""
+    matrix = core_sparse(A)
+    structure = _core.supernodes(matrix[0], matrix[1], nb)
+    first, row_ptr, rows, start, _ = structure
+    require(
+        8.0 * start[-1] + 4.0 * rows.size,
+        f"the factor of {what} ({A.shape[0]} dofs, {start[-1]} entries)",
     )
+    values, inverse = np.empty(start[-1]), np.empty(A.shape[0])
+    capsules = cython_blas.__pyx_capi__
+    failed = _core.factor_panels(
+        matrix, structure, values, inverse, LOST, capsules["dgemm"], capsules["dtrsm"]
+    )
+    if failed is not None:
+        raise _not_definite(what, dof(failed))
+    return inverse, (first, row_ptr, rows, start, values)
+
+
+def columns(A: sp.csr_array, what: str, dof: Callable[[int], str], entries: int) -> Factor:
+    """SuperLU's factor, column by column: for chains and other thin patterns."""
+    n = A.shape[0]
     require(SUPERLU_BYTES * entries, f"the factor of {what} ({n} dofs, {entries} entries)")
     d = A.diagonal()
     if not np.all(d > 0.0):
@@ -96,9 +122,9 @@ def _sparse(A: sp.csr_array, what: str, dof: Callable[[int], str]) -> Factor:
     R = lu.L
     R.sort_indices()
     _check_symmetric(R, pivots, lu.U, what)
-    columns = np.repeat(natural, np.diff(R.indptr))
-    below = (R.indices > columns) & (R.data != 0.0)
-    kept = np.concatenate([[0], np.cumsum(np.bincount(columns[below], minlength=n))])
+    own = np.repeat(natural, np.diff(R.indptr))
+    below = (R.indices > own) & (R.data != 0.0)
+    kept = np.concatenate([[0], np.cumsum(np.bincount(own[below], minlength=n))])
     return 1.0 / pivots, (
         kept.astype(np.int64),
         R.indices[below].astype(np.int32),

@@ -35,19 +35,23 @@ def elimination_order(n: int, terms: list[Matrix], last: np.ndarray) -> np.ndarr
     if not sparse or len(sparse) < sum(A is not None and A.ndim == 2 for A in terms):
         return natural  # nothing but diagonals, or dense anyway
     pattern = _pattern(sum(abs(A).sign() for A in sparse))
-    if fill(pattern, natural) <= LITTLE_FILL * (pattern.nnz + n) / 2:
-        return natural
-    degree = interior[_minimum_degree(sp.csr_array(pattern[interior][:, interior]))]
-    candidates = [natural, np.concatenate([degree, last])]
-    return min(candidates, key=lambda order: fill(pattern, order))
+    best = natural
+    if fill(pattern, natural) > LITTLE_FILL * (pattern.nnz + n) / 2:
+        degree = interior[_minimum_degree(sp.csr_array(pattern[interior][:, interior]))]
+        candidates = [natural, np.concatenate([degree, last])]
+        best = min(candidates, key=lambda order: fill(pattern, order))
+    return best[_core.postorder(*_rows(pattern, best), last.size)]
 
 
 def fill(pattern: sp.csr_array, order: np.ndarray) -> int:
     """Entries of the factor in this order, with the diagonal."""
+    return order.size + int(_core.count_factor(*_rows(pattern, order)).sum())
+
+
+def _rows(pattern: sp.csr_array, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The pattern in an order, as the core takes it."""
     B = sp.csr_array(pattern[order][:, order])
-    return int(_core.count_factor(B.indptr.astype(np.int64), B.indices.astype(np.int32)).sum()) + (
-        order.size
-    )
+    return B.indptr.astype(np.int64), B.indices.astype(np.int32)
 
 
 def _pattern(A: Matrix) -> sp.csr_array:

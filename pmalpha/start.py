@@ -101,9 +101,7 @@ class InitialAccelerations:
             mass.check_equations(own, lam, size)
         return w, lam
 
-    def _step(
-        self, r: Sequence[np.ndarray], g: np.ndarray
-    ) -> tuple[list[np.ndarray], np.ndarray]:
+    def _step(self, r: Sequence[np.ndarray], g: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
         """M w = r + L^T Lam by one step of the core, from rest."""
         lam = np.zeros(self.p)
         for mass, core, load in zip(self.masses, self.cores, r):
@@ -150,7 +148,8 @@ class _Mass:
         stand_in = np.zeros(part.n)
         stand_in[self.massless] = 1.0
         self.matrix: Matrix = combination([(1.0, part.M), (1.0, stand_in)])
-        self.operator = (1.0, *factorize(self.matrix, f"M of subdomain {part.name!r}", part.dof))
+        what = f"M of subdomain {part.name!r}"
+        self.operator = (1.0, *factorize(self.matrix, what, part.dof, nb=part.nb))
         self.linked = sp.csr_array(part.L @ sp.diags_array(1.0 - stand_in))
         self.bare = sp.csr_array(part.L[:, self.massless])
 

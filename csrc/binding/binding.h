@@ -31,8 +31,20 @@ typedef struct {
     PyTypeObject *coupler_type;
 } module_state;
 
+extern PyMethodDef pma_factor_functions[];
 extern PyType_Spec pma_subdomain_spec;
 extern PyType_Spec pma_coupler_spec;
+
+/* ---- work without the GIL --------------------------------------------------------------------- */
+
+typedef struct {
+    PyThreadState *thread;
+    long long last; /* ms */
+} pma_watch;
+
+pma_watch pma_watch_begin(void);        /* lets the GIL go */
+void pma_watch_end(pma_watch *watch);   /* takes it again */
+bool pma_watch_signals(void *watch);    /* every 50 ms: did a signal raise an exception? */
 
 /* ---- errors ------------------------------------------------------------------------------ */
 
@@ -52,7 +64,11 @@ int pma_take_doubles(PyObject *obj, npy_intp count, const char *name, PyObject *
 int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *arrays,
                     pma_matrix *out);
 
-/* (inverse, R): R is None, an (n, n) array whose row j is column j of R, or (ptr, index, values) */
+/* (first, row_ptr, rows, start, values), the panels of a factor; not checked yet */
+int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panels *out);
+
+/* (inverse, R): R is None, an (n, n) array whose row j is column j of R, (ptr, index, values), or
+ * panels */
 int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, PyObject *arrays,
                     pma_factor *out);
 

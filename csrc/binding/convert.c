@@ -114,6 +114,57 @@ int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *array
     return pma_take_doubles(obj, n, name, arrays, &out->values);
 }
 
+int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panels *out)
+{
+    PyObject *objs[5];
+    PyArrayObject *first, *row_ptr, *rows, *start, *values;
+    npy_intp any = -1;
+    if (!PyArg_ParseTuple(obj, "OOOOO", &objs[0], &objs[1], &objs[2], &objs[3], &objs[4]) ||
+        pma_take_array(objs[0], NPY_INT64, 1, &any, name, arrays, &first) < 0)
+        return -1;
+    npy_intp starts = PyArray_DIM(first, 0);
+    if (starts == 0) {
+        PyErr_Format(PyExc_ValueError, "%s: first must not be empty", name);
+        return -1;
+    }
+    if (pma_take_array(objs[1], NPY_INT64, 1, &starts, name, arrays, &row_ptr) < 0 ||
+        pma_take_array(objs[3], NPY_INT64, 1, &starts, name, arrays, &start) < 0)
+        return -1;
+    const int64_t *ends[2] = {PyArray_DATA(row_ptr), PyArray_DATA(start)};
+    npy_intp lengths[2] = {(npy_intp)ends[0][starts - 1], (npy_intp)ends[1][starts - 1]};
+    if (lengths[0] < 0 || lengths[1] < 0) {
+        PyErr_Format(PyExc_ValueError, "%s: the last start must not be negative", name);
+        return -1;
+    }
+    if (pma_take_array(objs[2], NPY_INT32, 1, &lengths[0], name, arrays, &rows) < 0 ||
+        pma_take_array(objs[4], NPY_DOUBLE, 1, &lengths[1], name, arrays, &values) < 0)
+        return -1;
+    *out = (pma_panels){.count = (size_t)starts - 1,
+                        .first = PyArray_DATA(first),
+                        .row_ptr = ends[0],
+                        .rows = PyArray_DATA(rows),
+                        .start = ends[1],
+                        .values = PyArray_DATA(values)};
+    return 0;
+}
+
+/* Scratch for the sweeps, kept with the other arrays; the panels are checked for that. */
+static int add_work(PyObject *arrays, pma_factor *f)
+{
+    const pma_status status = pma_factor_check(f);
+    if (status != PMA_OK) {
+        pma_raise(status, "factor");
+        return -1;
+    }
+    npy_intp most = (npy_intp)pma_panels_most_rows(&f->panels) + 1;
+    PyObject *work = PyArray_ZEROS(1, &most, NPY_DOUBLE, 0);
+    const int failed = work ? PyList_Append(arrays, work) : -1;
+    if (!failed)
+        f->work = PyArray_DATA((PyArrayObject *)work);
+    Py_XDECREF(work);
+    return failed;
+}
+
 int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, PyObject *arrays,
                     pma_factor *out)
 {
@@ -127,6 +178,10 @@ int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, Py
         return -1;
     if (R == Py_None)
         return 0;
+    if (PyTuple_Check(R) && PyTuple_GET_SIZE(R) == 5) {
+        out->form = PMA_PANELS;
+        return pma_take_panels(R, name, arrays, &out->panels) < 0 ? -1 : add_work(arrays, out);
+    }
     if (PyTuple_Check(R)) {
         out->form = PMA_SPARSE;
         return take_compressed(R, n, name, arrays, &out->ptr, &out->index, &out->values);

@@ -1,8 +1,6 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-#include <time.h>
-
 typedef struct {
     PyObject_HEAD
     pma_coupler *core;
@@ -279,33 +277,8 @@ static int take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_reco
 
 /* ---- stepping ------------------------------------------------------------------------------- */
 
-/* Signals are looked at every 50 ms; the clock is read after this many matrix entries. */
-enum { POLL_ENTRIES = 20000, POLL_MILLISECONDS = 50 };
-
-typedef struct {
-    PyThreadState *thread;
-    long long last; /* ms */
-} poll_context;
-
-static long long milliseconds(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (long long)now.tv_sec * 1000 + now.tv_nsec / 1000000;
-}
-
-static bool signal_came(void *ctx)
-{
-    poll_context *poll = ctx;
-    const long long now = milliseconds();
-    if (now - poll->last < POLL_MILLISECONDS)
-        return false;
-    poll->last = now;
-    PyEval_RestoreThread(poll->thread);
-    const bool came = PyErr_CheckSignals() < 0;
-    poll->thread = PyEval_SaveThread();
-    return came;
-}
+/* The core asks whether to stop after this many matrix entries. */
+enum { POLL_ENTRIES = 20000 };
 
 /* does a table hold the loads of all own steps, `substeps` in a macro step? */
 static bool covers(const pma_load *load, int64_t begin, int64_t end, int64_t substeps)
@@ -352,11 +325,10 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
          take_record(self, obj, pma_coupler_step_count(self->core) + steps, &record) < 0))
         goto done;
 
-    poll_context context = {.last = milliseconds()};
-    const pma_poll poll = {signal_came, &context, POLL_ENTRIES};
-    context.thread = PyEval_SaveThread();
+    pma_watch watch = pma_watch_begin();
+    const pma_poll poll = {pma_watch_signals, &watch, POLL_ENTRIES};
     status = pma_coupler_advance(self->core, steps, obj == Py_None ? NULL : &record, &poll);
-    PyEval_RestoreThread(context.thread);
+    pma_watch_end(&watch);
 
     if (status == PMA_OK) {
         result = Py_NewRef(Py_None);

@@ -4,6 +4,8 @@ pma_status pma_factor_check(const pma_factor *f)
 {
     if (f->nb > f->n)
         return PMA_BAD_SIZE;
+    if (f->form == PMA_PANELS)
+        return pma_panels_check(&f->panels, f->n, f->nb);
     if (f->form != PMA_SPARSE)
         return PMA_OK;
     if (f->ptr[0] != 0)
@@ -28,6 +30,8 @@ size_t pma_factor_entries(const pma_factor *f)
         return f->n * (f->n + 1) / 2;
     case PMA_SPARSE:
         return f->n + (size_t)f->ptr[f->n];
+    case PMA_PANELS:
+        return (size_t)f->panels.start[f->panels.count];
     default:
         return f->n;
     }
@@ -113,6 +117,8 @@ static void eliminate(const pma_factor *f, size_t first, size_t last, double *x)
         eliminate_columns(f, first, last, x);
     else if (f->form == PMA_SPARSE)
         eliminate_sparse(f, first, last, x);
+    else if (f->form == PMA_PANELS)
+        pma_panels_eliminate(&f->panels, first, last, x, f->work);
 }
 
 /* Backward through the columns last-1..first; x[0] stands for unknown `first`. */
@@ -122,6 +128,8 @@ static void substitute(const pma_factor *f, size_t first, size_t last, double *x
         substitute_columns(f, first, last, x);
     } else if (f->form == PMA_SPARSE) {
         substitute_sparse(f, first, last, x);
+    } else if (f->form == PMA_PANELS) {
+        pma_panels_substitute(&f->panels, f->inverse, first, last, x, f->work);
     } else {
         for (size_t j = first; j < last; j++)
             x[j - first] *= f->inverse[j];

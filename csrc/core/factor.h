@@ -10,6 +10,7 @@
 #include <stdint.h>
 
 #include "matrix.h"
+#include "panels.h"
 #include "status.h"
 
 /* Bare arrays of the caller, who keeps them alive. */
@@ -20,6 +21,8 @@ typedef struct {
     const double *values;  /* dense: n*n by columns, read below the diagonal; sparse: ptr[n] */
     const int64_t *ptr;    /* sparse: n+1 starts of the columns, else NULL */
     const int32_t *index;  /* sparse: row of each entry, below the diagonal and ascending */
+    pma_panels panels;     /* panels: see there */
+    double *work;          /* panels: pma_panels_most_rows, scratch of the sweeps */
 } pma_factor;
 
 /* PMA_BAD_SIZE when nb > n, PMA_BAD_INDEX unless the entries of each column ascend and

@@ -70,7 +70,7 @@ void pma_matrix_subtract(const pma_matrix *A, const double *x, double *y)
     case PMA_SPARSE:
         subtract_sparse(A, x, y);
         break;
-    case PMA_ZERO:
+    default: /* zero */
         break;
     }
 }

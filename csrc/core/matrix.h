@@ -8,7 +8,7 @@
 #include "status.h"
 
 /* The forms of a matrix and of a factor. */
-typedef enum { PMA_ZERO, PMA_DIAGONAL, PMA_DENSE, PMA_SPARSE } pma_form;
+typedef enum { PMA_ZERO, PMA_DIAGONAL, PMA_DENSE, PMA_SPARSE, PMA_PANELS } pma_form;
 
 /* Bare arrays of the caller, who keeps them alive. */
 typedef struct {

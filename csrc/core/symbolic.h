@@ -1,16 +1,45 @@
-/* symbolic.h - how many entries a factor will have, known before it is computed. */
+/* symbolic.h - the structure of a factor, known before its numbers.
+ *
+ * Patterns are those of a symmetric matrix of size n by rows, in elimination order: ptr (n+1) and
+ * index, every index in 0..n-1. Nothing here allocates. */
 #ifndef PMA_SYMBOLIC_H
 #define PMA_SYMBOLIC_H
 
 #include <stddef.h>
 #include <stdint.h>
 
-/* Entries of R below the diagonal, column by column, for a matrix of size n in this order.
+/* Widest supernode: its panel and an update to it stay within the private caches. */
+enum { PMA_WIDEST = 256 };
+
+/* Entries of R below the diagonal, column by column, and the elimination tree.
  *
- * ptr (n+1), index: the pattern by rows, symmetric, every index in 0..n-1; entries on and above
- * the diagonal are passed over. parent, mark (n): scratch. count (n): output. Does not allocate.
- * Takes time in proportion to the entries of R. */
+ * parent (n): output, the next column that a column is an update to, -1 for a root. count (n):
+ * output. mark (n): scratch. Takes time in proportion to the entries of R. */
 void pma_symbolic_count(size_t n, const int64_t *ptr, const int32_t *index, int64_t *parent,
                         int64_t *mark, int64_t *count);
+
+/* An order with the same fill in which every subtree of the interior is contiguous and the child
+ * with the longest column stands next to its parent; the last nb stay where they are.
+ *
+ * order (n): output, column at each place. scratch: 2 n. */
+void pma_symbolic_postorder(size_t n, size_t nb, const int64_t *parent, const int64_t *count,
+                            int64_t *scratch, int64_t *order);
+
+/* Columns in postorder gathered to supernodes: same pattern, or nearly so where a few zeros are
+ * cheaper than an index; none across the border to the last nb columns.
+ *
+ * first (n+1): output, the first column of each supernode, closed by n. zeros (n): scratch.
+ * Returns how many there are. */
+size_t pma_symbolic_supernodes(size_t n, size_t nb, const int64_t *parent, const int64_t *count,
+                               int64_t *zeros, int64_t *first);
+
+/* The rows below the diagonal block of each supernode, ascending.
+ *
+ * row_ptr (supernodes+1): input, row_ptr[s+1] - row_ptr[s] = count of its last column.
+ * rows: output. owner (n): output, the supernode of each column. mark (n), child, next
+ * (supernodes): scratch. */
+void pma_symbolic_rows(size_t n, const int64_t *ptr, const int32_t *index, size_t supernodes,
+                       const int64_t *first, const int64_t *row_ptr, int64_t *owner,
+                       int64_t *mark, int64_t *child, int64_t *next, int32_t *rows);
 
 #endif

@@ -1,0 +1,288 @@
+/* The symbolic and numeric factorization, as functions of the module. */
+#define NO_IMPORT_ARRAY
+#include "binding.h"
+#include "symbolic.h"
+
+/* ---- patterns -------------------------------------------------------------------------------- */
+
+typedef struct {
+    size_t n;
+    const int64_t *ptr;
+    const int32_t *index;
+} pattern;
+
+static int take_pattern(PyObject *ptr_obj, PyObject *index_obj, pattern *out)
+{
+    PyArrayObject *ptr, *index;
+    const npy_intp any = -1;
+    if (pma_take_array(ptr_obj, NPY_INT64, 1, &any, "ptr", NULL, &ptr) < 0)
+        return -1;
+    const npy_intp n = PyArray_DIM(ptr, 0) - 1;
+    if (n < 0) {
+        PyErr_SetString(PyExc_ValueError, "ptr must not be empty");
+        return -1;
+    }
+    const int64_t *starts = PyArray_DATA(ptr);
+    const npy_intp entries = starts[n] < 0 ? 0 : (npy_intp)starts[n];
+    if (pma_take_array(index_obj, NPY_INT32, 1, &entries, "index", NULL, &index) < 0)
+        return -1;
+    *out = (pattern){(size_t)n, starts, PyArray_DATA(index)};
+    const pma_matrix A = {
+        .form = PMA_SPARSE, .n = out->n, .ptr = out->ptr, .index = out->index};
+    if (pma_matrix_check(&A) == PMA_OK)
+        return 0;
+    pma_raise(PMA_BAD_INDEX, "pattern");
+    return -1;
+}
+
+static int take_pattern_and_border(PyObject *args, pattern *out, Py_ssize_t *nb)
+{
+    PyObject *ptr, *index;
+    if (!PyArg_ParseTuple(args, "OOn", &ptr, &index, nb) || take_pattern(ptr, index, out) < 0)
+        return -1;
+    if (*nb >= 0 && (size_t)*nb <= out->n)
+        return 0;
+    PyErr_SetString(PyExc_ValueError, "nb must lie in 0..n");
+    return -1;
+}
+
+/* A new array of int64; its data in *data. */
+static PyObject *new_integers(size_t count, int64_t **data)
+{
+    npy_intp length = (npy_intp)count;
+    PyObject *array = PyArray_ZEROS(1, &length, NPY_INT64, 0);
+    if (array)
+        *data = PyArray_DATA((PyArrayObject *)array);
+    return array;
+}
+
+static PyObject *count_factor(PyObject *Py_UNUSED(module), PyObject *args)
+{
+    PyObject *ptr, *index, *array;
+    pattern A;
+    int64_t *count;
+    if (!PyArg_ParseTuple(args, "OO", &ptr, &index) || take_pattern(ptr, index, &A) < 0)
+        return NULL;
+    int64_t *scratch = PyMem_Calloc(2 * A.n + 1, sizeof *scratch);
+    if (!scratch)
+        return PyErr_NoMemory();
+    array = new_integers(A.n, &count);
+    if (array) {
+        Py_BEGIN_ALLOW_THREADS
+        pma_symbolic_count(A.n, A.ptr, A.index, scratch, scratch + A.n, count);
+        Py_END_ALLOW_THREADS
+    }
+    PyMem_Free(scratch);
+    return array;
+}
+
+static PyObject *postorder(PyObject *Py_UNUSED(module), PyObject *args)
+{
+    PyObject *array;
+    pattern A;
+    Py_ssize_t nb;
+    int64_t *order;
+    if (take_pattern_and_border(args, &A, &nb) < 0)
+        return NULL;
+    int64_t *scratch = PyMem_Calloc(4 * A.n + 1, sizeof *scratch);
+    if (!scratch)
+        return PyErr_NoMemory();
+    array = new_integers(A.n, &order);
+    if (array) {
+        int64_t *parent = scratch, *count = scratch + A.n, *rest = scratch + 2 * A.n;
+        Py_BEGIN_ALLOW_THREADS
+        pma_symbolic_count(A.n, A.ptr, A.index, parent, rest, count);
+        pma_symbolic_postorder(A.n, (size_t)nb, parent, count, rest, order);
+        Py_END_ALLOW_THREADS
+    }
+    PyMem_Free(scratch);
+    return array;
+}
+
+/* ---- supernodes ------------------------------------------------------------------------------ */
+
+/* row_ptr and start (s+1 each) from what is known of the columns */
+static void lay_out(size_t s, const int64_t *first, const int64_t *count, int64_t *row_ptr,
+                    int64_t *start)
+{
+    row_ptr[0] = start[0] = 0;
+    for (size_t k = 0; k < s; k++) {
+        const int64_t width = first[k + 1] - first[k], below = count[first[k + 1] - 1];
+        row_ptr[k + 1] = row_ptr[k] + below;
+        start[k + 1] = start[k] + width * (width + below);
+    }
+}
+
+/* The arrays of the structure, once the supernodes are known; scratch: 3 n. */
+static PyObject *new_structure(const pattern *A, size_t s, const int64_t *columns,
+                               const int64_t *count, int64_t *scratch)
+{
+    int64_t *first, *row_ptr, *start, *owner;
+    PyObject *arrays[5] = {new_integers(s + 1, &first), new_integers(s + 1, &row_ptr), NULL,
+                           new_integers(s + 1, &start), new_integers(A->n, &owner)};
+    PyObject *structure = NULL;
+    if (arrays[0] && arrays[1] && arrays[3] && arrays[4]) {
+        memcpy(first, columns, (s + 1) * sizeof *first);
+        lay_out(s, first, count, row_ptr, start);
+        npy_intp length = (npy_intp)row_ptr[s];
+        arrays[2] = PyArray_ZEROS(1, &length, NPY_INT32, 0);
+    }
+    if (arrays[2]) {
+        int32_t *rows = PyArray_DATA((PyArrayObject *)arrays[2]);
+        Py_BEGIN_ALLOW_THREADS
+        pma_symbolic_rows(A->n, A->ptr, A->index, s, first, row_ptr, owner, scratch,
+                          scratch + A->n, scratch + 2 * A->n, rows);
+        Py_END_ALLOW_THREADS
+        structure = PyTuple_Pack(5, arrays[0], arrays[1], arrays[2], arrays[3], arrays[4]);
+    }
+    for (size_t k = 0; k < 5; k++)
+        Py_XDECREF(arrays[k]);
+    return structure;
+}
+
+static PyObject *supernodes(PyObject *Py_UNUSED(module), PyObject *args)
+{
+    pattern A;
+    Py_ssize_t nb;
+    if (take_pattern_and_border(args, &A, &nb) < 0)
+        return NULL;
+    int64_t *scratch = PyMem_Calloc(7 * A.n + 2, sizeof *scratch);
+    if (!scratch)
+        return PyErr_NoMemory();
+    int64_t *parent = scratch, *count = scratch + A.n, *first = scratch + 2 * A.n;
+    int64_t *rest = scratch + 3 * A.n + 1;
+    size_t s;
+    Py_BEGIN_ALLOW_THREADS
+    pma_symbolic_count(A.n, A.ptr, A.index, parent, rest, count);
+    s = pma_symbolic_supernodes(A.n, (size_t)nb, parent, count, rest, first);
+    Py_END_ALLOW_THREADS
+    PyObject *structure = new_structure(&A, s, first, count, rest);
+    PyMem_Free(scratch);
+    return structure;
+}
+
+/* ---- numbers --------------------------------------------------------------------------------- */
+
+static void *pointer_of(PyObject *capsule)
+{
+    return PyCapsule_GetPointer(capsule, PyCapsule_GetName(capsule));
+}
+
+/* A function pointer behind a void pointer, as POSIX allows and C11 does not say. */
+static int take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *blas)
+{
+    void *pointers[2] = {pointer_of(dgemm), pointer_of(dtrsm)};
+    if (!pointers[0] || !pointers[1])
+        return -1;
+    memcpy(&blas->dgemm, &pointers[0], sizeof pointers[0]);
+    memcpy(&blas->dtrsm, &pointers[1], sizeof pointers[1]);
+    return 0;
+}
+
+/* Runs the numeric part with its scratch; PMA_NO_MEMORY when there is none. */
+static pma_status run_factor(pma_panels *p, const pma_panels_input *A, const int64_t *owner,
+                             const pma_blas *blas, double *inverse, size_t *column)
+{
+    double *update = PyMem_RawMalloc((pma_panels_update_size(p) + 1) * sizeof *update);
+    int64_t *integers = PyMem_RawMalloc((3 * p->count + A->n + 1) * sizeof *integers);
+    pma_status status = PMA_NO_MEMORY;
+    if (update && integers) {
+        pma_watch watch = pma_watch_begin();
+        status = pma_panels_factor(p, A, owner, blas, inverse, update, integers, column,
+                                   pma_watch_signals, &watch);
+        pma_watch_end(&watch);
+    }
+    PyMem_RawFree(update);
+    PyMem_RawFree(integers);
+    return status;
+}
+
+/* (ptr, index, values) and (first, row_ptr, rows, start, owner) of the same pattern */
+static int take_problem(PyObject *matrix, PyObject *structure, PyObject *values, PyObject *arrays,
+                        pma_panels_input *A, pma_panels *p, const int64_t **owner)
+{
+    PyArrayObject *owners;
+    pattern of;
+    if (!PyTuple_Check(matrix) || PyTuple_GET_SIZE(matrix) != 3 || !PyTuple_Check(structure) ||
+        PyTuple_GET_SIZE(structure) != 5) {
+        PyErr_SetString(PyExc_TypeError, "factor_panels takes a matrix and its structure");
+        return -1;
+    }
+    if (take_pattern(PyTuple_GET_ITEM(matrix, 0), PyTuple_GET_ITEM(matrix, 1), &of) < 0)
+        return -1;
+    A->n = of.n;
+    A->ptr = of.ptr;
+    A->index = of.index;
+    const npy_intp n = (npy_intp)of.n;
+    if (pma_take_doubles(PyTuple_GET_ITEM(matrix, 2), (npy_intp)of.ptr[of.n], "values", arrays,
+                         &A->values) < 0 ||
+        pma_take_array(PyTuple_GET_ITEM(structure, 4), NPY_INT64, 1, &n, "owner", arrays,
+                       &owners) < 0)
+        return -1;
+    *owner = PyArray_DATA(owners);
+    PyObject *panels = PyTuple_Pack(5, PyTuple_GET_ITEM(structure, 0),
+                                    PyTuple_GET_ITEM(structure, 1), PyTuple_GET_ITEM(structure, 2),
+                                    PyTuple_GET_ITEM(structure, 3), values);
+    const int failed = panels ? pma_take_panels(panels, "structure", arrays, p) : -1;
+    Py_XDECREF(panels);
+    if (failed)
+        return -1;
+    bool right = pma_panels_check(p, of.n, 0) == PMA_OK;
+    for (size_t j = 0; right && j < of.n; j++) {
+        const int64_t s = (*owner)[j];
+        right = s >= 0 && (size_t)s < p->count && p->first[s] <= (int64_t)j &&
+                (int64_t)j < p->first[s + 1];
+    }
+    if (!right)
+        pma_raise(PMA_BAD_INDEX, "structure");
+    return right ? 0 : -1;
+}
+
+/* factor_panels(matrix, structure, values, inverse, lost, dgemm, dtrsm): fills values and inverse;
+ * None, or the column whose pivot is not positive */
+static PyObject *factor_panels(PyObject *Py_UNUSED(module), PyObject *args)
+{
+    PyObject *matrix, *structure, *values, *inverse_obj, *dgemm, *dtrsm, *result = NULL;
+    pma_panels_input A;
+    pma_panels p;
+    pma_blas blas;
+    const int64_t *owner;
+    const double *inverse;
+    size_t column = 0;
+    if (!PyArg_ParseTuple(args, "OOOOdOO", &matrix, &structure, &values, &inverse_obj, &A.lost,
+                          &dgemm, &dtrsm) ||
+        take_blas(dgemm, dtrsm, &blas) < 0)
+        return NULL;
+    PyObject *arrays = PyList_New(0);
+    if (!arrays || take_problem(matrix, structure, values, arrays, &A, &p, &owner) < 0 ||
+        pma_take_doubles(inverse_obj, (npy_intp)A.n, "inverse", arrays, &inverse) < 0)
+        goto done;
+    if (!PyArray_ISWRITEABLE((PyArrayObject *)values) ||
+        !PyArray_ISWRITEABLE((PyArrayObject *)inverse_obj)) {
+        PyErr_SetString(PyExc_ValueError, "values and inverse must be writeable");
+        goto done;
+    }
+    const pma_status status = run_factor(&p, &A, owner, &blas,
+                                         PyArray_DATA((PyArrayObject *)inverse_obj), &column);
+    if (status == PMA_OK)
+        result = Py_NewRef(Py_None);
+    else if (status == PMA_NOT_DEFINITE)
+        result = PyLong_FromSize_t(column);
+    else
+        pma_raise(status, "factor_panels");
+done:
+    Py_XDECREF(arrays);
+    return result;
+}
+
+PyMethodDef pma_factor_functions[] = {
+    {"count_factor", count_factor, METH_VARARGS,
+     "count_factor(ptr, index) -> entries of the factor below the diagonal, column by column"},
+    {"postorder", postorder, METH_VARARGS,
+     "postorder(ptr, index, nb) -> order in which subtrees are contiguous, the last nb in place"},
+    {"supernodes", supernodes, METH_VARARGS,
+     "supernodes(ptr, index, nb) -> (first, row_ptr, rows, start, owner)"},
+    {"factor_panels", factor_panels, METH_VARARGS,
+     "factor_panels(matrix, structure, values, inverse, lost, dgemm, dtrsm) -> None or a column"},
+    {NULL, NULL, 0, NULL},
+};

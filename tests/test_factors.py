@@ -1,0 +1,194 @@
+"""Factors and the sweeps over them, against dense solutions and against each other."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from problems import random_problem
+
+import pmalpha as pm
+from pmalpha import _core, factors
+from pmalpha.matrices import core_sparse, permuted
+from pmalpha.ordering import elimination_order, fill
+
+DEFINITE = pm.FactorizationError
+
+
+def random_matrix(rng, n, density):
+    """Sparse, symmetric, positive definite, with unconnected parts where the density is low."""
+    A = sp.random_array((n, n), density=density, rng=rng)
+    return sp.csr_array(A @ A.T + sp.diags_array(rng.uniform(0.5, 1.5, n)))
+
+
+def ordered(A, nb):
+    """A in the order in which it is factored, with the last nb dofs last."""
+    n = A.shape[0]
+    return permuted(A, elimination_order(n, [A], np.arange(n - nb, n)))
+
+
+def solve(factor, b, nb):
+    """A^-1 b by a step of the core: with al2 = 1 and no stiffness, w1 = A^-1 F."""
+    n, none = b.size, np.empty(0)
+    link = (0, np.zeros(nb + 1, dtype=np.int64), np.empty(0, dtype=np.int32), none)
+    s = _core.Subdomain(
+        n=n,
+        nb=nb,
+        substeps=1,
+        K=None,
+        C=None,
+        scheme=(0.0, 0.0, 0.0, 1.0),
+        single=(1.0, *factor),
+        twice=None,
+        link=link,
+    )
+    coupler = _core.Coupler((s,), 0, (none, None), (none, None), 1.0, False, ())
+    zero = np.zeros(n)
+    s.start(zero, zero, zero, none)
+    s.set_load(b)
+    coupler.start(0, none, none)
+    assert coupler.advance(1, None) is None
+    return s.state()[2]
+
+
+def name(place):
+    return f"dof {place}"
+
+
+def all_factors(A, nb):
+    yield factors.panels(A, "A", name, nb=nb)
+    yield factors.columns(A, "A", name, 0)
+    yield factors.factorize(A.toarray(), "A", name, nb=nb)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_every_form_of_factor_solves_what_the_matrix_says(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 70))
+    nb = int(rng.integers(0, n + 1))
+    A = ordered(random_matrix(rng, n, rng.choice([0.01, 0.05, 0.3])), nb)
+    x = rng.normal(size=n)
+    for factor in all_factors(A, nb):
+        # the matrices have a condition below 1e4
+        np.testing.assert_allclose(solve(factor, A @ x, nb), x, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("nb", [0, 36, 216])
+def test_a_solid_has_the_same_solution_by_panels_and_by_columns(nb):
+    n = 6
+    one, T = sp.eye_array(n), sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n))
+    K = sp.kron(sp.kron(T, one), one) + sp.kron(sp.kron(one, T), one)
+    K = sp.csr_array(K + sp.kron(sp.kron(one, one), T))
+    A = ordered(K, nb)
+    b = np.cos(np.arange(n**3))
+    by_panels, by_columns, dense = (solve(f, b, nb) for f in all_factors(A, nb))
+    np.testing.assert_allclose(by_panels, dense, atol=1e-14)  # rounding: condition 20, size 1
+    np.testing.assert_allclose(by_columns, dense, atol=1e-14)
+
+
+@pytest.mark.parametrize("width", [1, 47, 48, 49, 255, 256, 257, 300])
+def test_dense_panels_of_every_width_are_factored(width):
+    # a full matrix is one supernode up to the widest, then two: the blocks of the dense part
+    rng = np.random.default_rng(width)
+    A = rng.normal(size=(width, width))
+    A = sp.csr_array(A @ A.T / width + np.eye(width))
+    x = rng.normal(size=width)
+    solution = solve(factors.panels(A, "A", name, nb=0), A @ x, 0)
+    np.testing.assert_allclose(solution, x, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_coupled_problems_agree_with_the_reference_by_panels_too(seed, monkeypatch):
+    monkeypatch.setattr(factors, "WIDE", 0)
+    problem = random_problem(seed)
+    coupler = problem.coupler()
+    expected = problem.reference(9, [part.double for part in coupler._parts])
+    history = coupler.run(steps=9)
+    scale = max(np.max(np.abs(part.u)) for part in expected.parts)
+    for i, part in enumerate(expected.parts):
+        # as in test_against_reference
+        assert np.max(np.abs(history[i].u - part.u)) <= 1e-9 * scale
+
+
+def indefinite(n, where):
+    """Positive definite but for one negative direction at a dof."""
+    A = sp.lil_array(random_matrix(np.random.default_rng(0), n, 0.1))
+    A[where, where] = -3.0
+    return sp.csr_array(A)
+
+
+@pytest.mark.parametrize("where", [0, 17, 39])
+def test_an_indefinite_matrix_is_refused_in_every_form(where):
+    A = indefinite(40, where)
+    attempts = [
+        lambda: factors.panels(A, "A", name, nb=0),
+        lambda: factors.columns(A, "A", name, 0),
+        lambda: factors.factorize(A.toarray(), "A", name),
+    ]
+    for attempt in attempts:
+        with pytest.raises(DEFINITE, match=f"^A is not positive definite.*dof {where}"):
+            attempt()
+
+
+def test_a_floating_matrix_is_refused_in_every_form():
+    n = 30
+    B = sp.diags_array([-1.0, 1.0], offsets=[0, 1], shape=(n - 1, n))
+    A = sp.csr_array(B.T @ B)  # by hand: the pivots are 1, ..., 1, 0
+    for attempt in (
+        lambda: factors.panels(A, "A", name, nb=0),
+        lambda: factors.columns(A, "A", name, 0),
+        lambda: factors.factorize(A.toarray(), "A", name),
+    ):
+        with pytest.raises(DEFINITE, match="A is"):
+            attempt()
+
+
+def test_the_count_of_entries_is_that_of_a_dense_elimination():
+    rng = np.random.default_rng(3)
+    for n in (1, 2, 9, 33):
+        A = random_matrix(rng, n, 0.1)
+        ptr, index, _ = core_sparse(A)
+        pattern = A.toarray() != 0.0
+        for k in range(n):  # symbolic elimination, by hand
+            below = np.flatnonzero(pattern[k + 1 :, k]) + k + 1
+            pattern[np.ix_(below, below)] = True
+        counts = [int(pattern[k + 1 :, k].sum()) for k in range(n)]
+        np.testing.assert_array_equal(_core.count_factor(ptr, index), counts)
+        assert fill(A, np.arange(n)) == n + sum(counts)
+
+
+def test_an_order_has_the_interface_last_and_holds_every_dof_once():
+    rng = np.random.default_rng(5)
+    for n in (1, 5, 40, 200):
+        A = random_matrix(rng, n, 0.03)
+        last = np.sort(rng.choice(n, n // 3, replace=False))
+        order = elimination_order(n, [A], last)
+        np.testing.assert_array_equal(np.sort(order), np.arange(n))
+        np.testing.assert_array_equal(order[n - last.size :], last)
+
+
+def test_a_factor_that_cannot_fit_is_refused_before_it_is_begun(monkeypatch):
+    monkeypatch.setattr("pmalpha.memory.available", lambda: 1000)
+    A = random_matrix(np.random.default_rng(0), 60, 0.2)
+    for attempt in (
+        lambda: factors.panels(A, "Mbar", name, nb=0),
+        lambda: factors.columns(A, "Mbar", name, 1000),
+    ):
+        with pytest.raises(MemoryError, match="the factor of Mbar .* 60 dofs|Mbar.*available"):
+            attempt()
+
+
+def test_a_structure_that_is_not_of_the_matrix_is_refused():
+    A = random_matrix(np.random.default_rng(1), 20, 0.2)
+    ptr, index, values = core_sparse(A)
+    structure = _core.supernodes(*core_sparse(sp.eye_array(20, format="csr"))[:2], 0)
+    panel_values, inverse = np.empty(structure[3][-1]), np.empty(20)
+    capsules = factors.cython_blas.__pyx_capi__
+    with pytest.raises(ValueError, match="out of range"):
+        _core.factor_panels(
+            (ptr, index, values),
+            structure,
+            panel_values,
+            inverse,
+            0.0,
+            capsules["dgemm"],
+            capsules["dtrsm"],
+        )
