@@ -17,7 +17,10 @@ def real_number(value: Any, name: str, *, low: float = -np.inf, high: float = np
             raise TypeError(f"{name} must be a real number, got {value!r}")
     if np.iscomplexobj(value):
         raise TypeError(f"{name} must be a real number, got {value!r}")
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:
+        number = np.inf  # a whole number that no double can hold
     if not low <= number <= high or not np.isfinite(number):
         raise ValueError(f"{name} must {_range(low, high)}, got {value!r}")
     return number
@@ -39,8 +42,12 @@ def positive_number(value: Any, name: str) -> float:
     return number
 
 
-def whole_number(value: Any, name: str, *, low: int = 0) -> int:
-    """An int of at least low."""
+# Above this a counter of the core could overflow.
+MOST = 2**53
+
+
+def whole_number(value: Any, name: str, *, low: int = 0, high: int = MOST) -> int:
+    """An int in low..high."""
     if isinstance(value, (bool, np.bool_)):
         raise TypeError(f"{name} must be a whole number, got {value!r}")
     try:
@@ -49,14 +56,34 @@ def whole_number(value: Any, name: str, *, low: int = 0) -> int:
         raise TypeError(f"{name} must be a whole number, got {value!r}") from None
     if number < low:
         raise ValueError(f"{name} must be at least {low}, got {number}")
+    if number > high:
+        raise ValueError(f"{name} must be at most {high}, got {number}")
     return number
 
 
-def real_array(value: Any, name: str, ndim: int | tuple[int, ...] = 1) -> np.ndarray:
-    """A new C-contiguous float64 array of finite numbers with one of these dimensions."""
+def flag(value: Any, name: str) -> bool:
+    """True or False, and no number that stands for one."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name} must be True or False, got {value!r}")
+    return bool(value)
+
+
+def plain_array(value: Any, name: str) -> np.ndarray:
+    """A value as array, with an error that names it where NumPy cannot make one."""
     if isinstance(value, np.ma.MaskedArray):
         raise TypeError(f"{name} must not be a masked array")
-    array = np.asarray(value)
+    try:
+        return np.asarray(value)
+    except ValueError as error:
+        raise ValueError(f"{name} must be a regular array, got a ragged one: {error}") from None
+
+
+def real_array(value: Any, name: str, ndim: int | tuple[int, ...] = 1) -> np.ndarray:
+    """A new C-contiguous float64 array of finite numbers with one of these dimensions.
+
+    It is read-only: what was checked stays what it was.
+    """
+    array = plain_array(value, name)
     if array.dtype.kind not in "iuf" or array.dtype.itemsize > 8 and array.dtype.kind != "f":
         raise TypeError(f"{name} must hold real numbers, got dtype {array.dtype}")
     dimensions = (ndim,) if isinstance(ndim, int) else ndim
@@ -65,6 +92,7 @@ def real_array(value: Any, name: str, ndim: int | tuple[int, ...] = 1) -> np.nda
         raise ValueError(f"{name} must be a {wanted} array, got shape {array.shape}")
     array = np.array(array, dtype=np.float64, order="C", subok=False)
     require_finite(array, name)
+    array.setflags(write=False)
     return array
 
 

@@ -136,7 +136,8 @@ def row_order(parts: Sequence[Part], p: int) -> np.ndarray:
     graphs = []
     for part in parts:
         rows = conditions_of(part.L)
-        if part.mbar(part.h).ndim == 1:
+        mbar = part.mbar(part.h)
+        if mbar is None or mbar.ndim == 1:
             pattern = abs(part.L).sign()
             graphs.append(sp.csr_array(pattern @ pattern.T))
         elif rows.size**2 > DENSE_SHARE * p**2:

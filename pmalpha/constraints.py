@@ -7,14 +7,24 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg import qr
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from ._checks import listing, real_array, require_finite
+from ._checks import listing, plain_array, real_array, require_finite
 from .errors import ConstraintError
 from .forces import BaseAcceleration, checked_force
+from .matrices import entries
+from .memory import require
 from .subdomain import Subdomain
 
 __all__ = ["Constraint", "tie"]
+
+# A squared distance of a row from the others that makes one look closer.
+SUSPICIOUS = 1e-6
+# Rows that hang together are looked at as a dense matrix up to this many; a distance of one of
+# them below DEPENDENT counts as none.
+FEW, DEPENDENT = 400, 1e-9
 
 
 class Constraint:
@@ -64,9 +74,11 @@ class Constraint:
         if len(rows) > 1:
             raise ValueError(f"matrices must have the same number of rows, got {sorted(rows)}")
         self.p = rows.pop()
-        entries = sum(np.bincount(L.nonzero()[0], minlength=self.p) for L in self.matrices.values())
-        if self.p == 0 or np.any(entries == 0):
-            empty = np.flatnonzero(entries == 0)
+        counts = sum(np.bincount(L.nonzero()[0], minlength=self.p) for L in self.matrices.values())
+        if self.p == 0:
+            raise ValueError("matrices must have at least one row, got none")
+        if np.any(counts == 0):
+            empty = np.flatnonzero(counts == 0)
             raise ValueError(
                 f"every condition must have an entry, got none in rows {listing(empty)}"
             )
@@ -82,7 +94,9 @@ def _condition_matrix(subdomain: Any, L: Any) -> sp.csr_array:
     if sp.issparse(L):
         if L.dtype.kind not in "iuf":
             raise TypeError(f"{what} must hold real numbers, got dtype {L.dtype}")
-        L = sp.csr_array(L, dtype=np.float64, copy=True)
+        if L.ndim != 2:
+            raise ValueError(f"{what} must be 2-D, got shape {L.shape}")
+        L = sp.csr_array(entries(L, what), dtype=np.float64)
         require_finite(L.data, f"the stored entries of {what}")
     else:
         L = sp.csr_array(real_array(L, what, 2))
@@ -136,7 +150,7 @@ def _dofs(value: Any, subdomain: Subdomain, name: str) -> np.ndarray:
 
 def dof_list(value: Any, n: int, name: str) -> np.ndarray:
     """Whole numbers in 0..n-1, none twice."""
-    dofs = np.asarray(value)
+    dofs = plain_array(value, name)
     if dofs.size == 0:
         dofs = dofs.astype(np.int64)
     if dofs.dtype.kind not in "iu" or dofs.ndim != 1:
@@ -203,36 +217,74 @@ class RowNames:
 
 
 def _require_independent(L: sp.csr_array, name: RowNames) -> None:
-    """ConstraintError unless L has full row rank, decided on L alone.
-
-    Rows are scaled to length 1. The pivots of L L^T are the squared distances of a row from those
-    eliminated before it: zero for a dependent row, at least about 2 / p for the ties of p + 1
-    dofs in a tree. A shift far below keeps the factorization going past a zero pivot.
-    """
+    """ConstraintError unless L has full row rank, decided on L alone, with rows of length 1."""
     p = L.shape[0]
-    lengths = np.sqrt(L.power(2).sum(axis=1))
-    scaled = sp.csr_array(sp.diags_array(1.0 / lengths) @ L)
-    shift, threshold = 1e-14, 1e-13 * (p + 100)
-    gram = sp.csc_array(scaled @ scaled.T) + shift * sp.eye_array(p, format="csc")
-    lu = splu(
-        gram, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True)
-    )
-    pivots = lu.U.diagonal()[lu.perm_c]
-    dependent = np.sort(np.flatnonzero(pivots <= threshold))
+    unit = rows_of_size_one(L)
+    shared = np.bincount(L.indices, minlength=L.shape[1]).astype(float)
+    require(16.0 * np.sum(shared**2), f"the rank of {p} conditions that share dofs")
+    unit = sp.csr_array(sp.diags_array(1.0 / np.sqrt(unit.power(2).sum(axis=1))) @ unit)
+    dependent = _dependent_rows(unit)
     if not dependent.size:
         return
     row = int(dependent[0])
-    others = _combination(gram, np.setdiff1d(np.arange(p), dependent), row)
+    others = _combination(unit, np.setdiff1d(np.arange(p), dependent), row)
     raise ConstraintError(
         f"the interface conditions depend on one another: row {name(row)} is a combination of "
-        f"rows {listing([name(int(r)) for r in others], 10)}; {dependent.size} of {p} rows are "
+        f"row{'s' * (others.size > 1)} {listing([name(int(r)) for r in others], 10)}; "
+        f"{dependent.size} of {p} rows are "
         "too many, leave them out"
     )
 
 
-def _combination(gram: Any, independent: np.ndarray, row: int) -> np.ndarray:
+def _dependent_rows(unit: sp.csr_array) -> np.ndarray:
+    """Rows to leave out so that the others are independent.
+
+    The pivots of L L^T are the squared distances of a row from those eliminated before it: zero
+    for a dependent row, at least about 2 / p for the ties of p + 1 dofs in a tree. A shift far
+    below keeps the factorization going past a zero pivot. Rows that hang together with a small
+    pivot are then looked at with singular values where they are few enough.
+    """
+    p = unit.shape[0]
+    shift, threshold = 1e-14, 1e-13 * (p + 100)
+    gram = sp.csc_array(unit @ unit.T) + shift * sp.eye_array(p, format="csc")
+    lu = splu(
+        gram, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True)
+    )
+    pivots = lu.U.diagonal()[lu.perm_c]
+    if np.min(pivots) > SUSPICIOUS:
+        return np.arange(0)
+    count, group = connected_components(gram, directed=False)
+    smallest = np.full(count, np.inf)
+    np.minimum.at(smallest, group, pivots)
+    sizes = np.bincount(group)
+    dependent = [np.flatnonzero((pivots <= threshold) & (sizes[group] > FEW))]
+    for g in np.flatnonzero((smallest <= SUSPICIOUS) & (sizes <= FEW)):
+        dependent.append(_dependent_of_few(unit, np.flatnonzero(group == g)))
+    return np.sort(np.concatenate(dependent))
+
+
+def _dependent_of_few(unit: sp.csr_array, rows: np.ndarray) -> np.ndarray:
+    """By a QR factorization with pivoting, which reveals the rank."""
+    block = sp.csc_array(unit[rows])
+    touched = np.flatnonzero(np.diff(block.indptr))
+    R, order = qr(block[:, touched].toarray().T, mode="r", pivoting=True)
+    rank = int(np.sum(np.abs(np.diagonal(R)) > DEPENDENT))
+    return rows[order[rank:]]
+
+
+def row_sizes(L: sp.csr_array) -> np.ndarray:
+    """The largest entry of each row, (p,)."""
+    return abs(L).max(axis=1).toarray().ravel()
+
+
+def rows_of_size_one(L: sp.csr_array) -> sp.csr_array:
+    """L with each row divided by its largest entry: a condition times a number is the same."""
+    return sp.csr_array(sp.diags_array(1.0 / row_sizes(L)) @ L)
+
+
+def _combination(unit: sp.csr_array, independent: np.ndarray, row: int) -> np.ndarray:
     """The independent rows whose combination is the dependent one."""
-    block = sp.csc_array(gram[independent][:, independent])
-    right = gram[independent][:, [row]].toarray()[:, 0]
-    weights = splu(block).solve(right)
+    block = unit[independent]
+    gram = sp.csc_array(block @ block.T)
+    weights = splu(gram).solve((block @ unit[[row]].T).toarray()[:, 0])
     return independent[np.abs(weights) > 1e-6]

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 from . import _core
-from ._checks import listing, positive_number, real_number, vector, whole_number
+from ._checks import MOST, listing, positive_number, real_number, vector, whole_number
 from .assembly import build, interface_factor, interface_matrix, make_part, row_order
-from .constraints import Constraint, RowNames, stacked
+from .constraints import Constraint, RowNames, row_sizes, stacked
 from .errors import ConstraintError, ConstraintWarning, InstabilityError
 from .forces import CallbackLoad, SampledForce, checked_force, core_load, is_callback
-from .history import History, State, SubdomainHistory, position
+from .history import History, State, SubdomainHistory, by_place, position
 from .recording import Recording
 from .stability import warn_if_above_critical
 from .start import InitialAccelerations, initial_terms
@@ -29,8 +29,9 @@ WHOLE = 1e-6
 # Initial velocities satisfy a condition up to this part of its terms: what rounding leaves of
 # velocities that were computed.
 ROUNDING = 1e-9
-# Loads of Python callables are asked for ahead, at most this many bytes at a time.
-AHEAD = 64_000_000
+# Loads of Python callables are asked for ahead, at most this many bytes at a time; while a table is
+# filled the last one still lives, so that they take 64 MB.
+AHEAD = 32_000_000
 MOST_SUBSTEPS = 2**31
 
 
@@ -102,12 +103,11 @@ class Coupler:
     ):
         subdomains = _checked_subdomains(subdomains)
         constraints = _checked_constraints(constraints, subdomains)
-        if coupling not in ("pm", "gc"):
-            raise ValueError(f"coupling must be 'pm' or 'gc', got {coupling!r}")
-        if start not in ("rebased", "plain"):
-            raise ValueError(f"start must be 'rebased' or 'plain', got {start!r}")
+        _check_word(coupling, "coupling", ("pm", "gc"))
+        _check_word(start, "start", ("rebased", "plain"))
         self._dt = positive_number(dt, "dt")
         self._fine = _finest(subdomains)
+        self._p = sum(c.p for c in constraints)
         names = _names(subdomains)
         self._keys = tuple(zip(names, subdomains))
         doubles = double_steps(subdomains, coupling)
@@ -122,9 +122,9 @@ class Coupler:
         self._initial = [(s.u0, s.v0) for s in subdomains]
         self._check_initial_velocities(matrices, self._initial)
         self._warn_of_gaps(matrices, self._initial)
+        self._assemble(names, doubles, matrices, start)
         for s, name, double in zip(subdomains, names, doubles):
             warn_if_above_critical(s, (2.0 if double else 1.0) * self._dt / s.substeps, name)
-        self._assemble(names, doubles, matrices, start)
         self._last_history: History | None = None
         self._started = False
         self._busy = False
@@ -210,9 +210,12 @@ class Coupler:
             u, v, w = part.core.state()
         return State(u[part.place], v[part.place], w[part.place])
 
+    def __reduce__(self) -> tuple:
+        raise TypeError("a Coupler cannot be copied or pickled: its state lives in the core")
+
     def __repr__(self) -> str:
         names = ", ".join(repr(name) for name, _ in self._keys)
-        return f"<Coupler of {names}; dt = {self._dt:g}, {self._row_place.size} conditions>"
+        return f"<Coupler of {names}; dt = {self._dt:g}, {self._p} conditions>"
 
     # ---- running -----------------------------------------------------------------------------
 
@@ -269,8 +272,8 @@ class Coupler:
                 record=record,
                 every=every,
             )
-            self._start()
             self._last_history = None
+            self._start()
             try:
                 self._core.record_present(recording.core_record())
                 self._advance(end, recording)
@@ -310,7 +313,7 @@ class Coupler:
         """
         with self._entered():
             initial = self._with_others(u0, v0)
-            given = _by_place(force, self._keys, "force")
+            given = by_place(force, self._keys, "force")
             forces = [
                 checked_force(given[i], s.n) if i in given else s.force
                 for i, (_, s) in enumerate(self._keys)
@@ -318,6 +321,7 @@ class Coupler:
             self._check_initial_velocities(self._matrices(), initial)
             self._warn_of_gaps(self._matrices(), initial)
             self._initial = initial
+            self._last_history = None
             self._started = False
             self._set_forces(forces)
             if not self._has_callables():
@@ -380,6 +384,8 @@ class Coupler:
         if steps is not None:
             return begin + whole_number(steps, "steps")
         t_end = real_number(t_end, "t_end")
+        if not abs(t_end / self._dt) < MOST:
+            raise ValueError(f"t_end must be within {MOST} steps of {self._dt:g}, got {t_end!r}")
         count = round(t_end / self._dt)
         if abs(t_end / self._dt - count) > WHOLE:
             raise ValueError(
@@ -432,7 +438,7 @@ class Coupler:
         """F(0) of a subdomain, in elimination order."""
         force, part = self._forces[i], self._parts[i]
         if i in self._callbacks:
-            return self._callbacks[i].ask(0.0)
+            return self._callbacks[i].ask_near_start(0.0)
         if force is None:
             return np.zeros(part.n)
         return (force(0.0) if callable(force) else force)[part.order]
@@ -444,25 +450,26 @@ class Coupler:
         states = [
             (u[part.order], v[part.order]) for part, (u, v) in zip(self._parts, self._initial)
         ]
-        terms = [
-            initial_terms(part, self._force_at_start(i), u, v)
-            for i, (part, (u, v)) in enumerate(zip(self._parts, states))
-        ]
+        loads = [self._force_at_start(i) for i in range(len(self._parts))]
+        with np.errstate(over="ignore", invalid="ignore"):  # seen below
+            terms = [initial_terms(p, F, *x) for p, F, x in zip(self._parts, loads, states)]
         rows = np.argsort(self._row_place)
         g, slope = self._prescribed("value")[rows], self._prescribed("slope")[rows]
         if not all(motion.known for motion in self._motions):
             self._check_initial_velocities(self._matrices(), self._initial, asked=True)
         accelerations, lam = self._initial_accelerations.solve(terms, slope)
+        for part, w in zip(self._parts, accelerations):
+            if not np.all(np.isfinite(w)):
+                raise InstabilityError(0, 0.0, part.name)
         for part, (u, v), w in zip(self._parts, states, accelerations):
             part.core.start(u, v, w, lam)
         self._core.start(0, lam, g)
         self._started = True
 
     def _warn_of_gaps(self, matrices, initial) -> None:
-        jump, size = _jump(matrices, [u for u, _ in initial])
-        rows = np.flatnonzero(np.abs(jump) > ROUNDING * np.max(size, initial=0.0))
+        rows, gaps = _broken_rows(matrices, [u for u, _ in initial])
         if rows.size:
-            amounts = [f"{self._row_name(int(r))}: {jump[r]:g}" for r in rows]
+            amounts = [f"{self._row_name(int(r))}: {x:g}" for r, x in zip(rows, gaps)]
             warnings.warn(
                 f"the initial displacements leave a gap, which stays for ever, in rows "
                 f"{listing(amounts)}",
@@ -474,12 +481,9 @@ class Coupler:
         """ConstraintError unless sum L v_0 = g(0), once g(0) can be known."""
         if not asked and not all(motion.known for motion in self._motions):
             return
-        g = self._prescribed("value")
-        jump, size = _jump(matrices, [v for _, v in initial])
-        size = np.max(size + np.abs(g), initial=0.0)
-        rows = np.flatnonzero(np.abs(jump - g) > ROUNDING * size)
+        rows, gaps = _broken_rows(matrices, [v for _, v in initial], self._prescribed("value"))
         if rows.size:
-            amounts = [f"{self._row_name(int(r))} by {jump[r] - g[r]:g}" for r in rows]
+            amounts = [f"{self._row_name(int(r))} by {x:g}" for r, x in zip(rows, gaps)]
             raise ConstraintError(
                 f"the initial velocities v0 break the interface conditions, rows {listing(amounts)}"
             )
@@ -491,7 +495,7 @@ class Coupler:
     def _with_others(self, u0, v0) -> list[tuple[np.ndarray, np.ndarray]]:
         chosen = []
         for name, others in (("u0", u0), ("v0", v0)):
-            given = _by_place(others, self._keys, name)
+            given = by_place(others, self._keys, name)
             chosen.append(
                 [
                     vector(given[i], s.n, f"{name} of {key!r}") if i in given else getattr(s, name)
@@ -516,7 +520,7 @@ class Coupler:
             if failure is not None:
                 raise failure
 
-    def _prepare(self, begin: int, end: int) -> tuple[int, Exception | None]:
+    def _prepare(self, begin: int, end: int) -> tuple[int, BaseException | None]:
         """Ask the callables; the macro step up to which all loads are there, and why no further."""
         first_failure = None
         for callback in self._all_callbacks():
@@ -550,7 +554,9 @@ class _Motion:
     def at(self, t: float) -> np.ndarray:
         if isinstance(self.velocity, np.ndarray):
             return self.velocity
-        return self.velocity(t) if self.known else self.new_callback().ask(t)
+        if self.callback is not None:
+            return self.callback.ask_near_start(t)
+        return self.velocity(t)
 
     def value(self) -> np.ndarray:
         """g(0)"""
@@ -627,6 +633,8 @@ def double_steps(subdomains: Sequence[Subdomain], coupling: str) -> list[bool]:
 def _checked_subdomains(subdomains: Any) -> tuple[Subdomain, ...]:
     if isinstance(subdomains, Subdomain):
         raise TypeError("subdomains must be a list of Subdomains, got a single one")
+    if not isinstance(subdomains, Iterable):
+        raise TypeError(f"subdomains must be a list of Subdomains, got {subdomains!r}")
     subdomains = tuple(subdomains)
     for s in subdomains:
         if not isinstance(s, Subdomain):
@@ -643,16 +651,26 @@ def _checked_constraints(
 ) -> tuple[Constraint, ...]:
     if constraints is None:
         return ()
-    constraints = (constraints,) if isinstance(constraints, Constraint) else tuple(constraints)
+    if isinstance(constraints, Constraint):
+        constraints = (constraints,)
+    if not isinstance(constraints, Iterable):
+        raise TypeError(f"constraints must be Constraints, got {constraints!r}")
+    constraints = tuple(constraints)
+    known = set(subdomains)
     for i, c in enumerate(constraints):
         if not isinstance(c, Constraint):
             raise TypeError(f"constraints must be Constraints, got {c!r}")
-        strangers = [s for s in c.matrices if s not in subdomains]
+        strangers = [s for s in c.matrices if s not in known]
         if strangers:
             raise ValueError(
                 f"constraint {i} must hold subdomains of this coupler, got {strangers}"
             )
     return constraints
+
+
+def _check_word(value: Any, name: str, words: Sequence[str]) -> None:
+    if not isinstance(value, str) or value not in words:
+        raise ValueError(f"{name} must be {' or '.join(map(repr, words))}, got {value!r}")
 
 
 def _finest(subdomains: Sequence[Subdomain]) -> int:
@@ -674,18 +692,16 @@ def _names(subdomains: Sequence[Subdomain]) -> list[str]:
     return names
 
 
-def _by_place(
-    given: Mapping[Any, Any] | None, keys: Sequence[tuple[str, Subdomain]], name: str
-) -> dict[int, Any]:
-    if given is None:
-        return {}
-    if not isinstance(given, Mapping):
-        raise TypeError(f"{name} must be a dict by subdomain, got {given!r}")
-    return {position(key, keys): value for key, value in given.items()}
+def _broken_rows(
+    matrices: Sequence[Any], values: Sequence[np.ndarray], g: np.ndarray | float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """The rows in which sum L_i x_i is not g but for rounding, and by how much it is not.
 
-
-def _jump(matrices: Sequence[Any], values: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """sum L_i x_i, and the size of its terms."""
-    jump = sum(L @ x for L, x in zip(matrices, values))
-    size = sum(abs(L) @ np.abs(x) for L, x in zip(matrices, values))
-    return jump, size
+    Rows are compared with their largest entry divided out, since a condition times a number is the
+    same condition.
+    """
+    scale = np.max([row_sizes(L) for L in matrices], axis=0, initial=0.0)
+    jump = sum(L @ x for L, x in zip(matrices, values)) - g
+    size = sum(abs(L) @ np.abs(x) for L, x in zip(matrices, values)) + np.abs(g)
+    rows = np.flatnonzero(np.abs(jump) / scale > ROUNDING * np.max(size / scale, initial=0.0))
+    return rows, jump[rows]

@@ -46,6 +46,9 @@ class InstabilityError(PmalphaError):
         self.time = time
         self.subdomain = subdomain
 
+    def __reduce__(self) -> tuple:
+        return type(self), (self.step, self.time, self.subdomain)
+
 
 class StabilityWarning(UserWarning):
     """The step of an explicit or conditionally stable scheme is above its critical step."""

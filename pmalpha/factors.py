@@ -15,11 +15,13 @@ from threadpoolctl import ThreadpoolController
 
 from . import _core
 from .errors import FactorizationError
-from .matrices import Matrix, core_sparse
+from .matrices import Matrix, core_sparse, diagonal
 from .memory import require
 
 # A pivot that has lost all digits of the diagonal entry it came from.
 LOST = 64.0 * np.finfo(float).eps
+# A pivot that is so small a part of its diagonal entry makes one look for a mechanism.
+SUSPICIOUS = 1e-7
 # Bytes for each entry of a sparse factor while SuperLU makes it and the core's copy is taken.
 SUPERLU_BYTES = 90
 # From this many entries a column on, panels are swept faster than columns.
@@ -50,18 +52,20 @@ def factorize(A: Matrix, what: str, dof: Callable[[int], str], *, nb: int = 0) -
         When the factor does not fit, predicted before it is begun.
     """
     if A is None:
-        raise FactorizationError(f"{what} is singular: it is zero")
+        raise _not_definite(what, dof(0))
     if A.ndim == 1:
         _check_pivots(A, A, what, dof)
         return 1.0 / A, None
     with _blas_threads().limit(limits=1):  # the same digits whatever the number it would take
         if not sp.issparse(A):
-            return _dense(A, what, dof)
-        ptr, index, _ = core_sparse(A)
-        entries = A.shape[0] + int(_core.count_factor(ptr, index).sum())
-        if entries > WIDE * A.shape[0]:
-            return panels(A, what, dof, nb=nb)
-        return columns(A, what, dof, entries)
+            factor = dense_columns(A, what, dof)
+        else:
+            ptr, index, _ = core_sparse(A)
+            entries = A.shape[0] + int(_core.count_factor(ptr, index).sum())
+            wide = entries > WIDE * A.shape[0]
+            factor = panels(A, what, dof, nb=nb) if wide else columns(A, what, dof, entries, nb=nb)
+    _check_softest(A, factor, what, dof)
+    return factor
 
 
 @cache
@@ -70,7 +74,10 @@ def _blas_threads() -> ThreadpoolController:
     return ThreadpoolController().select(user_api="blas")
 
 
-def _dense(A: np.ndarray, what: str, dof: Callable[[int], str]) -> Factor:
+def dense_columns(A: np.ndarray, what: str, dof: Callable[[int], str]) -> Factor:
+    """LAPACK's Cholesky factor, with the diagonal taken out."""
+    n = A.shape[0]
+    require(16.0 * n * n, f"the factor of {what} ({n} dofs, dense)")
     lower, info = dpotrf(A, lower=True, clean=True)
     if info > 0:
         raise _not_definite(what, dof(info - 1))
@@ -98,8 +105,14 @@ def panels(A: sp.csr_array, what: str, dof: Callable[[int], str], *, nb: int) ->
     return inverse, (first, row_ptr, rows, start, values)
 
 
-def columns(A: sp.csr_array, what: str, dof: Callable[[int], str], entries: int) -> Factor:
-    """SuperLU's factor, column by column: for chains and other thin patterns."""
+def columns(
+    A: sp.csr_array, what: str, dof: Callable[[int], str], entries: int, *, nb: int
+) -> Factor:
+    """SuperLU's factor, column by column: for chains and other thin patterns.
+
+    Where it leaves the diagonal the matrix is not definite, or it takes it for singular: then our
+    own factor decides, and says where.
+    """
     n = A.shape[0]
     require(SUPERLU_BYTES * entries, f"the factor of {what} ({n} dofs, {entries} entries)")
     d = A.diagonal()
@@ -113,10 +126,10 @@ def columns(A: sp.csr_array, what: str, dof: Callable[[int], str], entries: int)
             options=dict(SymmetricMode=True),
         )
     except RuntimeError:  # SuperLU: exactly singular
-        raise FactorizationError(f"{what} is singular") from None
+        return panels(A, what, dof, nb=nb)
     natural = np.arange(n)
     if not (np.array_equal(lu.perm_r, natural) and np.array_equal(lu.perm_c, natural)):
-        raise FactorizationError(f"{what} is not positive definite: a pivot is zero")
+        return panels(A, what, dof, nb=nb)
     pivots = lu.U.diagonal()
     _check_pivots(pivots, d, what, dof)
     R = lu.L
@@ -141,10 +154,47 @@ def _check_symmetric(R: Any, pivots: np.ndarray, U: Any, what: str) -> None:
 
 
 def _check_pivots(D: np.ndarray, d: np.ndarray, what: str, dof: Callable[[int], str]) -> None:
-    """D > 0, and not mere rounding of the diagonal d they came from."""
-    bad = ~(D > LOST * np.abs(d))
+    """D > 0, and not mere rounding of the diagonal d they came from, nor without reciprocal."""
+    with np.errstate(over="ignore", divide="ignore"):
+        bad = ~(D > LOST * np.abs(d)) | np.isinf(1.0 / D)
     if bad.any():
         raise _not_definite(what, dof(int(np.argmax(bad))))
+
+
+def _check_softest(A: Any, factor: Factor, what: str, dof: Callable[[int], str]) -> None:
+    """A mechanism leaves a small last pivot, of rounding that has added up over the others.
+
+    So where a pivot is suspicious, inverse iteration finds the motion that A resists least: A
+    resists a mechanism by the rounding of its own product with it.
+    """
+    inverse, d = factor[0], diagonal(A)
+    share = 1.0 / (inverse * d)
+    if np.min(share) > SUSPICIOUS:
+        return
+    x = np.cos(np.arange(d.size))
+    for _ in range(4):
+        x = solve(factor, d * (x / np.max(np.abs(x))))
+        if not np.all(np.isfinite(x)):
+            break
+    size = np.max(np.abs(x))
+    x = x / size
+    if not np.isfinite(size) or x @ (A @ x) <= LOST * (x @ (d * x)):
+        raise _not_definite(what, dof(int(np.argmin(share))))
+
+
+def solve(factor: Factor, b: np.ndarray) -> np.ndarray:
+    """A^-1 b by a step of the core: with K = C = 0, al1 = 0 and al2 = 1, w1 = A^-1 F."""
+    n, none = b.size, np.empty(0)
+    no_links = (0, np.zeros(1, dtype=np.int64), np.empty(0, dtype=np.int32), none)
+    unit_step = (0.0, 0.0, 0.0, 1.0)
+    part = _core.Subdomain(n, 0, 1, None, None, unit_step, (1.0, *factor), None, no_links)
+    coupler = _core.Coupler((part,), 0, (none, None), (none, None), 1.0, False, ())
+    zero = np.zeros(n)
+    part.start(zero, zero, zero, none)
+    part.set_load(b)
+    coupler.start(0, none, none)
+    coupler.advance(1, None)
+    return part.state()[2]
 
 
 def _not_definite(what: str, dof: str) -> FactorizationError:

@@ -44,12 +44,10 @@ class SampledForce:
     """
 
     hold = True
+    _values_name = "values"
 
     def __init__(self, values: Any, dt: float, shape: Any = None):
-        values = real_array(values, "values", (1, 2))
-        self.values = values.reshape(len(values), -1)
-        if self.values.size == 0:
-            raise ValueError(f"values must not be empty, got shape {values.shape}")
+        self.values = _columns(values, self._values_name)
         self.dt = positive_number(dt, "dt")
         self.shape = None if shape is None else _columns(shape, "shape")
         if self.shape is not None and self.shape.shape[1] != self.values.shape[1]:
@@ -64,11 +62,22 @@ class SampledForce:
         return (self.values.T if self.shape is None else self.shape).shape[0]
 
     def __call__(self, t: float) -> np.ndarray:
-        """F(t), shape (n,), for t >= 0."""
-        times = self.dt * np.arange(len(self.values))
-        right = None if self.hold else 0.0
-        samples = np.array([np.interp(t, times, s, right=right) for s in self.values.T])
-        return samples if self.shape is None else self.shape @ samples
+        """F(t), shape (n,), for t >= 0, as the core evaluates it."""
+        last = len(self.values) - 1
+        x = _position(t / self.dt)
+        if x >= last:
+            sample = self.values[last] * (1.0 if self.hold or x == last else 0.0)
+        else:
+            j = int(x)
+            sample = (1.0 - (x - j)) * self.values[j] + (x - j) * self.values[j + 1]
+        return sample if self.shape is None else self.shape @ sample
+
+
+def _position(x: float) -> float:
+    """A time in samples; a sample instant up to the rounding of three operations is that instant,
+    or a record could end one step early."""
+    nearest = np.rint(x)
+    return float(nearest if abs(x - nearest) <= 16.0 * np.finfo(float).eps * nearest else x)
 
 
 class BaseAcceleration(SampledForce):
@@ -99,15 +108,18 @@ class BaseAcceleration(SampledForce):
     """
 
     hold = False
+    _values_name = "record"
 
     def __init__(self, record: Any, dt: float, direction: Any, M: Any):
         direction = _columns(direction, "direction")
-        mass = canonical(M, "M", direction.shape[0])
-        super().__init__(real_array(record, "record", (1, 2)), dt, -product(mass, direction))
+        mass, _ = canonical(M, "M", direction.shape[0])
+        super().__init__(record, dt, -product(mass, direction))
 
 
 def _columns(value: Any, name: str) -> np.ndarray:
     array = real_array(value, name, (1, 2))
+    if array.size == 0:
+        raise ValueError(f"{name} must not be empty, got shape {array.shape}")
     return array.reshape(len(array), -1)
 
 
@@ -167,6 +179,7 @@ class CallbackLoad:
         self.substeps, self.ratio, self.fine, self.dt = substeps, fine // substeps, fine, dt
         self.first = 0
         self.rows = np.empty((0, order.size))
+        self.near_start: dict[float, np.ndarray] = {}
 
     @property
     def bytes_per_macro_step(self) -> int:
@@ -180,24 +193,29 @@ class CallbackLoad:
         except (TypeError, ValueError) as error:
             raise type(error)(f"{self.what} at t = {t:g}: {error}") from None
 
-    def prepare(self, begin: int, end: int) -> tuple[int, Exception | None]:
+    def ask_near_start(self, t: float) -> np.ndarray:
+        """f(t) as `ask`, for the initial values: asked once even if the start has to be repeated."""
+        if t not in self.near_start:
+            self.near_start[t] = self.ask(t)
+        return self.near_start[t]
+
+    def prepare(self, begin: int, end: int) -> tuple[int, BaseException | None]:
         """Have the loads of the macro steps begin..end-1 ready.
 
         Values asked before and not used since an abort are kept. Returns the macro step up to
         which the loads are there, and what the callable raised where that is before `end`.
         """
-        wanted = np.empty(((end - begin) * self.substeps, self.order.size))
-        first = begin * self.substeps
-        kept = self.rows[max(first - self.first, 0) :][: len(wanted)]
-        kept = kept if self.first <= first else kept[:0]
-        wanted[: len(kept)] = kept
+        first, needed = begin * self.substeps, (end - begin) * self.substeps
+        kept = self.rows[max(first - self.first, 0) :] if self.first <= first else self.rows[:0]
+        rows = np.empty((max(needed, len(kept)), self.order.size))
+        rows[: len(kept)] = kept
         known, failure = len(kept), None
-        while known < len(wanted) and failure is None:
+        while known < needed and failure is None:
             k = (first + known + 1) * self.ratio
             try:
-                wanted[known] = self.ask(k / self.fine * self.dt)  # (T1)
+                rows[known] = self.ask(k / self.fine * self.dt)  # (T1)
                 known += 1
-            except Exception as error:
+            except BaseException as error:  # Ctrl-C too, when the steps before it are done
                 failure = error
-        self.first, self.rows = first, wanted[:known]
-        return begin + known // self.substeps, failure
+        self.first, self.rows = first, rows[:known]
+        return min(end, begin + known // self.substeps), failure

@@ -2,15 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Union
+from os import PathLike
+from typing import TYPE_CHECKING, Any, Union
 
 import numpy as np
 
+from .files import read_npz, write_npz
 from .subdomain import Subdomain
 
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
+
 __all__ = ["History", "State", "SubdomainHistory"]
+
+# What a file that holds a History says of itself, and the arrays in it.
+FORMAT, VERSION = "pmalpha History", 1
+NODAL = ("t", "u", "v", "a", "dofs")
+INTERFACE = (
+    "multipliers",
+    "multiplier_times",
+    "velocity_jump",
+    "displacement_jump",
+    "macro_times",
+)
 
 
 @dataclass(frozen=True)
@@ -52,7 +69,8 @@ class SubdomainHistory:
 class History:
     """What a run recorded; ``history["rig"]``, ``history[rig]`` or ``history[1]``.
 
-    The first node of every array is the one where the stretch began.
+    The first node of every array is the one where the stretch began. `plot` draws it, `save` and
+    `load` keep it in a file, `to_xarray` hands it on.
 
     Attributes
     ----------
@@ -66,6 +84,8 @@ class History:
         own step, from its interpolated free and its link velocity.
     displacement_jump : (macro nodes, p) array
         sum_i L_i u_i at `macro_times`: the drift, since only velocities are tied.
+    keys : tuple of (str, `Subdomain` or None)
+        Names and subdomains by place; of a file's subdomains only the names are known.
     """
 
     subdomains: tuple[SubdomainHistory | None, ...]
@@ -74,7 +94,7 @@ class History:
     velocity_jump: np.ndarray
     displacement_jump: np.ndarray
     macro_times: np.ndarray
-    keys: tuple[tuple[str, Subdomain], ...]
+    keys: tuple[tuple[str, Subdomain | None], ...]
 
     def __getitem__(self, key: Union[str, int, Subdomain]) -> SubdomainHistory:
         i = position(key, self.keys)
@@ -93,17 +113,202 @@ class History:
             f"{self.multipliers.shape[1]} conditions; {names}>"
         )
 
+    # ---- pictures ----------------------------------------------------------------------------
 
-def position(
-    key: Union[str, int, Subdomain], keys: Sequence[tuple[str, Subdomain]]
-) -> int:
+    def plot(
+        self,
+        dofs: Any = None,
+        *,
+        conditions: Any = None,
+        quantity: str = "u",
+        title: str | None = None,
+    ) -> Figure:
+        """Time histories of chosen dofs, the jumps at the interface and the multipliers.
+
+        One panel above another with one axis of time; without interface conditions only that
+        of the dofs. Of long histories what is drawn is their envelope.
+
+        Parameters
+        ----------
+        dofs : dict, or int or list of int
+            Dofs, one or several, by subdomain, None for all of one that were recorded; at most
+            16 in all. A number or a list stands for the dofs of a single subdomain. Default: the
+            dofs with the largest range, four in all, each subdomain with its share.
+        conditions : int or list of int
+            Which conditions to draw. Default: the four whose multipliers have the largest range;
+            where there are more, a grey band shows the extent of all.
+        quantity : {"u", "v", "a"}, default "u"
+            Displacement, velocity or acceleration.
+        title : str, optional
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            `pmalpha.plot.save` writes it to a file.
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is missing.
+        TypeError, ValueError
+            For dofs that were not recorded and conditions that do not exist.
+
+        Examples
+        --------
+        >>> history = models.four_dof().coupler(0.05).run(steps=40)
+        >>> figure = history.plot({"A": [2], "B": [0, 1]})
+        >>> [ax.get_ylabel() for ax in figure.axes][::3]
+        ['displacement', 'multiplier']
+        """
+        from .history_plot import time_histories
+
+        return time_histories(self, dofs, conditions=conditions, quantity=quantity, title=title)
+
+    # ---- files and other libraries -----------------------------------------------------------
+
+    def save(self, path: str | PathLike) -> None:
+        """Write the history to a file, which `load` reads back bit for bit.
+
+        An npz file without pickled objects, which ``numpy.load`` opens too. It takes its place
+        when it is whole: a file that stood there stays good if saving is interrupted.
+
+        Parameters
+        ----------
+        path : str or path
+            Taken as it is; no ending is added.
+
+        Raises
+        ------
+        TypeError, OSError
+            For what is no path, and for a file that cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile, pathlib
+        >>> history = models.split_oscillator(10.0).coupler(0.05).run(steps=3)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "run.npz")
+        ...     history.save(path)
+        ...     bool(np.all(History.load(path)["A"].u == history["A"].u))
+        True
+        """
+        header = {
+            "format": FORMAT,
+            "version": VERSION,
+            "names": [name for name, _ in self.keys],
+            "recorded": [i for i, part in enumerate(self.subdomains) if part is not None],
+        }
+        arrays = {name: getattr(self, name) for name in INTERFACE}
+        for i, part in enumerate(self.subdomains):
+            if part is not None:
+                arrays |= {f"{i}.{name}": getattr(part, name) for name in NODAL}
+        write_npz(path, header, arrays)
+
+    @classmethod
+    def load(cls, path: str | PathLike) -> History:
+        """A history from a file that `save` wrote.
+
+        The file knows its subdomains by name and place, not as objects: index it with those.
+
+        Parameters
+        ----------
+        path : str or path
+
+        Returns
+        -------
+        History
+
+        Raises
+        ------
+        TypeError, OSError
+            For what is no path, and for a file that cannot be read.
+        ValueError
+            For any other file, or a damaged one, saying why.
+        """
+        header, arrays = read_npz(path, FORMAT, VERSION)
+        try:
+            parts: list[SubdomainHistory | None] = [None] * len(header["names"])
+            for i in header["recorded"]:
+                nodal = {key: arrays[f"{i}.{key}"] for key in NODAL}
+                parts[i] = SubdomainHistory(name=header["names"][i], **nodal)
+            interface = {key: arrays[key] for key in INTERFACE}
+        except (LookupError, TypeError) as error:
+            raise ValueError(
+                f"path must lead to a whole file, {str(path)!r} lacks {error}"
+            ) from None
+        keys = tuple((name, None) for name in header["names"])
+        return cls(subdomains=tuple(parts), **interface, keys=keys)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The history as an xarray.Dataset, whose arrays are those of the history, not copies.
+
+        Of each recorded subdomain, here "rig", the variables ``rig_u``, ``rig_v``, ``rig_a`` with
+        the coordinates ``rig_time`` and ``rig_dof``; of the interface ``multipliers`` and
+        ``velocity_jump`` over ``multiplier_times`` and ``condition``, ``displacement_jump`` over
+        ``macro_times`` and ``condition``.
+
+        Returns
+        -------
+        xarray.Dataset
+
+        Raises
+        ------
+        ImportError
+            If xarray is missing.
+        """
+        try:
+            import xarray
+        except ImportError as error:
+            raise ImportError("to_xarray needs xarray: pip install 'pmalpha[xarray]'") from error
+        fine, macro = ("multiplier_times", "condition"), ("macro_times", "condition")
+        variables: dict[str, Any] = {
+            "multipliers": (fine, self.multipliers),
+            "velocity_jump": (fine, self.velocity_jump),
+            "displacement_jump": (macro, self.displacement_jump),
+        }
+        coordinates: dict[str, Any] = {
+            "multiplier_times": self.multiplier_times,
+            "macro_times": self.macro_times,
+            "condition": np.arange(self.multipliers.shape[1]),
+        }
+        for part in self.subdomains:
+            if part is not None:
+                time, dof = f"{part.name}_time", f"{part.name}_dof"
+                coordinates |= {time: part.t, dof: part.dofs}
+                variables |= {f"{part.name}_{q}": ((time, dof), getattr(part, q)) for q in "uva"}
+        return xarray.Dataset(variables, coordinates)
+
+
+def position(key: Union[str, int, Subdomain], keys: Sequence[tuple[str, Subdomain | None]]) -> int:
     """Place of a subdomain given by name, by itself or by its place; KeyError or IndexError."""
     for i, (name, subdomain) in enumerate(keys):
-        if key is subdomain or (isinstance(key, str) and key == name):
+        if (isinstance(key, str) and key == name) or (key is subdomain and key is not None):
             return i
     if isinstance(key, (int, np.integer)) and not isinstance(key, bool):
         if -len(keys) <= key < len(keys):
             return int(key) % len(keys)
         raise IndexError(f"there are {len(keys)} subdomains, got {key}")
     names = ", ".join(repr(name) for name, _ in keys)
+    if isinstance(key, Subdomain) and any(subdomain is None for _, subdomain in keys):
+        raise KeyError(f"a History from a file has names and places only, got {key!r}; use {names}")
     raise KeyError(f"no subdomain {key!r}; there are {names}")
+
+
+def by_place(
+    given: Mapping[Any, Any] | None, keys: Sequence[tuple[str, Any]], name: str
+) -> dict[int, Any]:
+    """Values by place of what a user gave by subdomain; ValueError for strangers and repeats."""
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise TypeError(f"{name} must be a dict by subdomain, got {given!r}")
+    found: dict[int, Any] = {}
+    for key, value in given.items():
+        try:
+            i = position(key, keys)
+        except LookupError as error:
+            raise ValueError(f"{name}: {error.args[0]}") from None
+        if i in found:
+            raise ValueError(f"{name} must not name a subdomain twice, got {keys[i][0]!r} twice")
+        found[i] = value
+    return found

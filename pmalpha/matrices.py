@@ -16,13 +16,13 @@ from ._checks import real_array, require_finite
 Matrix = np.ndarray | sp.csr_array | None
 
 # A matrix that a program assembled is symmetric up to the rounding of its sums: relative to the
-# diagonal entries of row and column, which bound an entry of a definite matrix, and a last
-# resort relative to the largest entry, for rows without a diagonal entry.
+# diagonal entries of row and column, which bound an entry of a definite matrix, and for rows
+# without a diagonal entry relative to the largest entries of row and column.
 SYMMETRY = 1e-10
-SYMMETRY_OF_LARGEST = 1e-14
+SYMMETRY_OF_ROW = 1e-14
 
 
-def canonical(value: Any, name: str, n: int | None = None) -> Matrix:
+def canonical(value: Any, name: str, n: int | None = None) -> tuple[Matrix, int]:
     """Check a user's matrix and bring it into the inner form; the input is copied.
 
     Parameters
@@ -33,6 +33,11 @@ def canonical(value: Any, name: str, n: int | None = None) -> Matrix:
         For the messages.
     n : int, optional
         The size it must have.
+
+    Returns
+    -------
+    matrix, size
+        The matrix is read-only, since factors made of it must not outlive its numbers.
 
     Raises
     ------
@@ -49,7 +54,13 @@ def canonical(value: Any, name: str, n: int | None = None) -> Matrix:
         raise ValueError(f"{name} must be of size {n} like M, got shape {A.shape}")
     if size == 0:
         raise ValueError(f"{name} must not be empty, got shape {A.shape}")
-    return _simplest(_symmetric(A, name))
+    return _read_only(_simplest(_symmetric(A, name))), size
+
+
+def _read_only(A: Matrix) -> Matrix:
+    if A is not None:
+        (A.data if sp.issparse(A) else A).setflags(write=False)
+    return A
 
 
 def _sparse(value: Any, name: str) -> sp.csr_array:
@@ -57,10 +68,20 @@ def _sparse(value: Any, name: str) -> sp.csr_array:
         raise TypeError(f"{name} must hold real numbers, got dtype {value.dtype}")
     if value.ndim != 2:
         raise ValueError(f"{name} must be 2-D when sparse, got shape {value.shape}")
-    A = sp.csr_array(value, dtype=np.float64, copy=True)
+    A = sp.csr_array(entries(value, name), dtype=np.float64)
     A.sum_duplicates()
     A.sort_indices()
     require_finite(A.data, f"the stored entries of {name}")
+    return A
+
+
+def entries(value: Any, name: str) -> sp.coo_array:
+    """A copy of a sparse matrix by entries, with indices that lie in it."""
+    A = sp.coo_array(value, copy=True)
+    for index, size in zip((A.row, A.col), A.shape):
+        if index.size and (index.min() < 0 or index.max() >= size):
+            worst = index.min() if index.min() < 0 else index.max()
+            raise ValueError(f"{name} must have indices in 0..{size - 1}, got {worst}")
     return A
 
 
@@ -79,8 +100,9 @@ def _symmetric(A: Any, name: str) -> Any:
     if values.size == 0 or values.max() == 0.0:
         return A
     scale = np.sqrt(np.abs(diagonal(A)))
-    largest = np.max(np.abs(A.data if sp.issparse(A) else A))
-    excess = values - SYMMETRY * scale[rows] * scale[columns] - SYMMETRY_OF_LARGEST * largest
+    largest = np.sqrt(_largest_of_rows(A))
+    excess = values - SYMMETRY * scale[rows] * scale[columns]
+    excess -= SYMMETRY_OF_ROW * largest[rows] * largest[columns]
     worst = int(np.argmax(excess))
     if excess[worst] > 0.0:
         i, j = int(rows[worst]), int(columns[worst])
@@ -90,6 +112,11 @@ def _symmetric(A: Any, name: str) -> Any:
         )
     mean = (A + A.T) * 0.5
     return sp.csr_array(mean) if sp.issparse(A) else mean
+
+
+def _largest_of_rows(A: Any) -> np.ndarray:
+    largest = abs(A).max(axis=1)
+    return largest.toarray().ravel() if sp.issparse(A) else largest
 
 
 def _simplest(A: Any) -> Matrix:

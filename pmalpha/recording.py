@@ -10,7 +10,7 @@ import numpy as np
 from ._checks import whole_number
 from .assembly import Part
 from .constraints import dof_list
-from .history import History, SubdomainHistory, position
+from .history import History, SubdomainHistory, by_place
 from .memory import require
 from .subdomain import Subdomain
 
@@ -130,14 +130,8 @@ def chosen_dofs(
     """The dofs to record of each subdomain, None for those left out."""
     if record is None:
         return [np.arange(s.n) for _, s in keys]
-    if not isinstance(record, Mapping):
-        raise TypeError(f"record must be a dict of dofs by name, got {record!r}")
     chosen: list[np.ndarray | None] = [None] * len(keys)
-    for key, dofs in record.items():
-        try:
-            i = position(key, keys)
-        except LookupError as error:
-            raise ValueError(f"record: {error.args[0]}") from None
+    for i, dofs in by_place(record, keys, "record").items():
         name, subdomain = keys[i]
         every_dof = np.arange(subdomain.n)
         chosen[i] = every_dof if dofs is None else dof_list(dofs, subdomain.n, f"record[{name!r}]")

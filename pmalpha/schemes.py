@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ._checks import positive_number, real_number
+from ._checks import flag, positive_number, real_number
 
 __all__ = ["HHT", "WBZ", "CentralDifference", "GeneralizedAlpha", "Newmark", "Scheme"]
 
@@ -35,6 +35,7 @@ class Scheme:
     explicit: bool = False
 
     def __post_init__(self) -> None:
+        flag(self.explicit, "explicit")
         real_number(self.am, "am", high=1.0 - 1e-6)
         real_number(self.af, "af", high=1.0 - 1e-6)
         real_number(self.beta, "beta", low=0.0)
@@ -119,7 +120,7 @@ class GeneralizedAlpha(Scheme):
     def __init__(self, rho: float, explicit: bool = False):
         rho = real_number(rho, "rho", low=0.0, high=1.0)
         am, af = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
-        super().__init__(*_of_order_two(am, af), explicit=_flag(explicit))
+        super().__init__(*_of_order_two(am, af), explicit=explicit)
         object.__setattr__(self, "rho", rho)
 
     def __repr__(self) -> str:
@@ -232,9 +233,3 @@ def _of_order_two(am: float, af: float) -> tuple[float, float, float, float]:
     """am, af, beta, gamma: gamma for order 2, beta for the most damping, (P1)."""
     gamma = 0.5 - am + af
     return am, af, (0.5 + gamma) ** 2 / 4.0, gamma
-
-
-def _flag(value: bool) -> bool:
-    if not isinstance(value, (bool, np.bool_)):
-        raise TypeError(f"explicit must be True or False, got {value!r}")
-    return bool(value)

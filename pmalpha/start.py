@@ -24,7 +24,7 @@ from scipy.sparse.linalg import lsmr, splu
 from . import _core
 from ._checks import listing
 from .assembly import Part, compliance, core_subdomain, interface_factor, summed, total
-from .errors import ConstraintWarning
+from .errors import ConstraintWarning, InstabilityError
 from .factors import factorize
 from .matrices import Matrix, combination, product
 from .schemes import Scheme
@@ -112,7 +112,10 @@ class InitialAccelerations:
             core.set_load(load)
         self.coupler.set_motion(0, g)
         self.coupler.start(0, lam, lam)
-        self.coupler.advance(1, None)
+        unstable = self.coupler.advance(1, None)
+        if unstable is not None:
+            names = [part.name for part in self.parts] + ["interface"]
+            raise InstabilityError(0, 0.0, names[unstable])
         return [core.state()[2] for core in self.cores], self.coupler.multipliers
 
     def _solve_without_mass(

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ._checks import listing, vector, whole_number
+from ._checks import flag, listing, vector, whole_number
 from .errors import FactorizationError
 from .forces import checked_force
 from .matrices import Matrix, canonical, diagonal
@@ -86,20 +86,17 @@ class Subdomain:
     ):
         if not isinstance(scheme, Scheme):
             raise TypeError(f"scheme must be a pmalpha scheme, got {scheme!r}")
-        if double_step not in (None, True, False):
-            raise TypeError(f"double_step must be None, True or False, got {double_step!r}")
         if name is not None and not (isinstance(name, str) and name):
             raise TypeError(f"name must be a string that is not empty, got {name!r}")
-        if K is None:
-            raise TypeError("K must be a matrix, got None")
+        if M is None or K is None:
+            raise TypeError(f"{'M' if M is None else 'K'} must be a matrix, got None")
         self.scheme = scheme
         self.substeps = whole_number(substeps, "substeps", low=1)
-        self.double_step = None if double_step is None else bool(double_step)
+        self.double_step = None if double_step is None else flag(double_step, "double_step")
         self.name = name
-        self.M = canonical(M, "M")
-        self.n = _size(M)
-        self.K = canonical(K, "K", self.n)
-        self.C = None if C is None else canonical(C, "C", self.n)
+        self.M, self.n = canonical(M, "M")
+        self.K, _ = canonical(K, "K", self.n)
+        self.C = None if C is None else canonical(C, "C", self.n)[0]
         self.force = checked_force(force, self.n)
         self.u0 = self._initial(u0, "u0")
         self.v0 = self._initial(v0, "v0")
@@ -146,7 +143,3 @@ class Subdomain:
                 f"scheme must damp at infinite frequency (rho < 1) for dofs without mass, got "
                 f"{self.scheme!r} and no mass at dofs {listing(massless)} of {label}"
             )
-
-
-def _size(M: Any) -> int:
-    return M.shape[0] if hasattr(M, "shape") else len(M)

@@ -55,7 +55,7 @@ def name(place):
 
 def all_factors(A, nb):
     yield factors.panels(A, "A", name, nb=nb)
-    yield factors.columns(A, "A", name, 0)
+    yield factors.columns(A, "A", name, 0, nb=nb)
     yield factors.factorize(A.toarray(), "A", name, nb=nb)
 
 
@@ -120,7 +120,7 @@ def test_an_indefinite_matrix_is_refused_in_every_form(where):
     A = indefinite(40, where)
     attempts = [
         lambda: factors.panels(A, "A", name, nb=0),
-        lambda: factors.columns(A, "A", name, 0),
+        lambda: factors.columns(A, "A", name, 0, nb=0),
         lambda: factors.factorize(A.toarray(), "A", name),
     ]
     for attempt in attempts:
@@ -134,7 +134,7 @@ def test_a_floating_matrix_is_refused_in_every_form():
     A = sp.csr_array(B.T @ B)  # by hand: the pivots are 1, ..., 1, 0
     for attempt in (
         lambda: factors.panels(A, "A", name, nb=0),
-        lambda: factors.columns(A, "A", name, 0),
+        lambda: factors.columns(A, "A", name, 0, nb=0),
         lambda: factors.factorize(A.toarray(), "A", name),
     ):
         with pytest.raises(DEFINITE, match="A is"):
@@ -170,7 +170,7 @@ def test_a_factor_that_cannot_fit_is_refused_before_it_is_begun(monkeypatch):
     A = random_matrix(np.random.default_rng(0), 60, 0.2)
     for attempt in (
         lambda: factors.panels(A, "Mbar", name, nb=0),
-        lambda: factors.columns(A, "Mbar", name, 1000),
+        lambda: factors.columns(A, "Mbar", name, 1000, nb=0),
     ):
         with pytest.raises(MemoryError, match="the factor of Mbar .* 60 dofs|Mbar.*available"):
             attempt()

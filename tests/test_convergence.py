@@ -1,0 +1,378 @@
+"""Order of convergence through the public API, against the motion of the uncut structure.
+
+The truth is scipy's: DOP853 for loaded structures, at relative 1e-12, which is far below every
+error measured here (1e-6 and more); the matrix exponential for free vibration.
+
+An order is the slope of log2(error) when the step is halved. An error c1 dt^q + c2 dt^(q+1) has a
+slope that differs from q by about dt c2/c1: tolerances beside the slopes cover that second term.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import reference
+import scipy.linalg
+import scipy.sparse as sp
+from scipy.integrate import solve_ivp
+
+import pmalpha as pm
+
+SECOND = pm.GeneralizedAlpha(0.5)
+FAST = pm.GeneralizedAlpha(0.5, explicit=True)
+
+
+def orders(errors):
+    """Observed orders between successive rows, each of half the step of the one before."""
+    errors = np.asarray(errors)
+    return np.log2(errors[:-1] / errors[1:])
+
+
+def motion(M, C, K, force, u0, v0, t):
+    """u, v, w (k, n) of M w + C v + K u = force(t) at the increasing times t[0] = 0, t[1], ..."""
+    n = len(M)
+
+    def rate(t, x):
+        return np.concatenate([x[n:], np.linalg.solve(M, force(t) - C @ x[n:] - K @ x[:n])])
+
+    x0 = np.concatenate([u0, v0])
+    found = solve_ivp(rate, (0.0, t[-1]), x0, method="DOP853", t_eval=t, rtol=1e-12, atol=1e-13)
+    x = found.y.T
+    return x[:, :n], x[:, n:], np.array([rate(*tx)[n:] for tx in zip(t, x)])
+
+
+# ---- one subdomain --------------------------------------------------------------------------
+
+M3 = np.diag([1.0, 2.0, 1.5])
+K3 = 40.0 * (2.0 * np.eye(3) - np.eye(3, k=1) - np.eye(3, k=-1))
+C3 = 0.02 * M3 + 0.01 * K3
+STATE3 = {"u0": np.array([1.0, 0.0, -0.5]), "v0": np.array([0.0, 2.0, 1.0])}
+
+
+def push3(t):
+    return np.array([5.0 * np.sin(3.0 * t), 0.0, 2.0 * np.cos(5.0 * t)])
+
+
+def alone_orders(scheme, counts, form=np.asarray):
+    """Orders of u, v, a at t = 1 of the damped and loaded chain of three."""
+    truth = [x[-1] for x in motion(M3, C3, K3, push3, **STATE3, t=np.array([0.0, 1.0]))]
+    chain = pm.Subdomain(form(M3), form(K3), form(C3), scheme=scheme, force=push3, **STATE3)
+    errors = []
+    for count in counts:
+        got = pm.solve(chain, dt=1.0 / count, t_end=1.0)
+        errors.append([np.abs(x[-1] - y).max() for x, y in zip((got.u, got.v, got.a), truth)])
+    return orders(errors)
+
+
+@pytest.mark.parametrize("form", [np.asarray, sp.csr_array], ids=["dense", "sparse"])
+@pytest.mark.parametrize(
+    "scheme",
+    [
+        *(pm.GeneralizedAlpha(rho) for rho in (0.0, 0.5, 1.0)),
+        *(pm.GeneralizedAlpha(rho, explicit=True) for rho in (0.0, 0.5, 1.0)),
+        pm.Newmark(),
+        pm.CentralDifference(),
+        pm.HHT(0.2),
+        pm.WBZ(0.15),
+    ],
+    ids=repr,
+)
+def test_an_uncoupled_subdomain_has_order_two_in_u_v_and_a(scheme, form):
+    # dt omega = 0.03: the next term
+    assert alone_orders(scheme, [400, 800], form) == pytest.approx(2.0, abs=0.05)
+
+
+def test_numerical_damping_by_gamma_alone_costs_newmark_one_order():
+    # gamma = 1/2 is the condition of order 2: the same measurement sees 1 without it
+    assert alone_orders(pm.Newmark(0.3025, 0.6), [400, 800]) == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_load_late_by_a_third_of_a_step_costs_one_order():
+    # as if equilibrium were taken inside the step, at 1 - af: the load belongs to the end
+    errors = []
+    truth = motion(M3, C3, K3, push3, **STATE3, t=np.array([0.0, 1.0]))[1][-1]
+    for h in (1 / 800, 1 / 1600):
+        late = lambda t, h=h: push3(t - h / 3.0)  # noqa: E731
+        chain = pm.Subdomain(M3, K3, C3, scheme=SECOND, force=late, **STATE3)
+        errors.append(np.abs(pm.solve(chain, dt=h, t_end=1.0).v[-1] - truth).max())
+    assert orders(errors) == pytest.approx(1.0, abs=0.15)  # the dt^2 term, still a tenth of it
+
+
+# ---- structures cut in several parts --------------------------------------------------------
+
+
+@dataclass
+class Piece:
+    """A part of a structure: its matrices, where its dofs are in the whole, its load if any."""
+
+    M: np.ndarray
+    C: np.ndarray
+    K: np.ndarray
+    dofs: list
+    force: object = None
+
+    def load(self, t):
+        return np.zeros(len(self.dofs)) if self.force is None else self.force(t)
+
+
+class Structure:
+    """Pieces, and the uncut structure that they are together.
+
+    `ties` holds (i, dof of i, j, dof of j); every tie is one condition, in this order.
+    """
+
+    def __init__(self, pieces, ties, u0, v0):
+        self.pieces, self.ties = pieces, ties
+        self.u0, self.v0 = np.array(u0), np.array(v0)
+        n = len(u0)
+        self.M, self.C, self.K = np.zeros((3, n, n))
+        for q in pieces:
+            at = np.ix_(q.dofs, q.dofs)
+            self.M[at] += q.M
+            self.C[at] += q.C
+            self.K[at] += q.K
+
+    def force(self, t):
+        F = np.zeros(len(self.u0))
+        for q in self.pieces:
+            F[q.dofs] += q.load(t)
+        return F
+
+    def truth(self, t):
+        """u, v, w (k, n) and the forces in the ties (k, p)."""
+        u, v, w = motion(self.M, self.C, self.K, self.force, self.u0, self.v0, t)
+        return u, v, w, self.tie_forces(t, u, v, w)
+
+    def tie_forces(self, t, u, v, w):
+        """Lam from (1), M_i w + C_i v + K_i u - F_i = L_i^T Lam, all pieces together."""
+        L = self.conditions()
+        left = [
+            w[:, q.dofs] @ q.M + v[:, q.dofs] @ q.C + u[:, q.dofs] @ q.K
+            - np.array([q.load(ti) for ti in t])
+            for q in self.pieces
+        ]  # fmt: skip
+        return np.linalg.lstsq(np.hstack(L).T, np.hstack(left).T)[0].T
+
+    def conditions(self):
+        L = [np.zeros((len(self.ties), len(q.dofs))) for q in self.pieces]
+        for row, (i, a, j, b) in enumerate(self.ties):
+            L[i][row, a], L[j][row, b] = 1.0, -1.0
+        return L
+
+    def run(self, t_end, count, schemes, substeps, form=np.asarray, double=None, **options):
+        parts = [
+            pm.Subdomain(form(q.M), form(q.K), form(q.C), scheme=s, substeps=ss, force=q.force,
+                         double_step=d, u0=self.u0[q.dofs], v0=self.v0[q.dofs])
+            for q, s, ss, d in zip(
+                self.pieces, schemes, substeps, double or [None] * len(substeps)
+            )
+        ]  # fmt: skip
+        ties = [pm.tie(parts[i], [a], parts[j], [b]) for i, a, j, b in self.ties]
+        return pm.Coupler(parts, ties, dt=t_end / count, **options).run(t_end)
+
+    def errors(self, t_end, counts, substeps, sample=None, **options):
+        """Largest errors of u, v, a, Lam in the second half of the run; a row for each count.
+
+        At all macro nodes, or at `sample` of them where the truth is expensive. In the second half
+        the transient of the start is over; over all nodes a zig-zag of the double step shows.
+        """
+        rows = [self._errors(t_end, n, substeps, sample or n // 2, **options) for n in counts]
+        return np.array(rows)
+
+    def _errors(self, t_end, count, substeps, sample, **options):
+        nodes = np.arange(sample + 1, 2 * sample + 1) * (count // (2 * sample))
+        *motions, Lam = (x[1:] for x in self.truth(np.concatenate([[0.0], nodes * t_end / count])))
+        got = self.run(t_end, count, substeps=substeps, **options)
+        row = []
+        for name, x in zip("uva", motions):
+            ours = [getattr(g, name)[nodes * ss] for g, ss in zip(got.subdomains, substeps)]
+            row.append(max(np.abs(y - x[:, q.dofs]).max() for y, q in zip(ours, self.pieces)))
+        return [*row, np.abs(got.multipliers[nodes * max(substeps)] - Lam).max()]
+
+
+def cut_oscillator():
+    """Period 1, mass cut ten to one and spring one to ten, damped and pushed on both sides."""
+    one = np.ones((1, 1))
+    m, k = 1 / 11, (2 * np.pi) ** 2 / 11
+    a = Piece(10 * m * one, 0.3 * one, k * one, [0], lambda t: np.array([8.0 * np.sin(4.0 * t)]))
+    b = Piece(m * one, 0.2 * one, 10 * k * one, [0], lambda t: np.array([5.0 * np.cos(3.0 * t)]))
+    return Structure([a, b], [(0, 0, 1, 0)], [1.0], [0.3])
+
+
+ALL_KINDS = [
+    (SECOND, FAST),
+    (pm.Newmark(), pm.CentralDifference()),
+    (pm.HHT(0.1), pm.WBZ(0.2)),
+]
+
+
+@pytest.mark.parametrize("schemes", ALL_KINDS, ids=["alpha", "newmark", "hht-wbz"])
+@pytest.mark.parametrize("coupling", ["pm", "gc"])
+def test_two_subdomains_with_equal_steps_have_order_two(coupling, schemes):
+    errors = cut_oscillator().errors(
+        1.0, [320, 640], (1, 1), schemes=schemes, coupling=coupling
+    )
+    # in u, v, a and the multiplier; dt omega = 0.02: the next term
+    assert orders(errors) == pytest.approx(2.0, abs=0.05)
+
+
+def test_a_scheme_of_order_one_in_one_subdomain_is_seen_in_the_coupled_order():
+    schemes = pm.Newmark(0.3025, 0.6), pm.CentralDifference()
+    errors = cut_oscillator().errors(1.0, [320, 640], (1, 1), schemes=schemes, coupling="gc")
+    assert orders(errors) == pytest.approx(1.0, abs=0.1)  # the dt^2 term: a few percent
+
+
+@pytest.mark.parametrize(
+    ("schemes", "ss"),
+    [(ALL_KINDS[0], 2), (ALL_KINDS[0], 20), (ALL_KINDS[1], 3), (ALL_KINDS[2], 5)],
+    ids=["alpha-2", "alpha-20", "newmark-3", "hht-wbz-5"],
+)
+@pytest.mark.parametrize("coupling", ["pm", "gc"])
+def test_two_subdomains_with_subcycling_have_order_one(coupling, ss, schemes):
+    errors = cut_oscillator().errors(
+        1.0, [640, 1280], (1, ss), schemes=schemes, coupling=coupling
+    )
+    # "pm" shows its order only below dt = 1/200; at 1/640 the dt^2 term of its double step is
+    # still a twentieth of the dt term, which is 0.05 / 2 / ln 2 in the slope
+    assert orders(errors) == pytest.approx(1.0, abs=0.06)
+
+
+def cross_point():
+    """Three pieces [hub, outer] of different mass and stiffness that share the hub."""
+    pieces = []
+    for i, (hub, outer, k) in enumerate([(0.4, 1.0, 30.0), (0.25, 0.7, 55.0), (0.35, 1.5, 80.0)]):
+        M = np.diag([hub, outer])
+        K = k * np.array([[1.0, -1.0], [-1.0, 1.0]]) + np.diag([0.0, 10.0 * (i + 1)])
+        push = np.array([1.0, 3.0 - i])
+        force = lambda t, push=push, i=i: push * np.sin((2.0 + i) * t)  # noqa: E731
+        pieces.append(Piece(M, 0.02 * M + 0.01 * K, K, [0, i + 1], force))
+    ties = [(0, 0, 1, 0), (1, 0, 2, 0)]
+    return Structure(pieces, ties, [0.2, 1.0, -0.5, 0.3], [0.1, -0.2, 0.4, 0.0])
+
+
+THREE = SECOND, FAST, pm.HHT(0.15)
+
+
+@pytest.mark.parametrize("coupling", ["pm", "gc"])
+def test_three_subdomains_at_a_cross_point_have_order_two_with_equal_steps(coupling):
+    errors = cross_point().errors(1.0, [400, 800], (1, 1, 1), schemes=THREE, coupling=coupling)
+    assert orders(errors) == pytest.approx(2.0, abs=0.05)  # dt omega = 0.03: the next term
+
+
+@pytest.mark.parametrize(
+    ("coupling", "substeps", "double"),
+    [
+        ("gc", (1, 4, 2), None),
+        ("pm", (1, 4, 2), None),  # both implicit ones double
+        ("pm", (2, 4, 1), (False, False, True)),
+        ("pm", (4, 4, 1), (True, False, True)),  # double at the finest step, beside a single one
+        ("pm", (1, 4, 2), (False, False, False)),
+    ],
+)
+def test_three_subdomains_at_a_cross_point_have_order_one_with_subcycling(
+    coupling, substeps, double
+):
+    options = {"schemes": THREE, "coupling": coupling, "double": double}
+    errors = cross_point().errors(1.0, [200, 1600, 3200], substeps, **options)
+    # at least order 1 in everything: a factor 8, less a tenth for terms of opposite sign
+    assert (errors[1] < errors[0] / 8 * 1.1).all()
+    # and no more in a, where the error of the multipliers shows at once: the dt^2 term is up to a
+    # fifth of the dt term, 0.2 / 2 / ln 2 in the slope
+    assert orders(errors[1:])[0, 2] == pytest.approx(1.0, abs=0.15)
+
+
+# ---- a sparse chain -------------------------------------------------------------------------
+
+CUTS = [(0, 17), (17, 34), (34, 49)]
+CHAIN_SCHEMES = pm.GeneralizedAlpha(0.8), FAST, pm.HHT(0.2)
+
+
+def bar(count, m, k, clamped):
+    """Lumped mass and springs of a bar with `count` nodes, clamped or free on the left."""
+    M = np.full(count, m / 50)
+    M[[0, -1]] /= 2
+    K = 50 * k * (2.0 * np.eye(count) - np.eye(count, k=1) - np.eye(count, k=-1))
+    K[-1, -1] /= 2
+    if not clamped:
+        K[0, 0] /= 2
+    return np.diag(M), 0.1 * np.diag(M) + 0.002 * K, K
+
+
+def chain():
+    """50 dofs in three bars, each of its own material, moving in its three lowest modes."""
+    materials = [(1.0, 1.0), (0.7, 1.3), (1.5, 0.8)]
+    pieces = [
+        Piece(*bar(b - a + 1, m, k, a == 0), list(range(a, b + 1)))
+        for (a, b), (m, k) in zip(CUTS, materials)
+    ]
+    rest = np.zeros(50)
+    whole = Structure(pieces, [(0, 17, 1, 0), (1, 17, 2, 0)], rest, rest)
+    modes = scipy.linalg.eigh(whole.K, whole.M)[1][:, :3]
+    whole.u0, whole.v0 = modes @ [1.0, 0.5, -0.3], modes @ [0.0, 1.0, 1.0]
+
+    def truth(t):
+        found = reference.exact(whole.M, whole.C, whole.K, whole.u0, whole.v0, t)
+        return *found, whole.tie_forces(t, *found)
+
+    whole.truth = truth  # free vibration: the matrix exponential
+    return whole
+
+
+@pytest.mark.parametrize("coupling", ["pm", "gc"])
+def test_a_sparse_chain_cut_in_three_has_order_two_with_equal_steps(coupling):
+    options = {"schemes": CHAIN_SCHEMES, "form": sp.csr_array, "coupling": coupling}
+    errors = chain().errors(2.0, [640, 1280], (1, 1, 1), sample=4, **options)
+    # three modes up to 7.7 / s: dt omega = 0.02, and half of the waves at the cuts is shorter
+    assert orders(errors) == pytest.approx(2.0, abs=0.1)
+
+
+@pytest.mark.parametrize("coupling", ["pm", "gc"])
+@pytest.mark.parametrize("substeps", [(1, 6, 2), (1, 4, 4)])
+def test_a_sparse_chain_cut_in_three_has_order_one_with_subcycling(substeps, coupling):
+    options = {"schemes": CHAIN_SCHEMES, "form": sp.csr_array, "coupling": coupling}
+    errors = chain().errors(2.0, [160, 1280, 5120, 10240], substeps, sample=4, **options)
+    # at least order 1: a factor 8, less a tenth for terms of opposite sign
+    assert (errors[1] < errors[0] / 8 * 1.1).all()
+    # the cuts carry little of the mass, which makes the dt term small: it rules a at the smallest
+    # steps only, where the dt^2 term is a fifth of it, 0.2 / 2 / ln 2 in the slope
+    assert orders(errors[2:])[0, 2] == pytest.approx(1.0, abs=0.15)
+
+
+# ---- the start ------------------------------------------------------------------------------
+
+
+def start_errors(start, ss, count):
+    """Errors of a of the subcycled side at the fine nodes of the second macro step."""
+    whole = cut_oscillator()
+    got = whole.run(2.0 / count, 2, (SECOND, FAST), (1, ss), start=start)
+    t = got[1].t
+    return (got[1].a - whole.truth(t)[2])[ss + 1 :, 0]
+
+
+@pytest.mark.parametrize("ss", [2, 20])
+def test_after_the_rebased_start_the_acceleration_error_shrinks_with_the_step(ss):
+    errors = [np.abs(start_errors("rebased", ss, count)).max() for count in (160, 2560)]
+    # order 1 at least: 16, with a quarter for the dt^2 term of the larger step
+    assert errors[1] < errors[0] / 16 * 1.25
+
+
+@pytest.mark.parametrize("ss", [2, 20])
+def test_after_the_plain_start_the_acceleration_error_does_not_shrink(ss):
+    whole = cut_oscillator()
+    a, b = (q.M[0, 0] for q in whole.pieces)
+    Lam = whole.truth(np.array([0.0, 1e-4]))[3][0, 0]
+    # vf_1 misses (al2(2h) - al2(h)) Lam / mA, half of al2(2h) Lam / mA. It enters (18) with weight
+    # 1 - 1/ss, so for dt -> 0 Lam misses -(1 - 1/ss) (Lam / mA) / (2 / mA + 1 / (ss mB)), and a of
+    # B misses minus that over mB
+    expected = (1 - 1 / ss) * (Lam / a) / (2 / a + 1 / (ss * b)) / b
+    plain, rebased = (start_errors(start, ss, 10_000)[0] for start in ("plain", "rebased"))
+    assert plain == pytest.approx(expected, rel=5e-3)  # O(dt): 1e-4 omega times a few
+    assert abs(rebased) < 1e-2 * abs(expected)
+
+
+@pytest.mark.parametrize("ss", [2, 20])
+def test_the_plain_start_leaves_the_order_of_the_run_as_it_is(ss):
+    options = {"schemes": (SECOND, FAST), "start": "plain"}
+    errors = cut_oscillator().errors(1.0, [640, 1280], (1, ss), **options)
+    # the misfit of the start acts for one macro step: O(dt) in u, v, and damped in a and Lam
+    assert orders(errors) == pytest.approx(1.0, abs=0.1)  # the dt^2 term: a twentieth, as above
