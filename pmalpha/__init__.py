@@ -18,8 +18,10 @@ from .errors import (
 )
 from .forces import BaseAcceleration, SampledForce
 from .history import History, State, SubdomainHistory
+from .reduction import Reduction, reduce
 from .schemes import HHT, WBZ, CentralDifference, GeneralizedAlpha, Newmark, Scheme
 from .subdomain import Subdomain
+from .ties import interpolate, tie_coincident
 
 __version__ = _version("pmalpha")
 
@@ -38,6 +40,7 @@ __all__ = [
     "InstabilityError",
     "Newmark",
     "PmalphaError",
+    "Reduction",
     "SampledForce",
     "Scheme",
     "StabilityWarning",
@@ -45,7 +48,10 @@ __all__ = [
     "Subdomain",
     "SubdomainHistory",
     "analysis",
+    "interpolate",
     "models",
+    "reduce",
     "solve",
     "tie",
+    "tie_coincident",
 ]

@@ -55,4 +55,8 @@ class StabilityWarning(UserWarning):
 
 
 class ConstraintWarning(UserWarning):
-    """Initial displacements leave a gap, or an equation without mass does not hold at t = 0."""
+    """Something about the interface is probably not meant.
+
+    Initial displacements leave a gap, the equation of a dof without mass does not hold at t = 0, or
+    nodes that are nearly at one place are not tied.
+    """

@@ -16,16 +16,40 @@ from .constraints import Constraint, tie
 from .coupler import Coupler
 from .history import History
 from .schemes import CentralDifference, GeneralizedAlpha, Newmark
+from .structures import (
+    Structure,
+    beam_frame,
+    chain,
+    modes,
+    plate,
+    plate_on,
+    rod,
+    solid,
+    solid_on,
+    subdivide,
+    submesh,
+)
 from .subdomain import Subdomain
 
 __all__ = [
     "FourDof",
     "Model",
+    "Structure",
+    "beam_frame",
+    "chain",
     "el_centro",
     "four_dof",
+    "modes",
+    "plate",
+    "plate_on",
     "rayleigh",
+    "rod",
     "shear_frame",
+    "solid",
+    "solid_on",
     "split_oscillator",
+    "subdivide",
+    "submesh",
 ]
 
 

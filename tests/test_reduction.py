@@ -1,0 +1,226 @@
+"""Fixed dofs: the reduced matrices, and the way between free dofs and all dofs."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import pmalpha as pm
+from pmalpha.reduction import Reduction, reduce
+
+RANDOM = np.random.default_rng(0)
+HALF = RANDOM.normal(size=(6, 6))
+FULL = HALF + HALF.T + 12.0 * np.eye(6)  # diagonally dominant enough to be definite
+FREE, FIXED = [0, 2, 5], [1, 3, 4]
+LEFT = np.ix_(FREE, FREE)
+
+
+def whole_of(A):
+    return A.toarray() if sp.issparse(A) else np.diag(A) if A.ndim == 1 else A
+
+
+# ---- the matrices -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "form", [np.asarray, np.ndarray.tolist, sp.csr_array, sp.csc_matrix, sp.coo_array, sp.lil_array]
+)
+def test_rows_and_columns_of_fixed_dofs_are_left_out_in_every_format(form):
+    part = reduce(np.arange(1.0, 7.0), form(FULL), form(2.0 * FULL), fixed=FIXED)
+    np.testing.assert_array_equal(part.M, [1.0, 3.0, 6.0])
+    np.testing.assert_array_equal(whole_of(part.K), FULL[LEFT])
+    np.testing.assert_array_equal(whole_of(part.C), 2.0 * FULL[LEFT])
+    assert sp.issparse(part.K) == sp.issparse(form(FULL))
+    assert pm.Subdomain(part.M, part.K, part.C, scheme=pm.Newmark()).n == 3
+
+
+@pytest.mark.parametrize(
+    "fixed",
+    [
+        [1, 3, 4],
+        (4, 1, 3),
+        [4, 1, 1, 3, 4],  # two edges that share a corner
+        np.array([1, 3, 4], dtype=np.uint8),
+        [False, True, False, True, True, False],
+    ],
+)
+def test_fixed_dofs_are_numbers_in_any_order_or_a_mask(fixed):
+    part = reduce(FULL, FULL, fixed=fixed)
+    assert (part.n, part.free.tolist(), part.fixed.tolist()) == (6, FREE, FIXED)
+    np.testing.assert_array_equal(part.M, FULL[LEFT])
+
+
+@pytest.mark.parametrize("fixed", [[], np.zeros(6, dtype=bool)])
+def test_nothing_fixed_leaves_all_as_it_was(fixed):
+    part = reduce(FULL, FULL, fixed=fixed)
+    assert part.free.tolist() == list(range(6)) and part.fixed.size == 0
+    np.testing.assert_array_equal(part.K, FULL)
+    np.testing.assert_array_equal(part.expand(np.arange(6.0)), np.arange(6.0))
+
+
+def test_the_last_dofs_can_be_fixed():
+    part = reduce(FULL, sp.csr_array(FULL), fixed=[3, 4, 5])
+    np.testing.assert_array_equal(part.M, FULL[:3, :3])
+    np.testing.assert_array_equal(part.K.toarray(), FULL[:3, :3])
+
+
+def test_a_matrix_of_zeros_stays_a_matrix_and_none_stays_none():
+    part = reduce(np.ones(3), np.zeros((3, 3)), sp.csr_array((3, 3)), fixed=[0])
+    assert part.K.tolist() == part.C.tolist() == [0.0, 0.0]
+    part = reduce(np.ones(3), None, fixed=[0])
+    assert part.K is None and part.C is None
+
+
+def test_the_input_is_neither_changed_nor_shared():
+    M, K = np.ones(3), sp.csr_array(np.diag([1.0, 2.0, 3.0]))
+    part = reduce(M, K, fixed=[])
+    M[0], K.data[0] = 7.0, 7.0
+    assert part.M.tolist() == [1.0, 1.0, 1.0] and part.K.tolist() == [1.0, 2.0, 3.0]
+    with pytest.raises(ValueError, match="read-only"):
+        part.free[0] = 1
+    with pytest.raises(AttributeError):
+        part.M = M
+
+
+# ---- the map ----------------------------------------------------------------------------------
+
+
+def of_six():
+    return reduce(np.ones(6), np.ones(6), fixed=FIXED)
+
+
+@pytest.mark.parametrize("shape", [(), (4,), (2, 4), (0,)])
+def test_expand_puts_zeros_at_the_fixed_dofs_of_any_stack(shape):
+    u = RANDOM.normal(size=(*shape, 3))
+    whole = of_six().expand(u)
+    assert whole.shape == (*shape, 6)
+    np.testing.assert_array_equal(whole[..., FREE], u)
+    assert not whole[..., FIXED].any()
+
+
+def test_expand_keeps_complex_modes_and_makes_floats_of_whole_numbers():
+    assert of_six().expand([1j, 2.0, 0.0])[0] == 1j
+    assert of_six().expand([1, 2, 3]).dtype == np.float64
+
+
+def test_reduce_motion_is_expand_backwards():
+    u = RANDOM.normal(size=(4, 3))
+    np.testing.assert_array_equal(of_six().reduce_motion(of_six().expand(u)), u)
+
+
+def test_a_motion_of_a_fixed_dof_is_refused_and_its_rounding_is_not():
+    u = np.array([1.0, 0.0, 1.0, 0.0, 1e-15, 1.0])
+    assert of_six().reduce_motion(u).tolist() == [1.0, 1.0, 1.0]
+    with pytest.raises(ValueError, match="zero at the fixed dofs, got up to 0.5 at dofs 3, 4"):
+        of_six().reduce_motion([u, u + [0.0, 0.0, 0.0, 0.5, -0.1, 0.0]])
+    with pytest.raises(ValueError, match=r"u must be finite, got nan at \[3\]"):
+        of_six().reduce_motion([0.0, 0.0, 0.0, np.nan, 0.0, 0.0])
+
+
+def test_reduce_load_leaves_out_what_goes_into_the_supports():
+    np.testing.assert_array_equal(of_six().reduce_load(np.arange(12).reshape(2, 6))[1], [6, 8, 11])
+
+
+def test_place_finds_dofs_of_the_whole_among_the_free_ones():
+    part = of_six()
+    assert part.place([5, 0, 2, 0]).tolist() == [2, 0, 1, 0]
+    assert part.place(5) == 2
+    assert part.place([[0, 2], [2, 5]]).tolist() == [[0, 1], [1, 2]]
+    assert part.place([]).dtype.kind == "i" and part.place([]).size == 0
+    np.testing.assert_array_equal(part.free[part.place(FREE)], FREE)
+
+
+@pytest.mark.parametrize(
+    "dofs, message",
+    [
+        ([0, 4, 1], "dofs must be free, got the fixed ones 1, 4"),
+        ([6], r"dofs must lie in 0\.\.5, got 6"),
+        ([-1], r"dofs must lie in 0\.\.5, got -1"),
+    ],
+)
+def test_place_refuses_dofs_that_are_fixed_or_do_not_exist(dofs, message):
+    with pytest.raises(ValueError, match=message):
+        of_six().place(dofs)
+
+
+@pytest.mark.parametrize("dofs", [[0.0], [True], ["a"]])
+def test_place_takes_whole_numbers_only(dofs):
+    with pytest.raises(TypeError, match="dofs must be a 1-D array of whole numbers"):
+        of_six().place(dofs)
+
+
+@pytest.mark.parametrize("name, size", [("expand", 3), ("reduce_load", 6), ("reduce_motion", 6)])
+def test_arrays_of_another_length_are_refused(name, size):
+    call = getattr(of_six(), name)
+    for wrong in (np.ones(5), np.ones((size, 5)), 1.0):
+        with pytest.raises(ValueError, match=f"must have {size} in the last dimension"):
+            call(wrong)
+    with pytest.raises(TypeError, match="must hold numbers, got dtype"):
+        call(["a"] * size)
+    with pytest.raises(TypeError, match="masked"):
+        call(np.ma.ones(size))
+
+
+# ---- in a run ---------------------------------------------------------------------------------
+
+
+def test_a_reduced_run_is_that_of_the_whole_with_the_dof_held_by_a_condition():
+    K = np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    M, load = np.array([1.0, 2.0, 3.0]), np.array([4.0, 0.0, 1.0])
+    whole = pm.Subdomain(M, K, scheme=pm.GeneralizedAlpha(0.5), force=load, name="whole")
+    held = pm.Constraint({whole: [[1.0, 0.0, 0.0]]})
+    expected = pm.Coupler([whole], held, dt=0.1).run(steps=50)["whole"]
+
+    part = reduce(M, K, fixed=[0])
+    short = pm.Subdomain(
+        part.M, part.K, scheme=pm.GeneralizedAlpha(0.5), force=part.reduce_load(load)
+    )
+    history = pm.solve(short, dt=0.1, t_end=5.0)
+    for name in "uva":
+        # the same equations, solved otherwise: 50 steps of rounding, values up to 5
+        np.testing.assert_allclose(
+            part.expand(getattr(history, name)), getattr(expected, name), rtol=0.0, atol=1e-13
+        )
+    assert np.abs(expected.u[:, 1:]).max() > 1.0
+
+
+# ---- what is refused --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "fixed, message",
+    [
+        ([6], r"fixed must lie in 0\.\.5, got 6"),
+        ([-1], r"fixed must lie in 0\.\.5, got -1"),
+        ([True, False], r"fixed must be a mask of shape \(6,\), got shape \(2,\)"),
+        (np.ones((6, 1), dtype=bool), r"fixed must be a mask of shape \(6,\), got shape \(6, 1\)"),
+        (range(6), "fixed must leave a dof free, got all 6"),
+        (np.ones(6, dtype=bool), "fixed must leave a dof free, got all 6"),
+    ],
+)
+def test_fixed_dofs_that_make_no_sense_are_refused(fixed, message):
+    with pytest.raises(ValueError, match=message):
+        reduce(np.ones(6), np.ones(6), fixed=fixed)
+
+
+@pytest.mark.parametrize("fixed", [[1.0], 1, [[1, 2]], "left", None])
+def test_fixed_dofs_of_the_wrong_kind_are_refused(fixed):
+    with pytest.raises(TypeError, match="fixed must be a 1-D array of whole numbers"):
+        reduce(np.ones(6), np.ones(6), fixed=fixed)
+
+
+def test_matrices_are_checked_with_the_dofs_of_the_whole():
+    skew = FULL.copy()
+    skew[5, 2] += 1.0
+    with pytest.raises(ValueError, match=r"K must be symmetric, got .* at \[2, 5\]"):
+        reduce(np.ones(6), skew, fixed=[0, 1])
+    with pytest.raises(ValueError, match="C must be of size 6 like M"):
+        reduce(np.ones(6), np.ones(6), np.ones(5), fixed=[0])
+    with pytest.raises(ValueError, match=r"M must be finite, got nan at \[0\]"):
+        reduce([np.nan, 1.0], np.ones(2), fixed=[0])
+    with pytest.raises(TypeError, match="M must hold real numbers"):
+        reduce(None, np.ones(2), fixed=[0])
+
+
+def test_a_reduction_says_what_it_is():
+    assert repr(of_six()) == "<Reduction of 6 dofs to 3>"
+    assert isinstance(of_six(), Reduction)
