@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -14,9 +14,18 @@ from ._checks import MOST, listing, positive_number, real_number, vector, whole_
 from .assembly import build, interface_factor, interface_matrix, make_part, row_order
 from .constraints import Constraint, RowNames, row_sizes, stacked
 from .errors import ConstraintError, ConstraintWarning, InstabilityError
-from .forces import CallbackLoad, SampledForce, checked_force, core_load, is_callback
+from .forces import CallbackLoad, checked_force, core_load, is_callback
 from .history import History, State, SubdomainHistory, by_place, position
+from .motion import Motion
 from .recording import Recording
+from .schedule import (
+    check_word,
+    checked_constraints,
+    checked_subdomains,
+    double_steps,
+    finest,
+    names_of,
+)
 from .stability import warn_if_above_critical
 from .start import InitialAccelerations, initial_terms
 from .static import static_displacements
@@ -32,7 +41,6 @@ ROUNDING = 1e-9
 # Loads of Python callables are asked for ahead, at most this many bytes at a time; while a table is
 # filled the last one still lives, so that they take 64 MB.
 AHEAD = 32_000_000
-MOST_SUBSTEPS = 2**31
 
 
 class Coupler:
@@ -101,21 +109,21 @@ class Coupler:
         coupling: str = "pm",
         start: str = "rebased",
     ):
-        subdomains = _checked_subdomains(subdomains)
-        constraints = _checked_constraints(constraints, subdomains)
-        _check_word(coupling, "coupling", ("pm", "gc"))
-        _check_word(start, "start", ("rebased", "plain"))
+        subdomains = checked_subdomains(subdomains)
+        constraints = checked_constraints(constraints, subdomains)
+        check_word(coupling, "coupling", ("pm", "gc"))
+        check_word(start, "start", ("rebased", "plain"))
         self._dt = positive_number(dt, "dt")
-        self._fine = _finest(subdomains)
+        self._fine = finest(subdomains)
         self._p = sum(c.p for c in constraints)
-        names = _names(subdomains)
+        names = names_of(subdomains)
         self._keys = tuple(zip(names, subdomains))
         doubles = double_steps(subdomains, coupling)
 
         matrices = stacked(constraints, subdomains)
         self._row_name = RowNames(constraints)
         self._motions = [
-            _Motion(i, c, self._row_name.rows(i), self._fine, self._dt)
+            Motion(i, c, self._row_name.rows(i), self._fine, self._dt)
             for i, c in enumerate(constraints)
             if c.velocity is not None
         ]
@@ -538,41 +546,6 @@ class Coupler:
         return [*self._callbacks.values(), *moved]
 
 
-class _Motion:
-    """The prescribed velocity of one constraint."""
-
-    def __init__(self, i: int, constraint: Constraint, rows: np.ndarray, fine: int, dt: float):
-        self.velocity, self.rows, self.fine, self.dt = constraint.velocity, rows, fine, dt
-        self.what = f"velocity of constraint {i}"
-        self.known = not is_callback(self.velocity)
-        self.callback: CallbackLoad | None = None
-
-    def new_callback(self) -> CallbackLoad:
-        order = np.arange(self.rows.size)
-        return CallbackLoad(self.velocity, self.what, order, self.fine, self.fine, self.dt)
-
-    def at(self, t: float) -> np.ndarray:
-        if isinstance(self.velocity, np.ndarray):
-            return self.velocity
-        if self.callback is not None:
-            return self.callback.ask_near_start(t)
-        return self.velocity(t)
-
-    def value(self) -> np.ndarray:
-        """g(0)"""
-        return self.at(0.0)
-
-    def slope(self) -> np.ndarray:
-        """g'(0)"""
-        if isinstance(self.velocity, SampledForce):
-            dt = self.velocity.dt
-            return (self.velocity(dt) - self.velocity(0.0)) / dt
-        if self.known:
-            return np.zeros(self.rows.size)
-        d = self.dt / self.fine / 16.0
-        return (4.0 * self.at(d) - 3.0 * self.at(0.0) - self.at(2.0 * d)) / (2.0 * d)
-
-
 def solve(
     subdomain: Subdomain, dt: float, t_end: float | None = None, **as_run: Any
 ) -> SubdomainHistory:
@@ -598,98 +571,6 @@ def solve(
     -0.4161
     """
     return Coupler([subdomain], dt=dt).run(t_end, **as_run)[0]
-
-
-# ---- checks ----------------------------------------------------------------------------------
-
-
-def double_steps(subdomains: Sequence[Subdomain], coupling: str) -> list[bool]:
-    """Which subdomains take double steps.
-
-    Raises
-    ------
-    ValueError
-        When everybody at the finest step would: odd and even instants would be unrelated runs.
-    """
-    if coupling == "gc" or len(subdomains) == 1:
-        return [False] * len(subdomains)
-    fine = _finest(subdomains)
-    double = [
-        not s.scheme.explicit and s.substeps < fine if s.double_step is None else s.double_step
-        for s in subdomains
-    ]
-    if all(s.substeps == fine and s.double_step is None for s in subdomains):
-        implicit = [i for i, s in enumerate(subdomains) if not s.scheme.explicit]
-        if implicit:
-            double[implicit[0]] = True
-    if all(d for s, d in zip(subdomains, double) if s.substeps == fine):
-        raise ValueError(
-            "double_step must not be True on all subdomains of the finest step, or odd and even "
-            f"instants would be two unrelated runs; got it on all with substeps = {fine}"
-        )
-    return double
-
-
-def _checked_subdomains(subdomains: Any) -> tuple[Subdomain, ...]:
-    if isinstance(subdomains, Subdomain):
-        raise TypeError("subdomains must be a list of Subdomains, got a single one")
-    if not isinstance(subdomains, Iterable):
-        raise TypeError(f"subdomains must be a list of Subdomains, got {subdomains!r}")
-    subdomains = tuple(subdomains)
-    for s in subdomains:
-        if not isinstance(s, Subdomain):
-            raise TypeError(f"subdomains must be Subdomains, got {s!r}")
-    if not subdomains:
-        raise ValueError("subdomains must not be empty")
-    if len(set(map(id, subdomains))) < len(subdomains):
-        raise ValueError("subdomains must be different, got one of them twice")
-    return subdomains
-
-
-def _checked_constraints(
-    constraints: Any, subdomains: Sequence[Subdomain]
-) -> tuple[Constraint, ...]:
-    if constraints is None:
-        return ()
-    if isinstance(constraints, Constraint):
-        constraints = (constraints,)
-    if not isinstance(constraints, Iterable):
-        raise TypeError(f"constraints must be Constraints, got {constraints!r}")
-    constraints = tuple(constraints)
-    known = set(subdomains)
-    for i, c in enumerate(constraints):
-        if not isinstance(c, Constraint):
-            raise TypeError(f"constraints must be Constraints, got {c!r}")
-        strangers = [s for s in c.matrices if s not in known]
-        if strangers:
-            raise ValueError(
-                f"constraint {i} must hold subdomains of this coupler, got {strangers}"
-            )
-    return constraints
-
-
-def _check_word(value: Any, name: str, words: Sequence[str]) -> None:
-    if not isinstance(value, str) or value not in words:
-        raise ValueError(f"{name} must be {' or '.join(map(repr, words))}, got {value!r}")
-
-
-def _finest(subdomains: Sequence[Subdomain]) -> int:
-    """The largest number of substeps, a multiple of all."""
-    fine = max(s.substeps for s in subdomains)
-    if fine > MOST_SUBSTEPS:
-        raise ValueError(f"substeps must be at most {MOST_SUBSTEPS}, got {fine}")
-    for s in subdomains:
-        if fine % s.substeps:
-            raise ValueError(f"substeps must divide the largest, {fine}, got {s.substeps}")
-    return fine
-
-
-def _names(subdomains: Sequence[Subdomain]) -> list[str]:
-    names = [f"subdomain {i}" if s.name is None else s.name for i, s in enumerate(subdomains)]
-    if len(set(names)) < len(names):
-        twice = sorted({name for name in names if names.count(name) > 1})
-        raise ValueError(f"names of subdomains must be different, got {listing(twice)} twice")
-    return names
 
 
 def _broken_rows(

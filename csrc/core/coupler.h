@@ -68,7 +68,9 @@ void pma_coupler_record_present(const pma_coupler *c, const pma_record *record);
 int64_t pma_coupler_step_count(const pma_coupler *c);
 const double *pma_coupler_multipliers(const pma_coupler *c); /* p, of the present */
 const double *pma_coupler_prescribed(const pma_coupler *c);  /* p, g of the present */
-size_t pma_coupler_unstable(const pma_coupler *c); /* where a value was first not finite */
+/* Where a value was first not finite; of several in the same fine step, the first in order. */
+size_t pma_coupler_unstable(const pma_coupler *c);
+/* As given, but without the list of subdomains, which the coupler keeps in its own way. */
 const pma_coupler_parts *pma_coupler_get_parts(const pma_coupler *c);
 
 #endif

@@ -1,7 +1,7 @@
 /* symbolic.h - the structure of a factor, known before its numbers.
  *
  * Patterns are those of a symmetric matrix of size n by rows, in elimination order: ptr (n+1) and
- * index, every index in 0..n-1. Nothing here allocates. */
+ * index, every index in 0..n-1. Nothing here allocates, but for what qsort may take. */
 #ifndef PMA_SYMBOLIC_H
 #define PMA_SYMBOLIC_H
 

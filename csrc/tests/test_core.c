@@ -117,7 +117,7 @@ static void an_unknown_status_has_a_text_too(void)
 static const pma_scheme TRAPEZOIDAL = {.beta = 0.25, .gamma = 0.5};
 static const pma_scheme CENTRAL_DIFFERENCE = {.beta = 0.0, .gamma = 0.5};
 
-/* METHOD 2: all four from one number */
+/* (P1): all four from one number */
 static pma_scheme generalized_alpha(double rho)
 {
     pma_scheme s = {.am = (2.0 * rho - 1.0) / (rho + 1.0), .af = rho / (rho + 1.0)};
@@ -1278,7 +1278,7 @@ enum {
     NODES = STEPS * FINE + 1
 };
 
-/* One part of (P1), filled in by a test, and what make_part makes of it. A part is not to be moved
+/* One part of (1), filled in by a test, and what make_part makes of it. A part is not to be moved
  * afterwards: the core keeps pointers into it. */
 typedef struct {
     size_t n, nb, p, substeps;
@@ -1298,7 +1298,7 @@ typedef struct {
     pma_subdomain *core;
 } part;
 
-/* al1 = h^2 beta (1-af)/(1-am) */
+/* al1 = h^2 beta (1-af)/(1-am)                                                            (P2) */
 static double al1_of(const part *x, bool twice)
 {
     const pma_scheme s = x->scheme;
@@ -1306,7 +1306,7 @@ static double al1_of(const part *x, bool twice)
     return h * h * s.beta * (1.0 - s.af) / (1.0 - s.am);
 }
 
-/* al2 = h gamma (1-af)/(1-am) */
+/* al2 = h gamma (1-af)/(1-am)                                                             (P2) */
 static double al2_of(const part *x, bool twice)
 {
     const pma_scheme s = x->scheme;
@@ -1372,7 +1372,7 @@ static part one_mass(double m, double k, double L, pma_scheme scheme, bool impli
     return x;
 }
 
-/* ---- the same step, naively: METHOD 2 and 3 as they are written ------------------------------ */
+/* ---- the same step, naively: docs/method.md 3 and 4 as written ------------------------------- */
 
 /* All there is at an own node. */
 typedef struct {
@@ -1999,7 +1999,7 @@ static void check_same_present(const model *m, const snapshot *expected)
     CHECK_BITS(actual.count, actual.values, expected->values);
 }
 
-/* One oscillator cut in two (METHOD 6): A implicit, double on request; B explicit or as A. Masses
+/* One oscillator cut in two: A implicit, double on request; B explicit or as A. Masses
  * and stiffnesses are shared unequally, so that the multiplier has work to do. */
 typedef struct {
     double dt;
@@ -2082,7 +2082,7 @@ static void make_chain(model *m, plan chosen, double scale)
 /* everybody with another step, double steps, and a prescribed velocity between B and C */
 static const plan MIXED = {{2, 6, 3}, true, true, true, true};
 
-/* ---- the naive coupler: METHOD 4 as it is written -------------------------------------------- */
+/* ---- the naive coupler: docs/method.md 5 and 6 as written ------------------------------------ */
 
 /* L vf of part i at fine node k, in mid-step interpolated; opens the step that begins at k - 1. */
 static void naive_free_velocity(model *m, size_t i, size_t k, double *jump)
@@ -2365,7 +2365,7 @@ static void two_trapezoidal_halves_under_gc_are_the_whole_oscillator(void)
 }
 
 /* A trapezoidal, B by the central difference, h = dt: with equal v both have equal w, and the two
- * updates of u leave u_A = u_B + h^2/4 (w_n - w_0). In (P1) that is a central difference alone,
+ * updates of u leave u_A = u_B + h^2/4 (w_n - w_0). In (1) that is a central difference alone,
  * with the mass m = m_A + m_B + k_A h^2/4 and the constant load k_A h^2/4 w_0:
  * u_B = c + (u_0 - c) cos(n q), cos q = 1 - h^2 k/(2 m), c = k_A h^2/4 w_0/k, u_0 = 1 */
 static void trapezoidal_and_central_difference_under_gc_have_a_closed_form(void)
@@ -2391,7 +2391,7 @@ static void trapezoidal_and_central_difference_under_gc_have_a_closed_form(void)
 
 /* The same pair under PM, A from n - 1 to n + 1. With v_n = V e^{iqn} the updates give
  *   w_A = i tan(q)/h V,  u_A = h cos(q)/(i sin q) V,  w_B = 2i tan(q/2)/h V,  u_B = h/(i sin q) V
- * and (P1), summed over the parts, with c = cos q:
+ * and (1), summed over the parts, with c = cos q:
  *   (m_A + 2 m_B + h^2 k_A) c^2 - (2 m_B - h^2 k_B) c - m_A = 0
  * Both roots lie in [-1, 1], near 1 the oscillator, the other the two chains of A. The remaining
  * eigenvalues, 1 and -1, have no part in v. So (E^2 - 2 c_1 E + 1)(E^2 - 2 c_2 E + 1) v = 0. */

@@ -1,0 +1,101 @@
+"""Who takes part in a coupler and who steps how, checked before anything is assembled."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from ._checks import listing
+from .constraints import Constraint
+from .subdomain import Subdomain
+
+MOST_SUBSTEPS = 2**31
+
+
+def double_steps(subdomains: Sequence[Subdomain], coupling: str) -> list[bool]:
+    """Which subdomains take double steps.
+
+    Raises
+    ------
+    ValueError
+        When everybody at the finest step would: odd and even instants would be unrelated runs.
+    """
+    if coupling == "gc" or len(subdomains) == 1:
+        return [False] * len(subdomains)
+    fine = finest(subdomains)
+    double = [
+        not s.scheme.explicit and s.substeps < fine if s.double_step is None else s.double_step
+        for s in subdomains
+    ]
+    if all(s.substeps == fine and s.double_step is None for s in subdomains):
+        implicit = [i for i, s in enumerate(subdomains) if not s.scheme.explicit]
+        if implicit:
+            double[implicit[0]] = True
+    if all(d for s, d in zip(subdomains, double) if s.substeps == fine):
+        raise ValueError(
+            "double_step must not be True on all subdomains of the finest step, or odd and even "
+            f"instants would be two unrelated runs; got it on all with substeps = {fine}"
+        )
+    return double
+
+
+def checked_subdomains(subdomains: Any) -> tuple[Subdomain, ...]:
+    if isinstance(subdomains, Subdomain):
+        raise TypeError("subdomains must be a list of Subdomains, got a single one")
+    if not isinstance(subdomains, Iterable):
+        raise TypeError(f"subdomains must be a list of Subdomains, got {subdomains!r}")
+    subdomains = tuple(subdomains)
+    for s in subdomains:
+        if not isinstance(s, Subdomain):
+            raise TypeError(f"subdomains must be Subdomains, got {s!r}")
+    if not subdomains:
+        raise ValueError("subdomains must not be empty")
+    if len(set(map(id, subdomains))) < len(subdomains):
+        raise ValueError("subdomains must be different, got one of them twice")
+    return subdomains
+
+
+def checked_constraints(
+    constraints: Any, subdomains: Sequence[Subdomain]
+) -> tuple[Constraint, ...]:
+    if constraints is None:
+        return ()
+    if isinstance(constraints, Constraint):
+        constraints = (constraints,)
+    if not isinstance(constraints, Iterable):
+        raise TypeError(f"constraints must be Constraints, got {constraints!r}")
+    constraints = tuple(constraints)
+    known = set(subdomains)
+    for i, c in enumerate(constraints):
+        if not isinstance(c, Constraint):
+            raise TypeError(f"constraints must be Constraints, got {c!r}")
+        strangers = [s for s in c.matrices if s not in known]
+        if strangers:
+            raise ValueError(
+                f"constraint {i} must hold subdomains of this coupler, got {strangers}"
+            )
+    return constraints
+
+
+def check_word(value: Any, name: str, words: Sequence[str]) -> None:
+    if not isinstance(value, str) or value not in words:
+        raise ValueError(f"{name} must be {' or '.join(map(repr, words))}, got {value!r}")
+
+
+def finest(subdomains: Sequence[Subdomain]) -> int:
+    """The largest number of substeps, a multiple of all."""
+    fine = max(s.substeps for s in subdomains)
+    if fine > MOST_SUBSTEPS:
+        raise ValueError(f"substeps must be at most {MOST_SUBSTEPS}, got {fine}")
+    for s in subdomains:
+        if fine % s.substeps:
+            raise ValueError(f"substeps must divide the largest, {fine}, got {s.substeps}")
+    return fine
+
+
+def names_of(subdomains: Sequence[Subdomain]) -> list[str]:
+    names = [f"subdomain {i}" if s.name is None else s.name for i, s in enumerate(subdomains)]
+    if len(set(names)) < len(names):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        raise ValueError(f"names of subdomains must be different, got {listing(twice)} twice")
+    return names
