@@ -6,6 +6,10 @@ import os
 from pathlib import Path
 
 
+# Requests below this many bytes are not worth the time it takes to ask.
+SMALL = 100_000
+
+
 def available() -> int | None:
     """Bytes that can be had without swapping, or None where the system does not say."""
     limits = [_free_of_machine(), _free_of_group()]
@@ -15,7 +19,7 @@ def available() -> int | None:
 
 def require(count: float, what: str, advice: str = "") -> None:
     """MemoryError with the figures when `count` bytes for `what` are not to be had."""
-    left = available()
+    left = None if count < SMALL else available()
     if left is not None and count > left:
         text = f"{what} needs about {_size(count)}, {_size(left)} are available"
         raise MemoryError(f"{text}; {advice}" if advice else text)
