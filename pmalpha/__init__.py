@@ -5,7 +5,7 @@ Start with `Subdomain`, `tie` and `Coupler`; the equations are in docs/method.md
 
 from importlib.metadata import version as _version
 
-from . import analysis, models
+from . import analysis, export, models, plot
 from .constraints import Constraint, tie
 from .coupler import Coupler, solve
 from .errors import (
@@ -48,8 +48,10 @@ __all__ = [
     "Subdomain",
     "SubdomainHistory",
     "analysis",
+    "export",
     "interpolate",
     "models",
+    "plot",
     "reduce",
     "solve",
     "tie",

@@ -79,21 +79,28 @@ def read_npz(
         For any other file, saying why.
     """
     name = str(checked_path(path))
-    reason: str | None = "is no npz file, or is cut off"
     with open(name, "rb") as file:
-        if zipfile.is_zipfile(file):
-            try:
-                with zipfile.ZipFile(file) as members:
-                    keys = [key.removesuffix(".npy") for key in members.namelist()]
-                    header = json.loads(_member(members, HEADER).item()) if HEADER in keys else None
-                    reason = _mismatch(header, format, version)
-                    if reason is None:
-                        return header, {key: _member(members, key) for key in keys if key != HEADER}
-            except MemoryError:
-                raise
-            except Exception as error:  # zipfile and NumPy raise a dozen kinds for damage
-                reason = f"is damaged: {error}"
-    raise ValueError(f"path must lead to a file of format {format!r}, but {name!r} {reason}")
+        reason, header, arrays = _contents(file, format, version)
+    if reason is not None:
+        raise ValueError(f"path must lead to a file of format {format!r}, but {name!r} {reason}")
+    return header, arrays
+
+
+def _contents(file: BinaryIO, format: str, version: int) -> tuple[str | None, Any, dict]:
+    """Why the file is refused or None, its header and its arrays."""
+    if not zipfile.is_zipfile(file):
+        return "is no npz file, or is cut off", None, {}
+    try:
+        with zipfile.ZipFile(file) as members:
+            keys = [name.removesuffix(".npy") for name in members.namelist()]
+            header = json.loads(_member(members, HEADER).item()) if HEADER in keys else None
+            reason = _mismatch(header, format, version)
+            wanted = [] if reason else [key for key in keys if key != HEADER]
+            return reason, header, {key: _member(members, key) for key in wanted}
+    except MemoryError:
+        raise
+    except Exception as error:  # zipfile and NumPy raise a dozen kinds for damage
+        return f"is damaged: {error}", None, {}
 
 
 def _member(members: zipfile.ZipFile, key: str) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Union
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -96,7 +96,7 @@ class History:
     macro_times: np.ndarray
     keys: tuple[tuple[str, Subdomain | None], ...]
 
-    def __getitem__(self, key: Union[str, int, Subdomain]) -> SubdomainHistory:
+    def __getitem__(self, key: str | int | Subdomain) -> SubdomainHistory:
         i = position(key, self.keys)
         found = self.subdomains[i]
         if found is None:
@@ -132,11 +132,11 @@ class History:
         ----------
         dofs : dict, or int or list of int
             Dofs, one or several, by subdomain, None for all of one that were recorded; at most
-            16 in all. A number or a list stands for the dofs of a single subdomain. Default: the
-            dofs with the largest range, four in all, each subdomain with its share.
+            16 in all. A number or a list stands for the dofs of a single subdomain. Default: of
+            each subdomain those of the largest range that move differently, four in all at most.
         conditions : int or list of int
-            Which conditions to draw. Default: the four whose multipliers have the largest range;
-            where there are more, a grey band shows the extent of all.
+            Which conditions to draw, at most 16. Default: up to four, chosen likewise by their
+            multipliers. Where there are more, a grey band shows the extent of all.
         quantity : {"u", "v", "a"}, default "u"
             Displacement, velocity or acceleration.
         title : str, optional
@@ -279,7 +279,7 @@ class History:
         return xarray.Dataset(variables, coordinates)
 
 
-def position(key: Union[str, int, Subdomain], keys: Sequence[tuple[str, Subdomain | None]]) -> int:
+def position(key: str | int | Subdomain, keys: Sequence[tuple[str, Subdomain | None]]) -> int:
     """Place of a subdomain given by name, by itself or by its place; KeyError or IndexError."""
     for i, (name, subdomain) in enumerate(keys):
         if (isinstance(key, str) and key == name) or (key is subdomain and key is not None):

@@ -9,7 +9,7 @@ import numpy as np
 
 from ._checks import listing
 from .constraints import dof_list
-from .history import History, SubdomainHistory, position
+from .history import History, SubdomainHistory, by_place
 from .plot import LINES, style
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def time_histories(
         if curves:
             _draw(axes[0], curves)
             _name_axis(axes[0], QUANTITIES[quantity])
-            _legend(axes[0], axes.pop(0))
+            _legend(axes.pop(0))
         if rows:
             _draw_interface(axes, history, rows)
         figure.align_ylabels()
@@ -136,16 +136,13 @@ def _distinct(x: np.ndarray, ranges: np.ndarray, count: int) -> list[int]:
 
 def _named(history: History, dofs: Any) -> Iterator[tuple[SubdomainHistory, Any]]:
     """Recorded subdomains and what the caller said of each."""
-    if not isinstance(dofs, Mapping):
-        if len(history) > 1:
-            raise TypeError(f"dofs must be a dict of dofs by subdomain, got {dofs!r}")
+    if not isinstance(dofs, Mapping) and len(history) == 1:
         dofs = {0: dofs}
-    for key, given in dofs.items():
-        try:
-            i = position(key, history.keys)
-            yield history[i], given
-        except LookupError as error:
-            raise ValueError(f"dofs: {error.args[0]}") from None
+    for i, given in by_place(dofs, history.keys, "dofs").items():
+        part = history.subdomains[i]
+        if part is None:
+            raise ValueError(f"dofs: subdomain {history.keys[i][0]!r} was not recorded")
+        yield part, given
 
 
 def _columns(part: SubdomainHistory, given: Any) -> list[int]:
@@ -187,17 +184,24 @@ def _draw_interface(axes: Sequence[Axes], history: History, rows: list[int]) -> 
         _draw(ax, [Curve(f"condition {row}", t, x[:, row]) for row in rows])
         _name_axis(ax, label)
     if history.multipliers.shape[1] > 1:
-        _legend(axes[-1], axes[0])  # those of the last panel are not lost in rounding
+        _legend(axes[0])
 
 
 def _draw(ax: Axes, curves: Sequence[Curve]) -> None:
     for i, (label, t, x) in enumerate(curves):
         shown = _envelope(x)
-        look = LINES[::-1][i % FEW] | {"marker": MARKERS[i // FEW] or ("o" if t.size == 1 else "")}
+        look = _look(i)
+        if t.size == 1:
+            look["marker"] = "o"
         if np.abs(np.diff(x[shown])).sum() > HALF_WAVES * np.ptp(x):
             look |= {"linestyle": "-", "linewidth": 0.5}
         every = max(1, shown.size // 12)
-        ax.plot(t[shown], x[shown], **look, markersize=3.5, markevery=every, label=label)
+        ax.plot(t[shown], x[shown], **look, markevery=every, label=label)
+
+
+def _look(i: int) -> dict[str, Any]:
+    """Of curve i, if it is not a band."""
+    return LINES[::-1][i % FEW] | {"marker": MARKERS[i // FEW], "markersize": 3.5}
 
 
 def _band(ax: Axes, t: np.ndarray, x: np.ndarray) -> None:
@@ -230,9 +234,17 @@ def _name_axis(ax: Axes, label: str) -> None:
     ax.set_ylabel(label)
 
 
-def _legend(source: Axes, above: Axes) -> None:
-    """What the curves of one panel are called, above this one or another."""
-    curves, labels = source.get_legend_handles_labels()
-    columns = int(np.clip(LEGEND_WIDTH // (max(map(len, labels)) + 9), 1, 5))
-    place = {"loc": "lower left", "bbox_to_anchor": (-0.01, 1.0), "borderaxespad": 0.2}
-    above.legend(curves, labels, ncols=columns, **place)
+def _legend(ax: Axes) -> None:
+    """Names above the panel, beside lines as curves are drawn that are not bands."""
+    from matplotlib.lines import Line2D
+
+    lines = [Line2D([], [], **_look(i), label=x.get_label()) for i, x in enumerate(ax.lines)]
+    shown = [*ax.collections, *lines]
+    longest = max(len(str(handle.get_label())) for handle in shown)
+    columns = int(np.clip(LEGEND_WIDTH // (longest + 9), 1, 5))
+    place: dict[str, Any] = {
+        "loc": "lower left",
+        "bbox_to_anchor": (-0.01, 1.0),
+        "borderaxespad": 0.2,
+    }
+    ax.legend(handles=shown, ncols=columns, **place)

@@ -60,3 +60,9 @@ def test_the_stub_names_what_the_core_has():
         body = re.search(rf"^class {type_.__name__}:\n((?:    .*\n)+)", stub, re.MULTILINE)[1]
         named = set(re.findall(r"^    (?:def )?(\w+)[:(]", body, re.MULTILINE)) - {"__new__"}
         assert named == {name for name in vars(type_) if not name.startswith("__")}
+
+
+def test_every_test_that_the_reproduction_cites_exists():
+    cited = set(re.findall(r"`(test_\w+)`", (ROOT / "docs" / "reproduction.md").read_text()))
+    written = "\n".join(path.read_text() for path in ROOT.glob("tests/*.py"))
+    assert cited and not [name for name in cited if f"def {name}(" not in written]

@@ -1,0 +1,258 @@
+"""Time series on a mesh as files that ParaView opens. Needs nothing but NumPy."""
+
+from __future__ import annotations
+
+import base64
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+from xml.etree import ElementTree as xml
+
+import numpy as np
+
+from ._checks import listing, real_array
+from .files import checked_path, replacing
+from .mesh import Mesh, checked_mesh, nodal_values, nodal_vectors, padded
+
+__all__ = ["write_series"]
+
+# By the number of nodes of an element: XDMF's name and number, and VTK's number.
+XDMF = {2: ("Polyline", 2), 4: ("Quadrilateral", 5), 8: ("Hexahedron", 9)}
+VTK = {2: 3, 4: 9, 8: 12}
+ORDER = {"little": "Little", "big": "Big"}[sys.byteorder]
+
+
+class Series(NamedTuple):
+    """What is written: fields by name, (k, N, dim) vectors or (k, N) numbers."""
+
+    mesh: Mesh
+    times: np.ndarray
+    fields: Mapping[str, np.ndarray]
+
+    def at(self, step: int) -> Iterator[tuple[str, np.ndarray]]:
+        """Names and values of the fields, vectors with three components."""
+        for name, values in self.fields.items():
+            value = np.asarray(values[step], dtype=np.float64)
+            yield name, np.ascontiguousarray(padded(value, 3) if value.ndim == 2 else value)
+
+
+def write_series(
+    path: str | os.PathLike,
+    points: Any,
+    elements: Any,
+    times: Any,
+    u: Any,
+    v: Any = None,
+    a: Any = None,
+    *,
+    data: Mapping[str, Any] | None = None,
+) -> None:
+    """Write the motion of a mesh for ParaView.
+
+    The ending of the path chooses the format. ``.xdmf``: a text that describes, and beside it one
+    file of the same name, ending in ``.bin``, with the numbers. ``.pvd``: a text that lists the
+    times, and beside it a folder of the same name with a ``.vtu`` file for each. In ParaView, the
+    filter "Warp By Vector" shows the displacements. Numbers are written step by step, in double
+    precision, without being copied as a whole.
+
+    Parameters
+    ----------
+    path : str or path
+        Ending in .xdmf or .pvd. Files that stand there are replaced.
+    points : (N, dim) array_like
+        Coordinates of the nodes; dim is 1, 2 or 3.
+    elements : (m, 2), (m, 4) or (m, 8) array_like of int, or dict
+        Nodes of lines, quadrilaterals (around) or hexahedra (around the bottom, then around the
+        top), or several of them by name: "line", "quad", "hexahedron".
+    times : (k,) array_like
+        Rising.
+    u, v, a : (k, N * d) or (k, N, d) array_like
+        Displacements, velocities and accelerations, d >= dim dofs at each node; those beyond dim,
+        such as rotations, are left out. Such as ``history["rig"].u``, which ``reduction.expand``
+        fills up where dofs are fixed. v and a are optional.
+    data : dict, optional
+        More that is known at the nodes: (k, N) numbers by name.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For another ending, and arrays that do not fit one another.
+    OSError
+        When a file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> from pmalpha.export import write_series
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "bar.xdmf")
+    ...     write_series(path, [[0.0], [1.0]], [[0, 1]], [0.0, 0.1], [[0.0, 0.0], [0.0, 0.2]])
+    ...     sorted(file.name for file in path.parent.iterdir())
+    ['bar.bin', 'bar.xdmf']
+    """
+    path = checked_path(path)
+    writers = {".xdmf": _write_xdmf, ".pvd": _write_pvd}
+    if path.suffix.lower() not in writers:
+        raise ValueError(f"path must end in .xdmf or .pvd, got {str(path)!r}")
+    times = real_array(times, "times")
+    if times.size == 0:
+        raise ValueError("times must not be empty")
+    late = np.flatnonzero(np.diff(times) <= 0.0) + 1
+    if late.size:
+        raise ValueError(f"times must rise, which they do not at entries {listing(late)}")
+    mesh = checked_mesh(points, elements)
+    series = Series(mesh, times, _fields(mesh, times.size, u, v, a, data or {}))
+    writers[path.suffix.lower()](path, series)
+
+
+def _fields(
+    mesh: Mesh, k: int, u: Any, v: Any, a: Any, data: Mapping[str, Any]
+) -> dict[str, np.ndarray]:
+    fields = {"displacement": nodal_vectors(u, mesh, "u", times=k)}
+    if v is not None:
+        fields["velocity"] = nodal_vectors(v, mesh, "v", times=k)
+    if a is not None:
+        fields["acceleration"] = nodal_vectors(a, mesh, "a", times=k)
+    for name, values in data.items():
+        if not isinstance(name, str) or name in fields:
+            raise ValueError(f"data must have names of its own, got {name!r}")
+        fields[name] = nodal_values(values, mesh, f"data[{name!r}]", times=k)
+    return fields
+
+
+# ---- XDMF -----------------------------------------------------------------------------------
+
+
+def _write_xdmf(path: Path, series: Series) -> None:
+    root = xml.Element("Xdmf", Version="3.0")
+    domain = xml.SubElement(root, "Domain")
+    steps = xml.SubElement(
+        domain, "Grid", Name="steps", GridType="Collection", CollectionType="Temporal"
+    )
+    binary = path.with_suffix(".bin")
+    with replacing(binary) as file:
+        topology, geometry = _xdmf_mesh(file, binary.name, series.mesh)
+        for step, time in enumerate(series.times):
+            grid = xml.SubElement(steps, "Grid", Name="mesh", GridType="Uniform")
+            xml.SubElement(grid, "Time", Value=repr(float(time)))
+            grid.extend([topology, geometry])
+            for name, values in series.at(step):
+                kind = "Vector" if values.ndim == 2 else "Scalar"
+                field = xml.SubElement(
+                    grid, "Attribute", Name=name, AttributeType=kind, Center="Node"
+                )
+                field.append(_data_item(file, binary.name, values))
+    _write_xml(path, root)
+
+
+def _xdmf_mesh(file: BinaryIO, name: str, mesh: Mesh) -> tuple[xml.Element, xml.Element]:
+    count = sum(len(block) for block in mesh.blocks)
+    if len(mesh.blocks) == 1:
+        (block,) = mesh.blocks
+        kind, corners = XDMF[block.shape[1]][0], str(block.shape[1])
+        topology = xml.Element(
+            "Topology", TopologyType=kind, NumberOfElements=str(count), NodesPerElement=corners
+        )
+        topology.append(_data_item(file, name, block))
+    else:
+        topology = xml.Element("Topology", TopologyType="Mixed", NumberOfElements=str(count))
+        topology.append(_data_item(file, name, _mixed(mesh)))
+    geometry = xml.Element("Geometry", GeometryType="XYZ")
+    geometry.append(_data_item(file, name, np.ascontiguousarray(padded(mesh.points, 3))))
+    return topology, geometry
+
+
+def _mixed(mesh: Mesh) -> np.ndarray:
+    """Elements of several kinds in a row: number of the kind, for lines how many nodes, nodes."""
+    rows = []
+    for block in mesh.blocks:
+        corners = block.shape[1]
+        before = [XDMF[corners][1]] + [2] * (corners == 2)
+        rows.append(np.insert(block, 0, np.array(before)[:, None], axis=1).ravel())
+    return np.concatenate(rows)
+
+
+def _data_item(file: BinaryIO, name: str, array: np.ndarray) -> xml.Element:
+    """Writes the array; what says where it is."""
+    item = xml.Element(
+        "DataItem",
+        Format="Binary",
+        Endian=ORDER,
+        DataType="Float" if array.dtype.kind == "f" else "Int",
+        Precision="8",
+        Dimensions=" ".join(str(size) for size in array.shape),
+        Seek=str(file.tell()),
+    )
+    item.text = name
+    file.write(array.data)
+    return item
+
+
+# ---- VTK ------------------------------------------------------------------------------------
+
+
+def _write_pvd(path: Path, series: Series) -> None:
+    folder = path.with_suffix("")
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        message = f"path cannot be written: {error.strerror}"
+        raise OSError(error.errno, message, str(folder)) from error
+    root = xml.Element("VTKFile", type="Collection", version="0.1", byte_order=f"{ORDER}Endian")
+    collection = xml.SubElement(root, "Collection")
+    for step, time in enumerate(series.times):
+        file = folder / f"{step:06d}.vtu"
+        _write_vtu(file, series.mesh, series.at(step))
+        xml.SubElement(
+            collection,
+            "DataSet",
+            timestep=repr(float(time)),
+            part="0",
+            file=f"{folder.name}/{file.name}",
+        )
+    _write_xml(path, root)
+
+
+def _write_vtu(path: Path, mesh: Mesh, fields: Iterator[tuple[str, np.ndarray]]) -> None:
+    root = xml.Element(
+        "VTKFile",
+        type="UnstructuredGrid",
+        version="1.0",
+        byte_order=f"{ORDER}Endian",
+        header_type="UInt64",
+    )
+    corners = np.concatenate([np.full(len(block), block.shape[1]) for block in mesh.blocks])
+    types = np.concatenate([np.full(len(b), VTK[b.shape[1]], dtype=np.uint8) for b in mesh.blocks])
+    grid = xml.SubElement(root, "UnstructuredGrid")
+    piece = xml.SubElement(
+        grid, "Piece", NumberOfPoints=str(len(mesh.points)), NumberOfCells=str(len(corners))
+    )
+    points = xml.SubElement(piece, "Points")
+    _data_array(points, "Points", np.ascontiguousarray(padded(mesh.points, 3)))
+    cells = xml.SubElement(piece, "Cells")
+    _data_array(cells, "connectivity", np.concatenate([block.ravel() for block in mesh.blocks]))
+    _data_array(cells, "offsets", np.cumsum(corners))
+    _data_array(cells, "types", types)
+    data = xml.SubElement(piece, "PointData", Vectors="displacement")
+    for name, values in fields:
+        _data_array(data, name, values)
+    _write_xml(path, root)
+
+
+def _data_array(parent: xml.Element, name: str, array: np.ndarray) -> None:
+    """An array in the text: its length in bytes and its bytes, in base 64."""
+    kind = {"f": "Float", "i": "Int", "u": "UInt"}[array.dtype.kind]
+    item = xml.SubElement(
+        parent, "DataArray", type=f"{kind}{8 * array.itemsize}", Name=name, format="binary"
+    )
+    if array.ndim == 2:
+        item.set("NumberOfComponents", str(array.shape[1]))
+    item.text = base64.b64encode(np.uint64(array.nbytes).tobytes() + array.tobytes()).decode()
+
+
+def _write_xml(path: Path, root: xml.Element) -> None:
+    xml.indent(root)
+    with replacing(path) as file:
+        xml.ElementTree(root).write(file, encoding="utf-8", xml_declaration=True)

@@ -1,0 +1,253 @@
+"""Files for ParaView, read back by what does not know how they were written."""
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from pmalpha.export import write_series
+
+TIMES = np.array([0.0, 0.1, 0.30000000000000004])
+SQUARES = (
+    np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [0.0, 1.0], [1.0, 1.0], [2.0, 1.0]]),
+    np.array([[0, 1, 4, 3], [1, 2, 5, 4]]),
+)
+CUBE = (
+    np.array([[x, y, z] for z in (0.0, 1.0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]),
+    np.arange(8)[None],
+)
+ROD = np.array([[0.0], [1.0], [3.0]]), np.array([[0, 1], [1, 2]])
+MIXED = (
+    np.concatenate([CUBE[0], [[0.0, 0.0, 3.0]]]),
+    {"line": [[4, 8], [8, 5]], "quad": [[4, 5, 6, 7]], "hexahedron": CUBE[1]},
+)
+MESHES = {"squares": SQUARES, "cube": CUBE, "rod": ROD, "mixed": MIXED}
+
+
+def motion(points, dofs=0, seed=0):
+    """Anything, for three times, with some dofs more than coordinates at each node."""
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(3, len(points), points.shape[1] + dofs))
+
+
+def in_space(vectors):
+    return np.concatenate([vectors, np.zeros((*vectors.shape[:-1], 3 - vectors.shape[-1]))], -1)
+
+
+def blocks(elements):
+    if isinstance(elements, dict):
+        return {kind: np.array(block) for kind, block in elements.items()}
+    return {{2: "line", 4: "quad", 8: "hexahedron"}[elements.shape[1]]: elements}
+
+
+# ---- VTK ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_meshio_reads_the_mesh_and_the_fields_of_each_time(tmp_path, name):
+    meshio = pytest.importorskip("meshio")
+    points, elements = MESHES[name]
+    u, v, a = (motion(points, seed=i) for i in range(3))
+    heat = np.arange(3.0)[:, None] * np.ones(len(points))
+    path = tmp_path / "run.pvd"
+    write_series(path, points, elements, TIMES, u, v, a, data={"Wärme & <mehr>": heat})
+    listed = list(ElementTree.parse(path).getroot().iter("DataSet"))
+    assert [float(entry.get("timestep")) for entry in listed] == list(TIMES)
+    for k, entry in enumerate(listed):
+        mesh = meshio.read(path.parent / entry.get("file"))
+        np.testing.assert_array_equal(mesh.points, in_space(points))
+        assert {block.type: block.data.tolist() for block in mesh.cells} == {
+            kind: block.tolist() for kind, block in blocks(elements).items()
+        }
+        for field, expected in (("displacement", u), ("velocity", v), ("acceleration", a)):
+            np.testing.assert_array_equal(mesh.point_data[field], in_space(expected)[k])
+        np.testing.assert_array_equal(mesh.point_data["Wärme & <mehr>"], heat[k])
+
+
+def test_displacements_alone_are_enough_and_are_what_vtk_warps_by(tmp_path):
+    write_series(tmp_path / "run.pvd", *SQUARES, TIMES, motion(SQUARES[0]))
+    root = ElementTree.parse(tmp_path / "run" / "000000.vtu").getroot()
+    (data,) = root.iter("PointData")
+    assert data.get("Vectors") == "displacement"
+    assert [array.get("Name") for array in data] == ["displacement"]
+
+
+# ---- XDMF -----------------------------------------------------------------------------------
+
+
+def read_item(path, item):
+    """What a DataItem says, read as it says."""
+    kind = {("Float", "8"): "f8", ("Int", "8"): "i8"}[item.get("DataType"), item.get("Precision")]
+    order = {"Little": "<", "Big": ">"}[item.get("Endian")]
+    shape = [int(size) for size in item.get("Dimensions").split()]
+    assert item.get("Format") == "Binary"
+    numbers = np.fromfile(
+        path.parent / item.text,
+        dtype=order + kind,
+        count=int(np.prod(shape)),
+        offset=int(item.get("Seek")),
+    )
+    return numbers.reshape(shape)
+
+
+def read_xdmf(path):
+    """Times, and for each the points, the topology as it stands there, and the fields."""
+    (collection,) = ElementTree.parse(path).getroot().find("Domain")
+    assert collection.get("CollectionType") == "Temporal"
+    for grid in collection:
+        topology = grid.find("Topology")
+        yield (
+            float(grid.find("Time").get("Value")),
+            read_item(path, grid.find("Geometry/DataItem")),
+            (dict(topology.attrib), read_item(path, topology.find("DataItem"))),
+            {
+                (field.get("Name"), field.get("AttributeType"), field.get("Center")): read_item(
+                    path, field.find("DataItem")
+                )
+                for field in grid.iter("Attribute")
+            },
+        )
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_xdmf_says_where_the_numbers_of_each_time_are(tmp_path, name):
+    points, elements = MESHES[name]
+    u, v = motion(points), motion(points, seed=1)
+    heat = motion(points, seed=2)[..., 0]
+    path = tmp_path / "run.xdmf"
+    write_series(path, points, elements, TIMES, u, v, data={"heat": heat})
+    read = list(read_xdmf(path))
+    assert [time for time, *_ in read] == list(TIMES)
+    for k, (_, places, _, fields) in enumerate(read):
+        np.testing.assert_array_equal(places, in_space(points))
+        assert list(fields) == [
+            ("displacement", "Vector", "Node"),
+            ("velocity", "Vector", "Node"),
+            ("heat", "Scalar", "Node"),
+        ]
+        for values, expected in zip(fields.values(), (in_space(u), in_space(v), heat), strict=True):
+            np.testing.assert_array_equal(values, expected[k])
+
+
+@pytest.mark.parametrize(
+    "mesh, kind, corners",
+    [(SQUARES, "Quadrilateral", "4"), (CUBE, "Hexahedron", "8"), (ROD, "Polyline", "2")],
+)
+def test_xdmf_names_the_elements_and_the_number_of_their_nodes(tmp_path, mesh, kind, corners):
+    write_series(tmp_path / "run.xdmf", *mesh, TIMES, motion(mesh[0]))
+    for _, _, (attributes, nodes), _ in read_xdmf(tmp_path / "run.xdmf"):
+        assert attributes == {
+            "TopologyType": kind,
+            "NumberOfElements": str(len(mesh[1])),
+            "NodesPerElement": corners,
+        }
+        np.testing.assert_array_equal(nodes, mesh[1])
+
+
+def test_xdmf_puts_the_kind_before_each_element_of_a_mixed_mesh(tmp_path):
+    write_series(tmp_path / "run.xdmf", *MIXED, TIMES, motion(MIXED[0]))
+    *_, (attributes, numbers), _ = next(read_xdmf(tmp_path / "run.xdmf"))
+    assert attributes == {"TopologyType": "Mixed", "NumberOfElements": "4"}
+    # 2: polyline, with how many nodes it has; 5: quadrilateral; 9: hexahedron
+    expected = [2, 2, 4, 8, 2, 2, 8, 5, 5, 4, 5, 6, 7, 9, *range(8)]
+    np.testing.assert_array_equal(numbers, expected)
+
+
+def nodes_of(cell):
+    return [cell.GetPointId(j) for j in range(cell.GetNumberOfPoints())]
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_the_reader_of_vtk_sees_the_same(tmp_path, name):
+    pytest.importorskip("vtkmodules")
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
+    from vtkmodules.vtkIOXdmf2 import vtkXdmfReader
+
+    points, elements = MESHES[name]
+    u = motion(points)
+    write_series(tmp_path / "run.xdmf", points, elements, TIMES, u)
+    reader = vtkXdmfReader()
+    reader.SetFileName(str(tmp_path / "run.xdmf"))
+    reader.UpdateInformation()
+    steps = vtkStreamingDemandDrivenPipeline.TIME_STEPS()
+    assert list(reader.GetOutputInformation(0).Get(steps)) == list(TIMES)
+    for k, time in enumerate(TIMES):
+        reader.UpdateTimeStep(time)
+        grid = reader.GetOutputDataObject(0)
+        while not hasattr(grid, "GetCells"):
+            grid = grid.GetBlock(0)
+        moved = vtk_to_numpy(grid.GetPointData().GetArray("displacement"))
+        np.testing.assert_array_equal(moved, in_space(u)[k])
+        nodes = [nodes_of(grid.GetCell(i)) for i in range(grid.GetNumberOfCells())]
+        assert nodes == [row for block in blocks(elements).values() for row in block.tolist()]
+
+
+# ---- both -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("given", ["flat", "by node", "with rotations", "flat with rotations"])
+def test_displacements_are_taken_in_any_shape_they_come_in(tmp_path, given):
+    points, elements = SQUARES
+    u = motion(points, dofs="rotations" in given)
+    write_series(
+        tmp_path / "run.xdmf", points, elements, TIMES, u.reshape(3, -1) if "flat" in given else u
+    )
+    for k, (*_, fields) in enumerate(read_xdmf(tmp_path / "run.xdmf")):
+        (values,) = fields.values()
+        np.testing.assert_array_equal(values, in_space(u[..., :2])[k])
+
+
+@pytest.mark.parametrize("name", ["run.xdmf", "run.pvd", "RUN.XDMF"])
+def test_files_that_stand_there_are_replaced(tmp_path, name):
+    points, elements = SQUARES
+    for seed in (0, 1):
+        write_series(str(tmp_path / name), points, elements, TIMES, motion(points, seed=seed))
+    once = tmp_path / "once"
+    once.mkdir()
+    write_series(once / name, points, elements, TIMES, motion(points, seed=1))
+    for file in once.rglob("*.*"):
+        assert (tmp_path / file.relative_to(once)).read_bytes() == file.read_bytes()
+    assert not list(tmp_path.rglob("*.part"))
+
+
+@pytest.mark.parametrize(
+    "change, error, message",
+    [
+        ({"path": "run.vtk"}, ValueError, r"path must end in \.xdmf or \.pvd, got 'run\.vtk'"),
+        ({"path": 1.0}, TypeError, "path must be a str or a path"),
+        ({"times": []}, ValueError, "times must not be empty"),
+        ({"times": [0.0, 1.0, 1.0]}, ValueError, "times must rise, .* at entries 2"),
+        ({"times": [0.0, 1.0, np.nan]}, ValueError, "times must be finite"),
+        ({"times": [0.0, 1.0]}, ValueError, r"u must have shape \(2, 6 d\) or \(2, 6, d\)"),
+        ({"u": np.zeros((3, 11))}, ValueError, r"u must have shape .* got \(3, 11\)"),
+        ({"u": np.zeros((3, 6))}, ValueError, "with d >= 2 dofs at each of 6 nodes"),
+        ({"u": None}, TypeError, "u must hold real numbers"),
+        ({"v": np.zeros((2, 12))}, ValueError, r"v must have shape .* got \(2, 12\)"),
+        ({"a": np.full((3, 12), np.inf)}, ValueError, "a must be finite"),
+        (
+            {"data": {"heat": np.zeros((3, 5))}},
+            ValueError,
+            r"data\['heat'\] must have shape \(3, 6\)",
+        ),
+        ({"data": {"displacement": np.zeros((3, 6))}}, ValueError, "names of its own"),
+        ({"elements": [[0, 1, 2]]}, ValueError, "elements must have 2, 4 or 8 columns"),
+        ({"points": np.zeros((6, 4))}, ValueError, "points must have 1, 2 or 3 columns"),
+    ],
+)
+def test_what_does_not_fit_is_refused_before_anything_is_written(
+    tmp_path, monkeypatch, change, error, message
+):
+    monkeypatch.chdir(tmp_path)
+    points, elements = SQUARES
+    arguments = {"path": "run.pvd", "points": points, "elements": elements, "times": TIMES}
+    with pytest.raises(error, match=message):
+        write_series(**arguments | {"u": np.zeros((3, 12))} | change)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("ending", ["xdmf", "pvd"])
+def test_a_place_that_cannot_be_written_is_named(tmp_path, ending):
+    path = tmp_path / "nowhere" / f"run.{ending}"
+    with pytest.raises(FileNotFoundError, match="path cannot be written.*nowhere/run"):
+        write_series(path, *SQUARES, TIMES, np.zeros((3, 12)))

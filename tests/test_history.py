@@ -1,0 +1,338 @@
+"""What a History can do: be kept in a file, and be handed to xarray."""
+
+import json
+import os
+import sys
+import tracemalloc
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pmalpha as pm
+from pmalpha import models
+
+NODAL = ("t", "u", "v", "a", "dofs")
+INTERFACE = (
+    "multipliers",
+    "multiplier_times",
+    "velocity_jump",
+    "displacement_jump",
+    "macro_times",
+)
+
+
+def oscillator(**options):
+    return pm.Subdomain([1.0, 2.0], [4.0, 9.0], scheme=pm.Newmark(), v0=[1.0, 0.5], **options)
+
+
+def three_parts():
+    """Three subdomains of different steps, the last one not recorded, in the midst of a run."""
+    a, b, c = (
+        oscillator(name="Größe 塔"),
+        oscillator(name="b\0", substeps=3),
+        oscillator(name="left out"),
+    )
+    coupler = pm.Coupler([a, b, c], [pm.tie(a, [0], b, [0]), pm.tie(b, [1], c, [1])], dt=0.1)
+    coupler.step(2)
+    return coupler.run(1.0, record={a: None, b: [1]}), a
+
+
+def require_bit_equal(loaded, saved):
+    assert [name for name, _ in loaded.keys] == [name for name, _ in saved.keys]
+    assert len(loaded) == len(saved)
+    for ours, theirs in zip(loaded.subdomains, saved.subdomains):
+        assert (ours is None) == (theirs is None)
+        if ours is not None:
+            assert ours.name == theirs.name
+            for name in NODAL:
+                require_same_bits(getattr(ours, name), getattr(theirs, name))
+    for name in INTERFACE:
+        require_same_bits(getattr(loaded, name), getattr(saved, name))
+
+
+def require_same_bits(ours, theirs):
+    assert ours.shape == theirs.shape
+    assert ours.dtype == theirs.dtype
+    assert ours.tobytes() == theirs.tobytes()  # minus zero and NaN included
+
+
+# ---- save and load --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [str, Path])
+def test_a_loaded_history_is_the_saved_one_bit_for_bit(tmp_path, kind):
+    history, _ = three_parts()
+    history.velocity_jump[0] = [-0.0, np.nan]
+    path = kind(tmp_path / "gespeichert ✓.npz")
+    history.save(path)
+    require_bit_equal(pm.History.load(path), history)
+
+
+def test_a_history_without_conditions_and_with_one_node_can_be_kept(tmp_path):
+    history = pm.Coupler([oscillator()], dt=0.1).run(steps=0)
+    history.save(tmp_path / "h")
+    loaded = pm.History.load(tmp_path / "h")
+    require_bit_equal(loaded, history)
+    assert loaded.multipliers.shape == (1, 0)
+    assert loaded["subdomain 0"].u.shape == (1, 2)
+
+
+def test_a_history_from_a_file_can_be_kept_again(tmp_path):
+    history, _ = three_parts()
+    history.save(tmp_path / "first")
+    pm.History.load(tmp_path / "first").save(tmp_path / "second")
+    require_bit_equal(pm.History.load(tmp_path / "second"), history)
+
+
+def test_subdomains_of_a_file_are_known_by_name_and_place(tmp_path):
+    history, tower = three_parts()
+    history.save(tmp_path / "h.npz")
+    loaded = pm.History.load(tmp_path / "h.npz")
+    np.testing.assert_array_equal(loaded["Größe 塔"].u, history[tower].u)
+    np.testing.assert_array_equal(loaded[0].u, history[tower].u)
+    np.testing.assert_array_equal(loaded[-2].u, history["b\0"].u)
+    assert repr(loaded) == repr(history)
+    with pytest.raises(KeyError, match="names and places only.*use 'Größe 塔'"):
+        loaded[tower]
+    with pytest.raises(KeyError, match="no subdomain None"):
+        loaded[None]
+    with pytest.raises(KeyError, match="'left out' was not recorded"):
+        loaded[2]
+
+
+def test_the_file_opens_in_numpy_without_pickle(tmp_path):
+    history, _ = three_parts()
+    history.save(tmp_path / "h.npz")
+    with np.load(tmp_path / "h.npz", allow_pickle=False) as file:
+        header = json.loads(file["header"].item())
+        np.testing.assert_array_equal(file["1.u"], history[1].u)
+        np.testing.assert_array_equal(file["multipliers"], history.multipliers)
+    assert header["format"] == "pmalpha History"
+    assert header["version"] == 1
+    assert header["names"][0] == "Größe 塔"
+
+
+def test_the_path_is_taken_as_it_is(tmp_path):
+    history, _ = three_parts()
+    history.save(tmp_path / "run.1")
+    assert [file.name for file in tmp_path.iterdir()] == ["run.1"]
+
+
+class Interrupted(BaseException):
+    """As Ctrl-C is, but nothing of pytest's."""
+
+
+@pytest.mark.parametrize("error", [Interrupted(), OSError(28, "No space left on device")])
+def test_an_interrupted_save_leaves_the_good_file(tmp_path, monkeypatch, error):
+    history, _ = three_parts()
+    path = tmp_path / "h.npz"
+    history.save(path)
+
+    def savez(file, **arrays):
+        file.write(b"PK half a file")
+        raise error
+
+    good = path.read_bytes()
+    monkeypatch.setattr(np, "savez", savez)
+    with pytest.raises(type(error)) as caught:
+        history.save(path)
+    assert path.read_bytes() == good
+    assert [file.name for file in tmp_path.iterdir()] == ["h.npz"]
+    if isinstance(error, OSError):
+        assert str(caught.value) == (
+            f"[Errno 28] path cannot be written: No space left on device: '{path}'"
+        )
+
+
+def test_a_link_stays_and_the_file_it_leads_to_is_replaced(tmp_path):
+    history, _ = three_parts()
+    (tmp_path / "folder").mkdir()
+    target, link = tmp_path / "folder" / "h.npz", tmp_path / "link"
+    target.write_text("old")
+    link.symlink_to(target)
+    history.save(link)
+    assert link.is_symlink()
+    require_bit_equal(pm.History.load(target), history)
+
+
+def test_a_saved_file_has_the_permissions_of_any_new_file(tmp_path):
+    history, _ = three_parts()
+    history.save(tmp_path / "h.npz")
+    (tmp_path / "other").write_text("")
+    assert (tmp_path / "h.npz").stat().st_mode == (tmp_path / "other").stat().st_mode
+
+
+def test_a_path_that_cannot_be_written_is_named(tmp_path):
+    history, _ = three_parts()
+    with pytest.raises(FileNotFoundError, match="path cannot be written.*nowhere/h.npz'"):
+        history.save(tmp_path / "nowhere" / "h.npz")
+    with pytest.raises(OSError, match="path cannot be written: a folder or a device"):
+        history.save(tmp_path)
+    with pytest.raises(OSError, match="path cannot be written: a folder or a device"):
+        history.save(os.devnull)
+    with pytest.raises(TypeError, match="path must be a str or a path, got 3"):
+        history.save(3)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_path_that_cannot_be_read_is_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match="nowhere.npz"):
+        pm.History.load(tmp_path / "nowhere.npz")
+    with pytest.raises(IsADirectoryError):
+        pm.History.load(tmp_path)
+    with pytest.raises(TypeError, match="path must be a str or a path, got None"):
+        pm.History.load(None)
+
+
+def with_header(path, header):
+    np.savez(path, header=np.array(json.dumps(header)))
+
+
+FOREIGN = {
+    "is no npz file": lambda path: path.write_text("t,u\n0,1\n"),
+    "is no npz file, or is cut off": lambda path: path.write_bytes(b""),
+    "does not say what it holds": lambda path: np.savez(path, u=np.zeros(3)),
+    "is of format 'pmalpha checkpoint'": lambda path: with_header(
+        path, {"format": "pmalpha checkpoint", "version": 1}
+    ),
+    "is of version 2 of it, not 1": lambda path: with_header(
+        path, {"format": "pmalpha History", "version": 2}
+    ),
+    "is damaged: Object arrays cannot be loaded": lambda path: np.savez(
+        path, header=np.array([{"format": "pmalpha History"}], dtype=object)
+    ),
+    "lacks 'names'": lambda path: with_header(path, {"format": "pmalpha History", "version": 1}),
+    "lacks 'multipliers'": lambda path: with_header(
+        path, {"format": "pmalpha History", "version": 1, "names": ["a"], "recorded": []}
+    ),
+}
+
+
+@pytest.mark.parametrize("reason", FOREIGN)
+def test_another_file_is_refused_with_the_reason(tmp_path, reason):
+    path = tmp_path / "other.npz"
+    FOREIGN[reason](path)
+    with pytest.raises(ValueError, match="path must lead to") as caught:
+        pm.History.load(path)
+    assert reason in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+def test_an_array_alone_is_refused(tmp_path):
+    np.save(tmp_path / "u.npy", np.zeros(3))
+    with pytest.raises(ValueError, match="is no npz file"):
+        pm.History.load(tmp_path / "u.npy")
+
+
+def test_a_file_that_is_cut_off_anywhere_is_refused(tmp_path):
+    history, _ = three_parts()
+    path = tmp_path / "h.npz"
+    history.save(path)
+    whole = path.read_bytes()
+    for length in np.linspace(0, len(whole) - 1, 60).astype(int):
+        path.write_bytes(whole[:length])
+        with pytest.raises(ValueError, match="is no npz file, or is cut off"):
+            pm.History.load(path)
+
+
+def test_a_file_with_a_flipped_bit_is_refused_or_read_as_it_was(tmp_path):
+    history, _ = three_parts()
+    history.velocity_jump[:] = 1.0  # no NaN, so that nothing but the damage differs
+    path = tmp_path / "h.npz"
+    history.save(path)
+    whole = path.read_bytes()
+    refused = 0
+    for place in np.linspace(0, len(whole) - 1, 200).astype(int):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << (place % 8)
+        path.write_bytes(damaged)
+        try:
+            require_bit_equal(pm.History.load(path), history)  # an unused bit of the container
+        except ValueError:
+            refused += 1
+    assert refused > 160  # most of the file is numbers, under check sums
+
+
+def test_neither_saving_nor_loading_copies_a_large_history(tmp_path):
+    n, k = 500, 6000
+    part = pm.SubdomainHistory(
+        "a", np.arange(k), *(np.zeros((k, n)) for _ in range(3)), dofs=np.arange(n)
+    )
+    empty = np.zeros((k, 0))
+    history = pm.History((part,), empty, part.t, empty, empty, part.t, (("a", None),))
+    size = 3 * 8 * n * k
+    path = tmp_path / "h.npz"
+    # NumPy writes pieces of 16 MiB
+    assert peak_memory(history.save, path) < 17e6 < size / 4
+    # the arrays themselves, and a buffer
+    assert size < peak_memory(pm.History.load, path) < 1.1 * size
+
+
+def peak_memory(call, *arguments):
+    """Bytes that NumPy and Python asked for at the same time."""
+    tracemalloc.start()
+    try:
+        call(*arguments)
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_the_container_is_a_zip_file_that_is_not_packed(tmp_path):
+    history, _ = three_parts()
+    history.save(tmp_path / "h.npz")
+    with zipfile.ZipFile(tmp_path / "h.npz") as file:
+        assert file.testzip() is None
+        assert {member.compress_type for member in file.infolist()} == {zipfile.ZIP_STORED}
+
+
+# ---- xarray ---------------------------------------------------------------------------------
+
+
+def test_a_dataset_has_the_arrays_of_the_history_with_names():
+    pytest.importorskip("xarray")
+    history, _ = three_parts()
+    data = history.to_xarray()
+    b = history["b\0"]
+    assert data["b\0_v"].dims == ("b\0_time", "b\0_dof")
+    np.testing.assert_array_equal(data["b\0_time"], b.t)
+    np.testing.assert_array_equal(data["b\0_v"].sel({"b\0_dof": 1}), b.v[:, 0])
+    for name in ("multipliers", "velocity_jump", "displacement_jump"):
+        np.testing.assert_array_equal(data[name], getattr(history, name))
+    assert data["displacement_jump"].dims == ("macro_times", "condition")
+    np.testing.assert_array_equal(data["multiplier_times"], history.multiplier_times)
+    assert not [name for name in data.variables if name.startswith("left out")]
+
+
+def test_a_dataset_shares_its_memory_with_the_history():
+    pytest.importorskip("xarray")
+    history, tower = three_parts()
+    data = history.to_xarray()
+    assert np.shares_memory(data["Größe 塔_u"].values, history[tower].u)
+    assert np.shares_memory(data["multipliers"].values, history.multipliers)
+
+
+def test_names_of_subdomains_never_meet_those_of_the_interface():
+    pytest.importorskip("xarray")
+    names = ["macro", "multiplier", "a", "a_u", "condition"]
+    parts = [oscillator(name=name) for name in names]
+    history = pm.Coupler(parts, dt=0.1).run(steps=2)
+    data = history.to_xarray()
+    for name in names:
+        np.testing.assert_array_equal(data[f"{name}_u"], history[name].u)
+
+
+def test_a_dataset_of_one_subdomain_has_no_conditions():
+    pytest.importorskip("xarray")
+    data = pm.Coupler([oscillator()], dt=0.1).run(steps=2).to_xarray()
+    assert data.sizes["condition"] == 0
+    assert data["subdomain 0_u"].shape == (3, 2)
+
+
+def test_without_xarray_it_is_said_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    history = models.split_oscillator(10.0).coupler(0.05).run(steps=1)
+    with pytest.raises(ImportError, match=r"pip install 'pmalpha\[xarray\]'"):
+        history.to_xarray()
