@@ -669,6 +669,32 @@ def test_a_dependent_row_is_found_where_the_others_are_nearly_parallel_in_pairs(
     assert "1 of 5 rows" in dependent([a], pm.Constraint({a: rows}))
 
 
+def levers(trains, length, ratio):
+    """Trains of levers v_i + ratio v_{i+1} = 0, one end held, and the sum of the other ends.
+
+    A train with one end held is held altogether, so that the last row is one too many; it is the
+    others with weights up to (1 / ratio)^length.
+    """
+    n = length + 1
+    L = np.zeros((trains * n + 1, trains * n))
+    for first in range(0, trains * n, n):
+        L[first, first] = 1.0
+        for i in range(first + 1, first + n):
+            L[i, i - 1 : i + 1] = 1.0, ratio
+        L[-1, first + length] = 1.0
+    return L
+
+
+@pytest.mark.parametrize(
+    "trains, length, ratio", [(2, 3, 0.05), (2, 4, 0.1), (3, 5, 0.1), (2, 8, 0.2), (300, 3, 0.05)]
+)
+def test_more_rows_than_dofs_are_dependent_also_at_the_end_of_long_levers(trains, length, ratio):
+    # the least singular value of the other rows, at length one, is about ratio^length: 2e-6 to 1e-4
+    L = levers(trains, length, ratio)
+    a = single(L.shape[1], scheme=EXPLICIT)
+    assert f"1 of {len(L)} rows" in dependent([a], pm.Constraint({a: sp.csr_array(L)}))
+
+
 def general_rows(rng, p, n, spare):
     """p rows of one to three random entries, of which the last `spare` are combinations."""
     while True:
