@@ -70,6 +70,7 @@ def _sparse(value: Any, name: str) -> sp.csr_array:
         raise ValueError(f"{name} must be 2-D when sparse, got shape {value.shape}")
     A = sp.csr_array(entries(value, name), dtype=np.float64)
     A.sum_duplicates()
+    A.eliminate_zeros()  # stored on one side only, they would make the pattern unsymmetric
     A.sort_indices()
     require_finite(A.data, f"the stored entries of {name}")
     return A

@@ -170,10 +170,12 @@ int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, Py
 {
     PyObject *inverse, *R;
     *out = (pma_factor){.form = PMA_DIAGONAL, .n = (size_t)n, .nb = (size_t)nb};
-    if (!PyTuple_Check(obj) || !PyArg_ParseTuple(obj, "OO", &inverse, &R)) {
+    if (!PyTuple_Check(obj)) {
         PyErr_Format(PyExc_TypeError, "%s must be a tuple (inverse, R)", name);
         return -1;
     }
+    if (!PyArg_ParseTuple(obj, "OO", &inverse, &R))
+        return -1;
     if (pma_take_doubles(inverse, n, name, arrays, &out->inverse) < 0)
         return -1;
     if (R == Py_None)

@@ -99,8 +99,8 @@ static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwarg
                                      &motions) ||
         check_subdomains(type, subdomains) < 0)
         return NULL;
-    if (p < 0)
-        return PyErr_Format(PyExc_ValueError, "p must not be negative, got %zd", p);
+    if (p < 0 || PyTuple_GET_SIZE(subdomains) == 0)
+        return PyErr_Format(PyExc_ValueError, "need p >= 0 and at least one subdomain");
     CouplerObject *self = (CouplerObject *)type->tp_alloc(type, 0);
     if (!self)
         return NULL;
@@ -195,7 +195,11 @@ static int take_nodes(PyObject *obj, size_t n, size_t last_row, pma_record_nodes
     *nodes = (pma_record_nodes){0};
     if (obj == Py_None)
         return 0;
-    if (!PyTuple_Check(obj) || !PyArg_ParseTuple(obj, "OOOO", &position, &u, &v, &w) ||
+    if (!PyTuple_Check(obj)) {
+        PyErr_SetString(PyExc_TypeError, "nodes must be None or (position, u, v, w)");
+        return -1;
+    }
+    if (!PyArg_ParseTuple(obj, "OOOO", &position, &u, &v, &w) ||
         pma_take_array(position, NPY_INT64, 1, &any, "position", NULL, &array) < 0)
         return -1;
     const npy_intp count = PyArray_DIM(array, 0);
@@ -220,8 +224,10 @@ static int take_nodes(PyObject *obj, size_t n, size_t last_row, pma_record_nodes
 /* The last row a stretch up to macro step `end` writes of a grid of `nodes` nodes a macro step. */
 static size_t last_row(const pma_record *record, int64_t end, size_t nodes)
 {
-    if (record->every == 0)
-        return (size_t)(end - record->begin) * nodes;
+    if (record->every == 0) {
+        const size_t steps = (size_t)(end - record->begin);
+        return steps > SIZE_MAX / nodes ? SIZE_MAX : steps * nodes;
+    }
     return (size_t)(end / record->every - record->begin / record->every);
 }
 
@@ -249,8 +255,11 @@ static int take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_reco
     long long begin, every;
     PyObject *nodes, *interface[3];
     size_t fine = 1;
-    if (!PyTuple_Check(obj) ||
-        !PyArg_ParseTuple(obj, "LLO!OOO", &begin, &every, &PyTuple_Type, &nodes, &interface[0],
+    if (!PyTuple_Check(obj)) {
+        PyErr_SetString(PyExc_TypeError, "a record must be a tuple");
+        return -1;
+    }
+    if (!PyArg_ParseTuple(obj, "LLO!OOO", &begin, &every, &PyTuple_Type, &nodes, &interface[0],
                           &interface[1], &interface[2]))
         return -1;
     if (begin < 0 || every < 0 || begin > pma_coupler_step_count(self->core) ||
@@ -316,8 +325,9 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
     pma_status status = PMA_OK;
     if (!PyArg_ParseTuple(args, "LO", &steps, &obj))
         return NULL;
-    if (steps < 0)
-        return PyErr_Format(PyExc_ValueError, "steps must not be negative, got %lld", steps);
+    if (steps < 0 || steps > PMA_MOST_STEPS - pma_coupler_step_count(self->core))
+        return PyErr_Format(PyExc_ValueError, "steps must not be negative nor beyond counting, "
+                            "got %lld", steps);
     if (enter(self) < 0)
         return NULL;
     if (check_tables(self, steps) < 0 ||
@@ -371,9 +381,9 @@ static PyObject *coupler_start(CouplerObject *self, PyObject *args)
         pma_take_doubles(lam_obj, p, "lam", NULL, &lam) < 0 ||
         pma_take_doubles(g_obj, p, "g", NULL, &g) < 0)
         return NULL;
-    if (step_count < 0)
-        return PyErr_Format(PyExc_ValueError, "step_count must not be negative, got %lld",
-                            step_count);
+    if (step_count < 0 || step_count > PMA_MOST_STEPS)
+        return PyErr_Format(PyExc_ValueError, "step_count must not be negative nor beyond "
+                            "counting, got %lld", step_count);
     if (enter(self) < 0)
         return NULL;
     pma_coupler_start(self->core, step_count, lam, g);

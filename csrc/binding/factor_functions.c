@@ -129,11 +129,16 @@ static PyObject *new_structure(const pattern *A, size_t s, const int64_t *column
     }
     if (arrays[2]) {
         int32_t *rows = PyArray_DATA((PyArrayObject *)arrays[2]);
+        pma_status status;
         Py_BEGIN_ALLOW_THREADS
-        pma_symbolic_rows(A->n, A->ptr, A->index, s, first, row_ptr, owner, scratch,
-                          scratch + A->n, scratch + 2 * A->n, rows);
+        status = pma_symbolic_rows(A->n, A->ptr, A->index, s, first, row_ptr, owner, scratch,
+                                   scratch + A->n, scratch + 2 * A->n, rows);
         Py_END_ALLOW_THREADS
-        structure = PyTuple_Pack(5, arrays[0], arrays[1], arrays[2], arrays[3], arrays[4]);
+        if (status != PMA_OK)
+            pma_raise(status, "supernodes");
+        else
+            structure =
+                PyTuple_Pack(5, arrays[0], arrays[1], arrays[2], arrays[3], arrays[4]);
     }
     for (size_t k = 0; k < 5; k++)
         Py_XDECREF(arrays[k]);
@@ -163,15 +168,27 @@ static PyObject *supernodes(PyObject *Py_UNUSED(module), PyObject *args)
 
 /* ---- numbers --------------------------------------------------------------------------------- */
 
-static void *pointer_of(PyObject *capsule)
+/* The routine in a capsule whose name is a signature with this many arguments and 32-bit integers,
+ * as SciPy's Cython interface writes it. */
+static void *pointer_of(PyObject *capsule, size_t arguments)
 {
-    return PyCapsule_GetPointer(capsule, PyCapsule_GetName(capsule));
+    const char *name = PyCapsule_CheckExact(capsule) ? PyCapsule_GetName(capsule) : NULL;
+    size_t commas = 0;
+    for (const char *c = name; c && *c; c++)
+        commas += *c == ',';
+    if (name && commas + 1 == arguments && strstr(name, "int *") && !strstr(name, "int64"))
+        return PyCapsule_GetPointer(capsule, name);
+    PyErr_SetString(PyExc_TypeError, "dgemm and dtrsm must be capsules of scipy.linalg.cython_blas "
+                                     "with 32-bit integers");
+    return NULL;
 }
 
 /* A function pointer behind a void pointer, as POSIX allows and C11 does not say. */
 static int take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *blas)
 {
-    void *pointers[2] = {pointer_of(dgemm), pointer_of(dtrsm)};
+    void *pointers[2] = {pointer_of(dgemm, 13), NULL};
+    if (pointers[0])
+        pointers[1] = pointer_of(dtrsm, 11);
     if (!pointers[0] || !pointers[1])
         return -1;
     memcpy(&blas->dgemm, &pointers[0], sizeof pointers[0]);

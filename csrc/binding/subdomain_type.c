@@ -9,10 +9,12 @@ static int take_operator(PyObject *obj, pma_scheme scheme, const pma_parts *part
 {
     double h;
     PyObject *inverse, *R;
-    if (!PyTuple_Check(obj) || !PyArg_ParseTuple(obj, "dOO", &h, &inverse, &R)) {
+    if (!PyTuple_Check(obj)) {
         PyErr_Format(PyExc_TypeError, "%s must be a tuple (h, inverse, R)", name);
         return -1;
     }
+    if (!PyArg_ParseTuple(obj, "dOO", &h, &inverse, &R))
+        return -1;
     PyObject *factor = PyTuple_Pack(2, inverse, R);
     if (!factor)
         return -1;
@@ -30,7 +32,11 @@ static int take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out)
     PyObject *ptr, *index, *values;
     const npy_intp starts = (npy_intp)nb + 1;
     PyArrayObject *array;
-    if (!PyTuple_Check(obj) || !PyArg_ParseTuple(obj, "nOOO", &p, &ptr, &index, &values))
+    if (!PyTuple_Check(obj)) {
+        PyErr_SetString(PyExc_TypeError, "link must be a tuple (p, ptr, index, values)");
+        return -1;
+    }
+    if (!PyArg_ParseTuple(obj, "nOOO", &p, &ptr, &index, &values))
         return -1;
     if (p < 0) {
         PyErr_SetString(PyExc_ValueError, "link: p must not be negative");

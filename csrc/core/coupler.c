@@ -11,6 +11,7 @@ typedef struct {
     size_t substeps, ratio; /* own steps in a macro step, fine steps in an own step */
     size_t j;               /* own node at or before this instant */
     size_t phase;           /* fine steps since that node: 0..ratio */
+    size_t entries;         /* matrix entries read by one own step */
     bool doubled;
 } pma_place;
 
@@ -22,6 +23,7 @@ struct pma_coupler {
     bool started;
     size_t unstable;
     size_t unpolled;    /* entries read since the last poll */
+    size_t interface_entries; /* read by one interface solve */
     double *lam;        /* p: multipliers of the present */
     double *lam_work;   /* p: of the fine step at hand */
     double *g;          /* p: prescribed velocities of the present, zero where none is */
@@ -81,6 +83,7 @@ static void lay_out(pma_coupler *c, pma_subdomain *const *subdomains, const pma_
         c->places[i] = (pma_place){.subdomain = subdomains[i],
                                    .substeps = s->substeps,
                                    .ratio = c->fine / s->substeps,
+                                   .entries = pma_subdomain_entries(subdomains[i]),
                                    .doubled = s->doubled};
     }
     for (size_t i = 0; i < c->parts.motion_count; i++)
@@ -107,6 +110,7 @@ pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out)
     c->parts = *parts;
     c->fine = fine;
     c->parts.subdomains = NULL; /* places keep them */
+    c->interface_entries = 2 * pma_factor_entries(&parts->H);
     c->places = calloc(parts->count + 1, sizeof *c->places);
     c->parts.motions = calloc(parts->motion_count + 1, sizeof *c->parts.motions);
     c->block = calloc(5 * parts->p + 1, sizeof(double));
@@ -193,7 +197,7 @@ static void open_steps(pma_coupler *c)
         const double t1 = instant(c, (at->j + 1) * at->ratio);
         const int64_t step = c->step_count * (int64_t)at->substeps + (int64_t)at->j;
         pma_subdomain_open(at->subdomain, at->j, is_double(c, at), t1, step);
-        c->unpolled += pma_subdomain_entries(at->subdomain);
+        c->unpolled += at->entries;
     }
 }
 
@@ -228,6 +232,7 @@ static pma_status solve_interface(pma_coupler *c)
         pma_subdomain_free_velocity(at->subdomain, at->j, theta, -1.0, c->lam_work);
     }
     pma_factor_interface(c->step_count > 0 ? &c->parts.H : &c->parts.H_start, c->lam_work);
+    c->unpolled += c->interface_entries;
     for (size_t row = 0; row < p; row++) {
         if (!isfinite(c->lam_work[row]))
             return PMA_NOT_FINITE;

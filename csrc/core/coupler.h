@@ -43,6 +43,9 @@ typedef struct {
 
 typedef struct pma_coupler pma_coupler;
 
+/* Macro steps that can be counted: up to here a double counts them exactly too. */
+#define PMA_MOST_STEPS ((int64_t)1 << 53)
+
 /* `subdomain` of pma_coupler_unstable when it was the interface problem itself. */
 #define PMA_INTERFACE SIZE_MAX
 

@@ -13,6 +13,8 @@ pma_status pma_factor_check(const pma_factor *f)
     for (size_t j = 0; j < f->n; j++) {
         if (f->ptr[j + 1] < f->ptr[j])
             return PMA_BAD_INDEX;
+    }
+    for (size_t j = 0; j < f->n; j++) {
         int64_t above = (int64_t)j;
         for (int64_t k = f->ptr[j]; k < f->ptr[j + 1]; k++) {
             if (f->index[k] <= above || (size_t)f->index[k] >= f->n)

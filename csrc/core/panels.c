@@ -40,7 +40,11 @@ pma_status pma_panels_check(const pma_panels *p, size_t n, size_t nb)
         return PMA_BAD_INDEX;
     for (size_t s = 0; s < p->count; s++) {
         if (p->first[s + 1] <= p->first[s] || p->first[s + 1] > (int64_t)n ||
-            p->row_ptr[s + 1] < p->row_ptr[s] || !rows_are_right(p, s, n) ||
+            p->row_ptr[s + 1] < p->row_ptr[s])
+            return PMA_BAD_INDEX;
+    }
+    for (size_t s = 0; s < p->count; s++) {
+        if (!rows_are_right(p, s, n) ||
             p->start[s + 1] - p->start[s] != (int64_t)(width_of(p, s) * height_of(p, s)))
             return PMA_BAD_INDEX;
         border = border || p->first[s] == (int64_t)(n - nb);
@@ -115,11 +119,15 @@ static pma_status fill_panel(const walk *w, size_t s, const pma_panels_input *A,
 }
 
 /* panel(s) -= R_d R_d^T in the rows and columns that supernode d shares with it */
-static void apply_update(const walk *w, size_t d, size_t begin, size_t end, size_t s)
+static pma_status apply_update(const walk *w, size_t d, size_t begin, size_t end, size_t s)
 {
     const pma_panels *p = w->p;
     const size_t height = height_of(p, s);
     const int32_t *rows = p->rows + p->row_ptr[d];
+    for (size_t i = begin; i < rows_of(p, d); i++) {
+        if (place_in(w, s, rows[i]) == height)
+            return PMA_BAD_INDEX;
+    }
     double *from = p->values + p->start[d] + width_of(p, d) + begin;
     double *panel = p->values + p->start[s];
     int m = (int)(rows_of(p, d) - begin), columns = (int)(end - begin), k = (int)width_of(p, d);
@@ -132,6 +140,7 @@ static void apply_update(const walk *w, size_t d, size_t begin, size_t end, size
         for (size_t i = j; i < (size_t)m; i++)
             column[w->place[rows[begin + i]]] -= u[i];
     }
+    return PMA_OK;
 }
 
 /* A supernode whose rows are not used up waits for the owner of the next one. */
@@ -144,21 +153,23 @@ static void wait(const walk *w, size_t d, const int64_t *owner)
     }
 }
 
-static void apply_updates(const walk *w, size_t s, const int64_t *owner)
+static pma_status apply_updates(const walk *w, size_t s, const int64_t *owner)
 {
+    pma_status status = PMA_OK;
     int64_t d = w->head[s];
-    while (d >= 0) {
+    while (d >= 0 && status == PMA_OK) {
         const int64_t following = w->next[d];
         const int32_t *rows = w->p->rows + w->p->row_ptr[d];
         const size_t begin = (size_t)w->done[d];
         size_t end = begin;
         while (end < rows_of(w->p, (size_t)d) && rows[end] < w->p->first[s + 1])
             end++;
-        apply_update(w, (size_t)d, begin, end, s);
+        status = apply_update(w, (size_t)d, begin, end, s);
         w->done[d] = (int64_t)end;
         wait(w, (size_t)d, owner);
         d = following;
     }
+    return status;
 }
 
 /* Columns of a dense Cholesky factor made before what is right of them is updated. */
@@ -226,10 +237,9 @@ static pma_status factor_supernode(const walk *w, size_t s, const pma_panels_inp
 {
     const pma_panels *p = w->p;
     const size_t begin = (size_t)p->first[s], width = width_of(p, s);
-    const pma_status status = fill_panel(w, s, A, diagonal);
-    if (status != PMA_OK)
+    pma_status status = fill_panel(w, s, A, diagonal);
+    if (status != PMA_OK || (status = apply_updates(w, s, owner)) != PMA_OK)
         return status;
-    apply_updates(w, s, owner);
     const size_t good = factor_panel(p->values + p->start[s], width, height_of(p, s),
                                      diagonal + begin, A->lost, w->blas);
     *column = begin + good;

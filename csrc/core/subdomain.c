@@ -15,6 +15,7 @@ struct pma_subdomain {
     pma_state work[2];  /* own nodes 1, 2, ...; the second only for double steps with substeps */
     size_t works;
     double *vf_present, *vf_work[2]; /* nb: stored free velocities of nodes 0 and 1, 2, ... */
+    double *vf_previous;             /* nb: of node -1; no step reads it, but it is part of a state */
     double *link;                    /* nb: scratch */
     double *block;
 };
@@ -31,7 +32,8 @@ static pma_status check_operator(const pma_parts *parts, const pma_operator *op)
 static pma_status check_parts(const pma_parts *parts)
 {
     pma_status status = PMA_OK;
-    if (parts->n == 0 || parts->nb > parts->n || parts->substeps == 0)
+    if (parts->n == 0 || parts->nb > parts->n || parts->substeps == 0 ||
+        parts->substeps > PMA_MOST_SUBSTEPS)
         return PMA_BAD_SIZE;
     if (parts->K.n != parts->n || parts->C.n != parts->n || parts->link.nb != parts->nb)
         return PMA_BAD_SIZE;
@@ -72,6 +74,7 @@ static void lay_out(pma_subdomain *s)
     s->vf_work[0] = take(&next, nb);
     s->vf_work[1] = take(&next, nb);
     s->link = take(&next, nb);
+    s->vf_previous = take(&next, nb);
 }
 
 pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
@@ -82,7 +85,7 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
         return status;
     const size_t works = parts->doubled && parts->substeps > 1 ? 2 : 1;
     const size_t states = 1 + works + (parts->doubled ? 1 : 0);
-    /* at most 4 * 4 n + 4 nb doubles: no overflow below this n */
+    /* at most 4 * 4 n + 5 nb doubles: no overflow below this n */
     if (parts->n > SIZE_MAX / (32 * sizeof(double)))
         return PMA_NO_MEMORY;
     pma_subdomain *s = calloc(1, sizeof *s);
@@ -90,7 +93,7 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
         return PMA_NO_MEMORY;
     s->parts = *parts;
     s->works = works;
-    s->block = calloc(states * 4 * parts->n + 4 * parts->nb, sizeof(double));
+    s->block = calloc(states * 4 * parts->n + 5 * parts->nb, sizeof(double));
     if (!s->block) {
         free(s);
         return PMA_NO_MEMORY;
@@ -324,13 +327,10 @@ void pma_subdomain_rebase(pma_subdomain *s, size_t j, const double *lam)
 
 pma_nodes pma_subdomain_nodes(pma_subdomain *s)
 {
-    /* commit leaves the free velocity of the own node before in the work array it was made in,
-     * or, with one substep, in the one it swapped the present with */
-    const size_t last = s->parts.substeps - 1;
     return (pma_nodes){.present = s->present,
                        .vf = s->vf_present,
                        .previous = s->previous,
-                       .vf_previous = s->vf_work[last == 0 ? 0 : (last - 1) % 2]};
+                       .vf_previous = s->vf_previous};
 }
 
 static void swap_states(pma_state *a, pma_state *b)
@@ -350,10 +350,13 @@ static void swap_pointers(double **a, double **b)
 void pma_subdomain_commit(pma_subdomain *s)
 {
     const size_t last = s->parts.substeps - 1;
-    if (s->works == 2)
+    if (s->works == 2) {
         swap_states(&s->previous, &s->work[(last - 1) % 2]);
-    else if (s->parts.doubled)
+        swap_pointers(&s->vf_previous, &s->vf_work[(last - 1) % 2]);
+    } else if (s->parts.doubled) {
         swap_states(&s->previous, &s->present);
+        swap_pointers(&s->vf_previous, &s->vf_present);
+    }
     swap_states(&s->present, &s->work[last % s->works]);
     swap_pointers(&s->vf_present, &s->vf_work[last % 2]);
 }

@@ -36,6 +36,9 @@ typedef struct {
     pma_factor factor;
 } pma_operator;
 
+/* So many own steps in a macro step and so many macro steps that no count of nodes overflows. */
+#define PMA_MOST_SUBSTEPS ((size_t)1 << 31)
+
 /* What a subdomain is made of. The arrays behind it are the caller's, who keeps them alive. */
 typedef struct {
     size_t n, nb, substeps;

@@ -142,20 +142,28 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Adds what of a list lies beyond column `last` and is not marked yet. */
-static size_t add_rows(const int32_t *list, int64_t length, int64_t last, int64_t s, int64_t *mark,
-                       int32_t *rows, size_t have)
+/* The rows of one supernode as they are found: `have` of at most `room`. */
+typedef struct {
+    int32_t *rows;
+    int64_t have, room, last, s;
+    int64_t *mark;
+} found;
+
+/* Adds what of a list lies beyond column `last` and is not marked yet; false when it is full. */
+static bool add_rows(found *f, const int32_t *list, int64_t length)
 {
     for (int64_t k = 0; k < length; k++) {
-        if (list[k] > last && mark[list[k]] != s) {
-            mark[list[k]] = s;
-            rows[have++] = list[k];
-        }
+        if (list[k] <= f->last || f->mark[list[k]] == f->s)
+            continue;
+        if (f->have == f->room)
+            return false;
+        f->mark[list[k]] = f->s;
+        f->rows[f->have++] = list[k];
     }
-    return have;
+    return true;
 }
 
-void pma_symbolic_rows(size_t n, const int64_t *ptr, const int32_t *index, size_t supernodes,
+pma_status pma_symbolic_rows(size_t n, const int64_t *ptr, const int32_t *index, size_t supernodes,
                        const int64_t *first, const int64_t *row_ptr, int64_t *owner,
                        int64_t *mark, int64_t *child, int64_t *next, int32_t *rows)
 {
@@ -167,17 +175,22 @@ void pma_symbolic_rows(size_t n, const int64_t *ptr, const int32_t *index, size_
             owner[j] = (int64_t)s;
     }
     for (size_t s = 0; s < supernodes; s++) {
-        const int64_t me = (int64_t)s, last = first[s + 1] - 1;
-        int32_t *own = rows + row_ptr[s];
-        size_t have = add_rows(index + ptr[first[s]], ptr[last + 1] - ptr[first[s]], last, me,
-                               mark, own, 0);
-        for (int64_t c = child[s]; c >= 0; c = next[c])
-            have = add_rows(rows + row_ptr[c], row_ptr[c + 1] - row_ptr[c], last, me, mark, own,
-                            have);
-        qsort(own, have, sizeof *own, ascending);
-        if (have > 0) { /* this supernode is an update to the one that owns its first row */
-            next[s] = child[owner[own[0]]];
-            child[owner[own[0]]] = me;
+        const int64_t last = first[s + 1] - 1;
+        found f = {.rows = rows + row_ptr[s],
+                   .room = row_ptr[s + 1] - row_ptr[s],
+                   .last = last,
+                   .s = (int64_t)s,
+                   .mark = mark};
+        bool fits = add_rows(&f, index + ptr[first[s]], ptr[last + 1] - ptr[first[s]]);
+        for (int64_t c = child[s]; c >= 0 && fits; c = next[c])
+            fits = add_rows(&f, rows + row_ptr[c], row_ptr[c + 1] - row_ptr[c]);
+        if (!fits || f.have < f.room)
+            return PMA_BAD_INDEX;
+        qsort(f.rows, (size_t)f.have, sizeof *f.rows, ascending);
+        if (f.have > 0) { /* this supernode is an update to the one that owns its first row */
+            next[s] = child[owner[f.rows[0]]];
+            child[owner[f.rows[0]]] = (int64_t)s;
         }
     }
+    return PMA_OK;
 }

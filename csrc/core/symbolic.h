@@ -8,6 +8,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "status.h"
+
 /* Widest supernode: its panel and an update to it stay within the private caches. */
 enum { PMA_WIDEST = 256 };
 
@@ -37,8 +39,9 @@ size_t pma_symbolic_supernodes(size_t n, size_t nb, const int64_t *parent, const
  *
  * row_ptr (supernodes+1): input, row_ptr[s+1] - row_ptr[s] = count of its last column.
  * rows: output. owner (n): output, the supernode of each column. mark (n), child, next
- * (supernodes): scratch. */
-void pma_symbolic_rows(size_t n, const int64_t *ptr, const int32_t *index, size_t supernodes,
+ * (supernodes): scratch. PMA_BAD_INDEX when the rows are not as many as counted: the pattern is
+ * not symmetric. */
+pma_status pma_symbolic_rows(size_t n, const int64_t *ptr, const int32_t *index, size_t supernodes,
                        const int64_t *first, const int64_t *row_ptr, int64_t *owner,
                        int64_t *mark, int64_t *child, int64_t *next, int32_t *rows);
 
