@@ -36,6 +36,8 @@ class Part:
         Its conditions, columns in elimination order, rows in the order of the multipliers.
     nb : int
         Interface dofs, the last of the order.
+    mass_factor : Factor or None
+        Of M, where Mbar is M itself: explicit and without damping.
     """
 
     subdomain: Subdomain
@@ -50,6 +52,7 @@ class Part:
     L: sp.csr_array
     nb: int
     core: Any = None
+    mass_factor: Factor | None = None
 
     @property
     def n(self) -> int:
@@ -64,12 +67,23 @@ class Part:
         stiffness = 0.0 if self.subdomain.scheme.explicit else al1
         return combination([(1.0, self.M), (al2, self.C), (stiffness, self.K)])
 
+    def diagonal_mbar(self, h: float) -> Matrix:
+        """Mbar where it is diagonal, else None."""
+        stiffness = None if self.subdomain.scheme.explicit else self.K
+        plain = all(A is None or A.ndim == 1 for A in (self.M, self.C, stiffness))
+        return self.mbar(h) if plain else None
+
     def operator(self, h: float) -> tuple:
         """Step and factor of Mbar(h) as the core takes them."""
+        if self.mass_factor is not None:
+            return (h, *self.mass_factor)
         what = f"M + al2 C of explicit subdomain {self.name!r}"
         if not self.subdomain.scheme.explicit:
             what = f"Mbar = M + al2 C + al1 K of subdomain {self.name!r}"
-        return (h, *factorize(self.mbar(h), what, self.dof, nb=self.nb))
+        factor = factorize(self.mbar(h), what, self.dof, nb=self.nb)
+        if self.subdomain.scheme.explicit and self.C is None:
+            self.mass_factor = factor
+        return (h, *factor)
 
 
 def make_part(subdomain: Subdomain, name: str, double: bool, h: float, L: sp.csr_array) -> Part:
@@ -133,18 +147,19 @@ def build(part: Part) -> None:
 
 def row_order(parts: Sequence[Part], p: int) -> np.ndarray:
     """The order of the multipliers in which the interface matrix fills little."""
+    diagonal = [part.diagonal_mbar(part.h) is not None for part in parts]
+    members = [conditions_of(part.L) for part in parts]
+    blocks = sum(float(m.size) ** 2 for m, plain in zip(members, diagonal) if not plain)
+    if blocks > DENSE_SHARE * p**2:
+        return np.arange(p)  # these blocks alone make the matrix dense
+    require(40.0 * blocks, f"the pattern of the interface matrix of {p} conditions")
     graphs = []
-    for part in parts:
-        rows = conditions_of(part.L)
-        mbar = part.mbar(part.h)
-        if mbar is None or mbar.ndim == 1:
-            pattern = abs(part.L).sign()
-            graphs.append(sp.csr_array(pattern @ pattern.T))
-        elif rows.size**2 > DENSE_SHARE * p**2:
-            return np.arange(p)  # one block alone makes the matrix dense
-        else:
-            member = sp.csr_array((np.ones(rows.size), (rows, 0 * rows)), shape=(p, 1))
-            graphs.append(sp.csr_array(member @ member.T))
+    for part, rows, plain in zip(parts, members, diagonal):
+        pattern = abs(part.L).sign()
+        if not plain:
+            ones = np.ones(rows.size)
+            pattern = sp.csr_array((ones, (rows, 0 * rows)), shape=(p, 1))
+        graphs.append(sp.csr_array(pattern @ pattern.T))
     return elimination_order(p, [total(graphs, p)], np.arange(0))
 
 
@@ -170,16 +185,17 @@ def interface_matrix(parts: Sequence[Part], p: int, *, start: bool) -> Matrix:
         twice = part.double and not start
         h = 2.0 * part.h if twice else part.h
         al2 = part.subdomain.scheme.coefficients(h)[1]
-        blocks.append(compliance(part.core, part.L, part.mbar(h), al2, part.name, twice=twice))
+        diagonal = part.diagonal_mbar(h)
+        blocks.append(compliance(part.core, part.L, diagonal, al2, part.name, twice=twice))
     return summed(blocks, p)
 
 
 def compliance(
-    core: Any, L: sp.csr_array, mbar: Matrix, al2: float, name: str, *, twice: bool = False
+    core: Any, L: sp.csr_array, diagonal: Matrix, al2: float, name: str, *, twice: bool = False
 ) -> sp.csr_array:
-    """al2 L Mbar^-1 L^T of one subdomain, (p, p)."""
-    if mbar.ndim == 1:
-        return sp.csr_array(L @ sp.diags_array(al2 / mbar) @ L.T)
+    """al2 L Mbar^-1 L^T of one subdomain, (p, p); `diagonal`: Mbar where it is one, else None."""
+    if diagonal is not None:
+        return sp.csr_array(L @ sp.diags_array(al2 / diagonal) @ L.T)
     rows = conditions_of(L)
     require(40.0 * rows.size**2, f"the interface matrix of {rows.size} conditions of {name!r}")
     block = core.compliance(twice, rows)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -11,9 +10,9 @@ import scipy.sparse as sp
 from scipy.linalg import cython_blas
 from scipy.linalg.lapack import dpotrf
 from scipy.sparse.linalg import splu
-from threadpoolctl import ThreadpoolController
 
 from . import _core
+from .blas import one_thread
 from .errors import FactorizationError
 from .matrices import Matrix, core_sparse, diagonal
 from .memory import require
@@ -56,7 +55,7 @@ def factorize(A: Matrix, what: str, dof: Callable[[int], str], *, nb: int = 0) -
     if A.ndim == 1:
         _check_pivots(A, A, what, dof)
         return 1.0 / A, None
-    with _blas_threads().limit(limits=1):  # the same digits whatever the number it would take
+    with one_thread():
         if not sp.issparse(A):
             factor = dense_columns(A, what, dof)
         else:
@@ -66,12 +65,6 @@ def factorize(A: Matrix, what: str, dof: Callable[[int], str], *, nb: int = 0) -
             factor = panels(A, what, dof, nb=nb) if wide else columns(A, what, dof, entries, nb=nb)
     _check_softest(A, factor, what, dof)
     return factor
-
-
-@cache
-def _blas_threads() -> ThreadpoolController:
-    """The BLAS library that SciPy has loaded; looking for it takes milliseconds."""
-    return ThreadpoolController().select(user_api="blas")
 
 
 def dense_columns(A: np.ndarray, what: str, dof: Callable[[int], str]) -> Factor:

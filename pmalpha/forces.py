@@ -199,23 +199,27 @@ class CallbackLoad:
             self.near_start[t] = self.ask(t)
         return self.near_start[t]
 
-    def prepare(self, begin: int, end: int) -> tuple[int, BaseException | None]:
+    def prepare(self, begin: int, end: int) -> tuple[int, Exception | None]:
         """Have the loads of the macro steps begin..end-1 ready.
 
         Values asked before and not used since an abort are kept. Returns the macro step up to
-        which the loads are there, and what the callable raised where that is before `end`.
+        which the loads are there, and what the callable raised where that is before `end`. What is
+        no error of the callable's, such as Ctrl-C, is raised at once; no value is lost by it.
         """
         first, needed = begin * self.substeps, (end - begin) * self.substeps
+        if self.first <= first and first + needed <= self.first + len(self.rows):
+            return end, None
         kept = self.rows[max(first - self.first, 0) :] if self.first <= first else self.rows[:0]
-        rows = np.empty((max(needed, len(kept)), self.order.size))
+        rows = np.empty((needed, self.order.size))
         rows[: len(kept)] = kept
         known, failure = len(kept), None
-        while known < needed and failure is None:
-            k = (first + known + 1) * self.ratio
-            try:
+        try:
+            while known < needed:
+                k = (first + known + 1) * self.ratio
                 rows[known] = self.ask(k / self.fine * self.dt)  # (T1)
                 known += 1
-            except BaseException as error:  # Ctrl-C too, when the steps before it are done
-                failure = error
-        self.first, self.rows = first, rows[:known]
-        return min(end, begin + known // self.substeps), failure
+        except Exception as error:
+            failure = error
+        finally:
+            self.first, self.rows = first, rows[:known]
+        return begin + known // self.substeps, failure

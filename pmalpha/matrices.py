@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ._checks import real_array, require_finite
+from .blas import one_thread
 
 Matrix = np.ndarray | sp.csr_array | None
 
@@ -180,7 +181,8 @@ def product(A: Matrix, x: np.ndarray) -> np.ndarray:
         return np.zeros_like(x)
     if A.ndim == 1:
         return (A * x.T).T
-    return A @ x
+    with one_thread():
+        return A @ x
 
 
 def core_matrix(A: Matrix) -> Any:

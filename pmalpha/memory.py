@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-
 # Requests below this many bytes are not worth the time it takes to ask.
 SMALL = 100_000
 

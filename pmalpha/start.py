@@ -24,9 +24,10 @@ from scipy.sparse.linalg import lsmr, splu
 from . import _core
 from ._checks import listing
 from .assembly import Part, compliance, core_subdomain, interface_factor, summed, total
+from .blas import one_thread
 from .errors import ConstraintWarning, InstabilityError
 from .factors import factorize
-from .matrices import Matrix, combination, product
+from .matrices import combination, product
 from .schemes import Scheme
 
 # A step of length 1 with al1 = 0 and al2 = 1.
@@ -36,7 +37,7 @@ RESIDUAL = 1e-8
 
 
 class InitialAccelerations:
-    """Solves (S1) for any right-hand side; mass and interface matrix are factored once.
+    """Solves (S1) for any right-hand side; what is factored is factored once.
 
     Parameters
     ----------
@@ -61,6 +62,10 @@ class InitialAccelerations:
         else:
             cores, H = [m.core(linked=True) for m in self.masses], summed(blocks, p)
         self.cores, self.p = cores, p
+        self.saddle = None
+        if self.ties_without_mass:
+            self.tied = np.unique(self.bare.indices)
+            self.saddle = _Saddle(self.H, self.bare[:, self.tied])
         factor = interface_factor(H, "the interface matrix of the initial accelerations")
         everywhere = (np.arange(p),)
         self.coupler = _core.Coupler(tuple(cores), p, factor, factor, 1.0, False, everywhere)
@@ -130,9 +135,8 @@ class InitialAccelerations:
         wf, _ = self._step(r, no_rows)
         free = sum(m.linked @ w for m, w in zip(self.masses, wf))
         r_m = np.concatenate([own[m.massless] for m, own in zip(self.masses, r)])
-        p, tied = self.H.shape[0], np.unique(self.bare.indices)
-        B = self.bare[:, tied]
-        answer = _solve_saddle(self.H, B, np.concatenate([g - free, -r_m[tied]]))
+        p, tied = self.H.shape[0], self.tied
+        answer = self.saddle.solve(np.concatenate([g - free, -r_m[tied]]))
         lam, w_m = answer[:p], np.zeros(r_m.size)
         w_m[tied] = answer[p:]
         w, _ = self._step([own + m.linked.T @ lam for m, own in zip(self.masses, r)], no_rows)
@@ -150,9 +154,14 @@ class _Mass:
         self.massless = np.flatnonzero(np.isin(part.order, part.subdomain.massless))
         stand_in = np.zeros(part.n)
         stand_in[self.massless] = 1.0
-        self.matrix: Matrix = combination([(1.0, part.M), (1.0, stand_in)])
-        what = f"M of subdomain {part.name!r}"
-        self.operator = (1.0, *factorize(self.matrix, what, part.dof, nb=part.nb))
+        matrix = part.M
+        if self.massless.size:
+            matrix = combination([(1.0, part.M), (1.0, stand_in)])
+        self.diagonal = matrix if matrix.ndim == 1 else None
+        factor = part.mass_factor
+        if factor is None:
+            factor = factorize(matrix, f"M of subdomain {part.name!r}", part.dof, nb=part.nb)
+        self.operator = (1.0, *factor)
         self.linked = sp.csr_array(part.L @ sp.diags_array(1.0 - stand_in))
         self.bare = sp.csr_array(part.L[:, self.massless])
 
@@ -163,7 +172,7 @@ class _Mass:
     def compliance(self) -> sp.csr_array:
         """L M^-1 L^T"""
         core = self.core(linked=True)
-        return compliance(core, self.linked, self.matrix, 1.0, self.part.name)
+        return compliance(core, self.linked, self.diagonal, 1.0, self.part.name)
 
     def check_equations(self, r: np.ndarray, lam: np.ndarray, size: float) -> None:
         """Warn when 0 = r + L^T Lam does not hold, with forces of this size about."""
@@ -185,19 +194,29 @@ def initial_terms(part: Part, F: np.ndarray, u: np.ndarray, v: np.ndarray) -> li
     return [F, -product(part.C, v), -product(part.K, u)]
 
 
-def _solve_saddle(H: sp.csr_array, B: sp.csr_array, right: np.ndarray) -> np.ndarray:
+class _Saddle:
     """[[H, B], [B^T, 0]] x = right; the shortest x where the matrix is singular."""
-    matrix = sp.csc_array(sp.block_array([[H, B], [B.T, None]]))
-    # other units of mass scale H, not B: bring both to the same size, by a power of two
-    size = np.max(np.abs(H.data), initial=0.0)
-    s = 2.0 ** np.round(np.log2(size) / 2.0) if size > 0.0 else 1.0
-    scale = np.concatenate([np.full(H.shape[0], 1.0 / s), np.full(B.shape[1], s)])
-    scaled = sp.csc_array(sp.diags_array(scale) @ matrix @ sp.diags_array(scale))
-    goal = scale * right
-    try:
-        x = splu(scaled).solve(goal)
-        if np.max(np.abs(scaled @ x - goal)) <= 1e-9 * np.max(np.abs(goal), initial=0.0):
-            return scale * x
-    except RuntimeError:
-        pass  # singular: two dofs without mass tied to each other share their acceleration
-    return scale * lsmr(scaled, goal, atol=1e-14, btol=1e-14, maxiter=10 * goal.size)[0]
+
+    def __init__(self, H: sp.csr_array, B: sp.csr_array):
+        matrix = sp.csc_array(sp.block_array([[H, B], [B.T, None]]))
+        # other units of mass scale H, not B: bring both to the same size, by a power of two
+        size = np.max(np.abs(H.data), initial=0.0)
+        s = 2.0 ** np.round(np.log2(size) / 2.0) if size > 0.0 else 1.0
+        self.scale = np.concatenate([np.full(H.shape[0], 1.0 / s), np.full(B.shape[1], s)])
+        scale = sp.diags_array(self.scale)
+        self.matrix = sp.csc_array(scale @ matrix @ scale)
+        try:
+            with one_thread():
+                self.lu = splu(self.matrix)
+        except RuntimeError:  # two dofs without mass tied to each other share their acceleration
+            self.lu = None
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        goal = self.scale * right
+        if self.lu is not None:
+            with one_thread():
+                x = self.lu.solve(goal)
+            if np.max(np.abs(self.matrix @ x - goal)) <= 1e-9 * np.max(np.abs(goal), initial=0.0):
+                return self.scale * x
+        limits = dict(atol=1e-14, btol=1e-14, maxiter=10 * goal.size)
+        return self.scale * lsmr(self.matrix, goal, **limits)[0]

@@ -533,11 +533,11 @@ def test_a_record_of_nothing_is_a_record():
 
 
 def test_a_record_is_not_written_beyond_its_rows_when_their_number_overflows():
-    # 4 macro steps of 2^62 nodes are 2^64, which is 0 in size_t: eleven rows are not enough
+    # 2^53 macro steps of 2^31 nodes are 2^84, which is 0 in size_t: eleven rows are not enough
     code = """
-c, s = started(substeps=2**62)
+c, s = started(substeps=2**31)
 try:
-    c.advance(4, record(rows=11))
+    c.advance(2**53, record(rows=11))
 except (ValueError, OverflowError) as error:
     print("refused")
 """
@@ -567,9 +567,11 @@ def test_counts_of_steps_are_whole_and_not_negative():
 
 def test_a_count_of_steps_that_overflows_is_refused():
     c, _ = started()
-    c.start(2**63 - 1, np.zeros(1), np.zeros(1))
+    check_refused(lambda: c.start(2**63 - 1, np.zeros(1), np.zeros(1)))
+    assert c.step_count == 0
+    c.start(2**53, np.zeros(1), np.zeros(1))
     check_refused(lambda: c.advance(1, None))
-    assert c.step_count == 2**63 - 1
+    assert c.step_count == 2**53
 
 
 def test_compliance_is_asked_for_conditions_that_exist():
