@@ -5,7 +5,7 @@ Start with `Subdomain`, `tie` and `Coupler`; the equations are in docs/method.md
 
 from importlib.metadata import version as _version
 
-from . import analysis, export, models, plot
+from . import analysis, export, models, plot, readers
 from .constraints import Constraint, tie
 from .coupler import Coupler, solve
 from .errors import (
@@ -52,6 +52,7 @@ __all__ = [
     "interpolate",
     "models",
     "plot",
+    "readers",
     "reduce",
     "solve",
     "tie",

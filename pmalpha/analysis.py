@@ -365,7 +365,7 @@ def _masses_alone(coupler: Coupler) -> Coupler:
         )
         for part, (_, s) in zip(coupler._parts, coupler._keys)
     ]
-    matrices = {s: L for s, L in zip(subdomains, coupler._matrices()) if L.nnz}
+    matrices = {s: L for s, L in zip(subdomains, coupler._matrices) if L.nnz}
     return Coupler(subdomains, Constraint(matrices), dt=1.0)
 
 
@@ -541,7 +541,7 @@ class _Exact:
             scipy.linalg.block_diag(*(_full(getattr(s, X), s.n) for s in subdomains)) for X in "MCK"
         )
         self.M, self.C, self.K = M, C, K
-        self.L = np.hstack([dense(L) for L in coupler._matrices()])
+        self.L = np.hstack([dense(L) for L in coupler._matrices])
         self.F = np.concatenate([_constant(coupler, i) for i in range(len(subdomains))])
         self.u0, v0 = (np.concatenate(x) for x in zip(*coupler._initial))
         self.Z = Z = scipy.linalg.null_space(self.L)

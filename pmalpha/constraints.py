@@ -24,7 +24,7 @@ __all__ = ["Constraint", "tie"]
 SUSPICIOUS = 1e-6
 # Rows that hang together are looked at as a dense matrix up to this many; a distance of one of
 # them below DEPENDENT counts as none.
-FEW, DEPENDENT = 400, 1e-9
+FEW, DEPENDENT = 1500, 1e-9
 
 
 class Constraint:
@@ -241,8 +241,9 @@ def _dependent_rows(unit: sp.csr_array) -> np.ndarray:
 
     The pivots of L L^T are the squared distances of a row from those eliminated before it: zero
     for a dependent row, at least about 2 / p for the ties of p + 1 dofs in a tree. A shift far
-    below keeps the factorization going past a zero pivot. Rows that hang together with a small
-    pivot are then looked at with singular values where they are few enough.
+    below keeps the factorization going past a zero pivot. Rows that hang together, with a small
+    pivot or with conditions that are no ties, are then looked at by a QR factorization where they
+    are few enough.
     """
     p = unit.shape[0]
     shift, threshold = 1e-14, 1e-13 * (p + 100)
@@ -251,16 +252,22 @@ def _dependent_rows(unit: sp.csr_array) -> np.ndarray:
         gram, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True)
     )
     pivots = lu.U.diagonal()[lu.perm_c]
-    if np.min(pivots) > SUSPICIOUS:
-        return np.arange(0)
     count, group = connected_components(gram, directed=False)
-    smallest = np.full(count, np.inf)
-    np.minimum.at(smallest, group, pivots)
     sizes = np.bincount(group)
+    closer = (pivots <= SUSPICIOUS) | (~_is_tie(unit) & (sizes[group] > 1))
     dependent = [np.flatnonzero((pivots <= threshold) & (sizes[group] > FEW))]
-    for g in np.flatnonzero((smallest <= SUSPICIOUS) & (sizes <= FEW)):
-        dependent.append(_dependent_of_few(unit, np.flatnonzero(group == g)))
+    order = np.argsort(group, kind="stable")
+    members = np.split(order, np.cumsum(sizes)[:-1])
+    for g in np.unique(group[closer]):
+        if sizes[g] <= FEW:
+            dependent.append(_dependent_of_few(unit, members[g]))
     return np.sort(np.concatenate(dependent))
+
+
+def _is_tie(unit: sp.csr_array) -> np.ndarray:
+    """Rows of one entry, or of two of the same size: for these the bound of the pivots holds."""
+    entries = np.diff(unit.indptr)
+    return (entries == 1) | ((entries == 2) & (row_sizes(unit) <= 0.71))
 
 
 def _dependent_of_few(unit: sp.csr_array, rows: np.ndarray) -> np.ndarray:

@@ -128,8 +128,10 @@ class Coupler:
             if c.velocity is not None
         ]
         self._initial = [(s.u0, s.v0) for s in subdomains]
-        self._check_initial_velocities(matrices, self._initial)
-        self._warn_of_gaps(matrices, self._initial)
+        self._matrices = matrices  # L_i in the user's order of dofs and conditions
+        self._row_size = np.max([row_sizes(L) for L in matrices], axis=0, initial=0.0)
+        self._check_initial_velocities(self._initial)
+        self._warn_of_gaps(self._initial)
         self._assemble(names, doubles, matrices, start)
         for s, name, double in zip(subdomains, names, doubles):
             warn_if_above_critical(s, (2.0 if double else 1.0) * self._dt / s.substeps, name)
@@ -316,7 +318,7 @@ class Coupler:
 
         Raises
         ------
-        TypeError, ValueError, ConstraintError
+        TypeError, ValueError, ConstraintError, InstabilityError
             As when the coupler was made. Nothing has changed then.
         """
         with self._entered():
@@ -326,14 +328,22 @@ class Coupler:
                 checked_force(given[i], s.n) if i in given else s.force
                 for i, (_, s) in enumerate(self._keys)
             ]
-            self._check_initial_velocities(self._matrices(), initial)
-            self._warn_of_gaps(self._matrices(), initial)
-            self._initial = initial
+            self._check_initial_velocities(initial)
+            self._warn_of_gaps(initial)
+            kept = self._initial, self._forces, self._callbacks, self._started
+            asked = [motion.callback for motion in self._motions]
+            try:
+                self._initial, self._started = initial, False
+                self._set_forces(forces)
+                if not self._has_callables():
+                    self._start()  # changes the core in its last lines only
+            except BaseException:
+                self._initial, self._forces, self._callbacks, self._started = kept
+                for motion, callback in zip(self._motions, asked):
+                    motion.callback = callback
+                self._load_core()
+                raise
             self._last_history = None
-            self._started = False
-            self._set_forces(forces)
-            if not self._has_callables():
-                self._start()
 
     def static(self) -> dict[str, np.ndarray]:
         """Static equilibrium under F(0), with displacements tied: u0 for gravity before the quake.
@@ -361,7 +371,7 @@ class Coupler:
         with self._entered():
             loads = [self._force_at_start(i)[p.place] for i, p in enumerate(self._parts)]
             subdomains = [s for _, s in self._keys]
-            u = static_displacements([s.K for s in subdomains], self._matrices(), loads)
+            u = static_displacements([s.K for s in subdomains], self._matrices, loads)
         return dict(zip((name for name, _ in self._keys), u))
 
     # ---- inside ------------------------------------------------------------------------------
@@ -420,6 +430,8 @@ class Coupler:
             for i, (part, force) in enumerate(zip(self._parts, forces))
             if is_callback(force)
         }
+        for motion in self._motions:
+            motion.callback = None if motion.known else motion.new_callback()
         self._load_core()
 
     def _load_core(self) -> None:
@@ -428,7 +440,6 @@ class Coupler:
             if i not in self._callbacks:
                 part.core.set_load(core_load(force, part.order))
         for i, motion in enumerate(self._motions):
-            motion.callback = None if motion.known else motion.new_callback()
             if motion.known:
                 self._core.set_motion(i, core_load(motion.velocity, np.arange(motion.rows.size)))
 
@@ -464,7 +475,7 @@ class Coupler:
         rows = np.argsort(self._row_place)
         g, slope = self._prescribed("value")[rows], self._prescribed("slope")[rows]
         if not all(motion.known for motion in self._motions):
-            self._check_initial_velocities(self._matrices(), self._initial, asked=True)
+            self._check_initial_velocities(self._initial, asked=True)
         accelerations, lam = self._initial_accelerations.solve(terms, slope)
         for part, w in zip(self._parts, accelerations):
             if not np.all(np.isfinite(w)):
@@ -474,8 +485,8 @@ class Coupler:
         self._core.start(0, lam, g)
         self._started = True
 
-    def _warn_of_gaps(self, matrices, initial) -> None:
-        rows, gaps = _broken_rows(matrices, [u for u, _ in initial])
+    def _warn_of_gaps(self, initial) -> None:
+        rows, gaps = self._broken_rows([u for u, _ in initial])
         if rows.size:
             amounts = [f"{self._row_name(int(r))}: {x:g}" for r, x in zip(rows, gaps)]
             warnings.warn(
@@ -485,20 +496,31 @@ class Coupler:
                 stacklevel=3,
             )
 
-    def _check_initial_velocities(self, matrices, initial, *, asked: bool = False) -> None:
+    def _check_initial_velocities(self, initial, *, asked: bool = False) -> None:
         """ConstraintError unless sum L v_0 = g(0), once g(0) can be known."""
         if not asked and not all(motion.known for motion in self._motions):
             return
-        rows, gaps = _broken_rows(matrices, [v for _, v in initial], self._prescribed("value"))
+        rows, gaps = self._broken_rows([v for _, v in initial], self._prescribed("value"))
         if rows.size:
             amounts = [f"{self._row_name(int(r))} by {x:g}" for r, x in zip(rows, gaps)]
             raise ConstraintError(
                 f"the initial velocities v0 break the interface conditions, rows {listing(amounts)}"
             )
 
-    def _matrices(self) -> list[Any]:
-        """L_i in the user's order of dofs and conditions."""
-        return [part.L[self._row_place][:, part.place] for part in self._parts]
+    def _broken_rows(
+        self, values: Sequence[np.ndarray], g: np.ndarray | float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The rows in which sum L_i x_i is not g but for rounding, and by how much it is not.
+
+        Rows are compared with their largest entry divided out, since a condition times a number is
+        the same condition.
+        """
+        pairs = [(L, x) for L, x in zip(self._matrices, values) if x.any()]
+        jump = sum((L @ x for L, x in pairs), np.zeros(self._p)) - g
+        size = sum((abs(L) @ np.abs(x) for L, x in pairs), np.zeros(self._p)) + np.abs(g)
+        largest = np.max(size / self._row_size, initial=0.0)
+        rows = np.flatnonzero(np.abs(jump) / self._row_size > ROUNDING * largest)
+        return rows, jump[rows]
 
     def _with_others(self, u0, v0) -> list[tuple[np.ndarray, np.ndarray]]:
         chosen = []
@@ -571,18 +593,3 @@ def solve(
     -0.4161
     """
     return Coupler([subdomain], dt=dt).run(t_end, **as_run)[0]
-
-
-def _broken_rows(
-    matrices: Sequence[Any], values: Sequence[np.ndarray], g: np.ndarray | float = 0.0
-) -> tuple[np.ndarray, np.ndarray]:
-    """The rows in which sum L_i x_i is not g but for rounding, and by how much it is not.
-
-    Rows are compared with their largest entry divided out, since a condition times a number is the
-    same condition.
-    """
-    scale = np.max([row_sizes(L) for L in matrices], axis=0, initial=0.0)
-    jump = sum(L @ x for L, x in zip(matrices, values)) - g
-    size = sum(abs(L) @ np.abs(x) for L, x in zip(matrices, values)) + np.abs(g)
-    rows = np.flatnonzero(np.abs(jump) / scale > ROUNDING * np.max(size / scale, initial=0.0))
-    return rows, jump[rows]

@@ -194,7 +194,7 @@ class CallbackLoad:
             raise type(error)(f"{self.what} at t = {t:g}: {error}") from None
 
     def ask_near_start(self, t: float) -> np.ndarray:
-        """f(t) as `ask`, for the initial values: asked once even if the start has to be repeated."""
+        """f(t) as `ask`, for the initial values: once even if the start has to be repeated."""
         if t not in self.near_start:
             self.near_start[t] = self.ask(t)
         return self.near_start[t]

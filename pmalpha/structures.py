@@ -1066,6 +1066,9 @@ DENSE_SHIFT = 1e-4
 DENSE = 200
 # x^T K x is rounded by this much of |x|^T |K| |x|; a square below counts as zero.
 ROUNDING = 8.0 * np.finfo(float).eps
+# A matrix that went through a text file may have lost two digits more: only a square further below
+# zero says that K is indefinite.
+EXPORTED = 100.0
 
 
 def modes(
@@ -1149,7 +1152,7 @@ def _lowest(A: Any, B: Any, k: int, scale: float) -> tuple[np.ndarray, np.ndarra
         ) from error
     X = X @ y
     rounding = ROUNDING * np.sum(np.abs(X) * product(abs(A), np.abs(X)), axis=0)
-    if np.any(squares < -rounding):
+    if np.any(squares < -EXPORTED * rounding):
         raise ValueError(f"K must be positive semidefinite, got omega^2 = {squares.min():g}")
     return np.where(squares > rounding, squares, 0.0), X
 

@@ -1171,8 +1171,8 @@ def test_what_a_load_raises_reaches_the_caller_itself(error, run):
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), SystemExit(3), GeneratorExit()])
-def test_an_exit_from_a_load_keeps_the_steps_before_it(error):
-    # as for any exception: raised when the steps before it are done, no time asked twice
+def test_an_exit_from_a_load_comes_at_once_and_no_time_is_asked_twice(error):
+    # unlike an error it does not wait for the steps whose loads are there already
     def fail():
         raise error
 
@@ -1181,7 +1181,10 @@ def test_an_exit_from_a_load_keeps_the_steps_before_it(error):
     with pytest.raises(type(error)):
         coupler.run(steps=9)
     load.armed = False
-    assert_stands_at_last_whole_step(coupler, load, 4)
+    assert coupler.step_count == 0
+    assert bits(coupler, 9) == bits(coupled(force=LOADS["a callable"]["force"]), 9)
+    assert load.asked == sorted(load.asked)
+    assert len(load.asked) - len(set(load.asked)) == 1  # the one that was cut short
 
 
 def test_a_load_that_fails_at_the_start_fails_at_every_call_that_needs_it():

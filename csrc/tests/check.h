@@ -31,7 +31,7 @@
 
 enum { CHECKS_SHOWN = 5 };
 
-static size_t checks_failed; /* in the test at hand */
+extern size_t checks_failed; /* in the test at hand; test_core.c has it */
 
 /* Counts a failure; true if it is to be printed, and then begins the line. */
 static inline bool check_failed(const char *expression, const char *file, int line)

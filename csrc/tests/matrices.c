@@ -1,0 +1,187 @@
+/* matrices.c - see matrices.h; random matrices and what a solve with them has to leave. */
+#include "matrices.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "check.h"
+#include "symbolic.h"
+
+/* ---- rows without zeros ---------------------------------------------------------------------- */
+
+compressed compress(size_t n, const double *rows)
+{
+    compressed s = {.ptr = {0}};
+    int64_t k = 0;
+    for (size_t i = 0; i < n; i++) {
+        for (size_t j = 0; j < n; j++) {
+            if (rows[i * n + j] == 0.0)
+                continue;
+            s.index[k] = (int32_t)j;
+            s.values[k++] = rows[i * n + j];
+        }
+        s.ptr[i + 1] = k;
+    }
+    return s;
+}
+
+/* ---- matrices whose factor is known ---------------------------------------------------------- */
+
+triple make_triple(size_t n, double density, uint64_t *seed)
+{
+    triple t = {.n = n};
+    double below[SIZE * SIZE] = {0.0}; /* column j of R below the diagonal, as a row */
+    for (size_t j = 0; j < n; j++) {
+        t.D[j] = ldexp(1.0, (int)draw(seed, 5) - 2);
+        t.inverse[j] = 1.0 / t.D[j];
+        for (size_t i = 0; i < n; i++) {
+            if (i > j && draw(seed, 1000) < 1000.0 * density)
+                below[j * n + i] = draw_eighth(seed);
+            t.R[i * n + j] = i == j ? 1.0 : below[j * n + i];
+            t.columns[j * n + i] = i > j ? below[j * n + i] : (double)NAN;
+        }
+    }
+    t.sparse = compress(n, below);
+    return t;
+}
+
+/* A (n*n) := R D R^T and size := |R| |D| |R^T| for the unknowns from `first` on: from 0 on it is
+ * the matrix itself, from n - nb on the Schur complement S (F3) */
+static void multiply_out(const triple *t, size_t first, double *A, double *size)
+{
+    const size_t n = t->n;
+    for (size_t i = first; i < n; i++) {
+        for (size_t j = first; j < n; j++) {
+            double sum = 0.0, sum_of_sizes = 0.0;
+            for (size_t k = first; k < n; k++) {
+                const double term = t->R[i * n + k] * t->D[k] * t->R[j * n + k];
+                sum += term;
+                sum_of_sizes += fabs(term);
+            }
+            *A++ = sum;
+            *size++ = sum_of_sizes;
+        }
+    }
+}
+
+/* Two triangular solves leave |b - A x| <= 2 n eps |R| |D| |R^T| |x|, entry by entry; as much again
+ * for the rounding of this loop. */
+static void check_residual(const triple *t, size_t first, const double *x, const double *b)
+{
+    double A[SIZE * SIZE], size[SIZE * SIZE];
+    const size_t n = t->n - first;
+    multiply_out(t, first, A, size);
+    for (size_t i = 0; i < n; i++) {
+        double residual = b[i], scale = 0.0;
+        for (size_t j = 0; j < n; j++) {
+            residual -= A[i * n + j] * x[j];
+            scale += size[i * n + j] * fabs(x[j]);
+        }
+        CHECK_NEAR(residual, 0.0, 4.0 * (double)n * EPS * scale);
+    }
+}
+
+void check_sweeps(const triple *t, const pma_factor *f, uint64_t *seed)
+{
+    const size_t interior = f->n - f->nb;
+    double b[SIZE] = {0.0}, x[SIZE], x_b[SIZE];
+    CHECK_STATUS(pma_factor_check(f), PMA_OK);
+
+    draw_vector(f->n, seed, b);
+    memcpy(x, b, sizeof x);
+    pma_factor_forward(f, x);
+    pma_factor_interface(f, x + interior);
+    memcpy(x_b, x + interior, f->nb * sizeof(double));
+    pma_factor_backward(f, x);
+    CHECK_BITS(f->nb, x + interior, x_b);
+    check_residual(t, 0, x, b);
+
+    draw_vector(f->nb, seed, b);
+    memcpy(x_b, b, sizeof x_b);
+    pma_factor_interface(f, x_b);
+    check_residual(t, interior, x_b, b);
+}
+
+/* ---- matrices on their way to a factor in panels --------------------------------------------- */
+
+void list_entries(structure *m, bool lower)
+{
+    int64_t k = 0;
+    m->ptr[0] = 0;
+    for (size_t i = 0; i < m->n; i++) {
+        for (size_t j = lower ? i + 1 : m->n; j-- > 0;) {
+            if (m->A[i * m->n + j] == 0.0)
+                continue;
+            m->index[k] = (int32_t)j;
+            m->entries[k++] = m->A[i * m->n + j];
+        }
+        m->ptr[i + 1] = k;
+    }
+}
+
+void draw_definite(structure *m, size_t n, size_t nb, uint32_t one_in, uint64_t *seed)
+{
+    m->n = n;
+    m->nb = nb;
+    memset(m->A, 0, sizeof m->A);
+    for (size_t i = 0; i < n; i++) {
+        for (size_t j = 0; j < i; j++) {
+            if (draw(seed, one_in) == 0)
+                m->A[i * n + j] = m->A[j * n + i] = draw(seed, 2) ? 0.5 : -1.0;
+        }
+    }
+    for (size_t i = 0; i < n; i++) {
+        double sum = 0.125;
+        for (size_t j = 0; j < n; j++)
+            sum += fabs(m->A[i * n + j]);
+        m->A[i * n + i] = sum;
+    }
+}
+
+void draw_grid(structure *m)
+{
+    *m = (structure){.n = UNKNOWNS, .nb = GRID};
+    for (size_t i = 0; i < UNKNOWNS; i++) {
+        m->A[i * UNKNOWNS + i] = 4.125;
+        if (i % GRID > 0)
+            m->A[i * UNKNOWNS + i - 1] = m->A[(i - 1) * UNKNOWNS + i] = -1.0;
+        if (i >= GRID)
+            m->A[i * UNKNOWNS + i - GRID] = m->A[(i - GRID) * UNKNOWNS + i] = -1.0;
+    }
+}
+
+void count_entries(structure *m)
+{
+    pma_symbolic_count(m->n, m->ptr, m->index, m->parent, m->integers, m->count);
+}
+
+void reorder(structure *m)
+{
+    static double A[UNKNOWNS * UNKNOWNS];
+    memcpy(A, m->A, sizeof A);
+    for (size_t i = 0; i < m->n; i++) {
+        for (size_t j = 0; j < m->n; j++)
+            m->A[i * m->n + j] = A[(size_t)m->order[i] * m->n + (size_t)m->order[j]];
+    }
+}
+
+void analyse(structure *m)
+{
+    list_entries(m, false);
+    count_entries(m);
+    pma_symbolic_postorder(m->n, m->nb, m->parent, m->count, m->integers, m->order);
+    reorder(m);
+    list_entries(m, false);
+    count_entries(m);
+    const size_t s =
+        pma_symbolic_supernodes(m->n, m->nb, m->parent, m->count, m->integers, m->first);
+    m->row_ptr[0] = m->start[0] = 0;
+    for (size_t i = 0; i < s; i++) {
+        const int64_t width = m->first[i + 1] - m->first[i], below = m->count[m->first[i + 1] - 1];
+        m->row_ptr[i + 1] = m->row_ptr[i] + below;
+        m->start[i + 1] = m->start[i] + width * (width + below);
+    }
+    pma_symbolic_rows(m->n, m->ptr, m->index, s, m->first, m->row_ptr, m->owner, m->integers,
+                      m->integers + m->n, m->integers + m->n + s, m->rows);
+    m->panels = (pma_panels){s, m->first, m->row_ptr, m->rows, m->start, m->values};
+}

@@ -1,0 +1,79 @@
+/* matrices.h - matrices for the tests of factors: of a known factor, and on the way to panels. */
+#ifndef PMA_TEST_MATRICES_H
+#define PMA_TEST_MATRICES_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "factor.h"
+#include "naive.h"
+#include "panels.h"
+
+/* ---- rows without zeros ---------------------------------------------------------------------- */
+
+/* The rows of a dense matrix without its zeros. */
+typedef struct {
+    int64_t ptr[SIZE + 1];
+    int32_t index[SIZE * SIZE];
+    double values[SIZE * SIZE];
+} compressed;
+
+compressed compress(size_t n, const double *rows);
+
+/* ---- matrices whose factor is known ---------------------------------------------------------- */
+
+/* A = R D R^T, made from R and D, so that nothing is ever factored. */
+typedef struct {
+    size_t n;
+    double R[SIZE * SIZE], D[SIZE]; /* R by rows */
+    double inverse[SIZE];           /* as the core wants it */
+    double columns[SIZE * SIZE];    /* R; NaN on and above the diagonal, where nothing is read */
+    compressed sparse;
+} triple;
+
+/* R in eighths and D powers of two: products of them are exact */
+triple make_triple(size_t n, double density, uint64_t *seed);
+
+/* All three sweeps solve with A and leave the interface alone at the end; the interface sweep on
+ * its own solves with S. */
+void check_sweeps(const triple *t, const pma_factor *f, uint64_t *seed);
+
+/* ---- matrices on their way to a factor in panels --------------------------------------------- */
+
+enum { GRID = 8, UNKNOWNS = GRID * GRID }; /* more than one block of a dense panel, which is 48 */
+
+/* A matrix on its way to a factor in panels, in the core's words; n, nb and A are given. */
+typedef struct {
+    size_t n, nb;
+    double A[UNKNOWNS * UNKNOWNS]; /* by rows */
+    int64_t ptr[UNKNOWNS + 1];
+    int32_t index[UNKNOWNS * UNKNOWNS];
+    double entries[UNKNOWNS * UNKNOWNS];
+
+    int64_t parent[UNKNOWNS], count[UNKNOWNS], order[UNKNOWNS], owner[UNKNOWNS];
+    int64_t first[UNKNOWNS + 1], row_ptr[UNKNOWNS + 1], start[UNKNOWNS + 1];
+    int32_t rows[UNKNOWNS * UNKNOWNS];
+    double values[UNKNOWNS * UNKNOWNS], inverse[UNKNOWNS];
+    int64_t integers[4 * UNKNOWNS];
+    pma_panels panels;
+} structure;
+
+/* Every row backward: rows need not be in order. Without the upper half if `lower`. */
+void list_entries(structure *m, bool lower);
+
+/* One in `one_in` pairs is tied; the diagonal dominates, so A is positive definite. */
+void draw_definite(structure *m, size_t n, size_t nb, uint32_t one_in, uint64_t *seed);
+
+/* A square grid of springs, its last line the interface. */
+void draw_grid(structure *m);
+
+void count_entries(structure *m);
+
+/* A := A in another order */
+void reorder(structure *m);
+
+/* All that comes before the numbers; A is brought into postorder. */
+void analyse(structure *m);
+
+#endif

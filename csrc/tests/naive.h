@@ -1,0 +1,44 @@
+/* naive.h - random numbers, algebra by plain loops, and a callback that says stop. */
+#ifndef PMA_TEST_NAIVE_H
+#define PMA_TEST_NAIVE_H
+
+#include <float.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+static const double EPS = DBL_EPSILON;
+static const double PI = 3.14159265358979323846;
+
+enum { SIZE = 9 }; /* two full lanes of four and one more, where a loop is vectorised */
+
+/* ---- random numbers that are the same everywhere --------------------------------------------- */
+
+/* Knuth's 64-bit linear congruence; the high bits are the good ones. */
+uint32_t draw(uint64_t *seed, uint32_t below);
+
+/* A multiple of 1/8 in [-1, 1]: sums of a few products of these are exact. */
+double draw_eighth(uint64_t *seed);
+
+void draw_vector(size_t n, uint64_t *seed, double *x);
+
+/* ---- naive algebra --------------------------------------------------------------------------- */
+
+enum { LARGEST = 16 }; /* unknowns of naive_solve */
+
+/* b (n) := A^-1 b by Gaussian elimination with row exchanges, A (n*n) by rows */
+void naive_solve(size_t n, const double *A, double *b);
+
+/* A (n*n) = R D R^T; R by columns, the reciprocals of D */
+void naive_factor(size_t n, const double *A, double *R, double *inverse);
+
+/* ---- stop ------------------------------------------------------------------------------------ */
+
+/* A callback that says stop when asked for the stop_at-th time; never for 0. */
+typedef struct {
+    size_t asked, stop_at;
+} asker;
+
+bool ask(void *ctx);
+
+#endif

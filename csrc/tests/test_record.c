@@ -1,0 +1,142 @@
+/* test_record.c - which nodes of a run are kept, and where. */
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "check.h"
+#include "coupler.h"
+#include "models.h"
+#include "naive.h"
+#include "record.h"
+#include "subdomain.h"
+#include "tests.h"
+
+static void the_row_of_a_node_follows_from_its_number(void)
+{
+    const pma_record all = {.begin = 4, .every = 0}, third = {.begin = 4, .every = 3};
+    CHECK_INT(pma_record_row(&all, 4, 1, 5), 1);
+    CHECK_INT(pma_record_row(&all, 4, 5, 5), 5);
+    CHECK_INT(pma_record_row(&all, 6, 2, 5), 12);
+    CHECK_INT(pma_record_row(&third, 5, 5, 5), 1); /* macro node 6, row 0 is macro node 4 */
+    CHECK_INT(pma_record_row(&third, 8, 5, 5), 2); /* macro node 9 */
+    CHECK_INT(pma_record_row(&third, 5, 4, 5), PMA_NO_ROW);
+    CHECK_INT(pma_record_row(&third, 4, 5, 5), PMA_NO_ROW);
+    CHECK_INT(pma_record_row(&third, 6, 5, 5), PMA_NO_ROW);
+    const pma_record begun_at_one = {.begin = 6, .every = 3};
+    CHECK_INT(pma_record_row(&begun_at_one, 8, 1, 1), 1);
+}
+
+static void the_chosen_dofs_of_a_state_are_copied_in_the_order_asked_for(void)
+{
+    double u[3] = {1, 2, 3}, v[3] = {4, 5, 6}, w[3] = {7, 8, 9};
+    double to_u[6] = {0}, to_v[6] = {0}, to_w[6] = {0};
+    const pma_record_nodes nodes = {2, (int64_t[]){2, 0}, to_u, to_v, to_w};
+    pma_record_state(&nodes, &(pma_state){u, v, w, NULL}, 1);
+    CHECK_BITS(6, to_u, ((double[]){0, 0, 3, 1, 0, 0}));
+    CHECK_BITS(6, to_v, ((double[]){0, 0, 6, 4, 0, 0}));
+    CHECK_BITS(6, to_w, ((double[]){0, 0, 9, 7, 0, 0}));
+}
+
+static void check_rows_alike(const tape *few, const tape *all, const model *m, size_t row,
+                             size_t macro)
+{
+    for (size_t i = 0; i < m->count; i++) {
+        const size_t n = m->parts[i].n, from = macro * m->parts[i].substeps * n;
+        CHECK_BITS(n, few->u[i] + row * n, all->u[i] + from);
+        CHECK_BITS(n, few->v[i] + row * n, all->v[i] + from);
+        CHECK_BITS(n, few->w[i] + row * n, all->w[i] + from);
+    }
+    const size_t p = m->p, from = macro * m->fine * p;
+    CHECK_BITS(p, few->lam + row * p, all->lam + from);
+    CHECK_BITS(p, few->velocity + row * p, all->velocity + from);
+    CHECK_BITS(p, few->displacement + row * p, all->displacement + macro * p);
+}
+
+/* From macro step `begin` on: row 0 is `begin`, row i + 1 the i-th later multiple of three. */
+static void check_every_third(int64_t begin, const tape *all, const double *untouched)
+{
+    static model m;
+    static tape few;
+    make_chain(&m, MIXED, 1.0);
+    CHECK_STATUS(pma_coupler_advance(m.coupler, begin, NULL, NULL), PMA_OK);
+    make_tape(&few, &m, begin, 3);
+    run_taped(&m, &few, STEPS - begin);
+    size_t row = 0;
+    check_rows_alike(&few, all, &m, row++, (size_t)begin);
+    for (size_t macro = (size_t)begin + 1; macro <= STEPS; macro++) {
+        if (macro % 3 == 0)
+            check_rows_alike(&few, all, &m, row++, macro);
+    }
+    for (size_t i = 0; i < m.count; i++)
+        CHECK_BITS(m.parts[i].n, few.u[i] + row * m.parts[i].n, untouched);
+    CHECK_BITS(m.p, few.lam + row * m.p, untouched);
+    CHECK_BITS(m.p, few.velocity + row * m.p, untouched);
+    CHECK_BITS(m.p, few.displacement + row * m.p, untouched);
+    destroy_model(&m);
+}
+
+static void every_third_macro_node_is_recorded_wherever_the_stretch_begins(void)
+{
+    static model m;
+    static tape all;
+    double untouched[MOST];
+    memset(untouched, 0xff, sizeof untouched);
+    make_chain(&m, MIXED, 1.0);
+    make_tape(&all, &m, 0, 0);
+    run_taped(&m, &all, STEPS);
+    for (int64_t begin = 0; begin <= 5; begin++)
+        check_every_third(begin, &all, untouched);
+    destroy_model(&m);
+}
+
+/* A stretch that begins later continues the rows of one that began at 0. */
+static void a_record_of_all_nodes_may_begin_in_the_middle(void)
+{
+    static model m, n;
+    static tape all, late;
+    make_chain(&m, MIXED, 1.0);
+    make_chain(&n, MIXED, 1.0);
+    make_tape(&all, &m, 0, 0);
+    make_tape(&late, &n, 3, 0);
+    run_taped(&m, &all, STEPS);
+    CHECK_STATUS(pma_coupler_advance(n.coupler, 3, NULL, NULL), PMA_OK);
+    run_taped(&n, &late, STEPS - 3);
+    for (size_t i = 0; i < m.count; i++) {
+        const size_t own = m.parts[i].n, skipped = 3 * m.parts[i].substeps * own;
+        CHECK_BITS((STEPS - 3) * m.parts[i].substeps * own + own, late.u[i], all.u[i] + skipped);
+    }
+    CHECK_BITS(((STEPS - 3) * FINE + 1) * m.p, late.lam, all.lam + 3 * FINE * m.p);
+    CHECK_BITS((STEPS - 3 + 1) * m.p, late.displacement, all.displacement + 3 * m.p);
+    destroy_model(&m);
+    destroy_model(&n);
+}
+
+/* Without conditions, and of a part nobody asks about, no array is touched: NULL will do. */
+static void a_run_without_conditions_leaves_the_interface_arrays_alone(void)
+{
+    static model m;
+    double u[3] = {0}, v[3] = {0}, w[3] = {0};
+    pma_record_nodes nodes[2] = {{1, (int64_t[]){0}, u, v, w}, {0, NULL, u, v, w}};
+    const pma_record record = {.begin = 0, .every = 1, .nodes = nodes};
+    m = (model){.count = 2, .dt = 0.5};
+    m.parts[0] = one_mass(1.0, 4.0, 0.0, TRAPEZOIDAL, true); /* omega h = 1 */
+    m.parts[1] = one_mass(1.0, 1.0, 0.0, CENTRAL_DIFFERENCE, false);
+    m.parts[0].u0[0] = 1.0;
+    make_model(&m);
+    pma_coupler_record_present(m.coupler, &record);
+    CHECK_STATUS(pma_coupler_advance(m.coupler, 2, &record, NULL), PMA_OK);
+    const double q = 2.0 * atan(0.5);
+    for (size_t n = 0; n <= 2; n++)
+        CHECK_NEAR(u[n], cos((double)n * q), 10.0 * EPS); /* two steps of a few roundings */
+    destroy_model(&m);
+}
+
+const test RECORD_TESTS[] = {
+    TEST(the_row_of_a_node_follows_from_its_number),
+    TEST(the_chosen_dofs_of_a_state_are_copied_in_the_order_asked_for),
+    TEST(every_third_macro_node_is_recorded_wherever_the_stretch_begins),
+    TEST(a_record_of_all_nodes_may_begin_in_the_middle),
+    TEST(a_run_without_conditions_leaves_the_interface_arrays_alone),
+    END_OF_TESTS,
+};

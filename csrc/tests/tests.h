@@ -1,0 +1,30 @@
+/* tests.h - the lists of tests, one for each file; test_core.c runs them all. */
+#ifndef PMA_TEST_TESTS_H
+#define PMA_TEST_TESTS_H
+
+#include <stddef.h>
+
+/* A function whose name is the sentence it checks. */
+typedef struct {
+    const char *name;
+    void (*run)(void);
+} test;
+
+#define TEST(name) {#name, name}
+#define END_OF_TESTS {NULL, NULL}
+
+extern const test STATUS_TESTS[];
+extern const test SCHEME_TESTS[];
+extern const test MATRIX_TESTS[];
+extern const test FACTOR_TESTS[];
+extern const test SYMBOLIC_TESTS[];
+extern const test PANELS_TESTS[];
+extern const test LINK_TESTS[];
+extern const test LOAD_TESTS[];
+extern const test SUBDOMAIN_TESTS[];
+extern const test RECORD_TESTS[];
+extern const test METHOD_TESTS[];
+extern const test COUPLER_TESTS[];
+extern const test STOP_TESTS[];
+
+#endif
