@@ -6,14 +6,16 @@ Everything here happens once, when a `Coupler` is made: ordering, factors, the i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg import solve_triangular
 
 from . import _core
-from .factors import Factor, factorize
+from .blas import one_thread
+from .factors import Factor, factorize, interface_block
 from .matrices import Matrix, combination, core_matrix, core_sparse, dense, permuted
 from .memory import require
 from .ordering import elimination_order
@@ -38,6 +40,8 @@ class Part:
         Interface dofs, the last of the order.
     mass_factor : Factor or None
         Of M, where Mbar is M itself: explicit and without damping.
+    factors : list of Factor
+        Of Mbar(h) and, for a double step, of Mbar(2 h).
     """
 
     subdomain: Subdomain
@@ -53,6 +57,7 @@ class Part:
     nb: int
     core: Any = None
     mass_factor: Factor | None = None
+    factors: list[Factor] = field(default_factory=list)
 
     @property
     def n(self) -> int:
@@ -130,6 +135,7 @@ def build(part: Part) -> None:
     """Factor Mbar and make the core's object of a part."""
     single = part.operator(part.h)
     twice = part.operator(2.0 * part.h) if part.double else None
+    part.factors = [operator[1:] for operator in (single, twice) if operator is not None]
     part.core = core_subdomain(
         part,
         part.subdomain.scheme,
@@ -186,19 +192,28 @@ def interface_matrix(parts: Sequence[Part], p: int, *, start: bool) -> Matrix:
         h = 2.0 * part.h if twice else part.h
         al2 = part.subdomain.scheme.coefficients(h)[1]
         diagonal = part.diagonal_mbar(h)
-        blocks.append(compliance(part.core, part.L, diagonal, al2, part.name, twice=twice))
+        factor = part.factors[1 if twice else 0]
+        if diagonal is not None:
+            blocks.append(sp.csr_array(part.L @ sp.diags_array(al2 / diagonal) @ part.L.T))
+        else:
+            blocks.append(al2 * compliance(factor, part.L, part.nb, part.name))
     return summed(blocks, p)
 
 
-def compliance(
-    core: Any, L: sp.csr_array, diagonal: Matrix, al2: float, name: str, *, twice: bool = False
-) -> sp.csr_array:
-    """al2 L Mbar^-1 L^T of one subdomain, (p, p); `diagonal`: Mbar where it is one, else None."""
-    if diagonal is not None:
-        return sp.csr_array(L @ sp.diags_array(al2 / diagonal) @ L.T)
+def compliance(factor: Factor, L: sp.csr_array, nb: int, name: str) -> sp.csr_array:
+    """L A^-1 L^T = L_b S^-1 L_b^T, (p, p), from the last block of the factor of A."""
     rows = conditions_of(L)
-    require(40.0 * rows.size**2, f"the interface matrix of {rows.size} conditions of {name!r}")
-    block = core.compliance(twice, rows)
+    size = 24.0 * rows.size**2 + 16.0 * nb * (nb + rows.size)
+    require(size, f"the interface matrix of {rows.size} conditions of {name!r}")
+    with one_thread():
+        X = solve_triangular(
+            interface_block(factor, nb),
+            L[rows][:, L.shape[1] - nb :].toarray().T,
+            lower=True,
+            unit_diagonal=True,
+            overwrite_b=True,
+        )
+        block = X.T @ (factor[0][factor[0].size - nb :, None] * X)
     block = 0.5 * (block + block.T)  # symmetric but for rounding
     where = (np.repeat(rows, rows.size), np.tile(rows, rows.size))
     return sp.csr_array((block.ravel(), where), shape=(L.shape[0], L.shape[0]))

@@ -190,6 +190,30 @@ def solve(factor: Factor, b: np.ndarray) -> np.ndarray:
     return part.state()[2]
 
 
+def interface_block(factor: Factor, nb: int) -> np.ndarray:
+    """R_bb, the last nb rows and columns of R, (nb, nb); what is above its diagonal is not read."""
+    inverse, R = factor
+    begin = inverse.size - nb
+    if R is None:
+        return np.eye(nb)
+    if isinstance(R, np.ndarray):
+        return R[begin:, begin:].T
+    block = np.zeros((nb, nb), order="F")
+    if len(R) == 3:
+        ptr, index, values = R
+        for j in range(begin, inverse.size):
+            own = slice(ptr[j], ptr[j + 1])
+            block[index[own] - begin, j - begin] = values[own]
+        return block
+    first, row_ptr, rows, start, values = R
+    for s in range(np.searchsorted(first, begin), first.size - 1):
+        own = np.arange(first[s], first[s + 1])
+        where = np.concatenate([own, rows[row_ptr[s] : row_ptr[s + 1]]]) - begin
+        panel = values[start[s] : start[s + 1]].reshape(own.size, where.size).T
+        block[np.ix_(where, own - begin)] = panel
+    return block
+
+
 def _not_definite(what: str, dof: str) -> FactorizationError:
     return FactorizationError(
         f"{what} is not positive definite: it is singular or indefinite, first seen at {dof}"

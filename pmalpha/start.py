@@ -171,8 +171,9 @@ class _Mass:
 
     def compliance(self) -> sp.csr_array:
         """L M^-1 L^T"""
-        core = self.core(linked=True)
-        return compliance(core, self.linked, self.diagonal, 1.0, self.part.name)
+        if self.diagonal is not None:
+            return sp.csr_array(self.linked @ sp.diags_array(1.0 / self.diagonal) @ self.linked.T)
+        return compliance(self.operator[1:], self.linked, self.part.nb, self.part.name)
 
     def check_equations(self, r: np.ndarray, lam: np.ndarray, size: float) -> None:
         """Warn when 0 = r + L^T Lam does not hold, with forces of this size about."""

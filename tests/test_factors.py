@@ -7,6 +7,7 @@ from problems import random_problem
 
 import pmalpha as pm
 from pmalpha import _core, factors
+from pmalpha.assembly import compliance, conditions_of
 from pmalpha.matrices import core_sparse, permuted
 from pmalpha.ordering import elimination_order, fill
 
@@ -106,6 +107,21 @@ def test_random_coupled_problems_agree_with_the_reference_by_panels_too(seed, mo
     for i, part in enumerate(expected.parts):
         # as in test_against_reference
         assert np.max(np.abs(history[i].u - part.u)) <= 1e-9 * scale
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_interface_matrix_from_the_factors_is_what_the_core_makes_of_unit_multipliers(seed):
+    problem = random_problem(seed)
+    coupler = problem.coupler()
+    for part in coupler._parts:
+        rows = conditions_of(part.L)
+        if part.diagonal_mbar(part.h) is not None or not rows.size:
+            continue
+        al2 = part.subdomain.scheme.coefficients(part.h)[1]
+        ours = al2 * compliance(part.factors[0], part.L, part.nb, part.name).toarray()
+        theirs = part.core.compliance(False, rows)
+        # the same sums in another order
+        np.testing.assert_allclose(ours[np.ix_(rows, rows)], theirs, rtol=0, atol=1e-13)
 
 
 def indefinite(n, where):

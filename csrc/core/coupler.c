@@ -292,7 +292,7 @@ static void velocity_jump(const pma_coupler *c, const double *lam, const double 
         } else {
             const double theta = (double)at->phase / (double)at->ratio;
             pma_subdomain_free_velocity(at->subdomain, at->j, theta, 1.0, jump);
-            pma_subdomain_link_velocity(at->subdomain, is_double(c, at), lam, jump);
+            pma_subdomain_compliance(at->subdomain, is_double(c, at), lam, jump);
         }
     }
 }

@@ -177,7 +177,9 @@ static void solve_link(pma_subdomain *s, const pma_operator *op, const double *l
 
 void pma_subdomain_compliance(pma_subdomain *s, bool twice, const double *lam, double *out)
 {
-    pma_subdomain_link_velocity(s, twice, lam, out);
+    const pma_operator *op = operator_of(s, twice);
+    solve_link(s, op, lam);
+    pma_link_gather(&s->parts.link, op->step.al2, s->link, out);
 }
 
 /* (5), (6) and the known part of (9), from one state into another or in place; w := 0 */
@@ -265,13 +267,6 @@ void pma_subdomain_free_velocity(const pma_subdomain *s, size_t j, double theta,
     if (theta < 1.0)
         pma_link_gather(L, scale * (1.0 - theta), free_velocity_at(s, j), jump);
     pma_link_gather(L, scale * theta, free_velocity_at(s, j + 1), jump);
-}
-
-void pma_subdomain_link_velocity(pma_subdomain *s, bool twice, const double *lam, double *jump)
-{
-    const pma_operator *op = operator_of(s, twice);
-    solve_link(s, op, lam);
-    pma_link_gather(&s->parts.link, op->step.al2, s->link, jump);
 }
 
 void pma_subdomain_total_velocity(const pma_subdomain *s, size_t j, double *jump)

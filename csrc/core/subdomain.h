@@ -59,7 +59,8 @@ const pma_parts *pma_subdomain_parts(const pma_subdomain *s);
 void pma_subdomain_set_load(pma_subdomain *s, pma_load load);
 const pma_load *pma_subdomain_load(const pma_subdomain *s);
 
-/* out (p) += al2 L_b S^-1 L_b^T lam, lam (p), with the operator of the single or double step (F6) */
+/* out (p) += al2 L_b S^-1 L_b^T lam, lam (p), with the operator of the single or double step: L_b
+ * times the link velocity of lam (14), and for unit multipliers the block of H (F6) */
 void pma_subdomain_compliance(pma_subdomain *s, bool twice, const double *lam, double *out);
 
 /* ---- the present: the last whole macro step --------------------------------------------- */
@@ -91,9 +92,6 @@ void pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1, int64
 /* jump (p) += scale L_b vf at own node j + theta, by linear interpolation                (15) */
 void pma_subdomain_free_velocity(const pma_subdomain *s, size_t j, double theta, double scale,
                                  double *jump);
-
-/* jump (p) += L_b times the link velocity of lam, al2 Mbar^-1 L^T lam                     (14) */
-void pma_subdomain_link_velocity(pma_subdomain *s, bool twice, const double *lam, double *jump);
 
 /* jump (p) += L_b v and L_b u at own node j */
 void pma_subdomain_total_velocity(const pma_subdomain *s, size_t j, double *jump);
