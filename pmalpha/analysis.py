@@ -55,7 +55,13 @@ class AmplificationMatrix(np.ndarray):
     names: tuple[str, ...]
 
     def __array_finalize__(self, other: Any) -> None:
-        self.names = getattr(other, "names", ())
+        same = getattr(other, "shape", None) == self.shape
+        self.names = getattr(other, "names", ()) if same else ()
+
+    def __array_wrap__(self, array: np.ndarray, context: Any = None, scalar: bool = False) -> Any:
+        """Results of arithmetic are plain: their rows have no names."""
+        plain = np.asarray(array)
+        return plain[()] if plain.ndim == 0 else plain
 
 
 def amplification_matrix(coupler: Coupler) -> AmplificationMatrix:
