@@ -10,7 +10,7 @@ import numpy as np
 from ._checks import listing
 from .constraints import dof_list
 from .history import History, SubdomainHistory, by_place
-from .plot import LINES, style
+from .style import LINES, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,6 +11,7 @@ import numpy as np
 
 from ._checks import listing, positive_number, real_number, whole_number
 from .mesh import Mesh, checked_mesh, edges, nodal_values, nodal_vectors, outer_faces, padded
+from .style import style
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
@@ -129,7 +130,6 @@ def deformed(
     >>> ax.get_title(loc="right")
     'displacements × 10'
     """
-    from .plot import style
 
     mesh, u = _flattened(checked_mesh(points, elements), u, "u")
     if values is not None:
@@ -206,7 +206,6 @@ def animation(
     >>> "<img" in moving.to_jshtml()
     True
     """
-    from .plot import style
 
     frames = whole_number(frames, "frames", low=1)
     times = np.linspace(history.macro_times[0], history.macro_times[-1], frames)

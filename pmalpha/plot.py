@@ -6,14 +6,14 @@ each function returns a matplotlib Figure, which `save` writes to a file, or wha
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .mesh_plot import animation, deformed
+from .style import LINES, RC, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,66 +34,6 @@ __all__ = [
     "style",
     "timeline",
 ]
-
-# Okabe and Ito's colours, which the colour-blind can tell apart, by falling grey value
-LINES: tuple[dict, ...] = (
-    {"color": "#E69F00", "linestyle": (0, (1, 1)), "linewidth": 1.6},
-    {"color": "#009E73", "linestyle": (0, (4, 1, 1, 1)), "linewidth": 1.2},
-    {"color": "#0072B2", "linestyle": (0, (5, 1.5)), "linewidth": 1.2},
-    {"color": "#000000", "linestyle": "-", "linewidth": 0.9},
-)
-
-# what every figure has in common, for matplotlib's rcParams
-RC = {
-    "font.family": "STIXGeneral",
-    "mathtext.fontset": "stix",
-    "font.size": 9,
-    "axes.titlesize": 9,
-    "axes.labelsize": 9,
-    "legend.fontsize": 8.5,
-    "xtick.labelsize": 8.5,
-    "ytick.labelsize": 8.5,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "0.9",
-    "grid.linewidth": 0.5,
-    "xtick.direction": "in",
-    "ytick.direction": "in",
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "legend.frameon": False,
-    "legend.handlelength": 2.4,
-    "lines.linewidth": 1.0,
-    "figure.dpi": 120,
-    "savefig.dpi": 300,
-}
-
-
-@contextmanager
-def style() -> Iterator[None]:
-    """The style of all figures here, for figures of your own.
-
-    Raises
-    ------
-    ImportError
-        If matplotlib is missing.
-
-    Examples
-    --------
-    >>> import matplotlib
-    >>> from pmalpha import plot
-    >>> with plot.style():
-    ...     matplotlib.rcParams["font.size"]
-    9.0
-    """
-    try:
-        import matplotlib
-    except ImportError as error:
-        raise ImportError("drawing needs matplotlib: pip install 'pmalpha[plot]'") from error
-    with matplotlib.rc_context(RC):
-        yield
 
 
 # ---- figures of the notebooks ---------------------------------------------------------------
