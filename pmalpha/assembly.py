@@ -180,7 +180,7 @@ def interface_matrix(parts: Sequence[Part], p: int, *, start: bool) -> Matrix:
     Parameters
     ----------
     parts : sequence of Part
-        With their core objects.
+        With their factors.
     p : int
         Number of conditions.
     start : bool
@@ -203,6 +203,8 @@ def interface_matrix(parts: Sequence[Part], p: int, *, start: bool) -> Matrix:
 def compliance(factor: Factor, L: sp.csr_array, nb: int, name: str) -> sp.csr_array:
     """L A^-1 L^T = L_b S^-1 L_b^T, (p, p), from the last block of the factor of A."""
     rows = conditions_of(L)
+    if not rows.size:
+        return sp.csr_array((L.shape[0], L.shape[0]))
     size = 24.0 * rows.size**2 + 16.0 * nb * (nb + rows.size)
     require(size, f"the interface matrix of {rows.size} conditions of {name!r}")
     with one_thread():

@@ -201,10 +201,6 @@ class RowNames:
     def __init__(self, constraints: Sequence[Constraint]):
         self.starts = np.cumsum([0] + [c.p for c in constraints])
 
-    @property
-    def p(self) -> int:
-        return int(self.starts[-1])
-
     def rows(self, i: int) -> np.ndarray:
         """The rows of constraint i."""
         return np.arange(self.starts[i], self.starts[i + 1])

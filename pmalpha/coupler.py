@@ -120,7 +120,7 @@ class Coupler:
         self._keys = tuple(zip(names, subdomains))
         doubles = double_steps(subdomains, coupling)
 
-        matrices = stacked(constraints, subdomains)
+        self._matrices = stacked(constraints, subdomains)  # L_i in the user's order
         self._row_name = RowNames(constraints)
         self._motions = [
             Motion(i, c, self._row_name.rows(i), self._fine, self._dt)
@@ -128,11 +128,10 @@ class Coupler:
             if c.velocity is not None
         ]
         self._initial = [(s.u0, s.v0) for s in subdomains]
-        self._matrices = matrices  # L_i in the user's order of dofs and conditions
-        self._row_size = np.max([row_sizes(L) for L in matrices], axis=0, initial=0.0)
+        self._row_size = np.max([row_sizes(L) for L in self._matrices], axis=0, initial=0.0)
         self._check_initial_velocities(self._initial)
         self._warn_of_gaps(self._initial)
-        self._assemble(names, doubles, matrices, start)
+        self._assemble(names, doubles, start)
         for s, name, double in zip(subdomains, names, doubles):
             warn_if_above_critical(s, (2.0 if double else 1.0) * self._dt / s.substeps, name)
         self._last_history: History | None = None
@@ -143,12 +142,12 @@ class Coupler:
         if not self._has_callables():
             self._start()  # callables are asked by run or step, which may have to raise
 
-    def _assemble(self, names, doubles, matrices, start: str) -> None:
+    def _assemble(self, names: Sequence[str], doubles: Sequence[bool], start: str) -> None:
         """Order, factor, and make the objects of the core."""
-        p = matrices[0].shape[0]
+        p = self._p
         parts = [
             make_part(s, name, double, self._dt / s.substeps, L)
-            for (_, s), name, double, L in zip(self._keys, names, doubles, matrices)
+            for (_, s), name, double, L in zip(self._keys, names, doubles, self._matrices)
         ]
         rows = row_order(parts, p)
         self._row_place = np.argsort(rows)
@@ -448,7 +447,7 @@ class Coupler:
 
     def _prescribed(self, name: str) -> np.ndarray:
         """g(0) or g'(0), (p,), in the user's order of rows."""
-        g = np.zeros(self._row_name.p)
+        g = np.zeros(self._p)
         for motion in self._motions:
             g[motion.rows] = getattr(motion, name)()
         return g

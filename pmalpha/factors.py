@@ -84,8 +84,9 @@ def panels(A: sp.csr_array, what: str, dof: Callable[[int], str], *, nb: int) ->
     matrix = core_sparse(A)
     structure = _core.supernodes(matrix[0], matrix[1], nb)
     first, row_ptr, rows, start, _ = structure
+    update = np.max(np.diff(first)) * np.max(np.diff(row_ptr))
     require(
-        8.0 * start[-1] + 4.0 * rows.size,
+        8.0 * (start[-1] + update) + 4.0 * rows.size,
         f"the factor of {what} ({A.shape[0]} dofs, {start[-1]} entries)",
     )
     values, inverse = np.empty(start[-1]), np.empty(A.shape[0])

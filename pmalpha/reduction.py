@@ -183,8 +183,7 @@ def reduce(M: Any, K: Any, C: Any = None, *, fixed: Any) -> Reduction:
     Parameters
     ----------
     M, K, C : (n,) array, (n, n) array or scipy.sparse matrix or array
-        As for `Subdomain`, symmetric, with all dofs. K may be None where a restoring force takes
-        its place.
+        As for `Subdomain`, symmetric, with all dofs. K or C may be None: then it stays None.
     fixed : array of int, or (n,) array of bool
         The dofs that do not move: their numbers, in any order and repeated or not, or a mask. Of
         nodes with two dofs each, all of both at x = 0: ``np.repeat(points[:, 0] == 0.0, 2)``.
@@ -198,6 +197,14 @@ def reduce(M: Any, K: Any, C: Any = None, *, fixed: Any) -> Reduction:
     TypeError, ValueError
         For matrices that `Subdomain` refuses as well, with the dofs of the whole in the message;
         for dofs out of range, a mask of another length, no free dof left.
+
+    Notes
+    -----
+    Under a ground motion the free dofs also feel the mass that couples them to the fixed ones.
+    ``BaseAcceleration(record, dt, direction, reduction.M)`` leaves that out, which is exact for a
+    lumped mass. With a consistent one take the load from the whole matrix, with a zero put after
+    the record: ``SampledForce(record, dt, shape=-reduction.reduce_load(M @ direction))``, where M
+    and direction hold all dofs.
 
     Examples
     --------

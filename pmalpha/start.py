@@ -56,19 +56,18 @@ class InitialAccelerations:
         self.masses = [_Mass(part) for part in parts]
         blocks = [m.compliance() for m in self.masses]
         self.bare = sp.csr_array(sp.hstack([m.bare for m in self.masses])) if p else None
-        self.H = total(blocks, p)
-        if self.ties_without_mass:
-            cores, p, H = [m.core(linked=False) for m in self.masses], 0, None
-        else:
-            cores, H = [m.core(linked=True) for m in self.masses], summed(blocks, p)
-        self.cores, self.p = cores, p
-        self.saddle = None
+        H = None
         if self.ties_without_mass:
             self.tied = np.unique(self.bare.indices)
-            self.saddle = _Saddle(self.H, self.bare[:, self.tied])
+            self.saddle = _Saddle(total(blocks, p), self.bare[:, self.tied])
+            p = 0  # the conditions are the saddle's; the core solves for M alone
+        else:
+            H = summed(blocks, p)
+        self.cores = [m.core(linked=not self.ties_without_mass) for m in self.masses]
+        self.p = p
         factor = interface_factor(H, "the interface matrix of the initial accelerations")
         everywhere = (np.arange(p),)
-        self.coupler = _core.Coupler(tuple(cores), p, factor, factor, 1.0, False, everywhere)
+        self.coupler = _core.Coupler(tuple(self.cores), p, factor, factor, 1.0, False, everywhere)
 
     @property
     def ties_without_mass(self) -> bool:
@@ -135,7 +134,7 @@ class InitialAccelerations:
         wf, _ = self._step(r, no_rows)
         free = sum(m.linked @ w for m, w in zip(self.masses, wf))
         r_m = np.concatenate([own[m.massless] for m, own in zip(self.masses, r)])
-        p, tied = self.H.shape[0], self.tied
+        p, tied = g.size, self.tied
         answer = self.saddle.solve(np.concatenate([g - free, -r_m[tied]]))
         lam, w_m = answer[:p], np.zeros(r_m.size)
         w_m[tied] = answer[p:]

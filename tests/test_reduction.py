@@ -224,3 +224,25 @@ def test_matrices_are_checked_with_the_dofs_of_the_whole():
 def test_a_reduction_says_what_it_is():
     assert repr(of_six()) == "<Reduction of 6 dofs to 3>"
     assert isinstance(of_six(), Reduction)
+
+
+def test_a_consistent_mass_on_moving_ground_needs_the_load_of_the_whole_matrix():
+    # a rod of one element, its left end driven with acceleration t: once with the end in the model
+    # and its velocity prescribed, once relative to the ground with the end left out
+    M, K = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0, np.array([[1.0, -1.0], [-1.0, 1.0]])
+    scheme = pm.GeneralizedAlpha(0.9)
+    driven = pm.Subdomain(M, K, scheme=scheme, name="rod")
+    motion = pm.Constraint({driven: [[1.0, 0.0]]}, velocity=lambda t: [t * t / 2.0])
+    absolute = pm.Coupler([driven], motion, dt=0.01).run(2.0)["rod"].u
+
+    reduction = reduce(M, K, fixed=[0])
+    ramp = np.arange(201) * 0.01
+    load = pm.SampledForce(ramp, 0.01, shape=-reduction.reduce_load(M @ np.ones(2)))
+    relative = pm.Subdomain(reduction.M, reduction.K, scheme=scheme, force=load)
+    u = pm.solve(relative, 0.01, 2.0).u[:, 0]
+    # both are of order 2: omega dt = 0.017, and u is of size 1; without the coupling term the load
+    # is 2/6 in the place of 3/6
+    np.testing.assert_allclose(u, absolute[:, 1] - absolute[:, 0], rtol=0, atol=1e-4)
+    short = pm.BaseAcceleration(ramp, 0.01, [1.0], reduction.M)
+    wrong = pm.Subdomain(reduction.M, reduction.K, scheme=scheme, force=short)
+    assert np.max(np.abs(pm.solve(wrong, 0.01, 2.0).u[:, 0] - u)) > 0.1
