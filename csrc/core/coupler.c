@@ -1,36 +1,9 @@
-#include "coupler.h"
+#include "schedule.h"
 
 #include <assert.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-
-/* Where a subdomain stands inside the macro step. */
-typedef struct {
-    pma_subdomain *subdomain;
-    size_t substeps, ratio; /* own steps in a macro step, fine steps in an own step */
-    size_t j;               /* own node at or before this instant */
-    size_t phase;           /* fine steps since that node: 0..ratio */
-    size_t entries;         /* matrix entries read by one own step */
-    bool doubled;
-} pma_place;
-
-struct pma_coupler {
-    pma_coupler_parts parts;
-    pma_place *places;  /* one for each subdomain */
-    size_t fine;        /* fine steps in a macro step: the largest number of substeps */
-    int64_t step_count; /* macro steps done */
-    bool started;
-    size_t unstable;
-    size_t unpolled;    /* entries read since the last poll */
-    size_t interface_entries; /* read by one interface solve */
-    double *lam;        /* p: multipliers of the present */
-    double *lam_work;   /* p: of the fine step at hand */
-    double *g;          /* p: prescribed velocities of the present, zero where none is */
-    double *g_work;     /* p: of the fine step at hand */
-    double *motion;     /* p: scratch */
-    double *block;
-};
 
 /* ---- making ----------------------------------------------------------------------------- */
 
@@ -174,19 +147,6 @@ const pma_coupler_parts *pma_coupler_get_parts(const pma_coupler *c)
 
 /* ---- the stages of a fine step -------------------------------------------------------------- */
 
-/* Double steps are taken from the second macro step on: PM-alpha is not self-starting. */
-static bool is_double(const pma_coupler *c, const pma_place *at)
-{
-    return at->doubled && c->step_count > 0;
-}
-
-/* (T1)  t = (k / fine) dt with k counted from 0, in this order: equal instants, equal bits */
-static double instant(const pma_coupler *c, size_t k)
-{
-    const double count = (double)c->step_count * (double)c->fine + (double)k;
-    return count / (double)c->fine * c->parts.dt;
-}
-
 /* Free problems (13) of all subdomains that stand at a node of their own. */
 static void open_steps(pma_coupler *c)
 {
@@ -194,9 +154,9 @@ static void open_steps(pma_coupler *c)
         const pma_place *at = &c->places[i];
         if (at->phase != 0)
             continue;
-        const double t1 = instant(c, (at->j + 1) * at->ratio);
+        const double t1 = pma_instant(c, at->j + 1, at->substeps);
         const int64_t step = c->step_count * (int64_t)at->substeps + (int64_t)at->j;
-        pma_subdomain_open(at->subdomain, at->j, is_double(c, at), t1, step);
+        pma_subdomain_open(at->subdomain, at->j, pma_is_double(c, at), t1, step);
         c->unpolled += at->entries;
     }
 }
@@ -208,36 +168,51 @@ static void move_on(pma_coupler *c)
         c->places[i].phase++;
 }
 
-/* g at the end of fine step k of the macro step */
-static void prescribe(pma_coupler *c, size_t k)
+void pma_coupler_prescribe(pma_coupler *c, size_t k)
 {
     const int64_t step = c->step_count * (int64_t)c->fine + (int64_t)k - 1;
     for (size_t i = 0; i < c->parts.motion_count; i++) {
         const pma_motion *motion = &c->parts.motions[i];
         memset(c->motion, 0, motion->load.n * sizeof(double));
-        pma_load_add(&motion->load, instant(c, k), step, c->motion);
+        pma_load_add(&motion->load, pma_instant(c, k, c->fine), step, c->motion);
         for (size_t row = 0; row < motion->load.n; row++)
             c->g_work[motion->rows[row]] = c->motion[row];
     }
 }
 
+/* The subdomain whose free velocity made the multipliers infinite. */
+static size_t find_unstable(const pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        if (!pma_subdomain_free_is_finite(c->places[i].subdomain, c->places[i].j + 1))
+            return i;
+    }
+    return PMA_INTERFACE;
+}
+
+pma_status pma_coupler_solve(pma_coupler *c)
+{
+    pma_factor_interface(c->step_count > 0 ? &c->parts.H : &c->parts.H_start, c->lam_work);
+    c->unpolled += c->interface_entries;
+    for (size_t row = 0; row < c->parts.p; row++) {
+        if (!isfinite(c->lam_work[row])) {
+            c->unstable = find_unstable(c);
+            return PMA_NOT_FINITE;
+        }
+    }
+    return PMA_OK;
+}
+
 /* H Lam = g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (18) (G1) */
 static pma_status solve_interface(pma_coupler *c)
 {
-    const size_t p = c->parts.p;
-    memcpy(c->lam_work, c->g_work, p * sizeof(double));
+    memcpy(c->lam_work, c->g_work, c->parts.p * sizeof(double));
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_place *at = &c->places[i];
         const double theta = (double)at->phase / (double)at->ratio;
         pma_subdomain_free_velocity(at->subdomain, at->j, theta, -1.0, c->lam_work);
     }
-    pma_factor_interface(c->step_count > 0 ? &c->parts.H : &c->parts.H_start, c->lam_work);
-    c->unpolled += c->interface_entries;
-    for (size_t row = 0; row < p; row++) {
-        if (!isfinite(c->lam_work[row]))
-            return PMA_NOT_FINITE;
-    }
-    return PMA_OK;
+    return pma_coupler_solve(c);
 }
 
 /* Link problems (14) of all subdomains at the end of their own step, added to the free ones. */
@@ -249,7 +224,7 @@ static pma_status close_steps(pma_coupler *c)
             continue;
         c->unstable = i;
         const pma_status status =
-            pma_subdomain_close(at->subdomain, at->j + 1, is_double(c, at), c->lam_work);
+            pma_subdomain_close(at->subdomain, at->j + 1, pma_is_double(c, at), c->lam_work);
         if (status != PMA_OK)
             return status;
     }
@@ -268,16 +243,6 @@ static void arrive(pma_coupler *c)
     }
 }
 
-/* The subdomain whose free velocity made the multipliers infinite. */
-static size_t find_unstable(const pma_coupler *c)
-{
-    for (size_t i = 0; i < c->parts.count; i++) {
-        if (!pma_subdomain_free_is_finite(c->places[i].subdomain, c->places[i].j + 1))
-            return i;
-    }
-    return PMA_INTERFACE;
-}
-
 /* ---- recording, when everybody has arrived --------------------------------------------------- */
 
 /* sum_i L_i v_i - g from total velocities; in mid-step from interpolated free plus link velocity */
@@ -292,7 +257,7 @@ static void velocity_jump(const pma_coupler *c, const double *lam, const double 
         } else {
             const double theta = (double)at->phase / (double)at->ratio;
             pma_subdomain_free_velocity(at->subdomain, at->j, theta, 1.0, jump);
-            pma_subdomain_compliance(at->subdomain, is_double(c, at), lam, jump);
+            pma_subdomain_compliance(at->subdomain, pma_is_double(c, at), lam, jump);
         }
     }
 }
@@ -351,14 +316,13 @@ static pma_status fine_step(pma_coupler *c, size_t k)
     move_on(c);
 
     /* interface problem at the end of this fine step */
-    prescribe(c, k);
-    if (solve_interface(c) != PMA_OK) {
-        c->unstable = find_unstable(c);
-        return PMA_NOT_FINITE;
-    }
+    pma_coupler_prescribe(c, k);
+    pma_status status = solve_interface(c);
+    if (status != PMA_OK)
+        return status;
 
     /* link problems that end here, added */
-    const pma_status status = close_steps(c);
+    status = close_steps(c);
     arrive(c);
     return status;
 }
@@ -393,7 +357,7 @@ static void commit(pma_coupler *c)
     c->step_count++;
 }
 
-static bool asked_to_stop(pma_coupler *c, const pma_poll *poll)
+bool pma_coupler_asked_to_stop(pma_coupler *c, const pma_poll *poll)
 {
     if (!poll || c->unpolled < poll->entries)
         return false;
@@ -404,7 +368,7 @@ static bool asked_to_stop(pma_coupler *c, const pma_poll *poll)
 static pma_status macro_step(pma_coupler *c, const pma_record *record, const pma_poll *poll)
 {
     for (size_t k = 1; k <= c->fine; k++) {
-        if (asked_to_stop(c, poll))
+        if (pma_coupler_asked_to_stop(c, poll))
             return PMA_STOPPED;
         const pma_status status = fine_step(c, k);
         if (status != PMA_OK)
