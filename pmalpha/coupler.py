@@ -5,11 +5,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from os import PathLike
 from typing import Any
 
 import numpy as np
 
-from . import _core
+from . import _core, checkpoint
 from ._checks import MOST, listing, positive_number, real_number, vector, whole_number
 from .assembly import build, interface_factor, interface_matrix, make_part, row_order
 from .constraints import Constraint, RowNames, row_sizes, stacked
@@ -118,6 +119,7 @@ class Coupler:
         self._p = sum(c.p for c in constraints)
         names = names_of(subdomains)
         self._keys = tuple(zip(names, subdomains))
+        self._options = {"dt": self._dt, "coupling": coupling, "start": start}
         doubles = double_steps(subdomains, coupling)
 
         self._matrices = stacked(constraints, subdomains)  # L_i in the user's order
@@ -135,6 +137,7 @@ class Coupler:
         for s, name, double in zip(subdomains, names, doubles):
             warn_if_above_critical(s, (2.0 if double else 1.0) * self._dt / s.substeps, name)
         self._last_history: History | None = None
+        self._constants: dict[str, Any] | None = None  # of the problem, for a checkpoint
         self._started = False
         self._busy = False
         self._callbacks: dict[int, CallbackLoad] = {}
@@ -344,6 +347,83 @@ class Coupler:
                 raise
             self._last_history = None
 
+    def save(self, path: str | PathLike) -> None:
+        """Write the present state to a file, from which `load` goes on bit for bit.
+
+        An npz file without pickled objects: the state and a description of the problem with check
+        sums of its matrices, not the matrices themselves. It takes its place when it is whole: a
+        file that stood there stays good if saving is interrupted.
+
+        Parameters
+        ----------
+        path : str or path
+            Taken as it is; no ending is added.
+
+        Raises
+        ------
+        TypeError, OSError
+            For what is no path, and for a file that cannot be written.
+
+        Before the first step the initial accelerations are found first, as `state` does, with
+        what a callable load may raise then.
+
+        Examples
+        --------
+        >>> import tempfile, pathlib
+        >>> coupler, other = (models.split_oscillator(10.0).coupler(0.05) for _ in range(2))
+        >>> coupler.step(7)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     coupler.save(pathlib.Path(folder, "state.npz"))
+        ...     other.load(pathlib.Path(folder, "state.npz"))
+        >>> coupler.step(), other.step()
+        (None, None)
+        >>> other.step_count, bool(other.state("A").u == coupler.state("A").u)
+        (8, True)
+        """
+        with self._entered():
+            self._start()
+            arrays = checkpoint.state_arrays(self._parts)
+            arrays["multipliers"] = self._core.multipliers[self._row_place]
+            arrays["prescribed"] = self._core.prescribed[self._row_place]
+            checkpoint.write(path, self._problem(), self._core.step_count, arrays)
+
+    def load(self, path: str | PathLike) -> None:
+        """Stand where a coupler of the same problem stood when it was saved.
+
+        A method of a coupler that was built the same way, in this process or another. The run that
+        goes on equals the one that was never interrupted bit for bit, with the same build, CPU and
+        packages. Initial values do not count as part of the problem. Loads do: constant and
+        sampled ones are compared by their numbers; callables cannot be compared, and it is up to
+        the caller that they are the same functions of time. They are asked on from there.
+
+        Parameters
+        ----------
+        path : str or path
+            What `save` wrote.
+
+        Raises
+        ------
+        TypeError, OSError
+            For what is no path, and for a file that cannot be read.
+        ValueError
+            For another problem, saying what differs, for any other file, or a damaged one.
+            Nothing has changed then.
+        """
+        with self._entered():
+            step, arrays = checkpoint.read(path, self._problem())
+            try:
+                nodes = [checkpoint.core_nodes(p, i, arrays) for i, p in enumerate(self._parts)]
+                lam, g = np.empty((2, self._p))
+                lam[self._row_place] = checkpoint.checked(arrays, "multipliers", self._p)
+                g[self._row_place] = checkpoint.checked(arrays, "prescribed", self._p)
+            except (LookupError, ValueError) as error:
+                raise checkpoint.damaged(path, error) from None
+            self._set_forces(self._forces)  # callables have been asked for other times
+            for part, own in zip(self._parts, nodes):
+                part.core.set_nodes(own)
+            self._core.start(step, lam, g)
+            self._started, self._last_history = True, None
+
     def static(self) -> dict[str, np.ndarray]:
         """Static equilibrium under F(0), with displacements tied: u0 for gravity before the quake.
 
@@ -387,6 +467,12 @@ class Coupler:
             yield
         finally:
             self._busy = False
+
+    def _problem(self) -> dict[str, Any]:
+        """What tells this problem from another; the matrices are read once."""
+        if self._constants is None:
+            self._constants = checkpoint.constants(self._options, self._parts, self._matrices)
+        return self._constants | checkpoint.loads(self._parts, self._forces, self._motions)
 
     def _steps_done(self) -> int:
         return self._core.step_count if self._started else 0

@@ -209,9 +209,7 @@ ALL_KINDS = [
 @pytest.mark.parametrize("schemes", ALL_KINDS, ids=["alpha", "newmark", "hht-wbz"])
 @pytest.mark.parametrize("coupling", ["pm", "gc"])
 def test_two_subdomains_with_equal_steps_have_order_two(coupling, schemes):
-    errors = cut_oscillator().errors(
-        1.0, [320, 640], (1, 1), schemes=schemes, coupling=coupling
-    )
+    errors = cut_oscillator().errors(1.0, [320, 640], (1, 1), schemes=schemes, coupling=coupling)
     # in u, v, a and the multiplier; dt omega = 0.02: the next term
     assert orders(errors) == pytest.approx(2.0, abs=0.05)
 
@@ -229,9 +227,7 @@ def test_a_scheme_of_order_one_in_one_subdomain_is_seen_in_the_coupled_order():
 )
 @pytest.mark.parametrize("coupling", ["pm", "gc"])
 def test_two_subdomains_with_subcycling_have_order_one(coupling, ss, schemes):
-    errors = cut_oscillator().errors(
-        1.0, [640, 1280], (1, ss), schemes=schemes, coupling=coupling
-    )
+    errors = cut_oscillator().errors(1.0, [640, 1280], (1, ss), schemes=schemes, coupling=coupling)
     # "pm" shows its order only below dt = 1/200; at 1/640 the dt^2 term of its double step is
     # still a twentieth of the dt term, which is 0.05 / 2 / ln 2 in the slope
     assert orders(errors) == pytest.approx(1.0, abs=0.06)

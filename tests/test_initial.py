@@ -182,9 +182,7 @@ def test_a_load_that_is_a_callable_enters_with_its_value_at_zero():
 def test_without_conditions_every_subdomain_starts_by_itself():
     parts, made, _ = cross(sp.csr_array, True)
     coupler = pm.Coupler(made, dt=0.01)
-    w = [
-        np.linalg.solve(q["M"], q["F"] - q["C"] @ q["v0"] - q["K"] @ q["u0"]) for q in parts
-    ]
+    w = [np.linalg.solve(q["M"], q["F"] - q["C"] @ q["v0"] - q["K"] @ q["u0"]) for q in parts]
     assert_initial(coupler, w, np.zeros(0))
 
 
@@ -210,9 +208,9 @@ def test_masses_a_million_million_million_times_apart_are_both_masses():
 def test_a_structure_at_rest_without_loads_starts_and_stays_at_zero():
     _, made, _ = cross(sp.csr_array, True)
     still = [pm.Subdomain(s.M, s.K, s.C, scheme=s.scheme, substeps=s.substeps) for s in made]
-    history = pm.Coupler(
-        still, [pm.tie(still[0], [0], s, [0]) for s in still[1:]], dt=0.01
-    ).run(steps=5)
+    history = pm.Coupler(still, [pm.tie(still[0], [0], s, [0]) for s in still[1:]], dt=0.01).run(
+        steps=5
+    )
     for part in history.subdomains:
         assert not part.u.any() and not part.v.any() and not part.a.any()
     assert not history.multipliers.any()

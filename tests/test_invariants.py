@@ -836,9 +836,7 @@ def test_every_subdomain_is_in_equilibrium_at_its_own_nodes(form, coupling, star
     problem = everything(form, coupling=coupling, start=start)
     history = problem.coupler().run(steps=STEPS)
     largest_force = scales(history, problem)["Lam"]
-    for part, L, x, double in zip(
-        problem.parts, problem.L, history.subdomains, DOUBLES[coupling]
-    ):
+    for part, L, x, double in zip(problem.parts, problem.L, history.subdomains, DOUBLES[coupling]):
         assert len(x.t) == STEPS * part.substeps + 1
         F = np.array([_load(part.force, t, len(part.M)) for t in x.t])
         Lam = history.multipliers[:: FINE // part.substeps]

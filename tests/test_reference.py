@@ -463,8 +463,16 @@ def cross(ss, double, explicit):
         C[at] += c
         K[at] += stiff
         parts.append(
-            Part(m, stiff, c, **alpha(0.5, explicit[i]), substeps=ss[i], double=double[i],
-                 u0=u0[[0, i + 1]], v0=v0[[0, i + 1]])  # fmt: skip
+            Part(
+                m,
+                stiff,
+                c,
+                **alpha(0.5, explicit[i]),
+                substeps=ss[i],
+                double=double[i],
+                u0=u0[[0, i + 1]],
+                v0=v0[[0, i + 1]],
+            )  # fmt: skip
         )
     e, o = [1.0, 0.0], [0.0, 0.0]
     L = [np.array([e, e]), np.array([np.negative(e), o]), np.array([o, np.negative(e)])]
