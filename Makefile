@@ -11,7 +11,7 @@ SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-fra
 .PHONY: demo test ctest notebooks clean
 .NOTPARALLEL:
 
-demo: $(VENV)/.plot
+demo: $(VENV)/.plot,fast
 	$(VENV)/bin/python -m pmalpha
 
 test: $(VENV)/.test
@@ -33,7 +33,7 @@ for path in sys.argv[1:]:
 endef
 export EXECUTE
 
-# Installed in place, with the extra named by the stem: what changes in Python is seen at once,
+# Installed in place, with the extras named by the stem: what changes in Python is seen at once,
 # what changes in C is compiled again.
 $(VENV)/.%: pyproject.toml setup.py $(HEADERS) $(CORE) $(BINDING) | $(VENV)/bin/pip
 	$(VENV)/bin/python -m pip install --quiet --editable '.[$*]'

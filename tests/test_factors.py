@@ -1,15 +1,19 @@
 """Factors and the sweeps over them, against dense solutions and against each other."""
 
+import ctypes
+import sys
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
 from problems import random_problem
 
 import pmalpha as pm
-from pmalpha import _core, factors
+from pmalpha import _core, factors, ordering, structures
 from pmalpha.assembly import compliance, conditions_of
 from pmalpha.matrices import core_sparse, permuted
-from pmalpha.ordering import elimination_order, fill
+from pmalpha.ordering import _nested_dissection as dissection
+from pmalpha.ordering import _pattern, elimination_order, fill, node_size
 
 DEFINITE = pm.FactorizationError
 
@@ -208,3 +212,128 @@ def test_a_structure_that_is_not_of_the_matrix_is_refused():
             capsules["dgemm"],
             capsules["dtrsm"],
         )
+
+
+# ---- ordering ------------------------------------------------------------------------------------
+
+
+def cube(nodes):
+    """Graph Laplacian of a cube of nodes, 7 neighbours in all, shifted."""
+    one, T = (
+        sp.eye_array(nodes),
+        sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(nodes,) * 2),
+    )
+    K = sp.kron(sp.kron(T, one), one) + sp.kron(sp.kron(one, T), one)
+    return sp.csr_array(K + sp.kron(sp.kron(one, one), T))
+
+
+def without_pymetis(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pymetis", None)  # import raises ImportError
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 6])
+@pytest.mark.parametrize("mesh", ["line", "square", "cube"])
+def test_the_dofs_of_a_node_are_found_from_the_pattern(size, mesh):
+    T = sp.diags_array([-1.0, 4.0, -1.0], offsets=[-1, 0, 1], shape=(12, 12))
+    graph = {"line": T, "square": sp.kron(T, T), "cube": sp.kron(sp.kron(T, T), T)}[mesh]
+    block = np.ones((size, size))
+    assert node_size(_pattern(sp.csr_array(sp.kron(graph, block)))) == size
+
+
+@pytest.mark.parametrize("mass", ["consistent", "lumped"])
+def test_the_nodes_of_finite_elements_are_found_although_couplings_vanish(mass):
+    material = dict(E=1.0, nu=0.3, rho=1.0, mass=mass)
+    box = structures.solid(5, 6, 7, 0.1, **material)
+    sheet = structures.plate(11, 7, 0.1, **material)  # 96 nodes: 2 and 3 and 6 divide its dofs
+    assert node_size(_pattern(box.K)) == 3
+    assert node_size(_pattern(sheet.K)) == 2
+
+
+def test_dofs_of_a_node_stand_together_and_in_their_order():
+    rng = np.random.default_rng(7)
+    A = sp.csr_array(sp.kron(cube(6), np.ones((3, 3))))
+    last = np.sort(rng.choice(648, 50, replace=False))  # some nodes are cut by the interface
+    order = elimination_order(648, [A], last)
+    interior, border = order[:-50], order[-50:]
+    np.testing.assert_array_equal(np.sort(order), np.arange(648))
+    np.testing.assert_array_equal(border, last)
+    node = interior // 3
+    visits = np.flatnonzero(np.diff(node, prepend=-1))
+    assert np.unique(node[visits]).size == visits.size
+    assert np.all(np.diff(interior)[np.diff(node) == 0] > 0)
+
+
+@pytest.mark.parametrize("nodes_of_interface", [0, 81, 200])
+def test_the_order_taken_fills_least_of_all_candidates(nodes_of_interface):
+    A = cube(9)
+    n, nb = 729, nodes_of_interface
+    last = np.arange(n - nb, n)
+    pattern = _pattern(A)
+    inner = sp.csr_array(pattern[: n - nb][:, : n - nb])
+    fills = [
+        fill(pattern, np.concatenate([order, last]))
+        for order in (np.arange(n - nb), ordering._minimum_degree(inner), dissection(inner))
+    ]
+    # a postorder changes no fill
+    assert fill(pattern, elimination_order(n, [A], last)) == min(fills)
+
+
+def test_nested_dissection_halves_the_factor_of_a_solid(monkeypatch):
+    box = structures.solid(11, 11, 11, 0.1, E=1.0, nu=0.3, rho=1.0)
+    face = box.dofs(box.nodes(lambda x, y, z: x < 1e-9))
+    with_metis = fill(_pattern(box.K), elimination_order(box.n, [box.K], face))
+    without_pymetis(monkeypatch)
+    without = fill(_pattern(box.K), elimination_order(box.n, [box.K], face))
+    # 2/3 of minimum degree, and that 2/3 of the natural order, when this was written
+    assert with_metis < 0.9 * without
+    assert without < 0.9 * fill(_pattern(box.K), np.concatenate([np.arange(432, box.n), face]))
+
+
+def test_without_pymetis_the_order_is_that_of_minimum_degree(monkeypatch):
+    without_pymetis(monkeypatch)
+    A = cube(9)
+    assert dissection(_pattern(A)) is None
+    degree = ordering._minimum_degree(_pattern(A))
+    order = elimination_order(729, [A], np.arange(0))
+    assert fill(_pattern(A), order) == fill(_pattern(A), degree)
+
+
+def test_the_order_is_the_same_every_time_whatever_others_draw():
+    A = cube(10)
+    first = elimination_order(1000, [A], np.arange(0))
+    ctypes.CDLL(None).srand(12345)  # METIS draws from the C library
+    np.testing.assert_array_equal(elimination_order(1000, [A], np.arange(0)), first)
+
+
+def test_nothing_is_ordered_without_an_error():
+    assert elimination_order(0, [sp.csr_array((0, 0))], np.arange(0)).size == 0
+
+
+def test_a_chain_keeps_its_natural_order():
+    T = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(500, 500))
+    np.testing.assert_array_equal(
+        elimination_order(500, [sp.csr_array(T)], np.array([499])), np.arange(500)
+    )
+
+
+@pytest.mark.parametrize(
+    "last",
+    [np.arange(0), np.arange(300), np.arange(1, 300), np.arange(0, 300, 2)],
+    ids=["none", "all", "all but one", "every second"],
+)
+def test_interiors_empty_small_or_in_pieces_are_ordered(last):
+    rng = np.random.default_rng(2)
+    ring = sp.csr_array(sp.eye_array(300) + sp.eye_array(300, k=1) + sp.eye_array(300, k=-1))
+    for A in (random_matrix(rng, 300, 0.05), ring, sp.csr_array(np.ones((300, 300)))):
+        order = elimination_order(300, [A], last)
+        np.testing.assert_array_equal(np.sort(order), np.arange(300))
+        np.testing.assert_array_equal(order[300 - last.size :], last)
+
+
+def test_an_order_needs_no_symmetric_pattern_and_no_diagonal():
+    # a graph on which METIS would neither return (unsymmetric) nor survive (loops)
+    upper = sp.csr_array(sp.triu(cube(9), k=1))
+    loops = sp.csr_array(cube(9) + sp.eye_array(729))
+    expected = elimination_order(729, [cube(9)], np.arange(0))
+    for A in (upper, loops, sp.csr_array(upper.T)):
+        np.testing.assert_array_equal(elimination_order(729, [A], np.arange(0)), expected)
