@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from os import PathLike
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from .errors import ConstraintError, ConstraintWarning, InstabilityError
 from .forces import CallbackLoad, checked_force, core_load, is_callback
 from .history import History, State, SubdomainHistory, by_place, position
 from .motion import Motion
+from .progress import Report, reporting
 from .recording import Recording
 from .schedule import (
     check_word,
@@ -42,6 +44,9 @@ ROUNDING = 1e-9
 # Loads of Python callables are asked for ahead, at most this many bytes at a time; while a table is
 # filled the last one still lives, so that they take 64 MB.
 AHEAD = 32_000_000
+# They are first asked for so many macro steps at a time, then for twice as many while asking and
+# stepping takes less than this, so that Ctrl-C and reports of progress need not wait long.
+FIRST_CHUNK, CHUNK_SECONDS = 32, 0.03
 
 
 class Coupler:
@@ -238,6 +243,7 @@ class Coupler:
         steps: int | None = None,
         record: Mapping[Any, Any] | None = None,
         every: int | None = None,
+        progress: Any = None,
     ) -> History:
         """Go on from where the coupler is, and record.
 
@@ -254,6 +260,10 @@ class Coupler:
         every : int, optional
             Keep macro nodes whose `step_count` is a multiple of this, and the first node of the
             stretch, in all arrays. Default: every own node of each subdomain.
+        progress : True or callable, optional
+            True: a tqdm bar. A callable is told ``progress(done, total)`` in macro steps of this
+            call, about every 50 ms and at the end; it may not ask the coupler, and what it raises
+            ends the run as Ctrl-C does.
 
         Returns
         -------
@@ -267,9 +277,12 @@ class Coupler:
             When a value is not finite.
         MemoryError
             When the History does not fit.
+        ImportError
+            For ``progress=True`` without tqdm.
 
-        Whatever a load raises reaches the caller. After any exception the coupler stands at the
-        last whole macro step, `last_history` holds the run up to there, and it can go on.
+        Whatever a load raises reaches the caller, and so does Ctrl-C within 0.1 s or a fine step,
+        whichever is longer. After any exception the coupler stands at the last whole macro step,
+        `last_history` holds the run up to there, and it can go on.
         """
         with self._entered():
             begin = self._steps_done()
@@ -284,14 +297,15 @@ class Coupler:
                 record=record,
                 every=every,
             )
-            self._last_history = None
-            self._start()
-            try:
-                self._core.record_present(recording.core_record())
-                self._advance(end, recording)
-            except BaseException:
-                self._last_history = recording.history(self._core.step_count)
-                raise
+            with reporting(progress, begin, end) as report:
+                self._last_history = None
+                self._start()
+                try:
+                    self._core.record_present(recording.core_record())
+                    self._advance(end, recording, report)
+                except BaseException:
+                    self._last_history = recording.history(self._core.step_count)
+                    raise
             return recording.history(end)
 
     def step(self, n: int = 1) -> None:
@@ -619,21 +633,36 @@ class Coupler:
             )
         return list(zip(*chosen))
 
-    def _advance(self, end: int, recording: Recording | None) -> None:
+    def _advance(self, end: int, recording: Recording | None, report: Report | None = None) -> None:
         """Macro steps up to number `end`, in chunks for which the loads are asked ahead."""
         record = None if recording is None else recording.core_record()
-        size = sum(c.bytes_per_macro_step for c in self._all_callbacks())
-        chunk = max(1, AHEAD // size) if size else end
-        while self._core.step_count < end:
-            begin = self._core.step_count
-            ready, failure = self._prepare(begin, min(end, begin + chunk))
-            unstable = self._core.advance(ready - begin, record)
+        for chunk in self._chunks(end):
+            ready, failure = self._prepare(self._core.step_count, chunk)
+            unstable = self._core.advance(ready - self._core.step_count, record, report)
             if unstable is not None:
                 step = self._core.step_count
                 names = [name for name, _ in self._keys] + ["interface"]
                 raise InstabilityError(step, self._instant(step), names[unstable])
             if failure is not None:
                 raise failure
+            if report is not None:
+                report.if_due(self._core.step_count)
+        if report is not None:
+            report(end)
+
+    def _chunks(self, end: int) -> Iterator[int]:
+        """Ends of chunks of macro steps; with callables of so many as take about 50 ms.
+
+        A chunk ends before more is asked than fits, and soon enough for Ctrl-C and for a report.
+        """
+        size = sum(c.bytes_per_macro_step for c in self._all_callbacks())
+        most = max(1, AHEAD // size) if size else end
+        steps = min(FIRST_CHUNK, most) if size else most
+        while self._core.step_count < end:
+            begin = perf_counter()
+            yield min(end, self._core.step_count + steps)
+            seconds = perf_counter() - begin
+            steps = min(2 * steps, most) if seconds < CHUNK_SECONDS else max(1, steps // 2)
 
     def _prepare(self, begin: int, end: int) -> tuple[int, BaseException | None]:
         """Ask the callables; the macro step up to which all loads are there, and why no further."""

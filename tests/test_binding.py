@@ -561,7 +561,7 @@ def test_counts_of_steps_are_whole_and_not_negative():
         check_refused(lambda steps=steps: c.advance(steps, None))
     for begin in (-1, 1.0, None, 2**63):
         check_refused(lambda begin=begin: c.start(begin, np.zeros(1), np.zeros(1)))
-    for args in ((), (1,), (1, None, None)):
+    for args in ((), (1,), (1, None, 3), (1, None, None, None)):
         check_refused(lambda args=args: c.advance(*args))
 
 

@@ -39,12 +39,15 @@ extern PyType_Spec pma_coupler_spec;
 
 typedef struct {
     PyThreadState *thread;
-    long long last; /* ms */
+    long long last;             /* ms */
+    PyObject *report;           /* called with the macro steps done, or NULL */
+    const pma_coupler *coupler; /* whose steps those are */
 } pma_watch;
 
 pma_watch pma_watch_begin(void);        /* lets the GIL go */
 void pma_watch_end(pma_watch *watch);   /* takes it again */
-bool pma_watch_signals(void *watch);    /* every 50 ms: did a signal raise an exception? */
+/* every 50 ms: did a signal, or the report, raise an exception? */
+bool pma_watch_signals(void *watch);
 
 /* ---- errors ------------------------------------------------------------------------------ */
 

@@ -316,18 +316,20 @@ static int check_tables(CouplerObject *self, int64_t steps)
     return all ? 0 : -1;
 }
 
-/* advance(steps, record): None, or the index of the subdomain that became unstable */
+/* advance(steps, record, report=None): None, or the index of the subdomain that became unstable */
 static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
 {
     long long steps;
-    PyObject *obj, *result = NULL;
+    PyObject *obj, *report = Py_None, *result = NULL;
     pma_record record = {0};
     pma_status status = PMA_OK;
-    if (!PyArg_ParseTuple(args, "LO", &steps, &obj))
+    if (!PyArg_ParseTuple(args, "LO|O", &steps, &obj, &report))
         return NULL;
     if (steps < 0 || steps > PMA_MOST_STEPS - pma_coupler_step_count(self->core))
         return PyErr_Format(PyExc_ValueError, "steps must not be negative nor beyond counting, "
                             "got %lld", steps);
+    if (report != Py_None && !PyCallable_Check(report))
+        return PyErr_Format(PyExc_TypeError, "report must be None or a callable, got %R", report);
     if (enter(self) < 0)
         return NULL;
     if (check_tables(self, steps) < 0 ||
@@ -336,6 +338,8 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
         goto done;
 
     pma_watch watch = pma_watch_begin();
+    watch.report = report == Py_None ? NULL : report;
+    watch.coupler = self->core;
     const pma_poll poll = {pma_watch_signals, &watch, POLL_ENTRIES};
     status = pma_coupler_advance(self->core, steps, obj == Py_None ? NULL : &record, &poll);
     pma_watch_end(&watch);
@@ -445,7 +449,8 @@ static PyMethodDef coupler_methods[] = {
     {"set_motion", (PyCFunction)coupler_set_motion, METH_VARARGS,
      "set_motion(i, load): the velocity of a prescribed motion, in the forms of a load"},
     {"advance", (PyCFunction)coupler_advance, METH_VARARGS,
-     "advance(steps, record): None, or the index of the subdomain that became unstable"},
+     "advance(steps, record, report=None): None, or the index of the subdomain that became "
+     "unstable; report(step_count) is called about every 50 ms"},
     {"record_present", (PyCFunction)coupler_record_present, METH_O,
      "record_present(record): the present into row 0"},
     {NULL, NULL, 0, NULL},

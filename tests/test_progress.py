@@ -1,0 +1,197 @@
+"""Long runs: what they say while they run, and how they end when they are asked to."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pmalpha as pm
+
+ROOT = Path(__file__).parent.parent
+
+
+def oscillator(**options):
+    return pm.Subdomain([1.0], [1.0], scheme=pm.CentralDifference(), u0=[1.0], **options)
+
+
+def pair(force=None):
+    """A long run of 1e7 macro steps takes seconds; every=STEPS keeps two nodes of it."""
+    a = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), force=force, name="a")
+    b = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), substeps=2, name="b")
+    return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.01)
+
+
+# ---- a callable -----------------------------------------------------------------------------
+
+
+def test_progress_is_told_in_macro_steps_of_this_call_about_every_50_ms():
+    c, told = pair(), []
+    c.step(7)
+    begin = time.perf_counter()
+    c.run(
+        steps=1_000_000,
+        every=1_000_000,
+        progress=lambda *x: told.append((*x, time.perf_counter())),
+    )
+    seconds = time.perf_counter() - begin
+    done, totals, times = np.array(told).T
+    assert (totals == 1_000_000).all() and done[-1] == 1_000_000
+    assert (np.diff(done) > 0).all() and done[0] > 0
+    # at most once in 50 ms of a clock that counts whole milliseconds, and the end
+    assert len(told) <= seconds / 0.049 + 1
+    assert (np.diff(times)[:-1] >= 0.049).all()
+
+
+def test_progress_of_a_short_run_is_told_at_the_end_alone():
+    told = []
+    pair().run(steps=3, progress=lambda *x: told.append(x))
+    pair().run(steps=0, progress=lambda *x: told.append(x))
+    assert told == [(3, 3), (0, 0)]
+
+
+def test_progress_goes_on_while_a_slow_load_is_asked():
+    # 60 macro steps of 10 ms, all of it in the load: chunks of 32, 16, 8 and 4 macro steps
+    def force(t):
+        time.sleep(0.01)
+        return [np.sin(t)]
+
+    told = []
+    c = pair(force)
+    c.run(steps=60, progress=lambda *x: told.append(x[0]))
+    assert len(told) >= 4 and told == sorted(told) and told[-1] == 60
+
+
+def test_a_run_with_progress_is_the_same_run():
+    c, other = pair(), pair()
+    ours = c.run(steps=200_000, every=1000, progress=lambda *x: None)
+    theirs = other.run(steps=200_000, every=1000)
+    assert ours["b"].u.tobytes() == theirs["b"].u.tobytes()
+
+
+def test_an_exception_in_progress_ends_the_run_at_a_whole_macro_step():
+    class Enough(Exception):
+        pass
+
+    def tell(done, total):
+        raise Enough(done)
+
+    c, other = pair(), pair()
+    with pytest.raises(Enough) as caught:
+        c.run(steps=10_000_000, every=1_000, progress=tell)
+    done = c.step_count
+    assert 0 < caught.value.args[0] == done < 10_000_000
+    assert c.last_history.macro_times[-1] == done // 1000 * 1000 * 0.01
+    other.step(done)
+    assert c.state("b").u == other.state("b").u
+    c.step(3)
+    other.step(3)
+    assert c.state("b").u == other.state("b").u
+
+
+def test_an_exception_in_the_last_report_leaves_the_whole_history():
+    def tell(done, total):
+        raise ZeroDivisionError
+
+    c = pair()
+    with pytest.raises(ZeroDivisionError):
+        c.run(steps=5, progress=tell)
+    assert c.step_count == 5 and c.last_history["a"].t.size == 6
+
+
+def test_progress_may_not_ask_the_coupler():
+    c = pair()
+    with pytest.raises(RuntimeError, match="the coupler is being stepped"):
+        c.run(steps=5, progress=lambda done, total: c.time)
+
+
+@pytest.mark.parametrize("progress", ["bar", 1, 0, [print]])
+def test_progress_is_true_or_a_callable(progress):
+    c = pair()
+    with pytest.raises(TypeError, match=r"progress must be True or a callable\(done, total\), got"):
+        c.run(steps=3, progress=progress)
+    assert c.step_count == 0
+
+
+@pytest.mark.parametrize("progress", [None, False])
+def test_progress_is_silent_by_default(progress, capsys):
+    pair().run(steps=3, progress=progress)
+    assert capsys.readouterr() == ("", "")
+
+
+# ---- a bar ----------------------------------------------------------------------------------
+
+
+def test_a_bar_counts_to_the_end(capsys):
+    pytest.importorskip("tqdm")
+    pm.solve(oscillator(), dt=0.1, steps=1234, progress=True)
+    assert "1234/1234" in capsys.readouterr().err
+
+
+def test_without_tqdm_it_is_said_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "tqdm", None)
+    monkeypatch.setitem(sys.modules, "tqdm.auto", None)
+    c = pair()
+    with pytest.raises(ImportError, match=r"pip install 'pmalpha\[progress\]'"):
+        c.run(steps=3, progress=True)
+    assert c.step_count == 0
+    c.run(steps=3, progress=print)
+
+
+# ---- kill -INT ------------------------------------------------------------------------------
+
+PROGRAM = """
+    import sys, time
+    import numpy as np
+    import pmalpha as pm
+
+    def pair():
+        n = {n}
+        K = np.eye(n) * 4.0 + 1e-3
+        a = pm.Subdomain(np.ones(n), K, scheme=pm.GeneralizedAlpha(0.5), u0=np.ones(n))
+        b = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), u0=[1.0], substeps=2)
+        return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.01)
+
+    c, other = pair(), pair()
+    c.step(1)
+    print("ready", flush=True)
+    try:
+        c.run(steps=10**8, record={{1: None}}, every=1000)
+    except KeyboardInterrupt:
+        print(time.monotonic(), c.step_count, flush=True)
+    history = c.last_history
+    other.step(1)
+    whole = other.run(steps=c.step_count - 1, record={{1: None}}, every=1000)
+    for name in "tuva":
+        assert getattr(history[1], name).tobytes() == getattr(whole[1], name).tobytes()
+    ours, theirs = c.run(steps=3), other.run(steps=3)
+    assert ours[0].u.tobytes() == theirs[0].u.tobytes()
+    assert ours.multipliers.tobytes() == theirs.multipliers.tobytes()
+    print("goes on")
+"""
+
+
+@pytest.mark.parametrize("n", [1, 300])
+def test_kill_int_ends_a_run_at_a_whole_macro_step_from_which_it_goes_on(n):
+    program = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(PROGRAM.format(n=n))],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    with program:
+        assert program.stdout.readline() == "ready\n"
+        time.sleep(0.3)
+        begin = time.monotonic()
+        program.send_signal(signal.SIGINT)
+        end, steps = program.stdout.readline().split()
+        # 50 ms between two looks at the clock, on a machine that has other things to do
+        assert float(end) - begin < 0.5
+        assert int(steps) > 1
+        assert program.stdout.read() == "goes on\n"
+    assert program.returncode == 0
