@@ -156,7 +156,7 @@ static int add_work(PyObject *arrays, pma_factor *f)
         pma_raise(status, "factor");
         return -1;
     }
-    npy_intp most = (npy_intp)pma_panels_most_rows(&f->panels) + 1;
+    npy_intp most = (npy_intp)pma_panels_most_height(&f->panels) + 1;
     PyObject *work = PyArray_ZEROS(1, &most, NPY_DOUBLE, 0);
     const int failed = work ? PyList_Append(arrays, work) : -1;
     if (!failed)

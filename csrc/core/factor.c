@@ -1,5 +1,7 @@
 #include "factor.h"
 
+#include "kernel.h"
+
 pma_status pma_factor_check(const pma_factor *f)
 {
     if (f->nb > f->n)
@@ -39,49 +41,26 @@ size_t pma_factor_entries(const pma_factor *f)
     }
 }
 
-/* x_i -= R_ij x_j, i > j */
-static void eliminate_dense(const double *column, size_t rows, double xj, double *restrict x)
+/* A dense factor is one panel. Rows and columns first..n-1 of it; x[0] stands for `first`. */
+static void eliminate_dense(const pma_factor *f, size_t first, size_t last, double *x)
 {
-    for (size_t i = 0; i < rows; i++)
-        x[i] -= column[i] * xj;
+    pma_kernel_best()->eliminate(f->values + first * f->n + first, f->n, f->n - first,
+                                 last - first, x);
 }
 
-/* sum over i > j of R_ij x_i, in four lanes so that it can be vectorised */
-static double gather_dense(const double *column, size_t rows, const double *x)
+static void substitute_dense(const pma_factor *f, size_t first, size_t last, double *x)
 {
-    double lane[4] = {0.0, 0.0, 0.0, 0.0};
-    size_t i = 0;
-    for (; i + 4 <= rows; i += 4) {
-        for (size_t l = 0; l < 4; l++)
-            lane[l] += column[i + l] * x[i + l];
-    }
-    for (; i < rows; i++)
-        lane[0] += column[i] * x[i];
-    return (lane[0] + lane[1]) + (lane[2] + lane[3]);
-}
-
-static void eliminate_columns(const pma_factor *f, size_t first, size_t last, double *x)
-{
-    for (size_t j = first; j < last; j++) {
-        const double *below = f->values + j * f->n + j + 1;
-        eliminate_dense(below, f->n - j - 1, x[j - first], x + (j - first) + 1);
-    }
-}
-
-static void substitute_columns(const pma_factor *f, size_t first, size_t last, double *x)
-{
-    for (size_t j = last; j-- > first;) {
-        const double *below = f->values + j * f->n + j + 1;
-        const double sum = gather_dense(below, f->n - j - 1, x + (j - first) + 1);
-        x[j - first] = x[j - first] * f->inverse[j] - sum;
-    }
+    for (size_t j = first; j < last; j++)
+        x[j - first] *= f->inverse[j];
+    pma_kernel_best()->substitute(f->values + first * f->n + first, f->n, f->n - first,
+                                  last - first, x);
 }
 
 /* The next unknown often depends on this one (in a chain on this one alone): it is kept in a
  * register, for a way through memory would cost as much as the arithmetic. */
 static void eliminate_sparse(const pma_factor *f, size_t first, size_t last, double *x)
 {
-    double xj = first < last ? x[0] : 0.0;
+    double xj = x[0];
     for (size_t j = first; j < last; j++) {
         int64_t k = f->ptr[j];
         const int64_t end = f->ptr[j + 1];
@@ -98,7 +77,7 @@ static void eliminate_sparse(const pma_factor *f, size_t first, size_t last, dou
 
 static void substitute_sparse(const pma_factor *f, size_t first, size_t last, double *x)
 {
-    double below = first < last && last < f->n ? x[last - first] : 0.0;
+    double below = last < f->n ? x[last - first] : 0.0;
     for (size_t j = last; j-- > first;) {
         int64_t k = f->ptr[j];
         const int64_t end = f->ptr[j + 1];
@@ -115,8 +94,10 @@ static void substitute_sparse(const pma_factor *f, size_t first, size_t last, do
 /* Forward through the columns first..last-1; x[0] stands for unknown `first`. */
 static void eliminate(const pma_factor *f, size_t first, size_t last, double *x)
 {
+    if (first == last)
+        return;
     if (f->form == PMA_DENSE)
-        eliminate_columns(f, first, last, x);
+        eliminate_dense(f, first, last, x);
     else if (f->form == PMA_SPARSE)
         eliminate_sparse(f, first, last, x);
     else if (f->form == PMA_PANELS)
@@ -126,8 +107,10 @@ static void eliminate(const pma_factor *f, size_t first, size_t last, double *x)
 /* Backward through the columns last-1..first; x[0] stands for unknown `first`. */
 static void substitute(const pma_factor *f, size_t first, size_t last, double *x)
 {
+    if (first == last)
+        return;
     if (f->form == PMA_DENSE) {
-        substitute_columns(f, first, last, x);
+        substitute_dense(f, first, last, x);
     } else if (f->form == PMA_SPARSE) {
         substitute_sparse(f, first, last, x);
     } else if (f->form == PMA_PANELS) {

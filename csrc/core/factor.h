@@ -22,7 +22,7 @@ typedef struct {
     const int64_t *ptr;    /* sparse: n+1 starts of the columns, else NULL */
     const int32_t *index;  /* sparse: row of each entry, below the diagonal and ascending */
     pma_panels panels;     /* panels: see there */
-    double *work;          /* panels: pma_panels_most_rows, scratch of the sweeps */
+    double *work;          /* panels: pma_panels_most_height, scratch of the sweeps */
 } pma_factor;
 
 /* PMA_BAD_SIZE when nb > n, PMA_BAD_INDEX unless the entries of each column ascend and

@@ -1,5 +1,7 @@
 #include "matrix.h"
 
+#include "kernel.h"
+
 pma_status pma_matrix_check(const pma_matrix *A)
 {
     if (A->form != PMA_SPARSE)
@@ -37,17 +39,6 @@ static void subtract_diagonal(const pma_matrix *A, const double *x, double *y)
         y[i] -= A->values[i] * x[i];
 }
 
-/* column j is row j: A is symmetric, and an axpy is vectorised where a dot product is not */
-static void subtract_dense(const pma_matrix *A, const double *x, double *restrict y)
-{
-    for (size_t j = 0; j < A->n; j++) {
-        const double *column = A->values + j * A->n;
-        const double xj = x[j];
-        for (size_t i = 0; i < A->n; i++)
-            y[i] -= column[i] * xj;
-    }
-}
-
 static void subtract_sparse(const pma_matrix *A, const double *x, double *y)
 {
     for (size_t i = 0; i < A->n; i++) {
@@ -65,7 +56,7 @@ void pma_matrix_subtract(const pma_matrix *A, const double *x, double *y)
         subtract_diagonal(A, x, y);
         break;
     case PMA_DENSE:
-        subtract_dense(A, x, y);
+        pma_kernel_best()->subtract(A->values, A->n, A->n, A->n, x, y); /* column j is row j */
         break;
     case PMA_SPARSE:
         subtract_sparse(A, x, y);

@@ -3,6 +3,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "kernel.h"
+
 static size_t width_of(const pma_panels *p, size_t s)
 {
     return (size_t)(p->first[s + 1] - p->first[s]);
@@ -52,7 +54,15 @@ pma_status pma_panels_check(const pma_panels *p, size_t n, size_t nb)
     return border ? PMA_OK : PMA_BAD_INDEX;
 }
 
-size_t pma_panels_most_rows(const pma_panels *p)
+size_t pma_panels_most_height(const pma_panels *p)
+{
+    size_t most = 0;
+    for (size_t s = 0; s < p->count; s++)
+        most = height_of(p, s) > most ? height_of(p, s) : most;
+    return most;
+}
+
+static size_t most_rows(const pma_panels *p)
 {
     size_t most = 0;
     for (size_t s = 0; s < p->count; s++)
@@ -65,7 +75,7 @@ size_t pma_panels_update_size(const pma_panels *p)
     size_t widest = 0;
     for (size_t s = 0; s < p->count; s++)
         widest = width_of(p, s) > widest ? width_of(p, s) : widest;
-    return widest * pma_panels_most_rows(p);
+    return widest * most_rows(p);
 }
 
 /* ---- numeric part: left-looking, each panel as a dense Cholesky factor ----------------------- */
@@ -280,42 +290,6 @@ pma_status pma_panels_factor(pma_panels *p, const pma_panels_input *input, const
 
 /* ---- sweeps ------------------------------------------------------------------------------------ */
 
-/* y -= panel x for `columns` columns of length `rows`, four at a time */
-static void subtract_columns(const double *panel, size_t ld, size_t rows, size_t columns,
-                             const double *x, double *restrict y)
-{
-    size_t j = 0;
-    for (; j + 4 <= columns; j += 4) {
-        const double *a = panel + j * ld, *b = a + ld, *c = b + ld, *d = c + ld;
-        const double xa = x[j], xb = x[j + 1], xc = x[j + 2], xd = x[j + 3];
-        for (size_t i = 0; i < rows; i++)
-            y[i] -= (a[i] * xa + b[i] * xb) + (c[i] * xc + d[i] * xd);
-    }
-    for (; j < columns; j++) {
-        const double *a = panel + j * ld, xa = x[j];
-        for (size_t i = 0; i < rows; i++)
-            y[i] -= a[i] * xa;
-    }
-}
-
-/* x_j -= column_j y for `columns` columns of length `rows`, in lanes that can be vectorised */
-static void subtract_products(const double *panel, size_t ld, size_t rows, size_t columns,
-                              const double *y, double *x)
-{
-    for (size_t j = 0; j < columns; j++) {
-        const double *a = panel + j * ld;
-        double lane[4] = {0.0, 0.0, 0.0, 0.0};
-        size_t i = 0;
-        for (; i + 4 <= rows; i += 4) {
-            for (size_t l = 0; l < 4; l++)
-                lane[l] += a[i + l] * y[i + l];
-        }
-        for (; i < rows; i++)
-            lane[0] += a[i] * y[i];
-        x[j] -= (lane[0] + lane[1]) + (lane[2] + lane[3]);
-    }
-}
-
 /* The supernodes of the columns from..to-1, which begin and end with one. */
 static size_t supernode_at(const pma_panels *p, size_t column)
 {
@@ -330,37 +304,74 @@ static size_t supernode_at(const pma_panels *p, size_t column)
     return low;
 }
 
+/* One panel as a sweep sees it, and where its unknowns stand in x. */
+typedef struct {
+    size_t width, below, height;
+    const double *values;
+    const int32_t *rows;
+    double *own; /* unknowns of its columns */
+    bool adjoined; /* those of its rows follow them without a gap */
+} panel_view;
+
+static panel_view view(const pma_panels *p, size_t s, size_t from, double *x)
+{
+    const size_t width = width_of(p, s), below = rows_of(p, s);
+    const int32_t *rows = p->rows + p->row_ptr[s];
+    const bool adjoined = below == 0 || rows[below - 1] == p->first[s + 1] + (int64_t)below - 1;
+    return (panel_view){.width = width,
+                        .below = below,
+                        .height = width + below,
+                        .values = p->values + p->start[s],
+                        .rows = rows,
+                        .own = x + ((size_t)p->first[s] - from),
+                        .adjoined = adjoined};
+}
+
+static void eliminate_panel(const pma_kernel *kernel, const panel_view *v, size_t from, double *x,
+                            double *work)
+{
+    memcpy(work, v->own, v->width * sizeof *work);
+    memset(work + v->width, 0, v->below * sizeof *work);
+    kernel->eliminate(v->values, v->height, v->height, v->width, work);
+    memcpy(v->own, work, v->width * sizeof *work);
+    for (size_t i = 0; i < v->below; i++)
+        x[(size_t)v->rows[i] - from] += work[v->width + i];
+}
+
+static void substitute_panel(const pma_kernel *kernel, const panel_view *v, size_t from,
+                             const double *x, double *work)
+{
+    memcpy(work, v->own, v->width * sizeof *work);
+    for (size_t i = 0; i < v->below; i++)
+        work[v->width + i] = x[(size_t)v->rows[i] - from];
+    kernel->substitute(v->values, v->height, v->height, v->width, work);
+    memcpy(v->own, work, v->width * sizeof *work);
+}
+
 void pma_panels_eliminate(const pma_panels *p, size_t from, size_t to, double *x, double *work)
 {
+    const pma_kernel *kernel = pma_kernel_best();
     for (size_t s = supernode_at(p, from); s < p->count && (size_t)p->first[s] < to; s++) {
-        const size_t width = width_of(p, s), below = rows_of(p, s), ld = width + below;
-        const double *panel = p->values + p->start[s];
-        const int32_t *rows = p->rows + p->row_ptr[s];
-        double *own = x + ((size_t)p->first[s] - from);
-        for (size_t j = 0; j + 1 < width; j++)
-            subtract_columns(panel + j * ld + j + 1, ld, width - j - 1, 1, own + j, own + j + 1);
-        memset(work, 0, below * sizeof *work);
-        subtract_columns(panel + width, ld, below, width, own, work);
-        for (size_t i = 0; i < below; i++)
-            x[(size_t)rows[i] - from] += work[i];
+        const panel_view v = view(p, s, from, x);
+        if (v.adjoined)
+            kernel->eliminate(v.values, v.height, v.height, v.width, v.own);
+        else
+            eliminate_panel(kernel, &v, from, x, work);
     }
 }
 
 void pma_panels_substitute(const pma_panels *p, const double *inverse, size_t from, size_t to,
                            double *x, double *work)
 {
+    const pma_kernel *kernel = pma_kernel_best();
     const size_t begin = supernode_at(p, from);
     for (size_t s = supernode_at(p, to); s-- > begin;) {
-        const size_t width = width_of(p, s), below = rows_of(p, s), ld = width + below;
-        const double *panel = p->values + p->start[s];
-        const int32_t *rows = p->rows + p->row_ptr[s];
-        double *own = x + ((size_t)p->first[s] - from);
-        for (size_t i = 0; i < below; i++)
-            work[i] = x[(size_t)rows[i] - from];
-        for (size_t j = 0; j < width; j++)
-            own[j] *= inverse[(size_t)p->first[s] + j];
-        subtract_products(panel + width, ld, below, width, work, own);
-        for (size_t j = width; j-- > 0;)
-            subtract_products(panel + j * ld + j + 1, ld, width - j - 1, 1, own + j + 1, own + j);
+        const panel_view v = view(p, s, from, x);
+        for (size_t j = 0; j < v.width; j++)
+            v.own[j] *= inverse[(size_t)p->first[s] + j];
+        if (v.adjoined)
+            kernel->substitute(v.values, v.height, v.height, v.width, v.own);
+        else
+            substitute_panel(kernel, &v, from, x, work);
     }
 }

@@ -34,8 +34,8 @@ typedef struct {
  * lie below their columns, and panels have the sizes that follow. */
 pma_status pma_panels_check(const pma_panels *p, size_t n, size_t nb);
 
-/* Longest list of rows: the scratch of a sweep. */
-size_t pma_panels_most_rows(const pma_panels *p);
+/* Rows of the tallest panel: the scratch of a sweep. */
+size_t pma_panels_most_height(const pma_panels *p);
 
 /* Doubles of scratch that the numeric part needs. */
 size_t pma_panels_update_size(const pma_panels *p);
@@ -59,7 +59,7 @@ pma_status pma_panels_factor(pma_panels *p, const pma_panels_input *input, const
                              int64_t *integers, size_t *column, bool (*stop)(void *ctx),
                              void *ctx);
 
-/* Supernodes of the columns from..to-1; x[0] stands for unknown `from`. work: most_rows. */
+/* Supernodes of the columns from..to-1; x[0] stands for unknown `from`. work: most_height. */
 void pma_panels_eliminate(const pma_panels *p, size_t from, size_t to, double *x, double *work);
 void pma_panels_substitute(const pma_panels *p, const double *inverse, size_t from, size_t to,
                            double *x, double *work);

@@ -13,6 +13,7 @@ static const test *const LISTS[] = {
     STATUS_TESTS,
     SCHEME_TESTS,
     MATRIX_TESTS,
+    KERNEL_TESTS,
     FACTOR_TESTS,
     SYMBOLIC_TESTS,
     PANELS_TESTS,

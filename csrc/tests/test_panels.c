@@ -206,7 +206,7 @@ static void panels_say_how_much_scratch_they_need(void)
 {
     const pma_panels p = three_panels();
     const pma_factor f = {.form = PMA_PANELS, .n = 5, .panels = p};
-    CHECK_INT(pma_panels_most_rows(&p), 2);
+    CHECK_INT(pma_panels_most_height(&p), 4); /* the first: two columns, two rows below */
     CHECK(pma_panels_update_size(&p) >= 2 * 2); /* two rows below times two columns */
     CHECK_INT(pma_factor_entries(&f), 15);
 }
@@ -314,11 +314,11 @@ static void factors_in_panels_solve_for_every_size_of_interface(void)
             panelled q = cut_into_panels(&t, nb, &seed);
             const pma_panels panels = {q.count, q.first, q.row_ptr, q.rows, q.start, q.values};
             double work[SIZE + 1];
-            work[pma_panels_most_rows(&panels)] = 7.0; /* not to be written */
+            work[pma_panels_most_height(&panels)] = 7.0; /* not to be written */
             const pma_factor f = {.form = PMA_PANELS, .n = n, .nb = nb, .inverse = t.inverse,
                                   .panels = panels, .work = work};
             check_sweeps(&t, &f, &seed);
-            CHECK_NEAR(work[pma_panels_most_rows(&panels)], 7.0, 0.0);
+            CHECK_NEAR(work[pma_panels_most_height(&panels)], 7.0, 0.0);
         }
     }
 }

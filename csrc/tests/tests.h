@@ -16,6 +16,7 @@ typedef struct {
 extern const test STATUS_TESTS[];
 extern const test SCHEME_TESTS[];
 extern const test MATRIX_TESTS[];
+extern const test KERNEL_TESTS[];
 extern const test FACTOR_TESTS[];
 extern const test SYMBOLIC_TESTS[];
 extern const test PANELS_TESTS[];

@@ -1,0 +1,117 @@
+/* test_kernel.c - sweeps through one panel, against two loops, and one kernel against the other. */
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "check.h"
+#include "kernel.h"
+#include "naive.h"
+#include "tests.h"
+
+/* Two groups of eight columns and all that can be left of a third; rows of more than a vector. */
+enum { WIDTH = 23, HEIGHT = 37, LEADING = HEIGHT + 2 };
+
+/* R in eighths below the diagonal, NaN where nothing is read. */
+static void draw_panel(size_t height, size_t width, uint64_t *seed, double *panel)
+{
+    for (size_t j = 0; j < width; j++) {
+        for (size_t i = 0; i < LEADING; i++)
+            panel[j * LEADING + i] = i > j && i < height ? draw_eighth(seed) : (double)NAN;
+    }
+}
+
+/* size: the same sums of absolute values. A number of the result is a sum of products along paths
+ * through R; each has at most 2 height factors and terms, rounded once each. */
+static void naive_eliminate(const double *panel, size_t height, size_t width, double *x,
+                            double *size)
+{
+    for (size_t j = 0; j < width; j++) {
+        for (size_t i = j + 1; i < height; i++) {
+            x[i] -= panel[j * LEADING + i] * x[j];
+            size[i] += fabs(panel[j * LEADING + i]) * size[j];
+        }
+    }
+}
+
+static void naive_substitute(const double *panel, size_t height, size_t width, double *x,
+                             double *size)
+{
+    for (size_t j = width; j-- > 0;) {
+        for (size_t i = j + 1; i < height; i++) {
+            x[j] -= panel[j * LEADING + i] * x[i];
+            size[j] += fabs(panel[j * LEADING + i]) * size[i];
+        }
+    }
+}
+
+static void check_swept(size_t height, const double *x, const double *expected, const double *size)
+{
+    for (size_t i = 0; i < height; i++)
+        CHECK_NEAR(x[i], expected[i], 4.0 * (double)height * EPS * size[i]);
+    CHECK_NEAR(x[height], 7.0, 0.0); /* not to be written */
+}
+
+static void check_kernels(size_t height, size_t width, uint64_t *seed)
+{
+    double panel[WIDTH * LEADING];
+    double x[HEIGHT + 1], best[HEIGHT + 1], expected[HEIGHT + 1], size[HEIGHT + 1];
+    draw_panel(height, width, seed, panel);
+    for (size_t way = 0; way < 2; way++) {
+        draw_vector(height, seed, x);
+        x[height] = 7.0;
+        memcpy(best, x, sizeof x);
+        memcpy(expected, x, sizeof x);
+        memcpy(size, x, sizeof x); /* all positive */
+        if (way == 0) {
+            naive_eliminate(panel, height, width, expected, size);
+            pma_kernel_plain()->eliminate(panel, LEADING, height, width, x);
+            pma_kernel_best()->eliminate(panel, LEADING, height, width, best);
+        } else {
+            naive_substitute(panel, height, width, expected, size);
+            pma_kernel_plain()->substitute(panel, LEADING, height, width, x);
+            pma_kernel_best()->substitute(panel, LEADING, height, width, best);
+        }
+        check_swept(height, x, expected, size);
+        CHECK_BITS(height + 1, best, x);
+    }
+}
+
+static void all_kernels_sweep_like_two_loops_and_to_the_same_bits(void)
+{
+    uint64_t seed = 12;
+    for (size_t width = 0; width <= WIDTH; width++) {
+        for (size_t height = width; height <= HEIGHT; height++)
+            check_kernels(height, width, &seed);
+    }
+}
+
+/* Products of eighths with small integers: no rounding, so equality is asked for. */
+static void all_kernels_multiply_like_two_loops(void)
+{
+    uint64_t seed = 13;
+    double A[WIDTH * LEADING], x[WIDTH], y[HEIGHT], best[HEIGHT], expected[HEIGHT];
+    for (size_t columns = 0; columns <= WIDTH; columns++) {
+        for (size_t rows = 0; rows <= HEIGHT; rows++) {
+            for (size_t k = 0; k < columns * LEADING; k++)
+                A[k] = k % LEADING < rows ? draw_eighth(&seed) : (double)NAN;
+            for (size_t j = 0; j < columns; j++)
+                x[j] = draw(&seed, 100);
+            for (size_t i = 0; i < rows; i++) {
+                y[i] = best[i] = expected[i] = draw(&seed, 100);
+                for (size_t j = 0; j < columns; j++)
+                    expected[i] -= A[j * LEADING + i] * x[j];
+            }
+            pma_kernel_plain()->subtract(A, LEADING, rows, columns, x, y);
+            pma_kernel_best()->subtract(A, LEADING, rows, columns, x, best);
+            CHECK_BITS(rows, y, expected);
+            CHECK_BITS(rows, best, expected);
+        }
+    }
+}
+
+const test KERNEL_TESTS[] = {
+    TEST(all_kernels_sweep_like_two_loops_and_to_the_same_bits),
+    TEST(all_kernels_multiply_like_two_loops),
+    END_OF_TESTS,
+};
