@@ -4,14 +4,14 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from timing import in_turn, report
+from timing import in_turn, run
 
 import pmalpha as pm
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 import reference  # noqa: E402
 
-STEPS, FEW, SS, DT = 5000, 20, 20, 1.0 / 40.0 / 0.47
+SS, DT = 20, 1.0 / 40.0 / 0.47
 
 
 def reference_parts(model):
@@ -36,25 +36,26 @@ def reference_parts(model):
     return parts, [model.constraints.matrices[s].toarray() for s in model.subdomains]
 
 
-def main():
+def rows(quick):
+    steps, few = (10, 1) if quick else (5000, 20)
     model = pm.models.four_dof(rho=0.5)
     parts, L = reference_parts(model)
     coupler = model.coupler(DT)
     recorded, stepped, plain = in_turn(
-        lambda: coupler.run(steps=STEPS),
-        lambda: coupler.step(STEPS),
-        lambda: reference.run(parts, L, DT, FEW),
+        lambda: coupler.run(steps=steps),
+        lambda: coupler.step(steps),
+        lambda: reference.run(parts, L, DT, few),
     )
     us = 1e6 / SS
-    rows = [
-        {"what": "run, all recorded", "us a fine step": recorded / STEPS * us},
-        {"what": "step, not recorded", "us a fine step": stepped / STEPS * us},
-        {"what": "tests/reference.py", "us a fine step": plain / FEW * us},
+    found = [
+        {"what": "run, all recorded", "us a fine step": recorded / steps * us},
+        {"what": "step, not recorded", "us a fine step": stepped / steps * us},
+        {"what": "tests/reference.py", "us a fine step": plain / few * us},
     ]
-    for row in rows:
-        row["over run"] = row["us a fine step"] / rows[0]["us a fine step"]
-    report("fine_step", rows)
+    for row in found:
+        row["over run"] = row["us a fine step"] / found[0]["us a fine step"]
+    return found
 
 
 if __name__ == "__main__":
-    main()
+    run("fine_step", rows, about=__doc__)

@@ -1,65 +1,133 @@
-"""Set-up and step over the number of dofs, conditions and subdomains."""
+"""Set-up, macro step and memory over the number of dofs, of conditions and of subdomains.
 
+Each size runs in a process of its own, so that its memory can be told: what is resident when the
+subdomains are made, and the peak while the Coupler is made and stepped. The large ones need 8 GB.
+"""
+
+import json
+import subprocess
+import sys
 import time
 
+import memory
 import numpy as np
 import scipy.sparse as sp
-from sparse_step import chain, cube
-from timing import report
+from timing import in_turn, once, run
 
 import pmalpha as pm
 
 EXPLICIT = pm.GeneralizedAlpha(0.8, explicit=True)
 IMPLICIT = pm.GeneralizedAlpha(0.8)
+MATERIAL = {"E": 1.0, "nu": 0.3, "rho": 1.0, "mass": "lumped"}
 
 
-def two_cubes(n):
-    """An implicit cube of n^3 dofs on an explicit one with ten substeps, tied over a face."""
-    K, size, face = cube(n), n**3, np.arange(n * n)
-    a = pm.Subdomain(np.ones(size), K, scheme=IMPLICIT)
-    b = pm.Subdomain(np.ones(size), K, scheme=EXPLICIT, substeps=10)
-    return pm.Coupler([a, b], pm.tie(a, face, b, face + size - n * n), dt=1.0)
+def loaded(structure, scheme, **options):
+    """A subdomain under a load that leaves no dof at rest."""
+    return structure.subdomain(scheme=scheme, force=np.sin(np.arange(structure.n)), **options)
 
 
-def wide_interface(p):
-    """Two explicit subdomains of p dofs tied everywhere."""
+def explicit_solid(n):
+    """One explicit box of hex8 with about n dofs, uncoupled."""
+    side = round((n / 3) ** (1 / 3)) - 1
+    return [loaded(pm.models.solid(side, side, side, 1.0, **MATERIAL), EXPLICIT)], None, 0.5
+
+
+def implicit_solid(n):
+    """One implicit box of hex8 with about n dofs, uncoupled."""
+    side = round((n / 3) ** (1 / 3)) - 1
+    return [loaded(pm.models.solid(side, side, side, 1.0, **MATERIAL), IMPLICIT)], None, 0.5
+
+
+def implicit_edge(p):
+    """Two implicit strips of 2500 x 4 elements, tied at p dofs of their long edges."""
+    lower = pm.models.plate(2500, 4, 1.0, **MATERIAL)
+    upper = pm.models.plate(2500, 4, 1.0, **MATERIAL, origin=(0.0, 4.0))
+    a, b = loaded(lower, IMPLICIT), loaded(upper, IMPLICIT)
+    of_a, of_b = (s.dofs(s.nodes_at(y=4.0))[:p] for s in (lower, upper))
+    return [a, b], pm.tie(a, of_a, b, of_b), 0.5
+
+
+def explicit_conditions(p):
+    """Two explicit subdomains of p dofs tied everywhere: H is diagonal."""
     K = sp.csr_array(2.0 * sp.eye_array(p))
-    a = pm.Subdomain(np.ones(p), K, scheme=EXPLICIT)
+    a = pm.Subdomain(np.ones(p), K, scheme=EXPLICIT, force=np.ones(p))
     b = pm.Subdomain(np.ones(p), K, scheme=EXPLICIT, substeps=2)
-    return pm.Coupler([a, b], pm.tie(a, np.arange(p), b, np.arange(p)), dt=0.1)
+    return [a, b], pm.tie(a, np.arange(p), b, np.arange(p)), 0.1
 
 
-def row_of_subdomains(count):
-    """Chains of ten dofs in a row, implicit and explicit in turn."""
+def tiles(columns, rows):
+    """Plates of 4 x 4 elements, tied where they meet, implicit and explicit in turn."""
     parts = [
-        pm.Subdomain(
-            np.ones(10), chain(10), scheme=EXPLICIT if i % 2 else IMPLICIT, substeps=1 + i % 2
-        )
-        for i in range(count)
+        pm.models.plate(4, 4, 1.0, **MATERIAL, origin=(4.0 * i, 4.0 * j))
+        for i in range(columns)
+        for j in range(rows)
     ]
-    ties = [pm.tie(a, [9], b, [0]) for a, b in zip(parts, parts[1:])]
-    return pm.Coupler(parts, ties, dt=0.1)
+    subdomains = []
+    for k, part in enumerate(parts):
+        explicit = (k // rows + k % rows) % 2
+        scheme = EXPLICIT if explicit else IMPLICIT
+        subdomains.append(loaded(part, scheme, substeps=2 if explicit else 1))
+    points = {s: part.points for s, part in zip(subdomains, parts)}
+    return subdomains, pm.tie_coincident(points, components=2), 0.5
 
 
-def measure(name, size, make):
-    begin = time.perf_counter()
-    coupler = make(size)
-    made = time.perf_counter()
+def tiles_in_a_row(count):
+    return tiles(count, 1)
+
+
+def tiles_in_a_grid(count):
+    side = round(count**0.5)
+    return tiles(side, side)
+
+
+PROBLEMS = {
+    "explicit hex8, dofs": (explicit_solid, (1e3, 1e4, 1e5, 1e6)),
+    "implicit hex8, dofs": (implicit_solid, (1e3, 1e4, 3e4, 1e5)),
+    "conditions, implicit": (implicit_edge, (10, 100, 300, 1000, 5000)),
+    "conditions, explicit": (explicit_conditions, (100, 1000, 1e4, 1e5)),
+    "subdomains in a row": (tiles_in_a_row, (2, 10, 100, 1000)),
+    "subdomains in a grid": (tiles_in_a_grid, (4, 16, 100, 1024)),
+}
+
+
+def measure(problem, size):
+    """One row, in this process."""
+    made, (subdomains, constraints, dt) = once(lambda: PROBLEMS[problem][0](size))
+    before = memory.present()
+    memory.forget_peak()
+    setup, coupler = once(lambda: pm.Coupler(subdomains, constraints, dt=dt))
     coupler.step(2)
-    steps, ready = 0, time.perf_counter()
-    while steps < 5 or time.perf_counter() - ready < 1.0:
-        coupler.step()
-        steps += 1
-    step = (time.perf_counter() - ready) / steps
-    return {"problem": name, "size": size, "set-up s": made - begin, "macro step ms": step * 1e3}
+    (step,) = in_turn(coupler.step, rounds=3, seconds=1.0)
+    return {
+        "problem": problem,
+        "size": size,
+        "dofs": sum(s.n for s in subdomains),
+        "conditions": sum(c.p for c in [constraints] if c is not None),
+        "subdomains s": made,
+        "set-up s": setup,
+        "macro step ms": step * 1e3,
+        "MB before": before,
+        "MB peak": memory.peak(),
+    }
 
 
-def main():
-    rows = [measure("two cubes, n per edge", n, two_cubes) for n in (5, 10, 20, 30)]
-    rows += [measure("conditions", p, wide_interface) for p in (100, 1000, 10_000, 100_000)]
-    rows += [measure("subdomains", N, row_of_subdomains) for N in (2, 10, 100, 1000)]
-    report("growth", rows)
+def apart(problem, size):
+    """The same in a process of its own."""
+    print(time.strftime("%H:%M:%S"), problem, size, file=sys.stderr)
+    command = [sys.executable, __file__, "--one", problem, str(size)]
+    out = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return json.loads(out)
+
+
+def rows(quick):
+    if quick:
+        quickest = {"explicit hex8, dofs": 100, "subdomains in a grid": 4}
+        return [apart(problem, size) for problem, size in quickest.items()]
+    return [apart(name, int(size)) for name, (_, sizes) in PROBLEMS.items() for size in sizes]
 
 
 if __name__ == "__main__":
-    main()
+    if sys.argv[1:2] == ["--one"]:
+        print(json.dumps(measure(sys.argv[2], int(sys.argv[3]))))
+    else:
+        run("growth", rows, about=__doc__)

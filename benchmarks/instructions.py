@@ -10,7 +10,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from timing import report
+from timing import run
 
 RUN = """
 import pmalpha as pm
@@ -41,20 +41,18 @@ def counted(steps):
     return total, sorted(names & set(ALLOCATORS))
 
 
-def main():
-    few, _ = counted(STEPS)
-    many, allocators = counted(2 * STEPS)
-    report(
-        "instructions",
-        [
-            {
-                "fine steps": STEPS * SS,
-                "instructions a fine step": (many - few) / (STEPS * SS),
-                "allocators called": " ".join(allocators) or "none",
-            }
-        ],
-    )
+def rows(quick):
+    steps = 2 if quick else STEPS
+    few, _ = counted(steps)
+    many, allocators = counted(2 * steps)
+    return [
+        {
+            "fine steps": steps * SS,
+            "instructions a fine step": (many - few) / (steps * SS),
+            "allocators called": " ".join(allocators) or "none",
+        }
+    ]
 
 
 if __name__ == "__main__":
-    main()
+    run("instructions", rows, about=__doc__)

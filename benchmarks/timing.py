@@ -1,25 +1,40 @@
-"""What the benchmarks share: timing in turn, and a table that names the machine."""
+"""What the benchmarks share: timing in turn, their options, and tables that name the machine."""
 
+import argparse
 import csv
+import datetime
+import importlib.metadata
 import platform
-import statistics
 import time
 from pathlib import Path
 
 RESULTS = Path(__file__).parent / "results"
 
 
-def in_turn(*calls, rounds=7):
-    """Median seconds of each call, all measured in turn so that drift hits all alike."""
-    seconds = [[] for _ in calls]
+def in_turn(*calls, rounds=7, seconds=0.0):
+    """Least seconds of each call, all measured in turn so that a slow spell hits all alike.
+
+    The least, because whatever else the machine does can only add to a time. Rounds go on until
+    there were `rounds` of them and they took `seconds`.
+    """
+    least = [float("inf")] * len(calls)
     for call in calls:
         call()
-    for _ in range(rounds):
-        for times, call in zip(seconds, calls):
+    done, start = 0, time.perf_counter()
+    while done < rounds or time.perf_counter() - start < seconds:
+        for i, call in enumerate(calls):
             begin = time.perf_counter()
             call()
-            times.append(time.perf_counter() - begin)
-    return [statistics.median(times) for times in seconds]
+            least[i] = min(least[i], time.perf_counter() - begin)
+        done += 1
+    return least
+
+
+def once(call):
+    """Seconds of a single call, and what it returned."""
+    begin = time.perf_counter()
+    value = call()
+    return time.perf_counter() - begin, value
 
 
 def machine():
@@ -32,8 +47,34 @@ def machine():
     return f"{model}, {platform.system()} {platform.machine()}, Python {platform.python_version()}"
 
 
-def report(name, rows):
-    """Print a list of dicts as a table and write it to results/name.csv."""
+def versions():
+    """Of what was measured."""
+    packages = "pmalpha", "numpy", "scipy"
+    return ", ".join(f"{name} {importlib.metadata.version(name)}" for name in packages)
+
+
+def run(name, measure, *, about):
+    """Parse the command line, measure, report.
+
+    Parameters
+    ----------
+    name : str
+        Of the CSV file.
+    measure : callable
+        ``measure(quick)`` returns the rows, a list of dicts with the same keys. With quick it has
+        a few seconds, for small sizes: that shows that the script runs and nothing else.
+    about : str
+        The docstring of the script.
+    """
+    parser = argparse.ArgumentParser(description=about.partition("\n")[0])
+    parser.add_argument("--quick", action="store_true", help="small sizes, to see that it runs")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the CSV file")
+    given = parser.parse_args()
+    report(name, measure(given.quick), given.results)
+
+
+def report(name, rows, folder=RESULTS):
+    """Print a list of dicts as a table and write it to folder/name.csv."""
     columns = list(rows[0])
     cells = [
         [str(row[c]) if not isinstance(row[c], float) else f"{row[c]:.4g}" for c in columns]
@@ -43,8 +84,9 @@ def report(name, rows):
     print(machine())
     for line in [columns, *cells]:
         print("  ".join(x.rjust(w) for x, w in zip(line, widths)))
-    RESULTS.mkdir(exist_ok=True)
-    with open(RESULTS / f"{name}.csv", "w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow([*columns, "machine"])
-        writer.writerows([*line, machine()] for line in cells)
+    folder.mkdir(exist_ok=True, parents=True)
+    today = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
+    with open(folder / f"{name}.csv", "w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([*columns, "machine", "versions", "date"])
+        writer.writerows([*line, machine(), versions(), today] for line in cells)

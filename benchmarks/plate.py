@@ -1,0 +1,178 @@
+"""Two plates coupled by GC, against the same scheme as a loop in SciPy.
+
+The plate that Kratos 10.4.4 was timed with: A implicit (trapezoidal, dt = 0.1) and clamped at its
+left edge, B explicit (central difference, dt = 0.01, lumped mass) under a line load along its
+lower edge. The loop is what one would write oneself: factor once with SuperLU, the interface matrix
+dense with Cholesky, one solve or product for what the multipliers add to A, whichever is faster.
+"""
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse.linalg import splu
+from timing import in_turn, once, run
+
+import pmalpha as pm
+
+MESHES = [(49, 9), (249, 9), (999, 9), (49, 49), (99, 99)]
+DT, SS, H = 0.1, 10, 0.1
+# Steps after which both are compared: rounding has had time to grow, were it to grow.
+COMPARED = 20
+
+
+def problem(nx, ny):
+    """Matrices, load and the tied dofs of the two plates."""
+    material = {"E": 1000.0, "nu": 0.3, "rho": 100.0}
+    left = pm.models.plate(nx, ny, H, **material)
+    right = pm.models.plate(nx, ny, H, **material, mass="lumped", origin=(nx * H, 0.0))
+    free = np.setdiff1d(np.arange(left.n), left.dofs(left.nodes_at(x=0.0)))
+    lower = right.nodes_at(y=0.0)
+    load = np.zeros(right.n)
+    for component in ("ux", "uy"):
+        load[right.dofs(lower, component)] = H / np.sqrt(2.0)
+        load[right.dofs(lower[[0, -1]], component)] /= 2.0
+    face = np.searchsorted(free, left.dofs(left.nodes_at(x=nx * H)))
+    return {
+        "M_A": sp.csr_array(left.M[free][:, free]),
+        "K_A": sp.csr_array(left.K[free][:, free]),
+        "M_B": right.M,
+        "K_B": sp.csr_array(right.K),
+        "F_B": load,
+        "face_A": face,
+        "face_B": right.dofs(right.nodes_at(x=nx * H)),
+    }
+
+
+def coupled(q):
+    """The same in pmalpha."""
+    a = pm.Subdomain(q["M_A"], q["K_A"], scheme=pm.Newmark(), name="A")
+    b = pm.Subdomain(
+        q["M_B"],
+        q["K_B"],
+        scheme=pm.CentralDifference(),
+        substeps=SS,
+        force=q["F_B"],
+        name="B",
+    )
+    return pm.Coupler([a, b], pm.tie(a, q["face_A"], b, q["face_B"]), dt=DT, coupling="gc")
+
+
+def solver(A):
+    """SuperLU with the options that suit a symmetric positive definite matrix."""
+    return splu(
+        sp.csc_array(A),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options=dict(SymmetricMode=True),
+    )
+
+
+class Loop:
+    """GC with the trapezoidal rule and central difference, in NumPy and SciPy."""
+
+    def __init__(self, q):
+        self.q, (n, m), p = q, (q["M_A"].shape[0], q["M_B"].size), q["face_A"].size
+        self.h = DT / SS
+        self.lu = solver(q["M_A"] + DT**2 / 4.0 * q["K_A"])
+        self.inverse = 1.0 / q["M_B"]
+        unit = np.zeros((n, p))
+        unit[q["face_A"], np.arange(p)] = 1.0
+        self.response = self.lu.solve(unit)  # Mbar^-1 L^T
+        H = DT / 2.0 * self.response[q["face_A"]]
+        H[np.diag_indices(p)] += self.h / 2.0 * self.inverse[q["face_B"]]
+        self.H = cho_factor(0.5 * (H + H.T))
+        self.by_product = False
+        self._start(n, m, p)
+
+    def _start(self, n, m, p):
+        """At rest; accelerations of the plates that are tied, M w = F + L^T Lam."""
+        q = self.q
+        mass, unit = solver(q["M_A"]), np.zeros((n, p))
+        unit[q["face_A"], np.arange(p)] = 1.0
+        of_unit = mass.solve(unit)
+        H = of_unit[q["face_A"]] + np.diag(self.inverse[q["face_B"]])
+        lam = np.linalg.solve(H, (self.inverse * q["F_B"])[q["face_B"]])
+        self.u_a, self.v_a, self.w_a = np.zeros(n), np.zeros(n), of_unit @ lam
+        self.u_b, self.v_b = np.zeros(m), np.zeros(m)
+        load = q["F_B"].copy()
+        load[q["face_B"]] -= lam
+        self.w_b = self.inverse * load
+        # the free velocity of t = 0
+        self.vf = -DT / 2.0 * (self.response[q["face_A"]] @ lam)
+
+    def link(self, lam):
+        """Mbar^-1 L^T Lam"""
+        if self.by_product:
+            return self.response @ lam
+        load = np.zeros(self.u_a.size)
+        load[self.q["face_A"]] = lam
+        return self.lu.solve(load)
+
+    def step(self, count=1):
+        """Macro steps."""
+        q, h, face_a, face_b = self.q, self.h, self.q["face_A"], self.q["face_B"]
+        for _ in range(count):
+            u = self.u_a + DT * self.v_a + DT**2 / 4.0 * self.w_a
+            v = self.v_a + DT / 2.0 * self.w_a
+            w = -self.lu.solve(q["K_A"] @ u)
+            vf = v[face_a] + DT / 2.0 * w[face_a]
+            for j in range(1, SS + 1):
+                self.u_b += h * self.v_b + h**2 / 2.0 * self.w_b
+                self.v_b += h / 2.0 * self.w_b
+                self.w_b = self.inverse * (q["F_B"] - q["K_B"] @ self.u_b)
+                self.v_b += h / 2.0 * self.w_b
+                between = self.vf + j / SS * (vf - self.vf)
+                lam = cho_solve(self.H, self.v_b[face_b] - between, check_finite=False)
+                added = self.inverse[face_b] * lam
+                self.w_b[face_b] -= added
+                self.v_b[face_b] -= h / 2.0 * added
+            self.vf = vf
+            self.w_a = w + self.link(lam)
+            self.u_a = u + DT**2 / 4.0 * self.w_a
+            self.v_a = v + DT / 2.0 * self.w_a
+
+
+def difference(coupler, loop):
+    """Largest difference of the displacements of B, over the largest displacement."""
+    coupler.reset()
+    coupler.step(COMPARED)
+    loop.step(COMPARED)
+    return float(np.max(np.abs(coupler.state("B").u - loop.u_b)) / np.max(np.abs(loop.u_b)))
+
+
+def measure(nx, ny, seconds):
+    q = problem(nx, ny)
+    setup, coupler = once(lambda: coupled(q))
+    setup_loop, loop = once(lambda: Loop(q))
+    differ = difference(coupler, loop)
+
+    def by_product():
+        loop.by_product = True
+        loop.step()
+
+    def by_solve():
+        loop.by_product = False
+        loop.step()
+
+    ours, product, solve = in_turn(coupler.step, by_product, by_solve, rounds=3, seconds=seconds)
+    theirs = min(product, solve)
+    return {
+        "mesh": f"{nx}x{ny}",
+        "dofs of a part": q["M_B"].size,
+        "conditions": q["face_A"].size,
+        "macro step ms": ours * 1e3,
+        "loop ms": theirs * 1e3,
+        "loop over ours": theirs / ours,
+        "set-up s": setup,
+        "set-up of loop s": setup_loop,
+        "difference": differ,
+    }
+
+
+def rows(quick):
+    meshes, seconds = ([(9, 3)], 0.0) if quick else (MESHES, 4.0)
+    return [measure(nx, ny, seconds) for nx, ny in meshes]
+
+
+if __name__ == "__main__":
+    run("plate", rows, about=__doc__)

@@ -1,0 +1,70 @@
+"""What substeps save: a small stiff part with its own fine step, over the whole at the fine step.
+
+A box of hex8 elements, of which the last layers are 400 times as stiff: twenty steps there for one
+elsewhere. Both parts explicit, or both implicit (then it is accuracy that asks for the fine step).
+The theoretical ratio is what the steps alone would cost were cost in proportion to dofs,
+(n_A + ss n_B) / (ss (n_A + n_B)); "of the parts" is the same from the measured uncoupled steps of
+the two parts and of the whole, (T_A + ss T_B) / (ss T_whole).
+"""
+
+import numpy as np
+from timing import in_turn, run
+
+import pmalpha as pm
+
+SS, STIFF = 20, 400.0
+MATERIAL = {"nu": 0.3, "rho": 1.0, "mass": "lumped"}
+SCHEMES = {
+    "explicit": pm.GeneralizedAlpha(0.8, explicit=True),
+    "implicit": pm.GeneralizedAlpha(0.8),
+}
+# Half the critical step of a unit cube of E = 1, or less.
+DT = 0.4
+
+
+def box(layers, side, E, begin=0):
+    return pm.models.solid(layers, side, side, 1.0, E=E, origin=(begin, 0.0, 0.0), **MATERIAL)
+
+
+def subdomain(structure, scheme, substeps):
+    load = np.sin(np.arange(structure.n))
+    return structure.subdomain(scheme=SCHEMES[scheme], substeps=substeps, force=load)
+
+
+def measure(scheme, layers, stiff, side, seconds):
+    soft, hard = box(layers - stiff, side, 1.0), box(stiff, side, STIFF, layers - stiff)
+    E = np.ones((layers, side, side))
+    E[layers - stiff :] = STIFF
+    whole = subdomain(box(layers, side, E), scheme, SS)
+    a, b = subdomain(soft, scheme, 1), subdomain(hard, scheme, SS)
+    tie = pm.tie_coincident({a: soft.points, b: hard.points}, components=3)
+    split = pm.Coupler([a, b], tie, dt=DT)
+    alone = [pm.Coupler([s], dt=DT) for s in (a, b, whole)]
+    ours, of_a, of_b, fine = in_turn(
+        split.step, *[c.step for c in alone], rounds=3, seconds=seconds
+    )
+    return {
+        "schemes": scheme,
+        "dofs": whole.n,
+        "stiff share": hard.n / (soft.n + hard.n),
+        "conditions": tie.p,
+        "subcycled ms": ours * 1e3,
+        "whole at the fine step ms": fine * 1e3,
+        "ratio": ours / fine,
+        "theoretical ratio": (soft.n + SS * hard.n) / (SS * (soft.n + hard.n)),
+        "ratio of the parts": (of_a + of_b) / fine,
+    }
+
+
+def rows(quick):
+    if quick:
+        return [measure("explicit", 4, 1, 1, 0.0)]
+    return [
+        measure(scheme, layers, stiff, 8, 4.0)
+        for scheme in SCHEMES
+        for layers, stiff in ((100, 1), (100, 5), (100, 20))
+    ]
+
+
+if __name__ == "__main__":
+    run("subcycling", rows, about=__doc__)

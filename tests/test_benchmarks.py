@@ -1,0 +1,65 @@
+"""The benchmarks run, and write what the tables are drawn from. No time is tested."""
+
+import csv
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+BENCHMARKS = ROOT / "benchmarks"
+# instructions.py carries Python under valgrind, which takes a minute at any size; large.py is one
+# size only
+SCRIPTS = ["coupling_cost", "fine_step", "growth", "plate", "subcycling", "uncoupled"]
+# the figures of a run that are not times
+TOLERANCE = 1e-10  # both sum the same terms in another order, 20 steps long
+
+
+def columns_and_rows(path):
+    with open(path, newline="") as file:
+        reader = csv.DictReader(file)
+        return reader.fieldnames, list(reader)
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory):
+    """The CSV of a script run with --quick, by its name."""
+    folder = tmp_path_factory.mktemp("results")
+
+    def run(script):
+        path = folder / f"{script}.csv"
+        if not path.exists():
+            paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]
+            subprocess.run(
+                [sys.executable, BENCHMARKS / f"{script}.py", "--quick", "--results", folder],
+                check=True,
+                capture_output=True,
+                env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
+            )
+        return columns_and_rows(path)
+
+    return run
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_a_benchmark_runs_and_writes_the_columns_of_its_committed_results(quick, script):
+    columns, rows = quick(script)
+    committed, _ = columns_and_rows(BENCHMARKS / "results" / f"{script}.csv")
+    assert columns == committed
+    assert columns[-3:] == ["machine", "versions", "date"]
+    assert rows and all(None not in row and "" != row[columns[0]] for row in rows)
+
+
+@pytest.mark.parametrize("script", ["plate", "uncoupled"])
+def test_a_loop_that_is_timed_against_pmalpha_gives_the_same_numbers(quick, script):
+    _, rows = quick(script)
+    assert all(float(row["difference"]) < TOLERANCE for row in rows)
+
+
+def test_every_benchmark_is_named_in_the_readme():
+    readme = (BENCHMARKS / "README.md").read_text()
+    shared = {"timing", "memory", "peers"}
+    scripts = {path.stem for path in BENCHMARKS.glob("*.py")} - shared
+    assert not [name for name in sorted(scripts) if f"benchmarks/{name}.py" not in readme]
