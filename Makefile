@@ -8,7 +8,7 @@ CORE     := $(wildcard csrc/core/*.c)
 BINDING  := $(wildcard csrc/binding/*.[ch])
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 
-.PHONY: demo test ctest notebooks clean
+.PHONY: demo test ctest tsan notebooks clean
 .NOTPARALLEL:
 
 demo: $(VENV)/.plot,fast
@@ -19,6 +19,10 @@ test: $(VENV)/.test
 
 ctest: build/test_core
 	build/test_core
+
+# the same tests where ThreadSanitizer watches
+tsan: build/test_core_tsan
+	TSAN_OPTIONS=halt_on_error=1 build/test_core_tsan
 
 notebooks: $(VENV)/.notebook
 	$(VENV)/bin/python -c "$$EXECUTE" notebooks/*.ipynb
@@ -42,9 +46,10 @@ $(VENV)/.%: pyproject.toml setup.py $(HEADERS) $(CORE) $(BINDING) | $(VENV)/bin/
 $(VENV)/bin/pip:
 	$(PYTHON) -m venv $(VENV)
 
-build/test_core: $(wildcard csrc/tests/*.[ch]) $(CORE) $(HEADERS)
+build/test_core_tsan: SANITIZE := -fsanitize=thread
+build/test_core build/test_core_tsan: $(wildcard csrc/tests/*.[ch]) $(CORE) $(HEADERS)
 	mkdir -p build
-	$(CC) -std=c11 -O1 -g -ffp-contract=off -fopenmp-simd -Wall -Wextra $(SANITIZE) \
+	$(CC) -std=c11 -O1 -g -ffp-contract=off -fopenmp-simd -pthread -Wall -Wextra $(SANITIZE) \
 		-Icsrc/core $(filter %.c,$^) -lm -o $@
 
 clean:

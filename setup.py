@@ -25,10 +25,12 @@ setup(
                 "-O3",
                 "-ffp-contract=off",  # a fused multiply-add would round otherwise than written
                 "-fopenmp-simd",
+                "-pthread",
                 "-fvisibility=hidden",
                 "-Wall",
                 "-Wextra",
             ],
+            extra_link_args=["-pthread"],
             libraries=["m"],
         )
     ]

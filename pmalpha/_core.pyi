@@ -42,6 +42,7 @@ class Coupler:
     step_count: int
     multipliers: np.ndarray
     prescribed: np.ndarray
+    threads: int
     def __new__(
         cls,
         subdomains: tuple[Subdomain, ...],
@@ -51,6 +52,8 @@ class Coupler:
         dt: float,
         rebased: bool,
         motions: tuple[np.ndarray, ...],
+        threads: int = 1,
+        worthwhile: bool = False,
     ) -> Coupler: ...
     def start(self, step_count: int, lam: np.ndarray, g: np.ndarray, /) -> None: ...
     def set_motion(self, i: int, load: _Load, /) -> None: ...

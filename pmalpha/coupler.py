@@ -27,6 +27,7 @@ from .schedule import (
     checked_subdomains,
     double_steps,
     finest,
+    most_threads,
     names_of,
 )
 from .stability import warn_if_above_critical
@@ -67,6 +68,11 @@ class Coupler:
     start : {"rebased", "plain"}, default "rebased"
         What is done with the stored free velocity when a subdomain changes over to double steps
         after the first macro step, equation (S3). "plain" does nothing, as in the paper.
+    threads : int, optional
+        At most so many threads work on the subdomains, the calling one among them; 1 is none
+        besides it. Results are the same bit for bit for any number. Default: as many as there are
+        processors for this process, where equation (W1) of docs/method.md, which knows sizes only,
+        says that they save a fifth of the time, else 1. `Coupler.threads` is what was decided.
 
     Raises
     ------
@@ -114,11 +120,13 @@ class Coupler:
         dt: float,
         coupling: str = "pm",
         start: str = "rebased",
+        threads: int | None = None,
     ):
         subdomains = checked_subdomains(subdomains)
         constraints = checked_constraints(constraints, subdomains)
         check_word(coupling, "coupling", ("pm", "gc"))
         check_word(start, "start", ("rebased", "plain"))
+        threads_allowed = most_threads(threads)
         self._dt = positive_number(dt, "dt")
         self._fine = finest(subdomains)
         self._p = sum(c.p for c in constraints)
@@ -138,7 +146,7 @@ class Coupler:
         self._row_size = np.max([row_sizes(L) for L in self._matrices], axis=0, initial=0.0)
         self._check_initial_velocities(self._initial)
         self._warn_of_gaps(self._initial)
-        self._assemble(names, doubles, start)
+        self._assemble(names, doubles, start, threads_allowed)
         for s, name, double in zip(subdomains, names, doubles):
             warn_if_above_critical(s, (2.0 if double else 1.0) * self._dt / s.substeps, name)
         self._last_history: History | None = None
@@ -150,7 +158,13 @@ class Coupler:
         if not self._has_callables():
             self._start()  # callables are asked by run or step, which may have to raise
 
-    def _assemble(self, names: Sequence[str], doubles: Sequence[bool], start: str) -> None:
+    def _assemble(
+        self,
+        names: Sequence[str],
+        doubles: Sequence[bool],
+        start: str,
+        threads_allowed: tuple[int, bool],
+    ) -> None:
         """Order, factor, and make the objects of the core."""
         p = self._p
         parts = [
@@ -176,6 +190,7 @@ class Coupler:
             self._dt,
             start == "rebased",
             tuple(self._row_place[motion.rows] for motion in self._motions),
+            *threads_allowed,
         )
 
     # ---- the present -------------------------------------------------------------------------
@@ -184,6 +199,11 @@ class Coupler:
     def dt(self) -> float:
         """The macro step."""
         return self._dt
+
+    @property
+    def threads(self) -> int:
+        """Threads that share the work, the calling one among them."""
+        return self._core.threads
 
     @property
     def step_count(self) -> int:
@@ -683,7 +703,12 @@ class Coupler:
 
 
 def solve(
-    subdomain: Subdomain, dt: float, t_end: float | None = None, **as_run: Any
+    subdomain: Subdomain,
+    dt: float,
+    t_end: float | None = None,
+    *,
+    threads: int | None = None,
+    **as_run: Any,
 ) -> SubdomainHistory:
     """One uncoupled subdomain, with the same schemes and the same core.
 
@@ -695,6 +720,8 @@ def solve(
         As for `Coupler`.
     t_end, **as_run
         As for `Coupler.run`.
+    threads : int, optional
+        As for `Coupler`.
 
     Returns
     -------
@@ -706,4 +733,4 @@ def solve(
     >>> float(np.round(solve(oscillator, dt=0.001, t_end=1.0).u[-1, 0], 4))
     -0.4161
     """
-    return Coupler([subdomain], dt=dt).run(t_end, **as_run)[0]
+    return Coupler([subdomain], dt=dt, threads=threads).run(t_end, **as_run)[0]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from ._checks import listing
+from ._checks import listing, whole_number
 from .constraints import Constraint
 from .subdomain import Subdomain
 
@@ -91,6 +92,15 @@ def finest(subdomains: Sequence[Subdomain]) -> int:
         if fine % s.substeps:
             raise ValueError(f"substeps must divide the largest, {fine}, got {s.substeps}")
     return fine
+
+
+def most_threads(threads: int | None) -> tuple[int, bool]:
+    """How many threads may be used, and whether only as many as are worthwhile."""
+    if threads is not None:
+        return whole_number(threads, "threads", low=1), False
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0)), True
+    return os.cpu_count() or 1, True
 
 
 def names_of(subdomains: Sequence[Subdomain]) -> list[str]:

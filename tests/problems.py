@@ -65,7 +65,7 @@ class Problem:
     start: str
     coupling: str
 
-    def coupler(self):
+    def coupler(self, **options):
         subdomains = [_subdomain(part) for part in self.parts]
         touched = {s: Li for s, Li in zip(subdomains, self.L) if Li.any()}
         return pm.Coupler(
@@ -74,6 +74,7 @@ class Problem:
             dt=self.dt,
             start=self.start,
             coupling=self.coupling,
+            **options,
         )
 
     def reference(self, steps, doubles):

@@ -89,23 +89,28 @@ static int take_parts(CouplerObject *self, PyObject *H_start, PyObject *H, PyObj
 
 static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
-    static char *names[] = {"subdomains", "p", "H_start", "H", "dt", "rebased", "motions", NULL};
+    static char *names[] = {"subdomains", "p", "H_start", "H", "dt", "rebased", "motions",
+                            "threads",    "worthwhile", NULL};
     PyObject *subdomains, *H_start, *H, *motions;
-    Py_ssize_t p;
-    int rebased;
+    Py_ssize_t p, threads = 1;
+    int rebased, worthwhile = 0;
     pma_coupler_parts parts = {0};
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOdpO!", names, &PyTuple_Type, &subdomains,
-                                     &p, &H_start, &H, &parts.dt, &rebased, &PyTuple_Type,
-                                     &motions) ||
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOdpO!|np", names, &PyTuple_Type,
+                                     &subdomains, &p, &H_start, &H, &parts.dt, &rebased,
+                                     &PyTuple_Type, &motions, &threads, &worthwhile) ||
         check_subdomains(type, subdomains) < 0)
         return NULL;
     if (p < 0 || PyTuple_GET_SIZE(subdomains) == 0)
         return PyErr_Format(PyExc_ValueError, "need p >= 0 and at least one subdomain");
+    if (threads < 1)
+        return PyErr_Format(PyExc_ValueError, "threads must be at least 1, got %zd", threads);
     CouplerObject *self = (CouplerObject *)type->tp_alloc(type, 0);
     if (!self)
         return NULL;
     parts.p = (size_t)p;
     parts.rebased = rebased;
+    parts.threads = (size_t)threads;
+    parts.worthwhile = worthwhile;
     self->subdomains = Py_NewRef(subdomains);
     self->arrays = PyList_New(0);
     self->motions = PyList_New(0);
@@ -443,6 +448,11 @@ static PyObject *coupler_get_prescribed(CouplerObject *self, void *Py_UNUSED(clo
     return copy_rows(self, pma_coupler_prescribed);
 }
 
+static PyObject *coupler_get_threads(CouplerObject *self, void *Py_UNUSED(closure))
+{
+    return PyLong_FromSize_t(pma_coupler_threads(self->core));
+}
+
 static PyMethodDef coupler_methods[] = {
     {"start", (PyCFunction)coupler_start, METH_VARARGS,
      "start(step_count, lam, g): stand at this macro step with these multipliers"},
@@ -459,6 +469,7 @@ static PyMethodDef coupler_methods[] = {
 static PyGetSetDef coupler_getset[] = {
     {"step_count", (getter)coupler_get_step_count, NULL, "macro steps done", NULL},
     {"multipliers", (getter)coupler_get_multipliers, NULL, "of the present, a copy", NULL},
+    {"threads", (getter)coupler_get_threads, NULL, "that share the work", NULL},
     {"prescribed", (getter)coupler_get_prescribed, NULL, "g of the present, a copy", NULL},
     {NULL, NULL, NULL, NULL, NULL},
 };

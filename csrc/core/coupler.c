@@ -68,6 +68,23 @@ static void lay_out(pma_coupler *c, pma_subdomain *const *subdomains, const pma_
     c->motion = c->block + 4 * p;
 }
 
+/* Who does what, and a team of so many. */
+static pma_status hire(pma_coupler *c)
+{
+    const size_t most = c->parts.threads < PMA_MOST_WORKERS ? c->parts.threads : PMA_MOST_WORKERS;
+    pma_duty *duties = calloc(c->parts.count + 1, sizeof *duties);
+    if (!duties)
+        return PMA_NO_MEMORY;
+    for (size_t i = 0; i < c->parts.count; i++)
+        duties[i] = (pma_duty){c->places[i].entries, c->places[i].substeps};
+    const pma_status status = pma_roster_create(c->parts.count, duties, most > 0 ? most : 1,
+                                                c->parts.worthwhile, &c->roster);
+    free(duties);
+    if (status != PMA_OK || c->roster.workers == 1)
+        return status;
+    return pma_team_create(c->roster.workers, &c->team);
+}
+
 pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out)
 {
     *out = NULL;
@@ -92,6 +109,11 @@ pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out)
         return PMA_NO_MEMORY;
     }
     lay_out(c, parts->subdomains, parts->motions);
+    status = hire(c);
+    if (status != PMA_OK) {
+        pma_coupler_destroy(c);
+        return status;
+    }
     *out = c;
     return PMA_OK;
 }
@@ -100,6 +122,8 @@ void pma_coupler_destroy(pma_coupler *c)
 {
     if (!c)
         return;
+    pma_team_destroy(c->team);
+    pma_roster_destroy(&c->roster);
     free(c->places);
     free(c->parts.motions);
     free(c->block);
@@ -125,6 +149,11 @@ int64_t pma_coupler_step_count(const pma_coupler *c)
     return c->step_count;
 }
 
+size_t pma_coupler_threads(const pma_coupler *c)
+{
+    return c->roster.workers;
+}
+
 const double *pma_coupler_multipliers(const pma_coupler *c)
 {
     return c->lam;
@@ -145,27 +174,86 @@ const pma_coupler_parts *pma_coupler_get_parts(const pma_coupler *c)
     return &c->parts;
 }
 
+/* ---- sharing the work ------------------------------------------------------------------------ */
+
+static void work_through(void *ctx, size_t worker)
+{
+    const pma_coupler *c = ctx;
+    for (size_t i = c->roster.begin[worker]; i < c->roster.begin[worker + 1]; i++) {
+        pma_place *at = &c->places[c->roster.order[i]];
+        const pma_status status = c->due(at) ? c->task(c, at) : PMA_OK;
+        if (status != PMA_OK)
+            at->status = status;
+    }
+}
+
+static bool has_work(const pma_coupler *c, size_t worker)
+{
+    for (size_t i = c->roster.begin[worker]; i < c->roster.begin[worker + 1]; i++) {
+        if (c->due(&c->places[c->roster.order[i]]))
+            return true;
+    }
+    return false;
+}
+
+/* What went wrong first in the order of the subdomains, and nothing any more. */
+static pma_status take_status(pma_coupler *c)
+{
+    pma_status first = PMA_OK;
+    for (size_t i = c->parts.count; i-- > 0;) {
+        if (c->places[i].status == PMA_OK)
+            continue;
+        first = c->places[i].status;
+        c->places[i].status = PMA_OK;
+        c->unstable = i;
+    }
+    return first;
+}
+
+pma_status pma_coupler_share(pma_coupler *c, pma_task task, bool (*due)(const pma_place *))
+{
+    c->task = task;
+    c->due = due;
+    for (size_t w = 1; w < c->roster.workers; w++) {
+        if (has_work(c, w))
+            pma_team_post(c->team, w, work_through, c);
+    }
+    work_through(c, 0);
+    for (size_t w = 1; w < c->roster.workers; w++)
+        pma_team_await(c->team, w);
+    return take_status(c);
+}
+
 /* ---- the stages of a fine step -------------------------------------------------------------- */
 
-/* Free problems (13) of all subdomains that stand at a node of their own. */
-static void open_steps(pma_coupler *c)
+static bool at_node(const pma_place *at)
 {
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_place *at = &c->places[i];
-        if (at->phase != 0)
-            continue;
-        const double t1 = pma_instant(c, at->j + 1, at->substeps);
-        const int64_t step = c->step_count * (int64_t)at->substeps + (int64_t)at->j;
-        pma_subdomain_open(at->subdomain, at->j, pma_is_double(c, at), t1, step);
-        c->unpolled += at->entries;
-    }
+    return at->phase == 0;
+}
+
+static bool at_end(const pma_place *at)
+{
+    return at->phase == at->ratio;
+}
+
+/* Free problem (13) of a subdomain that stands at a node of its own. */
+static pma_status open_step(const pma_coupler *c, pma_place *at)
+{
+    const double t1 = pma_instant(c, at->j + 1, at->substeps);
+    const int64_t step = c->step_count * (int64_t)at->substeps + (int64_t)at->j;
+    pma_subdomain_open(at->subdomain, at->j, pma_is_double(c, at), t1, step);
+    return PMA_OK;
 }
 
 /* One fine step later: everybody stands in or at the end of an own step. */
 static void move_on(pma_coupler *c)
 {
-    for (size_t i = 0; i < c->parts.count; i++)
-        c->places[i].phase++;
+    for (size_t i = 0; i < c->parts.count; i++) {
+        pma_place *at = &c->places[i];
+        if (at_node(at))
+            c->unpolled += at->entries;
+        at->phase++;
+    }
 }
 
 void pma_coupler_prescribe(pma_coupler *c, size_t k)
@@ -215,20 +303,10 @@ static pma_status solve_interface(pma_coupler *c)
     return pma_coupler_solve(c);
 }
 
-/* Link problems (14) of all subdomains at the end of their own step, added to the free ones. */
-static pma_status close_steps(pma_coupler *c)
+/* Link problem (14) of a subdomain at the end of its own step, added to the free one. */
+static pma_status close_step(const pma_coupler *c, pma_place *at)
 {
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_place *at = &c->places[i];
-        if (at->phase != at->ratio)
-            continue;
-        c->unstable = i;
-        const pma_status status =
-            pma_subdomain_close(at->subdomain, at->j + 1, pma_is_double(c, at), c->lam_work);
-        if (status != PMA_OK)
-            return status;
-    }
-    return PMA_OK;
+    return pma_subdomain_close(at->subdomain, at->j + 1, pma_is_double(c, at), c->lam_work);
 }
 
 /* Those that reached a node stand at it. */
@@ -236,7 +314,7 @@ static void arrive(pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
         pma_place *at = &c->places[i];
-        if (at->phase == at->ratio) {
+        if (at_end(at)) {
             at->phase = 0;
             at->j++;
         }
@@ -312,17 +390,19 @@ void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
 static pma_status fine_step(pma_coupler *c, size_t k)
 {
     /* free problems that begin here */
-    open_steps(c);
+    pma_status status = pma_coupler_share(c, open_step, at_node);
+    if (status != PMA_OK)
+        return status;
     move_on(c);
 
     /* interface problem at the end of this fine step */
     pma_coupler_prescribe(c, k);
-    pma_status status = solve_interface(c);
+    status = solve_interface(c);
     if (status != PMA_OK)
         return status;
 
     /* link problems that end here, added */
-    status = close_steps(c);
+    status = pma_coupler_share(c, close_step, at_end);
     arrive(c);
     return status;
 }
@@ -386,6 +466,8 @@ pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *
                                const pma_poll *poll)
 {
     pma_status status = c->started ? PMA_OK : PMA_NOT_READY;
+    if (c->team && steps > 0 && status == PMA_OK)
+        status = pma_team_gather(c->team);
     for (int64_t step = 0; step < steps && status == PMA_OK; step++) {
         status = macro_step(c, record, poll);
         go_to_present(c);

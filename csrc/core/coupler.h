@@ -32,6 +32,8 @@ typedef struct {
     bool rebased;           /* (S3) after the first macro step, else the plain start */
     size_t motion_count;
     pma_motion *motions;
+    size_t threads;         /* at most so many share the work; 0 stands for 1 */
+    bool worthwhile;        /* fewer of them where they would not pay, see roster.h */
 } pma_coupler_parts;
 
 /* Asked between fine steps, when about `entries` matrix entries were read since; true: stop. */
@@ -61,7 +63,8 @@ void pma_coupler_set_motion(pma_coupler *c, size_t i, pma_load load);
 void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, const double *g);
 
 /* `steps` macro steps, recorded if record is not NULL. PMA_NOT_READY before a start,
- * PMA_NOT_FINITE (pma_coupler_unstable says where), PMA_STOPPED. Does not allocate. */
+ * PMA_NOT_FINITE (pma_coupler_unstable says where), PMA_STOPPED, and PMA_NO_THREADS before the
+ * first step. Does not allocate, but for the threads when they are not there yet. */
 pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,
                                const pma_poll *poll);
 
@@ -69,6 +72,7 @@ pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *
 void pma_coupler_record_present(const pma_coupler *c, const pma_record *record);
 
 int64_t pma_coupler_step_count(const pma_coupler *c);
+size_t pma_coupler_threads(const pma_coupler *c); /* that share the work, at least 1 */
 const double *pma_coupler_multipliers(const pma_coupler *c); /* p, of the present */
 const double *pma_coupler_prescribed(const pma_coupler *c);  /* p, g of the present */
 /* Where a value was first not finite; of several in the same fine step, the first in order. */

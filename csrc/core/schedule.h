@@ -6,6 +6,8 @@
 #define PMA_SCHEDULE_H
 
 #include "coupler.h"
+#include "roster.h"
+#include "team.h"
 
 /* Where a subdomain stands inside the macro step. */
 typedef struct {
@@ -15,7 +17,11 @@ typedef struct {
     size_t phase;           /* fine steps since that node: 0..ratio */
     size_t entries;         /* matrix entries read by one own step */
     bool doubled;
+    pma_status status;      /* what the last open or close said; written when it is not PMA_OK */
 } pma_place;
+
+/* Work to be done with one subdomain, on whatever worker has it. */
+typedef pma_status (*pma_task)(const pma_coupler *c, pma_place *at);
 
 struct pma_coupler {
     pma_coupler_parts parts;
@@ -32,6 +38,10 @@ struct pma_coupler {
     double *g_work;     /* p: of the fine step at hand */
     double *motion;     /* p: scratch */
     double *block;
+    pma_roster roster;  /* who has which subdomains */
+    pma_team *team;     /* NULL when the caller is alone */
+    pma_task task;      /* what the team is at */
+    bool (*due)(const pma_place *);
 };
 
 /* Double steps are taken from the second macro step on: they are not self-starting. */
@@ -53,6 +63,10 @@ void pma_coupler_prescribe(pma_coupler *c, size_t k);
 
 /* H lam_work := lam_work. PMA_NOT_FINITE, with the subdomain at fault found. */
 pma_status pma_coupler_solve(pma_coupler *c);
+
+/* Every worker does `task` with those it has that are `due`, worker 0 too; all wait for the last.
+ * What went wrong with the first subdomain, in order, with which it did. */
+pma_status pma_coupler_share(pma_coupler *c, pma_task task, bool (*due)(const pma_place *));
 
 /* Looks at the poll when enough entries were read since the last time. */
 bool pma_coupler_asked_to_stop(pma_coupler *c, const pma_poll *poll);

@@ -13,7 +13,8 @@
     X(PMA_NOT_DEFINITE, "a pivot is not positive")                          \
     X(PMA_NOT_READY, "the coupler has no initial state yet")                \
     X(PMA_NOT_FINITE, "a value is not finite")                              \
-    X(PMA_STOPPED, "stopped by the caller")
+    X(PMA_STOPPED, "stopped by the caller")                                 \
+    X(PMA_NO_THREADS, "the system makes no more threads")
 
 #define PMA_STATUS_ENUM(code, text) code,
 typedef enum { PMA_STATUS_LIST(PMA_STATUS_ENUM) } pma_status;

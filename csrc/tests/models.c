@@ -221,7 +221,8 @@ pma_coupler_parts describe_coupler(model *m)
     return (pma_coupler_parts){.count = m->count, .subdomains = m->subdomains, .p = m->p,
                                .H_start = make_interface(m, false), .H = make_interface(m, true),
                                .dt = m->dt, .rebased = m->rebased,
-                               .motion_count = m->motion_count, .motions = &m->motion};
+                               .motion_count = m->motion_count, .motions = &m->motion,
+                               .threads = m->threads};
 }
 
 void prescribe(const model *m, size_t k, double *g)
@@ -350,10 +351,10 @@ static void fill_loads(model *m, double scale)
                                              .rows = NODES}};
 }
 
-void make_chain(model *m, plan chosen, double scale)
+static void make_scaled_chain(model *m, plan chosen, double scale, size_t threads)
 {
     *m = (model){.count = 3, .p = 2, .dt = 0.3, .rebased = chosen.rebased,
-                 .motion_count = chosen.moved};
+                 .motion_count = chosen.moved, .threads = threads};
     m->parts[0] = (part){.n = 3, .nb = 1, .implicit = true, .doubled = chosen.A_doubled,
                          .scheme = generalized_alpha(0.5), .M = {2, 0, 0, 0, 1.5, 0, 0, 0, 1},
                          .C = {0.5, -0.25, 0, -0.25, 0.5, -0.25, 0, -0.25, 0.25},
@@ -374,6 +375,16 @@ void make_chain(model *m, plan chosen, double scale)
     }
     fill_loads(m, scale);
     make_model(m);
+}
+
+void make_chain(model *m, plan chosen, double scale)
+{
+    make_scaled_chain(m, chosen, scale, 1);
+}
+
+void make_threaded_chain(model *m, plan chosen, size_t threads)
+{
+    make_scaled_chain(m, chosen, 1.0, threads);
 }
 
 /* ---- the naive coupler: docs/method.md 5 and 6 as written ------------------------------------ */

@@ -105,6 +105,7 @@ typedef struct {
     size_t count, p, fine;
     double dt;
     bool rebased;
+    size_t threads;
 
     double H[2][CONDITIONS * CONDITIONS]; /* of the first macro step, of the later ones */
     double R[2][CONDITIONS * CONDITIONS], inverse[2][CONDITIONS];
@@ -166,6 +167,7 @@ typedef struct {
 
 /* Initial values and loads times `scale`. */
 void make_chain(model *m, plan chosen, double scale);
+void make_threaded_chain(model *m, plan chosen, size_t threads);
 
 /* everybody with another step, double steps, and a prescribed velocity between B and C */
 static const plan MIXED = {{2, 6, 3}, true, true, true, true};

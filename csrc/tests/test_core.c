@@ -21,9 +21,12 @@ static const test *const LISTS[] = {
     LOAD_TESTS,
     SUBDOMAIN_TESTS,
     RECORD_TESTS,
+    TEAM_TESTS,
+    ROSTER_TESTS,
     METHOD_TESTS,
     COUPLER_TESTS,
     STOP_TESTS,
+    THREADS_TESTS,
 };
 
 static bool passes(const test *t)

@@ -24,8 +24,11 @@ extern const test LINK_TESTS[];
 extern const test LOAD_TESTS[];
 extern const test SUBDOMAIN_TESTS[];
 extern const test RECORD_TESTS[];
+extern const test TEAM_TESTS[];
+extern const test ROSTER_TESTS[];
 extern const test METHOD_TESTS[];
 extern const test COUPLER_TESTS[];
 extern const test STOP_TESTS[];
+extern const test THREADS_TESTS[];
 
 #endif

@@ -1,0 +1,35 @@
+/* roster.h - which worker has which subdomain: decided once, from sizes alone.
+ *
+ * Everything is measured in matrix entries read, so that a roster never depends on a clock. */
+#ifndef PMA_ROSTER_H
+#define PMA_ROSTER_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "status.h"
+
+/* What there is to do for one subdomain. */
+typedef struct {
+    size_t entries;  /* read by one own step */
+    size_t substeps; /* own steps in a macro step */
+} pma_duty;
+
+/* Worker w has the subdomains order[begin[w]]..order[begin[w + 1] - 1], in ascending order. */
+typedef struct {
+    size_t workers;
+    size_t *order; /* one for each subdomain */
+    size_t *begin; /* workers + 1 */
+} pma_roster;
+
+/* What handing out work and waiting for it costs one fine step, as entries that could be read
+ * meanwhile: some microseconds, and more where threads have fallen asleep. */
+#define PMA_MEETING 20000
+
+/* At most `workers` workers, as many as there are subdomains at most; if `worthwhile`, one only
+ * unless several save a fifth of the time.                                                 (W1) */
+pma_status pma_roster_create(size_t count, const pma_duty *duties, size_t workers, bool worthwhile,
+                             pma_roster *out);
+void pma_roster_destroy(pma_roster *r); /* a zeroed one is allowed */
+
+#endif

@@ -1,0 +1,110 @@
+/* test_roster.c - who has which subdomain, from sizes alone. */
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "check.h"
+#include "roster.h"
+#include "tests.h"
+
+enum { MANY = 50 };
+
+static pma_roster made(size_t count, const pma_duty *duties, size_t workers, bool worthwhile)
+{
+    pma_roster r;
+    CHECK_STATUS(pma_roster_create(count, duties, workers, worthwhile, &r), PMA_OK);
+    return r;
+}
+
+static size_t worker_of(const pma_roster *r, size_t subdomain)
+{
+    for (size_t w = 0; w < r->workers; w++) {
+        for (size_t i = r->begin[w]; i < r->begin[w + 1]; i++) {
+            if (r->order[i] == subdomain)
+                return w;
+        }
+    }
+    return r->workers;
+}
+
+static void every_subdomain_has_one_worker_and_every_worker_a_subdomain(void)
+{
+    pma_duty duties[MANY];
+    for (size_t i = 0; i < MANY; i++)
+        duties[i] = (pma_duty){1 + (i * 17) % 23, 1 + i % 3};
+    for (size_t workers = 1; workers <= MANY + 3; workers++) {
+        pma_roster r = made(MANY, duties, workers, false);
+        size_t times[MANY] = {0};
+        CHECK_INT(r.workers, workers < MANY ? workers : MANY);
+        CHECK_INT(r.begin[0], 0);
+        CHECK_INT(r.begin[r.workers], MANY);
+        for (size_t w = 0; w < r.workers; w++)
+            CHECK(r.begin[w + 1] > r.begin[w]);
+        for (size_t i = 0; i < MANY; i++)
+            times[r.order[i]]++;
+        for (size_t i = 0; i < MANY; i++)
+            CHECK_INT(times[i], 1);
+        pma_roster_destroy(&r);
+    }
+}
+
+static void the_largest_go_to_the_least_loaded(void)
+{
+    /* 7 | 5; 5 + 4 | 7; 9 | 7 + 3 */
+    const pma_duty duties[4] = {{3, 2}, {5, 2}, {7, 2}, {4, 2}};
+    pma_roster r = made(4, duties, 2, false);
+    CHECK_INT(worker_of(&r, 2), 0);
+    CHECK_INT(worker_of(&r, 0), 0);
+    CHECK_INT(worker_of(&r, 1), 1);
+    CHECK_INT(worker_of(&r, 3), 1);
+    pma_roster_destroy(&r);
+}
+
+static void those_with_the_finest_steps_are_balanced_among_themselves(void)
+{
+    /* by size alone the two fine ones would share a worker, in all fine steps but one */
+    const pma_duty duties[3] = {{1000, 1}, {10, 20}, {12, 20}};
+    pma_roster r = made(3, duties, 2, false);
+    CHECK(worker_of(&r, 1) != worker_of(&r, 2));
+    CHECK_INT(worker_of(&r, 0), worker_of(&r, 1)); /* the smaller of them */
+    pma_roster_destroy(&r);
+}
+
+static size_t number(size_t count, const pma_duty *duties, size_t workers)
+{
+    pma_roster r = made(count, duties, workers, true);
+    const size_t workers_taken = r.workers;
+    pma_roster_destroy(&r);
+    return workers_taken;
+}
+
+static void several_are_taken_where_they_save_a_fifth(void)
+{
+    /* (W1) two of e entries: e + meeting against 2 e, so from e = meeting / 0.6 on */
+    const size_t border = (size_t)(PMA_MEETING / 0.6);
+    const pma_duty below[2] = {{border - 1, 5}, {border - 1, 5}};
+    const pma_duty above[2] = {{border + 1, 5}, {border + 1, 5}};
+    CHECK_INT(number(2, below, 2), 1);
+    CHECK_INT(number(2, above, 2), 2);
+    CHECK_INT(number(2, above, 1), 1);
+    CHECK_INT(number(2, above, 64), 2);
+    /* nothing to share: one large, one small */
+    const pma_duty alone[2] = {{100 * border, 1}, {border, 1}};
+    CHECK_INT(number(2, alone, 2), 1);
+    /* a coarse one cannot pay for the meetings of all fine steps: 3 + 3 + 20 / 10 > 0.8 (6 + 20 / 40) */
+    const pma_duty coarse[2] = {{3 * PMA_MEETING, 1}, {PMA_MEETING / 40, 20}};
+    CHECK_INT(number(2, coarse, 2), 1);
+    /* three alike for any number of workers from three on */
+    const pma_duty three[3] = {{10 * border, 1}, {10 * border, 1}, {10 * border, 1}};
+    CHECK_INT(number(3, three, 3), 3);
+    CHECK_INT(number(3, three, 8), 3);
+}
+
+/* ---- all of them ----------------------------------------------------------------------------- */
+
+const test ROSTER_TESTS[] = {
+    TEST(every_subdomain_has_one_worker_and_every_worker_a_subdomain),
+    TEST(the_largest_go_to_the_least_loaded),
+    TEST(those_with_the_finest_steps_are_balanced_among_themselves),
+    TEST(several_are_taken_where_they_save_a_fifth),
+    END_OF_TESTS,
+};

@@ -1,0 +1,293 @@
+"""Threads change nothing but the time a run takes, and leave nothing behind."""
+
+import gc
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from problems import random_problem
+
+import pmalpha as pm
+
+LINUX = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts threads in /proc")
+IMPLICIT = pm.GeneralizedAlpha(0.5)
+EXPLICIT = pm.GeneralizedAlpha(0.5, explicit=True)
+
+
+def chain(n):
+    return sp.csr_array(
+        sp.diags_array([-np.ones(n - 1), 2.0 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1])
+    )
+
+
+def row_of_parts(count=4, n=20, *, dt=0.1, force=None, **options):
+    """Chains in a row, implicit and explicit in turn, the explicit ones with ten substeps."""
+    parts = [
+        pm.Subdomain(
+            np.ones(n),
+            chain(n),
+            scheme=EXPLICIT if i % 2 else IMPLICIT,
+            substeps=10 if i % 2 else 1,
+            u0=np.sin(np.arange(i * (n - 1), (i + 1) * (n - 1) + 1.0)),
+            force=force,
+        )
+        for i in range(count)
+    ]
+    ties = [pm.tie(a, [n - 1], b, [0]) for a, b in zip(parts, parts[1:])]
+    return pm.Coupler(parts, ties, dt=dt, **options)
+
+
+def assert_same_bits(a, b):
+    for x, y in zip(a.subdomains, b.subdomains, strict=True):
+        for name in ("t", "u", "v", "a"):
+            np.testing.assert_array_equal(getattr(x, name), getattr(y, name))
+    for name in ("multipliers", "velocity_jump", "displacement_jump"):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+
+
+def tasks():
+    return len(os.listdir("/proc/self/task"))
+
+
+# ---- the same bits ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_a_run_has_the_same_bits_for_any_number_of_threads(seed):
+    alone = random_problem(seed).coupler(threads=1)
+    expected = alone.run(steps=9)
+    for threads in (2, 4):
+        coupler = random_problem(seed).coupler(threads=threads)
+        assert coupler.threads == min(threads, len(expected.subdomains))
+        assert_same_bits(coupler.run(steps=9), expected)
+
+
+@pytest.mark.parametrize("seed", range(60, 80))
+def test_steps_runs_and_resets_have_the_same_bits_too(seed):
+    alone = random_problem(seed).coupler(threads=1)
+    shared = random_problem(seed).coupler(threads=3)
+    first, second = alone.run(steps=5, every=2), alone.run(steps=4)
+    assert_same_bits(shared.run(steps=5, every=2), first)
+    for _ in range(4):
+        shared.step()
+    for i in range(len(second.subdomains)):
+        x, y = shared.state(i), alone.state(i)
+        for name in ("u", "v", "a"):
+            np.testing.assert_array_equal(getattr(x, name), getattr(y, name))
+    np.testing.assert_array_equal(shared.multipliers, alone.multipliers)
+    shared.reset()
+    assert_same_bits(shared.run(steps=5, every=2), first)
+
+
+# ---- how many ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("threads", [0, -1])
+def test_less_than_one_thread_is_refused(threads):
+    with pytest.raises(ValueError, match=f"threads must be at least 1, got {threads}"):
+        row_of_parts(threads=threads)
+
+
+@pytest.mark.parametrize("threads", [True, np.True_, 2.0, "2", [2]])
+def test_a_number_of_threads_that_is_no_int_is_refused(threads):
+    with pytest.raises(TypeError, match="threads must be a whole number, got"):
+        row_of_parts(threads=threads)
+
+
+def test_there_are_no_more_threads_than_subdomains():
+    assert row_of_parts(3, threads=10**6).threads == 3
+    assert row_of_parts(3, threads=np.int64(2)).threads == 2
+    assert row_of_parts(3, threads=1).threads == 1
+
+
+def test_small_problems_get_one_thread_and_large_ones_what_there_is(monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2}, raising=False)
+    assert row_of_parts().threads == 1
+    n = 10_000  # 12 n entries and more an own step: far above the 20 000 of a meeting (W1)
+    a, b = (pm.Subdomain(np.ones(n), chain(n), scheme=IMPLICIT) for _ in range(2))
+    assert pm.Coupler([a, b], pm.tie(a, [n - 1], b, [0]), dt=0.1).threads == 2
+    assert pm.Coupler([a], dt=0.1).threads == 1
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {5}, raising=False)
+    assert pm.Coupler([a, b], pm.tie(a, [n - 1], b, [0]), dt=0.1).threads == 1
+
+
+def test_solve_takes_a_number_of_threads_too():
+    part = pm.Subdomain([1.0], [4.0], scheme=IMPLICIT, u0=[1.0])
+    expected = pm.solve(part, 0.1, 1.0)
+    np.testing.assert_array_equal(pm.solve(part, 0.1, 1.0, threads=2).u, expected.u)
+    with pytest.raises(ValueError, match="threads must be at least 1, got 0"):
+        pm.solve(part, 0.1, 1.0, threads=0)
+
+
+# ---- they come late and go with the coupler ---------------------------------------------------
+
+
+@LINUX
+def test_threads_are_made_by_the_first_step_and_end_with_the_coupler():
+    gc.collect()  # couplers of other tests
+    before = tasks()
+    coupler = row_of_parts(threads=3)
+    assert tasks() == before
+    coupler.step()
+    assert tasks() == before + 2
+    coupler.run(steps=3)
+    assert tasks() == before + 2
+    del coupler
+    assert tasks() == before
+
+
+@LINUX
+def test_one_thread_is_no_thread():
+    gc.collect()
+    before = tasks()
+    coupler = row_of_parts(threads=1)
+    coupler.step(3)
+    assert tasks() == before
+
+
+def run_script(text, timeout=60):
+    folders = os.pathsep.join([str(Path(__file__).parent), str(Path(pm.__file__).parent.parent)])
+    return subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(text)],
+        env={**os.environ, "PYTHONPATH": folders},
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+    )
+
+
+def test_a_fork_after_use_hangs_neither_the_child_nor_the_parent():
+    done = run_script(
+        """
+        import os
+        import numpy as np
+        from test_threads import assert_same_bits, row_of_parts
+
+        expected = row_of_parts(threads=1)
+        expected.step(5)
+        expected = expected.run(steps=5)
+        coupler = row_of_parts(threads=3)
+        coupler.step(5)
+        child = os.fork()
+        assert_same_bits(coupler.run(steps=5), expected)  # both
+        if child == 0:
+            os._exit(7)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+        child = os.fork()
+        if child == 0:
+            del coupler  # without use
+            os._exit(7)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+        coupler.step(5)
+        """
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Error" not in done.stderr
+
+
+def test_an_interpreter_ends_while_a_coupler_with_threads_lives():
+    done = run_script(
+        """
+        from test_threads import row_of_parts
+        coupler = row_of_parts(threads=3)
+        coupler.step(5)
+        print("stepped")
+        """
+    )
+    assert (done.returncode, done.stdout) == (0, "stepped\n"), done.stderr
+
+
+# ---- what ends a run early --------------------------------------------------------------------
+
+
+def test_ctrl_c_ends_a_threaded_run_at_a_macro_step_and_it_goes_on():
+    child = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            textwrap.dedent(
+                """
+                import numpy as np
+                from test_threads import row_of_parts
+                coupler = row_of_parts(4, 2000, threads=3)
+                print("ready", flush=True)
+                try:
+                    coupler.run(steps=10**8, record={}, every=10**8)
+                except KeyboardInterrupt:
+                    print("interrupted", flush=True)
+                steps = coupler.step_count
+                coupler.step(3)
+                alone = row_of_parts(4, 2000, threads=1)
+                alone.step(steps + 3)
+                for i in range(4):
+                    assert np.array_equal(coupler.state(i).u, alone.state(i).u)
+                print("the same", coupler.last_history is not None)
+                """
+            ),
+        ],
+        env={
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(
+                [str(Path(__file__).parent), str(Path(pm.__file__).parent.parent)]
+            ),
+        },
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert child.stdout.readline() == "ready\n"
+        time.sleep(0.3)
+        child.send_signal(signal.SIGINT)
+        out, _ = child.communicate(timeout=60)
+    finally:
+        child.kill()
+    assert out == "interrupted\nthe same True\n"
+    assert child.returncode == 0
+
+
+def test_an_exception_in_a_load_is_that_of_one_thread():
+    def force(t):
+        if t > 0.55:
+            raise LookupError("no load")
+        return np.full(20, np.cos(t))
+
+    alone, shared = (row_of_parts(force=force, threads=threads) for threads in (1, 3))
+    for coupler in (alone, shared):
+        with pytest.raises(LookupError, match="no load"):
+            coupler.run(steps=20)
+    assert shared.step_count == alone.step_count == 5
+    assert_same_bits(shared.last_history, alone.last_history)
+
+
+def test_instability_is_that_of_one_thread():
+    seen = []
+    for threads in (1, 2, 4):
+        with pytest.warns(pm.StabilityWarning):
+            coupler = row_of_parts(dt=10.5, threads=threads)
+        with pytest.raises(pm.InstabilityError) as caught:
+            coupler.run(steps=10_000, every=10_000)
+        error = caught.value
+        seen.append((error.step, error.time, error.subdomain))
+        assert coupler.step_count == error.step
+        assert np.all(np.isfinite(coupler.state(1).u))
+    assert seen[0] == seen[1] == seen[2]
+
+
+def test_a_load_that_asks_its_coupler_gets_an_error_and_no_deadlock():
+    coupler = None
+
+    def force(t):
+        if t > 0.2:
+            coupler.step()
+        return np.zeros(20)
+
+    coupler = row_of_parts(force=force, threads=2)
+    with pytest.raises(RuntimeError, match="being stepped"):
+        coupler.run(steps=5)
