@@ -9,6 +9,7 @@ from . import analysis, export, models, plot, readers
 from .constraints import Constraint, tie
 from .coupler import Coupler, solve
 from .errors import (
+    CallbackError,
     ConstraintError,
     ConstraintWarning,
     FactorizationError,
@@ -29,6 +30,7 @@ __all__ = [
     "HHT",
     "WBZ",
     "BaseAcceleration",
+    "CallbackError",
     "CentralDifference",
     "Constraint",
     "ConstraintError",

@@ -68,6 +68,12 @@ def flag(value: Any, name: str) -> bool:
     return bool(value)
 
 
+def check_word(value: Any, name: str, words: Sequence[str]) -> None:
+    """One of these words, spelled like this."""
+    if not isinstance(value, str) or value not in words:
+        raise ValueError(f"{name} must be {' or '.join(map(repr, words))}, got {value!r}")
+
+
 def plain_array(value: Any, name: str) -> np.ndarray:
     """A value as array, with an error that names it where NumPy cannot make one."""
     if isinstance(value, np.ma.MaskedArray):

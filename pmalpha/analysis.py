@@ -86,6 +86,11 @@ def amplification_matrix(coupler: Coupler) -> AmplificationMatrix:
         ``names`` says which row is what, such as ``"u[2] of tower at n-1"``. For a double-step
         subdomain with substeps, n-1 means the own node before.
 
+    Raises
+    ------
+    ValueError
+        When a subdomain has a restoring force, which no matrix represents.
+
     Notes
     -----
     Costs one macro step for each of the N states.
@@ -104,7 +109,8 @@ def amplification_matrix(coupler: Coupler) -> AmplificationMatrix:
 
 def _propagation(coupler: Coupler) -> tuple[np.ndarray, np.ndarray]:
     """What one macro step makes of the unit states: the next states, (N, N), and Lam, (p, N)."""
-    layout = _Layout(_checked(coupler))
+    _checked(coupler)._require_linear("amplification_matrix")
+    layout = _Layout(coupler)
     G = np.empty((layout.size, layout.size))
     lam = np.empty((coupler._row_place.size, layout.size))
     with coupler._entered(), _state_kept(coupler), _unloaded(coupler):
@@ -509,8 +515,8 @@ def exact_solution(coupler: Coupler) -> Callable[[float], Instant]:
     Raises
     ------
     ValueError
-        For loads that change with time, prescribed motion, and a structure whose mass matrix is
-        singular.
+        For loads that change with time, prescribed motion, restoring forces, and a structure whose
+        mass matrix is singular.
 
     Notes
     -----
@@ -530,7 +536,8 @@ def exact_solution(coupler: Coupler) -> Callable[[float], Instant]:
     >>> bool(abs(v[0] + 2 * np.pi) < 1e-12)
     True
     """
-    with _checked(coupler)._entered():
+    _checked(coupler)._require_linear("exact_solution")
+    with coupler._entered():
         return _Exact(coupler)
 
 

@@ -19,6 +19,7 @@ from .factors import Factor, factorize, interface_block
 from .matrices import Matrix, combination, core_matrix, core_sparse, dense, permuted
 from .memory import require
 from .ordering import elimination_order
+from .restoring import core_restoring
 from .schemes import Scheme
 from .subdomain import Subdomain
 
@@ -39,7 +40,11 @@ class Part:
     nb : int
         Interface dofs, the last of the order.
     mass_factor : Factor or None
-        Of M, where Mbar is M itself: explicit and without damping.
+        Of M, where Mbar is M itself: explicit, with no damping in Mbar.
+    stiffness, damping : matrices
+        What al1 and al2 multiply in Mbar, equations (12), (R3) and (R4).
+    D_r : matrix
+        Estimate of the damping of the restoring force.
     factors : list of Factor
         Of Mbar(h) and, for a double step, of Mbar(2 h).
     """
@@ -53,6 +58,9 @@ class Part:
     M: Matrix
     K: Matrix
     C: Matrix
+    stiffness: Matrix
+    damping: Matrix
+    D_r: Matrix
     L: sp.csr_array
     nb: int
     core: Any = None
@@ -67,15 +75,13 @@ class Part:
         return f"dof {self.order[place]}"
 
     def mbar(self, h: float) -> Matrix:
-        """M + al2 C + al1 K, explicit without K, equation (12)."""
+        """M + al2 C + al1 K, explicit without K, equation (12); with estimates (R3)."""
         al1, al2 = self.subdomain.scheme.coefficients(h)
-        stiffness = 0.0 if self.subdomain.scheme.explicit else al1
-        return combination([(1.0, self.M), (al2, self.C), (stiffness, self.K)])
+        return combination([(1.0, self.M), (al2, self.damping), (al1, self.stiffness)])
 
     def diagonal_mbar(self, h: float) -> Matrix:
         """Mbar where it is diagonal, else None."""
-        stiffness = None if self.subdomain.scheme.explicit else self.K
-        plain = all(A is None or A.ndim == 1 for A in (self.M, self.C, stiffness))
+        plain = all(A is None or A.ndim == 1 for A in (self.M, self.damping, self.stiffness))
         return self.mbar(h) if plain else None
 
     def operator(self, h: float) -> tuple:
@@ -86,7 +92,7 @@ class Part:
         if not self.subdomain.scheme.explicit:
             what = f"Mbar = M + al2 C + al1 K of subdomain {self.name!r}"
         factor = factorize(self.mbar(h), what, self.dof, nb=self.nb)
-        if self.subdomain.scheme.explicit and self.C is None:
+        if self.stiffness is None and self.damping is None:
             self.mass_factor = factor
         return (h, *factor)
 
@@ -95,13 +101,23 @@ def make_part(subdomain: Subdomain, name: str, double: bool, h: float, L: sp.csr
     """Order a subdomain, interface last."""
     n = subdomain.n
     last = np.unique(L.indices).astype(np.int64)
-    stiffness = None if subdomain.scheme.explicit else subdomain.K
-    order = elimination_order(n, [subdomain.M, subdomain.C, stiffness], last)
+    stiffness, damping = subdomain.implicit_stiffness, subdomain.implicit_damping
+    order = elimination_order(n, [subdomain.M, damping, stiffness], last)
     place = np.empty(n, dtype=np.int64)
     place[order] = np.arange(n)
-    M, K, C = (permuted(A, order) for A in (subdomain.M, subdomain.K, subdomain.C))
+    matrices = (
+        permuted(A, order)
+        for A in (
+            subdomain.M,
+            subdomain.K,
+            subdomain.C,
+            stiffness,
+            damping,
+            subdomain.restoring_damping,
+        )
+    )
     conditions = sp.csr_array(L[:, order])
-    return Part(subdomain, name, double, h, order, place, M, K, C, conditions, last.size)
+    return Part(subdomain, name, double, h, order, place, *matrices, conditions, last.size)
 
 
 def core_subdomain(
@@ -114,6 +130,9 @@ def core_subdomain(
     substeps: int = 1,
     K: Matrix = None,
     C: Matrix = None,
+    restoring: tuple | None = None,
+    D_r: Matrix = None,
+    lagged: bool = False,
 ) -> Any:
     """The core's object for a part with these matrices and operators."""
     columns = sp.csc_array(L[:, part.n - part.nb :])
@@ -128,6 +147,9 @@ def core_subdomain(
         single=single,
         twice=twice,
         link=(L.shape[0], *core_sparse(columns)),
+        restoring=restoring,
+        D_r=core_matrix(D_r),
+        lagged=lagged,
     )
 
 
@@ -145,6 +167,9 @@ def build(part: Part) -> None:
         substeps=part.subdomain.substeps,
         K=part.K,
         C=part.C,
+        restoring=core_restoring(part.subdomain.restoring, part.name, part.order),
+        D_r=part.D_r,
+        lagged=part.subdomain.damping == "lagged",
     )
 
 

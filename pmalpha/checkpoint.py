@@ -25,6 +25,8 @@ from .motion import Motion
 FORMAT, VERSION = "pmalpha checkpoint", 1
 # The arrays of `nodes` of the core, for the present and for the own node before it.
 FIELDS = ("u", "v", "w", "a", "vf")
+# Of a restoring force the stiffness and the damping.
+ESTIMATES = ("restoring_stiffness", "restoring_damping")
 # More differences than these are counted only.
 SHOWN = 6
 
@@ -56,7 +58,9 @@ def constants(
             f"double step {of}": part.double,
             f"scheme {of}": [scheme.am, scheme.af, scheme.beta, scheme.gamma, scheme.explicit],
         }
-        facts |= {f"{x} {of}": checksum(getattr(s, x)) for x in "MKC"}
+        facts |= {f"{x} {of}": checksum(getattr(s, x)) for x in (*"MKC", *ESTIMATES)}
+        facts[f"damping {of}"] = s.damping
+        facts[f"restoring {of}"] = "none" if s.restoring is None else "a callable"
         facts[f"conditions on {part.name!r}"] = checksum(L)
     return facts
 

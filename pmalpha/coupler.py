@@ -12,17 +12,24 @@ from typing import Any
 import numpy as np
 
 from . import _core, checkpoint
-from ._checks import MOST, listing, positive_number, real_number, vector, whole_number
+from ._checks import (
+    MOST,
+    check_word,
+    listing,
+    positive_number,
+    real_number,
+    vector,
+    whole_number,
+)
 from .assembly import build, interface_factor, interface_matrix, make_part, row_order
 from .constraints import Constraint, RowNames, row_sizes, stacked
-from .errors import ConstraintError, ConstraintWarning, InstabilityError
+from .errors import CallbackError, ConstraintError, ConstraintWarning, InstabilityError
 from .forces import CallbackLoad, checked_force, core_load, is_callback
 from .history import History, State, SubdomainHistory, by_place, position
 from .motion import Motion
 from .progress import Report, reporting
 from .recording import Recording
 from .schedule import (
-    check_word,
     checked_constraints,
     checked_subdomains,
     double_steps,
@@ -300,9 +307,9 @@ class Coupler:
         ImportError
             For ``progress=True`` without tqdm.
 
-        Whatever a load raises reaches the caller, and so does Ctrl-C within 0.1 s or a fine step,
-        whichever is longer. After any exception the coupler stands at the last whole macro step,
-        `last_history` holds the run up to there, and it can go on.
+        Whatever a load or a restoring force raises reaches the caller, and so does Ctrl-C within
+        0.1 s or a fine step, whichever is longer. After any exception the coupler stands at the
+        last whole macro step, `last_history` holds the run up to there, and it can go on.
         """
         with self._entered():
             begin = self._steps_done()
@@ -472,6 +479,8 @@ class Coupler:
         ------
         FactorizationError
             When the structure is floating or its stiffness indefinite.
+        ValueError
+            When a subdomain has a restoring force: that equilibrium is nonlinear.
 
         Examples
         --------
@@ -481,6 +490,7 @@ class Coupler:
         >>> {name: float(u[0]) for name, u in coupler.static().items()}
         {'a': 1.0, 'b': 1.0}
         """
+        self._require_linear("static")
         with self._entered():
             loads = [self._force_at_start(i)[p.place] for i, p in enumerate(self._parts)]
             subdomains = [s for _, s in self._keys]
@@ -494,7 +504,8 @@ class Coupler:
         """One call at a time: a load that asks its own coupler would see half a step."""
         if self._busy:
             raise RuntimeError(
-                "the coupler is being stepped: a load or another thread may not ask it meanwhile"
+                "the coupler is being stepped: a load, a restoring force or another thread may not "
+                "ask it meanwhile"
             )
         self._busy = True
         try:
@@ -507,6 +518,13 @@ class Coupler:
         if self._constants is None:
             self._constants = checkpoint.constants(self._options, self._parts, self._matrices)
         return self._constants | checkpoint.loads(self._parts, self._forces, self._motions)
+
+    def _require_linear(self, what: str) -> None:
+        for name, s in self._keys:
+            if s.restoring is not None:
+                raise ValueError(
+                    f"{what} needs linear subdomains, got a restoring force on {name!r}"
+                )
 
     def _steps_done(self) -> int:
         return self._core.step_count if self._started else 0
@@ -563,7 +581,12 @@ class Coupler:
                 self._core.set_motion(i, core_load(motion.velocity, np.arange(motion.rows.size)))
 
     def _has_callables(self) -> bool:
-        return bool(self._callbacks) or not all(motion.known for motion in self._motions)
+        """Whether Python functions have a say, which only `run` and `step` may ask."""
+        return (
+            bool(self._callbacks)
+            or not all(motion.known for motion in self._motions)
+            or any(s.restoring is not None for _, s in self._keys)
+        )
 
     def _prescribed(self, name: str) -> np.ndarray:
         """g(0) or g'(0), (p,), in the user's order of rows."""
@@ -581,6 +604,13 @@ class Coupler:
             return np.zeros(part.n)
         return (force(0.0) if callable(force) else force)[part.order]
 
+    def _restoring_at_start(self, i: int, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """r(u_0, v_0, 0) of a subdomain, in elimination order."""
+        r = self._parts[i].core.restore(0.0, u, v)
+        if isinstance(r, int):
+            raise CallbackError(r, 0, 0.0, self._parts[i].name)
+        return r
+
     def _start(self) -> None:
         """Consistent initial values, if that was not done yet."""
         if self._started:
@@ -591,6 +621,9 @@ class Coupler:
         loads = [self._force_at_start(i) for i in range(len(self._parts))]
         with np.errstate(over="ignore", invalid="ignore"):  # seen below
             terms = [initial_terms(p, F, *x) for p, F, x in zip(self._parts, loads, states)]
+        for i, (part, x) in enumerate(zip(self._parts, states)):
+            if part.subdomain.restoring is not None:
+                terms[i].append(-self._restoring_at_start(i, *x))
         rows = np.argsort(self._row_place)
         g, slope = self._prescribed("value")[rows], self._prescribed("slope")[rows]
         if not all(motion.known for motion in self._motions):
@@ -658,11 +691,9 @@ class Coupler:
         record = None if recording is None else recording.core_record()
         for chunk in self._chunks(end):
             ready, failure = self._prepare(self._core.step_count, chunk)
-            unstable = self._core.advance(ready - self._core.step_count, record, report)
-            if unstable is not None:
-                step = self._core.step_count
-                names = [name for name, _ in self._keys] + ["interface"]
-                raise InstabilityError(step, self._instant(step), names[unstable])
+            failed = self._core.advance(ready - self._core.step_count, record, report)
+            if failed is not None:
+                raise self._failure(failed)
             if failure is not None:
                 raise failure
             if report is not None:
@@ -683,6 +714,15 @@ class Coupler:
             yield min(end, self._core.step_count + steps)
             seconds = perf_counter() - begin
             steps = min(2 * steps, most) if seconds < CHUNK_SECONDS else max(1, steps // 2)
+
+    def _failure(self, failed: int | tuple[int, int]) -> Exception:
+        """What became of a macro step that the core did not finish."""
+        step = self._core.step_count
+        names = [name for name, _ in self._keys] + ["interface"]
+        if isinstance(failed, tuple):
+            place, code = failed
+            return CallbackError(code, step, self._instant(step), names[place])
+        return InstabilityError(step, self._instant(step), names[failed])
 
     def _prepare(self, begin: int, end: int) -> tuple[int, BaseException | None]:
         """Ask the callables; the macro step up to which all loads are there, and why no further."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 __all__ = [
+    "CallbackError",
     "ConstraintError",
     "ConstraintWarning",
     "FactorizationError",
@@ -48,6 +49,34 @@ class InstabilityError(PmalphaError):
 
     def __reduce__(self) -> tuple:
         return type(self), (self.step, self.time, self.subdomain)
+
+
+class CallbackError(PmalphaError):
+    """A compiled function of the user's did not return 0.
+
+    Attributes
+    ----------
+    code : int
+        What it returned.
+    step : int
+        Macro step, counted from 0, in which it was asked.
+    time : float
+        The time at which that macro step begins: where the coupler stands now.
+    subdomain : str
+    """
+
+    def __init__(self, code: int, step: int, time: float, subdomain: str):
+        super().__init__(
+            f"the restoring force of subdomain {subdomain!r} returned {code} in macro step {step}, "
+            f"which begins at t = {time:g}"
+        )
+        self.code = code
+        self.step = step
+        self.time = time
+        self.subdomain = subdomain
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.code, self.step, self.time, self.subdomain)
 
 
 class StabilityWarning(UserWarning):

@@ -78,11 +78,6 @@ def checked_constraints(
     return constraints
 
 
-def check_word(value: Any, name: str, words: Sequence[str]) -> None:
-    if not isinstance(value, str) or value not in words:
-        raise ValueError(f"{name} must be {' or '.join(map(repr, words))}, got {value!r}")
-
-
 def finest(subdomains: Sequence[Subdomain]) -> int:
     """The largest number of substeps, a multiple of all."""
     fine = max(s.substeps for s in subdomains)

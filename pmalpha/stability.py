@@ -11,7 +11,7 @@ from scipy.linalg import eigh
 from scipy.sparse.linalg import ArpackNoConvergence, eigsh
 
 from .errors import StabilityWarning
-from .matrices import dense
+from .matrices import Matrix, combination, dense, product
 from .schemes import Scheme
 from .subdomain import Subdomain
 
@@ -48,8 +48,15 @@ def _is_stable(scheme: Scheme, Omega: float) -> bool:
     return bool(radius <= 1.0 + 1e-7)
 
 
+@lru_cache(maxsize=256)
+def critical_damping_product(scheme: Scheme) -> float:
+    """Z_s, the largest stable c h of lagged damping by itself, equation (C2)."""
+    ratio = (1.0 - 2.0 * scheme.af) / (1.0 - 2.0 * scheme.am) if scheme.gamma != 0.5 else 0.0
+    return 1.0 / (1.0 + (scheme.gamma - 0.5) * ratio)
+
+
 def critical_step(subdomain: Subdomain) -> float:
-    """The longest stable step of a subdomain by itself, equation (C1).
+    """The longest stable step of a subdomain by itself, equations (C1) and (C2).
 
     It limits the own step h = dt / substeps. A subdomain that takes double steps moves by 2 h: its
     own step must not exceed half of this.
@@ -69,6 +76,9 @@ def critical_step(subdomain: Subdomain) -> float:
     -----
     The largest stable omega h of the scheme, divided by the highest circular frequency of
     K x = omega^2 M x. Damping is left out; being taken implicitly, it does not lower the limit.
+    Lagged damping does: the step h is the one at which the largest eigenvalue of
+    h^2 K / Omega_s^2 + h C / Z_s with respect to M is 1. Of a restoring force the estimate K_r
+    joins K; beyond that nothing is known of it.
 
     Examples
     --------
@@ -81,25 +91,59 @@ def critical_step(subdomain: Subdomain) -> float:
     """
     if not isinstance(subdomain, Subdomain):
         raise TypeError(f"subdomain must be a Subdomain, got {subdomain!r}")
-    limit = critical_product(subdomain.scheme)
-    if np.isinf(limit) or subdomain.K is None:
+    stiffness, damping = limiting_terms(subdomain)
+    if stiffness is None and damping is None:
         return np.inf
-    omega = highest_frequency(subdomain)
-    return float(limit / omega) if omega > 0.0 else np.inf
+    if subdomain.M is None or subdomain.massless.size:
+        return 0.0
+    terms = [A for A in (stiffness, damping) if A is not None]
+    margin = 1.0 if all(_is_cheap(A, subdomain.M) for A in terms) else 1.0 + MARGIN
+    return _root(stiffness, damping, subdomain.M) / margin
+
+
+def limiting_terms(subdomain: Subdomain) -> tuple[Matrix, Matrix]:
+    """A = (K + K_r) / Omega_s^2 and B = C / Z_s if lagged: h^2 A + h B has to stay below M."""
+    Omega = critical_product(subdomain.scheme)
+    A = None if np.isinf(Omega) else combination([(1.0 / Omega**2, subdomain.tangent)])
+    if subdomain.damping != "lagged":
+        return A, None
+    return A, combination([(1.0 / critical_damping_product(subdomain.scheme), subdomain.C)])
+
+
+def _root(A: Matrix, B: Matrix, M: Matrix) -> float:
+    """The h at which the largest eigenvalue of h^2 A + h B with respect to M is 1.
+
+    For the eigenvector x at some h, a h^2 + b h = 1 with the quotients a and b of x has its root
+    above the one sought: from there on this falls, and converges quadratically; at once where one
+    of the two matrices is zero.
+    """
+    h = 1.0
+    for _ in range(100):
+        value, x = largest_eigenvalue(combination([(h, A), (1.0, B)]), M)
+        if not value > 0.0:
+            return np.inf
+        m = x @ product(M, x)
+        a, b = max(x @ product(A, x) / m, 0.0), max(x @ product(B, x) / m, 0.0)
+        before, h = h, 2.0 / (b + np.sqrt(b * b + 4.0 * a))
+        if A is None or B is None or abs(h - before) <= 1e-12 * h:
+            break
+    return float(h)
 
 
 def warn_if_above_critical(subdomain: Subdomain, step: float, label: str) -> None:
     """StabilityWarning when a step of this length is above the critical one."""
-    limit = critical_product(subdomain.scheme)
-    if np.isinf(limit) or subdomain.K is None:
+    A, B = limiting_terms(subdomain)
+    if A is None and B is None:
         return
     # the bound is cheap and nearly always enough
-    if row_sum_bound(subdomain) <= limit / step * (1.0 + ROUNDING):
+    terms = combination([(step**2, A), (step, B)])
+    if row_sum_bound(terms, subdomain.M) <= 1.0 + ROUNDING:
         return
     critical = critical_step(subdomain)
     if step <= critical * (1.0 + ROUNDING):
         return
-    damping = "" if subdomain.C is None else " (damping, which may raise it, is left out)"
+    implicit = subdomain.C is not None and subdomain.damping == "implicit"
+    damping = " (damping, which may raise it, is left out)" if implicit else ""
     warnings.warn(
         f"the step {step:g} of subdomain {label!r} is above its critical step "
         f"{critical:.6g}{damping}: the run will grow without bound; take smaller steps",
@@ -108,40 +152,49 @@ def warn_if_above_critical(subdomain: Subdomain, step: float, label: str) -> Non
     )
 
 
-def row_sum_bound(subdomain: Subdomain) -> float:
-    """An upper bound of the highest frequency, by row sums of |M^-1 K|; inf if M is no diagonal."""
-    M, K = subdomain.M, subdomain.K
+def row_sum_bound(A: Matrix, M: Matrix) -> float:
+    """An upper bound of the eigenvalues of A with respect to M, by row sums of |M^-1 A|; inf if M
+    is no diagonal."""
     if M is None or M.ndim != 1 or np.any(M == 0.0):
         return np.inf
-    rows = np.abs(K) if K.ndim == 1 else np.asarray(abs(K).sum(axis=1)).ravel()
-    return float(np.sqrt(np.max(rows / M)))
+    rows = np.abs(A) if A.ndim == 1 else np.asarray(abs(A).sum(axis=1)).ravel()
+    return float(np.max(rows / M))
 
 
-def highest_frequency(subdomain: Subdomain) -> float:
-    """Circular frequency of the highest mode; inf when a dof with stiffness has no mass."""
-    M, K, n = subdomain.M, subdomain.K, subdomain.n
-    if M is None or subdomain.massless.size:
-        return np.inf
-    if K.ndim == 1 and M.ndim == 1:
-        return float(np.sqrt(max(np.max(K / M), 0.0)))
-    if n <= SMALL or not all(sp.issparse(A) or A.ndim == 1 for A in (M, K)):
-        values = eigh(dense(K), dense(M), eigvals_only=True, subset_by_index=[n - 1, n - 1])
-        return float(np.sqrt(max(values[0], 0.0)))
-    return _lanczos(M, K) * (1.0 + MARGIN)
+def largest_eigenvalue(A: Matrix, M: Matrix) -> tuple[float, np.ndarray]:
+    """The largest eigenvalue of A x = mu M x, not below zero, and a vector x; M definite."""
+    n = A.shape[0]
+    if A.ndim == 1 and M.ndim == 1:
+        i = int(np.argmax(A / M))
+        return max(float(A[i] / M[i]), 0.0), np.eye(1, n, i)[0]
+    if _is_cheap(A, M):
+        values, x = eigh(dense(A), dense(M), subset_by_index=[n - 1, n - 1])
+        return max(float(values[0]), 0.0), x[:, 0]
+    return _lanczos(A, M)
 
 
-def _lanczos(M, K) -> float:
-    # M^-1/2 K M^-1/2 for a diagonal M: no factor, and symmetric
-    start = np.cos(np.arange(K.shape[0]))  # the same every time
-    options = dict(k=1, which="LA", tol=LANCZOS_TOLERANCE, return_eigenvectors=False, v0=start)
+def _is_cheap(A: Matrix, M: Matrix) -> bool:
+    """Whether eigenvalues come from diagonals or dense matrices, and are exact."""
+    diagonal = A.ndim == 1 and M.ndim == 1
+    return diagonal or M.shape[0] <= SMALL or not all(sp.issparse(X) or X.ndim == 1 for X in (A, M))
+
+
+def _lanczos(A: Matrix, M: Matrix) -> tuple[float, np.ndarray]:
+    # M^-1/2 A M^-1/2 for a diagonal M: no factor, and symmetric
+    n = A.shape[0]
+    start = np.cos(np.arange(n))  # the same every time
+    options = dict(k=1, which="LA", tol=LANCZOS_TOLERANCE, v0=start)
+    root = 1.0 / np.sqrt(M) if M.ndim == 1 else np.ones(n)
     try:
         if M.ndim == 1:
-            root = sp.diags_array(1.0 / np.sqrt(M))
-            A = root @ K @ root
-            value = eigsh(sp.csr_array(A), **options)
+            scale = sp.diags_array(root)
+            whole = sp.diags_array(A) if A.ndim == 1 else A
+            values, x = eigsh(sp.csr_array(scale @ whole @ scale), **options)
         else:
-            stiffness = sp.diags_array(K) if K.ndim == 1 else K
-            value = eigsh(sp.csc_array(stiffness), M=sp.csc_array(M), **options)
+            whole = sp.diags_array(A) if A.ndim == 1 else A
+            values, x = eigsh(sp.csc_array(whole), M=sp.csc_array(M), **options)
     except ArpackNoConvergence as error:
-        value = error.eigenvalues
-    return float(np.sqrt(max(np.max(value, initial=0.0), 0.0)))
+        values, x = error.eigenvalues, error.eigenvectors
+    if values.size == 0:
+        return 0.0, start
+    return float(max(values[0], 0.0)), root * x[:, 0]

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ._checks import flag, listing, vector, whole_number
+from ._checks import check_word, flag, listing, vector, whole_number
 from .errors import FactorizationError
 from .forces import checked_force
-from .matrices import Matrix, canonical, diagonal
+from .matrices import Matrix, canonical, combination, diagonal
+from .restoring import Restoring, checked_restoring
 from .schemes import Scheme
 
 __all__ = ["Subdomain"]
@@ -19,7 +20,7 @@ UNDAMPED = 1.0 - 1e-9
 
 
 class Subdomain:
-    """One subdomain of the coupled problem (1): M w + C v + K u = F(t) + L^T Lam.
+    """One subdomain of the coupled problem (1): M w + C v + K u + r(u, v, t) = F(t) + L^T Lam.
 
     Units are any consistent set. The arrays are copied; a `Coupler` does not change a subdomain,
     so that the same one can stand in several couplers.
@@ -29,7 +30,8 @@ class Subdomain:
     M, K : (n,) array, (n, n) array or scipy.sparse matrix or array
         Mass and stiffness. A 1-D array is a diagonal. Symmetric; M positive semidefinite, and
         positive definite for an explicit scheme. A dof without mass is a zero row and column of M;
-        only an implicit scheme that damps at infinite frequency takes it.
+        only an implicit scheme that damps at infinite frequency takes it. K may be None where there
+        is a restoring force.
     C : like M and K, optional
         Viscous damping, symmetric. Default: none.
     scheme : Scheme
@@ -44,6 +46,19 @@ class Subdomain:
     force : (n,) array, callable, `SampledForce` or `BaseAcceleration`, optional
         External load, evaluated at the end of each own step. A callable ``f(t) -> (n,)`` is asked
         ahead of the run, once for each own step in the order of time, and once at t = 0.
+    restoring : callable, optional
+        A further force ``r(u, v, t) -> (n,)`` beside K u + C v, such as a nonlinear element or a
+        specimen in a test rig, equation (R2). It is asked once for the initial accelerations, then
+        exactly once for each own step, in the order of time, with the displacement that the step
+        predicts and an extrapolated velocity; after an exception those of the macro step that it
+        ended are asked again. u and v are copies.
+    restoring_stiffness, restoring_damping : like M and K, optional
+        Estimates K_r, D_r of the stiffness and damping of the restoring force. An implicit
+        subdomain is stable at any step if K_r is at least the tangent stiffness; an explicit one
+        needs K_r only for its critical step. Default: zero.
+    damping : {"implicit", "lagged"}, default "implicit"
+        "lagged": C acts on the extrapolated velocity, equation (R4), so that an explicit subdomain
+        whose C is not diagonal needs no factor. The critical step is smaller, equation (C2).
     u0, v0 : (n,) array, optional
         Initial displacement and velocity. Default: zero.
     name : str, optional
@@ -53,7 +68,8 @@ class Subdomain:
     ------
     TypeError, ValueError
         For complex, unsymmetric or infinite entries, shapes that do not agree, a scheme or force
-        of the wrong kind, dofs without mass under a scheme that does not damp them.
+        of the wrong kind, dofs without mass under a scheme that does not damp them, estimates
+        without a restoring force. What a restoring force returns is checked when it is asked.
     FactorizationError
         For a dof without mass in an explicit subdomain.
 
@@ -64,6 +80,13 @@ class Subdomain:
     ...                   scheme=GeneralizedAlpha(0.5), name="tower")
     >>> tower.n
     2
+
+    A Duffing oscillator, explicit:
+
+    >>> duffing = Subdomain([1.0], None, scheme=CentralDifference(), v0=[1.0],
+    ...                     restoring=lambda u, v, t: u + u**3)
+    >>> float(np.round(solve(duffing, dt=0.001, t_end=1.0).u[-1, 0], 4))
+    0.8044
     """
 
     M: Matrix
@@ -80,6 +103,10 @@ class Subdomain:
         substeps: int = 1,
         double_step: bool | None = None,
         force: Any = None,
+        restoring: Any = None,
+        restoring_stiffness: Any = None,
+        restoring_damping: Any = None,
+        damping: str = "implicit",
         u0: Any = None,
         v0: Any = None,
         name: str | None = None,
@@ -88,16 +115,21 @@ class Subdomain:
             raise TypeError(f"scheme must be a pmalpha scheme, got {scheme!r}")
         if name is not None and not (isinstance(name, str) and name):
             raise TypeError(f"name must be a string that is not empty, got {name!r}")
-        if M is None or K is None:
+        if M is None or K is None and restoring is None:
             raise TypeError(f"{'M' if M is None else 'K'} must be a matrix, got None")
+        check_word(damping, "damping", ("implicit", "lagged"))
         self.scheme = scheme
         self.substeps = whole_number(substeps, "substeps", low=1)
         self.double_step = None if double_step is None else flag(double_step, "double_step")
         self.name = name
         self.M, self.n = canonical(M, "M")
-        self.K, _ = canonical(K, "K", self.n)
-        self.C = None if C is None else canonical(C, "C", self.n)[0]
+        self.K = self._matrix(K, "K")
+        self.C = self._matrix(C, "C")
+        self.damping = damping
         self.force = checked_force(force, self.n)
+        self.restoring: Restoring = checked_restoring(restoring)
+        self.restoring_stiffness = self._estimate(restoring_stiffness, "restoring_stiffness")
+        self.restoring_damping = self._estimate(restoring_damping, "restoring_damping")
         self.u0 = self._initial(u0, "u0")
         self.v0 = self._initial(v0, "v0")
         self._check_mass()
@@ -113,6 +145,30 @@ class Subdomain:
             return np.arange(self.n)
         # in a semidefinite matrix a zero on the diagonal means a zero row
         return np.flatnonzero(diagonal(self.M) == 0.0)
+
+    @property
+    def tangent(self) -> Matrix:
+        """K + K_r, the stiffness as far as it is known."""
+        return combination([(1.0, self.K), (1.0, self.restoring_stiffness)])
+
+    @property
+    def implicit_stiffness(self) -> Matrix:
+        """What al1 multiplies in Mbar: K + K_r, and nothing in an explicit subdomain (R3)."""
+        return None if self.scheme.explicit else self.tangent
+
+    @property
+    def implicit_damping(self) -> Matrix:
+        """What al2 multiplies in Mbar: C + D_r (R3), without C where it is lagged (R4)."""
+        C = None if self.damping == "lagged" else self.C
+        return combination([(1.0, C), (1.0, self.restoring_damping)])
+
+    def _matrix(self, value: Any, name: str) -> Matrix:
+        return None if value is None else canonical(value, name, self.n)[0]
+
+    def _estimate(self, value: Any, name: str) -> Matrix:
+        if value is not None and self.restoring is None:
+            raise ValueError(f"{name} must come with a restoring force, got restoring=None")
+        return self._matrix(value, name)
 
     def _initial(self, value: Any, name: str) -> np.ndarray:
         return np.zeros(self.n) if value is None else vector(value, self.n, name)
@@ -137,6 +193,11 @@ class Subdomain:
             raise FactorizationError(
                 f"{label} is explicit and its mass matrix singular: dofs {listing(massless)} "
                 "have no mass; give them mass or take an implicit scheme"
+            )
+        if self.damping == "lagged":
+            raise ValueError(
+                f"damping must be 'implicit' where dofs have no mass, got 'lagged' and no mass at "
+                f"dofs {listing(massless)} of {label}"
             )
         if self.scheme.radius_at_infinity() > UNDAMPED:
             raise ValueError(

@@ -53,6 +53,10 @@ class Part:
     reference_force: object = None
     u0: np.ndarray = field(default=None)
     v0: np.ndarray = field(default=None)
+    restoring: object = None
+    K_r: np.ndarray | None = None
+    D_r: np.ndarray | None = None
+    lagged: bool = False
 
 
 @dataclass
@@ -93,6 +97,10 @@ def _subdomain(part):
         substeps=part.substeps,
         double_step=part.double,
         force=part.force,
+        restoring=part.restoring,
+        restoring_stiffness=part.K_r,
+        restoring_damping=part.D_r,
+        damping="lagged" if part.lagged else "implicit",
         u0=part.u0,
         v0=part.v0,
     )
@@ -112,6 +120,10 @@ def _reference_part(part, double):
         substeps=part.substeps,
         double=double,
         force=part.reference_force,
+        restoring=part.restoring,
+        K_r=part.K_r,
+        D_r=part.D_r,
+        lagged=part.lagged,
         u0=part.u0,
         v0=part.v0,
     )
@@ -135,6 +147,30 @@ def random_problem(seed):
         _set_initial_state(rng, parts, L)
     start = "plain" if rng.random() < 0.3 else "rebased"
     return Problem(parts, L, 0.05, start, "gc" if rng.random() < 0.25 else "pm")
+
+
+def random_restored_problem(seed):
+    """The same, with restoring forces, estimates for some of them, and lagged damping."""
+    problem = random_problem(seed)
+    rng = np.random.default_rng([seed, 1])
+    for part in problem.parts:
+        massless = np.diag(part.M) == 0.0
+        part.lagged = bool(rng.random() < 0.5) and not massless.any()
+        if rng.random() < 0.7:
+            _set_random_restoring(rng, part, massless)
+    return problem
+
+
+def _set_random_restoring(rng, part, massless):
+    G = rng.normal(size=(len(part.M), 2))
+    G[massless] = 0.0  # its equation must hold at t = 0
+    part.restoring = lambda u, v, t: (
+        G @ (4.0 * np.tanh(G.T @ u) + 0.2 * np.cos(t) * (G.T @ v) + 0.5 * np.sin(t))
+    )
+    if rng.random() < 0.5:
+        part.K_r = 3.0 * G @ G.T
+    if rng.random() < 0.5:
+        part.D_r = 0.1 * G @ G.T
 
 
 def _random_part(rng, substeps, double):

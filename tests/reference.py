@@ -17,6 +17,7 @@ and our own labels where it has none:
     (P1)  am, af, beta, gamma from rho           (S2)  free velocity stored at t = 0
     (P2)  al1, al2                               (S3)  free velocity re-based after the start
     (S1)  consistent initial w and Lam           (T1)  instants t = (k / max(ss)) dt
+    (R1)  extrapolated velocity                  (R2) (R3) (R4)  restoring force, lagged damping
 
 Symbols: u, v, w displacement, velocity, acceleration; a the acceleration-like variable of the
 scheme; h an own step; dt the macro step; ss own steps in it; Lam the interface forces.
@@ -60,7 +61,7 @@ def alpha(rho, explicit=False):
 
 @dataclass
 class Part:
-    """One subdomain: M w + C v + K u = F(t) + L^T Lam, and how it is stepped (1).
+    """One subdomain: M w + C v + K u + r(u, v, t) = F(t) + L^T Lam, and how it is stepped (1).
 
     The default scheme is the trapezoidal rule; `Part(M, K, **alpha(0.5), substeps=20)` is
     generalized-alpha, `beta=0.0, explicit=True` the central difference.
@@ -80,6 +81,12 @@ class Part:
         From the second macro step on, step from t_{n-1} to t_{n+1} with 2 h ("pm").
     force : callable or None
         F(t) -> (n,).
+    restoring : callable or None
+        r(u, v, t) -> (n,).
+    K_r, D_r : (n, n) ndarray or None
+        Estimates of its stiffness and damping (R2).
+    lagged : bool
+        C acts on vs, outside Mbar (R4).
     u0, v0 : (n,) ndarray or None
         State at t = 0, zero if None.
     """
@@ -95,12 +102,18 @@ class Part:
     substeps: int = 1
     double: bool = False
     force: Callable[[float], np.ndarray] | None = None
+    restoring: Callable[[np.ndarray, np.ndarray, float], np.ndarray] | None = None
+    K_r: np.ndarray | None = None
+    D_r: np.ndarray | None = None
+    lagged: bool = False
     u0: np.ndarray | None = None
     v0: np.ndarray | None = None
 
     def __post_init__(self):
         n = len(self.M)
         self.C = np.zeros((n, n)) if self.C is None else self.C
+        self.K_r = np.zeros((n, n)) if self.K_r is None else self.K_r
+        self.D_r = np.zeros((n, n)) if self.D_r is None else self.D_r
         self.u0 = np.zeros(n) if self.u0 is None else np.array(self.u0, dtype=float)
         self.v0 = np.zeros(n) if self.v0 is None else np.array(self.v0, dtype=float)
 
@@ -108,12 +121,17 @@ class Part:
         """F(t), shape (n,)."""
         return np.zeros(len(self.M)) if self.force is None else self.force(t)
 
+    def restore(self, u, v, t):
+        """r(u, v, t), shape (n,)."""
+        return np.zeros(len(self.M)) if self.restoring is None else self.restoring(u, v, t)
+
     def mbar(self, h):
-        """Matrix in front of w_1 for an own step h, shape (n, n) (12)."""
+        """Matrix in front of w_1 for an own step h, shape (n, n) (12) (R3) (R4)."""
         al1, al2 = coefficients(self, h)
+        C = 0.0 * self.C if self.lagged else self.C
         if self.explicit:
-            return self.M + al2 * self.C
-        return self.M + al2 * self.C + al1 * self.K
+            return self.M + al2 * (C + self.D_r)
+        return self.M + al2 * (C + self.D_r) + al1 * (self.K + self.K_r)
 
 
 def coefficients(part, h):
@@ -185,8 +203,12 @@ class Step:
         """Free problem from the node `old` to t1 = old.t + h (13)."""
         part = self.part
         ut, vt = predictors(part, old, self.h)
-        # (7) (10) (11)  Mbar wf = F(t1) - C vt - K ut
-        wf = self.solve(part.load(t1) - part.C @ vt - part.K @ ut)
+        # (R1)  vs = v + h w
+        vs = old.v + self.h * old.w
+        # (7) (10) (11) (R3)  Mbar wf = F(t1) - C vt - K ut - r(ut, vs, t1) - D_r (vt - vs)
+        damped = part.C @ (vs if part.lagged else vt)  # (R4)
+        r = part.restore(ut, vs, t1) + part.D_r @ (vt - vs)
+        wf = self.solve(part.load(t1) - damped - part.K @ ut - r)
         # (8)  uf = ut + al1 wf, vf = vt + al2 wf
         return Free(old, t1, u=ut + self.al1 * wf, v=vt + self.al2 * wf, w=wf)
 
@@ -217,7 +239,8 @@ class Step:
 def initial_accelerations(parts, L):
     """Consistent initial accelerations and multipliers (S1).
 
-    M_i w_i - L_i^T Lam = F_i(0) - C_i v_i - K_i u_i and sum_i L_i w_i = 0, all parts at once.
+    M_i w_i - L_i^T Lam = F_i(0) - C_i v_i - K_i u_i - r_i(u_i, v_i, 0) and sum_i L_i w_i = 0, all
+    parts at once.
     Massless dofs of which no equation determines w get w = 0: the null space of the matrix is
     {w: M w = 0, L w = 0} (Lam is unique), so the minimum-norm solution leaves just that out.
     The scaling (unit diagonal of M, unit rows of L) keeps small masses apart from no mass; it
@@ -231,7 +254,9 @@ def initial_accelerations(parts, L):
     M = scipy.linalg.block_diag(*(part.M for part in parts))
     Lall = np.hstack(L)
     p, n = Lall.shape
-    g = np.concatenate([q.load(0.0) - q.C @ q.v0 - q.K @ q.u0 for q in parts])
+    g = np.concatenate(
+        [q.load(0.0) - q.C @ q.v0 - q.K @ q.u0 - q.restore(q.u0, q.v0, 0.0) for q in parts]
+    )
 
     # z = d w and y = Lam / c are what is solved for
     mass = np.diag(M)

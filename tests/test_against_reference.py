@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from problems import random_problem
+from problems import random_problem, random_restored_problem
 
 # The two programs do the same sums in another order, over some hundred steps of stable schemes:
 # rounding, 2e-16, grows by the condition of Mbar and H (up to 1e4 here) and the number of steps.
@@ -16,7 +16,15 @@ def largest(x):
 
 @pytest.mark.parametrize("seed", range(120))
 def test_core_and_reference_agree_on_a_random_problem(seed):
-    problem = random_problem(seed)
+    assert_agreement(random_problem(seed))
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_core_and_reference_agree_on_a_random_problem_with_restoring_forces(seed):
+    assert_agreement(random_restored_problem(seed))
+
+
+def assert_agreement(problem):
     coupler = problem.coupler()
     expected = problem.reference(STEPS, [part.double for part in coupler._parts])
     history = coupler.run(steps=STEPS)

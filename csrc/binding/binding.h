@@ -79,6 +79,9 @@ int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, Py
  * Returns a new list of the arrays behind it, or NULL. */
 PyObject *pma_take_load(PyObject *obj, pma_load *load);
 
+/* None, or (f, order): f is a callable f(u, v, t) -> (n,) array in the user's order of dofs */
+int pma_take_restoring(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring *out);
+
 /* A new array of length n with a copy of x, or NULL. */
 PyObject *pma_new_vector(npy_intp n, const double *x);
 

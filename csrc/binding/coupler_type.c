@@ -321,7 +321,21 @@ static int check_tables(CouplerObject *self, int64_t steps)
     return all ? 0 : -1;
 }
 
-/* advance(steps, record, report=None): None, or the index of the subdomain that became unstable */
+/* The index of the subdomain that became unstable, or (index, code) of the one whose function
+ * returned a code; NULL with the exception that stands for any other status. */
+static PyObject *failure(CouplerObject *self, pma_status status)
+{
+    const size_t i = pma_coupler_failed(self->core);
+    if (status == PMA_NOT_FINITE)
+        return PyLong_FromSsize_t(i == PMA_INTERFACE ? PyTuple_GET_SIZE(self->subdomains)
+                                                     : (Py_ssize_t)i);
+    if (status != PMA_RESTORING_FAILED || PyErr_Occurred())
+        return pma_raise(status, "advance");
+    const int code = pma_subdomain_code(subdomain_of(self, (Py_ssize_t)i)->core);
+    return Py_BuildValue("(ni)", (Py_ssize_t)i, code);
+}
+
+/* advance(steps, record, report=None): None, or what failed */
 static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
 {
     long long steps;
@@ -349,15 +363,7 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
     status = pma_coupler_advance(self->core, steps, obj == Py_None ? NULL : &record, &poll);
     pma_watch_end(&watch);
 
-    if (status == PMA_OK) {
-        result = Py_NewRef(Py_None);
-    } else if (status == PMA_NOT_FINITE) {
-        const size_t i = pma_coupler_unstable(self->core);
-        result = PyLong_FromSsize_t(i == PMA_INTERFACE ? PyTuple_GET_SIZE(self->subdomains)
-                                                       : (Py_ssize_t)i);
-    } else {
-        pma_raise(status, "advance");
-    }
+    result = status == PMA_OK ? Py_NewRef(Py_None) : failure(self, status);
 done:
     PyMem_Free(record.nodes);
     leave(self);
@@ -459,8 +465,9 @@ static PyMethodDef coupler_methods[] = {
     {"set_motion", (PyCFunction)coupler_set_motion, METH_VARARGS,
      "set_motion(i, load): the velocity of a prescribed motion, in the forms of a load"},
     {"advance", (PyCFunction)coupler_advance, METH_VARARGS,
-     "advance(steps, record, report=None): None, or the index of the subdomain that became "
-     "unstable; report(step_count) is called about every 50 ms"},
+     "advance(steps, record, report=None): None; the index of the subdomain that became unstable; "
+     "or (index, code) of the one whose restoring force returned a code; report(step_count) is "
+     "called about every 50 ms"},
     {"record_present", (PyCFunction)coupler_record_present, METH_O,
      "record_present(record): the present into row 0"},
     {NULL, NULL, 0, NULL},

@@ -55,14 +55,15 @@ static int take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out)
 
 static int take_parts(PyObject *args, PyObject *kwargs, PyObject *arrays, pma_parts *parts)
 {
-    static char *names[] = {"n",      "nb",     "substeps", "K",    "C",
-                            "scheme", "single", "twice",    "link", NULL};
+    static char *names[] = {"n",     "nb",   "substeps",  "K",   "C",      "scheme", "single",
+                            "twice", "link", "restoring", "D_r", "lagged", NULL};
     Py_ssize_t n, nb, substeps;
-    PyObject *K, *C, *single, *twice, *link;
+    PyObject *K, *C, *single, *twice, *link, *restoring = Py_None, *D_r = Py_None;
     pma_scheme scheme;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "nnnOO(dddd)OOO", names, &n, &nb, &substeps, &K,
-                                     &C, &scheme.am, &scheme.af, &scheme.beta, &scheme.gamma,
-                                     &single, &twice, &link))
+    int lagged = 0;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "nnnOO(dddd)OOO|OOp", names, &n, &nb, &substeps,
+                                     &K, &C, &scheme.am, &scheme.af, &scheme.beta, &scheme.gamma,
+                                     &single, &twice, &link, &restoring, &D_r, &lagged))
         return -1;
     if (n < 1 || nb < 0 || nb > n || substeps < 1) {
         PyErr_SetString(PyExc_ValueError, "need 1 <= n, 0 <= nb <= n and 1 <= substeps");
@@ -70,6 +71,10 @@ static int take_parts(PyObject *args, PyObject *kwargs, PyObject *arrays, pma_pa
     }
     *parts = (pma_parts){.n = (size_t)n, .nb = (size_t)nb, .substeps = (size_t)substeps};
     parts->doubled = twice != Py_None;
+    parts->lagged = lagged;
+    if (pma_take_restoring(restoring, n, arrays, &parts->restoring) < 0 ||
+        pma_take_matrix(D_r, n, "D_r", arrays, &parts->D_r) < 0)
+        return -1;
     if (pma_take_matrix(K, n, "K", arrays, &parts->K) < 0 ||
         pma_take_matrix(C, n, "C", arrays, &parts->C) < 0 ||
         take_operator(single, scheme, parts, "single", arrays, &parts->single) < 0 ||
@@ -167,6 +172,30 @@ static PyObject *subdomain_state(SubdomainObject *self, PyObject *Py_UNUSED(igno
     const npy_intp n = (npy_intp)pma_subdomain_parts(self->core)->n;
     return Py_BuildValue("(NNN)", pma_new_vector(n, x->u), pma_new_vector(n, x->v),
                          pma_new_vector(n, x->w));
+}
+
+/* restore(t, u, v): r(u, v, t), or the code that the function returned */
+static PyObject *subdomain_restore(SubdomainObject *self, PyObject *args)
+{
+    double t;
+    PyObject *u_obj, *v_obj;
+    const double *u, *v;
+    npy_intp n = (npy_intp)pma_subdomain_parts(self->core)->n;
+    if (!PyArg_ParseTuple(args, "dOO", &t, &u_obj, &v_obj) || is_busy(self) ||
+        pma_take_doubles(u_obj, n, "u", NULL, &u) < 0 ||
+        pma_take_doubles(v_obj, n, "v", NULL, &v) < 0)
+        return NULL;
+    PyObject *r = PyArray_SimpleNew(1, &n, NPY_DOUBLE);
+    if (!r)
+        return NULL;
+    self->busy = true;
+    const pma_status status =
+        pma_subdomain_restore(self->core, t, u, v, PyArray_DATA((PyArrayObject *)r));
+    self->busy = false;
+    if (status == PMA_OK)
+        return r;
+    Py_DECREF(r);
+    return PyErr_Occurred() ? NULL : PyLong_FromLong(pma_subdomain_code(self->core));
 }
 
 /* ---- the whole state: (u, v, w, a, vf), and the same of the own node before if double ------ */
@@ -294,6 +323,8 @@ static PyMethodDef subdomain_methods[] = {
      "set_load(None | f | (values, shape, dt, hold) | (rows, first))"},
     {"start", (PyCFunction)subdomain_start, METH_VARARGS, "start(u, v, w, lam): state at t = 0"},
     {"state", (PyCFunction)subdomain_state, METH_NOARGS, "state() -> (u, v, w), copies"},
+    {"restore", (PyCFunction)subdomain_restore, METH_VARARGS,
+     "restore(t, u, v) -> r(u, v, t), or the code that the function returned"},
     {"nodes", (PyCFunction)subdomain_nodes, METH_NOARGS,
      "nodes() -> (u, v, w, a, vf), and the same of the own node before if double; copies"},
     {"set_nodes", (PyCFunction)subdomain_set_nodes, METH_O, "set_nodes(nodes): the inverse"},
@@ -303,7 +334,8 @@ static PyMethodDef subdomain_methods[] = {
 };
 
 static PyType_Slot subdomain_slots[] = {
-    {Py_tp_doc, "Subdomain(n, nb, substeps, K, C, scheme, single, twice, link)\n\n"
+    {Py_tp_doc, "Subdomain(n, nb, substeps, K, C, scheme, single, twice, link, restoring=None, "
+                "D_r=None, lagged=False)\n\n"
                 "One subdomain as the core steps it, in elimination order."},
     {Py_tp_new, subdomain_new},
     {Py_tp_traverse, subdomain_traverse},

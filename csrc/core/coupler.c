@@ -68,6 +68,12 @@ static void lay_out(pma_coupler *c, pma_subdomain *const *subdomains, const pma_
     c->motion = c->block + 4 * p;
 }
 
+static bool for_caller(const pma_coupler *c, size_t i)
+{
+    const pma_parts *parts = pma_subdomain_parts(c->places[i].subdomain);
+    return parts->restoring.function && parts->restoring.by_caller;
+}
+
 /* Who does what, and a team of so many. */
 static pma_status hire(pma_coupler *c)
 {
@@ -76,7 +82,7 @@ static pma_status hire(pma_coupler *c)
     if (!duties)
         return PMA_NO_MEMORY;
     for (size_t i = 0; i < c->parts.count; i++)
-        duties[i] = (pma_duty){c->places[i].entries, c->places[i].substeps};
+        duties[i] = (pma_duty){c->places[i].entries, c->places[i].substeps, for_caller(c, i)};
     const pma_status status = pma_roster_create(c->parts.count, duties, most > 0 ? most : 1,
                                                 c->parts.worthwhile, &c->roster);
     free(duties);
@@ -164,9 +170,9 @@ const double *pma_coupler_prescribed(const pma_coupler *c)
     return c->g;
 }
 
-size_t pma_coupler_unstable(const pma_coupler *c)
+size_t pma_coupler_failed(const pma_coupler *c)
 {
-    return c->unstable;
+    return c->failed;
 }
 
 const pma_coupler_parts *pma_coupler_get_parts(const pma_coupler *c)
@@ -176,14 +182,18 @@ const pma_coupler_parts *pma_coupler_get_parts(const pma_coupler *c)
 
 /* ---- sharing the work ------------------------------------------------------------------------ */
 
+/* The first that goes wrong ends a worker's share. Shares are in ascending order, so that what went
+ * wrong first of all is found whoever has it. */
 static void work_through(void *ctx, size_t worker)
 {
     const pma_coupler *c = ctx;
     for (size_t i = c->roster.begin[worker]; i < c->roster.begin[worker + 1]; i++) {
         pma_place *at = &c->places[c->roster.order[i]];
         const pma_status status = c->due(at) ? c->task(c, at) : PMA_OK;
-        if (status != PMA_OK)
+        if (status != PMA_OK) {
             at->status = status;
+            return;
+        }
     }
 }
 
@@ -205,7 +215,7 @@ static pma_status take_status(pma_coupler *c)
             continue;
         first = c->places[i].status;
         c->places[i].status = PMA_OK;
-        c->unstable = i;
+        c->failed = i;
     }
     return first;
 }
@@ -241,8 +251,7 @@ static pma_status open_step(const pma_coupler *c, pma_place *at)
 {
     const double t1 = pma_instant(c, at->j + 1, at->substeps);
     const int64_t step = c->step_count * (int64_t)at->substeps + (int64_t)at->j;
-    pma_subdomain_open(at->subdomain, at->j, pma_is_double(c, at), t1, step);
-    return PMA_OK;
+    return pma_subdomain_open(at->subdomain, at->j, pma_is_double(c, at), t1, step);
 }
 
 /* One fine step later: everybody stands in or at the end of an own step. */
@@ -284,7 +293,7 @@ pma_status pma_coupler_solve(pma_coupler *c)
     c->unpolled += c->interface_entries;
     for (size_t row = 0; row < c->parts.p; row++) {
         if (!isfinite(c->lam_work[row])) {
-            c->unstable = find_unstable(c);
+            c->failed = find_unstable(c);
             return PMA_NOT_FINITE;
         }
     }

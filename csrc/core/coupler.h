@@ -48,7 +48,7 @@ typedef struct pma_coupler pma_coupler;
 /* Macro steps that can be counted: up to here a double counts them exactly too. */
 #define PMA_MOST_STEPS ((int64_t)1 << 53)
 
-/* `subdomain` of pma_coupler_unstable when it was the interface problem itself. */
+/* What pma_coupler_failed returns when it was the interface problem itself. */
 #define PMA_INTERFACE SIZE_MAX
 
 pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out);
@@ -63,8 +63,9 @@ void pma_coupler_set_motion(pma_coupler *c, size_t i, pma_load load);
 void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, const double *g);
 
 /* `steps` macro steps, recorded if record is not NULL. PMA_NOT_READY before a start,
- * PMA_NOT_FINITE (pma_coupler_unstable says where), PMA_STOPPED, and PMA_NO_THREADS before the
- * first step. Does not allocate, but for the threads when they are not there yet. */
+ * PMA_NOT_FINITE and PMA_RESTORING_FAILED (pma_coupler_failed says where), PMA_STOPPED, and
+ * PMA_NO_THREADS before the first step. Does not allocate, but for the threads when they are not
+ * there yet. */
 pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,
                                const pma_poll *poll);
 
@@ -75,8 +76,9 @@ int64_t pma_coupler_step_count(const pma_coupler *c);
 size_t pma_coupler_threads(const pma_coupler *c); /* that share the work, at least 1 */
 const double *pma_coupler_multipliers(const pma_coupler *c); /* p, of the present */
 const double *pma_coupler_prescribed(const pma_coupler *c);  /* p, g of the present */
-/* Where a value was first not finite; of several in the same fine step, the first in order. */
-size_t pma_coupler_unstable(const pma_coupler *c);
+/* The subdomain whose function failed, or where a value was first not finite; of several in the
+ * same fine step, the first in order. */
+size_t pma_coupler_failed(const pma_coupler *c);
 /* As given, but without the list of subdomains, which the coupler keeps in its own way. */
 const pma_coupler_parts *pma_coupler_get_parts(const pma_coupler *c);
 

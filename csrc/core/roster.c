@@ -14,11 +14,14 @@ static int compare(size_t x, size_t y)
     return (x > y) - (x < y);
 }
 
-/* Those with the finest steps first, the largest of them first, equal ones as they stand. */
+/* Those with the finest steps first; of them the caller's, then the largest first, equal ones as
+ * they stand. */
 static int by_size(const void *x, const void *y)
 {
     const entrant *a = x, *b = y;
     int order = compare(b->duty.substeps, a->duty.substeps);
+    if (order == 0)
+        order = compare(b->duty.by_caller, a->duty.by_caller);
     if (order == 0)
         order = compare(b->duty.entries, a->duty.entries);
     return order != 0 ? order : compare(a->subdomain, b->subdomain);
@@ -46,8 +49,9 @@ static double largest(const double *load, size_t workers)
     return most;
 }
 
-/* Everybody to the least loaded worker. What a fine step takes is the load of the busiest worker,
- * counted over those that have a node there, that is about all that are not coarser:
+/* Everybody to the least loaded worker, but to worker 0 what the caller has to do. What a fine step
+ * takes is the load of the busiest worker, counted over those that have a node there, that is about
+ * all that are not coarser:
  *
  *     cost = sum_c (s_c - s_{c+1}) max_w load_w(c) + meetings                             (W1)
  *
@@ -59,7 +63,7 @@ static double assign(size_t count, entrant *list, size_t workers, double *load)
     memset(load, 0, workers * sizeof *load);
     for (size_t i = 0; i < count; i++) {
         const size_t coarser = i + 1 < count ? list[i + 1].duty.substeps : 0;
-        list[i].worker = least_loaded(load, workers);
+        list[i].worker = list[i].duty.by_caller ? 0 : least_loaded(load, workers);
         load[list[i].worker] += (double)list[i].duty.entries;
         cost += (double)(list[i].duty.substeps - coarser) * largest(load, workers);
     }

@@ -13,6 +13,7 @@
 typedef struct {
     size_t entries;  /* read by one own step */
     size_t substeps; /* own steps in a macro step */
+    bool by_caller;  /* worker 0 has to do it */
 } pma_duty;
 
 /* Worker w has the subdomains order[begin[w]]..order[begin[w + 1] - 1], in ascending order. */

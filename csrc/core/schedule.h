@@ -29,7 +29,7 @@ struct pma_coupler {
     size_t fine;        /* interface problems in a macro step */
     int64_t step_count; /* macro steps done */
     bool started;
-    size_t unstable;
+    size_t failed;
     size_t unpolled;    /* entries read since the last poll */
     size_t interface_entries; /* read by one interface solve */
     double *lam;        /* p: multipliers of the present */

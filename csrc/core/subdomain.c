@@ -17,6 +17,8 @@ struct pma_subdomain {
     double *vf_present, *vf_work[2]; /* nb: stored free velocities of nodes 0 and 1, 2, ... */
     double *vf_previous;             /* nb: of node -1; no step reads it, but it is part of a state */
     double *link;                    /* nb: scratch */
+    double *vs;                      /* n: extrapolated velocity (R1); only where it is needed */
+    int code;                        /* what a function that failed returned */
     double *block;
 };
 
@@ -39,9 +41,22 @@ static pma_status check_parts(const pma_parts *parts)
         return PMA_BAD_SIZE;
     if ((status = pma_matrix_check(&parts->K)) || (status = pma_matrix_check(&parts->C)))
         return status;
+    if (parts->restoring.function && parts->restoring.n != parts->n)
+        return PMA_BAD_SIZE;
+    if (parts->D_r.form != PMA_ZERO && parts->D_r.n != parts->n)
+        return PMA_BAD_SIZE;
+    if ((status = pma_restoring_check(&parts->restoring)) ||
+        (status = pma_matrix_check(&parts->D_r)))
+        return status;
     if ((status = pma_link_check(&parts->link)) || (status = check_operator(parts, &parts->single)))
         return status;
     return parts->doubled ? check_operator(parts, &parts->twice) : PMA_OK;
+}
+
+/* Does a step ask for the velocity extrapolated from its beginning? */
+static bool extrapolates(const pma_parts *parts)
+{
+    return parts->restoring.function || parts->lagged;
 }
 
 static double *take(double **next, size_t count)
@@ -75,6 +90,7 @@ static void lay_out(pma_subdomain *s)
     s->vf_work[1] = take(&next, nb);
     s->link = take(&next, nb);
     s->vf_previous = take(&next, nb);
+    s->vs = take(&next, extrapolates(&s->parts) ? n : 0);
 }
 
 pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
@@ -85,7 +101,8 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
         return status;
     const size_t works = parts->doubled && parts->substeps > 1 ? 2 : 1;
     const size_t states = 1 + works + (parts->doubled ? 1 : 0);
-    /* at most 4 * 4 n + 5 nb doubles: no overflow below this n */
+    const size_t extrapolated = extrapolates(parts) ? parts->n : 0;
+    /* at most 4 * 4 n + n + 5 nb doubles: no overflow below this n */
     if (parts->n > SIZE_MAX / (32 * sizeof(double)))
         return PMA_NO_MEMORY;
     pma_subdomain *s = calloc(1, sizeof *s);
@@ -93,7 +110,7 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
         return PMA_NO_MEMORY;
     s->parts = *parts;
     s->works = works;
-    s->block = calloc(states * 4 * parts->n + 5 * parts->nb, sizeof(double));
+    s->block = calloc(states * 4 * parts->n + extrapolated + 5 * parts->nb, sizeof(double));
     if (!s->block) {
         free(s);
         return PMA_NO_MEMORY;
@@ -127,11 +144,16 @@ const pma_load *pma_subdomain_load(const pma_subdomain *s)
     return &s->load;
 }
 
+/* A function of the caller's takes at least as long as reading this many entries: so the schedule
+ * asks whether to stop after each call of a slow one. */
+enum { CALL_ENTRIES = 20000 };
+
 size_t pma_subdomain_entries(const pma_subdomain *s)
 {
     const pma_parts *p = &s->parts;
-    return 2 * pma_factor_entries(&p->single.factor) + pma_matrix_entries(&p->K) +
-           pma_matrix_entries(&p->C) + 12 * p->n;
+    const size_t call = p->restoring.function ? CALL_ENTRIES : 0;
+    return call + 2 * pma_factor_entries(&p->single.factor) + pma_matrix_entries(&p->K) +
+           pma_matrix_entries(&p->C) + pma_matrix_entries(&p->D_r) + 12 * p->n;
 }
 
 /* ---- where a node lives ----------------------------------------------------------------- */
@@ -197,20 +219,51 @@ static void predict(const pma_step *c, size_t n, const pma_state *from, const pm
     }
 }
 
-void pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1, int64_t step)
+/* (R1)  vs = v + h w */
+static void extrapolate(double h, size_t n, const pma_state *from, double *vs)
+{
+    const double *v = from->v, *w = from->w;
+    for (size_t i = 0; i < n; i++)
+        vs[i] = v[i] + h * w[i];
+}
+
+/* y -= r(ut, vs, t1) + D_r (vt - vs); vs is then used up                                  (R3) */
+static pma_status restore(pma_subdomain *s, const pma_state *to, double t1)
+{
+    const pma_parts *p = &s->parts;
+    const pma_status status =
+        pma_restoring_subtract(&p->restoring, t1, to->u, s->vs, to->w, &s->code);
+    if (status != PMA_OK || p->D_r.form == PMA_ZERO)
+        return status;
+    for (size_t i = 0; i < p->n; i++)
+        s->vs[i] = to->v[i] - s->vs[i];
+    pma_matrix_subtract(&p->D_r, s->vs, to->w);
+    return PMA_OK;
+}
+
+pma_status pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1, int64_t step)
 {
     const pma_operator *op = operator_of(s, twice);
-    const pma_state *to = pma_subdomain_at(s, j + 1);
+    const pma_state *from = origin(s, j, twice), *to = pma_subdomain_at(s, j + 1);
     double *vf = free_velocity_at(s, j + 1);
     const double *vt, *y;
 
-    /* (5), (6) */
-    predict(&op->step, s->parts.n, origin(s, j, twice), to);
+    /* (R1), (5), (6) */
+    if (extrapolates(&s->parts))
+        extrapolate(op->step.h, s->parts.n, from, s->vs);
+    predict(&op->step, s->parts.n, from, to);
 
-    /* (11)  F(t1) - C vt - K ut; a restoring force r(ut, vs, t1) would be subtracted here */
+    /* (11)  F(t1) - C vt - K ut; lagged: C vs (R4) */
     pma_load_add(&s->load, t1, step, to->w);
-    pma_matrix_subtract(&s->parts.C, to->v, to->w);
+    pma_matrix_subtract(&s->parts.C, s->parts.lagged ? s->vs : to->v, to->w);
     pma_matrix_subtract(&s->parts.K, to->u, to->w);
+
+    /* (R3) */
+    if (s->parts.restoring.function) {
+        const pma_status status = restore(s, to, t1);
+        if (status != PMA_OK)
+            return status;
+    }
 
     /* (F2) */
     pma_factor_forward(&op->factor, to->w);
@@ -222,6 +275,24 @@ void pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1, int64
     pma_factor_interface(&op->factor, vf);
     for (size_t i = 0; i < s->parts.nb; i++)
         vf[i] = vt[i] + op->step.al2 * vf[i];
+    return PMA_OK;
+}
+
+int pma_subdomain_code(const pma_subdomain *s)
+{
+    return s->code;
+}
+
+pma_status pma_subdomain_restore(pma_subdomain *s, double t, const double *u, const double *v,
+                                 double *r)
+{
+    memset(r, 0, s->parts.n * sizeof(double));
+    if (!s->parts.restoring.function)
+        return PMA_OK;
+    const pma_status status = pma_restoring_subtract(&s->parts.restoring, t, u, v, r, &s->code);
+    for (size_t i = 0; i < s->parts.n; i++)
+        r[i] = 0.0 - r[i]; /* no negative zeros */
+    return status;
 }
 
 /* (8), (9); true when every new value is finite: x * 0 is 0 only then, in whatever order added */

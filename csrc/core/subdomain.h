@@ -16,6 +16,7 @@
 #include "link.h"
 #include "load.h"
 #include "matrix.h"
+#include "restoring.h"
 #include "scheme.h"
 #include "status.h"
 
@@ -43,7 +44,10 @@ typedef struct {
 typedef struct {
     size_t n, nb, substeps;
     bool doubled;        /* takes double steps after the start */
+    bool lagged;         /* C acts on vs, outside Mbar (R4) */
     pma_matrix K, C;
+    pma_restoring restoring;
+    pma_matrix D_r;      /* estimate of its damping (R2); read only if there is one */
     pma_operator single; /* own step h */
     pma_operator twice;  /* 2 h; read only if doubled */
     pma_link link;
@@ -86,8 +90,16 @@ pma_nodes pma_subdomain_nodes(pma_subdomain *s);
 const pma_state *pma_subdomain_at(const pma_subdomain *s, size_t j);
 
 /* Free problem (13) from own node j to j+1 at time t1, own step number `step` of the whole run;
- * double: from j-1, with twice the step. */
-void pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1, int64_t step);
+ * double: from j-1, with twice the step. The restoring force is asked here, once. It may fail:
+ * PMA_RESTORING_FAILED, with the code it returned. */
+pma_status pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1, int64_t step);
+
+/* What the function that failed last returned. */
+int pma_subdomain_code(const pma_subdomain *s);
+
+/* r (n) := r(u, v, t), the restoring force alone, as open would ask for it */
+pma_status pma_subdomain_restore(pma_subdomain *s, double t, const double *u, const double *v,
+                                 double *r);
 
 /* jump (p) += scale L_b vf at own node j + theta, by linear interpolation                (15) */
 void pma_subdomain_free_velocity(const pma_subdomain *s, size_t j, double theta, double scale,

@@ -32,6 +32,17 @@ enum {
     NODES = STEPS * FINE + 1
 };
 
+/* What a restoring force wrote down: when it was asked, and what it shall return when asked for the
+ * fail_at-th time, counted from 1; never for 0. */
+typedef struct {
+    size_t asked, fail_at;
+    double times[2 * NODES];
+} diary;
+
+/* r_k = u_k^3 + u_k v_{k+1} / 2 + v_k / 4 + t / 8, indices round and round; keeps a diary, and
+ * spoils its copies of u and v. Returns 7 if it fails. */
+int pull(double t, intptr_t n, double *u, double *v, double *r, void *user);
+
 /* One part of (1), filled in by a test, and what make_part makes of it. A part is not to be moved
  * afterwards: the core keeps pointers into it. */
 typedef struct {
@@ -43,7 +54,12 @@ typedef struct {
     double L[CONDITIONS * MOST]; /* p x n by rows, zero outside the last nb columns */
     double u0[MOST], v0[MOST];
     pma_load load;
+    bool restored, lagged;              /* by pull; the last dof of the user is the first here */
+    double K_r[MOST * MOST], D_r[MOST * MOST];
 
+    diary pulled;
+    int64_t order[MOST];
+    double work[3 * MOST];
     double Mbar[2][MOST * MOST], R[2][MOST * MOST], inverse[2][MOST]; /* of h and of 2 h */
     int64_t ptr[MOST + 1];
     int32_t condition[CONDITIONS * MOST];
@@ -77,8 +93,8 @@ typedef struct {
     double u[MOST], v[MOST], w[MOST], a[MOST], vf[MOST];
 } node;
 
-/* Free problem from one node to another: (5), (6), (7) or (10), (8) */
-void naive_free(const part *x, bool twice, const double *F, const node *from, node *to);
+/* Free problem from one node to another at t: (5), (6), (R1), (R2) or (R4), (8) */
+void naive_free(const part *x, bool twice, double t, const double *F, const node *from, node *to);
 
 /* wl (n) := Mbar^-1 L^T lam */
 void naive_link(const part *x, bool twice, const double *lam, double *wl);
@@ -159,10 +175,11 @@ void make_oscillator(model *m, split s);
 
 /* Three parts in a chain under loads of three kinds: A implicit, damped, sampled load with shape; B
  * explicit with both dofs on the interface, a table; C trapezoidal with a full mass matrix, a
- * constant load. The velocity is 1 everywhere, so the ties are satisfied. */
+ * constant load. The velocity is 1 everywhere, so the ties are satisfied. With restoring forces if
+ * asked for. */
 typedef struct {
     size_t substeps[PARTS];
-    bool A_doubled, C_doubled, rebased, moved;
+    bool A_doubled, C_doubled, rebased, moved, restored;
 } plan;
 
 /* Initial values and loads times `scale`. */
@@ -170,7 +187,7 @@ void make_chain(model *m, plan chosen, double scale);
 void make_threaded_chain(model *m, plan chosen, size_t threads);
 
 /* everybody with another step, double steps, and a prescribed velocity between B and C */
-static const plan MIXED = {{2, 6, 3}, true, true, true, true};
+static const plan MIXED = {{2, 6, 3}, true, true, true, true, false};
 
 /* ---- the naive coupler: docs/method.md 5 and 6 as written ------------------------------------ */
 

@@ -19,6 +19,7 @@ static const test *const LISTS[] = {
     PANELS_TESTS,
     LINK_TESTS,
     LOAD_TESTS,
+    RESTORING_TESTS,
     SUBDOMAIN_TESTS,
     RECORD_TESTS,
     TEAM_TESTS,

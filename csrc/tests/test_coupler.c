@@ -183,19 +183,28 @@ static void check_against_naive_coupler(plan chosen)
 
 static void gc_is_the_schedule_as_it_is_written(void)
 {
-    check_against_naive_coupler((plan){{1, 1, 1}, false, false, true, false});
-    check_against_naive_coupler((plan){{1, 6, 2}, false, false, true, false});
-    check_against_naive_coupler((plan){{6, 3, 1}, false, false, true, false});
-    check_against_naive_coupler((plan){{1, 6, 2}, false, false, true, true});
+    check_against_naive_coupler((plan){{1, 1, 1}, false, false, true, false, false});
+    check_against_naive_coupler((plan){{1, 6, 2}, false, false, true, false, false});
+    check_against_naive_coupler((plan){{6, 3, 1}, false, false, true, false, false});
+    check_against_naive_coupler((plan){{1, 6, 2}, false, false, true, true, false});
 }
 
 static void pm_is_the_schedule_as_it_is_written(void)
 {
-    check_against_naive_coupler((plan){{1, 1, 1}, true, false, true, false});
-    check_against_naive_coupler((plan){{1, 4, 2}, true, false, true, false});
-    check_against_naive_coupler((plan){{3, 6, 1}, true, true, true, false});
+    check_against_naive_coupler((plan){{1, 1, 1}, true, false, true, false, false});
+    check_against_naive_coupler((plan){{1, 4, 2}, true, false, true, false, false});
+    check_against_naive_coupler((plan){{3, 6, 1}, true, true, true, false, false});
     check_against_naive_coupler(MIXED);
-    check_against_naive_coupler((plan){{2, 6, 3}, true, true, false, false});
+    check_against_naive_coupler((plan){{2, 6, 3}, true, true, false, false, false});
+}
+
+static void restoring_forces_and_lagged_damping_stand_where_they_are_written(void)
+{
+    check_against_naive_coupler((plan){{1, 1, 1}, false, false, true, false, true});
+    check_against_naive_coupler((plan){{1, 6, 2}, false, false, true, true, true});
+    check_against_naive_coupler((plan){{1, 1, 1}, true, false, true, false, true});
+    check_against_naive_coupler((plan){{3, 6, 1}, true, true, true, false, true});
+    check_against_naive_coupler((plan){{2, 6, 3}, true, true, true, true, true});
 }
 
 /* ---- bit for bit ----------------------------------------------------------------------------- */
@@ -289,7 +298,7 @@ static void a_run_goes_on_from_nodes_that_were_written(void)
 {
     for (int64_t after = 0; after <= 3; after++) {
         check_taken_over(MIXED, after);
-        check_taken_over((plan){{1, 4, 2}, true, false, true, false}, after);
+        check_taken_over((plan){{1, 4, 2}, true, false, true, false, false}, after);
     }
 }
 
@@ -297,7 +306,7 @@ static void a_run_goes_on_from_nodes_that_were_written(void)
 static void check_nodes(size_t substeps)
 {
     static model m;
-    make_chain(&m, (plan){{substeps, 6, 3}, true, true, true, true}, 1.0);
+    make_chain(&m, (plan){{substeps, 6, 3}, true, true, true, true, false}, 1.0);
     naive_run(&m, 4);
     for (size_t macro = 1; macro <= 4; macro++) {
         CHECK_STATUS(pma_coupler_advance(m.coupler, 1, NULL, NULL), PMA_OK);
@@ -399,6 +408,7 @@ const test COUPLER_TESTS[] = {
     TEST(a_started_coupler_shows_its_parts_and_its_multipliers),
     TEST(gc_is_the_schedule_as_it_is_written),
     TEST(pm_is_the_schedule_as_it_is_written),
+    TEST(restoring_forces_and_lagged_damping_stand_where_they_are_written),
     TEST(a_run_of_many_steps_equals_many_runs_of_one),
     TEST(scaling_by_a_power_of_two_scales_every_bit),
     TEST(a_second_start_forgets_the_first_run),

@@ -225,10 +225,10 @@ static void check_jump(plan chosen)
 
 static void velocities_of_both_sides_agree_at_every_fine_step(void)
 {
-    check_jump((plan){{1, 6, 2}, false, false, true, false});
-    check_jump((plan){{6, 3, 1}, false, false, true, false});
-    check_jump((plan){{1, 4, 2}, true, false, true, false});
-    check_jump((plan){{2, 6, 3}, true, true, false, false});
+    check_jump((plan){{1, 6, 2}, false, false, true, false, false});
+    check_jump((plan){{6, 3, 1}, false, false, true, false, false});
+    check_jump((plan){{1, 4, 2}, true, false, true, false, false});
+    check_jump((plan){{2, 6, 3}, true, true, false, false, false});
     check_jump(MIXED);
 }
 

@@ -30,7 +30,7 @@ static void every_subdomain_has_one_worker_and_every_worker_a_subdomain(void)
 {
     pma_duty duties[MANY];
     for (size_t i = 0; i < MANY; i++)
-        duties[i] = (pma_duty){1 + (i * 17) % 23, 1 + i % 3};
+        duties[i] = (pma_duty){1 + (i * 17) % 23, 1 + i % 3, false};
     for (size_t workers = 1; workers <= MANY + 3; workers++) {
         pma_roster r = made(MANY, duties, workers, false);
         size_t times[MANY] = {0};
@@ -50,7 +50,7 @@ static void every_subdomain_has_one_worker_and_every_worker_a_subdomain(void)
 static void the_largest_go_to_the_least_loaded(void)
 {
     /* 7 | 5; 5 + 4 | 7; 9 | 7 + 3 */
-    const pma_duty duties[4] = {{3, 2}, {5, 2}, {7, 2}, {4, 2}};
+    const pma_duty duties[4] = {{3, 2, false}, {5, 2, false}, {7, 2, false}, {4, 2, false}};
     pma_roster r = made(4, duties, 2, false);
     CHECK_INT(worker_of(&r, 2), 0);
     CHECK_INT(worker_of(&r, 0), 0);
@@ -62,10 +62,21 @@ static void the_largest_go_to_the_least_loaded(void)
 static void those_with_the_finest_steps_are_balanced_among_themselves(void)
 {
     /* by size alone the two fine ones would share a worker, in all fine steps but one */
-    const pma_duty duties[3] = {{1000, 1}, {10, 20}, {12, 20}};
+    const pma_duty duties[3] = {{1000, 1, false}, {10, 20, false}, {12, 20, false}};
     pma_roster r = made(3, duties, 2, false);
     CHECK(worker_of(&r, 1) != worker_of(&r, 2));
     CHECK_INT(worker_of(&r, 0), worker_of(&r, 1)); /* the smaller of them */
+    pma_roster_destroy(&r);
+}
+
+static void what_the_caller_has_to_do_is_done_by_worker_0_and_the_rest_balanced_around_it(void)
+{
+    const pma_duty duties[4] = {{9, 1, false}, {3, 1, true}, {4, 1, true}, {2, 1, false}};
+    pma_roster r = made(4, duties, 2, false);
+    CHECK_INT(worker_of(&r, 0), 1);
+    CHECK_INT(worker_of(&r, 1), 0);
+    CHECK_INT(worker_of(&r, 2), 0);
+    CHECK_INT(worker_of(&r, 3), 0);
     pma_roster_destroy(&r);
 }
 
@@ -81,20 +92,20 @@ static void several_are_taken_where_they_save_a_fifth(void)
 {
     /* (W1) two of e entries: e + meeting against 2 e, so from e = meeting / 0.6 on */
     const size_t border = (size_t)(PMA_MEETING / 0.6);
-    const pma_duty below[2] = {{border - 1, 5}, {border - 1, 5}};
-    const pma_duty above[2] = {{border + 1, 5}, {border + 1, 5}};
+    const pma_duty below[2] = {{border - 1, 5, false}, {border - 1, 5, false}};
+    const pma_duty above[2] = {{border + 1, 5, false}, {border + 1, 5, false}};
     CHECK_INT(number(2, below, 2), 1);
     CHECK_INT(number(2, above, 2), 2);
     CHECK_INT(number(2, above, 1), 1);
     CHECK_INT(number(2, above, 64), 2);
     /* nothing to share: one large, one small */
-    const pma_duty alone[2] = {{100 * border, 1}, {border, 1}};
+    const pma_duty alone[2] = {{100 * border, 1, false}, {border, 1, false}};
     CHECK_INT(number(2, alone, 2), 1);
     /* a coarse one cannot pay for the meetings of all fine steps: 3 + 3 + 20 / 10 > 0.8 (6 + 20 / 40) */
-    const pma_duty coarse[2] = {{3 * PMA_MEETING, 1}, {PMA_MEETING / 40, 20}};
+    const pma_duty coarse[2] = {{3 * PMA_MEETING, 1, false}, {PMA_MEETING / 40, 20, false}};
     CHECK_INT(number(2, coarse, 2), 1);
     /* three alike for any number of workers from three on */
-    const pma_duty three[3] = {{10 * border, 1}, {10 * border, 1}, {10 * border, 1}};
+    const pma_duty large = {10 * border, 1, false}, three[3] = {large, large, large};
     CHECK_INT(number(3, three, 3), 3);
     CHECK_INT(number(3, three, 8), 3);
 }
@@ -104,6 +115,7 @@ static void several_are_taken_where_they_save_a_fifth(void)
 const test ROSTER_TESTS[] = {
     TEST(every_subdomain_has_one_worker_and_every_worker_a_subdomain),
     TEST(the_largest_go_to_the_least_loaded),
+    TEST(what_the_caller_has_to_do_is_done_by_worker_0_and_the_rest_balanced_around_it),
     TEST(those_with_the_finest_steps_are_balanced_among_themselves),
     TEST(several_are_taken_where_they_save_a_fifth),
     END_OF_TESTS,

@@ -199,7 +199,7 @@ static void step_both(part *x, size_t k, bool twice, node *naive)
     const node *from = &naive[twice ? k - 2 : k - 1];
     double jump[2] = {1.0, 2.0}, theta = 0.25;
     pma_subdomain_open(x->core, j, twice, 0.0, (int64_t)k - 1);
-    naive_free(x, twice, x->load.values, from, &naive[k]);
+    naive_free(x, twice, 0.0, x->load.values, from, &naive[k]);
     pma_subdomain_free_velocity(x->core, j, theta, -2.0, jump);
     for (size_t row = 0; row < 2; row++) {
         const double vf = (1.0 - theta) * conditioned(x, row, naive[k - 1].vf) +

@@ -1,0 +1,34 @@
+/* restoring.h - a further restoring force r(u, v, t) of a subdomain, beyond K u + C v. */
+#ifndef PMA_RESTORING_H
+#define PMA_RESTORING_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "status.h"
+
+/* r (n) := r(u, v, t), in the user's order of dofs; r arrives zeroed. Other than 0: stop the run.
+ * u and v are copies: what the function writes into them is lost. */
+typedef int (*pma_restoring_function)(double t, intptr_t n, double *u, double *v, double *r,
+                                      void *user);
+
+/* The arrays are the caller's, who keeps them alive. */
+typedef struct {
+    pma_restoring_function function; /* NULL: there is no such force */
+    void *user;
+    bool by_caller;       /* to be called by the thread that called advance */
+    size_t n;
+    const int64_t *order; /* n: the user's dof at each place */
+    double *work;         /* 3 n: scratch */
+} pma_restoring;
+
+/* PMA_BAD_INDEX unless every dof lies in 0..n-1 */
+pma_status pma_restoring_check(const pma_restoring *restoring);
+
+/* y (n) -= r(u, v, t), all in elimination order. PMA_RESTORING_FAILED when the function returns
+ * other than 0, which goes to *code; y is then as it was. Does not allocate. */
+pma_status pma_restoring_subtract(const pma_restoring *restoring, double t, const double *u,
+                                  const double *v, double *y, int *code);
+
+#endif

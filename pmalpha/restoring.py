@@ -1,0 +1,50 @@
+"""Restoring forces: what may be given as ``restoring`` of a subdomain, equation (R2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ._checks import vector
+
+Restoring = Callable[[np.ndarray, np.ndarray, float], Any] | None
+
+
+def checked_restoring(restoring: Any) -> Restoring:
+    """A user's restoring force, checked as far as possible without asking it."""
+    if restoring is not None and not callable(restoring):
+        raise TypeError(f"restoring must be callable, got {restoring!r}")
+    return restoring
+
+
+class CheckedRestoring:
+    """A Python callable as the core asks it, with its values checked.
+
+    Parameters
+    ----------
+    restoring : callable
+        r(u, v, t) -> (n,)
+    what : str
+        For messages, such as "restoring of subdomain 'rig'".
+    n : int
+        Dofs.
+    """
+
+    def __init__(self, restoring: Callable, what: str, n: int):
+        self.restoring, self.what, self.n = restoring, what, n
+
+    def __call__(self, u: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+        value = self.restoring(u, v, t)
+        try:
+            return vector(value, self.n, "its value")
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"{self.what} at t = {t:g}: {error}") from None
+
+
+def core_restoring(restoring: Restoring, name: str, order: np.ndarray) -> tuple | None:
+    """A restoring force of subdomain `name` as the core takes it."""
+    if restoring is None:
+        return None
+    return CheckedRestoring(restoring, f"restoring of subdomain {name!r}", order.size), order

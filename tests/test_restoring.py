@@ -1,0 +1,500 @@
+"""Restoring forces (R2) and lagged damping (R4): when they are asked, their order, their limits."""
+
+import traceback
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from scipy.integrate import solve_ivp
+
+import pmalpha as pm
+from pmalpha import analysis
+
+CD = pm.CentralDifference()
+IMPLICIT = [pm.GeneralizedAlpha(0.5), pm.GeneralizedAlpha(1.0), pm.Newmark(), pm.HHT(0.1)]
+EXPLICIT = [pm.GeneralizedAlpha(0.5, explicit=True), CD]
+SCHEMES = IMPLICIT + EXPLICIT
+
+
+def names(scheme):
+    return repr(scheme)
+
+
+# ---- when it is asked -----------------------------------------------------------------------
+
+
+class Diary:
+    """A soft spring that writes down when it was asked; fails once when told to."""
+
+    def __init__(self, fail_at=None):
+        self.times, self.seen, self.fail_at = [], [], fail_at
+
+    def __call__(self, u, v, t):
+        self.times.append(t)
+        self.seen.append((u, v))
+        if len(self.times) == self.fail_at:
+            raise ArithmeticError("the actuator is at its end")
+        return 0.1 * u**3 + 0.02 * v * np.abs(v)
+
+
+def three_parts(diaries, substeps, doubles, coupling, threads=1):
+    """A chain of three springs, each part with a diary."""
+    schemes = [pm.GeneralizedAlpha(0.6), pm.GeneralizedAlpha(0.6, explicit=True), pm.Newmark()]
+    parts = [
+        pm.Subdomain(
+            [1.0, 2.0],
+            np.array([[3.0, -1.0], [-1.0, 1.0]]),
+            scheme=scheme,
+            substeps=ss,
+            double_step=double,
+            restoring=diary,
+            u0=[0.3, 0.4],
+            name=name,
+        )
+        for scheme, ss, double, diary, name in zip(schemes, substeps, doubles, diaries, "ABC")
+    ]
+    a, b, c = parts
+    ties = [pm.tie(a, [1], b, [1]), pm.tie(b, [0], c, [0])]
+    return pm.Coupler(parts, ties, dt=0.1, coupling=coupling, threads=threads)
+
+
+CASES = [
+    ((1, 1, 1), (None, None, None), "gc"),
+    ((1, 6, 3), (None, None, None), "gc"),
+    ((1, 1, 1), (True, None, False), "pm"),
+    ((1, 6, 3), (True, False, True), "pm"),
+    ((2, 6, 3), (True, False, True), "pm"),
+]
+
+
+@pytest.mark.parametrize("substeps, doubles, coupling", CASES)
+def test_it_is_asked_once_at_the_start_and_once_for_each_own_step_in_order(
+    substeps, doubles, coupling
+):
+    diaries = [Diary() for _ in range(3)]
+    coupler = three_parts(diaries, substeps, doubles, coupling)
+    assert not any(d.times for d in diaries)  # not before it must be
+    coupler.run(steps=5)
+    coupler.step(2)
+    for diary, ss in zip(diaries, substeps):
+        fine = max(substeps)
+        k = np.arange(7 * ss + 1) * (fine // ss)
+        np.testing.assert_array_equal(diary.times, (k / fine) * 0.1)  # (T1)
+
+
+@pytest.mark.parametrize("who", range(3))
+@pytest.mark.parametrize("substeps, doubles, coupling", CASES)
+def test_after_an_exception_in_a_macro_step_the_run_goes_on_as_if_there_had_been_none(
+    substeps, doubles, coupling, who
+):
+    whole = three_parts([Diary() for _ in range(3)], substeps, doubles, coupling).run(steps=6)
+    diaries = [Diary() for _ in range(3)]
+    diaries[who].fail_at = 1 + 2 * substeps[who] + (substeps[who] + 1) // 2  # in the third
+    coupler = three_parts(diaries, substeps, doubles, coupling, threads=1 + who)
+    with pytest.raises(ArithmeticError, match="at its end") as caught:
+        coupler.run(steps=6)
+    assert "__call__" in [f.name for f in traceback.extract_tb(caught.value.__traceback__)]
+    assert coupler.step_count == 2
+    first = coupler.last_history
+    rest = coupler.run(steps=4)
+    for name in "ABC":
+        for x in "uva":
+            joined = np.vstack([getattr(first[name], x), getattr(rest[name], x)[1:]])
+            np.testing.assert_array_equal(joined, getattr(whole[name], x))
+    # the calls of the macro step that was ended are repeated, and no others
+    ss, fine, times = substeps[who], max(substeps), diaries[who].times
+    all_times = list(np.arange(6 * ss + 1) * (fine // ss) / fine * 0.1)
+    assert times == all_times[: diaries[who].fail_at] + all_times[1 + 2 * ss :]
+
+
+def test_an_exception_at_the_start_reaches_the_caller_and_the_run_can_begin_again():
+    diary = Diary(fail_at=1)
+    part = pm.Subdomain([1.0], [1.0], scheme=CD, restoring=diary, v0=[1.0])
+    coupler = pm.Coupler([part], dt=0.1)
+    with pytest.raises(ArithmeticError):
+        coupler.run(steps=3)
+    assert coupler.step_count == 0
+    assert coupler.run(steps=3)[0].u.shape == (4, 1)
+    assert diary.times[:2] == [0.0, 0.0]
+
+
+def test_run_and_step_give_the_same_bits():
+    by_run = three_parts([Diary() for _ in range(3)], (2, 6, 3), (True, False, True), "pm")
+    by_step = three_parts([Diary() for _ in range(3)], (2, 6, 3), (True, False, True), "pm")
+    by_run.run(steps=7)
+    for _ in range(7):
+        by_step.step()
+    for name in "ABC":
+        np.testing.assert_array_equal(by_run.state(name).a, by_step.state(name).a)
+
+
+def test_what_it_receives_are_copies_of_its_own():
+    def spoiling(u, v, t):
+        r = u**3 + v
+        kept.append((u, v, u.copy(), v.copy()))
+        return r
+
+    def spoiler(u, v, t):
+        r = spoiling(u, v, t)
+        u[:], v[:] = np.nan, np.inf
+        return r
+
+    kept = []
+    made = {}
+    for restoring in (spoiling, spoiler):
+        part = pm.Subdomain([1.0], [1.0], scheme=CD, restoring=restoring, v0=[1.0], u0=[0.2])
+        made[restoring] = pm.solve(part, dt=0.1, t_end=1.0).u
+    np.testing.assert_array_equal(made[spoiling], made[spoiler])
+    for u, v, own_u, own_v in kept[:11]:  # what the first one kept is still what it was
+        assert u == own_u and v == own_v
+
+
+def test_reset_asks_anew_and_keeps_the_force():
+    diary = Diary()
+    coupler = three_parts([diary, Diary(), Diary()], (1, 2, 1), (None,) * 3, "pm")
+    first = coupler.run(steps=3)["A"].u
+    coupler.reset()
+    asked = len(diary.times)
+    np.testing.assert_array_equal(coupler.run(steps=3)["A"].u, first)
+    assert diary.times[asked:] == diary.times[:asked]
+
+
+# ---- order ----------------------------------------------------------------------------------
+
+
+def duffing(u, v, t):
+    return u + u**3
+
+
+def van_der_pol(u, v, t):
+    return u - (1.0 - u**2) * v
+
+
+def truth(restoring, t):
+    def slope(t, x):
+        return [x[1], -restoring(x[0], x[1], t)]
+
+    # 1e-12: three digits below the smallest error measured here
+    return solve_ivp(slope, (0.0, t), [1.0, 0.5], method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+
+
+def whole(restoring, scheme, dt):
+    part = pm.Subdomain([1.0], None, scheme=scheme, restoring=restoring, u0=[1.0], v0=[0.5])
+    return pm.Coupler([part], dt=dt)
+
+
+def cut(restoring, scheme, dt, coupling):
+    """A third of the mass and force in one part, the rest in an explicit one."""
+    parts = [
+        pm.Subdomain(
+            [share],
+            None,
+            scheme=s,
+            restoring=lambda u, v, t, share=share: share * restoring(u, v, t),
+            u0=[1.0],
+            v0=[0.5],
+        )
+        for share, s in ((1.0 / 3.0, scheme), (2.0 / 3.0, pm.GeneralizedAlpha(0.7, explicit=True)))
+    ]
+    return pm.Coupler(parts, pm.tie(parts[0], [0], parts[1], [0]), dt=dt, coupling=coupling)
+
+
+def orders(make, restoring):
+    """Orders in u and v over the last halving of three."""
+    u, v = truth(restoring, 4.0)
+    errors = []
+    for dt in (0.02, 0.01, 0.005):
+        coupler = make(dt)
+        coupler.step(round(4.0 / dt))
+        state = coupler.state(0)
+        errors.append([abs(state.u[0] - u), abs(state.v[0] - v)])
+    return np.log2(np.array(errors)[:-1] / np.array(errors)[1:])[-1]
+
+
+# 0.1: what the next power of the step leaves of the order at these steps
+@pytest.mark.parametrize("restoring", [duffing, van_der_pol])
+@pytest.mark.parametrize("scheme", SCHEMES, ids=names)
+def test_uncoupled_it_is_of_order_two(scheme, restoring):
+    order = orders(lambda dt: whole(restoring, scheme, dt), restoring)
+    np.testing.assert_allclose(order, 2.0, atol=0.1 if scheme.gamma == 0.5 else 0.15)
+
+
+@pytest.mark.parametrize("coupling", ["gc", "pm"])
+@pytest.mark.parametrize("restoring", [duffing, van_der_pol])
+@pytest.mark.parametrize("scheme", [pm.GeneralizedAlpha(0.5), pm.Newmark(), CD], ids=names)
+def test_coupled_with_equal_steps_it_is_of_order_two(scheme, restoring, coupling):
+    order = orders(lambda dt: cut(restoring, scheme, dt, coupling), restoring)
+    np.testing.assert_allclose(order, 2.0, atol=0.2)
+
+
+# ---- estimates ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scheme", IMPLICIT, ids=names)
+def test_with_exact_estimates_a_linear_force_is_the_implicit_step(scheme):
+    K, C = np.array([[3.0, -1.0], [-1.0, 1.0]]), np.array([[0.4, 0.1], [0.1, 0.3]])
+    common = dict(scheme=scheme, u0=[0.5, -0.2], v0=[0.1, 0.0])
+    linear = pm.Subdomain([1.0, 2.0], K, C, **common)
+    restored = pm.Subdomain(
+        [1.0, 2.0],
+        None,
+        restoring=lambda u, v, t: K @ u + C @ v,
+        restoring_stiffness=K,
+        restoring_damping=C,
+        **common,
+    )
+    expected = pm.solve(linear, dt=0.5, t_end=20.0)
+    # the same step in another order of operations, forty times
+    np.testing.assert_allclose(pm.solve(restored, dt=0.5, t_end=20.0).u, expected.u, atol=1e-13)
+
+
+@pytest.mark.parametrize("scheme", EXPLICIT, ids=names)
+def test_with_an_exact_estimate_linear_damping_is_the_implicit_one(scheme):
+    C = np.array([[0.4, 0.1], [0.1, 0.3]])
+    common = dict(scheme=scheme, u0=[0.5, -0.2], v0=[0.1, 0.0])
+    linear = pm.Subdomain([1.0, 2.0], [1.0, 2.0], C, **common)
+    restored = pm.Subdomain(
+        [1.0, 2.0], [1.0, 2.0], restoring=lambda u, v, t: C @ v, restoring_damping=C, **common
+    )
+    expected = pm.solve(linear, dt=0.5, t_end=20.0)
+    np.testing.assert_allclose(pm.solve(restored, dt=0.5, t_end=20.0).u, expected.u, atol=1e-13)
+
+
+def test_a_stiff_force_needs_an_estimate_in_an_implicit_part_and_is_stable_with_it():
+    def stiff(u, v, t):
+        return 1e4 * u
+
+    def run(**estimate):
+        part = pm.Subdomain(
+            [1.0], None, scheme=pm.GeneralizedAlpha(0.5), restoring=stiff, u0=[1.0], **estimate
+        )
+        return np.abs(pm.solve(part, dt=0.1, t_end=5.0).u[-1, 0])
+
+    assert run() > 1e6
+    assert run(restoring_stiffness=[1e4]) < 1.0
+    assert run(restoring_stiffness=[2e4]) < 1.0
+
+
+def test_the_estimated_stiffness_counts_in_the_critical_step():
+    def part(**more):
+        return pm.Subdomain([1.0], [3.0], scheme=CD, restoring=duffing, **more)
+
+    assert analysis.critical_step(part()) == pytest.approx(2.0 / np.sqrt(3.0), rel=1e-11)
+    stiffer = part(restoring_stiffness=[13.0])
+    assert analysis.critical_step(stiffer) == pytest.approx(0.5, rel=1e-11)
+    with pytest.warns(pm.StabilityWarning, match="critical step 0.5"):
+        pm.Coupler([stiffer], dt=0.51)
+
+
+# ---- lagged damping -------------------------------------------------------------------------
+
+
+def damped_chain(n, scheme, damping="lagged", rayleigh=0.01, **more):
+    K = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    return pm.Subdomain(np.ones(n), K, rayleigh * K, scheme=scheme, damping=damping, **more)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=names)
+def test_lagged_damping_is_of_order_two(scheme):
+    u0 = np.array([1.0, 0.0, -0.5])
+
+    def error(dt):
+        part = damped_chain(3, scheme, rayleigh=0.3, u0=u0, v0=[0.0, 1.0, 0.0])
+        coupler = pm.Coupler([part], dt=dt)
+        exact = analysis.exact_solution(coupler)(2.0)[0]["subdomain 0"]
+        coupler.step(round(2.0 / dt))
+        return max(
+            np.abs(coupler.state(0).u - exact[0]).max(),
+            np.abs(coupler.state(0).v - exact[1]).max(),
+        )
+
+    # 0.15: what the next power of the step leaves of the order
+    assert np.log2(error(0.01) / error(0.005)) == pytest.approx(2.0, abs=0.15)
+
+
+def test_an_explicit_part_with_lagged_damping_has_no_factor():
+    part = damped_chain(50, CD)
+    lagged = pm.Coupler([part], dt=0.1)
+    assert lagged._parts[0].factors[0][1] is None  # R is the unit matrix
+    implicit = pm.Coupler([damped_chain(50, CD, damping="implicit")], dt=0.1)
+    assert implicit._parts[0].factors[0][1] is not None
+
+
+def radius(part, h):
+    above = h > analysis.critical_step(part)
+    with pytest.warns(pm.StabilityWarning) if above else nullcontext():
+        return analysis.spectral_radius(analysis.amplification_matrix(pm.Coupler([part], dt=h)))
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.3, 0.5, 0.8, 1.0])
+@pytest.mark.parametrize("rayleigh", [0.01, 0.3, 3.0])
+def test_the_critical_step_with_lagged_damping_is_where_stability_ends(rho, rayleigh):
+    part = damped_chain(5, pm.GeneralizedAlpha(rho, explicit=True), rayleigh=rayleigh)
+    h = analysis.critical_step(part)
+    # 1e-7: eigenvalues on the unit circle, some of them double at rho = 1
+    assert radius(part, h * 0.999) <= 1.0 + 1e-7
+    assert radius(part, h * 1.001) > 1.0 + 1e-5
+
+
+def test_the_critical_step_is_sharp_for_damping_that_is_not_modal():
+    rng = np.random.default_rng(3)
+    for _ in range(10):
+        K, C = (A @ A.T for A in rng.normal(size=(2, 4, 4)))
+        M = rng.uniform(0.5, 2.0, 4)
+        part = pm.Subdomain(
+            M, K, C, scheme=pm.GeneralizedAlpha(0.6, explicit=True), damping="lagged"
+        )
+        h = analysis.critical_step(part)
+        assert radius(part, h * 0.999) <= 1.0 + 1e-9
+        assert radius(part, h * 1.001) > 1.0 + 1e-5
+
+
+def test_the_critical_step_of_a_damped_oscillator_is_the_closed_form():
+    for xi in (0.01, 0.1, 1.0):
+        part = pm.Subdomain([2.0], [18.0], [2.0 * xi * 6.0], scheme=CD, damping="lagged")
+        expected = (2.0 * np.sqrt(1.0 + 4.0 * xi**2) - 4.0 * xi) / 3.0  # (C2), omega = 3
+        assert analysis.critical_step(part) == pytest.approx(expected, rel=1e-11)
+
+
+@pytest.mark.parametrize("scheme", IMPLICIT, ids=names)
+def test_an_implicit_part_with_lagged_damping_has_a_critical_step_too(scheme):
+    part = pm.Subdomain([1.0], [1e-6], [2.0], scheme=scheme, damping="lagged")
+    h = analysis.critical_step(part)
+    assert radius(part, h * 0.999) <= 1.0 + 1e-9
+    assert radius(part, h * 1.001) > 1.0 + 1e-4
+
+
+def test_a_long_chain_takes_the_same_critical_step_from_lanczos():
+    n = 400
+    K = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n))
+    part = pm.Subdomain(np.ones(n), K, 0.1 * K, scheme=CD, damping="lagged")
+    top = 2.0 - 2.0 * np.cos(np.pi * n / (n + 1))  # largest eigenvalue of K
+    exact = (-0.4 * top + np.sqrt(0.16 * top**2 + 16.0 * top)) / (2.0 * top)  # (C2): Z_s = 1
+    assert 0.997 * exact < analysis.critical_step(part) <= exact
+
+
+def test_a_step_above_the_critical_one_of_lagged_damping_warns():
+    part = pm.Subdomain([1.0], [1.0], [0.9], scheme=CD, damping="lagged")
+    with pytest.warns(pm.StabilityWarning, match="critical step"):
+        pm.Coupler([part], dt=1.0)  # 1 + 4 * 0.9 > 4
+    pm.Coupler([part], dt=0.8)
+
+
+# ---- bad input ------------------------------------------------------------------------------
+
+
+def failing_coupler(restoring):
+    part = pm.Subdomain([1.0, 1.0], None, scheme=CD, restoring=restoring, u0=[1, 2], name="rig")
+    return pm.Coupler([part], dt=0.25)
+
+
+@pytest.mark.parametrize(
+    "value, error, text",
+    [
+        (np.zeros(3), ValueError, r"must have shape \(2,\), got \(3,\)"),
+        (np.zeros((2, 1)), ValueError, "must be a 1-D array"),
+        (1.0, ValueError, "must be a 1-D array"),
+        ([1.0, np.nan], ValueError, r"must be finite, got nan at \[1\]"),
+        ([np.inf, 1.0], ValueError, "must be finite"),
+        (None, TypeError, "must hold real numbers"),
+        ("ab", TypeError, "must hold real numbers"),
+        ([1.0, 1j], TypeError, "must hold real numbers"),
+        ([1.0, [2.0]], ValueError, "must be a regular array"),
+    ],
+)
+def test_a_bad_value_is_an_error_that_names_subdomain_and_time(value, error, text):
+    def bad_later(u, v, t):
+        return u if t < 0.6 else value
+
+    coupler = failing_coupler(bad_later)
+    with pytest.raises(error, match=r"restoring of subdomain 'rig' at t = 0.75: .*" + text):
+        coupler.run(steps=5)
+    assert coupler.step_count == 2
+    with pytest.raises(error, match=r"restoring of subdomain 'rig' at t = 0: .*" + text):
+        failing_coupler(lambda u, v, t: value).step()
+
+
+def test_a_force_that_asks_its_own_coupler_is_an_error_and_no_deadlock():
+    calls = [
+        lambda: coupler.step(),
+        lambda: coupler.run(steps=1),
+        lambda: coupler.state("rig"),
+        lambda: coupler.reset(),
+        lambda: coupler.multipliers,
+    ]
+    for call in calls:
+        coupler = failing_coupler(lambda u, v, t: call())  # noqa: B023
+        with pytest.raises(RuntimeError, match="being stepped"):
+            coupler.step()
+        assert coupler.step_count == 0
+
+
+def test_a_force_may_step_another_coupler():
+    inner = failing_coupler(duffing)
+
+    def outer(u, v, t):
+        inner.step()
+        return inner.state(0).u
+
+    expected = failing_coupler(duffing)
+    expected.step(4)
+    failing_coupler(outer).step(3)
+    np.testing.assert_array_equal(inner.state(0).u, expected.state(0).u)
+
+
+def test_ctrl_c_in_a_force_stops_at_a_macro_step():
+    def interrupted(u, v, t):
+        if len(seen) == 3:
+            seen.append(t)
+            raise KeyboardInterrupt
+        seen.append(t)
+        return u
+
+    seen = []
+    coupler = failing_coupler(interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        coupler.run(steps=5)
+    assert coupler.step_count == 2 and coupler.last_history[0].u.shape == (3, 2)
+
+
+@pytest.mark.parametrize(
+    "arguments, error, text",
+    [
+        (dict(restoring=3.0), TypeError, "restoring must be callable, got 3.0"),
+        (dict(restoring_stiffness=[1.0]), ValueError, "must come with a restoring force"),
+        (dict(restoring_damping=[1.0]), ValueError, "must come with a restoring force"),
+        (dict(restoring=duffing, restoring_stiffness=[1.0, 2.0]), ValueError, "must be of size 1"),
+        (dict(restoring=duffing, restoring_damping=[np.nan]), ValueError, "must be finite"),
+        (dict(damping="late"), ValueError, "damping must be 'implicit' or 'lagged', got 'late'"),
+        (dict(damping=None), ValueError, "damping must be 'implicit' or 'lagged'"),
+    ],
+)
+def test_bad_arguments_of_a_subdomain_are_errors(arguments, error, text):
+    with pytest.raises(error, match=text):
+        pm.Subdomain([1.0], [1.0], scheme=CD, **arguments)
+
+
+def test_a_stiffness_may_be_missing_with_a_restoring_force_only():
+    with pytest.raises(TypeError, match="K must be a matrix, got None"):
+        pm.Subdomain([1.0], None, scheme=CD)
+    assert pm.Subdomain([1.0], None, scheme=CD, restoring=duffing).K is None
+
+
+def test_lagged_damping_on_dofs_without_mass_is_refused():
+    scheme = pm.GeneralizedAlpha(0.5)
+    with pytest.raises(ValueError, match="damping must be 'implicit' where dofs have no mass"):
+        pm.Subdomain([1.0, 0.0], [1.0, 1.0], [0.1, 0.1], scheme=scheme, damping="lagged")
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda c: c.static(),
+        analysis.amplification_matrix,
+        analysis.exact_solution,
+    ],
+)
+def test_what_needs_a_linear_coupler_refuses_restoring_forces(ask):
+    with pytest.raises(ValueError, match="needs linear subdomains, got a restoring force on 'rig'"):
+        ask(failing_coupler(duffing))
