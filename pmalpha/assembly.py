@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,11 @@ from scipy.linalg import solve_triangular
 
 from . import _core
 from .blas import one_thread
-from .factors import Factor, factorize, interface_block
+from .external import External
+from .factors import Factor, Names, Structure, factorize, interface_block, structure_of
 from .matrices import Matrix, combination, core_matrix, core_sparse, dense, permuted
 from .memory import require
-from .ordering import elimination_order
+from .ordering import elimination_order, graph_of, rows_of
 from .restoring import core_restoring
 from .schemes import Scheme
 from .subdomain import Subdomain
@@ -47,6 +49,12 @@ class Part:
         Estimate of the damping of the restoring force.
     factors : list of Factor
         Of Mbar(h) and, for a double step, of Mbar(2 h).
+    graph : (n, n) csr_array or None
+        Of all that is factored, in the user's order; None where nothing of it is sparse.
+    superlu : bool
+        Sparse factors by SuperLU.
+    external : External or None
+        Makes sparse factors instead.
     """
 
     subdomain: Subdomain
@@ -66,18 +74,31 @@ class Part:
     core: Any = None
     mass_factor: Factor | None = None
     factors: list[Factor] = field(default_factory=list)
+    graph: sp.csr_array | None = None
+    superlu: bool = False
+    external: External | None = None
 
     @property
     def n(self) -> int:
         return self.order.size
 
-    def dof(self, place: int) -> str:
-        return f"dof {self.order[place]}"
+    @cached_property
+    def structure(self) -> Structure | None:
+        """One symbolic analysis for Mbar(h), Mbar(2 h) and M."""
+        if self.graph is None:
+            return None
+        return structure_of(*rows_of(self.graph, self.order), self.nb)
+
+    def factor(self, A: Matrix, what: str) -> Factor:
+        """The factor of a matrix of this subdomain, in elimination order."""
+        if self.external is not None and A is not None and A.ndim == 2:
+            return self.external.factor(permuted(A, self.place), what)
+        names = Names(what, self.order, self.name)
+        structure = self.structure if sp.issparse(A) else None
+        return factorize(A, names, nb=self.nb, structure=structure, superlu=self.superlu)
 
     def mbar(self, h: float) -> Matrix:
-        """M + al2 C + al1 K, explicit without K, equation (12); with estimates (R3)."""
-        al1, al2 = self.subdomain.scheme.coefficients(h)
-        return combination([(1.0, self.M), (al2, self.damping), (al1, self.stiffness)])
+        return mbar(self.subdomain.scheme, h, self.M, self.damping, self.stiffness)
 
     def diagonal_mbar(self, h: float) -> Matrix:
         """Mbar where it is diagonal, else None."""
@@ -88,21 +109,43 @@ class Part:
         """Step and factor of Mbar(h) as the core takes them."""
         if self.mass_factor is not None:
             return (h, *self.mass_factor)
-        what = f"M + al2 C of explicit subdomain {self.name!r}"
-        if not self.subdomain.scheme.explicit:
-            what = f"Mbar = M + al2 C + al1 K of subdomain {self.name!r}"
-        factor = factorize(self.mbar(h), what, self.dof, nb=self.nb)
+        if self.external is not None and h == self.h:
+            factor = self.external.first  # made when the order was asked for
+        else:
+            factor = self.factor(self.mbar(h), name_of_mbar(self.subdomain.scheme, self.name))
         if self.stiffness is None and self.damping is None:
             self.mass_factor = factor
         return (h, *factor)
 
 
-def make_part(subdomain: Subdomain, name: str, double: bool, h: float, L: sp.csr_array) -> Part:
+def mbar(scheme: Scheme, h: float, M: Matrix, damping: Matrix, stiffness: Matrix) -> Matrix:
+    """M + al2 C + al1 K, explicit without K, equation (12); with estimates (R3)."""
+    al1, al2 = scheme.coefficients(h)
+    return combination([(1.0, M), (al2, damping), (al1, stiffness)])
+
+
+def name_of_mbar(scheme: Scheme, subdomain: str) -> str:
+    if scheme.explicit:
+        return f"M + al2 C of explicit subdomain {subdomain!r}"
+    return f"Mbar = M + al2 C + al1 K of subdomain {subdomain!r}"
+
+
+def make_part(
+    subdomain: Subdomain, name: str, double: bool, h: float, L: sp.csr_array, factorize: Any = None
+) -> Part:
     """Order a subdomain, interface last."""
-    n = subdomain.n
+    n, scheme = subdomain.n, subdomain.scheme
     last = np.unique(L.indices).astype(np.int64)
     stiffness, damping = subdomain.implicit_stiffness, subdomain.implicit_damping
-    order = elimination_order(n, [subdomain.M, damping, stiffness], last)
+    graph = graph_of([subdomain.M, damping, stiffness])
+    external = None
+    if callable(factorize) and graph is not None:
+        external = External(factorize, graph, last, name)
+        whole = mbar(scheme, h, subdomain.M, damping, stiffness)
+        external.factor(whole, name_of_mbar(scheme, name))
+        order = external.perm
+    else:
+        order = elimination_order(n, graph, last)
     place = np.empty(n, dtype=np.int64)
     place[order] = np.arange(n)
     matrices = (
@@ -117,7 +160,20 @@ def make_part(subdomain: Subdomain, name: str, double: bool, h: float, L: sp.csr
         )
     )
     conditions = sp.csr_array(L[:, order])
-    return Part(subdomain, name, double, h, order, place, *matrices, conditions, last.size)
+    return Part(
+        subdomain,
+        name,
+        double,
+        h,
+        order,
+        place,
+        *matrices,
+        conditions,
+        last.size,
+        graph=graph,
+        superlu=factorize == "superlu",
+        external=external,
+    )
 
 
 def core_subdomain(
@@ -191,7 +247,7 @@ def row_order(parts: Sequence[Part], p: int) -> np.ndarray:
             ones = np.ones(rows.size)
             pattern = sp.csr_array((ones, (rows, 0 * rows)), shape=(p, 1))
         graphs.append(sp.csr_array(pattern @ pattern.T))
-    return elimination_order(p, [total(graphs, p)], np.arange(0))
+    return elimination_order(p, graph_of([total(graphs, p)]), np.arange(0))
 
 
 def conditions_of(L: sp.csr_array) -> np.ndarray:
@@ -267,8 +323,10 @@ def summed(blocks: Sequence[sp.csr_array], p: int) -> Matrix:
     return dense(H) if H.nnz > DENSE_SHARE * p * p else H
 
 
-def interface_factor(H: Matrix, what: str = "the interface matrix H") -> Factor:
-    """The factor of H; without conditions an empty one."""
+def interface_factor(
+    H: Matrix, rows: np.ndarray, what: str = "the interface matrix H", *, superlu: bool = False
+) -> Factor:
+    """The factor of H; without conditions an empty one. `rows` are the conditions in its order."""
     if H is None:
         return np.empty(0), None
-    return factorize(H, what, lambda row: f"condition {row}")
+    return factorize(H, Names(what, rows), superlu=superlu)

@@ -30,6 +30,7 @@ from .motion import Motion
 from .progress import Report, reporting
 from .recording import Recording
 from .schedule import (
+    check_factorize,
     checked_constraints,
     checked_subdomains,
     double_steps,
@@ -80,16 +81,21 @@ class Coupler:
         besides it. Results are the same bit for bit for any number. Default: as many as there are
         processors for this process, where equation (W1) of docs/method.md, which knows sizes only,
         says that they save a fifth of the time, else 1. `Coupler.threads` is what was decided.
+    factorize : None, "superlu" or callable, optional
+        Who factors the sparse matrices Mbar and M of the subdomains. None: our own supernodal
+        code, and SciPy's SuperLU where a matrix hardly fills in. "superlu": always SuperLU, slower
+        and larger. A callable ``factorize(A, last) -> (L, D, perm)``: see Notes.
 
     Raises
     ------
     TypeError, ValueError
         For arguments of the wrong kind, equal names, substeps that do not divide the largest,
-        everybody at the finest step double, an initial state that does not fit.
+        everybody at the finest step double, an initial state that does not fit; for what
+        `factorize` returns.
     ConstraintError
         For conditions that depend on one another or that the initial velocities break.
     FactorizationError
-        For a singular or indefinite Mbar or mass matrix.
+        For a singular or indefinite Mbar or mass matrix, with subdomain, dof and inertia.
     MemoryError
         For a problem whose predicted size does not fit.
 
@@ -103,6 +109,15 @@ class Coupler:
     Notes
     -----
     Equations (1) to (18) of docs/method.md; Bursi, He, Bonelli and Pegon 2008.
+
+    A `factorize` of your own is called when the Coupler is made, once for each matrix of a
+    subdomain that has sparse ones, with `A`, an (n, n) csc_array of both triangles in your order of
+    the dofs, and `last`, a sorted (nb,) array: the dofs of the interface. It returns `L`, (n, n)
+    lower triangular with a diagonal of ones or none, sparse or dense, `D`, (n,) positive, and
+    `perm`, (n,) int, ending with the dofs of `last` in any order, so that
+    ``A[perm][:, perm] = L @ diag(D) @ L.T``. All matrices of a subdomain have the same pattern, in
+    which zeros are stored, and must get the same `perm`. Diagonal and dense matrices and the
+    interface matrix are factored by the package.
 
     Examples
     --------
@@ -128,12 +143,14 @@ class Coupler:
         coupling: str = "pm",
         start: str = "rebased",
         threads: int | None = None,
+        factorize: Any = None,
     ):
         subdomains = checked_subdomains(subdomains)
         constraints = checked_constraints(constraints, subdomains)
         check_word(coupling, "coupling", ("pm", "gc"))
         check_word(start, "start", ("rebased", "plain"))
         threads_allowed = most_threads(threads)
+        check_factorize(factorize)
         self._dt = positive_number(dt, "dt")
         self._fine = finest(subdomains)
         self._p = sum(c.p for c in constraints)
@@ -153,12 +170,12 @@ class Coupler:
         self._row_size = np.max([row_sizes(L) for L in self._matrices], axis=0, initial=0.0)
         self._check_initial_velocities(self._initial)
         self._warn_of_gaps(self._initial)
-        self._assemble(names, doubles, start, threads_allowed)
+        self._assemble(names, doubles, start, threads_allowed, factorize)
         for s, name, double in zip(subdomains, names, doubles):
             warn_if_above_critical(s, (2.0 if double else 1.0) * self._dt / s.substeps, name)
         self._last_history: History | None = None
         self._constants: dict[str, Any] | None = None  # of the problem, for a checkpoint
-        self._started = False
+        self._started = self._was_reset = False
         self._busy = False
         self._callbacks: dict[int, CallbackLoad] = {}
         self._set_forces([s.force for s in subdomains])
@@ -171,11 +188,12 @@ class Coupler:
         doubles: Sequence[bool],
         start: str,
         threads_allowed: tuple[int, bool],
+        factorize: Any,
     ) -> None:
         """Order, factor, and make the objects of the core."""
         p = self._p
         parts = [
-            make_part(s, name, double, self._dt / s.substeps, L)
+            make_part(s, name, double, self._dt / s.substeps, L, factorize)
             for (_, s), name, double, L in zip(self._keys, names, doubles, self._matrices)
         ]
         rows = row_order(parts, p)
@@ -183,12 +201,14 @@ class Coupler:
         for part in parts:
             part.L = part.L[rows]
             build(part)
-        H = interface_factor(interface_matrix(parts, p, start=False))
+        superlu = factorize == "superlu"
+        H = interface_factor(interface_matrix(parts, p, start=False), rows, superlu=superlu)
         H_start = H
         if any(doubles):
-            H_start = interface_factor(interface_matrix(parts, p, start=True))
+            H_start = interface_matrix(parts, p, start=True)
+            H_start = interface_factor(H_start, rows, superlu=superlu)
         self._parts = parts
-        self._initial_accelerations = InitialAccelerations(parts, p)
+        self._initial_accelerations = InitialAccelerations(parts, p, rows)
         self._core = _core.Coupler(
             tuple(part.core for part in parts),
             p,
@@ -353,6 +373,9 @@ class Coupler:
     ) -> None:
         """Back to t = 0, with all factors kept.
 
+        But for the one of M: it is given back after the start, made again by the first reset, and
+        kept from then on.
+
         Parameters
         ----------
         u0, v0, force : dict, optional
@@ -375,6 +398,7 @@ class Coupler:
             self._warn_of_gaps(initial)
             kept = self._initial, self._forces, self._callbacks, self._started
             asked = [motion.callback for motion in self._motions]
+            self._was_reset = True
             try:
                 self._initial, self._started = initial, False
                 self._set_forces(forces)
@@ -628,7 +652,8 @@ class Coupler:
         g, slope = self._prescribed("value")[rows], self._prescribed("slope")[rows]
         if not all(motion.known for motion in self._motions):
             self._check_initial_velocities(self._initial, asked=True)
-        accelerations, lam = self._initial_accelerations.solve(terms, slope)
+        solver = self._initial_accelerations or InitialAccelerations(self._parts, self._p, rows)
+        accelerations, lam = solver.solve(terms, slope)
         for part, w in zip(self._parts, accelerations):
             if not np.all(np.isfinite(w)):
                 raise InstabilityError(0, 0.0, part.name)
@@ -636,6 +661,8 @@ class Coupler:
             part.core.start(u, v, w, lam)
         self._core.start(0, lam, g)
         self._started = True
+        # the factor of M serves nobody but a later reset; who resets once will do it again
+        self._initial_accelerations = solver if self._was_reset else None
 
     def _warn_of_gaps(self, initial) -> None:
         rows, gaps = self._broken_rows([u for u, _ in initial])

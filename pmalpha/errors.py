@@ -22,7 +22,30 @@ class ConstraintError(PmalphaError, ValueError):
 
 
 class FactorizationError(PmalphaError):
-    """A matrix that must be positive definite is singular or indefinite."""
+    """A matrix that must be positive definite is singular or indefinite.
+
+    Attributes
+    ----------
+    subdomain : str or None
+        Its name; None where several take part.
+    dof : int or None
+        Where it was first seen, in the numbering of the subdomain.
+    inertia : (int, int, int) or None
+        Negative, zero and positive pivots, which is eigenvalues; None where they were not counted.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        subdomain: str | None = None,
+        dof: int | None = None,
+        inertia: tuple[int, int, int] | None = None,
+    ):
+        super().__init__(message)
+        self.subdomain = subdomain
+        self.dof = dof
+        self.inertia = inertia
 
 
 class InstabilityError(PmalphaError):

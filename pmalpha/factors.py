@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from scipy.sparse.linalg import splu
 from . import _core
 from .blas import one_thread
 from .errors import FactorizationError
+from .inertia import inertia
 from .matrices import Matrix, core_sparse, diagonal
 from .memory import require
 
@@ -29,19 +30,85 @@ WIDE = 24
 Factor = tuple[np.ndarray, Any]  # (inverse, R): the reciprocals of D, and R as the core takes it
 
 
-def factorize(A: Matrix, what: str, dof: Callable[[int], str], *, nb: int = 0) -> Factor:
+@dataclass(frozen=True)
+class Names:
+    """How messages call a matrix and its unknowns.
+
+    Attributes
+    ----------
+    what : str
+    numbers : (n,) array of int
+        Dof, or condition, at each place of the elimination order.
+    subdomain : str or None
+        None: the unknowns are conditions.
+    """
+
+    what: str
+    numbers: np.ndarray
+    subdomain: str | None = None
+
+    def not_definite(self, A: Matrix, place: int) -> FactorizationError:
+        """The error for a matrix in elimination order, with its pivots counted."""
+        n, number = self.numbers.size, int(self.numbers[place])
+        counted = inertia(A, n)
+        kind, pivots = "singular or indefinite", "the signs of its pivots are too dear to count"
+        if counted is not None:
+            kind = "indefinite" if counted[0] else "singular"
+            pivots = "pivots: {} negative, {} zero, {} positive".format(*counted)
+        unknown = "condition" if self.subdomain is None else "dof"
+        return FactorizationError(
+            f"{self.what} is not positive definite: it is {kind}, first seen at {unknown} "
+            f"{number}; {pivots}",
+            subdomain=self.subdomain,
+            dof=None if self.subdomain is None else number,
+            inertia=counted,
+        )
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What is known of a factor before its numbers, for all matrices with entries in one pattern.
+
+    Attributes
+    ----------
+    entries : int
+        Of R, with the diagonal.
+    panels : tuple or None
+        (first, row_ptr, rows, start, owner); None where columns are swept faster.
+    """
+
+    entries: int
+    panels: tuple | None
+
+
+def structure_of(ptr: np.ndarray, index: np.ndarray, nb: int) -> Structure:
+    """The structure of the factor of a symmetric pattern by rows, in elimination order."""
+    n = ptr.size - 1
+    entries = n + int(_core.count_factor(ptr, index).sum())
+    return Structure(entries, _core.supernodes(ptr, index, nb) if entries > WIDE * n else None)
+
+
+def factorize(
+    A: Matrix,
+    names: Names,
+    *,
+    nb: int = 0,
+    structure: Structure | None = None,
+    superlu: bool = False,
+) -> Factor:
     """R and the reciprocals of D, as the core takes them.
 
     Parameters
     ----------
     A : matrix in inner form
         Symmetric, already in elimination order.
-    what : str
-        Names the matrix in messages.
-    dof : callable
-        Names the dof at a place of the elimination order in messages.
+    names : Names
     nb : int, default 0
         The last so many unknowns are the interface, swept apart from the others.
+    structure : Structure, optional
+        Of a pattern that holds that of A, if A is sparse. Default: of its own.
+    superlu : bool, default False
+        Sparse factors by SuperLU, whatever their pattern.
 
     Raises
     ------
@@ -51,67 +118,66 @@ def factorize(A: Matrix, what: str, dof: Callable[[int], str], *, nb: int = 0) -
         When the factor does not fit, predicted before it is begun.
     """
     if A is None:
-        raise _not_definite(what, dof(0))
+        raise names.not_definite(A, 0)
     if A.ndim == 1:
-        _check_pivots(A, A, what, dof)
+        check_pivots(A, A, names)
         return 1.0 / A, None
     with one_thread():
         if not sp.issparse(A):
-            factor = dense_columns(A, what, dof)
+            factor = dense_columns(A, names)
         else:
-            ptr, index, _ = core_sparse(A)
-            entries = A.shape[0] + int(_core.count_factor(ptr, index).sum())
-            wide = entries > WIDE * A.shape[0]
-            factor = panels(A, what, dof, nb=nb) if wide else columns(A, what, dof, entries, nb=nb)
-    _check_softest(A, factor, what, dof)
+            if structure is None:
+                structure = structure_of(*core_sparse(A)[:2], nb)
+            if superlu or structure.panels is None:
+                factor = columns(A, names, structure.entries, nb=nb)
+            else:
+                factor = panels(A, names, structure.panels)
+    check_softest(A, factor, names)
     return factor
 
 
-def dense_columns(A: np.ndarray, what: str, dof: Callable[[int], str]) -> Factor:
+def dense_columns(A: np.ndarray, names: Names) -> Factor:
     """LAPACK's Cholesky factor, with the diagonal taken out."""
     n = A.shape[0]
-    require(16.0 * n * n, f"the factor of {what} ({n} dofs, dense)")
+    require(16.0 * n * n, f"the factor of {names.what} ({n} dofs, dense)")
     lower, info = dpotrf(A, lower=True, clean=True)
     if info > 0:
-        raise _not_definite(what, dof(info - 1))
+        raise names.not_definite(A, info - 1)
     root = lower.diagonal().copy()
-    _check_pivots(root**2, A.diagonal(), what, dof)
+    check_pivots(root**2, A, names)
     return 1.0 / root**2, np.ascontiguousarray(lower.T / root[:, None])
 
 
-def panels(A: sp.csr_array, what: str, dof: Callable[[int], str], *, nb: int) -> Factor:
+def panels(A: sp.csr_array, names: Names, structure: tuple) -> Factor:
     """Our own supernodal factor: dense panels, 8 bytes an entry."""
-    matrix = core_sparse(A)
-    structure = _core.supernodes(matrix[0], matrix[1], nb)
     first, row_ptr, rows, start, _ = structure
     update = np.max(np.diff(first)) * np.max(np.diff(row_ptr))
     require(
         8.0 * (start[-1] + update) + 4.0 * rows.size,
-        f"the factor of {what} ({A.shape[0]} dofs, {start[-1]} entries)",
+        f"the factor of {names.what} ({A.shape[0]} dofs, {start[-1]} entries)",
     )
     values, inverse = np.empty(start[-1]), np.empty(A.shape[0])
     capsules = cython_blas.__pyx_capi__
     failed = _core.factor_panels(
-        matrix, structure, values, inverse, LOST, capsules["dgemm"], capsules["dtrsm"]
+        core_sparse(A), structure, values, inverse, LOST, capsules["dgemm"], capsules["dtrsm"]
     )
     if failed is not None:
-        raise _not_definite(what, dof(failed))
+        raise names.not_definite(A, failed)
     return inverse, (first, row_ptr, rows, start, values)
 
 
-def columns(
-    A: sp.csr_array, what: str, dof: Callable[[int], str], entries: int, *, nb: int
-) -> Factor:
+def columns(A: sp.csr_array, names: Names, entries: int, *, nb: int) -> Factor:
     """SuperLU's factor, column by column: for chains and other thin patterns.
 
     Where it leaves the diagonal the matrix is not definite, or it takes it for singular: then our
     own factor decides, and says where.
     """
     n = A.shape[0]
-    require(SUPERLU_BYTES * entries, f"the factor of {what} ({n} dofs, {entries} entries)")
+    require(SUPERLU_BYTES * entries, f"the factor of {names.what} ({n} dofs, {entries} entries)")
     d = A.diagonal()
     if not np.all(d > 0.0):
-        raise _not_definite(what, dof(int(np.argmin(d > 0.0))))
+        raise names.not_definite(A, int(np.argmin(d > 0.0)))
+    natural, lu = np.arange(n), None
     try:
         lu = splu(
             sp.csc_array(A),
@@ -120,23 +186,23 @@ def columns(
             options=dict(SymmetricMode=True),
         )
     except RuntimeError:  # SuperLU: exactly singular
-        return panels(A, what, dof, nb=nb)
-    natural = np.arange(n)
-    if not (np.array_equal(lu.perm_r, natural) and np.array_equal(lu.perm_c, natural)):
-        return panels(A, what, dof, nb=nb)
-    pivots = lu.U.diagonal()
-    _check_pivots(pivots, d, what, dof)
-    R = lu.L
+        pass
+    if lu is None or np.any(lu.perm_r != natural) or np.any(lu.perm_c != natural):
+        return panels(A, names, _core.supernodes(*core_sparse(A)[:2], nb))
+    pivots, R = lu.U.diagonal(), lu.L
+    check_pivots(pivots, A, names)
     R.sort_indices()
-    _check_symmetric(R, pivots, lu.U, what)
-    own = np.repeat(natural, np.diff(R.indptr))
+    _check_symmetric(R, pivots, lu.U, names.what)
+    return 1.0 / pivots, below_diagonal(R)
+
+
+def below_diagonal(R: sp.csc_array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """R by columns as the core takes it, (ptr, index, values): sorted, without the diagonal."""
+    n = R.shape[0]
+    own = np.repeat(np.arange(n), np.diff(R.indptr))
     below = (R.indices > own) & (R.data != 0.0)
     kept = np.concatenate([[0], np.cumsum(np.bincount(own[below], minlength=n))])
-    return 1.0 / pivots, (
-        kept.astype(np.int64),
-        R.indices[below].astype(np.int32),
-        R.data[below],
-    )
+    return kept.astype(np.int64), R.indices[below].astype(np.int32), R.data[below]
 
 
 def _check_symmetric(R: Any, pivots: np.ndarray, U: Any, what: str) -> None:
@@ -147,15 +213,15 @@ def _check_symmetric(R: Any, pivots: np.ndarray, U: Any, what: str) -> None:
         raise FactorizationError(f"the factor of {what} is not symmetric")
 
 
-def _check_pivots(D: np.ndarray, d: np.ndarray, what: str, dof: Callable[[int], str]) -> None:
-    """D > 0, and not mere rounding of the diagonal d they came from, nor without reciprocal."""
+def check_pivots(D: np.ndarray, A: Matrix, names: Names) -> None:
+    """D > 0, and not mere rounding of the diagonal they came from, nor without reciprocal."""
     with np.errstate(over="ignore", divide="ignore"):
-        bad = ~(D > LOST * np.abs(d)) | np.isinf(1.0 / D)
+        bad = ~(D > LOST * np.abs(diagonal(A))) | np.isinf(1.0 / D)
     if bad.any():
-        raise _not_definite(what, dof(int(np.argmax(bad))))
+        raise names.not_definite(A, int(np.argmax(bad)))
 
 
-def _check_softest(A: Any, factor: Factor, what: str, dof: Callable[[int], str]) -> None:
+def check_softest(A: Any, factor: Factor, names: Names) -> None:
     """A mechanism leaves a small last pivot, of rounding that has added up over the others.
 
     So where a pivot is suspicious, inverse iteration finds the motion that A resists least: A
@@ -173,7 +239,7 @@ def _check_softest(A: Any, factor: Factor, what: str, dof: Callable[[int], str])
     size = np.max(np.abs(x))
     x = x / size
     if not np.isfinite(size) or x @ (A @ x) <= LOST * (x @ (d * x)):
-        raise _not_definite(what, dof(int(np.argmin(share))))
+        raise names.not_definite(A, int(np.argmin(share)))
 
 
 def solve(factor: Factor, b: np.ndarray) -> np.ndarray:
@@ -213,9 +279,3 @@ def interface_block(factor: Factor, nb: int) -> np.ndarray:
         panel = values[start[s] : start[s + 1]].reshape(own.size, where.size).T
         block[np.ix_(where, own - begin)] = panel
     return block
-
-
-def _not_definite(what: str, dof: str) -> FactorizationError:
-    return FactorizationError(
-        f"{what} is not positive definite: it is singular or indefinite, first seen at {dof}"
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,16 @@ NODE_SIZES = (1, 2, 3, 6)
 FEW_NODES = 100
 
 
-def elimination_order(n: int, terms: list[Matrix], last: np.ndarray) -> np.ndarray:
+def graph_of(terms: Sequence[Matrix]) -> sp.csr_array | None:
+    """The graph of any sum of these matrices in inner form, None unless one is sparse and none
+    dense: symmetric, without a diagonal, all entries one."""
+    sparse = [A for A in terms if A is not None and sp.issparse(A)]
+    if not sparse or len(sparse) < sum(A is not None and A.ndim == 2 for A in terms):
+        return None
+    return _pattern(sum(abs(A).sign() for A in sparse))
+
+
+def elimination_order(n: int, graph: sp.csr_array | None, last: np.ndarray) -> np.ndarray:
     """Dof at each place of the elimination order.
 
     Of the natural order, minimum degree and, where pymetis is installed, nested dissection the one
@@ -32,8 +42,8 @@ def elimination_order(n: int, terms: list[Matrix], last: np.ndarray) -> np.ndarr
     Parameters
     ----------
     n : int
-    terms : list of matrices in inner form
-        Those that the matrix to be factored is a sum of.
+    graph : (n, n) csr_array or None
+        From `graph_of`; None for the natural order.
     last : (nb,) sorted array of int
         Dofs that come last: the interface.
 
@@ -41,13 +51,12 @@ def elimination_order(n: int, terms: list[Matrix], last: np.ndarray) -> np.ndarr
     -------
     (n,) array of int
     """
-    sparse = [A for A in terms if A is not None and sp.issparse(A)]
-    if n == 0 or not sparse or len(sparse) < sum(A is not None and A.ndim == 2 for A in terms):
+    if n == 0 or graph is None:
         interior = np.setdiff1d(np.arange(n), last, assume_unique=True)
-        return np.concatenate([interior, last])  # nothing but diagonals, or dense anyway
-    nodes = node_graph(_pattern(sum(abs(A).sign() for A in sparse)), last)
+        return np.concatenate([interior, last])
+    nodes = node_graph(graph, last)
     best = _least_fill(nodes)
-    best = best[_core.postorder(*_rows(nodes.graph, best), nodes.border)]
+    best = best[_core.postorder(*rows_of(nodes.graph, best), nodes.border)]
     return nodes.dofs_of(best)
 
 
@@ -141,7 +150,7 @@ def _least_fill(nodes: NodeGraph) -> np.ndarray:
 
 def envelope(pattern: sp.csr_array, order: np.ndarray) -> int:
     """An upper bound of `fill` that costs one pass: all from the first entry of each row on."""
-    ptr, index = _rows(pattern, order)
+    ptr, index = rows_of(pattern, order)
     n = order.size
     first = np.arange(n)
     filled = np.diff(ptr) > 0
@@ -151,10 +160,10 @@ def envelope(pattern: sp.csr_array, order: np.ndarray) -> int:
 
 def fill(pattern: sp.csr_array, order: np.ndarray) -> int:
     """Entries of the factor in this order, with the diagonal."""
-    return order.size + int(_core.count_factor(*_rows(pattern, order)).sum())
+    return order.size + int(_core.count_factor(*rows_of(pattern, order)).sum())
 
 
-def _rows(pattern: sp.csr_array, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def rows_of(pattern: sp.csr_array, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The pattern in an order, as the core takes it."""
     B = sp.csr_array(pattern[order][:, order])
     return B.indptr.astype(np.int64), B.indices.astype(np.int32)

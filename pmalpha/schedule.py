@@ -78,6 +78,15 @@ def checked_constraints(
     return constraints
 
 
+def check_factorize(value: Any) -> None:
+    if value is None or callable(value):
+        return
+    if not isinstance(value, str):
+        raise TypeError(f"factorize must be None, 'superlu' or a callable, got {value!r}")
+    if value != "superlu":
+        raise ValueError(f"factorize must be None, 'superlu' or a callable, got {value!r}")
+
+
 def finest(subdomains: Sequence[Subdomain]) -> int:
     """The largest number of substeps, a multiple of all."""
     fine = max(s.substeps for s in subdomains)

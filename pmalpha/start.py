@@ -26,7 +26,6 @@ from ._checks import listing
 from .assembly import Part, compliance, core_subdomain, interface_factor, summed, total
 from .blas import one_thread
 from .errors import ConstraintWarning, InstabilityError
-from .factors import factorize
 from .matrices import combination, product
 from .schemes import Scheme
 
@@ -44,6 +43,8 @@ class InitialAccelerations:
     parts : sequence of Part
     p : int
         Number of conditions.
+    rows : (p,) array of int
+        Their numbers, in the order of the multipliers.
 
     Raises
     ------
@@ -51,7 +52,7 @@ class InitialAccelerations:
         When a mass matrix is singular in another way than by zero rows.
     """
 
-    def __init__(self, parts: Sequence[Part], p: int):
+    def __init__(self, parts: Sequence[Part], p: int, rows: np.ndarray):
         self.parts = parts
         self.masses = [_Mass(part) for part in parts]
         blocks = [m.compliance() for m in self.masses]
@@ -65,7 +66,7 @@ class InitialAccelerations:
             H = summed(blocks, p)
         self.cores = [m.core(linked=not self.ties_without_mass) for m in self.masses]
         self.p = p
-        factor = interface_factor(H, "the interface matrix of the initial accelerations")
+        factor = interface_factor(H, rows, "the interface matrix of the initial accelerations")
         everywhere = (np.arange(p),)
         self.coupler = _core.Coupler(tuple(self.cores), p, factor, factor, 1.0, False, everywhere)
 
@@ -159,7 +160,7 @@ class _Mass:
         self.diagonal = matrix if matrix.ndim == 1 else None
         factor = part.mass_factor
         if factor is None:
-            factor = factorize(matrix, f"M of subdomain {part.name!r}", part.dof, nb=part.nb)
+            factor = part.factor(matrix, f"M of subdomain {part.name!r}")
         self.operator = (1.0, *factor)
         self.linked = sp.csr_array(part.L @ sp.diags_array(1.0 - stand_in))
         self.bare = sp.csr_array(part.L[:, self.massless])

@@ -192,7 +192,9 @@ class Subdomain:
         if self.scheme.explicit:
             raise FactorizationError(
                 f"{label} is explicit and its mass matrix singular: dofs {listing(massless)} "
-                "have no mass; give them mass or take an implicit scheme"
+                "have no mass; give them mass or take an implicit scheme",
+                subdomain=self.name,
+                dof=int(massless[0]),
             )
         if self.damping == "lagged":
             raise ValueError(

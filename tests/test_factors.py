@@ -1,6 +1,7 @@
 """Factors and the sweeps over them, against dense solutions and against each other."""
 
 import ctypes
+import pickle
 import sys
 
 import numpy as np
@@ -11,9 +12,10 @@ from problems import random_problem
 import pmalpha as pm
 from pmalpha import _core, factors, ordering, structures
 from pmalpha.assembly import compliance, conditions_of
+from pmalpha.inertia import inertia
 from pmalpha.matrices import core_sparse, permuted
 from pmalpha.ordering import _nested_dissection as dissection
-from pmalpha.ordering import _pattern, elimination_order, fill, node_size
+from pmalpha.ordering import _pattern, elimination_order, fill, graph_of, node_size
 
 DEFINITE = pm.FactorizationError
 
@@ -27,7 +29,7 @@ def random_matrix(rng, n, density):
 def ordered(A, nb):
     """A in the order in which it is factored, with the last nb dofs last."""
     n = A.shape[0]
-    return permuted(A, elimination_order(n, [A], np.arange(n - nb, n)))
+    return permuted(A, elimination_order(n, graph_of([A]), np.arange(n - nb, n)))
 
 
 def solve(factor, b, nb):
@@ -54,14 +56,22 @@ def solve(factor, b, nb):
     return s.state()[2]
 
 
-def name(place):
-    return f"dof {place}"
+def names(n, what="A"):
+    return factors.Names(what, np.arange(n), "tower")
+
+
+def by_panels(A, nb, what="A"):
+    return factors.panels(A, names(A.shape[0], what), _core.supernodes(*core_sparse(A)[:2], nb))
+
+
+def by_columns(A, nb):
+    return factors.columns(A, names(A.shape[0]), 0, nb=nb)
 
 
 def all_factors(A, nb):
-    yield factors.panels(A, "A", name, nb=nb)
-    yield factors.columns(A, "A", name, 0, nb=nb)
-    yield factors.factorize(A.toarray(), "A", name, nb=nb)
+    yield by_panels(A, nb)
+    yield by_columns(A, nb)
+    yield factors.factorize(A.toarray(), names(A.shape[0]), nb=nb)
 
 
 @pytest.mark.parametrize("seed", range(60))
@@ -84,9 +94,9 @@ def test_a_solid_has_the_same_solution_by_panels_and_by_columns(nb):
     K = sp.csr_array(K + sp.kron(sp.kron(one, one), T))
     A = ordered(K, nb)
     b = np.cos(np.arange(n**3))
-    by_panels, by_columns, dense = (solve(f, b, nb) for f in all_factors(A, nb))
-    np.testing.assert_allclose(by_panels, dense, atol=1e-14)  # rounding: condition 20, size 1
-    np.testing.assert_allclose(by_columns, dense, atol=1e-14)
+    *sparse, dense = (solve(f, b, nb) for f in all_factors(A, nb))
+    for solution in sparse:
+        np.testing.assert_allclose(solution, dense, atol=1e-14)  # rounding: condition 20, size 1
 
 
 @pytest.mark.parametrize("width", [1, 47, 48, 49, 255, 256, 257, 300])
@@ -96,7 +106,7 @@ def test_dense_panels_of_every_width_are_factored(width):
     A = rng.normal(size=(width, width))
     A = sp.csr_array(A @ A.T / width + np.eye(width))
     x = rng.normal(size=width)
-    solution = solve(factors.panels(A, "A", name, nb=0), A @ x, 0)
+    solution = solve(by_panels(A, 0), A @ x, 0)
     np.testing.assert_allclose(solution, x, atol=1e-12)
 
 
@@ -139,9 +149,9 @@ def indefinite(n, where):
 def test_an_indefinite_matrix_is_refused_in_every_form(where):
     A = indefinite(40, where)
     attempts = [
-        lambda: factors.panels(A, "A", name, nb=0),
-        lambda: factors.columns(A, "A", name, 0, nb=0),
-        lambda: factors.factorize(A.toarray(), "A", name),
+        lambda: by_panels(A, 0),
+        lambda: by_columns(A, 0),
+        lambda: factors.factorize(A.toarray(), names(A.shape[0])),
     ]
     for attempt in attempts:
         with pytest.raises(DEFINITE, match=f"^A is not positive definite.*dof {where}"):
@@ -153,9 +163,9 @@ def test_a_floating_matrix_is_refused_in_every_form():
     B = sp.diags_array([-1.0, 1.0], offsets=[0, 1], shape=(n - 1, n))
     A = sp.csr_array(B.T @ B)  # by hand: the pivots are 1, ..., 1, 0
     for attempt in (
-        lambda: factors.panels(A, "A", name, nb=0),
-        lambda: factors.columns(A, "A", name, 0, nb=0),
-        lambda: factors.factorize(A.toarray(), "A", name),
+        lambda: by_panels(A, 0),
+        lambda: by_columns(A, 0),
+        lambda: factors.factorize(A.toarray(), names(A.shape[0])),
     ):
         with pytest.raises(DEFINITE, match="A is"):
             attempt()
@@ -180,7 +190,7 @@ def test_an_order_has_the_interface_last_and_holds_every_dof_once():
     for n in (1, 5, 40, 200):
         A = random_matrix(rng, n, 0.03)
         last = np.sort(rng.choice(n, n // 3, replace=False))
-        order = elimination_order(n, [A], last)
+        order = elimination_order(n, graph_of([A]), last)
         np.testing.assert_array_equal(np.sort(order), np.arange(n))
         np.testing.assert_array_equal(order[n - last.size :], last)
 
@@ -189,8 +199,8 @@ def test_a_factor_that_cannot_fit_is_refused_before_it_is_begun(monkeypatch):
     monkeypatch.setattr("pmalpha.memory.available", lambda: 1000)
     A = random_matrix(np.random.default_rng(0), 400, 0.2)
     for attempt in (
-        lambda: factors.panels(A, "Mbar", name, nb=0),
-        lambda: factors.columns(A, "Mbar", name, 80_000, nb=0),
+        lambda: by_panels(A, 0, "Mbar"),
+        lambda: factors.columns(A, names(400, "Mbar"), 80_000, nb=0),
     ):
         with pytest.raises(MemoryError, match="the factor of Mbar .400 dofs.*available"):
             attempt()
@@ -253,7 +263,7 @@ def test_dofs_of_a_node_stand_together_and_in_their_order():
     rng = np.random.default_rng(7)
     A = sp.csr_array(sp.kron(cube(6), np.ones((3, 3))))
     last = np.sort(rng.choice(648, 50, replace=False))  # some nodes are cut by the interface
-    order = elimination_order(648, [A], last)
+    order = elimination_order(648, graph_of([A]), last)
     interior, border = order[:-50], order[-50:]
     np.testing.assert_array_equal(np.sort(order), np.arange(648))
     np.testing.assert_array_equal(border, last)
@@ -275,15 +285,15 @@ def test_the_order_taken_fills_least_of_all_candidates(nodes_of_interface):
         for order in (np.arange(n - nb), ordering._minimum_degree(inner), dissection(inner))
     ]
     # a postorder changes no fill
-    assert fill(pattern, elimination_order(n, [A], last)) == min(fills)
+    assert fill(pattern, elimination_order(n, graph_of([A]), last)) == min(fills)
 
 
 def test_nested_dissection_halves_the_factor_of_a_solid(monkeypatch):
     box = structures.solid(11, 11, 11, 0.1, E=1.0, nu=0.3, rho=1.0)
     face = box.dofs(box.nodes(lambda x, y, z: x < 1e-9))
-    with_metis = fill(_pattern(box.K), elimination_order(box.n, [box.K], face))
+    with_metis = fill(_pattern(box.K), elimination_order(box.n, graph_of([box.K]), face))
     without_pymetis(monkeypatch)
-    without = fill(_pattern(box.K), elimination_order(box.n, [box.K], face))
+    without = fill(_pattern(box.K), elimination_order(box.n, graph_of([box.K]), face))
     # 2/3 of minimum degree, and that 2/3 of the natural order, when this was written
     assert with_metis < 0.9 * without
     assert without < 0.9 * fill(_pattern(box.K), np.concatenate([np.arange(432, box.n), face]))
@@ -294,25 +304,25 @@ def test_without_pymetis_the_order_is_that_of_minimum_degree(monkeypatch):
     A = cube(9)
     assert dissection(_pattern(A)) is None
     degree = ordering._minimum_degree(_pattern(A))
-    order = elimination_order(729, [A], np.arange(0))
+    order = elimination_order(729, graph_of([A]), np.arange(0))
     assert fill(_pattern(A), order) == fill(_pattern(A), degree)
 
 
 def test_the_order_is_the_same_every_time_whatever_others_draw():
     A = cube(10)
-    first = elimination_order(1000, [A], np.arange(0))
+    first = elimination_order(1000, graph_of([A]), np.arange(0))
     ctypes.CDLL(None).srand(12345)  # METIS draws from the C library
-    np.testing.assert_array_equal(elimination_order(1000, [A], np.arange(0)), first)
+    np.testing.assert_array_equal(elimination_order(1000, graph_of([A]), np.arange(0)), first)
 
 
 def test_nothing_is_ordered_without_an_error():
-    assert elimination_order(0, [sp.csr_array((0, 0))], np.arange(0)).size == 0
+    assert elimination_order(0, graph_of([sp.csr_array((0, 0))]), np.arange(0)).size == 0
 
 
 def test_a_chain_keeps_its_natural_order():
     T = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(500, 500))
     np.testing.assert_array_equal(
-        elimination_order(500, [sp.csr_array(T)], np.array([499])), np.arange(500)
+        elimination_order(500, graph_of([sp.csr_array(T)]), np.array([499])), np.arange(500)
     )
 
 
@@ -325,7 +335,7 @@ def test_interiors_empty_small_or_in_pieces_are_ordered(last):
     rng = np.random.default_rng(2)
     ring = sp.csr_array(sp.eye_array(300) + sp.eye_array(300, k=1) + sp.eye_array(300, k=-1))
     for A in (random_matrix(rng, 300, 0.05), ring, sp.csr_array(np.ones((300, 300)))):
-        order = elimination_order(300, [A], last)
+        order = elimination_order(300, graph_of([A]), last)
         np.testing.assert_array_equal(np.sort(order), np.arange(300))
         np.testing.assert_array_equal(order[300 - last.size :], last)
 
@@ -334,6 +344,95 @@ def test_an_order_needs_no_symmetric_pattern_and_no_diagonal():
     # a graph on which METIS would neither return (unsymmetric) nor survive (loops)
     upper = sp.csr_array(sp.triu(cube(9), k=1))
     loops = sp.csr_array(cube(9) + sp.eye_array(729))
-    expected = elimination_order(729, [cube(9)], np.arange(0))
+    expected = elimination_order(729, graph_of([cube(9)]), np.arange(0))
     for A in (upper, loops, sp.csr_array(upper.T)):
-        np.testing.assert_array_equal(elimination_order(729, [A], np.arange(0)), expected)
+        np.testing.assert_array_equal(elimination_order(729, graph_of([A]), np.arange(0)), expected)
+
+
+# ---- what is refused, with its inertia -----------------------------------------------------------
+
+
+def with_signs(rng, signs, density):
+    """A matrix of known inertia: L D L^T with the signs on D, by Sylvester's law."""
+    n = signs.size
+    lower = sp.tril(sp.random_array((n, n), density=density, rng=rng), k=-1) + sp.eye_array(n)
+    return sp.csr_array(lower @ sp.diags_array(signs * rng.uniform(0.5, 2.0, n)) @ lower.T)
+
+
+@pytest.mark.parametrize("n, density", [(1, 0.0), (30, 0.2), (199, 0.02), (400, 0.003)])
+@pytest.mark.parametrize("seed", range(5))
+def test_the_inertia_is_that_of_the_signs_the_matrix_was_made_with(n, density, seed):
+    rng = np.random.default_rng(seed)
+    signs = rng.choice([-1.0, 0.0, 1.0], n)
+    expected = tuple(int(np.sum(signs == s)) for s in (-1.0, 0.0, 1.0))
+    A = with_signs(rng, signs, density)
+    scale = sp.diags_array(10.0 ** rng.uniform(-4, 4, n))  # other units change no sign
+    assert inertia(A, n) == expected
+    assert inertia(sp.csr_array(scale @ A @ scale), n) == expected
+    assert inertia(A.toarray(), n) == expected
+
+
+def test_the_inertia_of_diagonals_and_of_nothing_is_counted_as_it_stands():
+    assert inertia(np.array([-1e-300, 0.0, 0.0, 1e300, 2.0]), 5) == (1, 2, 2)
+    assert inertia(None, 4) == (0, 4, 0)
+
+
+def test_an_inertia_that_would_take_a_large_factor_is_not_counted():
+    A = sp.csr_array(cube(16) - 3.0 * sp.eye_array(4096))  # 3 ** 3 blocks of 256: fill 1e6
+    assert inertia(A, 4096) is not None
+    wide = sp.csr_array(np.ones((3300, 3300)))  # 5.4e6 entries
+    assert inertia(wide, 3300) is None
+    assert inertia(np.ones((2001, 2001)), 2001) is None
+    error = factors.Names("Mbar", np.arange(3300), "tower").not_definite(wide, 7)
+    assert "singular or indefinite" in str(error) and "too dear to count" in str(error)
+    assert (error.subdomain, error.dof, error.inertia) == ("tower", 7, None)
+
+
+@pytest.mark.parametrize("form", ["diagonal", "dense", "sparse", "panels"])
+def test_a_refused_subdomain_tells_where_and_how_it_is_indefinite(form, monkeypatch):
+    monkeypatch.setattr(factors, "WIDE", 0 if form == "panels" else 24)
+    K = sp.lil_array(4.0 * sp.eye_array(40) - sp.eye_array(40, k=1) - sp.eye_array(40, k=-1))
+    if form == "diagonal":
+        K = sp.lil_array(sp.eye_array(40))
+    K[30, 30] = K[7, 7] = -5e4
+    K = {"diagonal": K.diagonal(), "dense": K.toarray()}.get(form, sp.csr_array(K))
+    good = pm.Subdomain(np.ones(2), np.ones(2), scheme=pm.Newmark())
+    bad = pm.Subdomain(np.ones(40), K, scheme=pm.Newmark(), name="bad")
+    with pytest.raises(DEFINITE, match="'bad'.*indefinite.*pivots: 2 neg.*0 zero, 38") as caught:
+        pm.Coupler([good, bad], pm.tie(good, [0], bad, [20]), dt=0.1)
+    error = caught.value
+    assert error.subdomain == "bad" and error.dof in (7, 30) and error.inertia == (2, 0, 38)
+    again = pickle.loads(pickle.dumps(error))
+    assert str(again) == str(error) and again.inertia == error.inertia
+
+
+def test_a_floating_subdomain_is_called_singular_with_one_zero_pivot():
+    K = sp.csr_array(sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(50, 50)))
+    K[[0, 49], [0, 49]] = 1.0
+    bad = pm.Subdomain(np.zeros(50), K, scheme=pm.GeneralizedAlpha(0.5), name="bad")
+    with pytest.raises(DEFINITE, match="singular, first seen at dof.*0 neg.*1 zero, 49 pos"):
+        pm.Coupler([bad], dt=0.1)
+
+
+def test_the_factor_of_the_mass_is_given_back_after_the_start_and_kept_after_a_reset():
+    box = structures.plate(6, 6, 0.1, E=1.0, nu=0.3, rho=1.0)
+    s = box.subdomain(scheme=pm.Newmark(), force=np.ones(box.n))
+    coupler = pm.Coupler([s], dt=0.01)
+    first = coupler.run(steps=3)[0].u
+    assert coupler._initial_accelerations is None
+    for _ in range(2):
+        coupler.reset()
+        assert coupler._initial_accelerations is not None
+        np.testing.assert_array_equal(coupler.run(steps=3)[0].u, first)
+
+
+def test_mbar_of_both_steps_and_the_mass_share_one_structure():
+    a, b = (structures.solid(5, 5, 5, 0.2, E=1.0, nu=0.3, rho=1.0) for _ in range(2))
+    face = a.dofs(a.nodes(lambda x, y, z: x < 1e-9))
+    first = a.subdomain(scheme=pm.GeneralizedAlpha(0.5))
+    second = b.subdomain(scheme=pm.GeneralizedAlpha(0.5), substeps=2)
+    coupler = pm.Coupler([first, second], pm.tie(first, face, second, face), dt=0.1)
+    part = coupler._parts[0]
+    single, twice = (factor[1] for factor in part.factors)
+    for k in range(4):  # first, row_ptr, rows, start
+        assert single[k] is twice[k] is part.structure.panels[k]
