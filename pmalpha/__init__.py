@@ -18,7 +18,7 @@ from .errors import (
     StabilityWarning,
 )
 from .forces import BaseAcceleration, SampledForce
-from .history import History, State, SubdomainHistory
+from .history import Energy, History, State, SubdomainHistory
 from .reduction import Reduction, reduce
 from .schemes import HHT, WBZ, CentralDifference, GeneralizedAlpha, Newmark, Scheme
 from .subdomain import Subdomain
@@ -36,6 +36,7 @@ __all__ = [
     "ConstraintError",
     "ConstraintWarning",
     "Coupler",
+    "Energy",
     "FactorizationError",
     "GeneralizedAlpha",
     "History",

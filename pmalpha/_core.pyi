@@ -16,7 +16,9 @@ _Load = (
     | None
 )
 _Nodes = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None  # position, u, v, w
-_Record = tuple[int, int, tuple[_Nodes, ...], np.ndarray, np.ndarray, np.ndarray]
+_Record = tuple[  # begin, every, nodes, multipliers, jumps of velocity and displacement, energy
+    int, int, tuple[_Nodes, ...], np.ndarray, np.ndarray, np.ndarray, np.ndarray | None
+]
 
 class Subdomain:
     def __new__(
@@ -40,6 +42,8 @@ class Subdomain:
     def restore(self, t: float, u: np.ndarray, v: np.ndarray, /) -> np.ndarray | int: ...
     def nodes(self) -> tuple[np.ndarray, ...]: ...
     def set_nodes(self, nodes: tuple[np.ndarray, ...], /) -> None: ...
+    def begin_energy(self, M: _Matrix, load: np.ndarray, lam: np.ndarray, /) -> None: ...
+    def end_energy(self) -> None: ...
     def compliance(self, twice: bool, rows: np.ndarray, /) -> np.ndarray: ...
 
 class Coupler:

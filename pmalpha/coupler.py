@@ -15,6 +15,7 @@ from . import _core, checkpoint
 from ._checks import (
     MOST,
     check_word,
+    flag,
     listing,
     positive_number,
     real_number,
@@ -26,6 +27,7 @@ from .constraints import Constraint, RowNames, row_sizes, stacked
 from .errors import CallbackError, ConstraintError, ConstraintWarning, InstabilityError
 from .forces import CallbackLoad, checked_force, core_load, is_callback
 from .history import History, State, SubdomainHistory, by_place, position
+from .matrices import core_matrix
 from .motion import Motion
 from .progress import Report, reporting
 from .recording import Recording
@@ -290,6 +292,7 @@ class Coupler:
         steps: int | None = None,
         record: Mapping[Any, Any] | None = None,
         every: int | None = None,
+        energy: bool = False,
         progress: Any = None,
     ) -> History:
         """Go on from where the coupler is, and record.
@@ -307,6 +310,11 @@ class Coupler:
         every : int, optional
             Keep macro nodes whose `step_count` is a multiple of this, and the first node of the
             stretch, in all arrays. Default: every own node of each subdomain.
+        energy : bool, default False
+            Sum up where the energy goes, from the first node of this stretch on, for all
+            subdomains; at macro nodes in ``history.energy``, an `Energy`. It changes no result and
+            costs a product with C in each own step, those with M and K where a macro node is
+            recorded, and 13 vectors of memory.
         progress : True or callable, optional
             True: a tqdm bar. A callable is told ``progress(done, total)`` in macro steps of this
             call, about every 50 ms and at the end; it may not ask the coupler, and what it raises
@@ -343,16 +351,18 @@ class Coupler:
                 dt=self._dt,
                 record=record,
                 every=every,
+                energy=flag(energy, "energy"),
             )
             with reporting(progress, begin, end) as report:
                 self._last_history = None
                 self._start()
-                try:
-                    self._core.record_present(recording.core_record())
-                    self._advance(end, recording, report)
-                except BaseException:
-                    self._last_history = recording.history(self._core.step_count)
-                    raise
+                with self._summing_works(energy):
+                    try:
+                        self._core.record_present(recording.core_record())
+                        self._advance(end, recording, report)
+                    except BaseException:
+                        self._last_history = recording.history(self._core.step_count)
+                        raise
             return recording.history(end)
 
     def step(self, n: int = 1) -> None:
@@ -459,7 +469,7 @@ class Coupler:
         goes on equals the one that was never interrupted bit for bit, with the same build, CPU and
         packages. Initial values do not count as part of the problem. Loads do: constant and
         sampled ones are compared by their numbers; callables cannot be compared, and it is up to
-        the caller that they are the same functions of time. They are asked on from there.
+        the caller that they are the same functions. They are asked on from there.
 
         Parameters
         ----------
@@ -536,6 +546,20 @@ class Coupler:
             yield
         finally:
             self._busy = False
+
+    @contextmanager
+    def _summing_works(self, energy: bool) -> Iterator[None]:
+        """The core sums up works of each own step, and lets the memory for it go afterwards."""
+        try:
+            if energy:
+                lam = self._core.multipliers
+                for i, part in enumerate(self._parts):
+                    mass = core_matrix(part.M)
+                    part.core.begin_energy(mass, self._force_at_present(i), lam)
+            yield
+        finally:
+            for part in self._parts if energy else ():
+                part.core.end_energy()
 
     def _problem(self) -> dict[str, Any]:
         """What tells this problem from another; the matrices are read once."""
@@ -634,6 +658,18 @@ class Coupler:
         if isinstance(r, int):
             raise CallbackError(r, 0, 0.0, self._parts[i].name)
         return r
+
+    def _force_at_present(self, i: int) -> np.ndarray:
+        """F of a subdomain where the coupler stands, in elimination order."""
+        step, part = self._core.step_count, self._parts[i]
+        if step == 0:
+            return self._force_at_start(i)
+        if i in self._callbacks:
+            return self._callbacks[i].ask_again(step * part.subdomain.substeps)
+        force = self._forces[i]
+        if force is None:
+            return np.zeros(part.n)
+        return (force(self._instant(step)) if callable(force) else force)[part.order]
 
     def _start(self) -> None:
         """Consistent initial values, if that was not done yet."""

@@ -199,6 +199,17 @@ class CallbackLoad:
             self.near_start[t] = self.ask(t)
         return self.near_start[t]
 
+    def ask_again(self, node: int) -> np.ndarray:
+        """f at an own node after the first, in elimination order.
+
+        The value that was asked for the step to it; where that is not kept, as after `load`, the
+        callable is asked.
+        """
+        row = node - 1 - self.first
+        if 0 <= row < len(self.rows):
+            return self.rows[row].copy()
+        return self.ask(node * self.ratio / self.fine * self.dt)  # (T1)
+
     def prepare(self, begin: int, end: int) -> tuple[int, Exception | None]:
         """Have the loads of the macro steps begin..end-1 ready.
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-__all__ = ["History", "State", "SubdomainHistory"]
+__all__ = ["Energy", "History", "State", "SubdomainHistory"]
 
 # What a file that holds a History says of itself, and the arrays in it.
 FORMAT, VERSION = "pmalpha History", 1
@@ -28,6 +28,8 @@ INTERFACE = (
     "displacement_jump",
     "macro_times",
 )
+# What the core tells of each macro node and subdomain, in this order.
+ENERGIES = ("kinetic", "strain", "dissipated", "external", "interface")
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,52 @@ class SubdomainHistory:
 
 
 @dataclass(frozen=True)
+class Energy:
+    """Where the energy of each subdomain went, (macro nodes, subdomains) arrays.
+
+    The works are those of this stretch: zero at its first node.
+
+    Attributes
+    ----------
+    t : (macro nodes,) array
+    kinetic, strain : arrays
+        T = v M v / 2 and U = u K u / 2 at the node, equation (B1).
+    dissipated, external, interface : arrays
+        The works of C v, of F and of L^T Lam, summed up over the own steps, (B2) and (B3). That of
+        a restoring force is counted as dissipated, also what it would give back.
+    balance : array
+        kinetic + strain + dissipated - external - interface, less its value at the first node:
+        what the scheme itself added, or where negative took, (B4).
+    """
+
+    t: np.ndarray
+    kinetic: np.ndarray
+    strain: np.ndarray
+    dissipated: np.ndarray
+    external: np.ndarray
+    interface: np.ndarray
+    balance: np.ndarray
+
+    @classmethod
+    def balanced(
+        cls,
+        t: np.ndarray,
+        kinetic: np.ndarray,
+        strain: np.ndarray,
+        dissipated: np.ndarray,
+        external: np.ndarray,
+        interface: np.ndarray,
+    ) -> Energy:
+        """With the balance of the others."""
+        stored = kinetic + strain
+        balance = stored - stored[:1] + dissipated - external - interface
+        return cls(t, kinetic, strain, dissipated, external, interface, balance)
+
+    def __repr__(self) -> str:
+        return f"<Energy of {self.balance.shape[1]} subdomains at {self.t.size} nodes>"
+
+
+@dataclass(frozen=True)
 class History:
     """What a run recorded; ``history["rig"]``, ``history[rig]`` or ``history[1]``.
 
@@ -86,6 +134,8 @@ class History:
         sum_i L_i u_i at `macro_times`: the drift, since only velocities are tied.
     keys : tuple of (str, `Subdomain` or None)
         Names and subdomains by place; of a file's subdomains only the names are known.
+    energy : `Energy` or None
+        Of a run with ``energy=True``.
     """
 
     subdomains: tuple[SubdomainHistory | None, ...]
@@ -95,6 +145,7 @@ class History:
     displacement_jump: np.ndarray
     macro_times: np.ndarray
     keys: tuple[tuple[str, Subdomain | None], ...]
+    energy: Energy | None = None
 
     def __getitem__(self, key: str | int | Subdomain) -> SubdomainHistory:
         i = position(key, self.keys)
@@ -202,6 +253,8 @@ class History:
         for i, part in enumerate(self.subdomains):
             if part is not None:
                 arrays |= {f"{i}.{name}": getattr(part, name) for name in NODAL}
+        if self.energy is not None:
+            arrays |= {f"energy.{name}": getattr(self.energy, name) for name in ENERGIES}
         write_npz(path, header, arrays)
 
     @classmethod
@@ -232,12 +285,16 @@ class History:
                 nodal = {key: arrays[f"{i}.{key}"] for key in NODAL}
                 parts[i] = SubdomainHistory(name=header["names"][i], **nodal)
             interface = {key: arrays[key] for key in INTERFACE}
+            energy = None
+            if any(key.startswith("energy.") for key in arrays):
+                told = (arrays[f"energy.{name}"] for name in ENERGIES)
+                energy = Energy.balanced(interface["macro_times"], *told)
         except (LookupError, TypeError) as error:
             raise ValueError(
                 f"path must lead to a whole file, {str(path)!r} lacks {error}"
             ) from None
         keys = tuple((name, None) for name in header["names"])
-        return cls(subdomains=tuple(parts), **interface, keys=keys)
+        return cls(subdomains=tuple(parts), **interface, keys=keys, energy=energy)
 
     def to_xarray(self) -> xarray.Dataset:
         """The history as an xarray.Dataset, whose arrays are those of the history, not copies.
@@ -245,7 +302,8 @@ class History:
         Of each recorded subdomain, here "rig", the variables ``rig_u``, ``rig_v``, ``rig_a`` with
         the coordinates ``rig_time`` and ``rig_dof``; of the interface ``multipliers`` and
         ``velocity_jump`` over ``multiplier_times`` and ``condition``, ``displacement_jump`` over
-        ``macro_times`` and ``condition``.
+        ``macro_times`` and ``condition``; of the energy, if asked for, ``energy_kinetic`` and
+        so on over ``macro_times`` and ``subdomain``.
 
         Returns
         -------
@@ -271,6 +329,11 @@ class History:
             "macro_times": self.macro_times,
             "condition": np.arange(self.multipliers.shape[1]),
         }
+        if self.energy is not None:
+            coordinates["subdomain"] = [name for name, _ in self.keys]
+            told = (macro[0], "subdomain")
+            for name in (*ENERGIES, "balance"):
+                variables[f"energy_{name}"] = (told, getattr(self.energy, name))
         for part in self.subdomains:
             if part is not None:
                 time, dof = f"{part.name}_time", f"{part.name}_dof"

@@ -10,7 +10,7 @@ import numpy as np
 from ._checks import whole_number
 from .assembly import Part
 from .constraints import dof_list
-from .history import History, SubdomainHistory, by_place
+from .history import ENERGIES, Energy, History, SubdomainHistory, by_place
 from .memory import require
 from .subdomain import Subdomain
 
@@ -31,6 +31,7 @@ class Recording:
     record : dict or None
         Dofs (or None for all) by subdomain; None records everything.
     every : int or None
+    energy : bool
     """
 
     def __init__(
@@ -44,12 +45,14 @@ class Recording:
         dt: float,
         record: Mapping[Any, Any] | None,
         every: int | None,
+        energy: bool = False,
     ):
         self.parts, self.keys, self.row_place = parts, tuple(keys), row_place
         self.begin, self.dt = begin, dt
         self.every = None if every is None else whole_number(every, "every", low=1)
         self.fine = max(part.subdomain.substeps for part in parts)
         self.dofs = chosen_dofs(record, self.keys)
+        self.energy_columns = len(parts) * len(ENERGIES) if energy else 0
         self._require_memory(end)
         self.nodes = [
             None if dofs is None else self._allocate(part.subdomain.substeps, dofs.size, end, 3)
@@ -58,6 +61,7 @@ class Recording:
         p = row_place.size
         self.multipliers, self.velocity_jump = self._allocate(self.fine, p, end, 2)
         (self.displacement_jump,) = self._allocate(1, p, end, 1)
+        (self.energy,) = self._allocate(1, self.energy_columns, end, 1)
 
     def rows(self, nodes: int, end: int) -> int:
         """Rows of a grid with this many nodes in a macro step, the first included."""
@@ -81,7 +85,12 @@ class Recording:
             for part, dofs, arrays in zip(self.parts, self.dofs, self.nodes)
         )
         interface = self.multipliers, self.velocity_jump, self.displacement_jump
-        return (self.begin, self.every or 0, nodes, *interface)
+        energy = self._energies(self.energy) if self.energy_columns else None
+        return (self.begin, self.every or 0, nodes, *interface, energy)
+
+    def _energies(self, rows: np.ndarray) -> np.ndarray:
+        """By macro node, subdomain and kind."""
+        return rows.reshape(len(rows), len(self.parts), len(ENERGIES))
 
     def history(self, end: int) -> History:
         """What was recorded up to macro step `end`."""
@@ -105,7 +114,12 @@ class Recording:
             displacement_jump=self._in_users_order(self.displacement_jump[:macro]),
             macro_times=self.times(1, end),
             keys=self.keys,
+            energy=self._told_energy(macro, end) if self.energy_columns else None,
         )
+
+    def _told_energy(self, rows: int, end: int) -> Energy:
+        kinds = np.moveaxis(self._energies(self.energy[:rows]), -1, 0)
+        return Energy.balanced(self.times(1, end), *(np.ascontiguousarray(x) for x in kinds))
 
     def _in_users_order(self, columns: np.ndarray) -> np.ndarray:
         if np.array_equal(self.row_place, np.arange(self.row_place.size)):
@@ -117,7 +131,8 @@ class Recording:
 
     def _require_memory(self, end: int) -> None:
         p = self.row_place.size
-        numbers = 2.0 * self.rows(self.fine, end) * p + self.rows(1, end) * p
+        numbers = 2.0 * self.rows(self.fine, end) * p
+        numbers += self.rows(1, end) * (p + 2.0 * self.energy_columns)  # and as they are told
         for part, dofs in zip(self.parts, self.dofs):
             if dofs is not None:
                 numbers += 3.0 * self.rows(part.subdomain.substeps, end) * dofs.size

@@ -526,6 +526,37 @@ def test_records_that_do_not_fit_the_present_are_refused():
     c.record_present(record(rows=1))
 
 
+def test_energies_are_recorded_only_where_works_are_summed_up():
+    c, s = started()
+    room = np.zeros((11, 1, 5))
+    check_refused(lambda: c.advance(10, (*record(), room)))  # not begun
+    mass, two, one = np.ones(2), np.zeros(2), np.zeros(1)
+    for bad in ((np.ones(3), two, one), (mass, one, one), (mass, two, two), (mass, two), (3, 3, 3)):
+        check_refused(lambda bad=bad: s.begin_energy(*bad))
+    pattern = np.array([0, 1, 2]), np.array([0, 2], dtype=np.int32), np.ones(2)
+    check_refused(lambda: s.begin_energy(pattern, two, one))
+    s.begin_energy(mass, two, one)
+    s.begin_energy(mass, two, one)  # from here again
+    locked = room.copy()
+    locked.setflags(write=False)
+    for bad in (
+        room[:10],
+        np.zeros((11, 2, 5)),
+        np.zeros((11, 1, 4)),
+        np.zeros((11, 5)),
+        locked,
+        3,
+    ):
+        check_refused(lambda bad=bad: c.advance(10, (*record(), bad)))
+    c.record_present((*record(), room))
+    assert c.advance(10, (*record(), room)) is None
+    u, v, _ = s.state()
+    assert room[10, 0, 0] == 0.5 * (v[0] * v[0] + v[1] * v[1]) and room[10, 0, 1] > 0.0
+    s.end_energy()
+    s.end_energy()
+    check_refused(lambda: c.advance(1, (*record(begin=10), room)))
+
+
 def test_a_record_of_nothing_is_a_record():
     c, _ = started()
     assert c.advance(10, (0, 0, (None,), *record()[3:])) is None

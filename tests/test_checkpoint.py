@@ -187,6 +187,9 @@ def test_a_state_saved_in_one_process_goes_on_in_another(tmp_path):
 # ---- another problem ------------------------------------------------------------------------
 
 
+OPTIONS = ("scheme", "substeps", "double_step", "damping", "restoring", "force", "name")
+
+
 def two_parts(**changes):
     """Two parts of one dof each; `changes` by what they change."""
     chosen = {
@@ -196,6 +199,8 @@ def two_parts(**changes):
         "scheme": pm.GeneralizedAlpha(0.5),
         "substeps": 3,
         "double_step": False,
+        "damping": "implicit",
+        "restoring": None,
         "force": [1.0],
         "name": "b",
         "dt": 0.1,
@@ -204,7 +209,7 @@ def two_parts(**changes):
         "L": 1.0,
         "velocity": None,
     } | changes
-    options = {x: chosen[x] for x in ("scheme", "substeps", "double_step", "force", "name")}
+    options = {x: chosen[x] for x in OPTIONS}
     a = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), name="a")
     b = pm.Subdomain(chosen["M"], chosen["K"], chosen["C"], **options)
     conditions = pm.Constraint({a: [[1.0]], b: [[-chosen["L"]]]}, velocity=chosen["velocity"])
@@ -216,6 +221,8 @@ DIFFERENCES = {
     "M": ([2.0], "M of 'b' (checksum"),
     "K": ([4.5], "K of 'b' (checksum"),
     "C": ([0.1], "C of 'b' (zero in the file, checksum"),
+    "damping": ("lagged", "damping of 'b' (implicit in the file, lagged here)"),
+    "restoring": (lambda u, v, t: u, "restoring of 'b' (none in the file, a callable here)"),
     "scheme": (pm.GeneralizedAlpha(0.6), "scheme of 'b' ([0.0, 0.3333"),
     "substeps": (6, "substeps of 'b' (3 in the file, 6 here)"),
     "force": ([2.0], "force of 'b' (checksum"),

@@ -23,6 +23,7 @@ typedef struct {
     pma_subdomain *core;
     PyObject *arrays; /* list: keeps alive what the core points into */
     PyObject *load;   /* the load's arrays */
+    PyObject *mass;   /* those of M, while the energy is asked for */
     bool busy;        /* stepped by a coupler that has let the GIL go */
 } SubdomainObject;
 

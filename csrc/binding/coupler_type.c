@@ -252,20 +252,39 @@ static int take_interface(CouplerObject *self, PyObject *const *obj, int64_t end
     return -1;
 }
 
-/* (begin, every, (nodes, ...), multipliers, velocity_jump, displacement_jump); record->nodes is
- * the caller's to free */
+/* None or an array (rows, subdomains, PMA_ENERGIES), for subdomains that sum up their works */
+static int take_energy(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record)
+{
+    const npy_intp shape[3] = {-1, PyTuple_GET_SIZE(self->subdomains), PMA_ENERGIES};
+    PyArrayObject *array;
+    bool all = true;
+    if (obj == Py_None)
+        return 0;
+    if (pma_take_array(obj, NPY_DOUBLE, 3, shape, "energy", NULL, &array) < 0)
+        return -1;
+    for (npy_intp i = 0; i < shape[1]; i++)
+        all = all && pma_subdomain_has_energy(subdomain_of(self, i)->core);
+    record->energy = PyArray_DATA(array);
+    if (all && PyArray_ISWRITEABLE(array) && (size_t)PyArray_DIM(array, 0) > last_row(record, end, 1))
+        return 0;
+    PyErr_SetString(PyExc_ValueError, "energy must be writeable, with enough rows, and begun");
+    return -1;
+}
+
+/* (begin, every, (nodes, ...), multipliers, velocity_jump, displacement_jump, energy=None);
+ * record->nodes is the caller's to free */
 static int take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record)
 {
     const Py_ssize_t count = PyTuple_GET_SIZE(self->subdomains);
     long long begin, every;
-    PyObject *nodes, *interface[3];
+    PyObject *nodes, *interface[3], *energy = Py_None;
     size_t fine = 1;
     if (!PyTuple_Check(obj)) {
         PyErr_SetString(PyExc_TypeError, "a record must be a tuple");
         return -1;
     }
-    if (!PyArg_ParseTuple(obj, "LLO!OOO", &begin, &every, &PyTuple_Type, &nodes, &interface[0],
-                          &interface[1], &interface[2]))
+    if (!PyArg_ParseTuple(obj, "LLO!OOO|O", &begin, &every, &PyTuple_Type, &nodes,
+                          &interface[0], &interface[1], &interface[2], &energy))
         return -1;
     if (begin < 0 || every < 0 || begin > pma_coupler_step_count(self->core) ||
         PyTuple_GET_SIZE(nodes) != count) {
@@ -286,6 +305,8 @@ static int take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_reco
                        &record->nodes[i]) < 0)
             return -1;
     }
+    if (take_energy(self, energy, end, record) < 0)
+        return -1;
     return take_interface(self, interface, end, fine, record);
 }
 

@@ -109,6 +109,7 @@ static int subdomain_traverse(SubdomainObject *self, visitproc visit, void *arg)
     Py_VISIT(Py_TYPE(self));
     Py_VISIT(self->arrays);
     Py_VISIT(self->load);
+    Py_VISIT(self->mass);
     return 0;
 }
 
@@ -119,6 +120,7 @@ static void subdomain_dealloc(SubdomainObject *self)
     pma_subdomain_destroy(self->core);
     Py_XDECREF(self->arrays);
     Py_XDECREF(self->load);
+    Py_XDECREF(self->mass);
     type->tp_free(self);
     Py_DECREF(type);
 }
@@ -142,6 +144,50 @@ static PyObject *subdomain_set_load(SubdomainObject *self, PyObject *obj)
         return NULL;
     pma_subdomain_set_load(self->core, load);
     Py_XSETREF(self->load, arrays);
+    Py_RETURN_NONE;
+}
+
+/* ---- energy ------------------------------------------------------------------------------- */
+
+static int begin_energy(SubdomainObject *self, PyObject *args, PyObject *arrays)
+{
+    PyObject *M_obj, *load_obj, *lam_obj;
+    const double *load, *lam;
+    pma_matrix M;
+    const pma_parts *parts = pma_subdomain_parts(self->core);
+    const npy_intp n = (npy_intp)parts->n;
+    if (!PyArg_ParseTuple(args, "OOO", &M_obj, &load_obj, &lam_obj) ||
+        pma_take_matrix(M_obj, n, "M", arrays, &M) < 0 ||
+        pma_take_doubles(load_obj, n, "load", NULL, &load) < 0 ||
+        pma_take_doubles(lam_obj, (npy_intp)parts->link.p, "lam", NULL, &lam) < 0 ||
+        is_busy(self))
+        return -1;
+    const pma_status status = pma_subdomain_begin_energy(self->core, M, load, lam);
+    if (status == PMA_OK)
+        return 0;
+    pma_raise(status, "energy");
+    return -1;
+}
+
+static PyObject *subdomain_begin_energy(SubdomainObject *self, PyObject *args)
+{
+    PyObject *arrays = PyList_New(0);
+    if (!arrays)
+        return NULL;
+    if (begin_energy(self, args, arrays) < 0) {
+        Py_DECREF(arrays);
+        return NULL;
+    }
+    Py_XSETREF(self->mass, arrays);
+    Py_RETURN_NONE;
+}
+
+static PyObject *subdomain_end_energy(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
+{
+    if (is_busy(self))
+        return NULL;
+    pma_subdomain_end_energy(self->core);
+    Py_CLEAR(self->mass);
     Py_RETURN_NONE;
 }
 
@@ -328,6 +374,9 @@ static PyMethodDef subdomain_methods[] = {
     {"nodes", (PyCFunction)subdomain_nodes, METH_NOARGS,
      "nodes() -> (u, v, w, a, vf), and the same of the own node before if double; copies"},
     {"set_nodes", (PyCFunction)subdomain_set_nodes, METH_O, "set_nodes(nodes): the inverse"},
+    {"begin_energy", (PyCFunction)subdomain_begin_energy, METH_VARARGS,
+     "begin_energy(M, load, lam): works are summed up from the present on"},
+    {"end_energy", (PyCFunction)subdomain_end_energy, METH_NOARGS, "end_energy(): and no more"},
     {"compliance", (PyCFunction)subdomain_compliance, METH_VARARGS,
      "compliance(twice, rows) -> block of H on these conditions"},
     {NULL, NULL, 0, NULL},

@@ -369,17 +369,33 @@ static void record_subdomains(const pma_coupler *c, const pma_record *record)
     }
 }
 
+/* Of the macro node at which everybody stands. */
+static void record_energy(const pma_coupler *c, const pma_record *record, size_t row)
+{
+    double *out = record->energy + row * c->parts.count * PMA_ENERGIES;
+    for (size_t i = 0; i < c->parts.count; i++)
+        pma_subdomain_tell_energy(c->places[i].subdomain, c->places[i].j, out + i * PMA_ENERGIES);
+}
+
+static void record_macro_node(const pma_coupler *c, const pma_record *record)
+{
+    const size_t row = pma_record_row(record, c->step_count, 1, 1);
+    if (row == PMA_NO_ROW)
+        return;
+    if (record->energy)
+        record_energy(c, record, row);
+    if (c->parts.p > 0)
+        displacement_jump(c, record->displacement_jump + row * c->parts.p);
+}
+
 static void record_interface(const pma_coupler *c, const pma_record *record, size_t k)
 {
     const size_t p = c->parts.p;
     const size_t row = pma_record_row(record, c->step_count, k, c->fine);
-    const size_t macro = pma_record_row(record, c->step_count, 1, 1);
     if (p == 0 || row == PMA_NO_ROW)
         return;
     memcpy(record->multipliers + row * p, c->lam_work, p * sizeof(double));
     velocity_jump(c, c->lam_work, c->g_work, record->velocity_jump + row * p);
-    if (k == c->fine)
-        displacement_jump(c, record->displacement_jump + macro * p);
 }
 
 void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
@@ -387,6 +403,8 @@ void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
     const size_t p = c->parts.p;
     for (size_t i = 0; i < c->parts.count; i++)
         pma_record_state(&record->nodes[i], pma_subdomain_at(c->places[i].subdomain, 0), 0);
+    if (record->energy)
+        record_energy(c, record, 0);
     if (p == 0)
         return;
     memcpy(record->multipliers, c->lam, p * sizeof(double));
@@ -465,6 +483,8 @@ static pma_status macro_step(pma_coupler *c, const pma_record *record, const pma
         if (record) {
             record_subdomains(c, record);
             record_interface(c, record, k);
+            if (k == c->fine)
+                record_macro_node(c, record);
         }
     }
     commit(c);

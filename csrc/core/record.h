@@ -19,7 +19,7 @@ typedef struct {
     double *u, *v, *w;       /* rows x count by rows */
 } pma_record_nodes;
 
-/* Arrays of the caller. The last three are not touched when there are no conditions, p = 0. */
+/* Arrays of the caller. Those of the interface are not touched without conditions, p = 0. */
 typedef struct {
     int64_t begin;           /* macro step at which the stretch began */
     int64_t every;           /* 0: every node; else macro nodes whose number it divides */
@@ -27,6 +27,7 @@ typedef struct {
     double *multipliers;     /* rows x p */
     double *velocity_jump;   /* rows x p */
     double *displacement_jump; /* rows x p, of macro nodes */
+    double *energy;          /* rows x subdomains x PMA_ENERGIES, of macro nodes; or NULL */
 } pma_record;
 
 /* The row of node j = 1..nodes inside macro step `macro` (counted from 0), or PMA_NO_ROW. */

@@ -29,3 +29,8 @@ pma_status pma_restoring_subtract(const pma_restoring *restoring, double t, cons
         y[i] -= r[order[i]];
     return PMA_OK;
 }
+
+const double *pma_restoring_last(const pma_restoring *restoring)
+{
+    return restoring->work + 2 * restoring->n;
+}

@@ -31,4 +31,7 @@ pma_status pma_restoring_check(const pma_restoring *restoring);
 pma_status pma_restoring_subtract(const pma_restoring *restoring, double t, const double *u,
                                   const double *v, double *y, int *code);
 
+/* r (n) of the last call, in the user's order. */
+const double *pma_restoring_last(const pma_restoring *restoring);
+
 #endif

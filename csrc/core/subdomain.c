@@ -19,6 +19,7 @@ struct pma_subdomain {
     double *link;                    /* nb: scratch */
     double *vs;                      /* n: extrapolated velocity (R1); only where it is needed */
     int code;                        /* what a function that failed returned */
+    pma_energy *energy;              /* of a run that asks for it, else NULL */
     double *block;
 };
 
@@ -123,6 +124,7 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
 
 void pma_subdomain_destroy(pma_subdomain *s)
 {
+    pma_subdomain_end_energy(s);
     if (s)
         free(s->block);
     free(s);
@@ -233,6 +235,8 @@ static pma_status restore(pma_subdomain *s, const pma_state *to, double t1)
     const pma_parts *p = &s->parts;
     const pma_status status =
         pma_restoring_subtract(&p->restoring, t1, to->u, s->vs, to->w, &s->code);
+    if (status == PMA_OK && s->energy)
+        pma_energy_restore(s->energy, p->restoring.order, pma_restoring_last(&p->restoring));
     if (status != PMA_OK || p->D_r.form == PMA_ZERO)
         return status;
     for (size_t i = 0; i < p->n; i++)
@@ -255,6 +259,8 @@ pma_status pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1,
 
     /* (11)  F(t1) - C vt - K ut; lagged: C vs (R4) */
     pma_load_add(&s->load, t1, step, to->w);
+    if (s->energy)
+        pma_energy_open(s->energy, to->w);
     pma_matrix_subtract(&s->parts.C, s->parts.lagged ? s->vs : to->v, to->w);
     pma_matrix_subtract(&s->parts.K, to->u, to->w);
 
@@ -326,7 +332,51 @@ pma_status pma_subdomain_close(pma_subdomain *s, size_t j, bool twice, const dou
     /* (F5) */
     pma_factor_backward(&op->factor, x->w);
 
-    return correct(&op->step, s->parts.n, x) ? PMA_OK : PMA_NOT_FINITE;
+    if (!correct(&op->step, s->parts.n, x))
+        return PMA_NOT_FINITE;
+    if (s->energy)
+        pma_energy_close(s->energy, x->u, x->v, lam, twice);
+    return PMA_OK;
+}
+
+/* ---- energy ------------------------------------------------------------------------------- */
+
+pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, const double *load,
+                                      const double *lam)
+{
+    const pma_energy_parts parts = {.n = s->parts.n,
+                                    .nb = s->parts.nb,
+                                    .M = M,
+                                    .K = s->parts.K,
+                                    .C = s->parts.C,
+                                    .link = s->parts.link};
+    pma_energy *energy;
+    const pma_status status = pma_energy_create(&parts, &energy);
+    if (status != PMA_OK)
+        return status;
+    pma_energy_begin(energy, s->present.u, s->present.v, load, lam);
+    pma_subdomain_end_energy(s);
+    s->energy = energy;
+    return PMA_OK;
+}
+
+void pma_subdomain_end_energy(pma_subdomain *s)
+{
+    if (!s)
+        return;
+    pma_energy_destroy(s->energy);
+    s->energy = NULL;
+}
+
+bool pma_subdomain_has_energy(const pma_subdomain *s)
+{
+    return s->energy;
+}
+
+void pma_subdomain_tell_energy(const pma_subdomain *s, size_t j, double *out)
+{
+    const pma_state *x = pma_subdomain_at(s, j);
+    pma_energy_tell(s->energy, x->u, x->v, out);
 }
 
 /* ---- velocities on the interface --------------------------------------------------------- */

@@ -12,6 +12,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "energy.h"
 #include "factor.h"
 #include "link.h"
 #include "load.h"
@@ -83,6 +84,17 @@ typedef struct {
 } pma_nodes;
 
 pma_nodes pma_subdomain_nodes(pma_subdomain *s);
+
+/* ---- energy: from the present on, of every own step until it is ended --------------------- */
+
+/* Works are summed up from here, under load (n) and lam (p); M is the mass matrix. Allocates. */
+pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, const double *load,
+                                      const double *lam);
+void pma_subdomain_end_energy(pma_subdomain *s); /* NULL and one without energy are allowed */
+bool pma_subdomain_has_energy(const pma_subdomain *s);
+
+/* out (PMA_ENERGIES): at own node j, the last one closed */
+void pma_subdomain_tell_energy(const pma_subdomain *s, size_t j, double *out);
 
 /* ---- inside a macro step: own nodes are counted 0..substeps from its beginning ------------ */
 

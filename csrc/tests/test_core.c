@@ -24,6 +24,7 @@ static const test *const LISTS[] = {
     RECORD_TESTS,
     TEAM_TESTS,
     ROSTER_TESTS,
+    ENERGY_TESTS,
     METHOD_TESTS,
     COUPLER_TESTS,
     STOP_TESTS,

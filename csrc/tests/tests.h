@@ -27,6 +27,7 @@ extern const test SUBDOMAIN_TESTS[];
 extern const test RECORD_TESTS[];
 extern const test TEAM_TESTS[];
 extern const test ROSTER_TESTS[];
+extern const test ENERGY_TESTS[];
 extern const test METHOD_TESTS[];
 extern const test COUPLER_TESTS[];
 extern const test STOP_TESTS[];

@@ -1,0 +1,316 @@
+"""Where the energy goes: against the formulas on a fully recorded run, and against closed forms."""
+
+import numpy as np
+import pytest
+from problems import random_problem
+
+import pmalpha as pm
+from pmalpha import models
+
+KINDS = ("kinetic", "strain", "dissipated", "external", "interface")
+
+
+def chain(n, k=100.0):
+    return np.ones(n), 2.0 * k * np.eye(n) - k * np.eye(n, k=1) - k * np.eye(n, k=-1)
+
+
+# ---- the formulas, once more in NumPy -------------------------------------------------------
+
+
+def forces_at_nodes(part, L, history, x):
+    """F, C v and L^T Lam at the own nodes of a part, (nodes, n) each."""
+    ratio = (len(history.multiplier_times) - 1) // max(len(x.t) - 1, 1)
+    lam = history.multipliers[::ratio]
+    n = x.u.shape[1]
+    C = np.zeros((n, n)) if part.C is None else part.C
+    force = part.reference_force or (lambda t: np.zeros(n))
+    return np.array([force(t) for t in x.t]), x.v @ C, lam @ L
+
+
+def expected_energies(problem, doubles, history, begin=0):
+    """(B1) to (B3), (macro nodes, parts) by kind; the stretch began at macro step `begin`."""
+    told = {kind: [] for kind in KINDS}
+    for part, L, double, x in zip(problem.parts, problem.L, doubles, history.subdomains):
+        F, damping, pull = forces_at_nodes(part, L, history, x)
+        works = np.zeros((len(x.t), 3))
+        for node in range(1, len(x.t)):
+            single = not double or begin * part.substeps + node <= part.substeps
+            origin = node - 1 if single or node == 1 else node - 2
+            du = x.u[node] - x.u[origin]
+            dW = [du @ (q[origin] + q[node]) / 2.0 for q in (damping, F, pull)]
+            works[node] = works[origin] + dW
+        macro = slice(None, None, part.substeps)
+        told["kinetic"].append(np.einsum("ki,ij,kj->k", x.v, part.M, x.v)[macro] / 2.0)
+        told["strain"].append(np.einsum("ki,ij,kj->k", x.u, part.K, x.u)[macro] / 2.0)
+        for kind, column in zip(KINDS[2:], works[macro].T):
+            told[kind].append(column)
+    return {kind: np.array(columns).T for kind, columns in told.items()}
+
+
+def require_energies(energy, expected, tolerance=1e-11):
+    # sums of some 100 products of some 10 terms, in another order: 1e-13 of the largest of all
+    size = max(np.abs(x).max() for x in expected.values())
+    for kind in KINDS:
+        got = getattr(energy, kind)
+        assert got.shape == expected[kind].shape
+        np.testing.assert_allclose(got, expected[kind], rtol=0, atol=tolerance * size, err_msg=kind)
+    stored = expected["kinetic"] + expected["strain"]
+    balance = stored - stored[0] + expected["dissipated"]
+    balance -= expected["external"] + expected["interface"]
+    np.testing.assert_allclose(energy.balance, balance, rtol=0, atol=5.0 * tolerance * size)
+
+
+def doubles_of(coupler):
+    return [part.double for part in coupler._parts]
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_the_energies_are_those_of_the_formulas_on_what_was_recorded(seed):
+    problem = random_problem(seed)
+    coupler = problem.coupler()
+    history = coupler.run(steps=9, energy=True)
+    np.testing.assert_array_equal(history.energy.t, history.macro_times)
+    require_energies(history.energy, expected_energies(problem, doubles_of(coupler), history))
+
+
+@pytest.mark.parametrize("seed", range(60, 80))
+def test_a_stretch_sums_up_from_its_own_first_node(seed):
+    problem = random_problem(seed)
+    coupler = problem.coupler()
+    coupler.step(3)
+    history = coupler.run(steps=6, energy=True)
+    expected = expected_energies(problem, doubles_of(coupler), history, begin=3)
+    require_energies(history.energy, expected)
+    for kind in KINDS[2:]:
+        assert not getattr(history.energy, kind)[0].any()
+    assert not history.energy.balance[0].any()
+
+
+def test_the_sixty_problems_have_works_of_every_kind_and_double_steps_with_substeps():
+    # or the comparisons above would see less than they seem to
+    seen = set()
+    for seed in range(60):
+        problem = random_problem(seed)
+        for part, double in zip(problem.parts, doubles_of(problem.coupler())):
+            seen |= {("double", double, part.substeps > 1), ("coupling", problem.coupling, double)}
+            seen |= {("damped", part.C is not None), ("loaded", part.force is not None)}
+    assert {("double", True, True), ("double", True, False), ("coupling", "gc", False)} <= seen
+    assert {("damped", True), ("loaded", True)} <= seen
+
+
+# ---- what is known of a method ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.02])
+def test_the_balance_of_the_trapezoidal_rule_uncoupled_closes_to_rounding(damping):
+    n = 12
+    M, K = chain(n)
+    rng = np.random.default_rng(1)
+    start = {"u0": rng.normal(size=n), "v0": rng.normal(size=n)}
+    force = {"force": lambda t: np.sin(7.0 * t) * np.ones(n)}
+    s = pm.Subdomain(M, K, damping * K, scheme=pm.Newmark(), **start, **force)
+    energy = pm.Coupler([s], dt=0.05).run(steps=500, energy=True).energy
+    size = energy.kinetic[0, 0] + energy.strain[0, 0]
+    assert energy.external[-1, 0] > 1e-3 * size
+    assert (np.diff(energy.dissipated[:, 0]) > 0.0).all() == (damping > 0.0)
+    # 500 steps of some 100 roundings
+    np.testing.assert_allclose(energy.balance, 0.0, atol=1e-12 * size)
+    assert not energy.interface.any()
+
+
+def test_a_damping_scheme_takes_what_it_takes():
+    # M w1 + K u1 = 0 with rho = 0 on one mode: its energy falls, and all of that is the balance
+    s = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.0), u0=[1.0])
+    energy = pm.Coupler([s], dt=0.3).run(steps=50, energy=True).energy
+    stored = energy.kinetic[:, 0] + energy.strain[:, 0]
+    np.testing.assert_array_equal(energy.balance[:, 0], stored - stored[0])
+    assert energy.balance[-1, 0] < -0.9 * stored[0]
+
+
+def pair_of_chains(coupling, substeps, scheme):
+    M, K = chain(5)
+    u0 = np.sin(np.arange(5))
+    u0[-1] = 0.0
+    a = pm.Subdomain(M, K, scheme=scheme, u0=u0, name="a")
+    b = pm.Subdomain(M, 3.0 * K, scheme=scheme, substeps=substeps, name="b")
+    return pm.Coupler([a, b], pm.tie(a, [4], b, [0]), dt=0.08, coupling=coupling)
+
+
+def test_gc_takes_at_the_interface_what_the_parts_lose_together():
+    # Gravouil and Combescure: with trapezoidal parts the only loss is the work at the interface,
+    # and none without subcycling. What never grows is an energy of velocities and accelerations;
+    # that of displacements and velocities falls over the run, not in every step.
+    history = pair_of_chains("gc", 4, pm.Newmark()).run(steps=200, energy=True)
+    energy = history.energy
+    stored = (energy.kinetic + energy.strain).sum(axis=1)
+    np.testing.assert_allclose(energy.balance, 0.0, atol=1e-12 * stored[0])
+    lost = energy.interface.sum(axis=1)
+    np.testing.assert_allclose(stored - stored[0], lost, atol=1e-12 * stored[0])
+    assert lost[-1] < -0.3 * stored[0]
+    together = pair_of_chains("gc", 1, pm.Newmark()).run(steps=200, energy=True).energy
+    np.testing.assert_allclose(together.interface.sum(axis=1), 0.0, atol=1e-12 * stored[0])
+    assert np.abs(together.interface).max() > 0.1 * stored[0]  # one gives it, the other takes it
+
+
+def test_the_work_of_a_prescribed_motion_is_that_of_its_force():
+    # a mass of 2 driven at v = sin t: E = v^2, all of it the work of the multiplier
+    s = pm.Subdomain([2.0], [0.0], scheme=pm.Newmark())
+    drive = pm.Constraint({s: [[1.0]]}, velocity=lambda t: [np.sin(t)])
+    energy = pm.Coupler([s], drive, dt=0.01).run(steps=300, energy=True).energy
+    np.testing.assert_allclose(energy.interface, energy.kinetic, atol=1e-13)
+    np.testing.assert_allclose(energy.kinetic[:, 0], np.sin(energy.t) ** 2, atol=1e-14)
+
+
+def test_the_dissipation_of_a_damped_oscillator_is_the_loss_of_a_closed_form():
+    # u = exp(-d t) cos-like: E(t) of the exact solution, order 2 in the step
+    m, c, k = 1.0, 0.4, 9.0
+    s = pm.Subdomain([m], [k], [c], scheme=pm.Newmark(), u0=[1.0])
+    energy = pm.Coupler([s], dt=0.002).run(2.0, energy=True).energy
+    d, w = c / (2.0 * m), np.sqrt(k / m - (c / (2.0 * m)) ** 2)
+    t = energy.t
+    u = np.exp(-d * t) * (np.cos(w * t) + d / w * np.sin(w * t))
+    v = -np.exp(-d * t) * (w + d**2 / w) * np.sin(w * t)
+    stored = 0.5 * m * v**2 + 0.5 * k * u**2
+    # error of the phase: (omega h)^2 / 12 of omega t = 2e-5, times an energy of 4.5 that beats
+    np.testing.assert_allclose(energy.dissipated[:, 0], stored[0] - stored, atol=1e-4)
+
+
+def test_the_work_of_a_restoring_force_is_counted_with_that_of_the_dampers():
+    # K u given as r is asked at the predictor; its work over own steps by (B2), the first one with
+    # the force of its end
+    seen = []
+
+    def restoring(u, v, t):
+        seen.append(9.0 * u[0])
+        return 9.0 * u
+
+    options = {"scheme": pm.CentralDifference(), "u0": [1.0], "restoring": restoring}
+    s = pm.Subdomain([1.0], None, [0.1], substeps=3, **options)
+    history = pm.Coupler([s], dt=0.06).run(steps=20, energy=True)
+    u, v, r = history[0].u[:, 0], history[0].v[:, 0], np.array(seen)
+    r[0] = r[1]  # as if nobody knew it
+    q = 0.1 * v + r
+    expected = np.cumsum(np.append(0.0, np.diff(u) * (q[1:] + q[:-1]) / 2.0))[::3]
+    # 60 sums of numbers up to 10
+    np.testing.assert_allclose(history.energy.dissipated[:, 0], expected, atol=1e-13)
+    assert not history.energy.strain.any()
+
+
+# ---- what it may not do ----------------------------------------------------------------------
+
+
+def same_bits(ours, theirs):
+    return all(x.tobytes() == y.tobytes() for x, y in zip(arrays_of(ours), arrays_of(theirs)))
+
+
+def arrays_of(history):
+    for part in history.subdomains:
+        yield from (part.t, part.u, part.v, part.a)
+    for name in ("multipliers", "velocity_jump", "displacement_jump"):
+        yield getattr(history, name)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_asking_for_the_energy_changes_no_result(seed):
+    problem = random_problem(seed)
+    ours, theirs = problem.coupler(), problem.coupler()
+    for steps in (4, 3):
+        assert same_bits(ours.run(steps=steps, energy=True), theirs.run(steps=steps))
+
+
+def test_the_energy_with_every_is_that_without_at_the_same_nodes():
+    coupler, other = (models.four_dof().coupler(0.05) for _ in range(2))
+    for c in (coupler, other):
+        c.step(2)
+    whole = coupler.run(steps=20, energy=True).energy
+    some = other.run(steps=20, energy=True, every=5, record={}).energy
+    at = np.flatnonzero(np.isin(whole.t, some.t))
+    assert at.tolist() == [0, 3, 8, 13, 18]
+    for name in (*KINDS, "balance"):
+        np.testing.assert_array_equal(getattr(some, name), getattr(whole, name)[at])
+
+
+def test_a_run_without_it_has_none():
+    coupler = models.four_dof().coupler(0.05)
+    coupler.run(steps=3, energy=True)
+    assert coupler.run(steps=3).energy is None
+    assert coupler.run(steps=3, energy=False).energy is None
+    with pytest.raises(TypeError, match="energy must be True or False, got 1"):
+        coupler.run(steps=3, energy=1)
+    assert coupler.step_count == 9
+
+
+def test_a_callable_load_is_asked_no_more_often():
+    asked = {False: [], True: []}
+
+    def run(energy):
+        def force(t):
+            asked[energy].append(t)
+            return [np.sin(t)]
+
+        a = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), force=force, name="a")
+        b = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), substeps=3, name="b")
+        c = pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.05)
+        for _ in range(3):
+            c.run(steps=4, energy=energy)
+
+    run(False)
+    run(True)
+    assert asked[True] == asked[False] and len(asked[True]) == 13
+
+
+def test_the_first_load_of_a_resumed_run_is_asked_for(tmp_path):
+    # after `load` nobody has asked for it in this process
+    def coupler():
+        s = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), force=lambda t: [np.sin(t)])
+        return pm.Coupler([s], dt=0.05)
+
+    c, resumed = coupler(), coupler()
+    c.step(4)
+    c.save(tmp_path / "state")
+    resumed.load(tmp_path / "state")
+    ours, theirs = (x.run(steps=5, energy=True).energy for x in (resumed, c))
+    assert ours.external.tobytes() == theirs.external.tobytes() and ours.external.any()
+
+
+def test_an_interrupted_run_has_the_energy_up_to_where_it_came():
+    def force(t):
+        if t > 0.33:
+            raise ZeroDivisionError
+        return [np.sin(t)]
+
+    def coupler(force):
+        s = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), u0=[1.0], force=force)
+        return pm.Coupler([s], dt=0.05)
+
+    broken, other = coupler(force), coupler(lambda t: [np.sin(t)])
+    with pytest.raises(ZeroDivisionError):
+        broken.run(steps=20, energy=True)
+    expected = other.run(steps=6, energy=True).energy
+    for name in (*KINDS, "balance", "t"):
+        np.testing.assert_array_equal(
+            getattr(broken.last_history.energy, name), getattr(expected, name)
+        )
+
+
+# ---- files ----------------------------------------------------------------------------------
+
+
+def test_the_energy_is_kept_with_the_history(tmp_path):
+    history = models.four_dof().coupler(0.05).run(steps=7, energy=True)
+    history.save(tmp_path / "h.npz")
+    loaded = pm.History.load(tmp_path / "h.npz").energy
+    for name in ("t", *KINDS, "balance"):
+        assert getattr(loaded, name).tobytes() == getattr(history.energy, name).tobytes()
+    models.four_dof().coupler(0.05).run(steps=7).save(tmp_path / "without.npz")
+    assert pm.History.load(tmp_path / "without.npz").energy is None
+
+
+def test_a_dataset_has_the_energy_with_names():
+    pytest.importorskip("xarray")
+    history = models.four_dof().coupler(0.05).run(steps=7, energy=True)
+    data = history.to_xarray()
+    assert data["energy_balance"].dims == ("macro_times", "subdomain")
+    np.testing.assert_array_equal(
+        data["energy_strain"].sel(subdomain="B"), history.energy.strain[:, 1]
+    )
