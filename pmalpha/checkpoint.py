@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from scipy import LowLevelCallable
 
 from ._checks import MOST, listing
 from .assembly import Part
@@ -60,7 +61,7 @@ def constants(
         }
         facts |= {f"{x} {of}": checksum(getattr(s, x)) for x in (*"MKC", *ESTIMATES)}
         facts[f"damping {of}"] = s.damping
-        facts[f"restoring {of}"] = "none" if s.restoring is None else "a callable"
+        facts[f"restoring {of}"] = "none" if s.restoring is None else load(s.restoring)
         facts[f"conditions on {part.name!r}"] = checksum(L)
     return facts
 
@@ -77,6 +78,8 @@ def load(force: Any) -> str:
     if isinstance(force, SampledForce):
         shape = "" if force.shape is None else f", shape {checksum(force.shape)}"
         return f"{type(force).__name__} {checksum(force.values)}, dt {force.dt!r}{shape}"
+    if isinstance(force, LowLevelCallable):
+        return "a compiled function"
     return "a callable" if callable(force) else checksum(force)
 
 

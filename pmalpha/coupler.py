@@ -10,6 +10,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from scipy import LowLevelCallable
 
 from . import _core, checkpoint
 from ._checks import (
@@ -330,6 +331,8 @@ class Coupler:
             For arguments that do not fit, and for what a load returns.
         InstabilityError
             When a value is not finite.
+        CallbackError
+            When a compiled function did not return 0.
         MemoryError
             When the History does not fit.
         ImportError
@@ -629,9 +632,10 @@ class Coupler:
                 self._core.set_motion(i, core_load(motion.velocity, np.arange(motion.rows.size)))
 
     def _has_callables(self) -> bool:
-        """Whether Python functions have a say, which only `run` and `step` may ask."""
+        """Whether functions of the user's have a say, which only `run` and `step` may ask."""
         return (
             bool(self._callbacks)
+            or any(isinstance(force, LowLevelCallable) for force in self._forces)
             or not all(motion.known for motion in self._motions)
             or any(s.restoring is not None for _, s in self._keys)
         )
@@ -650,14 +654,20 @@ class Coupler:
             return self._callbacks[i].ask_near_start(0.0)
         if force is None:
             return np.zeros(part.n)
+        if isinstance(force, LowLevelCallable):
+            return self._answered(part.core.force(0.0), "force", i)
         return (force(0.0) if callable(force) else force)[part.order]
 
     def _restoring_at_start(self, i: int, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """r(u_0, v_0, 0) of a subdomain, in elimination order."""
-        r = self._parts[i].core.restore(0.0, u, v)
-        if isinstance(r, int):
-            raise CallbackError(r, 0, 0.0, self._parts[i].name)
-        return r
+        return self._answered(self._parts[i].core.restore(0.0, u, v), "restoring force", i)
+
+    def _answered(self, values: np.ndarray | int, what: str, i: int) -> np.ndarray:
+        """What a function gave where the coupler stands, unless it is a code."""
+        if isinstance(values, int):
+            step = self._steps_done()
+            raise CallbackError(values, what, step, self._instant(step), self._parts[i].name)
+        return values
 
     def _force_at_present(self, i: int) -> np.ndarray:
         """F of a subdomain where the coupler stands, in elimination order."""
@@ -669,6 +679,8 @@ class Coupler:
         force = self._forces[i]
         if force is None:
             return np.zeros(part.n)
+        if isinstance(force, LowLevelCallable):
+            return self._answered(part.core.force(self._instant(step)), "force", i)
         return (force(self._instant(step)) if callable(force) else force)[part.order]
 
     def _start(self) -> None:
@@ -778,13 +790,13 @@ class Coupler:
             seconds = perf_counter() - begin
             steps = min(2 * steps, most) if seconds < CHUNK_SECONDS else max(1, steps // 2)
 
-    def _failure(self, failed: int | tuple[int, int]) -> Exception:
+    def _failure(self, failed: int | tuple[int, int, str]) -> Exception:
         """What became of a macro step that the core did not finish."""
         step = self._core.step_count
         names = [name for name, _ in self._keys] + ["interface"]
         if isinstance(failed, tuple):
-            place, code = failed
-            return CallbackError(code, step, self._instant(step), names[place])
+            place, code, what = failed
+            return CallbackError(code, what, step, self._instant(step), names[place])
         return InstabilityError(step, self._instant(step), names[failed])
 
     def _prepare(self, begin: int, end: int) -> tuple[int, BaseException | None]:

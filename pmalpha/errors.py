@@ -81,6 +81,8 @@ class CallbackError(PmalphaError):
     ----------
     code : int
         What it returned.
+    what : str
+        Which one: "force" or "restoring force".
     step : int
         Macro step, counted from 0, in which it was asked.
     time : float
@@ -88,18 +90,19 @@ class CallbackError(PmalphaError):
     subdomain : str
     """
 
-    def __init__(self, code: int, step: int, time: float, subdomain: str):
+    def __init__(self, code: int, what: str, step: int, time: float, subdomain: str):
         super().__init__(
-            f"the restoring force of subdomain {subdomain!r} returned {code} in macro step {step}, "
-            f"which begins at t = {time:g}"
+            f"the {what} of subdomain {subdomain!r} returned {code} in macro step {step}, which "
+            f"begins at t = {time:g}"
         )
         self.code = code
+        self.what = what
         self.step = step
         self.time = time
         self.subdomain = subdomain
 
     def __reduce__(self) -> tuple:
-        return type(self), (self.code, self.step, self.time, self.subdomain)
+        return type(self), (self.code, self.what, self.step, self.time, self.subdomain)
 
 
 class StabilityWarning(UserWarning):

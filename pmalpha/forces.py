@@ -9,8 +9,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from scipy import LowLevelCallable
 
 from ._checks import positive_number, real_array, vector
+from .lowlevel import check_signature
 from .matrices import canonical, product
 
 __all__ = ["BaseAcceleration", "SampledForce"]
@@ -123,7 +125,7 @@ def _columns(value: Any, name: str) -> np.ndarray:
     return array.reshape(len(array), -1)
 
 
-Force = np.ndarray | SampledForce | Callable[[float], Any] | None
+Force = np.ndarray | SampledForce | Callable[[float], Any] | LowLevelCallable | None
 
 
 def checked_force(force: Any, n: int, name: str = "force") -> Force:
@@ -135,6 +137,11 @@ def checked_force(force: Any, n: int, name: str = "force") -> Force:
             kind = type(force).__name__
             raise ValueError(f"{name} must act on {n} dofs or rows, got a {kind} on {force.n}")
         return force
+    if isinstance(force, LowLevelCallable) and name == "force":
+        check_signature(force, name)
+        return force
+    if isinstance(force, LowLevelCallable):
+        raise TypeError(f"{name} must not be a LowLevelCallable")
     if callable(force):
         return force
     return vector(force, n, name)
@@ -146,6 +153,8 @@ def core_load(force: Force, order: np.ndarray) -> Any:
         return None
     if isinstance(force, np.ndarray):
         return force[order]
+    if isinstance(force, LowLevelCallable):
+        return force, order
     assert isinstance(force, SampledForce)
     if force.shape is None:
         return np.ascontiguousarray(force.values[:, order]), None, force.dt, force.hold

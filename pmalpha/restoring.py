@@ -6,15 +6,19 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from scipy import LowLevelCallable
 
 from ._checks import vector
+from .lowlevel import check_signature
 
-Restoring = Callable[[np.ndarray, np.ndarray, float], Any] | None
+Restoring = Callable[[np.ndarray, np.ndarray, float], Any] | LowLevelCallable | None
 
 
 def checked_restoring(restoring: Any) -> Restoring:
     """A user's restoring force, checked as far as possible without asking it."""
-    if restoring is not None and not callable(restoring):
+    if isinstance(restoring, LowLevelCallable):
+        check_signature(restoring, "restoring")
+    elif restoring is not None and not callable(restoring):
         raise TypeError(f"restoring must be callable, got {restoring!r}")
     return restoring
 
@@ -47,4 +51,6 @@ def core_restoring(restoring: Restoring, name: str, order: np.ndarray) -> tuple 
     """A restoring force of subdomain `name` as the core takes it."""
     if restoring is None:
         return None
+    if isinstance(restoring, LowLevelCallable):
+        return restoring, order
     return CheckedRestoring(restoring, f"restoring of subdomain {name!r}", order.size), order

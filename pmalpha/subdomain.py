@@ -43,15 +43,20 @@ class Subdomain:
         is implicit and its own step is coarser than the finest; if all own steps are equal and
         nobody says anything, the first implicit subdomain of several. A single subdomain is never
         double, nor is anybody under "gc".
-    force : (n,) array, callable, `SampledForce` or `BaseAcceleration`, optional
+    force : (n,) array, callable, LowLevelCallable, `SampledForce` or `BaseAcceleration`, optional
         External load, evaluated at the end of each own step. A callable ``f(t) -> (n,)`` is asked
-        ahead of the run, once for each own step in the order of time, and once at t = 0.
-    restoring : callable, optional
+        ahead of the run, once for each own step in the order of time, and once at t = 0. A
+        ``scipy.LowLevelCallable`` is asked in the step, without the GIL, for
+        ``int (double t, intptr_t n, double *f, void *user)``; f arrives zeroed.
+    restoring : callable or LowLevelCallable, optional
         A further force ``r(u, v, t) -> (n,)`` beside K u + C v, such as a nonlinear element or a
         specimen in a test rig, equation (R2). It is asked once for the initial accelerations, then
         exactly once for each own step, in the order of time, with the displacement that the step
         predicts and an extrapolated velocity; after an exception those of the macro step that it
-        ended are asked again. u and v are copies.
+        ended are asked again. u and v are copies. A ``scipy.LowLevelCallable`` is asked without the
+        GIL for ``int (double t, intptr_t n, double *u, double *v, double *r, void *user)``; r
+        arrives zeroed. With several threads any of them may ask, but one at a time for each
+        subdomain. A function that does not return 0 stops the run with a `CallbackError`.
     restoring_stiffness, restoring_damping : like M and K, optional
         Estimates K_r, D_r of the stiffness and damping of the restoring force. An implicit
         subdomain is stable at any step if K_r is at least the tangent stiffness; an explicit one

@@ -76,11 +76,19 @@ int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panel
 int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, PyObject *arrays,
                     pma_factor *out);
 
-/* A load on load->n dofs: None, an array (constant), (values, shape, dt, hold) or (rows, first).
+/* A load on load->n dofs: None, an array (constant), (values, shape, dt, hold), (rows, first) or
+ * (f, order), f a LowLevelCallable.
  * Returns a new list of the arrays behind it, or NULL. */
 PyObject *pma_take_load(PyObject *obj, pma_load *load);
 
-/* None, or (f, order): f is a callable f(u, v, t) -> (n,) array in the user's order of dofs */
+/* Is it a scipy.LowLevelCallable? */
+bool pma_is_compiled(PyObject *obj);
+
+/* (f, order): f is a LowLevelCallable with the signature of pma_force_function */
+int pma_take_force(PyObject *obj, PyObject *arrays, pma_load *load);
+
+/* None, or (f, order): f is a callable f(u, v, t) -> (n,) array in the user's order of dofs, or a
+ * LowLevelCallable with the signature of pma_restoring_function */
 int pma_take_restoring(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring *out);
 
 /* A new array of length n with a copy of x, or NULL. */

@@ -42,10 +42,56 @@ static double *add_scratch(npy_intp n, PyObject *arrays)
     return data;
 }
 
+/* Address and user data of a scipy.LowLevelCallable, whose signature was checked: a tuple with a
+ * capsule in front. NULL without an exception when it is none. */
+static void *address_of(PyObject *obj, void **user)
+{
+    if (!PyTuple_Check(obj) || PyTuple_GET_SIZE(obj) == 0 ||
+        !PyCapsule_CheckExact(PyTuple_GET_ITEM(obj, 0)))
+        return NULL;
+    PyObject *capsule = PyTuple_GET_ITEM(obj, 0);
+    *user = PyCapsule_GetContext(capsule);
+    return PyCapsule_GetPointer(capsule, PyCapsule_GetName(capsule));
+}
+
+bool pma_is_compiled(PyObject *obj)
+{
+    void *user;
+    return address_of(obj, &user) != NULL;
+}
+
+/* the user's dof at each place */
+static int take_order(PyObject *obj, npy_intp n, PyObject *arrays, const int64_t **out)
+{
+    PyArrayObject *order;
+    if (pma_take_array(obj, NPY_INT64, 1, &n, "order", arrays, &order) < 0)
+        return -1;
+    *out = PyArray_DATA(order);
+    for (npy_intp i = 0; i < n; i++) {
+        if ((*out)[i] < 0 || (*out)[i] >= n) {
+            PyErr_SetString(PyExc_ValueError, "order: a dof is out of range");
+            return -1;
+        }
+    }
+    return 0;
+}
+
+int pma_take_force(PyObject *obj, PyObject *arrays, pma_load *load)
+{
+    const npy_intp n = (npy_intp)load->n;
+    PyObject *function, *order;
+    if (!PyArg_ParseTuple(obj, "OO", &function, &order) ||
+        take_order(order, n, arrays, &load->order) < 0)
+        return -1;
+    load->kind = PMA_LOAD_CALLED;
+    load->work = add_scratch(n, arrays);
+    load->function = (pma_force_function)address_of(function, &load->user);
+    return load->work && load->function ? PyList_Append(arrays, function) : -1;
+}
+
 int pma_take_restoring(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring *out)
 {
     PyObject *function, *order;
-    PyArrayObject *places;
     *out = (pma_restoring){.n = (size_t)n};
     if (obj == Py_None)
         return 0;
@@ -54,16 +100,18 @@ int pma_take_restoring(PyObject *obj, npy_intp n, PyObject *arrays, pma_restorin
         return -1;
     }
     if (!PyArg_ParseTuple(obj, "OO", &function, &order) ||
-        pma_take_array(order, NPY_INT64, 1, &n, "order", arrays, &places) < 0)
+        take_order(order, n, arrays, &out->order) < 0)
         return -1;
+    out->work = add_scratch(3 * n, arrays);
+    if (!out->work || PyList_Append(arrays, function) < 0)
+        return -1;
+    out->function = (pma_restoring_function)address_of(function, &out->user);
+    if (out->function)
+        return 0;
     if (!PyCallable_Check(function)) {
         PyErr_SetString(PyExc_TypeError, "restoring must be callable");
         return -1;
     }
-    out->order = PyArray_DATA(places);
-    out->work = add_scratch(3 * n, arrays);
-    if (!out->work || PyList_Append(arrays, function) < 0)
-        return -1;
     out->function = call_callable;
     out->user = function;
     out->by_caller = true;

@@ -251,6 +251,8 @@ static int take_any_load(PyObject *obj, PyObject *arrays, pma_load *load)
     }
     if (PyTuple_GET_SIZE(obj) == 4)
         return take_sampled(obj, arrays, load);
+    if (PyTuple_GET_SIZE(obj) == 2 && pma_is_compiled(PyTuple_GET_ITEM(obj, 0)))
+        return pma_take_force(obj, arrays, load);
     return take_table(obj, arrays, load);
 }
 

@@ -342,18 +342,19 @@ static int check_tables(CouplerObject *self, int64_t steps)
     return all ? 0 : -1;
 }
 
-/* The index of the subdomain that became unstable, or (index, code) of the one whose function
- * returned a code; NULL with the exception that stands for any other status. */
+/* The index of the subdomain that became unstable, or (index, code, "force" or "restoring force") of
+ * the one whose function returned a code; NULL with the exception that stands for any other status. */
 static PyObject *failure(CouplerObject *self, pma_status status)
 {
     const size_t i = pma_coupler_failed(self->core);
     if (status == PMA_NOT_FINITE)
         return PyLong_FromSsize_t(i == PMA_INTERFACE ? PyTuple_GET_SIZE(self->subdomains)
                                                      : (Py_ssize_t)i);
-    if (status != PMA_RESTORING_FAILED || PyErr_Occurred())
+    if ((status != PMA_FORCE_FAILED && status != PMA_RESTORING_FAILED) || PyErr_Occurred())
         return pma_raise(status, "advance");
     const int code = pma_subdomain_code(subdomain_of(self, (Py_ssize_t)i)->core);
-    return Py_BuildValue("(ni)", (Py_ssize_t)i, code);
+    return Py_BuildValue("(nis)", (Py_ssize_t)i, code,
+                         status == PMA_FORCE_FAILED ? "force" : "restoring force");
 }
 
 /* advance(steps, record, report=None): None, or what failed */
@@ -439,6 +440,10 @@ static PyObject *coupler_set_motion(CouplerObject *self, PyObject *args)
         return PyErr_Format(PyExc_ValueError, "there is no motion %zd", i);
     pma_load load = {.kind = PMA_LOAD_NONE, .n = parts->motions[i].load.n};
     PyObject *arrays = pma_take_load(obj, &load);
+    if (arrays && load.kind == PMA_LOAD_CALLED) {
+        PyErr_SetString(PyExc_TypeError, "the velocity of a motion must not be compiled");
+        Py_CLEAR(arrays);
+    }
     if (!arrays || enter(self) < 0) {
         Py_XDECREF(arrays);
         return NULL;
@@ -487,8 +492,8 @@ static PyMethodDef coupler_methods[] = {
      "set_motion(i, load): the velocity of a prescribed motion, in the forms of a load"},
     {"advance", (PyCFunction)coupler_advance, METH_VARARGS,
      "advance(steps, record, report=None): None; the index of the subdomain that became unstable; "
-     "or (index, code) of the one whose restoring force returned a code; report(step_count) is "
-     "called about every 50 ms"},
+     "or (index, code, what) of the one whose function returned a code; report(step_count) is called "
+     "about every 50 ms"},
     {"record_present", (PyCFunction)coupler_record_present, METH_O,
      "record_present(record): the present into row 0"},
     {NULL, NULL, 0, NULL},

@@ -220,6 +220,35 @@ static PyObject *subdomain_state(SubdomainObject *self, PyObject *Py_UNUSED(igno
                          pma_new_vector(n, x->w));
 }
 
+/* What a function of the user's gave, or its code; an exception that it left stays. Takes over the
+ * array. */
+static PyObject *answer(SubdomainObject *self, pma_status status, PyObject *array)
+{
+    if (status == PMA_OK)
+        return array;
+    Py_DECREF(array);
+    return PyErr_Occurred() ? NULL : PyLong_FromLong(pma_subdomain_code(self->core));
+}
+
+/* force(t): F(t) of a load that is no table, or the code that the function returned */
+static PyObject *subdomain_force(SubdomainObject *self, PyObject *args)
+{
+    double t;
+    npy_intp n = (npy_intp)pma_subdomain_parts(self->core)->n;
+    if (!PyArg_ParseTuple(args, "d", &t) || is_busy(self))
+        return NULL;
+    if (pma_subdomain_load(self->core)->kind == PMA_LOAD_TABLE)
+        return PyErr_Format(PyExc_ValueError, "a table of loads knows no time");
+    PyObject *F = PyArray_SimpleNew(1, &n, NPY_DOUBLE);
+    if (!F)
+        return NULL;
+    self->busy = true;
+    const pma_status status =
+        pma_subdomain_force(self->core, t, PyArray_DATA((PyArrayObject *)F));
+    self->busy = false;
+    return answer(self, status, F);
+}
+
 /* restore(t, u, v): r(u, v, t), or the code that the function returned */
 static PyObject *subdomain_restore(SubdomainObject *self, PyObject *args)
 {
@@ -238,10 +267,7 @@ static PyObject *subdomain_restore(SubdomainObject *self, PyObject *args)
     const pma_status status =
         pma_subdomain_restore(self->core, t, u, v, PyArray_DATA((PyArrayObject *)r));
     self->busy = false;
-    if (status == PMA_OK)
-        return r;
-    Py_DECREF(r);
-    return PyErr_Occurred() ? NULL : PyLong_FromLong(pma_subdomain_code(self->core));
+    return answer(self, status, r);
 }
 
 /* ---- the whole state: (u, v, w, a, vf), and the same of the own node before if double ------ */
@@ -366,9 +392,11 @@ static PyObject *subdomain_compliance(SubdomainObject *self, PyObject *args)
 
 static PyMethodDef subdomain_methods[] = {
     {"set_load", (PyCFunction)subdomain_set_load, METH_O,
-     "set_load(None | f | (values, shape, dt, hold) | (rows, first))"},
+     "set_load(None | f | (values, shape, dt, hold) | (rows, first) | (function, order))"},
     {"start", (PyCFunction)subdomain_start, METH_VARARGS, "start(u, v, w, lam): state at t = 0"},
     {"state", (PyCFunction)subdomain_state, METH_NOARGS, "state() -> (u, v, w), copies"},
+    {"force", (PyCFunction)subdomain_force, METH_VARARGS,
+     "force(t) -> F(t) of a load that is no table, or the code that the function returned"},
     {"restore", (PyCFunction)subdomain_restore, METH_VARARGS,
      "restore(t, u, v) -> r(u, v, t), or the code that the function returned"},
     {"nodes", (PyCFunction)subdomain_nodes, METH_NOARGS,

@@ -18,7 +18,7 @@
 /* Prescribed velocity: sum_i L_i v_i = g(t) in some rows, where the others have 0.        (G1) */
 typedef struct {
     const int64_t *rows; /* load.n rows, each in 0..p-1 */
-    pma_load load;       /* g(t), as a load on these rows, asked at every fine step */
+    pma_load load;       /* g(t), as a load on these rows, at every fine step; not a called one */
 } pma_motion;
 
 /* What a coupler is made of. Subdomains and arrays are the caller's, who keeps them alive. */
@@ -63,9 +63,9 @@ void pma_coupler_set_motion(pma_coupler *c, size_t i, pma_load load);
 void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, const double *g);
 
 /* `steps` macro steps, recorded if record is not NULL. PMA_NOT_READY before a start,
- * PMA_NOT_FINITE and PMA_RESTORING_FAILED (pma_coupler_failed says where), PMA_STOPPED, and
- * PMA_NO_THREADS before the first step. Does not allocate, but for the threads when they are not
- * there yet. */
+ * PMA_NOT_FINITE, PMA_FORCE_FAILED and PMA_RESTORING_FAILED (pma_coupler_failed says where),
+ * PMA_STOPPED, and PMA_NO_THREADS before the first step. Does not allocate, but for the threads when
+ * they are not there yet. */
 pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,
                                const pma_poll *poll);
 

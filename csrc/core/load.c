@@ -3,6 +3,7 @@
 #include <assert.h>
 #include <float.h>
 #include <math.h>
+#include <string.h>
 
 static void add_scaled(size_t n, double scale, const double *x, double *g)
 {
@@ -45,6 +46,21 @@ static void add_sampled(const pma_load *load, double t, double *g)
         add_sample(load, (size_t)begin + 1, theta, g);
 }
 
+static void add_answer(const pma_load *load, double *g)
+{
+    for (size_t i = 0; i < load->n; i++)
+        g[i] += load->work[load->order[i]];
+}
+
+pma_status pma_load_ask(const pma_load *load, double t, int *code)
+{
+    if (load->kind != PMA_LOAD_CALLED)
+        return PMA_OK;
+    memset(load->work, 0, load->n * sizeof(double));
+    *code = load->function(t, (intptr_t)load->n, load->work, load->user);
+    return *code == 0 ? PMA_OK : PMA_FORCE_FAILED;
+}
+
 void pma_load_add(const pma_load *load, double t, int64_t step, double *g)
 {
     switch (load->kind) {
@@ -57,6 +73,9 @@ void pma_load_add(const pma_load *load, double t, int64_t step, double *g)
     case PMA_LOAD_TABLE:
         assert(step >= load->first && (size_t)(step - load->first) < load->rows);
         add_scaled(load->n, 1.0, load->values + (size_t)(step - load->first) * load->n, g);
+        break;
+    case PMA_LOAD_CALLED:
+        add_answer(load, g);
         break;
     case PMA_LOAD_NONE:
         break;

@@ -258,6 +258,9 @@ pma_status pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1,
     predict(&op->step, s->parts.n, from, to);
 
     /* (11)  F(t1) - C vt - K ut; lagged: C vs (R4) */
+    pma_status status = pma_load_ask(&s->load, t1, &s->code);
+    if (status != PMA_OK)
+        return status;
     pma_load_add(&s->load, t1, step, to->w);
     if (s->energy)
         pma_energy_open(s->energy, to->w);
@@ -266,7 +269,7 @@ pma_status pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1,
 
     /* (R3) */
     if (s->parts.restoring.function) {
-        const pma_status status = restore(s, to, t1);
+        status = restore(s, to, t1);
         if (status != PMA_OK)
             return status;
     }
@@ -287,6 +290,15 @@ pma_status pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1,
 int pma_subdomain_code(const pma_subdomain *s)
 {
     return s->code;
+}
+
+pma_status pma_subdomain_force(pma_subdomain *s, double t, double *F)
+{
+    const pma_status status = pma_load_ask(&s->load, t, &s->code);
+    memset(F, 0, s->parts.n * sizeof(double));
+    if (status == PMA_OK)
+        pma_load_add(&s->load, t, 0, F);
+    return status;
 }
 
 pma_status pma_subdomain_restore(pma_subdomain *s, double t, const double *u, const double *v,

@@ -102,12 +102,15 @@ void pma_subdomain_tell_energy(const pma_subdomain *s, size_t j, double *out);
 const pma_state *pma_subdomain_at(const pma_subdomain *s, size_t j);
 
 /* Free problem (13) from own node j to j+1 at time t1, own step number `step` of the whole run;
- * double: from j-1, with twice the step. The restoring force is asked here, once. It may fail:
- * PMA_RESTORING_FAILED, with the code it returned. */
+ * double: from j-1, with twice the step. A called load and the restoring force are asked here,
+ * once. They may fail: PMA_FORCE_FAILED, PMA_RESTORING_FAILED, with the code they returned. */
 pma_status pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1, int64_t step);
 
 /* What the function that failed last returned. */
 int pma_subdomain_code(const pma_subdomain *s);
+
+/* F (n) := F(t) of a load that is no table, as open would ask for it */
+pma_status pma_subdomain_force(pma_subdomain *s, double t, double *F);
 
 /* r (n) := r(u, v, t), the restoring force alone, as open would ask for it */
 pma_status pma_subdomain_restore(pma_subdomain *s, double t, const double *u, const double *v,

@@ -119,6 +119,33 @@ static void a_time_just_beside_a_sample_is_not_the_sample(void)
     CHECK(alternating_load(20, 0.01, 0.1 * (1.0 + 1e-12)) < 1.0);
 }
 
+/* f_k = (k + 1) t; the code in *user */
+static int push(double t, intptr_t n, double *f, void *user)
+{
+    for (intptr_t k = 0; k < n; k++)
+        f[k] += (double)(k + 1) * t;
+    return *(int *)user;
+}
+
+static void a_called_load_is_asked_once_and_added_in_elimination_order(void)
+{
+    const int64_t order[3] = {2, 0, 1};
+    double work[3] = {9.0, 9.0, 9.0}, g[3] = {1.0, 2.0, 3.0};
+    int answer = 0, code = -1;
+    const pma_load load = {.kind = PMA_LOAD_CALLED, .n = 3, .function = push, .user = &answer,
+                           .order = order, .work = work};
+    CHECK_STATUS(pma_load_ask(&load, 4.0, &code), PMA_OK);
+    CHECK_INT(code, 0);
+    pma_load_add(&load, 100.0, 0, g); /* what was asked for counts */
+    const double expected[3] = {13.0, 6.0, 11.0};
+    CHECK_BITS(3, g, expected);
+    answer = -5;
+    CHECK_STATUS(pma_load_ask(&load, 4.0, &code), PMA_FORCE_FAILED);
+    CHECK_INT(code, -5);
+    const pma_load none = {.n = 3};
+    CHECK_STATUS(pma_load_ask(&none, 4.0, &code), PMA_OK);
+}
+
 const test LOAD_TESTS[] = {
     TEST(no_load_adds_nothing_and_a_constant_load_itself),
     TEST(a_table_gives_the_row_of_the_own_step),
@@ -126,5 +153,6 @@ const test LOAD_TESTS[] = {
     TEST(a_shape_spreads_the_samples_over_the_dofs),
     TEST(a_sample_instant_typed_as_a_decimal_gives_the_sample_itself),
     TEST(a_time_just_beside_a_sample_is_not_the_sample),
+    TEST(a_called_load_is_asked_once_and_added_in_elimination_order),
     END_OF_TESTS,
 };
