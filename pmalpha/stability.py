@@ -91,7 +91,7 @@ def critical_step(subdomain: Subdomain) -> float:
     """
     if not isinstance(subdomain, Subdomain):
         raise TypeError(f"subdomain must be a Subdomain, got {subdomain!r}")
-    stiffness, damping = limiting_terms(subdomain)
+    stiffness, damping = (combination([term]) for term in limiting_terms(subdomain))
     if stiffness is None and damping is None:
         return np.inf
     if subdomain.M is None or subdomain.massless.size:
@@ -101,13 +101,16 @@ def critical_step(subdomain: Subdomain) -> float:
     return _root(stiffness, damping, subdomain.M) / margin
 
 
-def limiting_terms(subdomain: Subdomain) -> tuple[Matrix, Matrix]:
-    """A = (K + K_r) / Omega_s^2 and B = C / Z_s if lagged: h^2 A + h B has to stay below M."""
+def limiting_terms(subdomain: Subdomain) -> list[tuple[float, Matrix]]:
+    """A = (K + K_r) / Omega_s^2 and B = C / Z_s if lagged: h^2 A + h B has to stay below M.
+
+    Each as a factor and a matrix, so that a large matrix need not be copied to be looked at.
+    """
     Omega = critical_product(subdomain.scheme)
-    A = None if np.isinf(Omega) else combination([(1.0 / Omega**2, subdomain.tangent)])
+    A = None if np.isinf(Omega) else subdomain.tangent
     if subdomain.damping != "lagged":
-        return A, None
-    return A, combination([(1.0 / critical_damping_product(subdomain.scheme), subdomain.C)])
+        return [(1.0 / Omega**2, A), (0.0, None)]
+    return [(1.0 / Omega**2, A), (1.0 / critical_damping_product(subdomain.scheme), subdomain.C)]
 
 
 def _root(A: Matrix, B: Matrix, M: Matrix) -> float:
@@ -132,12 +135,10 @@ def _root(A: Matrix, B: Matrix, M: Matrix) -> float:
 
 def warn_if_above_critical(subdomain: Subdomain, step: float, label: str) -> None:
     """StabilityWarning when a step of this length is above the critical one."""
-    A, B = limiting_terms(subdomain)
-    if A is None and B is None:
-        return
+    (a, A), (b, B) = limiting_terms(subdomain)
     # the bound is cheap and nearly always enough
-    terms = combination([(step**2, A), (step, B)])
-    if row_sum_bound(terms, subdomain.M) <= 1.0 + ROUNDING:
+    of_A, of_B = (row_sum_bound(X, subdomain.M) for X in (A, B))
+    if step**2 * a * of_A + step * b * of_B <= 1.0 + ROUNDING:
         return
     critical = critical_step(subdomain)
     if step <= critical * (1.0 + ROUNDING):
@@ -155,10 +156,19 @@ def warn_if_above_critical(subdomain: Subdomain, step: float, label: str) -> Non
 def row_sum_bound(A: Matrix, M: Matrix) -> float:
     """An upper bound of the eigenvalues of A with respect to M, by row sums of |M^-1 A|; inf if M
     is no diagonal."""
+    if A is None:
+        return 0.0
     if M is None or M.ndim != 1 or np.any(M == 0.0):
         return np.inf
-    rows = np.abs(A) if A.ndim == 1 else np.asarray(abs(A).sum(axis=1)).ravel()
+    rows = np.abs(A) if A.ndim == 1 else _absolute(A) @ np.ones(A.shape[0])
     return float(np.max(rows / M))
+
+
+def _absolute(A: Matrix) -> Matrix:
+    """|A|, with the pattern of a sparse A shared instead of copied."""
+    if not sp.issparse(A):
+        return np.abs(A)
+    return sp.csr_array((np.abs(A.data), A.indices, A.indptr), shape=A.shape, copy=False)
 
 
 def largest_eigenvalue(A: Matrix, M: Matrix) -> tuple[float, np.ndarray]:

@@ -154,6 +154,8 @@ class Subdomain:
     @property
     def tangent(self) -> Matrix:
         """K + K_r, the stiffness as far as it is known."""
+        if self.restoring_stiffness is None:
+            return self.K
         return combination([(1.0, self.K), (1.0, self.restoring_stiffness)])
 
     @property
@@ -165,6 +167,8 @@ class Subdomain:
     def implicit_damping(self) -> Matrix:
         """What al2 multiplies in Mbar: C + D_r (R3), without C where it is lagged (R4)."""
         C = None if self.damping == "lagged" else self.C
+        if self.restoring_damping is None:
+            return C
         return combination([(1.0, C), (1.0, self.restoring_damping)])
 
     def _matrix(self, value: Any, name: str) -> Matrix:
