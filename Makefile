@@ -8,7 +8,11 @@ CORE     := $(wildcard csrc/core/*.c)
 BINDING  := $(wildcard csrc/binding/*.[ch])
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 
-.PHONY: demo test ctest tsan notebooks clean
+# the scripts of benchmarks/ that measure
+MEASURE  := $(filter-out $(addprefix benchmarks/,draw.py memory.py peers.py timing.py), \
+              $(wildcard benchmarks/*.py))
+
+.PHONY: demo test ctest tsan notebooks benchmarks clean
 .NOTPARALLEL:
 
 demo: $(VENV)/.plot,fast
@@ -26,6 +30,11 @@ tsan: build/test_core_tsan
 
 notebooks: $(VENV)/.notebook
 	$(VENV)/bin/python -c "$$EXECUTE" notebooks/*.ipynb
+
+# half an hour; best on a machine with nothing else to do
+benchmarks: $(VENV)/.plot,fast
+	for script in $(MEASURE); do $(VENV)/bin/python $$script || exit; done
+	$(VENV)/bin/python benchmarks/draw.py
 
 # what `jupyter execute --inplace` does, but without a time stamp in each cell
 define EXECUTE

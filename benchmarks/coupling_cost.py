@@ -49,8 +49,8 @@ def measure(name, counts, faces, substeps, seconds):
     own = subdomains(parts, substeps)
     points = {s: part.points for s, part in zip(own, parts)}
     tie = pm.tie_coincident(points, components=len(counts))
-    coupled = pm.Coupler(own, tie, dt=DT)
-    alone = [pm.Coupler([s], dt=DT) for s in own]
+    coupled = pm.Coupler(own, tie, dt=DT, threads=1)
+    alone = [pm.Coupler([s], dt=DT, threads=1) for s in own]
     whole, *single = in_turn(coupled.step, *[c.step for c in alone], rounds=3, seconds=seconds)
     return {
         "parts": name,

@@ -5,6 +5,7 @@ everything recorded. Takes some minutes: valgrind carries the whole of Python. N
 """
 
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -42,6 +43,9 @@ def counted(steps):
 
 
 def rows(quick):
+    if shutil.which("valgrind") is None:
+        print("valgrind is not installed: nothing measured")
+        return []
     steps = 2 if quick else STEPS
     few, _ = counted(steps)
     many, allocators = counted(2 * steps)

@@ -43,7 +43,7 @@ def problem(nx, ny):
     }
 
 
-def coupled(q):
+def coupled(q, threads=1):
     """The same in pmalpha."""
     a = pm.Subdomain(q["M_A"], q["K_A"], scheme=pm.Newmark(), name="A")
     b = pm.Subdomain(
@@ -54,7 +54,8 @@ def coupled(q):
         force=q["F_B"],
         name="B",
     )
-    return pm.Coupler([a, b], pm.tie(a, q["face_A"], b, q["face_B"]), dt=DT, coupling="gc")
+    tie = pm.tie(a, q["face_A"], b, q["face_B"])
+    return pm.Coupler([a, b], tie, dt=DT, coupling="gc", threads=threads)
 
 
 def solver(A):
@@ -154,7 +155,10 @@ def measure(nx, ny, seconds):
         loop.by_product = False
         loop.step()
 
-    ours, product, solve = in_turn(coupler.step, by_product, by_solve, rounds=3, seconds=seconds)
+    threaded = coupled(q, threads=None)
+    ours, together, product, solve = in_turn(
+        coupler.step, threaded.step, by_product, by_solve, rounds=3, seconds=seconds
+    )
     theirs = min(product, solve)
     return {
         "mesh": f"{nx}x{ny}",
@@ -163,6 +167,8 @@ def measure(nx, ny, seconds):
         "macro step ms": ours * 1e3,
         "loop ms": theirs * 1e3,
         "loop over ours": theirs / ours,
+        "threads": threaded.threads,
+        "with these threads ms": together * 1e3,
         "set-up s": setup,
         "set-up of loop s": setup_loop,
         "difference": differ,

@@ -38,8 +38,8 @@ def measure(scheme, layers, stiff, side, seconds):
     whole = subdomain(box(layers, side, E), scheme, SS)
     a, b = subdomain(soft, scheme, 1), subdomain(hard, scheme, SS)
     tie = pm.tie_coincident({a: soft.points, b: hard.points}, components=3)
-    split = pm.Coupler([a, b], tie, dt=DT)
-    alone = [pm.Coupler([s], dt=DT) for s in (a, b, whole)]
+    split = pm.Coupler([a, b], tie, dt=DT, threads=1)
+    alone = [pm.Coupler([s], dt=DT, threads=1) for s in (a, b, whole)]
     ours, of_a, of_b, fine = in_turn(
         split.step, *[c.step for c in alone], rounds=3, seconds=seconds
     )

@@ -8,6 +8,8 @@ import platform
 import time
 from pathlib import Path
 
+from threadpoolctl import threadpool_limits
+
 RESULTS = Path(__file__).parent / "results"
 
 
@@ -61,8 +63,9 @@ def run(name, measure, *, about):
     name : str
         Of the CSV file.
     measure : callable
-        ``measure(quick)`` returns the rows, a list of dicts with the same keys. With quick it has
-        a few seconds, for small sizes: that shows that the script runs and nothing else.
+        ``measure(quick)`` returns the rows, a list of dicts with the same keys; none where it
+        cannot measure, and then results stay as they are. With quick it has a few seconds, for
+        small sizes: that shows that the script runs and nothing else.
     about : str
         The docstring of the script.
     """
@@ -70,7 +73,10 @@ def run(name, measure, *, about):
     parser.add_argument("--quick", action="store_true", help="small sizes, to see that it runs")
     parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the CSV file")
     given = parser.parse_args()
-    report(name, measure(given.quick), given.results)
+    with threadpool_limits(1):  # BLAS: one thread against one thread
+        rows = measure(given.quick)
+    if rows:
+        report(name, rows, given.results)
 
 
 def report(name, rows, folder=RESULTS):

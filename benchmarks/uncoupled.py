@@ -63,7 +63,7 @@ def measure(name, M, K, steps, seconds):
     n, scheme = K.shape[0], pm.GeneralizedAlpha(RHO)
     u0 = np.sin(np.pi * np.arange(1, n + 1) / (n + 1))
     part = pm.Subdomain(M, K, scheme=scheme, u0=u0)
-    coupler = pm.Coupler([part], dt=DT)
+    coupler = pm.Coupler([part], dt=DT, threads=1)
     loop = Loop(M, K, scheme, u0)
     coupler.step(20)
     loop.step(20)

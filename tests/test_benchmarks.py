@@ -1,7 +1,9 @@
 """The benchmarks run, and write what the tables are drawn from. No time is tested."""
 
 import csv
+import importlib
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,10 +12,9 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 BENCHMARKS = ROOT / "benchmarks"
-# instructions.py carries Python under valgrind, which takes a minute at any size; large.py is one
-# size only
-SCRIPTS = ["coupling_cost", "fine_step", "growth", "plate", "subcycling", "uncoupled"]
-# the figures of a run that are not times
+# instructions.py carries Python under valgrind, which takes a minute at any size, and
+# step_profile.py needs perf
+SCRIPTS = ["coupling_cost", "fine_step", "growth", "large", "plate", "subcycling", "uncoupled"]
 TOLERANCE = 1e-10  # both sum the same terms in another order, 20 steps long
 
 
@@ -60,6 +61,25 @@ def test_a_loop_that_is_timed_against_pmalpha_gives_the_same_numbers(quick, scri
 
 def test_every_benchmark_is_named_in_the_readme():
     readme = (BENCHMARKS / "README.md").read_text()
-    shared = {"timing", "memory", "peers"}
+    shared = {"timing", "memory", "peers", "draw"}
     scripts = {path.stem for path in BENCHMARKS.glob("*.py")} - shared
     assert not [name for name in sorted(scripts) if f"benchmarks/{name}.py" not in readme]
+
+
+def test_the_tables_of_the_page_are_those_of_the_results(monkeypatch):
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    draw = importlib.import_module("draw")
+    text = draw.PAGE.read_text()
+    assert draw.page(text) == text
+    assert set(re.findall(r"<!-- (\w+) -->", text)) - {"end"} <= set(draw.TABLES)
+
+
+def test_every_picture_of_the_page_is_drawn_from_results_with_these_columns(monkeypatch, tmp_path):
+    matplotlib = pytest.importorskip("matplotlib")
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    draw = importlib.import_module("draw")
+    monkeypatch.setattr(draw, "PICTURES", tmp_path)
+    with matplotlib.rc_context():
+        draw.draw()
+    named = set(re.findall(r"pictures/(performance-\S+\.svg)", draw.PAGE.read_text()))
+    assert named == {path.name for path in tmp_path.iterdir()}

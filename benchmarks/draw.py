@@ -1,0 +1,291 @@
+"""The tables of docs/performance.md and its pictures, from the CSV files of benchmarks/results.
+
+Nothing is measured here. Tables stand between the lines `<!-- name -->` and `<!-- end -->`.
+"""
+
+import csv
+import re
+from pathlib import Path
+
+import numpy as np
+
+from pmalpha.style import LINES, RC
+
+ROOT = Path(__file__).parent.parent
+PAGE = ROOT / "docs" / "performance.md"
+RESULTS = ROOT / "benchmarks" / "results"
+PICTURES = ROOT / "docs" / "pictures"
+
+ORIGIN = "machine", "versions", "date"
+# Macro steps of Kratos 10.4.4 on the same plates in ms, quoted: they were measured on another
+# machine of this class, not in the same run.
+KRATOS_MS = {"49x9": 13.0, "249x9": 63.0, "999x9": 273.0, "49x49": 89.0}
+# The best existing program for a chain of n dofs, us a step; quoted likewise.
+BEST_US = {
+    2: "Exudyn 0.4, OpenSees 1.2, PETSc 6",
+    1000: "PETSc 23.5, Exudyn 32",
+    100_000: "SciPy 1815, PETSc 2215",
+}
+
+
+def read(name):
+    """Rows of a CSV file; numbers as floats."""
+    with open(RESULTS / f"{name}.csv", newline="") as file:
+        return [{k: _number(v) for k, v in row.items()} for row in csv.DictReader(file)]
+
+
+def _number(text):
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def short(x):
+    """Three digits of a number, or a text as it is."""
+    if not isinstance(x, float):
+        return str(x)
+    if x == round(x) and abs(x) < 1e7:
+        return f"{int(x)}"
+    return f"{x:.3g}" if abs(x) < 1000.0 else f"{x:.0f}"
+
+
+def table(rows):
+    """Markdown of rows with equal keys, with where they were measured below."""
+    columns = [c for c in rows[0] if c not in ORIGIN]
+    lines = [columns, ["---"] * len(columns), *[[short(r[c]) for c in columns] for r in rows]]
+    text = "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    origins = sorted({tuple(r[c] for c in ORIGIN) for r in rows if ORIGIN[0] in r})
+    return text + "".join(f"\n\nMeasured on {m}; {v}; {d}." for m, v, d in origins)
+
+
+def without(rows, *columns):
+    return [{k: v for k, v in row.items() if k not in columns} for row in rows]
+
+
+# ---- tables ----------------------------------------------------------------------------------
+
+
+def goal(what, aim, reached, unit, *, least=False):
+    """A row of the table of goals; `least`: at least the aim is wanted, else at most."""
+    good = reached >= aim if least else reached <= aim
+    return {
+        "goal": what,
+        "aim": f"{'at least' if least else 'at most'} {short(aim)} {unit}".rstrip(),
+        "reached": f"{short(reached)} {unit}".rstrip(),
+        "": "yes" if good else "no",
+    }
+
+
+def goals():
+    alone, plates = read("uncoupled"), read("plate")
+    chains = {r["n"]: r["us a step"] for r in alone if r["problem"] == "chain"}
+    solids = [r["loop over ours"] for r in alone if r["problem"] == "solid"]
+    one_face = [
+        r["coupled over sum"]
+        for r in read("coupling_cost")
+        if r["faces"] == 1 and r["conditions"] <= 300 and r["dofs of a part"] >= 10_000
+    ]
+    fine = {r["what"]: r["us a fine step"] for r in read("fine_step")}["step, not recorded"]
+    rows = [
+        goal(f"chain, {short(n)} dofs, uncoupled step", aim, chains[n], "us")
+        for n, aim in ((2.0, 0.06), (1000.0, 5.0), (100_000.0, 500.0))
+    ]
+    rows += [
+        goal("hex8 solids over a SciPy loop", 2.5, min(solids), "times", least=True),
+        goal(
+            "coupled plates over a SciPy loop, the least of all meshes",
+            3.0,
+            min(r["loop over ours"] for r in plates),
+            "times",
+            least=True,
+        ),
+        goal("coupled over uncoupled steps, one face, the worst", 1.1, max(one_face), ""),
+        goal("fine step of four dofs", 100.0, 1e3 * fine, "ns"),
+    ]
+    stages = {r["what"]: r for r in read("large")}
+    peak = max(r["MB peak"] for r in stages.values() if r["MB peak"] != "")
+    return [
+        *rows,
+        goal("a million explicit and 1e5 implicit dofs: memory", 12.0, peak / 1e3, "GB"),
+        goal("the same: set-up", 60.0, stages["Coupler"]["seconds"], "s"),
+    ]
+
+
+def uncoupled():
+    rows = read("uncoupled")
+    for row in rows:
+        chain = row["problem"] == "chain"
+        row["best existing (quoted), us"] = BEST_US.get(int(row["n"]), "") if chain else ""
+    return rows
+
+
+def plate():
+    rows = read("plate")
+    for row in rows:
+        row["Kratos (quoted) ms"] = KRATOS_MS.get(row["mesh"], "")
+    return without(rows, "difference")
+
+
+def large():
+    """The stages, and the functions of set-up in the same table."""
+    return without(read("large"), "dofs implicit", "dofs explicit", "conditions")
+
+
+TABLES = {
+    "goals": goals,
+    "uncoupled": uncoupled,
+    "plate": plate,
+    "coupling_cost": lambda: read("coupling_cost"),
+    "subcycling": lambda: read("subcycling"),
+    "growth": lambda: read("growth"),
+    "large": large,
+    "fine_step": lambda: read("fine_step"),
+    "instructions": lambda: read("instructions"),
+    "limits": lambda: read("limits"),
+}
+
+
+def page(text):
+    """The page with its tables written anew."""
+
+    def written(match):
+        return f"<!-- {match[1]} -->\n\n{table(TABLES[match[1]]())}\n\n<!-- end -->"
+
+    return re.sub(r"<!-- (\w+) -->\n.*?<!-- end -->", written, text, flags=re.DOTALL)
+
+
+# ---- pictures --------------------------------------------------------------------------------
+
+
+def draw_plate(figure):
+    """Macro step of each program over the meshes."""
+    rows = read("plate")
+    ax = figure.subplots()
+    kinds = [("macro step ms", "pmalpha", 3), ("loop ms", "SciPy loop", 2)]
+    for i, (column, label, line) in enumerate(kinds):
+        heights = [row[column] for row in rows]
+        ax.bar(np.arange(len(rows)) + 0.25 * i, heights, 0.22, label=label, **_fill(line))
+    quoted = [KRATOS_MS.get(row["mesh"], np.nan) for row in rows]
+    ax.bar(np.arange(len(rows)) + 0.5, quoted, 0.22, label="Kratos 10.4.4 (quoted)", **_fill(0))
+    names = [f"{r['mesh']}\n{short(r['dofs of a part'])} dofs" for r in rows]
+    ax.set_xticks(np.arange(len(rows)) + 0.25, names)
+    ax.set(yscale="log", ylabel="ms a macro step")
+    ax.legend()
+
+
+def _fill(line):
+    return {"color": LINES[line]["color"]}
+
+
+def draw_coupling(figure):
+    """Coupled over uncoupled steps; what substeps save against what they could."""
+    left, right = figure.subplots(1, 2)
+    rows = read("coupling_cost")
+    for substeps, line in ((1.0, 2), (10.0, 0)):
+        own = [r for r in rows if r["substeps of the neighbours"] == substeps]
+        where = np.arange(len(own)) + (0.35 if substeps > 1.0 else 0.0)
+        values = [r["coupled over sum"] for r in own]
+        label = "all implicit" if substeps == 1.0 else "explicit neighbours, ss = 10"
+        left.barh(where, values, 0.32, label=label, **_fill(line))
+    names = [f"{r['parts']}, {short(r['faces'])} f., p = {short(r['conditions'])}" for r in own]
+    left.set_yticks(np.arange(len(own)) + 0.17, names)
+    left.axvline(1.0, color="0.4", linewidth=0.8)
+    left.invert_yaxis()
+    left.set(xlabel="coupled step over sum of uncoupled steps")
+    left.legend()
+    rows = read("subcycling")
+    for schemes, line in (("explicit", 0), ("implicit", 2)):
+        own = [r for r in rows if r["schemes"] == schemes]
+        x, y = ([r[c] for r in own] for c in ("theoretical ratio", "ratio"))
+        right.plot(x, y, "o", label=f"both {schemes}", **_fill(line))
+    ends = [0.04, 0.5]
+    right.plot(ends, ends, color="0.4", linewidth=0.8)
+    right.set(xscale="log", yscale="log")
+    ticks = [0.05, 0.1, 0.2, 0.4]
+    for axis in (right.xaxis, right.yaxis):
+        axis.set_ticks(ticks, [str(x) for x in ticks])
+        axis.set_ticks([], minor=True)
+    right.set(xlabel="ratio in proportion to dofs", ylabel="subcycled over whole at the fine step")
+    right.legend()
+
+
+def draw_growth(figure):
+    """Step, set-up and memory over dofs, conditions and subdomains."""
+    axes = figure.subplots(3, 3, sharex="col")
+    rows = read("growth")
+    columns = ["dofs", "conditions", "subdomains"]
+    lines = {}
+    for problem in dict.fromkeys(r["problem"] for r in rows):
+        own = [r for r in rows if r["problem"] == problem]
+        column = next(i for i, word in enumerate(columns) if word in problem)
+        style = LINES[3 - 2 * lines.setdefault(column, 0)]
+        lines[column] += 1
+        label = problem.replace(", dofs", "").replace("conditions, ", "").replace("subdomains ", "")
+        x = [r["size"] for r in own]
+        for row, y in enumerate(
+            (
+                [r["macro step ms"] for r in own],
+                [r["set-up s"] for r in own],
+                [r["MB peak"] - r["MB before"] for r in own],
+            )
+        ):
+            axes[row, column].plot(x, y, marker="o", markersize=3, label=label, **style)
+    for ax in axes.flat:
+        ax.set(xscale="log", yscale="log")
+    for ax, word in zip(axes[2], columns):
+        ax.set_xlabel(word)
+    for ax, word in zip(axes[:, 0], ("macro step, ms", "set-up, s", "memory of set-up, MB")):
+        ax.set_ylabel(word)
+    for ax in axes[0]:
+        ax.legend()
+
+
+def draw_step(figure):
+    """Share of each function of the core in a step."""
+    ax = figure.subplots()
+    rows = read("step_profile")
+    problems = list(dict.fromkeys(r["problem"] for r in rows))
+    for place, problem in enumerate(problems):
+        begin = 0.0
+        for i, row in enumerate(r for r in rows if r["problem"] == problem):
+            grey = 0.72 + 0.18 * (i % 2)
+            ax.barh(place, row["share"], 0.8, begin, color=str(grey))
+            if row["share"] > 0.085:
+                name = row["function"].removeprefix("pma_").replace("_", "\n")
+                middle = begin + row["share"] / 2.0
+                ax.text(middle, place, name, ha="center", va="center", fontsize=6.5)
+            begin += row["share"]
+    ax.set_yticks(range(len(problems)), problems)
+    ax.invert_yaxis()
+    ax.grid(False)
+    ax.set(xlim=(0.0, 1.0), xlabel="share of the time of a step")
+
+
+DRAWN = {
+    "plate": (draw_plate, (6.0, 3.0)),
+    "coupling": (draw_coupling, (9.0, 3.4)),
+    "growth": (draw_growth, (9.0, 7.0)),
+    "step": (draw_step, (9.0, 4.2)),
+}
+
+
+def draw():
+    """All pictures, to docs/pictures; the same results give the same files."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    with matplotlib.rc_context(RC | {"svg.hashsalt": "pmalpha", "axes.axisbelow": True}):
+        for name, (content, size) in DRAWN.items():
+            figure = Figure(figsize=size, layout="constrained")
+            content(figure)
+            figure.savefig(PICTURES / f"performance-{name}.svg", metadata={"Date": None})
+
+
+def main():
+    PAGE.write_text(page(PAGE.read_text()))
+    draw()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,108 @@
+"""A million explicit dofs tied to a hundred thousand implicit ones: set-up, memory and step.
+
+A bar of hex8 elements with 32 x 32 nodes in its cross-section: 326 layers of nodes explicit, 32
+implicit with ten substeps to one of its own, 3072 conditions. What set-up does is told function by
+function. Needs 8 GB and some minutes.
+"""
+
+import cProfile
+import pstats
+import re
+from functools import partial
+from pathlib import Path
+
+import memory
+import numpy as np
+from timing import in_turn, once, run
+
+import pmalpha as pm
+
+MATERIAL = {"E": 1.0, "nu": 0.3, "rho": 1.0, "mass": "lumped"}
+SS, DT = 10, 2.0
+# Functions of the package that take this part of set-up or more, with all they call, are told.
+SHARE = 0.02
+
+
+def bars(side, explicit, implicit):
+    """Both parts, as Structures."""
+    left = pm.models.solid(implicit - 1, side - 1, side - 1, 1.0, **MATERIAL)
+    right = pm.models.solid(
+        explicit - 1, side - 1, side - 1, 1.0, **MATERIAL, origin=(implicit - 1.0, 0.0, 0.0)
+    )
+    return left, right
+
+
+def subdomains(left, right):
+    """Subdomains and their ties; every dof is loaded."""
+    a = left.subdomain(scheme=pm.GeneralizedAlpha(0.8), force=np.sin(np.arange(left.n)))
+    b = right.subdomain(
+        scheme=pm.GeneralizedAlpha(0.8, explicit=True),
+        substeps=SS,
+        force=np.sin(np.arange(right.n)),
+    )
+    x = left.points[:, 0].max()
+    face_a, face_b = (s.dofs(s.nodes_at(x=x)) for s in (left, right))
+    return [a, b], pm.tie(a, face_a, b, face_b)
+
+
+def stage(name, call):
+    """A row with the time and the memory of a call, and what it returned."""
+    memory.forget_peak()
+    seconds, value = once(call)
+    return {
+        "what": name,
+        "seconds": seconds,
+        "MB": memory.present(),
+        "MB peak": memory.peak(),
+    }, value
+
+
+def functions(profile, total):
+    """Rows for the functions of the package in which set-up was, by falling time."""
+    package = str(Path(pm.__file__).parent)
+    rows = []
+    for (path, _, name), (_, _, _, seconds, _) in pstats.Stats(profile).stats.items():
+        ours = path.startswith(package) and not name.startswith("<")
+        builtin = re.search(r"pmalpha\.(_core\.\w+)>", name)
+        if (ours or builtin) and seconds >= SHARE * total:
+            own = f"{Path(path).stem}.{name}" if ours else builtin[1]
+            rows.append(
+                {"what": f"of set-up, in {own}", "seconds": seconds, "MB": "", "MB peak": ""}
+            )
+    return sorted(rows, key=lambda row: -row["seconds"])
+
+
+def rows(quick):
+    sizes = (3, 6, 3) if quick else (32, 326, 32)
+    steps = 2 if quick else 10
+    profile = cProfile.Profile()
+    found = []
+
+    def told(name, call):
+        row, value = stage(name, call)
+        found.append(row)
+        return value
+
+    parts = told("matrices of both parts", partial(bars, *sizes))
+    counts = [part.n for part in parts]
+    own, tie = told("Subdomain and tie", partial(subdomains, *parts))
+    del parts
+    coupler = told("Coupler", partial(profile.runcall, pm.Coupler, own, tie, dt=DT))
+    setup = found[-1]["seconds"]
+    told("two macro steps", partial(coupler.step, 2))
+    (step,) = in_turn(coupler.step, rounds=steps)
+    found.append(
+        {"what": "macro step", "seconds": step, "MB": memory.present(), "MB peak": memory.peak()}
+    )
+    found += functions(profile, setup)
+    size = {
+        "threads": coupler.threads,
+        "dofs implicit": counts[0],
+        "dofs explicit": counts[1],
+        "conditions": tie.p,
+    }
+    return [row | size for row in found]
+
+
+if __name__ == "__main__":
+    run("large", rows, about=__doc__)
