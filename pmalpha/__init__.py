@@ -14,6 +14,7 @@ from .errors import (
     ConstraintWarning,
     FactorizationError,
     InstabilityError,
+    PerformanceWarning,
     PmalphaError,
     StabilityWarning,
 )
@@ -42,6 +43,7 @@ __all__ = [
     "History",
     "InstabilityError",
     "Newmark",
+    "PerformanceWarning",
     "PmalphaError",
     "Reduction",
     "SampledForce",

@@ -23,6 +23,7 @@ _Record = tuple[  # begin, every, nodes, multipliers, jumps of velocity and disp
 ]
 
 class Subdomain:
+    entries: int
     def __new__(
         cls,
         n: int,
@@ -37,6 +38,8 @@ class Subdomain:
         restoring: tuple[Callable | LowLevelCallable, np.ndarray] | None = None,  # as a load
         D_r: _Matrix = None,
         lagged: bool = False,
+        ramped: bool = False,
+        K_r: _Matrix = None,
     ) -> Subdomain: ...
     def set_load(self, load: _Load, /) -> None: ...
     def start(self, u: np.ndarray, v: np.ndarray, w: np.ndarray, lam: np.ndarray, /) -> None: ...
@@ -48,6 +51,16 @@ class Subdomain:
     def begin_energy(self, M: _Matrix, load: np.ndarray, lam: np.ndarray, /) -> None: ...
     def end_energy(self) -> None: ...
     def compliance(self, twice: bool, rows: np.ndarray, /) -> np.ndarray: ...
+    def ramp(
+        self,
+        rows: np.ndarray,
+        begin: int,
+        end: np.ndarray,
+        mean: np.ndarray,
+        states: np.ndarray | None,
+        /,
+    ) -> bool: ...
+    def set_response(self, rows: np.ndarray, states: np.ndarray, /) -> None: ...
 
 class Coupler:
     step_count: int
@@ -65,6 +78,7 @@ class Coupler:
         motions: tuple[np.ndarray, ...],
         threads: int = 1,
         worthwhile: bool = False,
+        macro: bool = False,
     ) -> Coupler: ...
     def start(self, step_count: int, lam: np.ndarray, g: np.ndarray, /) -> None: ...
     def set_motion(self, i: int, load: _Load, /) -> None: ...

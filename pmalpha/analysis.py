@@ -83,6 +83,8 @@ def amplification_matrix(coupler: Coupler) -> AmplificationMatrix:
         - single and coarser: u, v, w, a and, on its interface dofs, the stored free velocity vf;
         - double: all of these at the own node before t_n, then at t_n.
 
+        Under macro coupling u, v, w, a of all, twice if double, and at last the multipliers Lam.
+
         ``names`` says which row is what, such as ``"u[2] of tower at n-1"``. For a double-step
         subdomain with substeps, n-1 means the own node before.
 
@@ -134,11 +136,17 @@ class _Layout:
     def __init__(self, coupler: Coupler):
         self.coupler = coupler
         self.parts = coupler._parts
-        self.stored = [p.double or p.subdomain.substeps < coupler._fine for p in self.parts]
-        self.size = sum(
+        macro = coupler._macro
+        self.stored = [
+            not macro and (p.double or p.subdomain.substeps < coupler._fine) for p in self.parts
+        ]
+        self.nodal = sum(
             (2 if p.double else 1) * (4 * p.n + stored * p.nb)
             for p, stored in zip(self.parts, self.stored)
         )
+        # of the multipliers "pm" and "gc" remember nothing
+        self.conditions = coupler._row_place if macro else np.arange(0)
+        self.size = self.nodal + self.conditions.size
 
     def fields(self) -> Iterator[tuple[Part, int, np.ndarray]]:
         """Subdomain, index in the core's nodes, and places in elimination order, in the order of X.
@@ -161,12 +169,15 @@ class _Layout:
             begin += places.size
         for part in self.parts:
             part.core.set_nodes(tuple(nodes[part.name]))
-        lam = np.zeros(self.coupler._row_place.size)  # no step reads it
-        self.coupler._core.start(1, lam, lam)
+        zero = np.zeros(self.coupler._row_place.size)
+        lam = zero.copy()
+        lam[self.conditions] = X[self.nodal :]
+        self.coupler._core.start(1, lam, zero)
 
     def read(self) -> np.ndarray:
         nodes = {part.name: part.core.nodes() for part in self.parts}
-        return np.concatenate([nodes[p.name][field][places] for p, field, places in self.fields()])
+        numbers = [nodes[p.name][field][places] for p, field, places in self.fields()]
+        return np.concatenate([*numbers, self.coupler._core.multipliers[self.conditions]])
 
     def names(self) -> tuple[str, ...]:
         names = []
@@ -175,7 +186,7 @@ class _Layout:
             when = "n-1" if field >= 5 else "n"
             dofs = np.arange(part.n) if field % 5 < 4 else part.order[part.n - part.nb :]
             names += [f"{symbol}[{d}] of {part.name} at {when}" for d in dofs[: places.size]]
-        return tuple(names)
+        return (*names, *(f"Lam[{row}]" for row in range(self.conditions.size)))
 
 
 @contextmanager

@@ -45,8 +45,8 @@ class Part:
         Of M, where Mbar is M itself: explicit, with no damping in Mbar.
     stiffness, damping : matrices
         What al1 and al2 multiply in Mbar, equations (12), (R3) and (R4).
-    D_r : matrix
-        Estimate of the damping of the restoring force.
+    D_r, K_r : matrices
+        Estimates of the damping and the stiffness of the restoring force.
     factors : list of Factor
         Of Mbar(h) and, for a double step, of Mbar(2 h).
     graph : (n, n) csr_array or None
@@ -55,6 +55,10 @@ class Part:
         Sparse factors by SuperLU.
     external : External or None
         Makes sparse factors instead.
+    ramped : bool
+        Substeps under macro coupling.
+    response : pair of (p, p) csr_array, or None
+        If ramped: its block of H (M4), and the same from the mean velocities inside the macro step.
     """
 
     subdomain: Subdomain
@@ -69,6 +73,7 @@ class Part:
     stiffness: Matrix
     damping: Matrix
     D_r: Matrix
+    K_r: Matrix
     L: sp.csr_array
     nb: int
     core: Any = None
@@ -77,6 +82,8 @@ class Part:
     graph: sp.csr_array | None = None
     superlu: bool = False
     external: External | None = None
+    ramped: bool = False
+    response: tuple[sp.csr_array, sp.csr_array] | None = None
 
     @property
     def n(self) -> int:
@@ -131,7 +138,14 @@ def name_of_mbar(scheme: Scheme, subdomain: str) -> str:
 
 
 def make_part(
-    subdomain: Subdomain, name: str, double: bool, h: float, L: sp.csr_array, factorize: Any = None
+    subdomain: Subdomain,
+    name: str,
+    double: bool,
+    h: float,
+    L: sp.csr_array,
+    factorize: Any = None,
+    *,
+    ramped: bool = False,
 ) -> Part:
     """Order a subdomain, interface last."""
     n, scheme = subdomain.n, subdomain.scheme
@@ -157,6 +171,7 @@ def make_part(
             stiffness,
             damping,
             subdomain.restoring_damping,
+            subdomain.restoring_stiffness,
         )
     )
     conditions = sp.csr_array(L[:, order])
@@ -173,6 +188,7 @@ def make_part(
         graph=graph,
         superlu=factorize == "superlu",
         external=external,
+        ramped=ramped,
     )
 
 
@@ -189,6 +205,8 @@ def core_subdomain(
     restoring: tuple | None = None,
     D_r: Matrix = None,
     lagged: bool = False,
+    ramped: bool = False,
+    K_r: Matrix = None,
 ) -> Any:
     """The core's object for a part with these matrices and operators."""
     columns = sp.csc_array(L[:, part.n - part.nb :])
@@ -206,6 +224,8 @@ def core_subdomain(
         restoring=restoring,
         D_r=core_matrix(D_r),
         lagged=lagged,
+        ramped=ramped,
+        K_r=core_matrix(K_r),
     )
 
 
@@ -226,6 +246,8 @@ def build(part: Part) -> None:
         restoring=core_restoring(part.subdomain.restoring, part.name, part.order),
         D_r=part.D_r,
         lagged=part.subdomain.damping == "lagged",
+        ramped=part.ramped,
+        K_r=part.K_r if part.ramped else None,
     )
 
 
@@ -234,7 +256,7 @@ def build(part: Part) -> None:
 
 def row_order(parts: Sequence[Part], p: int) -> np.ndarray:
     """The order of the multipliers in which the interface matrix fills little."""
-    diagonal = [part.diagonal_mbar(part.h) is not None for part in parts]
+    diagonal = [part.diagonal_mbar(part.h) is not None and not part.ramped for part in parts]
     members = [conditions_of(part.L) for part in parts]
     blocks = sum(float(m.size) ** 2 for m, plain in zip(members, diagonal) if not plain)
     if blocks > DENSE_SHARE * p**2:
@@ -255,8 +277,8 @@ def conditions_of(L: sp.csr_array) -> np.ndarray:
     return np.flatnonzero(np.diff(L.indptr)).astype(np.int64)
 
 
-def interface_matrix(parts: Sequence[Part], p: int, *, start: bool) -> Matrix:
-    """H = sum_i al2_i L_i Mbar_i^-1 L_i^T, equations (18) and (F6).
+def interface_matrix(parts: Sequence[Part], p: int, *, start: bool, mean: bool = False) -> Matrix:
+    """H = sum_i al2_i L_i Mbar_i^-1 L_i^T, equations (18) and (F6); of ramped parts (M4).
 
     Parameters
     ----------
@@ -266,9 +288,14 @@ def interface_matrix(parts: Sequence[Part], p: int, *, start: bool) -> Matrix:
         Number of conditions.
     start : bool
         Everybody single, as in the first macro step.
+    mean : bool
+        Of ramped parts the mean inside the macro step instead of what is at its end.
     """
     blocks = []
     for part in parts:
+        if part.response is not None:
+            blocks.append(part.response[1 if mean else 0])
+            continue
         twice = part.double and not start
         h = 2.0 * part.h if twice else part.h
         al2 = part.subdomain.scheme.coefficients(h)[1]

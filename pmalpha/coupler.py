@@ -28,6 +28,7 @@ from .constraints import Constraint, RowNames, row_sizes, stacked
 from .errors import CallbackError, ConstraintError, ConstraintWarning, InstabilityError
 from .forces import CallbackLoad, checked_force, core_load, is_callback
 from .history import History, State, SubdomainHistory, by_place, position
+from .macro import prepare, warn_of_resonance
 from .matrices import core_matrix
 from .motion import Motion
 from .progress import Report, reporting
@@ -62,7 +63,7 @@ FIRST_CHUNK, CHUNK_SECONDS = 32, 0.03
 
 
 class Coupler:
-    """Subdomains tied at their velocities, each with its own scheme and step: PM-alpha, GC-alpha.
+    """Subdomains tied at their velocities, each with its own scheme and step.
 
     Parameters
     ----------
@@ -72,13 +73,17 @@ class Coupler:
         The interface conditions, from `tie` or general ones. They must be independent.
     dt : float
         The macro step, in any consistent unit, positive. Subdomain i steps by dt / substeps_i; the
-        largest number of substeps must be a multiple of all.
-    coupling : {"pm", "gc"}, default "pm"
+        largest number of substeps must be a multiple of all, except under "macro".
+    coupling : {"pm", "gc", "macro"}, default "pm"
         "pm": interfield parallel, with double steps (PM-alpha; with Newmark schemes the PM
-        method). "gc": staggered, single steps (GC-alpha).
+        method). "gc": staggered, single steps (GC-alpha). "macro": multipliers linear over the
+        macro step and found once in it, velocities tied at macro nodes; of order 2 with any
+        substeps, double steps only where ``double_step=True`` (and ``substeps=1``). See
+        docs/method.md, section 13.
     start : {"rebased", "plain"}, default "rebased"
         What is done with the stored free velocity when a subdomain changes over to double steps
-        after the first macro step, equation (S3). "plain" does nothing, as in the paper.
+        after the first macro step, equation (S3). "plain" does nothing, as in the paper. Under
+        "macro" no step reads a stored free velocity, and it makes no difference.
     threads : int, optional
         At most so many threads work on the subdomains, the calling one among them; 1 is none
         besides it. Results are the same bit for bit for any number. Default: as many as there are
@@ -94,7 +99,8 @@ class Coupler:
     TypeError, ValueError
         For arguments of the wrong kind, equal names, substeps that do not divide the largest,
         everybody at the finest step double, an initial state that does not fit; for what
-        `factorize` returns.
+        `factorize` returns; under "macro" for a double step with substeps, and for unit runs that
+        would take longer than a day.
     ConstraintError
         For conditions that depend on one another or that the initial velocities break.
     FactorizationError
@@ -105,7 +111,10 @@ class Coupler:
     Warns
     -----
     StabilityWarning
-        When an own step is above the critical step of its subdomain.
+        When an own step is above the critical step of its subdomain; under "macro" when a part
+        resonates with the macro step, and for a double step that damps nothing (rho = 1).
+    PerformanceWarning
+        When the unit runs of "macro" take long.
     ConstraintWarning
         When initial displacements leave a gap.
 
@@ -150,12 +159,14 @@ class Coupler:
     ):
         subdomains = checked_subdomains(subdomains)
         constraints = checked_constraints(constraints, subdomains)
-        check_word(coupling, "coupling", ("pm", "gc"))
+        check_word(coupling, "coupling", ("pm", "gc", "macro"))
         check_word(start, "start", ("rebased", "plain"))
         threads_allowed = most_threads(threads)
         check_factorize(factorize)
         self._dt = positive_number(dt, "dt")
-        self._fine = finest(subdomains)
+        self._macro = coupling == "macro"
+        fine = finest(subdomains, coupling)
+        self._fine = 1 if self._macro else fine  # interface problems in a macro step
         self._p = sum(c.p for c in constraints)
         names = names_of(subdomains)
         self._keys = tuple(zip(names, subdomains))
@@ -196,7 +207,15 @@ class Coupler:
         """Order, factor, and make the objects of the core."""
         p = self._p
         parts = [
-            make_part(s, name, double, self._dt / s.substeps, L, factorize)
+            make_part(
+                s,
+                name,
+                double,
+                self._dt / s.substeps,
+                L,
+                factorize,
+                ramped=self._macro and s.substeps > 1,
+            )
             for (_, s), name, double, L in zip(self._keys, names, doubles, self._matrices)
         ]
         rows = row_order(parts, p)
@@ -204,8 +223,14 @@ class Coupler:
         for part in parts:
             part.L = part.L[rows]
             build(part)
+        if self._macro:
+            prepare(parts)
         superlu = factorize == "superlu"
-        H = interface_factor(interface_matrix(parts, p, start=False), rows, superlu=superlu)
+        matrix = interface_matrix(parts, p, start=False)
+        H = interface_factor(matrix, rows, superlu=superlu)
+        if any(part.response for part in parts):
+            mean = interface_matrix(parts, p, start=False, mean=True)
+            warn_of_resonance(matrix, mean, H, parts, self._row_place)
         H_start = H
         if any(doubles):
             H_start = interface_matrix(parts, p, start=True)
@@ -221,6 +246,7 @@ class Coupler:
             start == "rebased",
             tuple(self._row_place[motion.rows] for motion in self._motions),
             *threads_allowed,
+            self._macro,
         )
 
     # ---- the present -------------------------------------------------------------------------
@@ -343,12 +369,14 @@ class Coupler:
         last whole macro step, `last_history` holds the run up to there, and it can go on.
         """
         with self._entered():
+            self._require_no_ramps(energy)
             begin = self._steps_done()
             end = self._end(t_end, steps, begin)
             recording = Recording(
                 self._parts,
                 self._keys,
                 self._row_place,
+                fine=self._fine,
                 begin=begin,
                 end=end,
                 dt=self._dt,
@@ -570,6 +598,13 @@ class Coupler:
             self._constants = checkpoint.constants(self._options, self._parts, self._matrices)
         return self._constants | checkpoint.loads(self._parts, self._forces, self._motions)
 
+    def _require_no_ramps(self, energy: bool) -> None:
+        ramped = [part.name for part in self._parts if part.ramped]
+        if energy and ramped:
+            raise ValueError(
+                f'energy must be False with substeps under coupling="macro", got it with {ramped}'
+            )
+
     def _require_linear(self, what: str) -> None:
         for name, s in self._keys:
             if s.restoring is not None:
@@ -581,7 +616,7 @@ class Coupler:
         return self._core.step_count if self._started else 0
 
     def _instant(self, step: int) -> float:
-        return (step * self._fine / self._fine) * self._dt  # (T1)
+        return step * self._dt  # (T1)
 
     def _end(self, t_end: float | None, steps: int | None, begin: int) -> int:
         """The macro step at which a run ends."""
@@ -612,7 +647,6 @@ class Coupler:
                 f"force of subdomain {part.name!r}",
                 part.order,
                 part.subdomain.substeps,
-                self._fine,
                 self._dt,
             )
             for i, (part, force) in enumerate(zip(self._parts, forces))

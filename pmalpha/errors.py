@@ -8,6 +8,7 @@ __all__ = [
     "ConstraintWarning",
     "FactorizationError",
     "InstabilityError",
+    "PerformanceWarning",
     "PmalphaError",
     "StabilityWarning",
 ]
@@ -106,7 +107,11 @@ class CallbackError(PmalphaError):
 
 
 class StabilityWarning(UserWarning):
-    """The step of an explicit or conditionally stable scheme is above its critical step."""
+    """A run may grow, or keep an error for ever.
+
+    The step of an explicit or conditionally stable scheme is above its critical step, or under
+    macro coupling a part resonates with the macro step or a double step damps nothing.
+    """
 
 
 class ConstraintWarning(UserWarning):
@@ -115,3 +120,7 @@ class ConstraintWarning(UserWarning):
     Initial displacements leave a gap, the equation of a dof without mass does not hold at t = 0, or
     nodes that are nearly at one place are not tied.
     """
+
+
+class PerformanceWarning(UserWarning):
+    """What was asked for is possible and slow."""

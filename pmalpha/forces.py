@@ -177,15 +177,15 @@ class CallbackLoad:
         For messages, such as "force of subdomain 'rig'".
     order : (n,) array
         Elimination order.
-    substeps, fine : int
-        How often in a macro step it is asked, and fine steps in a macro step.
+    substeps : int
+        How often in a macro step it is asked.
     dt : float
         Macro step.
     """
 
-    def __init__(self, force, what: str, order: np.ndarray, substeps: int, fine: int, dt: float):
+    def __init__(self, force, what: str, order: np.ndarray, substeps: int, dt: float):
         self.force, self.what, self.order = force, what, order
-        self.substeps, self.ratio, self.fine, self.dt = substeps, fine // substeps, fine, dt
+        self.substeps, self.dt = substeps, dt
         self.first = 0
         self.rows = np.empty((0, order.size))
         self.near_start: dict[float, np.ndarray] = {}
@@ -217,7 +217,7 @@ class CallbackLoad:
         row = node - 1 - self.first
         if 0 <= row < len(self.rows):
             return self.rows[row].copy()
-        return self.ask(node * self.ratio / self.fine * self.dt)  # (T1)
+        return self.ask(node / self.substeps * self.dt)  # (T1)
 
     def prepare(self, begin: int, end: int) -> tuple[int, Exception | None]:
         """Have the loads of the macro steps begin..end-1 ready.
@@ -235,8 +235,8 @@ class CallbackLoad:
         known, failure = len(kept), None
         try:
             while known < needed:
-                k = (first + known + 1) * self.ratio
-                rows[known] = self.ask(k / self.fine * self.dt)  # (T1)
+                k = first + known + 1
+                rows[known] = self.ask(k / self.substeps * self.dt)  # (T1)
                 known += 1
         except Exception as error:
             failure = error

@@ -19,7 +19,7 @@ class Motion:
 
     def new_callback(self) -> CallbackLoad:
         order = np.arange(self.rows.size)
-        return CallbackLoad(self.velocity, self.what, order, self.fine, self.fine, self.dt)
+        return CallbackLoad(self.velocity, self.what, order, self.fine, self.dt)
 
     def at(self, t: float) -> np.ndarray:
         if isinstance(self.velocity, np.ndarray):

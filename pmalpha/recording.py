@@ -24,6 +24,8 @@ class Recording:
     keys : sequence of (name, Subdomain)
     row_place : (p,) array of int
         Place of each condition in the core's order.
+    fine : int
+        Interface problems in a macro step.
     begin, end : int
         Macro steps.
     dt : float
@@ -40,6 +42,7 @@ class Recording:
         keys: Sequence[tuple[str, Subdomain]],
         row_place: np.ndarray,
         *,
+        fine: int,
         begin: int,
         end: int,
         dt: float,
@@ -50,7 +53,7 @@ class Recording:
         self.parts, self.keys, self.row_place = parts, tuple(keys), row_place
         self.begin, self.dt = begin, dt
         self.every = None if every is None else whole_number(every, "every", low=1)
-        self.fine = max(part.subdomain.substeps for part in parts)
+        self.fine = fine
         self.dofs = chosen_dofs(record, self.keys)
         self.energy_columns = len(parts) * len(ENERGIES) if energy else 0
         self._require_memory(end)
@@ -72,11 +75,9 @@ class Recording:
     def times(self, nodes: int, end: int) -> np.ndarray:
         """The times of these rows, equation (T1)."""
         if self.every is None:
-            k = np.arange(self.begin * nodes, end * nodes + 1) * (self.fine // nodes)
-        else:
-            later = np.arange(self.begin // self.every + 1, end // self.every + 1) * self.every
-            k = np.concatenate([[self.begin], later]) * self.fine
-        return (k / self.fine) * self.dt
+            return np.arange(self.begin * nodes, end * nodes + 1) / nodes * self.dt
+        later = np.arange(self.begin // self.every + 1, end // self.every + 1) * self.every
+        return np.concatenate([[self.begin], later]) * self.dt
 
     def core_record(self) -> tuple:
         """The record as the core takes it."""

@@ -23,7 +23,9 @@ def double_steps(subdomains: Sequence[Subdomain], coupling: str) -> list[bool]:
     """
     if coupling == "gc" or len(subdomains) == 1:
         return [False] * len(subdomains)
-    fine = finest(subdomains)
+    if coupling == "macro":
+        return macro_double_steps(subdomains)
+    fine = finest(subdomains, coupling)
     double = [
         not s.scheme.explicit and s.substeps < fine if s.double_step is None else s.double_step
         for s in subdomains
@@ -36,6 +38,23 @@ def double_steps(subdomains: Sequence[Subdomain], coupling: str) -> list[bool]:
         raise ValueError(
             "double_step must not be True on all subdomains of the finest step, or odd and even "
             f"instants would be two unrelated runs; got it on all with substeps = {fine}"
+        )
+    return double
+
+
+def macro_double_steps(subdomains: Sequence[Subdomain]) -> list[bool]:
+    """Under macro coupling those that say so, which must have one substep."""
+    double = [bool(s.double_step) for s in subdomains]
+    for i, s in enumerate(subdomains):
+        if double[i] and s.substeps > 1:
+            raise ValueError(
+                'double_step must not be True with more than one substep under coupling="macro", '
+                f"got substeps = {s.substeps} for {names_of(subdomains)[i]!r}"
+            )
+    if all(double):
+        raise ValueError(
+            "double_step must not be True on all subdomains, or odd and even macro steps would be "
+            "two unrelated runs"
         )
     return double
 
@@ -87,13 +106,13 @@ def check_factorize(value: Any) -> None:
         raise ValueError(f"factorize must be None, 'superlu' or a callable, got {value!r}")
 
 
-def finest(subdomains: Sequence[Subdomain]) -> int:
-    """The largest number of substeps, a multiple of all."""
+def finest(subdomains: Sequence[Subdomain], coupling: str) -> int:
+    """The largest number of substeps; a multiple of all but under macro coupling."""
     fine = max(s.substeps for s in subdomains)
     if fine > MOST_SUBSTEPS:
         raise ValueError(f"substeps must be at most {MOST_SUBSTEPS}, got {fine}")
     for s in subdomains:
-        if fine % s.substeps:
+        if fine % s.substeps and coupling != "macro":
             raise ValueError(f"substeps must divide the largest, {fine}, got {s.substeps}")
     return fine
 

@@ -18,6 +18,9 @@ and our own labels where it has none:
     (P2)  al1, al2                               (S3)  free velocity re-based after the start
     (S1)  consistent initial w and Lam           (T1)  instants t = (k / max(ss)) dt
     (R1)  extrapolated velocity                  (R2) (R3) (R4)  restoring force, lagged damping
+    (M1)  Lam linear over a macro step           (M4)  interface problem of a macro step
+    (M2)  known run                              (M5)  known run plus response
+    (M3)  response to a ramp of Lam
 
 Symbols: u, v, w displacement, velocity, acceleration; a the acceleration-like variable of the
 scheme; h an own step; dt the macro step; ss own steps in it; Lam the interface forces.
@@ -489,6 +492,142 @@ def check(parts, L, start):
         raise ValueError("L must be a list of (p, n_i) arrays, one for each part")
     if start not in ("rebased", "plain"):
         raise ValueError(f'start must be "rebased" or "plain", got {start!r}')
+
+
+# ---- macro coupling -------------------------------------------------------------------------
+
+
+class Traveller:
+    """One part from macro node to macro node: known run and response.
+
+    Parameters
+    ----------
+    part : Part
+        A double one has one substep.
+    L : (p, n) ndarray
+    dt : float
+        Macro step.
+    """
+
+    def __init__(self, part, L, dt):
+        self.part, self.L, self.dt = part, L, dt
+        h = dt / part.substeps
+        self.step = Step(part, L, h)
+        self.later = Step(part, L, 2.0 * h) if part.double else self.step
+        self.back = 0  # own nodes that a step starts behind the last one
+        self.nodes = []
+        self.respond()
+
+    def respond(self):
+        """U[j]: unit conditions' states at own node j + 1, each field (n, p) (M3)."""
+        p = len(self.L)
+        ss = self.part.substeps
+        units = [self.run(self.rest(), 0, lambda j, e=e: j / ss * e, still=True) for e in np.eye(p)]
+        self.U = [
+            {x: np.array([getattr(u[j], x) for u in units]).reshape(p, -1).T for x in "uvwa"}
+            for j in range(ss)
+        ]
+
+    def rest(self):
+        zero = np.zeros(len(self.part.M))
+        return Node(0.0, zero, zero, zero, zero, zero)
+
+    def run(self, node, first, Lam, *, still=False):
+        """The ss own steps after own node `first` under Lam(j) at own node j = 1..ss."""
+        ss, nodes = self.part.substeps, []
+        step = linearised(self.step) if still else self.step
+        for j in range(1, ss + 1):
+            free = step.free(node, instant(first + j, ss, self.dt))
+            node = step.close(free, Lam(j))
+            nodes.append(node)
+        return nodes
+
+    def known(self, Lam):
+        """The own steps of this macro step, with Lam of its beginning held (M2)."""
+        first = len(self.nodes) - 1
+        return self.run(self.nodes[-1 - self.back], first, lambda j: Lam)
+
+    def add(self, known, dLam):
+        """known + U dLam at every own node, for u, v, w and a (M5)."""
+        for node, U in zip(known, self.U, strict=True):
+            total = {x: getattr(node, x) + U[x] @ dLam for x in "uvwa"}
+            self.nodes.append(replace(node, **total))
+
+    def change_over(self):
+        """End of the first macro step: from now on t_{n-1} to t_{n+1}, if the part is double."""
+        if self.part.double:
+            self.step, self.back = self.later, 1
+            self.respond()
+
+
+def linearised(step):
+    """The same step without load, its restoring force as the estimates have it (M3)."""
+    K_r, D_r = step.part.K_r, step.part.D_r
+    part = replace(step.part, force=None, restoring=lambda u, v, t: K_r @ u + D_r @ v)
+    return Step(part, step.L, step.h)
+
+
+def run_macro(parts, L, dt, steps, g=None):
+    """Step coupled subdomains from t = 0 by macro coupling.
+
+    Parameters
+    ----------
+    parts : list of Part
+        Any substeps; a double part has one.
+    L : list of (p, n_i) ndarray
+        The conditions sum_i L_i v_i = g (2), (G1).
+    dt : float
+        Macro step.
+    steps : int
+        Number of macro steps.
+    g : callable or None
+        g(t) -> (p,), zero at t = 0 and with zero slope there; None is zero.
+
+    Returns
+    -------
+    Result
+        Multipliers and velocity jumps at macro nodes.
+
+    Examples
+    --------
+    >>> one = np.ones((1, 1))
+    >>> slow, fast = Part(one, one, u0=[1.0]), Part(one, one, u0=[1.0], substeps=3)
+    >>> result = run_macro([slow, fast], [one, -one], 0.1, 10)
+    >>> result.parts[1].u.shape, result.multipliers.shape
+    ((31, 1), (11, 1))
+    """
+    if any(part.double and part.substeps > 1 for part in parts):
+        raise ValueError("a double part must have one substep")
+    g = (lambda t: np.zeros(len(L[0]))) if g is None else g
+    travellers = [Traveller(part, Li, dt) for part, Li in zip(parts, L, strict=True)]
+    w0, Lam = initial_accelerations(parts, L)
+    for x, w in zip(travellers, w0, strict=True):
+        x.nodes.append(Node(0.0, x.part.u0, x.part.v0, w, w, x.part.v0))
+
+    multipliers, jumps = [Lam], [jump(L, [part.v0 for part in parts])]
+    for k in range(1, steps + 1):
+        known = [x.known(Lam) for x in travellers]
+        # (M4)  H dLam = g - sum_i L_i v_i(known), H = sum_i L_i U_i^v
+        H = sum(x.L @ x.U[-1]["v"] for x in travellers)
+        t = instant(k, 1, dt)
+        dLam = np.linalg.solve(H, g(t) - jump(L, [nodes[-1].v for nodes in known]))
+        for x, nodes in zip(travellers, known, strict=True):
+            x.add(nodes, dLam)
+        Lam = Lam + dLam  # (M1)
+        multipliers.append(Lam)
+        jumps.append(jump(L, [x.nodes[-1].v for x in travellers]) - g(t))
+        if k == 1:
+            for x in travellers:
+                x.change_over()
+
+    macro = [[x.nodes[m * x.part.substeps].u for x in travellers] for m in range(steps + 1)]
+    return Result(
+        parts=[collected(x.nodes) for x in travellers],
+        multipliers=np.array(multipliers),
+        multiplier_times=np.array([instant(k, 1, dt) for k in range(steps + 1)]),
+        velocity_jump=np.array(jumps),
+        displacement_jump=np.array([jump(L, u) for u in macro]),
+    )
 
 
 # ---- the truth ------------------------------------------------------------------------------

@@ -24,6 +24,7 @@ typedef struct {
     PyObject *arrays; /* list: keeps alive what the core points into */
     PyObject *load;   /* the load's arrays */
     PyObject *mass;   /* those of M, while the energy is asked for */
+    PyObject *response; /* list: the arrays of a stored response */
     bool busy;        /* stepped by a coupler that has let the GIL go */
 } SubdomainObject;
 

@@ -89,15 +89,15 @@ static int take_parts(CouplerObject *self, PyObject *H_start, PyObject *H, PyObj
 
 static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
-    static char *names[] = {"subdomains", "p", "H_start", "H", "dt", "rebased", "motions",
-                            "threads",    "worthwhile", NULL};
+    static char *names[] = {"subdomains", "p",       "H_start",    "H",     "dt", "rebased",
+                            "motions",    "threads", "worthwhile", "macro", NULL};
     PyObject *subdomains, *H_start, *H, *motions;
     Py_ssize_t p, threads = 1;
-    int rebased, worthwhile = 0;
+    int rebased, worthwhile = 0, macro = 0;
     pma_coupler_parts parts = {0};
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOdpO!|np", names, &PyTuple_Type,
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOdpO!|npp", names, &PyTuple_Type,
                                      &subdomains, &p, &H_start, &H, &parts.dt, &rebased,
-                                     &PyTuple_Type, &motions, &threads, &worthwhile) ||
+                                     &PyTuple_Type, &motions, &threads, &worthwhile, &macro) ||
         check_subdomains(type, subdomains) < 0)
         return NULL;
     if (p < 0 || PyTuple_GET_SIZE(subdomains) == 0)
@@ -111,6 +111,7 @@ static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwarg
     parts.rebased = rebased;
     parts.threads = (size_t)threads;
     parts.worthwhile = worthwhile;
+    parts.macro = macro;
     self->subdomains = Py_NewRef(subdomains);
     self->arrays = PyList_New(0);
     self->motions = PyList_New(0);
@@ -278,7 +279,6 @@ static int take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_reco
     const Py_ssize_t count = PyTuple_GET_SIZE(self->subdomains);
     long long begin, every;
     PyObject *nodes, *interface[3], *energy = Py_None;
-    size_t fine = 1;
     if (!PyTuple_Check(obj)) {
         PyErr_SetString(PyExc_TypeError, "a record must be a tuple");
         return -1;
@@ -300,14 +300,13 @@ static int take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_reco
     }
     for (Py_ssize_t i = 0; i < count; i++) {
         const pma_parts *s = pma_subdomain_parts(subdomain_of(self, i)->core);
-        fine = s->substeps > fine ? s->substeps : fine;
         if (take_nodes(PyTuple_GET_ITEM(nodes, i), s->n, last_row(record, end, s->substeps),
                        &record->nodes[i]) < 0)
             return -1;
     }
     if (take_energy(self, energy, end, record) < 0)
         return -1;
-    return take_interface(self, interface, end, fine, record);
+    return take_interface(self, interface, end, pma_coupler_instants(self->core), record);
 }
 
 /* ---- stepping ------------------------------------------------------------------------------- */
@@ -327,16 +326,15 @@ static int check_tables(CouplerObject *self, int64_t steps)
 {
     const int64_t begin = pma_coupler_step_count(self->core), end = begin + steps;
     const pma_coupler_parts *parts = pma_coupler_get_parts(self->core);
+    const int64_t instants = (int64_t)pma_coupler_instants(self->core);
     bool all = true;
-    int64_t fine = 1;
     for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(self->subdomains); i++) {
         const pma_subdomain *s = subdomain_of(self, i)->core;
         const int64_t substeps = (int64_t)pma_subdomain_parts(s)->substeps;
-        fine = substeps > fine ? substeps : fine;
         all = all && covers(pma_subdomain_load(s), begin, end, substeps);
     }
     for (size_t i = 0; i < parts->motion_count; i++)
-        all = all && covers(&parts->motions[i].load, begin, end, fine);
+        all = all && covers(&parts->motions[i].load, begin, end, instants);
     if (!all)
         PyErr_SetString(PyExc_ValueError, "a load table does not cover the steps");
     return all ? 0 : -1;
@@ -508,7 +506,8 @@ static PyGetSetDef coupler_getset[] = {
 };
 
 static PyType_Slot coupler_slots[] = {
-    {Py_tp_doc, "Coupler(subdomains, p, H_start, H, dt, rebased, motions)\n\nThe schedule."},
+    {Py_tp_doc, "Coupler(subdomains, p, H_start, H, dt, rebased, motions, macro=False)\n\n"
+                "The schedule."},
     {Py_tp_new, coupler_new},
     {Py_tp_traverse, coupler_traverse},
     {Py_tp_dealloc, coupler_dealloc},

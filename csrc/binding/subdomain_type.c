@@ -55,15 +55,17 @@ static int take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out)
 
 static int take_parts(PyObject *args, PyObject *kwargs, PyObject *arrays, pma_parts *parts)
 {
-    static char *names[] = {"n",     "nb",   "substeps",  "K",   "C",      "scheme", "single",
-                            "twice", "link", "restoring", "D_r", "lagged", NULL};
+    static char *names[] = {"n",    "nb",        "substeps", "K",      "C",      "scheme", "single", "twice",
+                            "link", "restoring", "D_r",      "lagged", "ramped", "K_r",    NULL};
     Py_ssize_t n, nb, substeps;
-    PyObject *K, *C, *single, *twice, *link, *restoring = Py_None, *D_r = Py_None;
+    PyObject *K, *C, *single, *twice, *link, *restoring = Py_None, *D_r = Py_None,
+             *K_r = Py_None;
     pma_scheme scheme;
-    int lagged = 0;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "nnnOO(dddd)OOO|OOp", names, &n, &nb, &substeps,
+    int lagged = 0, ramped = 0;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "nnnOO(dddd)OOO|OOppO", names, &n, &nb, &substeps,
                                      &K, &C, &scheme.am, &scheme.af, &scheme.beta, &scheme.gamma,
-                                     &single, &twice, &link, &restoring, &D_r, &lagged))
+                                     &single, &twice, &link, &restoring, &D_r, &lagged, &ramped,
+                                     &K_r))
         return -1;
     if (n < 1 || nb < 0 || nb > n || substeps < 1) {
         PyErr_SetString(PyExc_ValueError, "need 1 <= n, 0 <= nb <= n and 1 <= substeps");
@@ -72,8 +74,10 @@ static int take_parts(PyObject *args, PyObject *kwargs, PyObject *arrays, pma_pa
     *parts = (pma_parts){.n = (size_t)n, .nb = (size_t)nb, .substeps = (size_t)substeps};
     parts->doubled = twice != Py_None;
     parts->lagged = lagged;
+    parts->ramped = ramped;
     if (pma_take_restoring(restoring, n, arrays, &parts->restoring) < 0 ||
-        pma_take_matrix(D_r, n, "D_r", arrays, &parts->D_r) < 0)
+        pma_take_matrix(D_r, n, "D_r", arrays, &parts->D_r) < 0 ||
+        pma_take_matrix(K_r, n, "K_r", arrays, &parts->K_r) < 0)
         return -1;
     if (pma_take_matrix(K, n, "K", arrays, &parts->K) < 0 ||
         pma_take_matrix(C, n, "C", arrays, &parts->C) < 0 ||
@@ -110,6 +114,7 @@ static int subdomain_traverse(SubdomainObject *self, visitproc visit, void *arg)
     Py_VISIT(self->arrays);
     Py_VISIT(self->load);
     Py_VISIT(self->mass);
+    Py_VISIT(self->response);
     return 0;
 }
 
@@ -121,6 +126,7 @@ static void subdomain_dealloc(SubdomainObject *self)
     Py_XDECREF(self->arrays);
     Py_XDECREF(self->load);
     Py_XDECREF(self->mass);
+    Py_XDECREF(self->response);
     type->tp_free(self);
     Py_DECREF(type);
 }
@@ -390,6 +396,135 @@ static PyObject *subdomain_compliance(SubdomainObject *self, PyObject *args)
     return out;
 }
 
+/* ---- responses to ramps (M3) -------------------------------------------------------------- */
+
+/* What a block of columns of H needs and where it goes. */
+typedef struct {
+    const int64_t *rows;       /* k */
+    npy_intp k, begin, count;  /* columns begin..begin+count-1 of k */
+    double *lam;               /* p: zero */
+    double *answer;            /* 2 p: scratch */
+    double *end, *mean;        /* count x k by rows */
+    double *states;            /* count x 4 x n by rows, or NULL */
+} ramp_block;
+
+static void copy_rows(const ramp_block *b, const double *answer, double *out)
+{
+    for (npy_intp r = 0; r < b->k; r++)
+        out[r] = answer[b->rows[r]];
+}
+
+static pma_status fill_ramps(pma_subdomain *s, const ramp_block *b)
+{
+    const size_t p = pma_subdomain_parts(s)->link.p, size = 4 * pma_subdomain_parts(s)->n;
+    for (npy_intp c = 0; c < b->count; c++) {
+        const int64_t row = b->rows[b->begin + c];
+        memset(b->answer, 0, 2 * p * sizeof(double));
+        b->lam[row] = 1.0;
+        const pma_status status = pma_subdomain_ramp(s, b->lam, b->answer, b->answer + p);
+        b->lam[row] = 0.0;
+        if (status != PMA_OK)
+            return status;
+        copy_rows(b, b->answer, b->end + c * b->k);
+        copy_rows(b, b->answer + p, b->mean + c * b->k);
+        if (b->states)
+            memcpy(b->states + (size_t)c * size, pma_subdomain_response(s)->u,
+                   size * sizeof(double));
+    }
+    return PMA_OK;
+}
+
+static int take_ramps(SubdomainObject *self, PyObject *args, ramp_block *b)
+{
+    PyObject *rows, *end, *mean, *states;
+    PyArrayObject *array;
+    Py_ssize_t begin;
+    const npy_intp any = -1;
+    const pma_parts *parts = pma_subdomain_parts(self->core);
+    if (!PyArg_ParseTuple(args, "OnOOO", &rows, &begin, &end, &mean, &states) ||
+        pma_take_array(rows, NPY_INT64, 1, &any, "rows", NULL, &array) < 0)
+        return -1;
+    *b = (ramp_block){.rows = PyArray_DATA(array), .k = PyArray_DIM(array, 0), .begin = begin};
+    if (check_rows(b->rows, b->k, parts->link.p) < 0)
+        return -1;
+    npy_intp shape[3] = {-1, b->k, 0};
+    if (pma_take_array(end, NPY_DOUBLE, 2, shape, "end", NULL, &array) < 0)
+        return -1;
+    b->end = PyArray_DATA(array);
+    b->count = shape[0] = PyArray_DIM(array, 0);
+    if (pma_take_array(mean, NPY_DOUBLE, 2, shape, "mean", NULL, &array) < 0)
+        return -1;
+    b->mean = PyArray_DATA(array);
+    if (!parts->ramped || begin < 0 || b->count > b->k - begin) {
+        PyErr_SetString(PyExc_ValueError, "no such columns of a ramped subdomain");
+        return -1;
+    }
+    if (states == Py_None)
+        return 0;
+    shape[1] = 4;
+    shape[2] = (npy_intp)parts->n;
+    if (pma_take_array(states, NPY_DOUBLE, 3, shape, "states", NULL, &array) < 0)
+        return -1;
+    b->states = PyArray_DATA(array);
+    return 0;
+}
+
+static PyObject *subdomain_ramp(SubdomainObject *self, PyObject *args)
+{
+    ramp_block b;
+    pma_status status;
+    const size_t p = pma_subdomain_parts(self->core)->link.p;
+    if (take_ramps(self, args, &b) < 0 || is_busy(self))
+        return NULL;
+    b.lam = PyMem_Calloc(3 * p + 1, sizeof(double));
+    if (!b.lam)
+        return PyErr_NoMemory();
+    b.answer = b.lam + p;
+    self->busy = true;
+    Py_BEGIN_ALLOW_THREADS
+    status = fill_ramps(self->core, &b);
+    Py_END_ALLOW_THREADS
+    self->busy = false;
+    PyMem_Free(b.lam);
+    return PyBool_FromLong(status == PMA_OK);
+}
+
+/* set_response(rows, states): what ramp wrote for all of these conditions */
+static PyObject *subdomain_set_response(SubdomainObject *self, PyObject *args)
+{
+    PyObject *rows_obj, *states_obj;
+    PyArrayObject *rows, *states;
+    const npy_intp any = -1;
+    const pma_parts *parts = pma_subdomain_parts(self->core);
+    if (!PyArg_ParseTuple(args, "OO", &rows_obj, &states_obj) || is_busy(self))
+        return NULL;
+    PyObject *arrays = PyList_New(0);
+    if (!arrays || pma_take_array(rows_obj, NPY_INT64, 1, &any, "rows", arrays, &rows) < 0)
+        goto failed;
+    const npy_intp shape[3] = {PyArray_DIM(rows, 0), 4, (npy_intp)parts->n};
+    if (check_rows(PyArray_DATA(rows), shape[0], parts->link.p) < 0 ||
+        pma_take_array(states_obj, NPY_DOUBLE, 3, shape, "states", arrays, &states) < 0)
+        goto failed;
+    pma_subdomain_set_response(self->core, (pma_response){.count = (size_t)shape[0],
+                                                          .rows = PyArray_DATA(rows),
+                                                          .values = PyArray_DATA(states)});
+    Py_XSETREF(self->response, arrays);
+    Py_RETURN_NONE;
+failed:
+    Py_XDECREF(arrays);
+    return NULL;
+}
+
+static PyObject *subdomain_get_entries(SubdomainObject *self, void *Py_UNUSED(closure))
+{
+    return PyLong_FromSize_t(pma_subdomain_entries(self->core));
+}
+
+static PyGetSetDef subdomain_getset[] = {
+    {"entries", (getter)subdomain_get_entries, NULL, "matrix entries read by one own step", NULL},
+    {NULL, NULL, NULL, NULL, NULL},
+};
+
 static PyMethodDef subdomain_methods[] = {
     {"set_load", (PyCFunction)subdomain_set_load, METH_O,
      "set_load(None | f | (values, shape, dt, hold) | (rows, first) | (function, order))"},
@@ -407,17 +542,23 @@ static PyMethodDef subdomain_methods[] = {
     {"end_energy", (PyCFunction)subdomain_end_energy, METH_NOARGS, "end_energy(): and no more"},
     {"compliance", (PyCFunction)subdomain_compliance, METH_VARARGS,
      "compliance(twice, rows) -> block of H on these conditions"},
+    {"ramp", (PyCFunction)subdomain_ramp, METH_VARARGS,
+     "ramp(rows, begin, end, mean, states): columns of H under macro coupling into end, (m, k); "
+     "False when a value is not finite"},
+    {"set_response", (PyCFunction)subdomain_set_response, METH_VARARGS,
+     "set_response(rows, states): what ramp wrote for all of these conditions"},
     {NULL, NULL, 0, NULL},
 };
 
 static PyType_Slot subdomain_slots[] = {
     {Py_tp_doc, "Subdomain(n, nb, substeps, K, C, scheme, single, twice, link, restoring=None, "
-                "D_r=None, lagged=False)\n\n"
+                "D_r=None, lagged=False, ramped=False, K_r=None)\n\n"
                 "One subdomain as the core steps it, in elimination order."},
     {Py_tp_new, subdomain_new},
     {Py_tp_traverse, subdomain_traverse},
     {Py_tp_dealloc, subdomain_dealloc},
     {Py_tp_methods, subdomain_methods},
+    {Py_tp_getset, subdomain_getset},
     {0, NULL},
 };
 

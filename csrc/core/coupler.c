@@ -11,7 +11,11 @@ static pma_status check_subdomains(const pma_coupler_parts *parts, size_t fine)
 {
     for (size_t i = 0; i < parts->count; i++) {
         const pma_parts *s = pma_subdomain_parts(parts->subdomains[i]);
-        if (fine % s->substeps != 0 || s->link.p != parts->p)
+        if (fine % s->substeps != 0 && !parts->macro)
+            return PMA_BAD_SIZE;
+        if (parts->macro && s->substeps > 1 && (s->doubled || !s->ramped))
+            return PMA_BAD_SIZE;
+        if (s->link.p != parts->p)
             return PMA_BAD_SIZE;
     }
     return PMA_OK;
@@ -66,12 +70,22 @@ static void lay_out(pma_coupler *c, pma_subdomain *const *subdomains, const pma_
     c->g = c->block + 2 * p;
     c->g_work = c->block + 3 * p;
     c->motion = c->block + 4 * p;
+    c->dlam = c->block + 5 * p;
 }
 
-static bool for_caller(const pma_coupler *c, size_t i)
+static bool for_caller(const pma_place *at)
 {
-    const pma_parts *parts = pma_subdomain_parts(c->places[i].subdomain);
+    const pma_parts *parts = pma_subdomain_parts(at->subdomain);
     return parts->restoring.function && parts->restoring.by_caller;
+}
+
+/* Under macro coupling a subdomain does all its own steps at once, and twice. */
+static pma_duty duty_of(const pma_coupler *c, const pma_place *at)
+{
+    if (!c->parts.macro)
+        return (pma_duty){at->entries, at->substeps, for_caller(at)};
+    const bool repeats = at->substeps > 1 && !pma_subdomain_is_stored(at->subdomain);
+    return (pma_duty){at->entries * at->substeps * (repeats ? 2 : 1), 1, for_caller(at)};
 }
 
 /* Who does what, and a team of so many. */
@@ -82,10 +96,12 @@ static pma_status hire(pma_coupler *c)
     if (!duties)
         return PMA_NO_MEMORY;
     for (size_t i = 0; i < c->parts.count; i++)
-        duties[i] = (pma_duty){c->places[i].entries, c->places[i].substeps, for_caller(c, i)};
+        duties[i] = duty_of(c, &c->places[i]);
     const pma_status status = pma_roster_create(c->parts.count, duties, most > 0 ? most : 1,
                                                 c->parts.worthwhile, &c->roster);
     free(duties);
+    for (size_t i = 0; status == PMA_OK && i < c->roster.begin[1]; i++)
+        c->places[c->roster.order[i]].mine = true;
     if (status != PMA_OK || c->roster.workers == 1)
         return status;
     return pma_team_create(c->roster.workers, &c->team);
@@ -104,12 +120,12 @@ pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out)
     if (!c)
         return PMA_NO_MEMORY;
     c->parts = *parts;
-    c->fine = fine;
+    c->fine = parts->macro ? 1 : fine;
     c->parts.subdomains = NULL; /* places keep them */
     c->interface_entries = 2 * pma_factor_entries(&parts->H);
     c->places = calloc(parts->count + 1, sizeof *c->places);
     c->parts.motions = calloc(parts->motion_count + 1, sizeof *c->parts.motions);
-    c->block = calloc(5 * parts->p + 1, sizeof(double));
+    c->block = calloc(6 * parts->p + 1, sizeof(double));
     if (!c->places || !c->parts.motions || !c->block) {
         pma_coupler_destroy(c);
         return PMA_NO_MEMORY;
@@ -148,6 +164,11 @@ void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, co
     memcpy(c->g, g, c->parts.p * sizeof(double));
     c->step_count = step_count;
     c->started = true;
+}
+
+size_t pma_coupler_instants(const pma_coupler *c)
+{
+    return c->fine;
 }
 
 int64_t pma_coupler_step_count(const pma_coupler *c)
@@ -398,6 +419,14 @@ static void record_interface(const pma_coupler *c, const pma_record *record, siz
     velocity_jump(c, c->lam_work, c->g_work, record->velocity_jump + row * p);
 }
 
+void pma_coupler_record(const pma_coupler *c, const pma_record *record, size_t k)
+{
+    record_subdomains(c, record);
+    record_interface(c, record, k);
+    if (k == c->fine)
+        record_macro_node(c, record);
+}
+
 void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
 {
     const size_t p = c->parts.p;
@@ -455,7 +484,7 @@ static void commit(pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_place *at = &c->places[i];
-        if (c->step_count == 0 && at->doubled && c->parts.rebased)
+        if (c->step_count == 0 && at->doubled && c->parts.rebased && !c->parts.macro)
             pma_subdomain_rebase(at->subdomain, at->substeps, c->lam_work);
         pma_subdomain_commit(at->subdomain);
     }
@@ -472,7 +501,7 @@ bool pma_coupler_asked_to_stop(pma_coupler *c, const pma_poll *poll)
     return poll->stop(poll->ctx);
 }
 
-static pma_status macro_step(pma_coupler *c, const pma_record *record, const pma_poll *poll)
+static pma_status fine_steps(pma_coupler *c, const pma_record *record, const pma_poll *poll)
 {
     for (size_t k = 1; k <= c->fine; k++) {
         if (pma_coupler_asked_to_stop(c, poll))
@@ -480,14 +509,9 @@ static pma_status macro_step(pma_coupler *c, const pma_record *record, const pma
         const pma_status status = fine_step(c, k);
         if (status != PMA_OK)
             return status;
-        if (record) {
-            record_subdomains(c, record);
-            record_interface(c, record, k);
-            if (k == c->fine)
-                record_macro_node(c, record);
-        }
+        if (record)
+            pma_coupler_record(c, record, k);
     }
-    commit(c);
     return PMA_OK;
 }
 
@@ -498,7 +522,9 @@ pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *
     if (c->team && steps > 0 && status == PMA_OK)
         status = pma_team_gather(c->team);
     for (int64_t step = 0; step < steps && status == PMA_OK; step++) {
-        status = macro_step(c, record, poll);
+        status = (c->parts.macro ? pma_macro_step : fine_steps)(c, record, poll);
+        if (status == PMA_OK)
+            commit(c);
         go_to_present(c);
     }
     return status;

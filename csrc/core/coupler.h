@@ -1,6 +1,7 @@
-/* coupler.h - the schedule: GC-alpha and PM-alpha for any number of subdomains.
+/* coupler.h - the schedule: GC-alpha, PM-alpha and macro coupling of any number of subdomains.
  *
- * The two differ in who takes double steps. The macro step is the unit of commit: whatever ends an
+ * The first two differ in who takes double steps, the third in when the interface is solved for:
+ * at every fine instant or once in a macro step. The macro step is the unit of commit: whatever ends an
  * advance early, the coupler then stands at the last whole macro step. */
 #ifndef PMA_COUPLER_H
 #define PMA_COUPLER_H
@@ -18,7 +19,7 @@
 /* Prescribed velocity: sum_i L_i v_i = g(t) in some rows, where the others have 0.        (G1) */
 typedef struct {
     const int64_t *rows; /* load.n rows, each in 0..p-1 */
-    pma_load load;       /* g(t), as a load on these rows, at every fine step; not a called one */
+    pma_load load;       /* g(t), as a load on these rows, at every interface instant; not called */
 } pma_motion;
 
 /* What a coupler is made of. Subdomains and arrays are the caller's, who keeps them alive. */
@@ -30,6 +31,7 @@ typedef struct {
     pma_factor H;           /* (18), double steps where they are taken: from the second on */
     double dt;              /* macro step */
     bool rebased;           /* (S3) after the first macro step, else the plain start */
+    bool macro;             /* macro coupling: any substeps; H of (M4); double without substeps */
     size_t motion_count;
     pma_motion *motions;
     size_t threads;         /* at most so many share the work; 0 stands for 1 */
@@ -72,6 +74,8 @@ pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *
 /* Writes the present into row 0 of every array of the record. */
 void pma_coupler_record_present(const pma_coupler *c, const pma_record *record);
 
+/* Interface problems in a macro step: the largest number of substeps; one in macro coupling. */
+size_t pma_coupler_instants(const pma_coupler *c);
 int64_t pma_coupler_step_count(const pma_coupler *c);
 size_t pma_coupler_threads(const pma_coupler *c); /* that share the work, at least 1 */
 const double *pma_coupler_multipliers(const pma_coupler *c); /* p, of the present */

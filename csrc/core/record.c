@@ -21,3 +21,16 @@ void pma_record_state(const pma_record_nodes *nodes, const pma_state *state, siz
         w[i] = state->w[k];
     }
 }
+
+void pma_record_add(const pma_record_nodes *nodes, const pma_state *state, size_t row)
+{
+    double *u = nodes->u + row * nodes->count;
+    double *v = nodes->v + row * nodes->count;
+    double *w = nodes->w + row * nodes->count;
+    for (size_t i = 0; i < nodes->count; i++) {
+        const int64_t k = nodes->position[i];
+        u[i] += state->u[k];
+        v[i] += state->v[k];
+        w[i] += state->w[k];
+    }
+}

@@ -36,4 +36,7 @@ size_t pma_record_row(const pma_record *record, int64_t macro, size_t j, size_t 
 /* Copies the chosen dofs of a state into a row. */
 void pma_record_state(const pma_record_nodes *nodes, const pma_state *state, size_t row);
 
+/* The same, added to what the row holds. */
+void pma_record_add(const pma_record_nodes *nodes, const pma_state *state, size_t row);
+
 #endif

@@ -5,6 +5,8 @@
 #ifndef PMA_SCHEDULE_H
 #define PMA_SCHEDULE_H
 
+#include <stdatomic.h>
+
 #include "coupler.h"
 #include "roster.h"
 #include "team.h"
@@ -16,12 +18,20 @@ typedef struct {
     size_t j;               /* own node at or before this instant */
     size_t phase;           /* fine steps since that node: 0..ratio */
     size_t entries;         /* matrix entries read by one own step */
-    bool doubled;
+    bool doubled, mine;     /* takes double steps; belongs to worker 0, the caller */
     pma_status status;      /* what the last open or close said; written when it is not PMA_OK */
 } pma_place;
 
 /* Work to be done with one subdomain, on whatever worker has it. */
 typedef pma_status (*pma_task)(const pma_coupler *c, pma_place *at);
+
+/* A macro step of macro coupling while it is made; all but `stopped` is worker 0's to change. */
+typedef struct {
+    const pma_record *record;
+    const pma_poll *poll;
+    size_t unpolled;     /* entries read since the last poll */
+    atomic_bool stopped; /* by the poll: everybody stops before the next own step */
+} pma_run;
 
 struct pma_coupler {
     pma_coupler_parts parts;
@@ -37,11 +47,13 @@ struct pma_coupler {
     double *g;          /* p: prescribed velocities of the present, zero where none is */
     double *g_work;     /* p: of the fine step at hand */
     double *motion;     /* p: scratch */
+    double *dlam;       /* p: under macro coupling, how far the multipliers go */
     double *block;
     pma_roster roster;  /* who has which subdomains */
     pma_team *team;     /* NULL when the caller is alone */
     pma_task task;      /* what the team is at */
     bool (*due)(const pma_place *);
+    pma_run *run;       /* macro coupling: the macro step at hand */
 };
 
 /* Double steps are taken from the second macro step on: they are not self-starting. */
@@ -67,6 +79,12 @@ pma_status pma_coupler_solve(pma_coupler *c);
 /* Every worker does `task` with those it has that are `due`, worker 0 too; all wait for the last.
  * What went wrong with the first subdomain, in order, with which it did. */
 pma_status pma_coupler_share(pma_coupler *c, pma_task task, bool (*due)(const pma_place *));
+
+/* Everybody has arrived at interface instant k of the macro step: what is wanted of it. */
+void pma_coupler_record(const pma_coupler *c, const pma_record *record, size_t k);
+
+/* A macro step of macro coupling, as far as commit; in macro.c */
+pma_status pma_macro_step(pma_coupler *c, const pma_record *record, const pma_poll *poll);
 
 /* Looks at the poll when enough entries were read since the last time. */
 bool pma_coupler_asked_to_stop(pma_coupler *c, const pma_poll *poll);

@@ -14,6 +14,8 @@ struct pma_subdomain {
     pma_state previous; /* own node -1, for the double step */
     pma_state work[2];  /* own nodes 1, 2, ...; the second only for double steps with substeps */
     size_t works;
+    pma_state response; /* (M3), if ramped */
+    pma_response stored;
     double *vf_present, *vf_work[2]; /* nb: stored free velocities of nodes 0 and 1, 2, ... */
     double *vf_previous;             /* nb: of node -1; no step reads it, but it is part of a state */
     double *link;                    /* nb: scratch */
@@ -46,8 +48,10 @@ static pma_status check_parts(const pma_parts *parts)
         return PMA_BAD_SIZE;
     if (parts->D_r.form != PMA_ZERO && parts->D_r.n != parts->n)
         return PMA_BAD_SIZE;
+    if (parts->K_r.form != PMA_ZERO && parts->K_r.n != parts->n)
+        return PMA_BAD_SIZE;
     if ((status = pma_restoring_check(&parts->restoring)) ||
-        (status = pma_matrix_check(&parts->D_r)))
+        (status = pma_matrix_check(&parts->D_r)) || (status = pma_matrix_check(&parts->K_r)))
         return status;
     if ((status = pma_link_check(&parts->link)) || (status = check_operator(parts, &parts->single)))
         return status;
@@ -86,6 +90,8 @@ static void lay_out(pma_subdomain *s)
         s->work[i] = take_state(&next, n);
     if (s->parts.doubled)
         s->previous = take_state(&next, n);
+    if (s->parts.ramped)
+        s->response = take_state(&next, n);
     s->vf_present = take(&next, nb);
     s->vf_work[0] = take(&next, nb);
     s->vf_work[1] = take(&next, nb);
@@ -101,9 +107,9 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
     if (status != PMA_OK)
         return status;
     const size_t works = parts->doubled && parts->substeps > 1 ? 2 : 1;
-    const size_t states = 1 + works + (parts->doubled ? 1 : 0);
+    const size_t states = 1 + works + (parts->doubled ? 1 : 0) + (parts->ramped ? 1 : 0);
     const size_t extrapolated = extrapolates(parts) ? parts->n : 0;
-    /* at most 4 * 4 n + n + 5 nb doubles: no overflow below this n */
+    /* at most 5 * 4 n + n + 5 nb doubles: no overflow below this n */
     if (parts->n > SIZE_MAX / (32 * sizeof(double)))
         return PMA_NO_MEMORY;
     pma_subdomain *s = calloc(1, sizeof *s);
@@ -389,6 +395,121 @@ void pma_subdomain_tell_energy(const pma_subdomain *s, size_t j, double *out)
 {
     const pma_state *x = pma_subdomain_at(s, j);
     pma_energy_tell(s->energy, x->u, x->v, out);
+}
+
+/* ---- macro coupling ------------------------------------------------------------------------- */
+
+void pma_subdomain_set_response(pma_subdomain *s, pma_response response)
+{
+    s->stored = response;
+}
+
+bool pma_subdomain_is_stored(const pma_subdomain *s)
+{
+    return s->stored.count > 0;
+}
+
+void pma_subdomain_hold(pma_subdomain *s, bool twice, const double *lam)
+{
+    const pma_operator *op = operator_of(s, twice);
+    double *vf = free_velocity_at(s, 1);
+    solve_link(s, op, lam);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        vf[i] += op->step.al2 * s->link[i];
+}
+
+void pma_subdomain_respond(pma_subdomain *s, size_t j, const double *lam)
+{
+    const pma_operator *op = &s->parts.single;
+    const pma_state *x = &s->response;
+    const double share = (double)j / (double)s->parts.substeps;
+    double *y_b = interface_of(s, x->w);
+    if (j == 1)
+        memset(x->u, 0, 4 * s->parts.n * sizeof(double)); /* all four: they lie in a row */
+
+    /* (R1), (5), (6) */
+    if (s->parts.lagged)
+        extrapolate(op->step.h, s->parts.n, x, s->vs);
+    predict(&op->step, s->parts.n, x, x);
+
+    /* -(C + D_r) vt - (K + K_r) ut; lagged: C vs (R4), (F2) */
+    pma_matrix_subtract(&s->parts.C, s->parts.lagged ? s->vs : x->v, x->w);
+    pma_matrix_subtract(&s->parts.K, x->u, x->w);
+    pma_matrix_subtract(&s->parts.D_r, x->v, x->w);
+    pma_matrix_subtract(&s->parts.K_r, x->u, x->w);
+    pma_factor_forward(&op->factor, x->w);
+
+    /* (F4)  w_b = S^-1 (y_b + (j / substeps) L_b^T lam), (F5), (8), (9) */
+    memset(s->link, 0, s->parts.nb * sizeof(double));
+    pma_link_load(&s->parts.link, lam, s->link);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        y_b[i] += share * s->link[i];
+    pma_factor_interface(&op->factor, y_b);
+    pma_factor_backward(&op->factor, x->w);
+    correct(&op->step, s->parts.n, x);
+}
+
+const pma_state *pma_subdomain_response(const pma_subdomain *s)
+{
+    return &s->response;
+}
+
+static void add_to(size_t n, double scale, const double *x, double *y)
+{
+#pragma omp simd
+    for (size_t i = 0; i < n; i++)
+        y[i] += scale * x[i];
+}
+
+/* x (n) += sum over the conditions of lam times one of the four fields of U, in pieces of x that
+ * stay in the cache while U is read */
+static void add_stored(const pma_subdomain *s, size_t field, const double *lam, double *x)
+{
+    enum { PIECE = 512 };
+    const size_t n = s->parts.n;
+    for (size_t i = 0; i < n; i += PIECE) {
+        const size_t size = n - i < PIECE ? n - i : PIECE;
+        for (size_t k = 0; k < s->stored.count; k++)
+            add_to(size, lam[s->stored.rows[k]], s->stored.values + (4 * k + field) * n + i, x + i);
+    }
+}
+
+static bool is_finite(size_t n, const double *x)
+{
+    double zero = 0.0;
+#pragma omp simd reduction(+ : zero)
+    for (size_t i = 0; i < n; i++)
+        zero += 0.0 * x[i];
+    return zero == 0.0;
+}
+
+pma_status pma_subdomain_add_response(pma_subdomain *s, const double *lam)
+{
+    const pma_state *x = pma_subdomain_at(s, s->parts.substeps), *r = &s->response;
+    double *const total[4] = {x->u, x->v, x->w, x->a};
+    const double *const own[4] = {r->u, r->v, r->w, r->a};
+    bool finite = true;
+    for (size_t field = 0; field < 4; field++) {
+        if (pma_subdomain_is_stored(s))
+            add_stored(s, field, lam, total[field]);
+        else
+            add_to(s->parts.n, 1.0, own[field], total[field]);
+        finite = is_finite(s->parts.n, total[field]) && finite;
+    }
+    return finite ? PMA_OK : PMA_NOT_FINITE;
+}
+
+pma_status pma_subdomain_ramp(pma_subdomain *s, const double *lam, double *end, double *mean)
+{
+    const pma_link *L = &s->parts.link;
+    const double *v_b = interface_of(s, s->response.v);
+    const double share = 1.0 / (double)s->parts.substeps;
+    for (size_t j = 1; j <= s->parts.substeps; j++) {
+        pma_subdomain_respond(s, j, lam);
+        pma_link_gather(L, share, v_b, mean);
+    }
+    pma_link_gather(L, 1.0, v_b, end);
+    return is_finite(4 * s->parts.n, s->response.u) ? PMA_OK : PMA_NOT_FINITE;
 }
 
 /* ---- velocities on the interface --------------------------------------------------------- */

@@ -46,9 +46,11 @@ typedef struct {
     size_t n, nb, substeps;
     bool doubled;        /* takes double steps after the start */
     bool lagged;         /* C acts on vs, outside Mbar (R4) */
+    bool ramped;         /* has to answer to ramps (M3): substeps under macro coupling */
     pma_matrix K, C;
     pma_restoring restoring;
     pma_matrix D_r;      /* estimate of its damping (R2); read only if there is one */
+    pma_matrix K_r;      /* estimate of its stiffness, as a ramp meets it (M3) */
     pma_operator single; /* own step h */
     pma_operator twice;  /* 2 h; read only if doubled */
     pma_link link;
@@ -136,6 +138,35 @@ void pma_subdomain_rebase(pma_subdomain *s, size_t j, const double *lam);
 
 /* The last own node of the macro step becomes the present. Swaps pointers, cannot fail. */
 void pma_subdomain_commit(pma_subdomain *s);
+
+/* ---- macro coupling: the response to a ramp of multipliers, of a ramped subdomain ---------- */
+
+/* States at the end of a macro step for unit multipliers, so that (M3) need not be repeated. */
+typedef struct {
+    size_t count;         /* conditions; 0: nothing is stored, the substeps are repeated */
+    const int64_t *rows;  /* count, each in 0..p-1 */
+    const double *values; /* count x 4 x n by rows: u, v, w, a of each */
+} pma_response;
+
+void pma_subdomain_set_response(pma_subdomain *s, pma_response response);
+bool pma_subdomain_is_stored(const pma_subdomain *s);
+
+/* vf at own node 1 += al2 S^-1 L_b^T lam: the velocity with the multipliers held          (M6) */
+void pma_subdomain_hold(pma_subdomain *s, bool twice, const double *lam);
+
+/* Substep j = 1..substeps of the response, from rest, to lam (p) times j / substeps       (M3) */
+void pma_subdomain_respond(pma_subdomain *s, size_t j, const double *lam);
+
+/* The state of the response after the last substep asked for; u, v, w, a lie in a row. */
+const pma_state *pma_subdomain_response(const pma_subdomain *s);
+
+/* The last own node of the macro step += its response to lam, stored or just repeated. (M5)
+ * PMA_NOT_FINITE as close. */
+pma_status pma_subdomain_add_response(pma_subdomain *s, const double *lam);
+
+/* All substeps of the response to lam (p): end (p) += L_b v of the last, mean (p) += the mean of
+ * all of them, which is far larger where the subdomain resonates with the macro step. */
+pma_status pma_subdomain_ramp(pma_subdomain *s, const double *lam, double *end, double *mean);
 
 /* Entries read by one own step, a measure of its duration. */
 size_t pma_subdomain_entries(const pma_subdomain *s);

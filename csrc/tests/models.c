@@ -107,6 +107,7 @@ pma_parts describe(part *x)
                        .lagged = x->lagged,
                        .restoring = make_restoring(x),
                        .D_r = {PMA_DENSE, x->n, x->D_r, NULL, NULL},
+                       .ramped = x->ramped,
                        .K = {PMA_DENSE, x->n, x->K, NULL, NULL},
                        .C = {PMA_DENSE, x->n, x->C, NULL, NULL},
                        .single = make_operator(x, false),

@@ -47,7 +47,7 @@ int pull(double t, intptr_t n, double *u, double *v, double *r, void *user);
  * afterwards: the core keeps pointers into it. */
 typedef struct {
     size_t n, nb, p, substeps;
-    bool implicit, doubled;
+    bool implicit, doubled, ramped;
     pma_scheme scheme;
     double h;
     double M[MOST * MOST], C[MOST * MOST], K[MOST * MOST]; /* n*n by rows */

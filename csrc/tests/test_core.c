@@ -29,6 +29,7 @@ static const test *const LISTS[] = {
     COUPLER_TESTS,
     STOP_TESTS,
     THREADS_TESTS,
+    MACRO_TESTS,
 };
 
 static bool passes(const test *t)

@@ -32,5 +32,6 @@ extern const test METHOD_TESTS[];
 extern const test COUPLER_TESTS[];
 extern const test STOP_TESTS[];
 extern const test THREADS_TESTS[];
+extern const test MACRO_TESTS[];
 
 #endif

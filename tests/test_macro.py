@@ -1,0 +1,624 @@
+"""Macro coupling: against the reference, its order, its stability, and what it promises."""
+
+import warnings
+from functools import partial
+
+import numpy as np
+import pytest
+import reference
+from problems import Problem, _reference_part, random_problem
+
+import pmalpha as pm
+from pmalpha import analysis, macro
+from pmalpha.matrices import dense
+
+SECOND = pm.GeneralizedAlpha(0.5)
+FAST = pm.GeneralizedAlpha(0.5, explicit=True)
+STEPS = 17
+
+
+def largest(x):
+    return np.max(np.abs(x), initial=0.0)
+
+
+@pytest.fixture
+def repeated(monkeypatch):
+    """No response is small enough to be stored."""
+    monkeypatch.setattr(macro, "STORED", 0)
+
+
+# ---- against the reference --------------------------------------------------------------------
+
+
+def random_macro_problem(seed):
+    """A random problem in which nobody's substeps need divide another's."""
+    problem = random_problem(seed)
+    rng = np.random.default_rng([seed, 6])
+    for i, part in enumerate(problem.parts):
+        part.substeps = int(rng.choice([1, 1, 2, 3, 5, 7]))
+        part.double = bool(i > 0 and part.substeps == 1 and rng.random() < 0.5)
+    return Problem(problem.parts, problem.L, problem.dt, problem.start, "macro")
+
+
+def made(problem):
+    """The coupler; that a double step at rho = 1 keeps a zig-zag is known here."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", pm.StabilityWarning)
+        return problem.coupler()
+
+
+# As in test_against_reference.py: rounding grows by the condition of Mbar and H, up to 1e4 here,
+# and with the number of steps.
+AGREEMENT = 1e-9
+
+
+def check_against_reference(seed):
+    problem = random_macro_problem(seed)
+    history = made(problem).run(steps=STEPS)
+    parts = [_reference_part(part, part.double) for part in problem.parts]
+    expected = reference.run_macro(parts, problem.L, problem.dt, STEPS)
+    scale = {x: max(largest(getattr(part, x)) for part in expected.parts) for x in "uvw"}
+    for i, part in enumerate(expected.parts):
+        np.testing.assert_array_equal(history[i].t, part.t)
+        for ours, x in ((history[i].u, "u"), (history[i].v, "v"), (history[i].a, "w")):
+            assert largest(ours - getattr(part, x)) <= AGREEMENT * scale[x], (i, x)
+    np.testing.assert_array_equal(history.multiplier_times, expected.multiplier_times)
+    inertia = [largest(x.w @ part.M) for x, part in zip(expected.parts, problem.parts)]
+    force = max(largest(expected.multipliers), *inertia)
+    assert largest(history.multipliers - expected.multipliers) <= AGREEMENT * force
+    drift = largest(history.displacement_jump - expected.displacement_jump)
+    assert drift <= AGREEMENT * scale["u"]
+    for jump in (history.velocity_jump, expected.velocity_jump):
+        assert largest(jump) <= AGREEMENT * scale["v"]
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_core_and_reference_agree_on_a_random_problem_under_macro_coupling(seed):
+    check_against_reference(seed)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_core_and_reference_agree_where_responses_are_repeated(seed, repeated):
+    check_against_reference(seed)
+
+
+# ---- what must not change a run ---------------------------------------------------------------
+
+
+def same_to_the_last_bit(one, other):
+    for i in range(len(one._parts)):
+        mine, theirs = (c._parts[i].core.nodes() for c in (one, other))
+        for x, y in zip(mine, theirs):
+            np.testing.assert_array_equal(x, y)
+    np.testing.assert_array_equal(one.multipliers, other.multipliers)
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("storing", ["stored", "repeated"])
+def test_run_step_and_every_record_give_the_same_bits(seed, storing, monkeypatch):
+    if storing == "repeated":
+        monkeypatch.setattr(macro, "STORED", 0)
+    problem = random_macro_problem(seed)
+    recorded, sparsely, stepped, some = (made(problem) for _ in range(4))
+    all_nodes = recorded.run(steps=STEPS)
+    macro_nodes = sparsely.run(steps=STEPS, every=1)
+    for _ in range(STEPS):
+        stepped.step()
+    one_dof = some.run(steps=STEPS, record={0: [0]})
+    for other in (sparsely, stepped, some):
+        same_to_the_last_bit(recorded, other)
+    np.testing.assert_array_equal(one_dof[0].u[:, 0], all_nodes[0].u[:, 0])
+    for i, part in enumerate(problem.parts):
+        np.testing.assert_array_equal(macro_nodes[i].t, all_nodes[i].t[:: part.substeps])
+        np.testing.assert_array_equal(macro_nodes[i].u, all_nodes[i].u[:: part.substeps])
+
+
+@pytest.mark.parametrize("seed", [0, 3, 4, 7, 11])
+def test_any_number_of_threads_gives_the_same_bits(seed, monkeypatch):
+    problem = random_macro_problem(seed)
+    alone = made(problem)
+    expected = alone.run(steps=STEPS)
+    make = pm.Coupler
+    for threads in (2, 3, 5):
+        monkeypatch.setattr(pm, "Coupler", partial(make, threads=threads))
+        shared = made(problem)
+        history = shared.run(steps=STEPS)
+        assert shared.threads == min(threads, len(problem.parts))
+        same_to_the_last_bit(alone, shared)
+        for one, other in zip(expected.subdomains, history.subdomains):
+            np.testing.assert_array_equal(one.u, other.u)
+
+
+def test_small_responses_are_stored_and_large_ones_repeated(repeated):
+    a, b = halves(substeps=20)
+    part = coupled(a, b)._parts[1]
+    assert not macro.is_stored(part)
+    macro.STORED = 32 * part.n  # bytes of one condition
+    assert macro.is_stored(part)
+    # a part with more conditions than its substeps have entries to read
+    many = pm.Subdomain(np.ones(50), np.ones(50), scheme=SECOND, substeps=2, name="many")
+    ties = pm.tie(many, list(range(50)), pm_ground := ground(50), list(range(50)))
+    made_of_many = pm.Coupler([many, pm_ground], ties, dt=0.1, coupling="macro")._parts[0]
+    macro.STORED = 10**9
+    assert not macro.is_stored(made_of_many)
+
+
+def ground(n):
+    return pm.Subdomain(np.ones(n), np.ones(n), scheme=SECOND, name="ground")
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_stored_and_repeated_responses_agree(seed, monkeypatch):
+    problem = random_macro_problem(seed)
+    stored = made(problem).run(steps=STEPS)
+    monkeypatch.setattr(macro, "STORED", 0)
+    repeated = made(problem).run(steps=STEPS)
+    scale = max(largest(s.u) for s in stored.subdomains)
+    for one, other in zip(stored.subdomains, repeated.subdomains):
+        assert largest(one.u - other.u) <= AGREEMENT * scale
+        # the inner nodes come from the same sums, but start from states that differ by rounding
+        assert one.u.shape == other.u.shape
+
+
+# ---- the split oscillator ---------------------------------------------------------------------
+
+OMEGA = 2.0 * np.pi
+
+
+def halves(b1=10.0, substeps=20, *, rho=0.5, double=None, v0=1.0, implicit=False, omega=OMEGA):
+    """Mass 1 and stiffness omega^2 cut in two, A implicit, B explicit; b1 = mA/mB = kB/kA."""
+    mA, kA = b1 / (1.0 + b1), omega**2 / (1.0 + b1)
+    a = pm.Subdomain(
+        [mA], [kA], scheme=pm.GeneralizedAlpha(rho), u0=[1.0], v0=[v0], double_step=double, name="A"
+    )
+    b = pm.Subdomain(
+        [1.0 - mA],
+        [omega**2 - kA],
+        scheme=pm.GeneralizedAlpha(rho, explicit=not implicit),
+        substeps=substeps,
+        u0=[1.0],
+        v0=[v0],
+        name="B",
+    )
+    return a, b
+
+
+def coupled(a, b, dt=0.05, coupling="macro"):
+    return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=dt, coupling=coupling)
+
+
+def orders(errors):
+    errors = np.asarray(errors)
+    return np.log2(errors[:-1] / errors[1:])
+
+
+def errors_at_one(make, counts):
+    """Errors of u, v, a and multipliers at t = 1, in macro steps of 1 / count."""
+    rows = []
+    for count in counts:
+        coupler = make(1.0 / count)
+        found = analysis.global_error(coupler, analysis.exact_solution(coupler), 1.0)
+        rows.append([found[x] for x in ("u", "v", "a", "multipliers")])
+    return rows
+
+
+@pytest.mark.parametrize("double", [None, True], ids=["single", "double"])
+@pytest.mark.parametrize("substeps", [1, 2, 20])
+def test_macro_coupling_has_order_two_with_substeps(substeps, double):
+    # slopes between the last two halvings; the next term is a fifth of the first in the multipliers
+    # of the double step, whose error crosses zero at larger steps
+    rows = errors_at_one(
+        lambda dt: coupled(*halves(substeps=substeps, double=double), dt), [1280, 2560]
+    )
+    assert orders(rows)[-1] == pytest.approx(2.0, abs=0.1)
+
+
+def test_pm_has_order_one_where_macro_coupling_has_two():
+    # the largest error of v over a second: at one instant the two terms may cancel
+    def error(dt, coupling):
+        part = coupled(*halves(substeps=20), dt, coupling).run(1.0)["A"]
+        exact = np.cos(OMEGA * part.t) - OMEGA * np.sin(OMEGA * part.t)
+        return largest(part.v[:, 0] - exact)
+
+    steps = [1 / 640, 1 / 1280, 1 / 2560]
+    assert analysis.observed_order(lambda dt: error(dt, "pm"), steps) < 1.3
+    assert analysis.observed_order(lambda dt: error(dt, "gc"), steps) < 1.3
+    assert analysis.observed_order(lambda dt: error(dt, "macro"), steps) == pytest.approx(
+        2.0, abs=0.02
+    )
+
+
+@pytest.mark.parametrize("substeps", [(1, 3, 7), (2, 3, 7)])
+def test_three_subdomains_with_substeps_that_have_no_multiple_in_common_have_order_two(substeps):
+    def make(dt):
+        rng = np.random.default_rng(3)
+        parts = []
+        for ss, scheme in zip(substeps, (SECOND, FAST, SECOND)):
+            A = rng.normal(size=(3, 3))
+            K = 20.0 * A @ A.T + 10.0 * np.eye(3)
+            M = np.diag(rng.uniform(1.0, 3.0, 3))
+            parts.append(pm.Subdomain(M, K, 0.01 * K, scheme=scheme, substeps=ss, u0=np.zeros(3)))
+        a, b, c = parts
+        ties = [pm.tie(a, [0, 1], b, [2, 0]), pm.tie(b, [1], c, [0])]
+        parts[0] = a = pm.Subdomain(
+            a.M, a.K, a.C, scheme=SECOND, substeps=substeps[0], v0=[0.0, 0.0, 5.0]
+        )
+        ties[0] = pm.tie(a, [0, 1], b, [2, 0])
+        return pm.Coupler(parts, ties, dt=dt, coupling="macro")
+
+    # dt omega = 0.05 of the highest frequency at the coarser step: the next term
+    assert orders(errors_at_one(make, [800, 1600]))[-1] == pytest.approx(2.0, abs=0.15)
+
+
+def largest_error(dt, coupling, **how):
+    """Of v over four periods."""
+    part = coupled(*halves(**how), dt, coupling).run(4.0)["A"]
+    exact = np.cos(OMEGA * part.t) - OMEGA * np.sin(OMEGA * part.t)
+    return largest(part.v[:, 0] - exact)
+
+
+@pytest.mark.parametrize("substeps", [2, 5, 20])
+@pytest.mark.parametrize("count", [20, 80, 160])
+def test_errors_are_five_to_twenty_times_below_those_of_pm(substeps, count):
+    # METHOD's range over 20 to 160 steps a period; 6.6 and 20.6 were seen at its ends
+    single = largest_error(1 / count, "macro", substeps=substeps)
+    assert 5.0 <= largest_error(1 / count, "pm", substeps=substeps) / single <= 25.0
+    double = largest_error(1 / count, "macro", substeps=substeps, double=True)
+    assert 1.0 <= largest_error(1 / count, "pm", substeps=substeps) / double <= 3.0
+
+
+def test_macro_coupling_with_one_substep_each_is_gc():
+    runs = [coupled(*halves(substeps=1), 0.02, c).run(steps=200) for c in ("gc", "macro")]
+    for one, other in zip(runs[0].subdomains, runs[1].subdomains):
+        # the multipliers come by differences, which adds roundings: 2e-16 times 200 steps times 1/h
+        assert largest(one.u - other.u) < 1e-11
+    assert largest(runs[0].multipliers - runs[1].multipliers) < 1e-9
+
+
+# ---- stability --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("double", [None, True], ids=["single", "double"])
+@pytest.mark.parametrize("rho", [0.0, 0.3, 0.5, 0.8, 0.95, 1.0])
+def test_the_spectral_radius_is_at_most_one(rho, double):
+    limit = analysis.critical_step(
+        pm.Subdomain([1.0], [1.0], scheme=pm.GeneralizedAlpha(rho, explicit=True))
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", pm.StabilityWarning)  # the zig-zag at rho = 1
+        for b1 in (0.01, 0.1, 1.0, 10.0, 100.0):
+            own = np.sqrt(b1) * OMEGA  # frequency of B by itself
+            for substeps in (1, 2, 5, 20):
+                for share in (0.1, 0.6, 0.98):
+                    dt = share * limit / own * substeps
+                    coupler = coupled(*halves(b1, substeps, rho=rho, double=double), dt)
+                    radius = analysis.spectral_radius(analysis.amplification_matrix(coupler))
+                    # a defective eigenvalue 1 comes out within the root of the rounding
+                    assert radius <= 1.0 + 1e-7, (b1, substeps, share)
+
+
+def test_beyond_the_explicit_limit_the_spectral_radius_is_above_one():
+    with pytest.warns(pm.StabilityWarning, match="critical step"):
+        coupler = coupled(*halves(10.0, 5), 1.9 / (np.sqrt(10.0) * OMEGA) * 5)
+    assert analysis.spectral_radius(analysis.amplification_matrix(coupler)) > 1.0 + 1e-3
+
+
+def test_random_systems_of_three_subdomains_in_a_loop_are_stable():
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        parts = []
+        for ss in rng.integers(1, 8, 3):
+            A = rng.normal(size=(2, 2))
+            K = 10.0 * A @ A.T
+            rho = float(rng.uniform(0.0, 0.99))
+            parts.append(
+                pm.Subdomain(
+                    np.diag(rng.uniform(0.5, 2.0, 2)),
+                    K,
+                    scheme=pm.GeneralizedAlpha(rho),
+                    substeps=int(ss),
+                )
+            )
+        a, b, c = parts
+        ties = [pm.tie(a, [1], b, [0]), pm.tie(b, [1], c, [0]), pm.tie(c, [1], a, [0])]
+        dt = float(rng.uniform(0.05, 3.0))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", pm.StabilityWarning)
+            coupler = pm.Coupler(parts, ties, dt=dt, coupling="macro")
+        radius = analysis.spectral_radius(analysis.amplification_matrix(coupler))
+        assert radius <= 1.0 + 1e-6, seed
+
+
+def total_energy(history, subdomains):
+    energy = 0.0
+    for part, s in zip(history.subdomains, subdomains):
+        for x, A in ((part.v, dense(s.M)), (part.u, dense(s.K))):
+            energy = energy + 0.5 * np.einsum("ti,ij,tj->t", x, A, x)
+    return energy
+
+
+@pytest.mark.parametrize("substeps", [1, 8, 20])
+@pytest.mark.parametrize("scheme", ["rho = 0.9", "trapezoidal"])
+def test_the_energy_of_an_undamped_structure_stays_bounded_for_100_000_macro_steps(
+    scheme, substeps
+):
+    soft, fast = pm.GeneralizedAlpha(0.9), pm.GeneralizedAlpha(0.9, explicit=True)
+    if scheme == "trapezoidal":
+        soft, fast = pm.Newmark(), pm.CentralDifference()
+    a = pm.Subdomain(
+        np.diag([1.0, 0.7]), np.array([[30.0, -20.0], [-20.0, 23.6]]), scheme=soft, u0=[0.3, 1.0]
+    )
+    b = pm.Subdomain(
+        np.diag([0.3, 0.5]),
+        np.array([[405.4, -400.0], [-400.0, 400.0]]),
+        scheme=fast,
+        u0=[1.0, 1.0],
+        substeps=substeps,
+    )
+    # central difference is stable up to dt_B = 2 / 46.3
+    coupler = pm.Coupler(
+        [a, b], pm.tie(a, [1], b, [0]), dt=0.2 if substeps > 1 else 0.03, coupling="macro"
+    )
+    history = coupler.run(steps=100_000, every=1)
+    energy = total_energy(history, (a, b))
+    # the total swings by the order of (omega dt)^2, and does not grow: 1.05 was the most in the
+    # first 1000 steps
+    assert energy.max() <= 1.001 * energy[:1000].max() <= 1.1 * energy[0]
+    if scheme == "trapezoidal":
+        assert energy[-1000:].max() >= 0.95 * energy[0]
+
+
+# ---- loads ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("where", ["A", "B"])
+def test_after_a_load_has_jumped_the_error_is_of_the_order_of_the_step(where):
+    """F is seen at own nodes alone, so a jump is placed to within half a step."""
+
+    def error(dt):
+        begin = 0.5
+
+        def jump(t):
+            return np.array([OMEGA**2 if t > begin else 0.0])
+
+        a, b = halves(1.0, 10)
+        a, b = (
+            pm.Subdomain(
+                s.M, s.K, scheme=s.scheme, substeps=s.substeps, force=jump if n == where else None
+            )
+            for s, n in ((a, "A"), (b, "B"))
+        )
+        history = coupled(a, b, dt).run(2.0)
+        t = history[0].t
+        exact = np.where(t > begin, 1.0 - np.cos(OMEGA * (t - begin)), 0.0)
+        # the multipliers: A is half of everything, m_A w + k_A u - F_A
+        lam = 0.5 * OMEGA**2 - (OMEGA**2 if where == "A" else 0.0)
+        late = np.abs(history.multipliers[t > 1.5, 0] - lam)
+        return largest(history[0].u[:, 0] - exact), late.max()
+
+    (e1, lam1), (e2, lam2) = error(1 / 320), error(1 / 640)
+    assert np.log2(e1 / e2) == pytest.approx(1.0, abs=0.15)  # dt^2 is still a tenth of it
+    # w cos + u (1 - cos) adds to a constant; the disturbance of the jump has died out by 1.5
+    assert max(lam1, lam2) < 0.02 * OMEGA**2
+
+
+def test_loads_are_asked_at_own_nodes_in_the_order_of_time_and_once():
+    asked = []
+
+    def force(t):
+        asked.append(t)
+        return np.zeros(1)
+
+    a, b = halves(substeps=3)
+    b = pm.Subdomain(b.M, b.K, scheme=b.scheme, substeps=3, force=force, u0=[1.0], v0=[1.0])
+    c = pm.Subdomain([1.0], [1.0], scheme=SECOND, substeps=7, u0=[1.0], v0=[1.0])
+    ties = [pm.tie(a, [0], b, [0]), pm.tie(b, [0], c, [0])]
+    coupler = pm.Coupler([a, b, c], ties, dt=0.1, coupling="macro")
+    history = coupler.run(steps=5)
+    assert asked == [k / 3 * 0.1 for k in range(16)]
+    np.testing.assert_array_equal(history[1].t, asked)
+    # equal instants have equal bits
+    np.testing.assert_array_equal(history[1].t[::3], history[2].t[::7])
+
+
+def test_prescribed_motion_is_followed_at_macro_nodes():
+    def g(t):
+        return np.array([np.sin(t) ** 2])
+
+    a, b = halves(substeps=7, v0=0.0)
+    a, b = (pm.Subdomain(s.M, s.K, scheme=s.scheme, substeps=s.substeps) for s in (a, b))
+    conditions = [pm.tie(a, [0], b, [0]), pm.Constraint({b: [[1.0]]}, velocity=g)]
+    coupler = pm.Coupler([a, b], conditions, dt=0.02, coupling="macro")
+    history = coupler.run(2.0)
+    expected = np.sin(history[0].t) ** 2
+    assert largest(history[0].v[:, 0] - expected) < 1e-13
+    assert largest(history[1].v[::7, 0] - expected) < 1e-13
+    # u = t/2 - sin(2t)/4, to order 2: dt^2 is 4e-4
+    exact = history[0].t / 2 - np.sin(2 * history[0].t) / 4
+    assert largest(history[0].u[:, 0] - exact) < 1e-4
+    assert largest(history[1].u[::7, 0] - exact) < 1e-4
+
+
+# ---- all or nothing ---------------------------------------------------------------------------
+
+
+def test_a_load_that_raises_leaves_the_last_whole_macro_step():
+    def force(t):
+        if t > 0.33:
+            raise RuntimeError("enough")
+        return np.zeros(1)
+
+    def make(force):
+        a, b = halves(substeps=4)
+        b = pm.Subdomain(b.M, b.K, scheme=b.scheme, substeps=4, force=force, u0=[1.0], v0=[1.0])
+        return coupled(a, b, 0.1)
+
+    broken, whole = make(force), make(None)
+    with pytest.raises(RuntimeError, match="enough"):
+        broken.run(steps=10)
+    whole.step(3)
+    assert broken.step_count == 3
+    assert broken.last_history.macro_times[-1] == 3 * 0.1
+    same_to_the_last_bit(broken, whole)
+
+
+def test_a_run_that_grows_stops_at_the_last_whole_macro_step_and_names_the_part():
+    a, b = halves(10.0, 5)
+    with pytest.warns(pm.StabilityWarning):
+        coupler, other = (coupled(a, b, 1.0) for _ in range(2))
+    with pytest.raises(pm.InstabilityError) as caught:
+        coupler.run(steps=100_000)
+    other.step(coupler.step_count)
+    assert caught.value.step == coupler.step_count
+    assert caught.value.subdomain in ("A", "B")
+    same_to_the_last_bit(coupler, other)
+
+
+def test_a_checkpoint_resumes_bit_for_bit(tmp_path):
+    problem = random_macro_problem(5)
+    whole, first, second = (made(problem) for _ in range(3))
+    whole.step(STEPS)
+    first.step(4)
+    first.save(tmp_path / "state")
+    second.load(tmp_path / "state")
+    second.step(STEPS - 4)
+    same_to_the_last_bit(whole, second)
+
+
+# ---- H, and what set-up says ------------------------------------------------------------------
+
+
+def test_h_is_symmetric_for_damping_that_is_not_proportional():
+    rng = np.random.default_rng(1)
+    A, B = rng.normal(size=(2, 5, 5))
+    M, K, C = np.diag(rng.uniform(1, 2, 5)), 9.0 * A @ A.T, B @ B.T
+    for explicit in (False, True):
+        part = pm.Subdomain(M, K, C, scheme=pm.GeneralizedAlpha(0.6, explicit=explicit), substeps=6)
+        other = pm.Subdomain(np.ones(5), np.ones(5), scheme=SECOND)
+        ties = pm.tie(part, list(range(5)), other, list(range(5)))
+        core = pm.Coupler([part, other], ties, dt=0.3, coupling="macro")._parts[0].core
+        end, mean = np.empty((5, 5)), np.empty((5, 5))
+        assert core.ramp(np.arange(5), 0, end, mean, None)
+        for H in (end, mean):
+            # rounding of six steps; one per cent of C left out of one side shows at 1e-3
+            assert largest(H - H.T) < 1e-14
+            assert np.linalg.eigvalsh(H).min() > 0.0
+
+
+def resonant(detuning, rho=1.0):
+    """Two parts of the same frequency, which fits the macro step once."""
+    omega = OMEGA * (1.0 + detuning)
+    parts = [
+        pm.Subdomain(
+            [m], [m * omega**2], scheme=pm.GeneralizedAlpha(rho), substeps=20, name=f"part {m}"
+        )
+        for m in (1, 2)
+    ]
+    return pm.Coupler(parts, pm.tie(parts[0], [0], parts[1], [0]), dt=1.0, coupling="macro")
+
+
+def test_parts_that_resonate_with_the_macro_step_are_named():
+    # trapezoidal rule, 20 substeps: the period is 0.8 % longer than that of the equation
+    with pytest.warns(pm.StabilityWarning, match="'part 1' and 'part 2' resonate") as caught:
+        resonant(0.008)
+    assert "condition 0" in str(caught[0].message)
+    assert "change dt" in str(caught[0].message)
+    resonant(0.4)  # between two resonances no word
+
+
+def test_a_double_step_that_damps_nothing_is_warned_of():
+    for rho, message in ((1.0, "zig-zag"), (0.9, None)):
+        a, b = halves(substeps=2, rho=rho, double=True)
+        if message is None:
+            coupled(a, b)
+        else:
+            with pytest.warns(pm.StabilityWarning, match=message):
+                coupled(a, b)
+
+
+def test_a_restoring_force_with_substeps_is_warned_of_and_one_without_is_not():
+    def rig(substeps):
+        return pm.Subdomain(
+            [1.0], None, scheme=SECOND, substeps=substeps, restoring=lambda u, v, t: u, name="rig"
+        )
+
+    a, _ = halves(v0=0.0)
+    a = pm.Subdomain(a.M, a.K, scheme=SECOND)
+    with pytest.warns(pm.StabilityWarning, match="restoring force of subdomain 'rig'"):
+        coupled(a, rig(2))
+    coupled(a, rig(1))
+
+
+def test_a_double_step_with_substeps_or_for_everybody_is_refused():
+    a, b = halves(substeps=2)
+    twice = pm.Subdomain(b.M, b.K, scheme=b.scheme, substeps=2, double_step=True, name="twice")
+    with pytest.raises(ValueError, match="double_step .* 'twice'"):
+        pm.Coupler([a, twice], dt=0.1, coupling="macro")
+    a, b = (pm.Subdomain([1.0], [1.0], scheme=SECOND, double_step=True, name=name) for name in "ab")
+    with pytest.raises(ValueError, match="double_step must not be True on all"):
+        coupled(a, b)
+
+
+def test_nobody_is_double_unless_told_so():
+    a, b = halves(substeps=4)
+    assert not any(part.double for part in coupled(a, b)._parts)
+    assert [part.double for part in coupled(a, b, coupling="pm")._parts] == [True, False]
+
+
+def test_unit_runs_that_take_long_are_warned_of_and_absurd_ones_refused(monkeypatch):
+    a, b = halves(substeps=20)
+    monkeypatch.setattr(macro, "LONG", 0.0)
+    with pytest.warns(pm.PerformanceWarning, match="'B': 1 conditions times 20 substeps"):
+        coupled(a, b)
+    monkeypatch.setattr(macro, "ABSURD", 0.0)
+    with pytest.raises(ValueError, match='take coupling="pm" or "gc"'):
+        coupled(a, b)
+
+
+def test_a_response_that_does_not_fit_is_refused_with_the_figures(monkeypatch):
+    monkeypatch.setattr("pmalpha.memory.available", lambda: 1000)
+    monkeypatch.setattr("pmalpha.memory.SMALL", 0)
+    a, b = (pm.Subdomain(np.ones(9), np.ones(9), scheme=SECOND, substeps=2, name=n) for n in "ab")
+    with pytest.raises(MemoryError, match="response of 'a' to 9 conditions .* needs about"):
+        pm.Coupler([a, b], pm.tie(a, list(range(9)), b, list(range(9))), dt=0.1, coupling="macro")
+
+
+def test_a_response_that_overflows_names_the_part():
+    a, b = halves(10.0, 400)
+    with pytest.raises(ValueError, match="substeps of subdomain 'B' must be more"):
+        coupled(a, b, 400 * 3.0)
+
+
+def test_the_amplification_matrix_knows_the_multipliers():
+    coupler = coupled(*halves(substeps=3, double=True))
+    G = analysis.amplification_matrix(coupler)
+    assert G.names[0] == "u[0] of A at n-1" and G.names[4] == "u[0] of A at n"
+    assert G.names[8] == "u[0] of B at n" and G.names[-1] == "Lam[0]"
+    assert G.shape == (13, 13)
+    # it is what two macro steps past the start do
+    coupler.step(1)
+    X = [np.concatenate([x[:4] for x in (n[5:9], n[:4])]).ravel() for n in nodes_of(coupler)[:1]]
+    X = np.concatenate([*X, np.ravel(nodes_of(coupler)[1][:4]), coupler.multipliers])
+    coupler.step(1)
+    n = nodes_of(coupler)
+    expected = np.concatenate(
+        [np.ravel(n[0][5:9]), np.ravel(n[0][:4]), np.ravel(n[1][:4]), coupler.multipliers]
+    )
+    # one macro step of some ten roundings each, of numbers up to omega^2
+    assert largest(G @ X - expected) < 1e-11
+
+
+def nodes_of(coupler):
+    return [part.core.nodes() for part in coupler._parts]
+
+
+def test_a_subdomain_without_conditions_and_a_coupler_without_any():
+    a, b = halves(substeps=3)
+    alone = pm.Subdomain([1.0], [4.0], scheme=SECOND, substeps=5, u0=[1.0], name="alone")
+    history = pm.Coupler([a, b, alone], pm.tie(a, [0], b, [0]), dt=0.1, coupling="macro").run(
+        steps=10
+    )
+    by_itself = pm.solve(alone, dt=0.1, t_end=1.0)
+    np.testing.assert_array_equal(history["alone"].u, by_itself.u)
+    nobody = pm.Coupler([alone], dt=0.1, coupling="macro").run(steps=10)
+    np.testing.assert_array_equal(nobody["alone"].u, by_itself.u)
