@@ -1,0 +1,100 @@
+"""A simulated test rig: an actuator with delay and noise that pushes a yielding specimen.
+
+It stands for a laboratory: a process of its own that is commanded over TCP. Start it with
+`python simulated_rig.py --help`; it prints the port where it listens and serves one client.
+
+    command    number, t, displacement      !Qdd
+    reply      number, measured force       !Qd
+    when the client has said all: 0, k and the k commands as they came
+"""
+
+import argparse
+import random
+import socket
+import struct
+from bisect import bisect_right
+
+COMMAND, REPLY = struct.Struct("!Qdd"), struct.Struct("!Qd")
+
+
+class Yielding:
+    """Force of a spring with kinematic hardening, stiffness k up to fy and hardening k beyond."""
+
+    def __init__(self, k, fy, hardening):
+        self.k, self.fy = k, fy
+        self.back = hardening * k / (1.0 - hardening)  # back stress per plastic deformation
+        self.plastic = 0.0
+
+    def __call__(self, d):
+        trial = self.k * (d - self.plastic) - self.back * self.plastic
+        beyond = abs(trial) - self.fy
+        if beyond > 0.0:
+            self.plastic += (beyond if trial > 0.0 else -beyond) / (self.k + self.back)
+        return self.k * (d - self.plastic)
+
+
+class Actuator:
+    """Where the piston is: where it was told to be `delay` ago, on a line between commands."""
+
+    def __init__(self, delay):
+        self.delay, self.times, self.commands = delay, [], []
+
+    def __call__(self, t, d):
+        while self.times and self.times[-1] >= t:  # told once more: the later word counts
+            self.times.pop()
+            self.commands.pop()
+        self.times.append(t)
+        self.commands.append(d)
+        if self.delay == 0.0:
+            return d
+        t -= self.delay
+        right = bisect_right(self.times, t)
+        if right == 0:
+            return self.commands[0]
+        t0, t1 = self.times[right - 1 : right + 1]
+        d0, d1 = self.commands[right - 1 : right + 1]
+        return d0 + (d1 - d0) * (t - t0) / (t1 - t0)
+
+
+def commands(connection):
+    """What the client sends, until it has said all."""
+    data = b""
+    while more := connection.recv(4096):
+        data += more
+        while len(data) >= COMMAND.size:
+            yield COMMAND.unpack(data[: COMMAND.size])
+            data = data[COMMAND.size :]
+
+
+def serve(connection, actuator, specimen, noise):
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    log = []
+    for number, t, d in commands(connection):
+        log.append(COMMAND.pack(number, t, d))
+        force = specimen(actuator(t, d)) + noise()
+        connection.sendall(REPLY.pack(number, force))
+    connection.sendall(REPLY.pack(0, len(log)) + b"".join(log))
+
+
+def main():
+    say = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    for option, value in (("k", 1.0), ("fy", 1.0), ("hardening", 0.0)):
+        say.add_argument(f"--{option}", type=float, default=value, help="of the specimen")
+    say.add_argument("--delay", type=float, default=0.0, help="of the actuator, in units of t")
+    say.add_argument("--noise", type=float, default=0.0, help="of the force, standard deviation")
+    say.add_argument("--seed", type=int, default=0, help="of the noise")
+    say.add_argument("--timeout", type=float, default=60.0, help="seconds of silence it bears")
+    args = say.parse_args()
+    generator = random.Random(args.seed)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(args.timeout)
+        print(server.getsockname()[1], flush=True)
+        connection, _ = server.accept()
+    with connection:
+        connection.settimeout(args.timeout)
+        specimen = Yielding(args.k, args.fy, args.hardening)
+        serve(connection, Actuator(args.delay), specimen, lambda: generator.gauss(0.0, args.noise))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,211 @@
+"""The examples run, and what comes out of them is asserted."""
+
+import os
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+sys.path.insert(0, str(EXAMPLES))
+
+import rig  # noqa: E402
+import simulated_rig  # noqa: E402
+
+PARTS = ("frame", "rig")
+
+
+class InProcess:
+    """The specimen without a rig, and what it was asked."""
+
+    def __init__(self):
+        self.specimen, self.asked = simulated_rig.Yielding(**rig.specimen), []
+
+    def __call__(self, u, v, t):
+        self.asked.append((len(self.asked) + 1, t, u[0]))
+        return [self.specimen(u[0])]
+
+
+class Until:
+    """A rig to which something happens before its command number `last`."""
+
+    def __init__(self, asked, last, happens):
+        self.asked, self.last, self.happens = asked, last, happens
+
+    def __call__(self, u, v, t):
+        if self.asked.number + 1 == self.last:
+            self.happens()
+        return self.asked(u, v, t)
+
+
+def assert_same_bits(history, other):
+    for name in PARTS:
+        for x in "uva":
+            np.testing.assert_array_equal(
+                getattr(history[name], x), getattr(other[name], x), strict=True
+            )
+    np.testing.assert_array_equal(history.multipliers, other.multipliers)
+
+
+# ---- a test rig -----------------------------------------------------------------------------
+
+
+def test_a_rig_without_delay_and_noise_is_the_same_model_in_one_process():
+    alone = InProcess()
+    expected = rig.hybrid(alone).run(steps=400)
+    with rig.simulated_rig(**rig.specimen) as (address, process):
+        client = rig.Rig(address)
+        history = rig.hybrid(client).run(steps=400)
+        commands = client.close()
+    assert process.returncode == 0  # it has ended by itself
+    # a double that went through a socket is the same double, and so is the whole run
+    assert_same_bits(history, expected)
+    np.testing.assert_array_equal(commands, alone.asked)
+    # it was a test of a yielding specimen: well beyond the elastic limit
+    assert np.abs(commands[:, 2]).max() > 2.0 * rig.specimen["fy"] / rig.specimen["k"]
+
+
+def test_commands_arrive_once_each_and_in_order():
+    with rig.simulated_rig(**rig.specimen, delay=3.3e-3, noise=500.0) as (address, _):
+        client = rig.Rig(address)
+        coupler = rig.hybrid(client)
+        coupler.run(steps=5)
+        coupler.step(3)
+        number, t, _ = client.close().T
+    # one for the initial accelerations, one for each own step
+    np.testing.assert_array_equal(number, 1 + np.arange(1 + 8 * rig.substeps))
+    np.testing.assert_array_equal(
+        t, np.arange(1 + 8 * rig.substeps) / rig.substeps * rig.dt
+    )  # (T1)
+
+
+def test_noise_of_the_same_seed_is_the_same_noise():
+    def forces(seed):
+        with rig.simulated_rig(**rig.specimen, noise=100.0, seed=seed) as (address, _):
+            client = rig.Rig(address)
+            measured = [client([1e-3], [0.0], t)[0] for t in np.arange(200) * 1e-3]
+            client.close()
+        return np.array(measured) - 1e-3 * rig.specimen["k"]
+
+    np.testing.assert_array_equal(forces(1), forces(1))
+    # 0.2: four times the relative standard deviation of that of 200 numbers, 1 / sqrt(400)
+    assert np.std(forces(2)) == pytest.approx(100.0, rel=0.2)
+
+
+@pytest.mark.parametrize("command", [75, 80, 81, 82])  # in mid-step, and around its end
+def test_when_the_rig_dies_the_coupler_stands_at_the_last_whole_macro_step(command):
+    done = (command - 2) // rig.substeps
+    shorter = rig.hybrid(InProcess())
+    expected = shorter.run(steps=done)
+    with rig.simulated_rig(**rig.specimen) as (address, process):
+
+        def die():
+            process.kill()
+            process.wait()
+
+        client = rig.Rig(address)
+        coupler = rig.hybrid(Until(client, command, die))
+        with pytest.raises(ConnectionError, match=f"the rig was lost at command {command}"):
+            coupler.run(steps=50)
+        client.connection.close()
+    assert coupler.step_count == done
+    assert_same_bits(coupler.last_history, expected)
+    for name in PARTS:
+        for x in "uva":
+            np.testing.assert_array_equal(
+                getattr(coupler.state(name), x), getattr(shorter.state(name), x)
+            )
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="needs a process that can be stopped")
+@pytest.mark.parametrize("ctrl_c", [False, True], ids=["timeout", "ctrl_c"])
+def test_a_rig_that_is_silent_ends_the_run_and_it_goes_on_when_the_rig_does(ctrl_c):
+    expected = rig.hybrid(InProcess()).run(steps=6)
+
+    def interrupt():
+        time.sleep(0.3)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    with rig.simulated_rig(**rig.specimen) as (address, process):
+
+        def stop():
+            process.send_signal(signal.SIGSTOP)
+            if ctrl_c:
+                threading.Thread(target=interrupt).start()
+
+        client = rig.Rig(address, timeout=20.0 if ctrl_c else 0.3)
+        coupler = rig.hybrid(Until(client, 36, stop))
+        with pytest.raises(KeyboardInterrupt if ctrl_c else TimeoutError):
+            coupler.run(steps=6)
+        assert coupler.step_count == 3
+        first = coupler.last_history
+        process.send_signal(signal.SIGCONT)
+        rest = coupler.run(steps=3)
+        number, t, _ = client.close().T
+    # elastic so far, so that the specimen does not remember the commands of the lost macro step
+    for name in PARTS:
+        joined = np.vstack([first[name].u, rest[name].u[1:]])
+        np.testing.assert_array_equal(joined, expected[name].u)
+    # the commands of that macro step are sent again, under numbers of their own
+    ss, instants = rig.substeps, np.arange(1 + 6 * rig.substeps) / rig.substeps * rig.dt
+    np.testing.assert_array_equal(number, 1 + np.arange(len(number)))
+    np.testing.assert_array_equal(t, np.append(instants[:36], instants[1 + 3 * ss :]))
+
+
+def test_the_rig_may_not_ask_the_coupler_that_commands_it():
+    with rig.simulated_rig(**rig.specimen) as (address, _):
+        client = rig.Rig(address)
+        coupler = rig.hybrid(lambda u, v, t: client(u, v, coupler.time))
+        with pytest.raises(RuntimeError, match="being stepped"):
+            coupler.step()
+        client.close()
+    assert coupler.step_count == 0
+
+
+@pytest.mark.parametrize("force, text", [("nan", "must be finite"), ("-inf", "must be finite")])
+def test_a_measurement_that_is_not_finite_names_rig_and_time(force, text):
+    def broken(u, v, t):
+        return [float(force) if t > 0.0255 else 0.0]
+
+    coupler = rig.hybrid(broken)
+    with pytest.raises(ValueError, match=f"restoring of subdomain 'rig' at t = 0.026: .*{text}"):
+        coupler.run(steps=5)
+    assert coupler.step_count == 2
+
+
+def test_delay_of_the_actuator_is_a_lag_on_a_line_between_commands():
+    actuator = simulated_rig.Actuator(0.25)
+    assert actuator(0.0, 1.0) == 1.0  # before it was told anything else
+    # commands are 1 + t: later than a quarter, it stands where it was told a quarter before
+    reached = [actuator(t, 1.0 + t) for t in (0.2, 0.4, 0.6, 0.8)]
+    np.testing.assert_allclose(reached, [1.0, 1.15, 1.35, 1.55], rtol=1e-15)
+
+
+def test_the_rig_example_runs(capsys):
+    rig.main(steps=20)
+    said = capsys.readouterr().out
+    assert said.startswith("0.2 s, 201 commands") and "p99.9" in said
+
+
+def test_a_wrong_address_is_an_error_before_the_run():
+    with rig.simulated_rig() as (address, process):
+        process.kill()
+        process.wait()
+        with pytest.raises(ConnectionError):
+            rig.Rig(address)
+
+
+def test_the_specimen_dissipates_the_area_of_its_loop():
+    k, fy, hardening, d = 3.0, 2.0, 0.1, 5.0
+    specimen = simulated_rig.Yielding(k, fy, hardening)
+    turns = np.concatenate([np.linspace(0, d, 2001), np.linspace(d, -d, 4001)[1:]])
+    turns = np.concatenate([turns, np.linspace(-d, d, 4001)[1:]])
+    force = np.array([specimen(x) for x in turns])
+    loop = slice(2000, None)  # from d to d
+    work = np.sum(0.5 * (force[loop][1:] + force[loop][:-1]) * np.diff(turns[loop]))
+    # a parallelogram: 4 (1 - hardening) fy (d - fy / k); 1e-3: the corners between two points
+    assert work == pytest.approx(4 * (1 - hardening) * fy * (d - fy / k), rel=1e-3)
