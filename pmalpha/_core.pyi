@@ -9,7 +9,8 @@ from scipy import LowLevelCallable
 _Compressed = tuple[np.ndarray, np.ndarray, np.ndarray]  # ptr int64, index int32, values float64
 _Matrix = np.ndarray | _Compressed | None
 _Panels = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-_Operator = tuple[float, np.ndarray, _Matrix | _Panels]  # h, reciprocals of D, R
+_Paths = tuple[np.ndarray, ...]  # panels, place, supernodes: interface anywhere in the order
+_Operator = tuple[float, np.ndarray, _Matrix | _Panels | _Paths]  # h, reciprocals of D, R
 _Load = (
     np.ndarray  # constant
     | tuple[np.ndarray, np.ndarray | None, float, bool]  # samples, shape, dt, hold

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,11 +15,13 @@ from scipy.linalg import solve_triangular
 
 from . import _core
 from .blas import one_thread
+from .elimination import Elimination, elimination
 from .external import External
-from .factors import Factor, Names, Structure, factorize, interface_block, structure_of
+from .factors import Factor, Names, factorize, interface_block
 from .matrices import Matrix, combination, core_matrix, core_sparse, dense, permuted
 from .memory import require
-from .ordering import elimination_order, graph_of, rows_of
+from .ordering import elimination_order, graph_of
+from .paths import compliance_along_paths
 from .restoring import core_restoring
 from .schemes import Scheme
 from .subdomain import Subdomain
@@ -49,12 +50,10 @@ class Part:
         Estimates of the damping and the stiffness of the restoring force.
     factors : list of Factor
         Of Mbar(h) and, for a double step, of Mbar(2 h).
-    graph : (n, n) csr_array or None
-        Of all that is factored, in the user's order; None where nothing of it is sparse.
-    superlu : bool
-        Sparse factors by SuperLU.
+    elimination : Elimination
+        How its sparse matrices are factored.
     external : External or None
-        Makes sparse factors instead.
+        Factors them instead.
     ramped : bool
         Substeps under macro coupling.
     response : pair of (p, p) csr_array, or None
@@ -65,7 +64,7 @@ class Part:
     name: str
     double: bool
     h: float
-    order: np.ndarray
+    elimination: Elimination
     place: np.ndarray
     M: Matrix
     K: Matrix
@@ -79,30 +78,23 @@ class Part:
     core: Any = None
     mass_factor: Factor | None = None
     factors: list[Factor] = field(default_factory=list)
-    graph: sp.csr_array | None = None
-    superlu: bool = False
     external: External | None = None
     ramped: bool = False
     response: tuple[sp.csr_array, sp.csr_array] | None = None
 
     @property
+    def order(self) -> np.ndarray:
+        return self.elimination.order
+
+    @property
     def n(self) -> int:
         return self.order.size
-
-    @cached_property
-    def structure(self) -> Structure | None:
-        """One symbolic analysis for Mbar(h), Mbar(2 h) and M."""
-        if self.graph is None:
-            return None
-        return structure_of(*rows_of(self.graph, self.order), self.nb)
 
     def factor(self, A: Matrix, what: str) -> Factor:
         """The factor of a matrix of this subdomain, in elimination order."""
         if self.external is not None and A is not None and A.ndim == 2:
             return self.external.factor(permuted(A, self.place), what)
-        names = Names(what, self.order, self.name)
-        structure = self.structure if sp.issparse(A) else None
-        return factorize(A, names, nb=self.nb, structure=structure, superlu=self.superlu)
+        return self.elimination.factor(A, Names(what, self.order, self.name))
 
     def mbar(self, h: float) -> Matrix:
         return mbar(self.subdomain.scheme, h, self.M, self.damping, self.stiffness)
@@ -157,9 +149,10 @@ def make_part(
         external = External(factorize, graph, last, name)
         whole = mbar(scheme, h, subdomain.M, damping, stiffness)
         external.factor(whole, name_of_mbar(scheme, name))
-        order = external.perm
+        eliminated = Elimination(external.perm, last.size)
     else:
-        order = elimination_order(n, graph, last)
+        eliminated = elimination(n, graph, last, superlu=factorize == "superlu")
+    order = eliminated.order
     place = np.empty(n, dtype=np.int64)
     place[order] = np.arange(n)
     matrices = (
@@ -180,13 +173,11 @@ def make_part(
         name,
         double,
         h,
-        order,
+        eliminated,
         place,
         *matrices,
         conditions,
         last.size,
-        graph=graph,
-        superlu=factorize == "superlu",
         external=external,
         ramped=ramped,
     )
@@ -315,18 +306,24 @@ def compliance(factor: Factor, L: sp.csr_array, nb: int, name: str) -> sp.csr_ar
         return sp.csr_array((L.shape[0], L.shape[0]))
     size = 24.0 * rows.size**2 + 16.0 * nb * (nb + rows.size)
     require(size, f"the interface matrix of {rows.size} conditions of {name!r}")
-    with one_thread():
-        X = solve_triangular(
-            interface_block(factor, nb),
-            L[rows][:, L.shape[1] - nb :].toarray().T,
-            lower=True,
-            unit_diagonal=True,
-            overwrite_b=True,
-        )
-        block = X.T @ (factor[0][factor[0].size - nb :, None] * X)
+    L_b = L[rows][:, L.shape[1] - nb :]
+    inverse, R = factor
+    if isinstance(R, tuple) and len(R) == 7:
+        block = compliance_along_paths(inverse, R, L_b)
+    else:
+        block = _compliance_of_last(inverse[inverse.size - nb :], interface_block(factor, nb), L_b)
     block = 0.5 * (block + block.T)  # symmetric but for rounding
     where = (np.repeat(rows, rows.size), np.tile(rows, rows.size))
     return sp.csr_array((block.ravel(), where), shape=(L.shape[0], L.shape[0]))
+
+
+def _compliance_of_last(inverse: np.ndarray, R_bb: np.ndarray, L_b: sp.csr_array) -> np.ndarray:
+    """L_b S^-1 L_b^T, S = R_bb D_b R_bb^T, (F6)."""
+    with one_thread():
+        X = solve_triangular(
+            R_bb, L_b.toarray().T, lower=True, unit_diagonal=True, overwrite_b=True
+        )
+        return X.T @ (inverse[:, None] * X)
 
 
 def total(blocks: Sequence[sp.csr_array], p: int) -> sp.csr_array:

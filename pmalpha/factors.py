@@ -72,7 +72,7 @@ class Structure:
     Attributes
     ----------
     entries : int
-        Of R, with the diagonal.
+        Of R as it is stored, with the diagonal.
     panels : tuple or None
         (first, row_ptr, rows, start, owner); None where columns are swept faster.
     """
@@ -85,7 +85,10 @@ def structure_of(ptr: np.ndarray, index: np.ndarray, nb: int) -> Structure:
     """The structure of the factor of a symmetric pattern by rows, in elimination order."""
     n = ptr.size - 1
     entries = n + int(_core.count_factor(ptr, index).sum())
-    return Structure(entries, _core.supernodes(ptr, index, nb) if entries > WIDE * n else None)
+    if entries <= WIDE * n:
+        return Structure(entries, None)
+    panels = _core.supernodes(ptr, index, nb)
+    return Structure(int(panels[3][-1]), panels)
 
 
 def factorize(

@@ -435,4 +435,4 @@ def test_mbar_of_both_steps_and_the_mass_share_one_structure():
     part = coupler._parts[0]
     single, twice = (factor[1] for factor in part.factors)
     for k in range(4):  # first, row_ptr, rows, start
-        assert single[k] is twice[k] is part.structure.panels[k]
+        assert single[k] is twice[k] is part.elimination.structure.panels[k]

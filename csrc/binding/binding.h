@@ -73,7 +73,7 @@ int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *array
 int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panels *out);
 
 /* (inverse, R): R is None, an (n, n) array whose row j is column j of R, (ptr, index, values), or
- * panels */
+ * panels, with (place, supernodes) behind them where the interface is not last */
 int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, PyObject *arrays,
                     pma_factor *out);
 

@@ -148,21 +148,56 @@ int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panel
     return 0;
 }
 
-/* Scratch for the sweeps, kept with the other arrays; the panels are checked for that. */
+/* A new array of zeros, kept with the other arrays. */
+static int add_scratch(PyObject *arrays, size_t count, double **out)
+{
+    npy_intp length = (npy_intp)count;
+    PyObject *array = PyArray_ZEROS(1, &length, NPY_DOUBLE, 0);
+    const int failed = array ? PyList_Append(arrays, array) : -1;
+    if (!failed)
+        *out = PyArray_DATA((PyArrayObject *)array);
+    Py_XDECREF(array);
+    return failed;
+}
+
+/* Scratch for the sweeps; its size is known once the panels are checked. */
 static int add_work(PyObject *arrays, pma_factor *f)
 {
+    if (f->path.place && add_scratch(arrays, f->n + 1, &f->path.aside) < 0)
+        return -1;
     const pma_status status = pma_factor_check(f);
     if (status != PMA_OK) {
         pma_raise(status, "factor");
         return -1;
     }
-    npy_intp most = (npy_intp)pma_panels_most_height(&f->panels) + 1;
-    PyObject *work = PyArray_ZEROS(1, &most, NPY_DOUBLE, 0);
-    const int failed = work ? PyList_Append(arrays, work) : -1;
-    if (!failed)
-        f->work = PyArray_DATA((PyArrayObject *)work);
-    Py_XDECREF(work);
-    return failed;
+    return add_scratch(arrays, pma_panels_most_height(&f->panels) + 1, &f->work);
+}
+
+/* (place, supernodes), the last two items of a factor whose interface is not last */
+static int take_path(PyObject *R, npy_intp n, const char *name, PyObject *arrays, pma_path *out)
+{
+    const npy_intp any = -1;
+    PyArrayObject *place, *supernodes;
+    if (pma_take_array(PyTuple_GET_ITEM(R, 5), NPY_INT64, 1, &n, name, arrays, &place) < 0 ||
+        pma_take_array(PyTuple_GET_ITEM(R, 6), NPY_INT64, 1, &any, name, arrays, &supernodes) < 0)
+        return -1;
+    *out = (pma_path){.place = PyArray_DATA(place),
+                      .supernodes = PyArray_DATA(supernodes),
+                      .count = (size_t)PyArray_DIM(supernodes, 0)};
+    return 0;
+}
+
+static int take_panels_and_path(PyObject *R, npy_intp n, const char *name, PyObject *arrays,
+                                pma_factor *out)
+{
+    out->form = PMA_PANELS;
+    PyObject *panels = PyTuple_GetSlice(R, 0, 5);
+    const int failed = panels ? pma_take_panels(panels, name, arrays, &out->panels) : -1;
+    Py_XDECREF(panels);
+    if (failed ||
+        (PyTuple_GET_SIZE(R) == 7 && take_path(R, n, name, arrays, &out->path) < 0))
+        return -1;
+    return add_work(arrays, out);
 }
 
 int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, PyObject *arrays,
@@ -180,10 +215,8 @@ int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, Py
         return -1;
     if (R == Py_None)
         return 0;
-    if (PyTuple_Check(R) && PyTuple_GET_SIZE(R) == 5) {
-        out->form = PMA_PANELS;
-        return pma_take_panels(R, name, arrays, &out->panels) < 0 ? -1 : add_work(arrays, out);
-    }
+    if (PyTuple_Check(R) && (PyTuple_GET_SIZE(R) == 5 || PyTuple_GET_SIZE(R) == 7))
+        return take_panels_and_path(R, n, name, arrays, out);
     if (PyTuple_Check(R)) {
         out->form = PMA_SPARSE;
         return take_compressed(R, n, name, arrays, &out->ptr, &out->index, &out->values);

@@ -1,11 +1,22 @@
 #include "factor.h"
 
+#include <string.h>
+
 #include "kernel.h"
+
+static bool is_ordinary(const pma_factor *f)
+{
+    return f->path.place != NULL;
+}
 
 pma_status pma_factor_check(const pma_factor *f)
 {
     if (f->nb > f->n)
         return PMA_BAD_SIZE;
+    if (is_ordinary(f)) {
+        const pma_status status = pma_panels_check(&f->panels, f->n, 0);
+        return status == PMA_OK ? pma_path_check(&f->path, &f->panels, f->n, f->nb) : status;
+    }
     if (f->form == PMA_PANELS)
         return pma_panels_check(&f->panels, f->n, f->nb);
     if (f->form != PMA_SPARSE)
@@ -35,7 +46,8 @@ size_t pma_factor_entries(const pma_factor *f)
     case PMA_SPARSE:
         return f->n + (size_t)f->ptr[f->n];
     case PMA_PANELS:
-        return (size_t)f->panels.start[f->panels.count];
+        return (size_t)f->panels.start[f->panels.count] +
+               (is_ordinary(f) ? pma_path_entries(&f->path, &f->panels) : 0);
     default:
         return f->n;
     }
@@ -121,18 +133,47 @@ static void substitute(const pma_factor *f, size_t first, size_t last, double *x
     }
 }
 
-void pma_factor_forward(const pma_factor *f, double *x)
-{
-    eliminate(f, 0, f->n - f->nb, x);
-}
-
 void pma_factor_interface(const pma_factor *f, double *xb)
 {
+    if (is_ordinary(f)) {
+        pma_path_interface(&f->path, &f->panels, f->inverse, f->n, f->nb, xb, f->work);
+        return;
+    }
     eliminate(f, f->n - f->nb, f->n, xb);
     substitute(f, f->n - f->nb, f->n, xb);
 }
 
-void pma_factor_backward(const pma_factor *f, double *x)
+void pma_factor_open(const pma_factor *f, double *x, double *xb)
 {
-    substitute(f, 0, f->n - f->nb, x);
+    const size_t interior = f->n - f->nb;
+    if (is_ordinary(f)) {
+        pma_path_open(&f->path, &f->panels, f->inverse, f->n, f->nb, x, xb, f->work);
+        return;
+    }
+    eliminate(f, 0, interior, x);
+    memcpy(xb, x + interior, f->nb * sizeof *xb);
+    pma_factor_interface(f, xb);
+}
+
+void pma_factor_close(const pma_factor *f, const double *fb, double *x)
+{
+    const size_t interior = f->n - f->nb;
+    if (is_ordinary(f)) {
+        pma_path_close(&f->path, &f->panels, f->inverse, f->n, f->nb, fb, x, f->work);
+        return;
+    }
+    for (size_t i = 0; i < f->nb; i++)
+        x[interior + i] += fb[i];
+    pma_factor_interface(f, x + interior);
+    substitute(f, 0, interior, x);
+}
+
+void pma_factor_solve(const pma_factor *f, double *x)
+{
+    if (is_ordinary(f)) {
+        pma_path_solve(&f->path, &f->panels, f->inverse, f->n, x, f->work);
+        return;
+    }
+    eliminate(f, 0, f->n, x);
+    substitute(f, 0, f->n, x);
 }

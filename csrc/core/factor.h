@@ -2,7 +2,8 @@
  *
  * The last nb unknowns are the interface; R = [[R_ii, 0], [R_bi, R_bb]]. Sweeping the interior
  * and the interface apart is what lets one forward and one backward sweep make a coupled step.
- * With nb = n the interface solve is the whole solve: so the interface matrix H is swept too. */
+ * With nb = n the interface solve is the whole solve: so the interface matrix H is swept too.
+ * Panels can have the interface anywhere in their order of elimination: see path.h. */
 #ifndef PMA_FACTOR_H
 #define PMA_FACTOR_H
 
@@ -11,6 +12,7 @@
 
 #include "matrix.h"
 #include "panels.h"
+#include "path.h"
 #include "status.h"
 
 /* Bare arrays of the caller, who keeps them alive. */
@@ -23,22 +25,28 @@ typedef struct {
     const int32_t *index;  /* sparse: row of each entry, below the diagonal and ascending */
     pma_panels panels;     /* panels: see there */
     double *work;          /* panels: pma_panels_most_height, scratch of the sweeps */
+    pma_path path;         /* panels whose interface is not last; else path.place is NULL */
 } pma_factor;
 
 /* PMA_BAD_SIZE when nb > n, PMA_BAD_INDEX unless the entries of each column ascend and
  * lie below the diagonal. */
 pma_status pma_factor_check(const pma_factor *f);
 
-/* Entries read by one sweep through all columns. */
+/* Entries read by a sweep through all columns and one along the paths of the interface. */
 size_t pma_factor_entries(const pma_factor *f);
 
-/* x (n): x_i := R_ii^-1 x_i, x_b := x_b - R_bi x_i                                      (F2) */
-void pma_factor_forward(const pma_factor *f, double *x);
+/* A step is opened with the right-hand side and closed with what acts on the interface:
+ *
+ * x (n): swept so far as the interface asks; xb (nb) := (A^-1 x)_b                 (F2) (F3) (F7) */
+void pma_factor_open(const pma_factor *f, double *x, double *xb);
 
-/* xb (nb): xb := S^-1 xb with the Schur complement S = R_bb D_b R_bb^T                  (F3) */
+/* x (n) as open left it := A^-1 (right-hand side + fb on the interface)       (F4) (F5) (F8) */
+void pma_factor_close(const pma_factor *f, const double *fb, double *x);
+
+/* x (n) := A^-1 x, both at once */
+void pma_factor_solve(const pma_factor *f, double *x);
+
+/* xb (nb) := (A^-1)_bb xb = S^-1 xb with the Schur complement S = R_bb D_b R_bb^T  (F3) (F9) */
 void pma_factor_interface(const pma_factor *f, double *xb);
-
-/* x (n): x_i := R_ii^-T (D_i^-1 x_i - R_bi^T x_b), x_b as it is                         (F5) */
-void pma_factor_backward(const pma_factor *f, double *x);
 
 #endif

@@ -348,16 +348,34 @@ static void substitute_panel(const pma_kernel *kernel, const panel_view *v, size
     memcpy(v->own, work, v->width * sizeof *work);
 }
 
+static void eliminate_supernode(const pma_kernel *kernel, const pma_panels *p, size_t s,
+                                size_t from, double *x, double *work)
+{
+    const panel_view v = view(p, s, from, x);
+    if (v.adjoined)
+        kernel->eliminate(v.values, v.height, v.height, v.width, v.own);
+    else
+        eliminate_panel(kernel, &v, from, x, work);
+}
+
+static void substitute_supernode(const pma_kernel *kernel, const pma_panels *p,
+                                 const double *inverse, size_t s, size_t from, double *x,
+                                 double *work)
+{
+    const panel_view v = view(p, s, from, x);
+    for (size_t j = 0; j < v.width; j++)
+        v.own[j] *= inverse[(size_t)p->first[s] + j];
+    if (v.adjoined)
+        kernel->substitute(v.values, v.height, v.height, v.width, v.own);
+    else
+        substitute_panel(kernel, &v, from, x, work);
+}
+
 void pma_panels_eliminate(const pma_panels *p, size_t from, size_t to, double *x, double *work)
 {
     const pma_kernel *kernel = pma_kernel_best();
-    for (size_t s = supernode_at(p, from); s < p->count && (size_t)p->first[s] < to; s++) {
-        const panel_view v = view(p, s, from, x);
-        if (v.adjoined)
-            kernel->eliminate(v.values, v.height, v.height, v.width, v.own);
-        else
-            eliminate_panel(kernel, &v, from, x, work);
-    }
+    for (size_t s = supernode_at(p, from); s < p->count && (size_t)p->first[s] < to; s++)
+        eliminate_supernode(kernel, p, s, from, x, work);
 }
 
 void pma_panels_substitute(const pma_panels *p, const double *inverse, size_t from, size_t to,
@@ -365,13 +383,22 @@ void pma_panels_substitute(const pma_panels *p, const double *inverse, size_t fr
 {
     const pma_kernel *kernel = pma_kernel_best();
     const size_t begin = supernode_at(p, from);
-    for (size_t s = supernode_at(p, to); s-- > begin;) {
-        const panel_view v = view(p, s, from, x);
-        for (size_t j = 0; j < v.width; j++)
-            v.own[j] *= inverse[(size_t)p->first[s] + j];
-        if (v.adjoined)
-            kernel->substitute(v.values, v.height, v.height, v.width, v.own);
-        else
-            substitute_panel(kernel, &v, from, x, work);
-    }
+    for (size_t s = supernode_at(p, to); s-- > begin;)
+        substitute_supernode(kernel, p, inverse, s, from, x, work);
+}
+
+void pma_panels_eliminate_these(const pma_panels *p, const int64_t *supernodes, size_t count,
+                                double *x, double *work)
+{
+    const pma_kernel *kernel = pma_kernel_best();
+    for (size_t k = 0; k < count; k++)
+        eliminate_supernode(kernel, p, (size_t)supernodes[k], 0, x, work);
+}
+
+void pma_panels_substitute_these(const pma_panels *p, const double *inverse,
+                                 const int64_t *supernodes, size_t count, double *x, double *work)
+{
+    const pma_kernel *kernel = pma_kernel_best();
+    for (size_t k = count; k-- > 0;)
+        substitute_supernode(kernel, p, inverse, (size_t)supernodes[k], 0, x, work);
 }

@@ -256,7 +256,7 @@ pma_status pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1,
     const pma_operator *op = operator_of(s, twice);
     const pma_state *from = origin(s, j, twice), *to = pma_subdomain_at(s, j + 1);
     double *vf = free_velocity_at(s, j + 1);
-    const double *vt, *y;
+    const double *vt;
 
     /* (R1), (5), (6) */
     if (extrapolates(&s->parts))
@@ -280,14 +280,9 @@ pma_status pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1,
             return status;
     }
 
-    /* (F2) */
-    pma_factor_forward(&op->factor, to->w);
-
-    /* (F3)  vf_b = vt_b + al2 S^-1 y_b */
+    /* (F2), (F3)  vf_b = vt_b + al2 wf_b */
     vt = interface_of(s, to->v);
-    y = interface_of(s, to->w);
-    memcpy(vf, y, s->parts.nb * sizeof(double));
-    pma_factor_interface(&op->factor, vf);
+    pma_factor_open(&op->factor, to->w, vf);
     for (size_t i = 0; i < s->parts.nb; i++)
         vf[i] = vt[i] + op->step.al2 * vf[i];
     return PMA_OK;
@@ -341,14 +336,11 @@ pma_status pma_subdomain_close(pma_subdomain *s, size_t j, bool twice, const dou
 {
     const pma_operator *op = operator_of(s, twice);
     const pma_state *x = pma_subdomain_at(s, j);
-    double *y_b = interface_of(s, x->w);
 
-    /* (F4)  w_b = S^-1 (y_b + L_b^T Lam) */
-    pma_link_load(&s->parts.link, lam, y_b);
-    pma_factor_interface(&op->factor, y_b);
-
-    /* (F5) */
-    pma_factor_backward(&op->factor, x->w);
+    /* (F4), (F5)  w = Mbar^-1 (g + L^T Lam) */
+    memset(s->link, 0, s->parts.nb * sizeof(double));
+    pma_link_load(&s->parts.link, lam, s->link);
+    pma_factor_close(&op->factor, s->link, x->w);
 
     if (!correct(&op->step, s->parts.n, x))
         return PMA_NOT_FINITE;
@@ -423,7 +415,7 @@ void pma_subdomain_respond(pma_subdomain *s, size_t j, const double *lam)
     const pma_operator *op = &s->parts.single;
     const pma_state *x = &s->response;
     const double share = (double)j / (double)s->parts.substeps;
-    double *y_b = interface_of(s, x->w);
+    double *w_b = interface_of(s, x->w);
     if (j == 1)
         memset(x->u, 0, 4 * s->parts.n * sizeof(double)); /* all four: they lie in a row */
 
@@ -432,20 +424,18 @@ void pma_subdomain_respond(pma_subdomain *s, size_t j, const double *lam)
         extrapolate(op->step.h, s->parts.n, x, s->vs);
     predict(&op->step, s->parts.n, x, x);
 
-    /* -(C + D_r) vt - (K + K_r) ut; lagged: C vs (R4), (F2) */
+    /* -(C + D_r) vt - (K + K_r) ut; lagged: C vs (R4) */
     pma_matrix_subtract(&s->parts.C, s->parts.lagged ? s->vs : x->v, x->w);
     pma_matrix_subtract(&s->parts.K, x->u, x->w);
     pma_matrix_subtract(&s->parts.D_r, x->v, x->w);
     pma_matrix_subtract(&s->parts.K_r, x->u, x->w);
-    pma_factor_forward(&op->factor, x->w);
 
-    /* (F4)  w_b = S^-1 (y_b + (j / substeps) L_b^T lam), (F5), (8), (9) */
+    /* (12)  w = Mbar^-1 (g + (j / substeps) L_b^T lam), (8), (9) */
     memset(s->link, 0, s->parts.nb * sizeof(double));
     pma_link_load(&s->parts.link, lam, s->link);
     for (size_t i = 0; i < s->parts.nb; i++)
-        y_b[i] += share * s->link[i];
-    pma_factor_interface(&op->factor, y_b);
-    pma_factor_backward(&op->factor, x->w);
+        w_b[i] += share * s->link[i];
+    pma_factor_solve(&op->factor, x->w);
     correct(&op->step, s->parts.n, x);
 }
 

@@ -84,16 +84,24 @@ static void check_residual(const triple *t, size_t first, const double *x, const
 void check_sweeps(const triple *t, const pma_factor *f, uint64_t *seed)
 {
     const size_t interior = f->n - f->nb;
-    double b[SIZE] = {0.0}, x[SIZE], x_b[SIZE];
+    double b[SIZE] = {0.0}, x[SIZE], x_b[SIZE], f_b[SIZE];
     CHECK_STATUS(pma_factor_check(f), PMA_OK);
 
     draw_vector(f->n, seed, b);
+    draw_vector(f->nb, seed, f_b);
     memcpy(x, b, sizeof x);
-    pma_factor_forward(f, x);
-    pma_factor_interface(f, x + interior);
-    memcpy(x_b, x + interior, f->nb * sizeof(double));
-    pma_factor_backward(f, x);
-    CHECK_BITS(f->nb, x + interior, x_b);
+    pma_factor_open(f, x, x_b);
+    double free[SIZE], unused[SIZE] = {0.0};
+    memcpy(free, x, sizeof x);
+    pma_factor_close(f, unused, free);
+    check_residual(t, 0, free, b);
+    CHECK_BITS(f->nb, free + interior, x_b);
+    for (size_t i = 0; i < f->nb; i++)
+        b[interior + i] += f_b[i];
+    pma_factor_close(f, f_b, x);
+    check_residual(t, 0, x, b);
+    memcpy(x, b, sizeof x);
+    pma_factor_solve(f, x);
     check_residual(t, 0, x, b);
 
     draw_vector(f->nb, seed, b);

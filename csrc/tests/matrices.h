@@ -35,8 +35,8 @@ typedef struct {
 /* R in eighths and D powers of two: products of them are exact */
 triple make_triple(size_t n, double density, uint64_t *seed);
 
-/* All three sweeps solve with A and leave the interface alone at the end; the interface sweep on
- * its own solves with S. */
+/* An opened step knows the solution on the interface, closed it is the solution with and without
+ * what acts there; the interface sweep on its own solves with S. */
 void check_sweeps(const triple *t, const pma_factor *f, uint64_t *seed);
 
 /* ---- matrices on their way to a factor in panels --------------------------------------------- */

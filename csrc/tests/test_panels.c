@@ -77,7 +77,7 @@ static void check_definite_residual(const structure *m, const double *x, const d
 
 static void check_factored(structure *m, uint64_t *seed)
 {
-    double b[UNKNOWNS], x[UNKNOWNS], work[UNKNOWNS];
+    double b[UNKNOWNS], x[UNKNOWNS], work[UNKNOWNS], x_b[UNKNOWNS], nothing[UNKNOWNS] = {0.0};
     asker a = {0, 0};
     size_t column = 0;
     analyse(m);
@@ -88,9 +88,8 @@ static void check_factored(structure *m, uint64_t *seed)
     CHECK_STATUS(pma_factor_check(&f), PMA_OK);
     draw_vector(m->n, seed, b);
     memcpy(x, b, m->n * sizeof(double));
-    pma_factor_forward(&f, x);
-    pma_factor_interface(&f, x + (m->n - m->nb));
-    pma_factor_backward(&f, x);
+    pma_factor_open(&f, x, x_b);
+    pma_factor_close(&f, nothing, x);
     check_definite_residual(m, x, b);
 }
 
@@ -323,7 +322,146 @@ static void factors_in_panels_solve_for_every_size_of_interface(void)
     }
 }
 
+/* ---- an interface anywhere in the order ------------------------------------------------------- */
+
+typedef struct {
+    size_t nb;
+    int64_t place[UNKNOWNS], supernodes[UNKNOWNS];
+    double aside[UNKNOWNS], work[UNKNOWNS];
+    pma_factor factor;
+} ordinary;
+
+/* Unknowns in a random order, of which the last nb are the interface; the supernodes that hold
+ * them, and with each the one that owns its first row. */
+static void draw_interface(ordinary *o, structure *m, size_t nb, uint64_t *seed)
+{
+    bool on_path[UNKNOWNS] = {false};
+    for (size_t i = 0; i < m->n; i++)
+        o->place[i] = (int64_t)i;
+    for (size_t i = m->n; i-- > 1;) {
+        const size_t j = draw(seed, (uint32_t)i + 1);
+        const int64_t kept = o->place[i];
+        o->place[i] = o->place[j];
+        o->place[j] = kept;
+    }
+    for (size_t i = m->n - nb; i < m->n; i++)
+        on_path[m->owner[o->place[i]]] = true;
+    size_t count = 0;
+    for (size_t s = 0; s < m->panels.count; s++) {
+        if (!on_path[s])
+            continue;
+        o->supernodes[count++] = (int64_t)s;
+        if (m->row_ptr[s] < m->row_ptr[s + 1])
+            on_path[m->owner[m->rows[m->row_ptr[s]]]] = true;
+    }
+    o->factor = (pma_factor){.form = PMA_PANELS, .n = m->n, .nb = nb, .inverse = m->inverse,
+                             .panels = m->panels, .work = o->work,
+                             .path = {o->place, o->supernodes, count, o->aside}};
+}
+
+/* A x = b, both in the order of the caller */
+static void check_solution(const ordinary *o, const structure *m, const double *x, const double *b)
+{
+    double x_ordered[UNKNOWNS], b_ordered[UNKNOWNS];
+    for (size_t i = 0; i < m->n; i++) {
+        x_ordered[o->place[i]] = x[i];
+        b_ordered[o->place[i]] = b[i];
+    }
+    check_definite_residual(m, x_ordered, b_ordered);
+}
+
+static void check_ordinary(structure *m, size_t nb, uint64_t *seed)
+{
+    static ordinary o;
+    double b[UNKNOWNS], f_b[UNKNOWNS] = {0.0}, x_b[UNKNOWNS], x[UNKNOWNS], opened[UNKNOWNS];
+    const size_t interior = m->n - nb;
+    draw_interface(&o, m, nb, seed);
+    CHECK_STATUS(pma_factor_check(&o.factor), PMA_OK);
+    draw_vector(m->n, seed, b);
+    memcpy(opened, b, sizeof b);
+    pma_factor_open(&o.factor, opened, x_b);
+    memcpy(x, opened, sizeof x);
+    pma_factor_close(&o.factor, f_b, x);
+    check_solution(&o, m, x, b);
+    /* the diagonal exceeds the rest of its row by 1/8, so that |A^-1| <= 8; b is below 1 */
+    for (size_t i = 0; i < nb; i++)
+        CHECK_NEAR(x_b[i], x[interior + i], 1e-12);
+
+    /* with forces on the interface, whose answer is a sweep of its own */
+    draw_vector(nb, seed, f_b);
+    pma_factor_close(&o.factor, f_b, opened);
+    for (size_t i = 0; i < nb; i++)
+        b[interior + i] += f_b[i];
+    check_solution(&o, m, opened, b);
+    memcpy(x, b, sizeof x);
+    pma_factor_solve(&o.factor, x);
+    check_solution(&o, m, x, b);
+    pma_factor_interface(&o.factor, f_b);
+    for (size_t i = 0; i < nb; i++)
+        CHECK_NEAR(x_b[i] + f_b[i], opened[interior + i], 1e-12);
+}
+
+static void an_interface_anywhere_in_the_order_is_reached_along_paths(void)
+{
+    static structure m;
+    uint64_t seed = 12;
+    for (size_t n = 1; n <= 24; n++) {
+        for (uint32_t one_in = 1; one_in <= 9; one_in += 2) {
+            asker a = {0, 0};
+            size_t column = 0;
+            draw_definite(&m, n, 0, one_in, &seed);
+            analyse(&m);
+            CHECK_STATUS(make_numbers(&m, 1e-12, &a, &column), PMA_OK);
+            check_ordinary(&m, 0, &seed);
+            check_ordinary(&m, n, &seed);
+            check_ordinary(&m, draw(&seed, (uint32_t)n + 1), &seed);
+        }
+    }
+}
+
+/* three panels: 0 1 | 2 | 3 4; the rows of the first two are 3 4 */
+static pma_status path_status(const int64_t *place, size_t count, const int64_t *supernodes)
+{
+    double aside[5];
+    const pma_panels p = three_panels();
+    return pma_factor_check(&(pma_factor){.form = PMA_PANELS, .n = 5, .nb = 1, .panels = p,
+                                          .path = {place, supernodes, count, aside}});
+}
+
+static void paths_that_do_not_lead_up_or_miss_the_interface_are_refused(void)
+{
+    const int64_t as_it_is[5] = {0, 1, 2, 3, 4}, first[5] = {1, 4, 2, 3, 0};
+    CHECK_STATUS(path_status(as_it_is, 1, (int64_t[]){2}), PMA_OK);
+    CHECK_STATUS(path_status(as_it_is, 3, (int64_t[]){0, 1, 2}), PMA_OK);
+    CHECK_STATUS(path_status(first, 2, (int64_t[]){0, 2}), PMA_OK);
+    CHECK_STATUS(path_status(first, 1, (int64_t[]){0}), PMA_BAD_INDEX);     /* not up */
+    CHECK_STATUS(path_status(first, 2, (int64_t[]){1, 2}), PMA_BAD_INDEX);  /* not there */
+    CHECK_STATUS(path_status(as_it_is, 0, NULL), PMA_BAD_INDEX);
+    CHECK_STATUS(path_status(as_it_is, 2, (int64_t[]){2, 2}), PMA_BAD_INDEX);
+    CHECK_STATUS(path_status(as_it_is, 2, (int64_t[]){2, 1}), PMA_BAD_INDEX);
+    CHECK_STATUS(path_status(as_it_is, 2, (int64_t[]){2, 3}), PMA_BAD_INDEX);
+    CHECK_STATUS(path_status(as_it_is, 2, (int64_t[]){-1, 2}), PMA_BAD_INDEX);
+    CHECK_STATUS(path_status((int64_t[]){0, 1, 2, 3, 3}, 1, (int64_t[]){2}), PMA_BAD_INDEX);
+    CHECK_STATUS(path_status((int64_t[]){0, 1, 2, 4, 5}, 1, (int64_t[]){2}), PMA_BAD_INDEX);
+    CHECK_STATUS(path_status((int64_t[]){-1, 1, 2, 3, 4}, 1, (int64_t[]){2}), PMA_BAD_INDEX);
+}
+
+static void a_path_counts_as_one_more_sweep_of_its_panels(void)
+{
+    const int64_t place[5] = {0, 1, 2, 3, 4}, all[3] = {0, 1, 2}, top[1] = {2};
+    const pma_panels p = three_panels();
+    pma_factor f = {.form = PMA_PANELS, .n = 5, .nb = 1, .panels = p};
+    const size_t once = pma_factor_entries(&f);
+    f.path = (pma_path){.place = place, .supernodes = all, .count = 3};
+    CHECK_INT(pma_factor_entries(&f), 2 * once);
+    f.path = (pma_path){.place = place, .supernodes = top, .count = 1};
+    CHECK_INT(pma_factor_entries(&f), once + 4);
+}
+
 const test PANELS_TESTS[] = {
+    TEST(an_interface_anywhere_in_the_order_is_reached_along_paths),
+    TEST(paths_that_do_not_lead_up_or_miss_the_interface_are_refused),
+    TEST(a_path_counts_as_one_more_sweep_of_its_panels),
     TEST(a_factor_made_in_panels_solves),
     TEST(the_column_of_a_pivot_that_is_not_positive_is_named),
     TEST(a_pivot_that_is_only_rounding_counts_as_not_positive),

@@ -1,0 +1,158 @@
+"""The interface anywhere in the order of elimination: the same numbers, and when it is taken."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from problems import random_problem
+
+import pmalpha as pm
+from pmalpha import assembly, factors, structures
+from pmalpha.elimination import Elimination, elimination, ordinary
+from pmalpha.factors import structure_of
+from pmalpha.matrices import permuted
+from pmalpha.ordering import elimination_order, graph_of, rows_of
+from pmalpha.paths import compliance_along_paths
+
+
+def always_ordinary(n, graph, last, *, superlu=False):
+    taken = None if graph is None else ordinary(graph, last)
+    return elimination(n, graph, last) if taken is None else taken
+
+
+def always_last(n, graph, last, *, superlu=False):
+    order = elimination_order(n, graph, last)
+    structure = None if graph is None else structure_of(*rows_of(graph, order), last.size)
+    return Elimination(order, last.size, structure)
+
+
+def random_matrix(rng, n, density):
+    A = sp.random_array((n, n), density=density, rng=rng)
+    return sp.csr_array(A @ A.T + sp.diags_array(rng.uniform(0.5, 1.5, n)))
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_random_coupled_problems_agree_with_the_reference_along_paths(seed, monkeypatch):
+    monkeypatch.setattr(factors, "WIDE", 0)
+    monkeypatch.setattr(assembly, "elimination", always_ordinary)
+    problem = random_problem(seed)
+    coupler = problem.coupler()
+    expected = problem.reference(9, [part.double for part in coupler._parts])
+    history = coupler.run(steps=9)
+    scale = max(np.max(np.abs(part.u)) for part in expected.parts)
+    for i, part in enumerate(expected.parts):
+        # as in test_against_reference
+        assert np.max(np.abs(history[i].u - part.u)) <= 1e-9 * scale
+    force = np.max(np.abs(expected.multipliers))
+    inertia = max(np.max(np.abs(x.w @ p.M)) for x, p in zip(expected.parts, problem.parts))
+    difference = np.max(np.abs(history.multipliers - expected.multipliers))
+    assert difference <= 1e-9 * max(force, inertia)
+
+
+def test_random_problems_do_take_paths(monkeypatch):
+    monkeypatch.setattr(factors, "WIDE", 0)
+    monkeypatch.setattr(assembly, "elimination", always_ordinary)
+    parts = [part for seed in range(60) for part in random_problem(seed).coupler()._parts]
+    # two thirds of the matrices are sparse or diagonal by the draw, most parts have an interface
+    assert sum(part.elimination.paths is not None for part in parts) > 30
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_the_compliance_along_paths_is_that_of_the_dense_inverse(seed, monkeypatch):
+    monkeypatch.setattr(factors, "WIDE", 0)
+    monkeypatch.setattr("pmalpha.paths.BLOCK", 7)
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 120))
+    nb = int(rng.integers(1, n + 1))
+    A = random_matrix(rng, n, rng.choice([0.005, 0.02, 0.1]))
+    last = np.sort(rng.choice(n, nb, replace=False))
+    chosen = ordinary(graph_of([A]), last)
+    if chosen is None:
+        pytest.skip("the matrix came out diagonal")
+    np.testing.assert_array_equal(chosen.order[n - nb :], last)
+    names = factors.Names("A", chosen.order)
+    inverse, R = chosen.factor(permuted(A, chosen.order), names)
+    L = rng.normal(size=(int(rng.integers(1, nb + 1)), nb)) * (rng.random(nb) < 0.5)
+    L[:, 0] = 1.0  # no empty row
+    exact = L @ np.linalg.inv(A.toarray())[np.ix_(last, last)] @ L.T
+    ours = compliance_along_paths(inverse, R, sp.csr_array(L))
+    # the matrices have a condition below 1e4
+    np.testing.assert_allclose(ours, exact, rtol=0, atol=1e-11 * np.max(np.abs(exact)))
+
+
+def box(faces):
+    """A cube of 9 x 9 x 9 nodes and the dofs on so many of its faces."""
+    s = structures.solid(8, 8, 8, 0.125, E=100.0, nu=0.3, rho=1.0)
+    x = s.points
+    sides = [np.abs(x[:, k // 2] - k % 2) < 1e-9 for k in range(6)]
+    return s, np.sort(s.dofs(np.flatnonzero(np.logical_or.reduce(sides[:faces]))))
+
+
+@pytest.mark.parametrize("faces, paths", [(1, False), (2, False), (6, True)])
+def test_the_order_that_sweeps_fewer_entries_is_taken(faces, paths):
+    s, dofs = box(faces)
+    graph = graph_of([s.M, s.K])
+    chosen = elimination(s.n, graph, dofs)
+    assert (chosen.paths is not None) == paths
+    assert chosen.swept <= ordinary(graph, dofs).swept
+    assert chosen.swept <= always_last(s.n, graph, dofs).swept
+    np.testing.assert_array_equal(chosen.order[-dofs.size :], dofs)
+    again = elimination(s.n, graph, dofs)  # a function of the problem alone
+    np.testing.assert_array_equal(chosen.order, again.order)
+
+
+def enclosed(**options):
+    """A cube with all its surface tied to a frame of points, in double steps and with mass."""
+    s, dofs = box(6)
+    inner = s.subdomain(scheme=pm.GeneralizedAlpha(0.5), force=np.ones(s.n), name="inner")
+    shell = pm.Subdomain(
+        np.full(dofs.size, 1e-3),
+        np.full(dofs.size, 1e-2),
+        scheme=pm.GeneralizedAlpha(0.5, explicit=True),
+        substeps=4,
+        name="shell",
+    )
+    return pm.Coupler(
+        [inner, shell], pm.tie(inner, dofs, shell, np.arange(dofs.size)), dt=0.05, **options
+    )
+
+
+def test_a_solid_tied_on_all_sides_moves_as_with_the_interface_last(monkeypatch):
+    ours = enclosed()
+    assert ours._parts[0].elimination.paths is not None
+    history = ours.run(steps=6)
+    monkeypatch.setattr(assembly, "elimination", always_last)
+    theirs = enclosed()
+    assert theirs._parts[0].elimination.paths is None
+    expected = theirs.run(steps=6)
+    for name in ("inner", "shell"):
+        for x in "uva":
+            mine, other = getattr(history[name], x), getattr(expected[name], x)
+            # rounding grows by the condition of Mbar and H, 1e4 here
+            assert np.max(np.abs(mine - other)) <= 1e-10 * np.max(np.abs(other))
+    # and as with SuperLU, who knows nothing of panels or paths
+    superlu = enclosed(factorize="superlu").run(steps=6)
+    assert np.max(np.abs(history[0].u - superlu[0].u)) <= 1e-10 * np.max(np.abs(superlu[0].u))
+
+
+def test_a_run_along_paths_is_the_same_in_pieces_and_for_any_number_of_threads(tmp_path):
+    whole = enclosed(threads=1).run(steps=6)[0].u[-1]
+    pieces = enclosed(threads=2)
+    pieces.step(2)
+    pieces.save(tmp_path / "half.npz")
+    resumed = enclosed()
+    resumed.load(tmp_path / "half.npz")
+    resumed.step(4)
+    pieces.step(4)
+    np.testing.assert_array_equal(pieces.state(0).u, whole)
+    np.testing.assert_array_equal(resumed.state(0).u, whole)
+
+
+def test_an_indefinite_matrix_along_paths_names_the_dof_of_the_user():
+    s, dofs = box(6)
+    K = sp.lil_array(s.K)
+    K[700, 700] = -1e9
+    bad = pm.Subdomain(s.M, sp.csr_array(K), scheme=pm.Newmark(), name="bad")
+    L = sp.csr_array((np.ones(dofs.size), (np.zeros(dofs.size), dofs)), shape=(1, s.n))
+    with pytest.raises(pm.FactorizationError, match="'bad'.*dof 700; pivots: 1 negative") as caught:
+        pm.Coupler([bad], pm.Constraint({bad: L}), dt=0.1)
+    assert caught.value.dof == 700
