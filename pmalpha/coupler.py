@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from os import PathLike
 from time import perf_counter
 from typing import Any
@@ -32,7 +33,7 @@ from .macro import prepare, warn_of_resonance
 from .matrices import core_matrix
 from .motion import Motion
 from .progress import Report, reporting
-from .recording import Recording
+from .recording import FiledRecording, Recording
 from .schedule import (
     check_factorize,
     checked_constraints,
@@ -320,6 +321,7 @@ class Coupler:
         record: Mapping[Any, Any] | None = None,
         every: int | None = None,
         energy: bool = False,
+        record_to: str | PathLike | None = None,
         progress: Any = None,
     ) -> History:
         """Go on from where the coupler is, and record.
@@ -342,6 +344,12 @@ class Coupler:
             subdomains; at macro nodes in ``history.energy``, an `Energy`. It changes no result and
             costs a product with C in each own step, those with M and K where a macro node is
             recorded, and 13 vectors of memory.
+        record_to : str or path, optional
+            An HDF5 file that the History goes to while the run goes on, with some 16 MB of it in
+            memory. A file that stands there is replaced before the first step. The History that is
+            returned, and `last_history`, then have arrays that are mapped from the file: what is
+            looked at is read. `History.load` and other programs can read the file meanwhile and
+            after a kill, up to where it was last written, about three times a second.
         progress : True or callable, optional
             True: a tqdm bar. A callable is told ``progress(done, total)`` in macro steps of this
             call, about every 50 ms and at the end; it may not ask the coupler, and what it raises
@@ -362,7 +370,9 @@ class Coupler:
         MemoryError
             When the History does not fit.
         ImportError
-            For ``progress=True`` without tqdm.
+            For ``progress=True`` without tqdm, and for `record_to` without h5py.
+        OSError
+            When `record_to` cannot be written: before the first step where the path is at fault.
 
         Whatever a load or a restoring force raises reaches the caller, and so does Ctrl-C within
         0.1 s or a fine step, whichever is longer. After any exception the coupler stands at the
@@ -372,7 +382,8 @@ class Coupler:
             self._require_no_ramps(energy)
             begin = self._steps_done()
             end = self._end(t_end, steps, begin)
-            recording = Recording(
+            make = Recording if record_to is None else partial(FiledRecording, record_to)
+            recording = make(
                 self._parts,
                 self._keys,
                 self._row_place,
@@ -387,10 +398,14 @@ class Coupler:
             with reporting(progress, begin, end) as report:
                 self._last_history = None
                 self._start()
-                with self._summing_works(energy):
+                with self._summing_works(energy), recording:
                     try:
                         self._core.record_present(recording.core_record())
-                        self._advance(end, recording, report)
+                        for pause in recording.stretches():
+                            self._advance(pause, recording, report)
+                            recording.keep(pause)
+                        if report is not None:
+                            report(end)
                     except BaseException:
                         self._last_history = recording.history(self._core.step_count)
                         raise
@@ -807,8 +822,6 @@ class Coupler:
                 raise failure
             if report is not None:
                 report.if_due(self._core.step_count)
-        if report is not None:
-            report(end)
 
     def _chunks(self, end: int) -> Iterator[int]:
         """Ends of chunks of macro steps; with callables of so many as take about 50 ms.

@@ -94,7 +94,7 @@ def _contents(file: BinaryIO, format: str, version: int) -> tuple[str | None, An
         with zipfile.ZipFile(file) as members:
             keys = [name.removesuffix(".npy") for name in members.namelist()]
             header = json.loads(_member(members, HEADER).item()) if HEADER in keys else None
-            reason = _mismatch(header, format, version)
+            reason = mismatch(header, format, version)
             wanted = [] if reason else [key for key in keys if key != HEADER]
             return reason, header, {key: _member(members, key) for key in wanted}
     except MemoryError:
@@ -112,7 +112,8 @@ def _member(members: zipfile.ZipFile, key: str) -> np.ndarray:
         return array
 
 
-def _mismatch(header: Any, format: str, version: int) -> str | None:
+def mismatch(header: Any, format: str, version: int) -> str | None:
+    """Why a file with this header is refused, or None."""
     if not isinstance(header, dict) or "format" not in header:
         return "does not say what it holds"
     if header["format"] != format:

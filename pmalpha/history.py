@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from . import history_file
 from .files import read_npz, write_npz
+from .history_file import FORMAT, VERSION
 from .subdomain import Subdomain
 
 if TYPE_CHECKING:
@@ -18,8 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Energy", "History", "State", "SubdomainHistory"]
 
-# What a file that holds a History says of itself, and the arrays in it.
-FORMAT, VERSION = "pmalpha History", 1
+# The arrays in a file that holds a History.
 NODAL = ("t", "u", "v", "a", "dofs")
 INTERFACE = (
     "multipliers",
@@ -30,6 +31,7 @@ INTERFACE = (
 )
 # What the core tells of each macro node and subdomain, in this order.
 ENERGIES = ("kinetic", "strain", "dissipated", "external", "interface")
+TOLD = (*ENERGIES, "balance")
 
 
 @dataclass(frozen=True)
@@ -103,10 +105,11 @@ class Energy:
         dissipated: np.ndarray,
         external: np.ndarray,
         interface: np.ndarray,
+        *,
+        start: np.ndarray,
     ) -> Energy:
-        """With the balance of the others."""
-        stored = kinetic + strain
-        balance = stored - stored[:1] + dissipated - external - interface
+        """With the balance of the others; `start` is kinetic + strain where the works began."""
+        balance = kinetic + strain - start + dissipated - external - interface
         return cls(t, kinetic, strain, dissipated, external, interface, balance)
 
     def __repr__(self) -> str:
@@ -243,6 +246,11 @@ class History:
         ...     bool(np.all(History.load(path)["A"].u == history["A"].u))
         True
         """
+        header, arrays = self.contents()
+        write_npz(path, header, arrays)
+
+    def contents(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """What a file says of this History, and its arrays by name."""
         header = {
             "format": FORMAT,
             "version": VERSION,
@@ -254,14 +262,17 @@ class History:
             if part is not None:
                 arrays |= {f"{i}.{name}": getattr(part, name) for name in NODAL}
         if self.energy is not None:
-            arrays |= {f"energy.{name}": getattr(self.energy, name) for name in ENERGIES}
-        write_npz(path, header, arrays)
+            arrays |= {f"energy.{name}": getattr(self.energy, name) for name in TOLD}
+        return header, arrays
 
     @classmethod
     def load(cls, path: str | PathLike) -> History:
-        """A history from a file that `save` wrote.
+        """A history from a file that `save` wrote, or a run with ``record_to``.
 
-        The file knows its subdomains by name and place, not as objects: index it with those.
+        The file knows its subdomains by name and place, not as objects: index it with those. The
+        arrays of an HDF5 file are mapped, not read into memory: what is looked at is read then, up
+        to the macro step that the run had counted last, also while it goes on or after it was
+        killed.
 
         Parameters
         ----------
@@ -277,8 +288,13 @@ class History:
             For what is no path, and for a file that cannot be read.
         ValueError
             For any other file, or a damaged one, saying why.
+        ImportError
+            For an HDF5 file without h5py.
         """
-        header, arrays = read_npz(path, FORMAT, VERSION)
+        if history_file.is_hdf5(path):
+            header, arrays = history_file.read(path)
+        else:
+            header, arrays = read_npz(path, FORMAT, VERSION)
         try:
             parts: list[SubdomainHistory | None] = [None] * len(header["names"])
             for i in header["recorded"]:
@@ -287,8 +303,8 @@ class History:
             interface = {key: arrays[key] for key in INTERFACE}
             energy = None
             if any(key.startswith("energy.") for key in arrays):
-                told = (arrays[f"energy.{name}"] for name in ENERGIES)
-                energy = Energy.balanced(interface["macro_times"], *told)
+                told = {key: arrays[f"energy.{key}"] for key in TOLD}
+                energy = Energy(interface["macro_times"], **told)
         except (LookupError, TypeError) as error:
             raise ValueError(
                 f"path must lead to a whole file, {str(path)!r} lacks {error}"
@@ -332,7 +348,7 @@ class History:
         if self.energy is not None:
             coordinates["subdomain"] = [name for name, _ in self.keys]
             told = (macro[0], "subdomain")
-            for name in (*ENERGIES, "balance"):
+            for name in TOLD:
                 variables[f"energy_{name}"] = (told, getattr(self.energy, name))
         for part in self.subdomains:
             if part is not None:

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from os import PathLike
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from ._checks import whole_number
+from ._checks import MOST, whole_number
 from .assembly import Part
 from .constraints import dof_list
-from .history import ENERGIES, Energy, History, SubdomainHistory, by_place
+from .files import checked_path
+from .history import ENERGIES, TOLD, Energy, History, SubdomainHistory, by_place
+from .history_file import HistoryFile, row_count
 from .memory import require
 from .subdomain import Subdomain
+
+# A run that goes to a file holds about so much of it in memory, and writes it about so often.
+FILED_BYTES, FILED_SECONDS = 16e6, 0.3
 
 
 class Recording:
@@ -51,26 +60,59 @@ class Recording:
         energy: bool = False,
     ):
         self.parts, self.keys, self.row_place = parts, tuple(keys), row_place
-        self.begin, self.dt = begin, dt
+        self.begin, self.end, self.dt = begin, end, dt
         self.every = None if every is None else whole_number(every, "every", low=1)
         self.fine = fine
         self.dofs = chosen_dofs(record, self.keys)
         self.energy_columns = len(parts) * len(ENERGIES) if energy else 0
-        self._require_memory(end)
+        self.room = self._room()
+        advice = "choose dofs with record= or fewer nodes with every="
+        require(8.0 * self._numbers(self._most_rows), "the History", advice)
         self.nodes = [
-            None if dofs is None else self._allocate(part.subdomain.substeps, dofs.size, end, 3)
+            None if dofs is None else self._allocate(part.subdomain.substeps, dofs.size, 3)
             for part, dofs in zip(parts, self.dofs)
         ]
         p = row_place.size
-        self.multipliers, self.velocity_jump = self._allocate(self.fine, p, end, 2)
-        (self.displacement_jump,) = self._allocate(1, p, end, 1)
-        (self.energy,) = self._allocate(1, self.energy_columns, end, 1)
+        self.multipliers, self.velocity_jump = self._allocate(self.fine, p, 2)
+        (self.displacement_jump,) = self._allocate(1, p, 1)
+        (self.energy,) = self._allocate(1, self.energy_columns, 1)
+
+    def __enter__(self) -> Recording:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        pass
+
+    def stretches(self) -> Iterator[int]:
+        """Macro steps at which the run is to pause, and `keep` to be called."""
+        yield self.end
+
+    def keep(self, end: int) -> None:
+        """What was recorded up to macro step `end` is needed no more but for the History."""
+
+    def _room(self) -> int:
+        """Macro steps between two pauses at most."""
+        return self.end - self.begin
+
+    def _most_rows(self, nodes: int) -> int:
+        return 1 + self.room * nodes if self.every is None else 2 + self.room // self.every
+
+    def _numbers(self, rows: Callable[[int], float]) -> float:
+        """In all arrays, if a grid with so many nodes in a macro step has so many rows."""
+        p = self.row_place.size
+        numbers = 2.0 * rows(self.fine) * p
+        numbers += rows(1) * (p + 2.0 * self.energy_columns)  # and as they are told
+        for part, dofs in zip(self.parts, self.dofs):
+            if dofs is not None:
+                numbers += 3.0 * rows(part.subdomain.substeps) * dofs.size
+        return numbers
+
+    def _allocate(self, nodes: int, columns: int, count: int) -> list[np.ndarray]:
+        return [np.empty((self._most_rows(nodes), columns)) for _ in range(count)]
 
     def rows(self, nodes: int, end: int) -> int:
         """Rows of a grid with this many nodes in a macro step, the first included."""
-        if self.every is None:
-            return 1 + (end - self.begin) * nodes
-        return 1 + end // self.every - self.begin // self.every
+        return row_count(self.begin, end, self.every or 0, nodes)
 
     def times(self, nodes: int, end: int) -> np.ndarray:
         """The times of these rows, equation (T1)."""
@@ -119,25 +161,69 @@ class Recording:
         )
 
     def _told_energy(self, rows: int, end: int) -> Energy:
-        kinds = np.moveaxis(self._energies(self.energy[:rows]), -1, 0)
-        return Energy.balanced(self.times(1, end), *(np.ascontiguousarray(x) for x in kinds))
+        told = np.moveaxis(self._energies(self.energy[:rows]), -1, 0)
+        kinds = dict(zip(ENERGIES, (np.ascontiguousarray(x) for x in told)))
+        start = kinds["kinetic"][0] + kinds["strain"][0]
+        return Energy.balanced(self.times(1, end), **kinds, start=start)
 
     def _in_users_order(self, columns: np.ndarray) -> np.ndarray:
         if np.array_equal(self.row_place, np.arange(self.row_place.size)):
             return columns
         return columns[:, self.row_place]
 
-    def _allocate(self, nodes: int, columns: int, end: int, count: int) -> list[np.ndarray]:
-        return [np.empty((self.rows(nodes, end), columns)) for _ in range(count)]
 
-    def _require_memory(self, end: int) -> None:
-        p = self.row_place.size
-        numbers = 2.0 * self.rows(self.fine, end) * p
-        numbers += self.rows(1, end) * (p + 2.0 * self.energy_columns)  # and as they are told
-        for part, dofs in zip(self.parts, self.dofs):
+class FiledRecording(Recording):
+    """A run that goes to an HDF5 file stretch by stretch, with room in memory for one of them.
+
+    The first rows of the arrays stay those of the run: a later stretch begins with the node that
+    was the last of the one before, and does not write it again.
+    """
+
+    def __init__(self, path: str | PathLike, *args: Any, **options: Any):
+        self.path, self.file = checked_path(path), None
+        super().__init__(*args, **options)
+
+    def __exit__(self, *exception: object) -> None:
+        if self.file is not None:
+            self.file.close()
+
+    def _room(self) -> int:
+        step = self._numbers(lambda nodes: nodes if self.every is None else 1.0 / self.every)
+        most = FILED_BYTES / (8.0 * step) if step > 0.0 else MOST
+        return int(min(self.end - self.begin, max(most, 1.0)))
+
+    def stretches(self) -> Iterator[int]:
+        header, arrays = super().history(self.begin).contents()
+        header |= {"begin": self.begin, "every": self.every or 0, "nodes": self._grids()}
+        header["fixed"] = sorted(arrays.keys() - header["nodes"].keys())
+        self.file = HistoryFile(self.path, header, arrays, self.end)
+        steps = 1
+        while self.begin < self.end:
+            begin = perf_counter()
+            yield min(self.end, self.begin + steps)
+            seconds = perf_counter() - begin
+            steps = min(2 * steps, self.room) if seconds < FILED_SECONDS else max(1, steps // 2)
+
+    def _grids(self) -> dict[str, int]:
+        """Nodes in a macro step of all arrays that grow."""
+        grids = {"multipliers": self.fine, "multiplier_times": self.fine}
+        grids |= {"velocity_jump": self.fine, "displacement_jump": 1, "macro_times": 1}
+        for i, (part, dofs) in enumerate(zip(self.parts, self.dofs)):
             if dofs is not None:
-                numbers += 3.0 * self.rows(part.subdomain.substeps, end) * dofs.size
-        require(8.0 * numbers, "the History", "choose dofs with record= or fewer nodes with every=")
+                grids |= {f"{i}.{name}": part.subdomain.substeps for name in "tuva"}
+        return grids | {f"energy.{name}": 1 for name in TOLD if self.energy_columns}
+
+    def keep(self, end: int) -> None:
+        if end > self.begin:
+            self.file.write(super().history(end).contents()[1], self.begin, end)
+            self.begin = end
+
+    def history(self, end: int) -> History:
+        if self.file is None:
+            return super().history(end)
+        with suppress(OSError):  # of a full disk the run has told; what was counted is there
+            self.keep(end)
+        return replace(History.load(self.file.path), keys=self.keys)
 
 
 def chosen_dofs(

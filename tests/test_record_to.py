@@ -1,0 +1,410 @@
+"""A History that goes to an HDF5 file while the run goes on."""
+
+import json
+import os
+import subprocess
+import sys
+import textwrap
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+from problems import random_problem
+
+import pmalpha as pm
+from pmalpha import history_file, models, recording
+
+h5py = pytest.importorskip("h5py")
+ROOT = Path(__file__).parent.parent
+INTERFACE = (
+    "multipliers",
+    "multiplier_times",
+    "velocity_jump",
+    "displacement_jump",
+    "macro_times",
+)
+TOLD = ("t", "kinetic", "strain", "dissipated", "external", "interface", "balance")
+
+
+def require_same_bits(ours, theirs):
+    assert [name for name, _ in ours.keys] == [name for name, _ in theirs.keys]
+    for x, y in zip(ours.subdomains, theirs.subdomains):
+        assert (x is None) == (y is None)
+        for name in ("t", "u", "v", "a", "dofs") if x is not None else ():
+            same(getattr(x, name), getattr(y, name))
+    for name in INTERFACE:
+        same(getattr(ours, name), getattr(theirs, name))
+    assert (ours.energy is None) == (theirs.energy is None)
+    for name in TOLD if ours.energy is not None else ():
+        same(getattr(ours.energy, name), getattr(theirs.energy, name))
+
+
+def same(x, y):
+    assert x.shape == y.shape and x.dtype == y.dtype and x.tobytes() == y.tobytes()
+
+
+# ---- the same History -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize(
+    "options", [{}, {"every": 3}, {"record": {0: [0]}}, {"record": {}}, {"energy": True}], ids=str
+)
+def test_the_history_in_the_file_is_that_in_memory_bit_for_bit(tmp_path, seed, options):
+    problem = random_problem(seed)
+    ours, theirs = problem.coupler(), problem.coupler()
+    for steps in (7, 0, 4):  # and in stretches that do not begin at a multiple of three
+        whole = theirs.run(steps=steps, **options)
+        history = ours.run(steps=steps, record_to=tmp_path / "run.h5", **options)
+        require_same_bits(history, whole)
+        assert history.keys == ours.run(steps=0).keys
+        require_same_bits(pm.History.load(tmp_path / "run.h5"), whole)
+
+
+@pytest.mark.parametrize("size", [1.0, 5e3])
+@pytest.mark.parametrize("every", [None, 1, 7])
+def test_any_number_of_stretches_makes_the_same_file(tmp_path, monkeypatch, size, every):
+    monkeypatch.setattr(recording, "FILED_BYTES", size)
+    ours, theirs = (models.four_dof().coupler(0.05) for _ in range(2))
+    for c in (ours, theirs):
+        c.step(5)
+    options = {"every": every, "energy": True}
+    history = ours.run(steps=83, record_to=tmp_path / "run.h5", **options)
+    require_same_bits(history, theirs.run(steps=83, **options))
+
+
+def test_a_file_of_many_subdomains_and_any_names_is_a_file(tmp_path):
+    names = ["Größe 塔", "b\0", "header", "step_count", "0/u", *(f"part {i}" for i in range(300))]
+    parts = [pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), v0=[1.0], name=x) for x in names]
+    coupler, other = pm.Coupler(parts, dt=0.1), pm.Coupler(parts, dt=0.1)
+    history = coupler.run(steps=3, record_to=str(tmp_path / "run.h5"))
+    require_same_bits(history, other.run(steps=3))
+    assert pm.History.load(tmp_path / "run.h5")["b\0"].u.shape == (4, 1)
+
+
+def test_what_can_be_done_with_a_history_can_be_done_with_that_of_a_file(tmp_path):
+    coupler = models.four_dof().coupler(0.05)
+    history = coupler.run(steps=40, energy=True, record_to=tmp_path / "run.h5")
+    history.save(tmp_path / "run.npz")
+    require_same_bits(pm.History.load(tmp_path / "run.npz"), history)
+    assert abs(history["A"].u).max() > 0.5 and not history["A"].u.flags.writeable
+    assert history["A"].u.flags.aligned
+    pytest.importorskip("xarray")
+    np.testing.assert_array_equal(history.to_xarray()["B_u"], history["B"].u)
+
+
+# ---- memory ---------------------------------------------------------------------------------
+
+
+def test_a_run_to_a_file_needs_memory_for_a_stretch_and_looking_at_it_for_what_is_looked_at(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(recording, "FILED_BYTES", 1e6)
+    n, steps = 1000, 2000
+    s = pm.Subdomain(np.ones(n), np.ones(n), scheme=pm.CentralDifference(), u0=np.ones(n))
+    coupler = pm.Coupler([s], dt=0.1)
+    size = 3 * 8 * n * steps  # 48 MB
+    tracemalloc.start()
+    try:
+        history = coupler.run(steps=steps, record_to=tmp_path / "run.h5")
+        last = history[0].u[-1, 0] + pm.History.load(tmp_path / "run.h5")[0].a[:, 7].sum()
+        assert tracemalloc.get_traced_memory()[1] < 5e6 < size / 4
+    finally:
+        tracemalloc.stop()
+    assert np.isfinite(last)
+    assert (tmp_path / "run.h5").stat().st_size > size
+
+
+def test_what_was_not_run_takes_no_room_on_disk(tmp_path):
+    path, seen = tmp_path / "run.h5", []
+
+    def tell(done, total):
+        raise KeyboardInterrupt
+
+    s = pm.Subdomain(np.ones(100), np.ones(100), scheme=pm.CentralDifference(), u0=np.ones(100))
+    coupler = pm.Coupler([s], dt=0.1)
+    with pytest.raises(KeyboardInterrupt):
+        coupler.run(steps=10**8, record_to=path, progress=tell)  # 240 GB
+    seen = coupler.last_history
+    assert 0 < coupler.step_count == len(seen.macro_times) - 1 < 10**8
+    stat = path.stat()
+    if stat.st_blocks * 512 > 1e11:
+        pytest.skip("a file system without holes")
+    # the rows, the page at each end of an array, and what the system reserves ahead
+    assert stat.st_blocks * 512 < 3e3 * coupler.step_count + 1e7
+
+
+# ---- other readers --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("options", [{}, {"swmr": True}])
+def test_others_read_while_the_run_goes_on(tmp_path, options):
+    path, counts = tmp_path / "run.h5", []
+    coupler, other = (models.four_dof().coupler(0.05) for _ in range(2))
+
+    def tell(done, total):
+        with h5py.File(path, "r", **options) as file:
+            counts.append(int(file["step_count"][0]))
+            names = json.loads(file["header"][()])["names"]
+            assert names == ["A", "B"] and file["0/u"].shape == (200_001, 3)
+            if counts[-1] == 0:
+                require_same_bits(pm.History.load(path), other.run(steps=0, record={"A": None}))
+            rows = file["0/t"][: counts[-1] + 1]
+        np.testing.assert_array_equal(rows, np.arange(len(rows)) * 0.05)
+
+    coupler.run(steps=200_000, record={"A": None}, record_to=path, progress=tell)
+    assert counts == sorted(counts) and counts[-1] == 200_000
+    assert len(set(counts)) > 2
+
+
+def test_a_file_that_was_packed_again_is_read(tmp_path):
+    history = models.four_dof().coupler(0.05).run(steps=9, record_to=tmp_path / "run.h5")
+    with h5py.File(tmp_path / "run.h5") as old, h5py.File(tmp_path / "packed.h5", "w") as new:
+
+        def pack(name, x):
+            if isinstance(x, h5py.Dataset):
+                chunks = {"compression": "gzip"} if x.ndim > 1 else {}
+                new.create_dataset(name, data=x[()], **chunks)
+
+        old.visititems(pack)
+    require_same_bits(pm.History.load(tmp_path / "packed.h5"), history)
+
+
+# ---- ends before the end --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), ZeroDivisionError()])
+@pytest.mark.parametrize("size", [1.0, 16e6])
+def test_after_an_exception_the_last_history_is_the_file_up_to_the_last_macro_step(
+    tmp_path, monkeypatch, error, size
+):
+    monkeypatch.setattr(recording, "FILED_BYTES", size)
+
+    def coupler(breaks):
+        def force(t):
+            if t > 1.234 and breaks:
+                raise error
+            return [np.sin(t)]
+
+        a = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), force=force, name="a")
+        b = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), substeps=3, name="b")
+        return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.05)
+
+    broken, other = coupler(True), coupler(False)
+    with pytest.raises(type(error)):
+        broken.run(steps=100, record_to=tmp_path / "run.h5", energy=True)
+    done = broken.step_count
+    assert done == 24 if isinstance(error, ZeroDivisionError) else 0 <= done <= 24
+    whole = other.run(steps=done, energy=True)
+    require_same_bits(broken.last_history, whole)
+    require_same_bits(pm.History.load(tmp_path / "run.h5"), whole)
+    again = broken.last_history
+    broken.reset(force={"a": lambda t: [0.0]})
+    assert broken.last_history is None and again.energy is not None
+
+
+KILLED = """
+    import os, signal, time
+    import numpy as np
+    import h5py
+    from pmalpha import models, recording
+
+    rng = np.random.default_rng(1)
+    for kill in range({kills}):
+        recording.FILED_SECONDS = 0.3 * (kill % 2)  # 0: a count for every macro step
+        ready, tell = os.pipe()
+        child = os.fork()
+        if child == 0:
+            coupler = models.four_dof().coupler(0.05)
+            coupler.step(3)
+            os.write(tell, b"x")
+            coupler.run(steps=10**7, record_to=os.path.join({folder!r}, str(kill)), energy=True)
+            os._exit(1)
+        os.read(ready, 1)
+        time.sleep(rng.uniform(0.0, 0.15))
+        os.kill(child, signal.SIGKILL)
+        assert os.waitpid(child, 0)[1] == signal.SIGKILL
+        os.close(ready)
+        os.close(tell)
+"""
+
+
+def test_a_file_is_whole_up_to_its_count_after_a_kill_at_any_time(tmp_path):
+    # 50 kills, from before the file is there to after many stretches
+    program = textwrap.dedent(KILLED.format(kills=50, folder=str(tmp_path)))
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    subprocess.run([sys.executable, "-c", program], env=environment, check=True)
+    other = models.four_dof().coupler(0.05)
+    other.step(3)
+    whole = other.run(steps=100_000, energy=True)
+    counts = [count_after_kill(tmp_path / str(kill), whole) for kill in range(50)]
+    assert len(set(counts)) > 5, counts
+
+
+def count_after_kill(path, whole):
+    """Macro steps in the file, all as in the run that was not killed; -1 for no file."""
+    if not path.exists():
+        return -1
+    found = pm.History.load(path)
+    count = min(len(found.macro_times) - 1, 100_000)
+    for ours, theirs in zip(found.subdomains, whole.subdomains):
+        substeps = (len(theirs.t) - 1) // 100_000
+        for name in "tuva":
+            same(cut(ours, name, count * substeps), cut(theirs, name, count * substeps))
+    fine = (len(whole.multiplier_times) - 1) // 100_000
+    for name in ("multipliers", "multiplier_times", "velocity_jump"):
+        same(cut(found, name, count * fine), cut(whole, name, count * fine))
+    for name in TOLD:
+        same(cut(found.energy, name, count), cut(whole.energy, name, count))
+    return count
+
+
+def cut(x, name, last):
+    return getattr(x, name)[: last + 1]
+
+
+# ---- what cannot be written or read ---------------------------------------------------------
+
+
+def test_a_path_that_cannot_be_written_is_known_before_the_first_step(tmp_path):
+    coupler, other = (models.four_dof().coupler(0.05) for _ in range(2))
+    missing, folder, device = tmp_path / "nowhere" / "run.h5", tmp_path, "/dev/full"
+    for path, why in (
+        (missing, "No such file or directory.*nowhere/run.h5'"),
+        (folder, "a folder or a device"),
+        (device, "a folder or a device"),
+    ):
+        with pytest.raises(OSError, match=f"path cannot be written: {why}"):
+            coupler.run(steps=3, record_to=path)
+    with pytest.raises(TypeError, match="path must be a str or a path, got 3"):
+        coupler.run(steps=3, record_to=3)
+    with pytest.raises(OSError, match="path cannot be written"):
+        coupler.run(steps=2**52, record_to=tmp_path / "huge.h5")  # no file system holds it
+    assert coupler.step_count == 0 and not list(tmp_path.iterdir())
+    require_same_bits(coupler.run(steps=3), other.run(steps=3))
+
+
+def test_a_run_that_cannot_begin_leaves_the_old_file(tmp_path):
+    def force(t):
+        raise ZeroDivisionError
+
+    path = tmp_path / "run.h5"
+    models.four_dof().coupler(0.05).run(steps=3, record_to=path)
+    good = path.read_bytes()
+    s = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), force=force)
+    with pytest.raises(ZeroDivisionError):
+        pm.Coupler([s], dt=0.1).run(steps=3, record_to=path)
+    with pytest.raises(TypeError, match="either t_end or steps"):
+        models.four_dof().coupler(0.05).run(record_to=path)
+    assert path.read_bytes() == good
+
+
+def test_a_history_keeps_its_numbers_when_its_file_is_replaced(tmp_path):
+    coupler = models.four_dof().coupler(0.05)
+    first = coupler.run(steps=5, record_to=tmp_path / "run.h5")
+    before = first["A"].u.copy()
+    coupler.run(steps=50, record_to=tmp_path / "run.h5")
+    same(first["A"].u, before)
+
+
+def test_a_full_disk_ends_the_run_with_what_was_counted(tmp_path, monkeypatch):
+    monkeypatch.setattr(recording, "FILED_BYTES", 1.0)  # every macro step
+    coupler, other = (models.four_dof().coupler(0.05) for _ in range(2))
+    written, pwrite = [], os.pwrite
+
+    def full(descriptor, data, place):
+        written.append(len(data))
+        if sum(written) > 50_000:
+            raise OSError(28, "No space left on device")
+        return pwrite(descriptor, data[: max(1, len(data) // 2)], place)  # as the system may
+
+    monkeypatch.setattr(os, "pwrite", full)
+    with pytest.raises(OSError, match="record_to cannot be written: No space left.*run.h5'"):
+        coupler.run(steps=1000, record_to=tmp_path / "run.h5", energy=True)
+    monkeypatch.undo()
+    kept = len(coupler.last_history.macro_times) - 1
+    assert 3 < kept < coupler.step_count < 1000
+    require_same_bits(coupler.last_history, other.run(steps=kept, energy=True))
+    # and it goes on from where it stands
+    other.step(coupler.step_count - kept)
+    require_same_bits(coupler.run(steps=3), other.run(steps=3))
+
+
+def test_a_disk_that_is_full_at_once_is_known_before_the_first_step(tmp_path):
+    program = f"""
+        import resource
+        from pmalpha import models
+        resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
+        coupler = models.four_dof().coupler(0.05)
+        try:
+            coupler.run(steps=1000, record_to={str(tmp_path / "run.h5")!r})
+        except OSError as error:
+            print(coupler.step_count, error)
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("0 ") and "path cannot be written" in done.stdout
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_is_cut_off_or_another_is_refused(tmp_path):
+    path = tmp_path / "run.h5"
+    models.four_dof().coupler(0.05).run(steps=30, record_to=path)
+    whole = path.read_bytes()
+    for length in np.linspace(8, len(whole) - 1, 30).astype(int):
+        path.write_bytes(whole[:length])
+        with pytest.raises(ValueError, match="path must lead to .*is damaged or cut off"):
+            pm.History.load(path)
+    with h5py.File(path, "w") as file:
+        file["u"] = np.zeros(3)
+    with pytest.raises(ValueError, match="does not say what it holds"):
+        pm.History.load(path)
+    with h5py.File(path, "w") as file:
+        file["header"] = json.dumps({"format": "pmalpha History", "version": 7})
+    with pytest.raises(ValueError, match="is of version 7 of it, not 1"):
+        pm.History.load(path)
+
+
+def test_a_count_beyond_the_rows_is_refused(tmp_path):
+    path = tmp_path / "run.h5"
+    models.four_dof().coupler(0.05).run(steps=30, record_to=path)
+    with h5py.File(path, "r+") as file:
+        file["step_count"][0] = 31
+    with pytest.raises(ValueError, match="has fewer rows than were counted"):
+        pm.History.load(path)
+
+
+def test_without_h5py_it_is_said_what_to_install(tmp_path, monkeypatch):
+    coupler = models.four_dof().coupler(0.05)
+    coupler.run(steps=1, record_to=tmp_path / "run.h5")
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(ImportError, match=r"pip install 'pmalpha\[hdf5\]'"):
+        coupler.run(steps=1, record_to=tmp_path / "other.h5")
+    with pytest.raises(ImportError, match=r"pip install 'pmalpha\[hdf5\]'"):
+        pm.History.load(tmp_path / "run.h5")
+    assert coupler.step_count == 1 and not (tmp_path / "other.h5").exists()
+
+
+def test_the_descriptor_of_the_file_is_let_go(tmp_path):
+    def open_files():
+        return len(os.listdir("/dev/fd"))
+
+    coupler = models.four_dof().coupler(0.05)
+    before = open_files()
+    for _ in range(3):
+        coupler.run(steps=3, record_to=tmp_path / "run.h5")
+        with pytest.raises(OSError):
+            coupler.run(steps=3, record_to=tmp_path)
+    assert open_files() == before
+
+
+def test_rows_are_counted_as_the_core_counts_them():
+    assert history_file.row_count(3, 10, 0, 4) == 29
+    assert history_file.row_count(3, 10, 5, 4) == 3  # 3, 5, 10
+    assert history_file.row_count(5, 9, 5, 4) == 1
