@@ -31,13 +31,17 @@ def test_there_are_examples_in_the_docstrings_of_what_is_public():
     assert {pm.Subdomain, pm.Coupler, pm.tie, pm.Constraint, pm.solve} <= set(shown)
 
 
-def test_the_example_of_the_readme_prints_what_its_comments_say():
-    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+@pytest.mark.parametrize("page", ["README.md", "docs/experiments.md"])
+def test_what_a_page_shows_runs_and_prints_what_its_comments_say(page, tmp_path, monkeypatch):
+    if "record_to" in (shown := (ROOT / page).read_text()):
+        pytest.importorskip("h5py")
+    monkeypatch.chdir(tmp_path)
+    code = "".join(re.findall(r"```python\n(.*?)```", shown, re.DOTALL))  # one program
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
-        exec(compile(code, "README.md", "exec"), {})
+        exec(compile(code, page, "exec"), {})
     said = [re.split(r":| {2}", x)[0].strip() for x in re.findall(r"print\(.*?\) +# (.*)", code)]
-    assert printed.getvalue().split("\n")[:-1] == said
+    assert said and printed.getvalue().split("\n")[:-1] == said
 
 
 def test_links_between_the_documents_lead_somewhere():
