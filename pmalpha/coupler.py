@@ -379,7 +379,6 @@ class Coupler:
         last whole macro step, `last_history` holds the run up to there, and it can go on.
         """
         with self._entered():
-            self._require_no_ramps(energy)
             begin = self._steps_done()
             end = self._end(t_end, steps, begin)
             make = Recording if record_to is None else partial(FiledRecording, record_to)
@@ -612,13 +611,6 @@ class Coupler:
         if self._constants is None:
             self._constants = checkpoint.constants(self._options, self._parts, self._matrices)
         return self._constants | checkpoint.loads(self._parts, self._forces, self._motions)
-
-    def _require_no_ramps(self, energy: bool) -> None:
-        ramped = [part.name for part in self._parts if part.ramped]
-        if energy and ramped:
-            raise ValueError(
-                f'energy must be False with substeps under coupling="macro", got it with {ramped}'
-            )
 
     def _require_linear(self, what: str) -> None:
         for name, s in self._keys:

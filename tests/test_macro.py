@@ -622,3 +622,43 @@ def test_a_subdomain_without_conditions_and_a_coupler_without_any():
     np.testing.assert_array_equal(history["alone"].u, by_itself.u)
     nobody = pm.Coupler([alone], dt=0.1, coupling="macro").run(steps=10)
     np.testing.assert_array_equal(nobody["alone"].u, by_itself.u)
+
+
+# ---- energy -----------------------------------------------------------------------------------
+
+
+def works_of(problem, history, i):
+    """Dissipated, external and interface work of a part, from all its nodes and (M1)."""
+    part, L, x = problem.parts[i], problem.L[i], history[i]
+    own = np.arange(len(x.t)) / part.substeps
+    macro_nodes = np.arange(len(history.multipliers))
+    lam = np.array([np.interp(own, macro_nodes, column) for column in history.multipliers.T]).T
+    force = part.reference_force or (lambda t: np.zeros(len(part.M)))
+    C = np.zeros_like(part.M) if part.C is None else part.C
+    forces = [x.v @ C, np.array([force(t) for t in x.t]), lam @ L]
+    works = np.zeros((len(x.t), 3))
+    for node in range(1, len(x.t)):
+        origin = node - 2 if part.double and node > 1 else node - 1
+        du = x.u[node] - x.u[origin]
+        works[node] = works[origin] + [du @ (q[origin] + q[node]) / 2.0 for q in forces]
+    return works[:: part.substeps]
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_the_energies_are_those_of_the_recorded_nodes_and_change_no_bit(seed):
+    problem = random_macro_problem(seed)
+    for part in problem.parts:
+        part.restoring = part.K_r = part.D_r = None  # of these nobody knows the force at a node
+    summed, plain = made(problem), made(problem)
+    history = summed.run(steps=9, energy=True)
+    plain.step(9)
+    same_to_the_last_bit(summed, plain)
+    told = history.energy
+    size = max(told.kinetic.max(), told.strain.max())
+    for i, part in enumerate(problem.parts):
+        x = history[i]
+        kinetic = 0.5 * np.einsum("ki,ij,kj->k", x.v, part.M, x.v)[:: part.substeps]
+        # sums of some 100 products in another order: 1e-13 of the largest
+        assert largest(told.kinetic[:, i] - kinetic) < 1e-11 * size
+        got = [told.dissipated[:, i], told.external[:, i], told.interface[:, i]]
+        assert largest(np.transpose(got) - works_of(problem, history, i)) < 1e-11 * size

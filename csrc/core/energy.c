@@ -16,7 +16,8 @@ typedef struct {
 
 struct pma_energy {
     pma_energy_parts parts;
-    energy_node nodes[KEPT]; /* node k, counted from the beginning, in nodes[k % KEPT] */
+    size_t kept;
+    energy_node *nodes;      /* node k, counted from the beginning, in nodes[k % kept] */
     size_t opened, closed;
     double *product;         /* n: scratch */
     double *block;
@@ -28,7 +29,7 @@ static void lay_out(pma_energy *e)
 {
     const size_t n = e->parts.n, nb = e->parts.nb;
     double *next = e->block;
-    for (size_t k = 0; k < KEPT; k++) {
+    for (size_t k = 0; k < e->kept; k++) {
         energy_node *at = &e->nodes[k];
         at->u = next;
         at->load = next + n;
@@ -48,16 +49,19 @@ pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out)
     const pma_status status = pma_matrix_check(&parts->M);
     if (status != PMA_OK)
         return status;
-    /* at most (4 * KEPT + 1) n doubles: no overflow below this n */
-    if (parts->n > SIZE_MAX / (8 * KEPT * sizeof(double)))
+    const size_t kept = parts->ahead + KEPT;
+    /* at most (4 * kept + 1) n doubles: no overflow below this n */
+    if (parts->n > SIZE_MAX / (8 * kept * sizeof(double)))
         return PMA_NO_MEMORY;
     pma_energy *e = calloc(1, sizeof *e);
     if (!e)
         return PMA_NO_MEMORY;
     e->parts = *parts;
-    e->block = calloc(KEPT * (3 * parts->n + parts->nb) + parts->n, sizeof(double));
-    if (!e->block) {
-        free(e);
+    e->kept = kept;
+    e->nodes = calloc(kept, sizeof *e->nodes);
+    e->block = calloc(kept * (3 * parts->n + parts->nb) + parts->n, sizeof(double));
+    if (!e->nodes || !e->block) {
+        pma_energy_destroy(e);
         return PMA_NO_MEMORY;
     }
     lay_out(e);
@@ -67,8 +71,10 @@ pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out)
 
 void pma_energy_destroy(pma_energy *e)
 {
-    if (e)
+    if (e) {
+        free(e->nodes);
         free(e->block);
+    }
     free(e);
 }
 
@@ -76,7 +82,7 @@ void pma_energy_destroy(pma_energy *e)
 
 static energy_node *node_at(pma_energy *e, size_t k)
 {
-    return &e->nodes[k % KEPT];
+    return &e->nodes[k % e->kept];
 }
 
 /* out (n) := A x, but for the sign of its zeros */
@@ -155,20 +161,48 @@ void pma_energy_restore(pma_energy *e, const int64_t *order, const double *r)
         add(e->parts.n, to, first);
 }
 
-void pma_energy_close(pma_energy *e, const double *u, const double *v, const double *lam,
-                      bool twice)
+/* (B3)  W1 = W0 + dW, of the step to the node that is closed next */
+static void close_node(pma_energy *e, bool twice)
 {
     const size_t n = e->parts.n, inner = n - e->parts.nb;
     const energy_node *from = node_at(e, e->closed - (twice && e->closed > 0 ? 1 : 0));
-    energy_node *to = node_at(e, e->closed + 1);
-    e->closed++;
-    fill_node(e, to, u, v, lam);
-
-    /* (B3)  W1 = W0 + dW */
+    energy_node *to = node_at(e, ++e->closed);
     to->dissipated = from->dissipated + work(n, from->u, to->u, from->damping, to->damping);
     to->external = from->external + work(n, from->u, to->u, from->load, to->load);
     to->interface = from->interface + work(e->parts.nb, from->u + inner, to->u + inner, from->pull,
                                            to->pull);
+}
+
+void pma_energy_close(pma_energy *e, const double *u, const double *v, const double *lam,
+                      bool twice)
+{
+    fill_node(e, node_at(e, e->closed + 1), u, v, lam);
+    close_node(e, twice);
+}
+
+void pma_energy_know(pma_energy *e, const double *u, const double *v)
+{
+    energy_node *at = node_at(e, e->opened);
+    memcpy(at->u, u, e->parts.n * sizeof(double));
+    multiply(&e->parts.C, v, e->product);
+    add(e->parts.n, e->product, at->damping);
+}
+
+void pma_energy_add(pma_energy *e, const double *u, const double *v, const double *lam,
+                    const double *dlam, double share)
+{
+    energy_node *to = node_at(e, e->closed + 1);
+    add(e->parts.n, u, to->u);
+    multiply(&e->parts.C, v, e->product);
+    add(e->parts.n, e->product, to->damping);
+
+    /* L_b^T (lam + share dlam) */
+    memset(to->pull, 0, e->parts.nb * sizeof(double));
+    pma_link_load(&e->parts.link, dlam, to->pull);
+    for (size_t i = 0; i < e->parts.nb; i++)
+        to->pull[i] *= share;
+    pma_link_load(&e->parts.link, lam, to->pull);
+    close_node(e, false);
 }
 
 void pma_energy_tell(pma_energy *e, const double *u, const double *v, double *out)

@@ -103,26 +103,30 @@ static pma_status repeat(const pma_coupler *c, const pma_place *at, size_t last)
         if (asked_to_stop(c, at))
             return PMA_STOPPED;
         pma_subdomain_respond(at->subdomain, j, c->dlam);
+        if (pma_subdomain_has_energy(at->subdomain))
+            pma_subdomain_add_works(at->subdomain, j, c->lam, c->dlam);
         if (inner && j < at->substeps)
             pma_record_add(inner, pma_subdomain_response(at->subdomain), row_of(c, at, j));
     }
     return PMA_OK;
 }
 
-/* Where the response is stored, the substeps are repeated for the record alone, and the state at
- * the end is the same to the last bit, recorded or not. */
+/* Where the response is stored, the substeps are repeated for the record and the energy alone, and
+ * the state at the end is the same to the last bit, asked for them or not. */
 static pma_status respond(const pma_coupler *c, pma_place *at)
 {
+    const bool energy = pma_subdomain_has_energy(at->subdomain);
+    const bool reached = pma_subdomain_parts(at->subdomain)->nb > 0; /* by any condition */
     pma_status status = PMA_OK;
     if (at->substeps == 1)
         return pma_subdomain_close(at->subdomain, 1, pma_is_double(c, at), c->lam_work);
-    if (pma_subdomain_parts(at->subdomain)->nb == 0)
-        return PMA_OK; /* no condition reaches it */
-    if (!pma_subdomain_is_stored(at->subdomain))
+    if (energy || (reached && !pma_subdomain_is_stored(at->subdomain)))
         status = repeat(c, at, at->substeps);
-    else if (inner_nodes(c, at))
+    else if (reached && inner_nodes(c, at))
         status = repeat(c, at, at->substeps - 1);
-    return status == PMA_OK ? pma_subdomain_add_response(at->subdomain, c->dlam) : status;
+    if (status != PMA_OK || !reached)
+        return status;
+    return pma_subdomain_add_response(at->subdomain, c->dlam);
 }
 
 /* ---- the schedule ---------------------------------------------------------------------------- */

@@ -344,7 +344,9 @@ pma_status pma_subdomain_close(pma_subdomain *s, size_t j, bool twice, const dou
 
     if (!correct(&op->step, s->parts.n, x))
         return PMA_NOT_FINITE;
-    if (s->energy)
+    if (s->energy && s->parts.ramped)
+        pma_energy_know(s->energy, x->u, x->v);
+    else if (s->energy)
         pma_energy_close(s->energy, x->u, x->v, lam, twice);
     return PMA_OK;
 }
@@ -356,6 +358,7 @@ pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, const doub
 {
     const pma_energy_parts parts = {.n = s->parts.n,
                                     .nb = s->parts.nb,
+                                    .ahead = s->parts.ramped ? s->parts.substeps : 1,
                                     .M = M,
                                     .K = s->parts.K,
                                     .C = s->parts.C,
@@ -381,6 +384,12 @@ void pma_subdomain_end_energy(pma_subdomain *s)
 bool pma_subdomain_has_energy(const pma_subdomain *s)
 {
     return s->energy;
+}
+
+void pma_subdomain_add_works(pma_subdomain *s, size_t j, const double *lam, const double *dlam)
+{
+    const double share = (double)j / (double)s->parts.substeps;
+    pma_energy_add(s->energy, s->response.u, s->response.v, lam, dlam, share);
 }
 
 void pma_subdomain_tell_energy(const pma_subdomain *s, size_t j, double *out)

@@ -95,6 +95,10 @@ pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, const doub
 void pma_subdomain_end_energy(pma_subdomain *s); /* NULL and one without energy are allowed */
 bool pma_subdomain_has_energy(const pma_subdomain *s);
 
+/* The works of own step j of a ramped subdomain, when its response to dlam (p) has come to j: the
+ * known run was under lam (p). */
+void pma_subdomain_add_works(pma_subdomain *s, size_t j, const double *lam, const double *dlam);
+
 /* out (PMA_ENERGIES): at own node j, the last one closed */
 void pma_subdomain_tell_energy(const pma_subdomain *s, size_t j, double *out);
 
