@@ -8,6 +8,7 @@ function. Needs 8 GB and some minutes.
 import cProfile
 import pstats
 import re
+import time
 from functools import partial
 from pathlib import Path
 
@@ -45,20 +46,28 @@ def subdomains(left, right):
     return [a, b], pm.tie(a, face_a, b, face_b)
 
 
-def stage(name, call):
-    """A row with the time and the memory of a call, and what it returned."""
-    memory.forget_peak()
-    seconds, value = once(call)
+def entry(what, seconds="", processor="", present="", peak=""):
+    """A row of the table."""
     return {
-        "what": name,
+        "what": what,
         "seconds": seconds,
-        "MB": memory.present(),
-        "MB peak": memory.peak(),
-    }, value
+        "processor s": processor,
+        "MB": present,
+        "MB peak": peak,
+    }
+
+
+def stage(what, call):
+    """The row of a call, and what it returned."""
+    memory.forget_peak()
+    processor = time.process_time()
+    seconds, value = once(call, time.perf_counter)
+    processor = time.process_time() - processor
+    return entry(what, seconds, processor, memory.present(), memory.peak()), value
 
 
 def functions(profile, total):
-    """Rows for the functions of the package in which set-up was, by falling time."""
+    """Rows for the functions of the package in which set-up was, by falling processor time."""
     package = str(Path(pm.__file__).parent)
     rows = []
     for (path, _, name), (_, _, _, seconds, _) in pstats.Stats(profile).stats.items():
@@ -66,20 +75,17 @@ def functions(profile, total):
         builtin = re.search(r"pmalpha\.(_core\.\w+)>", name)
         if (ours or builtin) and seconds >= SHARE * total:
             own = f"{Path(path).stem}.{name}" if ours else builtin[1]
-            rows.append(
-                {"what": f"of set-up, in {own}", "seconds": seconds, "MB": "", "MB peak": ""}
-            )
-    return sorted(rows, key=lambda row: -row["seconds"])
+            rows.append(entry(f"of set-up, in {own}", processor=seconds))
+    return sorted(rows, key=lambda row: -row["processor s"])
 
 
 def rows(quick):
     sizes = (3, 6, 3) if quick else (32, 326, 32)
-    steps = 2 if quick else 10
-    profile = cProfile.Profile()
+    profile = cProfile.Profile(time.process_time)
     found = []
 
-    def told(name, call):
-        row, value = stage(name, call)
+    def told(what, call):
+        row, value = stage(what, call)
         found.append(row)
         return value
 
@@ -88,12 +94,10 @@ def rows(quick):
     own, tie = told("Subdomain and tie", partial(subdomains, *parts))
     del parts
     coupler = told("Coupler", partial(profile.runcall, pm.Coupler, own, tie, dt=DT))
-    setup = found[-1]["seconds"]
-    told("two macro steps", partial(coupler.step, 2))
-    (step,) = in_turn(coupler.step, rounds=steps)
-    found.append(
-        {"what": "macro step", "seconds": step, "MB": memory.present(), "MB peak": memory.peak()}
-    )
+    setup = found[-1]["processor s"]
+    told("first two macro steps", partial(coupler.step, 2))
+    (step,) = in_turn(coupler.step, rounds=2 if quick else 10, clock=time.perf_counter)
+    found.append(entry("macro step", step, "", memory.present(), memory.peak()))
     found += functions(profile, setup)
     size = {
         "threads": coupler.threads,
