@@ -81,7 +81,7 @@ def simulated_rig(**options):
         process.communicate()
 
 
-def hybrid(restoring, **options):
+def hybrid(restoring, dt=dt, **options):
     """Frame and specimen; each has half of the first floor."""
     record, record_step = models.el_centro()
     M, K = models.shear_frame([m[0] / 2, *m[1:]], [0.0, *k[1:]])  # floats on the specimen

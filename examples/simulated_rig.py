@@ -12,6 +12,7 @@ import argparse
 import random
 import socket
 import struct
+import time
 from bisect import bisect_right
 
 COMMAND, REPLY = struct.Struct("!Qdd"), struct.Struct("!Qd")
@@ -66,11 +67,12 @@ def commands(connection):
             data = data[COMMAND.size :]
 
 
-def serve(connection, actuator, specimen, noise):
+def serve(connection, actuator, specimen, noise, wait):
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     log = []
     for number, t, d in commands(connection):
         log.append(COMMAND.pack(number, t, d))
+        time.sleep(wait)
         force = specimen(actuator(t, d)) + noise()
         connection.sendall(REPLY.pack(number, force))
     connection.sendall(REPLY.pack(0, len(log)) + b"".join(log))
@@ -83,6 +85,7 @@ def main():
     say.add_argument("--delay", type=float, default=0.0, help="of the actuator, in units of t")
     say.add_argument("--noise", type=float, default=0.0, help="of the force, standard deviation")
     say.add_argument("--seed", type=int, default=0, help="of the noise")
+    say.add_argument("--wait", type=float, default=0.0, help="seconds until it answers")
     say.add_argument("--timeout", type=float, default=60.0, help="seconds of silence it bears")
     args = say.parse_args()
     generator = random.Random(args.seed)
@@ -92,8 +95,9 @@ def main():
         connection, _ = server.accept()
     with connection:
         connection.settimeout(args.timeout)
+        actuator = Actuator(args.delay)
         specimen = Yielding(args.k, args.fy, args.hardening)
-        serve(connection, Actuator(args.delay), specimen, lambda: generator.gauss(0.0, args.noise))
+        serve(connection, actuator, specimen, lambda: generator.gauss(0.0, args.noise), args.wait)
 
 
 if __name__ == "__main__":

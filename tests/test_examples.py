@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import pmalpha as pm
+
 EXAMPLES = Path(__file__).parent.parent / "examples"
 sys.path.insert(0, str(EXAMPLES))
 
@@ -96,19 +98,31 @@ def test_noise_of_the_same_seed_is_the_same_noise():
     assert np.std(forces(2)) == pytest.approx(100.0, rel=0.2)
 
 
-@pytest.mark.parametrize("command", [75, 80, 81, 82])  # in mid-step, and around its end
-def test_when_the_rig_dies_the_coupler_stands_at_the_last_whole_macro_step(command):
+def killed_at(command, process, client):
+    """A restoring force whose rig is dead from this command on."""
+
+    def die():
+        process.kill()
+        process.wait()
+
+    return Until(client, command, die)
+
+
+# what macro coupling says of a specimen that it might not be stable with
+@pytest.mark.filterwarnings("ignore:the restoring force:pmalpha.StabilityWarning")
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
+@pytest.mark.parametrize("command", [75, 81, 82])  # in mid-step, and at its end
+def test_when_the_rig_dies_the_coupler_stands_at_the_last_whole_macro_step(
+    command, coupling, threads
+):
     done = (command - 2) // rig.substeps
-    shorter = rig.hybrid(InProcess())
+    shorter = rig.hybrid(InProcess(), coupling=coupling)
     expected = shorter.run(steps=done)
     with rig.simulated_rig(**rig.specimen) as (address, process):
-
-        def die():
-            process.kill()
-            process.wait()
-
         client = rig.Rig(address)
-        coupler = rig.hybrid(Until(client, command, die))
+        dying = killed_at(command, process, client)
+        coupler = rig.hybrid(dying, coupling=coupling, threads=threads)
         with pytest.raises(ConnectionError, match=f"the rig was lost at command {command}"):
             coupler.run(steps=50)
         client.connection.close()
@@ -119,6 +133,18 @@ def test_when_the_rig_dies_the_coupler_stands_at_the_last_whole_macro_step(comma
             np.testing.assert_array_equal(
                 getattr(coupler.state(name), x), getattr(shorter.state(name), x)
             )
+
+
+def test_when_the_rig_dies_the_file_of_the_run_holds_it_up_to_there(tmp_path):
+    pytest.importorskip("h5py")
+    expected = rig.hybrid(InProcess()).run(steps=7)
+    with rig.simulated_rig(**rig.specimen) as (address, process):
+        client = rig.Rig(address)
+        coupler = rig.hybrid(killed_at(77, process, client))
+        with pytest.raises(ConnectionError):
+            coupler.run(steps=50, record_to=tmp_path / "test.h5")
+        client.connection.close()
+    assert_same_bits(pm.History.load(tmp_path / "test.h5"), expected)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="needs a process that can be stopped")
