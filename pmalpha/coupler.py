@@ -343,7 +343,8 @@ class Coupler:
             Sum up where the energy goes, from the first node of this stretch on, for all
             subdomains; at macro nodes in ``history.energy``, an `Energy`. It changes no result and
             costs a product with C in each own step, those with M and K where a macro node is
-            recorded, and 13 vectors of memory.
+            recorded, and 13 vectors of memory; under "macro" 3 more for each substep, and stored
+            responses are repeated.
         record_to : str or path, optional
             An HDF5 file that the History goes to while the run goes on, with some 16 MB of it in
             memory. A file that stands there is replaced before the first step. The History that is

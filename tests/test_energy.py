@@ -1,5 +1,7 @@
 """Where the energy goes: against the formulas on a fully recorded run, and against closed forms."""
 
+import warnings
+
 import numpy as np
 import pytest
 from problems import random_problem
@@ -84,6 +86,30 @@ def test_a_stretch_sums_up_from_its_own_first_node(seed):
     for kind in KINDS[2:]:
         assert not getattr(history.energy, kind)[0].any()
     assert not history.energy.balance[0].any()
+
+
+def test_the_work_of_a_restoring_force_under_macro_coupling_is_that_of_its_own_nodes():
+    seen = []
+
+    def restoring(u, v, t):
+        seen.append(0.3 * u)
+        return 0.3 * u
+
+    options = {"scheme": pm.Newmark(), "restoring": restoring, "restoring_stiffness": [0.3, 0.3]}
+    K = np.array([[3.0, -1.0], [-1.0, 3.0]])
+    a = pm.Subdomain([1.0, 1.0], K, scheme=pm.GeneralizedAlpha(0.8), u0=[1.0, 0.0], name="a")
+    b = pm.Subdomain([1.0, 1.0], K, substeps=4, v0=[0.0, 1.0], name="b", **options)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what a restoring force needs under macro coupling
+        coupler = pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=0.1, coupling="macro")
+    history = coupler.run(steps=6, energy=True)
+    u, r = history["b"].u, np.array(seen)
+    r[0] = r[1]
+    dW = np.sum(np.diff(u, axis=0) * (r[1:] + r[:-1]) / 2.0, axis=1)
+    expected = np.append(0.0, np.cumsum(dW))[::4]
+    # 24 sums of numbers below 1
+    np.testing.assert_allclose(history.energy.dissipated[:, 1], expected, atol=1e-14)
+    assert np.abs(expected).max() > 0.01
 
 
 def test_the_sixty_problems_have_works_of_every_kind_and_double_steps_with_substeps():
