@@ -88,8 +88,8 @@ class Coupler:
     threads : int, optional
         At most so many threads work on the subdomains, the calling one among them; 1 is none
         besides it. Results are the same bit for bit for any number. Default: as many as there are
-        processors for this process, where equation (W1) of docs/method.md, which knows sizes only,
-        says that they save a fifth of the time, else 1. `Coupler.threads` is what was decided.
+        processors for this process, where equations (W1) and (W2) of docs/method.md, which know
+        sizes only, say that they save a fifth of the time, else 1. `Coupler.threads` is what was decided.
     factorize : None, "superlu" or callable, optional
         Who factors the sparse matrices Mbar and M of the subdomains. None: our own supernodal
         code, and SciPy's SuperLU where a matrix hardly fills in. "superlu": always SuperLU, slower

@@ -86,6 +86,80 @@ def test_steps_runs_and_resets_have_the_same_bits_too(seed):
     assert_same_bits(shared.run(steps=5, every=2), first)
 
 
+def double_and_fine(**options):
+    """A coarse implicit subdomain with double steps, two fine ones, all loaded."""
+    n = 30
+    a = pm.Subdomain(
+        np.ones(n), chain(n), 0.01 * chain(n), scheme=IMPLICIT, substeps=2,
+        force=pm.SampledForce(np.sin(np.arange(200.0)), 0.07, shape=np.ones(n)), name="a",
+    )  # fmt: skip
+    b, c = (
+        pm.Subdomain(
+            np.ones(n), chain(n), scheme=EXPLICIT, substeps=10, u0=np.cos(np.arange(n)), **load
+        )
+        for load in ({"name": "b"}, {"name": "c", **options.pop("of_c", {})})
+    )
+    ties = [pm.tie(a, [n - 1], b, [0]), pm.tie(b, [n - 1], c, [0])]
+    return pm.Coupler([a, b, c], ties, dt=0.5, **options)
+
+
+def sums(u, v, t):
+    return 0.1 * u + 0.01 * v
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
+@pytest.mark.parametrize("threads", [2, 3])
+@pytest.mark.parametrize(
+    "of_c", [{}, {"force": lambda t: np.full(30, np.sin(t))}, {"restoring": sums}]
+)
+def test_double_steps_beside_the_fine_ones_have_the_same_bits(threads, of_c):
+    alone, shared = (double_and_fine(threads=k, of_c=dict(of_c)) for k in (1, threads))
+    assert_same_bits(shared.run(steps=12), alone.run(steps=12))
+    assert_same_bits(shared.run(steps=7, every=3), alone.run(steps=7, every=3))
+    for _ in range(5):
+        shared.step()
+    alone.step(5)
+    energies = [coupler.run(steps=6, energy=True) for coupler in (shared, alone)]
+    assert_same_bits(*energies)
+    np.testing.assert_array_equal(energies[0].energy.balance, energies[1].energy.balance)
+    assert_same_bits(shared.run(steps=6), alone.run(steps=6))
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
+def test_what_was_opened_early_is_void_after_a_new_load_or_a_new_state(tmp_path):
+    alone, shared = (double_and_fine(threads=k) for k in (1, 3))
+    path = tmp_path / "state.npz"
+    shared.step(6)  # two steps of the double-step subdomain are open beyond the present
+    shared.save(path)
+    shared.step(3)
+    shared.load(path)
+    alone.step(6)
+    assert_same_bits(shared.run(steps=5), alone.run(steps=5))
+    for coupler in (shared, alone):
+        coupler.reset(force={"a": np.linspace(0.0, 1.0, 30)})
+    assert_same_bits(shared.run(steps=5), alone.run(steps=5))
+    alone.save(path)
+    shared.step(2)
+    shared.load(path)  # what one thread wrote
+    assert_same_bits(shared.run(steps=5), alone.run(steps=5))
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
+def test_a_restoring_force_is_asked_once_per_own_step_with_threads_too():
+    asked = {1: [], 3: []}
+    for threads, times in asked.items():
+
+        def recording(u, v, t, times=times):
+            times.append((t, *u, *v))
+            return 0.1 * u
+
+        coupler = double_and_fine(threads=threads, of_c={"restoring": recording})
+        coupler.run(steps=5)
+        coupler.step(2)
+    assert asked[3] == asked[1]
+    assert len(asked[3]) == 1 + 7 * 10
+
+
 # ---- how many ---------------------------------------------------------------------------------
 
 

@@ -62,6 +62,7 @@ static void lay_out(pma_coupler *c, pma_subdomain *const *subdomains, const pma_
                                    .ratio = c->fine / s->substeps,
                                    .entries = pma_subdomain_entries(subdomains[i]),
                                    .doubled = s->doubled};
+        c->restored = c->restored || s->restoring.function;
     }
     for (size_t i = 0; i < c->parts.motion_count; i++)
         c->parts.motions[i] = motions[i];
@@ -71,21 +72,42 @@ static void lay_out(pma_coupler *c, pma_subdomain *const *subdomains, const pma_
     c->g_work = c->block + 3 * p;
     c->motion = c->block + 4 * p;
     c->dlam = c->block + 5 * p;
-}
-
-static bool for_caller(const pma_place *at)
-{
-    const pma_parts *parts = pma_subdomain_parts(at->subdomain);
-    return parts->restoring.function && parts->restoring.by_caller;
+    c->lam_reached = c->block + 6 * p;
+    c->g_reached = c->block + 7 * p;
 }
 
 /* Under macro coupling a subdomain does all its own steps at once, and twice. */
 static pma_duty duty_of(const pma_coupler *c, const pma_place *at)
 {
-    if (!c->parts.macro)
-        return (pma_duty){at->entries, at->substeps, for_caller(at)};
-    const bool repeats = at->substeps > 1 && !pma_subdomain_is_stored(at->subdomain);
-    return (pma_duty){at->entries * at->substeps * (repeats ? 2 : 1), 1, for_caller(at)};
+    const pma_restoring *restoring = &pma_subdomain_parts(at->subdomain)->restoring;
+    pma_duty duty = {.entries = at->entries,
+                     .substeps = at->substeps,
+                     .by_caller = restoring->function && restoring->by_caller,
+                     .aside = at->doubled && !restoring->function};
+    if (c->parts.macro) {
+        const bool repeats = at->substeps > 1 && !pma_subdomain_is_stored(at->subdomain);
+        duty.entries *= at->substeps * (repeats ? 2 : 1);
+        duty.substeps = 1;
+        duty.aside = false;
+    }
+    return duty;
+}
+
+/* Room for going on before a macro step is committed, and multipliers to do it with. */
+static pma_status look_ahead(pma_coupler *c)
+{
+    const size_t first = c->roster.begin[c->roster.fine], p = c->parts.p;
+    c->lam_late = calloc((c->parts.count - first) * p + 1, sizeof(double));
+    if (!c->lam_late)
+        return PMA_NO_MEMORY;
+    for (size_t i = first; i < c->parts.count; i++)
+        c->places[c->roster.order[i]].lam = c->lam_late + (i - first) * p;
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_status status = pma_subdomain_look_ahead(c->places[i].subdomain);
+        if (status != PMA_OK)
+            return status;
+    }
+    return PMA_OK;
 }
 
 /* Who does what, and a team of so many. */
@@ -97,11 +119,13 @@ static pma_status hire(pma_coupler *c)
         return PMA_NO_MEMORY;
     for (size_t i = 0; i < c->parts.count; i++)
         duties[i] = duty_of(c, &c->places[i]);
-    const pma_status status = pma_roster_create(c->parts.count, duties, most > 0 ? most : 1,
-                                                c->parts.worthwhile, &c->roster);
+    pma_status status = pma_roster_create(c->parts.count, duties, most > 0 ? most : 1,
+                                          c->parts.worthwhile, &c->roster);
     free(duties);
     for (size_t i = 0; status == PMA_OK && i < c->roster.begin[1]; i++)
         c->places[c->roster.order[i]].mine = true;
+    if (status == PMA_OK && c->roster.fine < c->roster.workers)
+        status = look_ahead(c);
     if (status != PMA_OK || c->roster.workers == 1)
         return status;
     return pma_team_create(c->roster.workers, &c->team);
@@ -125,7 +149,7 @@ pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out)
     c->interface_entries = 2 * pma_factor_entries(&parts->H);
     c->places = calloc(parts->count + 1, sizeof *c->places);
     c->parts.motions = calloc(parts->motion_count + 1, sizeof *c->parts.motions);
-    c->block = calloc(6 * parts->p + 1, sizeof(double));
+    c->block = calloc(8 * parts->p + 1, sizeof(double));
     if (!c->places || !c->parts.motions || !c->block) {
         pma_coupler_destroy(c);
         return PMA_NO_MEMORY;
@@ -146,6 +170,7 @@ void pma_coupler_destroy(pma_coupler *c)
         return;
     pma_team_destroy(c->team);
     pma_roster_destroy(&c->roster);
+    free(c->lam_late);
     free(c->places);
     free(c->parts.motions);
     free(c->block);
@@ -257,14 +282,14 @@ pma_status pma_coupler_share(pma_coupler *c, pma_task task, bool (*due)(const pm
 
 /* ---- the stages of a fine step -------------------------------------------------------------- */
 
-static bool at_node(const pma_place *at)
+static bool begins(const pma_place *at)
 {
-    return at->phase == 0;
+    return at->phase == 0 && at->opened <= at->j;
 }
 
-static bool at_end(const pma_place *at)
+static bool ends(const pma_place *at)
 {
-    return at->phase == at->ratio;
+    return at->phase == at->ratio && !at->late;
 }
 
 /* Free problem (13) of a subdomain that stands at a node of its own. */
@@ -272,7 +297,11 @@ static pma_status open_step(const pma_coupler *c, pma_place *at)
 {
     const double t1 = pma_instant(c, at->j + 1, at->substeps);
     const int64_t step = c->step_count * (int64_t)at->substeps + (int64_t)at->j;
-    return pma_subdomain_open(at->subdomain, at->j, pma_is_double(c, at), t1, step);
+    const pma_status status =
+        pma_subdomain_open(at->subdomain, at->j, pma_is_double(c, at), t1, step);
+    if (status == PMA_OK)
+        at->opened = at->j + 1;
+    return status;
 }
 
 /* One fine step later: everybody stands in or at the end of an own step. */
@@ -280,9 +309,10 @@ static void move_on(pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
         pma_place *at = &c->places[i];
-        if (at_node(at))
+        if (at->phase == 0)
             c->unpolled += at->entries;
         at->phase++;
+        at->late = false;
     }
 }
 
@@ -344,7 +374,7 @@ static void arrive(pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
         pma_place *at = &c->places[i];
-        if (at_end(at)) {
+        if (at->phase == at->ratio) {
             at->phase = 0;
             at->j++;
         }
@@ -370,21 +400,23 @@ static void velocity_jump(const pma_coupler *c, const double *lam, const double 
     }
 }
 
-/* sum_i L_i u_i at a macro node */
-static void displacement_jump(const pma_coupler *c, double *jump)
+/* sum_i L_i u_i at own node `macro` times the substeps: 0 is the present, 1 the end of a step */
+static void displacement_jump(const pma_coupler *c, size_t macro, double *jump)
 {
     memset(jump, 0, c->parts.p * sizeof(double));
-    for (size_t i = 0; i < c->parts.count; i++)
-        pma_subdomain_total_displacement(c->places[i].subdomain, c->places[i].j, jump);
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_place *at = &c->places[i];
+        pma_subdomain_total_displacement(at->subdomain, macro * at->substeps, jump);
+    }
 }
 
 static void record_subdomains(const pma_coupler *c, const pma_record *record)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_place *at = &c->places[i];
-        if (at->phase != 0 || record->nodes[i].count == 0)
+        if (at->phase != 0 || at->late || record->nodes[i].count == 0)
             continue;
-        const size_t row = pma_record_row(record, c->step_count, at->j, at->substeps);
+        const size_t row = pma_row(c, at->j, at->substeps);
         if (row != PMA_NO_ROW)
             pma_record_state(&record->nodes[i], pma_subdomain_at(at->subdomain, at->j), row);
     }
@@ -400,30 +432,46 @@ static void record_energy(const pma_coupler *c, const pma_record *record, size_t
 
 static void record_macro_node(const pma_coupler *c, const pma_record *record)
 {
-    const size_t row = pma_record_row(record, c->step_count, 1, 1);
+    const size_t row = pma_row(c, c->k > c->fine ? 2 : 1, 1);
     if (row == PMA_NO_ROW)
         return;
     if (record->energy)
         record_energy(c, record, row);
-    if (c->parts.p > 0)
-        displacement_jump(c, record->displacement_jump + row * c->parts.p);
+    if (c->parts.p > 0 && !pma_ahead_is_late(c))
+        displacement_jump(c, c->k / c->fine, record->displacement_jump + row * c->parts.p);
 }
 
-static void record_interface(const pma_coupler *c, const pma_record *record, size_t k)
+static void record_interface(const pma_coupler *c, const pma_record *record)
 {
     const size_t p = c->parts.p;
-    const size_t row = pma_record_row(record, c->step_count, k, c->fine);
+    const size_t row = pma_row(c, c->k, c->fine);
     if (p == 0 || row == PMA_NO_ROW)
         return;
     memcpy(record->multipliers + row * p, c->lam_work, p * sizeof(double));
-    velocity_jump(c, c->lam_work, c->g_work, record->velocity_jump + row * p);
+    if (!pma_ahead_is_late(c))
+        velocity_jump(c, c->lam_work, c->g_work, record->velocity_jump + row * p);
 }
 
-void pma_coupler_record(const pma_coupler *c, const pma_record *record, size_t k)
+/* What had to wait for those that are closed now: the jumps at the end of the macro step. */
+static void record_pending(const pma_coupler *c)
+{
+    const pma_record *record = c->record;
+    const size_t p = c->parts.p, row = pma_row(c, c->fine, c->fine), macro = pma_row(c, 1, 1);
+    if (p == 0 || row == PMA_NO_ROW)
+        return;
+    double *jump = record->velocity_jump + row * p;
+    for (size_t i = 0; i < p; i++)
+        jump[i] = -c->g_reached[i];
+    for (size_t i = 0; i < c->parts.count; i++)
+        pma_subdomain_total_velocity(c->places[i].subdomain, c->places[i].substeps, jump);
+    displacement_jump(c, 1, record->displacement_jump + macro * p);
+}
+
+void pma_coupler_record(const pma_coupler *c, const pma_record *record)
 {
     record_subdomains(c, record);
-    record_interface(c, record, k);
-    if (k == c->fine)
+    record_interface(c, record);
+    if (c->k % c->fine == 0)
         record_macro_node(c, record);
 }
 
@@ -438,37 +486,44 @@ void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
         return;
     memcpy(record->multipliers, c->lam, p * sizeof(double));
     velocity_jump(c, c->lam, c->g, record->velocity_jump);
-    displacement_jump(c, record->displacement_jump);
+    displacement_jump(c, 0, record->displacement_jump);
 }
 
 /* ---- the schedule ---------------------------------------------------------------------------- */
 
-static pma_status fine_step(pma_coupler *c, size_t k)
+static pma_status fine_step(pma_coupler *c)
 {
     /* free problems that begin here */
-    pma_status status = pma_coupler_share(c, open_step, at_node);
+    pma_status status = pma_coupler_share(c, open_step, begins);
     if (status != PMA_OK)
         return status;
+    pma_ahead_open(c);
     move_on(c);
 
     /* interface problem at the end of this fine step */
-    pma_coupler_prescribe(c, k);
+    pma_coupler_prescribe(c, c->k);
     status = solve_interface(c);
     if (status != PMA_OK)
         return status;
 
     /* link problems that end here, added */
-    status = pma_coupler_share(c, close_step, at_end);
+    status = pma_ahead_close(c);
+    if (status != PMA_OK)
+        return status;
+    status = pma_coupler_share(c, close_step, ends);
     arrive(c);
     return status;
 }
 
-/* Everybody stands at the present, whatever ended the macro step before. */
+/* Everybody stands at the present again, with nothing opened, after what ended the macro step. */
 static void go_to_present(pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
-        c->places[i].j = 0;
-        c->places[i].phase = 0;
+        pma_place *at = &c->places[i];
+        at->j = at->phase = at->opened = 0;
+        at->late = false;
+        at->job = (pma_job){0};
+        pma_subdomain_discard(at->subdomain);
     }
 }
 
@@ -479,18 +534,35 @@ static void swap(double **a, double **b)
     *b = kept;
 }
 
-/* The nodes at the end of the macro step become the present. Cannot fail. */
-static void commit(pma_coupler *c)
+void pma_coupler_commit(pma_coupler *c)
 {
+    if (c->pending && c->record)
+        record_pending(c);
     for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_place *at = &c->places[i];
+        pma_place *at = &c->places[i];
         if (c->step_count == 0 && at->doubled && c->parts.rebased && !c->parts.macro)
             pma_subdomain_rebase(at->subdomain, at->substeps, c->lam_work);
         pma_subdomain_commit(at->subdomain);
+        at->j -= at->substeps;
+        at->opened = pma_subdomain_opened(at->subdomain);
     }
-    swap(&c->lam, &c->lam_work);
-    swap(&c->g, &c->g_work);
+    swap(&c->lam, c->pending ? &c->lam_reached : &c->lam_work);
+    swap(&c->g, c->pending ? &c->g_reached : &c->g_work);
+    c->pending = false;
+    c->k -= c->fine;
     c->step_count++;
+}
+
+/* All have arrived at the end of a macro step: it becomes the present, or waits for that. */
+static void complete(pma_coupler *c)
+{
+    if (!pma_ahead_is_late(c)) {
+        pma_coupler_commit(c);
+        return;
+    }
+    c->pending = true;
+    swap(&c->lam_reached, &c->lam_work);
+    swap(&c->g_reached, &c->g_work);
 }
 
 bool pma_coupler_asked_to_stop(pma_coupler *c, const pma_poll *poll)
@@ -504,15 +576,24 @@ bool pma_coupler_asked_to_stop(pma_coupler *c, const pma_poll *poll)
 static pma_status fine_steps(pma_coupler *c, const pma_record *record, const pma_poll *poll)
 {
     for (size_t k = 1; k <= c->fine; k++) {
+        c->k = c->pending ? c->fine + k : k;
         if (pma_coupler_asked_to_stop(c, poll))
             return PMA_STOPPED;
-        const pma_status status = fine_step(c, k);
+        const pma_status status = fine_step(c);
         if (status != PMA_OK)
             return status;
         if (record)
-            pma_coupler_record(c, record, k);
+            pma_coupler_record(c, record);
     }
     return PMA_OK;
+}
+
+static void begin(pma_coupler *c, int64_t steps, const pma_record *record)
+{
+    c->record = record;
+    c->end = c->step_count + steps;
+    for (size_t i = 0; i < c->parts.count; i++)
+        c->places[i].opened = pma_subdomain_opened(c->places[i].subdomain);
 }
 
 pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,
@@ -521,11 +602,15 @@ pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *
     pma_status status = c->started ? PMA_OK : PMA_NOT_READY;
     if (c->team && steps > 0 && status == PMA_OK)
         status = pma_team_gather(c->team);
+    begin(c, steps, record);
     for (int64_t step = 0; step < steps && status == PMA_OK; step++) {
         status = (c->parts.macro ? pma_macro_step : fine_steps)(c, record, poll);
-        if (status == PMA_OK)
-            commit(c);
-        go_to_present(c);
+        if (status == PMA_OK) {
+            complete(c);
+        } else {
+            status = pma_ahead_settle(c, status);
+            go_to_present(c);
+        }
     }
     return status;
 }

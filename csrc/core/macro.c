@@ -150,6 +150,7 @@ static pma_status known_and_response(pma_coupler *c)
 
 pma_status pma_macro_step(pma_coupler *c, const pma_record *record, const pma_poll *poll)
 {
+    c->k = 1;
     pma_run run = {.record = record, .poll = poll, .unpolled = c->unpolled};
     atomic_init(&run.stopped, false);
     c->run = &run;
@@ -162,6 +163,6 @@ pma_status pma_macro_step(pma_coupler *c, const pma_record *record, const pma_po
     for (size_t i = 0; i < c->parts.count; i++)
         c->places[i].j = c->places[i].substeps;
     if (status == PMA_OK && record)
-        pma_coupler_record(c, record, 1);
+        pma_coupler_record(c, record);
     return status;
 }

@@ -33,52 +33,113 @@ static int by_number(const void *x, const void *y)
     return compare(a->subdomain, b->subdomain);
 }
 
-static size_t least_loaded(const double *load, size_t workers)
+static size_t least_loaded(const double *load, size_t begin, size_t end)
 {
-    size_t least = 0;
-    for (size_t w = 1; w < workers; w++)
+    size_t least = begin;
+    for (size_t w = begin + 1; w < end; w++)
         least = load[w] < load[least] ? w : least;
     return least;
 }
 
-static double largest(const double *load, size_t workers)
+static double largest(const double *load, size_t begin, size_t end)
 {
     double most = 0.0;
-    for (size_t w = 0; w < workers; w++)
+    for (size_t w = begin; w < end; w++)
         most = load[w] > most ? load[w] : most;
     return most;
 }
 
-/* Everybody to the least loaded worker, but to worker 0 what the caller has to do. What a fine step
- * takes is the load of the busiest worker, counted over those that have a node there, that is about
- * all that are not coarser:
+/* What there is to give out, and to how many. */
+typedef struct {
+    size_t count;
+    entrant *list;          /* in the order of by_size */
+    double *load;           /* of each worker: scratch */
+    size_t workers, aside;  /* all of them, and those beside the fine steps, the last ones */
+} division;
+
+static bool goes_aside(const division *d, const entrant *e)
+{
+    return d->aside > 0 && e->duty.aside;
+}
+
+/* Those that go with the fine steps, each to the least loaded worker, but to worker 0 what the
+ * caller has to do. What a fine step takes is the load of the busiest worker, counted over those
+ * that have a node there, that is about all that are not coarser:
  *
- *     cost = sum_c (s_c - s_{c+1}) max_w load_w(c) + meetings                             (W1)
+ *     W = sum_c (s_c - s_{c+1}) max_w load_w(c) + meetings                                (W1)
  *
  * with the classes c of equal substeps s_c from the finest on, and load_w(c) the entries of one own
  * step of all that worker w has in the classes up to c. */
-static double assign(size_t count, entrant *list, size_t workers, double *load)
+static double assign_fine(const division *d)
 {
-    double cost = workers > 1 ? (double)PMA_MEETING * (double)list[0].duty.substeps : 0.0;
-    memset(load, 0, workers * sizeof *load);
-    for (size_t i = 0; i < count; i++) {
-        const size_t coarser = i + 1 < count ? list[i + 1].duty.substeps : 0;
-        list[i].worker = list[i].duty.by_caller ? 0 : least_loaded(load, workers);
-        load[list[i].worker] += (double)list[i].duty.entries;
-        cost += (double)(list[i].duty.substeps - coarser) * largest(load, workers);
+    const size_t end = d->workers - d->aside;
+    double cost = end > 1 ? (double)PMA_MEETING * (double)d->list[0].duty.substeps : 0.0;
+    double busiest = 0.0;
+    size_t substeps = 0;
+    for (size_t i = 0; i < d->count; i++) {
+        entrant *e = &d->list[i];
+        if (goes_aside(d, e))
+            continue;
+        if (substeps > e->duty.substeps)
+            cost += (double)(substeps - e->duty.substeps) * busiest;
+        substeps = e->duty.substeps;
+        e->worker = e->duty.by_caller ? 0 : least_loaded(d->load, 0, end);
+        d->load[e->worker] += (double)e->duty.entries;
+        busiest = largest(d->load, 0, end);
     }
-    return cost;
+    return cost + (double)substeps * busiest;
+}
+
+/* Those beside the fine steps, by what they read in a whole macro step; they meet the others at
+ * their own nodes.                                                                         (W2) */
+static double assign_aside(const division *d)
+{
+    for (size_t i = 0; i < d->count; i++) {
+        entrant *e = &d->list[i];
+        if (!goes_aside(d, e))
+            continue;
+        e->worker = least_loaded(d->load, d->workers - d->aside, d->workers);
+        d->load[e->worker] += (double)e->duty.substeps * (double)(e->duty.entries + PMA_MEETING);
+    }
+    return largest(d->load, d->workers - d->aside, d->workers);
+}
+
+/* The slower of the two decides. */
+static double assign(division *d, size_t workers, size_t aside)
+{
+    d->workers = workers;
+    d->aside = aside;
+    memset(d->load, 0, workers * sizeof *d->load);
+    const double fine = assign_fine(d), beside = aside > 0 ? assign_aside(d) : 0.0;
+    return fine > beside ? fine : beside;
+}
+
+/* How many of so many workers are best beside the fine steps; rather one than none. */
+static double choose_aside(division *d, size_t workers)
+{
+    size_t most = 0, best = 0;
+    for (size_t i = 0; i < d->count; i++)
+        most += d->list[i].duty.aside;
+    most = most < workers - 1 ? most : workers - 1;
+    double least = assign(d, workers, 0);
+    for (size_t aside = 1; aside <= most; aside++) {
+        const double cost = assign(d, workers, aside);
+        if (cost < least || (cost == least && best == 0)) {
+            least = cost;
+            best = aside;
+        }
+    }
+    return assign(d, workers, best);
 }
 
 /* As many workers as pay. Twice as many are tried each time. */
-static size_t worthwhile_number(size_t count, entrant *list, size_t most, double *load)
+static size_t worthwhile_number(division *d, size_t most)
 {
-    const double alone = assign(count, list, 1, load);
     size_t best = 1;
-    double least = 0.8 * alone;
+    double least = 0.8 * choose_aside(d, 1);
     for (size_t workers = 2; workers / 2 < most; workers *= 2) {
         const size_t tried = workers < most ? workers : most;
-        const double cost = assign(count, list, tried, load);
+        const double cost = choose_aside(d, tried);
         if (cost <= least) {
             least = cost;
             best = tried;
@@ -118,8 +179,10 @@ pma_status pma_roster_create(size_t count, const pma_duty *duties, size_t worker
     for (size_t i = 0; i < count; i++)
         list[i] = (entrant){duties[i], i, 0};
     qsort(list, count, sizeof *list, by_size);
-    out->workers = worthwhile ? worthwhile_number(count, list, most, load) : most;
-    assign(count, list, out->workers, load);
+    division d = {.count = count, .list = list, .load = load};
+    out->workers = worthwhile ? worthwhile_number(&d, most) : most;
+    choose_aside(&d, out->workers);
+    out->fine = d.workers - d.aside;
     write_down(count, list, out);
     free(list);
     free(load);

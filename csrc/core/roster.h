@@ -14,11 +14,13 @@ typedef struct {
     size_t entries;  /* read by one own step */
     size_t substeps; /* own steps in a macro step */
     bool by_caller;  /* worker 0 has to do it */
+    bool aside;      /* takes double steps: can be left to a worker beside the fine steps */
 } pma_duty;
 
 /* Worker w has the subdomains order[begin[w]]..order[begin[w + 1] - 1], in ascending order. */
 typedef struct {
     size_t workers;
+    size_t fine;   /* workers of the fine steps; the others have those that are beside them */
     size_t *order; /* one for each subdomain */
     size_t *begin; /* workers + 1 */
 } pma_roster;
@@ -28,7 +30,8 @@ typedef struct {
 #define PMA_MEETING 20000
 
 /* At most `workers` workers, as many as there are subdomains at most; if `worthwhile`, one only
- * unless several save a fifth of the time.                                                 (W1) */
+ * unless several save a fifth of the time. Some of them work beside the fine steps where that is
+ * faster than if all went with them.                                                  (W1) (W2) */
 pma_status pma_roster_create(size_t count, const pma_duty *duties, size_t workers, bool worthwhile,
                              pma_roster *out);
 void pma_roster_destroy(pma_roster *r); /* a zeroed one is allowed */

@@ -11,6 +11,19 @@
 #include "roster.h"
 #include "team.h"
 
+/* What a worker beside the fine steps has been given to do with one subdomain. Worker 0 writes it
+ * before and reads it after, not meanwhile. */
+typedef struct {
+    bool running;
+    bool closes, opens; /* the step to own node j; the one to own node j + 2 */
+    size_t j;
+    double t1;          /* of own node j + 2 */
+    int64_t step;
+    const pma_record_nodes *nodes;
+    size_t row;         /* where own node j is recorded, or PMA_NO_ROW */
+    pma_status status;  /* of the closing */
+} pma_job;
+
 /* Where a subdomain stands inside the macro step. */
 typedef struct {
     pma_subdomain *subdomain;
@@ -20,6 +33,10 @@ typedef struct {
     size_t entries;         /* matrix entries read by one own step */
     bool doubled, mine;     /* takes double steps; belongs to worker 0, the caller */
     pma_status status;      /* what the last open or close said; written when it is not PMA_OK */
+    size_t opened;          /* own node up to which steps have been opened, or are being */
+    bool late;              /* the step to this node is being closed beside the fine steps */
+    pma_job job;
+    double *lam;            /* p: what it is closed with; NULL for those that are never late */
 } pma_place;
 
 /* Work to be done with one subdomain, on whatever worker has it. */
@@ -38,6 +55,11 @@ struct pma_coupler {
     pma_place *places;  /* one for each subdomain */
     size_t fine;        /* interface problems in a macro step */
     int64_t step_count; /* macro steps done */
+    int64_t end;        /* macro step at which the call at hand ends */
+    size_t k;           /* fine steps since the present, of the one at hand */
+    bool restored;      /* somebody has a restoring force */
+    bool pending;       /* the macro step before is not committed yet: nodes are counted on */
+    const pma_record *record; /* of the call at hand, or NULL */
     bool started;
     size_t failed;
     size_t unpolled;    /* entries read since the last poll */
@@ -46,6 +68,8 @@ struct pma_coupler {
     double *lam_work;   /* p: of the fine step at hand */
     double *g;          /* p: prescribed velocities of the present, zero where none is */
     double *g_work;     /* p: of the fine step at hand */
+    double *lam_reached, *g_reached; /* p: of the macro step that is pending */
+    double *lam_late;   /* what is closed late is closed with */
     double *motion;     /* p: scratch */
     double *dlam;       /* p: under macro coupling, how far the multipliers go */
     double *block;
@@ -70,6 +94,13 @@ static inline double pma_instant(const pma_coupler *c, size_t k, size_t nodes)
     return count / (double)nodes * c->parts.dt;
 }
 
+/* The row of own node j of `nodes` in a macro step, or PMA_NO_ROW; j may go on beyond them. */
+static inline size_t pma_row(const pma_coupler *c, size_t j, size_t nodes)
+{
+    const int64_t macro = c->step_count + (j > nodes);
+    return pma_record_row(c->record, macro, j > nodes ? j - nodes : j, nodes);
+}
+
 /* g (p) of interface problem k = 1..fine of the macro step into g_work */
 void pma_coupler_prescribe(pma_coupler *c, size_t k);
 
@@ -80,11 +111,30 @@ pma_status pma_coupler_solve(pma_coupler *c);
  * What went wrong with the first subdomain, in order, with which it did. */
 pma_status pma_coupler_share(pma_coupler *c, pma_task task, bool (*due)(const pma_place *));
 
-/* Everybody has arrived at interface instant k of the macro step: what is wanted of it. */
-void pma_coupler_record(const pma_coupler *c, const pma_record *record, size_t k);
+/* Everybody has arrived at interface instant c->k: what is wanted of it. */
+void pma_coupler_record(const pma_coupler *c, const pma_record *record);
 
 /* A macro step of macro coupling, as far as commit; in macro.c */
 pma_status pma_macro_step(pma_coupler *c, const pma_record *record, const pma_poll *poll);
+
+/* The nodes at the end of the macro step become the present. Cannot fail. */
+void pma_coupler_commit(pma_coupler *c);
+
+/* ---- beside the fine steps: ahead.c ------------------------------------------------------------ */
+
+/* Those that stand at a node with one step opened begin to open the next. */
+void pma_ahead_open(pma_coupler *c);
+
+/* Those that reach a node are awaited, take the multipliers and are sent on; at the end of a call
+ * they are left to be closed as the others are. PMA_NOT_FINITE when what is awaited was not. */
+pma_status pma_ahead_close(pma_coupler *c);
+
+/* Is a step that ended at this instant still being closed? */
+bool pma_ahead_is_late(const pma_coupler *c);
+
+/* All is awaited after what ended the fine step at hand with this status. A failure that belongs
+ * to an earlier instant is the one that is named, and the macro step before committed if it can. */
+pma_status pma_ahead_settle(pma_coupler *c, pma_status status);
 
 /* Looks at the poll when enough entries were read since the last time. */
 bool pma_coupler_asked_to_stop(pma_coupler *c, const pma_poll *poll);

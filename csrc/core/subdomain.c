@@ -5,6 +5,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* An own step that is closed, two that are opened and the node before; or for single steps two
+ * macro steps with two stored velocities each. */
+enum { MOST_WORKS = 4 };
+
 /* Nodes inside a macro step live in `work`, in turn; the present is changed by commit alone, so
  * that whatever ends a macro step early leaves the state of the last whole one. */
 struct pma_subdomain {
@@ -12,17 +16,20 @@ struct pma_subdomain {
     pma_load load;
     pma_state present;  /* own node 0 */
     pma_state previous; /* own node -1, for the double step */
-    pma_state work[2];  /* own nodes 1, 2, ...; the second only for double steps with substeps */
-    size_t works;
-    pma_state response; /* (M3), if ramped */
+    pma_state work[MOST_WORKS]; /* own nodes 1, 2, ..., see slot_of */
+    size_t works, first;        /* how many of them there are, and where they begin */
+    size_t opened;              /* steps towards the own nodes up to this one have been opened */
+    pma_state response;         /* (M3), if ramped */
     pma_response stored;
-    double *vf_present, *vf_work[2]; /* nb: stored free velocities of nodes 0 and 1, 2, ... */
-    double *vf_previous;             /* nb: of node -1; no step reads it, but it is part of a state */
-    double *link;                    /* nb: scratch */
-    double *vs;                      /* n: extrapolated velocity (R1); only where it is needed */
-    int code;                        /* what a function that failed returned */
-    pma_energy *energy;              /* of a run that asks for it, else NULL */
-    double *block;
+    double *vf_present;         /* nb: stored free velocity of node 0 */
+    double *vf_work[MOST_WORKS]; /* nb: of nodes 1, 2, ... */
+    double *vf_previous;        /* nb: of node -1; no step reads it, but it is part of a state */
+    double *link, *closing;     /* nb: scratch of what may be asked during a step, and of a step */
+    double *link_work, *link_aside; /* having looked ahead: scratch of a factor, for what is asked */
+    double *vs;                 /* n: extrapolated velocity (R1); only where it is needed */
+    int code;                   /* what a function that failed returned */
+    pma_energy *energy;         /* of a run that asks for it, else NULL */
+    double *block, *block_ahead;
 };
 
 /* ---- making ----------------------------------------------------------------------------- */
@@ -96,6 +103,7 @@ static void lay_out(pma_subdomain *s)
     s->vf_work[0] = take(&next, nb);
     s->vf_work[1] = take(&next, nb);
     s->link = take(&next, nb);
+    s->closing = take(&next, nb);
     s->vf_previous = take(&next, nb);
     s->vs = take(&next, extrapolates(&s->parts) ? n : 0);
 }
@@ -109,7 +117,7 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
     const size_t works = parts->doubled && parts->substeps > 1 ? 2 : 1;
     const size_t states = 1 + works + (parts->doubled ? 1 : 0) + (parts->ramped ? 1 : 0);
     const size_t extrapolated = extrapolates(parts) ? parts->n : 0;
-    /* at most 5 * 4 n + n + 5 nb doubles: no overflow below this n */
+    /* at most 5 * 4 n + n + 6 nb doubles: no overflow below this n */
     if (parts->n > SIZE_MAX / (32 * sizeof(double)))
         return PMA_NO_MEMORY;
     pma_subdomain *s = calloc(1, sizeof *s);
@@ -117,7 +125,7 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
         return PMA_NO_MEMORY;
     s->parts = *parts;
     s->works = works;
-    s->block = calloc(states * 4 * parts->n + extrapolated + 5 * parts->nb, sizeof(double));
+    s->block = calloc(states * 4 * parts->n + extrapolated + 6 * parts->nb, sizeof(double));
     if (!s->block) {
         free(s);
         return PMA_NO_MEMORY;
@@ -131,9 +139,40 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
 void pma_subdomain_destroy(pma_subdomain *s)
 {
     pma_subdomain_end_energy(s);
-    if (s)
+    if (s) {
         free(s->block);
+        free(s->block_ahead);
+    }
     free(s);
+}
+
+static size_t height_of(const pma_operator *op)
+{
+    return op->factor.form == PMA_PANELS ? pma_panels_most_height(&op->factor.panels) : 0;
+}
+
+pma_status pma_subdomain_look_ahead(pma_subdomain *s)
+{
+    const pma_parts *p = &s->parts;
+    const size_t works = !p->doubled ? 2 : p->substeps > 1 ? 4 : 3;
+    const size_t single = height_of(&p->single), twice = p->doubled ? height_of(&p->twice) : 0;
+    const size_t height = single > twice ? single : twice;
+    if (s->block_ahead)
+        return PMA_OK;
+    /* at most 2 * 4 n + 2 nb + n + n doubles, fewer than there are already */
+    s->block_ahead = calloc((works - s->works) * 4 * p->n + 2 * p->nb + height + p->n,
+                            sizeof(double));
+    if (!s->block_ahead)
+        return PMA_NO_MEMORY;
+    double *next = s->block_ahead;
+    for (size_t i = s->works; i < works; i++)
+        s->work[i] = take_state(&next, p->n);
+    s->vf_work[2] = take(&next, p->nb);
+    s->vf_work[3] = take(&next, p->nb);
+    s->link_work = take(&next, height);
+    s->link_aside = take(&next, p->n);
+    s->works = works;
+    return PMA_OK;
 }
 
 const pma_parts *pma_subdomain_parts(const pma_subdomain *s)
@@ -145,6 +184,7 @@ void pma_subdomain_set_load(pma_subdomain *s, pma_load load)
 {
     assert(load.n == s->parts.n);
     s->load = load;
+    s->opened = 0;
 }
 
 const pma_load *pma_subdomain_load(const pma_subdomain *s)
@@ -171,14 +211,32 @@ static const pma_operator *operator_of(const pma_subdomain *s, bool twice)
     return twice ? &s->parts.twice : &s->parts.single;
 }
 
+/* Single steps are made in place: a macro step has one slot, the next one another if there are two.
+ * Double steps need the node before, so their nodes take turns. */
+static size_t slot_of(const pma_subdomain *s, size_t j)
+{
+    if (s->works == 1)
+        return 0;
+    return (s->first + (s->parts.doubled ? j - 1 : j > s->parts.substeps)) % s->works;
+}
+
 const pma_state *pma_subdomain_at(const pma_subdomain *s, size_t j)
 {
-    return j == 0 ? &s->present : &s->work[(j - 1) % s->works];
+    return j == 0 ? &s->present : &s->work[slot_of(s, j)];
+}
+
+/* Where the stored free velocity of own node j > 0 is: that of the node before is needed too. */
+static size_t free_velocity_slot(const pma_subdomain *s, size_t j)
+{
+    const size_t slot = slot_of(s, j), substeps = s->parts.substeps;
+    if (s->parts.doubled && s->works > 1)
+        return slot;
+    return 2 * slot + (j > substeps ? j - substeps - 1 : j - 1) % 2;
 }
 
 static double *free_velocity_at(const pma_subdomain *s, size_t j)
 {
-    return j == 0 ? s->vf_present : s->vf_work[(j - 1) % 2];
+    return j == 0 ? s->vf_present : s->vf_work[free_velocity_slot(s, j)];
 }
 
 /* The state a step towards own node j + 1 starts from. */
@@ -197,12 +255,18 @@ static double *interface_of(const pma_subdomain *s, double *x)
 
 /* ---- the verbs -------------------------------------------------------------------------- */
 
-/* link (nb) := S^-1 L_b^T lam */
+/* link (nb) := S^-1 L_b^T lam. With other scratch than the steps have, when one may be under way in
+ * another thread. */
 static void solve_link(pma_subdomain *s, const pma_operator *op, const double *lam)
 {
+    pma_factor factor = op->factor;
+    if (s->block_ahead) {
+        factor.work = s->link_work;
+        factor.path.aside = s->link_aside;
+    }
     memset(s->link, 0, s->parts.nb * sizeof(double));
     pma_link_load(&s->parts.link, lam, s->link);
-    pma_factor_interface(&op->factor, s->link);
+    pma_factor_interface(&factor, s->link);
 }
 
 void pma_subdomain_compliance(pma_subdomain *s, bool twice, const double *lam, double *out)
@@ -285,6 +349,7 @@ pma_status pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1,
     pma_factor_open(&op->factor, to->w, vf);
     for (size_t i = 0; i < s->parts.nb; i++)
         vf[i] = vt[i] + op->step.al2 * vf[i];
+    s->opened = j + 1;
     return PMA_OK;
 }
 
@@ -338,9 +403,9 @@ pma_status pma_subdomain_close(pma_subdomain *s, size_t j, bool twice, const dou
     const pma_state *x = pma_subdomain_at(s, j);
 
     /* (F4), (F5)  w = Mbar^-1 (g + L^T Lam) */
-    memset(s->link, 0, s->parts.nb * sizeof(double));
-    pma_link_load(&s->parts.link, lam, s->link);
-    pma_factor_close(&op->factor, s->link, x->w);
+    memset(s->closing, 0, s->parts.nb * sizeof(double));
+    pma_link_load(&s->parts.link, lam, s->closing);
+    pma_factor_close(&op->factor, s->closing, x->w);
 
     if (!correct(&op->step, s->parts.n, x))
         return PMA_NOT_FINITE;
@@ -367,6 +432,7 @@ pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, const doub
     const pma_status status = pma_energy_create(&parts, &energy);
     if (status != PMA_OK)
         return status;
+    s->opened = 0; /* the energy is to be told of every step that is opened */
     pma_energy_begin(energy, s->present.u, s->present.v, load, lam);
     pma_subdomain_end_energy(s);
     s->energy = energy;
@@ -565,6 +631,7 @@ void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, con
     memcpy(s->present.v, v, bytes);
     memcpy(s->present.w, w, bytes);
     memcpy(s->present.a, w, bytes);
+    s->opened = 0;
     store_free_velocity(s, false, v, lam, s->vf_present); /* (S2) */
 }
 
@@ -575,6 +642,7 @@ void pma_subdomain_rebase(pma_subdomain *s, size_t j, const double *lam)
 
 pma_nodes pma_subdomain_nodes(pma_subdomain *s)
 {
+    s->opened = 0;
     return (pma_nodes){.present = s->present,
                        .vf = s->vf_present,
                        .previous = s->previous,
@@ -597,14 +665,26 @@ static void swap_pointers(double **a, double **b)
 
 void pma_subdomain_commit(pma_subdomain *s)
 {
-    const size_t last = s->parts.substeps - 1;
-    if (s->works == 2) {
-        swap_states(&s->previous, &s->work[(last - 1) % 2]);
-        swap_pointers(&s->vf_previous, &s->vf_work[(last - 1) % 2]);
+    const size_t last = s->parts.substeps;
+    if (s->parts.doubled && last > 1) {
+        swap_states(&s->previous, &s->work[slot_of(s, last - 1)]);
+        swap_pointers(&s->vf_previous, &s->vf_work[free_velocity_slot(s, last - 1)]);
     } else if (s->parts.doubled) {
         swap_states(&s->previous, &s->present);
         swap_pointers(&s->vf_previous, &s->vf_present);
     }
-    swap_states(&s->present, &s->work[last % s->works]);
-    swap_pointers(&s->vf_present, &s->vf_work[last % 2]);
+    swap_states(&s->present, &s->work[slot_of(s, last)]);
+    swap_pointers(&s->vf_present, &s->vf_work[free_velocity_slot(s, last)]);
+    s->first = slot_of(s, last + 1);
+    s->opened = s->opened > last ? s->opened - last : 0;
+}
+
+size_t pma_subdomain_opened(const pma_subdomain *s)
+{
+    return s->opened;
+}
+
+void pma_subdomain_discard(pma_subdomain *s)
+{
+    s->opened = 0;
 }

@@ -63,6 +63,11 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out);
 void pma_subdomain_destroy(pma_subdomain *s); /* NULL is allowed */
 
 const pma_parts *pma_subdomain_parts(const pma_subdomain *s);
+
+/* Room for going on before the last macro step is committed: own nodes up to twice the substeps,
+ * and for a double-step subdomain two steps that are opened. */
+pma_status pma_subdomain_look_ahead(pma_subdomain *s);
+
 void pma_subdomain_set_load(pma_subdomain *s, pma_load load);
 const pma_load *pma_subdomain_load(const pma_subdomain *s);
 
@@ -77,7 +82,8 @@ void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, con
                          const double *lam);
 
 /* All that the next macro step reads, for analysis and for saving; pointers into the subdomain,
- * valid until the next open or commit, to be read or written in between. */
+ * valid until the next open or commit, to be read or written in between. Steps opened beyond the
+ * present are discarded. */
 typedef struct {
     pma_state present;
     double *vf;            /* nb: stored free velocity of the present */
@@ -102,7 +108,9 @@ void pma_subdomain_add_works(pma_subdomain *s, size_t j, const double *lam, cons
 /* out (PMA_ENERGIES): at own node j, the last one closed */
 void pma_subdomain_tell_energy(const pma_subdomain *s, size_t j, double *out);
 
-/* ---- inside a macro step: own nodes are counted 0..substeps from its beginning ------------ */
+/* ---- inside a macro step: own nodes are counted 0..substeps from its beginning ------------
+ *
+ * Having looked ahead, they go on beyond it, and commit takes the first `substeps` away. */
 
 /* The state at own node j; j = 0 is the present. Valid until the next open or commit. */
 const pma_state *pma_subdomain_at(const pma_subdomain *s, size_t j);
@@ -142,6 +150,11 @@ void pma_subdomain_rebase(pma_subdomain *s, size_t j, const double *lam);
 
 /* The last own node of the macro step becomes the present. Swaps pointers, cannot fail. */
 void pma_subdomain_commit(pma_subdomain *s);
+
+/* The own node up to which steps have been opened, counted from the present; a new state or load
+ * and `discard` make it 0, and they have to be opened again. */
+size_t pma_subdomain_opened(const pma_subdomain *s);
+void pma_subdomain_discard(pma_subdomain *s);
 
 /* ---- macro coupling: the response to a ramp of multipliers, of a ramped subdomain ---------- */
 

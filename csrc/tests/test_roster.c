@@ -8,6 +8,21 @@
 
 enum { MANY = 50 };
 
+static pma_duty common(size_t entries, size_t substeps)
+{
+    return (pma_duty){.entries = entries, .substeps = substeps};
+}
+
+static pma_duty of_caller(size_t entries, size_t substeps)
+{
+    return (pma_duty){.entries = entries, .substeps = substeps, .by_caller = true};
+}
+
+static pma_duty aside(size_t entries, size_t substeps)
+{
+    return (pma_duty){.entries = entries, .substeps = substeps, .aside = true};
+}
+
 static pma_roster made(size_t count, const pma_duty *duties, size_t workers, bool worthwhile)
 {
     pma_roster r;
@@ -30,7 +45,7 @@ static void every_subdomain_has_one_worker_and_every_worker_a_subdomain(void)
 {
     pma_duty duties[MANY];
     for (size_t i = 0; i < MANY; i++)
-        duties[i] = (pma_duty){1 + (i * 17) % 23, 1 + i % 3, false};
+        duties[i] = common(1 + (i * 17) % 23, 1 + i % 3);
     for (size_t workers = 1; workers <= MANY + 3; workers++) {
         pma_roster r = made(MANY, duties, workers, false);
         size_t times[MANY] = {0};
@@ -50,7 +65,7 @@ static void every_subdomain_has_one_worker_and_every_worker_a_subdomain(void)
 static void the_largest_go_to_the_least_loaded(void)
 {
     /* 7 | 5; 5 + 4 | 7; 9 | 7 + 3 */
-    const pma_duty duties[4] = {{3, 2, false}, {5, 2, false}, {7, 2, false}, {4, 2, false}};
+    const pma_duty duties[4] = {common(3, 2), common(5, 2), common(7, 2), common(4, 2)};
     pma_roster r = made(4, duties, 2, false);
     CHECK_INT(worker_of(&r, 2), 0);
     CHECK_INT(worker_of(&r, 0), 0);
@@ -62,7 +77,7 @@ static void the_largest_go_to_the_least_loaded(void)
 static void those_with_the_finest_steps_are_balanced_among_themselves(void)
 {
     /* by size alone the two fine ones would share a worker, in all fine steps but one */
-    const pma_duty duties[3] = {{1000, 1, false}, {10, 20, false}, {12, 20, false}};
+    const pma_duty duties[3] = {common(1000, 1), common(10, 20), common(12, 20)};
     pma_roster r = made(3, duties, 2, false);
     CHECK(worker_of(&r, 1) != worker_of(&r, 2));
     CHECK_INT(worker_of(&r, 0), worker_of(&r, 1)); /* the smaller of them */
@@ -71,7 +86,7 @@ static void those_with_the_finest_steps_are_balanced_among_themselves(void)
 
 static void what_the_caller_has_to_do_is_done_by_worker_0_and_the_rest_balanced_around_it(void)
 {
-    const pma_duty duties[4] = {{9, 1, false}, {3, 1, true}, {4, 1, true}, {2, 1, false}};
+    const pma_duty duties[4] = {common(9, 1), of_caller(3, 1), of_caller(4, 1), common(2, 1)};
     pma_roster r = made(4, duties, 2, false);
     CHECK_INT(worker_of(&r, 0), 1);
     CHECK_INT(worker_of(&r, 1), 0);
@@ -92,22 +107,49 @@ static void several_are_taken_where_they_save_a_fifth(void)
 {
     /* (W1) two of e entries: e + meeting against 2 e, so from e = meeting / 0.6 on */
     const size_t border = (size_t)(PMA_MEETING / 0.6);
-    const pma_duty below[2] = {{border - 1, 5, false}, {border - 1, 5, false}};
-    const pma_duty above[2] = {{border + 1, 5, false}, {border + 1, 5, false}};
+    const pma_duty below[2] = {common(border - 1, 5), common(border - 1, 5)};
+    const pma_duty above[2] = {common(border + 1, 5), common(border + 1, 5)};
     CHECK_INT(number(2, below, 2), 1);
     CHECK_INT(number(2, above, 2), 2);
     CHECK_INT(number(2, above, 1), 1);
     CHECK_INT(number(2, above, 64), 2);
     /* nothing to share: one large, one small */
-    const pma_duty alone[2] = {{100 * border, 1, false}, {border, 1, false}};
+    const pma_duty alone[2] = {common(100 * border, 1), common(border, 1)};
     CHECK_INT(number(2, alone, 2), 1);
     /* a coarse one cannot pay for the meetings of all fine steps: 3 + 3 + 20 / 10 > 0.8 (6 + 20 / 40) */
-    const pma_duty coarse[2] = {{3 * PMA_MEETING, 1, false}, {PMA_MEETING / 40, 20, false}};
+    const pma_duty coarse[2] = {common(3 * PMA_MEETING, 1), common(PMA_MEETING / 40, 20)};
     CHECK_INT(number(2, coarse, 2), 1);
     /* three alike for any number of workers from three on */
-    const pma_duty large = {10 * border, 1, false}, three[3] = {large, large, large};
+    const pma_duty large = common(10 * border, 1), three[3] = {large, large, large};
     CHECK_INT(number(3, three, 3), 3);
     CHECK_INT(number(3, three, 8), 3);
+}
+
+static void those_with_double_steps_work_beside_the_fine_steps_where_that_pays(void)
+{
+    const size_t large = 100 * PMA_MEETING;
+    /* (W2) max(20, 1) instead of 20 + 1, in hundreds of meetings */
+    const pma_duty two[2] = {aside(20 * large, 1), common(large / 20, 20)};
+    pma_roster r = made(2, two, 2, false);
+    CHECK_INT(r.fine, 1);
+    CHECK_INT(worker_of(&r, 0), 1);
+    CHECK_INT(worker_of(&r, 1), 0);
+    pma_roster_destroy(&r);
+    r = made(2, two, 1, false);
+    CHECK_INT(r.fine, 1);
+    CHECK_INT(r.workers, 1);
+    pma_roster_destroy(&r);
+    /* two fine ones, each as much as the coarse one: one worker for all of them is slower */
+    const pma_duty three[3] = {aside(large, 1), common(large, 20), common(large, 20)};
+    r = made(3, three, 2, false);
+    CHECK_INT(r.fine, 2);
+    CHECK(worker_of(&r, 1) != worker_of(&r, 2));
+    pma_roster_destroy(&r);
+    /* with a third worker there is one for each */
+    r = made(3, three, 3, false);
+    CHECK_INT(r.fine, 2);
+    CHECK_INT(worker_of(&r, 0), 2);
+    pma_roster_destroy(&r);
 }
 
 /* ---- all of them ----------------------------------------------------------------------------- */
@@ -117,6 +159,7 @@ const test ROSTER_TESTS[] = {
     TEST(the_largest_go_to_the_least_loaded),
     TEST(what_the_caller_has_to_do_is_done_by_worker_0_and_the_rest_balanced_around_it),
     TEST(those_with_the_finest_steps_are_balanced_among_themselves),
+    TEST(those_with_double_steps_work_beside_the_fine_steps_where_that_pays),
     TEST(several_are_taken_where_they_save_a_fifth),
     END_OF_TESTS,
 };

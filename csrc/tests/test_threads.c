@@ -134,12 +134,66 @@ static void a_value_that_is_not_finite_is_named_and_the_run_can_go_on(void)
     }
 }
 
+/* ---- of several values that are not finite, the one that one thread would have met ----------- */
+
+enum { COARSE = 2, SPAN = 6 }; /* substeps of A, macro steps */
+
+/* A double, B with three times its substeps; each has a small mass that nothing touches, with
+ * a load in one own step under which it overflows: that is seen when the step is closed and not
+ * before. */
+static const double SMALL = 1e-3;
+
+static void make_isolated(model *m, size_t threads, bool A_first, size_t A_step, size_t B_step)
+{
+    *m = (model){.count = 2, .p = 1, .dt = 0.3, .rebased = true, .threads = threads};
+    part *A = &m->parts[A_first ? 0 : 1], *B = &m->parts[A_first ? 1 : 0];
+    *A = (part){.n = 2, .nb = 1, .p = 1, .substeps = COARSE, .implicit = true, .doubled = true,
+                .scheme = generalized_alpha(0.5), .M = {SMALL, 0, 0, 1}, .K = {SMALL, 0, 0, 2},
+                .L = {0, 1}, .u0 = {0.5, 1.0}};
+    *B = (part){.n = 2, .nb = 1, .p = 1, .substeps = 3 * COARSE,
+                .scheme = generalized_alpha(0.5), .M = {SMALL, 0, 0, 1}, .K = {SMALL, 0, 0, 2},
+                .L = {0, -1}, .u0 = {0.5, 1.0}};
+    A->loads[2 * A_step] = B->loads[2 * B_step] = 1e308;
+    for (size_t i = 0; i < m->count; i++)
+        m->parts[i].load = (pma_load){.kind = PMA_LOAD_TABLE, .values = m->parts[i].loads,
+                                      .rows = NODES};
+    make_model(m);
+}
+
+static void check_isolated(bool A_first, size_t A_step, size_t B_step)
+{
+    static model m, n;
+    make_isolated(&m, 1, A_first, A_step, B_step);
+    make_isolated(&n, 2, A_first, A_step, B_step);
+    CHECK_STATUS(pma_coupler_advance(m.coupler, SPAN, NULL, NULL), PMA_NOT_FINITE);
+    CHECK_STATUS(pma_coupler_advance(n.coupler, SPAN, NULL, NULL), PMA_NOT_FINITE);
+    CHECK_INT(pma_coupler_failed(n.coupler), pma_coupler_failed(m.coupler));
+    CHECK_INT(pma_coupler_step_count(n.coupler), pma_coupler_step_count(m.coupler));
+    const snapshot expected = present(&m);
+    check_same_present(&n, &expected);
+    for (size_t i = 0; i < expected.count; i++)
+        CHECK(isfinite(expected.values[i]));
+    destroy_model(&m);
+    destroy_model(&n);
+}
+
+static void of_several_failures_the_first_is_named_as_by_one_thread(void)
+{
+    for (size_t A_step = 0; A_step < SPAN * COARSE; A_step++) {
+        for (size_t B_step = 0; B_step < SPAN * COARSE * 3; B_step++) {
+            check_isolated(true, A_step, B_step);
+            check_isolated(false, A_step, B_step);
+        }
+    }
+}
+
 /* ---- all of them ----------------------------------------------------------------------------- */
 
 const test THREADS_TESTS[] = {
     TEST(a_run_has_the_same_bits_for_any_number_of_threads),
     TEST(step_by_step_and_not_recorded_it_has_the_same_bits_too),
     TEST(a_stopped_run_goes_on_as_if_never_stopped),
+    TEST(of_several_failures_the_first_is_named_as_by_one_thread),
     TEST(a_value_that_is_not_finite_is_named_and_the_run_can_go_on),
     END_OF_TESTS,
 };
