@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+import scipy.linalg
 import scipy.sparse as sp
 from problems import random_problem
 
@@ -84,6 +85,65 @@ def test_every_form_of_factor_solves_what_the_matrix_says(seed):
     for factor in all_factors(A, nb):
         # the matrices have a condition below 1e4
         np.testing.assert_allclose(solve(factor, A @ x, nb), x, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_our_factors_solve_as_superlu_and_dense_cholesky_do(seed):
+    rng = np.random.default_rng(seed)
+    n, nb = int(rng.integers(400, 900)), int(rng.integers(0, 60))
+    pieces = [random_matrix(rng, m, 4.0 / m) for m in (n // 3, n - n // 3)]
+    A = ordered(sp.csr_array(sp.block_diag(pieces)), nb)  # two parts that are not connected
+    b = rng.normal(size=n)
+    by_superlu = sp.linalg.splu(sp.csc_array(A)).solve(b)
+    by_cholesky = scipy.linalg.cho_solve(scipy.linalg.cho_factor(A.toarray()), b)
+    for factor in (by_panels(A, nb), by_columns(A, nb), factors.factorize(A, names(n), nb=nb)):
+        x = solve(factor, b, nb)
+        # rounding times a condition below 1e5
+        np.testing.assert_allclose(x, by_superlu, rtol=0, atol=1e-10 * np.max(np.abs(x)))
+        np.testing.assert_allclose(x, by_cholesky, rtol=0, atol=1e-10 * np.max(np.abs(x)))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_quasi_definite_matrix_is_refused_and_has_the_inertia_of_its_blocks(seed):
+    # [[A, B], [B^T, -C]] with A, C positive definite has as many negative pivots as C has rows, in
+    # every order (Vanderbei 1995)
+    rng = np.random.default_rng(seed)
+    m, k = int(rng.integers(1, 150)), int(rng.integers(1, 100))
+    B = sp.random_array((m, k), density=0.05, rng=rng)
+    A, C = random_matrix(rng, m, 0.05), random_matrix(rng, k, 0.05)
+    whole = ordered(sp.csr_array(sp.block_array([[A, B], [B.T, -C]])), 0)
+    n = m + k
+    for attempt in (
+        lambda: by_panels(whole, 0),
+        lambda: by_columns(whole, 0),
+        lambda: factors.factorize(whole.toarray(), names(n)),
+    ):
+        with pytest.raises(DEFINITE, match="indefinite") as caught:
+            attempt()
+        assert caught.value.inertia == (k, 0, m)
+
+
+def test_zeros_that_are_stored_on_one_side_and_double_entries_change_nothing():
+    box = structures.solid(4, 4, 4, 0.25, E=1.0, nu=0.3, rho=1.0)
+    K = sp.coo_array(box.K)
+    rng = np.random.default_rng(0)
+    rows, columns = rng.integers(0, box.n, (2, 3000))
+    odd = sp.coo_array(
+        (
+            np.concatenate([0.5 * K.data, np.zeros(3000), 0.5 * K.data]),
+            (
+                np.concatenate([K.row, rows, K.row]),
+                np.concatenate([K.col, columns, K.col]),
+            ),
+        ),
+        shape=K.shape,
+    )
+    runs = []
+    for stiffness in (box.K, odd, sp.csc_array(odd)):
+        s = pm.Subdomain(box.M, stiffness, scheme=pm.Newmark(), force=np.ones(box.n))
+        runs.append(pm.solve(s, dt=0.1, t_end=0.5).u)
+    np.testing.assert_array_equal(runs[1], runs[0])
+    np.testing.assert_array_equal(runs[2], runs[0])
 
 
 @pytest.mark.parametrize("nb", [0, 36, 216])

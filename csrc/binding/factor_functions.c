@@ -101,18 +101,6 @@ static PyObject *postorder(PyObject *Py_UNUSED(module), PyObject *args)
 
 /* ---- supernodes ------------------------------------------------------------------------------ */
 
-/* row_ptr and start (s+1 each) from what is known of the columns */
-static void lay_out(size_t s, const int64_t *first, const int64_t *count, int64_t *row_ptr,
-                    int64_t *start)
-{
-    row_ptr[0] = start[0] = 0;
-    for (size_t k = 0; k < s; k++) {
-        const int64_t width = first[k + 1] - first[k], below = count[first[k + 1] - 1];
-        row_ptr[k + 1] = row_ptr[k] + below;
-        start[k + 1] = start[k] + width * (width + below);
-    }
-}
-
 /* The arrays of the structure, once the supernodes are known; scratch: 3 n. */
 static PyObject *new_structure(const pattern *A, size_t s, const int64_t *columns,
                                const int64_t *count, int64_t *scratch)
@@ -123,7 +111,7 @@ static PyObject *new_structure(const pattern *A, size_t s, const int64_t *column
     PyObject *structure = NULL;
     if (arrays[0] && arrays[1] && arrays[3] && arrays[4]) {
         memcpy(first, columns, (s + 1) * sizeof *first);
-        lay_out(s, first, count, row_ptr, start);
+        pma_symbolic_lay_out(s, first, count, row_ptr, start);
         npy_intp length = (npy_intp)row_ptr[s];
         arrays[2] = PyArray_ZEROS(1, &length, NPY_INT32, 0);
     }

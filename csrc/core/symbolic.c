@@ -136,6 +136,17 @@ size_t pma_symbolic_supernodes(size_t n, size_t nb, const int64_t *parent, const
     return s;
 }
 
+void pma_symbolic_lay_out(size_t supernodes, const int64_t *first, const int64_t *count,
+                          int64_t *row_ptr, int64_t *start)
+{
+    row_ptr[0] = start[0] = 0;
+    for (size_t s = 0; s < supernodes; s++) {
+        const int64_t width = first[s + 1] - first[s], below = count[first[s + 1] - 1];
+        row_ptr[s + 1] = row_ptr[s] + below;
+        start[s + 1] = start[s] + width * (width + below);
+    }
+}
+
 static int ascending(const void *a, const void *b)
 {
     const int32_t x = *(const int32_t *)a, y = *(const int32_t *)b;

@@ -35,10 +35,17 @@ void pma_symbolic_postorder(size_t n, size_t nb, const int64_t *parent, const in
 size_t pma_symbolic_supernodes(size_t n, size_t nb, const int64_t *parent, const int64_t *count,
                                int64_t *zeros, int64_t *first);
 
+/* Where the rows and the panel of each supernode begin, in 64 bits: a factor of 70 000 dense
+ * columns has more entries than 32 bits count.
+ *
+ * first (supernodes+1), count (n): input. row_ptr, start (supernodes+1): output; row_ptr[s+1] -
+ * row_ptr[s] is the count of its last column. */
+void pma_symbolic_lay_out(size_t supernodes, const int64_t *first, const int64_t *count,
+                          int64_t *row_ptr, int64_t *start);
+
 /* The rows below the diagonal block of each supernode, ascending.
  *
- * row_ptr (supernodes+1): input, row_ptr[s+1] - row_ptr[s] = count of its last column.
- * rows: output. owner (n): output, the supernode of each column. mark (n), child, next
+ * row_ptr (supernodes+1): input. rows: output. owner (n): output, the supernode of each column. mark (n), child, next
  * (supernodes): scratch. PMA_BAD_INDEX when the rows are not as many as counted: the pattern is
  * not symmetric. */
 pma_status pma_symbolic_rows(size_t n, const int64_t *ptr, const int32_t *index, size_t supernodes,

@@ -183,12 +183,7 @@ void analyse(structure *m)
     count_entries(m);
     const size_t s =
         pma_symbolic_supernodes(m->n, m->nb, m->parent, m->count, m->integers, m->first);
-    m->row_ptr[0] = m->start[0] = 0;
-    for (size_t i = 0; i < s; i++) {
-        const int64_t width = m->first[i + 1] - m->first[i], below = m->count[m->first[i + 1] - 1];
-        m->row_ptr[i + 1] = m->row_ptr[i] + below;
-        m->start[i + 1] = m->start[i] + width * (width + below);
-    }
+    pma_symbolic_lay_out(s, m->first, m->count, m->row_ptr, m->start);
     pma_symbolic_rows(m->n, m->ptr, m->index, s, m->first, m->row_ptr, m->owner, m->integers,
                       m->integers + m->n, m->integers + m->n + s, m->rows);
     m->panels = (pma_panels){s, m->first, m->row_ptr, m->rows, m->start, m->values};

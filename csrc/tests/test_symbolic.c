@@ -203,7 +203,28 @@ static void supernodes_of_dense_and_diagonal_matrices_are_as_few_and_as_many_as_
     CHECK_INT(pma_symbolic_supernodes(N, 0, parent, length, scratch, first), N);
 }
 
+/* Supernodes of 200 columns of a dense matrix of 1e8 unknowns, by hand: panel s, with 200 k rows
+ * below it, has 200 (200 + 200 k) entries. */
+static void entries_and_rows_are_counted_in_64_bits(void)
+{
+    enum { WIDTH = 200, S = 1000 };
+    static int64_t first[S + 1], count[WIDTH * S], row_ptr[S + 1], start[S + 1];
+    const int64_t beyond = 100000000 - WIDTH * S;
+    for (int64_t s = 0; s <= S; s++)
+        first[s] = WIDTH * s;
+    for (int64_t j = 0; j < WIDTH * S; j++)
+        count[j] = beyond + WIDTH * S - 1 - j;
+    pma_symbolic_lay_out(S, first, count, row_ptr, start);
+    CHECK_INT(row_ptr[1], beyond + WIDTH * (S - 1));
+    CHECK_INT(row_ptr[S], S * beyond + (int64_t)WIDTH * S * (S - 1) / 2);
+    CHECK_INT(start[S], WIDTH * (S * (int64_t)WIDTH + row_ptr[S]));
+    CHECK(row_ptr[S] > UINT32_MAX && start[S] > 1000 * (int64_t)UINT32_MAX);
+    pma_panels p = {S, first, row_ptr, NULL, start, NULL};
+    CHECK_INT((int64_t)pma_panels_update_size(&p), WIDTH * row_ptr[1]);
+}
+
 const test SYMBOLIC_TESTS[] = {
+    TEST(entries_and_rows_are_counted_in_64_bits),
     TEST(the_symbolic_count_agrees_with_brute_force),
     TEST(a_postorder_keeps_the_fill_and_gathers_every_subtree),
     TEST(supernodes_hold_the_whole_fill_and_break_at_the_interface),
