@@ -236,6 +236,8 @@ class Coupler:
         if any(doubles):
             H_start = interface_matrix(parts, p, start=True)
             H_start = interface_factor(H_start, rows, superlu=superlu)
+        for part in parts:
+            part.blocks.clear()
         self._parts = parts
         self._initial_accelerations = InitialAccelerations(parts, p, rows)
         self._core = _core.Coupler(

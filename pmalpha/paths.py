@@ -5,17 +5,16 @@ The unknowns of the interface and all that lie above them in the elimination tre
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import solve_triangular
+from scipy.linalg.blas import dtrsm
 
 from .blas import one_thread
 
 # Columns of L^T that are swept together: a panel is read once for all of them.
-BLOCK = 256
+BLOCK = 128
 
 
 @dataclass(frozen=True)
@@ -66,6 +65,7 @@ def compliance_along_paths(inverse: np.ndarray, R: tuple, L_b: sp.csr_array) -> 
     before its first one; what is left of it follows by symmetry.
     """
     steps = _Steps(inverse, R)
+    space = np.empty(steps.size * min(BLOCK, L_b.shape[0]))
     place = steps.local[R[5][R[5].size - L_b.shape[1] :]]  # of the interface dofs, on the paths
     reached = np.minimum.reduceat(place[L_b.indices], L_b.indptr[:-1])
     order = np.argsort(reached, kind="stable")
@@ -75,7 +75,10 @@ def compliance_along_paths(inverse: np.ndarray, R: tuple, L_b: sp.csr_array) -> 
     with one_thread():
         for begin in range(0, order.size, BLOCK):
             own = slice(begin, min(begin + BLOCK, order.size))
-            X = np.ascontiguousarray(swept[own].T.toarray())
+            entries = sp.coo_array(swept[own])
+            X = space[: steps.size * entries.shape[0]].reshape(steps.size, -1)
+            X[:] = 0.0
+            X[entries.col, entries.row] = entries.data
             steps.solve(X, int(reached[order[begin]]))
             block[begin:, own] = swept[begin:] @ X
             block[own, begin:] = block[begin:, own].T
@@ -95,10 +98,12 @@ class _Steps:
         own = np.arange(self.size) + np.repeat(first[supernodes] - self.begins[:-1], widths)
         self.local[own] = np.arange(self.size)
         self.inverse = inverse[own][:, None]
-        self.panels = [
+        panels = [
             values[start[s] : start[s + 1]].reshape(first[s + 1] - first[s], -1).T
             for s in supernodes
         ]
+        self.tops = [np.asfortranarray(panel[:width]) for panel, width in zip(panels, widths)]
+        self.below = [panel[width:] for panel, width in zip(panels, widths)]
         self.rows = [self.local[rows[row_ptr[s] : row_ptr[s + 1]]] for s in supernodes]
 
     def solve(self, X: np.ndarray, reached: int) -> None:
@@ -106,23 +111,21 @@ class _Steps:
 
         What is before is not touched, and so not the solution.
         """
-        steps = list(self._from(reached))
-        for own, rows, top, below in steps:
-            X[own] = solve_triangular(
-                top, X[own], lower=True, unit_diagonal=True, check_finite=False
-            )
-            X[rows] -= below @ X[own]
-        for own, rows, top, below in reversed(steps):
-            X[own] *= self.inverse[own]
-            X[own] -= below.T @ X[rows]
-            X[own] = solve_triangular(
-                top, X[own], trans="T", lower=True, unit_diagonal=True, check_finite=False
-            )
+        first = int(np.searchsorted(self.begins, reached, side="right")) - 1
+        steps = range(first, len(self.rows))
+        for k in steps:
+            own = X[self.begins[k] : self.begins[k + 1]]
+            self._solve_top(k, own, transposed=False)
+            X[self.rows[k]] -= self.below[k] @ own
+        for k in reversed(steps):
+            here = slice(self.begins[k], self.begins[k + 1])
+            own = X[here]
+            own *= self.inverse[here]
+            own -= self.below[k].T @ X[self.rows[k]]
+            self._solve_top(k, own, transposed=True)
 
-    def _from(self, reached: int) -> Iterator[tuple]:
-        for k in range(
-            int(np.searchsorted(self.begins, reached, side="right")) - 1, len(self.rows)
-        ):
-            width = self.panels[k].shape[1]
-            own = slice(self.begins[k], self.begins[k + 1])
-            yield own, self.rows[k], self.panels[k][:width], self.panels[k][width:]
+    def _solve_top(self, k: int, own: np.ndarray, *, transposed: bool) -> None:
+        """own := R_kk^-1 own, or R_kk^-T own, in place: BLAS sees the transpose of own."""
+        if own.shape[0] > 1:
+            options = dict(side=1, lower=1, trans_a=not transposed, diag=1, overwrite_b=1)
+            dtrsm(1.0, self.tops[k], own.T, **options)

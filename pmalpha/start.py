@@ -23,7 +23,7 @@ from scipy.sparse.linalg import lsmr, splu
 
 from . import _core
 from ._checks import listing
-from .assembly import Part, compliance, core_subdomain, interface_factor, summed, total
+from .assembly import Block, Part, compliance, core_subdomain, interface_factor, summed, total
 from .blas import one_thread
 from .errors import ConstraintWarning, InstabilityError
 from .matrices import combination, product
@@ -169,7 +169,7 @@ class _Mass:
         L = self.linked if linked else sp.csr_array((0, self.part.n))
         return core_subdomain(self.part, UNIT_STEP, L, self.operator)
 
-    def compliance(self) -> sp.csr_array:
+    def compliance(self) -> sp.csr_array | Block:
         """L M^-1 L^T"""
         if self.diagonal is not None:
             return sp.csr_array(self.linked @ sp.diags_array(1.0 / self.diagonal) @ self.linked.T)

@@ -192,10 +192,10 @@ def test_the_interface_matrix_from_the_factors_is_what_the_core_makes_of_unit_mu
         if part.diagonal_mbar(part.h) is not None or not rows.size:
             continue
         al2 = part.subdomain.scheme.coefficients(part.h)[1]
-        ours = al2 * compliance(part.factors[0], part.L, part.nb, part.name).toarray()
+        ours = al2 * compliance(part.factors[0], part.L, part.nb, part.name).values
         theirs = part.core.compliance(False, rows)
         # the same sums in another order
-        np.testing.assert_allclose(ours[np.ix_(rows, rows)], theirs, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-13)
 
 
 def indefinite(n, where):
@@ -496,3 +496,27 @@ def test_mbar_of_both_steps_and_the_mass_share_one_structure():
     single, twice = (factor[1] for factor in part.factors)
     for k in range(4):  # first, row_ptr, rows, start
         assert single[k] is twice[k] is part.elimination.structure.panels[k]
+
+
+@pytest.mark.parametrize("rows", [1, 5, 12, 30])
+def test_the_compliance_is_that_of_the_dense_inverse_for_few_and_for_many_conditions(rows):
+    rng = np.random.default_rng(rows)
+    n, nb = 60, 20  # up to a third of nb by solutions, beyond by S^-1 as a whole
+    A = ordered(random_matrix(rng, n, 0.05), nb)
+    L = np.zeros((rows, n))
+    L[:, n - nb :] = rng.normal(size=(rows, nb))
+    exact = L @ np.linalg.inv(A.toarray()) @ L.T
+    for factor in all_factors(A, nb):
+        ours = compliance(factor, sp.csr_array(L), nb, "tower")
+        # the matrices have a condition below 1e4
+        np.testing.assert_allclose(ours.values, exact, rtol=0, atol=1e-11 * np.max(np.abs(exact)))
+
+
+def test_an_interface_of_implicit_parts_that_does_not_fit_is_refused_with_the_figure(monkeypatch):
+    boxes = [structures.solid(2, 20, 20, 0.1, E=1.0, nu=0.3, rho=1.0) for _ in range(2)]
+    face = boxes[0].dofs(boxes[0].nodes(lambda x, y, z: x < 1e-9))  # p = 1323
+    a, b = (s.subdomain(scheme=pm.GeneralizedAlpha(0.5)) for s in boxes)
+    coupling = pm.tie(a, face, b, face)
+    monkeypatch.setattr("pmalpha.memory.available", lambda: 50_000_000)
+    with pytest.raises(MemoryError, match="interface matrix of 1323 conditions.*MB.*available"):
+        pm.Coupler([a, b], coupling, dt=0.1)
