@@ -276,7 +276,7 @@ pma_status pma_coupler_share(pma_coupler *c, pma_task task, bool (*due)(const pm
     }
     work_through(c, 0);
     for (size_t w = 1; w < c->roster.workers; w++)
-        pma_team_await(c->team, w);
+        pma_team_await_if(c->team, w, work_through);
     return take_status(c);
 }
 

@@ -191,3 +191,9 @@ void pma_team_await(pma_team *t, size_t worker)
     const unsigned posted = atomic_load_explicit(&s->posted, memory_order_relaxed);
     wait_until(s, &s->finished, posted, true, &s->caller_sleeps);
 }
+
+void pma_team_await_if(pma_team *t, size_t worker, pma_work work)
+{
+    if (t->seats[worker - 1].work == work)
+        pma_team_await(t, worker);
+}

@@ -33,4 +33,7 @@ void pma_team_post(pma_team *t, size_t worker, pma_work work, void *ctx);
 /* Returns when the worker has finished what it was given, at once if that was nothing. */
 void pma_team_await(pma_team *t, size_t worker);
 
+/* The same if this is what it was given last; one that does something else is not waited for. */
+void pma_team_await_if(pma_team *t, size_t worker, pma_work work);
+
 #endif

@@ -1,5 +1,6 @@
 /* test_team.c - threads that wait for work: all of it is done, once each, and they end. */
 #define _POSIX_C_SOURCE 200809L
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <sys/types.h>
@@ -95,6 +96,31 @@ static void one_worker_is_awaited_apart_from_the_others(void)
     pma_team_destroy(t);
 }
 
+/* A caller that waited for this would never come to tell it. */
+static void work_until_told(void *ctx, size_t worker)
+{
+    (void)worker;
+    while (!atomic_load((atomic_bool *)ctx))
+        sleep_a_little();
+}
+
+static void who_does_something_else_is_not_waited_for(void)
+{
+    pma_team *t;
+    board b = {0};
+    atomic_bool told = false;
+    CHECK_STATUS(pma_team_create(WORKERS, &t), PMA_OK);
+    CHECK_STATUS(pma_team_gather(t), PMA_OK);
+    pma_team_post(t, 1, work_until_told, &told);
+    pma_team_post(t, 2, count, &b);
+    for (size_t w = 1; w < WORKERS; w++)
+        pma_team_await_if(t, w, count);
+    CHECK_INT(b.done[2], 1);
+    atomic_store(&told, true);
+    pma_team_await_if(t, 1, work_until_told);
+    pma_team_destroy(t);
+}
+
 static void a_team_of_no_workers_or_of_too_many_is_refused(void)
 {
     pma_team *t;
@@ -159,6 +185,7 @@ const test TEAM_TESTS[] = {
     TEST(everybody_does_all_that_is_posted_once),
     TEST(those_who_have_fallen_asleep_are_woken),
     TEST(one_worker_is_awaited_apart_from_the_others),
+    TEST(who_does_something_else_is_not_waited_for),
     TEST(a_team_of_no_workers_or_of_too_many_is_refused),
     TEST(a_process_forked_off_has_threads_of_its_own),
     END_OF_TESTS,
