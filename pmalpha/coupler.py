@@ -89,7 +89,8 @@ class Coupler:
         At most so many threads work on the subdomains, the calling one among them; 1 is none
         besides it. Results are the same bit for bit for any number. Default: as many as there are
         processors for this process, where equations (W1) and (W2) of docs/method.md, which know
-        sizes only, say that they save a fifth of the time, else 1. `Coupler.threads` is what was decided.
+        sizes only, say that they save a fifth of the time, else 1. `Coupler.threads` is what was
+        decided.
     factorize : None, "superlu" or callable, optional
         Who factors the sparse matrices Mbar and M of the subdomains. None: our own supernodal
         code, and SciPy's SuperLU where a matrix hardly fills in. "superlu": always SuperLU, slower
@@ -787,6 +788,8 @@ class Coupler:
         the same condition.
         """
         pairs = [(L, x) for L, x in zip(self._matrices, values) if x.any()]
+        if not pairs and not np.any(g):
+            return np.empty(0, dtype=np.int64), np.empty(0)
         jump = sum((L @ x for L, x in pairs), np.zeros(self._p)) - g
         size = sum((abs(L) @ np.abs(x) for L, x in pairs), np.zeros(self._p)) + np.abs(g)
         largest = np.max(size / self._row_size, initial=0.0)

@@ -22,6 +22,9 @@ Matrix = np.ndarray | sp.csr_array | None
 SYMMETRY = 1e-10
 SYMMETRY_OF_ROW = 1e-14
 
+# Up to so many entries a product takes less time than telling BLAS to use one thread.
+SMALL = 10_000
+
 
 def canonical(value: Any, name: str, n: int | None = None) -> tuple[Matrix, int]:
     """Check a user's matrix and bring it into the inner form; the input is copied.
@@ -181,6 +184,12 @@ def product(A: Matrix, x: np.ndarray) -> np.ndarray:
         return np.zeros_like(x)
     if A.ndim == 1:
         return (A * x.T).T
+    if not x.any():
+        return np.zeros_like(x)
+    if sp.issparse(A):
+        return A @ x
+    if A.size <= SMALL:
+        return np.einsum("ij,j...->i...", A, x)
     with one_thread():
         return A @ x
 

@@ -177,6 +177,8 @@ class _Mass:
 
     def check_equations(self, r: np.ndarray, lam: np.ndarray, size: float) -> None:
         """Warn when 0 = r + L^T Lam does not hold, with forces of this size about."""
+        if not self.massless.size:
+            return
         left = np.abs(r + self.part.L.T @ lam)[self.massless]
         broken = self.massless[left > RESIDUAL * size]
         if broken.size:
