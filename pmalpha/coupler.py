@@ -80,7 +80,7 @@ class Coupler:
         method). "gc": staggered, single steps (GC-alpha). "macro": multipliers linear over the
         macro step and found once in it, velocities tied at macro nodes; of order 2 with any
         substeps, double steps only where ``double_step=True`` (and ``substeps=1``). See
-        docs/method.md, section 13.
+        docs/couplings.md for which when.
     start : {"rebased", "plain"}, default "rebased"
         What is done with the stored free velocity when a subdomain changes over to double steps
         after the first macro step, equation (S3). "plain" does nothing, as in the paper. Under

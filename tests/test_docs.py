@@ -66,7 +66,8 @@ def test_the_stub_names_what_the_core_has():
         assert named == {name for name in vars(type_) if not name.startswith("__")}
 
 
-def test_every_test_that_the_reproduction_cites_exists():
-    cited = set(re.findall(r"`(test_\w+)`", (ROOT / "docs" / "reproduction.md").read_text()))
+@pytest.mark.parametrize("page", ["reproduction.md", "couplings.md"])
+def test_every_test_that_a_page_cites_exists(page):
+    cited = set(re.findall(r"`(test_\w+)`", (ROOT / "docs" / page).read_text()))
     written = "\n".join(path.read_text() for path in ROOT.glob("tests/*.py"))
     assert cited and not [name for name in cited if f"def {name}(" not in written]
