@@ -77,7 +77,15 @@ def _sparse(value: Any, name: str) -> sp.csr_array:
     A.eliminate_zeros()  # stored on one side only, they would make the pattern unsymmetric
     A.sort_indices()
     require_finite(A.data, f"the stored entries of {name}")
+    _shorten_indices(A)
     return A
+
+
+def _shorten_indices(A: sp.csr_array) -> None:
+    """32 bits an index, where they fit: a million dofs would take a third more memory with 64."""
+    if max(A.nnz, *A.shape) <= np.iinfo(np.int32).max:
+        A.indices = A.indices.astype(np.int32, copy=False)
+        A.indptr = A.indptr.astype(np.int32, copy=False)
 
 
 def entries(value: Any, name: str) -> sp.coo_array:
@@ -153,6 +161,7 @@ def permuted(A: Matrix, order: np.ndarray) -> Matrix:
         return A[order]
     if not sp.issparse(A):
         return np.ascontiguousarray(A[np.ix_(order, order)])
+    order = order.astype(A.indices.dtype)  # or SciPy would widen the indices to its own
     B = sp.csr_array(A[order][:, order])
     B.sort_indices()
     return B
