@@ -24,6 +24,7 @@ setup(
                 "-std=c11",
                 "-O3",
                 "-ffp-contract=off",  # a fused multiply-add would round otherwise than written
+                "-fno-trapping-math",  # no value changes; a select may compute both sides
                 "-fopenmp-simd",
                 "-pthread",
                 "-fvisibility=hidden",

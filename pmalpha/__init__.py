@@ -22,6 +22,7 @@ from .forces import BaseAcceleration, SampledForce
 from .history import Energy, History, State, SubdomainHistory
 from .reduction import Reduction, reduce
 from .schemes import HHT, WBZ, CentralDifference, GeneralizedAlpha, Newmark, Scheme
+from .springs import Bilinear, BoucWen, CubicSpring, Gap, SpringState
 from .subdomain import Subdomain
 from .ties import interpolate, tie_coincident
 
@@ -31,14 +32,18 @@ __all__ = [
     "HHT",
     "WBZ",
     "BaseAcceleration",
+    "Bilinear",
+    "BoucWen",
     "CallbackError",
     "CentralDifference",
     "Constraint",
     "ConstraintError",
     "ConstraintWarning",
     "Coupler",
+    "CubicSpring",
     "Energy",
     "FactorizationError",
+    "Gap",
     "GeneralizedAlpha",
     "History",
     "InstabilityError",
@@ -48,6 +53,7 @@ __all__ = [
     "Reduction",
     "SampledForce",
     "Scheme",
+    "SpringState",
     "StabilityWarning",
     "State",
     "Subdomain",

@@ -42,6 +42,8 @@ __all__ = [
 
 # An eigenvalue of modulus 1, alone or double, comes out of an eigenvalue routine this close to it.
 STABLE = 1e-6
+# Arrays of a node of the core: u, v, w, a, vf, and what springs remember.
+NODE_FIELDS = 6
 # An eigenvector shows in the multipliers if it moves one of them by more than rounding.
 SHOWS = 1e-10
 
@@ -155,7 +157,7 @@ class _Layout:
         """
         for part, stored in zip(self.parts, self.stored):
             interface = np.arange(part.nb) if stored else np.arange(0)
-            for first in (5, 0) if part.double else (0,):
+            for first in (NODE_FIELDS, 0) if part.double else (0,):
                 for field in range(4):
                     yield part, first + field, part.place
                 yield part, first + 4, interface
@@ -182,9 +184,9 @@ class _Layout:
     def names(self) -> tuple[str, ...]:
         names = []
         for part, field, places in self.fields():
-            symbol = ("u", "v", "w", "a", "vf")[field % 5]
-            when = "n-1" if field >= 5 else "n"
-            dofs = np.arange(part.n) if field % 5 < 4 else part.order[part.n - part.nb :]
+            symbol = ("u", "v", "w", "a", "vf")[field % NODE_FIELDS]
+            when = "n-1" if field >= NODE_FIELDS else "n"
+            dofs = np.arange(part.n) if field % NODE_FIELDS < 4 else part.order[part.n - part.nb :]
             names += [f"{symbol}[{d}] of {part.name} at {when}" for d in dofs[: places.size]]
         return (*names, *(f"Lam[{row}]" for row in range(self.conditions.size)))
 
@@ -727,7 +729,8 @@ def local_error(
     2.0
     """
     n = whole_number(n, "n", low=1)
-    with _checked(coupler)._entered(), _state_kept(coupler):
+    _checked(coupler)._require_linear("local_error")
+    with coupler._entered(), _state_kept(coupler):
         for part in coupler._parts:
             part.core.set_nodes(_exact_nodes(coupler, part, exact, n))
         nothing = np.zeros(coupler._row_place.size)  # no step reads these multipliers
@@ -749,7 +752,8 @@ def _exact_nodes(
     if part.double:
         before = ((n * part.subdomain.substeps - 1) / part.subdomain.substeps) * coupler.dt
         u, v, w, _ = _exact_at(coupler, part, exact, before)
-        nodes += (u, v, w, w, np.zeros(part.nb))  # no step reads this free velocity
+        # no step reads this free velocity, and there are no springs
+        nodes += (u, v, w, w, np.zeros(part.nb), np.zeros(0))
     return nodes
 
 

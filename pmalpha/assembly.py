@@ -25,6 +25,7 @@ from .ordering import elimination_order, graph_of
 from .paths import compliance_along_paths
 from .restoring import core_restoring
 from .schemes import Scheme
+from .springs import core_springs
 from .subdomain import Subdomain
 
 # An interface matrix with more than this share of entries is factored as a dense one.
@@ -217,6 +218,7 @@ def core_subdomain(
     lagged: bool = False,
     ramped: bool = False,
     K_r: Matrix = None,
+    springs: tuple = (),
 ) -> Any:
     """The core's object for a part with these matrices and operators."""
     columns = sp.csc_array(L[:, part.n - part.nb :])
@@ -236,6 +238,7 @@ def core_subdomain(
         lagged=lagged,
         ramped=ramped,
         K_r=core_matrix(K_r),
+        springs=springs,
     )
 
 
@@ -258,6 +261,7 @@ def build(part: Part) -> None:
         lagged=part.subdomain.damping == "lagged",
         ramped=part.ramped,
         K_r=part.K_r if part.ramped else None,
+        springs=core_springs(part.subdomain.springs, part.place),
     )
 
 

@@ -25,7 +25,7 @@ from .motion import Motion
 # What a file that holds a state says of itself.
 FORMAT, VERSION = "pmalpha checkpoint", 1
 # The arrays of `nodes` of the core, for the present and for the own node before it.
-FIELDS = ("u", "v", "w", "a", "vf")
+FIELDS = ("u", "v", "w", "a", "vf", "springs")
 # Of a restoring force the stiffness and the damping.
 ESTIMATES = ("restoring_stiffness", "restoring_damping")
 # More differences than these are counted only.
@@ -80,6 +80,8 @@ def load(force: Any) -> str:
         return f"{type(force).__name__} {checksum(force.values)}, dt {force.dt!r}{shape}"
     if isinstance(force, LowLevelCallable):
         return "a compiled function"
+    if isinstance(force, tuple):
+        return ", ".join(f"{spring!r} {checksum(spring.numbers)}" for spring in force)
     return "a callable" if callable(force) else checksum(force)
 
 
@@ -108,8 +110,13 @@ def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> list[str]
 # ---- the state -------------------------------------------------------------------------------
 
 
-def order_of(part: Part, x: np.ndarray) -> np.ndarray:
-    """Places of the entries of x, which belong to the last dofs of the elimination order."""
+def order_of(part: Part, name: str, x: np.ndarray) -> np.ndarray:
+    """Places of the entries of x, which belong to the last dofs of the elimination order.
+
+    What springs remember is in the user's order already.
+    """
+    if name.endswith("springs"):
+        return np.arange(x.size)
     return np.argsort(part.order[part.n - x.size :])
 
 
@@ -118,7 +125,7 @@ def state_arrays(parts: Sequence[Part]) -> dict[str, np.ndarray]:
     arrays = {}
     for i, part in enumerate(parts):
         for name, x in zip(names(part), part.core.nodes()):
-            arrays[f"{i}.{name}"] = x[order_of(part, x)]
+            arrays[f"{i}.{name}"] = x[order_of(part, name, x)]
     return arrays
 
 
@@ -131,7 +138,7 @@ def core_nodes(part: Part, i: int, arrays: Mapping[str, np.ndarray]) -> tuple[np
     nodes = []
     for name, mine in zip(names(part), part.core.nodes()):
         x = np.empty(mine.size)
-        x[order_of(part, x)] = checked(arrays, f"{i}.{name}", mine.size)
+        x[order_of(part, name, x)] = checked(arrays, f"{i}.{name}", mine.size)
         nodes.append(x)
     return tuple(nodes)
 

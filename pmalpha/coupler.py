@@ -34,6 +34,7 @@ from .matrices import core_matrix
 from .motion import Motion
 from .progress import Report, reporting
 from .recording import FiledRecording, Recording
+from .restoring import is_function
 from .schedule import (
     check_factorize,
     checked_constraints,
@@ -43,6 +44,7 @@ from .schedule import (
     most_threads,
     names_of,
 )
+from .springs import SpringState
 from .stability import warn_if_above_critical
 from .start import InitialAccelerations, initial_terms
 from .static import static_displacements
@@ -307,6 +309,32 @@ class Coupler:
             u, v, w = part.core.state()
         return State(u[part.place], v[part.place], w[part.place])
 
+    def springs(self, key: str | int | Subdomain) -> SpringState:
+        """Deformation and force of the springs of a subdomain now; copies.
+
+        Parameters
+        ----------
+        key : str, int or Subdomain
+            Its name, its place, or itself.
+
+        Raises
+        ------
+        KeyError, IndexError
+            When there is no such subdomain.
+
+        Examples
+        --------
+        >>> joint = Bilinear([0], k=4.0, fy=1.0)
+        >>> frame = Subdomain([1.0], None, scheme=Newmark(), restoring=joint, u0=[1.0], name="f")
+        >>> Coupler([frame], dt=0.1).springs("f").force
+        array([1.])
+        """
+        part = self._parts[position(key, self._keys)]
+        with self._entered():
+            self._start()
+            deformation, force, _ = part.core.springs()
+        return SpringState(deformation, force)
+
     def __reduce__(self) -> tuple:
         raise TypeError("a Coupler cannot be copied or pickled: its state lives in the core")
 
@@ -325,6 +353,7 @@ class Coupler:
         every: int | None = None,
         energy: bool = False,
         record_to: str | PathLike | None = None,
+        record_springs: Mapping[Any, Any] | None = None,
         progress: Any = None,
     ) -> History:
         """Go on from where the coupler is, and record.
@@ -342,6 +371,9 @@ class Coupler:
         every : int, optional
             Keep macro nodes whose `step_count` is a multiple of this, and the first node of the
             stretch, in all arrays. Default: every own node of each subdomain.
+        record_springs : dict, optional
+            Springs whose deformation and force to keep, by subdomain, None for all of one:
+            numbers in the order of the springs. Default: none.
         energy : bool, default False
             Sum up where the energy goes, from the first node of this stretch on, for all
             subdomains; at macro nodes in ``history.energy``, an `Energy`. It changes no result and
@@ -397,6 +429,7 @@ class Coupler:
                 record=record,
                 every=every,
                 energy=flag(energy, "energy"),
+                record_springs=record_springs,
             )
             with reporting(progress, begin, end) as report:
                 self._last_history = None
@@ -682,7 +715,7 @@ class Coupler:
             bool(self._callbacks)
             or any(isinstance(force, LowLevelCallable) for force in self._forces)
             or not all(motion.known for motion in self._motions)
-            or any(s.restoring is not None for _, s in self._keys)
+            or any(is_function(s.restoring) for _, s in self._keys)
         )
 
     def _prescribed(self, name: str) -> np.ndarray:

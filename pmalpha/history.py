@@ -22,6 +22,7 @@ __all__ = ["Energy", "History", "State", "SubdomainHistory"]
 
 # The arrays in a file that holds a History.
 NODAL = ("t", "u", "v", "a", "dofs")
+LOOPS = ("deformation", "force", "springs")
 INTERFACE = (
     "multipliers",
     "multiplier_times",
@@ -56,6 +57,10 @@ class SubdomainHistory:
         Displacement, velocity and true acceleration (w of the equations).
     dofs : (dofs,) array of int
         Which dofs the columns are.
+    deformation, force : (k, springs) arrays, or None
+        Of springs, with ``record_springs``: hysteresis loops. See `SpringState`.
+    springs : (springs,) array of int, or None
+        Which springs these columns are.
     """
 
     name: str
@@ -64,6 +69,9 @@ class SubdomainHistory:
     v: np.ndarray
     a: np.ndarray
     dofs: np.ndarray
+    deformation: np.ndarray | None = None
+    force: np.ndarray | None = None
+    springs: np.ndarray | None = None
 
     def __repr__(self) -> str:
         return f"<{self.name!r}: {self.t.size} nodes, {self.dofs.size} dofs>"
@@ -260,7 +268,8 @@ class History:
         arrays = {name: getattr(self, name) for name in INTERFACE}
         for i, part in enumerate(self.subdomains):
             if part is not None:
-                arrays |= {f"{i}.{name}": getattr(part, name) for name in NODAL}
+                kept = NODAL if part.springs is None else NODAL + LOOPS
+                arrays |= {f"{i}.{name}": getattr(part, name) for name in kept}
         if self.energy is not None:
             arrays |= {f"energy.{name}": getattr(self.energy, name) for name in TOLD}
         return header, arrays
@@ -298,7 +307,8 @@ class History:
         try:
             parts: list[SubdomainHistory | None] = [None] * len(header["names"])
             for i in header["recorded"]:
-                nodal = {key: arrays[f"{i}.{key}"] for key in NODAL}
+                kept = NODAL + LOOPS if f"{i}.springs" in arrays else NODAL
+                nodal = {key: arrays[f"{i}.{key}"] for key in kept}
                 parts[i] = SubdomainHistory(name=header["names"][i], **nodal)
             interface = {key: arrays[key] for key in INTERFACE}
             energy = None
@@ -319,7 +329,8 @@ class History:
         the coordinates ``rig_time`` and ``rig_dof``; of the interface ``multipliers`` and
         ``velocity_jump`` over ``multiplier_times`` and ``condition``, ``displacement_jump`` over
         ``macro_times`` and ``condition``; of the energy, if asked for, ``energy_kinetic`` and
-        so on over ``macro_times`` and ``subdomain``.
+        so on over ``macro_times`` and ``subdomain``; of springs, if asked for,
+        ``rig_deformation`` and ``rig_force`` over ``rig_time`` and ``rig_spring``.
 
         Returns
         -------
@@ -355,6 +366,12 @@ class History:
                 time, dof = f"{part.name}_time", f"{part.name}_dof"
                 coordinates |= {time: part.t, dof: part.dofs}
                 variables |= {f"{part.name}_{q}": ((time, dof), getattr(part, q)) for q in "uva"}
+            if part is not None and part.springs is not None:
+                time, spring = f"{part.name}_time", f"{part.name}_spring"
+                coordinates[spring] = part.springs
+                variables |= {
+                    f"{part.name}_{q}": ((time, spring), getattr(part, q)) for q in LOOPS[:2]
+                }
         return xarray.Dataset(variables, coordinates)
 
 

@@ -15,7 +15,7 @@ from ._checks import MOST, whole_number
 from .assembly import Part
 from .constraints import dof_list
 from .files import checked_path
-from .history import ENERGIES, TOLD, Energy, History, SubdomainHistory, by_place
+from .history import ENERGIES, LOOPS, TOLD, Energy, History, SubdomainHistory, by_place
 from .history_file import HistoryFile, row_count
 from .memory import require
 from .subdomain import Subdomain
@@ -58,12 +58,14 @@ class Recording:
         record: Mapping[Any, Any] | None,
         every: int | None,
         energy: bool = False,
+        record_springs: Mapping[Any, Any] | None = None,
     ):
         self.parts, self.keys, self.row_place = parts, tuple(keys), row_place
         self.begin, self.end, self.dt = begin, end, dt
         self.every = None if every is None else whole_number(every, "every", low=1)
         self.fine = fine
         self.dofs = chosen_dofs(record, self.keys)
+        self.springs = chosen_springs(record_springs, self.keys, self.dofs)
         self.energy_columns = len(parts) * len(ENERGIES) if energy else 0
         self.room = self._room()
         advice = "choose dofs with record= or fewer nodes with every="
@@ -71,6 +73,10 @@ class Recording:
         self.nodes = [
             None if dofs is None else self._allocate(part.subdomain.substeps, dofs.size, 3)
             for part, dofs in zip(parts, self.dofs)
+        ]
+        self.loops = [
+            [] if springs is None else self._allocate(part.subdomain.substeps, springs.size, 2)
+            for part, springs in zip(parts, self.springs)
         ]
         p = row_place.size
         self.multipliers, self.velocity_jump = self._allocate(self.fine, p, 2)
@@ -105,6 +111,9 @@ class Recording:
         for part, dofs in zip(self.parts, self.dofs):
             if dofs is not None:
                 numbers += 3.0 * rows(part.subdomain.substeps) * dofs.size
+        for part, springs in zip(self.parts, self.springs):
+            if springs is not None:
+                numbers += 2.0 * rows(part.subdomain.substeps) * springs.size
         return numbers
 
     def _allocate(self, nodes: int, columns: int, count: int) -> list[np.ndarray]:
@@ -123,13 +132,15 @@ class Recording:
 
     def core_record(self) -> tuple:
         """The record as the core takes it."""
-        nodes = tuple(
-            None if arrays is None else (part.place[dofs], *arrays)
-            for part, dofs, arrays in zip(self.parts, self.dofs, self.nodes)
-        )
+        nodes: list[tuple | None] = [None] * len(self.parts)
+        for i, (part, dofs) in enumerate(zip(self.parts, self.dofs)):
+            if dofs is not None:
+                nodes[i] = (part.place[dofs], *self.nodes[i])
+            if self.springs[i] is not None:
+                nodes[i] += (self.springs[i], *self.loops[i])
         interface = self.multipliers, self.velocity_jump, self.displacement_jump
         energy = self._energies(self.energy) if self.energy_columns else None
-        return (self.begin, self.every or 0, nodes, *interface, energy)
+        return (self.begin, self.every or 0, tuple(nodes), *interface, energy)
 
     def _energies(self, rows: np.ndarray) -> np.ndarray:
         """By macro node, subdomain and kind."""
@@ -138,14 +149,18 @@ class Recording:
     def history(self, end: int) -> History:
         """What was recorded up to macro step `end`."""
         subdomains = []
-        for part, dofs, arrays in zip(self.parts, self.dofs, self.nodes):
+        for i, (part, dofs, arrays) in enumerate(zip(self.parts, self.dofs, self.nodes)):
             substeps = part.subdomain.substeps
             rows = self.rows(substeps, end)
             subdomains.append(
                 None
                 if arrays is None
                 else SubdomainHistory(
-                    part.name, self.times(substeps, end), *(x[:rows] for x in arrays), dofs
+                    part.name,
+                    self.times(substeps, end),
+                    *(x[:rows] for x in arrays),
+                    dofs,
+                    **self._loops(i, rows),
                 )
             )
         fine, macro = self.rows(self.fine, end), self.rows(1, end)
@@ -159,6 +174,13 @@ class Recording:
             keys=self.keys,
             energy=self._told_energy(macro, end) if self.energy_columns else None,
         )
+
+    def _loops(self, i: int, rows: int) -> dict[str, np.ndarray]:
+        """What was recorded of the springs of a subdomain."""
+        if self.springs[i] is None:
+            return {}
+        deformation, force = (x[:rows] for x in self.loops[i])
+        return dict(deformation=deformation, force=force, springs=self.springs[i])
 
     def _told_energy(self, rows: int, end: int) -> Energy:
         told = np.moveaxis(self._energies(self.energy[:rows]), -1, 0)
@@ -211,6 +233,8 @@ class FiledRecording(Recording):
         for i, (part, dofs) in enumerate(zip(self.parts, self.dofs)):
             if dofs is not None:
                 grids |= {f"{i}.{name}": part.subdomain.substeps for name in "tuva"}
+                if self.springs[i] is not None:
+                    grids |= {f"{i}.{name}": part.subdomain.substeps for name in LOOPS[:2]}
         return grids | {f"energy.{name}": 1 for name in TOLD if self.energy_columns}
 
     def keep(self, end: int) -> None:
@@ -237,4 +261,22 @@ def chosen_dofs(
         name, subdomain = keys[i]
         every_dof = np.arange(subdomain.n)
         chosen[i] = every_dof if dofs is None else dof_list(dofs, subdomain.n, f"record[{name!r}]")
+    return chosen
+
+
+def chosen_springs(
+    record_springs: Mapping[Any, Any] | None,
+    keys: Sequence[tuple[str, Subdomain]],
+    dofs: Sequence[np.ndarray | None],
+) -> list[np.ndarray | None]:
+    """The springs to record of each subdomain, None unless asked for."""
+    chosen: list[np.ndarray | None] = [None] * len(keys)
+    for i, springs in by_place(record_springs, keys, "record_springs").items():
+        name, subdomain = keys[i]
+        count = sum(len(spring) for spring in subdomain.springs)
+        what = f"record_springs[{name!r}]"
+        if count == 0 or dofs[i] is None:
+            lack = "springs" if count == 0 else "recorded dofs"
+            raise ValueError(f"{what} must be of a subdomain with {lack}, got one without")
+        chosen[i] = np.arange(count) if springs is None else dof_list(springs, count, what)
     return chosen

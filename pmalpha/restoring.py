@@ -10,17 +10,28 @@ from scipy import LowLevelCallable
 
 from ._checks import vector
 from .lowlevel import check_signature
+from .springs import Spring, check_dofs, spring_list
 
-Restoring = Callable[[np.ndarray, np.ndarray, float], Any] | LowLevelCallable | None
+Function = Callable[[np.ndarray, np.ndarray, float], Any] | LowLevelCallable
+Restoring = Function | tuple[Spring, ...] | None
 
 
-def checked_restoring(restoring: Any) -> Restoring:
+def checked_restoring(restoring: Any, n: int) -> Restoring:
     """A user's restoring force, checked as far as possible without asking it."""
+    springs = spring_list(restoring)
+    if springs is not None:
+        check_dofs(springs, n)
+        return springs
     if isinstance(restoring, LowLevelCallable):
         check_signature(restoring, "restoring")
     elif restoring is not None and not callable(restoring):
-        raise TypeError(f"restoring must be callable, got {restoring!r}")
+        raise TypeError(f"restoring must be callable or a list of springs, got {restoring!r}")
     return restoring
+
+
+def is_function(restoring: Restoring) -> bool:
+    """True for a force that has to be asked for, which springs have not."""
+    return restoring is not None and type(restoring) is not tuple  # as a LowLevelCallable is too
 
 
 class CheckedRestoring:
@@ -48,8 +59,8 @@ class CheckedRestoring:
 
 
 def core_restoring(restoring: Restoring, name: str, order: np.ndarray) -> tuple | None:
-    """A restoring force of subdomain `name` as the core takes it."""
-    if restoring is None:
+    """The function of subdomain `name` as the core takes it."""
+    if not is_function(restoring):
         return None
     if isinstance(restoring, LowLevelCallable):
         return restoring, order

@@ -78,7 +78,8 @@ def critical_step(subdomain: Subdomain) -> float:
     K x = omega^2 M x. Damping is left out; being taken implicitly, it does not lower the limit.
     Lagged damping does: the step h is the one at which the largest eigenvalue of
     h^2 K / Omega_s^2 + h C / Z_s with respect to M is 1. Of a restoring force the estimate K_r
-    joins K; beyond that nothing is known of it.
+    joins K, of springs their largest tangent stiffness (of `CubicSpring` k); beyond that nothing is
+    known of it.
 
     Examples
     --------
@@ -107,7 +108,7 @@ def limiting_terms(subdomain: Subdomain) -> list[tuple[float, Matrix]]:
     Each as a factor and a matrix, so that a large matrix need not be copied to be looked at.
     """
     Omega = critical_product(subdomain.scheme)
-    A = None if np.isinf(Omega) else subdomain.tangent
+    A = None if np.isinf(Omega) else subdomain.largest_tangent
     if subdomain.damping != "lagged":
         return [(1.0 / Omega**2, A), (0.0, None)]
     return [(1.0 / Omega**2, A), (1.0 / critical_damping_product(subdomain.scheme), subdomain.C)]

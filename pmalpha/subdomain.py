@@ -10,8 +10,9 @@ from ._checks import check_word, flag, listing, vector, whole_number
 from .errors import FactorizationError
 from .forces import checked_force
 from .matrices import Matrix, canonical, combination, diagonal
-from .restoring import Restoring, checked_restoring
+from .restoring import Restoring, checked_restoring, is_function
 from .schemes import Scheme
+from .springs import Spring, stiffness
 
 __all__ = ["Subdomain"]
 
@@ -48,19 +49,21 @@ class Subdomain:
         ahead of the run, once for each own step in the order of time, and once at t = 0. A
         ``scipy.LowLevelCallable`` is asked in the step, without the GIL, for
         ``int (double t, intptr_t n, double *f, void *user)``; f arrives zeroed.
-    restoring : callable or LowLevelCallable, optional
-        A further force ``r(u, v, t) -> (n,)`` beside K u + C v, such as a nonlinear element or a
-        specimen in a test rig, equation (R2). It is asked once for the initial accelerations, then
-        exactly once for each own step, in the order of time, with the displacement that the step
-        predicts and an extrapolated velocity; after an exception those of the macro step that it
-        ended are asked again. u and v are copies. A ``scipy.LowLevelCallable`` is asked without the
-        GIL for ``int (double t, intptr_t n, double *u, double *v, double *r, void *user)``; r
-        arrives zeroed. With several threads any of them may ask, but one at a time for each
+    restoring : callable, LowLevelCallable, or springs, optional
+        A further force beside K u + C v, such as a nonlinear element or a specimen in a test rig,
+        equation (R2). Springs, one or a list, are `CubicSpring`, `Gap`, `Bilinear` and `BoucWen`,
+        evaluated by the core. A callable ``r(u, v, t) -> (n,)`` is asked once for the initial
+        accelerations, then exactly once for each own step, in the order of time, with the
+        displacement that the step predicts and an extrapolated velocity; after an exception those
+        of the macro step that it ended are asked again. u and v are copies. A
+        ``scipy.LowLevelCallable`` is asked without the GIL for
+        ``int (double t, intptr_t n, double *u, double *v, double *r, void *user)``; r arrives
+        zeroed. With several threads any of them may ask, but one at a time for each
         subdomain. A function that does not return 0 stops the run with a `CallbackError`.
     restoring_stiffness, restoring_damping : like M and K, optional
         Estimates K_r, D_r of the stiffness and damping of the restoring force. An implicit
         subdomain is stable at any step if K_r is at least the tangent stiffness; an explicit one
-        needs K_r only for its critical step. Default: zero.
+        needs K_r only for its critical step. Default: zero; of springs the initial tangent.
     damping : {"implicit", "lagged"}, default "implicit"
         "lagged": C acts on the extrapolated velocity, equation (R4), so that an explicit subdomain
         whose C is not diagonal needs no factor. The critical step is smaller, equation (C2).
@@ -132,7 +135,9 @@ class Subdomain:
         self.C = self._matrix(C, "C")
         self.damping = damping
         self.force = checked_force(force, self.n)
-        self.restoring: Restoring = checked_restoring(restoring)
+        self.restoring: Restoring = checked_restoring(restoring, self.n)
+        if restoring_stiffness is None and self.springs:
+            restoring_stiffness = stiffness(self.springs, "initial_tangent", self.n)
         self.restoring_stiffness = self._estimate(restoring_stiffness, "restoring_stiffness")
         self.restoring_damping = self._estimate(restoring_damping, "restoring_damping")
         self.u0 = self._initial(u0, "u0")
@@ -157,6 +162,20 @@ class Subdomain:
         if self.restoring_stiffness is None:
             return self.K
         return combination([(1.0, self.K), (1.0, self.restoring_stiffness)])
+
+    @property
+    def springs(self) -> tuple[Spring, ...]:
+        """The springs among the restoring forces."""
+        return () if self.restoring is None or is_function(self.restoring) else self.restoring
+
+    @property
+    def largest_tangent(self) -> Matrix:
+        """The stiffness that an explicit step has to resolve: K + K_r, with springs at their
+        stiffest instead of K_r."""
+        if not self.springs:
+            return self.tangent
+        springs = canonical(stiffness(self.springs, "largest_tangent", self.n), "springs", self.n)
+        return combination([(1.0, self.K), (1.0, springs[0])])
 
     @property
     def implicit_stiffness(self) -> Matrix:

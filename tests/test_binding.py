@@ -619,7 +619,7 @@ def test_compliance_is_asked_for_conditions_that_exist():
 
 
 def test_nodes_are_taken_as_they_were_given():
-    for twice, count in ((None, 5), (operator(h=0.2), 10)):
+    for twice, count in ((None, 6), (operator(h=0.2), 12)):
         c, s = started(twice=twice)
         c.advance(3, None)
         nodes = s.nodes()
@@ -629,7 +629,7 @@ def test_nodes_are_taken_as_they_were_given():
         s.set_nodes(nodes)
         c.start(3, c.multipliers, np.zeros(1))
         c.advance(2, None)
-        for x, y in zip(s.nodes()[:5], after[:5], strict=True):
+        for x, y in zip(s.nodes()[:6], after[:6], strict=True):
             np.testing.assert_array_equal(x, y)
         for bad in (nodes[:-1], (*nodes, nodes[0]), list(nodes), None, ()):
             check_refused(lambda bad=bad: s.set_nodes(bad))

@@ -309,7 +309,7 @@ def test_the_elimination_order_does_not_belong_to_the_problem(tmp_path):
         assert jump != 0.0
     # vf is permuted as u is where both interface dofs of b count
     part = c._parts[1]
-    places = checkpoint.order_of(part, np.empty(2))
+    places = checkpoint.order_of(part, "vf", np.empty(2))
     np.testing.assert_array_equal(part.order[part.n - 2 :][places], [0, 5])
 
 

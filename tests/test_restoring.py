@@ -461,7 +461,7 @@ def test_ctrl_c_in_a_force_stops_at_a_macro_step():
 @pytest.mark.parametrize(
     "arguments, error, text",
     [
-        (dict(restoring=3.0), TypeError, "restoring must be callable, got 3.0"),
+        (dict(restoring=3.0), TypeError, "must be callable or a list of springs, got 3.0"),
         (dict(restoring_stiffness=[1.0]), ValueError, "must come with a restoring force"),
         (dict(restoring_damping=[1.0]), ValueError, "must come with a restoring force"),
         (dict(restoring=duffing, restoring_stiffness=[1.0, 2.0]), ValueError, "must be of size 1"),

@@ -23,6 +23,7 @@ typedef struct {
     pma_subdomain *core;
     PyObject *arrays; /* list: keeps alive what the core points into */
     PyObject *load;   /* the load's arrays */
+    pma_spring_set *springs;
     PyObject *mass;   /* those of M, while the energy is asked for */
     PyObject *response; /* list: the arrays of a stored response */
     bool busy;        /* stepped by a coupler that has let the GIL go */
@@ -81,6 +82,9 @@ int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, Py
  * (f, order), f a LowLevelCallable.
  * Returns a new list of the arrays behind it, or NULL. */
 PyObject *pma_take_load(PyObject *obj, pma_load *load);
+
+/* A tuple of (law, first, second, (parameter, ...)); *sets is the caller's to free */
+int pma_take_springs(PyObject *obj, PyObject *arrays, pma_spring_set **sets, pma_springs *out);
 
 /* Is it a scipy.LowLevelCallable? */
 bool pma_is_compiled(PyObject *obj);

@@ -225,6 +225,58 @@ int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, Py
     return take_square(R, n, name, arrays, &out->values);
 }
 
+/* (law, first, second, (parameter, ...)) */
+static int take_spring_set(PyObject *obj, PyObject *arrays, pma_spring_set *set)
+{
+    int law;
+    PyObject *first, *second, *parameters;
+    PyArrayObject *array;
+    npy_intp count = -1;
+    if (!PyTuple_Check(obj)) {
+        PyErr_SetString(PyExc_TypeError, "springs must be tuples");
+        return -1;
+    }
+    if (!PyArg_ParseTuple(obj, "iOOO!", &law, &first, &second, &PyTuple_Type, &parameters) ||
+        pma_take_array(first, NPY_INT32, 1, &count, "first", arrays, &array) < 0)
+        return -1;
+    set->first = PyArray_DATA(array);
+    count = PyArray_DIM(array, 0);
+    set->count = (size_t)count;
+    if (pma_take_array(second, NPY_INT32, 1, &count, "second", arrays, &array) < 0)
+        return -1;
+    set->second = PyArray_DATA(array);
+    if (law < 0 || law >= PMA_SPRING_LAWS ||
+        (size_t)PyTuple_GET_SIZE(parameters) != pma_spring_parameters[law]) {
+        PyErr_SetString(PyExc_ValueError, "springs: no such law with so many parameters");
+        return -1;
+    }
+    set->law = (pma_spring_law)law;
+    for (Py_ssize_t k = 0; k < PyTuple_GET_SIZE(parameters); k++) {
+        if (pma_take_doubles(PyTuple_GET_ITEM(parameters, k), count, "parameter", arrays,
+                             &set->parameters[k]) < 0)
+            return -1;
+    }
+    return 0;
+}
+
+int pma_take_springs(PyObject *obj, PyObject *arrays, pma_spring_set **sets, pma_springs *out)
+{
+    const Py_ssize_t count = PyTuple_GET_SIZE(obj);
+    *out = (pma_springs){.count = (size_t)count};
+    *sets = PyMem_Calloc((size_t)count + 1, sizeof **sets);
+    out->sets = *sets;
+    if (!*sets) {
+        PyErr_NoMemory();
+        return -1;
+    }
+    for (Py_ssize_t i = 0; i < count; i++) {
+        if (take_spring_set(PyTuple_GET_ITEM(obj, i), arrays, &(*sets)[i]) < 0)
+            return -1;
+        out->total += (*sets)[i].count;
+    }
+    return 0;
+}
+
 /* (values, shape, dt, hold) */
 static int take_sampled(PyObject *obj, PyObject *arrays, pma_load *load)
 {

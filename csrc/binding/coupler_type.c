@@ -191,35 +191,59 @@ static int take_rows(PyObject *obj, npy_intp *rows, npy_intp columns, const char
     return 0;
 }
 
-/* None or (position, u, v, w); every row the stretch will write must be there */
-static int take_nodes(PyObject *obj, size_t n, size_t last_row, pma_record_nodes *nodes)
+/* an array of places below `most` */
+static int take_places(PyObject *obj, size_t most, const char *name, size_t *count,
+                       const int64_t **out)
 {
-    PyObject *position, *u, *v, *w;
     PyArrayObject *array;
-    npy_intp rows = -1;
     const npy_intp any = -1;
-    *nodes = (pma_record_nodes){0};
-    if (obj == Py_None)
-        return 0;
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "nodes must be None or (position, u, v, w)");
+    if (pma_take_array(obj, NPY_INT64, 1, &any, name, NULL, &array) < 0)
         return -1;
-    }
-    if (!PyArg_ParseTuple(obj, "OOOO", &position, &u, &v, &w) ||
-        pma_take_array(position, NPY_INT64, 1, &any, "position", NULL, &array) < 0)
-        return -1;
-    const npy_intp count = PyArray_DIM(array, 0);
-    nodes->count = (size_t)count;
-    nodes->position = PyArray_DATA(array);
-    for (npy_intp i = 0; i < count; i++) {
-        if (nodes->position[i] < 0 || (size_t)nodes->position[i] >= n) {
-            PyErr_SetString(PyExc_ValueError, "position: a dof is out of range");
+    *count = (size_t)PyArray_DIM(array, 0);
+    *out = PyArray_DATA(array);
+    for (size_t i = 0; i < *count; i++) {
+        if ((*out)[i] < 0 || (size_t)(*out)[i] >= most) {
+            PyErr_Format(PyExc_ValueError, "%s: a place is out of range", name);
             return -1;
         }
     }
+    return 0;
+}
+
+static int take_springs(PyObject *spring, PyObject *deformation, PyObject *force, npy_intp *rows,
+                        pma_record_nodes *nodes)
+{
+    if (take_places(spring, nodes->of_springs, "spring", &nodes->springs, &nodes->spring) < 0)
+        return -1;
+    const npy_intp count = (npy_intp)nodes->springs;
+    if (take_rows(deformation, rows, count, "deformation", &nodes->deformation) < 0)
+        return -1;
+    return take_rows(force, rows, count, "force", &nodes->force);
+}
+
+/* None, (position, u, v, w) or (position, u, v, w, spring, deformation, force); every row that the
+ * stretch will write must be there */
+static int take_nodes(PyObject *obj, const pma_parts *parts, size_t last_row,
+                      pma_record_nodes *nodes)
+{
+    PyObject *position, *u, *v, *w, *spring = NULL, *deformation = Py_None, *force = Py_None;
+    npy_intp rows = -1;
+    *nodes = (pma_record_nodes){.of_springs = parts->springs.total};
+    if (obj == Py_None)
+        return 0;
+    if (!PyTuple_Check(obj)) {
+        PyErr_SetString(PyExc_TypeError, "nodes must be None or a tuple of arrays");
+        return -1;
+    }
+    if (!PyArg_ParseTuple(obj, "OOOO|OOO", &position, &u, &v, &w, &spring, &deformation, &force) ||
+        take_places(position, parts->n, "position", &nodes->count, &nodes->position) < 0)
+        return -1;
+    const npy_intp count = (npy_intp)nodes->count;
     if (take_rows(u, &rows, count, "u", &nodes->u) < 0 ||
         take_rows(v, &rows, count, "v", &nodes->v) < 0 ||
         take_rows(w, &rows, count, "w", &nodes->w) < 0)
+        return -1;
+    if (spring && take_springs(spring, deformation, force, &rows, nodes) < 0)
         return -1;
     if (rows >= 0 && (size_t)rows > last_row)
         return 0;
@@ -300,7 +324,7 @@ static int take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_reco
     }
     for (Py_ssize_t i = 0; i < count; i++) {
         const pma_parts *s = pma_subdomain_parts(subdomain_of(self, i)->core);
-        if (take_nodes(PyTuple_GET_ITEM(nodes, i), s->n, last_row(record, end, s->substeps),
+        if (take_nodes(PyTuple_GET_ITEM(nodes, i), s, last_row(record, end, s->substeps),
                        &record->nodes[i]) < 0)
             return -1;
     }
@@ -340,8 +364,8 @@ static int check_tables(CouplerObject *self, int64_t steps)
     return all ? 0 : -1;
 }
 
-/* The index of the subdomain that became unstable, or (index, code, "force" or "restoring force") of
- * the one whose function returned a code; NULL with the exception that stands for any other status. */
+/* The index of the subdomain that became unstable, or (index, code, "force" or "restoring force")
+ * of the one whose function returned a code; NULL with the exception of any other status. */
 static PyObject *failure(CouplerObject *self, pma_status status)
 {
     const size_t i = pma_coupler_failed(self->core);
@@ -490,8 +514,8 @@ static PyMethodDef coupler_methods[] = {
      "set_motion(i, load): the velocity of a prescribed motion, in the forms of a load"},
     {"advance", (PyCFunction)coupler_advance, METH_VARARGS,
      "advance(steps, record, report=None): None; the index of the subdomain that became unstable; "
-     "or (index, code, what) of the one whose function returned a code; report(step_count) is called "
-     "about every 50 ms"},
+     "or (index, code, what) of the one whose function returned a code; report(step_count) is "
+     "called about every 50 ms"},
     {"record_present", (PyCFunction)coupler_record_present, METH_O,
      "record_present(record): the present into row 0"},
     {NULL, NULL, 0, NULL},

@@ -53,19 +53,21 @@ static int take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out)
     return pma_take_doubles(values, entries, "link", arrays, &out->values);
 }
 
-static int take_parts(PyObject *args, PyObject *kwargs, PyObject *arrays, pma_parts *parts)
+static int take_parts(PyObject *args, PyObject *kwargs, PyObject *arrays, pma_spring_set **sets,
+                      pma_parts *parts)
 {
-    static char *names[] = {"n",    "nb",        "substeps", "K",      "C",      "scheme", "single", "twice",
-                            "link", "restoring", "D_r",      "lagged", "ramped", "K_r",    NULL};
+    static char *names[] = {"n",      "nb",        "substeps", "K",      "C",       "scheme",
+                            "single", "twice",     "link",     "restoring", "D_r",  "lagged",
+                            "ramped", "K_r",       "springs",  NULL};
     Py_ssize_t n, nb, substeps;
-    PyObject *K, *C, *single, *twice, *link, *restoring = Py_None, *D_r = Py_None,
-             *K_r = Py_None;
+    PyObject *K, *C, *single, *twice, *link;
+    PyObject *restoring = Py_None, *D_r = Py_None, *K_r = Py_None, *springs = NULL;
     pma_scheme scheme;
     int lagged = 0, ramped = 0;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "nnnOO(dddd)OOO|OOppO", names, &n, &nb, &substeps,
-                                     &K, &C, &scheme.am, &scheme.af, &scheme.beta, &scheme.gamma,
-                                     &single, &twice, &link, &restoring, &D_r, &lagged, &ramped,
-                                     &K_r))
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "nnnOO(dddd)OOO|OOppOO!", names, &n, &nb,
+                                     &substeps, &K, &C, &scheme.am, &scheme.af, &scheme.beta,
+                                     &scheme.gamma, &single, &twice, &link, &restoring, &D_r,
+                                     &lagged, &ramped, &K_r, &PyTuple_Type, &springs))
         return -1;
     if (n < 1 || nb < 0 || nb > n || substeps < 1) {
         PyErr_SetString(PyExc_ValueError, "need 1 <= n, 0 <= nb <= n and 1 <= substeps");
@@ -77,7 +79,8 @@ static int take_parts(PyObject *args, PyObject *kwargs, PyObject *arrays, pma_pa
     parts->ramped = ramped;
     if (pma_take_restoring(restoring, n, arrays, &parts->restoring) < 0 ||
         pma_take_matrix(D_r, n, "D_r", arrays, &parts->D_r) < 0 ||
-        pma_take_matrix(K_r, n, "K_r", arrays, &parts->K_r) < 0)
+        pma_take_matrix(K_r, n, "K_r", arrays, &parts->K_r) < 0 ||
+        (springs && pma_take_springs(springs, arrays, sets, &parts->springs) < 0))
         return -1;
     if (pma_take_matrix(K, n, "K", arrays, &parts->K) < 0 ||
         pma_take_matrix(C, n, "C", arrays, &parts->C) < 0 ||
@@ -97,7 +100,7 @@ static PyObject *subdomain_new(PyTypeObject *type, PyObject *args, PyObject *kwa
     if (!self)
         return NULL;
     self->arrays = PyList_New(0);
-    if (!self->arrays || take_parts(args, kwargs, self->arrays, &parts) < 0)
+    if (!self->arrays || take_parts(args, kwargs, self->arrays, &self->springs, &parts) < 0)
         goto failed;
     status = pma_subdomain_create(&parts, &self->core);
     if (status == PMA_OK)
@@ -123,6 +126,7 @@ static void subdomain_dealloc(SubdomainObject *self)
     PyTypeObject *type = Py_TYPE(self);
     PyObject_GC_UnTrack(self);
     pma_subdomain_destroy(self->core);
+    PyMem_Free(self->springs);
     Py_XDECREF(self->arrays);
     Py_XDECREF(self->load);
     Py_XDECREF(self->mass);
@@ -276,23 +280,26 @@ static PyObject *subdomain_restore(SubdomainObject *self, PyObject *args)
     return answer(self, status, r);
 }
 
-/* ---- the whole state: (u, v, w, a, vf), and the same of the own node before if double ------ */
+/* ---- the whole state: (u, v, w, a, vf, springs), and the same of the own node before ---- */
 
-enum { NODE_FIELDS = 5 };
+enum { NODE_FIELDS = 6 };
 
 static void list_fields(const pma_nodes *nodes, double *fields[2 * NODE_FIELDS])
 {
     const pma_state *x[2] = {&nodes->present, &nodes->previous};
     double *const vf[2] = {nodes->vf, nodes->vf_previous};
     for (size_t k = 0; k < 2; k++) {
-        double *const own[NODE_FIELDS] = {x[k]->u, x[k]->v, x[k]->w, x[k]->a, vf[k]};
+        double *const own[NODE_FIELDS] = {x[k]->u, x[k]->v, x[k]->w,
+                                           x[k]->a, vf[k],   x[k]->springs};
         memcpy(fields + k * NODE_FIELDS, own, sizeof own);
     }
 }
 
 static npy_intp field_size(const pma_parts *parts, Py_ssize_t field)
 {
-    return (npy_intp)(field % NODE_FIELDS == NODE_FIELDS - 1 ? parts->nb : parts->n);
+    const size_t n = parts->n, remembered = PMA_SPRING_FIELDS * parts->springs.total;
+    const size_t sizes[NODE_FIELDS] = {n, n, n, n, parts->nb, remembered};
+    return (npy_intp)sizes[field % NODE_FIELDS];
 }
 
 static PyObject *subdomain_nodes(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
@@ -313,6 +320,20 @@ static PyObject *subdomain_nodes(SubdomainObject *self, PyObject *Py_UNUSED(igno
             PyTuple_SET_ITEM(tuple, i, field);
     }
     return tuple;
+}
+
+/* springs(): deformation, force and inner variable of all springs at the present */
+static PyObject *subdomain_springs(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
+{
+    if (is_busy(self))
+        return NULL;
+    const size_t total = pma_subdomain_parts(self->core)->springs.total;
+    const npy_intp shape[2] = {PMA_SPRING_FIELDS, (npy_intp)total};
+    PyObject *out = PyArray_SimpleNew(2, shape, NPY_DOUBLE);
+    if (out && total > 0)
+        memcpy(PyArray_DATA((PyArrayObject *)out), pma_subdomain_at(self->core, 0)->springs,
+               PMA_SPRING_FIELDS * total * sizeof(double));
+    return out;
 }
 
 static PyObject *subdomain_set_nodes(SubdomainObject *self, PyObject *tuple)
@@ -535,7 +556,9 @@ static PyMethodDef subdomain_methods[] = {
     {"restore", (PyCFunction)subdomain_restore, METH_VARARGS,
      "restore(t, u, v) -> r(u, v, t), or the code that the function returned"},
     {"nodes", (PyCFunction)subdomain_nodes, METH_NOARGS,
-     "nodes() -> (u, v, w, a, vf), and the same of the own node before if double; copies"},
+     "nodes() -> (u, v, w, a, vf, springs), and the same of the own node before if double; copies"},
+    {"springs", (PyCFunction)subdomain_springs, METH_NOARGS,
+     "springs() -> (3, springs) array: deformation, force and inner variable now, a copy"},
     {"set_nodes", (PyCFunction)subdomain_set_nodes, METH_O, "set_nodes(nodes): the inverse"},
     {"begin_energy", (PyCFunction)subdomain_begin_energy, METH_VARARGS,
      "begin_energy(M, load, lam): works are summed up from the present on"},
@@ -552,7 +575,7 @@ static PyMethodDef subdomain_methods[] = {
 
 static PyType_Slot subdomain_slots[] = {
     {Py_tp_doc, "Subdomain(n, nb, substeps, K, C, scheme, single, twice, link, restoring=None, "
-                "D_r=None, lagged=False, ramped=False, K_r=None)\n\n"
+                "D_r=None, lagged=False, ramped=False, K_r=None, springs=())\n\n"
                 "One subdomain as the core steps it, in elimination order."},
     {Py_tp_new, subdomain_new},
     {Py_tp_traverse, subdomain_traverse},

@@ -414,7 +414,8 @@ static void record_subdomains(const pma_coupler *c, const pma_record *record)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_place *at = &c->places[i];
-        if (at->phase != 0 || at->late || record->nodes[i].count == 0)
+        const size_t kept = record->nodes[i].count + record->nodes[i].springs;
+        if (at->phase != 0 || at->late || kept == 0)
             continue;
         const size_t row = pma_row(c, at->j, at->substeps);
         if (row != PMA_NO_ROW)

@@ -11,6 +11,7 @@ enum { KEPT = 4 };
 typedef struct {
     double *u, *load, *damping; /* n each: u, F, C v + r */
     double *pull;               /* nb: L_b^T Lam */
+    double slip;                /* dissipated by springs in the step that ends here */
     double dissipated, external, interface;
 } energy_node;
 
@@ -150,6 +151,17 @@ void pma_energy_open(pma_energy *e, const double *load)
     energy_node *to = node_at(e, ++e->opened);
     memcpy(to->load, load, e->parts.n * sizeof(double));
     memset(to->damping, 0, e->parts.n * sizeof(double));
+    to->slip = 0.0;
+}
+
+void pma_energy_slip(pma_energy *e, double dissipated)
+{
+    node_at(e, e->opened)->slip = dissipated;
+}
+
+bool pma_energy_is_first(const pma_energy *e)
+{
+    return e->opened == 1;
 }
 
 void pma_energy_restore(pma_energy *e, const int64_t *order, const double *r)
@@ -168,6 +180,7 @@ static void close_node(pma_energy *e, bool twice)
     const energy_node *from = node_at(e, e->closed - (twice && e->closed > 0 ? 1 : 0));
     energy_node *to = node_at(e, ++e->closed);
     to->dissipated = from->dissipated + work(n, from->u, to->u, from->damping, to->damping);
+    to->dissipated += to->slip;
     to->external = from->external + work(n, from->u, to->u, from->load, to->load);
     to->interface = from->interface + work(e->parts.nb, from->u + inner, to->u + inner, from->pull,
                                            to->pull);

@@ -41,6 +41,11 @@ void pma_energy_open(pma_energy *e, const double *load);
  * beginning nobody knows it: there it counts as that of the first step. */
 void pma_energy_restore(pma_energy *e, const int64_t *order, const double *r);
 
+/* What the springs dissipated in the step opened last; of the first one after the beginning, from
+ * the node where it all began. */
+void pma_energy_slip(pma_energy *e, double dissipated);
+bool pma_energy_is_first(const pma_energy *e); /* is that step the first one? */
+
 /* A step has been closed: u and v (n) at its end, lam (p). A double step adds its works to those of
  * the node before the last one, but for the first step after the beginning.                 (B3) */
 void pma_energy_close(pma_energy *e, const double *u, const double *v, const double *lam,
@@ -54,7 +59,8 @@ void pma_energy_know(pma_energy *e, const double *u, const double *v);
 void pma_energy_add(pma_energy *e, const double *u, const double *v, const double *lam,
                     const double *dlam, double share);
 
-/* out (PMA_ENERGIES): T and U of u and v (n), the node last closed, and the works up to it */
+/* out (PMA_ENERGIES): T and U (without springs) of u and v (n), the node last closed, and the works
+ * up to it */
 void pma_energy_tell(pma_energy *e, const double *u, const double *v, double *out);
 
 #endif

@@ -27,7 +27,7 @@ static const pma_record_nodes *inner_nodes(const pma_coupler *c, const pma_place
 {
     const pma_record *record = c->run->record;
     const pma_record_nodes *nodes = record ? &record->nodes[at - c->places] : NULL;
-    return nodes && record->every == 0 && nodes->count > 0 ? nodes : NULL;
+    return nodes && record->every == 0 && nodes->count + nodes->springs > 0 ? nodes : NULL;
 }
 
 static size_t row_of(const pma_coupler *c, const pma_place *at, size_t j)

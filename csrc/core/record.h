@@ -17,6 +17,9 @@ typedef struct {
     size_t count;
     const int64_t *position; /* count: which dofs, in elimination order */
     double *u, *v, *w;       /* rows x count by rows */
+    size_t springs, of_springs;   /* so many of so many springs */
+    const int64_t *spring;        /* springs: which */
+    double *deformation, *force;  /* rows x springs by rows */
 } pma_record_nodes;
 
 /* Arrays of the caller. Those of the interface are not touched without conditions, p = 0. */
@@ -33,7 +36,7 @@ typedef struct {
 /* The row of node j = 1..nodes inside macro step `macro` (counted from 0), or PMA_NO_ROW. */
 size_t pma_record_row(const pma_record *record, int64_t macro, size_t j, size_t nodes);
 
-/* Copies the chosen dofs of a state into a row. */
+/* Copies the chosen dofs and springs of a state into a row. */
 void pma_record_state(const pma_record_nodes *nodes, const pma_state *state, size_t row);
 
 /* The same, added to what the row holds. */

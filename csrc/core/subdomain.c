@@ -27,6 +27,7 @@ struct pma_subdomain {
     double *link, *closing;     /* nb: scratch of what may be asked during a step, and of a step */
     double *link_work, *link_aside; /* having looked ahead: scratch of a factor, for what is asked */
     double *vs;                 /* n: extrapolated velocity (R1); only where it is needed */
+    double *before;             /* scratch: springs before they move */
     int code;                   /* what a function that failed returned */
     pma_energy *energy;         /* of a run that asks for it, else NULL */
     double *block, *block_ahead;
@@ -58,6 +59,7 @@ static pma_status check_parts(const pma_parts *parts)
     if (parts->K_r.form != PMA_ZERO && parts->K_r.n != parts->n)
         return PMA_BAD_SIZE;
     if ((status = pma_restoring_check(&parts->restoring)) ||
+        (status = pma_springs_check(&parts->springs, parts->n)) ||
         (status = pma_matrix_check(&parts->D_r)) || (status = pma_matrix_check(&parts->K_r)))
         return status;
     if ((status = pma_link_check(&parts->link)) || (status = check_operator(parts, &parts->single)))
@@ -68,7 +70,7 @@ static pma_status check_parts(const pma_parts *parts)
 /* Does a step ask for the velocity extrapolated from its beginning? */
 static bool extrapolates(const pma_parts *parts)
 {
-    return parts->restoring.function || parts->lagged;
+    return parts->restoring.function || parts->lagged || parts->D_r.form != PMA_ZERO;
 }
 
 static double *take(double **next, size_t count)
@@ -78,13 +80,21 @@ static double *take(double **next, size_t count)
     return taken;
 }
 
-static pma_state take_state(double **next, size_t n)
+/* Numbers that the springs remember of a node. */
+static size_t spring_numbers(const pma_parts *parts)
 {
+    return PMA_SPRING_FIELDS * parts->springs.total;
+}
+
+static pma_state take_state(double **next, const pma_parts *parts)
+{
+    const size_t n = parts->n;
     pma_state s;
     s.u = take(next, n);
     s.v = take(next, n);
     s.w = take(next, n);
     s.a = take(next, n);
+    s.springs = take(next, spring_numbers(parts));
     return s;
 }
 
@@ -92,13 +102,13 @@ static void lay_out(pma_subdomain *s)
 {
     const size_t n = s->parts.n, nb = s->parts.nb;
     double *next = s->block;
-    s->present = take_state(&next, n);
+    s->present = take_state(&next, &s->parts);
     for (size_t i = 0; i < s->works; i++)
-        s->work[i] = take_state(&next, n);
+        s->work[i] = take_state(&next, &s->parts);
     if (s->parts.doubled)
-        s->previous = take_state(&next, n);
+        s->previous = take_state(&next, &s->parts);
     if (s->parts.ramped)
-        s->response = take_state(&next, n);
+        s->response = take_state(&next, &s->parts);
     s->vf_present = take(&next, nb);
     s->vf_work[0] = take(&next, nb);
     s->vf_work[1] = take(&next, nb);
@@ -106,6 +116,7 @@ static void lay_out(pma_subdomain *s)
     s->closing = take(&next, nb);
     s->vf_previous = take(&next, nb);
     s->vs = take(&next, extrapolates(&s->parts) ? n : 0);
+    s->before = take(&next, spring_numbers(&s->parts));
 }
 
 pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
@@ -117,15 +128,19 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
     const size_t works = parts->doubled && parts->substeps > 1 ? 2 : 1;
     const size_t states = 1 + works + (parts->doubled ? 1 : 0) + (parts->ramped ? 1 : 0);
     const size_t extrapolated = extrapolates(parts) ? parts->n : 0;
-    /* at most 5 * 4 n + n + 6 nb doubles: no overflow below this n */
-    if (parts->n > SIZE_MAX / (32 * sizeof(double)))
+    const size_t remembered = spring_numbers(parts);
+    /* at most 5 (4 n + 3 springs) + n + 6 nb + 3 springs doubles: no overflow below these */
+    if (parts->n > SIZE_MAX / (64 * sizeof(double)) ||
+        parts->springs.total > SIZE_MAX / (64 * sizeof(double)))
         return PMA_NO_MEMORY;
     pma_subdomain *s = calloc(1, sizeof *s);
     if (!s)
         return PMA_NO_MEMORY;
     s->parts = *parts;
     s->works = works;
-    s->block = calloc(states * 4 * parts->n + extrapolated + 6 * parts->nb, sizeof(double));
+    s->block = calloc(states * (4 * parts->n + remembered) + extrapolated + 6 * parts->nb +
+                          remembered,
+                      sizeof(double));
     if (!s->block) {
         free(s);
         return PMA_NO_MEMORY;
@@ -159,14 +174,15 @@ pma_status pma_subdomain_look_ahead(pma_subdomain *s)
     const size_t height = single > twice ? single : twice;
     if (s->block_ahead)
         return PMA_OK;
-    /* at most 2 * 4 n + 2 nb + n + n doubles, fewer than there are already */
-    s->block_ahead = calloc((works - s->works) * 4 * p->n + 2 * p->nb + height + p->n,
+    /* two states and 2 nb + n + n doubles at most, fewer than there are already */
+    const size_t state = 4 * p->n + spring_numbers(p);
+    s->block_ahead = calloc((works - s->works) * state + 2 * p->nb + height + p->n,
                             sizeof(double));
     if (!s->block_ahead)
         return PMA_NO_MEMORY;
     double *next = s->block_ahead;
     for (size_t i = s->works; i < works; i++)
-        s->work[i] = take_state(&next, p->n);
+        s->work[i] = take_state(&next, p);
     s->vf_work[2] = take(&next, p->nb);
     s->vf_work[3] = take(&next, p->nb);
     s->link_work = take(&next, height);
@@ -196,11 +212,15 @@ const pma_load *pma_subdomain_load(const pma_subdomain *s)
  * asks whether to stop after each call of a slow one. */
 enum { CALL_ENTRIES = 20000 };
 
+/* A spring reads and writes about as many numbers. */
+enum { SPRING_ENTRIES = 16 };
+
 size_t pma_subdomain_entries(const pma_subdomain *s)
 {
     const pma_parts *p = &s->parts;
     const size_t call = p->restoring.function ? CALL_ENTRIES : 0;
-    return call + 2 * pma_factor_entries(&p->single.factor) + pma_matrix_entries(&p->K) +
+    const size_t springs = SPRING_ENTRIES * p->springs.total;
+    return call + springs + 2 * pma_factor_entries(&p->single.factor) + pma_matrix_entries(&p->K) +
            pma_matrix_entries(&p->C) + pma_matrix_entries(&p->D_r) + 12 * p->n;
 }
 
@@ -299,14 +319,40 @@ static void extrapolate(double h, size_t n, const pma_state *from, double *vs)
         vs[i] = v[i] + h * w[i];
 }
 
+/* y -= r(ut, vs, t1) */
+static pma_status ask(pma_subdomain *s, const pma_state *to, double t1)
+{
+    const pma_restoring *restoring = &s->parts.restoring;
+    if (!restoring->function)
+        return PMA_OK;
+    const pma_status status =
+        pma_restoring_subtract(restoring, t1, to->u, s->vs, to->w, &s->code);
+    if (status == PMA_OK && s->energy)
+        pma_energy_restore(s->energy, restoring->order, pma_restoring_last(restoring));
+    return status;
+}
+
+/* y -= r(ut) of the springs, and what they dissipate on the way: their work but for (H5) */
+static void pull_and_tell(pma_subdomain *s, const pma_state *from, const pma_state *to)
+{
+    const pma_springs *springs = &s->parts.springs;
+    const double *begin = pma_energy_is_first(s->energy) ? s->present.springs : from->springs;
+    memcpy(s->before, begin, spring_numbers(&s->parts) * sizeof(double));
+    pma_springs_subtract(springs, to->u, from->springs, to->springs, to->w);
+    pma_energy_slip(s->energy, pma_springs_work(springs, s->before, to->springs) +
+                                   pma_springs_energy(springs, s->before) -
+                                   pma_springs_energy(springs, to->springs));
+}
+
 /* y -= r(ut, vs, t1) + D_r (vt - vs); vs is then used up                                  (R3) */
-static pma_status restore(pma_subdomain *s, const pma_state *to, double t1)
+static pma_status restore(pma_subdomain *s, const pma_state *from, const pma_state *to, double t1)
 {
     const pma_parts *p = &s->parts;
-    const pma_status status =
-        pma_restoring_subtract(&p->restoring, t1, to->u, s->vs, to->w, &s->code);
-    if (status == PMA_OK && s->energy)
-        pma_energy_restore(s->energy, p->restoring.order, pma_restoring_last(&p->restoring));
+    if (s->energy && p->springs.total > 0)
+        pull_and_tell(s, from, to);
+    else
+        pma_springs_subtract(&p->springs, to->u, from->springs, to->springs, to->w);
+    const pma_status status = ask(s, to, t1);
     if (status != PMA_OK || p->D_r.form == PMA_ZERO)
         return status;
     for (size_t i = 0; i < p->n; i++)
@@ -338,11 +384,9 @@ pma_status pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1,
     pma_matrix_subtract(&s->parts.K, to->u, to->w);
 
     /* (R3) */
-    if (s->parts.restoring.function) {
-        status = restore(s, to, t1);
-        if (status != PMA_OK)
-            return status;
-    }
+    status = restore(s, from, to, t1);
+    if (status != PMA_OK)
+        return status;
 
     /* (F2), (F3)  vf_b = vt_b + al2 wf_b */
     vt = interface_of(s, to->v);
@@ -370,11 +414,14 @@ pma_status pma_subdomain_force(pma_subdomain *s, double t, double *F)
 pma_status pma_subdomain_restore(pma_subdomain *s, double t, const double *u, const double *v,
                                  double *r)
 {
-    memset(r, 0, s->parts.n * sizeof(double));
-    if (!s->parts.restoring.function)
-        return PMA_OK;
-    const pma_status status = pma_restoring_subtract(&s->parts.restoring, t, u, v, r, &s->code);
-    for (size_t i = 0; i < s->parts.n; i++)
+    const pma_parts *p = &s->parts;
+    pma_status status = PMA_OK;
+    memset(r, 0, p->n * sizeof(double));
+    memset(s->before, 0, spring_numbers(p) * sizeof(double));
+    pma_springs_subtract(&p->springs, u, s->before, s->before, r);
+    if (p->restoring.function)
+        status = pma_restoring_subtract(&p->restoring, t, u, v, r, &s->code);
+    for (size_t i = 0; i < p->n; i++)
         r[i] = 0.0 - r[i]; /* no negative zeros */
     return status;
 }
@@ -462,6 +509,7 @@ void pma_subdomain_tell_energy(const pma_subdomain *s, size_t j, double *out)
 {
     const pma_state *x = pma_subdomain_at(s, j);
     pma_energy_tell(s->energy, x->u, x->v, out);
+    out[PMA_STRAIN] += pma_springs_energy(&s->parts.springs, x->springs);
 }
 
 /* ---- macro coupling ------------------------------------------------------------------------- */
@@ -627,6 +675,9 @@ void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, con
                          const double *lam)
 {
     const size_t bytes = s->parts.n * sizeof(double);
+    double *scratch = s->present.a, *springs = s->present.springs;
+    memset(springs, 0, spring_numbers(&s->parts) * sizeof(double));
+    pma_springs_subtract(&s->parts.springs, u, springs, springs, scratch);
     memcpy(s->present.u, u, bytes);
     memcpy(s->present.v, v, bytes);
     memcpy(s->present.w, w, bytes);

@@ -19,6 +19,7 @@
 #include "matrix.h"
 #include "restoring.h"
 #include "scheme.h"
+#include "springs.h"
 #include "status.h"
 
 /* A state at a node, or a step that has been opened.                                     (E1)
@@ -30,6 +31,7 @@
  *   a    acceleration-like variable  its part that is known, (af w - am a)/(1 - am) */
 typedef struct {
     double *u, *v, *w, *a; /* n each */
+    double *springs;       /* what they remember; of an opened step already that of its end */
 } pma_state;
 
 /* What one step length needs: constants and the factor of Mbar. */
@@ -49,7 +51,8 @@ typedef struct {
     bool ramped;         /* has to answer to ramps (M3): substeps under macro coupling */
     pma_matrix K, C;
     pma_restoring restoring;
-    pma_matrix D_r;      /* estimate of its damping (R2); read only if there is one */
+    pma_springs springs; /* beside the restoring force */
+    pma_matrix D_r;      /* estimate of the damping of both (R2) */
     pma_matrix K_r;      /* estimate of its stiffness, as a ramp meets it (M3) */
     pma_operator single; /* own step h */
     pma_operator twice;  /* 2 h; read only if doubled */
@@ -77,7 +80,8 @@ void pma_subdomain_compliance(pma_subdomain *s, bool twice, const double *lam, d
 
 /* ---- the present: the last whole macro step --------------------------------------------- */
 
-/* State at t = 0: u, v, w (n each) and lam (p); a = w, stored free velocity by (S2). */
+/* State at t = 0: u, v, w (n each) and lam (p); a = w, stored free velocity by (S2), springs taken
+ * from no deformation to u. */
 void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, const double *w,
                          const double *lam);
 
@@ -126,7 +130,8 @@ int pma_subdomain_code(const pma_subdomain *s);
 /* F (n) := F(t) of a load that is no table, as open would ask for it */
 pma_status pma_subdomain_force(pma_subdomain *s, double t, double *F);
 
-/* r (n) := r(u, v, t), the restoring force alone, as open would ask for it */
+/* r (n) := r(u, v, t), the restoring force as open would ask for it, with springs that were never
+ * loaded before */
 pma_status pma_subdomain_restore(pma_subdomain *s, double t, const double *u, const double *v,
                                  double *r);
 

@@ -507,7 +507,8 @@ void make_tape(tape *t, const model *m, int64_t begin, int64_t every)
         t->position[i] = (int64_t)i;
     for (size_t i = 0; i < m->count; i++)
         t->nodes[i] =
-            (pma_record_nodes){m->parts[i].n, t->position, t->u[i], t->v[i], t->w[i]};
+            (pma_record_nodes){.count = m->parts[i].n, .position = t->position, .u = t->u[i],
+                               .v = t->v[i], .w = t->w[i]};
     t->record = (pma_record){.begin = begin,
                              .every = every,
                              .nodes = t->nodes,

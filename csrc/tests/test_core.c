@@ -20,6 +20,7 @@ static const test *const LISTS[] = {
     LINK_TESTS,
     LOAD_TESTS,
     RESTORING_TESTS,
+    SPRINGS_TESTS,
     SUBDOMAIN_TESTS,
     RECORD_TESTS,
     TEAM_TESTS,

@@ -31,8 +31,9 @@ static void the_chosen_dofs_of_a_state_are_copied_in_the_order_asked_for(void)
 {
     double u[3] = {1, 2, 3}, v[3] = {4, 5, 6}, w[3] = {7, 8, 9};
     double to_u[6] = {0}, to_v[6] = {0}, to_w[6] = {0};
-    const pma_record_nodes nodes = {2, (int64_t[]){2, 0}, to_u, to_v, to_w};
-    pma_record_state(&nodes, &(pma_state){u, v, w, NULL}, 1);
+    const pma_record_nodes nodes = {.count = 2, .position = (int64_t[]){2, 0},
+                                    .u = to_u, .v = to_v, .w = to_w};
+    pma_record_state(&nodes, &(pma_state){.u = u, .v = v, .w = w}, 1);
     CHECK_BITS(6, to_u, ((double[]){0, 0, 3, 1, 0, 0}));
     CHECK_BITS(6, to_v, ((double[]){0, 0, 6, 4, 0, 0}));
     CHECK_BITS(6, to_w, ((double[]){0, 0, 9, 7, 0, 0}));
@@ -117,7 +118,8 @@ static void a_run_without_conditions_leaves_the_interface_arrays_alone(void)
 {
     static model m;
     double u[3] = {0}, v[3] = {0}, w[3] = {0};
-    pma_record_nodes nodes[2] = {{1, (int64_t[]){0}, u, v, w}, {0, NULL, u, v, w}};
+    pma_record_nodes nodes[2] = {{.count = 1, .position = (int64_t[]){0}, .u = u, .v = v, .w = w},
+                                 {.count = 0}};
     const pma_record record = {.begin = 0, .every = 1, .nodes = nodes};
     m = (model){.count = 2, .dt = 0.5};
     m.parts[0] = one_mass(1.0, 4.0, 0.0, TRAPEZOIDAL, true); /* omega h = 1 */

@@ -23,6 +23,7 @@ extern const test PANELS_TESTS[];
 extern const test LINK_TESTS[];
 extern const test LOAD_TESTS[];
 extern const test RESTORING_TESTS[];
+extern const test SPRINGS_TESTS[];
 extern const test SUBDOMAIN_TESTS[];
 extern const test RECORD_TESTS[];
 extern const test TEAM_TESTS[];

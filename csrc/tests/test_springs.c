@@ -1,0 +1,135 @@
+/* test_springs.c - the laws of springs against hand calculation, and where they stand. */
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "check.h"
+#include "models.h"
+#include "naive.h"
+#include "springs.h"
+#include "subdomain.h"
+#include "tests.h"
+
+enum { MANY_SPRINGS = 600 }; /* more than a chunk of the core */
+
+/* Force and inner variable of one spring between dof 0 and the ground, led along a path. */
+static void lead(pma_spring_law law, const double *parameters, size_t count, const double *path,
+                 double *force, double *inner)
+{
+    const int32_t first = 0, ground = -1;
+    pma_spring_set set = {.law = law, .count = 1, .first = &first, .second = &ground};
+    for (size_t k = 0; k < pma_spring_parameters[law]; k++)
+        set.parameters[k] = &parameters[k];
+    const pma_springs springs = {1, &set, 1};
+    double node[PMA_SPRING_FIELDS] = {0.0};
+    CHECK_STATUS(pma_springs_check(&springs, 1), PMA_OK);
+    for (size_t i = 0; i < count; i++) {
+        double y = 0.0;
+        pma_springs_subtract(&springs, &path[i], node, node, &y);
+        CHECK_BITS(1, &node[0], &path[i]);
+        CHECK(y == -node[1] || isnan(y));
+        force[i] = node[1];
+        inner[i] = node[2];
+    }
+}
+
+static void a_cubic_spring_and_a_gap_are_their_formulas(void)
+{
+    const double path[4] = {1.0, -2.0, 0.5, 0.25}, cubic[2] = {3.0, 2.0}, gap[2] = {8.0, 0.25};
+    const double cubic_forces[4] = {5.0, -22.0, 1.75, 0.78125}, gap_forces[4] = {6.0, 0.0, 2.0, 0.0};
+    double force[4], inner[4];
+    lead(PMA_CUBIC, cubic, 4, path, force, inner);
+    CHECK_BITS(4, force, cubic_forces);
+    lead(PMA_GAP, gap, 4, path, force, inner);
+    for (size_t i = 0; i < 4; i++)
+        CHECK(force[i] == gap_forces[i]);
+}
+
+static void a_bilinear_spring_drags_its_plastic_deformation(void)
+{
+    const double law[3] = {1.0, 3.0, 0.5}; /* k = 4, d_y = 1/2, hardening 1/4 */
+    const double path[6] = {0.25, 1.0, 0.75, 0.0, -1.0, -1.0};
+    const double plastic[6] = {0.0, 0.5, 0.5, 0.5, -0.5, -0.5};
+    const double forces[6] = {1.0, 2.5, 1.5, -1.5, -2.5, -2.5};
+    double force[6], inner[6];
+    lead(PMA_BILINEAR, law, 6, path, force, inner);
+    CHECK_BITS(6, inner, plastic);
+    CHECK_BITS(6, force, forces);
+}
+
+/* n = 2, beta = gamma = 1/2: z = tanh x on the way out, dz/dx = 1 on the way back to z = 0 */
+static void a_bouc_wen_spring_follows_the_closed_form_of_n_2(void)
+{
+    const double law[7] = {0.0, 1.0, 1.0, 2.0, 0.5, 0.5, 2.0};
+    double path[400], force[400], inner[400];
+    for (size_t i = 0; i < 400; i++)
+        path[i] = i < 200 ? 0.01 * (double)(i + 1) : 2.0 - 0.004 * (double)(i - 199);
+    lead(PMA_BOUC_WEN, law, 400, path, force, inner);
+    for (size_t i = 0; i < 400; i++) {
+        const double z = i < 200 ? tanh(path[i]) : tanh(2.0) - (2.0 - path[i]);
+        CHECK_NEAR(inner[i], z, 1e-9); /* 200 steps of 0.01, of order 4 */
+        CHECK(force[i] == inner[i]);
+    }
+    const double far[2] = {1e6, -1e300};
+    lead(PMA_BOUC_WEN, law, 2, far, force, inner);
+    CHECK_NEAR(inner[0], 1.0, 4.0 * EPS);
+    CHECK_NEAR(inner[1], -1.0, 4.0 * EPS);
+}
+
+static void a_deformation_that_is_not_finite_shows_in_the_force(void)
+{
+    const double path[2] = {NAN, INFINITY}, law[7] = {1.0, 1.0, 1.0, 2.0, 0.5, 0.5, 2.0};
+    double force[2], inner[2];
+    for (int l = 0; l < PMA_SPRING_LAWS; l++) {
+        lead((pma_spring_law)l, law, 1, path, force, inner);
+        CHECK(!isfinite(force[0]));
+        lead((pma_spring_law)l, law, 1, path + 1, force, inner);
+        CHECK(!isfinite(force[0]));
+    }
+}
+
+static void springs_that_do_not_fit_are_refused(void)
+{
+    const int32_t places[4] = {0, 2, -1, -2};
+    const double k[1] = {1.0};
+    for (size_t i = 0; i < 4; i++) {
+        const pma_spring_set set = {.law = PMA_CUBIC, .count = 1, .first = &places[i],
+                                    .second = &places[2], .parameters = {k, k}};
+        const pma_springs springs = {1, &set, 1}, other = {1, &set, 2};
+        CHECK_STATUS(pma_springs_check(&springs, 2), i % 2 ? PMA_BAD_INDEX : PMA_OK);
+        CHECK_STATUS(pma_springs_check(&other, 2), i % 2 ? PMA_BAD_INDEX : PMA_BAD_SIZE);
+    }
+}
+
+/* (u_0 - u_1) k in many equal springs, half of them the other way round */
+static void many_springs_between_two_dofs_pull_equally_on_both(void)
+{
+    static int32_t first[MANY_SPRINGS], second[MANY_SPRINGS];
+    static double k[MANY_SPRINGS], zero[MANY_SPRINGS], from[3 * MANY_SPRINGS], to[3 * MANY_SPRINGS];
+    const double u[2] = {2.0, 0.5};
+    double y[2] = {1.0, 1.0};
+    for (size_t i = 0; i < MANY_SPRINGS; i++) {
+        first[i] = i % 2, second[i] = 1 - i % 2;
+        k[i] = 0.25;
+    }
+    const pma_spring_set sets[2] = {{.law = PMA_CUBIC, .count = MANY_SPRINGS - 1, .first = first,
+                                     .second = second, .parameters = {k, zero}},
+                                    {.law = PMA_GAP, .count = 1, .first = first,
+                                     .second = second, .parameters = {k, zero}}};
+    const pma_springs springs = {2, sets, MANY_SPRINGS};
+    pma_springs_subtract(&springs, u, from, to, y);
+    CHECK(y[0] == 1.0 - MANY_SPRINGS * 0.25 * 1.5 && y[1] == 1.0 + MANY_SPRINGS * 0.25 * 1.5);
+    CHECK(from[0] == 0.0 && to[0] == 1.5 && to[1] == -1.5 && to[MANY_SPRINGS] == 0.375);
+    CHECK_NEAR(pma_springs_energy(&springs, to), MANY_SPRINGS * 0.125 * 2.25, 1e-9);
+    CHECK_NEAR(pma_springs_work(&springs, from, to), MANY_SPRINGS * 0.125 * 2.25, 1e-9);
+}
+
+const test SPRINGS_TESTS[] = {
+    TEST(a_cubic_spring_and_a_gap_are_their_formulas),
+    TEST(a_bilinear_spring_drags_its_plastic_deformation),
+    TEST(a_bouc_wen_spring_follows_the_closed_form_of_n_2),
+    TEST(a_deformation_that_is_not_finite_shows_in_the_force),
+    TEST(springs_that_do_not_fit_are_refused),
+    TEST(many_springs_between_two_dofs_pull_equally_on_both),
+    END_OF_TESTS,
+};
