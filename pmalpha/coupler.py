@@ -435,8 +435,8 @@ class Coupler:
                 self._last_history = None
                 self._start()
                 with self._summing_works(energy), recording:
+                    self._core.record_present(recording.core_record())
                     try:
-                        self._core.record_present(recording.core_record())
                         for pause in recording.stretches():
                             self._advance(pause, recording, report)
                             recording.keep(pause)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from problems import random_problem
+from test_binding import interrupt_at_entry, long_run
 
 import pmalpha as pm
 from pmalpha import history_file, models, recording
@@ -408,3 +409,23 @@ def test_rows_are_counted_as_the_core_counts_them():
     assert history_file.row_count(3, 10, 0, 4) == 29
     assert history_file.row_count(3, 10, 5, 4) == 3  # 3, 5, 10
     assert history_file.row_count(5, 9, 5, 4) == 1
+
+
+def test_an_interrupt_on_entering_any_function_of_the_package_leaves_a_whole_file(tmp_path):
+    # CPython looks at signals when a Python function is entered: every such place in turn
+    path = tmp_path / "run.h5"
+    whole = long_run(5)[0].run(steps=9)
+    k, finished = 0, False
+    while not finished:
+        coupler, _ = long_run(5)
+        finished = interrupt_at_entry(k, lambda c=coupler: c.run(steps=9, record_to=path))
+        history, done = coupler.last_history, coupler.step_count
+        assert [x.name for x in tmp_path.iterdir()] in ([], ["run.h5"]), k
+        if history is not None:
+            assert len(history.macro_times) - 1 == done, k
+            same(history["a"].u, whole["a"].u[: len(history["a"].t)])
+            same(history.velocity_jump, whole.velocity_jump[: len(history.multipliers)])
+        coupler.step(9 - done)
+        same(coupler.state("a").u, whole["a"].u[-1])
+        k += 1
+    assert k > 40
