@@ -134,6 +134,27 @@ def test_a_solid_tied_on_all_sides_moves_as_with_the_interface_last(monkeypatch)
     assert np.max(np.abs(history[0].u - superlu[0].u)) <= 1e-10 * np.max(np.abs(superlu[0].u))
 
 
+def test_macro_coupling_along_paths_moves_as_with_the_interface_last(monkeypatch):
+    whole = enclosed_finely()
+    assert whole._parts[0].elimination.paths is not None
+    ours = whole.run(steps=4)[0].u
+    monkeypatch.setattr(assembly, "elimination", always_last)
+    theirs = enclosed_finely().run(steps=4)[0].u
+    # rounding grows by the condition of Mbar and H, 1e4 here
+    assert np.max(np.abs(ours - theirs)) <= 1e-10 * np.max(np.abs(theirs))
+
+
+def enclosed_finely():
+    """The cube steps finely, under two conditions on all its surface: responses along paths."""
+    s, dofs = box(6)
+    inner = s.subdomain(scheme=pm.GeneralizedAlpha(0.5), substeps=2, force=np.ones(s.n))
+    outer = pm.Subdomain(np.ones(2), np.ones(2), scheme=pm.GeneralizedAlpha(0.5))
+    mean = np.full(dofs.size, 1.0 / dofs.size)
+    L = sp.csr_array((mean, (np.arange(dofs.size) % 2, dofs)), shape=(2, s.n))
+    tied = pm.Constraint({inner: L, outer: -np.eye(2)})
+    return pm.Coupler([inner, outer], tied, dt=0.05, coupling="macro")
+
+
 def test_a_run_along_paths_is_the_same_in_pieces_and_for_any_number_of_threads(tmp_path):
     whole = enclosed(threads=1).run(steps=6)[0].u[-1]
     pieces = enclosed(threads=2)
