@@ -14,7 +14,16 @@ ROOT = Path(__file__).parent.parent
 BENCHMARKS = ROOT / "benchmarks"
 # instructions.py carries Python under valgrind, which takes a minute at any size, and
 # step_profile.py needs perf
-SCRIPTS = ["coupling_cost", "fine_step", "growth", "large", "plate", "subcycling", "uncoupled"]
+SCRIPTS = [
+    "coupling_cost",
+    "fine_step",
+    "growth",
+    "large",
+    "plate",
+    "subcycling",
+    "threads",
+    "uncoupled",
+]
 TOLERANCE = 1e-10  # both sum the same terms in another order, 20 steps long
 
 

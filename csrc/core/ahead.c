@@ -58,8 +58,8 @@ static void await_all(pma_coupler *c)
         await(c, w);
 }
 
-/* Can the step towards this own node be opened already? What was asked of Python is not known beyond
- * the end of a call, and a function of the user's is asked in its turn. */
+/* Can the step towards this own node be opened already? What was asked of Python is not known
+ * beyond the end of a call, and a function of the user's is asked in its turn. */
 static bool is_known(const pma_coupler *c, const pma_place *at, size_t node)
 {
     const pma_load *load = pma_subdomain_load(at->subdomain);
@@ -137,8 +137,8 @@ static bool records_jumps(const pma_coupler *c)
     return c->record && c->record->every == 0;
 }
 
-/* A closing may wait: not beyond the end of a call, nor where others could not take a step back, for a
- * restoring force is asked once for every step of the macro steps that are completed. */
+/* A closing may wait: not beyond the end of a call, nor where others could not take a step back, for
+ * a restoring force is asked once for every step of the macro steps that are completed. */
 static bool can_wait(const pma_coupler *c, const pma_place *at)
 {
     if (!keeps_no_books(c) || !pma_is_double(c, at))
@@ -215,6 +215,7 @@ pma_status pma_ahead_settle(pma_coupler *c, pma_status status)
             continue;
         first = k;
         c->failed = number;
+        status = status == PMA_STOPPED ? status : at->job.status;
     }
     if (c->pending && first > c->fine)
         pma_coupler_commit(c);

@@ -25,7 +25,7 @@ struct pma_subdomain {
     double *vf_work[MOST_WORKS]; /* nb: of nodes 1, 2, ... */
     double *vf_previous;        /* nb: of node -1; no step reads it, but it is part of a state */
     double *link, *closing;     /* nb: scratch of what may be asked during a step, and of a step */
-    double *link_work, *link_aside; /* having looked ahead: scratch of a factor, for what is asked */
+    double *link_work, *link_aside; /* having looked ahead: scratch of a factor, for the same */
     double *vs;                 /* n: extrapolated velocity (R1); only where it is needed */
     double *before;             /* scratch: springs before they move */
     int code;                   /* what a function that failed returned */

@@ -153,7 +153,7 @@ pma_status pma_team_gather(pma_team *t)
     t->made = 0;
     t->process = getpid();
     sigfillset(&all);
-    pthread_sigmask(SIG_SETMASK, &all, &before); /* signals are the caller's, threads inherit that */
+    pthread_sigmask(SIG_SETMASK, &all, &before); /* signals are the caller's; threads inherit it */
     while (t->made + 1 < t->workers && make_thread(&t->seats[t->made], t->made + 1))
         t->made++;
     pthread_sigmask(SIG_SETMASK, &before, NULL);
