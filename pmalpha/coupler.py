@@ -120,7 +120,8 @@ class Coupler:
     PerformanceWarning
         When the unit runs of "macro" take long.
     ConstraintWarning
-        When initial displacements leave a gap.
+        When initial displacements leave a gap; under "macro" for interface dofs without mass in a
+        subdomain with substeps.
 
     Notes
     -----

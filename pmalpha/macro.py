@@ -12,8 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse as sp
 
+from ._checks import listing
 from .assembly import Part, conditions_of
-from .errors import PerformanceWarning, StabilityWarning
+from .errors import ConstraintWarning, PerformanceWarning, StabilityWarning
 from .factors import Factor, solve
 from .matrices import Matrix
 from .memory import require
@@ -47,6 +48,7 @@ def prepare(parts: Sequence[Part]) -> None:
                 StabilityWarning,
                 stacklevel=5,
             )
+        _warn_of_massless_ties(part)
         if part.double and _damps_nothing(part.subdomain.scheme):
             warnings.warn(
                 f"the double step of subdomain {part.name!r} leaves a zig-zag from macro step to "
@@ -54,6 +56,18 @@ def prepare(parts: Sequence[Part]) -> None:
                 StabilityWarning,
                 stacklevel=5,
             )
+
+
+def _warn_of_massless_ties(part: Part) -> None:
+    """A velocity without inertia is tied at macro nodes alone: between them it is anything."""
+    tied = np.intersect1d(part.order[part.n - part.nb :], part.subdomain.massless)
+    if part.ramped and tied.size:
+        warnings.warn(
+            f"interface dofs {listing(tied)} of subdomain {part.name!r} have no mass: with "
+            'substeps coupling="macro" is of order 1 there; give them mass, or take "pm" or "gc"',
+            ConstraintWarning,
+            stacklevel=5,
+        )
 
 
 def _damps_nothing(scheme: Scheme) -> bool:

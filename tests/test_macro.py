@@ -45,6 +45,7 @@ def made(problem):
     """The coupler; that a double step at rho = 1 keeps a zig-zag is known here."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.StabilityWarning)
+        warnings.simplefilter("ignore", pm.ConstraintWarning)  # of ties without mass
         return problem.coupler()
 
 
@@ -784,3 +785,24 @@ def test_a_rig_is_led_along_a_path_that_is_not_the_final_one():
     assert off("pm", 40) < 1e-4 and off("gc", 40) < 1e-4
     assert 4e-3 < off("macro", 40) < 8e-3
     assert off("macro", 80) < off("macro", 40) / 4.0
+
+
+def test_a_tie_without_mass_costs_an_order_and_is_warned_of():
+    K = np.array([[30.0, -30.0], [-30.0, 45.0]])
+
+    def error(dt, coupling, substeps):
+        a = pm.Subdomain([1.0], [20.0], scheme=SECOND, name="a")
+        b = pm.Subdomain([0.0, 1.0], K, scheme=SECOND, substeps=substeps, v0=[0.0, 1.0], name="b")
+        part = coupled(a, b, dt, coupling).run(1.0, every=1)["a"]
+        exact = reference.exact(
+            np.eye(2), None, K + np.diag([20.0, 0.0]), np.zeros(2), np.array([0.0, 1.0]), part.t
+        )
+        return largest(part.u[:, 0] - exact[0][:, 0])
+
+    steps = (1 / 200, 1 / 400)
+    with pytest.warns(pm.ConstraintWarning, match="dofs 0 of subdomain 'b' have no mass"):
+        first = [error(dt, "macro", 2) for dt in steps]
+    assert orders(first)[0] == pytest.approx(1.0, abs=0.1)
+    for coupling, substeps in (("macro", 1), ("gc", 2), ("pm", 2)):
+        second = [error(dt, coupling, substeps) for dt in steps]
+        assert orders(second)[0] == pytest.approx(2.0, abs=0.1)

@@ -1,8 +1,8 @@
 /* coupler.h - the schedule: GC-alpha, PM-alpha and macro coupling of any number of subdomains.
  *
  * The first two differ in who takes double steps, the third in when the interface is solved for:
- * at every fine instant or once in a macro step. The macro step is the unit of commit: whatever ends an
- * advance early, the coupler then stands at the last whole macro step. */
+ * at every fine instant or once in a macro step. The macro step is the unit of commit: whatever
+ * ends an advance early, the coupler then stands at the last whole macro step. */
 #ifndef PMA_COUPLER_H
 #define PMA_COUPLER_H
 

@@ -19,7 +19,7 @@ enum { PMA_KINETIC, PMA_STRAIN, PMA_DISSIPATED, PMA_EXTERNAL, PMA_INTERFACE_WORK
 /* Matrices in elimination order. The arrays behind them are the caller's, who keeps them alive. */
 typedef struct {
     size_t n, nb;
-    size_t ahead; /* steps opened before the first of them is closed: one, or those of a known run */
+    size_t ahead; /* steps opened before the first of them is closed: 1, or those of a known run */
     pma_matrix M, K, C;
     pma_link link;
 } pma_energy_parts;
@@ -54,8 +54,8 @@ void pma_energy_close(pma_energy *e, const double *u, const double *v, const dou
 /* The step opened last has been closed as far as it is known (M2): u and v (n) there. */
 void pma_energy_know(pma_energy *e, const double *u, const double *v);
 
-/* The first step that is known and not closed yet: u and v (n) of its response (M3) added to what is
- * known, under lam + share dlam (p each). */
+/* The first step that is known and not closed yet: u and v (n) of its response (M3) added to what
+ * is known, under lam + share dlam (p each). */
 void pma_energy_add(pma_energy *e, const double *u, const double *v, const double *lam,
                     const double *dlam, double share);
 
