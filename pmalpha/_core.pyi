@@ -7,7 +7,8 @@ import numpy as np
 from scipy import LowLevelCallable
 
 _Compressed = tuple[np.ndarray, np.ndarray, np.ndarray]  # ptr int64, index int32, values float64
-_Matrix = np.ndarray | _Compressed | None
+_Band = tuple[np.ndarray]  # of a matrix [d, i] = A_i,i+d; of a factor [j, k] = R_j+1+k,j
+_Matrix = np.ndarray | _Band | _Compressed | None
 _Panels = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 _Paths = tuple[np.ndarray, ...]  # panels, place, supernodes: interface anywhere in the order
 _Operator = tuple[float, np.ndarray, _Matrix | _Panels | _Paths]  # h, reciprocals of D, R

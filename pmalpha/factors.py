@@ -15,7 +15,7 @@ from . import _core
 from .blas import one_thread
 from .errors import FactorizationError
 from .inertia import inertia
-from .matrices import Matrix, core_sparse, diagonal
+from .matrices import Matrix, core_sparse, diagonal, is_narrow, row_of_entries
 from .memory import require
 
 # A pivot that has lost all digits of the diagonal entry it came from.
@@ -199,13 +199,19 @@ def columns(A: sp.csr_array, names: Names, entries: int, *, nb: int) -> Factor:
     return 1.0 / pivots, below_diagonal(R)
 
 
-def below_diagonal(R: sp.csc_array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """R by columns as the core takes it, (ptr, index, values): sorted, without the diagonal."""
-    n = R.shape[0]
-    own = np.repeat(np.arange(n), np.diff(R.indptr))
+def below_diagonal(R: sp.csc_array) -> tuple:
+    """R by columns, sorted, as the core takes it: (band,) or (ptr, index, values)."""
+    n, own = R.shape[0], row_of_entries(R)
     below = (R.indices > own) & (R.data != 0.0)
-    kept = np.concatenate([[0], np.cumsum(np.bincount(own[below], minlength=n))])
-    return kept.astype(np.int64), R.indices[below].astype(np.int32), R.data[below]
+    columns, rows, values = own[below], R.indices[below], R.data[below]
+    distance = rows - columns
+    width = int(distance.max(initial=0))
+    if width < n and is_narrow(width, n, values.size):
+        band = np.zeros((n, width))
+        band[columns, distance - 1] = values
+        return (band,)
+    ptr = np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=n))])
+    return ptr.astype(np.int64), rows.astype(np.int32), values
 
 
 def _check_symmetric(R: Any, pivots: np.ndarray, U: Any, what: str) -> None:
@@ -269,6 +275,10 @@ def interface_block(factor: Factor, nb: int) -> np.ndarray:
     if isinstance(R, np.ndarray):
         return R[begin:, begin:].T
     block = np.zeros((nb, nb), order="F")
+    if len(R) == 1:
+        for k in range(1, min(R[0].shape[1], nb - 1) + 1):
+            np.fill_diagonal(block[k:], R[0][begin : begin + nb - k, k - 1])
+        return block
     if len(R) == 3:
         ptr, index, values = R
         for j in range(begin, inverse.size):

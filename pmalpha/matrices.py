@@ -24,6 +24,9 @@ SYMMETRY_OF_ROW = 1e-14
 
 # Up to so many entries a product takes less time than telling BLAS to use one thread.
 SMALL = 10_000
+# A band wider than this is nearly always a bad order of something that would be read better in
+# another form.
+WIDEST_BAND = 64
 
 
 def canonical(value: Any, name: str, n: int | None = None) -> tuple[Matrix, int]:
@@ -204,10 +207,27 @@ def product(A: Matrix, x: np.ndarray) -> np.ndarray:
 
 
 def core_matrix(A: Matrix) -> Any:
-    """A as the core takes it: None, an array, or (ptr, index, values)."""
+    """A as the core takes it: None, an array, (band,) or (ptr, index, values)."""
     if A is None or not sp.issparse(A):
         return None if A is None else np.ascontiguousarray(A)
-    return core_sparse(A)
+    n, distance = A.shape[0], A.indices - row_of_entries(A)
+    width = int(distance.max(initial=0))
+    if not is_narrow(width + 1, n, A.nnz):
+        return core_sparse(A)
+    band = np.zeros((width + 1, n))
+    upper = distance >= 0
+    band[distance[upper], row_of_entries(A)[upper]] = A.data[upper]
+    return (band,)
+
+
+def row_of_entries(A: Any) -> np.ndarray:
+    """The row of each entry of a matrix by rows, the column of one by columns."""
+    return np.repeat(np.arange(A.indptr.size - 1), np.diff(A.indptr))
+
+
+def is_narrow(width: int, n: int, entries: int) -> bool:
+    """Is a band of this width read with fewer bytes than entries with an index each?"""
+    return 0 < width <= WIDEST_BAND and width <= n and 8 * width * n <= 12 * entries + 8 * n
 
 
 def core_sparse(A: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

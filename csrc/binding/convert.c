@@ -96,12 +96,63 @@ static int take_square(PyObject *obj, npy_intp n, const char *name, PyObject *ar
     return 0;
 }
 
+/* (values,): a band in an array with two axes; its extents */
+static int take_band(PyObject *obj, const char *name, PyObject *arrays, npy_intp shape[2],
+                     const double **values)
+{
+    const npy_intp any[2] = {-1, -1};
+    PyArrayObject *array;
+    if (pma_take_array(PyTuple_GET_ITEM(obj, 0), NPY_DOUBLE, 2, any, name, arrays, &array) < 0)
+        return -1;
+    shape[0] = PyArray_DIM(array, 0);
+    shape[1] = PyArray_DIM(array, 1);
+    *values = PyArray_DATA(array);
+    return 0;
+}
+
+static int band_error(const char *name, npy_intp n, const npy_intp shape[2])
+{
+    PyErr_Format(PyExc_ValueError, "%s: a band of %zd rows cannot have the extents %zd and %zd",
+                 name, (Py_ssize_t)n, (Py_ssize_t)shape[0], (Py_ssize_t)shape[1]);
+    return -1;
+}
+
+/* (values,), values[d, i] = A_i,i+d */
+static int take_matrix_band(PyObject *obj, npy_intp n, const char *name, PyObject *arrays,
+                            pma_matrix *out)
+{
+    npy_intp shape[2];
+    out->form = PMA_BAND;
+    if (take_band(obj, name, arrays, shape, &out->values) < 0)
+        return -1;
+    if (shape[1] != n || shape[0] < 1 || shape[0] > n)
+        return band_error(name, n, shape);
+    out->width = (size_t)shape[0] - 1;
+    return 0;
+}
+
+/* (values,), values[j, k] = R_j+1+k,j */
+static int take_factor_band(PyObject *obj, npy_intp n, const char *name, PyObject *arrays,
+                            pma_factor *out)
+{
+    npy_intp shape[2];
+    out->form = PMA_BAND;
+    if (take_band(obj, name, arrays, shape, &out->values) < 0)
+        return -1;
+    if (shape[0] != n || shape[1] < 1 || shape[1] >= n)
+        return band_error(name, n, shape);
+    out->width = (size_t)shape[1];
+    return 0;
+}
+
 int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *arrays,
                     pma_matrix *out)
 {
     *out = (pma_matrix){.form = PMA_ZERO, .n = (size_t)n};
     if (obj == Py_None)
         return 0;
+    if (PyTuple_Check(obj) && PyTuple_GET_SIZE(obj) == 1)
+        return take_matrix_band(obj, n, name, arrays, out);
     if (PyTuple_Check(obj)) {
         out->form = PMA_SPARSE;
         return take_compressed(obj, n, name, arrays, &out->ptr, &out->index, &out->values);
@@ -217,6 +268,8 @@ int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, Py
         return 0;
     if (PyTuple_Check(R) && (PyTuple_GET_SIZE(R) == 5 || PyTuple_GET_SIZE(R) == 7))
         return take_panels_and_path(R, n, name, arrays, out);
+    if (PyTuple_Check(R) && PyTuple_GET_SIZE(R) == 1)
+        return take_factor_band(R, n, name, arrays, out);
     if (PyTuple_Check(R)) {
         out->form = PMA_SPARSE;
         return take_compressed(R, n, name, arrays, &out->ptr, &out->index, &out->values);

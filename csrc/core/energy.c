@@ -146,12 +146,13 @@ void pma_energy_begin(pma_energy *e, const double *u, const double *v, const dou
     at->interface = 0.0;
 }
 
-void pma_energy_open(pma_energy *e, const double *load)
+double *pma_energy_open(pma_energy *e)
 {
     energy_node *to = node_at(e, ++e->opened);
-    memcpy(to->load, load, e->parts.n * sizeof(double));
+    memset(to->load, 0, e->parts.n * sizeof(double));
     memset(to->damping, 0, e->parts.n * sizeof(double));
     to->slip = 0.0;
+    return to->load;
 }
 
 void pma_energy_slip(pma_energy *e, double dissipated)

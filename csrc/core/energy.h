@@ -34,8 +34,8 @@ void pma_energy_destroy(pma_energy *e); /* NULL is allowed */
 void pma_energy_begin(pma_energy *e, const double *u, const double *v, const double *load,
                       const double *lam);
 
-/* A step has been opened, with this load (n) at its end. */
-void pma_energy_open(pma_energy *e, const double *load);
+/* A step is being opened: where to add the load (n) at its end. */
+double *pma_energy_open(pma_energy *e);
 
 /* The restoring force r (n) of the step opened last, r[order[i]] that of dof i. Of the node at the
  * beginning nobody knows it: there it counts as that of the first step. */

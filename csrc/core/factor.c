@@ -4,6 +4,11 @@
 
 #include "kernel.h"
 
+static size_t least(size_t a, size_t b)
+{
+    return a < b ? a : b;
+}
+
 static bool is_ordinary(const pma_factor *f)
 {
     return f->path.place != NULL;
@@ -19,6 +24,8 @@ pma_status pma_factor_check(const pma_factor *f)
     }
     if (f->form == PMA_PANELS)
         return pma_panels_check(&f->panels, f->n, f->nb);
+    if (f->form == PMA_BAND)
+        return f->width > 0 && f->width < f->n ? PMA_OK : PMA_BAD_SIZE;
     if (f->form != PMA_SPARSE)
         return PMA_OK;
     if (f->ptr[0] != 0)
@@ -43,11 +50,38 @@ size_t pma_factor_entries(const pma_factor *f)
     switch (f->form) {
     case PMA_DENSE:
         return f->n * (f->n + 1) / 2;
+    case PMA_BAND:
+        return f->n * (f->width + 1);
     case PMA_SPARSE:
         return f->n + (size_t)f->ptr[f->n];
     case PMA_PANELS:
         return (size_t)f->panels.start[f->panels.count] +
                (is_ordinary(f) ? pma_path_entries(&f->path, &f->panels) : 0);
+    default:
+        return f->n;
+    }
+}
+
+static size_t reach_of_columns(const pma_factor *f)
+{
+    size_t reach = 0;
+    for (size_t j = 0; j < f->n; j++) {
+        const int64_t end = f->ptr[j + 1];
+        const size_t furthest = end > f->ptr[j] ? (size_t)f->index[end - 1] - j : 0;
+        reach = furthest > reach ? furthest : reach;
+    }
+    return reach;
+}
+
+size_t pma_factor_reach(const pma_factor *f)
+{
+    switch (f->form) {
+    case PMA_DIAGONAL:
+        return 0;
+    case PMA_BAND:
+        return f->width;
+    case PMA_SPARSE:
+        return reach_of_columns(f);
     default:
         return f->n;
     }
@@ -68,8 +102,63 @@ static void substitute_dense(const pma_factor *f, size_t first, size_t last, dou
                                   last - first, x);
 }
 
-/* The next unknown often depends on this one (in a chain on this one alone): it is kept in a
- * register, for a way through memory would cost as much as the arithmetic. */
+/* Entries of a column of a band below the diagonal: fewer at the end. */
+static size_t rows_of_band(const pma_factor *f, size_t j)
+{
+    return f->n - 1 - j < f->width ? f->n - 1 - j : f->width;
+}
+
+/* The next unknown often depends on this one, in a chain on this one alone. It is kept in a
+ * register, for a way through memory would cost as much as the arithmetic; and a chain has loops
+ * of its own with nothing else in them, so that other work fits beside them. */
+static void eliminate_chain(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    const double *r = f->values + first;
+    const size_t columns = least(last, f->n - 1) - first;
+    double xj = x[0];
+    for (size_t j = 0; j < columns; j++)
+        x[j + 1] = xj = x[j + 1] - r[j] * xj;
+}
+
+static void substitute_chain(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    const double *r = f->values + first, *inverse = f->inverse + first;
+    size_t j = last - first;
+    double xj = last < f->n ? x[j] : 0.0;
+    while (j-- > 0)
+        x[j] = xj = x[j] * inverse[j] - r[j] * xj;
+}
+
+static void eliminate_band(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    double xj = x[0];
+    for (size_t j = first; j < last && j + 1 < f->n; j++) {
+        const double *column = f->values + j * f->width;
+        const size_t rows = rows_of_band(f, j);
+        double *below = x + (j + 1 - first);
+        const double next = below[0] - column[0] * xj;
+        for (size_t k = 1; k < rows; k++)
+            below[k] -= column[k] * xj;
+        below[0] = next;
+        xj = next;
+    }
+}
+
+static void substitute_band(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    double next = last < f->n ? x[last - first] : 0.0;
+    for (size_t j = last; j-- > first;) {
+        const double *column = f->values + j * f->width, *below = x + (j + 1 - first);
+        const size_t rows = rows_of_band(f, j);
+        double xj = x[j - first] * f->inverse[j];
+        for (size_t k = 1; k < rows; k++)
+            xj -= column[k] * below[k];
+        if (rows > 0)
+            xj -= column[0] * next;
+        x[j - first] = next = xj;
+    }
+}
+
 static void eliminate_sparse(const pma_factor *f, size_t first, size_t last, double *x)
 {
     double xj = x[0];
@@ -110,6 +199,10 @@ static void eliminate(const pma_factor *f, size_t first, size_t last, double *x)
         return;
     if (f->form == PMA_DENSE)
         eliminate_dense(f, first, last, x);
+    else if (f->form == PMA_BAND && f->width == 1)
+        eliminate_chain(f, first, last, x);
+    else if (f->form == PMA_BAND)
+        eliminate_band(f, first, last, x);
     else if (f->form == PMA_SPARSE)
         eliminate_sparse(f, first, last, x);
     else if (f->form == PMA_PANELS)
@@ -123,6 +216,10 @@ static void substitute(const pma_factor *f, size_t first, size_t last, double *x
         return;
     if (f->form == PMA_DENSE) {
         substitute_dense(f, first, last, x);
+    } else if (f->form == PMA_BAND && f->width == 1) {
+        substitute_chain(f, first, last, x);
+    } else if (f->form == PMA_BAND) {
+        substitute_band(f, first, last, x);
     } else if (f->form == PMA_SPARSE) {
         substitute_sparse(f, first, last, x);
     } else if (f->form == PMA_PANELS) {
@@ -135,6 +232,8 @@ static void substitute(const pma_factor *f, size_t first, size_t last, double *x
 
 void pma_factor_interface(const pma_factor *f, double *xb)
 {
+    if (f->nb == 0)
+        return;
     if (is_ordinary(f)) {
         pma_path_interface(&f->path, &f->panels, f->inverse, f->n, f->nb, xb, f->work);
         return;
@@ -143,29 +242,46 @@ void pma_factor_interface(const pma_factor *f, double *xb)
     substitute(f, f->n - f->nb, f->n, xb);
 }
 
-void pma_factor_open(const pma_factor *f, double *x, double *xb)
+void pma_factor_open_part(const pma_factor *f, size_t begin, size_t end, double *x, double *xb)
 {
     const size_t interior = f->n - f->nb;
     if (is_ordinary(f)) {
         pma_path_open(&f->path, &f->panels, f->inverse, f->n, f->nb, x, xb, f->work);
         return;
     }
-    eliminate(f, 0, interior, x);
-    memcpy(xb, x + interior, f->nb * sizeof *xb);
-    pma_factor_interface(f, xb);
+    if (begin < interior)
+        eliminate(f, begin, least(end, interior), x + begin);
+    if (end == f->n) {
+        memcpy(xb, x + interior, f->nb * sizeof *xb);
+        pma_factor_interface(f, xb);
+    }
 }
 
-void pma_factor_close(const pma_factor *f, const double *fb, double *x)
+void pma_factor_open(const pma_factor *f, double *x, double *xb)
+{
+    pma_factor_open_part(f, 0, f->n, x, xb);
+}
+
+void pma_factor_close_part(const pma_factor *f, size_t begin, size_t end, const double *fb,
+                           double *x)
 {
     const size_t interior = f->n - f->nb;
     if (is_ordinary(f)) {
         pma_path_close(&f->path, &f->panels, f->inverse, f->n, f->nb, fb, x, f->work);
         return;
     }
-    for (size_t i = 0; i < f->nb; i++)
-        x[interior + i] += fb[i];
-    pma_factor_interface(f, x + interior);
-    substitute(f, 0, interior, x);
+    if (end == f->n) {
+        for (size_t i = 0; i < f->nb; i++)
+            x[interior + i] += fb[i];
+        pma_factor_interface(f, x + interior);
+    }
+    if (begin < interior)
+        substitute(f, begin, least(end, interior), x + begin);
+}
+
+void pma_factor_close(const pma_factor *f, const double *fb, double *x)
+{
+    pma_factor_close_part(f, 0, f->n, fb, x);
 }
 
 void pma_factor_solve(const pma_factor *f, double *x)

@@ -119,6 +119,57 @@ subtract(const double *A, size_t ld, size_t rows, size_t columns, const double *
         subtract_columns(A + j * ld, ld, rows, 1, x + j, y);
 }
 
+/* Diagonal by diagonal, which is vectorised; A_i,i-d stands where A_i-d,i does. */
+__attribute__((always_inline)) static inline void
+subtract_band(const double *values, size_t n, size_t width, size_t begin, size_t end,
+              const double *x, double *restrict y)
+{
+    for (size_t i = begin; i < end; i++)
+        y[i] -= values[i] * x[i];
+    for (size_t d = 1; d <= width; d++) {
+        const double *diagonal = values + d * n;
+        const size_t first = begin > d ? begin : d, last = end < n - d ? end : n - d;
+        for (size_t i = begin; i < last; i++)
+            y[i] -= diagonal[i] * x[i + d];
+        for (size_t i = first; i < end; i++)
+            y[i] -= diagonal[i - d] * x[i - d];
+    }
+}
+
+__attribute__((always_inline)) static inline void
+predict(const pma_step *c, size_t begin, size_t end, const pma_state *from, const pma_state *to)
+{
+    const double *u0 = from->u, *v0 = from->v, *w0 = from->w, *a0 = from->a;
+    double *ut = to->u, *vt = to->v, *y = to->w, *known = to->a;
+#pragma omp simd
+    for (size_t i = begin; i < end; i++) {
+        const double v = v0[i], w = w0[i], a = a0[i];
+        ut[i] = u0[i] + c->h * v + c->u_a * a + c->u_w * w;
+        vt[i] = v + c->v_a * a + c->v_w * w;
+        known[i] = c->a_a * a + c->a_w * w;
+        y[i] = 0.0;
+    }
+}
+
+/* x * 0 is 0 only where x is finite, in whatever order these are added */
+__attribute__((always_inline)) static inline bool
+correct(const pma_step *c, size_t begin, size_t end, const pma_state *x)
+{
+    double *u = x->u, *v = x->v, *w = x->w, *a = x->a;
+    double zero = 0.0;
+#pragma omp simd reduction(+ : zero)
+    for (size_t i = begin; i < end; i++) {
+        const double u1 = u[i] + c->al1 * w[i];
+        const double v1 = v[i] + c->al2 * w[i];
+        const double a1 = a[i] + c->a_w1 * w[i];
+        u[i] = u1;
+        v[i] = v1;
+        a[i] = a1;
+        zero += 0.0 * u1 * v1 * a1;
+    }
+    return zero == 0.0;
+}
+
 /* ---- for each kind of processor ------------------------------------------------------------------ */
 
 static void eliminate_plain(const double *panel, size_t ld, size_t height, size_t width, double *x)
@@ -138,7 +189,28 @@ static void subtract_plain(const double *A, size_t ld, size_t rows, size_t colum
     subtract(A, ld, rows, columns, x, y);
 }
 
-static const pma_kernel PLAIN = {eliminate_plain, substitute_plain, subtract_plain};
+static void
+subtract_band_plain(const double *values, size_t n, size_t width, size_t begin, size_t end,
+                     const double *x, double *y)
+{
+    subtract_band(values, n, width, begin, end, x, y);
+}
+
+static void
+predict_plain(const pma_step *c, size_t begin, size_t end, const pma_state *from,
+              const pma_state *to)
+{
+    predict(c, begin, end, from, to);
+}
+
+static bool
+correct_plain(const pma_step *c, size_t begin, size_t end, const pma_state *x)
+{
+    return correct(c, begin, end, x);
+}
+
+static const pma_kernel PLAIN = {eliminate_plain,     substitute_plain, subtract_plain,
+                                 subtract_band_plain, predict_plain,    correct_plain};
 
 const pma_kernel *pma_kernel_plain(void)
 {
@@ -166,7 +238,28 @@ subtract_avx2(const double *A, size_t ld, size_t rows, size_t columns, const dou
     subtract(A, ld, rows, columns, x, y);
 }
 
-static const pma_kernel AVX2 = {eliminate_avx2, substitute_avx2, subtract_avx2};
+__attribute__((target("avx2"))) static void
+subtract_band_avx2(const double *values, size_t n, size_t width, size_t begin, size_t end,
+                    const double *x, double *y)
+{
+    subtract_band(values, n, width, begin, end, x, y);
+}
+
+__attribute__((target("avx2"))) static void
+predict_avx2(const pma_step *c, size_t begin, size_t end, const pma_state *from,
+             const pma_state *to)
+{
+    predict(c, begin, end, from, to);
+}
+
+__attribute__((target("avx2"))) static bool
+correct_avx2(const pma_step *c, size_t begin, size_t end, const pma_state *x)
+{
+    return correct(c, begin, end, x);
+}
+
+static const pma_kernel AVX2 = {eliminate_avx2,     substitute_avx2, subtract_avx2,
+                                subtract_band_avx2, predict_avx2,    correct_avx2};
 
 const pma_kernel *pma_kernel_best(void)
 {

@@ -1,11 +1,15 @@
-/* kernel.h - sweeps and products with dense columns, in vectors of four numbers.
+/* kernel.h - the loops where most of the time of a step goes, for each kind of processor.
  *
- * Where most of the time of a step goes. A panel holds a unit lower trapezoid by columns: R_ij
+ * A panel holds a unit lower trapezoid by columns: R_ij
  * stands at panel[j * ld + i], and only what is below the diagonal is read. */
 #ifndef PMA_KERNEL_H
 #define PMA_KERNEL_H
 
+#include <stdbool.h>
 #include <stddef.h>
+
+#include "scheme.h"
+#include "state.h"
 
 typedef struct {
     /* x (height): for j = 0..width-1 in turn, x_i -= R_ij x_j for all i > j */
@@ -15,6 +19,16 @@ typedef struct {
     /* y (rows) -= A x, A_ij at A[j * ld + i] */
     void (*subtract)(const double *A, size_t ld, size_t rows, size_t columns, const double *x,
                      double *y);
+    /* y_i -= sum over j of A_ij x_j for i = begin..end-1, A_i,i+d = A_i+d,i at values[d * n + i]
+     * for d = 0..width */
+    void (*subtract_band)(const double *values, size_t n, size_t width, size_t begin, size_t end,
+                          const double *x, double *y);
+    /* (5), (6) and the known part of (9) for the rows begin..end-1, from one state into another or
+     * in place; w := 0 */
+    void (*predict)(const pma_step *c, size_t begin, size_t end, const pma_state *from,
+                    const pma_state *to);
+    /* (8), (9) for the rows begin..end-1; true when every new value is finite */
+    bool (*correct)(const pma_step *c, size_t begin, size_t end, const pma_state *x);
 } pma_kernel;
 
 /* The widest instructions of this processor. All kernels give the same bits: they differ in how

@@ -44,4 +44,8 @@ pma_status pma_load_ask(const pma_load *load, double t, int *code);
  * Does not allocate. */
 void pma_load_add(const pma_load *load, double t, int64_t step, double *g);
 
+/* the same for the rows begin..end-1 of g alone */
+void pma_load_add_rows(const pma_load *load, double t, int64_t step, size_t begin, size_t end,
+                       double *g);
+
 #endif

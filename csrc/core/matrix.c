@@ -4,6 +4,8 @@
 
 pma_status pma_matrix_check(const pma_matrix *A)
 {
+    if (A->form == PMA_BAND)
+        return A->width < A->n ? PMA_OK : PMA_BAD_SIZE;
     if (A->form != PMA_SPARSE)
         return PMA_OK;
     if (A->ptr[0] != 0)
@@ -26,6 +28,8 @@ size_t pma_matrix_entries(const pma_matrix *A)
         return A->n;
     case PMA_DENSE:
         return A->n * A->n;
+    case PMA_BAND:
+        return (A->width + 1) * A->n;
     case PMA_SPARSE:
         return (size_t)A->ptr[A->n];
     default:
@@ -33,15 +37,43 @@ size_t pma_matrix_entries(const pma_matrix *A)
     }
 }
 
-static void subtract_diagonal(const pma_matrix *A, const double *x, double *y)
+static size_t reach_of_rows(const pma_matrix *A)
 {
-    for (size_t i = 0; i < A->n; i++)
+    size_t reach = 0;
+    for (size_t i = 0; i < A->n; i++) {
+        for (int64_t k = A->ptr[i]; k < A->ptr[i + 1]; k++) {
+            const size_t j = (size_t)A->index[k], distance = j > i ? j - i : i - j;
+            reach = distance > reach ? distance : reach;
+        }
+    }
+    return reach;
+}
+
+size_t pma_matrix_reach(const pma_matrix *A)
+{
+    switch (A->form) {
+    case PMA_BAND:
+        return A->width;
+    case PMA_DENSE:
+        return A->n - 1;
+    case PMA_SPARSE:
+        return reach_of_rows(A);
+    default:
+        return 0;
+    }
+}
+
+static void subtract_diagonal(const pma_matrix *A, size_t begin, size_t end, const double *x,
+                              double *restrict y)
+{
+    for (size_t i = begin; i < end; i++)
         y[i] -= A->values[i] * x[i];
 }
 
-static void subtract_sparse(const pma_matrix *A, const double *x, double *y)
+static void subtract_sparse(const pma_matrix *A, size_t begin, size_t end, const double *x,
+                            double *y)
 {
-    for (size_t i = 0; i < A->n; i++) {
+    for (size_t i = begin; i < end; i++) {
         double sum = 0.0;
         for (int64_t k = A->ptr[i]; k < A->ptr[i + 1]; k++)
             sum += A->values[k] * x[A->index[k]];
@@ -49,19 +81,34 @@ static void subtract_sparse(const pma_matrix *A, const double *x, double *y)
     }
 }
 
-void pma_matrix_subtract(const pma_matrix *A, const double *x, double *y)
+void pma_matrix_subtract_rows(const pma_matrix *A, size_t begin, size_t end, const double *x,
+                              double *y)
 {
     switch (A->form) {
     case PMA_DIAGONAL:
-        subtract_diagonal(A, x, y);
+        subtract_diagonal(A, begin, end, x, y);
         break;
-    case PMA_DENSE:
-        pma_kernel_best()->subtract(A->values, A->n, A->n, A->n, x, y); /* column j is row j */
+    case PMA_BAND:
+        pma_kernel_best()->subtract_band(A->values, A->n, A->width, begin, end, x, y);
+        break;
+    case PMA_DENSE: /* column j is row j: A is symmetric */
+        pma_kernel_best()->subtract(A->values + begin, A->n, end - begin, A->n, x, y + begin);
         break;
     case PMA_SPARSE:
-        subtract_sparse(A, x, y);
+        subtract_sparse(A, begin, end, x, y);
         break;
     default: /* zero */
         break;
+    }
+}
+
+/* Rows at a time, so that what is read again stays in the cache. */
+enum { PIECE = 1024 };
+
+void pma_matrix_subtract(const pma_matrix *A, const double *x, double *y)
+{
+    for (size_t begin = 0; begin < A->n; begin += PIECE) {
+        const size_t end = A->n - begin < PIECE ? A->n : begin + PIECE;
+        pma_matrix_subtract_rows(A, begin, end, x, y);
     }
 }

@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "kernel.h"
+
 /* An own step that is closed, two that are opened and the node before; or for single steps two
  * macro steps with two stored velocities each. */
 enum { MOST_WORKS = 4 };
@@ -17,6 +19,8 @@ struct pma_subdomain {
     pma_state present;  /* own node 0 */
     pma_state previous; /* own node -1, for the double step */
     pma_state work[MOST_WORKS]; /* own nodes 1, 2, ..., see slot_of */
+    const pma_kernel *kernel;
+    size_t reach, slab;         /* of the matrices; rows of a step taken at a time */
     size_t works, first;        /* how many of them there are, and where they begin */
     size_t opened;              /* steps towards the own nodes up to this one have been opened */
     pma_state response;         /* (M3), if ramped */
@@ -71,6 +75,34 @@ static pma_status check_parts(const pma_parts *parts)
 static bool extrapolates(const pma_parts *parts)
 {
     return parts->restoring.function || parts->lagged || parts->D_r.form != PMA_ZERO;
+}
+
+static size_t most(size_t a, size_t b)
+{
+    return a > b ? a : b;
+}
+
+static size_t least(size_t a, size_t b)
+{
+    return a < b ? a : b;
+}
+
+static size_t reach_of(const pma_parts *p)
+{
+    const size_t matrices = most(pma_matrix_reach(&p->K), pma_matrix_reach(&p->C));
+    const size_t factors = p->doubled ? pma_factor_reach(&p->twice.factor) : 0;
+    return most(matrices, most(factors, pma_factor_reach(&p->single.factor)));
+}
+
+/* Rows that fit into the first cache with all they need, and the furthest reach that leaves the
+ * rest in the second. */
+enum { SLAB = 128, NARROW = 4096 };
+
+/* Restoring forces want all predictors at once. */
+static size_t slab_of(const pma_parts *p, size_t reach)
+{
+    const bool linear = !extrapolates(p) && p->springs.total == 0;
+    return reach <= NARROW && reach < p->n / 2 && linear ? SLAB : p->n;
 }
 
 static double *take(double **next, size_t count)
@@ -137,7 +169,10 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
     if (!s)
         return PMA_NO_MEMORY;
     s->parts = *parts;
+    s->kernel = pma_kernel_best();
     s->works = works;
+    s->reach = reach_of(parts);
+    s->slab = slab_of(parts, s->reach);
     s->block = calloc(states * (4 * parts->n + remembered) + extrapolated + 6 * parts->nb +
                           remembered,
                       sizeof(double));
@@ -296,21 +331,6 @@ void pma_subdomain_compliance(pma_subdomain *s, bool twice, const double *lam, d
     pma_link_gather(&s->parts.link, op->step.al2, s->link, out);
 }
 
-/* (5), (6) and the known part of (9), from one state into another or in place; w := 0 */
-static void predict(const pma_step *c, size_t n, const pma_state *from, const pma_state *to)
-{
-    const double *u0 = from->u, *v0 = from->v, *w0 = from->w, *a0 = from->a;
-    double *ut = to->u, *vt = to->v, *y = to->w, *known = to->a;
-#pragma omp simd
-    for (size_t i = 0; i < n; i++) {
-        const double v = v0[i], w = w0[i], a = a0[i];
-        ut[i] = u0[i] + c->h * v + c->u_a * a + c->u_w * w;
-        vt[i] = v + c->v_a * a + c->v_w * w;
-        known[i] = c->a_a * a + c->a_w * w;
-        y[i] = 0.0;
-    }
-}
-
 /* (R1)  vs = v + h w */
 static void extrapolate(double h, size_t n, const pma_state *from, double *vs)
 {
@@ -361,36 +381,60 @@ static pma_status restore(pma_subdomain *s, const pma_state *from, const pma_sta
     return PMA_OK;
 }
 
+/* The free problem (13) up to its acceleration on the interface, slab by slab: where matrices and
+ * factor are narrow, what one stage leaves is still in the cache for the next, and is computed
+ * while a sweep waits for its last unknown. */
+static pma_status solve_free(pma_subdomain *s, const pma_operator *op, const pma_state *from,
+                             const pma_state *to, double *wf_b, double t1, int64_t step)
+{
+    const pma_parts *p = &s->parts;
+    size_t predicted = 0;
+
+    pma_status status = pma_load_ask(&s->load, t1, &s->code);
+    if (status != PMA_OK)
+        return status;
+    if (s->energy)
+        pma_load_add(&s->load, t1, step, pma_energy_open(s->energy));
+
+    /* (R1) */
+    if (extrapolates(p))
+        extrapolate(op->step.h, p->n, from, s->vs);
+
+    for (size_t begin = 0; begin < p->n && status == PMA_OK; begin += s->slab) {
+        const size_t end = least(begin + s->slab, p->n), ahead = least(end + s->reach, p->n);
+
+        /* (5), (6) */
+        s->kernel->predict(&op->step, predicted, ahead, from, to);
+        predicted = ahead;
+
+        /* (11)  F(t1) - C vt - K ut; lagged: C vs (R4) */
+        pma_load_add_rows(&s->load, t1, step, begin, end, to->w);
+        pma_matrix_subtract_rows(&p->C, begin, end, p->lagged ? s->vs : to->v, to->w);
+        pma_matrix_subtract_rows(&p->K, begin, end, to->u, to->w);
+
+        /* (R3), where there is something to it in all rows at once */
+        if (s->slab == p->n)
+            status = restore(s, from, to, t1);
+
+        /* (F2), (F3) */
+        if (status == PMA_OK)
+            pma_factor_open_part(&op->factor, begin, end, to->w, wf_b);
+    }
+    return status;
+}
+
 pma_status pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1, int64_t step)
 {
     const pma_operator *op = operator_of(s, twice);
     const pma_state *from = origin(s, j, twice), *to = pma_subdomain_at(s, j + 1);
     double *vf = free_velocity_at(s, j + 1);
-    const double *vt;
+    const double *vt = interface_of(s, to->v);
 
-    /* (R1), (5), (6) */
-    if (extrapolates(&s->parts))
-        extrapolate(op->step.h, s->parts.n, from, s->vs);
-    predict(&op->step, s->parts.n, from, to);
-
-    /* (11)  F(t1) - C vt - K ut; lagged: C vs (R4) */
-    pma_status status = pma_load_ask(&s->load, t1, &s->code);
-    if (status != PMA_OK)
-        return status;
-    pma_load_add(&s->load, t1, step, to->w);
-    if (s->energy)
-        pma_energy_open(s->energy, to->w);
-    pma_matrix_subtract(&s->parts.C, s->parts.lagged ? s->vs : to->v, to->w);
-    pma_matrix_subtract(&s->parts.K, to->u, to->w);
-
-    /* (R3) */
-    status = restore(s, from, to, t1);
+    const pma_status status = solve_free(s, op, from, to, vf, t1, step);
     if (status != PMA_OK)
         return status;
 
-    /* (F2), (F3)  vf_b = vt_b + al2 wf_b */
-    vt = interface_of(s, to->v);
-    pma_factor_open(&op->factor, to->w, vf);
+    /* (F3)  vf_b = vt_b + al2 wf_b */
     for (size_t i = 0; i < s->parts.nb; i++)
         vf[i] = vt[i] + op->step.al2 * vf[i];
     s->opened = j + 1;
@@ -426,22 +470,17 @@ pma_status pma_subdomain_restore(pma_subdomain *s, double t, const double *u, co
     return status;
 }
 
-/* (8), (9); true when every new value is finite: x * 0 is 0 only then, in whatever order added */
-static bool correct(const pma_step *c, size_t n, const pma_state *x)
+/* (F4) and (F5) with L^T Lam in s->closing, (8), (9), slab by slab from the last rows on; true when
+ * every new value is finite */
+static bool sweep_back(const pma_subdomain *s, const pma_operator *op, const pma_state *x)
 {
-    double *u = x->u, *v = x->v, *w = x->w, *a = x->a;
-    double zero = 0.0;
-#pragma omp simd reduction(+ : zero)
-    for (size_t i = 0; i < n; i++) {
-        const double u1 = u[i] + c->al1 * w[i];
-        const double v1 = v[i] + c->al2 * w[i];
-        const double a1 = a[i] + c->a_w1 * w[i];
-        u[i] = u1;
-        v[i] = v1;
-        a[i] = a1;
-        zero += 0.0 * u1 + 0.0 * v1 + 0.0 * a1;
+    bool finite = true;
+    for (size_t end = s->parts.n, begin; end > 0; end = begin) {
+        begin = end > s->slab ? end - s->slab : 0;
+        pma_factor_close_part(&op->factor, begin, end, s->closing, x->w);
+        finite = s->kernel->correct(&op->step, begin, end, x) && finite;
     }
-    return zero == 0.0;
+    return finite;
 }
 
 pma_status pma_subdomain_close(pma_subdomain *s, size_t j, bool twice, const double *lam)
@@ -449,12 +488,10 @@ pma_status pma_subdomain_close(pma_subdomain *s, size_t j, bool twice, const dou
     const pma_operator *op = operator_of(s, twice);
     const pma_state *x = pma_subdomain_at(s, j);
 
-    /* (F4), (F5)  w = Mbar^-1 (g + L^T Lam) */
+    /* (14), (8), (9)  w = Mbar^-1 (g + L^T Lam) */
     memset(s->closing, 0, s->parts.nb * sizeof(double));
     pma_link_load(&s->parts.link, lam, s->closing);
-    pma_factor_close(&op->factor, s->closing, x->w);
-
-    if (!correct(&op->step, s->parts.n, x))
+    if (!sweep_back(s, op, x))
         return PMA_NOT_FINITE;
     if (s->energy && s->parts.ramped)
         pma_energy_know(s->energy, x->u, x->v);
@@ -545,7 +582,7 @@ void pma_subdomain_respond(pma_subdomain *s, size_t j, const double *lam)
     /* (R1), (5), (6) */
     if (s->parts.lagged)
         extrapolate(op->step.h, s->parts.n, x, s->vs);
-    predict(&op->step, s->parts.n, x, x);
+    s->kernel->predict(&op->step, 0, s->parts.n, x, x);
 
     /* -(C + D_r) vt - (K + K_r) ut; lagged: C vs (R4) */
     pma_matrix_subtract(&s->parts.C, s->parts.lagged ? s->vs : x->v, x->w);
@@ -559,7 +596,7 @@ void pma_subdomain_respond(pma_subdomain *s, size_t j, const double *lam)
     for (size_t i = 0; i < s->parts.nb; i++)
         w_b[i] += share * s->link[i];
     pma_factor_solve(&op->factor, x->w);
-    correct(&op->step, s->parts.n, x);
+    s->kernel->correct(&op->step, 0, s->parts.n, x);
 }
 
 const pma_state *pma_subdomain_response(const pma_subdomain *s)

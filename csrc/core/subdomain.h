@@ -20,19 +20,8 @@
 #include "restoring.h"
 #include "scheme.h"
 #include "springs.h"
+#include "state.h"
 #include "status.h"
-
-/* A state at a node, or a step that has been opened.                                     (E1)
- *
- *        closed                      opened
- *   u    displacement                predictor ut
- *   v    velocity                    predictor vt
- *   w    acceleration                swept right-hand side y
- *   a    acceleration-like variable  its part that is known, (af w - am a)/(1 - am) */
-typedef struct {
-    double *u, *v, *w, *a; /* n each */
-    double *springs;       /* what they remember; of an opened step already that of its end */
-} pma_state;
 
 /* What one step length needs: constants and the factor of Mbar. */
 typedef struct {

@@ -106,10 +106,10 @@ pma_parts describe(part *x)
                        .doubled = x->doubled,
                        .lagged = x->lagged,
                        .restoring = make_restoring(x),
-                       .D_r = {PMA_DENSE, x->n, x->D_r, NULL, NULL},
+                       .D_r = {.form = PMA_DENSE, .n = x->n, .values = x->D_r},
                        .ramped = x->ramped,
-                       .K = {PMA_DENSE, x->n, x->K, NULL, NULL},
-                       .C = {PMA_DENSE, x->n, x->C, NULL, NULL},
+                       .K = {.form = PMA_DENSE, .n = x->n, .values = x->K},
+                       .C = {.form = PMA_DENSE, .n = x->n, .values = x->C},
                        .single = make_operator(x, false),
                        .twice = make_operator(x, true),
                        .link = make_link(x)};

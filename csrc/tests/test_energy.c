@@ -17,9 +17,9 @@ static pma_energy_parts two_dofs(const double *M, const double *K, const double 
 {
     return (pma_energy_parts){.n = 2,
                               .nb = 1,
-                              .M = {PMA_DIAGONAL, 2, M, NULL, NULL},
-                              .K = {PMA_DENSE, 2, K, NULL, NULL},
-                              .C = {PMA_DIAGONAL, 2, C, NULL, NULL},
+                              .M = {.form = PMA_DIAGONAL, .n = 2, .values = M},
+                              .K = {.form = PMA_DENSE, .n = 2, .values = K},
+                              .C = {.form = PMA_DIAGONAL, .n = 2, .values = C},
                               .link = {1, 1, LINK_PTR, &LINK_INDEX, &LINK_VALUE}};
 }
 
@@ -39,15 +39,15 @@ static void works_of_single_and_double_steps_are_those_of_hand_calculation(void)
     CHECK_BITS(PMA_ENERGIES, out, ((double[]){4.0, 0.0, 0.0, 0.0, 0.0}));
 
     /* from 0 to 1, though the step was a double one: there is no node before */
-    pma_energy_open(e, load[1]);
+    memcpy(pma_energy_open(e), load[1], sizeof load[1]);
     pma_energy_close(e, u[1], v[1], &lam[1], true);
     pma_energy_tell(e, u[1], v[1], out);
     /* T = (2 + 64)/2; U = (3 - 4 + 8)/2; C v: (2, 0), (1, 2); pull: -2, -6 */
     CHECK_BITS(PMA_ENERGIES, out, ((double[]){33.0, 3.5, 3.5, 8.0, -8.0}));
 
     /* a double step from 0 to 2, opened together with the one to 3 */
-    pma_energy_open(e, load[2]);
-    pma_energy_open(e, load[3]);
+    memcpy(pma_energy_open(e), load[2], sizeof load[2]);
+    memcpy(pma_energy_open(e), load[3], sizeof load[3]);
     pma_energy_close(e, u[2], v[2], &lam[2], true);
     pma_energy_tell(e, u[2], v[2], out);
     /* T = 16/2; U = (27 - 12 + 8)/2; du = (3, 2); C v: (0, 1); pull: 2 */
@@ -80,7 +80,8 @@ static void an_energy_with_sizes_or_indices_that_do_not_agree_is_refused(void)
         CHECK(e == NULL);
     }
     bad[0] = good;
-    bad[0].M = (pma_matrix){PMA_SPARSE, 2, two, ptr, outside};
+    bad[0].M = (pma_matrix){
+        .form = PMA_SPARSE, .n = 2, .values = two, .ptr = ptr, .index = outside};
     CHECK_STATUS(pma_energy_create(&bad[0], &e), PMA_BAD_INDEX);
     bad[1] = good;
     bad[1].n = bad[1].M.n = bad[1].K.n = bad[1].C.n = SIZE_MAX / 16;
@@ -93,7 +94,7 @@ static void run_with_energy(model *m, tape *t, double *told)
 {
     const double none[MOST] = {0.0};
     for (size_t i = 0; i < m->count; i++) {
-        const pma_matrix M = {PMA_DENSE, m->parts[i].n, m->parts[i].M, NULL, NULL};
+        const pma_matrix M = {.form = PMA_DENSE, .n = m->parts[i].n, .values = m->parts[i].M};
         CHECK_STATUS(pma_subdomain_begin_energy(m->subdomains[i], M, none, m->lam0), PMA_OK);
         CHECK(pma_subdomain_has_energy(m->subdomains[i]));
     }

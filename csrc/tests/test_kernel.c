@@ -110,8 +110,59 @@ static void all_kernels_multiply_like_two_loops(void)
     }
 }
 
+static pma_state state_in(double *block)
+{
+    return (pma_state){
+        .u = block, .v = block + HEIGHT, .w = block + 2 * HEIGHT, .a = block + 3 * HEIGHT};
+}
+
+/* The formulas themselves are tested with the subdomain; here that they are the same everywhere,
+ * and that rows outside are left alone. */
+static void all_kernels_predict_and_correct_the_rows_asked_for_to_the_same_bits(void)
+{
+    uint64_t seed = 17;
+    const pma_step c = pma_step_make((pma_scheme){0.2, 0.4, 0.3, 0.7}, 0.1);
+    double old[4 * HEIGHT], a[4 * HEIGHT], b[4 * HEIGHT];
+    const pma_state from = state_in(old), plain = state_in(a), best = state_in(b);
+    for (size_t begin = 0; begin < 6; begin++) {
+        for (size_t end = begin; end <= HEIGHT; end++) {
+            draw_vector(4 * HEIGHT, &seed, old);
+            for (size_t k = 0; k < 4 * HEIGHT; k++)
+                a[k] = b[k] = 7.0;
+            pma_kernel_plain()->predict(&c, begin, end, &from, &plain);
+            pma_kernel_best()->predict(&c, begin, end, &from, &best);
+            CHECK_BITS(4 * HEIGHT, b, a);
+            for (size_t i = 0; i < HEIGHT; i++)
+                CHECK_NEAR(plain.w[i], i >= begin && i < end ? 0.0 : 7.0, 0.0);
+            draw_vector(HEIGHT, &seed, plain.w);
+            memcpy(best.w, plain.w, HEIGHT * sizeof(double));
+            CHECK(pma_kernel_plain()->correct(&c, begin, end, &plain));
+            CHECK(pma_kernel_best()->correct(&c, begin, end, &best));
+            CHECK_BITS(4 * HEIGHT, b, a);
+        }
+    }
+}
+
+static void every_value_that_is_not_finite_is_found(void)
+{
+    const pma_step c = pma_step_make((pma_scheme){0.2, 0.4, 0.3, 0.7}, 0.1);
+    const double bad[3] = {NAN, INFINITY, -INFINITY};
+    double a[4 * HEIGHT];
+    const pma_state x = state_in(a);
+    for (size_t k = 0; k < 3 * 4 * HEIGHT; k++) {
+        const pma_kernel *kernels[2] = {pma_kernel_plain(), pma_kernel_best()};
+        for (size_t i = 0; i < 2; i++) {
+            for (size_t l = 0; l < 4 * HEIGHT; l++)
+                a[l] = l == k / 3 ? bad[k % 3] : 1e308 / 8.0; /* a sum of eight is not finite */
+            CHECK(!kernels[i]->correct(&c, 0, HEIGHT, &x));
+        }
+    }
+}
+
 const test KERNEL_TESTS[] = {
     TEST(all_kernels_sweep_like_two_loops_and_to_the_same_bits),
     TEST(all_kernels_multiply_like_two_loops),
+    TEST(all_kernels_predict_and_correct_the_rows_asked_for_to_the_same_bits),
+    TEST(every_value_that_is_not_finite_is_found),
     END_OF_TESTS,
 };

@@ -1,4 +1,5 @@
 /* test_matrix.c - products with a matrix in each of its forms. */
+#include <math.h>
 #include <stdint.h>
 #include <string.h>
 
@@ -7,6 +8,12 @@
 #include "matrix.h"
 #include "naive.h"
 #include "tests.h"
+
+static pma_matrix sparse_matrix(size_t n, const double *values, const int64_t *ptr,
+                                const int32_t *index)
+{
+    return (pma_matrix){.form = PMA_SPARSE, .n = n, .values = values, .ptr = ptr, .index = index};
+}
 
 /* Small multiples of 1/8 everywhere: no rounding, so equality is asked for. */
 static void check_subtract(const pma_matrix *A, const double *rows)
@@ -22,6 +29,12 @@ static void check_subtract(const pma_matrix *A, const double *rows)
     }
     CHECK_STATUS(pma_matrix_check(A), PMA_OK);
     pma_matrix_subtract(A, x, y);
+    CHECK_BITS(A->n, y, expected);
+
+    for (size_t i = 0; i < A->n; i++)
+        y[i] = 100.0 - (double)i;
+    for (size_t begin = 0; begin < A->n; begin += 4)
+        pma_matrix_subtract_rows(A, begin, begin + 4 < A->n ? begin + 4 : A->n, x, y);
     CHECK_BITS(A->n, y, expected);
 }
 
@@ -40,16 +53,64 @@ static void all_forms_of_a_matrix_multiply_like_two_loops(void)
         double rows[SIZE * SIZE], diagonal[SIZE], spread[SIZE * SIZE] = {0.0};
         draw_symmetric(n, &seed, rows);
         const compressed s = compress(n, rows);
-        check_subtract(&(pma_matrix){PMA_DENSE, n, rows, NULL, NULL}, rows);
-        check_subtract(&(pma_matrix){PMA_SPARSE, n, s.values, s.ptr, s.index}, rows);
+        check_subtract(&(pma_matrix){.form = PMA_DENSE, .n = n, .values = rows}, rows);
+        const pma_matrix by_rows = sparse_matrix(n, s.values, s.ptr, s.index);
+        check_subtract(&by_rows, rows);
 
         for (size_t i = 0; i < n; i++)
             diagonal[i] = spread[i * n + i] = draw_eighth(&seed);
-        check_subtract(&(pma_matrix){PMA_DIAGONAL, n, diagonal, NULL, NULL}, spread);
+        check_subtract(&(pma_matrix){.form = PMA_DIAGONAL, .n = n, .values = diagonal}, spread);
 
         memset(spread, 0, sizeof spread);
-        check_subtract(&(pma_matrix){PMA_ZERO, n, NULL, NULL, NULL}, spread);
+        check_subtract(&(pma_matrix){.form = PMA_ZERO, .n = n}, spread);
     }
+}
+
+/* values (n*n): the diagonals of `rows` from the main one on, one after the other; what lies
+ * outside of the matrix is NaN and must not be read. */
+static pma_matrix take_band(size_t n, size_t width, const double *rows, double *values)
+{
+    for (size_t d = 0; d <= width; d++) {
+        for (size_t i = 0; i < n; i++)
+            values[d * n + i] = i + d < n ? rows[i * n + i + d] : (double)NAN;
+    }
+    return (pma_matrix){.form = PMA_BAND, .n = n, .values = values, .width = width};
+}
+
+static void bands_of_every_width_multiply_like_two_loops(void)
+{
+    uint64_t seed = 14;
+    double rows[SIZE * SIZE], values[SIZE * SIZE];
+    for (size_t n = 1; n <= SIZE; n++) {
+        for (size_t width = 0; width < n; width++) {
+            draw_symmetric(n, &seed, rows);
+            for (size_t i = 0; i < n * n; i++) {
+                const size_t row = i / n, column = i % n;
+                if (row > column + width || column > row + width)
+                    rows[i] = 0.0;
+            }
+            const pma_matrix A = take_band(n, width, rows, values);
+            check_subtract(&A, rows);
+            CHECK_INT(pma_matrix_entries(&A), n * (width + 1));
+            CHECK_INT(pma_matrix_reach(&A), width);
+        }
+    }
+    const pma_matrix too_wide = {.form = PMA_BAND, .n = 3, .values = values, .width = 3};
+    CHECK_STATUS(pma_matrix_check(&too_wide), PMA_BAD_SIZE);
+}
+
+static void the_reach_of_a_matrix_is_its_furthest_entry(void)
+{
+    const double values[4] = {0.0};
+    const int64_t ptr[5] = {0, 1, 2, 4, 4};
+    CHECK_INT(pma_matrix_reach(&(pma_matrix){.form = PMA_ZERO, .n = 4}), 0);
+    CHECK_INT(pma_matrix_reach(&(pma_matrix){.form = PMA_DIAGONAL, .n = 4, .values = values}), 0);
+    CHECK_INT(pma_matrix_reach(&(pma_matrix){.form = PMA_DENSE, .n = 4, .values = values}), 3);
+    const int32_t above[4] = {0, 3, 1, 2}, below[4] = {0, 1, 2, 0};
+    const pma_matrix up = sparse_matrix(4, values, ptr, above),
+                     down = sparse_matrix(4, values, ptr, below);
+    CHECK_INT(pma_matrix_reach(&up), 2);
+    CHECK_INT(pma_matrix_reach(&down), 2);
 }
 
 static void a_product_reads_as_many_entries_as_are_stored(void)
@@ -57,16 +118,18 @@ static void a_product_reads_as_many_entries_as_are_stored(void)
     const double values[9] = {0.0};
     const int64_t ptr[4] = {0, 2, 2, 5};
     const int32_t index[5] = {0, 2, 0, 1, 2};
-    CHECK_INT(pma_matrix_entries(&(pma_matrix){PMA_ZERO, 3, NULL, NULL, NULL}), 0);
-    CHECK_INT(pma_matrix_entries(&(pma_matrix){PMA_DIAGONAL, 3, values, NULL, NULL}), 3);
-    CHECK_INT(pma_matrix_entries(&(pma_matrix){PMA_DENSE, 3, values, NULL, NULL}), 9);
-    CHECK_INT(pma_matrix_entries(&(pma_matrix){PMA_SPARSE, 3, values, ptr, index}), 5);
+    CHECK_INT(pma_matrix_entries(&(pma_matrix){.form = PMA_ZERO, .n = 3}), 0);
+    CHECK_INT(pma_matrix_entries(&(pma_matrix){.form = PMA_DIAGONAL, .n = 3, .values = values}), 3);
+    CHECK_INT(pma_matrix_entries(&(pma_matrix){.form = PMA_DENSE, .n = 3, .values = values}), 9);
+    const pma_matrix sparse = sparse_matrix(3, values, ptr, index);
+    CHECK_INT(pma_matrix_entries(&sparse), 5);
 }
 
 static pma_status matrix_status(const int64_t *ptr, const int32_t *index)
 {
     const double values[4] = {0.0};
-    return pma_matrix_check(&(pma_matrix){PMA_SPARSE, 3, values, ptr, index});
+    const pma_matrix A = sparse_matrix(3, values, ptr, index);
+    return pma_matrix_check(&A);
 }
 
 static void a_matrix_with_a_bad_index_is_refused(void)
@@ -89,6 +152,8 @@ static void a_matrix_with_a_bad_index_is_refused(void)
 
 const test MATRIX_TESTS[] = {
     TEST(all_forms_of_a_matrix_multiply_like_two_loops),
+    TEST(bands_of_every_width_multiply_like_two_loops),
+    TEST(the_reach_of_a_matrix_is_its_furthest_entry),
     TEST(a_product_reads_as_many_entries_as_are_stored),
     TEST(a_matrix_with_a_bad_index_is_refused),
     END_OF_TESTS,

@@ -56,8 +56,8 @@ static void a_subdomain_with_a_bad_index_is_refused(void)
     const int64_t ptr[2] = {0, 1};
     const int32_t one = 1;
     pma_parts bad[5] = {good, good, good, good, good};
-    bad[0].K = (pma_matrix){PMA_SPARSE, 1, x.K, ptr, &one};
-    bad[1].C = (pma_matrix){PMA_SPARSE, 1, x.K, ptr, &one};
+    bad[0].K = (pma_matrix){.form = PMA_SPARSE, .n = 1, .values = x.K, .ptr = ptr, .index = &one};
+    bad[1].C = (pma_matrix){.form = PMA_SPARSE, .n = 1, .values = x.K, .ptr = ptr, .index = &one};
     bad[2].link.index = &one;
     bad[3].single.factor = (pma_factor){.form = PMA_SPARSE, .n = 1, .nb = 1, .inverse = x.K,
                                         .values = x.K, .ptr = ptr, .index = &one};
@@ -76,8 +76,8 @@ static void a_subdomain_beyond_all_memory_is_refused(void)
     const double one = 1.0;
     const int64_t ptr = 0;
     const pma_parts parts = {.n = n, .substeps = 1,
-                             .K = {PMA_DIAGONAL, n, &one, NULL, NULL},
-                             .C = {PMA_ZERO, n, NULL, NULL, NULL},
+                             .K = {.form = PMA_DIAGONAL, .n = n, .values = &one},
+                             .C = {.form = PMA_ZERO, .n = n},
                              .single = {.factor = {.form = PMA_DIAGONAL, .n = n, .inverse = &one}},
                              .link = {0, 0, &ptr, NULL, NULL}};
     pma_subdomain *made = NULL;
@@ -336,8 +336,8 @@ static void check_not_finite(size_t dof, double force, double velocity, bool fit
     double F[SIZE] = {0.0}, v[SIZE] = {0.0};
     const pma_parts parts = {
         .n = SIZE, .nb = 3, .substeps = 1,
-        .K = {PMA_DIAGONAL, SIZE, ones, NULL, NULL},
-        .C = {PMA_ZERO, SIZE, NULL, NULL, NULL},
+        .K = {.form = PMA_DIAGONAL, .n = SIZE, .values = ones},
+        .C = {.form = PMA_ZERO, .n = SIZE},
         .single = {pma_step_make(CENTRAL_DIFFERENCE, 0.5),
                    {.form = PMA_DIAGONAL, .n = SIZE, .nb = 3, .inverse = ones}},
         .link = {1, 3, (int64_t[]){0, 0, 0, 0}, NULL, NULL}};

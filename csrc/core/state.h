@@ -1,0 +1,17 @@
+/* state.h - what a subdomain knows at a node, or of a step that has been opened. */
+#ifndef PMA_STATE_H
+#define PMA_STATE_H
+
+/* All arrays in elimination order.                                                        (E1)
+ *
+ *        closed                      opened
+ *   u    displacement                predictor ut
+ *   v    velocity                    predictor vt
+ *   w    acceleration                swept right-hand side y
+ *   a    acceleration-like variable  its part that is known, (af w - am a)/(1 - am) */
+typedef struct {
+    double *u, *v, *w, *a; /* n each */
+    double *springs;       /* what they remember; of an opened step already that of its end */
+} pma_state;
+
+#endif

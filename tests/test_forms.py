@@ -1,0 +1,122 @@
+"""The forms in which the core takes matrices and factors: each gives the same motion."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import pmalpha as pm
+from pmalpha import factors
+from pmalpha.matrices import core_matrix
+
+IMPLICIT, EXPLICIT = pm.GeneralizedAlpha(0.8), pm.GeneralizedAlpha(0.8, explicit=True)
+# Three slabs of rows and a rest, and more dofs than the core would step in one piece.
+LONG = 3 * 128 + 17
+
+
+def banded(rng, n, width):
+    """Symmetric and diagonally dominant, all diagonals up to `width` filled."""
+    sides = [rng.uniform(-1.0, 1.0, n - d) for d in range(1, width + 1)]
+    upper = sp.diags_array(sides, offsets=list(range(1, width + 1)), shape=(n, n))
+    return sp.csr_array(upper + upper.T + sp.diags_array(np.full(n, 2.0 * width + 1.0)))
+
+
+def dense_band(form, n):
+    """The matrix that a band stands for."""
+    (band,) = form
+    A = np.diag(band[0])
+    for d in range(1, band.shape[0]):
+        A += np.diag(band[d, : n - d], d) + np.diag(band[d, : n - d], -d)
+    return A
+
+
+@pytest.mark.parametrize("width", [1, 2, 5, 30])
+def test_a_matrix_with_its_entries_near_the_diagonal_is_taken_as_a_band(width):
+    A = banded(np.random.default_rng(width), 61, width)
+    form = core_matrix(A)
+    assert len(form) == 1 and form[0].shape == (width + 1, 61)
+    np.testing.assert_array_equal(dense_band(form, 61), A.toarray())
+
+
+def test_entries_far_from_the_diagonal_or_few_of_them_are_taken_one_by_one():
+    A = banded(np.random.default_rng(0), 200, 2).tolil()
+    A[0, 150] = A[150, 0] = 0.5
+    assert len(core_matrix(sp.csr_array(A))) == 3
+    sparse = sp.diags_array([np.ones(190), np.full(200, 3.0), np.ones(190)], offsets=[-10, 0, 10])
+    assert len(core_matrix(sp.csr_array(sparse))) == 3
+
+
+@pytest.mark.parametrize("nb", [0, 1, 7])
+@pytest.mark.parametrize("width", [1, 3])
+def test_the_factor_of_a_band_is_a_band_with_the_same_interface(width, nb):
+    A = banded(np.random.default_rng(1), 50, width)
+    inverse, R = factors.factorize(A, factors.Names("A", np.arange(50), None), nb=nb)
+    assert len(R) == 1 and R[0].shape == (50, width)
+    whole = np.eye(50)
+    for k in range(width):
+        whole += np.diag(R[0][: 50 - k - 1, k], -k - 1)
+    # backward error of a factorization: n eps for a well conditioned matrix
+    np.testing.assert_allclose(whole @ np.diag(1.0 / inverse) @ whole.T, A.toarray(), atol=1e-13)
+    block = factors.interface_block((inverse, R), nb)
+    np.testing.assert_array_equal(np.tril(block, -1), np.tril(whole[50 - nb :, 50 - nb :], -1))
+
+
+def stepped(make, K, C, scheme, force):
+    """All that two coupled subdomains of these matrices record in some steps."""
+    n = K.shape[0]
+    x = np.linspace(0.0, 3.0, n)
+    parts = [
+        pm.Subdomain(
+            1.0 + 0.5 * np.cos(x) ** 2,
+            make(K),
+            None if C is None else make(C),
+            scheme=scheme,
+            substeps=substeps,
+            u0=np.sin(x),
+            force=force,
+        )
+        for substeps in (1, 2)
+    ]
+    # the last of one on the last of the other: in the first the order of elimination is natural
+    return pm.Coupler(parts, pm.tie(parts[0], [n - 1], parts[1], [n - 1]), dt=0.1)
+
+
+@pytest.mark.parametrize("damped", [False, True])
+@pytest.mark.parametrize("width", [1, 2, 6])
+@pytest.mark.parametrize("scheme", [IMPLICIT, EXPLICIT])
+def test_a_long_structure_moves_the_same_as_a_band_and_dense(scheme, width, damped):
+    K = banded(np.random.default_rng(width), LONG, width)
+    C = 0.05 * K if damped else None
+    record = np.random.default_rng(2).normal(size=(40, LONG))
+    force = pm.SampledForce(record, 0.05)
+    thin = stepped(sp.csr_array, K, C, scheme, force).run(steps=20)
+    full = stepped(lambda A: A.toarray(), K, C, scheme, force).run(steps=20)
+    for ours, theirs in zip(thin, full):
+        for x in "uva":
+            a, b = getattr(ours, x), getattr(theirs, x)
+            # the same sums in another order: rounding over 40 steps of a stable scheme
+            np.testing.assert_allclose(a, b, rtol=0, atol=1e-11 * np.max(np.abs(b)))
+
+
+def test_a_long_structure_has_the_same_bits_recorded_or_not_in_one_run_or_in_steps():
+    K = banded(np.random.default_rng(3), LONG, 1)
+    force = np.linspace(-1.0, 1.0, LONG)
+    run, step = (stepped(sp.csr_array, K, None, IMPLICIT, force) for _ in range(2))
+    run.run(steps=10)
+    for _ in range(10):
+        step.step()
+    for i in range(2):
+        for x in "uva":
+            name = f"subdomain {i}"
+            np.testing.assert_array_equal(getattr(run.state(name), x), getattr(step.state(name), x))
+
+
+@pytest.mark.parametrize("dof", [0, 127, 128, LONG - 1])
+def test_a_value_that_is_not_finite_is_seen_wherever_it_arises(dof):
+    K = banded(np.random.default_rng(4), LONG, 1)
+    force = np.zeros(LONG)
+    force[dof] = 1e305  # h^2 w is beyond the largest number, w itself is not
+    coupler = pm.Coupler(
+        [pm.Subdomain(np.ones(LONG), 1e-9 * K, scheme=IMPLICIT, force=force)], dt=1e3
+    )
+    with pytest.raises(pm.InstabilityError):
+        coupler.step()
