@@ -8,8 +8,9 @@ from scipy import LowLevelCallable
 
 _Compressed = tuple[np.ndarray, np.ndarray, np.ndarray]  # ptr int64, index int32, values float64
 _Band = tuple[np.ndarray]  # of a matrix [d, i] = A_i,i+d; of a factor [j, k] = R_j+1+k,j
-_Matrix = np.ndarray | _Band | _Compressed | None
 _Panels = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+_Strips = _Panels  # first, ptr, index, start, values
+_Matrix = np.ndarray | _Band | _Compressed | _Strips | None
 _Paths = tuple[np.ndarray, ...]  # panels, place, supernodes: interface anywhere in the order
 _Operator = tuple[float, np.ndarray, _Matrix | _Panels | _Paths]  # h, reciprocals of D, R
 _Load = (
@@ -107,3 +108,4 @@ def factor_panels(
     dtrsm: Any,
     /,
 ) -> int | None: ...
+def strips(matrix: _Compressed, /) -> _Strips: ...

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from . import _core
 from ._checks import real_array, require_finite
 from .blas import one_thread
 
@@ -207,17 +208,25 @@ def product(A: Matrix, x: np.ndarray) -> np.ndarray:
 
 
 def core_matrix(A: Matrix) -> Any:
-    """A as the core takes it: None, an array, (band,) or (ptr, index, values)."""
+    """A as the core takes it: None, an array, (band,), (ptr, index, values) or strips."""
     if A is None or not sp.issparse(A):
         return None if A is None else np.ascontiguousarray(A)
     n, distance = A.shape[0], A.indices - row_of_entries(A)
     width = int(distance.max(initial=0))
     if not is_narrow(width + 1, n, A.nnz):
-        return core_sparse(A)
+        return strips_or_rows(core_sparse(A))
     band = np.zeros((width + 1, n))
     upper = distance >= 0
     band[distance[upper], row_of_entries(A)[upper]] = A.data[upper]
     return (band,)
+
+
+def strips_or_rows(A: tuple[np.ndarray, np.ndarray, np.ndarray]) -> tuple[np.ndarray, ...]:
+    """Strips, where they take no more bytes than entries with an index each."""
+    strips = _core.strips(A)
+    first, _, index, _, values = strips
+    bytes_of_strips = 8 * values.size + 4 * index.size + 24 * first.size
+    return strips if bytes_of_strips <= 12 * A[2].size + 8 * A[0].size else A
 
 
 def row_of_entries(A: Any) -> np.ndarray:

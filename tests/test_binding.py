@@ -308,6 +308,67 @@ def test_compressed_matrices_that_are_wrong_in_themselves_are_refused(kind):
     check_refused(lambda: subdomain(twice=(0.2, np.ones(2), bad)))
 
 
+def test_bands_that_do_not_fit_are_refused():
+    two = np.zeros((2, 2))
+    for band in (
+        (np.zeros((3, 2)),),  # wider than the matrix
+        (np.zeros((0, 2)),),
+        (np.zeros((2, 3)),),
+        (np.zeros(2),),
+        (np.zeros((2, 2, 1)),),
+        (two.astype(np.float32),),
+        (two.T[::-1],),
+        ([[1.0, 1.0], [0.0, 0.0]],),
+        (None,),
+    ):
+        check_refused(lambda band=band: subdomain(K=band))
+    subdomain(K=(two,))
+    for band in ((two,), (np.zeros((2, 0)),), (np.zeros((3, 1)),), (np.zeros(2),), (None,)):
+        check_refused(lambda band=band: subdomain(single=(0.1, np.ones(2), band)))
+    subdomain(single=(0.1, np.ones(2), (np.zeros((2, 1)),)))
+
+
+def strips(**others):
+    """Two rows that share the columns 0, 1, 1, 1."""
+    parts = {"first": i64(0, 2), "ptr": i64(0, 4), "index": i32(0, 1, 1, 1)}
+    parts |= {"start": i64(0, 8), "values": np.zeros(8)}
+    return tuple((parts | others).values())
+
+
+def test_strips_that_are_wrong_in_themselves_are_refused():
+    subdomain(K=strips())
+    for others in (
+        {"first": i64(0, 3)},
+        {"first": i64(0, 1)},
+        {"first": i64(1, 2)},
+        {"first": i64()},
+        {"first": i64(0, 0, 2)},
+        {"ptr": i64(0, 3), "index": i32(0, 1, 1), "start": i64(0, 6), "values": np.zeros(6)},
+        {"ptr": i64(0, -4)},
+        {"ptr": i64(0, 2**62)},
+        {"index": i32(0, 1, 1, 2)},
+        {"index": i32(0, 1, 1, -1)},
+        {"index": i64(0, 1, 1, 1)},
+        {"index": i32(0, 1, 1)},
+        {"start": i64(0, 4), "values": np.zeros(4)},
+        {"start": i64(4, 12), "values": np.zeros(12)},
+        {"start": i64(0, -8)},
+        {"values": np.zeros(7)},
+        {"values": None},
+    ):
+        check_refused(lambda others=others: subdomain(K=strips(**others)))
+        check_refused(lambda others=others: subdomain(single=(0.1, np.ones(2), strips(**others))))
+
+
+def test_strips_are_made_of_a_matrix_by_rows_that_is_right_in_itself():
+    for bad in (*BAD_COMPRESSED.values(), None, (), np.zeros((2, 2)), strips()):
+        if bad is not BAD_COMPRESSED["few starts"] and bad is not BAD_COMPRESSED["many starts"]:
+            check_refused(lambda bad=bad: _core.strips(bad))
+    first, ptr, index, start, values = _core.strips(compressed(index=(0, 1), values=(2.0, 3.0)))
+    assert (first[-1], ptr[-1], index.size, start[-1], values.size) == (2, 4, 4, 8, 8)
+    assert values.tolist() == [2.0, 0.0, 0.0, 0.0, 0.0, 3.0, 0.0, 0.0]
+
+
 def test_factors_may_have_entries_below_the_diagonal_only_and_ascending():
     for R in (
         compressed(ptr=(0, 1, 1), index=(0,), values=(1.0,)),  # on the diagonal

@@ -145,6 +145,21 @@ static int take_factor_band(PyObject *obj, npy_intp n, const char *name, PyObjec
     return 0;
 }
 
+/* (first, ptr, index, start, values), laid out like panels; not checked yet */
+static int take_strips(PyObject *obj, const char *name, PyObject *arrays, pma_strips *out)
+{
+    pma_panels p;
+    if (pma_take_panels(obj, name, arrays, &p) < 0)
+        return -1;
+    *out = (pma_strips){.count = p.count,
+                        .first = p.first,
+                        .ptr = p.row_ptr,
+                        .index = p.rows,
+                        .start = p.start,
+                        .values = p.values};
+    return 0;
+}
+
 int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *arrays,
                     pma_matrix *out)
 {
@@ -153,6 +168,10 @@ int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *array
         return 0;
     if (PyTuple_Check(obj) && PyTuple_GET_SIZE(obj) == 1)
         return take_matrix_band(obj, n, name, arrays, out);
+    if (PyTuple_Check(obj) && PyTuple_GET_SIZE(obj) == 5) {
+        out->form = PMA_STRIPS;
+        return take_strips(obj, name, arrays, &out->strips);
+    }
     if (PyTuple_Check(obj)) {
         out->form = PMA_SPARSE;
         return take_compressed(obj, n, name, arrays, &out->ptr, &out->index, &out->values);

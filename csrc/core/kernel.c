@@ -6,7 +6,10 @@ typedef double four __attribute__((vector_size(32), aligned(8), may_alias));
 /* Columns that share a pass over x. Forward x is read and written, so that more of them pay. */
 enum { FORWARD = 8, BACKWARD = 4 };
 
-/* ---- the loops, to be compiled once for each kind of processor --------------------------------- */
+/* Most rows of a strip. */
+enum { STRIP = 6 };
+
+/* ---- the loops, to be compiled for each kind of processor ----------------------------------- */
 
 /* y_i -= sum over the columns of A_ij x_j */
 __attribute__((always_inline)) static inline void
@@ -119,6 +122,47 @@ subtract(const double *A, size_t ld, size_t rows, size_t columns, const double *
         subtract_columns(A + j * ld, ld, rows, 1, x + j, y);
 }
 
+/* One row after the other of each four columns, which is how they stand in memory. */
+__attribute__((always_inline)) static inline void
+add_rows(const double *values, const size_t rows, size_t columns, const double *x, double *sum)
+{
+    four part[STRIP] = {{0.0}};
+    for (size_t k = 0; k < columns; k += 4) {
+        const four xk = *(const four *)(x + k);
+#pragma GCC unroll 6
+        for (size_t r = 0; r < rows; r++)
+            part[r] += *(const four *)(values + k * rows + 4 * r) * xk;
+    }
+#pragma GCC unroll 6
+    for (size_t r = 0; r < rows; r++)
+        sum[r] += (part[r][0] + part[r][1]) + (part[r][2] + part[r][3]);
+}
+
+__attribute__((always_inline)) static inline void
+add_strip(const double *values, size_t rows, size_t columns, const double *x, double *sum)
+{
+    switch (rows) { /* each with its own loop, the sums in registers */
+    case 1:
+        add_rows(values, 1, columns, x, sum);
+        break;
+    case 2:
+        add_rows(values, 2, columns, x, sum);
+        break;
+    case 3:
+        add_rows(values, 3, columns, x, sum);
+        break;
+    case 4:
+        add_rows(values, 4, columns, x, sum);
+        break;
+    case 5:
+        add_rows(values, 5, columns, x, sum);
+        break;
+    default:
+        add_rows(values, 6, columns, x, sum);
+        break;
+    }
+}
+
 /* Diagonal by diagonal, which is vectorised; A_i,i-d stands where A_i-d,i does. */
 __attribute__((always_inline)) static inline void
 subtract_band(const double *values, size_t n, size_t width, size_t begin, size_t end,
@@ -170,7 +214,7 @@ correct(const pma_step *c, size_t begin, size_t end, const pma_state *x)
     return zero == 0.0;
 }
 
-/* ---- for each kind of processor ------------------------------------------------------------------ */
+/* ---- for each kind of processor --------------------------------------------------------------- */
 
 static void eliminate_plain(const double *panel, size_t ld, size_t height, size_t width, double *x)
 {
@@ -187,6 +231,12 @@ static void subtract_plain(const double *A, size_t ld, size_t rows, size_t colum
                            const double *x, double *y)
 {
     subtract(A, ld, rows, columns, x, y);
+}
+
+static void
+add_strip_plain(const double *values, size_t rows, size_t columns, const double *x, double *sum)
+{
+    add_strip(values, rows, columns, x, sum);
 }
 
 static void
@@ -209,8 +259,15 @@ correct_plain(const pma_step *c, size_t begin, size_t end, const pma_state *x)
     return correct(c, begin, end, x);
 }
 
-static const pma_kernel PLAIN = {eliminate_plain,     substitute_plain, subtract_plain,
-                                 subtract_band_plain, predict_plain,    correct_plain};
+static const pma_kernel PLAIN = {
+    .eliminate = eliminate_plain,
+    .substitute = substitute_plain,
+    .subtract = subtract_plain,
+    .add_strip = add_strip_plain,
+    .subtract_band = subtract_band_plain,
+    .predict = predict_plain,
+    .correct = correct_plain,
+};
 
 const pma_kernel *pma_kernel_plain(void)
 {
@@ -239,6 +296,12 @@ subtract_avx2(const double *A, size_t ld, size_t rows, size_t columns, const dou
 }
 
 __attribute__((target("avx2"))) static void
+add_strip_avx2(const double *values, size_t rows, size_t columns, const double *x, double *sum)
+{
+    add_strip(values, rows, columns, x, sum);
+}
+
+__attribute__((target("avx2"))) static void
 subtract_band_avx2(const double *values, size_t n, size_t width, size_t begin, size_t end,
                     const double *x, double *y)
 {
@@ -258,8 +321,15 @@ correct_avx2(const pma_step *c, size_t begin, size_t end, const pma_state *x)
     return correct(c, begin, end, x);
 }
 
-static const pma_kernel AVX2 = {eliminate_avx2,     substitute_avx2, subtract_avx2,
-                                subtract_band_avx2, predict_avx2,    correct_avx2};
+static const pma_kernel AVX2 = {
+    .eliminate = eliminate_avx2,
+    .substitute = substitute_avx2,
+    .subtract = subtract_avx2,
+    .add_strip = add_strip_avx2,
+    .subtract_band = subtract_band_avx2,
+    .predict = predict_avx2,
+    .correct = correct_avx2,
+};
 
 const pma_kernel *pma_kernel_best(void)
 {

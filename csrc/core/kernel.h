@@ -19,6 +19,9 @@ typedef struct {
     /* y (rows) -= A x, A_ij at A[j * ld + i] */
     void (*subtract)(const double *A, size_t ld, size_t rows, size_t columns, const double *x,
                      double *y);
+    /* sum (rows) += A x of a strip of at most six rows; columns: a multiple of four */
+    void (*add_strip)(const double *values, size_t rows, size_t columns, const double *x,
+                      double *sum);
     /* y_i -= sum over j of A_ij x_j for i = begin..end-1, A_i,i+d = A_i+d,i at values[d * n + i]
      * for d = 0..width */
     void (*subtract_band)(const double *values, size_t n, size_t width, size_t begin, size_t end,

@@ -6,6 +6,8 @@ pma_status pma_matrix_check(const pma_matrix *A)
 {
     if (A->form == PMA_BAND)
         return A->width < A->n ? PMA_OK : PMA_BAD_SIZE;
+    if (A->form == PMA_STRIPS)
+        return pma_strips_check(&A->strips, A->n);
     if (A->form != PMA_SPARSE)
         return PMA_OK;
     if (A->ptr[0] != 0)
@@ -32,6 +34,8 @@ size_t pma_matrix_entries(const pma_matrix *A)
         return (A->width + 1) * A->n;
     case PMA_SPARSE:
         return (size_t)A->ptr[A->n];
+    case PMA_STRIPS:
+        return (size_t)A->strips.start[A->strips.count];
     default:
         return 0;
     }
@@ -58,6 +62,8 @@ size_t pma_matrix_reach(const pma_matrix *A)
         return A->n - 1;
     case PMA_SPARSE:
         return reach_of_rows(A);
+    case PMA_STRIPS:
+        return pma_strips_reach(&A->strips);
     default:
         return 0;
     }
@@ -96,6 +102,9 @@ void pma_matrix_subtract_rows(const pma_matrix *A, size_t begin, size_t end, con
         break;
     case PMA_SPARSE:
         subtract_sparse(A, begin, end, x, y);
+        break;
+    case PMA_STRIPS:
+        pma_strips_subtract(&A->strips, begin, end, x, y);
         break;
     default: /* zero */
         break;

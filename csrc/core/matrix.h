@@ -6,9 +6,18 @@
 #include <stdint.h>
 
 #include "status.h"
+#include "strips.h"
 
 /* The forms of a matrix and of a factor. */
-typedef enum { PMA_ZERO, PMA_DIAGONAL, PMA_BAND, PMA_DENSE, PMA_SPARSE, PMA_PANELS } pma_form;
+typedef enum {
+    PMA_ZERO,
+    PMA_DIAGONAL,
+    PMA_BAND,
+    PMA_DENSE,
+    PMA_SPARSE,
+    PMA_STRIPS, /* matrices alone */
+    PMA_PANELS  /* factors alone */
+} pma_form;
 
 /* Bare arrays of the caller, who keeps them alive. */
 typedef struct {
@@ -19,6 +28,7 @@ typedef struct {
     const int64_t *ptr;   /* sparse: n+1 starts of the rows, else NULL */
     const int32_t *index; /* sparse: column of each entry, else NULL */
     size_t width;         /* band: diagonals above the main one, below n */
+    pma_strips strips;    /* strips: see there */
 } pma_matrix;
 
 /* PMA_BAD_INDEX unless every row and column index lies in the matrix, PMA_BAD_SIZE for a band

@@ -15,6 +15,7 @@ static const test *const LISTS[] = {
     MATRIX_TESTS,
     KERNEL_TESTS,
     FACTOR_TESTS,
+    STRIPS_TESTS,
     SYMBOLIC_TESTS,
     PANELS_TESTS,
     LINK_TESTS,

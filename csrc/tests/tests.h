@@ -18,6 +18,7 @@ extern const test SCHEME_TESTS[];
 extern const test MATRIX_TESTS[];
 extern const test KERNEL_TESTS[];
 extern const test FACTOR_TESTS[];
+extern const test STRIPS_TESTS[];
 extern const test SYMBOLIC_TESTS[];
 extern const test PANELS_TESTS[];
 extern const test LINK_TESTS[];

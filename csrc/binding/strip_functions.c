@@ -1,0 +1,88 @@
+/* Strips of a sparse matrix, as a function of the module. */
+#define NO_IMPORT_ARRAY
+#include "binding.h"
+
+/* A new array of this type; its data in *data. */
+static PyObject *new_array(npy_intp length, int type, void *data)
+{
+    PyObject *array = PyArray_ZEROS(1, &length, type, 0);
+    if (array)
+        *(void **)data = PyArray_DATA((PyArrayObject *)array);
+    return array;
+}
+
+/* ptr and start follow from the rows and columns of each strip. */
+static void lay_out(const pma_strips *S, const int64_t *columns, int64_t *ptr, int64_t *start)
+{
+    ptr[0] = start[0] = 0;
+    for (size_t s = 0; s < S->count; s++) {
+        ptr[s + 1] = ptr[s] + columns[s];
+        start[s + 1] = start[s] + columns[s] * (S->first[s + 1] - S->first[s]);
+    }
+}
+
+/* (first, ptr, index, start, values) of `count` strips; scratch: columns (n), mark (n) */
+static PyObject *new_strips(const pma_matrix *A, size_t count, const int64_t *first,
+                            const int64_t *columns, int64_t *mark)
+{
+    int64_t *own_first, *ptr, *start;
+    int32_t *index;
+    double *values;
+    const npy_intp starts = (npy_intp)count + 1;
+    PyObject *f = new_array(starts, NPY_INT64, &own_first);
+    PyObject *p = new_array(starts, NPY_INT64, &ptr), *b = new_array(starts, NPY_INT64, &start);
+    PyObject *i = NULL, *v = NULL, *tuple = NULL;
+    if (f && p && b) {
+        memcpy(own_first, first, (size_t)starts * sizeof *first);
+        pma_strips S = {.count = count, .first = own_first, .ptr = ptr, .start = start};
+        lay_out(&S, columns, ptr, start);
+        i = new_array((npy_intp)ptr[count], NPY_INT32, &index);
+        v = new_array((npy_intp)start[count], NPY_DOUBLE, &values);
+        if (i && v) {
+            pma_strips_fill(&S, A->n, A->ptr, A->index, A->values, mark, index, values);
+            tuple = PyTuple_Pack(5, f, p, i, b, v);
+        }
+    }
+    Py_XDECREF(f);
+    Py_XDECREF(p);
+    Py_XDECREF(i);
+    Py_XDECREF(b);
+    Py_XDECREF(v);
+    return tuple;
+}
+
+static PyObject *strips(PyObject *Py_UNUSED(module), PyObject *obj)
+{
+    pma_matrix A;
+    if (!PyTuple_Check(obj) || PyTuple_GET_SIZE(obj) != 3) {
+        PyErr_SetString(PyExc_TypeError, "strips are made of a tuple (ptr, index, values)");
+        return NULL;
+    }
+    PyObject *ptr = PyTuple_GET_ITEM(obj, 0);
+    if (!PyArray_Check(ptr) || PyArray_NDIM((PyArrayObject *)ptr) != 1 ||
+        PyArray_DIM((PyArrayObject *)ptr, 0) < 1) {
+        PyErr_SetString(PyExc_TypeError, "ptr must be an array with one axis, and not empty");
+        return NULL;
+    }
+    const npy_intp n = PyArray_DIM((PyArrayObject *)ptr, 0) - 1;
+    if (pma_take_matrix(obj, n, "matrix", NULL, &A) < 0)
+        return NULL;
+    const pma_status status = pma_matrix_check(&A);
+    if (status != PMA_OK)
+        return pma_raise(status, "matrix");
+    int64_t *scratch = PyMem_Calloc(3 * A.n + 1, sizeof *scratch);
+    if (!scratch)
+        return PyErr_NoMemory();
+    int64_t *first = scratch, *columns = scratch + A.n + 1, *mark = scratch + 2 * A.n + 1;
+    const size_t count = pma_strips_group(A.n, A.ptr, A.index, first, columns, mark);
+    PyObject *tuple = new_strips(&A, count, first, columns, mark);
+    PyMem_Free(scratch);
+    return tuple;
+}
+
+PyMethodDef pma_strip_functions[] = {
+    {"strips", strips, METH_O,
+     "strips((ptr, index, values)) -> (first, ptr, index, start, values): rows that read the same "
+     "columns side by side"},
+    {NULL, NULL, 0, NULL},
+};
