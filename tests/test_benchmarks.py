@@ -19,6 +19,7 @@ SCRIPTS = [
     "fine_step",
     "growth",
     "large",
+    "limits",
     "plate",
     "subcycling",
     "threads",
