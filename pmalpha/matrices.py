@@ -25,6 +25,7 @@ SYMMETRY_OF_ROW = 1e-14
 
 # Up to so many entries a product takes less time than telling BLAS to use one thread.
 SMALL = 10_000
+
 # A band wider than this is nearly always a bad order of something that would be read better in
 # another form.
 WIDEST_BAND = 64
@@ -211,13 +212,15 @@ def core_matrix(A: Matrix) -> Any:
     """A as the core takes it: None, an array, (band,), (ptr, index, values) or strips."""
     if A is None or not sp.issparse(A):
         return None if A is None else np.ascontiguousarray(A)
-    n, distance = A.shape[0], A.indices - row_of_entries(A)
-    width = int(distance.max(initial=0))
+    n = A.shape[0]
+    filled = np.flatnonzero(np.diff(A.indptr))
+    last = A.indices[A.indptr[filled + 1] - 1]  # of each row, which is sorted
+    width = int(np.max(last - filled, initial=0))
     if not is_narrow(width + 1, n, A.nnz):
         return strips_or_rows(core_sparse(A))
-    band = np.zeros((width + 1, n))
-    upper = distance >= 0
-    band[distance[upper], row_of_entries(A)[upper]] = A.data[upper]
+    band, rows = np.zeros((width + 1, n)), row_of_entries(A)
+    upper = A.indices >= rows
+    band[A.indices[upper] - rows[upper], rows[upper]] = A.data[upper]
     return (band,)
 
 
