@@ -13,6 +13,7 @@ import errno
 import json
 import os
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -76,14 +77,9 @@ class HistoryFile:
         with replacing(path) as file:
             layout = Layout()
             try:
-                with h5py.File(
-                    layout,
-                    "w",
-                    libver=("v110", "v110"),  # the first that is read while it is written
-                    alignment_threshold=1,
-                    alignment_interval=8,
-                ) as whole:
-                    self._lay_out(h5py, whole, arrays, end)
+                # in a thread no signal raises an exception, which HDF5 would not pass on
+                with ThreadPoolExecutor(1) as pool:
+                    pool.submit(self._lay_out, h5py, layout, arrays, end).result()
             except (OverflowError, RuntimeError, ValueError) as error:  # more than HDF5 can hold
                 raise OSError(errno.EFBIG, str(error)) from error
             self.descriptor = os.dup(file.fileno())
@@ -97,17 +93,24 @@ class HistoryFile:
                 self.close()
                 raise
 
-    def _lay_out(self, h5py: ModuleType, whole: Any, arrays: Mapping, end: int) -> None:
-        whole["header"] = json.dumps(self.header)
-        self.counter = reserve(h5py, whole, COUNTER, (1,), h5py.h5t.STD_I64LE)
-        for name, x in arrays.items():
-            if name not in self.header["nodes"]:
-                whole[dataset(name)] = x
-                continue
-            shape = (self.rows(name, end), *x.shape[1:])
-            place = reserve(h5py, whole, dataset(name), shape, h5py.h5t.IEEE_F64LE)
-            if place is not None:
-                self.places[name] = place
+    def _lay_out(self, h5py: ModuleType, layout: Layout, arrays: Mapping, end: int) -> None:
+        with h5py.File(
+            layout,
+            "w",
+            libver=("v110", "v110"),  # the first that is read while it is written
+            alignment_threshold=1,
+            alignment_interval=8,
+        ) as whole:
+            whole["header"] = json.dumps(self.header)
+            self.counter = reserve(h5py, whole, COUNTER, (1,), h5py.h5t.STD_I64LE)
+            for name, x in arrays.items():
+                if name not in self.header["nodes"]:
+                    whole[dataset(name)] = x
+                    continue
+                shape = (self.rows(name, end), *x.shape[1:])
+                place = reserve(h5py, whole, dataset(name), shape, h5py.h5t.IEEE_F64LE)
+                if place is not None:
+                    self.places[name] = place
 
     def rows(self, name: str, end: int) -> int:
         """Rows of an array up to macro step `end`."""
