@@ -160,6 +160,30 @@ def test_a_restoring_force_is_asked_once_per_own_step_with_threads_too():
     assert len(asked[3]) == 1 + 7 * 10
 
 
+def test_springs_are_recorded_alike_with_dofs_or_without():
+    seen = []
+    for threads in (1, 2, 3):
+        n = 12
+        a, b = (
+            pm.Subdomain(
+                np.ones(n),
+                chain(n),
+                scheme=scheme,
+                substeps=substeps,
+                restoring=[pm.Bilinear(np.arange(n), 4.0, 0.1, 0.2)],
+                v0=np.ones(n),
+            )
+            for scheme, substeps in ((IMPLICIT, 1), (EXPLICIT, 5))
+        )
+        coupler = pm.Coupler([a, b], pm.tie(a, [n - 1], b, [0]), dt=0.3, threads=threads)
+        history = coupler.run(steps=20, record={a: [], b: []}, record_springs={a: None, b: None})
+        seen.append([x for i in (0, 1) for x in (history[i].deformation, history[i].force)])
+        assert np.abs(seen[-1][1]).max() > 0.1  # they yield
+    for others in seen[1:]:
+        for x, y in zip(others, seen[0]):
+            np.testing.assert_array_equal(x, y)
+
+
 # ---- how many ---------------------------------------------------------------------------------
 
 

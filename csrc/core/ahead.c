@@ -156,8 +156,9 @@ static void leave(pma_coupler *c, size_t number)
     prepare(c, at, node, true);
     at->late = true;
     memcpy(at->lam, c->lam_work, c->parts.p * sizeof(double));
-    if (c->record && c->record->nodes[number].count > 0) {
-        at->job.nodes = &c->record->nodes[number];
+    const pma_record_nodes *nodes = c->record ? &c->record->nodes[number] : NULL;
+    if (nodes && nodes->count + nodes->springs > 0) {
+        at->job.nodes = nodes;
         at->job.row = pma_row(c, node, at->substeps);
     }
 }
