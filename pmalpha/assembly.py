@@ -5,6 +5,7 @@ Everything here happens once, when a `Coupler` is made: ordering, factors, the i
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,6 +18,7 @@ from scipy.linalg.lapack import dpotri
 from . import _core
 from .blas import one_thread
 from .elimination import Elimination, elimination
+from .errors import PerformanceWarning
 from .external import External
 from .factors import Factor, Names, factorize, interface_block
 from .matrices import Matrix, combination, core_matrix, core_sparse, dense, permuted
@@ -28,6 +30,10 @@ from .schemes import Scheme
 from .springs import core_springs
 from .subdomain import Subdomain
 
+# Below so many entries (0.8 MB) a factor stays in the caches, and sweeping it is soon done.
+NOTABLE_FACTOR = 100_000
+# Numbers that a step reads and writes for each dof without any matrix.
+STEP_NUMBERS = 12
 # An interface matrix with more than this share of entries is factored as a dense one.
 DENSE_SHARE = 0.1
 
@@ -239,6 +245,30 @@ def core_subdomain(
         ramped=ramped,
         K_r=core_matrix(K_r),
         springs=springs,
+    )
+
+
+def warn_of_factor(part: Part) -> None:
+    """PerformanceWarning when sweeping a factor is most of an explicit subdomain's step."""
+    solved = {"M": part.M, "C": part.damping}
+    full = [name for name, A in solved.items() if A is not None and A.ndim == 2]
+    if not part.subdomain.scheme.explicit or not full:
+        return
+    structure = part.elimination.structure
+    entries = part.n * (part.n + 1) // 2 if structure is None else part.elimination.swept // 2
+    K = part.K
+    product = 0 if K is None else K.nnz if sp.issparse(K) else K.size
+    rest = STEP_NUMBERS * part.n + product
+    if entries < NOTABLE_FACTOR or 2 * entries <= rest:
+        return
+    advice = {"M": "lump the mass, M as a 1-D array", "C": 'take damping="lagged"'}
+    warnings.warn(
+        f"{' and '.join(full)} of explicit subdomain {part.name!r} being no diagonal, every step "
+        f"sweeps a factor of {entries} entries "
+        f"({8e-6 * entries:.3g} MB), more than all the rest of it; "
+        f"{' and '.join(advice[name] for name in full)}",
+        PerformanceWarning,
+        stacklevel=4,
     )
 
 

@@ -24,7 +24,14 @@ from ._checks import (
     vector,
     whole_number,
 )
-from .assembly import build, interface_factor, interface_matrix, make_part, row_order
+from .assembly import (
+    build,
+    interface_factor,
+    interface_matrix,
+    make_part,
+    row_order,
+    warn_of_factor,
+)
 from .constraints import Constraint, RowNames, row_sizes, stacked
 from .errors import CallbackError, ConstraintError, ConstraintWarning, InstabilityError
 from .forces import CallbackLoad, checked_force, core_load, is_callback
@@ -118,7 +125,9 @@ class Coupler:
         When an own step is above the critical step of its subdomain; under "macro" when a part
         resonates with the macro step, and for a double step that damps nothing (rho = 1).
     PerformanceWarning
-        When the unit runs of "macro" take long.
+        When the unit runs of "macro" take long; when M or C of an explicit subdomain is not
+        diagonal and sweeping the factor that it needs takes longer than all the rest of its step,
+        from 100 000 entries on (smaller ones stay in the caches).
     ConstraintWarning
         When initial displacements leave a gap; under "macro" for interface dofs without mass in a
         subdomain with substeps.
@@ -223,6 +232,8 @@ class Coupler:
             )
             for (_, s), name, double, L in zip(self._keys, names, doubles, self._matrices)
         ]
+        for part in parts:
+            warn_of_factor(part)
         rows = row_order(parts, p)
         self._row_place = np.argsort(rows)
         for part in parts:

@@ -321,6 +321,34 @@ def test_an_explicit_part_with_lagged_damping_has_no_factor():
     assert implicit._parts[0].factors[0][1] is not None
 
 
+def plate(n, **more):
+    """A square grid of n x n springs with stiffness-proportional damping, explicit."""
+    line = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n))
+    K = sp.csr_array(sp.kron(line, sp.eye_array(n)) + sp.kron(sp.eye_array(n), line))
+    return pm.Subdomain(np.ones(n * n), K, 0.01 * K, scheme=CD, name="plate", **more)
+
+
+def test_a_factor_that_is_most_of_an_explicit_step_is_warned_of_with_its_size_and_a_way_out():
+    with pytest.warns(pm.PerformanceWarning, match="C of explicit subdomain 'plate'") as caught:
+        pm.Coupler([plate(80)], dt=0.1)
+    text = str(caught[0].message)
+    assert "entries" in text and "MB" in text and 'damping="lagged"' in text
+    assert "lump" not in text
+    pm.Coupler([plate(80, damping="lagged")], dt=0.1)  # warnings are errors here
+    n = 500
+    M = np.eye(n) + 0.01
+    with pytest.warns(pm.PerformanceWarning, match="M of .* 125250 entries .1 MB.*lump the mass"):
+        pm.Coupler([pm.Subdomain(M, np.ones(n), scheme=CD)], dt=0.1)
+
+
+def test_a_factor_that_costs_little_is_not_warned_of():
+    pm.Coupler([plate(12)], dt=0.1)
+    pm.Coupler([damped_chain(400, CD, damping="implicit")], dt=0.1)
+    n = 30_000  # a long chain: its factor is no longer than its matrix
+    K = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n))
+    pm.Coupler([pm.Subdomain(np.ones(n), K, 0.1 * K, scheme=CD)], dt=0.1)
+
+
 def radius(part, h):
     above = h > analysis.critical_step(part)
     with pytest.warns(pm.StabilityWarning) if above else nullcontext():
