@@ -30,7 +30,7 @@ def graph_of(terms: Sequence[Matrix]) -> sp.csr_array | None:
     sparse = [A for A in terms if A is not None and sp.issparse(A)]
     if not sparse or len(sparse) < sum(A is not None and A.ndim == 2 for A in terms):
         return None
-    return _pattern(sum(abs(A).sign() for A in sparse))
+    return _pattern(sparse[0] if len(sparse) == 1 else sum(abs(A).sign() for A in sparse))
 
 
 def elimination_order(n: int, graph: sp.csr_array | None, last: np.ndarray) -> np.ndarray:
@@ -123,8 +123,15 @@ def _gain(pattern: sp.csr_array, b: int) -> float:
 def _merged(pattern: sp.csr_array, node: np.ndarray) -> sp.csr_array:
     """The graph of the nodes, from the one of the dofs."""
     n, N = node.size, int(node.max()) + 1
+    if n == N:
+        ptr, index = rows_of(pattern, np.argsort(node))
+        graph = sp.csr_array((pattern.data, index, ptr.astype(pattern.indptr.dtype)), shape=(n, n))
+        graph.sort_indices()
+        return graph
     member = sp.csr_array((np.ones(n), (node, np.arange(n))), shape=(N, n))
-    return _pattern(sp.csr_array(member @ pattern @ member.T))
+    merged = sp.csr_array(member @ pattern @ member.T)
+    merged.sort_indices()
+    return _pattern(merged)
 
 
 def _least_fill(nodes: NodeGraph) -> np.ndarray:
@@ -135,7 +142,7 @@ def _least_fill(nodes: NodeGraph) -> np.ndarray:
     if bound <= LITTLE_FILL * (graph.nnz + N) / 2:
         return natural
     interior, border = natural[: N - nodes.border], natural[N - nodes.border :]
-    inner = sp.csr_array(graph[interior][:, interior])
+    inner = _leading(graph, interior.size)
     orders = [_minimum_degree(inner)]
     if interior.size >= FEW_NODES and (dissected := _nested_dissection(inner)) is not None:
         orders.append(dissected)
@@ -146,6 +153,12 @@ def _least_fill(nodes: NodeGraph) -> np.ndarray:
         fills.append(fill(graph, natural))
     least = min(fills)
     return next(order for order, count in zip(candidates[::-1], fills[::-1]) if count == least)
+
+
+def _leading(graph: sp.csr_array, size: int) -> sp.csr_array:
+    """The graph of the first nodes alone."""
+    ptr = graph.indptr[: size + 1]
+    return _graph(ptr, graph.indices[: ptr[-1]], graph.indices[: ptr[-1]] < size)
 
 
 def envelope(pattern: sp.csr_array, order: np.ndarray) -> int:
@@ -165,16 +178,32 @@ def fill(pattern: sp.csr_array, order: np.ndarray) -> int:
 
 def rows_of(pattern: sp.csr_array, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The pattern in an order, as the core takes it."""
-    B = sp.csr_array(pattern[order][:, order])
-    return B.indptr.astype(np.int64), B.indices.astype(np.int32)
+    begin = pattern.indptr[order]
+    ptr = np.concatenate([[0], np.cumsum(pattern.indptr[order + 1] - begin, dtype=np.int64)])
+    entries = np.arange(ptr[-1]) + np.repeat(begin - ptr[:-1], np.diff(ptr))
+    place = np.empty(order.size, dtype=np.int32)
+    place[order] = np.arange(order.size)
+    return ptr, place[pattern.indices[entries]]
 
 
 def _pattern(A: Matrix) -> sp.csr_array:
     """The graph of A: symmetric, without a diagonal, all entries one."""
-    graph = sp.coo_array(A + A.T)
-    off = graph.row != graph.col
-    ones = np.ones(int(off.sum()))
-    return sp.csr_array((ones, (graph.row[off], graph.col[off])), shape=A.shape)
+    other = sp.csr_array(A.T)
+    same = np.array_equal(other.indptr, A.indptr) and np.array_equal(other.indices, A.indices)
+    A = A if same else sp.csr_array(A + other)
+    return _graph(A.indptr, A.indices, (A.indices != _rows(A)) & (A.data != 0.0))
+
+
+def _rows(A: sp.csr_array) -> np.ndarray:
+    """The row of each entry."""
+    return np.repeat(np.arange(A.shape[0], dtype=A.indices.dtype), np.diff(A.indptr))
+
+
+def _graph(ptr: np.ndarray, index: np.ndarray, kept: np.ndarray) -> sp.csr_array:
+    """The graph of those entries (ptr, index) that are kept."""
+    before = np.concatenate([[0], np.cumsum(kept)]).astype(ptr.dtype)
+    n, ptr = ptr.size - 1, before[ptr]
+    return sp.csr_array((np.ones(int(ptr[-1])), index[kept], ptr), shape=(n, n))
 
 
 def _minimum_degree(graph: sp.csr_array) -> np.ndarray:
@@ -183,8 +212,12 @@ def _minimum_degree(graph: sp.csr_array) -> np.ndarray:
     n = graph.shape[0]
     if n < 2 or graph.nnz == 0:
         return np.arange(n)
-    degrees = graph.sum(axis=1)
-    definite = sp.csc_array(sp.diags_array(degrees + 1.0) - graph)
+    degrees = np.diff(graph.indptr)
+    loops = np.arange(n)
+    values = np.concatenate([degrees + 1.0, -graph.data])
+    where = (np.concatenate([loops, _rows(graph)]), np.concatenate([loops, graph.indices]))
+    definite = sp.csc_array((values, where), shape=(n, n))
+    definite.sum_duplicates()
     factor = spilu(
         definite,
         permc_spec="MMD_AT_PLUS_A",
