@@ -46,7 +46,7 @@ class Part:
     ----------
     order, place : (n,) array of int
         Dof at each place, and place of each dof.
-    L : (p, n) csr_array
+    L : (p, n) csc_array
         Its conditions, columns in elimination order, rows in the order of the multipliers.
     nb : int
         Interface dofs, the last of the order.
@@ -66,7 +66,7 @@ class Part:
         Its blocks of H that are already known, by whether they are of the double step.
     ramped : bool
         Substeps under macro coupling.
-    response : pair of (p, p) csr_array, or None
+    response : pair of Block, or None
         If ramped: its block of H (M4), and the same from the mean velocities inside the macro step.
     """
 
@@ -83,7 +83,7 @@ class Part:
     damping: Matrix
     D_r: Matrix
     K_r: Matrix
-    L: sp.csr_array
+    L: sp.csc_array
     nb: int
     core: Any = None
     mass_factor: Factor | None = None
@@ -91,7 +91,7 @@ class Part:
     external: External | None = None
     blocks: dict[bool, Any] = field(default_factory=dict)
     ramped: bool = False
-    response: tuple[sp.csr_array, sp.csr_array] | None = None
+    response: tuple[Block, Block] | None = None
 
     @property
     def order(self) -> np.ndarray:
@@ -107,7 +107,14 @@ class Part:
             return self.external.factor(permuted(A, self.place), what)
         return self.elimination.factor(A, Names(what, self.order, self.name))
 
-    def block(self, twice: bool) -> sp.csr_array | Block:
+    def reorder(self, place: np.ndarray) -> None:
+        """Conditions in another order: row k of L becomes row place[k]."""
+        L = self.L
+        rows = place[L.indices].astype(L.indices.dtype)
+        self.L = sp.csc_array((L.data, rows, L.indptr), shape=L.shape)
+        self.L.sort_indices()
+
+    def block(self, twice: bool) -> Block:
         """al2 L Mbar^-1 L^T for the single or the double step; kept while a coupler is made."""
         if twice in self.blocks:
             return self.blocks[twice]
@@ -115,7 +122,7 @@ class Part:
         al2 = self.subdomain.scheme.coefficients(h)[1]
         diagonal = self.diagonal_mbar(h)
         if diagonal is not None:
-            block = sp.csr_array(self.L @ sp.diags_array(al2 / diagonal) @ self.L.T)
+            block = diagonal_compliance(al2 / diagonal, self.L)
         else:
             block = compliance(self.factors[1 if twice else 0], self.L, self.nb, self.name)
             block = Block(block.rows, al2 * block.values)
@@ -160,14 +167,14 @@ def make_part(
     name: str,
     double: bool,
     h: float,
-    L: sp.csr_array,
+    L: sp.csc_array,
     factorize: Any = None,
     *,
     ramped: bool = False,
 ) -> Part:
     """Order a subdomain, interface last."""
     n, scheme = subdomain.n, subdomain.scheme
-    last = np.unique(L.indices).astype(np.int64)
+    last = np.flatnonzero(np.diff(L.indptr)).astype(np.int64)
     stiffness, damping = subdomain.implicit_stiffness, subdomain.implicit_damping
     graph = graph_of([subdomain.M, damping, stiffness])
     external = None
@@ -193,7 +200,7 @@ def make_part(
             subdomain.restoring_stiffness,
         )
     )
-    conditions = sp.csr_array(L[:, order])
+    conditions = sp.csc_array(L[:, order])
     return Part(
         subdomain,
         name,
@@ -212,7 +219,7 @@ def make_part(
 def core_subdomain(
     part: Part,
     scheme: Scheme,
-    L: sp.csr_array,
+    L: sp.csc_array,
     single: tuple,
     *,
     twice: tuple | None = None,
@@ -308,17 +315,23 @@ def row_order(parts: Sequence[Part], p: int) -> np.ndarray:
     require(40.0 * blocks, f"the pattern of the interface matrix of {p} conditions")
     graphs = []
     for part, rows, plain in zip(parts, members, diagonal):
-        pattern = abs(part.L).sign()
-        if not plain:
-            ones = np.ones(rows.size)
-            pattern = sp.csr_array((ones, (rows, 0 * rows)), shape=(p, 1))
-        graphs.append(sp.csr_array(pattern @ pattern.T))
+        if plain:
+            graphs.append(diagonal_compliance(np.ones(part.n), abs(part.L).sign()))
+        else:
+            graphs.append(Block(rows, np.ones((rows.size, rows.size))))
     return elimination_order(p, graph_of([total(graphs, p)]), np.arange(0))
 
 
-def conditions_of(L: sp.csr_array) -> np.ndarray:
+def conditions_of(L: sp.csc_array) -> np.ndarray:
     """The rows of L that have an entry."""
-    return np.flatnonzero(np.diff(L.indptr)).astype(np.int64)
+    return np.unique(L.indices).astype(np.int64)
+
+
+def own_rows(L: sp.csc_array) -> tuple[np.ndarray, sp.csr_array]:
+    """The rows of L that have an entry, and L without the others."""
+    rows, local = np.unique(L.indices, return_inverse=True)
+    own = sp.csc_array((L.data, local.reshape(-1), L.indptr), shape=(rows.size, L.shape[1]))
+    return rows.astype(np.int64), sp.csr_array(own)
 
 
 def interface_matrix(parts: Sequence[Part], p: int, *, start: bool, mean: bool = False) -> Matrix:
@@ -346,38 +359,49 @@ def interface_matrix(parts: Sequence[Part], p: int, *, start: bool, mean: bool =
 
 @dataclass(frozen=True)
 class Block:
-    """A dense block of H.
+    """A block of H.
 
     Attributes
     ----------
     rows : (k,) array of int
         The conditions it stands on.
-    values : (k, k) array
+    values : (k, k) array or csr_array
     """
 
     rows: np.ndarray
-    values: np.ndarray
+    values: np.ndarray | sp.csr_array
 
-    def spread(self, p: int) -> sp.csr_array:
-        """The same as (p, p) matrix."""
+    @property
+    def is_dense(self) -> bool:
+        return not sp.issparse(self.values)
+
+    def entries(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(values, rows, columns) of its entries in H."""
         rows = self.rows.astype(np.int32)
-        where = (np.repeat(rows, rows.size), np.tile(rows, rows.size))
-        return sp.csr_array((self.values.ravel(), where), shape=(p, p))
+        if self.is_dense:
+            return self.values.ravel(), np.repeat(rows, rows.size), np.tile(rows, rows.size)
+        own = sp.coo_array(self.values)
+        return own.data, rows[own.row], rows[own.col]
 
 
-def compliance(factor: Factor, L: sp.csr_array, nb: int, name: str) -> Block:
+def diagonal_compliance(inverse: np.ndarray, L: sp.csc_array) -> Block:
+    """L A^-1 L^T of a diagonal A, from the reciprocals of its entries."""
+    rows, own = own_rows(L)
+    return Block(rows, sp.csr_array(own @ sp.diags_array(inverse) @ own.T))
+
+
+def compliance(factor: Factor, L: sp.csc_array, nb: int, name: str) -> Block:
     """L A^-1 L^T = L_b S^-1 L_b^T on the conditions of L, from the factor of A."""
-    rows = conditions_of(L)
+    rows, own = own_rows(L[:, L.shape[1] - nb :])
     if not rows.size:
         return Block(rows, np.zeros((0, 0)))
     size = 8.0 * (3.0 * rows.size**2 + 4.0 * nb * max(nb, rows.size))
     require(size, f"the interface matrix of {rows.size} conditions of {name!r}")
-    L_b = L[rows][:, L.shape[1] - nb :]
     inverse, R = factor
     if isinstance(R, tuple) and len(R) == 7:
-        block = compliance_along_paths(inverse, R, L_b)
+        block = compliance_along_paths(inverse, R, own)
     else:
-        block = _compliance_of_last(inverse[inverse.size - nb :], interface_block(factor, nb), L_b)
+        block = _compliance_of_last(inverse[inverse.size - nb :], interface_block(factor, nb), own)
     return Block(rows, 0.5 * (block + block.T))  # symmetric but for rounding
 
 
@@ -402,22 +426,19 @@ def _compliance_of_last(inverse: np.ndarray, R_bb: np.ndarray, L_b: sp.csr_array
     return L_b @ np.ascontiguousarray((L_b @ whole).T)
 
 
-def total(blocks: Sequence[sp.csr_array | Block], p: int) -> sp.csr_array:
-    """The sum of (p, p) matrices that each have few rows, in one pass."""
-    entries = [sp.coo_array(b.spread(p) if isinstance(b, Block) else b) for b in blocks]
-    values, rows, columns = (
-        np.concatenate([getattr(e, x) for e in entries]) for x in ("data", "row", "col")
-    )
+def total(blocks: Sequence[Block], p: int) -> sp.csr_array:
+    """The sum of blocks as a (p, p) matrix, in one pass."""
+    values, rows, columns = (np.concatenate(x) for x in zip(*(b.entries() for b in blocks)))
     H = sp.csr_array((values, (rows, columns)), shape=(p, p))
     H.sort_indices()
     return H
 
 
-def summed(blocks: Sequence[sp.csr_array | Block], p: int) -> Matrix:
+def summed(blocks: Sequence[Block], p: int) -> Matrix:
     """The sum of the subdomains' blocks of H, in the form in which it is best factored."""
     if p == 0:
         return None
-    largest = max((b.rows.size for b in blocks if isinstance(b, Block)), default=0)
+    largest = max((b.rows.size for b in blocks if b.is_dense), default=0)
     if largest**2 > DENSE_SHARE * p**2:
         return _dense_sum(blocks, p)
     H = total(blocks, p)
@@ -426,16 +447,16 @@ def summed(blocks: Sequence[sp.csr_array | Block], p: int) -> Matrix:
     return dense(H) if H.nnz > DENSE_SHARE * p * p else H
 
 
-def _dense_sum(blocks: Sequence[sp.csr_array | Block], p: int) -> Matrix:
+def _dense_sum(blocks: Sequence[Block], p: int) -> Matrix:
     """The sum where one block alone makes it dense."""
     if p == 1:
         return total(blocks, p).diagonal()
     require(8.0 * p**2, f"the interface matrix of {p} conditions")
     H = np.zeros((p, p))
     for block in blocks:
-        if not isinstance(block, Block):
-            entries = sp.coo_array(block)
-            H[entries.row, entries.col] += entries.data
+        if not block.is_dense:
+            values, rows, columns = block.entries()
+            H[rows, columns] += values
         elif block.rows.size == p:
             H += block.values
         else:

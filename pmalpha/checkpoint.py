@@ -36,7 +36,7 @@ SHOWN = 6
 
 
 def constants(
-    words: Mapping[str, Any], parts: Sequence[Part], matrices: Sequence[sp.csr_array]
+    words: Mapping[str, Any], parts: Sequence[Part], matrices: Sequence[sp.csc_array]
 ) -> dict[str, Any]:
     """All of a problem that never changes, each fact under the name an error calls it by.
 
@@ -45,7 +45,7 @@ def constants(
     words : dict
         The options of the coupler.
     parts : sequence of Part
-    matrices : sequence of (p, n_i) csr_array
+    matrices : sequence of (p, n_i) csc_array
         L_i, in the user's order.
     """
     facts = {**words, "names": [part.name for part in parts], "conditions": matrices[0].shape[0]}
@@ -62,7 +62,7 @@ def constants(
         facts |= {f"{x} {of}": checksum(getattr(s, x)) for x in (*"MKC", *ESTIMATES)}
         facts[f"damping {of}"] = s.damping
         facts[f"restoring {of}"] = "none" if s.restoring is None else load(s.restoring)
-        facts[f"conditions on {part.name!r}"] = checksum(L)
+        facts[f"conditions on {part.name!r}"] = checksum(sp.csr_array(L))
     return facts
 
 

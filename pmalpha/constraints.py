@@ -170,7 +170,8 @@ def _boolean(columns: np.ndarray, sign: float, n: int) -> sp.csr_array:
 
 
 def stacked(constraints: Sequence[Constraint], subdomains: Sequence[Subdomain]) -> list[Any]:
-    """L_i (p, n_i) of every subdomain over all constraints, as csr_array.
+    """L_i (p, n_i) of every subdomain over all constraints, as csc_array: by columns, since most of
+    the rows belong to others.
 
     Raises ConstraintError when the rows depend on one another.
     """
@@ -187,12 +188,12 @@ def stacked(constraints: Sequence[Constraint], subdomains: Sequence[Subdomain]) 
     return matrices
 
 
-def _joined(pieces: Sequence[Any], shape: tuple[int, int]) -> sp.csr_array:
+def _joined(pieces: Sequence[Any], shape: tuple[int, int]) -> sp.csc_array:
     """One matrix from entries (values, rows, columns) of several."""
     if not pieces:
-        return sp.csr_array(shape)
+        return sp.csc_array(shape)
     values, rows, columns = (np.concatenate(x) for x in zip(*pieces))
-    return sp.csr_array((values, (rows, columns)), shape=shape)
+    return sp.csc_array((values, (rows, columns)), shape=shape)
 
 
 class RowNames:

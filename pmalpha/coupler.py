@@ -32,7 +32,7 @@ from .assembly import (
     row_order,
     warn_of_factor,
 )
-from .constraints import Constraint, RowNames, row_sizes, stacked
+from .constraints import Constraint, RowNames, stacked
 from .errors import CallbackError, ConstraintError, ConstraintWarning, InstabilityError
 from .forces import CallbackLoad, checked_force, core_load, is_callback
 from .history import History, State, SubdomainHistory, by_place, position
@@ -195,7 +195,9 @@ class Coupler:
             if c.velocity is not None
         ]
         self._initial = [(s.u0, s.v0) for s in subdomains]
-        self._row_size = np.max([row_sizes(L) for L in self._matrices], axis=0, initial=0.0)
+        self._row_size = np.zeros(self._p)
+        for L in self._matrices:
+            np.maximum.at(self._row_size, L.indices, np.abs(L.data))
         self._check_initial_velocities(self._initial)
         self._warn_of_gaps(self._initial)
         self._assemble(names, doubles, start, threads_allowed, factorize)
@@ -237,7 +239,7 @@ class Coupler:
         rows = row_order(parts, p)
         self._row_place = np.argsort(rows)
         for part in parts:
-            part.L = part.L[rows]
+            part.reorder(self._row_place)
             build(part)
         if self._macro:
             prepare(parts)

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ._checks import listing
-from .assembly import Part, conditions_of
+from .assembly import Block, Part, conditions_of
 from .errors import ConstraintWarning, PerformanceWarning, StabilityWarning
 from .factors import Factor, solve
 from .matrices import Matrix
@@ -134,14 +134,12 @@ def respond(part: Part) -> None:
             )
     if states is not None:
         part.core.set_response(rows, states)
-    part.response = _spread(rows, end, part.L.shape[0]), _spread(rows, mean, part.L.shape[0])
+    part.response = _block(rows, end), _block(rows, mean)
 
 
-def _spread(rows: np.ndarray, block: np.ndarray, p: int) -> sp.csr_array:
-    """A block on these rows and columns of a (p, p) matrix, symmetric but for rounding (M7)."""
-    block = 0.5 * (block + block.T)
-    i, j = np.nonzero(block)
-    return sp.csr_array((block[i, j], (rows[i], rows[j])), shape=(p, p))
+def _block(rows: np.ndarray, values: np.ndarray) -> Block:
+    """Symmetric but for rounding (M7); conditions that do not meet leave no entry."""
+    return Block(rows, sp.csr_array(0.5 * (values + values.T)))
 
 
 def warn_of_resonance(
@@ -171,7 +169,8 @@ def warn_of_resonance(
     ratio = float(x @ _product(H)(x)) / float(x @ product(x))
     if ratio >= RESONANT:
         return
-    shares = {p.name: float(x @ (p.response[1] @ x)) for p in parts if p.response is not None}
+    means = {p.name: p.response[1] for p in parts if p.response is not None}
+    shares = {n: float(x[b.rows] @ (b.values @ x[b.rows])) for n, b in means.items()}
     names = [repr(n) for n, share in shares.items() if share > 0.1 * max(shares.values())]
     row = int(np.flatnonzero(place == np.argmax(np.abs(x)))[0])
     warnings.warn(

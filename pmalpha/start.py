@@ -23,7 +23,16 @@ from scipy.sparse.linalg import lsmr, splu
 
 from . import _core
 from ._checks import listing
-from .assembly import Block, Part, compliance, core_subdomain, interface_factor, summed, total
+from .assembly import (
+    Block,
+    Part,
+    compliance,
+    core_subdomain,
+    diagonal_compliance,
+    interface_factor,
+    summed,
+    total,
+)
 from .blas import one_thread
 from .errors import ConstraintWarning, InstabilityError
 from .matrices import combination, product
@@ -162,17 +171,19 @@ class _Mass:
         if factor is None:
             factor = part.factor(matrix, f"M of subdomain {part.name!r}")
         self.operator = (1.0, *factor)
-        self.linked = sp.csr_array(part.L @ sp.diags_array(1.0 - stand_in))
-        self.bare = sp.csr_array(part.L[:, self.massless])
+        self.linked = part.L
+        if self.massless.size:
+            self.linked = sp.csc_array(part.L @ sp.diags_array(1.0 - stand_in))
+        self.bare = part.L[:, self.massless]
 
     def core(self, *, linked: bool) -> Any:
-        L = self.linked if linked else sp.csr_array((0, self.part.n))
+        L = self.linked if linked else sp.csc_array((0, self.part.n))
         return core_subdomain(self.part, UNIT_STEP, L, self.operator)
 
-    def compliance(self) -> sp.csr_array | Block:
+    def compliance(self) -> Block:
         """L M^-1 L^T"""
         if self.diagonal is not None:
-            return sp.csr_array(self.linked @ sp.diags_array(1.0 / self.diagonal) @ self.linked.T)
+            return diagonal_compliance(1.0 / self.diagonal, self.linked)
         return compliance(self.operator[1:], self.linked, self.part.nb, self.part.name)
 
     def check_equations(self, r: np.ndarray, lam: np.ndarray, size: float) -> None:

@@ -507,7 +507,7 @@ def test_the_compliance_is_that_of_the_dense_inverse_for_few_and_for_many_condit
     L[:, n - nb :] = rng.normal(size=(rows, nb))
     exact = L @ np.linalg.inv(A.toarray()) @ L.T
     for factor in all_factors(A, nb):
-        ours = compliance(factor, sp.csr_array(L), nb, "tower")
+        ours = compliance(factor, sp.csc_array(L), nb, "tower")
         # the matrices have a condition below 1e4
         np.testing.assert_allclose(ours.values, exact, rtol=0, atol=1e-11 * np.max(np.abs(exact)))
 
