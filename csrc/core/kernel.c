@@ -124,41 +124,48 @@ subtract(const double *A, size_t ld, size_t rows, size_t columns, const double *
 
 /* One row after the other of each four columns, which is how they stand in memory. */
 __attribute__((always_inline)) static inline void
-add_rows(const double *values, const size_t rows, size_t columns, const double *x, double *sum)
+multiply_rows(const double *values, const size_t rows, size_t columns, const int32_t *index,
+              const double *x, double *product)
 {
     four part[STRIP] = {{0.0}};
     for (size_t k = 0; k < columns; k += 4) {
-        const four xk = *(const four *)(x + k);
+        const int32_t *at = index + k;
+        four xk;
+        if (at[3] - at[0] == 3) /* they follow one another */
+            xk = *(const four *)(x + at[0]);
+        else
+            xk = (four){x[at[0]], x[at[1]], x[at[2]], x[at[3]]};
 #pragma GCC unroll 6
         for (size_t r = 0; r < rows; r++)
             part[r] += *(const four *)(values + k * rows + 4 * r) * xk;
     }
 #pragma GCC unroll 6
     for (size_t r = 0; r < rows; r++)
-        sum[r] += (part[r][0] + part[r][1]) + (part[r][2] + part[r][3]);
+        product[r] = (part[r][0] + part[r][1]) + (part[r][2] + part[r][3]);
 }
 
 __attribute__((always_inline)) static inline void
-add_strip(const double *values, size_t rows, size_t columns, const double *x, double *sum)
+multiply_strip(const double *values, size_t rows, size_t columns, const int32_t *index,
+               const double *x, double *product)
 {
     switch (rows) { /* each with its own loop, the sums in registers */
     case 1:
-        add_rows(values, 1, columns, x, sum);
+        multiply_rows(values, 1, columns, index, x, product);
         break;
     case 2:
-        add_rows(values, 2, columns, x, sum);
+        multiply_rows(values, 2, columns, index, x, product);
         break;
     case 3:
-        add_rows(values, 3, columns, x, sum);
+        multiply_rows(values, 3, columns, index, x, product);
         break;
     case 4:
-        add_rows(values, 4, columns, x, sum);
+        multiply_rows(values, 4, columns, index, x, product);
         break;
     case 5:
-        add_rows(values, 5, columns, x, sum);
+        multiply_rows(values, 5, columns, index, x, product);
         break;
     default:
-        add_rows(values, 6, columns, x, sum);
+        multiply_rows(values, 6, columns, index, x, product);
         break;
     }
 }
@@ -234,9 +241,10 @@ static void subtract_plain(const double *A, size_t ld, size_t rows, size_t colum
 }
 
 static void
-add_strip_plain(const double *values, size_t rows, size_t columns, const double *x, double *sum)
+multiply_strip_plain(const double *values, size_t rows, size_t columns, const int32_t *index,
+                     const double *x, double *product)
 {
-    add_strip(values, rows, columns, x, sum);
+    multiply_strip(values, rows, columns, index, x, product);
 }
 
 static void
@@ -263,7 +271,7 @@ static const pma_kernel PLAIN = {
     .eliminate = eliminate_plain,
     .substitute = substitute_plain,
     .subtract = subtract_plain,
-    .add_strip = add_strip_plain,
+    .multiply_strip = multiply_strip_plain,
     .subtract_band = subtract_band_plain,
     .predict = predict_plain,
     .correct = correct_plain,
@@ -296,9 +304,10 @@ subtract_avx2(const double *A, size_t ld, size_t rows, size_t columns, const dou
 }
 
 __attribute__((target("avx2"))) static void
-add_strip_avx2(const double *values, size_t rows, size_t columns, const double *x, double *sum)
+multiply_strip_avx2(const double *values, size_t rows, size_t columns, const int32_t *index,
+                    const double *x, double *product)
 {
-    add_strip(values, rows, columns, x, sum);
+    multiply_strip(values, rows, columns, index, x, product);
 }
 
 __attribute__((target("avx2"))) static void
@@ -325,7 +334,7 @@ static const pma_kernel AVX2 = {
     .eliminate = eliminate_avx2,
     .substitute = substitute_avx2,
     .subtract = subtract_avx2,
-    .add_strip = add_strip_avx2,
+    .multiply_strip = multiply_strip_avx2,
     .subtract_band = subtract_band_avx2,
     .predict = predict_avx2,
     .correct = correct_avx2,

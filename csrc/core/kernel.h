@@ -7,6 +7,7 @@
 
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 
 #include "scheme.h"
 #include "state.h"
@@ -19,9 +20,10 @@ typedef struct {
     /* y (rows) -= A x, A_ij at A[j * ld + i] */
     void (*subtract)(const double *A, size_t ld, size_t rows, size_t columns, const double *x,
                      double *y);
-    /* sum (rows) += A x of a strip of at most six rows; columns: a multiple of four */
-    void (*add_strip)(const double *values, size_t rows, size_t columns, const double *x,
-                      double *sum);
+    /* product (rows) := A x of a strip of at most six rows with columns (a multiple of four) at
+     * the places index of x. Of four whose last is three above the first, all follow one another. */
+    void (*multiply_strip)(const double *values, size_t rows, size_t columns,
+                           const int32_t *index, const double *x, double *product);
     /* y_i -= sum over j of A_ij x_j for i = begin..end-1, A_i,i+d = A_i+d,i at values[d * n + i]
      * for d = 0..width */
     void (*subtract_band)(const double *values, size_t n, size_t width, size_t begin, size_t end,

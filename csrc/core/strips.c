@@ -17,6 +17,12 @@ static size_t columns_of(const pma_strips *S, size_t s)
 
 /* ---- checks ------------------------------------------------------------------------------- */
 
+/* Four whose last is three above the first are read at one go. */
+static bool four_are_right(const int32_t *index)
+{
+    return index[3] - index[0] != 3 || (index[1] - index[0] == 1 && index[2] - index[0] == 2);
+}
+
 pma_status pma_strips_check(const pma_strips *S, size_t n)
 {
     if (S->first[0] != 0 || S->ptr[0] != 0 || S->start[0] != 0 ||
@@ -31,6 +37,10 @@ pma_status pma_strips_check(const pma_strips *S, size_t n)
     }
     for (int64_t k = 0; k < S->ptr[S->count]; k++) {
         if (S->index[k] < 0 || (size_t)S->index[k] >= n)
+            return PMA_BAD_INDEX;
+    }
+    for (int64_t k = 0; k < S->ptr[S->count]; k += 4) {
+        if (!four_are_right(S->index + k))
             return PMA_BAD_INDEX;
     }
     return PMA_OK;
@@ -98,6 +108,39 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
+static void reverse(int32_t *list, size_t count)
+{
+    for (size_t k = 0; 2 * k + 1 < count; k++) {
+        const int32_t kept = list[k];
+        list[k] = list[count - 1 - k];
+        list[count - 1 - k] = kept;
+    }
+}
+
+/* Moves the places begin..end-1 of a list to place `to` before them; all keep their order. */
+static void move_forward(int32_t *list, size_t to, size_t begin, size_t end)
+{
+    reverse(list + to, begin - to);
+    reverse(list + begin, end - begin);
+    reverse(list + to, end - to);
+}
+
+/* Of an ascending list, four columns at a time that follow one another come first: they are read
+ * at one go. */
+static void fours_first(int32_t *list, size_t count)
+{
+    size_t fours = 0;
+    for (size_t k = 0; k + 4 <= count;) {
+        if (list[k + 3] - list[k] != 3) {
+            k++;
+            continue;
+        }
+        move_forward(list, fours, k, k + 4);
+        fours += 4;
+        k += 4;
+    }
+}
+
 void pma_strips_fill(const pma_strips *S, size_t n, const int64_t *ptr, const int32_t *index,
                      const double *entries, int64_t *mark, int32_t *strip_index,
                      double *strip_values)
@@ -115,6 +158,7 @@ void pma_strips_fill(const pma_strips *S, size_t n, const int64_t *ptr, const in
             }
         }
         qsort(list, have, sizeof *list, ascending);
+        fours_first(list, have);
         for (size_t k = 0; k < have; k++)
             mark[list[k]] = S->ptr[s] + (int64_t)k;
         for (size_t k = have; k < columns_of(S, s); k++)
@@ -145,37 +189,17 @@ static size_t strip_at(const pma_strips *S, size_t row)
     return low;
 }
 
-/* Columns gathered at a time. */
-enum { PIECE = 256 };
-
-/* sum (rows) := A x of one strip */
-static void multiply(const pma_strips *S, size_t s, const pma_kernel *kernel, const double *x,
-                     double *sum)
-{
-    const size_t rows = rows_of(S, s), columns = columns_of(S, s);
-    const double *values = S->values + S->start[s];
-    const int32_t *index = S->index + S->ptr[s];
-    double piece[PIECE];
-    for (size_t r = 0; r < rows; r++)
-        sum[r] = 0.0;
-    for (size_t done = 0; done < columns; done += PIECE) {
-        const size_t size = columns - done < PIECE ? columns - done : PIECE;
-        for (size_t k = 0; k < size; k++)
-            piece[k] = x[index[done + k]];
-        kernel->add_strip(values + done * rows, rows, size, piece, sum);
-    }
-}
-
 void pma_strips_subtract(const pma_strips *S, size_t begin, size_t end, const double *x, double *y)
 {
     const pma_kernel *kernel = pma_kernel_best();
-    double sum[PMA_STRIP_ROWS];
+    double product[PMA_STRIP_ROWS];
     if (begin == end)
         return;
     for (size_t s = strip_at(S, begin); s < S->count && (size_t)S->first[s] < end; s++) {
         const size_t first = (size_t)S->first[s], last = (size_t)S->first[s + 1];
-        multiply(S, s, kernel, x, sum);
+        kernel->multiply_strip(S->values + S->start[s], rows_of(S, s), columns_of(S, s),
+                               S->index + S->ptr[s], x, product);
         for (size_t i = first > begin ? first : begin; i < (last < end ? last : end); i++)
-            y[i] -= sum[i - first];
+            y[i] -= product[i - first];
     }
 }

@@ -14,7 +14,8 @@
 enum { PMA_STRIP_ROWS = 6 };
 
 /* Bare arrays of the caller. Strip s has the rows first[s]..first[s+1]-1 and the columns
- * index[ptr[s]]..index[ptr[s+1]-1], a multiple of four: the last may come again, with zeros. Its
+ * index[ptr[s]]..index[ptr[s+1]-1], a multiple of four: the last may come again, with zeros. Four
+ * that follow one another come first; no others have their last three above their first. The
  * values begin at start[s] and stand in the order in which a product reads them: four columns of
  * the first row, the same four of the second, and so on; then the next four columns. */
 typedef struct {
@@ -27,7 +28,7 @@ typedef struct {
 } pma_strips;
 
 /* PMA_BAD_INDEX unless the strips partition 0..n-1, none with too many rows, all columns lie in it
- * and the values have the sizes that follow. */
+ * as it is said of fours, and the values have the sizes that follow. */
 pma_status pma_strips_check(const pma_strips *S, size_t n);
 
 /* How far from its row the furthest column is. */

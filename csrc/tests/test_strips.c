@@ -177,6 +177,14 @@ static void strips_with_a_bad_index_are_refused(void)
                  PMA_BAD_INDEX);
     CHECK_STATUS(strips_status(NULL, NULL, NULL, (int64_t[]){0, 4, 12}), PMA_BAD_INDEX);
     CHECK_STATUS(strips_status(NULL, NULL, NULL, (int64_t[]){1, 9, 13}), PMA_BAD_INDEX);
+    /* three above the first is the last of four that follow one another */
+    const int64_t all[2] = {0, 4}, sixteen[2] = {0, 16};
+    const double zeros[16] = {0.0};
+    const int32_t good[4] = {0, 1, 2, 3}, bad[4] = {0, 2, 1, 3};
+    const pma_strips right = {1, all, all, good, sixteen, zeros};
+    const pma_strips wrong = {1, all, all, bad, sixteen, zeros};
+    CHECK_STATUS(pma_strips_check(&right, 4), PMA_OK);
+    CHECK_STATUS(pma_strips_check(&wrong, 4), PMA_BAD_INDEX);
     /* seven rows in a strip, with all else as it has to be */
     const int64_t first[2] = {0, 7}, ptr[2] = {0, 4}, start[2] = {0, 28};
     pma_strips S = two_strips();
