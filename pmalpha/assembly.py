@@ -189,17 +189,15 @@ def make_part(
     place = np.empty(n, dtype=np.int64)
     place[order] = np.arange(n)
     matrices = (
-        permuted(A, order)
-        for A in (
-            subdomain.M,
-            subdomain.K,
-            subdomain.C,
-            stiffness,
-            damping,
-            subdomain.restoring_damping,
-            subdomain.restoring_stiffness,
-        )
+        subdomain.M,
+        subdomain.K,
+        subdomain.C,
+        stiffness,
+        damping,
+        subdomain.restoring_damping,
+        subdomain.restoring_stiffness,
     )
+    different = {id(A): permuted(A, order) for A in {id(A): A for A in matrices}.values()}
     conditions = sp.csc_array(L[:, order])
     return Part(
         subdomain,
@@ -208,7 +206,7 @@ def make_part(
         h,
         eliminated,
         place,
-        *matrices,
+        *(different[id(A)] for A in matrices),
         conditions,
         last.size,
         external=external,
