@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -30,22 +31,22 @@ def critical_product(scheme: Scheme) -> float:
     Viscous damping, which all schemes take implicitly, does not lower it.
     """
     grid = np.geomspace(1e-2, 1e4, 600)
-    unstable = [Omega for Omega in grid if not _is_stable(scheme, Omega)]
-    if not unstable:
+    unstable = grid[~_are_stable(scheme, grid)]
+    if not unstable.size:
         return np.inf
     high = unstable[0]
     low = high / (grid[1] / grid[0])
     while high - low > 1e-12 * high:
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if _is_stable(scheme, middle) else (low, middle)
+        low, high = (middle, high) if _are_stable(scheme, [middle])[0] else (low, middle)
     return low
 
 
-def _is_stable(scheme: Scheme, Omega: float) -> bool:
+def _are_stable(scheme: Scheme, Omegas: Sequence[float]) -> np.ndarray:
     # 1e-7: a double eigenvalue of modulus one comes out of an eigenvalue routine at
     # the square root of the rounding
-    radius = np.max(np.abs(np.linalg.eigvals(scheme.amplification(Omega))))
-    return bool(radius <= 1.0 + 1e-7)
+    whole = np.array([scheme.amplification(Omega) for Omega in Omegas])
+    return np.max(np.abs(np.linalg.eigvals(whole)), axis=1) <= 1.0 + 1e-7
 
 
 @lru_cache(maxsize=256)
