@@ -364,15 +364,34 @@ static int check_tables(CouplerObject *self, int64_t steps)
     return all ? 0 : -1;
 }
 
+/* Is the exception that is set to be raised? Threads may have asked a callable in a step that one
+ * thread would not have begun, since an earlier one or that of another subdomain had failed: what it
+ * raised is dropped then, but never Ctrl-C. */
+static bool is_raised(CouplerObject *self, pma_status status, size_t failed)
+{
+    if (status == PMA_NOT_FINITE || status == PMA_FORCE_FAILED)
+        return !PyErr_ExceptionMatches(PyExc_Exception);
+    if (status != PMA_RESTORING_FAILED)
+        return true;
+    const pma_subdomain *s = subdomain_of(self, (Py_ssize_t)failed)->core;
+    return pma_subdomain_parts(s)->restoring.by_caller ||
+           !PyErr_ExceptionMatches(PyExc_Exception);
+}
+
 /* The index of the subdomain that became unstable, or (index, code, "force" or "restoring force")
  * of the one whose function returned a code; NULL with the exception of any other status. */
 static PyObject *failure(CouplerObject *self, pma_status status)
 {
     const size_t i = pma_coupler_failed(self->core);
+    if (PyErr_Occurred()) {
+        if (is_raised(self, status, i))
+            return NULL;
+        PyErr_Clear();
+    }
     if (status == PMA_NOT_FINITE)
         return PyLong_FromSsize_t(i == PMA_INTERFACE ? PyTuple_GET_SIZE(self->subdomains)
                                                      : (Py_ssize_t)i);
-    if ((status != PMA_FORCE_FAILED && status != PMA_RESTORING_FAILED) || PyErr_Occurred())
+    if (status != PMA_FORCE_FAILED && status != PMA_RESTORING_FAILED)
         return pma_raise(status, "advance");
     const int code = pma_subdomain_code(subdomain_of(self, (Py_ssize_t)i)->core);
     return Py_BuildValue("(nis)", (Py_ssize_t)i, code,

@@ -1,0 +1,409 @@
+"""All features at once: however a run is cut, recorded or shared, its bits are the same.
+
+What is right is one run on one thread that records everything. Everything else is done with other
+couplers of the same problem, in a random order, and compared with its rows.
+"""
+
+import ctypes
+
+import numpy as np
+import problems
+import pytest
+import scipy.sparse as sp
+from scipy import LowLevelCallable
+
+import pmalpha as pm
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning"),
+    pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning"),
+]
+DOUBLES = ctypes.POINTER(ctypes.c_double)
+HEAD = (ctypes.c_int, ctypes.c_double, ctypes.c_ssize_t)
+FORCE = ctypes.CFUNCTYPE(*HEAD, DOUBLES, ctypes.c_void_p)
+RESTORING = ctypes.CFUNCTYPE(*HEAD, DOUBLES, DOUBLES, DOUBLES, ctypes.c_void_p)
+STEPS = 14
+DT = 0.05
+
+
+class Broken(Exception):
+    """What a load or a restoring force raises when it is told to."""
+
+
+class Asked:
+    """A function of the user's that counts its calls, and fails at the call it is told to."""
+
+    def __init__(self, function):
+        self.function, self.calls, self.fails_in = function, 0, None
+
+    def fails(self):
+        self.calls += 1
+        if self.fails_in is not None:
+            self.fails_in -= 1
+            return self.fails_in < 0
+        return False
+
+    def __call__(self, *args):
+        if self.fails():
+            raise Broken
+        return self.function(*args)
+
+    def compiled_force(self):
+        def force(t, n, f, user):
+            if self.fails():
+                return 7
+            np.ctypeslib.as_array(f, (n,))[:] = self.function(t)
+            return 0
+
+        return LowLevelCallable(FORCE(force))
+
+    def compiled_restoring(self):
+        def restoring(t, n, u, v, r, user):
+            if self.fails():
+                return 8
+            u, v, r = (np.ctypeslib.as_array(x, (n,)) for x in (u, v, r))
+            r[:] = self.function(u, v, t)
+            return 0
+
+        return LowLevelCallable(RESTORING(restoring))
+
+
+class Case:
+    """A problem of 1 to 5 subdomains; each coupler of it has functions of its own."""
+
+    def __init__(self, seed):
+        self.seed = seed
+        rng = np.random.default_rng([seed, 7])
+        self.coupling = str(rng.choice(["pm", "pm", "gc", "macro"]))
+        self.parts = problems.random_restored_problem(seed).parts[: int(rng.integers(1, 6))]
+        self.parts = [larger(rng, x) if rng.random() < 0.25 else x for x in self.parts]
+        if self.coupling == "macro":
+            for part in self.parts:
+                part.substeps = int(rng.integers(1, 7))
+                part.double = True if part.substeps == 1 and rng.random() < 0.5 else None
+        elif any(part.double for part in self.parts):
+            finest = max(part.substeps for part in self.parts)
+            self.parts[0].substeps, self.parts[0].double = finest, False
+        for part in self.parts:
+            part.restoring = None
+        self.massless = [np.diag(part.M) == 0.0 for part in self.parts]
+        sizes = [len(part.M) for part in self.parts]
+        self.L = None
+        if sum(sizes) > 1:
+            self.L = problems._random_conditions(rng, sizes)
+            if not any(x.any() for x in self.massless):
+                problems._set_initial_state(rng, self.parts, self.L)
+            else:
+                for part in self.parts:
+                    part.u0 = part.v0 = None
+        self.kinds = [int(rng.integers(6)) for _ in self.parts]
+        self.restored = [bool(rng.random() < 0.4) for _ in self.parts]
+        self.springs = [
+            [] if restored else self._springs(rng, i) for i, restored in enumerate(self.restored)
+        ]
+        self.motion = int(rng.integers(4)) if self.L and len(self.L[0]) > 1 else 0
+        for part, massless, restored, springs in zip(
+            self.parts, self.massless, self.restored, self.springs
+        ):
+            estimate = np.diag(np.where(massless, 0.0, 0.5))
+            nonlinear = restored or springs
+            part.K_r = estimate if nonlinear and rng.random() < 0.5 else None
+            part.D_r = 0.1 * estimate if nonlinear and rng.random() < 0.5 else None
+
+    def _springs(self, rng, i):
+        dofs = np.flatnonzero(~self.massless[i])
+        if dofs.size == 0 or rng.random() < 0.5:
+            return []
+
+        def some():
+            first = rng.choice(dofs, int(rng.integers(1, 4)))
+            second = rng.choice(np.append(dofs, -1), first.size)
+            second[second == first] = -1
+            return np.column_stack([first, second])
+
+        made = [
+            pm.CubicSpring(some(), 1.0, 5.0),
+            pm.Gap(some(), 8.0, 0.1),
+            pm.Bilinear(some(), 4.0, 0.2, 0.1),
+            pm.BoucWen(some(), 3.0, 0.3, 0.05, n=1.5),
+        ]
+        return [x for x in made if rng.random() < 0.7]
+
+    def coupler(self, threads, **options):
+        """And what may be asked: {subdomain: function}, of loads and of restoring forces."""
+        loads, forces = {}, {}
+        subdomains = []
+        for i, part in enumerate(self.parts):
+            restoring = self.springs[i] or None
+            if self.restored[i]:
+                c = np.where(self.massless[i], 0.0, 1.0 + 0.1 * np.arange(len(part.M)))
+                forces[i] = Asked(
+                    lambda u, v, t, c=c: c * (u / (1.0 + u * u) + 0.1 * v + 0.2 * np.sin(t))
+                )
+                restoring = forces[i] if i % 2 else forces[i].compiled_restoring()
+            M, C, K = (
+                None if A is None else f(A) for A, f in zip((part.M, part.C, part.K), part.forms)
+            )
+            subdomains.append(
+                pm.Subdomain(
+                    M,
+                    K,
+                    C,
+                    scheme=part.scheme,
+                    substeps=part.substeps,
+                    double_step=part.double,
+                    force=self._force(i, loads),
+                    restoring=restoring,
+                    restoring_stiffness=part.K_r,
+                    restoring_damping=part.D_r,
+                    damping="lagged" if part.lagged else "implicit",
+                    u0=part.u0,
+                    v0=part.v0,
+                    name=f"s{i}",
+                )
+            )
+        made = pm.Coupler(
+            subdomains,
+            self._constraints(subdomains),
+            dt=DT,
+            coupling=self.coupling,
+            threads=threads,
+            **options,
+        )
+        return made, loads, forces
+
+    def _force(self, i, loads):
+        part, kind = self.parts[i], self.kinds[i]
+        n = len(part.M)
+        rng = np.random.default_rng([self.seed, i])
+        direction = np.where(self.massless[i], 0.0, rng.normal(size=n))
+        if kind == 1:
+            return direction
+        if kind == 2:
+            return pm.SampledForce(rng.normal(size=9), 0.07, shape=direction)
+        if kind == 3:
+            return pm.BaseAcceleration(rng.normal(size=9), 0.07, direction, part.M)
+        if kind > 3:
+            loads[i] = Asked(lambda t: direction * np.cos(3.0 * t))
+            return loads[i].compiled_force() if kind == 5 else loads[i]
+        return None
+
+    def _constraints(self, subdomains):
+        if self.L is None:
+            return []
+        held = slice(0, len(self.L[0]) - (self.motion > 0))
+        made = [pm.Constraint({s: L[held] for s, L in zip(subdomains, self.L) if L[held].any()})]
+        moved = {s: L[-1:] for s, L in zip(subdomains, self.L) if L[-1].any()}
+        if self.motion == 1:
+            made.append(pm.Constraint(moved, velocity=lambda t: [np.sin(5.0 * t)]))
+        elif self.motion > 1:
+            samples = np.sin(np.arange(12.0)).reshape(-1, 1)
+            made.append(pm.Constraint(moved, velocity=pm.SampledForce(samples, 0.06)))
+        return made
+
+    def all_springs(self):
+        return {f"s{i}": None for i, springs in enumerate(self.springs) if springs} or None
+
+
+def larger(rng, part):
+    """A chain or a grid for bands, strips, panels and slabs, in place of a small part."""
+    n = int(rng.integers(20, 200))
+    K = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    if rng.random() < 0.5:
+        side = int(rng.integers(6, 12))
+        one = 2.0 * np.eye(side) - np.eye(side, k=1) - np.eye(side, k=-1)
+        K, n = np.kron(one, np.eye(side)) + np.kron(np.eye(side), one), side * side
+    C = None if rng.random() < 0.5 else 0.02 * K
+    forms = [np.diag if rng.random() < 0.5 else sp.csr_array, sp.csr_array, sp.csr_array]
+    M = np.diag(rng.uniform(1.0, 2.0, n))
+    return problems.Part(
+        M, K, C, part.scheme, part.substeps, part.double, forms, lagged=part.lagged
+    )
+
+
+class Truth:
+    """One run on one thread, and energies of any stretch of it."""
+
+    def __init__(self, case):
+        self.case = case
+        self.coupler, _, _ = case.coupler(1)
+        self.history = self.coupler.run(steps=STEPS, record_springs=case.all_springs())
+
+    def energy(self, begin, end):
+        self.coupler.reset()
+        self.coupler.step(begin)
+        return self.coupler.run(steps=end - begin, energy=True, record={}).energy
+
+    def check_present(self, coupler):
+        now = coupler.step_count
+        for i, own in enumerate(self.history.subdomains):
+            row = now * self.case.parts[i].substeps
+            x = coupler.state(i)
+            for name in "uva":
+                same(getattr(x, name), getattr(own, name)[row])
+            if self.case.springs[i]:
+                springs = coupler.springs(i)
+                same(springs.deformation, own.deformation[row])
+                same(springs.force, own.force[row])
+        same(coupler.multipliers, self.history.multipliers[now * self.fine])
+
+    @property
+    def fine(self):
+        if self.case.coupling == "macro":
+            return 1
+        return max(part.substeps for part in self.case.parts)
+
+    def check_rows(self, told, begin, end, every, energy):
+        def rows(nodes):
+            if every is None:
+                return np.arange(begin * nodes, end * nodes + 1)
+            later = [k for k in range(begin + 1, end + 1) if k % every == 0]
+            return np.array([begin, *later]) * nodes
+
+        for i, (own, ours) in enumerate(zip(told.subdomains, self.history.subdomains)):
+            names = ("t", "u", "v", "a") + ("deformation", "force") * bool(self.case.springs[i])
+            for name in names:
+                same(getattr(own, name), getattr(ours, name)[rows(self.case.parts[i].substeps)])
+        same(told.multipliers, self.history.multipliers[rows(self.fine)])
+        same(told.velocity_jump, self.history.velocity_jump[rows(self.fine)])
+        same(told.displacement_jump, self.history.displacement_jump[rows(1)])
+        if energy:
+            expected = self.energy(begin, end)
+            for name in ("kinetic", "strain", "dissipated", "external", "interface"):
+                same(getattr(told.energy, name), getattr(expected, name)[rows(1) - begin])
+
+
+def same(a, b):
+    np.testing.assert_array_equal(a, b, strict=True)
+
+
+class Attack:
+    """Random calls on couplers of a case, each followed by a look at all there is."""
+
+    def __init__(self, case, rng, folder):
+        self.case, self.rng, self.folder = case, rng, folder
+        self.truth = Truth(case)
+        self.files = 0
+        self.renew()
+
+    def renew(self):
+        threads = int(self.rng.choice([1, 2, 2, 4]))
+        self.coupler, self.loads, self.forces = self.case.coupler(threads)
+
+    def options(self):
+        every = self.rng.choice([None, None, 1, 2, 3])
+        options = {"record_springs": self.case.all_springs(), "every": every}
+        options["energy"] = bool(self.rng.random() < 0.3)
+        if self.rng.random() < 0.2:
+            self.files += 1
+            options["record_to"] = self.folder / f"{self.files}.h5"
+        return options
+
+    def run(self, steps):
+        begin, options = self.coupler.step_count, self.options()
+        told = self.coupler.run(steps=steps, **options)
+        self.truth.check_rows(told, begin, begin + steps, options["every"], options["energy"])
+
+    def step(self, steps):
+        self.coupler.step(steps)
+
+    def save_and_load(self, steps):
+        path = self.folder / "state.npz"
+        self.coupler.save(path)
+        self.renew()
+        self.coupler.step(int(self.rng.integers(3)))
+        self.coupler.load(path)
+
+    def reset(self, steps):
+        self.coupler.reset()
+
+    def fail(self, steps):
+        """A function fails in mid run; what was done stays, and the rest is asked again."""
+        asked = [*self.loads.values(), *self.forces.values()]
+        if not asked:
+            return
+        chosen = asked[int(self.rng.integers(len(asked)))]
+        self.coupler.state(0)
+        chosen.fails_in = int(self.rng.integers(12))
+        begin, options = self.coupler.step_count, self.options()
+        try:
+            told = self.coupler.run(steps=steps, **options)
+        except (Broken, pm.CallbackError):
+            told = self.coupler.last_history
+        chosen.fails_in = None
+        if told is not None:
+            end = self.coupler.step_count
+            self.truth.check_rows(told, begin, end, options["every"], options["energy"])
+
+    def stop(self, steps):
+        """Progress that raises ends a run as Ctrl-C does."""
+
+        def progress(done, total):
+            raise Broken
+
+        begin, options = self.coupler.step_count, self.options()
+        with pytest.raises(Broken):
+            self.coupler.run(steps=steps, progress=progress, **options)
+        end, told = self.coupler.step_count, self.coupler.last_history
+        self.truth.check_rows(told, begin, end, options["every"], options["energy"])
+
+    def go(self, rounds):
+        names = ["run", "run", "step", "save_and_load", "reset", "fail", "fail", "stop"]
+        for _ in range(rounds):
+            left = STEPS - self.coupler.step_count
+            name = str(self.rng.choice(names)) if left else "reset"
+            before, begin = [f.calls for f in self._counted()], self.coupler.step_count
+            steps = int(self.rng.integers(1, left + 1)) if left else 0
+            getattr(self, name)(steps)
+            self.truth.check_present(self.coupler)
+            if name in ("run", "step") and self.started:
+                self._check_calls(before, self.coupler.step_count - begin)
+            self.started = True
+
+    started = False
+
+    def _counted(self):
+        self.coupler.state(0)
+        self.started = True
+        return [self.forces[i] for i in sorted(self.forces)]
+
+    def _check_calls(self, before, steps):
+        for i, calls, f in zip(sorted(self.forces), before, self._counted()):
+            assert f.calls - calls == steps * self.case.parts[i].substeps
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_whatever_is_combined_the_bits_are_those_of_one_run_on_one_thread(seed, tmp_path):
+    attack = Attack(Case(seed), np.random.default_rng([seed, 11]), tmp_path)
+    attack.go(rounds=8)
+
+
+@pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_what_failed_first_is_raised_though_a_later_step_was_asked_meanwhile(coupling, threads):
+    # from t = 0.5 on a load beyond all numbers, in the own step of "a" that begins at 0.4 (double)
+    # or 0.45; a thread beside it has asked "b" for what comes after
+    samples = np.where(np.arange(40) < 5, 0.0, 1e300).reshape(-1, 1)
+    load = pm.SampledForce(samples, 0.1, shape=[[1.0], [0.0]])
+    a = pm.Subdomain(
+        [1e-20, 1.0],
+        [1e-20, 1.0],
+        scheme=pm.GeneralizedAlpha(0.5),
+        substeps=2,
+        force=load,
+        name="a",
+    )
+
+    def breaks(u, v, t):
+        if t > 0.455:
+            raise Broken
+        return 0.1 * u
+
+    explicit = dict(scheme=pm.GeneralizedAlpha(0.5, explicit=True), substeps=10)
+    b = pm.Subdomain([1.0], [1.0], restoring=breaks, name="b", **explicit)
+    c = pm.Subdomain([1.0], [1.0], name="c", **explicit)
+    ties = [pm.tie(a, [1], b, [0]), pm.tie(b, [0], c, [0])]
+    coupler = pm.Coupler([a, b, c], ties, dt=0.1, coupling=coupling, threads=threads)
+    with pytest.raises(pm.InstabilityError) as caught:
+        coupler.run(steps=10, every=2)
+    assert (caught.value.subdomain, caught.value.step, coupler.step_count) == ("a", 4, 4)
