@@ -115,8 +115,8 @@ def require_finite(array: np.ndarray, name: str) -> None:
     finite = np.isfinite(array)
     if not finite.all():
         where = np.unravel_index(int(np.argmin(finite)), array.shape)
-        at = ", ".join(str(int(i)) for i in where)
-        raise ValueError(f"{name} must be finite, got {array[where]} at [{at}]")
+        at = f" at [{', '.join(str(int(i)) for i in where)}]" if where else ""
+        raise ValueError(f"{name} must be finite, got {array[where]}{at}")
 
 
 def listing(numbers: Sequence[Any] | np.ndarray, most: int = 5) -> str:

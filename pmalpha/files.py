@@ -54,6 +54,22 @@ def replacing(path: str | os.PathLike) -> Iterator[BinaryIO]:
         part.unlink(missing_ok=True)
 
 
+@contextmanager
+def reading(path: str | os.PathLike) -> Iterator[BinaryIO]:
+    """A file to read from. A device may never end, and a pipe never begin: neither is opened.
+
+    Raises
+    ------
+    OSError
+        When there is no such file.
+    """
+    whole = checked_path(path)
+    if whole.exists() and not whole.is_file() and not whole.is_dir():
+        raise OSError(errno.EINVAL, "path cannot be read: a device or a pipe", str(whole))
+    with open(whole, "rb") as file:
+        yield file
+
+
 def write_npz(
     path: str | os.PathLike, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
 ) -> None:
@@ -79,7 +95,7 @@ def read_npz(
         For any other file, saying why.
     """
     name = str(checked_path(path))
-    with open(name, "rb") as file:
+    with reading(path) as file:
         reason, header, arrays = _contents(file, format, version)
     if reason is not None:
         raise ValueError(f"path must lead to a file of format {format!r}, but {name!r} {reason}")

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from .files import checked_path, mismatch, replacing
+from .files import checked_path, mismatch, reading, replacing
 
 # What a file says of itself, how one begins, and where the macro step is counted.
 FORMAT, VERSION = "pmalpha History", 1
@@ -221,7 +221,7 @@ def library() -> ModuleType:
 
 
 def is_hdf5(path: str | os.PathLike) -> bool:
-    with open(checked_path(path), "rb") as file:
+    with reading(path) as file:
         return file.read(len(SIGNATURE)) == SIGNATURE
 
 

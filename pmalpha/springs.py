@@ -272,7 +272,7 @@ def _check_yield(spring: Any) -> None:
 def _pairs(dofs: Any) -> np.ndarray:
     """(m, 2) array of int, -1 for the ground."""
     array = plain_array(dofs, "dofs")
-    if array.dtype.kind not in "iu":
+    if array.dtype.kind not in "iu" and array.size:
         raise TypeError(f"dofs must be whole numbers, got {dofs!r}")
     if array.ndim < 2:
         first = np.atleast_1d(array)

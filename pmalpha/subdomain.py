@@ -43,7 +43,7 @@ class Subdomain:
         Whether the subdomain steps from t_{n-1} to t_{n+1} under coupling "pm". Default: when it
         is implicit and its own step is coarser than the finest; if all own steps are equal and
         nobody says anything, the first implicit subdomain of several. A single subdomain is never
-        double, nor is anybody under "gc".
+        double, nor is anybody under "gc"; under "macro" who is told so, with one substep.
     force : (n,) array, callable, LowLevelCallable, `SampledForce` or `BaseAcceleration`, optional
         External load, evaluated at the end of each own step. A callable ``f(t) -> (n,)`` is asked
         ahead of the run, once for each own step in the order of time, and once at t = 0. A
@@ -123,8 +123,10 @@ class Subdomain:
             raise TypeError(f"scheme must be a pmalpha scheme, got {scheme!r}")
         if name is not None and not (isinstance(name, str) and name):
             raise TypeError(f"name must be a string that is not empty, got {name!r}")
-        if M is None or K is None and restoring is None:
-            raise TypeError(f"{'M' if M is None else 'K'} must be a matrix, got None")
+        if M is None:
+            raise TypeError("M must be a matrix, got None")
+        if K is None and restoring is None:
+            raise TypeError("K must be a matrix where there is no restoring force, got None")
         check_word(damping, "damping", ("implicit", "lagged"))
         self.scheme = scheme
         self.substeps = whole_number(substeps, "substeps", low=1)

@@ -383,6 +383,11 @@ def test_a_file_of_another_kind_is_refused(tmp_path):
         pm.History.load(tmp_path / "state")
     with pytest.raises(FileNotFoundError):
         c.load(tmp_path / "nowhere")
+    os.mkfifo(tmp_path / "pipe")
+    for endless in ("/dev/zero", tmp_path / "pipe"):
+        for load in (c.load, pm.History.load):
+            with pytest.raises(OSError, match="path cannot be read: a device or a pipe"):
+                load(endless)
     for call in (c.save, c.load):
         with pytest.raises(TypeError, match="path must be a str or a path, got 3"):
             call(3)
