@@ -39,7 +39,7 @@ extern PyMethodDef pma_strip_functions[];
 extern PyType_Spec pma_subdomain_spec;
 extern PyType_Spec pma_coupler_spec;
 
-/* ---- work without the GIL --------------------------------------------------------------------- */
+/* ---- work without the GIL -------------------------------------------------------------------- */
 
 typedef struct {
     PyThreadState *thread;

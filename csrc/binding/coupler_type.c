@@ -290,7 +290,8 @@ static int take_energy(CouplerObject *self, PyObject *obj, int64_t end, pma_reco
     for (npy_intp i = 0; i < shape[1]; i++)
         all = all && pma_subdomain_has_energy(subdomain_of(self, i)->core);
     record->energy = PyArray_DATA(array);
-    if (all && PyArray_ISWRITEABLE(array) && (size_t)PyArray_DIM(array, 0) > last_row(record, end, 1))
+    if (all && PyArray_ISWRITEABLE(array) &&
+        (size_t)PyArray_DIM(array, 0) > last_row(record, end, 1))
         return 0;
     PyErr_SetString(PyExc_ValueError, "energy must be writeable, with enough rows, and begun");
     return -1;

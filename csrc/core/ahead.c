@@ -137,8 +137,8 @@ static bool records_jumps(const pma_coupler *c)
     return c->record && c->record->every == 0;
 }
 
-/* A closing may wait: not beyond the end of a call, nor where others could not take a step back, for
- * a restoring force is asked once for every step of the macro steps that are completed. */
+/* A closing may wait: not beyond the end of a call, nor where others could not take a step back,
+ * for a restoring force is asked once for every step of the macro steps that are completed. */
 static bool can_wait(const pma_coupler *c, const pma_place *at)
 {
     if (!keeps_no_books(c) || !pma_is_double(c, at))

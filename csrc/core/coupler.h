@@ -66,8 +66,8 @@ void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, co
 
 /* `steps` macro steps, recorded if record is not NULL. PMA_NOT_READY before a start,
  * PMA_NOT_FINITE, PMA_FORCE_FAILED and PMA_RESTORING_FAILED (pma_coupler_failed says where),
- * PMA_STOPPED, and PMA_NO_THREADS before the first step. Does not allocate, but for the threads when
- * they are not there yet. */
+ * PMA_STOPPED, and PMA_NO_THREADS before the first step. Does not allocate, but for the threads
+ * when they are not there yet. */
 pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,
                                const pma_poll *poll);
 

@@ -43,7 +43,7 @@ size_t pma_factor_reach(const pma_factor *f);
 
 /* A step is opened with the right-hand side and closed with what acts on the interface:
  *
- * x (n): swept so far as the interface asks; xb (nb) := (A^-1 x)_b                 (F2) (F3) (F7) */
+ * x (n): swept so far as the interface asks; xb (nb) := (A^-1 x)_b                (F2) (F3) (F7) */
 void pma_factor_open(const pma_factor *f, double *x, double *xb);
 
 /* x (n) as open left it := A^-1 (right-hand side + fb on the interface)       (F4) (F5) (F8) */

@@ -221,7 +221,7 @@ correct(const pma_step *c, size_t begin, size_t end, const pma_state *x)
     return zero == 0.0;
 }
 
-/* ---- for each kind of processor --------------------------------------------------------------- */
+/* ---- for each kind of processor -------------------------------------------------------------- */
 
 static void eliminate_plain(const double *panel, size_t ld, size_t height, size_t width, double *x)
 {

@@ -288,7 +288,7 @@ pma_status pma_panels_factor(pma_panels *p, const pma_panels_input *input, const
     return PMA_OK;
 }
 
-/* ---- sweeps ------------------------------------------------------------------------------------ */
+/* ---- sweeps ---------------------------------------------------------------------------------- */
 
 /* The supernodes of the columns from..to-1, which begin and end with one. */
 static size_t supernode_at(const pma_panels *p, size_t column)

@@ -120,7 +120,7 @@ pma_status pma_macro_step(pma_coupler *c, const pma_record *record, const pma_po
 /* The nodes at the end of the macro step become the present. Cannot fail. */
 void pma_coupler_commit(pma_coupler *c);
 
-/* ---- beside the fine steps: ahead.c ------------------------------------------------------------ */
+/* ---- beside the fine steps: ahead.c ---------------------------------------------------------- */
 
 /* Those that stand at a node with one step opened begin to open the next. */
 void pma_ahead_open(pma_coupler *c);

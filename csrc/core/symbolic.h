@@ -45,11 +45,11 @@ void pma_symbolic_lay_out(size_t supernodes, const int64_t *first, const int64_t
 
 /* The rows below the diagonal block of each supernode, ascending.
  *
- * row_ptr (supernodes+1): input. rows: output. owner (n): output, the supernode of each column. mark (n), child, next
- * (supernodes): scratch. PMA_BAD_INDEX when the rows are not as many as counted: the pattern is
- * not symmetric. */
+ * row_ptr (supernodes+1): input. rows: output. owner (n): output, the supernode of each column.
+ * mark (n), child, next (supernodes): scratch. PMA_BAD_INDEX when the rows are not as many as
+ * counted: the pattern is not symmetric. */
 pma_status pma_symbolic_rows(size_t n, const int64_t *ptr, const int32_t *index, size_t supernodes,
-                       const int64_t *first, const int64_t *row_ptr, int64_t *owner,
-                       int64_t *mark, int64_t *child, int64_t *next, int32_t *rows);
+                             const int64_t *first, const int64_t *row_ptr, int64_t *owner,
+                             int64_t *mark, int64_t *child, int64_t *next, int32_t *rows);
 
 #endif

@@ -322,7 +322,7 @@ static void factors_in_panels_solve_for_every_size_of_interface(void)
     }
 }
 
-/* ---- an interface anywhere in the order ------------------------------------------------------- */
+/* ---- an interface anywhere in the order ------------------------------------------------------ */
 
 typedef struct {
     size_t nb;

@@ -116,7 +116,8 @@ static void several_are_taken_where_they_save_a_fifth(void)
     /* nothing to share: one large, one small */
     const pma_duty alone[2] = {common(100 * border, 1), common(border, 1)};
     CHECK_INT(number(2, alone, 2), 1);
-    /* a coarse one cannot pay for the meetings of all fine steps: 3 + 3 + 20 / 10 > 0.8 (6 + 20 / 40) */
+    /* a coarse one cannot pay for the meetings of all fine steps:
+     * 3 + 3 + 20 / 10 > 0.8 (6 + 20 / 40) */
     const pma_duty coarse[2] = {common(3 * PMA_MEETING, 1), common(PMA_MEETING / 40, 20)};
     CHECK_INT(number(2, coarse, 2), 1);
     /* three alike for any number of workers from three on */

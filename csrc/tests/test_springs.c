@@ -36,7 +36,8 @@ static void lead(pma_spring_law law, const double *parameters, size_t count, con
 static void a_cubic_spring_and_a_gap_are_their_formulas(void)
 {
     const double path[4] = {1.0, -2.0, 0.5, 0.25}, cubic[2] = {3.0, 2.0}, gap[2] = {8.0, 0.25};
-    const double cubic_forces[4] = {5.0, -22.0, 1.75, 0.78125}, gap_forces[4] = {6.0, 0.0, 2.0, 0.0};
+    const double cubic_forces[4] = {5.0, -22.0, 1.75, 0.78125};
+    const double gap_forces[4] = {6.0, 0.0, 2.0, 0.0};
     double force[4], inner[4];
     lead(PMA_CUBIC, cubic, 4, path, force, inner);
     CHECK_BITS(4, force, cubic_forces);
