@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import history_file
-from .files import read_npz, write_npz
+from .files import checked_path, read_npz, write_npz
 from .history_file import FORMAT, VERSION
 from .subdomain import Subdomain
 
@@ -231,18 +231,20 @@ class History:
     def save(self, path: str | PathLike) -> None:
         """Write the history to a file, which `load` reads back bit for bit.
 
-        An npz file without pickled objects, which ``numpy.load`` opens too. It takes its place
-        when it is whole: a file that stood there stays good if saving is interrupted.
+        An npz file without pickled objects, which ``numpy.load`` opens too, or HDF5. It takes its
+        place when it is whole: a file that stood there stays good if saving is interrupted.
 
         Parameters
         ----------
         path : str or path
-            Taken as it is; no ending is added.
+            Taken as it is; no ending is added. With the ending ".h5" or ".hdf5" the file is HDF5.
 
         Raises
         ------
         TypeError, OSError
             For what is no path, and for a file that cannot be written.
+        ImportError
+            For an HDF5 file without h5py.
 
         Examples
         --------
@@ -255,7 +257,9 @@ class History:
         True
         """
         header, arrays = self.contents()
-        write_npz(path, header, arrays)
+        is_hdf5 = checked_path(path).suffix in (".h5", ".hdf5")
+        write = history_file.write if is_hdf5 else write_npz
+        write(path, header, arrays)
 
     def contents(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """What a file says of this History, and its arrays by name."""
@@ -279,9 +283,9 @@ class History:
         """A history from a file that `save` wrote, or a run with ``record_to``.
 
         The file knows its subdomains by name and place, not as objects: index it with those. The
-        arrays of an HDF5 file are mapped, not read into memory: what is looked at is read then, up
-        to the macro step that the run had counted last, also while it goes on or after it was
-        killed.
+        arrays of a run with ``record_to`` are mapped, not read into memory: what is looked at is
+        read then, up to the macro step that the run had counted last, also while it goes on or
+        after it was killed.
 
         Parameters
         ----------

@@ -220,6 +220,14 @@ def library() -> ModuleType:
     return h5py
 
 
+def write(
+    path: str | os.PathLike, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
+) -> None:
+    """A History that is whole: arrays of which none grows any more. Raises as `HistoryFile`."""
+    whole = {**header, "begin": 0, "every": 0, "nodes": {}, "fixed": sorted(arrays)}
+    HistoryFile(path, whole, arrays, end=0).close()
+
+
 def is_hdf5(path: str | os.PathLike) -> bool:
     with reading(path) as file:
         return file.read(len(SIGNATURE)) == SIGNATURE

@@ -48,6 +48,64 @@ def same(x, y):
 # ---- the same History -----------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("ending", ["h5", "hdf5"])
+@pytest.mark.parametrize(
+    "options", [{}, {"record": {0: [0]}, "every": 2}, {"energy": True}], ids=str
+)
+def test_a_history_saved_with_the_ending_of_hdf5_is_read_back_bit_for_bit(
+    tmp_path, options, ending
+):
+    path = tmp_path / f"saved.{ending}"
+    for seed in range(4):
+        coupler = random_problem(seed).coupler()
+        coupler.step(3)
+        history = coupler.run(steps=5, **options)
+        history.save(path)  # over the one before
+        loaded = pm.History.load(path)
+        require_same_bits(loaded, history)
+        loaded.save(path)  # over the one it was read from
+        require_same_bits(pm.History.load(path), history)
+        with h5py.File(path) as plain:
+            assert np.array_equal(plain["0/u"], history[0].u)
+    assert os.listdir(tmp_path) == [path.name]
+
+
+def test_a_saved_hdf5_file_holds_what_springs_did(tmp_path):
+    joint = pm.Bilinear([0], k=4.0, fy=1.0)
+    part = pm.Subdomain([1.0], None, scheme=pm.Newmark(), restoring=joint, v0=[3.0], name="part")
+    history = pm.Coupler([part], dt=0.1).run(steps=9, record_springs={"part": None})
+    history.save(tmp_path / "saved.h5")
+    loaded = pm.History.load(tmp_path / "saved.h5")["part"]
+    for name in ("deformation", "force", "springs"):
+        same(getattr(loaded, name), getattr(history["part"], name))
+
+
+def test_an_hdf5_file_that_cannot_be_saved_leaves_the_old_one(tmp_path):
+    history = random_problem(0).coupler().run(steps=2)
+    with pytest.raises(FileNotFoundError, match="path cannot be written.*nowhere/h.h5'"):
+        history.save(tmp_path / "nowhere" / "h.h5")
+    path = tmp_path / "h.h5"
+    history.save(path)
+    old = path.read_bytes()
+    code = """
+        import resource, signal, sys
+        from pmalpha import History
+        history = History.load(sys.argv[1])
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))  # a disk that is full
+        try:
+            history.save(sys.argv[1])
+        except OSError as error:
+            print(error)
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code), str(path)],
+        capture_output=True, text=True, cwd=ROOT, check=True,
+    )  # fmt: skip
+    assert "path cannot be written: File too large" in done.stdout
+    assert path.read_bytes() == old and os.listdir(tmp_path) == ["h.h5"]
+
+
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize(
     "options", [{}, {"every": 3}, {"record": {0: [0]}}, {"record": {}}, {"energy": True}], ids=str
