@@ -162,7 +162,7 @@ void pma_strips_fill(const pma_strips *S, size_t n, const int64_t *ptr, const in
         for (size_t k = 0; k < have; k++)
             mark[list[k]] = S->ptr[s] + (int64_t)k;
         for (size_t k = have; k < columns_of(S, s); k++)
-            list[k] = list[have - 1];
+            list[k] = list[have / 4 * 4]; /* no four that seem to follow one another */
         for (int64_t i = S->first[s]; i < S->first[s + 1]; i++) {
             double *row = strip_values + S->start[s] + 4 * (i - S->first[s]);
             for (int64_t k = ptr[i]; k < ptr[i + 1]; k++) {

@@ -14,10 +14,10 @@
 enum { PMA_STRIP_ROWS = 6 };
 
 /* Bare arrays of the caller. Strip s has the rows first[s]..first[s+1]-1 and the columns
- * index[ptr[s]]..index[ptr[s+1]-1], a multiple of four: the last may come again, with zeros. Four
- * that follow one another come first; no others have their last three above their first. The
- * values begin at start[s] and stand in the order in which a product reads them: four columns of
- * the first row, the same four of the second, and so on; then the next four columns. */
+ * index[ptr[s]]..index[ptr[s+1]-1], a multiple of four: of the last four, one may come again, with
+ * zeros. Four that follow one another come first; no others have their last three above their
+ * first. The values begin at start[s] and stand in the order in which a product reads them: four
+ * columns of the first row, the same four of the second, and so on; then the next four columns. */
 typedef struct {
     size_t count;         /* strips */
     const int64_t *first; /* count+1 */
