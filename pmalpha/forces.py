@@ -114,7 +114,9 @@ class BaseAcceleration(SampledForce):
 
     def __init__(self, record: Any, dt: float, direction: Any, M: Any):
         direction = _columns(direction, "direction")
-        mass, _ = canonical(M, "M", direction.shape[0])
+        mass, n = canonical(M, "M")
+        if n != len(direction):
+            raise ValueError(f"M must be of size {len(direction)} like direction, got size {n}")
         super().__init__(record, dt, -product(mass, direction))
 
 

@@ -172,9 +172,10 @@ def warn_of_resonance(
     means = {p.name: p.response[1] for p in parts if p.response is not None}
     shares = {n: float(x[b.rows] @ (b.values @ x[b.rows])) for n, b in means.items()}
     names = [repr(n) for n, share in shares.items() if share > 0.1 * max(shares.values())]
+    verb = "resonate" if len(names) > 1 else "resonates"
     row = int(np.flatnonzero(place == np.argmax(np.abs(x)))[0])
     warnings.warn(
-        f"{' and '.join(names)} resonate(s) with the macro step: at its end the velocity in "
+        f"{' and '.join(names)} {verb} with the macro step: at its end the velocity in "
         f"condition {row} answers to the multipliers {ratio:.1e} times as strongly as inside it, "
         "so that multipliers will be large and inaccurate; change dt a little, add damping or take "
         'rho < 1, or coupling="gc"',

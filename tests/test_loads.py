@@ -584,3 +584,8 @@ def test_a_load_may_run_another_coupler_even_one_of_the_same_subdomains():
     history = pm.Coupler([a, b], dt=0.1, coupling="gc").run(steps=5)
     # the mass of b shows its load, which is the other run of a
     np.testing.assert_array_equal(history[1].a, history[0].u)
+
+
+def test_a_mass_that_does_not_fit_the_direction_is_named():
+    with pytest.raises(ValueError, match="M must be of size 1 like direction, got size 2"):
+        pm.BaseAcceleration([3.0], 0.1, [1.0], [1.0, 1.0])

@@ -536,7 +536,7 @@ def resonant(detuning, rho=1.0):
 
 def test_parts_that_resonate_with_the_macro_step_are_named():
     # trapezoidal rule, 20 substeps: the period is 0.8 % longer than that of the equation
-    with pytest.warns(pm.StabilityWarning, match="'part 1' and 'part 2' resonate") as caught:
+    with pytest.warns(pm.StabilityWarning, match="'part 1' and 'part 2' resonate with") as caught:
         resonant(0.008)
     assert "condition 0" in str(caught[0].message)
     assert "change dt" in str(caught[0].message)
