@@ -81,6 +81,8 @@ class Case:
             for part in self.parts:
                 part.substeps = int(rng.integers(1, 7))
                 part.double = True if part.substeps == 1 and rng.random() < 0.5 else None
+            if all(part.double for part in self.parts):
+                self.parts[0].double = None
         elif any(part.double for part in self.parts):
             finest = max(part.substeps for part in self.parts)
             self.parts[0].substeps, self.parts[0].double = finest, False
