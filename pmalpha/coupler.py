@@ -422,7 +422,7 @@ class Coupler:
         ImportError
             For ``progress=True`` without tqdm, and for `record_to` without h5py.
         OSError
-            When `record_to` cannot be written: before the first step where the path is at fault.
+            When `record_to` cannot be written: before anything is asked where the path is at fault.
 
         Whatever a load or a restoring force raises reaches the caller, and so does Ctrl-C within
         0.1 s or a fine step, whichever is longer. After any exception the coupler stands at the

@@ -15,6 +15,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 HEADER = "header"
+NO_FILE = "a folder or a device, not a file"
 
 
 def checked_path(path: str | os.PathLike) -> Path:
@@ -41,7 +42,7 @@ def replacing(path: str | os.PathLike) -> Iterator[BinaryIO]:
     part = target.with_name(f".{secrets.token_hex(8)}.part")
     try:
         if target.exists() and not target.is_file():
-            raise OSError(errno.EINVAL, "a folder or a device, not a file")
+            raise OSError(errno.EINVAL, NO_FILE)
         with open(part, "xb") as file:
             yield file
             file.flush()
@@ -52,6 +53,21 @@ def replacing(path: str | os.PathLike) -> Iterator[BinaryIO]:
         raise OSError(error.errno, message, str(whole)) from error
     finally:
         part.unlink(missing_ok=True)
+
+
+def check_replaceable(path: str | os.PathLike) -> None:
+    """OSError where `replacing` could not begin, as far as one sees without writing."""
+    whole = checked_path(path)
+    target = Path(os.path.realpath(whole))
+    number = 0
+    if not target.parent.is_dir():
+        number = errno.ENOENT
+    elif not os.access(target.parent, os.W_OK | os.X_OK):
+        number = errno.EACCES
+    elif target.exists() and not target.is_file():
+        raise OSError(errno.EINVAL, f"path cannot be written: {NO_FILE}", str(whole))
+    if number:
+        raise OSError(number, f"path cannot be written: {os.strerror(number)}", str(whole))
 
 
 @contextmanager

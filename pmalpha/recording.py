@@ -14,9 +14,9 @@ import numpy as np
 from ._checks import MOST, whole_number
 from .assembly import Part
 from .constraints import dof_list
-from .files import checked_path
+from .files import check_replaceable, checked_path
 from .history import ENERGIES, LOOPS, TOLD, Energy, History, SubdomainHistory, by_place
-from .history_file import HistoryFile, row_count
+from .history_file import HistoryFile, library, row_count
 from .memory import require
 from .subdomain import Subdomain
 
@@ -204,6 +204,8 @@ class FiledRecording(Recording):
     def __init__(self, path: str | PathLike, *args: Any, **options: Any):
         self.path, self.file = checked_path(path), None
         super().__init__(*args, **options)
+        library()
+        check_replaceable(path)  # now: for the start a rig is asked
 
     def __exit__(self, *exception: object) -> None:
         if self.file is not None:

@@ -70,6 +70,23 @@ def test_a_history_saved_with_the_ending_of_hdf5_is_read_back_bit_for_bit(
     assert os.listdir(tmp_path) == [path.name]
 
 
+def test_a_path_at_fault_is_known_before_a_rig_is_asked(tmp_path):
+    asked = []
+
+    def specimen(u, v, t):
+        asked.append(t)
+        return u
+
+    rig = pm.Subdomain([1.0], None, scheme=pm.CentralDifference(), restoring=specimen)
+    coupler = pm.Coupler([rig], dt=0.1)
+    for path in (tmp_path / "nowhere" / "run.h5", tmp_path, "/dev/full"):
+        with pytest.raises(OSError, match="path cannot be written"):
+            coupler.run(steps=2, record_to=path)
+    assert not asked and not os.listdir(tmp_path)
+    coupler.run(steps=2, record_to=tmp_path / "run.h5")
+    assert asked == [0.0, 0.1, 0.2]
+
+
 def test_a_saved_hdf5_file_holds_what_springs_did(tmp_path):
     joint = pm.Bilinear([0], k=4.0, fy=1.0)
     part = pm.Subdomain([1.0], None, scheme=pm.Newmark(), restoring=joint, v0=[3.0], name="part")
