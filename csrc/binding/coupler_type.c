@@ -366,8 +366,8 @@ static int check_tables(CouplerObject *self, int64_t steps)
 }
 
 /* Is the exception that is set to be raised? Threads may have asked a callable in a step that one
- * thread would not have begun, since an earlier one or that of another subdomain had failed: what it
- * raised is dropped then, but never Ctrl-C. */
+ * thread would not have begun, since an earlier one or that of another subdomain had failed: what
+ * it raised is dropped then, but never Ctrl-C. */
 static bool is_raised(CouplerObject *self, pma_status status, size_t failed)
 {
     if (status == PMA_NOT_FINITE || status == PMA_FORCE_FAILED)
