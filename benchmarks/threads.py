@@ -1,10 +1,12 @@
-"""Two threads over one: balanced subdomains, one beside the fine steps, many small ones.
+"""Two threads over one: balanced subdomains, one beside the fine steps, many small ones, and one
+large explicit subdomain that is split.
 
 The limit of balanced subdomains is 1.7 where both factors fit in the private caches (PRIVATE) and
 an own step takes over 20 us, and for larger ones 0.9 of what reading gains: two threads that read
 an array of the size of a factor each, against one that reads both. Of a coarse subdomain beside a
-fine one it is the sum of the two over the longer. `none over one` compares what threads=None
-decides with one thread.
+fine one it is the sum of the two over the longer; of one that is split 0.9 of what reading its
+stiffness by halves gains, 1.7 where that fits in the private caches. `none over one` compares what
+threads=None decides with one thread.
 """
 
 import threading
@@ -62,6 +64,14 @@ def many(count, n, threads):
     parts = [part(chain(n)) for _ in range(count)]
     ties = [pm.tie(a, [n - 1], b, [0]) for a, b in zip(parts, parts[1:])]
     return pm.Coupler(parts, ties, dt=0.2, coupling="gc", threads=threads)
+
+
+def solid(n, threads):
+    """One explicit box of n x n x n hex8 with lumped mass."""
+    box = pm.models.solid(n, n, n, 1.0, E=1.0, nu=0.3, rho=1.0, mass="lumped")
+    return pm.Coupler(
+        [box.subdomain(scheme=EXPLICIT, force=np.ones(box.n))], dt=0.5, threads=threads
+    )
 
 
 def array_bytes(x):
@@ -159,6 +169,18 @@ def measure(quick):
                 f"{n**3} + {m**3}",
                 lambda threads, n=n, m=m: beside(n, m, 20, threads),
                 lambda size, seconds, ideal=ideal: ideal,
+                quick,
+            )
+        )
+    halves = limit_of_balanced(quick)
+    for n in (12,) if quick else (12, 20, 40):
+        K_bytes = 8 * pm.models.solid(n, n, n, 1.0, E=1.0, nu=0.3, rho=1.0).K.nnz
+        rows.append(
+            row_of(
+                "split",
+                3 * (n + 1) ** 3,
+                lambda threads, n=n: solid(n, threads),
+                lambda size, seconds, half=K_bytes / 2: halves(half, seconds),
                 quick,
             )
         )

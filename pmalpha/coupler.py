@@ -97,9 +97,10 @@ class Coupler:
     threads : int, optional
         At most so many threads work on the subdomains, the calling one among them; 1 is none
         besides it. Results are the same bit for bit for any number. Default: as many as there are
-        processors for this process, where equations (W1) and (W2) of docs/method.md, which know
+        processors for this process, where equations (W1) to (W3) of docs/method.md, which know
         sizes only, say that they save a fifth of the time, else 1. `Coupler.threads` is what was
-        decided.
+        decided: more than there are subdomains only where a large explicit one is split among
+        them.
     factorize : None, "superlu" or callable, optional
         Who factors the sparse matrices Mbar and M of the subdomains. None: our own supernodal
         code, and SciPy's SuperLU where a matrix hardly fills in. "superlu": always SuperLU, slower

@@ -184,6 +184,61 @@ def test_springs_are_recorded_alike_with_dofs_or_without():
             np.testing.assert_array_equal(x, y)
 
 
+# ---- one large explicit subdomain -------------------------------------------------------------
+
+
+def solid(n, scheme=EXPLICIT, **options):
+    """n x n x n nodes of three dofs, each coupled to its 26 neighbours: K has strips."""
+    near = sp.diags_array([np.ones(n - 1), np.ones(n), np.ones(n - 1)], offsets=[-1, 0, 1])
+    nodes = sp.kron(sp.kron(near, near), near)
+    block = np.array([[1.0, 0.3, 0.2], [0.3, 1.1, 0.1], [0.2, 0.1, 0.9]])
+    K = sp.csr_array(60.0 * sp.eye_array(3 * n**3) - sp.kron(nodes, block))
+    load = pm.SampledForce(np.sin(np.arange(9.0)), 0.1, shape=np.ones(3 * n**3))
+    return pm.Subdomain(
+        np.ones(3 * n**3), K, np.full(3 * n**3, 0.1), scheme=scheme, force=load,
+        u0=np.sin(np.arange(3.0 * n**3)), **options,
+    )  # fmt: skip
+
+
+def test_a_large_explicit_subdomain_alone_is_split_and_has_the_same_bits():
+    part = solid(12)  # some 4e5 entries: four ranges of 1e5 (W3)
+    alone = pm.Coupler([part], dt=0.05, threads=1)
+    expected = alone.run(steps=20, energy=True)
+    for threads in (2, 3, 4):
+        coupler = pm.Coupler([part], dt=0.05, threads=threads)
+        assert coupler.threads == threads
+        history = coupler.run(steps=20, energy=True)
+        assert_same_bits(history, expected)
+        np.testing.assert_array_equal(history.energy.balance, expected.energy.balance)
+    again = pm.solve(part, 0.05, 1.0, threads=2)
+    np.testing.assert_array_equal(again.u, expected.subdomains[0].u)
+    assert pm.Coupler([part], dt=0.05, threads=64).threads < 8  # a worker for each range
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
+@pytest.mark.parametrize("coupling", ["pm", "gc"])
+def test_a_large_explicit_subdomain_beside_others_is_split_and_has_the_same_bits(coupling):
+    n = 8
+    others = solid(n, IMPLICIT, name="a"), solid(3, substeps=2, name="c")
+    b = solid(13, substeps=4, name="b")
+    face = np.arange(3 * n)
+    ties = [pm.tie(others[0], face, b, face), pm.tie(b, [900, 902], others[1], [0, 2])]
+    histories = []
+    for threads in (1, 2, 3, 5):
+        coupler = pm.Coupler(
+            [others[0], b, others[1]], ties, dt=0.1, threads=threads, coupling=coupling
+        )
+        assert coupler.threads == threads
+        histories.append(coupler.run(steps=12))
+        assert_same_bits(histories[-1], histories[0])
+
+
+def test_a_large_subdomain_that_does_not_divide_is_done_by_one_thread():
+    part = solid(12, restoring=[pm.Bilinear([0], 4.0, 0.1, 0.2)])
+    assert pm.Coupler([part], dt=0.05, threads=2).threads == 1
+    assert pm.Coupler([solid(12)], dt=0.05, threads=2, coupling="macro").threads == 1
+
+
 # ---- how many ---------------------------------------------------------------------------------
 
 
@@ -199,7 +254,7 @@ def test_a_number_of_threads_that_is_no_int_is_refused(threads):
         row_of_parts(threads=threads)
 
 
-def test_there_are_no_more_threads_than_subdomains():
+def test_there_are_no_more_threads_than_subdomains_and_ranges():
     assert row_of_parts(3, threads=10**6).threads == 3
     assert row_of_parts(3, threads=np.int64(2)).threads == 2
     assert row_of_parts(3, threads=1).threads == 1

@@ -83,12 +83,14 @@ static pma_duty duty_of(const pma_coupler *c, const pma_place *at)
     pma_duty duty = {.entries = at->entries,
                      .substeps = at->substeps,
                      .by_caller = restoring->function && restoring->by_caller,
-                     .aside = at->doubled && !restoring->function};
+                     .aside = at->doubled && !restoring->function,
+                     .divides = pma_subdomain_divides(at->subdomain)};
     if (c->parts.macro) {
         const bool repeats = at->substeps > 1 && !pma_subdomain_is_stored(at->subdomain);
         duty.entries *= at->substeps * (repeats ? 2 : 1);
         duty.substeps = 1;
         duty.aside = false;
+        duty.divides = false;
     }
     return duty;
 }
@@ -124,6 +126,8 @@ static pma_status hire(pma_coupler *c)
     free(duties);
     for (size_t i = 0; status == PMA_OK && i < c->roster.begin[1]; i++)
         c->places[c->roster.order[i]].mine = true;
+    if (status == PMA_OK && c->roster.split != PMA_NO_SPLIT)
+        c->places[c->roster.split].split = true;
     if (status == PMA_OK && c->roster.fine < c->roster.workers)
         status = look_ahead(c);
     if (status != PMA_OK || c->roster.workers == 1)
@@ -235,7 +239,7 @@ static void work_through(void *ctx, size_t worker)
     const pma_coupler *c = ctx;
     for (size_t i = c->roster.begin[worker]; i < c->roster.begin[worker + 1]; i++) {
         pma_place *at = &c->places[c->roster.order[i]];
-        const pma_status status = c->due(at) ? c->task(c, at) : PMA_OK;
+        const pma_status status = c->due(at) && !at->split ? c->task(c, at) : PMA_OK;
         if (status != PMA_OK) {
             at->status = status;
             return;
@@ -246,7 +250,8 @@ static void work_through(void *ctx, size_t worker)
 static bool has_work(const pma_coupler *c, size_t worker)
 {
     for (size_t i = c->roster.begin[worker]; i < c->roster.begin[worker + 1]; i++) {
-        if (c->due(&c->places[c->roster.order[i]]))
+        const pma_place *at = &c->places[c->roster.order[i]];
+        if (c->due(at) && !at->split)
             return true;
     }
     return false;
@@ -296,12 +301,21 @@ static bool ends(const pma_place *at)
 static pma_status open_step(const pma_coupler *c, pma_place *at)
 {
     const double t1 = pma_instant(c, at->j + 1, at->substeps);
-    const int64_t step = c->step_count * (int64_t)at->substeps + (int64_t)at->j;
     const pma_status status =
-        pma_subdomain_open(at->subdomain, at->j, pma_is_double(c, at), t1, step);
+        pma_subdomain_open(at->subdomain, at->j, pma_is_double(c, at), t1, pma_own_step(c, at));
     if (status == PMA_OK)
         at->opened = at->j + 1;
     return status;
+}
+
+/* The one that is split if it is due, by all, then the others, each by its worker. */
+static pma_status share_all(pma_coupler *c, pma_task task, bool (*due)(const pma_place *),
+                            pma_status (*together)(pma_coupler *, pma_place *))
+{
+    pma_place *split = c->roster.split == PMA_NO_SPLIT ? NULL : &c->places[c->roster.split];
+    if (split && due(split))
+        split->status = together(c, split);
+    return pma_coupler_share(c, task, due);
 }
 
 /* One fine step later: everybody stands in or at the end of an own step. */
@@ -495,7 +509,7 @@ void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
 static pma_status fine_step(pma_coupler *c)
 {
     /* free problems that begin here */
-    pma_status status = pma_coupler_share(c, open_step, begins);
+    pma_status status = share_all(c, open_step, begins, pma_split_open);
     if (status != PMA_OK)
         return status;
     pma_ahead_open(c);
@@ -511,7 +525,7 @@ static pma_status fine_step(pma_coupler *c)
     status = pma_ahead_close(c);
     if (status != PMA_OK)
         return status;
-    status = pma_coupler_share(c, close_step, ends);
+    status = share_all(c, close_step, ends, pma_split_close);
     arrive(c);
     return status;
 }

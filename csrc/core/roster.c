@@ -55,11 +55,20 @@ typedef struct {
     entrant *list;          /* in the order of by_size */
     double *load;           /* of each worker: scratch */
     size_t workers, aside;  /* all of them, and those beside the fine steps, the last ones */
+    size_t split;           /* the subdomain that those of the fine steps share, or PMA_NO_SPLIT */
 } division;
 
 static bool goes_aside(const division *d, const entrant *e)
 {
     return d->aside > 0 && e->duty.aside;
+}
+
+/* Every worker has a part of the rows.                                                      (W3) */
+static void assign_ranges(const division *d, entrant *e, size_t end)
+{
+    e->worker = 0;
+    for (size_t w = 0; w < end; w++)
+        d->load[w] += (double)e->duty.entries / (double)end;
 }
 
 /* Those that go with the fine steps, each to the least loaded worker, but to worker 0 what the
@@ -83,8 +92,13 @@ static double assign_fine(const division *d)
         if (substeps > e->duty.substeps)
             cost += (double)(substeps - e->duty.substeps) * busiest;
         substeps = e->duty.substeps;
-        e->worker = e->duty.by_caller ? 0 : least_loaded(d->load, 0, end);
-        d->load[e->worker] += (double)e->duty.entries;
+        if (end > 1 && e->subdomain == d->split) {
+            assign_ranges(d, e, end);
+            cost += (double)PMA_MEETING * (double)substeps;
+        } else {
+            e->worker = e->duty.by_caller ? 0 : least_loaded(d->load, 0, end);
+            d->load[e->worker] += (double)e->duty.entries;
+        }
         busiest = largest(d->load, 0, end);
     }
     return cost + (double)substeps * busiest;
@@ -132,20 +146,72 @@ static double choose_aside(division *d, size_t workers)
     return assign(d, workers, best);
 }
 
+/* The candidate for it is split if that is faster. */
+static double choose_split(division *d, size_t candidate, size_t workers)
+{
+    d->split = PMA_NO_SPLIT;
+    const double whole = choose_aside(d, workers);
+    if (candidate == PMA_NO_SPLIT)
+        return whole;
+    d->split = candidate;
+    const double divided = choose_aside(d, workers);
+    if (divided < whole)
+        return divided;
+    d->split = PMA_NO_SPLIT;
+    return choose_aside(d, workers);
+}
+
 /* As many workers as pay. Twice as many are tried each time. */
-static size_t worthwhile_number(division *d, size_t most)
+static size_t worthwhile_number(division *d, size_t candidate, size_t most)
 {
     size_t best = 1;
-    double least = 0.8 * choose_aside(d, 1);
+    double least = 0.8 * choose_split(d, candidate, 1);
     for (size_t workers = 2; workers / 2 < most; workers *= 2) {
         const size_t tried = workers < most ? workers : most;
-        const double cost = choose_aside(d, tried);
+        const double cost = choose_split(d, candidate, tried);
         if (cost <= least) {
             least = cost;
             best = tried;
         }
     }
     return best;
+}
+
+/* Of those that divide the one that reads most in a macro step, if it is worth two ranges. */
+static size_t find_candidate(size_t count, const pma_duty *duties)
+{
+    size_t best = PMA_NO_SPLIT;
+    double most = 0.0;
+    for (size_t i = 0; i < count; i++) {
+        const double all = (double)duties[i].entries * (double)duties[i].substeps;
+        if (!duties[i].divides || duties[i].entries / 2 < PMA_RANGE || all <= most)
+            continue;
+        most = all;
+        best = i;
+    }
+    return best;
+}
+
+/* No more workers than can have something to do. */
+static size_t most_workers(size_t count, const pma_duty *duties, size_t candidate, size_t workers)
+{
+    size_t most = count > 0 ? count : workers;
+    if (candidate != PMA_NO_SPLIT)
+        most += duties[candidate].entries / PMA_RANGE - 1;
+    return workers < most ? workers : most;
+}
+
+/* How many, and who has what. */
+static void divide(division *d, size_t candidate, size_t most, bool worthwhile, pma_roster *out)
+{
+    out->workers = worthwhile ? worthwhile_number(d, candidate, most) : most;
+    choose_split(d, candidate, out->workers);
+    if (d->split == PMA_NO_SPLIT && out->workers > d->count && d->count > 0) {
+        out->workers = d->count;
+        choose_split(d, PMA_NO_SPLIT, out->workers);
+    }
+    out->fine = d->workers - d->aside;
+    out->split = d->split;
 }
 
 static void write_down(size_t count, entrant *list, pma_roster *r)
@@ -165,7 +231,8 @@ static void write_down(size_t count, entrant *list, pma_roster *r)
 pma_status pma_roster_create(size_t count, const pma_duty *duties, size_t workers, bool worthwhile,
                              pma_roster *out)
 {
-    const size_t most = workers < count || count == 0 ? workers : count;
+    const size_t candidate = find_candidate(count, duties);
+    const size_t most = most_workers(count, duties, candidate, workers);
     entrant *list = calloc(count + 1, sizeof *list);
     double *load = calloc(most, sizeof *load);
     *out = (pma_roster){.order = calloc(count + 1, sizeof *out->order),
@@ -180,9 +247,7 @@ pma_status pma_roster_create(size_t count, const pma_duty *duties, size_t worker
         list[i] = (entrant){duties[i], i, 0};
     qsort(list, count, sizeof *list, by_size);
     division d = {.count = count, .list = list, .load = load};
-    out->workers = worthwhile ? worthwhile_number(&d, most) : most;
-    choose_aside(&d, out->workers);
-    out->fine = d.workers - d.aside;
+    divide(&d, candidate, most, worthwhile, out);
     write_down(count, list, out);
     free(list);
     free(load);

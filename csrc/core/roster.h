@@ -6,6 +6,7 @@
 
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 
 #include "status.h"
 
@@ -15,12 +16,14 @@ typedef struct {
     size_t substeps; /* own steps in a macro step */
     bool by_caller;  /* worker 0 has to do it */
     bool aside;      /* takes double steps: can be left to a worker beside the fine steps */
+    bool divides;    /* several workers can do it together, a range of rows each */
 } pma_duty;
 
 /* Worker w has the subdomains order[begin[w]]..order[begin[w + 1] - 1], in ascending order. */
 typedef struct {
     size_t workers;
     size_t fine;   /* workers of the fine steps; the others have those that are beside them */
+    size_t split;  /* done by all workers of the fine steps, in worker 0's list; or PMA_NO_SPLIT */
     size_t *order; /* one for each subdomain */
     size_t *begin; /* workers + 1 */
 } pma_roster;
@@ -29,9 +32,15 @@ typedef struct {
  * meanwhile: some microseconds, and more where threads have fallen asleep. */
 #define PMA_MEETING 20000
 
-/* At most `workers` workers, as many as there are subdomains at most; if `worthwhile`, one only
- * unless several save a fifth of the time. Some of them work beside the fine steps where that is
- * faster than if all went with them.                                                  (W1) (W2) */
+/* A range of rows that is worth a worker reads so many entries. */
+#define PMA_RANGE (5 * PMA_MEETING)
+
+#define PMA_NO_SPLIT SIZE_MAX
+
+/* At most `workers` workers, as many as there are subdomains and ranges at most; if `worthwhile`,
+ * one only unless several save a fifth of the time. Some of them work beside the fine steps where
+ * that is faster than if all went with them, and the largest subdomain that divides, of two ranges
+ * at least, is split among them where that is.                                   (W1) (W2) (W3) */
 pma_status pma_roster_create(size_t count, const pma_duty *duties, size_t workers, bool worthwhile,
                              pma_roster *out);
 void pma_roster_destroy(pma_roster *r); /* a zeroed one is allowed */

@@ -1,7 +1,8 @@
 /* schedule.h - the coupler from inside: what its files share.
  *
  * coupler.c is the object and the schedules with an interface problem at every fine instant, "pm"
- * and "gc"; macro.c the schedule with one in a macro step. */
+ * and "gc"; ahead.c and split.c what several threads do in them besides sharing the subdomains;
+ * macro.c the schedule with one in a macro step. */
 #ifndef PMA_SCHEDULE_H
 #define PMA_SCHEDULE_H
 
@@ -32,6 +33,7 @@ typedef struct {
     size_t phase;           /* fine steps since that node: 0..ratio */
     size_t entries;         /* matrix entries read by one own step */
     bool doubled, mine;     /* takes double steps; belongs to worker 0, the caller */
+    bool split;             /* all workers of the fine steps do it together */
     pma_status status;      /* what the last open or close said; written when it is not PMA_OK */
     size_t opened;          /* own node up to which steps have been opened, or are being */
     bool late;              /* the step to this node is being closed beside the fine steps */
@@ -78,6 +80,7 @@ struct pma_coupler {
     pma_task task;      /* what the team is at */
     bool (*due)(const pma_place *);
     pma_run *run;       /* macro coupling: the macro step at hand */
+    atomic_bool not_finite; /* some rows of the subdomain that is split were not */
 };
 
 /* Double steps are taken from the second macro step on: they are not self-starting. */
@@ -92,6 +95,12 @@ static inline double pma_instant(const pma_coupler *c, size_t k, size_t nodes)
 {
     const double count = (double)c->step_count * (double)nodes + (double)k;
     return count / (double)nodes * c->parts.dt;
+}
+
+/* The own step that begins at own node at->j, counted from the start of the run. */
+static inline int64_t pma_own_step(const pma_coupler *c, const pma_place *at)
+{
+    return c->step_count * (int64_t)at->substeps + (int64_t)at->j;
 }
 
 /* The row of own node j of `nodes` in a macro step, or PMA_NO_ROW; j may go on beyond them. */
@@ -135,6 +144,12 @@ bool pma_ahead_is_late(const pma_coupler *c);
 /* All is awaited after what ended the fine step at hand with this status. A failure that belongs
  * to an earlier instant is the one that is named, and the macro step before committed if it can. */
 pma_status pma_ahead_settle(pma_coupler *c, pma_status status);
+
+/* ---- one subdomain by all workers of the fine steps: split.c ----------------------------------- */
+
+/* open and close of a subdomain that is split. */
+pma_status pma_split_open(pma_coupler *c, pma_place *at);
+pma_status pma_split_close(pma_coupler *c, pma_place *at);
 
 /* Looks at the poll when enough entries were read since the last time. */
 bool pma_coupler_asked_to_stop(pma_coupler *c, const pma_poll *poll);

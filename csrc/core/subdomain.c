@@ -381,6 +381,24 @@ static pma_status restore(pma_subdomain *s, const pma_state *from, const pma_sta
     return PMA_OK;
 }
 
+pma_status pma_subdomain_ask(pma_subdomain *s, double t1, int64_t step)
+{
+    const pma_status status = pma_load_ask(&s->load, t1, &s->code);
+    if (status == PMA_OK && s->energy)
+        pma_load_add(&s->load, t1, step, pma_energy_open(s->energy));
+    return status;
+}
+
+/* (11)  F(t1) - C vt - K ut; lagged: C vs (R4) */
+static void add_forces(const pma_subdomain *s, const pma_state *to, double t1, int64_t step,
+                       size_t begin, size_t end)
+{
+    const pma_parts *p = &s->parts;
+    pma_load_add_rows(&s->load, t1, step, begin, end, to->w);
+    pma_matrix_subtract_rows(&p->C, begin, end, p->lagged ? s->vs : to->v, to->w);
+    pma_matrix_subtract_rows(&p->K, begin, end, to->u, to->w);
+}
+
 /* The free problem (13) up to its acceleration on the interface, slab by slab: where matrices and
  * factor are narrow, what one stage leaves is still in the cache for the next, and is computed
  * while a sweep waits for its last unknown. */
@@ -390,11 +408,9 @@ static pma_status solve_free(pma_subdomain *s, const pma_operator *op, const pma
     const pma_parts *p = &s->parts;
     size_t predicted = 0;
 
-    pma_status status = pma_load_ask(&s->load, t1, &s->code);
+    pma_status status = pma_subdomain_ask(s, t1, step);
     if (status != PMA_OK)
         return status;
-    if (s->energy)
-        pma_load_add(&s->load, t1, step, pma_energy_open(s->energy));
 
     /* (R1) */
     if (extrapolates(p))
@@ -407,10 +423,7 @@ static pma_status solve_free(pma_subdomain *s, const pma_operator *op, const pma
         s->kernel->predict(&op->step, predicted, ahead, from, to);
         predicted = ahead;
 
-        /* (11)  F(t1) - C vt - K ut; lagged: C vs (R4) */
-        pma_load_add_rows(&s->load, t1, step, begin, end, to->w);
-        pma_matrix_subtract_rows(&p->C, begin, end, p->lagged ? s->vs : to->v, to->w);
-        pma_matrix_subtract_rows(&p->K, begin, end, to->u, to->w);
+        add_forces(s, to, t1, step, begin, end);
 
         /* (R3), where there is something to it in all rows at once */
         if (s->slab == p->n)
@@ -423,22 +436,25 @@ static pma_status solve_free(pma_subdomain *s, const pma_operator *op, const pma
     return status;
 }
 
+/* (F3)  vf_b = vt_b + al2 wf_b with wf_b in vf: the step towards own node j is open */
+static void settle_free_velocity(pma_subdomain *s, const pma_operator *op, size_t j)
+{
+    double *vf = free_velocity_at(s, j);
+    const double *vt = interface_of(s, pma_subdomain_at(s, j)->v);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        vf[i] = vt[i] + op->step.al2 * vf[i];
+    s->opened = j;
+}
+
 pma_status pma_subdomain_open(pma_subdomain *s, size_t j, bool twice, double t1, int64_t step)
 {
     const pma_operator *op = operator_of(s, twice);
     const pma_state *from = origin(s, j, twice), *to = pma_subdomain_at(s, j + 1);
-    double *vf = free_velocity_at(s, j + 1);
-    const double *vt = interface_of(s, to->v);
-
-    const pma_status status = solve_free(s, op, from, to, vf, t1, step);
-    if (status != PMA_OK)
-        return status;
-
-    /* (F3)  vf_b = vt_b + al2 wf_b */
-    for (size_t i = 0; i < s->parts.nb; i++)
-        vf[i] = vt[i] + op->step.al2 * vf[i];
-    s->opened = j + 1;
-    return PMA_OK;
+    const pma_status status =
+        solve_free(s, op, from, to, free_velocity_at(s, j + 1), t1, step);
+    if (status == PMA_OK)
+        settle_free_velocity(s, op, j + 1);
+    return status;
 }
 
 int pma_subdomain_code(const pma_subdomain *s)
@@ -483,21 +499,76 @@ static bool sweep_back(const pma_subdomain *s, const pma_operator *op, const pma
     return finite;
 }
 
-pma_status pma_subdomain_close(pma_subdomain *s, size_t j, bool twice, const double *lam)
+/* L^T Lam of the step that is closed */
+static void load_interface(pma_subdomain *s, const double *lam)
 {
-    const pma_operator *op = operator_of(s, twice);
-    const pma_state *x = pma_subdomain_at(s, j);
-
-    /* (14), (8), (9)  w = Mbar^-1 (g + L^T Lam) */
     memset(s->closing, 0, s->parts.nb * sizeof(double));
     pma_link_load(&s->parts.link, lam, s->closing);
-    if (!sweep_back(s, op, x))
-        return PMA_NOT_FINITE;
+}
+
+void pma_subdomain_close_energy(pma_subdomain *s, size_t j, bool twice, const double *lam)
+{
+    const pma_state *x = pma_subdomain_at(s, j);
     if (s->energy && s->parts.ramped)
         pma_energy_know(s->energy, x->u, x->v);
     else if (s->energy)
         pma_energy_close(s->energy, x->u, x->v, lam, twice);
+}
+
+pma_status pma_subdomain_close(pma_subdomain *s, size_t j, bool twice, const double *lam)
+{
+    /* (14), (8), (9)  w = Mbar^-1 (g + L^T Lam) */
+    load_interface(s, lam);
+    if (!sweep_back(s, operator_of(s, twice), pma_subdomain_at(s, j)))
+        return PMA_NOT_FINITE;
+    pma_subdomain_close_energy(s, j, twice, lam);
     return PMA_OK;
+}
+
+/* ---- the same in ranges of rows ------------------------------------------------------------ */
+
+bool pma_subdomain_divides(const pma_subdomain *s)
+{
+    const pma_parts *p = &s->parts;
+    return p->single.factor.form == PMA_DIAGONAL && !p->doubled && !extrapolates(p) &&
+           p->springs.total == 0;
+}
+
+void pma_subdomain_predict_rows(const pma_subdomain *s, size_t j, size_t begin, size_t end)
+{
+    s->kernel->predict(&s->parts.single.step, begin, end, pma_subdomain_at(s, j),
+                       pma_subdomain_at(s, j + 1));
+}
+
+void pma_subdomain_force_rows(const pma_subdomain *s, size_t j, double t1, int64_t step,
+                              size_t begin, size_t end)
+{
+    add_forces(s, pma_subdomain_at(s, j + 1), t1, step, begin, end);
+}
+
+void pma_subdomain_open_interface(pma_subdomain *s, size_t j)
+{
+    const pma_operator *op = &s->parts.single;
+    const size_t n = s->parts.n;
+    pma_factor_open_part(&op->factor, n, n, pma_subdomain_at(s, j + 1)->w,
+                         free_velocity_at(s, j + 1));
+    settle_free_velocity(s, op, j + 1);
+}
+
+void pma_subdomain_close_interface(pma_subdomain *s, size_t j, const double *lam)
+{
+    const size_t n = s->parts.n;
+    load_interface(s, lam);
+    pma_factor_close_part(&s->parts.single.factor, n, n, s->closing, pma_subdomain_at(s, j)->w);
+}
+
+bool pma_subdomain_correct_rows(const pma_subdomain *s, size_t j, size_t begin, size_t end)
+{
+    const pma_operator *op = &s->parts.single;
+    const pma_state *x = pma_subdomain_at(s, j);
+    const size_t inside = least(end, s->parts.n - s->parts.nb);
+    pma_factor_close_part(&op->factor, begin, inside, s->closing, x->w);
+    return s->kernel->correct(&op->step, begin, end, x);
 }
 
 /* ---- energy ------------------------------------------------------------------------------- */

@@ -136,6 +136,35 @@ void pma_subdomain_total_displacement(const pma_subdomain *s, size_t j, double *
  * the new state is not finite. */
 pma_status pma_subdomain_close(pma_subdomain *s, size_t j, bool twice, const double *lam);
 
+/* ---- the same single step by several threads, in ranges of rows ---------------------------
+ *
+ * Of a subdomain that divides: open is ask, predict_rows, force_rows and open_interface, close is
+ * close_interface, correct_rows and close_energy. Of the rows of one stage all have to be done
+ * before the next one begins. The same bits, whatever the ranges are. */
+
+/* Diagonal Mbar, linear, single steps: no row waits for another in the same stage. */
+bool pma_subdomain_divides(const pma_subdomain *s);
+
+/* The load at time t1; fails as open does. */
+pma_status pma_subdomain_ask(pma_subdomain *s, double t1, int64_t step);
+
+/* (5), (6) of the step from own node j, and (11) */
+void pma_subdomain_predict_rows(const pma_subdomain *s, size_t j, size_t begin, size_t end);
+void pma_subdomain_force_rows(const pma_subdomain *s, size_t j, double t1, int64_t step,
+                              size_t begin, size_t end);
+
+/* The free velocity on the interface; the step is open then. */
+void pma_subdomain_open_interface(pma_subdomain *s, size_t j);
+
+/* (14) on the interface, of the step opened towards own node j */
+void pma_subdomain_close_interface(pma_subdomain *s, size_t j, const double *lam);
+
+/* (14) inside, (8), (9); true when every new value is finite */
+bool pma_subdomain_correct_rows(const pma_subdomain *s, size_t j, size_t begin, size_t end);
+
+/* Tells the energy, if somebody asks for it, of the state at own node j. */
+void pma_subdomain_close_energy(pma_subdomain *s, size_t j, bool twice, const double *lam);
+
 /* true while vf at own node j is finite */
 bool pma_subdomain_free_is_finite(const pma_subdomain *s, size_t j);
 

@@ -31,6 +31,7 @@ static const test *const LISTS[] = {
     COUPLER_TESTS,
     STOP_TESTS,
     THREADS_TESTS,
+    SPLIT_TESTS,
     MACRO_TESTS,
 };
 

@@ -153,6 +153,66 @@ static void those_with_double_steps_work_beside_the_fine_steps_where_that_pays(v
     pma_roster_destroy(&r);
 }
 
+static pma_duty divisible(size_t entries, size_t substeps)
+{
+    return (pma_duty){.entries = entries, .substeps = substeps, .divides = true};
+}
+
+static size_t split_of(size_t count, const pma_duty *duties, size_t workers)
+{
+    pma_roster r = made(count, duties, workers, false);
+    const size_t split = r.split;
+    pma_roster_destroy(&r);
+    return split;
+}
+
+static void one_that_divides_is_split_from_two_ranges_on(void)
+{
+    const pma_duty below = divisible(2 * PMA_RANGE - 1, 1), two = divisible(2 * PMA_RANGE, 1),
+                   whole = common(20 * PMA_RANGE, 1);
+    CHECK(split_of(1, &below, 8) == PMA_NO_SPLIT);
+    CHECK(split_of(1, &whole, 8) == PMA_NO_SPLIT);
+    CHECK(split_of(1, &two, 1) == PMA_NO_SPLIT);
+    CHECK_INT(split_of(1, &two, 8), 0);
+    CHECK_INT(number(1, &below, 8), 1);
+    CHECK_INT(number(1, &two, 8), 2); /* a worker for each range: 5 + 2 against 0.8 10 meetings */
+    const pma_duty five = divisible(5 * PMA_RANGE, 1);
+    CHECK_INT(number(1, &five, 8), 5);
+    CHECK_INT(number(1, &five, 3), 3);
+}
+
+static void it_is_split_where_the_others_leave_workers_idle(void)
+{
+    const size_t e = 10 * PMA_RANGE;
+    /* (W3) a half and a small one instead of the whole one beside the small one */
+    const pma_duty uneven[2] = {common(e / 10, 1), divisible(e, 1)};
+    CHECK_INT(split_of(2, uneven, 2), 1);
+    /* each has a worker: to split one only costs a meeting */
+    const pma_duty even[2] = {common(e, 1), divisible(e, 1)};
+    CHECK(split_of(2, even, 2) == PMA_NO_SPLIT);
+    /* of several the one with most to read in a macro step, one at most */
+    const pma_duty three[3] = {divisible(e, 1), divisible(e / 2, 20), divisible(e, 2)};
+    CHECK_INT(split_of(3, three, 4), 1);
+    /* the rest goes on beside it */
+    const pma_duty coarse[2] = {aside(20 * e, 1), divisible(e, 20)};
+    pma_roster r = made(2, coarse, 3, false);
+    CHECK_INT(r.fine, 2);
+    CHECK_INT(r.split, 1);
+    CHECK_INT(worker_of(&r, 1), 0);
+    CHECK_INT(worker_of(&r, 0), 2);
+    pma_roster_destroy(&r);
+}
+
+static void there_are_no_workers_without_work(void)
+{
+    /* 2 ranges of one that divides, but what is not split is all that counts */
+    const pma_duty two[2] = {common(100 * PMA_RANGE, 1), divisible(2 * PMA_RANGE, 1)};
+    pma_roster r = made(2, two, 3, false);
+    CHECK(r.split == PMA_NO_SPLIT);
+    CHECK_INT(r.workers, 2);
+    pma_roster_destroy(&r);
+}
+
 /* ---- all of them ----------------------------------------------------------------------------- */
 
 const test ROSTER_TESTS[] = {
@@ -162,5 +222,8 @@ const test ROSTER_TESTS[] = {
     TEST(those_with_the_finest_steps_are_balanced_among_themselves),
     TEST(those_with_double_steps_work_beside_the_fine_steps_where_that_pays),
     TEST(several_are_taken_where_they_save_a_fifth),
+    TEST(one_that_divides_is_split_from_two_ranges_on),
+    TEST(it_is_split_where_the_others_leave_workers_idle),
+    TEST(there_are_no_workers_without_work),
     END_OF_TESTS,
 };

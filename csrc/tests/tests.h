@@ -34,6 +34,7 @@ extern const test METHOD_TESTS[];
 extern const test COUPLER_TESTS[];
 extern const test STOP_TESTS[];
 extern const test THREADS_TESTS[];
+extern const test SPLIT_TESTS[];
 extern const test MACRO_TESTS[];
 
 #endif
