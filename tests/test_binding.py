@@ -667,6 +667,17 @@ def test_a_count_of_steps_that_overflows_is_refused():
     assert c.step_count == 2**53
 
 
+def test_a_count_of_own_steps_that_overflows_is_refused():
+    # 2^53 own steps can be counted: 2^41 macro steps of 2^12
+    c, _ = started(substeps=2**12)
+    check_refused(lambda: c.start(2**41 + 1, np.zeros(1), np.zeros(1)))
+    assert c.step_count == 0
+    c.start(2**41 - 1, np.zeros(1), np.zeros(1))
+    check_refused(lambda: c.advance(2, None))
+    assert c.advance(1, None) is None
+    assert c.step_count == 2**41
+
+
 def test_compliance_is_asked_for_conditions_that_exist():
     s = subdomain()
     for rows in (i64(1), i64(-1), i64(0, 5), i32(0), [0], None, f64(0), i64(0).reshape(1, 1)):

@@ -408,7 +408,8 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
     pma_status status = PMA_OK;
     if (!PyArg_ParseTuple(args, "LO|O", &steps, &obj, &report))
         return NULL;
-    if (steps < 0 || steps > PMA_MOST_STEPS - pma_coupler_step_count(self->core))
+    const int64_t most = pma_coupler_most_steps(self->core);
+    if (steps < 0 || steps > most - pma_coupler_step_count(self->core))
         return PyErr_Format(PyExc_ValueError, "steps must not be negative nor beyond counting, "
                             "got %lld", steps);
     if (report != Py_None && !PyCallable_Check(report))
@@ -460,7 +461,7 @@ static PyObject *coupler_start(CouplerObject *self, PyObject *args)
         pma_take_doubles(lam_obj, p, "lam", NULL, &lam) < 0 ||
         pma_take_doubles(g_obj, p, "g", NULL, &g) < 0)
         return NULL;
-    if (step_count < 0 || step_count > PMA_MOST_STEPS)
+    if (step_count < 0 || step_count > pma_coupler_most_steps(self->core))
         return PyErr_Format(PyExc_ValueError, "step_count must not be negative nor beyond "
                             "counting, got %lld", step_count);
     if (enter(self) < 0)

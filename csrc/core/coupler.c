@@ -205,6 +205,14 @@ int64_t pma_coupler_step_count(const pma_coupler *c)
     return c->step_count;
 }
 
+int64_t pma_coupler_most_steps(const pma_coupler *c)
+{
+    size_t most = c->fine;
+    for (size_t i = 0; i < c->parts.count; i++)
+        most = c->places[i].substeps > most ? c->places[i].substeps : most;
+    return PMA_MOST_STEPS / (int64_t)most;
+}
+
 size_t pma_coupler_threads(const pma_coupler *c)
 {
     return c->roster.workers;

@@ -47,7 +47,7 @@ typedef struct {
 
 typedef struct pma_coupler pma_coupler;
 
-/* Macro steps that can be counted: up to here a double counts them exactly too. */
+/* Own steps of a run that can be counted: up to here a double counts them exactly too. */
 #define PMA_MOST_STEPS ((int64_t)1 << 53)
 
 /* What pma_coupler_failed returns when it was the interface problem itself. */
@@ -77,6 +77,8 @@ void pma_coupler_record_present(const pma_coupler *c, const pma_record *record);
 /* Interface problems in a macro step: the largest number of substeps; one in macro coupling. */
 size_t pma_coupler_instants(const pma_coupler *c);
 int64_t pma_coupler_step_count(const pma_coupler *c);
+/* So many macro steps that the own steps of nobody in them are more than can be counted. */
+int64_t pma_coupler_most_steps(const pma_coupler *c);
 size_t pma_coupler_threads(const pma_coupler *c); /* that share the work, at least 1 */
 const double *pma_coupler_multipliers(const pma_coupler *c); /* p, of the present */
 const double *pma_coupler_prescribed(const pma_coupler *c);  /* p, g of the present */

@@ -29,7 +29,7 @@ typedef struct {
     pma_factor factor;
 } pma_operator;
 
-/* So many own steps in a macro step and so many macro steps that no count of nodes overflows. */
+/* Own steps in a macro step; with as many macro steps as a coupler takes, no count overflows. */
 #define PMA_MOST_SUBSTEPS ((size_t)1 << 31)
 
 /* What a subdomain is made of. The arrays behind it are the caller's, who keeps them alive. */
