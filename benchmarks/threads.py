@@ -1,5 +1,4 @@
-"""Two threads over one: balanced subdomains, one beside the fine steps, many small ones, and one
-large explicit subdomain that is split.
+"""Two threads over one: balanced subdomains, one beside the fine steps, many, one that is split.
 
 The limit of balanced subdomains is 1.7 where both factors fit in the private caches (PRIVATE) and
 an own step takes over 20 us, and for larger ones 0.9 of what reading gains: two threads that read
