@@ -104,11 +104,10 @@ def goals():
         goal("coupled over uncoupled steps, one face, the worst", 1.1, max(one_face), ""),
         goal("fine step of four dofs", 100.0, 1e3 * fine, "ns"),
     ]
-    if (RESULTS / "limits.csv").exists():
-        rows += [
-            goal(f"{r['problem']}, {short(r['n'])} dofs, over the limit", r["aim"], r[OVER], "")
-            for r in read("limits")
-        ]
+    rows += [
+        goal(f"{r['problem']}, {short(r['n'])} dofs, over the limit", r["aim"], r[OVER], "")
+        for r in read("limits")
+    ]
     stages = {r["what"]: r for r in read("large")}
     peak = max(r["MB peak"] for r in stages.values() if r["MB peak"] != "")
     return [
@@ -149,6 +148,7 @@ TABLES = {
     "fine_step": lambda: read("fine_step"),
     "instructions": lambda: read("instructions"),
     "limits": lambda: read("limits"),
+    "threads": lambda: read("threads"),
 }
 
 
