@@ -3,8 +3,8 @@
 
 PYTHON   ?= python3
 VENV     := .venv
-HEADERS  := $(wildcard csrc/core/*.h)
-CORE     := $(wildcard csrc/core/*.c)
+HEADERS  := $(wildcard csrc/core/*.h csrc/core/*/*.h)
+CORE     := $(wildcard csrc/core/*.c csrc/core/*/*.c)
 BINDING  := $(wildcard csrc/binding/*.[ch])
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 

@@ -13,8 +13,8 @@ setup(
     ext_modules=[
         Extension(
             "pmalpha._core",
-            sources=sorted(glob("csrc/core/*.c") + glob("csrc/binding/*.c")),
-            depends=sorted(glob("csrc/core/*.h") + glob("csrc/binding/*.h")),
+            sources=sorted(glob("csrc/core/**/*.c", recursive=True) + glob("csrc/binding/*.c")),
+            depends=sorted(glob("csrc/core/**/*.h", recursive=True) + glob("csrc/binding/*.h")),
             include_dirs=["csrc/core", numpy.get_include()],
             define_macros=[
                 ("NPY_NO_DEPRECATED_API", "NPY_2_0_API_VERSION"),

@@ -12,9 +12,9 @@
 
 #include <stdbool.h>
 
-#include "coupler.h"
+#include "coupling/coupler.h"
+#include "member/subdomain.h"
 #include "status.h"
-#include "subdomain.h"
 
 /* ---- objects ---------------------------------------------------------------------------- */
 

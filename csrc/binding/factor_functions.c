@@ -1,7 +1,7 @@
 /* The symbolic and numeric factorization, as functions of the module. */
 #define NO_IMPORT_ARRAY
+#include "algebra/symbolic.h"
 #include "binding.h"
-#include "symbolic.h"
 
 /* ---- patterns -------------------------------------------------------------------------------- */
 

@@ -4,8 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "algebra/symbolic.h"
 #include "check.h"
-#include "symbolic.h"
 
 /* ---- rows without zeros ---------------------------------------------------------------------- */
 

@@ -6,9 +6,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "factor.h"
+#include "algebra/factor.h"
+#include "algebra/panels.h"
 #include "naive.h"
-#include "panels.h"
 
 /* ---- rows without zeros ---------------------------------------------------------------------- */
 

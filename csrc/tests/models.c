@@ -4,9 +4,9 @@
 #include <math.h>
 #include <string.h>
 
+#include "algebra/factor.h"
+#include "algebra/link.h"
 #include "check.h"
-#include "factor.h"
-#include "link.h"
 #include "naive.h"
 
 /* ---- schemes --------------------------------------------------------------------------------- */

@@ -7,11 +7,11 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "coupler.h"
-#include "load.h"
-#include "record.h"
-#include "scheme.h"
-#include "subdomain.h"
+#include "coupling/coupler.h"
+#include "coupling/record.h"
+#include "member/load.h"
+#include "member/scheme.h"
+#include "member/subdomain.h"
 
 /* ---- schemes --------------------------------------------------------------------------------- */
 

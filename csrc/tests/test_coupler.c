@@ -5,13 +5,13 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "algebra/factor.h"
 #include "check.h"
-#include "coupler.h"
-#include "factor.h"
-#include "load.h"
+#include "coupling/coupler.h"
+#include "member/load.h"
+#include "member/subdomain.h"
 #include "models.h"
 #include "naive.h"
-#include "subdomain.h"
 #include "tests.h"
 
 /* ---- the coupler as an object ---------------------------------------------------------------- */

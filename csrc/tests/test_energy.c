@@ -3,9 +3,9 @@
 #include <stdint.h>
 
 #include "check.h"
-#include "energy.h"
+#include "member/energy.h"
+#include "member/subdomain.h"
 #include "models.h"
-#include "subdomain.h"
 #include "tests.h"
 
 static const double LINK_VALUE = -2.0;

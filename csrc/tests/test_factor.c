@@ -3,8 +3,8 @@
 #include <stdint.h>
 #include <string.h>
 
+#include "algebra/factor.h"
 #include "check.h"
-#include "factor.h"
 #include "matrices.h"
 #include "naive.h"
 #include "tests.h"

@@ -4,8 +4,9 @@
 #include <stdint.h>
 #include <string.h>
 
+#include "algebra/kernel.h"
 #include "check.h"
-#include "kernel.h"
+#include "member/update.h"
 #include "naive.h"
 #include "tests.h"
 
@@ -129,15 +130,15 @@ static void all_kernels_predict_and_correct_the_rows_asked_for_to_the_same_bits(
             draw_vector(4 * HEIGHT, &seed, old);
             for (size_t k = 0; k < 4 * HEIGHT; k++)
                 a[k] = b[k] = 7.0;
-            pma_kernel_plain()->predict(&c, begin, end, &from, &plain);
-            pma_kernel_best()->predict(&c, begin, end, &from, &best);
+            pma_update_plain()->predict(&c, begin, end, &from, &plain);
+            pma_update_best()->predict(&c, begin, end, &from, &best);
             CHECK_BITS(4 * HEIGHT, b, a);
             for (size_t i = 0; i < HEIGHT; i++)
                 CHECK_NEAR(plain.w[i], i >= begin && i < end ? 0.0 : 7.0, 0.0);
             draw_vector(HEIGHT, &seed, plain.w);
             memcpy(best.w, plain.w, HEIGHT * sizeof(double));
-            CHECK(pma_kernel_plain()->correct(&c, begin, end, &plain));
-            CHECK(pma_kernel_best()->correct(&c, begin, end, &best));
+            CHECK(pma_update_plain()->correct(&c, begin, end, &plain));
+            CHECK(pma_update_best()->correct(&c, begin, end, &best));
             CHECK_BITS(4 * HEIGHT, b, a);
         }
     }
@@ -150,7 +151,7 @@ static void every_value_that_is_not_finite_is_found(void)
     double a[4 * HEIGHT];
     const pma_state x = state_in(a);
     for (size_t k = 0; k < 3 * 4 * HEIGHT; k++) {
-        const pma_kernel *kernels[2] = {pma_kernel_plain(), pma_kernel_best()};
+        const pma_update *kernels[2] = {pma_update_plain(), pma_update_best()};
         for (size_t i = 0; i < 2; i++) {
             for (size_t l = 0; l < 4 * HEIGHT; l++)
                 a[l] = l == k / 3 ? bad[k % 3] : 1e308 / 8.0; /* a sum of eight is not finite */

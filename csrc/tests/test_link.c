@@ -2,8 +2,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "algebra/link.h"
 #include "check.h"
-#include "link.h"
 #include "tests.h"
 
 static pma_status link_status(const int64_t *ptr, const int32_t *index)

@@ -4,13 +4,13 @@
 #include <stdint.h>
 #include <string.h>
 
+#include "algebra/factor.h"
 #include "check.h"
-#include "coupler.h"
-#include "factor.h"
+#include "coupling/coupler.h"
+#include "coupling/record.h"
+#include "member/subdomain.h"
 #include "models.h"
 #include "naive.h"
-#include "record.h"
-#include "subdomain.h"
 #include "tests.h"
 
 enum { SS = 3 }; /* substeps of B */

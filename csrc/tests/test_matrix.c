@@ -3,9 +3,9 @@
 #include <stdint.h>
 #include <string.h>
 
+#include "algebra/matrix.h"
 #include "check.h"
 #include "matrices.h"
-#include "matrix.h"
 #include "naive.h"
 #include "tests.h"
 

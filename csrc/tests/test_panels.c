@@ -5,11 +5,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "algebra/factor.h"
+#include "algebra/panels.h"
 #include "check.h"
-#include "factor.h"
 #include "matrices.h"
 #include "naive.h"
-#include "panels.h"
 #include "tests.h"
 
 /* C := alpha A B^T + beta C, A (m*k), B (n*k); C is not read when beta is zero */

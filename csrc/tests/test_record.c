@@ -5,11 +5,11 @@
 #include <string.h>
 
 #include "check.h"
-#include "coupler.h"
+#include "coupling/coupler.h"
+#include "coupling/record.h"
+#include "member/subdomain.h"
 #include "models.h"
 #include "naive.h"
-#include "record.h"
-#include "subdomain.h"
 #include "tests.h"
 
 static void the_row_of_a_node_follows_from_its_number(void)

@@ -4,11 +4,11 @@
 #include <string.h>
 
 #include "check.h"
-#include "coupler.h"
+#include "coupling/coupler.h"
+#include "member/restoring.h"
+#include "member/subdomain.h"
 #include "models.h"
 #include "naive.h"
-#include "restoring.h"
-#include "subdomain.h"
 #include "tests.h"
 
 static const plan RESTORED = {{2, 6, 3}, true, true, true, true, true};

@@ -3,8 +3,8 @@
 #include <stddef.h>
 
 #include "check.h"
-#include "roster.h"
 #include "tests.h"
+#include "workers/roster.h"
 
 enum { MANY = 50 };
 

@@ -5,12 +5,12 @@
 #include <stdlib.h>
 
 #include "check.h"
-#include "coupler.h"
+#include "coupling/coupler.h"
+#include "coupling/schedule.h"
+#include "member/subdomain.h"
 #include "naive.h"
-#include "roster.h"
-#include "schedule.h"
-#include "subdomain.h"
 #include "tests.h"
+#include "workers/roster.h"
 
 /* Dofs of a banded B, of a dense one and of A: B reads four ranges at least, and A, with double
  * steps, more in one own step than B in two. */

@@ -4,10 +4,10 @@
 #include <string.h>
 
 #include "check.h"
+#include "member/springs.h"
+#include "member/subdomain.h"
 #include "models.h"
 #include "naive.h"
-#include "springs.h"
-#include "subdomain.h"
 #include "tests.h"
 
 enum { MANY_SPRINGS = 600 }; /* more than a chunk of the core */

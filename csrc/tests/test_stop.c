@@ -4,13 +4,13 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "algebra/factor.h"
 #include "check.h"
-#include "coupler.h"
-#include "factor.h"
-#include "load.h"
+#include "coupling/coupler.h"
+#include "member/load.h"
+#include "member/subdomain.h"
 #include "models.h"
 #include "naive.h"
-#include "subdomain.h"
 #include "tests.h"
 
 /* ---- stopped --------------------------------------------------------------------------------- */

@@ -3,10 +3,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "algebra/matrix.h"
+#include "algebra/strips.h"
 #include "check.h"
-#include "matrix.h"
 #include "naive.h"
-#include "strips.h"
 #include "tests.h"
 
 enum { DOFS = 330 }; /* more columns than are gathered at a time */

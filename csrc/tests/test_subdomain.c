@@ -5,14 +5,14 @@
 #include <stdint.h>
 #include <string.h>
 
+#include "algebra/factor.h"
+#include "algebra/matrix.h"
 #include "check.h"
-#include "factor.h"
-#include "load.h"
-#include "matrix.h"
+#include "member/load.h"
+#include "member/scheme.h"
+#include "member/subdomain.h"
 #include "models.h"
 #include "naive.h"
-#include "scheme.h"
-#include "subdomain.h"
 #include "tests.h"
 
 static void a_subdomain_with_sizes_that_do_not_agree_is_refused(void)

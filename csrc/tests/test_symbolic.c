@@ -3,11 +3,11 @@
 #include <stdint.h>
 #include <string.h>
 
+#include "algebra/panels.h"
+#include "algebra/symbolic.h"
 #include "check.h"
 #include "matrices.h"
 #include "naive.h"
-#include "panels.h"
-#include "symbolic.h"
 #include "tests.h"
 
 /* filled (n*n): eliminating unknown j ties all that are left and tied to it to one another. */

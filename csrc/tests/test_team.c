@@ -9,8 +9,8 @@
 #include <unistd.h>
 
 #include "check.h"
-#include "team.h"
 #include "tests.h"
+#include "workers/team.h"
 
 enum { WORKERS = 4, ROUNDS = 5000 };
 

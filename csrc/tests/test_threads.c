@@ -4,10 +4,10 @@
 #include <stddef.h>
 
 #include "check.h"
-#include "coupler.h"
+#include "coupling/coupler.h"
+#include "member/subdomain.h"
 #include "models.h"
 #include "naive.h"
-#include "subdomain.h"
 #include "tests.h"
 
 enum { MOST_THREADS = 4, PLANS = 40 };

@@ -1,0 +1,295 @@
+#include "algebra/factor.h"
+
+#include <string.h>
+
+#include "algebra/kernel.h"
+
+static size_t least(size_t a, size_t b)
+{
+    return a < b ? a : b;
+}
+
+static bool is_ordinary(const pma_factor *f)
+{
+    return f->path.place != NULL;
+}
+
+pma_status pma_factor_check(const pma_factor *f)
+{
+    if (f->nb > f->n)
+        return PMA_BAD_SIZE;
+    if (is_ordinary(f)) {
+        const pma_status status = pma_panels_check(&f->panels, f->n, 0);
+        return status == PMA_OK ? pma_path_check(&f->path, &f->panels, f->n, f->nb) : status;
+    }
+    if (f->form == PMA_PANELS)
+        return pma_panels_check(&f->panels, f->n, f->nb);
+    if (f->form == PMA_BAND)
+        return f->width > 0 && f->width < f->n ? PMA_OK : PMA_BAD_SIZE;
+    if (f->form != PMA_SPARSE)
+        return PMA_OK;
+    if (f->ptr[0] != 0)
+        return PMA_BAD_INDEX;
+    for (size_t j = 0; j < f->n; j++) {
+        if (f->ptr[j + 1] < f->ptr[j])
+            return PMA_BAD_INDEX;
+    }
+    for (size_t j = 0; j < f->n; j++) {
+        int64_t above = (int64_t)j;
+        for (int64_t k = f->ptr[j]; k < f->ptr[j + 1]; k++) {
+            if (f->index[k] <= above || (size_t)f->index[k] >= f->n)
+                return PMA_BAD_INDEX;
+            above = f->index[k];
+        }
+    }
+    return PMA_OK;
+}
+
+size_t pma_factor_entries(const pma_factor *f)
+{
+    switch (f->form) {
+    case PMA_DENSE:
+        return f->n * (f->n + 1) / 2;
+    case PMA_BAND:
+        return f->n * (f->width + 1);
+    case PMA_SPARSE:
+        return f->n + (size_t)f->ptr[f->n];
+    case PMA_PANELS:
+        return (size_t)f->panels.start[f->panels.count] +
+               (is_ordinary(f) ? pma_path_entries(&f->path, &f->panels) : 0);
+    default:
+        return f->n;
+    }
+}
+
+static size_t reach_of_columns(const pma_factor *f)
+{
+    size_t reach = 0;
+    for (size_t j = 0; j < f->n; j++) {
+        const int64_t end = f->ptr[j + 1];
+        const size_t furthest = end > f->ptr[j] ? (size_t)f->index[end - 1] - j : 0;
+        reach = furthest > reach ? furthest : reach;
+    }
+    return reach;
+}
+
+size_t pma_factor_reach(const pma_factor *f)
+{
+    switch (f->form) {
+    case PMA_DIAGONAL:
+        return 0;
+    case PMA_BAND:
+        return f->width;
+    case PMA_SPARSE:
+        return reach_of_columns(f);
+    default:
+        return f->n;
+    }
+}
+
+/* A dense factor is one panel. Rows and columns first..n-1 of it; x[0] stands for `first`. */
+static void eliminate_dense(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    pma_kernel_best()->eliminate(f->values + first * f->n + first, f->n, f->n - first,
+                                 last - first, x);
+}
+
+static void substitute_dense(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    for (size_t j = first; j < last; j++)
+        x[j - first] *= f->inverse[j];
+    pma_kernel_best()->substitute(f->values + first * f->n + first, f->n, f->n - first,
+                                  last - first, x);
+}
+
+/* Entries of a column of a band below the diagonal: fewer at the end. */
+static size_t rows_of_band(const pma_factor *f, size_t j)
+{
+    return f->n - 1 - j < f->width ? f->n - 1 - j : f->width;
+}
+
+/* The next unknown often depends on this one, in a chain on this one alone. It is kept in a
+ * register, for a way through memory would cost as much as the arithmetic; and a chain has loops
+ * of its own with nothing else in them, so that other work fits beside them. */
+static void eliminate_chain(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    const double *r = f->values + first;
+    const size_t columns = least(last, f->n - 1) - first;
+    double xj = x[0];
+    for (size_t j = 0; j < columns; j++)
+        x[j + 1] = xj = x[j + 1] - r[j] * xj;
+}
+
+static void substitute_chain(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    const double *r = f->values + first, *inverse = f->inverse + first;
+    size_t j = last - first;
+    double xj = last < f->n ? x[j] : 0.0;
+    while (j-- > 0)
+        x[j] = xj = x[j] * inverse[j] - r[j] * xj;
+}
+
+static void eliminate_band(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    double xj = x[0];
+    for (size_t j = first; j < last && j + 1 < f->n; j++) {
+        const double *column = f->values + j * f->width;
+        const size_t rows = rows_of_band(f, j);
+        double *below = x + (j + 1 - first);
+        const double next = below[0] - column[0] * xj;
+        for (size_t k = 1; k < rows; k++)
+            below[k] -= column[k] * xj;
+        below[0] = next;
+        xj = next;
+    }
+}
+
+static void substitute_band(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    double next = last < f->n ? x[last - first] : 0.0;
+    for (size_t j = last; j-- > first;) {
+        const double *column = f->values + j * f->width, *below = x + (j + 1 - first);
+        const size_t rows = rows_of_band(f, j);
+        double xj = x[j - first] * f->inverse[j];
+        for (size_t k = 1; k < rows; k++)
+            xj -= column[k] * below[k];
+        if (rows > 0)
+            xj -= column[0] * next;
+        x[j - first] = next = xj;
+    }
+}
+
+static void eliminate_sparse(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    double xj = x[0];
+    for (size_t j = first; j < last; j++) {
+        int64_t k = f->ptr[j];
+        const int64_t end = f->ptr[j + 1];
+        double next = j + 1 < f->n ? x[j + 1 - first] : 0.0;
+        if (k < end && (size_t)f->index[k] == j + 1) {
+            next -= f->values[k++] * xj;
+            x[j + 1 - first] = next;
+        }
+        for (; k < end; k++)
+            x[(size_t)f->index[k] - first] -= f->values[k] * xj;
+        xj = next;
+    }
+}
+
+static void substitute_sparse(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    double below = last < f->n ? x[last - first] : 0.0;
+    for (size_t j = last; j-- > first;) {
+        int64_t k = f->ptr[j];
+        const int64_t end = f->ptr[j + 1];
+        double xj = x[j - first] * f->inverse[j], sum = 0.0;
+        if (k < end && (size_t)f->index[k] == j + 1)
+            xj -= f->values[k++] * below;
+        for (; k < end; k++)
+            sum += f->values[k] * x[(size_t)f->index[k] - first];
+        below = xj - sum;
+        x[j - first] = below;
+    }
+}
+
+/* Forward through the columns first..last-1; x[0] stands for unknown `first`. */
+static void eliminate(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    if (first == last)
+        return;
+    if (f->form == PMA_DENSE)
+        eliminate_dense(f, first, last, x);
+    else if (f->form == PMA_BAND && f->width == 1)
+        eliminate_chain(f, first, last, x);
+    else if (f->form == PMA_BAND)
+        eliminate_band(f, first, last, x);
+    else if (f->form == PMA_SPARSE)
+        eliminate_sparse(f, first, last, x);
+    else if (f->form == PMA_PANELS)
+        pma_panels_eliminate(&f->panels, first, last, x, f->work);
+}
+
+/* Backward through the columns last-1..first; x[0] stands for unknown `first`. */
+static void substitute(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    if (first == last)
+        return;
+    if (f->form == PMA_DENSE) {
+        substitute_dense(f, first, last, x);
+    } else if (f->form == PMA_BAND && f->width == 1) {
+        substitute_chain(f, first, last, x);
+    } else if (f->form == PMA_BAND) {
+        substitute_band(f, first, last, x);
+    } else if (f->form == PMA_SPARSE) {
+        substitute_sparse(f, first, last, x);
+    } else if (f->form == PMA_PANELS) {
+        pma_panels_substitute(&f->panels, f->inverse, first, last, x, f->work);
+    } else {
+        for (size_t j = first; j < last; j++)
+            x[j - first] *= f->inverse[j];
+    }
+}
+
+void pma_factor_interface(const pma_factor *f, double *xb)
+{
+    if (f->nb == 0)
+        return;
+    if (is_ordinary(f)) {
+        pma_path_interface(&f->path, &f->panels, f->inverse, f->n, f->nb, xb, f->work);
+        return;
+    }
+    eliminate(f, f->n - f->nb, f->n, xb);
+    substitute(f, f->n - f->nb, f->n, xb);
+}
+
+void pma_factor_open_part(const pma_factor *f, size_t begin, size_t end, double *x, double *xb)
+{
+    const size_t interior = f->n - f->nb;
+    if (is_ordinary(f)) {
+        pma_path_open(&f->path, &f->panels, f->inverse, f->n, f->nb, x, xb, f->work);
+        return;
+    }
+    if (begin < interior)
+        eliminate(f, begin, least(end, interior), x + begin);
+    if (end == f->n) {
+        memcpy(xb, x + interior, f->nb * sizeof *xb);
+        pma_factor_interface(f, xb);
+    }
+}
+
+void pma_factor_open(const pma_factor *f, double *x, double *xb)
+{
+    pma_factor_open_part(f, 0, f->n, x, xb);
+}
+
+void pma_factor_close_part(const pma_factor *f, size_t begin, size_t end, const double *fb,
+                           double *x)
+{
+    const size_t interior = f->n - f->nb;
+    if (is_ordinary(f)) {
+        pma_path_close(&f->path, &f->panels, f->inverse, f->n, f->nb, fb, x, f->work);
+        return;
+    }
+    if (end == f->n) {
+        for (size_t i = 0; i < f->nb; i++)
+            x[interior + i] += fb[i];
+        pma_factor_interface(f, x + interior);
+    }
+    if (begin < interior)
+        substitute(f, begin, least(end, interior), x + begin);
+}
+
+void pma_factor_close(const pma_factor *f, const double *fb, double *x)
+{
+    pma_factor_close_part(f, 0, f->n, fb, x);
+}
+
+void pma_factor_solve(const pma_factor *f, double *x)
+{
+    if (is_ordinary(f)) {
+        pma_path_solve(&f->path, &f->panels, f->inverse, f->n, x, f->work);
+        return;
+    }
+    eliminate(f, 0, f->n, x);
+    substitute(f, 0, f->n, x);
+}

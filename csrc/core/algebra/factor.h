@@ -1,0 +1,65 @@
+/* factor.h - sweeps over a finished factor A = R D R^T, R unit lower triangular.         (F1)
+ *
+ * The last nb unknowns are the interface; R = [[R_ii, 0], [R_bi, R_bb]]. Sweeping the interior
+ * and the interface apart is what lets one forward and one backward sweep make a coupled step.
+ * With nb = n the interface solve is the whole solve: so the interface matrix H is swept too.
+ * Panels can have the interface anywhere in their order of elimination: see path.h. */
+#ifndef PMA_FACTOR_H
+#define PMA_FACTOR_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "algebra/matrix.h"
+#include "algebra/panels.h"
+#include "algebra/path.h"
+#include "status.h"
+
+/* Bare arrays of the caller, who keeps them alive. */
+typedef struct {
+    pma_form form;         /* diagonal: R is the unit matrix */
+    size_t n, nb;
+    const double *inverse; /* n: the reciprocals of D */
+    const double *values;  /* dense: n*n by columns, read below the diagonal; sparse: ptr[n];
+                              band: n*width by columns, R_j+1+k,j at values[j*width + k] */
+    const int64_t *ptr;    /* sparse: n+1 starts of the columns, else NULL */
+    const int32_t *index;  /* sparse: row of each entry, below the diagonal and ascending */
+    size_t width;          /* band: entries of a column below the diagonal, 1..n-1; in the last
+                              columns those that lie outside the matrix are zero */
+    pma_panels panels;     /* panels: see there */
+    double *work;          /* panels: pma_panels_most_height, scratch of the sweeps */
+    pma_path path;         /* panels whose interface is not last; else path.place is NULL */
+} pma_factor;
+
+/* PMA_BAD_SIZE when nb > n or a band is too wide, PMA_BAD_INDEX unless the entries of each column
+ * ascend and lie below the diagonal. */
+pma_status pma_factor_check(const pma_factor *f);
+
+/* Entries read by a sweep through all columns and one along the paths of the interface. */
+size_t pma_factor_entries(const pma_factor *f);
+
+/* How far below the diagonal a column has entries; n where a step is opened and closed at once. */
+size_t pma_factor_reach(const pma_factor *f);
+
+/* A step is opened with the right-hand side and closed with what acts on the interface:
+ *
+ * x (n): swept so far as the interface asks; xb (nb) := (A^-1 x)_b                (F2) (F3) (F7) */
+void pma_factor_open(const pma_factor *f, double *x, double *xb);
+
+/* x (n) as open left it := A^-1 (right-hand side + fb on the interface)       (F4) (F5) (F8) */
+void pma_factor_close(const pma_factor *f, const double *fb, double *x);
+
+/* The same in several calls for the rows begin..end-1 each, to open from the first rows on, to
+ * close from the last. The right-hand side must be complete in these rows alone. Whoever cuts a
+ * sweep in parts must not do it where the reach is n. */
+void pma_factor_open_part(const pma_factor *f, size_t begin, size_t end, double *x, double *xb);
+void pma_factor_close_part(const pma_factor *f, size_t begin, size_t end, const double *fb,
+                           double *x);
+
+/* x (n) := A^-1 x, both at once */
+void pma_factor_solve(const pma_factor *f, double *x);
+
+/* xb (nb) := (A^-1)_bb xb = S^-1 xb with the Schur complement S = R_bb D_b R_bb^T  (F3) (F9) */
+void pma_factor_interface(const pma_factor *f, double *xb);
+
+#endif

@@ -1,0 +1,35 @@
+#include "algebra/link.h"
+
+pma_status pma_link_check(const pma_link *L)
+{
+    if (L->ptr[0] != 0)
+        return PMA_BAD_INDEX;
+    for (size_t j = 0; j < L->nb; j++) {
+        if (L->ptr[j + 1] < L->ptr[j])
+            return PMA_BAD_INDEX;
+    }
+    for (int64_t k = 0; k < L->ptr[L->nb]; k++) {
+        if (L->index[k] < 0 || (size_t)L->index[k] >= L->p)
+            return PMA_BAD_INDEX;
+    }
+    return PMA_OK;
+}
+
+void pma_link_load(const pma_link *L, const double *lam, double *xb)
+{
+    for (size_t j = 0; j < L->nb; j++) {
+        double sum = xb[j];
+        for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)
+            sum += L->values[k] * lam[L->index[k]];
+        xb[j] = sum;
+    }
+}
+
+void pma_link_gather(const pma_link *L, double scale, const double *xb, double *jump)
+{
+    for (size_t j = 0; j < L->nb; j++) {
+        const double x = scale * xb[j];
+        for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)
+            jump[L->index[k]] += L->values[k] * x;
+    }
+}

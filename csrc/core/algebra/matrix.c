@@ -1,0 +1,123 @@
+#include "algebra/matrix.h"
+
+#include "algebra/kernel.h"
+
+pma_status pma_matrix_check(const pma_matrix *A)
+{
+    if (A->form == PMA_BAND)
+        return A->width < A->n ? PMA_OK : PMA_BAD_SIZE;
+    if (A->form == PMA_STRIPS)
+        return pma_strips_check(&A->strips, A->n);
+    if (A->form != PMA_SPARSE)
+        return PMA_OK;
+    if (A->ptr[0] != 0)
+        return PMA_BAD_INDEX;
+    for (size_t i = 0; i < A->n; i++) {
+        if (A->ptr[i + 1] < A->ptr[i])
+            return PMA_BAD_INDEX;
+    }
+    for (int64_t k = 0; k < A->ptr[A->n]; k++) {
+        if (A->index[k] < 0 || (size_t)A->index[k] >= A->n)
+            return PMA_BAD_INDEX;
+    }
+    return PMA_OK;
+}
+
+size_t pma_matrix_entries(const pma_matrix *A)
+{
+    switch (A->form) {
+    case PMA_DIAGONAL:
+        return A->n;
+    case PMA_DENSE:
+        return A->n * A->n;
+    case PMA_BAND:
+        return (A->width + 1) * A->n;
+    case PMA_SPARSE:
+        return (size_t)A->ptr[A->n];
+    case PMA_STRIPS:
+        return (size_t)A->strips.start[A->strips.count];
+    default:
+        return 0;
+    }
+}
+
+static size_t reach_of_rows(const pma_matrix *A)
+{
+    size_t reach = 0;
+    for (size_t i = 0; i < A->n; i++) {
+        for (int64_t k = A->ptr[i]; k < A->ptr[i + 1]; k++) {
+            const size_t j = (size_t)A->index[k], distance = j > i ? j - i : i - j;
+            reach = distance > reach ? distance : reach;
+        }
+    }
+    return reach;
+}
+
+size_t pma_matrix_reach(const pma_matrix *A)
+{
+    switch (A->form) {
+    case PMA_BAND:
+        return A->width;
+    case PMA_DENSE:
+        return A->n - 1;
+    case PMA_SPARSE:
+        return reach_of_rows(A);
+    case PMA_STRIPS:
+        return pma_strips_reach(&A->strips);
+    default:
+        return 0;
+    }
+}
+
+static void subtract_diagonal(const pma_matrix *A, size_t begin, size_t end, const double *x,
+                              double *restrict y)
+{
+    for (size_t i = begin; i < end; i++)
+        y[i] -= A->values[i] * x[i];
+}
+
+static void subtract_sparse(const pma_matrix *A, size_t begin, size_t end, const double *x,
+                            double *y)
+{
+    for (size_t i = begin; i < end; i++) {
+        double sum = 0.0;
+        for (int64_t k = A->ptr[i]; k < A->ptr[i + 1]; k++)
+            sum += A->values[k] * x[A->index[k]];
+        y[i] -= sum;
+    }
+}
+
+void pma_matrix_subtract_rows(const pma_matrix *A, size_t begin, size_t end, const double *x,
+                              double *y)
+{
+    switch (A->form) {
+    case PMA_DIAGONAL:
+        subtract_diagonal(A, begin, end, x, y);
+        break;
+    case PMA_BAND:
+        pma_kernel_best()->subtract_band(A->values, A->n, A->width, begin, end, x, y);
+        break;
+    case PMA_DENSE: /* column j is row j: A is symmetric */
+        pma_kernel_best()->subtract(A->values + begin, A->n, end - begin, A->n, x, y + begin);
+        break;
+    case PMA_SPARSE:
+        subtract_sparse(A, begin, end, x, y);
+        break;
+    case PMA_STRIPS:
+        pma_strips_subtract(&A->strips, begin, end, x, y);
+        break;
+    default: /* zero */
+        break;
+    }
+}
+
+/* Rows at a time, so that what is read again stays in the cache. */
+enum { PIECE = 1024 };
+
+void pma_matrix_subtract(const pma_matrix *A, const double *x, double *y)
+{
+    for (size_t begin = 0; begin < A->n; begin += PIECE) {
+        const size_t end = A->n - begin < PIECE ? A->n : begin + PIECE;
+        pma_matrix_subtract_rows(A, begin, end, x, y);
+    }
+}

@@ -1,0 +1,51 @@
+/* matrix.h - a symmetric matrix that is only ever multiplied with a vector. */
+#ifndef PMA_MATRIX_H
+#define PMA_MATRIX_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "algebra/strips.h"
+#include "status.h"
+
+/* The forms of a matrix and of a factor. */
+typedef enum {
+    PMA_ZERO,
+    PMA_DIAGONAL,
+    PMA_BAND,
+    PMA_DENSE,
+    PMA_SPARSE,
+    PMA_STRIPS, /* matrices alone */
+    PMA_PANELS  /* factors alone */
+} pma_form;
+
+/* Bare arrays of the caller, who keeps them alive. */
+typedef struct {
+    pma_form form;
+    size_t n;
+    const double *values; /* diagonal: n; dense: n*n by rows; sparse: ptr[n];
+                             band: (width+1)*n, A_i,i+d at values[d*n + i] */
+    const int64_t *ptr;   /* sparse: n+1 starts of the rows, else NULL */
+    const int32_t *index; /* sparse: column of each entry, else NULL */
+    size_t width;         /* band: diagonals above the main one, below n */
+    pma_strips strips;    /* strips: see there */
+} pma_matrix;
+
+/* PMA_BAD_INDEX unless every row and column index lies in the matrix, PMA_BAD_SIZE for a band
+ * wider than it. */
+pma_status pma_matrix_check(const pma_matrix *A);
+
+/* Entries read by one product. */
+size_t pma_matrix_entries(const pma_matrix *A);
+
+/* The furthest entry from the diagonal: row i reads x up to i + reach. */
+size_t pma_matrix_reach(const pma_matrix *A);
+
+/* y -= A x, both of length n and not overlapping. Does not allocate. */
+void pma_matrix_subtract(const pma_matrix *A, const double *x, double *y);
+
+/* the same for the rows begin..end-1 of y alone */
+void pma_matrix_subtract_rows(const pma_matrix *A, size_t begin, size_t end, const double *x,
+                              double *y);
+
+#endif

@@ -1,0 +1,162 @@
+#include "algebra/path.h"
+
+#include <stdbool.h>
+#include <string.h>
+
+/* ---- checks ------------------------------------------------------------------------------- */
+
+/* The last k with list[k] <= value, in an ascending list that begins at or below it. */
+static size_t last_not_above(const int64_t *list, size_t count, int64_t value)
+{
+    size_t low = 0, high = count;
+    while (high - low > 1) {
+        const size_t middle = low + (high - low) / 2;
+        if (list[middle] <= value)
+            low = middle;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+static bool holds(const pma_path *path, const pma_panels *p, int64_t column)
+{
+    const int64_t s = (int64_t)last_not_above(p->first, p->count, column);
+    return path->count > 0 &&
+           path->supernodes[last_not_above(path->supernodes, path->count, s)] == s;
+}
+
+static bool is_permutation(const pma_path *path, size_t n)
+{
+    memset(path->aside, 0, n * sizeof *path->aside);
+    for (size_t i = 0; i < n; i++) {
+        const int64_t k = path->place[i];
+        if (k < 0 || (size_t)k >= n || path->aside[k] != 0.0)
+            return false;
+        path->aside[k] = 1.0;
+    }
+    return true;
+}
+
+static bool ascends(const pma_path *path, const pma_panels *p)
+{
+    int64_t above = -1;
+    for (size_t k = 0; k < path->count; k++) {
+        if (path->supernodes[k] <= above || (size_t)path->supernodes[k] >= p->count)
+            return false;
+        above = path->supernodes[k];
+    }
+    return true;
+}
+
+pma_status pma_path_check(const pma_path *path, const pma_panels *p, size_t n, size_t nb)
+{
+    if (!is_permutation(path, n) || !ascends(path, p))
+        return PMA_BAD_INDEX;
+    for (size_t k = 0; k < path->count; k++) {
+        const int64_t s = path->supernodes[k], first = p->row_ptr[s];
+        if (first < p->row_ptr[s + 1] && !holds(path, p, p->rows[first]))
+            return PMA_BAD_INDEX;
+    }
+    for (size_t i = n - nb; i < n; i++) {
+        if (!holds(path, p, path->place[i]))
+            return PMA_BAD_INDEX;
+    }
+    return PMA_OK;
+}
+
+size_t pma_path_entries(const pma_path *path, const pma_panels *p)
+{
+    size_t entries = 0;
+    for (size_t k = 0; k < path->count; k++) {
+        const int64_t s = path->supernodes[k];
+        entries += (size_t)(p->start[s + 1] - p->start[s]);
+    }
+    return entries;
+}
+
+/* ---- sweeps ------------------------------------------------------------------------------- */
+
+/* aside := y, or y += aside, or aside := 0 in the columns on the paths */
+typedef enum { TAKE, ADD, CLEAR } passing;
+
+static void pass(const pma_path *path, const pma_panels *p, passing how, double *y)
+{
+    for (size_t k = 0; k < path->count; k++) {
+        const int64_t s = path->supernodes[k];
+        for (int64_t j = p->first[s]; j < p->first[s + 1]; j++) {
+            if (how == ADD)
+                y[j] += path->aside[j];
+            else
+                path->aside[j] = how == TAKE ? y[j] : 0.0;
+        }
+    }
+}
+
+/* aside := P x, and back */
+static void bring_in(const pma_path *path, size_t n, const double *x)
+{
+    for (size_t i = 0; i < n; i++)
+        path->aside[path->place[i]] = x[i];
+}
+
+static void bring_back(const pma_path *path, size_t n, double *x)
+{
+    for (size_t i = 0; i < n; i++)
+        x[i] = path->aside[path->place[i]];
+}
+
+/* aside := R^-1 P xb, xb (nb) on the interface */
+static void eliminate_interface(const pma_path *path, const pma_panels *p, size_t n, size_t nb,
+                                const double *xb, double *work)
+{
+    pass(path, p, CLEAR, NULL);
+    for (size_t i = 0; i < nb; i++)
+        path->aside[path->place[n - nb + i]] = xb[i];
+    pma_panels_eliminate_these(p, path->supernodes, path->count, path->aside, work);
+}
+
+/* xb (nb) := (P^T R^-T D^-1 aside)_b */
+static void substitute_interface(const pma_path *path, const pma_panels *p, const double *inverse,
+                                 size_t n, size_t nb, double *xb, double *work)
+{
+    pma_panels_substitute_these(p, inverse, path->supernodes, path->count, path->aside, work);
+    for (size_t i = 0; i < nb; i++)
+        xb[i] = path->aside[path->place[n - nb + i]];
+}
+
+void pma_path_open(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
+                   size_t nb, double *x, double *xb, double *work)
+{
+    bring_in(path, n, x);
+    memcpy(x, path->aside, n * sizeof *x);
+    pma_panels_eliminate(p, 0, n, x, work);
+    pass(path, p, TAKE, x);
+    substitute_interface(path, p, inverse, n, nb, xb, work);
+}
+
+void pma_path_close(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
+                    size_t nb, const double *fb, double *x, double *work)
+{
+    eliminate_interface(path, p, n, nb, fb, work);
+    pass(path, p, ADD, x);
+    pma_panels_substitute(p, inverse, 0, n, x, work);
+    memcpy(path->aside, x, n * sizeof *x);
+    bring_back(path, n, x);
+}
+
+void pma_path_interface(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
+                        size_t nb, double *xb, double *work)
+{
+    eliminate_interface(path, p, n, nb, xb, work);
+    substitute_interface(path, p, inverse, n, nb, xb, work);
+}
+
+void pma_path_solve(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
+                    double *x, double *work)
+{
+    bring_in(path, n, x);
+    pma_panels_eliminate(p, 0, n, path->aside, work);
+    pma_panels_substitute(p, inverse, 0, n, path->aside, work);
+    bring_back(path, n, x);
+}

@@ -1,0 +1,207 @@
+#include "algebra/symbolic.h"
+
+#include <stdbool.h>
+#include <stdlib.h>
+
+/* Row i of R has an entry in column j when j is reached from an entry of row i of the matrix by
+ * going up the elimination tree; the tree grows as the rows are walked. */
+void pma_symbolic_count(size_t n, const int64_t *ptr, const int32_t *index, int64_t *parent,
+                        int64_t *mark, int64_t *count)
+{
+    for (size_t i = 0; i < n; i++) {
+        const int64_t row = (int64_t)i;
+        parent[i] = -1;
+        mark[i] = row;
+        count[i] = 0;
+        for (int64_t k = ptr[i]; k < ptr[i + 1]; k++) {
+            for (int64_t j = index[k]; j < row && mark[j] != row; j = parent[j]) {
+                if (parent[j] < 0)
+                    parent[j] = row;
+                mark[j] = row;
+                count[j]++;
+            }
+        }
+    }
+}
+
+/* ---- postorder ---------------------------------------------------------------------------- */
+
+/* Every column but those on the path to the next unnumbered leaf has its children numbered: go
+ * down to the first child, number on the way up. `child` and `next` are lists of the forest. */
+static size_t number_subtree(int64_t root, int64_t *child, const int64_t *next, size_t placed,
+                             const int64_t *parent, int64_t *order)
+{
+    int64_t j = root;
+    for (;;) {
+        while (child[j] >= 0) {
+            const int64_t down = child[j];
+            child[j] = next[down];
+            j = down;
+        }
+        order[placed++] = j;
+        if (j == root)
+            return placed;
+        j = parent[j];
+    }
+}
+
+static void push(int64_t j, const int64_t *parent, int64_t *child, int64_t *next)
+{
+    next[j] = child[parent[j]];
+    child[parent[j]] = j;
+}
+
+/* Children of each interior column in lists; the longest is pushed first and so comes last. */
+static void list_children(size_t interior, const int64_t *parent, const int64_t *count,
+                          int64_t *child, int64_t *next, int64_t *longest)
+{
+    for (size_t j = 0; j < interior; j++) {
+        const int64_t p = parent[j];
+        if (p >= 0 && (longest[p] < 0 || count[j] >= count[longest[p]]))
+            longest[p] = (int64_t)j;
+    }
+    for (size_t p = 0; p < interior; p++) {
+        if (longest[p] >= 0)
+            push(longest[p], parent, child, next);
+    }
+    for (size_t j = interior; j-- > 0;) {
+        if (parent[j] >= 0 && longest[parent[j]] != (int64_t)j)
+            push((int64_t)j, parent, child, next);
+    }
+}
+
+void pma_symbolic_postorder(size_t n, size_t nb, const int64_t *parent, const int64_t *count,
+                            int64_t *scratch, int64_t *order)
+{
+    const size_t interior = n - nb;
+    int64_t *child = scratch, *next = scratch + n;
+    size_t placed = 0;
+    for (size_t j = 0; j < n; j++)
+        child[j] = order[j] = -1;
+    list_children(interior, parent, count, child, next, order);
+    /* the trees of the interior end where a parent is an interface dof, or where there is none;
+     * `order` has served its other purpose */
+    for (size_t j = 0; j < interior; j++) {
+        if (parent[j] < 0 || (size_t)parent[j] >= interior)
+            placed = number_subtree((int64_t)j, child, next, placed, parent, order);
+    }
+    for (size_t j = interior; j < n; j++)
+        order[j] = (int64_t)j;
+}
+
+/* ---- supernodes ----------------------------------------------------------------------------- */
+
+/* Entries of a panel with this width and this many rows below. */
+static int64_t panel_entries(int64_t width, int64_t below)
+{
+    return width * (width + 1) / 2 + width * below;
+}
+
+/* Are this many zeros in a panel cheaper than the indices they save? */
+static bool worth_joining(int64_t width, int64_t zeros, int64_t entries)
+{
+    if (width > PMA_WIDEST)
+        return false;
+    if (zeros == 0 || width <= 4)
+        return true;
+    const double share = (double)zeros / (double)entries;
+    return (width <= 16 && share < 0.6) || (width <= 48 && share < 0.1) || share < 0.05;
+}
+
+/* Columns are taken one by one; the supernode that ends just before may join the new one, and so
+ * on down. Its pattern below is part of the pattern of the column it is an update to. */
+size_t pma_symbolic_supernodes(size_t n, size_t nb, const int64_t *parent, const int64_t *count,
+                               int64_t *zeros, int64_t *first)
+{
+    size_t s = 0;
+    for (size_t j = 0; j < n; j++) {
+        int64_t begin = (int64_t)j, own_zeros = 0;
+        while (s > 0 && parent[begin - 1] >= begin && parent[begin - 1] <= (int64_t)j &&
+               begin != (int64_t)(n - nb)) {
+            const int64_t before = begin - first[s - 1], width = (int64_t)j + 1 - first[s - 1];
+            const int64_t entries = panel_entries(width, count[j]);
+            const int64_t both = panel_entries(before, count[begin - 1]) +
+                                 panel_entries((int64_t)j + 1 - begin, count[j]);
+            const int64_t all_zeros = entries - both + zeros[s - 1] + own_zeros;
+            if (!worth_joining(width, all_zeros, entries))
+                break;
+            own_zeros = all_zeros;
+            begin = first[--s];
+        }
+        first[s] = begin;
+        zeros[s] = own_zeros;
+        s++;
+    }
+    first[s] = (int64_t)n;
+    return s;
+}
+
+void pma_symbolic_lay_out(size_t supernodes, const int64_t *first, const int64_t *count,
+                          int64_t *row_ptr, int64_t *start)
+{
+    row_ptr[0] = start[0] = 0;
+    for (size_t s = 0; s < supernodes; s++) {
+        const int64_t width = first[s + 1] - first[s], below = count[first[s + 1] - 1];
+        row_ptr[s + 1] = row_ptr[s] + below;
+        start[s + 1] = start[s] + width * (width + below);
+    }
+}
+
+static int ascending(const void *a, const void *b)
+{
+    const int32_t x = *(const int32_t *)a, y = *(const int32_t *)b;
+    return (x > y) - (x < y);
+}
+
+/* The rows of one supernode as they are found: `have` of at most `room`. */
+typedef struct {
+    int32_t *rows;
+    int64_t have, room, last, s;
+    int64_t *mark;
+} found;
+
+/* Adds what of a list lies beyond column `last` and is not marked yet; false when it is full. */
+static bool add_rows(found *f, const int32_t *list, int64_t length)
+{
+    for (int64_t k = 0; k < length; k++) {
+        if (list[k] <= f->last || f->mark[list[k]] == f->s)
+            continue;
+        if (f->have == f->room)
+            return false;
+        f->mark[list[k]] = f->s;
+        f->rows[f->have++] = list[k];
+    }
+    return true;
+}
+
+pma_status pma_symbolic_rows(size_t n, const int64_t *ptr, const int32_t *index, size_t supernodes,
+                       const int64_t *first, const int64_t *row_ptr, int64_t *owner,
+                       int64_t *mark, int64_t *child, int64_t *next, int32_t *rows)
+{
+    for (size_t j = 0; j < n; j++)
+        mark[j] = -1;
+    for (size_t s = 0; s < supernodes; s++) {
+        child[s] = -1;
+        for (int64_t j = first[s]; j < first[s + 1]; j++)
+            owner[j] = (int64_t)s;
+    }
+    for (size_t s = 0; s < supernodes; s++) {
+        const int64_t last = first[s + 1] - 1;
+        found f = {.rows = rows + row_ptr[s],
+                   .room = row_ptr[s + 1] - row_ptr[s],
+                   .last = last,
+                   .s = (int64_t)s,
+                   .mark = mark};
+        bool fits = add_rows(&f, index + ptr[first[s]], ptr[last + 1] - ptr[first[s]]);
+        for (int64_t c = child[s]; c >= 0 && fits; c = next[c])
+            fits = add_rows(&f, rows + row_ptr[c], row_ptr[c + 1] - row_ptr[c]);
+        if (!fits || f.have < f.room)
+            return PMA_BAD_INDEX;
+        qsort(f.rows, (size_t)f.have, sizeof *f.rows, ascending);
+        if (f.have > 0) { /* this supernode is an update to the one that owns its first row */
+            next[s] = child[owner[f.rows[0]]];
+            child[owner[f.rows[0]]] = (int64_t)s;
+        }
+    }
+    return PMA_OK;
+}

@@ -1,0 +1,36 @@
+#include "member/restoring.h"
+
+#include <string.h>
+
+pma_status pma_restoring_check(const pma_restoring *restoring)
+{
+    for (size_t i = 0; restoring->function && i < restoring->n; i++) {
+        if (restoring->order[i] < 0 || (size_t)restoring->order[i] >= restoring->n)
+            return PMA_BAD_INDEX;
+    }
+    return PMA_OK;
+}
+
+pma_status pma_restoring_subtract(const pma_restoring *restoring, double t, const double *u,
+                                  const double *v, double *y, int *code)
+{
+    const size_t n = restoring->n;
+    const int64_t *order = restoring->order;
+    double *own_u = restoring->work, *own_v = own_u + n, *r = own_v + n;
+    for (size_t i = 0; i < n; i++) {
+        own_u[order[i]] = u[i];
+        own_v[order[i]] = v[i];
+    }
+    memset(r, 0, n * sizeof(double));
+    *code = restoring->function(t, (intptr_t)n, own_u, own_v, r, restoring->user);
+    if (*code != 0)
+        return PMA_RESTORING_FAILED;
+    for (size_t i = 0; i < n; i++)
+        y[i] -= r[order[i]];
+    return PMA_OK;
+}
+
+const double *pma_restoring_last(const pma_restoring *restoring)
+{
+    return restoring->work + 2 * restoring->n;
+}

@@ -1,0 +1,210 @@
+#include "member/springs.h"
+
+#include <math.h>
+#include <string.h>
+
+/* So many springs at a time, whose deformations and forces stay in the first cache. */
+enum { CHUNK = 256 };
+
+/* Substeps of (H4) at most: where rate * x is beyond, z has come to rest at its limit. */
+enum { MOST_STEPS = 256 };
+
+const size_t pma_spring_parameters[PMA_SPRING_LAWS] = {2, 2, 3, 7};
+
+static int is_place(int32_t place, size_t n)
+{
+    return place >= -1 && (place < 0 || (size_t)place < n);
+}
+
+pma_status pma_springs_check(const pma_springs *springs, size_t n)
+{
+    size_t total = 0;
+    for (size_t s = 0; s < springs->count; s++) {
+        const pma_spring_set *set = &springs->sets[s];
+        total += set->count;
+        for (size_t i = 0; i < set->count; i++) {
+            if (!is_place(set->first[i], n) || !is_place(set->second[i], n))
+                return PMA_BAD_INDEX;
+        }
+    }
+    return total == springs->total ? PMA_OK : PMA_BAD_SIZE;
+}
+
+/* ---- the laws: f and the inner variable of `count` springs at d ------------------------------ */
+
+/* (H1)  f = k d + k3 d^3 */
+static void pull_cubic(size_t count, const double *k, const double *k3, const double *d, double *f)
+{
+#pragma omp simd
+    for (size_t i = 0; i < count; i++)
+        f[i] = d[i] * (k[i] + k3[i] * d[i] * d[i]);
+}
+
+/* (H2)  f = k (d - gap), if that is positive; a d that is not finite stays to be seen */
+static void pull_gap(size_t count, const double *k, const double *gap, const double *d, double *f)
+{
+#pragma omp simd
+    for (size_t i = 0; i < count; i++) {
+        const double closed = k[i] * (d[i] - gap[i]);
+        f[i] = d[i] <= gap[i] ? 0.0 : closed;
+    }
+}
+
+/* (H3)  p goes along when |d - p| would pass d_y;  f = k_hard d + k_soft (d - p) */
+static void pull_bilinear(size_t count, const double *hard, const double *soft, const double *d_y,
+                          const double *d, const double *p0, double *p1, double *f)
+{
+#pragma omp simd
+    for (size_t i = 0; i < count; i++) {
+        const double e = d[i] - p0[i], up = d[i] - d_y[i], down = d[i] + d_y[i];
+        const double below = e < -d_y[i] ? down : p0[i];
+        const double p = e > d_y[i] ? up : below;
+        p1[i] = p;
+        f[i] = hard[i] * d[i] + soft[i] * (d[i] - p);
+    }
+}
+
+/* dz/dx on a path on which d moves one way, sign = +-1, and x = |d - d0| / d_y grows      (H4) */
+static double slope(double z, double sign, double n, double beta, double gamma)
+{
+    const double size = fabs(z);
+    const double power = n == 1.0 ? size : n == 2.0 ? size * size : pow(size, n);
+    return sign * (1.0 - power * (gamma + (sign * z < 0.0 ? -beta : beta)));
+}
+
+/* z at the end of a path of length x: the classical Runge-Kutta rule, with rate * h <= 1/2 */
+static double follow(double z, double x, double sign, double n, double beta, double gamma,
+                     double rate)
+{
+    const double wanted = 2.0 * rate * x;
+    const size_t steps = wanted < MOST_STEPS ? 1 + (size_t)wanted : MOST_STEPS;
+    const double h = wanted < MOST_STEPS ? x / (double)steps : 0.5 / rate;
+    for (size_t i = 0; i < steps; i++) {
+        const double a = slope(z, sign, n, beta, gamma);
+        const double b = slope(z + 0.5 * h * a, sign, n, beta, gamma);
+        const double c = slope(z + 0.5 * h * b, sign, n, beta, gamma);
+        const double d = slope(z + h * c, sign, n, beta, gamma);
+        z += h / 6.0 * (a + 2.0 * b + 2.0 * c + d);
+    }
+    return z;
+}
+
+/* (H4)  f = k_hard d + f_soft z */
+static void pull_bouc_wen(size_t count, const double *const P[], const double *d0, const double *d,
+                          const double *z0, double *z1, double *f)
+{
+    for (size_t i = 0; i < count; i++) {
+        const double x = (d[i] - d0[i]) * P[2][i];
+        z1[i] = follow(z0[i], fabs(x), x < 0.0 ? -1.0 : 1.0, P[3][i], P[4][i], P[5][i], P[6][i]);
+        f[i] = P[0][i] * d[i] + P[1][i] * z1[i];
+    }
+}
+
+/* ---- all springs ----------------------------------------------------------------------------- */
+
+/* A stretch of springs of one law, and where they stand in the arrays of a node. */
+typedef struct {
+    const pma_spring_set *set;
+    size_t begin, count, place;
+} stretch;
+
+static void measure(const stretch *at, const double *u, double *d)
+{
+    const int32_t *first = at->set->first + at->begin, *second = at->set->second + at->begin;
+    for (size_t i = 0; i < at->count; i++)
+        d[i] = (first[i] < 0 ? 0.0 : u[first[i]]) - (second[i] < 0 ? 0.0 : u[second[i]]);
+}
+
+static void pull(const stretch *at, const double *d, const double *d0, const double *inner0,
+                 double *inner1, double *f)
+{
+    const double *P[PMA_SPRING_PARAMETERS] = {NULL};
+    const size_t count = at->count;
+    for (size_t k = 0; k < pma_spring_parameters[at->set->law]; k++)
+        P[k] = at->set->parameters[k] + at->begin;
+    switch (at->set->law) {
+    case PMA_CUBIC:
+        pull_cubic(count, P[0], P[1], d, f);
+        break;
+    case PMA_GAP:
+        pull_gap(count, P[0], P[1], d, f);
+        break;
+    case PMA_BILINEAR:
+        pull_bilinear(count, P[0], P[1], P[2], d, inner0, inner1, f);
+        break;
+    case PMA_BOUC_WEN:
+        pull_bouc_wen(count, P, d0, d, inner0, inner1, f);
+        break;
+    }
+}
+
+static void spread(const stretch *at, const double *f, double *y)
+{
+    const int32_t *first = at->set->first + at->begin, *second = at->set->second + at->begin;
+    for (size_t i = 0; i < at->count; i++) {
+        if (first[i] >= 0)
+            y[first[i]] -= f[i];
+        if (second[i] >= 0)
+            y[second[i]] += f[i];
+    }
+}
+
+void pma_springs_subtract(const pma_springs *springs, const double *u, const double *from,
+                          double *to, double *y)
+{
+    const size_t total = springs->total;
+    double d[CHUNK];
+    stretch at = {.place = 0};
+    for (size_t s = 0; s < springs->count; s++) {
+        at.set = &springs->sets[s];
+        for (at.begin = 0; at.begin < at.set->count; at.begin += CHUNK, at.place += at.count) {
+            const size_t left = at.set->count - at.begin;
+            at.count = left < CHUNK ? left : CHUNK;
+            const double *d0 = from + at.place, *inner0 = d0 + 2 * total;
+            double *f = to + total + at.place, *inner1 = f + total;
+            measure(&at, u, d);
+            pull(&at, d, d0, inner0, inner1, f);
+            memcpy(to + at.place, d, at.count * sizeof(double));
+            spread(&at, f, y);
+        }
+    }
+}
+
+/* ---- energy ---------------------------------------------------------------------------------- */
+
+/* (H5) */
+static double stored(const pma_spring_set *set, size_t i, double d, double inner)
+{
+    const double *const *P = set->parameters;
+    switch (set->law) {
+    case PMA_CUBIC:
+        return 0.5 * d * d * (P[0][i] + 0.5 * P[1][i] * d * d);
+    case PMA_GAP:
+        return d <= P[1][i] ? 0.0 : 0.5 * P[0][i] * (d - P[1][i]) * (d - P[1][i]);
+    case PMA_BILINEAR:
+        return 0.5 * (P[0][i] * d * d + P[1][i] * (d - inner) * (d - inner));
+    case PMA_BOUC_WEN:
+        return 0.5 * (P[0][i] * d * d + P[1][i] / P[2][i] * inner * inner);
+    }
+    return 0.0;
+}
+
+double pma_springs_energy(const pma_springs *springs, const double *node)
+{
+    double sum = 0.0;
+    for (size_t s = 0, place = 0; s < springs->count; place += springs->sets[s++].count) {
+        for (size_t i = 0; i < springs->sets[s].count; i++)
+            sum += stored(&springs->sets[s], i, node[place + i],
+                          node[2 * springs->total + place + i]);
+    }
+    return sum;
+}
+
+double pma_springs_work(const pma_springs *springs, const double *from, const double *to)
+{
+    const size_t total = springs->total;
+    double sum = 0.0;
+    for (size_t i = 0; i < total; i++)
+        sum += (to[i] - from[i]) * (from[total + i] + to[total + i]);
+    return 0.5 * sum;
+}
