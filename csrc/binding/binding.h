@@ -42,16 +42,23 @@ extern PyType_Spec pma_coupler_spec;
 /* ---- work without the GIL -------------------------------------------------------------------- */
 
 typedef struct {
-    PyThreadState *thread;
     long long last;             /* ms */
     PyObject *report;           /* called with the macro steps done, or NULL */
     const pma_coupler *coupler; /* whose steps those are */
 } pma_watch;
 
-pma_watch pma_watch_begin(void);        /* lets the GIL go */
-void pma_watch_end(pma_watch *watch);   /* takes it again */
-/* every 50 ms: did a signal, or the report, raise an exception? */
+long long pma_watch_milliseconds(void); /* of a clock that goes on steadily */
+
+/* Every 50 ms: did a signal, or the report, raise an exception? Called without the GIL. */
 bool pma_watch_signals(void *watch);
+
+/* This thread releases the GIL to enter the core, and takes it again afterwards. */
+void pma_gil_release(void);
+void pma_gil_acquire(void);
+
+/* A callback from the core, by the thread that entered it: takes the GIL if it was released, runs
+ * call(ctx), and releases it again. Returns what call returned. */
+int pma_gil_call(int (*call)(void *ctx), void *ctx);
 
 /* ---- errors ------------------------------------------------------------------------------ */
 

@@ -1,9 +1,9 @@
-/* Functions of the user's that the core asks in a step. */
+/* The user's functions that the core evaluates in a step. */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
 /* r := f(u, v, t); -1 with an exception set. u and v are copies, which the callable may keep. */
-static int ask_callable(PyObject *callable, double t, npy_intp n, const double *u, const double *v,
+static int evaluate(PyObject *callable, double t, npy_intp n, const double *u, const double *v,
                         double *r)
 {
     const double *values;
@@ -21,14 +21,26 @@ static int ask_callable(PyObject *callable, double t, npy_intp n, const double *
     return failed;
 }
 
-/* The core's view of a Python callable. The GIL is taken for the call only. Called by the thread
- * that called advance, in which an exception then stays set. */
+typedef struct {
+    PyObject *callable;
+    double t;
+    npy_intp n;
+    const double *u, *v;
+    double *r;
+} evaluation;
+
+static int run(void *ctx)
+{
+    const evaluation *e = ctx;
+    return evaluate(e->callable, e->t, e->n, e->u, e->v, e->r);
+}
+
+/* The core's view of a Python callable, evaluated by the thread that called advance, in which an
+ * exception then stays set. */
 static int call_callable(double t, intptr_t n, double *u, double *v, double *r, void *user)
 {
-    const PyGILState_STATE gil = PyGILState_Ensure();
-    const int failed = ask_callable(user, t, (npy_intp)n, u, v, r);
-    PyGILState_Release(gil);
-    return failed;
+    evaluation e = {user, t, (npy_intp)n, u, v, r};
+    return pma_gil_call(run, &e);
 }
 
 /* n doubles of scratch, kept with the arrays */
@@ -60,7 +72,7 @@ bool pma_is_compiled(PyObject *obj)
     return address_of(obj, &user) != NULL;
 }
 
-/* the user's dof at each place */
+/* the user's dof of each of ours */
 static int take_order(PyObject *obj, npy_intp n, PyObject *arrays, const int64_t **out)
 {
     PyArrayObject *order;

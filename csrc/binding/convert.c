@@ -218,31 +218,6 @@ int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panel
     return 0;
 }
 
-/* A new array of zeros, kept with the other arrays. */
-static int add_scratch(PyObject *arrays, size_t count, double **out)
-{
-    npy_intp length = (npy_intp)count;
-    PyObject *array = PyArray_ZEROS(1, &length, NPY_DOUBLE, 0);
-    const int failed = array ? PyList_Append(arrays, array) : -1;
-    if (!failed)
-        *out = PyArray_DATA((PyArrayObject *)array);
-    Py_XDECREF(array);
-    return failed;
-}
-
-/* Scratch for the sweeps; its size is known once the panels are checked. */
-static int add_work(PyObject *arrays, pma_factor *f)
-{
-    if (f->path.place && add_scratch(arrays, f->n + 1, &f->path.aside) < 0)
-        return -1;
-    const pma_status status = pma_factor_check(f);
-    if (status != PMA_OK) {
-        pma_raise(status, "factor");
-        return -1;
-    }
-    return add_scratch(arrays, pma_panels_most_height(&f->panels) + 1, &f->work);
-}
-
 /* (place, supernodes), the last two items of a factor whose interface is not last */
 static int take_path(PyObject *R, npy_intp n, const char *name, PyObject *arrays, pma_path *out)
 {
@@ -264,10 +239,9 @@ static int take_panels_and_path(PyObject *R, npy_intp n, const char *name, PyObj
     PyObject *panels = PyTuple_GetSlice(R, 0, 5);
     const int failed = panels ? pma_take_panels(panels, name, arrays, &out->panels) : -1;
     Py_XDECREF(panels);
-    if (failed ||
-        (PyTuple_GET_SIZE(R) == 7 && take_path(R, n, name, arrays, &out->path) < 0))
-        return -1;
-    return add_work(arrays, out);
+    if (failed || PyTuple_GET_SIZE(R) != 7)
+        return failed;
+    return take_path(R, n, name, arrays, &out->path);
 }
 
 int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, PyObject *arrays,

@@ -4,6 +4,7 @@
 typedef struct {
     PyObject_HEAD
     pma_coupler *core;
+    pma_ldl H_start, H;   /* factors of the interface matrix */
     PyObject *subdomains; /* tuple of SubdomainObject */
     PyObject *arrays;     /* list: keeps alive what the core points into */
     PyObject *motions;    /* list: the arrays of each prescribed motion */
@@ -32,23 +33,16 @@ static int check_subdomains(PyTypeObject *type, PyObject *subdomains)
 }
 
 /* a tuple of (k,) arrays: the rows of each prescribed motion, without a load yet */
-static int take_motions(PyObject *obj, PyObject *arrays, pma_coupler_parts *parts)
+static int take_motions(PyObject *obj, PyObject *arrays, pma_motion *motions)
 {
-    const Py_ssize_t count = PyTuple_GET_SIZE(obj);
     const npy_intp any = -1;
     PyArrayObject *rows;
-    parts->motions = PyMem_Calloc((size_t)count + 1, sizeof *parts->motions);
-    if (!parts->motions) {
-        PyErr_NoMemory();
-        return -1;
-    }
-    parts->motion_count = (size_t)count;
-    for (Py_ssize_t i = 0; i < count; i++) {
+    for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(obj); i++) {
         if (pma_take_array(PyTuple_GET_ITEM(obj, i), NPY_INT64, 1, &any, "motions", arrays,
                            &rows) < 0)
             return -1;
-        parts->motions[i].rows = PyArray_DATA(rows);
-        parts->motions[i].load.n = (size_t)PyArray_DIM(rows, 0);
+        motions[i].rows = PyArray_DATA(rows);
+        motions[i].load.n = (size_t)PyArray_DIM(rows, 0);
     }
     return 0;
 }
@@ -56,19 +50,34 @@ static int take_motions(PyObject *obj, PyObject *arrays, pma_coupler_parts *part
 static int create_core(CouplerObject *self, pma_coupler_parts *parts)
 {
     const Py_ssize_t count = PyTuple_GET_SIZE(self->subdomains);
-    parts->count = (size_t)count;
-    parts->subdomains = PyMem_Calloc((size_t)count + 1, sizeof *parts->subdomains);
-    if (!parts->subdomains) {
+    pma_member *members = PyMem_Calloc((size_t)count + 1, sizeof *members);
+    if (!members) {
         PyErr_NoMemory();
         return -1;
     }
     for (Py_ssize_t i = 0; i < count; i++)
-        parts->subdomains[i] = subdomain_of(self, i)->core;
+        members[i] = pma_subdomain_member(subdomain_of(self, i)->core);
+    parts->count = (size_t)count;
+    parts->members = members;
     const pma_status status = pma_coupler_create(parts, &self->core);
-    PyMem_Free(parts->subdomains);
+    PyMem_Free(members);
     if (status == PMA_OK)
         return 0;
     pma_raise(status, "Coupler");
+    return -1;
+}
+
+static int take_interface_factor(PyObject *obj, npy_intp p, const char *name, PyObject *arrays,
+                                 pma_ldl *ldl, pma_interface *out)
+{
+    pma_factor factor;
+    if (pma_take_factor(obj, p, p, name, arrays, &factor) < 0)
+        return -1;
+    const pma_status status = pma_ldl_create(&factor, ldl);
+    *out = pma_ldl_interface(ldl);
+    if (status == PMA_OK)
+        return 0;
+    pma_raise(status, name);
     return -1;
 }
 
@@ -76,15 +85,27 @@ static int take_parts(CouplerObject *self, PyObject *H_start, PyObject *H, PyObj
                       pma_coupler_parts *parts)
 {
     const npy_intp p = (npy_intp)parts->p;
-    if (pma_take_factor(H_start, p, p, "H_start", self->arrays, &parts->H_start) < 0 ||
-        pma_take_factor(H, p, p, "H", self->arrays, &parts->H) < 0 ||
-        take_motions(motions, self->arrays, parts) < 0)
+    const Py_ssize_t count = PyTuple_GET_SIZE(motions);
+    if (take_interface_factor(H_start, p, "H_start", self->arrays, &self->H_start,
+                              &parts->H_start) < 0 ||
+        take_interface_factor(H, p, "H", self->arrays, &self->H, &parts->H) < 0)
         return -1;
-    for (size_t i = 0; i < parts->motion_count; i++) {
+    for (Py_ssize_t i = 0; i < count; i++) {
         if (PyList_Append(self->motions, Py_None) < 0)
             return -1;
     }
-    return create_core(self, parts);
+    pma_motion *taken = PyMem_Calloc((size_t)count + 1, sizeof *taken);
+    if (!taken) {
+        PyErr_NoMemory();
+        return -1;
+    }
+    parts->motion_count = (size_t)count;
+    parts->motions = taken;
+    int failed = take_motions(motions, self->arrays, taken);
+    if (!failed)
+        failed = create_core(self, parts);
+    PyMem_Free(taken);
+    return failed;
 }
 
 static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
@@ -111,13 +132,12 @@ static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwarg
     parts.rebased = rebased;
     parts.threads = (size_t)threads;
     parts.worthwhile = worthwhile;
-    parts.macro = macro;
+    parts.schedule = macro ? &pma_macro_schedule : &pma_fine_schedule;
     self->subdomains = Py_NewRef(subdomains);
     self->arrays = PyList_New(0);
     self->motions = PyList_New(0);
     if (!self->arrays || !self->motions || take_parts(self, H_start, H, motions, &parts) < 0)
         Py_CLEAR(self);
-    PyMem_Free(parts.motions);
     return (PyObject *)self;
 }
 
@@ -135,6 +155,8 @@ static void coupler_dealloc(CouplerObject *self)
     PyTypeObject *type = Py_TYPE(self);
     PyObject_GC_UnTrack(self);
     pma_coupler_destroy(self->core);
+    pma_ldl_destroy(&self->H_start);
+    pma_ldl_destroy(&self->H);
     Py_XDECREF(self->subdomains);
     Py_XDECREF(self->arrays);
     Py_XDECREF(self->motions);
@@ -168,12 +190,6 @@ static void leave(CouplerObject *self)
 }
 
 /* ---- records -------------------------------------------------------------------------------- */
-
-/* The arrays of one record, with the rows they all have. */
-typedef struct {
-    pma_record core;
-    npy_intp rows, fine_rows, macro_rows;
-} record_arrays;
 
 static int take_rows(PyObject *obj, npy_intp *rows, npy_intp columns, const char *name,
                      double **out)
@@ -211,24 +227,25 @@ static int take_places(PyObject *obj, size_t most, const char *name, size_t *cou
 }
 
 static int take_springs(PyObject *spring, PyObject *deformation, PyObject *force, npy_intp *rows,
-                        pma_record_nodes *nodes)
+                        pma_selection *selection)
 {
-    if (take_places(spring, nodes->of_springs, "spring", &nodes->springs, &nodes->spring) < 0)
+    if (take_places(spring, selection->of_springs, "spring", &selection->springs,
+                    &selection->spring) < 0)
         return -1;
-    const npy_intp count = (npy_intp)nodes->springs;
-    if (take_rows(deformation, rows, count, "deformation", &nodes->deformation) < 0)
+    const npy_intp count = (npy_intp)selection->springs;
+    if (take_rows(deformation, rows, count, "deformation", &selection->deformation) < 0)
         return -1;
-    return take_rows(force, rows, count, "force", &nodes->force);
+    return take_rows(force, rows, count, "force", &selection->force);
 }
 
 /* None, (position, u, v, w) or (position, u, v, w, spring, deformation, force); every row that the
  * stretch will write must be there */
-static int take_nodes(PyObject *obj, const pma_parts *parts, size_t last_row,
-                      pma_record_nodes *nodes)
+static int take_selection(PyObject *obj, const pma_parts *parts, size_t last_row,
+                          pma_selection *selection)
 {
     PyObject *position, *u, *v, *w, *spring = NULL, *deformation = Py_None, *force = Py_None;
     npy_intp rows = -1;
-    *nodes = (pma_record_nodes){.of_springs = parts->springs.total};
+    *selection = (pma_selection){.of_springs = parts->springs.total};
     if (obj == Py_None)
         return 0;
     if (!PyTuple_Check(obj)) {
@@ -236,14 +253,14 @@ static int take_nodes(PyObject *obj, const pma_parts *parts, size_t last_row,
         return -1;
     }
     if (!PyArg_ParseTuple(obj, "OOOO|OOO", &position, &u, &v, &w, &spring, &deformation, &force) ||
-        take_places(position, parts->n, "position", &nodes->count, &nodes->position) < 0)
+        take_places(position, parts->n, "position", &selection->count, &selection->position) < 0)
         return -1;
-    const npy_intp count = (npy_intp)nodes->count;
-    if (take_rows(u, &rows, count, "u", &nodes->u) < 0 ||
-        take_rows(v, &rows, count, "v", &nodes->v) < 0 ||
-        take_rows(w, &rows, count, "w", &nodes->w) < 0)
+    const npy_intp count = (npy_intp)selection->count;
+    if (take_rows(u, &rows, count, "u", &selection->u) < 0 ||
+        take_rows(v, &rows, count, "v", &selection->v) < 0 ||
+        take_rows(w, &rows, count, "w", &selection->w) < 0)
         return -1;
-    if (spring && take_springs(spring, deformation, force, &rows, nodes) < 0)
+    if (spring && take_springs(spring, deformation, force, &rows, selection) < 0)
         return -1;
     if (rows >= 0 && (size_t)rows > last_row)
         return 0;
@@ -298,7 +315,7 @@ static int take_energy(CouplerObject *self, PyObject *obj, int64_t end, pma_reco
 }
 
 /* (begin, every, (nodes, ...), multipliers, velocity_jump, displacement_jump, energy=None);
- * record->nodes is the caller's to free */
+ * record->selections is the caller's to free */
 static int take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record)
 {
     const Py_ssize_t count = PyTuple_GET_SIZE(self->subdomains);
@@ -318,15 +335,15 @@ static int take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_reco
     }
     record->begin = begin;
     record->every = every;
-    record->nodes = PyMem_Calloc((size_t)count + 1, sizeof *record->nodes);
-    if (!record->nodes) {
+    record->selections = PyMem_Calloc((size_t)count + 1, sizeof *record->selections);
+    if (!record->selections) {
         PyErr_NoMemory();
         return -1;
     }
     for (Py_ssize_t i = 0; i < count; i++) {
         const pma_parts *s = pma_subdomain_parts(subdomain_of(self, i)->core);
-        if (take_nodes(PyTuple_GET_ITEM(nodes, i), s, last_row(record, end, s->substeps),
-                       &record->nodes[i]) < 0)
+        if (take_selection(PyTuple_GET_ITEM(nodes, i), s, last_row(record, end, s->substeps),
+                       &record->selections[i]) < 0)
             return -1;
     }
     if (take_energy(self, energy, end, record) < 0)
@@ -421,16 +438,17 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
          take_record(self, obj, pma_coupler_step_count(self->core) + steps, &record) < 0))
         goto done;
 
-    pma_watch watch = pma_watch_begin();
-    watch.report = report == Py_None ? NULL : report;
-    watch.coupler = self->core;
+    pma_watch watch = {.last = pma_watch_milliseconds(),
+                       .report = report == Py_None ? NULL : report,
+                       .coupler = self->core};
     const pma_poll poll = {pma_watch_signals, &watch, POLL_ENTRIES};
+    pma_gil_release();
     status = pma_coupler_advance(self->core, steps, obj == Py_None ? NULL : &record, &poll);
-    pma_watch_end(&watch);
+    pma_gil_acquire();
 
     result = status == PMA_OK ? Py_NewRef(Py_None) : failure(self, status);
 done:
-    PyMem_Free(record.nodes);
+    PyMem_Free(record.selections);
     leave(self);
     return result;
 }
@@ -445,7 +463,7 @@ static PyObject *coupler_record_present(CouplerObject *self, PyObject *obj)
         pma_coupler_record_present(self->core, &record);
         result = Py_NewRef(Py_None);
     }
-    PyMem_Free(record.nodes);
+    PyMem_Free(record.selections);
     leave(self);
     return result;
 }
@@ -499,7 +517,11 @@ static PyObject *coupler_set_motion(CouplerObject *self, PyObject *args)
 
 static PyObject *coupler_get_step_count(CouplerObject *self, void *Py_UNUSED(closure))
 {
-    return PyLong_FromLongLong(pma_coupler_step_count(self->core));
+    if (enter(self) < 0)
+        return NULL;
+    const int64_t count = pma_coupler_step_count(self->core);
+    leave(self);
+    return PyLong_FromLongLong(count);
 }
 
 /* a copy of a (p,) array of the present */

@@ -192,10 +192,11 @@ static pma_status run_factor(pma_panels *p, const pma_panels_input *A, const int
     int64_t *integers = PyMem_RawMalloc((3 * p->count + A->n + 1) * sizeof *integers);
     pma_status status = PMA_NO_MEMORY;
     if (update && integers) {
-        pma_watch watch = pma_watch_begin();
+        pma_watch watch = {.last = pma_watch_milliseconds()};
+        pma_gil_release();
         status = pma_panels_factor(p, A, owner, blas, inverse, update, integers, column,
                                    pma_watch_signals, &watch);
-        pma_watch_end(&watch);
+        pma_gil_acquire();
     }
     PyMem_RawFree(update);
     PyMem_RawFree(integers);

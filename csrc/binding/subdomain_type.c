@@ -76,7 +76,7 @@ static int take_parts(PyObject *args, PyObject *kwargs, PyObject *arrays, pma_sp
     *parts = (pma_parts){.n = (size_t)n, .nb = (size_t)nb, .substeps = (size_t)substeps};
     parts->doubled = twice != Py_None;
     parts->lagged = lagged;
-    parts->ramped = ramped;
+    parts->responds = ramped;
     if (pma_take_restoring(restoring, n, arrays, &parts->restoring) < 0 ||
         pma_take_matrix(D_r, n, "D_r", arrays, &parts->D_r) < 0 ||
         pma_take_matrix(K_r, n, "K_r", arrays, &parts->K_r) < 0 ||
@@ -135,6 +135,7 @@ static void subdomain_dealloc(SubdomainObject *self)
     Py_DECREF(type);
 }
 
+/* Checked after the last thing that can run Python code, a finalizer during an allocation too. */
 static bool is_busy(SubdomainObject *self)
 {
     if (self->busy)
@@ -142,16 +143,29 @@ static bool is_busy(SubdomainObject *self)
     return self->busy;
 }
 
+static bool enter(SubdomainObject *self)
+{
+    if (is_busy(self))
+        return false;
+    self->busy = true;
+    return true;
+}
+
+static void leave(SubdomainObject *self)
+{
+    self->busy = false;
+}
+
 /* ---- loads -------------------------------------------------------------------------------- */
 
 static PyObject *subdomain_set_load(SubdomainObject *self, PyObject *obj)
 {
     pma_load load = {.kind = PMA_LOAD_NONE, .n = pma_subdomain_parts(self->core)->n};
-    if (is_busy(self))
-        return NULL;
     PyObject *arrays = pma_take_load(obj, &load);
-    if (!arrays)
+    if (!arrays || is_busy(self)) {
+        Py_XDECREF(arrays);
         return NULL;
+    }
     pma_subdomain_set_load(self->core, load);
     Py_XSETREF(self->load, arrays);
     Py_RETURN_NONE;
@@ -209,34 +223,61 @@ static PyObject *subdomain_start(SubdomainObject *self, PyObject *args)
     const double *u, *v, *w, *lam;
     const pma_parts *parts = pma_subdomain_parts(self->core);
     const npy_intp n = (npy_intp)parts->n;
-    if (!PyArg_ParseTuple(args, "OOOO", &objs[0], &objs[1], &objs[2], &objs[3]) || is_busy(self))
-        return NULL;
-    if (pma_take_doubles(objs[0], n, "u", NULL, &u) < 0 ||
+    if (!PyArg_ParseTuple(args, "OOOO", &objs[0], &objs[1], &objs[2], &objs[3]) ||
+        pma_take_doubles(objs[0], n, "u", NULL, &u) < 0 ||
         pma_take_doubles(objs[1], n, "v", NULL, &v) < 0 ||
         pma_take_doubles(objs[2], n, "w", NULL, &w) < 0 ||
-        pma_take_doubles(objs[3], (npy_intp)parts->link.p, "lam", NULL, &lam) < 0)
+        pma_take_doubles(objs[3], (npy_intp)parts->link.p, "lam", NULL, &lam) < 0 ||
+        is_busy(self))
         return NULL;
     pma_subdomain_start(self->core, u, v, w, lam);
     Py_RETURN_NONE;
 }
 
-static PyObject *subdomain_state(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
+/* A new tuple of arrays that are not filled yet, of these sizes; or NULL. */
+static PyObject *new_tuple(Py_ssize_t count, const npy_intp *sizes)
 {
-    if (is_busy(self))
-        return NULL;
-    const pma_state *x = pma_subdomain_at(self->core, 0);
-    const npy_intp n = (npy_intp)pma_subdomain_parts(self->core)->n;
-    return Py_BuildValue("(NNN)", pma_new_vector(n, x->u), pma_new_vector(n, x->v),
-                         pma_new_vector(n, x->w));
+    PyObject *tuple = PyTuple_New(count);
+    for (Py_ssize_t i = 0; tuple && i < count; i++) {
+        PyObject *array = PyArray_SimpleNew(1, &sizes[i], NPY_DOUBLE);
+        if (!array)
+            Py_CLEAR(tuple);
+        else
+            PyTuple_SET_ITEM(tuple, i, array);
+    }
+    return tuple;
 }
 
-/* What a function of the user's gave, or its code; an exception that it left stays. Takes over the
- * array. */
-static PyObject *answer(SubdomainObject *self, pma_status status, PyObject *array)
+static double *item_of(PyObject *tuple, Py_ssize_t i)
+{
+    return PyArray_DATA((PyArrayObject *)PyTuple_GET_ITEM(tuple, i));
+}
+
+static PyObject *subdomain_state(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
+{
+    const npy_intp n = (npy_intp)pma_subdomain_parts(self->core)->n;
+    const npy_intp sizes[3] = {n, n, n};
+    PyObject *tuple = new_tuple(3, sizes);
+    if (!tuple || is_busy(self)) {
+        Py_XDECREF(tuple);
+        return NULL;
+    }
+    const pma_state *x = pma_subdomain_present(self->core);
+    const double *const fields[3] = {x->u, x->v, x->w};
+    for (Py_ssize_t i = 0; i < 3; i++)
+        memcpy(item_of(tuple, i), fields[i], (size_t)n * sizeof(double));
+    return tuple;
+}
+
+/* What a function of the user's returned, or its code; an exception that it left stays. Takes over
+ * the array. */
+static PyObject *result_of(SubdomainObject *self, pma_status status, PyObject *array)
 {
     if (status == PMA_OK)
         return array;
     Py_DECREF(array);
+    if (status == PMA_NO_MEMORY)
+        return PyErr_NoMemory();
     return PyErr_Occurred() ? NULL : PyLong_FromLong(pma_subdomain_code(self->core));
 }
 
@@ -245,18 +286,19 @@ static PyObject *subdomain_force(SubdomainObject *self, PyObject *args)
 {
     double t;
     npy_intp n = (npy_intp)pma_subdomain_parts(self->core)->n;
-    if (!PyArg_ParseTuple(args, "d", &t) || is_busy(self))
+    if (!PyArg_ParseTuple(args, "d", &t))
         return NULL;
     if (pma_subdomain_load(self->core)->kind == PMA_LOAD_TABLE)
         return PyErr_Format(PyExc_ValueError, "a table of loads knows no time");
     PyObject *F = PyArray_SimpleNew(1, &n, NPY_DOUBLE);
-    if (!F)
+    if (!F || !enter(self)) {
+        Py_XDECREF(F);
         return NULL;
-    self->busy = true;
+    }
     const pma_status status =
         pma_subdomain_force(self->core, t, PyArray_DATA((PyArrayObject *)F));
-    self->busy = false;
-    return answer(self, status, F);
+    leave(self);
+    return result_of(self, status, F);
 }
 
 /* restore(t, u, v): r(u, v, t), or the code that the function returned */
@@ -266,28 +308,29 @@ static PyObject *subdomain_restore(SubdomainObject *self, PyObject *args)
     PyObject *u_obj, *v_obj;
     const double *u, *v;
     npy_intp n = (npy_intp)pma_subdomain_parts(self->core)->n;
-    if (!PyArg_ParseTuple(args, "dOO", &t, &u_obj, &v_obj) || is_busy(self) ||
+    if (!PyArg_ParseTuple(args, "dOO", &t, &u_obj, &v_obj) ||
         pma_take_doubles(u_obj, n, "u", NULL, &u) < 0 ||
         pma_take_doubles(v_obj, n, "v", NULL, &v) < 0)
         return NULL;
     PyObject *r = PyArray_SimpleNew(1, &n, NPY_DOUBLE);
-    if (!r)
+    if (!r || !enter(self)) {
+        Py_XDECREF(r);
         return NULL;
-    self->busy = true;
+    }
     const pma_status status =
         pma_subdomain_restore(self->core, t, u, v, PyArray_DATA((PyArrayObject *)r));
-    self->busy = false;
-    return answer(self, status, r);
+    leave(self);
+    return result_of(self, status, r);
 }
 
 /* ---- the whole state: (u, v, w, a, vf, springs), and the same of the own node before ---- */
 
 enum { NODE_FIELDS = 6 };
 
-static void list_fields(const pma_nodes *nodes, double *fields[2 * NODE_FIELDS])
+static void list_fields(const pma_kept_levels *levels, double *fields[2 * NODE_FIELDS])
 {
-    const pma_state *x[2] = {&nodes->present, &nodes->previous};
-    double *const vf[2] = {nodes->vf, nodes->vf_previous};
+    const pma_state *x[2] = {&levels->present, &levels->previous};
+    double *const vf[2] = {levels->vf, levels->vf_previous};
     for (size_t k = 0; k < 2; k++) {
         double *const own[NODE_FIELDS] = {x[k]->u, x[k]->v, x[k]->w,
                                            x[k]->a, vf[k],   x[k]->springs};
@@ -307,31 +350,33 @@ static PyObject *subdomain_nodes(SubdomainObject *self, PyObject *Py_UNUSED(igno
     const pma_parts *parts = pma_subdomain_parts(self->core);
     const Py_ssize_t count = parts->doubled ? 2 * NODE_FIELDS : NODE_FIELDS;
     double *fields[2 * NODE_FIELDS];
-    if (is_busy(self))
+    npy_intp sizes[2 * NODE_FIELDS];
+    for (Py_ssize_t i = 0; i < count; i++)
+        sizes[i] = field_size(parts, i);
+    PyObject *tuple = new_tuple(count, sizes);
+    if (!tuple || is_busy(self)) {
+        Py_XDECREF(tuple);
         return NULL;
-    const pma_nodes nodes = pma_subdomain_nodes(self->core);
-    list_fields(&nodes, fields);
-    PyObject *tuple = PyTuple_New(count);
-    for (Py_ssize_t i = 0; tuple && i < count; i++) {
-        PyObject *field = pma_new_vector(field_size(parts, i), fields[i]);
-        if (!field)
-            Py_CLEAR(tuple);
-        else
-            PyTuple_SET_ITEM(tuple, i, field);
     }
+    const pma_kept_levels levels = pma_subdomain_levels(self->core);
+    list_fields(&levels, fields);
+    for (Py_ssize_t i = 0; i < count; i++)
+        memcpy(item_of(tuple, i), fields[i], (size_t)sizes[i] * sizeof(double));
     return tuple;
 }
 
 /* springs(): deformation, force and inner variable of all springs at the present */
 static PyObject *subdomain_springs(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
 {
-    if (is_busy(self))
-        return NULL;
     const size_t total = pma_subdomain_parts(self->core)->springs.total;
     const npy_intp shape[2] = {PMA_SPRING_FIELDS, (npy_intp)total};
     PyObject *out = PyArray_SimpleNew(2, shape, NPY_DOUBLE);
-    if (out && total > 0)
-        memcpy(PyArray_DATA((PyArrayObject *)out), pma_subdomain_at(self->core, 0)->springs,
+    if (!out || is_busy(self)) {
+        Py_XDECREF(out);
+        return NULL;
+    }
+    if (total > 0)
+        memcpy(PyArray_DATA((PyArrayObject *)out), pma_subdomain_present(self->core)->springs,
                PMA_SPRING_FIELDS * total * sizeof(double));
     return out;
 }
@@ -351,25 +396,25 @@ static PyObject *subdomain_set_nodes(SubdomainObject *self, PyObject *tuple)
     }
     if (is_busy(self))
         return NULL;
-    const pma_nodes nodes = pma_subdomain_nodes(self->core);
-    list_fields(&nodes, fields);
+    const pma_kept_levels levels = pma_subdomain_levels(self->core);
+    list_fields(&levels, fields);
     for (Py_ssize_t i = 0; i < count; i++)
         memcpy(fields[i], values[i], (size_t)field_size(parts, i) * sizeof(double));
     Py_RETURN_NONE;
 }
 
-/* out (k, k): compliance between the conditions in `rows` (k) */
+/* out (k, k): compliance between the constraints in `rows` (k) */
 static void fill_compliance(pma_subdomain *s, bool twice, const int64_t *rows, npy_intp k,
-                            double *lam, double *answer, double *out)
+                            double *lam, double *sum, double *out)
 {
-    const size_t p = pma_subdomain_parts(s)->link.p;
+    const pma_member member = pma_subdomain_member(s);
     for (npy_intp c = 0; c < k; c++) {
-        memset(answer, 0, p * sizeof(double));
+        memset(sum, 0, member.p * sizeof(double));
         lam[rows[c]] = 1.0;
-        pma_subdomain_compliance(s, twice, lam, answer);
+        member.table->compliance(member.self, twice, lam, sum);
         lam[rows[c]] = 0.0;
         for (npy_intp r = 0; r < k; r++)
-            out[r * k + c] = answer[rows[r]];
+            out[r * k + c] = sum[rows[r]];
     }
 }
 
@@ -377,7 +422,7 @@ static int check_rows(const int64_t *rows, npy_intp k, size_t p)
 {
     for (npy_intp c = 0; c < k; c++) {
         if (rows[c] < 0 || (size_t)rows[c] >= p) {
-            PyErr_SetString(PyExc_ValueError, "rows: a condition is out of range");
+            PyErr_SetString(PyExc_ValueError, "rows: a constraint is out of range");
             return -1;
         }
     }
@@ -391,7 +436,7 @@ static PyObject *subdomain_compliance(SubdomainObject *self, PyObject *args)
     PyArrayObject *rows;
     const npy_intp any = -1;
     const pma_parts *parts = pma_subdomain_parts(self->core);
-    if (!PyArg_ParseTuple(args, "pO", &twice, &obj) || is_busy(self) ||
+    if (!PyArg_ParseTuple(args, "pO", &twice, &obj) ||
         pma_take_array(obj, NPY_INT64, 1, &any, "rows", NULL, &rows) < 0)
         return NULL;
     if (twice && !parts->doubled) {
@@ -405,13 +450,14 @@ static PyObject *subdomain_compliance(SubdomainObject *self, PyObject *args)
     if (!scratch)
         return PyErr_NoMemory();
     out = PyArray_SimpleNew(2, shape, NPY_DOUBLE);
-    if (out) {
-        self->busy = true;
-        Py_BEGIN_ALLOW_THREADS
+    if (out && enter(self)) {
+        pma_gil_release();
         fill_compliance(self->core, twice, PyArray_DATA(rows), shape[0], scratch,
                         scratch + parts->link.p, PyArray_DATA((PyArrayObject *)out));
-        Py_END_ALLOW_THREADS
-        self->busy = false;
+        pma_gil_acquire();
+        leave(self);
+    } else {
+        Py_CLEAR(out);
     }
     PyMem_Free(scratch);
     return out;
@@ -424,35 +470,48 @@ typedef struct {
     const int64_t *rows;       /* k */
     npy_intp k, begin, count;  /* columns begin..begin+count-1 of k */
     double *lam;               /* p: zero */
-    double *answer;            /* 2 p: scratch */
+    double *sums;              /* 2 p: scratch */
     double *end, *mean;        /* count x k by rows */
     double *states;            /* count x 4 x n by rows, or NULL */
 } ramp_block;
 
-static void copy_rows(const ramp_block *b, const double *answer, double *out)
+static void copy_rows(const ramp_block *b, const double *sum, double *out)
 {
     for (npy_intp r = 0; r < b->k; r++)
-        out[r] = answer[b->rows[r]];
+        out[r] = sum[b->rows[r]];
 }
 
 static pma_status fill_ramps(pma_subdomain *s, const ramp_block *b)
 {
     const size_t p = pma_subdomain_parts(s)->link.p, size = 4 * pma_subdomain_parts(s)->n;
+    pma_response *response = pma_subdomain_response(s);
     for (npy_intp c = 0; c < b->count; c++) {
         const int64_t row = b->rows[b->begin + c];
-        memset(b->answer, 0, 2 * p * sizeof(double));
+        memset(b->sums, 0, 2 * p * sizeof(double));
         b->lam[row] = 1.0;
-        const pma_status status = pma_subdomain_ramp(s, b->lam, b->answer, b->answer + p);
+        const pma_status status = pma_response_run(response, b->lam, b->sums, b->sums + p);
         b->lam[row] = 0.0;
         if (status != PMA_OK)
             return status;
-        copy_rows(b, b->answer, b->end + c * b->k);
-        copy_rows(b, b->answer + p, b->mean + c * b->k);
+        copy_rows(b, b->sums, b->end + c * b->k);
+        copy_rows(b, b->sums + p, b->mean + c * b->k);
         if (b->states)
-            memcpy(b->states + (size_t)c * size, pma_subdomain_response(s)->u,
+            memcpy(b->states + (size_t)c * size, pma_response_state(response)->u,
                    size * sizeof(double));
     }
     return PMA_OK;
+}
+
+/* An array that is written. */
+static int take_output(PyObject *obj, int ndim, const npy_intp *shape, const char *name,
+                       PyArrayObject **out)
+{
+    if (pma_take_array(obj, NPY_DOUBLE, ndim, shape, name, NULL, out) < 0)
+        return -1;
+    if (PyArray_ISWRITEABLE(*out))
+        return 0;
+    PyErr_Format(PyExc_ValueError, "%s must be writeable", name);
+    return -1;
 }
 
 static int take_ramps(SubdomainObject *self, PyObject *args, ramp_block *b)
@@ -469,14 +528,14 @@ static int take_ramps(SubdomainObject *self, PyObject *args, ramp_block *b)
     if (check_rows(b->rows, b->k, parts->link.p) < 0)
         return -1;
     npy_intp shape[3] = {-1, b->k, 0};
-    if (pma_take_array(end, NPY_DOUBLE, 2, shape, "end", NULL, &array) < 0)
+    if (take_output(end, 2, shape, "end", &array) < 0)
         return -1;
     b->end = PyArray_DATA(array);
     b->count = shape[0] = PyArray_DIM(array, 0);
-    if (pma_take_array(mean, NPY_DOUBLE, 2, shape, "mean", NULL, &array) < 0)
+    if (take_output(mean, 2, shape, "mean", &array) < 0)
         return -1;
     b->mean = PyArray_DATA(array);
-    if (!parts->ramped || begin < 0 || b->count > b->k - begin) {
+    if (!parts->responds || begin < 0 || b->count > b->k - begin) {
         PyErr_SetString(PyExc_ValueError, "no such columns of a ramped subdomain");
         return -1;
     }
@@ -484,7 +543,7 @@ static int take_ramps(SubdomainObject *self, PyObject *args, ramp_block *b)
         return 0;
     shape[1] = 4;
     shape[2] = (npy_intp)parts->n;
-    if (pma_take_array(states, NPY_DOUBLE, 3, shape, "states", NULL, &array) < 0)
+    if (take_output(states, 3, shape, "states", &array) < 0)
         return -1;
     b->states = PyArray_DATA(array);
     return 0;
@@ -493,19 +552,21 @@ static int take_ramps(SubdomainObject *self, PyObject *args, ramp_block *b)
 static PyObject *subdomain_ramp(SubdomainObject *self, PyObject *args)
 {
     ramp_block b;
-    pma_status status;
     const size_t p = pma_subdomain_parts(self->core)->link.p;
-    if (take_ramps(self, args, &b) < 0 || is_busy(self))
+    if (take_ramps(self, args, &b) < 0)
         return NULL;
     b.lam = PyMem_Calloc(3 * p + 1, sizeof(double));
     if (!b.lam)
         return PyErr_NoMemory();
-    b.answer = b.lam + p;
-    self->busy = true;
-    Py_BEGIN_ALLOW_THREADS
-    status = fill_ramps(self->core, &b);
-    Py_END_ALLOW_THREADS
-    self->busy = false;
+    b.sums = b.lam + p;
+    if (!enter(self)) {
+        PyMem_Free(b.lam);
+        return NULL;
+    }
+    pma_gil_release();
+    const pma_status status = fill_ramps(self->core, &b);
+    pma_gil_acquire();
+    leave(self);
     PyMem_Free(b.lam);
     return PyBool_FromLong(status == PMA_OK);
 }
@@ -517,7 +578,7 @@ static PyObject *subdomain_set_response(SubdomainObject *self, PyObject *args)
     PyArrayObject *rows, *states;
     const npy_intp any = -1;
     const pma_parts *parts = pma_subdomain_parts(self->core);
-    if (!PyArg_ParseTuple(args, "OO", &rows_obj, &states_obj) || is_busy(self))
+    if (!PyArg_ParseTuple(args, "OO", &rows_obj, &states_obj))
         return NULL;
     PyObject *arrays = PyList_New(0);
     if (!arrays || pma_take_array(rows_obj, NPY_INT64, 1, &any, "rows", arrays, &rows) < 0)
@@ -526,9 +587,16 @@ static PyObject *subdomain_set_response(SubdomainObject *self, PyObject *args)
     if (check_rows(PyArray_DATA(rows), shape[0], parts->link.p) < 0 ||
         pma_take_array(states_obj, NPY_DOUBLE, 3, shape, "states", arrays, &states) < 0)
         goto failed;
-    pma_subdomain_set_response(self->core, (pma_response){.count = (size_t)shape[0],
-                                                          .rows = PyArray_DATA(rows),
-                                                          .values = PyArray_DATA(states)});
+    if (!parts->responds) {
+        PyErr_SetString(PyExc_ValueError, "the subdomain has no link response");
+        goto failed;
+    }
+    if (is_busy(self))
+        goto failed;
+    pma_response_store(pma_subdomain_response(self->core),
+                       (pma_unit_responses){.count = (size_t)shape[0],
+                                            .rows = PyArray_DATA(rows),
+                                            .values = PyArray_DATA(states)});
     Py_XSETREF(self->response, arrays);
     Py_RETURN_NONE;
 failed:
@@ -538,11 +606,11 @@ failed:
 
 static PyObject *subdomain_get_entries(SubdomainObject *self, void *Py_UNUSED(closure))
 {
-    return PyLong_FromSize_t(pma_subdomain_entries(self->core));
+    return PyLong_FromSize_t(pma_subdomain_member(self->core).entries);
 }
 
 static PyGetSetDef subdomain_getset[] = {
-    {"entries", (getter)subdomain_get_entries, NULL, "matrix entries read by one own step", NULL},
+    {"entries", (getter)subdomain_get_entries, NULL, "matrix entries read by one substep", NULL},
     {NULL, NULL, NULL, NULL, NULL},
 };
 

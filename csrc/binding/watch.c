@@ -1,4 +1,4 @@
-/* The GIL let go, and now and then meanwhile a look at signals and a report. */
+/* Work without the GIL, and now and then a look at signals and a report meanwhile. */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
@@ -6,42 +6,65 @@
 
 enum { WATCH_MILLISECONDS = 50 };
 
-static long long milliseconds(void)
+long long pma_watch_milliseconds(void)
 {
     struct timespec now;
     clock_gettime(CLOCK_MONOTONIC, &now);
     return (long long)now.tv_sec * 1000 + now.tv_nsec / 1000000;
 }
 
-pma_watch pma_watch_begin(void)
+/* ---- the GIL ---------------------------------------------------------------------------------- */
+
+/* The thread state of this thread while it is in the core without the GIL, else NULL. */
+static _Thread_local PyThreadState *released;
+
+void pma_gil_release(void)
 {
-    return (pma_watch){.thread = PyEval_SaveThread(), .last = milliseconds()};
+    released = PyEval_SaveThread();
 }
 
-void pma_watch_end(pma_watch *watch)
+void pma_gil_acquire(void)
 {
-    PyEval_RestoreThread(watch->thread);
+    PyThreadState *thread = released;
+    released = NULL; /* what runs meanwhile may enter the core again */
+    PyEval_RestoreThread(thread);
 }
+
+int pma_gil_call(int (*call)(void *ctx), void *ctx)
+{
+    const bool was_released = released != NULL;
+    if (was_released)
+        pma_gil_acquire();
+    const int result = call(ctx);
+    if (was_released)
+        pma_gil_release();
+    return result;
+}
+
+/* ---- signals and reports ------------------------------------------------------------------------ */
 
 static bool report_fails(const pma_watch *watch)
 {
     if (!watch->report)
         return false;
-    PyObject *answer = PyObject_CallFunction(watch->report, "L",
+    PyObject *result = PyObject_CallFunction(watch->report, "L",
                                              (long long)pma_coupler_step_count(watch->coupler));
-    Py_XDECREF(answer);
-    return !answer;
+    Py_XDECREF(result);
+    return !result;
+}
+
+static int look(void *ctx)
+{
+    return PyErr_CheckSignals() < 0 || report_fails(ctx);
 }
 
 bool pma_watch_signals(void *ctx)
 {
     pma_watch *watch = ctx;
-    const long long now = milliseconds();
+    const long long now = pma_watch_milliseconds();
     if (now - watch->last < WATCH_MILLISECONDS)
         return false;
-    PyEval_RestoreThread(watch->thread);
-    const bool came = PyErr_CheckSignals() < 0 || report_fails(watch);
-    watch->thread = PyEval_SaveThread();
-    watch->last = milliseconds();
-    return came;
+    const int raised = pma_gil_call(look, watch);
+    watch->last = pma_watch_milliseconds();
+    return raised != 0;
 }

@@ -45,6 +45,12 @@ pma_status pma_factor_check(const pma_factor *f)
     return PMA_OK;
 }
 
+size_t pma_factor_scratch(const pma_factor *f)
+{
+    const size_t height = f->form == PMA_PANELS ? pma_panels_most_height(&f->panels) : 0;
+    return height + (is_ordinary(f) ? f->n : 0);
+}
+
 size_t pma_factor_entries(const pma_factor *f)
 {
     switch (f->form) {
@@ -193,7 +199,7 @@ static void substitute_sparse(const pma_factor *f, size_t first, size_t last, do
 }
 
 /* Forward through the columns first..last-1; x[0] stands for unknown `first`. */
-static void eliminate(const pma_factor *f, size_t first, size_t last, double *x)
+static void eliminate(const pma_factor *f, size_t first, size_t last, double *x, double *work)
 {
     if (first == last)
         return;
@@ -206,11 +212,11 @@ static void eliminate(const pma_factor *f, size_t first, size_t last, double *x)
     else if (f->form == PMA_SPARSE)
         eliminate_sparse(f, first, last, x);
     else if (f->form == PMA_PANELS)
-        pma_panels_eliminate(&f->panels, first, last, x, f->work);
+        pma_panels_eliminate(&f->panels, first, last, x, work);
 }
 
 /* Backward through the columns last-1..first; x[0] stands for unknown `first`. */
-static void substitute(const pma_factor *f, size_t first, size_t last, double *x)
+static void substitute(const pma_factor *f, size_t first, size_t last, double *x, double *work)
 {
     if (first == last)
         return;
@@ -223,73 +229,74 @@ static void substitute(const pma_factor *f, size_t first, size_t last, double *x
     } else if (f->form == PMA_SPARSE) {
         substitute_sparse(f, first, last, x);
     } else if (f->form == PMA_PANELS) {
-        pma_panels_substitute(&f->panels, f->inverse, first, last, x, f->work);
+        pma_panels_substitute(&f->panels, f->inverse, first, last, x, work);
     } else {
         for (size_t j = first; j < last; j++)
             x[j - first] *= f->inverse[j];
     }
 }
 
-void pma_factor_interface(const pma_factor *f, double *xb)
+void pma_factor_interface(const pma_factor *f, double *xb, double *work)
 {
     if (f->nb == 0)
         return;
     if (is_ordinary(f)) {
-        pma_path_interface(&f->path, &f->panels, f->inverse, f->n, f->nb, xb, f->work);
+        pma_path_interface(&f->path, &f->panels, f->inverse, f->n, f->nb, xb, work);
         return;
     }
-    eliminate(f, f->n - f->nb, f->n, xb);
-    substitute(f, f->n - f->nb, f->n, xb);
+    eliminate(f, f->n - f->nb, f->n, xb, work);
+    substitute(f, f->n - f->nb, f->n, xb, work);
 }
 
-void pma_factor_open_part(const pma_factor *f, size_t begin, size_t end, double *x, double *xb)
+void pma_factor_open_part(const pma_factor *f, size_t begin, size_t end, double *x, double *xb,
+                          double *work)
 {
     const size_t interior = f->n - f->nb;
     if (is_ordinary(f)) {
-        pma_path_open(&f->path, &f->panels, f->inverse, f->n, f->nb, x, xb, f->work);
+        pma_path_open(&f->path, &f->panels, f->inverse, f->n, f->nb, x, xb, work);
         return;
     }
     if (begin < interior)
-        eliminate(f, begin, least(end, interior), x + begin);
+        eliminate(f, begin, least(end, interior), x + begin, work);
     if (end == f->n) {
         memcpy(xb, x + interior, f->nb * sizeof *xb);
-        pma_factor_interface(f, xb);
+        pma_factor_interface(f, xb, work);
     }
 }
 
-void pma_factor_open(const pma_factor *f, double *x, double *xb)
+void pma_factor_open(const pma_factor *f, double *x, double *xb, double *work)
 {
-    pma_factor_open_part(f, 0, f->n, x, xb);
+    pma_factor_open_part(f, 0, f->n, x, xb, work);
 }
 
 void pma_factor_close_part(const pma_factor *f, size_t begin, size_t end, const double *fb,
-                           double *x)
+                           double *x, double *work)
 {
     const size_t interior = f->n - f->nb;
     if (is_ordinary(f)) {
-        pma_path_close(&f->path, &f->panels, f->inverse, f->n, f->nb, fb, x, f->work);
+        pma_path_close(&f->path, &f->panels, f->inverse, f->n, f->nb, fb, x, work);
         return;
     }
     if (end == f->n) {
         for (size_t i = 0; i < f->nb; i++)
             x[interior + i] += fb[i];
-        pma_factor_interface(f, x + interior);
+        pma_factor_interface(f, x + interior, work);
     }
     if (begin < interior)
-        substitute(f, begin, least(end, interior), x + begin);
+        substitute(f, begin, least(end, interior), x + begin, work);
 }
 
-void pma_factor_close(const pma_factor *f, const double *fb, double *x)
+void pma_factor_close(const pma_factor *f, const double *fb, double *x, double *work)
 {
-    pma_factor_close_part(f, 0, f->n, fb, x);
+    pma_factor_close_part(f, 0, f->n, fb, x, work);
 }
 
-void pma_factor_solve(const pma_factor *f, double *x)
+void pma_factor_solve(const pma_factor *f, double *x, double *work)
 {
     if (is_ordinary(f)) {
-        pma_path_solve(&f->path, &f->panels, f->inverse, f->n, x, f->work);
+        pma_path_solve(&f->path, &f->panels, f->inverse, f->n, x, work);
         return;
     }
-    eliminate(f, 0, f->n, x);
-    substitute(f, 0, f->n, x);
+    eliminate(f, 0, f->n, x, work);
+    substitute(f, 0, f->n, x, work);
 }

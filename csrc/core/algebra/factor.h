@@ -27,13 +27,15 @@ typedef struct {
     size_t width;          /* band: entries of a column below the diagonal, 1..n-1; in the last
                               columns those that lie outside the matrix are zero */
     pma_panels panels;     /* panels: see there */
-    double *work;          /* panels: pma_panels_most_height, scratch of the sweeps */
     pma_path path;         /* panels whose interface is not last; else path.place is NULL */
 } pma_factor;
 
 /* PMA_BAD_SIZE when nb > n or a band is too wide, PMA_BAD_INDEX unless the entries of each column
  * ascend and lie below the diagonal. */
 pma_status pma_factor_check(const pma_factor *f);
+
+/* Doubles of scratch that every function below wants as `work`; of a factor that was checked. */
+size_t pma_factor_scratch(const pma_factor *f);
 
 /* Entries read by a sweep through all columns and one along the paths of the interface. */
 size_t pma_factor_entries(const pma_factor *f);
@@ -44,22 +46,22 @@ size_t pma_factor_reach(const pma_factor *f);
 /* A step is opened with the right-hand side and closed with what acts on the interface:
  *
  * x (n): swept so far as the interface asks; xb (nb) := (A^-1 x)_b                (F2) (F3) (F7) */
-void pma_factor_open(const pma_factor *f, double *x, double *xb);
+void pma_factor_open(const pma_factor *f, double *x, double *xb, double *work);
 
 /* x (n) as open left it := A^-1 (right-hand side + fb on the interface)       (F4) (F5) (F8) */
-void pma_factor_close(const pma_factor *f, const double *fb, double *x);
+void pma_factor_close(const pma_factor *f, const double *fb, double *x, double *work);
 
 /* The same in several calls for the rows begin..end-1 each, to open from the first rows on, to
  * close from the last. The right-hand side must be complete in these rows alone. Whoever cuts a
  * sweep in parts must not do it where the reach is n. */
-void pma_factor_open_part(const pma_factor *f, size_t begin, size_t end, double *x, double *xb);
+void pma_factor_open_part(const pma_factor *f, size_t begin, size_t end, double *x, double *xb, double *work);
 void pma_factor_close_part(const pma_factor *f, size_t begin, size_t end, const double *fb,
-                           double *x);
+                           double *x, double *work);
 
 /* x (n) := A^-1 x, both at once */
-void pma_factor_solve(const pma_factor *f, double *x);
+void pma_factor_solve(const pma_factor *f, double *x, double *work);
 
 /* xb (nb) := (A^-1)_bb xb = S^-1 xb with the Schur complement S = R_bb D_b R_bb^T  (F3) (F9) */
-void pma_factor_interface(const pma_factor *f, double *xb);
+void pma_factor_interface(const pma_factor *f, double *xb, double *work);
 
 #endif

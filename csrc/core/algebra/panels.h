@@ -53,7 +53,7 @@ typedef struct {
  *
  * owner (n): the supernode of each column. inverse (n): output. update (pma_panels_update_size),
  * integers (3 count + n): scratch. PMA_NOT_DEFINITE with the column in *column, PMA_BAD_INDEX for
- * an entry outside the pattern, PMA_STOPPED when stop, asked between supernodes, says so. */
+ * an entry outside the pattern, PMA_STOPPED when stop, called between supernodes, returns true. */
 pma_status pma_panels_factor(pma_panels *p, const pma_panels_input *input, const int64_t *owner,
                              const pma_blas *blas, double *inverse, double *update,
                              int64_t *integers, size_t *column, bool (*stop)(void *ctx),

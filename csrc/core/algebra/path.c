@@ -1,6 +1,7 @@
 #include "algebra/path.h"
 
 #include <stdbool.h>
+#include <stdlib.h>
 #include <string.h>
 
 /* ---- checks ------------------------------------------------------------------------------- */
@@ -26,16 +27,19 @@ static bool holds(const pma_path *path, const pma_panels *p, int64_t column)
            path->supernodes[last_not_above(path->supernodes, path->count, s)] == s;
 }
 
-static bool is_permutation(const pma_path *path, size_t n)
+static pma_status check_permutation(const pma_path *path, size_t n)
 {
-    memset(path->aside, 0, n * sizeof *path->aside);
-    for (size_t i = 0; i < n; i++) {
+    bool *taken = calloc(n + 1, sizeof *taken);
+    pma_status status = taken ? PMA_OK : PMA_NO_MEMORY;
+    for (size_t i = 0; i < n && status == PMA_OK; i++) {
         const int64_t k = path->place[i];
-        if (k < 0 || (size_t)k >= n || path->aside[k] != 0.0)
-            return false;
-        path->aside[k] = 1.0;
+        if (k < 0 || (size_t)k >= n || taken[k])
+            status = PMA_BAD_INDEX;
+        else
+            taken[k] = true;
     }
-    return true;
+    free(taken);
+    return status;
 }
 
 static bool ascends(const pma_path *path, const pma_panels *p)
@@ -51,7 +55,10 @@ static bool ascends(const pma_path *path, const pma_panels *p)
 
 pma_status pma_path_check(const pma_path *path, const pma_panels *p, size_t n, size_t nb)
 {
-    if (!is_permutation(path, n) || !ascends(path, p))
+    const pma_status status = check_permutation(path, n);
+    if (status != PMA_OK)
+        return status;
+    if (!ascends(path, p))
         return PMA_BAD_INDEX;
     for (size_t k = 0; k < path->count; k++) {
         const int64_t s = path->supernodes[k], first = p->row_ptr[s];
@@ -80,83 +87,83 @@ size_t pma_path_entries(const pma_path *path, const pma_panels *p)
 /* aside := y, or y += aside, or aside := 0 in the columns on the paths */
 typedef enum { TAKE, ADD, CLEAR } passing;
 
-static void pass(const pma_path *path, const pma_panels *p, passing how, double *y)
+static void pass(const pma_path *path, const pma_panels *p, passing how, double *y, double *aside)
 {
     for (size_t k = 0; k < path->count; k++) {
         const int64_t s = path->supernodes[k];
         for (int64_t j = p->first[s]; j < p->first[s + 1]; j++) {
             if (how == ADD)
-                y[j] += path->aside[j];
+                y[j] += aside[j];
             else
-                path->aside[j] = how == TAKE ? y[j] : 0.0;
+                aside[j] = how == TAKE ? y[j] : 0.0;
         }
     }
 }
 
 /* aside := P x, and back */
-static void bring_in(const pma_path *path, size_t n, const double *x)
+static void bring_in(const pma_path *path, size_t n, const double *x, double *aside)
 {
     for (size_t i = 0; i < n; i++)
-        path->aside[path->place[i]] = x[i];
+        aside[path->place[i]] = x[i];
 }
 
-static void bring_back(const pma_path *path, size_t n, double *x)
+static void bring_back(const pma_path *path, size_t n, const double *aside, double *x)
 {
     for (size_t i = 0; i < n; i++)
-        x[i] = path->aside[path->place[i]];
+        x[i] = aside[path->place[i]];
 }
 
 /* aside := R^-1 P xb, xb (nb) on the interface */
 static void eliminate_interface(const pma_path *path, const pma_panels *p, size_t n, size_t nb,
-                                const double *xb, double *work)
+                                const double *xb, double *aside)
 {
-    pass(path, p, CLEAR, NULL);
+    pass(path, p, CLEAR, NULL, aside);
     for (size_t i = 0; i < nb; i++)
-        path->aside[path->place[n - nb + i]] = xb[i];
-    pma_panels_eliminate_these(p, path->supernodes, path->count, path->aside, work);
+        aside[path->place[n - nb + i]] = xb[i];
+    pma_panels_eliminate_these(p, path->supernodes, path->count, aside, aside + n);
 }
 
 /* xb (nb) := (P^T R^-T D^-1 aside)_b */
 static void substitute_interface(const pma_path *path, const pma_panels *p, const double *inverse,
-                                 size_t n, size_t nb, double *xb, double *work)
+                                 size_t n, size_t nb, double *xb, double *aside)
 {
-    pma_panels_substitute_these(p, inverse, path->supernodes, path->count, path->aside, work);
+    pma_panels_substitute_these(p, inverse, path->supernodes, path->count, aside, aside + n);
     for (size_t i = 0; i < nb; i++)
-        xb[i] = path->aside[path->place[n - nb + i]];
+        xb[i] = aside[path->place[n - nb + i]];
 }
 
 void pma_path_open(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
-                   size_t nb, double *x, double *xb, double *work)
+                   size_t nb, double *x, double *xb, double *aside)
 {
-    bring_in(path, n, x);
-    memcpy(x, path->aside, n * sizeof *x);
-    pma_panels_eliminate(p, 0, n, x, work);
-    pass(path, p, TAKE, x);
-    substitute_interface(path, p, inverse, n, nb, xb, work);
+    bring_in(path, n, x, aside);
+    memcpy(x, aside, n * sizeof *x);
+    pma_panels_eliminate(p, 0, n, x, aside + n);
+    pass(path, p, TAKE, x, aside);
+    substitute_interface(path, p, inverse, n, nb, xb, aside);
 }
 
 void pma_path_close(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
-                    size_t nb, const double *fb, double *x, double *work)
+                    size_t nb, const double *fb, double *x, double *aside)
 {
-    eliminate_interface(path, p, n, nb, fb, work);
-    pass(path, p, ADD, x);
-    pma_panels_substitute(p, inverse, 0, n, x, work);
-    memcpy(path->aside, x, n * sizeof *x);
-    bring_back(path, n, x);
+    eliminate_interface(path, p, n, nb, fb, aside);
+    pass(path, p, ADD, x, aside);
+    pma_panels_substitute(p, inverse, 0, n, x, aside + n);
+    memcpy(aside, x, n * sizeof *x);
+    bring_back(path, n, aside, x);
 }
 
 void pma_path_interface(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
-                        size_t nb, double *xb, double *work)
+                        size_t nb, double *xb, double *aside)
 {
-    eliminate_interface(path, p, n, nb, xb, work);
-    substitute_interface(path, p, inverse, n, nb, xb, work);
+    eliminate_interface(path, p, n, nb, xb, aside);
+    substitute_interface(path, p, inverse, n, nb, xb, aside);
 }
 
 void pma_path_solve(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
-                    double *x, double *work)
+                    double *x, double *aside)
 {
-    bring_in(path, n, x);
-    pma_panels_eliminate(p, 0, n, path->aside, work);
-    pma_panels_substitute(p, inverse, 0, n, path->aside, work);
-    bring_back(path, n, x);
+    bring_in(path, n, x, aside);
+    pma_panels_eliminate(p, 0, n, aside, aside + n);
+    pma_panels_substitute(p, inverse, 0, n, aside, aside + n);
+    bring_back(path, n, aside, x);
 }

@@ -13,37 +13,37 @@
 #include "algebra/panels.h"
 #include "status.h"
 
-/* Bare arrays of the caller, and scratch. */
+/* Bare arrays of the caller. */
 typedef struct {
     const int64_t *place; /* n: place in the order of each unknown, those of the interface last */
     const int64_t *supernodes; /* count, ascending: of the interface and all above them */
     size_t count;
-    double *aside; /* n: scratch */
 } pma_path;
 
 /* PMA_BAD_INDEX unless place is a permutation and the supernodes are closed upwards and hold the
- * last nb unknowns. */
+ * last nb unknowns. Allocates n bytes meanwhile: PMA_NO_MEMORY. */
 pma_status pma_path_check(const pma_path *path, const pma_panels *p, size_t n, size_t nb);
 
 /* Entries of the factor on the paths. */
 size_t pma_path_entries(const pma_path *path, const pma_panels *p);
 
-/* A = P^T R D R^T P, P x the unknowns in the order of elimination. work: pma_panels_most_height.
+/* A = P^T R D R^T P, P x the unknowns in the order of elimination. aside: scratch,
+ * n + pma_panels_most_height: a vector in the order of elimination, and what panels want.
  *
  * x (n) := y = R^-1 P x, the free problem swept forward; xb (nb) := (P^T R^-T D^-1 y)_b    (F7) */
 void pma_path_open(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
-                   size_t nb, double *x, double *xb, double *work);
+                   size_t nb, double *x, double *xb, double *aside);
 
 /* x (n) := P^T R^-T D^-1 (x + R^-1 P fb), fb (nb) on the interface                         (F8) */
 void pma_path_close(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
-                    size_t nb, const double *fb, double *x, double *work);
+                    size_t nb, const double *fb, double *x, double *aside);
 
 /* x (n) := A^-1 x */
 void pma_path_solve(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
-                    double *x, double *work);
+                    double *x, double *aside);
 
 /* xb (nb) := (A^-1)_bb xb                                                                   (F9) */
 void pma_path_interface(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
-                        size_t nb, double *xb, double *work);
+                        size_t nb, double *xb, double *aside);
 
 #endif

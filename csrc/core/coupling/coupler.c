@@ -1,135 +1,92 @@
-#include "coupling/schedule.h"
+#include "coupling/coupler.h"
 
 #include <assert.h>
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "coupling/schedule.h"
+
+/* ---- checks ----------------------------------------------------------------------------- */
+
+/* h substeps = dt, but for the rounding of dt / substeps and of the product */
+static bool has_step(const pma_member *member, double dt)
+{
+    return fabs(member->h * (double)member->substeps - dt) <= 4.0 * DBL_EPSILON * fabs(dt);
+}
+
+static pma_status check_members(const pma_coupler_parts *parts)
+{
+    for (size_t i = 0; i < parts->count; i++) {
+        if (parts->members[i].p != parts->p)
+            return PMA_BAD_SIZE;
+    }
+    const pma_status status = parts->schedule->check(parts);
+    for (size_t i = 0; i < parts->count && status == PMA_OK; i++) {
+        if (!has_step(&parts->members[i], parts->dt))
+            return PMA_BAD_STEP;
+    }
+    return status;
+}
+
 /* ---- making ----------------------------------------------------------------------------- */
 
-static pma_status check_subdomains(const pma_coupler_parts *parts, size_t fine)
-{
-    for (size_t i = 0; i < parts->count; i++) {
-        const pma_parts *s = pma_subdomain_parts(parts->subdomains[i]);
-        if (fine % s->substeps != 0 && !parts->macro)
-            return PMA_BAD_SIZE;
-        if (parts->macro && s->substeps > 1 && (s->doubled || !s->ramped))
-            return PMA_BAD_SIZE;
-        if (s->link.p != parts->p)
-            return PMA_BAD_SIZE;
-    }
-    return PMA_OK;
-}
-
-static pma_status check_interface(const pma_coupler_parts *parts, const pma_factor *H)
-{
-    if (H->n != parts->p || H->nb != parts->p)
-        return PMA_BAD_SIZE;
-    return pma_factor_check(H);
-}
-
-static size_t most_substeps(const pma_coupler_parts *parts)
-{
-    size_t most = 1;
-    for (size_t i = 0; i < parts->count; i++) {
-        const size_t substeps = pma_subdomain_parts(parts->subdomains[i])->substeps;
-        most = substeps > most ? substeps : most;
-    }
-    return most;
-}
-
-static pma_status check_motions(const pma_coupler_parts *parts)
-{
-    for (size_t i = 0; i < parts->motion_count; i++) {
-        const pma_motion *motion = &parts->motions[i];
-        if (motion->load.n > parts->p)
-            return PMA_BAD_SIZE;
-        for (size_t k = 0; k < motion->load.n; k++) {
-            if (motion->rows[k] < 0 || (size_t)motion->rows[k] >= parts->p)
-                return PMA_BAD_INDEX;
-        }
-    }
-    return PMA_OK;
-}
-
-static void lay_out(pma_coupler *c, pma_subdomain *const *subdomains, const pma_motion *motions)
+static void lay_out(pma_coupler *c, const pma_coupler_parts *parts)
 {
     const size_t p = c->parts.p;
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_parts *s = pma_subdomain_parts(subdomains[i]);
-        c->places[i] = (pma_place){.subdomain = subdomains[i],
-                                   .substeps = s->substeps,
-                                   .ratio = c->fine / s->substeps,
-                                   .entries = pma_subdomain_entries(subdomains[i]),
-                                   .doubled = s->doubled};
-        c->restored = c->restored || s->restoring.function;
+    for (size_t i = 0; i < parts->count; i++) {
+        const pma_member *member = &parts->members[i];
+        const size_t ratio = c->fine / member->substeps;
+        c->coupled[i] = (pma_coupled){.member = *member, .ratio = ratio > 0 ? ratio : 1};
+        c->evaluates = c->evaluates || member->evaluates;
     }
-    for (size_t i = 0; i < c->parts.motion_count; i++)
-        c->parts.motions[i] = motions[i];
-    c->lam = c->block;
-    c->lam_work = c->block + p;
-    c->g = c->block + 2 * p;
-    c->g_work = c->block + 3 * p;
-    c->motion = c->block + 4 * p;
-    c->dlam = c->block + 5 * p;
-    c->lam_reached = c->block + 6 * p;
-    c->g_reached = c->block + 7 * p;
+    double *next = c->block;
+    pma_macro_level *const levels[3] = {&c->present, &c->reached, &c->working};
+    for (size_t i = 0; i < 3; i++, next += 2 * p)
+        *levels[i] = (pma_macro_level){.lam = next, .g = next + p};
+    c->scratch = next;
+    c->dlam = next + p;
 }
 
-/* Under macro coupling a subdomain does all its own steps at once, and twice. */
-static pma_duty duty_of(const pma_coupler *c, const pma_place *at)
+static pma_status allocate(pma_coupler *c, const pma_coupler_parts *parts)
 {
-    const pma_restoring *restoring = &pma_subdomain_parts(at->subdomain)->restoring;
-    pma_duty duty = {.entries = at->entries,
-                     .substeps = at->substeps,
-                     .by_caller = restoring->function && restoring->by_caller,
-                     .aside = at->doubled && !restoring->function,
-                     .divides = pma_subdomain_divides(at->subdomain)};
-    if (c->parts.macro) {
-        const bool repeats = at->substeps > 1 && !pma_subdomain_is_stored(at->subdomain);
-        duty.entries *= at->substeps * (repeats ? 2 : 1);
-        duty.substeps = 1;
-        duty.aside = false;
-        duty.divides = false;
-    }
-    return duty;
-}
-
-/* Room for going on before a macro step is committed, and multipliers to do it with. */
-static pma_status look_ahead(pma_coupler *c)
-{
-    const size_t first = c->roster.begin[c->roster.fine], p = c->parts.p;
-    c->lam_late = calloc((c->parts.count - first) * p + 1, sizeof(double));
-    if (!c->lam_late)
+    c->coupled = calloc(parts->count + 1, sizeof *c->coupled);
+    c->motions = calloc(parts->motion_count + 1, sizeof *c->motions);
+    c->block = calloc(8 * parts->p + 1, sizeof(double));
+    if (!c->coupled || !c->motions || !c->block)
         return PMA_NO_MEMORY;
-    for (size_t i = first; i < c->parts.count; i++)
-        c->places[c->roster.order[i]].lam = c->lam_late + (i - first) * p;
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_status status = pma_subdomain_look_ahead(c->places[i].subdomain);
-        if (status != PMA_OK)
-            return status;
-    }
+    for (size_t i = 0; i < parts->motion_count; i++)
+        c->motions[i] = parts->motions[i];
+    c->parts.motions = c->motions;
+    c->parts.members = NULL; /* c->coupled has them */
     return PMA_OK;
 }
 
-/* Who does what, and a team of so many. */
-static pma_status hire(pma_coupler *c)
+/* Which worker has what. */
+static pma_status make_roster(pma_coupler *c)
 {
     const size_t most = c->parts.threads < PMA_MOST_WORKERS ? c->parts.threads : PMA_MOST_WORKERS;
     pma_duty *duties = calloc(c->parts.count + 1, sizeof *duties);
     if (!duties)
         return PMA_NO_MEMORY;
     for (size_t i = 0; i < c->parts.count; i++)
-        duties[i] = duty_of(c, &c->places[i]);
-    pma_status status = pma_roster_create(c->parts.count, duties, most > 0 ? most : 1,
-                                          c->parts.worthwhile, &c->roster);
+        duties[i] = c->parts.schedule->duty(&c->coupled[i].member);
+    const pma_status status = pma_roster_create(c->parts.count, duties, most > 0 ? most : 1,
+                                                c->parts.worthwhile, &c->roster);
     free(duties);
-    for (size_t i = 0; status == PMA_OK && i < c->roster.begin[1]; i++)
-        c->places[c->roster.order[i]].mine = true;
-    if (status == PMA_OK && c->roster.split != PMA_NO_SPLIT)
-        c->places[c->roster.split].split = true;
+    for (size_t w = 0; status == PMA_OK && w < c->roster.workers; w++) {
+        for (size_t i = c->roster.begin[w]; i < c->roster.begin[w + 1]; i++)
+            c->coupled[c->roster.order[i]].worker = w;
+    }
+    return status;
+}
+
+static pma_status create_team(pma_coupler *c)
+{
+    pma_status status = make_roster(c);
     if (status == PMA_OK && c->roster.fine < c->roster.workers)
-        status = look_ahead(c);
+        status = pma_look_ahead_create(c);
     if (status != PMA_OK || c->roster.workers == 1)
         return status;
     return pma_team_create(c->roster.workers, &c->team);
@@ -138,28 +95,24 @@ static pma_status hire(pma_coupler *c)
 pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out)
 {
     *out = NULL;
-    const size_t fine = most_substeps(parts);
-    pma_status status = check_subdomains(parts, fine);
-    if (status || (status = check_interface(parts, &parts->H_start)) ||
-        (status = check_interface(parts, &parts->H)) || (status = check_motions(parts)))
+    if (parts->H_start.p != parts->p || parts->H.p != parts->p)
+        return PMA_BAD_SIZE;
+    pma_status status = check_members(parts);
+    if (status == PMA_OK)
+        status = pma_motion_check(parts->motion_count, parts->motions, parts->p);
+    if (status != PMA_OK)
         return status;
 
     pma_coupler *c = calloc(1, sizeof *c);
     if (!c)
         return PMA_NO_MEMORY;
     c->parts = *parts;
-    c->fine = parts->macro ? 1 : fine;
-    c->parts.subdomains = NULL; /* places keep them */
-    c->interface_entries = 2 * pma_factor_entries(&parts->H);
-    c->places = calloc(parts->count + 1, sizeof *c->places);
-    c->parts.motions = calloc(parts->motion_count + 1, sizeof *c->parts.motions);
-    c->block = calloc(8 * parts->p + 1, sizeof(double));
-    if (!c->places || !c->parts.motions || !c->block) {
-        pma_coupler_destroy(c);
-        return PMA_NO_MEMORY;
+    c->fine = parts->schedule->instants(parts);
+    status = allocate(c, parts);
+    if (status == PMA_OK) {
+        lay_out(c, parts);
+        status = create_team(c);
     }
-    lay_out(c, parts->subdomains, parts->motions);
-    status = hire(c);
     if (status != PMA_OK) {
         pma_coupler_destroy(c);
         return status;
@@ -174,24 +127,27 @@ void pma_coupler_destroy(pma_coupler *c)
         return;
     pma_team_destroy(c->team);
     pma_roster_destroy(&c->roster);
-    free(c->lam_late);
-    free(c->places);
-    free(c->parts.motions);
+    free(c->lam_deferred);
+    free(c->coupled);
+    free(c->motions);
     free(c->block);
     free(c);
 }
 
+/* ---- what it knows ----------------------------------------------------------------------- */
+
 void pma_coupler_set_motion(pma_coupler *c, size_t i, pma_load load)
 {
-    assert(i < c->parts.motion_count && load.n == c->parts.motions[i].load.n);
-    c->parts.motions[i].load = load;
+    assert(i < c->parts.motion_count && load.n == c->motions[i].load.n);
+    c->motions[i].load = load;
 }
 
 void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, const double *g)
 {
-    memcpy(c->lam, lam, c->parts.p * sizeof(double));
-    memcpy(c->g, g, c->parts.p * sizeof(double));
-    c->step_count = step_count;
+    memcpy(c->present.lam, lam, c->parts.p * sizeof(double));
+    memcpy(c->present.g, g, c->parts.p * sizeof(double));
+    c->present.number = c->reached.number = step_count;
+    c->k = 0;
     c->started = true;
 }
 
@@ -202,14 +158,16 @@ size_t pma_coupler_instants(const pma_coupler *c)
 
 int64_t pma_coupler_step_count(const pma_coupler *c)
 {
-    return c->step_count;
+    return c->present.number;
 }
 
 int64_t pma_coupler_most_steps(const pma_coupler *c)
 {
     size_t most = c->fine;
-    for (size_t i = 0; i < c->parts.count; i++)
-        most = c->places[i].substeps > most ? c->places[i].substeps : most;
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const size_t substeps = c->coupled[i].member.substeps;
+        most = substeps > most ? substeps : most;
+    }
     return PMA_MOST_STEPS / (int64_t)most;
 }
 
@@ -220,12 +178,12 @@ size_t pma_coupler_threads(const pma_coupler *c)
 
 const double *pma_coupler_multipliers(const pma_coupler *c)
 {
-    return c->lam;
+    return c->present.lam;
 }
 
 const double *pma_coupler_prescribed(const pma_coupler *c)
 {
-    return c->g;
+    return c->present.g;
 }
 
 size_t pma_coupler_failed(const pma_coupler *c)
@@ -238,123 +196,29 @@ const pma_coupler_parts *pma_coupler_get_parts(const pma_coupler *c)
     return &c->parts;
 }
 
-/* ---- sharing the work ------------------------------------------------------------------------ */
+/* ---- stages that the schedules share --------------------------------------------------------- */
 
-/* The first that goes wrong ends a worker's share. Shares are in ascending order, so that what went
- * wrong first of all is found whoever has it. */
-static void work_through(void *ctx, size_t worker)
+void pma_coupler_move_to(pma_coupler *c, size_t k)
 {
-    const pma_coupler *c = ctx;
-    for (size_t i = c->roster.begin[worker]; i < c->roster.begin[worker + 1]; i++) {
-        pma_place *at = &c->places[c->roster.order[i]];
-        const pma_status status = c->due(at) && !at->split ? c->task(c, at) : PMA_OK;
-        if (status != PMA_OK) {
-            at->status = status;
-            return;
-        }
-    }
+    c->k = k;
+    for (size_t i = 0; i < c->parts.count; i++)
+        c->coupled[i].now = pma_clock_moment(k, c->coupled[i].ratio);
 }
 
-static bool has_work(const pma_coupler *c, size_t worker)
+void pma_coupler_prescribe(pma_coupler *c)
 {
-    for (size_t i = c->roster.begin[worker]; i < c->roster.begin[worker + 1]; i++) {
-        const pma_place *at = &c->places[c->roster.order[i]];
-        if (c->due(at) && !at->split)
-            return true;
-    }
-    return false;
+    const int64_t number = c->present.number * (int64_t)c->fine + (int64_t)c->k - 1;
+    const double t = pma_clock_time(c->parts.dt, c->present.number, c->k, c->fine);
+    pma_motion_prescribe(c->parts.motion_count, c->motions, t, number, c->scratch,
+                         c->working.g);
 }
 
-/* What went wrong first in the order of the subdomains, and nothing any more. */
-static pma_status take_status(pma_coupler *c)
-{
-    pma_status first = PMA_OK;
-    for (size_t i = c->parts.count; i-- > 0;) {
-        if (c->places[i].status == PMA_OK)
-            continue;
-        first = c->places[i].status;
-        c->places[i].status = PMA_OK;
-        c->failed = i;
-    }
-    return first;
-}
-
-pma_status pma_coupler_share(pma_coupler *c, pma_task task, bool (*due)(const pma_place *))
-{
-    c->task = task;
-    c->due = due;
-    for (size_t w = 1; w < c->roster.workers; w++) {
-        if (has_work(c, w))
-            pma_team_post(c->team, w, work_through, c);
-    }
-    work_through(c, 0);
-    for (size_t w = 1; w < c->roster.workers; w++)
-        pma_team_await_if(c->team, w, work_through);
-    return take_status(c);
-}
-
-/* ---- the stages of a fine step -------------------------------------------------------------- */
-
-static bool begins(const pma_place *at)
-{
-    return at->phase == 0 && at->opened <= at->j;
-}
-
-static bool ends(const pma_place *at)
-{
-    return at->phase == at->ratio && !at->late;
-}
-
-/* Free problem (13) of a subdomain that stands at a node of its own. */
-static pma_status open_step(const pma_coupler *c, pma_place *at)
-{
-    const double t1 = pma_instant(c, at->j + 1, at->substeps);
-    const pma_status status =
-        pma_subdomain_open(at->subdomain, at->j, pma_is_double(c, at), t1, pma_own_step(c, at));
-    if (status == PMA_OK)
-        at->opened = at->j + 1;
-    return status;
-}
-
-/* The one that is split if it is due, by all, then the others, each by its worker. */
-static pma_status share_all(pma_coupler *c, pma_task task, bool (*due)(const pma_place *),
-                            pma_status (*together)(pma_coupler *, pma_place *))
-{
-    pma_place *split = c->roster.split == PMA_NO_SPLIT ? NULL : &c->places[c->roster.split];
-    if (split && due(split))
-        split->status = together(c, split);
-    return pma_coupler_share(c, task, due);
-}
-
-/* One fine step later: everybody stands in or at the end of an own step. */
-static void move_on(pma_coupler *c)
-{
-    for (size_t i = 0; i < c->parts.count; i++) {
-        pma_place *at = &c->places[i];
-        if (at->phase == 0)
-            c->unpolled += at->entries;
-        at->phase++;
-        at->late = false;
-    }
-}
-
-void pma_coupler_prescribe(pma_coupler *c, size_t k)
-{
-    const int64_t step = c->step_count * (int64_t)c->fine + (int64_t)k - 1;
-    for (size_t i = 0; i < c->parts.motion_count; i++) {
-        const pma_motion *motion = &c->parts.motions[i];
-        memset(c->motion, 0, motion->load.n * sizeof(double));
-        pma_load_add(&motion->load, pma_instant(c, k, c->fine), step, c->motion);
-        for (size_t row = 0; row < motion->load.n; row++)
-            c->g_work[motion->rows[row]] = c->motion[row];
-    }
-}
-
-/* The subdomain whose free velocity made the multipliers infinite. */
+/* The member whose free velocity made the multipliers infinite. */
 static size_t find_unstable(const pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
-        if (!pma_subdomain_free_is_finite(c->places[i].subdomain, c->places[i].j + 1))
+        const pma_coupled *m = &c->coupled[i];
+        if (!m->member.table->is_finite(m->member.self, m->now.j + 1))
             return i;
     }
     return PMA_INTERFACE;
@@ -362,10 +226,11 @@ static size_t find_unstable(const pma_coupler *c)
 
 pma_status pma_coupler_solve(pma_coupler *c)
 {
-    pma_factor_interface(c->step_count > 0 ? &c->parts.H : &c->parts.H_start, c->lam_work);
-    c->unpolled += c->interface_entries;
+    const pma_interface *H = c->present.number > 0 ? &c->parts.H : &c->parts.H_start;
+    H->table->solve(H->self, c->working.lam);
+    c->unpolled += H->entries;
     for (size_t row = 0; row < c->parts.p; row++) {
-        if (!isfinite(c->lam_work[row])) {
+        if (!isfinite(c->working.lam[row])) {
             c->failed = find_unstable(c);
             return PMA_NOT_FINITE;
         }
@@ -373,250 +238,75 @@ pma_status pma_coupler_solve(pma_coupler *c)
     return PMA_OK;
 }
 
-/* H Lam = g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (18) (G1) */
-static pma_status solve_interface(pma_coupler *c)
+bool pma_coupler_is_stopped(pma_coupler *c)
 {
-    memcpy(c->lam_work, c->g_work, c->parts.p * sizeof(double));
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_place *at = &c->places[i];
-        const double theta = (double)at->phase / (double)at->ratio;
-        pma_subdomain_free_velocity(at->subdomain, at->j, theta, -1.0, c->lam_work);
-    }
-    return pma_coupler_solve(c);
+    if (atomic_load_explicit(&c->stopped, memory_order_relaxed))
+        return true;
+    if (!c->poll || c->unpolled < c->poll->entries)
+        return false;
+    c->unpolled = 0;
+    if (!c->poll->stop(c->poll->ctx))
+        return false;
+    atomic_store(&c->stopped, true);
+    return true;
 }
 
-/* Link problem (14) of a subdomain at the end of its own step, added to the free one. */
-static pma_status close_step(const pma_coupler *c, pma_place *at)
+/* ---- macro steps ------------------------------------------------------------------------------ */
+
+static void swap(pma_macro_level *a, pma_macro_level *b)
 {
-    return pma_subdomain_close(at->subdomain, at->j + 1, pma_is_double(c, at), c->lam_work);
-}
-
-/* Those that reached a node stand at it. */
-static void arrive(pma_coupler *c)
-{
-    for (size_t i = 0; i < c->parts.count; i++) {
-        pma_place *at = &c->places[i];
-        if (at->phase == at->ratio) {
-            at->phase = 0;
-            at->j++;
-        }
-    }
-}
-
-/* ---- recording, when everybody has arrived --------------------------------------------------- */
-
-/* sum_i L_i v_i - g from total velocities; in mid-step from interpolated free plus link velocity */
-static void velocity_jump(const pma_coupler *c, const double *lam, const double *g, double *jump)
-{
-    for (size_t row = 0; row < c->parts.p; row++)
-        jump[row] = -g[row];
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_place *at = &c->places[i];
-        if (at->phase == 0) {
-            pma_subdomain_total_velocity(at->subdomain, at->j, jump);
-        } else {
-            const double theta = (double)at->phase / (double)at->ratio;
-            pma_subdomain_free_velocity(at->subdomain, at->j, theta, 1.0, jump);
-            pma_subdomain_compliance(at->subdomain, pma_is_double(c, at), lam, jump);
-        }
-    }
-}
-
-/* sum_i L_i u_i at own node `macro` times the substeps: 0 is the present, 1 the end of a step */
-static void displacement_jump(const pma_coupler *c, size_t macro, double *jump)
-{
-    memset(jump, 0, c->parts.p * sizeof(double));
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_place *at = &c->places[i];
-        pma_subdomain_total_displacement(at->subdomain, macro * at->substeps, jump);
-    }
-}
-
-static void record_subdomains(const pma_coupler *c, const pma_record *record)
-{
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_place *at = &c->places[i];
-        const size_t kept = record->nodes[i].count + record->nodes[i].springs;
-        if (at->phase != 0 || at->late || kept == 0)
-            continue;
-        const size_t row = pma_row(c, at->j, at->substeps);
-        if (row != PMA_NO_ROW)
-            pma_record_state(&record->nodes[i], pma_subdomain_at(at->subdomain, at->j), row);
-    }
-}
-
-/* Of the macro node at which everybody stands. */
-static void record_energy(const pma_coupler *c, const pma_record *record, size_t row)
-{
-    double *out = record->energy + row * c->parts.count * PMA_ENERGIES;
-    for (size_t i = 0; i < c->parts.count; i++)
-        pma_subdomain_tell_energy(c->places[i].subdomain, c->places[i].j, out + i * PMA_ENERGIES);
-}
-
-static void record_macro_node(const pma_coupler *c, const pma_record *record)
-{
-    const size_t row = pma_row(c, c->k > c->fine ? 2 : 1, 1);
-    if (row == PMA_NO_ROW)
-        return;
-    if (record->energy)
-        record_energy(c, record, row);
-    if (c->parts.p > 0 && !pma_ahead_is_late(c))
-        displacement_jump(c, c->k / c->fine, record->displacement_jump + row * c->parts.p);
-}
-
-static void record_interface(const pma_coupler *c, const pma_record *record)
-{
-    const size_t p = c->parts.p;
-    const size_t row = pma_row(c, c->k, c->fine);
-    if (p == 0 || row == PMA_NO_ROW)
-        return;
-    memcpy(record->multipliers + row * p, c->lam_work, p * sizeof(double));
-    if (!pma_ahead_is_late(c))
-        velocity_jump(c, c->lam_work, c->g_work, record->velocity_jump + row * p);
-}
-
-/* What had to wait for those that are closed now: the jumps at the end of the macro step. */
-static void record_pending(const pma_coupler *c)
-{
-    const pma_record *record = c->record;
-    const size_t p = c->parts.p, row = pma_row(c, c->fine, c->fine), macro = pma_row(c, 1, 1);
-    if (p == 0 || row == PMA_NO_ROW)
-        return;
-    double *jump = record->velocity_jump + row * p;
-    for (size_t i = 0; i < p; i++)
-        jump[i] = -c->g_reached[i];
-    for (size_t i = 0; i < c->parts.count; i++)
-        pma_subdomain_total_velocity(c->places[i].subdomain, c->places[i].substeps, jump);
-    displacement_jump(c, 1, record->displacement_jump + macro * p);
-}
-
-void pma_coupler_record(const pma_coupler *c, const pma_record *record)
-{
-    record_subdomains(c, record);
-    record_interface(c, record);
-    if (c->k % c->fine == 0)
-        record_macro_node(c, record);
-}
-
-void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
-{
-    const size_t p = c->parts.p;
-    for (size_t i = 0; i < c->parts.count; i++)
-        pma_record_state(&record->nodes[i], pma_subdomain_at(c->places[i].subdomain, 0), 0);
-    if (record->energy)
-        record_energy(c, record, 0);
-    if (p == 0)
-        return;
-    memcpy(record->multipliers, c->lam, p * sizeof(double));
-    velocity_jump(c, c->lam, c->g, record->velocity_jump);
-    displacement_jump(c, 0, record->displacement_jump);
-}
-
-/* ---- the schedule ---------------------------------------------------------------------------- */
-
-static pma_status fine_step(pma_coupler *c)
-{
-    /* free problems that begin here */
-    pma_status status = share_all(c, open_step, begins, pma_split_open);
-    if (status != PMA_OK)
-        return status;
-    pma_ahead_open(c);
-    move_on(c);
-
-    /* interface problem at the end of this fine step */
-    pma_coupler_prescribe(c, c->k);
-    status = solve_interface(c);
-    if (status != PMA_OK)
-        return status;
-
-    /* link problems that end here, added */
-    status = pma_ahead_close(c);
-    if (status != PMA_OK)
-        return status;
-    status = share_all(c, close_step, ends, pma_split_close);
-    arrive(c);
-    return status;
-}
-
-/* Everybody stands at the present again, with nothing opened, after what ended the macro step. */
-static void go_to_present(pma_coupler *c)
-{
-    for (size_t i = 0; i < c->parts.count; i++) {
-        pma_place *at = &c->places[i];
-        at->j = at->phase = at->opened = 0;
-        at->late = false;
-        at->job = (pma_job){0};
-        pma_subdomain_discard(at->subdomain);
-    }
-}
-
-static void swap(double **a, double **b)
-{
-    double *kept = *a;
+    const pma_macro_level kept = *a;
     *a = *b;
     *b = kept;
 }
 
 void pma_coupler_commit(pma_coupler *c)
 {
-    if (c->pending && c->record)
-        record_pending(c);
-    for (size_t i = 0; i < c->parts.count; i++) {
-        pma_place *at = &c->places[i];
-        if (c->step_count == 0 && at->doubled && c->parts.rebased && !c->parts.macro)
-            pma_subdomain_rebase(at->subdomain, at->substeps, c->lam_work);
-        pma_subdomain_commit(at->subdomain);
-        at->j -= at->substeps;
-        at->opened = pma_subdomain_opened(at->subdomain);
-    }
-    swap(&c->lam, c->pending ? &c->lam_reached : &c->lam_work);
-    swap(&c->g, c->pending ? &c->g_reached : &c->g_work);
-    c->pending = false;
+    for (size_t i = 0; i < c->parts.count; i++)
+        c->coupled[i].member.table->commit(c->coupled[i].member.self);
+    swap(&c->present, &c->reached);
+    c->reached.number = c->present.number;
     c->k -= c->fine;
-    c->step_count++;
 }
 
-/* All have arrived at the end of a macro step: it becomes the present, or waits for that. */
-static void complete(pma_coupler *c)
+/* All members have arrived at the end of a macro step. It is committed, or waits for those that are
+ * closed beside the fine steps. */
+static void reach(pma_coupler *c)
 {
-    if (!pma_ahead_is_late(c)) {
+    swap(&c->reached, &c->working);
+    c->reached.number = c->present.number + 1;
+    if (!pma_look_ahead_is_busy(c))
         pma_coupler_commit(c);
-        return;
-    }
-    c->pending = true;
-    swap(&c->lam_reached, &c->lam_work);
-    swap(&c->g_reached, &c->g_work);
 }
 
-bool pma_coupler_asked_to_stop(pma_coupler *c, const pma_poll *poll)
+/* Back to the present, with nothing open, after what ended the macro step at hand. */
+static void abandon(pma_coupler *c)
 {
-    if (!poll || c->unpolled < poll->entries)
-        return false;
-    c->unpolled = 0;
-    return poll->stop(poll->ctx);
-}
-
-static pma_status fine_steps(pma_coupler *c, const pma_record *record, const pma_poll *poll)
-{
-    for (size_t k = 1; k <= c->fine; k++) {
-        c->k = c->pending ? c->fine + k : k;
-        if (pma_coupler_asked_to_stop(c, poll))
-            return PMA_STOPPED;
-        const pma_status status = fine_step(c);
-        if (status != PMA_OK)
-            return status;
-        if (record)
-            pma_coupler_record(c, record);
+    for (size_t i = 0; i < c->parts.count; i++) {
+        c->coupled[i].assigned = (pma_assignment){.closes = false};
+        c->coupled[i].member.table->discard(c->coupled[i].member.self);
     }
-    return PMA_OK;
+    c->reached.number = c->present.number;
+    c->k = 0;
 }
 
-static void begin(pma_coupler *c, int64_t steps, const pma_record *record)
+static bool is_any_observed(const pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_member *member = &c->coupled[i].member;
+        if (member->table->is_observed && member->table->is_observed(member->self))
+            return true;
+    }
+    return false;
+}
+
+static void begin(pma_coupler *c, int64_t steps, const pma_record *record, const pma_poll *poll)
 {
     c->record = record;
-    c->end = c->step_count + steps;
-    for (size_t i = 0; i < c->parts.count; i++)
-        c->places[i].opened = pma_subdomain_opened(c->places[i].subdomain);
+    c->poll = poll;
+    c->end = c->present.number + steps;
+    c->observed = is_any_observed(c);
+    atomic_store(&c->stopped, false);
 }
 
 pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,
@@ -625,15 +315,16 @@ pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *
     pma_status status = c->started ? PMA_OK : PMA_NOT_READY;
     if (c->team && steps > 0 && status == PMA_OK)
         status = pma_team_gather(c->team);
-    begin(c, steps, record);
+    begin(c, steps, record, poll);
     for (int64_t step = 0; step < steps && status == PMA_OK; step++) {
-        status = (c->parts.macro ? pma_macro_step : fine_steps)(c, record, poll);
+        status = c->parts.schedule->step(c);
         if (status == PMA_OK) {
-            complete(c);
+            reach(c);
         } else {
-            status = pma_ahead_settle(c, status);
-            go_to_present(c);
+            status = pma_look_ahead_end(c, status);
+            abandon(c);
         }
     }
-    return status;
+    /* the poll of the last wait may have said stop when all was done */
+    return status == PMA_OK && atomic_load(&c->stopped) ? PMA_STOPPED : status;
 }

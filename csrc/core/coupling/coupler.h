@@ -1,8 +1,8 @@
-/* coupler.h - the schedule: GC-alpha, PM-alpha and macro coupling of any number of subdomains.
+/* coupler.h - any number of subdomains, advanced together: GC-alpha, PM-alpha and macro coupling.
  *
- * The first two differ in who takes double steps, the third in when the interface is solved for:
- * at every fine instant or once in a macro step. The macro step is the unit of commit: whatever
- * ends an advance early, the coupler then stands at the last whole macro step. */
+ * The first two differ in which subdomains take double steps, the third in how often the interface
+ * problem is solved: in every fine step or once in a macro step. The macro step is the unit of
+ * commit: whatever ends an advance early, the coupler is then at the last whole macro step. */
 #ifndef PMA_COUPLER_H
 #define PMA_COUPLER_H
 
@@ -10,35 +10,36 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "algebra/factor.h"
+#include "coupling/interface.h"
+#include "coupling/motion.h"
 #include "coupling/record.h"
-#include "member/load.h"
-#include "member/subdomain.h"
+#include "member/member.h"
 #include "status.h"
 
-/* Prescribed velocity: sum_i L_i v_i = g(t) in some rows, where the others have 0.        (G1) */
-typedef struct {
-    const int64_t *rows; /* load.n rows, each in 0..p-1 */
-    pma_load load;       /* g(t), as a load on these rows, at every interface instant; not called */
-} pma_motion;
+/* When the interface problem is solved, and what the subdomains do in between. */
+typedef struct pma_schedule pma_schedule;
 
-/* What a coupler is made of. Subdomains and arrays are the caller's, who keeps them alive. */
+extern const pma_schedule pma_fine_schedule;  /* pm and gc: in every fine step */
+extern const pma_schedule pma_macro_schedule; /* once in a macro step, any substeps; H of (M4) */
+
+/* What a coupler is made of. Members and arrays are the caller's, who keeps them alive. */
 typedef struct {
-    size_t count;           /* subdomains */
-    pma_subdomain **subdomains;
-    size_t p;               /* interface conditions */
-    pma_factor H_start;     /* (18), everybody single: the first macro step */
-    pma_factor H;           /* (18), double steps where they are taken: from the second on */
-    double dt;              /* macro step */
-    bool rebased;           /* (S3) after the first macro step, else the plain start */
-    bool macro;             /* macro coupling: any substeps; H of (M4); double without substeps */
+    size_t count;              /* subdomains */
+    const pma_member *members; /* copied */
+    size_t p;                  /* constraints */
+    pma_interface H_start;     /* (18), single steps alone: the first macro step */
+    pma_interface H;           /* (18), double steps where they are taken: from the second on */
+    double dt;                 /* macro step */
+    bool rebased;              /* (S3) after the first macro step, else the plain start */
+    const pma_schedule *schedule;
     size_t motion_count;
-    pma_motion *motions;
-    size_t threads;         /* at most so many share the work; 0 stands for 1 */
-    bool worthwhile;        /* fewer of them where they would not pay, see roster.h */
+    const pma_motion *motions; /* copied */
+    size_t threads;            /* maximum number, including the caller; 0 stands for 1 */
+    bool worthwhile;           /* fewer of them where they would not pay, see roster.h */
 } pma_coupler_parts;
 
-/* Asked between fine steps, when about `entries` matrix entries were read since; true: stop. */
+/* Called between fine steps, when about `entries` matrix entries were read since, and now and then
+ * while the caller waits for another thread; true: stop. */
 typedef struct {
     bool (*stop)(void *ctx);
     void *ctx;
@@ -47,21 +48,23 @@ typedef struct {
 
 typedef struct pma_coupler pma_coupler;
 
-/* Own steps of a run that can be counted: up to here a double counts them exactly too. */
+/* Substeps of a run that can be counted: up to here a double counts them exactly too. */
 #define PMA_MOST_STEPS ((int64_t)1 << 53)
 
 /* What pma_coupler_failed returns when it was the interface problem itself. */
 #define PMA_INTERFACE SIZE_MAX
 
+/* PMA_BAD_SIZE when numbers of constraints or substeps do not agree or the schedule cannot have
+ * them, PMA_BAD_STEP when h of a member is not dt / substeps, PMA_BAD_INDEX for a bad motion. */
 pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out);
 void pma_coupler_destroy(pma_coupler *c); /* NULL is allowed */
 
 /* Another g(t) for a prescribed motion, on as many rows as before. */
 void pma_coupler_set_motion(pma_coupler *c, size_t i, pma_load load);
 
-/* Stands at macro step `step_count` with lam and the prescribed velocities g (p each, 0 where
- * none is). At 0 the subdomains have been started with the same lam; later their nodes have been
- * written. */
+/* The present is macro step `step_count` with lam and the prescribed velocities g (p each, 0 where
+ * none is). At 0 the subdomains have been started with the same lam; later their time levels have
+ * been written. */
 void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, const double *g);
 
 /* `steps` macro steps, recorded if record is not NULL. PMA_NOT_READY before a start,
@@ -77,7 +80,7 @@ void pma_coupler_record_present(const pma_coupler *c, const pma_record *record);
 /* Interface problems in a macro step: the largest number of substeps; one in macro coupling. */
 size_t pma_coupler_instants(const pma_coupler *c);
 int64_t pma_coupler_step_count(const pma_coupler *c);
-/* So many macro steps that the own steps of nobody in them are more than can be counted. */
+/* The largest number of macro steps in which all substeps can be counted. */
 int64_t pma_coupler_most_steps(const pma_coupler *c);
 size_t pma_coupler_threads(const pma_coupler *c); /* that share the work, at least 1 */
 const double *pma_coupler_multipliers(const pma_coupler *c); /* p, of the present */
@@ -85,7 +88,7 @@ const double *pma_coupler_prescribed(const pma_coupler *c);  /* p, g of the pres
 /* The subdomain whose function failed, or where a value was first not finite; of several in the
  * same fine step, the first in order. */
 size_t pma_coupler_failed(const pma_coupler *c);
-/* As given, but without the list of subdomains, which the coupler keeps in its own way. */
+/* As given, but without the list of members; the motions as they were set last. */
 const pma_coupler_parts *pma_coupler_get_parts(const pma_coupler *c);
 
 #endif

@@ -1,168 +1,173 @@
 /* macro.c - macro coupling: multipliers linear over the macro step, one interface problem in it.
  *
- * Every subdomain makes its own steps for itself, twice: with the loads and the multipliers of the
- * beginning held, and under the ramp by which the multipliers turn out to go on. */
+ * Every subdomain makes its substeps twice: with the loads and the multipliers of the beginning
+ * held (free macro run), and from rest under the ramp by which the multipliers turn out to go on
+ * (link response). To be read with section 13 of docs/method.md. */
 #include <string.h>
 
 #include "coupling/schedule.h"
 
-/* Before an own step. Worker 0 asks, the others hear of it. */
-static bool asked_to_stop(const pma_coupler *c, const pma_place *at)
+/* ---- which substeps, and what there is to do -------------------------------------------------- */
+
+/* Any numbers of substeps; with several of them a link response and no double steps. */
+static pma_status check(const pma_coupler_parts *parts)
 {
-    pma_run *run = c->run;
-    if (at->mine && run->poll && run->unpolled >= run->poll->entries) {
-        run->unpolled = 0;
-        if (run->poll->stop(run->poll->ctx))
-            atomic_store(&run->stopped, true);
+    for (size_t i = 0; i < parts->count; i++) {
+        const pma_member *member = &parts->members[i];
+        if (member->substeps > 1 && (member->doubled || !member->responds))
+            return PMA_BAD_SIZE;
     }
-    if (at->mine)
-        run->unpolled += at->entries;
-    return atomic_load(&run->stopped);
-}
-
-/* ---- the record: known values are left in it, responses added ------------------------------ */
-
-/* What is kept of the own nodes in mid macro step, or NULL. */
-static const pma_record_nodes *inner_nodes(const pma_coupler *c, const pma_place *at)
-{
-    const pma_record *record = c->run->record;
-    const pma_record_nodes *nodes = record ? &record->nodes[at - c->places] : NULL;
-    return nodes && record->every == 0 && nodes->count + nodes->springs > 0 ? nodes : NULL;
-}
-
-static size_t row_of(const pma_coupler *c, const pma_place *at, size_t j)
-{
-    return pma_record_row(c->run->record, c->step_count, j, at->substeps);
-}
-
-/* ---- known run (M2) -------------------------------------------------------------------------- */
-
-/* The step to own node j+1 as far as it is known: with the multipliers of the beginning held */
-static pma_status known_step(const pma_coupler *c, const pma_place *at, size_t j)
-{
-    const bool twice = pma_is_double(c, at);
-    const double t1 = pma_instant(c, j + 1, at->substeps);
-    const int64_t step = c->step_count * (int64_t)at->substeps + (int64_t)j;
-    const pma_status status = pma_subdomain_open(at->subdomain, j, twice, t1, step);
-    if (status != PMA_OK)
-        return status;
-    if (at->substeps > 1)
-        return pma_subdomain_close(at->subdomain, j + 1, false, c->lam);
-    pma_subdomain_hold(at->subdomain, twice, c->lam); /* (M6): closed when all is known */
     return PMA_OK;
 }
 
-static pma_status know(const pma_coupler *c, pma_place *at)
+static size_t one(const pma_coupler_parts *parts)
 {
-    const pma_record_nodes *inner = inner_nodes(c, at);
-    for (size_t j = 0; j < at->substeps; j++) {
-        if (asked_to_stop(c, at))
+    (void)parts;
+    return 1;
+}
+
+/* A subdomain does all its substeps at once, and twice where its link response is not stored. */
+static pma_duty duty(const pma_member *member)
+{
+    const bool repeats =
+        member->substeps > 1 && member->table->repeats(member->self, false) > 0;
+    return (pma_duty){.entries = member->entries * member->substeps * (repeats ? 2 : 1),
+                      .substeps = 1,
+                      .by_caller = member->by_caller};
+}
+
+static bool all(const pma_coupled *m)
+{
+    (void)m;
+    return true;
+}
+
+/* Before a substep. Worker 0 polls, the others see what came of it. */
+static bool is_stopped(pma_coupler *c, const pma_coupled *m)
+{
+    if (m->worker > 0)
+        return atomic_load(&c->stopped);
+    const bool stopped = pma_coupler_is_stopped(c);
+    c->unpolled += m->member.entries;
+    return stopped;
+}
+
+/* What is recorded of the inner time levels of a macro step, or NULL. */
+static const pma_selection *inner_selection(const pma_coupler *c, const pma_coupled *m)
+{
+    if (!c->record || c->record->every > 0)
+        return NULL;
+    const pma_selection *selection = &c->record->selections[m - c->coupled];
+    return selection->count + selection->springs > 0 ? selection : NULL;
+}
+
+/* ---- free macro run (M2) --------------------------------------------------------------------- */
+
+/* A substep as far as it is known: with the multipliers of the beginning held */
+static pma_status free_substep(pma_coupler *c, const pma_coupled *m, size_t j)
+{
+    const pma_member *member = &m->member;
+    const pma_substep step = pma_substep_of(c, m, j);
+    const pma_status status = member->table->open(member->self, &step);
+    if (status != PMA_OK)
+        return status;
+    if (member->substeps > 1)
+        return member->table->close(member->self, &step, c->present.lam);
+    member->table->hold(member->self, &step, c->present.lam); /* (M6): closed when all is known */
+    return PMA_OK;
+}
+
+static pma_status free_run(pma_coupler *c, pma_coupled *m)
+{
+    const pma_member *member = &m->member;
+    const pma_selection *inner = inner_selection(c, m);
+    for (size_t j = 0; j < member->substeps; j++) {
+        if (is_stopped(c, m))
             return PMA_STOPPED;
-        const pma_status status = known_step(c, at, j);
+        const pma_status status = free_substep(c, m, j);
         if (status != PMA_OK)
             return status;
-        if (inner && j + 1 < at->substeps)
-            pma_record_state(inner, pma_subdomain_at(at->subdomain, j + 1), row_of(c, at, j + 1));
+        if (inner && j + 1 < member->substeps)
+            member->table->record(member->self, j + 1, inner,
+                                  pma_recorder_row(c, j + 1, member->substeps));
     }
     return PMA_OK;
 }
 
 /* ---- interface (M4) ------------------------------------------------------------------------ */
 
-/* H dLam = g - sum_i L_i v_i(known)                                                 (M4) (G1) */
+/* H dLam = g - sum_i L_i v_i(free run)                                              (M4) (G1) */
 static pma_status solve_interface(pma_coupler *c)
 {
     const size_t p = c->parts.p;
+    double *lam = c->working.lam;
+    pma_coupler_prescribe(c);
     for (size_t row = 0; row < p; row++)
-        c->lam_work[row] = -c->g_work[row];
+        lam[row] = -c->working.g[row];
     for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_place *at = &c->places[i];
-        if (at->substeps > 1)
-            pma_subdomain_total_velocity(at->subdomain, at->substeps, c->lam_work);
+        const pma_member *member = &c->coupled[i].member;
+        if (member->substeps > 1)
+            member->table->velocity(member->self, member->substeps, lam);
         else
-            pma_subdomain_free_velocity(at->subdomain, 0, 1.0, 1.0, c->lam_work);
+            member->table->free_velocity(member->self, 0, 1.0, 1.0, lam);
     }
     for (size_t row = 0; row < p; row++)
-        c->lam_work[row] = -c->lam_work[row];
+        lam[row] = -lam[row];
     const pma_status status = pma_coupler_solve(c);
 
     /* (M1)  Lam_{n+1} = Lam_n + dLam */
-    memcpy(c->dlam, c->lam_work, p * sizeof(double));
+    memcpy(c->dlam, lam, p * sizeof(double));
     for (size_t row = 0; row < p; row++)
-        c->lam_work[row] = c->lam[row] + c->dlam[row];
+        lam[row] = c->present.lam[row] + c->dlam[row];
     return status;
 }
 
-/* ---- response (M3), added (M5) ------------------------------------------------------------- */
+/* ---- link response (M3), added (M5) -------------------------------------------------------- */
 
-/* The substeps up to `last` once more, from rest under the ramp of dLam */
-static pma_status repeat(const pma_coupler *c, const pma_place *at, size_t last)
+static pma_status respond(pma_coupler *c, pma_coupled *m)
 {
-    const pma_record_nodes *inner = inner_nodes(c, at);
-    for (size_t j = 1; j <= last; j++) {
-        if (asked_to_stop(c, at))
-            return PMA_STOPPED;
-        pma_subdomain_respond(at->subdomain, j, c->dlam);
-        if (pma_subdomain_has_energy(at->subdomain))
-            pma_subdomain_add_works(at->subdomain, j, c->lam, c->dlam);
-        if (inner && j < at->substeps)
-            pma_record_add(inner, pma_subdomain_response(at->subdomain), row_of(c, at, j));
+    const pma_member *member = &m->member;
+    const pma_selection *inner = inner_selection(c, m);
+    if (member->substeps == 1) {
+        const pma_substep step = pma_substep_of(c, m, 0);
+        return member->table->close(member->self, &step, c->working.lam);
     }
-    return PMA_OK;
-}
-
-/* Where the response is stored, the substeps are repeated for the record and the energy alone, and
- * the state at the end is the same to the last bit, asked for them or not. */
-static pma_status respond(const pma_coupler *c, pma_place *at)
-{
-    const bool energy = pma_subdomain_has_energy(at->subdomain);
-    const bool reached = pma_subdomain_parts(at->subdomain)->nb > 0; /* by any condition */
-    pma_status status = PMA_OK;
-    if (at->substeps == 1)
-        return pma_subdomain_close(at->subdomain, 1, pma_is_double(c, at), c->lam_work);
-    if (energy || (reached && !pma_subdomain_is_stored(at->subdomain)))
-        status = repeat(c, at, at->substeps);
-    else if (reached && inner_nodes(c, at))
-        status = repeat(c, at, at->substeps - 1);
-    if (status != PMA_OK || !reached)
-        return status;
-    return pma_subdomain_add_response(at->subdomain, c->dlam);
+    const size_t repeats = member->table->repeats(member->self, inner != NULL);
+    for (size_t j = 1; j <= repeats; j++) {
+        if (is_stopped(c, m))
+            return PMA_STOPPED;
+        member->table->respond(member->self, j, c->present.lam, c->dlam);
+        if (inner && j < member->substeps)
+            member->table->record_response(member->self, inner,
+                                           pma_recorder_row(c, j, member->substeps));
+    }
+    return member->table->add_response(member->self, c->dlam);
 }
 
 /* ---- the schedule ---------------------------------------------------------------------------- */
 
-static bool everybody(const pma_place *at)
-{
-    return at->phase == 0;
-}
-
-static pma_status known_and_response(pma_coupler *c)
-{
-    pma_status status = pma_coupler_share(c, know, everybody);
-    if (status != PMA_OK)
-        return status;
-    pma_coupler_prescribe(c, 1);
-    status = solve_interface(c);
-    if (status != PMA_OK)
-        return status;
-    return pma_coupler_share(c, respond, everybody);
-}
-
-pma_status pma_macro_step(pma_coupler *c, const pma_record *record, const pma_poll *poll)
+/* All are at the end of their last substep. */
+static void move_to_end(pma_coupler *c)
 {
     c->k = 1;
-    pma_run run = {.record = record, .poll = poll, .unpolled = c->unpolled};
-    atomic_init(&run.stopped, false);
-    c->run = &run;
-    c->unpolled = 0;
-    pma_status status = known_and_response(c);
-    c->unpolled += run.unpolled;
-    c->run = NULL;
-    if (atomic_load(&run.stopped))
-        return PMA_STOPPED; /* whatever else went wrong */
     for (size_t i = 0; i < c->parts.count; i++)
-        c->places[i].j = c->places[i].substeps;
-    if (status == PMA_OK && record)
-        pma_coupler_record(c, record);
+        c->coupled[i].now = (pma_moment){.j = c->coupled[i].member.substeps - 1, .phase = 1};
+}
+
+static pma_status macro_step(pma_coupler *c)
+{
+    move_to_end(c);
+    pma_status status = pma_share(c, free_run, all);
+    if (status == PMA_OK)
+        status = solve_interface(c);
+    if (status == PMA_OK)
+        status = pma_share(c, respond, all);
+    if (atomic_load(&c->stopped))
+        return PMA_STOPPED; /* whatever else went wrong */
+    if (status == PMA_OK)
+        pma_recorder_write(c);
     return status;
 }
+
+const pma_schedule pma_macro_schedule = {
+    .check = check, .instants = one, .duty = duty, .step = macro_step};

@@ -1,157 +1,170 @@
 /* schedule.h - the coupler from inside: what its files share.
  *
- * coupler.c is the object and the schedules with an interface problem at every fine instant, "pm"
- * and "gc"; ahead.c and split.c what several threads do in them besides sharing the subdomains;
- * macro.c the schedule with one in a macro step. */
+ * coupler.c is the object and its macro steps, fine.c the schedule with an interface problem in
+ * every fine step ("pm", "gc"), macro.c the one with one in a macro step, recorder.c what is
+ * recorded; workers/share.c, look_ahead.c and split.c are what several threads do in them. */
 #ifndef PMA_SCHEDULE_H
 #define PMA_SCHEDULE_H
 
 #include <stdatomic.h>
 
+#include "coupling/clock.h"
 #include "coupling/coupler.h"
 #include "workers/roster.h"
 #include "workers/team.h"
 
-/* What a worker beside the fine steps has been given to do with one subdomain. Worker 0 writes it
- * before and reads it after, not meanwhile. */
+/* What a worker beside the fine steps is assigned to do with one subdomain, until it is awaited. */
 typedef struct {
-    bool running;
-    bool closes, opens; /* the step to own node j; the one to own node j + 2 */
-    size_t j;
-    double t1;          /* of own node j + 2 */
-    int64_t step;
-    const pma_record_nodes *nodes;
-    size_t row;         /* where own node j is recorded, or PMA_NO_ROW */
-    pma_status status;  /* of the closing */
-} pma_job;
+    bool closes, opens;
+    pma_substep closed, opened;
+    const pma_selection *selection; /* where the end of `closed` is recorded */
+    size_t row;                     /* ... or PMA_NO_ROW */
+    pma_status status;              /* of the closing */
+} pma_assignment;
 
-/* Where a subdomain stands inside the macro step. */
+/* A member in a coupler, and where it is in the macro step. */
 typedef struct {
-    pma_subdomain *subdomain;
-    size_t substeps, ratio; /* own steps in a macro step, fine steps in an own step */
-    size_t j;               /* own node at or before this instant */
-    size_t phase;           /* fine steps since that node: 0..ratio */
-    size_t entries;         /* matrix entries read by one own step */
-    bool doubled, mine;     /* takes double steps; belongs to worker 0, the caller */
-    bool split;             /* all workers of the fine steps do it together */
-    pma_status status;      /* what the last open or close said; written when it is not PMA_OK */
-    size_t opened;          /* own node up to which steps have been opened, or are being */
-    bool late;              /* the step to this node is being closed beside the fine steps */
-    pma_job job;
-    double *lam;            /* p: what it is closed with; NULL for those that are never late */
-} pma_place;
+    pma_member member;
+    size_t ratio;     /* fine steps in a substep */
+    pma_moment now;   /* at the end of the fine step at hand */
+    size_t worker;    /* that has it */
+    pma_status status; /* of the last open or close; written when it is not PMA_OK */
+    pma_assignment assigned;
+    double *lam;      /* p: what it is closed with beside the fine steps; else NULL */
+} pma_coupled;
+
+/* The end of macro step number - 1: multipliers and prescribed velocities (p each). */
+typedef struct {
+    int64_t number;
+    double *lam, *g;
+} pma_macro_level;
 
 /* Work to be done with one subdomain, on whatever worker has it. */
-typedef pma_status (*pma_task)(const pma_coupler *c, pma_place *at);
-
-/* A macro step of macro coupling while it is made; all but `stopped` is worker 0's to change. */
-typedef struct {
-    const pma_record *record;
-    const pma_poll *poll;
-    size_t unpolled;     /* entries read since the last poll */
-    atomic_bool stopped; /* by the poll: everybody stops before the next own step */
-} pma_run;
+typedef pma_status (*pma_task)(pma_coupler *c, pma_coupled *m);
+typedef bool (*pma_due)(const pma_coupled *m);
 
 struct pma_coupler {
     pma_coupler_parts parts;
-    pma_place *places;  /* one for each subdomain */
-    size_t fine;        /* interface problems in a macro step */
-    int64_t step_count; /* macro steps done */
-    int64_t end;        /* macro step at which the call at hand ends */
-    size_t k;           /* fine steps since the present, of the one at hand */
-    bool restored;      /* somebody has a restoring force */
-    bool pending;       /* the macro step before is not committed yet: nodes are counted on */
-    const pma_record *record; /* of the call at hand, or NULL */
-    bool started;
+    pma_coupled *coupled; /* one for each member */
+    size_t fine;          /* interface problems in a macro step */
+    size_t k;             /* fine steps since the present, with the one at hand */
+
+    /* The present is committed. All members have arrived at `reached`, which waits to be committed
+     * while it has another number. `working` is that of the fine step at hand, without a number. */
+    pma_macro_level present, reached, working;
+
+    /* of the call at hand */
+    int64_t end;              /* macro step at which it ends */
+    const pma_record *record; /* or NULL */
+    const pma_poll *poll;     /* or NULL */
+    size_t unpolled;          /* entries read since the last poll */
+    atomic_bool stopped;      /* by the poll */
     size_t failed;
-    size_t unpolled;    /* entries read since the last poll */
-    size_t interface_entries; /* read by one interface solve */
-    double *lam;        /* p: multipliers of the present */
-    double *lam_work;   /* p: of the fine step at hand */
-    double *g;          /* p: prescribed velocities of the present, zero where none is */
-    double *g_work;     /* p: of the fine step at hand */
-    double *lam_reached, *g_reached; /* p: of the macro step that is pending */
-    double *lam_late;   /* what is closed late is closed with */
-    double *motion;     /* p: scratch */
-    double *dlam;       /* p: under macro coupling, how far the multipliers go */
-    double *block;
-    pma_roster roster;  /* who has which subdomains */
-    pma_team *team;     /* NULL when the caller is alone */
-    pma_task task;      /* what the team is at */
-    bool (*due)(const pma_place *);
-    pma_run *run;       /* macro coupling: the macro step at hand */
-    atomic_bool not_finite; /* some rows of the subdomain that is split were not */
+    bool started;
+    bool evaluates, observed; /* a member has a restoring force; its energy summed up */
+
+    pma_motion *motions;
+    double *scratch, *dlam; /* p; the latter under macro coupling: Lam_{n+1} - Lam_n */
+    double *block, *lam_deferred;
+
+    pma_roster roster;     /* which worker has which subdomains */
+    pma_team *team;        /* NULL when the caller is alone */
+    pma_task task;         /* what the team does, and with which members */
+    pma_due due;
+    atomic_bool not_finite; /* some rows of the member that is split were not */
 };
 
-/* Double steps are taken from the second macro step on: they are not self-starting. */
-static inline bool pma_is_double(const pma_coupler *c, const pma_place *at)
+struct pma_schedule {
+    /* Are these numbers of substeps possible? PMA_BAD_SIZE if not. */
+    pma_status (*check)(const pma_coupler_parts *parts);
+    /* Interface problems in a macro step. */
+    size_t (*instants)(const pma_coupler_parts *parts);
+    /* What there is to do for one member. */
+    pma_duty (*duty)(const pma_member *member);
+    /* A macro step, up to where all have arrived at its end; `working` is then that of its end. */
+    pma_status (*step)(pma_coupler *c);
+};
+
+/* ---- clock ---------------------------------------------------------------------------------- */
+
+static inline pma_substep pma_substep_of(const pma_coupler *c, const pma_coupled *m, size_t j)
 {
-    return at->doubled && c->step_count > 0;
+    return pma_clock_substep(c->parts.dt, c->present.number, m->member.substeps, j,
+                             m->member.doubled);
 }
 
-/* (T1)  t = (k / nodes) dt with node k counted from 0, in this order: equal instants, equal bits,
- * whatever the number of nodes in a macro step */
-static inline double pma_instant(const pma_coupler *c, size_t k, size_t nodes)
+/* Every member where it is at the end of fine step k. */
+void pma_coupler_move_to(pma_coupler *c, size_t k);
+
+static inline bool pma_is_ending(const pma_coupled *m)
 {
-    const double count = (double)c->step_count * (double)nodes + (double)k;
-    return count / (double)nodes * c->parts.dt;
+    return m->now.phase == m->ratio;
 }
 
-/* The own step that begins at own node at->j, counted from the start of the run. */
-static inline int64_t pma_own_step(const pma_coupler *c, const pma_place *at)
+/* The macro step before is not committed yet. */
+static inline bool pma_is_pending(const pma_coupler *c)
 {
-    return c->step_count * (int64_t)at->substeps + (int64_t)at->j;
+    return c->reached.number > c->present.number;
 }
 
-/* The row of own node j of `nodes` in a macro step, or PMA_NO_ROW; j may go on beyond them. */
-static inline size_t pma_row(const pma_coupler *c, size_t j, size_t nodes)
-{
-    const int64_t macro = c->step_count + (j > nodes);
-    return pma_record_row(c->record, macro, j > nodes ? j - nodes : j, nodes);
-}
+/* ---- stages of a macro step: coupler.c -------------------------------------------------------- */
 
-/* g (p) of interface problem k = 1..fine of the macro step into g_work */
-void pma_coupler_prescribe(pma_coupler *c, size_t k);
+/* working.g (p) := g of interface problem k */
+void pma_coupler_prescribe(pma_coupler *c);
 
-/* H lam_work := lam_work. PMA_NOT_FINITE, with the subdomain at fault found. */
+/* working.lam := H^-1 working.lam. PMA_NOT_FINITE, with the member at fault found. */
 pma_status pma_coupler_solve(pma_coupler *c);
 
-/* Every worker does `task` with those it has that are `due`, worker 0 too; all wait for the last.
- * What went wrong with the first subdomain, in order, with which it did. */
-pma_status pma_coupler_share(pma_coupler *c, pma_task task, bool (*due)(const pma_place *));
-
-/* Everybody has arrived at interface instant c->k: what is wanted of it. */
-void pma_coupler_record(const pma_coupler *c, const pma_record *record);
-
-/* A macro step of macro coupling, as far as commit; in macro.c */
-pma_status pma_macro_step(pma_coupler *c, const pma_record *record, const pma_poll *poll);
-
-/* The nodes at the end of the macro step become the present. Cannot fail. */
+/* The end of the macro step that all have reached becomes the present. Cannot fail. */
 void pma_coupler_commit(pma_coupler *c);
 
-/* ---- beside the fine steps: ahead.c ---------------------------------------------------------- */
+/* Calls the poll when enough entries were read since the last time: stop? */
+bool pma_coupler_is_stopped(pma_coupler *c);
 
-/* Those that stand at a node with one step opened begin to open the next. */
-void pma_ahead_open(pma_coupler *c);
+/* ---- recorder.c ------------------------------------------------------------------------------ */
 
-/* Those that reach a node are awaited, take the multipliers and are sent on; at the end of a call
- * they are left to be closed as the others are. PMA_NOT_FINITE when what is awaited was not. */
-pma_status pma_ahead_close(pma_coupler *c);
+/* The row of time level j, counted from the present, of a grid of `levels` in a macro step. */
+size_t pma_recorder_row(const pma_coupler *c, size_t j, size_t levels);
 
-/* Is a step that ended at this instant still being closed? */
-bool pma_ahead_is_late(const pma_coupler *c);
+/* What is wanted of the end of the fine step at hand, if a record is. */
+void pma_recorder_write(const pma_coupler *c);
 
-/* All is awaited after what ended the fine step at hand with this status. A failure that belongs
- * to an earlier instant is the one that is named, and the macro step before committed if it can. */
-pma_status pma_ahead_settle(pma_coupler *c, pma_status status);
+/* What had to wait for members that were closed beside the fine steps: the jumps at `reached`. */
+void pma_recorder_complete(const pma_coupler *c);
 
-/* ---- one subdomain by all workers of the fine steps: split.c ----------------------------------- */
+/* ---- several threads: workers/ --------------------------------------------------------------- */
 
-/* open and close of a subdomain that is split. */
-pma_status pma_split_open(pma_coupler *c, pma_place *at);
-pma_status pma_split_close(pma_coupler *c, pma_place *at);
+/* Every worker does `task` with those of its members that are `due`, worker 0 too; all wait for the
+ * last. What went wrong with the first member, in order, with which it did. (share.c) */
+pma_status pma_share(pma_coupler *c, pma_task task, pma_due due);
 
-/* Looks at the poll when enough entries were read since the last time. */
-bool pma_coupler_asked_to_stop(pma_coupler *c, const pma_poll *poll);
+/* Waits for a worker and calls the poll meanwhile; gives it work(c, worker). (share.c) */
+void pma_share_await(pma_coupler *c, size_t worker);
+void pma_share_post(pma_coupler *c, size_t worker, pma_work work);
+
+/* open and close of the member that all workers of the fine steps do together. (split.c) */
+bool pma_split_is(const pma_coupler *c, const pma_coupled *m);
+pma_status pma_split_open(pma_coupler *c, pma_coupled *m);
+pma_status pma_split_close(pma_coupler *c, pma_coupled *m);
+
+/* Members beside the fine steps (look_ahead.c): room for them; */
+pma_status pma_look_ahead_create(pma_coupler *c);
+/* is the substep to time level j + 1 open, or being opened? */
+bool pma_look_ahead_has_open(const pma_coupled *m, size_t j);
+/* those that begin a substep, and have it open, begin to open the next one; */
+void pma_look_ahead_open(pma_coupler *c);
+/* those that end a substep are awaited, and all if a macro step waits to be committed;
+ * PMA_NOT_FINITE when what is awaited was not; */
+pma_status pma_look_ahead_await(pma_coupler *c);
+/* is anything under way, or did it fail? */
+bool pma_look_ahead_is_busy(const pma_coupler *c);
+/* is the closing of the step that ends with this fine step under way: of m, of any member? */
+bool pma_look_ahead_is_deferred(const pma_coupled *m);
+bool pma_look_ahead_defers(const pma_coupler *c);
+/* those that end a substep have its closing deferred where that is possible; */
+void pma_look_ahead_defer(pma_coupler *c);
+/* all is awaited after what ended the fine step at hand with this status. A failure that belongs to
+ * an earlier time is the one that is returned, and the macro step before committed if it can. */
+pma_status pma_look_ahead_end(pma_coupler *c, pma_status status);
 
 #endif

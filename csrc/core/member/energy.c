@@ -4,41 +4,53 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A double step ends two nodes after it began, and may be opened one node before that. */
-enum { KEPT = 4 };
+/* A double step ends two time levels after it began. */
+enum { KEPT = 3 };
 
-/* The displacement of a node, the forces that act there, and the works up to it. */
+/* The displacement at a time level, the forces that act there, and the works up to it. */
 typedef struct {
     double *u, *load, *damping; /* n each: u, F, C v + r */
     double *pull;               /* nb: L_b^T Lam */
-    double slip;                /* dissipated by springs in the step that ends here */
+    double *springs;            /* what they remember */
     double dissipated, external, interface;
-} energy_node;
+} level;
 
 struct pma_energy {
     pma_energy_parts parts;
+    level present, previous;
+    level *work;           /* time level j > 0 in work[(j - 1) % kept] */
     size_t kept;
-    energy_node *nodes;      /* node k, counted from the beginning, in nodes[k % kept] */
-    size_t opened, closed;
-    double *product;         /* n: scratch */
+    bool begun;            /* a macro step has been committed since the beginning */
+    double *start_damping; /* n: C v at the beginning */
+    double *product;       /* n: scratch */
     double *block;
 };
 
 /* ---- making ----------------------------------------------------------------------------- */
 
+static size_t spring_numbers(const pma_energy_parts *parts)
+{
+    return PMA_SPRING_FIELDS * parts->springs->total;
+}
+
+static level take_level(double **next, const pma_energy_parts *parts)
+{
+    const size_t n = parts->n;
+    level at = {.u = *next, .load = *next + n, .damping = *next + 2 * n, .pull = *next + 3 * n};
+    at.springs = at.pull + parts->nb;
+    *next = at.springs + spring_numbers(parts);
+    return at;
+}
+
 static void lay_out(pma_energy *e)
 {
-    const size_t n = e->parts.n, nb = e->parts.nb;
     double *next = e->block;
-    for (size_t k = 0; k < e->kept; k++) {
-        energy_node *at = &e->nodes[k];
-        at->u = next;
-        at->load = next + n;
-        at->damping = next + 2 * n;
-        at->pull = next + 3 * n;
-        next += 3 * n + nb;
-    }
-    e->product = next;
+    e->present = take_level(&next, &e->parts);
+    e->previous = take_level(&next, &e->parts);
+    for (size_t k = 0; k < e->kept; k++)
+        e->work[k] = take_level(&next, &e->parts);
+    e->start_damping = next;
+    e->product = next + e->parts.n;
 }
 
 pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out)
@@ -50,18 +62,19 @@ pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out)
     const pma_status status = pma_matrix_check(&parts->M);
     if (status != PMA_OK)
         return status;
-    const size_t kept = parts->ahead + KEPT;
-    /* at most (4 * kept + 1) n doubles: no overflow below this n */
-    if (parts->n > SIZE_MAX / (8 * kept * sizeof(double)))
+    const size_t kept = parts->responds ? parts->substeps : KEPT;
+    const size_t size = 3 * parts->n + parts->nb + spring_numbers(parts);
+    /* (kept + 2) size + 2 n doubles: no overflow below this size */
+    if (size > SIZE_MAX / ((kept + 4) * sizeof(double)))
         return PMA_NO_MEMORY;
     pma_energy *e = calloc(1, sizeof *e);
     if (!e)
         return PMA_NO_MEMORY;
     e->parts = *parts;
     e->kept = kept;
-    e->nodes = calloc(kept, sizeof *e->nodes);
-    e->block = calloc(kept * (3 * parts->n + parts->nb) + parts->n, sizeof(double));
-    if (!e->nodes || !e->block) {
+    e->work = calloc(kept, sizeof *e->work);
+    e->block = calloc((kept + 2) * size + 2 * parts->n, sizeof(double));
+    if (!e->work || !e->block) {
         pma_energy_destroy(e);
         return PMA_NO_MEMORY;
     }
@@ -73,7 +86,7 @@ pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out)
 void pma_energy_destroy(pma_energy *e)
 {
     if (e) {
-        free(e->nodes);
+        free(e->work);
         free(e->block);
     }
     free(e);
@@ -81,9 +94,17 @@ void pma_energy_destroy(pma_energy *e)
 
 /* ---- works ------------------------------------------------------------------------------ */
 
-static energy_node *node_at(pma_energy *e, size_t k)
+static level *level_at(pma_energy *e, size_t j)
 {
-    return &e->nodes[k % e->kept];
+    return j == 0 ? &e->present : &e->work[(j - 1) % e->kept];
+}
+
+/* Where the works of a substep are counted from. */
+static level *origin(pma_energy *e, const pma_substep *step)
+{
+    if (!step->twice || (step->j == 0 && !e->begun))
+        return level_at(e, step->j);
+    return step->j == 0 ? &e->previous : level_at(e, step->j - 1);
 }
 
 /* out (n) := A x, but for the sign of its zeros */
@@ -101,15 +122,39 @@ static void add(size_t n, const double *x, double *y)
         y[i] += x[i];
 }
 
-/* u, C v and L_b^T Lam of a node; F and r were told when the step towards it was opened */
-static void fill_node(const pma_energy *e, energy_node *at, const double *u, const double *v,
-                      const double *lam)
+/* r of the substep closed last. At the beginning it is not known: there it counts as that of the
+ * first substep. */
+static void take_restoring(pma_energy *e, const pma_substep *step, level *to)
 {
-    memcpy(at->u, u, e->parts.n * sizeof(double));
-    multiply(&e->parts.C, v, e->product);
-    add(e->parts.n, e->product, at->damping);
-    memset(at->pull, 0, e->parts.nb * sizeof(double));
-    pma_link_load(&e->parts.link, lam, at->pull);
+    const pma_restoring *restoring = e->parts.restoring;
+    if (!restoring->function)
+        return;
+    const double *r = pma_restoring_last(restoring);
+    for (size_t i = 0; i < e->parts.n; i++)
+        to->damping[i] = r[restoring->order[i]];
+    if (step->j > 0 || e->begun)
+        return;
+    memcpy(e->present.damping, e->start_damping, e->parts.n * sizeof(double));
+    add(e->parts.n, to->damping, e->present.damping);
+}
+
+/* u, springs, F and C v + r at the end of a substep; L_b^T Lam is not known in a free macro run */
+static void fill_level(pma_energy *e, const pma_substep *step, const pma_state *x, level *to)
+{
+    memcpy(to->u, x->u, e->parts.n * sizeof(double));
+    memcpy(to->springs, x->springs, spring_numbers(&e->parts) * sizeof(double));
+    memset(to->load, 0, e->parts.n * sizeof(double));
+    memset(to->damping, 0, e->parts.n * sizeof(double));
+    pma_load_add(e->parts.load, step->t1, step->number, to->load);
+    take_restoring(e, step, to);
+    multiply(&e->parts.C, x->v, e->product);
+    add(e->parts.n, e->product, to->damping);
+}
+
+static void fill_pull(const pma_energy *e, const double *lam, level *to)
+{
+    memset(to->pull, 0, e->parts.nb * sizeof(double));
+    pma_link_load(&e->parts.link, lam, to->pull);
 }
 
 /* (B2)  (u1 - u0) . (q0 + q1) / 2 */
@@ -122,6 +167,89 @@ static double work(size_t n, const double *u0, const double *u1, const double *q
     return 0.5 * sum;
 }
 
+/* What the springs dissipate: their work but for (H5) */
+static double slip(const pma_springs *springs, const double *from, const double *to)
+{
+    return pma_springs_work(springs, from, to) + pma_springs_energy(springs, from) -
+           pma_springs_energy(springs, to);
+}
+
+/* (B3)  W1 = W0 + dW */
+static void sum_up(const pma_energy *e, const level *from, level *to)
+{
+    const size_t n = e->parts.n, inner = n - e->parts.nb;
+    to->dissipated = from->dissipated + work(n, from->u, to->u, from->damping, to->damping);
+    if (e->parts.springs->total > 0)
+        to->dissipated += slip(e->parts.springs, from->springs, to->springs);
+    to->external = from->external + work(n, from->u, to->u, from->load, to->load);
+    to->interface = from->interface + work(e->parts.nb, from->u + inner, to->u + inner, from->pull,
+                                           to->pull);
+}
+
+void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, const double *lam)
+{
+    level *at = &e->present;
+    e->begun = false;
+    memcpy(at->u, x->u, e->parts.n * sizeof(double));
+    memcpy(at->springs, x->springs, spring_numbers(&e->parts) * sizeof(double));
+    memcpy(at->load, load, e->parts.n * sizeof(double));
+    multiply(&e->parts.C, x->v, e->product);
+    memset(e->start_damping, 0, e->parts.n * sizeof(double));
+    add(e->parts.n, e->product, e->start_damping);
+    memcpy(at->damping, e->start_damping, e->parts.n * sizeof(double));
+    fill_pull(e, lam, at);
+    at->dissipated = 0.0;
+    at->external = 0.0;
+    at->interface = 0.0;
+}
+
+void pma_energy_close(pma_energy *e, const pma_substep *step, const pma_state *x,
+                      const double *lam)
+{
+    level *to = level_at(e, step->j + 1);
+    fill_level(e, step, x, to);
+    fill_pull(e, lam, to);
+    sum_up(e, origin(e, step), to);
+}
+
+void pma_energy_close_free(pma_energy *e, const pma_substep *step, const pma_state *x)
+{
+    fill_level(e, step, x, level_at(e, step->j + 1));
+}
+
+void pma_energy_respond(pma_energy *e, size_t j, const pma_state *r, const double *lam,
+                        const double *dlam)
+{
+    const double share = (double)j / (double)e->parts.substeps;
+    level *to = level_at(e, j);
+    add(e->parts.n, r->u, to->u);
+    multiply(&e->parts.C, r->v, e->product);
+    add(e->parts.n, e->product, to->damping);
+
+    /* L_b^T (lam + share dlam) */
+    fill_pull(e, dlam, to);
+    for (size_t i = 0; i < e->parts.nb; i++)
+        to->pull[i] *= share;
+    pma_link_load(&e->parts.link, lam, to->pull);
+    sum_up(e, level_at(e, j - 1), to);
+}
+
+static void swap(level *a, level *b)
+{
+    const level kept = *a;
+    *a = *b;
+    *b = kept;
+}
+
+void pma_energy_commit(pma_energy *e)
+{
+    const size_t last = e->parts.substeps;
+    if (e->parts.doubled)
+        swap(&e->previous, level_at(e, last - 1));
+    swap(&e->present, level_at(e, last));
+    e->begun = true;
+}
+
 /* x . A x / 2 */
 static double half_square(pma_energy *e, const pma_matrix *A, const double *x)
 {
@@ -132,98 +260,12 @@ static double half_square(pma_energy *e, const pma_matrix *A, const double *x)
     return 0.5 * sum;
 }
 
-void pma_energy_begin(pma_energy *e, const double *u, const double *v, const double *load,
-                      const double *lam)
+void pma_energy_at(pma_energy *e, size_t j, const pma_state *x, double *out)
 {
-    energy_node *at = node_at(e, 0);
-    e->opened = 0;
-    e->closed = 0;
-    memcpy(at->load, load, e->parts.n * sizeof(double));
-    memset(at->damping, 0, e->parts.n * sizeof(double));
-    fill_node(e, at, u, v, lam);
-    at->dissipated = 0.0;
-    at->external = 0.0;
-    at->interface = 0.0;
-}
-
-double *pma_energy_open(pma_energy *e)
-{
-    energy_node *to = node_at(e, ++e->opened);
-    memset(to->load, 0, e->parts.n * sizeof(double));
-    memset(to->damping, 0, e->parts.n * sizeof(double));
-    to->slip = 0.0;
-    return to->load;
-}
-
-void pma_energy_slip(pma_energy *e, double dissipated)
-{
-    node_at(e, e->opened)->slip = dissipated;
-}
-
-bool pma_energy_is_first(const pma_energy *e)
-{
-    return e->opened == 1;
-}
-
-void pma_energy_restore(pma_energy *e, const int64_t *order, const double *r)
-{
-    double *to = node_at(e, e->opened)->damping, *first = node_at(e, 0)->damping;
-    for (size_t i = 0; i < e->parts.n; i++)
-        to[i] = r[order[i]];
-    if (e->opened == 1)
-        add(e->parts.n, to, first);
-}
-
-/* (B3)  W1 = W0 + dW, of the step to the node that is closed next */
-static void close_node(pma_energy *e, bool twice)
-{
-    const size_t n = e->parts.n, inner = n - e->parts.nb;
-    const energy_node *from = node_at(e, e->closed - (twice && e->closed > 0 ? 1 : 0));
-    energy_node *to = node_at(e, ++e->closed);
-    to->dissipated = from->dissipated + work(n, from->u, to->u, from->damping, to->damping);
-    to->dissipated += to->slip;
-    to->external = from->external + work(n, from->u, to->u, from->load, to->load);
-    to->interface = from->interface + work(e->parts.nb, from->u + inner, to->u + inner, from->pull,
-                                           to->pull);
-}
-
-void pma_energy_close(pma_energy *e, const double *u, const double *v, const double *lam,
-                      bool twice)
-{
-    fill_node(e, node_at(e, e->closed + 1), u, v, lam);
-    close_node(e, twice);
-}
-
-void pma_energy_know(pma_energy *e, const double *u, const double *v)
-{
-    energy_node *at = node_at(e, e->opened);
-    memcpy(at->u, u, e->parts.n * sizeof(double));
-    multiply(&e->parts.C, v, e->product);
-    add(e->parts.n, e->product, at->damping);
-}
-
-void pma_energy_add(pma_energy *e, const double *u, const double *v, const double *lam,
-                    const double *dlam, double share)
-{
-    energy_node *to = node_at(e, e->closed + 1);
-    add(e->parts.n, u, to->u);
-    multiply(&e->parts.C, v, e->product);
-    add(e->parts.n, e->product, to->damping);
-
-    /* L_b^T (lam + share dlam) */
-    memset(to->pull, 0, e->parts.nb * sizeof(double));
-    pma_link_load(&e->parts.link, dlam, to->pull);
-    for (size_t i = 0; i < e->parts.nb; i++)
-        to->pull[i] *= share;
-    pma_link_load(&e->parts.link, lam, to->pull);
-    close_node(e, false);
-}
-
-void pma_energy_tell(pma_energy *e, const double *u, const double *v, double *out)
-{
-    const energy_node *at = node_at(e, e->closed);
-    out[PMA_KINETIC] = half_square(e, &e->parts.M, v); /* (B1) */
-    out[PMA_STRAIN] = half_square(e, &e->parts.K, u);
+    const level *at = level_at(e, j);
+    out[PMA_KINETIC] = half_square(e, &e->parts.M, x->v); /* (B1) */
+    out[PMA_STRAIN] = half_square(e, &e->parts.K, x->u);
+    out[PMA_STRAIN] += pma_springs_energy(e->parts.springs, x->springs);
     out[PMA_DISSIPATED] = at->dissipated;
     out[PMA_EXTERNAL] = at->external;
     out[PMA_INTERFACE_WORK] = at->interface;

@@ -1,7 +1,8 @@
-/* energy.h - where the energy of a subdomain goes: works summed up own step by own step.
+/* energy.h - where the energy of a subdomain goes: works summed up substep by substep.
  *
- * Only for a run that asks for it. A subdomain that has an energy tells it the load of each step it
- * opens, and each state it closes; its own numbers are read and never changed. */
+ * An observer: it is shown each substep that is closed and copies what it needs; the subdomain's own
+ * numbers are read and never changed. Its sums belong to time levels, so they are committed with
+ * them, and those of a macro step that is given up are lost with it. */
 #ifndef PMA_ENERGY_H
 #define PMA_ENERGY_H
 
@@ -11,17 +12,26 @@
 
 #include "algebra/link.h"
 #include "algebra/matrix.h"
+#include "member/load.h"
+#include "member/restoring.h"
+#include "member/springs.h"
+#include "member/state.h"
+#include "member/substep.h"
 #include "status.h"
 
-/* What is told of a node: T and U there, and the works done since the beginning.     (B1) (B2) */
+/* What is known at a time level: T and U there, and the works done since the beginning. (B1) (B2) */
 enum { PMA_KINETIC, PMA_STRAIN, PMA_DISSIPATED, PMA_EXTERNAL, PMA_INTERFACE_WORK, PMA_ENERGIES };
 
-/* Matrices in elimination order. The arrays behind them are the caller's, who keeps them alive. */
+/* Matrices in elimination order. What is pointed to is the subdomain's, and the caller's. */
 typedef struct {
-    size_t n, nb;
-    size_t ahead; /* steps opened before the first of them is closed: 1, or those of a known run */
+    size_t n, nb, substeps;
+    bool responds; /* all substeps are closed in a free macro run before any of them is complete */
+    bool doubled;
     pma_matrix M, K, C;
     pma_link link;
+    const pma_load *load;
+    const pma_restoring *restoring;
+    const pma_springs *springs;
 } pma_energy_parts;
 
 typedef struct pma_energy pma_energy;
@@ -30,37 +40,24 @@ typedef struct pma_energy pma_energy;
 pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out);
 void pma_energy_destroy(pma_energy *e); /* NULL is allowed */
 
-/* All works are zero at this node: u and v (n), under load (n) and multipliers lam (p). */
-void pma_energy_begin(pma_energy *e, const double *u, const double *v, const double *load,
+/* All works are zero at the present x, under load (n) and multipliers lam (p). */
+void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, const double *lam);
+
+/* A substep has been closed: the state x at its end, lam (p). Its load and its restoring force are
+ * those evaluated last. The works of a double step are added to those of the time level before the
+ * last one, but for the first substep after the beginning.                                  (B3) */
+void pma_energy_close(pma_energy *e, const pma_substep *step, const pma_state *x,
                       const double *lam);
 
-/* A step is being opened: where to add the load (n) at its end. */
-double *pma_energy_open(pma_energy *e);
+/* The same in two calls: in the free macro run (M2) and, substep after substep, when the link
+ * response r (M3) has come to time level j, under lam + j / substeps dlam (p each). */
+void pma_energy_close_free(pma_energy *e, const pma_substep *step, const pma_state *x);
+void pma_energy_respond(pma_energy *e, size_t j, const pma_state *r, const double *lam,
+                        const double *dlam);
 
-/* The restoring force r (n) of the step opened last, r[order[i]] that of dof i. Of the node at the
- * beginning nobody knows it: there it counts as that of the first step. */
-void pma_energy_restore(pma_energy *e, const int64_t *order, const double *r);
+void pma_energy_commit(pma_energy *e);
 
-/* What the springs dissipated in the step opened last; of the first one after the beginning, from
- * the node where it all began. */
-void pma_energy_slip(pma_energy *e, double dissipated);
-bool pma_energy_is_first(const pma_energy *e); /* is that step the first one? */
-
-/* A step has been closed: u and v (n) at its end, lam (p). A double step adds its works to those of
- * the node before the last one, but for the first step after the beginning.                 (B3) */
-void pma_energy_close(pma_energy *e, const double *u, const double *v, const double *lam,
-                      bool twice);
-
-/* The step opened last has been closed as far as it is known (M2): u and v (n) there. */
-void pma_energy_know(pma_energy *e, const double *u, const double *v);
-
-/* The first step that is known and not closed yet: u and v (n) of its response (M3) added to what
- * is known, under lam + share dlam (p each). */
-void pma_energy_add(pma_energy *e, const double *u, const double *v, const double *lam,
-                    const double *dlam, double share);
-
-/* out (PMA_ENERGIES): T and U (without springs) of u and v (n), the node last closed, and the works
- * up to it */
-void pma_energy_tell(pma_energy *e, const double *u, const double *v, double *out);
+/* out (PMA_ENERGIES): T and U of the state x at time level j, and the works up to it */
+void pma_energy_at(pma_energy *e, size_t j, const pma_state *x, double *out);
 
 #endif

@@ -5,12 +5,12 @@
 #include <math.h>
 #include <string.h>
 
-/* Rows of a load that are wanted. */
+/* Rows of a load. */
 typedef struct {
     size_t begin, end;
-} stretch;
+} range;
 
-static void add_scaled(stretch rows, double scale, const double *x, double *g)
+static void add_scaled(range rows, double scale, const double *x, double *g)
 {
     for (size_t i = rows.begin; i < rows.end; i++)
         g[i] += scale * x[i];
@@ -25,7 +25,7 @@ static double sample_position(const pma_load *load, double t)
 }
 
 /* row j of the samples, weighted and spread over the dofs */
-static void add_sample(const pma_load *load, size_t j, double weight, stretch rows, double *g)
+static void add_sample(const pma_load *load, size_t j, double weight, range rows, double *g)
 {
     const double *row = load->values + j * load->k;
     if (!load->shape) {
@@ -37,7 +37,7 @@ static void add_sample(const pma_load *load, size_t j, double weight, stretch ro
 }
 
 /* F(t) = shape ((1 - theta) s_j + theta s_{j+1}), t = (j + theta) dt                    (L1) */
-static void add_sampled(const pma_load *load, double t, stretch rows, double *g)
+static void add_sampled(const pma_load *load, double t, range rows, double *g)
 {
     const double x = sample_position(load, t), last = (double)(load->samples - 1);
     if (x >= last) {
@@ -51,13 +51,13 @@ static void add_sampled(const pma_load *load, double t, stretch rows, double *g)
         add_sample(load, (size_t)begin + 1, theta, rows, g);
 }
 
-static void add_answer(const pma_load *load, stretch rows, double *g)
+static void add_value(const pma_load *load, range rows, double *g)
 {
     for (size_t i = rows.begin; i < rows.end; i++)
         g[i] += load->work[load->order[i]];
 }
 
-pma_status pma_load_ask(const pma_load *load, double t, int *code)
+pma_status pma_load_evaluate(const pma_load *load, double t, int *code)
 {
     if (load->kind != PMA_LOAD_CALLED)
         return PMA_OK;
@@ -66,10 +66,10 @@ pma_status pma_load_ask(const pma_load *load, double t, int *code)
     return *code == 0 ? PMA_OK : PMA_FORCE_FAILED;
 }
 
-void pma_load_add_rows(const pma_load *load, double t, int64_t step, size_t begin, size_t end,
+void pma_load_add_rows(const pma_load *load, double t, int64_t number, size_t begin, size_t end,
                        double *g)
 {
-    const stretch rows = {begin, end};
+    const range rows = {begin, end};
     switch (load->kind) {
     case PMA_LOAD_CONSTANT:
         add_scaled(rows, 1.0, load->values, g);
@@ -78,18 +78,18 @@ void pma_load_add_rows(const pma_load *load, double t, int64_t step, size_t begi
         add_sampled(load, t, rows, g);
         break;
     case PMA_LOAD_TABLE:
-        assert(step >= load->first && (size_t)(step - load->first) < load->rows);
-        add_scaled(rows, 1.0, load->values + (size_t)(step - load->first) * load->n, g);
+        assert(number >= load->first && (size_t)(number - load->first) < load->rows);
+        add_scaled(rows, 1.0, load->values + (size_t)(number - load->first) * load->n, g);
         break;
     case PMA_LOAD_CALLED:
-        add_answer(load, rows, g);
+        add_value(load, rows, g);
         break;
     case PMA_LOAD_NONE:
         break;
     }
 }
 
-void pma_load_add(const pma_load *load, double t, int64_t step, double *g)
+void pma_load_add(const pma_load *load, double t, int64_t number, double *g)
 {
-    pma_load_add_rows(load, t, step, 0, load->n, g);
+    pma_load_add_rows(load, t, number, 0, load->n, g);
 }

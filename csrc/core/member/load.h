@@ -28,24 +28,24 @@ typedef struct {
     size_t samples, k;
     double dt;            /* sampled: time between two samples, the first at t = 0 */
     bool hold;            /* sampled: keep the last sample after the end, else zero */
-    int64_t first;        /* table: the own step whose load is row 0, own steps counted from 0 */
+    int64_t first;        /* table: the substep whose load is row 0, counted from the start */
     size_t rows;
     pma_force_function function; /* called */
     void *user;
-    const int64_t *order; /* called: n, the user's dof at each place, each in 0..n-1 */
-    double *work;         /* called: n, the last answer */
+    const int64_t *order; /* called: n, the user's dof of each of ours, each in 0..n-1 */
+    double *work;         /* called: n, the last value */
 } pma_load;
 
-/* Asks a called load for F(t), of any other nothing. PMA_FORCE_FAILED when the function returns
- * other than 0, which goes to *code. */
-pma_status pma_load_ask(const pma_load *load, double t, int *code);
+/* Evaluates a called load at t; does nothing for any other. PMA_FORCE_FAILED when the function
+ * returns other than 0, which goes to *code. */
+pma_status pma_load_evaluate(const pma_load *load, double t, int *code);
 
-/* g (n) += F(t), where t ends the own step `step`; of a called load what it was last asked for.
- * Does not allocate. */
-void pma_load_add(const pma_load *load, double t, int64_t step, double *g);
+/* g (n) += F(t), where t ends the substep `number` of the run; of a called load the value it was
+ * evaluated to last. Does not allocate. */
+void pma_load_add(const pma_load *load, double t, int64_t number, double *g);
 
 /* the same for the rows begin..end-1 of g alone */
-void pma_load_add_rows(const pma_load *load, double t, int64_t step, size_t begin, size_t end,
+void pma_load_add_rows(const pma_load *load, double t, int64_t number, size_t begin, size_t end,
                        double *g);
 
 #endif

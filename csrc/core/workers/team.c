@@ -6,12 +6,16 @@
 #include <signal.h>
 #include <stdatomic.h>
 #include <stdlib.h>
+#include <time.h>
 #include <unistd.h>
 
 /* How often a waiting thread looks before it sleeps: some ten to a hundred microseconds. */
 enum { LOOKS = 2000 };
 
-/* What tells the processor that a thread is only waiting. */
+/* How long the caller sleeps before it is woken to look at something else. */
+enum { LOOK_NANOSECONDS = 20000000 };
+
+/* Informs the processor that a thread is only waiting. */
 #if defined(__x86_64__) || defined(__i386__)
 static void pause_briefly(void)
 {
@@ -28,7 +32,7 @@ static void pause_briefly(void)
 }
 #endif
 
-/* Where work is left for one worker. `posted` is written by worker 0 and `finished` by the worker,
+/* Where work is posted for one worker. `posted` is written by worker 0 and `finished` by the worker,
  * after what they announce; work is outstanding while they differ. */
 typedef struct {
     atomic_uint posted, finished;
@@ -69,21 +73,56 @@ pma_status pma_team_create(size_t workers, pma_team **out)
 
 /* ---- waiting -------------------------------------------------------------------------------- */
 
-/* Until *count is (not) `value`. Whoever changes it looks at *sleeps afterwards: of the two stores
- * and two loads, all sequentially consistent, one side sees the other. */
-static void wait_until(seat *s, atomic_uint *count, unsigned value, bool equal, atomic_bool *sleeps)
+/* What a waiting thread waits for: that *count is (not) `value`. */
+typedef struct {
+    atomic_uint *count;
+    unsigned value;
+    bool equal;
+} event;
+
+static bool has_happened(const event *e, memory_order order)
 {
-    for (int look = 0; look < LOOKS; look++) {
-        if ((atomic_load_explicit(count, memory_order_acquire) == value) == equal)
-            return;
+    return (atomic_load_explicit(e->count, order) == e->value) == e->equal;
+}
+
+static bool spin(const event *e)
+{
+    for (int i = 0; i < LOOKS; i++) {
+        if (has_happened(e, memory_order_acquire))
+            return true;
         pause_briefly();
     }
+    return false;
+}
+
+/* The thread that changes the count looks at *sleeps afterwards: of the two stores and two loads,
+ * all sequentially consistent, one side sees the other. */
+static void sleep_until(seat *s, const event *e, atomic_bool *sleeps)
+{
     pthread_mutex_lock(&s->mutex);
     atomic_store(sleeps, true);
-    while ((atomic_load(count) == value) != equal)
+    while (!has_happened(e, memory_order_seq_cst))
         pthread_cond_wait(&s->changed, &s->mutex);
     atomic_store(sleeps, false);
     pthread_mutex_unlock(&s->mutex);
+}
+
+/* The same for at most LOOK_NANOSECONDS: has it happened? */
+static bool sleep_briefly(seat *s, const event *e, atomic_bool *sleeps)
+{
+    struct timespec end;
+    int waited = 0;
+    clock_gettime(CLOCK_REALTIME, &end);
+    end.tv_nsec += LOOK_NANOSECONDS;
+    end.tv_sec += end.tv_nsec / 1000000000;
+    end.tv_nsec %= 1000000000;
+    pthread_mutex_lock(&s->mutex);
+    atomic_store(sleeps, true);
+    while (!has_happened(e, memory_order_seq_cst) && waited == 0)
+        waited = pthread_cond_timedwait(&s->changed, &s->mutex, &end);
+    atomic_store(sleeps, false);
+    pthread_mutex_unlock(&s->mutex);
+    return has_happened(e, memory_order_seq_cst);
 }
 
 static void change(seat *s, atomic_uint *count, unsigned value, atomic_bool *sleeps)
@@ -100,7 +139,9 @@ static void *serve(void *arg)
 {
     seat *s = arg;
     for (unsigned done = 0;; done++) {
-        wait_until(s, &s->posted, done, false, &s->worker_sleeps);
+        const event posted = {&s->posted, done, false};
+        if (!spin(&posted))
+            sleep_until(s, &posted, &s->worker_sleeps);
         if (!s->work)
             return NULL;
         s->work(s->ctx, s->worker);
@@ -145,6 +186,15 @@ static bool make_thread(seat *s, size_t worker)
     return false;
 }
 
+/* All but those that a fault of the thread itself raises, so that a handler can report it. */
+static void pick_signals(sigset_t *blocked)
+{
+    static const int faults[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGTRAP, SIGSYS};
+    sigfillset(blocked);
+    for (size_t i = 0; i < sizeof faults / sizeof *faults; i++)
+        sigdelset(blocked, faults[i]);
+}
+
 pma_status pma_team_gather(pma_team *t)
 {
     sigset_t all, before;
@@ -152,7 +202,7 @@ pma_status pma_team_gather(pma_team *t)
         return PMA_OK;
     t->made = 0;
     t->process = getpid();
-    sigfillset(&all);
+    pick_signals(&all);
     pthread_sigmask(SIG_SETMASK, &all, &before); /* signals are the caller's; threads inherit it */
     while (t->made + 1 < t->workers && make_thread(&t->seats[t->made], t->made + 1))
         t->made++;
@@ -178,22 +228,29 @@ void pma_team_post(pma_team *t, size_t worker, pma_work work, void *ctx)
 {
     assert(worker >= 1 && worker <= t->made);
     seat *s = &t->seats[worker - 1];
-    pma_team_await(t, worker);
+    pma_team_await(t, worker, NULL, NULL);
     s->work = work;
     s->ctx = ctx;
     const unsigned posted = atomic_load_explicit(&s->posted, memory_order_relaxed);
     change(s, &s->posted, posted + 1, &s->worker_sleeps);
 }
 
-void pma_team_await(pma_team *t, size_t worker)
+void pma_team_await(pma_team *t, size_t worker, void (*look)(void *ctx), void *ctx)
 {
     seat *s = &t->seats[worker - 1];
     const unsigned posted = atomic_load_explicit(&s->posted, memory_order_relaxed);
-    wait_until(s, &s->finished, posted, true, &s->caller_sleeps);
+    const event finished = {&s->finished, posted, true};
+    if (spin(&finished))
+        return;
+    if (!look) {
+        sleep_until(s, &finished, &s->caller_sleeps);
+        return;
+    }
+    while (!sleep_briefly(s, &finished, &s->caller_sleeps))
+        look(ctx);
 }
 
-void pma_team_await_if(pma_team *t, size_t worker, pma_work work)
+bool pma_team_is_at(const pma_team *t, size_t worker, pma_work work)
 {
-    if (t->seats[worker - 1].work == work)
-        pma_team_await(t, worker);
+    return t->seats[worker - 1].work == work;
 }

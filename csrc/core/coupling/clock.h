@@ -1,0 +1,46 @@
+/* clock.h - time counted in integers: where a subdomain is at a fine step, and its substeps.
+ *
+ * Everything follows from the number k of a fine step, counted from the present, and the number of
+ * the macro step in which that began. */
+#ifndef PMA_CLOCK_H
+#define PMA_CLOCK_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "member/substep.h"
+
+/* A subdomain at the end of a fine step: `phase` of `ratio` fine steps inside the substep from time
+ * level j to j + 1, phase = 1..ratio. */
+typedef struct {
+    size_t j, phase;
+} pma_moment;
+
+/* (T1)  t = (j / levels) dt for time level j of `levels` in a macro step, counted from t = 0 and in
+ * this order of operations: equal times are bitwise identical, whatever `levels` is */
+static inline double pma_clock_time(double dt, int64_t macro, size_t j, size_t levels)
+{
+    const double count = (double)macro * (double)levels + (double)j;
+    return count / (double)levels * dt;
+}
+
+/* (15)  j = floor((k - 1) / ratio), theta = phase / ratio, for k >= 1 */
+static inline pma_moment pma_clock_moment(size_t k, size_t ratio)
+{
+    const size_t j = ratio == 1 ? k - 1 : (k - 1) / ratio;
+    return (pma_moment){.j = j, .phase = k - j * ratio};
+}
+
+/* The substep from time level j of a subdomain that takes double steps if `doubled`: these from the
+ * second macro step on, since they are not self-starting. */
+static inline pma_substep pma_clock_substep(double dt, int64_t macro, size_t substeps, size_t j,
+                                            bool doubled)
+{
+    const int64_t number = macro * (int64_t)substeps + (int64_t)j;
+    return (pma_substep){.j = j,
+                         .number = number,
+                         .t1 = pma_clock_time(dt, macro, j + 1, substeps),
+                         .twice = doubled && number >= (int64_t)substeps};
+}
+
+#endif

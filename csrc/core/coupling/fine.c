@@ -1,0 +1,158 @@
+/* fine.c - the schedules "pm" and "gc": an interface problem in every fine step.
+ *
+ * To be read with section 5 of docs/method.md. */
+#include <string.h>
+
+#include "coupling/schedule.h"
+
+/* ---- which numbers of substeps, and what there is to do --------------------------------------- */
+
+static size_t most_substeps(const pma_coupler_parts *parts)
+{
+    size_t most = 1;
+    for (size_t i = 0; i < parts->count; i++)
+        most = parts->members[i].substeps > most ? parts->members[i].substeps : most;
+    return most;
+}
+
+/* The largest number of substeps is a multiple of all others. */
+static pma_status check(const pma_coupler_parts *parts)
+{
+    const size_t most = most_substeps(parts);
+    for (size_t i = 0; i < parts->count; i++) {
+        if (most % parts->members[i].substeps != 0)
+            return PMA_BAD_SIZE;
+    }
+    return PMA_OK;
+}
+
+static pma_duty duty(const pma_member *member)
+{
+    return (pma_duty){.entries = member->entries,
+                      .substeps = member->substeps,
+                      .by_caller = member->by_caller,
+                      .aside = member->doubled && !member->evaluates,
+                      .divides = member->divides};
+}
+
+/* ---- free problems (13) ---------------------------------------------------------------------- */
+
+static bool begins(const pma_coupled *m)
+{
+    return m->now.phase == 1 && !pma_look_ahead_has_open(m, m->now.j);
+}
+
+static pma_status open_substep(pma_coupler *c, pma_coupled *m)
+{
+    const pma_substep step = pma_substep_of(c, m, m->now.j);
+    return pma_split_is(c, m) ? pma_split_open(c, m)
+                              : m->member.table->open(m->member.self, &step);
+}
+
+/* The substeps that begin with this fine step, as far as they are not open yet. */
+static pma_status open_substeps(pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++)
+        c->unpolled += c->coupled[i].now.phase == 1 ? c->coupled[i].member.entries : 0;
+    const pma_status status = pma_share(c, open_substep, begins);
+    if (status == PMA_OK)
+        pma_look_ahead_open(c);
+    return status;
+}
+
+/* ---- interface problem (18) ------------------------------------------------------------------ */
+
+/* H Lam = g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (18) (G1) */
+static pma_status solve_interface(pma_coupler *c)
+{
+    pma_coupler_prescribe(c);
+    memcpy(c->working.lam, c->working.g, c->parts.p * sizeof(double));
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_coupled *m = &c->coupled[i];
+        const double theta = (double)m->now.phase / (double)m->ratio;
+        m->member.table->free_velocity(m->member.self, m->now.j, theta, -1.0, c->working.lam);
+    }
+    return pma_coupler_solve(c);
+}
+
+/* ---- link problems (14) ---------------------------------------------------------------------- */
+
+static bool ends(const pma_coupled *m)
+{
+    return pma_is_ending(m) && !pma_look_ahead_is_deferred(m);
+}
+
+static pma_status close_substep(pma_coupler *c, pma_coupled *m)
+{
+    const pma_substep step = pma_substep_of(c, m, m->now.j);
+    return pma_split_is(c, m) ? pma_split_close(c, m)
+                              : m->member.table->close(m->member.self, &step, c->working.lam);
+}
+
+/* The substeps that end with this fine step: deferred, or closed now. */
+static pma_status close_substeps(pma_coupler *c)
+{
+    pma_look_ahead_defer(c);
+    return pma_share(c, close_substep, ends);
+}
+
+/* ---- the schedule ---------------------------------------------------------------------------- */
+
+/* Is the macro step before known to be finite? */
+static bool is_confirmed(const pma_coupler *c)
+{
+    return pma_is_pending(c) && !pma_look_ahead_is_busy(c);
+}
+
+static pma_status fine_step(pma_coupler *c)
+{
+    /* free problems that begin here, up to the free velocity on the interface */
+    pma_status status = open_substeps(c);
+
+    /* interface problem at the end of this fine step */
+    if (status == PMA_OK)
+        status = solve_interface(c);
+
+    /* beside the fine steps: what ends here is awaited, and with it the macro step before */
+    if (status == PMA_OK)
+        status = pma_look_ahead_await(c);
+    if (status == PMA_OK && is_confirmed(c)) {
+        pma_recorder_complete(c);
+        pma_coupler_commit(c);
+        pma_coupler_move_to(c, c->k);
+    }
+
+    /* link problems that end here, added */
+    if (status == PMA_OK)
+        status = close_substeps(c);
+    return status;
+}
+
+/* (S3)  After the first macro step, by those that take double steps from now on */
+static void rebase(pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_member *member = &c->coupled[i].member;
+        if (member->doubled)
+            member->table->rebase(member->self, member->substeps, c->working.lam);
+    }
+}
+
+static pma_status fine_steps(pma_coupler *c)
+{
+    for (size_t i = 0; i < c->fine; i++) {
+        pma_coupler_move_to(c, c->k + 1);
+        if (pma_coupler_is_stopped(c))
+            return PMA_STOPPED;
+        const pma_status status = fine_step(c);
+        if (status != PMA_OK)
+            return status;
+        pma_recorder_write(c);
+    }
+    if (c->present.number == 0 && c->parts.rebased)
+        rebase(c);
+    return PMA_OK;
+}
+
+const pma_schedule pma_fine_schedule = {
+    .check = check, .instants = most_substeps, .duty = duty, .step = fine_steps};

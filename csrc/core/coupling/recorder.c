@@ -1,0 +1,155 @@
+/* recorder.c - what is recorded of a run, fine step by fine step. */
+#include <string.h>
+
+#include "coupling/schedule.h"
+#include "member/energy.h"
+
+size_t pma_record_row(const pma_record *record, int64_t macro, size_t j, size_t levels)
+{
+    if (record->every == 0)
+        return (size_t)(macro - record->begin) * levels + j;
+    if (j != levels || (macro + 1) % record->every != 0)
+        return PMA_NO_ROW;
+    return (size_t)((macro + 1) / record->every - record->begin / record->every);
+}
+
+size_t pma_recorder_row(const pma_coupler *c, size_t j, size_t levels)
+{
+    const int64_t macro = c->present.number + (j > levels);
+    return pma_record_row(c->record, macro, j > levels ? j - levels : j, levels);
+}
+
+/* ---- jumps ----------------------------------------------------------------------------------- */
+
+/* sum_i L_i v_i - g at a macro time level: 0 is the present, 1 the end of the first macro step */
+static void macro_velocity_jump(const pma_coupler *c, size_t macro, const double *g, double *jump)
+{
+    for (size_t row = 0; row < c->parts.p; row++)
+        jump[row] = -g[row];
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_member *member = &c->coupled[i].member;
+        member->table->velocity(member->self, macro * member->substeps, jump);
+    }
+}
+
+/* sum_i L_i u_i there */
+static void displacement_jump(const pma_coupler *c, size_t macro, double *jump)
+{
+    memset(jump, 0, c->parts.p * sizeof(double));
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_member *member = &c->coupled[i].member;
+        member->table->displacement(member->self, macro * member->substeps, jump);
+    }
+}
+
+/* sum_i L_i v_i - g at the end of the fine step at hand, from total velocities; in mid-step from
+ * interpolated free plus link velocity */
+static void velocity_jump(const pma_coupler *c, double *jump)
+{
+    for (size_t row = 0; row < c->parts.p; row++)
+        jump[row] = -c->working.g[row];
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_coupled *m = &c->coupled[i];
+        const pma_member_table *table = m->member.table;
+        if (pma_is_ending(m)) {
+            table->velocity(m->member.self, m->now.j + 1, jump);
+        } else {
+            const double theta = (double)m->now.phase / (double)m->ratio;
+            const bool twice = pma_substep_of(c, m, m->now.j).twice;
+            table->free_velocity(m->member.self, m->now.j, theta, 1.0, jump);
+            table->compliance(m->member.self, twice, c->working.lam, jump);
+        }
+    }
+}
+
+/* ---- what is wanted of the end of a fine step ------------------------------------------------- */
+
+static bool is_selected(const pma_selection *selection)
+{
+    return selection->count + selection->springs > 0;
+}
+
+static void write_members(const pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_coupled *m = &c->coupled[i];
+        const pma_selection *selection = &c->record->selections[i];
+        if (!pma_is_ending(m) || pma_look_ahead_is_deferred(m) || !is_selected(selection))
+            continue;
+        const size_t row = pma_recorder_row(c, m->now.j + 1, m->member.substeps);
+        if (row != PMA_NO_ROW)
+            m->member.table->record(m->member.self, m->now.j + 1, selection, row);
+    }
+}
+
+static void write_interface(const pma_coupler *c, bool deferred)
+{
+    const size_t p = c->parts.p, row = pma_recorder_row(c, c->k, c->fine);
+    if (p == 0 || row == PMA_NO_ROW)
+        return;
+    memcpy(c->record->multipliers + row * p, c->working.lam, p * sizeof(double));
+    if (!deferred)
+        velocity_jump(c, c->record->velocity_jump + row * p);
+}
+
+/* Of macro time level `macro`: the present or the end of the macro step at hand. */
+static void write_energy(const pma_coupler *c, const pma_record *record, size_t macro, size_t row)
+{
+    double *out = record->energy + row * c->parts.count * PMA_ENERGIES;
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_member *member = &c->coupled[i].member;
+        member->table->energy(member->self, macro * member->substeps, out + i * PMA_ENERGIES);
+    }
+}
+
+static void write_macro_level(const pma_coupler *c, bool deferred)
+{
+    const size_t macro = c->k / c->fine, row = pma_recorder_row(c, macro, 1);
+    if (row == PMA_NO_ROW)
+        return;
+    if (c->record->energy)
+        write_energy(c, c->record, macro, row);
+    if (c->parts.p > 0 && !deferred)
+        displacement_jump(c, macro, c->record->displacement_jump + row * c->parts.p);
+}
+
+void pma_recorder_write(const pma_coupler *c)
+{
+    if (!c->record)
+        return;
+    const bool deferred = pma_look_ahead_defers(c);
+    write_members(c);
+    write_interface(c, deferred);
+    if (c->k % c->fine == 0)
+        write_macro_level(c, deferred);
+}
+
+void pma_recorder_complete(const pma_coupler *c)
+{
+    const size_t p = c->parts.p;
+    if (!c->record || p == 0)
+        return;
+    const size_t row = pma_recorder_row(c, c->fine, c->fine), macro = pma_recorder_row(c, 1, 1);
+    if (row == PMA_NO_ROW)
+        return;
+    macro_velocity_jump(c, 1, c->reached.g, c->record->velocity_jump + row * p);
+    displacement_jump(c, 1, c->record->displacement_jump + macro * p);
+}
+
+/* ---- the present ------------------------------------------------------------------------------- */
+
+void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
+{
+    const size_t p = c->parts.p;
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_member *member = &c->coupled[i].member;
+        member->table->record(member->self, 0, &record->selections[i], 0);
+    }
+    if (record->energy)
+        write_energy(c, record, 0, 0);
+    if (p == 0)
+        return;
+    memcpy(record->multipliers, c->present.lam, p * sizeof(double));
+    macro_velocity_jump(c, 0, c->present.g, record->velocity_jump);
+    displacement_jump(c, 0, record->displacement_jump);
+}

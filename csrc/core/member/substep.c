@@ -1,0 +1,175 @@
+/* substep.c - free and link problem of one substep, as one forward and one backward sweep. */
+#include <string.h>
+
+#include "member/inside.h"
+
+static size_t least(size_t a, size_t b)
+{
+    return a < b ? a : b;
+}
+
+/* ---- link problem on the interface alone --------------------------------------------------- */
+
+void pma_substep_solve_link(pma_subdomain *s, const pma_operator *op, const double *lam)
+{
+    memset(s->link, 0, s->parts.nb * sizeof(double));
+    pma_link_load(&s->parts.link, lam, s->link);
+    pma_factor_interface(&op->factor, s->link, s->link_work);
+}
+
+void pma_substep_store_free_velocity(pma_subdomain *s, const pma_operator *op, const double *v_b,
+                                     const double *lam, double *vf)
+{
+    pma_substep_solve_link(s, op, lam);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        vf[i] = v_b[i] - op->step.al2 * s->link[i];
+}
+
+void pma_substep_hold(pma_subdomain *s, const pma_substep *step, const double *lam)
+{
+    const pma_operator *op = pma_operator_of(s, step->twice);
+    double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
+    pma_substep_solve_link(s, op, lam);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        vf[i] += op->step.al2 * s->link[i];
+}
+
+/* ---- open: the free problem ----------------------------------------------------------------- */
+
+void pma_substep_extrapolate(double h, size_t n, const pma_state *from, double *vs)
+{
+    const double *v = from->v, *w = from->w;
+    for (size_t i = 0; i < n; i++)
+        vs[i] = v[i] + h * w[i];
+}
+
+/* y -= r(ut, vs, t1) + D_r (vt - vs); vs is then used up                                  (R3) */
+static pma_status restore(pma_subdomain *s, const pma_state *from, const pma_state *to, double t1)
+{
+    const pma_parts *p = &s->parts;
+    pma_status status = PMA_OK;
+    pma_springs_subtract(&p->springs, to->u, from->springs, to->springs, to->w);
+    if (p->restoring.function)
+        status = pma_restoring_subtract(&p->restoring, t1, to->u, s->vs, to->w, &s->code);
+    if (status != PMA_OK || p->D_r.form == PMA_ZERO)
+        return status;
+    for (size_t i = 0; i < p->n; i++)
+        s->vs[i] = to->v[i] - s->vs[i];
+    pma_matrix_subtract(&p->D_r, s->vs, to->w);
+    return PMA_OK;
+}
+
+pma_status pma_substep_load(pma_subdomain *s, const pma_substep *step)
+{
+    return pma_load_evaluate(&s->load, step->t1, &s->code);
+}
+
+/* (11)  F(t1) - C vt - K ut; lagged: C vs (R4) */
+void pma_substep_add_forces(const pma_subdomain *s, const pma_substep *step, size_t begin,
+                            size_t end)
+{
+    const pma_parts *p = &s->parts;
+    const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
+    pma_load_add_rows(&s->load, step->t1, step->number, begin, end, to->w);
+    pma_matrix_subtract_rows(&p->C, begin, end, p->lagged ? s->vs : to->v, to->w);
+    pma_matrix_subtract_rows(&p->K, begin, end, to->u, to->w);
+}
+
+/* The free problem (13) up to its acceleration on the interface, slab by slab: where matrices and
+ * factor are narrow, what one stage leaves is still in the cache for the next, and is computed
+ * while a sweep waits for its last unknown. */
+static pma_status solve_free(pma_subdomain *s, const pma_substep *step)
+{
+    const pma_parts *p = &s->parts;
+    const pma_operator *op = pma_operator_of(s, step->twice);
+    const pma_state *from = pma_levels_origin(&s->levels, step);
+    const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
+    double *wf_b = pma_levels_free_velocity(&s->levels, step->j + 1);
+    pma_status status = PMA_OK;
+    size_t predicted = 0;
+
+    /* (R1) */
+    if (s->extrapolates)
+        pma_substep_extrapolate(op->step.h, p->n, from, s->vs);
+
+    for (size_t begin = 0; begin < p->n && status == PMA_OK; begin += s->slab) {
+        const size_t end = least(begin + s->slab, p->n), ahead = least(end + s->reach, p->n);
+
+        /* (5), (6) */
+        s->update->predict(&op->step, predicted, ahead, from, to);
+        predicted = ahead;
+
+        pma_substep_add_forces(s, step, begin, end);
+
+        /* (R3), where there is something to it in all rows at once */
+        if (s->slab == p->n)
+            status = restore(s, from, to, step->t1);
+
+        /* (F2), (F3) */
+        if (status == PMA_OK)
+            pma_factor_open_part(&op->factor, begin, end, to->w, wf_b, s->work);
+    }
+    return status;
+}
+
+/* (F3)  vf_b = vt_b + al2 wf_b with wf_b in vf: the substep is open */
+void pma_substep_free_velocity(pma_subdomain *s, const pma_substep *step)
+{
+    const double al2 = pma_operator_of(s, step->twice)->step.al2;
+    double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
+    const double *vt = pma_interface_of(s, pma_levels_at(&s->levels, step->j + 1)->v);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        vf[i] = vt[i] + al2 * vf[i];
+    s->levels.opened = step->j + 1;
+}
+
+pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
+{
+    pma_status status = pma_substep_load(s, step);
+    if (status == PMA_OK)
+        status = solve_free(s, step);
+    if (status == PMA_OK)
+        pma_substep_free_velocity(s, step);
+    return status;
+}
+
+/* ---- close: the link problem, added ---------------------------------------------------------- */
+
+/* L^T Lam */
+void pma_substep_load_interface(pma_subdomain *s, const double *lam)
+{
+    memset(s->closing, 0, s->parts.nb * sizeof(double));
+    pma_link_load(&s->parts.link, lam, s->closing);
+}
+
+/* (F4) and (F5) with L^T Lam in s->closing, (8), (9), slab by slab from the last rows on; true when
+ * every new value is finite */
+static bool sweep_back(const pma_subdomain *s, const pma_operator *op, const pma_state *x)
+{
+    bool finite = true;
+    for (size_t end = s->parts.n, begin; end > 0; end = begin) {
+        begin = end > s->slab ? end - s->slab : 0;
+        pma_factor_close_part(&op->factor, begin, end, s->closing, x->w, s->work);
+        finite = s->update->correct(&op->step, begin, end, x) && finite;
+    }
+    return finite;
+}
+
+void pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam)
+{
+    const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
+    if (s->energy && s->response)
+        pma_energy_close_free(s->energy, step, x);
+    else if (s->energy)
+        pma_energy_close(s->energy, step, x, lam);
+}
+
+pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const double *lam)
+{
+    /* (14), (8), (9)  w = Mbar^-1 (g + L^T Lam) */
+    pma_substep_load_interface(s, lam);
+    if (!sweep_back(s, pma_operator_of(s, step->twice), pma_levels_at(&s->levels, step->j + 1)))
+        return PMA_NOT_FINITE;
+    pma_substep_observe(s, step, lam);
+    return PMA_OK;
+}

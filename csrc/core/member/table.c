@@ -1,0 +1,264 @@
+/* table.c - the operations of member.h, as a subdomain does them. */
+#include <math.h>
+
+#include "member/inside.h"
+
+/* ---- a substep ------------------------------------------------------------------------------ */
+
+static pma_status open_substep(void *self, const pma_substep *step)
+{
+    return pma_substep_open(self, step);
+}
+
+static pma_status close_substep(void *self, const pma_substep *step, const double *lam)
+{
+    return pma_substep_close(self, step, lam);
+}
+
+static size_t opened(const void *self)
+{
+    const pma_subdomain *s = self;
+    return s->levels.opened;
+}
+
+/* ---- values on the interface ---------------------------------------------------------------- */
+
+static void compliance(void *self, bool twice, const double *lam, double *sum)
+{
+    pma_subdomain *s = self;
+    const pma_operator *op = pma_operator_of(s, twice);
+    pma_substep_solve_link(s, op, lam);
+    pma_link_gather(&s->parts.link, op->step.al2, s->link, sum);
+}
+
+static void free_velocity(const void *self, size_t j, double theta, double scale, double *sum)
+{
+    const pma_subdomain *s = self;
+    const pma_link *L = &s->parts.link;
+    if (theta < 1.0)
+        pma_link_gather(L, scale * (1.0 - theta), pma_levels_free_velocity(&s->levels, j), sum);
+    pma_link_gather(L, scale * theta, pma_levels_free_velocity(&s->levels, j + 1), sum);
+}
+
+static void velocity(const void *self, size_t j, double *sum)
+{
+    const pma_subdomain *s = self;
+    const pma_state *x = pma_levels_at(&s->levels, j);
+    pma_link_gather(&s->parts.link, 1.0, pma_interface_of(s, x->v), sum);
+}
+
+static void displacement(const void *self, size_t j, double *sum)
+{
+    const pma_subdomain *s = self;
+    const pma_state *x = pma_levels_at(&s->levels, j);
+    pma_link_gather(&s->parts.link, 1.0, pma_interface_of(s, x->u), sum);
+}
+
+static bool is_finite(const void *self, size_t j)
+{
+    const pma_subdomain *s = self;
+    const double *vf = pma_levels_free_velocity(&s->levels, j);
+    for (size_t i = 0; i < s->parts.nb; i++) {
+        if (!isfinite(vf[i]))
+            return false;
+    }
+    return true;
+}
+
+/* ---- time levels ------------------------------------------------------------------------------ */
+
+static void record(const void *self, size_t j, const pma_selection *selection, size_t row)
+{
+    const pma_subdomain *s = self;
+    pma_selection_write(selection, pma_levels_at(&s->levels, j), row);
+}
+
+static void commit(void *self)
+{
+    pma_subdomain *s = self;
+    pma_levels_commit(&s->levels);
+    if (s->energy)
+        pma_energy_commit(s->energy);
+}
+
+static void discard(void *self)
+{
+    pma_subdomain *s = self;
+    pma_levels_discard(&s->levels);
+}
+
+/* (S3)  vf := v_b - al2 S^-1 L_b^T lam with the operator of the double step */
+static void rebase(void *self, size_t j, const double *lam)
+{
+    pma_subdomain *s = self;
+    const pma_operator *op = &s->parts.twice;
+    const double *v_b = pma_interface_of(s, pma_levels_at(&s->levels, j)->v);
+    pma_substep_store_free_velocity(s, op, v_b, lam, pma_levels_free_velocity(&s->levels, j));
+}
+
+/* ---- energy, look-ahead ------------------------------------------------------------------------ */
+
+static bool is_observed(const void *self)
+{
+    const pma_subdomain *s = self;
+    return s->energy;
+}
+
+static void energy(const void *self, size_t j, double *out)
+{
+    const pma_subdomain *s = self;
+    pma_energy_at(s->energy, j, pma_levels_at(&s->levels, j), out);
+}
+
+static pma_status look_ahead(void *self)
+{
+    pma_subdomain *s = self;
+    return pma_levels_extend(&s->levels);
+}
+
+static bool is_known(const void *self, const pma_substep *step)
+{
+    const pma_subdomain *s = self;
+    if (s->load.kind == PMA_LOAD_TABLE)
+        return step->number - s->load.first < (int64_t)s->load.rows;
+    return s->load.kind != PMA_LOAD_CALLED;
+}
+
+/* ---- macro coupling ---------------------------------------------------------------------------- */
+
+static void hold(void *self, const pma_substep *step, const double *lam)
+{
+    pma_substep_hold(self, step, lam);
+}
+
+static void respond(void *self, size_t j, const double *lam, const double *dlam)
+{
+    pma_subdomain *s = self;
+    pma_response_step(s->response, j, dlam);
+    if (s->energy)
+        pma_energy_respond(s->energy, j, pma_response_state(s->response), lam, dlam);
+}
+
+static void record_response(const void *self, const pma_selection *selection, size_t row)
+{
+    const pma_subdomain *s = self;
+    pma_selection_add(selection, pma_response_state(s->response), row);
+}
+
+/* A subdomain that no constraint reaches does not respond. */
+static pma_status add_response(void *self, const double *dlam)
+{
+    const pma_subdomain *s = self;
+    const pma_state *x = pma_levels_at(&s->levels, s->parts.substeps);
+    return s->parts.nb > 0 ? pma_response_add(s->response, dlam, x) : PMA_OK;
+}
+
+/* The state at the end is bitwise identical, whether inner time levels are wanted or not: where the
+ * response is stored, its substeps are repeated for the record and the energy alone. */
+static size_t repeats(const void *self, bool recorded)
+{
+    const pma_subdomain *s = self;
+    const bool tied = s->parts.nb > 0;
+    if (s->energy || (tied && !pma_response_is_stored(s->response)))
+        return s->parts.substeps;
+    return tied && recorded ? s->parts.substeps - 1 : 0;
+}
+
+/* ---- ranges of rows ----------------------------------------------------------------------------- */
+
+static pma_status evaluate_load(void *self, const pma_substep *step)
+{
+    return pma_substep_load(self, step);
+}
+
+static void predict(void *self, const pma_substep *step, size_t begin, size_t end)
+{
+    pma_rows_predict(self, step, begin, end);
+}
+
+static void add_forces(void *self, const pma_substep *step, size_t begin, size_t end)
+{
+    pma_substep_add_forces(self, step, begin, end);
+}
+
+static void open_interface(void *self, const pma_substep *step)
+{
+    pma_rows_open_interface(self, step);
+}
+
+static void close_interface(void *self, const pma_substep *step, const double *lam)
+{
+    pma_rows_close_interface(self, step, lam);
+}
+
+static bool correct(void *self, const pma_substep *step, size_t begin, size_t end)
+{
+    return pma_rows_correct(self, step, begin, end);
+}
+
+static void observe(void *self, const pma_substep *step, const double *lam)
+{
+    pma_substep_observe(self, step, lam);
+}
+
+/* ---- the table ----------------------------------------------------------------------------------- */
+
+static const pma_member_table TABLE = {
+    .open = open_substep,
+    .close = close_substep,
+    .opened = opened,
+    .compliance = compliance,
+    .free_velocity = free_velocity,
+    .velocity = velocity,
+    .displacement = displacement,
+    .is_finite = is_finite,
+    .record = record,
+    .commit = commit,
+    .discard = discard,
+    .rebase = rebase,
+    .is_observed = is_observed,
+    .energy = energy,
+    .look_ahead = look_ahead,
+    .is_known = is_known,
+    .hold = hold,
+    .respond = respond,
+    .record_response = record_response,
+    .add_response = add_response,
+    .repeats = repeats,
+    .evaluate_load = evaluate_load,
+    .predict = predict,
+    .add_forces = add_forces,
+    .open_interface = open_interface,
+    .close_interface = close_interface,
+    .correct = correct,
+    .observe = observe,
+};
+
+/* A function of the caller's takes at least as long as reading this many entries, so that a coupler
+ * looks whether to stop after each call of a slow one; a spring reads and writes about as many. */
+enum { CALL_ENTRIES = 20000, SPRING_ENTRIES = 16 };
+
+static size_t entries_of(const pma_parts *p)
+{
+    const size_t call = p->restoring.function ? CALL_ENTRIES : 0;
+    const size_t springs = SPRING_ENTRIES * p->springs.total;
+    return call + springs + 2 * pma_factor_entries(&p->single.factor) + pma_matrix_entries(&p->K) +
+           pma_matrix_entries(&p->C) + pma_matrix_entries(&p->D_r) + 12 * p->n;
+}
+
+pma_member pma_subdomain_member(pma_subdomain *s)
+{
+    const pma_parts *p = &s->parts;
+    return (pma_member){.table = &TABLE,
+                        .self = s,
+                        .p = p->link.p,
+                        .n = p->n,
+                        .substeps = p->substeps,
+                        .h = p->single.step.h,
+                        .entries = entries_of(p),
+                        .doubled = p->doubled,
+                        .evaluates = p->restoring.function,
+                        .by_caller = p->restoring.function && p->restoring.by_caller,
+                        .responds = p->responds,
+                        .divides = pma_rows_divide(s)};
+}

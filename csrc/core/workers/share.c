@@ -1,0 +1,90 @@
+/* share.c - a stage of a step by all workers, each with the subdomains that it has. */
+#include "coupling/schedule.h"
+
+/* ---- waiting --------------------------------------------------------------------------------- */
+
+static void look(void *ctx)
+{
+    pma_coupler *c = ctx;
+    if (c->poll && c->poll->stop(c->poll->ctx))
+        atomic_store(&c->stopped, true);
+}
+
+void pma_share_await(pma_coupler *c, size_t worker)
+{
+    pma_team_await(c->team, worker, look, c);
+}
+
+void pma_share_post(pma_coupler *c, size_t worker, pma_work work)
+{
+    pma_share_await(c, worker);
+    pma_team_post(c->team, worker, work, c);
+}
+
+/* ---- shares ---------------------------------------------------------------------------------- */
+
+static pma_coupled *member_of(const pma_coupler *c, size_t i)
+{
+    return &c->coupled[c->roster.order[i]];
+}
+
+static bool is_due(const pma_coupler *c, const pma_coupled *m)
+{
+    return c->due(m) && !pma_split_is(c, m);
+}
+
+/* The first that goes wrong ends a worker's share. Shares are in ascending order, so that what went
+ * wrong first of all is found whichever worker has it. */
+static void work_through(void *ctx, size_t worker)
+{
+    pma_coupler *c = ctx;
+    for (size_t i = c->roster.begin[worker]; i < c->roster.begin[worker + 1]; i++) {
+        pma_coupled *m = member_of(c, i);
+        const pma_status status = is_due(c, m) ? c->task(c, m) : PMA_OK;
+        if (status != PMA_OK) {
+            m->status = status;
+            return;
+        }
+    }
+}
+
+static bool has_work(const pma_coupler *c, size_t worker)
+{
+    for (size_t i = c->roster.begin[worker]; i < c->roster.begin[worker + 1]; i++) {
+        if (is_due(c, member_of(c, i)))
+            return true;
+    }
+    return false;
+}
+
+/* What went wrong first in the order of the members; all are PMA_OK again. */
+static pma_status take_status(pma_coupler *c)
+{
+    pma_status first = PMA_OK;
+    for (size_t i = c->parts.count; i-- > 0;) {
+        if (c->coupled[i].status == PMA_OK)
+            continue;
+        first = c->coupled[i].status;
+        c->coupled[i].status = PMA_OK;
+        c->failed = i;
+    }
+    return first;
+}
+
+pma_status pma_share(pma_coupler *c, pma_task task, pma_due due)
+{
+    c->task = task;
+    c->due = due;
+    if (c->roster.split != PMA_NO_SPLIT && due(&c->coupled[c->roster.split]))
+        c->coupled[c->roster.split].status = task(c, &c->coupled[c->roster.split]);
+    for (size_t w = 1; w < c->roster.workers; w++) {
+        if (has_work(c, w))
+            pma_share_post(c, w, work_through);
+    }
+    work_through(c, 0);
+    for (size_t w = 1; w < c->roster.workers; w++) {
+        if (pma_team_is_at(c->team, w, work_through))
+            pma_share_await(c, w);
+    }
+    return take_status(c);
+}
