@@ -52,7 +52,7 @@ def balanced(n, coupling, threads):
     return two(subdomain(cube(n)), subdomain(cube(n)), n, coupling=coupling, threads=threads)
 
 
-def beside(n, m, substeps, threads):
+def in_parallel(n, m, substeps, threads):
     """An implicit cube with double steps in parallel with an explicit one with substeps."""
     a, b = subdomain(cube(n)), subdomain(cube(m), EXPLICIT, substeps=substeps)
     return two(a, b, min(n, m), threads=threads)
@@ -139,7 +139,7 @@ def limit_of_balanced(quick):
     return limit
 
 
-def limit_of_beside(n, m, substeps):
+def limit_in_parallel(n, m, substeps):
     """The sum of the two uncoupled times over the longer one."""
     a, b = subdomain(cube(n)), subdomain(cube(m), EXPLICIT, substeps=substeps)
     alone = [pm.Coupler([s], dt=0.2, threads=1) for s in (a, b)]
@@ -161,12 +161,12 @@ def measure(quick):
                 )
             )
     for n, m in ((5, 4),) if quick else ((8, 8), (12, 8), (16, 12), (20, 16)):
-        ideal = limit_of_beside(n, m, 20)
+        ideal = limit_in_parallel(n, m, 20)
         rows.append(
             row_of(
-                "beside 20 substeps",
+                "parallel to 20 substeps",
                 f"{n**3} + {m**3}",
-                lambda threads, n=n, m=m: beside(n, m, 20, threads),
+                lambda threads, n=n, m=m: in_parallel(n, m, 20, threads),
                 lambda size, seconds, ideal=ideal: ideal,
                 quick,
             )
