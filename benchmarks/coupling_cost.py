@@ -1,9 +1,9 @@
-"""What coupling costs: a coupled step over the sum of the uncoupled steps of its parts.
+"""Cost of the coupling: a coupled step over the sum of the uncoupled steps of its subdomains.
 
-A part in the middle, with neighbours of the same mesh at one, two or six of its faces; all
-implicit with one step, or the neighbours explicit with ten. What is added: interface dofs that come
-last in the order of elimination (more fill the more faces there are), and the interface problem at
-every fine step, of p^2 entries where a part is implicit.
+A central subdomain, with neighbours of the same mesh at one, two or six of its faces; all are
+implicit with one substep, or the neighbours are explicit with ten. The coupling adds fill, because
+the interface dofs are last in the elimination order (more for more faces), and the interface
+problem at every fine step, of p^2 entries if a subdomain is implicit.
 """
 
 import numpy as np
@@ -15,44 +15,44 @@ MATERIAL = {"E": 100.0, "nu": 0.3, "rho": 1.0}
 IMPLICIT = pm.GeneralizedAlpha(0.8)
 EXPLICIT = pm.GeneralizedAlpha(0.8, explicit=True)
 DT = 0.1
-# Steps in a row, so that each finds in the caches what it left there.
+# Consecutive steps per measurement, so that the caches are warm.
 STEPS = 4
-# Where the neighbours of a cube are, in cubes.
+# Positions of the neighbours of a cube, in units of its edge.
 SIDES = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
 
 
 def structures(counts, faces):
-    """The part in the middle and its neighbours at the first `faces` sides."""
+    """The central structure and its neighbours at the first `faces` sides."""
     build = pm.models.plate if len(counts) == 2 else pm.models.solid
-    places = [(0,) * len(counts)] + [side[: len(counts)] for side in SIDES[:faces]]
+    origins = [(0,) * len(counts)] + [side[: len(counts)] for side in SIDES[:faces]]
     return [
-        build(*counts, 1.0, **MATERIAL, mass="lumped", origin=np.multiply(place, counts))
-        for place in places
+        build(*counts, 1.0, **MATERIAL, mass="lumped", origin=np.multiply(origin, counts))
+        for origin in origins
     ]
 
 
-def subdomains(parts, substeps):
-    """The middle implicit, its neighbours with their substeps, explicit if there are any."""
+def subdomains(meshes, substeps):
+    """The central subdomain implicit; its neighbours explicit if they have substeps."""
     found = []
-    for i, part in enumerate(parts):
+    for i, mesh in enumerate(meshes):
         explicit = i > 0 and substeps > 1
         found.append(
-            part.subdomain(
+            mesh.subdomain(
                 scheme=EXPLICIT if explicit else IMPLICIT,
                 substeps=substeps if explicit else 1,
-                force=np.sin(np.arange(part.n)),
+                force=np.sin(np.arange(mesh.n)),
             )
         )
     return found
 
 
 def measure(name, counts, faces, substeps, seconds):
-    parts = structures(counts, faces)
-    own = subdomains(parts, substeps)
-    points = {s: part.points for s, part in zip(own, parts)}
+    meshes = structures(counts, faces)
+    members = subdomains(meshes, substeps)
+    points = {s: mesh.points for s, mesh in zip(members, meshes)}
     tie = pm.tie_coincident(points, components=len(counts))
-    coupled = pm.Coupler(own, tie, dt=DT, threads=1)
-    alone = [pm.Coupler([s], dt=DT, threads=1) for s in own]
+    coupled = pm.Coupler(members, tie, dt=DT, threads=1)
+    alone = [pm.Coupler([s], dt=DT, threads=1) for s in members]
 
     def each_alone():
         for _ in range(STEPS):
@@ -61,11 +61,11 @@ def measure(name, counts, faces, substeps, seconds):
 
     whole, single = in_turn(lambda: coupled.step(STEPS), each_alone, rounds=3, seconds=seconds)
     return {
-        "parts": name,
-        "dofs of a part": parts[0].n,
+        "subdomains": name,
+        "dofs per subdomain": meshes[0].n,
         "faces": faces,
         "substeps of the neighbours": substeps,
-        "conditions": tie.p,
+        "constraints": tie.p,
         "coupled step ms": whole / STEPS * 1e3,
         "sum of uncoupled ms": single / STEPS * 1e3,
         "coupled over sum": whole / single,

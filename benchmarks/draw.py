@@ -1,6 +1,6 @@
 """The tables of docs/performance.md and its pictures, from the CSV files of benchmarks/results.
 
-Nothing is measured here. Tables stand between the lines `<!-- name -->` and `<!-- end -->`.
+Nothing is measured here. The tables are between the lines `<!-- name -->` and `<!-- end -->`.
 """
 
 import csv
@@ -18,7 +18,7 @@ PICTURES = ROOT / "docs" / "pictures"
 
 ORIGIN = "machine", "versions", "date"
 OVER = "step over limit"
-# Macro steps of Kratos 10.4.4 on the same plates in ms, quoted: they were measured on another
+# Time per macro step of Kratos 10.4.4 on the same plates in ms, quoted: measured on another
 # machine of this class, not in the same run.
 KRATOS_MS = {"49x9": 13.0, "249x9": 63.0, "999x9": 273.0, "49x49": 89.0}
 # The best existing program for a chain of n dofs, us a step; quoted likewise.
@@ -52,7 +52,7 @@ def short(x):
 
 
 def table(rows):
-    """Markdown of rows with equal keys, with where they were measured below."""
+    """Markdown of rows with equal keys, followed by machine, versions and date."""
     columns = [c for c in rows[0] if c not in ORIGIN]
     lines = [columns, ["---"] * len(columns), *[[short(r[c]) for c in columns] for r in rows]]
     text = "\n".join("| " + " | ".join(line) + " |" for line in lines)
@@ -67,53 +67,53 @@ def without(rows, *columns):
 # ---- tables ----------------------------------------------------------------------------------
 
 
-def goal(what, aim, reached, unit, *, least=False):
-    """A row of the table of goals; `least`: at least the aim is wanted, else at most."""
-    good = reached >= aim if least else reached <= aim
+def target(what, limit, reached, unit, *, least=False):
+    """A row of the table of targets; `limit` is a lower bound if `least`, else an upper bound."""
+    good = reached >= limit if least else reached <= limit
     return {
-        "goal": what,
-        "aim": f"{'at least' if least else 'at most'} {short(aim)} {unit}".rstrip(),
+        "quantity": what,
+        "target": f"{'at least' if least else 'at most'} {short(limit)} {unit}".rstrip(),
         "reached": f"{short(reached)} {unit}".rstrip(),
         "": "yes" if good else "no",
     }
 
 
-def goals():
+def targets():
     alone, plates = read("uncoupled"), read("plate")
     chains = {r["n"]: r["us a step"] for r in alone if r["problem"] == "chain"}
     solids = [r["loop over ours"] for r in alone if r["problem"] == "solid"]
     one_face = [
         r["coupled over sum"]
         for r in read("coupling_cost")
-        if r["faces"] == 1 and r["conditions"] <= 300 and r["dofs of a part"] >= 10_000
+        if r["faces"] == 1 and r["constraints"] <= 300 and r["dofs per subdomain"] >= 10_000
     ]
     fine = {r["what"]: r["us a fine step"] for r in read("fine_step")}["step, not recorded"]
     rows = [
-        goal(f"chain, {short(n)} dofs, uncoupled step", aim, chains[n], "us")
-        for n, aim in ((2.0, 0.06), (1000.0, 5.0), (100_000.0, 500.0))
+        target(f"chain, {short(n)} dofs, uncoupled step", limit, chains[n], "us")
+        for n, limit in ((2.0, 0.06), (1000.0, 5.0), (100_000.0, 500.0))
     ]
     rows += [
-        goal("hex8 solids over a SciPy loop", 2.5, min(solids), "times", least=True),
-        goal(
-            "coupled plates over a SciPy loop, the least of all meshes",
+        target("SciPy loop over hex8 solids", 2.5, min(solids), "times", least=True),
+        target(
+            "SciPy loop over coupled plates, the smallest ratio of all meshes",
             3.0,
             min(r["loop over ours"] for r in plates),
             "times",
             least=True,
         ),
-        goal("coupled over uncoupled steps, one face, the worst", 1.1, max(one_face), ""),
-        goal("fine step of four dofs", 100.0, 1e3 * fine, "ns"),
+        target("coupled over uncoupled steps, one face, the largest ratio", 1.1, max(one_face), ""),
+        target("fine step of four dofs", 100.0, 1e3 * fine, "ns"),
     ]
     rows += [
-        goal(f"{r['problem']}, {short(r['n'])} dofs, over the limit", r["aim"], r[OVER], "")
+        target(f"{r['problem']}, {short(r['n'])} dofs, over the limit", r["target"], r[OVER], "")
         for r in read("limits")
     ]
     stages = {r["what"]: r for r in read("large")}
     peak = max(r["MB peak"] for r in stages.values() if r["MB peak"] != "")
     return [
         *rows,
-        goal("a million explicit and 1e5 implicit dofs: memory", 12.0, peak / 1e3, "GB"),
-        goal("the same: set-up, processor", 60.0, stages["Coupler"]["processor s"], "s"),
+        target("1e6 explicit and 1e5 implicit dofs: memory", 12.0, peak / 1e3, "GB"),
+        target("the same: set-up, processor time", 60.0, stages["Coupler"]["processor s"], "s"),
     ]
 
 
@@ -134,11 +134,11 @@ def plate():
 
 def large():
     """The stages, and the functions of set-up in the same table."""
-    return without(read("large"), "dofs implicit", "dofs explicit", "conditions")
+    return without(read("large"), "dofs implicit", "dofs explicit", "constraints")
 
 
 TABLES = {
-    "goals": goals,
+    "targets": targets,
     "uncoupled": uncoupled,
     "plate": plate,
     "coupling_cost": lambda: read("coupling_cost"),
@@ -165,7 +165,7 @@ def page(text):
 
 
 def draw_plate(figure):
-    """Macro step of each program over the meshes."""
+    """Time per macro step of each program, for each mesh."""
     rows = read("plate")
     ax = figure.subplots()
     kinds = [("macro step ms", "pmalpha", 3), ("loop ms", "SciPy loop", 2)]
@@ -174,7 +174,7 @@ def draw_plate(figure):
         ax.bar(np.arange(len(rows)) + 0.25 * i, heights, 0.22, label=label, **_fill(line))
     quoted = [KRATOS_MS.get(row["mesh"], np.nan) for row in rows]
     ax.bar(np.arange(len(rows)) + 0.5, quoted, 0.22, label="Kratos 10.4.4 (quoted)", **_fill(0))
-    names = [f"{r['mesh']}\n{short(r['dofs of a part'])} dofs" for r in rows]
+    names = [f"{r['mesh']}\n{short(r['dofs per subdomain'])} dofs" for r in rows]
     ax.set_xticks(np.arange(len(rows)) + 0.25, names)
     ax.set(yscale="log", ylabel="ms a macro step")
     ax.legend()
@@ -185,7 +185,7 @@ def _fill(line):
 
 
 def draw_coupling(figure):
-    """Coupled over uncoupled steps; what substeps save against what they could."""
+    """Coupled over uncoupled steps; measured against theoretical gain of subcycling."""
     left, right = figure.subplots(1, 2)
     rows = read("coupling_cost")
     for substeps, line in ((1.0, 2), (10.0, 0)):
@@ -194,7 +194,9 @@ def draw_coupling(figure):
         values = [r["coupled over sum"] for r in own]
         label = "all implicit" if substeps == 1.0 else "explicit neighbours, ss = 10"
         left.barh(where, values, 0.32, label=label, **_fill(line))
-    names = [f"{r['parts']}, {short(r['faces'])} f., p = {short(r['conditions'])}" for r in own]
+    names = [
+        f"{r['subdomains']}, {short(r['faces'])} f., p = {short(r['constraints'])}" for r in own
+    ]
     left.set_yticks(np.arange(len(own)) + 0.17, names)
     left.axvline(1.0, color="0.4", linewidth=0.8)
     left.invert_yaxis()
@@ -212,22 +214,22 @@ def draw_coupling(figure):
     for axis in (right.xaxis, right.yaxis):
         axis.set_ticks(ticks, [str(x) for x in ticks])
         axis.set_ticks([], minor=True)
-    right.set(xlabel="ratio in proportion to dofs", ylabel="subcycled over whole at the fine step")
+    right.set(xlabel="ratio in proportion to dofs", ylabel="subcycled over uncut at the fine step")
     right.legend()
 
 
 def draw_growth(figure):
-    """Step, set-up and memory over dofs, conditions and subdomains."""
+    """Step, set-up and memory over dofs, constraints and subdomains."""
     axes = figure.subplots(3, 3, sharex="col")
     rows = read("growth")
-    columns = ["dofs", "conditions", "subdomains"]
+    columns = ["dofs", "constraints", "subdomains"]
     lines = {}
     for problem in dict.fromkeys(r["problem"] for r in rows):
         own = [r for r in rows if r["problem"] == problem]
         column = next(i for i, word in enumerate(columns) if word in problem)
         style = LINES[3 - 2 * lines.setdefault(column, 0)]
         lines[column] += 1
-        label = problem.replace(", dofs", "").replace("conditions, ", "").replace("subdomains ", "")
+        label = problem.replace(", dofs", "").replace("constraints, ", "").replace("subdomains ", "")
         x = [r["size"] for r in own]
         for row, y in enumerate(
             (
@@ -252,15 +254,15 @@ def draw_step(figure):
     ax = figure.subplots()
     rows = read("step_profile")
     problems = list(dict.fromkeys(r["problem"] for r in rows))
-    for place, problem in enumerate(problems):
+    for position, problem in enumerate(problems):
         begin = 0.0
         for i, row in enumerate(r for r in rows if r["problem"] == problem):
             grey = 0.72 + 0.18 * (i % 2)
-            ax.barh(place, row["share"], 0.8, begin, color=str(grey))
+            ax.barh(position, row["share"], 0.8, begin, color=str(grey))
             if row["share"] > 0.085:
                 name = row["function"].removeprefix("pma_").replace("_", "\n")
                 middle = begin + row["share"] / 2.0
-                ax.text(middle, place, name, ha="center", va="center", fontsize=6.5)
+                ax.text(middle, position, name, ha="center", va="center", fontsize=6.5)
             begin += row["share"]
     ax.set_yticks(range(len(problems)), problems)
     ax.invert_yaxis()
@@ -277,7 +279,7 @@ DRAWN = {
 
 
 def draw():
-    """All pictures, to docs/pictures; the same results give the same files."""
+    """Draws all pictures into docs/pictures; the same results give the same files."""
     import matplotlib
     from matplotlib.figure import Figure
 

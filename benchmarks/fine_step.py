@@ -1,4 +1,4 @@
-"""A fine step of the four-dof example: recorded, not recorded, and in plain NumPy."""
+"""Time of a fine step of the four-dof example: recorded, not recorded, and in plain NumPy."""
 
 import sys
 from pathlib import Path
@@ -15,7 +15,7 @@ SS, DT = 20, 1.0 / 40.0 / 0.47
 
 
 def reference_parts(model):
-    """The same subdomains for the plain NumPy program."""
+    """The same subdomains for the plain NumPy reference."""
     parts = []
     for s in model.subdomains:
         scheme = s.scheme

@@ -1,7 +1,8 @@
-"""Set-up, macro step and memory over the number of dofs, of conditions and of subdomains.
+"""Set-up, macro step and memory over the number of dofs, of constraints and of subdomains.
 
-Each size runs in a process of its own, so that its memory can be told: what is resident when the
-subdomains are made, and the peak while the Coupler is made and stepped. The large ones need 8 GB.
+Each size runs in a separate process, so that its memory can be measured: the resident memory after
+the subdomains are created, and the peak while the Coupler is created and stepped. The large sizes
+need 8 GB.
 """
 
 import json
@@ -47,7 +48,7 @@ def implicit_edge(p):
     return [a, b], pm.tie(a, of_a, b, of_b), 0.5
 
 
-def explicit_conditions(p):
+def explicit_constraints(p):
     """Two explicit subdomains of p dofs tied everywhere: H is diagonal."""
     K = sp.csr_array(2.0 * sp.eye_array(p))
     a = pm.Subdomain(np.ones(p), K, scheme=EXPLICIT, force=np.ones(p))
@@ -56,18 +57,18 @@ def explicit_conditions(p):
 
 
 def tiles(columns, rows):
-    """Plates of 4 x 4 elements, tied where they meet, implicit and explicit in turn."""
-    parts = [
+    """Plates of 4 x 4 elements, tied at common edges, alternately implicit and explicit."""
+    meshes = [
         pm.models.plate(4, 4, 1.0, **MATERIAL, origin=(4.0 * i, 4.0 * j))
         for i in range(columns)
         for j in range(rows)
     ]
     subdomains = []
-    for k, part in enumerate(parts):
+    for k, mesh in enumerate(meshes):
         explicit = (k // rows + k % rows) % 2
         scheme = EXPLICIT if explicit else IMPLICIT
-        subdomains.append(loaded(part, scheme, substeps=2 if explicit else 1))
-    points = {s: part.points for s, part in zip(subdomains, parts)}
+        subdomains.append(loaded(mesh, scheme, substeps=2 if explicit else 1))
+    points = {s: mesh.points for s, mesh in zip(subdomains, meshes)}
     return subdomains, pm.tie_coincident(points, components=2), 0.5
 
 
@@ -83,8 +84,8 @@ def tiles_in_a_grid(count):
 PROBLEMS = {
     "explicit hex8, dofs": (explicit_solid, (1e3, 1e4, 1e5, 1e6)),
     "implicit hex8, dofs": (implicit_solid, (1e3, 1e4, 3e4, 1e5)),
-    "conditions, implicit": (implicit_edge, (10, 100, 300, 1000, 5000)),
-    "conditions, explicit": (explicit_conditions, (100, 1000, 1e4, 1e5)),
+    "constraints, implicit": (implicit_edge, (10, 100, 300, 1000, 5000)),
+    "constraints, explicit": (explicit_constraints, (100, 1000, 1e4, 1e5)),
     "subdomains in a row": (tiles_in_a_row, (2, 10, 100, 1000)),
     "subdomains in a grid": (tiles_in_a_grid, (4, 16, 100, 1024)),
 }
@@ -102,7 +103,7 @@ def measure(problem, size):
         "problem": problem,
         "size": size,
         "dofs": sum(s.n for s in subdomains),
-        "conditions": sum(c.p for c in [constraints] if c is not None),
+        "constraints": sum(c.p for c in [constraints] if c is not None),
         "subdomains s": made,
         "set-up s": setup,
         "macro step ms": step * 1e3,
@@ -112,7 +113,7 @@ def measure(problem, size):
 
 
 def apart(problem, size):
-    """The same in a process of its own."""
+    """The same row, measured in a separate process."""
     print(time.strftime("%H:%M:%S"), problem, size, file=sys.stderr)
     command = [sys.executable, __file__, "--one", problem, str(size)]
     out = subprocess.run(command, check=True, capture_output=True, text=True).stdout

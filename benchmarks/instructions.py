@@ -1,7 +1,7 @@
 """Instructions and allocations of a fine step inside the core, counted by valgrind.
 
-Only what happens inside pma_coupler_advance is counted, in a run of the four-dof example with
-everything recorded. Takes some minutes: valgrind carries the whole of Python. Needs valgrind.
+Only instructions inside pma_coupler_advance are counted, in a run of the four-dof example with
+everything recorded. Takes some minutes, because all of Python runs under valgrind. Needs valgrind.
 """
 
 import re
@@ -23,7 +23,7 @@ ALLOCATORS = "malloc", "calloc", "realloc", "free"
 
 
 def counted(steps):
-    """Instructions inside the core, and how often it called an allocator."""
+    """Instructions inside the core, and the names of the allocators it called."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "callgrind.out"
         command = [
@@ -44,7 +44,7 @@ def counted(steps):
 
 def rows(quick):
     if shutil.which("valgrind") is None:
-        print("valgrind is not installed: nothing measured")
+        print("valgrind is not installed: nothing is measured")
         return []
     steps = 2 if quick else STEPS
     few, _ = counted(steps)

@@ -1,8 +1,8 @@
 """A million explicit dofs tied to a hundred thousand implicit ones: set-up, memory and step.
 
-A bar of hex8 elements with 32 x 32 nodes in its cross-section: 326 layers of nodes explicit, 32
-implicit with ten substeps to one of its own, 3072 conditions. What set-up does is told function by
-function. Needs 8 GB and some minutes.
+A bar of hex8 elements with 32 x 32 nodes in its cross-section: 326 layers of nodes are explicit
+with ten substeps, 32 layers are implicit with one; 3072 constraints. The time of set-up is reported
+by function. Needs 8 GB and some minutes.
 """
 
 import cProfile
@@ -20,12 +20,12 @@ import pmalpha as pm
 
 MATERIAL = {"E": 1.0, "nu": 0.3, "rho": 1.0, "mass": "lumped"}
 SS, DT = 10, 2.0
-# Functions of the package that take this part of set-up or more, with all they call, are told.
+# Functions of the package with at least this share of set-up, callees included, are reported.
 SHARE = 0.02
 
 
 def bars(side, explicit, implicit):
-    """Both parts, as Structures."""
+    """Both subdomains, as Structures."""
     left = pm.models.solid(implicit - 1, side - 1, side - 1, 1.0, **MATERIAL)
     right = pm.models.solid(
         explicit - 1, side - 1, side - 1, 1.0, **MATERIAL, origin=(implicit - 1.0, 0.0, 0.0)
@@ -34,7 +34,7 @@ def bars(side, explicit, implicit):
 
 
 def subdomains(left, right):
-    """Subdomains and their ties; every dof is loaded."""
+    """The subdomains and their tie; every dof is loaded."""
     a = left.subdomain(scheme=pm.GeneralizedAlpha(0.8), force=np.sin(np.arange(left.n)))
     b = right.subdomain(
         scheme=pm.GeneralizedAlpha(0.8, explicit=True),
@@ -58,7 +58,7 @@ def entry(what, seconds="", processor="", present="", peak=""):
 
 
 def stage(what, call):
-    """The row of a call, and what it returned."""
+    """The row of a call, and its return value."""
     memory.forget_peak()
     processor = time.process_time()
     seconds, value = once(call, time.perf_counter)
@@ -67,15 +67,15 @@ def stage(what, call):
 
 
 def functions(profile, total):
-    """Rows for the functions of the package in which set-up was, by falling processor time."""
+    """Rows for the functions of the package during set-up, by decreasing processor time."""
     package = str(Path(pm.__file__).parent)
     rows = []
     for (path, _, name), (_, _, _, seconds, _) in pstats.Stats(profile).stats.items():
         ours = path.startswith(package) and not name.startswith("<")
         builtin = re.search(r"pmalpha\.(_core\.\w+)>", name)
         if (ours or builtin) and seconds >= SHARE * total:
-            own = f"{Path(path).stem}.{name}" if ours else builtin[1]
-            rows.append(entry(f"of set-up, in {own}", processor=seconds))
+            function = f"{Path(path).stem}.{name}" if ours else builtin[1]
+            rows.append(entry(f"of set-up, in {function}", processor=seconds))
     return sorted(rows, key=lambda row: -row["processor s"])
 
 
@@ -84,18 +84,18 @@ def rows(quick):
     profile = cProfile.Profile(time.process_time)
     found = []
 
-    def told(what, call):
+    def measured(what, call):
         row, value = stage(what, call)
         found.append(row)
         return value
 
-    parts = told("matrices of both parts", partial(bars, *sizes))
-    counts = [part.n for part in parts]
-    own, tie = told("Subdomain and tie", partial(subdomains, *parts))
-    del parts
-    coupler = told("Coupler", partial(profile.runcall, pm.Coupler, own, tie, dt=DT))
+    solids = measured("matrices of both subdomains", partial(bars, *sizes))
+    counts = [solid.n for solid in solids]
+    pair, tie = measured("Subdomain and tie", partial(subdomains, *solids))
+    del solids
+    coupler = measured("Coupler", partial(profile.runcall, pm.Coupler, pair, tie, dt=DT))
     setup = found[-1]["processor s"]
-    told("first two macro steps", partial(coupler.step, 2))
+    measured("first two macro steps", partial(coupler.step, 2))
     (step,) = in_turn(coupler.step, rounds=2 if quick else 10, clock=time.perf_counter)
     found.append(entry("macro step", step, "", memory.present(), memory.peak()))
     found += functions(profile, setup)
@@ -103,7 +103,7 @@ def rows(quick):
         "threads": coupler.threads,
         "dofs implicit": counts[0],
         "dofs explicit": counts[1],
-        "conditions": tie.p,
+        "constraints": tie.p,
     }
     return [row | size for row in found]
 

@@ -1,9 +1,9 @@
-"""A step against what this machine can do at all, measured in the same run.
+"""A step against a lower bound for this machine, measured in the same run.
 
-Chains: two dependent multiply-subtract recurrences, the least that two triangular sweeps of a
-tridiagonal factor can be, and one pass that reads a state and writes another. Solids: reading the
-numbers of the factor twice. The limits are a few lines of C, compiled here and now with what the
-compiler can do for this processor; without a compiler there is nothing to compare with.
+Chains: two dependent multiply-subtract recurrences, the minimum for two triangular sweeps of a
+tridiagonal factor, and one pass that reads a state and writes another. Solids: reading the numbers
+of the factor twice. The lower bounds are a few lines of C, compiled by this script with all
+optimizations for this processor; without a compiler there is no comparison.
 """
 
 import ctypes
@@ -65,7 +65,7 @@ double read_all(size_t times, size_t n, const double *x)
 
 
 def compiled(folder):
-    """The functions of LIMITS, or None where there is no compiler."""
+    """The functions of LIMITS, or None if there is no compiler."""
     compiler = shutil.which("cc")
     if compiler is None:
         return None
@@ -95,9 +95,9 @@ def chain_limit(functions, n, steps):
 
 
 def solid_limit(functions, coupler, steps):
-    """Reads what the coupler reads: the numbers of its factor, in panels."""
-    (part,) = coupler._parts
-    values = part.factors[0][1][4]
+    """Reads the same data as the coupler: the numbers of its factor, in panels."""
+    (only,) = coupler._parts
+    values = only.factors[0][1][4]
     return lambda: functions.read_all(2 * steps, values.size, values)
 
 
@@ -107,9 +107,9 @@ def measure(functions, name, M, K, steps, seconds):
     coupler = pm.Coupler([pm.Subdomain(M, K, scheme=scheme, u0=u0)], dt=DT, threads=1)
     loop = Loop(M, K, scheme, u0)
     if name == "chain":
-        limit, aim = chain_limit(functions, n, steps), 1.5
+        limit, target = chain_limit(functions, n, steps), 1.5
     else:
-        limit, aim = solid_limit(functions, coupler, steps), 1.3
+        limit, target = solid_limit(functions, coupler, steps), 1.3
     ours, theirs, least = in_turn(
         lambda: coupler.step(steps), lambda: loop.step(steps), limit, rounds=3, seconds=seconds
     )
@@ -119,7 +119,7 @@ def measure(functions, name, M, K, steps, seconds):
         "us a step": ours / steps * 1e6,
         "us of the limit": least / steps * 1e6,
         "step over limit": ours / least,
-        "aim": aim,
+        "target": target,
         "us a step of the loop": theirs / steps * 1e6,
         "loop over ours": theirs / ours,
     }
@@ -129,7 +129,7 @@ def rows(quick):
     with tempfile.TemporaryDirectory() as folder:
         functions = compiled(folder)
         if functions is None:
-            print("there is no C compiler: nothing to compare with")
+            print("there is no C compiler: nothing is measured")
             return []
         if quick:
             return [

@@ -8,7 +8,7 @@ STATUS, FORGET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
 def peak():
-    """The most that was resident since the process began, or since `forget_peak`."""
+    """Largest resident memory since the start of the process, or since `forget_peak`."""
     if STATUS.exists():
         return _entry("VmHWM") / 1e3
     unit = 1e-6 if platform.system() == "Darwin" else 1e-3
@@ -16,12 +16,12 @@ def peak():
 
 
 def present():
-    """What is resident now; the peak where the system does not say."""
+    """Resident memory now; the peak on systems that do not report it."""
     return _entry("VmRSS") / 1e3 if STATUS.exists() else peak()
 
 
 def forget_peak():
-    """From now on `peak` is that of what follows, where the system can do that."""
+    """Resets the value that `peak` returns, on systems that support it."""
     if FORGET.exists():
         FORGET.write_text("5")
 

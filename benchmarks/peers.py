@@ -1,7 +1,7 @@
-"""Other programs that step a chain of unit masses and springs, where they are installed.
+"""Other programs, if installed, applied to a chain of unit masses and springs.
 
-Each function takes (n, dt, rho, u0, steps) and returns seconds a step, of `steps` steps, and the
-displacements after the `WARM + steps` steps that it made.
+Each function takes (n, dt, rho, u0, steps) and returns the seconds per step, averaged over `steps`
+steps, and the displacements after `WARM + steps` steps.
 """
 
 import importlib.util
@@ -14,7 +14,7 @@ WARM = 20
 
 
 def exudyn_chain(n, dt, rho, u0, steps):
-    """One object with n coordinates; the Jacobian is kept, results are not written."""
+    """One object with n coordinates; the Jacobian is reused, results are not written."""
     import exudyn
     import exudyn.itemInterface as items
 
@@ -57,7 +57,7 @@ def exudyn_chain(n, dt, rho, u0, steps):
 
 
 def opensees_chain(n, dt, rho, u0, steps):
-    """Truss elements of unit stiffness, held at both ends; factored once."""
+    """Truss elements of unit stiffness, fixed at both ends; factored once."""
     import openseespy.opensees as ops
 
     ops.wipe()
@@ -89,7 +89,7 @@ def opensees_chain(n, dt, rho, u0, steps):
 
 
 def installed(module):
-    """Whether it can be imported."""
+    """True if the module can be imported."""
     return importlib.util.find_spec(module) is not None
 
 

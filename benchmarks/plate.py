@@ -1,9 +1,10 @@
 """Two plates coupled by GC, against the same scheme as a loop in SciPy.
 
-The plate that Kratos 10.4.4 was timed with: A implicit (trapezoidal, dt = 0.1) and clamped at its
-left edge, B explicit (central difference, dt = 0.01, lumped mass) under a line load along its
-lower edge. The loop is what one would write oneself: factor once with SuperLU, the interface matrix
-dense with Cholesky, one solve or product for what the multipliers add to A, whichever is faster.
+The plate with which Kratos 10.4.4 was measured: A implicit (trapezoidal, dt = 0.1) and clamped at
+its left edge, B explicit (central difference, dt = 0.01, lumped mass) under a line load along its
+lower edge. The loop is a typical hand-written program: one factorization with SuperLU, a dense
+Cholesky factor of the interface matrix, and one solve or one product for the link problem of A,
+whichever is faster.
 """
 
 import time
@@ -18,9 +19,9 @@ import pmalpha as pm
 
 MESHES = [(49, 9), (249, 9), (999, 9), (49, 49), (99, 99)]
 DT, SS, H = 0.1, 10, 0.1
-# Steps in a row, so that each finds in the caches what it left there.
+# Consecutive steps per measurement, so that the caches are warm.
 STEPS = 10
-# Steps after which both are compared: rounding has had time to grow, were it to grow.
+# Steps after which the two results are compared, enough for rounding errors to grow.
 COMPARED = 20
 
 
@@ -48,7 +49,7 @@ def problem(nx, ny):
 
 
 def coupled(q, threads=1):
-    """The same in pmalpha."""
+    """The same problem in pmalpha."""
     a = pm.Subdomain(q["M_A"], q["K_A"], scheme=pm.Newmark(), name="A")
     b = pm.Subdomain(
         q["M_B"],
@@ -63,7 +64,7 @@ def coupled(q, threads=1):
 
 
 def solver(A):
-    """SuperLU with the options that suit a symmetric positive definite matrix."""
+    """SuperLU with the options for a symmetric positive definite matrix."""
     return splu(
         sp.csc_array(A),
         permc_spec="MMD_AT_PLUS_A",
@@ -90,7 +91,7 @@ class Loop:
         self._start(n, m, p)
 
     def _start(self, n, m, p):
-        """At rest; accelerations of the plates that are tied, M w = F + L^T Lam."""
+        """At rest; accelerations of the tied plates, M w = F + L^T Lam."""
         q = self.q
         mass, unit = solver(q["M_A"]), np.zeros((n, p))
         unit[q["face_A"], np.arange(p)] = 1.0
@@ -102,7 +103,7 @@ class Loop:
         load = q["F_B"].copy()
         load[q["face_B"]] -= lam
         self.w_b = self.inverse * load
-        # the free velocity of t = 0
+        # the free velocity at t = 0, (S2)
         self.vf = -DT / 2.0 * (self.response[q["face_A"]] @ lam)
 
     def link(self, lam):
@@ -169,8 +170,8 @@ def measure(nx, ny, seconds):
     theirs = min(product, solve)
     return {
         "mesh": f"{nx}x{ny}",
-        "dofs of a part": q["M_B"].size,
-        "conditions": q["face_A"].size,
+        "dofs per subdomain": q["M_B"].size,
+        "constraints": q["face_A"].size,
         "macro step ms": ours / STEPS * 1e3,
         "loop ms": theirs / STEPS * 1e3,
         "loop over ours": theirs / ours,

@@ -1,8 +1,8 @@
-"""Where the time of a step goes: the functions of the core, sampled by perf.
+"""Distribution of the time of a step over the functions of the core, sampled by perf.
 
-A process for each problem makes its Coupler, says that it is ready, and steps while perf looks on.
-Needs perf and the right to use it (Linux); a function that the compiler put into its caller counts
-there.
+A separate process for each problem creates the Coupler, prints "ready", and steps while perf
+samples it. Needs perf and the permission to use it (Linux); an inlined function counts for its
+caller.
 """
 
 import re
@@ -22,26 +22,27 @@ from uncoupled import chain, solid
 import pmalpha as pm
 
 SECONDS = 4.0
-# Functions below this share of the samples are told together.
+# Functions below this share of the samples are reported together.
 LITTLE = 0.02
 
 
 def chain_alone(n):
-    part = pm.Subdomain(np.ones(n), chain(n), scheme=pm.GeneralizedAlpha(0.8), u0=np.ones(n))
-    return pm.Coupler([part], dt=0.1, threads=1)
+    alone = pm.Subdomain(np.ones(n), chain(n), scheme=pm.GeneralizedAlpha(0.8), u0=np.ones(n))
+    return pm.Coupler([alone], dt=0.1, threads=1)
 
 
 def solid_alone(*counts):
     M, K = solid(*counts)
-    part = pm.Subdomain(M, K, scheme=pm.GeneralizedAlpha(0.8), u0=np.ones(M.shape[0]))
-    return pm.Coupler([part], dt=0.1, threads=1)
+    alone = pm.Subdomain(M, K, scheme=pm.GeneralizedAlpha(0.8), u0=np.ones(M.shape[0]))
+    return pm.Coupler([alone], dt=0.1, threads=1)
 
 
 def solids(*counts):
-    parts = structures(counts, 1)
-    own = subdomains(parts, 10)
-    tie = pm.tie_coincident({s: part.points for s, part in zip(own, parts)}, components=3)
-    return pm.Coupler(own, tie, dt=0.1, threads=1)
+    meshes = structures(counts, 1)
+    members = subdomains(meshes, 10)
+    points = {s: mesh.points for s, mesh in zip(members, meshes)}
+    tie = pm.tie_coincident(points, components=3)
+    return pm.Coupler(members, tie, dt=0.1, threads=1)
 
 
 PROBLEMS = {
@@ -55,8 +56,8 @@ PROBLEMS = {
 }
 
 
-def step_for_ever(name):
-    """In a process of its own: step until killed."""
+def step_until_killed(name):
+    """In a separate process: step until killed."""
     coupler = PROBLEMS[name]()
     begin = time.perf_counter()
     coupler.step(5)
@@ -67,7 +68,7 @@ def step_for_ever(name):
 
 
 def samples(name, seconds):
-    """Share of each function in the samples of a stepping process."""
+    """Share of each function in the samples of a process that steps."""
     with tempfile.TemporaryDirectory() as folder:
         data = Path(folder) / "perf.data"
         command = [sys.executable, __file__, "--one", name]
@@ -101,7 +102,7 @@ def measure(name, seconds):
 
 def rows(quick):
     if shutil.which("perf") is None:
-        print("perf is not installed: nothing measured")
+        print("perf is not installed: nothing is measured")
         return []
     names, seconds = (["four dofs, ss = 20"], 0.3) if quick else (PROBLEMS, SECONDS)
     return [row for name in names for row in measure(name, seconds)]
@@ -109,6 +110,6 @@ def rows(quick):
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--one"]:
-        step_for_ever(sys.argv[2])
+        step_until_killed(sys.argv[2])
     else:
         run("step_profile", rows, about=__doc__)

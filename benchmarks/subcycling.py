@@ -1,10 +1,10 @@
-"""What substeps save: a small stiff part with its own fine step, over the whole at the fine step.
+"""Gain of subcycling: a small stiff subdomain with a fine step, over the uncut box at that step.
 
-A box of hex8 elements, of which the last layers are 400 times as stiff: twenty steps there for one
-elsewhere. Both parts explicit, or both implicit (then it is accuracy that asks for the fine step).
-The theoretical ratio is what the steps alone would cost were cost in proportion to dofs,
-(n_A + ss n_B) / (ss (n_A + n_B)); "of the parts" is the same from the measured uncoupled steps of
-the two parts and of the whole, (T_A + ss T_B) / (ss T_whole).
+A box of hex8 elements whose last layers are 400 times as stiff and take twenty substeps per macro
+step. Both subdomains are explicit, or both implicit (then accuracy requires the fine step).
+The theoretical ratio assumes a cost in proportion to dofs, (n_A + ss n_B) / (ss (n_A + n_B));
+"of the subdomains" is the same ratio from the measured uncoupled steps of the two subdomains and of
+the uncut box, (T_A + ss T_B) / (ss T_uncut).
 """
 
 from functools import partial
@@ -22,7 +22,7 @@ SCHEMES = {
 }
 # Half the critical step of a unit cube of E = 1, or less.
 DT = 0.4
-# Macro steps in a row, so that each finds in the caches what the one before left there.
+# Consecutive macro steps per measurement, so that the caches are warm.
 STEPS = 5
 
 
@@ -39,23 +39,23 @@ def measure(scheme, layers, stiff, side, seconds):
     soft, hard = box(layers - stiff, side, 1.0), box(stiff, side, STIFF, layers - stiff)
     E = np.ones((layers, side, side))
     E[layers - stiff :] = STIFF
-    whole = subdomain(box(layers, side, E), scheme, SS)
+    uncut = subdomain(box(layers, side, E), scheme, SS)
     a, b = subdomain(soft, scheme, 1), subdomain(hard, scheme, SS)
     tie = pm.tie_coincident({a: soft.points, b: hard.points}, components=3)
     split = pm.Coupler([a, b], tie, dt=DT, threads=1)
-    couplers = [split, *(pm.Coupler([s], dt=DT, threads=1) for s in (a, b, whole))]
+    couplers = [split, *(pm.Coupler([s], dt=DT, threads=1) for s in (a, b, uncut))]
     calls = [partial(c.step, STEPS) for c in couplers]
     ours, of_a, of_b, fine = (x / STEPS for x in in_turn(*calls, rounds=3, seconds=seconds))
     return {
         "schemes": scheme,
-        "dofs": whole.n,
+        "dofs": uncut.n,
         "stiff share": hard.n / (soft.n + hard.n),
-        "conditions": tie.p,
+        "constraints": tie.p,
         "subcycled ms": ours * 1e3,
-        "whole at the fine step ms": fine * 1e3,
+        "uncut at the fine step ms": fine * 1e3,
         "ratio": ours / fine,
         "theoretical ratio": (soft.n + SS * hard.n) / (SS * (soft.n + hard.n)),
-        "ratio of the parts": (of_a + of_b) / fine,
+        "ratio of the subdomains": (of_a + of_b) / fine,
     }
 
 

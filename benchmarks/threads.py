@@ -1,11 +1,11 @@
-"""Two threads over one: balanced subdomains, one beside the fine steps, many, one that is split.
+"""Speed-up with two threads: balanced subdomains, one in parallel with fine steps, many, one split.
 
-The limit of balanced subdomains is 1.7 where both factors fit in the private caches (PRIVATE) and
-an own step takes over 20 us, and for larger ones 0.9 of what reading gains: two threads that read
-an array of the size of a factor each, against one that reads both. Of a coarse subdomain beside a
-fine one it is the sum of the two over the longer; of one that is split 0.9 of what reading its
-stiffness by halves gains, 1.7 where that fits in the private caches. `none over one` compares what
-threads=None decides with one thread.
+The limit for balanced subdomains is 1.7 where both factors fit in the private caches (PRIVATE) and
+a step takes over 20 us. For larger ones it is 0.9 of the speed-up of reading: two threads that read
+an array of the size of a factor each, against one thread that reads both. For a coarse subdomain in
+parallel with a fine one it is the sum of the two times over the longer one. For a split subdomain
+it is 0.9 of the speed-up of reading its stiffness in halves, or 1.7 where that fits in the private
+caches. `none over one` compares the number of threads chosen by threads=None with one thread.
 """
 
 import threading
@@ -30,39 +30,39 @@ def chain(n):
 
 
 def cube(n):
-    """Laplacian of an n x n x n grid: fill like that of a solid."""
+    """Laplacian of an n x n x n grid, with fill similar to that of a solid."""
     one, T = sp.eye_array(n), chain(n)
     layers = sp.kron(sp.kron(T, one), one) + sp.kron(sp.kron(one, T), one)
     return sp.csr_array(layers + sp.kron(sp.kron(one, one), T))
 
 
-def part(K, scheme=IMPLICIT, **options):
+def subdomain(K, scheme=IMPLICIT, **options):
     n = K.shape[0]
     return pm.Subdomain(np.ones(n), K, scheme=scheme, force=np.ones(n), **options)
 
 
 def two(a, b, count, **options):
-    """Tied over `count` dofs of an edge."""
+    """Two subdomains tied at `count` dofs of an edge."""
     edge = np.arange(count)
     return pm.Coupler([a, b], pm.tie(a, edge, b, edge), dt=0.2, **options)
 
 
 def balanced(n, coupling, threads):
     """Two equal cubes with equal steps."""
-    return two(part(cube(n)), part(cube(n)), n, coupling=coupling, threads=threads)
+    return two(subdomain(cube(n)), subdomain(cube(n)), n, coupling=coupling, threads=threads)
 
 
-def beside(n, m, substeps, threads):
-    """An implicit cube with double steps beside an explicit one with substeps."""
-    a, b = part(cube(n)), part(cube(m), EXPLICIT, substeps=substeps)
+def in_parallel(n, m, substeps, threads):
+    """An implicit cube with double steps in parallel with an explicit one with substeps."""
+    a, b = subdomain(cube(n)), subdomain(cube(m), EXPLICIT, substeps=substeps)
     return two(a, b, min(n, m), threads=threads)
 
 
 def many(count, n, threads):
     """Chains in a row, all implicit with equal steps."""
-    parts = [part(chain(n)) for _ in range(count)]
-    ties = [pm.tie(a, [n - 1], b, [0]) for a, b in zip(parts, parts[1:])]
-    return pm.Coupler(parts, ties, dt=0.2, coupling="gc", threads=threads)
+    chains = [subdomain(chain(n)) for _ in range(count)]
+    ties = [pm.tie(a, [n - 1], b, [0]) for a, b in zip(chains, chains[1:])]
+    return pm.Coupler(chains, ties, dt=0.2, coupling="gc", threads=threads)
 
 
 def solid(n, threads):
@@ -74,14 +74,14 @@ def solid(n, threads):
 
 
 def array_bytes(x):
-    """Of all arrays in nested tuples."""
+    """Bytes of all arrays in nested tuples."""
     if isinstance(x, np.ndarray):
         return x.nbytes
     return sum(map(array_bytes, x)) if isinstance(x, (tuple, list)) else 0
 
 
 def reading(size, rounds):
-    """How much faster two threads read an array of `size` bytes each than one reads both."""
+    """Speed-up of two threads that read `size` bytes each over one that reads both arrays."""
     arrays = [np.ones(max(int(size) // 8, 1)) for _ in range(2)]
     repeats = max(1, int(1e8 / size))
 
@@ -102,7 +102,7 @@ def reading(size, rounds):
 
 
 def least_times(make, seconds, rounds):
-    """Seconds of a macro step with one thread, two, and what None decides; one of the couplers."""
+    """Seconds per macro step with one thread, two, and threads=None; and the three couplers."""
     couplers = [make(threads) for threads in (1, 2, None)]
     couplers[0].step(3)
     (trial,) = in_turn(lambda: couplers[0].step(3), rounds=2)
@@ -129,7 +129,7 @@ def row_of(problem, size, make, limit, quick):
 
 
 def limit_of_balanced(quick):
-    """1.7, or 0.9 of what reading gains; none for steps of less than 20 us."""
+    """1.7, or 0.9 of the speed-up of reading; 1 for steps of less than 20 us."""
 
     def limit(size, seconds):
         if size <= PRIVATE:
@@ -139,9 +139,9 @@ def limit_of_balanced(quick):
     return limit
 
 
-def limit_of_beside(n, m, substeps):
-    """The sum of the two, uncoupled, over the longer."""
-    a, b = part(cube(n)), part(cube(m), EXPLICIT, substeps=substeps)
+def limit_in_parallel(n, m, substeps):
+    """The sum of the two uncoupled times over the longer one."""
+    a, b = subdomain(cube(n)), subdomain(cube(m), EXPLICIT, substeps=substeps)
     alone = [pm.Coupler([s], dt=0.2, threads=1) for s in (a, b)]
     times = in_turn(*[lambda c=c: c.step(5) for c in alone], rounds=5)
     return sum(times) / max(times)
@@ -161,12 +161,12 @@ def measure(quick):
                 )
             )
     for n, m in ((5, 4),) if quick else ((8, 8), (12, 8), (16, 12), (20, 16)):
-        ideal = limit_of_beside(n, m, 20)
+        ideal = limit_in_parallel(n, m, 20)
         rows.append(
             row_of(
-                "beside 20 substeps",
+                "parallel to 20 substeps",
                 f"{n**3} + {m**3}",
-                lambda threads, n=n, m=m: beside(n, m, 20, threads),
+                lambda threads, n=n, m=m: in_parallel(n, m, 20, threads),
                 lambda size, seconds, ideal=ideal: ideal,
                 quick,
             )

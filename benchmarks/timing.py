@@ -1,4 +1,4 @@
-"""What the benchmarks share: timing in turn, their options, and tables that name the machine."""
+"""Common functions of the benchmarks: alternating measurement, options, tables."""
 
 import argparse
 import csv
@@ -14,12 +14,12 @@ RESULTS = Path(__file__).parent / "results"
 
 
 def in_turn(*calls, rounds=7, seconds=0.0, clock=time.thread_time):
-    """Least seconds of each call, all measured in turn so that a slow spell hits all alike.
+    """Least seconds of each call, measured alternately so that a slow period affects all alike.
 
-    The least, because whatever else the machine does can only add to a time. Rounds go on until
-    there were `rounds` of them and they took `seconds`. The clock is the processor time of this
-    thread, so that one is not charged for what another program takes; calls that use several
-    threads need `time.perf_counter`.
+    The least, because other load on the machine can only increase a time. Rounds are repeated until
+    at least `rounds` of them have taken at least `seconds`. The clock is the processor time of this
+    thread, which excludes other programs; calls that use several threads need
+    `time.perf_counter`.
     """
     least = [float("inf")] * len(calls)
     for call in calls:
@@ -35,14 +35,14 @@ def in_turn(*calls, rounds=7, seconds=0.0, clock=time.thread_time):
 
 
 def once(call, clock=time.process_time):
-    """Seconds of a single call, and what it returned; all threads count."""
+    """Seconds of a single call, and its return value; the time of all threads counts."""
     begin = clock()
     value = call()
     return clock() - begin, value
 
 
 def machine():
-    """Processor, system and Python, without the name of the host."""
+    """Processor, system and Python version, without the host name."""
     model = platform.processor() or platform.machine()
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.exists():
@@ -52,7 +52,7 @@ def machine():
 
 
 def versions():
-    """Of what was measured."""
+    """Versions of the measured packages."""
     packages = "pmalpha", "numpy", "scipy"
     return ", ".join(f"{name} {importlib.metadata.version(name)}" for name in packages)
 
@@ -65,14 +65,14 @@ def run(name, measure, *, about):
     name : str
         Of the CSV file.
     measure : callable
-        ``measure(quick)`` returns the rows, a list of dicts with the same keys; none where it
-        cannot measure, and then results stay as they are. With quick it has a few seconds, for
-        small sizes: that shows that the script runs and nothing else.
+        ``measure(quick)`` returns the rows, a list of dicts with the same keys. An empty list means
+        that it cannot measure here; existing results are then kept. With `quick` it uses small
+        sizes and takes a few seconds, which only shows that the script runs.
     about : str
         The docstring of the script.
     """
     parser = argparse.ArgumentParser(description=about.partition("\n")[0])
-    parser.add_argument("--quick", action="store_true", help="small sizes, to see that it runs")
+    parser.add_argument("--quick", action="store_true", help="small sizes, as a check")
     parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the CSV file")
     given = parser.parse_args()
     with threadpool_limits(1):  # BLAS: one thread against one thread

@@ -1,8 +1,8 @@
-"""An uncoupled implicit step against a Python loop over splu(...).solve, and against peers.
+"""An uncoupled implicit step against a Python loop over splu(...).solve, and other programs.
 
 The loop is generalized-alpha as in pmalpha, factored once with SuperLU: predictors, product with K,
-solve, correctors, in whole arrays. Exudyn and OpenSees take the same chain with generalized-alpha
-schemes of their own; where they are not installed their columns stay empty.
+solve, correctors, on whole arrays. Exudyn and OpenSees compute the same chain with their own
+generalized-alpha schemes; their columns are empty if they are not installed.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ import pmalpha as pm
 
 RHO, DT = 0.8, 0.1
 SOLID = {"E": 100.0, "nu": 0.3, "rho": 1.0}
-# Peers are asked for chains up to this size: larger ones take them minutes.
+# Largest chain computed with the other programs: larger ones take them minutes.
 PEERS_UP_TO = 1000
 
 
@@ -53,7 +53,7 @@ class Loop:
 
 
 def solid(*counts):
-    """Matrices of a solid that is held at one end."""
+    """Matrices of a solid that is fixed at one end."""
     box = pm.models.solid(*counts, 1.0, **SOLID)
     free = np.setdiff1d(np.arange(box.n), box.dofs(box.nodes_at(x=0.0)))
     return sp.csr_array(box.M[free][:, free]), sp.csr_array(box.K[free][:, free])
@@ -62,8 +62,8 @@ def solid(*counts):
 def measure(name, M, K, steps, seconds):
     n, scheme = K.shape[0], pm.GeneralizedAlpha(RHO)
     u0 = np.sin(np.pi * np.arange(1, n + 1) / (n + 1))
-    part = pm.Subdomain(M, K, scheme=scheme, u0=u0)
-    coupler = pm.Coupler([part], dt=DT, threads=1)
+    subdomain = pm.Subdomain(M, K, scheme=scheme, u0=u0)
+    coupler = pm.Coupler([subdomain], dt=DT, threads=1)
     loop = Loop(M, K, scheme, u0)
     coupler.step(20)
     loop.step(20)
@@ -81,19 +81,19 @@ def measure(name, M, K, steps, seconds):
         "difference": differ,
     }
     for peer, (module, step) in PEERS.items():
-        asked = name == "chain" and n <= PEERS_UP_TO and installed(module)
-        row[f"us a step of {peer}"] = peer_step(step, n, u0, steps) * 1e6 if asked else ""
+        measured = name == "chain" and n <= PEERS_UP_TO and installed(module)
+        row[f"us a step of {peer}"] = peer_step(step, n, u0, steps) * 1e6 if measured else ""
     return row
 
 
 def peer_step(step, n, u0, steps):
-    """Seconds a step of another program, once it has come to the same displacements."""
+    """Seconds per step of another program, after a check of its displacements."""
     loop = Loop(np.ones(n), chain(n), pm.GeneralizedAlpha(RHO), u0)
     loop.step(WARM + steps)
     best = float("inf")
     for _ in range(3):
         seconds, u = step(n, DT, RHO, u0, steps)
-        np.testing.assert_allclose(u, loop.u, atol=1e-3)  # schemes differ in their third order
+        np.testing.assert_allclose(u, loop.u, atol=1e-3)  # terms of third order differ
         best = min(best, seconds)
     return best
 

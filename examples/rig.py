@@ -1,10 +1,10 @@
-"""A hybrid test: the frame is computed, its lowest columns stand in a (simulated) test rig.
+"""A hybrid test: the frame is computed, its lowest columns are tested in a (simulated) test rig.
 
-Four storeys under El Centro 1940. The frame is implicit with the double step, dt = 10 ms; the
-columns of the first storey yield and are tested: explicit, ten substeps of 1 ms, each of which
-sends a displacement to the rig and gets the measured force back. The rig is another process behind
-a socket; here it simulates an actuator and a specimen. `python examples/rig.py` runs six seconds
-against the clock.
+Four storeys under El Centro 1940. The frame is implicit with the double step, dt = 10 ms. The
+columns of the first storey yield and are the specimen: explicit, ten substeps of 1 ms, each of
+which sends a displacement to the rig and receives the measured force. The rig is another process
+behind a socket; here it simulates an actuator and a specimen. `python examples/rig.py` runs six
+seconds in real time.
 """
 
 import socket
@@ -27,7 +27,7 @@ dt, substeps = 0.01, 10
 
 
 class Rig:
-    """r(u, v, t) of a specimen in a laboratory: a displacement goes out, a force comes back."""
+    """r(u, v, t) of a specimen in a laboratory: sends a displacement, receives a force."""
 
     def __init__(self, address, timeout=5.0):
         self.connection = socket.create_connection(address, timeout)
@@ -36,13 +36,13 @@ class Rig:
 
     def __call__(self, u, v, t):
         self.number += 1
-        answered = 0
+        replied = 0
         try:
             self.connection.sendall(COMMAND.pack(self.number, t, u[0]))
-            while answered < self.number:  # Ctrl-C may have left an answer nobody waited for
-                answered, force = REPLY.unpack(self.receive(REPLY.size))
+            while replied < self.number:  # after Ctrl-C a reply may still be in the buffer
+                replied, force = REPLY.unpack(self.receive(REPLY.size))
         except TimeoutError as error:
-            raise TimeoutError(f"no answer of the rig to command {self.number}") from error
+            raise TimeoutError(f"no reply of the rig to command {self.number}") from error
         except ConnectionError as error:
             raise ConnectionError(f"the rig was lost at command {self.number}") from error
         return [force]
@@ -57,7 +57,7 @@ class Rig:
         return data
 
     def close(self):
-        """Says that this was all; the commands as the rig got them, (k, 3): number, t, d."""
+        """Ends the test. Returns the commands received by the rig, (k, 3): number, t, d."""
         self.connection.shutdown(socket.SHUT_WR)
         with self.connection:
             number = None
@@ -69,13 +69,13 @@ class Rig:
 
 @contextmanager
 def simulated_rig(**options):
-    """A rig in a process of its own: its address and the process, which ends with the block."""
+    """A rig in a separate process, which ends with the block: its address and the process."""
     program = Path(__file__).with_name("simulated_rig.py")
-    words = [f"--{name}={value}" for name, value in options.items()]
-    process = subprocess.Popen([sys.executable, program, *words], stdout=subprocess.PIPE)
+    arguments = [f"--{name}={value}" for name, value in options.items()]
+    process = subprocess.Popen([sys.executable, program, *arguments], stdout=subprocess.PIPE)
     try:
         yield ("127.0.0.1", int(process.stdout.readline())), process
-        process.wait(timeout=5.0)  # it ends by itself when its client has said all
+        process.wait(timeout=5.0)  # it exits when its client has closed its side
     finally:
         process.kill()
         process.communicate()
@@ -84,7 +84,7 @@ def simulated_rig(**options):
 def hybrid(restoring, dt=dt, **options):
     """Frame and specimen; each has half of the first floor."""
     record, record_step = models.el_centro()
-    M, K = models.shear_frame([m[0] / 2, *m[1:]], [0.0, *k[1:]])  # floats on the specimen
+    M, K = models.shear_frame([m[0] / 2, *m[1:]], [0.0, *k[1:]])  # floating without the specimen
     frame = pm.Subdomain(
         M,
         K,
@@ -108,7 +108,7 @@ def hybrid(restoring, dt=dt, **options):
 
 
 def paced(coupler, steps, period):
-    """Macro steps, one each `period` seconds: how late each began, how long it took."""
+    """Macro steps, one per `period` seconds: delay of each begin, and duration, in seconds."""
     late, took = np.empty((2, steps))
     begin = time.perf_counter()
     for n in range(steps):
@@ -127,12 +127,10 @@ def main(steps=600):
         late, took = paced(coupler, steps, dt)
         commands = rig.close()
     drift = 1e3 * np.abs(commands[:, 2]).max()
-    print(
-        f"{coupler.time:g} s, {len(commands)} commands, largest drift of the columns {drift:.1f} mm"
-    )
-    for what, seconds in (("begins late by", late), ("takes", took)):
-        middle, most, last = 1e3 * np.quantile(seconds, [0.5, 0.99, 0.999])
-        print(f"a macro step {what} {middle:.2f} ms, p99 {most:.2f}, p99.9 {last:.2f}")
+    print(f"{coupler.time:g} s, {len(commands)} commands, largest storey drift {drift:.1f} mm")
+    for what, seconds in (("delay", late), ("duration", took)):
+        median, p99, p999 = 1e3 * np.quantile(seconds, [0.5, 0.99, 0.999])
+        print(f"{what} of a macro step: median {median:.2f} ms, p99 {p99:.2f}, p99.9 {p999:.2f}")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
-"""A simulated test rig: an actuator with delay and noise that pushes a yielding specimen.
+"""A simulated test rig: an actuator with delay and noise that loads a yielding specimen.
 
-It stands for a laboratory: a process of its own that is commanded over TCP. Start it with
-`python simulated_rig.py --help`; it prints the port where it listens and serves one client.
+It replaces a laboratory: a separate process that receives commands over TCP. It prints the port on
+which it listens and serves one client. `python simulated_rig.py --help` lists the options.
 
     command    number, t, displacement      !Qdd
     reply      number, measured force       !Qd
-    when the client has said all: 0, k and the k commands as they came
+    when the client has closed its side: 0, k and the k commands in the order received
 """
 
 import argparse
@@ -35,13 +35,13 @@ class Yielding:
 
 
 class Actuator:
-    """Where the piston is: where it was told to be `delay` ago, on a line between commands."""
+    """Position of the piston: the command of `delay` ago, linear between commands."""
 
     def __init__(self, delay):
         self.delay, self.times, self.commands = delay, [], []
 
     def __call__(self, t, d):
-        while self.times and self.times[-1] >= t:  # told once more: the later word counts
+        while self.times and self.times[-1] >= t:  # repeated command: the later one counts
             self.times.pop()
             self.commands.pop()
         self.times.append(t)
@@ -58,7 +58,7 @@ class Actuator:
 
 
 def commands(connection):
-    """What the client sends, until it has said all."""
+    """The commands of the client, until it closes its side."""
     data = b""
     while more := connection.recv(4096):
         data += more
@@ -79,15 +79,15 @@ def serve(connection, actuator, specimen, noise, wait):
 
 
 def main():
-    say = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     for option, value in (("k", 1.0), ("fy", 1.0), ("hardening", 0.0)):
-        say.add_argument(f"--{option}", type=float, default=value, help="of the specimen")
-    say.add_argument("--delay", type=float, default=0.0, help="of the actuator, in units of t")
-    say.add_argument("--noise", type=float, default=0.0, help="of the force, standard deviation")
-    say.add_argument("--seed", type=int, default=0, help="of the noise")
-    say.add_argument("--wait", type=float, default=0.0, help="seconds until it answers")
-    say.add_argument("--timeout", type=float, default=60.0, help="seconds of silence it bears")
-    args = say.parse_args()
+        parser.add_argument(f"--{option}", type=float, default=value, help="of the specimen")
+    parser.add_argument("--delay", type=float, default=0.0, help="of the actuator, in units of t")
+    parser.add_argument("--noise", type=float, default=0.0, help="of the force, standard deviation")
+    parser.add_argument("--seed", type=int, default=0, help="of the noise")
+    parser.add_argument("--wait", type=float, default=0.0, help="seconds until it replies")
+    parser.add_argument("--timeout", type=float, default=60.0, help="seconds to wait for the client")
+    args = parser.parse_args()
     generator = random.Random(args.seed)
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.settimeout(args.timeout)
