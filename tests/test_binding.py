@@ -52,7 +52,8 @@ def operator(n=2, h=0.1):
 def subdomain_parts(**others):
     """Two masses, the last tied by the only condition; trapezoidal rule."""
     parts = {"n": 2, "nb": 1, "substeps": 1, "K": f64(4.0, 9.0), "C": None}
-    parts |= {"scheme": (0.0, 0.0, 0.25, 0.5), "single": operator(), "twice": None}
+    h = 0.1 / max(others.get("substeps", 1), 1)  # of a macro step of 0.1
+    parts |= {"scheme": (0.0, 0.0, 0.25, 0.5), "single": operator(h=h), "twice": None}
     parts |= {"link": (1, i64(0, 1), i32(0), f64(1.0))}
     return parts | others
 
@@ -708,9 +709,46 @@ def test_nodes_are_taken_as_they_were_given():
             check_refused(lambda bad=bad: s.set_nodes(bad))
 
 
+def test_lengths_of_steps_that_do_not_agree_are_refused():
+    # the double step is twice as long, to the last bit; h substeps = dt but for two roundings
+    h = 0.1 / 3
+    coupler(subdomains=(subdomain(substeps=3, single=operator(h=h), twice=operator(h=2 * h)),))
+    with pytest.raises(ValueError, match="lengths of steps do not agree"):
+        subdomain(substeps=3, single=operator(h=h), twice=operator(h=2 * h * (1 + 1e-12)))
+    for wrong in (0.1, h * (1 + 1e-12), np.nan):
+        with pytest.raises(ValueError, match="lengths of steps do not agree"):
+            coupler(subdomains=(subdomain(substeps=3, single=operator(h=wrong)),))
+
+
+def test_arrays_that_cannot_be_written_are_refused_for_unit_responses():
+    s = subdomain(substeps=2, ramped=True)
+    arrays = {"end": np.zeros((1, 1)), "mean": np.zeros((1, 1)), "states": np.zeros((1, 4, 2))}
+    assert s.ramp(i64(0), 0, *arrays.values())
+    kept = {name: array.copy() for name, array in arrays.items()}
+    for name, array in arrays.items():
+        array.flags.writeable = False
+        with pytest.raises(ValueError, match=f"{name} must be writeable"):
+            s.ramp(i64(0), 0, *arrays.values())
+        array.flags.writeable = True
+        np.testing.assert_array_equal(array, kept[name])
+
+
+def test_the_number_of_steps_is_not_read_while_they_are_made():
+    seen = []
+
+    def report(count):
+        seen.append(count)
+        with pytest.raises(RuntimeError, match="being stepped"):
+            _ = c.step_count
+
+    c, _ = started()
+    c.advance(1_000_000, None, report)
+    assert seen and c.step_count == 1_000_000
+
+
 def test_the_same_subdomain_twice_in_a_coupler_is_no_crash():
     out = in_a_process("""
-s = subdomain(substeps=3, twice=operator(h=0.2))
+s = subdomain(substeps=3, twice=operator(h=2 * (0.1 / 3)))
 try:
     c, _ = started(subdomains=(s, s))
     c.advance(10, record(rows=31, parts=2))
@@ -964,12 +1002,13 @@ def test_a_cycle_through_an_array_is_collected():
 
 def test_reference_counts_are_what_they_were():
     K, u, two = f64(4.0, 9.0), np.ones(2), operator()
+    twice = (0.2, two[1], None)
     link = (1, i64(0, 1), i32(0), f64(1.0))
     objects = [K, u, two, two[1], link, *link[1:], ONE, ONE[0], None, _core.Subdomain]
     objects += [_core.Coupler, record, BLAS[0]]
 
     def use():
-        s = subdomain(K=K, single=two, twice=two, link=link)
+        s = subdomain(K=K, single=two, twice=twice, link=link)
         c = coupler(subdomains=(s,), motions=(link[1][:1],))
         s.set_load(u)
         s.set_load((np.ones((3, 2)), 0))
@@ -1016,7 +1055,7 @@ def resident():
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc is read")
 def test_memory_of_the_core_is_freed():
     n = 20_000
-    parts = {"n": n, "nb": 0, "K": np.ones(n), "single": operator(n), "twice": operator(n)}
+    parts = {"n": n, "nb": 0, "K": np.ones(n), "single": operator(n, 0.05), "twice": operator(n)}
     parts |= {"link": (0, i64(0), i32(), f64()), "substeps": 2}
 
     def make():

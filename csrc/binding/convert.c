@@ -7,8 +7,9 @@ PyObject *pma_raise(pma_status status, const char *what)
         return NULL;
     if (status == PMA_NO_MEMORY)
         return PyErr_NoMemory();
-    PyObject *type = status == PMA_BAD_SIZE || status == PMA_BAD_INDEX ? PyExc_ValueError
-                                                                        : PyExc_RuntimeError;
+    const bool bad_value =
+        status == PMA_BAD_SIZE || status == PMA_BAD_INDEX || status == PMA_BAD_STEP;
+    PyObject *type = bad_value ? PyExc_ValueError : PyExc_RuntimeError;
     return PyErr_Format(type, "%s: %s", what, pma_status_text(status));
 }
 

@@ -10,7 +10,7 @@
     X(PMA_NO_MEMORY, "out of memory")                                       \
     X(PMA_BAD_SIZE, "sizes do not agree")                                   \
     X(PMA_BAD_INDEX, "an index is out of range or not in order")            \
-    X(PMA_BAD_STEP, "the steps of coupler and subdomain do not agree")      \
+    X(PMA_BAD_STEP, "the lengths of steps do not agree")                   \
     X(PMA_NOT_DEFINITE, "a pivot is not positive")                          \
     X(PMA_NOT_READY, "the coupler has no initial state yet")                \
     X(PMA_NOT_FINITE, "a value is not finite")                              \
