@@ -14,7 +14,9 @@ import pmalpha as pm
 
 ROOT = Path(__file__).parent.parent
 MODULES = sorted(
-    f"pmalpha.{m.name}" for m in pkgutil.iter_modules(pm.__path__) if m.name != "__main__"
+    module.name
+    for module in pkgutil.walk_packages(pm.__path__, "pmalpha.")
+    if module.name != "pmalpha.__main__"
 )
 
 

@@ -6,12 +6,13 @@ import scipy.sparse as sp
 from problems import random_problem
 
 import pmalpha as pm
-from pmalpha import assembly, factors, structures
-from pmalpha.elimination import Elimination, elimination, ordinary
-from pmalpha.factors import structure_of
-from pmalpha.matrices import permuted
-from pmalpha.ordering import elimination_order, graph_of, rows_of
-from pmalpha.paths import compliance_along_paths
+from pmalpha import structures
+from pmalpha.problem.matrices import permuted
+from pmalpha.setup import assembly, factors
+from pmalpha.setup.elimination import Elimination, elimination, ordinary
+from pmalpha.setup.factors import structure_of
+from pmalpha.setup.ordering import elimination_order, graph_of, rows_of
+from pmalpha.setup.paths import compliance_along_paths
 
 
 def always_ordinary(n, graph, last, *, superlu=False):
@@ -59,7 +60,7 @@ def test_random_problems_do_take_paths(monkeypatch):
 @pytest.mark.parametrize("seed", range(30))
 def test_the_compliance_along_paths_is_that_of_the_dense_inverse(seed, monkeypatch):
     monkeypatch.setattr(factors, "WIDE", 0)
-    monkeypatch.setattr("pmalpha.paths.BLOCK", 7)
+    monkeypatch.setattr("pmalpha.setup.paths.BLOCK", 7)
     rng = np.random.default_rng(seed)
     n = int(rng.integers(2, 120))
     nb = int(rng.integers(1, n + 1))

@@ -1,0 +1,13 @@
+"""Matrices that other programs wrote as text: Abaqus, CalculiX and Nastran.
+
+What to write into their input is in docs/exported-matrices.md. Matrix Market and Harwell-Boeing
+files are read by ``scipy.io.mmread`` and ``scipy.io.hb_read``.
+"""
+
+from .exported import ExportedMatrix, asymmetry, read_abaqus, read_dmig, symmetrized
+
+__all__ = ["ExportedMatrix", "asymmetry", "read_abaqus", "read_dmig", "symmetrized"]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
