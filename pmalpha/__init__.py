@@ -16,15 +16,18 @@ from .errors import (
     PmalphaError,
     StabilityWarning,
 )
+from .problem.coincident import tie_coincident
 from .problem.constraints import Constraint, tie
 from .problem.forces import BaseAcceleration, SampledForce
+from .problem.interpolation import interpolate
 from .problem.reduction import Reduction, reduce
 from .problem.schemes import HHT, WBZ, CentralDifference, GeneralizedAlpha, Newmark, Scheme
 from .problem.springs import Bilinear, BoucWen, CubicSpring, Gap, SpringState
 from .problem.subdomain import Subdomain
-from .problem.ties import interpolate, tie_coincident
-from .run.coupler import Coupler, solve
-from .run.history import Energy, History, State, SubdomainHistory
+from .run.coupler import Coupler
+from .run.energy import Energy
+from .run.history import History, State, SubdomainHistory
+from .run.uncoupled import solve
 
 __version__ = _version("pmalpha")
 

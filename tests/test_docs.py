@@ -8,6 +8,7 @@ import pkgutil
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import pmalpha as pm
@@ -23,7 +24,7 @@ MODULES = sorted(
 @pytest.mark.parametrize("name", MODULES)
 def test_the_examples_in_docstrings_run(name):
     module = importlib.import_module(name)
-    result = doctest.testmod(module, extraglobs=vars(pm))
+    result = doctest.testmod(module, extraglobs={**vars(pm), "np": np})
     assert result.failed == 0
 
 

@@ -14,7 +14,7 @@ import pmalpha as pm
 from pmalpha import _core, structures
 from pmalpha.problem.matrices import core_sparse, permuted
 from pmalpha.setup import factors, ordering
-from pmalpha.setup.assembly import compliance, conditions_of
+from pmalpha.setup.compliance import compliance, conditions_of
 from pmalpha.setup.inertia import inertia
 from pmalpha.setup.ordering import _nested_dissection as dissection
 from pmalpha.setup.ordering import _pattern, elimination_order, fill, graph_of, node_size

@@ -4,7 +4,8 @@ Curves differ by line style and by grey value, not by colour alone. Nothing here
 each function returns a matplotlib Figure, which `save` writes to a file, or what belongs to one.
 """
 
-from .drawings import figure7, save, slope, split_oscillator, timeline
+from .drawings import split_oscillator, timeline
+from .figures import figure7, save, slope
 from .meshes import animation, deformed
 from .styling import LINES, RC, style
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from .._checks import listing
 from ..problem.constraints import dof_list
-from ..run.history import History, SubdomainHistory, by_place
+from ..run.history import History, SubdomainHistory
+from ..run.keys import by_place
 from .styling import LINES, style
 
 if TYPE_CHECKING:

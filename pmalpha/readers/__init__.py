@@ -4,7 +4,10 @@ What to write into their input is in docs/exported-matrices.md. Matrix Market an
 files are read by ``scipy.io.mmread`` and ``scipy.io.hb_read``.
 """
 
-from .exported import ExportedMatrix, asymmetry, read_abaqus, read_dmig, symmetrized
+from .abaqus import read_abaqus
+from .exported import ExportedMatrix
+from .nastran import read_dmig
+from .symmetry import asymmetry, symmetrized
 
 __all__ = ["ExportedMatrix", "asymmetry", "read_abaqus", "read_dmig", "symmetrized"]
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from os import PathLike
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,7 +19,7 @@ from scipy import LowLevelCallable
 from .._checks import MOST, listing
 from ..files import read_npz, write_npz
 from ..problem.forces import SampledForce
-from ..setup.assembly import Part
+from ..setup.part import Part
 from .motion import Motion
 
 # What a file that holds a state says of itself.
@@ -120,12 +120,14 @@ def order_of(part: Part, name: str, x: np.ndarray) -> np.ndarray:
     return np.argsort(part.order[part.n - x.size :])
 
 
-def state_arrays(parts: Sequence[Part]) -> dict[str, np.ndarray]:
-    """The nodes of all subdomains by name, in the user's order."""
+def state_arrays(parts: Sequence[Part], core: Any, row_place: np.ndarray) -> dict[str, np.ndarray]:
+    """The state of a coupler by name, in the user's order."""
     arrays = {}
     for i, part in enumerate(parts):
         for name, x in zip(names(part), part.core.nodes()):
             arrays[f"{i}.{name}"] = x[order_of(part, name, x)]
+    arrays["multipliers"] = core.multipliers[row_place]
+    arrays["prescribed"] = core.prescribed[row_place]
     return arrays
 
 
@@ -133,8 +135,34 @@ def names(part: Part) -> list[str]:
     return [*FIELDS, *(f"previous_{name}" for name in FIELDS if part.double)]
 
 
+class CoreState(NamedTuple):
+    """The state of a coupler as the core takes it: nodes by subdomain, and (p,) arrays."""
+
+    nodes: list[tuple[np.ndarray, ...]]
+    multipliers: np.ndarray
+    prescribed: np.ndarray
+
+
+def core_state(
+    path: str | PathLike,
+    arrays: Mapping[str, np.ndarray],
+    parts: Sequence[Part],
+    row_place: np.ndarray,
+) -> CoreState:
+    """The inverse of `state_arrays`; ValueError for what does not fit."""
+    p = row_place.size
+    try:
+        nodes = [core_nodes(part, i, arrays) for i, part in enumerate(parts)]
+        lam, g = np.empty((2, p))
+        lam[row_place] = checked(arrays, "multipliers", p)
+        g[row_place] = checked(arrays, "prescribed", p)
+    except (LookupError, ValueError) as error:
+        raise damaged(path, error) from None
+    return CoreState(nodes, lam, g)
+
+
 def core_nodes(part: Part, i: int, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
-    """The inverse of `state_arrays` for a subdomain; ValueError for what does not fit."""
+    """The nodes of a subdomain; ValueError for what does not fit."""
     nodes = []
     for name, mine in zip(names(part), part.core.nodes()):
         x = np.empty(mine.size)

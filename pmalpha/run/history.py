@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -12,13 +11,15 @@ import numpy as np
 from ..files import checked_path, read_npz, write_npz
 from ..problem.subdomain import Subdomain
 from . import history_file
+from .energy import TOLD, Energy
 from .history_file import FORMAT, VERSION
+from .keys import position
 
 if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-__all__ = ["Energy", "History", "State", "SubdomainHistory"]
+__all__ = ["History", "State", "SubdomainHistory"]
 
 # The arrays in a file that holds a History.
 NODAL = ("t", "u", "v", "a", "dofs")
@@ -30,9 +31,6 @@ INTERFACE = (
     "displacement_jump",
     "macro_times",
 )
-# What the core tells of each macro node and subdomain, in this order.
-ENERGIES = ("kinetic", "strain", "dissipated", "external", "interface")
-TOLD = (*ENERGIES, "balance")
 
 
 @dataclass(frozen=True)
@@ -75,53 +73,6 @@ class SubdomainHistory:
 
     def __repr__(self) -> str:
         return f"<{self.name!r}: {self.t.size} nodes, {self.dofs.size} dofs>"
-
-
-@dataclass(frozen=True)
-class Energy:
-    """Where the energy of each subdomain went, (macro nodes, subdomains) arrays.
-
-    The works are those of this stretch: zero at its first node.
-
-    Attributes
-    ----------
-    t : (macro nodes,) array
-    kinetic, strain : arrays
-        T = v M v / 2 and U = u K u / 2 at the node, equation (B1).
-    dissipated, external, interface : arrays
-        The works of C v, of F and of L^T Lam, summed up over the own steps, (B2) and (B3). That of
-        a restoring force is counted as dissipated, also what it would give back.
-    balance : array
-        kinetic + strain + dissipated - external - interface, less its value at the first node:
-        what the scheme itself added, or where negative took, (B4).
-    """
-
-    t: np.ndarray
-    kinetic: np.ndarray
-    strain: np.ndarray
-    dissipated: np.ndarray
-    external: np.ndarray
-    interface: np.ndarray
-    balance: np.ndarray
-
-    @classmethod
-    def balanced(
-        cls,
-        t: np.ndarray,
-        kinetic: np.ndarray,
-        strain: np.ndarray,
-        dissipated: np.ndarray,
-        external: np.ndarray,
-        interface: np.ndarray,
-        *,
-        start: np.ndarray,
-    ) -> Energy:
-        """With the balance of the others; `start` is kinetic + strain where the works began."""
-        balance = kinetic + strain - start + dissipated - external - interface
-        return cls(t, kinetic, strain, dissipated, external, interface, balance)
-
-    def __repr__(self) -> str:
-        return f"<Energy of {self.balance.shape[1]} subdomains at {self.t.size} nodes>"
 
 
 @dataclass(frozen=True)
@@ -377,38 +328,3 @@ class History:
                     f"{part.name}_{q}": ((time, spring), getattr(part, q)) for q in LOOPS[:2]
                 }
         return xarray.Dataset(variables, coordinates)
-
-
-def position(key: str | int | Subdomain, keys: Sequence[tuple[str, Subdomain | None]]) -> int:
-    """Place of a subdomain given by name, by itself or by its place; KeyError or IndexError."""
-    for i, (name, subdomain) in enumerate(keys):
-        if (isinstance(key, str) and key == name) or (key is subdomain and key is not None):
-            return i
-    if isinstance(key, (int, np.integer)) and not isinstance(key, bool):
-        if -len(keys) <= key < len(keys):
-            return int(key) % len(keys)
-        raise IndexError(f"there are {len(keys)} subdomains, got {key}")
-    names = ", ".join(repr(name) for name, _ in keys)
-    if isinstance(key, Subdomain) and any(subdomain is None for _, subdomain in keys):
-        raise KeyError(f"a History from a file has names and places only, got {key!r}; use {names}")
-    raise KeyError(f"no subdomain {key!r}; there are {names}")
-
-
-def by_place(
-    given: Mapping[Any, Any] | None, keys: Sequence[tuple[str, Any]], name: str
-) -> dict[int, Any]:
-    """Values by place of what a user gave by subdomain; ValueError for strangers and repeats."""
-    if given is None:
-        return {}
-    if not isinstance(given, Mapping):
-        raise TypeError(f"{name} must be a dict by subdomain, got {given!r}")
-    found: dict[int, Any] = {}
-    for key, value in given.items():
-        try:
-            i = position(key, keys)
-        except LookupError as error:
-            raise ValueError(f"{name}: {error.args[0]}") from None
-        if i in found:
-            raise ValueError(f"{name} must not name a subdomain twice, got {keys[i][0]!r} twice")
-        found[i] = value
-    return found

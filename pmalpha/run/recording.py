@@ -16,9 +16,11 @@ from ..files import check_replaceable, checked_path
 from ..memory import require
 from ..problem.constraints import dof_list
 from ..problem.subdomain import Subdomain
-from ..setup.assembly import Part
-from .history import ENERGIES, LOOPS, TOLD, Energy, History, SubdomainHistory, by_place
+from ..setup.part import Part
+from .energy import ENERGIES, TOLD, Energy
+from .history import LOOPS, History, SubdomainHistory
 from .history_file import HistoryFile, library, row_count
+from .keys import by_place
 
 # A run that goes to a file holds about so much of it in memory, and writes it about so often.
 FILED_BYTES, FILED_SECONDS = 16e6, 0.3

@@ -6,20 +6,21 @@ conditions. What comes out is stored where that is faster than repeating the sub
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 import scipy.sparse as sp
 
 from .._checks import listing
-from ..errors import ConstraintWarning, PerformanceWarning, StabilityWarning
+from ..errors import ConstraintWarning, PerformanceWarning, StabilityWarning, warn
 from ..memory import require
 from ..problem.matrices import Matrix
 from ..problem.schemes import Scheme
 from ..problem.subdomain import UNDAMPED
-from .assembly import Block, Part, conditions_of
+from .compliance import Block, conditions_of
 from .factors import Factor, solve
+from .interface import interface_matrix
+from .part import Part
 
 # Bytes that one subdomain may take for a stored response.
 STORED = 256_000_000
@@ -40,21 +41,19 @@ def prepare(parts: Sequence[Part]) -> None:
         if part.ramped and part.nb:
             respond(part)
         if part.ramped and part.subdomain.restoring is not None:
-            warnings.warn(
+            warn(
                 f"the restoring force of subdomain {part.name!r} is met with substeps under "
                 'coupling="macro": the run can grow unless restoring_stiffness is within some per '
                 'cent of the true one, or the force soft against dt; else take coupling="pm" or '
                 '"gc"',
                 StabilityWarning,
-                stacklevel=5,
             )
         _warn_of_massless_ties(part)
         if part.double and _damps_nothing(part.subdomain.scheme):
-            warnings.warn(
+            warn(
                 f"the double step of subdomain {part.name!r} leaves a zig-zag from macro step to "
                 f"macro step undamped with {part.subdomain.scheme!r}; take rho < 1",
                 StabilityWarning,
-                stacklevel=5,
             )
 
 
@@ -62,11 +61,10 @@ def _warn_of_massless_ties(part: Part) -> None:
     """A velocity without inertia is tied at macro nodes alone: between them it is anything."""
     tied = np.intersect1d(part.order[part.n - part.nb :], part.subdomain.massless)
     if part.ramped and tied.size:
-        warnings.warn(
+        warn(
             f"interface dofs {listing(tied)} of subdomain {part.name!r} have no mass: with "
             'substeps coupling="macro" is of order 1 there; give them mass, or take "pm" or "gc"',
             ConstraintWarning,
-            stacklevel=5,
         )
 
 
@@ -90,7 +88,7 @@ def check_work(parts: Sequence[Part]) -> None:
     )
     if seconds > ABSURD:
         raise ValueError(f'{text}; take coupling="pm" or "gc", which need none')
-    warnings.warn(f"{text}; it is worth it for long runs only", PerformanceWarning, stacklevel=5)
+    warn(f"{text}; it is worth it for long runs only", PerformanceWarning)
 
 
 def work(part: Part) -> float:
@@ -142,15 +140,13 @@ def _block(rows: np.ndarray, values: np.ndarray) -> Block:
     return Block(rows, sp.csr_array(0.5 * (values + values.T)))
 
 
-def warn_of_resonance(
-    H: Matrix, mean: Matrix, factor: Factor, parts: Sequence[Part], place: np.ndarray
-) -> None:
+def warn_of_resonance(H: Matrix, factor: Factor, parts: Sequence[Part], place: np.ndarray) -> None:
     """StabilityWarning when some multipliers hardly move the velocities at the end of a macro step.
 
     Parameters
     ----------
-    H, mean : (p, p) matrices in inner form
-        (M4), and the same from the mean velocities inside the macro step.
+    H : (p, p) matrix in inner form
+        (M4).
     factor : Factor
         Of H.
     parts : sequence of Part
@@ -159,8 +155,12 @@ def warn_of_resonance(
 
     Notes
     -----
-    The smallest eigenvalue of H x = lam P x, P the mean, by inverse iteration.
+    The smallest eigenvalue of H x = lam P x by inverse iteration, P the same as H from the mean
+    velocities inside the macro step.
     """
+    if not any(part.response for part in parts):
+        return
+    mean = interface_matrix(parts, place.size, start=False, mean=True)
     product = _product(mean)
     x = np.cos(np.arange(place.size))
     for _ in range(8):
@@ -174,13 +174,12 @@ def warn_of_resonance(
     names = [repr(n) for n, share in shares.items() if share > 0.1 * max(shares.values())]
     verb = "resonate" if len(names) > 1 else "resonates"
     row = int(np.flatnonzero(place == np.argmax(np.abs(x)))[0])
-    warnings.warn(
+    warn(
         f"{' and '.join(names)} {verb} with the macro step: at its end the velocity in "
         f"condition {row} answers to the multipliers {ratio:.1e} times as strongly as inside it, "
         "so that multipliers will be large and inaccurate; change dt a little, add damping or take "
         'rho < 1, or coupling="gc"',
         StabilityWarning,
-        stacklevel=5,
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -11,7 +10,7 @@ import scipy.sparse as sp
 from scipy.linalg import eigh
 from scipy.sparse.linalg import ArpackNoConvergence, eigsh
 
-from ..errors import StabilityWarning
+from ..errors import StabilityWarning, warn
 from ..problem.matrices import Matrix, combination, dense, product
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
@@ -147,11 +146,10 @@ def warn_if_above_critical(subdomain: Subdomain, step: float, label: str) -> Non
         return
     implicit = subdomain.C is not None and subdomain.damping == "implicit"
     damping = " (damping, which may raise it, is left out)" if implicit else ""
-    warnings.warn(
+    warn(
         f"the step {step:g} of subdomain {label!r} is above its critical step "
         f"{critical:.6g}{damping}: the run will grow without bound; take smaller steps",
         StabilityWarning,
-        stacklevel=3,
     )
 
 

@@ -13,7 +13,6 @@ acceleration that a tie gives them join the interface problem.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -24,19 +23,12 @@ from scipy.sparse.linalg import lsmr, splu
 from .. import _core
 from .._checks import listing
 from ..blas import one_thread
-from ..errors import ConstraintWarning, InstabilityError
+from ..errors import ConstraintWarning, InstabilityError, warn
 from ..problem.matrices import combination, product
 from ..problem.schemes import Scheme
-from .assembly import (
-    Block,
-    Part,
-    compliance,
-    core_subdomain,
-    diagonal_compliance,
-    interface_factor,
-    summed,
-    total,
-)
+from .compliance import Block, compliance, diagonal_compliance
+from .interface import interface_factor, summed, total
+from .part import Part, core_subdomain
 
 # A step of length 1 with al1 = 0 and al2 = 1.
 UNIT_STEP = Scheme(am=0.0, af=0.0, beta=0.0, gamma=1.0, explicit=True)
@@ -194,12 +186,11 @@ class _Mass:
         broken = self.massless[left > RESIDUAL * size]
         if broken.size:
             dofs = np.sort(self.part.order[broken])
-            warnings.warn(
+            warn(
                 f"dofs {listing(dofs)} of subdomain {self.part.name!r} have no mass, and their "
                 f"equation does not hold at t = 0: {np.max(left):g} is left of forces up to "
                 f"{size:g}; the first steps will jump to where it does",
                 ConstraintWarning,
-                stacklevel=5,
             )
 
 

@@ -5,19 +5,12 @@ points and elements that pictures need. Dof of node i, component c: dofs_per_nod
 have the names and the order of corners of meshio and VTK. Units are any consistent set.
 """
 
-from .structure import (
-    Structure,
-    beam_frame,
-    chain,
-    modes,
-    plate,
-    plate_on,
-    rod,
-    solid,
-    solid_on,
-    subdivide,
-    submesh,
-)
+from .continuum import plate, plate_on, solid, solid_on
+from .eigenmodes import modes
+from .frames import beam_frame, subdivide
+from .lines import chain, rod
+from .structure import Structure
+from .submeshes import submesh
 
 __all__ = [
     "Structure",
