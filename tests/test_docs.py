@@ -69,6 +69,16 @@ def test_the_stub_names_what_the_core_has():
         assert named == {name for name in vars(type_) if not name.startswith("__")}
 
 
+def test_the_architecture_names_the_modules_that_there_are():
+    named = set(re.findall(r"([\w/]+\.py)\b", (ROOT / "docs" / "architecture.md").read_text()))
+    there = {str(path.relative_to(ROOT)) for path in ROOT.glob("[pt]*/**/*.py")}
+    assert not [name for name in named if not any(f"/{x}".endswith(f"/{name}") for x in there)]
+    described = {
+        path.name for x in ("problem", "setup", "run") for path in ROOT.glob(f"pmalpha/{x}/*.py")
+    }
+    assert not described - {name.split("/")[-1] for name in named}
+
+
 @pytest.mark.parametrize("page", ["reproduction.md", "couplings.md"])
 def test_every_test_that_a_page_cites_exists(page):
     cited = set(re.findall(r"`(test_\w+)`", (ROOT / "docs" / page).read_text()))

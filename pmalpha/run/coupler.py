@@ -564,7 +564,7 @@ class Coupler:
     def _take_loads(self) -> None:
         """Give the core the loads, and start unless functions have to be evaluated for that."""
         self._loads.to_core()
-        if not self._loads.call_functions:
+        if not self._loads.has_functions:
             self._start()  # otherwise `run` or `step` does, which may have to raise
 
     def _start(self) -> None:

@@ -63,7 +63,7 @@ class Loads:
         return Loads(self.core, self.parts, self.clock, forces, self.motions)
 
     @property
-    def call_functions(self) -> bool:
+    def has_functions(self) -> bool:
         """Whether there are functions of the user's, which only `run` and `step` may evaluate."""
         return (
             bool(self.callbacks)
