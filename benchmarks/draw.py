@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pmalpha.style import LINES, RC
+from pmalpha.plot import LINES, RC
 
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "performance.md"

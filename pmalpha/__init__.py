@@ -5,9 +5,7 @@ Start with `Subdomain`, `tie` and `Coupler`; the equations are in docs/method.md
 
 from importlib.metadata import version as _version
 
-from . import analysis, export, models, plot, readers
-from .constraints import Constraint, tie
-from .coupler import Coupler, solve
+from . import analysis, export, models, plot, readers, structures
 from .errors import (
     CallbackError,
     ConstraintError,
@@ -18,13 +16,18 @@ from .errors import (
     PmalphaError,
     StabilityWarning,
 )
-from .forces import BaseAcceleration, SampledForce
-from .history import Energy, History, State, SubdomainHistory
-from .reduction import Reduction, reduce
-from .schemes import HHT, WBZ, CentralDifference, GeneralizedAlpha, Newmark, Scheme
-from .springs import Bilinear, BoucWen, CubicSpring, Gap, SpringState
-from .subdomain import Subdomain
-from .ties import interpolate, tie_coincident
+from .problem.coincident import tie_coincident
+from .problem.constraints import Constraint, tie
+from .problem.forces import BaseAcceleration, SampledForce
+from .problem.interpolation import interpolate
+from .problem.reduction import Reduction, reduce
+from .problem.schemes import HHT, WBZ, CentralDifference, GeneralizedAlpha, Newmark, Scheme
+from .problem.springs import Bilinear, BoucWen, CubicSpring, Gap, SpringState
+from .problem.subdomain import Subdomain
+from .run.coupler import Coupler
+from .run.energy import Energy
+from .run.history import History, State, SubdomainHistory
+from .run.uncoupled import solve
 
 __version__ = _version("pmalpha")
 
@@ -66,6 +69,11 @@ __all__ = [
     "readers",
     "reduce",
     "solve",
+    "structures",
     "tie",
     "tie_coincident",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

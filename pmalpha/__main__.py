@@ -6,8 +6,8 @@ import time
 
 import numpy as np
 
-from .history import History
 from .models import FourDof, four_dof
+from .run.history import History
 
 SUBSTEPS = 20
 NODE = 100  # macro node of the modal amplitudes, two and a half periods of the first mode

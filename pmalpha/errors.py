@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import sys
+import warnings
+from pathlib import Path
+
 __all__ = [
     "CallbackError",
     "ConstraintError",
@@ -124,3 +129,14 @@ class ConstraintWarning(UserWarning):
 
 class PerformanceWarning(UserWarning):
     """What was asked for is possible and slow."""
+
+
+PACKAGE = f"{Path(__file__).parent}{os.sep}"
+
+
+def warn(message: str, category: type[Warning]) -> None:
+    """Warn with the line outside of the package that made the call, however deep it is inside."""
+    frame, level = sys._getframe(1), 2
+    while frame is not None and frame.f_code.co_filename.startswith(PACKAGE):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, category, stacklevel=level - 1 if frame is None else level)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ._checks import listing, real_array
 from .files import checked_path, replacing
-from .mesh import Mesh, checked_mesh, nodal_values, nodal_vectors, padded
+from .structures.mesh import Mesh, checked_mesh, nodal_values, nodal_vectors, padded
 
 __all__ = ["write_series"]
 

@@ -12,10 +12,11 @@ import scipy.linalg
 import scipy.sparse
 from numpy.typing import ArrayLike
 
-from .constraints import Constraint, tie
-from .coupler import Coupler
-from .history import History
-from .schemes import CentralDifference, GeneralizedAlpha, Newmark
+from .problem.constraints import Constraint, tie
+from .problem.schemes import CentralDifference, GeneralizedAlpha, Newmark
+from .problem.subdomain import Subdomain
+from .run.coupler import Coupler
+from .run.history import History
 from .structures import (
     Structure,
     beam_frame,
@@ -29,7 +30,6 @@ from .structures import (
     subdivide,
     submesh,
 )
-from .subdomain import Subdomain
 
 __all__ = [
     "FourDof",

@@ -11,6 +11,7 @@ from problems import random_problem
 
 import pmalpha as pm
 from pmalpha import analysis, models
+from pmalpha.analysis import amplification
 
 RHOS = [0.0, 0.05, 0.2, 1 / 3, 0.5, 0.65, 0.8, 0.95, 0.99]
 
@@ -215,7 +216,7 @@ def test_the_matrix_to_the_power_k_is_a_run_of_k_macro_steps(seed):
     coupler = unloaded(seed)
     G = analysis.amplification_matrix(coupler)
     coupler.step(2)
-    layout = analysis._Layout(coupler)
+    layout = amplification.Layout(coupler)
     X = layout.read()
     coupler.step(6)
     after = layout.read()
@@ -234,10 +235,10 @@ def test_a_wrong_entry_of_the_matrix_shows():
     coupler = unloaded(0)
     G = analysis.amplification_matrix(coupler)
     coupler.step(2)
-    X = analysis._Layout(coupler).read()
+    X = amplification.Layout(coupler).read()
     coupler.step(1)
     G[0, np.argmax(np.abs(X))] += 1e-9
-    assert G @ X != pytest.approx(analysis._Layout(coupler).read(), abs=1e-10 * np.abs(X).max())
+    assert G @ X != pytest.approx(amplification.Layout(coupler).read(), abs=1e-10 * np.abs(X).max())
 
 
 def test_loads_are_left_out_of_the_matrix():

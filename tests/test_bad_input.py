@@ -1514,6 +1514,12 @@ def test_the_warning_points_at_the_line_that_made_the_coupler():
     assert [(w.filename, w.lineno) for w in caught] == [(__file__, line)]
 
 
+def test_the_warning_points_out_of_the_package_where_a_model_made_the_coupler():
+    with pytest.warns(pm.StabilityWarning) as caught:
+        pm.models.split_oscillator(10.0).coupler(5.0)
+    assert {w.filename for w in caught} == {__file__}
+
+
 # ---- memory ---------------------------------------------------------------------------------
 
 

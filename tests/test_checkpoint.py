@@ -12,7 +12,7 @@ import pytest
 from problems import random_problem
 
 import pmalpha as pm
-from pmalpha import checkpoint
+from pmalpha.run import checkpoint
 
 ROOT = Path(__file__).parent.parent
 

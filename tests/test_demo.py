@@ -125,8 +125,8 @@ def test_without_matplotlib_the_demo_says_what_to_install(tmp_path):
 
 def test_the_examples_of_the_plots_run():
     pytest.importorskip("matplotlib")
-    from pmalpha import plot
+    from pmalpha.plot import drawings, figures
 
-    result = doctest.testmod(plot)
-    assert result.attempted > 3
-    assert result.failed == 0
+    results = [doctest.testmod(m) for m in (drawings, figures)]
+    assert sum(result.attempted for result in results) > 3
+    assert sum(result.failed for result in results) == 0

@@ -8,20 +8,23 @@ import pkgutil
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import pmalpha as pm
 
 ROOT = Path(__file__).parent.parent
 MODULES = sorted(
-    f"pmalpha.{m.name}" for m in pkgutil.iter_modules(pm.__path__) if m.name != "__main__"
+    module.name
+    for module in pkgutil.walk_packages(pm.__path__, "pmalpha.")
+    if module.name != "pmalpha.__main__"
 )
 
 
 @pytest.mark.parametrize("name", MODULES)
 def test_the_examples_in_docstrings_run(name):
     module = importlib.import_module(name)
-    result = doctest.testmod(module, extraglobs=vars(pm))
+    result = doctest.testmod(module, extraglobs={**vars(pm), "np": np})
     assert result.failed == 0
 
 
@@ -64,6 +67,16 @@ def test_the_stub_names_what_the_core_has():
         body = re.search(rf"^class {type_.__name__}:\n((?:    .*\n)+)", stub, re.MULTILINE)[1]
         named = set(re.findall(r"^    (?:def )?(\w+)[:(]", body, re.MULTILINE)) - {"__new__"}
         assert named == {name for name in vars(type_) if not name.startswith("__")}
+
+
+def test_the_architecture_names_the_modules_that_there_are():
+    named = set(re.findall(r"([\w/]+\.py)\b", (ROOT / "docs" / "architecture.md").read_text()))
+    there = {str(path.relative_to(ROOT)) for path in ROOT.glob("[pt]*/**/*.py")}
+    assert not [name for name in named if not any(f"/{x}".endswith(f"/{name}") for x in there)]
+    described = {
+        path.name for x in ("problem", "setup", "run") for path in ROOT.glob(f"pmalpha/{x}/*.py")
+    }
+    assert not described - {name.split("/")[-1] for name in named}
 
 
 @pytest.mark.parametrize("page", ["reproduction.md", "couplings.md"])

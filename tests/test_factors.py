@@ -11,12 +11,13 @@ import scipy.sparse as sp
 from problems import random_problem
 
 import pmalpha as pm
-from pmalpha import _core, factors, ordering, structures
-from pmalpha.assembly import compliance, conditions_of
-from pmalpha.inertia import inertia
-from pmalpha.matrices import core_sparse, permuted
-from pmalpha.ordering import _nested_dissection as dissection
-from pmalpha.ordering import _pattern, elimination_order, fill, graph_of, node_size
+from pmalpha import _core, structures
+from pmalpha.problem.matrices import core_sparse, permuted
+from pmalpha.setup import factors, ordering
+from pmalpha.setup.compliance import compliance, conditions_of
+from pmalpha.setup.inertia import inertia
+from pmalpha.setup.ordering import _nested_dissection as dissection
+from pmalpha.setup.ordering import _pattern, elimination_order, fill, graph_of, node_size
 
 DEFINITE = pm.FactorizationError
 

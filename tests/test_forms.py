@@ -5,8 +5,8 @@ import pytest
 import scipy.sparse as sp
 
 import pmalpha as pm
-from pmalpha import factors
-from pmalpha.matrices import canonical, core_matrix
+from pmalpha.problem.matrices import canonical, core_matrix
+from pmalpha.setup import factors
 
 IMPLICIT, EXPLICIT = pm.GeneralizedAlpha(0.8), pm.GeneralizedAlpha(0.8, explicit=True)
 # Three slabs of rows and a rest, and more dofs than the core would step in one piece.

@@ -762,8 +762,8 @@ def jump_at_macro_nodes(problem, history, name):
 
 
 def wrong_interface_matrix(factor):
-    """pmalpha.coupler.interface_matrix with one entry of H changed."""
-    right = pm.coupler.interface_matrix
+    """pmalpha.setup.assembly.interface_matrix with one entry of H changed."""
+    right = pm.setup.assembly.interface_matrix
 
     def wrong(*args, **kwargs):
         H = right(*args, **kwargs)
@@ -804,7 +804,7 @@ def test_the_velocity_jump_is_that_of_the_states_and_rounding_alone(form, coupli
 @pytest.mark.parametrize(("coupling", "start"), SCHEDULES)
 @pytest.mark.parametrize("form", FORMS)
 def test_a_wrong_entry_of_H_shows_in_the_velocity_jump(form, coupling, start, factor, monkeypatch):
-    monkeypatch.setattr("pmalpha.coupler.interface_matrix", wrong_interface_matrix(factor))
+    monkeypatch.setattr("pmalpha.setup.assembly.interface_matrix", wrong_interface_matrix(factor))
     problem = everything(form, coupling=coupling, start=start)
     history = problem.coupler().run(steps=STEPS)
     scale = scales(history, problem)["v"]

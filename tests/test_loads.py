@@ -180,7 +180,7 @@ def spread(log):
 @pytest.mark.parametrize(("ahead", "chunk"), [(1, 1), (80, 1), (239, 2), (240, 3), (10**9, 20)])
 def test_callables_are_asked_ahead_in_chunks_and_the_result_is_the_same(ahead, chunk, monkeypatch):
     expected = pair(wave, wave).run(steps=20)
-    monkeypatch.setattr("pmalpha.coupler.AHEAD", ahead)
+    monkeypatch.setattr("pmalpha.run.advance.AHEAD", ahead)
     log = []
     note = lambda name: lambda t: log.append((name, t)) or wave(t)  # noqa: E731
     assert_same_rows(pair(note("a"), note("b")).run(steps=20), expected)
@@ -191,7 +191,7 @@ def test_callables_are_asked_ahead_in_chunks_and_the_result_is_the_same(ahead, c
 
 
 def test_what_is_asked_ahead_takes_64_megabytes_at_most():
-    assert pm.coupler.AHEAD <= 64_000_000
+    assert pm.run.advance.AHEAD <= 64_000_000
 
 
 # ---- samples --------------------------------------------------------------------------------
@@ -366,7 +366,7 @@ ERRORS = [Broken("cable"), StopIteration(), ZeroDivisionError(), KeyError("x"), 
 def test_after_a_load_raised_the_run_stands_at_the_last_whole_macro_step_and_can_go_on(
     which, ahead, error, monkeypatch
 ):
-    monkeypatch.setattr("pmalpha.coupler.AHEAD", ahead)
+    monkeypatch.setattr("pmalpha.run.advance.AHEAD", ahead)
     whole = pair(wave, wave).run(steps=12)
     loads = {"a": Asked(), "b": Asked()}
     coupler = pair(loads["a"], loads["b"])

@@ -10,8 +10,9 @@ from problems import Problem, _reference_part, random_problem
 from scipy.integrate import solve_ivp
 
 import pmalpha as pm
-from pmalpha import analysis, macro
-from pmalpha.matrices import dense
+from pmalpha import analysis
+from pmalpha.problem.matrices import dense
+from pmalpha.setup import macro
 
 SECOND = pm.GeneralizedAlpha(0.5)
 FAST = pm.GeneralizedAlpha(0.5, explicit=True)

@@ -6,12 +6,13 @@ import scipy.sparse as sp
 from problems import random_problem
 
 import pmalpha as pm
-from pmalpha import assembly, factors, structures
-from pmalpha.elimination import Elimination, elimination, ordinary
-from pmalpha.factors import structure_of
-from pmalpha.matrices import permuted
-from pmalpha.ordering import elimination_order, graph_of, rows_of
-from pmalpha.paths import compliance_along_paths
+from pmalpha import structures
+from pmalpha.problem.matrices import permuted
+from pmalpha.setup import factors
+from pmalpha.setup.elimination import Elimination, elimination, ordinary
+from pmalpha.setup.factors import structure_of
+from pmalpha.setup.ordering import elimination_order, graph_of, rows_of
+from pmalpha.setup.paths import compliance_along_paths
 
 
 def always_ordinary(n, graph, last, *, superlu=False):
@@ -33,7 +34,7 @@ def random_matrix(rng, n, density):
 @pytest.mark.parametrize("seed", range(60))
 def test_random_coupled_problems_agree_with_the_reference_along_paths(seed, monkeypatch):
     monkeypatch.setattr(factors, "WIDE", 0)
-    monkeypatch.setattr(assembly, "elimination", always_ordinary)
+    monkeypatch.setattr("pmalpha.setup.part.elimination", always_ordinary)
     problem = random_problem(seed)
     coupler = problem.coupler()
     expected = problem.reference(9, [part.double for part in coupler._parts])
@@ -50,7 +51,7 @@ def test_random_coupled_problems_agree_with_the_reference_along_paths(seed, monk
 
 def test_random_problems_do_take_paths(monkeypatch):
     monkeypatch.setattr(factors, "WIDE", 0)
-    monkeypatch.setattr(assembly, "elimination", always_ordinary)
+    monkeypatch.setattr("pmalpha.setup.part.elimination", always_ordinary)
     parts = [part for seed in range(60) for part in random_problem(seed).coupler()._parts]
     # two thirds of the matrices are sparse or diagonal by the draw, most parts have an interface
     assert sum(part.elimination.paths is not None for part in parts) > 30
@@ -59,7 +60,7 @@ def test_random_problems_do_take_paths(monkeypatch):
 @pytest.mark.parametrize("seed", range(30))
 def test_the_compliance_along_paths_is_that_of_the_dense_inverse(seed, monkeypatch):
     monkeypatch.setattr(factors, "WIDE", 0)
-    monkeypatch.setattr("pmalpha.paths.BLOCK", 7)
+    monkeypatch.setattr("pmalpha.setup.paths.BLOCK", 7)
     rng = np.random.default_rng(seed)
     n = int(rng.integers(2, 120))
     nb = int(rng.integers(1, n + 1))
@@ -120,7 +121,7 @@ def test_a_solid_tied_on_all_sides_moves_as_with_the_interface_last(monkeypatch)
     ours = enclosed()
     assert ours._parts[0].elimination.paths is not None
     history = ours.run(steps=6)
-    monkeypatch.setattr(assembly, "elimination", always_last)
+    monkeypatch.setattr("pmalpha.setup.part.elimination", always_last)
     theirs = enclosed()
     assert theirs._parts[0].elimination.paths is None
     expected = theirs.run(steps=6)
@@ -138,7 +139,7 @@ def test_macro_coupling_along_paths_moves_as_with_the_interface_last(monkeypatch
     whole = enclosed_finely()
     assert whole._parts[0].elimination.paths is not None
     ours = whole.run(steps=4)[0].u
-    monkeypatch.setattr(assembly, "elimination", always_last)
+    monkeypatch.setattr("pmalpha.setup.part.elimination", always_last)
     theirs = enclosed_finely().run(steps=4)[0].u
     # rounding grows by the condition of Mbar and H, 1e4 here
     assert np.max(np.abs(ours - theirs)) <= 1e-10 * np.max(np.abs(theirs))

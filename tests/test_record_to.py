@@ -14,7 +14,8 @@ from problems import random_problem
 from test_binding import interrupt_at_entry, long_run
 
 import pmalpha as pm
-from pmalpha import history_file, models, recording
+from pmalpha import models
+from pmalpha.run import history_file, recording
 
 h5py = pytest.importorskip("h5py")
 ROOT = Path(__file__).parent.parent
@@ -284,7 +285,8 @@ KILLED = """
     import os, signal, time
     import numpy as np
     import h5py
-    from pmalpha import models, recording
+    from pmalpha import models
+    from pmalpha.run import recording
 
     rng = np.random.default_rng(1)
     for kill in range({kills}):

@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse as sp
 
 import pmalpha as pm
-from pmalpha.reduction import Reduction, reduce
+from pmalpha import Reduction, reduce
 
 RANDOM = np.random.default_rng(0)
 HALF = RANDOM.normal(size=(6, 6))

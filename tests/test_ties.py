@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import pmalpha as pm
-from pmalpha.reduction import reduce
-from pmalpha.ties import interpolate, tie_coincident
+from pmalpha import interpolate, reduce, tie_coincident
 
 SCHEME = pm.GeneralizedAlpha(0.5)
 

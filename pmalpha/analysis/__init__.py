@@ -1,0 +1,30 @@
+"""Amplification matrices, spectra, stability limits and errors of linear couplers.
+
+Every figure comes from pushing states through the core that runs, so that what is analysed is
+what is used. Equations in docs/method.md.
+"""
+
+from ..setup.stability import critical_step
+from .accuracy import global_error, local_error, observed_order, start_error
+from .amplification import AmplificationMatrix, amplification_matrix
+from .exact import exact_solution
+from .spectra import period_and_damping, spectral_radius, stability_limit, zero_stability
+
+__all__ = [
+    "AmplificationMatrix",
+    "amplification_matrix",
+    "critical_step",
+    "exact_solution",
+    "global_error",
+    "local_error",
+    "observed_order",
+    "period_and_damping",
+    "spectral_radius",
+    "stability_limit",
+    "start_error",
+    "zero_stability",
+]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,236 @@
+"""Errors against an exact solution, and orders of convergence."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from .._checks import positive_number, vector, whole_number
+from ..errors import ConstraintWarning
+from ..run.coupler import Coupler
+from ..setup.part import Part, core_subdomain
+from .borrowed import checked_coupler, state_kept
+from .exact import Instant
+
+__all__ = ["global_error", "local_error", "observed_order", "start_error"]
+
+
+def observed_order(run: Callable[[float], float], steps: Sequence[float]) -> float:
+    """Slope of log(error) over log(dt), by least squares.
+
+    Parameters
+    ----------
+    run : callable
+        ``run(dt)`` gives the error at this step, a positive number.
+    steps : sequence of float
+        At least two different steps, positive.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    ValueError
+        For fewer than two different steps, and for an error that is not positive and finite.
+
+    Notes
+    -----
+    An error c1 dt^q + c2 dt^(q+1) shows a slope that differs from q by about dt c2 / c1.
+
+    Examples
+    --------
+    >>> from pmalpha import analysis
+    >>> round(analysis.observed_order(lambda dt: 7.0 * dt**2, [0.1, 0.05, 0.025]), 10)
+    2.0
+    """
+    steps = [positive_number(dt, "steps") for dt in steps]
+    if len(set(steps)) < 2:
+        raise ValueError(f"steps must hold at least two different ones, got {steps}")
+    errors = [_positive_error(run(dt), dt) for dt in steps]
+    return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
+
+
+def _positive_error(error: Any, dt: float) -> float:
+    error = float(error)
+    if not 0.0 < error < np.inf:
+        raise ValueError(f"run must return a positive finite error, got {error!r} at dt = {dt:g}")
+    return error
+
+
+def global_error(
+    coupler: Coupler, exact: Callable[[float], Instant], t_end: float
+) -> dict[str, float]:
+    """Errors at t_end of a run from t = 0; the coupler itself stays as it is.
+
+    Parameters
+    ----------
+    coupler : Coupler
+        Loads included.
+    exact : callable
+        ``exact(t) -> (dict, Lam)``, as from `exact_solution`: by name of the subdomain (u, v, w),
+        (n_i,) each, and Lam, (p,).
+    t_end : float
+        A positive whole number of macro steps.
+
+    Returns
+    -------
+    dict
+        The largest absolute errors: "u", "v" and "a" (of the true acceleration w) over all dofs of
+        all subdomains, "multipliers" over the conditions.
+
+    Raises
+    ------
+    ValueError, InstabilityError
+        As from `Coupler.run`; for an exact solution whose shapes do not fit.
+
+    Examples
+    --------
+    >>> from pmalpha import analysis, models
+    >>> coupler = models.split_oscillator(10.0).coupler(0.01)
+    >>> errors = analysis.global_error(coupler, analysis.exact_solution(coupler), 1.0)
+    >>> errors["u"] < 0.01
+    True
+    """
+    with checked_coupler(coupler)._entered(), state_kept(coupler):
+        steps = coupler._clock.end(t_end, None, 0)
+        _from_the_start(coupler, steps)
+        return _errors(coupler, exact(coupler._clock.time(steps)))
+
+
+def start_error(coupler: Coupler, exact: Callable[[float], Instant]) -> dict[str, float]:
+    """Errors after the first two macro steps: the initialization error e2 of the paper.
+
+    The first macro step is single for everybody, the second is the first with double steps. For
+    unequal steps it depends on the `start` of the coupler: "rebased" (S3) or "plain", the paper's.
+
+    Parameters
+    ----------
+    coupler, exact
+        As for `global_error`.
+
+    Returns
+    -------
+    dict
+        As from `global_error`.
+
+    Examples
+    --------
+    >>> from pmalpha import analysis, models
+    >>> oscillator = models.split_oscillator(10.0, substeps=5, v0=6.0)
+    >>> def error_of_v(dt, start):
+    ...     coupler = oscillator.coupler(dt, start=start)
+    ...     return analysis.start_error(coupler, analysis.exact_solution(coupler))["v"]
+    >>> steps = [1 / 640, 1 / 1280]
+    >>> [round(analysis.observed_order(lambda dt: error_of_v(dt, start), steps))
+    ...  for start in ("plain", "rebased")]
+    [1, 2]
+    """
+    return global_error(coupler, exact, 2.0 * checked_coupler(coupler).dt)
+
+
+def _from_the_start(coupler: Coupler, steps: int) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConstraintWarning)  # said when the coupler was made
+        coupler._started = False
+        coupler._start()
+    coupler._advance(steps, None)
+
+
+def local_error(
+    coupler: Coupler, exact: Callable[[float], Instant], *, n: int = 3
+) -> dict[str, float]:
+    """Errors that one macro step makes, past the start, from exact data: the paper's tau_n.
+
+    Exact data at t_n = n dt means: u, v and w are those of `exact`, a = w, and the stored free
+    velocity is the one that belongs to the exact v and Lam, equation (S2) with the operators in
+    force (those of 2 h for a double-step subdomain)::
+
+        vf = v - al2 Mbar^-1 L^T Lam
+
+    A double-step subdomain has exact data at its own node before t_n too. (a = w is a choice: the
+    a of a run is close to the true acceleration to first order only, and exact data in another
+    sense, a on the scheme's own smooth path, would give other local errors.)
+
+    Parameters
+    ----------
+    coupler, exact
+        As for `global_error`.
+    n : int, default 3
+        The macro step goes from n dt to (n + 1) dt; at least 1, so that it is past the start.
+
+    Returns
+    -------
+    dict
+        As from `global_error`, at t_{n+1}.
+
+    Examples
+    --------
+    O(dt^2) in the velocity for rho < 1:
+
+    >>> from pmalpha import analysis, models
+    >>> oscillator = models.split_oscillator(10.0, rho=0.5, v0=6.0)
+    >>> def error_of_v(dt):
+    ...     coupler = oscillator.coupler(dt)
+    ...     return analysis.local_error(coupler, analysis.exact_solution(coupler))["v"]
+    >>> round(analysis.observed_order(error_of_v, [1 / 640, 1 / 1280]), 1)
+    2.0
+    """
+    n = whole_number(n, "n", low=1)
+    checked_coupler(coupler)._require_linear("local_error")
+    with coupler._entered(), state_kept(coupler):
+        for part in coupler._parts:
+            part.core.set_nodes(_exact_nodes(coupler, part, exact, n))
+        nothing = np.zeros(coupler._row_place.size)  # no step reads these multipliers
+        coupler._core.start(n, nothing, nothing)
+        coupler._advance(n + 1, None)
+        return _errors(coupler, exact(coupler._clock.time(n + 1)))
+
+
+def _exact_nodes(
+    coupler: Coupler, part: Part, exact: Callable[[float], Instant], n: int
+) -> tuple[np.ndarray, ...]:
+    """What the core keeps of a part at t_n, from exact data."""
+    u, v, w, lam = _exact_at(coupler, part, exact, coupler._clock.time(n))
+    h = 2.0 * part.h if part.double else part.h
+    # a subdomain of its own, whose single step is the step in force, starts with (S2)
+    core = core_subdomain(part, part.subdomain.scheme, part.L, part.operator(h))
+    core.start(u, v, w, lam)
+    nodes = core.nodes()
+    if part.double:
+        before = ((n * part.subdomain.substeps - 1) / part.subdomain.substeps) * coupler.dt
+        u, v, w, _ = _exact_at(coupler, part, exact, before)
+        # no step reads this free velocity, and there are no springs
+        nodes += (u, v, w, w, np.zeros(part.nb), np.zeros(0))
+    return nodes
+
+
+def _exact_at(
+    coupler: Coupler, part: Part, exact: Callable[[float], Instant], t: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """u, v, w and Lam at a time in the core's order."""
+    states, lam = exact(t)
+    state = [
+        vector(x, part.n, f"{name} of {part.name!r} from exact({t:g})")[part.order]
+        for x, name in zip(states[part.name], "uvw")
+    ]
+    p = coupler._row_place.size
+    rows = np.empty(p)
+    rows[coupler._row_place] = vector(lam, p, f"Lam from exact({t:g})")
+    return (*state, rows)
+
+
+def _errors(coupler: Coupler, truth: Instant) -> dict[str, float]:
+    states, lam = truth
+    p = coupler._row_place.size
+    got = coupler._core.multipliers[coupler._row_place]
+    errors = {"u": 0.0, "v": 0.0, "a": 0.0}
+    for part in coupler._parts:
+        for name, x, y in zip(errors, part.core.state(), states[part.name]):
+            y = vector(y, part.n, f"{name} of {part.name!r} from exact")
+            errors[name] = max(errors[name], float(np.max(np.abs(x[part.place] - y))))
+    jump = np.abs(got - vector(lam, p, "Lam from exact"))
+    return errors | {"multipliers": float(np.max(jump, initial=0.0))}

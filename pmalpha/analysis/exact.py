@@ -1,0 +1,120 @@
+"""Exact solutions of linear coupled problems."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+
+from ..problem.matrices import dense
+from ..run.coupler import Coupler
+from .borrowed import checked_coupler
+
+__all__ = ["exact_solution"]
+
+# What an exact solution says at a time: (u, v, w) by name of the subdomain, and Lam.
+Instant = tuple[Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]], np.ndarray]
+
+
+def exact_solution(coupler: Coupler) -> Callable[[float], Instant]:
+    """The exact motion of the linear problem (1), (2) that a coupler approximates.
+
+    Dense and for small problems: the matrix exponential of the uncut structure at every call.
+
+    Parameters
+    ----------
+    coupler : Coupler
+        Any number of subdomains, without loads or with constant ones. Its initial values are
+        those it starts from, also after ``reset(u0=..., v0=...)``.
+
+    Returns
+    -------
+    exact : callable
+        ``exact(t)``, t >= 0, returns a dict with (u, v, w), (n_i,) each, by name of the subdomain,
+        and Lam, (p,).
+
+    Raises
+    ------
+    ValueError
+        For loads that change with time, prescribed motion, restoring forces, and a structure whose
+        mass matrix is singular.
+
+    Notes
+    -----
+    With the columns of Z a basis of the null space of L = [L_1 ... L_N], u = u_0 + Z q satisfies
+    (2), and Z^T times (1) is the uncut structure::
+
+        Z^T M Z q'' + Z^T C Z q' + Z^T K (u_0 + Z q) = Z^T F
+
+    w = Z q'', and Lam follows from (1): L L^T Lam = L (M w + C v + K u - F).
+
+    Examples
+    --------
+    >>> from pmalpha import analysis, models
+    >>> exact = analysis.exact_solution(models.split_oscillator(10.0).coupler(0.05))
+    >>> state, lam = exact(0.25)
+    >>> u, v, w = state["B"]
+    >>> bool(abs(v[0] + 2 * np.pi) < 1e-12)
+    True
+    """
+    checked_coupler(coupler)._require_linear("exact_solution")
+    with coupler._entered():
+        return _Exact(coupler)
+
+
+class _Exact:
+    """The uncut structure in the coordinates q, with a one appended for what is constant."""
+
+    def __init__(self, coupler: Coupler):
+        if coupler._loads.motions:
+            raise ValueError("coupler must have no prescribed motion for an exact solution")
+        subdomains = [s for _, s in coupler._keys]
+        self.names = [name for name, _ in coupler._keys]
+        self.ends = np.cumsum([s.n for s in subdomains])[:-1]
+        M, C, K = (
+            scipy.linalg.block_diag(*(_full(getattr(s, X), s.n) for s in subdomains)) for X in "MCK"
+        )
+        self.M, self.C, self.K = M, C, K
+        self.L = np.hstack([dense(L) for L in coupler._rows.matrices])
+        self.F = np.concatenate([_constant(coupler, i) for i in range(len(subdomains))])
+        self.u0, v0 = (np.concatenate(x) for x in zip(*coupler._initial.values))
+        self.Z = Z = scipy.linalg.null_space(self.L)
+        m = Z.shape[1]
+        mass = Z.T @ M @ Z
+        if np.linalg.cond(mass) > 1e12:
+            raise ValueError(
+                "coupler must have mass in every motion of the uncut structure for an exact "
+                f"solution, got a mass matrix of condition {np.linalg.cond(mass):.1e}"
+            )
+        right = Z.T @ np.column_stack([-K @ Z, -C @ Z, self.F - K @ self.u0])
+        self.A = np.zeros((2 * m + 1, 2 * m + 1))  # d/dt (q, q', 1)
+        self.A[:m, m : 2 * m] = np.eye(m)
+        self.A[m : 2 * m] = np.linalg.solve(mass, right)
+        self.x0 = np.concatenate([np.zeros(m), Z.T @ v0, [1.0]])
+
+    def __call__(self, t: float) -> Instant:
+        m, Z = self.Z.shape[1], self.Z
+        x = scipy.linalg.expm(self.A * t) @ self.x0
+        u, v = self.u0 + Z @ x[:m], Z @ x[m : 2 * m]
+        w = Z @ (self.A @ x)[m : 2 * m]
+        force = self.M @ w + self.C @ v + self.K @ u - self.F  # L^T Lam, (1)
+        lam = np.linalg.lstsq(self.L.T, force, rcond=None)[0]
+        parts = zip(*(np.split(x, self.ends) for x in (u, v, w)))
+        return dict(zip(self.names, parts)), lam
+
+
+def _full(A: Any, n: int) -> np.ndarray:
+    return np.zeros((n, n)) if A is None else dense(A)
+
+
+def _constant(coupler: Coupler, i: int) -> np.ndarray:
+    """The constant load of subdomain i, in the user's order."""
+    force, part = coupler._loads.forces[i], coupler._parts[i]
+    if force is not None and not isinstance(force, np.ndarray):
+        raise ValueError(
+            f"coupler must have no loads or constant ones for an exact solution, got {force!r} on "
+            f"subdomain {part.name!r}"
+        )
+    return np.zeros(part.n) if force is None else force

@@ -1,0 +1,265 @@
+"""Spectral radii, limits of stability, periods and damping."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._checks import real_array, real_number
+from ..errors import StabilityWarning
+from ..problem.constraints import Constraint
+from ..problem.schemes import Scheme
+from ..problem.subdomain import Subdomain
+from ..run.coupler import Coupler
+from .amplification import Layout, amplification_matrix, propagation
+from .borrowed import checked_coupler
+
+__all__ = ["period_and_damping", "spectral_radius", "stability_limit", "zero_stability"]
+
+# An eigenvalue of modulus 1, alone or double, comes out of an eigenvalue routine this close to it.
+STABLE = 1e-6
+# An eigenvector shows in the multipliers if it moves one of them by more than rounding.
+SHOWS = 1e-10
+
+
+def spectral_radius(G: np.ndarray, drop: Sequence[complex] = (), tol: float = 1e-6) -> float:
+    """Largest modulus of the eigenvalues of a matrix, some of them left out by value.
+
+    Parameters
+    ----------
+    G : (n, n) array
+    drop : sequence of numbers
+        Eigenvalues within `tol` of one of these are left out: 1, the drift that velocity ties
+        leave undetermined, or -1, the two chains of a double-step subdomain.
+    tol : float, default 1e-6
+        Not below about 1e-8: a defective eigenvalue, such as that of a motion at constant
+        velocity, comes out of an eigenvalue routine with the square root of the rounding.
+
+    Returns
+    -------
+    float
+        0 if none is left.
+
+    Raises
+    ------
+    ValueError
+        For a matrix that is not square or holds NaN or infinity.
+
+    Examples
+    --------
+    >>> from pmalpha import analysis, models
+    >>> G = analysis.amplification_matrix(models.split_oscillator(10.0).coupler(0.05))
+    >>> radius = analysis.spectral_radius(G)
+    >>> abs(radius - 1.0) < 1e-9, analysis.spectral_radius(G, drop=[1.0]) < 1.0
+    (True, True)
+    """
+    G = real_array(G, "G", 2)
+    if G.shape[0] != G.shape[1]:
+        raise ValueError(f"G must be square, got shape {G.shape}")
+    values = np.linalg.eigvals(G)
+    far = np.abs(values[:, None] - np.atleast_1d(np.asarray(drop, dtype=complex))) > tol
+    return float(np.max(np.abs(values[far.all(axis=1)]), initial=0.0))
+
+
+def stability_limit(make_coupler: Callable[[float], Coupler], lo: float, hi: float) -> float:
+    """The largest stable x of a family of couplers, by bisection.
+
+    A coupler is taken for stable when no eigenvalue of its amplification matrix has a modulus
+    above 1 + 1e-6: the eigenvalues 1 and -1 that velocity ties bring along, which may be
+    defective, come out of an eigenvalue routine within 1e-7 or so of the unit circle.
+
+    Parameters
+    ----------
+    make_coupler : callable
+        ``make_coupler(x)`` gives the coupler at x, such as a step or a frequency times a step.
+    lo, hi : float
+        Stable at lo, unstable at hi, lo < hi. Between them stability should be lost once.
+
+    Returns
+    -------
+    float
+        Where stability is lost, to 1e-7 of hi and to what an excess of 1e-6 in the radius means
+        for x.
+
+    Raises
+    ------
+    ValueError
+        When the coupler is unstable at lo or stable at hi.
+
+    Examples
+    --------
+    >>> from pmalpha import analysis, models
+    >>> def oscillator(Omega):  # B has circular frequency 1
+    ...     return models.split_oscillator(1.0, rho=0.5, stiffness=1.0).coupler(Omega)
+    >>> limit = analysis.stability_limit(oscillator, 1.0, 10.0)
+    >>> bool(limit >= np.sqrt(12 * 1.5 * 1.5 / 7.75))
+    True
+    """
+    lo, hi = real_number(lo, "lo"), real_number(hi, "hi")
+    if not lo < hi:
+        raise ValueError(f"lo must be below hi, got {lo!r} and {hi!r}")
+    for x, name, wanted in ((lo, "lo", True), (hi, "hi", False)):
+        radius = _radius_at(make_coupler, x)
+        if (radius <= 1.0 + STABLE) != wanted:
+            rule = "stable" if wanted else "unstable"
+            raise ValueError(
+                f"the coupler must be {rule} at {name}, got spectral radius {radius:.9g} at {x:g}"
+            )
+    small = 1e-7 * max(abs(lo), abs(hi))
+    while hi - lo > small:
+        middle = 0.5 * (lo + hi)
+        stable = _radius_at(make_coupler, middle) <= 1.0 + STABLE
+        lo, hi = (middle, hi) if stable else (lo, middle)
+    return lo
+
+
+def _radius_at(make_coupler: Callable[[float], Coupler], x: float) -> float:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StabilityWarning)  # the question is asked here
+        coupler = make_coupler(x)
+    return spectral_radius(amplification_matrix(coupler))
+
+
+def zero_stability(coupler: Coupler) -> float:
+    """Spectral radius of the loop Lam -> vf -> Lam as dt -> 0; below 1 the method is zero-stable.
+
+    As dt -> 0, terms with K dt^2 and C dt vanish against M. What is left of (5) to (18) is the same
+    coupler without stiffness and damping, whatever its dt. In it an error of Lam goes through
+    (14) and (9) into a and w, through (6) and (13) into the next free velocities, and through (15)
+    and (18) into the next Lam. With X the state (20) of this coupler, G its amplification matrix
+    and B the map from X to the next Lam::
+
+        X_{n+1} = G X_n,    Lam_{n+1} = B X_n
+
+    The loop consists of those eigenvalues of G that show in Lam: B x != 0 for the eigenvector x.
+    Not among them are the common velocity (eigenvalue 1), displacements, inner dofs, and the root
+    -am / (1 - am) that recursion (9) has without forces.
+
+    Parameters
+    ----------
+    coupler : Coupler
+        Only masses, schemes, substeps and conditions matter.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    ValueError
+        Without conditions there is no loop; with dofs without mass it has no limit.
+
+    Notes
+    -----
+    Kuebler and Schiehlen 2000; figure 4 of the paper. For "gc" with equal steps and one rho the
+    roots are -rho and -(3 rho - 1)/(3 - rho) for any masses.
+
+    Examples
+    --------
+    >>> from pmalpha import analysis, models
+    >>> coupler = models.split_oscillator(10.0, rho=0.5).coupler(0.01, coupling="gc")
+    >>> round(analysis.zero_stability(coupler), 9)
+    0.5
+    """
+    masses = _masses_alone(coupler)
+    G, B = propagation(masses)
+    acts = np.array([not name.startswith("u") for name in Layout(masses).names()])
+    values, vectors = np.linalg.eig(G[np.ix_(acts, acts)])
+    B = B[:, acts] / np.linalg.norm(B[:, acts], axis=1, keepdims=True)
+    shows = np.max(np.abs(B @ vectors), axis=0) > SHOWS
+    return float(np.max(np.abs(values[shows]), initial=0.0))
+
+
+def _masses_alone(coupler: Coupler) -> Coupler:
+    """The same coupler without stiffness, damping and loads; dt = 1."""
+    if not checked_coupler(coupler)._row_place.size:
+        raise ValueError("coupler must have conditions, got none")
+    for part in coupler._parts:
+        if part.subdomain.massless.size:
+            raise ValueError(
+                f"coupler must have mass everywhere, got dofs without in {part.name!r}"
+            )
+    subdomains = [
+        Subdomain(
+            s.M,
+            np.zeros(s.n),
+            scheme=s.scheme,
+            substeps=s.substeps,
+            double_step=part.double,
+            name=part.name,
+        )
+        for part, (_, s) in zip(coupler._parts, coupler._keys)
+    ]
+    matrices = {s: L for s, L in zip(subdomains, coupler._rows.matrices) if L.nnz}
+    return Coupler(subdomains, Constraint(matrices), dt=1.0)
+
+
+def period_and_damping(
+    scheme: Scheme, Omega: ArrayLike, xi: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Period elongation and algorithmic damping ratio of a scheme, on a single-dof oscillator.
+
+    Parameters
+    ----------
+    scheme : Scheme
+    Omega : array_like
+        omega h, circular frequency of the undamped oscillator times step; positive.
+    xi : float, default 0
+        Viscous damping ratio of the oscillator, in [0, 1).
+
+    Returns
+    -------
+    elongation : ndarray, the shape of Omega
+        (T_h - T) / T, with T the period of the damped oscillator and T_h that of the scheme's
+        solution.
+    damping : ndarray, the shape of Omega
+        What the scheme adds to the ratio of decay rate and frequency: -ln|lam| / arg(lam) minus its
+        exact value xi / sqrt(1 - xi^2).
+
+    NaN where the scheme's solution does not oscillate with a period: beyond the bifurcation, where
+    a real root takes the lead.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For a scheme that is none, Omega not positive, xi outside [0, 1).
+
+    Notes
+    -----
+    lam is the complex eigenvalue of one step in the upper half-plane, exactly
+    exp(-xi Omega + i Omega sqrt(1 - xi^2)). Hughes, The Finite Element Method, section 9.3.
+
+    Examples
+    --------
+    The trapezoidal rule has no damping, and a period too long by Omega^2 / 12:
+
+    >>> from pmalpha import analysis
+    >>> elongation, damping = analysis.period_and_damping(Newmark(), [0.01, 0.02])
+    >>> (elongation / np.array([0.01, 0.02]) ** 2 * 12).round(3).tolist()
+    [1.0, 1.0]
+    >>> bool(abs(damping).max() < 1e-12)
+    True
+    """
+    if not isinstance(scheme, Scheme):
+        raise TypeError(f"scheme must be a pmalpha scheme, got {scheme!r}")
+    Omega = real_array(np.asarray(Omega), "Omega", tuple(range(33)))
+    if not np.all(Omega > 0.0):
+        raise ValueError(f"Omega must be positive, got {Omega.min()}")
+    xi = real_number(xi, "xi", low=0.0)
+    if not xi < 1.0:
+        raise ValueError(f"xi must be below 1, got {xi!r}")
+    steps = [scheme.amplification(x, xi) for x in Omega.ravel()]
+    lam = np.array([_oscillating(np.linalg.eigvals(G)) for G in steps]).reshape(Omega.shape)
+    exact, angle = np.sqrt(1.0 - xi**2), np.angle(lam)
+    return exact * Omega / angle - 1.0, -np.log(np.abs(lam)) / angle - xi / exact
+
+
+def _oscillating(values: np.ndarray) -> complex:
+    """The eigenvalue in the upper half-plane, NaN if there is none or a larger real one."""
+    upper = values[np.argmax(values.imag)]
+    # an idle root, such as the -1 at rho = 1, is as large but for rounding
+    leads = np.abs(upper) > np.max(np.abs(values)) - 1e-6
+    return upper if upper.imag > 0.0 and leads else complex(np.nan)

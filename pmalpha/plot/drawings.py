@@ -1,0 +1,218 @@
+"""Drawings without numbers: the split oscillator, the order of the steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .styling import style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["split_oscillator", "timeline"]
+
+NODE = {"marker": "o", "color": "k", "markersize": 7.0, "linestyle": "none"}
+OTHER_NODE = {**NODE, "marker": "s", "markersize": 6.5, "markerfacecolor": "0.75"}
+SMALL_NODE = {**NODE, "markersize": 4.0}
+INTERPOLATED = {**SMALL_NODE, "markerfacecolor": "w", "markeredgewidth": 0.8}
+INTERFACE = {**INTERPOLATED, "marker": "D", "markersize": 5.0}
+ARROW = {
+    "arrowstyle": "-|>",
+    "color": "k",
+    "linewidth": 0.8,
+    "mutation_scale": 7,
+    "shrinkA": 0,
+    "shrinkB": 0,
+}
+
+
+def split_oscillator() -> Figure:
+    """The split oscillator: where it is cut, and its parts with the force that holds them together.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ImportError
+        If matplotlib is missing.
+
+    Examples
+    --------
+    >>> from pmalpha import plot
+    >>> len(plot.split_oscillator().axes)
+    1
+    """
+    with style():
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(7.1, 1.2), layout="constrained")
+        ax = figure.subplots()
+        for x, cut in ((0.0, 0.0), (4.8, 1.0)):
+            _spring(ax, x, x + 1.0, "$k_A$")
+            _mass(ax, x + 1.0, 0.9, "$m_A$")
+            _mass(ax, x + 1.9 + cut, 0.6, "$m_B$")
+            _spring(ax, x + 3.5 + cut, x + 2.5 + cut, "$k_B$")
+        ax.plot([1.9, 1.9], [-0.6, 0.6], "k", linestyle=(0, (6, 3)))
+        for x, side, force in ((6.7, 1, r"$\Lambda$"), (7.7, -1, r"$-\Lambda$")):
+            ax.annotate("", (x + 0.4 * side, 0), (x, 0), arrowprops=ARROW)
+            ax.text(x + 0.22 * side, 0.1, force, ha="center")
+        ax.set(xlim=(-0.1, 9.4), ylim=(-0.65, 0.65), xticks=[], yticks=[])
+        _bare(ax)
+    return figure
+
+
+def _spring(ax: Axes, wall: float, end: float, name: str) -> None:
+    """A spring from a wall to a mass."""
+    x = wall + (end - wall) * np.array([0.0, 0.15, *np.linspace(0.2, 0.8, 8), 0.85, 1.0])
+    ax.plot(x, 0.13 * np.array([0, 0, *[1, -1] * 4, 0, 0]), "k", linewidth=0.8)
+    ax.plot([wall, wall], [-0.35, 0.35], "k", linewidth=2.5)
+    ax.text((wall + end) / 2, 0.25, name, ha="center")
+
+
+def _mass(ax: Axes, x: float, width: float, name: str) -> None:
+    ax.bar(x + width / 2, 0.7, width, -0.35, color="0.88", edgecolor="k", linewidth=0.7)
+    ax.text(x + width / 2, 0.0, name, ha="center", va="center")
+
+
+def timeline() -> Figure:
+    """Who computes when: the staggered schedule above, the interfield parallel one below.
+
+    Two subdomains, A with one step in a macro step and B with four. Of each schedule first the
+    instants of simulated time and the steps between them, then two macro steps of work on the wall
+    clock. The widths of the blocks are drawn, not measured.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    ImportError
+        If matplotlib is missing.
+
+    Examples
+    --------
+    >>> from pmalpha import plot
+    >>> len(plot.timeline().axes)
+    4
+    """
+    with style():
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(7.1, 6.7), layout="constrained")
+        gc, gc_work, pm, pm_work = figure.subplots(4, 1, height_ratios=(1.15, 0.8, 1.4, 0.8))
+        gc.set_title('Staggered, coupling="gc": A takes steps $h = dt$', loc="left")
+        _instants(gc, [(n, n + 1, 1) for n in range(-2, 3)])
+        end = _work_in_turns(gc_work)
+        pm.set_title('Interfield parallel, coupling="pm": A takes steps $h = 2\\,dt$', loc="left")
+        _instants(pm, [(n, n + 2, 1 if n % 2 else -1) for n in range(-4, 3)])
+        _work_at_once(pm_work)
+        for ax in (gc_work, pm_work):
+            _wall_clock(ax, end)
+        figure.legend(*pm.get_legend_handles_labels(), loc="outside lower left", ncols=5)
+    return figure
+
+
+def _instants(ax: Axes, steps: Sequence[tuple[int, int, int]]) -> None:
+    """A, the interface and B in simulated time; steps of A are (from, to, side of its axis)."""
+    fine = np.arange(-4, 9) / 4
+    ax.hlines([0.0, 2.0], -1.15, 2.15, color="0.6", linewidth=0.6)
+    ax.vlines(fine, 0.0, 2.0, color="0.75", linewidth=0.6, linestyle=":")
+    for begin, end in zip(fine[:-1], fine[1:], strict=True):
+        _leap(ax, begin, end, 0.0, -0.55, linewidth=0.7)
+    for begin, end, side in steps:
+        _leap(ax, begin, end, 2.0, 0.8 * side, linewidth=1.2, linestyle="-" if side > 0 else "--")
+    kinds = {
+        "node of A": ([n for _, n, side in steps if side > 0], 2.0, NODE),
+        "node of A, other chain": ([n for _, n, side in steps if side < 0], 2.0, OTHER_NODE),
+        "interpolated, (15)": ([t for t in fine if t % 1.0], 2.0, INTERPOLATED),
+        "interface problem, (18)": (fine, 0.85, INTERFACE),
+        "node of B": (fine, 0.0, SMALL_NODE),
+    }
+    for label, (t, y, look) in kinds.items():
+        ax.plot(t, np.full(len(t), y), **look, label=label)
+    ax.set(xlim=(-1.15, 2.15), ylim=(-0.65, 2.95))
+    ax.set_xticks(range(-1, 3), ["$t_{n-1}$", "$t_n$", "$t_{n+1}$", "$t_{n+2}$"])
+    ax.set_yticks([2.0, 0.85, 0.0], ["A", "interface", "B"])
+    _bare(ax)
+
+
+def _leap(ax: Axes, begin: float, end: float, y: float, height: float, **line) -> None:
+    """An arrow from one instant to another, over the axis at y or, with height < 0, under it."""
+    from matplotlib.patches import FancyArrowPatch
+    from matplotlib.path import Path
+
+    feet, top = y + 0.2 * height, y + 1.8 * height
+    corners = [(begin + 0.03, feet), ((begin + end) / 2, top), (end - 0.03, feet)]
+    path = Path(corners, [Path.MOVETO, Path.CURVE3, Path.CURVE3])
+    ax.add_patch(FancyArrowPatch(path=path, arrowstyle="-|>", mutation_scale=7, color="k", **line))
+
+
+def _work_in_turns(ax: Axes) -> float:
+    """Two staggered macro steps, and when they end."""
+    share, begin = 1.7, 0.0
+    for n in (1, 2):
+        closed = begin + share + 4.0
+        _block(ax, begin, share, 1, f"open $n{{+}}{n}$")
+        _four_substeps(ax, begin + share, n)
+        _block(ax, closed, share, 1, f"close $n{{+}}{n}$")
+        _hand_over(ax, begin + share, "$v_f$", down=True)
+        _hand_over(ax, closed, r"$\Lambda$", down=False)
+        _note(ax, closed - 2.0, 1, "A waits")
+        begin = closed + share
+    _note(ax, begin / 2, 0, "B waits")
+    return begin
+
+
+def _work_at_once(ax: Axes) -> None:
+    """Two interfield parallel macro steps."""
+    for n, shade in ((0, "0.8"), (1, "0.92")):
+        begin = 4.6 * n
+        _block(ax, begin, 2.0, 1, f"close $n{{+}}{n}$" if n else "close $n$", shade)
+        _block(ax, begin + 2.0, 2.0, 1, f"open $n{{+}}{n + 2}$", shade)
+        _four_substeps(ax, begin, n + 1)
+        _hand_over(ax, begin + 4.2, "$v_f$", down=True)
+        _hand_over(ax, begin + 4.4, r"$\Lambda$", down=False)
+
+
+def _four_substeps(ax: Axes, begin: float, n: int) -> None:
+    for j in range(4):
+        _block(ax, begin + j, 1.0, 0, f"{j + 1}", "w")
+    ax.text(begin + 2.0, -0.5, f"to $t_{{n+{n}}}$", ha="center", va="top", fontsize=8.5)
+
+
+def _block(ax: Axes, begin: float, width: float, row: int, text: str, shade: str = "0.88") -> None:
+    ax.barh(row, width, 0.6, begin, color=shade, edgecolor="k", linewidth=0.7)
+    ax.text(begin + width / 2, row - 0.02, text, ha="center", va="center", fontsize=8.5)
+
+
+def _note(ax: Axes, x: float, row: int, text: str) -> None:
+    ax.text(x, row, text, ha="center", va="center", fontsize=8.5, color="0.4")
+
+
+def _hand_over(ax: Axes, x: float, what: str, *, down: bool) -> None:
+    """An arrow from A to B, or back."""
+    tail, head = (0.72, 0.28) if down else (0.28, 0.72)
+    ax.annotate("", (x, head), (x, tail), arrowprops=ARROW)
+    side = -0.12 if down else 0.12
+    ax.text(x + side, 0.5, what, ha="right" if down else "left", va="center", fontsize=8.5)
+
+
+def _wall_clock(ax: Axes, end: float) -> None:
+    ax.set(xlim=(-0.3, end + 0.1), ylim=(-0.95, 1.4), xticks=[])
+    ax.set_yticks([1, 0], ["A", "B"])
+    ax.annotate("", (1, 0), (0, 0), xycoords="axes fraction", arrowprops=ARROW)
+    ax.set_xlabel("wall clock", loc="right", labelpad=2)
+    _bare(ax)
+
+
+def _bare(ax: Axes) -> None:
+    ax.grid(False)
+    ax.spines[:].set_visible(False)
+    ax.tick_params(length=0)

@@ -1,0 +1,251 @@
+"""The picture of a History: time histories, and the interface underneath."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from .._checks import listing
+from ..problem.constraints import dof_list
+from ..run.history import History, SubdomainHistory
+from ..run.keys import by_place
+from .styling import LINES, style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+QUANTITIES = {"u": "displacement", "v": "velocity", "a": "acceleration"}
+INTERFACE = {
+    "velocity\njump": ("multiplier_times", "velocity_jump"),
+    "displacement\njump": ("macro_times", "displacement_jump"),
+    "multiplier": ("multiplier_times", "multipliers"),
+}
+# Curves that are chosen where the caller does not choose, as many as there are line styles.
+FEW = len(LINES)
+MARKERS = ("", "o", "s", "^")
+MOST = FEW * len(MARKERS)
+# Above this many nodes a curve is drawn by its envelope: two points for each of so many bins,
+# which are finer than a printed page of this width resolves.
+BINS = 2000
+# A curve of more half waves than this is a band: dashes would only blur it.
+HALF_WAVES = 150
+# Where the caller does not choose, curves are left out that differ from one already chosen by
+# less than this part of its range, judged at so many nodes.
+DIFFERENT = 0.02
+SAMPLES = 256
+LEGEND_WIDTH = 105  # letters in a line of legends
+LONGEST = 40  # letters of a name that are shown
+HEIGHTS = (2.4, 1.15)  # of the panel of the dofs and of each one below, in inches
+
+
+class Curve(NamedTuple):
+    """One column of what was recorded, and what it is called."""
+
+    label: str
+    t: np.ndarray
+    x: np.ndarray
+
+
+def time_histories(
+    history: History,
+    dofs: Any = None,
+    *,
+    conditions: Any = None,
+    quantity: str = "u",
+    title: str | None = None,
+) -> Figure:
+    """What `History.plot` does."""
+    if quantity not in QUANTITIES:
+        raise ValueError(f"quantity must be 'u', 'v' or 'a', got {quantity!r}")
+    curves = list(_curves(history, dofs, quantity))
+    rows = _rows(history, conditions)
+    heights = [HEIGHTS[0]] * bool(curves) + [HEIGHTS[1]] * (len(INTERFACE) * bool(rows))
+    if not heights:
+        raise ValueError("the history has neither recorded dofs nor conditions to draw")
+    with style():
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(7.1, 0.8 + sum(heights)), layout="constrained")
+        panels = figure.subplots(len(heights), sharex=True, squeeze=False, height_ratios=heights)
+        axes = list(panels[:, 0])
+        axes[-1].set_xlabel("time $t$")
+        if history.macro_times[-1] > history.macro_times[0]:
+            axes[-1].set_xlim(history.macro_times[0], history.macro_times[-1])
+        if title is not None:
+            figure.suptitle(title, x=0.01, horizontalalignment="left", fontsize=10)
+        if curves:
+            _draw(axes[0], curves)
+            _name_axis(axes[0], QUANTITIES[quantity])
+            _legend(axes.pop(0))
+        if rows:
+            _draw_interface(axes, history, rows)
+        figure.align_ylabels()
+    return figure
+
+
+# ---- what is drawn --------------------------------------------------------------------------
+
+
+def _curves(history: History, dofs: Any, quantity: str) -> Iterator[Curve]:
+    if dofs is None:
+        chosen = _largest(history, quantity)
+    else:
+        chosen = [(part, _columns(part, given)) for part, given in _named(history, dofs)]
+        count = sum(len(columns) for _, columns in chosen)
+        if not 0 < count <= MOST:
+            raise ValueError(f"dofs must name 1 to {MOST} dofs in all, got {count}")
+    for part, columns in chosen:
+        for j in columns:
+            # a label that begins with an underscore would be left out of the legend
+            label = f"dof {part.dofs[j]} of {_shortened(part.name)}".replace("$", r"\$")
+            yield Curve(label, part.t, getattr(part, quantity)[:, j])
+
+
+def _shortened(name: str) -> str:
+    name = " ".join(name.split())
+    return name if len(name) <= LONGEST else f"{name[: LONGEST - 1]}\N{HORIZONTAL ELLIPSIS}"
+
+
+def _largest(history: History, quantity: str) -> list[tuple[SubdomainHistory, list[int]]]:
+    """The columns of the largest range, each subdomain with its share of the few."""
+    moving = {
+        i: getattr(part, quantity)
+        for i, part in enumerate(history.subdomains)
+        if part is not None and part.dofs.size
+    }
+    ranges = {i: np.ptp(x, axis=0) for i, x in moving.items()}
+    widest = sorted(moving, key=lambda i: -ranges[i].max())[:FEW]
+    share = FEW // len(widest) if widest else 0
+    return [(history[i], _distinct(moving[i], ranges[i], share)) for i in sorted(widest)]
+
+
+def _distinct(x: np.ndarray, ranges: np.ndarray, count: int) -> list[int]:
+    """At most `count` columns of large range that differ from one another."""
+    sample = x[:: max(1, len(x) // SAMPLES)]
+    score, chosen = ranges, [int(np.argmax(ranges))]
+    while len(chosen) < count:
+        score = np.minimum(score, np.ptp(sample - sample[:, chosen[-1:]], axis=0))
+        best = int(np.argmax(score))
+        if not score[best] > DIFFERENT * ranges[chosen[0]]:
+            break
+        chosen.append(best)
+    return sorted(chosen)
+
+
+def _named(history: History, dofs: Any) -> Iterator[tuple[SubdomainHistory, Any]]:
+    """Recorded subdomains and what the caller said of each."""
+    if not isinstance(dofs, Mapping) and len(history) == 1:
+        dofs = {0: dofs}
+    for i, given in by_place(dofs, history.keys, "dofs").items():
+        part = history.subdomains[i]
+        if part is None:
+            raise ValueError(f"dofs: subdomain {history.keys[i][0]!r} was not recorded")
+        yield part, given
+
+
+def _columns(part: SubdomainHistory, given: Any) -> list[int]:
+    if given is None:
+        return list(range(part.dofs.size))
+    name = f"dofs of {part.name!r}"
+    dofs = dof_list(np.atleast_1d(np.asarray(given)), np.iinfo(np.int64).max, name)
+    columns = {int(dof): j for j, dof in enumerate(part.dofs)}
+    missing = [int(dof) for dof in dofs if int(dof) not in columns]
+    if missing:
+        raise ValueError(
+            f"{name} must have been recorded, got {listing(missing)}; "
+            f"recorded are {listing(part.dofs)}"
+        )
+    return [columns[int(dof)] for dof in dofs]
+
+
+def _rows(history: History, conditions: Any) -> list[int]:
+    """The conditions to draw."""
+    p = history.multipliers.shape[1]
+    if p == 0 and conditions is None:
+        return []
+    if conditions is None:
+        return _distinct(history.multipliers, np.ptp(history.multipliers, axis=0), FEW)
+    rows = [int(row) for row in dof_list(np.atleast_1d(np.asarray(conditions)), p, "conditions")]
+    if len(rows) > MOST:
+        raise ValueError(f"conditions must name at most {MOST} conditions, got {len(rows)}")
+    return rows
+
+
+# ---- drawing --------------------------------------------------------------------------------
+
+
+def _draw_interface(axes: Sequence[Axes], history: History, rows: list[int]) -> None:
+    for ax, (label, (times, values)) in zip(axes, INTERFACE.items()):
+        t, x = getattr(history, times), getattr(history, values)
+        if len(rows) < x.shape[1]:
+            _band(ax, t, x)
+        _draw(ax, [Curve(f"condition {row}", t, x[:, row]) for row in rows])
+        _name_axis(ax, label)
+    if history.multipliers.shape[1] > 1:
+        _legend(axes[0])
+
+
+def _draw(ax: Axes, curves: Sequence[Curve]) -> None:
+    for i, (label, t, x) in enumerate(curves):
+        shown = _envelope(x)
+        look = _look(i)
+        if t.size == 1:
+            look["marker"] = "o"
+        if np.abs(np.diff(x[shown])).sum() > HALF_WAVES * np.ptp(x):
+            look |= {"linestyle": "-", "linewidth": 0.5}
+        every = max(1, shown.size // 12)
+        ax.plot(t[shown], x[shown], **look, markevery=every, label=label)
+
+
+def _look(i: int) -> dict[str, Any]:
+    """Of curve i, if it is not a band."""
+    return LINES[::-1][i % FEW] | {"marker": MARKERS[i // FEW], "markersize": 3.5}
+
+
+def _band(ax: Axes, t: np.ndarray, x: np.ndarray) -> None:
+    """From the smallest to the largest of all columns."""
+    low, high = x.min(axis=1), x.max(axis=1)
+    shown = np.union1d(_envelope(low), _envelope(high))
+    label = f"all {x.shape[1]} conditions"
+    ax.fill_between(t[shown], low[shown], high[shown], color="0.88", linewidth=0.0, label=label)
+
+
+def _envelope(x: np.ndarray) -> np.ndarray:
+    """Which points draw the curve: all of a short one, else the extremes of each bin."""
+    if x.size <= 2 * BINS:
+        return np.arange(x.size)
+    width = -(-x.size // BINS)
+    bins = np.pad(x, (0, -x.size % width), mode="edge").reshape(-1, width)
+    first = np.arange(0, x.size, width)
+    extremes = np.concatenate([first + bins.argmin(axis=1), first + bins.argmax(axis=1)])
+    return np.unique(np.minimum(np.append(extremes, [0, x.size - 1]), x.size - 1))
+
+
+def _name_axis(ax: Axes, label: str) -> None:
+    """The label with the power of ten of the axis in it, where numbers are large or small."""
+    largest = np.abs(ax.dataLim.intervaly).max()
+    exponent = int(np.floor(np.log10(largest))) if largest > 0.0 else 0
+    if not -3 <= exponent <= 3:
+        ax.ticklabel_format(axis="y", scilimits=(exponent, exponent), useOffset=False)
+        ax.yaxis.get_offset_text().set_visible(False)
+        label = f"{label} ($10^{{{exponent}}}$)"
+    ax.set_ylabel(label)
+
+
+def _legend(ax: Axes) -> None:
+    """Names above the panel, beside lines as curves are drawn that are not bands."""
+    from matplotlib.lines import Line2D
+
+    lines = [Line2D([], [], **_look(i), label=x.get_label()) for i, x in enumerate(ax.lines)]
+    shown = [*ax.collections, *lines]
+    longest = max(len(str(handle.get_label())) for handle in shown)
+    columns = int(np.clip(LEGEND_WIDTH // (longest + 9), 1, 5))
+    place: dict[str, Any] = {
+        "loc": "lower left",
+        "bbox_to_anchor": (-0.01, 1.0),
+        "borderaxespad": 0.2,
+    }
+    ax.legend(handles=shown, ncols=columns, **place)

@@ -1,0 +1,1 @@
+"""What a user describes: subdomains and schemes, constraints between them, loads, springs."""

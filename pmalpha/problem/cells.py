@@ -1,0 +1,141 @@
+"""Elements that nodes are tied to: shape functions, and checked elements of a mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .._checks import listing
+from .sides import Side, length
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """An element in reference coordinates xi: the box [0, 1]^d, or the simplex in it."""
+
+    corners: np.ndarray  # (k, d)
+    box: bool
+
+    def weights(self, xi: np.ndarray) -> np.ndarray:
+        """N (q, k) at xi (q, d)."""
+        if self.box:
+            return self._factors(xi).prod(axis=2)
+        return np.column_stack([1.0 - xi.sum(axis=1), xi])
+
+    def slopes(self, xi: np.ndarray) -> np.ndarray:
+        """dN / dxi (q, k, d) at xi (q, d)."""
+        d = self.corners.shape[1]
+        if not self.box:
+            return np.broadcast_to(np.vstack([-np.ones(d), np.eye(d)]), (len(xi), d + 1, d))
+        factors = self._factors(xi)
+        others = [np.delete(factors, axis, axis=2).prod(axis=2) for axis in range(d)]
+        return (2.0 * self.corners - 1.0) * np.stack(others, axis=2)
+
+    def inside(self, xi: np.ndarray) -> np.ndarray:
+        """xi, brought back into the element where it lies outside."""
+        xi = np.clip(xi, 0.0, 1.0)
+        return xi if self.box else xi / np.maximum(xi.sum(axis=1, keepdims=True), 1.0)
+
+    def _factors(self, xi: np.ndarray) -> np.ndarray:
+        """(q, k, d): N is their product over d."""
+        return np.where(self.corners == 1.0, xi[:, None, :], 1.0 - xi[:, None, :])
+
+
+def _simplex(d: int) -> Cell:
+    return Cell(np.vstack([np.zeros(d), np.eye(d)]), box=False)
+
+
+_SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+_CUBE = np.vstack([np.insert(_SQUARE, 2, z, axis=1) for z in (0.0, 1.0)])
+_CELLS = {
+    "line": Cell(np.array([[0.0], [1.0]]), box=True),
+    "triangle": _simplex(2),
+    "quad": Cell(_SQUARE, box=True),
+    "tetra": _simplex(3),
+    "hexahedron": Cell(_CUBE, box=True),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Elements:
+    """Elements of one kind: their nodes (m, k), coordinates (m, k, d), centres and radii."""
+
+    cell: Cell
+    nodes: np.ndarray
+    places: np.ndarray
+    centre: np.ndarray
+    radius: np.ndarray
+
+
+def checked_elements(value: Any, side: Side, kind: str | None) -> Elements:
+    """The checked elements of a user."""
+    nodes = np.asarray(value)
+    if nodes.dtype.kind not in "iu" or nodes.ndim != 2:
+        raise TypeError(f"elements_b must be a 2-D array of whole numbers, got {value!r}")
+    cell = _cell(kind, nodes.shape, side.points.shape[1])
+    outside = nodes[(nodes < 0) | (nodes >= len(side.points))]
+    if outside.size:
+        raise ValueError(
+            f"elements_b must lie in 0..{len(side.points) - 1}, got {listing(outside)}"
+        )
+    nodes = nodes.astype(np.int64)
+    places = side.points[nodes]
+    centre = places.mean(axis=1)
+    radius = length(places - centre[:, None, :]).max(axis=1)
+    _require_proper(cell, places, radius)
+    return Elements(cell, nodes, places, centre, radius)
+
+
+def _cell(kind: str | None, shape: tuple[int, ...], dimension: int) -> Cell:
+    if kind is not None and (not isinstance(kind, str) or kind not in _CELLS):
+        raise ValueError(f"cell must be one of {listing([repr(c) for c in _CELLS])}, got {kind!r}")
+    fitting = [
+        name
+        for name, c in _CELLS.items()
+        if c.corners.shape[0] == shape[1] and c.corners.shape[1] <= dimension
+    ]
+    if shape[0] == 0 or not fitting:
+        raise ValueError(
+            f"elements_b must be lines, triangles, quads, tetrahedra or hexahedra with corner "
+            f"nodes only, in {dimension}-D, got shape {shape}"
+        )
+    if kind is None and len(fitting) > 1:
+        raise ValueError(f"cell must be said, {' or '.join(fitting)}, for elements_b of {shape}")
+    if kind is not None and kind not in fitting:
+        raise ValueError(
+            f"cell must fit elements_b of shape {shape} in {dimension}-D, got {kind!r}"
+        )
+    return _CELLS[fitting[0] if kind is None else kind]
+
+
+def _require_proper(cell: Cell, places: np.ndarray, radius: np.ndarray) -> None:
+    """ValueError unless the map from xi keeps its orientation at all corners."""
+    size = np.stack([_measure(jacobian(cell, xi, places)) for xi in cell.corners], axis=1)
+    if size.ndim == 3:  # normals of a surface: their part along the mean one
+        mean = size.mean(axis=1, keepdims=True)
+        size = (size * mean).sum(axis=2) / np.maximum(length(mean), np.finfo(float).tiny)
+    size *= np.sign(size.sum(axis=1, keepdims=True))
+    smallest = 1e-12 * radius ** cell.corners.shape[1]
+    wrong = np.flatnonzero(~(size > smallest[:, None]).all(axis=1))
+    if wrong.size:
+        raise ValueError(
+            "elements_b must be convex, numbered around and not flat, got elements "
+            f"{listing(wrong)} that are not"
+        )
+
+
+def jacobian(cell: Cell, xi: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """dx / dxi (m, dimension, d) of all elements at one xi (d,), or each at its own (m, d)."""
+    return places.transpose(0, 2, 1) @ cell.slopes(np.atleast_2d(xi))
+
+
+def _measure(J: np.ndarray) -> np.ndarray:
+    """Length, signed area or volume (m,), or the normals (m, 3) of a surface in space."""
+    dimension, d = J.shape[1:]
+    if d == 1:
+        return length(J[:, :, 0])
+    if d == dimension:
+        return np.linalg.det(J)
+    return np.cross(J[:, :, 0], J[:, :, 1])

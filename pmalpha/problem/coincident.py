@@ -1,0 +1,237 @@
+"""Ties of nodes that lie at the same place: interfaces that match."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NoReturn
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.csgraph import connected_components
+
+from .constraints import Constraint
+from .reduction import Reduction
+from .sides import (
+    ROUNDING,
+    Entries,
+    Side,
+    checked_sides,
+    constraint_of,
+    length,
+    marked,
+    tolerance,
+    tree_of,
+    warn_of_near,
+)
+from .subdomain import Subdomain
+
+__all__ = ["tie_coincident"]
+
+
+def tie_coincident(
+    points: Mapping[Subdomain, Any],
+    components: int = 1,
+    dofs_per_node: int | Mapping[Subdomain, int] | None = None,
+    tol: float | None = None,
+    *,
+    reduced: Mapping[Subdomain, Reduction] | None = None,
+) -> Constraint:
+    """Tie all nodes that lie at the same place in two or more subdomains, each once.
+
+    Where k subdomains meet there are k - 1 conditions for each component: the first of them, in
+    the order of `points`, against each of the others, +1 on the earlier and -1 on the later. So
+    the multiplier of a row is minus the force on the later subdomain. Rows are ordered by the
+    earlier subdomain, its node, the later subdomain, the component.
+
+    Parameters
+    ----------
+    points : dict
+        The coordinates of all nodes of two or more subdomains, (N,) on a line or (N, d) with
+        d = 1, 2 or 3, in one system and one unit.
+    components : int, default 1
+        Component c < components of node i is dof ``dofs_per_node * i + c``; these are tied.
+    dofs_per_node : int or dict by subdomain, optional
+        A dict where the subdomains differ, such as 3 for a frame (u, w, rotation) beside 2 for a
+        plate. Default: `components`.
+    tol : float, optional
+        Nodes up to this distance apart lie at the same place, in the unit of the points. Default:
+        0.01 of the smallest distance between two nodes of one subdomain (nodes drawn at one place
+        left out), of all subdomains; 0 if none has two nodes.
+    reduced : dict, optional
+        The `Reduction` of each subdomain that was made of reduced matrices; `points` then has the
+        fixed nodes too. A dof that is fixed on one side holds the others: their velocity is 0.
+
+    Returns
+    -------
+    Constraint
+        p = the sum of (k - 1) over places and components, none redundant.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For points that are not finite, of different dimensions, or not as many as the dofs say; a
+        tolerance that merges nodes of one subdomain; a subdomain that meets none of the others.
+
+    Warns
+    -----
+    ConstraintWarning
+        With the default tolerance, when nodes are left apart that are closer than ten times it.
+
+    Examples
+    --------
+    Two squares of four nodes with two components, side by side; two nodes meet:
+
+    >>> points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    >>> left = Subdomain(np.ones(8), np.ones(8), scheme=GeneralizedAlpha(0.5))
+    >>> right = Subdomain(np.ones(8), np.ones(8), scheme=GeneralizedAlpha(0.5))
+    >>> tied = tie_coincident({left: points, right: points + [1.0, 0.0]}, components=2)
+    >>> [tied.matrices[s].nonzero()[1].tolist() for s in (left, right)]
+    [[2, 3, 6, 7], [0, 1, 4, 5]]
+    """
+    sides = checked_sides(points, components, dofs_per_node, reduced)
+    if len(sides) < 2:
+        raise ValueError(f"points must have two or more subdomains, got {len(sides)}")
+    nodes, group = _coincident(sides, tol)
+    rows, p = _pairwise(sides, nodes, group)
+    return constraint_of(sides, rows, p)
+
+
+def _coincident(sides: Sequence[Side], tol: float | None) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes that meet one of another side, and the number of their place, sorted by place, node.
+
+    Nodes are numbered through all sides here. Two belong to one place when a chain of steps of at
+    most the tolerance, from side to side, connects them.
+    """
+    reach, near = tolerance(tol, sides)
+    pairs, distance = _close_pairs(sides, near)
+    tied = pairs[distance <= reach]
+    label = _components(tied, _starts(sides)[-1])
+    nodes = marked(tied, len(label))
+    _require_touch(sides, nodes, reach)
+    nodes = nodes[np.lexsort((nodes, label[nodes]))]
+    group = np.cumsum(np.diff(label[nodes], prepend=label[nodes[0]]) != 0)
+    _require_no_merger(sides, nodes, group, reach)
+    if tol is not None:
+        _require_apart(sides, nodes, reach)
+    warn_of_near(label[pairs[:, 0]] != label[pairs[:, 1]], reach, near)
+    return nodes, group
+
+
+def _close_pairs(sides: Sequence[Side], reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs (k, 2) of nodes of different sides within reach, and their distances (k,).
+
+    Of the nodes of a later side, each node of an earlier one is paired with the nearest two at
+    most: a second one is a merger already, however many there are.
+    """
+    start = _starts(sides)
+    low = np.array([s.points.min(axis=0) for s in sides]) - reach
+    high = np.array([s.points.max(axis=0) for s in sides]) + reach
+    pairs, distances = [np.empty((0, 2), dtype=np.int64)], [np.empty(0)]
+    for i, one in enumerate(sides):
+        overlap = ((low[i] <= high) & (low <= high[i])).all(axis=1)
+        for j in (np.flatnonzero(overlap[i + 1 :]) + i + 1).tolist():
+            mine = _inside(one.points, low[j], high[j])
+            its = _inside(sides[j].points, low[i], high[i])
+            if not (mine.size and its.size):
+                continue
+            # the bound is exclusive, and compared in squares
+            distance, index = tree_of(sides[j].points[its]).query(
+                one.points[mine], k=2, distance_upper_bound=reach * (1.0 + ROUNDING) + 1e-150
+            )
+            found = np.nonzero(distance <= reach)
+            pairs.append(np.column_stack([mine[found[0]] + start[i], its[index[found]] + start[j]]))
+            distances.append(distance[found])
+    return np.concatenate(pairs), np.concatenate(distances)
+
+
+def _inside(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The points in a box."""
+    return np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
+
+
+def _components(pairs: np.ndarray, n: int) -> np.ndarray:
+    """For each of n nodes the number of its connected component."""
+    graph = sp.coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), (n, n))
+    return connected_components(graph, directed=False)[1]
+
+
+def _pairwise(
+    sides: Sequence[Side], nodes: np.ndarray, group: np.ndarray
+) -> tuple[list[Entries], int]:
+    """The conditions of each place and component: one node, the hub, against each of the others.
+
+    The hub is the first node, or a fixed one if there is any, against which the free ones are held.
+    """
+    member = np.arange(len(nodes))
+    start = _starts(sides)
+    column = np.concatenate([s.columns for s in sides])[nodes]  # (members, components)
+    first = np.flatnonzero(np.diff(group, prepend=-1))
+    fixed = np.minimum.reduceat(np.where(column < 0, member[:, None], len(nodes)), first)
+    hub = np.where(fixed < len(nodes), fixed, first[:, None])[group]
+    other, component = np.nonzero((column >= 0) & (hub != member[:, None]))
+    hub = hub[other, component]
+
+    early, late = np.minimum(hub, other), np.maximum(hub, other)
+    order = np.lexsort((component, nodes[late], nodes[early]))
+    early, late, component = early[order], late[order], component[order]
+    rows = np.arange(len(order))
+    entries = []
+    for begin, end in zip(start, start[1:]):
+        of = [(nodes[x] >= begin) & (nodes[x] < end) for x in (early, late)]
+        columns = [column[x[own], component[own]] for x, own in zip((early, late), of)]
+        signs = [np.full(len(c), sign) for c, sign in zip(columns, (1.0, -1.0))]
+        row = [rows[own] for own in of]
+        entries.append((np.concatenate(row), np.concatenate(columns), np.concatenate(signs)))
+    return entries, len(rows)
+
+
+def _require_touch(sides: Sequence[Side], nodes: np.ndarray, reach: float) -> None:
+    """ValueError for a side that meets no other."""
+    alone = np.setdiff1d(np.arange(len(sides)), _side_of(sides, nodes))
+    if not alone.size:
+        return
+    s = sides[alone[0]]
+    others = np.concatenate([other.points for other in sides if other is not s])
+    distance = tree_of(others).query(s.points)[0].min()
+    raise ValueError(
+        f"points must have nodes of every subdomain at the same place as one of another, up to "
+        f"{reach:g}, got none of {s.subdomain!r}; its smallest distance to another is {distance:g}"
+    )
+
+
+def _require_no_merger(
+    sides: Sequence[Side], nodes: np.ndarray, group: np.ndarray, reach: float
+) -> None:
+    """ValueError where two nodes of one side belong to one place."""
+    side = _side_of(sides, nodes)
+    twice = np.flatnonzero((group[1:] == group[:-1]) & (side[1:] == side[:-1]))
+    if twice.size:
+        k = twice[0]
+        _refuse_merger(sides[side[k]], nodes[[k, k + 1]] - _starts(sides)[side[k]], reach)
+
+
+def _require_apart(sides: Sequence[Side], nodes: np.ndarray, reach: float) -> None:
+    """ValueError for a tied node that has another of its own side within the tolerance."""
+    for side, begin, end in zip(sides, _starts(sides), _starts(sides)[1:]):
+        own = np.sort(nodes[(nodes >= begin) & (nodes < end)]) - begin
+        distance, index = tree_of(side.points).query(side.points[own], k=2)
+        close = np.flatnonzero(distance[:, 1] <= reach)
+        if close.size:
+            _refuse_merger(side, np.sort(index[close[0]]), reach)
+
+
+def _refuse_merger(side: Side, nodes: np.ndarray, reach: float) -> NoReturn:
+    i, j = (int(k) for k in nodes)
+    raise ValueError(
+        f"tol must not merge nodes of one subdomain, got {reach:g}: nodes {i} and {j} of "
+        f"{side.subdomain!r} lie {length(side.points[i] - side.points[j]):g} apart"
+    )
+
+
+def _starts(sides: Sequence[Side]) -> np.ndarray:
+    """The first node of each side, counted through all, and the number of all."""
+    return np.cumsum([0] + [len(s.points) for s in sides])
+
+
+def _side_of(sides: Sequence[Side], nodes: np.ndarray) -> np.ndarray:
+    return np.searchsorted(_starts(sides), nodes, side="right") - 1

@@ -1,0 +1,158 @@
+"""Interface constraints sum_i L_i v_i = g(t) between subdomains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from .._checks import listing, plain_array, real_array, require_finite
+from .forces import BaseAcceleration, checked_force
+from .matrices import entries
+from .subdomain import Subdomain
+
+__all__ = ["Constraint", "tie"]
+
+
+class Constraint:
+    """p conditions sum_i L_i v_i = g(t) on velocities of one or more subdomains, equation (2).
+
+    Without `velocity` g is zero: the subdomains are held together. With it the motion is
+    prescribed, of a support or a driven end.
+
+    The multipliers act as + L_i^T Lam on the right-hand side of (1).
+
+    Parameters
+    ----------
+    matrices : dict
+        A matrix L_i, (p, n_i) dense or scipy.sparse, for each subdomain that takes part. One
+        subdomain alone is allowed too.
+    velocity : callable, `SampledForce` or (p,) array, optional
+        g(t) of the p rows. It is asked at every fine step, ahead of the run like a load, and the
+        initial velocities must fit it. Its derivative at t = 0, which the initial accelerations
+        need (S1), is the slope of the first two samples; of a callable, a difference of order 2
+        over an eighth of the first fine step.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For wrong shapes, entries that are not finite, or a condition without any entry.
+
+    Examples
+    --------
+    Two dofs of a against their mean in b:
+
+    >>> a = Subdomain([1.0, 1.0], [1.0, 1.0], scheme=GeneralizedAlpha(0.5))
+    >>> b = Subdomain([1.0], [1.0], scheme=GeneralizedAlpha(0.5))
+    >>> Constraint({a: [[0.5, 0.5]], b: [[-1.0]]}).p
+    1
+
+    A driven end:
+
+    >>> Constraint({b: [[1.0]]}, velocity=lambda t: [np.sin(t)]).p
+    1
+    """
+
+    def __init__(self, matrices: Mapping[Subdomain, Any], velocity: Any = None):
+        if not isinstance(matrices, Mapping) or not matrices:
+            raise TypeError(f"matrices must be a dict of matrices by subdomain, got {matrices!r}")
+        self.matrices = {s: _condition_matrix(s, L) for s, L in matrices.items()}
+        rows = {L.shape[0] for L in self.matrices.values()}
+        if len(rows) > 1:
+            raise ValueError(f"matrices must have the same number of rows, got {sorted(rows)}")
+        self.p = rows.pop()
+        counts = sum(np.bincount(L.nonzero()[0], minlength=self.p) for L in self.matrices.values())
+        if self.p == 0:
+            raise ValueError("matrices must have at least one row, got none")
+        if np.any(counts == 0):
+            empty = np.flatnonzero(counts == 0)
+            raise ValueError(
+                f"every condition must have an entry, got none in rows {listing(empty)}"
+            )
+        if isinstance(velocity, BaseAcceleration):
+            raise TypeError("velocity must be a SampledForce, a callable or an array, not a force")
+        self.velocity = checked_force(velocity, self.p, "velocity")
+
+
+def _condition_matrix(subdomain: Any, L: Any) -> sp.csr_array:
+    if not isinstance(subdomain, Subdomain):
+        raise TypeError(f"matrices must be keyed by Subdomain, got {subdomain!r}")
+    what = f"L of {subdomain!r}"
+    if sp.issparse(L):
+        if L.dtype.kind not in "iuf":
+            raise TypeError(f"{what} must hold real numbers, got dtype {L.dtype}")
+        if L.ndim != 2:
+            raise ValueError(f"{what} must be 2-D, got shape {L.shape}")
+        L = sp.csr_array(entries(L, what), dtype=np.float64)
+        require_finite(L.data, f"the stored entries of {what}")
+    else:
+        L = sp.csr_array(real_array(L, what, 2))
+    if L.shape[1] != subdomain.n:
+        raise ValueError(f"{what} must have {subdomain.n} columns, got shape {L.shape}")
+    L.sum_duplicates()
+    L.eliminate_zeros()
+    return L
+
+
+def tie(a: Subdomain, dofs_a: Any, b: Subdomain, dofs_b: Any) -> Constraint:
+    """Hold dofs of two subdomains together: +1 on a, -1 on b.
+
+    A positive multiplier pushes a and pulls b.
+
+    Parameters
+    ----------
+    a, b : Subdomain
+        Two different ones.
+    dofs_a, dofs_b : (p,) array of int
+        Which dofs; entry k of one is tied to entry k of the other.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For dofs that are no whole numbers, out of range, repeated, or not equally many.
+
+    Examples
+    --------
+    >>> a = Subdomain([1.0, 1.0], [1.0, 1.0], scheme=GeneralizedAlpha(0.5))
+    >>> b = Subdomain([1.0], [1.0], scheme=GeneralizedAlpha(0.5))
+    >>> tie(a, [1], b, [0]).p
+    1
+    """
+    if a is b:
+        raise ValueError(f"a and b must be two different subdomains, got {a!r} twice")
+    columns_a, columns_b = _dofs(dofs_a, a, "dofs_a"), _dofs(dofs_b, b, "dofs_b")
+    if columns_a.size != columns_b.size or columns_a.size == 0:
+        raise ValueError(
+            "dofs_a and dofs_b must be equally many and at least one, got "
+            f"{columns_a.size} and {columns_b.size}"
+        )
+    return Constraint({a: _boolean(columns_a, 1.0, a.n), b: _boolean(columns_b, -1.0, b.n)})
+
+
+def _dofs(value: Any, subdomain: Subdomain, name: str) -> np.ndarray:
+    if not isinstance(subdomain, Subdomain):
+        raise TypeError(f"a and b must be Subdomains, got {subdomain!r}")
+    return dof_list(value, subdomain.n, name)
+
+
+def dof_list(value: Any, n: int, name: str) -> np.ndarray:
+    """Whole numbers in 0..n-1, none twice."""
+    dofs = plain_array(value, name)
+    if dofs.size == 0:
+        dofs = dofs.astype(np.int64)
+    if dofs.dtype.kind not in "iu" or dofs.ndim != 1:
+        raise TypeError(f"{name} must be a 1-D array of whole numbers, got {value!r}")
+    outside = dofs[(dofs < 0) | (dofs >= n)]
+    if outside.size:
+        raise ValueError(f"{name} must lie in 0..{n - 1}, got {listing(outside)}")
+    values, counts = np.unique(dofs, return_counts=True)
+    if np.any(counts > 1):
+        raise ValueError(f"{name} must not repeat a dof, got {listing(values[counts > 1])} twice")
+    return dofs.astype(np.int64)
+
+
+def _boolean(columns: np.ndarray, sign: float, n: int) -> sp.csr_array:
+    p = columns.size
+    return sp.csr_array((np.full(p, sign), (np.arange(p), columns)), shape=(p, n))

@@ -1,0 +1,168 @@
+"""Loads: what may be given as ``force`` of a subdomain.
+
+A load is evaluated at the end of a step, never inside it (docs/method.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy import LowLevelCallable
+
+from .._checks import positive_number, real_array, vector
+from .lowlevel import check_signature
+from .matrices import canonical, product
+
+__all__ = ["BaseAcceleration", "SampledForce"]
+
+
+class SampledForce:
+    """A force given by samples, linear between them, equation (L1).
+
+    Parameters
+    ----------
+    values : (m,) or (m, k) array
+        Samples at t = 0, dt, 2 dt, ...; m >= 1.
+    dt : float
+        Time between two samples, any consistent unit, positive.
+    shape : (n,) or (n, k) array, optional
+        How the k samples act on the n dofs: F(t) = shape @ s(t). Without it the samples are the
+        forces on the dofs themselves, k = n.
+
+    After the last sample the force stays what it was.
+
+    Raises
+    ------
+    ValueError
+        For NaN or infinite samples, shapes that do not fit, or dt not positive.
+
+    Examples
+    --------
+    >>> push = SampledForce([0.0, 1.0, 0.0], dt=0.1, shape=[0.0, 2.0])
+    >>> push(0.05).tolist(), push(7.0).tolist()
+    ([0.0, 1.0], [0.0, 0.0])
+    """
+
+    hold = True
+    _values_name = "values"
+
+    def __init__(self, values: Any, dt: float, shape: Any = None):
+        self.values = _columns(values, self._values_name)
+        self.dt = positive_number(dt, "dt")
+        self.shape = None if shape is None else _columns(shape, "shape")
+        if self.shape is not None and self.shape.shape[1] != self.values.shape[1]:
+            raise ValueError(
+                f"shape must have a column for each of the {self.values.shape[1]} series of "
+                f"values, got {self.shape.shape[1]}"
+            )
+
+    @property
+    def n(self) -> int:
+        """Number of dofs the force acts on."""
+        return (self.values.T if self.shape is None else self.shape).shape[0]
+
+    def __call__(self, t: float) -> np.ndarray:
+        """F(t), shape (n,), for t >= 0, as the core evaluates it."""
+        last = len(self.values) - 1
+        x = _position(t / self.dt)
+        if x >= last:
+            sample = self.values[last] * (1.0 if self.hold or x == last else 0.0)
+        else:
+            j = int(x)
+            sample = (1.0 - (x - j)) * self.values[j] + (x - j) * self.values[j + 1]
+        return sample if self.shape is None else self.shape @ sample
+
+
+def _position(x: float) -> float:
+    """A time in samples; a sample instant up to the rounding of three operations is that instant,
+    or a record could end one step early."""
+    nearest = np.rint(x)
+    return float(nearest if abs(x - nearest) <= 16.0 * np.finfo(float).eps * nearest else x)
+
+
+class BaseAcceleration(SampledForce):
+    """Motion of the ground: -M direction record(t), with displacements relative to the ground.
+
+    Parameters
+    ----------
+    record : (m,) or (m, k) array
+        Ground acceleration at t = 0, dt, 2 dt, ..., in the units of u / t^2 (a record in g has to
+        be multiplied by g first). Zero after its end.
+    dt : float
+        Time between two samples, positive.
+    direction : (n,) or (n, k) array
+        Displacement of each dof when the ground moves by one; a column for each record.
+    M : (n,) or (n, n) array or scipy.sparse matrix
+        The mass matrix of the same subdomain.
+
+    Raises
+    ------
+    ValueError, TypeError
+        As for `SampledForce` and the matrices of `Subdomain`.
+
+    Examples
+    --------
+    >>> quake = BaseAcceleration([0.0, 3.0], dt=0.02, direction=[1.0, 1.0], M=[10.0, 20.0])
+    >>> quake(0.02).tolist()
+    [-30.0, -60.0]
+    """
+
+    hold = False
+    _values_name = "record"
+
+    def __init__(self, record: Any, dt: float, direction: Any, M: Any):
+        direction = _columns(direction, "direction")
+        mass, n = canonical(M, "M")
+        if n != len(direction):
+            raise ValueError(f"M must be of size {len(direction)} like direction, got size {n}")
+        super().__init__(record, dt, -product(mass, direction))
+
+
+def _columns(value: Any, name: str) -> np.ndarray:
+    array = real_array(value, name, (1, 2))
+    if array.size == 0:
+        raise ValueError(f"{name} must not be empty, got shape {array.shape}")
+    return array.reshape(len(array), -1)
+
+
+Force = np.ndarray | SampledForce | Callable[[float], Any] | LowLevelCallable | None
+
+
+def checked_force(force: Any, n: int, name: str = "force") -> Force:
+    """A user's force, checked against the number of dofs as far as possible without calling it."""
+    if force is None:
+        return None
+    if isinstance(force, SampledForce):
+        if force.n != n:
+            kind = type(force).__name__
+            raise ValueError(f"{name} must act on {n} dofs or rows, got a {kind} on {force.n}")
+        return force
+    if isinstance(force, LowLevelCallable) and name == "force":
+        check_signature(force, name)
+        return force
+    if isinstance(force, LowLevelCallable):
+        raise TypeError(f"{name} must not be a LowLevelCallable")
+    if callable(force):
+        return force
+    return vector(force, n, name)
+
+
+def core_load(force: Force, order: np.ndarray) -> Any:
+    """A force that is not a plain callable as the core takes it, in elimination order."""
+    if force is None:
+        return None
+    if isinstance(force, np.ndarray):
+        return force[order]
+    if isinstance(force, LowLevelCallable):
+        return force, order
+    assert isinstance(force, SampledForce)
+    if force.shape is None:
+        return np.ascontiguousarray(force.values[:, order]), None, force.dt, force.hold
+    return force.values, np.ascontiguousarray(force.shape[order].T), force.dt, force.hold
+
+
+def is_callback(force: Force) -> bool:
+    """True for a force that Python has to be asked for."""
+    return callable(force) and not isinstance(force, SampledForce)

@@ -1,0 +1,223 @@
+"""Ties of nodes to the elements they lie in: interfaces that do not match."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NoReturn
+
+import numpy as np
+
+from .._checks import listing
+from .cells import Cell, Elements, checked_elements, jacobian
+from .constraints import Constraint, dof_list
+from .reduction import Reduction
+from .sides import (
+    ROUNDING,
+    Side,
+    checked_sides,
+    constraint_of,
+    length,
+    tolerance,
+    tree_of,
+    warn_of_near,
+)
+from .subdomain import Subdomain
+
+__all__ = ["interpolate"]
+
+
+def interpolate(
+    a: Subdomain,
+    points_a: Any,
+    b: Subdomain,
+    points_b: Any,
+    elements_b: Any,
+    *,
+    cell: str | None = None,
+    nodes_a: Any = None,
+    components: int = 1,
+    dofs_per_node: int | Mapping[Subdomain, int] | None = None,
+    tol: float | None = None,
+    reduced: Mapping[Subdomain, Reduction] | None = None,
+) -> Constraint:
+    """Tie nodes of one subdomain to the elements of another in which they lie.
+
+    Node i of a, inside an element of b with shape functions N_j, follows that element:
+    v_a(i) - sum_j N_j v_b(j) = 0 for each component, a row for each in the order of the nodes.
+
+    Take the finer side as a: each of its interface nodes is then held, and opens nowhere. With
+    the coarser side as a, the nodes of b between those of a are left free. What the multipliers do
+    to the two sides is in balance, force and moment, for any meshes. Velocities that are linear
+    in space pass exactly for any meshes too; a stress that is constant in space does where the
+    mesh of a refines that of b on the interface (every node of b is one of a), and up to an error
+    that falls with the mesh size where it does not.
+
+    Parameters
+    ----------
+    a, b : Subdomain
+        Two different ones.
+    points_a, points_b : (N,) or (N, d) array
+        The coordinates of all nodes of each, d = 1, 2 or 3, in one system and one unit.
+    elements_b : (m, k) array of int
+        The nodes of elements of b, numbers into `points_b`: the edges or faces on the interface,
+        or cells. Quadrilaterals are numbered around, convex; hexahedra with one face around, then
+        the opposite one likewise.
+    cell : {"line", "triangle", "quad", "tetra", "hexahedron"}, optional
+        What the elements are. Default: what their number of nodes says; with 4 in space, where a
+        quad and a tetra have as many, it must be said.
+    nodes_a : array of int, optional
+        The nodes of a to tie, each of which must lie in an element. Default: all that do.
+    components, dofs_per_node, reduced
+        As for `tie_coincident`. A fixed dof of b has no entry, a fixed dof of a leaves the
+        condition to b alone, and where all are fixed there is none.
+    tol : float, optional
+        A node up to this far from an element lies in it, and follows a point of it no further
+        away. Default: as for `tie_coincident`, 0.01 of the smallest distance between two nodes of
+        one subdomain. Across a gap, rotations are transferred with an error of its size.
+
+    Returns
+    -------
+    Constraint
+        A node on the border of elements follows that of the lowest number; one that lies on a
+        node of b has the weight 1 there and no other.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `tie_coincident`; for elements that are flat, not convex or numbered crosswise; nodes
+        of `nodes_a` in no element; no node in any.
+
+    Warns
+    -----
+    ConstraintWarning
+        With neither `tol` nor `nodes_a` given, when nodes are left out that are closer than ten
+        times the tolerance.
+
+    Examples
+    --------
+    Three nodes on an edge of two:
+
+    >>> fine = Subdomain(np.ones(3), np.ones(3), scheme=GeneralizedAlpha(0.5))
+    >>> coarse = Subdomain(np.ones(2), np.ones(2), scheme=GeneralizedAlpha(0.5))
+    >>> points = np.array([[0.0, 0.0], [0.0, 1.0], [0.0, 4.0]])
+    >>> tied = interpolate(fine, points, coarse, points[[0, 2]], [[0, 1]])
+    >>> tied.matrices[coarse].toarray().tolist()
+    [[-1.0, 0.0], [-0.75, -0.25], [0.0, -1.0]]
+    """
+    if a is b:
+        raise ValueError(f"a and b must be two different subdomains, got {a!r} twice")
+    sides = checked_sides({a: points_a, b: points_b}, components, dofs_per_node, reduced)
+    of_a, of_b = sides
+    elements = checked_elements(elements_b, of_b, cell)
+    chosen = None if nodes_a is None else dof_list(nodes_a, len(of_a.points), "nodes_a")
+    if chosen is not None and not chosen.size:
+        raise ValueError("nodes_a must not be empty")
+    tied, element, weights = _located(of_a, of_b, elements, chosen, tol)
+
+    corners = elements.nodes[element]  # (q, k)
+    count, size = of_a.columns.shape[1], corners.shape[1]
+    row = np.arange(len(tied) * count).reshape(-1, count)
+    values = np.broadcast_to(-weights[:, :, None], (len(tied), size, count))
+    rows_b = np.broadcast_to(row[:, None, :], values.shape)
+    entries_a = (row.ravel(), of_a.columns[tied].ravel(), np.ones(row.size))
+    entries_b = (rows_b.ravel(), of_b.columns[corners].ravel(), values.ravel())
+    return constraint_of(sides, [entries_a, entries_b], row.size)
+
+
+def _located(
+    a: Side, b: Side, elements: Elements, chosen: np.ndarray | None, tol: float | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes of a that are tied (q,), the element of each (q,) and its weights there (q, k)."""
+    nodes = np.arange(len(a.points)) if chosen is None else chosen
+    reach, near = tolerance(tol, (a, b))
+    if reach > elements.radius.max():
+        raise ValueError(f"tol must be less than the size of the elements, got {reach:g}")
+    which, element = _candidates(a.points[nodes], elements, near)
+    xi, distance = _projected(elements.cell, elements.places[element], a.points[nodes[which]])
+
+    # coordinates as they are stored, and the element they are compared in
+    rounding = ROUNDING * (elements.radius[element] + np.abs(b.points).max())
+    nearest = np.full(len(nodes), np.inf)
+    np.minimum.at(nearest, which, distance)
+    held = np.flatnonzero((distance <= reach) & (distance <= nearest[which] + rounding))
+    held = held[np.lexsort((element[held], which[held]))]
+    found, first = np.unique(which[held], return_index=True)
+    held = held[first]
+
+    if chosen is not None and len(found) < len(nodes):
+        _refuse_outside(a, b, elements, np.delete(nodes, found), reach)
+    if not found.size:
+        _refuse_apart(a, b, elements, reach)
+    if chosen is None:
+        warn_of_near((nearest > reach) & (nearest <= near), reach, near)
+    snap = rounding[held] / elements.radius[element[held]]
+    return nodes[found], element[held], _snapped(elements.cell.weights(xi[held]), snap)
+
+
+def _candidates(
+    points: np.ndarray, elements: Elements, reach: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of a point and an element that may be within reach of each other."""
+    balls = tree_of(points).query_ball_point(
+        elements.centre, (elements.radius + reach) * (1.0 + ROUNDING)
+    )
+    counts = [len(ball) for ball in balls]
+    which = np.concatenate([np.asarray(ball, dtype=np.int64) for ball in balls])
+    return which, np.repeat(np.arange(len(counts)), counts)
+
+
+def _projected(
+    cell: Cell, places: np.ndarray, targets: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """xi (q, d) in each element near each target, and the distance left (q,), by Gauss-Newton.
+
+    A target in the element is met up to rounding. Coordinates are taken from the first node, so
+    that those of a mesh far from the origin lose nothing more.
+    """
+    origin = places[:, :1]
+    places, targets = places - origin, targets - origin[:, 0]
+    xi = np.tile(cell.corners.mean(axis=0), (len(targets), 1))
+    active = np.arange(len(targets))
+    for _ in range(50):
+        at = xi[active]
+        J = jacobian(cell, at, places[active])
+        gap = targets[active] - _place(cell, at, places[active])
+        transposed = J.transpose(0, 2, 1)
+        step = np.linalg.solve(transposed @ J, transposed @ gap[:, :, None])[:, :, 0]
+        xi[active] = cell.inside(at + step)
+        # quadratic: the step after one of 1e-9 is below rounding
+        active = active[np.abs(xi[active] - at).max(axis=1) > 1e-9]
+        if not active.size:
+            break
+    return xi, length(targets - _place(cell, xi, places))
+
+
+def _place(cell: Cell, xi: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """x = sum_j N_j(xi) x_j."""
+    return np.einsum("qk,qkx->qx", cell.weights(xi), places)
+
+
+def _snapped(weights: np.ndarray, smallest: np.ndarray) -> np.ndarray:
+    """Weights without those that are rounding; the others again of sum 1."""
+    weights = np.where(weights <= smallest[:, None], 0.0, weights)
+    return weights / weights.sum(axis=1, keepdims=True)
+
+
+def _refuse_outside(
+    a: Side, b: Side, elements: Elements, missing: np.ndarray, reach: float
+) -> NoReturn:
+    corners = b.points[np.unique(elements.nodes)]
+    distance = tree_of(corners).query(a.points[missing[0]])[0]
+    raise ValueError(
+        f"nodes_a must lie in an element of b, up to {reach:g}, got nodes {listing(missing)} "
+        f"outside; the nearest node of an element is {distance:g} away from node {missing[0]}"
+    )
+
+
+def _refuse_apart(a: Side, b: Side, elements: Elements, reach: float) -> NoReturn:
+    corners = b.points[np.unique(elements.nodes)]
+    distance = tree_of(corners).query(a.points)[0].min()
+    raise ValueError(
+        f"points_a must have a node in an element of b, up to {reach:g}, got none; the smallest "
+        f"distance from a node to one of an element is {distance:g}"
+    )

@@ -1,0 +1,282 @@
+"""The formats of M, C and K, and the few operations set-up needs on them.
+
+Inside the package a matrix is ``None`` (zero), a (n,) array (diagonal), a (n, n) array (dense) or
+a ``scipy.sparse.csr_array`` with sorted indices and no duplicates.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from .. import _core
+from .._checks import real_array, require_finite
+from ..blas import one_thread
+
+Matrix = np.ndarray | sp.csr_array | None
+
+# A matrix that a program assembled is symmetric up to the rounding of its sums: relative to the
+# diagonal entries of row and column, which bound an entry of a definite matrix, and for rows
+# without a diagonal entry relative to the largest entries of row and column.
+SYMMETRY = 1e-10
+SYMMETRY_OF_ROW = 1e-14
+
+# What makes up a matrix by rows.
+_ARRAYS = ("indptr", "indices", "data")
+
+# Up to so many entries a product takes less time than telling BLAS to use one thread.
+SMALL = 10_000
+
+# A band wider than this is nearly always a bad order of something that would be read better in
+# another form.
+WIDEST_BAND = 64
+
+
+def canonical(value: Any, name: str, n: int | None = None) -> tuple[Matrix, int]:
+    """Check a user's matrix and bring it into the inner form; the input is copied.
+
+    Parameters
+    ----------
+    value : (n,) array, (n, n) array or scipy.sparse matrix or array
+        Real or integer numbers, symmetric.
+    name : str
+        For the messages.
+    n : int, optional
+        The size it must have.
+
+    Returns
+    -------
+    matrix, size
+        The matrix is read-only, since factors made of it must not outlive its numbers.
+
+    Raises
+    ------
+    TypeError
+        For complex or other non-real entries.
+    ValueError
+        For a wrong shape, an entry that is not finite, or an unsymmetric matrix.
+    """
+    A = _sparse(value, name) if sp.issparse(value) else real_array(value, name, (1, 2))
+    size = A.shape[0]
+    if A.ndim == 2 and A.shape[1] != size:
+        raise ValueError(f"{name} must be square, got shape {A.shape}")
+    if n is not None and size != n:
+        raise ValueError(f"{name} must be of size {n} like M, got shape {A.shape}")
+    if size == 0:
+        raise ValueError(f"{name} must not be empty, got shape {A.shape}")
+    return _read_only(_simplest(_symmetric(A, name))), size
+
+
+def _read_only(A: Matrix) -> Matrix:
+    if A is not None:
+        (A.data if sp.issparse(A) else A).setflags(write=False)
+    return A
+
+
+def _sparse(value: Any, name: str) -> sp.csr_array:
+    if value.dtype.kind not in "iuf":
+        raise TypeError(f"{name} must hold real numbers, got dtype {value.dtype}")
+    if value.ndim != 2:
+        raise ValueError(f"{name} must be 2-D when sparse, got shape {value.shape}")
+    A = _compressed(value) if _is_sound(value) else entries(value, name)
+    A = sp.csr_array(A, dtype=np.float64)
+    A.sum_duplicates()
+    A.eliminate_zeros()  # stored on one side only, they would make the pattern unsymmetric
+    A.sort_indices()
+    require_finite(A.data, f"the stored entries of {name}")
+    _shorten_indices(A)
+    return A
+
+
+def _is_sound(value: Any) -> bool:
+    """Whether this is a matrix by rows or columns, with indices that lie in it."""
+    if value.format not in ("csr", "csc"):
+        return False
+    ptr, size = value.indptr, value.shape[value.format == "csr"]
+    index = value.indices[: ptr[-1]]
+    if ptr[0] != 0 or np.any(np.diff(ptr) < 0) or ptr[-1] > min(index.size, value.data.size):
+        return False
+    return not index.size or bool(index.min() >= 0 and index.max() < size)
+
+
+def _compressed(value: Any) -> sp.csr_array:
+    """A copy by rows of a sound matrix, without a detour by entries: that is twice as large."""
+    end = value.indptr[-1]
+    arrays = (value.data[:end].astype(np.float64), value.indices[:end].copy(), value.indptr.copy())
+    kind = sp.csr_array if value.format == "csr" else sp.csc_array
+    return sp.csr_array(kind(arrays, shape=value.shape))
+
+
+def _shorten_indices(A: sp.csr_array) -> None:
+    """32 bits an index, where they fit: a million dofs would take a third more memory with 64."""
+    if max(A.nnz, *A.shape) <= np.iinfo(np.int32).max:
+        A.indices = A.indices.astype(np.int32, copy=False)
+        A.indptr = A.indptr.astype(np.int32, copy=False)
+
+
+def entries(value: Any, name: str) -> sp.coo_array:
+    """A copy of a sparse matrix by entries, with indices that lie in it."""
+    A = sp.coo_array(value, copy=True)
+    for index, size in zip((A.row, A.col), A.shape):
+        if index.size and (index.min() < 0 or index.max() >= size):
+            worst = index.min() if index.min() < 0 else index.max()
+            raise ValueError(f"{name} must have indices in 0..{size - 1}, got {worst}")
+    return A
+
+
+def _symmetric(A: Any, name: str) -> Any:
+    """A, or (A + A^T) / 2 when the two differ by rounding only."""
+    if A.ndim == 1:
+        return A
+    if sp.issparse(A):
+        other = sp.csr_array(A.T)
+        if all(np.array_equal(getattr(A, x), getattr(other, x)) for x in _ARRAYS):
+            return A
+        skew = sp.coo_array(A - other)
+        rows, columns, values = skew.row, skew.col, np.abs(skew.data)
+    elif np.array_equal(A, A.T):
+        return A
+    else:
+        rows, columns = np.nonzero(A - A.T)
+        values = np.abs(A - A.T)[rows, columns]
+    if values.size == 0 or values.max() == 0.0:
+        return A
+    scale = np.sqrt(np.abs(diagonal(A)))
+    largest = np.sqrt(_largest_of_rows(A))
+    excess = values - SYMMETRY * scale[rows] * scale[columns]
+    excess -= SYMMETRY_OF_ROW * largest[rows] * largest[columns]
+    worst = int(np.argmax(excess))
+    if excess[worst] > 0.0:
+        i, j = int(rows[worst]), int(columns[worst])
+        raise ValueError(
+            f"{name} must be symmetric, got {A[i, j]:g} at [{i}, {j}] and {A[j, i]:g} at "
+            f"[{j}, {i}]; gyroscopic damping and follower stiffness are not supported"
+        )
+    mean = (A + A.T) * 0.5
+    return sp.csr_array(mean) if sp.issparse(A) else mean
+
+
+def _largest_of_rows(A: Any) -> np.ndarray:
+    largest = abs(A).max(axis=1)
+    return largest.toarray().ravel() if sp.issparse(A) else largest
+
+
+def _simplest(A: Any) -> Matrix:
+    """None or a 1-D array where the entries allow it."""
+    if A.ndim == 1:
+        return A if A.any() else None
+    if not sp.issparse(A):
+        d = A.diagonal().copy()
+        if np.count_nonzero(A) == np.count_nonzero(d):
+            return d if d.any() else None
+        return A
+    if np.count_nonzero(A.data) > A.shape[0]:
+        return A  # they cannot all be on the diagonal
+    rows = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
+    if not A.data[rows != A.indices].any():
+        d = A.diagonal()
+        return d if d.any() else None
+    return A
+
+
+def diagonal(A: Any) -> np.ndarray:
+    """The diagonal of a matrix in inner form that is not None."""
+    return A if A.ndim == 1 else A.diagonal()
+
+
+def permuted(A: Matrix, order: np.ndarray) -> Matrix:
+    """A with row and column k taken from order[k]."""
+    if A is None or np.array_equal(order, np.arange(order.size)):
+        return A
+    if A.ndim == 1:
+        return A[order]
+    if not sp.issparse(A):
+        return np.ascontiguousarray(A[np.ix_(order, order)])
+    order = order.astype(A.indices.dtype)  # or SciPy would widen the indices to its own
+    place = np.empty_like(order)
+    place[order] = np.arange(order.size)
+    rows = A[order]
+    B = sp.csr_array((rows.data, place[rows.indices], rows.indptr), shape=A.shape)
+    B.sort_indices()
+    return B
+
+
+def combination(terms: list[tuple[float, Matrix]]) -> Matrix:
+    """The sum of factor times matrix, in the simplest form that holds them all."""
+    present = [(f, A) for f, A in terms if A is not None and f != 0.0]
+    if not present:
+        return None
+    if all(A.ndim == 1 for _, A in present):
+        return sum(f * A for f, A in present)
+    if any(A.ndim == 2 and not sp.issparse(A) for _, A in present):
+        return sum(f * dense(A) for f, A in present)
+    total = sum(f * (sp.diags_array(A) if A.ndim == 1 else A) for f, A in present)
+    return sp.csr_array(total)
+
+
+def dense(A: Any) -> np.ndarray:
+    """A matrix in inner form as (n, n) array."""
+    if sp.issparse(A):
+        return A.toarray()
+    return np.diag(A) if A.ndim == 1 else A
+
+
+def product(A: Matrix, x: np.ndarray) -> np.ndarray:
+    """A x for x of shape (n,) or (n, k)."""
+    if A is None:
+        return np.zeros_like(x)
+    if A.ndim == 1:
+        return (A * x.T).T
+    if not x.any():
+        return np.zeros_like(x)
+    if sp.issparse(A):
+        return A @ x
+    if A.size <= SMALL:
+        return np.einsum("ij,j...->i...", A, x)
+    with one_thread():
+        return A @ x
+
+
+def core_matrix(A: Matrix) -> Any:
+    """A as the core takes it: None, an array, (band,), (ptr, index, values) or strips."""
+    if A is None or not sp.issparse(A):
+        return None if A is None else np.ascontiguousarray(A)
+    n = A.shape[0]
+    filled = np.flatnonzero(np.diff(A.indptr))
+    last = A.indices[A.indptr[filled + 1] - 1]  # of each row, which is sorted
+    width = int(np.max(last - filled, initial=0))
+    if not is_narrow(width + 1, n, A.nnz):
+        return strips_or_rows(core_sparse(A))
+    band, rows = np.zeros((width + 1, n)), row_of_entries(A)
+    upper = A.indices >= rows
+    band[A.indices[upper] - rows[upper], rows[upper]] = A.data[upper]
+    return (band,)
+
+
+def strips_or_rows(A: tuple[np.ndarray, np.ndarray, np.ndarray]) -> tuple[np.ndarray, ...]:
+    """Strips, where they take no more bytes than entries with an index each."""
+    strips = _core.strips(A)
+    first, _, index, _, values = strips
+    bytes_of_strips = 8 * values.size + 4 * index.size + 24 * first.size
+    return strips if bytes_of_strips <= 12 * A[2].size + 8 * A[0].size else A
+
+
+def row_of_entries(A: Any) -> np.ndarray:
+    """The row of each entry of a matrix by rows, the column of one by columns."""
+    return np.repeat(np.arange(A.indptr.size - 1), np.diff(A.indptr))
+
+
+def is_narrow(width: int, n: int, entries: int) -> bool:
+    """Is a band of this width read with fewer bytes than entries with an index each?"""
+    return 0 < width <= WIDEST_BAND and width <= n and 8 * width * n <= 12 * entries + 8 * n
+
+
+def core_sparse(A: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(ptr, index, values) of a compressed matrix, in the core's types."""
+    return (
+        A.indptr.astype(np.int64),
+        A.indices.astype(np.int32),
+        np.ascontiguousarray(A.data, dtype=np.float64),
+    )

@@ -1,0 +1,263 @@
+"""Fixed dofs: matrices without them, and the way back to all dofs of the mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from .._checks import listing, plain_array, require_finite
+from .constraints import dof_list
+from .matrices import Matrix, canonical
+
+__all__ = ["Reduction", "reduce"]
+
+# What counts as zero in a motion that was computed, relative to its largest entry.
+ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Reduction:
+    """The matrices of the free dofs, and how free dofs and all dofs belong together.
+
+    Made by `reduce`. Reduced dof k is dof ``free[k]`` of the whole.
+
+    Attributes
+    ----------
+    M, K, C : (n_free,) array, (n_free, n_free) array or csr_array
+        As `Subdomain` takes them; K and C None where none was given.
+    n : int
+        The number of all dofs.
+    free : (n_free,) ndarray of int
+        The dofs that are kept, ascending.
+    fixed : (n - n_free,) ndarray of int
+        The others, ascending.
+
+    Examples
+    --------
+    A chain of three masses with dof 0 on the ground, run and shown with all its dofs:
+
+    >>> K = np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    >>> chain = reduce([1.0, 1.0, 1.0], K, fixed=[0])
+    >>> part = Subdomain(chain.M, chain.K, scheme=GeneralizedAlpha(0.5),
+    ...                  force=chain.reduce_load([0.0, 0.0, 1.0]))
+    >>> history = solve(part, dt=0.1, t_end=1.0)
+    >>> chain.expand(history.u).shape
+    (11, 3)
+    """
+
+    M: Any
+    K: Any
+    C: Any
+    n: int
+    free: np.ndarray
+    fixed: np.ndarray
+
+    def __repr__(self) -> str:
+        return f"<Reduction of {self.n} dofs to {self.free.size}>"
+
+    def expand(self, u: Any) -> np.ndarray:
+        """Displacements, velocities, accelerations or modes of all dofs, zero at the fixed ones.
+
+        Parameters
+        ----------
+        u : (..., n_free) array_like
+            Such as ``history["tower"].u``, if all dofs were recorded.
+
+        Returns
+        -------
+        (..., n) ndarray
+            A new array.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For what is not numbers, or not n_free in the last dimension.
+
+        Examples
+        --------
+        >>> reduce([1.0, 1.0, 1.0], [2.0, 2.0, 2.0], fixed=[1]).expand([5.0, 7.0]).tolist()
+        [5.0, 0.0, 7.0]
+        """
+        u = _numbers(u, self.free.size, "u")
+        whole = np.zeros((*u.shape[:-1], self.n), dtype=np.result_type(u, np.float64))
+        whole[..., self.free] = u
+        return whole
+
+    def place(self, dofs: Any) -> np.ndarray:
+        """Where dofs of the whole stand among the free ones, for `tie`, `record` or springs.
+
+        Parameters
+        ----------
+        dofs : array_like of int, any shape
+            Dofs of the whole, all of them free.
+
+        Returns
+        -------
+        ndarray of int, shape of `dofs`
+
+        Raises
+        ------
+        TypeError, ValueError
+            For what is no dof, and for fixed dofs.
+
+        Examples
+        --------
+        >>> reduce([1.0, 1.0, 1.0], [2.0, 2.0, 2.0], fixed=[1]).place([0, 2]).tolist()
+        [0, 1]
+        """
+        wanted = plain_array(dofs, "dofs")
+        lost = np.intersect1d(dof_list(np.unique(wanted), self.n, "dofs"), self.fixed)
+        if lost.size:
+            raise ValueError(f"dofs must be free, got the fixed ones {listing(lost)}")
+        return np.searchsorted(self.free, wanted if wanted.size else wanted.astype(np.int64))
+
+    def reduce_load(self, f: Any) -> np.ndarray:
+        """The entries of a load on the free dofs.
+
+        What acts on a fixed dof goes into its support and is left out. Motions are for
+        `reduce_motion`. The spatial matrix (n, k) of a `SampledForce` has the dofs first: take
+        ``shape[reduction.free]``.
+
+        Parameters
+        ----------
+        f : (..., n) array_like
+
+        Returns
+        -------
+        (..., n_free) ndarray
+            A new array.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For what is not numbers, or not n in the last dimension.
+
+        Examples
+        --------
+        >>> reduce([1.0, 1.0, 1.0], [2.0, 2.0, 2.0], fixed=[1]).reduce_load([5.0, 6.0, 7.0])
+        array([5., 7.])
+        """
+        return _numbers(f, self.n, "f")[..., self.free]
+
+    def reduce_motion(self, u: Any) -> np.ndarray:
+        """The entries of a displacement or velocity at the free dofs: `expand` backwards.
+
+        Parameters
+        ----------
+        u : (..., n) array_like
+            Such as u0 or v0; zero at the fixed dofs, up to the rounding of its largest entry.
+
+        Returns
+        -------
+        (..., n_free) ndarray
+            A new array.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For what is not finite numbers, not n in the last dimension, or moves a fixed dof.
+
+        Examples
+        --------
+        >>> reduce([1.0, 1.0, 1.0], [2.0, 2.0, 2.0], fixed=[1]).reduce_motion([5.0, 0.0, 7.0])
+        array([5., 7.])
+        """
+        u = _numbers(u, self.n, "u")
+        require_finite(u, "u")
+        size = np.abs(u[..., self.fixed])
+        moved = np.unique(np.nonzero(size > ROUNDING * np.abs(u).max(initial=0.0))[-1])
+        if moved.size:
+            raise ValueError(
+                f"u must be zero at the fixed dofs, got up to {size.max():g} at dofs "
+                f"{listing(self.fixed[moved])}"
+            )
+        return u[..., self.free]
+
+
+def reduce(M: Any, K: Any, C: Any = None, *, fixed: Any) -> Reduction:
+    """Leave out the rows and columns of dofs that are fixed to the ground.
+
+    Parameters
+    ----------
+    M, K, C : (n,) array, (n, n) array or scipy.sparse matrix or array
+        As for `Subdomain`, symmetric, with all dofs. K or C may be None: then it stays None.
+    fixed : array of int, or (n,) array of bool
+        The dofs that do not move: their numbers, in any order and repeated or not, or a mask. Of
+        nodes with two dofs each, all of both at x = 0: ``np.repeat(points[:, 0] == 0.0, 2)``.
+
+    Returns
+    -------
+    Reduction
+
+    Raises
+    ------
+    TypeError, ValueError
+        For matrices that `Subdomain` refuses as well, with the dofs of the whole in the message;
+        for dofs out of range, a mask of another length, no free dof left.
+
+    Notes
+    -----
+    Under a ground motion the free dofs also feel the mass that couples them to the fixed ones.
+    ``BaseAcceleration(record, dt, direction, reduction.M)`` leaves that out, which is exact for a
+    lumped mass. With a consistent one take the load from the whole matrix, with a zero put after
+    the record: ``SampledForce(record, dt, shape=-reduction.reduce_load(M @ direction))``, where M
+    and direction hold all dofs.
+
+    Examples
+    --------
+    >>> K = np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    >>> chain = reduce([1.0, 1.0, 0.5], K, fixed=[0])
+    >>> chain.M.tolist(), chain.K.tolist(), chain.free.tolist()
+    ([1.0, 0.5], [[2.0, -1.0], [-1.0, 1.0]], [1, 2])
+    """
+    mass, n = canonical(M, "M")
+    named = (("K", K), ("C", C))
+    stiffness, damping = (None if A is None else canonical(A, name, n)[0] for name, A in named)
+    mask = _mask(fixed, n)
+    free, held = np.flatnonzero(~mask), np.flatnonzero(mask)
+    if not free.size:
+        raise ValueError(f"fixed must leave a dof free, got all {n} of them")
+    free.flags.writeable = held.flags.writeable = False
+    return Reduction(
+        M=_kept(mass, free),
+        K=None if K is None else _kept(stiffness, free),
+        C=None if C is None else _kept(damping, free),
+        n=n,
+        free=free,
+        fixed=held,
+    )
+
+
+def _mask(fixed: Any, n: int) -> np.ndarray:
+    """True at the fixed dofs, from a mask or from numbers."""
+    given = plain_array(fixed, "fixed")
+    if given.dtype == bool:
+        if given.shape != (n,):
+            raise ValueError(f"fixed must be a mask of shape ({n},), got shape {given.shape}")
+        return given
+    if given.ndim != 1:
+        raise TypeError(f"fixed must be a 1-D array of whole numbers or a mask, got {fixed!r}")
+    mask = np.zeros(n, dtype=bool)
+    mask[dof_list(np.unique(given), n, "fixed")] = True
+    return mask
+
+
+def _kept(A: Matrix, free: np.ndarray) -> np.ndarray | sp.csr_array:
+    """Rows and columns of the free dofs; zeros for None, which stands for a zero matrix."""
+    if A is None:
+        return np.zeros(free.size)
+    if A.ndim == 1:
+        return A[free]
+    return sp.csr_array(A[free][:, free]) if sp.issparse(A) else A[np.ix_(free, free)]
+
+
+def _numbers(value: Any, size: int, name: str) -> np.ndarray:
+    array = plain_array(value, name)
+    if array.dtype.kind not in "iufc":
+        raise TypeError(f"{name} must hold numbers, got dtype {array.dtype}")
+    if array.shape[-1:] != (size,):
+        raise ValueError(f"{name} must have {size} in the last dimension, got shape {array.shape}")
+    return array

@@ -1,0 +1,67 @@
+"""Restoring forces: what may be given as ``restoring`` of a subdomain, equation (R2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy import LowLevelCallable
+
+from .._checks import vector
+from .lowlevel import check_signature
+from .springs import Spring, check_dofs, spring_list
+
+Function = Callable[[np.ndarray, np.ndarray, float], Any] | LowLevelCallable
+Restoring = Function | tuple[Spring, ...] | None
+
+
+def checked_restoring(restoring: Any, n: int) -> Restoring:
+    """A user's restoring force, checked as far as possible without asking it."""
+    springs = spring_list(restoring)
+    if springs is not None:
+        check_dofs(springs, n)
+        return springs
+    if isinstance(restoring, LowLevelCallable):
+        check_signature(restoring, "restoring")
+    elif restoring is not None and not callable(restoring):
+        raise TypeError(f"restoring must be callable or a list of springs, got {restoring!r}")
+    return restoring
+
+
+def is_function(restoring: Restoring) -> bool:
+    """True for a force that has to be asked for, which springs have not."""
+    return restoring is not None and type(restoring) is not tuple  # as a LowLevelCallable is too
+
+
+class CheckedRestoring:
+    """A Python callable as the core asks it, with its values checked.
+
+    Parameters
+    ----------
+    restoring : callable
+        r(u, v, t) -> (n,)
+    what : str
+        For messages, such as "restoring of subdomain 'rig'".
+    n : int
+        Dofs.
+    """
+
+    def __init__(self, restoring: Callable, what: str, n: int):
+        self.restoring, self.what, self.n = restoring, what, n
+
+    def __call__(self, u: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+        value = self.restoring(u, v, t)
+        try:
+            return vector(value, self.n, "its value")
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"{self.what} at t = {t:g}: {error}") from None
+
+
+def core_restoring(restoring: Restoring, name: str, order: np.ndarray) -> tuple | None:
+    """The function of subdomain `name` as the core takes it."""
+    if not is_function(restoring):
+        return None
+    if isinstance(restoring, LowLevelCallable):
+        return restoring, order
+    return CheckedRestoring(restoring, f"restoring of subdomain {name!r}", order.size), order

@@ -1,0 +1,235 @@
+"""Generalized-alpha and its relatives: four parameters, equilibrium at the end of the step.
+
+The equations, with the numbers cited here, are in ``docs/method.md``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._checks import flag, positive_number, real_number
+
+__all__ = ["HHT", "WBZ", "CentralDifference", "GeneralizedAlpha", "Newmark", "Scheme"]
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """A point of the four-parameter family; usually made by one of the classes below.
+
+    ``am`` and ``af`` weight the old state (Chung and Hulbert's convention).
+
+    Attributes
+    ----------
+    am, af, beta, gamma : float
+        The parameters of equations (5) to (9).
+    explicit : bool
+        Equilibrium is taken with ``K ut`` (10) instead of ``K u1`` (7).
+    """
+
+    am: float
+    af: float
+    beta: float
+    gamma: float
+    explicit: bool = False
+
+    def __post_init__(self) -> None:
+        flag(self.explicit, "explicit")
+        real_number(self.am, "am", high=1.0 - 1e-6)
+        real_number(self.af, "af", high=1.0 - 1e-6)
+        real_number(self.beta, "beta", low=0.0)
+        positive_number(self.gamma, "gamma")
+        if self.beta == 0.0 and not self.explicit:
+            raise ValueError("beta must be positive in an implicit scheme, got 0")
+
+    def coefficients(self, h: float) -> tuple[float, float]:
+        """``(al1, al2)`` of a step of length h, equation (P2)."""
+        weight = (1.0 - self.af) / (1.0 - self.am)
+        return h * h * self.beta * weight, h * self.gamma * weight
+
+    def amplification(self, Omega: float, xi: float = 0.0) -> np.ndarray:
+        """What one step does to a free single-dof oscillator.
+
+        Parameters
+        ----------
+        Omega : float
+            Circular frequency times step, omega h.
+        xi : float, default 0
+            Viscous damping ratio, c / (2 m omega).
+
+        Returns
+        -------
+        (4, 4) ndarray
+            The matrix that takes (u, h v, h^2 w, h^2 a) to the next node.
+        """
+        am, af, beta, gamma = self.am, self.af, self.beta, self.gamma
+        d = 1.0 - am
+        al1, al2 = self.coefficients(1.0)
+        ut = np.array([1.0, 1.0, beta * af / d, 0.5 - beta / d])  # (5)
+        vt = np.array([0.0, 1.0, gamma * af / d, 1.0 - gamma / d])  # (6)
+        c, k = 2.0 * xi * Omega, Omega**2
+        mbar = 1.0 + al2 * c + (0.0 if self.explicit else al1 * k)  # (12)
+        w1 = -(c * vt + k * ut) / mbar  # (11)
+        a1 = ((1.0 - af) * w1 + np.array([0.0, 0.0, af, -am])) / d  # (9)
+        return np.array([ut + al1 * w1, vt + al2 * w1, w1, a1])  # (8)
+
+    def radius_at_infinity(self) -> float:
+        """Spectral radius of an implicit scheme as Omega goes to infinity."""
+        am, af, beta, gamma = self.am, self.af, self.beta, self.gamma
+        d = 1.0 - am
+        al1, al2 = self.coefficients(1.0)
+        # u1 = 0 there, so that w1 = -ut / al1; state (v, w, a) with h = 1
+        ut = np.array([1.0, beta * af / d, 0.5 - beta / d])
+        w1 = -ut / al1
+        v1 = np.array([1.0, gamma * af / d, 1.0 - gamma / d]) + al2 * w1
+        a1 = ((1.0 - af) * w1 + np.array([0.0, af, -am])) / d
+        return float(np.max(np.abs(np.linalg.eigvals([v1, w1, a1]))))
+
+
+class GeneralizedAlpha(Scheme):
+    """Generalized-alpha by one number: how much of the highest frequencies survives a step.
+
+    Parameters
+    ----------
+    rho : float
+        In [0, 1]. Implicit: the spectral radius at infinite frequency. Explicit: the spectral
+        radius at the bifurcation, Omega = (1 + rho) sqrt(2 - rho). 1 is without numerical
+        damping, 0 damps the most.
+    explicit : bool, default False
+        The explicit scheme, stable up to
+        Omega = sqrt(12 (1 + rho) (2 - rho) / (10 - 5 rho + rho^2)).
+
+    Raises
+    ------
+    ValueError
+        When rho is outside [0, 1].
+
+    Notes
+    -----
+    Second order. Equation (P1); Chung and Hulbert 1993, Hulbert and Chung 1996, with equilibrium
+    at the end of the step (Arnold and Bruels 2007; Bursi et al. 2008).
+
+    Examples
+    --------
+    >>> scheme = GeneralizedAlpha(0.5)
+    >>> scheme.am, round(scheme.af, 4), round(scheme.gamma, 4), round(scheme.beta, 4)
+    (0.0, 0.3333, 0.8333, 0.4444)
+    """
+
+    def __init__(self, rho: float, explicit: bool = False):
+        rho = real_number(rho, "rho", low=0.0, high=1.0)
+        am, af = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
+        super().__init__(*_of_order_two(am, af), explicit=explicit)
+        object.__setattr__(self, "rho", rho)
+
+    def __repr__(self) -> str:
+        return f"GeneralizedAlpha({self.rho}, explicit={self.explicit})"
+
+
+class Newmark(Scheme):
+    """Newmark's schemes: am = af = 0. The default is the trapezoidal rule.
+
+    Parameters
+    ----------
+    beta : float, default 1/4
+        Not negative; 0 makes the scheme explicit.
+    gamma : float, default 1/2
+        At least 1/2 (less is unstable at every step); second order only at 1/2.
+
+    Raises
+    ------
+    ValueError
+        When beta is negative or gamma below 1/2.
+
+    Examples
+    --------
+    >>> Newmark().explicit, Newmark(beta=0.0).explicit
+    (False, True)
+    """
+
+    def __init__(self, beta: float = 0.25, gamma: float = 0.5):
+        beta = real_number(beta, "beta", low=0.0)
+        gamma = real_number(gamma, "gamma", low=0.5)
+        super().__init__(0.0, 0.0, beta, gamma, explicit=beta == 0.0)
+
+    def __repr__(self) -> str:
+        return f"Newmark(beta={self.beta}, gamma={self.gamma})"
+
+
+class CentralDifference(Newmark):
+    """The explicit Newmark scheme with beta = 0, gamma = 1/2; stable up to Omega = 2.
+
+    Examples
+    --------
+    >>> CentralDifference().beta, CentralDifference().gamma
+    (0.0, 0.5)
+    """
+
+    def __init__(self) -> None:
+        super().__init__(0.0, 0.5)
+
+    def __repr__(self) -> str:
+        return "CentralDifference()"
+
+
+class HHT(Scheme):
+    """Hilber, Hughes and Taylor's scheme: am = 0, af = alpha, implicit.
+
+    Parameters
+    ----------
+    alpha : float
+        In [0, 1/3]; 0 is the trapezoidal rule, 1/3 damps the most. Their alpha is minus this one.
+
+    Raises
+    ------
+    ValueError
+        When alpha is outside [0, 1/3].
+
+    Examples
+    --------
+    >>> HHT(0.1).gamma
+    0.6
+    """
+
+    def __init__(self, alpha: float):
+        alpha = real_number(alpha, "alpha", low=0.0, high=1.0 / 3.0)
+        super().__init__(*_of_order_two(0.0, alpha))
+        object.__setattr__(self, "alpha", alpha)
+
+    def __repr__(self) -> str:
+        return f"HHT({self.alpha})"
+
+
+class WBZ(Scheme):
+    """Wood, Bossak and Zienkiewicz's scheme: am = -alpha, af = 0, implicit.
+
+    Parameters
+    ----------
+    alpha : float
+        In [0, 1]; 0 is the trapezoidal rule, 1 annihilates the highest frequencies.
+
+    Raises
+    ------
+    ValueError
+        When alpha is outside [0, 1].
+
+    Examples
+    --------
+    >>> WBZ(0.1).am, WBZ(0.1).gamma
+    (-0.1, 0.6)
+    """
+
+    def __init__(self, alpha: float):
+        alpha = real_number(alpha, "alpha", low=0.0, high=1.0)
+        super().__init__(*_of_order_two(-alpha, 0.0))
+        object.__setattr__(self, "alpha", alpha)
+
+    def __repr__(self) -> str:
+        return f"WBZ({self.alpha})"
+
+
+def _of_order_two(am: float, af: float) -> tuple[float, float, float, float]:
+    """am, af, beta, gamma: gamma for order 2, beta for the most damping, (P1)."""
+    gamma = 0.5 - am + af
+    return am, af, (0.5 + gamma) ** 2 / 4.0, gamma

@@ -1,0 +1,176 @@
+"""The sides of a tie: subdomains with the points of their nodes and a tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.spatial import cKDTree
+
+from .._checks import listing, real_array, real_number, whole_number
+from ..errors import ConstraintWarning, warn
+from .constraints import Constraint
+from .reduction import Reduction
+from .subdomain import Subdomain
+
+# The default tolerance as a part of the smallest distance between two nodes of one subdomain:
+# far above what a mesh file rounds off, far below what a mesh means. What lies further apart,
+# up to NEAR of that distance, is taken for a mesh that is not drawn to its tolerance.
+TOLERANCE = 0.01
+NEAR = 0.1
+# Nodes of one subdomain no further apart than this part of its extent lie at one place.
+ONE_PLACE = 1e-9
+# What a few operations leave of numbers of size 1.
+ROUNDING = 64 * float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """A subdomain with its points (N, d), and columns (N, components), -1 at fixed dofs."""
+
+    subdomain: Subdomain
+    points: np.ndarray
+    columns: np.ndarray
+
+
+# Entries of one side in the conditions: rows, columns (-1 is none) and values.
+Entries = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def checked_sides(points: Any, components: Any, dofs_per_node: Any, reduced: Any) -> list[Side]:
+    """The arguments of a user, checked and brought together by subdomain."""
+    if not isinstance(points, Mapping):
+        raise TypeError(f"points must be a dict of coordinates by subdomain, got {points!r}")
+    for s in points:
+        if not isinstance(s, Subdomain):
+            raise TypeError(f"points must be of Subdomains, got {s!r}")
+    reduced = {} if reduced is None else reduced
+    if not isinstance(reduced, Mapping):
+        raise TypeError(f"reduced must be a dict of Reductions by subdomain, got {reduced!r}")
+    strangers = [s for s in reduced if s not in points]
+    if strangers:
+        raise ValueError(f"reduced must be of subdomains with points, got {listing(strangers)}")
+    components = whole_number(components, "components", low=1)
+    per_node = _per_node(dofs_per_node, points, components)
+    sides = []
+    for s, given in points.items():
+        array = _coordinates(given, f"points of {s!r}")
+        numbers = _numbers(s, len(array), per_node[s], reduced.get(s))
+        sides.append(Side(s, array, numbers[:, :components]))
+    dimensions = {side.points.shape[1] for side in sides}
+    if len(dimensions) > 1:
+        got = [f"{side.points.shape[1]} of {side.subdomain!r}" for side in sides]
+        raise ValueError(f"points must have one dimension, got {listing(got)}")
+    return sides
+
+
+def _per_node(value: Any, points: Mapping, components: int) -> dict[Subdomain, int]:
+    if not isinstance(value, Mapping):
+        value = {s: components if value is None else value for s in points}
+    if set(value) != set(points):
+        raise ValueError(
+            f"dofs_per_node must name the subdomains of the points, got {listing(list(value))}"
+        )
+    numbers = {s: whole_number(k, "dofs_per_node", low=1) for s, k in value.items()}
+    for s, number in numbers.items():
+        if number < components:
+            raise ValueError(
+                f"components must be at most dofs_per_node, got {components} of {number} of {s!r}"
+            )
+    return numbers
+
+
+def _coordinates(value: Any, name: str) -> np.ndarray:
+    """(N, d), d up to 3."""
+    array = real_array(value, name, (1, 2))
+    array = array.reshape(len(array), -1) if array.size else array
+    if array.size == 0 or array.shape[1] > 3:
+        raise ValueError(f"{name} must have shape (N,) or (N, d), d = 1, 2, 3, got {array.shape}")
+    return array
+
+
+def _numbers(
+    subdomain: Subdomain, nodes: int, per_node: int, reduction: Reduction | None
+) -> np.ndarray:
+    """The dof (nodes, per_node) of each node and component, -1 where it is fixed."""
+    if reduction is not None:
+        if not isinstance(reduction, Reduction):
+            raise TypeError(f"reduced must hold Reductions, got {reduction!r} of {subdomain!r}")
+        if reduction.free.size != subdomain.n:
+            raise ValueError(f"reduced must hold what {subdomain!r} is made of, got {reduction!r}")
+    n = subdomain.n if reduction is None else reduction.n
+    if nodes * per_node != n:
+        raise ValueError(
+            f"points times dofs_per_node must be the dofs of {subdomain!r}, got {nodes} x "
+            f"{per_node} for {n}{_hint(nodes, n, reduction)}"
+        )
+    numbers = np.arange(n)
+    if reduction is not None:
+        numbers[reduction.fixed] = -1
+        numbers[reduction.free] = np.arange(subdomain.n)
+    return numbers.reshape(nodes, per_node)
+
+
+def _hint(nodes: int, n: int, reduction: Reduction | None) -> str:
+    if n % nodes == 0:
+        return f", which is {n // nodes} per node"
+    return "" if reduction is not None else "; if dofs were fixed by reduce, say so with reduced"
+
+
+def tolerance(tol: float | None, sides: Sequence[Side]) -> tuple[float, float]:
+    """The distance up to which nodes are at one place, and that up to which they nearly are."""
+    if tol is not None:
+        reach = real_number(tol, "tol", low=0.0)
+        return reach, reach
+    spacing = min(_spacing(s.points) for s in sides)
+    return (0.0, 0.0) if np.isinf(spacing) else (TOLERANCE * spacing, NEAR * spacing)
+
+
+def _spacing(points: np.ndarray) -> float:
+    """The smallest distance between two nodes at different places, infinite if there are none."""
+    distance = tree_of(points).query(points, k=2)[0][:, 1]
+    return float(distance[distance > ONE_PLACE * np.ptp(points, axis=0).max()].min(initial=np.inf))
+
+
+def warn_of_near(missed: np.ndarray, reach: float, near: float) -> None:
+    count = int(np.count_nonzero(missed))
+    if count:
+        warn(
+            f"{count} nodes or pairs of nodes are not tied that lie further apart than the default "
+            f"tolerance {reach:g} but no further than {near:g}; give tol to say what is meant",
+            ConstraintWarning,
+        )
+
+
+def tree_of(points: np.ndarray) -> cKDTree:
+    # sliding midpoints: medians are slow where many nodes have equal coordinates
+    return cKDTree(points, balanced_tree=False)
+
+
+def marked(numbers: np.ndarray, n: int) -> np.ndarray:
+    """The numbers in 0..n-1 that occur, ascending."""
+    mask = np.zeros(n, dtype=bool)
+    mask[numbers] = True
+    return np.flatnonzero(mask)
+
+
+def length(vectors: np.ndarray) -> np.ndarray:
+    return np.sqrt((vectors * vectors).sum(axis=-1))
+
+
+def constraint_of(sides: Sequence[Side], entries: Sequence[Entries], p: int) -> Constraint:
+    """The conditions without the fixed dofs, and without rows that have no other."""
+    kept = [(columns >= 0) & (values != 0.0) for _, columns, values in entries]
+    used = marked(np.concatenate([rows[k] for k, (rows, _, _) in zip(kept, entries)]), p)
+    if not used.size:
+        raise ValueError("reduced must leave a dof to tie, got fixed ones only")
+    place = np.empty(p, dtype=np.int64)
+    place[used] = np.arange(used.size)
+    matrices = {}
+    for side, k, (rows, columns, values) in zip(sides, kept, entries):
+        shape = (used.size, side.subdomain.n)
+        matrices[side.subdomain] = sp.csr_array((values[k], (place[rows[k]], columns[k])), shape)
+    return Constraint(matrices)

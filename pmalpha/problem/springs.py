@@ -1,0 +1,348 @@
+"""Springs between two dofs or a dof and the ground, as restoring forces of a subdomain.
+
+Each class stands for many springs of one law; the core evaluates them. Equations (H1) to (H5) of
+docs/method.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from .._checks import listing, plain_array, real_array
+
+__all__ = ["Bilinear", "BoucWen", "CubicSpring", "Gap", "SpringState"]
+
+# The laws of the core, by number.
+CUBIC, GAP, BILINEAR, BOUC_WEN = range(4)
+GROUND = -1
+
+
+@dataclass(frozen=True)
+class SpringState:
+    """Springs of a subdomain at one time, in the order in which they were given.
+
+    Attributes
+    ----------
+    deformation : (springs,) array
+        d = u_first - u_second where the springs were evaluated last, at the displacement that the
+        step predicted, which differs from u by O(h^2).
+    force : (springs,) array
+        What they pulled with there, positive for a positive deformation.
+    """
+
+    deformation: np.ndarray
+    force: np.ndarray
+
+
+class Spring:
+    """Springs of one law. Not used directly.
+
+    Attributes
+    ----------
+    dofs : (springs, 2) array of int
+        First and second dof of each, -1 for the ground.
+    parameters : tuple of (springs,) arrays
+        As the user gave them.
+    """
+
+    law: int
+    names: tuple[str, ...]
+
+    def __init__(self, dofs: Any, **parameters: Any):
+        self.dofs = _pairs(dofs)
+        self.parameters = tuple(
+            _spread(value, name, len(self.dofs)) for name, value in parameters.items()
+        )
+        self.names = tuple(parameters)
+        for array, name in zip(self.parameters, self.names):
+            setattr(self, name, array)
+
+    def __len__(self) -> int:
+        return len(self.dofs)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} x {len(self)}>"
+
+    @property
+    def initial_tangent(self) -> np.ndarray:
+        """Stiffness of each spring at no deformation."""
+        return self.k
+
+    @property
+    def largest_tangent(self) -> np.ndarray:
+        """The stiffness that an explicit step has to resolve, as far as it is bounded."""
+        return self.k
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """All that tells these springs from others of the same law, a row for each."""
+        return np.column_stack([self.dofs, *self.parameters])
+
+    def core_parameters(self) -> tuple[np.ndarray, ...]:
+        """As the core takes them."""
+        return self.parameters
+
+    def _require(self, holds: np.ndarray, name: str, rule: str) -> None:
+        if not holds.all():
+            i = int(np.argmin(holds))
+            raise ValueError(f"{name} must {rule}, got {getattr(self, name)[i]:g} at spring {i}")
+
+
+class CubicSpring(Spring):
+    """f = k d + k3 d^3, equation (H1): a Duffing spring.
+
+    Parameters
+    ----------
+    dofs : int, (m,) or (m, 2) array of int
+        Dofs of the subdomain. One dof of each spring: between it and the ground, d = u. Two:
+        d = u_first - u_second, and -1 is the ground.
+    k, k3 : float or (m,) array
+        Linear stiffness, not negative, and cubic stiffness of any sign.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For dofs that are no whole numbers, a spring from a dof to itself, wrong shapes, numbers
+        that are not finite, and a negative stiffness.
+
+    Examples
+    --------
+    >>> spring = CubicSpring([0], k=1.0, k3=1.0)
+    >>> duffing = Subdomain([1.0], None, scheme=CentralDifference(), v0=[1.0], restoring=spring)
+    >>> float(np.round(solve(duffing, dt=0.001, t_end=1.0).u[-1, 0], 4))
+    0.8044
+    """
+
+    law = CUBIC
+
+    def __init__(self, dofs: Any, k: Any, k3: Any):
+        super().__init__(dofs, k=k, k3=k3)
+        self._require(self.k >= 0.0, "k", "not be negative")
+
+
+class Gap(Spring):
+    """f = k (d - gap) where the deformation d is above the gap, else zero, equation (H2).
+
+    Parameters
+    ----------
+    dofs : int, (m,) or (m, 2) array of int
+        As for `CubicSpring`. ``(-1, i)`` is a stop on the negative side of dof i.
+    k, gap : float or (m,) array
+        Stiffness of the contact and clearance, neither negative.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As for `CubicSpring`.
+
+    Notes
+    -----
+    Its initial tangent is zero where there is a clearance. An implicit subdomain whose step does
+    not resolve the contact needs an estimate ``restoring_stiffness`` of the size of k to be stable
+    in it.
+
+    Examples
+    --------
+    >>> stops = Gap([(0, -1), (-1, 0)], k=1e4, gap=0.1)
+    >>> ball = Subdomain([1.0], None, scheme=CentralDifference(), v0=[1.0], restoring=stops)
+    >>> bool(np.abs(solve(ball, dt=0.001, t_end=2.0).u).max() < 0.12)
+    True
+    """
+
+    law = GAP
+
+    def __init__(self, dofs: Any, k: Any, gap: Any):
+        super().__init__(dofs, k=k, gap=gap)
+        self._require(self.k >= 0.0, "k", "not be negative")
+        self._require(self.gap >= 0.0, "gap", "not be negative")
+
+    @property
+    def initial_tangent(self) -> np.ndarray:
+        return np.where(self.gap > 0.0, 0.0, self.k)
+
+
+class Bilinear(Spring):
+    """Elastic up to fy, then stiffness hardening * k, equation (H3): kinematic hardening.
+
+    Parameters
+    ----------
+    dofs : int, (m,) or (m, 2) array of int
+        As for `CubicSpring`.
+    k, fy : float or (m,) array
+        Initial stiffness and force at first yield, both positive.
+    hardening : float or (m,) array, default 0
+        Stiffness after yield over k, in [0, 1].
+
+    Raises
+    ------
+    TypeError, ValueError
+        As for `CubicSpring`.
+
+    Examples
+    --------
+    >>> joint = Bilinear([(0, 1)], k=100.0, fy=2.0, hardening=0.1)
+    >>> joint.fy / joint.k
+    array([0.02])
+    """
+
+    law = BILINEAR
+
+    def __init__(self, dofs: Any, k: Any, fy: Any, hardening: Any = 0.0):
+        super().__init__(dofs, k=k, fy=fy, hardening=hardening)
+        _check_yield(self)
+
+    def core_parameters(self) -> tuple[np.ndarray, ...]:
+        return (self.hardening * self.k, (1.0 - self.hardening) * self.k, self.fy / self.k)
+
+
+class BoucWen(Spring):
+    """The smooth hysteresis of Bouc and Wen, equation (H4), with A = 1.
+
+    Parameters
+    ----------
+    dofs : int, (m,) or (m, 2) array of int
+        As for `CubicSpring`.
+    k, fy : float or (m,) array
+        Initial stiffness and yield force, both positive: with beta + gamma = 1 the hysteretic part
+        of the force tends to (1 - hardening) fy.
+    hardening : float or (m,) array, default 0
+        Stiffness far beyond yield over k, in [0, 1].
+    n : float or (m,) array, default 1
+        Sharpness of the yield, at least 1. 1 and 2 are evaluated fastest.
+    beta, gamma : float or (m,) array, default 0.5
+        Shape of the loop: beta not negative, beta + gamma positive. gamma > beta can yield
+        energy in small cycles, which no real joint does.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As for `CubicSpring`.
+
+    Examples
+    --------
+    >>> isolator = BoucWen([0], k=50.0, fy=1.0, hardening=0.1, n=2)
+    >>> isolator
+    <BoucWen x 1>
+    """
+
+    law = BOUC_WEN
+
+    def __init__(
+        self,
+        dofs: Any,
+        k: Any,
+        fy: Any,
+        hardening: Any = 0.0,
+        n: Any = 1.0,
+        beta: Any = 0.5,
+        gamma: Any = 0.5,
+    ):
+        super().__init__(dofs, k=k, fy=fy, hardening=hardening, n=n, beta=beta, gamma=gamma)
+        _check_yield(self)
+        self._require(self.n >= 1.0, "n", "be at least 1")
+        self._require(self.beta >= 0.0, "beta", "not be negative")
+        self._require(self.beta + self.gamma > 0.0, "gamma", "be above -beta")
+
+    @property
+    def largest_tangent(self) -> np.ndarray:
+        # unloading from the limit |z|^n = 1 / (beta + gamma): dz/dx = 2 beta / (beta + gamma)
+        steepest = np.maximum(1.0, 2.0 * self.beta / (self.beta + self.gamma))
+        return self.k * (self.hardening + (1.0 - self.hardening) * steepest)
+
+    def core_parameters(self) -> tuple[np.ndarray, ...]:
+        n, beta, gamma = self.n, self.beta, self.gamma
+        limit = (beta + gamma) ** (-1.0 / n)  # of |z|
+        rate = n * (beta + np.abs(gamma)) * limit ** (n - 1.0)
+        hard, soft = self.hardening * self.k, (1.0 - self.hardening) * self.fy
+        return hard, soft, self.k / self.fy, n, beta, gamma, rate
+
+
+def _check_yield(spring: Any) -> None:
+    spring._require(spring.k > 0.0, "k", "be positive")
+    spring._require(spring.fy > 0.0, "fy", "be positive")
+    spring._require(
+        (spring.hardening >= 0.0) & (spring.hardening <= 1.0), "hardening", "lie in [0, 1]"
+    )
+
+
+def _pairs(dofs: Any) -> np.ndarray:
+    """(m, 2) array of int, -1 for the ground."""
+    array = plain_array(dofs, "dofs")
+    if array.dtype.kind not in "iu" and array.size:
+        raise TypeError(f"dofs must be whole numbers, got {dofs!r}")
+    if array.ndim < 2:
+        first = np.atleast_1d(array)
+        array = np.column_stack([first, np.full_like(first, GROUND, dtype=np.int64)])
+    if array.ndim != 2 or array.shape[1] != 2 or len(array) == 0:
+        raise ValueError(f"dofs must be of shape (m,) or (m, 2), m > 0, got {np.shape(dofs)}")
+    array = array.astype(np.int64)
+    if array.min() < GROUND:
+        raise ValueError(f"dofs must not be below -1, the ground, got {array.min()}")
+    same = np.flatnonzero(array[:, 0] == array[:, 1])
+    if same.size:
+        raise ValueError(f"dofs of a spring must differ, got the same at springs {listing(same)}")
+    array.setflags(write=False)
+    return array
+
+
+def _spread(value: Any, name: str, count: int) -> np.ndarray:
+    """A number, or one for each spring, as (count,) array."""
+    array = real_array(value, name, (0, 1))
+    if array.ndim == 1 and array.size != count:
+        raise ValueError(f"{name} must be a number or of shape ({count},), got {array.shape}")
+    spread = np.array(np.broadcast_to(array, (count,)), order="C")
+    spread.setflags(write=False)
+    return spread
+
+
+# ---- for a subdomain ---------------------------------------------------------------------------
+
+
+def spring_list(restoring: Any) -> tuple[Spring, ...] | None:
+    """The springs in a user's `restoring`, or None where it is something else."""
+    if isinstance(restoring, Spring):
+        return (restoring,)
+    if isinstance(restoring, (list, tuple)) and all(isinstance(s, Spring) for s in restoring):
+        return tuple(restoring) or None
+    return None
+
+
+def check_dofs(springs: tuple[Spring, ...], n: int) -> None:
+    for spring in springs:
+        if spring.dofs.max() >= n:
+            raise ValueError(
+                f"dofs of a {type(spring).__name__} must lie in 0..{n - 1}, got {spring.dofs.max()}"
+            )
+
+
+def stiffness(springs: tuple[Spring, ...], tangent: str, n: int) -> sp.csr_array:
+    """sum B^T k B, (n, n), with the initial or the largest tangent k of each spring."""
+    total = sp.csr_array((n, n))
+    for spring in springs:
+        k = getattr(spring, tangent)
+        first, second = spring.dofs.T
+        rows = np.concatenate([first, second, first, second])
+        columns = np.concatenate([first, second, second, first])
+        values = np.concatenate([k, k, -k, -k])
+        inside = (rows != GROUND) & (columns != GROUND)
+        where = (rows[inside], columns[inside])
+        total = total + sp.csr_array((values[inside], where), shape=(n, n))
+    return total
+
+
+def core_springs(springs: tuple[Spring, ...], place: np.ndarray) -> tuple:
+    """As the core takes them, with the place of each dof."""
+    with_ground = np.append(place, GROUND).astype(np.int32)  # index -1 is the ground
+    return tuple(
+        (
+            spring.law,
+            np.ascontiguousarray(with_ground[spring.dofs[:, 0]]),
+            np.ascontiguousarray(with_ground[spring.dofs[:, 1]]),
+            tuple(np.ascontiguousarray(x) for x in spring.core_parameters()),
+        )
+        for spring in springs
+    )

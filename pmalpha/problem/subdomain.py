@@ -1,0 +1,238 @@
+"""One part of a structure: its matrices, its scheme and its share of the time step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .._checks import check_word, flag, listing, vector, whole_number
+from ..errors import FactorizationError
+from .forces import checked_force
+from .matrices import Matrix, canonical, combination, diagonal
+from .restoring import Restoring, checked_restoring, is_function
+from .schemes import Scheme
+from .springs import Spring, stiffness
+
+__all__ = ["Subdomain"]
+
+# From this spectral radius at infinite frequency on, the velocity of a dof without mass grows.
+UNDAMPED = 1.0 - 1e-9
+
+
+class Subdomain:
+    """One subdomain of the coupled problem (1): M w + C v + K u + r(u, v, t) = F(t) + L^T Lam.
+
+    Units are any consistent set. The arrays are copied; a `Coupler` does not change a subdomain,
+    so that the same one can stand in several couplers.
+
+    Parameters
+    ----------
+    M, K : (n,) array, (n, n) array or scipy.sparse matrix or array
+        Mass and stiffness. A 1-D array is a diagonal. Symmetric; M positive semidefinite, and
+        positive definite for an explicit scheme. A dof without mass is a zero row and column of M;
+        only an implicit scheme that damps at infinite frequency takes it. K may be None where there
+        is a restoring force.
+    C : like M and K, optional
+        Viscous damping, symmetric. Default: none.
+    scheme : Scheme
+        `GeneralizedAlpha`, `Newmark`, `CentralDifference`, `HHT` or `WBZ`.
+    substeps : int, default 1
+        Own steps in a macro step dt: own step h = dt / substeps.
+    double_step : bool, optional
+        Whether the subdomain steps from t_{n-1} to t_{n+1} under coupling "pm". Default: when it
+        is implicit and its own step is coarser than the finest; if all own steps are equal and
+        nobody says anything, the first implicit subdomain of several. A single subdomain is never
+        double, nor is anybody under "gc"; under "macro" who is told so, with one substep.
+    force : (n,) array, callable, LowLevelCallable, `SampledForce` or `BaseAcceleration`, optional
+        External load, evaluated at the end of each own step. A callable ``f(t) -> (n,)`` is asked
+        ahead of the run, once for each own step in the order of time, and once at t = 0. A
+        ``scipy.LowLevelCallable`` is asked in the step, without the GIL, for
+        ``int (double t, intptr_t n, double *f, void *user)``; f arrives zeroed.
+    restoring : callable, LowLevelCallable, or springs, optional
+        A further force beside K u + C v, such as a nonlinear element or a specimen in a test rig,
+        equation (R2). Springs, one or a list, are `CubicSpring`, `Gap`, `Bilinear` and `BoucWen`,
+        evaluated by the core. A callable ``r(u, v, t) -> (n,)`` is asked once for the initial
+        accelerations, then exactly once for each own step, in the order of time, with the
+        displacement that the step predicts and an extrapolated velocity; after an exception those
+        of the macro step that it ended are asked again. u and v are copies. A
+        ``scipy.LowLevelCallable`` is asked without the GIL for
+        ``int (double t, intptr_t n, double *u, double *v, double *r, void *user)``; r arrives
+        zeroed. With several threads any of them may ask, but one at a time for each
+        subdomain. A function that does not return 0 stops the run with a `CallbackError`.
+    restoring_stiffness, restoring_damping : like M and K, optional
+        Estimates K_r, D_r of the stiffness and damping of the restoring force. An implicit
+        subdomain is stable at any step if K_r is at least the tangent stiffness; an explicit one
+        needs K_r only for its critical step. Default: zero; of springs the initial tangent.
+    damping : {"implicit", "lagged"}, default "implicit"
+        "lagged": C acts on the extrapolated velocity, equation (R4), so that an explicit subdomain
+        whose C is not diagonal needs no factor. The critical step is smaller, equation (C2).
+    u0, v0 : (n,) array, optional
+        Initial displacement and velocity. Default: zero.
+    name : str, optional
+        Default: "subdomain i", i its place in the Coupler.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For complex, unsymmetric or infinite entries, shapes that do not agree, a scheme or force
+        of the wrong kind, dofs without mass under a scheme that does not damp them, estimates
+        without a restoring force. What a restoring force returns is checked when it is asked.
+    FactorizationError
+        For a dof without mass in an explicit subdomain.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> tower = Subdomain([2.0, 1.0], np.array([[3.0, -1.0], [-1.0, 1.0]]),
+    ...                   scheme=GeneralizedAlpha(0.5), name="tower")
+    >>> tower.n
+    2
+
+    A Duffing oscillator, explicit:
+
+    >>> duffing = Subdomain([1.0], None, scheme=CentralDifference(), v0=[1.0],
+    ...                     restoring=lambda u, v, t: u + u**3)
+    >>> float(np.round(solve(duffing, dt=0.001, t_end=1.0).u[-1, 0], 4))
+    0.8044
+    """
+
+    M: Matrix
+    K: Matrix
+    C: Matrix
+
+    def __init__(
+        self,
+        M: Any,
+        K: Any,
+        C: Any = None,
+        *,
+        scheme: Scheme,
+        substeps: int = 1,
+        double_step: bool | None = None,
+        force: Any = None,
+        restoring: Any = None,
+        restoring_stiffness: Any = None,
+        restoring_damping: Any = None,
+        damping: str = "implicit",
+        u0: Any = None,
+        v0: Any = None,
+        name: str | None = None,
+    ):
+        if not isinstance(scheme, Scheme):
+            raise TypeError(f"scheme must be a pmalpha scheme, got {scheme!r}")
+        if name is not None and not (isinstance(name, str) and name):
+            raise TypeError(f"name must be a string that is not empty, got {name!r}")
+        if M is None:
+            raise TypeError("M must be a matrix, got None")
+        if K is None and restoring is None:
+            raise TypeError("K must be a matrix where there is no restoring force, got None")
+        check_word(damping, "damping", ("implicit", "lagged"))
+        self.scheme = scheme
+        self.substeps = whole_number(substeps, "substeps", low=1)
+        self.double_step = None if double_step is None else flag(double_step, "double_step")
+        self.name = name
+        self.M, self.n = canonical(M, "M")
+        self.K = self._matrix(K, "K")
+        self.C = self._matrix(C, "C")
+        self.damping = damping
+        self.force = checked_force(force, self.n)
+        self.restoring: Restoring = checked_restoring(restoring, self.n)
+        if restoring_stiffness is None and self.springs:
+            restoring_stiffness = stiffness(self.springs, "initial_tangent", self.n)
+        self.restoring_stiffness = self._estimate(restoring_stiffness, "restoring_stiffness")
+        self.restoring_damping = self._estimate(restoring_damping, "restoring_damping")
+        self.u0 = self._initial(u0, "u0")
+        self.v0 = self._initial(v0, "v0")
+        self._check_mass()
+
+    def __repr__(self) -> str:
+        label = "" if self.name is None else f"{self.name!r}, "
+        return f"<Subdomain {label}{self.n} dofs, {self.scheme!r}, substeps={self.substeps}>"
+
+    @property
+    def massless(self) -> np.ndarray:
+        """The dofs without mass: zero rows of M."""
+        if self.M is None:
+            return np.arange(self.n)
+        # in a semidefinite matrix a zero on the diagonal means a zero row
+        return np.flatnonzero(diagonal(self.M) == 0.0)
+
+    @property
+    def tangent(self) -> Matrix:
+        """K + K_r, the stiffness as far as it is known."""
+        if self.restoring_stiffness is None:
+            return self.K
+        return combination([(1.0, self.K), (1.0, self.restoring_stiffness)])
+
+    @property
+    def springs(self) -> tuple[Spring, ...]:
+        """The springs among the restoring forces."""
+        return () if self.restoring is None or is_function(self.restoring) else self.restoring
+
+    @property
+    def largest_tangent(self) -> Matrix:
+        """The stiffness that an explicit step has to resolve: K + K_r, with springs at their
+        stiffest instead of K_r."""
+        if not self.springs:
+            return self.tangent
+        springs = canonical(stiffness(self.springs, "largest_tangent", self.n), "springs", self.n)
+        return combination([(1.0, self.K), (1.0, springs[0])])
+
+    @property
+    def implicit_stiffness(self) -> Matrix:
+        """What al1 multiplies in Mbar: K + K_r, and nothing in an explicit subdomain (R3)."""
+        return None if self.scheme.explicit else self.tangent
+
+    @property
+    def implicit_damping(self) -> Matrix:
+        """What al2 multiplies in Mbar: C + D_r (R3), without C where it is lagged (R4)."""
+        C = None if self.damping == "lagged" else self.C
+        if self.restoring_damping is None:
+            return C
+        return combination([(1.0, C), (1.0, self.restoring_damping)])
+
+    def _matrix(self, value: Any, name: str) -> Matrix:
+        return None if value is None else canonical(value, name, self.n)[0]
+
+    def _estimate(self, value: Any, name: str) -> Matrix:
+        if value is not None and self.restoring is None:
+            raise ValueError(f"{name} must come with a restoring force, got restoring=None")
+        return self._matrix(value, name)
+
+    def _initial(self, value: Any, name: str) -> np.ndarray:
+        return np.zeros(self.n) if value is None else vector(value, self.n, name)
+
+    def _check_mass(self) -> None:
+        label = "the subdomain" if self.name is None else f"subdomain {self.name!r}"
+        negative = [] if self.M is None else np.flatnonzero(diagonal(self.M) < 0.0)
+        if len(negative):
+            raise ValueError(
+                f"M must be positive semidefinite, got a negative diagonal entry at dofs "
+                f"{listing(negative)}"
+            )
+        massless = self.massless
+        if not massless.size:
+            return
+        if self.M is not None and self.M.ndim == 2 and abs(self.M[massless, :]).sum() > 0.0:
+            raise ValueError(
+                f"M must be positive semidefinite, got a zero diagonal entry in a row that is "
+                f"not zero, among dofs {listing(massless)}"
+            )
+        if self.scheme.explicit:
+            raise FactorizationError(
+                f"{label} is explicit and its mass matrix singular: dofs {listing(massless)} "
+                "have no mass; give them mass or take an implicit scheme",
+                subdomain=self.name,
+                dof=int(massless[0]),
+            )
+        if self.damping == "lagged":
+            raise ValueError(
+                f"damping must be 'implicit' where dofs have no mass, got 'lagged' and no mass at "
+                f"dofs {listing(massless)} of {label}"
+            )
+        if self.scheme.radius_at_infinity() > UNDAMPED:
+            raise ValueError(
+                f"scheme must damp at infinite frequency (rho < 1) for dofs without mass, got "
+                f"{self.scheme!r} and no mass at dofs {listing(massless)} of {label}"
+            )

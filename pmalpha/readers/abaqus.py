@@ -1,0 +1,177 @@
+"""Matrices of Abaqus and CalculiX."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .._checks import MOST
+from ..files import checked_path
+from .entries import Entries, labelled
+from .exported import ExportedMatrix, checked_labels
+from .text import Line, refuse, text_lines
+
+__all__ = ["read_abaqus"]
+
+ROW_COLUMN, NODE_DOF = 3, 5  # fields of a line in the two formats
+# A coordinate list without labels may leave rows empty, but not more than this many for each entry:
+# a wrong digit in an index must not make a matrix that fills the memory.
+ROWS_PER_ENTRY = 10
+
+
+def read_abaqus(path: str | os.PathLike, labels: Any = None) -> ExportedMatrix:
+    """A matrix that ``*MATRIX OUTPUT`` of Abaqus wrote, or MATRIXSTORAGE of CalculiX.
+
+    Two formats, told apart by their columns: FORMAT=COORDINATE, "row column value", and
+    FORMAT=MATRIX INPUT, "node, dof, node, dof, value", also with the keyword line
+    ``*MATRIX INPUT`` above. Where no entry has its mirror image in the file, it holds one triangle,
+    and the other one is filled in; otherwise the matrix is as written.
+
+    Parameters
+    ----------
+    path : str or path
+    labels : (n, 2) array_like of int, optional
+        Node and component of each row of a coordinate list, which itself has none: the file
+        .dof of CalculiX, or what is known of the model. Default: (row, 0) with rows from 1 to the
+        largest one found.
+
+    Returns
+    -------
+    ExportedMatrix
+        Rows of the format with labels are in the order of nodes, then components; internal nodes
+        of Abaqus, with numbers below 0, come last.
+
+    Raises
+    ------
+    OSError
+        When the file cannot be read.
+    TypeError
+        For a path that is none, and labels that are no whole numbers.
+    ValueError
+        With file and line: other columns than these, what is no number or not finite, indices out
+        of range, entries that stand twice, a file that ends within a line.
+
+    Notes
+    -----
+    A list that was cut off between two lines looks like one of a smaller or a sparser matrix.
+    Compare `n` with the model, and see whether ``K @ rigid_motion`` vanishes.
+
+    Examples
+    --------
+    >>> import os, tempfile
+    >>> from pmalpha.readers import read_abaqus
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = os.path.join(folder, "job_STIF1.mtx")
+    ...     with open(path, "w") as file:
+    ...         _ = file.write("5,1, 5,1, 2.0\\n5,1, 9,1, -1.0\\n9,1, 9,1, 1.0\\n")
+    ...     K = read_abaqus(path)
+    >>> K.matrix.toarray().tolist(), K.labels.tolist()
+    ([[2.0, -1.0], [-1.0, 1.0]], [[5, 1], [9, 1]])
+    """
+    path = str(checked_path(path))
+    if labels is not None:
+        labels = checked_labels(labels)
+    lines, unsymmetric = _abaqus_data(path)
+    table = _table(path, lines)
+    numbers = np.array([line.number for line in lines])
+    if table.shape[1] == ROW_COLUMN:
+        rows, columns, n = _coordinates(path, numbers, table, labels)
+        if labels is None:
+            labels = np.column_stack([np.arange(1, n + 1), np.zeros(n, dtype=np.int64)])
+    elif labels is not None:
+        raise ValueError(f"labels must be None for {path}, whose lines have nodes and dofs")
+    else:
+        rows, columns, labels = labelled(table[:, :4].astype(np.int64))
+    entries = Entries(path, numbers, rows, columns, table[:, -1], labels)
+    entries.require_once()
+    complete = not unsymmetric and not entries.mirrored().any()
+    return ExportedMatrix(entries.matrix(complete), labels, os.path.basename(path))
+
+
+def _abaqus_data(path: str) -> tuple[list[Line], bool]:
+    """The data lines, and whether a keyword line says TYPE=UNSYMMETRIC."""
+    lines: list[Line] = []
+    unsymmetric, keywords = False, 0
+    for line in text_lines(path):
+        text = line.text.lstrip()
+        if text[0] not in "*%":
+            lines.append(line)
+        elif text.startswith("%%MatrixMarket"):
+            refuse(path, line.number, "is a Matrix Market file: read it by scipy.io.mmread")
+        elif not text.startswith(("**", "%")):
+            keywords += 1
+            unsymmetric = _is_unsymmetric(path, line)
+            if keywords > 1 or lines:
+                refuse(path, line.number, f"must be the only matrix of the file, got {text!r}")
+    if not lines:
+        raise ValueError(f"{path} must hold lines of a matrix, got none")
+    return lines, unsymmetric
+
+
+def _is_unsymmetric(path: str, line: Line) -> bool:
+    word, *options = [part.strip().upper() for part in line.text.split(",")]
+    if word != "*MATRIX INPUT":
+        refuse(path, line.number, f"must be data or *MATRIX INPUT, got {line.text.strip()!r}")
+    given = {key.strip(): value.strip() for key, _, value in (o.partition("=") for o in options)}
+    if "SCALE FACTOR" in given or "INPUT" in given:
+        refuse(path, line.number, "must not have SCALE FACTOR or INPUT, which are not followed")
+    return given.get("TYPE") == "UNSYMMETRIC"
+
+
+def _table(path: str, lines: Sequence[Line]) -> np.ndarray:
+    """The numbers of all lines, (lines, 3) or (lines, 5): whole and finite where they must be."""
+    columns = len(_fields(lines[0].text))
+    if columns not in (ROW_COLUMN, NODE_DOF):
+        refuse(
+            path,
+            lines[0].number,
+            "must have 3 fields (row, column, value) or 5 (node, dof, node, dof, value), got "
+            f"{columns}: {lines[0].text.strip()!r}",
+        )
+    texts = [line.text.replace(",", " ").replace("D", "e").replace("d", "e") for line in lines]
+    try:
+        table = np.loadtxt(texts, ndmin=2, comments=None)
+    except ValueError:  # which line it is, is found below
+        table = np.array([_numbers(path, line, columns) for line in lines])
+    index = table[:, :-1]
+    whole = np.all((index == np.round(index)) & (np.abs(index) < MOST), axis=1)
+    whole &= np.isfinite(table[:, -1])
+    if not whole.all():
+        line = lines[int(np.argmin(whole))]
+        rule = "must have whole numbers before a finite value"
+        refuse(path, line.number, f"{rule}, got {line.text.strip()!r}")
+    return table
+
+
+def _fields(text: str) -> list[str]:
+    return text.replace(",", " ").split()
+
+
+def _numbers(path: str, line: Line, columns: int) -> list[float]:
+    fields = _fields(line.text)
+    if len(fields) != columns:
+        rule = f"must have {columns} fields as the lines above"
+        refuse(path, line.number, f"{rule}, got {len(fields)}: {line.text.strip()!r}")
+    try:
+        return [float(field.replace("D", "e").replace("d", "e")) for field in fields]
+    except ValueError:
+        refuse(path, line.number, f"must hold numbers, got {line.text.strip()!r}")
+
+
+def _coordinates(
+    path: str, numbers: np.ndarray, table: np.ndarray, labels: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Rows and columns from 0, and the size of the matrix."""
+    index = table[:, :2].astype(np.int64)
+    n = int(index.max()) if labels is None else len(labels)
+    if labels is None:
+        n = min(n, ROWS_PER_ENTRY * len(table))
+    inside = np.all((index >= 1) & (index <= n), axis=1)
+    if not inside.all():
+        bad = int(np.argmin(inside))
+        rule = f"must have row and column in 1..{n}" if n > 0 else "must have row and column from 1"
+        refuse(path, int(numbers[bad]), f"{rule}, got {index[bad, 0]}, {index[bad, 1]}")
+    return index[:, 0] - 1, index[:, 1] - 1, n

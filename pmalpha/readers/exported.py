@@ -1,0 +1,145 @@
+"""A matrix that another program wrote, with the labels of its rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from .._checks import listing, plain_array
+
+__all__ = ["ExportedMatrix"]
+
+
+@dataclass(frozen=True, eq=False)
+class ExportedMatrix:
+    """A square matrix from a file, and what its rows stand for.
+
+    Attributes
+    ----------
+    matrix : (n, n) csr_array
+        Row and column i belong to the same dof.
+    labels : (n, 2) ndarray of int
+        Node and component of each row, as the other program numbers them: components 1, 2, 3 are
+        displacements, 4, 5, 6 rotations; 0 where the file has none.
+    name : str
+        That of the matrix or of the file.
+
+    Examples
+    --------
+    >>> whole = ExportedMatrix(sp.csr_array([[2.0, -1.0], [-1.0, 1.0]]), [[7, 1], [9, 1]], "K")
+    >>> whole.rows([9]).tolist()
+    [1]
+    """
+
+    matrix: sp.csr_array
+    labels: Any
+    name: str = ""
+
+    def __post_init__(self):
+        labels = checked_labels(self.labels)
+        if self.matrix.shape != (len(labels), len(labels)):
+            raise ValueError(
+                f"labels must be as many as rows and columns, got {len(labels)} for a matrix of "
+                f"shape {self.matrix.shape}"
+            )
+        labels.setflags(write=False)
+        object.__setattr__(self, "labels", labels)
+
+    def __repr__(self) -> str:
+        return f"<ExportedMatrix {self.name!r}, {self.n} rows, {self.matrix.nnz} entries>"
+
+    @property
+    def n(self) -> int:
+        """How many rows there are."""
+        return len(self.labels)
+
+    def rows(self, nodes: Any, component: int | None = None) -> np.ndarray:
+        """Rows of nodes, in the order of the nodes: dofs for `tie`, loads and `reduce`.
+
+        Parameters
+        ----------
+        nodes : int or (k,) array of int
+            As the other program numbers them.
+        component : int, optional
+            One component of each node. Default: all that the matrix has.
+
+        Returns
+        -------
+        (m,) ndarray of int
+
+        Raises
+        ------
+        ValueError
+            For a node without such a row.
+
+        Examples
+        --------
+        >>> K = ExportedMatrix(sp.eye_array(4, format="csr"), [[7, 1], [7, 2], [9, 1], [9, 2]])
+        >>> K.rows([9, 7], 2).tolist(), K.rows(9).tolist()
+        ([3, 1], [2, 3])
+        """
+        wanted = np.atleast_1d(plain_array(nodes, "nodes"))
+        if wanted.ndim != 1 or wanted.dtype.kind not in "iu":
+            raise TypeError(f"nodes must be whole numbers, got {nodes!r}")
+        order = np.argsort(self.labels[:, 0], kind="stable")
+        of_rows = self.labels[order, 0]
+        first = np.searchsorted(of_rows, wanted, "left")
+        last = np.searchsorted(of_rows, wanted, "right")
+        found = [order[i:j] for i, j in zip(first, last)]
+        if component is not None:
+            found = [rows[self.labels[rows, 1] == component] for rows in found]
+        lost = [int(node) for node, rows in zip(wanted, found) if not rows.size]
+        if lost:
+            which = "a row" if component is None else f"a row of component {component}"
+            raise ValueError(f"nodes must have {which}, got {listing(lost)} without")
+        return np.concatenate([np.empty(0, dtype=np.int64), *found])
+
+    def arranged(self, labels: Any) -> ExportedMatrix:
+        """The matrix with rows for these labels, in this order; new rows are zero.
+
+        Programs leave out empty rows: a mass matrix may have fewer than the stiffness matrix.
+        ``M.arranged(K.labels)`` belongs to K row by row.
+
+        Parameters
+        ----------
+        labels : (m, 2) array_like of int
+            At least all labels that the matrix has.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For labels that are not pairs of whole numbers, repeated or missing.
+
+        Examples
+        --------
+        >>> mass = ExportedMatrix(sp.csr_array([[5.0]]), [[9, 1]])
+        >>> mass.arranged([[7, 1], [9, 1]]).matrix.toarray().tolist()
+        [[0.0, 0.0], [0.0, 5.0]]
+        """
+        wanted = checked_labels(labels)
+        place = {label: i for i, label in enumerate(map(tuple, wanted.tolist()))}
+        own = list(map(tuple, self.labels.tolist()))
+        lost = [label for label in own if label not in place]
+        if lost:
+            raise ValueError(f"labels must have all of the matrix, got none for {listing(lost)}")
+        to = np.array([place[label] for label in own], dtype=np.int64)
+        entries = self.matrix.tocoo()
+        n = len(wanted)
+        matrix = sp.coo_array((entries.data, (to[entries.row], to[entries.col])), shape=(n, n))
+        return ExportedMatrix(sp.csr_array(matrix), wanted, self.name)
+
+
+def checked_labels(value: Any) -> np.ndarray:
+    labels = plain_array(value, "labels")
+    if labels.dtype.kind not in "iu":
+        raise TypeError(f"labels must be whole numbers, got dtype {labels.dtype}")
+    if labels.ndim != 2 or labels.shape[1] != 2:
+        raise ValueError(f"labels must be pairs (node, component), got shape {labels.shape}")
+    unique, counts = np.unique(labels, axis=0, return_counts=True)
+    if len(unique) < len(labels):
+        twice = [tuple(label) for label in unique[counts > 1].tolist()]
+        raise ValueError(f"labels must be different, got {listing(twice)} more than once")
+    return labels.astype(np.int64)

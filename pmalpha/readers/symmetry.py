@@ -1,0 +1,105 @@
+"""By how much a matrix from a file is unsymmetric, and its symmetric part."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from .._checks import real_array, real_number
+
+__all__ = ["asymmetry", "symmetrized"]
+
+
+def asymmetry(A: Any) -> float:
+    """By how much a matrix is unsymmetric: the largest of |A_ij - A_ji| / sqrt(a_i a_j).
+
+    a_i = |A_ii|, so that units do not matter: rotations and displacements can stand in one matrix.
+    Where A_ii is 0, a_i is the largest magnitude in row and column i.
+
+    Parameters
+    ----------
+    A : (n, n) array or scipy.sparse matrix or array
+
+    Returns
+    -------
+    float
+        0 if A is symmetric.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For a matrix that is not real, square and finite.
+
+    Examples
+    --------
+    >>> from pmalpha.readers import asymmetry
+    >>> round(asymmetry([[4.0, 1.0], [1.5, 1.0]]), 6)  # 0.5 / sqrt(4 * 1)
+    0.25
+    """
+    return _worst_pair(_square(A))[0]
+
+
+def symmetrized(A: Any, tol: float) -> Any:
+    """(A + A^T) / 2, if A is symmetric but for this part of its entries.
+
+    `Subdomain` takes only matrices that are symmetric to rounding. A file with few digits, or a
+    follower load known to be small, is made so here by an explicit decision.
+
+    Parameters
+    ----------
+    A : (n, n) array or scipy.sparse matrix or array
+    tol : float
+        The largest `asymmetry` that is accepted, at least 0.
+
+    Returns
+    -------
+    (n, n) ndarray or csr_array
+
+    Raises
+    ------
+    TypeError, ValueError
+        For a matrix that is not real, square and finite, or less symmetric than tol.
+
+    Examples
+    --------
+    >>> from pmalpha.readers import symmetrized
+    >>> symmetrized([[4.0, 1.0], [1.0002, 1.0]], tol=1e-3).tolist()
+    [[4.0, 1.0001], [1.0001, 1.0]]
+    """
+    tol = real_number(tol, "tol", low=0.0)
+    A = _square(A)
+    worst, i, j = _worst_pair(A)
+    if worst > tol:
+        raise ValueError(
+            f"A must be symmetric up to tol = {tol:g}, got {worst:.3g}: {A[i, j]:g} at [{i}, {j}] "
+            f"and {A[j, i]:g} at [{j}, {i}]"
+        )
+    mean = (A + A.T) * 0.5
+    return sp.csr_array(mean) if sp.issparse(A) else mean
+
+
+def _square(value: Any) -> Any:
+    A = sp.csr_array(value) if sp.issparse(value) else real_array(value, "A", 2)
+    if A.shape[0] != A.shape[1]:
+        raise ValueError(f"A must be square, got shape {A.shape}")
+    if sp.issparse(A):
+        real_array(A.data, "the stored entries of A")
+    return A
+
+
+def _worst_pair(A: Any) -> tuple[float, int, int]:
+    """The largest |A_ij - A_ji| / sqrt(a_i a_j), and where it is."""
+    A = sp.csr_array(A)
+    skew = sp.coo_array(A - A.T)
+    rows, columns, values = skew.row, skew.col, np.abs(skew.data)
+    if not values.size or values.max() == 0.0:
+        return 0.0, 0, 0
+    largest = np.maximum(abs(A).max(axis=1).toarray(), abs(A).max(axis=0).toarray()).ravel()
+    size = np.sqrt(np.where(A.diagonal() == 0.0, largest, np.abs(A.diagonal())))
+    apart = values > 0.0
+    rows, columns, values = rows[apart], columns[apart], values[apart]
+    ratio = values / (size[rows] * size[columns])
+    worst = int(np.argmax(ratio))
+    return float(ratio[worst]), int(rows[worst]), int(columns[worst])

@@ -1,0 +1,1 @@
+"""What advances a coupled problem and keeps what came of it."""

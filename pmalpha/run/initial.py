@@ -1,0 +1,105 @@
+"""The initial values of a coupled problem, and the start from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from .._checks import vector
+from ..errors import InstabilityError
+from ..problem.subdomain import Subdomain
+from ..setup.constraint_rows import ConstraintRows
+from ..setup.part import Part
+from ..setup.start import InitialAccelerations
+from .keys import by_place
+from .loads import Loads
+from .motion import Motion, all_known, slopes_at_start, values_at_start
+
+
+class InitialValues:
+    """Displacements and velocities of all subdomains at t = 0.
+
+    Parameters
+    ----------
+    keys : sequence of (name, Subdomain)
+    rows : ConstraintRows
+    u0, v0 : dict, optional
+        Other values than those of the subdomains, by subdomain.
+
+    Attributes
+    ----------
+    values : list of (u, v), (n_i,) each, in the user's order
+    """
+
+    def __init__(
+        self,
+        keys: Sequence[tuple[str, Subdomain]],
+        rows: ConstraintRows,
+        u0: Mapping[Any, Any] | None = None,
+        v0: Mapping[Any, Any] | None = None,
+    ):
+        self.rows = rows
+        u, v = (_chosen(given, keys, name) for name, given in (("u0", u0), ("v0", v0)))
+        self.values = list(zip(u, v))
+
+    def check(self, motions: Sequence[Motion]) -> None:
+        """Against the constraints, as far as that needs no callable.
+
+        Raises
+        ------
+        ConstraintError
+            When the velocities violate a constraint.
+
+        Warns
+        -----
+        ConstraintWarning
+            When the displacements leave a gap.
+        """
+        if all_known(motions):
+            self._check_velocities(motions)
+        self.rows.warn_of_gaps([u for u, _ in self.values])
+
+    def _check_velocities(self, motions: Sequence[Motion]) -> None:
+        g = values_at_start(motions, self.rows.p)
+        self.rows.check_velocities([v for _, v in self.values], g)
+
+    def start(
+        self,
+        core: Any,
+        parts: Sequence[Part],
+        loads: Loads,
+        row_place: np.ndarray,
+        solver: InitialAccelerations | None,
+    ) -> InitialAccelerations:
+        """Consistent initial values (S1) in the core, which changes in the last lines only.
+
+        Returns the solver of the initial accelerations, made here if it is None.
+        """
+        p = self.rows.p
+        states = [(u[part.order], v[part.order]) for part, (u, v) in zip(parts, self.values)]
+        terms = loads.terms_at_start(states)
+        rows = np.argsort(row_place)
+        g = values_at_start(loads.motions, p)[rows]
+        slope = slopes_at_start(loads.motions, p)[rows]
+        if not all_known(loads.motions):
+            self._check_velocities(loads.motions)
+        solver = solver or InitialAccelerations(parts, p, rows)
+        accelerations, lam = solver.solve(terms, slope)
+        for part, w in zip(parts, accelerations):
+            if not np.all(np.isfinite(w)):
+                raise InstabilityError(0, 0.0, part.name)
+        for part, (u, v), w in zip(parts, states, accelerations):
+            part.core.start(u, v, w, lam)
+        core.start(0, lam, g)
+        return solver
+
+
+def _chosen(given: Any, keys: Sequence[tuple[str, Subdomain]], name: str) -> list[np.ndarray]:
+    """`u0` or `v0` of each subdomain: what was given, else its own."""
+    values = by_place(given, keys, name)
+    return [
+        vector(values[i], s.n, f"{name} of {key!r}") if i in values else getattr(s, name)
+        for i, (key, s) in enumerate(keys)
+    ]

@@ -1,0 +1,45 @@
+"""Subdomains of a coupler by name, by place or by themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..problem.subdomain import Subdomain
+
+
+def position(key: str | int | Subdomain, keys: Sequence[tuple[str, Subdomain | None]]) -> int:
+    """Place of a subdomain given by name, by itself or by its place; KeyError or IndexError."""
+    for i, (name, subdomain) in enumerate(keys):
+        if (isinstance(key, str) and key == name) or (key is subdomain and key is not None):
+            return i
+    if isinstance(key, (int, np.integer)) and not isinstance(key, bool):
+        if -len(keys) <= key < len(keys):
+            return int(key) % len(keys)
+        raise IndexError(f"there are {len(keys)} subdomains, got {key}")
+    names = ", ".join(repr(name) for name, _ in keys)
+    if isinstance(key, Subdomain) and any(subdomain is None for _, subdomain in keys):
+        raise KeyError(f"a History from a file has names and places only, got {key!r}; use {names}")
+    raise KeyError(f"no subdomain {key!r}; there are {names}")
+
+
+def by_place(
+    given: Mapping[Any, Any] | None, keys: Sequence[tuple[str, Any]], name: str
+) -> dict[int, Any]:
+    """Values by place of what a user gave by subdomain; ValueError for strangers and repeats."""
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise TypeError(f"{name} must be a dict by subdomain, got {given!r}")
+    found: dict[int, Any] = {}
+    for key, value in given.items():
+        try:
+            i = position(key, keys)
+        except LookupError as error:
+            raise ValueError(f"{name}: {error.args[0]}") from None
+        if i in found:
+            raise ValueError(f"{name} must not name a subdomain twice, got {keys[i][0]!r} twice")
+        found[i] = value
+    return found

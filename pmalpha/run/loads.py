@@ -1,0 +1,161 @@
+"""All loads of a coupler: forces on its subdomains, prescribed velocities, restoring forces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy import LowLevelCallable
+
+from ..errors import CallbackError
+from ..problem.forces import Force, core_load, is_callback
+from ..problem.restoring import is_function
+from ..setup.part import Part
+from ..setup.start import initial_terms
+from .callback import CallbackLoad
+from .clock import Clock
+from .motion import Motion, all_known
+
+
+class Loads:
+    """What acts on a coupled problem, and where it is evaluated.
+
+    The core evaluates constant and sampled loads and compiled functions. Python callables are
+    evaluated ahead of it, and what they returned is kept; so other loads, or another time, are
+    another object.
+
+    Parameters
+    ----------
+    core : the coupler of the core
+    parts : sequence of Part
+    clock : Clock
+    forces : sequence of Force
+        By place of the subdomain.
+    motions : sequence of Motion
+    """
+
+    def __init__(
+        self,
+        core: Any,
+        parts: Sequence[Part],
+        clock: Clock,
+        forces: Sequence[Force],
+        motions: Sequence[Motion],
+    ):
+        self.core, self.parts, self.clock = core, parts, clock
+        self.forces, self.motions = forces, [motion.renewed() for motion in motions]
+        self.callbacks = {
+            i: CallbackLoad(
+                force,
+                f"force of subdomain {part.name!r}",
+                part.order,
+                part.subdomain.substeps,
+                clock.dt,
+            )
+            for i, (part, force) in enumerate(zip(parts, forces))
+            if is_callback(force)
+        }
+
+    def renewed(self, forces: Sequence[Force] | None = None) -> Loads:
+        """These loads or others, with nothing kept of what callables returned."""
+        forces = self.forces if forces is None else forces
+        return Loads(self.core, self.parts, self.clock, forces, self.motions)
+
+    @property
+    def has_functions(self) -> bool:
+        """Whether there are functions of the user's, which only `run` and `step` may evaluate."""
+        return (
+            bool(self.callbacks)
+            or any(isinstance(force, LowLevelCallable) for force in self.forces)
+            or not all_known(self.motions)
+            or any(is_function(part.subdomain.restoring) for part in self.parts)
+        )
+
+    def to_core(self) -> None:
+        """Give the core all loads but those of callables, which `prepare` gives it."""
+        for i, (part, force) in enumerate(zip(self.parts, self.forces)):
+            if i not in self.callbacks:
+                part.core.set_load(core_load(force, part.order))
+        for i, motion in enumerate(self.motions):
+            if motion.known:
+                self.core.set_motion(i, core_load(motion.velocity, np.arange(motion.rows.size)))
+
+    # ---- ahead of the core -------------------------------------------------------------------
+
+    @property
+    def bytes_per_macro_step(self) -> int:
+        """What callables return for one macro step."""
+        return sum(callback.bytes_per_macro_step for callback in self._all_callbacks())
+
+    def prepare(self, begin: int, end: int) -> tuple[int, BaseException | None]:
+        """Evaluate the callables for the macro steps begin..end-1 and give the core the values.
+
+        Returns the macro step up to which all loads are there, and the exception that ended them
+        before `end`.
+        """
+        first_failure = None
+        for callback in self._all_callbacks():
+            end, failure = callback.prepare(begin, end)
+            first_failure = failure if failure is not None else first_failure
+        for i, callback in self.callbacks.items():
+            self.parts[i].core.set_load((callback.rows, callback.first))
+        for i, motion in enumerate(self.motions):
+            if motion.callback is not None:
+                self.core.set_motion(i, (motion.callback.rows, motion.callback.first))
+        return end, first_failure
+
+    def _all_callbacks(self) -> list[CallbackLoad]:
+        moved = [motion.callback for motion in self.motions if motion.callback is not None]
+        return [*self.callbacks.values(), *moved]
+
+    # ---- at one time, in elimination order ----------------------------------------------------
+
+    def at_start(self, i: int, step: int = 0) -> np.ndarray:
+        """F(0) of a subdomain; `step` is where the coupler is meanwhile."""
+        force, part = self.forces[i], self.parts[i]
+        if i in self.callbacks:
+            return self.callbacks[i].ask_near_start(0.0)
+        if force is None:
+            return np.zeros(part.n)
+        if isinstance(force, LowLevelCallable):
+            return self._values(part.core.force(0.0), "force", i, step)
+        return (force(0.0) if callable(force) else force)[part.order]
+
+    def at_present(self, i: int) -> np.ndarray:
+        """F of a subdomain where the coupler is."""
+        step, part = self.core.step_count, self.parts[i]
+        if step == 0:
+            return self.at_start(i)
+        if i in self.callbacks:
+            return self.callbacks[i].ask_again(step * part.subdomain.substeps)
+        force, t = self.forces[i], self.clock.time(step)
+        if force is None:
+            return np.zeros(part.n)
+        if isinstance(force, LowLevelCallable):
+            return self._values(part.core.force(t), "force", i, step)
+        return (force(t) if callable(force) else force)[part.order]
+
+    def terms_at_start(
+        self, states: Sequence[tuple[np.ndarray, np.ndarray]]
+    ) -> list[list[np.ndarray]]:
+        """For each subdomain the terms of r = F(0) - C v - K u - r(u, v, 0), equation (S1).
+
+        Parameters
+        ----------
+        states : for each subdomain (u, v), (n_i,) each
+        """
+        forces = [self.at_start(i) for i in range(len(self.parts))]
+        with np.errstate(over="ignore", invalid="ignore"):  # found in the accelerations
+            terms = [initial_terms(p, F, *x) for p, F, x in zip(self.parts, forces, states)]
+        for i, (part, (u, v)) in enumerate(zip(self.parts, states)):
+            if part.subdomain.restoring is not None:
+                r = self._values(part.core.restore(0.0, u, v), "restoring force", i, 0)
+                terms[i].append(-r)
+        return terms
+
+    def _values(self, values: np.ndarray | int, what: str, i: int, step: int) -> np.ndarray:
+        """What a compiled function wrote, unless it returned a code."""
+        if isinstance(values, int):
+            raise CallbackError(values, what, step, self.clock.time(step), self.parts[i].name)
+        return values

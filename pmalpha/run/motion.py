@@ -1,0 +1,93 @@
+"""Prescribed velocities of interface constraints, equation (G1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..problem.constraints import Constraint
+from ..problem.forces import Force, SampledForce, is_callback
+from ..setup.constraint_rows import ConstraintRows
+from .callback import CallbackLoad
+
+
+class Motion:
+    """The prescribed velocity of one constraint.
+
+    Parameters
+    ----------
+    velocity : array, SampledForce or callable
+    what : str
+        For messages, such as "velocity of constraint 0".
+    rows : array of int
+        Its rows among all constraints.
+    fine : int
+        Interface problems in a macro step.
+    dt : float
+        Macro step.
+    """
+
+    def __init__(self, velocity: Force, what: str, rows: np.ndarray, fine: int, dt: float):
+        self.velocity, self.what, self.rows, self.fine, self.dt = velocity, what, rows, fine, dt
+        self.known = not is_callback(velocity)
+        order = np.arange(rows.size)
+        self.callback = None if self.known else CallbackLoad(velocity, what, order, fine, dt)
+
+    def renewed(self) -> Motion:
+        """The same motion, with nothing kept of what a callable returned."""
+        return Motion(self.velocity, self.what, self.rows, self.fine, self.dt)
+
+    def at(self, t: float) -> np.ndarray:
+        """g(t) for the initial values."""
+        if isinstance(self.velocity, np.ndarray):
+            return self.velocity
+        if self.callback is not None:
+            return self.callback.ask_near_start(t)
+        return self.velocity(t)
+
+    def value(self) -> np.ndarray:
+        """g(0)"""
+        return self.at(0.0)
+
+    def slope(self) -> np.ndarray:
+        """g'(0)"""
+        if isinstance(self.velocity, SampledForce):
+            dt = self.velocity.dt
+            return (self.velocity(dt) - self.velocity(0.0)) / dt
+        if self.known:
+            return np.zeros(self.rows.size)
+        d = self.dt / self.fine / 16.0
+        return (4.0 * self.at(d) - 3.0 * self.at(0.0) - self.at(2.0 * d)) / (2.0 * d)
+
+
+def motions_of(
+    constraints: Sequence[Constraint], rows: ConstraintRows, fine: int, dt: float
+) -> list[Motion]:
+    """The prescribed velocities of those constraints that have one."""
+    return [
+        Motion(c.velocity, f"velocity of constraint {i}", rows.of(i), fine, dt)
+        for i, c in enumerate(constraints)
+        if c.velocity is not None
+    ]
+
+
+def all_known(motions: Sequence[Motion]) -> bool:
+    """Whether no prescribed velocity is a callable, which only `run` and `step` may evaluate."""
+    return all(motion.known for motion in motions)
+
+
+def values_at_start(motions: Sequence[Motion], p: int) -> np.ndarray:
+    """g(0), (p,), in the user's order of rows; 0 where nothing is prescribed."""
+    g = np.zeros(p)
+    for motion in motions:
+        g[motion.rows] = motion.value()
+    return g
+
+
+def slopes_at_start(motions: Sequence[Motion], p: int) -> np.ndarray:
+    """g'(0), (p,), likewise."""
+    slopes = np.zeros(p)
+    for motion in motions:
+        slopes[motion.rows] = motion.slope()
+    return slopes

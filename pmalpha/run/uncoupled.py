@@ -1,0 +1,45 @@
+"""One uncoupled subdomain."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..problem.subdomain import Subdomain
+from .coupler import Coupler
+from .history import SubdomainHistory
+
+__all__ = ["solve"]
+
+
+def solve(
+    subdomain: Subdomain,
+    dt: float,
+    t_end: float | None = None,
+    *,
+    threads: int | None = None,
+    **as_run: Any,
+) -> SubdomainHistory:
+    """One uncoupled subdomain, with the same schemes and the same core.
+
+    Parameters
+    ----------
+    subdomain : Subdomain
+        Its own step is dt / substeps.
+    dt : float
+        As for `Coupler`.
+    t_end, **as_run
+        As for `Coupler.run`.
+    threads : int, optional
+        As for `Coupler`.
+
+    Returns
+    -------
+    SubdomainHistory
+
+    Examples
+    --------
+    >>> oscillator = Subdomain([1.0], [4.0], scheme=Newmark(), u0=[1.0])
+    >>> float(np.round(solve(oscillator, dt=0.001, t_end=1.0).u[-1, 0], 4))
+    -0.4161
+    """
+    return Coupler([subdomain], dt=dt, threads=threads).run(t_end, **as_run)[0]

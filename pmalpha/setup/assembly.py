@@ -1,0 +1,133 @@
+"""What happens when a `Coupler` is made, in its order: the table in docs/architecture.md."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from .. import _core
+from ..problem.subdomain import Subdomain
+from .factors import Factor
+from .interface import interface_factor, interface_matrix, row_order
+from .macro import prepare, warn_of_resonance
+from .part import Part, build, make_part, warn_of_factor
+from .stability import warn_if_above_critical
+from .start import InitialAccelerations
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A coupled problem that is ready for its initial values.
+
+    Attributes
+    ----------
+    parts : tuple of Part
+        The subdomains in elimination order, each with its object of the core.
+    row_place : (p,) array of int
+        Place of each constraint row in the core's order.
+    accelerations : InitialAccelerations
+    core : the coupler of the core
+    """
+
+    parts: tuple[Part, ...]
+    row_place: np.ndarray
+    accelerations: InitialAccelerations
+    core: Any
+
+
+def assemble(
+    keys: Sequence[tuple[str, Subdomain]],
+    matrices: Sequence[sp.csc_array],
+    doubles: Sequence[bool],
+    prescribed: Sequence[np.ndarray],
+    *,
+    dt: float,
+    coupling: str,
+    start: str,
+    threads: tuple[int, bool],
+    factorize: Any,
+) -> Assembly:
+    """Order, factor and couple subdomains.
+
+    Parameters
+    ----------
+    keys : sequence of (name, Subdomain)
+    matrices : sequence of (p, n_i) csc_array
+        L_i, independent rows, in the user's order.
+    doubles : sequence of bool
+        Which subdomains take double steps.
+    prescribed : sequence of arrays of int
+        The rows of each prescribed velocity.
+    dt, coupling, start, factorize
+        As for `Coupler`.
+    threads : (int, bool)
+        Maximum number of threads, and whether to use only as many as are worthwhile.
+    """
+    macro, superlu = coupling == "macro", factorize == "superlu"
+    p = matrices[0].shape[0]
+
+    # elimination order of each subdomain, and of the rows
+    parts = _ordered(keys, matrices, doubles, dt, macro, factorize)
+    rows = row_order(parts, p)
+    place = np.argsort(rows)
+
+    # Mbar = R D R^T
+    for part in parts:
+        part.reorder(place)
+        build(part)
+    if macro:
+        prepare(parts)  # unit responses
+
+    # H = sum_i al2_i L_i Mbar_i^-1 L_i^T, and its factor
+    H, H_start = _interface_factors(parts, rows, place, superlu)
+
+    # M = R D R^T, for the initial accelerations
+    accelerations = InitialAccelerations(parts, p, rows)
+
+    motions = tuple(place[r] for r in prescribed)
+    cores = tuple(part.core for part in parts)
+    core = _core.Coupler(cores, p, H_start, H, dt, start == "rebased", motions, *threads, macro)
+
+    # explicit steps above their limit
+    for part in parts:
+        step = (2.0 if part.double else 1.0) * part.h
+        warn_if_above_critical(part.subdomain, step, part.name)
+    return Assembly(parts, place, accelerations, core)
+
+
+def _ordered(
+    keys: Sequence[tuple[str, Subdomain]],
+    matrices: Sequence[sp.csc_array],
+    doubles: Sequence[bool],
+    dt: float,
+    macro: bool,
+    factorize: Any,
+) -> tuple[Part, ...]:
+    """Every subdomain in its elimination order, with a warning for those whose factor is large."""
+    parts = tuple(
+        make_part(s, name, double, dt / s.substeps, L, factorize, ramped=macro and s.substeps > 1)
+        for (name, s), L, double in zip(keys, matrices, doubles)
+    )
+    for part in parts:
+        warn_of_factor(part)
+    return parts
+
+
+def _interface_factors(
+    parts: Sequence[Part], rows: np.ndarray, place: np.ndarray, superlu: bool
+) -> tuple[Factor, Factor]:
+    """The factors of H, and of H of the first macro step, in which all subdomains are single."""
+    matrix = interface_matrix(parts, rows.size, start=False)
+    H = interface_factor(matrix, rows, superlu=superlu)
+    warn_of_resonance(matrix, H, parts, place)
+    H_start = H
+    if any(part.double for part in parts):
+        matrix = interface_matrix(parts, rows.size, start=True)
+        H_start = interface_factor(matrix, rows, superlu=superlu)
+    for part in parts:
+        part.blocks.clear()
+    return H, H_start

@@ -1,0 +1,96 @@
+"""Blocks of the interface matrix: the compliance of one subdomain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpotri
+
+from ..blas import one_thread
+from ..memory import require
+from .factors import Factor, interface_block
+from .paths import compliance_along_paths
+
+
+def conditions_of(L: sp.csc_array) -> np.ndarray:
+    """The rows of L that have an entry."""
+    return np.unique(L.indices).astype(np.int64)
+
+
+def own_rows(L: sp.csc_array) -> tuple[np.ndarray, sp.csr_array]:
+    """The rows of L that have an entry, and L without the others."""
+    rows, local = np.unique(L.indices, return_inverse=True)
+    own = sp.csc_array((L.data, local.reshape(-1), L.indptr), shape=(rows.size, L.shape[1]))
+    return rows.astype(np.int64), sp.csr_array(own)
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of H.
+
+    Attributes
+    ----------
+    rows : (k,) array of int
+        The conditions it stands on.
+    values : (k, k) array or csr_array
+    """
+
+    rows: np.ndarray
+    values: np.ndarray | sp.csr_array
+
+    @property
+    def is_dense(self) -> bool:
+        return not sp.issparse(self.values)
+
+    def entries(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(values, rows, columns) of its entries in H."""
+        rows = self.rows.astype(np.int32)
+        if self.is_dense:
+            return self.values.ravel(), np.repeat(rows, rows.size), np.tile(rows, rows.size)
+        own = sp.coo_array(self.values)
+        return own.data, rows[own.row], rows[own.col]
+
+
+def diagonal_compliance(inverse: np.ndarray, L: sp.csc_array) -> Block:
+    """L A^-1 L^T of a diagonal A, from the reciprocals of its entries."""
+    rows, own = own_rows(L)
+    return Block(rows, sp.csr_array(own @ sp.diags_array(inverse) @ own.T))
+
+
+def compliance(factor: Factor, L: sp.csc_array, nb: int, name: str) -> Block:
+    """L A^-1 L^T = L_b S^-1 L_b^T on the conditions of L, from the factor of A."""
+    rows, own = own_rows(L[:, L.shape[1] - nb :])
+    if not rows.size:
+        return Block(rows, np.zeros((0, 0)))
+    size = 8.0 * (3.0 * rows.size**2 + 4.0 * nb * max(nb, rows.size))
+    require(size, f"the interface matrix of {rows.size} conditions of {name!r}")
+    inverse, R = factor
+    if isinstance(R, tuple) and len(R) == 7:
+        block = compliance_along_paths(inverse, R, own)
+    else:
+        block = _compliance_of_last(inverse[inverse.size - nb :], interface_block(factor, nb), own)
+    return Block(rows, 0.5 * (block + block.T))  # symmetric but for rounding
+
+
+def _compliance_of_last(inverse: np.ndarray, R_bb: np.ndarray, L_b: sp.csr_array) -> np.ndarray:
+    """L_b S^-1 L_b^T, S = R_bb D_b R_bb^T, (F6).
+
+    S^-1 as a whole takes a third of the work of nb solutions, of which few conditions need fewer.
+    """
+    few = 3 * L_b.shape[0] < inverse.size
+    with one_thread():
+        if few:
+            X = solve_triangular(
+                R_bb, L_b.toarray().T, lower=True, unit_diagonal=True, overwrite_b=True
+            )
+            return X.T @ (inverse[:, None] * X)
+        root = 1.0 / np.sqrt(inverse)
+        G = np.asfortranarray(R_bb * root)
+        np.fill_diagonal(G, root)
+        half, _ = dpotri(G, lower=True, overwrite_c=True)
+    whole = np.tril(half)
+    whole += np.tril(half, k=-1).T
+    return L_b @ np.ascontiguousarray((L_b @ whole).T)

@@ -1,0 +1,117 @@
+"""The rows of all constraints of a coupler, one below another: sum_i L_i v_i = g(t)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from .._checks import listing
+from ..errors import ConstraintError, ConstraintWarning, warn
+from ..problem.constraints import Constraint
+from ..problem.subdomain import Subdomain
+from .rank import require_independent
+
+# Initial velocities satisfy a constraint up to this part of its terms: what rounding leaves of
+# velocities that were computed.
+ROUNDING = 1e-9
+
+
+class ConstraintRows:
+    """The stacked constraints of a coupler, equation (2), in the user's order of rows and dofs.
+
+    Parameters
+    ----------
+    constraints : sequence of Constraint
+    subdomains : sequence of Subdomain
+
+    Attributes
+    ----------
+    p : int
+        Number of rows.
+    matrices : list of (p, n_i) csc_array
+        L_i of every subdomain; by columns, since most rows have no entry in it.
+
+    Raises
+    ------
+    ConstraintError
+        When the rows depend on one another.
+    """
+
+    def __init__(self, constraints: Sequence[Constraint], subdomains: Sequence[Subdomain]):
+        self.starts = np.cumsum([0] + [c.p for c in constraints])
+        self.p = int(self.starts[-1])
+        self.matrices = self._stacked(constraints, subdomains)
+        if constraints:
+            require_independent(sp.csr_array(sp.hstack(self.matrices)), self.name)
+        self._sizes = np.zeros(self.p)  # the largest entry of each row
+        for L in self.matrices:
+            np.maximum.at(self._sizes, L.indices, np.abs(L.data))
+
+    def _stacked(
+        self, constraints: Sequence[Constraint], subdomains: Sequence[Subdomain]
+    ) -> list[sp.csc_array]:
+        pieces: dict[Subdomain, list[Any]] = {s: [] for s in subdomains}
+        for c, first in zip(constraints, self.starts):
+            for s, L in c.matrices.items():
+                own = sp.coo_array(L)
+                pieces[s].append((own.data, own.row + first, own.col))
+        return [_joined(pieces[s], (self.p, s.n)) for s in subdomains]
+
+    def of(self, i: int) -> np.ndarray:
+        """The rows of constraint i."""
+        return np.arange(self.starts[i], self.starts[i + 1])
+
+    def name(self, row: int) -> str:
+        """What messages call a row."""
+        if len(self.starts) <= 2:
+            return str(row)
+        c = int(np.searchsorted(self.starts, row, side="right")) - 1
+        return f"{row} (row {row - self.starts[c]} of constraint {c})"
+
+    def check_velocities(self, velocities: Sequence[np.ndarray], g: np.ndarray) -> None:
+        """ConstraintError unless sum L_i v_i = g at t = 0."""
+        rows, gaps = self._violated(velocities, g)
+        if rows.size:
+            amounts = [f"{self.name(int(r))} by {x:g}" for r, x in zip(rows, gaps)]
+            raise ConstraintError(
+                f"the initial velocities v0 break the interface conditions, rows {listing(amounts)}"
+            )
+
+    def warn_of_gaps(self, displacements: Sequence[np.ndarray]) -> None:
+        """ConstraintWarning unless sum L_i u_i = 0 at t = 0."""
+        rows, gaps = self._violated(displacements, 0.0)
+        if rows.size:
+            amounts = [f"{self.name(int(r))}: {x:g}" for r, x in zip(rows, gaps)]
+            warn(
+                f"the initial displacements leave a gap, which stays for ever, in rows "
+                f"{listing(amounts)}",
+                ConstraintWarning,
+            )
+
+    def _violated(
+        self, values: Sequence[np.ndarray], g: np.ndarray | float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The rows in which sum L_i x_i is not g but for rounding, and by how much it is not.
+
+        Rows are compared with their largest entry divided out, since a constraint times a number
+        is the same constraint.
+        """
+        pairs = [(L, x) for L, x in zip(self.matrices, values) if x.any()]
+        if not pairs and not np.any(g):
+            return np.empty(0, dtype=np.int64), np.empty(0)
+        jump = sum((L @ x for L, x in pairs), np.zeros(self.p)) - g
+        size = sum((abs(L) @ np.abs(x) for L, x in pairs), np.zeros(self.p)) + np.abs(g)
+        largest = np.max(size / self._sizes, initial=0.0)
+        rows = np.flatnonzero(np.abs(jump) / self._sizes > ROUNDING * largest)
+        return rows, jump[rows]
+
+
+def _joined(pieces: Sequence[Any], shape: tuple[int, int]) -> sp.csc_array:
+    """One matrix from entries (values, rows, columns) of several."""
+    if not pieces:
+        return sp.csc_array(shape)
+    values, rows, columns = (np.concatenate(x) for x in zip(*pieces))
+    return sp.csc_array((values, (rows, columns)), shape=shape)

@@ -1,0 +1,105 @@
+"""The interface matrix H, the order of its rows, and its factor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..memory import require
+from ..problem.matrices import Matrix, dense
+from .compliance import Block, conditions_of, diagonal_compliance
+from .factors import Factor, Names, factorize
+from .ordering import elimination_order, graph_of
+from .part import Part
+
+# An interface matrix with more than this share of entries is factored as a dense one.
+DENSE_SHARE = 0.1
+
+
+def row_order(parts: Sequence[Part], p: int) -> np.ndarray:
+    """The order of the multipliers in which the interface matrix fills little."""
+    diagonal = [part.diagonal_mbar(part.h) is not None and not part.ramped for part in parts]
+    members = [conditions_of(part.L) for part in parts]
+    blocks = sum(float(m.size) ** 2 for m, plain in zip(members, diagonal) if not plain)
+    if blocks > DENSE_SHARE * p**2:
+        return np.arange(p)  # these blocks alone make the matrix dense
+    require(40.0 * blocks, f"the pattern of the interface matrix of {p} conditions")
+    graphs = []
+    for part, rows, plain in zip(parts, members, diagonal):
+        if plain:
+            graphs.append(diagonal_compliance(np.ones(part.n), abs(part.L).sign()))
+        else:
+            graphs.append(Block(rows, np.ones((rows.size, rows.size))))
+    return elimination_order(p, graph_of([total(graphs, p)]), np.arange(0))
+
+
+def interface_matrix(parts: Sequence[Part], p: int, *, start: bool, mean: bool = False) -> Matrix:
+    """H = sum_i al2_i L_i Mbar_i^-1 L_i^T, equations (18) and (F6); of ramped parts (M4).
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        With their factors.
+    p : int
+        Number of conditions.
+    start : bool
+        Everybody single, as in the first macro step.
+    mean : bool
+        Of ramped parts the mean inside the macro step instead of what is at its end.
+    """
+    blocks = []
+    for part in parts:
+        if part.response is not None:
+            blocks.append(part.response[1 if mean else 0])
+            continue
+        blocks.append(part.block(part.double and not start))
+    return summed(blocks, p)
+
+
+def total(blocks: Sequence[Block], p: int) -> sp.csr_array:
+    """The sum of blocks as a (p, p) matrix, in one pass."""
+    values, rows, columns = (np.concatenate(x) for x in zip(*(b.entries() for b in blocks)))
+    H = sp.csr_array((values, (rows, columns)), shape=(p, p))
+    H.sort_indices()
+    return H
+
+
+def summed(blocks: Sequence[Block], p: int) -> Matrix:
+    """The sum of the subdomains' blocks of H, in the form in which it is best factored."""
+    if p == 0:
+        return None
+    largest = max((b.rows.size for b in blocks if b.is_dense), default=0)
+    if largest**2 > DENSE_SHARE * p**2:
+        return _dense_sum(blocks, p)
+    H = total(blocks, p)
+    if H.nnz == np.count_nonzero(H.diagonal()):
+        return H.diagonal()
+    return dense(H) if H.nnz > DENSE_SHARE * p * p else H
+
+
+def _dense_sum(blocks: Sequence[Block], p: int) -> Matrix:
+    """The sum where one block alone makes it dense."""
+    if p == 1:
+        return total(blocks, p).diagonal()
+    require(8.0 * p**2, f"the interface matrix of {p} conditions")
+    H = np.zeros((p, p))
+    for block in blocks:
+        if not block.is_dense:
+            values, rows, columns = block.entries()
+            H[rows, columns] += values
+        elif block.rows.size == p:
+            H += block.values
+        else:
+            H[np.ix_(block.rows, block.rows)] += block.values
+    return H
+
+
+def interface_factor(
+    H: Matrix, rows: np.ndarray, what: str = "the interface matrix H", *, superlu: bool = False
+) -> Factor:
+    """The factor of H; without conditions an empty one. `rows` are the conditions in its order."""
+    if H is None:
+        return np.empty(0), None
+    return factorize(H, Names(what, rows), superlu=superlu)

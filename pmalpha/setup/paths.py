@@ -1,0 +1,131 @@
+"""Factors in the ordinary order, with an interface anywhere in it, (F7) to (F9).
+
+The unknowns of the interface and all that lie above them in the elimination tree are the paths.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg.blas import dtrsm
+
+from ..blas import one_thread
+
+# Columns of L^T that are swept together: a panel is read once for all of them.
+BLOCK = 128
+
+
+@dataclass(frozen=True)
+class Paths:
+    """Where the unknowns of a subdomain stand in its ordinary order of elimination.
+
+    Attributes
+    ----------
+    place : (n,) array of int
+        Place in the ordinary order of each dof in the subdomain's order, those of the interface
+        last.
+    supernodes : array of int
+        Of the interface and all above them, ascending.
+    entries : int
+        Of the factor on the paths.
+    """
+
+    place: np.ndarray
+    supernodes: np.ndarray
+    entries: int
+
+
+def paths_to(structure: tuple, place: np.ndarray, nb: int) -> Paths:
+    """The paths of the last nb unknowns for (first, row_ptr, rows, start, owner)."""
+    first, row_ptr, rows, start, owner = structure
+    on_path = np.zeros(first.size - 1, dtype=bool)
+    on_path[owner[place[place.size - nb :]]] = True
+    above = np.full(first.size - 1, -1)
+    has_rows = np.diff(row_ptr) > 0
+    above[has_rows] = owner[rows[row_ptr[:-1][has_rows]]]
+    for s in np.flatnonzero(has_rows):  # what is above has a higher number
+        if on_path[s]:
+            on_path[above[s]] = True
+    supernodes = np.flatnonzero(on_path).astype(np.int64)
+    return Paths(place, supernodes, int(np.sum(np.diff(start)[supernodes])))
+
+
+def compliance_along_paths(inverse: np.ndarray, R: tuple, L_b: sp.csr_array) -> np.ndarray:
+    """L_b (A^-1)_bb L_b^T, (rows, rows), by sweeps of blocks of columns along the paths.
+
+    Parameters
+    ----------
+    inverse, R : the factor, R = (first, row_ptr, rows, start, values, place, supernodes)
+    L_b : (rows, nb) csr_array
+        Every row has an entry.
+
+    Rows are taken in the order in which elimination reaches them, so that a block needs no column
+    before its first one; what is left of it follows by symmetry.
+    """
+    steps = _Steps(inverse, R)
+    space = np.empty(steps.size * min(BLOCK, L_b.shape[0]))
+    place = steps.local[R[5][R[5].size - L_b.shape[1] :]]  # of the interface dofs, on the paths
+    reached = np.minimum.reduceat(place[L_b.indices], L_b.indptr[:-1])
+    order = np.argsort(reached, kind="stable")
+    L_b = sp.csr_array(L_b[order])
+    swept = sp.csr_array((L_b.data, place[L_b.indices], L_b.indptr), (L_b.shape[0], steps.size))
+    block = np.empty((order.size, order.size))
+    with one_thread():
+        for begin in range(0, order.size, BLOCK):
+            own = slice(begin, min(begin + BLOCK, order.size))
+            entries = sp.coo_array(swept[own])
+            X = space[: steps.size * entries.shape[0]].reshape(steps.size, -1)
+            X[:] = 0.0
+            X[entries.col, entries.row] = entries.data
+            steps.solve(X, int(reached[order[begin]]))
+            block[begin:, own] = swept[begin:] @ X
+            block[own, begin:] = block[begin:, own].T
+    back = np.argsort(order)
+    return block[np.ix_(back, back)]
+
+
+class _Steps:
+    """The supernodes on the paths, with their unknowns numbered along these."""
+
+    def __init__(self, inverse: np.ndarray, R: tuple):
+        first, row_ptr, rows, start, values, place, supernodes = R
+        widths = np.diff(first)[supernodes]
+        self.size = int(widths.sum())
+        self.begins = np.cumsum(np.concatenate([[0], widths]))
+        self.local = np.full(place.size, -1)
+        own = np.arange(self.size) + np.repeat(first[supernodes] - self.begins[:-1], widths)
+        self.local[own] = np.arange(self.size)
+        self.inverse = inverse[own][:, None]
+        panels = [
+            values[start[s] : start[s + 1]].reshape(first[s + 1] - first[s], -1).T
+            for s in supernodes
+        ]
+        self.tops = [np.asfortranarray(panel[:width]) for panel, width in zip(panels, widths)]
+        self.below = [panel[width:] for panel, width in zip(panels, widths)]
+        self.rows = [self.local[rows[row_ptr[s] : row_ptr[s + 1]]] for s in supernodes]
+
+    def solve(self, X: np.ndarray, reached: int) -> None:
+        """X (size, k) := R^-T D^-1 R^-1 X on the paths, zero before unknown `reached`.
+
+        What is before is not touched, and so not the solution.
+        """
+        first = int(np.searchsorted(self.begins, reached, side="right")) - 1
+        steps = range(first, len(self.rows))
+        for k in steps:
+            own = X[self.begins[k] : self.begins[k + 1]]
+            self._solve_top(k, own, transposed=False)
+            X[self.rows[k]] -= self.below[k] @ own
+        for k in reversed(steps):
+            here = slice(self.begins[k], self.begins[k + 1])
+            own = X[here]
+            own *= self.inverse[here]
+            own -= self.below[k].T @ X[self.rows[k]]
+            self._solve_top(k, own, transposed=True)
+
+    def _solve_top(self, k: int, own: np.ndarray, *, transposed: bool) -> None:
+        """own := R_kk^-1 own, or R_kk^-T own, in place: BLAS sees the transpose of own."""
+        if own.shape[0] > 1:
+            options = dict(side=1, lower=1, trans_a=not transposed, diag=1, overwrite_b=1)
+            dtrsm(1.0, self.tops[k], own.T, **options)

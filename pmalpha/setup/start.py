@@ -1,0 +1,227 @@
+"""Consistent initial accelerations and multipliers, equations (S1).
+
+    M_i w_i = r_i + L_i^T Lam,    sum_i L_i w_i = g'(0),    r_i = F_i(0) - C_i v_i - K_i u_i
+
+This has the form of one coupled step: with C = K = 0, al2 = 1 and r as load, the free problem is
+M wf = r, the interface problem H Lam = - sum L wf with H = sum L M^-1 L^T, and the link problem
+adds M^-1 L^T Lam. So a step of the core solves it.
+
+Dofs without mass stay out of M: a one on the diagonal stands for them, and no load or condition
+reaches it, so that w = 0 where nothing determines it. Their own equation, 0 = r + L^T Lam, and the
+acceleration that a tie gives them join the interface problem.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import lsmr, splu
+
+from .. import _core
+from .._checks import listing
+from ..blas import one_thread
+from ..errors import ConstraintWarning, InstabilityError, warn
+from ..problem.matrices import combination, product
+from ..problem.schemes import Scheme
+from .compliance import Block, compliance, diagonal_compliance
+from .interface import interface_factor, summed, total
+from .part import Part, core_subdomain
+
+# A step of length 1 with al1 = 0 and al2 = 1.
+UNIT_STEP = Scheme(am=0.0, af=0.0, beta=0.0, gamma=1.0, explicit=True)
+# Equations without mass hold at t = 0 up to the rounding of what was given, relative to its terms.
+RESIDUAL = 1e-8
+
+
+class InitialAccelerations:
+    """Solves (S1) for any right-hand side; what is factored is factored once.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+    p : int
+        Number of conditions.
+    rows : (p,) array of int
+        Their numbers, in the order of the multipliers.
+
+    Raises
+    ------
+    FactorizationError
+        When a mass matrix is singular in another way than by zero rows.
+    """
+
+    def __init__(self, parts: Sequence[Part], p: int, rows: np.ndarray):
+        self.parts = parts
+        self.masses = [_Mass(part) for part in parts]
+        blocks = [m.compliance() for m in self.masses]
+        self.bare = sp.csr_array(sp.hstack([m.bare for m in self.masses])) if p else None
+        H = None
+        if self.ties_without_mass:
+            self.tied = np.unique(self.bare.indices)
+            self.saddle = _Saddle(total(blocks, p), self.bare[:, self.tied])
+            p = 0  # the conditions are the saddle's; the core solves for M alone
+        else:
+            H = summed(blocks, p)
+        self.cores = [m.core(linked=not self.ties_without_mass) for m in self.masses]
+        self.p = p
+        factor = interface_factor(H, rows, "the interface matrix of the initial accelerations")
+        everywhere = (np.arange(p),)
+        self.coupler = _core.Coupler(tuple(self.cores), p, factor, factor, 1.0, False, everywhere)
+
+    @property
+    def ties_without_mass(self) -> bool:
+        return self.bare is not None and self.bare.nnz > 0
+
+    def solve(
+        self, terms: Sequence[Sequence[np.ndarray]], g: np.ndarray
+    ) -> tuple[list[np.ndarray], np.ndarray]:
+        """w_i and Lam for the terms of r_i, in elimination order.
+
+        Parameters
+        ----------
+        terms : for each part the (n_i,) arrays F(0), -C v, -K u
+        g : (p,) array
+            Derivative of the prescribed velocities.
+
+        Returns
+        -------
+        w : list of (n_i,) arrays
+        lam : (p,) array
+
+        Warns
+        -----
+        ConstraintWarning
+            When the equation of a dof without mass does not hold at t = 0.
+        """
+        r = [sum(t) for t in terms]
+        if self.ties_without_mass:
+            w, lam = self._solve_without_mass(r, g)
+        else:
+            w, lam = self._step(r, g)
+        sizes = [sum(np.abs(term) for term in own) for own in terms]
+        size = max(np.max(own, initial=0.0) for own in sizes)
+        for mass, own in zip(self.masses, r):
+            mass.check_equations(own, lam, size)
+        return w, lam
+
+    def _step(self, r: Sequence[np.ndarray], g: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
+        """M w = r + L^T Lam by one step of the core, from rest."""
+        lam = np.zeros(self.p)
+        for mass, core, load in zip(self.masses, self.cores, r):
+            load = load.copy()
+            load[mass.massless] = 0.0
+            zero = np.zeros(load.size)
+            core.start(zero, zero, zero, lam)
+            core.set_load(load)
+        self.coupler.set_motion(0, g)
+        self.coupler.start(0, lam, lam)
+        unstable = self.coupler.advance(1, None)
+        if unstable is not None:
+            names = [part.name for part in self.parts] + ["interface"]
+            raise InstabilityError(0, 0.0, names[unstable])
+        return [core.state()[2] for core in self.cores], self.coupler.multipliers
+
+    def _solve_without_mass(
+        self, r: Sequence[np.ndarray], g: np.ndarray
+    ) -> tuple[list[np.ndarray], np.ndarray]:
+        """The interface problem with the tied dofs that have no mass:
+
+        [H   B] [Lam]   [g - sum L wf]
+        [B^T 0] [w_m] = [- r_m       ]      B: the columns of L of these dofs
+        """
+        no_rows = np.empty(0)
+        wf, _ = self._step(r, no_rows)
+        free = sum(m.linked @ w for m, w in zip(self.masses, wf))
+        r_m = np.concatenate([own[m.massless] for m, own in zip(self.masses, r)])
+        p, tied = g.size, self.tied
+        answer = self.saddle.solve(np.concatenate([g - free, -r_m[tied]]))
+        lam, w_m = answer[:p], np.zeros(r_m.size)
+        w_m[tied] = answer[p:]
+        w, _ = self._step([own + m.linked.T @ lam for m, own in zip(self.masses, r)], no_rows)
+        starts = np.cumsum([0] + [m.massless.size for m in self.masses])
+        for mass, own, begin, end in zip(self.masses, w, starts[:-1], starts[1:]):
+            own[mass.massless] = w_m[begin:end]
+        return w, lam
+
+
+class _Mass:
+    """The mass matrix of a part, with its dofs without mass set apart."""
+
+    def __init__(self, part: Part):
+        self.part = part
+        self.massless = np.flatnonzero(np.isin(part.order, part.subdomain.massless))
+        stand_in = np.zeros(part.n)
+        stand_in[self.massless] = 1.0
+        matrix = part.M
+        if self.massless.size:
+            matrix = combination([(1.0, part.M), (1.0, stand_in)])
+        self.diagonal = matrix if matrix.ndim == 1 else None
+        factor = part.mass_factor
+        if factor is None:
+            factor = part.factor(matrix, f"M of subdomain {part.name!r}")
+        self.operator = (1.0, *factor)
+        self.linked = part.L
+        if self.massless.size:
+            self.linked = sp.csc_array(part.L @ sp.diags_array(1.0 - stand_in))
+        self.bare = part.L[:, self.massless]
+
+    def core(self, *, linked: bool) -> Any:
+        L = self.linked if linked else sp.csc_array((0, self.part.n))
+        return core_subdomain(self.part, UNIT_STEP, L, self.operator)
+
+    def compliance(self) -> Block:
+        """L M^-1 L^T"""
+        if self.diagonal is not None:
+            return diagonal_compliance(1.0 / self.diagonal, self.linked)
+        return compliance(self.operator[1:], self.linked, self.part.nb, self.part.name)
+
+    def check_equations(self, r: np.ndarray, lam: np.ndarray, size: float) -> None:
+        """Warn when 0 = r + L^T Lam does not hold, with forces of this size about."""
+        if not self.massless.size:
+            return
+        left = np.abs(r + self.part.L.T @ lam)[self.massless]
+        broken = self.massless[left > RESIDUAL * size]
+        if broken.size:
+            dofs = np.sort(self.part.order[broken])
+            warn(
+                f"dofs {listing(dofs)} of subdomain {self.part.name!r} have no mass, and their "
+                f"equation does not hold at t = 0: {np.max(left):g} is left of forces up to "
+                f"{size:g}; the first steps will jump to where it does",
+                ConstraintWarning,
+            )
+
+
+def initial_terms(part: Part, F: np.ndarray, u: np.ndarray, v: np.ndarray) -> list[np.ndarray]:
+    """F(0), -C v and -K u, all in elimination order."""
+    return [F, -product(part.C, v), -product(part.K, u)]
+
+
+class _Saddle:
+    """[[H, B], [B^T, 0]] x = right; the shortest x where the matrix is singular."""
+
+    def __init__(self, H: sp.csr_array, B: sp.csr_array):
+        matrix = sp.csc_array(sp.block_array([[H, B], [B.T, None]]))
+        # other units of mass scale H, not B: bring both to the same size, by a power of two
+        size = np.max(np.abs(H.data), initial=0.0)
+        s = 2.0 ** np.round(np.log2(size) / 2.0) if size > 0.0 else 1.0
+        self.scale = np.concatenate([np.full(H.shape[0], 1.0 / s), np.full(B.shape[1], s)])
+        scale = sp.diags_array(self.scale)
+        self.matrix = sp.csc_array(scale @ matrix @ scale)
+        try:
+            with one_thread():
+                self.lu = splu(self.matrix)
+        except RuntimeError:  # two dofs without mass tied to each other share their acceleration
+            self.lu = None
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        goal = self.scale * right
+        if self.lu is not None:
+            with one_thread():
+                x = self.lu.solve(goal)
+            if np.max(np.abs(self.matrix @ x - goal)) <= 1e-9 * np.max(np.abs(goal), initial=0.0):
+                return self.scale * x
+        limits = dict(atol=1e-14, btol=1e-14, maxiter=10 * goal.size)
+        return self.scale * lsmr(self.matrix, goal, **limits)[0]

@@ -1,0 +1,95 @@
+"""Static equilibrium of tied subdomains: K_i u_i = F_i + L_i^T Lam, sum_i L_i u_i = 0."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from ..errors import FactorizationError
+from ..problem.matrices import Matrix
+
+# A structure counts as floating when it resists some motion less than rounding of its stiffness
+# does: relative to the diagonal, which no scaling of dofs or units changes.
+FLOATING = 64.0 * np.finfo(float).eps
+
+
+def static_displacements(
+    stiffnesses: Sequence[Matrix],
+    conditions: Sequence[sp.csr_array],
+    forces: Sequence[np.ndarray],
+) -> list[np.ndarray]:
+    """The displacements u_i, (n_i,) each.
+
+    Parameters
+    ----------
+    stiffnesses : sequence of (n_i, n_i) matrices in inner form
+    conditions : sequence of (p, n_i) csr_array
+        Independent rows.
+    forces : sequence of (n_i,) arrays
+
+    Raises
+    ------
+    FactorizationError
+        When the structure is floating or its stiffness indefinite.
+    """
+    sizes = [f.size for f in forces]
+    K = sp.csc_array(sp.block_diag([_sparse(A, n) for A, n in zip(stiffnesses, sizes)]))
+    L = sp.csr_array(sp.hstack(conditions))
+    scale = _scale(K)
+    K = sp.csc_array(scale @ K @ scale)
+    L = sp.csr_array(L @ scale)
+    _require_stiff(K, L)
+    p = L.shape[0]
+    saddle = sp.csc_array(sp.block_array([[K, -L.T], [L, None]])) if p else K
+    right = np.concatenate([scale @ np.concatenate(forces), np.zeros(p)])
+    u = scale @ splu(saddle).solve(right)[: sum(sizes)]
+    return np.split(u, np.cumsum(sizes)[:-1])
+
+
+def _sparse(A: Matrix, n: int) -> sp.csc_array:
+    if A is None:
+        return sp.csc_array((n, n))
+    return sp.csc_array(sp.diags_array(A) if A.ndim == 1 else A)
+
+
+def _scale(K: sp.csc_array) -> sp.dia_array:
+    """Brings the diagonal near one, by powers of two: units and kinds of dofs drop out."""
+    d = np.abs(K.diagonal())
+    d[d == 0.0] = 1.0
+    return sp.diags_array(2.0 ** np.round(-0.5 * np.log2(d)))
+
+
+def _require_stiff(K: sp.csc_array, L: sp.csr_array) -> None:
+    """FactorizationError unless K resists every motion that the ties allow.
+
+    With stiff springs in the place of the ties, G = K + L^T L has to be positive definite. Inverse
+    iteration finds the motion it resists least; a mechanism is resisted by rounding only.
+    """
+    G = sp.csc_array(K + L.T @ L)
+    if _softest(G) <= FLOATING:
+        raise FactorizationError(
+            "the structure is floating or its stiffness indefinite, so that it has no static "
+            "equilibrium; support it by stiffness or by a constraint on one subdomain alone"
+        )
+
+
+def _softest(G: sp.csc_array) -> float:
+    """About the smallest eigenvalue of G, or zero when a pivot is not positive."""
+    try:
+        lu = splu(
+            G, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True)
+        )
+    except RuntimeError:  # exactly singular
+        return 0.0
+    if not np.array_equal(lu.perm_r, lu.perm_c) or np.any(lu.U.diagonal() <= 0.0):
+        return 0.0
+    x = np.cos(np.arange(G.shape[0]))
+    for _ in range(4):
+        x = lu.solve(x / np.max(np.abs(x)))
+        if not np.all(np.isfinite(x)):
+            return 0.0
+    x /= np.max(np.abs(x))
+    return float(x @ (G @ x) / (x @ x))

@@ -1,0 +1,67 @@
+"""Arguments of the functions that make structures, checked: numbers by element, meshes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .._checks import listing, plain_array, real_array
+
+
+def is_lumped(mass: Any) -> bool:
+    if mass not in ("consistent", "lumped"):
+        raise ValueError(f'mass must be "consistent" or "lumped", got {mass!r}')
+    return mass == "lumped"
+
+
+def per_element(value: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
+    """(1,) or (elements,) array of a number or of an array of that shape, flat or not."""
+    values = real_array(value, name, plain_array(value, name).ndim)
+    flat = (int(np.prod(shape)),)
+    if values.shape not in ((), shape, flat):
+        allowed = " or ".join(str(s) for s in dict.fromkeys((shape, flat)))
+        raise ValueError(f"{name} must be a number or of shape {allowed}, got {values.shape}")
+    return values.reshape(-1)
+
+
+def not_negative(value: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
+    values = per_element(value, name, shape)
+    if not (values >= 0.0).all():
+        raise ValueError(f"{name} must not be negative, got {values.min():g}")
+    return values
+
+
+def positive(value: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
+    values = per_element(value, name, shape)
+    if not (values > 0.0).all():
+        raise ValueError(f"{name} must be positive, got {values.min():g}")
+    return values
+
+
+def mesh_arguments(
+    points: Any, elements: Any, name: str, dim: int | None, corners: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points and elements, each point in one element at least."""
+    places = real_array(points, "points", 2)
+    if dim is not None and places.shape[1] != dim:
+        raise ValueError(f"points must have shape (points, {dim}), got {places.shape}")
+    numbers = node_numbers(elements, name, len(places), corners)
+    unused = np.flatnonzero(np.bincount(numbers.ravel(), minlength=len(places)) == 0)
+    if unused.size:
+        raise ValueError(f"{name} must use every point (see submesh), not {listing(unused)}")
+    return places, numbers
+
+
+def node_numbers(value: Any, name: str, nodes: int, corners: int | None) -> np.ndarray:
+    numbers = plain_array(value, name)
+    if numbers.dtype.kind not in "iu":
+        raise TypeError(f"{name} must be whole numbers, got dtype {numbers.dtype}")
+    if numbers.ndim != 2 or numbers.shape[1] != (corners or numbers.shape[1]) or not numbers.size:
+        raise ValueError(
+            f"{name} must have shape (elements, {corners or 'corners'}), got {numbers.shape}"
+        )
+    outside = numbers[(numbers < 0) | (numbers >= nodes)]
+    if outside.size:
+        raise ValueError(f"{name} must lie in 0..{nodes - 1}, got {listing(outside)}")
+    return numbers.astype(np.int64)

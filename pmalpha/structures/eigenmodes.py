@@ -1,0 +1,146 @@
+"""The lowest frequencies and modes of a structure."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+from numpy.typing import ArrayLike
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
+
+from .._checks import whole_number
+from ..problem.constraints import dof_list
+from ..problem.matrices import canonical, combination, dense, diagonal, product
+
+__all__ = ["modes"]
+
+# The problem is solved for theta = 1 / (omega^2 + shift), so that a free structure can be factored.
+# The shift is a part of the largest K_ii / M_ii: small for ARPACK, that low modes stay apart;
+# halfway through the spectrum where all modes come at once, since theta is good to eps / shift.
+ARPACK_SHIFT = 1e-10
+DENSE_SHIFT = 1e-4
+# Up to this many free dofs, or for a larger part of the modes than a quarter, all is dense.
+DENSE = 200
+# x^T K x is rounded by this much of |x|^T |K| |x|; a square below counts as zero.
+ROUNDING = 8.0 * np.finfo(float).eps
+# A matrix that went through a text file may have lost two digits more: only a square further below
+# zero says that K is indefinite.
+EXPORTED = 100.0
+
+
+def modes(
+    M: Any, K: Any, k: int = 6, *, fixed: ArrayLike | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """The lowest frequencies and modes: K x = omega^2 M x.
+
+    Dense up to 200 free dofs or for a large share of all modes, otherwise ARPACK about a small
+    negative shift, with one factor of K + shift M.
+
+    Parameters
+    ----------
+    M, K : (n,) array, (n, n) array or scipy.sparse matrix or array
+        Positive semidefinite. Free structures and dofs without mass are allowed.
+    k : int, default 6
+        How many modes, rigid-body ones included.
+    fixed : (f,) array of int, optional
+        Dofs held at zero.
+
+    Returns
+    -------
+    omegas : (k,) ndarray
+        Rising, in radians per time. A rigid-body mode has 0: squares that rounding cannot tell
+        from zero are set to it.
+    modes : (n, k) ndarray
+        In columns, on all dofs, zero at the fixed ones. Mass-normalised, modes.T @ M @ modes = 1;
+        the largest entry of each is positive.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For matrices that are not symmetric and semidefinite, dofs without mass and stiffness, dofs
+        out of range, more modes than free dofs with mass.
+    scipy.sparse.linalg.ArpackError
+        When ARPACK does not converge.
+
+    Examples
+    --------
+    >>> from pmalpha import models
+    >>> masses = models.chain(3, 2.0, 8.0)  # free: 2 sqrt(k/m) sin(i pi / 6)
+    >>> models.modes(masses.M, masses.K, 3)[0].round(6).tolist()
+    [0.0, 2.0, 3.464102]
+    """
+    mass, n = canonical(M, "M")
+    if mass is None:
+        raise ValueError("M must not be zero")
+    stiffness, _ = canonical(K, "K", n)
+    held = dof_list([] if fixed is None else fixed, n, "fixed")
+    free = np.delete(np.arange(n), held)
+    B = _block(mass, free)
+    A = np.zeros(free.size) if stiffness is None else _block(stiffness, free)
+    k = whole_number(k, "k", low=1)
+    massive = np.flatnonzero(diagonal(B) > 0.0)
+    if k > massive.size:
+        raise ValueError(f"k must be at most {massive.size}, the free dofs with mass, got {k}")
+    scale = float(np.max(diagonal(A)[massive] / diagonal(B)[massive]))
+    squares, shapes = _lowest(A, B, k, scale if scale > 0.0 else 1.0)
+    full = np.zeros((n, k))
+    full[free] = shapes * np.sign(shapes[np.abs(shapes).argmax(axis=0), np.arange(k)])
+    return np.sqrt(squares), full
+
+
+def _block(A: Any, dofs: np.ndarray) -> Any:
+    """Rows and columns of some dofs."""
+    if A.ndim == 1:
+        return A[dofs]
+    return A[dofs][:, dofs]
+
+
+def _lowest(A: Any, B: Any, k: int, scale: float) -> tuple[np.ndarray, np.ndarray]:
+    """The k lowest omega^2 and the modes, from the space they span."""
+    n = B.shape[0]
+    try:
+        X = _dense_space(A, B, k, scale) if n <= DENSE or 4 * k > n else _space(A, B, k, scale)
+        # Ritz: of all vectors X y those that K and M leave apart
+        squares, y = scipy.linalg.eigh(X.T @ product(A, X), X.T @ product(B, X))
+    except np.linalg.LinAlgError as error:
+        raise ValueError(
+            "K must be positive semidefinite and every dof have mass or stiffness, got a singular "
+            "or indefinite K + shift M"
+        ) from error
+    X = X @ y
+    rounding = ROUNDING * np.sum(np.abs(X) * product(abs(A), np.abs(X)), axis=0)
+    if np.any(squares < -EXPORTED * rounding):
+        raise ValueError(f"K must be positive semidefinite, got omega^2 = {squares.min():g}")
+    return np.where(squares > rounding, squares, 0.0), X
+
+
+def _dense_space(A: Any, B: Any, k: int, scale: float) -> np.ndarray:
+    """X (n, k) of B x = theta (A + shift B) x for the k largest theta."""
+    n = B.shape[0]
+    shifted = combination([(1.0, A), (DENSE_SHIFT * scale, B)])
+    return scipy.linalg.eigh(dense(B), dense(shifted), subset_by_index=[n - k, n - 1])[1]
+
+
+def _space(A: Any, B: Any, k: int, scale: float) -> np.ndarray:
+    """The same by ARPACK."""
+    n, shift = B.shape[0], ARPACK_SHIFT * scale
+    shifted = combination([(1.0, A), (shift, B)])
+    S, mass = (sp.csc_array(sp.diags_array(x) if x.ndim == 1 else x) for x in (shifted, B))
+    solve = _positive_definite(S).solve
+    start = np.random.default_rng(0).standard_normal(n)  # the same digits in every run
+    operator = LinearOperator((n, n), matvec=solve, dtype=float)
+    return eigsh(S, k, M=mass, sigma=-shift, OPinv=operator, v0=start)[1]
+
+
+def _positive_definite(S: sp.csc_array) -> Any:
+    """SuperLU's factors of S, pivots on the diagonal; LinAlgError if one is not positive."""
+    try:
+        symmetric = {"SymmetricMode": True}
+        factors = splu(S, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric)
+    except RuntimeError as error:
+        raise np.linalg.LinAlgError(str(error)) from error
+    if not np.all(factors.U.diagonal() > 0.0):
+        raise np.linalg.LinAlgError("a pivot is not positive")
+    return factors

@@ -1,0 +1,234 @@
+"""Mass and stiffness of a structure with the mesh they belong to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .._checks import real_number
+from ..problem.constraints import dof_list
+from ..problem.matrices import Matrix, combination
+from ..problem.schemes import Scheme
+from ..problem.subdomain import Subdomain
+
+__all__ = ["Structure"]
+
+# Coordinates that differ by less, relative to the largest one, are the same.
+SAME_PLACE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """Matrices of a structure and the mesh they belong to.
+
+    Attributes
+    ----------
+    M : (n,) ndarray or (n, n) csr_array
+        Mass; 1-D when lumped.
+    K : (n, n) csr_array
+        Stiffness.
+    points : (N, dim) ndarray
+        Where the nodes are.
+    elements : dict
+        By meshio's name ("line", "quad", "hexahedron"): (E, corners) array of node numbers.
+    components : tuple of str
+        Of the dofs of a node, in their order: "ux", "uy", "uz" are displacements along the axes,
+        "rz" is a rotation, counter-clockwise.
+
+    Raises
+    ------
+    ValueError
+        If M and K do not have one row for each component of each point.
+
+    Examples
+    --------
+    >>> from pmalpha import models
+    >>> wall = models.plate(4, 2, 0.5, E=30e9, nu=0.2, rho=2500.0, t=0.3)
+    >>> foot = wall.dofs(wall.nodes_at(y=0.0))
+    >>> wall.n, foot.tolist()
+    (30, [0, 1, 6, 7, 12, 13, 18, 19, 24, 25])
+    """
+
+    M: Any
+    K: Any
+    points: np.ndarray
+    elements: Mapping[str, np.ndarray]
+    components: tuple[str, ...]
+
+    def __post_init__(self):
+        n = len(self.points) * len(self.components)
+        for name, rows in (("M", self.M.shape[0]), ("K", self.K.shape[0])):
+            if rows != n:
+                raise ValueError(
+                    f"{name} must have {n} rows, {len(self.components)} for each of "
+                    f"{len(self.points)} points, got {rows}"
+                )
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{len(e)} {name}" for name, e in self.elements.items())
+        return f"<Structure {len(self.points)} points, {counts}, {self.n} dofs>"
+
+    @property
+    def dofs_per_node(self) -> int:
+        """How many components a node has."""
+        return len(self.components)
+
+    @property
+    def n(self) -> int:
+        """How many dofs there are."""
+        return len(self.points) * len(self.components)
+
+    def nodes(self, where: Callable[..., Any]) -> np.ndarray:
+        """The nodes where a condition on the coordinates holds, in rising order.
+
+        Parameters
+        ----------
+        where : callable
+            Gets each coordinate of all nodes as an (N,) array, ``where(x, y)`` in the plane, and
+            returns N truth values.
+
+        Raises
+        ------
+        ValueError
+            If the answer is not of shape (N,) and boolean, or holds nowhere.
+
+        Examples
+        --------
+        >>> from pmalpha import models
+        >>> bar = models.rod(4, 2.0, EA=1.0, rhoA=1.0)
+        >>> bar.nodes(lambda x: x > 0.9).tolist()
+        [2, 3, 4]
+        """
+        chosen = np.asarray(where(*self.points.T))
+        if chosen.shape != (len(self.points),) or chosen.dtype != bool:
+            raise ValueError(
+                f"where must return {len(self.points)} truth values, got dtype {chosen.dtype} "
+                f"and shape {chosen.shape}"
+            )
+        if not chosen.any():
+            raise ValueError(f"where must hold at one node at least, got none of {len(chosen)}")
+        return np.flatnonzero(chosen)
+
+    def nodes_at(
+        self, *, x: float | None = None, y: float | None = None, z: float | None = None
+    ) -> np.ndarray:
+        """The nodes with these coordinates, up to rounding (1e-9 of the largest coordinate).
+
+        Parameters
+        ----------
+        x, y, z : float, optional
+            One at least; None stands for any.
+
+        Raises
+        ------
+        ValueError
+            If no node is there, or the points do not have that coordinate.
+
+        Examples
+        --------
+        >>> from pmalpha import models
+        >>> box = models.solid(2, 1, 1, 0.1, E=1.0, nu=0.3, rho=1.0)
+        >>> box.nodes_at(x=0.2, z=0.1).tolist()
+        [9, 11]
+        """
+        asked = {axis: v for axis, v in zip("xyz", (x, y, z)) if v is not None}
+        dim = self.points.shape[1]
+        if not asked or max("xyz".index(axis) for axis in asked) >= dim:
+            raise ValueError(f"nodes_at needs one or more of {', '.join('xyz'[:dim])}, got {asked}")
+        columns = ["xyz".index(axis) for axis in asked]
+        away = np.abs(self.points[:, columns] - [real_number(v, a) for a, v in asked.items()])
+        found = np.flatnonzero(np.all(away <= SAME_PLACE * np.abs(self.points).max(), axis=1))
+        if not found.size:
+            low, high = self.points.min(axis=0), self.points.max(axis=0)
+            raise ValueError(
+                f"nodes_at must meet a node, got {asked}; the points lie between "
+                f"{low.tolist()} and {high.tolist()}"
+            )
+        return found
+
+    def dofs(self, nodes: Any, component: str | Sequence[str] | None = None) -> np.ndarray:
+        """Dofs of nodes, node by node.
+
+        Parameters
+        ----------
+        nodes : int or (k,) array of int
+        component : str or sequence of str, optional
+            Of `components`. Default: all.
+
+        Returns
+        -------
+        (k * chosen components,) ndarray of int
+
+        Raises
+        ------
+        TypeError, ValueError
+            For nodes out of range or repeated, and components that are not there.
+
+        Examples
+        --------
+        >>> from pmalpha import models
+        >>> frame = models.beam_frame([[0, 0], [0, 3]], [[0, 1]], EA=1.0, EI=1.0, rhoA=1.0)
+        >>> frame.dofs([0, 1], "ux").tolist(), frame.dofs(1, ["ux", "rz"]).tolist()
+        ([0, 3], [3, 5])
+        """
+        chosen = dof_list(np.atleast_1d(nodes), len(self.points), "nodes")
+        names = (component,) if isinstance(component, str) else component or self.components
+        unknown = [name for name in names if name not in self.components]
+        if unknown:
+            raise ValueError(f"component must be of {self.components}, got {unknown[0]!r}")
+        places = [self.components.index(name) for name in names]
+        return (self.dofs_per_node * chosen[:, None] + places).ravel()
+
+    def damping(self, c_m: float, c_k: float) -> Matrix:
+        """Rayleigh damping C = c_m M + c_k K, with coefficients as `rayleigh` returns them.
+
+        Parameters
+        ----------
+        c_m, c_k : float
+            In 1/time and in time, at least 0.
+
+        Returns
+        -------
+        (n,) ndarray, csr_array or None
+            1-D where only a lumped mass contributes, None where nothing does.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For coefficients that are not finite or negative.
+
+        Examples
+        --------
+        >>> from pmalpha import models
+        >>> masses = models.chain(2, 3.0, 5.0)
+        >>> masses.damping(0.1, 0.01).toarray().round(3).tolist()
+        [[0.35, -0.05], [-0.05, 0.35]]
+        """
+        c_m, c_k = real_number(c_m, "c_m", low=0.0), real_number(c_k, "c_k", low=0.0)
+        return combination([(c_m, self.M), (c_k, self.K)])
+
+    def subdomain(self, *, scheme: Scheme, **options) -> Subdomain:
+        """A Subdomain of this M and K with nothing fixed; options are those of `Subdomain`.
+
+        Parameters
+        ----------
+        scheme : Scheme
+        **options
+            Whatever else `Subdomain` takes: C, substeps, force, u0, name, ...
+
+        Raises
+        ------
+        TypeError, ValueError, FactorizationError
+            From `Subdomain`.
+
+        Examples
+        --------
+        >>> from pmalpha import GeneralizedAlpha, models
+        >>> bar = models.rod(4, 2.0, EA=1.0, rhoA=1.0, mass="lumped")
+        >>> bar.subdomain(scheme=GeneralizedAlpha(0.5, explicit=True), name="bar").n
+        5
+        """
+        return Subdomain(self.M, self.K, scheme=scheme, **options)

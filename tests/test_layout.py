@@ -1,0 +1,194 @@
+"""The package is arranged as docs/architecture.md says: folders, layers, small files."""
+
+import ast
+import importlib
+import re
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+import pmalpha as pm
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "pmalpha"
+MODULES = sorted(path.relative_to(ROOT) for path in PACKAGE.rglob("*.py"))
+
+# From bottom to top. A module imports from its own folder and from lower layers.
+LAYERS = (
+    ("_checks", "_core", "blas", "errors", "files", "memory"),
+    ("problem",),
+    ("setup",),
+    ("run",),
+    ("structures", "readers"),
+    ("export",),
+    ("models",),
+    ("analysis",),
+    ("plot",),
+    ("__init__",),
+    ("__main__",),
+)
+LEVEL = {unit: level for level, units in enumerate(LAYERS) for unit in units}
+# History.plot is a method of what a run returns and draws by matplotlib, which only drawing needs:
+# the import is inside the method, and nothing else of `run` knows the pictures.
+EXCEPTIONS = {("pmalpha.run.history", "pmalpha.plot.histories")}
+
+PUBLIC_PACKAGES = ("analysis", "plot", "readers", "structures")
+
+
+def name_of(path):
+    parts = path.with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+NAMES = {name_of(path) for path in MODULES} | {"pmalpha._core"}
+
+
+def unit_of(module):
+    """What stands directly in pmalpha/: a folder or a file."""
+    return (*module.split("."), "__init__")[1]
+
+
+def imports_of(source, path):
+    """Modules of the package that a source imports, anywhere in it."""
+    package = path.with_suffix("").parts[:-1]
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
+            whole = ".".join(filter(None, (base, node.module)))
+            inner = {f"{whole}.{alias.name}" for alias in node.names}
+            found |= (inner & NAMES) | ({whole} if inner - NAMES else set())
+    return {name for name in found if name.split(".")[0] == "pmalpha"}
+
+
+def graph_of_imports():
+    return {name_of(path): imports_of((ROOT / path).read_text(), path) for path in MODULES}
+
+
+def upward(graph):
+    """Imports that lead to another unit of the same layer or of a higher one."""
+    return {
+        (module, other)
+        for module, others in graph.items()
+        for other in others
+        if unit_of(module) != unit_of(other) and LEVEL[unit_of(other)] >= LEVEL[unit_of(module)]
+    }
+
+
+def cycle_in(graph):
+    """Modules that import each other, the exceptions left out; None if there are none."""
+    kept = {
+        module: {other for other in others if (module, other) not in EXCEPTIONS}
+        for module, others in graph.items()
+    }
+    try:
+        list(TopologicalSorter(kept).static_order())
+    except CycleError as error:
+        return error.args[1]
+    return None
+
+
+def lengths(source):
+    """Lines of each function by name, without its docstring."""
+    found = {}
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            lines = node.end_lineno - node.lineno + 1
+            if ast.get_docstring(node) is not None:
+                lines -= node.body[0].end_lineno - node.body[0].lineno + 1
+            found[node.name] = max(lines, found.get(node.name, 0))
+    return found
+
+
+def test_imports_are_read_at_the_top_inside_functions_and_for_types():
+    source = """
+import numpy
+import pmalpha.plot
+from .. import _core
+from ..errors import PmalphaError
+from . import history, motion
+def f():
+    from .coupler import Coupler
+if TYPE_CHECKING:
+    from ..plot.histories import time_histories
+"""
+    found = imports_of(source, Path("pmalpha/run/new.py"))
+    names = "_core errors plot plot.histories run.coupler run.history run.motion"
+    assert found == {f"pmalpha.{name}" for name in names.split()}
+
+
+def test_every_module_has_a_layer():
+    assert {unit_of(name) for name in NAMES} == set(LEVEL)
+
+
+def test_nothing_is_imported_upward():
+    assert upward(graph_of_imports()) == EXCEPTIONS
+
+
+def test_there_are_no_cycles_of_imports():
+    assert cycle_in(graph_of_imports()) is None
+
+
+def test_an_upward_import_and_a_cycle_would_be_seen():
+    graph = graph_of_imports()
+    arrow = ("pmalpha.problem.subdomain", "pmalpha.setup.part")
+    graph[arrow[0]].add(arrow[1])
+    assert upward(graph) == EXCEPTIONS | {arrow}
+    assert set(arrow) <= set(cycle_in(graph))
+    inside = graph_of_imports()
+    inside["pmalpha.setup.factors"].add("pmalpha.setup.elimination")  # which imports factors
+    assert upward(inside) == EXCEPTIONS and cycle_in(inside) is not None
+
+
+def test_at_most_a_dozen_modules_are_directly_in_the_package():
+    assert len([path for path in MODULES if len(path.parts) == 2]) <= 12
+
+
+def test_folders_are_not_nested():
+    assert max(len(path.parts) for path in MODULES) == 3
+
+
+@pytest.mark.parametrize("path", MODULES, ids=str)
+def test_no_file_is_longer_than_600_lines_and_no_function_than_60(path):
+    source = (ROOT / path).read_text()
+    assert source.count("\n") <= 600
+    assert {name: n for name, n in lengths(source).items() if n > 60} == {}
+
+
+def test_a_function_of_61_lines_would_be_seen_and_a_docstring_does_not_count():
+    body = "    x = 1\n" * 59
+    docstring = '    """One.\n\n    Two.\n    """\n'
+    assert lengths(f"def f():\n{body}") == {"f": 60}
+    assert lengths(f"def f():\n{docstring}{body}") == {"f": 60}
+    assert lengths("class A:\n    def f(self):\n        pass\n") == {"f": 2}
+    assert lengths(f"async def f(\n    a,\n):\n{body}") == {"f": 62}
+
+
+def test_every_module_says_what_is_in_it():
+    for path in MODULES:
+        assert ast.get_docstring(ast.parse((ROOT / path).read_text())), path
+
+
+def test_dir_shows_public_names_only():
+    assert dir(pm) == sorted(pm.__all__)
+    assert all(hasattr(pm, name) for name in pm.__all__)
+    hidden = {"problem", "setup", "run", "errors", "files", "memory", "blas", "version"}
+    assert hidden.isdisjoint(dir(pm))
+    for name in PUBLIC_PACKAGES:
+        package = importlib.import_module(f"pmalpha.{name}")
+        assert dir(package) == sorted(package.__all__)
+        assert all(hasattr(package, public) for public in package.__all__)
+
+
+def test_what_is_public_keeps_its_path():
+    for name in ("analysis", "export", "models", "plot", "readers", "structures"):
+        assert getattr(pm, name) is importlib.import_module(f"pmalpha.{name}")
+
+
+def test_every_folder_is_packaged():
+    listed = re.search(r"^packages = \[(.*?)\]", (ROOT / "pyproject.toml").read_text(), re.M | re.S)
+    folders = {".".join(path.parts[:-1]) for path in MODULES}
+    assert sorted(re.findall(r'"(.*?)"', listed[1])) == sorted(folders)
