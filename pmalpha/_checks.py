@@ -119,6 +119,11 @@ def require_finite(array: np.ndarray, name: str) -> None:
         raise ValueError(f"{name} must be finite, got {array[where]}{at}")
 
 
+def counted(count: int, noun: str) -> str:
+    """``1 dof``, ``2 dofs``"""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
 def listing(numbers: Sequence[Any] | np.ndarray, most: int = 5) -> str:
     """``1, 2, 3, ... (12 in all)``"""
     shown = ", ".join(str(x) for x in list(numbers)[:most])

@@ -475,7 +475,7 @@ BAD_MESHES = {
     "points must have 1, 2 or 3 columns": {"points": np.zeros((4, 4))},
     "points must be a 2-D array": {"points": np.zeros(4)},
     "points must be finite": {"points": np.full((4, 2), np.nan)},
-    "elements must hold numbers of nodes": {"elements": [[0.0, 1.0]]},
+    "elements must hold node numbers": {"elements": [[0.0, 1.0]]},
     "elements must have 2, 4 or 8 columns": {"elements": [[0, 1, 2]]},
     "elements must hold nodes 0..3, got 4": {"elements": [[0, 1, 2, 4]]},
     "elements must hold nodes 0..3, got -1": {"elements": [[0, -1]]},
@@ -483,7 +483,7 @@ BAD_MESHES = {
     "elements must be of line, quad, hexahedron, got 'triangle'": {
         "elements": {"triangle": [[0, 1, 2]]}
     },
-    r"elements\['line'\] must be such, got 4": {"elements": {"line": [[0, 1, 2, 3]]}},
+    r"elements\['line'\] must have 2 columns, got 4": {"elements": {"line": [[0, 1, 2, 3]]}},
     "elements must not be empty": {"elements": {}},
     r"u must have shape \(4 d,\) or \(4, d\) with d >= 2 .* got \(7,\)": {"u": np.zeros(7)},
     r"u must have shape .* got \(4, 1\)": {"u": np.zeros((4, 1))},

@@ -847,7 +847,7 @@ BOX = {"nx": 1, "ny": 1, "nz": 1, "h": 1.0, "E": 1.0, "nu": 0.3, "rho": 1.0}
         ("beam_frame", FRAME, {"points": [[0] * 3] * 2}, ValueError, r"points must have shape"),
         ("beam_frame", FRAME, {"EI": [1.0, 2.0]}, ValueError, r"EI must be a number or of shape"),
         ("beam_frame", FRAME, {"divisions": 0}, ValueError, "divisions must be at least 1, got 0"),
-        ("beam_frame", FRAME, {"divisions": [1, 2]}, ValueError, "divisions must be one or 1"),
+        ("beam_frame", FRAME, {"divisions": [1, 2]}, ValueError, r"divisions must have shape \(\)"),
         ("beam_frame", FRAME, {"divisions": 2.0}, TypeError, "divisions must be whole numbers"),
         ("beam_frame", FRAME, {"rotary": -1.0}, ValueError, "rotary must be .* at least 0, got -1"),
         ("chain", CHAIN, {"mass": [1.0, 2.0]}, ValueError, r"mass must be a number or of shape"),

@@ -1,8 +1,8 @@
 """Finite-element structures with their meshes: chains, rods, plane frames, plates, solids.
 
 Each function returns a `Structure`: mass and stiffness of all dofs, none of them fixed, with the
-points and elements that pictures need. Dof of node i, component c: dofs_per_node * i + c. Elements
-have the names and the order of corners of meshio and VTK. Units are any consistent set.
+points and elements of the mesh. Dof of node i, component c: dofs_per_node * i + c. Elements have
+the names and the order of corners of meshio and VTK. Units are any consistent set.
 """
 
 from .continuum import plate, plate_on, solid, solid_on

@@ -1,4 +1,4 @@
-"""Arguments of the functions that make structures, checked: numbers by element, meshes."""
+"""Checked arguments of the functions that make structures: values by element, meshes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def is_lumped(mass: Any) -> bool:
 
 
 def per_element(value: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
-    """(1,) or (elements,) array of a number or of an array of that shape, flat or not."""
+    """(1,) or (elements,) array from a number or from an array of this shape, flat or not."""
     values = real_array(value, name, plain_array(value, name).ndim)
     flat = (int(np.prod(shape)),)
     if values.shape not in ((), shape, flat):
@@ -42,18 +42,19 @@ def positive(value: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
 def mesh_arguments(
     points: Any, elements: Any, name: str, dim: int | None, corners: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points and elements, each point in one element at least."""
-    places = real_array(points, "points", 2)
-    if dim is not None and places.shape[1] != dim:
-        raise ValueError(f"points must have shape (points, {dim}), got {places.shape}")
-    numbers = node_numbers(elements, name, len(places), corners)
-    unused = np.flatnonzero(np.bincount(numbers.ravel(), minlength=len(places)) == 0)
+    """Points and elements; each point must be in at least one element."""
+    coordinates = real_array(points, "points", 2)
+    if dim is not None and coordinates.shape[1] != dim:
+        raise ValueError(f"points must have shape (points, {dim}), got {coordinates.shape}")
+    numbers = node_numbers(elements, name, len(coordinates), corners)
+    unused = np.flatnonzero(np.bincount(numbers.ravel(), minlength=len(coordinates)) == 0)
     if unused.size:
         raise ValueError(f"{name} must use every point (see submesh), not {listing(unused)}")
-    return places, numbers
+    return coordinates, numbers
 
 
 def node_numbers(value: Any, name: str, nodes: int, corners: int | None) -> np.ndarray:
+    """(elements, corners) array of node numbers in 0..nodes-1; any number of corners for None."""
     numbers = plain_array(value, name)
     if numbers.dtype.kind not in "iu":
         raise TypeError(f"{name} must be whole numbers, got dtype {numbers.dtype}")

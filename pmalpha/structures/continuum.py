@@ -1,4 +1,4 @@
-"""Plates in plane stress and solids, on regular meshes and on any."""
+"""Plates in plane stress and solids, on regular and on arbitrary meshes."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ def plate(
     """A rectangle in plane stress, nx by ny elements: `plate_on` a regular mesh.
 
     Node (i, j), at origin + (i hx, j hy), has the number (ny + 1) i + j; element (i, j) the number
-    ny i + j. To place a second plate at the right: ``origin=(nx * h, 0)``.
+    ny i + j. A second plate on the right begins at ``origin=(nx * h, 0)``.
 
     Parameters
     ----------
     nx, ny : int
-        Elements along x and y, at least 1.
+        Number of elements along x and y, at least 1.
     h : float or two floats
-        Edge of an element, or (hx, hy).
+        Edge length of an element, or (hx, hy).
     E, nu, rho, t : float, (nx, ny) or (nx * ny,) array_like
-        Young's modulus, Poisson's ratio in (-1, 0.5], density, thickness; as arrays by element,
-        for plates of several materials.
+        Young's modulus, Poisson's ratio in (-1, 0.5], density, thickness; arrays by element for
+        plates of several materials.
     mass : {"consistent", "lumped"}
     origin : two floats, default (0, 0)
-        Where the lower left corner is.
+        The lower left corner.
 
     Returns
     -------
@@ -84,13 +84,14 @@ def plate_on(
     t: ArrayLike = 1.0,
     mass: str = "consistent",
 ) -> Structure:
-    """Plane stress on any mesh of quadrilaterals, bilinear, with 2 x 2 Gauss points.
+    """Plane stress on any mesh of bilinear quadrilaterals with 2 x 2 Gauss points.
 
     With n_a the shape functions and d_i their derivatives, the stiffness between component i of
     corner a and component j of corner b is the integral over the element of
     t (lam d_i n_a d_j n_b + mu d_j n_a d_i n_b + mu delta_ij sum_k d_k n_a d_k n_b), with
     mu = E / (2 (1 + nu)) and in plane stress lam = E nu / (1 - nu^2) (Hughes, The Finite Element
-    Method). Full integration: thin shapes in bending need several elements through the depth.
+    Method). Integration is full: thin structures in bending need several elements through the
+    depth.
 
     Parameters
     ----------
@@ -100,7 +101,7 @@ def plate_on(
     E, nu, rho, t : float or (elements,) array_like
         Young's modulus, Poisson's ratio in (-1, 0.5], density, thickness.
     mass : {"consistent", "lumped"}
-        Lumped: the row sums of the consistent one, which are positive.
+        Lumped: the row sums of the consistent mass matrix, which are positive.
 
     Returns
     -------
@@ -110,12 +111,12 @@ def plate_on(
     Raises
     ------
     TypeError, ValueError
-        For wrong shapes, points that no element uses, elements that are folded or numbered
+        For wrong shapes, points that no element uses, elements that are not convex or numbered
         clockwise, numbers that are not positive.
 
     Examples
     --------
-    A part of another plate, by `submesh`:
+    Some elements of another plate, by `submesh`:
 
     >>> from pmalpha import models
     >>> whole = models.plate(4, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
@@ -150,11 +151,11 @@ def solid(
     Parameters
     ----------
     nx, ny, nz : int
-        Elements along the axes, at least 1.
+        Number of elements along the axes, at least 1.
     h : float or three floats
-        Edge of an element, or (hx, hy, hz).
+        Edge length of an element, or (hx, hy, hz).
     E, nu, rho : float, (nx, ny, nz) or (nx * ny * nz,) array_like
-        Young's modulus, Poisson's ratio in (-1, 0.5), density; as arrays by element.
+        Young's modulus, Poisson's ratio in (-1, 0.5), density; arrays by element.
     mass : {"consistent", "lumped"}
     origin : three floats, default (0, 0, 0)
         The corner with the smallest coordinates.
@@ -192,7 +193,7 @@ def solid_on(
     rho: ArrayLike,
     mass: str = "consistent",
 ) -> Structure:
-    """A solid on any mesh of hexahedra, trilinear, with 2 x 2 x 2 Gauss points.
+    """A solid on any mesh of trilinear hexahedra with 2 x 2 x 2 Gauss points.
 
     The formula of `plate_on` without t and with lam = E nu / ((1 + nu) (1 - 2 nu)).
 
@@ -205,7 +206,7 @@ def solid_on(
     E, nu, rho : float or (elements,) array_like
         Young's modulus, Poisson's ratio in (-1, 0.5), density.
     mass : {"consistent", "lumped"}
-        Lumped: the row sums of the consistent one, which are positive.
+        Lumped: the row sums of the consistent mass matrix, which are positive.
 
     Returns
     -------
@@ -215,8 +216,8 @@ def solid_on(
     Raises
     ------
     TypeError, ValueError
-        For wrong shapes, points that no element uses, elements that are folded or numbered
-        otherwise, numbers that are not positive.
+        For wrong shapes, points that no element uses, elements that are not convex or have another
+        order of corners, numbers that are not positive.
 
     Examples
     --------
@@ -267,12 +268,12 @@ def _grid(
     if start.shape != (d,):
         raise ValueError(f"origin must have shape ({d},), got {start.shape}")
     size = np.array([positive_number(e, "h") for e in np.broadcast_to(edges, d).tolist()])
-    places = np.indices([c + 1 for c in counts]).reshape(d, -1).T
-    ahead = (reference + 1) // 2  # of each corner, in elements
+    index = np.indices([c + 1 for c in counts]).reshape(d, -1).T
+    offset = (reference + 1) // 2  # of each corner from the first node, in elements
     shape = [c + 1 for c in counts]
     first = np.indices(counts).reshape(d, -1).T
-    numbers = [np.ravel_multi_index((first + step).T, shape) for step in ahead]
-    return start + size * places, np.column_stack(numbers), (size * ahead)[None]
+    numbers = [np.ravel_multi_index((first + step).T, shape) for step in offset]
+    return start + size * index, np.column_stack(numbers), (size * offset)[None]
 
 
 def _continuum(
@@ -283,7 +284,7 @@ def _continuum(
     coefficients: tuple[np.ndarray, ...],
     mass: str,
 ) -> tuple[Any, sp.csr_array]:
-    """M and K; corners and coefficients for each element or, with one row, for all."""
+    """M and K; corners and coefficients of each element or, with one row, of all elements."""
     lam, mu, density = coefficients
     shapes, slopes = _at_gauss_points(reference)
     volumes, gradients = _gradients(corners, slopes)
@@ -314,11 +315,11 @@ def _gradients(corners: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.
     """Volumes (E, q) of the Gauss points, and derivatives (d, E, q, a) along the axes."""
     jacobian = np.swapaxes(corners, 1, 2)[:, None] @ slopes  # dx_i / dxi_j, (E, q, d, d)
     volumes = np.linalg.det(jacobian)
-    folded = np.flatnonzero(~(volumes > 0.0).all(axis=1))
-    if folded.size:
+    invalid = np.flatnonzero(~(volumes > 0.0).all(axis=1))
+    if invalid.size:
         raise ValueError(
             "elements must be convex with corners in meshio's order (counter-clockwise), got a "
-            f"Jacobian determinant of {volumes[folded[0]].min():g} in {listing(folded)}"
+            f"Jacobian determinant of {volumes[invalid[0]].min():g} in {listing(invalid)}"
         )
     along = slopes @ np.linalg.inv(jacobian)
     return volumes, np.ascontiguousarray(np.moveaxis(along, 3, 0))
@@ -327,7 +328,7 @@ def _gradients(corners: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.
 def _stiffness(
     pattern: Pattern, volumes: np.ndarray, gradients: np.ndarray, lam: np.ndarray, mu: np.ndarray
 ) -> sp.csr_array:
-    """K of an isotropic material, one pair of components after the other to save memory."""
+    """K of an isotropic material, by pairs of components to save memory."""
     g = np.sqrt(volumes)[:, :, None] * gradients
     d = len(g)
 

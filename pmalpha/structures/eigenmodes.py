@@ -16,17 +16,17 @@ from ..problem.matrices import canonical, combination, dense, diagonal, product
 
 __all__ = ["modes"]
 
-# The problem is solved for theta = 1 / (omega^2 + shift), so that a free structure can be factored.
-# The shift is a part of the largest K_ii / M_ii: small for ARPACK, that low modes stay apart;
-# halfway through the spectrum where all modes come at once, since theta is good to eps / shift.
+# The problem is solved for theta = 1 / (omega^2 + shift), so that a floating structure can be
+# factored. The shift is this multiple of the largest K_ii / M_ii: small for ARPACK, which separates
+# low modes; larger for the dense solver, where the error of theta is eps / shift.
 ARPACK_SHIFT = 1e-10
 DENSE_SHIFT = 1e-4
-# Up to this many free dofs, or for a larger part of the modes than a quarter, all is dense.
+# The dense solver is used up to this number of free dofs, or for more than a quarter of the modes.
 DENSE = 200
-# x^T K x is rounded by this much of |x|^T |K| |x|; a square below counts as zero.
+# Rounding error of x^T K x relative to |x|^T |K| |x|; a smaller omega^2 counts as zero.
 ROUNDING = 8.0 * np.finfo(float).eps
-# A matrix that went through a text file may have lost two digits more: only a square further below
-# zero says that K is indefinite.
+# A matrix from a text file may have lost two more digits: K counts as indefinite only if omega^2 is
+# below zero by this multiple of the rounding error.
 EXPORTED = 100.0
 
 
@@ -35,39 +35,39 @@ def modes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The lowest frequencies and modes: K x = omega^2 M x.
 
-    Dense up to 200 free dofs or for a large share of all modes, otherwise ARPACK about a small
-    negative shift, with one factor of K + shift M.
+    Dense up to 200 free dofs or for more than a quarter of all modes, otherwise ARPACK about a
+    small negative shift, with one factor of K + shift M.
 
     Parameters
     ----------
     M, K : (n,) array, (n, n) array or scipy.sparse matrix or array
-        Positive semidefinite. Free structures and dofs without mass are allowed.
+        Positive semidefinite. Floating structures and dofs without mass are allowed.
     k : int, default 6
-        How many modes, rigid-body ones included.
+        Number of modes, including rigid-body modes.
     fixed : (f,) array of int, optional
         Dofs held at zero.
 
     Returns
     -------
     omegas : (k,) ndarray
-        Rising, in radians per time. A rigid-body mode has 0: squares that rounding cannot tell
-        from zero are set to it.
+        Angular frequencies in rising order, radians per unit of time. 0 for rigid-body modes:
+        omega^2 within rounding error of zero is set to zero.
     modes : (n, k) ndarray
         In columns, on all dofs, zero at the fixed ones. Mass-normalised, modes.T @ M @ modes = 1;
-        the largest entry of each is positive.
+        the largest entry of each mode is positive.
 
     Raises
     ------
     TypeError, ValueError
-        For matrices that are not symmetric and semidefinite, dofs without mass and stiffness, dofs
-        out of range, more modes than free dofs with mass.
+        For matrices that are not symmetric and positive semidefinite, dofs without mass and
+        stiffness, dofs out of range, more modes than free dofs with mass.
     scipy.sparse.linalg.ArpackError
         When ARPACK does not converge.
 
     Examples
     --------
     >>> from pmalpha import models
-    >>> masses = models.chain(3, 2.0, 8.0)  # free: 2 sqrt(k/m) sin(i pi / 6)
+    >>> masses = models.chain(3, 2.0, 8.0)  # floating: 2 sqrt(k/m) sin(i pi / 6)
     >>> models.modes(masses.M, masses.K, 3)[0].round(6).tolist()
     [0.0, 2.0, 3.464102]
     """
@@ -91,18 +91,17 @@ def modes(
 
 
 def _block(A: Any, dofs: np.ndarray) -> Any:
-    """Rows and columns of some dofs."""
+    """Rows and columns of these dofs."""
     if A.ndim == 1:
         return A[dofs]
     return A[dofs][:, dofs]
 
 
 def _lowest(A: Any, B: Any, k: int, scale: float) -> tuple[np.ndarray, np.ndarray]:
-    """The k lowest omega^2 and the modes, from the space they span."""
+    """The k lowest omega^2 and their modes, by Ritz's method in the space that they span."""
     n = B.shape[0]
     try:
         X = _dense_space(A, B, k, scale) if n <= DENSE or 4 * k > n else _space(A, B, k, scale)
-        # Ritz: of all vectors X y those that K and M leave apart
         squares, y = scipy.linalg.eigh(X.T @ product(A, X), X.T @ product(B, X))
     except np.linalg.LinAlgError as error:
         raise ValueError(
@@ -124,12 +123,12 @@ def _dense_space(A: Any, B: Any, k: int, scale: float) -> np.ndarray:
 
 
 def _space(A: Any, B: Any, k: int, scale: float) -> np.ndarray:
-    """The same by ARPACK."""
+    """The same space by ARPACK."""
     n, shift = B.shape[0], ARPACK_SHIFT * scale
     shifted = combination([(1.0, A), (shift, B)])
     S, mass = (sp.csc_array(sp.diags_array(x) if x.ndim == 1 else x) for x in (shifted, B))
     solve = _positive_definite(S).solve
-    start = np.random.default_rng(0).standard_normal(n)  # the same digits in every run
+    start = np.random.default_rng(0).standard_normal(n)  # reproducible
     operator = LinearOperator((n, n), matvec=solve, dtype=float)
     return eigsh(S, k, M=mass, sigma=-shift, OPinv=operator, v0=start)[1]
 

@@ -12,12 +12,12 @@ from .._checks import listing, plain_array, real_number
 from .arguments import is_lumped, mesh_arguments, positive
 from .lines import SPRING
 from .pattern import Pattern, lumped_mass
-from .structure import SAME_PLACE, Structure
+from .structure import COINCIDENT, Structure
 
 __all__ = ["beam_frame", "subdivide"]
 
-# Hermite's cubic beam of length 1, dofs ux uy rz of both ends: EI = 1 and EA = 0, the reverse,
-# and 420 times the mass. For length L each rz takes a factor L.
+# Cubic Hermite beam of length 1, dofs ux uy rz of both ends: stiffness for EI = 1 and EA = 0, for
+# EI = 0 and EA = 1, and 420 times the mass. For length L rows and columns of rz have a factor L.
 BENDING = np.zeros((6, 6))
 BENDING[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])] = [
     [12, 6, -12, 6],
@@ -48,7 +48,7 @@ def beam_frame(
     mass: str = "consistent",
     rotary: float = 1.0 / 78.0,
 ) -> Structure:
-    """A plane frame of straight Euler-Bernoulli beams with rigid joints, stiff in tension too.
+    """A plane frame of straight, extensible Euler-Bernoulli beams with rigid joints.
 
     Linear axial and cubic transverse displacement (Cook and others, Concepts and Applications of
     Finite Element Analysis).
@@ -57,16 +57,16 @@ def beam_frame(
     ----------
     points : (N, 2) array_like
     members : (m, 2) array_like of int
-        Which points each member joins.
+        The two points that each member connects.
     EA, EI, rhoA : float or (m,) array_like
         Axial stiffness, bending stiffness, mass per length.
     divisions : int or (m,) array_like of int, default 1
-        Equal elements of a member, by `subdivide`: the points given stay the first ones.
+        Number of equal elements per member, by `subdivide`: the given points keep their numbers.
     mass : {"consistent", "lumped"}
         Lumped: half the mass of an element on each node, ``rotary * mass * length**2`` on rz.
     rotary : float, at least 0, default 1/78
         1/78 keeps the ratios of the consistent diagonal (Hinton, Rock, Zienkiewicz 1976), 1/24 is
-        that of two rigid halves; dofs without mass, as with 0, are refused by explicit schemes.
+        the inertia of two rigid halves. With 0, rz has no mass, which explicit schemes refuse.
 
     Returns
     -------
@@ -127,7 +127,7 @@ def _lumped_beams(
 
 
 def _scaled(factor: np.ndarray, unit: np.ndarray, L: np.ndarray) -> np.ndarray:
-    """(E, 6, 6): the matrix of length 1 times a factor, rotations times length."""
+    """(E, 6, 6): the matrix of length 1 times a factor, rows and columns of rotations times L."""
     S = np.ones((len(L), 6))
     S[:, [2, 5]] = L[:, None]
     return factor[:, None, None] * S[:, :, None] * unit * S[:, None, :]
@@ -154,16 +154,16 @@ def subdivide(
     points : (N, dim) array_like
     members : (m, 2) array_like of int
     divisions : int or (m,) array_like of int
-        Elements of each member, at least 1.
+        Number of elements of each member, at least 1.
 
     Returns
     -------
     points : (N + new, dim) ndarray
-        Those given first, then the new ones, member by member from its first end to its second.
+        The given points, then the new ones, member by member from its first end to its second.
     lines : (E, 2) ndarray of int
         Member by member.
     member : (E,) ndarray of int
-        Which member an element is a piece of.
+        The member of each element.
 
     Raises
     ------
@@ -183,17 +183,17 @@ def subdivide(
     _require_length(ends, lines)
     counts = _divisions(divisions, len(lines))
     member = np.repeat(np.arange(len(lines)), counts)
-    last = np.cumsum(counts) - 1  # element of each member
-    place = np.arange(len(member)) - (last - counts + 1)[member]  # of an element in its member
-    inner = place > 0  # elements that begin at a new point
-    fresh = np.full(len(member), -1)
-    fresh[inner] = len(ends) + np.arange(np.count_nonzero(inner))
-    first = np.where(inner, fresh, lines[member, 0])
+    last = np.cumsum(counts) - 1  # last element of each member
+    index = np.arange(len(member)) - (last - counts + 1)[member]  # of an element in its member
+    inner = index > 0  # elements that begin at a new point
+    new = np.full(len(member), -1)
+    new[inner] = len(ends) + np.arange(np.count_nonzero(inner))
+    first = np.where(inner, new, lines[member, 0])
     second = np.append(first[1:], 0)
     second[last] = lines[:, 1]
-    part = (place[inner] / counts[member[inner]])[:, None]
+    fraction = (index[inner] / counts[member[inner]])[:, None]
     a, b = (ends[lines[member[inner], side]] for side in (0, 1))
-    return np.vstack([ends, a + part * (b - a)]), np.column_stack([first, second]), member
+    return np.vstack([ends, a + fraction * (b - a)]), np.column_stack([first, second]), member
 
 
 def _divisions(value: Any, count: int) -> np.ndarray:
@@ -201,7 +201,7 @@ def _divisions(value: Any, count: int) -> np.ndarray:
     if divisions.dtype.kind not in "iu":
         raise TypeError(f"divisions must be whole numbers, got dtype {divisions.dtype}")
     if divisions.shape not in ((), (count,)):
-        raise ValueError(f"divisions must be one or {count}, got shape {divisions.shape}")
+        raise ValueError(f"divisions must have shape () or ({count},), got {divisions.shape}")
     if np.any(divisions < 1):
         raise ValueError(f"divisions must be at least 1, got {int(divisions.min())}")
     return np.broadcast_to(divisions, count).astype(np.int64)
@@ -209,6 +209,6 @@ def _divisions(value: Any, count: int) -> np.ndarray:
 
 def _require_length(points: np.ndarray, lines: np.ndarray) -> None:
     apart = np.abs(points[lines[:, 1]] - points[lines[:, 0]]).max(axis=1)
-    short = np.flatnonzero(~(apart > SAME_PLACE * np.abs(points).max()))
+    short = np.flatnonzero(~(apart > COINCIDENT * np.abs(points).max()))
     if short.size:
         raise ValueError(f"members must have a length, got none in {listing(short)}")

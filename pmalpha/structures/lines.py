@@ -31,14 +31,14 @@ def chain(
     Parameters
     ----------
     n : int
-        How many masses, at least 1.
+        Number of masses, at least 1.
     mass : float or (n,) array_like
     stiffness : float or (n - 1,) array_like
-        Of the spring between masses i and i + 1.
+        Stiffness of the spring between masses i and i + 1.
     ground : two floats, default (0, 0)
         Stiffness between the ground and the first mass, and between the last mass and the ground.
     spacing : float, default 1
-        Distance of neighbours, in pictures only.
+        Distance of neighbours; affects `points` only.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def chain(
     Raises
     ------
     TypeError, ValueError
-        For numbers that are not finite, negative ones, and wrong lengths.
+        For numbers that are not finite or negative, and for wrong lengths.
 
     Examples
     --------
@@ -80,21 +80,21 @@ def rod(
 ) -> Structure:
     """A rod under axial force, of n elements of equal length with linear displacement.
 
-    Waves run at c = sqrt(EA / rhoA). With lumped mass and central differences the step h / c of
-    the element length h is the critical one, and there the solution at the nodes is exact (Hughes,
-    The Finite Element Method).
+    The wave speed is c = sqrt(EA / rhoA). With lumped mass and central differences the critical
+    step is h / c for the element length h, and with this step the solution at the nodes is exact
+    (Hughes, The Finite Element Method).
 
     Parameters
     ----------
     n : int
-        How many elements, at least 1.
+        Number of elements, at least 1.
     length : float
     EA, rhoA : float or (n,) array_like
         Axial stiffness (force) and mass per length.
     mass : {"consistent", "lumped"}
         Lumped: half the mass of an element on each of its nodes.
     origin : float, default 0
-        Where the rod begins, on the x axis.
+        Coordinate x of the first node.
 
     Returns
     -------

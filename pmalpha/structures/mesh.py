@@ -1,4 +1,4 @@
-"""A mesh as two arrays, points and elements, and what moves at its nodes."""
+"""A mesh, as points and blocks of elements, and values at its nodes."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._checks import listing, real_array, require_finite
+from .._checks import counted, listing, real_array, require_finite
 
-# By the number of nodes of an element, in the order of VTK, meshio and most programs: around the
+# Names by the number of nodes of an element. Order of nodes as in VTK and meshio: around the
 # quadrilateral; around the bottom of the hexahedron, then around its top.
 KINDS = {2: "line", 4: "quad", 8: "hexahedron"}
 FACES = np.array(
@@ -25,14 +25,14 @@ class Mesh(NamedTuple):
 
 
 def checked_mesh(points: Any, elements: Any) -> Mesh:
-    """The mesh, or TypeError or ValueError that says what is wrong with it.
+    """The mesh; TypeError or ValueError if it is invalid.
 
     Elements are an array, or a dict of arrays by the name of their kind.
     """
     points = real_array(points, "points", 2)
     N, dim = points.shape
     if N == 0 or dim not in (1, 2, 3):
-        raise ValueError(f"points must have 1, 2 or 3 columns and a row at least, got {(N, dim)}")
+        raise ValueError(f"points must have 1, 2 or 3 columns and at least one row, got {(N, dim)}")
     if not isinstance(elements, Mapping):
         return Mesh(points, (_checked_block(elements, "elements", N, dim),))
     if not elements:
@@ -43,7 +43,10 @@ def checked_mesh(points: Any, elements: Any) -> Mesh:
             raise ValueError(f"elements must be of {', '.join(KINDS.values())}, got {kind!r}")
         block = _checked_block(block, f"elements[{kind!r}]", N, dim)
         if KINDS[block.shape[1]] != kind:
-            raise ValueError(f"elements[{kind!r}] must be such, got {block.shape[1]} columns")
+            corners = next(count for count, name in KINDS.items() if name == kind)
+            raise ValueError(
+                f"elements[{kind!r}] must have {corners} columns, got {block.shape[1]}"
+            )
         blocks.append(block)
     return Mesh(points, tuple(blocks))
 
@@ -51,12 +54,16 @@ def checked_mesh(points: Any, elements: Any) -> Mesh:
 def _checked_block(elements: Any, name: str, N: int, dim: int) -> np.ndarray:
     elements = np.asarray(elements)
     if elements.dtype.kind not in "iu":
-        raise TypeError(f"{name} must hold numbers of nodes, got dtype {elements.dtype}")
+        raise TypeError(f"{name} must hold node numbers, got dtype {elements.dtype}")
     if elements.ndim != 2 or elements.shape[1] not in KINDS or len(elements) == 0:
-        raise ValueError(f"{name} must have 2, 4 or 8 columns and a row, got {elements.shape}")
+        raise ValueError(
+            f"{name} must have 2, 4 or 8 columns and at least one row, got {elements.shape}"
+        )
     if dim < {2: 1, 4: 2, 8: 3}[elements.shape[1]]:
         kind = KINDS[elements.shape[1]]
-        raise ValueError(f"{name} must fit the points, got {kind} with {dim} coordinates")
+        raise ValueError(
+            f"{name} must fit the points, got {kind} with {counted(dim, 'coordinate')}"
+        )
     outside = elements[(elements < 0) | (elements >= N)]
     if outside.size:
         raise ValueError(f"{name} must hold nodes 0..{N - 1}, got {listing(outside)}")
@@ -64,10 +71,10 @@ def _checked_block(elements: Any, name: str, N: int, dim: int) -> np.ndarray:
 
 
 def nodal_vectors(values: Any, mesh: Mesh, name: str, *, times: int | None = None) -> np.ndarray:
-    """Displacements or the like as an array (N, dim), or (times, N, dim).
+    """Vectors at the nodes, such as displacements: (N, dim), or (times, N, dim).
 
-    Given as (N * d,) or (N, d), each after `times` where there are any, with d >= dim dofs of a
-    node: those beyond, such as rotations, are left out. A view where that is possible.
+    `values` has shape (N * d,) or (N, d), after `times` if given, with d >= dim dofs per node; the
+    dofs beyond dim, such as rotations, are dropped. Returns a view where possible.
     """
     N, dim = mesh.points.shape
     array = np.asarray(values)
@@ -104,7 +111,7 @@ def nodal_values(values: Any, mesh: Mesh, name: str, *, times: int | None = None
 
 
 def padded(vectors: np.ndarray, columns: int) -> np.ndarray:
-    """With zeros for the directions that a plane or a line does not have."""
+    """Vectors with `columns` components at least, the additional ones zero."""
     missing = columns - vectors.shape[-1]
     if missing <= 0:
         return vectors
@@ -112,7 +119,7 @@ def padded(vectors: np.ndarray, columns: int) -> np.ndarray:
 
 
 def outer_faces(elements: np.ndarray) -> np.ndarray:
-    """Lines and quadrilaterals as they are; of hexahedra the faces that belong to one only."""
+    """Lines and quadrilaterals unchanged; of hexahedra the faces that belong to only one."""
     if elements.shape[1] != 8:
         return elements
     faces = elements[:, FACES].reshape(-1, 4)
@@ -124,7 +131,7 @@ def outer_faces(elements: np.ndarray) -> np.ndarray:
 
 
 def edges(faces: np.ndarray) -> np.ndarray:
-    """The lines around faces, once each: (e, 2)."""
+    """The edges of faces, each once: (e, 2)."""
     if faces.shape[1] == 2:
         return faces
     ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)

@@ -1,4 +1,4 @@
-"""The pattern of a structure's matrices, and sums of element matrices in it."""
+"""Sparsity pattern of the matrices of a structure, and assembly of element matrices in it."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ import scipy.sparse as sp
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """Which nodes share an element, as compressed rows, and where each element adds to them."""
+    """Pairs of nodes that share an element, as compressed rows, and the pairs of each element."""
 
     indptr: np.ndarray  # (N + 1,)
     indices: np.ndarray  # (pairs,)
-    place: np.ndarray  # (E, a, a): of corners a, b of an element, among the pairs
+    pair: np.ndarray  # (E, a, a): index of the pair of corners a, b of an element
 
     @classmethod
     def of(cls, elements: np.ndarray, nodes: int) -> Pattern:
         keys = elements[:, :, None].astype(np.int64) * nodes + elements[:, None, :]
-        pairs, place = np.unique(keys, return_inverse=True)
+        pairs, pair = np.unique(keys, return_inverse=True)
         rows, columns = np.divmod(pairs, nodes)
         indptr = np.searchsorted(rows, np.arange(nodes + 1))
-        return cls(indptr, columns, place.reshape(keys.shape))
+        return cls(indptr, columns, pair.reshape(keys.shape))
 
     def sums(self, values: np.ndarray) -> np.ndarray:
-        """(pairs,): values (E or 1, a, a) added up."""
-        spread = np.broadcast_to(values, self.place.shape)
-        return np.bincount(self.place.ravel(), spread.ravel(), minlength=self.indices.size)
+        """(pairs,): element values (E or 1, a, a), assembled."""
+        values = np.broadcast_to(values, self.pair.shape)
+        return np.bincount(self.pair.ravel(), values.ravel(), minlength=self.indices.size)
 
     def matrix(self, values: np.ndarray) -> sp.csr_array:
-        """The sum of element matrices (E, a, a), or (E, a, d, a, d) with d dofs for each node."""
+        """Element matrices (E, a, a), or (E, a, d, a, d) with d dofs per node, assembled."""
         if values.ndim == 3:
             values = values[:, :, None, :, None]
         d = values.shape[2]
@@ -45,7 +45,7 @@ class Pattern:
         return sp.bsr_array((blocks, self.indices, self.indptr), shape=(n, n)).tocsr()
 
 
-def lumped_mass(elements: np.ndarray, shares: np.ndarray, nodes: int) -> np.ndarray:
-    """(N,): shares (E or 1, a or 1) of the corners added up."""
-    spread = np.broadcast_to(shares, elements.shape)
-    return np.bincount(elements.ravel(), spread.ravel(), minlength=nodes)
+def lumped_mass(elements: np.ndarray, masses: np.ndarray, nodes: int) -> np.ndarray:
+    """(N,): masses (E or 1, a or 1) of the corners, assembled."""
+    masses = np.broadcast_to(masses, elements.shape)
+    return np.bincount(elements.ravel(), masses.ravel(), minlength=nodes)

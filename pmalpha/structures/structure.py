@@ -1,4 +1,4 @@
-"""Mass and stiffness of a structure with the mesh they belong to."""
+"""Mass and stiffness of a structure with its mesh."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import real_number
+from .._checks import counted, real_number
 from ..problem.constraints import dof_list
 from ..problem.matrices import Matrix, combination
 from ..problem.schemes import Scheme
@@ -16,13 +16,13 @@ from ..problem.subdomain import Subdomain
 
 __all__ = ["Structure"]
 
-# Coordinates that differ by less, relative to the largest one, are the same.
-SAME_PLACE = 1e-9
+# Coordinates are equal if they differ by less than this multiple of the largest one.
+COINCIDENT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """Matrices of a structure and the mesh they belong to.
+    """Matrices of a structure and its mesh.
 
     Attributes
     ----------
@@ -31,12 +31,12 @@ class Structure:
     K : (n, n) csr_array
         Stiffness.
     points : (N, dim) ndarray
-        Where the nodes are.
+        Coordinates of the nodes.
     elements : dict
         By meshio's name ("line", "quad", "hexahedron"): (E, corners) array of node numbers.
     components : tuple of str
-        Of the dofs of a node, in their order: "ux", "uy", "uz" are displacements along the axes,
-        "rz" is a rotation, counter-clockwise.
+        Names of the dofs of a node, in their order: "ux", "uy", "uz" are displacements along the
+        axes, "rz" is a rotation, counter-clockwise.
 
     Raises
     ------
@@ -69,31 +69,32 @@ class Structure:
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{len(e)} {name}" for name, e in self.elements.items())
-        return f"<Structure {len(self.points)} points, {counts}, {self.n} dofs>"
+        points, dofs = counted(len(self.points), "point"), counted(self.n, "dof")
+        return f"<Structure {points}, {counts}, {dofs}>"
 
     @property
     def dofs_per_node(self) -> int:
-        """How many components a node has."""
+        """Number of components of a node."""
         return len(self.components)
 
     @property
     def n(self) -> int:
-        """How many dofs there are."""
+        """Number of dofs."""
         return len(self.points) * len(self.components)
 
     def nodes(self, where: Callable[..., Any]) -> np.ndarray:
-        """The nodes where a condition on the coordinates holds, in rising order.
+        """The nodes whose coordinates satisfy a predicate, in rising order.
 
         Parameters
         ----------
         where : callable
-            Gets each coordinate of all nodes as an (N,) array, ``where(x, y)`` in the plane, and
-            returns N truth values.
+            Called with each coordinate of all nodes as an (N,) array, ``where(x, y)`` in the
+            plane; returns N booleans.
 
         Raises
         ------
         ValueError
-            If the answer is not of shape (N,) and boolean, or holds nowhere.
+            If the result is not of shape (N,) and boolean, or False at all nodes.
 
         Examples
         --------
@@ -120,12 +121,12 @@ class Structure:
         Parameters
         ----------
         x, y, z : float, optional
-            One at least; None stands for any.
+            At least one; None for any coordinate.
 
         Raises
         ------
         ValueError
-            If no node is there, or the points do not have that coordinate.
+            If there is no such node, or the points do not have that coordinate.
 
         Examples
         --------
@@ -134,17 +135,17 @@ class Structure:
         >>> box.nodes_at(x=0.2, z=0.1).tolist()
         [9, 11]
         """
-        asked = {axis: v for axis, v in zip("xyz", (x, y, z)) if v is not None}
+        given = {axis: v for axis, v in zip("xyz", (x, y, z)) if v is not None}
         dim = self.points.shape[1]
-        if not asked or max("xyz".index(axis) for axis in asked) >= dim:
-            raise ValueError(f"nodes_at needs one or more of {', '.join('xyz'[:dim])}, got {asked}")
-        columns = ["xyz".index(axis) for axis in asked]
-        away = np.abs(self.points[:, columns] - [real_number(v, a) for a, v in asked.items()])
-        found = np.flatnonzero(np.all(away <= SAME_PLACE * np.abs(self.points).max(), axis=1))
+        if not given or max("xyz".index(axis) for axis in given) >= dim:
+            raise ValueError(f"nodes_at needs one or more of {', '.join('xyz'[:dim])}, got {given}")
+        columns = ["xyz".index(axis) for axis in given]
+        away = np.abs(self.points[:, columns] - [real_number(v, a) for a, v in given.items()])
+        found = np.flatnonzero(np.all(away <= COINCIDENT * np.abs(self.points).max(), axis=1))
         if not found.size:
             low, high = self.points.min(axis=0), self.points.max(axis=0)
             raise ValueError(
-                f"nodes_at must meet a node, got {asked}; the points lie between "
+                f"nodes_at must match a node, got {given}; the coordinates are within "
                 f"{low.tolist()} and {high.tolist()}"
             )
         return found
@@ -156,7 +157,7 @@ class Structure:
         ----------
         nodes : int or (k,) array of int
         component : str or sequence of str, optional
-            Of `components`. Default: all.
+            One or several of `components`. Default: all.
 
         Returns
         -------
@@ -165,7 +166,7 @@ class Structure:
         Raises
         ------
         TypeError, ValueError
-            For nodes out of range or repeated, and components that are not there.
+            For nodes out of range or repeated, and unknown components.
 
         Examples
         --------
@@ -179,8 +180,8 @@ class Structure:
         unknown = [name for name in names if name not in self.components]
         if unknown:
             raise ValueError(f"component must be of {self.components}, got {unknown[0]!r}")
-        places = [self.components.index(name) for name in names]
-        return (self.dofs_per_node * chosen[:, None] + places).ravel()
+        offsets = [self.components.index(name) for name in names]
+        return (self.dofs_per_node * chosen[:, None] + offsets).ravel()
 
     def damping(self, c_m: float, c_k: float) -> Matrix:
         """Rayleigh damping C = c_m M + c_k K, with coefficients as `rayleigh` returns them.
@@ -193,7 +194,7 @@ class Structure:
         Returns
         -------
         (n,) ndarray, csr_array or None
-            1-D where only a lumped mass contributes, None where nothing does.
+            1-D if only a lumped mass contributes, None if both coefficients are 0.
 
         Raises
         ------
@@ -211,13 +212,13 @@ class Structure:
         return combination([(c_m, self.M), (c_k, self.K)])
 
     def subdomain(self, *, scheme: Scheme, **options) -> Subdomain:
-        """A Subdomain of this M and K with nothing fixed; options are those of `Subdomain`.
+        """A Subdomain with this M and K, without supports.
 
         Parameters
         ----------
         scheme : Scheme
         **options
-            Whatever else `Subdomain` takes: C, substeps, force, u0, name, ...
+            Further arguments of `Subdomain`: C, substeps, force, u0, name, ...
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Meshes cut out of other meshes."""
+"""Submeshes."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ __all__ = ["submesh"]
 
 
 def submesh(points: ArrayLike, elements: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The mesh of some elements of another one, without the points that they do not use.
+    """The mesh of some elements of another mesh, without unused points.
 
     Parameters
     ----------
     points : (N, dim) array_like
     elements : (E, corners) array_like of int
-        Those to keep.
+        The elements to keep.
 
     Returns
     -------
     points : (k, dim) ndarray
     elements : (E, corners) ndarray of int
-        Numbered by the points that are left.
+        In the numbers of the remaining points.
     nodes : (k,) ndarray of int
-        Which of the points given these are, rising.
+        Numbers of these points in the given mesh, in rising order.
 
     Raises
     ------
     TypeError, ValueError
-        For wrong shapes and points that are not there.
+        For wrong shapes and numbers of points that do not exist.
 
     Examples
     --------
@@ -40,7 +40,7 @@ def submesh(points: ArrayLike, elements: ArrayLike) -> tuple[np.ndarray, np.ndar
     >>> points.tolist(), lines.tolist(), nodes.tolist()
     ([[2.0], [3.0]], [[1, 0]], [2, 3])
     """
-    places = real_array(points, "points", 2)
-    corners = node_numbers(elements, "elements", len(places), None)
+    coordinates = real_array(points, "points", 2)
+    corners = node_numbers(elements, "elements", len(coordinates), None)
     nodes, renumbered = np.unique(corners, return_inverse=True)
-    return places[nodes], renumbered.reshape(corners.shape), nodes
+    return coordinates[nodes], renumbered.reshape(corners.shape), nodes
