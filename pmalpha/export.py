@@ -1,4 +1,4 @@
-"""Time series on a mesh as files that ParaView opens. Needs nothing but NumPy."""
+"""Time series on a mesh as files for ParaView. Requires only NumPy."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from .structures.mesh import Mesh, checked_mesh, nodal_values, nodal_vectors, pa
 
 __all__ = ["write_series"]
 
-# By the number of nodes of an element: XDMF's name and number, and VTK's number.
+# By the number of nodes of an element: name and number in XDMF, number in VTK.
 XDMF = {2: ("Polyline", 2), 4: ("Quadrilateral", 5), 8: ("Hexahedron", 9)}
 VTK = {2: 3, 4: 9, 8: 12}
 ORDER = {"little": "Little", "big": "Big"}[sys.byteorder]
 
 
 class Series(NamedTuple):
-    """What is written: fields by name, (k, N, dim) vectors or (k, N) numbers."""
+    """The data of the files: fields by name, (k, N, dim) vectors or (k, N) numbers."""
 
     mesh: Mesh
     times: np.ndarray
@@ -51,34 +51,33 @@ def write_series(
 ) -> None:
     """Write the motion of a mesh for ParaView.
 
-    The ending of the path chooses the format. ``.xdmf``: a text that describes, and beside it one
-    file of the same name, ending in ``.bin``, with the numbers. ``.pvd``: a text that lists the
-    times, and beside it a folder of the same name with a ``.vtu`` file for each. In ParaView, the
-    filter "Warp By Vector" shows the displacements. Numbers are written step by step, in double
-    precision, without being copied as a whole.
+    The suffix of the path chooses the format. ``.xdmf``: an XML description, and a binary file of
+    the same name with the suffix ``.bin``. ``.pvd``: an XML list of the times, and a folder of the
+    same name with a ``.vtu`` file for each time. In ParaView, the filter "Warp By Vector" shows the
+    displacements. Numbers are written time by time, in double precision, without a copy of all.
 
     Parameters
     ----------
     path : str or path
-        Ending in .xdmf or .pvd. Files that stand there are replaced.
+        With suffix .xdmf or .pvd. Existing files are replaced.
     points : (N, dim) array_like
         Coordinates of the nodes; dim is 1, 2 or 3.
     elements : (m, 2), (m, 4) or (m, 8) array_like of int, or dict
         Nodes of lines, quadrilaterals (around) or hexahedra (around the bottom, then around the
-        top), or several of them by name: "line", "quad", "hexahedron".
+        top), or a dict of several by name: "line", "quad", "hexahedron".
     times : (k,) array_like
-        Rising.
+        In rising order.
     u, v, a : (k, N * d) or (k, N, d) array_like
-        Displacements, velocities and accelerations, d >= dim dofs at each node; those beyond dim,
-        such as rotations, are left out. Such as ``history["rig"].u``, which ``reduction.expand``
-        fills up where dofs are fixed. v and a are optional.
+        Displacements, velocities and accelerations, d >= dim dofs per node; dofs beyond dim, such
+        as rotations, are dropped. For example ``history["rig"].u``; ``reduction.expand`` adds fixed
+        dofs. v and a are optional.
     data : dict, optional
-        More that is known at the nodes: (k, N) numbers by name.
+        Further fields at the nodes: (k, N) numbers by name.
 
     Raises
     ------
     TypeError, ValueError
-        For another ending, and arrays that do not fit one another.
+        For another suffix, and inconsistent shapes.
     OSError
         When a file cannot be written.
 
@@ -99,9 +98,9 @@ def write_series(
     times = real_array(times, "times")
     if times.size == 0:
         raise ValueError("times must not be empty")
-    late = np.flatnonzero(np.diff(times) <= 0.0) + 1
-    if late.size:
-        raise ValueError(f"times must rise, which they do not at entries {listing(late)}")
+    not_rising = np.flatnonzero(np.diff(times) <= 0.0) + 1
+    if not_rising.size:
+        raise ValueError(f"times must rise, which they do not at entries {listing(not_rising)}")
     mesh = checked_mesh(points, elements)
     series = Series(mesh, times, _fields(mesh, times.size, u, v, a, data or {}))
     writers[path.suffix.lower()](path, series)
@@ -117,7 +116,9 @@ def _fields(
         fields["acceleration"] = nodal_vectors(a, mesh, "a", times=k)
     for name, values in data.items():
         if not isinstance(name, str) or name in fields:
-            raise ValueError(f"data must have names of its own, got {name!r}")
+            raise ValueError(
+                f"data must have strings as names, other than {', '.join(fields)}, got {name!r}"
+            )
         fields[name] = nodal_values(values, mesh, f"data[{name!r}]", times=k)
     return fields
 
@@ -165,7 +166,7 @@ def _xdmf_mesh(file: BinaryIO, name: str, mesh: Mesh) -> tuple[xml.Element, xml.
 
 
 def _mixed(mesh: Mesh) -> np.ndarray:
-    """Elements of several kinds in a row: number of the kind, for lines how many nodes, nodes."""
+    """Elements of several kinds: XDMF number of the kind, number of nodes (lines only), nodes."""
     rows = []
     for block in mesh.blocks:
         corners = block.shape[1]
@@ -175,7 +176,7 @@ def _mixed(mesh: Mesh) -> np.ndarray:
 
 
 def _data_item(file: BinaryIO, name: str, array: np.ndarray) -> xml.Element:
-    """Writes the array; what says where it is."""
+    """Write the array and return the element with its position in the file."""
     item = xml.Element(
         "DataItem",
         Format="Binary",
@@ -242,7 +243,7 @@ def _write_vtu(path: Path, mesh: Mesh, fields: Iterator[tuple[str, np.ndarray]])
 
 
 def _data_array(parent: xml.Element, name: str, array: np.ndarray) -> None:
-    """An array in the text: its length in bytes and its bytes, in base 64."""
+    """Append an array to the XML: its length in bytes and its bytes, in base 64."""
     kind = {"f": "Float", "i": "Int", "u": "UInt"}[array.dtype.kind]
     item = xml.SubElement(
         parent, "DataArray", type=f"{kind}{8 * array.itemsize}", Name=name, format="binary"

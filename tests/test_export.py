@@ -230,7 +230,7 @@ def test_files_that_stand_there_are_replaced(tmp_path, name):
             ValueError,
             r"data\['heat'\] must have shape \(3, 6\)",
         ),
-        ({"data": {"displacement": np.zeros((3, 6))}}, ValueError, "names of its own"),
+        ({"data": {"displacement": np.zeros((3, 6))}}, ValueError, "other than displacement"),
         ({"elements": [[0, 1, 2]]}, ValueError, "elements must have 2, 4 or 8 columns"),
         ({"points": np.zeros((6, 4))}, ValueError, "points must have 1, 2 or 3 columns"),
     ],

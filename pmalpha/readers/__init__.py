@@ -1,7 +1,7 @@
-"""Matrices that other programs wrote as text: Abaqus, CalculiX and Nastran.
+"""Readers of matrices exported as text by Abaqus, CalculiX and Nastran.
 
-What to write into their input is in docs/exported-matrices.md. Matrix Market and Harwell-Boeing
-files are read by ``scipy.io.mmread`` and ``scipy.io.hb_read``.
+docs/exported-matrices.md has the input of these programs. ``scipy.io.mmread`` and
+``scipy.io.hb_read`` read Matrix Market and Harwell-Boeing files.
 """
 
 from .abaqus import read_abaqus

@@ -17,47 +17,47 @@ from .text import Line, refuse, text_lines
 __all__ = ["read_abaqus"]
 
 ROW_COLUMN, NODE_DOF = 3, 5  # fields of a line in the two formats
-# A coordinate list without labels may leave rows empty, but not more than this many for each entry:
-# a wrong digit in an index must not make a matrix that fills the memory.
+# Maximum number of rows per entry in a coordinate list without labels, which may have empty rows: a
+# wrong digit in an index must not give a matrix that fills the memory.
 ROWS_PER_ENTRY = 10
 
 
 def read_abaqus(path: str | os.PathLike, labels: Any = None) -> ExportedMatrix:
-    """A matrix that ``*MATRIX OUTPUT`` of Abaqus wrote, or MATRIXSTORAGE of CalculiX.
+    """Read a matrix of ``*MATRIX OUTPUT`` of Abaqus, or of MATRIXSTORAGE of CalculiX.
 
-    Two formats, told apart by their columns: FORMAT=COORDINATE, "row column value", and
-    FORMAT=MATRIX INPUT, "node, dof, node, dof, value", also with the keyword line
-    ``*MATRIX INPUT`` above. Where no entry has its mirror image in the file, it holds one triangle,
-    and the other one is filled in; otherwise the matrix is as written.
+    Two formats, distinguished by the number of columns: FORMAT=COORDINATE, "row column value", and
+    FORMAT=MATRIX INPUT, "node, dof, node, dof, value", also after the keyword line
+    ``*MATRIX INPUT``. If no off-diagonal entry has its transposed entry in the file, the file has
+    one triangle and the other is added; otherwise the matrix is as written.
 
     Parameters
     ----------
     path : str or path
     labels : (n, 2) array_like of int, optional
-        Node and component of each row of a coordinate list, which itself has none: the file
-        .dof of CalculiX, or what is known of the model. Default: (row, 0) with rows from 1 to the
-        largest one found.
+        Node and component of each row of a coordinate list, which does not have them: from the file
+        .dof of CalculiX, or from the model. Default: (row, 0) with rows from 1 to the largest in
+        the file.
 
     Returns
     -------
     ExportedMatrix
-        Rows of the format with labels are in the order of nodes, then components; internal nodes
-        of Abaqus, with numbers below 0, come last.
+        The rows of the format with labels are in the order of nodes, then components; internal
+        nodes of Abaqus, with numbers below 0, come last.
 
     Raises
     ------
     OSError
         When the file cannot be read.
     TypeError
-        For a path that is none, and labels that are no whole numbers.
+        For a wrong type of path, and labels that are not whole numbers.
     ValueError
-        With file and line: other columns than these, what is no number or not finite, indices out
-        of range, entries that stand twice, a file that ends within a line.
+        With file and line: a wrong number of columns, a value that is not a finite number, indices
+        out of range, repeated entries, a file that ends within a line.
 
     Notes
     -----
-    A list that was cut off between two lines looks like one of a smaller or a sparser matrix.
-    Compare `n` with the model, and see whether ``K @ rigid_motion`` vanishes.
+    A list that was cut off between two lines cannot be distinguished from a smaller or sparser
+    matrix. Compare `n` with the model, and check that ``K @ rigid_motion`` is zero.
 
     Examples
     --------
@@ -87,12 +87,12 @@ def read_abaqus(path: str | os.PathLike, labels: Any = None) -> ExportedMatrix:
         rows, columns, labels = labelled(table[:, :4].astype(np.int64))
     entries = Entries(path, numbers, rows, columns, table[:, -1], labels)
     entries.require_once()
-    complete = not unsymmetric and not entries.mirrored().any()
+    complete = not unsymmetric and not entries.have_transposed().any()
     return ExportedMatrix(entries.matrix(complete), labels, os.path.basename(path))
 
 
 def _abaqus_data(path: str) -> tuple[list[Line], bool]:
-    """The data lines, and whether a keyword line says TYPE=UNSYMMETRIC."""
+    """The data lines, and whether a keyword line has TYPE=UNSYMMETRIC."""
     lines: list[Line] = []
     unsymmetric, keywords = False, 0
     for line in text_lines(path):
@@ -100,7 +100,7 @@ def _abaqus_data(path: str) -> tuple[list[Line], bool]:
         if text[0] not in "*%":
             lines.append(line)
         elif text.startswith("%%MatrixMarket"):
-            refuse(path, line.number, "is a Matrix Market file: read it by scipy.io.mmread")
+            refuse(path, line.number, "is a Matrix Market file: read it with scipy.io.mmread")
         elif not text.startswith(("**", "%")):
             keywords += 1
             unsymmetric = _is_unsymmetric(path, line)
@@ -112,17 +112,17 @@ def _abaqus_data(path: str) -> tuple[list[Line], bool]:
 
 
 def _is_unsymmetric(path: str, line: Line) -> bool:
-    word, *options = [part.strip().upper() for part in line.text.split(",")]
+    word, *options = [field.strip().upper() for field in line.text.split(",")]
     if word != "*MATRIX INPUT":
         refuse(path, line.number, f"must be data or *MATRIX INPUT, got {line.text.strip()!r}")
     given = {key.strip(): value.strip() for key, _, value in (o.partition("=") for o in options)}
     if "SCALE FACTOR" in given or "INPUT" in given:
-        refuse(path, line.number, "must not have SCALE FACTOR or INPUT, which are not followed")
+        refuse(path, line.number, "must not have SCALE FACTOR or INPUT, which are not supported")
     return given.get("TYPE") == "UNSYMMETRIC"
 
 
 def _table(path: str, lines: Sequence[Line]) -> np.ndarray:
-    """The numbers of all lines, (lines, 3) or (lines, 5): whole and finite where they must be."""
+    """The numbers of all lines, (lines, 3) or (lines, 5): whole indices and finite values."""
     columns = len(_fields(lines[0].text))
     if columns not in (ROW_COLUMN, NODE_DOF):
         refuse(
@@ -134,7 +134,7 @@ def _table(path: str, lines: Sequence[Line]) -> np.ndarray:
     texts = [line.text.replace(",", " ").replace("D", "e").replace("d", "e") for line in lines]
     try:
         table = np.loadtxt(texts, ndmin=2, comments=None)
-    except ValueError:  # which line it is, is found below
+    except ValueError:  # line by line, to find the wrong one
         table = np.array([_numbers(path, line, columns) for line in lines])
     index = table[:, :-1]
     whole = np.all((index == np.round(index)) & (np.abs(index) < MOST), axis=1)
@@ -164,7 +164,7 @@ def _numbers(path: str, line: Line, columns: int) -> list[float]:
 def _coordinates(
     path: str, numbers: np.ndarray, table: np.ndarray, labels: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Rows and columns from 0, and the size of the matrix."""
+    """Rows and columns, numbered from 0, and the size of the matrix."""
     index = table[:, :2].astype(np.int64)
     n = int(index.max()) if labels is None else len(labels)
     if labels is None:

@@ -1,4 +1,4 @@
-"""Entries of a matrix as they are in a file, each with its line."""
+"""Entries of a matrix in a file, each with its line."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import scipy.sparse as sp
 from .text import refuse
 
 
-def labelled(index: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows, columns and labels of entries that name (node, component, node, component)."""
-    both = np.concatenate([index[:, :2], index[:, 2:]])
-    labels, place = np.unique(both, axis=0, return_inverse=True)
+def labelled(entries: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows, columns and labels of entries given as (node, component, node, component)."""
+    both = np.concatenate([entries[:, :2], entries[:, 2:]])
+    labels, index = np.unique(both, axis=0, return_inverse=True)
     # nodes by number, internal ones (-1, -2, ...) after all others
     order = np.lexsort([labels[:, 1], np.abs(labels[:, 0]), labels[:, 0] < 0])
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
-    rows, columns = rank[place.ravel()].reshape(2, -1)
+    rows, columns = rank[index.ravel()].reshape(2, -1)
     return rows, columns, labels[order]
 
 
 @dataclass(frozen=True, eq=False)
 class Entries:
-    """Entries of a matrix, each with the number of the line it comes from."""
+    """Entries of a matrix, each with the number of its line."""
 
     path: str
     lines: np.ndarray
@@ -34,7 +34,7 @@ class Entries:
     labels: np.ndarray
 
     def require_once(self, *, either_side: bool = False) -> None:
-        """ValueError for a place that has two entries, or with its mirror image if asked."""
+        """ValueError for a repeated entry; with `either_side` its transposed entry counts too."""
         n = len(self.labels)
         key = self.rows * n + self.columns
         if either_side:
@@ -44,8 +44,8 @@ class Entries:
         if again.size:
             first, second = order[again[0]], order[again[0] + 1]
             what = f"{self._label(self.rows[second])}, {self._label(self.columns[second])}"
-            mirrored = self.rows[first] != self.rows[second]
-            side = ", on the other side of the diagonal" if mirrored else ""
+            transposed = self.rows[first] != self.rows[second]
+            side = ", on the other side of the diagonal" if transposed else ""
             rule = f"must have each entry once, got {what} again after line {self.lines[first]}"
             refuse(self.path, int(self.lines[second]), rule + side)
 
@@ -53,15 +53,15 @@ class Entries:
         node, component = self.labels[row]
         return f"({node}, {component})" if component else f"{node}"
 
-    def mirrored(self) -> np.ndarray:
-        """Of each entry off the diagonal: is its mirror image there?"""
+    def have_transposed(self) -> np.ndarray:
+        """For each off-diagonal entry, whether its transposed entry exists."""
         n = len(self.labels)
         off = self.rows != self.columns
         rows, columns = self.rows[off], self.columns[off]
         return np.isin(columns * n + rows, rows * n + columns)
 
     def matrix(self, complete: bool) -> sp.csr_array:
-        """The matrix, with the mirror images of all entries if `complete`."""
+        """The matrix, with the transposed entries added if `complete`."""
         n = len(self.labels)
         rows, columns, values = self.rows, self.columns, self.values
         if complete:

@@ -1,4 +1,4 @@
-"""A matrix that another program wrote, with the labels of its rows."""
+"""A matrix exported by another program, with the labels of its rows."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import listing, plain_array
+from .._checks import counted, listing, plain_array
 
 __all__ = ["ExportedMatrix"]
 
 
 @dataclass(frozen=True, eq=False)
 class ExportedMatrix:
-    """A square matrix from a file, and what its rows stand for.
+    """A square matrix from a file, with node and component of its rows.
 
     Attributes
     ----------
     matrix : (n, n) csr_array
         Row and column i belong to the same dof.
     labels : (n, 2) ndarray of int
-        Node and component of each row, as the other program numbers them: components 1, 2, 3 are
-        displacements, 4, 5, 6 rotations; 0 where the file has none.
+        Node and component of each row, in the numbers of the other program: components 1, 2, 3 are
+        displacements, 4, 5, 6 rotations; 0 if the file has no components.
     name : str
-        That of the matrix or of the file.
+        Name of the matrix or of the file.
 
     Examples
     --------
@@ -42,18 +42,19 @@ class ExportedMatrix:
         labels = checked_labels(self.labels)
         if self.matrix.shape != (len(labels), len(labels)):
             raise ValueError(
-                f"labels must be as many as rows and columns, got {len(labels)} for a matrix of "
-                f"shape {self.matrix.shape}"
+                f"labels must be as many as the rows of the matrix, got {len(labels)} for shape "
+                f"{self.matrix.shape}"
             )
         labels.setflags(write=False)
         object.__setattr__(self, "labels", labels)
 
     def __repr__(self) -> str:
-        return f"<ExportedMatrix {self.name!r}, {self.n} rows, {self.matrix.nnz} entries>"
+        rows = counted(self.n, "row")
+        return f"<ExportedMatrix {self.name!r}, {rows}, nnz = {self.matrix.nnz}>"
 
     @property
     def n(self) -> int:
-        """How many rows there are."""
+        """Number of rows."""
         return len(self.labels)
 
     def rows(self, nodes: Any, component: int | None = None) -> np.ndarray:
@@ -62,9 +63,9 @@ class ExportedMatrix:
         Parameters
         ----------
         nodes : int or (k,) array of int
-            As the other program numbers them.
+            In the numbers of the other program.
         component : int, optional
-            One component of each node. Default: all that the matrix has.
+            One component of each node. Default: all components in the matrix.
 
         Returns
         -------
@@ -91,22 +92,22 @@ class ExportedMatrix:
         found = [order[i:j] for i, j in zip(first, last)]
         if component is not None:
             found = [rows[self.labels[rows, 1] == component] for rows in found]
-        lost = [int(node) for node, rows in zip(wanted, found) if not rows.size]
-        if lost:
+        missing = [int(node) for node, rows in zip(wanted, found) if not rows.size]
+        if missing:
             which = "a row" if component is None else f"a row of component {component}"
-            raise ValueError(f"nodes must have {which}, got {listing(lost)} without")
+            raise ValueError(f"nodes must have {which}, got {listing(missing)} without")
         return np.concatenate([np.empty(0, dtype=np.int64), *found])
 
     def arranged(self, labels: Any) -> ExportedMatrix:
         """The matrix with rows for these labels, in this order; new rows are zero.
 
-        Programs leave out empty rows: a mass matrix may have fewer than the stiffness matrix.
-        ``M.arranged(K.labels)`` belongs to K row by row.
+        Programs omit empty rows: a mass matrix may have fewer rows than the stiffness matrix.
+        ``M.arranged(K.labels)`` has the rows of K.
 
         Parameters
         ----------
         labels : (m, 2) array_like of int
-            At least all labels that the matrix has.
+            Must contain all labels of the matrix.
 
         Raises
         ------
@@ -120,12 +121,12 @@ class ExportedMatrix:
         [[0.0, 0.0], [0.0, 5.0]]
         """
         wanted = checked_labels(labels)
-        place = {label: i for i, label in enumerate(map(tuple, wanted.tolist()))}
+        row_of = {label: i for i, label in enumerate(map(tuple, wanted.tolist()))}
         own = list(map(tuple, self.labels.tolist()))
-        lost = [label for label in own if label not in place]
-        if lost:
-            raise ValueError(f"labels must have all of the matrix, got none for {listing(lost)}")
-        to = np.array([place[label] for label in own], dtype=np.int64)
+        missing = [label for label in own if label not in row_of]
+        if missing:
+            raise ValueError(f"labels must have all of the matrix, got none for {listing(missing)}")
+        to = np.array([row_of[label] for label in own], dtype=np.int64)
         entries = self.matrix.tocoo()
         n = len(wanted)
         matrix = sp.coo_array((entries.data, (to[entries.row], to[entries.col])), shape=(n, n))

@@ -18,7 +18,7 @@ from .text import refuse, text_lines
 
 __all__ = ["read_dmig"]
 
-# "3.+5", "-1.25D-3", "2.5+10": the exponent may come without its letter
+# "3.+5", "-1.25D-3", "2.5+10": the letter of the exponent is optional
 NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[EeDd]?([+-]\d+)|[EeDd](\d+))?")
 SYMMETRIC, SQUARE = 6, (1, 2)
 REAL, COMPLEX = (1, 2), (3, 4)
@@ -31,7 +31,7 @@ class _Field(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Card:
-    """An entry of the bulk data with all its continuations: fields 2 to 9 of every line."""
+    """A bulk data entry with its continuations: fields 2 to 9 of every line."""
 
     line: int
     fields: list[_Field]
@@ -41,33 +41,34 @@ class _Card:
 
 
 def read_dmig(path: str | os.PathLike, name: str | None = None) -> ExportedMatrix:
-    """A matrix of DMIG entries, as in the punch file of Nastran.
+    """Read a matrix of DMIG entries, as in the punch file of Nastran.
 
-    Fields of 8 columns (``DMIG``), of 16 (``DMIG*``) or between commas. Entries of other kinds are
-    passed over, so that the whole punch file can be given.
+    Fields of 8 columns (``DMIG``), of 16 (``DMIG*``) or separated by commas. Other bulk data
+    entries of the punch file are ignored.
 
     Parameters
     ----------
     path : str or path
     name : str, optional
-        Of the matrix, such as "KAAX". Default: the only one in the file.
+        Name of the matrix, such as "KAAX". Default: the only one in the file.
 
     Returns
     -------
     ExportedMatrix
-        Rows in the order of points, then components. Rows and columns that the file leaves out,
-        being zero, are not there: see `ExportedMatrix.arranged`.
+        Rows in the order of points, then components. Zero rows and columns, which the file omits,
+        are missing: see `ExportedMatrix.arranged`.
 
     Raises
     ------
     OSError
         When the file cannot be read.
     TypeError
-        For a path that is none.
+        For a wrong type of path.
     ValueError
-        With file and line: a complex or a rectangular matrix, one without its header, what is no
-        number, entries that stand twice, in the symmetric form also on both sides of the diagonal,
-        a file that ends within an entry. With the names there are: none, or several and no `name`.
+        With file and line: a complex or a rectangular matrix, a missing header, a field that is not
+        a number, repeated entries, in the symmetric form also on both sides of the diagonal, a file
+        that ends within an entry. With the names in the file: an unknown name, or several matrices
+        and no `name`.
 
     Examples
     --------
@@ -134,23 +135,23 @@ def _dmig_cards(path: str) -> Iterator[_Card]:
 
 
 def _dmig_fields(path: str, line: int, text: str) -> list[_Field]:
-    """Fields 2 to 9 of a line, or half of them where they are wide."""
+    """Fields 2 to 9 of a line, or four wide fields."""
     wide = "*" in text[:8].split(",")[0]
     count = 4 if wide else 8
     if "," in text:
-        parts = text.split(",")[1:]
-        if len(parts) > count + 1:  # the last one marks the continuation
-            refuse(path, line, f"must have at most {count + 2} fields, got {len(parts) + 1}")
-        parts = parts[:count]
+        fields = text.split(",")[1:]
+        if len(fields) > count + 1:  # the last one is the continuation marker
+            refuse(path, line, f"must have at most {count + 2} fields, got {len(fields) + 1}")
+        fields = fields[:count]
     else:
         width = 64 // count
-        parts = [text[i : i + width] for i in range(8, 72, width)]
-    parts += [""] * (count - len(parts))
-    return [_Field(line, part.strip()) for part in parts]
+        fields = [text[i : i + width] for i in range(8, 72, width)]
+    fields += [""] * (count - len(fields))
+    return [_Field(line, field.strip()) for field in fields]
 
 
 def _dmig_form(path: str, name: str, cards: Sequence[_Card]) -> int:
-    """The form that the header says, which comes first and once."""
+    """The form in the header, which must be the first entry and unique."""
     header = cards[0]
     if header.text(1) != "0":
         rule = f"must come after the header of {name}, with 0 in its third field"
@@ -183,7 +184,7 @@ def _dmig_terms(path: str, card: _Card) -> Iterator[tuple[int, int, int, int, in
             rule = f"must have a value for row {row} of column {column}, or is cut off"
             refuse(path, value.line, f"{rule}, got none")
         if imaginary.text and _real(path, imaginary) != 0.0:
-            rule = "must have no imaginary part, being of a real type"
+            rule = "must have no imaginary part, since the type is real"
             refuse(path, imaginary.line, f"{rule}, got {imaginary.text!r}")
         yield value.line, *row, *column, _real(path, value)
     if not any(f.text for f in rest):

@@ -1,4 +1,4 @@
-"""By how much a matrix from a file is unsymmetric, and its symmetric part."""
+"""Asymmetry of a matrix from a file, and its symmetric part."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ __all__ = ["asymmetry", "symmetrized"]
 
 
 def asymmetry(A: Any) -> float:
-    """By how much a matrix is unsymmetric: the largest of |A_ij - A_ji| / sqrt(a_i a_j).
+    """Asymmetry of a matrix: the maximum of |A_ij - A_ji| / sqrt(a_i a_j).
 
-    a_i = |A_ii|, so that units do not matter: rotations and displacements can stand in one matrix.
-    Where A_ii is 0, a_i is the largest magnitude in row and column i.
+    a_i = |A_ii|, so that the result does not depend on units, also with rotations and displacements
+    in one matrix. If A_ii = 0, a_i is the largest magnitude in row and column i.
 
     Parameters
     ----------
@@ -42,16 +42,16 @@ def asymmetry(A: Any) -> float:
 
 
 def symmetrized(A: Any, tol: float) -> Any:
-    """(A + A^T) / 2, if A is symmetric but for this part of its entries.
+    """(A + A^T) / 2, if the asymmetry of A is at most tol.
 
-    `Subdomain` takes only matrices that are symmetric to rounding. A file with few digits, or a
-    follower load known to be small, is made so here by an explicit decision.
+    `Subdomain` requires matrices that are symmetric up to rounding. This function is an explicit
+    decision to symmetrize a matrix from a file with few digits, or with a small follower load.
 
     Parameters
     ----------
     A : (n, n) array or scipy.sparse matrix or array
     tol : float
-        The largest `asymmetry` that is accepted, at least 0.
+        Maximum `asymmetry`, at least 0.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def symmetrized(A: Any, tol: float) -> Any:
     Raises
     ------
     TypeError, ValueError
-        For a matrix that is not real, square and finite, or less symmetric than tol.
+        For a matrix that is not real, square and finite, or whose asymmetry exceeds tol.
 
     Examples
     --------
@@ -90,7 +90,7 @@ def _square(value: Any) -> Any:
 
 
 def _worst_pair(A: Any) -> tuple[float, int, int]:
-    """The largest |A_ij - A_ji| / sqrt(a_i a_j), and where it is."""
+    """The maximum of |A_ij - A_ji| / sqrt(a_i a_j), and its i and j."""
     A = sp.csr_array(A)
     skew = sp.coo_array(A - A.T)
     rows, columns, values = skew.row, skew.col, np.abs(skew.data)

@@ -1,4 +1,4 @@
-"""Lines of a text file, and refusals that name file and line."""
+"""Lines of a text file, and errors with file and line."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ class Line(NamedTuple):
 
 
 def refuse(path: str, line: int, rule: str) -> NoReturn:
+    """Raise a ValueError with file and line."""
     raise ValueError(f"{path}, line {line}: {rule}")
 
 
 def text_lines(path: str) -> Iterator[Line]:
-    """The lines that are not blank; ValueError for what is no text, or ends within a line."""
+    """The lines that are not blank; ValueError for a binary file or one that ends in a line."""
     with open(path, encoding="latin-1", newline=None) as file:
         for number, text in enumerate(file, start=1):
             if "\0" in text:
