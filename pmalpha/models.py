@@ -1,6 +1,6 @@
-"""Ready-made problems: those of the paper, a shear frame, a measured earthquake.
+"""Ready-made problems: the two of the paper, a shear frame, a measured earthquake.
 
-The formulas are in docs/method.md. Units are any consistent set unless a function says otherwise.
+The formulas are in docs/method.md. Units are any consistent set unless stated otherwise.
 """
 
 from collections.abc import Sequence
@@ -55,7 +55,7 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """Subdomains and what ties them: everything of a coupled problem but the step.
+    """Subdomains and their constraints: a coupled problem without the macro step.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Model:
         dt : float
             Macro step.
         **options
-            Whatever else `Coupler` takes, such as ``coupling="gc"``.
+            Further arguments of `Coupler`, such as ``coupling="gc"``.
 
         Returns
         -------
@@ -110,26 +110,26 @@ def split_oscillator(
     scheme_a=None,
     scheme_b=None,
 ) -> Model:
-    """A single-dof oscillator, cut into an implicit part "A" and an explicit part "B".
+    """A single-dof oscillator, cut into an implicit subdomain "A" and an explicit "B".
 
-    The cut gives mA / mB = kB / kA = b1, so that a large b1 makes A heavy and soft, B light and
-    stiff. With the default mass and stiffness the uncut oscillator has period 1.
+    mA / mB = kB / kA = b1: with a large b1, A is heavy and soft, B light and stiff. With the
+    default mass and stiffness the period of the uncut oscillator is 1.
 
     Parameters
     ----------
     b1 : float
-        The ratio, above 0.
+        Ratio of masses and of stiffnesses, above 0.
     rho : float or None
-        Of both generalized-alpha schemes, in [0, 1]; None takes the trapezoidal rule in A and
-        the central difference in B (the PM method).
+        Spectral radius at infinity of both generalized-alpha schemes, in [0, 1]. None: the
+        trapezoidal rule in A and the central difference in B (the PM method).
     substeps : int
-        Own steps of B in a macro step; A takes one.
+        Substeps of B per macro step; A takes one step.
     mass, stiffness : float
-        Of the uncut oscillator.
+        Mass and stiffness of the uncut oscillator.
     u0, v0 : float
         Initial displacement and velocity.
     scheme_a, scheme_b : scheme or None
-        Other schemes for A and B than those `rho` stands for.
+        Schemes of A and B that replace those given by `rho`.
 
     Returns
     -------
@@ -174,9 +174,9 @@ def split_oscillator(
 
 @dataclass(frozen=True, eq=False)
 class FourDof(Model):
-    """The four-dof system of the paper, with the uncut chain to compare with.
+    """The four-dof system of the paper, with the uncut chain for comparison.
 
-    Made by `four_dof`. Subdomain "A" is {u2, u3, u4}, implicit; "B" is {u1, u2}, explicit.
+    Created by `four_dof`. Subdomain "A" is {u2, u3, u4}, implicit; "B" is {u1, u2}, explicit.
 
     Attributes
     ----------
@@ -187,7 +187,7 @@ class FourDof(Model):
     stiffness : (4, 4) ndarray
         Stiffness matrix of the uncut chain.
     frequencies : (4,) ndarray
-        In cycles per unit of time (Hz).
+        Natural frequencies in cycles per unit of time (Hz).
     modes : (4, 4) ndarray
         Mass-normalised modes in columns: modes.T @ diag(mass) @ modes = 1.
     """
@@ -200,11 +200,11 @@ class FourDof(Model):
 
     @property
     def macro_step(self) -> float:
-        """The paper's step: dt f1 = 1/40."""
+        """The macro step of the paper: dt f1 = 1/40."""
         return 1.0 / (40.0 * float(self.frequencies[0]))
 
     def displacements(self, history: History) -> tuple[np.ndarray, np.ndarray]:
-        """Displacements of the chain at the macro nodes of a history.
+        """Displacements of the chain at the macro time levels of a history.
 
         Parameters
         ----------
@@ -225,7 +225,7 @@ class FourDof(Model):
         return self._joined(history, "u")
 
     def modal_amplitudes(self, history: History) -> tuple[np.ndarray, np.ndarray]:
-        """Amplitudes of the modes of the uncut chain at the macro nodes of a history.
+        """Amplitudes of the modes of the uncut chain at the macro time levels of a history.
 
         The amplitude of a mode with angular frequency omega is sqrt(q^2 + (q'/omega)^2), q its
         mass-normalised coordinate: constant in free vibration.
@@ -266,7 +266,7 @@ class FourDof(Model):
         xa, xb = getattr(a, quantity), getattr(b, quantity)
         if xa.shape[1] != 3 or xb.shape[1] != 2:
             raise ValueError("history must have all dofs of A and B recorded")
-        # the nodes that both have; equal instants have equal bits
+        # time levels of both subdomains; equal instants are bitwise identical
         t, ia, ib = np.intersect1d(a.t, b.t, assume_unique=True, return_indices=True)
         xa, xb = xa[ia], xb[ib]
         u2 = (xa[:, 0] + xb[:, 1]) / 2.0
@@ -277,21 +277,21 @@ def four_dof(rho: float | None = 0.5, *, substeps: int = 20) -> FourDof:
     """The four-dof system of the paper, in free vibration from u = (0, 0, 0, 1).
 
     A surrogate with the published spectrum: the paper gives the frequencies 0.47, 2.90, 4.18 and
-    9.47 Hz, not the masses and springs. Here it is a chain of unit masses, fixed at one end, with
-    the springs that yield these frequencies. The second mass is cut half and half.
+    9.47 Hz, not the masses and springs. The surrogate is a chain of unit masses, fixed at one end,
+    with springs that give these frequencies. The second mass is cut into two halves.
 
     Parameters
     ----------
     rho : float or None
-        Of both generalized-alpha schemes (PM-alpha), in [0, 1]; None takes the trapezoidal rule
-        in A and the central difference in B (PM).
+        Spectral radius at infinity of both generalized-alpha schemes (PM-alpha), in [0, 1]. None:
+        the trapezoidal rule in A and the central difference in B (PM).
     substeps : int
-        Own steps of B in a macro step; A takes one.
+        Substeps of B per macro step; A takes one step.
 
     Returns
     -------
     FourDof
-        Frequencies are in Hz if time is in seconds; length and mass have any unit.
+        Frequencies are in Hz if time is in seconds; the units of length and mass are arbitrary.
 
     Raises
     ------
@@ -336,18 +336,18 @@ def _schemes(rho: float | None):
 
 
 def _chain_springs(mass, frequencies, guess) -> np.ndarray:
-    """Springs that give a chain these frequencies: Newton's method on the eigenvalues."""
+    """Spring stiffnesses of a chain with these frequencies, by Newton's method."""
     n = len(mass)
     springs = np.array(guess, dtype=float)
-    wanted = (2.0 * np.pi * np.array(frequencies)) ** 2
-    stretch = np.eye(n) - np.eye(n, k=-1)  # row j: stretch of spring j
+    target = (2.0 * np.pi * np.array(frequencies)) ** 2
+    elongation = np.eye(n) - np.eye(n, k=-1)  # row j: elongation of spring j
     for _ in range(20):
-        squares, modes = scipy.linalg.eigh(stretch.T * springs @ stretch, np.diag(mass))
-        error = wanted - squares
-        if np.all(np.abs(error) <= 1e-14 * wanted[-1]):  # rounding of eigh is of this size
+        squares, modes = scipy.linalg.eigh(elongation.T * springs @ elongation, np.diag(mass))
+        error = target - squares
+        if np.all(np.abs(error) <= 1e-14 * target[-1]):  # rounding error of eigh
             break
-        # d omega_i^2 / d k_j = (stretch of spring j in mode i)^2
-        springs += np.linalg.solve(((stretch @ modes) ** 2).T, error)
+        # d omega_i^2 / d k_j = (elongation of spring j in mode i)^2
+        springs += np.linalg.solve(((elongation @ modes) ** 2).T, error)
     return springs
 
 
@@ -362,10 +362,10 @@ def shear_frame(
     Parameters
     ----------
     masses : (n,) array_like
-        Of the storeys, from the lowest to the roof.
+        Masses of the storeys, from the lowest to the roof.
     stiffnesses : (n,) array_like
-        Each that of the columns below its mass: force over storey drift. With 0 as the first one
-        the frame floats, as the upper part of a cut frame does.
+        Stiffness of the columns below each mass: force per storey drift. With 0 as the first one
+        the frame is floating, such as the upper subdomain of a cut frame.
 
     Returns
     -------
@@ -377,7 +377,7 @@ def shear_frame(
     Raises
     ------
     ValueError
-        If the two are not of one length, or a value is negative or not finite.
+        If the lengths differ, or a value is negative or not finite.
 
     Examples
     --------
@@ -389,7 +389,7 @@ def shear_frame(
     m, k = np.array(masses, dtype=float), np.array(stiffnesses, dtype=float)
     if m.ndim != 1 or m.shape != k.shape or len(m) == 0:
         raise ValueError(
-            f"masses and stiffnesses must be of one length, got shapes {m.shape} and {k.shape}"
+            f"masses and stiffnesses must have equal lengths, got shapes {m.shape} and {k.shape}"
         )
     for name, values in (("masses", m), ("stiffnesses", k)):
         if not np.all((values >= 0.0) & np.isfinite(values)):
@@ -404,15 +404,15 @@ def shear_frame(
 def rayleigh(omegas: Sequence[float], ratios: Sequence[float]) -> tuple[float, float]:
     """Coefficients of Rayleigh damping C = c_m M + c_k K from two damping ratios.
 
-    With coefficients of the whole structure each part of a cut takes its own M and K, and the
-    damping of the parts adds up to that of the whole.
+    If every subdomain uses the coefficients of the uncut structure with its own M and K, the
+    damping matrices of the subdomains add up to that of the uncut structure.
 
     Parameters
     ----------
     omegas : two floats
         Different angular frequencies, above 0.
     ratios : two floats
-        Fractions of critical damping at these frequencies.
+        Damping ratios at these frequencies (1 is critical damping).
 
     Returns
     -------
@@ -422,7 +422,7 @@ def rayleigh(omegas: Sequence[float], ratios: Sequence[float]) -> tuple[float, f
     Raises
     ------
     ValueError
-        If the frequencies are not positive or are equal.
+        If the frequencies are not positive or equal.
 
     Examples
     --------
@@ -444,8 +444,8 @@ def el_centro() -> tuple[np.ndarray, float]:
     """Ground acceleration of El Centro 1940, component north-south.
 
     Peknold's version of the measured record, as published in Chopra, Dynamics of Structures (see
-    pmalpha/data/README.md). The file's first number is at t = 0.02 s; the zero at t = 0 stands
-    before it here. g is taken as 9.81 m/s^2.
+    pmalpha/data/README.md). The first number of the file is at t = 0.02 s; a zero at t = 0 is added
+    before it. g = 9.81 m/s^2.
 
     Returns
     -------

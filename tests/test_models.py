@@ -215,9 +215,9 @@ def test_a_cut_frame_adds_up_to_the_uncut_one():
 @pytest.mark.parametrize(
     "masses, springs, message",
     [
-        ([1.0, 2.0], [1.0], "of one length"),
-        ([], [], "of one length"),
-        ([[1.0]], [[1.0]], "of one length"),
+        ([1.0, 2.0], [1.0], "equal lengths"),
+        ([], [], "equal lengths"),
+        ([[1.0]], [[1.0]], "equal lengths"),
         ([1.0, -1.0], [1.0, 1.0], "masses must be finite and not negative"),
         ([1.0], [np.nan], "stiffnesses must be finite and not negative"),
     ],
