@@ -562,12 +562,12 @@ def test_the_loop_is_what_the_spectrum_of_the_coupler_tends_to(b1, ss, rho):
 
 
 def test_zero_stability_needs_conditions_and_masses():
-    with pytest.raises(ValueError, match="coupler must have conditions, got none"):
+    with pytest.raises(ValueError, match="coupler must have constraints, got none"):
         analysis.zero_stability(oscillator(implicit(0.5), 0.1))
     a = pm.Subdomain([0.0, 1.0], [[2.0, -1.0], [-1.0, 1.0]], scheme=implicit(0.5), name="rod")
     b = pm.Subdomain([1.0], [1.0], scheme=implicit(0.5))
     coupler = pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=0.1)
-    with pytest.raises(ValueError, match="must have mass everywhere, got dofs without in 'rod'"):
+    with pytest.raises(ValueError, match="mass at all dofs, got dofs without mass in 'rod'"):
         analysis.zero_stability(coupler)
 
 
@@ -586,8 +586,8 @@ def test_the_observed_order_is_the_slope_of_a_straight_line():
 @pytest.mark.parametrize(
     "error, steps, message",
     [
-        (1.0, [0.1], "steps must hold at least two different ones, got [0.1]"),
-        (1.0, [0.1, 0.1], "steps must hold at least two different ones"),
+        (1.0, [0.1], "steps must have at least two different values, got [0.1]"),
+        (1.0, [0.1, 0.1], "steps must have at least two different values"),
         (1.0, [0.1, -0.2], "steps must be positive, got -0.2"),
         (0.0, [0.1, 0.2], "run must return a positive finite error, got 0.0 at dt = 0.1"),
         (np.nan, [0.1, 0.2], "run must return a positive finite error, got nan at dt = 0.1"),

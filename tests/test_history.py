@@ -94,7 +94,7 @@ def test_subdomains_of_a_file_are_known_by_name_and_place(tmp_path):
     np.testing.assert_array_equal(loaded[0].u, history[tower].u)
     np.testing.assert_array_equal(loaded[-2].u, history["b\0"].u)
     assert repr(loaded) == repr(history)
-    with pytest.raises(KeyError, match="names and places only.*use 'Größe 塔'"):
+    with pytest.raises(KeyError, match="names and indices only.*use 'Größe 塔'"):
         loaded[tower]
     with pytest.raises(KeyError, match="no subdomain None"):
         loaded[None]

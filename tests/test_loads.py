@@ -546,7 +546,7 @@ def test_a_load_that_asks_its_own_coupler_gets_a_runtime_error(question, when):
         return wave(t)
 
     coupler = pair(curious, wave)
-    with pytest.raises(RuntimeError, match="may not ask it") as error:
+    with pytest.raises(RuntimeError, match="may not use it") as error:
         coupler.run(steps=5)
     assert error.value is caught[0]
     done = 0 if when == 0.0 else 1

@@ -62,8 +62,8 @@ def test_chosen_dofs_jumps_and_multipliers_are_drawn_over_time():
         (displacement, history.macro_times, history.displacement_jump),
         (multiplier, history.multiplier_times, history.multipliers),
     ):
-        np.testing.assert_array_equal(lines(ax)["condition 0"].T, [t, x[:, 0]])
-    assert velocity.get_legend() is None  # one condition needs none
+        np.testing.assert_array_equal(lines(ax)["constraint 0"].T, [t, x[:, 0]])
+    assert velocity.get_legend() is None  # one constraint needs none
 
 
 def test_panels_share_one_axis_of_time_and_say_what_they_show():
@@ -146,14 +146,14 @@ def test_many_conditions_are_a_few_curves_and_the_band_of_all():
         edge = band.get_paths()[0].vertices
         for end in (x.min(axis=1), x.max(axis=1)):
             assert {tuple(p) for p in np.column_stack([t[:, 0], end])} <= set(map(tuple, edge))
-    assert legend(axes[1])[0] == "all 300 conditions"
+    assert legend(axes[1])[0] == "all 300 constraints"
     assert legend(axes[1])[1:] == list(lines(axes[1]))
 
 
 def test_conditions_can_be_chosen():
     lam = np.random.default_rng(0).normal(size=(50, 9))
     axes = made_up(lam, lam).plot(conditions=[7, 2]).axes
-    assert list(lines(axes[-1])) == ["condition 7", "condition 2"]
+    assert list(lines(axes[-1])) == ["constraint 7", "constraint 2"]
     np.testing.assert_array_equal(axes[-1].lines[0].get_ydata(), lam[:, 7])
 
 
@@ -216,7 +216,7 @@ def test_a_history_from_a_file_draws_the_same(tmp_path):
         ({"dofs": {"A": 0.5}}, TypeError, "dofs of 'A' must be a 1-D array of whole numbers"),
         ({"dofs": {"C": [0]}}, ValueError, "dofs: no subdomain 'C'; there are 'A', 'B'"),
         ({"dofs": {"B": [0]}}, ValueError, "dofs: subdomain 'B' was not recorded"),
-        ({"dofs": {7: [0]}}, ValueError, "dofs: there are 2 subdomains, got 7"),
+        ({"dofs": {7: [0]}}, ValueError, "dofs: there are 2 subdomains, got index 7"),
         ({"dofs": [0]}, TypeError, "dofs must be a dict"),
         ({"dofs": {}}, ValueError, "dofs must name 1 to 16 dofs in all, got 0"),
         ({"conditions": [1]}, ValueError, r"conditions must lie in 0\.\.0, got 1"),
@@ -233,13 +233,13 @@ def test_hundreds_of_curves_are_refused():
     history = made_up(np.zeros((2, 300)), np.zeros((2, 300)))
     with pytest.raises(ValueError, match="dofs must name 1 to 16 dofs in all, got 300"):
         history.plot({0: None})
-    with pytest.raises(ValueError, match="conditions must name at most 16 conditions, got 300"):
+    with pytest.raises(ValueError, match="conditions must be at most 16 constraints, got 300"):
         history.plot(conditions=np.arange(300))
 
 
 def test_nothing_recorded_and_no_conditions_is_nothing_to_draw():
     part = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark())
-    with pytest.raises(ValueError, match="neither recorded dofs nor conditions"):
+    with pytest.raises(ValueError, match="neither recorded dofs nor constraints"):
         pm.Coupler([part], dt=0.1).run(steps=2, record={}).plot()
 
 
@@ -352,7 +352,7 @@ def test_several_parts_have_one_picture_one_scale_and_a_legend():
     assert legend(ax) == ["left", "right"]
     assert tuple(first.get_facecolor()[0]) != tuple(second.get_facecolor()[0])
     assert ax.viewLim.x1 > 4.0
-    with pytest.raises(ValueError, match="scale must be that of the picture, 100, got 7"):
+    with pytest.raises(ValueError, match="scale must be that of the axes, 100, got 7"):
         plot.deformed(points, elements, np.zeros(8), scale=7, ax=ax)
 
 
@@ -655,7 +655,7 @@ def test_a_solid_moves_in_space(polygons):
         ({0: SQUARE}, {"frames": 0}, "frames must be at least 1"),
         ({0: SQUARE}, {"scale": -1.0}, "scale must be positive"),
         ({0: (SQUARE[0][:3], [[0, 1]])}, {}, r"u of 'a' must have shape \(60, 3 d\)"),
-        ({0: SQUARE}, {"values": lambda u: u}, r"what values returns must have shape \(4,\)"),
+        ({0: SQUARE}, {"values": lambda u: u}, r"the result of values must have shape \(4,\)"),
     ],
 )
 def test_films_that_do_not_fit_are_refused(meshes, options, message):

@@ -1,7 +1,7 @@
 """Amplification matrices, spectra, stability limits and errors of linear couplers.
 
-Every figure comes from pushing states through the core that runs, so that what is analysed is
-what is used. Equations in docs/method.md.
+All results are computed by steps of the C core that also does the runs. Equations in
+docs/method.md.
 """
 
 from ..setup.stability import critical_step

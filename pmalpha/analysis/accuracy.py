@@ -24,9 +24,9 @@ def observed_order(run: Callable[[float], float], steps: Sequence[float]) -> flo
     Parameters
     ----------
     run : callable
-        ``run(dt)`` gives the error at this step, a positive number.
+        ``run(dt)`` returns the error with this step, a positive number.
     steps : sequence of float
-        At least two different steps, positive.
+        At least two different positive steps.
 
     Returns
     -------
@@ -39,7 +39,7 @@ def observed_order(run: Callable[[float], float], steps: Sequence[float]) -> flo
 
     Notes
     -----
-    An error c1 dt^q + c2 dt^(q+1) shows a slope that differs from q by about dt c2 / c1.
+    For an error c1 dt^q + c2 dt^(q+1) the slope differs from q by about dt c2 / c1.
 
     Examples
     --------
@@ -49,7 +49,7 @@ def observed_order(run: Callable[[float], float], steps: Sequence[float]) -> flo
     """
     steps = [positive_number(dt, "steps") for dt in steps]
     if len(set(steps)) < 2:
-        raise ValueError(f"steps must hold at least two different ones, got {steps}")
+        raise ValueError(f"steps must have at least two different values, got {steps}")
     errors = [_positive_error(run(dt), dt) for dt in steps]
     return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
 
@@ -64,28 +64,28 @@ def _positive_error(error: Any, dt: float) -> float:
 def global_error(
     coupler: Coupler, exact: Callable[[float], Instant], t_end: float
 ) -> dict[str, float]:
-    """Errors at t_end of a run from t = 0; the coupler itself stays as it is.
+    """Errors at t_end of a run from t = 0; the state of the coupler is unchanged.
 
     Parameters
     ----------
     coupler : Coupler
-        Loads included.
+        With its loads.
     exact : callable
-        ``exact(t) -> (dict, Lam)``, as from `exact_solution`: by name of the subdomain (u, v, w),
-        (n_i,) each, and Lam, (p,).
+        ``exact(t) -> (dict, Lam)``, as from `exact_solution`: (u, v, w), (n_i,) each, by name of
+        the subdomain, and Lam, (p,).
     t_end : float
         A positive whole number of macro steps.
 
     Returns
     -------
     dict
-        The largest absolute errors: "u", "v" and "a" (of the true acceleration w) over all dofs of
-        all subdomains, "multipliers" over the conditions.
+        Maximum absolute errors: "u", "v" and "a" (of the true acceleration w) over all dofs of all
+        subdomains, "multipliers" over all constraints.
 
     Raises
     ------
     ValueError, InstabilityError
-        As from `Coupler.run`; for an exact solution whose shapes do not fit.
+        From `Coupler.run`; for wrong shapes of the exact solution.
 
     Examples
     --------
@@ -104,8 +104,9 @@ def global_error(
 def start_error(coupler: Coupler, exact: Callable[[float], Instant]) -> dict[str, float]:
     """Errors after the first two macro steps: the initialization error e2 of the paper.
 
-    The first macro step is single for everybody, the second is the first with double steps. For
-    unequal steps it depends on the `start` of the coupler: "rebased" (S3) or "plain", the paper's.
+    In the first macro step all subdomains take single steps, in the second the first double steps.
+    With different steps the error depends on the `start` of the coupler: "rebased" (S3), or "plain"
+    as in the paper.
 
     Parameters
     ----------
@@ -134,7 +135,7 @@ def start_error(coupler: Coupler, exact: Callable[[float], Instant]) -> dict[str
 
 def _from_the_start(coupler: Coupler, steps: int) -> None:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConstraintWarning)  # said when the coupler was made
+        warnings.simplefilter("ignore", ConstraintWarning)  # given when the coupler was made
         coupler._started = False
         coupler._start()
     coupler._advance(steps, None)
@@ -143,24 +144,24 @@ def _from_the_start(coupler: Coupler, steps: int) -> None:
 def local_error(
     coupler: Coupler, exact: Callable[[float], Instant], *, n: int = 3
 ) -> dict[str, float]:
-    """Errors that one macro step makes, past the start, from exact data: the paper's tau_n.
+    """Errors of one macro step after the start, from exact data: tau_n of the paper.
 
-    Exact data at t_n = n dt means: u, v and w are those of `exact`, a = w, and the stored free
-    velocity is the one that belongs to the exact v and Lam, equation (S2) with the operators in
-    force (those of 2 h for a double-step subdomain)::
+    Exact data at t_n = n dt: u, v and w of `exact`, a = w, and the stored free velocity from the
+    exact v and Lam, equation (S2) with the operators of the step (of 2 h for a double-step
+    subdomain)::
 
         vf = v - al2 Mbar^-1 L^T Lam
 
-    A double-step subdomain has exact data at its own node before t_n too. (a = w is a choice: the
-    a of a run is close to the true acceleration to first order only, and exact data in another
-    sense, a on the scheme's own smooth path, would give other local errors.)
+    A double-step subdomain has exact data also at its time level before t_n. a = w is a choice: in
+    a run a is a first-order approximation of the true acceleration, and another definition of exact
+    data, with a as in a smooth solution of the scheme, would give other local errors.
 
     Parameters
     ----------
     coupler, exact
         As for `global_error`.
     n : int, default 3
-        The macro step goes from n dt to (n + 1) dt; at least 1, so that it is past the start.
+        The macro step is from n dt to (n + 1) dt; at least 1, so that it is after the start.
 
     Returns
     -------
@@ -183,54 +184,55 @@ def local_error(
     checked_coupler(coupler)._require_linear("local_error")
     with coupler._entered(), state_kept(coupler):
         for part in coupler._parts:
-            part.core.set_nodes(_exact_nodes(coupler, part, exact, n))
-        nothing = np.zeros(coupler._row_place.size)  # no step reads these multipliers
-        coupler._core.start(n, nothing, nothing)
+            part.core.set_nodes(_exact_state(coupler, part, exact, n))
+        zero = np.zeros(coupler._row_position.size)  # no step reads these multipliers
+        coupler._core.start(n, zero, zero)
         coupler._advance(n + 1, None)
         return _errors(coupler, exact(coupler._clock.time(n + 1)))
 
 
-def _exact_nodes(
+def _exact_state(
     coupler: Coupler, part: Part, exact: Callable[[float], Instant], n: int
 ) -> tuple[np.ndarray, ...]:
-    """What the core keeps of a part at t_n, from exact data."""
+    """The arrays of a subdomain in the core at t_n, from exact data."""
     u, v, w, lam = _exact_at(coupler, part, exact, coupler._clock.time(n))
     h = 2.0 * part.h if part.double else part.h
-    # a subdomain of its own, whose single step is the step in force, starts with (S2)
+    # a separate core subdomain, whose single step is h, starts with (S2)
     core = core_subdomain(part, part.subdomain.scheme, part.L, part.operator(h))
     core.start(u, v, w, lam)
-    nodes = core.nodes()
+    arrays = core.nodes()
     if part.double:
         before = ((n * part.subdomain.substeps - 1) / part.subdomain.substeps) * coupler.dt
         u, v, w, _ = _exact_at(coupler, part, exact, before)
         # no step reads this free velocity, and there are no springs
-        nodes += (u, v, w, w, np.zeros(part.nb), np.zeros(0))
-    return nodes
+        arrays += (u, v, w, w, np.zeros(part.nb), np.zeros(0))
+    return arrays
 
 
 def _exact_at(
     coupler: Coupler, part: Part, exact: Callable[[float], Instant], t: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """u, v, w and Lam at a time in the core's order."""
+    """u, v, w and Lam at time t in the core's order."""
     states, lam = exact(t)
     state = [
         vector(x, part.n, f"{name} of {part.name!r} from exact({t:g})")[part.order]
         for x, name in zip(states[part.name], "uvw")
     ]
-    p = coupler._row_place.size
+    p = coupler._row_position.size
     rows = np.empty(p)
-    rows[coupler._row_place] = vector(lam, p, f"Lam from exact({t:g})")
+    rows[coupler._row_position] = vector(lam, p, f"Lam from exact({t:g})")
     return (*state, rows)
 
 
-def _errors(coupler: Coupler, truth: Instant) -> dict[str, float]:
-    states, lam = truth
-    p = coupler._row_place.size
-    got = coupler._core.multipliers[coupler._row_place]
+def _errors(coupler: Coupler, solution: Instant) -> dict[str, float]:
+    """Maximum absolute errors of the present state."""
+    states, lam = solution
+    p = coupler._row_position.size
+    got = coupler._core.multipliers[coupler._row_position]
     errors = {"u": 0.0, "v": 0.0, "a": 0.0}
     for part in coupler._parts:
         for name, x, y in zip(errors, part.core.state(), states[part.name]):
             y = vector(y, part.n, f"{name} of {part.name!r} from exact")
             errors[name] = max(errors[name], float(np.max(np.abs(x[part.place] - y))))
-    jump = np.abs(got - vector(lam, p, "Lam from exact"))
-    return errors | {"multipliers": float(np.max(jump, initial=0.0))}
+    difference = np.abs(got - vector(lam, p, "Lam from exact"))
+    return errors | {"multipliers": float(np.max(difference, initial=0.0))}

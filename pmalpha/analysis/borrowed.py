@@ -1,4 +1,4 @@
-"""A coupler that is analysed: checked, and afterwards in the state in which it was."""
+"""A coupler under analysis: its type is checked, and its state restored afterwards."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ def checked_coupler(coupler: Any) -> Coupler:
 
 @contextmanager
 def state_kept(coupler: Coupler) -> Iterator[None]:
-    """Afterwards the coupler stands where it stood, to the last bit."""
+    """Restore the state of the coupler afterwards, bitwise identical."""
     coupler._start()
     core = coupler._core
-    nodes = [part.core.nodes() for part in coupler._parts]
+    states = [part.core.nodes() for part in coupler._parts]
     step_count, lam, g = core.step_count, core.multipliers, core.prescribed
     try:
         yield
     finally:
-        for part, kept in zip(coupler._parts, nodes):
-            part.core.set_nodes(kept)
+        for part, state in zip(coupler._parts, states):
+            part.core.set_nodes(state)
         core.start(step_count, lam, g)
 
 
 @contextmanager
 def unloaded(coupler: Coupler) -> Iterator[None]:
-    """No loads and no prescribed motion meanwhile."""
+    """Without loads and prescribed motion within the block."""
     for part in coupler._parts:
         part.core.set_load(None)
     for i in range(len(coupler._loads.motions)):

@@ -14,20 +14,20 @@ from .borrowed import checked_coupler
 
 __all__ = ["exact_solution"]
 
-# What an exact solution says at a time: (u, v, w) by name of the subdomain, and Lam.
+# An exact solution at one time: (u, v, w) by name of the subdomain, and Lam.
 Instant = tuple[Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]], np.ndarray]
 
 
 def exact_solution(coupler: Coupler) -> Callable[[float], Instant]:
-    """The exact motion of the linear problem (1), (2) that a coupler approximates.
+    """The exact solution of the linear problem (1), (2) of a coupler.
 
-    Dense and for small problems: the matrix exponential of the uncut structure at every call.
+    For small problems: every call computes the dense matrix exponential of the uncut structure.
 
     Parameters
     ----------
     coupler : Coupler
-        Any number of subdomains, without loads or with constant ones. Its initial values are
-        those it starts from, also after ``reset(u0=..., v0=...)``.
+        Any number of subdomains, without loads or with constant loads. The initial values are those
+        of the coupler, also after ``reset(u0=..., v0=...)``.
 
     Returns
     -------
@@ -38,13 +38,13 @@ def exact_solution(coupler: Coupler) -> Callable[[float], Instant]:
     Raises
     ------
     ValueError
-        For loads that change with time, prescribed motion, restoring forces, and a structure whose
-        mass matrix is singular.
+        For loads that depend on time, prescribed motion, restoring forces, and an uncut structure
+        with a singular mass matrix.
 
     Notes
     -----
-    With the columns of Z a basis of the null space of L = [L_1 ... L_N], u = u_0 + Z q satisfies
-    (2), and Z^T times (1) is the uncut structure::
+    Let the columns of Z be a basis of the null space of L = [L_1 ... L_N]. Then u = u_0 + Z q
+    satisfies (2), and Z^T times (1) is the equation of the uncut structure::
 
         Z^T M Z q'' + Z^T C Z q' + Z^T K (u_0 + Z q) = Z^T F
 
@@ -65,7 +65,7 @@ def exact_solution(coupler: Coupler) -> Callable[[float], Instant]:
 
 
 class _Exact:
-    """The uncut structure in the coordinates q, with a one appended for what is constant."""
+    """The uncut structure as a linear system x' = A x, with x = (q, q', 1)."""
 
     def __init__(self, coupler: Coupler):
         if coupler._loads.motions:
@@ -86,7 +86,7 @@ class _Exact:
         if np.linalg.cond(mass) > 1e12:
             raise ValueError(
                 "coupler must have mass in every motion of the uncut structure for an exact "
-                f"solution, got a mass matrix of condition {np.linalg.cond(mass):.1e}"
+                f"solution, got a mass matrix of condition number {np.linalg.cond(mass):.1e}"
             )
         right = Z.T @ np.column_stack([-K @ Z, -C @ Z, self.F - K @ self.u0])
         self.A = np.zeros((2 * m + 1, 2 * m + 1))  # d/dt (q, q', 1)
@@ -101,8 +101,8 @@ class _Exact:
         w = Z @ (self.A @ x)[m : 2 * m]
         force = self.M @ w + self.C @ v + self.K @ u - self.F  # L^T Lam, (1)
         lam = np.linalg.lstsq(self.L.T, force, rcond=None)[0]
-        parts = zip(*(np.split(x, self.ends) for x in (u, v, w)))
-        return dict(zip(self.names, parts)), lam
+        states = zip(*(np.split(x, self.ends) for x in (u, v, w)))
+        return dict(zip(self.names, states)), lam
 
 
 def _full(A: Any, n: int) -> np.ndarray:

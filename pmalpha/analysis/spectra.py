@@ -1,4 +1,4 @@
-"""Spectral radii, limits of stability, periods and damping."""
+"""Spectral radii, stability limits, zero stability, periods and damping."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ from .borrowed import checked_coupler
 
 __all__ = ["period_and_damping", "spectral_radius", "stability_limit", "zero_stability"]
 
-# An eigenvalue of modulus 1, alone or double, comes out of an eigenvalue routine this close to it.
+# Error of the computed modulus of an eigenvalue of modulus 1, simple or double.
 STABLE = 1e-6
-# An eigenvector shows in the multipliers if it moves one of them by more than rounding.
-SHOWS = 1e-10
+# An eigenvector is observable if it changes a multiplier by more than this rounding error.
+OBSERVABLE = 1e-10
 
 
 def spectral_radius(G: np.ndarray, drop: Sequence[complex] = (), tol: float = 1e-6) -> float:
-    """Largest modulus of the eigenvalues of a matrix, some of them left out by value.
+    """Largest modulus of the eigenvalues of a matrix, without those near given values.
 
     Parameters
     ----------
     G : (n, n) array
     drop : sequence of numbers
-        Eigenvalues within `tol` of one of these are left out: 1, the drift that velocity ties
-        leave undetermined, or -1, the two chains of a double-step subdomain.
+        Eigenvalues within `tol` of one of these are omitted: 1, the displacement drift that
+        velocity constraints do not determine, or -1, the two chains of a double-step subdomain.
     tol : float, default 1e-6
-        Not below about 1e-8: a defective eigenvalue, such as that of a motion at constant
-        velocity, comes out of an eigenvalue routine with the square root of the rounding.
+        Not below about 1e-8: the computed value of a defective eigenvalue, such as that of a motion
+        at constant velocity, has an error of the square root of the rounding error.
 
     Returns
     -------
     float
-        0 if none is left.
+        0 if no eigenvalue remains.
 
     Raises
     ------
     ValueError
-        For a matrix that is not square or holds NaN or infinity.
+        For a matrix that is not square or not finite.
 
     Examples
     --------
@@ -67,22 +67,22 @@ def spectral_radius(G: np.ndarray, drop: Sequence[complex] = (), tol: float = 1e
 def stability_limit(make_coupler: Callable[[float], Coupler], lo: float, hi: float) -> float:
     """The largest stable x of a family of couplers, by bisection.
 
-    A coupler is taken for stable when no eigenvalue of its amplification matrix has a modulus
-    above 1 + 1e-6: the eigenvalues 1 and -1 that velocity ties bring along, which may be
-    defective, come out of an eigenvalue routine within 1e-7 or so of the unit circle.
+    A coupler counts as stable if no eigenvalue of its amplification matrix has a modulus above
+    1 + 1e-6: the eigenvalues 1 and -1 caused by velocity constraints may be defective, and their
+    computed moduli differ from 1 by about 1e-7.
 
     Parameters
     ----------
     make_coupler : callable
-        ``make_coupler(x)`` gives the coupler at x, such as a step or a frequency times a step.
+        ``make_coupler(x)`` returns the coupler at x, such as a step or a frequency times a step.
     lo, hi : float
-        Stable at lo, unstable at hi, lo < hi. Between them stability should be lost once.
+        Stable at lo, unstable at hi, lo < hi. There should be one stability limit between them.
 
     Returns
     -------
     float
-        Where stability is lost, to 1e-7 of hi and to what an excess of 1e-6 in the radius means
-        for x.
+        The largest stable x, up to 1e-7 hi and up to the change of x that changes the spectral
+        radius by 1e-6.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def stability_limit(make_coupler: Callable[[float], Coupler], lo: float, hi: flo
     Examples
     --------
     >>> from pmalpha import analysis, models
-    >>> def oscillator(Omega):  # B has circular frequency 1
+    >>> def oscillator(Omega):  # B has angular frequency 1
     ...     return models.split_oscillator(1.0, rho=0.5, stiffness=1.0).coupler(Omega)
     >>> limit = analysis.stability_limit(oscillator, 1.0, 10.0)
     >>> bool(limit >= np.sqrt(12 * 1.5 * 1.5 / 7.75))
@@ -101,15 +101,15 @@ def stability_limit(make_coupler: Callable[[float], Coupler], lo: float, hi: flo
     lo, hi = real_number(lo, "lo"), real_number(hi, "hi")
     if not lo < hi:
         raise ValueError(f"lo must be below hi, got {lo!r} and {hi!r}")
-    for x, name, wanted in ((lo, "lo", True), (hi, "hi", False)):
+    for x, name, stable in ((lo, "lo", True), (hi, "hi", False)):
         radius = _radius_at(make_coupler, x)
-        if (radius <= 1.0 + STABLE) != wanted:
-            rule = "stable" if wanted else "unstable"
+        if (radius <= 1.0 + STABLE) != stable:
+            rule = "stable" if stable else "unstable"
             raise ValueError(
                 f"the coupler must be {rule} at {name}, got spectral radius {radius:.9g} at {x:g}"
             )
-    small = 1e-7 * max(abs(lo), abs(hi))
-    while hi - lo > small:
+    tolerance = 1e-7 * max(abs(lo), abs(hi))
+    while hi - lo > tolerance:
         middle = 0.5 * (lo + hi)
         stable = _radius_at(make_coupler, middle) <= 1.0 + STABLE
         lo, hi = (middle, hi) if stable else (lo, middle)
@@ -118,7 +118,7 @@ def stability_limit(make_coupler: Callable[[float], Coupler], lo: float, hi: flo
 
 def _radius_at(make_coupler: Callable[[float], Coupler], x: float) -> float:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StabilityWarning)  # the question is asked here
+        warnings.simplefilter("ignore", StabilityWarning)  # stability is computed here
         coupler = make_coupler(x)
     return spectral_radius(amplification_matrix(coupler))
 
@@ -126,22 +126,21 @@ def _radius_at(make_coupler: Callable[[float], Coupler], x: float) -> float:
 def zero_stability(coupler: Coupler) -> float:
     """Spectral radius of the loop Lam -> vf -> Lam as dt -> 0; below 1 the method is zero-stable.
 
-    As dt -> 0, terms with K dt^2 and C dt vanish against M. What is left of (5) to (18) is the same
-    coupler without stiffness and damping, whatever its dt. In it an error of Lam goes through
-    (14) and (9) into a and w, through (6) and (13) into the next free velocities, and through (15)
-    and (18) into the next Lam. With X the state (20) of this coupler, G its amplification matrix
-    and B the map from X to the next Lam::
+    As dt -> 0, terms with K dt^2 and C dt vanish against M. The limit of (5) to (18) is the same
+    coupler without stiffness and damping, for any dt. In it an error of Lam changes a and w by (14)
+    and (9), the next free velocities by (6) and (13), and the next Lam by (15) and (18). With X the
+    state (20) of this coupler, G its amplification matrix and B the map from X to the next Lam::
 
         X_{n+1} = G X_n,    Lam_{n+1} = B X_n
 
-    The loop consists of those eigenvalues of G that show in Lam: B x != 0 for the eigenvector x.
-    Not among them are the common velocity (eigenvalue 1), displacements, inner dofs, and the root
-    -am / (1 - am) that recursion (9) has without forces.
+    The eigenvalues of the loop are the eigenvalues of G that are observable in Lam: B x != 0 for
+    the eigenvector x. Not observable are the common velocity (eigenvalue 1), displacements,
+    interior dofs, and the root -am / (1 - am) of recursion (9) without forces.
 
     Parameters
     ----------
     coupler : Coupler
-        Only masses, schemes, substeps and conditions matter.
+        Only its masses, schemes, substeps and constraints have an effect.
 
     Returns
     -------
@@ -150,11 +149,11 @@ def zero_stability(coupler: Coupler) -> float:
     Raises
     ------
     ValueError
-        Without conditions there is no loop; with dofs without mass it has no limit.
+        Without constraints, and with dofs without mass: the loop or its limit does not exist.
 
     Notes
     -----
-    Kuebler and Schiehlen 2000; figure 4 of the paper. For "gc" with equal steps and one rho the
+    Kuebler and Schiehlen 2000; figure 4 of the paper. For "gc" with equal steps and equal rho the
     roots are -rho and -(3 rho - 1)/(3 - rho) for any masses.
 
     Examples
@@ -166,21 +165,22 @@ def zero_stability(coupler: Coupler) -> float:
     """
     masses = _masses_alone(coupler)
     G, B = propagation(masses)
-    acts = np.array([not name.startswith("u") for name in Layout(masses).names()])
-    values, vectors = np.linalg.eig(G[np.ix_(acts, acts)])
-    B = B[:, acts] / np.linalg.norm(B[:, acts], axis=1, keepdims=True)
-    shows = np.max(np.abs(B @ vectors), axis=0) > SHOWS
-    return float(np.max(np.abs(values[shows]), initial=0.0))
+    # without stiffness, displacements have no effect
+    used = np.array([not name.startswith("u") for name in Layout(masses).names()])
+    values, vectors = np.linalg.eig(G[np.ix_(used, used)])
+    B = B[:, used] / np.linalg.norm(B[:, used], axis=1, keepdims=True)
+    observable = np.max(np.abs(B @ vectors), axis=0) > OBSERVABLE
+    return float(np.max(np.abs(values[observable]), initial=0.0))
 
 
 def _masses_alone(coupler: Coupler) -> Coupler:
     """The same coupler without stiffness, damping and loads; dt = 1."""
-    if not checked_coupler(coupler)._row_place.size:
-        raise ValueError("coupler must have conditions, got none")
+    if not checked_coupler(coupler)._row_position.size:
+        raise ValueError("coupler must have constraints, got none")
     for part in coupler._parts:
         if part.subdomain.massless.size:
             raise ValueError(
-                f"coupler must have mass everywhere, got dofs without in {part.name!r}"
+                f"coupler must have mass at all dofs, got dofs without mass in {part.name!r}"
             )
     subdomains = [
         Subdomain(
@@ -206,35 +206,35 @@ def period_and_damping(
     ----------
     scheme : Scheme
     Omega : array_like
-        omega h, circular frequency of the undamped oscillator times step; positive.
+        omega h, angular frequency of the undamped oscillator times step; positive.
     xi : float, default 0
         Viscous damping ratio of the oscillator, in [0, 1).
 
     Returns
     -------
     elongation : ndarray, the shape of Omega
-        (T_h - T) / T, with T the period of the damped oscillator and T_h that of the scheme's
-        solution.
+        Period elongation (T_h - T) / T, with T the period of the damped oscillator and T_h the
+        period of the solution of the scheme.
     damping : ndarray, the shape of Omega
-        What the scheme adds to the ratio of decay rate and frequency: -ln|lam| / arg(lam) minus its
+        Algorithmic damping: the ratio of decay rate and frequency, -ln|lam| / arg(lam), minus its
         exact value xi / sqrt(1 - xi^2).
 
-    NaN where the scheme's solution does not oscillate with a period: beyond the bifurcation, where
-    a real root takes the lead.
+    NaN where the solution of the scheme has no period: beyond the bifurcation, where a real root
+    is dominant.
 
     Raises
     ------
     TypeError, ValueError
-        For a scheme that is none, Omega not positive, xi outside [0, 1).
+        For a wrong type of scheme, Omega not positive, xi outside [0, 1).
 
     Notes
     -----
-    lam is the complex eigenvalue of one step in the upper half-plane, exactly
+    lam is the complex eigenvalue of one step in the upper half-plane; its exact value is
     exp(-xi Omega + i Omega sqrt(1 - xi^2)). Hughes, The Finite Element Method, section 9.3.
 
     Examples
     --------
-    The trapezoidal rule has no damping, and a period too long by Omega^2 / 12:
+    The trapezoidal rule has no damping, and period elongation Omega^2 / 12:
 
     >>> from pmalpha import analysis
     >>> elongation, damping = analysis.period_and_damping(Newmark(), [0.01, 0.02])
@@ -258,8 +258,8 @@ def period_and_damping(
 
 
 def _oscillating(values: np.ndarray) -> complex:
-    """The eigenvalue in the upper half-plane, NaN if there is none or a larger real one."""
+    """The eigenvalue in the upper half-plane, NaN if there is none or a real one is larger."""
     upper = values[np.argmax(values.imag)]
-    # an idle root, such as the -1 at rho = 1, is as large but for rounding
-    leads = np.abs(upper) > np.max(np.abs(values)) - 1e-6
-    return upper if upper.imag > 0.0 and leads else complex(np.nan)
+    # a spurious root, such as -1 at rho = 1, has the same modulus up to rounding
+    dominant = np.abs(upper) > np.max(np.abs(values)) - 1e-6
+    return upper if upper.imag > 0.0 and dominant else complex(np.nan)

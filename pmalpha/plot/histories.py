@@ -1,4 +1,4 @@
-"""The picture of a History: time histories, and the interface underneath."""
+"""Figure of a History: time histories of dofs, jumps and multipliers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from .._checks import listing
 from ..problem.constraints import dof_list
 from ..run.history import History, SubdomainHistory
-from ..run.keys import by_place
+from ..run.keys import by_index
 from .styling import LINES, style
 
 if TYPE_CHECKING:
@@ -23,26 +23,26 @@ INTERFACE = {
     "displacement\njump": ("macro_times", "displacement_jump"),
     "multiplier": ("multiplier_times", "multipliers"),
 }
-# Curves that are chosen where the caller does not choose, as many as there are line styles.
-FEW = len(LINES)
+# Number of curves by default: that of the line styles. Markers allow a multiple of it.
+DEFAULT_CURVES = len(LINES)
 MARKERS = ("", "o", "s", "^")
-MOST = FEW * len(MARKERS)
-# Above this many nodes a curve is drawn by its envelope: two points for each of so many bins,
-# which are finer than a printed page of this width resolves.
+MOST_CURVES = DEFAULT_CURVES * len(MARKERS)
+# A curve with more than 2 BINS points is drawn as its envelope, two points per bin: finer than the
+# resolution of print.
 BINS = 2000
-# A curve of more half waves than this is a band: dashes would only blur it.
+# A curve with more half waves is drawn as a thin solid line: dashes would not be visible.
 HALF_WAVES = 150
-# Where the caller does not choose, curves are left out that differ from one already chosen by
-# less than this part of its range, judged at so many nodes.
+# By default a curve is omitted if it differs from one already chosen by less than this fraction of
+# the largest range, at about this number of samples.
 DIFFERENT = 0.02
 SAMPLES = 256
-LEGEND_WIDTH = 105  # letters in a line of legends
-LONGEST = 40  # letters of a name that are shown
-HEIGHTS = (2.4, 1.15)  # of the panel of the dofs and of each one below, in inches
+LEGEND_WIDTH = 105  # characters in a line of the legend
+LONGEST = 40  # characters of a name
+HEIGHTS = (2.4, 1.15)  # of the panel of the dofs and of each panel below, in inches
 
 
 class Curve(NamedTuple):
-    """One column of what was recorded, and what it is called."""
+    """One recorded column with its label."""
 
     label: str
     t: np.ndarray
@@ -57,14 +57,14 @@ def time_histories(
     quantity: str = "u",
     title: str | None = None,
 ) -> Figure:
-    """What `History.plot` does."""
+    """The implementation of `History.plot`."""
     if quantity not in QUANTITIES:
         raise ValueError(f"quantity must be 'u', 'v' or 'a', got {quantity!r}")
     curves = list(_curves(history, dofs, quantity))
     rows = _rows(history, conditions)
     heights = [HEIGHTS[0]] * bool(curves) + [HEIGHTS[1]] * (len(INTERFACE) * bool(rows))
     if not heights:
-        raise ValueError("the history has neither recorded dofs nor conditions to draw")
+        raise ValueError("the history has neither recorded dofs nor constraints to draw")
     with style():
         from matplotlib.figure import Figure
 
@@ -78,7 +78,7 @@ def time_histories(
             figure.suptitle(title, x=0.01, horizontalalignment="left", fontsize=10)
         if curves:
             _draw(axes[0], curves)
-            _name_axis(axes[0], QUANTITIES[quantity])
+            _label_axis(axes[0], QUANTITIES[quantity])
             _legend(axes.pop(0))
         if rows:
             _draw_interface(axes, history, rows)
@@ -86,22 +86,22 @@ def time_histories(
     return figure
 
 
-# ---- what is drawn --------------------------------------------------------------------------
+# ---- choice of curves -----------------------------------------------------------------------
 
 
 def _curves(history: History, dofs: Any, quantity: str) -> Iterator[Curve]:
     if dofs is None:
         chosen = _largest(history, quantity)
     else:
-        chosen = [(part, _columns(part, given)) for part, given in _named(history, dofs)]
+        chosen = [(s, _columns(s, given)) for s, given in _given_dofs(history, dofs)]
         count = sum(len(columns) for _, columns in chosen)
-        if not 0 < count <= MOST:
-            raise ValueError(f"dofs must name 1 to {MOST} dofs in all, got {count}")
-    for part, columns in chosen:
+        if not 0 < count <= MOST_CURVES:
+            raise ValueError(f"dofs must name 1 to {MOST_CURVES} dofs in all, got {count}")
+    for s, columns in chosen:
         for j in columns:
-            # a label that begins with an underscore would be left out of the legend
-            label = f"dof {part.dofs[j]} of {_shortened(part.name)}".replace("$", r"\$")
-            yield Curve(label, part.t, getattr(part, quantity)[:, j])
+            # a legend omits labels that begin with an underscore
+            label = f"dof {s.dofs[j]} of {_shortened(s.name)}".replace("$", r"\$")
+            yield Curve(label, s.t, getattr(s, quantity)[:, j])
 
 
 def _shortened(name: str) -> str:
@@ -110,20 +110,20 @@ def _shortened(name: str) -> str:
 
 
 def _largest(history: History, quantity: str) -> list[tuple[SubdomainHistory, list[int]]]:
-    """The columns of the largest range, each subdomain with its share of the few."""
-    moving = {
-        i: getattr(part, quantity)
-        for i, part in enumerate(history.subdomains)
-        if part is not None and part.dofs.size
+    """The columns of largest range, an equal number of each subdomain."""
+    motions = {
+        i: getattr(s, quantity)
+        for i, s in enumerate(history.subdomains)
+        if s is not None and s.dofs.size
     }
-    ranges = {i: np.ptp(x, axis=0) for i, x in moving.items()}
-    widest = sorted(moving, key=lambda i: -ranges[i].max())[:FEW]
-    share = FEW // len(widest) if widest else 0
-    return [(history[i], _distinct(moving[i], ranges[i], share)) for i in sorted(widest)]
+    ranges = {i: np.ptp(x, axis=0) for i, x in motions.items()}
+    largest = sorted(motions, key=lambda i: -ranges[i].max())[:DEFAULT_CURVES]
+    count = DEFAULT_CURVES // len(largest) if largest else 0
+    return [(history[i], _distinct(motions[i], ranges[i], count)) for i in sorted(largest)]
 
 
 def _distinct(x: np.ndarray, ranges: np.ndarray, count: int) -> list[int]:
-    """At most `count` columns of large range that differ from one another."""
+    """At most `count` different columns of large range."""
     sample = x[:: max(1, len(x) // SAMPLES)]
     score, chosen = ranges, [int(np.argmax(ranges))]
     while len(chosen) < count:
@@ -135,42 +135,43 @@ def _distinct(x: np.ndarray, ranges: np.ndarray, count: int) -> list[int]:
     return sorted(chosen)
 
 
-def _named(history: History, dofs: Any) -> Iterator[tuple[SubdomainHistory, Any]]:
-    """Recorded subdomains and what the caller said of each."""
+def _given_dofs(history: History, dofs: Any) -> Iterator[tuple[SubdomainHistory, Any]]:
+    """Recorded subdomains with the dofs given for each."""
     if not isinstance(dofs, Mapping) and len(history) == 1:
         dofs = {0: dofs}
-    for i, given in by_place(dofs, history.keys, "dofs").items():
-        part = history.subdomains[i]
-        if part is None:
+    for i, given in by_index(dofs, history.keys, "dofs").items():
+        subdomain = history.subdomains[i]
+        if subdomain is None:
             raise ValueError(f"dofs: subdomain {history.keys[i][0]!r} was not recorded")
-        yield part, given
+        yield subdomain, given
 
 
-def _columns(part: SubdomainHistory, given: Any) -> list[int]:
+def _columns(subdomain: SubdomainHistory, given: Any) -> list[int]:
+    """The columns of the given dofs, of all dofs for None."""
     if given is None:
-        return list(range(part.dofs.size))
-    name = f"dofs of {part.name!r}"
+        return list(range(subdomain.dofs.size))
+    name = f"dofs of {subdomain.name!r}"
     dofs = dof_list(np.atleast_1d(np.asarray(given)), np.iinfo(np.int64).max, name)
-    columns = {int(dof): j for j, dof in enumerate(part.dofs)}
+    columns = {int(dof): j for j, dof in enumerate(subdomain.dofs)}
     missing = [int(dof) for dof in dofs if int(dof) not in columns]
     if missing:
         raise ValueError(
             f"{name} must have been recorded, got {listing(missing)}; "
-            f"recorded are {listing(part.dofs)}"
+            f"recorded are {listing(subdomain.dofs)}"
         )
     return [columns[int(dof)] for dof in dofs]
 
 
 def _rows(history: History, conditions: Any) -> list[int]:
-    """The conditions to draw."""
+    """The constraints to draw."""
     p = history.multipliers.shape[1]
     if p == 0 and conditions is None:
         return []
     if conditions is None:
-        return _distinct(history.multipliers, np.ptp(history.multipliers, axis=0), FEW)
+        return _distinct(history.multipliers, np.ptp(history.multipliers, axis=0), DEFAULT_CURVES)
     rows = [int(row) for row in dof_list(np.atleast_1d(np.asarray(conditions)), p, "conditions")]
-    if len(rows) > MOST:
-        raise ValueError(f"conditions must name at most {MOST} conditions, got {len(rows)}")
+    if len(rows) > MOST_CURVES:
+        raise ValueError(f"conditions must be at most {MOST_CURVES} constraints, got {len(rows)}")
     return rows
 
 
@@ -182,8 +183,8 @@ def _draw_interface(axes: Sequence[Axes], history: History, rows: list[int]) -> 
         t, x = getattr(history, times), getattr(history, values)
         if len(rows) < x.shape[1]:
             _band(ax, t, x)
-        _draw(ax, [Curve(f"condition {row}", t, x[:, row]) for row in rows])
-        _name_axis(ax, label)
+        _draw(ax, [Curve(f"constraint {row}", t, x[:, row]) for row in rows])
+        _label_axis(ax, label)
     if history.multipliers.shape[1] > 1:
         _legend(axes[0])
 
@@ -201,20 +202,21 @@ def _draw(ax: Axes, curves: Sequence[Curve]) -> None:
 
 
 def _look(i: int) -> dict[str, Any]:
-    """Of curve i, if it is not a band."""
-    return LINES[::-1][i % FEW] | {"marker": MARKERS[i // FEW], "markersize": 3.5}
+    """Line and marker of curve i."""
+    line, marker = i % DEFAULT_CURVES, MARKERS[i // DEFAULT_CURVES]
+    return LINES[::-1][line] | {"marker": marker, "markersize": 3.5}
 
 
 def _band(ax: Axes, t: np.ndarray, x: np.ndarray) -> None:
-    """From the smallest to the largest of all columns."""
+    """Fill the range of all columns."""
     low, high = x.min(axis=1), x.max(axis=1)
     shown = np.union1d(_envelope(low), _envelope(high))
-    label = f"all {x.shape[1]} conditions"
+    label = f"all {x.shape[1]} constraints"
     ax.fill_between(t[shown], low[shown], high[shown], color="0.88", linewidth=0.0, label=label)
 
 
 def _envelope(x: np.ndarray) -> np.ndarray:
-    """Which points draw the curve: all of a short one, else the extremes of each bin."""
+    """Indices of the points to draw: all of a short curve, else the extremes of each bin."""
     if x.size <= 2 * BINS:
         return np.arange(x.size)
     width = -(-x.size // BINS)
@@ -224,8 +226,8 @@ def _envelope(x: np.ndarray) -> np.ndarray:
     return np.unique(np.minimum(np.append(extremes, [0, x.size - 1]), x.size - 1))
 
 
-def _name_axis(ax: Axes, label: str) -> None:
-    """The label with the power of ten of the axis in it, where numbers are large or small."""
+def _label_axis(ax: Axes, label: str) -> None:
+    """Label the axis, with the power of ten of its numbers if they are large or small."""
     largest = np.abs(ax.dataLim.intervaly).max()
     exponent = int(np.floor(np.log10(largest))) if largest > 0.0 else 0
     if not -3 <= exponent <= 3:
@@ -236,16 +238,16 @@ def _name_axis(ax: Axes, label: str) -> None:
 
 
 def _legend(ax: Axes) -> None:
-    """Names above the panel, beside lines as curves are drawn that are not bands."""
+    """A legend above the panel, with the styles of curves that have few half waves."""
     from matplotlib.lines import Line2D
 
     lines = [Line2D([], [], **_look(i), label=x.get_label()) for i, x in enumerate(ax.lines)]
     shown = [*ax.collections, *lines]
     longest = max(len(str(handle.get_label())) for handle in shown)
     columns = int(np.clip(LEGEND_WIDTH // (longest + 9), 1, 5))
-    place: dict[str, Any] = {
+    position: dict[str, Any] = {
         "loc": "lower left",
         "bbox_to_anchor": (-0.01, 1.0),
         "borderaxespad": 0.2,
     }
-    ax.legend(handles=shown, ncols=columns, **place)
+    ax.legend(handles=shown, ncols=columns, **position)

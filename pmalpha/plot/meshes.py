@@ -1,4 +1,4 @@
-"""Pictures of deformed meshes, in the plane and in space."""
+"""Deformed meshes, in the plane and in space."""
 
 from __future__ import annotations
 
@@ -29,28 +29,29 @@ if TYPE_CHECKING:
 
     from ..run.history import History, SubdomainHistory
 
-# Fills of one part after another, which differ in grey as well
+# Fill colours of the first, second, ... mesh, with different grey values
 FILLS = ("#BFD7EA", "#F3D9A4", "#8FBFA8", "#E3E3E3", "#7D9CC0")
 EDGE, UNDEFORMED = "0.25", "0.6"
-COLOURS = "viridis"  # its lightness rises all the way, so that it stays readable in grey
-# Lines of a mesh get thinner above this many, or they would blacken the picture.
+COLOURS = "viridis"  # of monotonic lightness, readable in grey
+# A mesh with more lines is drawn with thinner lines, so that it does not appear black.
 FULL_WIDTH_LINES = 1500
-# The largest displacement is drawn as this part of the mesh, or as it is where that is about so.
+# The largest displacement is drawn as at most SHARE times the size of the mesh; to scale if the
+# factor for that is between 1 / ABOUT and ABOUT.
 SHARE, ABOUT = 0.1, 3.0
-PIECES = 8  # of a line that is coloured
-# Inches: the width of a picture, how high it may be, and what title and labels need of that.
+PIECES = 8  # of a coloured line
+# Inches: width of a figure, its minimum and maximum height, and the space for title and labels.
 WIDTH, LOWEST, HIGHEST, LABELS = 5.5, 1.7, 5.0, 0.9
-FILLED = 0.97  # part of a picture in space that the box of all points fills
-LIGHT = {"azdeg": 150, "altdeg": 50}  # over the shoulder of who looks at a solid
+FILLED = 0.97  # fraction of a figure in space that the box of all points fills
+LIGHT = {"azdeg": 150, "altdeg": 50}  # from behind the viewer, from above
 
 
 @dataclass
 class Picture:
-    """What the calls that draw into the same axes have in common."""
+    """State shared by the calls that draw into the same axes."""
 
     scale: float
-    own: bool = False
-    parts: int = 0
+    own: bool = False  # the axes were created here
+    meshes: int = 0
     norm: Normalize | None = None
 
 
@@ -58,7 +59,7 @@ pictures: WeakKeyDictionary[Axes, Picture] = WeakKeyDictionary()
 
 
 class Look(NamedTuple):
-    """How faces and lines are drawn: in one colour each, or by values (N,) at the nodes."""
+    """Colours of faces and lines: one colour each, or by values (N,) at the nodes."""
 
     face: Any
     line: Any
@@ -81,8 +82,8 @@ def deformed(
 ) -> Axes:
     """A deformed mesh, over the undeformed one in thin grey.
 
-    Several subdomains come into one picture by a call for each, with the `ax` of the first. They
-    have one scale and one colour bar.
+    For several subdomains in one figure, call it once for each, with the `ax` of the first call.
+    They have one scale and one colour bar.
 
     Parameters
     ----------
@@ -90,28 +91,28 @@ def deformed(
         Coordinates of the nodes; dim is 1, 2 or 3.
     elements : (m, 2), (m, 4) or (m, 8) array_like of int, or dict
         Nodes of lines, quadrilaterals (around) or hexahedra (around the bottom, then around the
-        top); of these the outer faces are drawn. Or several of them by name: "line", "quad",
-        "hexahedron".
+        top), or a dict of several by name: "line", "quad", "hexahedron". Of hexahedra the outer
+        faces are drawn.
     u : (N * d,) or (N, d) array_like
-        Displacements, d >= dim dofs at each node. Those beyond dim, such as rotations, are not
-        drawn: lines are straight.
+        Displacements, d >= dim dofs per node. Dofs beyond dim, such as rotations, are not drawn:
+        lines are straight.
     scale : float, optional
-        By which displacements are multiplied. Default: that of the picture; for a new one 1, 2 or
-        5 times a power of ten that makes the largest displacement 5 to 10 % of the mesh, and 1
-        where it is about that already. It is written above the picture.
+        Factor of the displacements, shown above the axes. Default: that of the axes; for new axes
+        1, 2 or 5 times a power of ten such that the largest displacement is 5 to 10 % of the size
+        of the mesh, or 1 if it is about that already.
     values : (N,) array_like, optional
-        What the colour shows; the picture gets a colour bar. In space a face has one colour, that
-        of the mean of its corners.
+        Values shown by colour, with a colour bar. In space each face has one colour, for the mean
+        of its corners.
     value_label : str, optional
-        What stands beside the colour bar.
+        Label of the colour bar.
     limits : (low, high), optional
-        Of the colour bar. Default: the range of all values in the picture.
+        Limits of the colour bar. Default: the range of all values in the axes.
     color : colour of matplotlib, optional
-        Of the faces or lines, without `values`.
+        Colour of the faces or lines, without `values`.
     label : str, optional
-        Name of the part: in the legend, or with `values` on the part itself.
+        Name of the subdomain: in the legend, or with `values` on the mesh.
     ax : matplotlib.axes.Axes, optional
-        Where to draw, three-dimensional if the points are. Default: a new figure.
+        Axes to draw into, three-dimensional for three-dimensional points. Default: a new figure.
 
     Returns
     -------
@@ -123,7 +124,7 @@ def deformed(
     ImportError
         If matplotlib is missing.
     TypeError, ValueError
-        For arrays that do not fit one another, or another scale than that of the picture.
+        For inconsistent shapes, or another scale than that of the axes.
 
     Examples
     --------
@@ -138,7 +139,6 @@ def deformed(
     >>> ax.get_title(loc="right")
     'displacements × 10'
     """
-
     mesh, u = _flattened(checked_mesh(points, elements), u, "u")
     if values is not None:
         values = nodal_values(values, mesh, "values")
@@ -147,15 +147,15 @@ def deformed(
         picture = _picture(ax, [(mesh, u)], scale, own)
         x = mesh.points + picture.scale * u
         _draw_undeformed(ax, mesh)
-        look = _plain(picture.parts) if color is None else Look(color, color)
+        look = _plain(picture.meshes) if color is None else Look(color, color)
         if values is not None:
             norm = _norm(ax, picture, limits or (values.min(), values.max()), value_label)
             look = look._replace(values=values, norm=norm)
         _draw(ax, mesh, x, look)
         _enclose(ax, np.concatenate([mesh.points, x]), picture)
         if label is not None:
-            _name_part(ax, mesh, x, label, look)
-        picture.parts += 1
+            _label_mesh(ax, mesh, x, label, look)
+        picture.meshes += 1
     return ax
 
 
@@ -169,7 +169,7 @@ def animation(
     values: Callable[[np.ndarray], Any] | None = None,
     value_label: str = "",
 ) -> FuncAnimation:
-    """The deformed meshes of subdomains as they move, for a notebook.
+    """Animation of the deformed meshes of subdomains, for a notebook.
 
     Show it with ``IPython.display.HTML(animation.to_jshtml())``.
 
@@ -178,21 +178,21 @@ def animation(
     history : History
         With all dofs of these subdomains recorded.
     meshes : dict
-        By subdomain, as the history is indexed: ``(points, elements)`` as `deformed` takes them,
-        or a `Structure`. Where the subdomain has other dofs than the mesh,
-        ``(points, elements, expand)`` or ``(structure, expand)`` with a function that takes
-        displacements (k, n) of the one to those of the other, such as ``reduction.expand``.
+        By subdomain, with the keys of the history: ``(points, elements)`` as for `deformed`, or a
+        `Structure`. If the subdomain has other dofs than the mesh,
+        ``(points, elements, expand)`` or ``(structure, expand)`` with a function from displacements
+        (k, n) of the subdomain to those of the mesh, such as ``reduction.expand``.
     frames : int
-        Equally far apart from the first to the last macro node; between nodes displacements are
-        interpolated.
+        Number of frames, at equal intervals from the first to the last macro time level;
+        displacements are interpolated between time levels.
     interval : float
-        Milliseconds from frame to frame.
+        Milliseconds between frames.
     scale : float, optional
-        As for `deformed`, chosen for all frames.
+        As for `deformed`, one for all frames.
     values : callable, optional
-        Displacements (N, dim) to what the colour shows, (N,).
+        Function from displacements (N, dim) to the values shown by colour, (N,).
     value_label : str, optional
-        What stands beside the colour bar.
+        Label of the colour bar.
 
     Returns
     -------
@@ -203,7 +203,7 @@ def animation(
     ImportError
         If matplotlib is missing.
     TypeError, ValueError
-        For meshes that do not fit the dofs, and dofs that were not recorded.
+        For meshes that are inconsistent with the dofs, and dofs that were not recorded.
 
     Examples
     --------
@@ -214,7 +214,6 @@ def animation(
     >>> "<img" in moving.to_jshtml()
     True
     """
-
     frames = whole_number(frames, "frames", low=1)
     times = np.linspace(history.macro_times[0], history.macro_times[-1], frames)
     films = _films(history, meshes, times)
@@ -230,9 +229,9 @@ def animation(
             moved = film.mesh.points + picture.scale * film.u
             _enclose(ax, np.concatenate([film.mesh.points, *moved]), picture)
         ax.set_autoscale_on(False)
-        clock = ax.set_title("$t$", loc="left")
+        time_label = ax.set_title("$t$", loc="left")
         figure.draw_without_rendering()
-        figure.set_layout_engine("none")  # laid out once, not for each frame
+        figure.set_layout_engine("none")  # the layout is computed once, not for each frame
         drawn: list[Artist] = []
 
         def show(frame: int) -> list[Artist]:
@@ -241,7 +240,7 @@ def animation(
             for i, (mesh, u) in enumerate(films):
                 x = mesh.points + picture.scale * u[frame]
                 drawn.extend(_draw(ax, mesh, x, paint(i, u[frame])))
-            clock.set_text(f"$t$ = {times[frame]:.4g}")
+            time_label.set_text(f"$t$ = {times[frame]:.4g}")
             return drawn
 
         return FuncAnimation(figure, show, frames=frames, interval=interval, blit=False)
@@ -259,57 +258,55 @@ def _films(history: History, meshes: Any, times: np.ndarray) -> list[Film]:
         raise TypeError(f"meshes must be a dict of meshes by subdomain, got {meshes!r}")
     films = []
     for key, given in meshes.items():
-        part = history[key]
-        if not np.array_equal(part.dofs, np.arange(part.dofs.size)):
-            raise ValueError(
-                f"all dofs of {part.name!r} must be recorded, got {listing(part.dofs)}"
-            )
-        what = given if isinstance(given, (tuple, list)) else (given,)
-        u = _at(times, part)
-        if len(what) > 1 and callable(what[-1]):
-            what, u = what[:-1], what[-1](u)
-        if len(what) == 1:
-            what = what[0].points, what[0].elements
-        films.append(Film(*_flattened(checked_mesh(*what), u, f"u of {part.name!r}", len(times))))
+        s = history[key]
+        if not np.array_equal(s.dofs, np.arange(s.dofs.size)):
+            raise ValueError(f"all dofs of {s.name!r} must be recorded, got {listing(s.dofs)}")
+        mesh = given if isinstance(given, (tuple, list)) else (given,)
+        u = _interpolated(times, s)
+        if len(mesh) > 1 and callable(mesh[-1]):
+            mesh, u = mesh[:-1], mesh[-1](u)
+        if len(mesh) == 1:
+            mesh = mesh[0].points, mesh[0].elements
+        films.append(Film(*_flattened(checked_mesh(*mesh), u, f"u of {s.name!r}", len(times))))
     return films
 
 
-def _at(times: np.ndarray, part: SubdomainHistory) -> np.ndarray:
-    """Displacements at these times, on straight lines between the nodes."""
-    after = np.clip(np.searchsorted(part.t, times), min(1, part.t.size - 1), part.t.size - 1)
+def _interpolated(times: np.ndarray, s: SubdomainHistory) -> np.ndarray:
+    """Displacements at these times, interpolated linearly between time levels."""
+    after = np.clip(np.searchsorted(s.t, times), min(1, s.t.size - 1), s.t.size - 1)
     before = np.maximum(after - 1, 0)
-    step = np.where(after > before, part.t[after] - part.t[before], 1.0)
-    share = np.clip((times - part.t[before]) / step, 0.0, 1.0)[:, None]
-    return (1.0 - share) * part.u[before] + share * part.u[after]
+    step = np.where(after > before, s.t[after] - s.t[before], 1.0)
+    fraction = np.clip((times - s.t[before]) / step, 0.0, 1.0)[:, None]
+    return (1.0 - fraction) * s.u[before] + fraction * s.u[after]
 
 
 def _painter(
     ax: Any, picture: Picture, films: Sequence[Film], values: Any, value_label: str
 ) -> Callable[[int, np.ndarray], Look]:
-    """How to draw part i with displacements u."""
+    """Function from mesh number and displacements to a `Look`."""
     if values is None:
         return lambda i, u: _plain(i)
 
-    def valued(i: int, u: np.ndarray) -> np.ndarray:
-        return nodal_values(values(u), films[i].mesh, "what values returns")
+    def values_of(i: int, u: np.ndarray) -> np.ndarray:
+        return nodal_values(values(u), films[i].mesh, "the result of values")
 
-    extremes = [valued(i, u) for i, film in enumerate(films) for u in film.u]
-    limits = min(x.min() for x in extremes), max(x.max() for x in extremes)
+    results = [values_of(i, u) for i, film in enumerate(films) for u in film.u]
+    limits = min(x.min() for x in results), max(x.max() for x in results)
     norm = _norm(ax, picture, limits, value_label)
-    return lambda i, u: Look(EDGE, EDGE, valued(i, u), norm)
+    return lambda i, u: Look(EDGE, EDGE, values_of(i, u), norm)
 
 
-# ---- what pictures have in common -----------------------------------------------------------
+# ---- axes and scales ------------------------------------------------------------------------
 
 
 def _flattened(mesh: Mesh, u: Any, name: str, times: int | None = None) -> tuple[Mesh, np.ndarray]:
-    """Mesh and displacements with two coordinates at least."""
+    """Mesh and displacements with at least two coordinates."""
     u = nodal_vectors(u, mesh, name, times=times)
     return Mesh(padded(mesh.points, 2), mesh.blocks), padded(u, 2)
 
 
 def _axes(mesh: Mesh, ax: Any | None) -> Axes:
-    """New axes, or those given if the mesh can be drawn there."""
+    """New axes, or the given ones if their dimension is that of the mesh."""
     from matplotlib.figure import Figure
 
     solid = mesh.points.shape[1] == 3
@@ -332,7 +329,7 @@ def _axes(mesh: Mesh, ax: Any | None) -> Axes:
 def _picture(
     ax: Any, moved: Sequence[tuple[Mesh, np.ndarray]], scale: float | None, own: bool
 ) -> Picture:
-    """The picture that these axes belong to, begun if there is none yet."""
+    """The `Picture` of these axes, created if there is none yet."""
     if scale is not None:
         scale = positive_number(scale, "scale")
     picture = pictures.get(ax)
@@ -340,7 +337,7 @@ def _picture(
         picture = pictures[ax] = Picture(_fitting_scale(moved) if scale is None else scale, own)
         ax.set_title(f"displacements \N{MULTIPLICATION SIGN} {picture.scale:g}", loc="right")
     if scale is not None and scale != picture.scale:
-        raise ValueError(f"scale must be that of the picture, {picture.scale:g}, got {scale:g}")
+        raise ValueError(f"scale must be that of the axes, {picture.scale:g}, got {scale:g}")
     return picture
 
 
@@ -350,23 +347,23 @@ def _fitting_scale(moved: Sequence[tuple[Mesh, np.ndarray]]) -> float:
     size = np.ptp(points, axis=0).max()
     if not (largest > 0.0 and size > 0.0):
         return 1.0
-    wanted = SHARE * size / largest
-    if 1.0 / ABOUT <= wanted <= ABOUT:
+    limit = SHARE * size / largest
+    if 1.0 / ABOUT <= limit <= ABOUT:
         return 1.0
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted))
+    power = 10.0 ** np.floor(np.log10(limit))
+    return float(power * max(digit for digit in (1.0, 2.0, 5.0) if digit * power <= limit))
 
 
-def _plain(part: int) -> Look:
-    """The colours of a part; lines darker than faces, since they need contrast."""
+def _plain(number: int) -> Look:
+    """The colours of a mesh; lines are darker than faces, for contrast."""
     from matplotlib.colors import to_rgb
 
-    face = to_rgb(FILLS[part % len(FILLS)])
+    face = to_rgb(FILLS[number % len(FILLS)])
     return Look(face, tuple(0.55 * channel for channel in face))
 
 
 def _norm(ax: Any, picture: Picture, limits: Any, label: str) -> Normalize:
-    """The colours of the picture, widened to these limits; with a colour bar when they are new."""
+    """The colour scale of the axes, extended to these limits; a new one gets a colour bar."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -381,7 +378,7 @@ def _norm(ax: Any, picture: Picture, limits: Any, label: str) -> Normalize:
 
 
 def _enclose(ax: Any, x: np.ndarray, picture: Picture) -> None:
-    """Let the axes reach around these points, and the figure be as high as they need."""
+    """Extend the axes to these points, and adjust the height of the figure."""
     if ax.name == "3d":
         _enclose_in_space(ax, x)
         return
@@ -392,13 +389,13 @@ def _enclose(ax: Any, x: np.ndarray, picture: Picture) -> None:
         width, height = ax.dataLim.size
     ax.autoscale_view()
     if picture.own:
-        room = WIDTH - LABELS - (0.0 if picture.norm is None else LABELS)
-        wanted = LABELS + room * height / width if width > 0.0 else HIGHEST
-        ax.figure.set_size_inches(WIDTH, np.clip(wanted, LOWEST, HIGHEST))
+        space = WIDTH - LABELS - (0.0 if picture.norm is None else LABELS)
+        fitting = LABELS + space * height / width if width > 0.0 else HIGHEST
+        ax.figure.set_size_inches(WIDTH, np.clip(fitting, LOWEST, HIGHEST))
 
 
 def _enclose_in_space(ax: Any, x: np.ndarray) -> None:
-    """Equal scales, and a camera as near as the box of all points allows."""
+    """Equal scales, and a zoom at which the box of all points fills the axes."""
     from mpl_toolkits.mplot3d.proj3d import proj_transform
 
     ax.auto_scale_xyz(*x.T, had_data=True)
@@ -411,10 +408,10 @@ def _enclose_in_space(ax: Any, x: np.ndarray) -> None:
     ax.set_box_aspect(sizes, zoom=FILLED / filled)
 
 
-def _name_part(ax: Any, mesh: Mesh, x: np.ndarray, label: str, look: Look) -> None:
+def _label_mesh(ax: Any, mesh: Mesh, x: np.ndarray, label: str, look: Look) -> None:
     if look.values is not None:
-        paper: dict[str, Any] = {"facecolor": "w", "alpha": 0.8, "edgecolor": "none", "pad": 1.5}
-        ax.text(*x.mean(axis=0), label, ha="center", va="center", bbox=paper, zorder=9)
+        patch: dict[str, Any] = {"facecolor": "w", "alpha": 0.8, "edgecolor": "none", "pad": 1.5}
+        ax.text(*x.mean(axis=0), label, ha="center", va="center", bbox=patch, zorder=9)
         return
     only_lines = all(block.shape[1] == 2 for block in mesh.blocks)
     marker: dict[str, Any] = {
@@ -423,18 +420,18 @@ def _name_part(ax: Any, mesh: Mesh, x: np.ndarray, label: str, look: Look) -> No
         "markeredgewidth": 0.5,
         "linestyle": "none",
     }
-    nothing = np.empty((x.shape[1], 0))
-    ax.plot(*nothing, color=look.line if only_lines else look.face, label=label, **marker)
-    place: dict[str, Any] = {
+    no_points = np.empty((x.shape[1], 0))
+    ax.plot(*no_points, color=look.line if only_lines else look.face, label=label, **marker)
+    position: dict[str, Any] = {
         "loc": "lower left",
         "bbox_to_anchor": (0.0, 1.0),
         "borderaxespad": 0.2,
     }
-    ax.legend(ncols=3, handlelength=1.0, handletextpad=0.4, **place)
+    ax.legend(ncols=3, handlelength=1.0, handletextpad=0.4, **position)
 
 
 def _draw_directions(ax: Any, mesh: Mesh) -> None:
-    """Where x, y and z point, at the corner of the mesh, instead of axes."""
+    """The directions of x, y and z at a corner of the mesh, instead of axes."""
     corner, sizes = mesh.points.min(axis=0), np.ptp(mesh.points, axis=0)
     corner = corner - 0.1 * sizes.max()
     for name, direction in zip("xyz", 0.15 * sizes.max() * np.eye(3)):
@@ -446,13 +443,13 @@ def _draw_directions(ax: Any, mesh: Mesh) -> None:
 
 
 def _draw_undeformed(ax: Any, mesh: Mesh) -> None:
-    """One broken line, which also in space lies beneath the faces."""
+    """All edges as one interrupted line, which is below the faces also in space."""
     for block in mesh.blocks:
         lines = edges(outer_faces(block))
         ends = mesh.points[lines]
-        broken = np.concatenate([ends, np.full_like(ends[:, :1], np.nan)], axis=1)
+        line = np.concatenate([ends, np.full_like(ends[:, :1], np.nan)], axis=1)
         width = 0.6 * _thinner(len(lines))
-        ax.plot(*broken.reshape(-1, ends.shape[-1]).T, color=UNDEFORMED, linewidth=width, zorder=1)
+        ax.plot(*line.reshape(-1, ends.shape[-1]).T, color=UNDEFORMED, linewidth=width, zorder=1)
 
 
 def _draw(ax: Any, mesh: Mesh, x: np.ndarray, look: Look) -> list[Artist]:
@@ -471,7 +468,7 @@ def _thinner(lines: int) -> float:
 
 
 def _draw_lines(ax: Any, ends: Any, block: np.ndarray, look: Look) -> list[Artist]:
-    """Lines with ends (m, 2, dim), in pieces where the colour changes along them."""
+    """Lines with ends (m, 2, dim), in pieces if the colour varies along them."""
     from matplotlib.collections import LineCollection
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
@@ -482,8 +479,8 @@ def _draw_lines(ax: Any, ends: Any, block: np.ndarray, look: Look) -> list[Artis
     else:
         along = np.arange(PIECES + 1)[:, None] / PIECES
         middle = along[:-1] + 0.5 / PIECES
-        nodes = ends[:, 0] + along[..., None] * (ends[:, 1] - ends[:, 0])
-        pieces = np.stack([nodes[:-1], nodes[1:]], axis=2).reshape(-1, *ends.shape[1:])
+        divisions = ends[:, 0] + along[..., None] * (ends[:, 1] - ends[:, 0])
+        pieces = np.stack([divisions[:-1], divisions[1:]], axis=2).reshape(-1, *ends.shape[1:])
         begin, end = look.values[block].T
         lines = kind(pieces, cmap=COLOURS, norm=look.norm, linewidths=width, zorder=2)
         lines.set_array((begin + middle * (end - begin)).ravel())

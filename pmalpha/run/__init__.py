@@ -1,1 +1,1 @@
-"""What advances a coupled problem and keeps what came of it."""
+"""Advance a coupled problem and keep its results."""

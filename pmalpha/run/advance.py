@@ -1,4 +1,4 @@
-"""Macro steps in chunks, for which the callables are evaluated ahead."""
+"""Macro steps in chunks; callables are evaluated ahead of the core, chunk by chunk."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from ..errors import CallbackError, InstabilityError
 from .loads import Loads
 from .progress import Report
 
-# Loads of Python callables are evaluated ahead, at most this many bytes at a time; while a table is
-# filled the last one still lives, so that they take 64 MB.
+# Bytes of load values evaluated ahead of the core at a time. While a table is filled the previous
+# one still exists: 64 MB together.
 AHEAD = 32_000_000
-# They are first evaluated for this number of macro steps at a time, then for twice as many while
-# that and the steps take less than this time, so that Ctrl-C and reports need not wait long.
+# Macro steps of the first chunk. The next chunk has twice as many if the last one took less than
+# CHUNK_SECONDS (s), half as many otherwise: Ctrl-C and reports wait for the end of a chunk.
 FIRST_CHUNK, CHUNK_SECONDS = 32, 0.03
 
 
@@ -25,17 +25,17 @@ def advance(
 
     Parameters
     ----------
-    core : the coupler of the core
+    core : _core.Coupler
     loads : Loads
     end : int
     record : tuple, optional
-        As the core takes it, from `Recording.core_record`.
+        From `Recording.core_record`.
     report : Report, optional
 
     Raises
     ------
-    InstabilityError, CallbackError, and what a callable raises
-        The core is then at the last whole macro step.
+    InstabilityError, CallbackError, and any exception of a callable
+        The core is then at the last completed macro step.
     """
     for chunk in _chunks(core, loads, end):
         ready, failure = loads.prepare(core.step_count, chunk)
@@ -49,24 +49,24 @@ def advance(
 
 
 def _chunks(core: Any, loads: Loads, end: int) -> Iterator[int]:
-    """Ends of chunks of macro steps; with callables a chunk takes about 50 ms.
+    """Last macro steps of the chunks; with callables a chunk takes about 50 ms.
 
-    A chunk ends before its loads are more than fits, and soon enough for Ctrl-C and for a report.
+    The load values of a chunk take at most `AHEAD` bytes.
     """
     size = loads.bytes_per_macro_step
-    most = max(1, AHEAD // size) if size else end
-    steps = min(FIRST_CHUNK, most) if size else most
+    longest = max(1, AHEAD // size) if size else end
+    steps = min(FIRST_CHUNK, longest) if size else longest
     while core.step_count < end:
         begin = perf_counter()
         yield min(end, core.step_count + steps)
         seconds = perf_counter() - begin
-        steps = min(2 * steps, most) if seconds < CHUNK_SECONDS else max(1, steps // 2)
+        steps = min(2 * steps, longest) if seconds < CHUNK_SECONDS else max(1, steps // 2)
 
 
 def _error(failed: int | tuple[int, int, str], step: int, loads: Loads) -> Exception:
-    """The exception for a macro step that the core did not finish."""
+    """The exception for a macro step that the core did not complete."""
     names, t = [part.name for part in loads.parts] + ["interface"], loads.clock.time(step)
     if isinstance(failed, tuple):
-        place, code, what = failed
-        return CallbackError(code, what, step, t, names[place])
+        index, code, what = failed
+        return CallbackError(code, what, step, t, names[index])
     return InstabilityError(step, t, names[failed])

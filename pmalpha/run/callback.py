@@ -1,4 +1,4 @@
-"""A Python callable that is evaluated ahead of the core."""
+"""A Python callable, evaluated ahead of the core."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from .._checks import vector
 
 
 class CallbackLoad:
-    """A Python callable asked ahead of the core, each own step once, in the order of time.
+    """A Python callable, evaluated ahead of the core: once per substep, in the order of time.
 
     Parameters
     ----------
     force : callable
         f(t) -> (n,)
     what : str
-        For messages, such as "force of subdomain 'rig'".
+        Its name in messages, such as "force of subdomain 'rig'".
     order : (n,) array
         Elimination order.
     substeps : int
-        How often in a macro step it is asked.
+        Evaluations per macro step.
     dt : float
         Macro step.
     """
@@ -27,7 +27,7 @@ class CallbackLoad:
     def __init__(self, force, what: str, order: np.ndarray, substeps: int, dt: float):
         self.force, self.what, self.order = force, what, order
         self.substeps, self.dt = substeps, dt
-        self.first = 0
+        self.first = 0  # substep of the first row, counted from t = 0
         self.rows = np.empty((0, order.size))
         self.near_start: dict[float, np.ndarray] = {}
 
@@ -35,7 +35,7 @@ class CallbackLoad:
     def bytes_per_macro_step(self) -> int:
         return 8 * self.substeps * self.order.size
 
-    def ask(self, t: float) -> np.ndarray:
+    def evaluate(self, t: float) -> np.ndarray:
         """f(t) in elimination order, checked."""
         value = self.force(t)
         try:
@@ -43,29 +43,29 @@ class CallbackLoad:
         except (TypeError, ValueError) as error:
             raise type(error)(f"{self.what} at t = {t:g}: {error}") from None
 
-    def ask_near_start(self, t: float) -> np.ndarray:
-        """f(t) as `ask`, for the initial values: once even if the start has to be repeated."""
+    def near_start_value(self, t: float) -> np.ndarray:
+        """f(t) for the initial values; evaluated once, also if the start is repeated."""
         if t not in self.near_start:
-            self.near_start[t] = self.ask(t)
+            self.near_start[t] = self.evaluate(t)
         return self.near_start[t]
 
-    def ask_again(self, node: int) -> np.ndarray:
-        """f at an own node after the first, in elimination order.
+    def value_at(self, level: int) -> np.ndarray:
+        """f at time level `level` >= 1 of the subdomain, in elimination order.
 
-        The value that was asked for the step to it; where that is not kept, as after `load`, the
-        callable is asked.
+        The value of the substep that ended there; evaluated again if it is not stored, as after
+        `Coupler.load`.
         """
-        row = node - 1 - self.first
+        row = level - 1 - self.first
         if 0 <= row < len(self.rows):
             return self.rows[row].copy()
-        return self.ask(node / self.substeps * self.dt)  # (T1)
+        return self.evaluate(level / self.substeps * self.dt)  # (T1)
 
     def prepare(self, begin: int, end: int) -> tuple[int, Exception | None]:
-        """Have the loads of the macro steps begin..end-1 ready.
+        """Evaluate the loads of the macro steps begin..end-1.
 
-        Values asked before and not used since an abort are kept. Returns the macro step up to
-        which the loads are there, and what the callable raised where that is before `end`. What is
-        no error of the callable's, such as Ctrl-C, is raised at once; no value is lost by it.
+        Values that an aborted run did not use are kept. Returns the macro step up to which the
+        loads are evaluated, and the callable's exception if that is before `end`. A BaseException
+        that is no Exception, such as Ctrl-C, is raised at once; no evaluated value is lost.
         """
         first, needed = begin * self.substeps, (end - begin) * self.substeps
         if self.first <= first and first + needed <= self.first + len(self.rows):
@@ -73,14 +73,14 @@ class CallbackLoad:
         kept = self.rows[max(first - self.first, 0) :] if self.first <= first else self.rows[:0]
         rows = np.empty((needed, self.order.size))
         rows[: len(kept)] = kept
-        known, failure = len(kept), None
+        count, failure = len(kept), None
         try:
-            while known < needed:
-                k = first + known + 1
-                rows[known] = self.ask(k / self.substeps * self.dt)  # (T1)
-                known += 1
+            while count < needed:
+                k = first + count + 1
+                rows[count] = self.evaluate(k / self.substeps * self.dt)  # (T1)
+                count += 1
         except Exception as error:
             failure = error
         finally:
-            self.first, self.rows = first, rows[:known]
-        return begin + known // self.substeps, failure
+            self.first, self.rows = first, rows[:count]
+        return begin + count // self.substeps, failure

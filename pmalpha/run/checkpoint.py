@@ -1,8 +1,8 @@
-"""The state of a coupler in a file, with what tells its problem from another.
+"""The state of a coupler in a file, with a description of its problem.
 
-A state is what `nodes` of the core's subdomains hold, the multipliers, the prescribed velocities
-and the number of the macro step. It is kept in the user's order of dofs and conditions, so that a
-file outlives the choice of an elimination order.
+A state is the arrays of all subdomains (`nodes` of the core), the multipliers, the prescribed
+velocities and the number of the macro step. Dofs and constraints are in the user's order, so that
+the file does not depend on the elimination order.
 """
 
 from __future__ import annotations
@@ -16,19 +16,20 @@ import numpy as np
 import scipy.sparse as sp
 from scipy import LowLevelCallable
 
-from .._checks import MOST, listing
+from .._checks import MOST, counted, listing
 from ..files import read_npz, write_npz
 from ..problem.forces import SampledForce
 from ..setup.part import Part
 from .motion import Motion
 
-# What a file that holds a state says of itself.
+# In the header of the file.
 FORMAT, VERSION = "pmalpha checkpoint", 1
-# The arrays of `nodes` of the core, for the present and for the own node before it.
+# The arrays of a subdomain in the core at the present time level; a double-step subdomain has them
+# at the previous time level as well.
 FIELDS = ("u", "v", "w", "a", "vf", "springs")
-# Of a restoring force the stiffness and the damping.
+# Stiffness and damping of a restoring force, (R2).
 ESTIMATES = ("restoring_stiffness", "restoring_damping")
-# More differences than these are counted only.
+# Number of differences that an error lists.
 SHOWN = 6
 
 
@@ -36,19 +37,19 @@ SHOWN = 6
 
 
 def constants(
-    words: Mapping[str, Any], parts: Sequence[Part], matrices: Sequence[sp.csc_array]
+    options: Mapping[str, Any], parts: Sequence[Part], matrices: Sequence[sp.csc_array]
 ) -> dict[str, Any]:
-    """All of a problem that never changes, each fact under the name an error calls it by.
+    """The constant facts of a problem, by the name that an error shows.
 
     Parameters
     ----------
-    words : dict
+    options : dict
         The options of the coupler.
     parts : sequence of Part
     matrices : sequence of (p, n_i) csc_array
         L_i, in the user's order.
     """
-    facts = {**words, "names": [part.name for part in parts], "conditions": matrices[0].shape[0]}
+    facts = {**options, "names": [part.name for part in parts], "conditions": matrices[0].shape[0]}
     for part, L in zip(parts, matrices):
         s, of = part.subdomain, f"of {part.name!r}"
         scheme = s.scheme
@@ -69,12 +70,13 @@ def constants(
 def loads(
     parts: Sequence[Part], forces: Sequence[Any], motions: Sequence[Motion]
 ) -> dict[str, str]:
-    """The loads of a problem, which `reset` can change. Of a callable only that it is one."""
+    """The loads of a problem, which `reset` can change. Callables cannot be compared."""
     facts = {f"force of {part.name!r}": load(force) for part, force in zip(parts, forces)}
     return facts | {motion.what: load(motion.velocity) for motion in motions}
 
 
 def load(force: Any) -> str:
+    """A description of a load; equal loads have equal descriptions."""
     if isinstance(force, SampledForce):
         shape = "" if force.shape is None else f", shape {checksum(force.shape)}"
         return f"{type(force).__name__} {checksum(force.values)}, dt {force.dt!r}{shape}"
@@ -86,7 +88,7 @@ def load(force: Any) -> str:
 
 
 def checksum(A: Any) -> str:
-    """A word that two matrices or arrays share only when all their entries are equal."""
+    """A checksum of shape and entries of a matrix or array."""
     if A is None:
         return "zero"
     arrays = [A]
@@ -98,12 +100,12 @@ def checksum(A: Any) -> str:
     return f"checksum {digest.hexdigest()[:16]}"
 
 
-def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> list[str]:
-    """What differs between the problem of a file and the one here."""
+def differences(saved: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
+    """The facts that differ between the problem of a file and the one here."""
     return [
-        f"{fact} ({theirs.get(fact, 'not given')} in the file, {ours.get(fact, 'not given')} here)"
-        for fact in dict.fromkeys([*theirs, *ours])
-        if theirs.get(fact) != ours.get(fact)
+        f"{fact} ({saved.get(fact, 'not given')} in the file, {here.get(fact, 'not given')} here)"
+        for fact in dict.fromkeys([*saved, *here])
+        if saved.get(fact) != here.get(fact)
     ]
 
 
@@ -111,23 +113,25 @@ def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> list[str]
 
 
 def order_of(part: Part, name: str, x: np.ndarray) -> np.ndarray:
-    """Places of the entries of x, which belong to the last dofs of the elimination order.
+    """Order of the entries of x, those of the last eliminated dofs, by the user's numbers.
 
-    What springs remember is in the user's order already.
+    The history variables of springs are in the user's order already.
     """
     if name.endswith("springs"):
         return np.arange(x.size)
     return np.argsort(part.order[part.n - x.size :])
 
 
-def state_arrays(parts: Sequence[Part], core: Any, row_place: np.ndarray) -> dict[str, np.ndarray]:
+def state_arrays(
+    parts: Sequence[Part], core: Any, row_position: np.ndarray
+) -> dict[str, np.ndarray]:
     """The state of a coupler by name, in the user's order."""
     arrays = {}
     for i, part in enumerate(parts):
         for name, x in zip(names(part), part.core.nodes()):
             arrays[f"{i}.{name}"] = x[order_of(part, name, x)]
-    arrays["multipliers"] = core.multipliers[row_place]
-    arrays["prescribed"] = core.prescribed[row_place]
+    arrays["multipliers"] = core.multipliers[row_position]
+    arrays["prescribed"] = core.prescribed[row_position]
     return arrays
 
 
@@ -136,9 +140,9 @@ def names(part: Part) -> list[str]:
 
 
 class CoreState(NamedTuple):
-    """The state of a coupler as the core takes it: nodes by subdomain, and (p,) arrays."""
+    """The state of a coupler in the core's order: arrays by subdomain, and (p,) arrays."""
 
-    nodes: list[tuple[np.ndarray, ...]]
+    subdomains: list[tuple[np.ndarray, ...]]
     multipliers: np.ndarray
     prescribed: np.ndarray
 
@@ -147,34 +151,34 @@ def core_state(
     path: str | PathLike,
     arrays: Mapping[str, np.ndarray],
     parts: Sequence[Part],
-    row_place: np.ndarray,
+    row_position: np.ndarray,
 ) -> CoreState:
-    """The inverse of `state_arrays`; ValueError for what does not fit."""
-    p = row_place.size
+    """The inverse of `state_arrays`; ValueError for missing or wrong arrays."""
+    p = row_position.size
     try:
-        nodes = [core_nodes(part, i, arrays) for i, part in enumerate(parts)]
+        states = [core_arrays(part, i, arrays) for i, part in enumerate(parts)]
         lam, g = np.empty((2, p))
-        lam[row_place] = checked(arrays, "multipliers", p)
-        g[row_place] = checked(arrays, "prescribed", p)
+        lam[row_position] = checked(arrays, "multipliers", p)
+        g[row_position] = checked(arrays, "prescribed", p)
     except (LookupError, ValueError) as error:
         raise damaged(path, error) from None
-    return CoreState(nodes, lam, g)
+    return CoreState(states, lam, g)
 
 
-def core_nodes(part: Part, i: int, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
-    """The nodes of a subdomain; ValueError for what does not fit."""
-    nodes = []
-    for name, mine in zip(names(part), part.core.nodes()):
-        x = np.empty(mine.size)
-        x[order_of(part, name, x)] = checked(arrays, f"{i}.{name}", mine.size)
-        nodes.append(x)
-    return tuple(nodes)
+def core_arrays(part: Part, i: int, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
+    """The arrays of subdomain i for the core; ValueError for missing or wrong arrays."""
+    state = []
+    for name, present in zip(names(part), part.core.nodes()):
+        x = np.empty(present.size)
+        x[order_of(part, name, x)] = checked(arrays, f"{i}.{name}", present.size)
+        state.append(x)
+    return tuple(state)
 
 
 def checked(arrays: Mapping[str, np.ndarray], name: str, size: int) -> np.ndarray:
     x = arrays[name]
     if x.shape != (size,) or x.dtype != np.float64 or not np.all(np.isfinite(x)):
-        raise ValueError(f"{name} is not {size} finite numbers")
+        raise ValueError(f"{name} is not an array of {counted(size, 'finite number')}")
     return x
 
 
@@ -191,18 +195,24 @@ def write(
 def read(path: str | PathLike, problem: Mapping[str, Any]) -> tuple[int, dict[str, np.ndarray]]:
     """Macro step and arrays of a file that `write` wrote for the same problem.
 
+    Parameters
+    ----------
+    path : str or path
+    problem : dict
+        The facts of the problem here, from `constants` and `loads`.
+
     Raises
     ------
     OSError
         When there is no such file.
     ValueError
-        For any other file, a damaged one, or another problem, saying what differs.
+        For any other file, a damaged one, or another problem; the message lists what differs.
     """
     header, arrays = read_npz(path, FORMAT, VERSION)
-    theirs, step = header.get("problem"), header.get("step_count")
-    if not isinstance(theirs, dict) or type(step) is not int or not 0 <= step <= MOST:
-        raise damaged(path, "its header is not whole")
-    found = differences(theirs, problem)
+    saved, step = header.get("problem"), header.get("step_count")
+    if not isinstance(saved, dict) or type(step) is not int or not 0 <= step <= MOST:
+        raise damaged(path, "its header is incomplete")
+    found = differences(saved, problem)
     if found:
         raise ValueError(
             "path must lead to a checkpoint of the same problem, but in "

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from .._checks import MOST, real_number, whole_number
 
-# t_end must be a whole number of macro steps up to this part of one.
-WHOLE = 1e-6
+# Tolerance of t_end, in macro steps: it must be a whole number of them.
+TOLERANCE = 1e-6
 
 
 class Clock:
@@ -19,7 +19,7 @@ class Clock:
         return step * self.dt
 
     def end(self, t_end: float | None, steps: int | None, begin: int) -> int:
-        """The macro step at which a run ends that starts at macro step `begin`."""
+        """The macro step at which a run from macro step `begin` ends."""
         if (t_end is None) == (steps is None):
             raise TypeError("give either t_end or steps, not both or none")
         if steps is not None:
@@ -28,7 +28,7 @@ class Clock:
         if not abs(t_end / self.dt) < MOST:
             raise ValueError(f"t_end must be within {MOST} steps of {self.dt:g}, got {t_end!r}")
         count = round(t_end / self.dt)
-        if abs(t_end / self.dt - count) > WHOLE:
+        if abs(t_end / self.dt - count) > TOLERANCE:
             raise ValueError(
                 f"t_end must be a whole number of macro steps dt = {self.dt:g}, got {t_end!r}, "
                 f"which is {t_end / self.dt:.9g} of them"

@@ -1,4 +1,4 @@
-"""The coupled problem: subdomains with their own steps, advanced by the C core."""
+"""The coupled problem: subdomains with different time steps, advanced by the C core."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import check_word, flag, positive_number, whole_number
+from .._checks import check_word, counted, flag, positive_number, whole_number
 from ..problem.constraints import Constraint
 from ..problem.forces import checked_force
 from ..problem.springs import SpringState
@@ -34,7 +34,7 @@ from .clock import Clock
 from .energy import summed_works
 from .history import History, State
 from .initial import InitialValues
-from .keys import by_place, position
+from .keys import by_index, position
 from .loads import Loads
 from .motion import motions_of
 from .progress import Report, reporting
@@ -44,82 +44,82 @@ __all__ = ["Coupler"]
 
 
 class Coupler:
-    """Subdomains tied at their velocities, each with its own scheme and step.
+    """Subdomains with different schemes and time steps, coupled by velocity constraints.
 
     Parameters
     ----------
     subdomains : sequence of `Subdomain`
         At least one. They are not changed.
     constraints : `Constraint` or list of them, optional
-        The interface conditions, from `tie` or general ones. They must be independent.
+        The interface constraints, from `tie` or general ones. They must be independent.
     dt : float
-        The macro step, in any consistent unit, positive. Subdomain i steps by dt / substeps_i; the
-        largest number of substeps must be a multiple of all, except under "macro".
+        The macro step, in any consistent unit, positive. The substeps of subdomain i have the
+        length dt / substeps_i; the largest number of substeps must be a multiple of all others,
+        except under "macro".
     coupling : {"pm", "gc", "macro"}, default "pm"
         "pm": interfield parallel, with double steps (PM-alpha; with Newmark schemes the PM
-        method). "gc": staggered, single steps (GC-alpha). "macro": multipliers linear over the
-        macro step and found once in it, velocities tied at macro nodes; of order 2 with any
-        substeps, double steps only where ``double_step=True`` (and ``substeps=1``). See
-        docs/couplings.md for which when.
+        method). "gc": staggered, single steps (GC-alpha). "macro": one interface problem per macro
+        step, multipliers linear over it, velocities tied at its end; order 2 with any numbers of
+        substeps, double steps only with ``double_step=True`` (and ``substeps=1``).
+        docs/couplings.md compares them.
     start : {"rebased", "plain"}, default "rebased"
-        What is done with the stored free velocity when a subdomain changes over to double steps
-        after the first macro step, equation (S3). "plain" does nothing, as in the paper. Under
-        "macro" no step reads a stored free velocity, and it makes no difference.
+        "rebased": the stored free velocity of a double-step subdomain is replaced when its double
+        steps begin, after the first macro step, equation (S3). "plain": it is kept, as in the
+        paper. No effect under "macro", where no step reads a stored free velocity.
     threads : int, optional
-        At most so many threads work on the subdomains, the calling one among them; 1 is none
-        besides it. Results are the same bit for bit for any number. Default: as many as there are
-        processors for this process, where equations (W1) to (W3) of docs/method.md, which know
-        sizes only, say that they save a fifth of the time, else 1. `Coupler.threads` is what was
-        decided: more than there are subdomains only where a large explicit one is split among
-        them.
+        Maximum number of threads, including the caller; 1 runs serially. Results are bitwise
+        identical for any number. Default: the number of processors of this process if equations
+        (W1) to (W3) of docs/method.md predict from the sizes alone that threads save a fifth of
+        the time, else 1. `Coupler.threads` is the number in use: larger than the number of
+        subdomains only if a large explicit one is split among threads.
     factorize : None, "superlu" or callable, optional
-        Who factors the sparse matrices Mbar and M of the subdomains. None: our own supernodal
-        code, and SciPy's SuperLU where a matrix hardly fills in. "superlu": always SuperLU, slower
-        and larger. A callable ``factorize(A, last) -> (L, D, perm)``: see Notes.
+        The factorization of the sparse matrices Mbar and M of the subdomains. None: the supernodal
+        code of this package, and SciPy's SuperLU for a matrix with little fill. "superlu": always
+        SuperLU, slower and larger. A callable ``factorize(A, last) -> (L, D, perm)``: see Notes.
 
     Raises
     ------
     TypeError, ValueError
-        For arguments of the wrong kind, equal names, substeps that do not divide the largest,
-        everybody at the finest step double, an initial state that does not fit; for what
-        `factorize` returns; under "macro" for a double step with substeps, and for unit runs that
-        would take longer than a day.
+        For arguments of the wrong kind, equal names, numbers of substeps that do not divide the
+        largest, double steps in all subdomains of the finest step, an initial state of the wrong
+        shape; for a wrong result of `factorize`; under "macro" for a double step with substeps, and
+        for unit responses that would take longer than a day.
     ConstraintError
-        For conditions that depend on one another or that the initial velocities break.
+        For constraints that are dependent or that the initial velocities violate.
     FactorizationError
         For a singular or indefinite Mbar or mass matrix, with subdomain, dof and inertia.
     MemoryError
-        For a problem whose predicted size does not fit.
+        For a problem whose predicted size exceeds the available memory.
 
     Warns
     -----
     StabilityWarning
-        When an own step is above the critical step of its subdomain; under "macro" when a part
-        resonates with the macro step, and for a double step that damps nothing (rho = 1).
+        When the step of a subdomain is above its critical step; under "macro" when a subdomain
+        resonates with the macro step, and for a double step without algorithmic damping (rho = 1).
     PerformanceWarning
-        When the unit runs of "macro" take long; when M or C of an explicit subdomain is not
-        diagonal and sweeping the factor that it needs takes longer than all the rest of its step,
-        from 100 000 entries on (smaller ones stay in the caches).
+        When the unit responses of "macro" take long; when M or C of an explicit subdomain is not
+        diagonal and the sweeps over the factor that it needs take longer than the rest of its step,
+        from 100 000 entries on (smaller factors stay in the caches).
     ConstraintWarning
-        When initial displacements leave a gap; under "macro" for interface dofs without mass in a
-        subdomain with substeps.
+        When the initial displacements violate a constraint; under "macro" for interface dofs
+        without mass in a subdomain with substeps.
 
     Notes
     -----
     Equations (1) to (18) of docs/method.md; Bursi, He, Bonelli and Pegon 2008.
 
-    A `factorize` of your own is called when the Coupler is made, once for each matrix of a
-    subdomain that has sparse ones, with `A`, an (n, n) csc_array of both triangles in your order of
-    the dofs, and `last`, a sorted (nb,) array: the dofs of the interface. It returns `L`, (n, n)
-    lower triangular with a diagonal of ones or none, sparse or dense, `D`, (n,) positive, and
-    `perm`, (n,) int, ending with the dofs of `last` in any order, so that
-    ``A[perm][:, perm] = L @ diag(D) @ L.T``. All matrices of a subdomain have the same pattern, in
-    which zeros are stored, and must get the same `perm`. Diagonal and dense matrices and the
-    interface matrix are factored by the package.
+    A callable `factorize` is called when the Coupler is made, once for each matrix of a subdomain
+    that has sparse matrices, with `A`, an (n, n) csc_array of both triangles in the user's order of
+    dofs, and `last`, a sorted (nb,) array of the interface dofs. It returns `L`, (n, n) lower
+    triangular with a diagonal of ones or none, sparse or dense, `D`, (n,) positive, and `perm`,
+    (n,) int, ending with the dofs of `last` in any order, so that
+    ``A[perm][:, perm] = L @ diag(D) @ L.T``. All matrices of a subdomain have the same pattern,
+    with stored zeros, and must get the same `perm`. Diagonal and dense matrices and the interface
+    matrix are factored by the package.
 
     Examples
     --------
-    A mass split in two, one half with twenty steps to one of the other:
+    A mass split in two halves, one with twenty substeps in each step of the other:
 
     >>> a = Subdomain([0.5], [2.0], scheme=GeneralizedAlpha(0.5), u0=[1.0], name="a")
     >>> b = Subdomain([0.5], [2.0], scheme=GeneralizedAlpha(0.5, explicit=True), substeps=20,
@@ -170,7 +170,7 @@ class Coupler:
             factorize=factorize,
         )
         self._parts, self._core = assembly.parts, assembly.core
-        self._row_place = assembly.row_place
+        self._row_position = assembly.row_place
         self._initial_accelerations: InitialAccelerations | None = assembly.accelerations
 
         self._last_history: History | None = None
@@ -190,39 +190,39 @@ class Coupler:
 
     @property
     def threads(self) -> int:
-        """Threads that share the work, the calling one among them."""
+        """Number of threads in use, including the caller."""
         return self._core.threads
 
     @property
     def step_count(self) -> int:
-        """Macro steps done."""
+        """Number of completed macro steps."""
         with self._entered():
             return self._steps_done()
 
     @property
     def time(self) -> float:
-        """The time where the coupler stands, equation (T1)."""
+        """The present time, equation (T1)."""
         return self._clock.time(self.step_count)
 
     @property
     def multipliers(self) -> np.ndarray:
-        """Lam, (p,), at the present; a copy."""
+        """Lam, (p,), at the present time; a copy."""
         with self._entered():
             self._start()
-            return self._core.multipliers[self._row_place]
+            return self._core.multipliers[self._row_position]
 
     @property
     def last_history(self) -> History | None:
-        """After an exception or Ctrl-C in `run`: the History up to the last whole macro step."""
+        """After an exception or Ctrl-C in `run`: the History up to the last complete macro step."""
         return self._last_history
 
     def state(self, key: str | int | Subdomain) -> State:
-        """Displacement, velocity and true acceleration of a subdomain now; copies.
+        """Displacement, velocity and true acceleration of a subdomain at the present time; copies.
 
         Parameters
         ----------
         key : str, int or Subdomain
-            Its name, its place, or itself.
+            Its name, its index, or the subdomain itself.
 
         Raises
         ------
@@ -236,12 +236,12 @@ class Coupler:
         return State(u[part.place], v[part.place], w[part.place])
 
     def springs(self, key: str | int | Subdomain) -> SpringState:
-        """Deformation and force of the springs of a subdomain now; copies.
+        """Deformation and force of the springs of a subdomain at the present time; copies.
 
         Parameters
         ----------
         key : str, int or Subdomain
-            Its name, its place, or itself.
+            Its name, its index, or the subdomain itself.
 
         Raises
         ------
@@ -262,11 +262,12 @@ class Coupler:
         return SpringState(deformation, force)
 
     def __reduce__(self) -> tuple:
-        raise TypeError("a Coupler cannot be copied or pickled: its state lives in the core")
+        raise TypeError("a Coupler cannot be copied or pickled: its state is in the C core")
 
     def __repr__(self) -> str:
         names = ", ".join(repr(name) for name, _ in self._keys)
-        return f"<Coupler of {names}; dt = {self.dt:g}, {self._rows.p} conditions>"
+        constraints = counted(self._rows.p, "constraint")
+        return f"<Coupler of {names}; dt = {self.dt:g}, {constraints}>"
 
     # ---- running -----------------------------------------------------------------------------
 
@@ -282,40 +283,40 @@ class Coupler:
         record_springs: Mapping[Any, Any] | None = None,
         progress: Any = None,
     ) -> History:
-        """Go on from where the coupler is, and record.
+        """Advance from the present time and record.
 
         Parameters
         ----------
         t_end : float
-            Absolute time, a whole number of macro steps from 0 up to 1e-6 of a step, and not
-            behind the present. Give this or `steps`.
+            End of the run, absolute time. A whole number of macro steps from 0, within 1e-6 of a
+            macro step, not before the present time. Give this or `steps`.
         steps : int
-            Macro steps to do, 0 or more.
+            Number of macro steps, 0 or more.
         record : dict, optional
-            Dofs to keep by subdomain, None for all of one; a subdomain left out is not recorded.
-            Default: everything.
+            Dofs to record by subdomain, None for all dofs of one; a subdomain left out is not
+            recorded. Default: all dofs of all subdomains.
         every : int, optional
-            Keep macro nodes whose `step_count` is a multiple of this, and the first node of the
-            stretch, in all arrays. Default: every own node of each subdomain.
+            Record only time levels at which `step_count` is a multiple of this, and the first of
+            the run, in all arrays. Default: every time level of each subdomain.
         record_springs : dict, optional
-            Springs whose deformation and force to keep, by subdomain, None for all of one:
-            numbers in the order of the springs. Default: none.
+            Springs whose deformation and force are recorded: indices by subdomain, None for all
+            springs of one. Default: none.
         energy : bool, default False
-            Sum up where the energy goes, from the first node of this stretch on, for all
-            subdomains; at macro nodes in ``history.energy``, an `Energy`. It changes no result and
-            costs a product with C in each own step, those with M and K where a macro node is
-            recorded, and 13 vectors of memory; under "macro" 3 more for each substep, and stored
-            responses are repeated.
+            Record the energies of all subdomains, with works counted from the beginning of this
+            run, in ``history.energy``, an `Energy`. Results are unchanged. Costs a product with C
+            per substep, products with M and K per recorded macro step, and the memory of 13 vectors
+            of each subdomain; under "macro" 3 more per substep, and stored link responses are not
+            used but computed again.
         record_to : str or path, optional
-            An HDF5 file that the History goes to while the run goes on, with some 16 MB of it in
-            memory. A file that stands there is replaced before the first step. The History that is
-            returned, and `last_history`, then have arrays that are mapped from the file: what is
-            looked at is read. `History.load` and other programs can read the file meanwhile and
-            after a kill, up to where it was last written, about three times a second.
+            HDF5 file to which the History is written during the run, with about 16 MB of it in
+            memory. An existing file is replaced before the first step. The arrays of the returned
+            History, and of `last_history`, are mapped from the file and read on access.
+            `History.load` and other programs can read the file during the run and after a kill, up
+            to the last write; there are about three per second.
         progress : True or callable, optional
-            True: a tqdm bar. A callable is told ``progress(done, total)`` in macro steps of this
-            call, about every 50 ms and at the end; it may not ask the coupler, and what it raises
-            ends the run as Ctrl-C does.
+            True: a tqdm bar. A callable is called as ``progress(done, total)``, in macro steps of
+            this call, about every 50 ms and at the end. It may not use the coupler. An exception
+            in it ends the run as Ctrl-C does.
 
         Returns
         -------
@@ -324,21 +325,21 @@ class Coupler:
         Raises
         ------
         TypeError, ValueError
-            For arguments that do not fit, and for what a load returns.
+            For wrong arguments, and for a wrong result of a load.
         InstabilityError
             When a value is not finite.
         CallbackError
             When a compiled function did not return 0.
         MemoryError
-            When the History does not fit.
+            When the History exceeds the available memory.
         ImportError
             For ``progress=True`` without tqdm, and for `record_to` without h5py.
         OSError
-            When `record_to` cannot be written: before anything is asked where the path is at fault.
+            When `record_to` cannot be written; for a wrong path before any load is evaluated.
 
-        Whatever a load or a restoring force raises reaches the caller, and so does Ctrl-C within
-        0.1 s or a fine step, whichever is longer. After any exception the coupler stands at the
-        last whole macro step, `last_history` holds the run up to there, and it can go on.
+        An exception of a load or of a restoring force reaches the caller, and so does Ctrl-C,
+        within 0.1 s or a fine step, whichever is longer. After any exception the coupler is at the
+        last completed macro step, `last_history` has the run up to it, and the run can continue.
         """
         with self._entered():
             begin = self._steps_done()
@@ -347,7 +348,7 @@ class Coupler:
             recording = make(
                 self._parts,
                 self._keys,
-                self._row_place,
+                self._row_position,
                 fine=self._fine,
                 begin=begin,
                 end=end,
@@ -363,7 +364,7 @@ class Coupler:
                 with summed_works(self._core, self._parts, self._loads, energy), recording:
                     self._core.record_present(recording.core_record())
                     try:
-                        for pause in recording.stretches():
+                        for pause in recording.pauses():
                             self._advance(pause, recording, report)
                             recording.keep(pause)
                         if report is not None:
@@ -374,9 +375,9 @@ class Coupler:
             return recording.history(end)
 
     def step(self, n: int = 1) -> None:
-        """n macro steps without a History.
+        """Advance by n macro steps without a History.
 
-        Raises as `run` does; the result is the same bit for bit.
+        Raises as `run` does; the states are bitwise identical to those of `run`.
         """
         n = whole_number(n, "n")
         with self._entered():
@@ -389,25 +390,24 @@ class Coupler:
         v0: Mapping[Any, Any] | None = None,
         force: Mapping[Any, Any] | None = None,
     ) -> None:
-        """Back to t = 0, with all factors kept.
+        """Return to t = 0, with all factors kept.
 
-        But for the one of M: it is given back after the start, made again by the first reset, and
-        kept from then on.
+        Exception: the factor of M for the initial accelerations. It is released after the start,
+        computed again by the first reset, and kept from then on.
 
         Parameters
         ----------
         u0, v0, force : dict, optional
-            Other initial values or loads by subdomain. What is not named is as the subdomain
-            was made.
+            Other initial values or loads by subdomain. Default: those of the `Subdomain`.
 
         Raises
         ------
         TypeError, ValueError, ConstraintError, InstabilityError
-            As when the coupler was made. Nothing has changed then.
+            As when the coupler was made. The coupler is then unchanged.
         """
         with self._entered():
             initial = InitialValues(self._keys, self._rows, u0, v0)
-            given = by_place(force, self._keys, "force")
+            given = by_index(force, self._keys, "force")
             forces = [
                 checked_force(given[i], s.n) if i in given else s.force
                 for i, (_, s) in enumerate(self._keys)
@@ -426,24 +426,24 @@ class Coupler:
             self._last_history = None
 
     def save(self, path: str | PathLike) -> None:
-        """Write the present state to a file, from which `load` goes on bit for bit.
+        """Write the present state to a file; a run continues from it bitwise identically.
 
-        An npz file without pickled objects: the state and a description of the problem with check
-        sums of its matrices, not the matrices themselves. It takes its place when it is whole: a
-        file that stood there stays good if saving is interrupted.
+        An npz file without pickled objects: the state and a description of the problem with
+        checksums of its matrices, not the matrices themselves. Written atomically; an existing file
+        survives an interrupted save.
 
         Parameters
         ----------
         path : str or path
-            Taken as it is; no ending is added.
+            Used as given; no suffix is added.
 
         Raises
         ------
         TypeError, OSError
-            For what is no path, and for a file that cannot be written.
+            For a wrong type of path, and for a file that cannot be written.
 
-        Before the first step the initial accelerations are found first, as `state` does, with
-        what a callable load may raise then.
+        Before the first step the initial accelerations are computed first, as by `state`; an
+        exception of a callable load reaches the caller.
 
         Examples
         --------
@@ -460,45 +460,45 @@ class Coupler:
         """
         with self._entered():
             self._start()
-            arrays = checkpoint.state_arrays(self._parts, self._core, self._row_place)
+            arrays = checkpoint.state_arrays(self._parts, self._core, self._row_position)
             checkpoint.write(path, self._problem(), self._core.step_count, arrays)
 
     def load(self, path: str | PathLike) -> None:
-        """Stand where a coupler of the same problem stood when it was saved.
+        """Restore the state that a coupler of the same problem saved.
 
-        A method of a coupler that was built the same way, in this process or another. The run that
-        goes on equals the one that was never interrupted bit for bit, with the same build, CPU and
-        packages. Initial values do not count as part of the problem. Loads do: constant and
-        sampled ones are compared by their numbers; callables cannot be compared, and it is up to
-        the caller that they are the same functions. They are asked on from there.
+        The two couplers must be built the same way, in the same process or another. The continued
+        run is bitwise identical to an uninterrupted one, with the same build, CPU and packages.
+        Initial values may differ. Constant and sampled loads are compared by their numbers;
+        callables cannot be compared: the caller provides the same functions, which are evaluated
+        from the restored time on.
 
         Parameters
         ----------
         path : str or path
-            What `save` wrote.
+            A file written by `save`.
 
         Raises
         ------
         TypeError, OSError
-            For what is no path, and for a file that cannot be read.
+            For a wrong type of path, and for a file that cannot be read.
         ValueError
-            For another problem, saying what differs, for any other file, or a damaged one.
-            Nothing has changed then.
+            For another problem, with a list of what differs, for any other file, or a damaged one.
+            The coupler is then unchanged.
         """
         with self._entered():
             step, arrays = checkpoint.read(path, self._problem())
-            state = checkpoint.core_state(path, arrays, self._parts, self._row_place)
-            self._loads = self._loads.renewed()  # callables were evaluated at other times
+            state = checkpoint.core_state(path, arrays, self._parts, self._row_position)
+            self._loads = self._loads.renewed()  # stored values of callables are of other times
             self._loads.to_core()
-            for part, nodes in zip(self._parts, state.nodes):
-                part.core.set_nodes(nodes)
+            for part, arrays_of_part in zip(self._parts, state.subdomains):
+                part.core.set_nodes(arrays_of_part)
             self._core.start(step, state.multipliers, state.prescribed)
             self._started, self._last_history = True, None
 
     def static(self) -> dict[str, np.ndarray]:
-        """Static equilibrium under F(0), with displacements tied: u0 for gravity before the quake.
+        """Static equilibrium under F(0) with displacements tied, such as u0 under dead load.
 
-        Prescribed rows are held at zero. The coupler itself does not change; use
+        Rows with a prescribed velocity are held at zero. The coupler itself is unchanged; use
         ``coupler.reset(u0=coupler.static())``.
 
         Returns
@@ -508,9 +508,9 @@ class Coupler:
         Raises
         ------
         FactorizationError
-            When the structure is floating or its stiffness indefinite.
+            For a floating structure or an indefinite stiffness.
         ValueError
-            When a subdomain has a restoring force: that equilibrium is nonlinear.
+            For a restoring force on a subdomain: that equilibrium is nonlinear.
 
         Examples
         --------
@@ -531,11 +531,11 @@ class Coupler:
 
     @contextmanager
     def _entered(self) -> Iterator[None]:
-        """One call at a time: a load that asks its own coupler would see half a step."""
+        """One call at a time: a load that used its own coupler would see an incomplete step."""
         if self._busy:
             raise RuntimeError(
                 "the coupler is being stepped: a load, a restoring force or another thread may not "
-                "ask it meanwhile"
+                "use it meanwhile"
             )
         self._busy = True
         try:
@@ -544,7 +544,7 @@ class Coupler:
             self._busy = False
 
     def _problem(self) -> dict[str, Any]:
-        """What tells this problem from another; the matrices are read once."""
+        """The description of this problem for a checkpoint; the matrices are read once."""
         if self._constants is None:
             matrices = self._rows.matrices
             self._constants = checkpoint.constants(self._options, self._parts, matrices)
@@ -562,20 +562,20 @@ class Coupler:
         return self._core.step_count if self._started else 0
 
     def _take_loads(self) -> None:
-        """Give the core the loads, and start unless functions have to be evaluated for that."""
+        """Give the core the loads, and start unless the start has to evaluate functions."""
         self._loads.to_core()
         if not self._loads.has_functions:
-            self._start()  # otherwise `run` or `step` does, which may have to raise
+            self._start()  # otherwise `run` or `step` starts, and may raise an exception of theirs
 
     def _start(self) -> None:
-        """Consistent initial values, unless they were found before, equation (S1)."""
+        """Consistent initial values, unless computed before, equation (S1)."""
         if self._started:
             return
         solver = self._initial.start(
-            self._core, self._parts, self._loads, self._row_place, self._initial_accelerations
+            self._core, self._parts, self._loads, self._row_position, self._initial_accelerations
         )
         self._started = True
-        # only a later reset needs the factor of M: kept from the first one on
+        # only a reset needs the factor of M again: kept from the first reset on
         self._initial_accelerations = solver if self._was_reset else None
 
     def _advance(self, end: int, recording: Recording | None, report: Report | None = None) -> None:

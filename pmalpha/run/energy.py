@@ -1,4 +1,4 @@
-"""Where the energy of each subdomain goes in a run."""
+"""Energies of the subdomains in a run, equations (B1) to (B4)."""
 
 from __future__ import annotations
 
@@ -9,34 +9,35 @@ from typing import Any
 
 import numpy as np
 
+from .._checks import counted
 from ..problem.matrices import core_matrix
 from ..setup.part import Part
 from .loads import Loads
 
 __all__ = ["Energy"]
 
-# What the core tells of each macro node and subdomain, in this order.
+# The energies of a subdomain that the core records at a macro time level, in this order.
 ENERGIES = ("kinetic", "strain", "dissipated", "external", "interface")
-TOLD = (*ENERGIES, "balance")
+ENERGY_FIELDS = (*ENERGIES, "balance")
 
 
 @dataclass(frozen=True)
 class Energy:
-    """Where the energy of each subdomain went, (macro nodes, subdomains) arrays.
+    """Energies of the subdomains, (macro time levels, subdomains) arrays.
 
-    The works are those of this stretch: zero at its first node.
+    The works are zero at the beginning of the run.
 
     Attributes
     ----------
-    t : (macro nodes,) array
+    t : (macro time levels,) array
     kinetic, strain : arrays
-        T = v M v / 2 and U = u K u / 2 at the node, equation (B1).
+        T = v M v / 2 and U = u K u / 2, equation (B1).
     dissipated, external, interface : arrays
-        The works of C v, of F and of L^T Lam, summed up over the own steps, (B2) and (B3). That of
-        a restoring force is counted as dissipated, also what it would give back.
+        The works of C v, of F and of L^T Lam, summed over the substeps, (B2) and (B3). The work of
+        a restoring force counts as dissipated, its elastic share included.
     balance : array
-        kinetic + strain + dissipated - external - interface, less its value at the first node:
-        what the scheme itself added, or where negative took, (B4).
+        kinetic + strain + dissipated - external - interface, minus its value at the beginning: the
+        energy that the scheme added, negative if it was removed, (B4).
     """
 
     t: np.ndarray
@@ -59,17 +60,18 @@ class Energy:
         *,
         start: np.ndarray,
     ) -> Energy:
-        """With the balance of the others; `start` is kinetic + strain where the works began."""
+        """Energies with their balance; `start` is kinetic + strain where the works are zero."""
         balance = kinetic + strain - start + dissipated - external - interface
         return cls(t, kinetic, strain, dissipated, external, interface, balance)
 
     def __repr__(self) -> str:
-        return f"<Energy of {self.balance.shape[1]} subdomains at {self.t.size} nodes>"
+        subdomains = counted(self.balance.shape[1], "subdomain")
+        return f"<Energy of {subdomains} at {counted(self.t.size, 'time level')}>"
 
 
 @contextmanager
 def summed_works(core: Any, parts: Sequence[Part], loads: Loads, wanted: bool) -> Iterator[None]:
-    """The core sums up the works of each substep, and lets the memory for it go afterwards."""
+    """Sum the works of each substep in the core; its memory for them is released afterwards."""
     try:
         if wanted:
             lam = core.multipliers

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._checks import counted
 from ..files import checked_path, read_npz, write_npz
 from ..problem.subdomain import Subdomain
 from . import history_file
-from .energy import TOLD, Energy
+from .energy import ENERGY_FIELDS, Energy
 from .history_file import FORMAT, VERSION
 from .keys import position
 
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
 
 __all__ = ["History", "State", "SubdomainHistory"]
 
-# The arrays in a file that holds a History.
-NODAL = ("t", "u", "v", "a", "dofs")
+# The arrays of a History in a file: of a subdomain, of its springs, of the interface.
+MOTION = ("t", "u", "v", "a", "dofs")
 LOOPS = ("deformation", "force", "springs")
 INTERFACE = (
     "multipliers",
@@ -35,7 +36,7 @@ INTERFACE = (
 
 @dataclass(frozen=True)
 class State:
-    """Displacement, velocity and acceleration of a subdomain at one time, (n,) each."""
+    """Displacement, velocity and true acceleration (w) of a subdomain at one time, (n,) each."""
 
     u: np.ndarray
     v: np.ndarray
@@ -44,21 +45,21 @@ class State:
 
 @dataclass(frozen=True)
 class SubdomainHistory:
-    """What was recorded of one subdomain.
+    """The recorded motion of one subdomain.
 
     Attributes
     ----------
     name : str
     t : (k,) array
-        Times of the nodes; the first is where the stretch began.
+        Times of the recorded time levels; the first is the beginning of the run.
     u, v, a : (k, dofs) arrays
         Displacement, velocity and true acceleration (w of the equations).
     dofs : (dofs,) array of int
-        Which dofs the columns are.
+        The dofs of the columns.
     deformation, force : (k, springs) arrays, or None
-        Of springs, with ``record_springs``: hysteresis loops. See `SpringState`.
+        Hysteresis loops of the springs, with ``record_springs``. See `SpringState`.
     springs : (springs,) array of int, or None
-        Which springs these columns are.
+        The springs of these columns.
     """
 
     name: str
@@ -72,32 +73,34 @@ class SubdomainHistory:
     springs: np.ndarray | None = None
 
     def __repr__(self) -> str:
-        return f"<{self.name!r}: {self.t.size} nodes, {self.dofs.size} dofs>"
+        levels, dofs = counted(self.t.size, "time level"), counted(self.dofs.size, "dof")
+        return f"<{self.name!r}: {levels}, {dofs}>"
 
 
 @dataclass(frozen=True)
 class History:
-    """What a run recorded; ``history["rig"]``, ``history[rig]`` or ``history[1]``.
+    """The results of one call of `Coupler.run`.
 
-    The first node of every array is the one where the stretch began. `plot` draws it, `save` and
-    `load` keep it in a file, `to_xarray` hands it on.
+    ``history["rig"]``, ``history[rig]`` or ``history[1]`` is a `SubdomainHistory`. The first row of
+    every array is at the beginning of the run.
 
     Attributes
     ----------
     subdomains : tuple of `SubdomainHistory` or None
         None for a subdomain that was not recorded.
     multipliers : (k, p) array
-        At `multiplier_times`: every fine node, or with ``every`` every such macro node.
-        They act as + L^T Lam: on a tie, +Lam pushes the first and pulls the second subdomain.
+        At `multiplier_times`: every time level at which the interface problem is solved, or with
+        ``every`` the recorded macro time levels. The interface force is + L^T Lam: on a tie,
+        +Lam pushes the first and pulls the second subdomain.
     velocity_jump : (k, p) array
-        sum_i L_i v_i at the same times, from total velocities; of a subdomain in the middle of an
-        own step, from its interpolated free and its link velocity.
-    displacement_jump : (macro nodes, p) array
-        sum_i L_i u_i at `macro_times`: the drift, since only velocities are tied.
+        sum_i L_i v_i at the same times, from total velocities; for a subdomain within a step, from
+        its interpolated free velocity and its link velocity.
+    displacement_jump : (macro time levels, p) array
+        sum_i L_i u_i at `macro_times`: the displacement drift, since only velocities are tied.
     keys : tuple of (str, `Subdomain` or None)
-        Names and subdomains by place; of a file's subdomains only the names are known.
+        Names and subdomains in their order; for a History from a file only the names.
     energy : `Energy` or None
-        Of a run with ``energy=True``.
+        With ``run(energy=True)``.
     """
 
     subdomains: tuple[SubdomainHistory | None, ...]
@@ -123,10 +126,10 @@ class History:
         names = ", ".join(repr(s) for s in self.subdomains if s is not None)
         return (
             f"<History t = {self.macro_times[0]:g} .. {self.macro_times[-1]:g}, "
-            f"{self.multipliers.shape[1]} conditions; {names}>"
+            f"{counted(self.multipliers.shape[1], 'constraint')}; {names}>"
         )
 
-    # ---- pictures ----------------------------------------------------------------------------
+    # ---- figures -----------------------------------------------------------------------------
 
     def plot(
         self,
@@ -136,20 +139,20 @@ class History:
         quantity: str = "u",
         title: str | None = None,
     ) -> Figure:
-        """Time histories of chosen dofs, the jumps at the interface and the multipliers.
+        """Plot time histories of dofs, the jumps at the interface and the multipliers.
 
-        One panel above another with one axis of time; without interface conditions only that
-        of the dofs. Of long histories what is drawn is their envelope.
+        Panels one above another with a common time axis; without constraints only the panel of the
+        dofs. Long histories are drawn as their envelope.
 
         Parameters
         ----------
         dofs : dict, or int or list of int
-            Dofs, one or several, by subdomain, None for all of one that were recorded; at most
-            16 in all. A number or a list stands for the dofs of a single subdomain. Default: of
-            each subdomain those of the largest range that move differently, four in all at most.
+            Dofs, one or several, by subdomain, None for all recorded dofs of one; at most 16 in
+            total. An int or a list: dofs of the only subdomain. Default: at most four in total, the
+            dofs of each subdomain with the largest range and different motion.
         conditions : int or list of int
-            Which conditions to draw, at most 16. Default: up to four, chosen likewise by their
-            multipliers. Where there are more, a grey band shows the extent of all.
+            Constraints, as rows of L, at most 16. Default: at most four, chosen in the same way by
+            their multipliers. A grey band shows the range of all if there are more.
         quantity : {"u", "v", "a"}, default "u"
             Displacement, velocity or acceleration.
         title : str, optional
@@ -164,7 +167,7 @@ class History:
         ImportError
             If matplotlib is missing.
         TypeError, ValueError
-            For dofs that were not recorded and conditions that do not exist.
+            For dofs that were not recorded and constraints that do not exist.
 
         Examples
         --------
@@ -180,20 +183,20 @@ class History:
     # ---- files and other libraries -----------------------------------------------------------
 
     def save(self, path: str | PathLike) -> None:
-        """Write the history to a file, which `load` reads back bit for bit.
+        """Write the history to a file; `load` reads it back bitwise identically.
 
-        An npz file without pickled objects, which ``numpy.load`` opens too, or HDF5. It takes its
-        place when it is whole: a file that stood there stays good if saving is interrupted.
+        An npz file without pickled objects, which ``numpy.load`` opens too, or HDF5. Written
+        atomically; an existing file survives an interrupted save.
 
         Parameters
         ----------
         path : str or path
-            Taken as it is; no ending is added. With the ending ".h5" or ".hdf5" the file is HDF5.
+            Used as given; no suffix is added. With the suffix ".h5" or ".hdf5" the file is HDF5.
 
         Raises
         ------
         TypeError, OSError
-            For what is no path, and for a file that cannot be written.
+            For a wrong type of path, and for a file that cannot be written.
         ImportError
             For an HDF5 file without h5py.
 
@@ -213,30 +216,29 @@ class History:
         write(path, header, arrays)
 
     def contents(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """What a file says of this History, and its arrays by name."""
+        """The header of a file of this History, and its arrays by name."""
         header = {
             "format": FORMAT,
             "version": VERSION,
             "names": [name for name, _ in self.keys],
-            "recorded": [i for i, part in enumerate(self.subdomains) if part is not None],
+            "recorded": [i for i, s in enumerate(self.subdomains) if s is not None],
         }
         arrays = {name: getattr(self, name) for name in INTERFACE}
-        for i, part in enumerate(self.subdomains):
-            if part is not None:
-                kept = NODAL if part.springs is None else NODAL + LOOPS
-                arrays |= {f"{i}.{name}": getattr(part, name) for name in kept}
+        for i, s in enumerate(self.subdomains):
+            if s is not None:
+                kept = MOTION if s.springs is None else MOTION + LOOPS
+                arrays |= {f"{i}.{name}": getattr(s, name) for name in kept}
         if self.energy is not None:
-            arrays |= {f"energy.{name}": getattr(self.energy, name) for name in TOLD}
+            arrays |= {f"energy.{name}": getattr(self.energy, name) for name in ENERGY_FIELDS}
         return header, arrays
 
     @classmethod
     def load(cls, path: str | PathLike) -> History:
-        """A history from a file that `save` wrote, or a run with ``record_to``.
+        """Read a History from a file of `save`, or of a run with ``record_to``.
 
-        The file knows its subdomains by name and place, not as objects: index it with those. The
-        arrays of a run with ``record_to`` are mapped, not read into memory: what is looked at is
-        read then, up to the macro step that the run had counted last, also while it goes on or
-        after it was killed.
+        The file has the names of the subdomains, not the objects: index the History by name or
+        number. The arrays of a run with ``record_to`` are mapped and read on access, up to the
+        last macro step that the run has written, also during the run and after a kill.
 
         Parameters
         ----------
@@ -249,9 +251,9 @@ class History:
         Raises
         ------
         TypeError, OSError
-            For what is no path, and for a file that cannot be read.
+            For a wrong type of path, and for a file that cannot be read.
         ValueError
-            For any other file, or a damaged one, saying why.
+            For any other file, or a damaged one; the message has the reason.
         ImportError
             For an HDF5 file without h5py.
         """
@@ -260,32 +262,32 @@ class History:
         else:
             header, arrays = read_npz(path, FORMAT, VERSION)
         try:
-            parts: list[SubdomainHistory | None] = [None] * len(header["names"])
+            subdomains: list[SubdomainHistory | None] = [None] * len(header["names"])
             for i in header["recorded"]:
-                kept = NODAL + LOOPS if f"{i}.springs" in arrays else NODAL
-                nodal = {key: arrays[f"{i}.{key}"] for key in kept}
-                parts[i] = SubdomainHistory(name=header["names"][i], **nodal)
+                kept = MOTION + LOOPS if f"{i}.springs" in arrays else MOTION
+                motion = {key: arrays[f"{i}.{key}"] for key in kept}
+                subdomains[i] = SubdomainHistory(name=header["names"][i], **motion)
             interface = {key: arrays[key] for key in INTERFACE}
             energy = None
             if any(key.startswith("energy.") for key in arrays):
-                told = {key: arrays[f"energy.{key}"] for key in TOLD}
-                energy = Energy(interface["macro_times"], **told)
+                energies = {key: arrays[f"energy.{key}"] for key in ENERGY_FIELDS}
+                energy = Energy(interface["macro_times"], **energies)
         except (LookupError, TypeError) as error:
             raise ValueError(
-                f"path must lead to a whole file, {str(path)!r} lacks {error}"
+                f"path must lead to a complete file, {str(path)!r} lacks {error}"
             ) from None
         keys = tuple((name, None) for name in header["names"])
-        return cls(subdomains=tuple(parts), **interface, keys=keys, energy=energy)
+        return cls(subdomains=tuple(subdomains), **interface, keys=keys, energy=energy)
 
     def to_xarray(self) -> xarray.Dataset:
-        """The history as an xarray.Dataset, whose arrays are those of the history, not copies.
+        """The history as an xarray.Dataset; the arrays are shared, not copied.
 
-        Of each recorded subdomain, here "rig", the variables ``rig_u``, ``rig_v``, ``rig_a`` with
-        the coordinates ``rig_time`` and ``rig_dof``; of the interface ``multipliers`` and
-        ``velocity_jump`` over ``multiplier_times`` and ``condition``, ``displacement_jump`` over
-        ``macro_times`` and ``condition``; of the energy, if asked for, ``energy_kinetic`` and
-        so on over ``macro_times`` and ``subdomain``; of springs, if asked for,
-        ``rig_deformation`` and ``rig_force`` over ``rig_time`` and ``rig_spring``.
+        Each recorded subdomain, here "rig", has the variables ``rig_u``, ``rig_v``, ``rig_a`` with
+        the coordinates ``rig_time`` and ``rig_dof``, and with recorded springs ``rig_deformation``
+        and ``rig_force`` with ``rig_time`` and ``rig_spring``. The interface has ``multipliers``
+        and ``velocity_jump`` with ``multiplier_times`` and ``condition`` (the constraint, a row of
+        L), and ``displacement_jump`` with ``macro_times`` and ``condition``. A run with
+        ``energy=True`` has ``energy_kinetic`` and so on with ``macro_times`` and ``subdomain``.
 
         Returns
         -------
@@ -313,18 +315,16 @@ class History:
         }
         if self.energy is not None:
             coordinates["subdomain"] = [name for name, _ in self.keys]
-            told = (macro[0], "subdomain")
-            for name in TOLD:
-                variables[f"energy_{name}"] = (told, getattr(self.energy, name))
-        for part in self.subdomains:
-            if part is not None:
-                time, dof = f"{part.name}_time", f"{part.name}_dof"
-                coordinates |= {time: part.t, dof: part.dofs}
-                variables |= {f"{part.name}_{q}": ((time, dof), getattr(part, q)) for q in "uva"}
-            if part is not None and part.springs is not None:
-                time, spring = f"{part.name}_time", f"{part.name}_spring"
-                coordinates[spring] = part.springs
-                variables |= {
-                    f"{part.name}_{q}": ((time, spring), getattr(part, q)) for q in LOOPS[:2]
-                }
+            by_subdomain = (macro[0], "subdomain")
+            for name in ENERGY_FIELDS:
+                variables[f"energy_{name}"] = (by_subdomain, getattr(self.energy, name))
+        for s in self.subdomains:
+            if s is not None:
+                time, dof = f"{s.name}_time", f"{s.name}_dof"
+                coordinates |= {time: s.t, dof: s.dofs}
+                variables |= {f"{s.name}_{q}": ((time, dof), getattr(s, q)) for q in "uva"}
+            if s is not None and s.springs is not None:
+                time, spring = f"{s.name}_time", f"{s.name}_spring"
+                coordinates[spring] = s.springs
+                variables |= {f"{s.name}_{q}": ((time, spring), getattr(s, q)) for q in LOOPS[:2]}
         return xarray.Dataset(variables, coordinates)

@@ -1,10 +1,10 @@
-"""A History in an HDF5 file that a run writes while it goes on.
+"""A History in an HDF5 file that is written during the run.
 
-All arrays of the whole run are laid out before the first step, contiguous, in a file that HDF5 then
-closes. From there on rows are written to their places without HDF5, and last the number of the
-macro step up to which they are whole. So at every moment it is a whole file, which others read
-meanwhile without a lock, and a kill leaves all that was counted before. Rows that are not written
-yet take no room on disk.
+All arrays of the run are allocated before the first step, contiguous, in a file that HDF5 then
+closes. After that, rows are written at their offsets without HDF5, followed by the number of the
+macro step up to which they are complete. So the file is valid at any time: other programs read it
+during the run without a lock, and after a kill it has all rows up to that number. Rows that are not
+yet written take no space on disk.
 """
 
 from __future__ import annotations
@@ -22,36 +22,37 @@ import numpy as np
 
 from ..files import checked_path, mismatch, reading, replacing
 
-# What a file says of itself, how one begins, and where the macro step is counted.
+# In the header; the first bytes of an HDF5 file; the dataset with the last complete macro step.
 FORMAT, VERSION = "pmalpha History", 1
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 COUNTER = "step_count"
-# At most so many bytes are written by one call of the system.
-MOST = 1 << 30
+# Maximum number of bytes per system call.
+LONGEST_WRITE = 1 << 30
 
 
-def row_count(begin: int, end: int, every: int, nodes: int) -> int:
-    """Rows from macro step `begin` to `end` of a grid with so many nodes in a macro step.
+def row_count(begin: int, end: int, every: int, levels: int) -> int:
+    """Number of rows from macro step `begin` to `end`, with `levels` time levels per macro step.
 
-    The first row is that of `begin`. With `every` not zero, macro nodes whose number it divides.
+    The first row is at `begin`. If `every` is not zero, the others are the macro time levels whose
+    number is a multiple of it.
     """
     if every == 0:
-        return 1 + (end - begin) * nodes
+        return 1 + (end - begin) * levels
     return 1 + end // every - begin // every
 
 
 class HistoryFile:
-    """The rows of a run on their way into a file.
+    """A file to which a run writes the rows of its arrays.
 
     Parameters
     ----------
     path : str or path
-        A file that stands there is replaced when the new one is laid out.
+        An existing file is replaced when the arrays are allocated.
     header : dict
-        As `History` keeps it, with "begin" and "every" of the run, and "nodes", the nodes in a
-        macro step of each array that grows.
+        From `History.contents`, with "begin" and "every" of the run, and "nodes", the number of
+        time levels per macro step of each growing array.
     arrays : dict
-        The first rows of the arrays that grow, and those that stay as they are.
+        The first rows of the growing arrays, and all rows of the others.
     end : int
         The macro step at which the run ends.
 
@@ -72,32 +73,32 @@ class HistoryFile:
     ):
         h5py = library()
         self.path, self.header = Path(os.path.abspath(checked_path(path))), dict(header)
-        self.places: dict[str, int] = {}
+        self.offsets: dict[str, int] = {}  # in bytes, of the growing arrays
         self.descriptor = -1
         with replacing(path) as file:
             layout = Layout()
             try:
-                # in a thread no signal raises an exception, which HDF5 would not pass on
+                # in a thread, where no signal raises an exception: HDF5 would not propagate it
                 with ThreadPoolExecutor(1) as pool:
-                    pool.submit(self._lay_out, h5py, layout, arrays, end).result()
-            except (OverflowError, RuntimeError, ValueError) as error:  # more than HDF5 can hold
+                    pool.submit(self._allocate, h5py, layout, arrays, end).result()
+            except (OverflowError, RuntimeError, ValueError) as error:  # too large for HDF5
                 raise OSError(errno.EFBIG, str(error)) from error
             self.descriptor = os.dup(file.fileno())
             try:
                 os.truncate(self.descriptor, layout.size)
-                for place, piece in layout.pieces:
-                    self._put(np.frombuffer(piece, np.uint8), place)
-                self._put_rows({name: x[:1] for name, x in arrays.items()}, lambda name: 0)
-                self._count(self.header["begin"])
+                for offset, piece in layout.pieces:
+                    self._write_at(np.frombuffer(piece, np.uint8), offset)
+                self._write_rows({name: x[:1] for name, x in arrays.items()}, lambda name: 0)
+                self._write_step(self.header["begin"])
             except BaseException:
                 self.close()
                 raise
 
-    def _lay_out(self, h5py: ModuleType, layout: Layout, arrays: Mapping, end: int) -> None:
+    def _allocate(self, h5py: ModuleType, layout: Layout, arrays: Mapping, end: int) -> None:
         with h5py.File(
             layout,
             "w",
-            libver=("v110", "v110"),  # the first that is read while it is written
+            libver=("v110", "v110"),  # the first version that can be read during writing
             alignment_threshold=1,
             alignment_interval=8,
         ) as whole:
@@ -108,39 +109,41 @@ class HistoryFile:
                     whole[dataset(name)] = x
                     continue
                 shape = (self.rows(name, end), *x.shape[1:])
-                place = reserve(h5py, whole, dataset(name), shape, h5py.h5t.IEEE_F64LE)
-                if place is not None:
-                    self.places[name] = place
+                offset = reserve(h5py, whole, dataset(name), shape, h5py.h5t.IEEE_F64LE)
+                if offset is not None:
+                    self.offsets[name] = offset
 
     def rows(self, name: str, end: int) -> int:
-        """Rows of an array up to macro step `end`."""
+        """Number of rows of an array up to macro step `end`."""
         header = self.header
         return row_count(header["begin"], end, header["every"], header["nodes"][name])
 
     def write(self, arrays: Mapping[str, np.ndarray], begin: int, end: int) -> None:
-        """The rows after macro step `begin` up to `end`. The first of each array is left out: it
-        was the last of the stretch before."""
+        """Write the rows after macro step `begin` up to `end`.
+
+        The first row of each array is at `begin` and already written: it is skipped.
+        """
         try:
             later = {name: x[1:] for name, x in arrays.items()}
-            self._put_rows(later, lambda name: self.rows(name, begin))
-            self._count(end)
+            self._write_rows(later, lambda name: self.rows(name, begin))
+            self._write_step(end)
         except OSError as error:
             message = f"record_to cannot be written: {error.strerror}"
             raise OSError(error.errno, message, str(self.path)) from error
 
-    def _put_rows(self, arrays: Mapping[str, np.ndarray], first: Callable[[str], int]) -> None:
-        for name, place in self.places.items():
+    def _write_rows(self, arrays: Mapping[str, np.ndarray], first: Callable[[str], int]) -> None:
+        for name, offset in self.offsets.items():
             rows = np.ascontiguousarray(arrays[name], dtype="<f8")
-            self._put(rows, place + 8 * int(np.prod(rows.shape[1:])) * first(name))
+            self._write_at(rows, offset + 8 * int(np.prod(rows.shape[1:])) * first(name))
 
-    def _count(self, step: int) -> None:
-        self._put(np.array([step], dtype="<i8"), self.counter)
+    def _write_step(self, step: int) -> None:
+        self._write_at(np.array([step], dtype="<i8"), self.counter)
 
-    def _put(self, array: np.ndarray, place: int) -> None:
+    def _write_at(self, array: np.ndarray, offset: int) -> None:
         left = memoryview(array.reshape(-1).view(np.uint8))
         while len(left):
-            done = os.pwrite(self.descriptor, left[:MOST], place)
-            left, place = left[done:], place + done
+            done = os.pwrite(self.descriptor, left[:LONGEST_WRITE], offset)
+            left, offset = left[done:], offset + done
 
     def close(self) -> None:
         if self.descriptor >= 0:
@@ -149,38 +152,37 @@ class HistoryFile:
 
 
 class Layout:
-    """A file in memory for HDF5 to lay out, which writes little and far apart.
+    """A sparse file in memory, in which HDF5 allocates the arrays.
 
-    HDF5 itself would not survive a full disk: it fails when it closes the file.
+    On a full disk HDF5 would crash when it closes a file; here it never writes to the disk.
     """
 
     def __init__(self) -> None:
-        self.pieces: list[tuple[int, bytes]] = []  # later ones over earlier ones
-        self.place = self.size = 0
+        self.pieces: list[tuple[int, bytes]] = []  # (offset, bytes), later ones overwrite
+        self.position = self.size = 0
 
-    def seek(self, place: int, whence: int = os.SEEK_SET) -> int:
-        self.place = (
-            place + {os.SEEK_SET: 0, os.SEEK_CUR: self.place, os.SEEK_END: self.size}[whence]
-        )
-        return self.place
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        origin = {os.SEEK_SET: 0, os.SEEK_CUR: self.position, os.SEEK_END: self.size}[whence]
+        self.position = origin + offset
+        return self.position
 
     def tell(self) -> int:
-        return self.place
+        return self.position
 
     def write(self, piece: Any) -> int:
-        self.pieces.append((self.place, bytes(piece)))
-        self.place += len(piece)
-        self.size = max(self.size, self.place)
+        self.pieces.append((self.position, bytes(piece)))
+        self.position += len(piece)
+        self.size = max(self.size, self.position)
         return len(piece)
 
     def readinto(self, out: Any) -> int:
-        first, last = self.place, self.place + len(out)
+        first, last = self.position, self.position + len(out)
         out[:] = bytes(len(out))
-        for place, piece in self.pieces:
-            begin, end = max(place, first), min(place + len(piece), last)
+        for offset, piece in self.pieces:
+            begin, end = max(offset, first), min(offset + len(piece), last)
             if begin < end:
-                out[begin - first : end - first] = piece[begin - place : end - place]
-        self.place = last
+                out[begin - first : end - first] = piece[begin - offset : end - offset]
+        self.position = last
         return len(out)
 
     def read(self, size: int) -> bytes:
@@ -189,7 +191,7 @@ class Layout:
         return bytes(out)
 
     def truncate(self, size: int | None = None) -> int:
-        self.size = self.place if size is None else size
+        self.size = self.position if size is None else size
         return self.size
 
     def flush(self) -> None:
@@ -197,7 +199,7 @@ class Layout:
 
 
 def reserve(h5py: ModuleType, whole: Any, name: str, shape: tuple, kind: Any) -> int | None:
-    """Where a contiguous array is from now on, None where it is empty; nothing is written to it."""
+    """Allocate a contiguous array, not written: its offset in the file, None if it is empty."""
     how = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     how.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
     how.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
@@ -208,7 +210,7 @@ def reserve(h5py: ModuleType, whole: Any, name: str, shape: tuple, kind: Any) ->
 
 
 def dataset(name: str) -> str:
-    """Where HDF5 has an array: those of subdomain 0 in group "0"."""
+    """The HDF5 path of an array: the arrays of subdomain 0 are in group "0"."""
     return name.replace(".", "/")
 
 
@@ -223,7 +225,7 @@ def library() -> ModuleType:
 def write(
     path: str | os.PathLike, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
 ) -> None:
-    """A History that is whole: arrays of which none grows any more. Raises as `HistoryFile`."""
+    """Write a complete History, without growing arrays. Raises as `HistoryFile`."""
     whole = {**header, "begin": 0, "every": 0, "nodes": {}, "fixed": sorted(arrays)}
     HistoryFile(path, whole, arrays, end=0).close()
 
@@ -234,16 +236,16 @@ def is_hdf5(path: str | os.PathLike) -> bool:
 
 
 def read(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Header and arrays of a file, up to the macro step that was counted last.
+    """Header and arrays of a file, up to the last complete macro step.
 
-    The arrays that grow are mapped, not read: what is looked at is read from the file.
+    The growing arrays are mapped and read on access.
 
     Raises
     ------
     ImportError
         If h5py is missing.
     ValueError
-        For any other file, or a damaged one, saying why.
+        For any other file, or a damaged one; the message has the reason.
     """
     h5py, name = library(), str(checked_path(path))
     try:
@@ -255,7 +257,7 @@ def read(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, np.ndarray]
                 return header, _arrays(whole, header, content)
     except MemoryError:
         raise
-    except Exception as error:  # h5py raises a dozen kinds for damage
+    except Exception as error:  # of a dozen types, for damaged files
         reason = f"is damaged or cut off: {error}"
     raise ValueError(f"path must lead to a file of format {FORMAT!r}, but {name!r} {reason}")
 
@@ -263,8 +265,8 @@ def read(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, np.ndarray]
 def _arrays(whole: Any, header: Mapping[str, Any], content: np.ndarray) -> dict[str, np.ndarray]:
     step = int(whole[COUNTER][0])
     arrays = {}
-    for name, nodes in header["nodes"].items():
-        rows = row_count(header["begin"], step, header["every"], nodes)
+    for name, levels in header["nodes"].items():
+        rows = row_count(header["begin"], step, header["every"], levels)
         arrays[name] = _mapped(whole[dataset(name)], rows, content)
     for name in header["fixed"]:
         arrays[name] = whole[dataset(name)][...]
@@ -272,12 +274,12 @@ def _arrays(whole: Any, header: Mapping[str, Any], content: np.ndarray) -> dict[
 
 
 def _mapped(made: Any, rows: int, content: np.ndarray) -> np.ndarray:
-    """The first rows of an array in the file; read where another program has packed them."""
+    """The first rows of an array in the file; read if another program has repacked the file."""
     shape = (rows, *made.shape[1:])
-    place = made.id.get_offset()
+    offset = made.id.get_offset()
     if rows > made.shape[0]:
         raise ValueError(f"{made.name} has fewer rows than were counted")
-    if place is None or made.dtype != np.dtype("<f8"):
+    if offset is None or made.dtype != np.dtype("<f8"):
         return made[:rows]
     size = 8 * int(np.prod(shape))
-    return content[place : place + size].view("<f8").reshape(shape)
+    return content[offset : offset + size].view("<f8").reshape(shape)

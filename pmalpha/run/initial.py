@@ -13,7 +13,7 @@ from ..problem.subdomain import Subdomain
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.part import Part
 from ..setup.start import InitialAccelerations
-from .keys import by_place
+from .keys import by_index
 from .loads import Loads
 from .motion import Motion, all_known, slopes_at_start, values_at_start
 
@@ -26,7 +26,7 @@ class InitialValues:
     keys : sequence of (name, Subdomain)
     rows : ConstraintRows
     u0, v0 : dict, optional
-        Other values than those of the subdomains, by subdomain.
+        Values by subdomain that replace those of the `Subdomain`.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class InitialValues:
         self.values = list(zip(u, v))
 
     def check(self, motions: Sequence[Motion]) -> None:
-        """Against the constraints, as far as that needs no callable.
+        """Check against the constraints, except those with a callable velocity.
 
         Raises
         ------
@@ -55,7 +55,7 @@ class InitialValues:
         Warns
         -----
         ConstraintWarning
-            When the displacements leave a gap.
+            When the displacements violate a constraint.
         """
         if all_known(motions):
             self._check_velocities(motions)
@@ -70,17 +70,17 @@ class InitialValues:
         core: Any,
         parts: Sequence[Part],
         loads: Loads,
-        row_place: np.ndarray,
+        row_position: np.ndarray,
         solver: InitialAccelerations | None,
     ) -> InitialAccelerations:
-        """Consistent initial values (S1) in the core, which changes in the last lines only.
+        """Set consistent initial values (S1) in the core, which changes in the last lines only.
 
-        Returns the solver of the initial accelerations, made here if it is None.
+        Returns the solver of the initial accelerations, created here if it is None.
         """
         p = self.rows.p
         states = [(u[part.order], v[part.order]) for part, (u, v) in zip(parts, self.values)]
         terms = loads.terms_at_start(states)
-        rows = np.argsort(row_place)
+        rows = np.argsort(row_position)
         g = values_at_start(loads.motions, p)[rows]
         slope = slopes_at_start(loads.motions, p)[rows]
         if not all_known(loads.motions):
@@ -97,8 +97,8 @@ class InitialValues:
 
 
 def _chosen(given: Any, keys: Sequence[tuple[str, Subdomain]], name: str) -> list[np.ndarray]:
-    """`u0` or `v0` of each subdomain: what was given, else its own."""
-    values = by_place(given, keys, name)
+    """`u0` or `v0` of each subdomain: the given values, else those of the `Subdomain`."""
+    values = by_index(given, keys, name)
     return [
         vector(values[i], s.n, f"{name} of {key!r}") if i in values else getattr(s, name)
         for i, (key, s) in enumerate(keys)

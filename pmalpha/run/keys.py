@@ -1,4 +1,4 @@
-"""Subdomains of a coupler by name, by place or by themselves."""
+"""Subdomains of a coupler by name, by index or by the object."""
 
 from __future__ import annotations
 
@@ -7,28 +7,31 @@ from typing import Any
 
 import numpy as np
 
+from .._checks import counted
 from ..problem.subdomain import Subdomain
 
 
 def position(key: str | int | Subdomain, keys: Sequence[tuple[str, Subdomain | None]]) -> int:
-    """Place of a subdomain given by name, by itself or by its place; KeyError or IndexError."""
+    """Index of a subdomain given by name, object or index; KeyError or IndexError."""
     for i, (name, subdomain) in enumerate(keys):
         if (isinstance(key, str) and key == name) or (key is subdomain and key is not None):
             return i
     if isinstance(key, (int, np.integer)) and not isinstance(key, bool):
         if -len(keys) <= key < len(keys):
             return int(key) % len(keys)
-        raise IndexError(f"there are {len(keys)} subdomains, got {key}")
+        raise IndexError(f"there are {counted(len(keys), 'subdomain')}, got index {key}")
     names = ", ".join(repr(name) for name, _ in keys)
     if isinstance(key, Subdomain) and any(subdomain is None for _, subdomain in keys):
-        raise KeyError(f"a History from a file has names and places only, got {key!r}; use {names}")
+        raise KeyError(
+            f"a History from a file has names and indices only, got {key!r}; use {names}"
+        )
     raise KeyError(f"no subdomain {key!r}; there are {names}")
 
 
-def by_place(
+def by_index(
     given: Mapping[Any, Any] | None, keys: Sequence[tuple[str, Any]], name: str
 ) -> dict[int, Any]:
-    """Values by place of what a user gave by subdomain; ValueError for strangers and repeats."""
+    """Values given by subdomain, by its index; ValueError for unknown or repeated subdomains."""
     if given is None:
         return {}
     if not isinstance(given, Mapping):

@@ -19,19 +19,19 @@ from .motion import Motion, all_known
 
 
 class Loads:
-    """What acts on a coupled problem, and where it is evaluated.
+    """The loads of a coupled problem.
 
     The core evaluates constant and sampled loads and compiled functions. Python callables are
-    evaluated ahead of it, and what they returned is kept; so other loads, or another time, are
-    another object.
+    evaluated ahead of the core and their values stored, so that other loads, or another present
+    time, need a new object.
 
     Parameters
     ----------
-    core : the coupler of the core
+    core : _core.Coupler
     parts : sequence of Part
     clock : Clock
     forces : sequence of Force
-        By place of the subdomain.
+        One for each subdomain.
     motions : sequence of Motion
     """
 
@@ -58,13 +58,13 @@ class Loads:
         }
 
     def renewed(self, forces: Sequence[Force] | None = None) -> Loads:
-        """These loads or others, with nothing kept of what callables returned."""
+        """These loads, or others, without stored values of callables."""
         forces = self.forces if forces is None else forces
         return Loads(self.core, self.parts, self.clock, forces, self.motions)
 
     @property
     def has_functions(self) -> bool:
-        """Whether there are functions of the user's, which only `run` and `step` may evaluate."""
+        """Whether there are functions of the user, which only `run` and `step` may evaluate."""
         return (
             bool(self.callbacks)
             or any(isinstance(force, LowLevelCallable) for force in self.forces)
@@ -85,14 +85,14 @@ class Loads:
 
     @property
     def bytes_per_macro_step(self) -> int:
-        """What callables return for one macro step."""
+        """Bytes of the values of all callables for one macro step."""
         return sum(callback.bytes_per_macro_step for callback in self._all_callbacks())
 
     def prepare(self, begin: int, end: int) -> tuple[int, BaseException | None]:
         """Evaluate the callables for the macro steps begin..end-1 and give the core the values.
 
-        Returns the macro step up to which all loads are there, and the exception that ended them
-        before `end`.
+        Returns the macro step up to which all loads are evaluated, and the exception of a callable
+        if that is before `end`.
         """
         first_failure = None
         for callback in self._all_callbacks():
@@ -106,16 +106,16 @@ class Loads:
         return end, first_failure
 
     def _all_callbacks(self) -> list[CallbackLoad]:
-        moved = [motion.callback for motion in self.motions if motion.callback is not None]
-        return [*self.callbacks.values(), *moved]
+        velocities = [motion.callback for motion in self.motions if motion.callback is not None]
+        return [*self.callbacks.values(), *velocities]
 
     # ---- at one time, in elimination order ----------------------------------------------------
 
     def at_start(self, i: int, step: int = 0) -> np.ndarray:
-        """F(0) of a subdomain; `step` is where the coupler is meanwhile."""
+        """F(0) of a subdomain; `step` is the present macro step, for errors."""
         force, part = self.forces[i], self.parts[i]
         if i in self.callbacks:
-            return self.callbacks[i].ask_near_start(0.0)
+            return self.callbacks[i].near_start_value(0.0)
         if force is None:
             return np.zeros(part.n)
         if isinstance(force, LowLevelCallable):
@@ -123,12 +123,12 @@ class Loads:
         return (force(0.0) if callable(force) else force)[part.order]
 
     def at_present(self, i: int) -> np.ndarray:
-        """F of a subdomain where the coupler is."""
+        """F of a subdomain at the present time."""
         step, part = self.core.step_count, self.parts[i]
         if step == 0:
             return self.at_start(i)
         if i in self.callbacks:
-            return self.callbacks[i].ask_again(step * part.subdomain.substeps)
+            return self.callbacks[i].value_at(step * part.subdomain.substeps)
         force, t = self.forces[i], self.clock.time(step)
         if force is None:
             return np.zeros(part.n)
@@ -146,7 +146,7 @@ class Loads:
         states : for each subdomain (u, v), (n_i,) each
         """
         forces = [self.at_start(i) for i in range(len(self.parts))]
-        with np.errstate(over="ignore", invalid="ignore"):  # found in the accelerations
+        with np.errstate(over="ignore", invalid="ignore"):  # seen in the accelerations
             terms = [initial_terms(p, F, *x) for p, F, x in zip(self.parts, forces, states)]
         for i, (part, (u, v)) in enumerate(zip(self.parts, states)):
             if part.subdomain.restoring is not None:
@@ -155,7 +155,7 @@ class Loads:
         return terms
 
     def _values(self, values: np.ndarray | int, what: str, i: int, step: int) -> np.ndarray:
-        """What a compiled function wrote, unless it returned a code."""
+        """The values of a compiled function; CallbackError if it returned a code."""
         if isinstance(values, int):
             raise CallbackError(values, what, step, self.clock.time(step), self.parts[i].name)
         return values

@@ -19,11 +19,11 @@ class Motion:
     ----------
     velocity : array, SampledForce or callable
     what : str
-        For messages, such as "velocity of constraint 0".
+        Its name in messages, such as "velocity of constraint 0".
     rows : array of int
         Its rows among all constraints.
     fine : int
-        Interface problems in a macro step.
+        Interface problems per macro step.
     dt : float
         Macro step.
     """
@@ -35,7 +35,7 @@ class Motion:
         self.callback = None if self.known else CallbackLoad(velocity, what, order, fine, dt)
 
     def renewed(self) -> Motion:
-        """The same motion, with nothing kept of what a callable returned."""
+        """The same motion, without stored values of a callable."""
         return Motion(self.velocity, self.what, self.rows, self.fine, self.dt)
 
     def at(self, t: float) -> np.ndarray:
@@ -43,7 +43,7 @@ class Motion:
         if isinstance(self.velocity, np.ndarray):
             return self.velocity
         if self.callback is not None:
-            return self.callback.ask_near_start(t)
+            return self.callback.near_start_value(t)
         return self.velocity(t)
 
     def value(self) -> np.ndarray:
@@ -64,7 +64,7 @@ class Motion:
 def motions_of(
     constraints: Sequence[Constraint], rows: ConstraintRows, fine: int, dt: float
 ) -> list[Motion]:
-    """The prescribed velocities of those constraints that have one."""
+    """The prescribed velocities of the constraints that have one."""
     return [
         Motion(c.velocity, f"velocity of constraint {i}", rows.of(i), fine, dt)
         for i, c in enumerate(constraints)
@@ -78,7 +78,7 @@ def all_known(motions: Sequence[Motion]) -> bool:
 
 
 def values_at_start(motions: Sequence[Motion], p: int) -> np.ndarray:
-    """g(0), (p,), in the user's order of rows; 0 where nothing is prescribed."""
+    """g(0), (p,), in the user's order of rows; 0 in rows without prescribed velocity."""
     g = np.zeros(p)
     for motion in motions:
         g[motion.rows] = motion.value()
@@ -86,7 +86,7 @@ def values_at_start(motions: Sequence[Motion], p: int) -> np.ndarray:
 
 
 def slopes_at_start(motions: Sequence[Motion], p: int) -> np.ndarray:
-    """g'(0), (p,), likewise."""
+    """g'(0), (p,), in the same order."""
     slopes = np.zeros(p)
     for motion in motions:
         slopes[motion.rows] = motion.slope()

@@ -1,4 +1,4 @@
-"""How far a run is, told while it runs."""
+"""Progress reports during a run."""
 
 from __future__ import annotations
 
@@ -7,33 +7,33 @@ from contextlib import contextmanager
 from time import perf_counter
 from typing import Any
 
-# Seconds between two reports; the binding looks at its clock as often.
-EVERY = 0.05
+# Seconds between two reports; the binding reads its clock at the same interval.
+INTERVAL = 0.05
 
 
 class Report:
-    """Tells ``tell(done, total)`` how many of the macro steps begin..end are done.
+    """Calls ``progress(done, total)`` with the number of completed macro steps of begin..end.
 
-    The core calls it with the number of the step now and then; between two calls of the core
-    `if_due` does.
+    The core calls it during its steps with the number of the macro step; `if_due` calls it between
+    two calls of the core.
     """
 
-    def __init__(self, tell: Callable[[int, int], Any], begin: int, end: int):
-        self.tell, self.begin, self.end = tell, begin, end
+    def __init__(self, progress: Callable[[int, int], Any], begin: int, end: int):
+        self.progress, self.begin, self.end = progress, begin, end
         self.last = perf_counter()
 
     def __call__(self, step: int) -> None:
         self.last = perf_counter()
-        self.tell(step - self.begin, self.end - self.begin)
+        self.progress(step - self.begin, self.end - self.begin)
 
     def if_due(self, step: int) -> None:
-        if perf_counter() - self.last >= EVERY:
+        if perf_counter() - self.last >= INTERVAL:
             self(step)
 
 
 @contextmanager
 def reporting(progress: Any, begin: int, end: int) -> Iterator[Report | None]:
-    """What reports on a stretch: None, or for True with a tqdm bar, or to a callable."""
+    """The reports of a run: to a tqdm bar for True, to a callable, or None."""
     if progress is None or progress is False:
         yield None
     elif progress is True:

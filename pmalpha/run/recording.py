@@ -1,4 +1,4 @@
-"""The arrays that a run writes into, and the History they become."""
+"""The arrays in which a run records, and the History made of them."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ from ..memory import require
 from ..problem.constraints import dof_list
 from ..problem.subdomain import Subdomain
 from ..setup.part import Part
-from .energy import ENERGIES, TOLD, Energy
+from .energy import ENERGIES, ENERGY_FIELDS, Energy
 from .history import LOOPS, History, SubdomainHistory
 from .history_file import HistoryFile, library, row_count
-from .keys import by_place
+from .keys import by_index
 
-# A run that goes to a file holds about so much of it in memory, and writes it about so often.
+# A run that is written to a file: bytes kept in memory, and seconds between two writes, about.
 FILED_BYTES, FILED_SECONDS = 16e6, 0.3
 
 
 class Recording:
-    """One stretch of a run, from macro step `begin` to at most `end`.
+    """The record of a run from macro step `begin` to at most `end`.
 
     Parameters
     ----------
     parts : sequence of Part
     keys : sequence of (name, Subdomain)
-    row_place : (p,) array of int
-        Place of each condition in the core's order.
+    row_position : (p,) array of int
+        Row of each constraint in the core's order.
     fine : int
-        Interface problems in a macro step.
+        Interface problems per macro step.
     begin, end : int
         Macro steps.
     dt : float
         Macro step.
     record : dict or None
-        Dofs (or None for all) by subdomain; None records everything.
+        Dofs, or None for all, by subdomain; None records all dofs of all subdomains.
     every : int or None
     energy : bool
     """
@@ -51,7 +51,7 @@ class Recording:
         self,
         parts: Sequence[Part],
         keys: Sequence[tuple[str, Subdomain]],
-        row_place: np.ndarray,
+        row_position: np.ndarray,
         *,
         fine: int,
         begin: int,
@@ -62,17 +62,17 @@ class Recording:
         energy: bool = False,
         record_springs: Mapping[Any, Any] | None = None,
     ):
-        self.parts, self.keys, self.row_place = parts, tuple(keys), row_place
+        self.parts, self.keys, self.row_position = parts, tuple(keys), row_position
         self.begin, self.end, self.dt = begin, end, dt
         self.every = None if every is None else whole_number(every, "every", low=1)
         self.fine = fine
         self.dofs = chosen_dofs(record, self.keys)
         self.springs = chosen_springs(record_springs, self.keys, self.dofs)
         self.energy_columns = len(parts) * len(ENERGIES) if energy else 0
-        self.room = self._room()
-        advice = "choose dofs with record= or fewer nodes with every="
-        require(8.0 * self._numbers(self._most_rows), "the History", advice)
-        self.nodes = [
+        self.steps_in_memory = self._steps_in_memory()
+        advice = "choose dofs with record= or fewer time levels with every="
+        require(8.0 * self._numbers(self._rows_in_memory), "the History", advice)
+        self.motions = [
             None if dofs is None else self._allocate(part.subdomain.substeps, dofs.size, 3)
             for part, dofs in zip(parts, self.dofs)
         ]
@@ -80,7 +80,7 @@ class Recording:
             [] if springs is None else self._allocate(part.subdomain.substeps, springs.size, 2)
             for part, springs in zip(parts, self.springs)
         ]
-        p = row_place.size
+        p = row_position.size
         self.multipliers, self.velocity_jump = self._allocate(self.fine, p, 2)
         (self.displacement_jump,) = self._allocate(1, p, 1)
         (self.energy,) = self._allocate(1, self.energy_columns, 1)
@@ -91,25 +91,27 @@ class Recording:
     def __exit__(self, *exception: object) -> None:
         pass
 
-    def stretches(self) -> Iterator[int]:
-        """Macro steps at which the run is to pause, and `keep` to be called."""
+    def pauses(self) -> Iterator[int]:
+        """Macro steps at which the run pauses for a call of `keep`."""
         yield self.end
 
     def keep(self, end: int) -> None:
-        """What was recorded up to macro step `end` is needed no more but for the History."""
+        """Called when the core has recorded all rows up to macro step `end`."""
 
-    def _room(self) -> int:
-        """Macro steps between two pauses at most."""
+    def _steps_in_memory(self) -> int:
+        """Maximum number of macro steps between two pauses."""
         return self.end - self.begin
 
-    def _most_rows(self, nodes: int) -> int:
-        return 1 + self.room * nodes if self.every is None else 2 + self.room // self.every
+    def _rows_in_memory(self, levels: int) -> int:
+        """Rows between two pauses, with `levels` time levels per macro step."""
+        steps = self.steps_in_memory
+        return 1 + steps * levels if self.every is None else 2 + steps // self.every
 
     def _numbers(self, rows: Callable[[int], float]) -> float:
-        """In all arrays, if a grid with so many nodes in a macro step has so many rows."""
-        p = self.row_place.size
+        """Numbers in all arrays; ``rows(levels)`` is the number of rows of an array."""
+        p = self.row_position.size
         numbers = 2.0 * rows(self.fine) * p
-        numbers += rows(1) * (p + 2.0 * self.energy_columns)  # and as they are told
+        numbers += rows(1) * (p + 2.0 * self.energy_columns)  # energies also as a History has them
         for part, dofs in zip(self.parts, self.dofs):
             if dofs is not None:
                 numbers += 3.0 * rows(part.subdomain.substeps) * dofs.size
@@ -118,40 +120,40 @@ class Recording:
                 numbers += 2.0 * rows(part.subdomain.substeps) * springs.size
         return numbers
 
-    def _allocate(self, nodes: int, columns: int, count: int) -> list[np.ndarray]:
-        return [np.empty((self._most_rows(nodes), columns)) for _ in range(count)]
+    def _allocate(self, levels: int, columns: int, count: int) -> list[np.ndarray]:
+        return [np.empty((self._rows_in_memory(levels), columns)) for _ in range(count)]
 
-    def rows(self, nodes: int, end: int) -> int:
-        """Rows of a grid with this many nodes in a macro step, the first included."""
-        return row_count(self.begin, end, self.every or 0, nodes)
+    def rows(self, levels: int, end: int) -> int:
+        """Number of rows up to macro step `end`, with `levels` time levels per macro step."""
+        return row_count(self.begin, end, self.every or 0, levels)
 
-    def times(self, nodes: int, end: int) -> np.ndarray:
+    def times(self, levels: int, end: int) -> np.ndarray:
         """The times of these rows, equation (T1)."""
         if self.every is None:
-            return np.arange(self.begin * nodes, end * nodes + 1) / nodes * self.dt
+            return np.arange(self.begin * levels, end * levels + 1) / levels * self.dt
         later = np.arange(self.begin // self.every + 1, end // self.every + 1) * self.every
         return np.concatenate([[self.begin], later]) * self.dt
 
     def core_record(self) -> tuple:
-        """The record as the core takes it."""
-        nodes: list[tuple | None] = [None] * len(self.parts)
+        """The record in the form of the core."""
+        subdomains: list[tuple | None] = [None] * len(self.parts)
         for i, (part, dofs) in enumerate(zip(self.parts, self.dofs)):
             if dofs is not None:
-                nodes[i] = (part.place[dofs], *self.nodes[i])
+                subdomains[i] = (part.place[dofs], *self.motions[i])
             if self.springs[i] is not None:
-                nodes[i] += (self.springs[i], *self.loops[i])
+                subdomains[i] += (self.springs[i], *self.loops[i])
         interface = self.multipliers, self.velocity_jump, self.displacement_jump
         energy = self._energies(self.energy) if self.energy_columns else None
-        return (self.begin, self.every or 0, tuple(nodes), *interface, energy)
+        return (self.begin, self.every or 0, tuple(subdomains), *interface, energy)
 
     def _energies(self, rows: np.ndarray) -> np.ndarray:
-        """By macro node, subdomain and kind."""
+        """By macro time level, subdomain and kind."""
         return rows.reshape(len(rows), len(self.parts), len(ENERGIES))
 
     def history(self, end: int) -> History:
-        """What was recorded up to macro step `end`."""
+        """The History up to macro step `end`."""
         subdomains = []
-        for i, (part, dofs, arrays) in enumerate(zip(self.parts, self.dofs, self.nodes)):
+        for i, (part, dofs, arrays) in enumerate(zip(self.parts, self.dofs, self.motions)):
             substeps = part.subdomain.substeps
             rows = self.rows(substeps, end)
             subdomains.append(
@@ -174,53 +176,53 @@ class Recording:
             displacement_jump=self._in_users_order(self.displacement_jump[:macro]),
             macro_times=self.times(1, end),
             keys=self.keys,
-            energy=self._told_energy(macro, end) if self.energy_columns else None,
+            energy=self._energy_history(macro, end) if self.energy_columns else None,
         )
 
     def _loops(self, i: int, rows: int) -> dict[str, np.ndarray]:
-        """What was recorded of the springs of a subdomain."""
+        """The recorded arrays of the springs of a subdomain."""
         if self.springs[i] is None:
             return {}
         deformation, force = (x[:rows] for x in self.loops[i])
         return dict(deformation=deformation, force=force, springs=self.springs[i])
 
-    def _told_energy(self, rows: int, end: int) -> Energy:
-        told = np.moveaxis(self._energies(self.energy[:rows]), -1, 0)
-        kinds = dict(zip(ENERGIES, (np.ascontiguousarray(x) for x in told)))
+    def _energy_history(self, rows: int, end: int) -> Energy:
+        by_kind = np.moveaxis(self._energies(self.energy[:rows]), -1, 0)
+        kinds = dict(zip(ENERGIES, (np.ascontiguousarray(x) for x in by_kind)))
         start = kinds["kinetic"][0] + kinds["strain"][0]
         return Energy.balanced(self.times(1, end), **kinds, start=start)
 
     def _in_users_order(self, columns: np.ndarray) -> np.ndarray:
-        if np.array_equal(self.row_place, np.arange(self.row_place.size)):
+        if np.array_equal(self.row_position, np.arange(self.row_position.size)):
             return columns
-        return columns[:, self.row_place]
+        return columns[:, self.row_position]
 
 
 class FiledRecording(Recording):
-    """A run that goes to an HDF5 file stretch by stretch, with room in memory for one of them.
+    """The record of a run that is written to an HDF5 file interval by interval.
 
-    The first rows of the arrays stay those of the run: a later stretch begins with the node that
-    was the last of the one before, and does not write it again.
+    Memory is allocated for one interval. Row 0 of the arrays is the beginning of the interval and
+    already written.
     """
 
     def __init__(self, path: str | PathLike, *args: Any, **options: Any):
         self.path, self.file = checked_path(path), None
         super().__init__(*args, **options)
         library()
-        check_replaceable(path)  # now: for the start a rig is asked
+        check_replaceable(path)  # before the start evaluates a restoring force, on a test rig say
 
     def __exit__(self, *exception: object) -> None:
         if self.file is not None:
             self.file.close()
 
-    def _room(self) -> int:
-        step = self._numbers(lambda nodes: nodes if self.every is None else 1.0 / self.every)
-        most = FILED_BYTES / (8.0 * step) if step > 0.0 else MOST
-        return int(min(self.end - self.begin, max(most, 1.0)))
+    def _steps_in_memory(self) -> int:
+        step = self._numbers(lambda levels: levels if self.every is None else 1.0 / self.every)
+        steps = FILED_BYTES / (8.0 * step) if step > 0.0 else MOST
+        return int(min(self.end - self.begin, max(steps, 1.0)))
 
-    def stretches(self) -> Iterator[int]:
+    def pauses(self) -> Iterator[int]:
         header, arrays = super().history(self.begin).contents()
-        header |= {"begin": self.begin, "every": self.every or 0, "nodes": self._grids()}
+        header |= {"begin": self.begin, "every": self.every or 0, "nodes": self._levels()}
         header["fixed"] = sorted(arrays.keys() - header["nodes"].keys())
         self.file = HistoryFile(self.path, header, arrays, self.end)
         steps = 1
@@ -228,18 +230,19 @@ class FiledRecording(Recording):
             begin = perf_counter()
             yield min(self.end, self.begin + steps)
             seconds = perf_counter() - begin
-            steps = min(2 * steps, self.room) if seconds < FILED_SECONDS else max(1, steps // 2)
+            longer = min(2 * steps, self.steps_in_memory)
+            steps = longer if seconds < FILED_SECONDS else max(1, steps // 2)
 
-    def _grids(self) -> dict[str, int]:
-        """Nodes in a macro step of all arrays that grow."""
-        grids = {"multipliers": self.fine, "multiplier_times": self.fine}
-        grids |= {"velocity_jump": self.fine, "displacement_jump": 1, "macro_times": 1}
+    def _levels(self) -> dict[str, int]:
+        """Time levels per macro step of all growing arrays, by name."""
+        levels = {"multipliers": self.fine, "multiplier_times": self.fine}
+        levels |= {"velocity_jump": self.fine, "displacement_jump": 1, "macro_times": 1}
         for i, (part, dofs) in enumerate(zip(self.parts, self.dofs)):
             if dofs is not None:
-                grids |= {f"{i}.{name}": part.subdomain.substeps for name in "tuva"}
+                levels |= {f"{i}.{name}": part.subdomain.substeps for name in "tuva"}
                 if self.springs[i] is not None:
-                    grids |= {f"{i}.{name}": part.subdomain.substeps for name in LOOPS[:2]}
-        return grids | {f"energy.{name}": 1 for name in TOLD if self.energy_columns}
+                    levels |= {f"{i}.{name}": part.subdomain.substeps for name in LOOPS[:2]}
+        return levels | {f"energy.{name}": 1 for name in ENERGY_FIELDS if self.energy_columns}
 
     def keep(self, end: int) -> None:
         if end > self.begin:
@@ -249,7 +252,7 @@ class FiledRecording(Recording):
     def history(self, end: int) -> History:
         if self.file is None:
             return super().history(end)
-        with suppress(OSError):  # of a full disk the run has told; what was counted is there
+        with suppress(OSError):  # the run has raised it already; completed rows are in the file
             self.keep(end)
         return replace(History.load(self.file.path), keys=self.keys)
 
@@ -257,11 +260,11 @@ class FiledRecording(Recording):
 def chosen_dofs(
     record: Mapping[Any, Any] | None, keys: Sequence[tuple[str, Subdomain]]
 ) -> list[np.ndarray | None]:
-    """The dofs to record of each subdomain, None for those left out."""
+    """The dofs to record of each subdomain, None for a subdomain left out."""
     if record is None:
         return [np.arange(s.n) for _, s in keys]
     chosen: list[np.ndarray | None] = [None] * len(keys)
-    for i, dofs in by_place(record, keys, "record").items():
+    for i, dofs in by_index(record, keys, "record").items():
         name, subdomain = keys[i]
         every_dof = np.arange(subdomain.n)
         chosen[i] = every_dof if dofs is None else dof_list(dofs, subdomain.n, f"record[{name!r}]")
@@ -273,9 +276,9 @@ def chosen_springs(
     keys: Sequence[tuple[str, Subdomain]],
     dofs: Sequence[np.ndarray | None],
 ) -> list[np.ndarray | None]:
-    """The springs to record of each subdomain, None unless asked for."""
+    """The springs to record of each subdomain, None for a subdomain left out."""
     chosen: list[np.ndarray | None] = [None] * len(keys)
-    for i, springs in by_place(record_springs, keys, "record_springs").items():
+    for i, springs in by_index(record_springs, keys, "record_springs").items():
         name, subdomain = keys[i]
         count = sum(len(spring) for spring in subdomain.springs)
         what = f"record_springs[{name!r}]"

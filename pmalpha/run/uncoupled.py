@@ -1,4 +1,4 @@
-"""One uncoupled subdomain."""
+"""Solution of one uncoupled subdomain."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def solve(
     threads: int | None = None,
     **as_run: Any,
 ) -> SubdomainHistory:
-    """One uncoupled subdomain, with the same schemes and the same core.
+    """Solve one uncoupled subdomain, with the same schemes and the same core.
 
     Parameters
     ----------
     subdomain : Subdomain
-        Its own step is dt / substeps.
+        Its step is dt / substeps.
     dt : float
         As for `Coupler`.
     t_end, **as_run
