@@ -1,4 +1,4 @@
-"""python -m pmalpha: the four-dof experiment of the paper, PM against PM-alpha (figure 7)."""
+"""python -m pmalpha: the four-dof experiment of the paper, PM and PM-alpha (figure 7)."""
 
 import argparse
 import sys
@@ -10,11 +10,11 @@ from .models import FourDof, four_dof
 from .run.history import History
 
 SUBSTEPS = 20
-NODE = 100  # macro node of the modal amplitudes, two and a half periods of the first mode
+STEP = 100  # macro step of the printed amplitudes: two and a half periods of the first mode
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the experiment, print what came out and draw figure 7.
+    """Run the experiment, print the results and draw figure 7.
 
     Returns
     -------
@@ -41,14 +41,14 @@ def _options(arguments):
         "--output",
         default="figure7.png",
         metavar="FILE",
-        help="where figure 7 goes; the ending gives the format (default: %(default)s)",
+        help="file of figure 7; its suffix gives the format (default: %(default)s)",
     )
     parser.add_argument(
         "--steps",
         type=_positive,
         default=100,
         metavar="N",
-        help="macro steps, 40 to a period of the first mode (default: %(default)s)",
+        help="number of macro steps, 40 per period of the first mode (default: %(default)s)",
     )
     return parser.parse_args(arguments)
 
@@ -60,7 +60,7 @@ def _positive(text):
 
 
 def _run(model: FourDof, steps: int) -> tuple[History, float]:
-    """A run and the seconds it took."""
+    """The History of a run and its time in seconds."""
     coupler = model.coupler(model.macro_step)
     begin = time.perf_counter()
     history = coupler.run(steps=steps)
@@ -86,8 +86,8 @@ def _modes(model, runs):
     amplitudes = {name: model.modal_amplitudes(history) for name, (history, _) in runs.items()}
     yield _row("start", amplitudes["PM"][1][0])
     for name, (t, x) in amplitudes.items():
-        node = min(NODE, len(t) - 1)
-        yield _row(f"{name} at node {node}, t = {t[node]:.2f} s", x[node])
+        step = min(STEP, len(t) - 1)
+        yield _row(f"{name} at step {step}, t = {t[step]:.2f} s", x[step])
 
 
 def _row(label, values):

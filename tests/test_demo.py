@@ -47,11 +47,11 @@ def finished(tmp_path_factory):
 def test_the_demo_prints_that_pm_alpha_annihilates_what_pm_keeps(finished):
     _, text = finished
     start = row(text, "start", 4)
-    pm = row(text, "PM at node 100", 4)
-    alpha = row(text, "PM-alpha at node 100", 4)
+    pm = row(text, "PM at step 100", 4)
+    alpha = row(text, "PM-alpha at step 100", 4)
     # 0.697 is |phi_3^T M u0| of the chain
     assert start[2] == 0.697
-    # the claims of figure 7, at macro node 100
+    # the claims of figure 7, at macro step 100
     assert pm[2] > 0.6
     assert alpha[2] < 0.01
     for first in (pm[0], alpha[0]):
@@ -62,7 +62,7 @@ def test_the_demo_prints_the_drift_and_the_time_taken(finished):
     _, text = finished
     chain = models.four_dof()
     for name, schemes in {"PM ": PM, "PM-alpha ": PM_ALPHA}.items():
-        (line,) = [x for x in text.splitlines() if x.startswith(name) and "node" not in x]
+        (line,) = [x for x in text.splitlines() if x.startswith(name) and "at step" not in x]
         gap, milliseconds, microseconds = (float(x) for x in line.split()[1:])
         expected = np.abs(four_dof_by_reference(chain, *schemes).displacement_jump).max()
         assert gap == pytest.approx(expected, abs=6e-4)  # three decimals
@@ -93,7 +93,7 @@ def test_name_of_the_picture_and_number_of_steps_can_be_chosen(tmp_path):
     assert done.returncode == 0, done.stderr
     assert [x.name for x in tmp_path.iterdir()] == ["small.png"]
     assert "3 macro steps" in done.stdout
-    assert "PM at node 3, t = 0.16 s" in done.stdout  # 3 / (40 * 0.47 Hz) = 0.1596 s
+    assert "PM at step 3, t = 0.16 s" in done.stdout  # 3 / (40 * 0.47 Hz) = 0.1596 s
 
 
 @pytest.mark.parametrize("steps", ["0", "-1", "1.5", "many"])
@@ -108,7 +108,7 @@ def test_a_picture_that_cannot_be_written_is_one_clear_line(tmp_path):
     pytest.importorskip("matplotlib")
     done = demo(tmp_path, "--output", "nowhere/figure.png")
     assert done.returncode == 1
-    assert "PM-alpha at node 100" in done.stdout  # the numbers are there all the same
+    assert "PM-alpha at step 100" in done.stdout  # the numbers are there all the same
     assert done.stderr.startswith("pmalpha: nowhere/figure.png not drawn: ")
     assert len(done.stderr.splitlines()) == 1
 
@@ -118,7 +118,7 @@ def test_without_matplotlib_the_demo_says_what_to_install(tmp_path):
     (tmp_path / "matplotlib.py").write_text("raise ImportError('not here')\n")
     done = demo(tmp_path)
     assert done.returncode == 1
-    assert "PM-alpha at node 100" in done.stdout
+    assert "PM-alpha at step 100" in done.stdout
     assert "pip install 'pmalpha[plot]'" in done.stderr
     assert len(done.stderr.splitlines()) == 1
 

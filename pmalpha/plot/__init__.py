@@ -1,7 +1,7 @@
-"""Figures in one style, fit for print. Needs matplotlib: pip install 'pmalpha[plot]'.
+"""Figures in one style, suitable for print. Requires matplotlib: pip install 'pmalpha[plot]'.
 
-Curves differ by line style and by grey value, not by colour alone. Nothing here opens a window:
-each function returns a matplotlib Figure, which `save` writes to a file, or what belongs to one.
+Curves differ by line style and grey value, not only by colour. No function opens a window: each
+returns a matplotlib object; `save` writes a Figure to a file.
 """
 
 from .drawings import split_oscillator, timeline

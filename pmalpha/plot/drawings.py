@@ -1,4 +1,4 @@
-"""Drawings without numbers: the split oscillator, the order of the steps."""
+"""Schematic drawings: the split oscillator, the schedules of the couplings."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ if TYPE_CHECKING:
 
 __all__ = ["split_oscillator", "timeline"]
 
-NODE = {"marker": "o", "color": "k", "markersize": 7.0, "linestyle": "none"}
-OTHER_NODE = {**NODE, "marker": "s", "markersize": 6.5, "markerfacecolor": "0.75"}
-SMALL_NODE = {**NODE, "markersize": 4.0}
-INTERPOLATED = {**SMALL_NODE, "markerfacecolor": "w", "markeredgewidth": 0.8}
+# Markers of time levels: of A, of its other chain, of B, and between the time levels of A
+LEVEL = {"marker": "o", "color": "k", "markersize": 7.0, "linestyle": "none"}
+OTHER_LEVEL = {**LEVEL, "marker": "s", "markersize": 6.5, "markerfacecolor": "0.75"}
+SMALL_LEVEL = {**LEVEL, "markersize": 4.0}
+INTERPOLATED = {**SMALL_LEVEL, "markerfacecolor": "w", "markeredgewidth": 0.8}
 INTERFACE = {**INTERPOLATED, "marker": "D", "markersize": 5.0}
 ARROW = {
     "arrowstyle": "-|>",
@@ -31,7 +32,7 @@ ARROW = {
 
 
 def split_oscillator() -> Figure:
-    """The split oscillator: where it is cut, and its parts with the force that holds them together.
+    """The split oscillator: its cut, and the two subdomains with the interface force.
 
     Returns
     -------
@@ -81,11 +82,11 @@ def _mass(ax: Axes, x: float, width: float, name: str) -> None:
 
 
 def timeline() -> Figure:
-    """Who computes when: the staggered schedule above, the interfield parallel one below.
+    """The staggered schedule above, the interfield parallel schedule below.
 
-    Two subdomains, A with one step in a macro step and B with four. Of each schedule first the
-    instants of simulated time and the steps between them, then two macro steps of work on the wall
-    clock. The widths of the blocks are drawn, not measured.
+    Two subdomains, A with one step per macro step and B with four. For each schedule: the time
+    levels and the steps between them in simulated time, then the work of two macro steps in wall
+    clock time. The widths of the blocks are schematic, not measured.
 
     Returns
     -------
@@ -109,31 +110,31 @@ def timeline() -> Figure:
         gc, gc_work, pm, pm_work = figure.subplots(4, 1, height_ratios=(1.15, 0.8, 1.4, 0.8))
         gc.set_title('Staggered, coupling="gc": A takes steps $h = dt$', loc="left")
         _instants(gc, [(n, n + 1, 1) for n in range(-2, 3)])
-        end = _work_in_turns(gc_work)
+        end = _staggered_work(gc_work)
         pm.set_title('Interfield parallel, coupling="pm": A takes steps $h = 2\\,dt$', loc="left")
         _instants(pm, [(n, n + 2, 1 if n % 2 else -1) for n in range(-4, 3)])
-        _work_at_once(pm_work)
+        _parallel_work(pm_work)
         for ax in (gc_work, pm_work):
             _wall_clock(ax, end)
-        figure.legend(*pm.get_legend_handles_labels(), loc="outside lower left", ncols=5)
+        figure.legend(*pm.get_legend_handles_labels(), loc="outside lower left", ncols=3)
     return figure
 
 
 def _instants(ax: Axes, steps: Sequence[tuple[int, int, int]]) -> None:
-    """A, the interface and B in simulated time; steps of A are (from, to, side of its axis)."""
+    """A, the interface and B in simulated time; steps of A are (begin, end, side of its axis)."""
     fine = np.arange(-4, 9) / 4
     ax.hlines([0.0, 2.0], -1.15, 2.15, color="0.6", linewidth=0.6)
     ax.vlines(fine, 0.0, 2.0, color="0.75", linewidth=0.6, linestyle=":")
     for begin, end in zip(fine[:-1], fine[1:], strict=True):
-        _leap(ax, begin, end, 0.0, -0.55, linewidth=0.7)
+        _arc(ax, begin, end, 0.0, -0.55, linewidth=0.7)
     for begin, end, side in steps:
-        _leap(ax, begin, end, 2.0, 0.8 * side, linewidth=1.2, linestyle="-" if side > 0 else "--")
+        _arc(ax, begin, end, 2.0, 0.8 * side, linewidth=1.2, linestyle="-" if side > 0 else "--")
     kinds = {
-        "node of A": ([n for _, n, side in steps if side > 0], 2.0, NODE),
-        "node of A, other chain": ([n for _, n, side in steps if side < 0], 2.0, OTHER_NODE),
+        "time level of A": ([n for _, n, side in steps if side > 0], 2.0, LEVEL),
+        "time level of A, other chain": ([n for _, n, s in steps if s < 0], 2.0, OTHER_LEVEL),
         "interpolated, (15)": ([t for t in fine if t % 1.0], 2.0, INTERPOLATED),
         "interface problem, (18)": (fine, 0.85, INTERFACE),
-        "node of B": (fine, 0.0, SMALL_NODE),
+        "time level of B": (fine, 0.0, SMALL_LEVEL),
     }
     for label, (t, y, look) in kinds.items():
         ax.plot(t, np.full(len(t), y), **look, label=label)
@@ -143,8 +144,8 @@ def _instants(ax: Axes, steps: Sequence[tuple[int, int, int]]) -> None:
     _bare(ax)
 
 
-def _leap(ax: Axes, begin: float, end: float, y: float, height: float, **line) -> None:
-    """An arrow from one instant to another, over the axis at y or, with height < 0, under it."""
+def _arc(ax: Axes, begin: float, end: float, y: float, height: float, **line) -> None:
+    """An arrow between two instants, above the axis at y or, with height < 0, below it."""
     from matplotlib.patches import FancyArrowPatch
     from matplotlib.path import Path
 
@@ -154,31 +155,31 @@ def _leap(ax: Axes, begin: float, end: float, y: float, height: float, **line) -
     ax.add_patch(FancyArrowPatch(path=path, arrowstyle="-|>", mutation_scale=7, color="k", **line))
 
 
-def _work_in_turns(ax: Axes) -> float:
-    """Two staggered macro steps, and when they end."""
-    share, begin = 1.7, 0.0
+def _staggered_work(ax: Axes) -> float:
+    """Two staggered macro steps; returns their end."""
+    width, begin = 1.7, 0.0
     for n in (1, 2):
-        closed = begin + share + 4.0
-        _block(ax, begin, share, 1, f"open $n{{+}}{n}$")
-        _four_substeps(ax, begin + share, n)
-        _block(ax, closed, share, 1, f"close $n{{+}}{n}$")
-        _hand_over(ax, begin + share, "$v_f$", down=True)
-        _hand_over(ax, closed, r"$\Lambda$", down=False)
-        _note(ax, closed - 2.0, 1, "A waits")
-        begin = closed + share
+        closing = begin + width + 4.0
+        _block(ax, begin, width, 1, f"open $n{{+}}{n}$")
+        _four_substeps(ax, begin + width, n)
+        _block(ax, closing, width, 1, f"close $n{{+}}{n}$")
+        _exchange(ax, begin + width, "$v_f$", down=True)
+        _exchange(ax, closing, r"$\Lambda$", down=False)
+        _note(ax, closing - 2.0, 1, "A waits")
+        begin = closing + width
     _note(ax, begin / 2, 0, "B waits")
     return begin
 
 
-def _work_at_once(ax: Axes) -> None:
+def _parallel_work(ax: Axes) -> None:
     """Two interfield parallel macro steps."""
     for n, shade in ((0, "0.8"), (1, "0.92")):
         begin = 4.6 * n
         _block(ax, begin, 2.0, 1, f"close $n{{+}}{n}$" if n else "close $n$", shade)
         _block(ax, begin + 2.0, 2.0, 1, f"open $n{{+}}{n + 2}$", shade)
         _four_substeps(ax, begin, n + 1)
-        _hand_over(ax, begin + 4.2, "$v_f$", down=True)
-        _hand_over(ax, begin + 4.4, r"$\Lambda$", down=False)
+        _exchange(ax, begin + 4.2, "$v_f$", down=True)
+        _exchange(ax, begin + 4.4, r"$\Lambda$", down=False)
 
 
 def _four_substeps(ax: Axes, begin: float, n: int) -> None:
@@ -196,8 +197,8 @@ def _note(ax: Axes, x: float, row: int, text: str) -> None:
     ax.text(x, row, text, ha="center", va="center", fontsize=8.5, color="0.4")
 
 
-def _hand_over(ax: Axes, x: float, what: str, *, down: bool) -> None:
-    """An arrow from A to B, or back."""
+def _exchange(ax: Axes, x: float, what: str, *, down: bool) -> None:
+    """An arrow from A to B, or from B to A."""
     tail, head = (0.72, 0.28) if down else (0.28, 0.72)
     ax.annotate("", (x, head), (x, tail), arrowprops=ARROW)
     side = -0.12 if down else 0.12

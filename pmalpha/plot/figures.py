@@ -1,4 +1,4 @@
-"""Figures of the notebooks: figure 7 of the paper, slopes, and figures as files."""
+"""Figure 7 of the paper, slopes, and figures as files."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def figure7(model: FourDof, histories: Mapping[str, History]) -> Figure:
     Parameters
     ----------
     model : FourDof
-        What the histories have in common, from `pmalpha.models.four_dof`.
+        From `pmalpha.models.four_dof`, with the initial values of the histories.
     histories : dict
-        By the title of their row, drawn from top to bottom.
+        History by title of its row, from top to bottom.
 
     Returns
     -------
@@ -39,7 +39,7 @@ def figure7(model: FourDof, histories: Mapping[str, History]) -> Figure:
     ImportError
         If matplotlib is missing.
     ValueError
-        If a history lacks dofs.
+        If not all dofs of a history are recorded.
 
     Examples
     --------
@@ -89,12 +89,13 @@ def _caption(model: FourDof) -> str:
     return (
         "Partitioned four-dof system in free vibration from $u = (0, 0, 0, 1)$ m, at rest: "
         "displacements (left) and amplitudes of the uncut\nsystem's modes (right) at the macro "
-        f"nodes. Masses and springs are a surrogate with the published spectrum, {spectrum} Hz."
+        "time levels. Masses and springs are a surrogate with the published spectrum, "
+        f"{spectrum} Hz."
     )
 
 
 def slope(ax: Axes, order: float, x: Sequence[float], y: float) -> None:
-    """A line of this order to compare with, on logarithmic axes, labelled at its right end.
+    """A reference line of this order on logarithmic axes, labelled at its end.
 
     Parameters
     ----------
@@ -102,9 +103,9 @@ def slope(ax: Axes, order: float, x: Sequence[float], y: float) -> None:
     order : float
         Slope in log(y) over log(x).
     x : two floats
-        Where the line begins and ends.
+        Begin and end of the line.
     y : float
-        Its value where it begins, at x[0].
+        Value at x[0].
 
     Examples
     --------
@@ -124,13 +125,13 @@ def slope(ax: Axes, order: float, x: Sequence[float], y: float) -> None:
 
 
 def save(figure: Figure, path: str | PathLike) -> None:
-    """Write a figure to a file, in print resolution.
+    """Write a figure to a file, with the resolution of print.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
     path : str or path
-        The ending gives the format: .png, .pdf, .svg.
+        The suffix gives the format: .png, .pdf, .svg.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The one style of all figures."""
+"""The style of all figures."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 __all__ = ["LINES", "RC", "style"]
 
-# Okabe and Ito's colours, which the colour-blind can tell apart, by falling grey value
+# Colours of Okabe and Ito, distinguishable in colour blindness, from light to dark
 LINES: tuple[dict, ...] = (
     {"color": "#E69F00", "linestyle": (0, (1, 1)), "linewidth": 1.6},
     {"color": "#009E73", "linestyle": (0, (4, 1, 1, 1)), "linewidth": 1.2},
@@ -15,7 +15,7 @@ LINES: tuple[dict, ...] = (
     {"color": "#000000", "linestyle": "-", "linewidth": 0.9},
 )
 
-# what every figure has in common, for matplotlib's rcParams
+# rcParams of matplotlib for all figures
 RC = {
     "font.family": "STIXGeneral",
     "mathtext.fontset": "stix",
@@ -45,7 +45,7 @@ RC = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """The style of all figures here, for figures of your own.
+    """The style of all figures, as a context for further figures.
 
     Raises
     ------
