@@ -101,7 +101,8 @@ static pma_status solve_interface(pma_coupler *c)
 {
     const size_t p = c->parts.p;
     double *lam = c->working.lam;
-    pma_coupler_prescribe(c);
+    if (c->parts.motion_count > 0)
+        pma_coupler_prescribe(c);
     for (size_t row = 0; row < p; row++)
         lam[row] = -c->working.g[row];
     for (size_t i = 0; i < c->parts.count; i++) {
@@ -128,10 +129,8 @@ static pma_status respond(pma_coupler *c, pma_coupled *m)
 {
     const pma_member *member = &m->member;
     const pma_selection *inner = inner_selection(c, m);
-    if (member->substeps == 1) {
-        const pma_substep step = pma_substep_of(c, m, 0);
-        return member->table->close(member->self, &step, c->working.lam);
-    }
+    if (member->substeps == 1)
+        return member->table->close(member->self, &m->step, c->working.lam);
     const size_t repeats = member->table->repeats(member->self, inner != NULL);
     for (size_t j = 1; j <= repeats; j++) {
         if (is_stopped(c, m))
@@ -150,8 +149,11 @@ static pma_status respond(pma_coupler *c, pma_coupled *m)
 static void move_to_end(pma_coupler *c)
 {
     c->k = 1;
-    for (size_t i = 0; i < c->parts.count; i++)
-        c->coupled[i].now = (pma_moment){.j = c->coupled[i].member.substeps - 1, .phase = 1};
+    for (size_t i = 0; i < c->parts.count; i++) {
+        pma_coupled *m = &c->coupled[i];
+        m->now = (pma_moment){.j = m->member.substeps - 1, .phase = 1};
+        m->step = pma_substep_of(c, m, m->now.j);
+    }
 }
 
 static pma_status macro_step(pma_coupler *c)
@@ -164,7 +166,7 @@ static pma_status macro_step(pma_coupler *c)
         status = pma_share(c, respond, all);
     if (atomic_load(&c->stopped))
         return PMA_STOPPED; /* whatever else went wrong */
-    if (status == PMA_OK)
+    if (status == PMA_OK && c->record)
         pma_recorder_write(c);
     return status;
 }

@@ -55,9 +55,8 @@ static void velocity_jump(const pma_coupler *c, double *jump)
             table->velocity(m->member.self, m->now.j + 1, jump);
         } else {
             const double theta = (double)m->now.phase / (double)m->ratio;
-            const bool twice = pma_substep_of(c, m, m->now.j).twice;
             table->free_velocity(m->member.self, m->now.j, theta, 1.0, jump);
-            table->compliance(m->member.self, twice, c->working.lam, jump);
+            table->compliance(m->member.self, m->step.twice, c->working.lam, jump);
         }
     }
 }
@@ -115,9 +114,7 @@ static void write_macro_level(const pma_coupler *c, bool deferred)
 
 void pma_recorder_write(const pma_coupler *c)
 {
-    if (!c->record)
-        return;
-    const bool deferred = pma_look_ahead_defers(c);
+    const bool deferred = pma_look_ahead_is_used(c) && pma_look_ahead_defers(c);
     write_members(c);
     write_interface(c, deferred);
     if (c->k % c->fine == 0)

@@ -108,18 +108,11 @@ static bool can_open(const pma_coupler *c, const pma_coupled *m, size_t j)
 
 /* ---- opening the step after next ------------------------------------------------------------- */
 
-bool pma_look_ahead_has_open(const pma_coupled *m, size_t j)
-{
-    if (m->assigned.opens)
-        return m->assigned.opened.j >= j;
-    return m->member.table->opened(m->member.self) > j;
-}
-
 /* At a time level with one step open, of two that could be? */
 static bool could_open(const pma_coupler *c, const pma_coupled *m)
 {
     const size_t j = m->now.j;
-    return m->now.phase == 1 && !m->assigned.opens && pma_substep_of(c, m, j).twice &&
+    return m->now.phase == 1 && !m->assigned.opens && m->step.twice &&
            m->member.table->opened(m->member.self) == j + 1 && can_open(c, m, j + 1);
 }
 
@@ -176,11 +169,6 @@ bool pma_look_ahead_is_busy(const pma_coupler *c)
     return false;
 }
 
-bool pma_look_ahead_is_deferred(const pma_coupled *m)
-{
-    return m->assigned.closes && pma_is_ending(m);
-}
-
 bool pma_look_ahead_defers(const pma_coupler *c)
 {
     for (size_t i = first_aside(c); i < c->parts.count; i++) {
@@ -200,7 +188,7 @@ static bool records_inner_jumps(const pma_coupler *c)
  * restoring force is evaluated once for every step of the macro steps that are completed. */
 static bool can_defer(const pma_coupler *c, const pma_coupled *m)
 {
-    if (!pma_is_ending(m) || !pma_substep_of(c, m, m->now.j).twice)
+    if (!pma_is_ending(m) || !m->step.twice)
         return false;
     if (m->now.j + 1 < m->member.substeps)
         return !records_inner_jumps(c);
@@ -211,7 +199,7 @@ static void prepare_closing(pma_coupler *c, pma_coupled *m)
 {
     const size_t j = m->now.j;
     m->assigned = (pma_assignment){.closes = true,
-                                   .closed = pma_substep_of(c, m, j),
+                                   .closed = m->step,
                                    .opens = can_open(c, m, j + 2),
                                    .opened = pma_substep_of(c, m, j + 2),
                                    .row = PMA_NO_ROW};
