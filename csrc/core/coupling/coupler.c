@@ -8,7 +8,7 @@
 
 #include "coupling/schedule.h"
 
-/* ---- checks ----------------------------------------------------------------------------- */
+/* ---- checks --------------------------------------------------------------------------------- */
 
 /* h substeps = dt, but for the rounding of dt / substeps and of the product */
 static bool has_step(const pma_member *member, double dt)
@@ -30,7 +30,7 @@ static pma_status check_members(const pma_coupler_parts *parts)
     return status;
 }
 
-/* ---- making ----------------------------------------------------------------------------- */
+/* ---- making --------------------------------------------------------------------------------- */
 
 static void lay_out(pma_coupler *c, const pma_coupler_parts *parts)
 {
@@ -149,7 +149,7 @@ void pma_coupler_destroy(pma_coupler *c)
     free(c);
 }
 
-/* ---- what it knows ----------------------------------------------------------------------- */
+/* ---- what it knows -------------------------------------------------------------------------- */
 
 void pma_coupler_set_motion(pma_coupler *c, size_t i, pma_load load)
 {
@@ -211,7 +211,7 @@ const pma_coupler_parts *pma_coupler_get_parts(const pma_coupler *c)
     return &c->parts;
 }
 
-/* ---- stages that the schedules share --------------------------------------------------------- */
+/* ---- stages that the schedules share -------------------------------------------------------- */
 
 void pma_coupler_move_to(pma_coupler *c, size_t k)
 {
@@ -228,8 +228,7 @@ void pma_coupler_prescribe(pma_coupler *c)
 {
     const int64_t number = c->present.number * (int64_t)c->fine + (int64_t)c->k - 1;
     const double t = pma_clock_time(c->parts.dt, c->present.number, c->k, c->fine);
-    pma_motion_prescribe(c->parts.motion_count, c->motions, t, number, c->scratch,
-                         c->working.g);
+    pma_motion_prescribe(c->parts.motion_count, c->motions, t, number, c->scratch, c->working.g);
 }
 
 /* The member whose free velocity made the multipliers infinite. */
@@ -265,7 +264,7 @@ bool pma_coupler_poll(pma_coupler *c)
     return atomic_load(&c->stopped);
 }
 
-/* ---- macro steps ------------------------------------------------------------------------------ */
+/* ---- macro steps ---------------------------------------------------------------------------- */
 
 static void swap(pma_macro_level *a, pma_macro_level *b)
 {
@@ -283,8 +282,8 @@ void pma_coupler_commit(pma_coupler *c)
     c->k -= c->fine;
 }
 
-/* All members have arrived at the end of a macro step. It is committed, or waits for those that are
- * closed beside the fine steps. */
+/* All members have arrived at the end of a macro step. It is committed, or waits for the members
+ * that are closed beside the fine steps. */
 static void reach(pma_coupler *c)
 {
     swap(&c->reached, &c->working);

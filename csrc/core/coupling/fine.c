@@ -5,7 +5,7 @@
 
 #include "coupling/schedule.h"
 
-/* ---- which numbers of substeps, and what there is to do --------------------------------------- */
+/* ---- which numbers of substeps, and what there is to do ------------------------------------- */
 
 static size_t most_substeps(const pma_coupler_parts *parts)
 {
@@ -35,7 +35,7 @@ static pma_duty duty(const pma_member *member)
                       .divides = member->divides};
 }
 
-/* ---- free problems (13) ---------------------------------------------------------------------- */
+/* ---- free problems (13) --------------------------------------------------------------------- */
 
 static bool begins(const pma_coupled *m)
 {
@@ -58,7 +58,7 @@ static pma_status open_substeps(pma_coupler *c)
     return status;
 }
 
-/* ---- interface problem (18) ------------------------------------------------------------------ */
+/* ---- interface problem (18) ----------------------------------------------------------------- */
 
 /* H Lam = g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (18) (G1) */
 static pma_status solve_interface(pma_coupler *c)
@@ -74,7 +74,7 @@ static pma_status solve_interface(pma_coupler *c)
     return pma_coupler_solve(c);
 }
 
-/* ---- link problems (14) ---------------------------------------------------------------------- */
+/* ---- link problems (14) --------------------------------------------------------------------- */
 
 static bool ends(const pma_coupled *m)
 {
@@ -95,7 +95,7 @@ static pma_status close_substeps(pma_coupler *c)
     return pma_share(c, close_substep, ends);
 }
 
-/* ---- the schedule ---------------------------------------------------------------------------- */
+/* ---- the schedule --------------------------------------------------------------------------- */
 
 /* Members beside the fine steps whose substep ends here are awaited. The macro step before is
  * committed as soon as it is known to be finite in all of them. */
@@ -129,7 +129,7 @@ static pma_status fine_step(pma_coupler *c)
     return status;
 }
 
-/* (S3)  After the first macro step, by those that take double steps from now on */
+/* (S3)  After the first macro step, for the members that take double steps from now on */
 static void rebase(pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {

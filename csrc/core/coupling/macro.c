@@ -7,7 +7,7 @@
 
 #include "coupling/schedule.h"
 
-/* ---- which substeps, and what there is to do -------------------------------------------------- */
+/* ---- which substeps, and what there is to do ------------------------------------------------ */
 
 /* Any numbers of substeps; with several of them a link response and no double steps. */
 static pma_status check(const pma_coupler_parts *parts)
@@ -29,8 +29,7 @@ static size_t one(const pma_coupler_parts *parts)
 /* A subdomain does all its substeps at once, and twice where its link response is not stored. */
 static pma_duty duty(const pma_member *member)
 {
-    const bool repeats =
-        member->substeps > 1 && member->table->repeats(member->self, false) > 0;
+    const bool repeats = member->substeps > 1 && member->table->repeats(member->self, false) > 0;
     return (pma_duty){.entries = member->entries * member->substeps * (repeats ? 2 : 1),
                       .substeps = 1,
                       .by_caller = member->by_caller};
@@ -61,7 +60,7 @@ static const pma_selection *inner_selection(const pma_coupler *c, const pma_coup
     return selection->count + selection->springs > 0 ? selection : NULL;
 }
 
-/* ---- free macro run (M2) --------------------------------------------------------------------- */
+/* ---- free macro run (M2) -------------------------------------------------------------------- */
 
 /* A substep as far as it is known: with the multipliers of the beginning held */
 static pma_status free_substep(pma_coupler *c, const pma_coupled *m, size_t j)
@@ -94,7 +93,7 @@ static pma_status free_run(pma_coupler *c, pma_coupled *m)
     return PMA_OK;
 }
 
-/* ---- interface (M4) ------------------------------------------------------------------------ */
+/* ---- interface (M4) ------------------------------------------------------------------------- */
 
 /* H dLam = g - sum_i L_i v_i(free run)                                              (M4) (G1) */
 static pma_status solve_interface(pma_coupler *c)
@@ -123,7 +122,7 @@ static pma_status solve_interface(pma_coupler *c)
     return status;
 }
 
-/* ---- link response (M3), added (M5) -------------------------------------------------------- */
+/* ---- link response (M3), added (M5) --------------------------------------------------------- */
 
 static pma_status respond(pma_coupler *c, pma_coupled *m)
 {
@@ -143,7 +142,7 @@ static pma_status respond(pma_coupler *c, pma_coupled *m)
     return member->table->add_response(member->self, c->dlam);
 }
 
-/* ---- the schedule ---------------------------------------------------------------------------- */
+/* ---- the schedule --------------------------------------------------------------------------- */
 
 /* All are at the end of their last substep. */
 static void move_to_end(pma_coupler *c)

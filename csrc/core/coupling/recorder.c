@@ -19,7 +19,7 @@ size_t pma_recorder_row(const pma_coupler *c, size_t j, size_t levels)
     return pma_record_row(c->record, macro, j > levels ? j - levels : j, levels);
 }
 
-/* ---- jumps ----------------------------------------------------------------------------------- */
+/* ---- jumps ---------------------------------------------------------------------------------- */
 
 /* sum_i L_i v_i - g at a macro time level: 0 is the present, 1 the end of the first macro step */
 static void macro_velocity_jump(const pma_coupler *c, size_t macro, const double *g, double *jump)
@@ -61,7 +61,7 @@ static void velocity_jump(const pma_coupler *c, double *jump)
     }
 }
 
-/* ---- what is wanted of the end of a fine step ------------------------------------------------- */
+/* ---- what is wanted of the end of a fine step ----------------------------------------------- */
 
 static bool is_selected(const pma_selection *selection)
 {
@@ -133,7 +133,7 @@ void pma_recorder_complete(const pma_coupler *c)
     displacement_jump(c, 1, c->record->displacement_jump + macro * p);
 }
 
-/* ---- the present ------------------------------------------------------------------------------- */
+/* ---- the present ---------------------------------------------------------------------------- */
 
 void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
 {

@@ -25,13 +25,13 @@ typedef struct {
 /* A member in a coupler, and where it is in the macro step. */
 typedef struct {
     pma_member member;
-    size_t ratio;     /* fine steps in a substep */
-    pma_moment now;   /* at the end of the fine step at hand */
-    pma_substep step; /* ... and the substep that it is in */
-    size_t worker;    /* that has it */
+    size_t ratio;      /* fine steps in a substep */
+    pma_moment now;    /* at the end of the fine step at hand */
+    pma_substep step;  /* ... and the substep that it is in */
+    size_t worker;     /* that has it */
     pma_status status; /* of the last open or close; written when it is not PMA_OK */
     pma_assignment assigned;
-    double *lam;      /* p: what it is closed with beside the fine steps; else NULL */
+    double *lam; /* p: what it is closed with beside the fine steps; else NULL */
 } pma_coupled;
 
 /* The end of macro step number - 1: multipliers and prescribed velocities (p each). */
@@ -68,10 +68,10 @@ struct pma_coupler {
     double *scratch, *dlam; /* p; the latter under macro coupling: Lam_{n+1} - Lam_n */
     double *block, *lam_deferred;
 
-    pma_roster roster;     /* which worker has which subdomains */
-    pma_coupled *split;    /* the one that all workers of the fine steps do together, or NULL */
-    pma_team *team;        /* NULL when the caller is alone */
-    pma_task task;         /* what the team does, and with which members */
+    pma_roster roster;  /* which worker has which subdomains */
+    pma_coupled *split; /* the one that all workers of the fine steps do together, or NULL */
+    pma_team *team;     /* NULL when the caller is alone */
+    pma_task task;      /* what the team does, and with which members */
     pma_due due;
     atomic_bool has_failed; /* the task, with some member */
     atomic_bool not_finite; /* some rows of the member that is split were not */
@@ -110,7 +110,7 @@ static inline bool pma_is_pending(const pma_coupler *c)
     return c->reached.number > c->present.number;
 }
 
-/* ---- stages of a macro step: coupler.c -------------------------------------------------------- */
+/* ---- stages of a macro step: coupler.c ------------------------------------------------------ */
 
 /* working.g (p) := g of interface problem k, if there are motions */
 void pma_coupler_prescribe(pma_coupler *c);
@@ -130,7 +130,7 @@ static inline bool pma_coupler_is_stopped(pma_coupler *c)
     return c->poll && c->unpolled >= c->poll->entries && pma_coupler_poll(c);
 }
 
-/* ---- recorder.c ------------------------------------------------------------------------------ */
+/* ---- recorder.c ----------------------------------------------------------------------------- */
 
 /* The row of time level j, counted from the present, of a grid of `levels` in a macro step. */
 size_t pma_recorder_row(const pma_coupler *c, size_t j, size_t levels);
@@ -141,7 +141,7 @@ void pma_recorder_write(const pma_coupler *c);
 /* What had to wait for members that were closed beside the fine steps: the jumps at `reached`. */
 void pma_recorder_complete(const pma_coupler *c);
 
-/* ---- several threads: workers/ --------------------------------------------------------------- */
+/* ---- several threads: workers/ -------------------------------------------------------------- */
 
 /* Every worker does `task` with those of its members that are `due`, worker 0 too; all wait for the
  * last. What went wrong with the first member, in order, with which it did. (share.c) */

@@ -1,10 +1,10 @@
 /* look_ahead.c - interfield parallel: double-step subdomains with a worker beside the fine steps.
  *
- * At its own time level such a subdomain takes the multipliers. Its worker is then assigned to close
- * the step that ended there, and to open the one after next at once, while the others make their
- * fine steps up to its next time level, where it is awaited. A macro step is committed when all of
- * its steps are known to have come out finite; the others go on meanwhile, never further than the
- * next macro step. */
+ * At its own time level such a subdomain takes the multipliers. Its worker is then assigned to
+ * close the step that ended there, and to open the one after next at once, while the others make
+ * their fine steps up to its next time level, where it is awaited. A macro step is committed when
+ * all of its steps are known to be finite; the others go on meanwhile, never further than the next
+ * macro step. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -39,7 +39,7 @@ pma_status pma_look_ahead_create(pma_coupler *c)
     return PMA_OK;
 }
 
-/* ---- assigned work, and waiting for it --------------------------------------------------------- */
+/* ---- assigned work, and waiting for it ------------------------------------------------------ */
 
 static pma_status close_assigned(pma_coupled *m)
 {
@@ -106,7 +106,7 @@ static bool can_open(const pma_coupler *c, const pma_coupled *m, size_t j)
     return m->member.table->is_known(m->member.self, &step);
 }
 
-/* ---- opening the step after next ------------------------------------------------------------- */
+/* ---- opening the step after next ------------------------------------------------------------ */
 
 /* At a time level with one step open, of two that could be? */
 static bool could_open(const pma_coupler *c, const pma_coupled *m)
@@ -118,8 +118,7 @@ static bool could_open(const pma_coupler *c, const pma_coupled *m)
 
 static void prepare_opening(pma_coupler *c, pma_coupled *m)
 {
-    m->assigned =
-        (pma_assignment){.opens = true, .opened = pma_substep_of(c, m, m->now.j + 1)};
+    m->assigned = (pma_assignment){.opens = true, .opened = pma_substep_of(c, m, m->now.j + 1)};
 }
 
 void pma_look_ahead_open(pma_coupler *c)
@@ -128,7 +127,7 @@ void pma_look_ahead_open(pma_coupler *c)
         assign(c, could_open, prepare_opening);
 }
 
-/* ---- closing beside the fine steps ----------------------------------------------------------- */
+/* ---- closing beside the fine steps ---------------------------------------------------------- */
 
 static bool has_failed(const pma_coupler *c)
 {

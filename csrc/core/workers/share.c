@@ -1,7 +1,7 @@
 /* share.c - a stage of a step by all workers, each with the subdomains that it has. */
 #include "coupling/schedule.h"
 
-/* ---- waiting --------------------------------------------------------------------------------- */
+/* ---- waiting -------------------------------------------------------------------------------- */
 
 static void look(void *ctx)
 {
@@ -21,7 +21,7 @@ void pma_share_post(pma_coupler *c, size_t worker, pma_work work)
     pma_team_post(c->team, worker, work, c);
 }
 
-/* ---- shares ---------------------------------------------------------------------------------- */
+/* ---- shares --------------------------------------------------------------------------------- */
 
 static pma_coupled *member_of(const pma_coupler *c, size_t i)
 {

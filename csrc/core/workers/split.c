@@ -1,8 +1,8 @@
 /* split.c - one large explicit subdomain by all workers of the fine steps, a range of rows each.
  *
  * With a diagonal Mbar no row waits for another, but K ut needs all of ut: two stages open a
- * substep, one closes it, and what concerns the interface is done by worker 0. The ranges are fixed,
- * so that rows stay in the caches of one core. */
+ * substep, one closes it, and what concerns the interface is done by worker 0. The ranges are
+ * fixed, so that rows stay in the caches of one core. */
 #include "coupling/schedule.h"
 
 typedef struct {
