@@ -149,7 +149,8 @@ def parsed():
     parser.add_argument("--seed", type=int, default=0, help="which ones")
     parser.add_argument("--only", default="", metavar="TEXT", help="in files with this in the path")
     parser.add_argument("--list", action="store_true", help="name the mutants and run nothing")
-    parser.add_argument("--python", nargs="+", metavar="TEST", help="arguments of pytest")
+    rest = argparse.REMAINDER
+    parser.add_argument("--python", nargs=rest, metavar="...", help="last: arguments of pytest")
     return parser.parse_args()
 
 

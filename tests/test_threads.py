@@ -366,7 +366,7 @@ def test_a_large_explicit_subdomain_beside_others_is_split_and_has_the_same_bits
     b = solid(13, substeps=4, name="b")
     face = np.arange(3 * n)
     ties = [pm.tie(others[0], face, b, face), pm.tie(b, [900, 902], others[1], [0, 2])]
-    histories = []
+    histories, energies = [], []
     for threads in (1, 2, 3, 5):
         coupler = pm.Coupler(
             [others[0], b, others[1]], ties, dt=0.1, threads=threads, coupling=coupling
@@ -374,6 +374,10 @@ def test_a_large_explicit_subdomain_beside_others_is_split_and_has_the_same_bits
         assert coupler.threads == threads
         histories.append(coupler.run(steps=12))
         assert_same_bits(histories[-1], histories[0])
+        energies.append(coupler.run(steps=4, energy=True).energy)
+        for name in ("dissipated", "external", "interface", "balance"):
+            one, other = (getattr(energy, name) for energy in (energies[-1], energies[0]))
+            np.testing.assert_array_equal(one, other)
 
 
 def test_a_large_subdomain_that_does_not_divide_is_done_by_one_thread():
