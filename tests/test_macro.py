@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 import reference
-from problems import Problem, _reference_part, random_problem
+from problems import Problem, _reference_part, random_problem, random_restored_problem
 from scipy.integrate import solve_ivp
 
 import pmalpha as pm
@@ -32,9 +32,9 @@ def repeated(monkeypatch):
 # ---- against the reference --------------------------------------------------------------------
 
 
-def random_macro_problem(seed):
-    """A random problem in which nobody's substeps need divide another's."""
-    problem = random_problem(seed)
+def random_macro_problem(seed, draw=random_problem):
+    """A random problem in which the substeps of no subdomain need divide those of another."""
+    problem = draw(seed)
     rng = np.random.default_rng([seed, 6])
     for i, part in enumerate(problem.parts):
         part.substeps = int(rng.choice([1, 1, 2, 3, 5, 7]))
@@ -55,8 +55,8 @@ def made(problem):
 AGREEMENT = 1e-9
 
 
-def check_against_reference(seed):
-    problem = random_macro_problem(seed)
+def check_against_reference(seed, draw=random_problem):
+    problem = random_macro_problem(seed, draw)
     history = made(problem).run(steps=STEPS)
     parts = [_reference_part(part, part.double) for part in problem.parts]
     expected = reference.run_macro(parts, problem.L, problem.dt, STEPS)
@@ -83,6 +83,30 @@ def test_core_and_reference_agree_on_a_random_problem_under_macro_coupling(seed)
 @pytest.mark.parametrize("seed", range(20))
 def test_core_and_reference_agree_where_responses_are_repeated(seed, repeated):
     check_against_reference(seed)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_core_and_reference_agree_with_restoring_forces_and_lagged_damping(seed):
+    check_against_reference(seed, random_restored_problem)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_core_and_reference_agree_where_responses_of_restored_subdomains_are_repeated(
+    seed, repeated
+):
+    check_against_reference(seed, random_restored_problem)
+
+
+def test_the_link_responses_of_the_restored_problems_meet_estimates_and_lagged_damping():
+    # or the comparisons above would see less than they seem to
+    seen = set()
+    for seed in range(20):
+        problem = random_macro_problem(seed, random_restored_problem)
+        for part, L in zip(problem.parts, problem.L):
+            if part.substeps > 1 and L.any():
+                seen |= {("lagged", part.lagged and part.C is not None)}
+                seen |= {("K_r", part.K_r is not None), ("D_r", part.D_r is not None)}
+    assert seen >= {("lagged", True), ("K_r", True), ("D_r", True)}
 
 
 # ---- what must not change a run ---------------------------------------------------------------
