@@ -27,8 +27,8 @@ class Constraint:
     Parameters
     ----------
     matrices : dict
-        A matrix L_i, (p, n_i) dense or scipy.sparse, for each subdomain in the constraints, of
-        which there can be one or more.
+        A matrix L_i, (p, n_i) dense or scipy.sparse, for each of the one or more subdomains that
+        the constraints involve.
     velocity : callable, `SampledForce` or (p,) array, optional
         g(t) of the p rows. It is evaluated at every fine step, in advance like a load, and the
         initial velocities must satisfy it. Its derivative at t = 0, which the initial

@@ -47,10 +47,10 @@ def interpolate(
 
     Take the finer side as a: all of its interface nodes are then tied, and no gap can open. With
     the coarser side as a, the nodes of b between the nodes of a are free. For any meshes, the
-    forces of the multipliers on the two sides have equal resultants and moments, and velocities
-    that are linear in space are transferred exactly. A constant stress is transferred exactly
-    where the mesh of a refines that of b on the interface (every node of b is one of a), and
-    elsewhere with an error that decreases with the mesh size.
+    forces of the multipliers on the two sides are in equilibrium (resultant and moment), and
+    velocities that are linear in space are transferred exactly. A constant stress is transferred
+    exactly where the mesh of a refines that of b on the interface (every node of b is one of a),
+    and elsewhere with an error that decreases with the mesh size.
 
     Parameters
     ----------

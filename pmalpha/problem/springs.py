@@ -31,7 +31,7 @@ class SpringState:
         d = u_first - u_second of the last evaluation, at the predictor of the displacement, which
         differs from u by O(h^2).
     force : (springs,) array
-        Force for this deformation, positive in tension.
+        Force of the same evaluation, positive in the direction of a positive deformation.
     """
 
     deformation: np.ndarray

@@ -42,9 +42,9 @@ class Subdomain:
     double_step : bool, optional
         Whether the subdomain takes double steps, from t_{n-1} to t_{n+1}, under coupling "pm".
         Default: True if it is implicit and its substep is coarser than the finest one; if all
-        substeps are equal and no subdomain has a value, True for the first implicit subdomain. A
-        subdomain without others takes single steps, as do all subdomains under "gc"; under "macro"
-        True is required for double steps, with one substep.
+        substeps are equal and `double_step` is None for all subdomains, True for the first implicit
+        one. A single subdomain takes single steps, as do all subdomains under "gc". Under "macro"
+        double steps require True, and one substep.
     force : (n,) array, callable, LowLevelCallable, `SampledForce` or `BaseAcceleration`, optional
         External load, evaluated at the end of each substep. A callable ``f(t) -> (n,)`` is
         evaluated in advance, once for each substep in the order of time, and once at t = 0. A
