@@ -114,7 +114,7 @@ def test_the_link_responses_of_the_restored_problems_meet_estimates_and_lagged_d
 
 def same_to_the_last_bit(one, other):
     for i in range(len(one._parts)):
-        mine, theirs = (c._parts[i].core.nodes() for c in (one, other))
+        mine, theirs = (c._parts[i].core.levels() for c in (one, other))
         for x, y in zip(mine, theirs):
             np.testing.assert_array_equal(x, y)
     np.testing.assert_array_equal(one.multipliers, other.multipliers)
@@ -540,7 +540,7 @@ def test_h_is_symmetric_for_damping_that_is_not_proportional():
         ties = pm.tie(part, list(range(5)), other, list(range(5)))
         core = pm.Coupler([part, other], ties, dt=0.3, coupling="macro")._parts[0].core
         end, mean = np.empty((5, 5)), np.empty((5, 5))
-        assert core.ramp(np.arange(5), 0, end, mean, None)
+        assert core.unit_responses(np.arange(5), 0, end, mean, None)
         for H in (end, mean):
             # rounding of six steps; one per cent of C left out of one side shows at 1e-3
             assert largest(H - H.T) < 1e-14
@@ -563,7 +563,7 @@ def test_parts_that_resonate_with_the_macro_step_are_named():
     # trapezoidal rule, 20 substeps: the period is 0.8 % longer than that of the equation
     with pytest.warns(pm.StabilityWarning, match="'part 1' and 'part 2' resonate with") as caught:
         resonant(0.008)
-    assert "condition 0" in str(caught[0].message)
+    assert "constraint 0" in str(caught[0].message)
     assert "change dt" in str(caught[0].message)
     resonant(0.4)  # between two resonances no word
 
@@ -610,7 +610,7 @@ def test_nobody_is_double_unless_told_so():
 def test_unit_runs_that_take_long_are_warned_of_and_absurd_ones_refused(monkeypatch):
     a, b = halves(substeps=20)
     monkeypatch.setattr(macro, "LONG", 0.0)
-    with pytest.warns(pm.PerformanceWarning, match="'B': 1 conditions times 20 substeps"):
+    with pytest.warns(pm.PerformanceWarning, match="'B': 1 constraints times 20 substeps"):
         coupled(a, b)
     monkeypatch.setattr(macro, "ABSURD", 0.0)
     with pytest.raises(ValueError, match='take coupling="pm" or "gc"'):
@@ -621,7 +621,7 @@ def test_a_response_that_does_not_fit_is_refused_with_the_figures(monkeypatch):
     monkeypatch.setattr("pmalpha.memory.available", lambda: 1000)
     monkeypatch.setattr("pmalpha.memory.SMALL", 0)
     a, b = (pm.Subdomain(np.ones(9), np.ones(9), scheme=SECOND, substeps=2, name=n) for n in "ab")
-    with pytest.raises(MemoryError, match="response of 'a' to 9 conditions .* needs about"):
+    with pytest.raises(MemoryError, match="link response of 'a' to 9 constraints needs about"):
         pm.Coupler([a, b], pm.tie(a, list(range(9)), b, list(range(9))), dt=0.1, coupling="macro")
 
 
@@ -651,7 +651,7 @@ def test_the_amplification_matrix_knows_the_multipliers():
 
 
 def nodes_of(coupler):
-    return [part.core.nodes() for part in coupler._parts]
+    return [part.core.levels() for part in coupler._parts]
 
 
 def test_a_subdomain_without_conditions_and_a_coupler_without_any():

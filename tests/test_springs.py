@@ -285,7 +285,7 @@ def test_each_chain_of_a_double_step_part_has_a_history_of_its_own(coupling):
 
 def test_springs_work_under_macro_coupling():
     fine = coupled((1, 4, 2), (None,) * 3, coupling="gc")
-    with pytest.warns(pm.StabilityWarning, match="met with substeps under"):
+    with pytest.warns(pm.StabilityWarning, match="combined with substeps under"):
         macro = coupled((1, 4, 2), (None,) * 3, coupling="macro")
     for c in (fine, macro):
         c.run(steps=20, record_springs=ALL)

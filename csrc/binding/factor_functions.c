@@ -156,8 +156,8 @@ static PyObject *supernodes(PyObject *Py_UNUSED(module), PyObject *args)
 
 /* ---- numbers --------------------------------------------------------------------------------- */
 
-/* The routine in a capsule whose name is a signature with this many arguments and 32-bit integers,
- * as SciPy's Cython interface writes it. */
+/* The routine in a capsule whose name is a signature, as written by SciPy's Cython interface, with
+ * this number of arguments and 32-bit integers. */
 static void *pointer_of(PyObject *capsule, size_t arguments)
 {
     const char *name = PyCapsule_CheckExact(capsule) ? PyCapsule_GetName(capsule) : NULL;
@@ -171,7 +171,7 @@ static void *pointer_of(PyObject *capsule, size_t arguments)
     return NULL;
 }
 
-/* A function pointer behind a void pointer, as POSIX allows and C11 does not say. */
+/* A function pointer from a void pointer, which POSIX defines and C11 does not. */
 static int take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *blas)
 {
     void *pointers[2] = {pointer_of(dgemm, 13), NULL};
@@ -184,7 +184,7 @@ static int take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *blas)
     return 0;
 }
 
-/* Runs the numeric part with its scratch; PMA_NO_MEMORY when there is none. */
+/* The numeric factorization with its scratch; PMA_NO_MEMORY if that cannot be allocated. */
 static pma_status run_factor(pma_panels *p, const pma_panels_input *A, const int64_t *owner,
                              const pma_blas *blas, double *inverse, size_t *column)
 {
@@ -211,7 +211,7 @@ static int take_problem(PyObject *matrix, PyObject *structure, PyObject *values,
     pattern of;
     if (!PyTuple_Check(matrix) || PyTuple_GET_SIZE(matrix) != 3 || !PyTuple_Check(structure) ||
         PyTuple_GET_SIZE(structure) != 5) {
-        PyErr_SetString(PyExc_TypeError, "factor_panels takes a matrix and its structure");
+        PyErr_SetString(PyExc_TypeError, "matrix and structure must be tuples of 3 and 5 arrays");
         return -1;
     }
     if (take_pattern(PyTuple_GET_ITEM(matrix, 0), PyTuple_GET_ITEM(matrix, 1), &of) < 0)
@@ -285,7 +285,7 @@ PyMethodDef pma_factor_functions[] = {
     {"count_factor", count_factor, METH_VARARGS,
      "count_factor(ptr, index) -> entries of the factor below the diagonal, column by column"},
     {"postorder", postorder, METH_VARARGS,
-     "postorder(ptr, index, nb) -> order in which subtrees are contiguous, the last nb in place"},
+     "postorder(ptr, index, nb) -> order in which subtrees are contiguous; the last nb stay last"},
     {"supernodes", supernodes, METH_VARARGS,
      "supernodes(ptr, index, nb) -> (first, row_ptr, rows, start, owner)"},
     {"factor_panels", factor_panels, METH_VARARGS,

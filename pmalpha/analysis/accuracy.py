@@ -183,7 +183,7 @@ def local_error(
     checked_coupler(coupler)._require_linear("local_error")
     with coupler._entered(), state_kept(coupler):
         for part in coupler._parts:
-            part.core.set_nodes(_exact_nodes(coupler, part, exact, n))
+            part.core.set_levels(_exact_nodes(coupler, part, exact, n))
         nothing = np.zeros(coupler._row_place.size)  # no step reads these multipliers
         coupler._core.start(n, nothing, nothing)
         coupler._advance(n + 1, None)
@@ -199,7 +199,7 @@ def _exact_nodes(
     # a subdomain of its own, whose single step is the step in force, starts with (S2)
     core = core_subdomain(part, part.subdomain.scheme, part.L, part.operator(h))
     core.start(u, v, w, lam)
-    nodes = core.nodes()
+    nodes = core.levels()
     if part.double:
         before = ((n * part.subdomain.substeps - 1) / part.subdomain.substeps) * coupler.dt
         u, v, w, _ = _exact_at(coupler, part, exact, before)
@@ -231,6 +231,6 @@ def _errors(coupler: Coupler, truth: Instant) -> dict[str, float]:
     for part in coupler._parts:
         for name, x, y in zip(errors, part.core.state(), states[part.name]):
             y = vector(y, part.n, f"{name} of {part.name!r} from exact")
-            errors[name] = max(errors[name], float(np.max(np.abs(x[part.place] - y))))
+            errors[name] = max(errors[name], float(np.max(np.abs(x[part.position] - y))))
     jump = np.abs(got - vector(lam, p, "Lam from exact"))
     return errors | {"multipliers": float(np.max(jump, initial=0.0))}

@@ -119,25 +119,25 @@ class Layout:
             interface = np.arange(part.nb) if stored else np.arange(0)
             for first in (NODE_FIELDS, 0) if part.double else (0,):
                 for field in range(4):
-                    yield part, first + field, part.place
+                    yield part, first + field, part.position
                 yield part, first + 4, interface
 
     def write(self, X: np.ndarray) -> None:
         """Put the whole problem into the state X, past its start."""
-        nodes = {part.name: [x * 0.0 for x in part.core.nodes()] for part in self.parts}
+        nodes = {part.name: [x * 0.0 for x in part.core.levels()] for part in self.parts}
         begin = 0
         for part, field, places in self.fields():
             nodes[part.name][field][places] = X[begin : begin + places.size]
             begin += places.size
         for part in self.parts:
-            part.core.set_nodes(tuple(nodes[part.name]))
+            part.core.set_levels(tuple(nodes[part.name]))
         zero = np.zeros(self.coupler._row_place.size)
         lam = zero.copy()
         lam[self.conditions] = X[self.nodal :]
         self.coupler._core.start(1, lam, zero)
 
     def read(self) -> np.ndarray:
-        nodes = {part.name: part.core.nodes() for part in self.parts}
+        nodes = {part.name: part.core.levels() for part in self.parts}
         numbers = [nodes[p.name][field][places] for p, field, places in self.fields()]
         return np.concatenate([*numbers, self.coupler._core.multipliers[self.conditions]])
 

@@ -20,13 +20,13 @@ def state_kept(coupler: Coupler) -> Iterator[None]:
     """Afterwards the coupler stands where it stood, to the last bit."""
     coupler._start()
     core = coupler._core
-    nodes = [part.core.nodes() for part in coupler._parts]
+    nodes = [part.core.levels() for part in coupler._parts]
     step_count, lam, g = core.step_count, core.multipliers, core.prescribed
     try:
         yield
     finally:
         for part, kept in zip(coupler._parts, nodes):
-            part.core.set_nodes(kept)
+            part.core.set_levels(kept)
         core.start(step_count, lam, g)
 
 

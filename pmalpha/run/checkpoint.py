@@ -124,7 +124,7 @@ def state_arrays(parts: Sequence[Part], core: Any, row_place: np.ndarray) -> dic
     """The state of a coupler by name, in the user's order."""
     arrays = {}
     for i, part in enumerate(parts):
-        for name, x in zip(names(part), part.core.nodes()):
+        for name, x in zip(names(part), part.core.levels()):
             arrays[f"{i}.{name}"] = x[order_of(part, name, x)]
     arrays["multipliers"] = core.multipliers[row_place]
     arrays["prescribed"] = core.prescribed[row_place]
@@ -164,7 +164,7 @@ def core_state(
 def core_nodes(part: Part, i: int, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
     """The nodes of a subdomain; ValueError for what does not fit."""
     nodes = []
-    for name, mine in zip(names(part), part.core.nodes()):
+    for name, mine in zip(names(part), part.core.levels()):
         x = np.empty(mine.size)
         x[order_of(part, name, x)] = checked(arrays, f"{i}.{name}", mine.size)
         nodes.append(x)

@@ -137,7 +137,7 @@ class Recording:
         nodes: list[tuple | None] = [None] * len(self.parts)
         for i, (part, dofs) in enumerate(zip(self.parts, self.dofs)):
             if dofs is not None:
-                nodes[i] = (part.place[dofs], *self.nodes[i])
+                nodes[i] = (part.position[dofs], *self.nodes[i])
             if self.springs[i] is not None:
                 nodes[i] += (self.springs[i], *self.loops[i])
         interface = self.multipliers, self.velocity_jump, self.displacement_jump
