@@ -24,9 +24,9 @@ typedef struct {
     PyObject *arrays; /* list: the arrays that the core points into */
     PyObject *load;   /* list: the arrays of the load */
     pma_spring_set *springs;
-    PyObject *mass;   /* list: the arrays of M, while energies are summed */
+    PyObject *mass;     /* list: the arrays of M, while energies are summed */
     PyObject *response; /* list: the arrays of the stored unit responses */
-    bool busy;        /* in use by a call that has released the GIL */
+    bool busy;          /* in use by a call that has released the GIL */
 } SubdomainObject;
 
 typedef struct {
@@ -76,8 +76,7 @@ int pma_take_doubles(PyObject *obj, npy_intp count, const char *name, PyObject *
                      const double **out);
 
 /* None, an (n,) array, an (n, n) array or a tuple: (band,), (ptr, index, values) or strips */
-int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *arrays,
-                    pma_matrix *out);
+int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *arrays, pma_matrix *out);
 
 /* (first, row_ptr, rows, start, values), the panels of a factor; not checked yet */
 int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panels *out);

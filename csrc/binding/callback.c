@@ -4,7 +4,7 @@
 
 /* r := f(u, v, t); -1 with an exception set. The callable gets copies of u and v. */
 static int evaluate(PyObject *callable, double t, npy_intp n, const double *u, const double *v,
-                        double *r)
+                    double *r)
 {
     const double *values;
     int failed = -1;

@@ -161,8 +161,7 @@ static int take_strips(PyObject *obj, const char *name, PyObject *arrays, pma_st
     return 0;
 }
 
-int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *arrays,
-                    pma_matrix *out)
+int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *arrays, pma_matrix *out)
 {
     *out = (pma_matrix){.form = PMA_ZERO, .n = (size_t)n};
     if (obj == Py_None)

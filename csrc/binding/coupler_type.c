@@ -38,8 +38,8 @@ static int take_motions(PyObject *obj, PyObject *arrays, pma_motion *motions)
     const npy_intp any = -1;
     PyArrayObject *rows;
     for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(obj); i++) {
-        if (pma_take_array(PyTuple_GET_ITEM(obj, i), NPY_INT64, 1, &any, "motions", arrays,
-                           &rows) < 0)
+        if (pma_take_array(PyTuple_GET_ITEM(obj, i), NPY_INT64, 1, &any, "motions", arrays, &rows) <
+            0)
             return -1;
         motions[i].rows = PyArray_DATA(rows);
         motions[i].load.n = (size_t)PyArray_DIM(rows, 0);
@@ -209,7 +209,7 @@ static int take_rows(PyObject *obj, npy_intp *rows, npy_intp columns, const char
 
 /* an array of positions in 0..size-1 */
 static int take_positions(PyObject *obj, size_t size, const char *name, size_t *count,
-                       const int64_t **out)
+                          const int64_t **out)
 {
     PyArrayObject *array;
     const npy_intp any = -1;
@@ -230,7 +230,7 @@ static int take_springs(PyObject *spring, PyObject *deformation, PyObject *force
                         pma_selection *selection)
 {
     if (take_positions(spring, selection->of_springs, "spring", &selection->springs,
-                    &selection->spring) < 0)
+                       &selection->spring) < 0)
         return -1;
     const npy_intp count = (npy_intp)selection->springs;
     if (take_rows(deformation, rows, count, "deformation", &selection->deformation) < 0)
@@ -288,8 +288,7 @@ static int take_interface(CouplerObject *self, PyObject *const *obj, int64_t end
         take_rows(obj[1], &rows, p, "velocity_jump", &record->velocity_jump) < 0 ||
         take_rows(obj[2], &macro_rows, p, "displacement_jump", &record->displacement_jump) < 0)
         return -1;
-    if ((size_t)rows > last_row(record, end, fine) &&
-        (size_t)macro_rows > last_row(record, end, 1))
+    if ((size_t)rows > last_row(record, end, fine) && (size_t)macro_rows > last_row(record, end, 1))
         return 0;
     PyErr_SetString(PyExc_ValueError, "the record has too few rows");
     return -1;
@@ -345,7 +344,7 @@ static int take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_reco
     for (Py_ssize_t i = 0; i < count; i++) {
         const pma_parts *s = pma_subdomain_parts(subdomain_of(self, i)->core);
         if (take_selection(PyTuple_GET_ITEM(selections, i), s, last_row(record, end, s->substeps),
-                       &record->selections[i]) < 0)
+                           &record->selections[i]) < 0)
             return -1;
     }
     if (take_energy(self, energy, end, record) < 0)
@@ -362,8 +361,7 @@ enum { POLL_ENTRIES = 20000 };
 static bool covers(const pma_load *load, int64_t begin, int64_t end, int64_t substeps)
 {
     return load->kind != PMA_LOAD_TABLE ||
-           (begin * substeps >= load->first &&
-            end * substeps <= load->first + (int64_t)load->rows);
+           (begin * substeps >= load->first && end * substeps <= load->first + (int64_t)load->rows);
 }
 
 static int check_tables(CouplerObject *self, int64_t steps)
@@ -394,8 +392,7 @@ static bool is_raised(CouplerObject *self, pma_status status, size_t failed)
     if (status != PMA_RESTORING_FAILED)
         return true;
     const pma_subdomain *s = subdomain_of(self, (Py_ssize_t)failed)->core;
-    return pma_subdomain_parts(s)->restoring.by_caller ||
-           !PyErr_ExceptionMatches(PyExc_Exception);
+    return pma_subdomain_parts(s)->restoring.by_caller || !PyErr_ExceptionMatches(PyExc_Exception);
 }
 
 /* The index of the subdomain that became unstable, or (index, code, "force" or "restoring force")
@@ -429,8 +426,10 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
         return NULL;
     const int64_t most = pma_coupler_most_steps(self->core);
     if (steps < 0 || steps > most - pma_coupler_step_count(self->core))
-        return PyErr_Format(PyExc_ValueError, "steps must not be negative nor overflow the "
-                            "step count, got %lld", steps);
+        return PyErr_Format(PyExc_ValueError,
+                            "steps must not be negative nor overflow the "
+                            "step count, got %lld",
+                            steps);
     if (report != Py_None && !PyCallable_Check(report))
         return PyErr_Format(PyExc_TypeError, "report must be None or a callable, got %R", report);
     if (claim(self) < 0)
@@ -482,8 +481,10 @@ static PyObject *coupler_start(CouplerObject *self, PyObject *args)
         pma_take_doubles(g_obj, p, "g", NULL, &g) < 0)
         return NULL;
     if (step_count < 0 || step_count > pma_coupler_most_steps(self->core))
-        return PyErr_Format(PyExc_ValueError, "step_count must not be negative nor overflow, "
-                            "got %lld", step_count);
+        return PyErr_Format(PyExc_ValueError,
+                            "step_count must not be negative nor overflow, "
+                            "got %lld",
+                            step_count);
     if (claim(self) < 0)
         return NULL;
     pma_coupler_start(self->core, step_count, lam, g);

@@ -4,8 +4,8 @@
 /* ---- making ----------------------------------------------------------------------------- */
 
 /* (h, inverse, R) */
-static int take_operator(PyObject *obj, pma_scheme scheme, const pma_parts *parts,
-                         const char *name, PyObject *arrays, pma_operator *out)
+static int take_operator(PyObject *obj, pma_scheme scheme, const pma_parts *parts, const char *name,
+                         PyObject *arrays, pma_operator *out)
 {
     double h;
     PyObject *inverse, *R;
@@ -56,9 +56,9 @@ static int take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out)
 static int take_parts(PyObject *args, PyObject *kwargs, PyObject *arrays, pma_spring_set **sets,
                       pma_parts *parts)
 {
-    static char *names[] = {"n",      "nb",        "substeps", "K",      "C",       "scheme",
-                            "single", "twice",     "link",     "restoring", "D_r",  "lagged",
-                            "responds", "K_r",     "springs",  NULL};
+    static char *names[] = {"n",        "nb",    "substeps", "K",         "C",   "scheme",
+                            "single",   "twice", "link",     "restoring", "D_r", "lagged",
+                            "responds", "K_r",   "springs",  NULL};
     Py_ssize_t n, nb, substeps;
     PyObject *K, *C, *single, *twice, *link;
     PyObject *restoring = Py_None, *D_r = Py_None, *K_r = Py_None, *springs = NULL;
@@ -183,8 +183,7 @@ static int begin_energy(SubdomainObject *self, PyObject *args, PyObject *arrays)
     if (!PyArg_ParseTuple(args, "OOO", &M_obj, &load_obj, &lam_obj) ||
         pma_take_matrix(M_obj, n, "M", arrays, &M) < 0 ||
         pma_take_doubles(load_obj, n, "load", NULL, &load) < 0 ||
-        pma_take_doubles(lam_obj, (npy_intp)parts->link.p, "lam", NULL, &lam) < 0 ||
-        is_busy(self))
+        pma_take_doubles(lam_obj, (npy_intp)parts->link.p, "lam", NULL, &lam) < 0 || is_busy(self))
         return -1;
     const pma_status status = pma_subdomain_begin_energy(self->core, M, load, lam);
     if (status == PMA_OK)
@@ -227,8 +226,7 @@ static PyObject *subdomain_start(SubdomainObject *self, PyObject *args)
         pma_take_doubles(objs[0], n, "u", NULL, &u) < 0 ||
         pma_take_doubles(objs[1], n, "v", NULL, &v) < 0 ||
         pma_take_doubles(objs[2], n, "w", NULL, &w) < 0 ||
-        pma_take_doubles(objs[3], (npy_intp)parts->link.p, "lam", NULL, &lam) < 0 ||
-        is_busy(self))
+        pma_take_doubles(objs[3], (npy_intp)parts->link.p, "lam", NULL, &lam) < 0 || is_busy(self))
         return NULL;
     pma_subdomain_start(self->core, u, v, w, lam);
     Py_RETURN_NONE;
@@ -295,8 +293,7 @@ static PyObject *subdomain_force(SubdomainObject *self, PyObject *args)
         Py_XDECREF(F);
         return NULL;
     }
-    const pma_status status =
-        pma_subdomain_force(self->core, t, PyArray_DATA((PyArrayObject *)F));
+    const pma_status status = pma_subdomain_force(self->core, t, PyArray_DATA((PyArrayObject *)F));
     release(self);
     return result_of(self, status, F);
 }
@@ -467,12 +464,12 @@ static PyObject *subdomain_compliance(SubdomainObject *self, PyObject *args)
 
 /* Inputs and outputs of a block of columns of H. */
 typedef struct {
-    const int64_t *rows;       /* k */
-    npy_intp k, begin, count;  /* columns begin..begin+count-1 of k */
-    double *lam;               /* p: zero */
-    double *sums;              /* 2 p: scratch */
-    double *end, *mean;        /* count x k by rows */
-    double *states;            /* count x 4 x n by rows, or NULL */
+    const int64_t *rows;      /* k */
+    npy_intp k, begin, count; /* columns begin..begin+count-1 of k */
+    double *lam;              /* p: zero */
+    double *sums;             /* 2 p: scratch */
+    double *end, *mean;       /* count x k by rows */
+    double *states;           /* count x 4 x n by rows, or NULL */
 } response_block;
 
 static void copy_rows(const response_block *b, const double *sum, double *out)
