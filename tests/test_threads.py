@@ -161,7 +161,7 @@ def start_anew(coupler):
 
 def move_nodes(coupler):
     part = coupler._parts[0]
-    part.core.set_nodes(tuple(2.0 * x for x in part.core.nodes()))
+    part.core.set_levels(tuple(2.0 * x for x in part.core.levels()))
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
@@ -175,7 +175,7 @@ def test_each_change_by_itself_voids_the_steps_that_were_opened_early(change):
         change(coupler)
         assert coupler._core.advance(5, None) is None
     for one, other in zip(alone._parts, shared._parts):
-        for x, y in zip(one.core.nodes(), other.core.nodes()):
+        for x, y in zip(one.core.levels(), other.core.levels()):
             np.testing.assert_array_equal(x, y)
     unchanged = double_and_fine(threads=1)
     unchanged.step(11)
