@@ -6,13 +6,14 @@ VENV     := .venv
 HEADERS  := $(wildcard csrc/core/*.h csrc/core/*/*.h)
 CORE     := $(wildcard csrc/core/*.c csrc/core/*/*.c)
 BINDING  := $(wildcard csrc/binding/*.[ch])
+TESTS    := $(wildcard csrc/tests/*.[ch])
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 
 # the scripts of benchmarks/ that measure
 MEASURE  := $(filter-out $(addprefix benchmarks/,draw.py memory.py peers.py timing.py), \
               $(wildcard benchmarks/*.py))
 
-.PHONY: demo test ctest tsan notebooks benchmarks clean
+.PHONY: demo test ctest tsan release lint notebooks benchmarks clean
 .NOTPARALLEL:
 
 demo: $(VENV)/.plot,fast
@@ -27,6 +28,15 @@ ctest: build/test_core
 # the same tests where ThreadSanitizer watches
 tsan: build/test_core_tsan
 	TSAN_OPTIONS=halt_on_error=1 build/test_core_tsan
+
+# the same tests as users compile the core, without assertions, by clang too where there is one
+release: build/test_core_release $(if $(shell command -v clang),build/test_core_clang)
+	for test in $^; do $$test || exit; done
+
+lint: $(VENV)/.lint
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/clang-format --dry-run -Werror $(HEADERS) $(CORE) $(BINDING) csrc/example.c $(TESTS)
 
 notebooks: $(VENV)/.notebook
 	$(VENV)/bin/python -c "$$EXECUTE" notebooks/*.ipynb
@@ -55,10 +65,15 @@ $(VENV)/.%: pyproject.toml setup.py $(HEADERS) $(CORE) $(BINDING) | $(VENV)/bin/
 $(VENV)/bin/pip:
 	$(PYTHON) -m venv $(VENV)
 
-build/test_core_tsan: SANITIZE := -fsanitize=thread
-build/test_core build/test_core_tsan: $(wildcard csrc/tests/*.[ch]) $(CORE) $(HEADERS)
+build/test_core:         FLAGS := -O1 -g $(SANITIZE)
+build/test_core_tsan:    FLAGS := -O1 -g -fsanitize=thread
+build/test_core_release: FLAGS := -O3 -DNDEBUG
+build/test_core_clang:   FLAGS := -O3 -DNDEBUG
+build/test_core_clang:   CC    := clang
+build/test_core build/test_core_tsan build/test_core_release build/test_core_clang: \
+		$(TESTS) $(CORE) $(HEADERS)
 	mkdir -p build
-	$(CC) -std=c11 -O1 -g -ffp-contract=off -fopenmp-simd -pthread -Wall -Wextra $(SANITIZE) \
+	$(CC) -std=c11 $(FLAGS) -ffp-contract=off -fopenmp-simd -pthread -Wall -Wextra \
 		-Icsrc/core $(filter %.c,$^) -lm -o $@
 
 clean:

@@ -1,4 +1,4 @@
-"""Partitioned structural dynamics: subdomains with their own time steps, coupled by PM-alpha.
+"""Partitioned structural dynamics: subdomains with different time steps, coupled by PM-alpha.
 
 Start with `Subdomain`, `tie` and `Coupler`; the equations are in docs/method.md.
 """

@@ -1,4 +1,4 @@
-"""Checks of arguments that several modules make: the name, the rule and the value got."""
+"""Checks of arguments for several modules; messages give the name, the rule and the value got."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def real_number(value: Any, name: str, *, low: float = -np.inf, high: float = np
     try:
         number = float(value)
     except OverflowError:
-        number = np.inf  # a whole number that no double can hold
+        number = np.inf  # a whole number above the largest double
     if not low <= number <= high or not np.isfinite(number):
         raise ValueError(f"{name} must {_range(low, high)}, got {value!r}")
     return number
@@ -42,7 +42,7 @@ def positive_number(value: Any, name: str) -> float:
     return number
 
 
-# Above this a counter of the core could overflow.
+# Largest whole number for which no counter of the core overflows.
 MOST = 2**53
 
 
@@ -62,20 +62,20 @@ def whole_number(value: Any, name: str, *, low: int = 0, high: int = MOST) -> in
 
 
 def flag(value: Any, name: str) -> bool:
-    """True or False, and no number that stands for one."""
+    """True or False; a number raises TypeError."""
     if not isinstance(value, (bool, np.bool_)):
         raise TypeError(f"{name} must be True or False, got {value!r}")
     return bool(value)
 
 
 def check_word(value: Any, name: str, words: Sequence[str]) -> None:
-    """One of these words, spelled like this."""
+    """ValueError unless the value is one of these words."""
     if not isinstance(value, str) or value not in words:
         raise ValueError(f"{name} must be {' or '.join(map(repr, words))}, got {value!r}")
 
 
 def plain_array(value: Any, name: str) -> np.ndarray:
-    """A value as array, with an error that names it where NumPy cannot make one."""
+    """A value as an array; errors name the argument."""
     if isinstance(value, np.ma.MaskedArray):
         raise TypeError(f"{name} must not be a masked array")
     try:
@@ -87,7 +87,7 @@ def plain_array(value: Any, name: str) -> np.ndarray:
 def real_array(value: Any, name: str, ndim: int | tuple[int, ...] = 1) -> np.ndarray:
     """A new C-contiguous float64 array of finite numbers with one of these dimensions.
 
-    It is read-only: what was checked stays what it was.
+    It is read-only, so that it cannot change after the check.
     """
     array = plain_array(value, name)
     if array.dtype.kind not in "iuf" or array.dtype.itemsize > 8 and array.dtype.kind != "f":

@@ -11,21 +11,21 @@ _Band = tuple[np.ndarray]  # of a matrix [d, i] = A_i,i+d; of a factor [j, k] = 
 _Panels = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 _Strips = _Panels  # first, ptr, index, start, values
 _Matrix = np.ndarray | _Band | _Compressed | _Strips | None
-_Paths = tuple[np.ndarray, ...]  # panels, place, supernodes: interface anywhere in the order
+_Paths = tuple[np.ndarray, ...]  # panels, position, supernodes: interface anywhere in the order
 _Operator = tuple[float, np.ndarray, _Matrix | _Panels | _Paths]  # h, reciprocals of D, R
 _Load = (
     np.ndarray  # constant
     | tuple[np.ndarray, np.ndarray | None, float, bool]  # samples, shape, dt, hold
-    | tuple[np.ndarray, int]  # rows of own steps, the first of them
-    | tuple[LowLevelCallable, np.ndarray]  # f, the user's dof at each place
+    | tuple[np.ndarray, int]  # a row for each substep, number of the first
+    | tuple[LowLevelCallable, np.ndarray]  # f, the user's dof at each position
     | None
 )
-# law, first and second place, parameters
+# law, first and second position, parameters
 _Springs = tuple[int, np.ndarray, np.ndarray, tuple[np.ndarray, ...]]
-# position, u, v, w, and if asked for spring, deformation, force
-_Nodes = tuple[np.ndarray, ...] | None
-_Record = tuple[  # begin, every, nodes, multipliers, jumps of velocity and displacement, energy
-    int, int, tuple[_Nodes, ...], np.ndarray, np.ndarray, np.ndarray, np.ndarray | None
+# position, u, v, w, and optionally spring, deformation, force
+_Selection = tuple[np.ndarray, ...] | None
+_Record = tuple[  # begin, every, selections, multipliers, velocity and displacement jumps, energy
+    int, int, tuple[_Selection, ...], np.ndarray, np.ndarray, np.ndarray, np.ndarray | None
 ]
 
 class Subdomain:
@@ -44,7 +44,7 @@ class Subdomain:
         restoring: tuple[Callable | LowLevelCallable, np.ndarray] | None = None,  # as a load
         D_r: _Matrix = None,
         lagged: bool = False,
-        ramped: bool = False,
+        responds: bool = False,
         K_r: _Matrix = None,
         springs: tuple[_Springs, ...] = (),
     ) -> Subdomain: ...
@@ -54,12 +54,12 @@ class Subdomain:
     def force(self, t: float, /) -> np.ndarray | int: ...
     def restore(self, t: float, u: np.ndarray, v: np.ndarray, /) -> np.ndarray | int: ...
     def springs(self) -> np.ndarray: ...
-    def nodes(self) -> tuple[np.ndarray, ...]: ...
-    def set_nodes(self, nodes: tuple[np.ndarray, ...], /) -> None: ...
+    def levels(self) -> tuple[np.ndarray, ...]: ...
+    def set_levels(self, levels: tuple[np.ndarray, ...], /) -> None: ...
     def begin_energy(self, M: _Matrix, load: np.ndarray, lam: np.ndarray, /) -> None: ...
     def end_energy(self) -> None: ...
     def compliance(self, twice: bool, rows: np.ndarray, /) -> np.ndarray: ...
-    def ramp(
+    def unit_responses(
         self,
         rows: np.ndarray,
         begin: int,
@@ -68,7 +68,7 @@ class Subdomain:
         states: np.ndarray | None,
         /,
     ) -> bool: ...
-    def set_response(self, rows: np.ndarray, states: np.ndarray, /) -> None: ...
+    def store_responses(self, rows: np.ndarray, states: np.ndarray, /) -> None: ...
 
 class Coupler:
     step_count: int

@@ -1,4 +1,4 @@
-"""BLAS with one thread, so that digits do not depend on how many it would take."""
+"""BLAS with one thread, so that results do not depend on its number of threads."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from threadpoolctl import ThreadpoolController
 
 @cache
 def _libraries() -> ThreadpoolController:
-    """The BLAS libraries that NumPy and SciPy have loaded; looking for them takes milliseconds."""
-    import scipy.linalg  # noqa: F401  before the look, so that its library is there
+    """The BLAS libraries that NumPy and SciPy have loaded; the search takes milliseconds."""
+    import scipy.linalg  # noqa: F401  so that its library is loaded before the search
 
     return ThreadpoolController().select(user_api="blas")
 

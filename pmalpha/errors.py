@@ -20,11 +20,11 @@ __all__ = [
 
 
 class PmalphaError(Exception):
-    """Base of all errors that are not a plain ``ValueError`` or ``TypeError``."""
+    """Base class of the errors of pmalpha, other than plain ``ValueError`` and ``TypeError``."""
 
 
 class ConstraintError(PmalphaError, ValueError):
-    """Interface conditions depend on one another, or the initial velocities break one."""
+    """Constraints are linearly dependent, or the initial velocities violate one."""
 
 
 class FactorizationError(PmalphaError):
@@ -33,11 +33,11 @@ class FactorizationError(PmalphaError):
     Attributes
     ----------
     subdomain : str or None
-        Its name; None where several take part.
+        Its name; None where the matrix is of several subdomains.
     dof : int or None
-        Where it was first seen, in the numbering of the subdomain.
+        Dof of the first pivot that is not positive, in the numbering of the subdomain.
     inertia : (int, int, int) or None
-        Negative, zero and positive pivots, which is eigenvalues; None where they were not counted.
+        Numbers of negative, zero and positive eigenvalues; None where they were not counted.
     """
 
     def __init__(
@@ -55,16 +55,16 @@ class FactorizationError(PmalphaError):
 
 
 class InstabilityError(PmalphaError):
-    """A value of the run is not finite; the coupler stands at the last whole macro step.
+    """A value of the run is not finite; the coupler has the state of the last whole macro step.
 
     Attributes
     ----------
     step : int
-        Macro step, counted from 0, in which the value was seen.
+        Macro step, counted from 0, in which the value occurred.
     time : float
-        The time at which that macro step begins: where the coupler stands now.
+        The time at which that macro step begins, which is the present time of the coupler.
     subdomain : str
-        Name of the subdomain where it was first seen, or ``"interface"``.
+        Name of the subdomain with the value, or ``"interface"``.
     """
 
     def __init__(self, step: int, time: float, subdomain: str):
@@ -81,18 +81,18 @@ class InstabilityError(PmalphaError):
 
 
 class CallbackError(PmalphaError):
-    """A compiled function of the user's did not return 0.
+    """A compiled function of the user did not return 0.
 
     Attributes
     ----------
     code : int
-        What it returned.
+        Its return value.
     what : str
-        Which one: "force" or "restoring force".
+        Kind of the function: "force" or "restoring force".
     step : int
-        Macro step, counted from 0, in which it was asked.
+        Macro step, counted from 0, in which it was called.
     time : float
-        The time at which that macro step begins: where the coupler stands now.
+        The time at which that macro step begins, which is the present time of the coupler.
     subdomain : str
     """
 
@@ -112,30 +112,30 @@ class CallbackError(PmalphaError):
 
 
 class StabilityWarning(UserWarning):
-    """A run may grow, or keep an error for ever.
+    """A run may grow, or may not damp an error.
 
     The step of an explicit or conditionally stable scheme is above its critical step, or under
-    macro coupling a part resonates with the macro step or a double step damps nothing.
+    macro coupling a subdomain resonates with the macro step or a double step has no damping.
     """
 
 
 class ConstraintWarning(UserWarning):
-    """Something about the interface is probably not meant.
+    """The description of the interface probably has an error.
 
-    Initial displacements leave a gap, the equation of a dof without mass does not hold at t = 0, or
-    nodes that are nearly at one place are not tied.
+    Initial displacements violate a constraint, the equation of a dof without mass does not hold at
+    t = 0, or nearly coincident nodes are not tied.
     """
 
 
 class PerformanceWarning(UserWarning):
-    """What was asked for is possible and slow."""
+    """A set-up or a run is possible but slow."""
 
 
 PACKAGE = f"{Path(__file__).parent}{os.sep}"
 
 
 def warn(message: str, category: type[Warning]) -> None:
-    """Warn with the line outside of the package that made the call, however deep it is inside."""
+    """Warn with the line outside of the package that made the call."""
     frame, level = sys._getframe(1), 2
     while frame is not None and frame.f_code.co_filename.startswith(PACKAGE):
         frame, level = frame.f_back, level + 1

@@ -1,4 +1,4 @@
-"""Files that are whole or not there, and npz files that say what they hold."""
+"""Atomic writing of files, and npz files with a header of format and version."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NO_FILE = "a folder or a device, not a file"
 
 
 def checked_path(path: str | os.PathLike) -> Path:
-    """The path as a Path; TypeError for what is none."""
+    """The path as a Path; TypeError for other values."""
     try:
         return Path(os.fsdecode(path))
     except TypeError:
@@ -28,9 +28,10 @@ def checked_path(path: str | os.PathLike) -> Path:
 
 @contextmanager
 def replacing(path: str | os.PathLike) -> Iterator[BinaryIO]:
-    """A file to write to, which takes the place of `path` when the block ends without exception.
+    """A temporary file to write to, renamed to `path` when the block ends without exception.
 
-    Until then a file that stands there is untouched, and after an exception nothing is left.
+    Written atomically: after an exception an existing file is unchanged, and the temporary file is
+    removed.
 
     Raises
     ------
@@ -38,25 +39,25 @@ def replacing(path: str | os.PathLike) -> Iterator[BinaryIO]:
         When it cannot be written.
     """
     whole = checked_path(path)
-    target = Path(os.path.realpath(whole))  # a link stays, what it leads to is replaced
-    part = target.with_name(f".{secrets.token_hex(8)}.part")
+    target = Path(os.path.realpath(whole))  # of a link the target is replaced
+    temporary = target.with_name(f".{secrets.token_hex(8)}.part")
     try:
         if target.exists() and not target.is_file():
             raise OSError(errno.EINVAL, NO_FILE)
-        with open(part, "xb") as file:
+        with open(temporary, "xb") as file:
             yield file
             file.flush()
             os.fsync(file.fileno())
-        os.replace(part, target)
+        os.replace(temporary, target)
     except OSError as error:
         message = f"path cannot be written: {error.strerror or error}"
         raise OSError(error.errno, message, str(whole)) from error
     finally:
-        part.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
 
 
 def check_replaceable(path: str | os.PathLike) -> None:
-    """OSError where `replacing` could not begin, as far as one sees without writing."""
+    """OSError where `replacing` would fail, as far as can be checked without writing."""
     whole = checked_path(path)
     target = Path(os.path.realpath(whole))
     number = 0
@@ -72,7 +73,7 @@ def check_replaceable(path: str | os.PathLike) -> None:
 
 @contextmanager
 def reading(path: str | os.PathLike) -> Iterator[BinaryIO]:
-    """A file to read from. A device may never end, and a pipe never begin: neither is opened.
+    """A file to read from. Devices and pipes, which may block or never end, raise OSError.
 
     Raises
     ------
@@ -91,8 +92,7 @@ def write_npz(
 ) -> None:
     """Write arrays of numbers, with a header of JSON that names format and version.
 
-    The path is taken as it is, without an ending being added. No pickle: the file holds numbers
-    and text only.
+    No suffix is added to the path. The file contains numbers and text only, no pickle.
     """
     with replacing(path) as file:
         np.savez(file, **{HEADER: np.array(json.dumps(header))}, **arrays)  # type: ignore[arg-type]
@@ -108,7 +108,7 @@ def read_npz(
     OSError
         When there is no such file.
     ValueError
-        For any other file, saying why.
+        For any other file, with the reason.
     """
     name = str(checked_path(path))
     with reading(path) as file:
@@ -119,7 +119,7 @@ def read_npz(
 
 
 def _contents(file: BinaryIO, format: str, version: int) -> tuple[str | None, Any, dict]:
-    """Why the file is refused or None, its header and its arrays."""
+    """The reason to refuse the file or None, its header and its arrays."""
     if not zipfile.is_zipfile(file):
         return "is no npz file, or is cut off", None, {}
     try:
@@ -131,23 +131,23 @@ def _contents(file: BinaryIO, format: str, version: int) -> tuple[str | None, An
             return reason, header, {key: _member(members, key) for key in wanted}
     except MemoryError:
         raise
-    except Exception as error:  # zipfile and NumPy raise a dozen kinds for damage
+    except Exception as error:  # damaged files raise a dozen classes in zipfile and NumPy
         return f"is damaged: {error}", None, {}
 
 
 def _member(members: zipfile.ZipFile, key: str) -> np.ndarray:
-    """One array, read to the end, where its check sum is compared."""
+    """One array, read to the end of its member, so that the checksum is compared."""
     with members.open(f"{key}.npy") as file:
         array = np.lib.format.read_array(file, allow_pickle=False)
         if file.read(1):
-            raise ValueError(f"{key} is longer than it says")
+            raise ValueError(f"{key} is longer than its header gives")
         return array
 
 
 def mismatch(header: Any, format: str, version: int) -> str | None:
-    """Why a file with this header is refused, or None."""
+    """The reason to refuse a file with this header, or None."""
     if not isinstance(header, dict) or "format" not in header:
-        return "does not say what it holds"
+        return "has no header with a format"
     if header["format"] != format:
         return f"is of format {header['format']!r}"
     if header.get("version") != version:

@@ -1,23 +1,23 @@
-"""What memory is left, asked before a large request instead of after the machine swaps."""
+"""Available memory, checked before a large request instead of after the machine swaps."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 
-# Requests below this many bytes are not worth the time it takes to ask.
+# Requests below this number of bytes are not checked, which would take longer than they do.
 SMALL = 100_000
 
 
 def available() -> int | None:
-    """Bytes that can be had without swapping, or None where the system does not say."""
+    """Bytes available without swapping, or None where the system does not report them."""
     limits = [_free_of_machine(), _free_of_group()]
     known = [limit for limit in limits if limit is not None]
     return min(known) if known else None
 
 
 def require(count: float, what: str, advice: str = "") -> None:
-    """MemoryError with the figures when `count` bytes for `what` are not to be had."""
+    """MemoryError with the numbers when `count` bytes for `what` are not available."""
     left = None if count < SMALL else available()
     if left is not None and count > left:
         text = f"{what} needs about {_size(count)}, {_size(left)} are available"
@@ -39,14 +39,14 @@ def _free_of_machine() -> int | None:
                 return int(line.split()[1]) * 1024
     except OSError:
         pass
-    try:  # macOS: no figure of what is free, so what there is
+    try:  # macOS does not report free memory: the total
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (OSError, ValueError):
         return None
 
 
 def _free_of_group() -> int | None:
-    """What a container of Linux (cgroup 2) has left."""
+    """Available memory of a Linux container (cgroup 2)."""
     group = Path("/sys/fs/cgroup")
     try:
         limit = (group / "memory.max").read_text().strip()

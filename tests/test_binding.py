@@ -239,16 +239,16 @@ def test_arrays_of_another_kind_are_refused_everywhere(kind):
         lambda: s.start(bad, two, two, one),
         lambda: s.start(two, bad, two, one),
         lambda: s.start(two, two, bad, one),
-        lambda: s.set_nodes((bad, two, two, two, one)),
-        lambda: s.set_nodes((two, two, two, bad, one)),
-        lambda: s.set_nodes(bad),
+        lambda: s.set_levels((bad, two, two, two, one)),
+        lambda: s.set_levels((two, two, two, bad, one)),
+        lambda: s.set_levels(bad),
         lambda: s.set_load((bad, None, 0.1, True)),
         lambda: s.set_load((bad, 0)),
     ):
         check_refused(call)
     if kind != "short":  # one is right for the only condition
         check_refused(lambda: s.start(two, two, two, bad))
-        check_refused(lambda: s.set_nodes((two, two, two, two, bad)))
+        check_refused(lambda: s.set_levels((two, two, two, two, bad)))
         check_refused(lambda: c.start(0, bad, one))
         check_refused(lambda: c.start(0, one, bad))
         check_refused(lambda: coupler(H=(bad, None)))
@@ -696,17 +696,17 @@ def test_nodes_are_taken_as_they_were_given():
     for twice, count in ((None, 6), (operator(h=0.2), 12)):
         c, s = started(twice=twice)
         c.advance(3, None)
-        nodes = s.nodes()
+        nodes = s.levels()
         assert len(nodes) == count
         c.advance(2, None)
-        after = s.nodes()
-        s.set_nodes(nodes)
+        after = s.levels()
+        s.set_levels(nodes)
         c.start(3, c.multipliers, np.zeros(1))
         c.advance(2, None)
-        for x, y in zip(s.nodes()[:6], after[:6], strict=True):
+        for x, y in zip(s.levels()[:6], after[:6], strict=True):
             np.testing.assert_array_equal(x, y)
         for bad in (nodes[:-1], (*nodes, nodes[0]), list(nodes), None, ()):
-            check_refused(lambda bad=bad: s.set_nodes(bad))
+            check_refused(lambda bad=bad: s.set_levels(bad))
 
 
 def test_lengths_of_steps_that_do_not_agree_are_refused():
@@ -721,14 +721,14 @@ def test_lengths_of_steps_that_do_not_agree_are_refused():
 
 
 def test_arrays_that_cannot_be_written_are_refused_for_unit_responses():
-    s = subdomain(substeps=2, ramped=True)
+    s = subdomain(substeps=2, responds=True)
     arrays = {"end": np.zeros((1, 1)), "mean": np.zeros((1, 1)), "states": np.zeros((1, 4, 2))}
-    assert s.ramp(i64(0), 0, *arrays.values())
+    assert s.unit_responses(i64(0), 0, *arrays.values())
     kept = {name: array.copy() for name, array in arrays.items()}
     for name, array in arrays.items():
         array.flags.writeable = False
         with pytest.raises(ValueError, match=f"{name} must be writeable"):
-            s.ramp(i64(0), 0, *arrays.values())
+            s.unit_responses(i64(0), 0, *arrays.values())
         array.flags.writeable = True
         np.testing.assert_array_equal(array, kept[name])
 
@@ -1016,7 +1016,7 @@ def test_reference_counts_are_what_they_were():
         c.start(0, ONE[0], ONE[0])
         c.set_motion(0, ONE[0])
         c.advance(2, record(rows=3))
-        s.set_nodes(s.nodes())
+        s.set_levels(s.levels())
         s.compliance(True, i64(0))
         factor(*panels_of(SPD))
         for call in (
@@ -1027,7 +1027,7 @@ def test_reference_counts_are_what_they_were():
             lambda: c.advance(1, 5),
             lambda: c.advance(1, record(rows=1)),
             lambda: s.set_load((u, None, 0.1, True)),
-            lambda: s.set_nodes((u,)),
+            lambda: s.set_levels((u,)),
             lambda: s.start(u, u, u, u),
             lambda: factor(None, None, u, u),
         ):
@@ -1064,7 +1064,7 @@ def test_memory_of_the_core_is_freed():
         zero, none = np.zeros(n), np.empty(0)
         s.start(zero, zero, zero, none)
         c.start(0, none, none)
-        s.nodes()
+        s.levels()
         with contextlib.suppress(ValueError):
             subdomain(**parts | {"nb": 1, "link": (1, i64(0, 1), i32(9), f64(1.0))})
 
@@ -1108,8 +1108,8 @@ def test_one_of_two_threads_in_the_same_core_object_gets_a_runtime_error():
             lambda: c.start(0, none, none),
             lambda: c.record_present(record(rows=1)),
             lambda: s.state(),
-            lambda: s.nodes(),
-            lambda: s.set_nodes(s.nodes()),
+            lambda: s.levels(),
+            lambda: s.set_levels(s.levels()),
             lambda: s.set_load(None),
             lambda: s.start(np.zeros(2), np.zeros(2), np.zeros(2), none),
             lambda: s.compliance(False, i64(0)),

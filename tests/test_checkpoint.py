@@ -45,7 +45,7 @@ def coupler(*, n=6, force=None, coupling="pm", double=None, substeps=4, moved=Fa
 
 def snapshot(c):
     """All that goes on, as bytes."""
-    nodes = [x.tobytes() for part in c._parts for x in part.core.nodes()]
+    nodes = [x.tobytes() for part in c._parts for x in part.core.levels()]
     return c.step_count, c.multipliers.tobytes(), c._core.prescribed.tobytes(), nodes
 
 

@@ -193,7 +193,7 @@ def with_header(path, header):
 FOREIGN = {
     "is no npz file": lambda path: path.write_text("t,u\n0,1\n"),
     "is no npz file, or is cut off": lambda path: path.write_bytes(b""),
-    "does not say what it holds": lambda path: np.savez(path, u=np.zeros(3)),
+    "has no header with a format": lambda path: np.savez(path, u=np.zeros(3)),
     "is of format 'pmalpha checkpoint'": lambda path: with_header(
         path, {"format": "pmalpha checkpoint", "version": 1}
     ),

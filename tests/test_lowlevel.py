@@ -148,6 +148,33 @@ def test_it_is_asked_at_the_start_and_once_for_each_own_step_in_order():
     assert loads == times
 
 
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_a_force_of_a_double_step_subdomain_is_evaluated_in_its_turn_and_not_ahead(threads):
+    times = []
+
+    def force(t, n, f, user):
+        times.append(t)
+        f[0] = t
+        return 0
+
+    a, b, c = (
+        pm.Subdomain(
+            [1.0],
+            [1.0],
+            scheme=pm.GeneralizedAlpha(0.5, explicit=name != "a"),
+            substeps=2 if name == "a" else 6,
+            force=LowLevelCallable(FORCE(force)) if name == "a" else None,
+            name=name,
+        )
+        for name in "abc"
+    )
+    ties = [pm.tie(a, [0], b, [0]), pm.tie(b, [0], c, [0])]
+    coupler = pm.Coupler([a, b, c], ties, dt=0.3, threads=threads)
+    for steps in (1, 4, 7):  # in each call up to its end
+        coupler.step(steps - coupler.step_count)
+        assert times == [k / 2 * 0.3 for k in range(2 * steps + 1)]  # (T1)
+
+
 def test_forces_arrive_zeroed():
     def restoring(t, n, u, v, r, user):
         return 0 if all(r[k] == 0.0 for k in range(n)) and not fill(r, n) else 9

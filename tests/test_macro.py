@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 import reference
-from problems import Problem, _reference_part, random_problem
+from problems import Problem, _reference_part, random_problem, random_restored_problem
 from scipy.integrate import solve_ivp
 
 import pmalpha as pm
@@ -32,9 +32,9 @@ def repeated(monkeypatch):
 # ---- against the reference --------------------------------------------------------------------
 
 
-def random_macro_problem(seed):
-    """A random problem in which nobody's substeps need divide another's."""
-    problem = random_problem(seed)
+def random_macro_problem(seed, draw=random_problem):
+    """A random problem in which the substeps of no subdomain need divide those of another."""
+    problem = draw(seed)
     rng = np.random.default_rng([seed, 6])
     for i, part in enumerate(problem.parts):
         part.substeps = int(rng.choice([1, 1, 2, 3, 5, 7]))
@@ -55,8 +55,8 @@ def made(problem):
 AGREEMENT = 1e-9
 
 
-def check_against_reference(seed):
-    problem = random_macro_problem(seed)
+def check_against_reference(seed, draw=random_problem):
+    problem = random_macro_problem(seed, draw)
     history = made(problem).run(steps=STEPS)
     parts = [_reference_part(part, part.double) for part in problem.parts]
     expected = reference.run_macro(parts, problem.L, problem.dt, STEPS)
@@ -85,12 +85,36 @@ def test_core_and_reference_agree_where_responses_are_repeated(seed, repeated):
     check_against_reference(seed)
 
 
+@pytest.mark.parametrize("seed", range(40))
+def test_core_and_reference_agree_with_restoring_forces_and_lagged_damping(seed):
+    check_against_reference(seed, random_restored_problem)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_core_and_reference_agree_where_responses_of_restored_subdomains_are_repeated(
+    seed, repeated
+):
+    check_against_reference(seed, random_restored_problem)
+
+
+def test_the_link_responses_of_the_restored_problems_meet_estimates_and_lagged_damping():
+    # or the comparisons above would see less than they seem to
+    seen = set()
+    for seed in range(20):
+        problem = random_macro_problem(seed, random_restored_problem)
+        for part, L in zip(problem.parts, problem.L):
+            if part.substeps > 1 and L.any():
+                seen |= {("lagged", part.lagged and part.C is not None)}
+                seen |= {("K_r", part.K_r is not None), ("D_r", part.D_r is not None)}
+    assert seen >= {("lagged", True), ("K_r", True), ("D_r", True)}
+
+
 # ---- what must not change a run ---------------------------------------------------------------
 
 
 def same_to_the_last_bit(one, other):
     for i in range(len(one._parts)):
-        mine, theirs = (c._parts[i].core.nodes() for c in (one, other))
+        mine, theirs = (c._parts[i].core.levels() for c in (one, other))
         for x, y in zip(mine, theirs):
             np.testing.assert_array_equal(x, y)
     np.testing.assert_array_equal(one.multipliers, other.multipliers)
@@ -516,7 +540,7 @@ def test_h_is_symmetric_for_damping_that_is_not_proportional():
         ties = pm.tie(part, list(range(5)), other, list(range(5)))
         core = pm.Coupler([part, other], ties, dt=0.3, coupling="macro")._parts[0].core
         end, mean = np.empty((5, 5)), np.empty((5, 5))
-        assert core.ramp(np.arange(5), 0, end, mean, None)
+        assert core.unit_responses(np.arange(5), 0, end, mean, None)
         for H in (end, mean):
             # rounding of six steps; one per cent of C left out of one side shows at 1e-3
             assert largest(H - H.T) < 1e-14
@@ -539,7 +563,7 @@ def test_parts_that_resonate_with_the_macro_step_are_named():
     # trapezoidal rule, 20 substeps: the period is 0.8 % longer than that of the equation
     with pytest.warns(pm.StabilityWarning, match="'part 1' and 'part 2' resonate with") as caught:
         resonant(0.008)
-    assert "condition 0" in str(caught[0].message)
+    assert "constraint 0" in str(caught[0].message)
     assert "change dt" in str(caught[0].message)
     resonant(0.4)  # between two resonances no word
 
@@ -586,7 +610,7 @@ def test_nobody_is_double_unless_told_so():
 def test_unit_runs_that_take_long_are_warned_of_and_absurd_ones_refused(monkeypatch):
     a, b = halves(substeps=20)
     monkeypatch.setattr(macro, "LONG", 0.0)
-    with pytest.warns(pm.PerformanceWarning, match="'B': 1 conditions times 20 substeps"):
+    with pytest.warns(pm.PerformanceWarning, match="'B': 1 constraints times 20 substeps"):
         coupled(a, b)
     monkeypatch.setattr(macro, "ABSURD", 0.0)
     with pytest.raises(ValueError, match='take coupling="pm" or "gc"'):
@@ -597,7 +621,7 @@ def test_a_response_that_does_not_fit_is_refused_with_the_figures(monkeypatch):
     monkeypatch.setattr("pmalpha.memory.available", lambda: 1000)
     monkeypatch.setattr("pmalpha.memory.SMALL", 0)
     a, b = (pm.Subdomain(np.ones(9), np.ones(9), scheme=SECOND, substeps=2, name=n) for n in "ab")
-    with pytest.raises(MemoryError, match="response of 'a' to 9 conditions .* needs about"):
+    with pytest.raises(MemoryError, match="link response of 'a' to 9 constraints needs about"):
         pm.Coupler([a, b], pm.tie(a, list(range(9)), b, list(range(9))), dt=0.1, coupling="macro")
 
 
@@ -627,7 +651,7 @@ def test_the_amplification_matrix_knows_the_multipliers():
 
 
 def nodes_of(coupler):
-    return [part.core.nodes() for part in coupler._parts]
+    return [part.core.levels() for part in coupler._parts]
 
 
 def test_a_subdomain_without_conditions_and_a_coupler_without_any():

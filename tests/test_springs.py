@@ -285,7 +285,7 @@ def test_each_chain_of_a_double_step_part_has_a_history_of_its_own(coupling):
 
 def test_springs_work_under_macro_coupling():
     fine = coupled((1, 4, 2), (None,) * 3, coupling="gc")
-    with pytest.warns(pm.StabilityWarning, match="met with substeps under"):
+    with pytest.warns(pm.StabilityWarning, match="combined with substeps under"):
         macro = coupled((1, 4, 2), (None,) * 3, coupling="macro")
     for c in (fine, macro):
         c.run(steps=20, record_springs=ALL)
@@ -483,6 +483,40 @@ def test_each_chain_sums_up_what_its_springs_dissipate():
     scale = np.abs(history.energy.kinetic).max()
     # 0.1: the double steps of A and C are 0.1 and 0.05 at periods from 1.2 on
     assert np.abs(history.energy.balance).max() < 0.1 * scale
+
+
+@pytest.mark.parametrize("begin", [0, 1, 5])
+def test_what_springs_dissipate_is_summed_up_from_where_the_energy_begins(begin):
+    """(H5) and (B3) from recorded loops: the first step counts as a single one from the present."""
+    k, hardening, fy = 8.0, 0.1, 0.3
+    springs = pm.Bilinear([0, 1], k, fy, hardening)
+    parts = [
+        pm.Subdomain(
+            [1.0, 2.0],
+            np.array([[3.0, -1.0], [-1.0, 1.0]]),
+            scheme=scheme,
+            substeps=substeps,
+            restoring=springs if name == "A" else None,
+            v0=[1.5, 1.5],
+            name=name,
+        )
+        for scheme, substeps, name in ((IMPLICIT, 1, "A"), (EXPLICIT, 4, "B"))
+    ]
+    coupler = pm.Coupler(parts, pm.tie(parts[0], [1], parts[1], [1]), dt=0.05)
+    coupler.step(begin)
+    history = coupler.run(steps=40, energy=True, record_springs={"A": None})
+    d, f = history["A"].deformation, history["A"].force
+    hard, soft = hardening * k, (1.0 - hardening) * k
+    stored = 0.5 * (hard * d**2 + (f - hard * d) ** 2 / soft)
+    expected = np.zeros(len(d))
+    for n in range(1, len(d)):
+        # in the first macro step of a run all steps are single; so is what is counted first
+        back = n - 1 if n == 1 or begin + n == 1 else n - 2
+        work = 0.5 * (d[n] - d[back]) * (f[n] + f[back]) - (stored[n] - stored[back])
+        expected[n] = expected[back] + work.sum()
+    assert expected[-1] > 0.1  # they yield
+    # 40 sums of numbers below 10
+    np.testing.assert_allclose(history.energy.dissipated[:, 0], expected, atol=1e-13)
 
 
 # ---- bad input -------------------------------------------------------------------------------

@@ -1,12 +1,14 @@
 """Threads change nothing but the time a run takes, and leave nothing behind."""
 
 import gc
+import mmap
 import os
 import signal
 import subprocess
 import sys
 import textwrap
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -144,6 +146,147 @@ def test_what_was_opened_early_is_void_after_a_new_load_or_a_new_state(tmp_path)
     assert_same_bits(shared.run(steps=5), alone.run(steps=5))
 
 
+def load_anew(coupler):
+    part = coupler._parts[0]
+    part.core.set_load(np.linspace(0.0, 1.0, part.n))
+
+
+def start_anew(coupler):
+    lam = np.zeros(2)
+    for part in coupler._parts:
+        u = np.cos(np.arange(part.n))
+        part.core.start(u, np.zeros(part.n), -u, lam)
+    coupler._core.start(0, lam, lam)
+
+
+def move_nodes(coupler):
+    part = coupler._parts[0]
+    part.core.set_levels(tuple(2.0 * x for x in part.core.levels()))
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
+@pytest.mark.parametrize("change", [load_anew, start_anew, move_nodes])
+def test_each_change_by_itself_voids_the_steps_that_were_opened_early(change):
+    # of the core: a reset of the package changes loads and state at once. One thread opens no step
+    # early, so what it gives is right.
+    alone, shared = (double_and_fine(threads=k) for k in (1, 3))
+    for coupler in (alone, shared):
+        coupler.step(6)  # two steps of the double-step subdomain are open beyond the present
+        change(coupler)
+        assert coupler._core.advance(5, None) is None
+    for one, other in zip(alone._parts, shared._parts):
+        for x, y in zip(one.core.levels(), other.core.levels()):
+            np.testing.assert_array_equal(x, y)
+    unchanged = double_and_fine(threads=1)
+    unchanged.step(11)
+    assert np.any(unchanged.state("a").u != alone.state("a").u)
+
+
+@pytest.mark.skipif(not hasattr(mmap, "PAGESIZE"), reason="needs pages that cannot be read")
+def test_a_step_is_not_opened_early_beyond_the_rows_of_a_table_of_loads():
+    # the table ends where a page begins that may not be read: a row too many ends the process
+    done = run_script(
+        """
+        import ctypes
+        import mmap
+        import numpy as np
+        from test_threads import double_and_fine
+
+        steps, n = 6, 30  # of two substeps each
+        page, count = mmap.PAGESIZE, 2 * steps * n
+        pages = mmap.mmap(-1, 2 * page)
+        table = np.frombuffer(pages, count=count, offset=page - 8 * count).reshape(-1, n)
+        address = table.ctypes.data + 8 * count
+        protect = ctypes.CDLL(None).mprotect
+        assert protect(ctypes.c_void_p(address), ctypes.c_size_t(page), 0) == 0
+        table[:] = np.sin(np.arange(count)).reshape(-1, n)
+        found = []
+        for threads, rows in ((1, table.copy()), (3, table)):
+            coupler = double_and_fine(threads=threads)
+            coupler._parts[0].core.set_load((rows, 0))
+            assert coupler._core.advance(steps, None) is None
+            found.append(coupler.state("a").u)
+        assert np.array_equal(*found)
+        print("stepped")
+        """
+    )
+    assert (done.returncode, done.stdout) == (0, "stepped\n"), done.stderr
+
+
+def star():
+    """K of eight bodies that meet in one, and the dofs of their ends and of the middle.
+
+    Ends are coupled by the middle alone, so that the panels of the interface have gaps.
+    """
+    rng = np.random.default_rng(1)
+    inner, end, bodies = 150, 60, 8
+    n = bodies * (inner + end) + end
+    middle = np.arange(n - end, n)
+    K, interface = sp.eye_array(n, format="csr"), [middle]
+    for i in range(bodies):
+        own = np.arange(i * (inner + end), (i + 1) * (inner + end))
+        dofs = np.append(own, middle)
+        B = rng.normal(size=(dofs.size, dofs.size)) / np.sqrt(dofs.size)
+        place = np.repeat(dofs, dofs.size), np.tile(dofs, dofs.size)
+        K = K + sp.csr_array(((B @ B.T).ravel(), place), (n, n))
+        interface.append(own[inner:])
+    return K, np.sort(np.concatenate(interface))
+
+
+def short_solid():
+    """K of a solid with two large faces, and their dofs: it is factored in the ordinary order."""
+    made = pm.models.solid(2, 10, 10, 1.0, E=4.0, nu=0.3, rho=1.0)
+    faces = np.flatnonzero(np.isin(made.points[:, 0], [0.0, 2.0]))
+    return made.K + sp.eye_array(made.n), np.sort(made.dofs(faces))
+
+
+def held_by_its_mean(K, interface, threads):
+    """A wide interface that follows a single mass on the mean, by one constraint.
+
+    The compliance of the wide one is then most of what a fine step takes.
+    """
+    n = K.shape[0]
+    a = pm.Subdomain(np.ones(n), K, scheme=IMPLICIT, force=np.sin(np.arange(n)), name="a")
+    b = pm.Subdomain([1.0], [1.0], scheme=EXPLICIT, substeps=20, force=[1.0], name="b")
+    mean = np.zeros((1, n))
+    mean[:, interface] = 1.0 / interface.size
+    return pm.Coupler([a, b], pm.Constraint({a: mean, b: [[-1.0]]}), dt=0.2, threads=threads)
+
+
+@contextmanager
+def on_processors_of_their_own(coupler):
+    """The threads of a coupler that has stepped; two on one processor would take turns."""
+    before = set(os.listdir("/proc/self/task"))
+    coupler.step()
+    tasks = [0, *sorted(int(x) for x in set(os.listdir("/proc/self/task")) - before)]
+    allowed = os.sched_getaffinity(0)
+    try:
+        for task, processor in zip(tasks, sorted(allowed)):
+            os.sched_setaffinity(task, {processor})
+        yield
+    finally:
+        os.sched_setaffinity(0, allowed)
+
+
+@LINUX
+@pytest.mark.parametrize("make", [star, short_solid])
+def test_jumps_are_recorded_while_another_thread_sweeps_the_same_factor(make):
+    # at every fine step the jump takes the link velocity of "a", while its own thread closes and
+    # opens steps of it; if they shared scratch, both would come out wrong wherever they meet. On a
+    # busy machine they seldom do, hence so many steps.
+    K, interface = make()
+    alone = held_by_its_mean(K, interface, threads=1)
+    alone.step()
+    expected = alone.run(steps=100)
+    for _ in range(3):
+        shared = held_by_its_mean(K, interface, threads=2)
+        with on_processors_of_their_own(shared):
+            assert_same_bits(shared.run(steps=100), expected)
+    a = shared._parts[0]
+    assert a.double and a.elimination.structure.panels is not None
+    assert (a.elimination.paths is not None) == (make is short_solid)
+
+
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
 def test_a_restoring_force_is_asked_once_per_own_step_with_threads_too():
     asked = {1: [], 3: []}
@@ -223,7 +366,7 @@ def test_a_large_explicit_subdomain_beside_others_is_split_and_has_the_same_bits
     b = solid(13, substeps=4, name="b")
     face = np.arange(3 * n)
     ties = [pm.tie(others[0], face, b, face), pm.tie(b, [900, 902], others[1], [0, 2])]
-    histories = []
+    histories, energies = [], []
     for threads in (1, 2, 3, 5):
         coupler = pm.Coupler(
             [others[0], b, others[1]], ties, dt=0.1, threads=threads, coupling=coupling
@@ -231,6 +374,10 @@ def test_a_large_explicit_subdomain_beside_others_is_split_and_has_the_same_bits
         assert coupler.threads == threads
         histories.append(coupler.run(steps=12))
         assert_same_bits(histories[-1], histories[0])
+        energies.append(coupler.run(steps=4, energy=True).energy)
+        for name in ("dissipated", "external", "interface", "balance"):
+            one, other = (getattr(energy, name) for energy in (energies[-1], energies[0]))
+            np.testing.assert_array_equal(one, other)
 
 
 def test_a_large_subdomain_that_does_not_divide_is_done_by_one_thread():

@@ -1,6 +1,6 @@
-/* binding.h - what the files of the binding share.
+/* binding.h - declarations shared by the files of the binding.
  *
- * The binding converts, enters the core and leaves it again; it does no algebra. */
+ * The binding converts arguments and results and calls the core; it contains no algebra. */
 #ifndef PMA_BINDING_H
 #define PMA_BINDING_H
 
@@ -21,12 +21,12 @@
 typedef struct {
     PyObject_HEAD
     pma_subdomain *core;
-    PyObject *arrays; /* list: keeps alive what the core points into */
-    PyObject *load;   /* the load's arrays */
+    PyObject *arrays; /* list: the arrays that the core points into */
+    PyObject *load;   /* list: the arrays of the load */
     pma_spring_set *springs;
-    PyObject *mass;   /* those of M, while the energy is asked for */
-    PyObject *response; /* list: the arrays of a stored response */
-    bool busy;        /* stepped by a coupler that has let the GIL go */
+    PyObject *mass;     /* list: the arrays of M, while energies are summed */
+    PyObject *response; /* list: the arrays of the stored unit responses */
+    bool busy;          /* in use by a call that has released the GIL */
 } SubdomainObject;
 
 typedef struct {
@@ -44,25 +44,26 @@ extern PyType_Spec pma_coupler_spec;
 typedef struct {
     long long last;             /* ms */
     PyObject *report;           /* called with the macro steps done, or NULL */
-    const pma_coupler *coupler; /* whose steps those are */
+    const pma_coupler *coupler; /* the coupler that counts these steps */
 } pma_watch;
 
-long long pma_watch_milliseconds(void); /* of a clock that goes on steadily */
+long long pma_watch_milliseconds(void); /* of a monotonic clock */
 
-/* Every 50 ms: did a signal, or the report, raise an exception? Called without the GIL. */
+/* True if a signal or the report raised an exception; checked at most every 50 ms. Called without
+ * the GIL. */
 bool pma_watch_signals(void *watch);
 
-/* This thread releases the GIL to enter the core, and takes it again afterwards. */
+/* This thread releases the GIL before a call of the core, and acquires it afterwards. */
 void pma_gil_release(void);
 void pma_gil_acquire(void);
 
-/* A callback from the core, by the thread that entered it: takes the GIL if it was released, runs
- * call(ctx), and releases it again. Returns what call returned. */
+/* A callback from the core, in the thread that called it: acquires the GIL if it was released, runs
+ * call(ctx), and releases the GIL again. Returns the result of call. */
 int pma_gil_call(int (*call)(void *ctx), void *ctx);
 
 /* ---- errors ------------------------------------------------------------------------------ */
 
-/* Sets the exception that belongs to a status other than PMA_OK and returns NULL. */
+/* Sets the exception of a status other than PMA_OK and returns NULL. */
 PyObject *pma_raise(pma_status status, const char *what);
 
 /* ---- conversion: each returns 0, or -1 with an exception set ------------------------------- */
@@ -75,27 +76,26 @@ int pma_take_doubles(PyObject *obj, npy_intp count, const char *name, PyObject *
                      const double **out);
 
 /* None, an (n,) array, an (n, n) array or a tuple: (band,), (ptr, index, values) or strips */
-int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *arrays,
-                    pma_matrix *out);
+int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *arrays, pma_matrix *out);
 
 /* (first, row_ptr, rows, start, values), the panels of a factor; not checked yet */
 int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panels *out);
 
 /* (inverse, R): R is None, an (n, n) array whose row j is column j of R, (band,),
- * (ptr, index, values), or panels, with (place, supernodes) behind them where the interface is not
+ * (ptr, index, values), or panels, followed by (position, supernodes) where the interface is not
  * last */
 int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, PyObject *arrays,
                     pma_factor *out);
 
 /* A load on load->n dofs: None, an array (constant), (values, shape, dt, hold), (rows, first) or
  * (f, order), f a LowLevelCallable.
- * Returns a new list of the arrays behind it, or NULL. */
+ * Returns a new list of the arrays that it points into, or NULL. */
 PyObject *pma_take_load(PyObject *obj, pma_load *load);
 
-/* A tuple of (law, first, second, (parameter, ...)); *sets is the caller's to free */
+/* A tuple of (law, first, second, (parameter, ...)); the caller frees *sets */
 int pma_take_springs(PyObject *obj, PyObject *arrays, pma_spring_set **sets, pma_springs *out);
 
-/* Is it a scipy.LowLevelCallable? */
+/* True for a scipy.LowLevelCallable */
 bool pma_is_compiled(PyObject *obj);
 
 /* (f, order): f is a LowLevelCallable with the signature of pma_force_function */

@@ -2,9 +2,9 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-/* r := f(u, v, t); -1 with an exception set. u and v are copies, which the callable may keep. */
+/* r := f(u, v, t); -1 with an exception set. The callable gets copies of u and v. */
 static int evaluate(PyObject *callable, double t, npy_intp n, const double *u, const double *v,
-                        double *r)
+                    double *r)
 {
     const double *values;
     int failed = -1;
@@ -35,15 +35,15 @@ static int run(void *ctx)
     return evaluate(e->callable, e->t, e->n, e->u, e->v, e->r);
 }
 
-/* The core's view of a Python callable, evaluated by the thread that called advance, in which an
- * exception then stays set. */
+/* A Python callable as a pma_restoring_function, evaluated in the thread that called advance. An
+ * exception stays set in that thread. */
 static int call_callable(double t, intptr_t n, double *u, double *v, double *r, void *user)
 {
     evaluation e = {user, t, (npy_intp)n, u, v, r};
     return pma_gil_call(run, &e);
 }
 
-/* n doubles of scratch, kept with the arrays */
+/* n doubles of scratch, owned by the list of arrays */
 static double *add_scratch(npy_intp n, PyObject *arrays)
 {
     PyObject *work = PyArray_ZEROS(1, &n, NPY_DOUBLE, 0);
@@ -54,8 +54,8 @@ static double *add_scratch(npy_intp n, PyObject *arrays)
     return data;
 }
 
-/* Address and user data of a scipy.LowLevelCallable, whose signature was checked: a tuple with a
- * capsule in front. NULL without an exception when it is none. */
+/* Address and user data of a scipy.LowLevelCallable, a tuple that begins with a capsule; its
+ * signature was checked in Python. NULL without an exception for any other object. */
 static void *address_of(PyObject *obj, void **user)
 {
     if (!PyTuple_Check(obj) || PyTuple_GET_SIZE(obj) == 0 ||
@@ -72,7 +72,7 @@ bool pma_is_compiled(PyObject *obj)
     return address_of(obj, &user) != NULL;
 }
 
-/* the user's dof of each of ours */
+/* the user's dof at each position of the elimination order */
 static int take_order(PyObject *obj, npy_intp n, PyObject *arrays, const int64_t **out)
 {
     PyArrayObject *order;

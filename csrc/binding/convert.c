@@ -161,8 +161,7 @@ static int take_strips(PyObject *obj, const char *name, PyObject *arrays, pma_st
     return 0;
 }
 
-int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *arrays,
-                    pma_matrix *out)
+int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *arrays, pma_matrix *out)
 {
     *out = (pma_matrix){.form = PMA_ZERO, .n = (size_t)n};
     if (obj == Py_None)
@@ -219,15 +218,15 @@ int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panel
     return 0;
 }
 
-/* (place, supernodes), the last two items of a factor whose interface is not last */
+/* (position, supernodes), the last two items of a factor whose interface is not last */
 static int take_path(PyObject *R, npy_intp n, const char *name, PyObject *arrays, pma_path *out)
 {
     const npy_intp any = -1;
-    PyArrayObject *place, *supernodes;
-    if (pma_take_array(PyTuple_GET_ITEM(R, 5), NPY_INT64, 1, &n, name, arrays, &place) < 0 ||
+    PyArrayObject *position, *supernodes;
+    if (pma_take_array(PyTuple_GET_ITEM(R, 5), NPY_INT64, 1, &n, name, arrays, &position) < 0 ||
         pma_take_array(PyTuple_GET_ITEM(R, 6), NPY_INT64, 1, &any, name, arrays, &supernodes) < 0)
         return -1;
-    *out = (pma_path){.place = PyArray_DATA(place),
+    *out = (pma_path){.place = PyArray_DATA(position),
                       .supernodes = PyArray_DATA(supernodes),
                       .count = (size_t)PyArray_DIM(supernodes, 0)};
     return 0;
@@ -294,7 +293,7 @@ static int take_spring_set(PyObject *obj, PyObject *arrays, pma_spring_set *set)
     set->second = PyArray_DATA(array);
     if (law < 0 || law >= PMA_SPRING_LAWS ||
         (size_t)PyTuple_GET_SIZE(parameters) != pma_spring_parameters[law]) {
-        PyErr_SetString(PyExc_ValueError, "springs: no such law with so many parameters");
+        PyErr_SetString(PyExc_ValueError, "springs: law and number of parameters must agree");
         return -1;
     }
     set->law = (pma_spring_law)law;

@@ -6,7 +6,7 @@ typedef struct {
     pma_coupler *core;
     pma_ldl H_start, H;   /* factors of the interface matrix */
     PyObject *subdomains; /* tuple of SubdomainObject */
-    PyObject *arrays;     /* list: keeps alive what the core points into */
+    PyObject *arrays;     /* list: the arrays that the core points into */
     PyObject *motions;    /* list: the arrays of each prescribed motion */
     bool busy;
 } CouplerObject;
@@ -32,14 +32,14 @@ static int check_subdomains(PyTypeObject *type, PyObject *subdomains)
     return 0;
 }
 
-/* a tuple of (k,) arrays: the rows of each prescribed motion, without a load yet */
+/* a tuple of (k,) arrays: the rows of each prescribed motion, before its load is set */
 static int take_motions(PyObject *obj, PyObject *arrays, pma_motion *motions)
 {
     const npy_intp any = -1;
     PyArrayObject *rows;
     for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(obj); i++) {
-        if (pma_take_array(PyTuple_GET_ITEM(obj, i), NPY_INT64, 1, &any, "motions", arrays,
-                           &rows) < 0)
+        if (pma_take_array(PyTuple_GET_ITEM(obj, i), NPY_INT64, 1, &any, "motions", arrays, &rows) <
+            0)
             return -1;
         motions[i].rows = PyArray_DATA(rows);
         motions[i].load.n = (size_t)PyArray_DIM(rows, 0);
@@ -122,7 +122,7 @@ static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwarg
         check_subdomains(type, subdomains) < 0)
         return NULL;
     if (p < 0 || PyTuple_GET_SIZE(subdomains) == 0)
-        return PyErr_Format(PyExc_ValueError, "need p >= 0 and at least one subdomain");
+        return PyErr_Format(PyExc_ValueError, "p must be at least 0 and subdomains not empty");
     if (threads < 1)
         return PyErr_Format(PyExc_ValueError, "threads must be at least 1, got %zd", threads);
     CouplerObject *self = (CouplerObject *)type->tp_alloc(type, 0);
@@ -166,7 +166,7 @@ static void coupler_dealloc(CouplerObject *self)
 
 /* ---- a busy flag, not a lock -------------------------------------------------------------- */
 
-static int enter(CouplerObject *self)
+static int claim(CouplerObject *self)
 {
     const Py_ssize_t count = PyTuple_GET_SIZE(self->subdomains);
     bool busy = self->busy;
@@ -182,7 +182,7 @@ static int enter(CouplerObject *self)
     return 0;
 }
 
-static void leave(CouplerObject *self)
+static void release(CouplerObject *self)
 {
     self->busy = false;
     for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(self->subdomains); i++)
@@ -207,9 +207,9 @@ static int take_rows(PyObject *obj, npy_intp *rows, npy_intp columns, const char
     return 0;
 }
 
-/* an array of places below `most` */
-static int take_places(PyObject *obj, size_t most, const char *name, size_t *count,
-                       const int64_t **out)
+/* an array of positions in 0..size-1 */
+static int take_positions(PyObject *obj, size_t size, const char *name, size_t *count,
+                          const int64_t **out)
 {
     PyArrayObject *array;
     const npy_intp any = -1;
@@ -218,8 +218,8 @@ static int take_places(PyObject *obj, size_t most, const char *name, size_t *cou
     *count = (size_t)PyArray_DIM(array, 0);
     *out = PyArray_DATA(array);
     for (size_t i = 0; i < *count; i++) {
-        if ((*out)[i] < 0 || (size_t)(*out)[i] >= most) {
-            PyErr_Format(PyExc_ValueError, "%s: a place is out of range", name);
+        if ((*out)[i] < 0 || (size_t)(*out)[i] >= size) {
+            PyErr_Format(PyExc_ValueError, "%s: a position is out of range", name);
             return -1;
         }
     }
@@ -229,8 +229,8 @@ static int take_places(PyObject *obj, size_t most, const char *name, size_t *cou
 static int take_springs(PyObject *spring, PyObject *deformation, PyObject *force, npy_intp *rows,
                         pma_selection *selection)
 {
-    if (take_places(spring, selection->of_springs, "spring", &selection->springs,
-                    &selection->spring) < 0)
+    if (take_positions(spring, selection->of_springs, "spring", &selection->springs,
+                       &selection->spring) < 0)
         return -1;
     const npy_intp count = (npy_intp)selection->springs;
     if (take_rows(deformation, rows, count, "deformation", &selection->deformation) < 0)
@@ -238,8 +238,8 @@ static int take_springs(PyObject *spring, PyObject *deformation, PyObject *force
     return take_rows(force, rows, count, "force", &selection->force);
 }
 
-/* None, (position, u, v, w) or (position, u, v, w, spring, deformation, force); every row that the
- * stretch will write must be there */
+/* None, (position, u, v, w) or (position, u, v, w, spring, deformation, force), with all rows that
+ * the interval writes */
 static int take_selection(PyObject *obj, const pma_parts *parts, size_t last_row,
                           pma_selection *selection)
 {
@@ -249,11 +249,11 @@ static int take_selection(PyObject *obj, const pma_parts *parts, size_t last_row
     if (obj == Py_None)
         return 0;
     if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "nodes must be None or a tuple of arrays");
+        PyErr_SetString(PyExc_TypeError, "selections must be None or a tuple of arrays");
         return -1;
     }
     if (!PyArg_ParseTuple(obj, "OOOO|OOO", &position, &u, &v, &w, &spring, &deformation, &force) ||
-        take_places(position, parts->n, "position", &selection->count, &selection->position) < 0)
+        take_positions(position, parts->n, "position", &selection->count, &selection->position) < 0)
         return -1;
     const npy_intp count = (npy_intp)selection->count;
     if (take_rows(u, &rows, count, "u", &selection->u) < 0 ||
@@ -268,12 +268,13 @@ static int take_selection(PyObject *obj, const pma_parts *parts, size_t last_row
     return -1;
 }
 
-/* The last row a stretch up to macro step `end` writes of a grid of `nodes` nodes a macro step. */
-static size_t last_row(const pma_record *record, int64_t end, size_t nodes)
+/* The last row written by an interval up to macro step `end`, with `levels` time levels in a macro
+ * step. */
+static size_t last_row(const pma_record *record, int64_t end, size_t levels)
 {
     if (record->every == 0) {
         const size_t steps = (size_t)(end - record->begin);
-        return steps > SIZE_MAX / nodes ? SIZE_MAX : steps * nodes;
+        return steps > SIZE_MAX / levels ? SIZE_MAX : steps * levels;
     }
     return (size_t)(end / record->every - record->begin / record->every);
 }
@@ -287,14 +288,13 @@ static int take_interface(CouplerObject *self, PyObject *const *obj, int64_t end
         take_rows(obj[1], &rows, p, "velocity_jump", &record->velocity_jump) < 0 ||
         take_rows(obj[2], &macro_rows, p, "displacement_jump", &record->displacement_jump) < 0)
         return -1;
-    if ((size_t)rows > last_row(record, end, fine) &&
-        (size_t)macro_rows > last_row(record, end, 1))
+    if ((size_t)rows > last_row(record, end, fine) && (size_t)macro_rows > last_row(record, end, 1))
         return 0;
     PyErr_SetString(PyExc_ValueError, "the record has too few rows");
     return -1;
 }
 
-/* None or an array (rows, subdomains, PMA_ENERGIES), for subdomains that sum up their works */
+/* None or an array (rows, subdomains, PMA_ENERGIES), if all subdomains sum their works */
 static int take_energy(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record)
 {
     const npy_intp shape[3] = {-1, PyTuple_GET_SIZE(self->subdomains), PMA_ENERGIES};
@@ -310,26 +310,27 @@ static int take_energy(CouplerObject *self, PyObject *obj, int64_t end, pma_reco
     if (all && PyArray_ISWRITEABLE(array) &&
         (size_t)PyArray_DIM(array, 0) > last_row(record, end, 1))
         return 0;
-    PyErr_SetString(PyExc_ValueError, "energy must be writeable, with enough rows, and begun");
+    PyErr_SetString(PyExc_ValueError, "energy must be writeable and have enough rows, "
+                                      "after begin_energy of all subdomains");
     return -1;
 }
 
-/* (begin, every, (nodes, ...), multipliers, velocity_jump, displacement_jump, energy=None);
- * record->selections is the caller's to free */
+/* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None);
+ * the caller frees record->selections */
 static int take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record)
 {
     const Py_ssize_t count = PyTuple_GET_SIZE(self->subdomains);
     long long begin, every;
-    PyObject *nodes, *interface[3], *energy = Py_None;
+    PyObject *selections, *interface[3], *energy = Py_None;
     if (!PyTuple_Check(obj)) {
         PyErr_SetString(PyExc_TypeError, "a record must be a tuple");
         return -1;
     }
-    if (!PyArg_ParseTuple(obj, "LLO!OOO|O", &begin, &every, &PyTuple_Type, &nodes,
+    if (!PyArg_ParseTuple(obj, "LLO!OOO|O", &begin, &every, &PyTuple_Type, &selections,
                           &interface[0], &interface[1], &interface[2], &energy))
         return -1;
     if (begin < 0 || every < 0 || begin > pma_coupler_step_count(self->core) ||
-        PyTuple_GET_SIZE(nodes) != count) {
+        PyTuple_GET_SIZE(selections) != count) {
         PyErr_SetString(PyExc_ValueError, "the record does not fit the coupler");
         return -1;
     }
@@ -342,8 +343,8 @@ static int take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_reco
     }
     for (Py_ssize_t i = 0; i < count; i++) {
         const pma_parts *s = pma_subdomain_parts(subdomain_of(self, i)->core);
-        if (take_selection(PyTuple_GET_ITEM(nodes, i), s, last_row(record, end, s->substeps),
-                       &record->selections[i]) < 0)
+        if (take_selection(PyTuple_GET_ITEM(selections, i), s, last_row(record, end, s->substeps),
+                           &record->selections[i]) < 0)
             return -1;
     }
     if (take_energy(self, energy, end, record) < 0)
@@ -353,15 +354,14 @@ static int take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_reco
 
 /* ---- stepping ------------------------------------------------------------------------------- */
 
-/* The core asks whether to stop after this many matrix entries. */
+/* Matrix entries that the core reads between two checks for signals. */
 enum { POLL_ENTRIES = 20000 };
 
-/* does a table hold the loads of all own steps, `substeps` in a macro step? */
+/* true unless a table lacks the loads of some substeps, `substeps` in a macro step */
 static bool covers(const pma_load *load, int64_t begin, int64_t end, int64_t substeps)
 {
     return load->kind != PMA_LOAD_TABLE ||
-           (begin * substeps >= load->first &&
-            end * substeps <= load->first + (int64_t)load->rows);
+           (begin * substeps >= load->first && end * substeps <= load->first + (int64_t)load->rows);
 }
 
 static int check_tables(CouplerObject *self, int64_t steps)
@@ -382,9 +382,9 @@ static int check_tables(CouplerObject *self, int64_t steps)
     return all ? 0 : -1;
 }
 
-/* Is the exception that is set to be raised? Threads may have asked a callable in a step that one
- * thread would not have begun, since an earlier one or that of another subdomain had failed: what
- * it raised is dropped then, but never Ctrl-C. */
+/* True if the exception that is set is to be raised. Several threads may evaluate a callable in a
+ * step that one thread would not have begun, after the failure of an earlier step or of another
+ * subdomain; its exception is then cleared, except for KeyboardInterrupt. */
 static bool is_raised(CouplerObject *self, pma_status status, size_t failed)
 {
     if (status == PMA_NOT_FINITE || status == PMA_FORCE_FAILED)
@@ -392,12 +392,11 @@ static bool is_raised(CouplerObject *self, pma_status status, size_t failed)
     if (status != PMA_RESTORING_FAILED)
         return true;
     const pma_subdomain *s = subdomain_of(self, (Py_ssize_t)failed)->core;
-    return pma_subdomain_parts(s)->restoring.by_caller ||
-           !PyErr_ExceptionMatches(PyExc_Exception);
+    return pma_subdomain_parts(s)->restoring.by_caller || !PyErr_ExceptionMatches(PyExc_Exception);
 }
 
 /* The index of the subdomain that became unstable, or (index, code, "force" or "restoring force")
- * of the one whose function returned a code; NULL with the exception of any other status. */
+ * if its function returned a code; NULL with the exception of any other status. */
 static PyObject *failure(CouplerObject *self, pma_status status)
 {
     const size_t i = pma_coupler_failed(self->core);
@@ -416,7 +415,7 @@ static PyObject *failure(CouplerObject *self, pma_status status)
                          status == PMA_FORCE_FAILED ? "force" : "restoring force");
 }
 
-/* advance(steps, record, report=None): None, or what failed */
+/* advance(steps, record, report=None): None, or the result of failure() */
 static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
 {
     long long steps;
@@ -427,11 +426,13 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
         return NULL;
     const int64_t most = pma_coupler_most_steps(self->core);
     if (steps < 0 || steps > most - pma_coupler_step_count(self->core))
-        return PyErr_Format(PyExc_ValueError, "steps must not be negative nor beyond counting, "
-                            "got %lld", steps);
+        return PyErr_Format(PyExc_ValueError,
+                            "steps must not be negative nor overflow the "
+                            "step count, got %lld",
+                            steps);
     if (report != Py_None && !PyCallable_Check(report))
         return PyErr_Format(PyExc_TypeError, "report must be None or a callable, got %R", report);
-    if (enter(self) < 0)
+    if (claim(self) < 0)
         return NULL;
     if (check_tables(self, steps) < 0 ||
         (obj != Py_None &&
@@ -449,7 +450,7 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
     result = status == PMA_OK ? Py_NewRef(Py_None) : failure(self, status);
 done:
     PyMem_Free(record.selections);
-    leave(self);
+    release(self);
     return result;
 }
 
@@ -457,18 +458,18 @@ static PyObject *coupler_record_present(CouplerObject *self, PyObject *obj)
 {
     pma_record record = {0};
     PyObject *result = NULL;
-    if (enter(self) < 0)
+    if (claim(self) < 0)
         return NULL;
     if (take_record(self, obj, pma_coupler_step_count(self->core), &record) == 0) {
         pma_coupler_record_present(self->core, &record);
         result = Py_NewRef(Py_None);
     }
     PyMem_Free(record.selections);
-    leave(self);
+    release(self);
     return result;
 }
 
-/* start(step_count, lam, g): the subdomains have been started, or their nodes set, accordingly */
+/* start(step_count, lam, g): after start or set_levels of the subdomains */
 static PyObject *coupler_start(CouplerObject *self, PyObject *args)
 {
     long long step_count;
@@ -480,12 +481,14 @@ static PyObject *coupler_start(CouplerObject *self, PyObject *args)
         pma_take_doubles(g_obj, p, "g", NULL, &g) < 0)
         return NULL;
     if (step_count < 0 || step_count > pma_coupler_most_steps(self->core))
-        return PyErr_Format(PyExc_ValueError, "step_count must not be negative nor beyond "
-                            "counting, got %lld", step_count);
-    if (enter(self) < 0)
+        return PyErr_Format(PyExc_ValueError,
+                            "step_count must not be negative nor overflow, "
+                            "got %lld",
+                            step_count);
+    if (claim(self) < 0)
         return NULL;
     pma_coupler_start(self->core, step_count, lam, g);
-    leave(self);
+    release(self);
     Py_RETURN_NONE;
 }
 
@@ -498,40 +501,40 @@ static PyObject *coupler_set_motion(CouplerObject *self, PyObject *args)
     if (!PyArg_ParseTuple(args, "nO", &i, &obj))
         return NULL;
     if (i < 0 || (size_t)i >= parts->motion_count)
-        return PyErr_Format(PyExc_ValueError, "there is no motion %zd", i);
+        return PyErr_Format(PyExc_ValueError, "i must be the number of a motion, got %zd", i);
     pma_load load = {.kind = PMA_LOAD_NONE, .n = parts->motions[i].load.n};
     PyObject *arrays = pma_take_load(obj, &load);
     if (arrays && load.kind == PMA_LOAD_CALLED) {
         PyErr_SetString(PyExc_TypeError, "the velocity of a motion must not be compiled");
         Py_CLEAR(arrays);
     }
-    if (!arrays || enter(self) < 0) {
+    if (!arrays || claim(self) < 0) {
         Py_XDECREF(arrays);
         return NULL;
     }
     pma_coupler_set_motion(self->core, (size_t)i, load);
     PyList_SetItem(self->motions, i, arrays);
-    leave(self);
+    release(self);
     Py_RETURN_NONE;
 }
 
 static PyObject *coupler_get_step_count(CouplerObject *self, void *Py_UNUSED(closure))
 {
-    if (enter(self) < 0)
+    if (claim(self) < 0)
         return NULL;
     const int64_t count = pma_coupler_step_count(self->core);
-    leave(self);
+    release(self);
     return PyLong_FromLongLong(count);
 }
 
-/* a copy of a (p,) array of the present */
+/* a copy of a (p,) array of the present time level */
 static PyObject *copy_rows(CouplerObject *self, const double *(*get)(const pma_coupler *))
 {
-    if (enter(self) < 0)
+    if (claim(self) < 0)
         return NULL;
     const npy_intp p = (npy_intp)pma_coupler_get_parts(self->core)->p;
     PyObject *copy = pma_new_vector(p, get(self->core));
-    leave(self);
+    release(self);
     return copy;
 }
 
@@ -552,29 +555,29 @@ static PyObject *coupler_get_threads(CouplerObject *self, void *Py_UNUSED(closur
 
 static PyMethodDef coupler_methods[] = {
     {"start", (PyCFunction)coupler_start, METH_VARARGS,
-     "start(step_count, lam, g): stand at this macro step with these multipliers"},
+     "start(step_count, lam, g): sets the macro step, the multipliers and g"},
     {"set_motion", (PyCFunction)coupler_set_motion, METH_VARARGS,
      "set_motion(i, load): the velocity of a prescribed motion, in the forms of a load"},
     {"advance", (PyCFunction)coupler_advance, METH_VARARGS,
-     "advance(steps, record, report=None): None; the index of the subdomain that became unstable; "
-     "or (index, code, what) of the one whose function returned a code; report(step_count) is "
+     "advance(steps, record, report=None) -> None, the index of the subdomain that became "
+     "unstable, or (index, code, what) if its function returned a code; report(step_count) is "
      "called about every 50 ms"},
     {"record_present", (PyCFunction)coupler_record_present, METH_O,
-     "record_present(record): the present into row 0"},
+     "record_present(record): writes the present time level into row 0"},
     {NULL, NULL, 0, NULL},
 };
 
 static PyGetSetDef coupler_getset[] = {
     {"step_count", (getter)coupler_get_step_count, NULL, "macro steps done", NULL},
-    {"multipliers", (getter)coupler_get_multipliers, NULL, "of the present, a copy", NULL},
-    {"threads", (getter)coupler_get_threads, NULL, "that share the work", NULL},
-    {"prescribed", (getter)coupler_get_prescribed, NULL, "g of the present, a copy", NULL},
+    {"multipliers", (getter)coupler_get_multipliers, NULL, "at the present, a copy", NULL},
+    {"threads", (getter)coupler_get_threads, NULL, "number of threads", NULL},
+    {"prescribed", (getter)coupler_get_prescribed, NULL, "g at the present, a copy", NULL},
     {NULL, NULL, NULL, NULL, NULL},
 };
 
 static PyType_Slot coupler_slots[] = {
     {Py_tp_doc, "Coupler(subdomains, p, H_start, H, dt, rebased, motions, macro=False)\n\n"
-                "The schedule."},
+                "The subdomains, the interface problem and the schedule."},
     {Py_tp_new, coupler_new},
     {Py_tp_traverse, coupler_traverse},
     {Py_tp_dealloc, coupler_dealloc},

@@ -27,8 +27,7 @@ static int take_pattern(PyObject *ptr_obj, PyObject *index_obj, pattern *out)
     if (pma_take_array(index_obj, NPY_INT32, 1, &entries, "index", NULL, &index) < 0)
         return -1;
     *out = (pattern){(size_t)n, starts, PyArray_DATA(index)};
-    const pma_matrix A = {
-        .form = PMA_SPARSE, .n = out->n, .ptr = out->ptr, .index = out->index};
+    const pma_matrix A = {.form = PMA_SPARSE, .n = out->n, .ptr = out->ptr, .index = out->index};
     if (pma_matrix_check(&A) == PMA_OK)
         return 0;
     pma_raise(PMA_BAD_INDEX, "pattern");
@@ -68,8 +67,8 @@ static PyObject *count_factor(PyObject *Py_UNUSED(module), PyObject *args)
         return PyErr_NoMemory();
     array = new_integers(A.n, &count);
     if (array) {
-        Py_BEGIN_ALLOW_THREADS
-        pma_symbolic_count(A.n, A.ptr, A.index, scratch, scratch + A.n, count);
+        Py_BEGIN_ALLOW_THREADS pma_symbolic_count(A.n, A.ptr, A.index, scratch, scratch + A.n,
+                                                  count);
         Py_END_ALLOW_THREADS
     }
     PyMem_Free(scratch);
@@ -90,8 +89,7 @@ static PyObject *postorder(PyObject *Py_UNUSED(module), PyObject *args)
     array = new_integers(A.n, &order);
     if (array) {
         int64_t *parent = scratch, *count = scratch + A.n, *rest = scratch + 2 * A.n;
-        Py_BEGIN_ALLOW_THREADS
-        pma_symbolic_count(A.n, A.ptr, A.index, parent, rest, count);
+        Py_BEGIN_ALLOW_THREADS pma_symbolic_count(A.n, A.ptr, A.index, parent, rest, count);
         pma_symbolic_postorder(A.n, (size_t)nb, parent, count, rest, order);
         Py_END_ALLOW_THREADS
     }
@@ -118,15 +116,11 @@ static PyObject *new_structure(const pattern *A, size_t s, const int64_t *column
     if (arrays[2]) {
         int32_t *rows = PyArray_DATA((PyArrayObject *)arrays[2]);
         pma_status status;
-        Py_BEGIN_ALLOW_THREADS
-        status = pma_symbolic_rows(A->n, A->ptr, A->index, s, first, row_ptr, owner, scratch,
-                                   scratch + A->n, scratch + 2 * A->n, rows);
-        Py_END_ALLOW_THREADS
-        if (status != PMA_OK)
-            pma_raise(status, "supernodes");
-        else
-            structure =
-                PyTuple_Pack(5, arrays[0], arrays[1], arrays[2], arrays[3], arrays[4]);
+        Py_BEGIN_ALLOW_THREADS status =
+            pma_symbolic_rows(A->n, A->ptr, A->index, s, first, row_ptr, owner, scratch,
+                              scratch + A->n, scratch + 2 * A->n, rows);
+        Py_END_ALLOW_THREADS if (status != PMA_OK) pma_raise(status, "supernodes");
+        else structure = PyTuple_Pack(5, arrays[0], arrays[1], arrays[2], arrays[3], arrays[4]);
     }
     for (size_t k = 0; k < 5; k++)
         Py_XDECREF(arrays[k]);
@@ -145,19 +139,17 @@ static PyObject *supernodes(PyObject *Py_UNUSED(module), PyObject *args)
     int64_t *parent = scratch, *count = scratch + A.n, *first = scratch + 2 * A.n;
     int64_t *rest = scratch + 3 * A.n + 1;
     size_t s;
-    Py_BEGIN_ALLOW_THREADS
-    pma_symbolic_count(A.n, A.ptr, A.index, parent, rest, count);
+    Py_BEGIN_ALLOW_THREADS pma_symbolic_count(A.n, A.ptr, A.index, parent, rest, count);
     s = pma_symbolic_supernodes(A.n, (size_t)nb, parent, count, rest, first);
-    Py_END_ALLOW_THREADS
-    PyObject *structure = new_structure(&A, s, first, count, rest);
+    Py_END_ALLOW_THREADS PyObject *structure = new_structure(&A, s, first, count, rest);
     PyMem_Free(scratch);
     return structure;
 }
 
 /* ---- numbers --------------------------------------------------------------------------------- */
 
-/* The routine in a capsule whose name is a signature with this many arguments and 32-bit integers,
- * as SciPy's Cython interface writes it. */
+/* The routine in a capsule whose name is a signature, as written by SciPy's Cython interface, with
+ * this number of arguments and 32-bit integers. */
 static void *pointer_of(PyObject *capsule, size_t arguments)
 {
     const char *name = PyCapsule_CheckExact(capsule) ? PyCapsule_GetName(capsule) : NULL;
@@ -171,7 +163,7 @@ static void *pointer_of(PyObject *capsule, size_t arguments)
     return NULL;
 }
 
-/* A function pointer behind a void pointer, as POSIX allows and C11 does not say. */
+/* A function pointer from a void pointer, which POSIX defines and C11 does not. */
 static int take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *blas)
 {
     void *pointers[2] = {pointer_of(dgemm, 13), NULL};
@@ -184,7 +176,7 @@ static int take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *blas)
     return 0;
 }
 
-/* Runs the numeric part with its scratch; PMA_NO_MEMORY when there is none. */
+/* The numeric factorization with its scratch; PMA_NO_MEMORY if that cannot be allocated. */
 static pma_status run_factor(pma_panels *p, const pma_panels_input *A, const int64_t *owner,
                              const pma_blas *blas, double *inverse, size_t *column)
 {
@@ -211,7 +203,7 @@ static int take_problem(PyObject *matrix, PyObject *structure, PyObject *values,
     pattern of;
     if (!PyTuple_Check(matrix) || PyTuple_GET_SIZE(matrix) != 3 || !PyTuple_Check(structure) ||
         PyTuple_GET_SIZE(structure) != 5) {
-        PyErr_SetString(PyExc_TypeError, "factor_panels takes a matrix and its structure");
+        PyErr_SetString(PyExc_TypeError, "matrix and structure must be tuples of 3 and 5 arrays");
         return -1;
     }
     if (take_pattern(PyTuple_GET_ITEM(matrix, 0), PyTuple_GET_ITEM(matrix, 1), &of) < 0)
@@ -222,13 +214,13 @@ static int take_problem(PyObject *matrix, PyObject *structure, PyObject *values,
     const npy_intp n = (npy_intp)of.n;
     if (pma_take_doubles(PyTuple_GET_ITEM(matrix, 2), (npy_intp)of.ptr[of.n], "values", arrays,
                          &A->values) < 0 ||
-        pma_take_array(PyTuple_GET_ITEM(structure, 4), NPY_INT64, 1, &n, "owner", arrays,
-                       &owners) < 0)
+        pma_take_array(PyTuple_GET_ITEM(structure, 4), NPY_INT64, 1, &n, "owner", arrays, &owners) <
+            0)
         return -1;
     *owner = PyArray_DATA(owners);
-    PyObject *panels = PyTuple_Pack(5, PyTuple_GET_ITEM(structure, 0),
-                                    PyTuple_GET_ITEM(structure, 1), PyTuple_GET_ITEM(structure, 2),
-                                    PyTuple_GET_ITEM(structure, 3), values);
+    PyObject *panels =
+        PyTuple_Pack(5, PyTuple_GET_ITEM(structure, 0), PyTuple_GET_ITEM(structure, 1),
+                     PyTuple_GET_ITEM(structure, 2), PyTuple_GET_ITEM(structure, 3), values);
     const int failed = panels ? pma_take_panels(panels, "structure", arrays, p) : -1;
     Py_XDECREF(panels);
     if (failed)
@@ -268,8 +260,8 @@ static PyObject *factor_panels(PyObject *Py_UNUSED(module), PyObject *args)
         PyErr_SetString(PyExc_ValueError, "values and inverse must be writeable");
         goto done;
     }
-    const pma_status status = run_factor(&p, &A, owner, &blas,
-                                         PyArray_DATA((PyArrayObject *)inverse_obj), &column);
+    const pma_status status =
+        run_factor(&p, &A, owner, &blas, PyArray_DATA((PyArrayObject *)inverse_obj), &column);
     if (status == PMA_OK)
         result = Py_NewRef(Py_None);
     else if (status == PMA_NOT_DEFINITE)
@@ -285,7 +277,7 @@ PyMethodDef pma_factor_functions[] = {
     {"count_factor", count_factor, METH_VARARGS,
      "count_factor(ptr, index) -> entries of the factor below the diagonal, column by column"},
     {"postorder", postorder, METH_VARARGS,
-     "postorder(ptr, index, nb) -> order in which subtrees are contiguous, the last nb in place"},
+     "postorder(ptr, index, nb) -> order in which subtrees are contiguous; the last nb stay last"},
     {"supernodes", supernodes, METH_VARARGS,
      "supernodes(ptr, index, nb) -> (first, row_ptr, rows, start, owner)"},
     {"factor_panels", factor_panels, METH_VARARGS,

@@ -55,7 +55,7 @@ static PyObject *strips(PyObject *Py_UNUSED(module), PyObject *obj)
 {
     pma_matrix A;
     if (!PyTuple_Check(obj) || PyTuple_GET_SIZE(obj) != 3) {
-        PyErr_SetString(PyExc_TypeError, "strips are made of a tuple (ptr, index, values)");
+        PyErr_SetString(PyExc_TypeError, "matrix must be a tuple (ptr, index, values)");
         return NULL;
     }
     PyObject *ptr = PyTuple_GET_ITEM(obj, 0);
@@ -82,7 +82,7 @@ static PyObject *strips(PyObject *Py_UNUSED(module), PyObject *obj)
 
 PyMethodDef pma_strip_functions[] = {
     {"strips", strips, METH_O,
-     "strips((ptr, index, values)) -> (first, ptr, index, start, values): rows that read the same "
-     "columns side by side"},
+     "strips((ptr, index, values)) -> (first, ptr, index, start, values): adjacent rows with the "
+     "same columns stored together"},
     {NULL, NULL, 0, NULL},
 };

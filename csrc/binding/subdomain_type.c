@@ -4,8 +4,8 @@
 /* ---- making ----------------------------------------------------------------------------- */
 
 /* (h, inverse, R) */
-static int take_operator(PyObject *obj, pma_scheme scheme, const pma_parts *parts,
-                         const char *name, PyObject *arrays, pma_operator *out)
+static int take_operator(PyObject *obj, pma_scheme scheme, const pma_parts *parts, const char *name,
+                         PyObject *arrays, pma_operator *out)
 {
     double h;
     PyObject *inverse, *R;
@@ -56,18 +56,18 @@ static int take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out)
 static int take_parts(PyObject *args, PyObject *kwargs, PyObject *arrays, pma_spring_set **sets,
                       pma_parts *parts)
 {
-    static char *names[] = {"n",      "nb",        "substeps", "K",      "C",       "scheme",
-                            "single", "twice",     "link",     "restoring", "D_r",  "lagged",
-                            "ramped", "K_r",       "springs",  NULL};
+    static char *names[] = {"n",        "nb",    "substeps", "K",         "C",   "scheme",
+                            "single",   "twice", "link",     "restoring", "D_r", "lagged",
+                            "responds", "K_r",   "springs",  NULL};
     Py_ssize_t n, nb, substeps;
     PyObject *K, *C, *single, *twice, *link;
     PyObject *restoring = Py_None, *D_r = Py_None, *K_r = Py_None, *springs = NULL;
     pma_scheme scheme;
-    int lagged = 0, ramped = 0;
+    int lagged = 0, responds = 0;
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "nnnOO(dddd)OOO|OOppOO!", names, &n, &nb,
                                      &substeps, &K, &C, &scheme.am, &scheme.af, &scheme.beta,
                                      &scheme.gamma, &single, &twice, &link, &restoring, &D_r,
-                                     &lagged, &ramped, &K_r, &PyTuple_Type, &springs))
+                                     &lagged, &responds, &K_r, &PyTuple_Type, &springs))
         return -1;
     if (n < 1 || nb < 0 || nb > n || substeps < 1) {
         PyErr_SetString(PyExc_ValueError, "need 1 <= n, 0 <= nb <= n and 1 <= substeps");
@@ -76,7 +76,7 @@ static int take_parts(PyObject *args, PyObject *kwargs, PyObject *arrays, pma_sp
     *parts = (pma_parts){.n = (size_t)n, .nb = (size_t)nb, .substeps = (size_t)substeps};
     parts->doubled = twice != Py_None;
     parts->lagged = lagged;
-    parts->responds = ramped;
+    parts->responds = responds;
     if (pma_take_restoring(restoring, n, arrays, &parts->restoring) < 0 ||
         pma_take_matrix(D_r, n, "D_r", arrays, &parts->D_r) < 0 ||
         pma_take_matrix(K_r, n, "K_r", arrays, &parts->K_r) < 0 ||
@@ -135,7 +135,7 @@ static void subdomain_dealloc(SubdomainObject *self)
     Py_DECREF(type);
 }
 
-/* Checked after the last thing that can run Python code, a finalizer during an allocation too. */
+/* Called after the last statement that can run Python code, such as a finalizer. */
 static bool is_busy(SubdomainObject *self)
 {
     if (self->busy)
@@ -143,7 +143,7 @@ static bool is_busy(SubdomainObject *self)
     return self->busy;
 }
 
-static bool enter(SubdomainObject *self)
+static bool claim(SubdomainObject *self)
 {
     if (is_busy(self))
         return false;
@@ -151,7 +151,7 @@ static bool enter(SubdomainObject *self)
     return true;
 }
 
-static void leave(SubdomainObject *self)
+static void release(SubdomainObject *self)
 {
     self->busy = false;
 }
@@ -183,8 +183,7 @@ static int begin_energy(SubdomainObject *self, PyObject *args, PyObject *arrays)
     if (!PyArg_ParseTuple(args, "OOO", &M_obj, &load_obj, &lam_obj) ||
         pma_take_matrix(M_obj, n, "M", arrays, &M) < 0 ||
         pma_take_doubles(load_obj, n, "load", NULL, &load) < 0 ||
-        pma_take_doubles(lam_obj, (npy_intp)parts->link.p, "lam", NULL, &lam) < 0 ||
-        is_busy(self))
+        pma_take_doubles(lam_obj, (npy_intp)parts->link.p, "lam", NULL, &lam) < 0 || is_busy(self))
         return -1;
     const pma_status status = pma_subdomain_begin_energy(self->core, M, load, lam);
     if (status == PMA_OK)
@@ -227,8 +226,7 @@ static PyObject *subdomain_start(SubdomainObject *self, PyObject *args)
         pma_take_doubles(objs[0], n, "u", NULL, &u) < 0 ||
         pma_take_doubles(objs[1], n, "v", NULL, &v) < 0 ||
         pma_take_doubles(objs[2], n, "w", NULL, &w) < 0 ||
-        pma_take_doubles(objs[3], (npy_intp)parts->link.p, "lam", NULL, &lam) < 0 ||
-        is_busy(self))
+        pma_take_doubles(objs[3], (npy_intp)parts->link.p, "lam", NULL, &lam) < 0 || is_busy(self))
         return NULL;
     pma_subdomain_start(self->core, u, v, w, lam);
     Py_RETURN_NONE;
@@ -269,8 +267,8 @@ static PyObject *subdomain_state(SubdomainObject *self, PyObject *Py_UNUSED(igno
     return tuple;
 }
 
-/* What a function of the user's returned, or its code; an exception that it left stays. Takes over
- * the array. */
+/* The array that a function of the user filled, or the code that it returned; NULL with the
+ * exception that it raised. Steals the reference to the array. */
 static PyObject *result_of(SubdomainObject *self, pma_status status, PyObject *array)
 {
     if (status == PMA_OK)
@@ -289,15 +287,14 @@ static PyObject *subdomain_force(SubdomainObject *self, PyObject *args)
     if (!PyArg_ParseTuple(args, "d", &t))
         return NULL;
     if (pma_subdomain_load(self->core)->kind == PMA_LOAD_TABLE)
-        return PyErr_Format(PyExc_ValueError, "a table of loads knows no time");
+        return PyErr_Format(PyExc_ValueError, "load must not be a table, got one");
     PyObject *F = PyArray_SimpleNew(1, &n, NPY_DOUBLE);
-    if (!F || !enter(self)) {
+    if (!F || !claim(self)) {
         Py_XDECREF(F);
         return NULL;
     }
-    const pma_status status =
-        pma_subdomain_force(self->core, t, PyArray_DATA((PyArrayObject *)F));
-    leave(self);
+    const pma_status status = pma_subdomain_force(self->core, t, PyArray_DATA((PyArrayObject *)F));
+    release(self);
     return result_of(self, status, F);
 }
 
@@ -313,44 +310,44 @@ static PyObject *subdomain_restore(SubdomainObject *self, PyObject *args)
         pma_take_doubles(v_obj, n, "v", NULL, &v) < 0)
         return NULL;
     PyObject *r = PyArray_SimpleNew(1, &n, NPY_DOUBLE);
-    if (!r || !enter(self)) {
+    if (!r || !claim(self)) {
         Py_XDECREF(r);
         return NULL;
     }
     const pma_status status =
         pma_subdomain_restore(self->core, t, u, v, PyArray_DATA((PyArrayObject *)r));
-    leave(self);
+    release(self);
     return result_of(self, status, r);
 }
 
-/* ---- the whole state: (u, v, w, a, vf, springs), and the same of the own node before ---- */
+/* ---- the whole state: (u, v, w, a, vf, springs), and those of the previous time level ---- */
 
-enum { NODE_FIELDS = 6 };
+enum { LEVEL_FIELDS = 6 };
 
-static void list_fields(const pma_kept_levels *levels, double *fields[2 * NODE_FIELDS])
+static void list_fields(const pma_kept_levels *levels, double *fields[2 * LEVEL_FIELDS])
 {
     const pma_state *x[2] = {&levels->present, &levels->previous};
     double *const vf[2] = {levels->vf, levels->vf_previous};
     for (size_t k = 0; k < 2; k++) {
-        double *const own[NODE_FIELDS] = {x[k]->u, x[k]->v, x[k]->w,
+        double *const own[LEVEL_FIELDS] = {x[k]->u, x[k]->v, x[k]->w,
                                            x[k]->a, vf[k],   x[k]->springs};
-        memcpy(fields + k * NODE_FIELDS, own, sizeof own);
+        memcpy(fields + k * LEVEL_FIELDS, own, sizeof own);
     }
 }
 
 static npy_intp field_size(const pma_parts *parts, Py_ssize_t field)
 {
     const size_t n = parts->n, remembered = PMA_SPRING_FIELDS * parts->springs.total;
-    const size_t sizes[NODE_FIELDS] = {n, n, n, n, parts->nb, remembered};
-    return (npy_intp)sizes[field % NODE_FIELDS];
+    const size_t sizes[LEVEL_FIELDS] = {n, n, n, n, parts->nb, remembered};
+    return (npy_intp)sizes[field % LEVEL_FIELDS];
 }
 
-static PyObject *subdomain_nodes(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
+static PyObject *subdomain_levels(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
 {
     const pma_parts *parts = pma_subdomain_parts(self->core);
-    const Py_ssize_t count = parts->doubled ? 2 * NODE_FIELDS : NODE_FIELDS;
-    double *fields[2 * NODE_FIELDS];
-    npy_intp sizes[2 * NODE_FIELDS];
+    const Py_ssize_t count = parts->doubled ? 2 * LEVEL_FIELDS : LEVEL_FIELDS;
+    double *fields[2 * LEVEL_FIELDS];
+    npy_intp sizes[2 * LEVEL_FIELDS];
     for (Py_ssize_t i = 0; i < count; i++)
         sizes[i] = field_size(parts, i);
     PyObject *tuple = new_tuple(count, sizes);
@@ -365,7 +362,7 @@ static PyObject *subdomain_nodes(SubdomainObject *self, PyObject *Py_UNUSED(igno
     return tuple;
 }
 
-/* springs(): deformation, force and inner variable of all springs at the present */
+/* springs(): deformation, force and inner variable of all springs at the present time level */
 static PyObject *subdomain_springs(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
 {
     const size_t total = pma_subdomain_parts(self->core)->springs.total;
@@ -381,16 +378,16 @@ static PyObject *subdomain_springs(SubdomainObject *self, PyObject *Py_UNUSED(ig
     return out;
 }
 
-static PyObject *subdomain_set_nodes(SubdomainObject *self, PyObject *tuple)
+static PyObject *subdomain_set_levels(SubdomainObject *self, PyObject *tuple)
 {
     const pma_parts *parts = pma_subdomain_parts(self->core);
-    const Py_ssize_t count = parts->doubled ? 2 * NODE_FIELDS : NODE_FIELDS;
-    double *fields[2 * NODE_FIELDS];
-    const double *values[2 * NODE_FIELDS];
+    const Py_ssize_t count = parts->doubled ? 2 * LEVEL_FIELDS : LEVEL_FIELDS;
+    double *fields[2 * LEVEL_FIELDS];
+    const double *values[2 * LEVEL_FIELDS];
     if (!PyTuple_Check(tuple) || PyTuple_GET_SIZE(tuple) != count)
-        return PyErr_Format(PyExc_ValueError, "nodes must be a tuple of %zd arrays", count);
+        return PyErr_Format(PyExc_ValueError, "levels must be a tuple of %zd arrays", count);
     for (Py_ssize_t i = 0; i < count; i++) {
-        if (pma_take_doubles(PyTuple_GET_ITEM(tuple, i), field_size(parts, i), "nodes", NULL,
+        if (pma_take_doubles(PyTuple_GET_ITEM(tuple, i), field_size(parts, i), "levels", NULL,
                              &values[i]) < 0)
             return NULL;
     }
@@ -450,12 +447,12 @@ static PyObject *subdomain_compliance(SubdomainObject *self, PyObject *args)
     if (!scratch)
         return PyErr_NoMemory();
     out = PyArray_SimpleNew(2, shape, NPY_DOUBLE);
-    if (out && enter(self)) {
+    if (out && claim(self)) {
         pma_gil_release();
         fill_compliance(self->core, twice, PyArray_DATA(rows), shape[0], scratch,
                         scratch + parts->link.p, PyArray_DATA((PyArrayObject *)out));
         pma_gil_acquire();
-        leave(self);
+        release(self);
     } else {
         Py_CLEAR(out);
     }
@@ -463,25 +460,25 @@ static PyObject *subdomain_compliance(SubdomainObject *self, PyObject *args)
     return out;
 }
 
-/* ---- responses to ramps (M3) -------------------------------------------------------------- */
+/* ---- unit responses (M3) ------------------------------------------------------------------ */
 
-/* What a block of columns of H needs and where it goes. */
+/* Inputs and outputs of a block of columns of H. */
 typedef struct {
-    const int64_t *rows;       /* k */
-    npy_intp k, begin, count;  /* columns begin..begin+count-1 of k */
-    double *lam;               /* p: zero */
-    double *sums;              /* 2 p: scratch */
-    double *end, *mean;        /* count x k by rows */
-    double *states;            /* count x 4 x n by rows, or NULL */
-} ramp_block;
+    const int64_t *rows;      /* k */
+    npy_intp k, begin, count; /* columns begin..begin+count-1 of k */
+    double *lam;              /* p: zero */
+    double *sums;             /* 2 p: scratch */
+    double *end, *mean;       /* count x k by rows */
+    double *states;           /* count x 4 x n by rows, or NULL */
+} response_block;
 
-static void copy_rows(const ramp_block *b, const double *sum, double *out)
+static void copy_rows(const response_block *b, const double *sum, double *out)
 {
     for (npy_intp r = 0; r < b->k; r++)
         out[r] = sum[b->rows[r]];
 }
 
-static pma_status fill_ramps(pma_subdomain *s, const ramp_block *b)
+static pma_status fill_responses(pma_subdomain *s, const response_block *b)
 {
     const size_t p = pma_subdomain_parts(s)->link.p, size = 4 * pma_subdomain_parts(s)->n;
     pma_response *response = pma_subdomain_response(s);
@@ -502,7 +499,7 @@ static pma_status fill_ramps(pma_subdomain *s, const ramp_block *b)
     return PMA_OK;
 }
 
-/* An array that is written. */
+/* A writeable array. */
 static int take_output(PyObject *obj, int ndim, const npy_intp *shape, const char *name,
                        PyArrayObject **out)
 {
@@ -514,7 +511,7 @@ static int take_output(PyObject *obj, int ndim, const npy_intp *shape, const cha
     return -1;
 }
 
-static int take_ramps(SubdomainObject *self, PyObject *args, ramp_block *b)
+static int take_responses(SubdomainObject *self, PyObject *args, response_block *b)
 {
     PyObject *rows, *end, *mean, *states;
     PyArrayObject *array;
@@ -524,7 +521,7 @@ static int take_ramps(SubdomainObject *self, PyObject *args, ramp_block *b)
     if (!PyArg_ParseTuple(args, "OnOOO", &rows, &begin, &end, &mean, &states) ||
         pma_take_array(rows, NPY_INT64, 1, &any, "rows", NULL, &array) < 0)
         return -1;
-    *b = (ramp_block){.rows = PyArray_DATA(array), .k = PyArray_DIM(array, 0), .begin = begin};
+    *b = (response_block){.rows = PyArray_DATA(array), .k = PyArray_DIM(array, 0), .begin = begin};
     if (check_rows(b->rows, b->k, parts->link.p) < 0)
         return -1;
     npy_intp shape[3] = {-1, b->k, 0};
@@ -536,7 +533,7 @@ static int take_ramps(SubdomainObject *self, PyObject *args, ramp_block *b)
         return -1;
     b->mean = PyArray_DATA(array);
     if (!parts->responds || begin < 0 || b->count > b->k - begin) {
-        PyErr_SetString(PyExc_ValueError, "no such columns of a ramped subdomain");
+        PyErr_SetString(PyExc_ValueError, "begin: no such columns of the link response");
         return -1;
     }
     if (states == Py_None)
@@ -549,30 +546,30 @@ static int take_ramps(SubdomainObject *self, PyObject *args, ramp_block *b)
     return 0;
 }
 
-static PyObject *subdomain_ramp(SubdomainObject *self, PyObject *args)
+static PyObject *subdomain_unit_responses(SubdomainObject *self, PyObject *args)
 {
-    ramp_block b;
+    response_block b;
     const size_t p = pma_subdomain_parts(self->core)->link.p;
-    if (take_ramps(self, args, &b) < 0)
+    if (take_responses(self, args, &b) < 0)
         return NULL;
     b.lam = PyMem_Calloc(3 * p + 1, sizeof(double));
     if (!b.lam)
         return PyErr_NoMemory();
     b.sums = b.lam + p;
-    if (!enter(self)) {
+    if (!claim(self)) {
         PyMem_Free(b.lam);
         return NULL;
     }
     pma_gil_release();
-    const pma_status status = fill_ramps(self->core, &b);
+    const pma_status status = fill_responses(self->core, &b);
     pma_gil_acquire();
-    leave(self);
+    release(self);
     PyMem_Free(b.lam);
     return PyBool_FromLong(status == PMA_OK);
 }
 
-/* set_response(rows, states): what ramp wrote for all of these conditions */
-static PyObject *subdomain_set_response(SubdomainObject *self, PyObject *args)
+/* store_responses(rows, states): the states written by unit_responses for all of these rows */
+static PyObject *subdomain_store_responses(SubdomainObject *self, PyObject *args)
 {
     PyObject *rows_obj, *states_obj;
     PyArrayObject *rows, *states;
@@ -623,28 +620,29 @@ static PyMethodDef subdomain_methods[] = {
      "force(t) -> F(t) of a load that is no table, or the code that the function returned"},
     {"restore", (PyCFunction)subdomain_restore, METH_VARARGS,
      "restore(t, u, v) -> r(u, v, t), or the code that the function returned"},
-    {"nodes", (PyCFunction)subdomain_nodes, METH_NOARGS,
-     "nodes() -> (u, v, w, a, vf, springs), and the same of the own node before if double; copies"},
+    {"levels", (PyCFunction)subdomain_levels, METH_NOARGS,
+     "levels() -> (u, v, w, a, vf, springs) of the present time level, and of the previous one if "
+     "double; copies"},
     {"springs", (PyCFunction)subdomain_springs, METH_NOARGS,
-     "springs() -> (3, springs) array: deformation, force and inner variable now, a copy"},
-    {"set_nodes", (PyCFunction)subdomain_set_nodes, METH_O, "set_nodes(nodes): the inverse"},
+     "springs() -> (3, springs) array: present deformation, force and inner variable, a copy"},
+    {"set_levels", (PyCFunction)subdomain_set_levels, METH_O, "set_levels(levels): the inverse"},
     {"begin_energy", (PyCFunction)subdomain_begin_energy, METH_VARARGS,
-     "begin_energy(M, load, lam): works are summed up from the present on"},
-    {"end_energy", (PyCFunction)subdomain_end_energy, METH_NOARGS, "end_energy(): and no more"},
+     "begin_energy(M, load, lam): sums works from the present time level on"},
+    {"end_energy", (PyCFunction)subdomain_end_energy, METH_NOARGS, "end_energy(): stops the sums"},
     {"compliance", (PyCFunction)subdomain_compliance, METH_VARARGS,
-     "compliance(twice, rows) -> block of H on these conditions"},
-    {"ramp", (PyCFunction)subdomain_ramp, METH_VARARGS,
-     "ramp(rows, begin, end, mean, states): columns of H under macro coupling into end, (m, k); "
-     "False when a value is not finite"},
-    {"set_response", (PyCFunction)subdomain_set_response, METH_VARARGS,
-     "set_response(rows, states): what ramp wrote for all of these conditions"},
+     "compliance(twice, rows) -> block of H on these constraints"},
+    {"unit_responses", (PyCFunction)subdomain_unit_responses, METH_VARARGS,
+     "unit_responses(rows, begin, end, mean, states): writes columns begin, ... of H under macro "
+     "coupling into end, (m, k); False when a value is not finite"},
+    {"store_responses", (PyCFunction)subdomain_store_responses, METH_VARARGS,
+     "store_responses(rows, states): the states written by unit_responses for all of these rows"},
     {NULL, NULL, 0, NULL},
 };
 
 static PyType_Slot subdomain_slots[] = {
     {Py_tp_doc, "Subdomain(n, nb, substeps, K, C, scheme, single, twice, link, restoring=None, "
-                "D_r=None, lagged=False, ramped=False, K_r=None, springs=())\n\n"
-                "One subdomain as the core steps it, in elimination order."},
+                "D_r=None, lagged=False, responds=False, K_r=None, springs=())\n\n"
+                "A subdomain of the core, in elimination order."},
     {Py_tp_new, subdomain_new},
     {Py_tp_traverse, subdomain_traverse},
     {Py_tp_dealloc, subdomain_dealloc},

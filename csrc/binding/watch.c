@@ -1,4 +1,4 @@
-/* Work without the GIL, and now and then a look at signals and a report meanwhile. */
+/* Work without the GIL, interrupted every 50 ms to check signals and to report progress. */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
@@ -13,7 +13,7 @@ long long pma_watch_milliseconds(void)
     return (long long)now.tv_sec * 1000 + now.tv_nsec / 1000000;
 }
 
-/* ---- the GIL ---------------------------------------------------------------------------------- */
+/* ---- the GIL ------------------------------------------------------------------------------ */
 
 /* The thread state of this thread while it is in the core without the GIL, else NULL. */
 static _Thread_local PyThreadState *released;
@@ -26,7 +26,7 @@ void pma_gil_release(void)
 void pma_gil_acquire(void)
 {
     PyThreadState *thread = released;
-    released = NULL; /* what runs meanwhile may enter the core again */
+    released = NULL; /* Python code that runs now may call the core again */
     PyEval_RestoreThread(thread);
 }
 
@@ -41,7 +41,7 @@ int pma_gil_call(int (*call)(void *ctx), void *ctx)
     return result;
 }
 
-/* ---- signals and reports ------------------------------------------------------------------------ */
+/* ---- signals and reports ------------------------------------------------------------------ */
 
 static bool report_fails(const pma_watch *watch)
 {
@@ -53,7 +53,7 @@ static bool report_fails(const pma_watch *watch)
     return !result;
 }
 
-static int look(void *ctx)
+static int check_signals(void *ctx)
 {
     return PyErr_CheckSignals() < 0 || report_fails(ctx);
 }
@@ -64,7 +64,7 @@ bool pma_watch_signals(void *ctx)
     const long long now = pma_watch_milliseconds();
     if (now - watch->last < WATCH_MILLISECONDS)
         return false;
-    const int raised = pma_gil_call(look, watch);
+    const int raised = pma_gil_call(check_signals, watch);
     watch->last = pma_watch_milliseconds();
     return raised != 0;
 }

@@ -5,18 +5,18 @@
 #ifndef PMA_STATUS_H
 #define PMA_STATUS_H
 
-#define PMA_STATUS_LIST(X)                                                  \
-    X(PMA_OK, "no error")                                                   \
-    X(PMA_NO_MEMORY, "out of memory")                                       \
-    X(PMA_BAD_SIZE, "sizes do not agree")                                   \
-    X(PMA_BAD_INDEX, "an index is out of range or not in order")            \
-    X(PMA_BAD_STEP, "the lengths of steps do not agree")                   \
-    X(PMA_NOT_DEFINITE, "a pivot is not positive")                          \
-    X(PMA_NOT_READY, "the coupler has no initial state yet")                \
-    X(PMA_NOT_FINITE, "a value is not finite")                              \
-    X(PMA_FORCE_FAILED, "a force did not return 0")                         \
-    X(PMA_RESTORING_FAILED, "a restoring force did not return 0")           \
-    X(PMA_STOPPED, "stopped by the caller")                                 \
+#define PMA_STATUS_LIST(X)                                        \
+    X(PMA_OK, "no error")                                         \
+    X(PMA_NO_MEMORY, "out of memory")                             \
+    X(PMA_BAD_SIZE, "sizes do not agree")                         \
+    X(PMA_BAD_INDEX, "an index is out of range or not in order")  \
+    X(PMA_BAD_STEP, "the lengths of steps do not agree")          \
+    X(PMA_NOT_DEFINITE, "a pivot is not positive")                \
+    X(PMA_NOT_READY, "the coupler has no initial state yet")      \
+    X(PMA_NOT_FINITE, "a value is not finite")                    \
+    X(PMA_FORCE_FAILED, "a force did not return 0")               \
+    X(PMA_RESTORING_FAILED, "a restoring force did not return 0") \
+    X(PMA_STOPPED, "stopped by the caller")                       \
     X(PMA_NO_THREADS, "the system makes no more threads")
 
 #define PMA_STATUS_ENUM(code, text) code,

@@ -2,6 +2,7 @@
 #include "matrices.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "algebra/symbolic.h"
@@ -81,33 +82,53 @@ static void check_residual(const triple *t, size_t first, const double *x, const
     }
 }
 
+static const double UNTOUCHED = 7.0;
+
+double *take_scratch(const pma_factor *f)
+{
+    const size_t count = pma_factor_scratch(f);
+    double *work = malloc((count + 1) * sizeof *work);
+    for (size_t i = 0; i < count; i++)
+        work[i] = (double)NAN;
+    work[count] = UNTOUCHED;
+    return work;
+}
+
+void return_scratch(const pma_factor *f, double *work)
+{
+    CHECK(work[pma_factor_scratch(f)] == UNTOUCHED);
+    free(work);
+}
+
 void check_sweeps(const triple *t, const pma_factor *f, uint64_t *seed)
 {
     const size_t interior = f->n - f->nb;
     double b[SIZE] = {0.0}, x[SIZE], x_b[SIZE], f_b[SIZE];
     CHECK_STATUS(pma_factor_check(f), PMA_OK);
+    double *work = take_scratch(f);
 
     draw_vector(f->n, seed, b);
     draw_vector(f->nb, seed, f_b);
     memcpy(x, b, sizeof x);
-    pma_factor_open(f, x, x_b);
-    double free[SIZE], unused[SIZE] = {0.0};
-    memcpy(free, x, sizeof x);
-    pma_factor_close(f, unused, free);
-    check_residual(t, 0, free, b);
-    CHECK_BITS(f->nb, free + interior, x_b);
+    pma_factor_open(f, x, x_b, work);
+    double unloaded[SIZE], unused[SIZE] = {0.0};
+    memcpy(unloaded, x, sizeof x);
+    pma_factor_close(f, unused, unloaded, work);
+    check_residual(t, 0, unloaded, b);
+    CHECK_BITS(f->nb, unloaded + interior, x_b);
     for (size_t i = 0; i < f->nb; i++)
         b[interior + i] += f_b[i];
-    pma_factor_close(f, f_b, x);
+    pma_factor_close(f, f_b, x, work);
     check_residual(t, 0, x, b);
     memcpy(x, b, sizeof x);
-    pma_factor_solve(f, x);
+    pma_factor_solve(f, x, work);
     check_residual(t, 0, x, b);
 
     draw_vector(f->nb, seed, b);
     memcpy(x_b, b, sizeof x_b);
-    pma_factor_interface(f, x_b);
+    pma_factor_interface(f, x_b, work);
     check_residual(t, interior, x_b, b);
+    return_scratch(f, work);
 }
 
 /* ---- matrices on their way to a factor in panels --------------------------------------------- */

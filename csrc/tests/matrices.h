@@ -35,6 +35,11 @@ typedef struct {
 /* R in eighths and D powers of two: products of them are exact */
 triple make_triple(size_t n, double density, uint64_t *seed);
 
+/* Scratch of a factor, NaN, and one number more that is not to be written: that is checked when it
+ * is given back. */
+double *take_scratch(const pma_factor *f);
+void return_scratch(const pma_factor *f, double *work);
+
 /* An opened step knows the solution on the interface, closed it is the solution with and without
  * what acts there; the interface sweep on its own solves with S. */
 void check_sweeps(const triple *t, const pma_factor *f, uint64_t *seed);

@@ -1,4 +1,4 @@
-/* models.c - see models.h; the naive program is docs/method.md as written and keeps all nodes. */
+/* models.c - see models.h; the naive program is docs/method.md as written and keeps all levels. */
 #include "models.h"
 
 #include <math.h>
@@ -9,261 +9,68 @@
 #include "check.h"
 #include "naive.h"
 
-/* ---- schemes --------------------------------------------------------------------------------- */
-
-pma_scheme generalized_alpha(double rho)
-{
-    pma_scheme s = {.am = (2.0 * rho - 1.0) / (rho + 1.0), .af = rho / (rho + 1.0)};
-    s.gamma = 0.5 - s.am + s.af;
-    s.beta = (0.5 + s.gamma) * (0.5 + s.gamma) / 4.0;
-    return s;
-}
-
-/* ---- parts: subdomains that know their equations --------------------------------------------- */
-
-/* al1 = h^2 beta (1-af)/(1-am)                                                            (P2) */
-static double al1_of(const part *x, bool twice)
-{
-    const pma_scheme s = x->scheme;
-    const double h = twice ? 2.0 * x->h : x->h;
-    return h * h * s.beta * (1.0 - s.af) / (1.0 - s.am);
-}
-
-double al2_of(const part *x, bool twice)
-{
-    const pma_scheme s = x->scheme;
-    const double h = twice ? 2.0 * x->h : x->h;
-    return h * s.gamma * (1.0 - s.af) / (1.0 - s.am);
-}
-
-int pull(double t, intptr_t n, double *u, double *v, double *r, void *user)
-{
-    diary *d = user;
-    for (intptr_t k = 0; k < n; k++) {
-        const double next = v[(k + 1) % n];
-        r[k] += u[k] * u[k] * u[k] + 0.5 * u[k] * next + 0.25 * v[k] + 0.125 * t;
-    }
-    for (intptr_t k = 0; k < n; k++)
-        u[k] = v[k] = NAN;
-    d->times[d->asked++ % (2 * NODES)] = t;
-    return d->asked == d->fail_at ? 7 : 0;
-}
-
-/* r (n) := the same, in elimination order */
-static void naive_pull(const part *x, double t, const double *u, const double *v, double *r)
-{
-    for (size_t i = 0; i < x->n; i++) {
-        const double next = v[(i + x->n - 1) % x->n];
-        r[i] = x->restored
-                   ? pow(u[i], 3.0) + u[i] * next / 2.0 + v[i] / 4.0 + t / 8.0
-                   : 0.0;
-    }
-}
-
-/* implicit M + al2 (C + D_r) + al1 (K + K_r), explicit without stiffness; lagged without C */
-static pma_operator make_operator(part *x, bool twice)
-{
-    const double al1 = x->implicit ? al1_of(x, twice) : 0.0, al2 = al2_of(x, twice);
-    for (size_t i = 0; i < x->n * x->n; i++) {
-        const double C = x->lagged ? 0.0 : x->C[i];
-        x->Mbar[twice][i] = x->M[i] + al2 * (C + x->D_r[i]) + al1 * (x->K[i] + x->K_r[i]);
-    }
-    naive_factor(x->n, x->Mbar[twice], x->R[twice], x->inverse[twice]);
-    return (pma_operator){
-        .step = pma_step_make(x->scheme, twice ? 2.0 * x->h : x->h),
-        .factor = {.form = PMA_DENSE, .n = x->n, .nb = x->nb, .inverse = x->inverse[twice],
-                   .values = x->R[twice]}};
-}
-
-static pma_link make_link(part *x)
-{
-    int64_t k = 0;
-    for (size_t j = 0; j < x->nb; j++) {
-        for (size_t row = 0; row < x->p; row++) {
-            const double entry = x->L[row * x->n + (x->n - x->nb) + j];
-            if (entry == 0.0)
-                continue;
-            x->condition[k] = (int32_t)row;
-            x->sign[k++] = entry;
-        }
-        x->ptr[j + 1] = k;
-    }
-    return (pma_link){x->p, x->nb, x->ptr, x->condition, x->sign};
-}
-
-static pma_restoring make_restoring(part *x)
-{
-    for (size_t i = 0; i < x->n; i++)
-        x->order[i] = (int64_t)(x->n - 1 - i);
-    return (pma_restoring){x->restored ? pull : NULL, &x->pulled, false, x->n, x->order, x->work};
-}
-
-pma_parts describe(part *x)
-{
-    return (pma_parts){.n = x->n,
-                       .nb = x->nb,
-                       .substeps = x->substeps,
-                       .doubled = x->doubled,
-                       .lagged = x->lagged,
-                       .restoring = make_restoring(x),
-                       .D_r = {.form = PMA_DENSE, .n = x->n, .values = x->D_r},
-                       .ramped = x->ramped,
-                       .K = {.form = PMA_DENSE, .n = x->n, .values = x->K},
-                       .C = {.form = PMA_DENSE, .n = x->n, .values = x->C},
-                       .single = make_operator(x, false),
-                       .twice = make_operator(x, true),
-                       .link = make_link(x)};
-}
-
-void make_part(part *x)
-{
-    const pma_parts parts = describe(x);
-    CHECK_STATUS(pma_subdomain_create(&parts, &x->core), PMA_OK);
-    x->load.n = x->n;
-    pma_subdomain_set_load(x->core, x->load);
-}
-
-part one_mass(double m, double k, double L, pma_scheme scheme, bool implicit)
-{
-    part x = {.n = 1, .nb = L != 0.0, .p = L != 0.0, .substeps = 1, .implicit = implicit,
-              .scheme = scheme, .h = 0.1, .M = {m}, .K = {k}, .L = {L}};
-    return x;
-}
-
-size_t copy_present(const part *x, double *out)
-{
-    const pma_state *s = pma_subdomain_at(x->core, 0);
-    const double *const arrays[4] = {s->u, s->v, s->w, s->a};
-    for (size_t i = 0; i < 4; i++)
-        memcpy(out + i * x->n, arrays[i], x->n * sizeof(double));
-    return 4 * x->n;
-}
-
-/* ---- the same step, naively: docs/method.md 3 and 4 as written ------------------------------- */
-
-static void naive_force(const part *x, double t, size_t step, double *F)
-{
-    const pma_load *load = &x->load;
-    memset(F, 0, x->n * sizeof(double));
-    const size_t before = load->kind == PMA_LOAD_SAMPLED ? (size_t)(t / load->dt + 1e-9) : 0;
-    const double theta = load->kind == PMA_LOAD_SAMPLED ? t / load->dt - (double)before : 0.0;
-    for (size_t i = 0; i < x->n; i++) {
-        if (load->kind == PMA_LOAD_CONSTANT)
-            F[i] = load->values[i];
-        if (load->kind == PMA_LOAD_TABLE)
-            F[i] = load->values[step * x->n + i];
-        for (size_t c = 0; load->kind == PMA_LOAD_SAMPLED && c < load->k; c++) {
-            const double *at = load->values + before * load->k + c;
-            F[i] += load->shape[c * x->n + i] * ((1.0 - theta) * at[0] + theta * at[load->k]);
-        }
-    }
-}
-
-void naive_free(const part *x, bool twice, double t, const double *F, const node *from, node *to)
-{
-    const pma_scheme s = x->scheme;
-    const double h = twice ? 2.0 * x->h : x->h, d = 1.0 - s.am;
-    double ut[MOST], vt[MOST], vs[MOST], r[MOST];
-    for (size_t i = 0; i < x->n; i++) {
-        ut[i] = from->u[i] + h * from->v[i] + h * h * (0.5 - s.beta / d) * from->a[i] +
-                h * h * s.beta * s.af / d * from->w[i];
-        vt[i] = from->v[i] + h * (1.0 - s.gamma / d) * from->a[i] +
-                h * s.gamma * s.af / d * from->w[i];
-        vs[i] = from->v[i] + h * from->w[i];
-    }
-    naive_pull(x, t, ut, vs, r);
-    for (size_t i = 0; i < x->n; i++) {
-        to->w[i] = F[i] - r[i];
-        for (size_t j = 0; j < x->n; j++) {
-            const size_t ij = i * x->n + j;
-            to->w[i] -= x->C[ij] * (x->lagged ? vs[j] : vt[j]) + x->K[ij] * ut[j];
-            to->w[i] -= x->D_r[ij] * (vt[j] - vs[j]);
-        }
-    }
-    naive_solve(x->n, x->Mbar[twice], to->w);
-    for (size_t i = 0; i < x->n; i++) {
-        to->u[i] = ut[i] + al1_of(x, twice) * to->w[i];
-        to->v[i] = to->vf[i] = vt[i] + al2_of(x, twice) * to->w[i];
-    }
-}
-
-void naive_link(const part *x, bool twice, const double *lam, double *wl)
-{
-    memset(wl, 0, x->n * sizeof(double));
-    for (size_t row = 0; row < x->p; row++) {
-        for (size_t i = 0; i < x->n; i++)
-            wl[i] += x->L[row * x->n + i] * lam[row];
-    }
-    naive_solve(x->n, x->Mbar[twice], wl);
-}
-
-void naive_close(const part *x, bool twice, const double *lam, const node *from, node *to)
-{
-    const pma_scheme s = x->scheme;
-    double wl[MOST];
-    naive_link(x, twice, lam, wl);
-    for (size_t i = 0; i < x->n; i++) {
-        to->u[i] += al1_of(x, twice) * wl[i];
-        to->v[i] += al2_of(x, twice) * wl[i];
-        to->w[i] += wl[i];
-        to->a[i] = ((1.0 - s.af) * to->w[i] + s.af * from->w[i] - s.am * from->a[i]) / (1.0 - s.am);
-    }
-}
-
-void naive_store(const part *x, bool twice, const double *lam, node *at)
-{
-    double wl[MOST];
-    naive_link(x, twice, lam, wl);
-    for (size_t i = 0; i < x->n; i++)
-        at->vf[i] = at->v[i] - al2_of(x, twice) * wl[i];
-}
-
-double conditioned(const part *x, size_t row, const double *values)
-{
-    double sum = 0.0;
-    for (size_t i = 0; i < x->n; i++)
-        sum += x->L[row * x->n + i] * values[i];
-    return sum;
-}
-
-void check_state(const part *x, const pma_state *actual, const node *expected)
-{
-    for (size_t i = 0; i < x->n; i++) {
-        CHECK_NEAR(actual->u[i], expected->u[i], AGREE);
-        CHECK_NEAR(actual->v[i], expected->v[i], AGREE);
-        CHECK_NEAR(actual->w[i], expected->w[i], AGREE);
-        CHECK_NEAR(actual->a[i], expected->a[i], AGREE);
-    }
-}
-
 /* ---- models: coupled parts, for the core and for the naive program --------------------------- */
 
-/* H = sum_i al2_i L_i Mbar_i^-1 L_i^T, the doubled ones with 2 h if `later`               (18) */
-static pma_factor make_interface(model *m, bool later)
+static const level REST = {.u = {0.0}};
+
+/* The link response to lam over a macro step, from rest; the last substep               (M3) */
+static level naive_response(const part *x, bool twice, const double *lam)
+{
+    level at = REST;
+    for (size_t j = 1; j <= x->substeps; j++) {
+        const level from = at;
+        double grown[CONSTRAINTS];
+        for (size_t row = 0; row < x->p; row++)
+            grown[row] = lam[row] * (double)j / (double)x->substeps;
+        naive_respond(x, twice, grown, &from, &at);
+    }
+    return at;
+}
+
+/* v (n): what a unit multiplier adds to the velocity by the next interface problem */
+static void naive_unit_velocity(const model *m, const part *x, bool twice, size_t row, double *v)
+{
+    double unit[CONSTRAINTS] = {0.0};
+    unit[row] = 1.0;
+    if (m->macro) {
+        const level end = naive_response(x, twice, unit);
+        memcpy(v, end.v, x->n * sizeof(double));
+        return;
+    }
+    naive_link(x, twice, unit, v);
+    for (size_t i = 0; i < x->n; i++)
+        v[i] *= al2_of(x, twice);
+}
+
+/* H = sum_i al2_i L_i Mbar_i^-1 L_i^T or sum_i L_i U_i^v, the doubled ones with 2 h if `later`
+ *                                                                                  (18) (M4) */
+static pma_interface make_interface(model *m, bool later)
 {
     double *H = m->H[later];
     memset(H, 0, sizeof m->H[later]);
     for (size_t i = 0; i < m->count; i++) {
         const part *x = &m->parts[i];
-        const bool twice = later && x->doubled;
         for (size_t column = 0; column < m->p; column++) {
-            double unit[CONDITIONS] = {0.0}, wl[MOST];
-            unit[column] = 1.0;
-            naive_link(x, twice, unit, wl);
+            double v[MOST];
+            naive_unit_velocity(m, x, later && x->doubled, column, v);
             for (size_t row = 0; row < m->p; row++)
-                H[row * m->p + column] += al2_of(x, twice) * conditioned(x, row, wl);
+                H[row * m->p + column] += constrained(x, row, v);
         }
     }
     naive_factor(m->p, H, m->R[later], m->inverse[later]);
-    return (pma_factor){.form = PMA_DENSE, .n = m->p, .nb = m->p, .inverse = m->inverse[later],
-                        .values = m->R[later]};
+    const pma_factor factor = {.form = PMA_DENSE, .n = m->p, .nb = m->p,
+                               .inverse = m->inverse[later], .values = m->R[later]};
+    pma_ldl_destroy(&m->ldl[later]);
+    CHECK_STATUS(pma_ldl_create(&factor, &m->ldl[later]), PMA_OK);
+    return pma_ldl_interface(&m->ldl[later]);
 }
 
 pma_coupler_parts describe_coupler(model *m)
 {
-    return (pma_coupler_parts){.count = m->count, .subdomains = m->subdomains, .p = m->p,
+    return (pma_coupler_parts){.count = m->count, .members = m->members, .p = m->p,
                                .H_start = make_interface(m, false), .H = make_interface(m, true),
                                .dt = m->dt, .rebased = m->rebased,
+                               .schedule = m->macro ? &pma_macro_schedule : &pma_fine_schedule,
                                .motion_count = m->motion_count, .motions = &m->motion,
                                .threads = m->threads};
 }
@@ -304,7 +111,7 @@ static void solve_start(model *m)
     memcpy(m->lam0, b + size - m->p, m->p * sizeof(double));
     first = 0;
     for (size_t q = 0; q < m->count; first += m->parts[q++].n)
-        memcpy(m->nodes[q][0].w, b + first, m->parts[q].n * sizeof(double));
+        memcpy(m->levels[q][0].w, b + first, m->parts[q].n * sizeof(double));
 }
 
 void start_model(model *m)
@@ -312,27 +119,66 @@ void start_model(model *m)
     solve_start(m);
     for (size_t i = 0; i < m->count; i++) {
         part *x = &m->parts[i];
-        node *first = &m->nodes[i][0];
+        level *first = &m->levels[i][0];
         memcpy(first->u, x->u0, sizeof first->u);
         memcpy(first->v, x->v0, sizeof first->v);
         memcpy(first->a, first->w, sizeof first->a);
         naive_store(x, false, m->lam0, first);
         pma_subdomain_start(x->core, x->u0, x->v0, first->w, m->lam0);
+        naive_member_start(&m->wrapped[i], first);
     }
-    const double g0[CONDITIONS] = {0.0};
+    const double g0[CONSTRAINTS] = {0.0};
     pma_coupler_start(m->coupler, 0, m->lam0, g0);
+}
+
+static bool has_entry(const part *x, size_t row)
+{
+    for (size_t i = 0; i < x->n; i++) {
+        if (x->L[row * x->n + i] != 0.0)
+            return true;
+    }
+    return false;
+}
+
+/* U of every constraint that the part has                                                 (M5) */
+static void store_response(model *m, size_t i)
+{
+    const part *x = &m->parts[i];
+    pma_unit_responses units = {.rows = m->unit_rows[i], .values = m->units[i]};
+    for (size_t row = 0; row < x->p; row++) {
+        double unit[CONSTRAINTS] = {0.0};
+        unit[row] = 1.0;
+        if (!has_entry(x, row))
+            continue;
+        const level end = naive_response(x, false, unit);
+        const double *const fields[4] = {end.u, end.v, end.w, end.a};
+        for (size_t k = 0; k < 4; k++)
+            memcpy(m->units[i] + (4 * units.count + k) * x->n, fields[k], x->n * sizeof(double));
+        m->unit_rows[i][units.count++] = (int64_t)row;
+    }
+    pma_response_store(pma_subdomain_response(x->core), units);
+}
+
+static pma_member make_member(model *m, size_t i)
+{
+    part *x = &m->parts[i];
+    x->h = m->dt / (double)x->substeps;
+    x->responds = m->macro && x->substeps > 1;
+    make_part(x);
+    m->subdomains[i] = x->core;
+    if (m->stored && x->responds)
+        store_response(m, i);
+    m->wrapped[i] = (naive_member){.of = x, .looks_ahead = m->looks_ahead};
+    return m->naive[i] ? naive_member_of(&m->wrapped[i]) : pma_subdomain_member(x->core);
 }
 
 void make_model(model *m)
 {
     m->fine = 1;
-    for (size_t i = 0; i < m->count; i++)
+    for (size_t i = 0; i < m->count && !m->macro; i++)
         m->fine = m->parts[i].substeps > m->fine ? m->parts[i].substeps : m->fine;
-    for (size_t i = 0; i < m->count; i++) {
-        m->parts[i].h = m->dt / (double)m->parts[i].substeps;
-        make_part(&m->parts[i]);
-        m->subdomains[i] = m->parts[i].core;
-    }
+    for (size_t i = 0; i < m->count; i++)
+        m->members[i] = make_member(m, i);
     const pma_coupler_parts parts = describe_coupler(m);
     CHECK_STATUS(pma_coupler_create(&parts, &m->coupler), PMA_OK);
     start_model(m);
@@ -343,6 +189,8 @@ void destroy_model(model *m)
     pma_coupler_destroy(m->coupler);
     for (size_t i = 0; i < m->count; i++)
         pma_subdomain_destroy(m->parts[i].core);
+    pma_ldl_destroy(&m->ldl[0]);
+    pma_ldl_destroy(&m->ldl[1]);
 }
 
 snapshot present(const model *m)
@@ -379,21 +227,21 @@ static void fill_loads(model *m, double scale)
     const double shape[6] = {1.0, 0.0, 0.5, 0.0, -1.0, 0.0};
     memcpy(A->shape, shape, sizeof shape);
     uint64_t seed = 7;
-    for (size_t i = 0; i < NODES * MOST; i++) {
+    for (size_t i = 0; i < LEVELS * MOST; i++) {
         A->loads[i] = scale * draw_eighth(&seed);
         B->loads[i] = scale * draw_eighth(&seed);
     }
     C->loads[0] = scale * 0.5;
     C->loads[1] = -scale;
     A->load = (pma_load){.kind = PMA_LOAD_SAMPLED, .values = A->loads, .shape = A->shape,
-                         .samples = NODES, .k = 2, .dt = 0.11};
-    B->load = (pma_load){.kind = PMA_LOAD_TABLE, .values = B->loads, .rows = NODES};
+                         .samples = LEVELS, .k = 2, .dt = 0.11};
+    B->load = (pma_load){.kind = PMA_LOAD_TABLE, .values = B->loads, .rows = LEVELS};
     C->load = (pma_load){.kind = PMA_LOAD_CONSTANT, .values = C->loads};
-    for (size_t k = 0; k < NODES; k++)
+    for (size_t k = 0; k < LEVELS; k++)
         m->moved[k] = scale * draw_eighth(&seed) / 8.0;
     m->moved_row = 1;
     m->motion = (pma_motion){&m->moved_row, {.kind = PMA_LOAD_TABLE, .n = 1, .values = m->moved,
-                                             .rows = NODES}};
+                                             .rows = LEVELS}};
 }
 
 /* Estimates on the implicit A, lagged damping on the explicit B, a force alone on C */
@@ -409,93 +257,190 @@ static void fill_restoring(model *m)
     m->parts[1].lagged = true;
 }
 
-static void make_scaled_chain(model *m, plan chosen, double scale, size_t threads)
+/* Between two dofs or a dof and the ground, one law in each set; parameters in its order. */
+static const int32_t GROUND[1] = {-1}, FIRST[1] = {0}, SECOND[1] = {1};
+static const double ONE[1] = {1.0}, HALF[1] = {0.5}, TENTH[1] = {0.1}, TWO[1] = {2.0};
+static const double TEN[1] = {10.0};
+
+static const pma_spring_set SETS[4] = {
+    {.law = PMA_BILINEAR, .count = 1, .first = FIRST, .second = SECOND,
+     .parameters = {HALF, TWO, TENTH}},
+    {.law = PMA_CUBIC, .count = 1, .first = SECOND, .second = GROUND, .parameters = {ONE, TWO}},
+    {.law = PMA_BOUC_WEN, .count = 1, .first = FIRST, .second = GROUND,
+     .parameters = {HALF, HALF, TEN, TWO, HALF, HALF, TWO}},
+    {.law = PMA_GAP, .count = 1, .first = SECOND, .second = GROUND, .parameters = {ONE, TENTH}},
+};
+
+/* A has the first two, B the third one, C the last two. */
+static void fill_springs(model *m)
 {
-    *m = (model){.count = 3, .p = 2, .dt = 0.3, .rebased = chosen.rebased,
-                 .motion_count = chosen.moved, .threads = threads};
-    m->parts[0] = (part){.n = 3, .nb = 1, .implicit = true, .doubled = chosen.A_doubled,
+    m->parts[0].springs = (pma_springs){2, SETS, 2};
+    m->parts[1].springs = (pma_springs){1, SETS + 2, 1};
+    m->parts[2].springs = (pma_springs){2, SETS + 2, 2};
+}
+
+static void fill_chain(model *m, const plan *chosen, double scale)
+{
+    m->parts[0] = (part){.n = 3, .nb = 1, .implicit = true, .doubled = chosen->A_doubled,
                          .scheme = generalized_alpha(0.5), .M = {2, 0, 0, 0, 1.5, 0, 0, 0, 1},
                          .C = {0.5, -0.25, 0, -0.25, 0.5, -0.25, 0, -0.25, 0.25},
                          .K = {5, -2, 0, -2, 4, -2, 0, -2, 2}, .L = {0, 0, 1, 0, 0, 0}};
     m->parts[1] = (part){.n = 2, .nb = 2, .scheme = generalized_alpha(0.8), .M = {1, 0, 0, 1},
                          .C = {0.25, 0, 0, 0}, .K = {3, -2, -2, 3}, .L = {-1, 0, 0, 1}};
-    m->parts[2] = (part){.n = 2, .nb = 1, .implicit = true, .doubled = chosen.C_doubled,
+    m->parts[2] = (part){.n = 2, .nb = 1, .implicit = true, .doubled = chosen->C_doubled,
                          .scheme = TRAPEZOIDAL, .M = {1, 0.25, 0.25, 1},
                          .K = {4, -2, -2, 2}, .L = {0, 0, 0, -1}};
     const double u0[PARTS][MOST] = {{0.25, -0.5, 1.0}, {1.0, 0.5}, {0.75, 0.5}};
     for (size_t i = 0; i < PARTS; i++) {
         m->parts[i].p = 2;
-        m->parts[i].substeps = chosen.substeps[i];
+        m->parts[i].substeps = chosen->substeps[i];
         for (size_t k = 0; k < m->parts[i].n; k++) {
             m->parts[i].u0[k] = scale * u0[i][k];
             m->parts[i].v0[k] = scale;
         }
     }
+}
+
+void build_chain(model *m, const chain *chosen)
+{
+    const double scale = chosen->scale != 0.0 ? chosen->scale : 1.0;
+    *m = (model){.count = 3, .p = 2, .dt = 0.3, .rebased = chosen->plan.rebased,
+                 .motion_count = chosen->plan.moved, .threads = chosen->threads,
+                 .macro = chosen->macro, .stored = chosen->stored,
+                 .looks_ahead = chosen->looks_ahead};
+    memcpy(m->naive, chosen->naive, sizeof m->naive);
+    fill_chain(m, &chosen->plan, scale);
     fill_loads(m, scale);
-    if (chosen.restored)
+    if (chosen->plan.restored)
         fill_restoring(m);
+    if (chosen->sprung)
+        fill_springs(m);
     make_model(m);
 }
 
 void make_chain(model *m, plan chosen, double scale)
 {
-    make_scaled_chain(m, chosen, scale, 1);
+    build_chain(m, &(chain){.plan = chosen, .scale = scale});
 }
 
 void make_threaded_chain(model *m, plan chosen, size_t threads)
 {
-    make_scaled_chain(m, chosen, 1.0, threads);
+    build_chain(m, &(chain){.plan = chosen, .threads = threads});
 }
 
-/* ---- the naive coupler: docs/method.md 5 and 6 as written ------------------------------------ */
+/* ---- the naive coupler: section 5 as written ------------------------------------------------- */
 
-/* L vf of part i at fine node k, in mid-step interpolated; opens the step that begins at k - 1. */
+/* From time level k of part i to the next one, the free problem. */
+static void naive_open(model *m, size_t i, size_t k)
+{
+    const part *x = &m->parts[i];
+    const bool twice = x->doubled && k >= x->substeps;
+    const double t = (double)(k + 1) / (double)x->substeps * m->dt;
+    level *to = &m->levels[i][k + 1];
+    double F[MOST];
+    naive_force(x, t, k, F);
+    naive_free(x, twice, t, F, twice ? to - 2 : to - 1, to);
+}
+
+static void naive_end(model *m, size_t i, size_t k, const double *lam)
+{
+    const part *x = &m->parts[i];
+    const bool twice = x->doubled && k >= x->substeps;
+    level *to = &m->levels[i][k + 1];
+    naive_close(x, twice, lam, twice ? to - 2 : to - 1, to);
+}
+
+/* L vf of part i at fine step k, in mid-step interpolated; opens the substep that begins there. */
 static void naive_free_velocity(model *m, size_t i, size_t k, double *jump)
 {
     const part *x = &m->parts[i];
     const size_t ratio = m->fine / x->substeps, next = (k + ratio - 1) / ratio;
-    node *to = &m->nodes[i][next], *last = to - 1;
-    if ((k - 1) % ratio == 0) {
-        const bool twice = x->doubled && k > m->fine;
-        double F[MOST];
-        const double t = (double)(next * ratio) / (double)m->fine * m->dt;
-        naive_force(x, t, next - 1, F);
-        naive_free(x, twice, t, F, twice ? to - 2 : last, to);
-    }
+    const level *to = &m->levels[i][next], *last = to - 1;
+    if ((k - 1) % ratio == 0)
+        naive_open(m, i, next - 1);
     const double theta = (double)(k - (next - 1) * ratio) / (double)ratio;
     for (size_t row = 0; row < m->p; row++)
-        jump[row] += (1.0 - theta) * conditioned(x, row, last->vf) +
-                     theta * conditioned(x, row, to->vf);
+        jump[row] += (1.0 - theta) * constrained(x, row, last->vf) +
+                     theta * constrained(x, row, to->vf);
 }
 
-/* Those with a node of their own at k take Lam. */
+/* A part that has a time level at fine step k takes Lam. */
 static void naive_arrive(model *m, size_t i, size_t k)
 {
     const part *x = &m->parts[i];
     const size_t ratio = m->fine / x->substeps;
-    const bool twice = x->doubled && k > m->fine;
-    node *to = &m->nodes[i][k / ratio];
     if (k % ratio != 0)
         return;
-    naive_close(x, twice, m->lam[k], twice ? to - 2 : to - 1, to);
+    naive_end(m, i, k / ratio - 1, m->lam[k]);
     if (k == m->fine && x->doubled && m->rebased)
-        naive_store(x, true, m->lam[k], to);
+        naive_store(x, true, m->lam[k], &m->levels[i][k / ratio]);
+}
+
+static void naive_fine_step(model *m, size_t k)
+{
+    double jump[CONSTRAINTS] = {0.0};
+    prescribe(m, k, m->lam[k]);
+    for (size_t i = 0; i < m->count; i++)
+        naive_free_velocity(m, i, k, jump);
+    for (size_t row = 0; row < m->p; row++)
+        m->lam[k][row] -= jump[row];
+    naive_solve(m->p, m->H[k > m->fine], m->lam[k]);
+    for (size_t i = 0; i < m->count; i++)
+        naive_arrive(m, i, k);
+}
+
+/* ---- the same in macro coupling: section 13 as written --------------------------------------- */
+
+/* (M2), with lam held */
+static void naive_free_macro_run(model *m, size_t i, size_t macro)
+{
+    const size_t begin = macro * m->parts[i].substeps;
+    for (size_t k = begin; k < begin + m->parts[i].substeps; k++) {
+        naive_open(m, i, k);
+        naive_end(m, i, k, m->lam[macro]);
+    }
+}
+
+/* (M3) added to every level of the macro step, (M5) */
+static void naive_add_response(model *m, size_t i, size_t macro, const double *dlam)
+{
+    const part *x = &m->parts[i];
+    const bool twice = x->doubled && macro > 0;
+    level at = REST;
+    for (size_t j = 1; j <= x->substeps; j++) {
+        const level from = at;
+        double grown[CONSTRAINTS];
+        for (size_t row = 0; row < m->p; row++)
+            grown[row] = dlam[row] * (double)j / (double)x->substeps;
+        naive_respond(x, twice, grown, &from, &at);
+        naive_add(x, &at, &m->levels[i][macro * x->substeps + j]);
+    }
+}
+
+static void naive_macro_step(model *m, size_t macro)
+{
+    double dlam[CONSTRAINTS];
+    prescribe(m, macro + 1, dlam);
+    for (size_t i = 0; i < m->count; i++) {
+        const part *x = &m->parts[i];
+        naive_free_macro_run(m, i, macro);
+        for (size_t row = 0; row < m->p; row++)
+            dlam[row] -= constrained(x, row, m->levels[i][(macro + 1) * x->substeps].v);
+    }
+    naive_solve(m->p, m->H[macro > 0], dlam); /* (M4) */
+    for (size_t row = 0; row < m->p; row++)
+        m->lam[macro + 1][row] = m->lam[macro][row] + dlam[row];
+    for (size_t i = 0; i < m->count; i++)
+        naive_add_response(m, i, macro, dlam);
 }
 
 void naive_run(model *m, size_t steps)
 {
     memcpy(m->lam[0], m->lam0, sizeof m->lam0);
-    for (size_t k = 1; k <= steps * m->fine; k++) {
-        double jump[CONDITIONS] = {0.0};
-        prescribe(m, k, m->lam[k]);
-        for (size_t i = 0; i < m->count; i++)
-            naive_free_velocity(m, i, k, jump);
-        for (size_t row = 0; row < m->p; row++)
-            m->lam[k][row] -= jump[row];
-        naive_solve(m->p, m->H[k > m->fine], m->lam[k]);
-        for (size_t i = 0; i < m->count; i++)
-            naive_arrive(m, i, k);
-    }
+    for (size_t macro = 0; m->macro && macro < steps; macro++)
+        naive_macro_step(m, macro);
+    for (size_t k = 1; !m->macro && k <= steps * m->fine; k++)
+        naive_fine_step(m, k);
 }
 
 /* ---- tapes: records of everything ------------------------------------------------------------ */
@@ -506,12 +451,11 @@ void make_tape(tape *t, const model *m, int64_t begin, int64_t every)
     for (size_t i = 0; i < MOST; i++)
         t->position[i] = (int64_t)i;
     for (size_t i = 0; i < m->count; i++)
-        t->nodes[i] =
-            (pma_record_nodes){.count = m->parts[i].n, .position = t->position, .u = t->u[i],
-                               .v = t->v[i], .w = t->w[i]};
+        t->selections[i] = (pma_selection){.count = m->parts[i].n, .position = t->position,
+                                           .u = t->u[i], .v = t->v[i], .w = t->w[i]};
     t->record = (pma_record){.begin = begin,
                              .every = every,
-                             .nodes = t->nodes,
+                             .selections = t->selections,
                              .multipliers = t->lam,
                              .velocity_jump = t->velocity,
                              .displacement_jump = t->displacement};
@@ -521,4 +465,52 @@ void run_taped(model *m, tape *t, int64_t steps)
 {
     pma_coupler_record_present(m->coupler, &t->record);
     CHECK_STATUS(pma_coupler_advance(m->coupler, steps, &t->record, NULL), PMA_OK);
+}
+
+void check_tape(const tape *actual, const tape *expected)
+{
+    for (size_t i = 0; i < PARTS; i++) {
+        CHECK_BITS(LEVELS * MOST, actual->u[i], expected->u[i]);
+        CHECK_BITS(LEVELS * MOST, actual->v[i], expected->v[i]);
+        CHECK_BITS(LEVELS * MOST, actual->w[i], expected->w[i]);
+    }
+    CHECK_BITS(LEVELS * CONSTRAINTS, actual->lam, expected->lam);
+    CHECK_BITS(LEVELS * CONSTRAINTS, actual->velocity, expected->velocity);
+    CHECK_BITS(LEVELS * CONSTRAINTS, actual->displacement, expected->displacement);
+}
+
+static void check_part_against_naive(const model *m, size_t i, const tape *t, size_t steps)
+{
+    const part *x = &m->parts[i];
+    for (size_t row = 0; row <= steps * x->substeps; row++) {
+        for (size_t k = 0; k < x->n; k++) {
+            CHECK_NEAR(t->u[i][row * x->n + k], m->levels[i][row].u[k], AGREE);
+            CHECK_NEAR(t->v[i][row * x->n + k], m->levels[i][row].v[k], AGREE);
+            CHECK_NEAR(t->w[i][row * x->n + k], m->levels[i][row].w[k], AGREE);
+        }
+    }
+    const level *last = &m->levels[i][steps * x->substeps];
+    const level *reached = &m->wrapped[i].levels[m->wrapped[i].present];
+    if (!m->naive[i])
+        check_state(x, pma_subdomain_present(x->core), last);
+    for (size_t k = 0; m->naive[i] && k < x->n; k++)
+        CHECK_NEAR(reached->a[k], last->a[k], AGREE);
+}
+
+void check_against_naive(const model *m, const tape *t, size_t steps)
+{
+    for (size_t i = 0; i < m->count; i++)
+        check_part_against_naive(m, i, t, steps);
+    for (size_t k = 0; k <= steps * m->fine; k++) {
+        for (size_t row = 0; row < m->p; row++)
+            CHECK_NEAR(t->lam[k * m->p + row], m->lam[k][row], AGREE);
+    }
+    for (size_t k = 0; k <= steps; k++) {
+        for (size_t row = 0; row < m->p; row++) {
+            double jump = 0.0;
+            for (size_t i = 0; i < m->count; i++)
+                jump += constrained(&m->parts[i], row, m->levels[i][k * m->parts[i].substeps].u);
+            CHECK_NEAR(t->displacement[k * m->p + row], jump, AGREE);
+        }
+    }
 }

@@ -72,9 +72,9 @@ void naive_factor(size_t n, const double *A, double *R, double *inverse)
 
 /* ---- stop ------------------------------------------------------------------------------------ */
 
-bool ask(void *ctx)
+bool poll_stopper(void *ctx)
 {
-    asker *a = ctx;
-    a->asked++;
-    return a->asked == a->stop_at;
+    stopper *s = ctx;
+    s->polled++;
+    return s->polled == s->stop_at;
 }

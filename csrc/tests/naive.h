@@ -1,4 +1,4 @@
-/* naive.h - random numbers, algebra by plain loops, and a callback that says stop. */
+/* naive.h - random numbers, algebra by plain loops, and a poll that stops. */
 #ifndef PMA_TEST_NAIVE_H
 #define PMA_TEST_NAIVE_H
 
@@ -34,11 +34,11 @@ void naive_factor(size_t n, const double *A, double *R, double *inverse);
 
 /* ---- stop ------------------------------------------------------------------------------------ */
 
-/* A callback that says stop when asked for the stop_at-th time; never for 0. */
+/* A poll that returns true when it is called for the stop_at-th time; never for 0. */
 typedef struct {
-    size_t asked, stop_at;
-} asker;
+    size_t polled, stop_at;
+} stopper;
 
-bool ask(void *ctx);
+bool poll_stopper(void *ctx);
 
 #endif

@@ -23,10 +23,15 @@ static const test *const LISTS[] = {
     RESTORING_TESTS,
     SPRINGS_TESTS,
     SUBDOMAIN_TESTS,
+    SCRATCH_TESTS,
+    SLABS_TESTS,
     RECORD_TESTS,
     TEAM_TESTS,
     ROSTER_TESTS,
     ENERGY_TESTS,
+    CLOCK_TESTS,
+    INTERFACE_TESTS,
+    MEMBER_TESTS,
     METHOD_TESTS,
     COUPLER_TESTS,
     STOP_TESTS,
@@ -47,6 +52,7 @@ static bool passes(const test *t)
 int main(void)
 {
     size_t passed = 0, failed = 0;
+    setvbuf(stdout, NULL, _IOLBF, 0); /* what failed is seen even if a later test crashes */
     for (size_t i = 0; i < sizeof LISTS / sizeof LISTS[0]; i++) {
         for (const test *t = LISTS[i]; t->run; t++) {
             if (passes(t))

@@ -8,6 +8,7 @@
 #include "algebra/factor.h"
 #include "check.h"
 #include "coupling/coupler.h"
+#include "coupling/interface.h"
 #include "member/load.h"
 #include "member/subdomain.h"
 #include "models.h"
@@ -30,24 +31,15 @@ static void a_coupler_with_sizes_that_do_not_agree_is_refused(void)
     static model m;
     make_chain(&m, MIXED, 1.0);
     const pma_coupler_parts good = describe_coupler(&m);
-    pma_coupler_parts bad[6] = {good, good, good, good, good, good};
-    const int64_t ptr[3] = {0, 1, 1};
-    const int32_t index = 2;
+    pma_coupler_parts bad[5] = {good, good, good, good, good};
     CHECK_STATUS(status_of(&good), PMA_OK);
     bad[0].p = 1;
-    bad[1].H_start.n = 1;
-    bad[2].H_start.nb = 1;
-    bad[3].H.n = bad[3].H.nb = 3;
-    bad[4].H.nb = 0;
+    bad[1].H_start.p = 1;
+    bad[2].H_start.p = 3;
+    bad[3].H.p = 3;
+    bad[4].H.p = 0;
     for (size_t i = 0; i < 5; i++)
         CHECK_STATUS(status_of(&bad[i]), PMA_BAD_SIZE);
-    for (int later = 0; later <= 1; later++) {
-        bad[5] = good;
-        *(later ? &bad[5].H : &bad[5].H_start) =
-            (pma_factor){.form = PMA_SPARSE, .n = 2, .nb = 2, .inverse = m.inverse[0],
-                         .values = m.R[0], .ptr = ptr, .index = &index};
-        CHECK_STATUS(status_of(&bad[5]), PMA_BAD_INDEX);
-    }
     destroy_model(&m);
     pma_coupler_destroy(NULL);
 }
@@ -70,36 +62,42 @@ static void a_motion_of_rows_that_do_not_exist_is_refused(void)
     destroy_model(&m);
 }
 
-static void a_coupler_of_a_subdomain_with_other_conditions_is_refused(void)
+static void a_coupler_of_a_subdomain_with_other_constraints_is_refused(void)
 {
     static model m, n;
     make_chain(&m, MIXED, 1.0);
     make_oscillator(&n, (split){0.1, 1, false, false, TRAPEZOIDAL, CENTRAL_DIFFERENCE});
     pma_coupler_parts parts = describe_coupler(&m);
-    m.subdomains[2] = n.parts[0].core;
+    m.members[2] = pma_subdomain_member(n.parts[0].core);
     CHECK_STATUS(status_of(&parts), PMA_BAD_SIZE);
-    m.subdomains[2] = m.parts[2].core;
+    m.members[2] = pma_subdomain_member(m.parts[2].core);
     CHECK_STATUS(status_of(&parts), PMA_OK);
     destroy_model(&m);
     destroy_model(&n);
 }
 
-/* Two single masses without an interface, with these substeps. */
+/* Two single masses without an interface, with these substeps of a macro step of 0.1. */
 static pma_status status_of_substeps(size_t first, size_t second)
 {
     const double H = 1.0;
     part x = one_mass(1.0, 1.0, 0.0, TRAPEZOIDAL, true), y = x;
+    pma_ldl empty;
     x.substeps = first;
     y.substeps = second;
+    x.h = 0.1 / (double)first;
+    y.h = 0.1 / (double)second;
     make_part(&x);
     make_part(&y);
-    pma_subdomain *both[2] = {x.core, y.core};
-    const pma_factor none = {.form = PMA_DIAGONAL, .inverse = &H};
-    const pma_coupler_parts parts = {.count = 2, .subdomains = both, .H_start = none, .H = none,
-                                     .dt = 0.1};
+    const pma_factor factor = {.form = PMA_DIAGONAL, .inverse = &H};
+    CHECK_STATUS(pma_ldl_create(&factor, &empty), PMA_OK);
+    const pma_member both[2] = {pma_subdomain_member(x.core), pma_subdomain_member(y.core)};
+    const pma_interface none = pma_ldl_interface(&empty);
+    const pma_coupler_parts parts = {.count = 2, .members = both, .H_start = none, .H = none,
+                                     .dt = 0.1, .schedule = &pma_fine_schedule};
     const pma_status status = status_of(&parts);
     pma_subdomain_destroy(x.core);
     pma_subdomain_destroy(y.core);
+    pma_ldl_destroy(&empty);
     return status;
 }
 
@@ -110,6 +108,39 @@ static void substeps_that_do_not_divide_the_largest_are_refused(void)
     CHECK_STATUS(status_of_substeps(6, 2), PMA_OK);
     CHECK_STATUS(status_of_substeps(2, 3), PMA_BAD_SIZE);
     CHECK_STATUS(status_of_substeps(6, 4), PMA_BAD_SIZE);
+}
+
+static void check_steps(const chain *chosen)
+{
+    static model m;
+    build_chain(&m, chosen);
+    pma_coupler_parts parts = describe_coupler(&m);
+    const double eighth = 0.125, bad[6] = {-1.0, 0.0, 1.0 + 1e-12, 1.0 - 1e-12, INFINITY, NAN};
+    for (size_t i = 0; i < PARTS; i++) {
+        const double h = m.members[i].h;
+        for (size_t k = 0; k < 6; k++) {
+            m.members[i].h = bad[k] * h;
+            CHECK_STATUS(status_of(&parts), PMA_BAD_STEP);
+        }
+        m.members[i].h = nextafter(h, 1.0); /* dt / substeps may have been rounded */
+        CHECK_STATUS(status_of(&parts), PMA_OK);
+        m.members[i].h = nextafter(h, 0.0);
+        CHECK_STATUS(status_of(&parts), PMA_OK);
+        m.members[i].h = h;
+    }
+    parts.dt *= 1.0 + eighth;
+    CHECK_STATUS(status_of(&parts), PMA_BAD_STEP);
+    parts.dt = NAN;
+    CHECK_STATUS(status_of(&parts), PMA_BAD_STEP);
+    destroy_model(&m);
+}
+
+static void substeps_that_do_not_make_up_the_macro_step_are_refused(void)
+{
+    const chain fine = {.plan = MIXED};
+    const chain macro = {.plan = {{1, 3, 7}, true, false, true, true, false}, .macro = true};
+    check_steps(&fine);
+    check_steps(&macro);
 }
 
 static void a_coupler_without_an_initial_state_does_not_run(void)
@@ -144,9 +175,21 @@ static void a_started_coupler_shows_its_parts_and_its_multipliers(void)
     destroy_model(&m);
 }
 
+static void macro_steps_can_be_counted_as_long_as_their_substeps_can(void)
+{
+    static model m;
+    make_chain(&m, MIXED, 1.0);
+    CHECK_INT(pma_coupler_most_steps(m.coupler), ((int64_t)1 << 53) / 6);
+    CHECK_INT(pma_coupler_instants(m.coupler), 6);
+    destroy_model(&m);
+    build_chain(&m, &(chain){.plan = {{1, 3, 7}, true, false, true, true, false}, .macro = true});
+    CHECK_INT(pma_coupler_most_steps(m.coupler), ((int64_t)1 << 53) / 7);
+    CHECK_INT(pma_coupler_instants(m.coupler), 1);
+    destroy_model(&m);
+}
+
 /* ---- the schedule, against the naive program ------------------------------------------------- */
 
-/* Both programs, all nodes of all parts and all instants. */
 static void check_against_naive_coupler(plan chosen)
 {
     static model m;
@@ -155,29 +198,7 @@ static void check_against_naive_coupler(plan chosen)
     make_tape(&t, &m, 0, 0);
     run_taped(&m, &t, STEPS);
     naive_run(&m, STEPS);
-    for (size_t i = 0; i < m.count; i++) {
-        const part *x = &m.parts[i];
-        for (size_t row = 0; row <= STEPS * x->substeps; row++) {
-            for (size_t k = 0; k < x->n; k++) {
-                CHECK_NEAR(t.u[i][row * x->n + k], m.nodes[i][row].u[k], AGREE);
-                CHECK_NEAR(t.v[i][row * x->n + k], m.nodes[i][row].v[k], AGREE);
-                CHECK_NEAR(t.w[i][row * x->n + k], m.nodes[i][row].w[k], AGREE);
-            }
-        }
-        check_state(x, pma_subdomain_at(x->core, 0), &m.nodes[i][STEPS * x->substeps]);
-    }
-    for (size_t k = 0; k <= STEPS * m.fine; k++) {
-        for (size_t row = 0; row < m.p; row++)
-            CHECK_NEAR(t.lam[k * m.p + row], m.lam[k][row], AGREE);
-    }
-    for (size_t k = 0; k <= STEPS; k++) {
-        for (size_t row = 0; row < m.p; row++) {
-            double jump = 0.0;
-            for (size_t i = 0; i < m.count; i++)
-                jump += conditioned(&m.parts[i], row, m.nodes[i][k * m.parts[i].substeps].u);
-            CHECK_NEAR(t.displacement[k * m.p + row], jump, AGREE);
-        }
-    }
+    check_against_naive(&m, &t, STEPS);
     destroy_model(&m);
 }
 
@@ -198,7 +219,7 @@ static void pm_is_the_schedule_as_it_is_written(void)
     check_against_naive_coupler((plan){{2, 6, 3}, true, true, false, false, false});
 }
 
-static void restoring_forces_and_lagged_damping_stand_where_they_are_written(void)
+static void restoring_forces_and_lagged_damping_act_where_they_are_written(void)
 {
     check_against_naive_coupler((plan){{1, 1, 1}, false, false, true, false, true});
     check_against_naive_coupler((plan){{1, 6, 2}, false, false, true, true, true});
@@ -207,7 +228,7 @@ static void restoring_forces_and_lagged_damping_stand_where_they_are_written(voi
     check_against_naive_coupler((plan){{2, 6, 3}, true, true, true, true, true});
 }
 
-/* ---- bit for bit ----------------------------------------------------------------------------- */
+/* ---- bitwise identical ----------------------------------------------------------------------- */
 
 static void a_run_of_many_steps_equals_many_runs_of_one(void)
 {
@@ -227,7 +248,7 @@ static void a_run_of_many_steps_equals_many_runs_of_one(void)
 }
 
 /* Every step is linear in state and load, and a power of two passes every rounding. */
-static void scaling_by_a_power_of_two_scales_every_bit(void)
+static void scaling_by_a_power_of_two_scales_all_results_bitwise(void)
 {
     static model m, n;
     make_chain(&m, MIXED, 1.0);
@@ -244,10 +265,10 @@ static void scaling_by_a_power_of_two_scales_every_bit(void)
     destroy_model(&m);
 }
 
-static void a_second_start_forgets_the_first_run(void)
+static void check_second_start(const chain *chosen)
 {
     static model m;
-    make_chain(&m, MIXED, 1.0);
+    build_chain(&m, chosen);
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS, NULL, NULL), PMA_OK);
     const snapshot expected = present(&m);
     start_model(&m);
@@ -255,6 +276,13 @@ static void a_second_start_forgets_the_first_run(void)
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS, NULL, NULL), PMA_OK);
     check_same_present(&m, &expected);
     destroy_model(&m);
+}
+
+/* ... also what its springs remember */
+static void a_second_start_forgets_the_first_run(void)
+{
+    check_second_start(&(chain){.plan = MIXED});
+    check_second_start(&(chain){.plan = MIXED, .sprung = true});
 }
 
 static void copy_state(size_t n, const pma_state *from, const pma_state *to)
@@ -265,7 +293,7 @@ static void copy_state(size_t n, const pma_state *from, const pma_state *to)
     memcpy(to->a, from->a, n * sizeof(double));
 }
 
-/* All nodes of one model into another, which goes on as if it had been there all the time. */
+/* All kept levels of one model into another, which goes on as if it had been there all the time. */
 static void check_taken_over(plan chosen, int64_t after)
 {
     static model m, n;
@@ -274,15 +302,15 @@ static void check_taken_over(plan chosen, int64_t after)
     CHECK_STATUS(pma_coupler_advance(m.coupler, after, NULL, NULL), PMA_OK);
     for (size_t i = 0; i < m.count; i++) {
         const part *x = &m.parts[i];
-        const pma_nodes from = pma_subdomain_nodes(x->core);
-        const pma_nodes to = pma_subdomain_nodes(n.parts[i].core);
+        const pma_kept_levels from = pma_subdomain_levels(x->core);
+        const pma_kept_levels to = pma_subdomain_levels(n.parts[i].core);
         copy_state(x->n, &from.present, &to.present);
         memcpy(to.vf, from.vf, x->nb * sizeof(double));
         CHECK_INT(from.previous.u != NULL, x->doubled);
         if (x->doubled)
             copy_state(x->n, &from.previous, &to.previous);
     }
-    double g[CONDITIONS];
+    double g[CONSTRAINTS];
     prescribe(&m, (size_t)after * m.fine, g);
     pma_coupler_start(n.coupler, after, pma_coupler_multipliers(m.coupler), g);
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS - after, NULL, NULL), PMA_OK);
@@ -294,7 +322,7 @@ static void check_taken_over(plan chosen, int64_t after)
     destroy_model(&n);
 }
 
-static void a_run_goes_on_from_nodes_that_were_written(void)
+static void a_run_goes_on_from_time_levels_that_were_written(void)
 {
     for (int64_t after = 0; after <= 3; after++) {
         check_taken_over(MIXED, after);
@@ -302,8 +330,8 @@ static void a_run_goes_on_from_nodes_that_were_written(void)
     }
 }
 
-/* Against the naive program: the present, the own node before, and both free velocities. */
-static void check_nodes(size_t substeps)
+/* Against the naive program: the present, the level before, and both free velocities. */
+static void check_levels(size_t substeps)
 {
     static model m;
     make_chain(&m, (plan){{substeps, 6, 3}, true, true, true, true, false}, 1.0);
@@ -312,32 +340,32 @@ static void check_nodes(size_t substeps)
         CHECK_STATUS(pma_coupler_advance(m.coupler, 1, NULL, NULL), PMA_OK);
         for (size_t i = 0; i < m.count; i++) {
             const part *x = &m.parts[i];
-            const pma_nodes nodes = pma_subdomain_nodes(x->core);
-            const node *now = &m.nodes[i][macro * x->substeps];
-            check_state(x, &nodes.present, now);
+            const pma_kept_levels kept = pma_subdomain_levels(x->core);
+            const level *now = &m.levels[i][macro * x->substeps];
+            check_state(x, &kept.present, now);
             for (size_t b = 0; b < x->nb; b++)
-                CHECK_NEAR(nodes.vf[b], now->vf[x->n - x->nb + b], AGREE);
+                CHECK_NEAR(kept.vf[b], now->vf[x->n - x->nb + b], AGREE);
             if (!x->doubled)
                 continue;
-            check_state(x, &nodes.previous, now - 1);
+            check_state(x, &kept.previous, now - 1);
             for (size_t b = 0; b < x->nb; b++)
-                CHECK_NEAR(nodes.vf_previous[b], (now - 1)->vf[x->n - x->nb + b], AGREE);
+                CHECK_NEAR(kept.vf_previous[b], (now - 1)->vf[x->n - x->nb + b], AGREE);
         }
     }
     destroy_model(&m);
 }
 
-static void the_nodes_of_a_subdomain_are_its_present_and_the_own_node_before(void)
+static void the_kept_levels_of_a_subdomain_are_its_present_and_the_level_before(void)
 {
-    check_nodes(1);
-    check_nodes(2);
-    check_nodes(3);
-    check_nodes(6);
+    check_levels(1);
+    check_levels(2);
+    check_levels(3);
+    check_levels(6);
 }
 
 /* ---- no allocation in a step ----------------------------------------------------------------- */
 
-/* Without AddressSanitizer nobody counts, and the test says nothing. */
+/* Without AddressSanitizer nothing is counted, and the test shows nothing. */
 static size_t allocations;
 
 #if defined(__SANITIZE_ADDRESS__)
@@ -380,8 +408,8 @@ static void a_step_does_not_allocate(void)
 {
     static model m;
     static tape t;
-    asker a = {0, 0};
-    const pma_poll poll = {ask, &a, 0};
+    stopper a = {0, 0};
+    const pma_poll poll = {poll_stopper, &a, 0};
     if (!count_allocations()) {
         printf("allocations are counted under AddressSanitizer only\n");
         return;
@@ -402,18 +430,20 @@ static void a_step_does_not_allocate(void)
 const test COUPLER_TESTS[] = {
     TEST(a_coupler_with_sizes_that_do_not_agree_is_refused),
     TEST(a_motion_of_rows_that_do_not_exist_is_refused),
-    TEST(a_coupler_of_a_subdomain_with_other_conditions_is_refused),
+    TEST(a_coupler_of_a_subdomain_with_other_constraints_is_refused),
     TEST(substeps_that_do_not_divide_the_largest_are_refused),
+    TEST(substeps_that_do_not_make_up_the_macro_step_are_refused),
     TEST(a_coupler_without_an_initial_state_does_not_run),
     TEST(a_started_coupler_shows_its_parts_and_its_multipliers),
+    TEST(macro_steps_can_be_counted_as_long_as_their_substeps_can),
     TEST(gc_is_the_schedule_as_it_is_written),
     TEST(pm_is_the_schedule_as_it_is_written),
-    TEST(restoring_forces_and_lagged_damping_stand_where_they_are_written),
+    TEST(restoring_forces_and_lagged_damping_act_where_they_are_written),
     TEST(a_run_of_many_steps_equals_many_runs_of_one),
-    TEST(scaling_by_a_power_of_two_scales_every_bit),
+    TEST(scaling_by_a_power_of_two_scales_all_results_bitwise),
     TEST(a_second_start_forgets_the_first_run),
-    TEST(a_run_goes_on_from_nodes_that_were_written),
-    TEST(the_nodes_of_a_subdomain_are_its_present_and_the_own_node_before),
+    TEST(a_run_goes_on_from_time_levels_that_were_written),
+    TEST(the_kept_levels_of_a_subdomain_are_its_present_and_the_level_before),
     TEST(a_step_does_not_allocate),
     END_OF_TESTS,
 };

@@ -78,20 +78,22 @@ static void check_parts(const pma_factor *f, uint64_t *seed)
 {
     double whole[SIZE], parts[SIZE], f_b[SIZE], whole_b[SIZE], parts_b[SIZE];
     const size_t n = f->n;
+    double *work = take_scratch(f);
     draw_vector(n, seed, whole);
     draw_vector(f->nb, seed, f_b);
     memcpy(parts, whole, sizeof whole);
-    pma_factor_open(f, whole, whole_b);
+    pma_factor_open(f, whole, whole_b, work);
     for (size_t j = 0; j < n; j += 4)
-        pma_factor_open_part(f, j, j + 4 < n ? j + 4 : n, parts, parts_b);
+        pma_factor_open_part(f, j, j + 4 < n ? j + 4 : n, parts, parts_b, work);
     CHECK_BITS(n, parts, whole);
     CHECK_BITS(f->nb, parts_b, whole_b);
-    pma_factor_close(f, f_b, whole);
+    pma_factor_close(f, f_b, whole, work);
     for (size_t end = n, begin; end > 0; end = begin) {
         begin = end > 4 ? end - 4 : 0;
-        pma_factor_close_part(f, begin, end, f_b, parts);
+        pma_factor_close_part(f, begin, end, f_b, parts, work);
     }
     CHECK_BITS(n, parts, whole);
+    return_scratch(f, work);
 }
 
 static void a_step_opened_and_closed_in_parts_is_the_whole_step(void)

@@ -29,7 +29,7 @@ static void no_load_adds_nothing_and_a_constant_load_itself(void)
     check_load(&constant, 1e9, 1000000, F);
 }
 
-static void a_table_gives_the_row_of_the_own_step(void)
+static void a_table_gives_the_row_of_the_substep(void)
 {
     const double rows[2][3] = {{1.0, 2.0, 3.0}, {-4.0, 5.0, 6.0}};
     const pma_load load = {
@@ -88,8 +88,8 @@ static double alternating_load(size_t last, double step, double t)
     return g;
 }
 
-/* Sampled at m * step and asked for at (k/fine) * dt with dt = fine * step: equal as decimals, not
- * in bits. Without care half of those that fall below would be interpolated, of those that fall
+/* Sampled at m * step and evaluated at (k/fine) * dt with dt = fine * step: equal as decimals, not
+ * bitwise. Without care half of those that fall below would be interpolated, of those that fall
  * above the last one would be zero. */
 static void a_sample_instant_typed_as_a_decimal_gives_the_sample_itself(void)
 {
@@ -127,32 +127,32 @@ static int push(double t, intptr_t n, double *f, void *user)
     return *(int *)user;
 }
 
-static void a_called_load_is_asked_once_and_added_in_elimination_order(void)
+static void a_called_load_is_evaluated_once_and_added_in_elimination_order(void)
 {
     const int64_t order[3] = {2, 0, 1};
     double work[3] = {9.0, 9.0, 9.0}, g[3] = {1.0, 2.0, 3.0};
-    int answer = 0, code = -1;
-    const pma_load load = {.kind = PMA_LOAD_CALLED, .n = 3, .function = push, .user = &answer,
+    int returned = 0, code = -1;
+    const pma_load load = {.kind = PMA_LOAD_CALLED, .n = 3, .function = push, .user = &returned,
                            .order = order, .work = work};
-    CHECK_STATUS(pma_load_ask(&load, 4.0, &code), PMA_OK);
+    CHECK_STATUS(pma_load_evaluate(&load, 4.0, &code), PMA_OK);
     CHECK_INT(code, 0);
-    pma_load_add(&load, 100.0, 0, g); /* what was asked for counts */
+    pma_load_add(&load, 100.0, 0, g); /* the last evaluation counts */
     const double expected[3] = {13.0, 6.0, 11.0};
     CHECK_BITS(3, g, expected);
-    answer = -5;
-    CHECK_STATUS(pma_load_ask(&load, 4.0, &code), PMA_FORCE_FAILED);
+    returned = -5;
+    CHECK_STATUS(pma_load_evaluate(&load, 4.0, &code), PMA_FORCE_FAILED);
     CHECK_INT(code, -5);
     const pma_load none = {.n = 3};
-    CHECK_STATUS(pma_load_ask(&none, 4.0, &code), PMA_OK);
+    CHECK_STATUS(pma_load_evaluate(&none, 4.0, &code), PMA_OK);
 }
 
 const test LOAD_TESTS[] = {
     TEST(no_load_adds_nothing_and_a_constant_load_itself),
-    TEST(a_table_gives_the_row_of_the_own_step),
+    TEST(a_table_gives_the_row_of_the_substep),
     TEST(a_sampled_load_is_linear_between_samples_and_held_or_zero_after),
     TEST(a_shape_spreads_the_samples_over_the_dofs),
     TEST(a_sample_instant_typed_as_a_decimal_gives_the_sample_itself),
     TEST(a_time_just_beside_a_sample_is_not_the_sample),
-    TEST(a_called_load_is_asked_once_and_added_in_elimination_order),
+    TEST(a_called_load_is_evaluated_once_and_added_in_elimination_order),
     END_OF_TESTS,
 };

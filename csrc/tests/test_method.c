@@ -22,8 +22,8 @@ static void two_trapezoidal_halves_under_gc_are_the_whole_oscillator(void)
                                 .B = TRAPEZOIDAL});
     const double q = 2.0 * atan(OMEGA * 0.1 / 2.0), tolerance = 10.0 * SWING_TOLERANCE;
     for (size_t n = 0; n <= SWINGS; n++) {
-        const pma_state *A = pma_subdomain_at(m.parts[0].core, 0);
-        const pma_state *B = pma_subdomain_at(m.parts[1].core, 0);
+        const pma_state *A = pma_subdomain_present(m.parts[0].core);
+        const pma_state *B = pma_subdomain_present(m.parts[1].core);
         CHECK_NEAR(A->u[0], cos((double)n * q), tolerance);
         CHECK_NEAR(B->u[0], cos((double)n * q), tolerance);
         CHECK_NEAR(A->v[0], -OMEGA * sin((double)n * q), OMEGA * tolerance);
@@ -49,8 +49,8 @@ static void trapezoidal_and_central_difference_under_gc_have_a_closed_form(void)
     make_oscillator(&m, (split){.dt = h, .substeps = 1, .A = TRAPEZOIDAL,
                                 .B = CENTRAL_DIFFERENCE});
     for (size_t n = 0; n <= SWINGS; n++) {
-        const pma_state *A = pma_subdomain_at(m.parts[0].core, 0);
-        const pma_state *B = pma_subdomain_at(m.parts[1].core, 0);
+        const pma_state *A = pma_subdomain_present(m.parts[0].core);
+        const pma_state *B = pma_subdomain_present(m.parts[1].core);
         const double cosine = (1.0 - c) * cos((double)n * q), w = -k / mass * cosine;
         CHECK_NEAR(B->u[0], c + cosine, tolerance);
         CHECK_NEAR(A->u[0] - B->u[0], h * h / 4.0 * (w - w0), tolerance);
@@ -76,7 +76,7 @@ static void trapezoidal_and_central_difference_under_pm_have_a_closed_form(void)
     make_oscillator(&m, (split){.dt = h, .substeps = 1, .doubled = true, .A = TRAPEZOIDAL,
                                 .B = CENTRAL_DIFFERENCE});
     for (size_t n = 0; n <= SWINGS; n++) {
-        v[n] = pma_subdomain_at(m.parts[1].core, 0)->v[0];
+        v[n] = pma_subdomain_present(m.parts[1].core)->v[0];
         most = fmax(most, fabs(v[n]));
         CHECK_STATUS(pma_coupler_advance(m.coupler, 1, NULL, NULL), PMA_OK);
     }
@@ -89,7 +89,7 @@ static void trapezoidal_and_central_difference_under_pm_have_a_closed_form(void)
     destroy_model(&m);
 }
 
-/* The largest error of the velocity of B at macro nodes over one period, over omega u0. */
+/* The largest error of the velocity of B at macro time levels over one period, over omega u0. */
 static double velocity_error(split s, size_t steps)
 {
     static model m;
@@ -98,7 +98,7 @@ static double velocity_error(split s, size_t steps)
     make_oscillator(&m, s);
     for (size_t n = 1; n <= steps; n++) {
         CHECK_STATUS(pma_coupler_advance(m.coupler, 1, NULL, NULL), PMA_OK);
-        const double v = pma_subdomain_at(m.parts[1].core, 0)->v[0] / OMEGA;
+        const double v = pma_subdomain_present(m.parts[1].core)->v[0] / OMEGA;
         worst = fmax(worst, fabs(v + sin(2.0 * PI * (double)n / (double)steps)));
     }
     destroy_model(&m);
@@ -162,7 +162,7 @@ static void pm_alpha_dissipates_in_the_long_run(void)
     make_oscillator(&m, (split){.dt = 1.0 / OMEGA, .substeps = 5, .doubled = true,
                                 .A = generalized_alpha(0.5), .B = generalized_alpha(0.5)});
     for (size_t n = 0; n < 2000; n++) {
-        const double v = fabs(pma_subdomain_at(m.parts[1].core, 0)->v[0]);
+        const double v = fabs(pma_subdomain_present(m.parts[1].core)->v[0]);
         early = n < 20 ? fmax(early, v) : early;
         late = n >= 1980 ? fmax(late, v) : late;
         CHECK(v < 2.0 * OMEGA);
@@ -193,7 +193,7 @@ static void a_prescribed_velocity_is_followed(void)
         CHECK_STATUS(pma_coupler_advance(m.coupler, 1, NULL, NULL), PMA_OK);
         const double t = 0.1 * n, u = n <= 10 ? t * t / 2.0 : t / 2.0 + 0.025;
         const double w = n <= 10 ? 1.0 : n % 2 ? -11.0 : 11.0;
-        const pma_state *x = pma_subdomain_at(m.parts[0].core, 0);
+        const pma_state *x = pma_subdomain_present(m.parts[0].core);
         /* 20 steps of a few roundings each; in w and Lam times 2/h = 20 and all alternating */
         CHECK_NEAR(x->v[0], n <= 10 ? t : half, 16.0 * EPS);
         CHECK_NEAR(x->u[0], u, 100.0 * EPS);

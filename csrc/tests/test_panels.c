@@ -47,14 +47,14 @@ static void naive_dtrsm(char *side, char *half, char *trans, char *unit, int *m,
 static const pma_blas NAIVE_BLAS = {naive_dgemm, naive_dtrsm};
 
 /* With scratch of just the sizes asked for: one more would be seen by AddressSanitizer. */
-static pma_status make_numbers(structure *m, double lost, asker *a, size_t *column)
+static pma_status make_numbers(structure *m, double lost, stopper *a, size_t *column)
 {
     const pma_panels_input input = {m->n, m->ptr, m->index, m->entries, lost};
     double *update = malloc(pma_panels_update_size(&m->panels) * sizeof *update);
     int64_t *integers = malloc((3 * m->panels.count + m->n) * sizeof *integers);
     const pma_status status =
         pma_panels_factor(&m->panels, &input, m->owner, &NAIVE_BLAS, m->inverse, update, integers,
-                          column, ask, a);
+                          column, poll_stopper, a);
     free(update);
     free(integers);
     return status;
@@ -77,19 +77,21 @@ static void check_definite_residual(const structure *m, const double *x, const d
 
 static void check_factored(structure *m, uint64_t *seed)
 {
-    double b[UNKNOWNS], x[UNKNOWNS], work[UNKNOWNS], x_b[UNKNOWNS], nothing[UNKNOWNS] = {0.0};
-    asker a = {0, 0};
+    double b[UNKNOWNS], x[UNKNOWNS], x_b[UNKNOWNS], nothing[UNKNOWNS] = {0.0};
+    stopper a = {0, 0};
     size_t column = 0;
     analyse(m);
     CHECK_STATUS(make_numbers(m, 1e-12, &a, &column), PMA_OK);
-    CHECK_INT(a.asked, m->panels.count);
+    CHECK_INT(a.polled, m->panels.count);
     const pma_factor f = {.form = PMA_PANELS, .n = m->n, .nb = m->nb, .inverse = m->inverse,
-                          .panels = m->panels, .work = work};
+                          .panels = m->panels};
     CHECK_STATUS(pma_factor_check(&f), PMA_OK);
     draw_vector(m->n, seed, b);
     memcpy(x, b, m->n * sizeof(double));
-    pma_factor_open(&f, x, x_b);
-    pma_factor_close(&f, nothing, x);
+    double *work = take_scratch(&f);
+    pma_factor_open(&f, x, x_b, work);
+    pma_factor_close(&f, nothing, x, work);
+    return_scratch(&f, work);
     check_definite_residual(m, x, b);
 }
 
@@ -114,7 +116,7 @@ static void a_factor_made_in_panels_solves(void)
 /* A pivot does not depend on what comes after it, so the spoilt one is the first to fail. */
 static void check_spoilt(structure *m, size_t spoilt, double diagonal)
 {
-    asker a = {0, 0};
+    stopper a = {0, 0};
     size_t column = SIZE_MAX;
     const double kept = m->A[spoilt * (m->n + 1)];
     m->A[spoilt * (m->n + 1)] = diagonal;
@@ -149,7 +151,7 @@ static void the_column_of_a_pivot_that_is_not_positive_is_named(void)
 static void a_pivot_that_is_only_rounding_counts_as_not_positive(void)
 {
     static structure m;
-    asker a = {0, 0};
+    stopper a = {0, 0};
     size_t column = SIZE_MAX;
     m = (structure){.n = 2, .A = {1.0, 1.0, 1.0, 1.0 + 1e-13}};
     analyse(&m);
@@ -162,7 +164,7 @@ static void a_pivot_that_is_only_rounding_counts_as_not_positive(void)
 static void an_entry_outside_the_pattern_is_refused(void)
 {
     static structure m;
-    asker a = {0, 0};
+    stopper a = {0, 0};
     size_t column;
     m = (structure){.n = SIZE};
     for (size_t i = 0; i < SIZE; i++) {
@@ -185,9 +187,9 @@ static void a_factor_in_the_making_can_be_stopped(void)
     analyse(&m);
     CHECK(m.panels.count >= 3);
     for (size_t stop_at = 1; stop_at <= 3; stop_at++) {
-        asker a = {0, stop_at};
+        stopper a = {0, stop_at};
         CHECK_STATUS(make_numbers(&m, 1e-12, &a, &column), PMA_STOPPED);
-        CHECK_INT(a.asked, stop_at);
+        CHECK_INT(a.polled, stop_at);
     }
 }
 
@@ -312,12 +314,10 @@ static void factors_in_panels_solve_for_every_size_of_interface(void)
             const triple t = make_triple(n, n % 2 ? 0.9 : 0.4, &seed);
             panelled q = cut_into_panels(&t, nb, &seed);
             const pma_panels panels = {q.count, q.first, q.row_ptr, q.rows, q.start, q.values};
-            double work[SIZE + 1];
-            work[pma_panels_most_height(&panels)] = 7.0; /* not to be written */
             const pma_factor f = {.form = PMA_PANELS, .n = n, .nb = nb, .inverse = t.inverse,
-                                  .panels = panels, .work = work};
+                                  .panels = panels};
+            CHECK_INT(pma_factor_scratch(&f), pma_panels_most_height(&panels));
             check_sweeps(&t, &f, &seed);
-            CHECK_NEAR(work[pma_panels_most_height(&panels)], 7.0, 0.0);
         }
     }
 }
@@ -327,7 +327,6 @@ static void factors_in_panels_solve_for_every_size_of_interface(void)
 typedef struct {
     size_t nb;
     int64_t place[UNKNOWNS], supernodes[UNKNOWNS];
-    double aside[UNKNOWNS], work[UNKNOWNS];
     pma_factor factor;
 } ordinary;
 
@@ -355,8 +354,8 @@ static void draw_interface(ordinary *o, structure *m, size_t nb, uint64_t *seed)
             on_path[m->owner[m->rows[m->row_ptr[s]]]] = true;
     }
     o->factor = (pma_factor){.form = PMA_PANELS, .n = m->n, .nb = nb, .inverse = m->inverse,
-                             .panels = m->panels, .work = o->work,
-                             .path = {o->place, o->supernodes, count, o->aside}};
+                             .panels = m->panels,
+                             .path = {o->place, o->supernodes, count}};
 }
 
 /* A x = b, both in the order of the caller */
@@ -377,28 +376,30 @@ static void check_ordinary(structure *m, size_t nb, uint64_t *seed)
     const size_t interior = m->n - nb;
     draw_interface(&o, m, nb, seed);
     CHECK_STATUS(pma_factor_check(&o.factor), PMA_OK);
+    double *work = take_scratch(&o.factor);
     draw_vector(m->n, seed, b);
     memcpy(opened, b, sizeof b);
-    pma_factor_open(&o.factor, opened, x_b);
+    pma_factor_open(&o.factor, opened, x_b, work);
     memcpy(x, opened, sizeof x);
-    pma_factor_close(&o.factor, f_b, x);
+    pma_factor_close(&o.factor, f_b, x, work);
     check_solution(&o, m, x, b);
     /* the diagonal exceeds the rest of its row by 1/8, so that |A^-1| <= 8; b is below 1 */
     for (size_t i = 0; i < nb; i++)
         CHECK_NEAR(x_b[i], x[interior + i], 1e-12);
 
-    /* with forces on the interface, whose answer is a sweep of its own */
+    /* with forces on the interface, whose effect is a sweep of its own */
     draw_vector(nb, seed, f_b);
-    pma_factor_close(&o.factor, f_b, opened);
+    pma_factor_close(&o.factor, f_b, opened, work);
     for (size_t i = 0; i < nb; i++)
         b[interior + i] += f_b[i];
     check_solution(&o, m, opened, b);
     memcpy(x, b, sizeof x);
-    pma_factor_solve(&o.factor, x);
+    pma_factor_solve(&o.factor, x, work);
     check_solution(&o, m, x, b);
-    pma_factor_interface(&o.factor, f_b);
+    pma_factor_interface(&o.factor, f_b, work);
     for (size_t i = 0; i < nb; i++)
         CHECK_NEAR(x_b[i] + f_b[i], opened[interior + i], 1e-12);
+    return_scratch(&o.factor, work);
 }
 
 static void an_interface_anywhere_in_the_order_is_reached_along_paths(void)
@@ -407,7 +408,7 @@ static void an_interface_anywhere_in_the_order_is_reached_along_paths(void)
     uint64_t seed = 12;
     for (size_t n = 1; n <= 24; n++) {
         for (uint32_t one_in = 1; one_in <= 9; one_in += 2) {
-            asker a = {0, 0};
+            stopper a = {0, 0};
             size_t column = 0;
             draw_definite(&m, n, 0, one_in, &seed);
             analyse(&m);
@@ -422,10 +423,9 @@ static void an_interface_anywhere_in_the_order_is_reached_along_paths(void)
 /* three panels: 0 1 | 2 | 3 4; the rows of the first two are 3 4 */
 static pma_status path_status(const int64_t *place, size_t count, const int64_t *supernodes)
 {
-    double aside[5];
     const pma_panels p = three_panels();
     return pma_factor_check(&(pma_factor){.form = PMA_PANELS, .n = 5, .nb = 1, .panels = p,
-                                          .path = {place, supernodes, count, aside}});
+                                          .path = {place, supernodes, count}});
 }
 
 static void paths_that_do_not_lead_up_or_miss_the_interface_are_refused(void)

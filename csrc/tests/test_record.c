@@ -1,4 +1,4 @@
-/* test_record.c - which nodes of a run are kept, and where. */
+/* test_record.c - which time levels of a run are recorded, and where. */
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -7,19 +7,20 @@
 #include "check.h"
 #include "coupling/coupler.h"
 #include "coupling/record.h"
+#include "member/selection.h"
 #include "member/subdomain.h"
 #include "models.h"
 #include "naive.h"
 #include "tests.h"
 
-static void the_row_of_a_node_follows_from_its_number(void)
+static void the_row_of_a_time_level_follows_from_its_number(void)
 {
     const pma_record all = {.begin = 4, .every = 0}, third = {.begin = 4, .every = 3};
     CHECK_INT(pma_record_row(&all, 4, 1, 5), 1);
     CHECK_INT(pma_record_row(&all, 4, 5, 5), 5);
     CHECK_INT(pma_record_row(&all, 6, 2, 5), 12);
-    CHECK_INT(pma_record_row(&third, 5, 5, 5), 1); /* macro node 6, row 0 is macro node 4 */
-    CHECK_INT(pma_record_row(&third, 8, 5, 5), 2); /* macro node 9 */
+    CHECK_INT(pma_record_row(&third, 5, 5, 5), 1); /* macro level 6, row 0 is macro level 4 */
+    CHECK_INT(pma_record_row(&third, 8, 5, 5), 2); /* macro level 9 */
     CHECK_INT(pma_record_row(&third, 5, 4, 5), PMA_NO_ROW);
     CHECK_INT(pma_record_row(&third, 4, 5, 5), PMA_NO_ROW);
     CHECK_INT(pma_record_row(&third, 6, 5, 5), PMA_NO_ROW);
@@ -27,16 +28,31 @@ static void the_row_of_a_node_follows_from_its_number(void)
     CHECK_INT(pma_record_row(&begun_at_one, 8, 1, 1), 1);
 }
 
-static void the_chosen_dofs_of_a_state_are_copied_in_the_order_asked_for(void)
+static void the_selected_dofs_of_a_state_are_written_in_the_order_of_the_selection(void)
 {
     double u[3] = {1, 2, 3}, v[3] = {4, 5, 6}, w[3] = {7, 8, 9};
     double to_u[6] = {0}, to_v[6] = {0}, to_w[6] = {0};
-    const pma_record_nodes nodes = {.count = 2, .position = (int64_t[]){2, 0},
-                                    .u = to_u, .v = to_v, .w = to_w};
-    pma_record_state(&nodes, &(pma_state){.u = u, .v = v, .w = w}, 1);
+    const pma_selection selection = {.count = 2, .position = (int64_t[]){2, 0},
+                                     .u = to_u, .v = to_v, .w = to_w};
+    pma_selection_write(&selection, &(pma_state){.u = u, .v = v, .w = w}, 1);
     CHECK_BITS(6, to_u, ((double[]){0, 0, 3, 1, 0, 0}));
     CHECK_BITS(6, to_v, ((double[]){0, 0, 6, 4, 0, 0}));
     CHECK_BITS(6, to_w, ((double[]){0, 0, 9, 7, 0, 0}));
+    pma_selection_add(&selection, &(pma_state){.u = w, .v = u, .w = v}, 1);
+    CHECK_BITS(6, to_u, ((double[]){0, 0, 12, 8, 0, 0}));
+    CHECK_BITS(6, to_v, ((double[]){0, 0, 9, 5, 0, 0}));
+    CHECK_BITS(6, to_w, ((double[]){0, 0, 15, 11, 0, 0}));
+}
+
+/* What springs remember: deformations, forces, inner variables, `of_springs` each. */
+static void the_selected_springs_of_a_state_are_written_too(void)
+{
+    double remembered[9] = {1, 2, 3, 4, 5, 6, 7, 8, 9}, d[4] = {0}, f[4] = {0};
+    const pma_selection selection = {.springs = 2, .of_springs = 3, .spring = (int64_t[]){2, 1},
+                                     .deformation = d, .force = f};
+    pma_selection_write(&selection, &(pma_state){.springs = remembered}, 1);
+    CHECK_BITS(4, d, ((double[]){0, 0, 3, 2}));
+    CHECK_BITS(4, f, ((double[]){0, 0, 6, 5}));
 }
 
 static void check_rows_alike(const tape *few, const tape *all, const model *m, size_t row,
@@ -77,7 +93,7 @@ static void check_every_third(int64_t begin, const tape *all, const double *unto
     destroy_model(&m);
 }
 
-static void every_third_macro_node_is_recorded_wherever_the_stretch_begins(void)
+static void every_third_macro_level_is_recorded_wherever_the_interval_begins(void)
 {
     static model m;
     static tape all;
@@ -91,36 +107,36 @@ static void every_third_macro_node_is_recorded_wherever_the_stretch_begins(void)
     destroy_model(&m);
 }
 
-/* A stretch that begins later continues the rows of one that began at 0. */
-static void a_record_of_all_nodes_may_begin_in_the_middle(void)
+/* An interval that begins later continues the rows of one that began at 0. */
+static void a_record_of_all_time_levels_may_begin_in_the_middle(void)
 {
-    static model m, n;
+    static model m, later;
     static tape all, late;
     make_chain(&m, MIXED, 1.0);
-    make_chain(&n, MIXED, 1.0);
+    make_chain(&later, MIXED, 1.0);
     make_tape(&all, &m, 0, 0);
-    make_tape(&late, &n, 3, 0);
+    make_tape(&late, &later, 3, 0);
     run_taped(&m, &all, STEPS);
-    CHECK_STATUS(pma_coupler_advance(n.coupler, 3, NULL, NULL), PMA_OK);
-    run_taped(&n, &late, STEPS - 3);
+    CHECK_STATUS(pma_coupler_advance(later.coupler, 3, NULL, NULL), PMA_OK);
+    run_taped(&later, &late, STEPS - 3);
     for (size_t i = 0; i < m.count; i++) {
-        const size_t own = m.parts[i].n, skipped = 3 * m.parts[i].substeps * own;
-        CHECK_BITS((STEPS - 3) * m.parts[i].substeps * own + own, late.u[i], all.u[i] + skipped);
+        const size_t n = m.parts[i].n, skipped = 3 * m.parts[i].substeps * n;
+        CHECK_BITS((STEPS - 3) * m.parts[i].substeps * n + n, late.u[i], all.u[i] + skipped);
     }
     CHECK_BITS(((STEPS - 3) * FINE + 1) * m.p, late.lam, all.lam + 3 * FINE * m.p);
     CHECK_BITS((STEPS - 3 + 1) * m.p, late.displacement, all.displacement + 3 * m.p);
     destroy_model(&m);
-    destroy_model(&n);
+    destroy_model(&later);
 }
 
-/* Without conditions, and of a part nobody asks about, no array is touched: NULL will do. */
-static void a_run_without_conditions_leaves_the_interface_arrays_alone(void)
+/* Without constraints, and of a subdomain without selection, no array is touched: NULL will do. */
+static void a_run_without_constraints_leaves_the_interface_arrays_alone(void)
 {
     static model m;
     double u[3] = {0}, v[3] = {0}, w[3] = {0};
-    pma_record_nodes nodes[2] = {{.count = 1, .position = (int64_t[]){0}, .u = u, .v = v, .w = w},
-                                 {.count = 0}};
-    const pma_record record = {.begin = 0, .every = 1, .nodes = nodes};
+    pma_selection selections[2] = {
+        {.count = 1, .position = (int64_t[]){0}, .u = u, .v = v, .w = w}, {.count = 0}};
+    const pma_record record = {.begin = 0, .every = 1, .selections = selections};
     m = (model){.count = 2, .dt = 0.5};
     m.parts[0] = one_mass(1.0, 4.0, 0.0, TRAPEZOIDAL, true); /* omega h = 1 */
     m.parts[1] = one_mass(1.0, 1.0, 0.0, CENTRAL_DIFFERENCE, false);
@@ -135,10 +151,11 @@ static void a_run_without_conditions_leaves_the_interface_arrays_alone(void)
 }
 
 const test RECORD_TESTS[] = {
-    TEST(the_row_of_a_node_follows_from_its_number),
-    TEST(the_chosen_dofs_of_a_state_are_copied_in_the_order_asked_for),
-    TEST(every_third_macro_node_is_recorded_wherever_the_stretch_begins),
-    TEST(a_record_of_all_nodes_may_begin_in_the_middle),
-    TEST(a_run_without_conditions_leaves_the_interface_arrays_alone),
+    TEST(the_row_of_a_time_level_follows_from_its_number),
+    TEST(the_selected_dofs_of_a_state_are_written_in_the_order_of_the_selection),
+    TEST(the_selected_springs_of_a_state_are_written_too),
+    TEST(every_third_macro_level_is_recorded_wherever_the_interval_begins),
+    TEST(a_record_of_all_time_levels_may_begin_in_the_middle),
+    TEST(a_run_without_constraints_leaves_the_interface_arrays_alone),
     END_OF_TESTS,
 };

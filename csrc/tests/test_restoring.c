@@ -1,4 +1,4 @@
-/* test_restoring.c - restoring forces: when they are asked, what becomes of one that fails. */
+/* test_restoring.c - restoring forces: when they are evaluated, what becomes of one that fails. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
@@ -13,7 +13,7 @@
 
 static const plan RESTORED = {{2, 6, 3}, true, true, true, true, true};
 
-static void a_force_is_asked_in_the_users_order_and_a_code_leaves_the_sum_as_it_was(void)
+static void a_force_is_evaluated_in_the_users_order_and_a_code_leaves_the_sum_as_it_was(void)
 {
     const int64_t order[3] = {2, 0, 1};
     const double u[3] = {1.0, 2.0, 3.0}, v[3] = {4.0, 8.0, 16.0};
@@ -36,6 +36,7 @@ static void a_force_that_does_not_fit_the_subdomain_is_refused(void)
 {
     part x = one_mass(1.0, 1.0, 1.0, TRAPEZOIDAL, true);
     x.restored = true;
+    x.D_r[0] = 1.0;
     const pma_parts good = describe(&x);
     pma_parts bad[4] = {good, good, good, good};
     const int64_t one = 1, negative = -1;
@@ -50,21 +51,21 @@ static void a_force_that_does_not_fit_the_subdomain_is_refused(void)
     }
 }
 
-static void a_force_is_asked_once_for_each_own_step_at_its_end(void)
+static void a_force_is_evaluated_once_for_each_substep_at_its_end(void)
 {
     static model m;
     make_chain(&m, RESTORED, 1.0);
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS, NULL, NULL), PMA_OK);
     for (size_t i = 0; i < m.count; i++) {
         const part *x = &m.parts[i];
-        CHECK_INT(x->pulled.asked, STEPS * x->substeps);
-        for (size_t k = 0; k < x->pulled.asked; k++)
+        CHECK_INT(x->pulled.evaluated, STEPS * x->substeps);
+        for (size_t k = 0; k < x->pulled.evaluated; k++)
             CHECK(x->pulled.times[k] == (double)(k + 1) / (double)x->substeps * m.dt);
     }
     destroy_model(&m);
 }
 
-/* Part i fails when asked for the fail_at-th time; then the run goes on. */
+/* The force of subdomain i fails at its fail_at-th evaluation; then the run goes on. */
 static void check_continued(size_t i, size_t fail_at, size_t threads, const snapshot *at_macro)
 {
     static model m;
@@ -82,7 +83,7 @@ static void check_continued(size_t i, size_t fail_at, size_t threads, const snap
     destroy_model(&m);
 }
 
-static void a_run_whose_force_failed_stands_at_a_macro_step_and_goes_on_as_if_it_had_not(void)
+static void a_run_whose_force_failed_is_at_a_macro_step_and_goes_on_as_if_it_had_not(void)
 {
     static model m;
     snapshot at_macro[STEPS + 1];
@@ -99,7 +100,7 @@ static void a_run_whose_force_failed_stands_at_a_macro_step_and_goes_on_as_if_it
     destroy_model(&m);
 }
 
-static void the_force_alone_is_what_a_step_would_ask_for(void)
+static void the_force_alone_is_what_a_step_would_evaluate(void)
 {
     part x = one_mass(1.0, 1.0, 0.0, TRAPEZOIDAL, true);
     double r = -1.0;
@@ -115,24 +116,24 @@ static void the_force_alone_is_what_a_step_would_ask_for(void)
     pma_subdomain_destroy(x.core);
 }
 
-/* A function may last: whether to stop is asked at every fine step in which one was called. */
-static void a_run_with_forces_is_asked_to_stop_at_every_call(void)
+/* A function may last: after every fine step in which one was called the poll is called. */
+static void a_run_with_forces_polls_after_every_call(void)
 {
     static model m;
-    asker a = {0, 0};
-    const pma_poll poll = {ask, &a, 20000};
+    stopper a = {0, 0};
+    const pma_poll poll = {poll_stopper, &a, 20000};
     make_chain(&m, RESTORED, 1.0);
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS, NULL, &poll), PMA_OK);
-    CHECK_INT(a.asked, STEPS * FINE - 1); /* before the first step nothing was called */
+    CHECK_INT(a.polled, STEPS * FINE - 1); /* before the first step nothing was called */
     destroy_model(&m);
 }
 
 const test RESTORING_TESTS[] = {
-    TEST(a_force_is_asked_in_the_users_order_and_a_code_leaves_the_sum_as_it_was),
+    TEST(a_force_is_evaluated_in_the_users_order_and_a_code_leaves_the_sum_as_it_was),
     TEST(a_force_that_does_not_fit_the_subdomain_is_refused),
-    TEST(a_force_is_asked_once_for_each_own_step_at_its_end),
-    TEST(a_run_whose_force_failed_stands_at_a_macro_step_and_goes_on_as_if_it_had_not),
-    TEST(the_force_alone_is_what_a_step_would_ask_for),
-    TEST(a_run_with_forces_is_asked_to_stop_at_every_call),
+    TEST(a_force_is_evaluated_once_for_each_substep_at_its_end),
+    TEST(a_run_whose_force_failed_is_at_a_macro_step_and_goes_on_as_if_it_had_not),
+    TEST(the_force_alone_is_what_a_step_would_evaluate),
+    TEST(a_run_with_forces_polls_after_every_call),
     END_OF_TESTS,
 };

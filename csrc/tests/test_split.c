@@ -1,4 +1,4 @@
-/* test_split.c - one large explicit subdomain by all workers: the same bits as by one. */
+/* test_split.c - one large explicit subdomain by all workers: bitwise what it is by one. */
 #include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
@@ -6,6 +6,7 @@
 
 #include "check.h"
 #include "coupling/coupler.h"
+#include "coupling/interface.h"
 #include "coupling/schedule.h"
 #include "member/subdomain.h"
 #include "naive.h"
@@ -13,9 +14,9 @@
 #include "workers/roster.h"
 
 /* Dofs of a banded B, of a dense one and of A: B reads four ranges at least, and A, with double
- * steps, more in one own step than B in two. */
+ * steps, more in one substep than B in two. */
 enum { BANDED = 4 * PMA_RANGE / 18, WIDTH = 3, DENSE = 650, COARSE = 660, FINER = 6, SPAN = 4 };
-enum { MOST_THREADS = 4, CONDITIONS = 2, FACE = 400 };
+enum { MOST_THREADS = 4, CONSTRAINTS = 2, FACE = 400 };
 
 /* B large and explicit; with others A implicit with double steps and C one mass, which B is tied to
  * by its last dof and by the first of its interface. That is longer than a range of a dense B. */
@@ -23,11 +24,13 @@ typedef struct {
     size_t count, n;
     bool banded;
     double *K_A, *R_A, *inverse_A, *K, *inverse, *load, *scratch;
-    double lam0[CONDITIONS], H[CONDITIONS * CONDITIONS], inverse_H[CONDITIONS];
+    double lam0[CONSTRAINTS], H[CONSTRAINTS * CONSTRAINTS], inverse_H[CONSTRAINTS];
     int64_t ptr_A[2], ptr[FACE + 1], ptr_C[2];
     int32_t row_A[1], rows[2], row_C[1];
     double one[2], minus_one[1], K_C[1], inverse_C[1];
     pma_subdomain *subdomains[3]; /* B, A, C */
+    pma_member members[3];
+    pma_ldl H_factor;
     pma_coupler *coupler;
 } large;
 
@@ -69,9 +72,9 @@ static void make_B(large *m, uint64_t *seed)
         .C = {.form = PMA_DIAGONAL, .n = n, .values = m->inverse},
         .single = {pma_step_make(SCHEME, 1e-2),
                    {.form = PMA_DIAGONAL, .n = n, .nb = tied ? FACE : 0, .inverse = m->inverse}},
-        .link = {tied ? CONDITIONS : 0, tied ? FACE : 0, m->ptr, m->rows, m->one}};
+        .link = {tied ? CONSTRAINTS : 0, tied ? FACE : 0, m->ptr, m->rows, m->one}};
     CHECK_STATUS(pma_subdomain_create(&parts, &m->subdomains[0]), PMA_OK);
-    CHECK(pma_subdomain_divides(m->subdomains[0]));
+    CHECK(pma_subdomain_member(m->subdomains[0]).divides);
     pma_subdomain_set_load(m->subdomains[0],
                            (pma_load){.kind = PMA_LOAD_CONSTANT, .n = n, .values = m->load});
     start(m->subdomains[0], n, m, seed);
@@ -97,9 +100,9 @@ static void make_A(large *m, uint64_t *seed)
                              .C = {.form = PMA_ZERO, .n = n},
                              .single = {pma_step_make(SCHEME, 6e-2), factor},
                              .twice = {pma_step_make(SCHEME, 12e-2), factor},
-                             .link = {CONDITIONS, 1, m->ptr_A, m->row_A, m->minus_one}};
+                             .link = {CONSTRAINTS, 1, m->ptr_A, m->row_A, m->minus_one}};
     CHECK_STATUS(pma_subdomain_create(&parts, &m->subdomains[1]), PMA_OK);
-    CHECK(!pma_subdomain_divides(m->subdomains[1]));
+    CHECK(!pma_subdomain_member(m->subdomains[1]).divides);
     start(m->subdomains[1], n, m, seed);
 }
 
@@ -114,27 +117,31 @@ static void make_C(large *m, uint64_t *seed)
         .C = {.form = PMA_ZERO, .n = 1},
         .single = {pma_step_make(SCHEME, 3e-2),
                    {.form = PMA_DIAGONAL, .n = 1, .nb = 1, .inverse = m->inverse_C}},
-        .link = {CONDITIONS, 1, m->ptr_C, m->row_C, m->minus_one}};
+        .link = {CONSTRAINTS, 1, m->ptr_C, m->row_C, m->minus_one}};
     CHECK_STATUS(pma_subdomain_create(&parts, &m->subdomains[2]), PMA_OK);
     start(m->subdomains[2], 1, m, seed);
 }
 
 static void couple(large *m, size_t threads)
 {
-    double unit[CONDITIONS] = {0.0};
-    const size_t p = m->count > 1 ? CONDITIONS : 0;
-    for (size_t row = 0; row < p; row++) { /* no dof has both conditions: H is diagonal */
-        double column[CONDITIONS] = {0.0};
+    double unit[CONSTRAINTS] = {0.0};
+    const size_t p = m->count > 1 ? CONSTRAINTS : 0;
+    for (size_t i = 0; i < m->count; i++)
+        m->members[i] = pma_subdomain_member(m->subdomains[i]);
+    for (size_t row = 0; row < p; row++) { /* no dof has both constraints: H is diagonal */
+        double column[CONSTRAINTS] = {0.0};
         unit[row] = 1.0;
         for (size_t i = 0; i < m->count; i++)
-            pma_subdomain_compliance(m->subdomains[i], i == 1, unit, column);
+            m->members[i].table->compliance(m->members[i].self, i == 1, unit, column);
         unit[row] = 0.0;
         m->inverse_H[row] = 1.0 / column[row];
     }
-    const pma_factor H = {.form = PMA_DIAGONAL, .n = p, .nb = p, .inverse = m->inverse_H};
-    const pma_coupler_parts parts = {.count = m->count, .subdomains = m->subdomains, .p = p,
+    const pma_factor factor = {.form = PMA_DIAGONAL, .n = p, .nb = p, .inverse = m->inverse_H};
+    CHECK_STATUS(pma_ldl_create(&factor, &m->H_factor), PMA_OK);
+    const pma_interface H = pma_ldl_interface(&m->H_factor);
+    const pma_coupler_parts parts = {.count = m->count, .members = m->members, .p = p,
                                      .H_start = H, .H = H, .dt = 6e-2, .rebased = true,
-                                     .threads = threads};
+                                     .schedule = &pma_fine_schedule, .threads = threads};
     CHECK_STATUS(pma_coupler_create(&parts, &m->coupler), PMA_OK);
     pma_coupler_start(m->coupler, 0, m->lam0, m->lam0);
 }
@@ -156,6 +163,7 @@ static void destroy_large(large *m)
     pma_coupler_destroy(m->coupler);
     for (size_t i = 0; i < 3; i++)
         pma_subdomain_destroy(m->subdomains[i]);
+    pma_ldl_destroy(&m->H_factor);
     double *const arrays[6] = {m->K_A, m->R_A, m->inverse_A, m->K, m->inverse, m->load};
     for (size_t i = 0; i < 6; i++)
         free(arrays[i]);
@@ -163,11 +171,11 @@ static void destroy_large(large *m)
 
 static void check_same(const large *actual, const large *expected)
 {
-    CHECK_BITS(actual->count > 1 ? CONDITIONS : 0, pma_coupler_multipliers(actual->coupler),
+    CHECK_BITS(actual->count > 1 ? CONSTRAINTS : 0, pma_coupler_multipliers(actual->coupler),
                pma_coupler_multipliers(expected->coupler));
     for (size_t i = 0; i < actual->count; i++) {
-        const pma_state *x = pma_subdomain_at(actual->subdomains[i], 0),
-                        *y = pma_subdomain_at(expected->subdomains[i], 0);
+        const pma_state *x = pma_subdomain_present(actual->subdomains[i]),
+                        *y = pma_subdomain_present(expected->subdomains[i]);
         const size_t n = pma_subdomain_parts(actual->subdomains[i])->n;
         CHECK_BITS(n, x->u, y->u);
         CHECK_BITS(n, x->v, y->v);
@@ -197,13 +205,13 @@ static void check_threads(bool banded, bool alone)
     destroy_large(&one);
 }
 
-static void alone_it_has_the_same_bits_for_any_number_of_threads(void)
+static void alone_it_is_bitwise_identical_for_any_number_of_threads(void)
 {
     check_threads(false, true);
     check_threads(true, true);
 }
 
-static void coupled_with_double_steps_beside_it_it_has_the_same_bits_too(void)
+static void coupled_with_double_steps_beside_it_it_is_bitwise_identical_too(void)
 {
     check_threads(false, false);
     check_threads(true, false);
@@ -254,35 +262,35 @@ static void a_value_that_is_not_finite_is_seen_in_every_range(void)
     check_all_ranges(false);
 }
 
-/* t, until the third time it is asked */
+/* t, until its third evaluation */
 static int refuse(double t, intptr_t n, double *f, void *user)
 {
-    size_t *asked = user;
+    size_t *evaluated = user;
     for (intptr_t i = 0; i < n; i++)
         f[i] = t;
-    return ++*asked == 3 ? 5 : 0;
+    return ++*evaluated == 3 ? 5 : 0;
 }
 
 static void a_load_that_fails_is_named_and_leaves_the_last_macro_step(void)
 {
     large m;
     make_large(&m, true, true, 3);
-    size_t asked = 0;
+    size_t evaluated = 0;
     double *work = malloc(m.n * sizeof *work);
     int64_t *order = malloc(m.n * sizeof *order);
     for (size_t i = 0; i < m.n; i++)
         order[i] = (int64_t)(m.n - 1 - i);
     pma_subdomain_set_load(m.subdomains[0],
                            (pma_load){.kind = PMA_LOAD_CALLED, .n = m.n, .function = refuse,
-                                      .user = &asked, .order = order, .work = work});
-    const double before = pma_subdomain_at(m.subdomains[0], 0)->u[0];
+                                      .user = &evaluated, .order = order, .work = work});
+    const double before = pma_subdomain_present(m.subdomains[0])->u[0];
     CHECK_STATUS(pma_coupler_advance(m.coupler, 1, NULL, NULL), PMA_FORCE_FAILED);
     CHECK_INT(pma_coupler_failed(m.coupler), 0);
     CHECK_INT(pma_subdomain_code(m.subdomains[0]), 5);
     CHECK_INT(pma_coupler_step_count(m.coupler), 0);
-    CHECK(pma_subdomain_at(m.subdomains[0], 0)->u[0] == before);
+    CHECK(pma_subdomain_present(m.subdomains[0])->u[0] == before);
     CHECK_STATUS(pma_coupler_advance(m.coupler, 1, NULL, NULL), PMA_OK);
-    CHECK_INT(asked, 3 + FINER);
+    CHECK_INT(evaluated, 3 + FINER);
     free(work);
     free(order);
     destroy_large(&m);
@@ -291,8 +299,8 @@ static void a_load_that_fails_is_named_and_leaves_the_last_macro_step(void)
 /* ---- all of them ----------------------------------------------------------------------------- */
 
 const test SPLIT_TESTS[] = {
-    TEST(alone_it_has_the_same_bits_for_any_number_of_threads),
-    TEST(coupled_with_double_steps_beside_it_it_has_the_same_bits_too),
+    TEST(alone_it_is_bitwise_identical_for_any_number_of_threads),
+    TEST(coupled_with_double_steps_beside_it_it_is_bitwise_identical_too),
     TEST(a_value_that_is_not_finite_is_seen_in_every_range),
     TEST(a_load_that_fails_is_named_and_leaves_the_last_macro_step),
     END_OF_TESTS,

@@ -22,8 +22,8 @@ static void check_stopped(size_t stop_at, const snapshot *at_macro, const tape *
     static tape t;
     make_chain(&m, MIXED, 1.0);
     make_tape(&t, &m, 0, 0);
-    asker a = {0, stop_at};
-    const pma_poll poll = {ask, &a, 0};
+    stopper a = {0, stop_at};
+    const pma_poll poll = {poll_stopper, &a, 0};
     pma_coupler_record_present(m.coupler, &t.record);
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS, &t.record, &poll), PMA_STOPPED);
     const size_t whole = (stop_at - 1) / FINE;
@@ -32,13 +32,13 @@ static void check_stopped(size_t stop_at, const snapshot *at_macro, const tape *
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS - (int64_t)whole, &t.record, &poll), PMA_OK);
     check_same_present(&m, &at_macro[STEPS]);
     for (size_t i = 0; i < m.count; i++)
-        CHECK_BITS(NODES * MOST, t.w[i], expected->w[i]);
-    CHECK_BITS(NODES * CONDITIONS, t.lam, expected->lam);
-    CHECK_BITS(NODES * CONDITIONS, t.velocity, expected->velocity);
+        CHECK_BITS(LEVELS * MOST, t.w[i], expected->w[i]);
+    CHECK_BITS(LEVELS * CONSTRAINTS, t.lam, expected->lam);
+    CHECK_BITS(LEVELS * CONSTRAINTS, t.velocity, expected->velocity);
     destroy_model(&m);
 }
 
-static void a_stopped_run_stands_at_a_macro_step_and_goes_on_as_if_never_stopped(void)
+static void a_stopped_run_is_at_a_macro_step_and_goes_on_as_if_never_stopped(void)
 {
     static model m;
     static tape t;
@@ -56,31 +56,31 @@ static void a_stopped_run_stands_at_a_macro_step_and_goes_on_as_if_never_stopped
     destroy_model(&m);
 }
 
-/* How often a whole run asks, when it asks about every `entries` entries. */
-static size_t count_questions(size_t entries)
+/* Calls of the poll in a whole run, when it is called about every `entries` entries. */
+static size_t count_polls(size_t entries)
 {
     static model m;
-    asker a = {0, 0};
-    const pma_poll poll = {ask, &a, entries};
+    stopper a = {0, 0};
+    const pma_poll poll = {poll_stopper, &a, entries};
     make_chain(&m, MIXED, 1.0);
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS, NULL, &poll), PMA_OK);
     destroy_model(&m);
-    return a.asked;
+    return a.polled;
 }
 
-static void a_run_asks_as_often_as_it_was_told_to(void)
+static void a_run_polls_about_every_given_number_of_entries(void)
 {
     static model m;
     size_t entries = 0; /* of a macro step */
     make_chain(&m, MIXED, 1.0);
     for (size_t i = 0; i < m.count; i++)
-        entries += m.parts[i].substeps * pma_subdomain_entries(m.parts[i].core);
-    entries += FINE * 2 * pma_factor_entries(&pma_coupler_get_parts(m.coupler)->H);
-    CHECK_INT(count_questions(0), STEPS * FINE);
-    CHECK_INT(count_questions(SIZE_MAX), 0);
+        entries += m.parts[i].substeps * m.members[i].entries;
+    entries += FINE * 2 * pma_factor_entries(&m.ldl[1].factor);
+    CHECK_INT(count_polls(0), STEPS * FINE);
+    CHECK_INT(count_polls(SIZE_MAX), 0);
     /* at the first fine step after every macro step; the last one is not followed by any */
-    CHECK_INT(count_questions(entries), STEPS - 1);
-    CHECK_INT(count_questions(2 * entries), (STEPS - 1) / 2);
+    CHECK_INT(count_polls(entries), STEPS - 1);
+    CHECK_INT(count_polls(2 * entries), (STEPS - 1) / 2);
     destroy_model(&m);
 }
 
@@ -126,7 +126,7 @@ static void check_unstable(bool doubled, size_t substeps)
     destroy_model(&m);
 }
 
-static void an_explicit_part_above_its_limit_is_named_and_the_state_kept(void)
+static void an_explicit_subdomain_above_its_limit_is_named_and_the_state_kept(void)
 {
     check_unstable(false, 1);
     check_unstable(true, 1);
@@ -134,7 +134,7 @@ static void an_explicit_part_above_its_limit_is_named_and_the_state_kept(void)
     check_unstable(true, 2);
 }
 
-/* One load that is not finite, at dof `dof` of part i: who is named, and what is left behind? */
+/* One load that is not finite, at dof `dof` of subdomain i: which is named, and what is left? */
 static void check_infinite_load(size_t i, size_t dof, int64_t after)
 {
     static model m, n;
@@ -171,7 +171,7 @@ static void after_a_load_that_is_not_finite_the_run_can_go_on_as_if_it_had_not_b
 }
 
 /* Two masses that nothing ties: the second has no interface on which it could be seen early. */
-static void an_unstable_part_without_an_interface_is_named_too(void)
+static void an_unstable_subdomain_without_an_interface_is_named_too(void)
 {
     static model m;
     m = (model){.count = 2, .dt = 1.0};
@@ -181,7 +181,7 @@ static void an_unstable_part_without_an_interface_is_named_too(void)
     make_model(&m);
     CHECK_STATUS(pma_coupler_advance(m.coupler, 10000, NULL, NULL), PMA_NOT_FINITE);
     CHECK_INT(pma_coupler_failed(m.coupler), 1);
-    CHECK(isfinite(pma_subdomain_at(m.parts[1].core, 0)->u[0]));
+    CHECK(isfinite(pma_subdomain_present(m.parts[1].core)->u[0]));
     destroy_model(&m);
 }
 
@@ -203,11 +203,11 @@ static void an_interface_matrix_that_is_not_finite_is_named_as_the_interface(voi
 /* ---- all of them ----------------------------------------------------------------------------- */
 
 const test STOP_TESTS[] = {
-    TEST(a_stopped_run_stands_at_a_macro_step_and_goes_on_as_if_never_stopped),
-    TEST(a_run_asks_as_often_as_it_was_told_to),
-    TEST(an_explicit_part_above_its_limit_is_named_and_the_state_kept),
+    TEST(a_stopped_run_is_at_a_macro_step_and_goes_on_as_if_never_stopped),
+    TEST(a_run_polls_about_every_given_number_of_entries),
+    TEST(an_explicit_subdomain_above_its_limit_is_named_and_the_state_kept),
     TEST(after_a_load_that_is_not_finite_the_run_can_go_on_as_if_it_had_not_been),
-    TEST(an_unstable_part_without_an_interface_is_named_too),
+    TEST(an_unstable_subdomain_without_an_interface_is_named_too),
     TEST(an_interface_matrix_that_is_not_finite_is_named_as_the_interface),
     END_OF_TESTS,
 };

@@ -8,6 +8,7 @@
 #include "algebra/factor.h"
 #include "algebra/matrix.h"
 #include "check.h"
+#include "member/inside.h"
 #include "member/load.h"
 #include "member/scheme.h"
 #include "member/subdomain.h"
@@ -69,7 +70,31 @@ static void a_subdomain_with_a_bad_index_is_refused(void)
     }
 }
 
-/* Without an interface and with diagonal forms no array is read before the memory is asked for. */
+static void a_double_step_of_another_length_than_two_steps_is_refused(void)
+{
+    part x = one_mass(1.0, 1.0, 1.0, TRAPEZOIDAL, true);
+    x.doubled = true;
+    pma_parts parts = describe(&x);
+    const double h = parts.twice.step.h;
+    const double bad[4] = {parts.single.step.h, nextafter(h, 1.0), 0.0, NAN};
+    pma_subdomain *made = NULL;
+    for (size_t i = 0; i < 4; i++) {
+        parts.twice.step.h = bad[i];
+        parts.doubled = true;
+        CHECK_STATUS(pma_subdomain_create(&parts, &made), PMA_BAD_STEP);
+        CHECK(made == NULL);
+        parts.doubled = false; /* not read */
+        CHECK_STATUS(pma_subdomain_create(&parts, &made), PMA_OK);
+        pma_subdomain_destroy(made);
+        made = NULL;
+    }
+    parts.twice.step.h = h;
+    parts.doubled = true;
+    CHECK_STATUS(pma_subdomain_create(&parts, &made), PMA_OK);
+    pma_subdomain_destroy(made);
+}
+
+/* Without an interface and with diagonal forms no array is read before memory is allocated. */
 static void a_subdomain_beyond_all_memory_is_refused(void)
 {
     const size_t n = SIZE_MAX / 100;
@@ -85,30 +110,32 @@ static void a_subdomain_beyond_all_memory_is_refused(void)
     CHECK(made == NULL);
 }
 
-/* One own step reads the factor twice, K and C once, and the four vectors a few times. */
-static void an_own_step_reads_at_least_what_its_sweeps_and_products_read(void)
+/* A substep reads the factor twice, K and C once, and the four vectors a few times. */
+static void a_substep_reads_at_least_what_its_sweeps_and_products_read(void)
 {
     part x = one_mass(1.0, 1.0, 1.0, TRAPEZOIDAL, true);
     x.n = 3, x.M[4] = x.M[8] = 1.0, x.L[2] = 1.0, x.L[0] = 0.0;
     make_part(&x);
     const size_t least = 2 * 6 + 9 + 9 + 4 * 3;
-    CHECK(pma_subdomain_entries(x.core) >= least);
-    CHECK(pma_subdomain_entries(x.core) < 2 * least);
+    CHECK(pma_subdomain_member(x.core).entries >= least);
+    CHECK(pma_subdomain_member(x.core).entries < 2 * least);
     pma_subdomain_destroy(x.core);
 }
 
-/* `steps` macro steps of one own step each, nothing tied; u and v at every node, 0 included */
+/* `steps` macro steps of one substep each, nothing tied; u and v at every time level, 0 included */
 static void swing(part *x, double u0, double v0, size_t steps, double *u, double *v)
 {
     const double w0 = -x->K[0] / x->M[0] * u0, lam = 0.0;
     make_part(x);
+    const pma_member m = pma_subdomain_member(x->core);
     pma_subdomain_start(x->core, &u0, &v0, &w0, &lam);
     for (size_t n = 0; n <= steps; n++) {
-        u[n] = pma_subdomain_at(x->core, 0)->u[0];
-        v[n] = pma_subdomain_at(x->core, 0)->v[0];
-        pma_subdomain_open(x->core, 0, false, 0.0, (int64_t)n);
-        CHECK_STATUS(pma_subdomain_close(x->core, 1, false, &lam), PMA_OK);
-        pma_subdomain_commit(x->core);
+        u[n] = pma_subdomain_present(x->core)->u[0];
+        v[n] = pma_subdomain_present(x->core)->v[0];
+        const pma_substep step = {.number = (int64_t)n};
+        CHECK_STATUS(m.table->open(m.self, &step), PMA_OK);
+        CHECK_STATUS(m.table->close(m.self, &step, &lam), PMA_OK);
+        m.table->commit(m.self);
     }
     pma_subdomain_destroy(x->core);
 }
@@ -164,8 +191,8 @@ static void the_explicit_scheme_has_three_equal_roots_at_its_bifurcation(void)
     }
 }
 
-/* Three dofs with a full mass matrix and damping, two of them on the interface with two conditions,
- * under a constant load. */
+/* Three dofs with a full mass matrix and damping, two of them on the interface with two
+ * constraints, under a constant load. */
 static part three_dofs(size_t substeps, bool doubled)
 {
     part x = {.n = 3, .nb = 2, .p = 2, .substeps = substeps, .implicit = true, .doubled = doubled,
@@ -178,7 +205,7 @@ static part three_dofs(size_t substeps, bool doubled)
     return x;
 }
 
-static void start_three_dofs(part *x, node *naive)
+static void start_three_dofs(part *x, level *naive)
 {
     const double w0[3] = {0.5, -1.0, 2.0}, lam0[2] = {0.5, -0.25};
     x->load = (pma_load){.kind = PMA_LOAD_CONSTANT, .values = x->shape};
@@ -191,73 +218,77 @@ static void start_three_dofs(part *x, node *naive)
     naive_store(x, false, lam0, naive);
 }
 
-/* One own step of both, towards own node k of the run; lam is anything but zero. */
-static void step_both(part *x, size_t k, bool twice, node *naive)
+/* A substep of both, towards time level k of the run; lam is anything but zero. */
+static void step_both(part *x, size_t k, bool twice, level *naive)
 {
-    const size_t j = (k - 1) % x->substeps;
+    const pma_member m = pma_subdomain_member(x->core);
+    const pma_substep step = {.j = (k - 1) % x->substeps, .number = (int64_t)k - 1, .twice = twice};
     const double lam[2] = {sin((double)k), cos(2.0 * (double)k)};
-    const node *from = &naive[twice ? k - 2 : k - 1];
+    const level *from = &naive[twice ? k - 2 : k - 1];
     double jump[2] = {1.0, 2.0}, theta = 0.25;
-    pma_subdomain_open(x->core, j, twice, 0.0, (int64_t)k - 1);
+    CHECK_STATUS(m.table->open(m.self, &step), PMA_OK);
+    CHECK_INT(m.table->opened(m.self), step.j + 1);
     naive_free(x, twice, 0.0, x->load.values, from, &naive[k]);
-    pma_subdomain_free_velocity(x->core, j, theta, -2.0, jump);
+    m.table->free_velocity(m.self, step.j, theta, -2.0, jump);
     for (size_t row = 0; row < 2; row++) {
-        const double vf = (1.0 - theta) * conditioned(x, row, naive[k - 1].vf) +
-                          theta * conditioned(x, row, naive[k].vf);
+        const double vf = (1.0 - theta) * constrained(x, row, naive[k - 1].vf) +
+                          theta * constrained(x, row, naive[k].vf);
         CHECK_NEAR(jump[row], 1.0 + (double)row - 2.0 * vf, AGREE);
     }
-    CHECK_STATUS(pma_subdomain_close(x->core, j + 1, twice, lam), PMA_OK);
+    CHECK_STATUS(m.table->close(m.self, &step, lam), PMA_OK);
     naive_close(x, twice, lam, from, &naive[k]);
-    check_state(x, pma_subdomain_at(x->core, j + 1), &naive[k]);
+    check_state(x, pma_levels_at(&x->core->levels, step.j + 1), &naive[k]);
 }
 
-/* Naively all nodes are kept; the core has room for two or three, in turn. */
-static void check_against_all_nodes(size_t substeps, bool doubled)
+/* Naively all time levels are kept; the core has room for two or three, in turn. */
+static void check_against_all_levels(size_t substeps, bool doubled)
 {
     part x = three_dofs(substeps, doubled);
-    node naive[NODES];
+    level naive[LEVELS];
     start_three_dofs(&x, &naive[0]);
+    const pma_member m = pma_subdomain_member(x.core);
     for (size_t macro = 0; macro < STEPS; macro++) {
         const size_t begin = macro * substeps, end = begin + substeps;
-        check_state(&x, pma_subdomain_at(x.core, 0), &naive[begin]);
+        check_state(&x, pma_subdomain_present(x.core), &naive[begin]);
         for (size_t k = begin + 1; k <= end; k++)
             step_both(&x, k, doubled && macro > 0, naive);
         if (doubled && macro == 0) {
             const double lam[2] = {3.0, 4.0};
-            pma_subdomain_rebase(x.core, substeps, lam);
+            m.table->rebase(m.self, substeps, lam);
             naive_store(&x, true, lam, &naive[end]);
         }
-        pma_subdomain_commit(x.core);
+        m.table->commit(m.self);
     }
     pma_subdomain_destroy(x.core);
 }
 
-static void single_steps_are_those_of_a_program_that_keeps_all_nodes(void)
+static void single_steps_are_those_of_a_program_that_keeps_all_levels(void)
 {
     for (size_t substeps = 1; substeps <= 5; substeps++)
-        check_against_all_nodes(substeps, false);
+        check_against_all_levels(substeps, false);
 }
 
-static void double_steps_are_those_of_a_program_that_keeps_all_nodes(void)
+static void double_steps_are_those_of_a_program_that_keeps_all_levels(void)
 {
     for (size_t substeps = 1; substeps <= 5; substeps++)
-        check_against_all_nodes(substeps, true);
+        check_against_all_levels(substeps, true);
 }
 
 /* al2 L Mbar^-1 L^T lam, added to what is there, for h and for 2 h */
 static void the_compliance_is_the_dense_product(void)
 {
     part x = three_dofs(1, true);
-    node naive;
+    level naive;
     const double lam[2] = {1.5, -0.5};
     double wl[MOST];
     start_three_dofs(&x, &naive);
+    const pma_member m = pma_subdomain_member(x.core);
     for (int twice = 0; twice <= 1; twice++) {
         double out[2] = {1.0, 2.0};
-        pma_subdomain_compliance(x.core, twice, lam, out);
+        m.table->compliance(m.self, twice, lam, out);
         naive_link(&x, twice, lam, wl);
         for (size_t row = 0; row < 2; row++) {
-            const double expected = al2_of(&x, twice) * conditioned(&x, row, wl);
+            const double expected = al2_of(&x, twice) * constrained(&x, row, wl);
             /* a 3 x 3 solve of condition below 10 */
             CHECK_NEAR(out[row], 1.0 + (double)row + expected, 100.0 * EPS);
         }
@@ -266,49 +297,55 @@ static void the_compliance_is_the_dense_product(void)
 }
 
 /* L = [0 1 0; 0 -1 1] and dyadic numbers: no rounding */
-static void totals_on_the_interface_are_added_to_the_jump(void)
+static void velocities_and_displacements_on_the_interface_are_added_to_the_jump(void)
 {
     part x = three_dofs(1, false);
-    node naive;
+    level naive;
     double jump[2] = {8.0, 16.0};
     start_three_dofs(&x, &naive);
-    pma_subdomain_total_displacement(x.core, 0, jump);
+    const pma_member m = pma_subdomain_member(x.core);
+    m.table->displacement(m.self, 0, jump);
     CHECK_BITS(2, jump, ((double[]){8.0 + 0.5, 16.0 - 0.5 - 0.5}));
-    pma_subdomain_total_velocity(x.core, 0, jump);
+    m.table->velocity(m.self, 0, jump);
     CHECK_BITS(2, jump, ((double[]){8.5 - 1.0, 15.0 + 1.0 + 0.25}));
     pma_subdomain_destroy(x.core);
 }
 
-/* own steps 1..count of a macro step, not committed */
-static void walk(part *x, size_t count, bool twice)
+/* substeps 1..count of a macro step, not committed */
+static void walk(const pma_member *m, size_t count, bool twice)
 {
     for (size_t j = 0; j < count; j++) {
+        const pma_substep step = {.j = j, .twice = twice};
         const double lam[2] = {1.0 + (double)j, -2.0};
-        pma_subdomain_open(x->core, j, twice, 0.0, 0);
-        CHECK_STATUS(pma_subdomain_close(x->core, j + 1, twice, lam), PMA_OK);
+        CHECK_STATUS(m->table->open(m->self, &step), PMA_OK);
+        CHECK_STATUS(m->table->close(m->self, &step, lam), PMA_OK);
     }
 }
 
-/* Both walk two macro steps, one of them after `given_up` own steps that it never commits. */
+/* Both walk three macro steps, one of them after `given_up` substeps that it never commits. */
 static void check_given_up(size_t substeps, bool doubled, size_t given_up)
 {
     part x = three_dofs(substeps, doubled), y = three_dofs(substeps, doubled);
     double before[4 * MOST], after[4 * MOST], jump_x[2] = {0.0}, jump_y[2] = {0.0};
-    node naive;
+    level naive;
     start_three_dofs(&x, &naive);
     start_three_dofs(&y, &naive);
+    const pma_member m_x = pma_subdomain_member(x.core), m_y = pma_subdomain_member(y.core);
     for (size_t macro = 0; macro < 3; macro++) {
         const size_t count = copy_present(&x, before);
-        walk(&x, given_up, doubled && macro > 0);
-        pma_subdomain_open(x.core, given_up, doubled && macro > 0, 0.0, 0);
+        const pma_substep last = {.j = given_up, .twice = doubled && macro > 0};
+        walk(&m_x, given_up, last.twice);
+        CHECK_STATUS(m_x.table->open(m_x.self, &last), PMA_OK);
+        m_x.table->discard(m_x.self);
+        CHECK_INT(m_x.table->opened(m_x.self), 0);
         copy_present(&x, after);
         CHECK_BITS(count, after, before);
-        walk(&x, substeps, doubled && macro > 0);
-        walk(&y, substeps, doubled && macro > 0);
-        pma_subdomain_free_velocity(x.core, 0, 0.5, 1.0, jump_x);
-        pma_subdomain_free_velocity(y.core, 0, 0.5, 1.0, jump_y);
-        pma_subdomain_commit(x.core);
-        pma_subdomain_commit(y.core);
+        walk(&m_x, substeps, last.twice);
+        walk(&m_y, substeps, last.twice);
+        m_x.table->free_velocity(m_x.self, 0, 0.5, 1.0, jump_x);
+        m_y.table->free_velocity(m_y.self, 0, 0.5, 1.0, jump_y);
+        m_x.table->commit(m_x.self);
+        m_y.table->commit(m_y.self);
         copy_present(&x, after);
         copy_present(&y, before);
         CHECK_BITS(count, after, before);
@@ -328,7 +365,7 @@ static void an_unfinished_macro_step_leaves_the_present_untouched(void)
     }
 }
 
-/* Nine free masses, a load at one of them: wherever it stands, a value that is not finite is seen;
+/* Nine free masses, a load at one of them: wherever it acts, a value that is not finite is seen;
  * on the interface, the last three, already before the step is closed. */
 static void check_not_finite(size_t dof, double force, double velocity, bool fits)
 {
@@ -347,9 +384,11 @@ static void check_not_finite(size_t dof, double force, double velocity, bool fit
     v[dof] = velocity;
     pma_subdomain_start(s, zeros, v, zeros, zeros);
     pma_subdomain_set_load(s, (pma_load){.kind = PMA_LOAD_CONSTANT, .n = SIZE, .values = F});
-    pma_subdomain_open(s, 0, false, 0.0, 0);
-    CHECK_INT(pma_subdomain_free_is_finite(s, 1), fits || dof < SIZE - 3);
-    CHECK_STATUS(pma_subdomain_close(s, 1, false, zeros), fits ? PMA_OK : PMA_NOT_FINITE);
+    const pma_member m = pma_subdomain_member(s);
+    const pma_substep step = {.j = 0};
+    CHECK_STATUS(m.table->open(m.self, &step), PMA_OK);
+    CHECK_INT(m.table->is_finite(m.self, 1), fits || dof < SIZE - 3);
+    CHECK_STATUS(m.table->close(m.self, &step, zeros), fits ? PMA_OK : PMA_NOT_FINITE);
     pma_subdomain_destroy(s);
 }
 
@@ -368,15 +407,16 @@ static void a_value_that_is_not_finite_is_seen_at_every_dof(void)
 const test SUBDOMAIN_TESTS[] = {
     TEST(a_subdomain_with_sizes_that_do_not_agree_is_refused),
     TEST(a_subdomain_with_a_bad_index_is_refused),
+    TEST(a_double_step_of_another_length_than_two_steps_is_refused),
     TEST(a_subdomain_beyond_all_memory_is_refused),
-    TEST(an_own_step_reads_at_least_what_its_sweeps_and_products_read),
+    TEST(a_substep_reads_at_least_what_its_sweeps_and_products_read),
     TEST(a_free_oscillator_under_the_trapezoidal_rule_turns_by_its_closed_form),
     TEST(a_free_oscillator_under_the_central_difference_turns_by_its_closed_form),
     TEST(the_explicit_scheme_has_three_equal_roots_at_its_bifurcation),
-    TEST(single_steps_are_those_of_a_program_that_keeps_all_nodes),
-    TEST(double_steps_are_those_of_a_program_that_keeps_all_nodes),
+    TEST(single_steps_are_those_of_a_program_that_keeps_all_levels),
+    TEST(double_steps_are_those_of_a_program_that_keeps_all_levels),
     TEST(the_compliance_is_the_dense_product),
-    TEST(totals_on_the_interface_are_added_to_the_jump),
+    TEST(velocities_and_displacements_on_the_interface_are_added_to_the_jump),
     TEST(an_unfinished_macro_step_leaves_the_present_untouched),
     TEST(a_value_that_is_not_finite_is_seen_at_every_dof),
     END_OF_TESTS,

@@ -1,5 +1,7 @@
 /* test_team.c - threads that wait for work: all of it is done, once each, and they end. */
 #define _POSIX_C_SOURCE 200809L
+#include <pthread.h>
+#include <signal.h>
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
@@ -38,14 +40,14 @@ static void check_round(pma_team *t, board *b)
     for (size_t w = 1; w < WORKERS; w++)
         pma_team_post(t, w, count, b);
     for (size_t w = 1; w < WORKERS; w++)
-        pma_team_await(t, w);
+        pma_team_await(t, w, NULL, NULL);
     for (size_t w = 1; w < WORKERS; w++) {
         CHECK_INT(b->done[w], b->round);
         CHECK_INT(b->seen[w], b->round);
     }
 }
 
-static void everybody_does_all_that_is_posted_once(void)
+static void every_worker_does_all_that_is_posted_once(void)
 {
     pma_team *t;
     board b = {0};
@@ -57,7 +59,7 @@ static void everybody_does_all_that_is_posted_once(void)
     pma_team_destroy(t);
 }
 
-static void those_who_have_fallen_asleep_are_woken(void)
+static void workers_that_have_fallen_asleep_are_woken(void)
 {
     pma_team *t;
     board b = {0};
@@ -83,43 +85,149 @@ static void one_worker_is_awaited_apart_from_the_others(void)
     board b = {0};
     CHECK_STATUS(pma_team_create(WORKERS, &t), PMA_OK);
     CHECK_STATUS(pma_team_gather(t), PMA_OK);
-    pma_team_await(t, 1); /* nothing was posted */
+    pma_team_await(t, 1, NULL, NULL); /* nothing was posted */
     for (size_t k = 1; k <= 5; k++) {
         pma_team_post(t, 1, work_slowly, &b);
         pma_team_post(t, 2, count, &b);
         pma_team_post(t, 2, count, &b); /* waits for the first */
-        pma_team_await(t, 2);
+        pma_team_await(t, 2, NULL, NULL);
         CHECK_INT(b.done[2], 2 * k);
-        pma_team_await(t, 1);
+        pma_team_await(t, 1, NULL, NULL);
         CHECK_INT(b.done[1], k);
     }
     pma_team_destroy(t);
 }
 
-/* A caller that waited for this would never come to tell it. */
-static void work_until_told(void *ctx, size_t worker)
+/* A caller that waited for this would never come to release it: it gives up after a minute, and
+ * what the test checks then is false. */
+static void work_until_released(void *ctx, size_t worker)
 {
     (void)worker;
-    while (!atomic_load((atomic_bool *)ctx))
+    for (int i = 0; i < 30000 && !atomic_load((atomic_bool *)ctx); i++)
         sleep_a_little();
 }
 
-static void who_does_something_else_is_not_waited_for(void)
+static void a_worker_that_does_something_else_need_not_be_awaited(void)
 {
     pma_team *t;
     board b = {0};
-    atomic_bool told = false;
+    atomic_bool released = false;
     CHECK_STATUS(pma_team_create(WORKERS, &t), PMA_OK);
     CHECK_STATUS(pma_team_gather(t), PMA_OK);
-    pma_team_post(t, 1, work_until_told, &told);
+    CHECK(!pma_team_is_at(t, 1, count));
+    pma_team_post(t, 1, work_until_released, &released);
     pma_team_post(t, 2, count, &b);
-    for (size_t w = 1; w < WORKERS; w++)
-        pma_team_await_if(t, w, count);
+    CHECK(pma_team_is_at(t, 1, work_until_released));
+    for (size_t w = 1; w < WORKERS; w++) {
+        if (pma_team_is_at(t, w, count))
+            pma_team_await(t, w, NULL, NULL);
+    }
     CHECK_INT(b.done[2], 1);
-    atomic_store(&told, true);
-    pma_team_await_if(t, 1, work_until_told);
+    atomic_store(&released, true);
+    CHECK(pma_team_is_at(t, 1, work_until_released));
+    pma_team_await(t, 1, NULL, NULL);
     pma_team_destroy(t);
 }
+
+/* ---- looking at something else meanwhile ------------------------------------------------------ */
+
+static void sleep_long(void *ctx, size_t worker)
+{
+    nanosleep(&(struct timespec){0, 100000000}, NULL);
+    count(ctx, worker);
+}
+
+static void count_look(void *ctx)
+{
+    ++*(size_t *)ctx;
+}
+
+/* About every 20 ms: of a wait of 100 ms once at least, however busy the machine is. */
+static void a_long_wait_looks_at_something_else(void)
+{
+    pma_team *t;
+    board b = {0};
+    size_t looks = 0;
+    CHECK_STATUS(pma_team_create(2, &t), PMA_OK);
+    CHECK_STATUS(pma_team_gather(t), PMA_OK);
+    for (size_t k = 1; k <= 2; k++) {
+        pma_team_post(t, 1, sleep_long, &b);
+        pma_team_await(t, 1, count_look, &looks);
+        CHECK_INT(b.done[1], k);
+        CHECK(looks >= k);
+    }
+    pma_team_destroy(t);
+}
+
+static void a_wait_for_work_that_is_finished_does_not_look(void)
+{
+    pma_team *t;
+    board b = {0};
+    size_t looks = 0;
+    CHECK_STATUS(pma_team_create(2, &t), PMA_OK);
+    CHECK_STATUS(pma_team_gather(t), PMA_OK);
+    pma_team_await(t, 1, count_look, &looks); /* nothing was posted */
+    for (size_t k = 0; k < 100; k++) {
+        pma_team_post(t, 1, count, &b);
+        pma_team_await(t, 1, NULL, NULL);
+        pma_team_await(t, 1, count_look, &looks);
+    }
+    CHECK_INT(b.done[1], 100);
+    CHECK_INT(looks, 0);
+    pma_team_destroy(t);
+}
+
+/* A look that releases the work: a wait without one would never end. */
+static void release(void *ctx)
+{
+    atomic_store((atomic_bool *)ctx, true);
+}
+
+static void what_is_looked_at_can_end_the_work(void)
+{
+    pma_team *t;
+    atomic_bool released = false;
+    CHECK_STATUS(pma_team_create(2, &t), PMA_OK);
+    CHECK_STATUS(pma_team_gather(t), PMA_OK);
+    pma_team_post(t, 1, work_until_released, &released);
+    pma_team_await(t, 1, release, &released);
+    CHECK(atomic_load(&released));
+    pma_team_destroy(t);
+}
+
+/* ---- signals ---------------------------------------------------------------------------------- */
+
+static void read_mask(void *ctx, size_t worker)
+{
+    (void)worker;
+    pthread_sigmask(SIG_BLOCK, NULL, ctx);
+}
+
+/* A signal for the process goes to the thread that called; one that a fault of a worker raises has
+ * to reach the worker itself, or a handler that reports it is never run. */
+static void workers_take_signals_of_their_own_faults_and_no_others(void)
+{
+    static const int faults[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL};
+    static const int others[] = {SIGINT, SIGTERM, SIGALRM, SIGHUP, SIGCHLD};
+    pma_team *t;
+    sigset_t none, before, after, of_worker;
+    sigemptyset(&none);
+    pthread_sigmask(SIG_SETMASK, &none, &before);
+    CHECK_STATUS(pma_team_create(2, &t), PMA_OK);
+    CHECK_STATUS(pma_team_gather(t), PMA_OK);
+    pthread_sigmask(SIG_SETMASK, &before, &after);
+    pma_team_post(t, 1, read_mask, &of_worker);
+    pma_team_await(t, 1, NULL, NULL);
+    for (size_t i = 0; i < sizeof faults / sizeof faults[0]; i++)
+        CHECK_INT(sigismember(&of_worker, faults[i]), 0);
+    for (size_t i = 0; i < sizeof others / sizeof others[0]; i++) {
+        CHECK_INT(sigismember(&of_worker, others[i]), 1);
+        CHECK_INT(sigismember(&after, others[i]), 0); /* the caller's are as they were */
+    }
+    pma_team_destroy(t);
+}
+
+/* ---- sizes, and processes ---------------------------------------------------------------------- */
 
 static void a_team_of_no_workers_or_of_too_many_is_refused(void)
 {
@@ -152,7 +260,7 @@ static bool works_after_fork(pma_team *t, bool gather)
         for (size_t w = 1; w < WORKERS; w++)
             pma_team_post(t, w, count, &b);
         for (size_t w = 1; w < WORKERS; w++)
-            pma_team_await(t, w);
+            pma_team_await(t, w, NULL, NULL);
     }
     pma_team_destroy(t);
     return b.done[1] == gather && b.done[WORKERS - 1] == gather;
@@ -182,10 +290,14 @@ static void a_process_forked_off_has_threads_of_its_own(void)
 /* ---- all of them ----------------------------------------------------------------------------- */
 
 const test TEAM_TESTS[] = {
-    TEST(everybody_does_all_that_is_posted_once),
-    TEST(those_who_have_fallen_asleep_are_woken),
+    TEST(every_worker_does_all_that_is_posted_once),
+    TEST(workers_that_have_fallen_asleep_are_woken),
     TEST(one_worker_is_awaited_apart_from_the_others),
-    TEST(who_does_something_else_is_not_waited_for),
+    TEST(a_worker_that_does_something_else_need_not_be_awaited),
+    TEST(a_long_wait_looks_at_something_else),
+    TEST(a_wait_for_work_that_is_finished_does_not_look),
+    TEST(what_is_looked_at_can_end_the_work),
+    TEST(workers_take_signals_of_their_own_faults_and_no_others),
     TEST(a_team_of_no_workers_or_of_too_many_is_refused),
     TEST(a_process_forked_off_has_threads_of_its_own),
     END_OF_TESTS,

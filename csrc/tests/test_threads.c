@@ -1,10 +1,13 @@
-/* test_threads.c - a coupler with a team: the same bits as alone, whatever happens. */
+/* test_threads.c - a coupler with a team: bitwise what it is alone, whatever happens. */
+#define _POSIX_C_SOURCE 200809L
 #include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
+#include <time.h>
 
 #include "check.h"
 #include "coupling/coupler.h"
+#include "coupling/schedule.h"
 #include "member/subdomain.h"
 #include "models.h"
 #include "naive.h"
@@ -23,19 +26,7 @@ static plan random_plan(uint64_t *seed)
     return chosen;
 }
 
-static void check_tape(const tape *actual, const tape *expected)
-{
-    for (size_t i = 0; i < PARTS; i++) {
-        CHECK_BITS(NODES * MOST, actual->u[i], expected->u[i]);
-        CHECK_BITS(NODES * MOST, actual->v[i], expected->v[i]);
-        CHECK_BITS(NODES * MOST, actual->w[i], expected->w[i]);
-    }
-    CHECK_BITS(NODES * CONDITIONS, actual->lam, expected->lam);
-    CHECK_BITS(NODES * CONDITIONS, actual->velocity, expected->velocity);
-    CHECK_BITS(NODES * CONDITIONS, actual->displacement, expected->displacement);
-}
-
-static void a_run_has_the_same_bits_for_any_number_of_threads(void)
+static void a_run_is_bitwise_identical_for_any_number_of_threads(void)
 {
     static model m;
     static tape expected, actual;
@@ -55,7 +46,7 @@ static void a_run_has_the_same_bits_for_any_number_of_threads(void)
     }
 }
 
-static void step_by_step_and_not_recorded_it_has_the_same_bits_too(void)
+static void step_by_step_and_not_recorded_it_is_bitwise_identical_too(void)
 {
     static model m, n;
     uint64_t seed = 12;
@@ -84,8 +75,8 @@ static void a_stopped_run_goes_on_as_if_never_stopped(void)
     const snapshot expected = present(&m);
     destroy_model(&m);
     for (size_t stop_at = 1; stop_at <= 5 * FINE; stop_at++) {
-        asker a = {0, stop_at};
-        const pma_poll poll = {ask, &a, 0};
+        stopper a = {0, stop_at};
+        const pma_poll poll = {poll_stopper, &a, 0};
         make_threaded_chain(&m, MIXED, 2 + stop_at % 3);
         CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS, NULL, &poll), PMA_STOPPED);
         const int64_t done = pma_coupler_step_count(m.coupler);
@@ -96,7 +87,7 @@ static void a_stopped_run_goes_on_as_if_never_stopped(void)
     }
 }
 
-/* An infinite load at dof `dof` of part i after so many steps. */
+/* An infinite load at dof `dof` of subdomain i after this number of steps. */
 static void check_infinite_load(size_t i, size_t dof, int64_t after, size_t threads)
 {
     static model m, n;
@@ -134,16 +125,16 @@ static void a_value_that_is_not_finite_is_named_and_the_run_can_go_on(void)
     }
 }
 
-/* ---- of several values that are not finite, the one that one thread would have met ----------- */
+/* ---- of several values that are not finite, the one that a single thread would have met ------ */
 
 enum { COARSE = 2, SPAN = 6 }; /* substeps of A, macro steps */
 
 /* A double, B with three times its substeps; each has a small mass that nothing touches, with
- * a load in one own step under which it overflows: that is seen when the step is closed and not
+ * a load in one substep under which it overflows: that is seen when the step is closed and not
  * before. */
 static const double SMALL = 1e-3;
 
-static void make_isolated(model *m, size_t threads, bool A_first, size_t A_step, size_t B_step)
+static void fill_isolated(model *m, size_t threads, bool A_first, size_t A_step, size_t B_step)
 {
     *m = (model){.count = 2, .p = 1, .dt = 0.3, .rebased = true, .threads = threads};
     part *A = &m->parts[A_first ? 0 : 1], *B = &m->parts[A_first ? 1 : 0];
@@ -156,15 +147,16 @@ static void make_isolated(model *m, size_t threads, bool A_first, size_t A_step,
     A->loads[2 * A_step] = B->loads[2 * B_step] = 1e308;
     for (size_t i = 0; i < m->count; i++)
         m->parts[i].load = (pma_load){.kind = PMA_LOAD_TABLE, .values = m->parts[i].loads,
-                                      .rows = NODES};
-    make_model(m);
+                                      .rows = LEVELS};
 }
 
 static void check_isolated(bool A_first, size_t A_step, size_t B_step)
 {
     static model m, n;
-    make_isolated(&m, 1, A_first, A_step, B_step);
-    make_isolated(&n, 2, A_first, A_step, B_step);
+    fill_isolated(&m, 1, A_first, A_step, B_step);
+    fill_isolated(&n, 2, A_first, A_step, B_step);
+    make_model(&m);
+    make_model(&n);
     CHECK_STATUS(pma_coupler_advance(m.coupler, SPAN, NULL, NULL), PMA_NOT_FINITE);
     CHECK_STATUS(pma_coupler_advance(n.coupler, SPAN, NULL, NULL), PMA_NOT_FINITE);
     CHECK_INT(pma_coupler_failed(n.coupler), pma_coupler_failed(m.coupler));
@@ -187,13 +179,239 @@ static void of_several_failures_the_first_is_named_as_by_one_thread(void)
     }
 }
 
+/* ---- what was opened ahead --------------------------------------------------------------------- */
+
+static size_t most_opened(const model *m)
+{
+    size_t most = 0;
+    for (size_t i = 0; i < m->count; i++) {
+        const size_t opened = m->members[i].table->opened(m->members[i].self);
+        most = opened > most ? opened : most;
+    }
+    return most;
+}
+
+/* The same loads, doubled, for the rest of a run. */
+static void double_load(model *m, size_t i)
+{
+    part *x = &m->parts[i];
+    for (size_t k = 0; k < LEVELS * MOST; k++)
+        x->loads[k] *= 2.0;
+    pma_subdomain_set_load(x->core, *pma_subdomain_load(x->core));
+    CHECK_INT(m->members[i].table->opened(m->members[i].self), 0);
+}
+
+static void a_substep_opened_ahead_under_another_load_is_opened_again(void)
+{
+    static model m, n;
+    for (int64_t after = 2; after <= 4; after++) {
+        make_threaded_chain(&m, MIXED, 2);
+        make_chain(&n, MIXED, 1.0);
+        CHECK_STATUS(pma_coupler_advance(m.coupler, after, NULL, NULL), PMA_OK);
+        CHECK_STATUS(pma_coupler_advance(n.coupler, after, NULL, NULL), PMA_OK);
+        CHECK(most_opened(&m) > 0 && most_opened(&n) == 0); /* or this shows nothing */
+        for (size_t i = 0; i < m.count; i++) {
+            double_load(&m, i);
+            double_load(&n, i);
+        }
+        CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS - after, NULL, NULL), PMA_OK);
+        CHECK_STATUS(pma_coupler_advance(n.coupler, STEPS - after, NULL, NULL), PMA_OK);
+        const snapshot expected = present(&n);
+        check_same_present(&m, &expected);
+        destroy_model(&m);
+        destroy_model(&n);
+    }
+}
+
+static void a_substep_opened_ahead_is_forgotten_at_a_second_start(void)
+{
+    static model m, n;
+    make_chain(&n, MIXED, 1.0);
+    CHECK_STATUS(pma_coupler_advance(n.coupler, STEPS, NULL, NULL), PMA_OK);
+    const snapshot expected = present(&n);
+    for (int64_t after = 2; after <= 4; after++) {
+        make_threaded_chain(&m, MIXED, 2);
+        CHECK_STATUS(pma_coupler_advance(m.coupler, after, NULL, NULL), PMA_OK);
+        CHECK(most_opened(&m) > 0);
+        start_model(&m);
+        CHECK_INT(most_opened(&m), 0);
+        CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS, NULL, NULL), PMA_OK);
+        check_same_present(&m, &expected);
+        destroy_model(&m);
+    }
+    destroy_model(&n);
+}
+
+/* f = t, and the number of evaluations */
+static int count_force(double t, intptr_t n, double *f, void *user)
+{
+    for (intptr_t i = 0; i < n; i++)
+        f[i] = t;
+    ++*(size_t *)user;
+    return 0;
+}
+
+/* A function is evaluated in turn, for the substeps of the macro steps that are taken alone. */
+static void a_load_that_is_called_is_not_evaluated_ahead(void)
+{
+    static model m, n;
+    const int64_t order[MOST] = {0, 1, 2};
+    double work[2][MOST];
+    size_t evaluated[2] = {0, 0};
+    make_threaded_chain(&m, MIXED, 2);
+    make_chain(&n, MIXED, 1.0);
+    pma_load load = {.kind = PMA_LOAD_CALLED, .n = m.parts[0].n, .function = count_force,
+                     .user = &evaluated[0], .order = order, .work = work[0]};
+    pma_subdomain_set_load(m.subdomains[0], load);
+    load.user = &evaluated[1];
+    load.work = work[1];
+    pma_subdomain_set_load(n.subdomains[0], load);
+    for (size_t step = 1; step <= STEPS; step++) {
+        CHECK_STATUS(pma_coupler_advance(m.coupler, 1, NULL, NULL), PMA_OK);
+        CHECK_INT(evaluated[0], step * m.parts[0].substeps);
+    }
+    CHECK_STATUS(pma_coupler_advance(n.coupler, STEPS, NULL, NULL), PMA_OK);
+    CHECK_INT(evaluated[1], STEPS * m.parts[0].substeps);
+    const snapshot expected = present(&n);
+    check_same_present(&m, &expected);
+    destroy_model(&m);
+    destroy_model(&n);
+}
+
+/* A table that ends with the run is not read beyond, which the core asserts. */
+static void a_table_is_not_read_ahead_of_its_end(void)
+{
+    static model m, n;
+    make_threaded_chain(&m, MIXED, 2);
+    make_chain(&n, MIXED, 1.0);
+    for (size_t i = 0; i < m.count; i++) {
+        const pma_load table = {.kind = PMA_LOAD_TABLE, .n = m.parts[i].n,
+                                .values = m.parts[1].loads, .rows = STEPS * m.parts[i].substeps};
+        pma_subdomain_set_load(m.subdomains[i], table);
+        pma_subdomain_set_load(n.subdomains[i], table);
+    }
+    CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS, NULL, NULL), PMA_OK);
+    CHECK_STATUS(pma_coupler_advance(n.coupler, STEPS, NULL, NULL), PMA_OK);
+    const snapshot expected = present(&n);
+    check_same_present(&m, &expected);
+    destroy_model(&m);
+    destroy_model(&n);
+}
+
+/* A closing that fails beside the fine steps ends its macro step before the forces of the next one
+ * are evaluated: these are evaluated once for every substep of the macro steps that count. B has
+ * such a force; A has none, and overflows at its last substep of macro step `macro`. */
+static void check_evaluations(size_t macro, size_t threads)
+{
+    static model m;
+    const size_t failing = COARSE * macro + COARSE - 1;
+    fill_isolated(&m, threads, true, failing, 0);
+    m.parts[1].restored = true;
+    m.parts[1].M[0] = 1.0; /* nothing of B overflows */
+    m.parts[1].loads[0] = 0.0;
+    make_model(&m);
+    CHECK_STATUS(pma_coupler_advance(m.coupler, SPAN, NULL, NULL), PMA_NOT_FINITE);
+    CHECK_INT(pma_coupler_failed(m.coupler), 0);
+    CHECK_INT(pma_coupler_step_count(m.coupler), macro);
+    CHECK_INT(m.parts[1].pulled.evaluated, (macro + 1) * 3 * COARSE);
+
+    /* and on, with one macro step that was given up */
+    m.parts[0].loads[2 * failing] = 0.0;
+    CHECK_STATUS(pma_coupler_advance(m.coupler, SPAN - (int64_t)macro, NULL, NULL), PMA_OK);
+    CHECK_INT(m.parts[1].pulled.evaluated, (SPAN + 1) * 3 * COARSE);
+    destroy_model(&m);
+}
+
+static void forces_are_not_evaluated_beyond_a_macro_step_that_may_still_fail(void)
+{
+    for (size_t macro = 0; macro + 1 < SPAN; macro++) {
+        check_evaluations(macro, 1);
+        check_evaluations(macro, 2);
+    }
+}
+
+/* ---- polls of a caller that waits ---------------------------------------------------------------- */
+
+static pma_status (*open_naively)(void *self, const pma_substep *step);
+
+/* 100 ms, of which the caller is called to look every 20 ms or so */
+static pma_status open_slowly(void *self, const pma_substep *step)
+{
+    nanosleep(&(struct timespec){0, 100000000}, NULL);
+    return open_naively(self, step);
+}
+
+/* An oscillator cut in two naive members; the second is worker 1's, and slow in opening. */
+static void make_slow(model *m, bool macro)
+{
+    *m = (model){.count = 2, .p = 1, .dt = 0.1, .threads = 2, .macro = macro,
+                 .naive = {true, true}};
+    m->parts[0] = one_mass(M_A, K_A, 1.0, TRAPEZOIDAL, true);
+    m->parts[1] = one_mass(M_B, K_B, -1.0, TRAPEZOIDAL, true);
+    m->parts[0].u0[0] = m->parts[1].u0[0] = 1.0;
+    make_model(m);
+    CHECK_INT(m->coupler->coupled[0].worker, 0);
+    CHECK_INT(m->coupler->coupled[1].worker, 1);
+    open_naively = m->wrapped[1].table.open;
+    m->wrapped[1].table.open = open_slowly;
+}
+
+static void check_slow_run(model *m, int64_t steps)
+{
+    naive_run(m, (size_t)steps);
+    CHECK_INT(pma_coupler_step_count(m->coupler), steps);
+    CHECK_NEAR(m->wrapped[1].levels[steps].u[0], m->levels[1][steps].u[0], AGREE);
+    CHECK_NEAR(pma_coupler_multipliers(m->coupler)[0], m->lam[steps][0], AGREE);
+}
+
+/* Never called for what the caller reads itself: only while it waits. */
+static void a_caller_that_waits_for_a_worker_polls(void)
+{
+    static model m;
+    for (int macro = 0; macro <= 1; macro++) {
+        stopper stop = {0, 0};
+        const pma_poll poll = {poll_stopper, &stop, SIZE_MAX};
+        make_slow(&m, macro);
+        CHECK_STATUS(pma_coupler_advance(m.coupler, 2, NULL, &poll), PMA_OK);
+        CHECK(stop.polled >= 2);
+        check_slow_run(&m, 2);
+        destroy_model(&m);
+    }
+}
+
+/* With fine steps what is waited for is finished; in macro coupling the macro step is given up. */
+static void a_caller_that_waits_can_be_stopped(void)
+{
+    static model m;
+    for (int macro = 0; macro <= 1; macro++) {
+        for (int64_t steps = 1; steps <= 2; steps++) {
+            stopper stop = {0, 1};
+            const pma_poll poll = {poll_stopper, &stop, SIZE_MAX};
+            make_slow(&m, macro);
+            CHECK_STATUS(pma_coupler_advance(m.coupler, steps, NULL, &poll), PMA_STOPPED);
+            const int64_t done = pma_coupler_step_count(m.coupler);
+            CHECK_INT(done, !macro);
+            CHECK_STATUS(pma_coupler_advance(m.coupler, 2 - done, NULL, NULL), PMA_OK);
+            check_slow_run(&m, 2);
+            destroy_model(&m);
+        }
+    }
+}
+
 /* ---- all of them ----------------------------------------------------------------------------- */
 
 const test THREADS_TESTS[] = {
-    TEST(a_run_has_the_same_bits_for_any_number_of_threads),
-    TEST(step_by_step_and_not_recorded_it_has_the_same_bits_too),
+    TEST(a_run_is_bitwise_identical_for_any_number_of_threads),
+    TEST(step_by_step_and_not_recorded_it_is_bitwise_identical_too),
     TEST(a_stopped_run_goes_on_as_if_never_stopped),
     TEST(of_several_failures_the_first_is_named_as_by_one_thread),
     TEST(a_value_that_is_not_finite_is_named_and_the_run_can_go_on),
+    TEST(a_substep_opened_ahead_under_another_load_is_opened_again),
+    TEST(a_substep_opened_ahead_is_forgotten_at_a_second_start),
+    TEST(a_load_that_is_called_is_not_evaluated_ahead),
+    TEST(a_table_is_not_read_ahead_of_its_end),
+    TEST(forces_are_not_evaluated_beyond_a_macro_step_that_may_still_fail),
+    TEST(a_caller_that_waits_for_a_worker_polls),
+    TEST(a_caller_that_waits_can_be_stopped),
     END_OF_TESTS,
 };

@@ -184,7 +184,7 @@ def local_error(
     checked_coupler(coupler)._require_linear("local_error")
     with coupler._entered(), state_kept(coupler):
         for part in coupler._parts:
-            part.core.set_nodes(_exact_state(coupler, part, exact, n))
+            part.core.set_levels(_exact_state(coupler, part, exact, n))
         zero = np.zeros(coupler._row_position.size)  # no step reads these multipliers
         coupler._core.start(n, zero, zero)
         coupler._advance(n + 1, None)
@@ -200,7 +200,7 @@ def _exact_state(
     # a separate core subdomain, whose single step is h, starts with (S2)
     core = core_subdomain(part, part.subdomain.scheme, part.L, part.operator(h))
     core.start(u, v, w, lam)
-    arrays = core.nodes()
+    arrays = core.levels()
     if part.double:
         before = ((n * part.subdomain.substeps - 1) / part.subdomain.substeps) * coupler.dt
         u, v, w, _ = _exact_at(coupler, part, exact, before)
@@ -233,6 +233,6 @@ def _errors(coupler: Coupler, solution: Instant) -> dict[str, float]:
     for part in coupler._parts:
         for name, x, y in zip(errors, part.core.state(), states[part.name]):
             y = vector(y, part.n, f"{name} of {part.name!r} from exact")
-            errors[name] = max(errors[name], float(np.max(np.abs(x[part.place] - y))))
+            errors[name] = max(errors[name], float(np.max(np.abs(x[part.position] - y))))
     difference = np.abs(got - vector(lam, p, "Lam from exact"))
     return errors | {"multipliers": float(np.max(difference, initial=0.0))}

@@ -120,18 +120,18 @@ class Layout:
             interface = np.arange(part.nb) if stored else np.arange(0)
             for first in (LEVEL_FIELDS, 0) if part.double else (0,):
                 for field in range(4):
-                    yield part, first + field, part.place
+                    yield part, first + field, part.position
                 yield part, first + 4, interface
 
     def write(self, X: np.ndarray) -> None:
         """Set the state of the coupler to X, after the start."""
-        arrays = {part.name: [x * 0.0 for x in part.core.nodes()] for part in self.parts}
+        arrays = {part.name: [x * 0.0 for x in part.core.levels()] for part in self.parts}
         begin = 0
         for part, field, indices in self.fields():
             arrays[part.name][field][indices] = X[begin : begin + indices.size]
             begin += indices.size
         for part in self.parts:
-            part.core.set_nodes(tuple(arrays[part.name]))
+            part.core.set_levels(tuple(arrays[part.name]))
         zero = np.zeros(self.coupler._row_position.size)
         lam = zero.copy()
         lam[self.rows] = X[self.motion_size :]
@@ -139,7 +139,7 @@ class Layout:
 
     def read(self) -> np.ndarray:
         """The present state X."""
-        arrays = {part.name: part.core.nodes() for part in self.parts}
+        arrays = {part.name: part.core.levels() for part in self.parts}
         numbers = [arrays[p.name][field][indices] for p, field, indices in self.fields()]
         return np.concatenate([*numbers, self.coupler._core.multipliers[self.rows]])
 

@@ -20,13 +20,13 @@ def state_kept(coupler: Coupler) -> Iterator[None]:
     """Restore the state of the coupler afterwards, bitwise identical."""
     coupler._start()
     core = coupler._core
-    states = [part.core.nodes() for part in coupler._parts]
+    states = [part.core.levels() for part in coupler._parts]
     step_count, lam, g = core.step_count, core.multipliers, core.prescribed
     try:
         yield
     finally:
         for part, state in zip(coupler._parts, states):
-            part.core.set_nodes(state)
+            part.core.set_levels(state)
         core.start(step_count, lam, g)
 
 

@@ -1,1 +1,1 @@
-"""What a user describes: subdomains and schemes, constraints between them, loads, springs."""
+"""Description of a problem: subdomains, schemes, constraints, loads, restoring forces, springs."""

@@ -1,4 +1,4 @@
-"""Elements that nodes are tied to: shape functions, and checked elements of a mesh."""
+"""Elements to which nodes are tied: shape functions, and checked elements of a mesh."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Cell:
         return (2.0 * self.corners - 1.0) * np.stack(others, axis=2)
 
     def inside(self, xi: np.ndarray) -> np.ndarray:
-        """xi, brought back into the element where it lies outside."""
+        """xi, moved into the element where it is outside."""
         xi = np.clip(xi, 0.0, 1.0)
         return xi if self.box else xi / np.maximum(xi.sum(axis=1, keepdims=True), 1.0)
 
@@ -60,17 +60,17 @@ _CELLS = {
 
 @dataclass(frozen=True, eq=False)
 class Elements:
-    """Elements of one kind: their nodes (m, k), coordinates (m, k, d), centres and radii."""
+    """Elements of one kind: nodes (m, k), coordinates of these (m, k, d), centres and radii."""
 
     cell: Cell
     nodes: np.ndarray
-    places: np.ndarray
+    points: np.ndarray
     centre: np.ndarray
     radius: np.ndarray
 
 
 def checked_elements(value: Any, side: Side, kind: str | None) -> Elements:
-    """The checked elements of a user."""
+    """The elements given by a user, checked."""
     nodes = np.asarray(value)
     if nodes.dtype.kind not in "iu" or nodes.ndim != 2:
         raise TypeError(f"elements_b must be a 2-D array of whole numbers, got {value!r}")
@@ -81,11 +81,11 @@ def checked_elements(value: Any, side: Side, kind: str | None) -> Elements:
             f"elements_b must lie in 0..{len(side.points) - 1}, got {listing(outside)}"
         )
     nodes = nodes.astype(np.int64)
-    places = side.points[nodes]
-    centre = places.mean(axis=1)
-    radius = length(places - centre[:, None, :]).max(axis=1)
-    _require_proper(cell, places, radius)
-    return Elements(cell, nodes, places, centre, radius)
+    points = side.points[nodes]
+    centre = points.mean(axis=1)
+    radius = length(points - centre[:, None, :]).max(axis=1)
+    _require_proper(cell, points, radius)
+    return Elements(cell, nodes, points, centre, radius)
 
 
 def _cell(kind: str | None, shape: tuple[int, ...], dimension: int) -> Cell:
@@ -102,7 +102,7 @@ def _cell(kind: str | None, shape: tuple[int, ...], dimension: int) -> Cell:
             f"nodes only, in {dimension}-D, got shape {shape}"
         )
     if kind is None and len(fitting) > 1:
-        raise ValueError(f"cell must be said, {' or '.join(fitting)}, for elements_b of {shape}")
+        raise ValueError(f"cell must be {' or '.join(fitting)} for elements_b of {shape}, got None")
     if kind is not None and kind not in fitting:
         raise ValueError(
             f"cell must fit elements_b of shape {shape} in {dimension}-D, got {kind!r}"
@@ -110,10 +110,10 @@ def _cell(kind: str | None, shape: tuple[int, ...], dimension: int) -> Cell:
     return _CELLS[fitting[0] if kind is None else kind]
 
 
-def _require_proper(cell: Cell, places: np.ndarray, radius: np.ndarray) -> None:
+def _require_proper(cell: Cell, points: np.ndarray, radius: np.ndarray) -> None:
     """ValueError unless the map from xi keeps its orientation at all corners."""
-    size = np.stack([_measure(jacobian(cell, xi, places)) for xi in cell.corners], axis=1)
-    if size.ndim == 3:  # normals of a surface: their part along the mean one
+    size = np.stack([_measure(jacobian(cell, xi, points)) for xi in cell.corners], axis=1)
+    if size.ndim == 3:  # normals of a surface: their component along the mean normal
         mean = size.mean(axis=1, keepdims=True)
         size = (size * mean).sum(axis=2) / np.maximum(length(mean), np.finfo(float).tiny)
     size *= np.sign(size.sum(axis=1, keepdims=True))
@@ -126,9 +126,9 @@ def _require_proper(cell: Cell, places: np.ndarray, radius: np.ndarray) -> None:
         )
 
 
-def jacobian(cell: Cell, xi: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """dx / dxi (m, dimension, d) of all elements at one xi (d,), or each at its own (m, d)."""
-    return places.transpose(0, 2, 1) @ cell.slopes(np.atleast_2d(xi))
+def jacobian(cell: Cell, xi: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """dx / dxi (m, dimension, d) of the elements, at one xi (d,) or at one for each (m, d)."""
+    return points.transpose(0, 2, 1) @ cell.slopes(np.atleast_2d(xi))
 
 
 def _measure(J: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Ties of nodes that lie at the same place: interfaces that match."""
+"""Ties of coincident nodes: interfaces with matching meshes."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ def tie_coincident(
     *,
     reduced: Mapping[Subdomain, Reduction] | None = None,
 ) -> Constraint:
-    """Tie all nodes that lie at the same place in two or more subdomains, each once.
+    """Tie all coincident nodes of two or more subdomains, each once.
 
-    Where k subdomains meet there are k - 1 conditions for each component: the first of them, in
-    the order of `points`, against each of the others, +1 on the earlier and -1 on the later. So
-    the multiplier of a row is minus the force on the later subdomain. Rows are ordered by the
+    Where k subdomains meet there are k - 1 constraints for each component: between the first of
+    them, in the order of `points`, and each of the others, +1 on the earlier and -1 on the later.
+    So the multiplier of a row is minus the force on the later subdomain. Rows are ordered by the
     earlier subdomain, its node, the later subdomain, the component.
 
     Parameters
@@ -54,28 +54,28 @@ def tie_coincident(
         A dict where the subdomains differ, such as 3 for a frame (u, w, rotation) beside 2 for a
         plate. Default: `components`.
     tol : float, optional
-        Nodes up to this distance apart lie at the same place, in the unit of the points. Default:
-        0.01 of the smallest distance between two nodes of one subdomain (nodes drawn at one place
-        left out), of all subdomains; 0 if none has two nodes.
+        Nodes up to this distance apart are coincident, in the unit of the points. Default: 0.01 of
+        the smallest distance between two nodes of one subdomain (coincident ones excepted), over
+        all subdomains; 0 if no subdomain has two nodes.
     reduced : dict, optional
-        The `Reduction` of each subdomain that was made of reduced matrices; `points` then has the
-        fixed nodes too. A dof that is fixed on one side holds the others: their velocity is 0.
+        The `Reduction` of each subdomain that was made of reduced matrices; `points` then includes
+        the fixed nodes. Where a dof is fixed in one subdomain, the velocity of the others is 0.
 
     Returns
     -------
     Constraint
-        p = the sum of (k - 1) over places and components, none redundant.
+        p = the sum of (k - 1) over points and components, none redundant.
 
     Raises
     ------
     TypeError, ValueError
-        For points that are not finite, of different dimensions, or not as many as the dofs say; a
-        tolerance that merges nodes of one subdomain; a subdomain that meets none of the others.
+        For points that are not finite, of different dimensions, or whose number does not fit the
+        dofs; a tolerance that merges nodes of one subdomain; a subdomain that meets no other.
 
     Warns
     -----
     ConstraintWarning
-        With the default tolerance, when nodes are left apart that are closer than ten times it.
+        With the default tolerance, when nodes closer than ten times the tolerance are not tied.
 
     Examples
     --------
@@ -97,10 +97,10 @@ def tie_coincident(
 
 
 def _coincident(sides: Sequence[Side], tol: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes that meet one of another side, and the number of their place, sorted by place, node.
+    """Nodes that meet one of another side, and the group of each, sorted by group and node.
 
-    Nodes are numbered through all sides here. Two belong to one place when a chain of steps of at
-    most the tolerance, from side to side, connects them.
+    Nodes are numbered consecutively over all sides. Two belong to one group if a chain of nodes of
+    alternating sides, at distances up to the tolerance, connects them.
     """
     reach, near = tolerance(tol, sides)
     pairs, distance = _close_pairs(sides, near)
@@ -120,8 +120,8 @@ def _coincident(sides: Sequence[Side], tol: float | None) -> tuple[np.ndarray, n
 def _close_pairs(sides: Sequence[Side], reach: float) -> tuple[np.ndarray, np.ndarray]:
     """Pairs (k, 2) of nodes of different sides within reach, and their distances (k,).
 
-    Of the nodes of a later side, each node of an earlier one is paired with the nearest two at
-    most: a second one is a merger already, however many there are.
+    Each node of an earlier side is paired with at most the nearest two nodes of a later one: a
+    second one already is a merger.
     """
     start = _starts(sides)
     low = np.array([s.points.min(axis=0) for s in sides]) - reach
@@ -130,22 +130,23 @@ def _close_pairs(sides: Sequence[Side], reach: float) -> tuple[np.ndarray, np.nd
     for i, one in enumerate(sides):
         overlap = ((low[i] <= high) & (low <= high[i])).all(axis=1)
         for j in (np.flatnonzero(overlap[i + 1 :]) + i + 1).tolist():
-            mine = _inside(one.points, low[j], high[j])
-            its = _inside(sides[j].points, low[i], high[i])
-            if not (mine.size and its.size):
+            near_i = _inside(one.points, low[j], high[j])
+            near_j = _inside(sides[j].points, low[i], high[i])
+            if not (near_i.size and near_j.size):
                 continue
             # the bound is exclusive, and compared in squares
-            distance, index = tree_of(sides[j].points[its]).query(
-                one.points[mine], k=2, distance_upper_bound=reach * (1.0 + ROUNDING) + 1e-150
+            distance, index = tree_of(sides[j].points[near_j]).query(
+                one.points[near_i], k=2, distance_upper_bound=reach * (1.0 + ROUNDING) + 1e-150
             )
             found = np.nonzero(distance <= reach)
-            pairs.append(np.column_stack([mine[found[0]] + start[i], its[index[found]] + start[j]]))
+            nodes_j = near_j[index[found]] + start[j]
+            pairs.append(np.column_stack([near_i[found[0]] + start[i], nodes_j]))
             distances.append(distance[found])
     return np.concatenate(pairs), np.concatenate(distances)
 
 
 def _inside(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """The points in a box."""
+    """The numbers of the points in a box."""
     return np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
 
 
@@ -158,9 +159,9 @@ def _components(pairs: np.ndarray, n: int) -> np.ndarray:
 def _pairwise(
     sides: Sequence[Side], nodes: np.ndarray, group: np.ndarray
 ) -> tuple[list[Entries], int]:
-    """The conditions of each place and component: one node, the hub, against each of the others.
+    """The constraints of each group and component: between one node, the hub, and each other node.
 
-    The hub is the first node, or a fixed one if there is any, against which the free ones are held.
+    The hub is the first node, or a fixed one if there is any.
     """
     member = np.arange(len(nodes))
     start = _starts(sides)
@@ -171,14 +172,14 @@ def _pairwise(
     other, component = np.nonzero((column >= 0) & (hub != member[:, None]))
     hub = hub[other, component]
 
-    early, late = np.minimum(hub, other), np.maximum(hub, other)
-    order = np.lexsort((component, nodes[late], nodes[early]))
-    early, late, component = early[order], late[order], component[order]
+    earlier, later = np.minimum(hub, other), np.maximum(hub, other)
+    order = np.lexsort((component, nodes[later], nodes[earlier]))
+    earlier, later, component = earlier[order], later[order], component[order]
     rows = np.arange(len(order))
     entries = []
     for begin, end in zip(start, start[1:]):
-        of = [(nodes[x] >= begin) & (nodes[x] < end) for x in (early, late)]
-        columns = [column[x[own], component[own]] for x, own in zip((early, late), of)]
+        of = [(nodes[x] >= begin) & (nodes[x] < end) for x in (earlier, later)]
+        columns = [column[x[own], component[own]] for x, own in zip((earlier, later), of)]
         signs = [np.full(len(c), sign) for c, sign in zip(columns, (1.0, -1.0))]
         row = [rows[own] for own in of]
         entries.append((np.concatenate(row), np.concatenate(columns), np.concatenate(signs)))
@@ -194,7 +195,7 @@ def _require_touch(sides: Sequence[Side], nodes: np.ndarray, reach: float) -> No
     others = np.concatenate([other.points for other in sides if other is not s])
     distance = tree_of(others).query(s.points)[0].min()
     raise ValueError(
-        f"points must have nodes of every subdomain at the same place as one of another, up to "
+        f"points must have nodes of every subdomain coincident with one of another, up to "
         f"{reach:g}, got none of {s.subdomain!r}; its smallest distance to another is {distance:g}"
     )
 
@@ -202,7 +203,7 @@ def _require_touch(sides: Sequence[Side], nodes: np.ndarray, reach: float) -> No
 def _require_no_merger(
     sides: Sequence[Side], nodes: np.ndarray, group: np.ndarray, reach: float
 ) -> None:
-    """ValueError where two nodes of one side belong to one place."""
+    """ValueError where two nodes of one side belong to one group."""
     side = _side_of(sides, nodes)
     twice = np.flatnonzero((group[1:] == group[:-1]) & (side[1:] == side[:-1]))
     if twice.size:
@@ -229,7 +230,7 @@ def _refuse_merger(side: Side, nodes: np.ndarray, reach: float) -> NoReturn:
 
 
 def _starts(sides: Sequence[Side]) -> np.ndarray:
-    """The first node of each side, counted through all, and the number of all."""
+    """The number of the first node of each side, and the number of all nodes."""
     return np.cumsum([0] + [len(s.points) for s in sides])
 
 

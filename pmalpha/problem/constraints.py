@@ -17,32 +17,32 @@ __all__ = ["Constraint", "tie"]
 
 
 class Constraint:
-    """p conditions sum_i L_i v_i = g(t) on velocities of one or more subdomains, equation (2).
+    """p constraints sum_i L_i v_i = g(t) on velocities of one or more subdomains, equation (2).
 
-    Without `velocity` g is zero: the subdomains are held together. With it the motion is
-    prescribed, of a support or a driven end.
+    Without `velocity`, g is zero and the subdomains are tied. With `velocity`, the motion of a
+    support or a driven end is prescribed.
 
     The multipliers act as + L_i^T Lam on the right-hand side of (1).
 
     Parameters
     ----------
     matrices : dict
-        A matrix L_i, (p, n_i) dense or scipy.sparse, for each subdomain that takes part. One
-        subdomain alone is allowed too.
+        A matrix L_i, (p, n_i) dense or scipy.sparse, for each of the one or more subdomains that
+        the constraints involve.
     velocity : callable, `SampledForce` or (p,) array, optional
-        g(t) of the p rows. It is asked at every fine step, ahead of the run like a load, and the
-        initial velocities must fit it. Its derivative at t = 0, which the initial accelerations
-        need (S1), is the slope of the first two samples; of a callable, a difference of order 2
-        over an eighth of the first fine step.
+        g(t) of the p rows. It is evaluated at every fine step, in advance like a load, and the
+        initial velocities must satisfy it. Its derivative at t = 0, which the initial
+        accelerations need (S1), is the slope of the first two samples; for a callable, a difference
+        of order 2 over an eighth of the first fine step.
 
     Raises
     ------
     TypeError, ValueError
-        For wrong shapes, entries that are not finite, or a condition without any entry.
+        For wrong shapes, entries that are not finite, or a row without any entry.
 
     Examples
     --------
-    Two dofs of a against their mean in b:
+    The mean of two dofs of a tied to a dof of b:
 
     >>> a = Subdomain([1.0, 1.0], [1.0, 1.0], scheme=GeneralizedAlpha(0.5))
     >>> b = Subdomain([1.0], [1.0], scheme=GeneralizedAlpha(0.5))
@@ -58,7 +58,7 @@ class Constraint:
     def __init__(self, matrices: Mapping[Subdomain, Any], velocity: Any = None):
         if not isinstance(matrices, Mapping) or not matrices:
             raise TypeError(f"matrices must be a dict of matrices by subdomain, got {matrices!r}")
-        self.matrices = {s: _condition_matrix(s, L) for s, L in matrices.items()}
+        self.matrices = {s: _constraint_matrix(s, L) for s, L in matrices.items()}
         rows = {L.shape[0] for L in self.matrices.values()}
         if len(rows) > 1:
             raise ValueError(f"matrices must have the same number of rows, got {sorted(rows)}")
@@ -69,14 +69,14 @@ class Constraint:
         if np.any(counts == 0):
             empty = np.flatnonzero(counts == 0)
             raise ValueError(
-                f"every condition must have an entry, got none in rows {listing(empty)}"
+                f"every constraint must have an entry, got none in rows {listing(empty)}"
             )
         if isinstance(velocity, BaseAcceleration):
             raise TypeError("velocity must be a SampledForce, a callable or an array, not a force")
         self.velocity = checked_force(velocity, self.p, "velocity")
 
 
-def _condition_matrix(subdomain: Any, L: Any) -> sp.csr_array:
+def _constraint_matrix(subdomain: Any, L: Any) -> sp.csr_array:
     if not isinstance(subdomain, Subdomain):
         raise TypeError(f"matrices must be keyed by Subdomain, got {subdomain!r}")
     what = f"L of {subdomain!r}"
@@ -97,21 +97,21 @@ def _condition_matrix(subdomain: Any, L: Any) -> sp.csr_array:
 
 
 def tie(a: Subdomain, dofs_a: Any, b: Subdomain, dofs_b: Any) -> Constraint:
-    """Hold dofs of two subdomains together: +1 on a, -1 on b.
+    """Tie dofs of two subdomains, with equal velocities: +1 on a, -1 on b.
 
-    A positive multiplier pushes a and pulls b.
+    A positive multiplier is a positive force on a and a negative force on b.
 
     Parameters
     ----------
     a, b : Subdomain
         Two different ones.
     dofs_a, dofs_b : (p,) array of int
-        Which dofs; entry k of one is tied to entry k of the other.
+        Dofs of each; entry k of `dofs_a` is tied to entry k of `dofs_b`.
 
     Raises
     ------
     TypeError, ValueError
-        For dofs that are no whole numbers, out of range, repeated, or not equally many.
+        For dofs that are not whole numbers, out of range, repeated, or of unequal number.
 
     Examples
     --------

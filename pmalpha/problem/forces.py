@@ -1,6 +1,6 @@
-"""Loads: what may be given as ``force`` of a subdomain.
+"""Loads: the values that ``force`` of a subdomain can have.
 
-A load is evaluated at the end of a step, never inside it (docs/method.md).
+A load is evaluated at the end of a step only (docs/method.md).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ __all__ = ["BaseAcceleration", "SampledForce"]
 
 
 class SampledForce:
-    """A force given by samples, linear between them, equation (L1).
+    """A force given by samples with linear interpolation, equation (L1).
 
     Parameters
     ----------
@@ -28,10 +28,10 @@ class SampledForce:
     dt : float
         Time between two samples, any consistent unit, positive.
     shape : (n,) or (n, k) array, optional
-        How the k samples act on the n dofs: F(t) = shape @ s(t). Without it the samples are the
-        forces on the dofs themselves, k = n.
+        Distribution of the k samples over the n dofs: F(t) = shape @ s(t). Without it the samples
+        are the forces on the dofs, k = n.
 
-    After the last sample the force stays what it was.
+    After the last sample the force is constant.
 
     Raises
     ------
@@ -64,7 +64,7 @@ class SampledForce:
         return (self.values.T if self.shape is None else self.shape).shape[0]
 
     def __call__(self, t: float) -> np.ndarray:
-        """F(t), shape (n,), for t >= 0, as the core evaluates it."""
+        """F(t), shape (n,), for t >= 0, evaluated like in the core."""
         last = len(self.values) - 1
         x = _position(t / self.dt)
         if x >= last:
@@ -76,24 +76,26 @@ class SampledForce:
 
 
 def _position(x: float) -> float:
-    """A time in samples; a sample instant up to the rounding of three operations is that instant,
-    or a record could end one step early."""
+    """A time x in samples, moved to the nearest sample within the rounding of three operations.
+
+    Otherwise a record could end one step early.
+    """
     nearest = np.rint(x)
     return float(nearest if abs(x - nearest) <= 16.0 * np.finfo(float).eps * nearest else x)
 
 
 class BaseAcceleration(SampledForce):
-    """Motion of the ground: -M direction record(t), with displacements relative to the ground.
+    """Load of a ground motion: -M direction record(t), with displacements relative to the ground.
 
     Parameters
     ----------
     record : (m,) or (m, k) array
-        Ground acceleration at t = 0, dt, 2 dt, ..., in the units of u / t^2 (a record in g has to
-        be multiplied by g first). Zero after its end.
+        Ground acceleration at t = 0, dt, 2 dt, ..., in the unit of u / t^2 (multiply a record in
+        units of g by g). Zero after its end.
     dt : float
         Time between two samples, positive.
     direction : (n,) or (n, k) array
-        Displacement of each dof when the ground moves by one; a column for each record.
+        Displacement of each dof for a unit displacement of the ground; a column for each record.
     M : (n,) or (n, n) array or scipy.sparse matrix
         The mass matrix of the same subdomain.
 
@@ -150,7 +152,7 @@ def checked_force(force: Any, n: int, name: str = "force") -> Force:
 
 
 def core_load(force: Force, order: np.ndarray) -> Any:
-    """A force that is not a plain callable as the core takes it, in elimination order."""
+    """A force that is not a Python callable, in a form of the core, in elimination order."""
     if force is None:
         return None
     if isinstance(force, np.ndarray):
@@ -164,5 +166,5 @@ def core_load(force: Force, order: np.ndarray) -> Any:
 
 
 def is_callback(force: Force) -> bool:
-    """True for a force that Python has to be asked for."""
+    """True for a force that is a Python callable."""
     return callable(force) and not isinstance(force, SampledForce)

@@ -1,4 +1,4 @@
-"""Ties of nodes to the elements they lie in: interfaces that do not match."""
+"""Ties of nodes to the elements that contain them: interfaces with non-matching meshes."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ def interpolate(
     tol: float | None = None,
     reduced: Mapping[Subdomain, Reduction] | None = None,
 ) -> Constraint:
-    """Tie nodes of one subdomain to the elements of another in which they lie.
+    """Tie nodes of one subdomain to the elements of another that contain them.
 
-    Node i of a, inside an element of b with shape functions N_j, follows that element:
+    Node i of a, inside an element of b with shape functions N_j, has the velocity of that element:
     v_a(i) - sum_j N_j v_b(j) = 0 for each component, a row for each in the order of the nodes.
 
-    Take the finer side as a: each of its interface nodes is then held, and opens nowhere. With
-    the coarser side as a, the nodes of b between those of a are left free. What the multipliers do
-    to the two sides is in balance, force and moment, for any meshes. Velocities that are linear
-    in space pass exactly for any meshes too; a stress that is constant in space does where the
-    mesh of a refines that of b on the interface (every node of b is one of a), and up to an error
-    that falls with the mesh size where it does not.
+    Take the finer side as a: all of its interface nodes are then tied, and no gap can open. With
+    the coarser side as a, the nodes of b between the nodes of a are free. For any meshes, the
+    forces of the multipliers on the two sides are in equilibrium (resultant and moment), and
+    velocities that are linear in space are transferred exactly. A constant stress is transferred
+    exactly where the mesh of a refines that of b on the interface (every node of b is one of a),
+    and elsewhere with an error that decreases with the mesh size.
 
     Parameters
     ----------
@@ -63,23 +63,23 @@ def interpolate(
         or cells. Quadrilaterals are numbered around, convex; hexahedra with one face around, then
         the opposite one likewise.
     cell : {"line", "triangle", "quad", "tetra", "hexahedron"}, optional
-        What the elements are. Default: what their number of nodes says; with 4 in space, where a
-        quad and a tetra have as many, it must be said.
+        Kind of the elements. Default: by their number of nodes; required for 4 nodes in space,
+        which a quad and a tetra have.
     nodes_a : array of int, optional
-        The nodes of a to tie, each of which must lie in an element. Default: all that do.
+        The nodes of a to tie, each of which must be in an element. Default: all that are.
     components, dofs_per_node, reduced
-        As for `tie_coincident`. A fixed dof of b has no entry, a fixed dof of a leaves the
-        condition to b alone, and where all are fixed there is none.
+        As for `tie_coincident`. A fixed dof has no entry in its constraint; a constraint on
+        fixed dofs only is left out.
     tol : float, optional
-        A node up to this far from an element lies in it, and follows a point of it no further
-        away. Default: as for `tie_coincident`, 0.01 of the smallest distance between two nodes of
+        A node at up to this distance from an element is tied to a point of it at that distance or
+        less. Default: as for `tie_coincident`, 0.01 of the smallest distance between two nodes of
         one subdomain. Across a gap, rotations are transferred with an error of its size.
 
     Returns
     -------
     Constraint
-        A node on the border of elements follows that of the lowest number; one that lies on a
-        node of b has the weight 1 there and no other.
+        A node on the border of elements is tied to that of the lowest number; a node on a node of b
+        has the weight 1 there and no other.
 
     Raises
     ------
@@ -90,12 +90,12 @@ def interpolate(
     Warns
     -----
     ConstraintWarning
-        With neither `tol` nor `nodes_a` given, when nodes are left out that are closer than ten
-        times the tolerance.
+        With neither `tol` nor `nodes_a` given, when nodes closer than ten times the tolerance are
+        not tied.
 
     Examples
     --------
-    Three nodes on an edge of two:
+    Three nodes on an edge with two:
 
     >>> fine = Subdomain(np.ones(3), np.ones(3), scheme=GeneralizedAlpha(0.5))
     >>> coarse = Subdomain(np.ones(2), np.ones(2), scheme=GeneralizedAlpha(0.5))
@@ -133,16 +133,16 @@ def _located(
     if reach > elements.radius.max():
         raise ValueError(f"tol must be less than the size of the elements, got {reach:g}")
     which, element = _candidates(a.points[nodes], elements, near)
-    xi, distance = _projected(elements.cell, elements.places[element], a.points[nodes[which]])
+    xi, distance = _projected(elements.cell, elements.points[element], a.points[nodes[which]])
 
-    # coordinates as they are stored, and the element they are compared in
+    # rounding of the coordinates, and of operations with the size of the element
     rounding = ROUNDING * (elements.radius[element] + np.abs(b.points).max())
     nearest = np.full(len(nodes), np.inf)
     np.minimum.at(nearest, which, distance)
-    held = np.flatnonzero((distance <= reach) & (distance <= nearest[which] + rounding))
-    held = held[np.lexsort((element[held], which[held]))]
-    found, first = np.unique(which[held], return_index=True)
-    held = held[first]
+    close = np.flatnonzero((distance <= reach) & (distance <= nearest[which] + rounding))
+    close = close[np.lexsort((element[close], which[close]))]
+    found, first = np.unique(which[close], return_index=True)
+    close = close[first]
 
     if chosen is not None and len(found) < len(nodes):
         _refuse_outside(a, b, elements, np.delete(nodes, found), reach)
@@ -150,14 +150,14 @@ def _located(
         _refuse_apart(a, b, elements, reach)
     if chosen is None:
         warn_of_near((nearest > reach) & (nearest <= near), reach, near)
-    snap = rounding[held] / elements.radius[element[held]]
-    return nodes[found], element[held], _snapped(elements.cell.weights(xi[held]), snap)
+    snap = rounding[close] / elements.radius[element[close]]
+    return nodes[found], element[close], _snapped(elements.cell.weights(xi[close]), snap)
 
 
 def _candidates(
     points: np.ndarray, elements: Elements, reach: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of a point and an element that may be within reach of each other."""
+    """Pairs of a point and an element whose distance may be up to `reach`."""
     balls = tree_of(points).query_ball_point(
         elements.centre, (elements.radius + reach) * (1.0 + ROUNDING)
     )
@@ -167,38 +167,38 @@ def _candidates(
 
 
 def _projected(
-    cell: Cell, places: np.ndarray, targets: np.ndarray
+    cell: Cell, points: np.ndarray, targets: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """xi (q, d) in each element near each target, and the distance left (q,), by Gauss-Newton.
+    """xi (q, d) of the point of each element nearest to its target, and the distance (q,).
 
-    A target in the element is met up to rounding. Coordinates are taken from the first node, so
-    that those of a mesh far from the origin lose nothing more.
+    By Gauss-Newton iteration; zero up to rounding for a target in the element. Coordinates relative
+    to the first node of the element avoid rounding errors far from the origin.
     """
-    origin = places[:, :1]
-    places, targets = places - origin, targets - origin[:, 0]
+    origin = points[:, :1]
+    points, targets = points - origin, targets - origin[:, 0]
     xi = np.tile(cell.corners.mean(axis=0), (len(targets), 1))
     active = np.arange(len(targets))
     for _ in range(50):
         at = xi[active]
-        J = jacobian(cell, at, places[active])
-        gap = targets[active] - _place(cell, at, places[active])
+        J = jacobian(cell, at, points[active])
+        gap = targets[active] - _mapped(cell, at, points[active])
         transposed = J.transpose(0, 2, 1)
         step = np.linalg.solve(transposed @ J, transposed @ gap[:, :, None])[:, :, 0]
         xi[active] = cell.inside(at + step)
-        # quadratic: the step after one of 1e-9 is below rounding
+        # quadratic convergence: after an increment of 1e-9 the next one is below rounding
         active = active[np.abs(xi[active] - at).max(axis=1) > 1e-9]
         if not active.size:
             break
-    return xi, length(targets - _place(cell, xi, places))
+    return xi, length(targets - _mapped(cell, xi, points))
 
 
-def _place(cell: Cell, xi: np.ndarray, places: np.ndarray) -> np.ndarray:
+def _mapped(cell: Cell, xi: np.ndarray, points: np.ndarray) -> np.ndarray:
     """x = sum_j N_j(xi) x_j."""
-    return np.einsum("qk,qkx->qx", cell.weights(xi), places)
+    return np.einsum("qk,qkx->qx", cell.weights(xi), points)
 
 
 def _snapped(weights: np.ndarray, smallest: np.ndarray) -> np.ndarray:
-    """Weights without those that are rounding; the others again of sum 1."""
+    """Weights with rounding replaced by zero, scaled to the sum 1."""
     weights = np.where(weights <= smallest[:, None], 0.0, weights)
     return weights / weights.sum(axis=1, keepdims=True)
 

@@ -1,4 +1,4 @@
-"""Compiled functions of the user's, as ``scipy.LowLevelCallable``: their signatures."""
+"""Signatures of compiled functions of the user, given as ``scipy.LowLevelCallable``."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import sys
 
 from scipy import LowLevelCallable
 
-# By argument of a `Subdomain`: (t, n, f, user) and (t, n, u, v, r, user).
+# By argument of `Subdomain`: (t, n, f, user) and (t, n, u, v, r, user).
 SIGNATURES = {
     "force": "int (double, intptr_t, double *, void *)",
     "restoring": "int (double, intptr_t, double *, double *, double *, void *)",
 }
-# The signed types of an address' size: how ctypes, cffi, Cython and numba may spell intptr_t.
+# Signed types of the size of an address: names of intptr_t in ctypes, cffi, Cython and numba.
 SIZES = {"long", "longint", "ssize_t", "Py_ssize_t", "ptrdiff_t", "npy_intp"}
 SIZES |= {"longlong", "int64_t", "npy_int64"} if sys.maxsize > 2**32 else {"int", "int32_t"}
 
@@ -26,6 +26,6 @@ def check_signature(function: LowLevelCallable, name: str) -> None:
 
 
 def kinds(signature: str) -> list[str]:
-    """The types in a signature, result first, with one spelling for all sizes."""
+    """The types in a signature, result first, with `intptr_t` for all names of it."""
     plain = re.sub(r"\bconst\b|\s|\(\*\)", "", signature).rstrip(")")
     return ["intptr_t" if kind in SIZES else kind for kind in re.split("[(,]", plain)]

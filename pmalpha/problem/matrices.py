@@ -1,4 +1,4 @@
-"""The formats of M, C and K, and the few operations set-up needs on them.
+"""The formats of M, C and K, and the operations on them in set-up.
 
 Inside the package a matrix is ``None`` (zero), a (n,) array (diagonal), a (n, n) array (dense) or
 a ``scipy.sparse.csr_array`` with sorted indices and no duplicates.
@@ -17,39 +17,39 @@ from ..blas import one_thread
 
 Matrix = np.ndarray | sp.csr_array | None
 
-# A matrix that a program assembled is symmetric up to the rounding of its sums: relative to the
-# diagonal entries of row and column, which bound an entry of a definite matrix, and for rows
-# without a diagonal entry relative to the largest entries of row and column.
+# Tolerance of symmetry, for the rounding in assembled matrices: relative to the diagonal entries of
+# row and column, which bound an entry of a definite matrix, and relative to the largest entries of
+# row and column, for rows without a diagonal entry.
 SYMMETRY = 1e-10
 SYMMETRY_OF_ROW = 1e-14
 
-# What makes up a matrix by rows.
+# The arrays of a matrix by rows.
 _ARRAYS = ("indptr", "indices", "data")
 
-# Up to so many entries a product takes less time than telling BLAS to use one thread.
+# Up to this number of entries a product takes less time than setting the threads of BLAS.
 SMALL = 10_000
 
-# A band wider than this is nearly always a bad order of something that would be read better in
-# another form.
+# Largest width of a matrix that is stored as a band; a wider band is nearly always the result of an
+# unsuitable order.
 WIDEST_BAND = 64
 
 
 def canonical(value: Any, name: str, n: int | None = None) -> tuple[Matrix, int]:
-    """Check a user's matrix and bring it into the inner form; the input is copied.
+    """Check a user's matrix and convert it to the inner form; the input is copied.
 
     Parameters
     ----------
     value : (n,) array, (n, n) array or scipy.sparse matrix or array
         Real or integer numbers, symmetric.
     name : str
-        For the messages.
+        Name in messages.
     n : int, optional
-        The size it must have.
+        The required size.
 
     Returns
     -------
     matrix, size
-        The matrix is read-only, since factors made of it must not outlive its numbers.
+        The matrix is read-only, since factors that are made of it must remain valid.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def _sparse(value: Any, name: str) -> sp.csr_array:
     A = _compressed(value) if _is_sound(value) else entries(value, name)
     A = sp.csr_array(A, dtype=np.float64)
     A.sum_duplicates()
-    A.eliminate_zeros()  # stored on one side only, they would make the pattern unsymmetric
+    A.eliminate_zeros()  # stored on one side only, zeros would make the pattern unsymmetric
     A.sort_indices()
     require_finite(A.data, f"the stored entries of {name}")
     _shorten_indices(A)
@@ -91,7 +91,7 @@ def _sparse(value: Any, name: str) -> sp.csr_array:
 
 
 def _is_sound(value: Any) -> bool:
-    """Whether this is a matrix by rows or columns, with indices that lie in it."""
+    """Whether this is a matrix by rows or columns, with indices in range."""
     if value.format not in ("csr", "csc"):
         return False
     ptr, size = value.indptr, value.shape[value.format == "csr"]
@@ -102,7 +102,7 @@ def _is_sound(value: Any) -> bool:
 
 
 def _compressed(value: Any) -> sp.csr_array:
-    """A copy by rows of a sound matrix, without a detour by entries: that is twice as large."""
+    """A copy by rows of a sound matrix, without a list of entries, which is twice as large."""
     end = value.indptr[-1]
     arrays = (value.data[:end].astype(np.float64), value.indices[:end].copy(), value.indptr.copy())
     kind = sp.csr_array if value.format == "csr" else sp.csc_array
@@ -110,14 +110,14 @@ def _compressed(value: Any) -> sp.csr_array:
 
 
 def _shorten_indices(A: sp.csr_array) -> None:
-    """32 bits an index, where they fit: a million dofs would take a third more memory with 64."""
+    """Use 32 bits per index where they suffice; 64 bits take a third more memory."""
     if max(A.nnz, *A.shape) <= np.iinfo(np.int32).max:
         A.indices = A.indices.astype(np.int32, copy=False)
         A.indptr = A.indptr.astype(np.int32, copy=False)
 
 
 def entries(value: Any, name: str) -> sp.coo_array:
-    """A copy of a sparse matrix by entries, with indices that lie in it."""
+    """A copy of a sparse matrix by entries; ValueError for indices out of range."""
     A = sp.coo_array(value, copy=True)
     for index, size in zip((A.row, A.col), A.shape):
         if index.size and (index.min() < 0 or index.max() >= size):
@@ -173,7 +173,7 @@ def _simplest(A: Any) -> Matrix:
             return d if d.any() else None
         return A
     if np.count_nonzero(A.data) > A.shape[0]:
-        return A  # they cannot all be on the diagonal
+        return A  # more entries than the diagonal has
     rows = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
     if not A.data[rows != A.indices].any():
         d = A.diagonal()
@@ -194,17 +194,17 @@ def permuted(A: Matrix, order: np.ndarray) -> Matrix:
         return A[order]
     if not sp.issparse(A):
         return np.ascontiguousarray(A[np.ix_(order, order)])
-    order = order.astype(A.indices.dtype)  # or SciPy would widen the indices to its own
-    place = np.empty_like(order)
-    place[order] = np.arange(order.size)
+    order = order.astype(A.indices.dtype)  # otherwise SciPy would convert the indices to int64
+    position = np.empty_like(order)
+    position[order] = np.arange(order.size)
     rows = A[order]
-    B = sp.csr_array((rows.data, place[rows.indices], rows.indptr), shape=A.shape)
+    B = sp.csr_array((rows.data, position[rows.indices], rows.indptr), shape=A.shape)
     B.sort_indices()
     return B
 
 
 def combination(terms: list[tuple[float, Matrix]]) -> Matrix:
-    """The sum of factor times matrix, in the simplest form that holds them all."""
+    """The sum of factor times matrix, in the simplest form for all of them."""
     present = [(f, A) for f, A in terms if A is not None and f != 0.0]
     if not present:
         return None
@@ -240,7 +240,7 @@ def product(A: Matrix, x: np.ndarray) -> np.ndarray:
 
 
 def core_matrix(A: Matrix) -> Any:
-    """A as the core takes it: None, an array, (band,), (ptr, index, values) or strips."""
+    """A in a form of the core: None, an array, (band,), (ptr, index, values) or strips."""
     if A is None or not sp.issparse(A):
         return None if A is None else np.ascontiguousarray(A)
     n = A.shape[0]
@@ -256,7 +256,7 @@ def core_matrix(A: Matrix) -> Any:
 
 
 def strips_or_rows(A: tuple[np.ndarray, np.ndarray, np.ndarray]) -> tuple[np.ndarray, ...]:
-    """Strips, where they take no more bytes than entries with an index each."""
+    """Strips, where they take no more bytes than (ptr, index, values)."""
     strips = _core.strips(A)
     first, _, index, _, values = strips
     bytes_of_strips = 8 * values.size + 4 * index.size + 24 * first.size
@@ -269,12 +269,12 @@ def row_of_entries(A: Any) -> np.ndarray:
 
 
 def is_narrow(width: int, n: int, entries: int) -> bool:
-    """Is a band of this width read with fewer bytes than entries with an index each?"""
+    """Whether a band of this width takes no more bytes than (ptr, index, values)."""
     return 0 < width <= WIDEST_BAND and width <= n and 8 * width * n <= 12 * entries + 8 * n
 
 
 def core_sparse(A: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(ptr, index, values) of a compressed matrix, in the core's types."""
+    """(ptr, index, values) of a compressed matrix, in the types of the core."""
     return (
         A.indptr.astype(np.int64),
         A.indices.astype(np.int32),

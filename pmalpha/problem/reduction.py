@@ -1,4 +1,4 @@
-"""Fixed dofs: matrices without them, and the way back to all dofs of the mesh."""
+"""Fixed dofs: reduced matrices, and the expansion of results to all dofs of the mesh."""
 
 from __future__ import annotations
 
@@ -14,36 +14,36 @@ from .matrices import Matrix, canonical
 
 __all__ = ["Reduction", "reduce"]
 
-# What counts as zero in a motion that was computed, relative to its largest entry.
+# Rounding of zeros in a computed motion, relative to its largest entry.
 ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class Reduction:
-    """The matrices of the free dofs, and how free dofs and all dofs belong together.
+    """The matrices of the free dofs, and the numbering of free and fixed dofs.
 
-    Made by `reduce`. Reduced dof k is dof ``free[k]`` of the whole.
+    Made by `reduce`. Reduced dof k is dof ``free[k]`` of the unreduced matrices.
 
     Attributes
     ----------
     M, K, C : (n_free,) array, (n_free, n_free) array or csr_array
-        As `Subdomain` takes them; K and C None where none was given.
+        Arguments of `Subdomain`; K and C are None where none was given.
     n : int
         The number of all dofs.
     free : (n_free,) ndarray of int
-        The dofs that are kept, ascending.
+        The free dofs, ascending.
     fixed : (n - n_free,) ndarray of int
-        The others, ascending.
+        The fixed dofs, ascending.
 
     Examples
     --------
-    A chain of three masses with dof 0 on the ground, run and shown with all its dofs:
+    A chain of three masses with dof 0 on the ground, and its history with all dofs:
 
     >>> K = np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
     >>> chain = reduce([1.0, 1.0, 1.0], K, fixed=[0])
-    >>> part = Subdomain(chain.M, chain.K, scheme=GeneralizedAlpha(0.5),
-    ...                  force=chain.reduce_load([0.0, 0.0, 1.0]))
-    >>> history = solve(part, dt=0.1, t_end=1.0)
+    >>> model = Subdomain(chain.M, chain.K, scheme=GeneralizedAlpha(0.5),
+    ...                   force=chain.reduce_load([0.0, 0.0, 1.0]))
+    >>> history = solve(model, dt=0.1, t_end=1.0)
     >>> chain.expand(history.u).shape
     (11, 3)
     """
@@ -74,7 +74,7 @@ class Reduction:
         Raises
         ------
         TypeError, ValueError
-            For what is not numbers, or not n_free in the last dimension.
+            For values that are not numbers, or not n_free in the last dimension.
 
         Examples
         --------
@@ -87,12 +87,12 @@ class Reduction:
         return whole
 
     def place(self, dofs: Any) -> np.ndarray:
-        """Where dofs of the whole stand among the free ones, for `tie`, `record` or springs.
+        """Reduced numbers of free dofs, for `tie`, `record` or springs.
 
         Parameters
         ----------
         dofs : array_like of int, any shape
-            Dofs of the whole, all of them free.
+            Free dofs, in the numbering of the unreduced matrices.
 
         Returns
         -------
@@ -101,7 +101,7 @@ class Reduction:
         Raises
         ------
         TypeError, ValueError
-            For what is no dof, and for fixed dofs.
+            For values that are not dofs, and for fixed dofs.
 
         Examples
         --------
@@ -109,17 +109,17 @@ class Reduction:
         [0, 1]
         """
         wanted = plain_array(dofs, "dofs")
-        lost = np.intersect1d(dof_list(np.unique(wanted), self.n, "dofs"), self.fixed)
-        if lost.size:
-            raise ValueError(f"dofs must be free, got the fixed ones {listing(lost)}")
+        held = np.intersect1d(dof_list(np.unique(wanted), self.n, "dofs"), self.fixed)
+        if held.size:
+            raise ValueError(f"dofs must be free, got the fixed ones {listing(held)}")
         return np.searchsorted(self.free, wanted if wanted.size else wanted.astype(np.int64))
 
     def reduce_load(self, f: Any) -> np.ndarray:
         """The entries of a load on the free dofs.
 
-        What acts on a fixed dof goes into its support and is left out. Motions are for
-        `reduce_motion`. The spatial matrix (n, k) of a `SampledForce` has the dofs first: take
-        ``shape[reduction.free]``.
+        Loads on fixed dofs are carried by the supports and left out. For motions use
+        `reduce_motion`. The spatial matrix (n, k) of a `SampledForce` has the dofs in the first
+        dimension: use ``shape[reduction.free]``.
 
         Parameters
         ----------
@@ -133,7 +133,7 @@ class Reduction:
         Raises
         ------
         TypeError, ValueError
-            For what is not numbers, or not n in the last dimension.
+            For values that are not numbers, or not n in the last dimension.
 
         Examples
         --------
@@ -143,7 +143,7 @@ class Reduction:
         return _numbers(f, self.n, "f")[..., self.free]
 
     def reduce_motion(self, u: Any) -> np.ndarray:
-        """The entries of a displacement or velocity at the free dofs: `expand` backwards.
+        """The entries of a displacement or velocity at the free dofs, the inverse of `expand`.
 
         Parameters
         ----------
@@ -158,7 +158,8 @@ class Reduction:
         Raises
         ------
         TypeError, ValueError
-            For what is not finite numbers, not n in the last dimension, or moves a fixed dof.
+            For values that are not finite numbers, not n in the last dimension, or not zero at a
+            fixed dof.
 
         Examples
         --------
@@ -178,15 +179,16 @@ class Reduction:
 
 
 def reduce(M: Any, K: Any, C: Any = None, *, fixed: Any) -> Reduction:
-    """Leave out the rows and columns of dofs that are fixed to the ground.
+    """Remove the rows and columns of dofs that are fixed to the ground.
 
     Parameters
     ----------
     M, K, C : (n,) array, (n, n) array or scipy.sparse matrix or array
-        As for `Subdomain`, symmetric, with all dofs. K or C may be None: then it stays None.
+        As for `Subdomain`, symmetric, with all dofs. K or C can be None, and is then None in the
+        result.
     fixed : array of int, or (n,) array of bool
-        The dofs that do not move: their numbers, in any order and repeated or not, or a mask. Of
-        nodes with two dofs each, all of both at x = 0: ``np.repeat(points[:, 0] == 0.0, 2)``.
+        The dofs that do not move: their numbers, in any order, possibly repeated, or a mask. All
+        dofs at x = 0 of nodes with two dofs each: ``np.repeat(points[:, 0] == 0.0, 2)``.
 
     Returns
     -------
@@ -195,16 +197,16 @@ def reduce(M: Any, K: Any, C: Any = None, *, fixed: Any) -> Reduction:
     Raises
     ------
     TypeError, ValueError
-        For matrices that `Subdomain` refuses as well, with the dofs of the whole in the message;
-        for dofs out of range, a mask of another length, no free dof left.
+        For matrices that `Subdomain` refuses as well, with unreduced numbers of dofs in the
+        message; for dofs out of range, a mask of another length, no free dof left.
 
     Notes
     -----
-    Under a ground motion the free dofs also feel the mass that couples them to the fixed ones.
-    ``BaseAcceleration(record, dt, direction, reduction.M)`` leaves that out, which is exact for a
-    lumped mass. With a consistent one take the load from the whole matrix, with a zero put after
+    Under a ground motion the mass that couples free dofs to fixed ones also acts on the free dofs.
+    ``BaseAcceleration(record, dt, direction, reduction.M)`` neglects it, which is exact for a
+    lumped mass. For a consistent mass use the load of the unreduced matrix, and append a zero to
     the record: ``SampledForce(record, dt, shape=-reduction.reduce_load(M @ direction))``, where M
-    and direction hold all dofs.
+    and direction have all dofs.
 
     Examples
     --------
@@ -246,7 +248,7 @@ def _mask(fixed: Any, n: int) -> np.ndarray:
 
 
 def _kept(A: Matrix, free: np.ndarray) -> np.ndarray | sp.csr_array:
-    """Rows and columns of the free dofs; zeros for None, which stands for a zero matrix."""
+    """Rows and columns of the free dofs; zeros for None, which represents a zero matrix."""
     if A is None:
         return np.zeros(free.size)
     if A.ndim == 1:

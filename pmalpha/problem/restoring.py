@@ -1,4 +1,4 @@
-"""Restoring forces: what may be given as ``restoring`` of a subdomain, equation (R2)."""
+"""Restoring forces: the values that ``restoring`` of a subdomain can have, equation (R2)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Restoring = Function | tuple[Spring, ...] | None
 
 
 def checked_restoring(restoring: Any, n: int) -> Restoring:
-    """A user's restoring force, checked as far as possible without asking it."""
+    """A user's restoring force, checked as far as possible without evaluating it."""
     springs = spring_list(restoring)
     if springs is not None:
         check_dofs(springs, n)
@@ -30,21 +30,21 @@ def checked_restoring(restoring: Any, n: int) -> Restoring:
 
 
 def is_function(restoring: Restoring) -> bool:
-    """True for a force that has to be asked for, which springs have not."""
+    """True for a callable or LowLevelCallable, false for springs and None."""
     return restoring is not None and type(restoring) is not tuple  # as a LowLevelCallable is too
 
 
 class CheckedRestoring:
-    """A Python callable as the core asks it, with its values checked.
+    """A Python callable for the core, whose values are checked.
 
     Parameters
     ----------
     restoring : callable
         r(u, v, t) -> (n,)
     what : str
-        For messages, such as "restoring of subdomain 'rig'".
+        Name in messages, such as "restoring of subdomain 'rig'".
     n : int
-        Dofs.
+        Number of dofs.
     """
 
     def __init__(self, restoring: Callable, what: str, n: int):
@@ -59,7 +59,7 @@ class CheckedRestoring:
 
 
 def core_restoring(restoring: Restoring, name: str, order: np.ndarray) -> tuple | None:
-    """The function of subdomain `name` as the core takes it."""
+    """The function of subdomain `name` in the form of the core, None for springs."""
     if not is_function(restoring):
         return None
     if isinstance(restoring, LowLevelCallable):

@@ -1,6 +1,6 @@
-"""Generalized-alpha and its relatives: four parameters, equilibrium at the end of the step.
+"""Schemes of the generalized-alpha family: four parameters, equilibrium at the end of the step.
 
-The equations, with the numbers cited here, are in ``docs/method.md``.
+The numbers of equations refer to ``docs/method.md``.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ __all__ = ["HHT", "WBZ", "CentralDifference", "GeneralizedAlpha", "Newmark", "Sc
 
 @dataclass(frozen=True)
 class Scheme:
-    """A point of the four-parameter family; usually made by one of the classes below.
+    """A scheme with four given parameters; the classes below choose them by one or two numbers.
 
     ``am`` and ``af`` weight the old state (Chung and Hulbert's convention).
 
@@ -49,7 +49,7 @@ class Scheme:
         return h * h * self.beta * weight, h * self.gamma * weight
 
     def amplification(self, Omega: float, xi: float = 0.0) -> np.ndarray:
-        """What one step does to a free single-dof oscillator.
+        """Amplification matrix of one step of a free single-dof oscillator.
 
         Parameters
         ----------
@@ -61,7 +61,7 @@ class Scheme:
         Returns
         -------
         (4, 4) ndarray
-            The matrix that takes (u, h v, h^2 w, h^2 a) to the next node.
+            The matrix that maps (u, h v, h^2 w, h^2 a) to the next time level.
         """
         am, af, beta, gamma = self.am, self.af, self.beta, self.gamma
         d = 1.0 - am
@@ -88,13 +88,13 @@ class Scheme:
 
 
 class GeneralizedAlpha(Scheme):
-    """Generalized-alpha by one number: how much of the highest frequencies survives a step.
+    """Generalized-alpha scheme, chosen by its spectral radius at high frequency.
 
     Parameters
     ----------
     rho : float
         In [0, 1]. Implicit: the spectral radius at infinite frequency. Explicit: the spectral
-        radius at the bifurcation, Omega = (1 + rho) sqrt(2 - rho). 1 is without numerical
+        radius at the bifurcation, Omega = (1 + rho) sqrt(2 - rho). 1 is without algorithmic
         damping, 0 damps the most.
     explicit : bool, default False
         The explicit scheme, stable up to
@@ -179,7 +179,8 @@ class HHT(Scheme):
     Parameters
     ----------
     alpha : float
-        In [0, 1/3]; 0 is the trapezoidal rule, 1/3 damps the most. Their alpha is minus this one.
+        In [0, 1/3]; 0 is the trapezoidal rule, 1/3 damps the most. The authors' alpha has the
+        opposite sign.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The sides of a tie: subdomains with the points of their nodes and a tolerance."""
+"""The sides of a tie: subdomains with the coordinates of their nodes, and the tolerance."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from .constraints import Constraint
 from .reduction import Reduction
 from .subdomain import Subdomain
 
-# The default tolerance as a part of the smallest distance between two nodes of one subdomain:
-# far above what a mesh file rounds off, far below what a mesh means. What lies further apart,
-# up to NEAR of that distance, is taken for a mesh that is not drawn to its tolerance.
+# The default tolerance as a fraction of the smallest distance between two nodes of one subdomain:
+# far above the rounding in a mesh file, far below the size of an element. Nodes at larger
+# distances, up to the fraction NEAR, cause a warning, since the mesh is probably inaccurate.
 TOLERANCE = 0.01
 NEAR = 0.1
-# Nodes of one subdomain no further apart than this part of its extent lie at one place.
+# Nodes of one subdomain are coincident up to this fraction of its extent.
 ONE_PLACE = 1e-9
-# What a few operations leave of numbers of size 1.
+# Rounding of a few operations with numbers of size 1.
 ROUNDING = 64 * float(np.finfo(float).eps)
 
 
@@ -36,12 +36,12 @@ class Side:
     columns: np.ndarray
 
 
-# Entries of one side in the conditions: rows, columns (-1 is none) and values.
+# Entries of one side in the constraints: rows, columns (-1 for a fixed dof) and values.
 Entries = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def checked_sides(points: Any, components: Any, dofs_per_node: Any, reduced: Any) -> list[Side]:
-    """The arguments of a user, checked and brought together by subdomain."""
+    """The checked arguments of a user, one Side per subdomain."""
     if not isinstance(points, Mapping):
         raise TypeError(f"points must be a dict of coordinates by subdomain, got {points!r}")
     for s in points:
@@ -50,9 +50,9 @@ def checked_sides(points: Any, components: Any, dofs_per_node: Any, reduced: Any
     reduced = {} if reduced is None else reduced
     if not isinstance(reduced, Mapping):
         raise TypeError(f"reduced must be a dict of Reductions by subdomain, got {reduced!r}")
-    strangers = [s for s in reduced if s not in points]
-    if strangers:
-        raise ValueError(f"reduced must be of subdomains with points, got {listing(strangers)}")
+    unknown = [s for s in reduced if s not in points]
+    if unknown:
+        raise ValueError(f"reduced must be of subdomains with points, got {listing(unknown)}")
     components = whole_number(components, "components", low=1)
     per_node = _per_node(dofs_per_node, points, components)
     sides = []
@@ -100,7 +100,7 @@ def _numbers(
         if not isinstance(reduction, Reduction):
             raise TypeError(f"reduced must hold Reductions, got {reduction!r} of {subdomain!r}")
         if reduction.free.size != subdomain.n:
-            raise ValueError(f"reduced must hold what {subdomain!r} is made of, got {reduction!r}")
+            raise ValueError(f"reduced must hold the Reduction of {subdomain!r}, got {reduction!r}")
     n = subdomain.n if reduction is None else reduction.n
     if nodes * per_node != n:
         raise ValueError(
@@ -117,11 +117,11 @@ def _numbers(
 def _hint(nodes: int, n: int, reduction: Reduction | None) -> str:
     if n % nodes == 0:
         return f", which is {n // nodes} per node"
-    return "" if reduction is not None else "; if dofs were fixed by reduce, say so with reduced"
+    return "" if reduction is not None else "; if dofs were fixed by reduce, give reduced"
 
 
 def tolerance(tol: float | None, sides: Sequence[Side]) -> tuple[float, float]:
-    """The distance up to which nodes are at one place, and that up to which they nearly are."""
+    """The distance up to which nodes are coincident, and that up to which they nearly are."""
     if tol is not None:
         reach = real_number(tol, "tol", low=0.0)
         return reach, reach
@@ -130,7 +130,7 @@ def tolerance(tol: float | None, sides: Sequence[Side]) -> tuple[float, float]:
 
 
 def _spacing(points: np.ndarray) -> float:
-    """The smallest distance between two nodes at different places, infinite if there are none."""
+    """The smallest distance between two nodes that are not coincident, infinite if none are."""
     distance = tree_of(points).query(points, k=2)[0][:, 1]
     return float(distance[distance > ONE_PLACE * np.ptp(points, axis=0).max()].min(initial=np.inf))
 
@@ -139,8 +139,8 @@ def warn_of_near(missed: np.ndarray, reach: float, near: float) -> None:
     count = int(np.count_nonzero(missed))
     if count:
         warn(
-            f"{count} nodes or pairs of nodes are not tied that lie further apart than the default "
-            f"tolerance {reach:g} but no further than {near:g}; give tol to say what is meant",
+            f"{count} nodes or pairs of nodes are not tied that are further apart than the default "
+            f"tolerance {reach:g} but no further than {near:g}; give tol to tie them or not",
             ConstraintWarning,
         )
 
@@ -162,15 +162,15 @@ def length(vectors: np.ndarray) -> np.ndarray:
 
 
 def constraint_of(sides: Sequence[Side], entries: Sequence[Entries], p: int) -> Constraint:
-    """The conditions without the fixed dofs, and without rows that have no other."""
+    """The constraints without the entries of fixed dofs, and without rows that become empty."""
     kept = [(columns >= 0) & (values != 0.0) for _, columns, values in entries]
     used = marked(np.concatenate([rows[k] for k, (rows, _, _) in zip(kept, entries)]), p)
     if not used.size:
         raise ValueError("reduced must leave a dof to tie, got fixed ones only")
-    place = np.empty(p, dtype=np.int64)
-    place[used] = np.arange(used.size)
+    number = np.empty(p, dtype=np.int64)
+    number[used] = np.arange(used.size)
     matrices = {}
     for side, k, (rows, columns, values) in zip(sides, kept, entries):
         shape = (used.size, side.subdomain.n)
-        matrices[side.subdomain] = sp.csr_array((values[k], (place[rows[k]], columns[k])), shape)
+        matrices[side.subdomain] = sp.csr_array((values[k], (number[rows[k]], columns[k])), shape)
     return Constraint(matrices)

@@ -1,7 +1,7 @@
 """Springs between two dofs or a dof and the ground, as restoring forces of a subdomain.
 
-Each class stands for many springs of one law; the core evaluates them. Equations (H1) to (H5) of
-docs/method.md.
+An object holds any number of springs of one law, which the core evaluates. Equations (H1) to (H5)
+of docs/method.md.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from .._checks import listing, plain_array, real_array
 
 __all__ = ["Bilinear", "BoucWen", "CubicSpring", "Gap", "SpringState"]
 
-# The laws of the core, by number.
+# Numbers of the laws in the core.
 CUBIC, GAP, BILINEAR, BOUC_WEN = range(4)
 GROUND = -1
 
 
 @dataclass(frozen=True)
 class SpringState:
-    """Springs of a subdomain at one time, in the order in which they were given.
+    """State of the springs of a subdomain at one time level, in the order in which they were given.
 
     Attributes
     ----------
     deformation : (springs,) array
-        d = u_first - u_second where the springs were evaluated last, at the displacement that the
-        step predicted, which differs from u by O(h^2).
+        d = u_first - u_second of the last evaluation, at the predictor of the displacement, which
+        differs from u by O(h^2).
     force : (springs,) array
-        What they pulled with there, positive for a positive deformation.
+        Force of the same evaluation, positive in the direction of a positive deformation.
     """
 
     deformation: np.ndarray
@@ -39,14 +39,14 @@ class SpringState:
 
 
 class Spring:
-    """Springs of one law. Not used directly.
+    """Base class: springs of one law.
 
     Attributes
     ----------
     dofs : (springs, 2) array of int
-        First and second dof of each, -1 for the ground.
+        First and second dof of each spring, -1 for the ground.
     parameters : tuple of (springs,) arrays
-        As the user gave them.
+        Parameters of the law as given by the user.
     """
 
     law: int
@@ -69,21 +69,21 @@ class Spring:
 
     @property
     def initial_tangent(self) -> np.ndarray:
-        """Stiffness of each spring at no deformation."""
+        """Stiffness of each spring at zero deformation."""
         return self.k
 
     @property
     def largest_tangent(self) -> np.ndarray:
-        """The stiffness that an explicit step has to resolve, as far as it is bounded."""
+        """Largest stiffness of each spring, for the critical step; of a cubic spring only k."""
         return self.k
 
     @property
     def numbers(self) -> np.ndarray:
-        """All that tells these springs from others of the same law, a row for each."""
+        """Dofs and parameters, a row for each spring; equal for equal springs of the same law."""
         return np.column_stack([self.dofs, *self.parameters])
 
     def core_parameters(self) -> tuple[np.ndarray, ...]:
-        """As the core takes them."""
+        """Parameters of the law in the form of the core."""
         return self.parameters
 
     def _require(self, holds: np.ndarray, name: str, rule: str) -> None:
@@ -98,15 +98,15 @@ class CubicSpring(Spring):
     Parameters
     ----------
     dofs : int, (m,) or (m, 2) array of int
-        Dofs of the subdomain. One dof of each spring: between it and the ground, d = u. Two:
-        d = u_first - u_second, and -1 is the ground.
+        Dofs of the subdomain. With one dof for each spring: between that dof and the ground,
+        d = u. With two: d = u_first - u_second, where -1 is the ground.
     k, k3 : float or (m,) array
         Linear stiffness, not negative, and cubic stiffness of any sign.
 
     Raises
     ------
     TypeError, ValueError
-        For dofs that are no whole numbers, a spring from a dof to itself, wrong shapes, numbers
+        For dofs that are not whole numbers, a spring from a dof to itself, wrong shapes, numbers
         that are not finite, and a negative stiffness.
 
     Examples
@@ -141,9 +141,8 @@ class Gap(Spring):
 
     Notes
     -----
-    Its initial tangent is zero where there is a clearance. An implicit subdomain whose step does
-    not resolve the contact needs an estimate ``restoring_stiffness`` of the size of k to be stable
-    in it.
+    The initial tangent is zero if gap > 0. An implicit subdomain whose step does not resolve the
+    contact needs an estimate ``restoring_stiffness`` of the size of k for stability.
 
     Examples
     --------
@@ -207,15 +206,15 @@ class BoucWen(Spring):
     dofs : int, (m,) or (m, 2) array of int
         As for `CubicSpring`.
     k, fy : float or (m,) array
-        Initial stiffness and yield force, both positive: with beta + gamma = 1 the hysteretic part
+        Initial stiffness and yield force, both positive: with beta + gamma = 1 the hysteretic term
         of the force tends to (1 - hardening) fy.
     hardening : float or (m,) array, default 0
         Stiffness far beyond yield over k, in [0, 1].
     n : float or (m,) array, default 1
         Sharpness of the yield, at least 1. 1 and 2 are evaluated fastest.
     beta, gamma : float or (m,) array, default 0.5
-        Shape of the loop: beta not negative, beta + gamma positive. gamma > beta can yield
-        energy in small cycles, which no real joint does.
+        Shape of the loop: beta not negative, beta + gamma positive. gamma > beta can generate
+        energy in small cycles, which is not physical.
 
     Raises
     ------
@@ -303,7 +302,7 @@ def _spread(value: Any, name: str, count: int) -> np.ndarray:
 
 
 def spring_list(restoring: Any) -> tuple[Spring, ...] | None:
-    """The springs in a user's `restoring`, or None where it is something else."""
+    """The springs in a user's `restoring`, or None if it is of another kind."""
     if isinstance(restoring, Spring):
         return (restoring,)
     if isinstance(restoring, (list, tuple)) and all(isinstance(s, Spring) for s in restoring):
@@ -334,9 +333,9 @@ def stiffness(springs: tuple[Spring, ...], tangent: str, n: int) -> sp.csr_array
     return total
 
 
-def core_springs(springs: tuple[Spring, ...], place: np.ndarray) -> tuple:
-    """As the core takes them, with the place of each dof."""
-    with_ground = np.append(place, GROUND).astype(np.int32)  # index -1 is the ground
+def core_springs(springs: tuple[Spring, ...], position: np.ndarray) -> tuple:
+    """Springs in the form of the core, for the position of each dof in the elimination order."""
+    with_ground = np.append(position, GROUND).astype(np.int32)  # index -1 is the ground
     return tuple(
         (
             spring.law,

@@ -1,4 +1,4 @@
-"""One part of a structure: its matrices, its scheme and its share of the time step."""
+"""One subdomain of a structure: matrices, scheme, substeps, loads and initial values."""
 
 from __future__ import annotations
 
@@ -16,68 +16,70 @@ from .springs import Spring, stiffness
 
 __all__ = ["Subdomain"]
 
-# From this spectral radius at infinite frequency on, the velocity of a dof without mass grows.
+# From this spectral radius at infinity on, the velocity of a dof without mass grows.
 UNDAMPED = 1.0 - 1e-9
 
 
 class Subdomain:
     """One subdomain of the coupled problem (1): M w + C v + K u + r(u, v, t) = F(t) + L^T Lam.
 
-    Units are any consistent set. The arrays are copied; a `Coupler` does not change a subdomain,
-    so that the same one can stand in several couplers.
+    Units are any consistent set. The arrays are copied. A `Coupler` does not change a subdomain, so
+    that several couplers can contain the same one.
 
     Parameters
     ----------
     M, K : (n,) array, (n, n) array or scipy.sparse matrix or array
         Mass and stiffness. A 1-D array is a diagonal. Symmetric; M positive semidefinite, and
         positive definite for an explicit scheme. A dof without mass is a zero row and column of M;
-        only an implicit scheme that damps at infinite frequency takes it. K may be None where there
+        it requires an implicit scheme that damps at infinite frequency. K may be None where there
         is a restoring force.
     C : like M and K, optional
         Viscous damping, symmetric. Default: none.
     scheme : Scheme
         `GeneralizedAlpha`, `Newmark`, `CentralDifference`, `HHT` or `WBZ`.
     substeps : int, default 1
-        Own steps in a macro step dt: own step h = dt / substeps.
+        Number of substeps in a macro step dt, of length h = dt / substeps.
     double_step : bool, optional
-        Whether the subdomain steps from t_{n-1} to t_{n+1} under coupling "pm". Default: when it
-        is implicit and its own step is coarser than the finest; if all own steps are equal and
-        nobody says anything, the first implicit subdomain of several. A single subdomain is never
-        double, nor is anybody under "gc"; under "macro" who is told so, with one substep.
+        Whether the subdomain takes double steps, from t_{n-1} to t_{n+1}, under coupling "pm".
+        Default: True if it is implicit and its substep is coarser than the finest one; if all
+        substeps are equal and `double_step` is None for all subdomains, True for the first implicit
+        one. A single subdomain takes single steps, as do all subdomains under "gc". Under "macro"
+        double steps require True, and one substep.
     force : (n,) array, callable, LowLevelCallable, `SampledForce` or `BaseAcceleration`, optional
-        External load, evaluated at the end of each own step. A callable ``f(t) -> (n,)`` is asked
-        ahead of the run, once for each own step in the order of time, and once at t = 0. A
-        ``scipy.LowLevelCallable`` is asked in the step, without the GIL, for
-        ``int (double t, intptr_t n, double *f, void *user)``; f arrives zeroed.
+        External load, evaluated at the end of each substep. A callable ``f(t) -> (n,)`` is
+        evaluated in advance, once for each substep in the order of time, and once at t = 0. A
+        ``scipy.LowLevelCallable`` ``int (double t, intptr_t n, double *f, void *user)`` is
+        evaluated in the step, without the GIL; f is zero on entry.
     restoring : callable, LowLevelCallable, or springs, optional
         A further force beside K u + C v, such as a nonlinear element or a specimen in a test rig,
         equation (R2). Springs, one or a list, are `CubicSpring`, `Gap`, `Bilinear` and `BoucWen`,
-        evaluated by the core. A callable ``r(u, v, t) -> (n,)`` is asked once for the initial
-        accelerations, then exactly once for each own step, in the order of time, with the
-        displacement that the step predicts and an extrapolated velocity; after an exception those
-        of the macro step that it ended are asked again. u and v are copies. A
-        ``scipy.LowLevelCallable`` is asked without the GIL for
-        ``int (double t, intptr_t n, double *u, double *v, double *r, void *user)``; r arrives
-        zeroed. With several threads any of them may ask, but one at a time for each
-        subdomain. A function that does not return 0 stops the run with a `CallbackError`.
+        evaluated by the core. A callable ``r(u, v, t) -> (n,)`` is evaluated once for the initial
+        accelerations, then exactly once for each substep, in the order of time, at the predictor
+        of the displacement and an extrapolated velocity; after an exception, evaluations of the
+        macro step that it ended are repeated. u and v are copies. A ``scipy.LowLevelCallable``
+        ``int (double t, intptr_t n, double *u, double *v, double *r, void *user)`` is evaluated
+        without the GIL; r is zero on entry. With several threads it is called from any of them,
+        for each subdomain from one at a time. A return value other than 0 stops the run with a
+        `CallbackError`.
     restoring_stiffness, restoring_damping : like M and K, optional
-        Estimates K_r, D_r of the stiffness and damping of the restoring force. An implicit
-        subdomain is stable at any step if K_r is at least the tangent stiffness; an explicit one
-        needs K_r only for its critical step. Default: zero; of springs the initial tangent.
+        Estimates K_r, D_r of the stiffness and damping of the restoring force, for operator
+        splitting. An implicit subdomain is stable for any step if K_r is at least the tangent
+        stiffness; for an explicit one K_r only enters the critical step. Default: zero; for
+        springs the initial tangent.
     damping : {"implicit", "lagged"}, default "implicit"
         "lagged": C acts on the extrapolated velocity, equation (R4), so that an explicit subdomain
         whose C is not diagonal needs no factor. The critical step is smaller, equation (C2).
     u0, v0 : (n,) array, optional
         Initial displacement and velocity. Default: zero.
     name : str, optional
-        Default: "subdomain i", i its place in the Coupler.
+        Default: "subdomain i", where i is its index in the Coupler.
 
     Raises
     ------
     TypeError, ValueError
         For complex, unsymmetric or infinite entries, shapes that do not agree, a scheme or force
         of the wrong kind, dofs without mass under a scheme that does not damp them, estimates
-        without a restoring force. What a restoring force returns is checked when it is asked.
+        without a restoring force. The value of a restoring force is checked when it is evaluated.
     FactorizationError
         For a dof without mass in an explicit subdomain.
 
@@ -160,7 +162,7 @@ class Subdomain:
 
     @property
     def tangent(self) -> Matrix:
-        """K + K_r, the stiffness as far as it is known."""
+        """K + K_r, the stiffness with the estimate for the restoring force."""
         if self.restoring_stiffness is None:
             return self.K
         return combination([(1.0, self.K), (1.0, self.restoring_stiffness)])
@@ -172,8 +174,7 @@ class Subdomain:
 
     @property
     def largest_tangent(self) -> Matrix:
-        """The stiffness that an explicit step has to resolve: K + K_r, with springs at their
-        stiffest instead of K_r."""
+        """The stiffness for the critical step: K + K_r, or K + the largest tangents of springs."""
         if not self.springs:
             return self.tangent
         springs = canonical(stiffness(self.springs, "largest_tangent", self.n), "springs", self.n)
@@ -181,12 +182,12 @@ class Subdomain:
 
     @property
     def implicit_stiffness(self) -> Matrix:
-        """What al1 multiplies in Mbar: K + K_r, and nothing in an explicit subdomain (R3)."""
+        """The matrix with the factor al1 in Mbar (R3): K + K_r, None if explicit."""
         return None if self.scheme.explicit else self.tangent
 
     @property
     def implicit_damping(self) -> Matrix:
-        """What al2 multiplies in Mbar: C + D_r (R3), without C where it is lagged (R4)."""
+        """The matrix with the factor al2 in Mbar: C + D_r (R3), without C if it is lagged (R4)."""
         C = None if self.damping == "lagged" else self.C
         if self.restoring_damping is None:
             return C

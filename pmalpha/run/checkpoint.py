@@ -1,6 +1,6 @@
 """The state of a coupler in a file, with a description of its problem.
 
-A state is the arrays of all subdomains (`nodes` of the core), the multipliers, the prescribed
+A state is the arrays of all subdomains (`levels` of the core), the multipliers, the prescribed
 velocities and the number of the macro step. Dofs and constraints are in the user's order, so that
 the file does not depend on the elimination order.
 """
@@ -128,7 +128,7 @@ def state_arrays(
     """The state of a coupler by name, in the user's order."""
     arrays = {}
     for i, part in enumerate(parts):
-        for name, x in zip(names(part), part.core.nodes()):
+        for name, x in zip(names(part), part.core.levels()):
             arrays[f"{i}.{name}"] = x[order_of(part, name, x)]
     arrays["multipliers"] = core.multipliers[row_position]
     arrays["prescribed"] = core.prescribed[row_position]
@@ -142,7 +142,7 @@ def names(part: Part) -> list[str]:
 class CoreState(NamedTuple):
     """The state of a coupler in the core's order: arrays by subdomain, and (p,) arrays."""
 
-    subdomains: list[tuple[np.ndarray, ...]]
+    levels: list[tuple[np.ndarray, ...]]
     multipliers: np.ndarray
     prescribed: np.ndarray
 
@@ -168,7 +168,7 @@ def core_state(
 def core_arrays(part: Part, i: int, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
     """The arrays of subdomain i for the core; ValueError for missing or wrong arrays."""
     state = []
-    for name, present in zip(names(part), part.core.nodes()):
+    for name, present in zip(names(part), part.core.levels()):
         x = np.empty(present.size)
         x[order_of(part, name, x)] = checked(arrays, f"{i}.{name}", present.size)
         state.append(x)

@@ -170,7 +170,7 @@ class Coupler:
             factorize=factorize,
         )
         self._parts, self._core = assembly.parts, assembly.core
-        self._row_position = assembly.row_place
+        self._row_position = assembly.row_position
         self._initial_accelerations: InitialAccelerations | None = assembly.accelerations
 
         self._last_history: History | None = None
@@ -233,7 +233,7 @@ class Coupler:
         with self._entered():
             self._start()
             u, v, w = part.core.state()
-        return State(u[part.place], v[part.place], w[part.place])
+        return State(u[part.position], v[part.position], w[part.position])
 
     def springs(self, key: str | int | Subdomain) -> SpringState:
         """Deformation and force of the springs of a subdomain at the present time; copies.
@@ -490,8 +490,8 @@ class Coupler:
             state = checkpoint.core_state(path, arrays, self._parts, self._row_position)
             self._loads = self._loads.renewed()  # stored values of callables are of other times
             self._loads.to_core()
-            for part, arrays_of_part in zip(self._parts, state.subdomains):
-                part.core.set_nodes(arrays_of_part)
+            for part, levels in zip(self._parts, state.levels):
+                part.core.set_levels(levels)
             self._core.start(step, state.multipliers, state.prescribed)
             self._started, self._last_history = True, None
 
@@ -523,7 +523,7 @@ class Coupler:
         self._require_linear("static")
         with self._entered():
             step = self._steps_done()
-            forces = [self._loads.at_start(i, step)[p.place] for i, p in enumerate(self._parts)]
+            forces = [self._loads.at_start(i, step)[p.position] for i, p in enumerate(self._parts)]
             u = static_displacements([s.K for _, s in self._keys], self._rows.matrices, forces)
         return dict(zip((name for name, _ in self._keys), u))
 

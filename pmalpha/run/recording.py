@@ -136,15 +136,15 @@ class Recording:
 
     def core_record(self) -> tuple:
         """The record in the form of the core."""
-        subdomains: list[tuple | None] = [None] * len(self.parts)
+        selections: list[tuple | None] = [None] * len(self.parts)
         for i, (part, dofs) in enumerate(zip(self.parts, self.dofs)):
             if dofs is not None:
-                subdomains[i] = (part.place[dofs], *self.motions[i])
+                selections[i] = (part.position[dofs], *self.motions[i])
             if self.springs[i] is not None:
-                subdomains[i] += (self.springs[i], *self.loops[i])
+                selections[i] += (self.springs[i], *self.loops[i])
         interface = self.multipliers, self.velocity_jump, self.displacement_jump
         energy = self._energies(self.energy) if self.energy_columns else None
-        return (self.begin, self.every or 0, tuple(subdomains), *interface, energy)
+        return (self.begin, self.every or 0, tuple(selections), *interface, energy)
 
     def _energies(self, rows: np.ndarray) -> np.ndarray:
         """By macro time level, subdomain and kind."""

@@ -1,1 +1,1 @@
-"""What is done once, when a Coupler is made: order, factors, interface matrix, start."""
+"""Set-up, once for each Coupler: elimination order, factors, interface matrix, start."""

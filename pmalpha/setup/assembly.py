@@ -1,4 +1,4 @@
-"""What happens when a `Coupler` is made, in its order: the table in docs/architecture.md."""
+"""Set-up of a `Coupler`, step by step as in the table of docs/architecture.md."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from .start import InitialAccelerations
 
 @dataclass(frozen=True)
 class Assembly:
-    """A coupled problem that is ready for its initial values.
+    """A coupled problem before its initial values are set.
 
     Attributes
     ----------
     parts : tuple of Part
         The subdomains in elimination order, each with its object of the core.
-    row_place : (p,) array of int
-        Place of each constraint row in the core's order.
+    row_position : (p,) array of int
+        Position of each constraint in the core's order.
     accelerations : InitialAccelerations
     core : the coupler of the core
     """
 
     parts: tuple[Part, ...]
-    row_place: np.ndarray
+    row_position: np.ndarray
     accelerations: InitialAccelerations
     core: Any
 
@@ -65,7 +65,7 @@ def assemble(
     dt, coupling, start, factorize
         As for `Coupler`.
     threads : (int, bool)
-        Maximum number of threads, and whether to use only as many as are worthwhile.
+        Maximum number of threads, and whether to use fewer where more are not faster.
     """
     macro, superlu = coupling == "macro", factorize == "superlu"
     p = matrices[0].shape[0]
@@ -73,30 +73,30 @@ def assemble(
     # elimination order of each subdomain, and of the rows
     parts = _ordered(keys, matrices, doubles, dt, macro, factorize)
     rows = row_order(parts, p)
-    place = np.argsort(rows)
+    position = np.argsort(rows)
 
     # Mbar = R D R^T
     for part in parts:
-        part.reorder(place)
+        part.reorder(position)
         build(part)
     if macro:
         prepare(parts)  # unit responses
 
     # H = sum_i al2_i L_i Mbar_i^-1 L_i^T, and its factor
-    H, H_start = _interface_factors(parts, rows, place, superlu)
+    H, H_start = _interface_factors(parts, rows, position, superlu)
 
     # M = R D R^T, for the initial accelerations
     accelerations = InitialAccelerations(parts, p, rows)
 
-    motions = tuple(place[r] for r in prescribed)
+    motions = tuple(position[r] for r in prescribed)
     cores = tuple(part.core for part in parts)
     core = _core.Coupler(cores, p, H_start, H, dt, start == "rebased", motions, *threads, macro)
 
-    # explicit steps above their limit
+    # explicit steps above the critical step
     for part in parts:
         step = (2.0 if part.double else 1.0) * part.h
         warn_if_above_critical(part.subdomain, step, part.name)
-    return Assembly(parts, place, accelerations, core)
+    return Assembly(parts, position, accelerations, core)
 
 
 def _ordered(
@@ -107,9 +107,9 @@ def _ordered(
     macro: bool,
     factorize: Any,
 ) -> tuple[Part, ...]:
-    """Every subdomain in its elimination order, with a warning for those whose factor is large."""
+    """The subdomains in elimination order, with a warning for each factor that is large."""
     parts = tuple(
-        make_part(s, name, double, dt / s.substeps, L, factorize, ramped=macro and s.substeps > 1)
+        make_part(s, name, double, dt / s.substeps, L, factorize, responds=macro and s.substeps > 1)
         for (name, s), L, double in zip(keys, matrices, doubles)
     )
     for part in parts:
@@ -118,12 +118,12 @@ def _ordered(
 
 
 def _interface_factors(
-    parts: Sequence[Part], rows: np.ndarray, place: np.ndarray, superlu: bool
+    parts: Sequence[Part], rows: np.ndarray, position: np.ndarray, superlu: bool
 ) -> tuple[Factor, Factor]:
-    """The factors of H, and of H of the first macro step, in which all subdomains are single."""
+    """The factor of H, and that of the first macro step, where all subdomains take single steps."""
     matrix = interface_matrix(parts, rows.size, start=False)
     H = interface_factor(matrix, rows, superlu=superlu)
-    warn_of_resonance(matrix, H, parts, place)
+    warn_of_resonance(matrix, H, parts, position)
     H_start = H
     if any(part.double for part in parts):
         matrix = interface_matrix(parts, rows.size, start=True)

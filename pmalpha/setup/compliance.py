@@ -15,8 +15,8 @@ from .factors import Factor, interface_block
 from .paths import compliance_along_paths
 
 
-def conditions_of(L: sp.csc_array) -> np.ndarray:
-    """The rows of L that have an entry."""
+def constraints_of(L: sp.csc_array) -> np.ndarray:
+    """The constraints of one subdomain: the rows of L that have an entry."""
     return np.unique(L.indices).astype(np.int64)
 
 
@@ -34,7 +34,7 @@ class Block:
     Attributes
     ----------
     rows : (k,) array of int
-        The conditions it stands on.
+        Its constraints, the rows and columns of H.
     values : (k, k) array or csr_array
     """
 
@@ -61,24 +61,25 @@ def diagonal_compliance(inverse: np.ndarray, L: sp.csc_array) -> Block:
 
 
 def compliance(factor: Factor, L: sp.csc_array, nb: int, name: str) -> Block:
-    """L A^-1 L^T = L_b S^-1 L_b^T on the conditions of L, from the factor of A."""
+    """L A^-1 L^T = L_b S^-1 L_b^T on the constraints of L, from the factor of A."""
     rows, own = own_rows(L[:, L.shape[1] - nb :])
     if not rows.size:
         return Block(rows, np.zeros((0, 0)))
     size = 8.0 * (3.0 * rows.size**2 + 4.0 * nb * max(nb, rows.size))
-    require(size, f"the interface matrix of {rows.size} conditions of {name!r}")
+    require(size, f"the interface matrix of {rows.size} constraints of {name!r}")
     inverse, R = factor
     if isinstance(R, tuple) and len(R) == 7:
         block = compliance_along_paths(inverse, R, own)
     else:
         block = _compliance_of_last(inverse[inverse.size - nb :], interface_block(factor, nb), own)
-    return Block(rows, 0.5 * (block + block.T))  # symmetric but for rounding
+    return Block(rows, 0.5 * (block + block.T))  # symmetric up to rounding
 
 
 def _compliance_of_last(inverse: np.ndarray, R_bb: np.ndarray, L_b: sp.csr_array) -> np.ndarray:
     """L_b S^-1 L_b^T, S = R_bb D_b R_bb^T, (F6).
 
-    S^-1 as a whole takes a third of the work of nb solutions, of which few conditions need fewer.
+    The whole inverse S^-1 takes a third of the work of nb solutions; few constraints need fewer
+    solutions than that.
     """
     few = 3 * L_b.shape[0] < inverse.size
     with one_thread():

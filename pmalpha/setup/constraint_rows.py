@@ -1,4 +1,4 @@
-"""The rows of all constraints of a coupler, one below another: sum_i L_i v_i = g(t)."""
+"""The stacked constraints of a coupler: sum_i L_i v_i = g(t)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..problem.constraints import Constraint
 from ..problem.subdomain import Subdomain
 from .rank import require_independent
 
-# Initial velocities satisfy a constraint up to this part of its terms: what rounding leaves of
+# Tolerance of the initial velocities in a constraint, relative to its terms: the rounding of
 # velocities that were computed.
 ROUNDING = 1e-9
 
@@ -32,12 +32,12 @@ class ConstraintRows:
     p : int
         Number of rows.
     matrices : list of (p, n_i) csc_array
-        L_i of every subdomain; by columns, since most rows have no entry in it.
+        L_i of every subdomain; by columns, since most of its rows are empty.
 
     Raises
     ------
     ConstraintError
-        When the rows depend on one another.
+        When the rows are linearly dependent.
     """
 
     def __init__(self, constraints: Sequence[Constraint], subdomains: Sequence[Subdomain]):
@@ -65,7 +65,7 @@ class ConstraintRows:
         return np.arange(self.starts[i], self.starts[i + 1])
 
     def name(self, row: int) -> str:
-        """What messages call a row."""
+        """The name of a row in messages."""
         if len(self.starts) <= 2:
             return str(row)
         c = int(np.searchsorted(self.starts, row, side="right")) - 1
@@ -77,7 +77,8 @@ class ConstraintRows:
         if rows.size:
             amounts = [f"{self.name(int(r))} by {x:g}" for r, x in zip(rows, gaps)]
             raise ConstraintError(
-                f"the initial velocities v0 break the interface conditions, rows {listing(amounts)}"
+                "the initial velocities v0 must satisfy the constraints, violated in rows "
+                f"{listing(amounts)}"
             )
 
     def warn_of_gaps(self, displacements: Sequence[np.ndarray]) -> None:
@@ -86,18 +87,18 @@ class ConstraintRows:
         if rows.size:
             amounts = [f"{self.name(int(r))}: {x:g}" for r, x in zip(rows, gaps)]
             warn(
-                f"the initial displacements leave a gap, which stays for ever, in rows "
-                f"{listing(amounts)}",
+                "the initial displacements u0 violate constraints; velocity constraints will not "
+                f"close the gaps in rows {listing(amounts)}",
                 ConstraintWarning,
             )
 
     def _violated(
         self, values: Sequence[np.ndarray], g: np.ndarray | float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The rows in which sum L_i x_i is not g but for rounding, and by how much it is not.
+        """The rows in which sum L_i x_i differs from g by more than rounding, and the differences.
 
-        Rows are compared with their largest entry divided out, since a constraint times a number
-        is the same constraint.
+        Each row is scaled by its largest entry, since the multiple of a constraint is the same
+        constraint.
         """
         pairs = [(L, x) for L, x in zip(self.matrices, values) if x.any()]
         if not pairs and not np.any(g):
@@ -110,7 +111,7 @@ class ConstraintRows:
 
 
 def _joined(pieces: Sequence[Any], shape: tuple[int, int]) -> sp.csc_array:
-    """One matrix from entries (values, rows, columns) of several."""
+    """One matrix from lists of entries (values, rows, columns)."""
     if not pieces:
         return sp.csc_array(shape)
     values, rows, columns = (np.concatenate(x) for x in zip(*pieces))

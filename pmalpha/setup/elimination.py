@@ -1,8 +1,8 @@
-"""The elimination of a subdomain: its order, and what is known of its factors before their numbers.
+"""The elimination of a subdomain: its order and the symbolic factorization.
 
-Two implementations stand behind the same verbs of the core. With the interface last, a coupled step
-is two sweeps of the factor; in the ordinary order it is two sweeps and two more along the paths of
-the interface in the elimination tree, of a factor that may be much smaller.
+The core has two implementations of a coupled step. With the interface last, the step is two sweeps
+of the factor. In the ordinary order it is two sweeps, and two more along the paths of the interface
+in the elimination tree, of a factor that may be much smaller.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ from .factors import Factor, Names, Structure, factorize, structure_of
 from .ordering import elimination_order, rows_of
 from .paths import Paths, paths_to
 
-# The ordinary order is looked at where the block of the interface alone is this share of the
-# factor. Below, the paths to the interface would be longer than what having it last costs.
+# The ordinary order is considered where the block of the interface alone is this share of the
+# factor. Below, sweeping the paths would cost more than the fill of an interface that is last.
 BORDER_SHARE = 0.1
 
 
 @dataclass(frozen=True)
 class Elimination:
-    """How the sparse matrices of a subdomain are factored.
+    """The factorization of the sparse matrices of a subdomain.
 
     Attributes
     ----------
     order : (n,) array of int
-        Dof at each place of the subdomain's vectors; those of the interface last.
+        Dof at each position of the subdomain's vectors; the interface dofs last.
     nb : int
-        Dofs of the interface.
+        Number of interface dofs.
     structure : Structure or None
         One symbolic analysis for Mbar(h), Mbar(2 h) and M; None where nothing is sparse.
     paths : Paths or None
-        Where the interface is not last in the factors.
+        Given where the interface is not last in the factors.
     superlu : bool
-        Factors by SuperLU.
+        Whether SuperLU makes the factors.
     """
 
     order: np.ndarray
@@ -48,7 +48,7 @@ class Elimination:
 
     @property
     def swept(self) -> int:
-        """Entries that a coupled step sweeps."""
+        """Matrix entries that a coupled step reads in sweeps."""
         along = 0 if self.paths is None else self.paths.entries
         return 2 * (self.structure.entries + along)
 
@@ -58,25 +58,25 @@ class Elimination:
             return factorize(A, names, nb=self.nb)
         if self.paths is None:
             return factorize(A, names, nb=self.nb, structure=self.structure, superlu=self.superlu)
-        place, supernodes = self.paths.place, self.paths.supernodes
-        order = np.argsort(place)
+        position, supernodes = self.paths.position, self.paths.supernodes
+        order = np.argsort(position)
         names = replace(names, numbers=names.numbers[order])
         inverse, panels = factorize(permuted(A, order), names, structure=self.structure)
-        return inverse, (*panels, place, supernodes)
+        return inverse, (*panels, position, supernodes)
 
 
 def elimination(
     n: int, graph: sp.csr_array | None, last: np.ndarray, *, superlu: bool = False
 ) -> Elimination:
-    """The elimination that sweeps fewest entries a step, as far as is predicted.
+    """The elimination with the fewest predicted entries in the sweeps of a step.
 
     Parameters
     ----------
     n : int
     graph : (n, n) csr_array or None
-        Of all that is to be factored, from `graph_of`.
+        Of all matrices to factor, from `graph_of`.
     last : (nb,) sorted array of int
-        The interface.
+        Interface dofs.
     """
     order = elimination_order(n, graph, last)
     if graph is None:
@@ -91,12 +91,12 @@ def elimination(
 
 
 def ordinary(graph: sp.csr_array, last: np.ndarray) -> Elimination | None:
-    """The elimination in the ordinary order; None where it is swept by columns."""
+    """The elimination in the ordinary order; None where columns are swept, not panels."""
     n, nb = graph.shape[0], last.size
     whole = elimination_order(n, graph, np.arange(0))
     structure = structure_of(*rows_of(graph, whole), 0)
     if structure.panels is None or nb == 0:
         return None
     order = np.concatenate([whole[~np.isin(whole, last)], last])
-    place = np.argsort(whole)[order]
-    return Elimination(order, nb, structure, paths_to(structure.panels, place, nb))
+    position = np.argsort(whole)[order]
+    return Elimination(order, nb, structure, paths_to(structure.panels, position, nb))

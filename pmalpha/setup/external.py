@@ -1,4 +1,4 @@
-"""Factors that a function of the user makes: what goes in, what must come out."""
+"""Factors made by a function of the user: its arguments, and checks of its result."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ import scipy.sparse as sp
 from .._checks import listing, plain_array, real_array, require_finite
 from .factors import Factor, Names, below_diagonal, check_pivots, check_softest
 
-# L D L^T must be A but for rounding, of a product with one vector.
+# Tolerance of L D L^T x = A x for one vector x, relative to the terms.
 AGREEMENT = 1e-9
 
 
 class External:
     """The factors of one subdomain by ``function(A, last) -> (L, D, perm)``.
 
-    All matrices of a subdomain are handed in with the same pattern, by zeros that are stored, so
-    that a function which orders by pattern gives all of them the same order.
+    The function gets all matrices of a subdomain with the same pattern, by stored zeros, so that a
+    function which orders by pattern returns the same order for all of them.
 
     Parameters
     ----------
     function : callable
     graph : (n, n) csr_array
-        Holds the pattern of every matrix, in the user's order of dofs.
+        Contains the pattern of every matrix, in the user's order of dofs.
     last : (nb,) array of int
-        Dofs that come last: the interface.
+        Interface dofs, which come last.
     subdomain : str
     """
 
@@ -46,15 +46,15 @@ class External:
     def factor(self, A: sp.csr_array, what: str) -> Factor:
         """The factor of a matrix in the user's order; the first one decides `perm`."""
         whole = self._on_pattern(A)
-        answer = self.function(whole.copy(), self.last.copy())
-        if not (isinstance(answer, tuple) and len(answer) == 3):
-            raise TypeError(f"factorize must return (L, D, perm), got {answer!r}")
+        result = self.function(whole.copy(), self.last.copy())
+        if not (isinstance(result, tuple) and len(result) == 3):
+            raise TypeError(f"factorize must return (L, D, perm), got {result!r}")
         n = A.shape[0]
-        L = self._checked_lower(answer[0], n)
-        D = real_array(answer[1], "D of factorize")
+        L = self._checked_lower(result[0], n)
+        D = real_array(result[1], "D of factorize")
         if D.shape != (n,):
             raise ValueError(f"D of factorize must have shape ({n},), got {D.shape}")
-        self.perm = self._checked_perm(answer[2], n)
+        self.perm = self._checked_perm(result[2], n)
         ordered = sp.csr_array(whole[self.perm][:, self.perm])
         names = Names(what, self.perm, self.subdomain)
         self._check_product(ordered, L, D, what)
@@ -83,22 +83,22 @@ class External:
         perm = perm.astype(np.int64)
         if not np.array_equal(np.sort(perm), np.arange(n)):
             raise ValueError(f"perm of factorize must hold each of 0..{n - 1} once")
-        strangers = np.setdiff1d(perm[n - self.last.size :], self.last)
-        if strangers.size:
+        others = np.setdiff1d(perm[n - self.last.size :], self.last)
+        if others.size:
             raise ValueError(
                 f"perm of factorize must end with the {self.last.size} dofs of the interface of "
-                f"{self.subdomain!r}, got dofs {listing(strangers)} among its last"
+                f"{self.subdomain!r}, got dofs {listing(others)} among its last"
             )
         if self.perm is not None and not np.array_equal(perm, self.perm):
             raise ValueError(
                 "perm of factorize must be the same for all matrices of a subdomain, which have "
-                f"the same pattern; got another one for {self.subdomain!r}"
+                f"the same pattern, got a different one for {self.subdomain!r}"
             )
         return perm
 
     @staticmethod
     def _checked_lower(value: Any, n: int) -> sp.csc_array:
-        """L with a diagonal of ones or none, nothing above it."""
+        """Lower triangular L whose diagonal is all ones or all zeros."""
         L = value if sp.issparse(value) else real_array(value, "L of factorize", 2)
         if L.shape != (n, n):
             raise ValueError(f"L of factorize must have shape ({n}, {n}), got {L.shape}")
@@ -109,7 +109,7 @@ class External:
         require_finite(L.data, "the stored entries of L of factorize")
         d = L.diagonal()
         if not (np.all(d == 1.0) or np.all(d == 0.0)):
-            raise ValueError("L of factorize must have ones on its diagonal, or nothing")
+            raise ValueError("L of factorize must have ones on its diagonal, or no diagonal")
         columns = np.repeat(np.arange(n), np.diff(L.indptr))
         above = (L.indices < columns) & (L.data != 0.0)
         if above.any():

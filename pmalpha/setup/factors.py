@@ -1,4 +1,4 @@
-"""Factors A = R D R^T of symmetric positive definite matrices, (F1), as the core sweeps them."""
+"""Factors A = R D R^T of symmetric positive definite matrices, (F1), in the forms of the core."""
 
 from __future__ import annotations
 
@@ -18,44 +18,44 @@ from ..memory import require
 from ..problem.matrices import Matrix, core_sparse, diagonal, is_narrow, row_of_entries
 from .inertia import inertia
 
-# A pivot that has lost all digits of the diagonal entry it came from.
+# A pivot below this fraction of its diagonal entry has lost all digits.
 LOST = 64.0 * np.finfo(float).eps
-# A pivot that is so small a part of its diagonal entry makes one look for a mechanism.
+# A pivot below this fraction of its diagonal entry starts the search for a mechanism.
 SUSPICIOUS = 1e-7
-# Bytes for each entry of a sparse factor while SuperLU makes it and the core's copy is taken.
+# Bytes for each entry of a sparse factor while SuperLU makes it and it is copied for the core.
 SUPERLU_BYTES = 90
-# From this many entries a column on, panels are swept faster than columns.
+# From this number of entries per column on, sweeps of panels are faster than sweeps of columns.
 WIDE = 24
 
-Factor = tuple[np.ndarray, Any]  # (inverse, R): the reciprocals of D, and R as the core takes it
+Factor = tuple[np.ndarray, Any]  # (inverse, R): the reciprocals of D, and R in a form of the core
 
 
 @dataclass(frozen=True)
 class Names:
-    """How messages call a matrix and its unknowns.
+    """Names of a matrix and its unknowns in messages.
 
     Attributes
     ----------
     what : str
     numbers : (n,) array of int
-        Dof, or condition, at each place of the elimination order.
+        Dof, or constraint, at each position of the elimination order.
     subdomain : str or None
-        None: the unknowns are conditions.
+        None: the unknowns are the multipliers of constraints.
     """
 
     what: str
     numbers: np.ndarray
     subdomain: str | None = None
 
-    def not_definite(self, A: Matrix, place: int) -> FactorizationError:
-        """The error for a matrix in elimination order, with its pivots counted."""
-        n, number = self.numbers.size, int(self.numbers[place])
+    def not_definite(self, A: Matrix, position: int) -> FactorizationError:
+        """The error for a matrix in elimination order, with the signs of its pivots."""
+        n, number = self.numbers.size, int(self.numbers[position])
         counted = inertia(A, n)
-        kind, pivots = "singular or indefinite", "the signs of its pivots are too dear to count"
+        kind, pivots = "singular or indefinite", "counting its pivots would take too long"
         if counted is not None:
             kind = "indefinite" if counted[0] else "singular"
             pivots = "pivots: {} negative, {} zero, {} positive".format(*counted)
-        unknown = "condition" if self.subdomain is None else "dof"
+        unknown = "constraint" if self.subdomain is None else "dof"
         return FactorizationError(
             f"{self.what} is not positive definite: it is {kind}, first seen at {unknown} "
             f"{number}; {pivots}",
@@ -67,14 +67,14 @@ class Names:
 
 @dataclass(frozen=True)
 class Structure:
-    """What is known of a factor before its numbers, for all matrices with entries in one pattern.
+    """The symbolic factorization of all matrices with entries in one pattern.
 
     Attributes
     ----------
     entries : int
-        Of R as it is stored, with the diagonal.
+        Stored entries of R, with the diagonal.
     panels : tuple or None
-        (first, row_ptr, rows, start, owner); None where columns are swept faster.
+        (first, row_ptr, rows, start, owner); None where sweeps of columns are faster.
     """
 
     entries: int
@@ -99,7 +99,7 @@ def factorize(
     structure: Structure | None = None,
     superlu: bool = False,
 ) -> Factor:
-    """R and the reciprocals of D, as the core takes them.
+    """R and the reciprocals of D, in the forms of the core.
 
     Parameters
     ----------
@@ -107,18 +107,18 @@ def factorize(
         Symmetric, already in elimination order.
     names : Names
     nb : int, default 0
-        The last so many unknowns are the interface, swept apart from the others.
+        Number of interface unknowns, which are last and swept separately.
     structure : Structure, optional
-        Of a pattern that holds that of A, if A is sparse. Default: of its own.
+        Of a pattern that contains that of A, if A is sparse. Default: of the pattern of A.
     superlu : bool, default False
-        Sparse factors by SuperLU, whatever their pattern.
+        Sparse factors by SuperLU, for any pattern.
 
     Raises
     ------
     FactorizationError
         When A is not positive definite.
     MemoryError
-        When the factor does not fit, predicted before it is begun.
+        When the factor would not fit, predicted before the factorization.
     """
     if A is None:
         raise names.not_definite(A, 0)
@@ -140,7 +140,7 @@ def factorize(
 
 
 def dense_columns(A: np.ndarray, names: Names) -> Factor:
-    """LAPACK's Cholesky factor, with the diagonal taken out."""
+    """LAPACK's Cholesky factor, scaled to a unit diagonal."""
     n = A.shape[0]
     require(16.0 * n * n, f"the factor of {names.what} ({n} dofs, dense)")
     lower, info = dpotrf(A, lower=True, clean=True)
@@ -152,7 +152,7 @@ def dense_columns(A: np.ndarray, names: Names) -> Factor:
 
 
 def panels(A: sp.csr_array, names: Names, structure: tuple) -> Factor:
-    """Our own supernodal factor: dense panels, 8 bytes an entry."""
+    """The supernodal factor of the core: dense panels, 8 bytes per entry."""
     first, row_ptr, rows, start, _ = structure
     update = np.max(np.diff(first)) * np.max(np.diff(row_ptr))
     require(
@@ -172,8 +172,8 @@ def panels(A: sp.csr_array, names: Names, structure: tuple) -> Factor:
 def columns(A: sp.csr_array, names: Names, entries: int, *, nb: int) -> Factor:
     """SuperLU's factor, column by column: for chains and other thin patterns.
 
-    Where it leaves the diagonal the matrix is not definite, or it takes it for singular: then our
-    own factor decides, and says where.
+    Where SuperLU pivots off the diagonal or reports a singular matrix, the matrix is probably not
+    definite: then the supernodal factor decides, and locates the pivot.
     """
     n = A.shape[0]
     require(SUPERLU_BYTES * entries, f"the factor of {names.what} ({n} dofs, {entries} entries)")
@@ -200,7 +200,7 @@ def columns(A: sp.csr_array, names: Names, entries: int, *, nb: int) -> Factor:
 
 
 def below_diagonal(R: sp.csc_array) -> tuple:
-    """R by columns, sorted, as the core takes it: (band,) or (ptr, index, values)."""
+    """R by columns, sorted, in a form of the core: (band,) or (ptr, index, values)."""
     n, own = R.shape[0], row_of_entries(R)
     below = (R.indices > own) & (R.data != 0.0)
     columns, rows, values = own[below], R.indices[below], R.data[below]
@@ -215,7 +215,7 @@ def below_diagonal(R: sp.csc_array) -> tuple:
 
 
 def _check_symmetric(R: Any, pivots: np.ndarray, U: Any, what: str) -> None:
-    """SuperLU's U must be D R^T, which it is as long as it never left the diagonal."""
+    """SuperLU's U must be D R^T, which holds if all its pivots are on the diagonal."""
     x = np.cos(np.arange(R.shape[0]))
     ours, theirs = pivots * (R.T @ x), U @ x
     if np.max(np.abs(ours - theirs)) > 1e-9 * np.max(np.abs(pivots) * (abs(R).T @ abs(x))):
@@ -223,7 +223,7 @@ def _check_symmetric(R: Any, pivots: np.ndarray, U: Any, what: str) -> None:
 
 
 def check_pivots(D: np.ndarray, A: Matrix, names: Names) -> None:
-    """D > 0, and not mere rounding of the diagonal they came from, nor without reciprocal."""
+    """D > 0, above the rounding of the diagonal of A, and with a finite reciprocal."""
     with np.errstate(over="ignore", divide="ignore"):
         bad = ~(D > LOST * np.abs(diagonal(A))) | np.isinf(1.0 / D)
     if bad.any():
@@ -231,10 +231,10 @@ def check_pivots(D: np.ndarray, A: Matrix, names: Names) -> None:
 
 
 def check_softest(A: Any, factor: Factor, names: Names) -> None:
-    """A mechanism leaves a small last pivot, of rounding that has added up over the others.
+    """FactorizationError for a mechanism, whose small last pivot is accumulated rounding.
 
-    So where a pivot is suspicious, inverse iteration finds the motion that A resists least: A
-    resists a mechanism by the rounding of its own product with it.
+    Where a pivot is suspicious, inverse iteration finds the softest motion x of A. For a mechanism,
+    x^T A x is of the size of the rounding in A x.
     """
     inverse, d = factor[0], diagonal(A)
     share = 1.0 / (inverse * d)
@@ -267,7 +267,7 @@ def solve(factor: Factor, b: np.ndarray) -> np.ndarray:
 
 
 def interface_block(factor: Factor, nb: int) -> np.ndarray:
-    """R_bb, the last nb rows and columns of R, (nb, nb); what is above its diagonal is not read."""
+    """R_bb, the last nb rows and columns of R, (nb, nb); entries above its diagonal are unused."""
     inverse, R = factor
     begin = inverse.size - nb
     if R is None:

@@ -1,4 +1,4 @@
-"""How many pivots of a matrix are negative, zero and positive: asked only once it is refused."""
+"""The numbers of negative, zero and positive pivots, for the message about a refused matrix."""
 
 from __future__ import annotations
 
@@ -15,22 +15,23 @@ Inertia = tuple[int, int, int]
 
 # Below these sizes the eigenvalues of the dense matrix are counted.
 FEW, FEW_DENSE = 200, 2000
-# Entries of a factor that are made only to count pivots: some seconds.
+# Largest number of entries of a factor that is made only to count pivots: some seconds.
 MOST = 5_000_000
 # An eigenvalue below this is zero, with the matrix scaled to a unit diagonal.
 ZERO = 1e-12
 
 
 def inertia(A: Matrix, n: int) -> Inertia | None:
-    """Negative, zero and positive pivots of a symmetric matrix; None where that costs too much.
+    """Negative, zero and positive pivots of a symmetric matrix; None where that takes too long.
 
     Scaling to a unit diagonal and, by Sylvester's law, elimination change none of the signs. Of a
-    sparse matrix the pivots of A + ZERO and A - ZERO are counted, which no zero pivot stops.
+    sparse matrix the pivots of A + ZERO I and A - ZERO I are counted, since a zero pivot would stop
+    the factorization of A.
 
     Parameters
     ----------
     A : (n, n) matrix in inner form
-        Sparse ones in elimination order.
+        If sparse, in elimination order.
     n : int
     """
     if A is None:
@@ -60,7 +61,7 @@ def inertia(A: Matrix, n: int) -> Inertia | None:
 
 
 def _scaled(A: np.ndarray | sp.csr_array) -> np.ndarray | sp.csr_array:
-    """A with a diagonal of size one; by its largest entry in a row whose diagonal entry is zero."""
+    """A scaled to a diagonal of +-1; rows with a zero diagonal entry by their largest entry."""
     size, largest = np.abs(diagonal(A)), abs(A).max(axis=1)
     largest = largest.toarray().ravel() if sp.issparse(largest) else largest
     size = np.where(size > 0.0, size, np.where(largest > 0.0, largest, 1.0))
@@ -71,7 +72,7 @@ def _scaled(A: np.ndarray | sp.csr_array) -> np.ndarray | sp.csr_array:
 
 
 def _pivots(A: sp.csr_array) -> np.ndarray | None:
-    """The pivots of A in the order given, None where SuperLU leaves the diagonal."""
+    """The pivots of A in the given order, None where SuperLU pivots off the diagonal."""
     options = dict(SymmetricMode=True)
     try:
         with one_thread():

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 
 from ..memory import require
 from ..problem.matrices import Matrix, dense
-from .compliance import Block, conditions_of, diagonal_compliance
+from .compliance import Block, constraints_of, diagonal_compliance
 from .factors import Factor, Names, factorize
 from .ordering import elimination_order, graph_of
 from .part import Part
@@ -20,12 +20,12 @@ DENSE_SHARE = 0.1
 
 def row_order(parts: Sequence[Part], p: int) -> np.ndarray:
     """The order of the multipliers in which the interface matrix fills little."""
-    diagonal = [part.diagonal_mbar(part.h) is not None and not part.ramped for part in parts]
-    members = [conditions_of(part.L) for part in parts]
+    diagonal = [part.diagonal_mbar(part.h) is not None and not part.responds for part in parts]
+    members = [constraints_of(part.L) for part in parts]
     blocks = sum(float(m.size) ** 2 for m, plain in zip(members, diagonal) if not plain)
     if blocks > DENSE_SHARE * p**2:
         return np.arange(p)  # these blocks alone make the matrix dense
-    require(40.0 * blocks, f"the pattern of the interface matrix of {p} conditions")
+    require(40.0 * blocks, f"the pattern of the interface matrix of {p} constraints")
     graphs = []
     for part, rows, plain in zip(parts, members, diagonal):
         if plain:
@@ -36,23 +36,23 @@ def row_order(parts: Sequence[Part], p: int) -> np.ndarray:
 
 
 def interface_matrix(parts: Sequence[Part], p: int, *, start: bool, mean: bool = False) -> Matrix:
-    """H = sum_i al2_i L_i Mbar_i^-1 L_i^T, equations (18) and (F6); of ramped parts (M4).
+    """H = sum_i al2_i L_i Mbar_i^-1 L_i^T, equations (18) and (F6); for link responses (M4).
 
     Parameters
     ----------
     parts : sequence of Part
         With their factors.
     p : int
-        Number of conditions.
+        Number of constraints.
     start : bool
-        Everybody single, as in the first macro step.
+        All subdomains take single steps, as in the first macro step.
     mean : bool
-        Of ramped parts the mean inside the macro step instead of what is at its end.
+        For link responses, the mean velocity in the macro step instead of the one at its end.
     """
     blocks = []
     for part in parts:
-        if part.response is not None:
-            blocks.append(part.response[1 if mean else 0])
+        if part.response_blocks is not None:
+            blocks.append(part.response_blocks[1 if mean else 0])
             continue
         blocks.append(part.block(part.double and not start))
     return summed(blocks, p)
@@ -67,7 +67,7 @@ def total(blocks: Sequence[Block], p: int) -> sp.csr_array:
 
 
 def summed(blocks: Sequence[Block], p: int) -> Matrix:
-    """The sum of the subdomains' blocks of H, in the form in which it is best factored."""
+    """The sum of the subdomains' blocks of H, in the form that is factored fastest."""
     if p == 0:
         return None
     largest = max((b.rows.size for b in blocks if b.is_dense), default=0)
@@ -83,7 +83,7 @@ def _dense_sum(blocks: Sequence[Block], p: int) -> Matrix:
     """The sum where one block alone makes it dense."""
     if p == 1:
         return total(blocks, p).diagonal()
-    require(8.0 * p**2, f"the interface matrix of {p} conditions")
+    require(8.0 * p**2, f"the interface matrix of {p} constraints")
     H = np.zeros((p, p))
     for block in blocks:
         if not block.is_dense:
@@ -99,7 +99,7 @@ def _dense_sum(blocks: Sequence[Block], p: int) -> Matrix:
 def interface_factor(
     H: Matrix, rows: np.ndarray, what: str = "the interface matrix H", *, superlu: bool = False
 ) -> Factor:
-    """The factor of H; without conditions an empty one. `rows` are the conditions in its order."""
+    """The factor of H, empty without constraints. `rows` are the constraints in the order of H."""
     if H is None:
         return np.empty(0), None
     return factorize(H, Names(what, rows), superlu=superlu)

@@ -12,15 +12,15 @@ from scipy.sparse.linalg import spilu
 from .. import _core
 from ..problem.matrices import Matrix
 
-# The natural order is taken without a look at others when it fills this little: a chain, a frame
+# Up to this ratio of fill the natural order is taken without computing others: a chain, a frame
 # with its storeys in a row.
 LITTLE_FILL = 1.5
-# An order whose envelope is so many times the fill of another is not counted: that takes time in
-# proportion to its own fill.
+# The fill of an order is not counted if its envelope is this many times the fill of another order:
+# the time to count is proportional to the fill.
 HOPELESS = 8.0
-# Numbers of dofs that a node can have.
+# Possible numbers of dofs per node.
 NODE_SIZES = (1, 2, 3, 6)
-# Below this many nodes nested dissection has nothing to gain.
+# Below this number of nodes nested dissection does not reduce the fill.
 FEW_NODES = 100
 
 
@@ -34,10 +34,10 @@ def graph_of(terms: Sequence[Matrix]) -> sp.csr_array | None:
 
 
 def elimination_order(n: int, graph: sp.csr_array | None, last: np.ndarray) -> np.ndarray:
-    """Dof at each place of the elimination order.
+    """Dof at each position of the elimination order.
 
-    Of the natural order, minimum degree and, where pymetis is installed, nested dissection the one
-    that fills least. It is found on the graph of the nodes, so the dofs of one stay together.
+    The order of least fill among the natural order, minimum degree and, where pymetis is installed,
+    nested dissection. It is found on the graph of the nodes, so the dofs of one node stay together.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def elimination_order(n: int, graph: sp.csr_array | None, last: np.ndarray) -> n
     graph : (n, n) csr_array or None
         From `graph_of`; None for the natural order.
     last : (nb,) sorted array of int
-        Dofs that come last: the interface.
+        Interface dofs, which come last.
 
     Returns
     -------
@@ -62,18 +62,18 @@ def elimination_order(n: int, graph: sp.csr_array | None, last: np.ndarray) -> n
 
 @dataclass(frozen=True)
 class NodeGraph:
-    """The graph of the nodes, those of the interface last.
+    """The graph of the nodes, with the nodes of the interface last.
 
     Attributes
     ----------
     graph : (N, N) csr_array
         Symmetric, without a diagonal, all entries one.
     border : int
-        Nodes of the interface.
+        Number of nodes of the interface.
     dofs : (n,) array of int
         Dofs node by node.
     start : (N + 1,) array of int
-        Where the dofs of each node begin in `dofs`.
+        Index in `dofs` at which the dofs of each node begin.
     """
 
     graph: sp.csr_array
@@ -82,14 +82,14 @@ class NodeGraph:
     start: np.ndarray
 
     def dofs_of(self, order: np.ndarray) -> np.ndarray:
-        """The order of the dofs that belongs to one of the nodes."""
+        """The order of the dofs that follows from an order of the nodes."""
         sizes = np.diff(self.start)[order]
         ends = np.cumsum(sizes)
         return self.dofs[np.arange(ends[-1]) + np.repeat(self.start[order] - ends + sizes, sizes)]
 
 
 def node_graph(pattern: sp.csr_array, last: np.ndarray) -> NodeGraph:
-    """Dofs of one node merged. Where an interface takes some of them only, the others stay."""
+    """The graph with the dofs of each node merged; its interface dofs and the others separately."""
     n = pattern.shape[0]
     border = np.zeros(n, dtype=bool)
     border[last] = True
@@ -103,25 +103,25 @@ def node_graph(pattern: sp.csr_array, last: np.ndarray) -> NodeGraph:
 
 
 def node_size(pattern: sp.csr_array) -> int:
-    """Dofs of a node when they are numbered node by node: 1, 2, 3 or 6, found from the pattern.
+    """Dofs per node when they are numbered node by node: 1, 2, 3 or 6, found from the pattern.
 
-    Dofs of one node have the same neighbours, but for couplings that vanish on regular meshes, so
-    that a row of the merged graph has up to b times fewer entries than b = 1 would make it. Merging
-    neighbours that are no node gains little, by the ends of the mesh: less than the cube root of b.
+    Dofs of one node have the same neighbours, except for couplings that vanish on regular meshes,
+    so that merging b of them reduces the entries of a row up to b times. Merging neighbours that do
+    not form a node reduces them less, at the ends of the mesh: by less than the cube root of b.
     """
     n = pattern.shape[0]
     return max((b for b in NODE_SIZES if n % b == 0), key=lambda b: _gain(pattern, b) / np.cbrt(b))
 
 
 def _gain(pattern: sp.csr_array, b: int) -> float:
-    """How many entries of a row of the pattern one entry of the merged graph stands for."""
+    """Entries of a row of the pattern per entry of a row of the merged graph."""
     n = pattern.shape[0]
     entries = pattern.nnz if b == 1 else _merged(pattern, np.arange(n) // b).nnz
     return (pattern.nnz + n) / (b * entries + n)
 
 
 def _merged(pattern: sp.csr_array, node: np.ndarray) -> sp.csr_array:
-    """The graph of the nodes, from the one of the dofs."""
+    """The graph of the nodes, from the graph of the dofs."""
     n, N = node.size, int(node.max()) + 1
     if n == N:
         ptr, index = rows_of(pattern, np.argsort(node))
@@ -135,7 +135,7 @@ def _merged(pattern: sp.csr_array, node: np.ndarray) -> sp.csr_array:
 
 
 def _least_fill(nodes: NodeGraph) -> np.ndarray:
-    """The order of the nodes that fills least."""
+    """The order of the nodes with the least fill."""
     graph, N = nodes.graph, nodes.start.size - 1
     natural = np.arange(N)
     bound = envelope(graph, natural)
@@ -156,13 +156,13 @@ def _least_fill(nodes: NodeGraph) -> np.ndarray:
 
 
 def _leading(graph: sp.csr_array, size: int) -> sp.csr_array:
-    """The graph of the first nodes alone."""
+    """The graph of the first nodes only."""
     ptr = graph.indptr[: size + 1]
     return _graph(ptr, graph.indices[: ptr[-1]], graph.indices[: ptr[-1]] < size)
 
 
 def envelope(pattern: sp.csr_array, order: np.ndarray) -> int:
-    """An upper bound of `fill` that costs one pass: all from the first entry of each row on."""
+    """An upper bound of `fill`, in one pass: each row is counted from its first entry on."""
     ptr, index = rows_of(pattern, order)
     n = order.size
     first = np.arange(n)
@@ -177,13 +177,13 @@ def fill(pattern: sp.csr_array, order: np.ndarray) -> int:
 
 
 def rows_of(pattern: sp.csr_array, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The pattern in an order, as the core takes it."""
+    """The pattern in an order, as (ptr, index) of the core."""
     begin = pattern.indptr[order]
     ptr = np.concatenate([[0], np.cumsum(pattern.indptr[order + 1] - begin, dtype=np.int64)])
     entries = np.arange(ptr[-1]) + np.repeat(begin - ptr[:-1], np.diff(ptr))
-    place = np.empty(order.size, dtype=np.int32)
-    place[order] = np.arange(order.size)
-    return ptr, place[pattern.indices[entries]]
+    position = np.empty(order.size, dtype=np.int32)
+    position[order] = np.arange(order.size)
+    return ptr, position[pattern.indices[entries]]
 
 
 def _pattern(A: Matrix) -> sp.csr_array:
@@ -200,15 +200,15 @@ def _rows(A: sp.csr_array) -> np.ndarray:
 
 
 def _graph(ptr: np.ndarray, index: np.ndarray, kept: np.ndarray) -> sp.csr_array:
-    """The graph of those entries (ptr, index) that are kept."""
+    """The graph of the entries of (ptr, index) where `kept` is true."""
     before = np.concatenate([[0], np.cumsum(kept)]).astype(ptr.dtype)
     n, ptr = ptr.size - 1, before[ptr]
     return sp.csr_array((np.ones(int(ptr[-1])), index[kept], ptr), shape=(n, n))
 
 
 def _minimum_degree(graph: sp.csr_array) -> np.ndarray:
-    """Multiple minimum degree, as SuperLU does it; an incomplete factor that keeps nothing
-    returns the order alone."""
+    """Multiple minimum degree by SuperLU; the incomplete factor drops all entries, so that only the
+    order is computed."""
     n = graph.shape[0]
     if n < 2 or graph.nnz == 0:
         return np.arange(n)
@@ -232,7 +232,7 @@ def _nested_dissection(graph: sp.csr_array) -> np.ndarray | None:
     """Nested dissection by METIS, None where pymetis is not installed.
 
     METIS does not return on an unsymmetric graph and crashes on loops and on an empty one, so it
-    must have passed `_pattern`.
+    must be a result of `_pattern`.
     """
     try:
         import pymetis
@@ -244,6 +244,6 @@ def _nested_dissection(graph: sp.csr_array) -> np.ndarray | None:
     adjacency = pymetis.CSRAdjacency(
         adj_starts=graph.indptr.astype(np.int32), adjacent=graph.indices.astype(np.int32)
     )
-    options = pymetis.Options(seed=1, numbering=0)  # the same every time
+    options = pymetis.Options(seed=1, numbering=0)  # the same order in every run
     order, _ = pymetis.nested_dissection(adjacency, options=options)
     return np.array(order, dtype=np.int64)

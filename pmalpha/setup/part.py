@@ -1,4 +1,4 @@
-"""A subdomain in its elimination order, from checked matrices to its object in the core."""
+"""A subdomain in its elimination order: its matrices, factors and object of the core."""
 
 from __future__ import annotations
 
@@ -21,42 +21,42 @@ from .external import External
 from .factors import Factor, Names
 from .ordering import graph_of
 
-# Below so many entries (0.8 MB) a factor stays in the caches, and sweeping it is soon done.
+# Below this number of entries (0.8 MB) a factor stays in the caches, and its sweeps are cheap.
 NOTABLE_FACTOR = 100_000
-# Numbers that a step reads and writes for each dof without any matrix.
+# Numbers per dof that a step reads and writes, without the matrices.
 STEP_NUMBERS = 12
 
 
 @dataclass
 class Part:
-    """A subdomain in its elimination order, with its own core object.
+    """A subdomain in its elimination order, with its object of the core.
 
     Attributes
     ----------
-    order, place : (n,) array of int
-        Dof at each place, and place of each dof.
+    order, position : (n,) array of int
+        Dof at each position, and position of each dof.
     L : (p, n) csc_array
-        Its conditions, columns in elimination order, rows in the order of the multipliers.
+        Its constraints, columns in elimination order, rows in the order of the multipliers.
     nb : int
-        Interface dofs, the last of the order.
+        Number of interface dofs, the last of the order.
     mass_factor : Factor or None
-        Of M, where Mbar is M itself: explicit, with no damping in Mbar.
+        Of M, where Mbar = M: explicit, with no damping in Mbar.
     stiffness, damping : matrices
-        What al1 and al2 multiply in Mbar, equations (12), (R3) and (R4).
+        The matrices in Mbar with the factors al1 and al2, equations (12), (R3) and (R4).
     D_r, K_r : matrices
         Estimates of the damping and the stiffness of the restoring force.
     factors : list of Factor
         Of Mbar(h) and, for a double step, of Mbar(2 h).
     elimination : Elimination
-        How its sparse matrices are factored.
+        The factorization of its sparse matrices.
     external : External or None
-        Factors them instead.
+        The function of the user that factors them instead.
     blocks : dict
-        Its blocks of H that are already known, by whether they are of the double step.
-    ramped : bool
-        Substeps under macro coupling.
-    response : pair of Block, or None
-        If ramped: its block of H (M4), and the same from the mean velocities inside the macro step.
+        Its blocks of H computed so far, by whether they are of the double step.
+    responds : bool
+        Has link responses (M3): more than one substep under macro coupling.
+    response_blocks : pair of Block, or None
+        If it responds: its block of H (M4), and the one from the mean velocities in the macro step.
     """
 
     subdomain: Subdomain
@@ -64,7 +64,7 @@ class Part:
     double: bool
     h: float
     elimination: Elimination
-    place: np.ndarray
+    position: np.ndarray
     M: Matrix
     K: Matrix
     C: Matrix
@@ -79,8 +79,8 @@ class Part:
     factors: list[Factor] = field(default_factory=list)
     external: External | None = None
     blocks: dict[bool, Any] = field(default_factory=dict)
-    ramped: bool = False
-    response: tuple[Block, Block] | None = None
+    responds: bool = False
+    response_blocks: tuple[Block, Block] | None = None
 
     @property
     def order(self) -> np.ndarray:
@@ -93,18 +93,18 @@ class Part:
     def factor(self, A: Matrix, what: str) -> Factor:
         """The factor of a matrix of this subdomain, in elimination order."""
         if self.external is not None and A is not None and A.ndim == 2:
-            return self.external.factor(permuted(A, self.place), what)
+            return self.external.factor(permuted(A, self.position), what)
         return self.elimination.factor(A, Names(what, self.order, self.name))
 
-    def reorder(self, place: np.ndarray) -> None:
-        """Conditions in another order: row k of L becomes row place[k]."""
+    def reorder(self, position: np.ndarray) -> None:
+        """Permute the constraints: row k of L becomes row position[k]."""
         L = self.L
-        rows = place[L.indices].astype(L.indices.dtype)
+        rows = position[L.indices].astype(L.indices.dtype)
         self.L = sp.csc_array((L.data, rows, L.indptr), shape=L.shape)
         self.L.sort_indices()
 
     def block(self, twice: bool) -> Block:
-        """al2 L Mbar^-1 L^T for the single or the double step; kept while a coupler is made."""
+        """al2 L Mbar^-1 L^T for the single or the double step; cached during set-up."""
         if twice in self.blocks:
             return self.blocks[twice]
         h = 2.0 * self.h if twice else self.h
@@ -127,11 +127,11 @@ class Part:
         return self.mbar(h) if plain else None
 
     def operator(self, h: float) -> tuple:
-        """Step and factor of Mbar(h) as the core takes them."""
+        """Step length and factor of Mbar(h) in the form of the core."""
         if self.mass_factor is not None:
             return (h, *self.mass_factor)
         if self.external is not None and h == self.h:
-            factor = self.external.first  # made when the order was asked for
+            factor = self.external.first  # made to get the order
         else:
             factor = self.factor(self.mbar(h), name_of_mbar(self.subdomain.scheme, self.name))
         if self.stiffness is None and self.damping is None:
@@ -159,9 +159,9 @@ def make_part(
     L: sp.csc_array,
     factorize: Any = None,
     *,
-    ramped: bool = False,
+    responds: bool = False,
 ) -> Part:
-    """Order a subdomain, interface last."""
+    """Put a subdomain in its elimination order, interface dofs last."""
     n, scheme = subdomain.n, subdomain.scheme
     last = np.flatnonzero(np.diff(L.indptr)).astype(np.int64)
     stiffness, damping = subdomain.implicit_stiffness, subdomain.implicit_damping
@@ -175,8 +175,8 @@ def make_part(
     else:
         eliminated = elimination(n, graph, last, superlu=factorize == "superlu")
     order = eliminated.order
-    place = np.empty(n, dtype=np.int64)
-    place[order] = np.arange(n)
+    position = np.empty(n, dtype=np.int64)
+    position[order] = np.arange(n)
     matrices = (
         subdomain.M,
         subdomain.K,
@@ -187,19 +187,19 @@ def make_part(
         subdomain.restoring_stiffness,
     )
     different = {id(A): permuted(A, order) for A in {id(A): A for A in matrices}.values()}
-    conditions = sp.csc_array(L[:, order])
+    constraints = sp.csc_array(L[:, order])
     return Part(
         subdomain,
         name,
         double,
         h,
         eliminated,
-        place,
+        position,
         *(different[id(A)] for A in matrices),
-        conditions,
+        constraints,
         last.size,
         external=external,
-        ramped=ramped,
+        responds=responds,
     )
 
 
@@ -216,11 +216,11 @@ def core_subdomain(
     restoring: tuple | None = None,
     D_r: Matrix = None,
     lagged: bool = False,
-    ramped: bool = False,
+    responds: bool = False,
     K_r: Matrix = None,
     springs: tuple = (),
 ) -> Any:
-    """The core's object for a part with these matrices and operators."""
+    """The object of the core for a subdomain with these matrices and operators."""
     columns = sp.csc_array(L[:, part.n - part.nb :])
     columns.sort_indices()
     return _core.Subdomain(
@@ -236,14 +236,14 @@ def core_subdomain(
         restoring=restoring,
         D_r=core_matrix(D_r),
         lagged=lagged,
-        ramped=ramped,
+        responds=responds,
         K_r=core_matrix(K_r),
         springs=springs,
     )
 
 
 def warn_of_factor(part: Part) -> None:
-    """PerformanceWarning when sweeping a factor is most of an explicit subdomain's step."""
+    """PerformanceWarning when the sweeps of a factor take most of an explicit step."""
     solved = {"M": part.M, "C": part.damping}
     full = [name for name, A in solved.items() if A is not None and A.ndim == 2]
     if not part.subdomain.scheme.explicit or not full:
@@ -256,17 +256,18 @@ def warn_of_factor(part: Part) -> None:
     if entries < NOTABLE_FACTOR or 2 * entries <= rest:
         return
     advice = {"M": "lump the mass, M as a 1-D array", "C": 'take damping="lagged"'}
+    verb = "are" if len(full) > 1 else "is"
     warn(
-        f"{' and '.join(full)} of explicit subdomain {part.name!r} being no diagonal, every step "
-        f"sweeps a factor of {entries} entries "
-        f"({8e-6 * entries:.3g} MB), more than all the rest of it; "
+        f"{' and '.join(full)} of explicit subdomain {part.name!r} {verb} not diagonal: every step "
+        f"sweeps a factor of {entries} entries ({8e-6 * entries:.3g} MB), more than half of its "
+        f"work; "
         f"{' and '.join(advice[name] for name in full)}",
         PerformanceWarning,
     )
 
 
 def build(part: Part) -> None:
-    """Factor Mbar and make the core's object of a part."""
+    """Factor Mbar and make the object of the core."""
     single = part.operator(part.h)
     twice = part.operator(2.0 * part.h) if part.double else None
     part.factors = [operator[1:] for operator in (single, twice) if operator is not None]
@@ -282,7 +283,7 @@ def build(part: Part) -> None:
         restoring=core_restoring(part.subdomain.restoring, part.name, part.order),
         D_r=part.D_r,
         lagged=part.subdomain.damping == "lagged",
-        ramped=part.ramped,
-        K_r=part.K_r if part.ramped else None,
-        springs=core_springs(part.subdomain.springs, part.place),
+        responds=part.responds,
+        K_r=part.K_r if part.responds else None,
+        springs=core_springs(part.subdomain.springs, part.position),
     )

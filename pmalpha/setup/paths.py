@@ -1,6 +1,6 @@
 """Factors in the ordinary order, with an interface anywhere in it, (F7) to (F9).
 
-The unknowns of the interface and all that lie above them in the elimination tree are the paths.
+The paths are the interface unknowns and all their ancestors in the elimination tree.
 """
 
 from __future__ import annotations
@@ -13,43 +13,43 @@ from scipy.linalg.blas import dtrsm
 
 from ..blas import one_thread
 
-# Columns of L^T that are swept together: a panel is read once for all of them.
+# Columns of L^T in one sweep, for which each panel is read once.
 BLOCK = 128
 
 
 @dataclass(frozen=True)
 class Paths:
-    """Where the unknowns of a subdomain stand in its ordinary order of elimination.
+    """The paths of a subdomain in its ordinary order of elimination.
 
     Attributes
     ----------
-    place : (n,) array of int
-        Place in the ordinary order of each dof in the subdomain's order, those of the interface
-        last.
+    position : (n,) array of int
+        Position in the ordinary order of each dof of the subdomain's order, in which the interface
+        dofs are last.
     supernodes : array of int
-        Of the interface and all above them, ascending.
+        Supernodes on the paths, ascending.
     entries : int
-        Of the factor on the paths.
+        Entries of the factor on the paths.
     """
 
-    place: np.ndarray
+    position: np.ndarray
     supernodes: np.ndarray
     entries: int
 
 
-def paths_to(structure: tuple, place: np.ndarray, nb: int) -> Paths:
+def paths_to(structure: tuple, position: np.ndarray, nb: int) -> Paths:
     """The paths of the last nb unknowns for (first, row_ptr, rows, start, owner)."""
     first, row_ptr, rows, start, owner = structure
     on_path = np.zeros(first.size - 1, dtype=bool)
-    on_path[owner[place[place.size - nb :]]] = True
+    on_path[owner[position[position.size - nb :]]] = True
     above = np.full(first.size - 1, -1)
     has_rows = np.diff(row_ptr) > 0
     above[has_rows] = owner[rows[row_ptr[:-1][has_rows]]]
-    for s in np.flatnonzero(has_rows):  # what is above has a higher number
+    for s in np.flatnonzero(has_rows):  # an ancestor has a higher number
         if on_path[s]:
             on_path[above[s]] = True
     supernodes = np.flatnonzero(on_path).astype(np.int64)
-    return Paths(place, supernodes, int(np.sum(np.diff(start)[supernodes])))
+    return Paths(position, supernodes, int(np.sum(np.diff(start)[supernodes])))
 
 
 def compliance_along_paths(inverse: np.ndarray, R: tuple, L_b: sp.csr_array) -> np.ndarray:
@@ -57,20 +57,20 @@ def compliance_along_paths(inverse: np.ndarray, R: tuple, L_b: sp.csr_array) -> 
 
     Parameters
     ----------
-    inverse, R : the factor, R = (first, row_ptr, rows, start, values, place, supernodes)
+    inverse, R : the factor, R = (first, row_ptr, rows, start, values, position, supernodes)
     L_b : (rows, nb) csr_array
         Every row has an entry.
 
-    Rows are taken in the order in which elimination reaches them, so that a block needs no column
-    before its first one; what is left of it follows by symmetry.
+    Rows are sorted by the first unknown of each on the paths, so that the sweep of a block of
+    columns begins at the first unknown of its first row; earlier rows follow by symmetry.
     """
     steps = _Steps(inverse, R)
     space = np.empty(steps.size * min(BLOCK, L_b.shape[0]))
-    place = steps.local[R[5][R[5].size - L_b.shape[1] :]]  # of the interface dofs, on the paths
-    reached = np.minimum.reduceat(place[L_b.indices], L_b.indptr[:-1])
+    position = steps.local[R[5][R[5].size - L_b.shape[1] :]]  # of the interface dofs, on the paths
+    reached = np.minimum.reduceat(position[L_b.indices], L_b.indptr[:-1])
     order = np.argsort(reached, kind="stable")
     L_b = sp.csr_array(L_b[order])
-    swept = sp.csr_array((L_b.data, place[L_b.indices], L_b.indptr), (L_b.shape[0], steps.size))
+    swept = sp.csr_array((L_b.data, position[L_b.indices], L_b.indptr), (L_b.shape[0], steps.size))
     block = np.empty((order.size, order.size))
     with one_thread():
         for begin in range(0, order.size, BLOCK):
@@ -87,14 +87,14 @@ def compliance_along_paths(inverse: np.ndarray, R: tuple, L_b: sp.csr_array) -> 
 
 
 class _Steps:
-    """The supernodes on the paths, with their unknowns numbered along these."""
+    """The supernodes on the paths, with their unknowns numbered along the paths."""
 
     def __init__(self, inverse: np.ndarray, R: tuple):
-        first, row_ptr, rows, start, values, place, supernodes = R
+        first, row_ptr, rows, start, values, position, supernodes = R
         widths = np.diff(first)[supernodes]
         self.size = int(widths.sum())
         self.begins = np.cumsum(np.concatenate([[0], widths]))
-        self.local = np.full(place.size, -1)
+        self.local = np.full(position.size, -1)
         own = np.arange(self.size) + np.repeat(first[supernodes] - self.begins[:-1], widths)
         self.local[own] = np.arange(self.size)
         self.inverse = inverse[own][:, None]
@@ -107,9 +107,9 @@ class _Steps:
         self.rows = [self.local[rows[row_ptr[s] : row_ptr[s + 1]]] for s in supernodes]
 
     def solve(self, X: np.ndarray, reached: int) -> None:
-        """X (size, k) := R^-T D^-1 R^-1 X on the paths, zero before unknown `reached`.
+        """X (size, k) := R^-T D^-1 R^-1 X on the paths, with X zero before unknown `reached`.
 
-        What is before is not touched, and so not the solution.
+        Rows before `reached` are not changed: they do not hold the solution.
         """
         first = int(np.searchsorted(self.begins, reached, side="right")) - 1
         steps = range(first, len(self.rows))

@@ -1,4 +1,4 @@
-"""The rank of the constraints, decided on L alone."""
+"""The rank of the constraints, determined from L alone."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from .._checks import listing
 from ..errors import ConstraintError
 from ..memory import require
 
-# A squared distance of a row from the others that makes one look closer.
+# Below this squared distance of a row from the others its group of rows is factored once more.
 SUSPICIOUS = 1e-6
-# Rows that hang together are looked at as a dense matrix up to this many; a distance of one of
-# them below DEPENDENT counts as none.
+# Largest number of connected rows that are factored as a dense matrix; there, a row at a distance
+# below DEPENDENT from the others is dependent.
 FEW, DEPENDENT = 1500, 1e-9
 
 
 def require_independent(L: sp.csr_array, name: Callable[[int], str]) -> None:
-    """ConstraintError unless L has full row rank, decided on L alone, with rows of length 1.
+    """ConstraintError unless L has full row rank, determined from L alone with rows of length 1.
 
-    `name` is what messages call a row.
+    `name` returns the name of a row in messages.
     """
     p = L.shape[0]
     unit = rows_of_size_one(L)
     shared = np.bincount(L.indices, minlength=L.shape[1]).astype(float)
-    require(16.0 * np.sum(shared**2), f"the rank of {p} conditions that share dofs")
+    require(16.0 * np.sum(shared**2), f"the rank of {p} constraints that share dofs")
     unit = sp.csr_array(sp.diags_array(1.0 / np.sqrt(unit.power(2).sum(axis=1))) @ unit)
     dependent = _dependent_rows(unit)
     if not dependent.size:
@@ -37,21 +37,19 @@ def require_independent(L: sp.csr_array, name: Callable[[int], str]) -> None:
     row = int(dependent[0])
     others = _combination(unit, np.setdiff1d(np.arange(p), dependent), row)
     raise ConstraintError(
-        f"the interface conditions depend on one another: row {name(row)} is a combination of "
+        f"the constraints must be linearly independent: row {name(row)} is a combination of "
         f"row{'s' * (others.size > 1)} {listing([name(int(r)) for r in others], 10)}; "
-        f"{dependent.size} of {p} rows are "
-        "too many, leave them out"
+        f"{dependent.size} of {p} rows are redundant and must be removed"
     )
 
 
 def _dependent_rows(unit: sp.csr_array) -> np.ndarray:
-    """Rows to leave out so that the others are independent.
+    """Rows to remove so that the others are independent.
 
     The pivots of L L^T are the squared distances of a row from those eliminated before it: zero
     for a dependent row, at least about 2 / p for the ties of p + 1 dofs in a tree. A shift far
-    below keeps the factorization going past a zero pivot. Rows that hang together, with a small
-    pivot or with conditions that are no ties, are then looked at by a QR factorization where they
-    are few enough.
+    below lets the factorization continue past a zero pivot. Connected rows with a small pivot, or
+    with constraints that are not ties, then get a QR factorization where they are few enough.
     """
     p = unit.shape[0]
     shift, threshold = 1e-14, 1e-13 * (p + 100)
@@ -73,13 +71,13 @@ def _dependent_rows(unit: sp.csr_array) -> np.ndarray:
 
 
 def _is_tie(unit: sp.csr_array) -> np.ndarray:
-    """Rows of one entry, or of two of the same size: for these the bound of the pivots holds."""
+    """Rows of one entry, or of two of the same size: the bound of the pivots holds for them."""
     entries = np.diff(unit.indptr)
     return (entries == 1) | ((entries == 2) & (row_sizes(unit) <= 0.71))
 
 
 def _dependent_of_few(unit: sp.csr_array, rows: np.ndarray) -> np.ndarray:
-    """By a QR factorization with pivoting, which reveals the rank."""
+    """Dependent rows by a rank-revealing QR factorization with pivoting."""
     block = sp.csc_array(unit[rows])
     touched = np.flatnonzero(np.diff(block.indptr))
     R, order = qr(block[:, touched].toarray().T, mode="r", pivoting=True)
@@ -93,12 +91,12 @@ def row_sizes(L: sp.csr_array) -> np.ndarray:
 
 
 def rows_of_size_one(L: sp.csr_array) -> sp.csr_array:
-    """L with each row divided by its largest entry: a condition times a number is the same."""
+    """L with each row divided by its largest entry: a multiple of a constraint is the same one."""
     return sp.csr_array(sp.diags_array(1.0 / row_sizes(L)) @ L)
 
 
 def _combination(unit: sp.csr_array, independent: np.ndarray, row: int) -> np.ndarray:
-    """The independent rows whose combination is the dependent one."""
+    """The independent rows whose combination is the dependent row."""
     block = unit[independent]
     gram = sp.csc_array(block @ block.T)
     weights = splu(gram).solve((block @ unit[[row]].T).toarray()[:, 0])

@@ -1,4 +1,4 @@
-"""Who takes part in a coupler and who steps how, checked before anything is assembled."""
+"""Checks of the subdomains, constraints and options of a coupler; which steps are double."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ MOST_SUBSTEPS = 2**31
 
 
 def double_steps(subdomains: Sequence[Subdomain], coupling: str) -> list[bool]:
-    """Which subdomains take double steps.
+    """Whether each subdomain takes double steps.
 
     Raises
     ------
     ValueError
-        When everybody at the finest step would: odd and even instants would be unrelated runs.
+        When all subdomains of the finest step would: odd and even time levels would be two
+        unrelated runs.
     """
     if coupling == "gc" or len(subdomains) == 1:
         return [False] * len(subdomains)
@@ -37,13 +38,13 @@ def double_steps(subdomains: Sequence[Subdomain], coupling: str) -> list[bool]:
     if all(d for s, d in zip(subdomains, double) if s.substeps == fine):
         raise ValueError(
             "double_step must not be True on all subdomains of the finest step, or odd and even "
-            f"instants would be two unrelated runs; got it on all with substeps = {fine}"
+            f"time levels would be two unrelated runs; got it on all with substeps = {fine}"
         )
     return double
 
 
 def macro_double_steps(subdomains: Sequence[Subdomain]) -> list[bool]:
-    """Under macro coupling those that say so, which must have one substep."""
+    """Under macro coupling: the subdomains with double_step=True, which must have one substep."""
     double = [bool(s.double_step) for s in subdomains]
     for i, s in enumerate(subdomains):
         if double[i] and s.substeps > 1:
@@ -89,11 +90,9 @@ def checked_constraints(
     for i, c in enumerate(constraints):
         if not isinstance(c, Constraint):
             raise TypeError(f"constraints must be Constraints, got {c!r}")
-        strangers = [s for s in c.matrices if s not in known]
-        if strangers:
-            raise ValueError(
-                f"constraint {i} must hold subdomains of this coupler, got {strangers}"
-            )
+        unknown = [s for s in c.matrices if s not in known]
+        if unknown:
+            raise ValueError(f"constraint {i} must hold subdomains of this coupler, got {unknown}")
     return constraints
 
 
@@ -107,7 +106,7 @@ def check_factorize(value: Any) -> None:
 
 
 def finest(subdomains: Sequence[Subdomain], coupling: str) -> int:
-    """The largest number of substeps; a multiple of all but under macro coupling."""
+    """The largest number of substeps; a multiple of all others, except under macro coupling."""
     fine = max(s.substeps for s in subdomains)
     if fine > MOST_SUBSTEPS:
         raise ValueError(f"substeps must be at most {MOST_SUBSTEPS}, got {fine}")
@@ -118,7 +117,7 @@ def finest(subdomains: Sequence[Subdomain], coupling: str) -> int:
 
 
 def most_threads(threads: int | None) -> tuple[int, bool]:
-    """How many threads may be used, and whether only as many as are worthwhile."""
+    """The maximum number of threads, and whether to use fewer where more are not faster."""
     if threads is not None:
         return whole_number(threads, "threads", low=1), False
     if hasattr(os, "sched_getaffinity"):

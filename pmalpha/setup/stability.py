@@ -15,11 +15,11 @@ from ..problem.matrices import Matrix, combination, dense, product
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 
-# Below this size the eigenvalues of the dense matrices are cheaper than Lanczos.
+# Below this size the eigenvalues of the dense matrices take less time than Lanczos.
 SMALL = 200
-# Lanczos approaches the highest frequency from below; this closes the gap of its tolerance.
+# Lanczos approaches the highest frequency from below; MARGIN compensates for its tolerance.
 LANCZOS_TOLERANCE, MARGIN = 1e-4, 1e-3
-# A step is above the critical one when it is so by more than rounding of eigenvalues.
+# Relative rounding of eigenvalues, by which a step may exceed the critical step.
 ROUNDING = 1e-9
 
 
@@ -27,7 +27,7 @@ ROUNDING = 1e-9
 def critical_product(scheme: Scheme) -> float:
     """Largest stable Omega = omega h of an undamped oscillator; inf if there is none.
 
-    Viscous damping, which all schemes take implicitly, does not lower it.
+    Viscous damping, which is implicit in all schemes, does not lower it.
     """
     grid = np.geomspace(1e-2, 1e4, 600)
     unstable = grid[~_are_stable(scheme, grid)]
@@ -42,29 +42,29 @@ def critical_product(scheme: Scheme) -> float:
 
 
 def _are_stable(scheme: Scheme, Omegas: Sequence[float]) -> np.ndarray:
-    # 1e-7: a double eigenvalue of modulus one comes out of an eigenvalue routine at
-    # the square root of the rounding
+    # 1e-7: a double eigenvalue of modulus one is computed with an error of the square root of the
+    # rounding
     whole = np.array([scheme.amplification(Omega) for Omega in Omegas])
     return np.max(np.abs(np.linalg.eigvals(whole)), axis=1) <= 1.0 + 1e-7
 
 
 @lru_cache(maxsize=256)
 def critical_damping_product(scheme: Scheme) -> float:
-    """Z_s, the largest stable c h of lagged damping by itself, equation (C2)."""
+    """Z_s, the largest stable c h of lagged damping without stiffness, equation (C2)."""
     ratio = (1.0 - 2.0 * scheme.af) / (1.0 - 2.0 * scheme.am) if scheme.gamma != 0.5 else 0.0
     return 1.0 / (1.0 + (scheme.gamma - 0.5) * ratio)
 
 
 def critical_step(subdomain: Subdomain) -> float:
-    """The longest stable step of a subdomain by itself, equations (C1) and (C2).
+    """The longest stable step of a subdomain without constraints, equations (C1) and (C2).
 
-    It limits the own step h = dt / substeps. A subdomain that takes double steps moves by 2 h: its
-    own step must not exceed half of this.
+    It limits the substep h = dt / substeps; for double steps, of length 2 h, the substep must not
+    exceed half of it.
 
     Parameters
     ----------
     subdomain : Subdomain
-        With its interface free: ties do not raise the limit.
+        Its interface is taken as free: ties do not raise the limit.
 
     Returns
     -------
@@ -75,11 +75,10 @@ def critical_step(subdomain: Subdomain) -> float:
     Notes
     -----
     The largest stable omega h of the scheme, divided by the highest circular frequency of
-    K x = omega^2 M x. Damping is left out; being taken implicitly, it does not lower the limit.
-    Lagged damping does: the step h is the one at which the largest eigenvalue of
-    h^2 K / Omega_s^2 + h C / Z_s with respect to M is 1. Of a restoring force the estimate K_r
-    joins K, of springs their largest tangent stiffness (of `CubicSpring` k); beyond that nothing is
-    known of it.
+    K x = omega^2 M x. Implicit damping does not lower the limit and is neglected. Lagged damping
+    does: h is the step at which the largest eigenvalue of h^2 K / Omega_s^2 + h C / Z_s with
+    respect to M is 1. A restoring force is represented by the estimate K_r, which is added to K,
+    and springs by their largest tangent stiffness (k of a `CubicSpring`).
 
     Examples
     --------
@@ -105,7 +104,7 @@ def critical_step(subdomain: Subdomain) -> float:
 def limiting_terms(subdomain: Subdomain) -> list[tuple[float, Matrix]]:
     """A = (K + K_r) / Omega_s^2 and B = C / Z_s if lagged: h^2 A + h B has to stay below M.
 
-    Each as a factor and a matrix, so that a large matrix need not be copied to be looked at.
+    Each is a factor and a matrix, which saves a copy of a large matrix.
     """
     Omega = critical_product(subdomain.scheme)
     A = None if np.isinf(Omega) else subdomain.largest_tangent
@@ -117,9 +116,9 @@ def limiting_terms(subdomain: Subdomain) -> list[tuple[float, Matrix]]:
 def _root(A: Matrix, B: Matrix, M: Matrix) -> float:
     """The h at which the largest eigenvalue of h^2 A + h B with respect to M is 1.
 
-    For the eigenvector x at some h, a h^2 + b h = 1 with the quotients a and b of x has its root
-    above the one sought: from there on this falls, and converges quadratically; at once where one
-    of the two matrices is zero.
+    With the Rayleigh quotients a and b of the eigenvector x at some h, the root of a h^2 + b h = 1
+    is an upper bound of the solution. The iteration decreases from there on and converges
+    quadratically, or in one step where one of the two matrices is zero.
     """
     h = 1.0
     for _ in range(100):
@@ -137,7 +136,7 @@ def _root(A: Matrix, B: Matrix, M: Matrix) -> float:
 def warn_if_above_critical(subdomain: Subdomain, step: float, label: str) -> None:
     """StabilityWarning when a step of this length is above the critical one."""
     (a, A), (b, B) = limiting_terms(subdomain)
-    # the bound is cheap and nearly always enough
+    # the bound takes little time and nearly always suffices
     of_A, of_B = (row_sum_bound(X, subdomain.M) for X in (A, B))
     if step**2 * a * of_A + step * b * of_B <= 1.0 + ROUNDING:
         return
@@ -155,7 +154,7 @@ def warn_if_above_critical(subdomain: Subdomain, step: float, label: str) -> Non
 
 def row_sum_bound(A: Matrix, M: Matrix) -> float:
     """An upper bound of the eigenvalues of A with respect to M, by row sums of |M^-1 A|; inf if M
-    is no diagonal."""
+    is not diagonal."""
     if A is None:
         return 0.0
     if M is None or M.ndim != 1 or np.any(M == 0.0):
@@ -184,7 +183,7 @@ def largest_eigenvalue(A: Matrix, M: Matrix) -> tuple[float, np.ndarray]:
 
 
 def _is_cheap(A: Matrix, M: Matrix) -> bool:
-    """Whether eigenvalues come from diagonals or dense matrices, and are exact."""
+    """Whether the eigenvalues are those of diagonal or dense matrices, exact up to rounding."""
     diagonal = A.ndim == 1 and M.ndim == 1
     return diagonal or M.shape[0] <= SMALL or not all(sp.issparse(X) or X.ndim == 1 for X in (A, M))
 
@@ -192,7 +191,7 @@ def _is_cheap(A: Matrix, M: Matrix) -> bool:
 def _lanczos(A: Matrix, M: Matrix) -> tuple[float, np.ndarray]:
     # M^-1/2 A M^-1/2 for a diagonal M: no factor, and symmetric
     n = A.shape[0]
-    start = np.cos(np.arange(n))  # the same every time
+    start = np.cos(np.arange(n))  # the same start in every run
     options = dict(k=1, which="LA", tol=LANCZOS_TOLERANCE, v0=start)
     root = 1.0 / np.sqrt(M) if M.ndim == 1 else np.ones(n)
     try:

@@ -6,9 +6,9 @@ This has the form of one coupled step: with C = K = 0, al2 = 1 and r as load, th
 M wf = r, the interface problem H Lam = - sum L wf with H = sum L M^-1 L^T, and the link problem
 adds M^-1 L^T Lam. So a step of the core solves it.
 
-Dofs without mass stay out of M: a one on the diagonal stands for them, and no load or condition
-reaches it, so that w = 0 where nothing determines it. Their own equation, 0 = r + L^T Lam, and the
-acceleration that a tie gives them join the interface problem.
+Dofs without mass get a one on the diagonal of M, without load or constraint, so that w = 0 where
+nothing determines it. Their equation, 0 = r + L^T Lam, and the acceleration that a tie gives them
+are added to the interface problem.
 """
 
 from __future__ import annotations
@@ -32,37 +32,37 @@ from .part import Part, core_subdomain
 
 # A step of length 1 with al1 = 0 and al2 = 1.
 UNIT_STEP = Scheme(am=0.0, af=0.0, beta=0.0, gamma=1.0, explicit=True)
-# Equations without mass hold at t = 0 up to the rounding of what was given, relative to its terms.
+# Tolerance of the equations of massless dofs at t = 0, relative to their terms: rounding of input.
 RESIDUAL = 1e-8
 
 
 class InitialAccelerations:
-    """Solves (S1) for any right-hand side; what is factored is factored once.
+    """Solves (S1) for any right-hand side, with factors made once.
 
     Parameters
     ----------
     parts : sequence of Part
     p : int
-        Number of conditions.
+        Number of constraints.
     rows : (p,) array of int
-        Their numbers, in the order of the multipliers.
+        Numbers of the constraints, in the order of the multipliers.
 
     Raises
     ------
     FactorizationError
-        When a mass matrix is singular in another way than by zero rows.
+        When a mass matrix is singular beyond its zero rows.
     """
 
     def __init__(self, parts: Sequence[Part], p: int, rows: np.ndarray):
         self.parts = parts
         self.masses = [_Mass(part) for part in parts]
         blocks = [m.compliance() for m in self.masses]
-        self.bare = sp.csr_array(sp.hstack([m.bare for m in self.masses])) if p else None
+        self.L_m = sp.csr_array(sp.hstack([m.L_m for m in self.masses])) if p else None
         H = None
         if self.ties_without_mass:
-            self.tied = np.unique(self.bare.indices)
-            self.saddle = _Saddle(total(blocks, p), self.bare[:, self.tied])
-            p = 0  # the conditions are the saddle's; the core solves for M alone
+            self.tied = np.unique(self.L_m.indices)
+            self.saddle = _Saddle(total(blocks, p), self.L_m[:, self.tied])
+            p = 0  # the saddle-point problem has the constraints; the core solves with M only
         else:
             H = summed(blocks, p)
         self.cores = [m.core(linked=not self.ties_without_mass) for m in self.masses]
@@ -73,7 +73,7 @@ class InitialAccelerations:
 
     @property
     def ties_without_mass(self) -> bool:
-        return self.bare is not None and self.bare.nnz > 0
+        return self.L_m is not None and self.L_m.nnz > 0
 
     def solve(
         self, terms: Sequence[Sequence[np.ndarray]], g: np.ndarray
@@ -82,7 +82,7 @@ class InitialAccelerations:
 
         Parameters
         ----------
-        terms : for each part the (n_i,) arrays F(0), -C v, -K u
+        terms : for each subdomain the (n_i,) arrays F(0), -C v, -K u
         g : (p,) array
             Derivative of the prescribed velocities.
 
@@ -108,7 +108,7 @@ class InitialAccelerations:
         return w, lam
 
     def _step(self, r: Sequence[np.ndarray], g: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-        """M w = r + L^T Lam by one step of the core, from rest."""
+        """Solves M w = r + L^T Lam by one step of the core, from rest."""
         lam = np.zeros(self.p)
         for mass, core, load in zip(self.masses, self.cores, r):
             load = load.copy()
@@ -127,7 +127,7 @@ class InitialAccelerations:
     def _solve_without_mass(
         self, r: Sequence[np.ndarray], g: np.ndarray
     ) -> tuple[list[np.ndarray], np.ndarray]:
-        """The interface problem with the tied dofs that have no mass:
+        """Solves the interface problem extended by the tied massless dofs:
 
         [H   B] [Lam]   [g - sum L wf]
         [B^T 0] [w_m] = [- r_m       ]      B: the columns of L of these dofs
@@ -137,9 +137,9 @@ class InitialAccelerations:
         free = sum(m.linked @ w for m, w in zip(self.masses, wf))
         r_m = np.concatenate([own[m.massless] for m, own in zip(self.masses, r)])
         p, tied = g.size, self.tied
-        answer = self.saddle.solve(np.concatenate([g - free, -r_m[tied]]))
-        lam, w_m = answer[:p], np.zeros(r_m.size)
-        w_m[tied] = answer[p:]
+        solution = self.saddle.solve(np.concatenate([g - free, -r_m[tied]]))
+        lam, w_m = solution[:p], np.zeros(r_m.size)
+        w_m[tied] = solution[p:]
         w, _ = self._step([own + m.linked.T @ lam for m, own in zip(self.masses, r)], no_rows)
         starts = np.cumsum([0] + [m.massless.size for m in self.masses])
         for mass, own, begin, end in zip(self.masses, w, starts[:-1], starts[1:]):
@@ -148,16 +148,16 @@ class InitialAccelerations:
 
 
 class _Mass:
-    """The mass matrix of a part, with its dofs without mass set apart."""
+    """The mass matrix of a subdomain, with its massless dofs treated separately."""
 
     def __init__(self, part: Part):
         self.part = part
         self.massless = np.flatnonzero(np.isin(part.order, part.subdomain.massless))
-        stand_in = np.zeros(part.n)
-        stand_in[self.massless] = 1.0
+        unit_mass = np.zeros(part.n)
+        unit_mass[self.massless] = 1.0
         matrix = part.M
         if self.massless.size:
-            matrix = combination([(1.0, part.M), (1.0, stand_in)])
+            matrix = combination([(1.0, part.M), (1.0, unit_mass)])
         self.diagonal = matrix if matrix.ndim == 1 else None
         factor = part.mass_factor
         if factor is None:
@@ -165,8 +165,8 @@ class _Mass:
         self.operator = (1.0, *factor)
         self.linked = part.L
         if self.massless.size:
-            self.linked = sp.csc_array(part.L @ sp.diags_array(1.0 - stand_in))
-        self.bare = part.L[:, self.massless]
+            self.linked = sp.csc_array(part.L @ sp.diags_array(1.0 - unit_mass))
+        self.L_m = part.L[:, self.massless]
 
     def core(self, *, linked: bool) -> Any:
         L = self.linked if linked else sp.csc_array((0, self.part.n))
@@ -179,7 +179,7 @@ class _Mass:
         return compliance(self.operator[1:], self.linked, self.part.nb, self.part.name)
 
     def check_equations(self, r: np.ndarray, lam: np.ndarray, size: float) -> None:
-        """Warn when 0 = r + L^T Lam does not hold, with forces of this size about."""
+        """Warn when 0 = r + L^T Lam does not hold, relative to forces of this size."""
         if not self.massless.size:
             return
         left = np.abs(r + self.part.L.T @ lam)[self.massless]
@@ -189,7 +189,7 @@ class _Mass:
             warn(
                 f"dofs {listing(dofs)} of subdomain {self.part.name!r} have no mass, and their "
                 f"equation does not hold at t = 0: {np.max(left):g} is left of forces up to "
-                f"{size:g}; the first steps will jump to where it does",
+                f"{size:g}; the first steps will jump to a state where it holds",
                 ConstraintWarning,
             )
 
@@ -200,11 +200,11 @@ def initial_terms(part: Part, F: np.ndarray, u: np.ndarray, v: np.ndarray) -> li
 
 
 class _Saddle:
-    """[[H, B], [B^T, 0]] x = right; the shortest x where the matrix is singular."""
+    """Solves [[H, B], [B^T, 0]] x = right; the minimum-norm x where the matrix is singular."""
 
     def __init__(self, H: sp.csr_array, B: sp.csr_array):
         matrix = sp.csc_array(sp.block_array([[H, B], [B.T, None]]))
-        # other units of mass scale H, not B: bring both to the same size, by a power of two
+        # units of mass scale H, not B: both are scaled to the same size, by a power of two
         size = np.max(np.abs(H.data), initial=0.0)
         s = 2.0 ** np.round(np.log2(size) / 2.0) if size > 0.0 else 1.0
         self.scale = np.concatenate([np.full(H.shape[0], 1.0 / s), np.full(B.shape[1], s)])
@@ -213,15 +213,16 @@ class _Saddle:
         try:
             with one_thread():
                 self.lu = splu(self.matrix)
-        except RuntimeError:  # two dofs without mass tied to each other share their acceleration
+        except RuntimeError:  # exactly singular, as for two massless dofs tied to each other
             self.lu = None
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        goal = self.scale * right
+        scaled = self.scale * right
         if self.lu is not None:
             with one_thread():
-                x = self.lu.solve(goal)
-            if np.max(np.abs(self.matrix @ x - goal)) <= 1e-9 * np.max(np.abs(goal), initial=0.0):
+                x = self.lu.solve(scaled)
+            residual = np.max(np.abs(self.matrix @ x - scaled))
+            if residual <= 1e-9 * np.max(np.abs(scaled), initial=0.0):
                 return self.scale * x
-        limits = dict(atol=1e-14, btol=1e-14, maxiter=10 * goal.size)
-        return self.scale * lsmr(self.matrix, goal, **limits)[0]
+        limits = dict(atol=1e-14, btol=1e-14, maxiter=10 * scaled.size)
+        return self.scale * lsmr(self.matrix, scaled, **limits)[0]

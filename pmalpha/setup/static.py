@@ -11,14 +11,14 @@ from scipy.sparse.linalg import splu
 from ..errors import FactorizationError
 from ..problem.matrices import Matrix
 
-# A structure counts as floating when it resists some motion less than rounding of its stiffness
-# does: relative to the diagonal, which no scaling of dofs or units changes.
+# A structure is floating when its stiffness for some motion is below the rounding of its entries,
+# relative to the diagonal, which makes the test independent of scaling and units.
 FLOATING = 64.0 * np.finfo(float).eps
 
 
 def static_displacements(
     stiffnesses: Sequence[Matrix],
-    conditions: Sequence[sp.csr_array],
+    constraints: Sequence[sp.csr_array],
     forces: Sequence[np.ndarray],
 ) -> list[np.ndarray]:
     """The displacements u_i, (n_i,) each.
@@ -26,8 +26,8 @@ def static_displacements(
     Parameters
     ----------
     stiffnesses : sequence of (n_i, n_i) matrices in inner form
-    conditions : sequence of (p, n_i) csr_array
-        Independent rows.
+    constraints : sequence of (p, n_i) csr_array
+        L_i, with independent rows.
     forces : sequence of (n_i,) arrays
 
     Raises
@@ -37,7 +37,7 @@ def static_displacements(
     """
     sizes = [f.size for f in forces]
     K = sp.csc_array(sp.block_diag([_sparse(A, n) for A, n in zip(stiffnesses, sizes)]))
-    L = sp.csr_array(sp.hstack(conditions))
+    L = sp.csr_array(sp.hstack(constraints))
     scale = _scale(K)
     K = sp.csc_array(scale @ K @ scale)
     L = sp.csr_array(L @ scale)
@@ -56,28 +56,28 @@ def _sparse(A: Matrix, n: int) -> sp.csc_array:
 
 
 def _scale(K: sp.csc_array) -> sp.dia_array:
-    """Brings the diagonal near one, by powers of two: units and kinds of dofs drop out."""
+    """Scales the diagonal to about one, by powers of two, so that units have no effect."""
     d = np.abs(K.diagonal())
     d[d == 0.0] = 1.0
     return sp.diags_array(2.0 ** np.round(-0.5 * np.log2(d)))
 
 
 def _require_stiff(K: sp.csc_array, L: sp.csr_array) -> None:
-    """FactorizationError unless K resists every motion that the ties allow.
+    """FactorizationError unless K is positive definite on the motions that the ties allow.
 
-    With stiff springs in the place of the ties, G = K + L^T L has to be positive definite. Inverse
-    iteration finds the motion it resists least; a mechanism is resisted by rounding only.
+    With the ties replaced by stiff springs, G = K + L^T L has to be positive definite. Inverse
+    iteration finds the softest motion; the stiffness of a mechanism is rounding.
     """
     G = sp.csc_array(K + L.T @ L)
     if _softest(G) <= FLOATING:
         raise FactorizationError(
             "the structure is floating or its stiffness indefinite, so that it has no static "
-            "equilibrium; support it by stiffness or by a constraint on one subdomain alone"
+            "equilibrium; support it by stiffness or by a constraint on one subdomain only"
         )
 
 
 def _softest(G: sp.csc_array) -> float:
-    """About the smallest eigenvalue of G, or zero when a pivot is not positive."""
+    """The smallest eigenvalue of G, approximately, or zero when a pivot is not positive."""
     try:
         lu = splu(
             G, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True)

@@ -93,11 +93,11 @@ size_t pma_factor_reach(const pma_factor *f)
     }
 }
 
-/* A dense factor is one panel. Rows and columns first..n-1 of it; x[0] stands for `first`. */
+/* A dense factor is one panel. Rows and columns first..n-1 of it; x[0] is unknown `first`. */
 static void eliminate_dense(const pma_factor *f, size_t first, size_t last, double *x)
 {
-    pma_kernel_best()->eliminate(f->values + first * f->n + first, f->n, f->n - first,
-                                 last - first, x);
+    pma_kernel_best()->eliminate(f->values + first * f->n + first, f->n, f->n - first, last - first,
+                                 x);
 }
 
 static void substitute_dense(const pma_factor *f, size_t first, size_t last, double *x)
@@ -198,7 +198,7 @@ static void substitute_sparse(const pma_factor *f, size_t first, size_t last, do
     }
 }
 
-/* Forward through the columns first..last-1; x[0] stands for unknown `first`. */
+/* Forward through the columns first..last-1; x[0] is unknown `first`. */
 static void eliminate(const pma_factor *f, size_t first, size_t last, double *x, double *work)
 {
     if (first == last)
@@ -215,7 +215,7 @@ static void eliminate(const pma_factor *f, size_t first, size_t last, double *x,
         pma_panels_eliminate(&f->panels, first, last, x, work);
 }
 
-/* Backward through the columns last-1..first; x[0] stands for unknown `first`. */
+/* Backward through the columns last-1..first; x[0] is unknown `first`. */
 static void substitute(const pma_factor *f, size_t first, size_t last, double *x, double *work)
 {
     if (first == last)

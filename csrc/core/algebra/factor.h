@@ -17,7 +17,7 @@
 
 /* Bare arrays of the caller, who keeps them alive. */
 typedef struct {
-    pma_form form;         /* diagonal: R is the unit matrix */
+    pma_form form; /* diagonal: R is the unit matrix */
     size_t n, nb;
     const double *inverse; /* n: the reciprocals of D */
     const double *values;  /* dense: n*n by columns, read below the diagonal; sparse: ptr[n];
@@ -25,7 +25,7 @@ typedef struct {
     const int64_t *ptr;    /* sparse: n+1 starts of the columns, else NULL */
     const int32_t *index;  /* sparse: row of each entry, below the diagonal and ascending */
     size_t width;          /* band: entries of a column below the diagonal, 1..n-1; in the last
-                              columns those that lie outside the matrix are zero */
+                              columns the entries outside the matrix are zero */
     pma_panels panels;     /* panels: see there */
     pma_path path;         /* panels whose interface is not last; else path.place is NULL */
 } pma_factor;
@@ -45,16 +45,17 @@ size_t pma_factor_reach(const pma_factor *f);
 
 /* A step is opened with the right-hand side and closed with what acts on the interface:
  *
- * x (n): swept so far as the interface asks; xb (nb) := (A^-1 x)_b                (F2) (F3) (F7) */
+ * x (n): swept as far as the interface needs; xb (nb) := (A^-1 x)_b              (F2) (F3) (F7) */
 void pma_factor_open(const pma_factor *f, double *x, double *xb, double *work);
 
 /* x (n) as open left it := A^-1 (right-hand side + fb on the interface)       (F4) (F5) (F8) */
 void pma_factor_close(const pma_factor *f, const double *fb, double *x, double *work);
 
 /* The same in several calls for the rows begin..end-1 each, to open from the first rows on, to
- * close from the last. The right-hand side must be complete in these rows alone. Whoever cuts a
- * sweep in parts must not do it where the reach is n. */
-void pma_factor_open_part(const pma_factor *f, size_t begin, size_t end, double *x, double *xb, double *work);
+ * close from the last. The right-hand side must be complete in these rows alone. A sweep must not
+ * be cut in parts where the reach is n. */
+void pma_factor_open_part(const pma_factor *f, size_t begin, size_t end, double *x, double *xb,
+                          double *work);
 void pma_factor_close_part(const pma_factor *f, size_t begin, size_t end, const double *fb,
                            double *x, double *work);
 

@@ -9,6 +9,8 @@ enum { FORWARD = 8, BACKWARD = 4 };
 /* Most rows of a strip. */
 enum { STRIP = 6 };
 
+/* clang-format off: attributes are long, and a name begins its line */
+
 /* ---- the loops, to be compiled for each kind of processor ----------------------------------- */
 
 /* y_i -= sum over the columns of A_ij x_j */
@@ -49,9 +51,9 @@ subtract_products(const double *A, size_t ld, size_t rows, const size_t columns,
 }
 
 /* Columns j..j+columns-1: their triangle, then all rows below it at once. */
-__attribute__((always_inline)) static inline void
-eliminate_group(const double *panel, size_t ld, size_t height, size_t j, const size_t columns,
-                double *x)
+__attribute__((always_inline)) static inline void eliminate_group(const double *panel, size_t ld,
+                                                                  size_t height, size_t j,
+                                                                  const size_t columns, double *x)
 {
     const double *diagonal = panel + j * ld + j;
     double own[FORWARD];
@@ -66,9 +68,9 @@ eliminate_group(const double *panel, size_t ld, size_t height, size_t j, const s
     subtract_columns(diagonal + columns, ld, height - j - columns, columns, own, x + j + columns);
 }
 
-__attribute__((always_inline)) static inline void
-substitute_group(const double *panel, size_t ld, size_t height, size_t j, const size_t columns,
-                 double *x)
+__attribute__((always_inline)) static inline void substitute_group(const double *panel, size_t ld,
+                                                                   size_t height, size_t j,
+                                                                   const size_t columns, double *x)
 {
     const double *diagonal = panel + j * ld + j;
     double *own = x + j;
@@ -81,8 +83,8 @@ substitute_group(const double *panel, size_t ld, size_t height, size_t j, const 
     }
 }
 
-__attribute__((always_inline)) static inline void
-eliminate(const double *panel, size_t ld, size_t height, size_t width, double *x)
+__attribute__((always_inline)) static inline void eliminate(const double *panel, size_t ld,
+                                                            size_t height, size_t width, double *x)
 {
     size_t j = 0;
     for (; j + 8 <= width; j += 8)
@@ -97,8 +99,8 @@ eliminate(const double *panel, size_t ld, size_t height, size_t width, double *x
         eliminate_group(panel, ld, height, j, 1, x);
 }
 
-__attribute__((always_inline)) static inline void
-substitute(const double *panel, size_t ld, size_t height, size_t width, double *x)
+__attribute__((always_inline)) static inline void substitute(const double *panel, size_t ld,
+                                                             size_t height, size_t width, double *x)
 {
     size_t j = width - (width & 1);
     if (width & 1)
@@ -122,7 +124,7 @@ subtract(const double *A, size_t ld, size_t rows, size_t columns, const double *
         subtract_columns(A + j * ld, ld, rows, 1, x + j, y);
 }
 
-/* One row after the other of each four columns, which is how they stand in memory. */
+/* One row after the other of each four columns, which is their order in memory. */
 __attribute__((always_inline)) static inline void
 multiply_rows(const double *values, const size_t rows, size_t columns, const int32_t *index,
               const double *x, double *product)
@@ -170,7 +172,7 @@ multiply_strip(const double *values, size_t rows, size_t columns, const int32_t 
     }
 }
 
-/* Diagonal by diagonal, which is vectorised; A_i,i-d stands where A_i-d,i does. */
+/* Diagonal by diagonal, which is vectorised; A_i,i-d is stored as A_i-d,i. */
 __attribute__((always_inline)) static inline void
 subtract_band(const double *values, size_t n, size_t width, size_t begin, size_t end,
               const double *x, double *restrict y)
@@ -187,38 +189,37 @@ subtract_band(const double *values, size_t n, size_t width, size_t begin, size_t
     }
 }
 
-/* ---- for each kind of processor -------------------------------------------------------------- */
+/* ---- for each kind of processor ------------------------------------------------------------- */
 
 static void eliminate_plain(const double *panel, size_t ld, size_t height, size_t width, double *x)
 {
     eliminate(panel, ld, height, width, x);
 }
 
-static void substitute_plain(const double *panel, size_t ld, size_t height, size_t width,
-                             double *x)
+static void substitute_plain(const double *panel, size_t ld, size_t height, size_t width, double *x)
 {
     substitute(panel, ld, height, width, x);
 }
 
-static void subtract_plain(const double *A, size_t ld, size_t rows, size_t columns,
-                           const double *x, double *y)
+static void subtract_plain(const double *A, size_t ld, size_t rows, size_t columns, const double *x,
+                           double *y)
 {
     subtract(A, ld, rows, columns, x, y);
 }
 
-static void
-multiply_strip_plain(const double *values, size_t rows, size_t columns, const int32_t *index,
-                     const double *x, double *product)
+static void multiply_strip_plain(const double *values, size_t rows, size_t columns,
+                                 const int32_t *index, const double *x, double *product)
 {
     multiply_strip(values, rows, columns, index, x, product);
 }
 
-static void
-subtract_band_plain(const double *values, size_t n, size_t width, size_t begin, size_t end,
-                     const double *x, double *y)
+static void subtract_band_plain(const double *values, size_t n, size_t width, size_t begin,
+                                size_t end, const double *x, double *y)
 {
     subtract_band(values, n, width, begin, end, x, y);
 }
+
+/* clang-format on */
 
 static const pma_kernel PLAIN = {
     .eliminate = eliminate_plain,
@@ -234,6 +235,8 @@ const pma_kernel *pma_kernel_plain(void)
 }
 
 #if defined(__x86_64__)
+
+/* clang-format off */
 
 /* AVX2 alone: with fused multiply-adds the digits would depend on the processor. */
 __attribute__((target("avx2"))) static void
@@ -267,6 +270,8 @@ subtract_band_avx2(const double *values, size_t n, size_t width, size_t begin, s
 {
     subtract_band(values, n, width, begin, end, x, y);
 }
+
+/* clang-format on */
 
 static const pma_kernel AVX2 = {
     .eliminate = eliminate_avx2,

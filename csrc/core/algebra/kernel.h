@@ -1,7 +1,7 @@
 /* kernel.h - the loops of algebra where most of the time goes, for each kind of processor.
  *
- * A panel holds a unit lower trapezoid by columns: R_ij is panel[j * ld + i], and only what is below
- * the diagonal is read. */
+ * A panel holds a unit lower trapezoid by columns: R_ij is panel[j * ld + i], and only what is
+ * below the diagonal is read. */
 #ifndef PMA_KERNEL_H
 #define PMA_KERNEL_H
 
@@ -17,9 +17,9 @@ typedef struct {
     void (*subtract)(const double *A, size_t ld, size_t rows, size_t columns, const double *x,
                      double *y);
     /* product (rows) := A x of a strip of at most six rows with columns (a multiple of four) at
-     * the places index of x. Of four whose last is three above the first, all follow one another. */
-    void (*multiply_strip)(const double *values, size_t rows, size_t columns,
-                           const int32_t *index, const double *x, double *product);
+     * entries index of x. Of four whose last is three above the first, all follow one another. */
+    void (*multiply_strip)(const double *values, size_t rows, size_t columns, const int32_t *index,
+                           const double *x, double *product);
     /* y_i -= sum over j of A_ij x_j for i = begin..end-1, A_i,i+d = A_i+d,i at values[d * n + i]
      * for d = 0..width */
     void (*subtract_band)(const double *values, size_t n, size_t width, size_t begin, size_t end,

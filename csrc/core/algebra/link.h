@@ -13,7 +13,7 @@
 typedef struct {
     size_t p, nb;
     const int64_t *ptr;   /* nb+1 starts of the columns */
-    const int32_t *index; /* row (condition) of each entry */
+    const int32_t *index; /* row (constraint) of each entry */
     const double *values; /* +1 and -1 for a tie */
 } pma_link;
 

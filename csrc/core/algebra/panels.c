@@ -21,7 +21,7 @@ static size_t height_of(const pma_panels *p, size_t s)
     return width_of(p, s) + rows_of(p, s);
 }
 
-/* ---- checks ------------------------------------------------------------------------------- */
+/* ---- checks --------------------------------------------------------------------------------- */
 
 static bool rows_are_right(const pma_panels *p, size_t s, size_t n)
 {
@@ -78,7 +78,7 @@ size_t pma_panels_update_size(const pma_panels *p)
     return widest * most_rows(p);
 }
 
-/* ---- numeric part: left-looking, each panel as a dense Cholesky factor ----------------------- */
+/* ---- numeric part: left-looking, each panel as a dense Cholesky factor ---------------------- */
 
 /* What the numeric part walks with. */
 typedef struct {
@@ -262,8 +262,7 @@ static pma_status factor_supernode(const walk *w, size_t s, const pma_panels_inp
 
 pma_status pma_panels_factor(pma_panels *p, const pma_panels_input *input, const int64_t *owner,
                              const pma_blas *blas, double *inverse, double *update,
-                             int64_t *integers, size_t *column, bool (*stop)(void *ctx),
-                             void *ctx)
+                             int64_t *integers, size_t *column, bool (*stop)(void *ctx), void *ctx)
 {
     walk w = {.p = p,
               .blas = blas,
@@ -288,7 +287,7 @@ pma_status pma_panels_factor(pma_panels *p, const pma_panels_input *input, const
     return PMA_OK;
 }
 
-/* ---- sweeps ---------------------------------------------------------------------------------- */
+/* ---- sweeps --------------------------------------------------------------------------------- */
 
 /* The supernodes of the columns from..to-1, which begin and end with one. */
 static size_t supernode_at(const pma_panels *p, size_t column)
@@ -304,13 +303,13 @@ static size_t supernode_at(const pma_panels *p, size_t column)
     return low;
 }
 
-/* One panel as a sweep sees it, and where its unknowns stand in x. */
+/* One panel as a sweep sees it, and where its unknowns are in x. */
 typedef struct {
     size_t width, below, height;
     const double *values;
     const int32_t *rows;
-    double *own; /* unknowns of its columns */
-    bool adjoined; /* those of its rows follow them without a gap */
+    double *own;   /* unknowns of its columns */
+    bool adjoined; /* the unknowns of its rows follow them without a gap */
 } panel_view;
 
 static panel_view view(const pma_panels *p, size_t s, size_t from, double *x)

@@ -26,8 +26,8 @@ typedef struct {
 typedef struct {
     void (*dgemm)(char *, char *, int *, int *, int *, double *, double *, int *, double *, int *,
                   double *, double *, int *);
-    void (*dtrsm)(char *, char *, char *, char *, int *, int *, double *, double *, int *,
-                  double *, int *);
+    void (*dtrsm)(char *, char *, char *, char *, int *, int *, double *, double *, int *, double *,
+                  int *);
 } pma_blas;
 
 /* PMA_BAD_INDEX unless the supernodes partition 0..n-1, break at n - nb, and all rows ascend,
@@ -56,15 +56,14 @@ typedef struct {
  * an entry outside the pattern, PMA_STOPPED when stop, called between supernodes, returns true. */
 pma_status pma_panels_factor(pma_panels *p, const pma_panels_input *input, const int64_t *owner,
                              const pma_blas *blas, double *inverse, double *update,
-                             int64_t *integers, size_t *column, bool (*stop)(void *ctx),
-                             void *ctx);
+                             int64_t *integers, size_t *column, bool (*stop)(void *ctx), void *ctx);
 
-/* Supernodes of the columns from..to-1; x[0] stands for unknown `from`. work: most_height. */
+/* Supernodes of the columns from..to-1; x[0] is unknown `from`. work: most_height. */
 void pma_panels_eliminate(const pma_panels *p, size_t from, size_t to, double *x, double *work);
 void pma_panels_substitute(const pma_panels *p, const double *inverse, size_t from, size_t to,
                            double *x, double *work);
 
-/* `count` supernodes in ascending order; x[0] stands for unknown 0. work: most_height. */
+/* `count` supernodes in ascending order; x[0] is unknown 0. work: most_height. */
 void pma_panels_eliminate_these(const pma_panels *p, const int64_t *supernodes, size_t count,
                                 double *x, double *work);
 void pma_panels_substitute_these(const pma_panels *p, const double *inverse,

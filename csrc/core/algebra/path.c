@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* ---- checks ------------------------------------------------------------------------------- */
+/* ---- checks --------------------------------------------------------------------------------- */
 
 /* The last k with list[k] <= value, in an ascending list that begins at or below it. */
 static size_t last_not_above(const int64_t *list, size_t count, int64_t value)
@@ -82,7 +82,7 @@ size_t pma_path_entries(const pma_path *path, const pma_panels *p)
     return entries;
 }
 
-/* ---- sweeps ------------------------------------------------------------------------------- */
+/* ---- sweeps --------------------------------------------------------------------------------- */
 
 /* aside := y, or y += aside, or aside := 0 in the columns on the paths */
 typedef enum { TAKE, ADD, CLEAR } passing;

@@ -15,7 +15,7 @@
 
 /* Bare arrays of the caller. */
 typedef struct {
-    const int64_t *place; /* n: place in the order of each unknown, those of the interface last */
+    const int64_t *place;      /* n: position in the order of each unknown, the interface last */
     const int64_t *supernodes; /* count, ascending: of the interface and all above them */
     size_t count;
 } pma_path;

@@ -15,7 +15,7 @@ static size_t columns_of(const pma_strips *S, size_t s)
     return (size_t)(S->ptr[s + 1] - S->ptr[s]);
 }
 
-/* ---- checks ------------------------------------------------------------------------------- */
+/* ---- checks --------------------------------------------------------------------------------- */
 
 /* Four whose last is three above the first are read at one go. */
 static bool four_are_right(const int32_t *index)
@@ -25,8 +25,7 @@ static bool four_are_right(const int32_t *index)
 
 pma_status pma_strips_check(const pma_strips *S, size_t n)
 {
-    if (S->first[0] != 0 || S->ptr[0] != 0 || S->start[0] != 0 ||
-        S->first[S->count] != (int64_t)n)
+    if (S->first[0] != 0 || S->ptr[0] != 0 || S->start[0] != 0 || S->first[S->count] != (int64_t)n)
         return PMA_BAD_INDEX;
     for (size_t s = 0; s < S->count; s++) {
         if (S->first[s + 1] <= S->first[s] || S->first[s + 1] > (int64_t)n ||
@@ -60,7 +59,7 @@ size_t pma_strips_reach(const pma_strips *S)
     return (size_t)reach;
 }
 
-/* ---- making ------------------------------------------------------------------------------- */
+/* ---- making --------------------------------------------------------------------------------- */
 
 static int64_t padded(int64_t columns)
 {
@@ -84,9 +83,9 @@ size_t pma_strips_group(size_t n, const int64_t *ptr, const int32_t *index, int6
         for (int64_t k = ptr[i]; k < ptr[i + 1]; k++)
             more += open < 0 || mark[index[k]] != open;
         const int64_t rows = open < 0 ? PMA_STRIP_ROWS : row - first[open];
-        const bool joins = rows < PMA_STRIP_ROWS &&
-                           bytes_of(rows + 1, columns[open] + more) <=
-                               bytes_of(rows, columns[open]) + bytes_of(1, length);
+        const bool joins =
+            rows < PMA_STRIP_ROWS && bytes_of(rows + 1, columns[open] + more) <=
+                                         bytes_of(rows, columns[open]) + bytes_of(1, length);
         if (!joins) {
             first[count] = row;
             columns[count++] = length;
@@ -173,7 +172,7 @@ void pma_strips_fill(const pma_strips *S, size_t n, const int64_t *ptr, const in
     }
 }
 
-/* ---- product ------------------------------------------------------------------------------ */
+/* ---- product -------------------------------------------------------------------------------- */
 
 /* The strip of a row. */
 static size_t strip_at(const pma_strips *S, size_t row)

@@ -16,7 +16,7 @@ enum { PMA_STRIP_ROWS = 6 };
 /* Bare arrays of the caller. Strip s has the rows first[s]..first[s+1]-1 and the columns
  * index[ptr[s]]..index[ptr[s+1]-1], a multiple of four: of the last four, one may come again, with
  * zeros. Four that follow one another come first; no others have their last three above their
- * first. The values begin at start[s] and stand in the order in which a product reads them: four
+ * first. The values begin at start[s] and are in the order in which a product reads them: four
  * columns of the first row, the same four of the second, and so on; then the next four columns. */
 typedef struct {
     size_t count;         /* strips */
@@ -41,15 +41,14 @@ size_t pma_strips_reach(const pma_strips *S);
 size_t pma_strips_group(size_t n, const int64_t *ptr, const int32_t *index, int64_t *first,
                         int64_t *columns, int64_t *mark);
 
-/* The lists and numbers of strips whose first, ptr and start are laid out; entries that stand at
- * the same place are added up. index (ptr[count]), values (start[count]): output, values zeroed.
+/* The lists and numbers of strips whose first, ptr and start are laid out; entries at the
+ * same position are added up. index (ptr[count]), values (start[count]): output, values zeroed.
  * mark (n): scratch. */
 void pma_strips_fill(const pma_strips *S, size_t n, const int64_t *ptr, const int32_t *index,
                      const double *entries, int64_t *mark, int32_t *strip_index,
                      double *strip_values);
 
 /* y -= A x for the rows begin..end-1 of y */
-void pma_strips_subtract(const pma_strips *S, size_t begin, size_t end, const double *x,
-                         double *y);
+void pma_strips_subtract(const pma_strips *S, size_t begin, size_t end, const double *x, double *y);
 
 #endif

@@ -24,9 +24,9 @@ void pma_symbolic_count(size_t n, const int64_t *ptr, const int32_t *index, int6
     }
 }
 
-/* ---- postorder ---------------------------------------------------------------------------- */
+/* ---- postorder ------------------------------------------------------------------------------ */
 
-/* Every column but those on the path to the next unnumbered leaf has its children numbered: go
+/* Every column, except on the path to the next unnumbered leaf, has its children numbered: go
  * down to the first child, number on the way up. `child` and `next` are lists of the forest. */
 static size_t number_subtree(int64_t root, int64_t *child, const int64_t *next, size_t placed,
                              const int64_t *parent, int64_t *order)
@@ -175,8 +175,8 @@ static bool add_rows(found *f, const int32_t *list, int64_t length)
 }
 
 pma_status pma_symbolic_rows(size_t n, const int64_t *ptr, const int32_t *index, size_t supernodes,
-                       const int64_t *first, const int64_t *row_ptr, int64_t *owner,
-                       int64_t *mark, int64_t *child, int64_t *next, int32_t *rows)
+                             const int64_t *first, const int64_t *row_ptr, int64_t *owner,
+                             int64_t *mark, int64_t *child, int64_t *next, int32_t *rows)
 {
     for (size_t j = 0; j < n; j++)
         mark[j] = -1;

@@ -21,9 +21,9 @@ void pma_symbolic_count(size_t n, const int64_t *ptr, const int32_t *index, int6
                         int64_t *mark, int64_t *count);
 
 /* An order with the same fill in which every subtree of the interior is contiguous and the child
- * with the longest column stands next to its parent; the last nb stay where they are.
+ * with the longest column comes next to its parent; the last nb keep their positions.
  *
- * order (n): output, column at each place. scratch: 2 n. */
+ * order (n): output, column at each position. scratch: 2 n. */
 void pma_symbolic_postorder(size_t n, size_t nb, const int64_t *parent, const int64_t *count,
                             int64_t *scratch, int64_t *order);
 

@@ -8,7 +8,7 @@
 
 #include "coupling/schedule.h"
 
-/* ---- checks ----------------------------------------------------------------------------- */
+/* ---- checks --------------------------------------------------------------------------------- */
 
 /* h substeps = dt, but for the rounding of dt / substeps and of the product */
 static bool has_step(const pma_member *member, double dt)
@@ -30,7 +30,7 @@ static pma_status check_members(const pma_coupler_parts *parts)
     return status;
 }
 
-/* ---- making ----------------------------------------------------------------------------- */
+/* ---- making --------------------------------------------------------------------------------- */
 
 static void lay_out(pma_coupler *c, const pma_coupler_parts *parts)
 {
@@ -63,15 +63,28 @@ static pma_status allocate(pma_coupler *c, const pma_coupler_parts *parts)
     return PMA_OK;
 }
 
+/* Beside the fine steps all members go on before the macro step is committed. */
+static bool all_look_ahead(const pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        if (!c->coupled[i].member.table->look_ahead)
+            return false;
+    }
+    return true;
+}
+
 /* Which worker has what. */
 static pma_status make_roster(pma_coupler *c)
 {
+    const bool ahead = all_look_ahead(c);
     const size_t most = c->parts.threads < PMA_MOST_WORKERS ? c->parts.threads : PMA_MOST_WORKERS;
     pma_duty *duties = calloc(c->parts.count + 1, sizeof *duties);
     if (!duties)
         return PMA_NO_MEMORY;
-    for (size_t i = 0; i < c->parts.count; i++)
+    for (size_t i = 0; i < c->parts.count; i++) {
         duties[i] = c->parts.schedule->duty(&c->coupled[i].member);
+        duties[i].aside = duties[i].aside && ahead;
+    }
     const pma_status status = pma_roster_create(c->parts.count, duties, most > 0 ? most : 1,
                                                 c->parts.worthwhile, &c->roster);
     free(duties);
@@ -79,13 +92,15 @@ static pma_status make_roster(pma_coupler *c)
         for (size_t i = c->roster.begin[w]; i < c->roster.begin[w + 1]; i++)
             c->coupled[c->roster.order[i]].worker = w;
     }
+    if (status == PMA_OK && c->roster.split != PMA_NO_SPLIT)
+        c->split = &c->coupled[c->roster.split];
     return status;
 }
 
 static pma_status create_team(pma_coupler *c)
 {
     pma_status status = make_roster(c);
-    if (status == PMA_OK && c->roster.fine < c->roster.workers)
+    if (status == PMA_OK && pma_look_ahead_is_used(c))
         status = pma_look_ahead_create(c);
     if (status != PMA_OK || c->roster.workers == 1)
         return status;
@@ -134,7 +149,7 @@ void pma_coupler_destroy(pma_coupler *c)
     free(c);
 }
 
-/* ---- what it knows ----------------------------------------------------------------------- */
+/* ---- what it knows -------------------------------------------------------------------------- */
 
 void pma_coupler_set_motion(pma_coupler *c, size_t i, pma_load load)
 {
@@ -196,21 +211,24 @@ const pma_coupler_parts *pma_coupler_get_parts(const pma_coupler *c)
     return &c->parts;
 }
 
-/* ---- stages that the schedules share --------------------------------------------------------- */
+/* ---- stages that the schedules share -------------------------------------------------------- */
 
 void pma_coupler_move_to(pma_coupler *c, size_t k)
 {
     c->k = k;
-    for (size_t i = 0; i < c->parts.count; i++)
-        c->coupled[i].now = pma_clock_moment(k, c->coupled[i].ratio);
+    for (size_t i = 0; i < c->parts.count; i++) {
+        pma_coupled *m = &c->coupled[i];
+        m->now = pma_clock_moment(k, m->ratio);
+        if (m->now.phase == 1 || m->step.j != m->now.j)
+            m->step = pma_substep_of(c, m, m->now.j);
+    }
 }
 
 void pma_coupler_prescribe(pma_coupler *c)
 {
     const int64_t number = c->present.number * (int64_t)c->fine + (int64_t)c->k - 1;
     const double t = pma_clock_time(c->parts.dt, c->present.number, c->k, c->fine);
-    pma_motion_prescribe(c->parts.motion_count, c->motions, t, number, c->scratch,
-                         c->working.g);
+    pma_motion_prescribe(c->parts.motion_count, c->motions, t, number, c->scratch, c->working.g);
 }
 
 /* The member whose free velocity made the multipliers infinite. */
@@ -238,20 +256,15 @@ pma_status pma_coupler_solve(pma_coupler *c)
     return PMA_OK;
 }
 
-bool pma_coupler_is_stopped(pma_coupler *c)
+bool pma_coupler_poll(pma_coupler *c)
 {
-    if (atomic_load_explicit(&c->stopped, memory_order_relaxed))
-        return true;
-    if (!c->poll || c->unpolled < c->poll->entries)
-        return false;
     c->unpolled = 0;
-    if (!c->poll->stop(c->poll->ctx))
-        return false;
-    atomic_store(&c->stopped, true);
-    return true;
+    if (c->poll->stop(c->poll->ctx))
+        atomic_store(&c->stopped, true);
+    return atomic_load(&c->stopped);
 }
 
-/* ---- macro steps ------------------------------------------------------------------------------ */
+/* ---- macro steps ---------------------------------------------------------------------------- */
 
 static void swap(pma_macro_level *a, pma_macro_level *b)
 {
@@ -269,13 +282,13 @@ void pma_coupler_commit(pma_coupler *c)
     c->k -= c->fine;
 }
 
-/* All members have arrived at the end of a macro step. It is committed, or waits for those that are
- * closed beside the fine steps. */
+/* All members have arrived at the end of a macro step. It is committed, or waits for the members
+ * that are closed beside the fine steps. */
 static void reach(pma_coupler *c)
 {
     swap(&c->reached, &c->working);
     c->reached.number = c->present.number + 1;
-    if (!pma_look_ahead_is_busy(c))
+    if (!pma_look_ahead_is_used(c) || !pma_look_ahead_is_busy(c))
         pma_coupler_commit(c);
 }
 

@@ -22,7 +22,7 @@ typedef struct pma_schedule pma_schedule;
 extern const pma_schedule pma_fine_schedule;  /* pm and gc: in every fine step */
 extern const pma_schedule pma_macro_schedule; /* once in a macro step, any substeps; H of (M4) */
 
-/* What a coupler is made of. Members and arrays are the caller's, who keeps them alive. */
+/* What a coupler is made of. Members and arrays are the caller's and have to outlive it. */
 typedef struct {
     size_t count;              /* subdomains */
     const pma_member *members; /* copied */
@@ -82,7 +82,7 @@ size_t pma_coupler_instants(const pma_coupler *c);
 int64_t pma_coupler_step_count(const pma_coupler *c);
 /* The largest number of macro steps in which all substeps can be counted. */
 int64_t pma_coupler_most_steps(const pma_coupler *c);
-size_t pma_coupler_threads(const pma_coupler *c); /* that share the work, at least 1 */
+size_t pma_coupler_threads(const pma_coupler *c);            /* that share the work, at least 1 */
 const double *pma_coupler_multipliers(const pma_coupler *c); /* p, of the present */
 const double *pma_coupler_prescribed(const pma_coupler *c);  /* p, g of the present */
 /* The subdomain whose function failed, or where a value was first not finite; of several in the

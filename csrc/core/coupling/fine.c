@@ -5,7 +5,7 @@
 
 #include "coupling/schedule.h"
 
-/* ---- which numbers of substeps, and what there is to do --------------------------------------- */
+/* ---- which numbers of substeps, and what there is to do ------------------------------------- */
 
 static size_t most_substeps(const pma_coupler_parts *parts)
 {
@@ -35,7 +35,7 @@ static pma_duty duty(const pma_member *member)
                       .divides = member->divides};
 }
 
-/* ---- free problems (13) ---------------------------------------------------------------------- */
+/* ---- free problems (13) --------------------------------------------------------------------- */
 
 static bool begins(const pma_coupled *m)
 {
@@ -44,9 +44,7 @@ static bool begins(const pma_coupled *m)
 
 static pma_status open_substep(pma_coupler *c, pma_coupled *m)
 {
-    const pma_substep step = pma_substep_of(c, m, m->now.j);
-    return pma_split_is(c, m) ? pma_split_open(c, m)
-                              : m->member.table->open(m->member.self, &step);
+    return m == c->split ? pma_split_open(c) : m->member.table->open(m->member.self, &m->step);
 }
 
 /* The substeps that begin with this fine step, as far as they are not open yet. */
@@ -55,17 +53,18 @@ static pma_status open_substeps(pma_coupler *c)
     for (size_t i = 0; i < c->parts.count; i++)
         c->unpolled += c->coupled[i].now.phase == 1 ? c->coupled[i].member.entries : 0;
     const pma_status status = pma_share(c, open_substep, begins);
-    if (status == PMA_OK)
+    if (status == PMA_OK && pma_look_ahead_is_used(c))
         pma_look_ahead_open(c);
     return status;
 }
 
-/* ---- interface problem (18) ------------------------------------------------------------------ */
+/* ---- interface problem (18) ----------------------------------------------------------------- */
 
 /* H Lam = g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (18) (G1) */
 static pma_status solve_interface(pma_coupler *c)
 {
-    pma_coupler_prescribe(c);
+    if (c->parts.motion_count > 0)
+        pma_coupler_prescribe(c);
     memcpy(c->working.lam, c->working.g, c->parts.p * sizeof(double));
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_coupled *m = &c->coupled[i];
@@ -75,33 +74,40 @@ static pma_status solve_interface(pma_coupler *c)
     return pma_coupler_solve(c);
 }
 
-/* ---- link problems (14) ---------------------------------------------------------------------- */
+/* ---- link problems (14) --------------------------------------------------------------------- */
 
 static bool ends(const pma_coupled *m)
 {
-    return pma_is_ending(m) && !pma_look_ahead_is_deferred(m);
+    return pma_is_ending(m) && !m->assigned.closes;
 }
 
 static pma_status close_substep(pma_coupler *c, pma_coupled *m)
 {
-    const pma_substep step = pma_substep_of(c, m, m->now.j);
-    return pma_split_is(c, m) ? pma_split_close(c, m)
-                              : m->member.table->close(m->member.self, &step, c->working.lam);
+    return m == c->split ? pma_split_close(c)
+                         : m->member.table->close(m->member.self, &m->step, c->working.lam);
 }
 
 /* The substeps that end with this fine step: deferred, or closed now. */
 static pma_status close_substeps(pma_coupler *c)
 {
-    pma_look_ahead_defer(c);
+    if (pma_look_ahead_is_used(c))
+        pma_look_ahead_defer(c);
     return pma_share(c, close_substep, ends);
 }
 
-/* ---- the schedule ---------------------------------------------------------------------------- */
+/* ---- the schedule --------------------------------------------------------------------------- */
 
-/* Is the macro step before known to be finite? */
-static bool is_confirmed(const pma_coupler *c)
+/* Members beside the fine steps whose substep ends here are awaited. The macro step before is
+ * committed as soon as it is known to be finite in all of them. */
+static pma_status complete_deferred(pma_coupler *c)
 {
-    return pma_is_pending(c) && !pma_look_ahead_is_busy(c);
+    const pma_status status = pma_look_ahead_await(c);
+    if (status != PMA_OK || !pma_is_pending(c) || pma_look_ahead_is_busy(c))
+        return status;
+    pma_recorder_complete(c);
+    pma_coupler_commit(c);
+    pma_coupler_move_to(c, c->k);
+    return PMA_OK;
 }
 
 static pma_status fine_step(pma_coupler *c)
@@ -113,14 +119,9 @@ static pma_status fine_step(pma_coupler *c)
     if (status == PMA_OK)
         status = solve_interface(c);
 
-    /* beside the fine steps: what ends here is awaited, and with it the macro step before */
-    if (status == PMA_OK)
-        status = pma_look_ahead_await(c);
-    if (status == PMA_OK && is_confirmed(c)) {
-        pma_recorder_complete(c);
-        pma_coupler_commit(c);
-        pma_coupler_move_to(c, c->k);
-    }
+    /* what ends here beside the fine steps: awaited, and the macro step before committed */
+    if (status == PMA_OK && pma_look_ahead_is_used(c))
+        status = complete_deferred(c);
 
     /* link problems that end here, added */
     if (status == PMA_OK)
@@ -128,7 +129,7 @@ static pma_status fine_step(pma_coupler *c)
     return status;
 }
 
-/* (S3)  After the first macro step, by those that take double steps from now on */
+/* (S3)  After the first macro step, for the members that take double steps from now on */
 static void rebase(pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
@@ -147,7 +148,8 @@ static pma_status fine_steps(pma_coupler *c)
         const pma_status status = fine_step(c);
         if (status != PMA_OK)
             return status;
-        pma_recorder_write(c);
+        if (c->record)
+            pma_recorder_write(c);
     }
     if (c->present.number == 0 && c->parts.rebased)
         rebase(c);

@@ -1,8 +1,8 @@
 /* interface.h - the interface problem H Lam = b (18), as the coupler sees it.
  *
  * H = sum_i al2_i L_i Mbar_i^-1 L_i^T is the dual Schur complement, a discrete Steklov-Poincare
- * operator. A coupler knows it by a table of operations, so that other factors can stand behind it:
- * pma_ldl is the one of this core. */
+ * operator. A coupler knows it by a table of operations, so that there can be other factors behind
+ * it: pma_ldl is the one of this core. */
 #ifndef PMA_INTERFACE_H
 #define PMA_INTERFACE_H
 

@@ -7,7 +7,7 @@
 
 #include "coupling/schedule.h"
 
-/* ---- which substeps, and what there is to do -------------------------------------------------- */
+/* ---- which substeps, and what there is to do ------------------------------------------------ */
 
 /* Any numbers of substeps; with several of them a link response and no double steps. */
 static pma_status check(const pma_coupler_parts *parts)
@@ -29,8 +29,7 @@ static size_t one(const pma_coupler_parts *parts)
 /* A subdomain does all its substeps at once, and twice where its link response is not stored. */
 static pma_duty duty(const pma_member *member)
 {
-    const bool repeats =
-        member->substeps > 1 && member->table->repeats(member->self, false) > 0;
+    const bool repeats = member->substeps > 1 && member->table->repeats(member->self, false) > 0;
     return (pma_duty){.entries = member->entries * member->substeps * (repeats ? 2 : 1),
                       .substeps = 1,
                       .by_caller = member->by_caller};
@@ -61,7 +60,7 @@ static const pma_selection *inner_selection(const pma_coupler *c, const pma_coup
     return selection->count + selection->springs > 0 ? selection : NULL;
 }
 
-/* ---- free macro run (M2) --------------------------------------------------------------------- */
+/* ---- free macro run (M2) -------------------------------------------------------------------- */
 
 /* A substep as far as it is known: with the multipliers of the beginning held */
 static pma_status free_substep(pma_coupler *c, const pma_coupled *m, size_t j)
@@ -94,14 +93,15 @@ static pma_status free_run(pma_coupler *c, pma_coupled *m)
     return PMA_OK;
 }
 
-/* ---- interface (M4) ------------------------------------------------------------------------ */
+/* ---- interface (M4) ------------------------------------------------------------------------- */
 
 /* H dLam = g - sum_i L_i v_i(free run)                                              (M4) (G1) */
 static pma_status solve_interface(pma_coupler *c)
 {
     const size_t p = c->parts.p;
     double *lam = c->working.lam;
-    pma_coupler_prescribe(c);
+    if (c->parts.motion_count > 0)
+        pma_coupler_prescribe(c);
     for (size_t row = 0; row < p; row++)
         lam[row] = -c->working.g[row];
     for (size_t i = 0; i < c->parts.count; i++) {
@@ -122,16 +122,14 @@ static pma_status solve_interface(pma_coupler *c)
     return status;
 }
 
-/* ---- link response (M3), added (M5) -------------------------------------------------------- */
+/* ---- link response (M3), added (M5) --------------------------------------------------------- */
 
 static pma_status respond(pma_coupler *c, pma_coupled *m)
 {
     const pma_member *member = &m->member;
     const pma_selection *inner = inner_selection(c, m);
-    if (member->substeps == 1) {
-        const pma_substep step = pma_substep_of(c, m, 0);
-        return member->table->close(member->self, &step, c->working.lam);
-    }
+    if (member->substeps == 1)
+        return member->table->close(member->self, &m->step, c->working.lam);
     const size_t repeats = member->table->repeats(member->self, inner != NULL);
     for (size_t j = 1; j <= repeats; j++) {
         if (is_stopped(c, m))
@@ -144,14 +142,17 @@ static pma_status respond(pma_coupler *c, pma_coupled *m)
     return member->table->add_response(member->self, c->dlam);
 }
 
-/* ---- the schedule ---------------------------------------------------------------------------- */
+/* ---- the schedule --------------------------------------------------------------------------- */
 
 /* All are at the end of their last substep. */
 static void move_to_end(pma_coupler *c)
 {
     c->k = 1;
-    for (size_t i = 0; i < c->parts.count; i++)
-        c->coupled[i].now = (pma_moment){.j = c->coupled[i].member.substeps - 1, .phase = 1};
+    for (size_t i = 0; i < c->parts.count; i++) {
+        pma_coupled *m = &c->coupled[i];
+        m->now = (pma_moment){.j = m->member.substeps - 1, .phase = 1};
+        m->step = pma_substep_of(c, m, m->now.j);
+    }
 }
 
 static pma_status macro_step(pma_coupler *c)
@@ -164,7 +165,7 @@ static pma_status macro_step(pma_coupler *c)
         status = pma_share(c, respond, all);
     if (atomic_load(&c->stopped))
         return PMA_STOPPED; /* whatever else went wrong */
-    if (status == PMA_OK)
+    if (status == PMA_OK && c->record)
         pma_recorder_write(c);
     return status;
 }

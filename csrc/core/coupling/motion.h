@@ -1,4 +1,4 @@
-/* motion.h - prescribed velocities: sum_i L_i v_i = g(t) in some rows, 0 in the others.       (G1) */
+/* motion.h - prescribed velocities: sum_i L_i v_i = g(t) in some rows, 0 in the others.    (G1) */
 #ifndef PMA_MOTION_H
 #define PMA_MOTION_H
 
@@ -8,10 +8,10 @@
 #include "member/load.h"
 #include "status.h"
 
-/* Arrays of the caller, who keeps them alive. */
+/* Arrays of the caller, which have to outlive it. */
 typedef struct {
     const int64_t *rows; /* load.n rows, each in 0..p-1 */
-    pma_load load;       /* g(t), as a load on these rows, for every interface problem; not called */
+    pma_load load; /* g(t), as a load on these rows, for every interface problem; not called */
 } pma_motion;
 
 /* PMA_BAD_SIZE when a motion has more rows than p, PMA_BAD_INDEX unless they are in 0..p-1. */

@@ -1,8 +1,8 @@
 /* record.h - where the time levels of an interval of a run are written.
  *
- * Row 0 of every array is the time level at which the interval began. The row of a later one follows
- * from its number alone, so nothing is counted, and the rows of an abandoned macro step are simply
- * written again. */
+ * Row 0 of every array is the time level at which the interval began. The row of a later one
+ * follows from its number alone, so nothing is counted, and the rows of an abandoned macro step
+ * are simply written again. */
 #ifndef PMA_RECORD_H
 #define PMA_RECORD_H
 

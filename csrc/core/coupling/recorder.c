@@ -19,7 +19,7 @@ size_t pma_recorder_row(const pma_coupler *c, size_t j, size_t levels)
     return pma_record_row(c->record, macro, j > levels ? j - levels : j, levels);
 }
 
-/* ---- jumps ----------------------------------------------------------------------------------- */
+/* ---- jumps ---------------------------------------------------------------------------------- */
 
 /* sum_i L_i v_i - g at a macro time level: 0 is the present, 1 the end of the first macro step */
 static void macro_velocity_jump(const pma_coupler *c, size_t macro, const double *g, double *jump)
@@ -55,14 +55,13 @@ static void velocity_jump(const pma_coupler *c, double *jump)
             table->velocity(m->member.self, m->now.j + 1, jump);
         } else {
             const double theta = (double)m->now.phase / (double)m->ratio;
-            const bool twice = pma_substep_of(c, m, m->now.j).twice;
             table->free_velocity(m->member.self, m->now.j, theta, 1.0, jump);
-            table->compliance(m->member.self, twice, c->working.lam, jump);
+            table->compliance(m->member.self, m->step.twice, c->working.lam, jump);
         }
     }
 }
 
-/* ---- what is wanted of the end of a fine step ------------------------------------------------- */
+/* ---- what is wanted of the end of a fine step ----------------------------------------------- */
 
 static bool is_selected(const pma_selection *selection)
 {
@@ -115,9 +114,7 @@ static void write_macro_level(const pma_coupler *c, bool deferred)
 
 void pma_recorder_write(const pma_coupler *c)
 {
-    if (!c->record)
-        return;
-    const bool deferred = pma_look_ahead_defers(c);
+    const bool deferred = pma_look_ahead_is_used(c) && pma_look_ahead_defers(c);
     write_members(c);
     write_interface(c, deferred);
     if (c->k % c->fine == 0)
@@ -136,7 +133,7 @@ void pma_recorder_complete(const pma_coupler *c)
     displacement_jump(c, 1, c->record->displacement_jump + macro * p);
 }
 
-/* ---- the present ------------------------------------------------------------------------------- */
+/* ---- the present ---------------------------------------------------------------------------- */
 
 void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
 {

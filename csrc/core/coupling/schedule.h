@@ -25,12 +25,13 @@ typedef struct {
 /* A member in a coupler, and where it is in the macro step. */
 typedef struct {
     pma_member member;
-    size_t ratio;     /* fine steps in a substep */
-    pma_moment now;   /* at the end of the fine step at hand */
-    size_t worker;    /* that has it */
+    size_t ratio;      /* fine steps in a substep */
+    pma_moment now;    /* at the end of the fine step at hand */
+    pma_substep step;  /* ... and the substep that it is in */
+    size_t worker;     /* that has it */
     pma_status status; /* of the last open or close; written when it is not PMA_OK */
     pma_assignment assigned;
-    double *lam;      /* p: what it is closed with beside the fine steps; else NULL */
+    double *lam; /* p: what it is closed with beside the fine steps; else NULL */
 } pma_coupled;
 
 /* The end of macro step number - 1: multipliers and prescribed velocities (p each). */
@@ -67,10 +68,12 @@ struct pma_coupler {
     double *scratch, *dlam; /* p; the latter under macro coupling: Lam_{n+1} - Lam_n */
     double *block, *lam_deferred;
 
-    pma_roster roster;     /* which worker has which subdomains */
-    pma_team *team;        /* NULL when the caller is alone */
-    pma_task task;         /* what the team does, and with which members */
+    pma_roster roster;  /* which worker has which subdomains */
+    pma_coupled *split; /* the one that all workers of the fine steps do together, or NULL */
+    pma_team *team;     /* NULL when the caller is alone */
+    pma_task task;      /* what the team does, and with which members */
     pma_due due;
+    atomic_bool has_failed; /* the task, with some member */
     atomic_bool not_finite; /* some rows of the member that is split were not */
 };
 
@@ -93,7 +96,7 @@ static inline pma_substep pma_substep_of(const pma_coupler *c, const pma_coupled
                              m->member.doubled);
 }
 
-/* Every member where it is at the end of fine step k. */
+/* Every member where it is at the end of fine step k, counted from the present. */
 void pma_coupler_move_to(pma_coupler *c, size_t k);
 
 static inline bool pma_is_ending(const pma_coupled *m)
@@ -107,9 +110,9 @@ static inline bool pma_is_pending(const pma_coupler *c)
     return c->reached.number > c->present.number;
 }
 
-/* ---- stages of a macro step: coupler.c -------------------------------------------------------- */
+/* ---- stages of a macro step: coupler.c ------------------------------------------------------ */
 
-/* working.g (p) := g of interface problem k */
+/* working.g (p) := g of interface problem k, if there are motions */
 void pma_coupler_prescribe(pma_coupler *c);
 
 /* working.lam := H^-1 working.lam. PMA_NOT_FINITE, with the member at fault found. */
@@ -118,21 +121,27 @@ pma_status pma_coupler_solve(pma_coupler *c);
 /* The end of the macro step that all have reached becomes the present. Cannot fail. */
 void pma_coupler_commit(pma_coupler *c);
 
-/* Calls the poll when enough entries were read since the last time: stop? */
-bool pma_coupler_is_stopped(pma_coupler *c);
+/* Stop? Calls the poll if enough entries were read since the last time. */
+bool pma_coupler_poll(pma_coupler *c);
+static inline bool pma_coupler_is_stopped(pma_coupler *c)
+{
+    if (atomic_load_explicit(&c->stopped, memory_order_relaxed))
+        return true;
+    return c->poll && c->unpolled >= c->poll->entries && pma_coupler_poll(c);
+}
 
-/* ---- recorder.c ------------------------------------------------------------------------------ */
+/* ---- recorder.c ----------------------------------------------------------------------------- */
 
 /* The row of time level j, counted from the present, of a grid of `levels` in a macro step. */
 size_t pma_recorder_row(const pma_coupler *c, size_t j, size_t levels);
 
-/* What is wanted of the end of the fine step at hand, if a record is. */
+/* What c->record wants of the end of the fine step at hand. */
 void pma_recorder_write(const pma_coupler *c);
 
 /* What had to wait for members that were closed beside the fine steps: the jumps at `reached`. */
 void pma_recorder_complete(const pma_coupler *c);
 
-/* ---- several threads: workers/ --------------------------------------------------------------- */
+/* ---- several threads: workers/ -------------------------------------------------------------- */
 
 /* Every worker does `task` with those of its members that are `due`, worker 0 too; all wait for the
  * last. What went wrong with the first member, in order, with which it did. (share.c) */
@@ -142,25 +151,37 @@ pma_status pma_share(pma_coupler *c, pma_task task, pma_due due);
 void pma_share_await(pma_coupler *c, size_t worker);
 void pma_share_post(pma_coupler *c, size_t worker, pma_work work);
 
-/* open and close of the member that all workers of the fine steps do together. (split.c) */
-bool pma_split_is(const pma_coupler *c, const pma_coupled *m);
-pma_status pma_split_open(pma_coupler *c, pma_coupled *m);
-pma_status pma_split_close(pma_coupler *c, pma_coupled *m);
+/* open and close of c->split by all workers of the fine steps. (split.c) */
+pma_status pma_split_open(pma_coupler *c);
+pma_status pma_split_close(pma_coupler *c);
 
 /* Members beside the fine steps (look_ahead.c): room for them; */
 pma_status pma_look_ahead_create(pma_coupler *c);
-/* is the substep to time level j + 1 open, or being opened? */
-bool pma_look_ahead_has_open(const pma_coupled *m, size_t j);
+/* are there any? if not, nothing below has to be called; */
+static inline bool pma_look_ahead_is_used(const pma_coupler *c)
+{
+    return c->roster.fine < c->roster.workers;
+}
+/* is the substep from time level j open, or being opened? */
+static inline bool pma_look_ahead_has_open(const pma_coupled *m, size_t j)
+{
+    return m->assigned.opens ? m->assigned.opened.j >= j
+                             : m->member.table->opened(m->member.self) > j;
+}
+/* is the closing of the substep that ends with this fine step under way? */
+static inline bool pma_look_ahead_is_deferred(const pma_coupled *m)
+{
+    return m->assigned.closes && pma_is_ending(m);
+}
+/* ... of any member? */
+bool pma_look_ahead_defers(const pma_coupler *c);
+/* is anything under way, or did it fail? */
+bool pma_look_ahead_is_busy(const pma_coupler *c);
 /* those that begin a substep, and have it open, begin to open the next one; */
 void pma_look_ahead_open(pma_coupler *c);
 /* those that end a substep are awaited, and all if a macro step waits to be committed;
  * PMA_NOT_FINITE when what is awaited was not; */
 pma_status pma_look_ahead_await(pma_coupler *c);
-/* is anything under way, or did it fail? */
-bool pma_look_ahead_is_busy(const pma_coupler *c);
-/* is the closing of the step that ends with this fine step under way: of m, of any member? */
-bool pma_look_ahead_is_deferred(const pma_coupled *m);
-bool pma_look_ahead_defers(const pma_coupler *c);
 /* those that end a substep have its closing deferred where that is possible; */
 void pma_look_ahead_defer(pma_coupler *c);
 /* all is awaited after what ended the fine step at hand with this status. A failure that belongs to

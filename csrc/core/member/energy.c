@@ -18,7 +18,7 @@ typedef struct {
 struct pma_energy {
     pma_energy_parts parts;
     level present, previous;
-    level *work;           /* time level j > 0 in work[(j - 1) % kept] */
+    level *work; /* time level j > 0 in work[(j - 1) % kept] */
     size_t kept;
     bool begun;            /* a macro step has been committed since the beginning */
     double *start_damping; /* n: C v at the beginning */
@@ -26,7 +26,7 @@ struct pma_energy {
     double *block;
 };
 
-/* ---- making ----------------------------------------------------------------------------- */
+/* ---- making --------------------------------------------------------------------------------- */
 
 static size_t spring_numbers(const pma_energy_parts *parts)
 {
@@ -92,7 +92,7 @@ void pma_energy_destroy(pma_energy *e)
     free(e);
 }
 
-/* ---- works ------------------------------------------------------------------------------ */
+/* ---- works ---------------------------------------------------------------------------------- */
 
 static level *level_at(pma_energy *e, size_t j)
 {
@@ -158,8 +158,7 @@ static void fill_pull(const pma_energy *e, const double *lam, level *to)
 }
 
 /* (B2)  (u1 - u0) . (q0 + q1) / 2 */
-static double work(size_t n, const double *u0, const double *u1, const double *q0,
-                   const double *q1)
+static double work(size_t n, const double *u0, const double *u1, const double *q0, const double *q1)
 {
     double sum = 0.0;
     for (size_t i = 0; i < n; i++)
@@ -182,8 +181,8 @@ static void sum_up(const pma_energy *e, const level *from, level *to)
     if (e->parts.springs->total > 0)
         to->dissipated += slip(e->parts.springs, from->springs, to->springs);
     to->external = from->external + work(n, from->u, to->u, from->load, to->load);
-    to->interface = from->interface + work(e->parts.nb, from->u + inner, to->u + inner, from->pull,
-                                           to->pull);
+    to->interface =
+        from->interface + work(e->parts.nb, from->u + inner, to->u + inner, from->pull, to->pull);
 }
 
 void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, const double *lam)
@@ -203,8 +202,7 @@ void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, con
     at->interface = 0.0;
 }
 
-void pma_energy_close(pma_energy *e, const pma_substep *step, const pma_state *x,
-                      const double *lam)
+void pma_energy_close(pma_energy *e, const pma_substep *step, const pma_state *x, const double *lam)
 {
     level *to = level_at(e, step->j + 1);
     fill_level(e, step, x, to);

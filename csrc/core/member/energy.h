@@ -1,8 +1,8 @@
 /* energy.h - where the energy of a subdomain goes: works summed up substep by substep.
  *
- * An observer: it is shown each substep that is closed and copies what it needs; the subdomain's own
- * numbers are read and never changed. Its sums belong to time levels, so they are committed with
- * them, and those of a macro step that is given up are lost with it. */
+ * An observer: it is shown each substep that is closed and copies what it needs; the numbers of the
+ * subdomain are read and never changed. Its sums belong to time levels, so they are committed with
+ * them, and the sums of a macro step that is abandoned are lost with it. */
 #ifndef PMA_ENERGY_H
 #define PMA_ENERGY_H
 
@@ -19,7 +19,7 @@
 #include "member/substep.h"
 #include "status.h"
 
-/* What is known at a time level: T and U there, and the works done since the beginning. (B1) (B2) */
+/* Of a time level: T and U there, and the works done since the beginning.           (B1) (B2) */
 enum { PMA_KINETIC, PMA_STRAIN, PMA_DISSIPATED, PMA_EXTERNAL, PMA_INTERFACE_WORK, PMA_ENERGIES };
 
 /* Matrices in elimination order. What is pointed to is the subdomain's, and the caller's. */
@@ -44,8 +44,8 @@ void pma_energy_destroy(pma_energy *e); /* NULL is allowed */
 void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, const double *lam);
 
 /* A substep has been closed: the state x at its end, lam (p). Its load and its restoring force are
- * those evaluated last. The works of a double step are added to those of the time level before the
- * last one, but for the first substep after the beginning.                                  (B3) */
+ * the ones evaluated last. The works of a double step are added to the sums of the time level
+ * before the last one, but for the first substep after the beginning.                    (B3) */
 void pma_energy_close(pma_energy *e, const pma_substep *step, const pma_state *x,
                       const double *lam);
 

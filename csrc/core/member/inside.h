@@ -1,7 +1,7 @@
 /* inside.h - the subdomain from inside: what its files share.
  *
- * subdomain.c is the object and the table of its operations; substep.c makes a step, rows.c the same
- * in ranges of rows, response.c what macro coupling adds. */
+ * subdomain.c is the object, table.c the operations that a coupler calls; substep.c makes a
+ * substep, rows.c the same in ranges of rows, response.c what macro coupling adds. */
 #ifndef PMA_INSIDE_H
 #define PMA_INSIDE_H
 
@@ -13,15 +13,15 @@ struct pma_subdomain {
     pma_parts parts;
     pma_load load;
     pma_levels levels;
-    pma_energy *energy;     /* of a run that asks for it, else NULL */
+    pma_energy *energy;     /* of a run that sums it up, else NULL */
     pma_response *response; /* if the subdomain responds, else NULL */
     const pma_update *update;
-    bool extrapolates;      /* a substep uses the velocity extrapolated from its beginning (R1) */
-    size_t reach, slab;     /* of the matrices; rows of a substep taken at a time */
-    double *vs;             /* n: extrapolated velocity, if there is one */
-    double *closing, *work; /* nb: L^T Lam; scratch of the factor: both of a substep */
+    bool extrapolates;        /* a substep uses the velocity extrapolated from its beginning (R1) */
+    size_t reach, slab;       /* of the matrices; rows of a substep taken at a time */
+    double *vs;               /* n: extrapolated velocity, if there is one */
+    double *closing, *work;   /* nb: L^T Lam; scratch of the factor: both of a substep */
     double *link, *link_work; /* the same of `compliance`, which may be called meanwhile */
-    int code;               /* what a function that failed returned */
+    int code;                 /* what a function that failed returned */
     double *block;
 };
 
@@ -36,12 +36,12 @@ static inline double *pma_interface_of(const pma_subdomain *s, double *x)
     return x + (s->parts.n - s->parts.nb);
 }
 
-/* ---- a substep: substep.c ----------------------------------------------------------------- */
+/* ---- a substep: substep.c ------------------------------------------------------------------- */
 
 pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step);
 pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const double *lam);
 
-/* vf at the end of the substep += al2 S^-1 L_b^T lam                                         (M6) */
+/* vf at the end of the substep += al2 S^-1 L_b^T lam                                       (M6) */
 void pma_substep_hold(pma_subdomain *s, const pma_substep *step, const double *lam);
 
 /* link (nb) := S^-1 L_b^T lam, in s->link */
@@ -59,10 +59,10 @@ void pma_substep_free_velocity(pma_subdomain *s, const pma_substep *step);
 void pma_substep_load_interface(pma_subdomain *s, const double *lam);
 void pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam);
 
-/* vs (n) := v + h w                                                                           (R1) */
+/* vs (n) := v + h w                                                                        (R1) */
 void pma_substep_extrapolate(double h, size_t n, const pma_state *from, double *vs);
 
-/* ---- the same in ranges of rows: rows.c --------------------------------------------------- */
+/* ---- the same in ranges of rows: rows.c ----------------------------------------------------- */
 
 /* Diagonal Mbar, linear, single steps: no row waits for another one in the same stage. */
 bool pma_rows_divide(const pma_subdomain *s);
@@ -72,7 +72,7 @@ void pma_rows_open_interface(pma_subdomain *s, const pma_substep *step);
 void pma_rows_close_interface(pma_subdomain *s, const pma_substep *step, const double *lam);
 bool pma_rows_correct(pma_subdomain *s, const pma_substep *step, size_t begin, size_t end);
 
-/* ---- link response: response.c ------------------------------------------------------------ */
+/* ---- link response: response.c -------------------------------------------------------------- */
 
 pma_status pma_response_create(pma_subdomain *s, pma_response **out);
 void pma_response_destroy(pma_response *r); /* NULL is allowed */

@@ -74,7 +74,7 @@ pma_status pma_levels_extend(pma_levels *l)
     return PMA_OK;
 }
 
-/* ---- commit ---------------------------------------------------------------------------------- */
+/* ---- commit --------------------------------------------------------------------------------- */
 
 static void swap_states(pma_state *a, pma_state *b)
 {

@@ -21,7 +21,7 @@ typedef struct {
     size_t substeps;
     bool doubled;
     size_t opened; /* substeps up to this time level are open, counted from the present */
-    pma_state present, previous; /* time levels 0 and -1, the latter for double steps */
+    pma_state present, previous;      /* time levels 0 and -1, the latter for double steps */
     double *vf_present, *vf_previous; /* stored free velocities; no step reads the latter */
     pma_state work[PMA_MOST_LEVELS];
     double *vf_work[PMA_MOST_LEVELS];
@@ -43,7 +43,7 @@ void pma_levels_commit(pma_levels *l);
 /* Nothing is open: the macro step at hand begins again. */
 void pma_levels_discard(pma_levels *l);
 
-/* ---- where a time level is, at hand for every step ----------------------------------------- */
+/* ---- where a time level is, at hand for every step ------------------------------------------ */
 
 /* Single steps are made in place: a macro step has one slot, the next one another if there are two.
  * Double steps need the level before, so their levels take turns. */

@@ -26,9 +26,9 @@ typedef struct {
     const double *values; /* constant: n; sampled: samples x k by rows; table: rows x n by rows */
     const double *shape;  /* sampled: k vectors of length n, or NULL: k = n and the unit matrix */
     size_t samples, k;
-    double dt;            /* sampled: time between two samples, the first at t = 0 */
-    bool hold;            /* sampled: keep the last sample after the end, else zero */
-    int64_t first;        /* table: the substep whose load is row 0, counted from the start */
+    double dt;     /* sampled: time between two samples, the first at t = 0 */
+    bool hold;     /* sampled: keep the last sample after the end, else zero */
+    int64_t first; /* table: the substep whose load is row 0, counted from the start */
     size_t rows;
     pma_force_function function; /* called */
     void *user;

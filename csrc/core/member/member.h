@@ -5,8 +5,8 @@
  * counted from the present (substep.h), `lam` has p numbers, and to `sum` (p) something is added.
  *
  * One thread at a time works with a member. The two operations marked (c) may be called by the
- * thread that called pma_coupler_advance while another one is inside `open` or `close`. No operation
- * allocates but `look_ahead`. */
+ * thread that called pma_coupler_advance while another one is inside `open` or `close`. No
+ * operation allocates but `look_ahead`. */
 #ifndef PMA_MEMBER_H
 #define PMA_MEMBER_H
 

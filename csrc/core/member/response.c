@@ -15,7 +15,7 @@ struct pma_response {
     double *block;
 };
 
-/* ---- making ----------------------------------------------------------------------------- */
+/* ---- making --------------------------------------------------------------------------------- */
 
 pma_status pma_response_create(pma_subdomain *s, pma_response **out)
 {
@@ -62,7 +62,7 @@ const pma_state *pma_response_state(const pma_response *r)
     return &r->state;
 }
 
-/* ---- (M3), substep by substep ------------------------------------------------------------- */
+/* ---- (M3), substep by substep --------------------------------------------------------------- */
 
 void pma_response_step(pma_response *r, size_t j, const double *lam)
 {
@@ -94,7 +94,7 @@ void pma_response_step(pma_response *r, size_t j, const double *lam)
     s->update->correct(&op->step, 0, s->parts.n, x);
 }
 
-/* ---- (M5) ------------------------------------------------------------------------------- */
+/* ---- (M5) ----------------------------------------------------------------------------------- */
 
 static void add_to(size_t n, double scale, const double *x, double *y)
 {

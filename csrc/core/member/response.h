@@ -1,7 +1,7 @@
 /* response.h - the link response of a subdomain with substeps under macro coupling.
  *
  * The substeps of a macro step from rest, without loads, under multipliers that grow from zero to
- * dlam: (M3). What they lead to is linear in dlam, so that it can be stored for unit multipliers. */
+ * dlam: (M3). The result is linear in dlam, so that it can be stored for unit multipliers. */
 #ifndef PMA_RESPONSE_H
 #define PMA_RESPONSE_H
 

@@ -13,13 +13,13 @@
 typedef int (*pma_restoring_function)(double t, intptr_t n, double *u, double *v, double *r,
                                       void *user);
 
-/* The arrays are the caller's, who keeps them alive. */
+/* The arrays are the caller's and have to outlive it. */
 typedef struct {
     pma_restoring_function function; /* NULL: there is no such force */
     void *user;
-    bool by_caller;       /* to be called by the thread that called advance */
+    bool by_caller; /* to be called by the thread that called advance */
     size_t n;
-    const int64_t *order; /* n: the user's dof at each place */
+    const int64_t *order; /* n: the user's dof of each of ours */
     double *work;         /* 3 n: scratch */
 } pma_restoring;
 

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-/* So many springs at a time, whose deformations and forces stay in the first cache. */
+/* Springs at a time, so that their deformations and forces stay in the first cache. */
 enum { CHUNK = 256 };
 
 /* Substeps of (H4) at most: where rate * x is beyond, z has come to rest at its limit. */
@@ -11,9 +11,9 @@ enum { MOST_STEPS = 256 };
 
 const size_t pma_spring_parameters[PMA_SPRING_LAWS] = {2, 2, 3, 7};
 
-static int is_place(int32_t place, size_t n)
+static int is_dof(int32_t dof, size_t n)
 {
-    return place >= -1 && (place < 0 || (size_t)place < n);
+    return dof >= -1 && (dof < 0 || (size_t)dof < n);
 }
 
 pma_status pma_springs_check(const pma_springs *springs, size_t n)
@@ -23,14 +23,14 @@ pma_status pma_springs_check(const pma_springs *springs, size_t n)
         const pma_spring_set *set = &springs->sets[s];
         total += set->count;
         for (size_t i = 0; i < set->count; i++) {
-            if (!is_place(set->first[i], n) || !is_place(set->second[i], n))
+            if (!is_dof(set->first[i], n) || !is_dof(set->second[i], n))
                 return PMA_BAD_INDEX;
         }
     }
     return total == springs->total ? PMA_OK : PMA_BAD_SIZE;
 }
 
-/* ---- the laws: f and the inner variable of `count` springs at d ------------------------------ */
+/* ---- the laws: f and the inner variable of `count` springs at d ----------------------------- */
 
 /* (H1)  f = k d + k3 d^3 */
 static void pull_cubic(size_t count, const double *k, const double *k3, const double *d, double *f)
@@ -100,22 +100,22 @@ static void pull_bouc_wen(size_t count, const double *const P[], const double *d
     }
 }
 
-/* ---- all springs ----------------------------------------------------------------------------- */
+/* ---- all springs ---------------------------------------------------------------------------- */
 
-/* A stretch of springs of one law, and where they stand in the arrays of a node. */
+/* Some springs of one law, and their position in the arrays of a time level. */
 typedef struct {
     const pma_spring_set *set;
-    size_t begin, count, place;
-} stretch;
+    size_t begin, count, position;
+} chunk;
 
-static void measure(const stretch *at, const double *u, double *d)
+static void measure(const chunk *at, const double *u, double *d)
 {
     const int32_t *first = at->set->first + at->begin, *second = at->set->second + at->begin;
     for (size_t i = 0; i < at->count; i++)
         d[i] = (first[i] < 0 ? 0.0 : u[first[i]]) - (second[i] < 0 ? 0.0 : u[second[i]]);
 }
 
-static void pull(const stretch *at, const double *d, const double *d0, const double *inner0,
+static void pull(const chunk *at, const double *d, const double *d0, const double *inner0,
                  double *inner1, double *f)
 {
     const double *P[PMA_SPRING_PARAMETERS] = {NULL};
@@ -138,7 +138,7 @@ static void pull(const stretch *at, const double *d, const double *d0, const dou
     }
 }
 
-static void spread(const stretch *at, const double *f, double *y)
+static void spread(const chunk *at, const double *f, double *y)
 {
     const int32_t *first = at->set->first + at->begin, *second = at->set->second + at->begin;
     for (size_t i = 0; i < at->count; i++) {
@@ -154,23 +154,23 @@ void pma_springs_subtract(const pma_springs *springs, const double *u, const dou
 {
     const size_t total = springs->total;
     double d[CHUNK];
-    stretch at = {.place = 0};
+    chunk at = {.position = 0};
     for (size_t s = 0; s < springs->count; s++) {
         at.set = &springs->sets[s];
-        for (at.begin = 0; at.begin < at.set->count; at.begin += CHUNK, at.place += at.count) {
+        for (at.begin = 0; at.begin < at.set->count; at.begin += CHUNK, at.position += at.count) {
             const size_t left = at.set->count - at.begin;
             at.count = left < CHUNK ? left : CHUNK;
-            const double *d0 = from + at.place, *inner0 = d0 + 2 * total;
-            double *f = to + total + at.place, *inner1 = f + total;
+            const double *d0 = from + at.position, *inner0 = d0 + 2 * total;
+            double *f = to + total + at.position, *inner1 = f + total;
             measure(&at, u, d);
             pull(&at, d, d0, inner0, inner1, f);
-            memcpy(to + at.place, d, at.count * sizeof(double));
+            memcpy(to + at.position, d, at.count * sizeof(double));
             spread(&at, f, y);
         }
     }
 }
 
-/* ---- energy ---------------------------------------------------------------------------------- */
+/* ---- energy --------------------------------------------------------------------------------- */
 
 /* (H5) */
 static double stored(const pma_spring_set *set, size_t i, double d, double inner)
@@ -189,13 +189,12 @@ static double stored(const pma_spring_set *set, size_t i, double d, double inner
     return 0.0;
 }
 
-double pma_springs_energy(const pma_springs *springs, const double *node)
+double pma_springs_energy(const pma_springs *springs, const double *level)
 {
     double sum = 0.0;
-    for (size_t s = 0, place = 0; s < springs->count; place += springs->sets[s++].count) {
+    for (size_t s = 0, at = 0; s < springs->count; at += springs->sets[s++].count) {
         for (size_t i = 0; i < springs->sets[s].count; i++)
-            sum += stored(&springs->sets[s], i, node[place + i],
-                          node[2 * springs->total + place + i]);
+            sum += stored(&springs->sets[s], i, level[at + i], level[2 * springs->total + at + i]);
     }
     return sum;
 }

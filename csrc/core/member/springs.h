@@ -1,7 +1,7 @@
 /* springs.h - many springs at once, between two dofs or a dof and the ground.
  *
  * A spring feels its deformation d = u_first - u_second and pulls back with f. What it remembers is
- * part of a state: three numbers a spring. */
+ * part of a state: three numbers for each spring. */
 #ifndef PMA_SPRINGS_H
 #define PMA_SPRINGS_H
 
@@ -23,11 +23,11 @@ enum { PMA_SPRING_LAWS = PMA_BOUC_WEN + 1, PMA_SPRING_PARAMETERS = 7 };
 /* The number of parameters of each law. */
 extern const size_t pma_spring_parameters[PMA_SPRING_LAWS];
 
-/* Springs of one law. Arrays of the caller, who keeps them alive. */
+/* Springs of one law. Arrays of the caller, which have to outlive it. */
 typedef struct {
     pma_spring_law law;
     size_t count;
-    const int32_t *first, *second; /* count: places, -1 for the ground */
+    const int32_t *first, *second;                   /* count: dofs, -1 for the ground */
     const double *parameters[PMA_SPRING_PARAMETERS]; /* count each */
 } pma_spring_set;
 
@@ -37,8 +37,8 @@ typedef struct {
     size_t total; /* springs in all of them */
 } pma_springs;
 
-/* What springs remember of a node: `total` deformations, forces, and inner variables (p or z), in
- * the order of the sets. All zero: a spring that was never loaded. */
+/* What springs remember of a time level: `total` deformations, forces, and inner variables (p or
+ * z), in the order of the sets. All zero: a spring that was never loaded. */
 enum { PMA_SPRING_FIELDS = 3 };
 
 /* PMA_BAD_INDEX unless all dofs lie in 0..n-1 or are the ground, PMA_BAD_SIZE unless the total
@@ -50,10 +50,10 @@ pma_status pma_springs_check(const pma_springs *springs, size_t n);
 void pma_springs_subtract(const pma_springs *springs, const double *u, const double *from,
                           double *to, double *y);
 
-/* The energy that they can give back at a node.                                            (H5) */
-double pma_springs_energy(const pma_springs *springs, const double *node);
+/* The energy that they can give back at a time level.                                      (H5) */
+double pma_springs_energy(const pma_springs *springs, const double *level);
 
-/* The work done on them between two nodes, (d1 - d0) (f0 + f1) / 2 each. */
+/* The work done on them between two time levels, (d1 - d0) (f0 + f1) / 2 each. */
 double pma_springs_work(const pma_springs *springs, const double *from, const double *to);
 
 #endif

@@ -1,4 +1,4 @@
-/* state.h - what a subdomain knows at a node, or of a step that has been opened. */
+/* state.h - the numbers of a subdomain at a time level, or of a substep that is open. */
 #ifndef PMA_STATE_H
 #define PMA_STATE_H
 
@@ -11,7 +11,7 @@
  *   a    acceleration-like variable  its part that is known, (af w - am a)/(1 - am) */
 typedef struct {
     double *u, *v, *w, *a; /* n each */
-    double *springs;       /* what they remember; of an opened step already that of its end */
+    double *springs;       /* what they remember; of an open substep already that of its end */
 } pma_state;
 
 #endif

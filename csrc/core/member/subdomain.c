@@ -6,7 +6,7 @@
 
 #include "member/inside.h"
 
-/* ---- checks ------------------------------------------------------------------------------ */
+/* ---- checks --------------------------------------------------------------------------------- */
 
 static pma_status check_operator(const pma_parts *parts, const pma_operator *op)
 {
@@ -47,7 +47,7 @@ static pma_status check_parts(const pma_parts *parts)
     return check_operator(parts, &parts->twice);
 }
 
-/* ---- making ----------------------------------------------------------------------------- */
+/* ---- making --------------------------------------------------------------------------------- */
 
 static size_t most(size_t a, size_t b)
 {
@@ -115,8 +115,7 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
         return PMA_NO_MEMORY;
     s->parts = *parts;
     s->update = pma_update_best();
-    s->extrapolates =
-        parts->restoring.function || parts->lagged || parts->D_r.form != PMA_ZERO;
+    s->extrapolates = parts->restoring.function || parts->lagged || parts->D_r.form != PMA_ZERO;
     s->reach = reach_of(parts);
     s->slab = slab_of(s);
     s->load = (pma_load){.kind = PMA_LOAD_NONE, .n = parts->n};
@@ -162,7 +161,7 @@ pma_response *pma_subdomain_response(pma_subdomain *s)
     return s->response;
 }
 
-/* ---- what set-up evaluates ---------------------------------------------------------------- */
+/* ---- what set-up evaluates ------------------------------------------------------------------ */
 
 int pma_subdomain_code(const pma_subdomain *s)
 {
@@ -196,7 +195,7 @@ pma_status pma_subdomain_restore(pma_subdomain *s, double t, const double *u, co
     return status;
 }
 
-/* ---- the present ------------------------------------------------------------------------- */
+/* ---- the present ---------------------------------------------------------------------------- */
 
 const pma_state *pma_subdomain_present(const pma_subdomain *s)
 {
@@ -228,7 +227,7 @@ pma_kept_levels pma_subdomain_levels(pma_subdomain *s)
                              .vf_previous = s->levels.vf_previous};
 }
 
-/* ---- energy ------------------------------------------------------------------------------- */
+/* ---- energy --------------------------------------------------------------------------------- */
 
 pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, const double *load,
                                       const double *lam)

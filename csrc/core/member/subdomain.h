@@ -30,12 +30,12 @@ typedef struct {
 /* Substeps in a macro step; with as many macro steps as a coupler takes, no count overflows. */
 #define PMA_MOST_SUBSTEPS ((size_t)1 << 31)
 
-/* What a subdomain is made of. The arrays behind it are the caller's, who keeps them alive. */
+/* What a subdomain is made of. The arrays behind it are the caller's and have to outlive it. */
 typedef struct {
     size_t n, nb, substeps;
-    bool doubled;        /* takes double steps after the start */
-    bool lagged;         /* C acts on vs, outside Mbar (R4) */
-    bool responds;       /* has a link response (M3): substeps under macro coupling */
+    bool doubled;  /* takes double steps after the start */
+    bool lagged;   /* C acts on vs, outside Mbar (R4) */
+    bool responds; /* has a link response (M3): substeps under macro coupling */
     pma_matrix K, C;
     pma_restoring restoring;
     pma_springs springs; /* beside the restoring force */
@@ -62,7 +62,7 @@ pma_member pma_subdomain_member(pma_subdomain *s);
 void pma_subdomain_set_load(pma_subdomain *s, pma_load load);
 const pma_load *pma_subdomain_load(const pma_subdomain *s);
 
-/* ---- the present: the last whole macro step --------------------------------------------- */
+/* ---- the present: the last whole macro step ------------------------------------------------- */
 
 /* State at t = 0: u, v, w (n each) and lam (p); a = w, stored free velocity by (S2), springs taken
  * from no deformation to u. */
@@ -84,7 +84,7 @@ typedef struct {
 
 pma_kept_levels pma_subdomain_levels(pma_subdomain *s);
 
-/* ---- what set-up evaluates ---------------------------------------------------------------- */
+/* ---- what set-up evaluates ------------------------------------------------------------------ */
 
 /* F (n) := F(t) of a load that is no table, as `open` evaluates it */
 pma_status pma_subdomain_force(pma_subdomain *s, double t, double *F);
@@ -100,7 +100,7 @@ int pma_subdomain_code(const pma_subdomain *s);
 /* Unit responses that set-up has stored; see response.h. NULL unless the subdomain responds. */
 pma_response *pma_subdomain_response(pma_subdomain *s);
 
-/* ---- energy: from the present on, of every substep until it is ended ----------------------- */
+/* ---- energy: from the present on, of every substep until it is ended ------------------------ */
 
 /* Works are summed up from here, under load (n) and lam (p); M is the mass matrix. Allocates. */
 pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, const double *load,

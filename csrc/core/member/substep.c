@@ -8,7 +8,7 @@ static size_t least(size_t a, size_t b)
     return a < b ? a : b;
 }
 
-/* ---- link problem on the interface alone --------------------------------------------------- */
+/* ---- link problem on the interface alone ---------------------------------------------------- */
 
 void pma_substep_solve_link(pma_subdomain *s, const pma_operator *op, const double *lam)
 {
@@ -133,7 +133,7 @@ pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
     return status;
 }
 
-/* ---- close: the link problem, added ---------------------------------------------------------- */
+/* ---- close: the link problem, added --------------------------------------------------------- */
 
 /* L^T Lam */
 void pma_substep_load_interface(pma_subdomain *s, const double *lam)

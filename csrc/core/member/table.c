@@ -65,7 +65,7 @@ static bool is_finite(const void *self, size_t j)
     return true;
 }
 
-/* ---- time levels ------------------------------------------------------------------------------ */
+/* ---- time levels ---------------------------------------------------------------------------- */
 
 static void record(const void *self, size_t j, const pma_selection *selection, size_t row)
 {
@@ -96,7 +96,7 @@ static void rebase(void *self, size_t j, const double *lam)
     pma_substep_store_free_velocity(s, op, v_b, lam, pma_levels_free_velocity(&s->levels, j));
 }
 
-/* ---- energy, look-ahead ------------------------------------------------------------------------ */
+/* ---- energy, look-ahead --------------------------------------------------------------------- */
 
 static bool is_observed(const void *self)
 {
@@ -124,7 +124,7 @@ static bool is_known(const void *self, const pma_substep *step)
     return s->load.kind != PMA_LOAD_CALLED;
 }
 
-/* ---- macro coupling ---------------------------------------------------------------------------- */
+/* ---- macro coupling ------------------------------------------------------------------------- */
 
 static void hold(void *self, const pma_substep *step, const double *lam)
 {
@@ -164,7 +164,7 @@ static size_t repeats(const void *self, bool recorded)
     return tied && recorded ? s->parts.substeps - 1 : 0;
 }
 
-/* ---- ranges of rows ----------------------------------------------------------------------------- */
+/* ---- ranges of rows ------------------------------------------------------------------------- */
 
 static pma_status evaluate_load(void *self, const pma_substep *step)
 {
@@ -201,7 +201,7 @@ static void observe(void *self, const pma_substep *step, const double *lam)
     pma_substep_observe(self, step, lam);
 }
 
-/* ---- the table ----------------------------------------------------------------------------------- */
+/* ---- the table ------------------------------------------------------------------------------ */
 
 static const pma_member_table TABLE = {
     .open = open_substep,

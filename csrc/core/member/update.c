@@ -1,5 +1,7 @@
 #include "member/update.h"
 
+/* clang-format off: attributes are long, and a name begins its line */
+
 /* ---- the loops, to be compiled for each kind of processor ----------------------------------- */
 
 __attribute__((always_inline)) static inline void
@@ -18,8 +20,8 @@ predict(const pma_step *c, size_t begin, size_t end, const pma_state *from, cons
 }
 
 /* x * 0 is 0 only where x is finite, in whatever order these are added */
-__attribute__((always_inline)) static inline bool
-correct(const pma_step *c, size_t begin, size_t end, const pma_state *x)
+__attribute__((always_inline)) static inline bool correct(const pma_step *c, size_t begin,
+                                                          size_t end, const pma_state *x)
 {
     double *u = x->u, *v = x->v, *w = x->w, *a = x->a;
     double zero = 0.0;
@@ -36,20 +38,20 @@ correct(const pma_step *c, size_t begin, size_t end, const pma_state *x)
     return zero == 0.0;
 }
 
-/* ---- for each kind of processor -------------------------------------------------------------- */
+/* ---- for each kind of processor ------------------------------------------------------------- */
 
-static void
-predict_plain(const pma_step *c, size_t begin, size_t end, const pma_state *from,
-              const pma_state *to)
+static void predict_plain(const pma_step *c, size_t begin, size_t end, const pma_state *from,
+                          const pma_state *to)
 {
     predict(c, begin, end, from, to);
 }
 
-static bool
-correct_plain(const pma_step *c, size_t begin, size_t end, const pma_state *x)
+static bool correct_plain(const pma_step *c, size_t begin, size_t end, const pma_state *x)
 {
     return correct(c, begin, end, x);
 }
+
+/* clang-format on */
 
 static const pma_update PLAIN = {.predict = predict_plain, .correct = correct_plain};
 
@@ -59,6 +61,8 @@ const pma_update *pma_update_plain(void)
 }
 
 #if defined(__x86_64__)
+
+/* clang-format off */
 
 /* AVX2 alone: with fused multiply-adds the digits would depend on the processor. */
 __attribute__((target("avx2"))) static void
@@ -73,6 +77,8 @@ correct_avx2(const pma_step *c, size_t begin, size_t end, const pma_state *x)
 {
     return correct(c, begin, end, x);
 }
+
+/* clang-format on */
 
 static const pma_update AVX2 = {.predict = predict_avx2, .correct = correct_avx2};
 

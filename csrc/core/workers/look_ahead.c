@@ -1,10 +1,10 @@
 /* look_ahead.c - interfield parallel: double-step subdomains with a worker beside the fine steps.
  *
- * At its own time level such a subdomain takes the multipliers. Its worker is then assigned to close
- * the step that ended there, and to open the one after next at once, while the others make their
- * fine steps up to its next time level, where it is awaited. A macro step is committed when all of
- * its steps are known to have come out finite; the others go on meanwhile, never further than the
- * next macro step. */
+ * At its own time level such a subdomain takes the multipliers. Its worker is then assigned to
+ * close the step that ended there, and to open the one after next at once, while the others make
+ * their fine steps up to its next time level, where it is awaited. A macro step is committed when
+ * all of its steps are known to be finite; the others go on meanwhile, never further than the next
+ * macro step. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -39,7 +39,7 @@ pma_status pma_look_ahead_create(pma_coupler *c)
     return PMA_OK;
 }
 
-/* ---- assigned work, and waiting for it --------------------------------------------------------- */
+/* ---- assigned work, and waiting for it ------------------------------------------------------ */
 
 static pma_status close_assigned(pma_coupled *m)
 {
@@ -106,27 +106,19 @@ static bool can_open(const pma_coupler *c, const pma_coupled *m, size_t j)
     return m->member.table->is_known(m->member.self, &step);
 }
 
-/* ---- opening the step after next ------------------------------------------------------------- */
-
-bool pma_look_ahead_has_open(const pma_coupled *m, size_t j)
-{
-    if (m->assigned.opens)
-        return m->assigned.opened.j >= j;
-    return m->member.table->opened(m->member.self) > j;
-}
+/* ---- opening the step after next ------------------------------------------------------------ */
 
 /* At a time level with one step open, of two that could be? */
 static bool could_open(const pma_coupler *c, const pma_coupled *m)
 {
     const size_t j = m->now.j;
-    return m->now.phase == 1 && !m->assigned.opens && pma_substep_of(c, m, j).twice &&
+    return m->now.phase == 1 && !m->assigned.opens && m->step.twice &&
            m->member.table->opened(m->member.self) == j + 1 && can_open(c, m, j + 1);
 }
 
 static void prepare_opening(pma_coupler *c, pma_coupled *m)
 {
-    m->assigned =
-        (pma_assignment){.opens = true, .opened = pma_substep_of(c, m, m->now.j + 1)};
+    m->assigned = (pma_assignment){.opens = true, .opened = pma_substep_of(c, m, m->now.j + 1)};
 }
 
 void pma_look_ahead_open(pma_coupler *c)
@@ -135,7 +127,7 @@ void pma_look_ahead_open(pma_coupler *c)
         assign(c, could_open, prepare_opening);
 }
 
-/* ---- closing beside the fine steps ----------------------------------------------------------- */
+/* ---- closing beside the fine steps ---------------------------------------------------------- */
 
 static bool has_failed(const pma_coupler *c)
 {
@@ -176,11 +168,6 @@ bool pma_look_ahead_is_busy(const pma_coupler *c)
     return false;
 }
 
-bool pma_look_ahead_is_deferred(const pma_coupled *m)
-{
-    return m->assigned.closes && pma_is_ending(m);
-}
-
 bool pma_look_ahead_defers(const pma_coupler *c)
 {
     for (size_t i = first_aside(c); i < c->parts.count; i++) {
@@ -200,7 +187,7 @@ static bool records_inner_jumps(const pma_coupler *c)
  * restoring force is evaluated once for every step of the macro steps that are completed. */
 static bool can_defer(const pma_coupler *c, const pma_coupled *m)
 {
-    if (!pma_is_ending(m) || !pma_substep_of(c, m, m->now.j).twice)
+    if (!pma_is_ending(m) || !m->step.twice)
         return false;
     if (m->now.j + 1 < m->member.substeps)
         return !records_inner_jumps(c);
@@ -211,7 +198,7 @@ static void prepare_closing(pma_coupler *c, pma_coupled *m)
 {
     const size_t j = m->now.j;
     m->assigned = (pma_assignment){.closes = true,
-                                   .closed = pma_substep_of(c, m, j),
+                                   .closed = m->step,
                                    .opens = can_open(c, m, j + 2),
                                    .opened = pma_substep_of(c, m, j + 2),
                                    .row = PMA_NO_ROW};

@@ -14,8 +14,8 @@ static int compare(size_t x, size_t y)
     return (x > y) - (x < y);
 }
 
-/* Those with the finest steps first; of them the caller's, then the largest first, equal ones as
- * they stand. */
+/* Those with the finest steps first; of them the caller's, then the largest first, equal ones in
+ * their order. */
 static int by_size(const void *x, const void *y)
 {
     const entrant *a = x, *b = y;
@@ -52,10 +52,10 @@ static double largest(const double *load, size_t begin, size_t end)
 /* What there is to give out, and to how many. */
 typedef struct {
     size_t count;
-    entrant *list;          /* in the order of by_size */
-    double *load;           /* of each worker: scratch */
-    size_t workers, aside;  /* all of them, and those beside the fine steps, the last ones */
-    size_t split;           /* the subdomain that those of the fine steps share, or PMA_NO_SPLIT */
+    entrant *list;         /* in the order of by_size */
+    double *load;          /* of each worker: scratch */
+    size_t workers, aside; /* all of them; those beside the fine steps, the last ones */
+    size_t split;          /* shared by the workers of the fine steps, or PMA_NO_SPLIT */
 } division;
 
 static bool goes_aside(const division *d, const entrant *e)
@@ -72,13 +72,13 @@ static void assign_ranges(const division *d, entrant *e, size_t end)
 }
 
 /* Those that go with the fine steps, each to the least loaded worker, but to worker 0 what the
- * caller has to do. What a fine step takes is the load of the busiest worker, counted over those
- * that have a node there, that is about all that are not coarser:
+ * caller has to do. What a fine step takes is the load of the busiest worker, counted over the
+ * subdomains with a time level there, that is about all that are not coarser:
  *
  *     W = sum_c (s_c - s_{c+1}) max_w load_w(c) + meetings                                (W1)
  *
- * with the classes c of equal substeps s_c from the finest on, and load_w(c) the entries of one own
- * step of all that worker w has in the classes up to c. */
+ * with the classes c of equal substeps s_c from the finest on, and load_w(c) the entries of one
+ * substep of all that worker w has in the classes up to c. */
 static double assign_fine(const division *d)
 {
     const size_t end = d->workers - d->aside;
@@ -105,7 +105,7 @@ static double assign_fine(const division *d)
 }
 
 /* Those beside the fine steps, by what they read in a whole macro step; they meet the others at
- * their own nodes.                                                                         (W2) */
+ * their own time levels.                                                                  (W2) */
 static double assign_aside(const division *d)
 {
     for (size_t i = 0; i < d->count; i++) {
@@ -128,7 +128,7 @@ static double assign(division *d, size_t workers, size_t aside)
     return fine > beside ? fine : beside;
 }
 
-/* How many of so many workers are best beside the fine steps; rather one than none. */
+/* The best number of these workers beside the fine steps; rather one than none. */
 static double choose_aside(division *d, size_t workers)
 {
     size_t most = 0, best = 0;
@@ -161,7 +161,7 @@ static double choose_split(division *d, size_t candidate, size_t workers)
     return choose_aside(d, workers);
 }
 
-/* As many workers as pay. Twice as many are tried each time. */
+/* The number of workers that pays. Twice the number is tried each time. */
 static size_t worthwhile_number(division *d, size_t candidate, size_t most)
 {
     size_t best = 1;
@@ -177,7 +177,8 @@ static size_t worthwhile_number(division *d, size_t candidate, size_t most)
     return best;
 }
 
-/* Of those that divide the one that reads most in a macro step, if it is worth two ranges. */
+/* Of the subdomains that divide, the one that reads most in a macro step, if it is worth two
+ * ranges. */
 static size_t find_candidate(size_t count, const pma_duty *duties)
 {
     size_t best = PMA_NO_SPLIT;
@@ -201,7 +202,7 @@ static size_t most_workers(size_t count, const pma_duty *duties, size_t candidat
     return workers < most ? workers : most;
 }
 
-/* How many, and who has what. */
+/* The number of workers, and what each of them has. */
 static void divide(division *d, size_t candidate, size_t most, bool worthwhile, pma_roster *out)
 {
     out->workers = worthwhile ? worthwhile_number(d, candidate, most) : most;

@@ -12,8 +12,8 @@
 
 /* What there is to do for one subdomain. */
 typedef struct {
-    size_t entries;  /* read by one own step */
-    size_t substeps; /* own steps in a macro step */
+    size_t entries;  /* read by one substep */
+    size_t substeps; /* substeps in a macro step */
     bool by_caller;  /* worker 0 has to do it */
     bool aside;      /* takes double steps: can be left to a worker beside the fine steps */
     bool divides;    /* several workers can do it together, a range of rows each */
@@ -22,17 +22,17 @@ typedef struct {
 /* Worker w has the subdomains order[begin[w]]..order[begin[w + 1] - 1], in ascending order. */
 typedef struct {
     size_t workers;
-    size_t fine;   /* workers of the fine steps; the others have those that are beside them */
+    size_t fine;   /* workers of the fine steps; the others have subdomains beside them */
     size_t split;  /* done by all workers of the fine steps, in worker 0's list; or PMA_NO_SPLIT */
     size_t *order; /* one for each subdomain */
     size_t *begin; /* workers + 1 */
 } pma_roster;
 
-/* What handing out work and waiting for it costs one fine step, as entries that could be read
+/* The cost of posting work and waiting for it in one fine step, as entries that could be read
  * meanwhile: some microseconds, and more where threads have fallen asleep. */
 #define PMA_MEETING 20000
 
-/* A range of rows that is worth a worker reads so many entries. */
+/* A range of rows is worth a worker if it reads at least this number of entries. */
 #define PMA_RANGE (5 * PMA_MEETING)
 
 #define PMA_NO_SPLIT SIZE_MAX

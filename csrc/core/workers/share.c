@@ -1,7 +1,7 @@
 /* share.c - a stage of a step by all workers, each with the subdomains that it has. */
 #include "coupling/schedule.h"
 
-/* ---- waiting --------------------------------------------------------------------------------- */
+/* ---- waiting -------------------------------------------------------------------------------- */
 
 static void look(void *ctx)
 {
@@ -21,7 +21,7 @@ void pma_share_post(pma_coupler *c, size_t worker, pma_work work)
     pma_team_post(c->team, worker, work, c);
 }
 
-/* ---- shares ---------------------------------------------------------------------------------- */
+/* ---- shares --------------------------------------------------------------------------------- */
 
 static pma_coupled *member_of(const pma_coupler *c, size_t i)
 {
@@ -30,7 +30,7 @@ static pma_coupled *member_of(const pma_coupler *c, size_t i)
 
 static bool is_due(const pma_coupler *c, const pma_coupled *m)
 {
-    return c->due(m) && !pma_split_is(c, m);
+    return c->due(m) && m != c->split;
 }
 
 /* The first that goes wrong ends a worker's share. Shares are in ascending order, so that what went
@@ -43,6 +43,7 @@ static void work_through(void *ctx, size_t worker)
         const pma_status status = is_due(c, m) ? c->task(c, m) : PMA_OK;
         if (status != PMA_OK) {
             m->status = status;
+            atomic_store(&c->has_failed, true);
             return;
         }
     }
@@ -61,6 +62,7 @@ static bool has_work(const pma_coupler *c, size_t worker)
 static pma_status take_status(pma_coupler *c)
 {
     pma_status first = PMA_OK;
+    atomic_store(&c->has_failed, false);
     for (size_t i = c->parts.count; i-- > 0;) {
         if (c->coupled[i].status == PMA_OK)
             continue;
@@ -75,8 +77,10 @@ pma_status pma_share(pma_coupler *c, pma_task task, pma_due due)
 {
     c->task = task;
     c->due = due;
-    if (c->roster.split != PMA_NO_SPLIT && due(&c->coupled[c->roster.split]))
-        c->coupled[c->roster.split].status = task(c, &c->coupled[c->roster.split]);
+    if (c->split && due(c->split)) {
+        c->split->status = task(c, c->split);
+        atomic_store(&c->has_failed, c->split->status != PMA_OK);
+    }
     for (size_t w = 1; w < c->roster.workers; w++) {
         if (has_work(c, w))
             pma_share_post(c, w, work_through);
@@ -86,5 +90,5 @@ pma_status pma_share(pma_coupler *c, pma_task task, pma_due due)
         if (pma_team_is_at(c->team, w, work_through))
             pma_share_await(c, w);
     }
-    return take_status(c);
+    return atomic_load(&c->has_failed) ? take_status(c) : PMA_OK;
 }

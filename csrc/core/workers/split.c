@@ -1,50 +1,42 @@
 /* split.c - one large explicit subdomain by all workers of the fine steps, a range of rows each.
  *
  * With a diagonal Mbar no row waits for another, but K ut needs all of ut: two stages open a
- * substep, one closes it, and what concerns the interface is done by worker 0. The ranges are fixed,
- * so that rows stay in the caches of one core. */
+ * substep, one closes it, and what concerns the interface is done by worker 0. The ranges are
+ * fixed, so that rows stay in the caches of one core. */
 #include "coupling/schedule.h"
-
-bool pma_split_is(const pma_coupler *c, const pma_coupled *m)
-{
-    return c->roster.split == (size_t)(m - c->coupled);
-}
 
 typedef struct {
     size_t begin, end;
 } range;
 
-static range range_of(const pma_coupler *c, const pma_coupled *m, size_t worker)
+static range range_of(const pma_coupler *c, size_t worker)
 {
-    const size_t n = m->member.n, each = n / c->roster.fine;
+    const size_t n = c->split->member.n, each = n / c->roster.fine;
     return (range){worker * each, worker + 1 < c->roster.fine ? (worker + 1) * each : n};
 }
 
 static void predict(void *ctx, size_t worker)
 {
     const pma_coupler *c = ctx;
-    const pma_coupled *m = &c->coupled[c->roster.split];
-    const pma_substep step = pma_substep_of(c, m, m->now.j);
-    const range rows = range_of(c, m, worker);
-    m->member.table->predict(m->member.self, &step, rows.begin, rows.end);
+    const pma_coupled *m = c->split;
+    const range rows = range_of(c, worker);
+    m->member.table->predict(m->member.self, &m->step, rows.begin, rows.end);
 }
 
 static void add_forces(void *ctx, size_t worker)
 {
     const pma_coupler *c = ctx;
-    const pma_coupled *m = &c->coupled[c->roster.split];
-    const pma_substep step = pma_substep_of(c, m, m->now.j);
-    const range rows = range_of(c, m, worker);
-    m->member.table->add_forces(m->member.self, &step, rows.begin, rows.end);
+    const pma_coupled *m = c->split;
+    const range rows = range_of(c, worker);
+    m->member.table->add_forces(m->member.self, &m->step, rows.begin, rows.end);
 }
 
 static void correct(void *ctx, size_t worker)
 {
     pma_coupler *c = ctx;
-    const pma_coupled *m = &c->coupled[c->roster.split];
-    const pma_substep step = pma_substep_of(c, m, m->now.j);
-    const range rows = range_of(c, m, worker);
-    if (!m->member.table->correct(m->member.self, &step, rows.begin, rows.end))
+    const pma_coupled *m = c->split;
+    const range rows = range_of(c, worker);
+    if (!m->member.table->correct(m->member.self, &m->step, rows.begin, rows.end))
         atomic_store(&c->not_finite, true);
 }
 
@@ -58,26 +50,26 @@ static void do_together(pma_coupler *c, pma_work stage)
         pma_share_await(c, w);
 }
 
-pma_status pma_split_open(pma_coupler *c, pma_coupled *m)
+pma_status pma_split_open(pma_coupler *c)
 {
-    const pma_substep step = pma_substep_of(c, m, m->now.j);
-    const pma_status status = m->member.table->evaluate_load(m->member.self, &step);
+    const pma_coupled *m = c->split;
+    const pma_status status = m->member.table->evaluate_load(m->member.self, &m->step);
     if (status != PMA_OK)
         return status;
     do_together(c, predict);
     do_together(c, add_forces);
-    m->member.table->open_interface(m->member.self, &step);
+    m->member.table->open_interface(m->member.self, &m->step);
     return PMA_OK;
 }
 
-pma_status pma_split_close(pma_coupler *c, pma_coupled *m)
+pma_status pma_split_close(pma_coupler *c)
 {
-    const pma_substep step = pma_substep_of(c, m, m->now.j);
-    m->member.table->close_interface(m->member.self, &step, c->working.lam);
+    const pma_coupled *m = c->split;
+    m->member.table->close_interface(m->member.self, &m->step, c->working.lam);
     atomic_store(&c->not_finite, false);
     do_together(c, correct);
     if (atomic_load(&c->not_finite))
         return PMA_NOT_FINITE;
-    m->member.table->observe(m->member.self, &step, c->working.lam);
+    m->member.table->observe(m->member.self, &m->step, c->working.lam);
     return PMA_OK;
 }

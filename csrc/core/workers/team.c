@@ -32,8 +32,8 @@ static void pause_briefly(void)
 }
 #endif
 
-/* Where work is posted for one worker. `posted` is written by worker 0 and `finished` by the worker,
- * after what they announce; work is outstanding while they differ. */
+/* Where work is posted for one worker. `posted` is written by worker 0, `finished` by the worker,
+ * each after what it announces; work is outstanding while they differ. */
 typedef struct {
     atomic_uint posted, finished;
     atomic_bool worker_sleeps, caller_sleeps;
@@ -48,9 +48,9 @@ typedef struct {
 
 struct pma_team {
     size_t workers;
-    size_t made; /* seats with a thread, from worker 1 on */
+    size_t made;   /* seats with a thread, from worker 1 on */
     pid_t process; /* in which they live */
-    seat *seats; /* of worker 1, 2, ... */
+    seat *seats;   /* of worker 1, 2, ... */
 };
 
 pma_status pma_team_create(size_t workers, pma_team **out)
@@ -186,7 +186,7 @@ static bool make_thread(seat *s, size_t worker)
     return false;
 }
 
-/* All but those that a fault of the thread itself raises, so that a handler can report it. */
+/* All signals except of a fault of the thread itself, so that a handler can report it. */
 static void pick_signals(sigset_t *blocked)
 {
     static const int faults[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGTRAP, SIGSYS};
@@ -222,7 +222,7 @@ void pma_team_destroy(pma_team *t)
     free(t);
 }
 
-/* ---- work ------------------------------------------------------------------------------------ */
+/* ---- work ----------------------------------------------------------------------------------- */
 
 void pma_team_post(pma_team *t, size_t worker, pma_work work, void *ctx)
 {

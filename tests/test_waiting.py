@@ -1,0 +1,97 @@
+"""While a worker computes, the caller waits: signals, progress and faults are not lost meanwhile.
+
+The compiled functions sleep or fail on purpose; what is counted are calls, never seconds.
+"""
+
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+PRELUDE = """
+import ctypes, faulthandler, signal, sys, threading, time
+from scipy import LowLevelCallable
+import pmalpha as pm
+
+DOUBLES = ctypes.POINTER(ctypes.c_double)
+RESTORING = ctypes.CFUNCTYPE(
+    ctypes.c_int, ctypes.c_double, ctypes.c_ssize_t, DOUBLES, DOUBLES, DOUBLES, ctypes.c_void_p
+)
+calls, threads = [], set()
+
+def quick(t, n, u, v, r, user):
+    return 0
+
+def slow(t, n, u, v, r, user):
+    calls.append(t)
+    threads.add(threading.get_ident())
+    time.sleep(0.02)
+    return 0
+
+def two(function, substeps, **options):
+    # equal sizes: worker 0 has the first subdomain, worker 1 the second
+    a, b = (
+        pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), substeps=substeps, u0=[1.0], name=name,
+                     restoring=LowLevelCallable(RESTORING(f)))
+        for name, f in (("a", quick), ("b", function))
+    )
+    return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1, threads=2, **options)
+"""
+
+
+def run(code):
+    return subprocess.run(
+        [sys.executable, "-c", PRELUDE + textwrap.dedent(code)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+
+
+@pytest.mark.parametrize("coupling", ["macro", "pm"])
+def test_ctrl_c_is_answered_while_another_worker_evaluates_a_slow_force(coupling):
+    # a macro step evaluates it 100 times, for 2 s; the signal comes after 0.2 s
+    done = run(f"""
+    coupler = two(slow, substeps=100, coupling={coupling!r})
+    calls.clear()
+    signal.setitimer(signal.ITIMER_REAL, 0.2)
+    signal.signal(signal.SIGALRM, signal.default_int_handler)
+    try:
+        coupler.step(1)
+    except KeyboardInterrupt:
+        print("interrupted", coupler.step_count, len(calls), threads != {{threading.get_ident()}})
+    """)
+    assert done.returncode == 0, done.stderr
+    word, steps, evaluated, elsewhere = done.stdout.split()
+    assert (word, steps, elsewhere) == ("interrupted", "0", "True")
+    assert 0 < int(evaluated) < 60  # 10 in 0.2 s; far from 100 even on a machine six times slower
+
+
+def test_progress_is_reported_while_another_worker_evaluates_a_slow_force():
+    # one macro step of 50 evaluations, a second in all; a report is due every 50 ms
+    done = run("""
+    reports = []
+    coupler = two(slow, substeps=50, coupling="macro")
+    coupler.run(steps=1, progress=lambda done, total: reports.append(len(calls)))
+    print(sum(0 < at < len(calls) for at in reports))
+    """)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) > 2  # without: none in mid macro step
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the words of the report are those of Linux")
+def test_a_fault_in_a_compiled_force_leaves_a_traceback_whatever_thread_it_is_in():
+    done = run("""
+    def faulty(t, n, u, v, r, user):
+        if threading.get_ident() != threading.main_thread().ident:
+            print("in a worker", flush=True)
+            ctypes.string_at(0)
+        return 0
+
+    faulthandler.enable()
+    two(faulty, substeps=3).step(1)
+    """)
+    assert "in a worker" in done.stdout
+    assert done.returncode < 0
+    assert "Segmentation fault" in done.stderr and "faulty" in done.stderr
