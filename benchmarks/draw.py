@@ -229,7 +229,8 @@ def draw_growth(figure):
         column = next(i for i, word in enumerate(columns) if word in problem)
         style = LINES[3 - 2 * lines.setdefault(column, 0)]
         lines[column] += 1
-        label = problem.replace(", dofs", "").replace("constraints, ", "").replace("subdomains ", "")
+        label = problem.replace(", dofs", "").replace("constraints, ", "")
+        label = label.replace("subdomains ", "")
         x = [r["size"] for r in own]
         for row, y in enumerate(
             (

@@ -86,7 +86,7 @@ def main():
     parser.add_argument("--noise", type=float, default=0.0, help="of the force, standard deviation")
     parser.add_argument("--seed", type=int, default=0, help="of the noise")
     parser.add_argument("--wait", type=float, default=0.0, help="seconds until it replies")
-    parser.add_argument("--timeout", type=float, default=60.0, help="seconds to wait for the client")
+    parser.add_argument("--timeout", type=float, default=60.0, help="seconds, for the client")
     args = parser.parse_args()
     generator = random.Random(args.seed)
     with socket.create_server(("127.0.0.1", 0)) as server:
