@@ -36,10 +36,10 @@ def limit(rho):
 
 def oscillator(scheme, Omega, xi=0.0, substeps=1):
     """One dof of circular frequency 1, stepped by Omega."""
-    part = pm.Subdomain([1.0], [1.0], [2.0 * xi], scheme=scheme, substeps=substeps)
+    subdomain = pm.Subdomain([1.0], [1.0], [2.0 * xi], scheme=scheme, substeps=substeps)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.StabilityWarning)
-        return pm.Coupler([part], dt=Omega * substeps)
+        return pm.Coupler([subdomain], dt=Omega * substeps)
 
 
 def roots(scheme, Omega, xi=0.0):
@@ -193,8 +193,8 @@ def test_a_question_about_period_and_damping_that_makes_no_sense_is_refused(
 def unloaded(seed, **changes):
     """A random problem without loads."""
     problem = random_problem(seed)
-    for part in problem.parts:
-        part.force = None
+    for subdomain in problem.subdomains:
+        subdomain.force = None
     for name, value in changes.items():
         setattr(problem, name, value)
     return problem.coupler()
@@ -279,8 +279,8 @@ def loaded_coupler(kind):
 
 
 def history_bits(history):
-    parts = [getattr(s, x).tobytes() for s in history.subdomains for x in ("t", "u", "v", "a")]
-    return parts + [history.multipliers.tobytes(), history.velocity_jump.tobytes()]
+    arrays = [getattr(s, x).tobytes() for s in history.subdomains for x in ("t", "u", "v", "a")]
+    return arrays + [history.multipliers.tobytes(), history.velocity_jump.tobytes()]
 
 
 def somewhere(t):
@@ -424,8 +424,8 @@ def test_without_stiffness_the_critical_step_is_infinite():
 
 def test_a_conditionally_stable_implicit_scheme_has_a_critical_step():
     # linear acceleration: Omega = sqrt(12)
-    part = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(1 / 6))
-    assert analysis.critical_step(part) == pytest.approx(np.sqrt(12) / 2, rel=1e-6)
+    subdomain = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(1 / 6))
+    assert analysis.critical_step(subdomain) == pytest.approx(np.sqrt(12) / 2, rel=1e-6)
 
 
 def test_the_critical_step_of_anything_but_a_subdomain_is_refused():
@@ -445,9 +445,9 @@ def test_the_warning_begins_at_the_critical_step_or_at_half_of_it_with_double_st
 
 def double_explicit(rho, Omega, double):
     """An explicit oscillator of frequency 1, nothing tied to it; somebody must be single."""
-    part = pm.Subdomain([1.0], [1.0], scheme=explicit(rho), double_step=double)
+    subdomain = pm.Subdomain([1.0], [1.0], scheme=explicit(rho), double_step=double)
     other = pm.Subdomain([1.0], [0.0], scheme=implicit(rho), double_step=False)
-    return pm.Coupler([part, other], dt=Omega)
+    return pm.Coupler([subdomain, other], dt=Omega)
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
@@ -525,8 +525,10 @@ def test_the_loop_of_gc_with_equal_steps_has_the_closed_form_for_any_masses(rho,
 @pytest.mark.parametrize("scheme", [implicit(0.0), implicit(0.8), pm.Newmark()], ids=repr)
 def test_two_fine_steps_in_a_macro_step_square_the_loop(scheme):
     # Newmark: (-1)^2, not to be taken for the 1 of the common velocity
-    parts = [pm.Subdomain([m], [1.0], scheme=scheme, substeps=2) for m in (1.0, 3.0)]
-    coupler = pm.Coupler(parts, pm.tie(parts[0], [0], parts[1], [0]), dt=0.1, coupling="gc")
+    subdomains = [pm.Subdomain([m], [1.0], scheme=scheme, substeps=2) for m in (1.0, 3.0)]
+    coupler = pm.Coupler(
+        subdomains, pm.tie(subdomains[0], [0], subdomains[1], [0]), dt=0.1, coupling="gc"
+    )
     roots = scheme.af / (1 - scheme.af), (1 - scheme.gamma) / scheme.gamma
     expected = max(map(abs, roots)) ** 2
     assert analysis.zero_stability(coupler) == pytest.approx(expected, abs=1e-10)
@@ -632,8 +634,8 @@ def assembled():
     places = [[0, 1 + 2 * i, 2 + 2 * i] for i in range(3)]
     M, C, K = np.zeros((3, 7, 7))
     for at in places:
-        for whole, part in ((M, "M"), (C, "C"), (K, "K")):
-            whole[np.ix_(at, at)] += BAR[part]
+        for whole, name in ((M, "M"), (C, "C"), (K, "K")):
+            whole[np.ix_(at, at)] += BAR[name]
     return M, C, K, places
 
 
@@ -722,25 +724,25 @@ def reference_local_error(exact, n, dt):
     L = [np.zeros((2, 3)) for _ in range(3)]
     L[0][0, 0], L[1][0, 0], L[1][1, 0], L[2][1, 0] = 1.0, -1.0, 1.0, -1.0
     schemes = [reference.alpha(0.5), reference.alpha(0.8), reference.alpha(0.3, explicit=True)]
-    walkers = []
+    steppers = []
     for i, ss in enumerate((1, 2, 6)):
-        part = reference.Part(**BAR, **schemes[i], substeps=ss, double=i < 2)
-        x = reference.Walker(part, L[i], dt, 6)
+        subdomain = reference.Subdomain(**BAR, **schemes[i], substeps=ss, double=i < 2)
+        x = reference.Stepper(subdomain, L[i], dt, 6)
         for t in (n * dt - dt / ss, n * dt):
             states, lam = exact(t)
             u, v, w = states[f"bar {i}"]
-            vf = v - x.later.link(lam)[1]  # (S2) with the operators in force
-            x.nodes.append(reference.Node(t, u, v, w, w, vf))
-        x.nodes = [None] * (n * ss - 1) + x.nodes
-        x.step, x.back = x.later, 1 if part.double else 0
-        walkers.append(x)
-    H = reference.interface_matrix(walkers)
+            vf = v - x.later.link(lam)[1]  # (S2) with the operators of the present step
+            x.states.append(reference.State(t, u, v, w, w, vf))
+        x.states = [None] * (n * ss - 1) + x.states
+        x.step, x.back = x.later, 1 if subdomain.double else 0
+        steppers.append(x)
+    H = reference.interface_matrix(steppers)
     for k in range(6 * n + 1, 6 * n + 7):
-        lam = reference.fine_step(walkers, L, H, k)
+        lam = reference.fine_step(steppers, L, H, k)
     states, truth = exact((n + 1) * dt)
     errors = {}
     for j, name in enumerate("uva"):
-        last = [getattr(x.nodes[-1], "uvw"[j]) for x in walkers]
+        last = [getattr(x.states[-1], "uvw"[j]) for x in steppers]
         errors[name] = max(np.abs(x - states[f"bar {i}"][j]).max() for i, x in enumerate(last))
     return errors | {"multipliers": np.abs(lam - truth).max()}
 

@@ -37,13 +37,13 @@ def refused(error, call, *words):
     return message
 
 
-def part(M=(1.0, 1.0), K=(1.0, 1.0), C=None, *, scheme=IMPLICIT, **options):
+def subdomain(M=(1.0, 1.0), K=(1.0, 1.0), C=None, *, scheme=IMPLICIT, **options):
     return pm.Subdomain(M, K, C, scheme=scheme, **options)
 
 
 def single(n=1, **options):
     """A chain of n unit masses and springs without couplings."""
-    return part(np.ones(n), np.ones(n), **options)
+    return subdomain(np.ones(n), np.ones(n), **options)
 
 
 def chain(n, fixed=True):
@@ -57,8 +57,8 @@ def chain(n, fixed=True):
 
 def two_parts(**of_a):
     """A coarse and a fine part, tied, with motion in all of their dofs."""
-    a = part(K=PAIR, u0=[1.0, 0.5], v0=[0.0, 0.25], name="a", **of_a)
-    b = part([1.0], [9.0], scheme=EXPLICIT, substeps=3, u0=[0.5], v0=[0.25], name="b")
+    a = subdomain(K=PAIR, u0=[1.0, 0.5], v0=[0.0, 0.25], name="a", **of_a)
+    b = subdomain([1.0], [9.0], scheme=EXPLICIT, substeps=3, u0=[0.5], v0=[0.25], name="b")
     return a, b, pm.tie(a, [1], b, [0])
 
 
@@ -108,7 +108,7 @@ WRONG_SHAPE = {
 
 
 def of_subdomain(name, value):
-    return part(**{"M": [1.0, 1.0], "K": [1.0, 1.0], name: value})
+    return subdomain(**{"M": [1.0, 1.0], "K": [1.0, 1.0], name: value})
 
 
 ARGUMENTS = {  # the name in the message, and the call that brings the value
@@ -118,7 +118,7 @@ ARGUMENTS = {  # the name in the message, and the call that brings the value
     "u0": lambda x: of_subdomain("u0", x),
     "v0": lambda x: of_subdomain("v0", x),
     "force": lambda x: of_subdomain("force", x),
-    "velocity": lambda x: pm.Constraint({part(): np.eye(2)}, velocity=x),
+    "velocity": lambda x: pm.Constraint({subdomain(): np.eye(2)}, velocity=x),
     "values": lambda x: pm.SampledForce(x, 0.1),
     "shape": lambda x: pm.SampledForce([1.0], 0.1, shape=x),
     "record": lambda x: pm.BaseAcceleration(x, 0.1, [1.0], [1.0]),
@@ -185,17 +185,17 @@ def test_a_sparse_matrix_in_place_of_a_vector_is_a_type_error():
 
 def test_a_sum_of_duplicates_that_overflows_is_not_finite():
     K = sp.coo_array(([1e308, 1e308], ([0, 0], [0, 0])), shape=(1, 1))
-    refused(ValueError, lambda: part([1.0], K), "K", "finite", "inf")
+    refused(ValueError, lambda: subdomain([1.0], K), "K", "finite", "inf")
 
 
 def test_a_matrix_is_demanded():
-    refused(TypeError, lambda: part(K=None), "K", "None")
-    refused(TypeError, lambda: part(M=None), "M")
+    refused(TypeError, lambda: subdomain(K=None), "K", "None")
+    refused(TypeError, lambda: subdomain(M=None), "M")
 
 
 def test_a_subdomain_without_dofs_is_a_value_error():
     for empty in ([], np.empty(0), np.empty((0, 0)), sp.csr_array((0, 0))):
-        refused(ValueError, lambda: part(empty, empty), "M", "empty")
+        refused(ValueError, lambda: subdomain(empty, empty), "M", "empty")
 
 
 class ArrayLike:
@@ -206,14 +206,14 @@ class ArrayLike:
 
 
 def test_whatever_numpy_takes_for_an_array_is_one():
-    assert part(ArrayLike(), ArrayLike(), u0=ArrayLike()).n == 2
+    assert subdomain(ArrayLike(), ArrayLike(), u0=ArrayLike()).n == 2
 
 
 def test_a_long_double_too_large_for_a_double_is_not_finite():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of NumPy's cast, and meant
         large = np.array([np.longdouble("1e400"), 1.0])
-        refused(ValueError, lambda: part(u0=large), "u0", "finite", "inf")
+        refused(ValueError, lambda: subdomain(u0=large), "u0", "finite", "inf")
 
 
 # ---- numbers --------------------------------------------------------------------------------
@@ -225,8 +225,8 @@ NUMBERS = {
     "alpha": pm.HHT,
     "am": lambda x: pm.Scheme(x, 0.0, 0.25, 0.5),
     "af": lambda x: pm.Scheme(0.0, x, 0.25, 0.5),
-    "dt": lambda x: pm.Coupler([part()], dt=x),
-    "t_end": lambda x: pm.Coupler([part()], dt=0.1).run(x),
+    "dt": lambda x: pm.Coupler([subdomain()], dt=x),
+    "t_end": lambda x: pm.Coupler([subdomain()], dt=0.1).run(x),
 }
 
 
@@ -275,15 +275,15 @@ def test_parameters_of_the_other_schemes_have_their_ranges():
 
 @pytest.mark.parametrize("dt", [0, 0.0, -0.0, -1.0, -1e-300])
 def test_a_step_that_is_not_positive_is_a_value_error(dt):
-    refused(ValueError, lambda: pm.Coupler([part()], dt=dt), "dt must be positive", repr(dt))
+    refused(ValueError, lambda: pm.Coupler([subdomain()], dt=dt), "dt must be positive", repr(dt))
     refused(ValueError, lambda: pm.SampledForce([1.0], dt), "dt must be positive", repr(dt))
 
 
 WHOLE = {
-    "substeps": lambda x: part(substeps=x),
-    "steps": lambda x: pm.Coupler([part()], dt=0.1).run(steps=x),
-    "n": lambda x: pm.Coupler([part()], dt=0.1).step(x),
-    "every": lambda x: pm.Coupler([part()], dt=0.1).run(steps=1, every=x),
+    "substeps": lambda x: subdomain(substeps=x),
+    "steps": lambda x: pm.Coupler([subdomain()], dt=0.1).run(steps=x),
+    "n": lambda x: pm.Coupler([subdomain()], dt=0.1).step(x),
+    "every": lambda x: pm.Coupler([subdomain()], dt=0.1).run(steps=1, every=x),
 }
 
 
@@ -300,7 +300,7 @@ def test_a_negative_count_is_a_value_error(name, value):
 
 
 def test_zero_counts_are_refused_where_they_mean_nothing():
-    refused(ValueError, lambda: part(substeps=0), "substeps must be at least 1", "got 0")
+    refused(ValueError, lambda: subdomain(substeps=0), "substeps must be at least 1", "got 0")
     refused(ValueError, lambda: WHOLE["every"](0), "every must be at least 1", "got 0")
     coupler = coupled()
     coupler.step(0)
@@ -312,7 +312,10 @@ def test_a_count_beyond_all_counters_is_a_value_error(name):
     # of `steps` the History does not fit, which is the MemoryError of another test
     if name == "substeps":
         refused(
-            ValueError, lambda: pm.Coupler([part(substeps=10**30)], dt=0.1), "substeps", "at most"
+            ValueError,
+            lambda: pm.Coupler([subdomain(substeps=10**30)], dt=0.1),
+            "substeps",
+            "at most",
         )
     else:
         refused(ValueError, lambda: WHOLE[name](10**30), name, str(10**30))
@@ -320,12 +323,12 @@ def test_a_count_beyond_all_counters_is_a_value_error(name):
 
 @pytest.mark.parametrize("value", [1, 0, "yes", 2.0, np.array([True, False])])
 def test_double_step_is_none_true_or_false_and_no_number(value):
-    refused(TypeError, lambda: part(double_step=value), "double_step", repr(value))
+    refused(TypeError, lambda: subdomain(double_step=value), "double_step", repr(value))
 
 
 def test_a_scheme_is_demanded():
     for scheme in (None, 0.5, "newmark", pm.CentralDifference):
-        refused(TypeError, lambda: part(scheme=scheme), "scheme", repr(scheme))
+        refused(TypeError, lambda: subdomain(scheme=scheme), "scheme", repr(scheme))
     refused(TypeError, lambda: pm.Subdomain([1.0], [1.0]), "scheme")
 
 
@@ -337,11 +340,11 @@ FOLLOWER = np.array([[2.0, -1.0], [-0.25, 2.0]])
 
 @pytest.mark.parametrize("form", [np.asarray, sp.csr_array, sp.csc_matrix, sp.coo_array])
 def test_gyroscopic_damping_and_follower_stiffness_are_refused_with_the_entry(form):
-    message = refused(ValueError, lambda: part(C=form(GYROSCOPIC)), "C must be symmetric")
+    message = refused(ValueError, lambda: subdomain(C=form(GYROSCOPIC)), "C must be symmetric")
     assert "0.5 at [0, 1]" in message and "-0.5 at [1, 0]" in message
-    message = refused(ValueError, lambda: part(K=form(FOLLOWER)), "K must be symmetric")
+    message = refused(ValueError, lambda: subdomain(K=form(FOLLOWER)), "K must be symmetric")
     assert "-1 at [0, 1]" in message and "-0.25 at [1, 0]" in message
-    refused(ValueError, lambda: part(M=form(FOLLOWER)), "M must be symmetric")
+    refused(ValueError, lambda: subdomain(M=form(FOLLOWER)), "M must be symmetric")
     refused(
         ValueError, lambda: pm.BaseAcceleration([1.0], 0.1, [1.0, 1.0], form(FOLLOWER)), "symmetric"
     )
@@ -350,14 +353,14 @@ def test_gyroscopic_damping_and_follower_stiffness_are_refused_with_the_entry(fo
 def test_the_entry_named_is_the_one_that_is_not_symmetric():
     K = chain(50).toarray()
     K[31, 7] = 0.125
-    message = refused(ValueError, lambda: part(np.ones(50), K), "K must be symmetric", "0.125")
+    message = refused(ValueError, lambda: subdomain(np.ones(50), K), "K must be symmetric", "0.125")
     assert "[31, 7]" in message and "[7, 31]" in message
-    refused(ValueError, lambda: part(np.ones(50), sp.csr_array(K)), "[31, 7]", "0.125")
+    refused(ValueError, lambda: subdomain(np.ones(50), sp.csr_array(K)), "[31, 7]", "0.125")
 
 
 def test_a_matrix_that_is_symmetric_but_for_the_rounding_of_its_assembly_is_taken():
     K = np.array([[2.0, -1.0], [-1.0 * (1 + 4e-16), 2.0]])  # two units in the last place
-    a, b = part(K=K, u0=[1.0, 0.0]), part(K=PAIR, u0=[1.0, 0.0])
+    a, b = subdomain(K=K, u0=[1.0, 0.0]), subdomain(K=PAIR, u0=[1.0, 0.0])
     ours, theirs = (pm.Coupler([s], dt=0.1).run(steps=10)[0].u for s in (a, b))
     # K differs by 4e-16, u is of size 1 and bends by (omega t)^2 = 3 over the run
     np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-14)
@@ -369,7 +372,7 @@ def test_gyroscopic_damping_is_not_lost_beside_a_large_entry_elsewhere(size, for
     # a penalty dashpot on another dof says nothing about the rounding of these entries
     C = np.zeros((3, 3))
     C[0, 0], C[1, 2], C[2, 1] = size, 1.0, -1.0
-    refused(ValueError, lambda: part(np.ones(3), np.ones(3), form(C)), "C must be symmetric")
+    refused(ValueError, lambda: subdomain(np.ones(3), np.ones(3), form(C)), "C must be symmetric")
 
 
 # ---- mass and Mbar --------------------------------------------------------------------------
@@ -381,7 +384,7 @@ def test_an_explicit_dof_without_mass_is_named(form):
     M = np.diag(M).copy() if form is np.diag else form(M)
     message = refused(
         pm.FactorizationError,
-        lambda: part(M, np.ones(4), scheme=EXPLICIT, name="rig"),
+        lambda: subdomain(M, np.ones(4), scheme=EXPLICIT, name="rig"),
         "'rig'",
         "mass",
     )
@@ -393,7 +396,7 @@ def test_an_explicit_dof_without_mass_is_named(form):
 @pytest.mark.parametrize("form", [sp.csr_array, sp.csr_array.toarray])
 def test_an_explicit_mass_singular_in_another_way_is_a_factorization_error(n, M, form):
     whole = sp.csr_array(sp.block_diag([np.array(M), sp.eye_array(n - 2)]))
-    rig = part(form(whole), chain(n), scheme=EXPLICIT, name="rig")
+    rig = subdomain(form(whole), chain(n), scheme=EXPLICIT, name="rig")
     refused(pm.FactorizationError, lambda: pm.Coupler([rig], dt=0.01), "'rig'", "dof 1")
 
 
@@ -401,13 +404,13 @@ def test_an_explicit_mass_singular_in_another_way_is_a_factorization_error(n, M,
 def test_a_negative_mass_is_a_value_error_with_its_dof(form):
     M = np.diag([1.0, 1.0, -2.0])
     M = np.diag(M).copy() if form is np.diag else form(M)
-    refused(ValueError, lambda: part(M, np.ones(3)), "M", "semidefinite", "dofs 2")
+    refused(ValueError, lambda: subdomain(M, np.ones(3)), "M", "semidefinite", "dofs 2")
 
 
 def test_a_massless_dof_that_is_coupled_by_mass_is_a_value_error():
     M = np.array([[1.0, 0.5], [0.5, 0.0]])
     for form in (np.asarray, sp.csr_array):
-        refused(ValueError, lambda: part(form(M)), "M", "semidefinite", "dofs 1")
+        refused(ValueError, lambda: subdomain(form(M)), "M", "semidefinite", "dofs 1")
 
 
 def indefinite(form):
@@ -422,14 +425,14 @@ def indefinite(form):
 @pytest.mark.parametrize("scheme", [pm.GeneralizedAlpha(0.5), pm.Newmark(), pm.HHT(0.1)])
 def test_an_indefinite_mbar_is_named_with_subdomain_and_dof(form, scheme):
     # Mbar = M + al1 K, al1 about dt^2 / 4 and more: 1 - 0.25 * 2e4 < 0 at dof 2, positive elsewhere
-    bad = part(np.ones(3), indefinite(form), scheme=scheme, name="bad")
+    bad = subdomain(np.ones(3), indefinite(form), scheme=scheme, name="bad")
     refused(pm.FactorizationError, lambda: pm.Coupler([bad], dt=1.0), "Mbar", "'bad'", "dof 2")
     pm.Coupler([bad], dt=1e-3)  # definite there: it is the step that brings it
 
 
 @pytest.mark.parametrize("form", ["diagonal", "dense", "sparse"])
 def test_negative_damping_that_makes_an_explicit_mbar_indefinite_is_named(form):
-    bad = part(np.ones(3), np.ones(3), indefinite(form), scheme=EXPLICIT, name="bad")
+    bad = subdomain(np.ones(3), np.ones(3), indefinite(form), scheme=EXPLICIT, name="bad")
     refused(pm.FactorizationError, lambda: pm.Coupler([bad], dt=1.0), "M + al2 C", "'bad'", "dof 2")
 
 
@@ -440,13 +443,13 @@ def test_a_singular_mbar_is_named_with_subdomain_and_dof(form):
     if form != "diagonal":
         K[:2, :2] = [[2.0, -1.0], [-1.0, 2.0]]
     shape = {"diagonal": np.diag, "dense": np.asarray, "sparse": sp.csr_array}[form]
-    bad = part(np.zeros(3), shape(K), name="bad")
+    bad = subdomain(np.zeros(3), shape(K), name="bad")
     message = refused(pm.FactorizationError, lambda: pm.Coupler([bad], dt=0.1), "'bad'", "dof")
     assert ("dof 1" if form == "diagonal" else "dof 2") in message
 
 
 def test_mbar_of_nothing_but_zeros_is_singular():
-    bad = part(np.zeros(2), np.zeros(2), name="bad")
+    bad = subdomain(np.zeros(2), np.zeros(2), name="bad")
     refused(pm.FactorizationError, lambda: pm.Coupler([bad], dt=0.1), "'bad'", "singular", "dof 0")
 
 
@@ -462,7 +465,7 @@ SMALL = [name for name, K in FLOATING.items() if K.shape[0] <= 1000]  # dense on
 
 
 def check_floating(K, scale):
-    bad = part(np.zeros(K.shape[0]), scale * K, name="bad")
+    bad = subdomain(np.zeros(K.shape[0]), scale * K, name="bad")
     refused(pm.FactorizationError, lambda: pm.Coupler([bad], dt=0.013), "'bad'", "dof")
 
 
@@ -479,7 +482,7 @@ def test_a_floating_dense_subdomain_without_mass_is_singular(name, scale):
 
 
 def test_a_subdomain_without_mass_that_is_held_is_taken():
-    held = part(np.zeros(1600), plate(40, fixed=True), name="held")
+    held = subdomain(np.zeros(1600), plate(40, fixed=True), name="held")
     pm.Coupler([held], dt=0.013)
 
 
@@ -487,12 +490,12 @@ def test_a_mbar_that_is_nearly_singular_but_definite_is_taken():
     # a spring to ground of 1e-6 of the others: the condition is 1e6 n^2, and 8 digits are left
     K = chain(50, fixed=False).tolil()
     K[0, 0] += 1e-6
-    pm.Coupler([part(np.zeros(50), sp.csr_array(K))], dt=0.1)
+    pm.Coupler([subdomain(np.zeros(50), sp.csr_array(K))], dt=0.1)
 
 
 def test_a_pivot_whose_reciprocal_overflows_is_refused():
     # 1 / 5e-324 is infinite: no step could be made
-    tiny = part([5e-324], [0.0], name="tiny")
+    tiny = subdomain([5e-324], [0.0], name="tiny")
     with pytest.raises((pm.FactorizationError, ValueError)) as caught:
         pm.Coupler([tiny], dt=0.1)
     assert "'tiny'" in str(caught.value)
@@ -512,7 +515,7 @@ UNDAMPED = {
 def test_a_massless_dof_is_refused_where_nothing_damps_it(kind):
     message = refused(
         ValueError,
-        lambda: part([1.0, 0.0], PAIR, scheme=UNDAMPED[kind], name="frame"),
+        lambda: subdomain([1.0, 0.0], PAIR, scheme=UNDAMPED[kind], name="frame"),
         "scheme must damp",
         "dofs 1",
         "'frame'",
@@ -522,7 +525,7 @@ def test_a_massless_dof_is_refused_where_nothing_damps_it(kind):
 
 def test_massless_dofs_are_taken_with_rho_below_one():
     for rho in (0.0, 0.5, 0.99):
-        part([1.0, 0.0], PAIR, scheme=pm.GeneralizedAlpha(rho))
+        subdomain([1.0, 0.0], PAIR, scheme=pm.GeneralizedAlpha(rho))
 
 
 # ---- ties and conditions --------------------------------------------------------------------
@@ -570,11 +573,11 @@ def test_a_tie_needs_two_different_subdomains():
 @pytest.mark.parametrize("kind", NOT_REAL)
 def test_a_condition_that_holds_no_real_numbers_is_a_type_error(kind):
     row = np.ma.atleast_2d(NOT_REAL[kind]) if kind == "masked" else np.atleast_2d(NOT_REAL[kind])
-    refused(TypeError, lambda: pm.Constraint({part(): row}), "L of")
+    refused(TypeError, lambda: pm.Constraint({subdomain(): row}), "L of")
 
 
 def test_a_condition_must_be_finite_and_fit_its_subdomain():
-    a = part(name="a")
+    a = subdomain(name="a")
     for form in (np.asarray, sp.csr_array):
         refused(ValueError, lambda: pm.Constraint({a: form([[1.0, np.nan]])}), "'a'", "nan")
         refused(ValueError, lambda: pm.Constraint({a: form([[1.0, 0.0, 0.0]])}), "'a'", "2 columns")
@@ -585,7 +588,7 @@ def test_a_condition_must_be_finite_and_fit_its_subdomain():
 
 
 def test_conditions_have_equally_many_rows_on_all_subdomains():
-    a, b = part(), part()
+    a, b = subdomain(), subdomain()
     refused(ValueError, lambda: pm.Constraint({a: np.eye(2), b: -np.eye(2)[:1]}), "rows", "[1, 2]")
 
 
@@ -619,9 +622,9 @@ def test_a_ring_of_ties_at_a_cross_point_is_one_tie_too_many():
 
 
 def test_ties_of_all_pairs_at_a_cross_point_are_too_many_by_the_number_of_circles():
-    parts = [single() for _ in range(5)]
-    pairs = [pm.tie(a, [0], b, [0]) for i, a in enumerate(parts) for b in parts[:i]]
-    assert "6 of 10 rows" in dependent(parts, pairs)  # 10 edges, 4 in a tree
+    subdomains = [single() for _ in range(5)]
+    pairs = [pm.tie(a, [0], b, [0]) for i, a in enumerate(subdomains) for b in subdomains[:i]]
+    assert "6 of 10 rows" in dependent(subdomains, pairs)  # 10 edges, 4 in a tree
 
 
 def test_the_same_row_in_two_constraints_is_named_in_both():
@@ -798,8 +801,8 @@ def test_independent_rows_of_extreme_scale_are_not_called_dependent(scale):
 
 
 def test_initial_velocities_that_break_a_condition_are_named_with_row_and_amount():
-    a = part(v0=[0.5, 0.25])
-    b = part(v0=[0.5, -0.5])
+    a = subdomain(v0=[0.5, 0.25])
+    b = subdomain(v0=[0.5, -0.5])
     message = refused(
         pm.ConstraintError,
         lambda: pm.Coupler([a, b], pm.tie(a, [0, 1], b, [0, 1]), dt=0.1),
@@ -813,14 +816,14 @@ def test_initial_velocities_that_break_a_condition_are_named_with_row_and_amount
 
 def test_initial_velocities_in_agreement_up_to_rounding_are_taken():
     third = 1.0 / 3.0
-    a, b = part(v0=[third, 1.0]), part(v0=[1.0 - 2.0 * third, 1.0])
+    a, b = subdomain(v0=[third, 1.0]), subdomain(v0=[1.0 - 2.0 * third, 1.0])
     pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1)
 
 
 @pytest.mark.parametrize("scale", [1e-150, 1e-12, 1e-6, 1e6, 1e12, 1e150])
 def test_a_broken_condition_is_seen_whatever_the_scale_of_its_row(scale):
     # a condition times a number is the same condition
-    a, b = part(v0=[1.0, 1.0]), part(v0=[1.0, 0.5])
+    a, b = subdomain(v0=[1.0, 1.0]), subdomain(v0=[1.0, 0.5])
     L = np.diag([1.0, scale])
     refused(
         pm.ConstraintError,
@@ -831,21 +834,21 @@ def test_a_broken_condition_is_seen_whatever_the_scale_of_its_row(scale):
 
 @pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
 def test_a_gap_is_seen_whatever_the_scale_of_its_row(scale):
-    a, b = part(u0=[1.0, 1.0]), part(u0=[1.0, 0.5])
+    a, b = subdomain(u0=[1.0, 1.0]), subdomain(u0=[1.0, 0.5])
     L = np.diag([1.0, scale])
     with pytest.warns(pm.ConstraintWarning, match="rows 1"):
         pm.Coupler([a, b], pm.Constraint({a: L, b: -L}), dt=0.1)
 
 
 def test_a_gap_of_the_displacements_is_a_warning_with_rows_and_amounts():
-    a, b = part(u0=[0.5, 0.25]), part(u0=[0.5, -0.5])
+    a, b = subdomain(u0=[0.5, 0.25]), subdomain(u0=[0.5, -0.5])
     with pytest.warns(pm.ConstraintWarning, match=r"gap.* rows 1: 0\.75$") as caught:
         pm.Coupler([a, b], pm.tie(a, [0, 1], b, [0, 1]), dt=0.1)
     assert [w.filename for w in caught] == [__file__]
 
 
 def test_a_gap_is_seen_at_once_also_under_a_load_that_is_asked_later():
-    a, b = part(u0=[0.5, 0.25], force=lambda t: np.zeros(2)), part()
+    a, b = subdomain(u0=[0.5, 0.25], force=lambda t: np.zeros(2)), subdomain()
     with pytest.warns(pm.ConstraintWarning, match=r"rows 0: 0\.5"):
         pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1)
 
@@ -853,7 +856,7 @@ def test_a_gap_is_seen_at_once_also_under_a_load_that_is_asked_later():
 def test_initial_values_whose_forces_overflow_are_an_error_and_no_silence():
     # a(0) = -K u / M is infinite
     def run():
-        coupler = pm.Coupler([part([1.0], [1e200], u0=[1e200])], dt=0.1)
+        coupler = pm.Coupler([subdomain([1.0], [1e200], u0=[1e200])], dt=0.1)
         coupler.step()
 
     with pytest.raises((pm.InstabilityError, ValueError)):
@@ -864,22 +867,26 @@ def test_a_first_load_that_gives_an_infinite_acceleration_is_not_passed_over():
     # F(0) / M = 1e308 / 1e-5 is infinite, F is zero from the first step on
     push = pm.SampledForce([1e308, 0.0, 0.0], 0.01, shape=[1.0])
     with pytest.raises((pm.InstabilityError, ValueError)):
-        pm.Coupler([part([1e-5], [1.0], force=push)], dt=0.1).step()
+        pm.Coupler([subdomain([1e-5], [1.0], force=push)], dt=0.1).step()
 
 
 # ---- the schedule ---------------------------------------------------------------------------
 
 
 def test_substeps_must_divide_the_largest():
-    parts = [single(substeps=ss) for ss in (6, 3, 4)]
-    refused(ValueError, lambda: pm.Coupler(parts, dt=0.1), "substeps", "divide", "6", "got 4")
+    subdomains = [single(substeps=ss) for ss in (6, 3, 4)]
+    refused(ValueError, lambda: pm.Coupler(subdomains, dt=0.1), "substeps", "divide", "6", "got 4")
 
 
 def test_a_whole_finest_step_of_doubles_is_a_value_error():
-    parts = [single(double_step=True, substeps=2), single(double_step=True, substeps=2), single()]
-    message = refused(ValueError, lambda: pm.Coupler(parts, dt=0.1), "double_step", "finest")
+    subdomains = [
+        single(double_step=True, substeps=2),
+        single(double_step=True, substeps=2),
+        single(),
+    ]
+    message = refused(ValueError, lambda: pm.Coupler(subdomains, dt=0.1), "double_step", "finest")
     assert "substeps = 2" in message
-    pm.Coupler(parts, dt=0.1, coupling="gc")  # nobody is double there
+    pm.Coupler(subdomains, dt=0.1, coupling="gc")  # nobody is double there
     pm.Coupler([single(double_step=True)], dt=0.1)  # nor alone
 
 
@@ -887,12 +894,12 @@ def test_a_whole_finest_step_of_doubles_is_a_value_error():
 @pytest.mark.parametrize("value", ["PM", "", None, 1, np.array(["pm", "gc"])])
 def test_an_unknown_word_is_a_value_error_with_the_known_ones(name, good, value):
     with pytest.raises((ValueError, TypeError)) as caught:
-        pm.Coupler([part()], dt=0.1, **{name: value})
+        pm.Coupler([subdomain()], dt=0.1, **{name: value})
     assert name in str(caught.value) and good in str(caught.value)
 
 
 def test_subdomains_are_a_list_of_different_subdomains():
-    a = part()
+    a = subdomain()
     refused(TypeError, lambda: pm.Coupler(a, dt=0.1), "subdomains", "list")
     refused(TypeError, lambda: pm.Coupler(None, dt=0.1), "subdomains", "None")
     refused(TypeError, lambda: pm.Coupler([a, "b"], dt=0.1), "subdomains", "'b'")
@@ -902,11 +909,14 @@ def test_subdomains_are_a_list_of_different_subdomains():
 
 def test_names_must_differ_also_from_those_given_by_place():
     refused(
-        ValueError, lambda: pm.Coupler([part(name="x"), part(name="x")], dt=0.1), "names", "x twice"
+        ValueError,
+        lambda: pm.Coupler([subdomain(name="x"), subdomain(name="x")], dt=0.1),
+        "names",
+        "x twice",
     )
     refused(
         ValueError,
-        lambda: pm.Coupler([part(name="subdomain 1"), part()], dt=0.1),
+        lambda: pm.Coupler([subdomain(name="subdomain 1"), subdomain()], dt=0.1),
         "names",
         "subdomain 1 twice",
     )
@@ -914,17 +924,17 @@ def test_names_must_differ_also_from_those_given_by_place():
 
 @pytest.mark.parametrize("name", ["", 5, b"a", True, ["a"]])
 def test_a_name_is_a_string_that_is_not_empty(name):
-    refused(TypeError, lambda: part(name=name), "name", repr(name))
+    refused(TypeError, lambda: subdomain(name=name), "name", repr(name))
 
 
 def test_a_constraint_with_a_stranger_is_a_value_error():
-    a, b, stranger = part(), part(), part(name="stranger")
+    a, b, stranger = subdomain(), subdomain(), subdomain(name="stranger")
     ties = [pm.tie(a, [0], b, [0]), pm.tie(b, [1], stranger, [1])]
     refused(ValueError, lambda: pm.Coupler([a, b], ties, dt=0.1), "constraint 1", "'stranger'")
 
 
 def test_constraints_are_constraints():
-    a = part()
+    a = subdomain()
     refused(TypeError, lambda: pm.Coupler([a], [np.eye(2)], dt=0.1), "constraints")
     refused(TypeError, lambda: pm.Coupler([a], 5, dt=0.1), "constraints", "5")
 
@@ -961,7 +971,7 @@ def test_t_end_so_far_away_that_its_steps_cannot_be_counted_is_a_value_error():
 def test_unknown_names_are_refused_with_the_known_ones():
     coupler = coupled()
     history = coupler.run(steps=1)
-    stranger = part(name="stranger")
+    stranger = subdomain(name="stranger")
     for key in ("c", stranger, 1.0, None, True):
         refused(KeyError, lambda: history[key], "'a', 'b'")
         refused(KeyError, lambda: coupler.state(key), "'a', 'b'")
@@ -1215,8 +1225,8 @@ def test_two_loads_that_fail_are_reported_by_the_earlier_failure():
         return load
 
     for first, second in ((0.3, 0.5), (0.5, 0.3)):
-        parts = [single(force=fail_at(first)), single(force=fail_at(second))]
-        coupler = pm.Coupler(parts, dt=0.1)
+        subdomains = [single(force=fail_at(first)), single(force=fail_at(second))]
+        coupler = pm.Coupler(subdomains, dt=0.1)
         with pytest.raises(Breakdown, match="0.3"):
             coupler.run(steps=9)
         assert coupler.step_count == 2
@@ -1229,7 +1239,7 @@ def test_a_load_with_the_wrong_signature_is_a_type_error_of_python():
 
 
 def prescribed(velocity, v0=(0.0, 0.0)):
-    a = part(K=PAIR, v0=v0, name="a")
+    a = subdomain(K=PAIR, v0=v0, name="a")
     return pm.Coupler([a], pm.Constraint({a: [[1.0, 0.0]]}, velocity=velocity), dt=0.1)
 
 
@@ -1265,8 +1275,10 @@ def test_initial_velocities_must_fit_a_prescribed_one():
 
 def test_the_load_of_the_ground_is_no_velocity():
     quake = pm.BaseAcceleration([1.0], 0.1, [1.0], [1.0])
-    refused(TypeError, lambda: pm.Constraint({part(): [[1.0, 0.0]]}, velocity=quake), "velocity")
-    wide, row = pm.SampledForce([[1.0, 2.0]], 0.1), {part(): [[1.0, 0.0]]}
+    refused(
+        TypeError, lambda: pm.Constraint({subdomain(): [[1.0, 0.0]]}, velocity=quake), "velocity"
+    )
+    wide, row = pm.SampledForce([[1.0, 2.0]], 0.1), {subdomain(): [[1.0, 0.0]]}
     refused(ValueError, lambda: pm.Constraint(row, velocity=wide), "velocity", "1", "2")
 
 
@@ -1282,9 +1294,11 @@ STIFF = {
 def unstable(form, names="ABC", tied=True):
     """Three tied parts, of which B alone is unstable: h omega is 5 to 10, the limit 1.87."""
     given = {
-        "A": part(np.ones(3), chain(3), u0=[1.0, 0.5, 0.25], name="A"),
-        "B": part(np.ones(3), STIFF[form], u0=[0.25] * 3, scheme=EXPLICIT, substeps=2, name="B"),
-        "C": part(np.ones(3), chain(3), u0=[0.25, 0.0, 0.0], scheme=EXPLICIT, name="C"),
+        "A": subdomain(np.ones(3), chain(3), u0=[1.0, 0.5, 0.25], name="A"),
+        "B": subdomain(
+            np.ones(3), STIFF[form], u0=[0.25] * 3, scheme=EXPLICIT, substeps=2, name="B"
+        ),
+        "C": subdomain(np.ones(3), chain(3), u0=[0.25, 0.0, 0.0], scheme=EXPLICIT, name="C"),
     }
     ties = [pm.tie(given["A"], [2], given["B"], [0]), pm.tie(given["B"], [2], given["C"], [0])]
     with pytest.warns(pm.StabilityWarning, match="'B'"):
@@ -1333,7 +1347,7 @@ def test_an_unstable_coupler_can_be_reset_and_run():
 
 def test_an_unstable_implicit_part_is_named():
     # negative stiffness: u = cosh(30 t), w = 900 u
-    falling = part([1.0], [-900.0], u0=[1.0], name="falling")
+    falling = subdomain([1.0], [-900.0], u0=[1.0], name="falling")
     coupler = pm.Coupler([falling, single(name="other", substeps=2)], dt=0.001)
     with pytest.raises(pm.InstabilityError) as caught:
         coupler.run(steps=100_000, every=1000)
@@ -1422,7 +1436,7 @@ PROBLEMS = {
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_a_step_just_above_the_critical_one_warns_and_one_just_below_does_not(name):
     (M, K, omega), margin = PROBLEMS[name]
-    rig = part(M, K, scheme=EXPLICIT, substeps=4, name="rig")
+    rig = subdomain(M, K, scheme=EXPLICIT, substeps=4, name="rig")
     critical = limit(EXPLICIT) / omega
     pm.Coupler([rig], dt=4 * critical * (1.0 - margin))  # a warning would be an error
     with pytest.warns(pm.StabilityWarning) as caught:
@@ -1437,7 +1451,7 @@ def test_a_step_just_above_the_critical_one_warns_and_one_just_below_does_not(na
 
 @pytest.mark.parametrize("scheme", CONDITIONAL, ids=repr)
 def test_every_conditionally_stable_scheme_has_its_own_limit(scheme):
-    rig = part([1.0], [4.0], scheme=scheme, name="rig")
+    rig = subdomain([1.0], [4.0], scheme=scheme, name="rig")
     critical = limit(scheme) / 2.0
     pm.Coupler([rig], dt=critical * (1.0 - CLOSE))
     with pytest.warns(pm.StabilityWarning, match="'rig'"):
@@ -1446,7 +1460,7 @@ def test_every_conditionally_stable_scheme_has_its_own_limit(scheme):
 
 @pytest.mark.parametrize("scheme", CONDITIONAL, ids=repr)
 def test_the_limit_is_where_runs_begin_to_grow(scheme):
-    rig = part([1.0], [4.0], scheme=scheme, u0=[1.0])
+    rig = subdomain([1.0], [4.0], scheme=scheme, u0=[1.0])
     critical = limit(scheme) / 2.0
     below = pm.Coupler([rig], dt=0.99 * critical).run(steps=1000)[0].u
     # the largest root has a modulus of at most one; it is 1 per cent from a double one, which
@@ -1460,11 +1474,11 @@ def test_the_limit_is_where_runs_begin_to_grow(scheme):
 
 @pytest.mark.parametrize("scheme", [pm.GeneralizedAlpha(0.0), pm.Newmark(), pm.HHT(0.3)], ids=repr)
 def test_unconditionally_stable_schemes_never_warn(scheme):
-    pm.Coupler([part([1.0], [1e12], scheme=scheme)], dt=1e3)
+    pm.Coupler([subdomain([1.0], [1e12], scheme=scheme)], dt=1e3)
 
 
 def test_a_double_explicit_part_has_half_the_limit():
-    rig = part([1.0], [4.0], scheme=EXPLICIT, double_step=True, name="rig")
+    rig = subdomain([1.0], [4.0], scheme=EXPLICIT, double_step=True, name="rig")
     other = single(substeps=2)
     critical = limit(EXPLICIT) / 2.0
     pm.Coupler([rig, other], dt=0.5 * critical * (1.0 - CLOSE))
@@ -1472,16 +1486,16 @@ def test_a_double_explicit_part_has_half_the_limit():
         pm.Coupler([rig, other], dt=0.5 * critical * (1.0 + CLOSE))
     assert len(caught) == 1
     pm.Coupler([rig, other], dt=critical * (1.0 - CLOSE), coupling="gc")  # single there
-    single_step = part([1.0], [4.0], scheme=EXPLICIT)
+    single_step = subdomain([1.0], [4.0], scheme=EXPLICIT)
     pm.Coupler([single_step, other], dt=critical * (1.0 - CLOSE))
 
 
 def test_the_row_sum_bound_alone_never_warns():
     # |K| has row sums of 2 + 2, the highest omega^2 is 3: between the two nothing is wrong
     K = np.array([[2.0, 1.0], [1.0, 2.0]])
-    rig = part(K=K, scheme=pm.CentralDifference())
+    rig = subdomain(K=K, scheme=pm.CentralDifference())
     pm.Coupler([rig], dt=2.0 / math.sqrt(3.0) * (1.0 - CLOSE))
-    skewed = part([1.0, 100.0], PAIR, scheme=pm.CentralDifference())
+    skewed = subdomain([1.0, 100.0], PAIR, scheme=pm.CentralDifference())
     omega = math.sqrt(max(np.linalg.eigvals(PAIR / np.array([[1.0], [100.0]])).real))
     pm.Coupler([skewed], dt=2.0 / omega * (1.0 - CLOSE))
     with pytest.warns(pm.StabilityWarning):
@@ -1496,14 +1510,14 @@ def test_one_stiff_pair_hidden_in_a_long_chain_is_found():
     K[500, 501] -= 100.0
     K[501, 500] -= 100.0
     omega = math.sqrt(np.linalg.eigvalsh(K.toarray()[480:522, 480:522])[-1])
-    rig = part(np.ones(1001), sp.csr_array(K), scheme=pm.CentralDifference())
+    rig = subdomain(np.ones(1001), sp.csr_array(K), scheme=pm.CentralDifference())
     pm.Coupler([rig], dt=2.0 / omega * (1.0 - LANCZOS))
     with pytest.warns(pm.StabilityWarning):
         pm.Coupler([rig], dt=2.0 / omega * (1.0 + LANCZOS))
 
 
 def test_the_warning_points_at_the_line_that_made_the_coupler():
-    rig = part([1.0], [4.0], scheme=EXPLICIT)
+    rig = subdomain([1.0], [4.0], scheme=EXPLICIT)
 
     def make():
         return pm.Coupler([rig], dt=2.0)
@@ -1546,17 +1560,21 @@ def test_a_history_that_does_not_fit_is_refused_with_the_figures(megabyte):
 
 def test_a_sparse_factor_that_does_not_fit_is_refused_with_the_figures(megabyte):
     K = plate(40, fixed=True)
-    needed = out_of_memory(lambda: pm.Coupler([part(np.ones(1600), K, name="p")], dt=0.1), "'p'")
+    needed = out_of_memory(
+        lambda: pm.Coupler([subdomain(np.ones(1600), K, name="p")], dt=0.1), "'p'"
+    )
     assert needed.endswith("MB")
 
 
 def test_a_dense_factor_that_does_not_fit_is_refused_with_the_figures(megabyte):
     K = plate(20, fixed=True).toarray()  # 1.28 MB, and the factor as much again
-    out_of_memory(lambda: pm.Coupler([part(np.ones(400), K, name="p")], dt=0.1), "'p'", "400 dofs")
+    out_of_memory(
+        lambda: pm.Coupler([subdomain(np.ones(400), K, name="p")], dt=0.1), "'p'", "400 dofs"
+    )
 
 
 def test_an_interface_block_that_does_not_fit_is_refused_with_the_figures(megabyte):
-    a, b = part(np.ones(400), plate(20, fixed=True), name="a"), single(400, scheme=EXPLICIT)
+    a, b = subdomain(np.ones(400), plate(20, fixed=True), name="a"), single(400, scheme=EXPLICIT)
     tie = pm.tie(a, np.arange(400), b, np.arange(400))
     needed = out_of_memory(lambda: pm.Coupler([a, b], tie, dt=0.1), "interface", "400 conditions")
     assert needed.endswith("MB")
@@ -1624,13 +1642,13 @@ def test_a_sparse_matrix_with_indices_outside_of_it_is_a_value_error_and_no_cras
 def test_a_step_whose_square_overflows_is_an_error_that_names_the_step_or_the_matrix(dt):
     for form in (np.asarray, sp.csr_array):
         with pytest.raises((ValueError, pm.FactorizationError)) as caught:
-            pm.Coupler([part(K=form(PAIR), name="a")], dt=dt)
+            pm.Coupler([subdomain(K=form(PAIR), name="a")], dt=dt)
         assert "dt" in str(caught.value) or "'a'" in str(caught.value)
 
 
 @pytest.mark.parametrize("dt", [1e-160, 1e-300])
 def test_tiny_steps_move_nothing_and_break_nothing(dt):
-    coupler = pm.Coupler([part(K=PAIR, u0=[1.0, 0.5])], dt=dt)
+    coupler = pm.Coupler([subdomain(K=PAIR, u0=[1.0, 0.5])], dt=dt)
     history = coupler.run(steps=10)[0]
     assert np.all(history.u == [1.0, 0.5]) and np.all(np.isfinite(history.a))
 
@@ -1674,10 +1692,10 @@ def test_what_is_written_into_the_callers_arrays_later_changes_nothing(name):
 
     def stretch(spoil):
         arrays = {x: value.copy() for x, value in given.items()}
-        subdomain = part(**arrays)
-        spoil(subdomain, arrays)
-        coupler = pm.Coupler([subdomain], dt=0.1)
-        spoil(subdomain, arrays)
+        s = subdomain(**arrays)
+        spoil(s, arrays)
+        coupler = pm.Coupler([s], dt=0.1)
+        spoil(s, arrays)
         coupler.step()
         coupler.reset()
         return bits(coupler)
@@ -1689,10 +1707,10 @@ def test_what_is_written_into_the_callers_arrays_later_changes_nothing(name):
 def test_what_is_written_into_a_subdomain_later_does_not_reach_a_coupler(name):
     # K in the right-hand side and another K in the factor would be silently wrong
     def stretch(spoil):
-        subdomain = part(K=PAIR, C=0.1 * PAIR, force=[0.5, -0.5], u0=[1.0, 0.5], v0=[0.5, 0.25])
-        coupler = pm.Coupler([subdomain], dt=0.1)
+        s = subdomain(K=PAIR, C=0.1 * PAIR, force=[0.5, -0.5], u0=[1.0, 0.5], v0=[0.5, 0.25])
+        coupler = pm.Coupler([s], dt=0.1)
         if spoil:
-            change(getattr(subdomain, name), 9.0)
+            change(getattr(s, name), 9.0)
         return bits(coupler)
 
     assert stretch(True) == stretch(False)
@@ -1703,7 +1721,7 @@ def test_what_is_written_into_a_sampled_force_later_does_not_reach_a_coupler(sha
     def stretch(spoil):
         samples = np.ones((3, 2 if shape is None else 1))
         force = pm.SampledForce(samples, 0.1, shape=shape)
-        coupler = pm.Coupler([part(force=force)], dt=0.1)
+        coupler = pm.Coupler([subdomain(force=force)], dt=0.1)
         if spoil:
             change(samples, 9.0)
             change(force.values, 9.0)
@@ -1814,11 +1832,11 @@ class Loud(np.ndarray):
 
 def test_subclasses_of_ndarray_are_taken_for_their_numbers():
     values = {"M": np.ones(2), "K": PAIR, "u0": np.array([1.0, 0.5])}
-    ours = part(**{name: x.view(Loud) for name, x in values.items()})
-    theirs = part(**values)
+    ours = subdomain(**{name: x.view(Loud) for name, x in values.items()})
+    theirs = subdomain(**values)
     assert bits(pm.Coupler([ours], dt=0.1)) == bits(pm.Coupler([theirs], dt=0.1))
     bad = np.array([1.0, np.nan]).view(Loud)
-    refused(ValueError, lambda: part(u0=bad), "u0", "finite")
+    refused(ValueError, lambda: subdomain(u0=bad), "u0", "finite")
 
 
 def test_one_dof_and_no_conditions_is_the_smallest_problem():

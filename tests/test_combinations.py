@@ -75,42 +75,43 @@ class Case:
         self.seed = seed
         rng = np.random.default_rng([seed, 7])
         self.coupling = str(rng.choice(["pm", "pm", "gc", "macro"]))
-        self.parts = problems.random_restored_problem(seed).parts[: int(rng.integers(1, 6))]
-        self.parts = [larger(rng, x) if rng.random() < 0.25 else x for x in self.parts]
+        drawn = problems.random_restored_problem(seed).subdomains
+        self.subdomains = drawn[: int(rng.integers(1, 6))]
+        self.subdomains = [larger(rng, x) if rng.random() < 0.25 else x for x in self.subdomains]
         if self.coupling == "macro":
-            for part in self.parts:
-                part.substeps = int(rng.integers(1, 7))
-                part.double = True if part.substeps == 1 and rng.random() < 0.5 else None
-            if all(part.double for part in self.parts):
-                self.parts[0].double = None
-        elif any(part.double for part in self.parts):
-            finest = max(part.substeps for part in self.parts)
-            self.parts[0].substeps, self.parts[0].double = finest, False
-        for part in self.parts:
-            part.restoring = None
-        self.massless = [np.diag(part.M) == 0.0 for part in self.parts]
-        sizes = [len(part.M) for part in self.parts]
+            for s in self.subdomains:
+                s.substeps = int(rng.integers(1, 7))
+                s.double = True if s.substeps == 1 and rng.random() < 0.5 else None
+            if all(s.double for s in self.subdomains):
+                self.subdomains[0].double = None
+        elif any(s.double for s in self.subdomains):
+            finest = max(s.substeps for s in self.subdomains)
+            self.subdomains[0].substeps, self.subdomains[0].double = finest, False
+        for s in self.subdomains:
+            s.restoring = None
+        self.massless = [np.diag(s.M) == 0.0 for s in self.subdomains]
+        sizes = [len(s.M) for s in self.subdomains]
         self.L = None
         if sum(sizes) > 1:
-            self.L = problems._random_conditions(rng, sizes)
+            self.L = problems._random_constraints(rng, sizes)
             if not any(x.any() for x in self.massless):
-                problems._set_initial_state(rng, self.parts, self.L)
+                problems._set_initial_state(rng, self.subdomains, self.L)
             else:
-                for part in self.parts:
-                    part.u0 = part.v0 = None
-        self.kinds = [int(rng.integers(6)) for _ in self.parts]
-        self.restored = [bool(rng.random() < 0.4) for _ in self.parts]
+                for s in self.subdomains:
+                    s.u0 = s.v0 = None
+        self.kinds = [int(rng.integers(6)) for _ in self.subdomains]
+        self.restored = [bool(rng.random() < 0.4) for _ in self.subdomains]
         self.springs = [
             [] if restored else self._springs(rng, i) for i, restored in enumerate(self.restored)
         ]
         self.motion = int(rng.integers(4)) if self.L and len(self.L[0]) > 1 else 0
-        for part, massless, restored, springs in zip(
-            self.parts, self.massless, self.restored, self.springs
+        for s, massless, restored, springs in zip(
+            self.subdomains, self.massless, self.restored, self.springs
         ):
             estimate = np.diag(np.where(massless, 0.0, 0.5))
             nonlinear = restored or springs
-            part.K_r = estimate if nonlinear and rng.random() < 0.5 else None
-            part.D_r = 0.1 * estimate if nonlinear and rng.random() < 0.5 else None
+            s.K_r = estimate if nonlinear and rng.random() < 0.5 else None
+            s.D_r = 0.1 * estimate if nonlinear and rng.random() < 0.5 else None
 
     def _springs(self, rng, i):
         dofs = np.flatnonzero(~self.massless[i])
@@ -135,32 +136,30 @@ class Case:
         """And what may be asked: {subdomain: function}, of loads and of restoring forces."""
         loads, forces = {}, {}
         subdomains = []
-        for i, part in enumerate(self.parts):
+        for i, s in enumerate(self.subdomains):
             restoring = self.springs[i] or None
             if self.restored[i]:
-                c = np.where(self.massless[i], 0.0, 1.0 + 0.1 * np.arange(len(part.M)))
+                c = np.where(self.massless[i], 0.0, 1.0 + 0.1 * np.arange(len(s.M)))
                 forces[i] = Asked(
                     lambda u, v, t, c=c: c * (u / (1.0 + u * u) + 0.1 * v + 0.2 * np.sin(t))
                 )
                 restoring = forces[i] if i % 2 else forces[i].compiled_restoring()
-            M, C, K = (
-                None if A is None else f(A) for A, f in zip((part.M, part.C, part.K), part.forms)
-            )
+            M, C, K = (None if A is None else f(A) for A, f in zip((s.M, s.C, s.K), s.forms))
             subdomains.append(
                 pm.Subdomain(
                     M,
                     K,
                     C,
-                    scheme=part.scheme,
-                    substeps=part.substeps,
-                    double_step=part.double,
+                    scheme=s.scheme,
+                    substeps=s.substeps,
+                    double_step=s.double,
                     force=self._force(i, loads),
                     restoring=restoring,
-                    restoring_stiffness=part.K_r,
-                    restoring_damping=part.D_r,
-                    damping="lagged" if part.lagged else "implicit",
-                    u0=part.u0,
-                    v0=part.v0,
+                    restoring_stiffness=s.K_r,
+                    restoring_damping=s.D_r,
+                    damping="lagged" if s.lagged else "implicit",
+                    u0=s.u0,
+                    v0=s.v0,
                     name=f"s{i}",
                 )
             )
@@ -175,8 +174,8 @@ class Case:
         return made, loads, forces
 
     def _force(self, i, loads):
-        part, kind = self.parts[i], self.kinds[i]
-        n = len(part.M)
+        s, kind = self.subdomains[i], self.kinds[i]
+        n = len(s.M)
         rng = np.random.default_rng([self.seed, i])
         direction = np.where(self.massless[i], 0.0, rng.normal(size=n))
         if kind == 1:
@@ -184,7 +183,7 @@ class Case:
         if kind == 2:
             return pm.SampledForce(rng.normal(size=9), 0.07, shape=direction)
         if kind == 3:
-            return pm.BaseAcceleration(rng.normal(size=9), 0.07, direction, part.M)
+            return pm.BaseAcceleration(rng.normal(size=9), 0.07, direction, s.M)
         if kind > 3:
             loads[i] = Asked(lambda t: direction * np.cos(3.0 * t))
             return loads[i].compiled_force() if kind == 5 else loads[i]
@@ -207,7 +206,7 @@ class Case:
         return {f"s{i}": None for i, springs in enumerate(self.springs) if springs} or None
 
 
-def larger(rng, part):
+def larger(rng, s):
     """A chain or a grid for bands, strips, panels and slabs, in place of a small part."""
     n = int(rng.integers(20, 200))
     K = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
@@ -218,9 +217,7 @@ def larger(rng, part):
     C = None if rng.random() < 0.5 else 0.02 * K
     forms = [np.diag if rng.random() < 0.5 else sp.csr_array, sp.csr_array, sp.csr_array]
     M = np.diag(rng.uniform(1.0, 2.0, n))
-    return problems.Part(
-        M, K, C, part.scheme, part.substeps, part.double, forms, lagged=part.lagged
-    )
+    return problems.SubdomainData(M, K, C, s.scheme, s.substeps, s.double, forms, lagged=s.lagged)
 
 
 class Truth:
@@ -239,7 +236,7 @@ class Truth:
     def check_present(self, coupler):
         now = coupler.step_count
         for i, own in enumerate(self.history.subdomains):
-            row = now * self.case.parts[i].substeps
+            row = now * self.case.subdomains[i].substeps
             x = coupler.state(i)
             for name in "uva":
                 same(getattr(x, name), getattr(own, name)[row])
@@ -253,7 +250,7 @@ class Truth:
     def fine(self):
         if self.case.coupling == "macro":
             return 1
-        return max(part.substeps for part in self.case.parts)
+        return max(s.substeps for s in self.case.subdomains)
 
     def check_rows(self, told, begin, end, every, energy):
         def rows(nodes):
@@ -265,7 +262,8 @@ class Truth:
         for i, (own, ours) in enumerate(zip(told.subdomains, self.history.subdomains)):
             names = ("t", "u", "v", "a") + ("deformation", "force") * bool(self.case.springs[i])
             for name in names:
-                same(getattr(own, name), getattr(ours, name)[rows(self.case.parts[i].substeps)])
+                found = getattr(ours, name)[rows(self.case.subdomains[i].substeps)]
+                same(getattr(own, name), found)
         same(told.multipliers, self.history.multipliers[rows(self.fine)])
         same(told.velocity_jump, self.history.velocity_jump[rows(self.fine)])
         same(told.displacement_jump, self.history.displacement_jump[rows(1)])
@@ -371,7 +369,7 @@ class Attack:
 
     def _check_calls(self, before, steps):
         for i, calls, f in zip(sorted(self.forces), before, self._counted()):
-            assert f.calls - calls == steps * self.case.parts[i].substeps
+            assert f.calls - calls == steps * self.case.subdomains[i].substeps
 
 
 @pytest.mark.parametrize("seed", range(40))

@@ -19,31 +19,31 @@ def chain(n, k=100.0):
 # ---- the formulas, once more in NumPy -------------------------------------------------------
 
 
-def forces_at_nodes(part, L, history, x):
+def forces_at_nodes(s, L, history, x):
     """F, C v and L^T Lam at the own nodes of a part, (nodes, n) each."""
     ratio = (len(history.multiplier_times) - 1) // max(len(x.t) - 1, 1)
     lam = history.multipliers[::ratio]
     n = x.u.shape[1]
-    C = np.zeros((n, n)) if part.C is None else part.C
-    force = part.reference_force or (lambda t: np.zeros(n))
+    C = np.zeros((n, n)) if s.C is None else s.C
+    force = s.reference_force or (lambda t: np.zeros(n))
     return np.array([force(t) for t in x.t]), x.v @ C, lam @ L
 
 
 def expected_energies(problem, doubles, history, begin=0):
     """(B1) to (B3), (macro nodes, parts) by kind; the stretch began at macro step `begin`."""
     told = {kind: [] for kind in KINDS}
-    for part, L, double, x in zip(problem.parts, problem.L, doubles, history.subdomains):
-        F, damping, pull = forces_at_nodes(part, L, history, x)
+    for s, L, double, x in zip(problem.subdomains, problem.L, doubles, history.subdomains):
+        F, damping, pull = forces_at_nodes(s, L, history, x)
         works = np.zeros((len(x.t), 3))
         for node in range(1, len(x.t)):
-            single = not double or begin * part.substeps + node <= part.substeps
+            single = not double or begin * s.substeps + node <= s.substeps
             origin = node - 1 if single or node == 1 else node - 2
             du = x.u[node] - x.u[origin]
             dW = [du @ (q[origin] + q[node]) / 2.0 for q in (damping, F, pull)]
             works[node] = works[origin] + dW
-        macro = slice(None, None, part.substeps)
-        told["kinetic"].append(np.einsum("ki,ij,kj->k", x.v, part.M, x.v)[macro] / 2.0)
-        told["strain"].append(np.einsum("ki,ij,kj->k", x.u, part.K, x.u)[macro] / 2.0)
+        macro = slice(None, None, s.substeps)
+        told["kinetic"].append(np.einsum("ki,ij,kj->k", x.v, s.M, x.v)[macro] / 2.0)
+        told["strain"].append(np.einsum("ki,ij,kj->k", x.u, s.K, x.u)[macro] / 2.0)
         for kind, column in zip(KINDS[2:], works[macro].T):
             told[kind].append(column)
     return {kind: np.array(columns).T for kind, columns in told.items()}
@@ -117,9 +117,9 @@ def test_the_sixty_problems_have_works_of_every_kind_and_double_steps_with_subst
     seen = set()
     for seed in range(60):
         problem = random_problem(seed)
-        for part, double in zip(problem.parts, doubles_of(problem.coupler())):
-            seen |= {("double", double, part.substeps > 1), ("coupling", problem.coupling, double)}
-            seen |= {("damped", part.C is not None), ("loaded", part.force is not None)}
+        for s, double in zip(problem.subdomains, doubles_of(problem.coupler())):
+            seen |= {("double", double, s.substeps > 1), ("coupling", problem.coupling, double)}
+            seen |= {("damped", s.C is not None), ("loaded", s.force is not None)}
     assert {("double", True, True), ("double", True, False), ("coupling", "gc", False)} <= seen
     assert {("damped", True), ("loaded", True)} <= seen
 
@@ -230,8 +230,8 @@ def same_bits(ours, theirs):
 
 
 def arrays_of(history):
-    for part in history.subdomains:
-        yield from (part.t, part.u, part.v, part.a)
+    for s in history.subdomains:
+        yield from (s.t, s.u, s.v, s.a)
     for name in ("multipliers", "velocity_jump", "displacement_jump"):
         yield getattr(history, name)
 

@@ -178,8 +178,8 @@ def test_random_coupled_problems_agree_with_the_reference_by_panels_too(seed, mo
     coupler = problem.coupler()
     expected = problem.reference(9, [part.double for part in coupler._parts])
     history = coupler.run(steps=9)
-    scale = max(np.max(np.abs(part.u)) for part in expected.parts)
-    for i, part in enumerate(expected.parts):
+    scale = max(np.max(np.abs(part.u)) for part in expected.subdomains)
+    for i, part in enumerate(expected.subdomains):
         # as in test_against_reference
         assert np.max(np.abs(history[i].u - part.u)) <= 1e-9 * scale
 

@@ -102,7 +102,7 @@ def stepped(make, K, C, scheme, force):
     """All that two coupled subdomains of these matrices record in some steps."""
     n = K.shape[0]
     x = np.linspace(0.0, 3.0, n)
-    parts = [
+    subdomains = [
         pm.Subdomain(
             1.0 + 0.5 * np.cos(x) ** 2,
             make(K),
@@ -115,7 +115,7 @@ def stepped(make, K, C, scheme, force):
         for substeps in (1, 2)
     ]
     # the last of one on the last of the other: in the first the order of elimination is natural
-    return pm.Coupler(parts, pm.tie(parts[0], [n - 1], parts[1], [n - 1]), dt=0.1)
+    return pm.Coupler(subdomains, pm.tie(subdomains[0], [n - 1], subdomains[1], [n - 1]), dt=0.1)
 
 
 @pytest.mark.parametrize("damped", [False, True])

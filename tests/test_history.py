@@ -257,11 +257,13 @@ def test_a_file_with_a_flipped_bit_is_refused_or_read_as_it_was(tmp_path):
 
 def test_neither_saving_nor_loading_copies_a_large_history(tmp_path):
     n, k = 500, 6000
-    part = pm.SubdomainHistory(
+    subdomain = pm.SubdomainHistory(
         "a", np.arange(k), *(np.zeros((k, n)) for _ in range(3)), dofs=np.arange(n)
     )
     empty = np.zeros((k, 0))
-    history = pm.History((part,), empty, part.t, empty, empty, part.t, (("a", None),))
+    history = pm.History(
+        (subdomain,), empty, subdomain.t, empty, empty, subdomain.t, (("a", None),)
+    )
     size = 3 * 8 * n * k
     path = tmp_path / "h.npz"
     # NumPy writes pieces of 16 MiB
@@ -317,8 +319,8 @@ def test_a_dataset_shares_its_memory_with_the_history():
 def test_names_of_subdomains_never_meet_those_of_the_interface():
     pytest.importorskip("xarray")
     names = ["macro", "multiplier", "a", "a_u", "condition"]
-    parts = [oscillator(name=name) for name in names]
-    history = pm.Coupler(parts, dt=0.1).run(steps=2)
+    subdomains = [oscillator(name=name) for name in names]
+    history = pm.Coupler(subdomains, dt=0.1).run(steps=2)
     data = history.to_xarray()
     for name in names:
         np.testing.assert_array_equal(data[f"{name}_u"], history[name].u)

@@ -27,15 +27,15 @@ every_form = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
 ROUNDING = 1e-12
 
 
-def kkt(parts, L):
+def kkt(subdomains, L):
     """w of each part and Lam, from dicts with M, C, K, F, u0, v0 and matrices L_i."""
-    M = scipy.linalg.block_diag(*(q["M"] for q in parts))
+    M = scipy.linalg.block_diag(*(q["M"] for q in subdomains))
     Lall = np.hstack(L)
     p = len(Lall)
-    r = np.concatenate([q["F"] - q["C"] @ q["v0"] - q["K"] @ q["u0"] for q in parts])
+    r = np.concatenate([q["F"] - q["C"] @ q["v0"] - q["K"] @ q["u0"] for q in subdomains])
     matrix = np.block([[M, -Lall.T], [Lall, np.zeros((p, p))]])
     x = np.linalg.solve(matrix, np.concatenate([r, np.zeros(p)]))
-    ends = np.cumsum([len(q["M"]) for q in parts])
+    ends = np.cumsum([len(q["M"]) for q in subdomains])
     return np.split(x[: ends[-1]], ends[:-1]), x[ends[-1] :]
 
 
@@ -70,14 +70,14 @@ def random_part(rng, n, *, consistent):
     return {"M": M, "K": K, "C": 0.2 * M + 0.003 * K, "F": rng.normal(size=n)}
 
 
-def set_states(rng, parts, L):
+def set_states(rng, subdomains, L):
     """Random displacements and velocities without the part that would break the conditions."""
-    sizes = [len(q["M"]) for q in parts]
+    sizes = [len(q["M"]) for q in subdomains]
     whole = np.hstack(L)
     for name in ("u0", "v0"):
         x = rng.normal(size=sum(sizes))
         x -= np.linalg.pinv(whole) @ (whole @ x)
-        for q, own in zip(parts, np.split(x, np.cumsum(sizes)[:-1])):
+        for q, own in zip(subdomains, np.split(x, np.cumsum(sizes)[:-1])):
             q[name] = own
 
 
@@ -90,32 +90,32 @@ def set_states(rng, parts, L):
 def test_initial_accelerations_and_multipliers_solve_all_equations_at_once(form, seed, consistent):
     rng = np.random.default_rng(seed)
     sizes = rng.integers(2, 7, size=4)
-    parts = [random_part(rng, int(n), consistent=consistent) for n in sizes]
+    subdomains = [random_part(rng, int(n), consistent=consistent) for n in sizes]
     # four general conditions over all dofs of all parts
     L = np.split(rng.normal(size=(4, sum(sizes))), np.cumsum(sizes)[:-1], axis=1)
-    set_states(rng, parts, L)
+    set_states(rng, subdomains, L)
     schemes = SOFT, FAST, pm.HHT(0.1), pm.CentralDifference()
     made = [
         subdomain(q, form, scheme, substeps=ss)
-        for q, scheme, ss in zip(parts, schemes, (1, 4, 2, 4))
+        for q, scheme, ss in zip(subdomains, schemes, (1, 4, 2, 4))
     ]
     coupler = pm.Coupler(made, pm.Constraint(dict(zip(made, L))), dt=0.01)
-    w, Lam = kkt(parts, L)
+    w, Lam = kkt(subdomains, L)
     assert_initial(coupler, w, Lam)
     # without the multipliers they would be others
-    alone = np.linalg.solve(parts[0]["M"], (parts[0]["M"] @ w[0]) - L[0].T @ Lam)
+    alone = np.linalg.solve(subdomains[0]["M"], (subdomains[0]["M"] @ w[0]) - L[0].T @ Lam)
     assert np.abs(alone - w[0]).max() > 1e-3
 
 
 def test_the_sparse_conditions_are_the_dense_ones():
     rng = np.random.default_rng(5)
-    parts = [random_part(rng, 3, consistent=True) for _ in range(2)]
+    subdomains = [random_part(rng, 3, consistent=True) for _ in range(2)]
     L = [rng.normal(size=(2, 3)), np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])]
-    set_states(rng, parts, L)
+    set_states(rng, subdomains, L)
     for to in (np.asarray, sp.csr_array, sp.coo_matrix, sp.lil_array):
-        made = [subdomain(q) for q in parts]
+        made = [subdomain(q) for q in subdomains]
         coupler = pm.Coupler(made, pm.Constraint({s: to(x) for s, x in zip(made, L)}), dt=0.01)
-        assert_initial(coupler, *kkt(parts, L))
+        assert_initial(coupler, *kkt(subdomains, L))
 
 
 def cross(form, consistent):
@@ -125,7 +125,7 @@ def cross(form, consistent):
     mass = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0 if consistent else np.eye(2) / 2.0
     M, C, K = np.zeros((3, 13, 13))
     u0, v0, F = rng.normal(size=(3, 13))
-    parts, made = [], []
+    subdomains, made = [], []
     for i in range(4):
         dofs = [0, *range(1 + 3 * i, 4 + 3 * i)]  # the point, then outwards
         own = {name: np.zeros((4, 4)) for name in "MCK"}
@@ -140,10 +140,10 @@ def cross(form, consistent):
         K[at] += own["K"]
         share = F[dofs].copy()
         share[0] *= (0.1, 0.2, 0.3, 0.4)[i]  # the load of the point, in unequal parts
-        parts.append({**own, "F": share, "u0": u0[dofs], "v0": v0[dofs]})
-        made.append(subdomain(parts[-1], form, (SOFT, FAST)[i % 2], substeps=(1, 6, 2, 3)[i]))
+        subdomains.append({**own, "F": share, "u0": u0[dofs], "v0": v0[dofs]})
+        made.append(subdomain(subdomains[-1], form, (SOFT, FAST)[i % 2], substeps=(1, 6, 2, 3)[i]))
     w = np.linalg.solve(M, F - C @ v0 - K @ u0)
-    return parts, made, w
+    return subdomains, made, w
 
 
 TREES = {"star": ((0, 1), (0, 2), (0, 3)), "chain": ((2, 0), (0, 3), (3, 1))}
@@ -153,26 +153,26 @@ TREES = {"star": ((0, 1), (0, 2), (0, 3)), "chain": ((2, 0), (0, 3), (3, 1))}
 @pytest.mark.parametrize("tree", TREES.values(), ids=TREES.keys())
 @every_form
 def test_subdomains_that_meet_at_a_cross_point_start_as_the_uncut_structure(form, tree, consistent):
-    parts, made, w = cross(form, consistent)
+    subdomains, made, w = cross(form, consistent)
     coupler = pm.Coupler(made, [pm.tie(made[i], [0], made[j], [0]) for i, j in tree], dt=0.01)
-    L = [np.zeros((3, 4)) for _ in parts]
+    L = [np.zeros((3, 4)) for _ in subdomains]
     for row, (i, j) in enumerate(tree):
         L[i][row, 0], L[j][row, 0] = 1.0, -1.0
-    together, Lam = kkt(parts, L)
+    together, Lam = kkt(subdomains, L)
     assert_initial(coupler, together, Lam)
     for i in range(4):
         expected = w[[0, *range(1 + 3 * i, 4 + 3 * i)]]
         size = ROUNDING * np.abs(w).max()
         np.testing.assert_allclose(coupler.state(i).a, expected, rtol=0, atol=size)
     # the forces on the point are what each bar needs, whatever the tree
-    for q, own, wi in zip(parts, L, together):
+    for q, own, wi in zip(subdomains, L, together):
         force = (q["M"] @ wi + q["C"] @ q["v0"] + q["K"] @ q["u0"] - q["F"])[0]
         # a few roundings of forces up to 100
         assert (own.T @ coupler.multipliers)[0] == pytest.approx(force, abs=1e-11)
 
 
 def test_a_load_that_is_a_callable_enters_with_its_value_at_zero():
-    parts, made, w = cross(np.asarray, True)
+    subdomains, made, w = cross(np.asarray, True)
     for s in made:
         s.force = lambda t, F=s.force: F * np.cos(t) + 100.0 * t
     coupler = pm.Coupler(made, [pm.tie(made[0], [0], s, [0]) for s in made[1:]], dt=0.01)
@@ -180,9 +180,9 @@ def test_a_load_that_is_a_callable_enters_with_its_value_at_zero():
 
 
 def test_without_conditions_every_subdomain_starts_by_itself():
-    parts, made, _ = cross(sp.csr_array, True)
+    subdomains, made, _ = cross(sp.csr_array, True)
     coupler = pm.Coupler(made, dt=0.01)
-    w = [np.linalg.solve(q["M"], q["F"] - q["C"] @ q["v0"] - q["K"] @ q["u0"]) for q in parts]
+    w = [np.linalg.solve(q["M"], q["F"] - q["C"] @ q["v0"] - q["K"] @ q["u0"]) for q in subdomains]
     assert_initial(coupler, w, np.zeros(0))
 
 
@@ -211,8 +211,8 @@ def test_a_structure_at_rest_without_loads_starts_and_stays_at_zero():
     history = pm.Coupler(still, [pm.tie(still[0], [0], s, [0]) for s in still[1:]], dt=0.01).run(
         steps=5
     )
-    for part in history.subdomains:
-        assert not part.u.any() and not part.v.any() and not part.a.any()
+    for subdomain in history.subdomains:
+        assert not subdomain.u.any() and not subdomain.v.any() and not subdomain.a.any()
     assert not history.multipliers.any()
 
 
@@ -283,17 +283,17 @@ def test_a_massless_dof_on_the_interface_moves_as_the_condition_says(form):
 @every_form
 def test_massless_dofs_in_general_conditions_solve_all_equations_at_once(form, seed, consistent):
     rng = np.random.default_rng(100 + seed)
-    parts = [random_part(rng, n, consistent=consistent) for n in (4, 3, 5)]
+    subdomains = [random_part(rng, n, consistent=consistent) for n in (4, 3, 5)]
     # one massless dof of part 0 and two of part 2, each in conditions with dofs that have mass
     for i, dof in ((0, 1), (2, 0), (2, 3)):
         for name in "MC":
-            parts[i][name][dof, :] = parts[i][name][:, dof] = 0.0
+            subdomains[i][name][dof, :] = subdomains[i][name][:, dof] = 0.0
     L = np.split(rng.normal(size=(4, 12)), [4, 7], axis=1)
-    set_states(rng, parts, L)
+    set_states(rng, subdomains, L)
     schemes = SOFT, FAST, pm.HHT(0.2)
-    made = [subdomain(q, form, scheme) for q, scheme in zip(parts, schemes)]
+    made = [subdomain(q, form, scheme) for q, scheme in zip(subdomains, schemes)]
     coupler = pm.Coupler(made, pm.Constraint(dict(zip(made, L))), dt=0.01)
-    assert_initial(coupler, *kkt(parts, L))
+    assert_initial(coupler, *kkt(subdomains, L))
 
 
 @every_form
@@ -330,19 +330,19 @@ def test_a_structure_cut_at_a_massless_joint_moves_as_the_condensed_one():
 
 
 def test_three_massless_dofs_at_a_cross_point_and_one_with_mass_all_follow_the_mass():
-    parts = [pm.Subdomain([0.0], [k], scheme=SOFT, u0=[1.0]) for k in (1.0, 2.0, 3.0)]
-    parts.append(pm.Subdomain([2.0], [4.0], scheme=FAST, u0=[1.0], substeps=2))
-    ties = [pm.tie(parts[i], [0], parts[i + 1], [0]) for i in range(3)]
-    coupler = pm.Coupler(parts, ties, dt=0.01)
+    subdomains = [pm.Subdomain([0.0], [k], scheme=SOFT, u0=[1.0]) for k in (1.0, 2.0, 3.0)]
+    subdomains.append(pm.Subdomain([2.0], [4.0], scheme=FAST, u0=[1.0], substeps=2))
+    ties = [pm.tie(subdomains[i], [0], subdomains[i + 1], [0]) for i in range(3)]
+    coupler = pm.Coupler(subdomains, ties, dt=0.01)
     # Lam of tie i carries the springs 0..i; the mass has w = - (1 + 2 + 3 + 4) / 2
     assert_initial(coupler, [np.array([-5.0])] * 4, np.array([1.0, 3.0, 6.0]))
 
 
 def test_three_massless_dofs_tied_in_a_row_share_the_balance_and_do_not_accelerate():
     loads = (5.0, -2.0, -3.0)
-    parts = [pm.Subdomain([0.0], [1.0], scheme=SOFT, force=[f]) for f in loads]
-    ties = [pm.tie(parts[i], [0], parts[i + 1], [0]) for i in range(2)]
-    coupler = pm.Coupler(parts, ties, dt=0.01)
+    subdomains = [pm.Subdomain([0.0], [1.0], scheme=SOFT, force=[f]) for f in loads]
+    ties = [pm.tie(subdomains[i], [0], subdomains[i + 1], [0]) for i in range(2)]
+    coupler = pm.Coupler(subdomains, ties, dt=0.01)
     # 0 = F + L^T Lam from the left: Lam = -5, then -5 + 2; nothing says how they accelerate
     assert_initial(coupler, [np.zeros(1)] * 3, np.array([-5.0, -3.0]))
 
@@ -382,9 +382,9 @@ def test_equilibrium_of_massless_rows_is_judged_relative_to_the_forces_there_are
 
 
 def test_massless_dofs_tied_to_each_other_out_of_balance_warn():
-    parts = [pm.Subdomain([0.0], [1.0], scheme=SOFT, force=[f]) for f in (5.0, -2.0)]
+    subdomains = [pm.Subdomain([0.0], [1.0], scheme=SOFT, force=[f]) for f in (5.0, -2.0)]
     with pytest.warns(pm.ConstraintWarning, match="no mass"):
-        coupler = pm.Coupler(parts, pm.tie(parts[0], [0], parts[1], [0]), dt=0.1)
+        coupler = pm.Coupler(subdomains, pm.tie(subdomains[0], [0], subdomains[1], [0]), dt=0.1)
     assert np.isfinite(coupler.run(steps=50)[0].u).all()
 
 
@@ -402,7 +402,7 @@ def test_a_massless_row_with_damping_counts_the_damping():
 
 def three(u0=None, v0=None, force=None, weight=1.0):
     """Three parts of two dofs, tied in a row by two constraints: rows 0, 1 and row 2."""
-    parts = [
+    subdomains = [
         pm.Subdomain(
             [1.0, 2.0], [5.0, 7.0], scheme=SOFT, substeps=1 + i, name=name, force=force,
             u0=None if u0 is None else u0[i], v0=None if v0 is None else v0[i],
@@ -410,10 +410,10 @@ def three(u0=None, v0=None, force=None, weight=1.0):
         for i, name in enumerate(("left", "middle"))
     ]  # fmt: skip
     last = {name: x[2] for name, x in (("u0", u0), ("v0", v0)) if x is not None and len(x) == 3}
-    parts.append(pm.Subdomain([1.0], [2.0], scheme=SOFT, name="right", **last))
-    a, b, c = parts
+    subdomains.append(pm.Subdomain([1.0], [2.0], scheme=SOFT, name="right", **last))
+    a, b, c = subdomains
     row = pm.Constraint({b: [[weight, 0.0]], c: [[-weight]]})
-    return pm.Coupler(parts, [pm.tie(a, [0, 1], b, [1, 0]), row], dt=0.1)
+    return pm.Coupler(subdomains, [pm.tie(a, [0, 1], b, [1, 0]), row], dt=0.1)
 
 
 def test_consistent_initial_values_neither_warn_nor_raise():

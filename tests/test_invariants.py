@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import reference
 import scipy.sparse as sp
-from problems import Part, Problem, random_problem
+from problems import Problem, SubdomainData, random_problem
 
 import pmalpha as pm
 
@@ -63,15 +63,17 @@ def everything(form, *, coupling="pm", start="rebased"):
         "dense": np.asarray,
         "sparse": sp.csr_array,
     }
-    parts = []
+    subdomains = []
     for n, ss, scheme in zip(sizes, substeps, schemes):
         M = np.diag(rng.uniform(1.0, 3.0, n))
         A = rng.normal(size=(n, n)) * (rng.random((n, n)) < 0.6)
         K = 15.0 * A @ A.T + np.diag(rng.uniform(5.0, 40.0, n))
         if form == "diagonal":
             K = np.diag(np.diag(K))
-        parts.append(Part(M, K, 0.1 * M + 0.003 * K, scheme, ss, None, [forms[form]] * 3))
-    a, b, c, d = parts
+        subdomains.append(
+            SubdomainData(M, K, 0.1 * M + 0.003 * K, scheme, ss, None, [forms[form]] * 3)
+        )
+    a, b, c, d = subdomains
     for dof in (2, 3):
         a.M[dof, dof] = 0.0
         a.C[dof, :] = a.C[:, dof] = 0.0
@@ -79,11 +81,11 @@ def everything(form, *, coupling="pm", start="rebased"):
     c.force, d.force = swing, np.array([0.3, -1.1])
     L = [np.array(Li) for Li in CONDITIONS]
     states = [consistent(rng.normal(size=sum(sizes)), L) for _ in range(2)]
-    for part, u0, v0 in zip(parts, *(np.split(x, np.cumsum(sizes)[:-1]) for x in states)):
-        part.u0, part.v0 = u0, v0
+    for s, u0, v0 in zip(subdomains, *(np.split(x, np.cumsum(sizes)[:-1]) for x in states)):
+        s.u0, s.v0 = u0, v0
     # the massless dof inside is in equilibrium: 0 = - K u in its row
     a.u0[2] -= a.K[2] @ a.u0 / a.K[2, 2]
-    return Problem(parts, L, 0.06, start, coupling)
+    return Problem(subdomains, L, 0.06, start, coupling)
 
 
 def consistent(x, L):
@@ -94,10 +96,10 @@ def consistent(x, L):
 
 def with_sampled_forces(problem):
     """The same with a sampled force on every part that has mass everywhere."""
-    for i, part in enumerate(problem.parts[1:]):
-        shape = None if i == 1 else np.outer(np.arange(1.0, 1.0 + len(part.M)), [1.0, -0.3])
-        values = np.outer(SAMPLES, np.ones(len(part.M) if i == 1 else 2)) + 0.1 * i
-        part.force = pm.SampledForce(values, 0.023, shape=shape)
+    for i, s in enumerate(problem.subdomains[1:]):
+        shape = None if i == 1 else np.outer(np.arange(1.0, 1.0 + len(s.M)), [1.0, -0.3])
+        values = np.outer(SAMPLES, np.ones(len(s.M) if i == 1 else 2)) + 0.1 * i
+        s.force = pm.SampledForce(values, 0.023, shape=shape)
     return problem
 
 
@@ -110,15 +112,15 @@ def tied_without_mass(form):
     forms = [to[form]] * 3
     soft = pm.GeneralizedAlpha(0.3)
     # in the rows of the two ties of massless dofs the forces are - 20 u and 20 u: equilibrium
-    first = Part(np.diag([2.0, 0.0, 0.0]), np.zeros((3, 3)), None, soft, 1, None, forms)
-    second = Part(np.diag([0.0, 1.5, 0.0]), np.zeros((3, 3)), None, soft, 2, None, forms)
-    for part in (first, second):
-        part.K[:2, :2] = K
-        part.K[2, 2] = 25.0
-        part.v0 = np.zeros(3)
+    first = SubdomainData(np.diag([2.0, 0.0, 0.0]), np.zeros((3, 3)), None, soft, 1, None, forms)
+    second = SubdomainData(np.diag([0.0, 1.5, 0.0]), np.zeros((3, 3)), None, soft, 2, None, forms)
+    for s in (first, second):
+        s.K[:2, :2] = K
+        s.K[2, 2] = 25.0
+        s.v0 = np.zeros(3)
     first.u0, second.u0 = np.array([0.4, 0.1, 0.2]), np.array([0.1, -0.3, 0.2])
     first.force, second.force = np.array([0.0, 0.0, 3.0]), np.array([0.0, 0.0, 7.0])
-    third = Part(np.eye(1), np.eye(1), None, soft, 2, False, forms)
+    third = SubdomainData(np.eye(1), np.eye(1), None, soft, 2, False, forms)
     third.u0, third.v0 = np.array([0.1]), np.zeros(1)
     L = [np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 1))]
     L[0][0, 1], L[1][0, 0] = 1.0, -1.0
@@ -139,19 +141,19 @@ every_problem = pytest.mark.parametrize("make", PROBLEMS.values(), ids=PROBLEMS.
 def in_units(problem, length, time, mass):
     """The same problem in units so many times smaller: numbers so many times larger."""
     force = mass * length / time**2
-    parts = [
+    subdomains = [
         replace(
-            part,
-            M=part.M * mass,
-            C=None if part.C is None else part.C * (mass / time),
-            K=part.K * (mass / time**2),
-            u0=None if part.u0 is None else part.u0 * length,
-            v0=None if part.v0 is None else part.v0 * (length / time),
-            force=_force_in_units(part.force, force, time),
+            s,
+            M=s.M * mass,
+            C=None if s.C is None else s.C * (mass / time),
+            K=s.K * (mass / time**2),
+            u0=None if s.u0 is None else s.u0 * length,
+            v0=None if s.v0 is None else s.v0 * (length / time),
+            force=_force_in_units(s.force, force, time),
         )
-        for part in problem.parts
+        for s in problem.subdomains
     ]
-    return replace(problem, parts=parts, dt=problem.dt * time)
+    return replace(problem, subdomains=subdomains, dt=problem.dt * time)
 
 
 def _force_in_units(force, factor, time):
@@ -168,8 +170,8 @@ def arrays(history):
     """All that a History holds but times: (what, array), named u, v, a, Lam, jumps."""
     found = [("Lam", history.multipliers)]
     found += [("v", history.velocity_jump), ("u", history.displacement_jump)]
-    for part in history.subdomains:
-        found += [("u", part.u), ("v", part.v), ("a", part.a)]
+    for s in history.subdomains:
+        found += [("u", s.u), ("v", s.v), ("a", s.a)]
     return found
 
 
@@ -187,10 +189,10 @@ def assert_same_bits(one, two, factor=1.0):
 def scales(history, problem):
     """The largest value of each kind, and of any force for multipliers that are but rounding."""
     scale = {"u": 0.0, "v": 0.0, "a": 0.0, "Lam": largest(history.multipliers)}
-    for part, own in zip(history.subdomains, problem.parts):
+    for s, own in zip(history.subdomains, problem.subdomains):
         for x in "uva":
-            scale[x] = max(scale[x], largest(getattr(part, x)))
-        scale["Lam"] = max(scale["Lam"], largest(part.a @ own.M), largest(part.u @ own.K))
+            scale[x] = max(scale[x], largest(getattr(s, x)))
+        scale["Lam"] = max(scale["Lam"], largest(s.a @ own.M), largest(s.u @ own.K))
     return scale
 
 
@@ -203,14 +205,14 @@ def test_loads_and_initial_values_times_a_power_of_two_scale_every_result_bit_fo
     problem, factor = make(), 2.0**k
     scaled = replace(
         problem,
-        parts=[
+        subdomains=[
             replace(
-                part,
-                u0=None if part.u0 is None else part.u0 * factor,
-                v0=None if part.v0 is None else part.v0 * factor,
-                force=_force_in_units(part.force, factor, 1.0),
+                s,
+                u0=None if s.u0 is None else s.u0 * factor,
+                v0=None if s.v0 is None else s.v0 * factor,
+                force=_force_in_units(s.force, factor, 1.0),
             )
-            for part in problem.parts
+            for s in problem.subdomains
         ],
     )
     one, two = problem.coupler().run(steps=STEPS), scaled.coupler().run(steps=STEPS)
@@ -220,9 +222,9 @@ def test_loads_and_initial_values_times_a_power_of_two_scale_every_result_bit_fo
 def test_a_factor_that_is_no_power_of_two_does_change_bits():
     problem = everything("dense")
     one = problem.coupler().run(steps=STEPS)
-    for part in problem.parts:
-        part.u0, part.v0 = 3.0 * part.u0, 3.0 * part.v0
-        part.force = _force_in_units(part.force, 3.0, 1.0)
+    for s in problem.subdomains:
+        s.u0, s.v0 = 3.0 * s.u0, 3.0 * s.v0
+        s.force = _force_in_units(s.force, 3.0, 1.0)
     two = problem.coupler().run(steps=STEPS)
     assert (3.0 * one[0].u != two[0].u).any()
 
@@ -253,7 +255,7 @@ def test_units_that_do_not_fit_together_are_another_motion():
     problem = everything("dense")
     one = problem.coupler().run(steps=STEPS)
     two = in_units(problem, 1.0, 1.0, 1.0)
-    two.parts[0].M = two.parts[0].M * 1.001
+    two.subdomains[0].M = two.subdomains[0].M * 1.001
     assert largest(two.coupler().run(steps=STEPS)[0].u - one[0].u) > 1e-6 * largest(one[0].u)
 
 
@@ -282,7 +284,7 @@ def test_the_order_of_subdomains_does_not_matter(form, order):
     problem = everything(form)
     one = problem.coupler().run(steps=STEPS)
     other = replace(
-        problem, parts=[problem.parts[i] for i in order], L=[problem.L[i] for i in order]
+        problem, subdomains=[problem.subdomains[i] for i in order], L=[problem.L[i] for i in order]
     )
     two = other.coupler().run(steps=STEPS)
     scale = scales(one, problem)
@@ -387,8 +389,8 @@ def test_a_run_in_stretches_equals_one_run_bit_for_bit(form, coupling, start, st
     for x, (_, y) in zip(joined(histories), arrays(whole)):
         np.testing.assert_array_equal(x, y)
     times = [np.concatenate([[0.0], *(h[i].t[1:] for h in histories)]) for i in range(4)]
-    for t, part in zip(times, whole.subdomains):
-        np.testing.assert_array_equal(t, part.t)
+    for t, s in zip(times, whole.subdomains):
+        np.testing.assert_array_equal(t, s.t)
 
 
 @pytest.mark.parametrize(("coupling", "start"), SCHEDULES)
@@ -402,9 +404,9 @@ def test_step_is_run_without_a_history(form, coupling, start):
         assert coupler.step_count == done
         assert coupler.time == history.macro_times[done]
         np.testing.assert_array_equal(coupler.multipliers, history.multipliers[done * FINE])
-        for i, part in enumerate(problem.parts):
+        for i, s in enumerate(problem.subdomains):
             # the state of a subdomain, single or double step, is that at its last own node
-            state, row = coupler.state(i), done * part.substeps
+            state, row = coupler.state(i), done * s.substeps
             for x in "uva":
                 np.testing.assert_array_equal(getattr(state, x), getattr(history[i], x)[row])
     assert coupler.run(steps=0)[0].u.shape == (1, 4)
@@ -444,8 +446,8 @@ def test_every_keeps_the_first_node_and_macro_nodes_whose_count_is_a_multiple(be
     np.testing.assert_array_equal(some.multiplier_times, whole.multiplier_times[fine])
     np.testing.assert_array_equal(some.multipliers, whole.multipliers[fine])
     np.testing.assert_array_equal(some.velocity_jump, whole.velocity_jump[fine])
-    for part, own in zip(everything("dense").parts, range(4)):
-        rows = np.array(macro) * part.substeps
+    for s, own in zip(everything("dense").subdomains, range(4)):
+        rows = np.array(macro) * s.substeps
         for x in ("t", "u", "v", "a"):
             np.testing.assert_array_equal(getattr(some[own], x), getattr(whole[own], x)[rows])
     np.testing.assert_array_equal(coupler.state(0).u, whole[0].u[-1])
@@ -474,12 +476,12 @@ def test_a_later_run_leaves_the_history_of_an_earlier_one_alone():
 def test_who_takes_double_steps_when_nobody_says_so(coupling, kinds, substeps, same_as):
     def history(double, coupling=coupling):
         schemes = [pm.GeneralizedAlpha(0.5, explicit=kind == "e") for kind in kinds]
-        parts = [
+        subdomains = [
             _plain("dense", name, scheme=scheme, substeps=ss, double_step=d)
             for name, scheme, ss, d in zip("abc", schemes, substeps, double)
         ]
-        ties = [pm.tie(one, [0], two, [1]) for one, two in zip(parts, parts[1:])]
-        return pm.Coupler(parts, ties, dt=0.02, coupling=coupling).run(steps=STEPS)
+        ties = [pm.tie(one, [0], two, [1]) for one, two in zip(subdomains, subdomains[1:])]
+        return pm.Coupler(subdomains, ties, dt=0.02, coupling=coupling).run(steps=STEPS)
 
     default = history([None] * len(kinds))
     assert_same_bits(default, history(same_as, "pm"))
@@ -728,14 +730,22 @@ def jump_from_states(problem, history, doubles):
     velocity of the instant; all link velocities are solved for anew.
     """
     total = np.zeros_like(history.velocity_jump)
-    for part, L, recorded, double in zip(problem.parts, problem.L, history.subdomains, doubles):
-        s = part.scheme
-        own = reference.Part(
-            part.M, part.K, part.C, s.am, s.af, s.beta, s.gamma, s.explicit, part.substeps
+    for s, L, recorded, double in zip(problem.subdomains, problem.L, history.subdomains, doubles):
+        scheme = s.scheme
+        same = reference.Subdomain(
+            s.M,
+            s.K,
+            s.C,
+            am=scheme.am,
+            af=scheme.af,
+            beta=scheme.beta,
+            gamma=scheme.gamma,
+            explicit=scheme.explicit,
+            substeps=s.substeps,
         )
-        h, stride = problem.dt / part.substeps, FINE // part.substeps
-        single = reference.Step(own, L, h)
-        later = reference.Step(own, L, 2.0 * h if double else h)
+        h, stride = problem.dt / s.substeps, FINE // s.substeps
+        single = reference.Step(same, L, h)
+        later = reference.Step(same, L, 2.0 * h if double else h)
 
         def link(step, k, Lam=history.multipliers):
             return step.link(Lam[k])[1]
@@ -757,8 +767,8 @@ def jump_from_states(problem, history, doubles):
 
 def jump_at_macro_nodes(problem, history, name):
     """sum_i L_i x_i where every subdomain has a state."""
-    parts = zip(history.subdomains, problem.parts, problem.L)
-    return sum(getattr(x, name)[:: q.substeps] @ L.T for x, q, L in parts)
+    rows = zip(history.subdomains, problem.subdomains, problem.L)
+    return sum(getattr(x, name)[:: s.substeps] @ L.T for x, s, L in rows)
 
 
 def wrong_interface_matrix(factor):
@@ -836,16 +846,17 @@ def test_every_subdomain_is_in_equilibrium_at_its_own_nodes(form, coupling, star
     problem = everything(form, coupling=coupling, start=start)
     history = problem.coupler().run(steps=STEPS)
     largest_force = scales(history, problem)["Lam"]
-    for part, L, x, double in zip(problem.parts, problem.L, history.subdomains, DOUBLES[coupling]):
-        assert len(x.t) == STEPS * part.substeps + 1
-        F = np.array([_load(part.force, t, len(part.M)) for t in x.t])
-        Lam = history.multipliers[:: FINE // part.substeps]
+    together = zip(problem.subdomains, problem.L, history.subdomains, DOUBLES[coupling])
+    for s, L, x, double in together:
+        assert len(x.t) == STEPS * s.substeps + 1
+        F = np.array([_load(s.force, t, len(s.M)) for t in x.t])
+        Lam = history.multipliers[:: FINE // s.substeps]
         u = x.u.copy()
-        if part.scheme.explicit:  # (10) takes K ut, and ut = u - al1 w
-            h = problem.dt / part.substeps * (1.0 + (np.arange(len(x.t)) > part.substeps) * double)
-            al1 = np.array([part.scheme.coefficients(hi)[0] for hi in h])
+        if s.scheme.explicit:  # (10) takes K ut, and ut = u - al1 w
+            h = problem.dt / s.substeps * (1.0 + (np.arange(len(x.t)) > s.substeps) * double)
+            al1 = np.array([s.scheme.coefficients(hi)[0] for hi in h])
             u[1:] -= (al1[:, None] * x.a)[1:]
-        left = x.a @ part.M + x.v @ part.C + u @ part.K - F - Lam @ L
+        left = x.a @ s.M + x.v @ s.C + u @ s.K - F - Lam @ L
         # rounding of forces of this size, through a solve of condition 100 at most
         assert largest(left) <= 1e-12 * largest_force
 
@@ -861,13 +872,14 @@ def test_an_uncoupled_run_inside_a_coupler_equals_solve():
     problem = everything("sparse", coupling="gc")
     names = "scheme", "substeps", "force", "u0", "v0"
     subdomains = [
-        pm.Subdomain(q.M, q.K, q.C, **{x: getattr(q, x) for x in names}) for q in problem.parts[1:]
+        pm.Subdomain(s.M, s.K, s.C, **{x: getattr(s, x) for x in names})
+        for s in problem.subdomains[1:]
     ]
     together = pm.Coupler(subdomains, dt=0.06, coupling="gc").run(steps=STEPS)
     assert together.multipliers.shape == (STEPS * FINE + 1, 0)
-    for part, s in zip(together.subdomains, subdomains):
+    for found, s in zip(together.subdomains, subdomains):
         alone = pm.solve(s, dt=0.06, steps=STEPS)
         for x in ("u", "v", "a"):
-            np.testing.assert_array_equal(getattr(part, x), getattr(alone, x))
+            np.testing.assert_array_equal(getattr(found, x), getattr(alone, x))
         # T1 counts in substeps of the finest: two roundings
-        np.testing.assert_allclose(part.t, alone.t, rtol=4e-16)
+        np.testing.assert_allclose(found.t, alone.t, rtol=4e-16)

@@ -37,8 +37,8 @@ def columns(history):
     """All arrays of a History of `pair`, with the own nodes in a macro step of each."""
     found = [(1, history.macro_times), (4, history.multiplier_times), (4, history.multipliers)]
     found += [(4, history.velocity_jump), (1, history.displacement_jump)]
-    for part, nodes in zip(history.subdomains, (1, 4)):
-        found += [(nodes, getattr(part, x)) for x in ("t", "u", "v", "a")]
+    for subdomain, nodes in zip(history.subdomains, (1, 4)):
+        found += [(nodes, getattr(subdomain, x)) for x in ("t", "u", "v", "a")]
     return found
 
 

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 import reference
-from problems import Problem, _reference_part, random_problem
+from problems import Problem, _reference_subdomain, random_problem
 from scipy.integrate import solve_ivp
 
 import pmalpha as pm
@@ -36,10 +36,10 @@ def random_macro_problem(seed):
     """A random problem in which nobody's substeps need divide another's."""
     problem = random_problem(seed)
     rng = np.random.default_rng([seed, 6])
-    for i, part in enumerate(problem.parts):
-        part.substeps = int(rng.choice([1, 1, 2, 3, 5, 7]))
-        part.double = bool(i > 0 and part.substeps == 1 and rng.random() < 0.5)
-    return Problem(problem.parts, problem.L, problem.dt, problem.start, "macro")
+    for i, s in enumerate(problem.subdomains):
+        s.substeps = int(rng.choice([1, 1, 2, 3, 5, 7]))
+        s.double = bool(i > 0 and s.substeps == 1 and rng.random() < 0.5)
+    return Problem(problem.subdomains, problem.L, problem.dt, problem.start, "macro")
 
 
 def made(problem):
@@ -58,15 +58,15 @@ AGREEMENT = 1e-9
 def check_against_reference(seed):
     problem = random_macro_problem(seed)
     history = made(problem).run(steps=STEPS)
-    parts = [_reference_part(part, part.double) for part in problem.parts]
-    expected = reference.run_macro(parts, problem.L, problem.dt, STEPS)
-    scale = {x: max(largest(getattr(part, x)) for part in expected.parts) for x in "uvw"}
-    for i, part in enumerate(expected.parts):
-        np.testing.assert_array_equal(history[i].t, part.t)
+    subdomains = [_reference_subdomain(s, s.double) for s in problem.subdomains]
+    expected = reference.run_macro(subdomains, problem.L, problem.dt, STEPS)
+    scale = {x: max(largest(getattr(s, x)) for s in expected.subdomains) for x in "uvw"}
+    for i, s in enumerate(expected.subdomains):
+        np.testing.assert_array_equal(history[i].t, s.t)
         for ours, x in ((history[i].u, "u"), (history[i].v, "v"), (history[i].a, "w")):
-            assert largest(ours - getattr(part, x)) <= AGREEMENT * scale[x], (i, x)
+            assert largest(ours - getattr(s, x)) <= AGREEMENT * scale[x], (i, x)
     np.testing.assert_array_equal(history.multiplier_times, expected.multiplier_times)
-    inertia = [largest(x.w @ part.M) for x, part in zip(expected.parts, problem.parts)]
+    inertia = [largest(x.w @ s.M) for x, s in zip(expected.subdomains, problem.subdomains)]
     force = max(largest(expected.multipliers), *inertia)
     assert largest(history.multipliers - expected.multipliers) <= AGREEMENT * force
     drift = largest(history.displacement_jump - expected.displacement_jump)
@@ -111,9 +111,9 @@ def test_run_step_and_every_record_give_the_same_bits(seed, storing, monkeypatch
     for other in (sparsely, stepped, some):
         same_to_the_last_bit(recorded, other)
     np.testing.assert_array_equal(one_dof[0].u[:, 0], all_nodes[0].u[:, 0])
-    for i, part in enumerate(problem.parts):
-        np.testing.assert_array_equal(macro_nodes[i].t, all_nodes[i].t[:: part.substeps])
-        np.testing.assert_array_equal(macro_nodes[i].u, all_nodes[i].u[:: part.substeps])
+    for i, s in enumerate(problem.subdomains):
+        np.testing.assert_array_equal(macro_nodes[i].t, all_nodes[i].t[:: s.substeps])
+        np.testing.assert_array_equal(macro_nodes[i].u, all_nodes[i].u[:: s.substeps])
 
 
 @pytest.mark.parametrize("seed", [0, 3, 4, 7, 11])
@@ -126,7 +126,7 @@ def test_any_number_of_threads_gives_the_same_bits(seed, monkeypatch):
         monkeypatch.setattr(pm, "Coupler", partial(make, threads=threads))
         shared = made(problem)
         history = shared.run(steps=STEPS)
-        assert shared.threads == min(threads, len(problem.parts))
+        assert shared.threads == min(threads, len(problem.subdomains))
         same_to_the_last_bit(alone, shared)
         for one, other in zip(expected.subdomains, history.subdomains):
             np.testing.assert_array_equal(one.u, other.u)
@@ -219,9 +219,9 @@ def test_macro_coupling_has_order_two_with_substeps(substeps, double):
 def test_pm_has_order_one_where_macro_coupling_has_two():
     # the largest error of v over a second: at one instant the two terms may cancel
     def error(dt, coupling):
-        part = coupled(*halves(substeps=20), dt, coupling).run(1.0)["A"]
-        exact = np.cos(OMEGA * part.t) - OMEGA * np.sin(OMEGA * part.t)
-        return largest(part.v[:, 0] - exact)
+        s = coupled(*halves(substeps=20), dt, coupling).run(1.0)["A"]
+        exact = np.cos(OMEGA * s.t) - OMEGA * np.sin(OMEGA * s.t)
+        return largest(s.v[:, 0] - exact)
 
     steps = [1 / 640, 1 / 1280, 1 / 2560]
     assert analysis.observed_order(lambda dt: error(dt, "pm"), steps) < 1.3
@@ -235,19 +235,21 @@ def test_pm_has_order_one_where_macro_coupling_has_two():
 def test_three_subdomains_with_substeps_that_have_no_multiple_in_common_have_order_two(substeps):
     def make(dt):
         rng = np.random.default_rng(3)
-        parts = []
+        subdomains = []
         for ss, scheme in zip(substeps, (SECOND, FAST, SECOND)):
             A = rng.normal(size=(3, 3))
             K = 20.0 * A @ A.T + 10.0 * np.eye(3)
             M = np.diag(rng.uniform(1.0, 3.0, 3))
-            parts.append(pm.Subdomain(M, K, 0.01 * K, scheme=scheme, substeps=ss, u0=np.zeros(3)))
-        a, b, c = parts
+            subdomains.append(
+                pm.Subdomain(M, K, 0.01 * K, scheme=scheme, substeps=ss, u0=np.zeros(3))
+            )
+        a, b, c = subdomains
         ties = [pm.tie(a, [0, 1], b, [2, 0]), pm.tie(b, [1], c, [0])]
-        parts[0] = a = pm.Subdomain(
+        subdomains[0] = a = pm.Subdomain(
             a.M, a.K, a.C, scheme=SECOND, substeps=substeps[0], v0=[0.0, 0.0, 5.0]
         )
         ties[0] = pm.tie(a, [0, 1], b, [2, 0])
-        return pm.Coupler(parts, ties, dt=dt, coupling="macro")
+        return pm.Coupler(subdomains, ties, dt=dt, coupling="macro")
 
     # dt omega = 0.05 of the highest frequency at the coarser step: the next term
     assert orders(errors_at_one(make, [800, 1600]))[-1] == pytest.approx(2.0, abs=0.15)
@@ -255,9 +257,9 @@ def test_three_subdomains_with_substeps_that_have_no_multiple_in_common_have_ord
 
 def largest_error(dt, coupling, **how):
     """Of v over four periods."""
-    part = coupled(*halves(**how), dt, coupling).run(4.0)["A"]
-    exact = np.cos(OMEGA * part.t) - OMEGA * np.sin(OMEGA * part.t)
-    return largest(part.v[:, 0] - exact)
+    s = coupled(*halves(**how), dt, coupling).run(4.0)["A"]
+    exact = np.cos(OMEGA * s.t) - OMEGA * np.sin(OMEGA * s.t)
+    return largest(s.v[:, 0] - exact)
 
 
 @pytest.mark.parametrize("substeps", [2, 5, 20])
@@ -309,12 +311,12 @@ def test_beyond_the_explicit_limit_the_spectral_radius_is_above_one():
 def test_random_systems_of_three_subdomains_in_a_loop_are_stable():
     for seed in range(20):
         rng = np.random.default_rng(seed)
-        parts = []
+        subdomains = []
         for ss in rng.integers(1, 8, 3):
             A = rng.normal(size=(2, 2))
             K = 10.0 * A @ A.T
             rho = float(rng.uniform(0.0, 0.99))
-            parts.append(
+            subdomains.append(
                 pm.Subdomain(
                     np.diag(rng.uniform(0.5, 2.0, 2)),
                     K,
@@ -322,20 +324,20 @@ def test_random_systems_of_three_subdomains_in_a_loop_are_stable():
                     substeps=int(ss),
                 )
             )
-        a, b, c = parts
+        a, b, c = subdomains
         ties = [pm.tie(a, [1], b, [0]), pm.tie(b, [1], c, [0]), pm.tie(c, [1], a, [0])]
         dt = float(rng.uniform(0.05, 3.0))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", pm.StabilityWarning)
-            coupler = pm.Coupler(parts, ties, dt=dt, coupling="macro")
+            coupler = pm.Coupler(subdomains, ties, dt=dt, coupling="macro")
         radius = analysis.spectral_radius(analysis.amplification_matrix(coupler))
         assert radius <= 1.0 + 1e-6, seed
 
 
 def total_energy(history, subdomains):
     energy = 0.0
-    for part, s in zip(history.subdomains, subdomains):
-        for x, A in ((part.v, dense(s.M)), (part.u, dense(s.K))):
+    for found, s in zip(history.subdomains, subdomains):
+        for x, A in ((found.v, dense(s.M)), (found.u, dense(s.K))):
             energy = energy + 0.5 * np.einsum("ti,ij,tj->t", x, A, x)
     return energy
 
@@ -365,9 +367,9 @@ def test_the_energy_of_an_undamped_structure_stays_bounded_for_100_000_macro_ste
     soft, fast = pm.GeneralizedAlpha(0.9), pm.GeneralizedAlpha(0.9, explicit=True)
     if scheme == "trapezoidal":
         soft, fast = pm.Newmark(), pm.CentralDifference()
-    coupler, parts = undamped(soft, fast, substeps)
+    coupler, subdomains = undamped(soft, fast, substeps)
     history = coupler.run(steps=100_000, every=1)
-    energy = total_energy(history, parts)
+    energy = total_energy(history, subdomains)
     # the total swings by the order of (omega dt)^2, and does not grow: 1.05 was the most in the
     # first 1000 steps
     assert energy.max() <= 1.001 * energy[:1000].max() <= 1.1 * energy[0]
@@ -378,8 +380,8 @@ def test_the_energy_of_an_undamped_structure_stays_bounded_for_100_000_macro_ste
 def test_undamped_schemes_keep_their_energy_under_macro_coupling_alone():
     left = {}
     for coupling in ("pm", "gc", "macro"):
-        coupler, parts = undamped(pm.Newmark(), pm.CentralDifference(), 8, coupling)
-        energy = total_energy(coupler.run(steps=100_000, every=100), parts)
+        coupler, subdomains = undamped(pm.Newmark(), pm.CentralDifference(), 8, coupling)
+        energy = total_energy(coupler.run(steps=100_000, every=100), subdomains)
         left[coupling] = energy[-10:].mean() / energy[0]
     # 0.005 and 0.0002 are lost at the interface, which the total swings about by some per cent
     assert left["pm"] < 0.01 and left["gc"] < 0.01
@@ -526,13 +528,15 @@ def test_h_is_symmetric_for_damping_that_is_not_proportional():
 def resonant(detuning, rho=1.0):
     """Two parts of the same frequency, which fits the macro step once."""
     omega = OMEGA * (1.0 + detuning)
-    parts = [
+    subdomains = [
         pm.Subdomain(
             [m], [m * omega**2], scheme=pm.GeneralizedAlpha(rho), substeps=20, name=f"part {m}"
         )
         for m in (1, 2)
     ]
-    return pm.Coupler(parts, pm.tie(parts[0], [0], parts[1], [0]), dt=1.0, coupling="macro")
+    return pm.Coupler(
+        subdomains, pm.tie(subdomains[0], [0], subdomains[1], [0]), dt=1.0, coupling="macro"
+    )
 
 
 def test_parts_that_resonate_with_the_macro_step_are_named():
@@ -647,35 +651,35 @@ def test_a_subdomain_without_conditions_and_a_coupler_without_any():
 
 def works_of(problem, history, i):
     """Dissipated, external and interface work of a part, from all its nodes and (M1)."""
-    part, L, x = problem.parts[i], problem.L[i], history[i]
-    own = np.arange(len(x.t)) / part.substeps
+    s, L, x = problem.subdomains[i], problem.L[i], history[i]
+    own = np.arange(len(x.t)) / s.substeps
     macro_nodes = np.arange(len(history.multipliers))
     lam = np.array([np.interp(own, macro_nodes, column) for column in history.multipliers.T]).T
-    force = part.reference_force or (lambda t: np.zeros(len(part.M)))
-    C = np.zeros_like(part.M) if part.C is None else part.C
+    force = s.reference_force or (lambda t: np.zeros(len(s.M)))
+    C = np.zeros_like(s.M) if s.C is None else s.C
     forces = [x.v @ C, np.array([force(t) for t in x.t]), lam @ L]
     works = np.zeros((len(x.t), 3))
     for node in range(1, len(x.t)):
-        origin = node - 2 if part.double and node > 1 else node - 1
+        origin = node - 2 if s.double and node > 1 else node - 1
         du = x.u[node] - x.u[origin]
         works[node] = works[origin] + [du @ (q[origin] + q[node]) / 2.0 for q in forces]
-    return works[:: part.substeps]
+    return works[:: s.substeps]
 
 
 @pytest.mark.parametrize("seed", range(16))
 def test_the_energies_are_those_of_the_recorded_nodes_and_change_no_bit(seed):
     problem = random_macro_problem(seed)
-    for part in problem.parts:
-        part.restoring = part.K_r = part.D_r = None  # of these nobody knows the force at a node
+    for s in problem.subdomains:
+        s.restoring = s.K_r = s.D_r = None  # of these nobody knows the force at a node
     summed, plain = made(problem), made(problem)
     history = summed.run(steps=9, energy=True)
     plain.step(9)
     same_to_the_last_bit(summed, plain)
     told = history.energy
     size = max(told.kinetic.max(), told.strain.max())
-    for i, part in enumerate(problem.parts):
+    for i, s in enumerate(problem.subdomains):
         x = history[i]
-        kinetic = 0.5 * np.einsum("ki,ij,kj->k", x.v, part.M, x.v)[:: part.substeps]
+        kinetic = 0.5 * np.einsum("ki,ij,kj->k", x.v, s.M, x.v)[:: s.substeps]
         # sums of some 100 products in another order: 1e-13 of the largest
         assert largest(told.kinetic[:, i] - kinetic) < 1e-11 * size
         got = [told.dissipated[:, i], told.external[:, i], told.interface[:, i]]
@@ -709,13 +713,13 @@ def nonlinear_error(r, K_r, D_r, substeps, explicit, dt):
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.StabilityWarning)
-        part = coupled(a, b, dt).run(1.0)["a"]
+        s = coupled(a, b, dt).run(1.0)["a"]
     # the uncut oscillator of mass 1; DOP853 at 1e-11 is far below every error here, 1e-5 and more
     truth = solve_ivp(
         lambda t, x: [x[1], -10.0 * x[0] - r(x[0], x[1], t)],
-        (0.0, 1.0), [1.0, 0.0], method="DOP853", t_eval=part.t, rtol=1e-11, atol=1e-12,
+        (0.0, 1.0), [1.0, 0.0], method="DOP853", t_eval=s.t, rtol=1e-11, atol=1e-12,
     ).y  # fmt: skip
-    return np.array([largest(part.u[:, 0] - truth[0]), largest(part.v[:, 0] - truth[1])])
+    return np.array([largest(s.u[:, 0] - truth[0]), largest(s.v[:, 0] - truth[1])])
 
 
 @pytest.mark.parametrize("explicit", [True, False], ids=["explicit", "implicit"])
@@ -794,11 +798,11 @@ def test_a_tie_without_mass_costs_an_order_and_is_warned_of():
     def error(dt, coupling, substeps):
         a = pm.Subdomain([1.0], [20.0], scheme=SECOND, name="a")
         b = pm.Subdomain([0.0, 1.0], K, scheme=SECOND, substeps=substeps, v0=[0.0, 1.0], name="b")
-        part = coupled(a, b, dt, coupling).run(1.0, every=1)["a"]
+        s = coupled(a, b, dt, coupling).run(1.0, every=1)["a"]
         exact = reference.exact(
-            np.eye(2), None, K + np.diag([20.0, 0.0]), np.zeros(2), np.array([0.0, 1.0]), part.t
+            np.eye(2), None, K + np.diag([20.0, 0.0]), np.zeros(2), np.array([0.0, 1.0]), s.t
         )
-        return largest(part.u[:, 0] - exact[0][:, 0])
+        return largest(s.u[:, 0] - exact[0][:, 0])
 
     steps = (1 / 200, 1 / 400)
     with pytest.warns(pm.ConstraintWarning, match="dofs 0 of subdomain 'b' have no mass"):

@@ -120,14 +120,14 @@ def test_the_second_displacement_is_the_mean_of_the_two_sides():
 def four_dof_by_reference(chain, implicit, explicit):
     """100 macro steps of the experiment by the reference, from matrices written out here."""
     k1, k2, k3, k4 = chain.springs
-    a = reference.Part(
+    a = reference.Subdomain(
         np.diag([0.5, 1.0, 1.0]),
         np.array([[k3, -k3, 0.0], [-k3, k3 + k4, -k4], [0.0, -k4, k4]]),
         **implicit,
         double=True,
         u0=[0.0, 0.0, 1.0],
     )
-    b = reference.Part(
+    b = reference.Subdomain(
         np.diag([1.0, 0.5]), np.array([[k1 + k2, -k2], [-k2, k2]]), **explicit, substeps=20
     )
     L = [np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, -1.0]])]
@@ -142,7 +142,7 @@ PM_ALPHA = (reference.alpha(0.5), reference.alpha(0.5, explicit=True))
 def test_the_four_dof_experiment_agrees_with_the_reference(rho, schemes):
     chain = models.four_dof(rho)
     history = chain.coupler(chain.macro_step).run(steps=100)
-    a, b = four_dof_by_reference(chain, *schemes).parts
+    a, b = four_dof_by_reference(chain, *schemes).subdomains
     u, v = (
         np.column_stack([xb[::20, 0], 0.5 * (xa[:, 0] + xb[::20, 1]), xa[:, 1:]])
         for xa, xb in ((a.u, b.u), (a.v, b.v))
@@ -283,8 +283,8 @@ def test_an_oscillator_under_the_record_reaches_the_published_peak(period):
         scheme=pm.GeneralizedAlpha(1.0),
         force=pm.BaseAcceleration(record, dt, [1.0], [1.0]),
     )
-    part = pm.solve(oscillator, 0.005, 31.2)
-    peak = np.abs(part.u).max() / 0.0254
+    history = pm.solve(oscillator, 0.005, 31.2)
+    peak = np.abs(history.u).max() / 0.0254
     # the peak between two points of the record is up to 0.5 % above the published one at a
     # point (T = 0.5 s); the period error (omega 0.005)^2 / 12 = 0.03 % comes on top
     assert peak == pytest.approx(PUBLISHED[period], rel=0.01)

@@ -306,13 +306,13 @@ def test_order_one_shows_from_320_steps_a_period_on_and_earlier_in_v_than_in_u()
 @pytest.mark.parametrize("explicit", [False, True])
 @pytest.mark.parametrize("rho", [0.0, 0.5, 1.0])
 def test_implicit_and_explicit_alone_converge_with_order_two(rho, explicit):
-    part = pm.Subdomain(
+    subdomain = pm.Subdomain(
         [1.0], [(2 * np.pi) ** 2], scheme=pm.GeneralizedAlpha(rho, explicit), u0=[1.0], v0=[6.0]
     )
 
     def error(quantity):
         def at(dt):
-            alone = pm.Coupler([part], dt=dt)
+            alone = pm.Coupler([subdomain], dt=dt)
             return at_one_period(alone, analysis.exact_solution(alone))[quantity]
 
         return at

@@ -39,12 +39,14 @@ def test_random_coupled_problems_agree_with_the_reference_along_paths(seed, monk
     coupler = problem.coupler()
     expected = problem.reference(9, [part.double for part in coupler._parts])
     history = coupler.run(steps=9)
-    scale = max(np.max(np.abs(part.u)) for part in expected.parts)
-    for i, part in enumerate(expected.parts):
+    scale = max(np.max(np.abs(part.u)) for part in expected.subdomains)
+    for i, part in enumerate(expected.subdomains):
         # as in test_against_reference
         assert np.max(np.abs(history[i].u - part.u)) <= 1e-9 * scale
     force = np.max(np.abs(expected.multipliers))
-    inertia = max(np.max(np.abs(x.w @ p.M)) for x, p in zip(expected.parts, problem.parts))
+    inertia = max(
+        np.max(np.abs(x.w @ p.M)) for x, p in zip(expected.subdomains, problem.subdomains)
+    )
     difference = np.max(np.abs(history.multipliers - expected.multipliers))
     assert difference <= 1e-9 * max(force, inertia)
 

@@ -30,9 +30,9 @@ def made_up(u, multipliers=None, name="a", t=None):
     """A history of one subdomain with these displacements (k, n)."""
     u = np.asarray(u, dtype=float)
     t = np.linspace(0.0, 1.0, len(u)) if t is None else t
-    part = pm.SubdomainHistory(name, t, u, 2.0 * u, 3.0 * u, np.arange(u.shape[1]))
+    subdomain = pm.SubdomainHistory(name, t, u, 2.0 * u, 3.0 * u, np.arange(u.shape[1]))
     lam = np.zeros((len(u), 0)) if multipliers is None else np.asarray(multipliers, dtype=float)
-    return pm.History((part,), lam, t, 1e-3 * lam, 10.0 * lam, t, ((name, None),))
+    return pm.History((subdomain,), lam, t, 1e-3 * lam, 10.0 * lam, t, ((name, None),))
 
 
 def lines(ax):
@@ -95,8 +95,8 @@ def test_a_power_of_ten_stands_in_the_label_and_not_above_the_axis():
 
 
 def test_one_subdomain_without_conditions_has_one_panel():
-    part = pm.Subdomain([1.0, 1.0], [4.0, 9.0], scheme=pm.Newmark(), u0=[1.0, 0.5])
-    history = pm.Coupler([part], dt=0.1).run(3.0)
+    subdomain = pm.Subdomain([1.0, 1.0], [4.0, 9.0], scheme=pm.Newmark(), u0=[1.0, 0.5])
+    history = pm.Coupler([subdomain], dt=0.1).run(3.0)
     (ax,) = history.plot().axes
     assert list(lines(ax)) == ["dof 0 of subdomain 0", "dof 1 of subdomain 0"]
     (ax,) = history.plot(1).axes
@@ -169,11 +169,11 @@ def test_a_long_history_is_drawn_by_its_extremes():
     assert (t[0], t[-1]) == (0.0, 1.0)
     assert np.isin(drawn, x).all()
     # whatever is narrower than a thousandth of the picture has the same highest and lowest point
-    for part in np.array_split(np.arange(k), 1000)[1:-1]:
-        begin, end = history[0].t[part[[0, -1]]]
+    for rows in np.array_split(np.arange(k), 1000)[1:-1]:
+        begin, end = history[0].t[rows[[0, -1]]]
         near = drawn[(t > begin - 5e-4) & (t < end + 5e-4)]
-        assert near.max() >= x[part].max()
-        assert near.min() <= x[part].min()
+        assert near.max() >= x[rows].max()
+        assert near.min() <= x[rows].min()
 
 
 def test_curves_differ_without_colour():
@@ -238,9 +238,9 @@ def test_hundreds_of_curves_are_refused():
 
 
 def test_nothing_recorded_and_no_conditions_is_nothing_to_draw():
-    part = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark())
+    subdomain = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark())
     with pytest.raises(ValueError, match="neither recorded dofs nor conditions"):
-        pm.Coupler([part], dt=0.1).run(steps=2, record={}).plot()
+        pm.Coupler([subdomain], dt=0.1).run(steps=2, record={}).plot()
 
 
 def test_without_matplotlib_it_is_said_what_to_install(monkeypatch):
@@ -571,12 +571,12 @@ def test_subdomains_with_steps_of_their_own_move_together():
     # two squares, of which the second has a node in the middle of the steps of the first
     t = (np.array([0.0, 2.0]), np.array([0.0, 1.0, 2.0]))
     u = (np.array([[0.0] * 8, [2.0] * 8]), np.array([[0.0] * 8, [5.0] * 8, [0.0] * 8]))
-    parts = tuple(
+    subdomains = tuple(
         pm.SubdomainHistory(name, t, u, u, u, np.arange(8)) for name, t, u in zip("ab", t, u)
     )
     empty = np.zeros((2, 0))
     keys = (("a", None), ("b", None))
-    history = pm.History(parts, empty, t[0], empty, empty, t[0], keys)
+    history = pm.History(subdomains, empty, t[0], empty, empty, t[0], keys)
     mesh = {"a": SQUARE, "b": (SQUARE[0] + [9.0, 0.0], SQUARE[1])}
     moving = plot.animation(history, mesh, frames=5, scale=1)
     frames = watched(moving, corners)
@@ -615,8 +615,10 @@ def test_a_structure_with_fixed_dofs_is_shown_with_all_of_them():
     free = pm.reduce(wall.M, wall.K, fixed=foot)
     v0 = np.zeros(wall.n)
     v0[wall.dofs(wall.nodes_at(x=3.0), "uy")] = 1.0
-    part = pm.Subdomain(free.M, free.K, scheme=pm.Newmark(), v0=free.reduce_motion(v0), name="wall")
-    history = pm.Coupler([part], dt=0.05).run(steps=8)
+    subdomain = pm.Subdomain(
+        free.M, free.K, scheme=pm.Newmark(), v0=free.reduce_motion(v0), name="wall"
+    )
+    history = pm.Coupler([subdomain], dt=0.05).run(steps=8)
     moving = plot.animation(history, {"wall": (wall, free.expand)}, frames=3, scale=1)
     last = watched(
         moving, lambda ax: [p.vertices[:4] for p in of(ax, PolyCollection)[0].get_paths()]

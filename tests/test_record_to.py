@@ -90,8 +90,10 @@ def test_a_path_at_fault_is_known_before_a_rig_is_asked(tmp_path):
 
 def test_a_saved_hdf5_file_holds_what_springs_did(tmp_path):
     joint = pm.Bilinear([0], k=4.0, fy=1.0)
-    part = pm.Subdomain([1.0], None, scheme=pm.Newmark(), restoring=joint, v0=[3.0], name="part")
-    history = pm.Coupler([part], dt=0.1).run(steps=9, record_springs={"part": None})
+    subdomain = pm.Subdomain(
+        [1.0], None, scheme=pm.Newmark(), restoring=joint, v0=[3.0], name="part"
+    )
+    history = pm.Coupler([subdomain], dt=0.1).run(steps=9, record_springs={"part": None})
     history.save(tmp_path / "saved.h5")
     loaded = pm.History.load(tmp_path / "saved.h5")["part"]
     for name in ("deformation", "force", "springs"):
@@ -153,8 +155,8 @@ def test_any_number_of_stretches_makes_the_same_file(tmp_path, monkeypatch, size
 
 def test_a_file_of_many_subdomains_and_any_names_is_a_file(tmp_path):
     names = ["Größe 塔", "b\0", "header", "step_count", "0/u", *(f"part {i}" for i in range(300))]
-    parts = [pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), v0=[1.0], name=x) for x in names]
-    coupler, other = pm.Coupler(parts, dt=0.1), pm.Coupler(parts, dt=0.1)
+    subdomains = [pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), v0=[1.0], name=x) for x in names]
+    coupler, other = pm.Coupler(subdomains, dt=0.1), pm.Coupler(subdomains, dt=0.1)
     history = coupler.run(steps=3, record_to=str(tmp_path / "run.h5"))
     require_same_bits(history, other.run(steps=3))
     assert pm.History.load(tmp_path / "run.h5")["b\0"].u.shape == (4, 1)

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.linalg
-from reference import Part, alpha, exact, initial_accelerations, run
+from reference import Subdomain, alpha, exact, initial_accelerations, run
 
 ONE = np.ones((1, 1))
 FREE = [np.zeros((0, 1))]  # no conditions on a part of one dof
@@ -64,15 +64,15 @@ def damped_chain(**scheme):
     K = 40.0 * (2 * np.eye(3) - np.eye(3, k=1) - np.eye(3, k=-1))
     M = np.diag([1.0, 2.0, 1.5])
     start = {"u0": [1.0, 0.0, -0.5], "v0": [0.0, 2.0, 1.0]}
-    return Part(M, K, 0.02 * M + 0.01 * K, **scheme, **start)
+    return Subdomain(M, K, 0.02 * M + 0.01 * K, **scheme, **start)
 
 
-def uncoupled_errors(part, counts):
+def uncoupled_errors(s, counts):
     """Errors of u, v, w at t = 1, one row for each number of steps."""
-    truth = np.array(exact(part.M, part.C, part.K, part.u0, part.v0, 1.0))
+    truth = np.array(exact(s.M, s.C, s.K, s.u0, s.v0, 1.0))
     errors = []
     for count in counts:
-        got = run([part], [np.zeros((0, len(part.M)))], 1.0 / count, count).parts[0]
+        got = run([s], [np.zeros((0, len(s.M)))], 1.0 / count, count).subdomains[0]
         errors.append(np.abs([got.u[-1], got.v[-1], got.w[-1]] - truth).max(axis=1))
     return np.array(errors)
 
@@ -80,11 +80,11 @@ def uncoupled_errors(part, counts):
 @pytest.mark.parametrize("explicit", [False, True])
 @pytest.mark.parametrize("rho", [0.0, 0.5, 1.0])
 def test_an_uncoupled_part_has_order_two(rho, explicit):
-    part = damped_chain(**alpha(rho, explicit))
-    slopes = orders(uncoupled_errors(part, [400, 800]))
+    s = damped_chain(**alpha(rho, explicit))
+    slopes = orders(uncoupled_errors(s, [400, 800]))
     assert slopes == pytest.approx(2.0, abs=0.05)  # dt omega = 0.03: the next term
     # gamma off its condition 1/2 - am + af costs one order (the same tolerance)
-    off = replace(part, gamma=part.gamma + 0.1)
+    off = replace(s, gamma=s.gamma + 0.1)
     assert orders(uncoupled_errors(off, [800, 1600])) == pytest.approx(1.0, abs=0.05)
 
 
@@ -100,10 +100,10 @@ def forced_errors(late, counts):
     for count in counts:
         h = 2.0 / count
         force = lambda t, h=h: np.array([np.cos(2.0 * (t - late * h))])  # noqa: E731
-        part = Part(ONE, 9.0 * ONE, **alpha(0.5), force=force)
+        s = Subdomain(ONE, 9.0 * ONE, **alpha(0.5), force=force)
         # from rest: u = (cos 2 t - cos 3 t) / (9 - 4)
         truth = (np.cos(4.0) - np.cos(6.0)) / 5.0
-        errors.append(abs(run([part], FREE, h, count).parts[0].u[-1, 0] - truth))
+        errors.append(abs(run([s], FREE, h, count).subdomains[0].u[-1, 0] - truth))
     return errors
 
 
@@ -116,10 +116,10 @@ def test_a_load_belongs_to_the_end_of_the_step():
 def three_step_residual(rho, h):
     """Left-hand side of the paper's three-step form (3) (4) on a computed sequence u."""
     m, c, k = 2.0, 0.4, 30.0
-    s = alpha(rho)
-    am, af, g, b = s["am"], s["af"], s["gamma"], s["beta"]
-    part = Part(m * ONE, k * ONE, c * ONE, **s, u0=[1.0], v0=[2.0])
-    u = run([part], FREE, h, 40).parts[0].u[:, 0]
+    scheme = alpha(rho)
+    am, af, g, b = scheme["am"], scheme["af"], scheme["gamma"], scheme["beta"]
+    s = Subdomain(m * ONE, k * ONE, c * ONE, **scheme, u0=[1.0], v0=[2.0])
+    u = run([s], FREE, h, 40).subdomains[0].u[:, 0]
     al = [am, 1 - 3 * am, -2 + 3 * am, 1 - am]
     ga = [af * (g - 1), -1 + 2 * af + g - 3 * g * af, 1 - af - 2 * g + 3 * g * af, (1 - af) * g]
     de = [0.5 + b - g, 0.5 - 2 * b + g, b]
@@ -137,8 +137,8 @@ def test_implicit_displacements_satisfy_the_three_step_form_of_the_paper(rho):
 
 def explicit_oscillator(rho, omega_h, steps):
     """u of the explicit scheme alone, w + u = 0, h = omega_h."""
-    part = Part(ONE, ONE, **alpha(rho, explicit=True), u0=[1.0], v0=[0.7])
-    return run([part], FREE, omega_h, steps).parts[0].u[:, 0]
+    s = Subdomain(ONE, ONE, **alpha(rho, explicit=True), u0=[1.0], v0=[0.7])
+    return run([s], FREE, omega_h, steps).subdomains[0].u[:, 0]
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.3, 0.8])
@@ -171,18 +171,18 @@ def oscillator(ss=1, b1=10.0, rho=0.5, double=True):
     """m = 1, period 1, cut in two: A implicit, B explicit; b1 = mA/mB = kB/kA."""
     m_b, k_a = 1 / (1 + b1), OMEGA**2 / (1 + b1)
     start = {"u0": [1.0], "v0": [0.3]}
-    a = Part((1 - m_b) * ONE, k_a * ONE, **alpha(rho), double=double, **start)
+    a = Subdomain((1 - m_b) * ONE, k_a * ONE, **alpha(rho), double=double, **start)
     stiff = (OMEGA**2 - k_a) * ONE
-    return [a, Part(m_b * ONE, stiff, **alpha(rho, explicit=True), substeps=ss, **start)]
+    return [a, Subdomain(m_b * ONE, stiff, **alpha(rho, explicit=True), substeps=ss, **start)]
 
 
-def oscillator_truth(parts, t):
+def oscillator_truth(subdomains, t):
     """Closed-form u, v, w and Lam of the cut oscillator, each (k,)."""
     cos, sin = np.cos(OMEGA * t), np.sin(OMEGA * t)
     u, v = cos + 0.3 / OMEGA * sin, -OMEGA * sin + 0.3 * cos
     w = -(OMEGA**2) * u
     # (1)  Lam = mA w + kA u, for L_A = 1
-    return u, v, w, parts[0].M[0, 0] * w + parts[0].K[0, 0] * u
+    return u, v, w, subdomains[0].M[0, 0] * w + subdomains[0].K[0, 0] * u
 
 
 def oscillator_errors(counts, ss=1, **options):
@@ -192,10 +192,10 @@ def oscillator_errors(counts, ss=1, **options):
     """
     errors = []
     for count in counts:
-        parts = oscillator(ss=ss, **options)
-        got = run(parts, MIRROR, 1.0 / count, count)
-        u, v, w, Lam = oscillator_truth(parts, got.parts[0].t)
-        a, b = got.parts
+        subdomains = oscillator(ss=ss, **options)
+        got = run(subdomains, MIRROR, 1.0 / count, count)
+        u, v, w, Lam = oscillator_truth(subdomains, got.subdomains[0].t)
+        a, b = got.subdomains
         late = slice(count // 2, None)
         differ = [a.u[:, 0] - u, a.v[:, 0] - v, (a.w[:, 0] - w)[late]]
         differ.append((got.multipliers[::ss, 0] - Lam)[late])
@@ -228,8 +228,8 @@ def test_velocities_of_both_sides_agree_at_every_fine_step(ss, double):
     # difference of two numbers of size 6, each a sum of a few terms of that size
     assert np.abs(got.velocity_jump).max() < 1e-14
     # it is the interface problem that does it: without, the sides swing at different frequencies
-    parts = oscillator(ss=ss, double=False)
-    loose = [run([part], FREE, 1 / 40, 40).parts[0].v for part in parts]
+    subdomains = oscillator(ss=ss, double=False)
+    loose = [run([s], FREE, 1 / 40, 40).subdomains[0].v for s in subdomains]
     assert np.abs(loose[0] - loose[1][::ss]).max() > 1.0
 
 
@@ -250,7 +250,7 @@ def late_growth(rho, b1, ss, fraction):
     limit = np.sqrt(12 * (1 + rho) * (2 - rho) / (10 - 5 * rho + rho**2))
     omega_b = OMEGA * np.sqrt(b1)
     got = run(oscillator(ss=ss, b1=b1, rho=rho), MIRROR, fraction * limit * ss / omega_b, 200)
-    v = np.abs(got.parts[1].v[:, 0])
+    v = np.abs(got.subdomains[1].v[:, 0])
     return v[len(v) // 2 :].max() / v[: len(v) // 2].max()
 
 
@@ -272,24 +272,24 @@ def test_the_cut_oscillator_is_unstable_where_its_stiff_explicit_part_is(ss):
 
 
 def test_the_first_multiplier_is_the_force_that_the_cut_carries():
-    parts = oscillator(b1=10.0)
-    w, Lam = initial_accelerations(parts, MIRROR)
+    subdomains = oscillator(b1=10.0)
+    w, Lam = initial_accelerations(subdomains, MIRROR)
     # w = -omega^2 and Lam = mA w + kA = omega^2 (1 - b1) / (1 + b1); a few roundings of 40
     assert np.concatenate(w) == pytest.approx(-(OMEGA**2), rel=1e-14)
     assert Lam == pytest.approx(OMEGA**2 * (1 - 10) / (1 + 10), rel=1e-13)
-    got = run(parts, MIRROR, 0.01, 1)
-    np.testing.assert_array_equal(got.parts[0].a[0], got.parts[0].w[0])
+    got = run(subdomains, MIRROR, 0.01, 1)
+    np.testing.assert_array_equal(got.subdomains[0].a[0], got.subdomains[0].w[0])
     # (S2)  with al1 = h^2 8/27 and al2 = h 5/9 at rho = 1/2; a few roundings
-    a, h = parts[0], 0.01
+    a, h = subdomains[0], 0.01
     vf = 0.3 - h * 5 / 9 * Lam[0] / (a.M[0, 0] + h**2 * 8 / 27 * a.K[0, 0])
-    assert got.parts[0].vf[0] == pytest.approx(vf, rel=1e-13)
+    assert got.subdomains[0].vf[0] == pytest.approx(vf, rel=1e-13)
 
 
 def accelerations_after_the_start(ss, start, dt):
     """Error of w of B at the fine nodes of the second macro step."""
-    parts = oscillator(ss=ss)
-    b = run(parts, MIRROR, dt, 2, start).parts[1]
-    return (b.w[:, 0] - oscillator_truth(parts, b.t)[2])[ss + 1 :]
+    subdomains = oscillator(ss=ss)
+    b = run(subdomains, MIRROR, dt, 2, start).subdomains[1]
+    return (b.w[:, 0] - oscillator_truth(subdomains, b.t)[2])[ss + 1 :]
 
 
 @pytest.mark.parametrize("ss", [2, 20])
@@ -316,14 +316,14 @@ def test_after_the_plain_start_the_acceleration_error_stays(ss):
 def test_with_equal_steps_the_two_starts_are_the_same():
     got = [run(oscillator(), MIRROR, 0.02, 30, start) for start in ("rebased", "plain")]
     # vf is interpolated only between own nodes, and there are none in between
-    np.testing.assert_array_equal(got[0].parts[1].u, got[1].parts[1].u)
+    np.testing.assert_array_equal(got[0].subdomains[1].u, got[1].subdomains[1].u)
     different = [run(oscillator(ss=2), MIRROR, 0.02, 30, start) for start in ("rebased", "plain")]
-    assert np.abs(different[0].parts[1].u - different[1].parts[1].u).max() > 1e-4
+    assert np.abs(different[0].subdomains[1].u - different[1].subdomains[1].u).max() > 1e-4
 
 
 def test_a_tiny_mass_is_not_taken_for_none():
-    parts = [Part(1e-14 * ONE, ONE, u0=[1e-14]), Part(1e6 * ONE, ONE, u0=[1.0])]
-    w, _ = initial_accelerations(parts, [np.zeros((0, 1))] * 2)
+    subdomains = [Subdomain(1e-14 * ONE, ONE, u0=[1e-14]), Subdomain(1e6 * ONE, ONE, u0=[1.0])]
+    w, _ = initial_accelerations(subdomains, [np.zeros((0, 1))] * 2)
     # w = -k u / m; two roundings
     assert np.concatenate(w) == pytest.approx([-1.0, -1e-6], rel=1e-14)
 
@@ -332,21 +332,23 @@ def test_a_tiny_mass_is_not_taken_for_none():
 
 
 def test_every_part_is_in_equilibrium_at_every_own_node():
-    parts, L, *_ = cross(ss=(1, 2, 4), double=(True, True, False), explicit=(False, False, True))
-    for part, load in zip(parts, ([1.0, 0.0], [0.0, 3.0], [-2.0, 1.0]), strict=True):
-        part.force = lambda t, load=load: np.cos(5 * t) * np.array(load)
+    subdomains, L, *_ = cross(
+        ss=(1, 2, 4), double=(True, True, False), explicit=(False, False, True)
+    )
+    for s, load in zip(subdomains, ([1.0, 0.0], [0.0, 3.0], [-2.0, 1.0]), strict=True):
+        s.force = lambda t, load=load: np.cos(5 * t) * np.array(load)
     dt = 0.02
-    got = run(parts, L, dt, 20)
-    for part, Li, x in zip(parts, L, got.parts, strict=True):
-        Lam = got.multipliers[:: 4 // part.substeps]
-        h = np.full(len(x.t), dt / part.substeps)
-        h[part.substeps + 1 :] *= 1 + part.double
+    got = run(subdomains, L, dt, 20)
+    for s, Li, x in zip(subdomains, L, got.subdomains, strict=True):
+        Lam = got.multipliers[:: 4 // s.substeps]
+        h = np.full(len(x.t), dt / s.substeps)
+        h[s.substeps + 1 :] *= 1 + s.double
         # (7) holds with u1, (10) with ut = u1 - al1 w1; (S1) with u_0
-        al1 = h**2 * part.beta * (1 - part.af) / (1 - part.am) * part.explicit
+        al1 = h**2 * s.beta * (1 - s.af) / (1 - s.am) * s.explicit
         al1[0] = 0.0
         u = x.u - al1[:, None] * x.w
-        load = np.array([part.force(t) for t in x.t])
-        residual = x.w @ part.M + x.v @ part.C + u @ part.K - load - Lam @ Li
+        load = np.array([s.force(t) for t in x.t])
+        residual = x.w @ s.M + x.v @ s.C + u @ s.K - load - Lam @ Li
         assert np.abs(residual).max() < 1e-12  # sums of forces of size 100; M, C, K symmetric
         # a load that is not the one of the run does not balance
         assert np.abs(residual + 1e-3 * load).max() > 1e-4
@@ -354,16 +356,16 @@ def test_every_part_is_in_equilibrium_at_every_own_node():
 
 def test_equal_instants_have_equal_bits():
     asked = {0: [], 1: [], 2: []}
-    parts, L, *_ = cross(ss=(1, 3, 6), double=(True, True, False), explicit=(False,) * 3)
-    for i, part in enumerate(parts):
-        part.force = lambda t, i=i: asked[i].append(t) or np.zeros(2)
+    subdomains, L, *_ = cross(ss=(1, 3, 6), double=(True, True, False), explicit=(False,) * 3)
+    for i, s in enumerate(subdomains):
+        s.force = lambda t, i=i: asked[i].append(t) or np.zeros(2)
     dt = 0.1  # 3 * 0.1 and 0.1 + 0.1 + 0.1 differ from 0.3 in the last bit
-    got = run(parts, L, dt, 10)
+    got = run(subdomains, L, dt, 10)
     np.testing.assert_array_equal(got.multiplier_times, [(k / 6) * dt for k in range(61)])
     for i, stride in enumerate((6, 2, 1)):
-        np.testing.assert_array_equal(got.parts[i].t, got.multiplier_times[::stride])
+        np.testing.assert_array_equal(got.subdomains[i].t, got.multiplier_times[::stride])
         # once for the initial accelerations, then once a step, in the order of time
-        np.testing.assert_array_equal(asked[i], got.parts[i].t)
+        np.testing.assert_array_equal(asked[i], got.subdomains[i].t)
 
 
 # ---- four dofs (METHOD section 6, the paper's figure 7) -------------------------------------
@@ -390,16 +392,16 @@ def published_springs():
 def four_dof(scheme_a, scheme_b):
     """A = {u2, u3, u4} implicit, double; B = {u1, u2} explicit, ss = 20; m2 split in half."""
     k = published_springs()
-    a = Part(np.diag([0.5, 1.0, 1.0]), chain(np.append(0.0, k[2:])), **scheme_a, double=True,
+    a = Subdomain(np.diag([0.5, 1.0, 1.0]), chain(np.append(0.0, k[2:])), **scheme_a, double=True,
              u0=[0.0, 0.0, 1.0])  # fmt: skip
-    b = Part(np.diag([1.0, 0.5]), chain(k[:2]), **scheme_b, substeps=20)
+    b = Subdomain(np.diag([1.0, 0.5]), chain(k[:2]), **scheme_b, substeps=20)
     return [a, b], [np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, -1.0]])]
 
 
 def modal_amplitudes(got):
     """sqrt(q^2 + (q'/omega)^2) of the uncut chain at the macro nodes, shape (nodes, 4)."""
     _, modes = scipy.linalg.eigh(chain(published_springs()))
-    a, b = got.parts
+    a, b = got.subdomains
     uncut = []
     for x, y in ((a.u, b.u[::20]), (a.v, b.v[::20])):
         uncut.append(np.column_stack([y[:, 0], (x[:, 0] + y[:, 1]) / 2, x[:, 1:]]))
@@ -453,7 +455,7 @@ def cross(ss, double, explicit):
     """Three parts [hub, outer] that share the hub, and the uncut system M, C, K, u0, v0."""
     M, C, K = np.zeros((3, 4, 4))
     u0, v0 = np.array([0.2, 1.0, -0.5, 0.3]), np.array([0.1, -0.2, 0.4, 0.0])
-    parts = []
+    subdomains = []
     for i, (hub, outer, k) in enumerate([(0.4, 1.0, 30.0), (0.25, 0.7, 55.0), (0.35, 1.5, 80.0)]):
         m = np.diag([hub, outer])
         stiff = k * np.array([[1.0, -1.0], [-1.0, 1.0]]) + np.diag([0.0, 10.0 * (i + 1)])
@@ -462,8 +464,8 @@ def cross(ss, double, explicit):
         M[at] += m
         C[at] += c
         K[at] += stiff
-        parts.append(
-            Part(
+        subdomains.append(
+            Subdomain(
                 m,
                 stiff,
                 c,
@@ -476,17 +478,19 @@ def cross(ss, double, explicit):
         )
     e, o = [1.0, 0.0], [0.0, 0.0]
     L = [np.array([e, e]), np.array([np.negative(e), o]), np.array([o, np.negative(e)])]
-    return parts, L, M, C, K, u0, v0
+    return subdomains, L, M, C, K, u0, v0
 
 
 def cross_errors(counts, **options):
     """Errors of u, v, w of all parts at t = 1, one row for each number of steps."""
-    parts, L, *uncut = cross(**options)
+    subdomains, L, *uncut = cross(**options)
     truth = np.array(exact(*uncut, 1.0))
     errors = []
     for count in counts:
-        got = run(parts, L, 1.0 / count, count)
-        last = [[x.u[-1], x.v[-1], x.w[-1]] - truth[:, [0, i + 1]] for i, x in enumerate(got.parts)]
+        got = run(subdomains, L, 1.0 / count, count)
+        last = [
+            [x.u[-1], x.v[-1], x.w[-1]] - truth[:, [0, i + 1]] for i, x in enumerate(got.subdomains)
+        ]
         errors.append(np.abs(last).max(axis=(0, 2)))
     return np.array(errors)
 
@@ -517,11 +521,13 @@ def test_three_parts_at_a_cross_point_have_order_one_with_any_substeps(ss, doubl
 
 
 def test_which_conditions_tie_the_cross_point_makes_no_difference():
-    parts, L, *_ = cross(ss=(1, 2, 4), double=(True, True, False), explicit=(False, False, True))
+    subdomains, L, *_ = cross(
+        ss=(1, 2, 4), double=(True, True, False), explicit=(False, False, True)
+    )
     mix = np.array([[1.0, -1.0], [2.0, 1.0]])  # any regular matrix: 0 = mix (sum L_i v_i)
-    one = run(parts, L, 0.02, 50)
-    two = run(parts, [mix @ Li for Li in L], 0.02, 50)
-    for x, y in zip(one.parts, two.parts, strict=True):
+    one = run(subdomains, L, 0.02, 50)
+    two = run(subdomains, [mix @ Li for Li in L], 0.02, 50)
+    for x, y in zip(one.subdomains, two.subdomains, strict=True):
         # accelerations of size 100, 200 fine steps
         np.testing.assert_allclose(x.w, y.w, rtol=0, atol=1e-11)
     # L^T Lam is the same force, so Lam transforms with mix^T
@@ -535,14 +541,14 @@ def test_which_conditions_tie_the_cross_point_makes_no_difference():
 def springs_in_series(m1, **options):
     """ground - 30 - m1 - 70 - mass 2, from rest, in static equilibrium inside."""
     K = np.array([[100.0, -70.0], [-70.0, 70.0]])
-    return Part(np.diag([m1, 2.0]), K, u0=[0.7, 1.0], **options)
+    return Subdomain(np.diag([m1, 2.0]), K, u0=[0.7, 1.0], **options)
 
 
 def test_a_massless_dof_inside_a_part_is_static_condensation():
     whole = springs_in_series(0.0, **alpha(0.5))
-    condensed = Part(2.0 * ONE, 30 * 70 / 100 * ONE, u0=[1.0], **alpha(0.5))
-    x = run([whole], [np.zeros((0, 2))], 0.1, 200).parts[0]
-    y = run([condensed], FREE, 0.1, 200).parts[0]
+    condensed = Subdomain(2.0 * ONE, 30 * 70 / 100 * ONE, u0=[1.0], **alpha(0.5))
+    x = run([whole], [np.zeros((0, 2))], 0.1, 200).subdomains[0]
+    y = run([condensed], FREE, 0.1, 200).subdomains[0]
     # (7) in its row is 100 u1 = 70 u2 at every node, exactly; rounding of w = 10 over 200 steps
     np.testing.assert_allclose(x.u[:, 0], 0.7 * y.u[:, 0], rtol=0, atol=1e-13)
     np.testing.assert_allclose(x.w[:, 1], y.w[:, 0], rtol=0, atol=1e-12)
@@ -551,16 +557,16 @@ def test_a_massless_dof_inside_a_part_is_static_condensation():
     assert x.w[0, 0] == 0.0
     assert abs(x.v[1, 0] - 0.7 * y.v[1, 0]) > 1e-2
     np.testing.assert_allclose(x.v[60:, 0], 0.7 * y.v[60:, 0], rtol=0, atol=1e-12)
-    slow = run([springs_in_series(0.0, **alpha(0.9))], [np.zeros((0, 2))], 0.1, 60).parts[0]
-    fast = run([replace(condensed, **alpha(0.9))], FREE, 0.1, 60).parts[0]
+    slow = run([springs_in_series(0.0, **alpha(0.9))], [np.zeros((0, 2))], 0.1, 60).subdomains[0]
+    fast = run([replace(condensed, **alpha(0.9))], FREE, 0.1, 60).subdomains[0]
     assert abs(slow.v[60, 0] - 0.7 * fast.v[60, 0]) > 1e-6
 
 
 def series_errors(m1, explicit, counts):
     """Errors of u, v of the mass at t = 2: ground - 30 - cut - 70 - mass, m1 in B at the cut."""
-    a = Part(0.0 * ONE, 30.0 * ONE, **alpha(0.5), double=True, u0=[0.7])
+    a = Subdomain(0.0 * ONE, 30.0 * ONE, **alpha(0.5), double=True, u0=[0.7])
     stiff = 70.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    b = Part(np.diag([m1, 2.0]), stiff, u0=[0.7, 1.0], **alpha(0.5, explicit))
+    b = Subdomain(np.diag([m1, 2.0]), stiff, u0=[0.7, 1.0], **alpha(0.5, explicit))
     if m1:
         uncut = springs_in_series(m1)
         truth = exact(uncut.M, None, uncut.K, uncut.u0, None, 2.0)
@@ -568,7 +574,7 @@ def series_errors(m1, explicit, counts):
         truth = exact(2.0 * ONE, None, 21.0 * ONE, [1.0], None, 2.0)
     errors = []
     for count in counts:
-        got = run([a, b], [ONE, np.array([[-1.0, 0.0]])], 2.0 / count, count).parts[1]
+        got = run([a, b], [ONE, np.array([[-1.0, 0.0]])], 2.0 / count, count).subdomains[1]
         errors.append([abs(got.u[-1, 1] - truth[0][-1]), abs(got.v[-1, 1] - truth[1][-1])])
     return np.array(errors)
 
@@ -580,7 +586,7 @@ def test_a_massless_dof_on_the_interface_keeps_order_two(m1, explicit):
 
 
 def test_a_massless_dof_on_the_interface_has_the_acceleration_that_the_condition_gives():
-    a = Part(0.0 * ONE, 30.0 * ONE, u0=[1.0])
+    a = Subdomain(0.0 * ONE, 30.0 * ONE, u0=[1.0])
     b = springs_in_series(0.5)
     b.K = b.K - np.diag([30.0, 0.0])  # the spring to the ground is in A
     b.u0 = np.array([1.0, 2.0])
@@ -596,18 +602,18 @@ def test_a_massless_dof_on_the_interface_has_the_acceleration_that_the_condition
 @pytest.mark.parametrize("explicit", [False, True])
 def test_gc_with_one_scheme_and_one_step_is_the_uncut_scheme(explicit):
     options = {"ss": (1, 1, 1), "double": (False,) * 3, "explicit": (explicit,) * 3}
-    parts, L, M, C, K, u0, v0 = cross(**options)
-    got = run(parts, L, 0.01, 200)
-    uncut = Part(M, K, C, u0=u0, v0=v0, **alpha(0.5, explicit))
-    whole = run([uncut], [np.zeros((0, 4))], 0.01, 200).parts[0]
+    subdomains, L, M, C, K, u0, v0 = cross(**options)
+    got = run(subdomains, L, 0.01, 200)
+    uncut = Subdomain(M, K, C, u0=u0, v0=v0, **alpha(0.5, explicit))
+    whole = run([uncut], [np.zeros((0, 4))], 0.01, 200).subdomains[0]
     # equal steps of equal schemes tie w and so a and u along with v; the sum of (1) over the
     # parts is then the uncut equation. Rounding of w = 60 over 200 steps
-    for i, x in enumerate(got.parts):
+    for i, x in enumerate(got.subdomains):
         np.testing.assert_allclose(x.u, whole.u[:, [0, i + 1]], rtol=0, atol=1e-12)
         np.testing.assert_allclose(x.w, whole.w[:, [0, i + 1]], rtol=0, atol=1e-11)
     assert np.abs(got.displacement_jump).max() < 1e-12
     # the double step does not: a gap of O(dt^2) opens
-    pm = run([replace(parts[0], double=True), *parts[1:]], L, 0.01, 200)
+    pm = run([replace(subdomains[0], double=True), *subdomains[1:]], L, 0.01, 200)
     assert np.abs(pm.displacement_jump).max() > 1e-5
 
 
@@ -616,9 +622,9 @@ def test_the_free_step_of_a_double_part_does_not_wait_for_the_last_multiplier(ss
     n, dt = 6, 0.01
 
     def free_velocities(double, kick):
-        parts = oscillator(ss=ss, double=double)
-        parts[1].force = lambda t: np.array([kick if t == n * dt else 0.0])
-        return run(parts, MIRROR, dt, 10).parts[0].vf[:, 0]
+        subdomains = oscillator(ss=ss, double=double)
+        subdomains[1].force = lambda t: np.array([kick if t == n * dt else 0.0])
+        return run(subdomains, MIRROR, dt, 10).subdomains[0].vf[:, 0]
 
     # a kick of B at t_n changes Lam_n; "pm" has the free problem to t_{n+1} from t_{n-1}
     pm = free_velocities(True, 0.0) != free_velocities(True, 1.0)
@@ -630,7 +636,7 @@ def test_the_free_step_of_a_double_part_does_not_wait_for_the_last_multiplier(ss
 
 def test_gc_and_pm_take_the_same_first_macro_step():
     gc, pm = (run(oscillator(ss=4, double=double), MIRROR, 0.05, 2) for double in (False, True))
-    for x, y, ss in zip(gc.parts, pm.parts, (1, 4), strict=True):
+    for x, y, ss in zip(gc.subdomains, pm.subdomains, (1, 4), strict=True):
         np.testing.assert_array_equal(x.w[: ss + 1], y.w[: ss + 1])
         assert np.abs(x.w[ss + 1 :] - y.w[ss + 1 :]).max() > 1e-3
 

@@ -41,7 +41,7 @@ class Diary:
 def three_parts(diaries, substeps, doubles, coupling, threads=1):
     """A chain of three springs, each part with a diary."""
     schemes = [pm.GeneralizedAlpha(0.6), pm.GeneralizedAlpha(0.6, explicit=True), pm.Newmark()]
-    parts = [
+    subdomains = [
         pm.Subdomain(
             [1.0, 2.0],
             np.array([[3.0, -1.0], [-1.0, 1.0]]),
@@ -54,9 +54,9 @@ def three_parts(diaries, substeps, doubles, coupling, threads=1):
         )
         for scheme, ss, double, diary, name in zip(schemes, substeps, doubles, diaries, "ABC")
     ]
-    a, b, c = parts
+    a, b, c = subdomains
     ties = [pm.tie(a, [1], b, [1]), pm.tie(b, [0], c, [0])]
-    return pm.Coupler(parts, ties, dt=0.1, coupling=coupling, threads=threads)
+    return pm.Coupler(subdomains, ties, dt=0.1, coupling=coupling, threads=threads)
 
 
 CASES = [
@@ -110,8 +110,8 @@ def test_after_an_exception_in_a_macro_step_the_run_goes_on_as_if_there_had_been
 
 def test_an_exception_at_the_start_reaches_the_caller_and_the_run_can_begin_again():
     diary = Diary(fail_at=1)
-    part = pm.Subdomain([1.0], [1.0], scheme=CD, restoring=diary, v0=[1.0])
-    coupler = pm.Coupler([part], dt=0.1)
+    subdomain = pm.Subdomain([1.0], [1.0], scheme=CD, restoring=diary, v0=[1.0])
+    coupler = pm.Coupler([subdomain], dt=0.1)
     with pytest.raises(ArithmeticError):
         coupler.run(steps=3)
     assert coupler.step_count == 0
@@ -143,8 +143,8 @@ def test_what_it_receives_are_copies_of_its_own():
     kept = []
     made = {}
     for restoring in (spoiling, spoiler):
-        part = pm.Subdomain([1.0], [1.0], scheme=CD, restoring=restoring, v0=[1.0], u0=[0.2])
-        made[restoring] = pm.solve(part, dt=0.1, t_end=1.0).u
+        subdomain = pm.Subdomain([1.0], [1.0], scheme=CD, restoring=restoring, v0=[1.0], u0=[0.2])
+        made[restoring] = pm.solve(subdomain, dt=0.1, t_end=1.0).u
     np.testing.assert_array_equal(made[spoiling], made[spoiler])
     for u, v, own_u, own_v in kept[:11]:  # what the first one kept is still what it was
         assert u == own_u and v == own_v
@@ -180,13 +180,13 @@ def truth(restoring, t):
 
 
 def whole(restoring, scheme, dt):
-    part = pm.Subdomain([1.0], None, scheme=scheme, restoring=restoring, u0=[1.0], v0=[0.5])
-    return pm.Coupler([part], dt=dt)
+    subdomain = pm.Subdomain([1.0], None, scheme=scheme, restoring=restoring, u0=[1.0], v0=[0.5])
+    return pm.Coupler([subdomain], dt=dt)
 
 
 def cut(restoring, scheme, dt, coupling):
     """A third of the mass and force in one part, the rest in an explicit one."""
-    parts = [
+    subdomains = [
         pm.Subdomain(
             [share],
             None,
@@ -197,7 +197,9 @@ def cut(restoring, scheme, dt, coupling):
         )
         for share, s in ((1.0 / 3.0, scheme), (2.0 / 3.0, pm.GeneralizedAlpha(0.7, explicit=True)))
     ]
-    return pm.Coupler(parts, pm.tie(parts[0], [0], parts[1], [0]), dt=dt, coupling=coupling)
+    return pm.Coupler(
+        subdomains, pm.tie(subdomains[0], [0], subdomains[1], [0]), dt=dt, coupling=coupling
+    )
 
 
 def orders(make, restoring):
@@ -266,10 +268,10 @@ def test_a_stiff_force_needs_an_estimate_in_an_implicit_part_and_is_stable_with_
         return 1e4 * u
 
     def run(**estimate):
-        part = pm.Subdomain(
+        subdomain = pm.Subdomain(
             [1.0], None, scheme=pm.GeneralizedAlpha(0.5), restoring=stiff, u0=[1.0], **estimate
         )
-        return np.abs(pm.solve(part, dt=0.1, t_end=5.0).u[-1, 0])
+        return np.abs(pm.solve(subdomain, dt=0.1, t_end=5.0).u[-1, 0])
 
     assert run() > 1e6
     assert run(restoring_stiffness=[1e4]) < 1.0
@@ -277,11 +279,11 @@ def test_a_stiff_force_needs_an_estimate_in_an_implicit_part_and_is_stable_with_
 
 
 def test_the_estimated_stiffness_counts_in_the_critical_step():
-    def part(**more):
+    def subdomain(**more):
         return pm.Subdomain([1.0], [3.0], scheme=CD, restoring=duffing, **more)
 
-    assert analysis.critical_step(part()) == pytest.approx(2.0 / np.sqrt(3.0), rel=1e-11)
-    stiffer = part(restoring_stiffness=[13.0])
+    assert analysis.critical_step(subdomain()) == pytest.approx(2.0 / np.sqrt(3.0), rel=1e-11)
+    stiffer = subdomain(restoring_stiffness=[13.0])
     assert analysis.critical_step(stiffer) == pytest.approx(0.5, rel=1e-11)
     with pytest.warns(pm.StabilityWarning, match="critical step 0.5"):
         pm.Coupler([stiffer], dt=0.51)
@@ -300,8 +302,8 @@ def test_lagged_damping_is_of_order_two(scheme):
     u0 = np.array([1.0, 0.0, -0.5])
 
     def error(dt):
-        part = damped_chain(3, scheme, rayleigh=0.3, u0=u0, v0=[0.0, 1.0, 0.0])
-        coupler = pm.Coupler([part], dt=dt)
+        subdomain = damped_chain(3, scheme, rayleigh=0.3, u0=u0, v0=[0.0, 1.0, 0.0])
+        coupler = pm.Coupler([subdomain], dt=dt)
         exact = analysis.exact_solution(coupler)(2.0)[0]["subdomain 0"]
         coupler.step(round(2.0 / dt))
         return max(
@@ -349,20 +351,22 @@ def test_a_factor_that_costs_little_is_not_warned_of():
     pm.Coupler([pm.Subdomain(np.ones(n), K, 0.1 * K, scheme=CD)], dt=0.1)
 
 
-def radius(part, h):
-    above = h > analysis.critical_step(part)
+def radius(subdomain, h):
+    above = h > analysis.critical_step(subdomain)
     with pytest.warns(pm.StabilityWarning) if above else nullcontext():
-        return analysis.spectral_radius(analysis.amplification_matrix(pm.Coupler([part], dt=h)))
+        return analysis.spectral_radius(
+            analysis.amplification_matrix(pm.Coupler([subdomain], dt=h))
+        )
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.3, 0.5, 0.8, 1.0])
 @pytest.mark.parametrize("rayleigh", [0.01, 0.3, 3.0])
 def test_the_critical_step_with_lagged_damping_is_where_stability_ends(rho, rayleigh):
-    part = damped_chain(5, pm.GeneralizedAlpha(rho, explicit=True), rayleigh=rayleigh)
-    h = analysis.critical_step(part)
+    subdomain = damped_chain(5, pm.GeneralizedAlpha(rho, explicit=True), rayleigh=rayleigh)
+    h = analysis.critical_step(subdomain)
     # 1e-7: eigenvalues on the unit circle, some of them double at rho = 1
-    assert radius(part, h * 0.999) <= 1.0 + 1e-7
-    assert radius(part, h * 1.001) > 1.0 + 1e-5
+    assert radius(subdomain, h * 0.999) <= 1.0 + 1e-7
+    assert radius(subdomain, h * 1.001) > 1.0 + 1e-5
 
 
 def test_the_critical_step_is_sharp_for_damping_that_is_not_modal():
@@ -370,51 +374,53 @@ def test_the_critical_step_is_sharp_for_damping_that_is_not_modal():
     for _ in range(10):
         K, C = (A @ A.T for A in rng.normal(size=(2, 4, 4)))
         M = rng.uniform(0.5, 2.0, 4)
-        part = pm.Subdomain(
+        subdomain = pm.Subdomain(
             M, K, C, scheme=pm.GeneralizedAlpha(0.6, explicit=True), damping="lagged"
         )
-        h = analysis.critical_step(part)
-        assert radius(part, h * 0.999) <= 1.0 + 1e-9
-        assert radius(part, h * 1.001) > 1.0 + 1e-5
+        h = analysis.critical_step(subdomain)
+        assert radius(subdomain, h * 0.999) <= 1.0 + 1e-9
+        assert radius(subdomain, h * 1.001) > 1.0 + 1e-5
 
 
 def test_the_critical_step_of_a_damped_oscillator_is_the_closed_form():
     for xi in (0.01, 0.1, 1.0):
-        part = pm.Subdomain([2.0], [18.0], [2.0 * xi * 6.0], scheme=CD, damping="lagged")
+        subdomain = pm.Subdomain([2.0], [18.0], [2.0 * xi * 6.0], scheme=CD, damping="lagged")
         expected = (2.0 * np.sqrt(1.0 + 4.0 * xi**2) - 4.0 * xi) / 3.0  # (C2), omega = 3
-        assert analysis.critical_step(part) == pytest.approx(expected, rel=1e-11)
+        assert analysis.critical_step(subdomain) == pytest.approx(expected, rel=1e-11)
 
 
 @pytest.mark.parametrize("scheme", IMPLICIT, ids=names)
 def test_an_implicit_part_with_lagged_damping_has_a_critical_step_too(scheme):
-    part = pm.Subdomain([1.0], [1e-6], [2.0], scheme=scheme, damping="lagged")
-    h = analysis.critical_step(part)
-    assert radius(part, h * 0.999) <= 1.0 + 1e-9
-    assert radius(part, h * 1.001) > 1.0 + 1e-4
+    subdomain = pm.Subdomain([1.0], [1e-6], [2.0], scheme=scheme, damping="lagged")
+    h = analysis.critical_step(subdomain)
+    assert radius(subdomain, h * 0.999) <= 1.0 + 1e-9
+    assert radius(subdomain, h * 1.001) > 1.0 + 1e-4
 
 
 def test_a_long_chain_takes_the_same_critical_step_from_lanczos():
     n = 400
     K = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n))
-    part = pm.Subdomain(np.ones(n), K, 0.1 * K, scheme=CD, damping="lagged")
+    subdomain = pm.Subdomain(np.ones(n), K, 0.1 * K, scheme=CD, damping="lagged")
     top = 2.0 - 2.0 * np.cos(np.pi * n / (n + 1))  # largest eigenvalue of K
     exact = (-0.4 * top + np.sqrt(0.16 * top**2 + 16.0 * top)) / (2.0 * top)  # (C2): Z_s = 1
-    assert 0.997 * exact < analysis.critical_step(part) <= exact
+    assert 0.997 * exact < analysis.critical_step(subdomain) <= exact
 
 
 def test_a_step_above_the_critical_one_of_lagged_damping_warns():
-    part = pm.Subdomain([1.0], [1.0], [0.9], scheme=CD, damping="lagged")
+    subdomain = pm.Subdomain([1.0], [1.0], [0.9], scheme=CD, damping="lagged")
     with pytest.warns(pm.StabilityWarning, match="critical step"):
-        pm.Coupler([part], dt=1.0)  # 1 + 4 * 0.9 > 4
-    pm.Coupler([part], dt=0.8)
+        pm.Coupler([subdomain], dt=1.0)  # 1 + 4 * 0.9 > 4
+    pm.Coupler([subdomain], dt=0.8)
 
 
 # ---- bad input ------------------------------------------------------------------------------
 
 
 def failing_coupler(restoring):
-    part = pm.Subdomain([1.0, 1.0], None, scheme=CD, restoring=restoring, u0=[1, 2], name="rig")
-    return pm.Coupler([part], dt=0.25)
+    subdomain = pm.Subdomain(
+        [1.0, 1.0], None, scheme=CD, restoring=restoring, u0=[1, 2], name="rig"
+    )
+    return pm.Coupler([subdomain], dt=0.25)
 
 
 @pytest.mark.parametrize(

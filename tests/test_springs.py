@@ -16,9 +16,11 @@ EXPLICIT = pm.GeneralizedAlpha(0.6, explicit=True)
 def driven(spring, path, dt=1e-3):
     """Deformation and force of a spring whose dof is led along a path by prescribed motion."""
     velocity = pm.SampledForce(np.append(np.diff(path), 0.0)[:, None] / dt, dt)
-    part = pm.Subdomain([1.0], None, scheme=CD, restoring=spring, v0=[velocity(0.0)[0]], name="s")
-    constraint = pm.Constraint({part: [[1.0]]}, velocity=velocity)
-    coupler = pm.Coupler([part], constraint, dt=dt)
+    subdomain = pm.Subdomain(
+        [1.0], None, scheme=CD, restoring=spring, v0=[velocity(0.0)[0]], name="s"
+    )
+    constraint = pm.Constraint({subdomain: [[1.0]]}, velocity=velocity)
+    coupler = pm.Coupler([subdomain], constraint, dt=dt)
     history = coupler.run(steps=len(path) - 1, record_springs={"s": None})["s"]
     return history.deformation[:, 0], history.force[:, 0]
 
@@ -69,9 +71,9 @@ def test_bouc_wen_loops_agree_with_an_independent_integration(law):
 def test_a_leap_of_many_yield_deformations_ends_where_bouc_wen_comes_to_rest():
     for n, beta, gamma in ((1.0, 0.5, 0.5), (2.0, 0.3, 0.4), (5.0, 1.0, -0.5)):
         spring = pm.BoucWen([0], k=10.0, fy=1.0, n=n, beta=beta, gamma=gamma)
-        part = pm.Subdomain([1.0], None, scheme=CD, restoring=spring, u0=[-1e7], name="s")
+        subdomain = pm.Subdomain([1.0], None, scheme=CD, restoring=spring, u0=[-1e7], name="s")
         limit = (beta + gamma) ** (-1.0 / n)
-        force = pm.Coupler([part], dt=0.001).springs("s").force
+        force = pm.Coupler([subdomain], dt=0.001).springs("s").force
         assert force[0] == pytest.approx(-limit, rel=1e-12)
 
 
@@ -145,13 +147,13 @@ def bouc_wen_motion(times, k=20.0, fy=0.5, hardening=0.1):
 @pytest.mark.parametrize("scheme", [IMPLICIT, EXPLICIT, pm.Newmark(), CD], ids=repr)
 def test_a_mass_on_a_bouc_wen_spring_converges_with_order_two(scheme):
     spring = pm.BoucWen([0], k=20.0, fy=0.5, hardening=0.1, n=2.0)
-    part = pm.Subdomain(
+    subdomain = pm.Subdomain(
         [1.0], None, scheme=scheme, restoring=spring, force=lambda t: [2.0 * np.sin(3.0 * t)]
     )
     exact = bouc_wen_motion(np.linspace(0.0, 4.0, 41))
 
     def error(dt):
-        return np.abs(pm.solve(part, dt=dt, t_end=4.0).u[:: round(0.1 / dt), 0] - exact).max()
+        return np.abs(pm.solve(subdomain, dt=dt, t_end=4.0).u[:: round(0.1 / dt), 0] - exact).max()
 
     # 0.3: reversals fall into steps differently at each refinement
     assert np.log2(error(0.02) / error(0.005)) / 2.0 == pytest.approx(2.0, abs=0.3)
@@ -238,7 +240,7 @@ def springs_of_all_laws():
 
 
 def coupled(substeps=(1, 4, 2), doubles=(True, False, True), threads=1, coupling="pm"):
-    parts = [
+    subdomains = [
         pm.Subdomain(
             [1.0, 2.0],
             np.array([[3.0, -1.0], [-1.0, 1.0]]),
@@ -253,8 +255,11 @@ def coupled(substeps=(1, 4, 2), doubles=(True, False, True), threads=1, coupling
             (IMPLICIT, EXPLICIT, IMPLICIT), substeps, doubles, "ABC"
         )
     ]
-    ties = [pm.tie(parts[0], [1], parts[1], [1]), pm.tie(parts[1], [0], parts[2], [0])]
-    return pm.Coupler(parts, ties, dt=0.05, threads=threads, coupling=coupling)
+    ties = [
+        pm.tie(subdomains[0], [1], subdomains[1], [1]),
+        pm.tie(subdomains[1], [0], subdomains[2], [0]),
+    ]
+    return pm.Coupler(subdomains, ties, dt=0.05, threads=threads, coupling=coupling)
 
 
 def all_springs(coupler):
@@ -311,14 +316,14 @@ def test_an_aborted_macro_step_leaves_no_trace_in_a_history():
         return 0.0 * u
 
     def with_a_fourth():
-        parts = [s for _, s in coupled()._keys]
+        subdomains = [s for _, s in coupled()._keys]
         fourth = pm.Subdomain([1.0], [1.0], scheme=EXPLICIT, substeps=4, restoring=asked, v0=[1.5])
         ties = [
-            pm.tie(parts[0], [1], parts[1], [1]),
-            pm.tie(parts[1], [0], parts[2], [0]),
-            pm.tie(parts[2], [0], fourth, [0]),
+            pm.tie(subdomains[0], [1], subdomains[1], [1]),
+            pm.tie(subdomains[1], [0], subdomains[2], [0]),
+            pm.tie(subdomains[2], [0], fourth, [0]),
         ]
-        return pm.Coupler([*parts, fourth], ties, dt=0.05)
+        return pm.Coupler([*subdomains, fourth], ties, dt=0.05)
 
     expected, interrupted = with_a_fourth(), with_a_fourth()
     fails = [False] * 9
@@ -341,12 +346,12 @@ def test_a_history_is_saved_and_goes_on_with_the_same_bits(tmp_path):
     for c in (coupler, again):
         c.step(20)
     np.testing.assert_array_equal(all_springs(again), all_springs(coupler))
-    parts = [
+    subdomains = [
         pm.Subdomain([1.0], None, scheme=CD, restoring=pm.Bilinear([0], 1.0, fy)) for fy in (1, 2)
     ]
-    pm.Coupler([parts[0]], dt=0.1).save(tmp_path / "other")
+    pm.Coupler([subdomains[0]], dt=0.1).save(tmp_path / "other")
     with pytest.raises(ValueError, match="restoring of 'subdomain 0' .<Bilinear x 1>"):
-        pm.Coupler([parts[1]], dt=0.1).load(tmp_path / "other")
+        pm.Coupler([subdomains[1]], dt=0.1).load(tmp_path / "other")
 
 
 def test_reset_forgets_the_history():
@@ -401,9 +406,9 @@ def test_the_initial_tangent_is_the_estimate_unless_another_is_given():
         pm.Gap([0], 100.0, 0.1),
         pm.CubicSpring([1], 2.0, 9),
     ]
-    part = pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=IMPLICIT, restoring=springs)
+    subdomain = pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=IMPLICIT, restoring=springs)
     expected = [[3.0, -3.0], [-3.0, 5.0]]
-    np.testing.assert_array_equal(part.restoring_stiffness.toarray(), expected)
+    np.testing.assert_array_equal(subdomain.restoring_stiffness.toarray(), expected)
     given = pm.Subdomain(
         [1.0, 1.0], None, scheme=IMPLICIT, restoring=springs, restoring_stiffness=[7.0, 0.0]
     )
@@ -412,8 +417,8 @@ def test_the_initial_tangent_is_the_estimate_unless_another_is_given():
 
 def test_springs_at_their_stiffest_count_in_the_critical_step():
     def critical(spring):
-        part = pm.Subdomain([1.0], [4.0], scheme=CD, restoring=spring)
-        return analysis.critical_step(part)
+        subdomain = pm.Subdomain([1.0], [4.0], scheme=CD, restoring=spring)
+        return analysis.critical_step(subdomain)
 
     assert critical(pm.Gap([0], 96.0, 0.1)) == pytest.approx(0.2, rel=1e-11)
     assert critical(pm.Bilinear([0], 96.0, 0.1)) == pytest.approx(0.2, rel=1e-11)
@@ -422,10 +427,10 @@ def test_springs_at_their_stiffest_count_in_the_critical_step():
 
 
 def test_a_stiff_bilinear_spring_in_an_implicit_part_is_stable_at_any_step():
-    part = pm.Subdomain(
+    subdomain = pm.Subdomain(
         [1.0], None, scheme=IMPLICIT, restoring=pm.Bilinear([0], 1e6, 1e4), v0=[1.0]
     )
-    assert np.abs(pm.solve(part, dt=0.1, t_end=5.0).u).max() < 1.0
+    assert np.abs(pm.solve(subdomain, dt=0.1, t_end=5.0).u).max() < 1.0
 
 
 def test_many_springs_are_as_good_as_a_few():
@@ -456,10 +461,10 @@ def test_many_springs_are_as_good_as_a_few():
 
 def test_the_energy_of_springs_is_strain_and_what_they_lose_is_dissipated():
     spring = pm.Bilinear([0], k=50.0, fy=1.0, hardening=0.2)
-    part = pm.Subdomain([1.0], None, scheme=CD, restoring=spring, v0=[1.0], name="s")
+    subdomain = pm.Subdomain([1.0], None, scheme=CD, restoring=spring, v0=[1.0], name="s")
 
     def run(dt):
-        coupler = pm.Coupler([part], dt=dt)
+        coupler = pm.Coupler([subdomain], dt=dt)
         return coupler.run(2.0, energy=True, record_springs={"s": None})
 
     history = run(0.002)

@@ -377,9 +377,9 @@ def test_a_structure_moves_as_a_subdomain_of_the_coupler(kind):
     structure = all_structures("lumped")[kind]
     u0 = rigid_motions(structure)[:, 0]
     body = structure.subdomain(scheme=pm.GeneralizedAlpha(0.5), v0=u0, name=kind)
-    part = pm.solve(body, 0.1, 1.0)
+    history = pm.solve(body, 0.1, 1.0)
     # free flight; rounding of ten steps, of forces K u with u up to 1
-    np.testing.assert_allclose(part.u[-1], u0, rtol=0.0, atol=1e-10)
+    np.testing.assert_allclose(history.u[-1], u0, rtol=0.0, atol=1e-10)
 
 
 # ---- patch tests ----------------------------------------------------------------------------
@@ -658,10 +658,10 @@ def test_parts_over_some_of_the_elements_sum_to_the_whole(kind):
     totals = [np.zeros((whole.n, whole.n)) for _ in range(4)]
     for chosen in (np.flatnonzero(left), np.flatnonzero(~left)):
         points, renumbered, nodes = models.submesh(mesh.points, elements[chosen])
-        part = build(points, renumbered, **{name: x[chosen] for name, x in options.items()})
-        assert part.n < whole.n
+        some = build(points, renumbered, **{name: x[chosen] for name, x in options.items()})
+        assert some.n < whole.n
         dofs = whole.dofs(nodes)
-        for total, A in zip(totals[:2], (part.M, part.K), strict=True):
+        for total, A in zip(totals[:2], (some.M, some.K), strict=True):
             total[np.ix_(dofs, dofs)] += A.toarray()
         for total, A in zip(totals[2:], by_skfem(mesh, *coefficients, chosen), strict=True):
             total += A.toarray()

@@ -29,7 +29,7 @@ def chain(n):
 
 def row_of_parts(count=4, n=20, *, dt=0.1, force=None, **options):
     """Chains in a row, implicit and explicit in turn, the explicit ones with ten substeps."""
-    parts = [
+    subdomains = [
         pm.Subdomain(
             np.ones(n),
             chain(n),
@@ -40,8 +40,8 @@ def row_of_parts(count=4, n=20, *, dt=0.1, force=None, **options):
         )
         for i in range(count)
     ]
-    ties = [pm.tie(a, [n - 1], b, [0]) for a, b in zip(parts, parts[1:])]
-    return pm.Coupler(parts, ties, dt=dt, **options)
+    ties = [pm.tie(a, [n - 1], b, [0]) for a, b in zip(subdomains, subdomains[1:])]
+    return pm.Coupler(subdomains, ties, dt=dt, **options)
 
 
 def assert_same_bits(a, b):
@@ -201,18 +201,18 @@ def solid(n, scheme=EXPLICIT, **options):
 
 
 def test_a_large_explicit_subdomain_alone_is_split_and_has_the_same_bits():
-    part = solid(12)  # some 4e5 entries: four ranges of 1e5 (W3)
-    alone = pm.Coupler([part], dt=0.05, threads=1)
+    subdomain = solid(12)  # some 4e5 entries: four ranges of 1e5 (W3)
+    alone = pm.Coupler([subdomain], dt=0.05, threads=1)
     expected = alone.run(steps=20, energy=True)
     for threads in (2, 3, 4):
-        coupler = pm.Coupler([part], dt=0.05, threads=threads)
+        coupler = pm.Coupler([subdomain], dt=0.05, threads=threads)
         assert coupler.threads == threads
         history = coupler.run(steps=20, energy=True)
         assert_same_bits(history, expected)
         np.testing.assert_array_equal(history.energy.balance, expected.energy.balance)
-    again = pm.solve(part, 0.05, 1.0, threads=2)
+    again = pm.solve(subdomain, 0.05, 1.0, threads=2)
     np.testing.assert_array_equal(again.u, expected.subdomains[0].u)
-    assert pm.Coupler([part], dt=0.05, threads=64).threads < 8  # a worker for each range
+    assert pm.Coupler([subdomain], dt=0.05, threads=64).threads < 8  # a worker for each range
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
@@ -234,8 +234,8 @@ def test_a_large_explicit_subdomain_beside_others_is_split_and_has_the_same_bits
 
 
 def test_a_large_subdomain_that_does_not_divide_is_done_by_one_thread():
-    part = solid(12, restoring=[pm.Bilinear([0], 4.0, 0.1, 0.2)])
-    assert pm.Coupler([part], dt=0.05, threads=2).threads == 1
+    subdomain = solid(12, restoring=[pm.Bilinear([0], 4.0, 0.1, 0.2)])
+    assert pm.Coupler([subdomain], dt=0.05, threads=2).threads == 1
     assert pm.Coupler([solid(12)], dt=0.05, threads=2, coupling="macro").threads == 1
 
 
@@ -272,11 +272,11 @@ def test_small_problems_get_one_thread_and_large_ones_what_there_is(monkeypatch)
 
 
 def test_solve_takes_a_number_of_threads_too():
-    part = pm.Subdomain([1.0], [4.0], scheme=IMPLICIT, u0=[1.0])
-    expected = pm.solve(part, 0.1, 1.0)
-    np.testing.assert_array_equal(pm.solve(part, 0.1, 1.0, threads=2).u, expected.u)
+    subdomain = pm.Subdomain([1.0], [4.0], scheme=IMPLICIT, u0=[1.0])
+    expected = pm.solve(subdomain, 0.1, 1.0)
+    np.testing.assert_array_equal(pm.solve(subdomain, 0.1, 1.0, threads=2).u, expected.u)
     with pytest.raises(ValueError, match="threads must be at least 1, got 0"):
-        pm.solve(part, 0.1, 1.0, threads=0)
+        pm.solve(subdomain, 0.1, 1.0, threads=0)
 
 
 # ---- they come late and go with the coupler ---------------------------------------------------

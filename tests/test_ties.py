@@ -59,18 +59,18 @@ def test_the_rows_are_those_of_a_tie_by_hand():
 
 def test_four_squares_are_tied_without_redundancy_at_their_common_corner():
     x = np.linspace(0.0, 1.0, 4)
-    parts = {masses(32, f"{i}{j}"): grid(x + i, x + j) for i in range(2) for j in range(2)}
-    tied = tie_coincident(parts, components=2)
+    subdomains = {masses(32, f"{i}{j}"): grid(x + i, x + j) for i in range(2) for j in range(2)}
+    tied = tie_coincident(subdomains, components=2)
     # four edges of three nodes of two squares each, and the corner of four: 3 rows; 2 components
     assert tied.p == 2 * (4 * 3 + 3)
-    require_full_rank(tied, *parts)
+    require_full_rank(tied, *subdomains)
     # 7 x 7 different places: the conditions leave as many free motions as the whole has dofs
     assert 4 * 32 - tied.p == 2 * 49
     whole = np.concatenate(
-        [np.sin(points @ [[2.0, 1.0], [1.0, 3.0]]).ravel() for points in parts.values()]
+        [np.sin(points @ [[2.0, 1.0], [1.0, 3.0]]).ravel() for points in subdomains.values()]
     )
     # one subtraction of sines whose arguments differ in the last bits
-    assert np.abs(dense(tied, *parts) @ whole).max() < 1e-14
+    assert np.abs(dense(tied, *subdomains) @ whole).max() < 1e-14
 
 
 def test_rows_go_by_the_earlier_subdomain_then_its_node_then_the_later_one():
@@ -213,9 +213,11 @@ def test_dofs_that_are_fixed_on_both_sides_have_no_condition():
 
 @pytest.mark.parametrize("place", [0, 1, 2])
 def test_a_dof_that_is_fixed_in_one_subdomain_holds_those_of_the_others(place):
-    parts = [fixed_chain([0] if i == place else [], n=1 if i != place else 2) for i in range(3)]
-    points = {s: ([0.0, 1.0 + i] if i == place else [0.0]) for i, (s, _) in enumerate(parts)}
-    tied = tie_coincident(points, reduced=dict(parts))
+    subdomains = [
+        fixed_chain([0] if i == place else [], n=1 if i != place else 2) for i in range(3)
+    ]
+    points = {s: ([0.0, 1.0 + i] if i == place else [0.0]) for i, (s, _) in enumerate(subdomains)}
+    tied = tie_coincident(points, reduced=dict(subdomains))
     L = dense(tied, *points)
     require_full_rank(tied, *points)
     # two free dofs at the place, two conditions: nothing there moves, the far dof is left free
@@ -277,9 +279,11 @@ def test_a_plate_cut_in_four_moves_like_the_uncut_one():
     points = {(i, j): grid(x + i, x + j) for i in range(2) for j in range(2)}
     M, K = plate_matrices(points[0, 0], quads(3, 3))
     start = {key: np.sin(p @ [[2.0, 1.0], [1.0, 3.0]]).ravel() for key, p in points.items()}
-    parts = {key: pm.Subdomain(M, K, scheme=SCHEME, u0=start[key], name=str(key)) for key in points}
-    tied = tie_coincident({parts[key]: points[key] for key in points}, components=2)
-    history = pm.Coupler(list(parts.values()), tied, dt=0.1, coupling="gc").run(steps=30)
+    subdomains = {
+        key: pm.Subdomain(M, K, scheme=SCHEME, u0=start[key], name=str(key)) for key in points
+    }
+    tied = tie_coincident({subdomains[key]: points[key] for key in points}, components=2)
+    history = pm.Coupler(list(subdomains.values()), tied, dt=0.1, coupling="gc").run(steps=30)
 
     all_points = grid(np.linspace(0.0, 2.0, 5), np.linspace(0.0, 2.0, 5))
     whole = pm.Subdomain(
@@ -620,7 +624,7 @@ class CutPlate:
     """A plate [0, 2] x [0, 1] cut at x = 1: fine (explicit, a) left, coarse (implicit, b) right."""
 
     def __init__(self, fine, coarse, **load):
-        self.points, self.parts, tables = {}, {}, {}
+        self.points, self.subdomains, tables = {}, {}, {}
         for name, left, n in (("a", 0.0, fine), ("b", 1.0, coarse)):
             y = np.linspace(0.0, 1.0, n + 1)
             flat = grid(left + np.linspace(0.0, 1.0, n + 1), y)
@@ -633,7 +637,7 @@ class CutPlate:
         }
         for name, explicit, substeps in (("a", True, 8), ("b", False, 1)):
             M, K = plate_matrices(self.points[name], tables[name])
-            self.parts[name] = pm.Subdomain(
+            self.subdomains[name] = pm.Subdomain(
                 M,
                 K,
                 scheme=pm.GeneralizedAlpha(0.5, explicit=explicit),
@@ -641,12 +645,12 @@ class CutPlate:
                 name=name,
                 **{key: value(self.points[name], tables[name]) for key, value in load.items()},
             )
-        a, b = self.parts["a"], self.parts["b"]
+        a, b = self.subdomains["a"], self.subdomains["b"]
         elements = np.column_stack([self.edges["b"][:-1], self.edges["b"][1:]])
         self.tied = interpolate(a, self.points["a"], b, self.points["b"], elements, components=2)
 
     def run(self, steps=20):
-        return pm.Coupler(list(self.parts.values()), self.tied, dt=0.05).run(steps=steps)
+        return pm.Coupler(list(self.subdomains.values()), self.tied, dt=0.05).run(steps=steps)
 
 
 def test_a_rigid_motion_goes_on_as_if_uncut():
@@ -655,10 +659,10 @@ def test_a_rigid_motion_goes_on_as_if_uncut():
     assert plate.tied.p == 12
     history = plate.run()
     for name, points in plate.points.items():
-        part = history[name]
+        subdomain = history[name]
         v = ([0.3, -0.2] + points @ spin).ravel()
         # K of a linear rigid motion is 0 up to 1e-16; 160 steps
-        np.testing.assert_allclose(part.u, part.t[:, None] * v, rtol=0.0, atol=1e-13)
+        np.testing.assert_allclose(subdomain.u, subdomain.t[:, None] * v, rtol=0.0, atol=1e-13)
     assert np.abs(history.multipliers).max() < 1e-13
 
 
@@ -708,11 +712,11 @@ def static_error(fine, coarse):
     for name in "ab":
         n = int(np.sqrt(len(plate.points[name])))
         load.append(tractions(plate.points[name], quads(n, n)))
-        blocks.append(plate.parts[name].K)
+        blocks.append(plate.subdomains[name].K)
     K = np.zeros((sum(map(len, blocks)),) * 2)
     K[: len(blocks[0]), : len(blocks[0])] = blocks[0]
     K[len(blocks[0]) :, len(blocks[0]) :] = blocks[1]
-    L = dense(plate.tied, *plate.parts.values())
+    L = dense(plate.tied, *plate.subdomains.values())
     # K u - L^T Lam = f, L u = 0; rigid motions are left open
     system = np.block([[K, -L.T], [L, np.zeros((len(L), len(L)))]])
     right = np.concatenate([*load, np.zeros(len(L))])
@@ -744,7 +748,7 @@ def test_the_multipliers_are_in_balance_on_any_meshes():
 
 def test_the_rows_of_an_interpolation_are_independent():
     plate = CutPlate(7, 3)
-    require_full_rank(plate.tied, *plate.parts.values())
+    require_full_rank(plate.tied, *plate.subdomains.values())
 
 
 # ---- interfaces that do not match: what is refused --------------------------------------------

@@ -14,16 +14,16 @@ import pmalpha as pm
 SOFT = pm.GeneralizedAlpha(0.5)
 
 
-def part(substeps=1, **options):
+def subdomain(substeps=1, **options):
     options = {"scheme": SOFT, **options}
     return pm.Subdomain([1.0], [4.0], substeps=substeps, u0=[1.0], **options)
 
 
 def pair(dt, *substeps, **options):
     """Subdomains of one dof with these substeps, tied in a row."""
-    parts = [part(ss) for ss in substeps]
-    ties = [pm.tie(a, [0], b, [0]) for a, b in zip(parts, parts[1:])]
-    return pm.Coupler(parts, ties, dt=dt, **options)
+    subdomains = [subdomain(ss) for ss in substeps]
+    ties = [pm.tie(a, [0], b, [0]) for a, b in zip(subdomains, subdomains[1:])]
+    return pm.Coupler(subdomains, ties, dt=dt, **options)
 
 
 def divisor(ss):
@@ -69,7 +69,7 @@ def test_the_loads_of_all_subdomains_are_asked_at_instants_of_equal_bits(ss):
     def asking(name):
         return lambda t: asked[name].append(t) or [0.0]
 
-    a, b = part(force=asking("coarse")), part(ss, force=asking("fine"))
+    a, b = subdomain(force=asking("coarse")), subdomain(ss, force=asking("fine"))
     dt = float(str(Decimal("0.001") * ss))
     history = pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=dt).run(steps=11)
     np.testing.assert_array_equal(asked["fine"], history[1].t)
@@ -189,7 +189,7 @@ def test_both_or_none_of_t_end_and_steps_is_a_type_error():
     with pytest.raises(TypeError, match="either t_end or steps"):
         coupler.run(1.0, steps=4)
     with pytest.raises(TypeError, match="either t_end or steps"):
-        pm.solve(part(), dt=0.25)
+        pm.solve(subdomain(), dt=0.25)
     assert coupler.step_count == 0
 
 
