@@ -180,9 +180,7 @@ def test_beyond_the_bifurcation_there_is_no_period():
         (pm.Newmark(), 1.0, -0.1, "xi must be finite and at least 0, got -0.1"),
     ],
 )
-def test_a_question_about_period_and_damping_that_makes_no_sense_is_refused(
-    scheme, Omega, xi, message
-):
+def test_invalid_arguments_of_period_and_damping_are_refused(scheme, Omega, xi, message):
     with pytest.raises((TypeError, ValueError), match=re.escape(message)):
         analysis.period_and_damping(scheme, Omega, xi)
 
@@ -200,7 +198,7 @@ def unloaded(seed, **changes):
     return problem.coupler()
 
 
-def test_the_random_problems_hold_what_the_next_test_should_see():
+def test_the_random_problems_contain_what_the_next_test_needs():
     couplers = [unloaded(seed) for seed in range(40)]
     parts = [part for coupler in couplers for part in coupler._parts]
     assert {part.double for part in parts} == {True, False}
@@ -231,7 +229,7 @@ def test_the_matrix_to_the_power_k_is_a_run_of_k_macro_steps(seed):
             assert np.array_equal(after[rows], x)
 
 
-def test_a_wrong_entry_of_the_matrix_shows():
+def test_a_wrong_entry_of_the_matrix_is_detected():
     coupler = unloaded(0)
     G = analysis.amplification_matrix(coupler)
     coupler.step(2)
@@ -290,7 +288,7 @@ def somewhere(t):
 
 @pytest.mark.parametrize("steps", [0, 1, 5])
 @pytest.mark.parametrize("kind", LOADS)
-def test_a_coupler_goes_on_after_an_analysis_as_if_there_had_been_none(kind, steps):
+def test_an_analysis_leaves_the_coupler_as_it_was(kind, steps):
     touched, other = loaded_coupler(kind), loaded_coupler(kind)
     touched.step(steps)
     other.step(steps)
@@ -304,7 +302,7 @@ def test_a_coupler_goes_on_after_an_analysis_as_if_there_had_been_none(kind, ste
     assert history_bits(touched.run(steps=7)) == history_bits(other.run(steps=7))
 
 
-def test_a_coupler_goes_on_after_an_analysis_that_failed_as_if_there_had_been_none():
+def test_an_analysis_that_fails_leaves_the_coupler_as_it_was():
     touched, other = loaded_coupler("sampled"), loaded_coupler("sampled")
     touched.step(2)
     other.step(2)
@@ -332,7 +330,7 @@ def test_a_coupler_goes_on_after_an_analysis_that_failed_as_if_there_had_been_no
         lambda c: analysis.local_error(c, somewhere),
     ],
 )
-def test_what_is_no_coupler_is_refused(function):
+def test_anything_but_a_coupler_is_refused(function):
     with pytest.raises(TypeError, match="coupler must be a Coupler, got 'rig'"):
         function("rig")
 
@@ -356,7 +354,7 @@ def test_complex_eigenvalues_count_by_modulus_and_are_left_out_by_value():
     assert analysis.spectral_radius(G, drop=[0.8j, -0.8j]) == 0.0
 
 
-def test_a_defective_one_is_left_out_though_rounding_splits_it():
+def test_a_defective_eigenvalue_one_is_left_out_though_rounding_splits_it():
     Q = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     G = Q @ np.array([[1.0, 9.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.3]]) @ Q.T
     assert np.sort(np.abs(np.linalg.eigvals(G) - 1.0))[1] > 1e-10
@@ -402,7 +400,7 @@ def test_the_critical_step_of_a_long_sparse_chain_is_on_the_safe_side():
     assert 0.998 < critical / (2.0 / highest(300)) <= 1.0
 
 
-def test_the_critical_step_counts_in_own_steps_whatever_the_substeps():
+def test_the_critical_step_is_the_length_of_a_substep():
     one, many = (
         analysis.critical_step(chain_of(3, explicit(0.5), np.asarray, substeps=ss))
         for ss in (1, 20)
@@ -459,7 +457,7 @@ def test_a_double_step_explicit_subdomain_has_half_the_limit(rho):
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
-def test_two_explicit_parts_with_one_step_have_the_limit_of_the_uncut_oscillator(rho):
+def test_two_explicit_subdomains_with_equal_steps_have_the_limit_of_the_uncut_oscillator(rho):
     # "gc" with one scheme and one step is the uncut scheme, here with Omega = omega h
     def cut(Omega):
         model = models.split_oscillator(
@@ -493,7 +491,7 @@ def test_the_drift_and_a_free_motion_are_not_taken_for_instability():
         assert (v[100:].max() > 1e3 * v[:100].max()) == grows
 
 
-def test_a_bracket_that_does_not_hold_the_limit_is_refused():
+def test_a_bracket_that_does_not_contain_the_limit_is_refused():
     def alone(Omega):
         return oscillator(explicit(0.5), Omega)
 
@@ -534,7 +532,7 @@ def test_two_fine_steps_in_a_macro_step_square_the_loop(scheme):
     assert analysis.zero_stability(coupler) == pytest.approx(expected, abs=1e-10)
 
 
-def test_inner_dofs_and_stiffness_have_no_part_in_the_loop():
+def test_interior_dofs_and_stiffness_do_not_enter_the_loop():
     # of the four-dof chain the loop sees the halves of the second mass alone: b1 = 1
     for ss in (1, 3):
         chain = models.four_dof(0.6, substeps=ss)
@@ -563,7 +561,7 @@ def test_the_loop_is_what_the_spectrum_of_the_coupler_tends_to(b1, ss, rho):
     assert np.abs(np.abs(larger) - 1.0).max() < 1e-3  # omega dt = 6e-5
 
 
-def test_zero_stability_needs_conditions_and_masses():
+def test_zero_stability_needs_constraints_and_masses():
     with pytest.raises(ValueError, match="coupler must have conditions, got none"):
         analysis.zero_stability(oscillator(implicit(0.5), 0.1))
     a = pm.Subdomain([0.0, 1.0], [[2.0, -1.0], [-1.0, 1.0]], scheme=implicit(0.5), name="rod")
@@ -768,7 +766,7 @@ def test_the_local_error_is_that_of_the_reference_from_exact_data(n):
         (lambda c, e: analysis.global_error(c, e, -1.0), "t_end must not be behind"),
     ],
 )
-def test_an_error_at_no_node_is_refused(call, message):
+def test_an_error_between_time_levels_is_refused(call, message):
     coupler = three_bars()
     with pytest.raises((TypeError, ValueError), match=message):
         call(coupler, analysis.exact_solution(coupler))

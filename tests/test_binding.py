@@ -146,7 +146,7 @@ def test_the_types_belong_to_the_module_and_cannot_be_changed(name):
 
 
 @pytest.mark.parametrize("cls", [_core.Subdomain, _core.Coupler])
-def test_objects_cannot_be_made_without_their_parts(cls):
+def test_objects_cannot_be_made_without_their_arguments(cls):
     for make in (cls, lambda: cls.__new__(cls), lambda: object.__new__(cls), lambda: cls(None)):
         with pytest.raises(TypeError):
             make()
@@ -161,7 +161,7 @@ def test_objects_cannot_be_copied_or_pickled():
                 copied(made)
 
 
-def test_methods_refuse_what_is_not_theirs():
+def test_methods_refuse_objects_of_another_type():
     s, c = subdomain(), coupler()
     for call in (
         lambda: _core.Subdomain.state(c),
@@ -460,7 +460,7 @@ BAD_COUPLERS = {
 
 
 @pytest.mark.parametrize("kind", BAD_COUPLERS)
-def test_couplers_of_parts_that_do_not_fit_are_refused(kind):
+def test_couplers_of_arguments_that_do_not_fit_are_refused(kind):
     check_refused(lambda: coupler(**BAD_COUPLERS[kind]))
 
 
@@ -490,7 +490,7 @@ BAD_LOADS = {
 
 
 @pytest.mark.parametrize("kind", BAD_LOADS)
-def test_loads_that_do_not_fit_are_refused_and_the_old_one_stays(kind):
+def test_loads_that_do_not_fit_are_refused_and_the_old_one_is_kept(kind):
     c, s = started()
     s.set_load(f64(1.0, 2.0))
     check_refused(lambda: s.set_load(BAD_LOADS[kind]))
@@ -521,7 +521,7 @@ def test_a_table_must_cover_the_steps(first, rows, steps, fits):
             assert c.step_count == 0
 
 
-def test_motions_that_are_not_there_are_refused():
+def test_missing_motions_are_refused():
     c, _ = started(motions=(i64(0),))
     for i in (1, -1, 2**62, 2**70, None, 0.0):
         check_refused(lambda i=i: c.set_motion(i, f64(1.0)))
@@ -582,7 +582,7 @@ def test_records_that_do_not_fit_are_refused_before_the_first_step(kind):
     assert c.advance(10, record()) is None  # and the coupler is not busy for ever
 
 
-def test_records_that_do_not_fit_the_present_are_refused():
+def test_records_that_do_not_fit_the_present_time_are_refused():
     c, _ = started()
     for bad in (5, None, record(rows=0), record(position=(2,)), record(parts=2), record(begin=1)):
         check_refused(lambda bad=bad: c.record_present(bad))
@@ -668,7 +668,7 @@ def test_a_count_of_steps_that_overflows_is_refused():
     assert c.step_count == 2**53
 
 
-def test_a_count_of_own_steps_that_overflows_is_refused():
+def test_a_count_of_substeps_that_overflows_is_refused():
     # 2^53 own steps can be counted: 2^41 macro steps of 2^12
     c, _ = started(substeps=2**12)
     check_refused(lambda: c.start(2**41 + 1, np.zeros(1), np.zeros(1)))
@@ -679,7 +679,7 @@ def test_a_count_of_own_steps_that_overflows_is_refused():
     assert c.step_count == 2**41
 
 
-def test_compliance_is_asked_for_conditions_that_exist():
+def test_compliance_is_computed_for_existing_constraints_only():
     s = subdomain()
     for rows in (i64(1), i64(-1), i64(0, 5), i32(0), [0], None, f64(0), i64(0).reshape(1, 1)):
         check_refused(lambda rows=rows: s.compliance(False, rows))
@@ -692,7 +692,7 @@ def test_compliance_is_asked_for_conditions_that_exist():
         huge.compliance(False, i64(0))
 
 
-def test_nodes_are_taken_as_they_were_given():
+def test_saved_states_are_restored_as_they_were():
     for twice, count in ((None, 6), (operator(h=0.2), 12)):
         c, s = started(twice=twice)
         c.advance(3, None)
@@ -853,7 +853,7 @@ def factor(matrix, structure, values, inverse, lost=1e-14, blas=BLAS):
     return _core.factor_panels(matrix, structure, values, inverse, lost, *blas)
 
 
-def test_panels_of_parts_that_do_not_fit_are_refused():
+def test_panels_of_arrays_that_do_not_fit_are_refused():
     matrix, structure, values, inverse = panels_of(TWO_BLOCKS)
     assert factor(matrix, structure, values, inverse) is None
     first, row_ptr, rows, start, owner = structure
@@ -890,7 +890,7 @@ def test_panels_of_parts_that_do_not_fit_are_refused():
         check_refused(call)
 
 
-def test_a_matrix_that_is_not_definite_is_said_by_its_column():
+def test_a_matrix_that_is_not_definite_is_reported_with_its_column():
     A = SPD.copy()
     A[4, 4] = -4.0
     assert factor(*panels_of(A)) == 4
@@ -903,7 +903,7 @@ def test_panels_made_for_another_pattern_are_refused():
     check_refused(lambda: factor(matrix, *panels_of(TWO_BLOCKS)[1:]))
 
 
-def test_what_is_no_blas_routine_is_refused():
+def test_anything_but_a_blas_routine_is_refused():
     # any capsule has a pointer; its name, the signature, says what is behind it
     code = """
 other = cython_blas.__pyx_capi__["drotg"]
@@ -982,7 +982,7 @@ def test_arrays_live_as_long_as_the_core_points_into_them():
     del junk
 
 
-def test_arrays_of_a_refused_object_are_let_go():
+def test_arrays_of_a_refused_object_are_released():
     K, gone = watched(f64(4.0, 9.0))
     with pytest.raises(ValueError):
         subdomain(K=K, link=(1, i64(0, 1), i32(7), f64(1.0)))
@@ -1260,7 +1260,7 @@ def test_the_history_of_an_interrupted_run_is_that_of_a_short_one():
     np.testing.assert_array_equal(after["a"].u, whole["a"].u)
 
 
-def test_ctrl_c_under_a_callable_load_asks_nothing_twice_but_what_it_cut_short():
+def test_ctrl_c_under_a_callable_load_evaluates_only_the_interrupted_time_twice():
     asked = []
 
     def force(t):
@@ -1281,7 +1281,7 @@ def test_ctrl_c_under_a_callable_load_asks_nothing_twice_but_what_it_cut_short()
     assert len(asked) - len(set(asked)) <= times
 
 
-def test_ctrl_c_in_a_slow_load_does_not_wait_for_all_the_steps_it_was_asked_ahead_for():
+def test_ctrl_c_in_a_slow_load_does_not_wait_for_all_steps_evaluated_ahead():
     # 2 ms for a load, 5 to 20 for a step (three passes over 32 MB): when the signal comes, in a
     # load, those of some 600 steps are there and no step is done
     def force(t):
@@ -1311,7 +1311,7 @@ def test_a_handler_that_does_not_raise_does_not_stop_the_run():
     assert seen
 
 
-def test_a_handler_may_not_ask_the_coupler_that_is_being_stepped():
+def test_a_handler_may_not_call_the_coupler_that_is_being_stepped():
     c, steps = long_run(10)
 
     def ask(*args):

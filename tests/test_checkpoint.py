@@ -71,7 +71,7 @@ VARIANTS = {
 
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("steps", [0, 1, 2, 7])
-def test_a_resumed_run_equals_the_uninterrupted_one_bit_for_bit(tmp_path, variant, steps):
+def test_a_resumed_run_is_bitwise_identical_to_the_uninterrupted_one(tmp_path, variant, steps):
     whole, other = coupler(**VARIANTS[variant]), coupler(**VARIANTS[variant])
     whole.step(steps)
     whole.save(tmp_path / "state")
@@ -92,7 +92,7 @@ def test_a_state_that_was_changed_does_not_give_the_same_run(tmp_path):
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_random_problems_go_on_bit_for_bit(tmp_path, seed):
+def test_random_problems_resume_bitwise_identically(tmp_path, seed):
     problem = random_problem(seed)
     whole, other = problem.coupler(), problem.coupler()
     whole.step(3)
@@ -127,7 +127,7 @@ def test_the_state_after_an_abort_is_that_of_the_last_whole_macro_step(tmp_path)
     require_same_history(resumed.run(steps=5), other.run(steps=5))
 
 
-def test_one_coupler_can_go_back_and_forth(tmp_path):
+def test_one_coupler_can_load_an_earlier_and_a_later_state(tmp_path):
     asked = []
 
     def force(t):
@@ -149,7 +149,7 @@ def test_one_coupler_can_go_back_and_forth(tmp_path):
     np.testing.assert_array_equal(c.state("a").u, coupler().state("a").u)
 
 
-def test_a_loaded_coupler_asks_nothing_for_the_start(tmp_path):
+def test_a_loaded_coupler_evaluates_no_load_for_the_start(tmp_path):
     asked = []
     c, other = coupler(force=lambda t: np.zeros(6)), coupler(force=lambda t: asked.append(t))
     c.step(2)
@@ -174,7 +174,7 @@ def in_another_process(code, path):
     )
 
 
-def test_a_state_saved_in_one_process_goes_on_in_another(tmp_path):
+def test_a_state_saved_in_one_process_resumes_in_another(tmp_path):
     path = tmp_path / "state"
     done = in_another_process("c.step(5); c.save(path)", path)
     assert done.returncode == 0, done.stderr
@@ -347,7 +347,7 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize("damage", DAMAGE)
-def test_a_file_that_is_not_whole_is_refused_and_nothing_changes(tmp_path, damage):
+def test_an_incomplete_file_is_refused_and_nothing_changes(tmp_path, damage):
     path = tmp_path / "state"
     c = saved_state(path)
     before = snapshot(c)
@@ -393,7 +393,7 @@ def test_a_file_of_another_kind_is_refused(tmp_path):
             call(3)
 
 
-def test_a_file_that_cannot_be_written_is_named_and_the_coupler_goes_on(tmp_path):
+def test_a_file_that_cannot_be_written_is_named_and_the_coupler_continues(tmp_path):
     c, other = two_parts(), two_parts()
     with pytest.raises(FileNotFoundError, match="path cannot be written.*nowhere/state'"):
         c.save(tmp_path / "nowhere" / "state")
@@ -431,7 +431,7 @@ def test_a_full_disk_keeps_the_old_file_and_the_coupler(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["state"]
 
 
-def test_a_load_cannot_save_or_load_the_coupler_that_asks_it(tmp_path):
+def test_a_load_cannot_save_or_load_the_coupler_that_evaluates_it(tmp_path):
     said = []
 
     def force(t):

@@ -373,14 +373,14 @@ class Attack:
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_whatever_is_combined_the_bits_are_those_of_one_run_on_one_thread(seed, tmp_path):
+def test_any_combination_is_bitwise_identical_to_one_run_on_one_thread(seed, tmp_path):
     attack = Attack(Case(seed), np.random.default_rng([seed, 11]), tmp_path)
     attack.go(rounds=8)
 
 
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
 @pytest.mark.parametrize("threads", [1, 2, 3])
-def test_what_failed_first_is_raised_though_a_later_step_was_asked_meanwhile(coupling, threads):
+def test_the_first_failure_is_raised_though_a_later_step_was_evaluated_meanwhile(coupling, threads):
     # from t = 0.5 on a load beyond all numbers, in the own step of "a" that begins at 0.4 (double)
     # or 0.45; a thread beside it has asked "b" for what comes after
     samples = np.where(np.arange(40) < 5, 0.0, 1e300).reshape(-1, 1)

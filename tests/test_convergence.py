@@ -214,7 +214,7 @@ def test_two_subdomains_with_equal_steps_have_order_two(coupling, schemes):
     assert orders(errors) == pytest.approx(2.0, abs=0.05)
 
 
-def test_a_scheme_of_order_one_in_one_subdomain_is_seen_in_the_coupled_order():
+def test_a_scheme_of_order_one_in_one_subdomain_lowers_the_coupled_order():
     schemes = pm.Newmark(0.3025, 0.6), pm.CentralDifference()
     errors = cut_oscillator().errors(1.0, [320, 640], (1, 1), schemes=schemes, coupling="gc")
     assert orders(errors) == pytest.approx(1.0, abs=0.1)  # the dt^2 term: a few percent

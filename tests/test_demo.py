@@ -97,7 +97,7 @@ def test_name_of_the_picture_and_number_of_steps_can_be_chosen(tmp_path):
 
 
 @pytest.mark.parametrize("steps", ["0", "-1", "1.5", "many"])
-def test_a_number_of_steps_that_is_none_is_refused(tmp_path, steps):
+def test_an_invalid_number_of_steps_is_refused(tmp_path, steps):
     done = demo(tmp_path, f"--steps={steps}")
     assert done.returncode == 2
     assert f"must be a whole number above 0, got '{steps}'" in done.stderr
@@ -113,7 +113,7 @@ def test_a_picture_that_cannot_be_written_is_one_clear_line(tmp_path):
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_without_matplotlib_the_demo_says_what_to_install(tmp_path):
+def test_without_matplotlib_the_demo_names_what_to_install(tmp_path):
     # a module of this name that cannot be imported stands before the real one
     (tmp_path / "matplotlib.py").write_text("raise ImportError('not here')\n")
     done = demo(tmp_path)

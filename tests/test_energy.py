@@ -76,7 +76,7 @@ def test_the_energies_are_those_of_the_formulas_on_what_was_recorded(seed):
 
 
 @pytest.mark.parametrize("seed", range(60, 80))
-def test_a_stretch_sums_up_from_its_own_first_node(seed):
+def test_an_interval_sums_up_from_its_first_time_level(seed):
     problem = random_problem(seed)
     coupler = problem.coupler()
     coupler.step(3)
@@ -88,7 +88,7 @@ def test_a_stretch_sums_up_from_its_own_first_node(seed):
     assert not history.energy.balance[0].any()
 
 
-def test_the_work_of_a_restoring_force_under_macro_coupling_is_that_of_its_own_nodes():
+def test_the_work_of_a_restoring_force_under_macro_coupling_is_that_at_its_time_levels():
     seen = []
 
     def restoring(u, v, t):
@@ -144,7 +144,7 @@ def test_the_balance_of_the_trapezoidal_rule_uncoupled_closes_to_rounding(dampin
     assert not energy.interface.any()
 
 
-def test_a_damping_scheme_takes_what_it_takes():
+def test_the_balance_of_a_damping_scheme_is_the_energy_it_removes():
     # M w1 + K u1 = 0 with rho = 0 on one mode: its energy falls, and all of that is the balance
     s = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.0), u0=[1.0])
     energy = pm.Coupler([s], dt=0.3).run(steps=50, energy=True).energy
@@ -162,7 +162,7 @@ def pair_of_chains(coupling, substeps, scheme):
     return pm.Coupler([a, b], pm.tie(a, [4], b, [0]), dt=0.08, coupling=coupling)
 
 
-def test_gc_takes_at_the_interface_what_the_parts_lose_together():
+def test_the_energy_that_gc_removes_is_the_work_at_the_interface():
     # Gravouil and Combescure: with trapezoidal parts the only loss is the work at the interface,
     # and none without subcycling. What never grows is an energy of velocities and accelerations;
     # that of displacements and velocities falls over the run, not in every step.
@@ -237,14 +237,14 @@ def arrays_of(history):
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_asking_for_the_energy_changes_no_result(seed):
+def test_recording_the_energy_changes_no_result(seed):
     problem = random_problem(seed)
     ours, theirs = problem.coupler(), problem.coupler()
     for steps in (4, 3):
         assert same_bits(ours.run(steps=steps, energy=True), theirs.run(steps=steps))
 
 
-def test_the_energy_with_every_is_that_without_at_the_same_nodes():
+def test_the_energy_with_every_is_that_without_at_the_same_time_levels():
     coupler, other = (models.four_dof().coupler(0.05) for _ in range(2))
     for c in (coupler, other):
         c.step(2)
@@ -266,7 +266,7 @@ def test_a_run_without_it_has_none():
     assert coupler.step_count == 9
 
 
-def test_a_callable_load_is_asked_no_more_often():
+def test_a_callable_load_is_evaluated_no_more_often():
     asked = {False: [], True: []}
 
     def run(energy):
@@ -285,7 +285,7 @@ def test_a_callable_load_is_asked_no_more_often():
     assert asked[True] == asked[False] and len(asked[True]) == 13
 
 
-def test_the_first_load_of_a_resumed_run_is_asked_for(tmp_path):
+def test_the_first_load_of_a_resumed_run_is_evaluated(tmp_path):
     # after `load` nobody has asked for it in this process
     def coupler():
         s = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), force=lambda t: [np.sin(t)])
@@ -299,7 +299,7 @@ def test_the_first_load_of_a_resumed_run_is_asked_for(tmp_path):
     assert ours.external.tobytes() == theirs.external.tobytes() and ours.external.any()
 
 
-def test_an_interrupted_run_has_the_energy_up_to_where_it_came():
+def test_an_interrupted_run_has_the_energy_up_to_the_interruption():
     def force(t):
         if t > 0.33:
             raise ZeroDivisionError

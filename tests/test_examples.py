@@ -122,9 +122,7 @@ def killed_at(command, process, client):
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
 @pytest.mark.parametrize("command", [75, 81, 82])  # in mid-step, and at its end
-def test_when_the_rig_dies_the_coupler_stands_at_the_last_whole_macro_step(
-    command, coupling, threads
-):
+def test_when_the_rig_dies_the_coupler_is_at_the_last_whole_macro_step(command, coupling, threads):
     done = (command - 2) // rig.substeps
     shorter = rig.hybrid(InProcess(), coupling=coupling)
     expected = shorter.run(steps=done)
@@ -144,7 +142,7 @@ def test_when_the_rig_dies_the_coupler_stands_at_the_last_whole_macro_step(
             )
 
 
-def test_when_the_rig_dies_the_file_of_the_run_holds_it_up_to_there(tmp_path):
+def test_when_the_rig_dies_the_file_contains_the_run_up_to_that_step(tmp_path):
     pytest.importorskip("h5py")
     expected = rig.hybrid(InProcess()).run(steps=7)
     with rig.simulated_rig(**rig.specimen) as (address, process):
@@ -158,7 +156,7 @@ def test_when_the_rig_dies_the_file_of_the_run_holds_it_up_to_there(tmp_path):
 
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="needs a process that can be stopped")
 @pytest.mark.parametrize("ctrl_c", [False, True], ids=["timeout", "ctrl_c"])
-def test_a_rig_that_is_silent_ends_the_run_and_it_goes_on_when_the_rig_does(ctrl_c):
+def test_a_silent_rig_ends_the_run_which_resumes_with_the_rig(ctrl_c):
     expected = rig.hybrid(InProcess()).run(steps=6)
 
     def interrupt():
@@ -191,7 +189,7 @@ def test_a_rig_that_is_silent_ends_the_run_and_it_goes_on_when_the_rig_does(ctrl
     np.testing.assert_array_equal(t, np.append(instants[:36], instants[1 + 3 * ss :]))
 
 
-def test_the_rig_may_not_ask_the_coupler_that_commands_it():
+def test_the_rig_may_not_call_the_coupler_that_commands_it():
     with rig.simulated_rig(**rig.specimen) as (address, _):
         client = rig.Rig(address)
         coupler = rig.hybrid(lambda u, v, t: client(u, v, coupler.time))

@@ -110,7 +110,7 @@ def read_xdmf(path):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_xdmf_says_where_the_numbers_of_each_time_are(tmp_path, name):
+def test_xdmf_gives_the_location_of_the_numbers_of_each_time(tmp_path, name):
     points, elements = MESHES[name]
     u, v = motion(points), motion(points, seed=1)
     heat = motion(points, seed=2)[..., 0]
@@ -158,7 +158,7 @@ def nodes_of(cell):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_the_reader_of_vtk_sees_the_same(tmp_path, name):
+def test_the_reader_of_vtk_reads_the_same(tmp_path, name):
     pytest.importorskip("vtkmodules")
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
@@ -199,7 +199,7 @@ def test_displacements_are_taken_in_any_shape_they_come_in(tmp_path, given):
 
 
 @pytest.mark.parametrize("name", ["run.xdmf", "run.pvd", "RUN.XDMF"])
-def test_files_that_stand_there_are_replaced(tmp_path, name):
+def test_existing_files_are_replaced(tmp_path, name):
     points, elements = SQUARES
     for seed in (0, 1):
         write_series(str(tmp_path / name), points, elements, TIMES, motion(points, seed=seed))
@@ -247,7 +247,7 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(
 
 
 @pytest.mark.parametrize("ending", ["xdmf", "pvd"])
-def test_a_place_that_cannot_be_written_is_named(tmp_path, ending):
+def test_a_path_that_cannot_be_written_is_named(tmp_path, ending):
     path = tmp_path / "nowhere" / f"run.{ending}"
     with pytest.raises(FileNotFoundError, match="path cannot be written.*nowhere/run"):
         write_series(path, *SQUARES, TIMES, np.zeros((3, 12)))

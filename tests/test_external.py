@@ -42,7 +42,7 @@ def superlu(A, last):
 
 @pytest.mark.parametrize("factorize", ["superlu", plain, reversed_order, without_diagonal, superlu])
 @pytest.mark.parametrize("seed", range(12))
-def test_a_run_is_the_same_whoever_factors(seed, factorize):
+def test_a_run_is_the_same_with_an_external_factorization(seed, factorize):
     problem = random_problem(seed)
     ours = problem.coupler().run(steps=9)
     theirs = problem.coupler(factorize=factorize).run(steps=9)
@@ -167,7 +167,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_a_wrong_answer_is_refused_with_what_is_wrong(case):
+def test_a_wrong_factor_is_refused_with_the_reason(case):
     factorize, error, text = WRONG[case]
     with pytest.raises(error, match=text):
         halves(factorize=factorize)

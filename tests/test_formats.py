@@ -299,7 +299,7 @@ def test_no_damping_is_none_or_zeros():
 
 
 @pytest.mark.parametrize("name, i, j", [("M", 2, 2), ("C", 1, 2), ("K", 1, 2), ("L", 0, 4)])
-def test_a_format_that_changed_an_entry_a_little_would_be_seen(plain, name, i, j):
+def test_a_format_that_changed_an_entry_a_little_would_be_detected(plain, name, i, j):
     # so the comparison can fail; with 1e-9 the initial velocities still fit the conditions
     changed = PLAIN[name].copy()
     changed[i, j] *= 1.0 + 1e-9

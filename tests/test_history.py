@@ -62,7 +62,7 @@ def require_same_bits(ours, theirs):
 
 
 @pytest.mark.parametrize("kind", [str, Path])
-def test_a_loaded_history_is_the_saved_one_bit_for_bit(tmp_path, kind):
+def test_a_loaded_history_is_bitwise_identical_to_the_saved_one(tmp_path, kind):
     history, _ = three_parts()
     history.velocity_jump[0] = [-0.0, np.nan]
     path = kind(tmp_path / "gespeichert ✓.npz")
@@ -70,7 +70,7 @@ def test_a_loaded_history_is_the_saved_one_bit_for_bit(tmp_path, kind):
     require_bit_equal(pm.History.load(path), history)
 
 
-def test_a_history_without_conditions_and_with_one_node_can_be_kept(tmp_path):
+def test_a_history_without_constraints_and_with_one_time_level_can_be_saved(tmp_path):
     history = pm.Coupler([oscillator()], dt=0.1).run(steps=0)
     history.save(tmp_path / "h")
     loaded = pm.History.load(tmp_path / "h")
@@ -79,14 +79,14 @@ def test_a_history_without_conditions_and_with_one_node_can_be_kept(tmp_path):
     assert loaded["subdomain 0"].u.shape == (1, 2)
 
 
-def test_a_history_from_a_file_can_be_kept_again(tmp_path):
+def test_a_history_from_a_file_can_be_saved_again(tmp_path):
     history, _ = three_parts()
     history.save(tmp_path / "first")
     pm.History.load(tmp_path / "first").save(tmp_path / "second")
     require_bit_equal(pm.History.load(tmp_path / "second"), history)
 
 
-def test_subdomains_of_a_file_are_known_by_name_and_place(tmp_path):
+def test_subdomains_of_a_file_are_found_by_name_and_number(tmp_path):
     history, tower = three_parts()
     history.save(tmp_path / "h.npz")
     loaded = pm.History.load(tmp_path / "h.npz")
@@ -125,7 +125,7 @@ class Interrupted(BaseException):
 
 
 @pytest.mark.parametrize("error", [Interrupted(), OSError(28, "No space left on device")])
-def test_an_interrupted_save_leaves_the_good_file(tmp_path, monkeypatch, error):
+def test_an_interrupted_save_leaves_the_existing_file(tmp_path, monkeypatch, error):
     history, _ = three_parts()
     path = tmp_path / "h.npz"
     history.save(path)
@@ -146,7 +146,7 @@ def test_an_interrupted_save_leaves_the_good_file(tmp_path, monkeypatch, error):
         )
 
 
-def test_a_link_stays_and_the_file_it_leads_to_is_replaced(tmp_path):
+def test_a_link_is_kept_and_its_target_is_replaced(tmp_path):
     history, _ = three_parts()
     (tmp_path / "folder").mkdir()
     target, link = tmp_path / "folder" / "h.npz", tmp_path / "link"
@@ -326,14 +326,14 @@ def test_names_of_subdomains_never_meet_those_of_the_interface():
         np.testing.assert_array_equal(data[f"{name}_u"], history[name].u)
 
 
-def test_a_dataset_of_one_subdomain_has_no_conditions():
+def test_a_dataset_of_one_subdomain_has_no_constraints():
     pytest.importorskip("xarray")
     data = pm.Coupler([oscillator()], dt=0.1).run(steps=2).to_xarray()
     assert data.sizes["condition"] == 0
     assert data["subdomain 0_u"].shape == (3, 2)
 
 
-def test_without_xarray_it_is_said_what_to_install(monkeypatch):
+def test_without_xarray_the_error_names_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
     history = models.split_oscillator(10.0).coupler(0.05).run(steps=1)
     with pytest.raises(ImportError, match=r"pip install 'pmalpha\[xarray\]'"):

@@ -107,7 +107,7 @@ def test_initial_accelerations_and_multipliers_solve_all_equations_at_once(form,
     assert np.abs(alone - w[0]).max() > 1e-3
 
 
-def test_the_sparse_conditions_are_the_dense_ones():
+def test_sparse_constraints_equal_dense_ones():
     rng = np.random.default_rng(5)
     subdomains = [random_part(rng, 3, consistent=True) for _ in range(2)]
     L = [rng.normal(size=(2, 3)), np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])]
@@ -171,7 +171,7 @@ def test_subdomains_that_meet_at_a_cross_point_start_as_the_uncut_structure(form
         assert (own.T @ coupler.multipliers)[0] == pytest.approx(force, abs=1e-11)
 
 
-def test_a_load_that_is_a_callable_enters_with_its_value_at_zero():
+def test_a_callable_load_enters_with_its_value_at_zero():
     subdomains, made, w = cross(np.asarray, True)
     for s in made:
         s.force = lambda t, F=s.force: F * np.cos(t) + 100.0 * t
@@ -179,14 +179,14 @@ def test_a_load_that_is_a_callable_enters_with_its_value_at_zero():
     np.testing.assert_allclose(coupler.state(2).a[0], w[0], rtol=1e-11)  # 13 dofs, condition 100
 
 
-def test_without_conditions_every_subdomain_starts_by_itself():
+def test_without_constraints_every_subdomain_starts_by_itself():
     subdomains, made, _ = cross(sp.csr_array, True)
     coupler = pm.Coupler(made, dt=0.01)
     w = [np.linalg.solve(q["M"], q["F"] - q["C"] @ q["v0"] - q["K"] @ q["u0"]) for q in subdomains]
     assert_initial(coupler, w, np.zeros(0))
 
 
-def test_a_condition_on_one_subdomain_alone_is_a_support():
+def test_a_constraint_on_one_subdomain_alone_is_a_support():
     q = random_part(np.random.default_rng(3), 3, consistent=True)
     q["u0"], q["v0"] = np.zeros(3), np.array([0.0, 1.0, 0.0])
     s = subdomain(q)
@@ -268,7 +268,7 @@ def test_several_massless_dofs_inside_are_condensed_in_a_coupled_structure(form)
 
 
 @every_form
-def test_a_massless_dof_on_the_interface_moves_as_the_condition_says(form):
+def test_a_massless_dof_on_the_interface_follows_the_constraint(form):
     # ground - 30 - [a] tied to [b0 - 70 - b1]; a has no mass at all
     a = pm.Subdomain([0.0], [30.0], scheme=SOFT, u0=[1.0], name="a")
     K = 70.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
@@ -281,7 +281,7 @@ def test_a_massless_dof_on_the_interface_moves_as_the_condition_says(form):
 @pytest.mark.parametrize("consistent", [False, True], ids=["lumped", "consistent"])
 @pytest.mark.parametrize("seed", range(6))
 @every_form
-def test_massless_dofs_in_general_conditions_solve_all_equations_at_once(form, seed, consistent):
+def test_massless_dofs_in_general_constraints_solve_all_equations_at_once(form, seed, consistent):
     rng = np.random.default_rng(100 + seed)
     subdomains = [random_part(rng, n, consistent=consistent) for n in (4, 3, 5)]
     # one massless dof of part 0 and two of part 2, each in conditions with dofs that have mass
@@ -371,7 +371,7 @@ def test_a_massless_row_that_is_not_in_equilibrium_warns_with_dof_and_amount(for
 
 
 @pytest.mark.parametrize("scale", [1e-12, 1.0, 1e15])
-def test_equilibrium_of_massless_rows_is_judged_relative_to_the_forces_there_are(scale):
+def test_equilibrium_of_massless_rows_is_checked_relative_to_the_forces(scale):
     def make(off):
         u0 = scale * np.array([0.7 + off, 1.0])
         return pm.Coupler([pm.Subdomain([0.0, 2.0], K_SERIES, scheme=SOFT, u0=u0)], dt=0.1)
@@ -388,7 +388,7 @@ def test_massless_dofs_tied_to_each_other_out_of_balance_warn():
     assert np.isfinite(coupler.run(steps=50)[0].u).all()
 
 
-def test_a_massless_row_with_damping_counts_the_damping():
+def test_the_equilibrium_of_a_massless_row_includes_its_damping():
     # c v + k u = F: 2 * 3 + 5 * 4 = 26
     C, K = np.diag([2.0, 0.0]), np.diag([5.0, 1.0])
     options = {"scheme": SOFT, "u0": [4.0, 0.0], "v0": [3.0, 0.0]}
@@ -420,7 +420,7 @@ def test_consistent_initial_values_neither_warn_nor_raise():
     three(u0=([1.0, 0.0], [0.0, 1.0]), v0=([3.0, 0.0], [0.0, 3.0])).run(steps=2)
 
 
-def test_a_gap_in_the_displacements_warns_with_row_and_amount_and_stays():
+def test_a_gap_in_the_displacements_warns_with_row_and_amount_and_persists():
     # row 0: left 0 against middle 1; row 2: middle 0 against right 0
     u0 = [1.0, 0.25], [0.25, 0.5]
     with pytest.warns(pm.ConstraintWarning) as caught:
@@ -447,7 +447,7 @@ def test_a_gap_warns_once_when_the_coupler_is_made_and_again_when_it_is_reset(fo
         coupler.reset(u0={**closed, "left": [0.0, 4.0]})
 
 
-def test_velocities_that_break_a_condition_raise_with_row_and_amount():
+def test_velocities_that_violate_a_constraint_raise_with_row_and_amount():
     with pytest.raises(pm.ConstraintError) as caught:
         three(v0=([1.0, 0.25], [0.25, 0.5]))
     text = str(caught.value)
@@ -457,7 +457,7 @@ def test_velocities_that_break_a_condition_raise_with_row_and_amount():
     assert "row 1 of" not in text
 
 
-def test_velocities_that_break_the_only_constraint_name_its_row():
+def test_velocities_that_violate_the_only_constraint_name_its_row():
     a, b = (pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=SOFT, v0=v) for v in ([1, 2], [1, 2.5]))
     with pytest.raises(pm.ConstraintError, match=r"rows? 1 by -0\.5"):
         pm.Coupler([a, b], pm.tie(a, [0, 1], b, [0, 1]), dt=0.1)
@@ -465,7 +465,7 @@ def test_velocities_that_break_the_only_constraint_name_its_row():
 
 @pytest.mark.parametrize("scale", [1e-30, 1.0, 1e20])
 @pytest.mark.parametrize("name", ["u0", "v0"])
-def test_conditions_at_the_start_are_judged_relative_to_the_values_there_are(name, scale):
+def test_constraints_at_the_start_are_checked_relative_to_the_initial_values(name, scale):
     def make(off):
         values = scale * np.array([1.0, 0.0]), scale * np.array([0.0, 1.0 + off])
         return three(**{name: values})
@@ -489,7 +489,7 @@ BROKEN = {
 @pytest.mark.parametrize("weight", [1e-12, 1.0, 1e12])
 @pytest.mark.parametrize("row", BROKEN)
 @pytest.mark.parametrize("name", ["u0", "v0"])
-def test_a_condition_times_a_factor_is_judged_as_before(name, row, weight):
+def test_a_constraint_times_a_factor_is_checked_as_before(name, row, weight):
     three(**{name: ([1.0, 2.0], [2.0, 1.0], [2.0])}, weight=weight)
     if name == "v0":
         with pytest.raises(pm.ConstraintError, match=row):
@@ -499,7 +499,7 @@ def test_a_condition_times_a_factor_is_judged_as_before(name, row, weight):
             three(u0=BROKEN[row], weight=weight)
 
 
-def test_velocities_on_dofs_in_no_condition_are_free():
+def test_velocities_on_dofs_in_no_constraint_are_free():
     a, b = (pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=SOFT, v0=v) for v in ([1, 2], [9, 1]))
     coupler = pm.Coupler([a, b], pm.tie(a, [0], b, [1]), dt=0.1)
     np.testing.assert_array_equal(coupler.state(1).v, [9.0, 1.0])

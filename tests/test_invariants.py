@@ -201,7 +201,7 @@ def scales(history, problem):
 
 @pytest.mark.parametrize("k", [-40, 7, 60])
 @every_problem
-def test_loads_and_initial_values_times_a_power_of_two_scale_every_result_bit_for_bit(make, k):
+def test_loads_and_initial_values_times_a_power_of_two_scale_every_result_exactly(make, k):
     problem, factor = make(), 2.0**k
     scaled = replace(
         problem,
@@ -219,7 +219,7 @@ def test_loads_and_initial_values_times_a_power_of_two_scale_every_result_bit_fo
     assert_same_bits(one, two, factor)
 
 
-def test_a_factor_that_is_no_power_of_two_does_change_bits():
+def test_a_factor_that_is_no_power_of_two_changes_the_rounding():
     problem = everything("dense")
     one = problem.coupler().run(steps=STEPS)
     for s in problem.subdomains:
@@ -261,7 +261,7 @@ def test_units_that_do_not_fit_together_are_another_motion():
 
 @pytest.mark.parametrize("factor", [1e-9, 3e7])
 @pytest.mark.parametrize("form", FORMS)
-def test_conditions_times_a_factor_are_the_same_conditions(form, factor):
+def test_constraints_times_a_factor_are_the_same_constraints(form, factor):
     problem = everything(form)
     one = problem.coupler().run(steps=STEPS)
     two = replace(problem, L=[np.array([1.0, factor, 1.0])[:, None] * Li for Li in problem.L])
@@ -299,7 +299,7 @@ def test_the_order_of_subdomains_does_not_matter(form, order):
 
 @pytest.mark.parametrize("rows", [(2, 1, 0), (1, 2, 0)])
 @pytest.mark.parametrize("form", FORMS)
-def test_the_order_of_conditions_does_not_matter(form, rows):
+def test_the_order_of_constraints_does_not_matter(form, rows):
     problem = everything(form)
     one = problem.coupler().run(steps=STEPS)
     two = replace(problem, L=[Li[list(rows)] for Li in problem.L]).coupler().run(steps=STEPS)
@@ -313,7 +313,7 @@ def test_the_order_of_conditions_does_not_matter(form, rows):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_conditions_in_one_constraint_or_in_several_are_the_same_bit_for_bit(form):
+def test_rows_in_one_constraint_or_in_several_are_bitwise_identical(form):
     one, two = (trio(form, split) for split in (False, True))
     assert_same_bits(one.run(steps=STEPS), two.run(steps=STEPS))
 
@@ -382,7 +382,7 @@ def joined(histories):
 @pytest.mark.parametrize("stretches", [(0, 9), (1, 8), (2, 1, 0, 6), (8, 1)])
 @pytest.mark.parametrize(("coupling", "start"), SCHEDULES)
 @pytest.mark.parametrize("form", FORMS)
-def test_a_run_in_stretches_equals_one_run_bit_for_bit(form, coupling, start, stretches):
+def test_a_run_in_intervals_is_bitwise_identical_to_one_run(form, coupling, start, stretches):
     whole = everything(form, coupling=coupling, start=start).coupler().run(steps=sum(stretches))
     coupler = everything(form, coupling=coupling, start=start).coupler()
     histories = [coupler.run(steps=n) for n in stretches]
@@ -413,7 +413,7 @@ def test_step_is_run_without_a_history(form, coupling, start):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_record_keeps_exactly_the_columns_that_were_asked_for(form):
+def test_record_keeps_exactly_the_given_columns(form):
     whole = everything(form).coupler().run(steps=STEPS)
     coupler = everything(form).coupler()
     some = coupler.run(steps=STEPS, record={"subdomain 0": [3, 0], 2: None})
@@ -433,7 +433,7 @@ def test_record_keeps_exactly_the_columns_that_were_asked_for(form):
 
 @pytest.mark.parametrize("every", [1, 2, 4, 100])
 @pytest.mark.parametrize("begin", [0, 1, 4])
-def test_every_keeps_the_first_node_and_macro_nodes_whose_count_is_a_multiple(begin, every):
+def test_every_keeps_the_first_time_level_and_multiples_of_macro_steps(begin, every):
     whole = everything("dense").coupler().run(steps=begin + 11)
     coupler = everything("dense").coupler()
     coupler.step(begin)
@@ -473,7 +473,7 @@ def test_a_later_run_leaves_the_history_of_an_earlier_one_alone():
         ("gc", "ie", (1, 4), (False, False)),
     ],
 )
-def test_who_takes_double_steps_when_nobody_says_so(coupling, kinds, substeps, same_as):
+def test_which_subdomains_take_double_steps_by_default(coupling, kinds, substeps, same_as):
     def history(double, coupling=coupling):
         schemes = [pm.GeneralizedAlpha(0.5, explicit=kind == "e") for kind in kinds]
         subdomains = [
@@ -579,7 +579,7 @@ def numbers(x):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_the_users_arrays_are_neither_changed_nor_looked_at_again(form):
+def test_the_users_arrays_are_neither_changed_nor_read_again(form):
     x = users_arrays(form)
     before = {name: frozen(value) for name, value in x.items()}
     whole = coupler_of(x, lambda *names: None)
@@ -602,14 +602,14 @@ def test_the_users_arrays_are_neither_changed_nor_looked_at_again(form):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_arrays_that_may_not_be_written_will_do(form):
+def test_read_only_arrays_are_accepted(form):
     x = users_arrays(form)
     for value in x.values():
         numbers(value).setflags(write=False)
     coupler_of(x, lambda *names: None).run(steps=2)
 
 
-def test_what_the_coupler_hands_out_are_copies():
+def test_the_coupler_returns_copies():
     coupler = everything("dense").coupler()
     expected = everything("dense").coupler().run(steps=STEPS)
     coupler.step(2)
@@ -629,7 +629,7 @@ def test_what_the_coupler_hands_out_are_copies():
 
 
 @pytest.mark.parametrize("name", [n for n in PROBLEMS if "random" not in n or n[-1] in "05"])
-def test_reset_reproduces_the_first_run_bit_for_bit(name):
+def test_a_run_after_reset_is_bitwise_identical_to_the_first(name):
     coupler = PROBLEMS[name]().coupler()
     first = coupler.run(steps=STEPS)
     coupler.reset()
@@ -641,7 +641,7 @@ def test_reset_reproduces_the_first_run_bit_for_bit(name):
     np.testing.assert_array_equal(coupler.state(0).a, first[0].a[-1])
 
 
-def test_after_reset_the_present_is_the_beginning_also_where_a_callable_is_asked():
+def test_after_reset_the_time_is_zero_also_with_a_callable_load():
     a = _plain("dense", "a", u0=[1.0, 0.0, 0.5])
     coupler = pm.Coupler([a], dt=0.25)
     coupler.reset(force={"a": lambda t: np.array([t, 0.0, 1.0])})
@@ -680,7 +680,7 @@ def test_reset_with_other_values_equals_a_new_coupler(form):
         assert_same_bits(expected, coupler_to_reset.run(steps=STEPS))
 
 
-def test_what_reset_does_not_name_is_as_the_subdomain_was_made():
+def test_reset_restores_what_it_does_not_name_to_the_values_of_the_subdomain():
     coupler = pm.Coupler([_plain("dense", "a", u0=[1.0, 2.0, 3.0])], dt=0.1)
     first = coupler.run(steps=3)
     coupler.reset(u0={"a": [9.0, 9.0, 9.0]}, force={"a": None})
@@ -813,7 +813,7 @@ def test_the_velocity_jump_is_that_of_the_states_and_rounding_alone(form, coupli
 @pytest.mark.parametrize("factor", [1.0 + 1e-6, 1.5])
 @pytest.mark.parametrize(("coupling", "start"), SCHEDULES)
 @pytest.mark.parametrize("form", FORMS)
-def test_a_wrong_entry_of_H_shows_in_the_velocity_jump(form, coupling, start, factor, monkeypatch):
+def test_a_wrong_entry_of_H_causes_a_velocity_jump(form, coupling, start, factor, monkeypatch):
     monkeypatch.setattr("pmalpha.setup.assembly.interface_matrix", wrong_interface_matrix(factor))
     problem = everything(form, coupling=coupling, start=start)
     history = problem.coupler().run(steps=STEPS)
@@ -842,7 +842,7 @@ def test_the_displacement_jump_is_that_of_the_states():
 
 @pytest.mark.parametrize(("coupling", "start"), SCHEDULES)
 @pytest.mark.parametrize("form", FORMS)
-def test_every_subdomain_is_in_equilibrium_at_its_own_nodes(form, coupling, start):
+def test_every_subdomain_is_in_equilibrium_at_its_time_levels(form, coupling, start):
     problem = everything(form, coupling=coupling, start=start)
     history = problem.coupler().run(steps=STEPS)
     largest_force = scales(history, problem)["Lam"]

@@ -132,7 +132,7 @@ def test_there_are_no_cycles_of_imports():
     assert cycle_in(graph_of_imports()) is None
 
 
-def test_an_upward_import_and_a_cycle_would_be_seen():
+def test_an_upward_import_and_a_cycle_would_be_detected():
     graph = graph_of_imports()
     arrow = ("pmalpha.problem.subdomain", "pmalpha.setup.part")
     graph[arrow[0]].add(arrow[1])
@@ -158,7 +158,7 @@ def test_no_file_is_longer_than_600_lines_and_no_function_than_60(path):
     assert {name: n for name, n in lengths(source).items() if n > 60} == {}
 
 
-def test_a_function_of_61_lines_would_be_seen_and_a_docstring_does_not_count():
+def test_a_function_of_61_lines_would_be_detected_and_a_docstring_does_not_count():
     body = "    x = 1\n" * 59
     docstring = '    """One.\n\n    Two.\n    """\n'
     assert lengths(f"def f():\n{body}") == {"f": 60}
@@ -167,7 +167,7 @@ def test_a_function_of_61_lines_would_be_seen_and_a_docstring_does_not_count():
     assert lengths(f"async def f(\n    a,\n):\n{body}") == {"f": 62}
 
 
-def test_every_module_says_what_is_in_it():
+def test_every_module_has_a_docstring():
     for path in MODULES:
         assert ast.get_docstring(ast.parse((ROOT / path).read_text())), path
 

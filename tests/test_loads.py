@@ -79,19 +79,19 @@ def test_no_load_is_a_load_of_zero():
 
 
 @pytest.mark.parametrize("scheme", [SOFT, FAST], ids=["implicit", "explicit"])
-def test_a_constant_load_is_there_at_every_node_from_the_start(scheme):
+def test_a_constant_load_acts_at_every_time_level_from_the_start(scheme):
     for value in ([1.5, -2.0, 0.25], (1, 2, 3), np.arange(3, dtype=np.int8), np.float32([1, 2, 4])):
         _, F = loads_seen(value, 3, 0.1, 4, 2, scheme)
         np.testing.assert_array_equal(F, np.tile(np.array(value, dtype=float), (9, 1)))
 
 
-def test_a_callable_acts_with_its_value_at_the_end_of_each_own_step():
+def test_a_callable_acts_with_its_value_at_the_end_of_each_substep():
     t, F = loads_seen(wave, 2, 0.1, 10, substeps=3)
     np.testing.assert_array_equal(t, np.arange(31) / 3 * 0.1)
     np.testing.assert_array_equal(F, [wave(ti) for ti in t])
 
 
-def test_a_callable_that_returns_a_constant_is_a_constant_bit_for_bit():
+def test_a_callable_that_returns_a_constant_is_bitwise_identical_to_the_constant():
     value = np.array([0.3, -0.7])
     one, two = pair(value, None).run(steps=9), pair(lambda t: value, None).run(steps=9)
     assert_same_rows(one, two)
@@ -129,7 +129,7 @@ def test_a_callable_may_return_the_same_array_again_and_again():
 
 
 @pytest.mark.parametrize("coupling", ["pm", "gc"])
-def test_a_callable_is_asked_once_at_zero_and_once_for_each_own_step_in_the_order_of_time(coupling):
+def test_a_callable_is_evaluated_once_at_zero_and_once_per_substep_in_the_order_of_time(coupling):
     a, b = Asked(), Asked()
     coupler = pair(a, b, coupling=coupling)
     assert a.times == b.times == []  # making a coupler asks nothing
@@ -138,7 +138,7 @@ def test_a_callable_is_asked_once_at_zero_and_once_for_each_own_step_in_the_orde
     np.testing.assert_array_equal(b.times, history["b"].t)
 
 
-def test_a_callable_is_never_asked_beyond_the_end_of_the_call_nor_twice():
+def test_a_callable_is_never_evaluated_beyond_the_end_of_the_call_nor_twice():
     a, b = Asked(), Asked()
     coupler = pair(a, b)
     coupler.state("a")
@@ -156,7 +156,7 @@ def test_a_callable_is_never_asked_beyond_the_end_of_the_call_nor_twice():
         np.testing.assert_array_equal(b.times, np.arange(4 * end + 1) / 4 * 0.05)
 
 
-def test_arguments_that_are_refused_ask_nothing():
+def test_refused_arguments_evaluate_no_load():
     a = Asked()
     coupler = pair(a, None)
     for arguments in ({"t_end": 0.07}, {"steps": -1}, {"steps": 2, "every": 0}, {}):
@@ -178,7 +178,9 @@ def spread(log):
 
 # 8 bytes for each of 2 dofs, and 1 + 4 own steps: a macro step takes 80 bytes
 @pytest.mark.parametrize(("ahead", "chunk"), [(1, 1), (80, 1), (239, 2), (240, 3), (10**9, 20)])
-def test_callables_are_asked_ahead_in_chunks_and_the_result_is_the_same(ahead, chunk, monkeypatch):
+def test_callables_are_evaluated_ahead_in_chunks_and_the_result_is_the_same(
+    ahead, chunk, monkeypatch
+):
     expected = pair(wave, wave).run(steps=20)
     monkeypatch.setattr("pmalpha.run.advance.AHEAD", ahead)
     log = []
@@ -190,7 +192,7 @@ def test_callables_are_asked_ahead_in_chunks_and_the_result_is_the_same(ahead, c
     assert len(log) == 21 + 81
 
 
-def test_what_is_asked_ahead_takes_64_megabytes_at_most():
+def test_loads_evaluated_ahead_take_at_most_64_megabytes():
     assert pm.run.advance.AHEAD <= 64_000_000
 
 
@@ -316,7 +318,7 @@ def test_a_record_ends_at_its_last_sample_also_where_decimals_round(spacing, dt,
 
 @decimals
 @pytest.mark.parametrize("kind", [pm.SampledForce, pm.BaseAcceleration])
-def test_a_record_asked_at_the_instants_of_a_run_says_what_the_run_takes(kind, spacing, dt):
+def test_a_record_returns_the_values_that_the_run_uses(kind, spacing, dt):
     samples = np.array([0.0, 1.0, -1.0, 2.0, 5.0])
     args = ([1.0],) if kind is pm.SampledForce else ([-1.0], [1.0])
     force = kind(samples, float(spacing), *args)
@@ -363,7 +365,7 @@ ERRORS = [Broken("cable"), StopIteration(), ZeroDivisionError(), KeyError("x"), 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda e: type(e).__name__)
 @pytest.mark.parametrize("ahead", [1, 240, 64_000_000])
 @pytest.mark.parametrize("which", ["a", "b"])
-def test_after_a_load_raised_the_run_stands_at_the_last_whole_macro_step_and_can_go_on(
+def test_after_a_load_raised_the_run_is_at_the_last_whole_macro_step_and_can_continue(
     which, ahead, error, monkeypatch
 ):
     monkeypatch.setattr("pmalpha.run.advance.AHEAD", ahead)
@@ -398,7 +400,7 @@ def test_after_a_load_raised_the_run_stands_at_the_last_whole_macro_step_and_can
 
 
 @pytest.mark.parametrize("which", ["a", "b"])
-def test_values_asked_before_another_load_raised_are_kept_whatever_the_next_calls_are(which):
+def test_values_evaluated_before_another_load_raised_are_kept_for_any_next_call(which):
     # "a" may be known to the end of the run before "b" raises, or the other way round
     whole = pair(wave, wave).run(steps=12)
     loads = {"a": Asked(), "b": Asked()}
@@ -480,7 +482,7 @@ def test_a_load_that_raises_at_zero_leaves_a_coupler_that_can_still_start(ask):
     assert_same_rows(coupler.run(steps=5), whole)
 
 
-def test_the_first_load_is_asked_once_at_zero_though_the_second_raised_there():
+def test_the_first_load_is_evaluated_once_at_zero_though_the_second_raised_there():
     first, second = Asked(), Asked()
     second.breaks_after, second.error = -1.0, Broken()
     coupler = pair(first, second)
@@ -533,7 +535,7 @@ QUESTIONS = {
 
 @pytest.mark.parametrize("when", [0.0, 0.1])
 @pytest.mark.parametrize("question", QUESTIONS.values(), ids=QUESTIONS.keys())
-def test_a_load_that_asks_its_own_coupler_gets_a_runtime_error(question, when):
+def test_a_load_that_calls_its_coupler_gets_a_runtime_error(question, when):
     whole = pair(wave, wave).run(steps=5)
     caught = []
 

@@ -81,7 +81,7 @@ def test_core_and_reference_agree_on_a_random_problem_under_macro_coupling(seed)
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_core_and_reference_agree_where_responses_are_repeated(seed, repeated):
+def test_core_and_reference_agree_where_unit_responses_are_not_stored(seed, repeated):
     check_against_reference(seed)
 
 
@@ -98,7 +98,7 @@ def same_to_the_last_bit(one, other):
 
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("storing", ["stored", "repeated"])
-def test_run_step_and_every_record_give_the_same_bits(seed, storing, monkeypatch):
+def test_run_step_and_every_record_are_bitwise_identical(seed, storing, monkeypatch):
     if storing == "repeated":
         monkeypatch.setattr(macro, "STORED", 0)
     problem = random_macro_problem(seed)
@@ -117,7 +117,7 @@ def test_run_step_and_every_record_give_the_same_bits(seed, storing, monkeypatch
 
 
 @pytest.mark.parametrize("seed", [0, 3, 4, 7, 11])
-def test_any_number_of_threads_gives_the_same_bits(seed, monkeypatch):
+def test_any_number_of_threads_gives_bitwise_identical_results(seed, monkeypatch):
     problem = random_macro_problem(seed)
     alone = made(problem)
     expected = alone.run(steps=STEPS)
@@ -132,7 +132,7 @@ def test_any_number_of_threads_gives_the_same_bits(seed, monkeypatch):
             np.testing.assert_array_equal(one.u, other.u)
 
 
-def test_small_responses_are_stored_and_large_ones_repeated(repeated):
+def test_small_unit_responses_are_stored_and_large_ones_are_not(repeated):
     a, b = halves(substeps=20)
     part = coupled(a, b)._parts[1]
     assert not macro.is_stored(part)
@@ -151,7 +151,7 @@ def ground(n):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_stored_and_repeated_responses_agree(seed, monkeypatch):
+def test_stored_and_repeated_link_responses_agree(seed, monkeypatch):
     problem = random_macro_problem(seed)
     stored = made(problem).run(steps=STEPS)
     monkeypatch.setattr(macro, "STORED", 0)
@@ -232,7 +232,7 @@ def test_pm_has_order_one_where_macro_coupling_has_two():
 
 
 @pytest.mark.parametrize("substeps", [(1, 3, 7), (2, 3, 7)])
-def test_three_subdomains_with_substeps_that_have_no_multiple_in_common_have_order_two(substeps):
+def test_three_subdomains_with_any_numbers_of_substeps_have_order_two(substeps):
     def make(dt):
         rng = np.random.default_rng(3)
         subdomains = []
@@ -422,7 +422,7 @@ def test_after_a_load_has_jumped_the_error_is_of_the_order_of_the_step(where):
     assert max(lam1, lam2) < 0.02 * OMEGA**2
 
 
-def test_loads_are_asked_at_own_nodes_in_the_order_of_time_and_once():
+def test_loads_are_evaluated_once_per_time_level_in_the_order_of_time():
     asked = []
 
     def force(t):
@@ -441,7 +441,7 @@ def test_loads_are_asked_at_own_nodes_in_the_order_of_time_and_once():
     np.testing.assert_array_equal(history[1].t[::3], history[2].t[::7])
 
 
-def test_prescribed_motion_is_followed_at_macro_nodes():
+def test_prescribed_motion_is_followed_at_the_ends_of_macro_steps():
     def g(t):
         return np.array([np.sin(t) ** 2])
 
@@ -482,7 +482,7 @@ def test_a_load_that_raises_leaves_the_last_whole_macro_step():
     same_to_the_last_bit(broken, whole)
 
 
-def test_a_run_that_grows_stops_at_the_last_whole_macro_step_and_names_the_part():
+def test_a_run_that_grows_stops_at_the_last_whole_macro_step_and_names_the_subdomain():
     a, b = halves(10.0, 5)
     with pytest.warns(pm.StabilityWarning):
         coupler, other = (coupled(a, b, 1.0) for _ in range(2))
@@ -494,7 +494,7 @@ def test_a_run_that_grows_stops_at_the_last_whole_macro_step_and_names_the_part(
     same_to_the_last_bit(coupler, other)
 
 
-def test_a_checkpoint_resumes_bit_for_bit(tmp_path):
+def test_a_checkpoint_resumes_bitwise_identically(tmp_path):
     problem = random_macro_problem(5)
     whole, first, second = (made(problem) for _ in range(3))
     whole.step(STEPS)
@@ -539,7 +539,7 @@ def resonant(detuning, rho=1.0):
     )
 
 
-def test_parts_that_resonate_with_the_macro_step_are_named():
+def test_subdomains_that_resonate_with_the_macro_step_are_named():
     # trapezoidal rule, 20 substeps: the period is 0.8 % longer than that of the equation
     with pytest.warns(pm.StabilityWarning, match="'part 1' and 'part 2' resonate with") as caught:
         resonant(0.008)
@@ -571,7 +571,7 @@ def test_a_restoring_force_with_substeps_is_warned_of_and_one_without_is_not():
     coupled(a, rig(1))
 
 
-def test_a_double_step_with_substeps_or_for_everybody_is_refused():
+def test_double_steps_with_substeps_or_in_all_subdomains_are_refused():
     a, b = halves(substeps=2)
     twice = pm.Subdomain(b.M, b.K, scheme=b.scheme, substeps=2, double_step=True, name="twice")
     with pytest.raises(ValueError, match="double_step .* 'twice'"):
@@ -581,13 +581,13 @@ def test_a_double_step_with_substeps_or_for_everybody_is_refused():
         coupled(a, b)
 
 
-def test_nobody_is_double_unless_told_so():
+def test_no_subdomain_takes_double_steps_by_default():
     a, b = halves(substeps=4)
     assert not any(part.double for part in coupled(a, b)._parts)
     assert [part.double for part in coupled(a, b, coupling="pm")._parts] == [True, False]
 
 
-def test_unit_runs_that_take_long_are_warned_of_and_absurd_ones_refused(monkeypatch):
+def test_unit_responses_that_take_long_are_warned_of_or_refused(monkeypatch):
     a, b = halves(substeps=20)
     monkeypatch.setattr(macro, "LONG", 0.0)
     with pytest.warns(pm.PerformanceWarning, match="'B': 1 conditions times 20 substeps"):
@@ -597,7 +597,7 @@ def test_unit_runs_that_take_long_are_warned_of_and_absurd_ones_refused(monkeypa
         coupled(a, b)
 
 
-def test_a_response_that_does_not_fit_is_refused_with_the_figures(monkeypatch):
+def test_unit_responses_that_do_not_fit_are_refused_with_the_figures(monkeypatch):
     monkeypatch.setattr("pmalpha.memory.available", lambda: 1000)
     monkeypatch.setattr("pmalpha.memory.SMALL", 0)
     a, b = (pm.Subdomain(np.ones(9), np.ones(9), scheme=SECOND, substeps=2, name=n) for n in "ab")
@@ -605,13 +605,13 @@ def test_a_response_that_does_not_fit_is_refused_with_the_figures(monkeypatch):
         pm.Coupler([a, b], pm.tie(a, list(range(9)), b, list(range(9))), dt=0.1, coupling="macro")
 
 
-def test_a_response_that_overflows_names_the_part():
+def test_a_unit_response_that_overflows_names_the_subdomain():
     a, b = halves(10.0, 400)
     with pytest.raises(ValueError, match="substeps of subdomain 'B' must be more"):
         coupled(a, b, 400 * 3.0)
 
 
-def test_the_amplification_matrix_knows_the_multipliers():
+def test_the_amplification_matrix_contains_the_multipliers():
     coupler = coupled(*halves(substeps=3, double=True))
     G = analysis.amplification_matrix(coupler)
     assert G.names[0] == "u[0] of A at n-1" and G.names[4] == "u[0] of A at n"
@@ -634,7 +634,7 @@ def nodes_of(coupler):
     return [part.core.nodes() for part in coupler._parts]
 
 
-def test_a_subdomain_without_conditions_and_a_coupler_without_any():
+def test_subdomains_and_couplers_without_constraints_run_as_alone():
     a, b = halves(substeps=3)
     alone = pm.Subdomain([1.0], [4.0], scheme=SECOND, substeps=5, u0=[1.0], name="alone")
     history = pm.Coupler([a, b, alone], pm.tie(a, [0], b, [0]), dt=0.1, coupling="macro").run(
@@ -667,7 +667,7 @@ def works_of(problem, history, i):
 
 
 @pytest.mark.parametrize("seed", range(16))
-def test_the_energies_are_those_of_the_recorded_nodes_and_change_no_bit(seed):
+def test_the_energies_follow_from_the_recorded_states_and_change_no_result(seed):
     problem = random_macro_problem(seed)
     for s in problem.subdomains:
         s.restoring = s.K_r = s.D_r = None  # of these nobody knows the force at a node
@@ -770,7 +770,7 @@ def test_a_stiff_restoring_force_with_substeps_needs_its_stiffness_estimated():
             assert growth(0.0, product, coupling=coupling) < 1.0, product
 
 
-def test_a_rig_is_led_along_a_path_that_is_not_the_final_one():
+def test_commands_to_a_rig_differ_from_the_final_displacements():
     def off(coupling, count):
         asked = []
 

@@ -39,7 +39,7 @@ def test_b1_is_the_ratio_of_the_masses_and_of_the_springs(b1):
     assert coupler.multipliers[0] == pytest.approx(expected, rel=0.0, abs=1e-13)
 
 
-def test_other_schemes_take_the_place_of_those_of_rho():
+def test_other_schemes_replace_those_of_rho():
     by_rho = models.split_oscillator(10.0, rho=None, substeps=3)
     by_hand = models.split_oscillator(
         10.0, substeps=3, scheme_a=pm.Newmark(), scheme_b=pm.CentralDifference()
@@ -99,7 +99,7 @@ def exact_history(chain, gap=0.0):
     return {"A": a, "B": b}, t[::3], u[::3]
 
 
-def test_amplitudes_of_the_modes_stay_what_they_are_in_exact_motion():
+def test_amplitudes_of_the_modes_are_constant_in_exact_motion():
     chain = models.four_dof()
     history, nodes, _ = exact_history(chain)
     t, amplitudes = chain.modal_amplitudes(history)
@@ -176,7 +176,7 @@ def test_amplitudes_need_all_dofs_of_both_subdomains():
         chain.modal_amplitudes(history)
 
 
-def test_a_thinned_history_gives_the_amplitudes_of_its_nodes():
+def test_a_thinned_history_gives_the_amplitudes_at_its_time_levels():
     chain = models.four_dof()
     t, amplitudes = chain.modal_amplitudes(chain.coupler(chain.macro_step).run(steps=10))
     thin = chain.coupler(chain.macro_step).run(steps=10, every=5)
@@ -222,12 +222,12 @@ def test_a_cut_frame_adds_up_to_the_uncut_one():
         ([1.0], [np.nan], "stiffnesses must be finite and not negative"),
     ],
 )
-def test_frames_that_make_no_sense_are_refused(masses, springs, message):
+def test_invalid_frames_are_refused(masses, springs, message):
     with pytest.raises(ValueError, match=message):
         models.shear_frame(masses, springs)
 
 
-def test_rayleigh_damping_has_the_two_ratios_asked_for():
+def test_rayleigh_damping_has_the_two_given_ratios():
     c_m, c_k = models.rayleigh([3.0, 40.0], [0.02, 0.05])
     for omega, ratio in ((3.0, 0.02), (40.0, 0.05)):
         # phi^T C phi = 2 ratio omega; rounding, condition of the 2 x 2 system about 10

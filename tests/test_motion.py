@@ -51,7 +51,7 @@ def test_a_driven_mass_converges_with_order_two(mass, rho):
     assert np.all(np.abs(orders - 2.0) < 0.1)  # the next term of the error is of relative size dt
 
 
-def test_an_explicit_part_with_substeps_follows_a_driven_end_too():
+def test_an_explicit_subdomain_with_substeps_follows_a_driven_end_too():
     u = exact(2.0)[0, -1]
     a = pm.Subdomain([1.0, 0.5], [0.0, 0.0], scheme=pm.GeneralizedAlpha(0.5), name="a")
     k = np.array([[K_LINK, -K_LINK], [-K_LINK, K_LINK]])
@@ -70,7 +70,7 @@ def test_an_explicit_part_with_substeps_follows_a_driven_end_too():
     assert 3.0 < errors[0] / errors[2] < 18.0
 
 
-def test_the_first_multiplier_and_acceleration_know_the_derivative_of_g():
+def test_the_first_multiplier_and_acceleration_follow_from_the_derivative_of_g():
     coupler = driven(g, 0.05)
     # at rest only the driven mass accelerates: Lam_0 = m g'(0) = 1/2; g' by a difference of order 2
     # over 0.05 / 8: error (0.05/16)^2 * |g'''| * 2/3 with |g'''(0)| = 0, so the next term, 1e-6
@@ -88,7 +88,7 @@ def test_samples_and_a_function_of_the_same_motion_agree():
     np.testing.assert_allclose(by_samples["a"].u, by_function["a"].u, atol=1e-12)
 
 
-def test_a_function_is_asked_once_at_every_fine_step_and_near_the_start():
+def test_a_function_is_evaluated_once_at_every_fine_step_and_near_the_start():
     asked = []
 
     def velocity(t):
@@ -115,7 +115,7 @@ def test_supports_that_move_apart_stretch_what_is_between_them():
     np.testing.assert_allclose(history.multipliers[-1], [-0.5, 0.5], atol=1e-12)  # spring force
 
 
-def test_run_and_step_agree_bit_for_bit_and_reset_starts_again():
+def test_run_and_step_are_bitwise_identical_and_reset_starts_again():
     one, other = driven(g, 0.02), driven(g, 0.02)
     history = one.run(steps=50)
     other.step(20)

@@ -336,7 +336,7 @@ def explicit_limit(rho):
 
 @pytest.mark.parametrize("rho", [0.0, 0.2, 0.5, 0.8, 1.0, PM])
 @pytest.mark.parametrize("ss", [1, 2, 5, 20])
-def test_the_method_is_stable_up_to_the_limit_of_the_explicit_part_for_all_ratios(rho, ss):
+def test_the_method_is_stable_up_to_the_limit_of_the_explicit_subdomain_for_all_ratios(rho, ss):
     for b1 in B1:
         for fraction in (0.05, 0.5, 0.9, 0.99999):
             G = matrix(fraction * explicit_limit(rho), rho, b1, ss)

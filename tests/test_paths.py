@@ -91,7 +91,7 @@ def box(faces):
 
 
 @pytest.mark.parametrize("faces, paths", [(1, False), (2, False), (6, True)])
-def test_the_order_that_sweeps_fewer_entries_is_taken(faces, paths):
+def test_the_order_that_sweeps_fewer_entries_is_used(faces, paths):
     s, dofs = box(faces)
     graph = graph_of([s.M, s.K])
     chosen = elimination(s.n, graph, dofs)
@@ -158,7 +158,7 @@ def enclosed_finely():
     return pm.Coupler([inner, outer], tied, dt=0.05, coupling="macro")
 
 
-def test_a_run_along_paths_is_the_same_in_pieces_and_for_any_number_of_threads(tmp_path):
+def test_a_run_along_paths_is_the_same_in_intervals_and_for_any_number_of_threads(tmp_path):
     whole = enclosed(threads=1).run(steps=6)[0].u[-1]
     pieces = enclosed(threads=2)
     pieces.step(2)

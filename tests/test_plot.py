@@ -66,7 +66,7 @@ def test_chosen_dofs_jumps_and_multipliers_are_drawn_over_time():
     assert velocity.get_legend() is None  # one condition needs none
 
 
-def test_panels_share_one_axis_of_time_and_say_what_they_show():
+def test_panels_share_one_axis_of_time_and_have_labels():
     history = four_dof()
     axes = history.plot(title="free vibration").axes
     assert all(ax.get_shared_x_axes().joined(axes[0], ax) for ax in axes)
@@ -85,7 +85,7 @@ def test_velocities_and_accelerations_can_be_drawn(quantity, name):
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), getattr(history["B"], quantity)[:, 0])
 
 
-def test_a_power_of_ten_stands_in_the_label_and_not_above_the_axis():
+def test_a_power_of_ten_is_in_the_label_and_not_above_the_axis():
     figure = made_up(3e-7 * np.sin(np.linspace(0.0, 9.0, 50))[:, None]).plot()
     (ax,) = figure.axes
     figure.draw_without_rendering()
@@ -94,7 +94,7 @@ def test_a_power_of_ten_stands_in_the_label_and_not_above_the_axis():
     assert ax.yaxis.get_major_formatter()(2e-7) == "2"
 
 
-def test_one_subdomain_without_conditions_has_one_panel():
+def test_one_subdomain_without_constraints_has_one_panel():
     subdomain = pm.Subdomain([1.0, 1.0], [4.0, 9.0], scheme=pm.Newmark(), u0=[1.0, 0.5])
     history = pm.Coupler([subdomain], dt=0.1).run(3.0)
     (ax,) = history.plot().axes
@@ -136,7 +136,7 @@ def test_dofs_that_move_alike_are_drawn_once():
     assert len(ax.lines) == 1
 
 
-def test_many_conditions_are_a_few_curves_and_the_band_of_all():
+def test_many_constraints_are_a_few_curves_and_the_band_of_all():
     t = np.linspace(0.0, 1.0, 200)[:, None]
     lam = np.cos(7.0 * t + np.arange(300)) * np.linspace(1.0, 5.0, 300)
     axes = made_up(t, lam).plot().axes
@@ -150,7 +150,7 @@ def test_many_conditions_are_a_few_curves_and_the_band_of_all():
     assert legend(axes[1])[1:] == list(lines(axes[1]))
 
 
-def test_conditions_can_be_chosen():
+def test_constraints_can_be_chosen():
     lam = np.random.default_rng(0).normal(size=(50, 9))
     axes = made_up(lam, lam).plot(conditions=[7, 2]).axes
     assert list(lines(axes[-1])) == ["condition 7", "condition 2"]
@@ -191,7 +191,7 @@ def test_names_are_shown_as_they_are():
     ax.figure.draw_without_rendering()
 
 
-def test_a_history_of_one_node_is_drawn_as_points():
+def test_a_history_of_one_time_level_is_drawn_as_points():
     history = four_dof(steps=0)
     figure = history.plot()
     figure.draw_without_rendering()
@@ -223,7 +223,7 @@ def test_a_history_from_a_file_draws_the_same(tmp_path):
         ({"quantity": "w"}, ValueError, "quantity must be 'u', 'v' or 'a', got 'w'"),
     ],
 )
-def test_what_is_not_there_cannot_be_drawn(arguments, error, message):
+def test_anything_not_recorded_cannot_be_drawn(arguments, error, message):
     history = four_dof(A=[0, 2])
     with pytest.raises(error, match=message):
         history.plot(**arguments)
@@ -237,13 +237,13 @@ def test_hundreds_of_curves_are_refused():
         history.plot(conditions=np.arange(300))
 
 
-def test_nothing_recorded_and_no_conditions_is_nothing_to_draw():
+def test_nothing_recorded_and_no_constraints_is_nothing_to_draw():
     subdomain = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark())
     with pytest.raises(ValueError, match="neither recorded dofs nor conditions"):
         pm.Coupler([subdomain], dt=0.1).run(steps=2, record={}).plot()
 
 
-def test_without_matplotlib_it_is_said_what_to_install(monkeypatch):
+def test_without_matplotlib_the_error_names_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     history = made_up(np.eye(2))
     for draw in (
@@ -340,7 +340,7 @@ def test_a_mesh_at_rest_is_drawn_as_it_is():
     assert ax.get_title(loc="right") == "displacements × 1"
 
 
-def test_several_parts_have_one_picture_one_scale_and_a_legend():
+def test_several_meshes_have_one_picture_one_scale_and_a_legend():
     points, elements = SQUARE
     ax = plot.deformed(points, elements, np.full(8, 1e-3), label="left")
     scale = float(ax.get_title(loc="right").split(" × ")[1])
@@ -356,7 +356,7 @@ def test_several_parts_have_one_picture_one_scale_and_a_legend():
         plot.deformed(points, elements, np.zeros(8), scale=7, ax=ax)
 
 
-def test_colours_show_values_on_one_bar_for_all_parts():
+def test_colours_show_values_on_one_bar_for_all_meshes():
     points, elements = SQUARE
     values = np.array([1.0, 2.0, 3.0, 4.0])
     ax = plot.deformed(
@@ -567,7 +567,7 @@ def test_the_film_for_a_notebook_holds_all_frames():
     assert page.count("data:image/png;base64") == 4
 
 
-def test_subdomains_with_steps_of_their_own_move_together():
+def test_subdomains_with_different_steps_move_together():
     # two squares, of which the second has a node in the middle of the steps of the first
     t = (np.array([0.0, 2.0]), np.array([0.0, 1.0, 2.0]))
     u = (np.array([[0.0] * 8, [2.0] * 8]), np.array([[0.0] * 8, [5.0] * 8, [0.0] * 8]))

@@ -30,7 +30,7 @@ def pair(force=None):
 # ---- a callable -----------------------------------------------------------------------------
 
 
-def test_progress_is_told_in_macro_steps_of_this_call_about_every_50_ms():
+def test_progress_is_reported_in_macro_steps_of_this_call_about_every_50_ms():
     c, told = pair(), []
     c.step(7)
     begin = time.perf_counter()
@@ -48,14 +48,14 @@ def test_progress_is_told_in_macro_steps_of_this_call_about_every_50_ms():
     assert (np.diff(times)[:-1] >= 0.049).all()
 
 
-def test_progress_of_a_short_run_is_told_at_the_end_alone():
+def test_progress_of_a_short_run_is_reported_at_the_end_only():
     told = []
     pair().run(steps=3, progress=lambda *x: told.append(x))
     pair().run(steps=0, progress=lambda *x: told.append(x))
     assert told == [(3, 3), (0, 0)]
 
 
-def test_progress_goes_on_while_a_slow_load_is_asked():
+def test_progress_is_reported_while_a_slow_load_is_evaluated():
     # 60 macro steps of 10 ms, all of it in the load: chunks of 32, 16, 8 and 4 macro steps
     def force(t):
         time.sleep(0.01)
@@ -104,7 +104,7 @@ def test_an_exception_in_the_last_report_leaves_the_whole_history():
     assert c.step_count == 5 and c.last_history["a"].t.size == 6
 
 
-def test_progress_may_not_ask_the_coupler():
+def test_progress_may_not_call_the_coupler():
     c = pair()
     with pytest.raises(RuntimeError, match="the coupler is being stepped"):
         c.run(steps=5, progress=lambda done, total: c.time)
@@ -133,7 +133,7 @@ def test_a_bar_counts_to_the_end(capsys):
     assert "1234/1234" in capsys.readouterr().err
 
 
-def test_without_tqdm_it_is_said_what_to_install(monkeypatch):
+def test_without_tqdm_the_error_names_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "tqdm", None)
     monkeypatch.setitem(sys.modules, "tqdm.auto", None)
     c = pair()
@@ -177,7 +177,7 @@ PROGRAM = """
 
 
 @pytest.mark.parametrize("n", [1, 300])
-def test_kill_int_ends_a_run_at_a_whole_macro_step_from_which_it_goes_on(n):
+def test_kill_int_ends_a_run_at_a_whole_macro_step_from_which_it_continues(n):
     program = subprocess.Popen(
         [sys.executable, "-c", textwrap.dedent(PROGRAM.format(n=n))],
         env={**os.environ, "PYTHONPATH": str(ROOT)},

@@ -53,9 +53,7 @@ def same(x, y):
 @pytest.mark.parametrize(
     "options", [{}, {"record": {0: [0]}, "every": 2}, {"energy": True}], ids=str
 )
-def test_a_history_saved_with_the_ending_of_hdf5_is_read_back_bit_for_bit(
-    tmp_path, options, ending
-):
+def test_a_history_saved_as_hdf5_is_read_back_bitwise_identical(tmp_path, options, ending):
     path = tmp_path / f"saved.{ending}"
     for seed in range(4):
         coupler = random_problem(seed).coupler()
@@ -71,7 +69,7 @@ def test_a_history_saved_with_the_ending_of_hdf5_is_read_back_bit_for_bit(
     assert os.listdir(tmp_path) == [path.name]
 
 
-def test_a_path_at_fault_is_known_before_a_rig_is_asked(tmp_path):
+def test_an_invalid_path_is_an_error_before_a_rig_is_called(tmp_path):
     asked = []
 
     def specimen(u, v, t):
@@ -88,7 +86,7 @@ def test_a_path_at_fault_is_known_before_a_rig_is_asked(tmp_path):
     assert asked == [0.0, 0.1, 0.2]
 
 
-def test_a_saved_hdf5_file_holds_what_springs_did(tmp_path):
+def test_a_saved_hdf5_file_contains_the_springs(tmp_path):
     joint = pm.Bilinear([0], k=4.0, fy=1.0)
     subdomain = pm.Subdomain(
         [1.0], None, scheme=pm.Newmark(), restoring=joint, v0=[3.0], name="part"
@@ -130,7 +128,7 @@ def test_an_hdf5_file_that_cannot_be_saved_leaves_the_old_one(tmp_path):
 @pytest.mark.parametrize(
     "options", [{}, {"every": 3}, {"record": {0: [0]}}, {"record": {}}, {"energy": True}], ids=str
 )
-def test_the_history_in_the_file_is_that_in_memory_bit_for_bit(tmp_path, seed, options):
+def test_the_history_in_the_file_is_bitwise_identical_to_that_in_memory(tmp_path, seed, options):
     problem = random_problem(seed)
     ours, theirs = problem.coupler(), problem.coupler()
     for steps in (7, 0, 4):  # and in stretches that do not begin at a multiple of three
@@ -143,7 +141,7 @@ def test_the_history_in_the_file_is_that_in_memory_bit_for_bit(tmp_path, seed, o
 
 @pytest.mark.parametrize("size", [1.0, 5e3])
 @pytest.mark.parametrize("every", [None, 1, 7])
-def test_any_number_of_stretches_makes_the_same_file(tmp_path, monkeypatch, size, every):
+def test_any_number_of_intervals_makes_the_same_file(tmp_path, monkeypatch, size, every):
     monkeypatch.setattr(recording, "FILED_BYTES", size)
     ours, theirs = (models.four_dof().coupler(0.05) for _ in range(2))
     for c in (ours, theirs):
@@ -162,7 +160,7 @@ def test_a_file_of_many_subdomains_and_any_names_is_a_file(tmp_path):
     assert pm.History.load(tmp_path / "run.h5")["b\0"].u.shape == (4, 1)
 
 
-def test_what_can_be_done_with_a_history_can_be_done_with_that_of_a_file(tmp_path):
+def test_a_history_of_a_file_has_the_methods_of_a_history(tmp_path):
     coupler = models.four_dof().coupler(0.05)
     history = coupler.run(steps=40, energy=True, record_to=tmp_path / "run.h5")
     history.save(tmp_path / "run.npz")
@@ -176,7 +174,7 @@ def test_what_can_be_done_with_a_history_can_be_done_with_that_of_a_file(tmp_pat
 # ---- memory ---------------------------------------------------------------------------------
 
 
-def test_a_run_to_a_file_needs_memory_for_a_stretch_and_looking_at_it_for_what_is_looked_at(
+def test_a_run_to_a_file_needs_memory_for_one_block_and_a_read_for_what_is_read(
     tmp_path, monkeypatch
 ):
     monkeypatch.setattr(recording, "FILED_BYTES", 1e6)
@@ -195,7 +193,7 @@ def test_a_run_to_a_file_needs_memory_for_a_stretch_and_looking_at_it_for_what_i
     assert (tmp_path / "run.h5").stat().st_size > size
 
 
-def test_what_was_not_run_takes_no_room_on_disk(tmp_path):
+def test_steps_that_were_not_run_take_no_room_on_disk(tmp_path):
     path, seen = tmp_path / "run.h5", []
 
     def tell(done, total):
@@ -347,7 +345,7 @@ def cut(x, name, last):
 # ---- what cannot be written or read ---------------------------------------------------------
 
 
-def test_a_path_that_cannot_be_written_is_known_before_the_first_step(tmp_path):
+def test_a_path_that_cannot_be_written_is_an_error_before_the_first_step(tmp_path):
     coupler, other = (models.four_dof().coupler(0.05) for _ in range(2))
     missing, folder, device = tmp_path / "nowhere" / "run.h5", tmp_path, "/dev/full"
     for path, why in (
@@ -411,7 +409,7 @@ def test_a_full_disk_ends_the_run_with_what_was_counted(tmp_path, monkeypatch):
     require_same_bits(coupler.run(steps=3), other.run(steps=3))
 
 
-def test_a_disk_that_is_full_at_once_is_known_before_the_first_step(tmp_path):
+def test_a_disk_that_is_full_is_an_error_before_the_first_step(tmp_path):
     program = f"""
         import resource
         from pmalpha import models
@@ -460,7 +458,7 @@ def test_a_count_beyond_the_rows_is_refused(tmp_path):
         pm.History.load(path)
 
 
-def test_without_h5py_it_is_said_what_to_install(tmp_path, monkeypatch):
+def test_without_h5py_the_error_names_what_to_install(tmp_path, monkeypatch):
     coupler = models.four_dof().coupler(0.05)
     coupler.run(steps=1, record_to=tmp_path / "run.h5")
     monkeypatch.setitem(sys.modules, "h5py", None)
@@ -471,7 +469,7 @@ def test_without_h5py_it_is_said_what_to_install(tmp_path, monkeypatch):
     assert coupler.step_count == 1 and not (tmp_path / "other.h5").exists()
 
 
-def test_the_descriptor_of_the_file_is_let_go(tmp_path):
+def test_the_descriptor_of_the_file_is_released(tmp_path):
     def open_files():
         return len(os.listdir("/dev/fd"))
 

@@ -163,7 +163,7 @@ def test_arrays_of_another_length_are_refused(name, size):
 # ---- in a run ---------------------------------------------------------------------------------
 
 
-def test_a_reduced_run_is_that_of_the_whole_with_the_dof_held_by_a_condition():
+def test_a_reduced_run_is_that_of_the_whole_with_the_dof_held_by_a_constraint():
     K = np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
     M, load = np.array([1.0, 2.0, 3.0]), np.array([4.0, 0.0, 1.0])
     whole = pm.Subdomain(M, K, scheme=pm.GeneralizedAlpha(0.5), force=load, name="whole")
@@ -197,7 +197,7 @@ def test_a_reduced_run_is_that_of_the_whole_with_the_dof_held_by_a_condition():
         (np.ones(6, dtype=bool), "fixed must leave a dof free, got all 6"),
     ],
 )
-def test_fixed_dofs_that_make_no_sense_are_refused(fixed, message):
+def test_invalid_fixed_dofs_are_refused(fixed, message):
     with pytest.raises(ValueError, match=message):
         reduce(np.ones(6), np.ones(6), fixed=fixed)
 
@@ -221,7 +221,7 @@ def test_matrices_are_checked_with_the_dofs_of_the_whole():
         reduce(None, np.ones(2), fixed=[0])
 
 
-def test_a_reduction_says_what_it_is():
+def test_the_repr_of_a_reduction_has_both_sizes():
     assert repr(of_six()) == "<Reduction of 6 dofs to 3>"
     assert isinstance(of_six(), Reduction)
 

@@ -79,7 +79,7 @@ def uncoupled_errors(s, counts):
 
 @pytest.mark.parametrize("explicit", [False, True])
 @pytest.mark.parametrize("rho", [0.0, 0.5, 1.0])
-def test_an_uncoupled_part_has_order_two(rho, explicit):
+def test_an_uncoupled_subdomain_has_order_two(rho, explicit):
     s = damped_chain(**alpha(rho, explicit))
     slopes = orders(uncoupled_errors(s, [400, 800]))
     assert slopes == pytest.approx(2.0, abs=0.05)  # dt omega = 0.03: the next term
@@ -257,13 +257,13 @@ def late_growth(rho, b1, ss, fraction):
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
 @pytest.mark.parametrize("b1", [0.01, 1.0, 100.0])
 @pytest.mark.parametrize("ss", [1, 5])
-def test_the_cut_oscillator_is_stable_up_to_the_limit_of_its_explicit_part(rho, b1, ss):
+def test_the_split_oscillator_is_stable_up_to_the_limit_of_its_explicit_subdomain(rho, b1, ss):
     # every root lies in the unit disc: velocities only decay
     assert late_growth(rho, b1, ss, fraction=0.98) <= 1.0
 
 
 @pytest.mark.parametrize("ss", [1, 5])
-def test_the_cut_oscillator_is_unstable_where_its_stiff_explicit_part_is(ss):
+def test_the_split_oscillator_is_unstable_where_its_stiff_explicit_subdomain_is(ss):
     # b1 = 100: nearly all of the spring is in B; a root outside the disc doubles every few steps
     assert late_growth(0.5, 100.0, ss, fraction=2.5) > 1e3
 
@@ -271,7 +271,7 @@ def test_the_cut_oscillator_is_unstable_where_its_stiff_explicit_part_is(ss):
 # ---- the start ------------------------------------------------------------------------------
 
 
-def test_the_first_multiplier_is_the_force_that_the_cut_carries():
+def test_the_first_multiplier_is_the_force_across_the_interface():
     subdomains = oscillator(b1=10.0)
     w, Lam = initial_accelerations(subdomains, MIRROR)
     # w = -omega^2 and Lam = mA w + kA = omega^2 (1 - b1) / (1 + b1); a few roundings of 40
@@ -321,7 +321,7 @@ def test_with_equal_steps_the_two_starts_are_the_same():
     assert np.abs(different[0].subdomains[1].u - different[1].subdomains[1].u).max() > 1e-4
 
 
-def test_a_tiny_mass_is_not_taken_for_none():
+def test_a_tiny_mass_is_not_treated_as_zero():
     subdomains = [Subdomain(1e-14 * ONE, ONE, u0=[1e-14]), Subdomain(1e6 * ONE, ONE, u0=[1.0])]
     w, _ = initial_accelerations(subdomains, [np.zeros((0, 1))] * 2)
     # w = -k u / m; two roundings
@@ -331,7 +331,7 @@ def test_a_tiny_mass_is_not_taken_for_none():
 # ---- raw data -------------------------------------------------------------------------------
 
 
-def test_every_part_is_in_equilibrium_at_every_own_node():
+def test_every_subdomain_is_in_equilibrium_at_its_time_levels():
     subdomains, L, *_ = cross(
         ss=(1, 2, 4), double=(True, True, False), explicit=(False, False, True)
     )
@@ -354,7 +354,7 @@ def test_every_part_is_in_equilibrium_at_every_own_node():
         assert np.abs(residual + 1e-3 * load).max() > 1e-4
 
 
-def test_equal_instants_have_equal_bits():
+def test_equal_instants_are_bitwise_identical():
     asked = {0: [], 1: [], 2: []}
     subdomains, L, *_ = cross(ss=(1, 3, 6), double=(True, True, False), explicit=(False,) * 3)
     for i, s in enumerate(subdomains):
@@ -496,7 +496,7 @@ def cross_errors(counts, **options):
 
 
 @pytest.mark.parametrize("double", [(False, False, False), (True, False, True)], ids=["gc", "pm"])
-def test_three_parts_at_a_cross_point_have_order_two_with_equal_steps(double):
+def test_three_subdomains_at_a_cross_point_have_order_two_with_equal_steps(double):
     options = {"ss": (1, 1, 1), "double": double, "explicit": (False, True, False)}
     slopes = orders(cross_errors([400, 800], **options))
     assert slopes == pytest.approx(2.0, abs=0.05)  # dt omega = 0.03: the next term
@@ -511,7 +511,7 @@ def test_three_parts_at_a_cross_point_have_order_two_with_equal_steps(double):
         ((1, 4, 4), (True, True, False)),  # double at the finest step, beside a single one
     ],
 )
-def test_three_parts_at_a_cross_point_have_order_one_with_any_substeps(ss, double):
+def test_three_subdomains_at_a_cross_point_have_order_one_with_subcycling(ss, double):
     options = {"ss": ss, "double": double, "explicit": (False, False, True)}
     errors = cross_errors([100, 400, 800], **options)
     # order 1 at least: a factor 8, less a tenth for terms of opposite sign
@@ -520,7 +520,7 @@ def test_three_parts_at_a_cross_point_have_order_one_with_any_substeps(ss, doubl
     assert orders(errors[1:])[0, 2] == pytest.approx(1.0, abs=0.1)  # dt^2 term: a tenth
 
 
-def test_which_conditions_tie_the_cross_point_makes_no_difference():
+def test_equivalent_constraints_at_a_cross_point_give_the_same_motion():
     subdomains, L, *_ = cross(
         ss=(1, 2, 4), double=(True, True, False), explicit=(False, False, True)
     )
@@ -544,7 +544,7 @@ def springs_in_series(m1, **options):
     return Subdomain(np.diag([m1, 2.0]), K, u0=[0.7, 1.0], **options)
 
 
-def test_a_massless_dof_inside_a_part_is_static_condensation():
+def test_an_interior_massless_dof_is_static_condensation():
     whole = springs_in_series(0.0, **alpha(0.5))
     condensed = Subdomain(2.0 * ONE, 30 * 70 / 100 * ONE, u0=[1.0], **alpha(0.5))
     x = run([whole], [np.zeros((0, 2))], 0.1, 200).subdomains[0]
@@ -585,7 +585,7 @@ def test_a_massless_dof_on_the_interface_keeps_order_two(m1, explicit):
     assert slopes == pytest.approx(2.0, abs=0.1)  # dt omega = 0.04: the next term
 
 
-def test_a_massless_dof_on_the_interface_has_the_acceleration_that_the_condition_gives():
+def test_a_massless_dof_on_the_interface_has_the_acceleration_of_the_constraint():
     a = Subdomain(0.0 * ONE, 30.0 * ONE, u0=[1.0])
     b = springs_in_series(0.5)
     b.K = b.K - np.diag([30.0, 0.0])  # the spring to the ground is in A
@@ -618,7 +618,7 @@ def test_gc_with_one_scheme_and_one_step_is_the_uncut_scheme(explicit):
 
 
 @pytest.mark.parametrize("ss", [1, 4])
-def test_the_free_step_of_a_double_part_does_not_wait_for_the_last_multiplier(ss):
+def test_the_free_problem_of_a_double_step_does_not_need_the_last_multiplier(ss):
     n, dt = 6, 0.01
 
     def free_velocities(double, kick):

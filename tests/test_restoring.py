@@ -69,7 +69,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("substeps, doubles, coupling", CASES)
-def test_it_is_asked_once_at_the_start_and_once_for_each_own_step_in_order(
+def test_it_is_evaluated_once_at_the_start_and_once_per_substep_in_order(
     substeps, doubles, coupling
 ):
     diaries = [Diary() for _ in range(3)]
@@ -85,7 +85,7 @@ def test_it_is_asked_once_at_the_start_and_once_for_each_own_step_in_order(
 
 @pytest.mark.parametrize("who", range(3))
 @pytest.mark.parametrize("substeps, doubles, coupling", CASES)
-def test_after_an_exception_in_a_macro_step_the_run_goes_on_as_if_there_had_been_none(
+def test_after_an_exception_in_a_macro_step_the_run_continues_as_without_it(
     substeps, doubles, coupling, who
 ):
     whole = three_parts([Diary() for _ in range(3)], substeps, doubles, coupling).run(steps=6)
@@ -119,7 +119,7 @@ def test_an_exception_at_the_start_reaches_the_caller_and_the_run_can_begin_agai
     assert diary.times[:2] == [0.0, 0.0]
 
 
-def test_run_and_step_give_the_same_bits():
+def test_run_and_step_are_bitwise_identical():
     by_run = three_parts([Diary() for _ in range(3)], (2, 6, 3), (True, False, True), "pm")
     by_step = three_parts([Diary() for _ in range(3)], (2, 6, 3), (True, False, True), "pm")
     by_run.run(steps=7)
@@ -129,7 +129,7 @@ def test_run_and_step_give_the_same_bits():
         np.testing.assert_array_equal(by_run.state(name).a, by_step.state(name).a)
 
 
-def test_what_it_receives_are_copies_of_its_own():
+def test_it_receives_copies():
     def spoiling(u, v, t):
         r = u**3 + v
         kept.append((u, v, u.copy(), v.copy()))
@@ -150,7 +150,7 @@ def test_what_it_receives_are_copies_of_its_own():
         assert u == own_u and v == own_v
 
 
-def test_reset_asks_anew_and_keeps_the_force():
+def test_reset_evaluates_anew_and_keeps_the_force():
     diary = Diary()
     coupler = three_parts([diary, Diary(), Diary()], (1, 2, 1), (None,) * 3, "pm")
     first = coupler.run(steps=3)["A"].u
@@ -263,7 +263,7 @@ def test_with_an_exact_estimate_linear_damping_is_the_implicit_one(scheme):
     np.testing.assert_allclose(pm.solve(restored, dt=0.5, t_end=20.0).u, expected.u, atol=1e-13)
 
 
-def test_a_stiff_force_needs_an_estimate_in_an_implicit_part_and_is_stable_with_it():
+def test_a_stiff_force_in_an_implicit_subdomain_needs_an_estimate_and_is_stable_with_it():
     def stiff(u, v, t):
         return 1e4 * u
 
@@ -315,7 +315,7 @@ def test_lagged_damping_is_of_order_two(scheme):
     assert np.log2(error(0.01) / error(0.005)) == pytest.approx(2.0, abs=0.15)
 
 
-def test_an_explicit_part_with_lagged_damping_has_no_factor():
+def test_an_explicit_subdomain_with_lagged_damping_has_no_factor():
     part = damped_chain(50, CD)
     lagged = pm.Coupler([part], dt=0.1)
     assert lagged._parts[0].factors[0][1] is None  # R is the unit matrix
@@ -330,7 +330,7 @@ def plate(n, **more):
     return pm.Subdomain(np.ones(n * n), K, 0.01 * K, scheme=CD, name="plate", **more)
 
 
-def test_a_factor_that_is_most_of_an_explicit_step_is_warned_of_with_its_size_and_a_way_out():
+def test_a_factor_that_is_most_of_an_explicit_step_is_warned_of_with_its_size_and_a_remedy():
     with pytest.warns(pm.PerformanceWarning, match="C of explicit subdomain 'plate'") as caught:
         pm.Coupler([plate(80)], dt=0.1)
     text = str(caught[0].message)
@@ -390,14 +390,14 @@ def test_the_critical_step_of_a_damped_oscillator_is_the_closed_form():
 
 
 @pytest.mark.parametrize("scheme", IMPLICIT, ids=names)
-def test_an_implicit_part_with_lagged_damping_has_a_critical_step_too(scheme):
+def test_an_implicit_subdomain_with_lagged_damping_has_a_critical_step_too(scheme):
     subdomain = pm.Subdomain([1.0], [1e-6], [2.0], scheme=scheme, damping="lagged")
     h = analysis.critical_step(subdomain)
     assert radius(subdomain, h * 0.999) <= 1.0 + 1e-9
     assert radius(subdomain, h * 1.001) > 1.0 + 1e-4
 
 
-def test_a_long_chain_takes_the_same_critical_step_from_lanczos():
+def test_a_long_chain_has_the_same_critical_step_by_lanczos():
     n = 400
     K = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n))
     subdomain = pm.Subdomain(np.ones(n), K, 0.1 * K, scheme=CD, damping="lagged")
@@ -449,7 +449,7 @@ def test_a_bad_value_is_an_error_that_names_subdomain_and_time(value, error, tex
         failing_coupler(lambda u, v, t: value).step()
 
 
-def test_a_force_that_asks_its_own_coupler_is_an_error_and_no_deadlock():
+def test_a_force_that_calls_its_coupler_is_an_error_and_no_deadlock():
     calls = [
         lambda: coupler.step(),
         lambda: coupler.run(steps=1),

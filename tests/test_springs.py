@@ -68,7 +68,7 @@ def test_bouc_wen_loops_agree_with_an_independent_integration(law):
     np.testing.assert_allclose(f, bouc_wen_truth(d, 50.0, 2.0, **law), atol=tolerance)
 
 
-def test_a_leap_of_many_yield_deformations_ends_where_bouc_wen_comes_to_rest():
+def test_a_jump_of_many_yield_deformations_ends_at_the_limit_of_bouc_wen():
     for n, beta, gamma in ((1.0, 0.5, 0.5), (2.0, 0.3, 0.4), (5.0, 1.0, -0.5)):
         spring = pm.BoucWen([0], k=10.0, fy=1.0, n=n, beta=beta, gamma=gamma)
         subdomain = pm.Subdomain([1.0], None, scheme=CD, restoring=spring, u0=[-1e7], name="s")
@@ -117,7 +117,7 @@ def test_a_sharp_bouc_wen_loop_tends_to_the_bilinear_one():
 
 
 @pytest.mark.parametrize("scheme", [IMPLICIT, EXPLICIT, pm.Newmark(), CD], ids=repr)
-def test_a_cubic_spring_is_its_python_twin(scheme):
+def test_a_cubic_spring_equals_its_python_counterpart(scheme):
     common = dict(scheme=scheme, u0=[1.0, -0.5], v0=[0.5, 0.0], restoring_stiffness=[1.0, 2.0])
     spring = pm.CubicSpring([0, 1], k=[1.0, 2.0], k3=[1.0, 0.5])
     python = pm.Subdomain(
@@ -270,7 +270,7 @@ ALL = {"A": None, "B": None, "C": None}
 
 
 @pytest.mark.parametrize("coupling", ["pm", "gc"])
-def test_each_chain_of_a_double_step_part_has_a_history_of_its_own(coupling):
+def test_each_chain_of_a_double_step_subdomain_has_its_own_history(coupling):
     """The same springs written in Python, with a history per chain: equal but for rounding."""
     coupler = coupled(coupling=coupling)
     ours = coupler.run(steps=40, record_springs=ALL)
@@ -300,7 +300,7 @@ def test_springs_work_under_macro_coupling():
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_run_step_and_threads_give_the_same_bits(threads):
+def test_run_step_and_threads_are_bitwise_identical(threads):
     one, other = coupled(), coupled(threads=threads)
     one.run(steps=30, record_springs=ALL)
     for _ in range(30):
@@ -336,7 +336,7 @@ def test_an_aborted_macro_step_leaves_no_trace_in_a_history():
     np.testing.assert_array_equal(all_springs(interrupted), all_springs(expected))
 
 
-def test_a_history_is_saved_and_goes_on_with_the_same_bits(tmp_path):
+def test_a_saved_history_resumes_bitwise_identically(tmp_path):
     coupler = coupled()
     coupler.step(17)
     coupler.save(tmp_path / "state")
@@ -367,7 +367,7 @@ def test_reset_forgets_the_history():
 # ---- what is told ----------------------------------------------------------------------------
 
 
-def test_force_and_deformation_are_those_of_the_last_node():
+def test_force_and_deformation_are_those_of_the_last_time_level():
     coupler = coupled()
     history = coupler.run(steps=10, record_springs={"A": None, "B": [4, 0]})
     assert history["A"].force.shape == (11, 5) and history["B"].deformation.shape == (41, 2)
@@ -415,7 +415,7 @@ def test_the_initial_tangent_is_the_estimate_unless_another_is_given():
     np.testing.assert_array_equal(given.restoring_stiffness, [7.0, 0.0])
 
 
-def test_springs_at_their_stiffest_count_in_the_critical_step():
+def test_the_critical_step_includes_springs_at_their_stiffest():
     def critical(spring):
         subdomain = pm.Subdomain([1.0], [4.0], scheme=CD, restoring=spring)
         return analysis.critical_step(subdomain)
@@ -426,7 +426,7 @@ def test_springs_at_their_stiffest_count_in_the_critical_step():
     assert critical(steep) == pytest.approx(0.2, rel=1e-11)
 
 
-def test_a_stiff_bilinear_spring_in_an_implicit_part_is_stable_at_any_step():
+def test_a_stiff_bilinear_spring_in_an_implicit_subdomain_is_stable_at_any_step():
     subdomain = pm.Subdomain(
         [1.0], None, scheme=IMPLICIT, restoring=pm.Bilinear([0], 1e6, 1e4), v0=[1.0]
     )

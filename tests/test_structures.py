@@ -566,7 +566,7 @@ def test_a_plate_of_two_materials_is_the_sum_of_two_plates():
         np.testing.assert_allclose(total, getattr(whole, name).toarray(), rtol=0.0, atol=1e-14)
 
 
-def test_two_plates_coupled_by_gc_come_to_where_another_program_brings_them():
+def test_two_plates_coupled_by_gc_have_the_displacements_of_another_program():
     nx, ny, h = 99, 24, 0.1
     material = {"E": 1000.0, "nu": 0.3, "rho": 100.0}
     left = models.plate(nx, ny, h, **material)
@@ -650,7 +650,7 @@ def test_matrices_are_those_of_scikit_fem(kind):
 
 
 @pytest.mark.parametrize("kind", ["plate", "solid"])
-def test_parts_over_some_of_the_elements_sum_to_the_whole(kind):
+def test_matrices_over_some_of_the_elements_sum_to_the_whole(kind):
     build, mesh, options, coefficients = case(kind)
     (elements,) = mesh.elements.values()
     whole = build(mesh.points, elements, **options)
@@ -718,7 +718,7 @@ def test_dofs_without_mass_follow_the_others(n):
     np.testing.assert_allclose(X[rotations], follow @ X[moving], rtol=0.0, atol=1e-8)
 
 
-def test_all_modes_of_a_small_structure_can_be_had():
+def test_all_modes_of_a_small_structure_can_be_computed():
     plate = models.plate(2, 1, 0.5, **STEEL)
     omegas, X = models.modes(plate.M, plate.K, plate.n)
     # completeness: sum of x x^T is the inverse of M; rounding
@@ -727,7 +727,7 @@ def test_all_modes_of_a_small_structure_can_be_had():
     np.testing.assert_allclose(rebuilt, plate.K.toarray(), rtol=0.0, atol=1e-11 * largest(plate.K))
 
 
-def test_modes_take_matrices_of_every_format():
+def test_modes_accept_matrices_of_every_format():
     chain = models.chain(4, 2.0, 5.0, ground=(1.0, 0.0))
     expected = models.modes(chain.M, chain.K, 4)
     for M in (np.diag(chain.M), sp.diags_array(chain.M), sp.csr_matrix(np.diag(chain.M))):
@@ -774,7 +774,7 @@ def test_a_dof_without_mass_and_stiffness_is_refused(n):
         ({"K": np.triu(np.ones((3, 3)))}, ValueError, "K must be symmetric"),
     ],
 )
-def test_modes_say_what_is_wrong(change, error, message):
+def test_invalid_arguments_of_modes_are_named(change, error, message):
     arguments = {"M": [1.0, 0.0, 1.0], "K": [1.0, 1.0, 1.0], "k": 1, **change}
     with pytest.raises(error, match=message):
         models.modes(**arguments)
@@ -859,7 +859,7 @@ BOX = {"nx": 1, "ny": 1, "nz": 1, "h": 1.0, "E": 1.0, "nu": 0.3, "rho": 1.0}
         ("rod", ROD, {"EA": 0.0}, ValueError, "EA must be positive, got 0"),
     ],
 )
-def test_structures_say_what_is_wrong(build, given, change, error, message):
+def test_invalid_arguments_of_structures_are_named(build, given, change, error, message):
     getattr(models, build)(**given)
     with pytest.raises(error, match=message):
         getattr(models, build)(**{**given, **change})
@@ -880,7 +880,7 @@ def test_structures_say_what_is_wrong(build, given, change, error, message):
         (lambda s: s.subdomain(), TypeError, "scheme"),
     ],
 )
-def test_a_structure_says_what_is_wrong(ask, error, message):
+def test_invalid_arguments_of_a_structure_are_named(ask, error, message):
     with pytest.raises(error, match=message):
         ask(models.plate(**PLATE))
 

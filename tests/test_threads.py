@@ -60,7 +60,7 @@ def tasks():
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_a_run_has_the_same_bits_for_any_number_of_threads(seed):
+def test_a_run_is_bitwise_identical_for_any_number_of_threads(seed):
     alone = random_problem(seed).coupler(threads=1)
     expected = alone.run(steps=9)
     for threads in (2, 4):
@@ -70,7 +70,7 @@ def test_a_run_has_the_same_bits_for_any_number_of_threads(seed):
 
 
 @pytest.mark.parametrize("seed", range(60, 80))
-def test_steps_runs_and_resets_have_the_same_bits_too(seed):
+def test_steps_runs_and_resets_are_bitwise_identical_too(seed):
     alone = random_problem(seed).coupler(threads=1)
     shared = random_problem(seed).coupler(threads=3)
     first, second = alone.run(steps=5, every=2), alone.run(steps=4)
@@ -112,7 +112,7 @@ def sums(u, v, t):
 @pytest.mark.parametrize(
     "of_c", [{}, {"force": lambda t: np.full(30, np.sin(t))}, {"restoring": sums}]
 )
-def test_double_steps_beside_the_fine_ones_have_the_same_bits(threads, of_c):
+def test_double_steps_in_parallel_with_fine_ones_are_bitwise_identical(threads, of_c):
     alone, shared = (double_and_fine(threads=k, of_c=dict(of_c)) for k in (1, threads))
     assert_same_bits(shared.run(steps=12), alone.run(steps=12))
     assert_same_bits(shared.run(steps=7, every=3), alone.run(steps=7, every=3))
@@ -126,7 +126,7 @@ def test_double_steps_beside_the_fine_ones_have_the_same_bits(threads, of_c):
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
-def test_what_was_opened_early_is_void_after_a_new_load_or_a_new_state(tmp_path):
+def test_a_step_opened_early_is_discarded_after_a_new_load_or_a_new_state(tmp_path):
     alone, shared = (double_and_fine(threads=k) for k in (1, 3))
     path = tmp_path / "state.npz"
     shared.step(6)  # two steps of the double-step subdomain are open beyond the present
@@ -145,7 +145,7 @@ def test_what_was_opened_early_is_void_after_a_new_load_or_a_new_state(tmp_path)
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
-def test_a_restoring_force_is_asked_once_per_own_step_with_threads_too():
+def test_a_restoring_force_is_evaluated_once_per_substep_with_threads_too():
     asked = {1: [], 3: []}
     for threads, times in asked.items():
 
@@ -200,7 +200,7 @@ def solid(n, scheme=EXPLICIT, **options):
     )  # fmt: skip
 
 
-def test_a_large_explicit_subdomain_alone_is_split_and_has_the_same_bits():
+def test_a_large_explicit_subdomain_alone_is_split_and_bitwise_identical():
     subdomain = solid(12)  # some 4e5 entries: four ranges of 1e5 (W3)
     alone = pm.Coupler([subdomain], dt=0.05, threads=1)
     expected = alone.run(steps=20, energy=True)
@@ -217,7 +217,7 @@ def test_a_large_explicit_subdomain_alone_is_split_and_has_the_same_bits():
 
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
 @pytest.mark.parametrize("coupling", ["pm", "gc"])
-def test_a_large_explicit_subdomain_beside_others_is_split_and_has_the_same_bits(coupling):
+def test_a_large_explicit_subdomain_among_others_is_split_and_bitwise_identical(coupling):
     n = 8
     others = solid(n, IMPLICIT, name="a"), solid(3, substeps=2, name="c")
     b = solid(13, substeps=4, name="b")
@@ -233,7 +233,7 @@ def test_a_large_explicit_subdomain_beside_others_is_split_and_has_the_same_bits
         assert_same_bits(histories[-1], histories[0])
 
 
-def test_a_large_subdomain_that_does_not_divide_is_done_by_one_thread():
+def test_a_large_subdomain_that_cannot_be_split_is_computed_by_one_thread():
     subdomain = solid(12, restoring=[pm.Bilinear([0], 4.0, 0.1, 0.2)])
     assert pm.Coupler([subdomain], dt=0.05, threads=2).threads == 1
     assert pm.Coupler([solid(12)], dt=0.05, threads=2, coupling="macro").threads == 1
@@ -260,7 +260,7 @@ def test_there_are_no_more_threads_than_subdomains_and_ranges():
     assert row_of_parts(3, threads=1).threads == 1
 
 
-def test_small_problems_get_one_thread_and_large_ones_what_there_is(monkeypatch):
+def test_small_problems_get_one_thread_and_large_ones_all_that_help(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2}, raising=False)
     assert row_of_parts().threads == 1
     n = 10_000  # 12 n entries and more an own step: far above the 20 000 of a meeting (W1)
@@ -360,7 +360,7 @@ def test_an_interpreter_ends_while_a_coupler_with_threads_lives():
 # ---- what ends a run early --------------------------------------------------------------------
 
 
-def test_ctrl_c_ends_a_threaded_run_at_a_macro_step_and_it_goes_on():
+def test_ctrl_c_ends_a_threaded_run_at_a_macro_step_from_which_it_continues():
     child = subprocess.Popen(
         [
             sys.executable,
@@ -433,7 +433,7 @@ def test_instability_is_that_of_one_thread():
     assert seen[0] == seen[1] == seen[2]
 
 
-def test_a_load_that_asks_its_coupler_gets_an_error_and_no_deadlock():
+def test_a_load_that_calls_its_coupler_gets_an_error_and_no_deadlock():
     coupler = None
 
     def force(t):

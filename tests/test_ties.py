@@ -91,7 +91,7 @@ def test_the_first_subdomain_is_on_the_plus_side():
 
 
 @pytest.mark.parametrize("dimension", [1, 2, 3])
-def test_points_of_every_dimension_are_taken(dimension):
+def test_points_of_every_dimension_are_accepted(dimension):
     a, b = masses(2), masses(2)
     points = np.zeros((3, dimension))
     points[:, -1] = [0.0, 1.0, 2.0]
@@ -123,7 +123,7 @@ def test_only_the_first_components_are_tied():
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
-def test_the_default_tolerance_knows_no_unit(unit):
+def test_the_default_tolerance_is_independent_of_units(unit):
     points = grid(np.linspace(0.0, 1.0, 5), [0.0, 0.5])
     noise = np.random.default_rng(1).uniform(-1.0, 1.0, points.shape)
     for size, tied in ((0.006, 10), (0.03, 0)):  # of 0.25: a tolerance of 0.0025
@@ -146,7 +146,7 @@ def test_nodes_at_distance_tol_are_tied_and_beyond_are_not():
         tie_coincident(points, tol=0.2499)
 
 
-def test_nodes_that_are_nearly_at_one_place_are_warned_of():
+def test_nodes_that_nearly_coincide_are_warned_of():
     a, b = masses(3), masses(3)
     points = {a: [[0.0, 0.0], [0.0, 1.0], [0.0, 2.0]], b: [[0.0, 0.0], [0.05, 1.0], [0.0, 2.5]]}
     with pytest.warns(pm.ConstraintWarning, match="1 nodes or pairs .* 0.01 but no further than"):
@@ -155,7 +155,7 @@ def test_nodes_that_are_nearly_at_one_place_are_warned_of():
     assert tie_coincident(points, tol=0.05).p == 2
 
 
-def test_double_nodes_of_a_crack_are_let_be_away_from_the_interface():
+def test_double_nodes_of_a_crack_away_from_the_interface_are_not_tied():
     a, b = masses(4), masses(2)
     cracked = [[0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]
     # the spacing is 1, not that of the crack: 0.005 off is within 0.01
@@ -203,7 +203,7 @@ def fixed_chain(fixed, n=3):
     return pm.Subdomain(chain.M, chain.K, scheme=SCHEME), chain
 
 
-def test_dofs_that_are_fixed_on_both_sides_have_no_condition():
+def test_dofs_that_are_fixed_on_both_sides_have_no_constraint():
     points = [[0.0, 0.0], [0.0, 1.0], [0.0, 2.0]]
     (a, whole_a), (b, whole_b) = fixed_chain([0]), fixed_chain([0])
     tied = tie_coincident({a: points, b: points}, reduced={a: whole_a, b: whole_b})
@@ -226,7 +226,7 @@ def test_a_dof_that_is_fixed_in_one_subdomain_holds_those_of_the_others(place):
     assert np.all(np.abs(L).sum(axis=1) == 1.0)
 
 
-def test_a_place_where_all_dofs_are_fixed_is_no_tie():
+def test_interfaces_with_fixed_dofs_only_are_refused():
     (a, whole_a), (b, whole_b) = fixed_chain([0]), fixed_chain([0])
     points = {a: [0.0, 1.0, 2.0], b: [0.0, -1.0, -2.0]}
     with pytest.raises(ValueError, match="reduced must leave a dof to tie"):
@@ -325,7 +325,7 @@ POINTS = np.array([[0.0, 0.0], [1.0, 0.0]])
         (POINTS + [3.0, 0.0], {"tol": 1.9}, "up to 1.9, got none.* is 2"),
     ],
 )
-def test_values_that_make_no_sense_are_refused(second, options, message):
+def test_invalid_values_are_refused(second, options, message):
     with pytest.raises(ValueError, match=message):
         tie_coincident({masses(2): POINTS, masses(2): second}, **options)
 
@@ -506,7 +506,7 @@ def test_slender_elements_pass_too():
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1e9])
-def test_the_weights_know_no_unit(unit):
+def test_the_weights_are_independent_of_units(unit):
     b_points, elements, a_points, _ = turned("face quad")
     ours, _, b = tied_to(b_points, elements, a_points, cell="quad")
     other, _, other_b = tied_to(unit * b_points, elements, unit * a_points, cell="quad")
@@ -552,7 +552,7 @@ def test_the_nearest_element_wins_over_a_lower_number_within_the_tolerance():
     np.testing.assert_allclose(tied.matrices[b].toarray(), expected, rtol=0.0, atol=1e-15)
 
 
-def test_nodes_off_the_elements_are_left_out_or_refused_when_asked_for():
+def test_nodes_off_the_elements_are_left_out_or_refused_as_requested():
     edge, nodes = np.array([[0.0, 0.0], [1.0, 0.0]]), [[0.5, 0.0], [0.5, 0.3], [0.2, 0.0]]
     tied, a, _ = tied_to(edge, line(2), nodes)
     assert tied.matrices[a].indices.tolist() == [0, 2]
@@ -565,7 +565,7 @@ def test_nodes_off_the_elements_are_left_out_or_refused_when_asked_for():
     assert dense(tied, b).tolist() == [[-0.5, -0.5]]
 
 
-def test_nodes_that_nearly_lie_in_an_element_are_warned_of():
+def test_nodes_that_are_nearly_in_an_element_are_warned_of():
     edge, nodes = [[0.0, 0.0], [1.0, 0.0]], [[0.0, 0.0], [0.5, 0.03], [1.0, 0.0]]
     # half the edge is the smallest distance between nodes, 0.5 and a little: 0.005 and 0.05
     with pytest.warns(pm.ConstraintWarning, match="1 nodes .* further apart than .* 0.005"):
@@ -588,7 +588,7 @@ def test_fixed_dofs_have_no_entries_and_no_rows_of_their_own():
     ]
 
 
-def test_components_of_a_node_stand_together():
+def test_components_of_a_node_are_adjacent():
     frame, plate = masses(3), masses(4)
     points = [[0.0, 0.0], [0.0, 4.0]]
     tied = interpolate(
@@ -653,7 +653,7 @@ class CutPlate:
         return pm.Coupler(list(self.subdomains.values()), self.tied, dt=0.05).run(steps=steps)
 
 
-def test_a_rigid_motion_goes_on_as_if_uncut():
+def test_a_rigid_motion_is_that_of_the_uncut_plate():
     spin = np.array([[0.0, 0.4], [-0.4, 0.0]])
     plate = CutPlate(5, 3, v0=lambda points, _: ([0.3, -0.2] + points @ spin).ravel())
     assert plate.tied.p == 12
@@ -780,7 +780,7 @@ SPATIAL = np.column_stack([SQUARE, np.zeros(4)])
         (SQUARE, [[0, 1]], {"components": 2}, "got 4 x 2 for 4"),
     ],
 )
-def test_interpolations_that_make_no_sense_are_refused(b_points, elements, options, message):
+def test_invalid_interpolations_are_refused(b_points, elements, options, message):
     a_points = SPATIAL if np.shape(b_points)[-1] == 3 else SQUARE
     a, b = masses(4, "a"), masses(4, "b")
     with pytest.raises(ValueError, match=message):

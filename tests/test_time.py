@@ -63,7 +63,7 @@ def test_the_expected_times_are_not_what_a_running_sum_gives():
 
 
 @pytest.mark.parametrize("ss", [3, 7, 10, 97])
-def test_the_loads_of_all_subdomains_are_asked_at_instants_of_equal_bits(ss):
+def test_loads_of_all_subdomains_are_evaluated_at_bitwise_identical_instants(ss):
     asked = {"coarse": [], "fine": []}
 
     def asking(name):
@@ -77,7 +77,7 @@ def test_the_loads_of_all_subdomains_are_asked_at_instants_of_equal_bits(ss):
 
 
 @pytest.mark.parametrize("ss", range(1, 101))
-def test_the_core_evaluates_loads_at_the_same_bits(ss):
+def test_the_core_evaluates_loads_at_bitwise_identical_instants(ss):
     # a ramp from 0 to 1024 within 1024: F(t) = t without a rounding, and w = F on a free unit mass
     clock = pm.SampledForce([0.0, 1024.0], 1024.0, shape=[1.0])
     options = {"scheme": SOFT, "force": clock}
@@ -108,7 +108,7 @@ def test_a_million_fine_steps_end_at_the_exact_time_and_count(dt, substeps, step
     assert total != t_end
 
 
-def test_a_million_steps_in_stretches_are_the_same_million():
+def test_a_million_steps_in_intervals_are_the_same_million():
     coupler = pair(0.01, 1, 5)
     for t_end in (0.01, 333.33, 999.98, 2000.0):
         coupler.run(t_end, record={}, every=10**9)
@@ -156,7 +156,7 @@ def test_the_millionth_is_one_of_a_step_whatever_the_unit_of_time():
 
 
 @pytest.mark.parametrize("behind", [0.75, 0.0, -0.25])
-def test_t_end_behind_the_present_is_refused(behind):
+def test_t_end_before_the_present_time_is_refused(behind):
     coupler = pair(0.25, 1)
     coupler.step(4)
     with pytest.raises(ValueError, match="behind the present"):
@@ -164,7 +164,7 @@ def test_t_end_behind_the_present_is_refused(behind):
     assert coupler.step_count == 4
 
 
-def test_t_end_at_the_present_takes_no_step():
+def test_t_end_at_the_present_time_takes_no_step():
     coupler = pair(0.25, 1, 2)
     for t_end, count in ((0.0, 0), (1.0, 4), (1.0, 4)):
         history = coupler.run(t_end)
@@ -173,7 +173,7 @@ def test_t_end_at_the_present_takes_no_step():
     assert history[1].t.tolist() == [1.0]
 
 
-def test_t_end_is_absolute_and_steps_are_counted_from_the_present():
+def test_t_end_is_absolute_and_steps_are_counted_from_the_present_time():
     coupler = pair(0.25, 1)
     coupler.run(1.0)
     coupler.run(1.5)
@@ -206,7 +206,7 @@ def test_both_or_none_of_t_end_and_steps_is_a_type_error():
     ],
     ids=str,
 )
-def test_a_length_of_a_run_that_is_no_length_is_refused(arguments, error):
+def test_an_invalid_length_of_a_run_is_refused(arguments, error):
     coupler = pair(0.25, 1)
     coupler.step(2)
     with pytest.raises(error, match=next(iter(arguments))):
