@@ -1,4 +1,4 @@
-"""pm.analysis against closed forms, against runs, and against the reference."""
+"""pm.analysis compared with closed forms, with runs, and with the reference."""
 
 import re
 import warnings
@@ -51,7 +51,7 @@ def roots(scheme, Omega, xi=0.0):
 
 
 def multistep_roots(scheme, Omega, xi):
-    """Roots of the three-step form (3), (4) of the paper: forces and load inside the step."""
+    """Roots of the three-step form (3), (4) of the paper: equilibrium within the step."""
     am, af, g, b = scheme.am, scheme.af, scheme.gamma, scheme.beta
     al = np.array([am, 1 - 3 * am, -2 + 3 * am, 1 - am])
     ga = np.array([af * (g - 1), -1 + 2 * af + g - 3 * g * af, 1 - af - 2 * g + 3 * g * af])
@@ -222,7 +222,7 @@ def test_the_matrix_to_the_power_k_is_a_run_of_k_macro_steps(seed):
     size = np.abs(np.linalg.matrix_power(np.abs(G), 6) @ np.abs(X)).max()
     assert np.linalg.matrix_power(G, 6) @ X == pytest.approx(after, abs=1e-14 * size)
     assert np.linalg.matrix_power(G, 6) @ X == pytest.approx(after, abs=1e-10 * np.abs(X).max())
-    # what stands where, from the state as the user sees it
+    # the names of the rows, from the state that the user gets
     for part in coupler._parts:
         for name, x in zip("uvw", vars(coupler.state(part.name)).values()):
             rows = [G.names.index(f"{name}[{d}] of {part.name} at n") for d in range(part.n)]
@@ -282,7 +282,7 @@ def history_bits(history):
 
 
 def somewhere(t):
-    """Takes the place of an exact solution."""
+    """Stands in for an exact solution."""
     return {name: 3 * [np.full(2, t)] for name in "ab"}, np.array([1.0, -t])
 
 
@@ -442,7 +442,7 @@ def test_the_warning_begins_at_the_critical_step_or_at_half_of_it_with_double_st
 
 
 def double_explicit(rho, Omega, double):
-    """An explicit oscillator of frequency 1, nothing tied to it; somebody must be single."""
+    """An explicit oscillator of frequency 1, not tied; another subdomain takes single steps."""
     subdomain = pm.Subdomain([1.0], [1.0], scheme=explicit(rho), double_step=double)
     other = pm.Subdomain([1.0], [0.0], scheme=implicit(rho), double_step=False)
     return pm.Coupler([subdomain, other], dt=Omega)
@@ -469,7 +469,7 @@ def test_two_explicit_subdomains_with_equal_steps_have_the_limit_of_the_uncut_os
 
 
 def test_the_drift_and_a_free_motion_are_not_taken_for_instability():
-    # both parts free of the ground: the defective eigenvalue 1 of a motion at constant velocity
+    # both subdomains floating: the defective eigenvalue 1 of a motion at constant velocity
     # besides the 1 of the drift; the limit is that of B's spring between its two masses
     def floating(h):
         K = np.array([[1.0, -1.0], [-1.0, 1.0]])
@@ -478,9 +478,9 @@ def test_the_drift_and_a_free_motion_are_not_taken_for_instability():
         return pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=h)
 
     found = analysis.stability_limit(floating, 0.1, 20.0)
-    # ties do not lower the limit of the free part, 2 / sqrt(2)
+    # ties do not lower the limit of the floating subdomain, 2 / sqrt(2)
     assert found >= np.sqrt(2.0) * (1 - 1e-6)
-    # and a tenth above, the core does grow
+    # and a tenth above, a run of the core grows
     coupler = floating(0.1)
     for x, grows in ((0.9 * found, False), (1.1 * found, True)):
         with warnings.catch_warnings():
@@ -522,7 +522,7 @@ def test_the_loop_of_gc_with_equal_steps_has_the_closed_form_for_any_masses(rho,
 
 @pytest.mark.parametrize("scheme", [implicit(0.0), implicit(0.8), pm.Newmark()], ids=repr)
 def test_two_fine_steps_in_a_macro_step_square_the_loop(scheme):
-    # Newmark: (-1)^2, not to be taken for the 1 of the common velocity
+    # Newmark: (-1)^2, not the 1 of the common velocity
     subdomains = [pm.Subdomain([m], [1.0], scheme=scheme, substeps=2) for m in (1.0, 3.0)]
     coupler = pm.Coupler(
         subdomains, pm.tie(subdomains[0], [0], subdomains[1], [0]), dt=0.1, coupling="gc"
@@ -533,7 +533,7 @@ def test_two_fine_steps_in_a_macro_step_square_the_loop(scheme):
 
 
 def test_interior_dofs_and_stiffness_do_not_enter_the_loop():
-    # of the four-dof chain the loop sees the halves of the second mass alone: b1 = 1
+    # only the halves of the second mass of the four-dof chain enter the loop: b1 = 1
     for ss in (1, 3):
         chain = models.four_dof(0.6, substeps=ss)
         halves = models.split_oscillator(1.0, rho=0.6, substeps=ss)
@@ -552,7 +552,7 @@ def test_interior_dofs_and_stiffness_do_not_enter_the_loop():
 )
 def test_the_loop_is_what_the_spectrum_of_the_coupler_tends_to(b1, ss, rho):
     # as dt -> 0: the largest eigenvalue away from 1 and -1, which belong to motion and chains,
-    # and apart from the root of recursion (9), which the loop does not see
+    # and apart from the root of recursion (9), which is not in the loop
     coupler = models.split_oscillator(b1, rho=rho, substeps=ss).coupler(1e-5)
     values = np.linalg.eigvals(analysis.amplification_matrix(coupler))
     distance = np.abs(np.abs(values) - analysis.zero_stability(coupler))
@@ -629,44 +629,46 @@ def three_bars(force=None, substeps=(1, 2, 6), **options):
 
 def assembled():
     """The same bars as one structure of seven dofs, the shared one first."""
-    places = [[0, 1 + 2 * i, 2 + 2 * i] for i in range(3)]
+    positions = [[0, 1 + 2 * i, 2 + 2 * i] for i in range(3)]
     M, C, K = np.zeros((3, 7, 7))
-    for at in places:
+    for at in positions:
         for whole, name in ((M, "M"), (C, "C"), (K, "K")):
             whole[np.ix_(at, at)] += BAR[name]
-    return M, C, K, places
+    return M, C, K, positions
 
 
-def gathered(values, places):
+def gathered(values, positions):
     x = np.zeros(7)
-    for at, own in zip(places, values):
-        x[at] = own
+    for at, values_at in zip(positions, values):
+        x[at] = values_at
     return x
 
 
 @pytest.mark.parametrize("t", [0.0, 0.31, 2.0])
 def test_the_exact_solution_is_that_of_the_assembled_structure(t):
     coupler = three_bars()
-    M, C, K, places = assembled()
+    M, C, K, positions = assembled()
     start = [(s.u0, s.v0) for _, s in coupler._keys]
-    u0, v0 = (gathered(x, places) for x in zip(*start))
+    u0, v0 = (gathered(x, positions) for x in zip(*start))
     u, v, w = reference.exact(M, C, K, u0, v0, t)
     states, lam = analysis.exact_solution(coupler)(t)
-    for i, at in enumerate(places):
+    for i, at in enumerate(positions):
         # expm of a matrix of norm 100 t
         for got, x in zip(states[f"bar {i}"], (u, v, w)):
             assert got == pytest.approx(x[at], abs=1e-11)
-    # the tie between 0 and 1 pushes bar 0 with what its inertia and springs ask for
-    force = (BAR["M"] @ w[places[0]] + BAR["C"] @ v[places[0]] + BAR["K"] @ u[places[0]])[0]
+    # the multiplier of the tie between 0 and 1 balances inertia and springs of bar 0
+    force = (BAR["M"] @ w[positions[0]] + BAR["C"] @ v[positions[0]] + BAR["K"] @ u[positions[0]])[
+        0
+    ]
     assert lam[0] == pytest.approx(force, abs=1e-10)
 
 
 def test_the_exact_solution_under_a_constant_load_can_be_rest():
     pull = np.array([1.0, 0.0, -2.0])
-    M, C, K, places = assembled()
-    u = np.linalg.solve(K, sum(gathered([pull], [at]) for at in places))
+    M, C, K, positions = assembled()
+    u = np.linalg.solve(K, sum(gathered([pull], [at]) for at in positions))
     coupler = three_bars(force=pull)
-    rest = {f"bar {i}": u[at] for i, at in enumerate(places)}
+    rest = {f"bar {i}": u[at] for i, at in enumerate(positions)}
     coupler.reset(u0=rest, v0={name: np.zeros(3) for name in rest})
     states, lam = analysis.exact_solution(coupler)(3.0)
     for name, x in rest.items():

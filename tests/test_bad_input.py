@@ -1,7 +1,7 @@
-"""Bad input gets the error of the contract at the call that brought it, and changes nothing.
+"""Bad input raises the documented error in the call that brought it, and changes nothing.
 
-Two rules hold in all of these tests: the message names the argument, the rule and the value, and
-after a refusal a coupler goes on with the same bits as one that was never asked.
+In all of these tests the message names the argument, the rule and the value, and after a refusal a
+run is bitwise identical to one without the refused call.
 """
 # ruff: noqa: B023 - lambdas made in a loop are called in the same round
 
@@ -27,7 +27,7 @@ PAIR = np.array([[2.0, -1.0], [-1.0, 2.0]])  # two unit masses between walls
 
 
 def refused(error, call, *words):
-    """The message of exactly this error, which must hold all of these words."""
+    """The message of exactly this error, which must contain all of these words."""
     with pytest.raises(error) as caught:
         call()
     assert type(caught.value) is error, f"{type(caught.value).__name__}: {caught.value}"
@@ -55,25 +55,25 @@ def chain(n, fixed=True):
     return sp.csr_array(sp.diags_array([d, side, side], offsets=[0, 1, -1]))
 
 
-def two_parts(**of_a):
-    """A coarse and a fine part, tied, with motion in all of their dofs."""
+def two_subdomains(**of_a):
+    """A coarse and a fine subdomain, tied, with motion in all of their dofs."""
     a = subdomain(K=PAIR, u0=[1.0, 0.5], v0=[0.0, 0.25], name="a", **of_a)
     b = subdomain([1.0], [9.0], scheme=EXPLICIT, substeps=3, u0=[0.5], v0=[0.25], name="b")
     return a, b, pm.tie(a, [1], b, [0])
 
 
 def coupled(**of_a):
-    a, b, tie = two_parts(**of_a)
+    a, b, tie = two_subdomains(**of_a)
     return pm.Coupler([a, b], tie, dt=0.1)
 
 
-def bits(coupler, steps=4):
-    """Everything of a stretch of a run, and of where it ends."""
+def as_bytes(coupler, steps=4):
+    """All results of some macro steps and the state at their end, as bytes."""
     history = coupler.run(steps=steps)
-    own = [getattr(history[i], x) for i in range(len(history)) for x in "tuva"]
+    arrays = [getattr(history[i], x) for i in range(len(history)) for x in "tuva"]
     end = [getattr(coupler.state(i), x) for i in range(len(history)) for x in "uva"]
     rest = [history.multipliers, history.velocity_jump, history.displacement_jump]
-    return b"".join(x.tobytes() for x in [*own, *rest, *end, coupler.multipliers])
+    return b"".join(x.tobytes() for x in [*arrays, *rest, *end, coupler.multipliers])
 
 
 def moved(coupler, steps=3):
@@ -137,8 +137,8 @@ def test_an_array_without_real_numbers_is_a_type_error(name, kind):
 @pytest.mark.parametrize("kind", NOT_FINITE)
 @pytest.mark.parametrize("name", ARGUMENTS)
 def test_the_first_entry_that_is_not_finite_is_named(name, kind):
-    values, value, place = NOT_FINITE[kind]
-    refused(ValueError, lambda: ARGUMENTS[name](values), name, "finite", value, place)
+    values, value, position = NOT_FINITE[kind]
+    refused(ValueError, lambda: ARGUMENTS[name](values), name, "finite", value, position)
 
 
 @pytest.mark.parametrize("kind", ["scalar", "three axes", "ragged", "empty"])
@@ -199,7 +199,7 @@ def test_a_subdomain_without_dofs_is_a_value_error():
 
 
 class ArrayLike:
-    """What NumPy takes for an array, without a shape or a length of its own."""
+    """Converted to an array by NumPy, though it has no shape and no length."""
 
     def __array__(self, dtype=None, copy=None):
         return np.array([1.0, 2.0])
@@ -369,7 +369,7 @@ def test_a_matrix_that_is_symmetric_but_for_the_rounding_of_its_assembly_is_acce
 @pytest.mark.parametrize("size", [1.0, 1e6, 1e12, 1e15])
 @pytest.mark.parametrize("form", [np.asarray, sp.csr_array])
 def test_gyroscopic_damping_is_not_lost_beside_a_large_entry_elsewhere(size, form):
-    # a penalty dashpot on another dof says nothing about the rounding of these entries
+    # a penalty dashpot on another dof does not affect the rounding of these entries
     C = np.zeros((3, 3))
     C[0, 0], C[1, 2], C[2, 1] = size, 1.0, -1.0
     refused(ValueError, lambda: subdomain(np.ones(3), np.ones(3), form(C)), "C must be symmetric")
@@ -427,7 +427,7 @@ def test_an_indefinite_mbar_is_named_with_subdomain_and_dof(form, scheme):
     # Mbar = M + al1 K, al1 about dt^2 / 4 and more: 1 - 0.25 * 2e4 < 0 at dof 2, positive elsewhere
     bad = subdomain(np.ones(3), indefinite(form), scheme=scheme, name="bad")
     refused(pm.FactorizationError, lambda: pm.Coupler([bad], dt=1.0), "Mbar", "'bad'", "dof 2")
-    pm.Coupler([bad], dt=1e-3)  # definite there: it is the step that brings it
+    pm.Coupler([bad], dt=1e-3)  # definite at that dof: the step makes it indefinite
 
 
 @pytest.mark.parametrize("form", ["diagonal", "dense", "sparse"])
@@ -487,7 +487,7 @@ def test_a_supported_subdomain_without_mass_is_accepted():
 
 
 def test_a_mbar_that_is_nearly_singular_but_definite_is_accepted():
-    # a spring to ground of 1e-6 of the others: the condition is 1e6 n^2, and 8 digits are left
+    # a spring to ground of 1e-6 of the others: condition number 1e6 n^2, 8 digits are left
     K = chain(50, fixed=False).tolil()
     K[0, 0] += 1e-6
     pm.Coupler([subdomain(np.zeros(50), sp.csr_array(K))], dt=0.1)
@@ -528,7 +528,7 @@ def test_massless_dofs_are_accepted_with_rho_below_one():
         subdomain([1.0, 0.0], PAIR, scheme=pm.GeneralizedAlpha(rho))
 
 
-# ---- ties and conditions --------------------------------------------------------------------
+# ---- ties and constraints -------------------------------------------------------------------
 
 
 def test_dofs_of_a_tie_must_be_in_range_whole_and_different():
@@ -601,7 +601,7 @@ def test_a_constraint_is_keyed_by_subdomains():
     refused(TypeError, lambda: pm.Constraint({"a": np.eye(2)}), "Subdomain", "'a'")
 
 
-# ---- conditions that depend on one another ------------------------------------------------------
+# ---- dependent constraints ----------------------------------------------------------------------
 
 
 def dependent(subdomains, constraints):
@@ -675,7 +675,7 @@ def test_a_dependent_row_is_found_where_the_others_are_nearly_parallel_in_pairs(
 def levers(trains, length, ratio):
     """Trains of levers v_i + ratio v_{i+1} = 0, one end held, and the sum of the other ends.
 
-    A train with one end held is held altogether, so that the last row is one too many; it is the
+    A train with one end held cannot move, so the last row is redundant: it is a combination of the
     others with weights up to (1 / ratio)^length.
     """
     n = length + 1
@@ -717,12 +717,12 @@ def general_rows(rng, p, n, spare):
 def test_the_number_of_dependent_general_rows_is_found(spare):
     rng = np.random.default_rng(spare)
     a = single(40, scheme=EXPLICIT)
-    said = []
+    reported = []
     for _ in range(40):
         L = general_rows(rng, int(rng.integers(spare + 5, 35)), 40, spare)
         message = dependent([a], pm.Constraint({a: L}))
-        said.append(int(message.split("; ")[1].split()[0]))
-    assert said == [spare] * 40
+        reported.append(int(message.split("; ")[1].split()[0]))
+    assert reported == [spare] * 40
 
 
 def test_general_rows_that_are_independent_are_accepted():
@@ -765,7 +765,7 @@ def test_a_hundred_thousand_ties_in_a_path_are_accepted_in_seconds():
 
 @pytest.mark.parametrize("ends", [(0, MANY), (40_000, 40_003)])
 def test_one_dependent_row_among_a_hundred_thousand_is_found(ends):
-    # a tie of two dofs of the path closes a circle of the rows between them
+    # a tie of two dofs of the path closes a cycle of the rows between them
     a = single(MANY + 1, scheme=EXPLICIT)
     closing = sp.csr_array(([1.0, -1.0], ([0, 0], ends)), shape=(1, MANY + 1))
     constraints = [pm.Constraint({a: path_of_ties(MANY)}), pm.Constraint({a: closing})]
@@ -788,7 +788,7 @@ def test_a_row_given_twice_among_a_hundred_thousand_is_found():
 
 @pytest.mark.parametrize("scale", [1e-160, 1e-300, 1e160, 1e300])
 def test_independent_rows_of_extreme_scale_are_not_reported_as_dependent(scale):
-    # what else is wrong with them (H under- or overflows) may be said, but not this
+    # another error (H under- or overflows) may be reported, but not this one
     a, b = single(2), single(2)
     L = np.diag([1.0, scale])
     try:
@@ -822,7 +822,7 @@ def test_initial_velocities_that_agree_to_rounding_are_accepted():
 
 @pytest.mark.parametrize("scale", [1e-150, 1e-12, 1e-6, 1e6, 1e12, 1e150])
 def test_a_violated_constraint_is_detected_at_any_scale_of_its_row(scale):
-    # a condition times a number is the same condition
+    # a constraint times a number is the same constraint
     a, b = subdomain(v0=[1.0, 1.0]), subdomain(v0=[1.0, 0.5])
     L = np.diag([1.0, scale])
     refused(
@@ -886,8 +886,8 @@ def test_double_steps_of_all_finest_subdomains_are_a_value_error():
     ]
     message = refused(ValueError, lambda: pm.Coupler(subdomains, dt=0.1), "double_step", "finest")
     assert "substeps = 2" in message
-    pm.Coupler(subdomains, dt=0.1, coupling="gc")  # nobody is double there
-    pm.Coupler([single(double_step=True)], dt=0.1)  # nor alone
+    pm.Coupler(subdomains, dt=0.1, coupling="gc")  # no double steps under "gc"
+    pm.Coupler([single(double_step=True)], dt=0.1)  # nor for a single subdomain
 
 
 @pytest.mark.parametrize("name, good", [("coupling", "'pm'"), ("start", "'rebased'")])
@@ -928,9 +928,9 @@ def test_a_name_is_a_string_that_is_not_empty(name):
 
 
 def test_a_constraint_on_a_subdomain_of_another_coupler_is_a_value_error():
-    a, b, stranger = subdomain(), subdomain(), subdomain(name="stranger")
-    ties = [pm.tie(a, [0], b, [0]), pm.tie(b, [1], stranger, [1])]
-    refused(ValueError, lambda: pm.Coupler([a, b], ties, dt=0.1), "constraint 1", "'stranger'")
+    a, b, foreign = subdomain(), subdomain(), subdomain(name="foreign")
+    ties = [pm.tie(a, [0], b, [0]), pm.tie(b, [1], foreign, [1])]
+    refused(ValueError, lambda: pm.Coupler([a, b], ties, dt=0.1), "constraint 1", "'foreign'")
 
 
 def test_constraints_are_constraints():
@@ -971,8 +971,8 @@ def test_t_end_so_far_away_that_its_steps_cannot_be_counted_is_a_value_error():
 def test_unknown_names_are_refused_with_the_known_ones():
     coupler = coupled()
     history = coupler.run(steps=1)
-    stranger = subdomain(name="stranger")
-    for key in ("c", stranger, 1.0, None, True):
+    foreign = subdomain(name="foreign")
+    for key in ("c", foreign, 1.0, None, True):
         refused(KeyError, lambda: history[key], "'a', 'b'")
         refused(KeyError, lambda: coupler.state(key), "'a', 'b'")
         refused(ValueError, lambda: coupler.run(steps=1, record={key: None}), "record", "'a', 'b'")
@@ -996,7 +996,7 @@ def test_reset_takes_dicts(name):
 
 @pytest.mark.parametrize("name", ["u0", "v0", "force"])
 def test_a_subdomain_named_twice_in_reset_is_a_value_error(name):
-    a, b, tie = two_parts()
+    a, b, tie = two_subdomains()
     coupler = pm.Coupler([a, b], tie, dt=0.1)
     same = {"u0": [1.0, 0.5], "v0": [0.0, 0.25], "force": [0.0, 0.0]}[name]
     values = {a: same, "a": same}
@@ -1033,11 +1033,11 @@ REFUSALS = {
     "negative steps": lambda c: c.step(-1),
     "steps as bool": lambda c: c.run(steps=True),
     "every": lambda c: c.run(steps=2, every=0),
-    "record of a stranger": lambda c: c.run(steps=2, record={"c": None}),
+    "record of an unknown subdomain": lambda c: c.run(steps=2, record={"c": None}),
     "record out of range": lambda c: c.run(steps=2, record={"a": [5]}),
     "a History of a terabyte": lambda c: c.run(steps=10**12),
-    "state of a stranger": lambda c: c.state("c"),
-    "reset, u0 of a stranger": lambda c: c.reset(u0={"c": [0.0]}),
+    "state of an unknown subdomain": lambda c: c.state("c"),
+    "reset, u0 of an unknown subdomain": lambda c: c.reset(u0={"c": [0.0]}),
     "reset, u0 of wrong shape": lambda c: c.reset(u0={"a": [0.0]}),
     "reset, v0 that is NaN": lambda c: c.reset(u0={"a": [0.0, 0.0]}, v0={"b": [np.nan]}),
     "reset, v0 that breaks the tie": lambda c: c.reset(u0={"a": [0.0, 0.0]}, v0={"b": [9.0]}),
@@ -1063,44 +1063,46 @@ def test_a_refused_call_leaves_a_coupler_as_it_was(kind, load):
     with pytest.raises((TypeError, ValueError, LookupError, MemoryError, pm.ConstraintWarning)):
         REFUSALS[kind](coupler)
     assert coupler.step_count == 3 and coupler.time == expected.time
-    assert bits(coupler) == bits(expected)
+    assert as_bytes(coupler) == as_bytes(expected)
 
 
 @pytest.mark.parametrize("load", LOADS)
 def test_a_reset_coupler_runs_as_a_new_one(load):
-    expected = bits(coupled(**LOADS[load]))
+    expected = as_bytes(coupled(**LOADS[load]))
     coupler = coupled(**LOADS[load])
     coupler.run(steps=5)
     coupler.reset()
     assert coupler.step_count == 0 and coupler.time == 0.0
-    assert bits(coupler) == expected
+    assert as_bytes(coupler) == expected
 
 
 def test_a_coupler_that_was_reset_to_a_callable_load_runs_from_zero():
     def push(t):
         return [math.sin(t), 1.0]
 
-    expected = bits(coupled(force=push))
+    expected = as_bytes(coupled(force=push))
     coupler = moved(coupled())
     coupler.reset(force={"a": push})
-    assert bits(coupler) == expected
+    assert as_bytes(coupler) == expected
 
 
 def test_a_refused_coupler_leaves_its_subdomains_as_they_were():
-    expected = bits(coupled())
-    a, b, tie = two_parts()
+    expected = as_bytes(coupled())
+    a, b, tie = two_subdomains()
     for bad in (
         lambda: pm.Coupler([a, b], tie, dt=-1.0),
         lambda: pm.Coupler([a, b], [tie, tie], dt=0.1),
-        lambda: pm.Coupler([a, b], tie, dt=10.0),  # the explicit part is above its critical step
+        lambda: pm.Coupler(
+            [a, b], tie, dt=10.0
+        ),  # the explicit subdomain is above its critical step
         lambda: pm.Coupler([a, b, a], tie, dt=0.1),
     ):
         with pytest.raises((ValueError, pm.StabilityWarning)):
             bad()
-    assert bits(pm.Coupler([a, b], tie, dt=0.1)) == expected
+    assert as_bytes(pm.Coupler([a, b], tie, dt=0.1)) == expected
 
 
-# ---- what loads return -------------------------------------------------------------------------
+# ---- return values of loads --------------------------------------------------------------------
 
 BAD_VALUES = {
     "too long": ([1.0, 2.0, 3.0], ValueError, "(2,)"),
@@ -1118,15 +1120,15 @@ BAD_VALUES = {
 
 
 def failing(when, fail):
-    """A load that does `fail` at this time, and asks of it at each."""
+    """A load that calls `fail` at this time and logs every time."""
 
     def load(t):
-        load.asked.append(t)
+        load.times.append(t)
         if load.armed and t > when - 1e-9:
             return fail()
         return [math.sin(t), math.cos(t)]
 
-    load.asked, load.armed = [], True
+    load.times, load.armed = [], True
     return load
 
 
@@ -1142,7 +1144,7 @@ def test_a_load_that_returns_nonsense_is_named_with_subdomain_and_time(kind):
 
 
 def assert_stands_at_last_whole_step(coupler, load, steps):
-    """And its last_history ends there, and it goes on as if nothing had been."""
+    """last_history ends at the last macro step, and a run continues as without the failure."""
     assert coupler.step_count == steps
     history = coupler.last_history
     assert history["a"].t.size == steps + 1 and history.multiplier_times.size == 3 * steps + 1
@@ -1150,8 +1152,8 @@ def assert_stands_at_last_whole_step(coupler, load, steps):
     whole = reference.run(steps=steps)
     np.testing.assert_array_equal(history["a"].u, whole["a"].u)
     np.testing.assert_array_equal(history.multipliers, whole.multipliers)
-    assert bits(coupler) == bits(reference)
-    assert load.asked == sorted(load.asked)
+    assert as_bytes(coupler) == as_bytes(reference)
+    assert load.times == sorted(load.times)
 
 
 class Breakdown(Exception):
@@ -1174,15 +1176,15 @@ def test_what_a_load_raises_reaches_the_caller_itself(error, run):
     assert coupler.step_count == 4
     load.armed = False
     expected = moved(coupled(force=LOADS["a callable"]["force"]), 4)
-    assert bits(coupler) == bits(expected)
+    assert as_bytes(coupler) == as_bytes(expected)
     # each time once and in order, but for the one that failed
-    assert load.asked == sorted(load.asked)
-    assert len(load.asked) - len(set(load.asked)) == 1
+    assert load.times == sorted(load.times)
+    assert len(load.times) - len(set(load.times)) == 1
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), SystemExit(3), GeneratorExit()])
 def test_an_exit_from_a_load_is_immediate_and_no_time_is_evaluated_twice(error):
-    # unlike an error it does not wait for the steps whose loads are there already
+    # unlike an error it does not wait for the steps whose loads are already evaluated
     def fail():
         raise error
 
@@ -1192,9 +1194,9 @@ def test_an_exit_from_a_load_is_immediate_and_no_time_is_evaluated_twice(error):
         coupler.run(steps=9)
     load.armed = False
     assert coupler.step_count == 0
-    assert bits(coupler, 9) == bits(coupled(force=LOADS["a callable"]["force"]), 9)
-    assert load.asked == sorted(load.asked)
-    assert len(load.asked) - len(set(load.asked)) == 1  # the one that was cut short
+    assert as_bytes(coupler, 9) == as_bytes(coupled(force=LOADS["a callable"]["force"]), 9)
+    assert load.times == sorted(load.times)
+    assert len(load.times) - len(set(load.times)) == 1  # the interrupted one
 
 
 def test_a_load_that_fails_at_the_start_fails_at_every_call_that_needs_it():
@@ -1212,7 +1214,7 @@ def test_a_load_that_fails_at_the_start_fails_at_every_call_that_needs_it():
         with pytest.raises(Breakdown):
             call()
     load.armed = False
-    assert bits(coupler) == bits(coupled(force=LOADS["a callable"]["force"]))
+    assert as_bytes(coupler) == as_bytes(coupled(force=LOADS["a callable"]["force"]))
 
 
 def test_two_loads_that_fail_are_reported_by_the_earlier_failure():
@@ -1257,7 +1259,7 @@ def test_a_prescribed_velocity_of_nonsense_is_named_with_constraint_and_time(val
     assert coupler.step_count == 2
     wrong.clear()
     expected = moved(prescribed(lambda t: [math.sin(t)]), 2)
-    assert bits(coupler) == bits(expected)
+    assert as_bytes(coupler) == as_bytes(expected)
 
 
 def test_initial_velocities_must_fit_a_prescribed_one():
@@ -1270,7 +1272,7 @@ def test_initial_velocities_must_fit_a_prescribed_one():
     coupler = moved(prescribed(steady, v0=(1.0, 0.0)))
     with pytest.raises(pm.ConstraintError):
         coupler.reset(v0={"a": [0.5, 0.0]})
-    assert bits(coupler) == bits(moved(prescribed(steady, v0=(1.0, 0.0))))
+    assert as_bytes(coupler) == as_bytes(moved(prescribed(steady, v0=(1.0, 0.0))))
 
 
 def test_the_load_of_the_ground_is_no_velocity():
@@ -1292,7 +1294,7 @@ STIFF = {
 
 
 def unstable(form, names="ABC", tied=True):
-    """Three tied parts, of which B alone is unstable: h omega is 5 to 10, the limit 1.87."""
+    """Three tied subdomains, of which only B is unstable: h omega is 5 to 10, the limit 1.87."""
     given = {
         "A": subdomain(np.ones(3), chain(3), u0=[1.0, 0.5, 0.25], name="A"),
         "B": subdomain(
@@ -1315,7 +1317,7 @@ def test_an_unstable_run_is_named_with_step_time_and_subdomain(form, names, tied
     error = caught.value
     assert isinstance(error, pm.PmalphaError)
     assert error.subdomain == "B"
-    # |w| grows by (h omega)^2 < 300 an own step: 1e308 is not reached within 60 macro steps
+    # |w| grows by (h omega)^2 < 300 per substep: 1e308 is not reached within 60 macro steps
     assert 60 < error.step < 10_000
     assert error.step == coupler.step_count and error.time == coupler.time
     assert "'B'" in str(error) and f"step {error.step}" in str(error) and "unstable" in str(error)
@@ -1332,7 +1334,7 @@ def assert_last_good_state_is_kept(coupler, other, step):
             ours, theirs = getattr(coupler.state(name), x), getattr(other.state(name), x)
             np.testing.assert_array_equal(ours, theirs)
             np.testing.assert_array_equal(getattr(history[name], x), getattr(expected[name], x))
-    with pytest.raises(pm.InstabilityError) as again:  # it stands there, and fails there again
+    with pytest.raises(pm.InstabilityError) as again:  # it is at that step, and fails there again
         coupler.step()
     assert again.value.step == step
 
@@ -1342,7 +1344,7 @@ def test_an_unstable_coupler_can_be_reset_and_run():
     with pytest.raises(pm.InstabilityError):
         coupler.step(10_000)
     coupler.reset()
-    assert bits(coupler) == bits(unstable("dense"))
+    assert as_bytes(coupler) == as_bytes(unstable("dense"))
 
 
 def test_an_unstable_implicit_subdomain_is_named():
@@ -1358,7 +1360,7 @@ def test_an_unstable_implicit_subdomain_is_named():
 
 
 def test_an_instability_error_survives_pickling():
-    # parameter studies in several processes hand it back in this way
+    # parameter studies in several processes return it in this way
     error = pickle.loads(pickle.dumps(pm.InstabilityError(3, 0.5, "rig")))
     assert (error.step, error.time, error.subdomain) == (3, 0.5, "rig")
     assert str(error) == str(pm.InstabilityError(3, 0.5, "rig"))
@@ -1444,9 +1446,9 @@ def test_a_step_just_above_the_critical_one_warns_and_one_just_below_does_not(na
     (warning,) = caught
     message = str(warning.message)
     assert "'rig'" in message and f"step {critical * (1.0 + margin):g} of" in message
-    said = float(message.split("critical step ")[1].split()[0].rstrip(":(,"))
+    reported = float(message.split("critical step ")[1].split()[0].rstrip(":(,"))
     # printed with six digits; on the safe side where Lanczos guesses
-    assert critical * (1.0 - margin) - 1e-5 * critical < said < critical * (1.0 + 1e-5)
+    assert critical * (1.0 - margin) - 1e-5 * critical < reported < critical * (1.0 + 1e-5)
 
 
 @pytest.mark.parametrize("scheme", CONDITIONAL, ids=repr)
@@ -1463,7 +1465,7 @@ def test_the_limit_is_where_runs_begin_to_grow(scheme):
     rig = subdomain([1.0], [4.0], scheme=scheme, u0=[1.0])
     critical = limit(scheme) / 2.0
     below = pm.Coupler([rig], dt=0.99 * critical).run(steps=1000)[0].u
-    # the largest root has a modulus of at most one; it is 1 per cent from a double one, which
+    # the largest root has a modulus of at most one; it is 1 percent from a double one, which
     # makes the bounded motion some ten times as large as it begins
     assert np.max(np.abs(below)) < 50.0
     with pytest.warns(pm.StabilityWarning):
@@ -1491,7 +1493,7 @@ def test_a_double_step_explicit_subdomain_has_half_the_limit():
 
 
 def test_the_row_sum_bound_alone_never_warns():
-    # |K| has row sums of 2 + 2, the highest omega^2 is 3: between the two nothing is wrong
+    # |K| has row sums of 2 + 2, the highest omega^2 is 3: a step between the two is stable
     K = np.array([[2.0, 1.0], [1.0, 2.0]])
     rig = subdomain(K=K, scheme=pm.CentralDifference())
     pm.Coupler([rig], dt=2.0 / math.sqrt(3.0) * (1.0 - CLOSE))
@@ -1503,7 +1505,7 @@ def test_the_row_sum_bound_alone_never_warns():
 
 
 def test_one_stiff_pair_hidden_in_a_long_chain_is_found():
-    # its mode has next to nothing in common with a smooth first guess of Lanczos
+    # its mode is nearly orthogonal to a smooth first guess of Lanczos
     K = chain(1001).tolil()
     K[500, 500] += 100.0
     K[501, 501] += 100.0
@@ -1539,7 +1541,7 @@ def test_the_warning_points_out_of_the_package_where_a_model_made_the_coupler():
 
 @pytest.fixture
 def megabyte(monkeypatch):
-    """A machine that has one MB left."""
+    """A machine with one MB of free memory."""
     monkeypatch.setattr(memory, "available", lambda: 1_000_000)
 
 
@@ -1550,7 +1552,7 @@ def out_of_memory(call, *words):
 
 def test_a_history_that_does_not_fit_is_refused_with_the_figures(megabyte):
     coupler = coupled()
-    # u, v, w of 2 and of 3 x 1 numbers, multipliers and jumps of 3 x 2 + 1: 22 numbers a macro step
+    # u, v, w of 2 and of 3 x 1 numbers, multipliers and jumps of 3 x 2 + 1: 22 per macro step
     needed = out_of_memory(lambda: coupler.run(steps=10_000), "History", "record=", "every=")
     assert needed == "1.76 MB"
     assert coupler.step_count == 0
@@ -1598,11 +1600,11 @@ def test_the_free_memory_is_a_plausible_number_here():
     assert free is None or 1e6 < free < 1e15
 
 
-# ---- attacks --------------------------------------------------------------------------------
+# ---- misuse ---------------------------------------------------------------------------------
 
 
 def in_a_process(code, seconds=30):
-    """What another Python prints; its death by a signal fails the test."""
+    """The output of another Python process; its death by a signal fails the test."""
     head = "import numpy as np, scipy.sparse as sp, pmalpha as pm\n"
     done = subprocess.run(
         [sys.executable, "-c", head + code], capture_output=True, text=True, timeout=seconds
@@ -1674,7 +1676,7 @@ def test_a_load_that_keeps_and_changes_its_array_does_no_harm():
         kept[:] = math.sin(t), math.cos(t)
         return kept
 
-    assert bits(coupled(force=load)) == bits(coupled(force=LOADS["a callable"]["force"]))
+    assert as_bytes(coupled(force=load)) == as_bytes(coupled(force=LOADS["a callable"]["force"]))
 
 
 def change(array, value):
@@ -1690,7 +1692,7 @@ def test_what_is_written_into_the_callers_arrays_later_changes_nothing(name):
     given = {"M": np.ones(2), "K": PAIR.copy(), "C": 0.1 * PAIR, "force": np.array([0.5, -0.5])}
     given |= {"u0": np.array([1.0, 0.5]), "v0": np.array([0.5, 0.25])}
 
-    def stretch(spoil):
+    def bytes_of_run(spoil):
         arrays = {x: value.copy() for x, value in given.items()}
         s = subdomain(**arrays)
         spoil(s, arrays)
@@ -1698,27 +1700,29 @@ def test_what_is_written_into_the_callers_arrays_later_changes_nothing(name):
         spoil(s, arrays)
         coupler.step()
         coupler.reset()
-        return bits(coupler)
+        return as_bytes(coupler)
 
-    assert stretch(lambda s, arrays: change(arrays[name], 9.0)) == stretch(lambda s, arrays: None)
+    assert bytes_of_run(lambda s, arrays: change(arrays[name], 9.0)) == bytes_of_run(
+        lambda s, arrays: None
+    )
 
 
 @pytest.mark.parametrize("name", ["M", "K", "C", "u0", "v0", "force"])
 def test_what_is_written_into_a_subdomain_later_does_not_reach_a_coupler(name):
     # K in the right-hand side and another K in the factor would be silently wrong
-    def stretch(spoil):
+    def bytes_of_run(spoil):
         s = subdomain(K=PAIR, C=0.1 * PAIR, force=[0.5, -0.5], u0=[1.0, 0.5], v0=[0.5, 0.25])
         coupler = pm.Coupler([s], dt=0.1)
         if spoil:
             change(getattr(s, name), 9.0)
-        return bits(coupler)
+        return as_bytes(coupler)
 
-    assert stretch(True) == stretch(False)
+    assert bytes_of_run(True) == bytes_of_run(False)
 
 
 @pytest.mark.parametrize("shape", [None, [[1.0], [0.5]]])
 def test_what_is_written_into_a_sampled_force_later_does_not_reach_a_coupler(shape):
-    def stretch(spoil):
+    def bytes_of_run(spoil):
         samples = np.ones((3, 2 if shape is None else 1))
         force = pm.SampledForce(samples, 0.1, shape=shape)
         coupler = pm.Coupler([subdomain(force=force)], dt=0.1)
@@ -1727,23 +1731,23 @@ def test_what_is_written_into_a_sampled_force_later_does_not_reach_a_coupler(sha
             change(force.values, 9.0)
             if shape is not None:
                 change(force.shape, 9.0)
-        return bits(coupler)
+        return as_bytes(coupler)
 
-    assert stretch(True) == stretch(False)
+    assert bytes_of_run(True) == bytes_of_run(False)
 
 
 def test_states_and_histories_are_copies():
     coupler = moved(coupled())
-    expected = bits(moved(coupled()))
+    expected = as_bytes(moved(coupled()))
     for x in "uva":
         getattr(coupler.state("a"), x)[:] = 9.0
     coupler.multipliers[:] = 9.0
     coupler.run(steps=0)["a"].u[:] = 9.0
-    assert bits(coupler) == expected
+    assert as_bytes(coupler) == expected
 
 
 def test_a_load_may_not_call_the_coupler_that_evaluates_it():
-    for ask in (
+    for call in (
         lambda c: c.state("a"),
         lambda c: c.time,
         lambda c: c.multipliers,
@@ -1752,9 +1756,9 @@ def test_a_load_may_not_call_the_coupler_that_evaluates_it():
         lambda c: c.reset(),
     ):
 
-        def load(t, ask=ask):
+        def load(t, call=call):
             if t > 0.25:
-                ask(coupler)
+                call(coupler)
             return [math.sin(t), math.cos(t)]
 
         coupler = coupled(force=load)
@@ -1764,7 +1768,7 @@ def test_a_load_may_not_call_the_coupler_that_evaluates_it():
 
 
 def test_a_load_may_run_another_coupler_of_the_same_subdomains():
-    a, b, tie = two_parts()
+    a, b, tie = two_subdomains()
     inner = pm.Coupler([a, b], tie, dt=0.1)
     seen = []
 
@@ -1774,8 +1778,8 @@ def test_a_load_may_run_another_coupler_of_the_same_subdomains():
         return [math.sin(t), math.cos(t)]
 
     coupler = coupled(force=load)
-    expected = bits(coupled(force=LOADS["a callable"]["force"]))
-    assert bits(coupler) == expected
+    expected = as_bytes(coupled(force=LOADS["a callable"]["force"]))
+    assert as_bytes(coupler) == expected
     assert inner.step_count == len(seen) == 5
 
 
@@ -1811,30 +1815,30 @@ def test_pickling_a_coupler_is_a_type_error():
 
 def test_subdomains_schemes_and_histories_can_be_copied_and_pickled():
     for again in (copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))):
-        a, b, tie = again(two_parts())
+        a, b, tie = again(two_subdomains())
         coupler = pm.Coupler([a, b], tie, dt=0.1)
         assert again(a.scheme) == a.scheme and repr(again(b.scheme)) == repr(b.scheme)
         history = coupler.run(steps=4)
         np.testing.assert_array_equal(again(history)["b"].u, history["b"].u)
         coupler.reset()
-        assert bits(coupler) == bits(coupled())
+        assert as_bytes(coupler) == as_bytes(coupled())
 
 
 class Loud(np.ndarray):
-    """An array that answers questions about itself wrongly."""
+    """An array whose own methods return wrong values."""
 
     def __array_ufunc__(self, ufunc, method, *inputs, **options):
         return np.array(True)
 
     def copy(self, order="C"):
-        raise AssertionError("asked for a copy")
+        raise AssertionError("copied")
 
 
 def test_subclasses_of_ndarray_are_read_as_numbers():
     values = {"M": np.ones(2), "K": PAIR, "u0": np.array([1.0, 0.5])}
     ours = subdomain(**{name: x.view(Loud) for name, x in values.items()})
     theirs = subdomain(**values)
-    assert bits(pm.Coupler([ours], dt=0.1)) == bits(pm.Coupler([theirs], dt=0.1))
+    assert as_bytes(pm.Coupler([ours], dt=0.1)) == as_bytes(pm.Coupler([theirs], dt=0.1))
     bad = np.array([1.0, np.nan]).view(Loud)
     refused(ValueError, lambda: subdomain(u0=bad), "u0", "finite")
 

@@ -1,7 +1,7 @@
-"""All features at once: however a run is cut, recorded or shared, its bits are the same.
+"""All features at once: runs that are cut, recorded and threaded in any way are bitwise identical.
 
-What is right is one run on one thread that records everything. Everything else is done with other
-couplers of the same problem, in a random order, and compared with its rows.
+The expected values are those of one run on one thread that records everything. Random calls on
+other couplers of the same problem are compared with its rows.
 """
 
 import ctypes
@@ -27,11 +27,11 @@ DT = 0.05
 
 
 class Broken(Exception):
-    """What a load or a restoring force raises when it is told to."""
+    """Raised by a load or a restoring force on request."""
 
 
-class Asked:
-    """A function of the user's that counts its calls, and fails at the call it is told to."""
+class UserFunction:
+    """A function of the user that counts its calls and fails at a given one."""
 
     def __init__(self, function):
         self.function, self.calls, self.fails_in = function, 0, None
@@ -69,7 +69,7 @@ class Asked:
 
 
 class Case:
-    """A problem of 1 to 5 subdomains; each coupler of it has functions of its own."""
+    """A problem of 1 to 5 subdomains; each of its couplers has separate functions."""
 
     def __init__(self, seed):
         self.seed = seed
@@ -133,14 +133,14 @@ class Case:
         return [x for x in made if rng.random() < 0.7]
 
     def coupler(self, threads, **options):
-        """And what may be asked: {subdomain: function}, of loads and of restoring forces."""
+        """A coupler, its loads and its restoring forces, both as {subdomain: function}."""
         loads, forces = {}, {}
         subdomains = []
         for i, s in enumerate(self.subdomains):
             restoring = self.springs[i] or None
             if self.restored[i]:
                 c = np.where(self.massless[i], 0.0, 1.0 + 0.1 * np.arange(len(s.M)))
-                forces[i] = Asked(
+                forces[i] = UserFunction(
                     lambda u, v, t, c=c: c * (u / (1.0 + u * u) + 0.1 * v + 0.2 * np.sin(t))
                 )
                 restoring = forces[i] if i % 2 else forces[i].compiled_restoring()
@@ -185,7 +185,7 @@ class Case:
         if kind == 3:
             return pm.BaseAcceleration(rng.normal(size=9), 0.07, direction, s.M)
         if kind > 3:
-            loads[i] = Asked(lambda t: direction * np.cos(3.0 * t))
+            loads[i] = UserFunction(lambda t: direction * np.cos(3.0 * t))
             return loads[i].compiled_force() if kind == 5 else loads[i]
         return None
 
@@ -207,7 +207,7 @@ class Case:
 
 
 def larger(rng, s):
-    """A chain or a grid for bands, strips, panels and slabs, in place of a small part."""
+    """A chain or a grid for bands, strips, panels and slabs, in place of a small subdomain."""
     n = int(rng.integers(20, 200))
     K = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     if rng.random() < 0.5:
@@ -221,7 +221,7 @@ def larger(rng, s):
 
 
 class Truth:
-    """One run on one thread, and energies of any stretch of it."""
+    """One run on one thread, and the energies of any interval of it."""
 
     def __init__(self, case):
         self.case = case
@@ -235,15 +235,15 @@ class Truth:
 
     def check_present(self, coupler):
         now = coupler.step_count
-        for i, own in enumerate(self.history.subdomains):
+        for i, whole in enumerate(self.history.subdomains):
             row = now * self.case.subdomains[i].substeps
             x = coupler.state(i)
             for name in "uva":
-                same(getattr(x, name), getattr(own, name)[row])
+                same(getattr(x, name), getattr(whole, name)[row])
             if self.case.springs[i]:
                 springs = coupler.springs(i)
-                same(springs.deformation, own.deformation[row])
-                same(springs.force, own.force[row])
+                same(springs.deformation, whole.deformation[row])
+                same(springs.force, whole.force[row])
         same(coupler.multipliers, self.history.multipliers[now * self.fine])
 
     @property
@@ -252,25 +252,25 @@ class Truth:
             return 1
         return max(s.substeps for s in self.case.subdomains)
 
-    def check_rows(self, told, begin, end, every, energy):
-        def rows(nodes):
+    def check_rows(self, history, begin, end, every, energy):
+        def rows(substeps):
             if every is None:
-                return np.arange(begin * nodes, end * nodes + 1)
+                return np.arange(begin * substeps, end * substeps + 1)
             later = [k for k in range(begin + 1, end + 1) if k % every == 0]
-            return np.array([begin, *later]) * nodes
+            return np.array([begin, *later]) * substeps
 
-        for i, (own, ours) in enumerate(zip(told.subdomains, self.history.subdomains)):
+        for i, (ours, whole) in enumerate(zip(history.subdomains, self.history.subdomains)):
             names = ("t", "u", "v", "a") + ("deformation", "force") * bool(self.case.springs[i])
             for name in names:
-                found = getattr(ours, name)[rows(self.case.subdomains[i].substeps)]
-                same(getattr(own, name), found)
-        same(told.multipliers, self.history.multipliers[rows(self.fine)])
-        same(told.velocity_jump, self.history.velocity_jump[rows(self.fine)])
-        same(told.displacement_jump, self.history.displacement_jump[rows(1)])
+                expected = getattr(whole, name)[rows(self.case.subdomains[i].substeps)]
+                same(getattr(ours, name), expected)
+        same(history.multipliers, self.history.multipliers[rows(self.fine)])
+        same(history.velocity_jump, self.history.velocity_jump[rows(self.fine)])
+        same(history.displacement_jump, self.history.displacement_jump[rows(1)])
         if energy:
             expected = self.energy(begin, end)
             for name in ("kinetic", "strain", "dissipated", "external", "interface"):
-                same(getattr(told.energy, name), getattr(expected, name)[rows(1) - begin])
+                same(getattr(history.energy, name), getattr(expected, name)[rows(1) - begin])
 
 
 def same(a, b):
@@ -278,7 +278,7 @@ def same(a, b):
 
 
 class Attack:
-    """Random calls on couplers of a case, each followed by a look at all there is."""
+    """Random calls on couplers of a case; all results are compared after each call."""
 
     def __init__(self, case, rng, folder):
         self.case, self.rng, self.folder = case, rng, folder
@@ -301,8 +301,8 @@ class Attack:
 
     def run(self, steps):
         begin, options = self.coupler.step_count, self.options()
-        told = self.coupler.run(steps=steps, **options)
-        self.truth.check_rows(told, begin, begin + steps, options["every"], options["energy"])
+        history = self.coupler.run(steps=steps, **options)
+        self.truth.check_rows(history, begin, begin + steps, options["every"], options["energy"])
 
     def step(self, steps):
         self.coupler.step(steps)
@@ -318,22 +318,22 @@ class Attack:
         self.coupler.reset()
 
     def fail(self, steps):
-        """A function fails in mid run; what was done stays, and the rest is asked again."""
-        asked = [*self.loads.values(), *self.forces.values()]
-        if not asked:
+        """A function fails within a run; completed steps are kept, the others are repeated."""
+        functions = [*self.loads.values(), *self.forces.values()]
+        if not functions:
             return
-        chosen = asked[int(self.rng.integers(len(asked)))]
+        chosen = functions[int(self.rng.integers(len(functions)))]
         self.coupler.state(0)
         chosen.fails_in = int(self.rng.integers(12))
         begin, options = self.coupler.step_count, self.options()
         try:
-            told = self.coupler.run(steps=steps, **options)
+            history = self.coupler.run(steps=steps, **options)
         except (Broken, pm.CallbackError):
-            told = self.coupler.last_history
+            history = self.coupler.last_history
         chosen.fails_in = None
-        if told is not None:
+        if history is not None:
             end = self.coupler.step_count
-            self.truth.check_rows(told, begin, end, options["every"], options["energy"])
+            self.truth.check_rows(history, begin, end, options["every"], options["energy"])
 
     def stop(self, steps):
         """Progress that raises ends a run as Ctrl-C does."""
@@ -344,8 +344,8 @@ class Attack:
         begin, options = self.coupler.step_count, self.options()
         with pytest.raises(Broken):
             self.coupler.run(steps=steps, progress=progress, **options)
-        end, told = self.coupler.step_count, self.coupler.last_history
-        self.truth.check_rows(told, begin, end, options["every"], options["energy"])
+        end, history = self.coupler.step_count, self.coupler.last_history
+        self.truth.check_rows(history, begin, end, options["every"], options["energy"])
 
     def go(self, rounds):
         names = ["run", "run", "step", "save_and_load", "reset", "fail", "fail", "stop"]
@@ -381,8 +381,8 @@ def test_any_combination_is_bitwise_identical_to_one_run_on_one_thread(seed, tmp
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
 @pytest.mark.parametrize("threads", [1, 2, 3])
 def test_the_first_failure_is_raised_though_a_later_step_was_evaluated_meanwhile(coupling, threads):
-    # from t = 0.5 on a load beyond all numbers, in the own step of "a" that begins at 0.4 (double)
-    # or 0.45; a thread beside it has asked "b" for what comes after
+    # from t = 0.5 on a load that overflows, in the substep of "a" that begins at 0.4 (double step)
+    # or 0.45; another thread has evaluated "b" for later substeps
     samples = np.where(np.arange(40) < 5, 0.0, 1e300).reshape(-1, 1)
     load = pm.SampledForce(samples, 0.1, shape=[[1.0], [0.0]])
     a = pm.Subdomain(

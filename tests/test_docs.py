@@ -1,4 +1,4 @@
-"""What the documents show runs as shown."""
+"""The code in the documents runs and prints what is shown."""
 
 import contextlib
 import doctest
@@ -43,8 +43,10 @@ def test_code_on_a_page_runs_and_prints_what_its_comments_state(page, tmp_path, 
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         exec(compile(code, page, "exec"), {})
-    said = [re.split(r":| {2}", x)[0].strip() for x in re.findall(r"print\(.*?\) +# (.*)", code)]
-    assert said and printed.getvalue().split("\n")[:-1] == said
+    expected = [
+        re.split(r":| {2}", x)[0].strip() for x in re.findall(r"print\(.*?\) +# (.*)", code)
+    ]
+    assert expected and printed.getvalue().split("\n")[:-1] == expected
 
 
 def test_links_between_the_documents_have_targets():

@@ -1,4 +1,4 @@
-"""Factors and the sweeps over them, against dense solutions and against each other."""
+"""Factors and their sweeps, compared with dense solutions and with each other."""
 
 import ctypes
 import pickle
@@ -23,7 +23,7 @@ DEFINITE = pm.FactorizationError
 
 
 def random_matrix(rng, n, density):
-    """Sparse, symmetric, positive definite, with unconnected parts where the density is low."""
+    """Sparse, symmetric, positive definite, with unconnected blocks where the density is low."""
     A = sp.random_array((n, n), density=density, rng=rng)
     return sp.csr_array(A @ A.T + sp.diags_array(rng.uniform(0.5, 1.5, n)))
 
@@ -84,7 +84,7 @@ def test_every_form_of_factor_solves_with_its_matrix(seed):
     A = ordered(random_matrix(rng, n, rng.choice([0.01, 0.05, 0.3])), nb)
     x = rng.normal(size=n)
     for factor in all_factors(A, nb):
-        # the matrices have a condition below 1e4
+        # the matrices have a condition number below 1e4
         np.testing.assert_allclose(solve(factor, A @ x, nb), x, rtol=0, atol=1e-11)
 
 
@@ -93,13 +93,13 @@ def test_our_factors_solve_as_superlu_and_dense_cholesky_do(seed):
     rng = np.random.default_rng(seed)
     n, nb = int(rng.integers(400, 900)), int(rng.integers(0, 60))
     pieces = [random_matrix(rng, m, 4.0 / m) for m in (n // 3, n - n // 3)]
-    A = ordered(sp.csr_array(sp.block_diag(pieces)), nb)  # two parts that are not connected
+    A = ordered(sp.csr_array(sp.block_diag(pieces)), nb)  # two blocks that are not connected
     b = rng.normal(size=n)
     by_superlu = sp.linalg.splu(sp.csc_array(A)).solve(b)
     by_cholesky = scipy.linalg.cho_solve(scipy.linalg.cho_factor(A.toarray()), b)
     for factor in (by_panels(A, nb), by_columns(A, nb), factors.factorize(A, names(n), nb=nb)):
         x = solve(factor, b, nb)
-        # rounding times a condition below 1e5
+        # rounding times a condition number below 1e5
         np.testing.assert_allclose(x, by_superlu, rtol=0, atol=1e-10 * np.max(np.abs(x)))
         np.testing.assert_allclose(x, by_cholesky, rtol=0, atol=1e-10 * np.max(np.abs(x)))
 
@@ -157,12 +157,14 @@ def test_a_solid_has_the_same_solution_by_panels_and_by_columns(nb):
     b = np.cos(np.arange(n**3))
     *sparse, dense = (solve(f, b, nb) for f in all_factors(A, nb))
     for solution in sparse:
-        np.testing.assert_allclose(solution, dense, atol=1e-14)  # rounding: condition 20, size 1
+        np.testing.assert_allclose(
+            solution, dense, atol=1e-14
+        )  # rounding: condition number 20, size 1
 
 
 @pytest.mark.parametrize("width", [1, 47, 48, 49, 255, 256, 257, 300])
 def test_dense_panels_of_every_width_are_factored(width):
-    # a full matrix is one supernode up to the widest, then two: the blocks of the dense part
+    # a full matrix is one supernode up to the widest, then two: the blocks of the dense columns
     rng = np.random.default_rng(width)
     A = rng.normal(size=(width, width))
     A = sp.csr_array(A @ A.T / width + np.eye(width))
@@ -509,7 +511,7 @@ def test_the_compliance_is_that_of_the_dense_inverse_for_few_and_many_constraint
     exact = L @ np.linalg.inv(A.toarray()) @ L.T
     for factor in all_factors(A, nb):
         ours = compliance(factor, sp.csc_array(L), nb, "tower")
-        # the matrices have a condition below 1e4
+        # the matrices have a condition number below 1e4
         np.testing.assert_allclose(ours.values, exact, rtol=0, atol=1e-11 * np.max(np.abs(exact)))
 
 

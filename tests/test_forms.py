@@ -1,4 +1,4 @@
-"""The forms in which the core takes matrices and factors: each gives the same motion."""
+"""The forms in which the core stores matrices and factors: each gives the same motion."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def banded(rng, n, width):
 
 
 def dense_band(form, n):
-    """The matrix that a band stands for."""
+    """The matrix of a band."""
     (band,) = form
     A = np.diag(band[0])
     for d in range(1, band.shape[0]):
@@ -99,7 +99,7 @@ def test_a_solid_moves_the_same_in_strips_and_dense(scheme):
 
 
 def stepped(make, K, C, scheme, force):
-    """All that two coupled subdomains of these matrices record in some steps."""
+    """The history of two coupled subdomains with these matrices."""
     n = K.shape[0]
     x = np.linspace(0.0, 3.0, n)
     subdomains = [

@@ -5,7 +5,7 @@ The expected values solve the equations (S1) of all subdomains as one dense syst
     [ M  -L^T ] [ w   ]   [ F(0) - C v - K u ]
     [ L    0  ] [ Lam ] = [ 0                ]
 
-or come from the uncut structure, or from a balance of forces by hand.
+or are those of the uncut structure, or follow from a balance of forces by hand.
 """
 
 import warnings
@@ -23,12 +23,12 @@ FAST = pm.GeneralizedAlpha(0.5, explicit=True)
 FORMS = {"dense": np.asarray, "csr": sp.csr_array, "csc": sp.csc_matrix, "bsr": sp.bsr_array}
 every_form = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
 
-# Dense solves of condition up to 1e4, and another order of sums: rounding times that.
+# Dense solves of condition number up to 1e4, in another order of sums: rounding times that.
 ROUNDING = 1e-12
 
 
 def kkt(subdomains, L):
-    """w of each part and Lam, from dicts with M, C, K, F, u0, v0 and matrices L_i."""
+    """w of each subdomain and Lam, from dicts with M, C, K, F, u0, v0 and matrices L_i."""
     M = scipy.linalg.block_diag(*(q["M"] for q in subdomains))
     Lall = np.hstack(L)
     p = len(Lall)
@@ -53,15 +53,15 @@ def assert_initial(coupler, w, Lam):
         np.testing.assert_allclose(coupler.state(i).a, expected, rtol=0, atol=ROUNDING * size)
     force = max(np.abs(Lam).max(initial=0.0), size)  # masses of size 1
     np.testing.assert_allclose(coupler.multipliers, Lam, rtol=0, atol=ROUNDING * force)
-    # and so does its history
+    # and so does a history
     history = coupler.run(steps=0)
     for i in range(len(w)):
         np.testing.assert_array_equal(history[i].a[0], coupler.state(i).a)
     np.testing.assert_array_equal(history.multipliers[0], coupler.multipliers)
 
 
-def random_part(rng, n, *, consistent):
-    """Matrices of a part, and a load; the state comes later."""
+def random_data(rng, n, *, consistent):
+    """Matrices and load of a subdomain, without a state."""
     M = np.diag(rng.uniform(1.0, 3.0, n))
     if consistent:
         M += 0.4 * (np.eye(n, k=1) + np.eye(n, k=-1))
@@ -71,14 +71,14 @@ def random_part(rng, n, *, consistent):
 
 
 def set_states(rng, subdomains, L):
-    """Random displacements and velocities without the part that would break the conditions."""
+    """Random displacements and velocities, projected onto those that satisfy the constraints."""
     sizes = [len(q["M"]) for q in subdomains]
     whole = np.hstack(L)
     for name in ("u0", "v0"):
         x = rng.normal(size=sum(sizes))
         x -= np.linalg.pinv(whole) @ (whole @ x)
-        for q, own in zip(subdomains, np.split(x, np.cumsum(sizes)[:-1])):
-            q[name] = own
+        for q, bar in zip(subdomains, np.split(x, np.cumsum(sizes)[:-1])):
+            q[name] = bar
 
 
 # ---- several subdomains ---------------------------------------------------------------------
@@ -90,8 +90,8 @@ def set_states(rng, subdomains, L):
 def test_initial_accelerations_and_multipliers_solve_all_equations_at_once(form, seed, consistent):
     rng = np.random.default_rng(seed)
     sizes = rng.integers(2, 7, size=4)
-    subdomains = [random_part(rng, int(n), consistent=consistent) for n in sizes]
-    # four general conditions over all dofs of all parts
+    subdomains = [random_data(rng, int(n), consistent=consistent) for n in sizes]
+    # four general constraints over all dofs of all subdomains
     L = np.split(rng.normal(size=(4, sum(sizes))), np.cumsum(sizes)[:-1], axis=1)
     set_states(rng, subdomains, L)
     schemes = SOFT, FAST, pm.HHT(0.1), pm.CentralDifference()
@@ -102,14 +102,14 @@ def test_initial_accelerations_and_multipliers_solve_all_equations_at_once(form,
     coupler = pm.Coupler(made, pm.Constraint(dict(zip(made, L))), dt=0.01)
     w, Lam = kkt(subdomains, L)
     assert_initial(coupler, w, Lam)
-    # without the multipliers they would be others
+    # without the multipliers they would differ
     alone = np.linalg.solve(subdomains[0]["M"], (subdomains[0]["M"] @ w[0]) - L[0].T @ Lam)
     assert np.abs(alone - w[0]).max() > 1e-3
 
 
 def test_sparse_constraints_equal_dense_ones():
     rng = np.random.default_rng(5)
-    subdomains = [random_part(rng, 3, consistent=True) for _ in range(2)]
+    subdomains = [random_data(rng, 3, consistent=True) for _ in range(2)]
     L = [rng.normal(size=(2, 3)), np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])]
     set_states(rng, subdomains, L)
     for to in (np.asarray, sp.csr_array, sp.coo_matrix, sp.lil_array):
@@ -128,19 +128,19 @@ def cross(form, consistent):
     subdomains, made = [], []
     for i in range(4):
         dofs = [0, *range(1 + 3 * i, 4 + 3 * i)]  # the point, then outwards
-        own = {name: np.zeros((4, 4)) for name in "MCK"}
+        bar = {name: np.zeros((4, 4)) for name in "MCK"}
         for e in range(3):
             at = np.ix_([e, e + 1], [e, e + 1])
-            own["M"][at] += (i + 1.0) * mass
-            own["K"][at] += 10.0 * (e + 1.0) * element
-            own["C"][at] += 0.1 * (i + 1.0) * element
+            bar["M"][at] += (i + 1.0) * mass
+            bar["K"][at] += 10.0 * (e + 1.0) * element
+            bar["C"][at] += 0.1 * (i + 1.0) * element
         at = np.ix_(dofs, dofs)
-        M[at] += own["M"]
-        C[at] += own["C"]
-        K[at] += own["K"]
+        M[at] += bar["M"]
+        C[at] += bar["C"]
+        K[at] += bar["K"]
         share = F[dofs].copy()
-        share[0] *= (0.1, 0.2, 0.3, 0.4)[i]  # the load of the point, in unequal parts
-        subdomains.append({**own, "F": share, "u0": u0[dofs], "v0": v0[dofs]})
+        share[0] *= (0.1, 0.2, 0.3, 0.4)[i]  # the load of the point, in unequal shares
+        subdomains.append({**bar, "F": share, "u0": u0[dofs], "v0": v0[dofs]})
         made.append(subdomain(subdomains[-1], form, (SOFT, FAST)[i % 2], substeps=(1, 6, 2, 3)[i]))
     w = np.linalg.solve(M, F - C @ v0 - K @ u0)
     return subdomains, made, w
@@ -164,11 +164,11 @@ def test_subdomains_that_meet_at_a_cross_point_start_as_the_uncut_structure(form
         expected = w[[0, *range(1 + 3 * i, 4 + 3 * i)]]
         size = ROUNDING * np.abs(w).max()
         np.testing.assert_allclose(coupler.state(i).a, expected, rtol=0, atol=size)
-    # the forces on the point are what each bar needs, whatever the tree
-    for q, own, wi in zip(subdomains, L, together):
+    # each bar gets the force that its motion needs, for any tree of ties
+    for q, bar, wi in zip(subdomains, L, together):
         force = (q["M"] @ wi + q["C"] @ q["v0"] + q["K"] @ q["u0"] - q["F"])[0]
         # a few roundings of forces up to 100
-        assert (own.T @ coupler.multipliers)[0] == pytest.approx(force, abs=1e-11)
+        assert (bar.T @ coupler.multipliers)[0] == pytest.approx(force, abs=1e-11)
 
 
 def test_a_callable_load_enters_with_its_value_at_zero():
@@ -176,7 +176,9 @@ def test_a_callable_load_enters_with_its_value_at_zero():
     for s in made:
         s.force = lambda t, F=s.force: F * np.cos(t) + 100.0 * t
     coupler = pm.Coupler(made, [pm.tie(made[0], [0], s, [0]) for s in made[1:]], dt=0.01)
-    np.testing.assert_allclose(coupler.state(2).a[0], w[0], rtol=1e-11)  # 13 dofs, condition 100
+    np.testing.assert_allclose(
+        coupler.state(2).a[0], w[0], rtol=1e-11
+    )  # 13 dofs, condition number 100
 
 
 def test_without_constraints_every_subdomain_starts_by_itself():
@@ -187,7 +189,7 @@ def test_without_constraints_every_subdomain_starts_by_itself():
 
 
 def test_a_constraint_on_one_subdomain_alone_is_a_support():
-    q = random_part(np.random.default_rng(3), 3, consistent=True)
+    q = random_data(np.random.default_rng(3), 3, consistent=True)
     q["u0"], q["v0"] = np.zeros(3), np.array([0.0, 1.0, 0.0])
     s = subdomain(q)
     L = [np.array([[1.0, 0.0, -2.0]])]
@@ -223,18 +225,18 @@ K_SERIES = np.array([[100.0, -70.0], [-70.0, 70.0]])  # ground - 30 - dof 0 - 70
 
 @every_form
 def test_a_massless_dof_inside_is_static_condensation(form):
-    # 100 u0 = 70 u1 at t = 0 and ever after; 30 and 70 in series are 21
+    # 100 u0 = 70 u1 at all times; 30 and 70 in series are 21
     s = pm.Subdomain(form(np.diag([0.0, 2.0])), form(K_SERIES), scheme=SOFT, u0=[0.7, 1.0])
     one = pm.Subdomain([2.0], [21.0], scheme=SOFT, u0=[1.0])
     whole, condensed = (pm.solve(x, dt=0.1, steps=200) for x in (s, one))
-    # nothing says what its acceleration is at t = 0: zero. The mass has - 21 / 2
+    # no equation determines its acceleration at t = 0: zero. The mass has - 21 / 2
     assert whole.a[0, 0] == 0.0
     np.testing.assert_allclose(whole.a[0, 1], -10.5, rtol=1e-15)  # 0.7 is rounded
     # rounding of a = 10 over 200 steps, as in the two displacements
     np.testing.assert_allclose(whole.u[:, 1:], condensed.u, rtol=0, atol=1e-12)
     np.testing.assert_allclose(whole.u[:, :1], 0.7 * condensed.u, rtol=0, atol=1e-12)
     np.testing.assert_allclose(whole.a[:, 1:], condensed.a, rtol=0, atol=1e-11)
-    # the wrong w_0 = 0 is forgotten like n^2 rho^n: 60^2 2^-60 = 3e-15 of a velocity of 3
+    # the effect of w_0 = 0 decays like n^2 rho^n: 60^2 2^-60 = 3e-15 of a velocity of 3
     assert abs(whole.v[1, 0] - 0.7 * condensed.v[1, 0]) > 1e-2
     np.testing.assert_allclose(whole.v[60:, :1], 0.7 * condensed.v[60:], rtol=0, atol=1e-12)
 
@@ -269,7 +271,7 @@ def test_several_massless_dofs_inside_are_condensed_in_a_coupled_structure(form)
 
 @every_form
 def test_a_massless_dof_on_the_interface_follows_the_constraint(form):
-    # ground - 30 - [a] tied to [b0 - 70 - b1]; a has no mass at all
+    # ground - 30 - [a] tied to [b0 - 70 - b1]; a has no mass
     a = pm.Subdomain([0.0], [30.0], scheme=SOFT, u0=[1.0], name="a")
     K = 70.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
     b = pm.Subdomain(form(np.diag([0.5, 2.0])), form(K), scheme=SOFT, u0=[1.0, 2.0], name="b")
@@ -283,8 +285,8 @@ def test_a_massless_dof_on_the_interface_follows_the_constraint(form):
 @every_form
 def test_massless_dofs_in_general_constraints_solve_all_equations_at_once(form, seed, consistent):
     rng = np.random.default_rng(100 + seed)
-    subdomains = [random_part(rng, n, consistent=consistent) for n in (4, 3, 5)]
-    # one massless dof of part 0 and two of part 2, each in conditions with dofs that have mass
+    subdomains = [random_data(rng, n, consistent=consistent) for n in (4, 3, 5)]
+    # one massless dof of subdomain 0 and two of 2, each in constraints with dofs that have mass
     for i, dof in ((0, 1), (2, 0), (2, 3)):
         for name in "MC":
             subdomains[i][name][dof, :] = subdomains[i][name][:, dof] = 0.0
@@ -298,7 +300,7 @@ def test_massless_dofs_in_general_constraints_solve_all_equations_at_once(form, 
 
 @every_form
 def test_two_massless_dofs_tied_to_each_other_carry_the_force_and_do_not_accelerate(form):
-    # ground - 20 - a1 | b0 - 40 - b1: the cut lies at a joint without mass
+    # ground - 20 - a1 | b0 - 40 - b1: the interface is at a joint without mass
     K_a = np.array([[50.0, -20.0], [-20.0, 20.0]])
     K_b = 40.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
     # a0 = 0.5, b1 = 2 and the joint between them in equilibrium: 20 (j - 0.5) = 40 (2 - j)
@@ -306,7 +308,7 @@ def test_two_massless_dofs_tied_to_each_other_carry_the_force_and_do_not_acceler
     a = pm.Subdomain(form(np.diag([1.0, 0.0])), form(K_a), scheme=SOFT, u0=[0.5, j], name="a")
     b = pm.Subdomain(form(np.diag([0.0, 3.0])), form(K_b), scheme=SOFT, u0=[j, 2.0], name="b")
     coupler = pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=0.01)
-    # the force 20 pulls the joint back in a, so Lam = 20; nothing says how the joint accelerates
+    # the force 20 pulls the joint back in a, so Lam = 20; no equation determines its acceleration
     w_a, w_b = np.array([-(25.0 - 30.0), 0.0]), np.array([0.0, -20.0 / 3.0])
     assert_initial(coupler, [w_a, w_b], np.array([20.0]))
     assert not coupler.state("a").a[1] and not coupler.state("b").a[0]
@@ -343,7 +345,7 @@ def test_three_massless_dofs_tied_in_a_row_share_the_balance_and_do_not_accelera
     subdomains = [pm.Subdomain([0.0], [1.0], scheme=SOFT, force=[f]) for f in loads]
     ties = [pm.tie(subdomains[i], [0], subdomains[i + 1], [0]) for i in range(2)]
     coupler = pm.Coupler(subdomains, ties, dt=0.01)
-    # 0 = F + L^T Lam from the left: Lam = -5, then -5 + 2; nothing says how they accelerate
+    # 0 = F + L^T Lam from the left: Lam = -5, then -5 + 2; no equation determines w
     assert_initial(coupler, [np.zeros(1)] * 3, np.array([-5.0, -3.0]))
 
 
@@ -355,10 +357,10 @@ def test_a_massless_row_that_is_not_in_equilibrium_warns_with_dof_and_amount(for
     )
     with pytest.warns(pm.ConstraintWarning, match=r"dofs 0 of subdomain 'spring'.*\b3 is left"):
         coupler = pm.Coupler([s], dt=0.1)
-    # the first step jumps to where it holds: rounding of forces of 70
+    # the first step jumps to equilibrium: rounding of forces of 70
     left = coupler.run(steps=3)[0].u @ K_SERIES[0]
     assert left == pytest.approx([3.0, 0.0, 0.0, 0.0], abs=1e-12)
-    # dof 1 too when the load is known later
+    # dof 1 too when the load is evaluated later
     s = pm.Subdomain(
         form(np.diag([2.0, 0.0])), form(K_SERIES), scheme=SOFT, name="late",
         force=lambda t: np.array([0.0, 1.0]),
@@ -401,7 +403,7 @@ def test_the_equilibrium_of_a_massless_row_includes_its_damping():
 
 
 def three(u0=None, v0=None, force=None, weight=1.0):
-    """Three parts of two dofs, tied in a row by two constraints: rows 0, 1 and row 2."""
+    """Three subdomains of two dofs, tied in a row by two constraints: rows 0, 1 and row 2."""
     subdomains = [
         pm.Subdomain(
             [1.0, 2.0], [5.0, 7.0], scheme=SOFT, substeps=1 + i, name=name, force=force,
@@ -437,7 +439,7 @@ def test_a_gap_in_the_displacements_warns_with_row_and_amount_and_persists():
 
 @pytest.mark.parametrize("force", [None, lambda t: np.zeros(2)], ids=["none", "callable"])
 def test_a_gap_warns_once_when_the_coupler_is_made_and_again_when_it_is_reset(force):
-    # displacements are known from the beginning, whatever the loads are
+    # the initial displacements are known before any load is evaluated
     with pytest.warns(pm.ConstraintWarning, match=r"rows 0 .*: 1\b"):
         coupler = three(u0=([1.0, 0.0], [0.0, 0.0]), force=force)
     coupler.run(steps=1)  # a second warning would be an error here
@@ -479,7 +481,7 @@ def test_constraints_at_the_start_are_checked_relative_to_the_initial_values(nam
             make(1e-6)
 
 
-# values of left, middle and right that break one row each: the tie of left 1, the other constraint
+# values of left, middle and right that violate one row each: tie of left 1, the other constraint
 BROKEN = {
     "row 1 of constraint 0": ([1.0, 2.0], [2.5, 1.0], [2.5]),
     "row 0 of constraint 1": ([1.0, 2.0], [2.0, 1.0], [2.5]),

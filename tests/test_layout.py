@@ -1,4 +1,4 @@
-"""The package is arranged as docs/architecture.md says: folders, layers, small files."""
+"""The package is arranged as in docs/architecture.md: folders, layers, small files."""
 
 import ast
 import importlib
@@ -30,7 +30,7 @@ LAYERS = (
 )
 LEVEL = {unit: level for level, units in enumerate(LAYERS) for unit in units}
 # History.plot is a method of what a run returns and draws by matplotlib, which only drawing needs:
-# the import is inside the method, and nothing else of `run` knows the pictures.
+# the import is inside the method, and no other module of `run` imports pictures.
 EXCEPTIONS = {("pmalpha.run.history", "pmalpha.plot.histories")}
 
 PUBLIC_PACKAGES = ("analysis", "plot", "readers", "structures")
@@ -45,7 +45,7 @@ NAMES = {name_of(path) for path in MODULES} | {"pmalpha._core"}
 
 
 def unit_of(module):
-    """What stands directly in pmalpha/: a folder or a file."""
+    """An entry of pmalpha/: a folder or a file."""
     return (*module.split("."), "__init__")[1]
 
 

@@ -1,4 +1,4 @@
-"""Macro coupling: against the reference, its order, its stability, and what it promises."""
+"""Macro coupling: agreement with the reference, order, stability, energy and errors."""
 
 import warnings
 from functools import partial
@@ -25,7 +25,7 @@ def largest(x):
 
 @pytest.fixture
 def repeated(monkeypatch):
-    """No response is small enough to be stored."""
+    """No unit response is small enough to be stored."""
     monkeypatch.setattr(macro, "STORED", 0)
 
 
@@ -33,7 +33,7 @@ def repeated(monkeypatch):
 
 
 def random_macro_problem(seed):
-    """A random problem in which nobody's substeps need divide another's."""
+    """A random problem with any numbers of substeps: none needs to divide another."""
     problem = random_problem(seed)
     rng = np.random.default_rng([seed, 6])
     for i, s in enumerate(problem.subdomains):
@@ -43,15 +43,15 @@ def random_macro_problem(seed):
 
 
 def made(problem):
-    """The coupler; that a double step at rho = 1 keeps a zig-zag is known here."""
+    """The coupler, without the warning of the undamped zig-zag of a double step at rho = 1."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.StabilityWarning)
         warnings.simplefilter("ignore", pm.ConstraintWarning)  # of ties without mass
         return problem.coupler()
 
 
-# As in test_against_reference.py: rounding grows by the condition of Mbar and H, up to 1e4 here,
-# and with the number of steps.
+# As in test_against_reference.py: rounding is magnified by the condition number of Mbar and H, up
+# to 1e4 here, and by the number of steps.
 AGREEMENT = 1e-9
 
 
@@ -103,17 +103,17 @@ def test_run_step_and_every_record_are_bitwise_identical(seed, storing, monkeypa
         monkeypatch.setattr(macro, "STORED", 0)
     problem = random_macro_problem(seed)
     recorded, sparsely, stepped, some = (made(problem) for _ in range(4))
-    all_nodes = recorded.run(steps=STEPS)
-    macro_nodes = sparsely.run(steps=STEPS, every=1)
+    at_all_levels = recorded.run(steps=STEPS)
+    at_macro_steps = sparsely.run(steps=STEPS, every=1)
     for _ in range(STEPS):
         stepped.step()
     one_dof = some.run(steps=STEPS, record={0: [0]})
     for other in (sparsely, stepped, some):
         same_to_the_last_bit(recorded, other)
-    np.testing.assert_array_equal(one_dof[0].u[:, 0], all_nodes[0].u[:, 0])
+    np.testing.assert_array_equal(one_dof[0].u[:, 0], at_all_levels[0].u[:, 0])
     for i, s in enumerate(problem.subdomains):
-        np.testing.assert_array_equal(macro_nodes[i].t, all_nodes[i].t[:: s.substeps])
-        np.testing.assert_array_equal(macro_nodes[i].u, all_nodes[i].u[:: s.substeps])
+        np.testing.assert_array_equal(at_macro_steps[i].t, at_all_levels[i].t[:: s.substeps])
+        np.testing.assert_array_equal(at_macro_steps[i].u, at_all_levels[i].u[:: s.substeps])
 
 
 @pytest.mark.parametrize("seed", [0, 3, 4, 7, 11])
@@ -136,9 +136,9 @@ def test_small_unit_responses_are_stored_and_large_ones_are_not(repeated):
     a, b = halves(substeps=20)
     part = coupled(a, b)._parts[1]
     assert not macro.is_stored(part)
-    macro.STORED = 32 * part.n  # bytes of one condition
+    macro.STORED = 32 * part.n  # bytes of one constraint
     assert macro.is_stored(part)
-    # a part with more conditions than its substeps have entries to read
+    # a subdomain with more constraints than its substeps have entries to read
     many = pm.Subdomain(np.ones(50), np.ones(50), scheme=SECOND, substeps=2, name="many")
     ties = pm.tie(many, list(range(50)), pm_ground := ground(50), list(range(50)))
     made_of_many = pm.Coupler([many, pm_ground], ties, dt=0.1, coupling="macro")._parts[0]
@@ -159,7 +159,7 @@ def test_stored_and_repeated_link_responses_agree(seed, monkeypatch):
     scale = max(largest(s.u) for s in stored.subdomains)
     for one, other in zip(stored.subdomains, repeated.subdomains):
         assert largest(one.u - other.u) <= AGREEMENT * scale
-        # the inner nodes come from the same sums, but start from states that differ by rounding
+        # time levels within a macro step: the same sums, from states that differ by rounding
         assert one.u.shape == other.u.shape
 
 
@@ -169,7 +169,7 @@ OMEGA = 2.0 * np.pi
 
 
 def halves(b1=10.0, substeps=20, *, rho=0.5, double=None, v0=1.0, implicit=False, omega=OMEGA):
-    """Mass 1 and stiffness omega^2 cut in two, A implicit, B explicit; b1 = mA/mB = kB/kA."""
+    """Mass 1 and stiffness omega^2 split in two, A implicit, B explicit; b1 = mA/mB = kB/kA."""
     mA, kA = b1 / (1.0 + b1), omega**2 / (1.0 + b1)
     a = pm.Subdomain(
         [mA], [kA], scheme=pm.GeneralizedAlpha(rho), u0=[1.0], v0=[v0], double_step=double, name="A"
@@ -256,7 +256,7 @@ def test_three_subdomains_with_any_numbers_of_substeps_have_order_two(substeps):
 
 
 def largest_error(dt, coupling, **how):
-    """Of v over four periods."""
+    """Largest error of v over four periods."""
     s = coupled(*halves(**how), dt, coupling).run(4.0)["A"]
     exact = np.cos(OMEGA * s.t) - OMEGA * np.sin(OMEGA * s.t)
     return largest(s.v[:, 0] - exact)
@@ -265,7 +265,7 @@ def largest_error(dt, coupling, **how):
 @pytest.mark.parametrize("substeps", [2, 5, 20])
 @pytest.mark.parametrize("count", [20, 80, 160])
 def test_errors_are_five_to_twenty_times_below_those_of_pm(substeps, count):
-    # METHOD's range over 20 to 160 steps a period; 6.6 and 20.6 were seen at its ends
+    # the range of docs/method.md for 20 to 160 steps per period; 6.6 and 20.6 measured at its ends
     single = largest_error(1 / count, "macro", substeps=substeps)
     assert 5.0 <= largest_error(1 / count, "pm", substeps=substeps) / single <= 25.0
     double = largest_error(1 / count, "macro", substeps=substeps, double=True)
@@ -292,10 +292,10 @@ def test_the_spectral_radius_is_at_most_one(rho, double):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.StabilityWarning)  # the zig-zag at rho = 1
         for b1 in (0.01, 0.1, 1.0, 10.0, 100.0):
-            own = np.sqrt(b1) * OMEGA  # frequency of B by itself
+            omega_b = np.sqrt(b1) * OMEGA  # frequency of B by itself
             for substeps in (1, 2, 5, 20):
                 for share in (0.1, 0.6, 0.98):
-                    dt = share * limit / own * substeps
+                    dt = share * limit / omega_b * substeps
                     coupler = coupled(*halves(b1, substeps, rho=rho, double=double), dt)
                     radius = analysis.spectral_radius(analysis.amplification_matrix(coupler))
                     # a defective eigenvalue 1 comes out within the root of the rounding
@@ -393,7 +393,7 @@ def test_undamped_schemes_keep_their_energy_under_macro_coupling_alone():
 
 @pytest.mark.parametrize("where", ["A", "B"])
 def test_after_a_load_has_jumped_the_error_is_of_the_order_of_the_step(where):
-    """F is seen at own nodes alone, so a jump is placed to within half a step."""
+    """F is evaluated at the time levels only, so a jump acts to within half a step."""
 
     def error(dt):
         begin = 0.5
@@ -423,10 +423,10 @@ def test_after_a_load_has_jumped_the_error_is_of_the_order_of_the_step(where):
 
 
 def test_loads_are_evaluated_once_per_time_level_in_the_order_of_time():
-    asked = []
+    times = []
 
     def force(t):
-        asked.append(t)
+        times.append(t)
         return np.zeros(1)
 
     a, b = halves(substeps=3)
@@ -435,9 +435,9 @@ def test_loads_are_evaluated_once_per_time_level_in_the_order_of_time():
     ties = [pm.tie(a, [0], b, [0]), pm.tie(b, [0], c, [0])]
     coupler = pm.Coupler([a, b, c], ties, dt=0.1, coupling="macro")
     history = coupler.run(steps=5)
-    assert asked == [k / 3 * 0.1 for k in range(16)]
-    np.testing.assert_array_equal(history[1].t, asked)
-    # equal instants have equal bits
+    assert times == [k / 3 * 0.1 for k in range(16)]
+    np.testing.assert_array_equal(history[1].t, times)
+    # equal instants are bitwise identical
     np.testing.assert_array_equal(history[1].t[::3], history[2].t[::7])
 
 
@@ -447,8 +447,8 @@ def test_prescribed_motion_is_followed_at_the_ends_of_macro_steps():
 
     a, b = halves(substeps=7, v0=0.0)
     a, b = (pm.Subdomain(s.M, s.K, scheme=s.scheme, substeps=s.substeps) for s in (a, b))
-    conditions = [pm.tie(a, [0], b, [0]), pm.Constraint({b: [[1.0]]}, velocity=g)]
-    coupler = pm.Coupler([a, b], conditions, dt=0.02, coupling="macro")
+    constraints = [pm.tie(a, [0], b, [0]), pm.Constraint({b: [[1.0]]}, velocity=g)]
+    coupler = pm.Coupler([a, b], constraints, dt=0.02, coupling="macro")
     history = coupler.run(2.0)
     expected = np.sin(history[0].t) ** 2
     assert largest(history[0].v[:, 0] - expected) < 1e-13
@@ -505,7 +505,7 @@ def test_a_checkpoint_resumes_bitwise_identically(tmp_path):
     same_to_the_last_bit(whole, second)
 
 
-# ---- H, and what set-up says ------------------------------------------------------------------
+# ---- H, and the messages of set-up ------------------------------------------------------------
 
 
 def test_h_is_symmetric_for_damping_that_is_not_proportional():
@@ -526,7 +526,7 @@ def test_h_is_symmetric_for_damping_that_is_not_proportional():
 
 
 def resonant(detuning, rho=1.0):
-    """Two parts of the same frequency, which fits the macro step once."""
+    """Two subdomains with the macro step as their period."""
     omega = OMEGA * (1.0 + detuning)
     subdomains = [
         pm.Subdomain(
@@ -545,7 +545,7 @@ def test_subdomains_that_resonate_with_the_macro_step_are_named():
         resonant(0.008)
     assert "condition 0" in str(caught[0].message)
     assert "change dt" in str(caught[0].message)
-    resonant(0.4)  # between two resonances no word
+    resonant(0.4)  # no warning between two resonances
 
 
 def test_a_double_step_that_damps_nothing_is_warned_of():
@@ -617,12 +617,12 @@ def test_the_amplification_matrix_contains_the_multipliers():
     assert G.names[0] == "u[0] of A at n-1" and G.names[4] == "u[0] of A at n"
     assert G.names[8] == "u[0] of B at n" and G.names[-1] == "Lam[0]"
     assert G.shape == (13, 13)
-    # it is what two macro steps past the start do
+    # compared with two macro steps after the start
     coupler.step(1)
-    X = [np.concatenate([x[:4] for x in (n[6:10], n[:4])]).ravel() for n in nodes_of(coupler)[:1]]
-    X = np.concatenate([*X, np.ravel(nodes_of(coupler)[1][:4]), coupler.multipliers])
+    X = [np.concatenate([x[:4] for x in (n[6:10], n[:4])]).ravel() for n in states_of(coupler)[:1]]
+    X = np.concatenate([*X, np.ravel(states_of(coupler)[1][:4]), coupler.multipliers])
     coupler.step(1)
-    n = nodes_of(coupler)
+    n = states_of(coupler)
     expected = np.concatenate(
         [np.ravel(n[0][6:10]), np.ravel(n[0][:4]), np.ravel(n[1][:4]), coupler.multipliers]
     )
@@ -630,7 +630,7 @@ def test_the_amplification_matrix_contains_the_multipliers():
     assert largest(G @ X - expected) < 1e-11
 
 
-def nodes_of(coupler):
+def states_of(coupler):
     return [part.core.nodes() for part in coupler._parts]
 
 
@@ -642,27 +642,29 @@ def test_subdomains_and_couplers_without_constraints_run_as_alone():
     )
     by_itself = pm.solve(alone, dt=0.1, t_end=1.0)
     np.testing.assert_array_equal(history["alone"].u, by_itself.u)
-    nobody = pm.Coupler([alone], dt=0.1, coupling="macro").run(steps=10)
-    np.testing.assert_array_equal(nobody["alone"].u, by_itself.u)
+    uncoupled = pm.Coupler([alone], dt=0.1, coupling="macro").run(steps=10)
+    np.testing.assert_array_equal(uncoupled["alone"].u, by_itself.u)
 
 
 # ---- energy -----------------------------------------------------------------------------------
 
 
 def works_of(problem, history, i):
-    """Dissipated, external and interface work of a part, from all its nodes and (M1)."""
+    """Dissipated, external and interface work of a subdomain, from all time levels and (M1)."""
     s, L, x = problem.subdomains[i], problem.L[i], history[i]
-    own = np.arange(len(x.t)) / s.substeps
-    macro_nodes = np.arange(len(history.multipliers))
-    lam = np.array([np.interp(own, macro_nodes, column) for column in history.multipliers.T]).T
+    levels = np.arange(len(x.t)) / s.substeps
+    at_macro_steps = np.arange(len(history.multipliers))
+    lam = np.array(
+        [np.interp(levels, at_macro_steps, column) for column in history.multipliers.T]
+    ).T
     force = s.reference_force or (lambda t: np.zeros(len(s.M)))
     C = np.zeros_like(s.M) if s.C is None else s.C
     forces = [x.v @ C, np.array([force(t) for t in x.t]), lam @ L]
     works = np.zeros((len(x.t), 3))
-    for node in range(1, len(x.t)):
-        origin = node - 2 if s.double and node > 1 else node - 1
-        du = x.u[node] - x.u[origin]
-        works[node] = works[origin] + [du @ (q[origin] + q[node]) / 2.0 for q in forces]
+    for level in range(1, len(x.t)):
+        origin = level - 2 if s.double and level > 1 else level - 1
+        du = x.u[level] - x.u[origin]
+        works[level] = works[origin] + [du @ (q[origin] + q[level]) / 2.0 for q in forces]
     return works[:: s.substeps]
 
 
@@ -670,19 +672,19 @@ def works_of(problem, history, i):
 def test_the_energies_follow_from_the_recorded_states_and_change_no_result(seed):
     problem = random_macro_problem(seed)
     for s in problem.subdomains:
-        s.restoring = s.K_r = s.D_r = None  # of these nobody knows the force at a node
+        s.restoring = s.K_r = s.D_r = None  # their force at a time level is not recorded
     summed, plain = made(problem), made(problem)
     history = summed.run(steps=9, energy=True)
     plain.step(9)
     same_to_the_last_bit(summed, plain)
-    told = history.energy
-    size = max(told.kinetic.max(), told.strain.max())
+    energy = history.energy
+    size = max(energy.kinetic.max(), energy.strain.max())
     for i, s in enumerate(problem.subdomains):
         x = history[i]
         kinetic = 0.5 * np.einsum("ki,ij,kj->k", x.v, s.M, x.v)[:: s.substeps]
         # sums of some 100 products in another order: 1e-13 of the largest
-        assert largest(told.kinetic[:, i] - kinetic) < 1e-11 * size
-        got = [told.dissipated[:, i], told.external[:, i], told.interface[:, i]]
+        assert largest(energy.kinetic[:, i] - kinetic) < 1e-11 * size
+        got = [energy.dissipated[:, i], energy.external[:, i], energy.interface[:, i]]
         assert largest(np.transpose(got) - works_of(problem, history, i)) < 1e-11 * size
 
 
@@ -732,12 +734,12 @@ def test_restoring_forces_keep_order_two_under_macro_coupling(force, share, subs
         nonlinear_error(force, share * K_r, share * D_r, substeps, explicit, dt)
         for dt in (1 / 400, 1 / 800)
     ]
-    # dt omega = 0.03 at the coarser step, and of the Duffing part three times as much
+    # dt omega = 0.03 at the coarser step, and of the Duffing subdomain three times as much
     assert orders(errors)[0] == pytest.approx(2.0, abs=0.25)
 
 
 def growth(share, product, substeps=20, coupling="macro"):
-    """How much larger a run of 100 macro steps is late than early.
+    """Growth in a run of 100 macro steps: largest value of its end over that of its beginning.
 
     Two masses, the spring of the second as a restoring force, omega dt = product for both.
     """
@@ -760,7 +762,7 @@ def growth(share, product, substeps=20, coupling="macro"):
 
 
 def test_a_stiff_restoring_force_with_substeps_needs_its_stiffness_estimated():
-    # 28 to 1e34 was seen at omega dt = 4, and 0.3 to 0.5 with the estimate right
+    # measured: 28 to 1e34 at omega dt = 4, and 0.3 to 0.5 with the correct estimate
     for share in (0.0, 0.5, 2.0):
         assert growth(share, 4.0) > 10.0, share
     for product in (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0):
@@ -772,10 +774,10 @@ def test_a_stiff_restoring_force_with_substeps_needs_its_stiffness_estimated():
 
 def test_commands_to_a_rig_differ_from_the_final_displacements():
     def off(coupling, count):
-        asked = []
+        commands = []
 
         def rig(u, v, t):
-            asked.append(float(u[0]))
+            commands.append(float(u[0]))
             return 0.0 * u
 
         a, b = halves(10.0, 10, v0=0.0)
@@ -784,9 +786,9 @@ def test_commands_to_a_rig_differ_from_the_final_displacements():
             warnings.simplefilter("ignore", pm.StabilityWarning)
             coupler = coupled(a, b, 1.0 / count, coupling)
         final = coupler.run(1.0)["B"].u[1:, 0]
-        return largest(np.array(asked[1:]) - final)  # the first was asked at t = 0
+        return largest(np.array(commands[1:]) - final)  # the first is that of t = 0
 
-    # the predictor of a final step is off by al1 w, here 7e-5; the known run by 6e-3, and O(dt^2)
+    # the predictor of a final step is off by al1 w, here 7e-5; the free macro run by 6e-3, O(dt^2)
     assert off("pm", 40) < 1e-4 and off("gc", 40) < 1e-4
     assert 4e-3 < off("macro", 40) < 8e-3
     assert off("macro", 80) < off("macro", 40) / 4.0

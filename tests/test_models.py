@@ -1,4 +1,4 @@
-"""The ready-made problems: what they claim to be, and the record against published peaks."""
+"""The ready-made problems: their published properties, and the record against published peaks."""
 
 import doctest
 from types import SimpleNamespace
@@ -16,7 +16,7 @@ from pmalpha import models
 
 
 def error_at_half_a_period(dt, **options):
-    """Of the displacement of A; exact is u0 cos(2 pi t), and -1 at t = 1/2."""
+    """Error of the displacement of A; the exact one is u0 cos(2 pi t), -1 at t = 1/2."""
     history = models.split_oscillator(10.0, **options).coupler(dt).run(0.5)
     return abs(history["A"].u[-1, 0] + 1.0)
 
@@ -85,7 +85,7 @@ def test_the_modes_are_those_of_the_chain_and_mass_normalised():
 
 
 def exact_history(chain, gap=0.0):
-    """Exact motion of the chain as a history: A at macro nodes, B at three times as many.
+    """Exact motion of the chain as a history: A at macro steps, B with three substeps.
 
     A's and B's u2 are set apart by `gap`, half of it to each side.
     """
@@ -101,9 +101,9 @@ def exact_history(chain, gap=0.0):
 
 def test_amplitudes_of_the_modes_are_constant_in_exact_motion():
     chain = models.four_dof()
-    history, nodes, _ = exact_history(chain)
+    history, times, _ = exact_history(chain)
     t, amplitudes = chain.modal_amplitudes(history)
-    np.testing.assert_array_equal(t, nodes)
+    np.testing.assert_array_equal(t, times)
     # |Phi^T M u0|; the matrix exponential of some 30 radians is good to about 1e-12
     start = np.abs(chain.modes.T @ (chain.mass * [0.0, 0.0, 0.0, 1.0]))
     np.testing.assert_allclose(amplitudes, np.tile(start, (len(t), 1)), rtol=0.0, atol=1e-11)
@@ -111,9 +111,9 @@ def test_amplitudes_of_the_modes_are_constant_in_exact_motion():
 
 def test_the_second_displacement_is_the_mean_of_the_two_sides():
     chain = models.four_dof()
-    history, nodes, u = exact_history(chain, gap=0.1)
+    history, times, u = exact_history(chain, gap=0.1)
     t, ours = chain.displacements(history)
-    np.testing.assert_array_equal(t, nodes)
+    np.testing.assert_array_equal(t, times)
     np.testing.assert_allclose(ours, u, rtol=0.0, atol=1e-15)  # one addition, of numbers up to 1
 
 
@@ -160,7 +160,7 @@ def test_pm_keeps_the_high_modes_and_pm_alpha_annihilates_them():
         history = chain.coupler(chain.macro_step).run(steps=100)
         amplitudes[rho] = chain.modal_amplitudes(history)[1]
     first, _, third, _ = amplitudes[0.5][0]
-    # the claim of the paper's figure 7, at macro node 100
+    # the claim of the paper's figure 7, after macro step 100
     assert amplitudes[None][100, 2] > 0.6
     assert amplitudes[0.5][100, 2] < 0.01
     for x in amplitudes.values():
@@ -195,7 +195,7 @@ def test_a_uniform_frame_has_the_frequencies_of_the_textbook():
     # omega_i^2 = 4 k/m sin^2((2 i - 1) pi / (2 (2 n + 1)))
     expected = 4.0 * k / m * np.sin((2 * i - 1) * np.pi / (2 * (2 * n + 1))) ** 2
     squares = scipy.linalg.eigh(K.toarray(), np.diag(M), eigvals_only=True)
-    np.testing.assert_allclose(squares, expected, rtol=1e-12)  # rounding, condition 100
+    np.testing.assert_allclose(squares, expected, rtol=1e-12)  # rounding, condition number 100
 
 
 def test_a_cut_frame_adds_up_to_the_uncut_one():
@@ -230,7 +230,7 @@ def test_invalid_frames_are_refused(masses, springs, message):
 def test_rayleigh_damping_has_the_two_given_ratios():
     c_m, c_k = models.rayleigh([3.0, 40.0], [0.02, 0.05])
     for omega, ratio in ((3.0, 0.02), (40.0, 0.05)):
-        # phi^T C phi = 2 ratio omega; rounding, condition of the 2 x 2 system about 10
+        # phi^T C phi = 2 ratio omega; rounding, condition number of the 2 x 2 system about 10
         assert c_m + c_k * omega**2 == pytest.approx(2.0 * ratio * omega, rel=1e-13)
 
 

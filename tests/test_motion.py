@@ -83,25 +83,25 @@ def test_samples_and_a_function_of_the_same_motion_agree():
     samples = np.array([g(t)[0] for t in times])
     by_samples = driven(pm.SampledForce(samples, 0.01), 0.01).run(2.0)
     by_function = driven(lambda t: [np.interp(t, times, samples)], 0.01).run(2.0)
-    # they differ by the derivative at t = 0 alone when the step is that of the samples: the
-    # difference quotient sees the same straight line, up to rounding over 0.01 / 8
+    # they differ by the derivative at t = 0 only when the step is that of the samples: the
+    # difference quotient has the same straight line, up to rounding over 0.01 / 8
     np.testing.assert_allclose(by_samples["a"].u, by_function["a"].u, atol=1e-12)
 
 
 def test_a_function_is_evaluated_once_at_every_fine_step_and_near_the_start():
-    asked = []
+    times = []
 
     def velocity(t):
-        asked.append(t)
+        times.append(t)
         return g(t)
 
     a = pm.Subdomain([1.0, 1.0], np.eye(2), scheme=pm.GeneralizedAlpha(0.5))
     b = pm.Subdomain([1.0], [1.0], scheme=pm.CentralDifference(), substeps=4)
     ties = [pm.tie(a, [1], b, [0]), pm.Constraint({a: [[1.0, 0.0]]}, velocity=velocity)]
     coupler = pm.Coupler([a, b], ties, dt=0.1)
-    assert not asked  # creating a coupler calls nothing of the user's
+    assert not times  # creating a coupler calls no function of the user
     coupler.run(steps=3)
-    later = [t for t in asked if t > 0.1 / 4 / 8]
+    later = [t for t in times if t > 0.1 / 4 / 8]
     np.testing.assert_array_equal(later, [(k / 4) * 0.1 for k in range(1, 13)])
 
 
@@ -128,7 +128,7 @@ def test_run_and_step_are_bitwise_identical_and_reset_starts_again():
 def test_initial_velocities_must_fit_the_motion():
     with pytest.raises(pm.ConstraintError, match="v0 .* 0 by -2"):
         driven(pm.SampledForce([2.0, 2.0], 1.0), 0.1)
-    coupler = driven(lambda t: [2.0], 0.1)  # cannot be known before it is asked
+    coupler = driven(lambda t: [2.0], 0.1)  # unknown before it is evaluated
     with pytest.raises(pm.ConstraintError, match="v0 .* 0 by -2"):
         coupler.run(steps=1)
     assert coupler.step_count == 0

@@ -1,4 +1,4 @@
-"""The interface anywhere in the order of elimination: the same numbers, and when it is taken."""
+"""The interface anywhere in the elimination order: the same results, and the choice of order."""
 
 import numpy as np
 import pytest
@@ -55,7 +55,7 @@ def test_random_problems_do_take_paths(monkeypatch):
     monkeypatch.setattr(factors, "WIDE", 0)
     monkeypatch.setattr("pmalpha.setup.part.elimination", always_ordinary)
     parts = [part for seed in range(60) for part in random_problem(seed).coupler()._parts]
-    # two thirds of the matrices are sparse or diagonal by the draw, most parts have an interface
+    # two thirds of the matrices are drawn sparse or diagonal, most subdomains have an interface
     assert sum(part.elimination.paths is not None for part in parts) > 30
 
 
@@ -78,12 +78,12 @@ def test_the_compliance_along_paths_is_that_of_the_dense_inverse(seed, monkeypat
     L[:, 0] = 1.0  # no empty row
     exact = L @ np.linalg.inv(A.toarray())[np.ix_(last, last)] @ L.T
     ours = compliance_along_paths(inverse, R, sp.csr_array(L))
-    # the matrices have a condition below 1e4
+    # the matrices have a condition number below 1e4
     np.testing.assert_allclose(ours, exact, rtol=0, atol=1e-11 * np.max(np.abs(exact)))
 
 
 def box(faces):
-    """A cube of 9 x 9 x 9 nodes and the dofs on so many of its faces."""
+    """A cube of 9 x 9 x 9 nodes and the dofs on this number of its faces."""
     s = structures.solid(8, 8, 8, 0.125, E=100.0, nu=0.3, rho=1.0)
     x = s.points
     sides = [np.abs(x[:, k // 2] - k % 2) < 1e-9 for k in range(6)]
@@ -130,9 +130,9 @@ def test_a_solid_tied_on_all_sides_moves_as_with_the_interface_last(monkeypatch)
     for name in ("inner", "shell"):
         for x in "uva":
             mine, other = getattr(history[name], x), getattr(expected[name], x)
-            # rounding grows by the condition of Mbar and H, 1e4 here
+            # rounding is magnified by the condition number of Mbar and H, 1e4 here
             assert np.max(np.abs(mine - other)) <= 1e-10 * np.max(np.abs(other))
-    # and as with SuperLU, who knows nothing of panels or paths
+    # and as with SuperLU, which has neither panels nor paths
     superlu = enclosed(factorize="superlu").run(steps=6)
     assert np.max(np.abs(history[0].u - superlu[0].u)) <= 1e-10 * np.max(np.abs(superlu[0].u))
 
@@ -143,12 +143,12 @@ def test_macro_coupling_along_paths_moves_as_with_the_interface_last(monkeypatch
     ours = whole.run(steps=4)[0].u
     monkeypatch.setattr("pmalpha.setup.part.elimination", always_last)
     theirs = enclosed_finely().run(steps=4)[0].u
-    # rounding grows by the condition of Mbar and H, 1e4 here
+    # rounding is magnified by the condition number of Mbar and H, 1e4 here
     assert np.max(np.abs(ours - theirs)) <= 1e-10 * np.max(np.abs(theirs))
 
 
 def enclosed_finely():
-    """The cube steps finely, under two conditions on all its surface: responses along paths."""
+    """The cube has substeps and two constraints on all its surface: unit responses along paths."""
     s, dofs = box(6)
     inner = s.subdomain(scheme=pm.GeneralizedAlpha(0.5), substeps=2, force=np.ones(s.n))
     outer = pm.Subdomain(np.ones(2), np.ones(2), scheme=pm.GeneralizedAlpha(0.5))

@@ -1,4 +1,4 @@
-"""Pictures, by what is drawn on their axes."""
+"""Pictures: the lines, faces and labels on their axes."""
 
 import sys
 from types import SimpleNamespace
@@ -63,7 +63,7 @@ def test_chosen_dofs_jumps_and_multipliers_are_drawn_over_time():
         (multiplier, history.multiplier_times, history.multipliers),
     ):
         np.testing.assert_array_equal(lines(ax)["condition 0"].T, [t, x[:, 0]])
-    assert velocity.get_legend() is None  # one condition needs none
+    assert velocity.get_legend() is None  # one constraint needs none
 
 
 def test_panels_share_one_axis_of_time_and_have_labels():
@@ -125,7 +125,7 @@ def test_of_thousands_of_dofs_a_few_that_move_differently_are_drawn():
     drawn = [line.get_ydata() for line in ax.lines]
     assert 2 <= len(drawn) <= 4
     assert max(np.ptp(x) for x in drawn) == np.ptp(u, axis=0).max()
-    # curves on top of one another say nothing: 2 % of the largest range apart, at some node
+    # curves must not coincide: 2 % of the largest range apart at some time level
     apart = [np.ptp(x - y) for i, x in enumerate(drawn) for y in drawn[:i]]
     assert min(apart) > 0.02 * np.ptp(u, axis=0).max()
 
@@ -168,7 +168,7 @@ def test_a_long_history_is_drawn_by_its_extremes():
     assert np.all(np.diff(t) > 0.0)
     assert (t[0], t[-1]) == (0.0, 1.0)
     assert np.isin(drawn, x).all()
-    # whatever is narrower than a thousandth of the picture has the same highest and lowest point
+    # a thousandth of the picture has the same highest and lowest point
     for rows in np.array_split(np.arange(k), 1000)[1:-1]:
         begin, end = history[0].t[rows[[0, -1]]]
         near = drawn[(t > begin - 5e-4) & (t < end + 5e-4)]
@@ -413,7 +413,7 @@ def test_points_on_a_line_are_drawn_on_a_line():
 
 @pytest.fixture
 def polygons(monkeypatch):
-    """What is handed to Poly3DCollection, which has no way to ask for it afterwards."""
+    """The arguments of Poly3DCollection, which does not return them afterwards."""
     handed = []
     set_verts = Poly3DCollection.set_verts
 
@@ -431,7 +431,7 @@ def test_of_a_solid_the_outer_faces_are_drawn(polygons):
     ax = plot.deformed(points, cells, u, scale=10)
     (drawn,) = polygons
     assert len(drawn) == 2 * (4 * 3 + 3 * 2 + 2 * 4)
-    # each corner is a point that has moved, and each face lies in one side of the box
+    # each corner is a point that has moved, and each face is in one side of the box
     moved = {tuple(p): q for p, q in zip((points + 10.0 * u).tolist(), points)}
     for face in drawn.tolist():
         corners = np.array([moved[tuple(p)] for p in face])
@@ -556,7 +556,7 @@ def test_an_animation_shows_the_mesh_at_times_equally_far_apart():
         moved = points + 0.5 * time * np.arange(8.0).reshape(4, 2)
         np.testing.assert_allclose(square, moved, rtol=1e-14)
         assert title == f"$t$ = {time:.4g}"
-        assert limits == frames[0][2]  # the picture stands still
+        assert limits == frames[0][2]  # the picture does not move
     # the largest u at a point is 6 times 3, scaled by a half
     assert frames[0][2][1] > 2.0 + 0.5 * 3.0 * 2.0
 
@@ -568,7 +568,7 @@ def test_the_film_for_a_notebook_holds_all_frames():
 
 
 def test_subdomains_with_different_steps_move_together():
-    # two squares, of which the second has a node in the middle of the steps of the first
+    # two squares; the second has a time level in the middle of each step of the first
     t = (np.array([0.0, 2.0]), np.array([0.0, 1.0, 2.0]))
     u = (np.array([[0.0] * 8, [2.0] * 8]), np.array([[0.0] * 8, [5.0] * 8, [0.0] * 8]))
     subdomains = tuple(

@@ -1,4 +1,4 @@
-"""Long runs: what they say while they run, and how they end when they are asked to."""
+"""Long runs: reports of progress, and the end by an exception or a signal."""
 
 import os
 import signal
@@ -21,7 +21,7 @@ def oscillator(**options):
 
 
 def pair(force=None):
-    """A long run of 1e7 macro steps takes seconds; every=STEPS keeps two nodes of it."""
+    """A long run of 1e7 macro steps takes seconds; every=STEPS keeps two time levels of it."""
     a = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), force=force, name="a")
     b = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), substeps=2, name="b")
     return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.01)
@@ -31,28 +31,28 @@ def pair(force=None):
 
 
 def test_progress_is_reported_in_macro_steps_of_this_call_about_every_50_ms():
-    c, told = pair(), []
+    c, reports = pair(), []
     c.step(7)
     begin = time.perf_counter()
     c.run(
         steps=1_000_000,
         every=1_000_000,
-        progress=lambda *x: told.append((*x, time.perf_counter())),
+        progress=lambda *x: reports.append((*x, time.perf_counter())),
     )
     seconds = time.perf_counter() - begin
-    done, totals, times = np.array(told).T
+    done, totals, times = np.array(reports).T
     assert (totals == 1_000_000).all() and done[-1] == 1_000_000
     assert (np.diff(done) > 0).all() and done[0] > 0
     # at most once in 50 ms of a clock that counts whole milliseconds, and the end
-    assert len(told) <= seconds / 0.049 + 1
+    assert len(reports) <= seconds / 0.049 + 1
     assert (np.diff(times)[:-1] >= 0.049).all()
 
 
 def test_progress_of_a_short_run_is_reported_at_the_end_only():
-    told = []
-    pair().run(steps=3, progress=lambda *x: told.append(x))
-    pair().run(steps=0, progress=lambda *x: told.append(x))
-    assert told == [(3, 3), (0, 0)]
+    reports = []
+    pair().run(steps=3, progress=lambda *x: reports.append(x))
+    pair().run(steps=0, progress=lambda *x: reports.append(x))
+    assert reports == [(3, 3), (0, 0)]
 
 
 def test_progress_is_reported_while_a_slow_load_is_evaluated():
@@ -61,10 +61,10 @@ def test_progress_is_reported_while_a_slow_load_is_evaluated():
         time.sleep(0.01)
         return [np.sin(t)]
 
-    told = []
+    reports = []
     c = pair(force)
-    c.run(steps=60, progress=lambda *x: told.append(x[0]))
-    assert len(told) >= 4 and told == sorted(told) and told[-1] == 60
+    c.run(steps=60, progress=lambda *x: reports.append(x[0]))
+    assert len(reports) >= 4 and reports == sorted(reports) and reports[-1] == 60
 
 
 def test_a_run_with_progress_is_the_same_run():
@@ -172,7 +172,7 @@ PROGRAM = """
     ours, theirs = c.run(steps=3), other.run(steps=3)
     assert ours[0].u.tobytes() == theirs[0].u.tobytes()
     assert ours.multipliers.tobytes() == theirs.multipliers.tobytes()
-    print("goes on")
+    print("continued")
 """
 
 
@@ -190,8 +190,8 @@ def test_kill_int_ends_a_run_at_a_whole_macro_step_from_which_it_continues(n):
         begin = time.monotonic()
         program.send_signal(signal.SIGINT)
         end, steps = program.stdout.readline().split()
-        # 50 ms between two looks at the clock, on a machine that has other things to do
+        # 50 ms between two readings of the clock, on a machine with other work
         assert float(end) - begin < 0.5
         assert int(steps) > 1
-        assert program.stdout.read() == "goes on\n"
+        assert program.stdout.read() == "continued\n"
     assert program.returncode == 0

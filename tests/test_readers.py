@@ -1,4 +1,4 @@
-"""Matrices of other programs: small files made by hand, with the matrix known beforehand.
+"""Matrices of other programs: small files written by hand, whose matrix is known.
 
 The example is a bar of three nodes, 5, 9 and 2 in this order, in displacement along it: springs 2
 between 5 and 9, 1 between 9 and 2, and node 5 held by another 1.
@@ -121,7 +121,7 @@ def test_labels_are_not_given_where_the_file_has_them(written):
         read_abaqus(written(INPUT), labels=LABELS)
 
 
-# ---- what is wrong with a file of Abaqus ------------------------------------------------------
+# ---- damaged files of Abaqus ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Fixed dofs: the reduced matrices, and the way between free dofs and all dofs."""
+"""Fixed dofs: the reduced matrices, and the map between free dofs and all dofs."""
 
 import numpy as np
 import pytest
@@ -183,7 +183,7 @@ def test_a_reduced_run_is_that_of_the_whole_with_the_dof_held_by_a_constraint():
     assert np.abs(expected.u[:, 1:]).max() > 1.0
 
 
-# ---- what is refused --------------------------------------------------------------------------
+# ---- errors -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -241,7 +241,7 @@ def test_a_consistent_mass_on_moving_ground_needs_the_load_of_the_whole_matrix()
     relative = pm.Subdomain(reduction.M, reduction.K, scheme=scheme, force=load)
     u = pm.solve(relative, 0.01, 2.0).u[:, 0]
     # both are of order 2: omega dt = 0.017, and u is of size 1; without the coupling term the load
-    # is 2/6 in the place of 3/6
+    # is 2/6 instead of 3/6
     np.testing.assert_allclose(u, absolute[:, 1] - absolute[:, 0], rtol=0, atol=1e-4)
     short = pm.BaseAcceleration(ramp, 0.01, [1.0], reduction.M)
     wrong = pm.Subdomain(reduction.M, reduction.K, scheme=scheme, force=short)

@@ -1,8 +1,8 @@
-"""The reference itself, held against truth that owes it nothing: closed forms, expm, raw data.
+"""The reference compared with independent results: closed forms, expm, residuals of raw data.
 
-`order` below is the slope of log(error) over log(dt). An error c1 dt^q + c2 dt^(q+1) shows a slope
-that differs from q by about dt c2/c1, so each slope is taken at steps small enough that the
-tolerance beside it covers that second term, and large enough that rounding does not show.
+`order` below is the slope of log(error) over log(dt). An error c1 dt^q + c2 dt^(q+1) has a slope
+that differs from q by about dt c2/c1, so each slope is measured at steps small enough that the
+tolerance beside it covers the second term, and large enough that rounding has no effect.
 """
 
 from dataclasses import replace
@@ -13,7 +13,7 @@ import scipy.linalg
 from reference import Subdomain, alpha, exact, initial_accelerations, run
 
 ONE = np.ones((1, 1))
-FREE = [np.zeros((0, 1))]  # no conditions on a part of one dof
+FREE = [np.zeros((0, 1))]  # no constraints on a subdomain of one dof
 CENTRAL = {"beta": 0.0, "explicit": True}  # keywords of the central difference
 
 
@@ -23,7 +23,7 @@ def orders(errors):
     return np.log2(errors[:-1] / errors[1:])
 
 
-# ---- the truth ------------------------------------------------------------------------------
+# ---- the exact solution ---------------------------------------------------------------------
 
 
 def test_exact_is_the_damped_cosine_of_one_dof():
@@ -33,7 +33,7 @@ def test_exact_is_the_damped_cosine_of_one_dof():
     u, v, w = exact(m * ONE, c * ONE, k * ONE, [1.0], [-d], t)
     # u = exp(-d t) cos(om t) starts with u = 1, v = -d
     cos, sin = np.exp(-d * t) * np.cos(om * t), np.exp(-d * t) * np.sin(om * t)
-    # expm squares itself about 8 times: eps 2^8 of the largest value, 25; c = 0.61 misses by 1e-2
+    # expm squares about 8 times: eps 2^8 of the largest value, 25; c = 0.61 misses by 1e-2
     np.testing.assert_allclose(u[:, 0], cos, rtol=0, atol=1e-11)
     np.testing.assert_allclose(v[:, 0], -d * cos - om * sin, rtol=0, atol=1e-11)
     np.testing.assert_allclose(w[:, 0], (d**2 - om**2) * cos + 2 * d * om * sin, rtol=0, atol=1e-11)
@@ -83,7 +83,7 @@ def test_an_uncoupled_subdomain_has_order_two(rho, explicit):
     s = damped_chain(**alpha(rho, explicit))
     slopes = orders(uncoupled_errors(s, [400, 800]))
     assert slopes == pytest.approx(2.0, abs=0.05)  # dt omega = 0.03: the next term
-    # gamma off its condition 1/2 - am + af costs one order (the same tolerance)
+    # gamma other than 1/2 - am + af costs one order (the same tolerance)
     off = replace(s, gamma=s.gamma + 0.1)
     assert orders(uncoupled_errors(off, [800, 1600])) == pytest.approx(1.0, abs=0.05)
 
@@ -109,7 +109,7 @@ def forced_errors(late, counts):
 
 def test_a_load_belongs_to_the_end_of_the_step():
     assert orders(forced_errors(0.0, [200, 400])) == pytest.approx(2.0, abs=0.05)  # dt omega = 0.03
-    # taken af h earlier, as with equilibrium inside the step, it costs one order
+    # evaluated af h earlier, as with equilibrium within the step, it costs one order
     assert orders(forced_errors(1 / 3, [200, 400])) == pytest.approx(1.0, abs=0.1)
 
 
@@ -161,14 +161,14 @@ def test_the_explicit_scheme_is_stable_up_to_its_limit_and_not_beyond(rho):
     assert np.abs(explicit_oscillator(rho, 1.01 * limit, 2000)[-10:]).max() > 1e3
 
 
-# ---- split oscillator (METHOD section 6) ----------------------------------------------------
+# ---- split oscillator -----------------------------------------------------------------------
 
 OMEGA = 2 * np.pi
 MIRROR = [ONE, -ONE]
 
 
 def oscillator(ss=1, b1=10.0, rho=0.5, double=True):
-    """m = 1, period 1, cut in two: A implicit, B explicit; b1 = mA/mB = kB/kA."""
+    """m = 1, period 1, split in two: A implicit, B explicit; b1 = mA/mB = kB/kA."""
     m_b, k_a = 1 / (1 + b1), OMEGA**2 / (1 + b1)
     start = {"u0": [1.0], "v0": [0.3]}
     a = Subdomain((1 - m_b) * ONE, k_a * ONE, **alpha(rho), double=double, **start)
@@ -177,7 +177,7 @@ def oscillator(ss=1, b1=10.0, rho=0.5, double=True):
 
 
 def oscillator_truth(subdomains, t):
-    """Closed-form u, v, w and Lam of the cut oscillator, each (k,)."""
+    """Closed-form u, v, w and Lam of the split oscillator, each (k,)."""
     cos, sin = np.cos(OMEGA * t), np.sin(OMEGA * t)
     u, v = cos + 0.3 / OMEGA * sin, -OMEGA * sin + 0.3 * cos
     w = -(OMEGA**2) * u
@@ -188,7 +188,7 @@ def oscillator_truth(subdomains, t):
 def oscillator_errors(counts, ss=1, **options):
     """Largest errors of u, v, w, Lam in one period, one row for each number of steps.
 
-    At macro nodes; w and Lam in the second half, where the transient of the start is over.
+    At the ends of macro steps; w and Lam in the second half, after the transient of the start.
     """
     errors = []
     for count in counts:
@@ -214,8 +214,8 @@ def test_the_split_oscillator_has_order_two_with_equal_steps(double):
 @pytest.mark.parametrize("ss", [2, 20])
 @pytest.mark.parametrize("double", [False, True])
 def test_the_split_oscillator_has_order_one_with_subcycling(ss, double):
-    # "pm" shows it in v only below dt = 1/200: before, the dt^2 term of its double step is larger
-    # than the dt term. At 1/320 it is a tenth of it, which is 0.1 / 2 / ln 2 in the slope
+    # under "pm" the order of v shows below dt = 1/200 only: above, the dt^2 term of its double step
+    # is larger than the dt term. At 1/320 it is a tenth of it: 0.1 / 2 / ln 2 in the slope
     slopes = orders(oscillator_errors([320, 640], ss=ss, double=double))
     assert slopes == pytest.approx(1.0, abs=0.08)
 
@@ -227,7 +227,7 @@ def test_velocities_of_both_sides_agree_at_every_fine_step(ss, double):
     assert got.velocity_jump.shape == (200 * ss + 1, 1)
     # difference of two numbers of size 6, each a sum of a few terms of that size
     assert np.abs(got.velocity_jump).max() < 1e-14
-    # it is the interface problem that does it: without, the sides swing at different frequencies
+    # without the interface problem the two sides vibrate at different frequencies
     subdomains = oscillator(ss=ss, double=False)
     loose = [run([s], FREE, 1 / 40, 40).subdomains[0].v for s in subdomains]
     assert np.abs(loose[0] - loose[1][::ss]).max() > 1.0
@@ -236,7 +236,7 @@ def test_velocities_of_both_sides_agree_at_every_fine_step(ss, double):
 @pytest.mark.parametrize("ss", [1, 20])
 def test_displacements_drift_by_a_bounded_amount_that_falls_with_the_square_of_the_step(ss):
     drift = np.abs(run(oscillator(ss=ss), MIRROR, 1 / 40, 400).displacement_jump[:, 0])
-    # all roots lie in the unit disc and 1 is simple: what swings decays, the rest stays
+    # all roots are in the unit disc and 1 is simple: oscillations decay, the drift remains
     assert drift[200:].max() <= drift[:200].max()
     assert drift[0] == 0.0 < drift[200:].max()
     # each step adds O(dt^3) to the gap, 1/dt of them; dt omega = 0.08 is the next term
@@ -258,7 +258,7 @@ def late_growth(rho, b1, ss, fraction):
 @pytest.mark.parametrize("b1", [0.01, 1.0, 100.0])
 @pytest.mark.parametrize("ss", [1, 5])
 def test_the_split_oscillator_is_stable_up_to_the_limit_of_its_explicit_subdomain(rho, b1, ss):
-    # every root lies in the unit disc: velocities only decay
+    # every root is in the unit disc: velocities decay
     assert late_growth(rho, b1, ss, fraction=0.98) <= 1.0
 
 
@@ -286,7 +286,7 @@ def test_the_first_multiplier_is_the_force_across_the_interface():
 
 
 def accelerations_after_the_start(ss, start, dt):
-    """Error of w of B at the fine nodes of the second macro step."""
+    """Error of w of B at the fine instants of the second macro step."""
     subdomains = oscillator(ss=ss)
     b = run(subdomains, MIRROR, dt, 2, start).subdomains[1]
     return (b.w[:, 0] - oscillator_truth(subdomains, b.t)[2])[ss + 1 :]
@@ -315,7 +315,7 @@ def test_after_the_plain_start_the_acceleration_error_stays(ss):
 
 def test_with_equal_steps_the_two_starts_are_the_same():
     got = [run(oscillator(), MIRROR, 0.02, 30, start) for start in ("rebased", "plain")]
-    # vf is interpolated only between own nodes, and there are none in between
+    # vf is interpolated between time levels only, and all fine instants are time levels
     np.testing.assert_array_equal(got[0].subdomains[1].u, got[1].subdomains[1].u)
     different = [run(oscillator(ss=2), MIRROR, 0.02, 30, start) for start in ("rebased", "plain")]
     assert np.abs(different[0].subdomains[1].u - different[1].subdomains[1].u).max() > 1e-4
@@ -343,32 +343,32 @@ def test_every_subdomain_is_in_equilibrium_at_its_time_levels():
         Lam = got.multipliers[:: 4 // s.substeps]
         h = np.full(len(x.t), dt / s.substeps)
         h[s.substeps + 1 :] *= 1 + s.double
-        # (7) holds with u1, (10) with ut = u1 - al1 w1; (S1) with u_0
+        # (7) with u1, (10) with ut = u1 - al1 w1; (S1) with u_0
         al1 = h**2 * s.beta * (1 - s.af) / (1 - s.am) * s.explicit
         al1[0] = 0.0
         u = x.u - al1[:, None] * x.w
         load = np.array([s.force(t) for t in x.t])
         residual = x.w @ s.M + x.v @ s.C + u @ s.K - load - Lam @ Li
         assert np.abs(residual).max() < 1e-12  # sums of forces of size 100; M, C, K symmetric
-        # a load that is not the one of the run does not balance
+        # another load is not in equilibrium
         assert np.abs(residual + 1e-3 * load).max() > 1e-4
 
 
 def test_equal_instants_are_bitwise_identical():
-    asked = {0: [], 1: [], 2: []}
+    times = {0: [], 1: [], 2: []}
     subdomains, L, *_ = cross(ss=(1, 3, 6), double=(True, True, False), explicit=(False,) * 3)
     for i, s in enumerate(subdomains):
-        s.force = lambda t, i=i: asked[i].append(t) or np.zeros(2)
+        s.force = lambda t, i=i: times[i].append(t) or np.zeros(2)
     dt = 0.1  # 3 * 0.1 and 0.1 + 0.1 + 0.1 differ from 0.3 in the last bit
     got = run(subdomains, L, dt, 10)
     np.testing.assert_array_equal(got.multiplier_times, [(k / 6) * dt for k in range(61)])
     for i, stride in enumerate((6, 2, 1)):
         np.testing.assert_array_equal(got.subdomains[i].t, got.multiplier_times[::stride])
-        # once for the initial accelerations, then once a step, in the order of time
-        np.testing.assert_array_equal(asked[i], got.subdomains[i].t)
+        # once for the initial accelerations, then once per step, in the order of time
+        np.testing.assert_array_equal(times[i], got.subdomains[i].t)
 
 
-# ---- four dofs (METHOD section 6, the paper's figure 7) -------------------------------------
+# ---- four-dof system (docs/method.md section 12, the paper's figure 7) ----------------------
 
 HERTZ = np.array([0.47, 2.90, 4.18, 9.47])
 
@@ -383,14 +383,14 @@ def published_springs():
     k = np.array([724.281, 1564.897, 18.343, 340.108])
     for _ in range(4):
         lam, modes = scipy.linalg.eigh(chain(k))
-        # d lam_j / d k_s = (stretch of spring s in mode j)^2
+        # d lam_j / d k_s = (elongation of spring s in mode j)^2
         slope = np.diff(modes, axis=0, prepend=0.0).T ** 2
         k = k + np.linalg.solve(slope, (2 * np.pi * HERTZ) ** 2 - lam)
     return k
 
 
 def four_dof(scheme_a, scheme_b):
-    """A = {u2, u3, u4} implicit, double; B = {u1, u2} explicit, ss = 20; m2 split in half."""
+    """A = {u2, u3, u4} implicit, double steps; B = {u1, u2} explicit, ss = 20; m2 split in half."""
     k = published_springs()
     a = Subdomain(np.diag([0.5, 1.0, 1.0]), chain(np.append(0.0, k[2:])), **scheme_a, double=True,
              u0=[0.0, 0.0, 1.0])  # fmt: skip
@@ -399,7 +399,7 @@ def four_dof(scheme_a, scheme_b):
 
 
 def modal_amplitudes(got):
-    """sqrt(q^2 + (q'/omega)^2) of the uncut chain at the macro nodes, shape (nodes, 4)."""
+    """sqrt(q^2 + (q'/omega)^2) of the uncut chain at the ends of macro steps, (steps + 1, 4)."""
     _, modes = scipy.linalg.eigh(chain(published_springs()))
     a, b = got.subdomains
     uncut = []
@@ -412,7 +412,7 @@ def test_the_four_dof_chain_has_the_published_frequencies():
     lam = scipy.linalg.eigvalsh(chain(published_springs()))
     # eigenvalues up to 3540 with rounding 1e-12, on the smallest, 8.7
     assert np.sqrt(lam) / (2 * np.pi) == pytest.approx(HERTZ, rel=1e-12)
-    # and the cut chain is the same one: parts summed with u2 shared
+    # the two subdomains assembled, with u2 shared, are the same chain
     (a, b), _ = four_dof({}, CENTRAL)
     K = scipy.linalg.block_diag(b.K, 0.0, 0.0) + scipy.linalg.block_diag(0.0, a.K)
     np.testing.assert_allclose(K, chain(published_springs()), rtol=1e-15)
@@ -422,13 +422,13 @@ def test_pm_keeps_the_high_modes_of_the_four_dof_chain_and_pm_alpha_annihilates_
     dt = 1 / 40 / HERTZ[0]
     pm = modal_amplitudes(run(*four_dof({}, CENTRAL), dt, 100))
     pm_alpha = modal_amplitudes(run(*four_dof(alpha(0.5), alpha(0.5, explicit=True)), dt, 100))
-    # the bounds are the acceptance numbers of METHOD section 6, the printed digits their margin
+    # the numbers of docs/method.md section 12 and docs/reproduction.md, to the printed digits
     assert pm[0, 2] == pm_alpha[0, 2] == pytest.approx(0.697, abs=5e-4)
     assert pm[100, 2] > 0.6
     assert pm_alpha[100, 2] < 0.01
     assert pm[100, 0] == pytest.approx(pm[0, 0], rel=0.05)
     assert pm_alpha[100, 0] == pytest.approx(pm_alpha[0, 0], rel=0.05)
-    # PM pumps the 2.90 Hz mode
+    # PM transfers energy to the 2.90 Hz mode
     assert pm[0, 1] == pytest.approx(0.04, abs=5e-3)
     assert pm[100, 1] == pytest.approx(0.3, abs=0.05)
 
@@ -444,15 +444,15 @@ def test_the_four_dof_chain_drifts_apart_as_much_as_stated(schemes, drift):
         np.abs(run(*four_dof(*schemes), dt, 100, start).displacement_jump).max()
         for start in ("plain", "rebased")
     )
-    assert plain == pytest.approx(drift, abs=5e-4)  # printed digits of METHOD section 6
-    assert rebased < plain  # the plain start adds its own gap
+    assert plain == pytest.approx(drift, abs=5e-4)  # printed digits of docs/reproduction.md
+    assert rebased < plain  # the plain start adds to the drift
 
 
 # ---- three subdomains at a cross point ------------------------------------------------------
 
 
 def cross(ss, double, explicit):
-    """Three parts [hub, outer] that share the hub, and the uncut system M, C, K, u0, v0."""
+    """Three subdomains [hub, outer] that share the hub, and the uncut system M, C, K, u0, v0."""
     M, C, K = np.zeros((3, 4, 4))
     u0, v0 = np.array([0.2, 1.0, -0.5, 0.3]), np.array([0.1, -0.2, 0.4, 0.0])
     subdomains = []
@@ -482,7 +482,7 @@ def cross(ss, double, explicit):
 
 
 def cross_errors(counts, **options):
-    """Errors of u, v, w of all parts at t = 1, one row for each number of steps."""
+    """Errors of u, v, w of all subdomains at t = 1, one row for each number of steps."""
     subdomains, L, *uncut = cross(**options)
     truth = np.array(exact(*uncut, 1.0))
     errors = []
@@ -508,7 +508,7 @@ def test_three_subdomains_at_a_cross_point_have_order_two_with_equal_steps(doubl
         ((1, 2, 4), (False, False, False)),
         ((1, 2, 4), (True, True, False)),
         ((2, 1, 4), (True, False, False)),
-        ((1, 4, 4), (True, True, False)),  # double at the finest step, beside a single one
+        ((1, 4, 4), (True, True, False)),  # double steps at the finest step, beside single ones
     ],
 )
 def test_three_subdomains_at_a_cross_point_have_order_one_with_subcycling(ss, double):
@@ -516,7 +516,7 @@ def test_three_subdomains_at_a_cross_point_have_order_one_with_subcycling(ss, do
     errors = cross_errors([100, 400, 800], **options)
     # order 1 at least: a factor 8, less a tenth for terms of opposite sign
     assert (errors[2] < errors[0] / 8 * 1.1).all()
-    # and w, where the error of Lam shows at once, is of no higher order
+    # and w, which contains the error of Lam, is of no higher order
     assert orders(errors[1:])[0, 2] == pytest.approx(1.0, abs=0.1)  # dt^2 term: a tenth
 
 
@@ -549,11 +549,11 @@ def test_an_interior_massless_dof_is_static_condensation():
     condensed = Subdomain(2.0 * ONE, 30 * 70 / 100 * ONE, u0=[1.0], **alpha(0.5))
     x = run([whole], [np.zeros((0, 2))], 0.1, 200).subdomains[0]
     y = run([condensed], FREE, 0.1, 200).subdomains[0]
-    # (7) in its row is 100 u1 = 70 u2 at every node, exactly; rounding of w = 10 over 200 steps
+    # its row of (7) is 100 u1 = 70 u2 at every time level; rounding of w = 10 over 200 steps
     np.testing.assert_allclose(x.u[:, 0], 0.7 * y.u[:, 0], rtol=0, atol=1e-13)
     np.testing.assert_allclose(x.w[:, 1], y.w[:, 0], rtol=0, atol=1e-12)
-    # nothing determines its w at t = 0, so it is zero, not the -7.35 of 0.7 u2; v forgets that
-    # like n^2 rho^n, which is rounding after 60 steps
+    # nothing determines its w at t = 0, so it is zero, not the -7.35 of 0.7 u2; the effect
+    # on v decays like n^2 rho^n, which is rounding after 60 steps
     assert x.w[0, 0] == 0.0
     assert abs(x.v[1, 0] - 0.7 * y.v[1, 0]) > 1e-2
     np.testing.assert_allclose(x.v[60:, 0], 0.7 * y.v[60:, 0], rtol=0, atol=1e-12)
@@ -563,7 +563,7 @@ def test_an_interior_massless_dof_is_static_condensation():
 
 
 def series_errors(m1, explicit, counts):
-    """Errors of u, v of the mass at t = 2: ground - 30 - cut - 70 - mass, m1 in B at the cut."""
+    """Errors of u, v of the mass at t = 2: ground - 30 - interface - 70 - mass, B has m1."""
     a = Subdomain(0.0 * ONE, 30.0 * ONE, **alpha(0.5), double=True, u0=[0.7])
     stiff = 70.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
     b = Subdomain(np.diag([m1, 2.0]), stiff, u0=[0.7, 1.0], **alpha(0.5, explicit))
@@ -606,13 +606,13 @@ def test_gc_with_one_scheme_and_one_step_is_the_uncut_scheme(explicit):
     got = run(subdomains, L, 0.01, 200)
     uncut = Subdomain(M, K, C, u0=u0, v0=v0, **alpha(0.5, explicit))
     whole = run([uncut], [np.zeros((0, 4))], 0.01, 200).subdomains[0]
-    # equal steps of equal schemes tie w and so a and u along with v; the sum of (1) over the
-    # parts is then the uncut equation. Rounding of w = 60 over 200 steps
+    # with equal steps and schemes, equal v imply equal w, a and u; the sum of (1) over the
+    # subdomains is then the uncut equation. Rounding of w = 60 over 200 steps
     for i, x in enumerate(got.subdomains):
         np.testing.assert_allclose(x.u, whole.u[:, [0, i + 1]], rtol=0, atol=1e-12)
         np.testing.assert_allclose(x.w, whole.w[:, [0, i + 1]], rtol=0, atol=1e-11)
     assert np.abs(got.displacement_jump).max() < 1e-12
-    # the double step does not: a gap of O(dt^2) opens
+    # not with the double step: a displacement drift of O(dt^2)
     pm = run([replace(subdomains[0], double=True), *subdomains[1:]], L, 0.01, 200)
     assert np.abs(pm.displacement_jump).max() > 1e-5
 
@@ -626,10 +626,10 @@ def test_the_free_problem_of_a_double_step_does_not_need_the_last_multiplier(ss)
         subdomains[1].force = lambda t: np.array([kick if t == n * dt else 0.0])
         return run(subdomains, MIRROR, dt, 10).subdomains[0].vf[:, 0]
 
-    # a kick of B at t_n changes Lam_n; "pm" has the free problem to t_{n+1} from t_{n-1}
+    # a kick of B at t_n changes Lam_n; under "pm" the free problem to t_{n+1} starts from t_{n-1}
     pm = free_velocities(True, 0.0) != free_velocities(True, 1.0)
     np.testing.assert_array_equal(pm, np.arange(11) >= n + 2)
-    # "gc" starts it from t_n
+    # under "gc" it starts from t_n
     gc = free_velocities(False, 0.0) != free_velocities(False, 1.0)
     np.testing.assert_array_equal(gc, np.arange(11) >= n + 1)
 
@@ -641,7 +641,7 @@ def test_gc_and_pm_take_the_same_first_macro_step():
         assert np.abs(x.w[ss + 1 :] - y.w[ss + 1 :]).max() > 1e-3
 
 
-# ---- what is refused ------------------------------------------------------------------------
+# ---- errors ---------------------------------------------------------------------------------
 
 
 def test_a_schedule_that_the_method_does_not_define_is_refused():

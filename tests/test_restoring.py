@@ -1,4 +1,4 @@
-"""Restoring forces (R2) and lagged damping (R4): when they are asked, their order, their limits."""
+"""Restoring forces (R2) and lagged damping (R4): evaluation, order, critical step."""
 
 import traceback
 from contextlib import nullcontext
@@ -21,11 +21,11 @@ def names(scheme):
     return repr(scheme)
 
 
-# ---- when it is asked -----------------------------------------------------------------------
+# ---- evaluation -----------------------------------------------------------------------------
 
 
-class Diary:
-    """A soft spring that writes down when it was asked; fails once when told to."""
+class LoggedSpring:
+    """A soft spring that logs the times of its evaluations and may fail at one of them."""
 
     def __init__(self, fail_at=None):
         self.times, self.seen, self.fail_at = [], [], fail_at
@@ -38,8 +38,8 @@ class Diary:
         return 0.1 * u**3 + 0.02 * v * np.abs(v)
 
 
-def three_parts(diaries, substeps, doubles, coupling, threads=1):
-    """A chain of three springs, each part with a diary."""
+def three_subdomains(springs, substeps, doubles, coupling, threads=1):
+    """A chain of three subdomains, each with a logged spring."""
     schemes = [pm.GeneralizedAlpha(0.6), pm.GeneralizedAlpha(0.6, explicit=True), pm.Newmark()]
     subdomains = [
         pm.Subdomain(
@@ -48,11 +48,11 @@ def three_parts(diaries, substeps, doubles, coupling, threads=1):
             scheme=scheme,
             substeps=ss,
             double_step=double,
-            restoring=diary,
+            restoring=spring,
             u0=[0.3, 0.4],
             name=name,
         )
-        for scheme, ss, double, diary, name in zip(schemes, substeps, doubles, diaries, "ABC")
+        for scheme, ss, double, spring, name in zip(schemes, substeps, doubles, springs, "ABC")
     ]
     a, b, c = subdomains
     ties = [pm.tie(a, [1], b, [1]), pm.tie(b, [0], c, [0])]
@@ -72,26 +72,30 @@ CASES = [
 def test_it_is_evaluated_once_at_the_start_and_once_per_substep_in_order(
     substeps, doubles, coupling
 ):
-    diaries = [Diary() for _ in range(3)]
-    coupler = three_parts(diaries, substeps, doubles, coupling)
-    assert not any(d.times for d in diaries)  # not before it must be
+    springs = [LoggedSpring() for _ in range(3)]
+    coupler = three_subdomains(springs, substeps, doubles, coupling)
+    assert not any(d.times for d in springs)  # not evaluated before the first step
     coupler.run(steps=5)
     coupler.step(2)
-    for diary, ss in zip(diaries, substeps):
+    for spring, ss in zip(springs, substeps):
         fine = max(substeps)
         k = np.arange(7 * ss + 1) * (fine // ss)
-        np.testing.assert_array_equal(diary.times, (k / fine) * 0.1)  # (T1)
+        np.testing.assert_array_equal(spring.times, (k / fine) * 0.1)  # (T1)
 
 
-@pytest.mark.parametrize("who", range(3))
+@pytest.mark.parametrize("failing", range(3))
 @pytest.mark.parametrize("substeps, doubles, coupling", CASES)
 def test_after_an_exception_in_a_macro_step_the_run_continues_as_without_it(
-    substeps, doubles, coupling, who
+    substeps, doubles, coupling, failing
 ):
-    whole = three_parts([Diary() for _ in range(3)], substeps, doubles, coupling).run(steps=6)
-    diaries = [Diary() for _ in range(3)]
-    diaries[who].fail_at = 1 + 2 * substeps[who] + (substeps[who] + 1) // 2  # in the third
-    coupler = three_parts(diaries, substeps, doubles, coupling, threads=1 + who)
+    whole = three_subdomains([LoggedSpring() for _ in range(3)], substeps, doubles, coupling).run(
+        steps=6
+    )
+    springs = [LoggedSpring() for _ in range(3)]
+    springs[failing].fail_at = (
+        1 + 2 * substeps[failing] + (substeps[failing] + 1) // 2
+    )  # in the third
+    coupler = three_subdomains(springs, substeps, doubles, coupling, threads=1 + failing)
     with pytest.raises(ArithmeticError, match="at its end") as caught:
         coupler.run(steps=6)
     assert "__call__" in [f.name for f in traceback.extract_tb(caught.value.__traceback__)]
@@ -102,26 +106,30 @@ def test_after_an_exception_in_a_macro_step_the_run_continues_as_without_it(
         for x in "uva":
             joined = np.vstack([getattr(first[name], x), getattr(rest[name], x)[1:]])
             np.testing.assert_array_equal(joined, getattr(whole[name], x))
-    # the calls of the macro step that was ended are repeated, and no others
-    ss, fine, times = substeps[who], max(substeps), diaries[who].times
+    # the calls of the interrupted macro step are repeated, and no others
+    ss, fine, times = substeps[failing], max(substeps), springs[failing].times
     all_times = list(np.arange(6 * ss + 1) * (fine // ss) / fine * 0.1)
-    assert times == all_times[: diaries[who].fail_at] + all_times[1 + 2 * ss :]
+    assert times == all_times[: springs[failing].fail_at] + all_times[1 + 2 * ss :]
 
 
 def test_an_exception_at_the_start_reaches_the_caller_and_the_run_can_begin_again():
-    diary = Diary(fail_at=1)
-    subdomain = pm.Subdomain([1.0], [1.0], scheme=CD, restoring=diary, v0=[1.0])
+    spring = LoggedSpring(fail_at=1)
+    subdomain = pm.Subdomain([1.0], [1.0], scheme=CD, restoring=spring, v0=[1.0])
     coupler = pm.Coupler([subdomain], dt=0.1)
     with pytest.raises(ArithmeticError):
         coupler.run(steps=3)
     assert coupler.step_count == 0
     assert coupler.run(steps=3)[0].u.shape == (4, 1)
-    assert diary.times[:2] == [0.0, 0.0]
+    assert spring.times[:2] == [0.0, 0.0]
 
 
 def test_run_and_step_are_bitwise_identical():
-    by_run = three_parts([Diary() for _ in range(3)], (2, 6, 3), (True, False, True), "pm")
-    by_step = three_parts([Diary() for _ in range(3)], (2, 6, 3), (True, False, True), "pm")
+    by_run = three_subdomains(
+        [LoggedSpring() for _ in range(3)], (2, 6, 3), (True, False, True), "pm"
+    )
+    by_step = three_subdomains(
+        [LoggedSpring() for _ in range(3)], (2, 6, 3), (True, False, True), "pm"
+    )
     by_run.run(steps=7)
     for _ in range(7):
         by_step.step()
@@ -146,18 +154,20 @@ def test_it_receives_copies():
         subdomain = pm.Subdomain([1.0], [1.0], scheme=CD, restoring=restoring, v0=[1.0], u0=[0.2])
         made[restoring] = pm.solve(subdomain, dt=0.1, t_end=1.0).u
     np.testing.assert_array_equal(made[spoiling], made[spoiler])
-    for u, v, own_u, own_v in kept[:11]:  # what the first one kept is still what it was
-        assert u == own_u and v == own_v
+    for u, v, copied_u, copied_v in kept[:11]:  # the arrays kept from the first call are unchanged
+        assert u == copied_u and v == copied_v
 
 
 def test_reset_evaluates_anew_and_keeps_the_force():
-    diary = Diary()
-    coupler = three_parts([diary, Diary(), Diary()], (1, 2, 1), (None,) * 3, "pm")
+    spring = LoggedSpring()
+    coupler = three_subdomains(
+        [spring, LoggedSpring(), LoggedSpring()], (1, 2, 1), (None,) * 3, "pm"
+    )
     first = coupler.run(steps=3)["A"].u
     coupler.reset()
-    asked = len(diary.times)
+    calls = len(spring.times)
     np.testing.assert_array_equal(coupler.run(steps=3)["A"].u, first)
-    assert diary.times[asked:] == diary.times[:asked]
+    assert spring.times[calls:] == spring.times[:calls]
 
 
 # ---- order ----------------------------------------------------------------------------------
@@ -185,7 +195,7 @@ def whole(restoring, scheme, dt):
 
 
 def cut(restoring, scheme, dt, coupling):
-    """A third of the mass and force in one part, the rest in an explicit one."""
+    """A third of the mass and force in one subdomain, the rest in an explicit one."""
     subdomains = [
         pm.Subdomain(
             [share],
@@ -214,7 +224,7 @@ def orders(make, restoring):
     return np.log2(np.array(errors)[:-1] / np.array(errors)[1:])[-1]
 
 
-# 0.1: what the next power of the step leaves of the order at these steps
+# 0.1: effect of the next power of the step on the order at these steps
 @pytest.mark.parametrize("restoring", [duffing, van_der_pol])
 @pytest.mark.parametrize("scheme", SCHEMES, ids=names)
 def test_uncoupled_it_is_of_order_two(scheme, restoring):
@@ -311,7 +321,7 @@ def test_lagged_damping_is_of_order_two(scheme):
             np.abs(coupler.state(0).v - exact[1]).max(),
         )
 
-    # 0.15: what the next power of the step leaves of the order
+    # 0.15: effect of the next power of the step on the order
     assert np.log2(error(0.01) / error(0.005)) == pytest.approx(2.0, abs=0.15)
 
 
@@ -522,13 +532,13 @@ def test_lagged_damping_on_dofs_without_mass_is_refused():
 
 
 @pytest.mark.parametrize(
-    "ask",
+    "call",
     [
         lambda c: c.static(),
         analysis.amplification_matrix,
         analysis.exact_solution,
     ],
 )
-def test_what_needs_a_linear_coupler_refuses_restoring_forces(ask):
+def test_what_needs_a_linear_coupler_refuses_restoring_forces(call):
     with pytest.raises(ValueError, match="needs linear subdomains, got a restoring force on 'rig'"):
-        ask(failing_coupler(duffing))
+        call(failing_coupler(duffing))

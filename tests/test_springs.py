@@ -1,4 +1,4 @@
-"""Springs of the core: their laws, loops, histories, in couplers, and what is refused."""
+"""Springs of the core: laws, loops, histories, coupled runs, and errors."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ EXPLICIT = pm.GeneralizedAlpha(0.6, explicit=True)
 
 
 def driven(spring, path, dt=1e-3):
-    """Deformation and force of a spring whose dof is led along a path by prescribed motion."""
+    """Deformation and force of a spring whose dof follows a path by prescribed motion."""
     velocity = pm.SampledForce(np.append(np.diff(path), 0.0)[:, None] / dt, dt)
     subdomain = pm.Subdomain(
         [1.0], None, scheme=CD, restoring=spring, v0=[velocity(0.0)[0]], name="s"
@@ -78,7 +78,7 @@ def test_a_jump_of_many_yield_deformations_ends_at_the_limit_of_bouc_wen():
 
 
 def bilinear_truth(d, k, fy, hardening):
-    """The elastic part written as a clipped sum of increments: no plastic deformation in it."""
+    """The elastic deformation as a clipped sum of increments, without the plastic deformation."""
     e, forces = 0.0, []
     for a, b in zip(np.append(0.0, d[:-1]), d):
         e = np.clip(e + (b - a), -fy / k, fy / k)
@@ -160,7 +160,7 @@ def test_a_mass_on_a_bouc_wen_spring_converges_with_order_two(scheme):
 
 
 def test_a_mass_that_hits_a_stop_leaves_it_with_the_closed_form():
-    # half a period in contact: it comes back with its velocity, at t = 0.1 + pi / 20 + ...
+    # half a period in contact: it leaves with its velocity, at t = 0.1 + pi / 20 + ...
     stop = pm.Gap([0], k=400.0, gap=0.1)
     ball = pm.Subdomain([1.0], None, scheme=CD, restoring=stop, v0=[1.0])
     history = pm.solve(ball, dt=1e-4, t_end=0.4)
@@ -271,7 +271,7 @@ ALL = {"A": None, "B": None, "C": None}
 
 @pytest.mark.parametrize("coupling", ["pm", "gc"])
 def test_each_chain_of_a_double_step_subdomain_has_its_own_history(coupling):
-    """The same springs written in Python, with a history per chain: equal but for rounding."""
+    """The same springs written in Python, with a history per chain: equal to rounding."""
     coupler = coupled(coupling=coupling)
     ours = coupler.run(steps=40, record_springs=ALL)
     for name, ss, double in zip("ABC", (1, 4, 2), (True, False, True)):
@@ -294,7 +294,7 @@ def test_springs_work_under_macro_coupling():
         macro = coupled((1, 4, 2), (None,) * 3, coupling="macro")
     for c in (fine, macro):
         c.run(steps=20, record_springs=ALL)
-    # two methods of their own errors, both some percent at this step
+    # the errors of both methods are some percent at this step
     scale = np.abs(all_springs(fine)).max()
     assert np.abs(all_springs(macro) - all_springs(fine)).max() < 0.1 * scale
 
@@ -310,14 +310,16 @@ def test_run_step_and_threads_are_bitwise_identical(threads):
 
 
 def test_an_aborted_macro_step_leaves_no_trace_in_a_history():
-    def asked(u, v, t):  # in the middle of a macro step, when springs have moved
+    def counted(u, v, t):  # in the middle of a macro step, when springs have moved
         if 1.01 < t < 1.04 and fails.pop(0):
             raise ArithmeticError
         return 0.0 * u
 
     def with_a_fourth():
         subdomains = [s for _, s in coupled()._keys]
-        fourth = pm.Subdomain([1.0], [1.0], scheme=EXPLICIT, substeps=4, restoring=asked, v0=[1.5])
+        fourth = pm.Subdomain(
+            [1.0], [1.0], scheme=EXPLICIT, substeps=4, restoring=counted, v0=[1.5]
+        )
         ties = [
             pm.tie(subdomains[0], [1], subdomains[1], [1]),
             pm.tie(subdomains[1], [0], subdomains[2], [0]),
@@ -434,7 +436,7 @@ def test_a_stiff_bilinear_spring_in_an_implicit_subdomain_is_stable_at_any_step(
 
 
 def test_many_springs_are_as_good_as_a_few():
-    """More than a chunk of the core, of all laws, against one at a time."""
+    """More springs of all laws than a chunk of the core, compared with one at a time."""
     rng = np.random.default_rng(5)
     m, n = 700, 40
     dofs = np.array([rng.choice(n, 2, replace=False) for _ in range(m)])
@@ -469,7 +471,7 @@ def test_the_energy_of_springs_is_strain_and_what_they_lose_is_dissipated():
 
     history = run(0.002)
     d, f = history["s"].deformation[:, 0], history["s"].force[:, 0]
-    e = (f - 10.0 * d) / 40.0  # elastic part of the deformation
+    e = (f - 10.0 * d) / 40.0  # elastic deformation
     stored = 0.5 * (10.0 * d**2 + 40.0 * e**2)
     np.testing.assert_allclose(history.energy.strain[:, 0], stored, atol=1e-12)
     work = np.append(0.0, np.cumsum(np.diff(d) * (f[1:] + f[:-1]) / 2.0))

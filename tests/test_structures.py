@@ -1,4 +1,4 @@
-"""The structures of pm.models: against closed forms, patch tests, and scikit-fem as assembler."""
+"""The structures of pm.models: compared with closed forms, patch tests, and scikit-fem."""
 
 import numpy as np
 import pytest
@@ -70,7 +70,7 @@ def test_a_chain_between_two_walls_has_the_frequencies_of_the_textbook():
     # omega_i = 2 sqrt(k/m) sin(i pi / (2 (n + 1)))
     expected = 10.0 * np.sin(np.arange(1, n + 1) * np.pi / (2 * (n + 1)))
     omegas, _ = models.modes(chain.M, chain.K, n)
-    np.testing.assert_allclose(omegas, expected, rtol=1e-13)  # rounding, condition 40
+    np.testing.assert_allclose(omegas, expected, rtol=1e-13)  # rounding, condition number 40
 
 
 def test_a_chain_of_one_mass_hangs_on_its_two_springs():
@@ -272,7 +272,7 @@ def test_a_frame_that_is_turned_keeps_its_frequencies(mass):
             points, members, EA=50.0, EI=3.0, rhoA=2.0, divisions=2, mass=mass
         )
         omegas.append(models.modes(frame.M, frame.K, 9, fixed=frame.dofs([0, 2]))[0])
-    np.testing.assert_allclose(*omegas, rtol=1e-11)  # rounding, condition 1e4
+    np.testing.assert_allclose(*omegas, rtol=1e-11)  # rounding, condition number 1e4
 
 
 def test_the_lumped_masses_of_a_beam_have_the_ratios_of_the_consistent_diagonal():
@@ -297,7 +297,7 @@ def test_members_that_are_not_cut_stay_as_they_are():
     assert (nodes.tolist(), lines.tolist(), member.tolist()) == (points, members, [0, 1])
 
 
-# ---- what all structures have in common -----------------------------------------------------
+# ---- common to all structures ---------------------------------------------------------------
 
 
 def rigid_motions(structure):
@@ -618,7 +618,7 @@ def by_skfem(structure, lam, mu, rho, elements=None):
 
 
 def case(kind):
-    """A distorted structure with materials of its own in each element: function, options, lam, mu
+    """A distorted structure with another material in each element: function, options, lam, mu
     and density for scikit-fem."""
     structure = {"plate": distorted_plate, "solid": distorted_solid}[kind]()
     (elements,) = structure.elements.values()
@@ -665,7 +665,7 @@ def test_matrices_over_some_of_the_elements_sum_to_the_whole(kind):
             total[np.ix_(dofs, dofs)] += A.toarray()
         for total, A in zip(totals[2:], by_skfem(mesh, *coefficients, chosen), strict=True):
             total += A.toarray()
-            # a part has nothing outside its nodes
+            # no entries outside the nodes of the chosen elements
             assert np.count_nonzero(np.delete(A.toarray(), dofs, axis=0)) == 0
     for total, A in zip(totals, (whole.M, whole.K) * 2, strict=True):
         assert_same(total, A.toarray())

@@ -1,4 +1,4 @@
-"""Threads change nothing but the time a run takes, and leave nothing behind."""
+"""Threads change only the duration of a run, and end with their coupler."""
 
 import gc
 import os
@@ -27,7 +27,7 @@ def chain(n):
     )
 
 
-def row_of_parts(count=4, n=20, *, dt=0.1, force=None, **options):
+def row_of_subdomains(count=4, n=20, *, dt=0.1, force=None, **options):
     """Chains in a row, implicit and explicit in turn, the explicit ones with ten substeps."""
     subdomains = [
         pm.Subdomain(
@@ -44,7 +44,7 @@ def row_of_parts(count=4, n=20, *, dt=0.1, force=None, **options):
     return pm.Coupler(subdomains, ties, dt=dt, **options)
 
 
-def assert_same_bits(a, b):
+def assert_identical(a, b):
     for x, y in zip(a.subdomains, b.subdomains, strict=True):
         for name in ("t", "u", "v", "a"):
             np.testing.assert_array_equal(getattr(x, name), getattr(y, name))
@@ -56,7 +56,7 @@ def tasks():
     return len(os.listdir("/proc/self/task"))
 
 
-# ---- the same bits ----------------------------------------------------------------------------
+# ---- bitwise identical results ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", range(60))
@@ -66,7 +66,7 @@ def test_a_run_is_bitwise_identical_for_any_number_of_threads(seed):
     for threads in (2, 4):
         coupler = random_problem(seed).coupler(threads=threads)
         assert coupler.threads == min(threads, len(expected.subdomains))
-        assert_same_bits(coupler.run(steps=9), expected)
+        assert_identical(coupler.run(steps=9), expected)
 
 
 @pytest.mark.parametrize("seed", range(60, 80))
@@ -74,7 +74,7 @@ def test_steps_runs_and_resets_are_bitwise_identical_too(seed):
     alone = random_problem(seed).coupler(threads=1)
     shared = random_problem(seed).coupler(threads=3)
     first, second = alone.run(steps=5, every=2), alone.run(steps=4)
-    assert_same_bits(shared.run(steps=5, every=2), first)
+    assert_identical(shared.run(steps=5, every=2), first)
     for _ in range(4):
         shared.step()
     for i in range(len(second.subdomains)):
@@ -83,7 +83,7 @@ def test_steps_runs_and_resets_are_bitwise_identical_too(seed):
             np.testing.assert_array_equal(getattr(x, name), getattr(y, name))
     np.testing.assert_array_equal(shared.multipliers, alone.multipliers)
     shared.reset()
-    assert_same_bits(shared.run(steps=5, every=2), first)
+    assert_identical(shared.run(steps=5, every=2), first)
 
 
 def double_and_fine(**options):
@@ -114,40 +114,40 @@ def sums(u, v, t):
 )
 def test_double_steps_in_parallel_with_fine_ones_are_bitwise_identical(threads, of_c):
     alone, shared = (double_and_fine(threads=k, of_c=dict(of_c)) for k in (1, threads))
-    assert_same_bits(shared.run(steps=12), alone.run(steps=12))
-    assert_same_bits(shared.run(steps=7, every=3), alone.run(steps=7, every=3))
+    assert_identical(shared.run(steps=12), alone.run(steps=12))
+    assert_identical(shared.run(steps=7, every=3), alone.run(steps=7, every=3))
     for _ in range(5):
         shared.step()
     alone.step(5)
     energies = [coupler.run(steps=6, energy=True) for coupler in (shared, alone)]
-    assert_same_bits(*energies)
+    assert_identical(*energies)
     np.testing.assert_array_equal(energies[0].energy.balance, energies[1].energy.balance)
-    assert_same_bits(shared.run(steps=6), alone.run(steps=6))
+    assert_identical(shared.run(steps=6), alone.run(steps=6))
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
 def test_a_step_opened_early_is_discarded_after_a_new_load_or_a_new_state(tmp_path):
     alone, shared = (double_and_fine(threads=k) for k in (1, 3))
     path = tmp_path / "state.npz"
-    shared.step(6)  # two steps of the double-step subdomain are open beyond the present
+    shared.step(6)  # two steps of the double-step subdomain are open beyond the present time
     shared.save(path)
     shared.step(3)
     shared.load(path)
     alone.step(6)
-    assert_same_bits(shared.run(steps=5), alone.run(steps=5))
+    assert_identical(shared.run(steps=5), alone.run(steps=5))
     for coupler in (shared, alone):
         coupler.reset(force={"a": np.linspace(0.0, 1.0, 30)})
-    assert_same_bits(shared.run(steps=5), alone.run(steps=5))
+    assert_identical(shared.run(steps=5), alone.run(steps=5))
     alone.save(path)
     shared.step(2)
-    shared.load(path)  # what one thread wrote
-    assert_same_bits(shared.run(steps=5), alone.run(steps=5))
+    shared.load(path)  # saved by one thread
+    assert_identical(shared.run(steps=5), alone.run(steps=5))
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
 def test_a_restoring_force_is_evaluated_once_per_substep_with_threads_too():
-    asked = {1: [], 3: []}
-    for threads, times in asked.items():
+    by_threads = {1: [], 3: []}
+    for threads, times in by_threads.items():
 
         def recording(u, v, t, times=times):
             times.append((t, *u, *v))
@@ -156,8 +156,8 @@ def test_a_restoring_force_is_evaluated_once_per_substep_with_threads_too():
         coupler = double_and_fine(threads=threads, of_c={"restoring": recording})
         coupler.run(steps=5)
         coupler.step(2)
-    assert asked[3] == asked[1]
-    assert len(asked[3]) == 1 + 7 * 10
+    assert by_threads[3] == by_threads[1]
+    assert len(by_threads[3]) == 1 + 7 * 10
 
 
 def test_springs_are_recorded_alike_with_dofs_or_without():
@@ -208,7 +208,7 @@ def test_a_large_explicit_subdomain_alone_is_split_and_bitwise_identical():
         coupler = pm.Coupler([subdomain], dt=0.05, threads=threads)
         assert coupler.threads == threads
         history = coupler.run(steps=20, energy=True)
-        assert_same_bits(history, expected)
+        assert_identical(history, expected)
         np.testing.assert_array_equal(history.energy.balance, expected.energy.balance)
     again = pm.solve(subdomain, 0.05, 1.0, threads=2)
     np.testing.assert_array_equal(again.u, expected.subdomains[0].u)
@@ -230,7 +230,7 @@ def test_a_large_explicit_subdomain_among_others_is_split_and_bitwise_identical(
         )
         assert coupler.threads == threads
         histories.append(coupler.run(steps=12))
-        assert_same_bits(histories[-1], histories[0])
+        assert_identical(histories[-1], histories[0])
 
 
 def test_a_large_subdomain_that_cannot_be_split_is_computed_by_one_thread():
@@ -239,31 +239,31 @@ def test_a_large_subdomain_that_cannot_be_split_is_computed_by_one_thread():
     assert pm.Coupler([solid(12)], dt=0.05, threads=2, coupling="macro").threads == 1
 
 
-# ---- how many ---------------------------------------------------------------------------------
+# ---- number of threads ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("threads", [0, -1])
 def test_less_than_one_thread_is_refused(threads):
     with pytest.raises(ValueError, match=f"threads must be at least 1, got {threads}"):
-        row_of_parts(threads=threads)
+        row_of_subdomains(threads=threads)
 
 
 @pytest.mark.parametrize("threads", [True, np.True_, 2.0, "2", [2]])
 def test_a_number_of_threads_that_is_no_int_is_refused(threads):
     with pytest.raises(TypeError, match="threads must be a whole number, got"):
-        row_of_parts(threads=threads)
+        row_of_subdomains(threads=threads)
 
 
 def test_there_are_no_more_threads_than_subdomains_and_ranges():
-    assert row_of_parts(3, threads=10**6).threads == 3
-    assert row_of_parts(3, threads=np.int64(2)).threads == 2
-    assert row_of_parts(3, threads=1).threads == 1
+    assert row_of_subdomains(3, threads=10**6).threads == 3
+    assert row_of_subdomains(3, threads=np.int64(2)).threads == 2
+    assert row_of_subdomains(3, threads=1).threads == 1
 
 
 def test_small_problems_get_one_thread_and_large_ones_all_that_help(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2}, raising=False)
-    assert row_of_parts().threads == 1
-    n = 10_000  # 12 n entries and more an own step: far above the 20 000 of a meeting (W1)
+    assert row_of_subdomains().threads == 1
+    n = 10_000  # at least 12 n entries per substep: far above the 20 000 of a synchronization (W1)
     a, b = (pm.Subdomain(np.ones(n), chain(n), scheme=IMPLICIT) for _ in range(2))
     assert pm.Coupler([a, b], pm.tie(a, [n - 1], b, [0]), dt=0.1).threads == 2
     assert pm.Coupler([a], dt=0.1).threads == 1
@@ -279,14 +279,14 @@ def test_solve_takes_a_number_of_threads_too():
         pm.solve(subdomain, 0.1, 1.0, threads=0)
 
 
-# ---- they come late and go with the coupler ---------------------------------------------------
+# ---- created by the first step, ended with the coupler ----------------------------------------
 
 
 @LINUX
 def test_threads_are_made_by_the_first_step_and_end_with_the_coupler():
     gc.collect()  # couplers of other tests
     before = tasks()
-    coupler = row_of_parts(threads=3)
+    coupler = row_of_subdomains(threads=3)
     assert tasks() == before
     coupler.step()
     assert tasks() == before + 2
@@ -300,7 +300,7 @@ def test_threads_are_made_by_the_first_step_and_end_with_the_coupler():
 def test_one_thread_is_no_thread():
     gc.collect()
     before = tasks()
-    coupler = row_of_parts(threads=1)
+    coupler = row_of_subdomains(threads=1)
     coupler.step(3)
     assert tasks() == before
 
@@ -321,15 +321,15 @@ def test_a_fork_after_use_hangs_neither_the_child_nor_the_parent():
         """
         import os
         import numpy as np
-        from test_threads import assert_same_bits, row_of_parts
+        from test_threads import assert_identical, row_of_subdomains
 
-        expected = row_of_parts(threads=1)
+        expected = row_of_subdomains(threads=1)
         expected.step(5)
         expected = expected.run(steps=5)
-        coupler = row_of_parts(threads=3)
+        coupler = row_of_subdomains(threads=3)
         coupler.step(5)
         child = os.fork()
-        assert_same_bits(coupler.run(steps=5), expected)  # both
+        assert_identical(coupler.run(steps=5), expected)  # both
         if child == 0:
             os._exit(7)
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
@@ -348,8 +348,8 @@ def test_a_fork_after_use_hangs_neither_the_child_nor_the_parent():
 def test_an_interpreter_ends_while_a_coupler_with_threads_lives():
     done = run_script(
         """
-        from test_threads import row_of_parts
-        coupler = row_of_parts(threads=3)
+        from test_threads import row_of_subdomains
+        coupler = row_of_subdomains(threads=3)
         coupler.step(5)
         print("stepped")
         """
@@ -357,7 +357,7 @@ def test_an_interpreter_ends_while_a_coupler_with_threads_lives():
     assert (done.returncode, done.stdout) == (0, "stepped\n"), done.stderr
 
 
-# ---- what ends a run early --------------------------------------------------------------------
+# ---- interrupted runs -------------------------------------------------------------------------
 
 
 def test_ctrl_c_ends_a_threaded_run_at_a_macro_step_from_which_it_continues():
@@ -368,8 +368,8 @@ def test_ctrl_c_ends_a_threaded_run_at_a_macro_step_from_which_it_continues():
             textwrap.dedent(
                 """
                 import numpy as np
-                from test_threads import row_of_parts
-                coupler = row_of_parts(4, 2000, threads=3)
+                from test_threads import row_of_subdomains
+                coupler = row_of_subdomains(4, 2000, threads=3)
                 print("ready", flush=True)
                 try:
                     coupler.run(steps=10**8, record={}, every=10**8)
@@ -377,7 +377,7 @@ def test_ctrl_c_ends_a_threaded_run_at_a_macro_step_from_which_it_continues():
                     print("interrupted", flush=True)
                 steps = coupler.step_count
                 coupler.step(3)
-                alone = row_of_parts(4, 2000, threads=1)
+                alone = row_of_subdomains(4, 2000, threads=1)
                 alone.step(steps + 3)
                 for i in range(4):
                     assert np.array_equal(coupler.state(i).u, alone.state(i).u)
@@ -411,19 +411,19 @@ def test_an_exception_in_a_load_is_that_of_one_thread():
             raise LookupError("no load")
         return np.full(20, np.cos(t))
 
-    alone, shared = (row_of_parts(force=force, threads=threads) for threads in (1, 3))
+    alone, shared = (row_of_subdomains(force=force, threads=threads) for threads in (1, 3))
     for coupler in (alone, shared):
         with pytest.raises(LookupError, match="no load"):
             coupler.run(steps=20)
     assert shared.step_count == alone.step_count == 5
-    assert_same_bits(shared.last_history, alone.last_history)
+    assert_identical(shared.last_history, alone.last_history)
 
 
 def test_instability_is_that_of_one_thread():
     seen = []
     for threads in (1, 2, 4):
         with pytest.warns(pm.StabilityWarning):
-            coupler = row_of_parts(dt=10.5, threads=threads)
+            coupler = row_of_subdomains(dt=10.5, threads=threads)
         with pytest.raises(pm.InstabilityError) as caught:
             coupler.run(steps=10_000, every=10_000)
         error = caught.value
@@ -441,6 +441,6 @@ def test_a_load_that_calls_its_coupler_gets_an_error_and_no_deadlock():
             coupler.step()
         return np.zeros(20)
 
-    coupler = row_of_parts(force=force, threads=2)
+    coupler = row_of_subdomains(force=force, threads=2)
     with pytest.raises(RuntimeError, match="being stepped"):
         coupler.run(steps=5)

@@ -1,4 +1,4 @@
-"""Ties found from where the nodes lie: each once, independent, and exact for linear fields."""
+"""Ties found from the coordinates of nodes: complete, independent, and exact for linear fields."""
 
 import time
 
@@ -12,7 +12,7 @@ SCHEME = pm.GeneralizedAlpha(0.5)
 
 
 def masses(n, name=None):
-    """A subdomain of n unit masses on unit springs: ties ask for no more than its dofs."""
+    """A subdomain of n unit masses on unit springs: ties need only its dofs."""
     return pm.Subdomain(np.ones(n), np.ones(n), scheme=SCHEME, name=name)
 
 
@@ -43,7 +43,7 @@ def require_full_rank(constraint, *subdomains):
     pm.Coupler(subdomains, constraint, dt=0.1)
 
 
-# ---- interfaces that match: what is tied ------------------------------------------------------
+# ---- matching interfaces: the ties ------------------------------------------------------------
 
 
 def test_the_rows_are_those_of_a_tie_by_hand():
@@ -64,7 +64,7 @@ def test_four_squares_are_tied_without_redundancy_at_their_common_corner():
     # four edges of three nodes of two squares each, and the corner of four: 3 rows; 2 components
     assert tied.p == 2 * (4 * 3 + 3)
     require_full_rank(tied, *subdomains)
-    # 7 x 7 different places: the conditions leave as many free motions as the whole has dofs
+    # 7 x 7 different places: the constraints leave as many free motions as the whole has dofs
     assert 4 * 32 - tied.p == 2 * 49
     whole = np.concatenate(
         [np.sin(points @ [[2.0, 1.0], [1.0, 3.0]]).ravel() for points in subdomains.values()]
@@ -119,7 +119,7 @@ def test_only_the_first_components_are_tied():
     assert tied.matrices[b].nonzero()[1].tolist() == [0]
 
 
-# ---- interfaces that match: the tolerance -----------------------------------------------------
+# ---- matching interfaces: the tolerance -------------------------------------------------------
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
@@ -151,7 +151,7 @@ def test_nodes_that_nearly_coincide_are_warned_of():
     points = {a: [[0.0, 0.0], [0.0, 1.0], [0.0, 2.0]], b: [[0.0, 0.0], [0.05, 1.0], [0.0, 2.5]]}
     with pytest.warns(pm.ConstraintWarning, match="1 nodes or pairs .* 0.01 but no further than"):
         assert tie_coincident(points).p == 1
-    assert tie_coincident(points, tol=0.01).p == 1  # said: no warning
+    assert tie_coincident(points, tol=0.01).p == 1  # given: no warning
     assert tie_coincident(points, tol=0.05).p == 2
 
 
@@ -195,7 +195,7 @@ def test_a_tied_node_with_another_of_its_side_in_reach_is_refused():
         tie_coincident({a: [0.0, 0.9], b: [-0.5]}, tol=1.0)
 
 
-# ---- interfaces that match: fixed dofs --------------------------------------------------------
+# ---- matching interfaces: fixed dofs ----------------------------------------------------------
 
 
 def fixed_chain(fixed, n=3):
@@ -220,7 +220,7 @@ def test_a_dof_that_is_fixed_in_one_subdomain_holds_those_of_the_others(place):
     tied = tie_coincident(points, reduced=dict(subdomains))
     L = dense(tied, *points)
     require_full_rank(tied, *points)
-    # two free dofs at the place, two conditions: nothing there moves, the far dof is left free
+    # two free dofs at the point, two constraints: the point does not move, the far dof is free
     rest = np.flatnonzero(~L.any(axis=0))
     assert tied.p == 2 and rest.tolist() == [place]
     assert np.all(np.abs(L).sum(axis=1) == 1.0)
@@ -241,7 +241,7 @@ def test_fixed_components_are_left_out_one_by_one():
     assert dense(tied, a, b).tolist() == expected
 
 
-# ---- interfaces that match: size, and the whole it makes --------------------------------------
+# ---- matching interfaces: size, and the assembled structure -----------------------------------
 
 
 def test_a_hundred_thousand_nodes_are_tied_in_about_a_second():
@@ -250,7 +250,7 @@ def test_a_hundred_thousand_nodes_are_tied_in_about_a_second():
     order = np.random.default_rng(0).permutation(100_000)
     begin = time.process_time()
     tied = tie_coincident({a: points, b: points[order]})
-    # 0.4 s of CPU where it was written; a slow machine is given three times the second
+    # 0.4 s of CPU when it was written; a slow machine gets three times the second
     assert time.process_time() - begin < 3.0
     assert tied.p == 100_000
     np.testing.assert_array_equal(order[tied.matrices[b].indices], tied.matrices[a].indices)
@@ -300,7 +300,7 @@ def test_a_plate_cut_in_four_moves_like_the_uncut_one():
     assert np.abs(uncut.u[-1] - uncut.u[0]).max() > 0.1
 
 
-# ---- interfaces that match: what is refused ---------------------------------------------------
+# ---- matching interfaces: errors --------------------------------------------------------------
 
 POINTS = np.array([[0.0, 0.0], [1.0, 0.0]])
 
@@ -369,7 +369,7 @@ def test_a_reduction_must_belong_to_its_subdomain():
         tie_coincident(points, reduced={a: 1})
 
 
-# ---- interfaces that do not match: the patch test ---------------------------------------------
+# ---- interfaces that do not match: patch test -------------------------------------------------
 
 
 def rotation(dimension, seed=3):
@@ -434,7 +434,7 @@ KINDS += ["face triangle", "face quad", "tetra", "hexahedron"]
 
 
 def turned(kind):
-    """The interface, turned and moved out of the axes, and the cell to say for it."""
+    """The interface, turned and moved out of the axes, and its `cell`."""
     b, elements, a = interface(kind)
     if kind == "line in the plane":
         a, b = a * [3.0, 4.0], b * [3.0, 4.0]
@@ -450,7 +450,7 @@ def tied_to(b_points, elements, a_points, components=1, **options):
 
 
 def linear(points):
-    """Three components, each a constant and a linear part."""
+    """Three components, each a constant and a linear term."""
     slopes = np.array([[1.0, -2.0, 0.5], [3.0, 0.3, -1.0], [-0.7, 2.0, 1.5]])
     return (np.array([2.0, -1.0, 0.25]) + points @ slopes[: points.shape[1]]).ravel()
 
@@ -464,7 +464,7 @@ def test_a_linear_field_passes_exactly(kind):
     gap = tied.matrices[a] @ linear(a_points) + tied.matrices[b] @ linear(b_points)
     # some ten operations on fields up to 70, after weights from coordinates up to 10
     assert np.abs(gap).max() < 1e-12
-    # a field that is not linear does not
+    # a field that is not linear has a gap
     bent = tied.matrices[a] @ linear(a_points) ** 2 + tied.matrices[b] @ linear(b_points) ** 2
     assert np.abs(bent).max() > 1e-3
 
@@ -518,7 +518,7 @@ def test_the_weights_are_independent_of_units(unit):
 
 def test_a_mesh_far_from_the_origin_has_the_same_weights():
     b_points, elements, a_points = interface("flat quad")
-    # multiples of 2^-10 are whole after 2^20 is added: the same mesh bit for bit
+    # multiples of 2^-10 are whole after 2^20 is added: the same mesh, bitwise identical
     b_points, a_points = (np.round(1024.0 * x) / 1024.0 for x in (b_points, a_points))
     near, _, b = tied_to(b_points, elements, a_points)
     far, _, far_b = tied_to(b_points + 2.0**20, elements, a_points + 2.0**20)
@@ -537,7 +537,7 @@ def test_nodes_that_coincide_have_one_weight_of_one():
 
 
 def test_a_node_on_a_border_follows_the_element_of_the_lowest_number():
-    # two edges that overlap on [1, 2], with nodes of their own
+    # two edges that overlap on [1, 2], with separate nodes
     b_points = np.array([0.0, 2.0, 1.0, 3.0])
     for elements in ([[0, 1], [2, 3]], [[2, 3], [0, 1]]):
         tied, _, b = tied_to(b_points, elements, [0.5, 1.5, 2.5], tol=1e-6)
@@ -571,7 +571,7 @@ def test_nodes_that_are_nearly_in_an_element_are_warned_of():
     with pytest.warns(pm.ConstraintWarning, match="1 nodes .* further apart than .* 0.005"):
         tied, _, _ = tied_to(edge, line(2), nodes)
     assert tied.p == 2
-    assert tied_to(edge, line(2), nodes, tol=0.005)[0].p == 2  # said: no warning
+    assert tied_to(edge, line(2), nodes, tol=0.005)[0].p == 2  # given: no warning
 
 
 def test_fixed_dofs_have_no_entries_and_no_rows_of_their_own():
@@ -612,7 +612,7 @@ def test_ten_thousand_nodes_are_interpolated_in_a_second():
     fine, coarse = grid(y, y, [0.0]), grid(z, z, [0.0])
     begin = time.process_time()
     tied, a, b = tied_to(coarse, quads(34, 34), fine, 3, cell="quad")
-    assert time.process_time() - begin < 1.0  # 0.1 s where it was written
+    assert time.process_time() - begin < 1.0  # 0.1 s when it was written
     gap = tied.matrices[a] @ linear(fine) + tied.matrices[b] @ linear(coarse)
     assert tied.p == 30_000 and np.abs(gap).max() < 1e-14  # fields up to 7
 
@@ -628,7 +628,7 @@ class CutPlate:
         for name, left, n in (("a", 0.0, fine), ("b", 1.0, coarse)):
             y = np.linspace(0.0, 1.0, n + 1)
             flat = grid(left + np.linspace(0.0, 1.0, n + 1), y)
-            # nodes of the border stay where they are, so that the meshes nest where n does
+            # nodes of the border are not moved, so that the meshes nest where n does
             self.points[name] = shaken(flat, 0.2 / n, inner(flat).all(axis=1, keepdims=True))
             tables[name] = quads(n + 1, n + 1)
         self.edges = {
@@ -676,7 +676,7 @@ def uniform_strain(points, _=None, E=1.0, nu=0.3):
 
 
 def tractions(points, elements):
-    """Nodal forces of STRESS on the edges of the part, those at x = 1 left out."""
+    """Nodal forces of STRESS on the edges of the subdomain, except at x = 1."""
     force = np.zeros(points.shape)
     sides = np.concatenate([elements[:, [i, (i + 1) % 4]] for i in range(4)])
     _, first, count = np.unique(np.sort(sides), axis=0, return_index=True, return_counts=True)
@@ -729,7 +729,7 @@ def static_error(fine, coarse):
 def test_a_uniform_stress_is_exact_on_nested_meshes_and_converges_on_others():
     assert static_error(6, 3) < 1e-7  # the square root of rounding
     errors = [static_error(3 * n, 2 * n) for n in (1, 2, 4)]
-    # wrong by a fixed part in one layer of elements at the interface: the energy falls with h
+    # wrong by a fixed fraction in one layer of elements at the interface: the energy falls with h
     assert errors[0] < 0.2
     assert errors[1] < 0.8 * errors[0] and errors[2] < 0.8 * errors[1]
 
@@ -751,7 +751,7 @@ def test_the_rows_of_an_interpolation_are_independent():
     require_full_rank(plate.tied, *plate.subdomains.values())
 
 
-# ---- interfaces that do not match: what is refused --------------------------------------------
+# ---- interfaces that do not match: errors -----------------------------------------------------
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 SPATIAL = np.column_stack([SQUARE, np.zeros(4)])

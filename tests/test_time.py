@@ -1,6 +1,6 @@
 """Time is counted in integers: t = (k / max(ss)) dt, in this order of operations (T1).
 
-Expected times are numbers typed as decimals, or (T1) worked out by NumPy: equal means equal bits.
+Expected times are decimal numbers, or (T1) computed by NumPy: equal means bitwise identical.
 """
 
 from decimal import Decimal
@@ -36,7 +36,7 @@ def divisor(ss):
 
 @pytest.mark.parametrize("ss", range(1, 101))
 def test_every_ratio_takes_the_exact_number_of_steps_for_decimals(ss):
-    # typed as decimals: dt = 0.001 ss and t_end = 23 of them, each rounded once by the reader
+    # written as decimals: dt = 0.001 ss and t_end = 23 of them, each rounded once by the parser
     typed = Decimal("0.001") * ss
     dt, t_end = float(str(typed)), float(str(23 * typed))
     middle = divisor(ss)
@@ -47,33 +47,33 @@ def test_every_ratio_takes_the_exact_number_of_steps_for_decimals(ss):
     k = np.arange(23 * ss + 1)
     np.testing.assert_array_equal(fine.t, (k / ss) * dt)  # (T1)
     np.testing.assert_array_equal(history.multiplier_times, fine.t)
-    # equal instants have equal bits
+    # equal instants are bitwise identical
     np.testing.assert_array_equal(coarse.t, fine.t[::ss])
     np.testing.assert_array_equal(between.t, fine.t[:: ss // middle])
     np.testing.assert_array_equal(history.macro_times, coarse.t)
     assert coupler.time == coarse.t[-1]
-    # the end is the number that was typed, up to the rounding of one product
+    # the end is the decimal number, to the rounding of one product
     assert coupler.time == pytest.approx(t_end, rel=2.3e-16, abs=0)
 
 
 def test_the_expected_times_are_not_what_a_running_sum_gives():
-    # the last test would not see a sum of steps if the two agreed
+    # the last test could not detect a sum of steps if the two agreed
     k = np.arange(23 * 7 + 1)
     assert ((k / 7) * 0.007 != np.concatenate([[0.0], np.cumsum(np.full(23 * 7, 0.007 / 7))])).any()
 
 
 @pytest.mark.parametrize("ss", [3, 7, 10, 97])
 def test_loads_of_all_subdomains_are_evaluated_at_bitwise_identical_instants(ss):
-    asked = {"coarse": [], "fine": []}
+    times = {"coarse": [], "fine": []}
 
-    def asking(name):
-        return lambda t: asked[name].append(t) or [0.0]
+    def logged(name):
+        return lambda t: times[name].append(t) or [0.0]
 
-    a, b = subdomain(force=asking("coarse")), subdomain(ss, force=asking("fine"))
+    a, b = subdomain(force=logged("coarse")), subdomain(ss, force=logged("fine"))
     dt = float(str(Decimal("0.001") * ss))
     history = pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=dt).run(steps=11)
-    np.testing.assert_array_equal(asked["fine"], history[1].t)
-    np.testing.assert_array_equal(asked["coarse"], asked["fine"][::ss])
+    np.testing.assert_array_equal(times["fine"], history[1].t)
+    np.testing.assert_array_equal(times["coarse"], times["fine"][::ss])
 
 
 @pytest.mark.parametrize("ss", range(1, 101))
@@ -101,7 +101,7 @@ def test_a_million_fine_steps_end_at_the_exact_time_and_count(dt, substeps, step
     coupler = pair(dt, 1, substeps)
     history = coupler.run(t_end, record={}, every=steps)
     assert coupler.step_count == steps
-    # the double next to steps * dt is the number that was typed
+    # the double nearest to steps * dt is the decimal number
     assert coupler.time == t_end == history.macro_times[-1] == history.multiplier_times[-1]
     # a running sum is off by 1e-16 n^2 dt / 2 at worst: about 1e-8 here, and not zero
     total = np.cumsum(np.full(steps * substeps, dt / substeps))[-1]
@@ -122,7 +122,7 @@ def test_the_time_of_a_step_far_out_is_correctly_rounded():
     history = coupler.run(steps=2)
     for n, t in enumerate(history.macro_times):
         assert t == float(Fraction(0.1) * (100_000 + n))  # one rounding of the exact product
-    # fine nodes: k / 3 is rounded once more
+    # fine instants: k / 3 is rounded once more
     exact = [Fraction(0.1) * Fraction(300_000 + k, 3) for k in range(7)]
     np.testing.assert_allclose(history.multiplier_times, [float(t) for t in exact], rtol=3e-16)
 
