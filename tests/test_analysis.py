@@ -276,7 +276,7 @@ def loaded_coupler(kind):
     return pm.Coupler([a, b], [pm.tie(a, [1], b, [0]), driven], dt=0.05)
 
 
-def history_bits(history):
+def history_bytes(history):
     arrays = [getattr(s, x).tobytes() for s in history.subdomains for x in ("t", "u", "v", "a")]
     return arrays + [history.multipliers.tobytes(), history.velocity_jump.tobytes()]
 
@@ -299,7 +299,7 @@ def test_an_analysis_leaves_the_coupler_as_it_was(kind, steps):
     analysis.local_error(touched, somewhere, n=7)
     assert touched.step_count == steps
     assert np.array_equal(touched.multipliers, other.multipliers)
-    assert history_bits(touched.run(steps=7)) == history_bits(other.run(steps=7))
+    assert history_bytes(touched.run(steps=7)) == history_bytes(other.run(steps=7))
 
 
 def test_an_analysis_that_fails_leaves_the_coupler_as_it_was():
@@ -316,7 +316,7 @@ def test_an_analysis_that_fails_leaves_the_coupler_as_it_was():
     ):
         with pytest.raises(ArithmeticError):
             analyse()
-    assert history_bits(touched.run(steps=3)) == history_bits(other.run(steps=3))
+    assert history_bytes(touched.run(steps=3)) == history_bytes(other.run(steps=3))
 
 
 @pytest.mark.parametrize(

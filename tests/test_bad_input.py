@@ -1140,10 +1140,10 @@ def test_a_load_that_returns_nonsense_is_named_with_subdomain_and_time(kind):
     message = refused(error, lambda: coupler.run(steps=9), "force", "'a'", "t = 0.3", word)
     assert "its value" in message
     load.armed = False
-    assert_stands_at_last_whole_step(coupler, load, 2)
+    assert_at_last_whole_step(coupler, load, 2)
 
 
-def assert_stands_at_last_whole_step(coupler, load, steps):
+def assert_at_last_whole_step(coupler, load, steps):
     """last_history ends at the last macro step, and a run continues as without the failure."""
     assert coupler.step_count == steps
     history = coupler.last_history

@@ -187,7 +187,7 @@ def test_the_reader_of_vtk_reads_the_same(tmp_path, name):
 
 
 @pytest.mark.parametrize("given", ["flat", "by node", "with rotations", "flat with rotations"])
-def test_displacements_are_taken_in_any_shape_they_come_in(tmp_path, given):
+def test_displacements_are_accepted_in_any_shape(tmp_path, given):
     points, elements = SQUARES
     u = motion(points, dofs="rotations" in given)
     write_series(

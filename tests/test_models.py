@@ -149,7 +149,7 @@ def test_the_four_dof_experiment_agrees_with_the_reference(rho, schemes):
     )
     squares, modes = scipy.linalg.eigh(chain.stiffness)  # unit masses
     expected = np.sqrt((u @ modes) ** 2 + (v @ modes) ** 2 / squares)
-    # 2000 fine steps of a stable scheme, each with rounding of 1e-16 times a condition of 1e3
+    # 2000 fine steps of a stable scheme, each with rounding 1e-16 times a condition number of 1e3
     np.testing.assert_allclose(chain.modal_amplitudes(history)[1], expected, rtol=0.0, atol=1e-9)
 
 

@@ -405,7 +405,7 @@ def test_pm_traces_the_high_modes_and_pm_alpha_annihilates_them():
     _, pm_modes = four_dof_run(PM)
     _, alpha_modes = four_dof_run(0.5)
     assert pm_modes[0] == pytest.approx([0.716, 0.042, 0.697, 0.0], abs=5e-4)
-    # 4.18 Hz, index 2, at macro node 100, t = 5.32 s
+    # 4.18 Hz, index 2, after macro step 100, t = 5.32 s
     assert pm_modes[-1, 2] > 0.6
     assert alpha_modes[-1, 2] < 0.01
     for modes in (pm_modes, alpha_modes):

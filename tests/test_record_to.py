@@ -291,12 +291,12 @@ KILLED = """
     rng = np.random.default_rng(1)
     for kill in range({kills}):
         recording.FILED_SECONDS = 0.3 * (kill % 2)  # 0: a count for every macro step
-        ready, tell = os.pipe()
+        ready, running = os.pipe()
         child = os.fork()
         if child == 0:
             coupler = models.four_dof().coupler(0.05)
             coupler.step(3)
-            os.write(tell, b"x")
+            os.write(running, b"x")
             coupler.run(steps=10**7, record_to=os.path.join({folder!r}, str(kill)), energy=True)
             os._exit(1)
         os.read(ready, 1)
@@ -304,7 +304,7 @@ KILLED = """
         os.kill(child, signal.SIGKILL)
         assert os.waitpid(child, 0)[1] == signal.SIGKILL
         os.close(ready)
-        os.close(tell)
+        os.close(running)
 """
 
 

@@ -143,7 +143,7 @@ def test_place_refuses_dofs_that_are_fixed_or_do_not_exist(dofs, message):
 
 
 @pytest.mark.parametrize("dofs", [[0.0], [True], ["a"]])
-def test_place_takes_whole_numbers_only(dofs):
+def test_place_accepts_whole_numbers_only(dofs):
     with pytest.raises(TypeError, match="dofs must be a 1-D array of whole numbers"):
         of_six().place(dofs)
 

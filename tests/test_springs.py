@@ -366,7 +366,7 @@ def test_reset_forgets_the_history():
     np.testing.assert_array_equal(again["B"].force, first["B"].force)
 
 
-# ---- what is told ----------------------------------------------------------------------------
+# ---- results, tangent, critical step, energy --------------------------------------------------
 
 
 def test_force_and_deformation_are_those_of_the_last_time_level():

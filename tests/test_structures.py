@@ -233,7 +233,7 @@ def test_a_beam_in_any_direction_bends_under_a_load_at_its_tip_as_in_the_textboo
     u[free] = np.linalg.solve(frame.K[free][:, free].toarray(), load[free])
     tip = u[frame.dofs(1, ["ux", "uy"])]
     # P L^3 / 3 EI, P L^2 / 2 EI, P L / EA; cubic elements are exact at nodes; rounding times a
-    # condition of EA L^2 / EI = 1e6
+    # condition number of EA L^2 / EI = 1e6
     np.testing.assert_allclose(tip @ across, 7.0 * 125.0 / 9.0, rtol=1e-9)
     np.testing.assert_allclose(u[frame.dofs(1, "rz")], 7.0 * 25.0 / 6.0, rtol=1e-9)
     np.testing.assert_allclose(tip @ along, 11.0 * 5.0 / 1e5, rtol=1e-9, atol=1e-12)
@@ -442,7 +442,7 @@ def test_a_linear_displacement_strains_a_distorted_solid_evenly():
 # ---- plates and solids: numbers -------------------------------------------------------------
 
 
-def test_nodes_and_elements_of_a_plate_are_where_the_docstring_says():
+def test_nodes_and_elements_of_a_plate_are_where_the_docstring_states():
     nx, ny, h = 3, 2, (0.5, 0.25)
     plate = models.plate(nx, ny, h, **STEEL, origin=(1.0, 2.0))
     for i, j in np.ndindex(nx + 1, ny + 1):
@@ -453,7 +453,7 @@ def test_nodes_and_elements_of_a_plate_are_where_the_docstring_says():
         assert centres[ny * i + j].tolist() == [1.25 + 0.5 * i, 2.125 + 0.25 * j]
 
 
-def test_nodes_and_elements_of_a_solid_are_where_the_docstring_says():
+def test_nodes_and_elements_of_a_solid_are_where_the_docstring_states():
     nx, ny, nz = 2, 3, 4
     solid = models.solid(nx, ny, nz, (1.0, 2.0, 4.0), **STEEL)
     for i, j, k in np.ndindex(nx + 1, ny + 1, nz + 1):
@@ -866,7 +866,7 @@ def test_invalid_arguments_of_structures_are_named(build, given, change, error, 
 
 
 @pytest.mark.parametrize(
-    "ask, error, message",
+    "call, error, message",
     [
         (lambda s: s.nodes_at(x=7.0), ValueError, r"got {'x': 7.0}; .* \[1.0, 1.0\]"),
         (lambda s: s.nodes_at(z=0.0), ValueError, "needs one or more of x, y, got"),
@@ -880,9 +880,9 @@ def test_invalid_arguments_of_structures_are_named(build, given, change, error, 
         (lambda s: s.subdomain(), TypeError, "scheme"),
     ],
 )
-def test_invalid_arguments_of_a_structure_are_named(ask, error, message):
+def test_invalid_arguments_of_a_structure_are_named(call, error, message):
     with pytest.raises(error, match=message):
-        ask(models.plate(**PLATE))
+        call(models.plate(**PLATE))
 
 
 def test_matrices_and_points_of_a_structure_must_agree():
