@@ -14,13 +14,13 @@ import reference  # noqa: E402
 SS, DT = 20, 1.0 / 40.0 / 0.47
 
 
-def reference_parts(model):
+def reference_subdomains(model):
     """The same subdomains for the plain NumPy reference."""
-    parts = []
+    subdomains = []
     for s in model.subdomains:
         scheme = s.scheme
-        parts.append(
-            reference.Part(
+        subdomains.append(
+            reference.Subdomain(
                 np.diag(s.M),
                 s.K if s.K.ndim == 2 else np.diag(s.K),
                 am=scheme.am,
@@ -33,18 +33,18 @@ def reference_parts(model):
                 u0=s.u0,
             )
         )
-    return parts, [model.constraints.matrices[s].toarray() for s in model.subdomains]
+    return subdomains, [model.constraints.matrices[s].toarray() for s in model.subdomains]
 
 
 def rows(quick):
     steps, few = (10, 1) if quick else (5000, 20)
     model = pm.models.four_dof(rho=0.5)
-    parts, L = reference_parts(model)
+    subdomains, L = reference_subdomains(model)
     coupler = model.coupler(DT)
     recorded, stepped, plain = in_turn(
         lambda: coupler.run(steps=steps),
         lambda: coupler.step(steps),
-        lambda: reference.run(parts, L, DT, few),
+        lambda: reference.run(subdomains, L, DT, few),
     )
     us = 1e6 / SS
     found = [

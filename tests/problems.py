@@ -1,4 +1,4 @@
-"""Random coupled problems, once for the package and once for the reference."""
+"""Random coupled problems, each for the package and for the reference."""
 
 from dataclasses import dataclass, field
 
@@ -39,8 +39,8 @@ FORMATS = [
 
 
 @dataclass
-class Part:
-    """What one subdomain is, before it is written down for either program."""
+class SubdomainData:
+    """Data of one subdomain, from which both programs construct theirs."""
 
     M: np.ndarray
     K: np.ndarray
@@ -63,14 +63,14 @@ class Part:
 class Problem:
     """A coupled problem for both programs."""
 
-    parts: list
+    subdomains: list
     L: list
     dt: float
     start: str
     coupling: str
 
     def coupler(self, **options):
-        subdomains = [_subdomain(part) for part in self.parts]
+        subdomains = [_subdomain(s) for s in self.subdomains]
         touched = {s: Li for s, Li in zip(subdomains, self.L) if Li.any()}
         return pm.Coupler(
             subdomains,
@@ -82,50 +82,50 @@ class Problem:
         )
 
     def reference(self, steps, doubles):
-        """`doubles`: who takes double steps, as the package decided."""
-        parts = [_reference_part(part, double) for part, double in zip(self.parts, doubles)]
-        return reference.run(parts, self.L, self.dt, steps, start=self.start)
+        """A run of the reference; `doubles`: the subdomains that take double steps."""
+        subdomains = [_reference_subdomain(*pair) for pair in zip(self.subdomains, doubles)]
+        return reference.run(subdomains, self.L, self.dt, steps, start=self.start)
 
 
-def _subdomain(part):
-    M, C, K = (None if A is None else f(A) for A, f in zip((part.M, part.C, part.K), part.forms))
+def _subdomain(s):
+    M, C, K = (None if A is None else f(A) for A, f in zip((s.M, s.C, s.K), s.forms))
     return pm.Subdomain(
         M,
         K,
         C,
-        scheme=part.scheme,
-        substeps=part.substeps,
-        double_step=part.double,
-        force=part.force,
-        restoring=part.restoring,
-        restoring_stiffness=part.K_r,
-        restoring_damping=part.D_r,
-        damping="lagged" if part.lagged else "implicit",
-        u0=part.u0,
-        v0=part.v0,
+        scheme=s.scheme,
+        substeps=s.substeps,
+        double_step=s.double,
+        force=s.force,
+        restoring=s.restoring,
+        restoring_stiffness=s.K_r,
+        restoring_damping=s.D_r,
+        damping="lagged" if s.lagged else "implicit",
+        u0=s.u0,
+        v0=s.v0,
     )
 
 
-def _reference_part(part, double):
-    s = part.scheme
-    return reference.Part(
-        part.M,
-        part.K,
-        part.C,
-        am=s.am,
-        af=s.af,
-        beta=s.beta,
-        gamma=s.gamma,
-        explicit=s.explicit,
-        substeps=part.substeps,
+def _reference_subdomain(s, double):
+    scheme = s.scheme
+    return reference.Subdomain(
+        s.M,
+        s.K,
+        s.C,
+        am=scheme.am,
+        af=scheme.af,
+        beta=scheme.beta,
+        gamma=scheme.gamma,
+        explicit=scheme.explicit,
+        substeps=s.substeps,
         double=double,
-        force=part.reference_force,
-        restoring=part.restoring,
-        K_r=part.K_r,
-        D_r=part.D_r,
-        lagged=part.lagged,
-        u0=part.u0,
-        v0=part.v0,
+        force=s.reference_force,
+        restoring=s.restoring,
+        K_r=s.K_r,
+        D_r=s.D_r,
+        lagged=s.lagged,
+        u0=s.u0,
+        v0=s.v0,
     )
 
 
@@ -140,40 +140,40 @@ def random_problem(seed):
     doubles = [None] * count
     if rng.random() < 0.5:
         doubles = [bool(rng.random() < 0.5) for _ in range(count)]
-        doubles[0] = False  # somebody at the finest step is single
-    parts = [_random_part(rng, s, d) for s, d in zip(substeps, doubles)]
-    L = _random_conditions(rng, [len(part.M) for part in parts])
-    if not any(np.any(np.diag(part.M) == 0.0) for part in parts):
-        _set_initial_state(rng, parts, L)
+        doubles[0] = False  # one subdomain at the finest step takes single steps
+    subdomains = [_random_subdomain(rng, s, d) for s, d in zip(substeps, doubles)]
+    L = _random_constraints(rng, [len(s.M) for s in subdomains])
+    if not any(np.any(np.diag(s.M) == 0.0) for s in subdomains):
+        _set_initial_state(rng, subdomains, L)
     start = "plain" if rng.random() < 0.3 else "rebased"
-    return Problem(parts, L, 0.05, start, "gc" if rng.random() < 0.25 else "pm")
+    return Problem(subdomains, L, 0.05, start, "gc" if rng.random() < 0.25 else "pm")
 
 
 def random_restored_problem(seed):
-    """The same, with restoring forces, estimates for some of them, and lagged damping."""
+    """`random_problem` with restoring forces, estimates for some of them, and lagged damping."""
     problem = random_problem(seed)
     rng = np.random.default_rng([seed, 1])
-    for part in problem.parts:
-        massless = np.diag(part.M) == 0.0
-        part.lagged = bool(rng.random() < 0.5) and not massless.any()
+    for s in problem.subdomains:
+        massless = np.diag(s.M) == 0.0
+        s.lagged = bool(rng.random() < 0.5) and not massless.any()
         if rng.random() < 0.7:
-            _set_random_restoring(rng, part, massless)
+            _set_random_restoring(rng, s, massless)
     return problem
 
 
-def _set_random_restoring(rng, part, massless):
-    G = rng.normal(size=(len(part.M), 2))
+def _set_random_restoring(rng, s, massless):
+    G = rng.normal(size=(len(s.M), 2))
     G[massless] = 0.0  # its equation must hold at t = 0
-    part.restoring = lambda u, v, t: (
+    s.restoring = lambda u, v, t: (
         G @ (4.0 * np.tanh(G.T @ u) + 0.2 * np.cos(t) * (G.T @ v) + 0.5 * np.sin(t))
     )
     if rng.random() < 0.5:
-        part.K_r = 3.0 * G @ G.T
+        s.K_r = 3.0 * G @ G.T
     if rng.random() < 0.5:
-        part.D_r = 0.1 * G @ G.T
+        s.D_r = 0.1 * G @ G.T
 
 
-def _random_part(rng, substeps, double):
+def _random_subdomain(rng, substeps, double):
     n = int(rng.integers(1, 9))
     explicit = rng.random() < 0.4
     scheme = (EXPLICIT if explicit else IMPLICIT)[int(rng.integers(4 if explicit else 8))]
@@ -189,9 +189,9 @@ def _random_part(rng, substeps, double):
     forms = [FORMATS[int(rng.integers(len(FORMATS)))] for _ in range(3)]
     if np.count_nonzero(M) <= n and rng.random() < 0.5:
         forms[0] = lambda A: np.diag(A).copy()
-    part = Part(M, K, C, scheme, substeps, double, forms)
-    _set_random_force(rng, part, massless)
-    return part
+    s = SubdomainData(M, K, C, scheme, substeps, double, forms)
+    _set_random_force(rng, s, massless)
+    return s
 
 
 def _semidefinite(rng, n):
@@ -199,33 +199,33 @@ def _semidefinite(rng, n):
     return A @ A.T / n
 
 
-def _set_random_force(rng, part, massless):
-    """A load in one of the forms of the contract, and the same as a function of time alone."""
-    n = len(part.M)
+def _set_random_force(rng, s, massless):
+    """A load in one of the documented forms, and the same load as a function of time."""
+    n = len(s.M)
     direction = rng.normal(size=n)
     if massless is not None:
         direction[massless] = 0.0  # its equation must hold at t = 0
     samples = rng.normal(size=9)
-    times = 0.07 * np.arange(9)  # no multiple of the step, and it ends before the run
+    times = 0.07 * np.arange(9)  # not a multiple of the step; the record ends before the run
 
     def sampled(t, right=None):
         return np.interp(t, times, samples, right=right)
 
     kind = int(rng.integers(5))
     if kind == 1:
-        part.force, part.reference_force = direction, lambda t: direction
+        s.force, s.reference_force = direction, lambda t: direction
     elif kind == 2:
-        part.force = part.reference_force = lambda t: direction * np.cos(3.0 * t)
+        s.force = s.reference_force = lambda t: direction * np.cos(3.0 * t)
     elif kind == 3:
-        part.force = pm.SampledForce(samples, 0.07, shape=direction)
-        part.reference_force = lambda t: direction * sampled(t)
+        s.force = pm.SampledForce(samples, 0.07, shape=direction)
+        s.reference_force = lambda t: direction * sampled(t)
     elif kind == 4:
-        part.force = pm.BaseAcceleration(samples, 0.07, direction, part.M)
-        part.reference_force = lambda t: -part.M @ direction * sampled(t, right=0.0)
+        s.force = pm.BaseAcceleration(samples, 0.07, direction, s.M)
+        s.reference_force = lambda t: -s.M @ direction * sampled(t, right=0.0)
 
 
-def _random_conditions(rng, sizes):
-    """Ties and general conditions, independent; several may meet in a dof."""
+def _random_constraints(rng, sizes):
+    """Ties and general constraints, independent; several may act on one dof."""
     p = int(rng.integers(1, 1 + min(4, sum(sizes) - 1)))
     while True:
         L = np.zeros((p, sum(sizes)))
@@ -240,12 +240,12 @@ def _random_conditions(rng, sizes):
             return np.split(L, np.cumsum(sizes)[:-1], axis=1)
 
 
-def _set_initial_state(rng, parts, L):
-    """Random displacements and velocities without the part that would break the conditions."""
-    sizes = [len(part.M) for part in parts]
+def _set_initial_state(rng, subdomains, L):
+    """Random displacements and velocities, projected onto those that satisfy the constraints."""
+    sizes = [len(s.M) for s in subdomains]
     whole = np.hstack(L)
     for name in ("u0", "v0"):
         x = rng.normal(size=sum(sizes))
         x -= np.linalg.pinv(whole) @ (whole @ x)
-        for part, own in zip(parts, np.split(x, np.cumsum(sizes)[:-1])):
-            setattr(part, name, own)
+        for s, xs in zip(subdomains, np.split(x, np.cumsum(sizes)[:-1])):
+            setattr(s, name, xs)

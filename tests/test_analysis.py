@@ -1,4 +1,4 @@
-"""pm.analysis against closed forms, against runs, and against the reference."""
+"""pm.analysis compared with closed forms, with runs, and with the reference."""
 
 import re
 import warnings
@@ -36,10 +36,10 @@ def limit(rho):
 
 def oscillator(scheme, Omega, xi=0.0, substeps=1):
     """One dof of circular frequency 1, stepped by Omega."""
-    part = pm.Subdomain([1.0], [1.0], [2.0 * xi], scheme=scheme, substeps=substeps)
+    subdomain = pm.Subdomain([1.0], [1.0], [2.0 * xi], scheme=scheme, substeps=substeps)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.StabilityWarning)
-        return pm.Coupler([part], dt=Omega * substeps)
+        return pm.Coupler([subdomain], dt=Omega * substeps)
 
 
 def roots(scheme, Omega, xi=0.0):
@@ -51,7 +51,7 @@ def roots(scheme, Omega, xi=0.0):
 
 
 def multistep_roots(scheme, Omega, xi):
-    """Roots of the three-step form (3), (4) of the paper: forces and load inside the step."""
+    """Roots of the three-step form (3), (4) of the paper: equilibrium within the step."""
     am, af, g, b = scheme.am, scheme.af, scheme.gamma, scheme.beta
     al = np.array([am, 1 - 3 * am, -2 + 3 * am, 1 - am])
     ga = np.array([af * (g - 1), -1 + 2 * af + g - 3 * g * af, 1 - af - 2 * g + 3 * g * af])
@@ -180,9 +180,7 @@ def test_beyond_the_bifurcation_there_is_no_period():
         (pm.Newmark(), 1.0, -0.1, "xi must be finite and at least 0, got -0.1"),
     ],
 )
-def test_a_question_about_period_and_damping_that_makes_no_sense_is_refused(
-    scheme, Omega, xi, message
-):
+def test_invalid_arguments_of_period_and_damping_are_refused(scheme, Omega, xi, message):
     with pytest.raises((TypeError, ValueError), match=re.escape(message)):
         analysis.period_and_damping(scheme, Omega, xi)
 
@@ -193,14 +191,14 @@ def test_a_question_about_period_and_damping_that_makes_no_sense_is_refused(
 def unloaded(seed, **changes):
     """A random problem without loads."""
     problem = random_problem(seed)
-    for part in problem.parts:
-        part.force = None
+    for subdomain in problem.subdomains:
+        subdomain.force = None
     for name, value in changes.items():
         setattr(problem, name, value)
     return problem.coupler()
 
 
-def test_the_random_problems_hold_what_the_next_test_should_see():
+def test_the_random_problems_contain_what_the_next_test_needs():
     couplers = [unloaded(seed) for seed in range(40)]
     parts = [part for coupler in couplers for part in coupler._parts]
     assert {part.double for part in parts} == {True, False}
@@ -224,14 +222,14 @@ def test_the_matrix_to_the_power_k_is_a_run_of_k_macro_steps(seed):
     size = np.abs(np.linalg.matrix_power(np.abs(G), 6) @ np.abs(X)).max()
     assert np.linalg.matrix_power(G, 6) @ X == pytest.approx(after, abs=1e-14 * size)
     assert np.linalg.matrix_power(G, 6) @ X == pytest.approx(after, abs=1e-10 * np.abs(X).max())
-    # what stands where, from the state as the user sees it
+    # the names of the rows, from the state that the user gets
     for part in coupler._parts:
         for name, x in zip("uvw", vars(coupler.state(part.name)).values()):
             rows = [G.names.index(f"{name}[{d}] of {part.name} at n") for d in range(part.n)]
             assert np.array_equal(after[rows], x)
 
 
-def test_a_wrong_entry_of_the_matrix_shows():
+def test_a_wrong_entry_of_the_matrix_is_detected():
     coupler = unloaded(0)
     G = analysis.amplification_matrix(coupler)
     coupler.step(2)
@@ -278,19 +276,19 @@ def loaded_coupler(kind):
     return pm.Coupler([a, b], [pm.tie(a, [1], b, [0]), driven], dt=0.05)
 
 
-def history_bits(history):
-    parts = [getattr(s, x).tobytes() for s in history.subdomains for x in ("t", "u", "v", "a")]
-    return parts + [history.multipliers.tobytes(), history.velocity_jump.tobytes()]
+def history_bytes(history):
+    arrays = [getattr(s, x).tobytes() for s in history.subdomains for x in ("t", "u", "v", "a")]
+    return arrays + [history.multipliers.tobytes(), history.velocity_jump.tobytes()]
 
 
 def somewhere(t):
-    """Takes the place of an exact solution."""
+    """Stands in for an exact solution."""
     return {name: 3 * [np.full(2, t)] for name in "ab"}, np.array([1.0, -t])
 
 
 @pytest.mark.parametrize("steps", [0, 1, 5])
 @pytest.mark.parametrize("kind", LOADS)
-def test_a_coupler_goes_on_after_an_analysis_as_if_there_had_been_none(kind, steps):
+def test_an_analysis_leaves_the_coupler_as_it_was(kind, steps):
     touched, other = loaded_coupler(kind), loaded_coupler(kind)
     touched.step(steps)
     other.step(steps)
@@ -301,10 +299,10 @@ def test_a_coupler_goes_on_after_an_analysis_as_if_there_had_been_none(kind, ste
     analysis.local_error(touched, somewhere, n=7)
     assert touched.step_count == steps
     assert np.array_equal(touched.multipliers, other.multipliers)
-    assert history_bits(touched.run(steps=7)) == history_bits(other.run(steps=7))
+    assert history_bytes(touched.run(steps=7)) == history_bytes(other.run(steps=7))
 
 
-def test_a_coupler_goes_on_after_an_analysis_that_failed_as_if_there_had_been_none():
+def test_an_analysis_that_fails_leaves_the_coupler_as_it_was():
     touched, other = loaded_coupler("sampled"), loaded_coupler("sampled")
     touched.step(2)
     other.step(2)
@@ -318,7 +316,7 @@ def test_a_coupler_goes_on_after_an_analysis_that_failed_as_if_there_had_been_no
     ):
         with pytest.raises(ArithmeticError):
             analyse()
-    assert history_bits(touched.run(steps=3)) == history_bits(other.run(steps=3))
+    assert history_bytes(touched.run(steps=3)) == history_bytes(other.run(steps=3))
 
 
 @pytest.mark.parametrize(
@@ -332,7 +330,7 @@ def test_a_coupler_goes_on_after_an_analysis_that_failed_as_if_there_had_been_no
         lambda c: analysis.local_error(c, somewhere),
     ],
 )
-def test_what_is_no_coupler_is_refused(function):
+def test_anything_but_a_coupler_is_refused(function):
     with pytest.raises(TypeError, match="coupler must be a Coupler, got 'rig'"):
         function("rig")
 
@@ -356,7 +354,7 @@ def test_complex_eigenvalues_count_by_modulus_and_are_left_out_by_value():
     assert analysis.spectral_radius(G, drop=[0.8j, -0.8j]) == 0.0
 
 
-def test_a_defective_one_is_left_out_though_rounding_splits_it():
+def test_a_defective_eigenvalue_one_is_left_out_though_rounding_splits_it():
     Q = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     G = Q @ np.array([[1.0, 9.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.3]]) @ Q.T
     assert np.sort(np.abs(np.linalg.eigvals(G) - 1.0))[1] > 1e-10
@@ -402,7 +400,7 @@ def test_the_critical_step_of_a_long_sparse_chain_is_on_the_safe_side():
     assert 0.998 < critical / (2.0 / highest(300)) <= 1.0
 
 
-def test_the_critical_step_counts_in_own_steps_whatever_the_substeps():
+def test_the_critical_step_is_the_length_of_a_substep():
     one, many = (
         analysis.critical_step(chain_of(3, explicit(0.5), np.asarray, substeps=ss))
         for ss in (1, 20)
@@ -424,8 +422,8 @@ def test_without_stiffness_the_critical_step_is_infinite():
 
 def test_a_conditionally_stable_implicit_scheme_has_a_critical_step():
     # linear acceleration: Omega = sqrt(12)
-    part = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(1 / 6))
-    assert analysis.critical_step(part) == pytest.approx(np.sqrt(12) / 2, rel=1e-6)
+    subdomain = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(1 / 6))
+    assert analysis.critical_step(subdomain) == pytest.approx(np.sqrt(12) / 2, rel=1e-6)
 
 
 def test_the_critical_step_of_anything_but_a_subdomain_is_refused():
@@ -444,10 +442,10 @@ def test_the_warning_begins_at_the_critical_step_or_at_half_of_it_with_double_st
 
 
 def double_explicit(rho, Omega, double):
-    """An explicit oscillator of frequency 1, nothing tied to it; somebody must be single."""
-    part = pm.Subdomain([1.0], [1.0], scheme=explicit(rho), double_step=double)
+    """An explicit oscillator of frequency 1, not tied; another subdomain takes single steps."""
+    subdomain = pm.Subdomain([1.0], [1.0], scheme=explicit(rho), double_step=double)
     other = pm.Subdomain([1.0], [0.0], scheme=implicit(rho), double_step=False)
-    return pm.Coupler([part, other], dt=Omega)
+    return pm.Coupler([subdomain, other], dt=Omega)
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
@@ -459,7 +457,7 @@ def test_a_double_step_explicit_subdomain_has_half_the_limit(rho):
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
-def test_two_explicit_parts_with_one_step_have_the_limit_of_the_uncut_oscillator(rho):
+def test_two_explicit_subdomains_with_equal_steps_have_the_limit_of_the_uncut_oscillator(rho):
     # "gc" with one scheme and one step is the uncut scheme, here with Omega = omega h
     def cut(Omega):
         model = models.split_oscillator(
@@ -471,7 +469,7 @@ def test_two_explicit_parts_with_one_step_have_the_limit_of_the_uncut_oscillator
 
 
 def test_the_drift_and_a_free_motion_are_not_taken_for_instability():
-    # both parts free of the ground: the defective eigenvalue 1 of a motion at constant velocity
+    # both subdomains floating: the defective eigenvalue 1 of a motion at constant velocity
     # besides the 1 of the drift; the limit is that of B's spring between its two masses
     def floating(h):
         K = np.array([[1.0, -1.0], [-1.0, 1.0]])
@@ -480,9 +478,9 @@ def test_the_drift_and_a_free_motion_are_not_taken_for_instability():
         return pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=h)
 
     found = analysis.stability_limit(floating, 0.1, 20.0)
-    # ties do not lower the limit of the free part, 2 / sqrt(2)
+    # ties do not lower the limit of the floating subdomain, 2 / sqrt(2)
     assert found >= np.sqrt(2.0) * (1 - 1e-6)
-    # and a tenth above, the core does grow
+    # and a tenth above, a run of the core grows
     coupler = floating(0.1)
     for x, grows in ((0.9 * found, False), (1.1 * found, True)):
         with warnings.catch_warnings():
@@ -493,7 +491,7 @@ def test_the_drift_and_a_free_motion_are_not_taken_for_instability():
         assert (v[100:].max() > 1e3 * v[:100].max()) == grows
 
 
-def test_a_bracket_that_does_not_hold_the_limit_is_refused():
+def test_a_bracket_that_does_not_contain_the_limit_is_refused():
     def alone(Omega):
         return oscillator(explicit(0.5), Omega)
 
@@ -524,16 +522,18 @@ def test_the_loop_of_gc_with_equal_steps_has_the_closed_form_for_any_masses(rho,
 
 @pytest.mark.parametrize("scheme", [implicit(0.0), implicit(0.8), pm.Newmark()], ids=repr)
 def test_two_fine_steps_in_a_macro_step_square_the_loop(scheme):
-    # Newmark: (-1)^2, not to be taken for the 1 of the common velocity
-    parts = [pm.Subdomain([m], [1.0], scheme=scheme, substeps=2) for m in (1.0, 3.0)]
-    coupler = pm.Coupler(parts, pm.tie(parts[0], [0], parts[1], [0]), dt=0.1, coupling="gc")
+    # Newmark: (-1)^2, not the 1 of the common velocity
+    subdomains = [pm.Subdomain([m], [1.0], scheme=scheme, substeps=2) for m in (1.0, 3.0)]
+    coupler = pm.Coupler(
+        subdomains, pm.tie(subdomains[0], [0], subdomains[1], [0]), dt=0.1, coupling="gc"
+    )
     roots = scheme.af / (1 - scheme.af), (1 - scheme.gamma) / scheme.gamma
     expected = max(map(abs, roots)) ** 2
     assert analysis.zero_stability(coupler) == pytest.approx(expected, abs=1e-10)
 
 
-def test_inner_dofs_and_stiffness_have_no_part_in_the_loop():
-    # of the four-dof chain the loop sees the halves of the second mass alone: b1 = 1
+def test_interior_dofs_and_stiffness_do_not_enter_the_loop():
+    # only the halves of the second mass of the four-dof chain enter the loop: b1 = 1
     for ss in (1, 3):
         chain = models.four_dof(0.6, substeps=ss)
         halves = models.split_oscillator(1.0, rho=0.6, substeps=ss)
@@ -552,7 +552,7 @@ def test_inner_dofs_and_stiffness_have_no_part_in_the_loop():
 )
 def test_the_loop_is_what_the_spectrum_of_the_coupler_tends_to(b1, ss, rho):
     # as dt -> 0: the largest eigenvalue away from 1 and -1, which belong to motion and chains,
-    # and apart from the root of recursion (9), which the loop does not see
+    # and apart from the root of recursion (9), which is not in the loop
     coupler = models.split_oscillator(b1, rho=rho, substeps=ss).coupler(1e-5)
     values = np.linalg.eigvals(analysis.amplification_matrix(coupler))
     distance = np.abs(np.abs(values) - analysis.zero_stability(coupler))
@@ -561,7 +561,7 @@ def test_the_loop_is_what_the_spectrum_of_the_coupler_tends_to(b1, ss, rho):
     assert np.abs(np.abs(larger) - 1.0).max() < 1e-3  # omega dt = 6e-5
 
 
-def test_zero_stability_needs_conditions_and_masses():
+def test_zero_stability_needs_constraints_and_masses():
     with pytest.raises(ValueError, match="coupler must have constraints, got none"):
         analysis.zero_stability(oscillator(implicit(0.5), 0.1))
     a = pm.Subdomain([0.0, 1.0], [[2.0, -1.0], [-1.0, 1.0]], scheme=implicit(0.5), name="rod")
@@ -629,44 +629,46 @@ def three_bars(force=None, substeps=(1, 2, 6), **options):
 
 def assembled():
     """The same bars as one structure of seven dofs, the shared one first."""
-    places = [[0, 1 + 2 * i, 2 + 2 * i] for i in range(3)]
+    positions = [[0, 1 + 2 * i, 2 + 2 * i] for i in range(3)]
     M, C, K = np.zeros((3, 7, 7))
-    for at in places:
-        for whole, part in ((M, "M"), (C, "C"), (K, "K")):
-            whole[np.ix_(at, at)] += BAR[part]
-    return M, C, K, places
+    for at in positions:
+        for whole, name in ((M, "M"), (C, "C"), (K, "K")):
+            whole[np.ix_(at, at)] += BAR[name]
+    return M, C, K, positions
 
 
-def gathered(values, places):
+def gathered(values, positions):
     x = np.zeros(7)
-    for at, own in zip(places, values):
-        x[at] = own
+    for at, values_at in zip(positions, values):
+        x[at] = values_at
     return x
 
 
 @pytest.mark.parametrize("t", [0.0, 0.31, 2.0])
 def test_the_exact_solution_is_that_of_the_assembled_structure(t):
     coupler = three_bars()
-    M, C, K, places = assembled()
+    M, C, K, positions = assembled()
     start = [(s.u0, s.v0) for _, s in coupler._keys]
-    u0, v0 = (gathered(x, places) for x in zip(*start))
+    u0, v0 = (gathered(x, positions) for x in zip(*start))
     u, v, w = reference.exact(M, C, K, u0, v0, t)
     states, lam = analysis.exact_solution(coupler)(t)
-    for i, at in enumerate(places):
+    for i, at in enumerate(positions):
         # expm of a matrix of norm 100 t
         for got, x in zip(states[f"bar {i}"], (u, v, w)):
             assert got == pytest.approx(x[at], abs=1e-11)
-    # the tie between 0 and 1 pushes bar 0 with what its inertia and springs ask for
-    force = (BAR["M"] @ w[places[0]] + BAR["C"] @ v[places[0]] + BAR["K"] @ u[places[0]])[0]
+    # the multiplier of the tie between 0 and 1 balances inertia and springs of bar 0
+    force = (BAR["M"] @ w[positions[0]] + BAR["C"] @ v[positions[0]] + BAR["K"] @ u[positions[0]])[
+        0
+    ]
     assert lam[0] == pytest.approx(force, abs=1e-10)
 
 
 def test_the_exact_solution_under_a_constant_load_can_be_rest():
     pull = np.array([1.0, 0.0, -2.0])
-    M, C, K, places = assembled()
-    u = np.linalg.solve(K, sum(gathered([pull], [at]) for at in places))
+    M, C, K, positions = assembled()
+    u = np.linalg.solve(K, sum(gathered([pull], [at]) for at in positions))
     coupler = three_bars(force=pull)
-    rest = {f"bar {i}": u[at] for i, at in enumerate(places)}
+    rest = {f"bar {i}": u[at] for i, at in enumerate(positions)}
     coupler.reset(u0=rest, v0={name: np.zeros(3) for name in rest})
     states, lam = analysis.exact_solution(coupler)(3.0)
     for name, x in rest.items():
@@ -722,25 +724,25 @@ def reference_local_error(exact, n, dt):
     L = [np.zeros((2, 3)) for _ in range(3)]
     L[0][0, 0], L[1][0, 0], L[1][1, 0], L[2][1, 0] = 1.0, -1.0, 1.0, -1.0
     schemes = [reference.alpha(0.5), reference.alpha(0.8), reference.alpha(0.3, explicit=True)]
-    walkers = []
+    steppers = []
     for i, ss in enumerate((1, 2, 6)):
-        part = reference.Part(**BAR, **schemes[i], substeps=ss, double=i < 2)
-        x = reference.Walker(part, L[i], dt, 6)
+        subdomain = reference.Subdomain(**BAR, **schemes[i], substeps=ss, double=i < 2)
+        x = reference.Stepper(subdomain, L[i], dt, 6)
         for t in (n * dt - dt / ss, n * dt):
             states, lam = exact(t)
             u, v, w = states[f"bar {i}"]
-            vf = v - x.later.link(lam)[1]  # (S2) with the operators in force
-            x.nodes.append(reference.Node(t, u, v, w, w, vf))
-        x.nodes = [None] * (n * ss - 1) + x.nodes
-        x.step, x.back = x.later, 1 if part.double else 0
-        walkers.append(x)
-    H = reference.interface_matrix(walkers)
+            vf = v - x.later.link(lam)[1]  # (S2) with the operators of the present step
+            x.states.append(reference.State(t, u, v, w, w, vf))
+        x.states = [None] * (n * ss - 1) + x.states
+        x.step, x.back = x.later, 1 if subdomain.double else 0
+        steppers.append(x)
+    H = reference.interface_matrix(steppers)
     for k in range(6 * n + 1, 6 * n + 7):
-        lam = reference.fine_step(walkers, L, H, k)
+        lam = reference.fine_step(steppers, L, H, k)
     states, truth = exact((n + 1) * dt)
     errors = {}
     for j, name in enumerate("uva"):
-        last = [getattr(x.nodes[-1], "uvw"[j]) for x in walkers]
+        last = [getattr(x.states[-1], "uvw"[j]) for x in steppers]
         errors[name] = max(np.abs(x - states[f"bar {i}"][j]).max() for i, x in enumerate(last))
     return errors | {"multipliers": np.abs(lam - truth).max()}
 
@@ -766,7 +768,7 @@ def test_the_local_error_is_that_of_the_reference_from_exact_data(n):
         (lambda c, e: analysis.global_error(c, e, -1.0), "t_end must not be behind"),
     ],
 )
-def test_an_error_at_no_node_is_refused(call, message):
+def test_an_error_between_time_levels_is_refused(call, message):
     coupler = three_bars()
     with pytest.raises((TypeError, ValueError), match=message):
         call(coupler, analysis.exact_solution(coupler))

@@ -1,4 +1,4 @@
-"""The benchmarks run, and write what the tables are drawn from. No time is tested."""
+"""The benchmarks run and write the data of the tables. No time is tested."""
 
 import csv
 import importlib

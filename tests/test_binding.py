@@ -1,6 +1,6 @@
 """The private types of the C extension: misuse is an exception, never a crash; signals and threads.
 
-Whatever might take the interpreter with it runs in a process of its own.
+Tests that might crash the interpreter run in another process.
 """
 # ruff: noqa: B023 - lambdas made in a loop are called in the same round
 
@@ -29,7 +29,7 @@ from scipy.linalg import cython_blas
 import pmalpha as pm
 from pmalpha import _core
 
-# ---- parts that fit, to be spoiled one by one -------------------------------------------------
+# ---- valid arguments, to be replaced one by one by invalid ones -------------------------------
 
 
 def i64(*x):
@@ -49,8 +49,8 @@ def operator(n=2, h=0.1):
     return h, np.ones(n), None
 
 
-def subdomain_parts(**others):
-    """Two masses, the last tied by the only condition; trapezoidal rule."""
+def subdomain_arguments(**others):
+    """Two masses, the last one in the only constraint; trapezoidal rule."""
     parts = {"n": 2, "nb": 1, "substeps": 1, "K": f64(4.0, 9.0), "C": None}
     h = 0.1 / max(others.get("substeps", 1), 1)  # of a macro step of 0.1
     parts |= {"scheme": (0.0, 0.0, 0.25, 0.5), "single": operator(h=h), "twice": None}
@@ -59,20 +59,20 @@ def subdomain_parts(**others):
 
 
 def subdomain(**others):
-    return _core.Subdomain(**subdomain_parts(**others))
+    return _core.Subdomain(**subdomain_arguments(**others))
 
 
 ONE = (np.ones(1), None)  # the factor of a 1 x 1 unit matrix
 NONE = (np.empty(0), None)
 
 
-def coupler_parts(**others):
+def coupler_arguments(**others):
     parts = {"subdomains": (subdomain(),), "p": 1, "H_start": ONE, "H": ONE}
     return parts | {"dt": 0.1, "rebased": True, "motions": ()} | others
 
 
 def coupler(**others):
-    return _core.Coupler(**coupler_parts(**others))
+    return _core.Coupler(**coupler_arguments(**others))
 
 
 def started(motions=(), subdomains=None, **of_subdomain):
@@ -99,7 +99,7 @@ def record(rows=11, *, macro_rows=None, begin=0, every=0, parts=1, p=1, position
 
 
 def in_a_process(code, seconds=30):
-    """What another Python prints, with these helpers at hand; a death by a signal fails."""
+    """The output of another Python process with these helpers; its death by a signal fails."""
     head = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
     head += "from test_binding import *\nfrom pmalpha import _core\n"
     done = subprocess.run(
@@ -118,10 +118,10 @@ def test_the_stub_names_what_the_module_has():
     assert stub == {name for name in dir(_core) if not name.startswith("__")}
     for node in tree.body:
         if isinstance(node, ast.ClassDef):
-            own = {m.name for m in node.body if isinstance(m, ast.FunctionDef)} - {"__new__"}
-            own |= {m.target.id for m in node.body if isinstance(m, ast.AnnAssign)}
+            members = {m.name for m in node.body if isinstance(m, ast.FunctionDef)} - {"__new__"}
+            members |= {m.target.id for m in node.body if isinstance(m, ast.AnnAssign)}
             there = {name for name in vars(getattr(_core, node.name)) if not name.startswith("__")}
-            assert own == there
+            assert members == there
 
 
 def test_the_library_exports_its_init_function_and_nothing_else():
@@ -146,12 +146,12 @@ def test_the_types_belong_to_the_module_and_cannot_be_changed(name):
 
 
 @pytest.mark.parametrize("cls", [_core.Subdomain, _core.Coupler])
-def test_objects_cannot_be_made_without_their_parts(cls):
+def test_objects_cannot_be_made_without_their_arguments(cls):
     for make in (cls, lambda: cls.__new__(cls), lambda: object.__new__(cls), lambda: cls(None)):
         with pytest.raises(TypeError):
             make()
     with pytest.raises(TypeError):
-        cls(**(subdomain_parts() | coupler_parts()))
+        cls(**(subdomain_arguments() | coupler_arguments()))
 
 
 def test_objects_cannot_be_copied_or_pickled():
@@ -161,7 +161,7 @@ def test_objects_cannot_be_copied_or_pickled():
                 copied(made)
 
 
-def test_methods_refuse_what_is_not_theirs():
+def test_methods_refuse_objects_of_another_type():
     s, c = subdomain(), coupler()
     for call in (
         lambda: _core.Subdomain.state(c),
@@ -197,7 +197,7 @@ def test_the_module_can_be_loaded_again():
 # ---- wrong arrays ---------------------------------------------------------------------------
 
 THREE = f64(4.0, 9.0, 16.0)
-BAD_VECTORS = {  # for a place where (2,) float64 is wanted
+BAD_VECTORS = {  # in place of a float64 array of shape (2,)
     "float32": np.ones(2, np.float32),
     "int64": np.ones(2, np.int64),
     "complex": np.ones(2, complex),
@@ -246,14 +246,14 @@ def test_arrays_of_another_kind_are_refused_everywhere(kind):
         lambda: s.set_load((bad, 0)),
     ):
         check_refused(call)
-    if kind != "short":  # one is right for the only condition
+    if kind != "short":  # one is right for the only constraint
         check_refused(lambda: s.start(two, two, two, bad))
         check_refused(lambda: s.set_levels((two, two, two, two, bad)))
         check_refused(lambda: c.start(0, bad, one))
         check_refused(lambda: c.start(0, one, bad))
         check_refused(lambda: coupler(H=(bad, None)))
         check_refused(lambda: coupler(H_start=(bad, None)))
-    assert c.advance(1, None) is None  # all of it changed nothing
+    assert c.advance(1, None) is None  # none of these calls changed anything
 
 
 @pytest.mark.parametrize(
@@ -460,7 +460,7 @@ BAD_COUPLERS = {
 
 
 @pytest.mark.parametrize("kind", BAD_COUPLERS)
-def test_couplers_of_parts_that_do_not_fit_are_refused(kind):
+def test_couplers_of_arguments_that_do_not_fit_are_refused(kind):
     check_refused(lambda: coupler(**BAD_COUPLERS[kind]))
 
 
@@ -490,7 +490,7 @@ BAD_LOADS = {
 
 
 @pytest.mark.parametrize("kind", BAD_LOADS)
-def test_loads_that_do_not_fit_are_refused_and_the_old_one_stays(kind):
+def test_loads_that_do_not_fit_are_refused_and_the_old_one_is_kept(kind):
     c, s = started()
     s.set_load(f64(1.0, 2.0))
     check_refused(lambda: s.set_load(BAD_LOADS[kind]))
@@ -506,7 +506,7 @@ def test_loads_that_do_not_fit_are_refused_and_the_old_one_stays(kind):
     (2**63 - 1, 30, 10, False), (-(2**63), 30, 10, False), (2**62, 30, 10, False),
 ])  # fmt: skip
 def test_a_table_must_cover_the_steps(first, rows, steps, fits):
-    # three own steps in a macro step
+    # three substeps in a macro step
     for what in ("load", "motion"):
         c, s = started(motions=(i64(0),), substeps=3)
         if what == "load":
@@ -521,7 +521,7 @@ def test_a_table_must_cover_the_steps(first, rows, steps, fits):
             assert c.step_count == 0
 
 
-def test_motions_that_are_not_there_are_refused():
+def test_missing_motions_are_refused():
     c, _ = started(motions=(i64(0),))
     for i in (1, -1, 2**62, 2**70, None, 0.0):
         check_refused(lambda i=i: c.set_motion(i, f64(1.0)))
@@ -561,10 +561,10 @@ BAD_RECORDS = {
     "nodes as list": (0, 0, [None], *record()[3:]),
     "number for nodes": (0, 0, (5,), *record()[3:]),
     "short nodes": (0, 0, ((i64(0),),), *record()[3:]),
-    "two conditions": record(p=2),
-    "no conditions": record(p=0),
-    "macro nodes too short": record(macro_rows=10),
-    "no macro nodes": record(macro_rows=0),
+    "two constraints": record(p=2),
+    "no constraints": record(p=0),
+    "rows of macro steps too short": record(macro_rows=10),
+    "no rows of macro steps": record(macro_rows=0),
     "begins tomorrow": record(begin=1),
     "begins before zero": record(begin=-1),
     "begins beyond": (2**70, *record()[1:]),
@@ -579,10 +579,10 @@ def test_records_that_do_not_fit_are_refused_before_the_first_step(kind):
     c, _ = started()
     check_refused(lambda: c.advance(10, BAD_RECORDS[kind]))
     assert c.step_count == 0
-    assert c.advance(10, record()) is None  # and the coupler is not busy for ever
+    assert c.advance(10, record()) is None  # and the coupler is not left busy
 
 
-def test_records_that_do_not_fit_the_present_are_refused():
+def test_records_that_do_not_fit_the_present_time_are_refused():
     c, _ = started()
     for bad in (5, None, record(rows=0), record(position=(2,)), record(parts=2), record(begin=1)):
         check_refused(lambda bad=bad: c.record_present(bad))
@@ -599,7 +599,7 @@ def test_energies_are_recorded_only_where_works_are_summed_up():
     pattern = np.array([0, 1, 2]), np.array([0, 2], dtype=np.int32), np.ones(2)
     check_refused(lambda: s.begin_energy(pattern, two, one))
     s.begin_energy(mass, two, one)
-    s.begin_energy(mass, two, one)  # from here again
+    s.begin_energy(mass, two, one)  # the record begins at the present step
     locked = room.copy()
     locked.setflags(write=False)
     for bad in (
@@ -627,7 +627,7 @@ def test_a_record_of_nothing_is_a_record():
 
 
 def test_a_record_is_not_written_beyond_its_rows_when_their_number_overflows():
-    # 2^53 macro steps of 2^31 nodes are 2^84, which is 0 in size_t: eleven rows are not enough
+    # 2^53 macro steps of 2^31 substeps are 2^84, which is 0 in size_t: eleven rows are not enough
     code = """
 c, s = started(substeps=2**31)
 try:
@@ -668,8 +668,8 @@ def test_a_count_of_steps_that_overflows_is_refused():
     assert c.step_count == 2**53
 
 
-def test_a_count_of_own_steps_that_overflows_is_refused():
-    # 2^53 own steps can be counted: 2^41 macro steps of 2^12
+def test_a_count_of_substeps_that_overflows_is_refused():
+    # 2^53 substeps can be counted: 2^41 macro steps of 2^12
     c, _ = started(substeps=2**12)
     check_refused(lambda: c.start(2**41 + 1, np.zeros(1), np.zeros(1)))
     assert c.step_count == 0
@@ -679,7 +679,7 @@ def test_a_count_of_own_steps_that_overflows_is_refused():
     assert c.step_count == 2**41
 
 
-def test_compliance_is_asked_for_conditions_that_exist():
+def test_compliance_is_computed_for_existing_constraints_only():
     s = subdomain()
     for rows in (i64(1), i64(-1), i64(0, 5), i32(0), [0], None, f64(0), i64(0).reshape(1, 1)):
         check_refused(lambda rows=rows: s.compliance(False, rows))
@@ -692,7 +692,7 @@ def test_compliance_is_asked_for_conditions_that_exist():
         huge.compliance(False, i64(0))
 
 
-def test_nodes_are_taken_as_they_were_given():
+def test_saved_states_are_restored_as_they_were():
     for twice, count in ((None, 6), (operator(h=0.2), 12)):
         c, s = started(twice=twice)
         c.advance(3, None)
@@ -710,7 +710,7 @@ def test_nodes_are_taken_as_they_were_given():
 
 
 def test_lengths_of_steps_that_do_not_agree_are_refused():
-    # the double step is twice as long, to the last bit; h substeps = dt but for two roundings
+    # the double step is twice as long, to the last bit; h substeps = dt to two roundings
     h = 0.1 / 3
     coupler(subdomains=(subdomain(substeps=3, single=operator(h=h), twice=operator(h=2 * h)),))
     with pytest.raises(ValueError, match="lengths of steps do not agree"):
@@ -760,7 +760,7 @@ print("alive")
 
 
 def test_a_coupler_of_no_subdomains_can_be_interrupted():
-    # an empty loop of 2^62 steps has to look at signals too, or not to begin
+    # an empty loop of 2^62 steps must check for signals or not begin
     code = """
 none = np.empty(0)
 try:
@@ -853,7 +853,7 @@ def factor(matrix, structure, values, inverse, lost=1e-14, blas=BLAS):
     return _core.factor_panels(matrix, structure, values, inverse, lost, *blas)
 
 
-def test_panels_of_parts_that_do_not_fit_are_refused():
+def test_panels_of_arrays_that_do_not_fit_are_refused():
     matrix, structure, values, inverse = panels_of(TWO_BLOCKS)
     assert factor(matrix, structure, values, inverse) is None
     first, row_ptr, rows, start, owner = structure
@@ -890,7 +890,7 @@ def test_panels_of_parts_that_do_not_fit_are_refused():
         check_refused(call)
 
 
-def test_a_matrix_that_is_not_definite_is_said_by_its_column():
+def test_a_matrix_that_is_not_definite_is_reported_with_its_column():
     A = SPD.copy()
     A[4, 4] = -4.0
     assert factor(*panels_of(A)) == 4
@@ -903,8 +903,8 @@ def test_panels_made_for_another_pattern_are_refused():
     check_refused(lambda: factor(matrix, *panels_of(TWO_BLOCKS)[1:]))
 
 
-def test_what_is_no_blas_routine_is_refused():
-    # any capsule has a pointer; its name, the signature, says what is behind it
+def test_anything_but_a_blas_routine_is_refused():
+    # any capsule has a pointer; its name is the signature of the function
     code = """
 other = cython_blas.__pyx_capi__["drotg"]
 for blas in ((None, None), (5, 5), (BLAS[0], None), (other, BLAS[1]), (BLAS[0], other)):
@@ -943,7 +943,7 @@ print("alive")
     assert "alive" in in_a_process(code)
 
 
-# ---- who keeps what alive -----------------------------------------------------------------------
+# ---- ownership ----------------------------------------------------------------------------------
 
 
 class Watched(np.ndarray):
@@ -951,7 +951,7 @@ class Watched(np.ndarray):
 
 
 def watched(array):
-    """The array and a list that says when it has gone."""
+    """The array, and a list that gets an entry when the array is freed."""
     array, gone = array.view(Watched), []
     weakref.finalize(array, gone.append, True)
     return array, gone
@@ -966,7 +966,7 @@ def test_arrays_live_as_long_as_the_core_points_into_them():
         x.set_load(load if x is s else f64(1.0, 2.0))
     del K, load, x
     gc.collect()
-    junk = [np.full(2, np.nan) for _ in range(1000)]  # would land where they were
+    junk = [np.full(2, np.nan) for _ in range(1000)]  # would be allocated at the same address
     assert not gone and not load_gone
     c.advance(50, None)
     expected.advance(50, None)
@@ -982,7 +982,7 @@ def test_arrays_live_as_long_as_the_core_points_into_them():
     del junk
 
 
-def test_arrays_of_a_refused_object_are_let_go():
+def test_arrays_of_a_refused_object_are_released():
     K, gone = watched(f64(4.0, 9.0))
     with pytest.raises(ValueError):
         subdomain(K=K, link=(1, i64(0, 1), i32(7), f64(1.0)))
@@ -1081,7 +1081,7 @@ def test_memory_of_the_core_is_freed():
 
 
 def long_run(n=1000, force=None):
-    """A coupler that needs minutes for its steps, and how many."""
+    """A coupler that needs minutes for its steps, and their number."""
     K = sp.diags_array(
         [np.full(n, 2.0), np.full(n - 1, -1.0), np.full(n - 1, -1.0)], offsets=[0, 1, -1]
     )
@@ -1099,7 +1099,7 @@ def test_one_of_two_threads_in_the_same_core_object_gets_a_runtime_error():
 
     def meddle():
         go.wait()
-        time.sleep(0.05)  # the other is in the core by now, for half a second
+        time.sleep(0.05)  # the other thread is in the core, for half a second
         none = np.zeros(1)
         for call in (
             lambda: c.advance(1, None),
@@ -1260,16 +1260,16 @@ def test_the_history_of_an_interrupted_run_is_that_of_a_short_one():
     np.testing.assert_array_equal(after["a"].u, whole["a"].u)
 
 
-def test_ctrl_c_under_a_callable_load_asks_nothing_twice_but_what_it_cut_short():
-    asked = []
+def test_ctrl_c_under_a_callable_load_evaluates_only_the_interrupted_time_twice():
+    times_of_load = []
 
     def force(t):
-        asked.append(t)
+        times_of_load.append(t)
         return np.full(20, np.sin(t))
 
     c, steps = long_run(20, force=force)
     other, _ = long_run(20, force=lambda t: np.full(20, np.sin(t)))
-    times = 40  # in the load, around it, or in the core: wherever it comes
+    times = 40  # the signal comes in the load, around it, or in the core
     for k in range(times):
         assert interrupted(lambda: c.run(steps=steps, every=1_000_000), after=0.01 + 1e-4 * k) < 1.0
     other.step(c.step_count)
@@ -1277,13 +1277,13 @@ def test_ctrl_c_under_a_callable_load_asks_nothing_twice_but_what_it_cut_short()
     c.step(3)
     other.step(3)
     check_same_state(c, other)
-    assert asked == sorted(asked)
-    assert len(asked) - len(set(asked)) <= times
+    assert times_of_load == sorted(times_of_load)
+    assert len(times_of_load) - len(set(times_of_load)) <= times
 
 
-def test_ctrl_c_in_a_slow_load_does_not_wait_for_all_the_steps_it_was_asked_ahead_for():
-    # 2 ms for a load, 5 to 20 for a step (three passes over 32 MB): when the signal comes, in a
-    # load, those of some 600 steps are there and no step is done
+def test_ctrl_c_in_a_slow_load_does_not_wait_for_all_steps_evaluated_ahead():
+    # 2 ms for a load, 5 to 20 for a step (three passes over 32 MB): the signal comes in a load,
+    # when the loads of some 600 steps are evaluated and no step is done
     def force(t):
         time.sleep(0.002)
         return np.full(2000, np.sin(t))
@@ -1311,13 +1311,13 @@ def test_a_handler_that_does_not_raise_does_not_stop_the_run():
     assert seen
 
 
-def test_a_handler_may_not_ask_the_coupler_that_is_being_stepped():
+def test_a_handler_may_not_call_the_coupler_that_is_being_stepped():
     c, steps = long_run(10)
 
-    def ask(*args):
+    def call(*args):
         c.state("a")
 
-    old = signal.signal(signal.SIGALRM, ask)
+    old = signal.signal(signal.SIGALRM, call)
     signal.setitimer(signal.ITIMER_REAL, 0.1)
     try:
         with pytest.raises(RuntimeError, match="being stepped"):
@@ -1337,7 +1337,7 @@ def test_a_handler_may_not_ask_the_coupler_that_is_being_stepped():
 def test_an_interrupt_on_entering_any_function_of_the_package_leaves_all_or_nothing(
     tmp_path, call, force
 ):
-    # CPython looks at signals when a Python function is entered: every such place in turn
+    # CPython checks for signals when a Python function is entered: each entry in turn
     calls = {
         "run": lambda c: c.run(steps=4),
         "step": lambda c: c.step(4),

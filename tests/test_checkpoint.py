@@ -1,4 +1,4 @@
-"""Save and load: a resumed run equals the one that was never interrupted, bit for bit."""
+"""Save and load: a resumed run is bitwise identical to the uninterrupted one."""
 
 import json
 import os
@@ -27,7 +27,7 @@ def chain(n, k=100.0):
 
 
 def coupler(*, n=6, force=None, coupling="pm", double=None, substeps=4, moved=False):
-    """Three parts; b has double steps with substeps unless told otherwise."""
+    """Three subdomains; by default b takes double steps with substeps."""
     soft = pm.GeneralizedAlpha(0.5)
     M, K = chain(n)
     u0 = np.random.default_rng(3).random(n)
@@ -37,14 +37,14 @@ def coupler(*, n=6, force=None, coupling="pm", double=None, substeps=4, moved=Fa
         M, K, scheme=soft, substeps=2, double_step=double, force=sampled(n, 1), name="b"
     )
     c = pm.Subdomain(M, K, scheme=pm.CentralDifference(), substeps=substeps, name="c")
-    conditions = [pm.tie(a, [5], b, [0]), pm.tie(b, [5], c, [0])]
+    constraints = [pm.tie(a, [5], b, [0]), pm.tie(b, [5], c, [0])]
     if moved:
-        conditions.append(pm.Constraint({a: np.eye(n)[:1]}, velocity=lambda t: [np.sin(t)]))
-    return pm.Coupler([a, b, c], conditions, dt=0.1, coupling=coupling)
+        constraints.append(pm.Constraint({a: np.eye(n)[:1]}, velocity=lambda t: [np.sin(t)]))
+    return pm.Coupler([a, b, c], constraints, dt=0.1, coupling=coupling)
 
 
 def snapshot(c):
-    """All that goes on, as bytes."""
+    """The whole state, as bytes."""
     nodes = [x.tobytes() for part in c._parts for x in part.core.levels()]
     return c.step_count, c.multipliers.tobytes(), c._core.prescribed.tobytes(), nodes
 
@@ -71,7 +71,7 @@ VARIANTS = {
 
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("steps", [0, 1, 2, 7])
-def test_a_resumed_run_equals_the_uninterrupted_one_bit_for_bit(tmp_path, variant, steps):
+def test_a_resumed_run_is_bitwise_identical_to_the_uninterrupted_one(tmp_path, variant, steps):
     whole, other = coupler(**VARIANTS[variant]), coupler(**VARIANTS[variant])
     whole.step(steps)
     whole.save(tmp_path / "state")
@@ -84,7 +84,7 @@ def test_a_resumed_run_equals_the_uninterrupted_one_bit_for_bit(tmp_path, varian
 
 
 def test_a_state_that_was_changed_does_not_give_the_same_run(tmp_path):
-    # or the comparison above would see nothing
+    # so the comparison above can fail
     whole, other = coupler(), coupler()
     whole.step(2)
     other.step(3)
@@ -92,7 +92,7 @@ def test_a_state_that_was_changed_does_not_give_the_same_run(tmp_path):
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_random_problems_go_on_bit_for_bit(tmp_path, seed):
+def test_random_problems_resume_bitwise_identically(tmp_path, seed):
     problem = random_problem(seed)
     whole, other = problem.coupler(), problem.coupler()
     whole.step(3)
@@ -127,35 +127,35 @@ def test_the_state_after_an_abort_is_that_of_the_last_whole_macro_step(tmp_path)
     require_same_history(resumed.run(steps=5), other.run(steps=5))
 
 
-def test_one_coupler_can_go_back_and_forth(tmp_path):
-    asked = []
+def test_one_coupler_can_load_an_earlier_and_a_later_state(tmp_path):
+    times = []
 
     def force(t):
-        asked.append(t)
+        times.append(t)
         return np.full(6, np.sin(t))
 
     c = coupler(force=force)
     c.step(4)
     c.save(tmp_path / "state")
-    del asked[:]
+    del times[:]
     first = c.run(steps=3)
     c.load(tmp_path / "state")
     assert c.step_count == 4 and c.last_history is None
     require_same_history(c.run(steps=3), first)
-    # a callable is asked again for the times it is run again, and for no other
-    np.testing.assert_array_equal(asked, 2 * list(first["a"].t[1:]))
+    # a callable is evaluated again at the times that are run again, and at no other
+    np.testing.assert_array_equal(times, 2 * list(first["a"].t[1:]))
     c.reset()
     assert c.step_count == 0
     np.testing.assert_array_equal(c.state("a").u, coupler().state("a").u)
 
 
-def test_a_loaded_coupler_asks_nothing_for_the_start(tmp_path):
-    asked = []
-    c, other = coupler(force=lambda t: np.zeros(6)), coupler(force=lambda t: asked.append(t))
+def test_a_loaded_coupler_evaluates_no_load_for_the_start(tmp_path):
+    times = []
+    c, other = coupler(force=lambda t: np.zeros(6)), coupler(force=lambda t: times.append(t))
     c.step(2)
     c.save(tmp_path / "state")
     other.load(tmp_path / "state")
-    assert other.step_count == 2 and not asked
+    assert other.step_count == 2 and not times
 
 
 def in_another_process(code, path):
@@ -174,7 +174,7 @@ def in_another_process(code, path):
     )
 
 
-def test_a_state_saved_in_one_process_goes_on_in_another(tmp_path):
+def test_a_state_saved_in_one_process_resumes_in_another(tmp_path):
     path = tmp_path / "state"
     done = in_another_process("c.step(5); c.save(path)", path)
     assert done.returncode == 0, done.stderr
@@ -190,8 +190,8 @@ def test_a_state_saved_in_one_process_goes_on_in_another(tmp_path):
 OPTIONS = ("scheme", "substeps", "double_step", "damping", "restoring", "force", "name")
 
 
-def two_parts(**changes):
-    """Two parts of one dof each; `changes` by what they change."""
+def two_subdomains(**changes):
+    """Two subdomains of one dof each, with `changes` of their data."""
     chosen = {
         "M": [1.0],
         "K": [4.0],
@@ -212,9 +212,9 @@ def two_parts(**changes):
     options = {x: chosen[x] for x in OPTIONS}
     a = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), name="a")
     b = pm.Subdomain(chosen["M"], chosen["K"], chosen["C"], **options)
-    conditions = pm.Constraint({a: [[1.0]], b: [[-chosen["L"]]]}, velocity=chosen["velocity"])
+    constraints = pm.Constraint({a: [[1.0]], b: [[-chosen["L"]]]}, velocity=chosen["velocity"])
     options = {x: chosen[x] for x in ("dt", "coupling", "start")}
-    return pm.Coupler([a, b], conditions, **options)
+    return pm.Coupler([a, b], constraints, **options)
 
 
 DIFFERENCES = {
@@ -238,7 +238,7 @@ DIFFERENCES = {
 @pytest.mark.parametrize("what", DIFFERENCES)
 def test_another_problem_is_refused_with_what_differs(tmp_path, what):
     value, message = DIFFERENCES[what]
-    saved, other = two_parts(), two_parts(**{what: value})
+    saved, other = two_subdomains(), two_subdomains(**{what: value})
     saved.step(2)
     saved.save(tmp_path / "state")
     other.step()
@@ -247,16 +247,16 @@ def test_another_problem_is_refused_with_what_differs(tmp_path, what):
         other.load(tmp_path / "state")
     assert message in str(caught.value)
     assert snapshot(other) == before
-    # and nothing else is said to differ
+    # and nothing else is reported to differ
     if what not in ("name", "coupling"):
         assert str(caught.value).count(" in the file, ") == 1
 
 
 def test_sampled_loads_are_compared_by_their_numbers_and_callables_are_not(tmp_path):
     values = np.linspace(0.0, 1.0, 9)[:, None]
-    saved = two_parts(force=pm.SampledForce(values, 0.1))
+    saved = two_subdomains(force=pm.SampledForce(values, 0.1))
     saved.save(tmp_path / "sampled")
-    two_parts(force=pm.SampledForce(values.copy(), 0.1)).load(tmp_path / "sampled")
+    two_subdomains(force=pm.SampledForce(values.copy(), 0.1)).load(tmp_path / "sampled")
     for other in (
         pm.SampledForce(values, 0.11),
         pm.SampledForce(2.0 * values, 0.1),
@@ -268,33 +268,33 @@ def test_sampled_loads_are_compared_by_their_numbers_and_callables_are_not(tmp_p
         with pytest.raises(
             ValueError, match="force of 'b' \\(SampledForce checksum .* in the file"
         ):
-            two_parts(force=other).load(tmp_path / "sampled")
-    two_parts(force=lambda t: [0.0]).save(tmp_path / "callable")
-    two_parts(force=lambda t: [1.0]).load(tmp_path / "callable")
+            two_subdomains(force=other).load(tmp_path / "sampled")
+    two_subdomains(force=lambda t: [0.0]).save(tmp_path / "callable")
+    two_subdomains(force=lambda t: [1.0]).load(tmp_path / "callable")
 
 
 def test_the_loads_that_count_are_those_of_the_last_reset(tmp_path):
-    saved, other = two_parts(), two_parts()
+    saved, other = two_subdomains(), two_subdomains()
     saved.reset(force={"b": [7.0]})
     saved.step(2)
     saved.save(tmp_path / "state")
     with pytest.raises(ValueError, match="force of 'b'"):
         other.load(tmp_path / "state")
-    other.reset(u0={"a": [1.0], "b": [1.0]}, force={"b": [7.0]})  # initial values do not count
+    other.reset(u0={"a": [1.0], "b": [1.0]}, force={"b": [7.0]})  # initial values are not compared
     other.load(tmp_path / "state")
     assert snapshot(other) == snapshot(saved)
 
 
 def test_many_differences_are_counted(tmp_path):
-    saved = two_parts()
+    saved = two_subdomains()
     saved.save(tmp_path / "state")
-    other = two_parts(M=[2.0], K=[1.0], C=[0.1], force=None, dt=0.3, L=3.0, start="plain")
+    other = two_subdomains(M=[2.0], K=[1.0], C=[0.1], force=None, dt=0.3, L=3.0, start="plain")
     with pytest.raises(ValueError, match=r"\.\.\. \(7 in all\)"):
         other.load(tmp_path / "state")
 
 
 def test_the_elimination_order_does_not_belong_to_the_problem(tmp_path):
-    # the file holds dofs and conditions in the user's order
+    # the file has dofs and constraints in the user's order
     c = coupler()
     c.step(3)
     c.save(tmp_path / "state")
@@ -309,15 +309,15 @@ def test_the_elimination_order_does_not_belong_to_the_problem(tmp_path):
         assert jump != 0.0
     # vf is permuted as u is where both interface dofs of b count
     part = c._parts[1]
-    places = checkpoint.order_of(part, "vf", np.empty(2))
-    np.testing.assert_array_equal(part.order[part.n - 2 :][places], [0, 5])
+    positions = checkpoint.order_of(part, "vf", np.empty(2))
+    np.testing.assert_array_equal(part.order[part.n - 2 :][positions], [0, 5])
 
 
 # ---- files ----------------------------------------------------------------------------------
 
 
 def saved_state(path):
-    c = two_parts()
+    c = two_subdomains()
     c.step(4)
     c.save(path)
     return c
@@ -347,7 +347,7 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize("damage", DAMAGE)
-def test_a_file_that_is_not_whole_is_refused_and_nothing_changes(tmp_path, damage):
+def test_an_incomplete_file_is_refused_and_nothing_changes(tmp_path, damage):
     path = tmp_path / "state"
     c = saved_state(path)
     before = snapshot(c)
@@ -371,7 +371,7 @@ def test_a_file_that_is_cut_off_is_refused_and_nothing_changes(tmp_path):
 
 
 def test_a_file_of_another_kind_is_refused(tmp_path):
-    c = two_parts()
+    c = two_subdomains()
     c.run(steps=2).save(tmp_path / "history")
     with pytest.raises(ValueError, match="is of format 'pmalpha History'"):
         c.load(tmp_path / "history")
@@ -393,8 +393,8 @@ def test_a_file_of_another_kind_is_refused(tmp_path):
             call(3)
 
 
-def test_a_file_that_cannot_be_written_is_named_and_the_coupler_goes_on(tmp_path):
-    c, other = two_parts(), two_parts()
+def test_a_file_that_cannot_be_written_is_named_and_the_coupler_continues(tmp_path):
+    c, other = two_subdomains(), two_subdomains()
     with pytest.raises(FileNotFoundError, match="path cannot be written.*nowhere/state'"):
         c.save(tmp_path / "nowhere" / "state")
     with pytest.raises(OSError, match="path cannot be written: a folder or a device"):
@@ -431,23 +431,23 @@ def test_a_full_disk_keeps_the_old_file_and_the_coupler(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["state"]
 
 
-def test_a_load_cannot_save_or_load_the_coupler_that_asks_it(tmp_path):
-    said = []
+def test_a_load_cannot_save_or_load_the_coupler_that_evaluates_it(tmp_path):
+    errors = []
 
     def force(t):
         for call in (c.save, c.load):
             with pytest.raises(RuntimeError, match="being stepped") as caught:
                 call(tmp_path / "state")
-            said.append(caught)
+            errors.append(caught)
         return [0.0]
 
-    c = two_parts(force=force)
+    c = two_subdomains(force=force)
     c.step()
-    assert said and not list(tmp_path.iterdir())
+    assert errors and not list(tmp_path.iterdir())
 
 
 def test_the_matrices_are_read_once_for_any_number_of_files(tmp_path, monkeypatch):
-    c = two_parts()
+    c = two_subdomains()
     c.save(tmp_path / "state")
     monkeypatch.setattr(checkpoint, "constants", None)
     c.save(tmp_path / "state")

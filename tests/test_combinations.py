@@ -1,7 +1,7 @@
-"""All features at once: however a run is cut, recorded or shared, its bits are the same.
+"""All features at once: runs that are cut, recorded and threaded in any way are bitwise identical.
 
-What is right is one run on one thread that records everything. Everything else is done with other
-couplers of the same problem, in a random order, and compared with its rows.
+The expected values are those of one run on one thread that records everything. Random calls on
+other couplers of the same problem are compared with its rows.
 """
 
 import ctypes
@@ -27,11 +27,11 @@ DT = 0.05
 
 
 class Broken(Exception):
-    """What a load or a restoring force raises when it is told to."""
+    """Raised by a load or a restoring force on request."""
 
 
-class Asked:
-    """A function of the user's that counts its calls, and fails at the call it is told to."""
+class UserFunction:
+    """A function of the user that counts its calls and fails at a given one."""
 
     def __init__(self, function):
         self.function, self.calls, self.fails_in = function, 0, None
@@ -69,48 +69,49 @@ class Asked:
 
 
 class Case:
-    """A problem of 1 to 5 subdomains; each coupler of it has functions of its own."""
+    """A problem of 1 to 5 subdomains; each of its couplers has separate functions."""
 
     def __init__(self, seed):
         self.seed = seed
         rng = np.random.default_rng([seed, 7])
         self.coupling = str(rng.choice(["pm", "pm", "gc", "macro"]))
-        self.parts = problems.random_restored_problem(seed).parts[: int(rng.integers(1, 6))]
-        self.parts = [larger(rng, x) if rng.random() < 0.25 else x for x in self.parts]
+        drawn = problems.random_restored_problem(seed).subdomains
+        self.subdomains = drawn[: int(rng.integers(1, 6))]
+        self.subdomains = [larger(rng, x) if rng.random() < 0.25 else x for x in self.subdomains]
         if self.coupling == "macro":
-            for part in self.parts:
-                part.substeps = int(rng.integers(1, 7))
-                part.double = True if part.substeps == 1 and rng.random() < 0.5 else None
-            if all(part.double for part in self.parts):
-                self.parts[0].double = None
-        elif any(part.double for part in self.parts):
-            finest = max(part.substeps for part in self.parts)
-            self.parts[0].substeps, self.parts[0].double = finest, False
-        for part in self.parts:
-            part.restoring = None
-        self.massless = [np.diag(part.M) == 0.0 for part in self.parts]
-        sizes = [len(part.M) for part in self.parts]
+            for s in self.subdomains:
+                s.substeps = int(rng.integers(1, 7))
+                s.double = True if s.substeps == 1 and rng.random() < 0.5 else None
+            if all(s.double for s in self.subdomains):
+                self.subdomains[0].double = None
+        elif any(s.double for s in self.subdomains):
+            finest = max(s.substeps for s in self.subdomains)
+            self.subdomains[0].substeps, self.subdomains[0].double = finest, False
+        for s in self.subdomains:
+            s.restoring = None
+        self.massless = [np.diag(s.M) == 0.0 for s in self.subdomains]
+        sizes = [len(s.M) for s in self.subdomains]
         self.L = None
         if sum(sizes) > 1:
-            self.L = problems._random_conditions(rng, sizes)
+            self.L = problems._random_constraints(rng, sizes)
             if not any(x.any() for x in self.massless):
-                problems._set_initial_state(rng, self.parts, self.L)
+                problems._set_initial_state(rng, self.subdomains, self.L)
             else:
-                for part in self.parts:
-                    part.u0 = part.v0 = None
-        self.kinds = [int(rng.integers(6)) for _ in self.parts]
-        self.restored = [bool(rng.random() < 0.4) for _ in self.parts]
+                for s in self.subdomains:
+                    s.u0 = s.v0 = None
+        self.kinds = [int(rng.integers(6)) for _ in self.subdomains]
+        self.restored = [bool(rng.random() < 0.4) for _ in self.subdomains]
         self.springs = [
             [] if restored else self._springs(rng, i) for i, restored in enumerate(self.restored)
         ]
         self.motion = int(rng.integers(4)) if self.L and len(self.L[0]) > 1 else 0
-        for part, massless, restored, springs in zip(
-            self.parts, self.massless, self.restored, self.springs
+        for s, massless, restored, springs in zip(
+            self.subdomains, self.massless, self.restored, self.springs
         ):
             estimate = np.diag(np.where(massless, 0.0, 0.5))
             nonlinear = restored or springs
-            part.K_r = estimate if nonlinear and rng.random() < 0.5 else None
-            part.D_r = 0.1 * estimate if nonlinear and rng.random() < 0.5 else None
+            s.K_r = estimate if nonlinear and rng.random() < 0.5 else None
+            s.D_r = 0.1 * estimate if nonlinear and rng.random() < 0.5 else None
 
     def _springs(self, rng, i):
         dofs = np.flatnonzero(~self.massless[i])
@@ -132,35 +133,33 @@ class Case:
         return [x for x in made if rng.random() < 0.7]
 
     def coupler(self, threads, **options):
-        """And what may be asked: {subdomain: function}, of loads and of restoring forces."""
+        """A coupler, its loads and its restoring forces, both as {subdomain: function}."""
         loads, forces = {}, {}
         subdomains = []
-        for i, part in enumerate(self.parts):
+        for i, s in enumerate(self.subdomains):
             restoring = self.springs[i] or None
             if self.restored[i]:
-                c = np.where(self.massless[i], 0.0, 1.0 + 0.1 * np.arange(len(part.M)))
-                forces[i] = Asked(
+                c = np.where(self.massless[i], 0.0, 1.0 + 0.1 * np.arange(len(s.M)))
+                forces[i] = UserFunction(
                     lambda u, v, t, c=c: c * (u / (1.0 + u * u) + 0.1 * v + 0.2 * np.sin(t))
                 )
                 restoring = forces[i] if i % 2 else forces[i].compiled_restoring()
-            M, C, K = (
-                None if A is None else f(A) for A, f in zip((part.M, part.C, part.K), part.forms)
-            )
+            M, C, K = (None if A is None else f(A) for A, f in zip((s.M, s.C, s.K), s.forms))
             subdomains.append(
                 pm.Subdomain(
                     M,
                     K,
                     C,
-                    scheme=part.scheme,
-                    substeps=part.substeps,
-                    double_step=part.double,
+                    scheme=s.scheme,
+                    substeps=s.substeps,
+                    double_step=s.double,
                     force=self._force(i, loads),
                     restoring=restoring,
-                    restoring_stiffness=part.K_r,
-                    restoring_damping=part.D_r,
-                    damping="lagged" if part.lagged else "implicit",
-                    u0=part.u0,
-                    v0=part.v0,
+                    restoring_stiffness=s.K_r,
+                    restoring_damping=s.D_r,
+                    damping="lagged" if s.lagged else "implicit",
+                    u0=s.u0,
+                    v0=s.v0,
                     name=f"s{i}",
                 )
             )
@@ -175,8 +174,8 @@ class Case:
         return made, loads, forces
 
     def _force(self, i, loads):
-        part, kind = self.parts[i], self.kinds[i]
-        n = len(part.M)
+        s, kind = self.subdomains[i], self.kinds[i]
+        n = len(s.M)
         rng = np.random.default_rng([self.seed, i])
         direction = np.where(self.massless[i], 0.0, rng.normal(size=n))
         if kind == 1:
@@ -184,9 +183,9 @@ class Case:
         if kind == 2:
             return pm.SampledForce(rng.normal(size=9), 0.07, shape=direction)
         if kind == 3:
-            return pm.BaseAcceleration(rng.normal(size=9), 0.07, direction, part.M)
+            return pm.BaseAcceleration(rng.normal(size=9), 0.07, direction, s.M)
         if kind > 3:
-            loads[i] = Asked(lambda t: direction * np.cos(3.0 * t))
+            loads[i] = UserFunction(lambda t: direction * np.cos(3.0 * t))
             return loads[i].compiled_force() if kind == 5 else loads[i]
         return None
 
@@ -207,8 +206,8 @@ class Case:
         return {f"s{i}": None for i, springs in enumerate(self.springs) if springs} or None
 
 
-def larger(rng, part):
-    """A chain or a grid for bands, strips, panels and slabs, in place of a small part."""
+def larger(rng, s):
+    """A chain or a grid for bands, strips, panels and slabs, in place of a small subdomain."""
     n = int(rng.integers(20, 200))
     K = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     if rng.random() < 0.5:
@@ -218,13 +217,11 @@ def larger(rng, part):
     C = None if rng.random() < 0.5 else 0.02 * K
     forms = [np.diag if rng.random() < 0.5 else sp.csr_array, sp.csr_array, sp.csr_array]
     M = np.diag(rng.uniform(1.0, 2.0, n))
-    return problems.Part(
-        M, K, C, part.scheme, part.substeps, part.double, forms, lagged=part.lagged
-    )
+    return problems.SubdomainData(M, K, C, s.scheme, s.substeps, s.double, forms, lagged=s.lagged)
 
 
 class Truth:
-    """One run on one thread, and energies of any stretch of it."""
+    """One run on one thread, and the energies of any interval of it."""
 
     def __init__(self, case):
         self.case = case
@@ -238,41 +235,42 @@ class Truth:
 
     def check_present(self, coupler):
         now = coupler.step_count
-        for i, own in enumerate(self.history.subdomains):
-            row = now * self.case.parts[i].substeps
+        for i, whole in enumerate(self.history.subdomains):
+            row = now * self.case.subdomains[i].substeps
             x = coupler.state(i)
             for name in "uva":
-                same(getattr(x, name), getattr(own, name)[row])
+                same(getattr(x, name), getattr(whole, name)[row])
             if self.case.springs[i]:
                 springs = coupler.springs(i)
-                same(springs.deformation, own.deformation[row])
-                same(springs.force, own.force[row])
+                same(springs.deformation, whole.deformation[row])
+                same(springs.force, whole.force[row])
         same(coupler.multipliers, self.history.multipliers[now * self.fine])
 
     @property
     def fine(self):
         if self.case.coupling == "macro":
             return 1
-        return max(part.substeps for part in self.case.parts)
+        return max(s.substeps for s in self.case.subdomains)
 
-    def check_rows(self, told, begin, end, every, energy):
-        def rows(nodes):
+    def check_rows(self, history, begin, end, every, energy):
+        def rows(substeps):
             if every is None:
-                return np.arange(begin * nodes, end * nodes + 1)
+                return np.arange(begin * substeps, end * substeps + 1)
             later = [k for k in range(begin + 1, end + 1) if k % every == 0]
-            return np.array([begin, *later]) * nodes
+            return np.array([begin, *later]) * substeps
 
-        for i, (own, ours) in enumerate(zip(told.subdomains, self.history.subdomains)):
+        for i, (ours, whole) in enumerate(zip(history.subdomains, self.history.subdomains)):
             names = ("t", "u", "v", "a") + ("deformation", "force") * bool(self.case.springs[i])
             for name in names:
-                same(getattr(own, name), getattr(ours, name)[rows(self.case.parts[i].substeps)])
-        same(told.multipliers, self.history.multipliers[rows(self.fine)])
-        same(told.velocity_jump, self.history.velocity_jump[rows(self.fine)])
-        same(told.displacement_jump, self.history.displacement_jump[rows(1)])
+                expected = getattr(whole, name)[rows(self.case.subdomains[i].substeps)]
+                same(getattr(ours, name), expected)
+        same(history.multipliers, self.history.multipliers[rows(self.fine)])
+        same(history.velocity_jump, self.history.velocity_jump[rows(self.fine)])
+        same(history.displacement_jump, self.history.displacement_jump[rows(1)])
         if energy:
             expected = self.energy(begin, end)
             for name in ("kinetic", "strain", "dissipated", "external", "interface"):
-                same(getattr(told.energy, name), getattr(expected, name)[rows(1) - begin])
+                same(getattr(history.energy, name), getattr(expected, name)[rows(1) - begin])
 
 
 def same(a, b):
@@ -280,7 +278,7 @@ def same(a, b):
 
 
 class Attack:
-    """Random calls on couplers of a case, each followed by a look at all there is."""
+    """Random calls on couplers of a case; all results are compared after each call."""
 
     def __init__(self, case, rng, folder):
         self.case, self.rng, self.folder = case, rng, folder
@@ -303,8 +301,8 @@ class Attack:
 
     def run(self, steps):
         begin, options = self.coupler.step_count, self.options()
-        told = self.coupler.run(steps=steps, **options)
-        self.truth.check_rows(told, begin, begin + steps, options["every"], options["energy"])
+        history = self.coupler.run(steps=steps, **options)
+        self.truth.check_rows(history, begin, begin + steps, options["every"], options["energy"])
 
     def step(self, steps):
         self.coupler.step(steps)
@@ -320,22 +318,22 @@ class Attack:
         self.coupler.reset()
 
     def fail(self, steps):
-        """A function fails in mid run; what was done stays, and the rest is asked again."""
-        asked = [*self.loads.values(), *self.forces.values()]
-        if not asked:
+        """A function fails within a run; completed steps are kept, the others are repeated."""
+        functions = [*self.loads.values(), *self.forces.values()]
+        if not functions:
             return
-        chosen = asked[int(self.rng.integers(len(asked)))]
+        chosen = functions[int(self.rng.integers(len(functions)))]
         self.coupler.state(0)
         chosen.fails_in = int(self.rng.integers(12))
         begin, options = self.coupler.step_count, self.options()
         try:
-            told = self.coupler.run(steps=steps, **options)
+            history = self.coupler.run(steps=steps, **options)
         except (Broken, pm.CallbackError):
-            told = self.coupler.last_history
+            history = self.coupler.last_history
         chosen.fails_in = None
-        if told is not None:
+        if history is not None:
             end = self.coupler.step_count
-            self.truth.check_rows(told, begin, end, options["every"], options["energy"])
+            self.truth.check_rows(history, begin, end, options["every"], options["energy"])
 
     def stop(self, steps):
         """Progress that raises ends a run as Ctrl-C does."""
@@ -346,8 +344,8 @@ class Attack:
         begin, options = self.coupler.step_count, self.options()
         with pytest.raises(Broken):
             self.coupler.run(steps=steps, progress=progress, **options)
-        end, told = self.coupler.step_count, self.coupler.last_history
-        self.truth.check_rows(told, begin, end, options["every"], options["energy"])
+        end, history = self.coupler.step_count, self.coupler.last_history
+        self.truth.check_rows(history, begin, end, options["every"], options["energy"])
 
     def go(self, rounds):
         names = ["run", "run", "step", "save_and_load", "reset", "fail", "fail", "stop"]
@@ -371,11 +369,11 @@ class Attack:
 
     def _check_calls(self, before, steps):
         for i, calls, f in zip(sorted(self.forces), before, self._counted()):
-            assert f.calls - calls == steps * self.case.parts[i].substeps
+            assert f.calls - calls == steps * self.case.subdomains[i].substeps
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_whatever_is_combined_the_bits_are_those_of_one_run_on_one_thread(seed, tmp_path):
+def test_any_combination_is_bitwise_identical_to_one_run_on_one_thread(seed, tmp_path):
     attack = Attack(Case(seed), np.random.default_rng([seed, 11]), tmp_path)
     attack.go(rounds=8)
 
@@ -412,9 +410,9 @@ def test_no_restoring_force_is_evaluated_beyond_a_macro_step_that_fails(threads)
 
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
 @pytest.mark.parametrize("threads", [1, 2, 3])
-def test_what_failed_first_is_raised_though_a_later_step_was_asked_meanwhile(coupling, threads):
-    # from t = 0.5 on a load beyond all numbers, in the own step of "a" that begins at 0.4 (double)
-    # or 0.45; a thread beside it has asked "b" for what comes after
+def test_the_first_failure_is_raised_though_a_later_step_was_evaluated_meanwhile(coupling, threads):
+    # from t = 0.5 on a load that overflows, in the substep of "a" that begins at 0.4 (double step)
+    # or 0.45; another thread has evaluated "b" for later substeps
     samples = np.where(np.arange(40) < 5, 0.0, 1e300).reshape(-1, 1)
     load = pm.SampledForce(samples, 0.1, shape=[[1.0], [0.0]])
     a = pm.Subdomain(

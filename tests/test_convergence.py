@@ -1,7 +1,7 @@
 """Order of convergence through the public API, against the motion of the uncut structure.
 
-The truth is scipy's: DOP853 for loaded structures, at relative 1e-12, which is far below every
-error measured here (1e-6 and more); the matrix exponential for free vibration.
+The exact motion is scipy's: DOP853 for loaded structures, at relative 1e-12, which is far below
+every error measured here (1e-6 and more); the matrix exponential for free vibration.
 
 An order is the slope of log2(error) when the step is halved. An error c1 dt^q + c2 dt^(q+1) has a
 slope that differs from q by about dt c2/c1: tolerances beside the slopes cover that second term.
@@ -83,12 +83,12 @@ def test_an_uncoupled_subdomain_has_order_two_in_u_v_and_a(scheme, form):
 
 
 def test_numerical_damping_by_gamma_alone_costs_newmark_one_order():
-    # gamma = 1/2 is the condition of order 2: the same measurement sees 1 without it
+    # gamma = 1/2 is required for order 2; without it the same measurement gives order 1
     assert alone_orders(pm.Newmark(0.3025, 0.6), [400, 800]) == pytest.approx(1.0, abs=0.05)
 
 
 def test_a_load_late_by_a_third_of_a_step_costs_one_order():
-    # as if equilibrium were taken inside the step, at 1 - af: the load belongs to the end
+    # as if equilibrium held within the step, at 1 - af: the load must be that of the end
     errors = []
     truth = motion(M3, C3, K3, push3, **STATE3, t=np.array([0.0, 1.0]))[1][-1]
     for h in (1 / 800, 1 / 1600):
@@ -98,12 +98,12 @@ def test_a_load_late_by_a_third_of_a_step_costs_one_order():
     assert orders(errors) == pytest.approx(1.0, abs=0.15)  # the dt^2 term, still a tenth of it
 
 
-# ---- structures cut in several parts --------------------------------------------------------
+# ---- partitioned structures -----------------------------------------------------------------
 
 
 @dataclass
 class Piece:
-    """A part of a structure: its matrices, where its dofs are in the whole, its load if any."""
+    """A subdomain: its matrices, the numbers of its dofs in the whole, its load if any."""
 
     M: np.ndarray
     C: np.ndarray
@@ -116,9 +116,9 @@ class Piece:
 
 
 class Structure:
-    """Pieces, and the uncut structure that they are together.
+    """Subdomains, and the whole structure that they form together.
 
-    `ties` holds (i, dof of i, j, dof of j); every tie is one condition, in this order.
+    `ties` are (i, dof of i, j, dof of j); each tie is one constraint, in this order.
     """
 
     def __init__(self, pieces, ties, u0, v0):
@@ -144,8 +144,8 @@ class Structure:
         return u, v, w, self.tie_forces(t, u, v, w)
 
     def tie_forces(self, t, u, v, w):
-        """Lam from (1), M_i w + C_i v + K_i u - F_i = L_i^T Lam, all pieces together."""
-        L = self.conditions()
+        """Lam from (1), M_i w + C_i v + K_i u - F_i = L_i^T Lam, for all subdomains together."""
+        L = self.constraints()
         left = [
             w[:, q.dofs] @ q.M + v[:, q.dofs] @ q.C + u[:, q.dofs] @ q.K
             - np.array([q.load(ti) for ti in t])
@@ -153,7 +153,7 @@ class Structure:
         ]  # fmt: skip
         return np.linalg.lstsq(np.hstack(L).T, np.hstack(left).T)[0].T
 
-    def conditions(self):
+    def constraints(self):
         L = [np.zeros((len(self.ties), len(q.dofs))) for q in self.pieces]
         for row, (i, a, j, b) in enumerate(self.ties):
             L[i][row, a], L[j][row, b] = 1.0, -1.0
@@ -173,21 +173,22 @@ class Structure:
     def errors(self, t_end, counts, substeps, sample=None, **options):
         """Largest errors of u, v, a, Lam in the second half of the run; a row for each count.
 
-        At all macro nodes, or at `sample` of them where the truth is expensive. In the second half
-        the transient of the start is over; over all nodes a zig-zag of the double step shows.
+        At the ends of all macro steps, or of `sample` of them where the exact solution is
+        expensive. In the second half the transient of the start is over; the maximum over all time
+        levels includes the zig-zag of the double step.
         """
         rows = [self._errors(t_end, n, substeps, sample or n // 2, **options) for n in counts]
         return np.array(rows)
 
     def _errors(self, t_end, count, substeps, sample, **options):
-        nodes = np.arange(sample + 1, 2 * sample + 1) * (count // (2 * sample))
-        *motions, Lam = (x[1:] for x in self.truth(np.concatenate([[0.0], nodes * t_end / count])))
+        levels = np.arange(sample + 1, 2 * sample + 1) * (count // (2 * sample))
+        *motions, Lam = (x[1:] for x in self.truth(np.concatenate([[0.0], levels * t_end / count])))
         got = self.run(t_end, count, substeps=substeps, **options)
         row = []
         for name, x in zip("uva", motions):
-            ours = [getattr(g, name)[nodes * ss] for g, ss in zip(got.subdomains, substeps)]
+            ours = [getattr(g, name)[levels * ss] for g, ss in zip(got.subdomains, substeps)]
             row.append(max(np.abs(y - x[:, q.dofs]).max() for y, q in zip(ours, self.pieces)))
-        return [*row, np.abs(got.multipliers[nodes * max(substeps)] - Lam).max()]
+        return [*row, np.abs(got.multipliers[levels * max(substeps)] - Lam).max()]
 
 
 def cut_oscillator():
@@ -214,7 +215,7 @@ def test_two_subdomains_with_equal_steps_have_order_two(coupling, schemes):
     assert orders(errors) == pytest.approx(2.0, abs=0.05)
 
 
-def test_a_scheme_of_order_one_in_one_subdomain_is_seen_in_the_coupled_order():
+def test_a_scheme_of_order_one_in_one_subdomain_lowers_the_coupled_order():
     schemes = pm.Newmark(0.3025, 0.6), pm.CentralDifference()
     errors = cut_oscillator().errors(1.0, [320, 640], (1, 1), schemes=schemes, coupling="gc")
     assert orders(errors) == pytest.approx(1.0, abs=0.1)  # the dt^2 term: a few percent
@@ -234,7 +235,7 @@ def test_two_subdomains_with_subcycling_have_order_one(coupling, ss, schemes):
 
 
 def cross_point():
-    """Three pieces [hub, outer] of different mass and stiffness that share the hub."""
+    """Three subdomains [hub, outer] of different mass and stiffness that share the hub."""
     pieces = []
     for i, (hub, outer, k) in enumerate([(0.4, 1.0, 30.0), (0.25, 0.7, 55.0), (0.35, 1.5, 80.0)]):
         M = np.diag([hub, outer])
@@ -259,9 +260,13 @@ def test_three_subdomains_at_a_cross_point_have_order_two_with_equal_steps(coupl
     ("coupling", "substeps", "double"),
     [
         ("gc", (1, 4, 2), None),
-        ("pm", (1, 4, 2), None),  # both implicit ones double
+        ("pm", (1, 4, 2), None),  # both implicit subdomains take double steps
         ("pm", (2, 4, 1), (False, False, True)),
-        ("pm", (4, 4, 1), (True, False, True)),  # double at the finest step, beside a single one
+        (
+            "pm",
+            (4, 4, 1),
+            (True, False, True),
+        ),  # double steps at the finest step, beside single ones
         ("pm", (1, 4, 2), (False, False, False)),
     ],
 )
@@ -272,7 +277,7 @@ def test_three_subdomains_at_a_cross_point_have_order_one_with_subcycling(
     errors = cross_point().errors(1.0, [200, 1600, 3200], substeps, **options)
     # at least order 1 in everything: a factor 8, less a tenth for terms of opposite sign
     assert (errors[1] < errors[0] / 8 * 1.1).all()
-    # and no more in a, where the error of the multipliers shows at once: the dt^2 term is up to a
+    # and no more in a, which contains the error of the multipliers: the dt^2 term is up to a
     # fifth of the dt term, 0.2 / 2 / ln 2 in the slope
     assert orders(errors[1:])[0, 2] == pytest.approx(1.0, abs=0.15)
 
@@ -329,7 +334,7 @@ def test_a_sparse_chain_cut_in_three_has_order_one_with_subcycling(substeps, cou
     errors = chain().errors(2.0, [160, 1280, 5120, 10240], substeps, sample=4, **options)
     # at least order 1: a factor 8, less a tenth for terms of opposite sign
     assert (errors[1] < errors[0] / 8 * 1.1).all()
-    # the cuts carry little of the mass, which makes the dt term small: it rules a at the smallest
+    # the cuts carry little of the mass, so the dt term is small: it dominates a at the smallest
     # steps only, where the dt^2 term is a fifth of it, 0.2 / 2 / ln 2 in the slope
     assert orders(errors[2:])[0, 2] == pytest.approx(1.0, abs=0.15)
 
@@ -338,7 +343,7 @@ def test_a_sparse_chain_cut_in_three_has_order_one_with_subcycling(substeps, cou
 
 
 def start_errors(start, ss, count):
-    """Errors of a of the subcycled side at the fine nodes of the second macro step."""
+    """Errors of a of the subcycled side at the fine instants of the second macro step."""
     whole = cut_oscillator()
     got = whole.run(2.0 / count, 2, (SECOND, FAST), (1, ss), start=start)
     t = got[1].t

@@ -51,7 +51,7 @@ def test_the_demo_prints_that_pm_alpha_annihilates_what_pm_keeps(finished):
     alpha = row(text, "PM-alpha at step 100", 4)
     # 0.697 is |phi_3^T M u0| of the chain
     assert start[2] == 0.697
-    # the claims of figure 7, at macro step 100
+    # the claims of figure 7, after macro step 100
     assert pm[2] > 0.6
     assert alpha[2] < 0.01
     for first in (pm[0], alpha[0]):
@@ -79,7 +79,7 @@ def test_the_picture_is_a_png_fit_for_print(finished):
     picture = folder / "figure7.png"
     assert picture.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
     pixels = image.imread(picture)[..., :3]
-    # 180 mm, the width of a page with two columns, at 300 dots an inch is 2126
+    # 180 mm, the width of a page with two columns, at 300 dots per inch is 2126
     assert pixels.shape[1] >= 2126
     # black, a blue and a white that are not mere antialiasing: curves on paper
     for colour in ((0.0, 0.0, 0.0), (0.0, 0x72 / 255, 0xB2 / 255), (1.0, 1.0, 1.0)):
@@ -97,7 +97,7 @@ def test_name_of_the_picture_and_number_of_steps_can_be_chosen(tmp_path):
 
 
 @pytest.mark.parametrize("steps", ["0", "-1", "1.5", "many"])
-def test_a_number_of_steps_that_is_none_is_refused(tmp_path, steps):
+def test_an_invalid_number_of_steps_is_refused(tmp_path, steps):
     done = demo(tmp_path, f"--steps={steps}")
     assert done.returncode == 2
     assert f"must be a whole number above 0, got '{steps}'" in done.stderr
@@ -108,13 +108,13 @@ def test_a_picture_that_cannot_be_written_is_one_clear_line(tmp_path):
     pytest.importorskip("matplotlib")
     done = demo(tmp_path, "--output", "nowhere/figure.png")
     assert done.returncode == 1
-    assert "PM-alpha at step 100" in done.stdout  # the numbers are there all the same
+    assert "PM-alpha at step 100" in done.stdout  # the numbers are printed without the picture
     assert done.stderr.startswith("pmalpha: nowhere/figure.png not drawn: ")
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_without_matplotlib_the_demo_says_what_to_install(tmp_path):
-    # a module of this name that cannot be imported stands before the real one
+def test_without_matplotlib_the_demo_names_what_to_install(tmp_path):
+    # a module of this name that cannot be imported precedes the real one
     (tmp_path / "matplotlib.py").write_text("raise ImportError('not here')\n")
     done = demo(tmp_path)
     assert done.returncode == 1

@@ -1,4 +1,4 @@
-"""What the documents show runs as shown."""
+"""The code in the documents runs and prints what is shown."""
 
 import contextlib
 import doctest
@@ -28,14 +28,14 @@ def test_the_examples_in_docstrings_run(name):
     assert result.failed == 0
 
 
-def test_there_are_examples_in_the_docstrings_of_what_is_public():
+def test_docstrings_of_public_names_have_examples():
     classes_and_functions = [getattr(pm, name) for name in pm.__all__]
     shown = [x for x in classes_and_functions if ">>>" in (x.__doc__ or "")]
     assert {pm.Subdomain, pm.Coupler, pm.tie, pm.Constraint, pm.solve} <= set(shown)
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/experiments.md"])
-def test_what_a_page_shows_runs_and_prints_what_its_comments_say(page, tmp_path, monkeypatch):
+def test_code_on_a_page_runs_and_prints_what_its_comments_state(page, tmp_path, monkeypatch):
     if "record_to" in (shown := (ROOT / page).read_text()):
         pytest.importorskip("h5py")
     monkeypatch.chdir(tmp_path)
@@ -43,18 +43,20 @@ def test_what_a_page_shows_runs_and_prints_what_its_comments_say(page, tmp_path,
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         exec(compile(code, page, "exec"), {})
-    said = [re.split(r":| {2}", x)[0].strip() for x in re.findall(r"print\(.*?\) +# (.*)", code)]
-    assert said and printed.getvalue().split("\n")[:-1] == said
+    expected = [
+        re.split(r":| {2}", x)[0].strip() for x in re.findall(r"print\(.*?\) +# (.*)", code)
+    ]
+    assert expected and printed.getvalue().split("\n")[:-1] == expected
 
 
-def test_links_between_the_documents_lead_somewhere():
+def test_links_between_the_documents_have_targets():
     for page in [ROOT / "README.md", *ROOT.glob("docs/*.md"), ROOT / "CONTRIBUTING.md"]:
         links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text())
         missing = [link for link in links if not (page.parent / link).exists()]
         assert not missing, page.name
 
 
-def test_the_version_stands_in_one_place():
+def test_the_version_is_in_one_file():
     assert f'version = "{pm.__version__}"' in (ROOT / "pyproject.toml").read_text()
 
 

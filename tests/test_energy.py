@@ -1,4 +1,4 @@
-"""Where the energy goes: against the formulas on a fully recorded run, and against closed forms."""
+"""Energy balance: compared with (B1) to (B4) on a fully recorded run, and with closed forms."""
 
 import warnings
 
@@ -19,34 +19,34 @@ def chain(n, k=100.0):
 # ---- the formulas, once more in NumPy -------------------------------------------------------
 
 
-def forces_at_nodes(part, L, history, x):
-    """F, C v and L^T Lam at the own nodes of a part, (nodes, n) each."""
+def forces_at_time_levels(s, L, history, x):
+    """F, C v and L^T Lam at the time levels of a subdomain, (time levels, n) each."""
     ratio = (len(history.multiplier_times) - 1) // max(len(x.t) - 1, 1)
     lam = history.multipliers[::ratio]
     n = x.u.shape[1]
-    C = np.zeros((n, n)) if part.C is None else part.C
-    force = part.reference_force or (lambda t: np.zeros(n))
+    C = np.zeros((n, n)) if s.C is None else s.C
+    force = s.reference_force or (lambda t: np.zeros(n))
     return np.array([force(t) for t in x.t]), x.v @ C, lam @ L
 
 
 def expected_energies(problem, doubles, history, begin=0):
-    """(B1) to (B3), (macro nodes, parts) by kind; the stretch began at macro step `begin`."""
-    told = {kind: [] for kind in KINDS}
-    for part, L, double, x in zip(problem.parts, problem.L, doubles, history.subdomains):
-        F, damping, pull = forces_at_nodes(part, L, history, x)
+    """(B1) to (B3) by kind, (macro steps + 1, subdomains); the run began at macro step `begin`."""
+    columns = {kind: [] for kind in KINDS}
+    for s, L, double, x in zip(problem.subdomains, problem.L, doubles, history.subdomains):
+        F, damping, pull = forces_at_time_levels(s, L, history, x)
         works = np.zeros((len(x.t), 3))
-        for node in range(1, len(x.t)):
-            single = not double or begin * part.substeps + node <= part.substeps
-            origin = node - 1 if single or node == 1 else node - 2
-            du = x.u[node] - x.u[origin]
-            dW = [du @ (q[origin] + q[node]) / 2.0 for q in (damping, F, pull)]
-            works[node] = works[origin] + dW
-        macro = slice(None, None, part.substeps)
-        told["kinetic"].append(np.einsum("ki,ij,kj->k", x.v, part.M, x.v)[macro] / 2.0)
-        told["strain"].append(np.einsum("ki,ij,kj->k", x.u, part.K, x.u)[macro] / 2.0)
+        for level in range(1, len(x.t)):
+            single = not double or begin * s.substeps + level <= s.substeps
+            origin = level - 1 if single or level == 1 else level - 2
+            du = x.u[level] - x.u[origin]
+            dW = [du @ (q[origin] + q[level]) / 2.0 for q in (damping, F, pull)]
+            works[level] = works[origin] + dW
+        macro = slice(None, None, s.substeps)
+        columns["kinetic"].append(np.einsum("ki,ij,kj->k", x.v, s.M, x.v)[macro] / 2.0)
+        columns["strain"].append(np.einsum("ki,ij,kj->k", x.u, s.K, x.u)[macro] / 2.0)
         for kind, column in zip(KINDS[2:], works[macro].T):
-            told[kind].append(column)
-    return {kind: np.array(columns).T for kind, columns in told.items()}
+            columns[kind].append(column)
+    return {kind: np.array(x).T for kind, x in columns.items()}
 
 
 def require_energies(energy, expected, tolerance=1e-11):
@@ -76,7 +76,7 @@ def test_the_energies_are_those_of_the_formulas_on_what_was_recorded(seed):
 
 
 @pytest.mark.parametrize("seed", range(60, 80))
-def test_a_stretch_sums_up_from_its_own_first_node(seed):
+def test_an_interval_sums_up_from_its_first_time_level(seed):
     problem = random_problem(seed)
     coupler = problem.coupler()
     coupler.step(3)
@@ -88,7 +88,7 @@ def test_a_stretch_sums_up_from_its_own_first_node(seed):
     assert not history.energy.balance[0].any()
 
 
-def test_the_work_of_a_restoring_force_under_macro_coupling_is_that_of_its_own_nodes():
+def test_the_work_of_a_restoring_force_under_macro_coupling_is_that_at_its_time_levels():
     seen = []
 
     def restoring(u, v, t):
@@ -100,7 +100,7 @@ def test_the_work_of_a_restoring_force_under_macro_coupling_is_that_of_its_own_n
     a = pm.Subdomain([1.0, 1.0], K, scheme=pm.GeneralizedAlpha(0.8), u0=[1.0, 0.0], name="a")
     b = pm.Subdomain([1.0, 1.0], K, substeps=4, v0=[0.0, 1.0], name="b", **options)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what a restoring force needs under macro coupling
+        warnings.simplefilter("ignore")  # required for a restoring force under macro coupling
         coupler = pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=0.1, coupling="macro")
     history = coupler.run(steps=6, energy=True)
     u, r = history["b"].u, np.array(seen)
@@ -113,13 +113,13 @@ def test_the_work_of_a_restoring_force_under_macro_coupling_is_that_of_its_own_n
 
 
 def test_the_sixty_problems_have_works_of_every_kind_and_double_steps_with_substeps():
-    # or the comparisons above would see less than they seem to
+    # so the comparisons above cover all kinds
     seen = set()
     for seed in range(60):
         problem = random_problem(seed)
-        for part, double in zip(problem.parts, doubles_of(problem.coupler())):
-            seen |= {("double", double, part.substeps > 1), ("coupling", problem.coupling, double)}
-            seen |= {("damped", part.C is not None), ("loaded", part.force is not None)}
+        for s, double in zip(problem.subdomains, doubles_of(problem.coupler())):
+            seen |= {("double", double, s.substeps > 1), ("coupling", problem.coupling, double)}
+            seen |= {("damped", s.C is not None), ("loaded", s.force is not None)}
     assert {("double", True, True), ("double", True, False), ("coupling", "gc", False)} <= seen
     assert {("damped", True), ("loaded", True)} <= seen
 
@@ -144,8 +144,8 @@ def test_the_balance_of_the_trapezoidal_rule_uncoupled_closes_to_rounding(dampin
     assert not energy.interface.any()
 
 
-def test_a_damping_scheme_takes_what_it_takes():
-    # M w1 + K u1 = 0 with rho = 0 on one mode: its energy falls, and all of that is the balance
+def test_the_balance_of_a_damping_scheme_is_the_energy_it_removes():
+    # M w1 + K u1 = 0 with rho = 0 on one mode: its energy falls by the balance
     s = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.0), u0=[1.0])
     energy = pm.Coupler([s], dt=0.3).run(steps=50, energy=True).energy
     stored = energy.kinetic[:, 0] + energy.strain[:, 0]
@@ -162,10 +162,10 @@ def pair_of_chains(coupling, substeps, scheme):
     return pm.Coupler([a, b], pm.tie(a, [4], b, [0]), dt=0.08, coupling=coupling)
 
 
-def test_gc_takes_at_the_interface_what_the_parts_lose_together():
-    # Gravouil and Combescure: with trapezoidal parts the only loss is the work at the interface,
-    # and none without subcycling. What never grows is an energy of velocities and accelerations;
-    # that of displacements and velocities falls over the run, not in every step.
+def test_the_energy_that_gc_removes_is_the_work_at_the_interface():
+    # Gravouil and Combescure: with trapezoidal subdomains the only loss is the work at the
+    # interface, and none without subcycling. It is an energy of velocities and accelerations that
+    # never grows; that of displacements and velocities falls over the run, not in every step.
     history = pair_of_chains("gc", 4, pm.Newmark()).run(steps=200, energy=True)
     energy = history.energy
     stored = (energy.kinetic + energy.strain).sum(axis=1)
@@ -175,7 +175,9 @@ def test_gc_takes_at_the_interface_what_the_parts_lose_together():
     assert lost[-1] < -0.3 * stored[0]
     together = pair_of_chains("gc", 1, pm.Newmark()).run(steps=200, energy=True).energy
     np.testing.assert_allclose(together.interface.sum(axis=1), 0.0, atol=1e-12 * stored[0])
-    assert np.abs(together.interface).max() > 0.1 * stored[0]  # one gives it, the other takes it
+    assert (
+        np.abs(together.interface).max() > 0.1 * stored[0]
+    )  # equal and opposite in the two subdomains
 
 
 def test_the_work_of_a_prescribed_motion_is_that_of_its_force():
@@ -202,8 +204,8 @@ def test_the_dissipation_of_a_damped_oscillator_is_the_loss_of_a_closed_form():
 
 
 def test_the_work_of_a_restoring_force_is_counted_with_that_of_the_dampers():
-    # K u given as r is asked at the predictor; its work over own steps by (B2), the first one with
-    # the force of its end
+    # K u given as r is evaluated at the predictor; its work over the substeps by (B2), the first
+    # one with the force of its end
     seen = []
 
     def restoring(u, v, t):
@@ -214,7 +216,7 @@ def test_the_work_of_a_restoring_force_is_counted_with_that_of_the_dampers():
     s = pm.Subdomain([1.0], None, [0.1], substeps=3, **options)
     history = pm.Coupler([s], dt=0.06).run(steps=20, energy=True)
     u, v, r = history[0].u[:, 0], history[0].v[:, 0], np.array(seen)
-    r[0] = r[1]  # as if nobody knew it
+    r[0] = r[1]  # as if it were not known
     q = 0.1 * v + r
     expected = np.cumsum(np.append(0.0, np.diff(u) * (q[1:] + q[:-1]) / 2.0))[::3]
     # 60 sums of numbers up to 10
@@ -225,26 +227,26 @@ def test_the_work_of_a_restoring_force_is_counted_with_that_of_the_dampers():
 # ---- what it may not do ----------------------------------------------------------------------
 
 
-def same_bits(ours, theirs):
+def identical(ours, theirs):
     return all(x.tobytes() == y.tobytes() for x, y in zip(arrays_of(ours), arrays_of(theirs)))
 
 
 def arrays_of(history):
-    for part in history.subdomains:
-        yield from (part.t, part.u, part.v, part.a)
+    for s in history.subdomains:
+        yield from (s.t, s.u, s.v, s.a)
     for name in ("multipliers", "velocity_jump", "displacement_jump"):
         yield getattr(history, name)
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_asking_for_the_energy_changes_no_result(seed):
+def test_recording_the_energy_changes_no_result(seed):
     problem = random_problem(seed)
     ours, theirs = problem.coupler(), problem.coupler()
     for steps in (4, 3):
-        assert same_bits(ours.run(steps=steps, energy=True), theirs.run(steps=steps))
+        assert identical(ours.run(steps=steps, energy=True), theirs.run(steps=steps))
 
 
-def test_the_energy_with_every_is_that_without_at_the_same_nodes():
+def test_the_energy_with_every_is_that_without_at_the_same_time_levels():
     coupler, other = (models.four_dof().coupler(0.05) for _ in range(2))
     for c in (coupler, other):
         c.step(2)
@@ -266,12 +268,12 @@ def test_a_run_without_it_has_none():
     assert coupler.step_count == 9
 
 
-def test_a_callable_load_is_asked_no_more_often():
-    asked = {False: [], True: []}
+def test_a_callable_load_is_evaluated_no_more_often():
+    times = {False: [], True: []}
 
     def run(energy):
         def force(t):
-            asked[energy].append(t)
+            times[energy].append(t)
             return [np.sin(t)]
 
         a = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), force=force, name="a")
@@ -282,11 +284,11 @@ def test_a_callable_load_is_asked_no_more_often():
 
     run(False)
     run(True)
-    assert asked[True] == asked[False] and len(asked[True]) == 13
+    assert times[True] == times[False] and len(times[True]) == 13
 
 
-def test_the_first_load_of_a_resumed_run_is_asked_for(tmp_path):
-    # after `load` nobody has asked for it in this process
+def test_the_first_load_of_a_resumed_run_is_evaluated(tmp_path):
+    # after `load` it has not been evaluated in this process
     def coupler():
         s = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), force=lambda t: [np.sin(t)])
         return pm.Coupler([s], dt=0.05)
@@ -299,7 +301,7 @@ def test_the_first_load_of_a_resumed_run_is_asked_for(tmp_path):
     assert ours.external.tobytes() == theirs.external.tobytes() and ours.external.any()
 
 
-def test_an_interrupted_run_has_the_energy_up_to_where_it_came():
+def test_an_interrupted_run_has_the_energy_up_to_the_interruption():
     def force(t):
         if t > 0.33:
             raise ZeroDivisionError

@@ -1,4 +1,4 @@
-"""The examples run, and what comes out of them is asserted."""
+"""The examples run, and their results are asserted."""
 
 import os
 import signal
@@ -22,29 +22,29 @@ PARTS = ("frame", "rig")
 
 
 class InProcess:
-    """The specimen without a rig, and what it was asked."""
+    """The specimen without a rig, and a log of its calls."""
 
     def __init__(self):
-        self.specimen, self.asked = simulated_rig.Yielding(**rig.specimen), []
+        self.specimen, self.calls = simulated_rig.Yielding(**rig.specimen), []
 
     def __call__(self, u, v, t):
-        self.asked.append((len(self.asked) + 1, t, u[0]))
+        self.calls.append((len(self.calls) + 1, t, u[0]))
         return [self.specimen(u[0])]
 
 
 class Until:
-    """A rig to which something happens before its command number `last`."""
+    """A rig that calls `happens` before its command number `last`."""
 
-    def __init__(self, asked, last, happens):
-        self.asked, self.last, self.happens = asked, last, happens
+    def __init__(self, rig, last, happens):
+        self.rig, self.last, self.happens = rig, last, happens
 
     def __call__(self, u, v, t):
-        if self.asked.number + 1 == self.last:
+        if self.rig.number + 1 == self.last:
             self.happens()
-        return self.asked(u, v, t)
+        return self.rig(u, v, t)
 
 
-def assert_same_bits(history, other):
+def assert_identical(history, other):
     for name in PARTS:
         for x in "uva":
             np.testing.assert_array_equal(
@@ -64,10 +64,10 @@ def test_a_rig_without_delay_and_noise_is_the_same_model_in_one_process():
         history = rig.hybrid(client).run(steps=400)
         commands = client.close()
     assert process.returncode == 0  # it has ended by itself
-    # a double that went through a socket is the same double, and so is the whole run
-    assert_same_bits(history, expected)
-    np.testing.assert_array_equal(commands, alone.asked)
-    # it was a test of a yielding specimen: well beyond the elastic limit
+    # a double sent through a socket is unchanged, and so is the whole run
+    assert_identical(history, expected)
+    np.testing.assert_array_equal(commands, alone.calls)
+    # the specimen yields: well beyond the elastic limit
     assert np.abs(commands[:, 2]).max() > 2.0 * rig.specimen["fy"] / rig.specimen["k"]
 
 
@@ -76,7 +76,7 @@ def test_the_specimen_in_the_rig_is_the_spring_of_the_core():
     by_core = rig.hybrid(pm.Bilinear([0], **rig.specimen)).run(steps=400)
     largest = np.abs(by_core["rig"].u).max()
     # 1e-13: the same law in another order of operations, a rounding of 1e-16 in each of 4000
-    # substeps, which go either way and die away with the motion
+    # substeps, of both signs and decaying with the motion
     np.testing.assert_allclose(by_rig["rig"].u, by_core["rig"].u, atol=1e-13 * largest)
 
 
@@ -87,7 +87,7 @@ def test_commands_arrive_once_each_and_in_order():
         coupler.run(steps=5)
         coupler.step(3)
         number, t, _ = client.close().T
-    # one for the initial accelerations, one for each own step
+    # one for the initial accelerations, one for each substep
     np.testing.assert_array_equal(number, 1 + np.arange(1 + 8 * rig.substeps))
     np.testing.assert_array_equal(
         t, np.arange(1 + 8 * rig.substeps) / rig.substeps * rig.dt
@@ -117,14 +117,12 @@ def killed_at(command, process, client):
     return Until(client, command, die)
 
 
-# what macro coupling says of a specimen that it might not be stable with
+# the warning of macro coupling for a restoring force with substeps
 @pytest.mark.filterwarnings("ignore:the restoring force:pmalpha.StabilityWarning")
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
 @pytest.mark.parametrize("command", [75, 81, 82])  # in mid-step, and at its end
-def test_when_the_rig_dies_the_coupler_stands_at_the_last_whole_macro_step(
-    command, coupling, threads
-):
+def test_when_the_rig_dies_the_coupler_is_at_the_last_whole_macro_step(command, coupling, threads):
     done = (command - 2) // rig.substeps
     shorter = rig.hybrid(InProcess(), coupling=coupling)
     expected = shorter.run(steps=done)
@@ -136,7 +134,7 @@ def test_when_the_rig_dies_the_coupler_stands_at_the_last_whole_macro_step(
             coupler.run(steps=50)
         client.connection.close()
     assert coupler.step_count == done
-    assert_same_bits(coupler.last_history, expected)
+    assert_identical(coupler.last_history, expected)
     for name in PARTS:
         for x in "uva":
             np.testing.assert_array_equal(
@@ -144,7 +142,7 @@ def test_when_the_rig_dies_the_coupler_stands_at_the_last_whole_macro_step(
             )
 
 
-def test_when_the_rig_dies_the_file_of_the_run_holds_it_up_to_there(tmp_path):
+def test_when_the_rig_dies_the_file_contains_the_run_up_to_that_step(tmp_path):
     pytest.importorskip("h5py")
     expected = rig.hybrid(InProcess()).run(steps=7)
     with rig.simulated_rig(**rig.specimen) as (address, process):
@@ -153,12 +151,12 @@ def test_when_the_rig_dies_the_file_of_the_run_holds_it_up_to_there(tmp_path):
         with pytest.raises(ConnectionError):
             coupler.run(steps=50, record_to=tmp_path / "test.h5")
         client.connection.close()
-    assert_same_bits(pm.History.load(tmp_path / "test.h5"), expected)
+    assert_identical(pm.History.load(tmp_path / "test.h5"), expected)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="needs a process that can be stopped")
 @pytest.mark.parametrize("ctrl_c", [False, True], ids=["timeout", "ctrl_c"])
-def test_a_rig_that_is_silent_ends_the_run_and_it_goes_on_when_the_rig_does(ctrl_c):
+def test_a_silent_rig_ends_the_run_which_resumes_with_the_rig(ctrl_c):
     expected = rig.hybrid(InProcess()).run(steps=6)
 
     def interrupt():
@@ -181,17 +179,17 @@ def test_a_rig_that_is_silent_ends_the_run_and_it_goes_on_when_the_rig_does(ctrl
         process.send_signal(signal.SIGCONT)
         rest = coupler.run(steps=3)
         number, t, _ = client.close().T
-    # elastic so far, so that the specimen does not remember the commands of the lost macro step
+    # elastic so far, so the commands of the lost macro step have no effect on the specimen
     for name in PARTS:
         joined = np.vstack([first[name].u, rest[name].u[1:]])
         np.testing.assert_array_equal(joined, expected[name].u)
-    # the commands of that macro step are sent again, under numbers of their own
+    # the commands of that macro step are sent again, under new numbers
     ss, instants = rig.substeps, np.arange(1 + 6 * rig.substeps) / rig.substeps * rig.dt
     np.testing.assert_array_equal(number, 1 + np.arange(len(number)))
     np.testing.assert_array_equal(t, np.append(instants[:36], instants[1 + 3 * ss :]))
 
 
-def test_the_rig_may_not_ask_the_coupler_that_commands_it():
+def test_the_rig_may_not_call_the_coupler_that_commands_it():
     with rig.simulated_rig(**rig.specimen) as (address, _):
         client = rig.Rig(address)
         coupler = rig.hybrid(lambda u, v, t: client(u, v, coupler.time))
@@ -214,16 +212,16 @@ def test_a_measurement_that_is_not_finite_names_rig_and_time(force, text):
 
 def test_delay_of_the_actuator_is_a_lag_on_a_line_between_commands():
     actuator = simulated_rig.Actuator(0.25)
-    assert actuator(0.0, 1.0) == 1.0  # before it was told anything else
-    # commands are 1 + t: later than a quarter, it stands where it was told a quarter before
+    assert actuator(0.0, 1.0) == 1.0  # before any other command
+    # commands are 1 + t: after a quarter, the position is the command of a quarter earlier
     reached = [actuator(t, 1.0 + t) for t in (0.2, 0.4, 0.6, 0.8)]
     np.testing.assert_allclose(reached, [1.0, 1.15, 1.35, 1.55], rtol=1e-15)
 
 
 def test_the_rig_example_runs(capsys):
     rig.main(steps=20)
-    said = capsys.readouterr().out
-    assert said.startswith("0.2 s, 201 commands") and "p99.9" in said
+    printed = capsys.readouterr().out
+    assert printed.startswith("0.2 s, 201 commands") and "p99.9" in printed
 
 
 def test_a_wrong_address_is_an_error_before_the_run():

@@ -1,4 +1,4 @@
-"""Files for ParaView, read back by what does not know how they were written."""
+"""Files for ParaView, read back by independent readers."""
 
 from xml.etree import ElementTree
 
@@ -25,7 +25,7 @@ MESHES = {"squares": SQUARES, "cube": CUBE, "rod": ROD, "mixed": MIXED}
 
 
 def motion(points, dofs=0, seed=0):
-    """Anything, for three times, with some dofs more than coordinates at each node."""
+    """Arbitrary numbers for three times, with more dofs than coordinates at each node."""
     rng = np.random.default_rng(seed)
     return rng.normal(size=(3, len(points), points.shape[1] + dofs))
 
@@ -76,7 +76,7 @@ def test_displacements_alone_are_enough_and_are_what_vtk_warps_by(tmp_path):
 
 
 def read_item(path, item):
-    """What a DataItem says, read as it says."""
+    """The numbers of a DataItem, read as it describes them."""
     kind = {("Float", "8"): "f8", ("Int", "8"): "i8"}[item.get("DataType"), item.get("Precision")]
     order = {"Little": "<", "Big": ">"}[item.get("Endian")]
     shape = [int(size) for size in item.get("Dimensions").split()]
@@ -91,7 +91,7 @@ def read_item(path, item):
 
 
 def read_xdmf(path):
-    """Times, and for each the points, the topology as it stands there, and the fields."""
+    """Times, and for each the points, the topology as in the file, and the fields."""
     (collection,) = ElementTree.parse(path).getroot().find("Domain")
     assert collection.get("CollectionType") == "Temporal"
     for grid in collection:
@@ -110,7 +110,7 @@ def read_xdmf(path):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_xdmf_says_where_the_numbers_of_each_time_are(tmp_path, name):
+def test_xdmf_gives_the_location_of_the_numbers_of_each_time(tmp_path, name):
     points, elements = MESHES[name]
     u, v = motion(points), motion(points, seed=1)
     heat = motion(points, seed=2)[..., 0]
@@ -148,7 +148,7 @@ def test_xdmf_puts_the_kind_before_each_element_of_a_mixed_mesh(tmp_path):
     write_series(tmp_path / "run.xdmf", *MIXED, TIMES, motion(MIXED[0]))
     *_, (attributes, numbers), _ = next(read_xdmf(tmp_path / "run.xdmf"))
     assert attributes == {"TopologyType": "Mixed", "NumberOfElements": "4"}
-    # 2: polyline, with how many nodes it has; 5: quadrilateral; 9: hexahedron
+    # 2: polyline, with its number of nodes; 5: quadrilateral; 9: hexahedron
     expected = [2, 2, 4, 8, 2, 2, 8, 5, 5, 4, 5, 6, 7, 9, *range(8)]
     np.testing.assert_array_equal(numbers, expected)
 
@@ -158,7 +158,7 @@ def nodes_of(cell):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_the_reader_of_vtk_sees_the_same(tmp_path, name):
+def test_the_reader_of_vtk_reads_the_same(tmp_path, name):
     pytest.importorskip("vtkmodules")
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
@@ -187,7 +187,7 @@ def test_the_reader_of_vtk_sees_the_same(tmp_path, name):
 
 
 @pytest.mark.parametrize("given", ["flat", "by node", "with rotations", "flat with rotations"])
-def test_displacements_are_taken_in_any_shape_they_come_in(tmp_path, given):
+def test_displacements_are_accepted_in_any_shape(tmp_path, given):
     points, elements = SQUARES
     u = motion(points, dofs="rotations" in given)
     write_series(
@@ -199,7 +199,7 @@ def test_displacements_are_taken_in_any_shape_they_come_in(tmp_path, given):
 
 
 @pytest.mark.parametrize("name", ["run.xdmf", "run.pvd", "RUN.XDMF"])
-def test_files_that_stand_there_are_replaced(tmp_path, name):
+def test_existing_files_are_replaced(tmp_path, name):
     points, elements = SQUARES
     for seed in (0, 1):
         write_series(str(tmp_path / name), points, elements, TIMES, motion(points, seed=seed))
@@ -247,7 +247,7 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(
 
 
 @pytest.mark.parametrize("ending", ["xdmf", "pvd"])
-def test_a_place_that_cannot_be_written_is_named(tmp_path, ending):
+def test_a_path_that_cannot_be_written_is_named(tmp_path, ending):
     path = tmp_path / "nowhere" / f"run.{ending}"
     with pytest.raises(FileNotFoundError, match="path cannot be written.*nowhere/run"):
         write_series(path, *SQUARES, TIMES, np.zeros((3, 12)))

@@ -1,4 +1,4 @@
-"""`factorize=`: who factors, and what a function of the user must return."""
+"""`factorize=`: the choice of factorization, and what a function of the user must return."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def superlu(A, last):
 
 @pytest.mark.parametrize("factorize", ["superlu", plain, reversed_order, without_diagonal, superlu])
 @pytest.mark.parametrize("seed", range(12))
-def test_a_run_is_the_same_whoever_factors(seed, factorize):
+def test_a_run_is_the_same_with_an_external_factorization(seed, factorize):
     problem = random_problem(seed)
     ours = problem.coupler().run(steps=9)
     theirs = problem.coupler(factorize=factorize).run(steps=9)
@@ -52,7 +52,7 @@ def test_a_run_is_the_same_whoever_factors(seed, factorize):
 
 
 def halves(**options):
-    """A plate in two halves, the left one double; five nodes are tied."""
+    """A plate in two halves, the left one with double steps; five nodes are tied."""
     material = dict(E=100.0, nu=0.3, rho=1.0)
     left = structures.plate(5, 4, 0.2, **material)
     right = structures.plate(5, 4, 0.2, origin=(1.0, 0.0), **material)
@@ -89,10 +89,10 @@ def test_the_function_is_called_once_for_each_matrix_with_one_pattern_a_subdomai
 
 def test_the_matrix_handed_in_is_a_copy():
     def factorize(A, last):
-        answer = plain(A, last)
+        factor = plain(A, last)
         A.data[:] = np.nan
         last[:] = 0
-        return answer
+        return factor
 
     ours, theirs = halves()[0].run(steps=3), halves(factorize=factorize)[0].run(steps=3)
     # rounding of another order, at displacements up to 1
@@ -121,13 +121,13 @@ def test_another_word_is_a_value_error():
 
 
 def changed(**parts):
-    """The right answer with L, D or perm replaced by a function of it."""
+    """The correct result with L, D or perm replaced by a function of it."""
 
     def factorize(A, last):
-        answer = dict(zip(("L", "D", "perm"), plain(A, last)))
+        factor = dict(zip(("L", "D", "perm"), plain(A, last)))
         for name, change in parts.items():
-            answer[name] = change(answer[name])
-        return tuple(answer.values())
+            factor[name] = change(factor[name])
+        return tuple(factor.values())
 
     return factorize
 
@@ -167,7 +167,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_a_wrong_answer_is_refused_with_what_is_wrong(case):
+def test_a_wrong_factor_is_refused_with_the_reason(case):
     factorize, error, text = WRONG[case]
     with pytest.raises(error, match=text):
         halves(factorize=factorize)

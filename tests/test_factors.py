@@ -1,4 +1,4 @@
-"""Factors and the sweeps over them, against dense solutions and against each other."""
+"""Factors and their sweeps, compared with dense solutions and with each other."""
 
 import ctypes
 import pickle
@@ -23,7 +23,7 @@ DEFINITE = pm.FactorizationError
 
 
 def random_matrix(rng, n, density):
-    """Sparse, symmetric, positive definite, with unconnected parts where the density is low."""
+    """Sparse, symmetric, positive definite, with unconnected blocks where the density is low."""
     A = sp.random_array((n, n), density=density, rng=rng)
     return sp.csr_array(A @ A.T + sp.diags_array(rng.uniform(0.5, 1.5, n)))
 
@@ -77,14 +77,14 @@ def all_factors(A, nb):
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_every_form_of_factor_solves_what_the_matrix_says(seed):
+def test_every_form_of_factor_solves_with_its_matrix(seed):
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 70))
     nb = int(rng.integers(0, n + 1))
     A = ordered(random_matrix(rng, n, rng.choice([0.01, 0.05, 0.3])), nb)
     x = rng.normal(size=n)
     for factor in all_factors(A, nb):
-        # the matrices have a condition below 1e4
+        # the matrices have a condition number below 1e4
         np.testing.assert_allclose(solve(factor, A @ x, nb), x, rtol=0, atol=1e-11)
 
 
@@ -93,13 +93,13 @@ def test_our_factors_solve_as_superlu_and_dense_cholesky_do(seed):
     rng = np.random.default_rng(seed)
     n, nb = int(rng.integers(400, 900)), int(rng.integers(0, 60))
     pieces = [random_matrix(rng, m, 4.0 / m) for m in (n // 3, n - n // 3)]
-    A = ordered(sp.csr_array(sp.block_diag(pieces)), nb)  # two parts that are not connected
+    A = ordered(sp.csr_array(sp.block_diag(pieces)), nb)  # two blocks that are not connected
     b = rng.normal(size=n)
     by_superlu = sp.linalg.splu(sp.csc_array(A)).solve(b)
     by_cholesky = scipy.linalg.cho_solve(scipy.linalg.cho_factor(A.toarray()), b)
     for factor in (by_panels(A, nb), by_columns(A, nb), factors.factorize(A, names(n), nb=nb)):
         x = solve(factor, b, nb)
-        # rounding times a condition below 1e5
+        # rounding times a condition number below 1e5
         np.testing.assert_allclose(x, by_superlu, rtol=0, atol=1e-10 * np.max(np.abs(x)))
         np.testing.assert_allclose(x, by_cholesky, rtol=0, atol=1e-10 * np.max(np.abs(x)))
 
@@ -157,12 +157,14 @@ def test_a_solid_has_the_same_solution_by_panels_and_by_columns(nb):
     b = np.cos(np.arange(n**3))
     *sparse, dense = (solve(f, b, nb) for f in all_factors(A, nb))
     for solution in sparse:
-        np.testing.assert_allclose(solution, dense, atol=1e-14)  # rounding: condition 20, size 1
+        np.testing.assert_allclose(
+            solution, dense, atol=1e-14
+        )  # rounding: condition number 20, size 1
 
 
 @pytest.mark.parametrize("width", [1, 47, 48, 49, 255, 256, 257, 300])
 def test_dense_panels_of_every_width_are_factored(width):
-    # a full matrix is one supernode up to the widest, then two: the blocks of the dense part
+    # a full matrix is one supernode up to the widest, then two: the blocks of the dense columns
     rng = np.random.default_rng(width)
     A = rng.normal(size=(width, width))
     A = sp.csr_array(A @ A.T / width + np.eye(width))
@@ -178,14 +180,14 @@ def test_random_coupled_problems_agree_with_the_reference_by_panels_too(seed, mo
     coupler = problem.coupler()
     expected = problem.reference(9, [part.double for part in coupler._parts])
     history = coupler.run(steps=9)
-    scale = max(np.max(np.abs(part.u)) for part in expected.parts)
-    for i, part in enumerate(expected.parts):
+    scale = max(np.max(np.abs(part.u)) for part in expected.subdomains)
+    for i, part in enumerate(expected.subdomains):
         # as in test_against_reference
         assert np.max(np.abs(history[i].u - part.u)) <= 1e-9 * scale
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_the_interface_matrix_from_the_factors_is_what_the_core_makes_of_unit_multipliers(seed):
+def test_the_interface_matrix_from_the_factors_is_that_of_the_core_for_unit_multipliers(seed):
     problem = random_problem(seed)
     coupler = problem.coupler()
     for part in coupler._parts:
@@ -246,7 +248,7 @@ def test_the_count_of_entries_is_that_of_a_dense_elimination():
         assert fill(A, np.arange(n)) == n + sum(counts)
 
 
-def test_an_order_has_the_interface_last_and_holds_every_dof_once():
+def test_an_order_has_the_interface_last_and_every_dof_once():
     rng = np.random.default_rng(5)
     for n in (1, 5, 40, 200):
         A = random_matrix(rng, n, 0.03)
@@ -320,7 +322,7 @@ def test_the_nodes_of_finite_elements_are_found_although_couplings_vanish(mass):
     assert node_size(_pattern(sheet.K)) == 2
 
 
-def test_dofs_of_a_node_stand_together_and_in_their_order():
+def test_dofs_of_a_node_are_adjacent_and_in_order():
     rng = np.random.default_rng(7)
     A = sp.csr_array(sp.kron(cube(6), np.ones((3, 3))))
     last = np.sort(rng.choice(648, 50, replace=False))  # some nodes are cut by the interface
@@ -335,7 +337,7 @@ def test_dofs_of_a_node_stand_together_and_in_their_order():
 
 
 @pytest.mark.parametrize("nodes_of_interface", [0, 81, 200])
-def test_the_order_taken_fills_least_of_all_candidates(nodes_of_interface):
+def test_the_chosen_order_has_the_least_fill_of_all_candidates(nodes_of_interface):
     A = cube(9)
     n, nb = 729, nodes_of_interface
     last = np.arange(n - nb, n)
@@ -369,7 +371,7 @@ def test_without_pymetis_the_order_is_that_of_minimum_degree(monkeypatch):
     assert fill(_pattern(A), order) == fill(_pattern(A), degree)
 
 
-def test_the_order_is_the_same_every_time_whatever_others_draw():
+def test_the_order_is_the_same_every_time_whatever_the_random_state():
     A = cube(10)
     first = elimination_order(1000, graph_of([A]), np.arange(0))
     ctypes.CDLL(None).srand(12345)  # METIS draws from the C library
@@ -433,7 +435,7 @@ def test_the_inertia_is_that_of_the_signs_the_matrix_was_made_with(n, density, s
     assert inertia(A.toarray(), n) == expected
 
 
-def test_the_inertia_of_diagonals_and_of_nothing_is_counted_as_it_stands():
+def test_the_inertia_of_diagonal_and_empty_matrices_is_counted_directly():
     assert inertia(np.array([-1e-300, 0.0, 0.0, 1e300, 2.0]), 5) == (1, 2, 2)
     assert inertia(None, 4) == (0, 4, 0)
 
@@ -450,7 +452,7 @@ def test_an_inertia_that_would_take_a_large_factor_is_not_counted():
 
 
 @pytest.mark.parametrize("form", ["diagonal", "dense", "sparse", "panels"])
-def test_a_refused_subdomain_tells_where_and_how_it_is_indefinite(form, monkeypatch):
+def test_the_error_for_an_indefinite_subdomain_has_dof_and_inertia(form, monkeypatch):
     monkeypatch.setattr(factors, "WIDE", 0 if form == "panels" else 24)
     K = sp.lil_array(4.0 * sp.eye_array(40) - sp.eye_array(40, k=1) - sp.eye_array(40, k=-1))
     if form == "diagonal":
@@ -467,7 +469,7 @@ def test_a_refused_subdomain_tells_where_and_how_it_is_indefinite(form, monkeypa
     assert str(again) == str(error) and again.inertia == error.inertia
 
 
-def test_a_floating_subdomain_is_called_singular_with_one_zero_pivot():
+def test_a_floating_subdomain_is_reported_as_singular_with_one_zero_pivot():
     K = sp.csr_array(sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(50, 50)))
     K[[0, 49], [0, 49]] = 1.0
     bad = pm.Subdomain(np.zeros(50), K, scheme=pm.GeneralizedAlpha(0.5), name="bad")
@@ -475,7 +477,7 @@ def test_a_floating_subdomain_is_called_singular_with_one_zero_pivot():
         pm.Coupler([bad], dt=0.1)
 
 
-def test_the_factor_of_the_mass_is_given_back_after_the_start_and_kept_after_a_reset():
+def test_the_factor_of_the_mass_is_released_after_the_start_and_kept_after_a_reset():
     box = structures.plate(6, 6, 0.1, E=1.0, nu=0.3, rho=1.0)
     s = box.subdomain(scheme=pm.Newmark(), force=np.ones(box.n))
     coupler = pm.Coupler([s], dt=0.01)
@@ -500,7 +502,7 @@ def test_mbar_of_both_steps_and_the_mass_share_one_structure():
 
 
 @pytest.mark.parametrize("rows", [1, 5, 12, 30])
-def test_the_compliance_is_that_of_the_dense_inverse_for_few_and_for_many_conditions(rows):
+def test_the_compliance_is_that_of_the_dense_inverse_for_few_and_many_constraints(rows):
     rng = np.random.default_rng(rows)
     n, nb = 60, 20  # up to a third of nb by solutions, beyond by S^-1 as a whole
     A = ordered(random_matrix(rng, n, 0.05), nb)
@@ -509,11 +511,13 @@ def test_the_compliance_is_that_of_the_dense_inverse_for_few_and_for_many_condit
     exact = L @ np.linalg.inv(A.toarray()) @ L.T
     for factor in all_factors(A, nb):
         ours = compliance(factor, sp.csc_array(L), nb, "tower")
-        # the matrices have a condition below 1e4
+        # the matrices have a condition number below 1e4
         np.testing.assert_allclose(ours.values, exact, rtol=0, atol=1e-11 * np.max(np.abs(exact)))
 
 
-def test_an_interface_of_implicit_parts_that_does_not_fit_is_refused_with_the_figure(monkeypatch):
+def test_an_interface_of_implicit_subdomains_that_does_not_fit_is_refused_with_the_figure(
+    monkeypatch,
+):
     boxes = [structures.solid(2, 20, 20, 0.1, E=1.0, nu=0.3, rho=1.0) for _ in range(2)]
     face = boxes[0].dofs(boxes[0].nodes(lambda x, y, z: x < 1e-9))  # p = 1323
     a, b = (s.subdomain(scheme=pm.GeneralizedAlpha(0.5)) for s in boxes)

@@ -1,4 +1,4 @@
-"""Whatever holds the numbers of a matrix or a vector, the results are those of dense float64."""
+"""In any format of a matrix or a vector, the results are those of dense float64."""
 
 import subprocess
 import sys
@@ -12,7 +12,7 @@ import pmalpha as pm
 
 # 1.5, 0.25 and whole numbers are the same in every type, float32 too, so the problem itself does
 # not change with the format. What changes is the order of sums: some 40 steps of a few products
-# each, rounding 1e-16 apiece, in a problem whose Mbar and H have a condition below 100.
+# each, rounding 1e-16 apiece, in a problem whose Mbar and H have a condition number below 100.
 ROUNDING = 1e-12
 
 N = 5
@@ -34,7 +34,7 @@ IMPLICIT = pm.GeneralizedAlpha(0.5)
 
 
 def history(scheme=IMPLICIT, **given):
-    """A run of two parts tied by general rows, with these in place of the plain arrays."""
+    """A run of two subdomains tied by general rows, with these in place of the plain arrays."""
     x = PLAIN | given
     options = {name: x[name] for name in ("u0", "v0", "force")}
     a = pm.Subdomain(x["M"], x["K"], x["C"], scheme=scheme, substeps=2, name="a", **options)
@@ -70,7 +70,7 @@ def backwards(A):
 
 
 def unaligned(A):
-    """Numbers that begin one byte after where they should."""
+    """Numbers whose address is off by one byte."""
     raw = np.zeros(A.nbytes + 1, dtype=np.uint8)
     view = raw[1:].view(np.float64).reshape(A.shape)
     view[...] = A
@@ -299,8 +299,8 @@ def test_no_damping_is_none_or_zeros():
 
 
 @pytest.mark.parametrize("name, i, j", [("M", 2, 2), ("C", 1, 2), ("K", 1, 2), ("L", 0, 4)])
-def test_a_format_that_changed_an_entry_a_little_would_be_seen(plain, name, i, j):
-    # so the comparison can fail; with 1e-9 the initial velocities still fit the conditions
+def test_a_format_that_changed_an_entry_a_little_would_be_detected(plain, name, i, j):
+    # so the comparison can fail; with 1e-9 the initial velocities still satisfy the constraints
     changed = PLAIN[name].copy()
     changed[i, j] *= 1.0 + 1e-9
     if name != "L":
@@ -331,7 +331,7 @@ EXPLICIT = pm.GeneralizedAlpha(0.5, explicit=True)
 
 
 def large_history(K, mass=None, explicit_mass=None):
-    """K as a stiffness, or as the mass of an explicit part; tied in the middle and at a corner."""
+    """K as stiffness, or as mass of an explicit subdomain; tied in the middle and at a corner."""
     n = K.shape[0]
     force = np.cos(np.arange(n))
     if explicit_mass is None:
@@ -364,7 +364,7 @@ sys.path.insert(0, {folder!r})
 from test_formats import *
 
 def with_zeros_above(A):
-    # a zero stored at every place above the diagonal where A has none, and none below
+    # a zero stored above the diagonal wherever A has no entry, and none below
     rows, columns = np.nonzero(np.triu(A == 0.0))
     S = sp.coo_array(A)
     where = np.append(S.row, rows), np.append(S.col, columns)
@@ -373,7 +373,7 @@ def with_zeros_above(A):
 A = {matrix}
 n = len(A)
 for given in (with_zeros_above(A), sp.csr_array(with_zeros_above(A).T)):
-    for _ in range(3):  # what was written beyond an array is seen when memory is asked for again
+    for _ in range(3):  # a write beyond an array shows at the next allocation
         ours = large_history(A, explicit_mass=given)
     check_same(ours, large_history(A, explicit_mass=A))
 print("the same")
@@ -387,8 +387,8 @@ ONE_SIDED_MATRICES = {
 
 @pytest.mark.parametrize("name", ONE_SIDED_MATRICES)
 def test_zeros_stored_on_one_side_of_the_diagonal_are_no_crash_and_no_error(name):
-    # symmetric numbers in a pattern that is not, as differences of matrices and boundary
-    # conditions leave it behind
+    # symmetric numbers in a pattern that is not symmetric, as differences of matrices and boundary
+    # conditions produce it
     code = ONE_SIDED.format(folder=str(Path(__file__).parent), matrix=ONE_SIDED_MATRICES[name])
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode >= 0, f"died by signal {-done.returncode}: {done.stderr[-300:]}"

@@ -1,4 +1,4 @@
-"""The forms in which the core takes matrices and factors: each gives the same motion."""
+"""The forms in which the core stores matrices and factors: each gives the same motion."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def banded(rng, n, width):
 
 
 def dense_band(form, n):
-    """The matrix that a band stands for."""
+    """The matrix of a band."""
     (band,) = form
     A = np.diag(band[0])
     for d in range(1, band.shape[0]):
@@ -30,14 +30,14 @@ def dense_band(form, n):
 
 
 @pytest.mark.parametrize("width", [1, 2, 5, 30])
-def test_a_matrix_with_its_entries_near_the_diagonal_is_taken_as_a_band(width):
+def test_a_matrix_with_its_entries_near_the_diagonal_is_stored_as_a_band(width):
     A = banded(np.random.default_rng(width), 61, width)
     form = core_matrix(A)
     assert len(form) == 1 and form[0].shape == (width + 1, 61)
     np.testing.assert_array_equal(dense_band(form, 61), A.toarray())
 
 
-def test_entries_far_from_the_diagonal_or_few_of_them_are_taken_one_by_one():
+def test_entries_far_from_the_diagonal_or_few_of_them_are_stored_one_by_one():
     A = banded(np.random.default_rng(0), 200, 2).tolil()
     A[0, 150] = A[150, 0] = 0.5
     assert len(core_matrix(sp.csr_array(A))) == 3
@@ -60,7 +60,7 @@ def test_the_factor_of_a_band_is_a_band_with_the_same_interface(width, nb):
     np.testing.assert_array_equal(np.tril(block, -1), np.tril(whole[50 - nb :, 50 - nb :], -1))
 
 
-def test_a_solid_is_taken_in_strips_of_some_rows_each_with_fewer_bytes_than_by_rows():
+def test_a_solid_is_stored_in_strips_of_rows_with_fewer_bytes_than_by_rows():
     K = canonical(solid().K, "K")[0]
     first, ptr, index, start, values = core_matrix(K)
     assert K.shape[0] / 6 <= first.size - 1 <= K.shape[0] / 2.5
@@ -99,10 +99,10 @@ def test_a_solid_moves_the_same_in_strips_and_dense(scheme):
 
 
 def stepped(make, K, C, scheme, force):
-    """All that two coupled subdomains of these matrices record in some steps."""
+    """The history of two coupled subdomains with these matrices."""
     n = K.shape[0]
     x = np.linspace(0.0, 3.0, n)
-    parts = [
+    subdomains = [
         pm.Subdomain(
             1.0 + 0.5 * np.cos(x) ** 2,
             make(K),
@@ -115,7 +115,7 @@ def stepped(make, K, C, scheme, force):
         for substeps in (1, 2)
     ]
     # the last of one on the last of the other: in the first the order of elimination is natural
-    return pm.Coupler(parts, pm.tie(parts[0], [n - 1], parts[1], [n - 1]), dt=0.1)
+    return pm.Coupler(subdomains, pm.tie(subdomains[0], [n - 1], subdomains[1], [n - 1]), dt=0.1)
 
 
 @pytest.mark.parametrize("damped", [False, True])
@@ -135,7 +135,7 @@ def test_a_long_structure_moves_the_same_as_a_band_and_dense(scheme, width, damp
             np.testing.assert_allclose(a, b, rtol=0, atol=1e-11 * np.max(np.abs(b)))
 
 
-def test_a_long_structure_has_the_same_bits_recorded_or_not_in_one_run_or_in_steps():
+def test_a_long_structure_is_bitwise_identical_recorded_or_not_in_one_run_or_in_steps():
     K = banded(np.random.default_rng(3), LONG, 1)
     force = np.linspace(-1.0, 1.0, LONG)
     run, step = (stepped(sp.csr_array, K, None, IMPLICIT, force) for _ in range(2))
@@ -149,7 +149,7 @@ def test_a_long_structure_has_the_same_bits_recorded_or_not_in_one_run_or_in_ste
 
 
 @pytest.mark.parametrize("dof", [0, 127, 128, LONG - 1])
-def test_a_value_that_is_not_finite_is_seen_wherever_it_arises(dof):
+def test_a_value_that_is_not_finite_is_detected_wherever_it_arises(dof):
     K = banded(np.random.default_rng(4), LONG, 1)
     force = np.zeros(LONG)
     force[dof] = 1e305  # h^2 w is beyond the largest number, w itself is not

@@ -1,4 +1,4 @@
-"""What a History can do: be kept in a file, and be handed to xarray."""
+"""History: files, and conversion to xarray."""
 
 import json
 import os
@@ -27,8 +27,8 @@ def oscillator(**options):
     return pm.Subdomain([1.0, 2.0], [4.0, 9.0], scheme=pm.Newmark(), v0=[1.0, 0.5], **options)
 
 
-def three_parts():
-    """Three subdomains of different steps, the last one not recorded, in the midst of a run."""
+def three_subdomains():
+    """Three subdomains of different steps, the last one not recorded, from the middle of a run."""
     a, b, c = (
         oscillator(name="Größe 塔"),
         oscillator(name="b\0", substeps=3),
@@ -47,12 +47,12 @@ def require_bit_equal(loaded, saved):
         if ours is not None:
             assert ours.name == theirs.name
             for name in NODAL:
-                require_same_bits(getattr(ours, name), getattr(theirs, name))
+                require_identical(getattr(ours, name), getattr(theirs, name))
     for name in INTERFACE:
-        require_same_bits(getattr(loaded, name), getattr(saved, name))
+        require_identical(getattr(loaded, name), getattr(saved, name))
 
 
-def require_same_bits(ours, theirs):
+def require_identical(ours, theirs):
     assert ours.shape == theirs.shape
     assert ours.dtype == theirs.dtype
     assert ours.tobytes() == theirs.tobytes()  # minus zero and NaN included
@@ -62,15 +62,15 @@ def require_same_bits(ours, theirs):
 
 
 @pytest.mark.parametrize("kind", [str, Path])
-def test_a_loaded_history_is_the_saved_one_bit_for_bit(tmp_path, kind):
-    history, _ = three_parts()
+def test_a_loaded_history_is_bitwise_identical_to_the_saved_one(tmp_path, kind):
+    history, _ = three_subdomains()
     history.velocity_jump[0] = [-0.0, np.nan]
     path = kind(tmp_path / "gespeichert ✓.npz")
     history.save(path)
     require_bit_equal(pm.History.load(path), history)
 
 
-def test_a_history_without_conditions_and_with_one_node_can_be_kept(tmp_path):
+def test_a_history_without_constraints_and_with_one_time_level_can_be_saved(tmp_path):
     history = pm.Coupler([oscillator()], dt=0.1).run(steps=0)
     history.save(tmp_path / "h")
     loaded = pm.History.load(tmp_path / "h")
@@ -79,15 +79,15 @@ def test_a_history_without_conditions_and_with_one_node_can_be_kept(tmp_path):
     assert loaded["subdomain 0"].u.shape == (1, 2)
 
 
-def test_a_history_from_a_file_can_be_kept_again(tmp_path):
-    history, _ = three_parts()
+def test_a_history_from_a_file_can_be_saved_again(tmp_path):
+    history, _ = three_subdomains()
     history.save(tmp_path / "first")
     pm.History.load(tmp_path / "first").save(tmp_path / "second")
     require_bit_equal(pm.History.load(tmp_path / "second"), history)
 
 
-def test_subdomains_of_a_file_are_known_by_name_and_place(tmp_path):
-    history, tower = three_parts()
+def test_subdomains_of_a_file_are_found_by_name_and_number(tmp_path):
+    history, tower = three_subdomains()
     history.save(tmp_path / "h.npz")
     loaded = pm.History.load(tmp_path / "h.npz")
     np.testing.assert_array_equal(loaded["Größe 塔"].u, history[tower].u)
@@ -103,7 +103,7 @@ def test_subdomains_of_a_file_are_known_by_name_and_place(tmp_path):
 
 
 def test_the_file_opens_in_numpy_without_pickle(tmp_path):
-    history, _ = three_parts()
+    history, _ = three_subdomains()
     history.save(tmp_path / "h.npz")
     with np.load(tmp_path / "h.npz", allow_pickle=False) as file:
         header = json.loads(file["header"].item())
@@ -115,18 +115,18 @@ def test_the_file_opens_in_numpy_without_pickle(tmp_path):
 
 
 def test_the_path_is_taken_as_it_is(tmp_path):
-    history, _ = three_parts()
+    history, _ = three_subdomains()
     history.save(tmp_path / "run.1")
     assert [file.name for file in tmp_path.iterdir()] == ["run.1"]
 
 
 class Interrupted(BaseException):
-    """As Ctrl-C is, but nothing of pytest's."""
+    """An exception like KeyboardInterrupt that pytest does not handle."""
 
 
 @pytest.mark.parametrize("error", [Interrupted(), OSError(28, "No space left on device")])
-def test_an_interrupted_save_leaves_the_good_file(tmp_path, monkeypatch, error):
-    history, _ = three_parts()
+def test_an_interrupted_save_leaves_the_existing_file(tmp_path, monkeypatch, error):
+    history, _ = three_subdomains()
     path = tmp_path / "h.npz"
     history.save(path)
 
@@ -146,8 +146,8 @@ def test_an_interrupted_save_leaves_the_good_file(tmp_path, monkeypatch, error):
         )
 
 
-def test_a_link_stays_and_the_file_it_leads_to_is_replaced(tmp_path):
-    history, _ = three_parts()
+def test_a_link_is_kept_and_its_target_is_replaced(tmp_path):
+    history, _ = three_subdomains()
     (tmp_path / "folder").mkdir()
     target, link = tmp_path / "folder" / "h.npz", tmp_path / "link"
     target.write_text("old")
@@ -158,14 +158,14 @@ def test_a_link_stays_and_the_file_it_leads_to_is_replaced(tmp_path):
 
 
 def test_a_saved_file_has_the_permissions_of_any_new_file(tmp_path):
-    history, _ = three_parts()
+    history, _ = three_subdomains()
     history.save(tmp_path / "h.npz")
     (tmp_path / "other").write_text("")
     assert (tmp_path / "h.npz").stat().st_mode == (tmp_path / "other").stat().st_mode
 
 
 def test_a_path_that_cannot_be_written_is_named(tmp_path):
-    history, _ = three_parts()
+    history, _ = three_subdomains()
     with pytest.raises(FileNotFoundError, match="path cannot be written.*nowhere/h.npz'"):
         history.save(tmp_path / "nowhere" / "h.npz")
     with pytest.raises(OSError, match="path cannot be written: a folder or a device"):
@@ -227,7 +227,7 @@ def test_an_array_alone_is_refused(tmp_path):
 
 
 def test_a_file_that_is_cut_off_anywhere_is_refused(tmp_path):
-    history, _ = three_parts()
+    history, _ = three_subdomains()
     path = tmp_path / "h.npz"
     history.save(path)
     whole = path.read_bytes()
@@ -238,15 +238,15 @@ def test_a_file_that_is_cut_off_anywhere_is_refused(tmp_path):
 
 
 def test_a_file_with_a_flipped_bit_is_refused_or_read_as_it_was(tmp_path):
-    history, _ = three_parts()
-    history.velocity_jump[:] = 1.0  # no NaN, so that nothing but the damage differs
+    history, _ = three_subdomains()
+    history.velocity_jump[:] = 1.0  # no NaN, so that only the damage differs
     path = tmp_path / "h.npz"
     history.save(path)
     whole = path.read_bytes()
     refused = 0
-    for place in np.linspace(0, len(whole) - 1, 200).astype(int):
+    for position in np.linspace(0, len(whole) - 1, 200).astype(int):
         damaged = bytearray(whole)
-        damaged[place] ^= 1 << (place % 8)
+        damaged[position] ^= 1 << (position % 8)
         path.write_bytes(damaged)
         try:
             require_bit_equal(pm.History.load(path), history)  # an unused bit of the container
@@ -257,11 +257,13 @@ def test_a_file_with_a_flipped_bit_is_refused_or_read_as_it_was(tmp_path):
 
 def test_neither_saving_nor_loading_copies_a_large_history(tmp_path):
     n, k = 500, 6000
-    part = pm.SubdomainHistory(
+    subdomain = pm.SubdomainHistory(
         "a", np.arange(k), *(np.zeros((k, n)) for _ in range(3)), dofs=np.arange(n)
     )
     empty = np.zeros((k, 0))
-    history = pm.History((part,), empty, part.t, empty, empty, part.t, (("a", None),))
+    history = pm.History(
+        (subdomain,), empty, subdomain.t, empty, empty, subdomain.t, (("a", None),)
+    )
     size = 3 * 8 * n * k
     path = tmp_path / "h.npz"
     # NumPy writes pieces of 16 MiB
@@ -271,7 +273,7 @@ def test_neither_saving_nor_loading_copies_a_large_history(tmp_path):
 
 
 def peak_memory(call, *arguments):
-    """Bytes that NumPy and Python asked for at the same time."""
+    """Peak of the bytes allocated by NumPy and Python."""
     tracemalloc.start()
     try:
         call(*arguments)
@@ -281,7 +283,7 @@ def peak_memory(call, *arguments):
 
 
 def test_the_container_is_a_zip_file_that_is_not_packed(tmp_path):
-    history, _ = three_parts()
+    history, _ = three_subdomains()
     history.save(tmp_path / "h.npz")
     with zipfile.ZipFile(tmp_path / "h.npz") as file:
         assert file.testzip() is None
@@ -293,7 +295,7 @@ def test_the_container_is_a_zip_file_that_is_not_packed(tmp_path):
 
 def test_a_dataset_has_the_arrays_of_the_history_with_names():
     pytest.importorskip("xarray")
-    history, _ = three_parts()
+    history, _ = three_subdomains()
     data = history.to_xarray()
     b = history["b\0"]
     assert data["b\0_v"].dims == ("b\0_time", "b\0_dof")
@@ -308,7 +310,7 @@ def test_a_dataset_has_the_arrays_of_the_history_with_names():
 
 def test_a_dataset_shares_its_memory_with_the_history():
     pytest.importorskip("xarray")
-    history, tower = three_parts()
+    history, tower = three_subdomains()
     data = history.to_xarray()
     assert np.shares_memory(data["Größe 塔_u"].values, history[tower].u)
     assert np.shares_memory(data["multipliers"].values, history.multipliers)
@@ -317,21 +319,21 @@ def test_a_dataset_shares_its_memory_with_the_history():
 def test_names_of_subdomains_never_meet_those_of_the_interface():
     pytest.importorskip("xarray")
     names = ["macro", "multiplier", "a", "a_u", "condition"]
-    parts = [oscillator(name=name) for name in names]
-    history = pm.Coupler(parts, dt=0.1).run(steps=2)
+    subdomains = [oscillator(name=name) for name in names]
+    history = pm.Coupler(subdomains, dt=0.1).run(steps=2)
     data = history.to_xarray()
     for name in names:
         np.testing.assert_array_equal(data[f"{name}_u"], history[name].u)
 
 
-def test_a_dataset_of_one_subdomain_has_no_conditions():
+def test_a_dataset_of_one_subdomain_has_no_constraints():
     pytest.importorskip("xarray")
     data = pm.Coupler([oscillator()], dt=0.1).run(steps=2).to_xarray()
     assert data.sizes["condition"] == 0
     assert data["subdomain 0_u"].shape == (3, 2)
 
 
-def test_without_xarray_it_is_said_what_to_install(monkeypatch):
+def test_without_xarray_the_error_names_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
     history = models.split_oscillator(10.0).coupler(0.05).run(steps=1)
     with pytest.raises(ImportError, match=r"pip install 'pmalpha\[xarray\]'"):

@@ -5,7 +5,7 @@ The expected values solve the equations (S1) of all subdomains as one dense syst
     [ M  -L^T ] [ w   ]   [ F(0) - C v - K u ]
     [ L    0  ] [ Lam ] = [ 0                ]
 
-or come from the uncut structure, or from a balance of forces by hand.
+or are those of the uncut structure, or follow from a balance of forces by hand.
 """
 
 import warnings
@@ -23,19 +23,19 @@ FAST = pm.GeneralizedAlpha(0.5, explicit=True)
 FORMS = {"dense": np.asarray, "csr": sp.csr_array, "csc": sp.csc_matrix, "bsr": sp.bsr_array}
 every_form = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
 
-# Dense solves of condition up to 1e4, and another order of sums: rounding times that.
+# Dense solves of condition number up to 1e4, in another order of sums: rounding times that.
 ROUNDING = 1e-12
 
 
-def kkt(parts, L):
-    """w of each part and Lam, from dicts with M, C, K, F, u0, v0 and matrices L_i."""
-    M = scipy.linalg.block_diag(*(q["M"] for q in parts))
+def kkt(subdomains, L):
+    """w of each subdomain and Lam, from dicts with M, C, K, F, u0, v0 and matrices L_i."""
+    M = scipy.linalg.block_diag(*(q["M"] for q in subdomains))
     Lall = np.hstack(L)
     p = len(Lall)
-    r = np.concatenate([q["F"] - q["C"] @ q["v0"] - q["K"] @ q["u0"] for q in parts])
+    r = np.concatenate([q["F"] - q["C"] @ q["v0"] - q["K"] @ q["u0"] for q in subdomains])
     matrix = np.block([[M, -Lall.T], [Lall, np.zeros((p, p))]])
     x = np.linalg.solve(matrix, np.concatenate([r, np.zeros(p)]))
-    ends = np.cumsum([len(q["M"]) for q in parts])
+    ends = np.cumsum([len(q["M"]) for q in subdomains])
     return np.split(x[: ends[-1]], ends[:-1]), x[ends[-1] :]
 
 
@@ -53,15 +53,15 @@ def assert_initial(coupler, w, Lam):
         np.testing.assert_allclose(coupler.state(i).a, expected, rtol=0, atol=ROUNDING * size)
     force = max(np.abs(Lam).max(initial=0.0), size)  # masses of size 1
     np.testing.assert_allclose(coupler.multipliers, Lam, rtol=0, atol=ROUNDING * force)
-    # and so does its history
+    # and so does a history
     history = coupler.run(steps=0)
     for i in range(len(w)):
         np.testing.assert_array_equal(history[i].a[0], coupler.state(i).a)
     np.testing.assert_array_equal(history.multipliers[0], coupler.multipliers)
 
 
-def random_part(rng, n, *, consistent):
-    """Matrices of a part, and a load; the state comes later."""
+def random_data(rng, n, *, consistent):
+    """Matrices and load of a subdomain, without a state."""
     M = np.diag(rng.uniform(1.0, 3.0, n))
     if consistent:
         M += 0.4 * (np.eye(n, k=1) + np.eye(n, k=-1))
@@ -70,15 +70,15 @@ def random_part(rng, n, *, consistent):
     return {"M": M, "K": K, "C": 0.2 * M + 0.003 * K, "F": rng.normal(size=n)}
 
 
-def set_states(rng, parts, L):
-    """Random displacements and velocities without the part that would break the conditions."""
-    sizes = [len(q["M"]) for q in parts]
+def set_states(rng, subdomains, L):
+    """Random displacements and velocities, projected onto those that satisfy the constraints."""
+    sizes = [len(q["M"]) for q in subdomains]
     whole = np.hstack(L)
     for name in ("u0", "v0"):
         x = rng.normal(size=sum(sizes))
         x -= np.linalg.pinv(whole) @ (whole @ x)
-        for q, own in zip(parts, np.split(x, np.cumsum(sizes)[:-1])):
-            q[name] = own
+        for q, bar in zip(subdomains, np.split(x, np.cumsum(sizes)[:-1])):
+            q[name] = bar
 
 
 # ---- several subdomains ---------------------------------------------------------------------
@@ -90,32 +90,32 @@ def set_states(rng, parts, L):
 def test_initial_accelerations_and_multipliers_solve_all_equations_at_once(form, seed, consistent):
     rng = np.random.default_rng(seed)
     sizes = rng.integers(2, 7, size=4)
-    parts = [random_part(rng, int(n), consistent=consistent) for n in sizes]
-    # four general conditions over all dofs of all parts
+    subdomains = [random_data(rng, int(n), consistent=consistent) for n in sizes]
+    # four general constraints over all dofs of all subdomains
     L = np.split(rng.normal(size=(4, sum(sizes))), np.cumsum(sizes)[:-1], axis=1)
-    set_states(rng, parts, L)
+    set_states(rng, subdomains, L)
     schemes = SOFT, FAST, pm.HHT(0.1), pm.CentralDifference()
     made = [
         subdomain(q, form, scheme, substeps=ss)
-        for q, scheme, ss in zip(parts, schemes, (1, 4, 2, 4))
+        for q, scheme, ss in zip(subdomains, schemes, (1, 4, 2, 4))
     ]
     coupler = pm.Coupler(made, pm.Constraint(dict(zip(made, L))), dt=0.01)
-    w, Lam = kkt(parts, L)
+    w, Lam = kkt(subdomains, L)
     assert_initial(coupler, w, Lam)
-    # without the multipliers they would be others
-    alone = np.linalg.solve(parts[0]["M"], (parts[0]["M"] @ w[0]) - L[0].T @ Lam)
+    # without the multipliers they would differ
+    alone = np.linalg.solve(subdomains[0]["M"], (subdomains[0]["M"] @ w[0]) - L[0].T @ Lam)
     assert np.abs(alone - w[0]).max() > 1e-3
 
 
-def test_the_sparse_conditions_are_the_dense_ones():
+def test_sparse_constraints_equal_dense_ones():
     rng = np.random.default_rng(5)
-    parts = [random_part(rng, 3, consistent=True) for _ in range(2)]
+    subdomains = [random_data(rng, 3, consistent=True) for _ in range(2)]
     L = [rng.normal(size=(2, 3)), np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])]
-    set_states(rng, parts, L)
+    set_states(rng, subdomains, L)
     for to in (np.asarray, sp.csr_array, sp.coo_matrix, sp.lil_array):
-        made = [subdomain(q) for q in parts]
+        made = [subdomain(q) for q in subdomains]
         coupler = pm.Coupler(made, pm.Constraint({s: to(x) for s, x in zip(made, L)}), dt=0.01)
-        assert_initial(coupler, *kkt(parts, L))
+        assert_initial(coupler, *kkt(subdomains, L))
 
 
 def cross(form, consistent):
@@ -125,25 +125,25 @@ def cross(form, consistent):
     mass = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0 if consistent else np.eye(2) / 2.0
     M, C, K = np.zeros((3, 13, 13))
     u0, v0, F = rng.normal(size=(3, 13))
-    parts, made = [], []
+    subdomains, made = [], []
     for i in range(4):
         dofs = [0, *range(1 + 3 * i, 4 + 3 * i)]  # the point, then outwards
-        own = {name: np.zeros((4, 4)) for name in "MCK"}
+        bar = {name: np.zeros((4, 4)) for name in "MCK"}
         for e in range(3):
             at = np.ix_([e, e + 1], [e, e + 1])
-            own["M"][at] += (i + 1.0) * mass
-            own["K"][at] += 10.0 * (e + 1.0) * element
-            own["C"][at] += 0.1 * (i + 1.0) * element
+            bar["M"][at] += (i + 1.0) * mass
+            bar["K"][at] += 10.0 * (e + 1.0) * element
+            bar["C"][at] += 0.1 * (i + 1.0) * element
         at = np.ix_(dofs, dofs)
-        M[at] += own["M"]
-        C[at] += own["C"]
-        K[at] += own["K"]
+        M[at] += bar["M"]
+        C[at] += bar["C"]
+        K[at] += bar["K"]
         share = F[dofs].copy()
-        share[0] *= (0.1, 0.2, 0.3, 0.4)[i]  # the load of the point, in unequal parts
-        parts.append({**own, "F": share, "u0": u0[dofs], "v0": v0[dofs]})
-        made.append(subdomain(parts[-1], form, (SOFT, FAST)[i % 2], substeps=(1, 6, 2, 3)[i]))
+        share[0] *= (0.1, 0.2, 0.3, 0.4)[i]  # the load of the point, in unequal shares
+        subdomains.append({**bar, "F": share, "u0": u0[dofs], "v0": v0[dofs]})
+        made.append(subdomain(subdomains[-1], form, (SOFT, FAST)[i % 2], substeps=(1, 6, 2, 3)[i]))
     w = np.linalg.solve(M, F - C @ v0 - K @ u0)
-    return parts, made, w
+    return subdomains, made, w
 
 
 TREES = {"star": ((0, 1), (0, 2), (0, 3)), "chain": ((2, 0), (0, 3), (3, 1))}
@@ -153,41 +153,43 @@ TREES = {"star": ((0, 1), (0, 2), (0, 3)), "chain": ((2, 0), (0, 3), (3, 1))}
 @pytest.mark.parametrize("tree", TREES.values(), ids=TREES.keys())
 @every_form
 def test_subdomains_that_meet_at_a_cross_point_start_as_the_uncut_structure(form, tree, consistent):
-    parts, made, w = cross(form, consistent)
+    subdomains, made, w = cross(form, consistent)
     coupler = pm.Coupler(made, [pm.tie(made[i], [0], made[j], [0]) for i, j in tree], dt=0.01)
-    L = [np.zeros((3, 4)) for _ in parts]
+    L = [np.zeros((3, 4)) for _ in subdomains]
     for row, (i, j) in enumerate(tree):
         L[i][row, 0], L[j][row, 0] = 1.0, -1.0
-    together, Lam = kkt(parts, L)
+    together, Lam = kkt(subdomains, L)
     assert_initial(coupler, together, Lam)
     for i in range(4):
         expected = w[[0, *range(1 + 3 * i, 4 + 3 * i)]]
         size = ROUNDING * np.abs(w).max()
         np.testing.assert_allclose(coupler.state(i).a, expected, rtol=0, atol=size)
-    # the forces on the point are what each bar needs, whatever the tree
-    for q, own, wi in zip(parts, L, together):
+    # each bar gets the force that its motion needs, for any tree of ties
+    for q, bar, wi in zip(subdomains, L, together):
         force = (q["M"] @ wi + q["C"] @ q["v0"] + q["K"] @ q["u0"] - q["F"])[0]
         # a few roundings of forces up to 100
-        assert (own.T @ coupler.multipliers)[0] == pytest.approx(force, abs=1e-11)
+        assert (bar.T @ coupler.multipliers)[0] == pytest.approx(force, abs=1e-11)
 
 
-def test_a_load_that_is_a_callable_enters_with_its_value_at_zero():
-    parts, made, w = cross(np.asarray, True)
+def test_a_callable_load_enters_with_its_value_at_zero():
+    subdomains, made, w = cross(np.asarray, True)
     for s in made:
         s.force = lambda t, F=s.force: F * np.cos(t) + 100.0 * t
     coupler = pm.Coupler(made, [pm.tie(made[0], [0], s, [0]) for s in made[1:]], dt=0.01)
-    np.testing.assert_allclose(coupler.state(2).a[0], w[0], rtol=1e-11)  # 13 dofs, condition 100
+    np.testing.assert_allclose(
+        coupler.state(2).a[0], w[0], rtol=1e-11
+    )  # 13 dofs, condition number 100
 
 
-def test_without_conditions_every_subdomain_starts_by_itself():
-    parts, made, _ = cross(sp.csr_array, True)
+def test_without_constraints_every_subdomain_starts_by_itself():
+    subdomains, made, _ = cross(sp.csr_array, True)
     coupler = pm.Coupler(made, dt=0.01)
-    w = [np.linalg.solve(q["M"], q["F"] - q["C"] @ q["v0"] - q["K"] @ q["u0"]) for q in parts]
+    w = [np.linalg.solve(q["M"], q["F"] - q["C"] @ q["v0"] - q["K"] @ q["u0"]) for q in subdomains]
     assert_initial(coupler, w, np.zeros(0))
 
 
-def test_a_condition_on_one_subdomain_alone_is_a_support():
-    q = random_part(np.random.default_rng(3), 3, consistent=True)
+def test_a_constraint_on_one_subdomain_alone_is_a_support():
+    q = random_data(np.random.default_rng(3), 3, consistent=True)
     q["u0"], q["v0"] = np.zeros(3), np.array([0.0, 1.0, 0.0])
     s = subdomain(q)
     L = [np.array([[1.0, 0.0, -2.0]])]
@@ -211,8 +213,8 @@ def test_a_structure_at_rest_without_loads_starts_and_stays_at_zero():
     history = pm.Coupler(still, [pm.tie(still[0], [0], s, [0]) for s in still[1:]], dt=0.01).run(
         steps=5
     )
-    for part in history.subdomains:
-        assert not part.u.any() and not part.v.any() and not part.a.any()
+    for subdomain in history.subdomains:
+        assert not subdomain.u.any() and not subdomain.v.any() and not subdomain.a.any()
     assert not history.multipliers.any()
 
 
@@ -223,18 +225,18 @@ K_SERIES = np.array([[100.0, -70.0], [-70.0, 70.0]])  # ground - 30 - dof 0 - 70
 
 @every_form
 def test_a_massless_dof_inside_is_static_condensation(form):
-    # 100 u0 = 70 u1 at t = 0 and ever after; 30 and 70 in series are 21
+    # 100 u0 = 70 u1 at all times; 30 and 70 in series are 21
     s = pm.Subdomain(form(np.diag([0.0, 2.0])), form(K_SERIES), scheme=SOFT, u0=[0.7, 1.0])
     one = pm.Subdomain([2.0], [21.0], scheme=SOFT, u0=[1.0])
     whole, condensed = (pm.solve(x, dt=0.1, steps=200) for x in (s, one))
-    # nothing says what its acceleration is at t = 0: zero. The mass has - 21 / 2
+    # no equation determines its acceleration at t = 0: zero. The mass has - 21 / 2
     assert whole.a[0, 0] == 0.0
     np.testing.assert_allclose(whole.a[0, 1], -10.5, rtol=1e-15)  # 0.7 is rounded
     # rounding of a = 10 over 200 steps, as in the two displacements
     np.testing.assert_allclose(whole.u[:, 1:], condensed.u, rtol=0, atol=1e-12)
     np.testing.assert_allclose(whole.u[:, :1], 0.7 * condensed.u, rtol=0, atol=1e-12)
     np.testing.assert_allclose(whole.a[:, 1:], condensed.a, rtol=0, atol=1e-11)
-    # the wrong w_0 = 0 is forgotten like n^2 rho^n: 60^2 2^-60 = 3e-15 of a velocity of 3
+    # the effect of w_0 = 0 decays like n^2 rho^n: 60^2 2^-60 = 3e-15 of a velocity of 3
     assert abs(whole.v[1, 0] - 0.7 * condensed.v[1, 0]) > 1e-2
     np.testing.assert_allclose(whole.v[60:, :1], 0.7 * condensed.v[60:], rtol=0, atol=1e-12)
 
@@ -268,8 +270,8 @@ def test_several_massless_dofs_inside_are_condensed_in_a_coupled_structure(form)
 
 
 @every_form
-def test_a_massless_dof_on_the_interface_moves_as_the_condition_says(form):
-    # ground - 30 - [a] tied to [b0 - 70 - b1]; a has no mass at all
+def test_a_massless_dof_on_the_interface_follows_the_constraint(form):
+    # ground - 30 - [a] tied to [b0 - 70 - b1]; a has no mass
     a = pm.Subdomain([0.0], [30.0], scheme=SOFT, u0=[1.0], name="a")
     K = 70.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
     b = pm.Subdomain(form(np.diag([0.5, 2.0])), form(K), scheme=SOFT, u0=[1.0, 2.0], name="b")
@@ -281,24 +283,24 @@ def test_a_massless_dof_on_the_interface_moves_as_the_condition_says(form):
 @pytest.mark.parametrize("consistent", [False, True], ids=["lumped", "consistent"])
 @pytest.mark.parametrize("seed", range(6))
 @every_form
-def test_massless_dofs_in_general_conditions_solve_all_equations_at_once(form, seed, consistent):
+def test_massless_dofs_in_general_constraints_solve_all_equations_at_once(form, seed, consistent):
     rng = np.random.default_rng(100 + seed)
-    parts = [random_part(rng, n, consistent=consistent) for n in (4, 3, 5)]
-    # one massless dof of part 0 and two of part 2, each in conditions with dofs that have mass
+    subdomains = [random_data(rng, n, consistent=consistent) for n in (4, 3, 5)]
+    # one massless dof of subdomain 0 and two of 2, each in constraints with dofs that have mass
     for i, dof in ((0, 1), (2, 0), (2, 3)):
         for name in "MC":
-            parts[i][name][dof, :] = parts[i][name][:, dof] = 0.0
+            subdomains[i][name][dof, :] = subdomains[i][name][:, dof] = 0.0
     L = np.split(rng.normal(size=(4, 12)), [4, 7], axis=1)
-    set_states(rng, parts, L)
+    set_states(rng, subdomains, L)
     schemes = SOFT, FAST, pm.HHT(0.2)
-    made = [subdomain(q, form, scheme) for q, scheme in zip(parts, schemes)]
+    made = [subdomain(q, form, scheme) for q, scheme in zip(subdomains, schemes)]
     coupler = pm.Coupler(made, pm.Constraint(dict(zip(made, L))), dt=0.01)
-    assert_initial(coupler, *kkt(parts, L))
+    assert_initial(coupler, *kkt(subdomains, L))
 
 
 @every_form
 def test_two_massless_dofs_tied_to_each_other_carry_the_force_and_do_not_accelerate(form):
-    # ground - 20 - a1 | b0 - 40 - b1: the cut lies at a joint without mass
+    # ground - 20 - a1 | b0 - 40 - b1: the interface is at a joint without mass
     K_a = np.array([[50.0, -20.0], [-20.0, 20.0]])
     K_b = 40.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
     # a0 = 0.5, b1 = 2 and the joint between them in equilibrium: 20 (j - 0.5) = 40 (2 - j)
@@ -306,7 +308,7 @@ def test_two_massless_dofs_tied_to_each_other_carry_the_force_and_do_not_acceler
     a = pm.Subdomain(form(np.diag([1.0, 0.0])), form(K_a), scheme=SOFT, u0=[0.5, j], name="a")
     b = pm.Subdomain(form(np.diag([0.0, 3.0])), form(K_b), scheme=SOFT, u0=[j, 2.0], name="b")
     coupler = pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=0.01)
-    # the force 20 pulls the joint back in a, so Lam = 20; nothing says how the joint accelerates
+    # the force 20 pulls the joint back in a, so Lam = 20; no equation determines its acceleration
     w_a, w_b = np.array([-(25.0 - 30.0), 0.0]), np.array([0.0, -20.0 / 3.0])
     assert_initial(coupler, [w_a, w_b], np.array([20.0]))
     assert not coupler.state("a").a[1] and not coupler.state("b").a[0]
@@ -330,20 +332,20 @@ def test_a_structure_cut_at_a_massless_joint_moves_as_the_condensed_one():
 
 
 def test_three_massless_dofs_at_a_cross_point_and_one_with_mass_all_follow_the_mass():
-    parts = [pm.Subdomain([0.0], [k], scheme=SOFT, u0=[1.0]) for k in (1.0, 2.0, 3.0)]
-    parts.append(pm.Subdomain([2.0], [4.0], scheme=FAST, u0=[1.0], substeps=2))
-    ties = [pm.tie(parts[i], [0], parts[i + 1], [0]) for i in range(3)]
-    coupler = pm.Coupler(parts, ties, dt=0.01)
+    subdomains = [pm.Subdomain([0.0], [k], scheme=SOFT, u0=[1.0]) for k in (1.0, 2.0, 3.0)]
+    subdomains.append(pm.Subdomain([2.0], [4.0], scheme=FAST, u0=[1.0], substeps=2))
+    ties = [pm.tie(subdomains[i], [0], subdomains[i + 1], [0]) for i in range(3)]
+    coupler = pm.Coupler(subdomains, ties, dt=0.01)
     # Lam of tie i carries the springs 0..i; the mass has w = - (1 + 2 + 3 + 4) / 2
     assert_initial(coupler, [np.array([-5.0])] * 4, np.array([1.0, 3.0, 6.0]))
 
 
 def test_three_massless_dofs_tied_in_a_row_share_the_balance_and_do_not_accelerate():
     loads = (5.0, -2.0, -3.0)
-    parts = [pm.Subdomain([0.0], [1.0], scheme=SOFT, force=[f]) for f in loads]
-    ties = [pm.tie(parts[i], [0], parts[i + 1], [0]) for i in range(2)]
-    coupler = pm.Coupler(parts, ties, dt=0.01)
-    # 0 = F + L^T Lam from the left: Lam = -5, then -5 + 2; nothing says how they accelerate
+    subdomains = [pm.Subdomain([0.0], [1.0], scheme=SOFT, force=[f]) for f in loads]
+    ties = [pm.tie(subdomains[i], [0], subdomains[i + 1], [0]) for i in range(2)]
+    coupler = pm.Coupler(subdomains, ties, dt=0.01)
+    # 0 = F + L^T Lam from the left: Lam = -5, then -5 + 2; no equation determines w
     assert_initial(coupler, [np.zeros(1)] * 3, np.array([-5.0, -3.0]))
 
 
@@ -355,10 +357,10 @@ def test_a_massless_row_that_is_not_in_equilibrium_warns_with_dof_and_amount(for
     )
     with pytest.warns(pm.ConstraintWarning, match=r"dofs 0 of subdomain 'spring'.*\b3 is left"):
         coupler = pm.Coupler([s], dt=0.1)
-    # the first step jumps to where it holds: rounding of forces of 70
+    # the first step jumps to equilibrium: rounding of forces of 70
     left = coupler.run(steps=3)[0].u @ K_SERIES[0]
     assert left == pytest.approx([3.0, 0.0, 0.0, 0.0], abs=1e-12)
-    # dof 1 too when the load is known later
+    # dof 1 too when the load is evaluated later
     s = pm.Subdomain(
         form(np.diag([2.0, 0.0])), form(K_SERIES), scheme=SOFT, name="late",
         force=lambda t: np.array([0.0, 1.0]),
@@ -371,7 +373,7 @@ def test_a_massless_row_that_is_not_in_equilibrium_warns_with_dof_and_amount(for
 
 
 @pytest.mark.parametrize("scale", [1e-12, 1.0, 1e15])
-def test_equilibrium_of_massless_rows_is_judged_relative_to_the_forces_there_are(scale):
+def test_equilibrium_of_massless_rows_is_checked_relative_to_the_forces(scale):
     def make(off):
         u0 = scale * np.array([0.7 + off, 1.0])
         return pm.Coupler([pm.Subdomain([0.0, 2.0], K_SERIES, scheme=SOFT, u0=u0)], dt=0.1)
@@ -382,13 +384,13 @@ def test_equilibrium_of_massless_rows_is_judged_relative_to_the_forces_there_are
 
 
 def test_massless_dofs_tied_to_each_other_out_of_balance_warn():
-    parts = [pm.Subdomain([0.0], [1.0], scheme=SOFT, force=[f]) for f in (5.0, -2.0)]
+    subdomains = [pm.Subdomain([0.0], [1.0], scheme=SOFT, force=[f]) for f in (5.0, -2.0)]
     with pytest.warns(pm.ConstraintWarning, match="no mass"):
-        coupler = pm.Coupler(parts, pm.tie(parts[0], [0], parts[1], [0]), dt=0.1)
+        coupler = pm.Coupler(subdomains, pm.tie(subdomains[0], [0], subdomains[1], [0]), dt=0.1)
     assert np.isfinite(coupler.run(steps=50)[0].u).all()
 
 
-def test_a_massless_row_with_damping_counts_the_damping():
+def test_the_equilibrium_of_a_massless_row_includes_its_damping():
     # c v + k u = F: 2 * 3 + 5 * 4 = 26
     C, K = np.diag([2.0, 0.0]), np.diag([5.0, 1.0])
     options = {"scheme": SOFT, "u0": [4.0, 0.0], "v0": [3.0, 0.0]}
@@ -401,8 +403,8 @@ def test_a_massless_row_with_damping_counts_the_damping():
 
 
 def three(u0=None, v0=None, force=None, weight=1.0):
-    """Three parts of two dofs, tied in a row by two constraints: rows 0, 1 and row 2."""
-    parts = [
+    """Three subdomains of two dofs, tied in a row by two constraints: rows 0, 1 and row 2."""
+    subdomains = [
         pm.Subdomain(
             [1.0, 2.0], [5.0, 7.0], scheme=SOFT, substeps=1 + i, name=name, force=force,
             u0=None if u0 is None else u0[i], v0=None if v0 is None else v0[i],
@@ -410,17 +412,17 @@ def three(u0=None, v0=None, force=None, weight=1.0):
         for i, name in enumerate(("left", "middle"))
     ]  # fmt: skip
     last = {name: x[2] for name, x in (("u0", u0), ("v0", v0)) if x is not None and len(x) == 3}
-    parts.append(pm.Subdomain([1.0], [2.0], scheme=SOFT, name="right", **last))
-    a, b, c = parts
+    subdomains.append(pm.Subdomain([1.0], [2.0], scheme=SOFT, name="right", **last))
+    a, b, c = subdomains
     row = pm.Constraint({b: [[weight, 0.0]], c: [[-weight]]})
-    return pm.Coupler(parts, [pm.tie(a, [0, 1], b, [1, 0]), row], dt=0.1)
+    return pm.Coupler(subdomains, [pm.tie(a, [0, 1], b, [1, 0]), row], dt=0.1)
 
 
 def test_consistent_initial_values_neither_warn_nor_raise():
     three(u0=([1.0, 0.0], [0.0, 1.0]), v0=([3.0, 0.0], [0.0, 3.0])).run(steps=2)
 
 
-def test_a_gap_in_the_displacements_warns_with_row_and_amount_and_stays():
+def test_a_gap_in_the_displacements_warns_with_row_and_amount_and_persists():
     # row 0: left 0 against middle 1; row 2: middle 0 against right 0
     u0 = [1.0, 0.25], [0.25, 0.5]
     with pytest.warns(pm.ConstraintWarning) as caught:
@@ -437,7 +439,7 @@ def test_a_gap_in_the_displacements_warns_with_row_and_amount_and_stays():
 
 @pytest.mark.parametrize("force", [None, lambda t: np.zeros(2)], ids=["none", "callable"])
 def test_a_gap_warns_once_when_the_coupler_is_made_and_again_when_it_is_reset(force):
-    # displacements are known from the beginning, whatever the loads are
+    # the initial displacements are known before any load is evaluated
     with pytest.warns(pm.ConstraintWarning, match=r"rows 0 .*: 1\b"):
         coupler = three(u0=([1.0, 0.0], [0.0, 0.0]), force=force)
     coupler.run(steps=1)  # a second warning would be an error here
@@ -447,7 +449,7 @@ def test_a_gap_warns_once_when_the_coupler_is_made_and_again_when_it_is_reset(fo
         coupler.reset(u0={**closed, "left": [0.0, 4.0]})
 
 
-def test_velocities_that_break_a_condition_raise_with_row_and_amount():
+def test_velocities_that_violate_a_constraint_raise_with_row_and_amount():
     with pytest.raises(pm.ConstraintError) as caught:
         three(v0=([1.0, 0.25], [0.25, 0.5]))
     text = str(caught.value)
@@ -457,7 +459,7 @@ def test_velocities_that_break_a_condition_raise_with_row_and_amount():
     assert "row 1 of" not in text
 
 
-def test_velocities_that_break_the_only_constraint_name_its_row():
+def test_velocities_that_violate_the_only_constraint_name_its_row():
     a, b = (pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=SOFT, v0=v) for v in ([1, 2], [1, 2.5]))
     with pytest.raises(pm.ConstraintError, match=r"rows? 1 by -0\.5"):
         pm.Coupler([a, b], pm.tie(a, [0, 1], b, [0, 1]), dt=0.1)
@@ -465,7 +467,7 @@ def test_velocities_that_break_the_only_constraint_name_its_row():
 
 @pytest.mark.parametrize("scale", [1e-30, 1.0, 1e20])
 @pytest.mark.parametrize("name", ["u0", "v0"])
-def test_conditions_at_the_start_are_judged_relative_to_the_values_there_are(name, scale):
+def test_constraints_at_the_start_are_checked_relative_to_the_initial_values(name, scale):
     def make(off):
         values = scale * np.array([1.0, 0.0]), scale * np.array([0.0, 1.0 + off])
         return three(**{name: values})
@@ -479,7 +481,7 @@ def test_conditions_at_the_start_are_judged_relative_to_the_values_there_are(nam
             make(1e-6)
 
 
-# values of left, middle and right that break one row each: the tie of left 1, the other constraint
+# values of left, middle and right that violate one row each: tie of left 1, the other constraint
 BROKEN = {
     "row 1 of constraint 0": ([1.0, 2.0], [2.5, 1.0], [2.5]),
     "row 0 of constraint 1": ([1.0, 2.0], [2.0, 1.0], [2.5]),
@@ -489,7 +491,7 @@ BROKEN = {
 @pytest.mark.parametrize("weight", [1e-12, 1.0, 1e12])
 @pytest.mark.parametrize("row", BROKEN)
 @pytest.mark.parametrize("name", ["u0", "v0"])
-def test_a_condition_times_a_factor_is_judged_as_before(name, row, weight):
+def test_a_constraint_times_a_factor_is_checked_as_before(name, row, weight):
     three(**{name: ([1.0, 2.0], [2.0, 1.0], [2.0])}, weight=weight)
     if name == "v0":
         with pytest.raises(pm.ConstraintError, match=row):
@@ -499,7 +501,7 @@ def test_a_condition_times_a_factor_is_judged_as_before(name, row, weight):
             three(u0=BROKEN[row], weight=weight)
 
 
-def test_velocities_on_dofs_in_no_condition_are_free():
+def test_velocities_on_dofs_in_no_constraint_are_free():
     a, b = (pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=SOFT, v0=v) for v in ([1, 2], [9, 1]))
     coupler = pm.Coupler([a, b], pm.tie(a, [0], b, [1]), dt=0.1)
     np.testing.assert_array_equal(coupler.state(1).v, [9.0, 1.0])

@@ -1,7 +1,7 @@
-"""What must not change a run: units, order, splitting, recording, company, and the user's arrays.
+"""Invariances of a run: units, order, splitting, recording, other couplers, the user's arrays.
 
-Most of these hold bit for bit, and are asked for bit for bit. Where the sums are done in another
-order, they agree to rounding: see AGREEMENT.
+Most of the results are bitwise identical. Where sums are computed in another order, they agree to
+rounding: see AGREEMENT.
 """
 
 import copy
@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 import reference
 import scipy.sparse as sp
-from problems import Part, Problem, random_problem
+from problems import Problem, SubdomainData, random_problem
 
 import pmalpha as pm
 
-# The same sums in another order, over some hundred steps of stable schemes: rounding, 2e-16, grows
-# by the condition of Mbar and H (up to 1e4 here) and the number of steps.
+# The same sums in another order, in some hundred steps of stable schemes: rounding, 2e-16, is
+# magnified by the condition number of Mbar and H (up to 1e4 here) and the number of steps.
 AGREEMENT = 1e-9
 STEPS = 9
 FORMS = ["diagonal", "dense", "sparse"]
@@ -28,10 +28,10 @@ def largest(x):
     return np.max(np.abs(x), initial=0.0)
 
 
-# ---- a problem with everything in it --------------------------------------------------------
+# ---- a problem with all features ------------------------------------------------------------
 
 CONDITIONS = (
-    # rows: a general condition on three parts, a tie, a general one on the massless dof of a
+    # rows: a general constraint on three subdomains, a tie, a general one on the massless dof of a
     [[0.5, 0.5, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0, 0.3, 0.0, 1.7]],
     [[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.4, -0.6]],
     [[0.0, 0.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]],
@@ -45,12 +45,12 @@ def swing(t):
 
 
 def everything(form, *, coupling="pm", start="rebased"):
-    """Four parts: all kinds of loads, single and double steps, damping, dofs without mass.
+    """Four subdomains: all kinds of loads, single and double steps, damping, dofs without mass.
 
-    Part 0: implicit, double, a massless dof inside (2) and one on the interface (3); no load.
-    Part 1: explicit, finest step; ground acceleration that ends in the run.
-    Part 2: implicit, double with three own steps in a macro step; a callable.
-    Part 3: implicit, finest step; constant load. (Sampled forces: `with_sampled_forces`.)
+    0: implicit, double steps, an interior massless dof (2) and one on the interface (3); no load.
+    1: explicit, finest step; ground acceleration that ends during the run.
+    2: implicit, double steps with three substeps in a macro step; a callable.
+    3: implicit, finest step; constant load. (Sampled forces: `with_sampled_forces`.)
     """
     rng = np.random.default_rng(7)
     sizes, substeps = (4, 3, 4, 2), (1, FINE, 3, FINE)
@@ -63,15 +63,17 @@ def everything(form, *, coupling="pm", start="rebased"):
         "dense": np.asarray,
         "sparse": sp.csr_array,
     }
-    parts = []
+    subdomains = []
     for n, ss, scheme in zip(sizes, substeps, schemes):
         M = np.diag(rng.uniform(1.0, 3.0, n))
         A = rng.normal(size=(n, n)) * (rng.random((n, n)) < 0.6)
         K = 15.0 * A @ A.T + np.diag(rng.uniform(5.0, 40.0, n))
         if form == "diagonal":
             K = np.diag(np.diag(K))
-        parts.append(Part(M, K, 0.1 * M + 0.003 * K, scheme, ss, None, [forms[form]] * 3))
-    a, b, c, d = parts
+        subdomains.append(
+            SubdomainData(M, K, 0.1 * M + 0.003 * K, scheme, ss, None, [forms[form]] * 3)
+        )
+    a, b, c, d = subdomains
     for dof in (2, 3):
         a.M[dof, dof] = 0.0
         a.C[dof, :] = a.C[:, dof] = 0.0
@@ -79,30 +81,30 @@ def everything(form, *, coupling="pm", start="rebased"):
     c.force, d.force = swing, np.array([0.3, -1.1])
     L = [np.array(Li) for Li in CONDITIONS]
     states = [consistent(rng.normal(size=sum(sizes)), L) for _ in range(2)]
-    for part, u0, v0 in zip(parts, *(np.split(x, np.cumsum(sizes)[:-1]) for x in states)):
-        part.u0, part.v0 = u0, v0
+    for s, u0, v0 in zip(subdomains, *(np.split(x, np.cumsum(sizes)[:-1]) for x in states)):
+        s.u0, s.v0 = u0, v0
     # the massless dof inside is in equilibrium: 0 = - K u in its row
     a.u0[2] -= a.K[2] @ a.u0 / a.K[2, 2]
-    return Problem(parts, L, 0.06, start, coupling)
+    return Problem(subdomains, L, 0.06, start, coupling)
 
 
 def consistent(x, L):
-    """x without the part that would break the conditions."""
+    """x projected onto the values that satisfy the constraints."""
     whole = np.hstack(L)
     return x - np.linalg.pinv(whole) @ (whole @ x)
 
 
 def with_sampled_forces(problem):
-    """The same with a sampled force on every part that has mass everywhere."""
-    for i, part in enumerate(problem.parts[1:]):
-        shape = None if i == 1 else np.outer(np.arange(1.0, 1.0 + len(part.M)), [1.0, -0.3])
-        values = np.outer(SAMPLES, np.ones(len(part.M) if i == 1 else 2)) + 0.1 * i
-        part.force = pm.SampledForce(values, 0.023, shape=shape)
+    """The same with a sampled force on every subdomain without massless dofs."""
+    for i, s in enumerate(problem.subdomains[1:]):
+        shape = None if i == 1 else np.outer(np.arange(1.0, 1.0 + len(s.M)), [1.0, -0.3])
+        values = np.outer(SAMPLES, np.ones(len(s.M) if i == 1 else 2)) + 0.1 * i
+        s.force = pm.SampledForce(values, 0.023, shape=shape)
     return problem
 
 
 def tied_without_mass(form):
-    """Two massless dofs tied to each other, and one of them to a mass of a third part."""
+    """Two massless dofs tied to each other, and one of them to a mass of a third subdomain."""
     K = np.array([[30.0, -20.0], [-20.0, 50.0]])
     if form == "diagonal":
         K = np.diag(np.diag(K))
@@ -110,15 +112,15 @@ def tied_without_mass(form):
     forms = [to[form]] * 3
     soft = pm.GeneralizedAlpha(0.3)
     # in the rows of the two ties of massless dofs the forces are - 20 u and 20 u: equilibrium
-    first = Part(np.diag([2.0, 0.0, 0.0]), np.zeros((3, 3)), None, soft, 1, None, forms)
-    second = Part(np.diag([0.0, 1.5, 0.0]), np.zeros((3, 3)), None, soft, 2, None, forms)
-    for part in (first, second):
-        part.K[:2, :2] = K
-        part.K[2, 2] = 25.0
-        part.v0 = np.zeros(3)
+    first = SubdomainData(np.diag([2.0, 0.0, 0.0]), np.zeros((3, 3)), None, soft, 1, None, forms)
+    second = SubdomainData(np.diag([0.0, 1.5, 0.0]), np.zeros((3, 3)), None, soft, 2, None, forms)
+    for s in (first, second):
+        s.K[:2, :2] = K
+        s.K[2, 2] = 25.0
+        s.v0 = np.zeros(3)
     first.u0, second.u0 = np.array([0.4, 0.1, 0.2]), np.array([0.1, -0.3, 0.2])
     first.force, second.force = np.array([0.0, 0.0, 3.0]), np.array([0.0, 0.0, 7.0])
-    third = Part(np.eye(1), np.eye(1), None, soft, 2, False, forms)
+    third = SubdomainData(np.eye(1), np.eye(1), None, soft, 2, False, forms)
     third.u0, third.v0 = np.array([0.1]), np.zeros(1)
     L = [np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 1))]
     L[0][0, 1], L[1][0, 0] = 1.0, -1.0
@@ -137,21 +139,21 @@ every_problem = pytest.mark.parametrize("make", PROBLEMS.values(), ids=PROBLEMS.
 
 
 def in_units(problem, length, time, mass):
-    """The same problem in units so many times smaller: numbers so many times larger."""
+    """The same problem in smaller units: numbers larger by these factors."""
     force = mass * length / time**2
-    parts = [
+    subdomains = [
         replace(
-            part,
-            M=part.M * mass,
-            C=None if part.C is None else part.C * (mass / time),
-            K=part.K * (mass / time**2),
-            u0=None if part.u0 is None else part.u0 * length,
-            v0=None if part.v0 is None else part.v0 * (length / time),
-            force=_force_in_units(part.force, force, time),
+            s,
+            M=s.M * mass,
+            C=None if s.C is None else s.C * (mass / time),
+            K=s.K * (mass / time**2),
+            u0=None if s.u0 is None else s.u0 * length,
+            v0=None if s.v0 is None else s.v0 * (length / time),
+            force=_force_in_units(s.force, force, time),
         )
-        for part in problem.parts
+        for s in problem.subdomains
     ]
-    return replace(problem, parts=parts, dt=problem.dt * time)
+    return replace(problem, subdomains=subdomains, dt=problem.dt * time)
 
 
 def _force_in_units(force, factor, time):
@@ -165,16 +167,16 @@ def _force_in_units(force, factor, time):
 
 
 def arrays(history):
-    """All that a History holds but times: (what, array), named u, v, a, Lam, jumps."""
+    """All arrays of a History except times: (name, array), named u, v, a, Lam, jumps."""
     found = [("Lam", history.multipliers)]
     found += [("v", history.velocity_jump), ("u", history.displacement_jump)]
-    for part in history.subdomains:
-        found += [("u", part.u), ("v", part.v), ("a", part.a)]
+    for s in history.subdomains:
+        found += [("u", s.u), ("v", s.v), ("a", s.a)]
     return found
 
 
-def assert_same_bits(one, two, factor=1.0):
-    """Every result of `two` is `factor` times that of `one`, bit for bit; the times are equal."""
+def assert_identical(one, two, factor=1.0):
+    """Every result of `two` is exactly `factor` times that of `one`; the times are equal."""
     for x, y in zip(one.subdomains, two.subdomains):
         np.testing.assert_array_equal(x.t, y.t)
         np.testing.assert_array_equal(x.dofs, y.dofs)
@@ -185,12 +187,12 @@ def assert_same_bits(one, two, factor=1.0):
 
 
 def scales(history, problem):
-    """The largest value of each kind, and of any force for multipliers that are but rounding."""
+    """The largest value of each kind; for multipliers of any force, as they may be zero."""
     scale = {"u": 0.0, "v": 0.0, "a": 0.0, "Lam": largest(history.multipliers)}
-    for part, own in zip(history.subdomains, problem.parts):
+    for found, s in zip(history.subdomains, problem.subdomains):
         for x in "uva":
-            scale[x] = max(scale[x], largest(getattr(part, x)))
-        scale["Lam"] = max(scale["Lam"], largest(part.a @ own.M), largest(part.u @ own.K))
+            scale[x] = max(scale[x], largest(getattr(found, x)))
+        scale["Lam"] = max(scale["Lam"], largest(found.a @ s.M), largest(found.u @ s.K))
     return scale
 
 
@@ -199,30 +201,30 @@ def scales(history, problem):
 
 @pytest.mark.parametrize("k", [-40, 7, 60])
 @every_problem
-def test_loads_and_initial_values_times_a_power_of_two_scale_every_result_bit_for_bit(make, k):
+def test_loads_and_initial_values_times_a_power_of_two_scale_every_result_exactly(make, k):
     problem, factor = make(), 2.0**k
     scaled = replace(
         problem,
-        parts=[
+        subdomains=[
             replace(
-                part,
-                u0=None if part.u0 is None else part.u0 * factor,
-                v0=None if part.v0 is None else part.v0 * factor,
-                force=_force_in_units(part.force, factor, 1.0),
+                s,
+                u0=None if s.u0 is None else s.u0 * factor,
+                v0=None if s.v0 is None else s.v0 * factor,
+                force=_force_in_units(s.force, factor, 1.0),
             )
-            for part in problem.parts
+            for s in problem.subdomains
         ],
     )
     one, two = problem.coupler().run(steps=STEPS), scaled.coupler().run(steps=STEPS)
-    assert_same_bits(one, two, factor)
+    assert_identical(one, two, factor)
 
 
-def test_a_factor_that_is_no_power_of_two_does_change_bits():
+def test_a_factor_that_is_no_power_of_two_changes_the_rounding():
     problem = everything("dense")
     one = problem.coupler().run(steps=STEPS)
-    for part in problem.parts:
-        part.u0, part.v0 = 3.0 * part.u0, 3.0 * part.v0
-        part.force = _force_in_units(part.force, 3.0, 1.0)
+    for s in problem.subdomains:
+        s.u0, s.v0 = 3.0 * s.u0, 3.0 * s.v0
+        s.force = _force_in_units(s.force, 3.0, 1.0)
     two = problem.coupler().run(steps=STEPS)
     assert (3.0 * one[0].u != two[0].u).any()
 
@@ -253,13 +255,13 @@ def test_units_that_do_not_fit_together_are_another_motion():
     problem = everything("dense")
     one = problem.coupler().run(steps=STEPS)
     two = in_units(problem, 1.0, 1.0, 1.0)
-    two.parts[0].M = two.parts[0].M * 1.001
+    two.subdomains[0].M = two.subdomains[0].M * 1.001
     assert largest(two.coupler().run(steps=STEPS)[0].u - one[0].u) > 1e-6 * largest(one[0].u)
 
 
 @pytest.mark.parametrize("factor", [1e-9, 3e7])
 @pytest.mark.parametrize("form", FORMS)
-def test_conditions_times_a_factor_are_the_same_conditions(form, factor):
+def test_constraints_times_a_factor_are_the_same_constraints(form, factor):
     problem = everything(form)
     one = problem.coupler().run(steps=STEPS)
     two = replace(problem, L=[np.array([1.0, factor, 1.0])[:, None] * Li for Li in problem.L])
@@ -282,22 +284,22 @@ def test_the_order_of_subdomains_does_not_matter(form, order):
     problem = everything(form)
     one = problem.coupler().run(steps=STEPS)
     other = replace(
-        problem, parts=[problem.parts[i] for i in order], L=[problem.L[i] for i in order]
+        problem, subdomains=[problem.subdomains[i] for i in order], L=[problem.L[i] for i in order]
     )
     two = other.coupler().run(steps=STEPS)
     scale = scales(one, problem)
-    for place, i in enumerate(order):
+    for position, i in enumerate(order):
         for x in "uva":
-            difference = getattr(two[place], x) - getattr(one[i], x)
+            difference = getattr(two[position], x) - getattr(one[i], x)
             assert largest(difference) <= AGREEMENT * scale[x], (i, x)
     assert largest(two.multipliers - one.multipliers) <= AGREEMENT * scale["Lam"]
-    # and it is not that all subdomains do the same
+    # and the subdomains move differently
     assert largest(two[0].u[-1, :2] - one[0].u[-1, :2]) > 1e-3 * scale["u"]
 
 
 @pytest.mark.parametrize("rows", [(2, 1, 0), (1, 2, 0)])
 @pytest.mark.parametrize("form", FORMS)
-def test_the_order_of_conditions_does_not_matter(form, rows):
+def test_the_order_of_constraints_does_not_matter(form, rows):
     problem = everything(form)
     one = problem.coupler().run(steps=STEPS)
     two = replace(problem, L=[Li[list(rows)] for Li in problem.L]).coupler().run(steps=STEPS)
@@ -311,9 +313,9 @@ def test_the_order_of_conditions_does_not_matter(form, rows):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_conditions_in_one_constraint_or_in_several_are_the_same_bit_for_bit(form):
+def test_rows_in_one_constraint_or_in_several_are_bitwise_identical(form):
     one, two = (trio(form, split) for split in (False, True))
-    assert_same_bits(one.run(steps=STEPS), two.run(steps=STEPS))
+    assert_identical(one.run(steps=STEPS), two.run(steps=STEPS))
 
 
 def trio(form, split):
@@ -327,7 +329,7 @@ def trio(form, split):
 
 
 def _plain(form, name, **options):
-    """Three dofs that hang together, implicit."""
+    """Three coupled dofs, implicit."""
     K = 20.0 * (2.0 * np.eye(3) - np.eye(3, k=1) - np.eye(3, k=-1))
     if form == "diagonal":
         K = np.diag(K)
@@ -342,8 +344,8 @@ def test_a_tie_the_other_way_round_changes_the_sign_of_its_multiplier_alone(form
     def history(turned):
         a = _plain(form, "a")
         b = _plain(form, "b", substeps=4, scheme=pm.CentralDifference())
-        condition = pm.tie(b, [0, 2], a, [1, 2]) if turned else pm.tie(a, [1, 2], b, [0, 2])
-        return pm.Coupler([a, b], condition, dt=0.02).run(steps=20)
+        constraint = pm.tie(b, [0, 2], a, [1, 2]) if turned else pm.tie(a, [1, 2], b, [0, 2])
+        return pm.Coupler([a, b], constraint, dt=0.02).run(steps=20)
 
     one, two = history(False), history(True)
     for x, y in zip(one.subdomains, two.subdomains):
@@ -369,7 +371,7 @@ SCHEDULES = [("pm", "rebased"), ("pm", "plain"), ("gc", "rebased")]
 
 
 def joined(histories):
-    """The arrays of several stretches as one; each begins where the one before ended."""
+    """The arrays of several intervals as one; each begins where the one before ended."""
     for before, after in zip(histories, histories[1:]):
         for (_, x), (_, y) in zip(arrays(before), arrays(after)):
             np.testing.assert_array_equal(x[-1], y[0])
@@ -377,18 +379,18 @@ def joined(histories):
     return [np.concatenate([p[0], *(x[1:] for x in p[1:])]) for p in pieces]
 
 
-@pytest.mark.parametrize("stretches", [(0, 9), (1, 8), (2, 1, 0, 6), (8, 1)])
+@pytest.mark.parametrize("intervals", [(0, 9), (1, 8), (2, 1, 0, 6), (8, 1)])
 @pytest.mark.parametrize(("coupling", "start"), SCHEDULES)
 @pytest.mark.parametrize("form", FORMS)
-def test_a_run_in_stretches_equals_one_run_bit_for_bit(form, coupling, start, stretches):
-    whole = everything(form, coupling=coupling, start=start).coupler().run(steps=sum(stretches))
+def test_a_run_in_intervals_is_bitwise_identical_to_one_run(form, coupling, start, intervals):
+    whole = everything(form, coupling=coupling, start=start).coupler().run(steps=sum(intervals))
     coupler = everything(form, coupling=coupling, start=start).coupler()
-    histories = [coupler.run(steps=n) for n in stretches]
+    histories = [coupler.run(steps=n) for n in intervals]
     for x, (_, y) in zip(joined(histories), arrays(whole)):
         np.testing.assert_array_equal(x, y)
     times = [np.concatenate([[0.0], *(h[i].t[1:] for h in histories)]) for i in range(4)]
-    for t, part in zip(times, whole.subdomains):
-        np.testing.assert_array_equal(t, part.t)
+    for t, s in zip(times, whole.subdomains):
+        np.testing.assert_array_equal(t, s.t)
 
 
 @pytest.mark.parametrize(("coupling", "start"), SCHEDULES)
@@ -402,16 +404,16 @@ def test_step_is_run_without_a_history(form, coupling, start):
         assert coupler.step_count == done
         assert coupler.time == history.macro_times[done]
         np.testing.assert_array_equal(coupler.multipliers, history.multipliers[done * FINE])
-        for i, part in enumerate(problem.parts):
-            # the state of a subdomain, single or double step, is that at its last own node
-            state, row = coupler.state(i), done * part.substeps
+        for i, s in enumerate(problem.subdomains):
+            # the state of a subdomain, with single or double steps, is that at its last time level
+            state, row = coupler.state(i), done * s.substeps
             for x in "uva":
                 np.testing.assert_array_equal(getattr(state, x), getattr(history[i], x)[row])
     assert coupler.run(steps=0)[0].u.shape == (1, 4)
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_record_keeps_exactly_the_columns_that_were_asked_for(form):
+def test_record_keeps_exactly_the_given_columns(form):
     whole = everything(form).coupler().run(steps=STEPS)
     coupler = everything(form).coupler()
     some = coupler.run(steps=STEPS, record={"subdomain 0": [3, 0], 2: None})
@@ -431,12 +433,12 @@ def test_record_keeps_exactly_the_columns_that_were_asked_for(form):
 
 @pytest.mark.parametrize("every", [1, 2, 4, 100])
 @pytest.mark.parametrize("begin", [0, 1, 4])
-def test_every_keeps_the_first_node_and_macro_nodes_whose_count_is_a_multiple(begin, every):
+def test_every_keeps_the_first_time_level_and_multiples_of_macro_steps(begin, every):
     whole = everything("dense").coupler().run(steps=begin + 11)
     coupler = everything("dense").coupler()
     coupler.step(begin)
     some = coupler.run(steps=11, every=every)
-    # the first node of the stretch, then multiples of `every`
+    # the first time level of the interval, then multiples of `every`
     macro = [begin] + [n for n in range(begin + 1, begin + 12) if n % every == 0]
     np.testing.assert_array_equal(some.macro_times, whole.macro_times[macro])
     np.testing.assert_array_equal(some.displacement_jump, whole.displacement_jump[macro])
@@ -444,10 +446,10 @@ def test_every_keeps_the_first_node_and_macro_nodes_whose_count_is_a_multiple(be
     np.testing.assert_array_equal(some.multiplier_times, whole.multiplier_times[fine])
     np.testing.assert_array_equal(some.multipliers, whole.multipliers[fine])
     np.testing.assert_array_equal(some.velocity_jump, whole.velocity_jump[fine])
-    for part, own in zip(everything("dense").parts, range(4)):
-        rows = np.array(macro) * part.substeps
+    for i, s in enumerate(everything("dense").subdomains):
+        rows = np.array(macro) * s.substeps
         for x in ("t", "u", "v", "a"):
-            np.testing.assert_array_equal(getattr(some[own], x), getattr(whole[own], x)[rows])
+            np.testing.assert_array_equal(getattr(some[i], x), getattr(whole[i], x)[rows])
     np.testing.assert_array_equal(coupler.state(0).u, whole[0].u[-1])
 
 
@@ -471,26 +473,26 @@ def test_a_later_run_leaves_the_history_of_an_earlier_one_alone():
         ("gc", "ie", (1, 4), (False, False)),
     ],
 )
-def test_who_takes_double_steps_when_nobody_says_so(coupling, kinds, substeps, same_as):
+def test_which_subdomains_take_double_steps_by_default(coupling, kinds, substeps, same_as):
     def history(double, coupling=coupling):
         schemes = [pm.GeneralizedAlpha(0.5, explicit=kind == "e") for kind in kinds]
-        parts = [
+        subdomains = [
             _plain("dense", name, scheme=scheme, substeps=ss, double_step=d)
             for name, scheme, ss, d in zip("abc", schemes, substeps, double)
         ]
-        ties = [pm.tie(one, [0], two, [1]) for one, two in zip(parts, parts[1:])]
-        return pm.Coupler(parts, ties, dt=0.02, coupling=coupling).run(steps=STEPS)
+        ties = [pm.tie(one, [0], two, [1]) for one, two in zip(subdomains, subdomains[1:])]
+        return pm.Coupler(subdomains, ties, dt=0.02, coupling=coupling).run(steps=STEPS)
 
     default = history([None] * len(kinds))
-    assert_same_bits(default, history(same_as, "pm"))
-    if coupling == "gc":  # nobody, whatever is set
-        assert_same_bits(default, history((True, False)))
+    assert_identical(default, history(same_as, "pm"))
+    if coupling == "gc":  # none, whatever is set
+        assert_identical(default, history((True, False)))
     other = (not same_as[0], *same_as[1:])
     if not all(d for d, ss in zip(other, substeps) if ss == max(substeps)):
         assert (history(other, "pm")[0].a != default[0].a).any()
 
 
-# ---- who owns what --------------------------------------------------------------------------
+# ---- ownership of arrays ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -507,15 +509,15 @@ def test_couplers_made_of_the_same_subdomains_are_independent(form):
 
     alone = [c.run(steps=12) for c in couplers([subdomains() for _ in range(3)])]
     same = couplers([subdomains()] * 3)
-    stretches = [[c.run(steps=n) for c in same] for n in (5, 1, 6)]
-    for h, pieces in zip(alone, zip(*stretches)):
+    intervals = [[c.run(steps=n) for c in same] for n in (5, 1, 6)]
+    for h, pieces in zip(alone, zip(*intervals)):
         for x, (_, y) in zip(joined(pieces), arrays(h)):
             np.testing.assert_array_equal(x, y)
     assert (alone[0][0].u != alone[2][0].u).any()
 
 
 def frozen(value):
-    """A comparable copy of whatever a subdomain holds."""
+    """A comparable copy of all data of a subdomain."""
     if sp.issparse(value):
         return value.shape, value.data.tolist(), value.indices.tolist(), value.indptr.tolist()
     return value.tolist() if isinstance(value, np.ndarray) else value
@@ -534,7 +536,7 @@ def test_a_subdomain_is_not_changed_by_a_coupler(form):
 
 
 def users_arrays(form):
-    """Every array that a user hands over, by name."""
+    """Every array that a user passes, by name."""
     K = 20.0 * (2.0 * np.eye(3) - np.eye(3, k=1) - np.eye(3, k=-1))
     C = 0.01 * K
     if form == "diagonal":
@@ -543,7 +545,7 @@ def users_arrays(form):
         K, C = sp.csr_array(K), sp.csc_matrix(C)
     return {
         "M": np.array([1.0, 2.0, 1.5]), "K": K, "C": C,
-        "u0": np.full(3, 0.5), "v0": np.full(3, 0.2),  # they satisfy the conditions below
+        "u0": np.full(3, 0.5), "v0": np.full(3, 0.2),  # they satisfy the constraints below
         "constant": np.array([0.1, 0.2, 0.3]),
         "values": np.array([[1.0, 2.0], [3.0, 0.5], [2.0, 1.0]]),
         "shape": np.array([[1.0, 0.0], [0.0, 1.0], [2.0, 2.0]]),
@@ -554,7 +556,7 @@ def users_arrays(form):
 
 
 def coupler_of(x, spoil):
-    """A coupler of these arrays; `spoil` is called on arrays as soon as they were handed over."""
+    """A coupler of these arrays; `spoil` is called on arrays as soon as they were passed."""
     sampled = pm.SampledForce(x["values"], 0.05, shape=x["shape"])
     spoil("values", "shape")
     ground = pm.BaseAcceleration(x["record"], 0.05, x["direction"], x["M"])
@@ -577,7 +579,7 @@ def numbers(x):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_the_users_arrays_are_neither_changed_nor_looked_at_again(form):
+def test_the_users_arrays_are_neither_changed_nor_read_again(form):
     x = users_arrays(form)
     before = {name: frozen(value) for name, value in x.items()}
     whole = coupler_of(x, lambda *names: None)
@@ -593,21 +595,21 @@ def test_the_users_arrays_are_neither_changed_nor_looked_at_again(form):
                 y[name].indices[:] = 0
 
     coupler = coupler_of(y, spoil)
-    assert_same_bits(expected, coupler.run(steps=20, record={"a": [2, 0], "b": None, 2: None}))
-    # spoilt before they are handed over they are another problem, or none
+    assert_identical(expected, coupler.run(steps=20, record={"a": [2, 0], "b": None, 2: None}))
+    # changed before they are passed, they define another problem or an invalid one
     with pytest.raises((ValueError, pm.PmalphaError)):
         coupler_of(y, lambda *names: None)
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_arrays_that_may_not_be_written_will_do(form):
+def test_read_only_arrays_are_accepted(form):
     x = users_arrays(form)
     for value in x.values():
         numbers(value).setflags(write=False)
     coupler_of(x, lambda *names: None).run(steps=2)
 
 
-def test_what_the_coupler_hands_out_are_copies():
+def test_the_coupler_returns_copies():
     coupler = everything("dense").coupler()
     expected = everything("dense").coupler().run(steps=STEPS)
     coupler.step(2)
@@ -627,19 +629,19 @@ def test_what_the_coupler_hands_out_are_copies():
 
 
 @pytest.mark.parametrize("name", [n for n in PROBLEMS if "random" not in n or n[-1] in "05"])
-def test_reset_reproduces_the_first_run_bit_for_bit(name):
+def test_a_run_after_reset_is_bitwise_identical_to_the_first(name):
     coupler = PROBLEMS[name]().coupler()
     first = coupler.run(steps=STEPS)
     coupler.reset()
     assert (coupler.step_count, coupler.time) == (0, 0.0)
-    assert_same_bits(first, coupler.run(steps=STEPS))
+    assert_identical(first, coupler.run(steps=STEPS))
     coupler.reset()
     coupler.step(STEPS)
     assert coupler.step_count == STEPS
     np.testing.assert_array_equal(coupler.state(0).a, first[0].a[-1])
 
 
-def test_after_reset_the_present_is_the_beginning_also_where_a_callable_is_asked():
+def test_after_reset_the_time_is_zero_also_with_a_callable_load():
     a = _plain("dense", "a", u0=[1.0, 0.0, 0.5])
     coupler = pm.Coupler([a], dt=0.25)
     coupler.reset(force={"a": lambda t: np.array([t, 0.0, 1.0])})
@@ -649,7 +651,7 @@ def test_after_reset_the_present_is_the_beginning_also_where_a_callable_is_asked
     np.testing.assert_array_equal(coupler.state("a").u, [1.0, 0.0, 0.5])
     second = coupler.run(1.0)
     np.testing.assert_array_equal(second["a"].t, [0.0, 0.25, 0.5, 0.75, 1.0])
-    assert_same_bits(first, second)
+    assert_identical(first, second)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -675,16 +677,16 @@ def test_reset_with_other_values_equals_a_new_coupler(form):
     for u_a, v_b, force_a, force_b in values[1:]:
         coupler_to_reset.reset(u0={"a": u_a}, v0={1: v_b}, force={"a": force_a, "b": force_b})
         expected = coupler(u_a, v_b, force_a, force_b).run(steps=STEPS)
-        assert_same_bits(expected, coupler_to_reset.run(steps=STEPS))
+        assert_identical(expected, coupler_to_reset.run(steps=STEPS))
 
 
-def test_what_reset_does_not_name_is_as_the_subdomain_was_made():
+def test_reset_restores_what_it_does_not_name_to_the_values_of_the_subdomain():
     coupler = pm.Coupler([_plain("dense", "a", u0=[1.0, 2.0, 3.0])], dt=0.1)
     first = coupler.run(steps=3)
     coupler.reset(u0={"a": [9.0, 9.0, 9.0]}, force={"a": None})
     assert (coupler.run(steps=3)["a"].u != first["a"].u).any()
     coupler.reset()
-    assert_same_bits(first, coupler.run(steps=3))
+    assert_identical(first, coupler.run(steps=3))
 
 
 @pytest.mark.parametrize(
@@ -699,12 +701,12 @@ def test_what_reset_does_not_name_is_as_the_subdomain_was_made():
     ],
     ids=str,
 )
-@pytest.mark.parametrize("asked", [False, True], ids=["constant", "callable"])
-def test_a_reset_that_fails_changes_nothing(wrong, error, asked):
+@pytest.mark.parametrize("callable_load", [False, True], ids=["constant", "callable"])
+def test_a_reset_that_fails_changes_nothing(wrong, error, callable_load):
     def coupler():
         a = _plain("dense", "a", u0=[1.0, 0.0, 3.0])
         b = _plain("dense", "b", substeps=2)
-        a.force = (lambda t: np.array([t, 1.0, 0.0])) if asked else a.force
+        a.force = (lambda t: np.array([t, 1.0, 0.0])) if callable_load else a.force
         return pm.Coupler([a, b], pm.tie(a, [1], b, [1]), dt=0.1)
 
     expected = coupler().run(steps=5)
@@ -721,21 +723,29 @@ def test_a_reset_that_fails_changes_nothing(wrong, error, asked):
 
 
 def jump_from_states(problem, history, doubles):
-    """sum_i L_i v_i at every fine node from recorded states, multipliers and the reference alone.
+    """sum_i L_i v_i at every fine instant, from recorded states, multipliers and the reference.
 
-    At its own node a subdomain has a total velocity. In mid-step it has its free velocity, the
-    total one of its two own nodes less the link velocity there, interpolated (15), plus the link
-    velocity of the instant; all link velocities are solved for anew.
+    At a time level of a subdomain this is its velocity. In between it is the interpolated free
+    velocity (15) plus the link velocity of the instant; the free velocity at a time level is the
+    velocity less the link velocity. All link velocities are solved for anew.
     """
     total = np.zeros_like(history.velocity_jump)
-    for part, L, recorded, double in zip(problem.parts, problem.L, history.subdomains, doubles):
-        s = part.scheme
-        own = reference.Part(
-            part.M, part.K, part.C, s.am, s.af, s.beta, s.gamma, s.explicit, part.substeps
+    for s, L, recorded, double in zip(problem.subdomains, problem.L, history.subdomains, doubles):
+        scheme = s.scheme
+        same = reference.Subdomain(
+            s.M,
+            s.K,
+            s.C,
+            am=scheme.am,
+            af=scheme.af,
+            beta=scheme.beta,
+            gamma=scheme.gamma,
+            explicit=scheme.explicit,
+            substeps=s.substeps,
         )
-        h, stride = problem.dt / part.substeps, FINE // part.substeps
-        single = reference.Step(own, L, h)
-        later = reference.Step(own, L, 2.0 * h if double else h)
+        h, stride = problem.dt / s.substeps, FINE // s.substeps
+        single = reference.Step(same, L, h)
+        later = reference.Step(same, L, 2.0 * h if double else h)
 
         def link(step, k, Lam=history.multipliers):
             return step.link(Lam[k])[1]
@@ -755,10 +765,10 @@ def jump_from_states(problem, history, doubles):
     return total
 
 
-def jump_at_macro_nodes(problem, history, name):
-    """sum_i L_i x_i where every subdomain has a state."""
-    parts = zip(history.subdomains, problem.parts, problem.L)
-    return sum(getattr(x, name)[:: q.substeps] @ L.T for x, q, L in parts)
+def jump_at_macro_steps(problem, history, name):
+    """sum_i L_i x_i at the ends of macro steps, where every subdomain has a state."""
+    rows = zip(history.subdomains, problem.subdomains, problem.L)
+    return sum(getattr(x, name)[:: s.substeps] @ L.T for x, s, L in rows)
 
 
 def wrong_interface_matrix(factor):
@@ -790,11 +800,11 @@ def test_the_velocity_jump_is_that_of_the_states_and_rounding_alone(form, coupli
     scale = scales(history, problem)["v"]
     # a few roundings of velocities of this size, each one a sum over some dofs
     assert largest(history.velocity_jump) <= 1e-13 * scale
-    # the reference solves for link velocities by other sums: condition of Mbar, at most 100
+    # the reference solves for link velocities by other sums: condition number of Mbar at most 100
     again = jump_from_states(problem, history, DOUBLES[coupling])
     assert largest(again) <= 1e-12 * scale
-    # at macro nodes, where everybody has a state, from totals alone
-    total = jump_at_macro_nodes(problem, history, "v")
+    # at the ends of macro steps all subdomains have states: without free and link velocities
+    total = jump_at_macro_steps(problem, history, "v")
     assert largest(total) <= 1e-13 * scale
     # the same sum in another order
     np.testing.assert_allclose(history.velocity_jump[::FINE], total, rtol=0, atol=1e-14 * scale)
@@ -803,7 +813,7 @@ def test_the_velocity_jump_is_that_of_the_states_and_rounding_alone(form, coupli
 @pytest.mark.parametrize("factor", [1.0 + 1e-6, 1.5])
 @pytest.mark.parametrize(("coupling", "start"), SCHEDULES)
 @pytest.mark.parametrize("form", FORMS)
-def test_a_wrong_entry_of_H_shows_in_the_velocity_jump(form, coupling, start, factor, monkeypatch):
+def test_a_wrong_entry_of_H_causes_a_velocity_jump(form, coupling, start, factor, monkeypatch):
     monkeypatch.setattr("pmalpha.setup.assembly.interface_matrix", wrong_interface_matrix(factor))
     problem = everything(form, coupling=coupling, start=start)
     history = problem.coupler().run(steps=STEPS)
@@ -812,7 +822,7 @@ def test_a_wrong_entry_of_H_shows_in_the_velocity_jump(form, coupling, start, fa
     # h w, a tenth of the velocities or more
     jump = np.abs(history.velocity_jump[1:, 0]).max()
     assert jump > 0.01 * (factor - 1.0) * scale
-    # and what is shown is the jump that the states have, rounding as above
+    # and the reported jump is that of the states, rounding as above
     again = jump_from_states(problem, history, DOUBLES[coupling])
     assert largest(history.velocity_jump - again) <= 1e-12 * scale
 
@@ -820,33 +830,34 @@ def test_a_wrong_entry_of_H_shows_in_the_velocity_jump(form, coupling, start, fa
 def test_the_displacement_jump_is_that_of_the_states():
     problem = everything("dense")
     history = problem.coupler().run(steps=STEPS)
-    total = jump_at_macro_nodes(problem, history, "u")
+    total = jump_at_macro_steps(problem, history, "u")
     size = scales(history, problem)["u"]
     # the same sum in another order
     np.testing.assert_allclose(history.displacement_jump, total, rtol=0, atol=1e-14 * size)
-    assert largest(history.displacement_jump) > 1e-6 * size  # it drifts, it is not zero
+    assert largest(history.displacement_jump) > 1e-6 * size  # there is a drift
 
 
-# ---- equilibrium at own nodes ---------------------------------------------------------------
+# ---- equilibrium at time levels -------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("coupling", "start"), SCHEDULES)
 @pytest.mark.parametrize("form", FORMS)
-def test_every_subdomain_is_in_equilibrium_at_its_own_nodes(form, coupling, start):
+def test_every_subdomain_is_in_equilibrium_at_its_time_levels(form, coupling, start):
     problem = everything(form, coupling=coupling, start=start)
     history = problem.coupler().run(steps=STEPS)
     largest_force = scales(history, problem)["Lam"]
-    for part, L, x, double in zip(problem.parts, problem.L, history.subdomains, DOUBLES[coupling]):
-        assert len(x.t) == STEPS * part.substeps + 1
-        F = np.array([_load(part.force, t, len(part.M)) for t in x.t])
-        Lam = history.multipliers[:: FINE // part.substeps]
+    together = zip(problem.subdomains, problem.L, history.subdomains, DOUBLES[coupling])
+    for s, L, x, double in together:
+        assert len(x.t) == STEPS * s.substeps + 1
+        F = np.array([_load(s.force, t, len(s.M)) for t in x.t])
+        Lam = history.multipliers[:: FINE // s.substeps]
         u = x.u.copy()
-        if part.scheme.explicit:  # (10) takes K ut, and ut = u - al1 w
-            h = problem.dt / part.substeps * (1.0 + (np.arange(len(x.t)) > part.substeps) * double)
-            al1 = np.array([part.scheme.coefficients(hi)[0] for hi in h])
+        if s.scheme.explicit:  # (10) has K ut, and ut = u - al1 w
+            h = problem.dt / s.substeps * (1.0 + (np.arange(len(x.t)) > s.substeps) * double)
+            al1 = np.array([s.scheme.coefficients(hi)[0] for hi in h])
             u[1:] -= (al1[:, None] * x.a)[1:]
-        left = x.a @ part.M + x.v @ part.C + u @ part.K - F - Lam @ L
-        # rounding of forces of this size, through a solve of condition 100 at most
+        left = x.a @ s.M + x.v @ s.C + u @ s.K - F - Lam @ L
+        # rounding of forces of this size, through a solve of condition number at most 100
         assert largest(left) <= 1e-12 * largest_force
 
 
@@ -857,17 +868,18 @@ def _load(force, t, n):
 
 
 def test_an_uncoupled_run_inside_a_coupler_equals_solve():
-    # for everybody single, as in solve; "pm" would give one of equal steps the double step
+    # single steps in all subdomains, as in solve; "pm" would select a double step
     problem = everything("sparse", coupling="gc")
     names = "scheme", "substeps", "force", "u0", "v0"
     subdomains = [
-        pm.Subdomain(q.M, q.K, q.C, **{x: getattr(q, x) for x in names}) for q in problem.parts[1:]
+        pm.Subdomain(s.M, s.K, s.C, **{x: getattr(s, x) for x in names})
+        for s in problem.subdomains[1:]
     ]
     together = pm.Coupler(subdomains, dt=0.06, coupling="gc").run(steps=STEPS)
     assert together.multipliers.shape == (STEPS * FINE + 1, 0)
-    for part, s in zip(together.subdomains, subdomains):
+    for found, s in zip(together.subdomains, subdomains):
         alone = pm.solve(s, dt=0.06, steps=STEPS)
         for x in ("u", "v", "a"):
-            np.testing.assert_array_equal(getattr(part, x), getattr(alone, x))
+            np.testing.assert_array_equal(getattr(found, x), getattr(alone, x))
         # T1 counts in substeps of the finest: two roundings
-        np.testing.assert_allclose(part.t, alone.t, rtol=4e-16)
+        np.testing.assert_allclose(found.t, alone.t, rtol=4e-16)

@@ -1,4 +1,4 @@
-"""The package is arranged as docs/architecture.md says: folders, layers, small files."""
+"""The package is arranged as in docs/architecture.md: folders, layers, small files."""
 
 import ast
 import importlib
@@ -30,7 +30,7 @@ LAYERS = (
 )
 LEVEL = {unit: level for level, units in enumerate(LAYERS) for unit in units}
 # History.plot is a method of what a run returns and draws by matplotlib, which only drawing needs:
-# the import is inside the method, and nothing else of `run` knows the pictures.
+# the import is inside the method, and no other module of `run` imports pictures.
 EXCEPTIONS = {("pmalpha.run.history", "pmalpha.plot.histories")}
 
 PUBLIC_PACKAGES = ("analysis", "plot", "readers", "structures")
@@ -45,7 +45,7 @@ NAMES = {name_of(path) for path in MODULES} | {"pmalpha._core"}
 
 
 def unit_of(module):
-    """What stands directly in pmalpha/: a folder or a file."""
+    """An entry of pmalpha/: a folder or a file."""
     return (*module.split("."), "__init__")[1]
 
 
@@ -132,7 +132,7 @@ def test_there_are_no_cycles_of_imports():
     assert cycle_in(graph_of_imports()) is None
 
 
-def test_an_upward_import_and_a_cycle_would_be_seen():
+def test_an_upward_import_and_a_cycle_would_be_detected():
     graph = graph_of_imports()
     arrow = ("pmalpha.problem.subdomain", "pmalpha.setup.part")
     graph[arrow[0]].add(arrow[1])
@@ -158,7 +158,7 @@ def test_no_file_is_longer_than_600_lines_and_no_function_than_60(path):
     assert {name: n for name, n in lengths(source).items() if n > 60} == {}
 
 
-def test_a_function_of_61_lines_would_be_seen_and_a_docstring_does_not_count():
+def test_a_function_of_61_lines_would_be_detected_and_a_docstring_does_not_count():
     body = "    x = 1\n" * 59
     docstring = '    """One.\n\n    Two.\n    """\n'
     assert lengths(f"def f():\n{body}") == {"f": 60}
@@ -167,7 +167,7 @@ def test_a_function_of_61_lines_would_be_seen_and_a_docstring_does_not_count():
     assert lengths(f"async def f(\n    a,\n):\n{body}") == {"f": 62}
 
 
-def test_every_module_says_what_is_in_it():
+def test_every_module_has_a_docstring():
     for path in MODULES:
         assert ast.get_docstring(ast.parse((ROOT / path).read_text())), path
 

@@ -1,7 +1,7 @@
-"""Loads: what each kind is at which instant, when a callable is asked, and what its errors leave.
+"""Loads: their values at each instant, the evaluation of callables, and the state after errors.
 
-A mass without spring shows its load: M w = F(t), so that `a` of the history is F / M at every own
-node. Most tests below use this; one rounding of a division is all that stands between.
+The acceleration of a mass without spring is its load, M w = F(t): `a` of the history is F / M at
+every time level, to one rounding of the division. Most tests below use this.
 """
 
 from fractions import Fraction
@@ -17,14 +17,14 @@ FAST = pm.GeneralizedAlpha(0.5, explicit=True)
 
 
 def loads_seen(force, n, dt, steps, substeps=1, scheme=SOFT):
-    """t (k,) and F (k, n) that a free unit mass on each dof sees."""
+    """t (k,) and F (k, n) on a free unit mass at each dof."""
     mass = pm.Subdomain(np.ones(n), np.zeros(n), scheme=scheme, substeps=substeps, force=force)
     history = pm.solve(mass, dt=dt, steps=steps)
     return history.t, history.a
 
 
 def pair(force_a, force_b, *, coupling="pm", n=2):
-    """A double-step part of one step and an explicit one of four, tied, with these loads."""
+    """A double-step subdomain with one substep and an explicit one with four, tied, these loads."""
     K = 30.0 * (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
     a = pm.Subdomain(np.full(n, 2.0), K, scheme=SOFT, force=force_a, u0=np.ones(n), name="a")
     b = pm.Subdomain(
@@ -34,27 +34,27 @@ def pair(force_a, force_b, *, coupling="pm", n=2):
 
 
 def columns(history):
-    """All arrays of a History of `pair`, with the own nodes in a macro step of each."""
+    """All arrays of a History of `pair`, each with its number of substeps in a macro step."""
     found = [(1, history.macro_times), (4, history.multiplier_times), (4, history.multipliers)]
     found += [(4, history.velocity_jump), (1, history.displacement_jump)]
-    for part, nodes in zip(history.subdomains, (1, 4)):
-        found += [(nodes, getattr(part, x)) for x in ("t", "u", "v", "a")]
+    for subdomain, levels in zip(history.subdomains, (1, 4)):
+        found += [(levels, getattr(subdomain, x)) for x in ("t", "u", "v", "a")]
     return found
 
 
 def assert_same_rows(history, whole, begin=0, end=None):
-    """history is what `whole` has of the macro steps begin..end, bit for bit."""
-    for (nodes, x), (_, y) in zip(columns(history), columns(whole)):
-        last = len(y) if end is None else end * nodes + 1
-        np.testing.assert_array_equal(x, y[begin * nodes : last])
+    """history is bitwise identical to the macro steps begin..end of `whole`."""
+    for (levels, x), (_, y) in zip(columns(history), columns(whole)):
+        last = len(y) if end is None else end * levels + 1
+        np.testing.assert_array_equal(x, y[begin * levels : last])
 
 
 def wave(t):
     return np.array([np.sin(9.0 * t), np.cos(4.0 * t)])
 
 
-class Asked:
-    """A load that keeps the times at which it was asked, and may break at one of them."""
+class LoggedLoad:
+    """A load that logs the times at which it is evaluated, and may raise at one of them."""
 
     def __init__(self, load=wave):
         self.load, self.times, self.refused = load, [], []
@@ -79,19 +79,19 @@ def test_no_load_is_a_load_of_zero():
 
 
 @pytest.mark.parametrize("scheme", [SOFT, FAST], ids=["implicit", "explicit"])
-def test_a_constant_load_is_there_at_every_node_from_the_start(scheme):
+def test_a_constant_load_acts_at_every_time_level_from_the_start(scheme):
     for value in ([1.5, -2.0, 0.25], (1, 2, 3), np.arange(3, dtype=np.int8), np.float32([1, 2, 4])):
         _, F = loads_seen(value, 3, 0.1, 4, 2, scheme)
         np.testing.assert_array_equal(F, np.tile(np.array(value, dtype=float), (9, 1)))
 
 
-def test_a_callable_acts_with_its_value_at_the_end_of_each_own_step():
+def test_a_callable_acts_with_its_value_at_the_end_of_each_substep():
     t, F = loads_seen(wave, 2, 0.1, 10, substeps=3)
     np.testing.assert_array_equal(t, np.arange(31) / 3 * 0.1)
     np.testing.assert_array_equal(F, [wave(ti) for ti in t])
 
 
-def test_a_callable_that_returns_a_constant_is_a_constant_bit_for_bit():
+def test_a_callable_that_returns_a_constant_is_bitwise_identical_to_the_constant():
     value = np.array([0.3, -0.7])
     one, two = pair(value, None).run(steps=9), pair(lambda t: value, None).run(steps=9)
     assert_same_rows(one, two)
@@ -125,21 +125,21 @@ def test_a_callable_may_return_the_same_array_again_and_again():
     np.testing.assert_array_equal(F, [wave(k * 0.1) for k in range(6)])
 
 
-# ---- when a callable is asked ---------------------------------------------------------------
+# ---- evaluation of callables ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("coupling", ["pm", "gc"])
-def test_a_callable_is_asked_once_at_zero_and_once_for_each_own_step_in_the_order_of_time(coupling):
-    a, b = Asked(), Asked()
+def test_a_callable_is_evaluated_once_at_zero_and_once_per_substep_in_the_order_of_time(coupling):
+    a, b = LoggedLoad(), LoggedLoad()
     coupler = pair(a, b, coupling=coupling)
-    assert a.times == b.times == []  # making a coupler asks nothing
+    assert a.times == b.times == []  # creating a coupler evaluates no load
     history = coupler.run(steps=10)
     np.testing.assert_array_equal(a.times, history["a"].t)
     np.testing.assert_array_equal(b.times, history["b"].t)
 
 
-def test_a_callable_is_never_asked_beyond_the_end_of_the_call_nor_twice():
-    a, b = Asked(), Asked()
+def test_a_callable_is_never_evaluated_beyond_the_end_of_the_call_nor_twice():
+    a, b = LoggedLoad(), LoggedLoad()
     coupler = pair(a, b)
     coupler.state("a")
     assert a.times == b.times == [0.0]  # the initial accelerations need it
@@ -156,8 +156,8 @@ def test_a_callable_is_never_asked_beyond_the_end_of_the_call_nor_twice():
         np.testing.assert_array_equal(b.times, np.arange(4 * end + 1) / 4 * 0.05)
 
 
-def test_arguments_that_are_refused_ask_nothing():
-    a = Asked()
+def test_refused_arguments_evaluate_no_load():
+    a = LoggedLoad()
     coupler = pair(a, None)
     for arguments in ({"t_end": 0.07}, {"steps": -1}, {"steps": 2, "every": 0}, {}):
         with pytest.raises((ValueError, TypeError)):
@@ -168,7 +168,7 @@ def test_arguments_that_are_refused_ask_nothing():
 
 
 def spread(log):
-    """How far, in macro steps, one load was asked ahead of the other at most."""
+    """Largest number of macro steps by which one load was evaluated ahead of the other."""
     latest, most = {"a": 0.0, "b": 0.0}, 0.0
     for name, t in log:
         latest[name] = t
@@ -176,21 +176,23 @@ def spread(log):
     return most
 
 
-# 8 bytes for each of 2 dofs, and 1 + 4 own steps: a macro step takes 80 bytes
+# 8 bytes for each of 2 dofs, and 1 + 4 substeps: a macro step takes 80 bytes
 @pytest.mark.parametrize(("ahead", "chunk"), [(1, 1), (80, 1), (239, 2), (240, 3), (10**9, 20)])
-def test_callables_are_asked_ahead_in_chunks_and_the_result_is_the_same(ahead, chunk, monkeypatch):
+def test_callables_are_evaluated_ahead_in_chunks_and_the_result_is_the_same(
+    ahead, chunk, monkeypatch
+):
     expected = pair(wave, wave).run(steps=20)
     monkeypatch.setattr("pmalpha.run.advance.AHEAD", ahead)
     log = []
     note = lambda name: lambda t: log.append((name, t)) or wave(t)  # noqa: E731
     assert_same_rows(pair(note("a"), note("b")).run(steps=20), expected)
-    # while the second is not asked, the first is a chunk ahead and no more
+    # until the second is evaluated, the first is at most one chunk ahead
     assert spread(log) == pytest.approx(chunk, rel=1e-12)
     assert sorted(t for name, t in log if name == "b") == [t for name, t in log if name == "b"]
     assert len(log) == 21 + 81
 
 
-def test_what_is_asked_ahead_takes_64_megabytes_at_most():
+def test_loads_evaluated_ahead_take_at_most_64_megabytes():
     assert pm.run.advance.AHEAD <= 64_000_000
 
 
@@ -227,7 +229,7 @@ def test_a_sampled_force_is_the_interpolation_of_its_samples(values, shape, expe
     # samples up to 4 times shapes up to 3, a few roundings of the weight t / dt up to 5
     np.testing.assert_allclose(F, wanted, rtol=0, atol=1e-13)
     np.testing.assert_allclose([force(ti) for ti in t], wanted, rtol=0, atol=1e-13)
-    assert np.abs(np.diff(F, axis=0)).max() > 0.1  # it does move
+    assert np.abs(np.diff(F, axis=0)).max() > 0.1  # it moves
     # after the end the last sample is held
     np.testing.assert_array_equal(F[t > 0.36], np.tile(F[-1], (int((t > 0.36).sum()), 1)))
     np.testing.assert_allclose(F[-1], expected(series[-1]), rtol=1e-15)
@@ -291,15 +293,15 @@ DECIMALS = [
     ("0.1", "0.1"), ("0.1", "0.02"), ("0.07", "0.07"), ("0.07", "0.01"), ("0.02", "0.005"),
     ("0.3", "0.1"), ("0.0006", "0.0002"), ("0.15", "0.05"), ("0.7", "0.1"), ("0.012", "0.004"),
 ]  # fmt: skip
-# of the spacing of the samples and of a macro step, which is a whole part of it
+# of the spacing of the samples and of a macro step, which divides it
 decimals = pytest.mark.parametrize(("spacing", "dt"), DECIMALS)
 
 
 @decimals
 @pytest.mark.parametrize("substeps", [1, 3, 7, 10])
 def test_a_record_ends_at_its_last_sample_also_where_decimals_round(spacing, dt, substeps):
-    # a fine node falls on the last sample, whose force must be there whole, though the time of the
-    # node and that of the sample may differ by a rounding; one node later it is gone or held
+    # a fine instant is that of the last sample, whose force must act in full, though the two times
+    # may differ by a rounding; one instant later the force is zero or held
     samples = np.array([0.0, 1.0, -1.0, 2.0, 5.0])
     per_sample = int(Fraction(spacing) / Fraction(dt))
     steps = 4 * per_sample + 2
@@ -316,7 +318,7 @@ def test_a_record_ends_at_its_last_sample_also_where_decimals_round(spacing, dt,
 
 @decimals
 @pytest.mark.parametrize("kind", [pm.SampledForce, pm.BaseAcceleration])
-def test_a_record_asked_at_the_instants_of_a_run_says_what_the_run_takes(kind, spacing, dt):
+def test_a_record_returns_the_values_that_the_run_uses(kind, spacing, dt):
     samples = np.array([0.0, 1.0, -1.0, 2.0, 5.0])
     args = ([1.0],) if kind is pm.SampledForce else ([-1.0], [1.0])
     force = kind(samples, float(spacing), *args)
@@ -346,7 +348,7 @@ def test_a_long_record_is_at_its_samples_a_million_steps_out():
     force = pm.SampledForce(samples, 0.01, shape=[1.0])
     mass = pm.Subdomain([1.0], [0.0], scheme=FAST, force=force)
     history = pm.solve(mass, dt=0.01, t_end=10_000.0)
-    # t / dt is the sample's number but for rounding, which must not show as interpolation
+    # t / dt is the sample's number but for rounding, which must not cause interpolation
     np.testing.assert_array_equal(history.a[:, 0], samples)
 
 
@@ -363,15 +365,15 @@ ERRORS = [Broken("cable"), StopIteration(), ZeroDivisionError(), KeyError("x"), 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda e: type(e).__name__)
 @pytest.mark.parametrize("ahead", [1, 240, 64_000_000])
 @pytest.mark.parametrize("which", ["a", "b"])
-def test_after_a_load_raised_the_run_stands_at_the_last_whole_macro_step_and_can_go_on(
+def test_after_a_load_raised_the_run_is_at_the_last_whole_macro_step_and_can_continue(
     which, ahead, error, monkeypatch
 ):
     monkeypatch.setattr("pmalpha.run.advance.AHEAD", ahead)
     whole = pair(wave, wave).run(steps=12)
-    loads = {"a": Asked(), "b": Asked()}
+    loads = {"a": LoggedLoad(), "b": LoggedLoad()}
     coupler = pair(loads["a"], loads["b"])
     coupler.run(steps=1)
-    # macro step 8 needs times in (0.35, 0.40]; the last one is what "a" is asked for
+    # macro step 8 needs times in (0.35, 0.40]; "a" is evaluated at the last one
     loads[which].breaks_after, loads[which].error = 0.38, error
     with pytest.raises(type(error)) as caught:
         coupler.run(steps=11)
@@ -391,17 +393,17 @@ def test_after_a_load_raised_the_run_stands_at_the_last_whole_macro_step_and_can
     assert caught.value is error and coupler.step_count == 7
     loads[which].breaks_after = np.inf
     assert_same_rows(coupler.run(steps=5), whole, 7)
-    # what they had said before was not asked again
+    # their earlier values were not evaluated again
     np.testing.assert_array_equal(loads["a"].times, whole["a"].t)
     np.testing.assert_array_equal(loads["b"].times, whole["b"].t)
-    assert set(loads[which].refused) == {min(loads[which].refused)}  # nor anything beyond
+    assert set(loads[which].refused) == {min(loads[which].refused)}  # nor any later one
 
 
 @pytest.mark.parametrize("which", ["a", "b"])
-def test_values_asked_before_another_load_raised_are_kept_whatever_the_next_calls_are(which):
-    # "a" may be known to the end of the run before "b" raises, or the other way round
+def test_values_evaluated_before_another_load_raised_are_kept_for_any_next_call(which):
+    # "a" may be evaluated to the end of the run before "b" raises, or the reverse
     whole = pair(wave, wave).run(steps=12)
-    loads = {"a": Asked(), "b": Asked()}
+    loads = {"a": LoggedLoad(), "b": LoggedLoad()}
     coupler = pair(loads["a"], loads["b"])
     loads[which].breaks_after, loads[which].error = 0.23, Broken()
     with pytest.raises(Broken):
@@ -417,7 +419,7 @@ def test_values_asked_before_another_load_raised_are_kept_whatever_the_next_call
 
 def test_ctrl_c_inside_a_load_is_an_error_like_any_other():
     whole = pair(wave, wave).run(steps=12)
-    load = Asked()
+    load = LoggedLoad()
     coupler = pair(wave, load)
     coupler.step(2)
     load.breaks_after, load.error = 0.38, KeyboardInterrupt()
@@ -428,7 +430,7 @@ def test_ctrl_c_inside_a_load_is_an_error_like_any_other():
     assert_same_rows(coupler.last_history, whole, 2, done)
     load.breaks_after = np.inf
     assert_same_rows(coupler.run(steps=12 - done), whole, done)
-    np.testing.assert_array_equal(load.times, whole["b"].t)  # each time was asked once
+    np.testing.assert_array_equal(load.times, whole["b"].t)  # each time was evaluated once
 
 
 @pytest.mark.parametrize(
@@ -458,18 +460,18 @@ def test_a_load_that_returns_no_vector_is_named_with_its_time(value, error):
     assert_same_rows(coupler.run(steps=4), whole, 2)
 
 
-@pytest.mark.parametrize("ask", ["run", "step", "state", "multipliers"])
-def test_a_load_that_raises_at_zero_leaves_a_coupler_that_can_still_start(ask):
+@pytest.mark.parametrize("method", ["run", "step", "state", "multipliers"])
+def test_a_load_that_raises_at_zero_leaves_a_coupler_that_can_still_start(method):
     def call(coupler):
         return {
             "run": lambda: coupler.run(steps=2),
             "step": lambda: coupler.step(2),
             "state": lambda: coupler.state(0),
             "multipliers": lambda: coupler.multipliers,
-        }[ask]()
+        }[method]()
 
     whole = pair(wave, wave).run(steps=5)
-    load = Asked()
+    load = LoggedLoad()
     load.breaks_after, load.error = -1.0, Broken()
     coupler = pair(wave, load)
     with pytest.raises(Broken) as caught:
@@ -480,8 +482,8 @@ def test_a_load_that_raises_at_zero_leaves_a_coupler_that_can_still_start(ask):
     assert_same_rows(coupler.run(steps=5), whole)
 
 
-def test_the_first_load_is_asked_once_at_zero_though_the_second_raised_there():
-    first, second = Asked(), Asked()
+def test_the_first_load_is_evaluated_once_at_zero_though_the_second_raised_there():
+    first, second = LoggedLoad(), LoggedLoad()
     second.breaks_after, second.error = -1.0, Broken()
     coupler = pair(first, second)
     with pytest.raises(Broken):
@@ -492,7 +494,7 @@ def test_the_first_load_is_asked_once_at_zero_though_the_second_raised_there():
 
 
 def test_a_run_after_a_failed_one_forgets_its_history():
-    load = Asked()
+    load = LoggedLoad()
     coupler = pair(wave, load)
     assert coupler.last_history is None
     load.breaks_after, load.error = 0.12, Broken()
@@ -505,7 +507,7 @@ def test_a_run_after_a_failed_one_forgets_its_history():
 
 
 def test_after_reset_the_history_of_a_failed_run_is_forgotten_also_if_the_next_fails_at_zero():
-    load = Asked()
+    load = LoggedLoad()
     coupler = pair(wave, load)
     load.breaks_after, load.error = 0.12, Broken()
     with pytest.raises(Broken):
@@ -514,13 +516,13 @@ def test_after_reset_the_history_of_a_failed_run_is_forgotten_also_if_the_next_f
     load.breaks_after = -1.0
     with pytest.raises(Broken):
         coupler.run(steps=4)
-    # the coupler stands at zero: a history up to 0.1 would be of another run
+    # the coupler is at zero: a history up to 0.1 would be of another run
     assert coupler.last_history is None or coupler.last_history.macro_times.tolist() == [0.0]
 
 
-# ---- loads that ask their own coupler -------------------------------------------------------
+# ---- loads that call their coupler ----------------------------------------------------------
 
-QUESTIONS = {
+CALLS = {
     "time": lambda c: c.time,
     "step_count": lambda c: c.step_count,
     "multipliers": lambda c: c.multipliers,
@@ -532,15 +534,15 @@ QUESTIONS = {
 
 
 @pytest.mark.parametrize("when", [0.0, 0.1])
-@pytest.mark.parametrize("question", QUESTIONS.values(), ids=QUESTIONS.keys())
-def test_a_load_that_asks_its_own_coupler_gets_a_runtime_error(question, when):
+@pytest.mark.parametrize("call", CALLS.values(), ids=CALLS.keys())
+def test_a_load_that_calls_its_coupler_gets_a_runtime_error(call, when):
     whole = pair(wave, wave).run(steps=5)
     caught = []
 
     def curious(t):
         if t == when and not caught:
             with pytest.raises(RuntimeError) as refusal:
-                question(coupler)
+                call(coupler)
             caught.append(refusal.value)
             raise refusal.value
         return wave(t)
@@ -559,16 +561,16 @@ def test_a_load_that_swallows_the_refusal_does_no_harm():
     refused = []
 
     def curious(t):
-        for question in QUESTIONS.values():
+        for call in CALLS.values():
             try:
-                question(coupler)
+                call(coupler)
             except RuntimeError as error:
                 refused.append(error)
         return wave(t)
 
     coupler = pair(wave, curious)
     assert_same_rows(coupler.run(steps=5), whole)
-    assert len(refused) == len(QUESTIONS) * 21
+    assert len(refused) == len(CALLS) * 21
 
 
 def test_a_load_may_run_another_coupler_even_one_of_the_same_subdomains():
@@ -582,7 +584,7 @@ def test_a_load_may_run_another_coupler_even_one_of_the_same_subdomains():
 
     b = pm.Subdomain([1.0], [0.0], scheme=SOFT, force=feed)
     history = pm.Coupler([a, b], dt=0.1, coupling="gc").run(steps=5)
-    # the mass of b shows its load, which is the other run of a
+    # the acceleration of the mass of b is its load, the other run of a
     np.testing.assert_array_equal(history[1].a, history[0].u)
 
 

@@ -1,4 +1,4 @@
-"""Macro coupling: against the reference, its order, its stability, and what it promises."""
+"""Macro coupling: agreement with the reference, order, stability, energy and errors."""
 
 import warnings
 from functools import partial
@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 import reference
-from problems import Problem, _reference_part, random_problem, random_restored_problem
+from problems import Problem, _reference_subdomain, random_problem, random_restored_problem
 from scipy.integrate import solve_ivp
 
 import pmalpha as pm
@@ -25,7 +25,7 @@ def largest(x):
 
 @pytest.fixture
 def repeated(monkeypatch):
-    """No response is small enough to be stored."""
+    """No unit response is small enough to be stored."""
     monkeypatch.setattr(macro, "STORED", 0)
 
 
@@ -33,40 +33,40 @@ def repeated(monkeypatch):
 
 
 def random_macro_problem(seed, draw=random_problem):
-    """A random problem in which the substeps of no subdomain need divide those of another."""
+    """A random problem with any numbers of substeps: none needs to divide another."""
     problem = draw(seed)
     rng = np.random.default_rng([seed, 6])
-    for i, part in enumerate(problem.parts):
-        part.substeps = int(rng.choice([1, 1, 2, 3, 5, 7]))
-        part.double = bool(i > 0 and part.substeps == 1 and rng.random() < 0.5)
-    return Problem(problem.parts, problem.L, problem.dt, problem.start, "macro")
+    for i, s in enumerate(problem.subdomains):
+        s.substeps = int(rng.choice([1, 1, 2, 3, 5, 7]))
+        s.double = bool(i > 0 and s.substeps == 1 and rng.random() < 0.5)
+    return Problem(problem.subdomains, problem.L, problem.dt, problem.start, "macro")
 
 
 def made(problem):
-    """The coupler; that a double step at rho = 1 keeps a zig-zag is known here."""
+    """The coupler, without the warning of the undamped zig-zag of a double step at rho = 1."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.StabilityWarning)
         warnings.simplefilter("ignore", pm.ConstraintWarning)  # of ties without mass
         return problem.coupler()
 
 
-# As in test_against_reference.py: rounding grows by the condition of Mbar and H, up to 1e4 here,
-# and with the number of steps.
+# As in test_against_reference.py: rounding is magnified by the condition number of Mbar and H, up
+# to 1e4 here, and by the number of steps.
 AGREEMENT = 1e-9
 
 
 def check_against_reference(seed, draw=random_problem):
     problem = random_macro_problem(seed, draw)
     history = made(problem).run(steps=STEPS)
-    parts = [_reference_part(part, part.double) for part in problem.parts]
-    expected = reference.run_macro(parts, problem.L, problem.dt, STEPS)
-    scale = {x: max(largest(getattr(part, x)) for part in expected.parts) for x in "uvw"}
-    for i, part in enumerate(expected.parts):
-        np.testing.assert_array_equal(history[i].t, part.t)
+    subdomains = [_reference_subdomain(s, s.double) for s in problem.subdomains]
+    expected = reference.run_macro(subdomains, problem.L, problem.dt, STEPS)
+    scale = {x: max(largest(getattr(s, x)) for s in expected.subdomains) for x in "uvw"}
+    for i, s in enumerate(expected.subdomains):
+        np.testing.assert_array_equal(history[i].t, s.t)
         for ours, x in ((history[i].u, "u"), (history[i].v, "v"), (history[i].a, "w")):
-            assert largest(ours - getattr(part, x)) <= AGREEMENT * scale[x], (i, x)
+            assert largest(ours - getattr(s, x)) <= AGREEMENT * scale[x], (i, x)
     np.testing.assert_array_equal(history.multiplier_times, expected.multiplier_times)
-    inertia = [largest(x.w @ part.M) for x, part in zip(expected.parts, problem.parts)]
+    inertia = [largest(x.w @ s.M) for x, s in zip(expected.subdomains, problem.subdomains)]
     force = max(largest(expected.multipliers), *inertia)
     assert largest(history.multipliers - expected.multipliers) <= AGREEMENT * force
     drift = largest(history.displacement_jump - expected.displacement_jump)
@@ -81,7 +81,7 @@ def test_core_and_reference_agree_on_a_random_problem_under_macro_coupling(seed)
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_core_and_reference_agree_where_responses_are_repeated(seed, repeated):
+def test_core_and_reference_agree_where_unit_responses_are_not_stored(seed, repeated):
     check_against_reference(seed)
 
 
@@ -102,10 +102,10 @@ def test_the_link_responses_of_the_restored_problems_meet_estimates_and_lagged_d
     seen = set()
     for seed in range(20):
         problem = random_macro_problem(seed, random_restored_problem)
-        for part, L in zip(problem.parts, problem.L):
-            if part.substeps > 1 and L.any():
-                seen |= {("lagged", part.lagged and part.C is not None)}
-                seen |= {("K_r", part.K_r is not None), ("D_r", part.D_r is not None)}
+        for s, L in zip(problem.subdomains, problem.L):
+            if s.substeps > 1 and L.any():
+                seen |= {("lagged", s.lagged and s.C is not None)}
+                seen |= {("K_r", s.K_r is not None), ("D_r", s.D_r is not None)}
     assert seen >= {("lagged", True), ("K_r", True), ("D_r", True)}
 
 
@@ -122,26 +122,26 @@ def same_to_the_last_bit(one, other):
 
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("storing", ["stored", "repeated"])
-def test_run_step_and_every_record_give_the_same_bits(seed, storing, monkeypatch):
+def test_run_step_and_every_record_are_bitwise_identical(seed, storing, monkeypatch):
     if storing == "repeated":
         monkeypatch.setattr(macro, "STORED", 0)
     problem = random_macro_problem(seed)
     recorded, sparsely, stepped, some = (made(problem) for _ in range(4))
-    all_nodes = recorded.run(steps=STEPS)
-    macro_nodes = sparsely.run(steps=STEPS, every=1)
+    at_all_levels = recorded.run(steps=STEPS)
+    at_macro_steps = sparsely.run(steps=STEPS, every=1)
     for _ in range(STEPS):
         stepped.step()
     one_dof = some.run(steps=STEPS, record={0: [0]})
     for other in (sparsely, stepped, some):
         same_to_the_last_bit(recorded, other)
-    np.testing.assert_array_equal(one_dof[0].u[:, 0], all_nodes[0].u[:, 0])
-    for i, part in enumerate(problem.parts):
-        np.testing.assert_array_equal(macro_nodes[i].t, all_nodes[i].t[:: part.substeps])
-        np.testing.assert_array_equal(macro_nodes[i].u, all_nodes[i].u[:: part.substeps])
+    np.testing.assert_array_equal(one_dof[0].u[:, 0], at_all_levels[0].u[:, 0])
+    for i, s in enumerate(problem.subdomains):
+        np.testing.assert_array_equal(at_macro_steps[i].t, at_all_levels[i].t[:: s.substeps])
+        np.testing.assert_array_equal(at_macro_steps[i].u, at_all_levels[i].u[:: s.substeps])
 
 
 @pytest.mark.parametrize("seed", [0, 3, 4, 7, 11])
-def test_any_number_of_threads_gives_the_same_bits(seed, monkeypatch):
+def test_any_number_of_threads_gives_bitwise_identical_results(seed, monkeypatch):
     problem = random_macro_problem(seed)
     alone = made(problem)
     expected = alone.run(steps=STEPS)
@@ -150,19 +150,19 @@ def test_any_number_of_threads_gives_the_same_bits(seed, monkeypatch):
         monkeypatch.setattr(pm, "Coupler", partial(make, threads=threads))
         shared = made(problem)
         history = shared.run(steps=STEPS)
-        assert shared.threads == min(threads, len(problem.parts))
+        assert shared.threads == min(threads, len(problem.subdomains))
         same_to_the_last_bit(alone, shared)
         for one, other in zip(expected.subdomains, history.subdomains):
             np.testing.assert_array_equal(one.u, other.u)
 
 
-def test_small_responses_are_stored_and_large_ones_repeated(repeated):
+def test_small_unit_responses_are_stored_and_large_ones_are_not(repeated):
     a, b = halves(substeps=20)
     part = coupled(a, b)._parts[1]
     assert not macro.is_stored(part)
-    macro.STORED = 32 * part.n  # bytes of one condition
+    macro.STORED = 32 * part.n  # bytes of one constraint
     assert macro.is_stored(part)
-    # a part with more conditions than its substeps have entries to read
+    # a subdomain with more constraints than its substeps have entries to read
     many = pm.Subdomain(np.ones(50), np.ones(50), scheme=SECOND, substeps=2, name="many")
     ties = pm.tie(many, list(range(50)), pm_ground := ground(50), list(range(50)))
     made_of_many = pm.Coupler([many, pm_ground], ties, dt=0.1, coupling="macro")._parts[0]
@@ -175,7 +175,7 @@ def ground(n):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_stored_and_repeated_responses_agree(seed, monkeypatch):
+def test_stored_and_repeated_link_responses_agree(seed, monkeypatch):
     problem = random_macro_problem(seed)
     stored = made(problem).run(steps=STEPS)
     monkeypatch.setattr(macro, "STORED", 0)
@@ -183,7 +183,7 @@ def test_stored_and_repeated_responses_agree(seed, monkeypatch):
     scale = max(largest(s.u) for s in stored.subdomains)
     for one, other in zip(stored.subdomains, repeated.subdomains):
         assert largest(one.u - other.u) <= AGREEMENT * scale
-        # the inner nodes come from the same sums, but start from states that differ by rounding
+        # time levels within a macro step: the same sums, from states that differ by rounding
         assert one.u.shape == other.u.shape
 
 
@@ -193,7 +193,7 @@ OMEGA = 2.0 * np.pi
 
 
 def halves(b1=10.0, substeps=20, *, rho=0.5, double=None, v0=1.0, implicit=False, omega=OMEGA):
-    """Mass 1 and stiffness omega^2 cut in two, A implicit, B explicit; b1 = mA/mB = kB/kA."""
+    """Mass 1 and stiffness omega^2 split in two, A implicit, B explicit; b1 = mA/mB = kB/kA."""
     mA, kA = b1 / (1.0 + b1), omega**2 / (1.0 + b1)
     a = pm.Subdomain(
         [mA], [kA], scheme=pm.GeneralizedAlpha(rho), u0=[1.0], v0=[v0], double_step=double, name="A"
@@ -243,9 +243,9 @@ def test_macro_coupling_has_order_two_with_substeps(substeps, double):
 def test_pm_has_order_one_where_macro_coupling_has_two():
     # the largest error of v over a second: at one instant the two terms may cancel
     def error(dt, coupling):
-        part = coupled(*halves(substeps=20), dt, coupling).run(1.0)["A"]
-        exact = np.cos(OMEGA * part.t) - OMEGA * np.sin(OMEGA * part.t)
-        return largest(part.v[:, 0] - exact)
+        s = coupled(*halves(substeps=20), dt, coupling).run(1.0)["A"]
+        exact = np.cos(OMEGA * s.t) - OMEGA * np.sin(OMEGA * s.t)
+        return largest(s.v[:, 0] - exact)
 
     steps = [1 / 640, 1 / 1280, 1 / 2560]
     assert analysis.observed_order(lambda dt: error(dt, "pm"), steps) < 1.3
@@ -256,38 +256,40 @@ def test_pm_has_order_one_where_macro_coupling_has_two():
 
 
 @pytest.mark.parametrize("substeps", [(1, 3, 7), (2, 3, 7)])
-def test_three_subdomains_with_substeps_that_have_no_multiple_in_common_have_order_two(substeps):
+def test_three_subdomains_with_any_numbers_of_substeps_have_order_two(substeps):
     def make(dt):
         rng = np.random.default_rng(3)
-        parts = []
+        subdomains = []
         for ss, scheme in zip(substeps, (SECOND, FAST, SECOND)):
             A = rng.normal(size=(3, 3))
             K = 20.0 * A @ A.T + 10.0 * np.eye(3)
             M = np.diag(rng.uniform(1.0, 3.0, 3))
-            parts.append(pm.Subdomain(M, K, 0.01 * K, scheme=scheme, substeps=ss, u0=np.zeros(3)))
-        a, b, c = parts
+            subdomains.append(
+                pm.Subdomain(M, K, 0.01 * K, scheme=scheme, substeps=ss, u0=np.zeros(3))
+            )
+        a, b, c = subdomains
         ties = [pm.tie(a, [0, 1], b, [2, 0]), pm.tie(b, [1], c, [0])]
-        parts[0] = a = pm.Subdomain(
+        subdomains[0] = a = pm.Subdomain(
             a.M, a.K, a.C, scheme=SECOND, substeps=substeps[0], v0=[0.0, 0.0, 5.0]
         )
         ties[0] = pm.tie(a, [0, 1], b, [2, 0])
-        return pm.Coupler(parts, ties, dt=dt, coupling="macro")
+        return pm.Coupler(subdomains, ties, dt=dt, coupling="macro")
 
     # dt omega = 0.05 of the highest frequency at the coarser step: the next term
     assert orders(errors_at_one(make, [800, 1600]))[-1] == pytest.approx(2.0, abs=0.15)
 
 
 def largest_error(dt, coupling, **how):
-    """Of v over four periods."""
-    part = coupled(*halves(**how), dt, coupling).run(4.0)["A"]
-    exact = np.cos(OMEGA * part.t) - OMEGA * np.sin(OMEGA * part.t)
-    return largest(part.v[:, 0] - exact)
+    """Largest error of v over four periods."""
+    s = coupled(*halves(**how), dt, coupling).run(4.0)["A"]
+    exact = np.cos(OMEGA * s.t) - OMEGA * np.sin(OMEGA * s.t)
+    return largest(s.v[:, 0] - exact)
 
 
 @pytest.mark.parametrize("substeps", [2, 5, 20])
 @pytest.mark.parametrize("count", [20, 80, 160])
 def test_errors_are_five_to_twenty_times_below_those_of_pm(substeps, count):
-    # METHOD's range over 20 to 160 steps a period; 6.6 and 20.6 were seen at its ends
+    # the range of docs/method.md for 20 to 160 steps per period; 6.6 and 20.6 measured at its ends
     single = largest_error(1 / count, "macro", substeps=substeps)
     assert 5.0 <= largest_error(1 / count, "pm", substeps=substeps) / single <= 25.0
     double = largest_error(1 / count, "macro", substeps=substeps, double=True)
@@ -314,10 +316,10 @@ def test_the_spectral_radius_is_at_most_one(rho, double):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.StabilityWarning)  # the zig-zag at rho = 1
         for b1 in (0.01, 0.1, 1.0, 10.0, 100.0):
-            own = np.sqrt(b1) * OMEGA  # frequency of B by itself
+            omega_b = np.sqrt(b1) * OMEGA  # frequency of B by itself
             for substeps in (1, 2, 5, 20):
                 for share in (0.1, 0.6, 0.98):
-                    dt = share * limit / own * substeps
+                    dt = share * limit / omega_b * substeps
                     coupler = coupled(*halves(b1, substeps, rho=rho, double=double), dt)
                     radius = analysis.spectral_radius(analysis.amplification_matrix(coupler))
                     # a defective eigenvalue 1 comes out within the root of the rounding
@@ -333,12 +335,12 @@ def test_beyond_the_explicit_limit_the_spectral_radius_is_above_one():
 def test_random_systems_of_three_subdomains_in_a_loop_are_stable():
     for seed in range(20):
         rng = np.random.default_rng(seed)
-        parts = []
+        subdomains = []
         for ss in rng.integers(1, 8, 3):
             A = rng.normal(size=(2, 2))
             K = 10.0 * A @ A.T
             rho = float(rng.uniform(0.0, 0.99))
-            parts.append(
+            subdomains.append(
                 pm.Subdomain(
                     np.diag(rng.uniform(0.5, 2.0, 2)),
                     K,
@@ -346,20 +348,20 @@ def test_random_systems_of_three_subdomains_in_a_loop_are_stable():
                     substeps=int(ss),
                 )
             )
-        a, b, c = parts
+        a, b, c = subdomains
         ties = [pm.tie(a, [1], b, [0]), pm.tie(b, [1], c, [0]), pm.tie(c, [1], a, [0])]
         dt = float(rng.uniform(0.05, 3.0))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", pm.StabilityWarning)
-            coupler = pm.Coupler(parts, ties, dt=dt, coupling="macro")
+            coupler = pm.Coupler(subdomains, ties, dt=dt, coupling="macro")
         radius = analysis.spectral_radius(analysis.amplification_matrix(coupler))
         assert radius <= 1.0 + 1e-6, seed
 
 
 def total_energy(history, subdomains):
     energy = 0.0
-    for part, s in zip(history.subdomains, subdomains):
-        for x, A in ((part.v, dense(s.M)), (part.u, dense(s.K))):
+    for found, s in zip(history.subdomains, subdomains):
+        for x, A in ((found.v, dense(s.M)), (found.u, dense(s.K))):
             energy = energy + 0.5 * np.einsum("ti,ij,tj->t", x, A, x)
     return energy
 
@@ -389,9 +391,9 @@ def test_the_energy_of_an_undamped_structure_stays_bounded_for_100_000_macro_ste
     soft, fast = pm.GeneralizedAlpha(0.9), pm.GeneralizedAlpha(0.9, explicit=True)
     if scheme == "trapezoidal":
         soft, fast = pm.Newmark(), pm.CentralDifference()
-    coupler, parts = undamped(soft, fast, substeps)
+    coupler, subdomains = undamped(soft, fast, substeps)
     history = coupler.run(steps=100_000, every=1)
-    energy = total_energy(history, parts)
+    energy = total_energy(history, subdomains)
     # the total swings by the order of (omega dt)^2, and does not grow: 1.05 was the most in the
     # first 1000 steps
     assert energy.max() <= 1.001 * energy[:1000].max() <= 1.1 * energy[0]
@@ -402,8 +404,8 @@ def test_the_energy_of_an_undamped_structure_stays_bounded_for_100_000_macro_ste
 def test_undamped_schemes_keep_their_energy_under_macro_coupling_alone():
     left = {}
     for coupling in ("pm", "gc", "macro"):
-        coupler, parts = undamped(pm.Newmark(), pm.CentralDifference(), 8, coupling)
-        energy = total_energy(coupler.run(steps=100_000, every=100), parts)
+        coupler, subdomains = undamped(pm.Newmark(), pm.CentralDifference(), 8, coupling)
+        energy = total_energy(coupler.run(steps=100_000, every=100), subdomains)
         left[coupling] = energy[-10:].mean() / energy[0]
     # 0.005 and 0.0002 are lost at the interface, which the total swings about by some per cent
     assert left["pm"] < 0.01 and left["gc"] < 0.01
@@ -415,7 +417,7 @@ def test_undamped_schemes_keep_their_energy_under_macro_coupling_alone():
 
 @pytest.mark.parametrize("where", ["A", "B"])
 def test_after_a_load_has_jumped_the_error_is_of_the_order_of_the_step(where):
-    """F is seen at own nodes alone, so a jump is placed to within half a step."""
+    """F is evaluated at the time levels only, so a jump acts to within half a step."""
 
     def error(dt):
         begin = 0.5
@@ -444,11 +446,11 @@ def test_after_a_load_has_jumped_the_error_is_of_the_order_of_the_step(where):
     assert max(lam1, lam2) < 0.02 * OMEGA**2
 
 
-def test_loads_are_asked_at_own_nodes_in_the_order_of_time_and_once():
-    asked = []
+def test_loads_are_evaluated_once_per_time_level_in_the_order_of_time():
+    times = []
 
     def force(t):
-        asked.append(t)
+        times.append(t)
         return np.zeros(1)
 
     a, b = halves(substeps=3)
@@ -457,20 +459,20 @@ def test_loads_are_asked_at_own_nodes_in_the_order_of_time_and_once():
     ties = [pm.tie(a, [0], b, [0]), pm.tie(b, [0], c, [0])]
     coupler = pm.Coupler([a, b, c], ties, dt=0.1, coupling="macro")
     history = coupler.run(steps=5)
-    assert asked == [k / 3 * 0.1 for k in range(16)]
-    np.testing.assert_array_equal(history[1].t, asked)
-    # equal instants have equal bits
+    assert times == [k / 3 * 0.1 for k in range(16)]
+    np.testing.assert_array_equal(history[1].t, times)
+    # equal instants are bitwise identical
     np.testing.assert_array_equal(history[1].t[::3], history[2].t[::7])
 
 
-def test_prescribed_motion_is_followed_at_macro_nodes():
+def test_prescribed_motion_is_followed_at_the_ends_of_macro_steps():
     def g(t):
         return np.array([np.sin(t) ** 2])
 
     a, b = halves(substeps=7, v0=0.0)
     a, b = (pm.Subdomain(s.M, s.K, scheme=s.scheme, substeps=s.substeps) for s in (a, b))
-    conditions = [pm.tie(a, [0], b, [0]), pm.Constraint({b: [[1.0]]}, velocity=g)]
-    coupler = pm.Coupler([a, b], conditions, dt=0.02, coupling="macro")
+    constraints = [pm.tie(a, [0], b, [0]), pm.Constraint({b: [[1.0]]}, velocity=g)]
+    coupler = pm.Coupler([a, b], constraints, dt=0.02, coupling="macro")
     history = coupler.run(2.0)
     expected = np.sin(history[0].t) ** 2
     assert largest(history[0].v[:, 0] - expected) < 1e-13
@@ -504,7 +506,7 @@ def test_a_load_that_raises_leaves_the_last_whole_macro_step():
     same_to_the_last_bit(broken, whole)
 
 
-def test_a_run_that_grows_stops_at_the_last_whole_macro_step_and_names_the_part():
+def test_a_run_that_grows_stops_at_the_last_whole_macro_step_and_names_the_subdomain():
     a, b = halves(10.0, 5)
     with pytest.warns(pm.StabilityWarning):
         coupler, other = (coupled(a, b, 1.0) for _ in range(2))
@@ -516,7 +518,7 @@ def test_a_run_that_grows_stops_at_the_last_whole_macro_step_and_names_the_part(
     same_to_the_last_bit(coupler, other)
 
 
-def test_a_checkpoint_resumes_bit_for_bit(tmp_path):
+def test_a_checkpoint_resumes_bitwise_identically(tmp_path):
     problem = random_macro_problem(5)
     whole, first, second = (made(problem) for _ in range(3))
     whole.step(STEPS)
@@ -527,7 +529,7 @@ def test_a_checkpoint_resumes_bit_for_bit(tmp_path):
     same_to_the_last_bit(whole, second)
 
 
-# ---- H, and what set-up says ------------------------------------------------------------------
+# ---- H, and the messages of set-up ------------------------------------------------------------
 
 
 def test_h_is_symmetric_for_damping_that_is_not_proportional():
@@ -548,24 +550,26 @@ def test_h_is_symmetric_for_damping_that_is_not_proportional():
 
 
 def resonant(detuning, rho=1.0):
-    """Two parts of the same frequency, which fits the macro step once."""
+    """Two subdomains with the macro step as their period."""
     omega = OMEGA * (1.0 + detuning)
-    parts = [
+    subdomains = [
         pm.Subdomain(
             [m], [m * omega**2], scheme=pm.GeneralizedAlpha(rho), substeps=20, name=f"part {m}"
         )
         for m in (1, 2)
     ]
-    return pm.Coupler(parts, pm.tie(parts[0], [0], parts[1], [0]), dt=1.0, coupling="macro")
+    return pm.Coupler(
+        subdomains, pm.tie(subdomains[0], [0], subdomains[1], [0]), dt=1.0, coupling="macro"
+    )
 
 
-def test_parts_that_resonate_with_the_macro_step_are_named():
+def test_subdomains_that_resonate_with_the_macro_step_are_named():
     # trapezoidal rule, 20 substeps: the period is 0.8 % longer than that of the equation
     with pytest.warns(pm.StabilityWarning, match="'part 1' and 'part 2' resonate with") as caught:
         resonant(0.008)
     assert "constraint 0" in str(caught[0].message)
     assert "change dt" in str(caught[0].message)
-    resonant(0.4)  # between two resonances no word
+    resonant(0.4)  # no warning between two resonances
 
 
 def test_a_double_step_that_damps_nothing_is_warned_of():
@@ -591,7 +595,7 @@ def test_a_restoring_force_with_substeps_is_warned_of_and_one_without_is_not():
     coupled(a, rig(1))
 
 
-def test_a_double_step_with_substeps_or_for_everybody_is_refused():
+def test_double_steps_with_substeps_or_in_all_subdomains_are_refused():
     a, b = halves(substeps=2)
     twice = pm.Subdomain(b.M, b.K, scheme=b.scheme, substeps=2, double_step=True, name="twice")
     with pytest.raises(ValueError, match="double_step .* 'twice'"):
@@ -601,13 +605,13 @@ def test_a_double_step_with_substeps_or_for_everybody_is_refused():
         coupled(a, b)
 
 
-def test_nobody_is_double_unless_told_so():
+def test_no_subdomain_takes_double_steps_by_default():
     a, b = halves(substeps=4)
     assert not any(part.double for part in coupled(a, b)._parts)
     assert [part.double for part in coupled(a, b, coupling="pm")._parts] == [True, False]
 
 
-def test_unit_runs_that_take_long_are_warned_of_and_absurd_ones_refused(monkeypatch):
+def test_unit_responses_that_take_long_are_warned_of_or_refused(monkeypatch):
     a, b = halves(substeps=20)
     monkeypatch.setattr(macro, "LONG", 0.0)
     with pytest.warns(pm.PerformanceWarning, match="'B': 1 constraints times 20 substeps"):
@@ -617,7 +621,7 @@ def test_unit_runs_that_take_long_are_warned_of_and_absurd_ones_refused(monkeypa
         coupled(a, b)
 
 
-def test_a_response_that_does_not_fit_is_refused_with_the_figures(monkeypatch):
+def test_unit_responses_that_do_not_fit_are_refused_with_the_figures(monkeypatch):
     monkeypatch.setattr("pmalpha.memory.available", lambda: 1000)
     monkeypatch.setattr("pmalpha.memory.SMALL", 0)
     a, b = (pm.Subdomain(np.ones(9), np.ones(9), scheme=SECOND, substeps=2, name=n) for n in "ab")
@@ -625,24 +629,24 @@ def test_a_response_that_does_not_fit_is_refused_with_the_figures(monkeypatch):
         pm.Coupler([a, b], pm.tie(a, list(range(9)), b, list(range(9))), dt=0.1, coupling="macro")
 
 
-def test_a_response_that_overflows_names_the_part():
+def test_a_unit_response_that_overflows_names_the_subdomain():
     a, b = halves(10.0, 400)
     with pytest.raises(ValueError, match="substeps of subdomain 'B' must be more"):
         coupled(a, b, 400 * 3.0)
 
 
-def test_the_amplification_matrix_knows_the_multipliers():
+def test_the_amplification_matrix_contains_the_multipliers():
     coupler = coupled(*halves(substeps=3, double=True))
     G = analysis.amplification_matrix(coupler)
     assert G.names[0] == "u[0] of A at n-1" and G.names[4] == "u[0] of A at n"
     assert G.names[8] == "u[0] of B at n" and G.names[-1] == "Lam[0]"
     assert G.shape == (13, 13)
-    # it is what two macro steps past the start do
+    # compared with two macro steps after the start
     coupler.step(1)
-    X = [np.concatenate([x[:4] for x in (n[6:10], n[:4])]).ravel() for n in nodes_of(coupler)[:1]]
-    X = np.concatenate([*X, np.ravel(nodes_of(coupler)[1][:4]), coupler.multipliers])
+    X = [np.concatenate([x[:4] for x in (n[6:10], n[:4])]).ravel() for n in states_of(coupler)[:1]]
+    X = np.concatenate([*X, np.ravel(states_of(coupler)[1][:4]), coupler.multipliers])
     coupler.step(1)
-    n = nodes_of(coupler)
+    n = states_of(coupler)
     expected = np.concatenate(
         [np.ravel(n[0][6:10]), np.ravel(n[0][:4]), np.ravel(n[1][:4]), coupler.multipliers]
     )
@@ -650,11 +654,11 @@ def test_the_amplification_matrix_knows_the_multipliers():
     assert largest(G @ X - expected) < 1e-11
 
 
-def nodes_of(coupler):
+def states_of(coupler):
     return [part.core.levels() for part in coupler._parts]
 
 
-def test_a_subdomain_without_conditions_and_a_coupler_without_any():
+def test_subdomains_and_couplers_without_constraints_run_as_alone():
     a, b = halves(substeps=3)
     alone = pm.Subdomain([1.0], [4.0], scheme=SECOND, substeps=5, u0=[1.0], name="alone")
     history = pm.Coupler([a, b, alone], pm.tie(a, [0], b, [0]), dt=0.1, coupling="macro").run(
@@ -662,47 +666,49 @@ def test_a_subdomain_without_conditions_and_a_coupler_without_any():
     )
     by_itself = pm.solve(alone, dt=0.1, t_end=1.0)
     np.testing.assert_array_equal(history["alone"].u, by_itself.u)
-    nobody = pm.Coupler([alone], dt=0.1, coupling="macro").run(steps=10)
-    np.testing.assert_array_equal(nobody["alone"].u, by_itself.u)
+    uncoupled = pm.Coupler([alone], dt=0.1, coupling="macro").run(steps=10)
+    np.testing.assert_array_equal(uncoupled["alone"].u, by_itself.u)
 
 
 # ---- energy -----------------------------------------------------------------------------------
 
 
 def works_of(problem, history, i):
-    """Dissipated, external and interface work of a part, from all its nodes and (M1)."""
-    part, L, x = problem.parts[i], problem.L[i], history[i]
-    own = np.arange(len(x.t)) / part.substeps
-    macro_nodes = np.arange(len(history.multipliers))
-    lam = np.array([np.interp(own, macro_nodes, column) for column in history.multipliers.T]).T
-    force = part.reference_force or (lambda t: np.zeros(len(part.M)))
-    C = np.zeros_like(part.M) if part.C is None else part.C
+    """Dissipated, external and interface work of a subdomain, from all time levels and (M1)."""
+    s, L, x = problem.subdomains[i], problem.L[i], history[i]
+    levels = np.arange(len(x.t)) / s.substeps
+    at_macro_steps = np.arange(len(history.multipliers))
+    lam = np.array(
+        [np.interp(levels, at_macro_steps, column) for column in history.multipliers.T]
+    ).T
+    force = s.reference_force or (lambda t: np.zeros(len(s.M)))
+    C = np.zeros_like(s.M) if s.C is None else s.C
     forces = [x.v @ C, np.array([force(t) for t in x.t]), lam @ L]
     works = np.zeros((len(x.t), 3))
-    for node in range(1, len(x.t)):
-        origin = node - 2 if part.double and node > 1 else node - 1
-        du = x.u[node] - x.u[origin]
-        works[node] = works[origin] + [du @ (q[origin] + q[node]) / 2.0 for q in forces]
-    return works[:: part.substeps]
+    for level in range(1, len(x.t)):
+        origin = level - 2 if s.double and level > 1 else level - 1
+        du = x.u[level] - x.u[origin]
+        works[level] = works[origin] + [du @ (q[origin] + q[level]) / 2.0 for q in forces]
+    return works[:: s.substeps]
 
 
 @pytest.mark.parametrize("seed", range(16))
-def test_the_energies_are_those_of_the_recorded_nodes_and_change_no_bit(seed):
+def test_the_energies_follow_from_the_recorded_states_and_change_no_result(seed):
     problem = random_macro_problem(seed)
-    for part in problem.parts:
-        part.restoring = part.K_r = part.D_r = None  # of these nobody knows the force at a node
+    for s in problem.subdomains:
+        s.restoring = s.K_r = s.D_r = None  # their force at a time level is not recorded
     summed, plain = made(problem), made(problem)
     history = summed.run(steps=9, energy=True)
     plain.step(9)
     same_to_the_last_bit(summed, plain)
-    told = history.energy
-    size = max(told.kinetic.max(), told.strain.max())
-    for i, part in enumerate(problem.parts):
+    energy = history.energy
+    size = max(energy.kinetic.max(), energy.strain.max())
+    for i, s in enumerate(problem.subdomains):
         x = history[i]
-        kinetic = 0.5 * np.einsum("ki,ij,kj->k", x.v, part.M, x.v)[:: part.substeps]
+        kinetic = 0.5 * np.einsum("ki,ij,kj->k", x.v, s.M, x.v)[:: s.substeps]
         # sums of some 100 products in another order: 1e-13 of the largest
-        assert largest(told.kinetic[:, i] - kinetic) < 1e-11 * size
-        got = [told.dissipated[:, i], told.external[:, i], told.interface[:, i]]
+        assert largest(energy.kinetic[:, i] - kinetic) < 1e-11 * size
+        got = [energy.dissipated[:, i], energy.external[:, i], energy.interface[:, i]]
         assert largest(np.transpose(got) - works_of(problem, history, i)) < 1e-11 * size
 
 
@@ -733,13 +739,13 @@ def nonlinear_error(r, K_r, D_r, substeps, explicit, dt):
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.StabilityWarning)
-        part = coupled(a, b, dt).run(1.0)["a"]
+        s = coupled(a, b, dt).run(1.0)["a"]
     # the uncut oscillator of mass 1; DOP853 at 1e-11 is far below every error here, 1e-5 and more
     truth = solve_ivp(
         lambda t, x: [x[1], -10.0 * x[0] - r(x[0], x[1], t)],
-        (0.0, 1.0), [1.0, 0.0], method="DOP853", t_eval=part.t, rtol=1e-11, atol=1e-12,
+        (0.0, 1.0), [1.0, 0.0], method="DOP853", t_eval=s.t, rtol=1e-11, atol=1e-12,
     ).y  # fmt: skip
-    return np.array([largest(part.u[:, 0] - truth[0]), largest(part.v[:, 0] - truth[1])])
+    return np.array([largest(s.u[:, 0] - truth[0]), largest(s.v[:, 0] - truth[1])])
 
 
 @pytest.mark.parametrize("explicit", [True, False], ids=["explicit", "implicit"])
@@ -752,12 +758,12 @@ def test_restoring_forces_keep_order_two_under_macro_coupling(force, share, subs
         nonlinear_error(force, share * K_r, share * D_r, substeps, explicit, dt)
         for dt in (1 / 400, 1 / 800)
     ]
-    # dt omega = 0.03 at the coarser step, and of the Duffing part three times as much
+    # dt omega = 0.03 at the coarser step, and of the Duffing subdomain three times as much
     assert orders(errors)[0] == pytest.approx(2.0, abs=0.25)
 
 
 def growth(share, product, substeps=20, coupling="macro"):
-    """How much larger a run of 100 macro steps is late than early.
+    """Growth in a run of 100 macro steps: largest value of its end over that of its beginning.
 
     Two masses, the spring of the second as a restoring force, omega dt = product for both.
     """
@@ -780,7 +786,7 @@ def growth(share, product, substeps=20, coupling="macro"):
 
 
 def test_a_stiff_restoring_force_with_substeps_needs_its_stiffness_estimated():
-    # 28 to 1e34 was seen at omega dt = 4, and 0.3 to 0.5 with the estimate right
+    # measured: 28 to 1e34 at omega dt = 4, and 0.3 to 0.5 with the correct estimate
     for share in (0.0, 0.5, 2.0):
         assert growth(share, 4.0) > 10.0, share
     for product in (0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0):
@@ -790,12 +796,12 @@ def test_a_stiff_restoring_force_with_substeps_needs_its_stiffness_estimated():
             assert growth(0.0, product, coupling=coupling) < 1.0, product
 
 
-def test_a_rig_is_led_along_a_path_that_is_not_the_final_one():
+def test_commands_to_a_rig_differ_from_the_final_displacements():
     def off(coupling, count):
-        asked = []
+        commands = []
 
         def rig(u, v, t):
-            asked.append(float(u[0]))
+            commands.append(float(u[0]))
             return 0.0 * u
 
         a, b = halves(10.0, 10, v0=0.0)
@@ -804,9 +810,9 @@ def test_a_rig_is_led_along_a_path_that_is_not_the_final_one():
             warnings.simplefilter("ignore", pm.StabilityWarning)
             coupler = coupled(a, b, 1.0 / count, coupling)
         final = coupler.run(1.0)["B"].u[1:, 0]
-        return largest(np.array(asked[1:]) - final)  # the first was asked at t = 0
+        return largest(np.array(commands[1:]) - final)  # the first is that of t = 0
 
-    # the predictor of a final step is off by al1 w, here 7e-5; the known run by 6e-3, and O(dt^2)
+    # the predictor of a final step is off by al1 w, here 7e-5; the free macro run by 6e-3, O(dt^2)
     assert off("pm", 40) < 1e-4 and off("gc", 40) < 1e-4
     assert 4e-3 < off("macro", 40) < 8e-3
     assert off("macro", 80) < off("macro", 40) / 4.0
@@ -818,11 +824,11 @@ def test_a_tie_without_mass_costs_an_order_and_is_warned_of():
     def error(dt, coupling, substeps):
         a = pm.Subdomain([1.0], [20.0], scheme=SECOND, name="a")
         b = pm.Subdomain([0.0, 1.0], K, scheme=SECOND, substeps=substeps, v0=[0.0, 1.0], name="b")
-        part = coupled(a, b, dt, coupling).run(1.0, every=1)["a"]
+        s = coupled(a, b, dt, coupling).run(1.0, every=1)["a"]
         exact = reference.exact(
-            np.eye(2), None, K + np.diag([20.0, 0.0]), np.zeros(2), np.array([0.0, 1.0]), part.t
+            np.eye(2), None, K + np.diag([20.0, 0.0]), np.zeros(2), np.array([0.0, 1.0]), s.t
         )
-        return largest(part.u[:, 0] - exact[0][:, 0])
+        return largest(s.u[:, 0] - exact[0][:, 0])
 
     steps = (1 / 200, 1 / 400)
     with pytest.warns(pm.ConstraintWarning, match="dofs 0 of subdomain 'b' have no mass"):

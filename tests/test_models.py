@@ -1,4 +1,4 @@
-"""The ready-made problems: what they claim to be, and the record against published peaks."""
+"""The ready-made problems: their published properties, and the record against published peaks."""
 
 import doctest
 from types import SimpleNamespace
@@ -16,7 +16,7 @@ from pmalpha import models
 
 
 def error_at_half_a_period(dt, **options):
-    """Of the displacement of A; exact is u0 cos(2 pi t), and -1 at t = 1/2."""
+    """Error of the displacement of A; the exact one is u0 cos(2 pi t), -1 at t = 1/2."""
     history = models.split_oscillator(10.0, **options).coupler(dt).run(0.5)
     return abs(history["A"].u[-1, 0] + 1.0)
 
@@ -39,7 +39,7 @@ def test_b1_is_the_ratio_of_the_masses_and_of_the_springs(b1):
     assert coupler.multipliers[0] == pytest.approx(expected, rel=0.0, abs=1e-13)
 
 
-def test_other_schemes_take_the_place_of_those_of_rho():
+def test_other_schemes_replace_those_of_rho():
     by_rho = models.split_oscillator(10.0, rho=None, substeps=3)
     by_hand = models.split_oscillator(
         10.0, substeps=3, scheme_a=pm.Newmark(), scheme_b=pm.CentralDifference()
@@ -85,7 +85,7 @@ def test_the_modes_are_those_of_the_chain_and_mass_normalised():
 
 
 def exact_history(chain, gap=0.0):
-    """Exact motion of the chain as a history: A at macro nodes, B at three times as many.
+    """Exact motion of the chain as a history: A at macro steps, B with three substeps.
 
     A's and B's u2 are set apart by `gap`, half of it to each side.
     """
@@ -99,11 +99,11 @@ def exact_history(chain, gap=0.0):
     return {"A": a, "B": b}, t[::3], u[::3]
 
 
-def test_amplitudes_of_the_modes_stay_what_they_are_in_exact_motion():
+def test_amplitudes_of_the_modes_are_constant_in_exact_motion():
     chain = models.four_dof()
-    history, nodes, _ = exact_history(chain)
+    history, times, _ = exact_history(chain)
     t, amplitudes = chain.modal_amplitudes(history)
-    np.testing.assert_array_equal(t, nodes)
+    np.testing.assert_array_equal(t, times)
     # |Phi^T M u0|; the matrix exponential of some 30 radians is good to about 1e-12
     start = np.abs(chain.modes.T @ (chain.mass * [0.0, 0.0, 0.0, 1.0]))
     np.testing.assert_allclose(amplitudes, np.tile(start, (len(t), 1)), rtol=0.0, atol=1e-11)
@@ -111,23 +111,23 @@ def test_amplitudes_of_the_modes_stay_what_they_are_in_exact_motion():
 
 def test_the_second_displacement_is_the_mean_of_the_two_sides():
     chain = models.four_dof()
-    history, nodes, u = exact_history(chain, gap=0.1)
+    history, times, u = exact_history(chain, gap=0.1)
     t, ours = chain.displacements(history)
-    np.testing.assert_array_equal(t, nodes)
+    np.testing.assert_array_equal(t, times)
     np.testing.assert_allclose(ours, u, rtol=0.0, atol=1e-15)  # one addition, of numbers up to 1
 
 
 def four_dof_by_reference(chain, implicit, explicit):
     """100 macro steps of the experiment by the reference, from matrices written out here."""
     k1, k2, k3, k4 = chain.springs
-    a = reference.Part(
+    a = reference.Subdomain(
         np.diag([0.5, 1.0, 1.0]),
         np.array([[k3, -k3, 0.0], [-k3, k3 + k4, -k4], [0.0, -k4, k4]]),
         **implicit,
         double=True,
         u0=[0.0, 0.0, 1.0],
     )
-    b = reference.Part(
+    b = reference.Subdomain(
         np.diag([1.0, 0.5]), np.array([[k1 + k2, -k2], [-k2, k2]]), **explicit, substeps=20
     )
     L = [np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, -1.0]])]
@@ -142,14 +142,14 @@ PM_ALPHA = (reference.alpha(0.5), reference.alpha(0.5, explicit=True))
 def test_the_four_dof_experiment_agrees_with_the_reference(rho, schemes):
     chain = models.four_dof(rho)
     history = chain.coupler(chain.macro_step).run(steps=100)
-    a, b = four_dof_by_reference(chain, *schemes).parts
+    a, b = four_dof_by_reference(chain, *schemes).subdomains
     u, v = (
         np.column_stack([xb[::20, 0], 0.5 * (xa[:, 0] + xb[::20, 1]), xa[:, 1:]])
         for xa, xb in ((a.u, b.u), (a.v, b.v))
     )
     squares, modes = scipy.linalg.eigh(chain.stiffness)  # unit masses
     expected = np.sqrt((u @ modes) ** 2 + (v @ modes) ** 2 / squares)
-    # 2000 fine steps of a stable scheme, each with rounding of 1e-16 times a condition of 1e3
+    # 2000 fine steps of a stable scheme, each with rounding 1e-16 times a condition number of 1e3
     np.testing.assert_allclose(chain.modal_amplitudes(history)[1], expected, rtol=0.0, atol=1e-9)
 
 
@@ -160,7 +160,7 @@ def test_pm_keeps_the_high_modes_and_pm_alpha_annihilates_them():
         history = chain.coupler(chain.macro_step).run(steps=100)
         amplitudes[rho] = chain.modal_amplitudes(history)[1]
     first, _, third, _ = amplitudes[0.5][0]
-    # the claim of the paper's figure 7, at macro node 100
+    # the claim of the paper's figure 7, after macro step 100
     assert amplitudes[None][100, 2] > 0.6
     assert amplitudes[0.5][100, 2] < 0.01
     for x in amplitudes.values():
@@ -176,7 +176,7 @@ def test_amplitudes_need_all_dofs_of_both_subdomains():
         chain.modal_amplitudes(history)
 
 
-def test_a_thinned_history_gives_the_amplitudes_of_its_nodes():
+def test_a_thinned_history_gives_the_amplitudes_at_its_time_levels():
     chain = models.four_dof()
     t, amplitudes = chain.modal_amplitudes(chain.coupler(chain.macro_step).run(steps=10))
     thin = chain.coupler(chain.macro_step).run(steps=10, every=5)
@@ -195,7 +195,7 @@ def test_a_uniform_frame_has_the_frequencies_of_the_textbook():
     # omega_i^2 = 4 k/m sin^2((2 i - 1) pi / (2 (2 n + 1)))
     expected = 4.0 * k / m * np.sin((2 * i - 1) * np.pi / (2 * (2 * n + 1))) ** 2
     squares = scipy.linalg.eigh(K.toarray(), np.diag(M), eigvals_only=True)
-    np.testing.assert_allclose(squares, expected, rtol=1e-12)  # rounding, condition 100
+    np.testing.assert_allclose(squares, expected, rtol=1e-12)  # rounding, condition number 100
 
 
 def test_a_cut_frame_adds_up_to_the_uncut_one():
@@ -222,15 +222,15 @@ def test_a_cut_frame_adds_up_to_the_uncut_one():
         ([1.0], [np.nan], "stiffnesses must be finite and not negative"),
     ],
 )
-def test_frames_that_make_no_sense_are_refused(masses, springs, message):
+def test_invalid_frames_are_refused(masses, springs, message):
     with pytest.raises(ValueError, match=message):
         models.shear_frame(masses, springs)
 
 
-def test_rayleigh_damping_has_the_two_ratios_asked_for():
+def test_rayleigh_damping_has_the_two_given_ratios():
     c_m, c_k = models.rayleigh([3.0, 40.0], [0.02, 0.05])
     for omega, ratio in ((3.0, 0.02), (40.0, 0.05)):
-        # phi^T C phi = 2 ratio omega; rounding, condition of the 2 x 2 system about 10
+        # phi^T C phi = 2 ratio omega; rounding, condition number of the 2 x 2 system about 10
         assert c_m + c_k * omega**2 == pytest.approx(2.0 * ratio * omega, rel=1e-13)
 
 
@@ -283,8 +283,8 @@ def test_an_oscillator_under_the_record_reaches_the_published_peak(period):
         scheme=pm.GeneralizedAlpha(1.0),
         force=pm.BaseAcceleration(record, dt, [1.0], [1.0]),
     )
-    part = pm.solve(oscillator, 0.005, 31.2)
-    peak = np.abs(part.u).max() / 0.0254
+    history = pm.solve(oscillator, 0.005, 31.2)
+    peak = np.abs(history.u).max() / 0.0254
     # the peak between two points of the record is up to 0.5 % above the published one at a
     # point (T = 0.5 s); the period error (omega 0.005)^2 / 12 = 0.03 % comes on top
     assert peak == pytest.approx(PUBLISHED[period], rel=0.01)

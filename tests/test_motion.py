@@ -51,7 +51,7 @@ def test_a_driven_mass_converges_with_order_two(mass, rho):
     assert np.all(np.abs(orders - 2.0) < 0.1)  # the next term of the error is of relative size dt
 
 
-def test_an_explicit_part_with_substeps_follows_a_driven_end_too():
+def test_an_explicit_subdomain_with_substeps_follows_a_driven_end_too():
     u = exact(2.0)[0, -1]
     a = pm.Subdomain([1.0, 0.5], [0.0, 0.0], scheme=pm.GeneralizedAlpha(0.5), name="a")
     k = np.array([[K_LINK, -K_LINK], [-K_LINK, K_LINK]])
@@ -70,7 +70,7 @@ def test_an_explicit_part_with_substeps_follows_a_driven_end_too():
     assert 3.0 < errors[0] / errors[2] < 18.0
 
 
-def test_the_first_multiplier_and_acceleration_know_the_derivative_of_g():
+def test_the_first_multiplier_and_acceleration_follow_from_the_derivative_of_g():
     coupler = driven(g, 0.05)
     # at rest only the driven mass accelerates: Lam_0 = m g'(0) = 1/2; g' by a difference of order 2
     # over 0.05 / 8: error (0.05/16)^2 * |g'''| * 2/3 with |g'''(0)| = 0, so the next term, 1e-6
@@ -83,25 +83,25 @@ def test_samples_and_a_function_of_the_same_motion_agree():
     samples = np.array([g(t)[0] for t in times])
     by_samples = driven(pm.SampledForce(samples, 0.01), 0.01).run(2.0)
     by_function = driven(lambda t: [np.interp(t, times, samples)], 0.01).run(2.0)
-    # they differ by the derivative at t = 0 alone when the step is that of the samples: the
-    # difference quotient sees the same straight line, up to rounding over 0.01 / 8
+    # they differ by the derivative at t = 0 only when the step is that of the samples: the
+    # difference quotient has the same straight line, up to rounding over 0.01 / 8
     np.testing.assert_allclose(by_samples["a"].u, by_function["a"].u, atol=1e-12)
 
 
-def test_a_function_is_asked_once_at_every_fine_step_and_near_the_start():
-    asked = []
+def test_a_function_is_evaluated_once_at_every_fine_step_and_near_the_start():
+    times = []
 
     def velocity(t):
-        asked.append(t)
+        times.append(t)
         return g(t)
 
     a = pm.Subdomain([1.0, 1.0], np.eye(2), scheme=pm.GeneralizedAlpha(0.5))
     b = pm.Subdomain([1.0], [1.0], scheme=pm.CentralDifference(), substeps=4)
     ties = [pm.tie(a, [1], b, [0]), pm.Constraint({a: [[1.0, 0.0]]}, velocity=velocity)]
     coupler = pm.Coupler([a, b], ties, dt=0.1)
-    assert not asked  # creating a coupler calls nothing of the user's
+    assert not times  # creating a coupler calls no function of the user
     coupler.run(steps=3)
-    later = [t for t in asked if t > 0.1 / 4 / 8]
+    later = [t for t in times if t > 0.1 / 4 / 8]
     np.testing.assert_array_equal(later, [(k / 4) * 0.1 for k in range(1, 13)])
 
 
@@ -115,7 +115,7 @@ def test_supports_that_move_apart_stretch_what_is_between_them():
     np.testing.assert_allclose(history.multipliers[-1], [-0.5, 0.5], atol=1e-12)  # spring force
 
 
-def test_run_and_step_agree_bit_for_bit_and_reset_starts_again():
+def test_run_and_step_are_bitwise_identical_and_reset_starts_again():
     one, other = driven(g, 0.02), driven(g, 0.02)
     history = one.run(steps=50)
     other.step(20)
@@ -128,7 +128,7 @@ def test_run_and_step_agree_bit_for_bit_and_reset_starts_again():
 def test_initial_velocities_must_fit_the_motion():
     with pytest.raises(pm.ConstraintError, match="v0 .* 0 by -2"):
         driven(pm.SampledForce([2.0, 2.0], 1.0), 0.1)
-    coupler = driven(lambda t: [2.0], 0.1)  # cannot be known before it is asked
+    coupler = driven(lambda t: [2.0], 0.1)  # unknown before it is evaluated
     with pytest.raises(pm.ConstraintError, match="v0 .* 0 by -2"):
         coupler.run(steps=1)
     assert coupler.step_count == 0

@@ -1,4 +1,4 @@
-"""Every notebook runs from top to bottom; what it claims it asserts itself."""
+"""Every notebook runs from top to bottom; it asserts its own results."""
 
 import os
 from pathlib import Path

@@ -1,7 +1,7 @@
-"""What Bursi, He, Bonelli and Pegon (2008) claim, one test for each claim.
+"""The claims of Bursi, He, Bonelli and Pegon (2008), one test for each claim.
 
 Numbers of equations and sections are the paper's. The split oscillator is that of section 3.3 and
-the four-dof system that of section 4, with masses and springs of our own (see docs/method.md).
+the four-dof system that of section 4, with our masses and springs (see docs/method.md).
 """
 
 from fractions import Fraction
@@ -105,7 +105,7 @@ def rank(A):
 
 
 def nonzero_eigenvalues(G):
-    """How many, with multiplicity: the rank of G^16, as Jordan blocks of 0 are at most 14 long."""
+    """Number of non-zero eigenvalues: rank of G^16, as Jordan blocks of 0 are at most 14 long."""
     for _ in range(4):
         G = product(G, G)
     return rank(G)
@@ -300,19 +300,19 @@ def test_order_one_shows_from_320_steps_a_period_on_and_earlier_in_v_than_in_u()
     (late,) = orders(at_one_period, "u", [1 / 320, 1 / 640, 1 / 1280], rho=0.5, ss=2)
     assert 1.0 < late < 1.2
     (v,) = orders(at_one_period, "v", [1 / 160, 1 / 320], rho=0.5, ss=2)
-    assert v < 1.0  # the two parts of the error have opposite signs: it comes from below
+    assert v < 1.0  # the two terms of the error have opposite signs: it comes from below
 
 
 @pytest.mark.parametrize("explicit", [False, True])
 @pytest.mark.parametrize("rho", [0.0, 0.5, 1.0])
 def test_implicit_and_explicit_alone_converge_with_order_two(rho, explicit):
-    part = pm.Subdomain(
+    subdomain = pm.Subdomain(
         [1.0], [(2 * np.pi) ** 2], scheme=pm.GeneralizedAlpha(rho, explicit), u0=[1.0], v0=[6.0]
     )
 
     def error(quantity):
         def at(dt):
-            alone = pm.Coupler([part], dt=dt)
+            alone = pm.Coupler([subdomain], dt=dt)
             return at_one_period(alone, analysis.exact_solution(alone))[quantity]
 
         return at
@@ -336,7 +336,7 @@ def explicit_limit(rho):
 
 @pytest.mark.parametrize("rho", [0.0, 0.2, 0.5, 0.8, 1.0, PM])
 @pytest.mark.parametrize("ss", [1, 2, 5, 20])
-def test_the_method_is_stable_up_to_the_limit_of_the_explicit_part_for_all_ratios(rho, ss):
+def test_the_method_is_stable_up_to_the_limit_of_the_explicit_subdomain_for_all_ratios(rho, ss):
     for b1 in B1:
         for fraction in (0.05, 0.5, 0.9, 0.99999):
             G = matrix(fraction * explicit_limit(rho), rho, b1, ss)
@@ -368,7 +368,7 @@ def test_beyond_the_limit_a_run_grows(rho):
 def test_the_method_is_zero_stable_for_rho_below_one(ss):
     for b1 in B1:
         for rho in (0.0, 0.1, 0.25, 0.5, 0.75, 0.9):
-            # well below: 1 itself, the common velocity, is no part of the loop
+            # well below: 1 itself, the common velocity, is not in the loop
             assert analysis.zero_stability(coupler(0.1, rho, b1, ss)) < 0.999
         assert analysis.zero_stability(coupler(0.1, 0.99, b1, ss)) < 1.0
 
@@ -405,7 +405,7 @@ def test_pm_traces_the_high_modes_and_pm_alpha_annihilates_them():
     _, pm_modes = four_dof_run(PM)
     _, alpha_modes = four_dof_run(0.5)
     assert pm_modes[0] == pytest.approx([0.716, 0.042, 0.697, 0.0], abs=5e-4)
-    # 4.18 Hz, index 2, at macro node 100, t = 5.32 s
+    # 4.18 Hz, index 2, after macro step 100, t = 5.32 s
     assert pm_modes[-1, 2] > 0.6
     assert alpha_modes[-1, 2] < 0.01
     for modes in (pm_modes, alpha_modes):

@@ -1,4 +1,4 @@
-"""The interface anywhere in the order of elimination: the same numbers, and when it is taken."""
+"""The interface anywhere in the elimination order: the same results, and the choice of order."""
 
 import numpy as np
 import pytest
@@ -39,12 +39,14 @@ def test_random_coupled_problems_agree_with_the_reference_along_paths(seed, monk
     coupler = problem.coupler()
     expected = problem.reference(9, [part.double for part in coupler._parts])
     history = coupler.run(steps=9)
-    scale = max(np.max(np.abs(part.u)) for part in expected.parts)
-    for i, part in enumerate(expected.parts):
+    scale = max(np.max(np.abs(part.u)) for part in expected.subdomains)
+    for i, part in enumerate(expected.subdomains):
         # as in test_against_reference
         assert np.max(np.abs(history[i].u - part.u)) <= 1e-9 * scale
     force = np.max(np.abs(expected.multipliers))
-    inertia = max(np.max(np.abs(x.w @ p.M)) for x, p in zip(expected.parts, problem.parts))
+    inertia = max(
+        np.max(np.abs(x.w @ p.M)) for x, p in zip(expected.subdomains, problem.subdomains)
+    )
     difference = np.max(np.abs(history.multipliers - expected.multipliers))
     assert difference <= 1e-9 * max(force, inertia)
 
@@ -53,7 +55,7 @@ def test_random_problems_do_take_paths(monkeypatch):
     monkeypatch.setattr(factors, "WIDE", 0)
     monkeypatch.setattr("pmalpha.setup.part.elimination", always_ordinary)
     parts = [part for seed in range(60) for part in random_problem(seed).coupler()._parts]
-    # two thirds of the matrices are sparse or diagonal by the draw, most parts have an interface
+    # two thirds of the matrices are drawn sparse or diagonal, most subdomains have an interface
     assert sum(part.elimination.paths is not None for part in parts) > 30
 
 
@@ -76,12 +78,12 @@ def test_the_compliance_along_paths_is_that_of_the_dense_inverse(seed, monkeypat
     L[:, 0] = 1.0  # no empty row
     exact = L @ np.linalg.inv(A.toarray())[np.ix_(last, last)] @ L.T
     ours = compliance_along_paths(inverse, R, sp.csr_array(L))
-    # the matrices have a condition below 1e4
+    # the matrices have a condition number below 1e4
     np.testing.assert_allclose(ours, exact, rtol=0, atol=1e-11 * np.max(np.abs(exact)))
 
 
 def box(faces):
-    """A cube of 9 x 9 x 9 nodes and the dofs on so many of its faces."""
+    """A cube of 9 x 9 x 9 nodes and the dofs on this number of its faces."""
     s = structures.solid(8, 8, 8, 0.125, E=100.0, nu=0.3, rho=1.0)
     x = s.points
     sides = [np.abs(x[:, k // 2] - k % 2) < 1e-9 for k in range(6)]
@@ -89,7 +91,7 @@ def box(faces):
 
 
 @pytest.mark.parametrize("faces, paths", [(1, False), (2, False), (6, True)])
-def test_the_order_that_sweeps_fewer_entries_is_taken(faces, paths):
+def test_the_order_that_sweeps_fewer_entries_is_used(faces, paths):
     s, dofs = box(faces)
     graph = graph_of([s.M, s.K])
     chosen = elimination(s.n, graph, dofs)
@@ -128,9 +130,9 @@ def test_a_solid_tied_on_all_sides_moves_as_with_the_interface_last(monkeypatch)
     for name in ("inner", "shell"):
         for x in "uva":
             mine, other = getattr(history[name], x), getattr(expected[name], x)
-            # rounding grows by the condition of Mbar and H, 1e4 here
+            # rounding is magnified by the condition number of Mbar and H, 1e4 here
             assert np.max(np.abs(mine - other)) <= 1e-10 * np.max(np.abs(other))
-    # and as with SuperLU, who knows nothing of panels or paths
+    # and as with SuperLU, which has neither panels nor paths
     superlu = enclosed(factorize="superlu").run(steps=6)
     assert np.max(np.abs(history[0].u - superlu[0].u)) <= 1e-10 * np.max(np.abs(superlu[0].u))
 
@@ -141,12 +143,12 @@ def test_macro_coupling_along_paths_moves_as_with_the_interface_last(monkeypatch
     ours = whole.run(steps=4)[0].u
     monkeypatch.setattr("pmalpha.setup.part.elimination", always_last)
     theirs = enclosed_finely().run(steps=4)[0].u
-    # rounding grows by the condition of Mbar and H, 1e4 here
+    # rounding is magnified by the condition number of Mbar and H, 1e4 here
     assert np.max(np.abs(ours - theirs)) <= 1e-10 * np.max(np.abs(theirs))
 
 
 def enclosed_finely():
-    """The cube steps finely, under two conditions on all its surface: responses along paths."""
+    """The cube has substeps and two constraints on all its surface: unit responses along paths."""
     s, dofs = box(6)
     inner = s.subdomain(scheme=pm.GeneralizedAlpha(0.5), substeps=2, force=np.ones(s.n))
     outer = pm.Subdomain(np.ones(2), np.ones(2), scheme=pm.GeneralizedAlpha(0.5))
@@ -156,7 +158,7 @@ def enclosed_finely():
     return pm.Coupler([inner, outer], tied, dt=0.05, coupling="macro")
 
 
-def test_a_run_along_paths_is_the_same_in_pieces_and_for_any_number_of_threads(tmp_path):
+def test_a_run_along_paths_is_the_same_in_intervals_and_for_any_number_of_threads(tmp_path):
     whole = enclosed(threads=1).run(steps=6)[0].u[-1]
     pieces = enclosed(threads=2)
     pieces.step(2)

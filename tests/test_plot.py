@@ -1,4 +1,4 @@
-"""Pictures, by what is drawn on their axes."""
+"""Pictures: the lines, faces and labels on their axes."""
 
 import sys
 from types import SimpleNamespace
@@ -30,9 +30,9 @@ def made_up(u, multipliers=None, name="a", t=None):
     """A history of one subdomain with these displacements (k, n)."""
     u = np.asarray(u, dtype=float)
     t = np.linspace(0.0, 1.0, len(u)) if t is None else t
-    part = pm.SubdomainHistory(name, t, u, 2.0 * u, 3.0 * u, np.arange(u.shape[1]))
+    subdomain = pm.SubdomainHistory(name, t, u, 2.0 * u, 3.0 * u, np.arange(u.shape[1]))
     lam = np.zeros((len(u), 0)) if multipliers is None else np.asarray(multipliers, dtype=float)
-    return pm.History((part,), lam, t, 1e-3 * lam, 10.0 * lam, t, ((name, None),))
+    return pm.History((subdomain,), lam, t, 1e-3 * lam, 10.0 * lam, t, ((name, None),))
 
 
 def lines(ax):
@@ -66,7 +66,7 @@ def test_chosen_dofs_jumps_and_multipliers_are_drawn_over_time():
     assert velocity.get_legend() is None  # one constraint needs none
 
 
-def test_panels_share_one_axis_of_time_and_say_what_they_show():
+def test_panels_share_one_axis_of_time_and_have_labels():
     history = four_dof()
     axes = history.plot(title="free vibration").axes
     assert all(ax.get_shared_x_axes().joined(axes[0], ax) for ax in axes)
@@ -85,7 +85,7 @@ def test_velocities_and_accelerations_can_be_drawn(quantity, name):
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), getattr(history["B"], quantity)[:, 0])
 
 
-def test_a_power_of_ten_stands_in_the_label_and_not_above_the_axis():
+def test_a_power_of_ten_is_in_the_label_and_not_above_the_axis():
     figure = made_up(3e-7 * np.sin(np.linspace(0.0, 9.0, 50))[:, None]).plot()
     (ax,) = figure.axes
     figure.draw_without_rendering()
@@ -94,9 +94,9 @@ def test_a_power_of_ten_stands_in_the_label_and_not_above_the_axis():
     assert ax.yaxis.get_major_formatter()(2e-7) == "2"
 
 
-def test_one_subdomain_without_conditions_has_one_panel():
-    part = pm.Subdomain([1.0, 1.0], [4.0, 9.0], scheme=pm.Newmark(), u0=[1.0, 0.5])
-    history = pm.Coupler([part], dt=0.1).run(3.0)
+def test_one_subdomain_without_constraints_has_one_panel():
+    subdomain = pm.Subdomain([1.0, 1.0], [4.0, 9.0], scheme=pm.Newmark(), u0=[1.0, 0.5])
+    history = pm.Coupler([subdomain], dt=0.1).run(3.0)
     (ax,) = history.plot().axes
     assert list(lines(ax)) == ["dof 0 of subdomain 0", "dof 1 of subdomain 0"]
     (ax,) = history.plot(1).axes
@@ -125,7 +125,7 @@ def test_of_thousands_of_dofs_a_few_that_move_differently_are_drawn():
     drawn = [line.get_ydata() for line in ax.lines]
     assert 2 <= len(drawn) <= 4
     assert max(np.ptp(x) for x in drawn) == np.ptp(u, axis=0).max()
-    # curves on top of one another say nothing: 2 % of the largest range apart, at some node
+    # curves must not coincide: 2 % of the largest range apart at some time level
     apart = [np.ptp(x - y) for i, x in enumerate(drawn) for y in drawn[:i]]
     assert min(apart) > 0.02 * np.ptp(u, axis=0).max()
 
@@ -136,7 +136,7 @@ def test_dofs_that_move_alike_are_drawn_once():
     assert len(ax.lines) == 1
 
 
-def test_many_conditions_are_a_few_curves_and_the_band_of_all():
+def test_many_constraints_are_a_few_curves_and_the_band_of_all():
     t = np.linspace(0.0, 1.0, 200)[:, None]
     lam = np.cos(7.0 * t + np.arange(300)) * np.linspace(1.0, 5.0, 300)
     axes = made_up(t, lam).plot().axes
@@ -150,7 +150,7 @@ def test_many_conditions_are_a_few_curves_and_the_band_of_all():
     assert legend(axes[1])[1:] == list(lines(axes[1]))
 
 
-def test_conditions_can_be_chosen():
+def test_constraints_can_be_chosen():
     lam = np.random.default_rng(0).normal(size=(50, 9))
     axes = made_up(lam, lam).plot(conditions=[7, 2]).axes
     assert list(lines(axes[-1])) == ["constraint 7", "constraint 2"]
@@ -168,12 +168,12 @@ def test_a_long_history_is_drawn_by_its_extremes():
     assert np.all(np.diff(t) > 0.0)
     assert (t[0], t[-1]) == (0.0, 1.0)
     assert np.isin(drawn, x).all()
-    # whatever is narrower than a thousandth of the picture has the same highest and lowest point
-    for part in np.array_split(np.arange(k), 1000)[1:-1]:
-        begin, end = history[0].t[part[[0, -1]]]
+    # a thousandth of the picture has the same highest and lowest point
+    for rows in np.array_split(np.arange(k), 1000)[1:-1]:
+        begin, end = history[0].t[rows[[0, -1]]]
         near = drawn[(t > begin - 5e-4) & (t < end + 5e-4)]
-        assert near.max() >= x[part].max()
-        assert near.min() <= x[part].min()
+        assert near.max() >= x[rows].max()
+        assert near.min() <= x[rows].min()
 
 
 def test_curves_differ_without_colour():
@@ -191,7 +191,7 @@ def test_names_are_shown_as_they_are():
     ax.figure.draw_without_rendering()
 
 
-def test_a_history_of_one_node_is_drawn_as_points():
+def test_a_history_of_one_time_level_is_drawn_as_points():
     history = four_dof(steps=0)
     figure = history.plot()
     figure.draw_without_rendering()
@@ -223,7 +223,7 @@ def test_a_history_from_a_file_draws_the_same(tmp_path):
         ({"quantity": "w"}, ValueError, "quantity must be 'u', 'v' or 'a', got 'w'"),
     ],
 )
-def test_what_is_not_there_cannot_be_drawn(arguments, error, message):
+def test_anything_not_recorded_cannot_be_drawn(arguments, error, message):
     history = four_dof(A=[0, 2])
     with pytest.raises(error, match=message):
         history.plot(**arguments)
@@ -237,13 +237,13 @@ def test_hundreds_of_curves_are_refused():
         history.plot(conditions=np.arange(300))
 
 
-def test_nothing_recorded_and_no_conditions_is_nothing_to_draw():
-    part = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark())
+def test_nothing_recorded_and_no_constraints_is_nothing_to_draw():
+    subdomain = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark())
     with pytest.raises(ValueError, match="neither recorded dofs nor constraints"):
-        pm.Coupler([part], dt=0.1).run(steps=2, record={}).plot()
+        pm.Coupler([subdomain], dt=0.1).run(steps=2, record={}).plot()
 
 
-def test_without_matplotlib_it_is_said_what_to_install(monkeypatch):
+def test_without_matplotlib_the_error_names_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     history = made_up(np.eye(2))
     for draw in (
@@ -340,7 +340,7 @@ def test_a_mesh_at_rest_is_drawn_as_it_is():
     assert ax.get_title(loc="right") == "displacements × 1"
 
 
-def test_several_parts_have_one_picture_one_scale_and_a_legend():
+def test_several_meshes_have_one_picture_one_scale_and_a_legend():
     points, elements = SQUARE
     ax = plot.deformed(points, elements, np.full(8, 1e-3), label="left")
     scale = float(ax.get_title(loc="right").split(" × ")[1])
@@ -356,7 +356,7 @@ def test_several_parts_have_one_picture_one_scale_and_a_legend():
         plot.deformed(points, elements, np.zeros(8), scale=7, ax=ax)
 
 
-def test_colours_show_values_on_one_bar_for_all_parts():
+def test_colours_show_values_on_one_bar_for_all_meshes():
     points, elements = SQUARE
     values = np.array([1.0, 2.0, 3.0, 4.0])
     ax = plot.deformed(
@@ -413,7 +413,7 @@ def test_points_on_a_line_are_drawn_on_a_line():
 
 @pytest.fixture
 def polygons(monkeypatch):
-    """What is handed to Poly3DCollection, which has no way to ask for it afterwards."""
+    """The arguments of Poly3DCollection, which does not return them afterwards."""
     handed = []
     set_verts = Poly3DCollection.set_verts
 
@@ -431,7 +431,7 @@ def test_of_a_solid_the_outer_faces_are_drawn(polygons):
     ax = plot.deformed(points, cells, u, scale=10)
     (drawn,) = polygons
     assert len(drawn) == 2 * (4 * 3 + 3 * 2 + 2 * 4)
-    # each corner is a point that has moved, and each face lies in one side of the box
+    # each corner is a point that has moved, and each face is in one side of the box
     moved = {tuple(p): q for p, q in zip((points + 10.0 * u).tolist(), points)}
     for face in drawn.tolist():
         corners = np.array([moved[tuple(p)] for p in face])
@@ -556,7 +556,7 @@ def test_an_animation_shows_the_mesh_at_times_equally_far_apart():
         moved = points + 0.5 * time * np.arange(8.0).reshape(4, 2)
         np.testing.assert_allclose(square, moved, rtol=1e-14)
         assert title == f"$t$ = {time:.4g}"
-        assert limits == frames[0][2]  # the picture stands still
+        assert limits == frames[0][2]  # the picture does not move
     # the largest u at a point is 6 times 3, scaled by a half
     assert frames[0][2][1] > 2.0 + 0.5 * 3.0 * 2.0
 
@@ -567,16 +567,16 @@ def test_the_film_for_a_notebook_holds_all_frames():
     assert page.count("data:image/png;base64") == 4
 
 
-def test_subdomains_with_steps_of_their_own_move_together():
-    # two squares, of which the second has a node in the middle of the steps of the first
+def test_subdomains_with_different_steps_move_together():
+    # two squares; the second has a time level in the middle of each step of the first
     t = (np.array([0.0, 2.0]), np.array([0.0, 1.0, 2.0]))
     u = (np.array([[0.0] * 8, [2.0] * 8]), np.array([[0.0] * 8, [5.0] * 8, [0.0] * 8]))
-    parts = tuple(
+    subdomains = tuple(
         pm.SubdomainHistory(name, t, u, u, u, np.arange(8)) for name, t, u in zip("ab", t, u)
     )
     empty = np.zeros((2, 0))
     keys = (("a", None), ("b", None))
-    history = pm.History(parts, empty, t[0], empty, empty, t[0], keys)
+    history = pm.History(subdomains, empty, t[0], empty, empty, t[0], keys)
     mesh = {"a": SQUARE, "b": (SQUARE[0] + [9.0, 0.0], SQUARE[1])}
     moving = plot.animation(history, mesh, frames=5, scale=1)
     frames = watched(moving, corners)
@@ -615,8 +615,10 @@ def test_a_structure_with_fixed_dofs_is_shown_with_all_of_them():
     free = pm.reduce(wall.M, wall.K, fixed=foot)
     v0 = np.zeros(wall.n)
     v0[wall.dofs(wall.nodes_at(x=3.0), "uy")] = 1.0
-    part = pm.Subdomain(free.M, free.K, scheme=pm.Newmark(), v0=free.reduce_motion(v0), name="wall")
-    history = pm.Coupler([part], dt=0.05).run(steps=8)
+    subdomain = pm.Subdomain(
+        free.M, free.K, scheme=pm.Newmark(), v0=free.reduce_motion(v0), name="wall"
+    )
+    history = pm.Coupler([subdomain], dt=0.05).run(steps=8)
     moving = plot.animation(history, {"wall": (wall, free.expand)}, frames=3, scale=1)
     last = watched(
         moving, lambda ax: [p.vertices[:4] for p in of(ax, PolyCollection)[0].get_paths()]

@@ -1,4 +1,4 @@
-"""Long runs: what they say while they run, and how they end when they are asked to."""
+"""Long runs: reports of progress, and the end by an exception or a signal."""
 
 import os
 import signal
@@ -21,7 +21,7 @@ def oscillator(**options):
 
 
 def pair(force=None):
-    """A long run of 1e7 macro steps takes seconds; every=STEPS keeps two nodes of it."""
+    """A long run of 1e7 macro steps takes seconds; every=STEPS keeps two time levels of it."""
     a = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), force=force, name="a")
     b = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), substeps=2, name="b")
     return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.01)
@@ -30,41 +30,41 @@ def pair(force=None):
 # ---- a callable -----------------------------------------------------------------------------
 
 
-def test_progress_is_told_in_macro_steps_of_this_call_about_every_50_ms():
-    c, told = pair(), []
+def test_progress_is_reported_in_macro_steps_of_this_call_about_every_50_ms():
+    c, reports = pair(), []
     c.step(7)
     begin = time.perf_counter()
     c.run(
         steps=1_000_000,
         every=1_000_000,
-        progress=lambda *x: told.append((*x, time.perf_counter())),
+        progress=lambda *x: reports.append((*x, time.perf_counter())),
     )
     seconds = time.perf_counter() - begin
-    done, totals, times = np.array(told).T
+    done, totals, times = np.array(reports).T
     assert (totals == 1_000_000).all() and done[-1] == 1_000_000
     assert (np.diff(done) > 0).all() and done[0] > 0
     # at most once in 50 ms of a clock that counts whole milliseconds, and the end
-    assert len(told) <= seconds / 0.049 + 1
+    assert len(reports) <= seconds / 0.049 + 1
     assert (np.diff(times)[:-1] >= 0.049).all()
 
 
-def test_progress_of_a_short_run_is_told_at_the_end_alone():
-    told = []
-    pair().run(steps=3, progress=lambda *x: told.append(x))
-    pair().run(steps=0, progress=lambda *x: told.append(x))
-    assert told == [(3, 3), (0, 0)]
+def test_progress_of_a_short_run_is_reported_at_the_end_only():
+    reports = []
+    pair().run(steps=3, progress=lambda *x: reports.append(x))
+    pair().run(steps=0, progress=lambda *x: reports.append(x))
+    assert reports == [(3, 3), (0, 0)]
 
 
-def test_progress_goes_on_while_a_slow_load_is_asked():
+def test_progress_is_reported_while_a_slow_load_is_evaluated():
     # 60 macro steps of 10 ms, all of it in the load: chunks of 32, 16, 8 and 4 macro steps
     def force(t):
         time.sleep(0.01)
         return [np.sin(t)]
 
-    told = []
+    reports = []
     c = pair(force)
-    c.run(steps=60, progress=lambda *x: told.append(x[0]))
-    assert len(told) >= 4 and told == sorted(told) and told[-1] == 60
+    c.run(steps=60, progress=lambda *x: reports.append(x[0]))
+    assert len(reports) >= 4 and reports == sorted(reports) and reports[-1] == 60
 
 
 def test_a_run_with_progress_is_the_same_run():
@@ -104,7 +104,7 @@ def test_an_exception_in_the_last_report_leaves_the_whole_history():
     assert c.step_count == 5 and c.last_history["a"].t.size == 6
 
 
-def test_progress_may_not_ask_the_coupler():
+def test_progress_may_not_call_the_coupler():
     c = pair()
     with pytest.raises(RuntimeError, match="the coupler is being stepped"):
         c.run(steps=5, progress=lambda done, total: c.time)
@@ -133,7 +133,7 @@ def test_a_bar_counts_to_the_end(capsys):
     assert "1234/1234" in capsys.readouterr().err
 
 
-def test_without_tqdm_it_is_said_what_to_install(monkeypatch):
+def test_without_tqdm_the_error_names_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "tqdm", None)
     monkeypatch.setitem(sys.modules, "tqdm.auto", None)
     c = pair()
@@ -172,12 +172,12 @@ PROGRAM = """
     ours, theirs = c.run(steps=3), other.run(steps=3)
     assert ours[0].u.tobytes() == theirs[0].u.tobytes()
     assert ours.multipliers.tobytes() == theirs.multipliers.tobytes()
-    print("goes on")
+    print("continued")
 """
 
 
 @pytest.mark.parametrize("n", [1, 300])
-def test_kill_int_ends_a_run_at_a_whole_macro_step_from_which_it_goes_on(n):
+def test_kill_int_ends_a_run_at_a_whole_macro_step_from_which_it_continues(n):
     program = subprocess.Popen(
         [sys.executable, "-c", textwrap.dedent(PROGRAM.format(n=n))],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
@@ -190,8 +190,8 @@ def test_kill_int_ends_a_run_at_a_whole_macro_step_from_which_it_goes_on(n):
         begin = time.monotonic()
         program.send_signal(signal.SIGINT)
         end, steps = program.stdout.readline().split()
-        # 50 ms between two looks at the clock, on a machine that has other things to do
+        # 50 ms between two readings of the clock, on a machine with other work
         assert float(end) - begin < 0.5
         assert int(steps) > 1
-        assert program.stdout.read() == "goes on\n"
+        assert program.stdout.read() == "continued\n"
     assert program.returncode == 0

@@ -1,4 +1,4 @@
-"""Matrices of other programs: small files made by hand, with the matrix known beforehand.
+"""Matrices of other programs: small files written by hand, whose matrix is known.
 
 The example is a bar of three nodes, 5, 9 and 2 in this order, in displacement along it: springs 2
 between 5 and 9, 1 between 9 and 2, and node 5 held by another 1.
@@ -59,7 +59,7 @@ def test_a_coordinate_list_may_hold_the_whole_matrix_or_a_triangle(written, text
     assert (K.name, K.n) == ("job_STIF1.mtx", 3)
 
 
-def test_the_user_says_what_the_rows_of_a_coordinate_list_stand_for(written):
+def test_labels_name_the_rows_of_a_coordinate_list(written):
     K = read_abaqus(written(UPPER), labels=[[5, 1], [9, 1], [2, 1]])
     assert K.rows([2, 5]).tolist() == [2, 0]
 
@@ -121,7 +121,7 @@ def test_labels_are_not_given_where_the_file_has_them(written):
         read_abaqus(written(INPUT), labels=LABELS)
 
 
-# ---- what is wrong with a file of Abaqus ------------------------------------------------------
+# ---- damaged files of Abaqus ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -153,12 +153,12 @@ def test_a_damaged_list_is_refused_with_file_line_rule_and_value(written, text, 
     refused(written(text), read_abaqus, *parts)
 
 
-def test_indices_must_lie_within_the_labels(written):
+def test_indices_must_be_within_the_labels(written):
     refused(written(FULL), read_abaqus, "line 5", "1..2", "2, 3", labels=[[5, 1], [9, 1]])
 
 
 @pytest.mark.parametrize("read", [read_abaqus, read_dmig])
-def test_a_path_that_is_none_or_leads_nowhere(read, tmp_path):
+def test_an_invalid_or_missing_path_is_an_error(read, tmp_path):
     with pytest.raises(TypeError, match="path"):
         read(3.5)
     with pytest.raises(FileNotFoundError):
@@ -203,7 +203,7 @@ def test_dmig_is_read_with_fields_of_any_width(written, text):
 
 
 @pytest.mark.parametrize("form", ["1", "2"])
-def test_the_square_forms_are_read_as_they_stand(written, form):
+def test_the_square_forms_are_read_unchanged(written, form):
     text = FREE.replace("0,6,1", f"0,{form},1")
     K = read_dmig(written(text))
     np.testing.assert_array_equal(K.matrix.toarray(), [[1, 0, -1], [0, 3, -2], [0, 0, 3]])
@@ -211,7 +211,7 @@ def test_the_square_forms_are_read_as_they_stand(written, form):
     assert full.matrix[2, 1] == full.matrix[1, 2] == -2.0
 
 
-def test_other_entries_of_the_punch_file_are_passed_over(written):
+def test_other_entries_of_the_punch_file_are_skipped(written):
     around = "GRID           5              0.0     0.0     0.0\n+       1\n"
     text = around + WIDE + around + WIDE.replace("KAAX", "MAAX") + "SPOINT,7\n"
     K = read_dmig(written(text), "kaax")

@@ -1,4 +1,4 @@
-"""A History that goes to an HDF5 file while the run goes on."""
+"""A History written to an HDF5 file during the run."""
 
 import json
 import os
@@ -29,7 +29,7 @@ INTERFACE = (
 TOLD = ("t", "kinetic", "strain", "dissipated", "external", "interface", "balance")
 
 
-def require_same_bits(ours, theirs):
+def require_identical(ours, theirs):
     assert [name for name, _ in ours.keys] == [name for name, _ in theirs.keys]
     for x, y in zip(ours.subdomains, theirs.subdomains):
         assert (x is None) == (y is None)
@@ -53,9 +53,7 @@ def same(x, y):
 @pytest.mark.parametrize(
     "options", [{}, {"record": {0: [0]}, "every": 2}, {"energy": True}], ids=str
 )
-def test_a_history_saved_with_the_ending_of_hdf5_is_read_back_bit_for_bit(
-    tmp_path, options, ending
-):
+def test_a_history_saved_as_hdf5_is_read_back_bitwise_identical(tmp_path, options, ending):
     path = tmp_path / f"saved.{ending}"
     for seed in range(4):
         coupler = random_problem(seed).coupler()
@@ -63,19 +61,19 @@ def test_a_history_saved_with_the_ending_of_hdf5_is_read_back_bit_for_bit(
         history = coupler.run(steps=5, **options)
         history.save(path)  # over the one before
         loaded = pm.History.load(path)
-        require_same_bits(loaded, history)
+        require_identical(loaded, history)
         loaded.save(path)  # over the one it was read from
-        require_same_bits(pm.History.load(path), history)
+        require_identical(pm.History.load(path), history)
         with h5py.File(path) as plain:
             assert np.array_equal(plain["0/u"], history[0].u)
     assert os.listdir(tmp_path) == [path.name]
 
 
-def test_a_path_at_fault_is_known_before_a_rig_is_asked(tmp_path):
-    asked = []
+def test_an_invalid_path_is_an_error_before_a_rig_is_called(tmp_path):
+    times = []
 
     def specimen(u, v, t):
-        asked.append(t)
+        times.append(t)
         return u
 
     rig = pm.Subdomain([1.0], None, scheme=pm.CentralDifference(), restoring=specimen)
@@ -83,15 +81,17 @@ def test_a_path_at_fault_is_known_before_a_rig_is_asked(tmp_path):
     for path in (tmp_path / "nowhere" / "run.h5", tmp_path, "/dev/full"):
         with pytest.raises(OSError, match="path cannot be written"):
             coupler.run(steps=2, record_to=path)
-    assert not asked and not os.listdir(tmp_path)
+    assert not times and not os.listdir(tmp_path)
     coupler.run(steps=2, record_to=tmp_path / "run.h5")
-    assert asked == [0.0, 0.1, 0.2]
+    assert times == [0.0, 0.1, 0.2]
 
 
-def test_a_saved_hdf5_file_holds_what_springs_did(tmp_path):
+def test_a_saved_hdf5_file_contains_the_springs(tmp_path):
     joint = pm.Bilinear([0], k=4.0, fy=1.0)
-    part = pm.Subdomain([1.0], None, scheme=pm.Newmark(), restoring=joint, v0=[3.0], name="part")
-    history = pm.Coupler([part], dt=0.1).run(steps=9, record_springs={"part": None})
+    subdomain = pm.Subdomain(
+        [1.0], None, scheme=pm.Newmark(), restoring=joint, v0=[3.0], name="part"
+    )
+    history = pm.Coupler([subdomain], dt=0.1).run(steps=9, record_springs={"part": None})
     history.save(tmp_path / "saved.h5")
     loaded = pm.History.load(tmp_path / "saved.h5")["part"]
     for name in ("deformation", "force", "springs"):
@@ -128,43 +128,43 @@ def test_an_hdf5_file_that_cannot_be_saved_leaves_the_old_one(tmp_path):
 @pytest.mark.parametrize(
     "options", [{}, {"every": 3}, {"record": {0: [0]}}, {"record": {}}, {"energy": True}], ids=str
 )
-def test_the_history_in_the_file_is_that_in_memory_bit_for_bit(tmp_path, seed, options):
+def test_the_history_in_the_file_is_bitwise_identical_to_that_in_memory(tmp_path, seed, options):
     problem = random_problem(seed)
     ours, theirs = problem.coupler(), problem.coupler()
-    for steps in (7, 0, 4):  # and in stretches that do not begin at a multiple of three
+    for steps in (7, 0, 4):  # and in intervals that do not begin at a multiple of three
         whole = theirs.run(steps=steps, **options)
         history = ours.run(steps=steps, record_to=tmp_path / "run.h5", **options)
-        require_same_bits(history, whole)
+        require_identical(history, whole)
         assert history.keys == ours.run(steps=0).keys
-        require_same_bits(pm.History.load(tmp_path / "run.h5"), whole)
+        require_identical(pm.History.load(tmp_path / "run.h5"), whole)
 
 
 @pytest.mark.parametrize("size", [1.0, 5e3])
 @pytest.mark.parametrize("every", [None, 1, 7])
-def test_any_number_of_stretches_makes_the_same_file(tmp_path, monkeypatch, size, every):
+def test_any_number_of_intervals_makes_the_same_file(tmp_path, monkeypatch, size, every):
     monkeypatch.setattr(recording, "FILED_BYTES", size)
     ours, theirs = (models.four_dof().coupler(0.05) for _ in range(2))
     for c in (ours, theirs):
         c.step(5)
     options = {"every": every, "energy": True}
     history = ours.run(steps=83, record_to=tmp_path / "run.h5", **options)
-    require_same_bits(history, theirs.run(steps=83, **options))
+    require_identical(history, theirs.run(steps=83, **options))
 
 
 def test_a_file_of_many_subdomains_and_any_names_is_a_file(tmp_path):
     names = ["Größe 塔", "b\0", "header", "step_count", "0/u", *(f"part {i}" for i in range(300))]
-    parts = [pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), v0=[1.0], name=x) for x in names]
-    coupler, other = pm.Coupler(parts, dt=0.1), pm.Coupler(parts, dt=0.1)
+    subdomains = [pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), v0=[1.0], name=x) for x in names]
+    coupler, other = pm.Coupler(subdomains, dt=0.1), pm.Coupler(subdomains, dt=0.1)
     history = coupler.run(steps=3, record_to=str(tmp_path / "run.h5"))
-    require_same_bits(history, other.run(steps=3))
+    require_identical(history, other.run(steps=3))
     assert pm.History.load(tmp_path / "run.h5")["b\0"].u.shape == (4, 1)
 
 
-def test_what_can_be_done_with_a_history_can_be_done_with_that_of_a_file(tmp_path):
+def test_a_history_of_a_file_has_the_methods_of_a_history(tmp_path):
     coupler = models.four_dof().coupler(0.05)
     history = coupler.run(steps=40, energy=True, record_to=tmp_path / "run.h5")
     history.save(tmp_path / "run.npz")
-    require_same_bits(pm.History.load(tmp_path / "run.npz"), history)
+    require_identical(pm.History.load(tmp_path / "run.npz"), history)
     assert abs(history["A"].u).max() > 0.5 and not history["A"].u.flags.writeable
     assert history["A"].u.flags.aligned
     pytest.importorskip("xarray")
@@ -174,7 +174,7 @@ def test_what_can_be_done_with_a_history_can_be_done_with_that_of_a_file(tmp_pat
 # ---- memory ---------------------------------------------------------------------------------
 
 
-def test_a_run_to_a_file_needs_memory_for_a_stretch_and_looking_at_it_for_what_is_looked_at(
+def test_a_run_to_a_file_needs_memory_for_one_block_and_a_read_for_what_is_read(
     tmp_path, monkeypatch
 ):
     monkeypatch.setattr(recording, "FILED_BYTES", 1e6)
@@ -193,7 +193,7 @@ def test_a_run_to_a_file_needs_memory_for_a_stretch_and_looking_at_it_for_what_i
     assert (tmp_path / "run.h5").stat().st_size > size
 
 
-def test_what_was_not_run_takes_no_room_on_disk(tmp_path):
+def test_steps_that_were_not_run_take_no_room_on_disk(tmp_path):
     path, seen = tmp_path / "run.h5", []
 
     def tell(done, total):
@@ -226,7 +226,7 @@ def test_others_read_while_the_run_goes_on(tmp_path, options):
             names = json.loads(file["header"][()])["names"]
             assert names == ["A", "B"] and file["0/u"].shape == (200_001, 3)
             if counts[-1] == 0:
-                require_same_bits(pm.History.load(path), other.run(steps=0, record={"A": None}))
+                require_identical(pm.History.load(path), other.run(steps=0, record={"A": None}))
             rows = file["0/t"][: counts[-1] + 1]
         np.testing.assert_array_equal(rows, np.arange(len(rows)) * 0.05)
 
@@ -245,7 +245,7 @@ def test_a_file_that_was_packed_again_is_read(tmp_path):
                 new.create_dataset(name, data=x[()], **chunks)
 
         old.visititems(pack)
-    require_same_bits(pm.History.load(tmp_path / "packed.h5"), history)
+    require_identical(pm.History.load(tmp_path / "packed.h5"), history)
 
 
 # ---- ends before the end --------------------------------------------------------------------
@@ -274,8 +274,8 @@ def test_after_an_exception_the_last_history_is_the_file_up_to_the_last_macro_st
     done = broken.step_count
     assert done == 24 if isinstance(error, ZeroDivisionError) else 0 <= done <= 24
     whole = other.run(steps=done, energy=True)
-    require_same_bits(broken.last_history, whole)
-    require_same_bits(pm.History.load(tmp_path / "run.h5"), whole)
+    require_identical(broken.last_history, whole)
+    require_identical(pm.History.load(tmp_path / "run.h5"), whole)
     again = broken.last_history
     broken.reset(force={"a": lambda t: [0.0]})
     assert broken.last_history is None and again.energy is not None
@@ -291,12 +291,12 @@ KILLED = """
     rng = np.random.default_rng(1)
     for kill in range({kills}):
         recording.FILED_SECONDS = 0.3 * (kill % 2)  # 0: a count for every macro step
-        ready, tell = os.pipe()
+        ready, running = os.pipe()
         child = os.fork()
         if child == 0:
             coupler = models.four_dof().coupler(0.05)
             coupler.step(3)
-            os.write(tell, b"x")
+            os.write(running, b"x")
             coupler.run(steps=10**7, record_to=os.path.join({folder!r}, str(kill)), energy=True)
             os._exit(1)
         os.read(ready, 1)
@@ -304,12 +304,12 @@ KILLED = """
         os.kill(child, signal.SIGKILL)
         assert os.waitpid(child, 0)[1] == signal.SIGKILL
         os.close(ready)
-        os.close(tell)
+        os.close(running)
 """
 
 
 def test_a_file_is_whole_up_to_its_count_after_a_kill_at_any_time(tmp_path):
-    # 50 kills, from before the file is there to after many stretches
+    # 50 kills, from before the file exists to after many blocks
     program = textwrap.dedent(KILLED.format(kills=50, folder=str(tmp_path)))
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     subprocess.run([sys.executable, "-c", program], env=environment, check=True)
@@ -342,10 +342,10 @@ def cut(x, name, last):
     return getattr(x, name)[: last + 1]
 
 
-# ---- what cannot be written or read ---------------------------------------------------------
+# ---- files that cannot be written or read ---------------------------------------------------
 
 
-def test_a_path_that_cannot_be_written_is_known_before_the_first_step(tmp_path):
+def test_a_path_that_cannot_be_written_is_an_error_before_the_first_step(tmp_path):
     coupler, other = (models.four_dof().coupler(0.05) for _ in range(2))
     missing, folder, device = tmp_path / "nowhere" / "run.h5", tmp_path, "/dev/full"
     for path, why in (
@@ -358,9 +358,9 @@ def test_a_path_that_cannot_be_written_is_known_before_the_first_step(tmp_path):
     with pytest.raises(TypeError, match="path must be a str or a path, got 3"):
         coupler.run(steps=3, record_to=3)
     with pytest.raises(OSError, match="path cannot be written"):
-        coupler.run(steps=2**52, record_to=tmp_path / "huge.h5")  # no file system holds it
+        coupler.run(steps=2**52, record_to=tmp_path / "huge.h5")  # larger than any file system
     assert coupler.step_count == 0 and not list(tmp_path.iterdir())
-    require_same_bits(coupler.run(steps=3), other.run(steps=3))
+    require_identical(coupler.run(steps=3), other.run(steps=3))
 
 
 def test_a_run_that_cannot_begin_leaves_the_old_file(tmp_path):
@@ -391,11 +391,11 @@ def test_a_full_disk_ends_the_run_with_what_was_counted(tmp_path, monkeypatch):
     coupler, other = (models.four_dof().coupler(0.05) for _ in range(2))
     written, pwrite = [], os.pwrite
 
-    def full(descriptor, data, place):
+    def full(descriptor, data, position):
         written.append(len(data))
         if sum(written) > 50_000:
             raise OSError(28, "No space left on device")
-        return pwrite(descriptor, data[: max(1, len(data) // 2)], place)  # as the system may
+        return pwrite(descriptor, data[: max(1, len(data) // 2)], position)  # as the system may
 
     monkeypatch.setattr(os, "pwrite", full)
     with pytest.raises(OSError, match="record_to cannot be written: No space left.*run.h5'"):
@@ -403,13 +403,13 @@ def test_a_full_disk_ends_the_run_with_what_was_counted(tmp_path, monkeypatch):
     monkeypatch.undo()
     kept = len(coupler.last_history.macro_times) - 1
     assert 3 < kept < coupler.step_count < 1000
-    require_same_bits(coupler.last_history, other.run(steps=kept, energy=True))
-    # and it goes on from where it stands
+    require_identical(coupler.last_history, other.run(steps=kept, energy=True))
+    # and it continues from the present step
     other.step(coupler.step_count - kept)
-    require_same_bits(coupler.run(steps=3), other.run(steps=3))
+    require_identical(coupler.run(steps=3), other.run(steps=3))
 
 
-def test_a_disk_that_is_full_at_once_is_known_before_the_first_step(tmp_path):
+def test_a_disk_that_is_full_is_an_error_before_the_first_step(tmp_path):
     program = f"""
         import resource
         from pmalpha import models
@@ -458,7 +458,7 @@ def test_a_count_beyond_the_rows_is_refused(tmp_path):
         pm.History.load(path)
 
 
-def test_without_h5py_it_is_said_what_to_install(tmp_path, monkeypatch):
+def test_without_h5py_the_error_names_what_to_install(tmp_path, monkeypatch):
     coupler = models.four_dof().coupler(0.05)
     coupler.run(steps=1, record_to=tmp_path / "run.h5")
     monkeypatch.setitem(sys.modules, "h5py", None)
@@ -469,7 +469,7 @@ def test_without_h5py_it_is_said_what_to_install(tmp_path, monkeypatch):
     assert coupler.step_count == 1 and not (tmp_path / "other.h5").exists()
 
 
-def test_the_descriptor_of_the_file_is_let_go(tmp_path):
+def test_the_descriptor_of_the_file_is_released(tmp_path):
     def open_files():
         return len(os.listdir("/dev/fd"))
 
@@ -489,7 +489,7 @@ def test_rows_are_counted_as_the_core_counts_them():
 
 
 def test_an_interrupt_on_entering_any_function_of_the_package_leaves_a_whole_file(tmp_path):
-    # CPython looks at signals when a Python function is entered: every other such place in turn
+    # CPython checks for signals when a Python function is entered: every other entry in turn
     path = tmp_path / "run.h5"
     whole = long_run(5)[0].run(steps=9)
     k, finished = 0, False

@@ -1,4 +1,4 @@
-"""Fixed dofs: the reduced matrices, and the way between free dofs and all dofs."""
+"""Fixed dofs: the reduced matrices, and the map between free dofs and all dofs."""
 
 import numpy as np
 import pytest
@@ -25,12 +25,12 @@ def whole_of(A):
     "form", [np.asarray, np.ndarray.tolist, sp.csr_array, sp.csc_matrix, sp.coo_array, sp.lil_array]
 )
 def test_rows_and_columns_of_fixed_dofs_are_left_out_in_every_format(form):
-    part = reduce(np.arange(1.0, 7.0), form(FULL), form(2.0 * FULL), fixed=FIXED)
-    np.testing.assert_array_equal(part.M, [1.0, 3.0, 6.0])
-    np.testing.assert_array_equal(whole_of(part.K), FULL[LEFT])
-    np.testing.assert_array_equal(whole_of(part.C), 2.0 * FULL[LEFT])
-    assert sp.issparse(part.K) == sp.issparse(form(FULL))
-    assert pm.Subdomain(part.M, part.K, part.C, scheme=pm.Newmark()).n == 3
+    reduced = reduce(np.arange(1.0, 7.0), form(FULL), form(2.0 * FULL), fixed=FIXED)
+    np.testing.assert_array_equal(reduced.M, [1.0, 3.0, 6.0])
+    np.testing.assert_array_equal(whole_of(reduced.K), FULL[LEFT])
+    np.testing.assert_array_equal(whole_of(reduced.C), 2.0 * FULL[LEFT])
+    assert sp.issparse(reduced.K) == sp.issparse(form(FULL))
+    assert pm.Subdomain(reduced.M, reduced.K, reduced.C, scheme=pm.Newmark()).n == 3
 
 
 @pytest.mark.parametrize(
@@ -44,41 +44,41 @@ def test_rows_and_columns_of_fixed_dofs_are_left_out_in_every_format(form):
     ],
 )
 def test_fixed_dofs_are_numbers_in_any_order_or_a_mask(fixed):
-    part = reduce(FULL, FULL, fixed=fixed)
-    assert (part.n, part.free.tolist(), part.fixed.tolist()) == (6, FREE, FIXED)
-    np.testing.assert_array_equal(part.M, FULL[LEFT])
+    reduced = reduce(FULL, FULL, fixed=fixed)
+    assert (reduced.n, reduced.free.tolist(), reduced.fixed.tolist()) == (6, FREE, FIXED)
+    np.testing.assert_array_equal(reduced.M, FULL[LEFT])
 
 
 @pytest.mark.parametrize("fixed", [[], np.zeros(6, dtype=bool)])
 def test_nothing_fixed_leaves_all_as_it_was(fixed):
-    part = reduce(FULL, FULL, fixed=fixed)
-    assert part.free.tolist() == list(range(6)) and part.fixed.size == 0
-    np.testing.assert_array_equal(part.K, FULL)
-    np.testing.assert_array_equal(part.expand(np.arange(6.0)), np.arange(6.0))
+    reduced = reduce(FULL, FULL, fixed=fixed)
+    assert reduced.free.tolist() == list(range(6)) and reduced.fixed.size == 0
+    np.testing.assert_array_equal(reduced.K, FULL)
+    np.testing.assert_array_equal(reduced.expand(np.arange(6.0)), np.arange(6.0))
 
 
 def test_the_last_dofs_can_be_fixed():
-    part = reduce(FULL, sp.csr_array(FULL), fixed=[3, 4, 5])
-    np.testing.assert_array_equal(part.M, FULL[:3, :3])
-    np.testing.assert_array_equal(part.K.toarray(), FULL[:3, :3])
+    reduced = reduce(FULL, sp.csr_array(FULL), fixed=[3, 4, 5])
+    np.testing.assert_array_equal(reduced.M, FULL[:3, :3])
+    np.testing.assert_array_equal(reduced.K.toarray(), FULL[:3, :3])
 
 
 def test_a_matrix_of_zeros_stays_a_matrix_and_none_stays_none():
-    part = reduce(np.ones(3), np.zeros((3, 3)), sp.csr_array((3, 3)), fixed=[0])
-    assert part.K.tolist() == part.C.tolist() == [0.0, 0.0]
-    part = reduce(np.ones(3), None, fixed=[0])
-    assert part.K is None and part.C is None
+    reduced = reduce(np.ones(3), np.zeros((3, 3)), sp.csr_array((3, 3)), fixed=[0])
+    assert reduced.K.tolist() == reduced.C.tolist() == [0.0, 0.0]
+    reduced = reduce(np.ones(3), None, fixed=[0])
+    assert reduced.K is None and reduced.C is None
 
 
 def test_the_input_is_neither_changed_nor_shared():
     M, K = np.ones(3), sp.csr_array(np.diag([1.0, 2.0, 3.0]))
-    part = reduce(M, K, fixed=[])
+    reduced = reduce(M, K, fixed=[])
     M[0], K.data[0] = 7.0, 7.0
-    assert part.M.tolist() == [1.0, 1.0, 1.0] and part.K.tolist() == [1.0, 2.0, 3.0]
+    assert reduced.M.tolist() == [1.0, 1.0, 1.0] and reduced.K.tolist() == [1.0, 2.0, 3.0]
     with pytest.raises(ValueError, match="read-only"):
-        part.free[0] = 1
+        reduced.free[0] = 1
     with pytest.raises(AttributeError):
-        part.M = M
+        reduced.M = M
 
 
 # ---- the map ----------------------------------------------------------------------------------
@@ -121,12 +121,12 @@ def test_reduce_load_leaves_out_what_goes_into_the_supports():
 
 
 def test_place_finds_dofs_of_the_whole_among_the_free_ones():
-    part = of_six()
-    assert part.place([5, 0, 2, 0]).tolist() == [2, 0, 1, 0]
-    assert part.place(5) == 2
-    assert part.place([[0, 2], [2, 5]]).tolist() == [[0, 1], [1, 2]]
-    assert part.place([]).dtype.kind == "i" and part.place([]).size == 0
-    np.testing.assert_array_equal(part.free[part.place(FREE)], FREE)
+    reduced = of_six()
+    assert reduced.place([5, 0, 2, 0]).tolist() == [2, 0, 1, 0]
+    assert reduced.place(5) == 2
+    assert reduced.place([[0, 2], [2, 5]]).tolist() == [[0, 1], [1, 2]]
+    assert reduced.place([]).dtype.kind == "i" and reduced.place([]).size == 0
+    np.testing.assert_array_equal(reduced.free[reduced.place(FREE)], FREE)
 
 
 @pytest.mark.parametrize(
@@ -143,7 +143,7 @@ def test_place_refuses_dofs_that_are_fixed_or_do_not_exist(dofs, message):
 
 
 @pytest.mark.parametrize("dofs", [[0.0], [True], ["a"]])
-def test_place_takes_whole_numbers_only(dofs):
+def test_place_accepts_whole_numbers_only(dofs):
     with pytest.raises(TypeError, match="dofs must be a 1-D array of whole numbers"):
         of_six().place(dofs)
 
@@ -163,27 +163,27 @@ def test_arrays_of_another_length_are_refused(name, size):
 # ---- in a run ---------------------------------------------------------------------------------
 
 
-def test_a_reduced_run_is_that_of_the_whole_with_the_dof_held_by_a_condition():
+def test_a_reduced_run_is_that_of_the_whole_with_the_dof_held_by_a_constraint():
     K = np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
     M, load = np.array([1.0, 2.0, 3.0]), np.array([4.0, 0.0, 1.0])
     whole = pm.Subdomain(M, K, scheme=pm.GeneralizedAlpha(0.5), force=load, name="whole")
     held = pm.Constraint({whole: [[1.0, 0.0, 0.0]]})
     expected = pm.Coupler([whole], held, dt=0.1).run(steps=50)["whole"]
 
-    part = reduce(M, K, fixed=[0])
+    reduced = reduce(M, K, fixed=[0])
     short = pm.Subdomain(
-        part.M, part.K, scheme=pm.GeneralizedAlpha(0.5), force=part.reduce_load(load)
+        reduced.M, reduced.K, scheme=pm.GeneralizedAlpha(0.5), force=reduced.reduce_load(load)
     )
     history = pm.solve(short, dt=0.1, t_end=5.0)
     for name in "uva":
         # the same equations, solved otherwise: 50 steps of rounding, values up to 5
         np.testing.assert_allclose(
-            part.expand(getattr(history, name)), getattr(expected, name), rtol=0.0, atol=1e-13
+            reduced.expand(getattr(history, name)), getattr(expected, name), rtol=0.0, atol=1e-13
         )
     assert np.abs(expected.u[:, 1:]).max() > 1.0
 
 
-# ---- what is refused --------------------------------------------------------------------------
+# ---- errors -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -197,7 +197,7 @@ def test_a_reduced_run_is_that_of_the_whole_with_the_dof_held_by_a_condition():
         (np.ones(6, dtype=bool), "fixed must leave a dof free, got all 6"),
     ],
 )
-def test_fixed_dofs_that_make_no_sense_are_refused(fixed, message):
+def test_invalid_fixed_dofs_are_refused(fixed, message):
     with pytest.raises(ValueError, match=message):
         reduce(np.ones(6), np.ones(6), fixed=fixed)
 
@@ -221,7 +221,7 @@ def test_matrices_are_checked_with_the_dofs_of_the_whole():
         reduce(None, np.ones(2), fixed=[0])
 
 
-def test_a_reduction_says_what_it_is():
+def test_the_repr_of_a_reduction_has_both_sizes():
     assert repr(of_six()) == "<Reduction of 6 dofs to 3>"
     assert isinstance(of_six(), Reduction)
 
@@ -241,7 +241,7 @@ def test_a_consistent_mass_on_moving_ground_needs_the_load_of_the_whole_matrix()
     relative = pm.Subdomain(reduction.M, reduction.K, scheme=scheme, force=load)
     u = pm.solve(relative, 0.01, 2.0).u[:, 0]
     # both are of order 2: omega dt = 0.017, and u is of size 1; without the coupling term the load
-    # is 2/6 in the place of 3/6
+    # is 2/6 instead of 3/6
     np.testing.assert_allclose(u, absolute[:, 1] - absolute[:, 0], rtol=0, atol=1e-4)
     short = pm.BaseAcceleration(ramp, 0.01, [1.0], reduction.M)
     wrong = pm.Subdomain(reduction.M, reduction.K, scheme=scheme, force=short)

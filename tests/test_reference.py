@@ -1,8 +1,8 @@
-"""The reference itself, held against truth that owes it nothing: closed forms, expm, raw data.
+"""The reference compared with independent results: closed forms, expm, residuals of raw data.
 
-`order` below is the slope of log(error) over log(dt). An error c1 dt^q + c2 dt^(q+1) shows a slope
-that differs from q by about dt c2/c1, so each slope is taken at steps small enough that the
-tolerance beside it covers that second term, and large enough that rounding does not show.
+`order` below is the slope of log(error) over log(dt). An error c1 dt^q + c2 dt^(q+1) has a slope
+that differs from q by about dt c2/c1, so each slope is measured at steps small enough that the
+tolerance beside it covers the second term, and large enough that rounding has no effect.
 """
 
 from dataclasses import replace
@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.linalg
-from reference import Part, alpha, exact, initial_accelerations, run
+from reference import Subdomain, alpha, exact, initial_accelerations, run
 
 ONE = np.ones((1, 1))
-FREE = [np.zeros((0, 1))]  # no conditions on a part of one dof
+FREE = [np.zeros((0, 1))]  # no constraints on a subdomain of one dof
 CENTRAL = {"beta": 0.0, "explicit": True}  # keywords of the central difference
 
 
@@ -23,7 +23,7 @@ def orders(errors):
     return np.log2(errors[:-1] / errors[1:])
 
 
-# ---- the truth ------------------------------------------------------------------------------
+# ---- the exact solution ---------------------------------------------------------------------
 
 
 def test_exact_is_the_damped_cosine_of_one_dof():
@@ -33,7 +33,7 @@ def test_exact_is_the_damped_cosine_of_one_dof():
     u, v, w = exact(m * ONE, c * ONE, k * ONE, [1.0], [-d], t)
     # u = exp(-d t) cos(om t) starts with u = 1, v = -d
     cos, sin = np.exp(-d * t) * np.cos(om * t), np.exp(-d * t) * np.sin(om * t)
-    # expm squares itself about 8 times: eps 2^8 of the largest value, 25; c = 0.61 misses by 1e-2
+    # expm squares about 8 times: eps 2^8 of the largest value, 25; c = 0.61 misses by 1e-2
     np.testing.assert_allclose(u[:, 0], cos, rtol=0, atol=1e-11)
     np.testing.assert_allclose(v[:, 0], -d * cos - om * sin, rtol=0, atol=1e-11)
     np.testing.assert_allclose(w[:, 0], (d**2 - om**2) * cos + 2 * d * om * sin, rtol=0, atol=1e-11)
@@ -64,27 +64,27 @@ def damped_chain(**scheme):
     K = 40.0 * (2 * np.eye(3) - np.eye(3, k=1) - np.eye(3, k=-1))
     M = np.diag([1.0, 2.0, 1.5])
     start = {"u0": [1.0, 0.0, -0.5], "v0": [0.0, 2.0, 1.0]}
-    return Part(M, K, 0.02 * M + 0.01 * K, **scheme, **start)
+    return Subdomain(M, K, 0.02 * M + 0.01 * K, **scheme, **start)
 
 
-def uncoupled_errors(part, counts):
+def uncoupled_errors(s, counts):
     """Errors of u, v, w at t = 1, one row for each number of steps."""
-    truth = np.array(exact(part.M, part.C, part.K, part.u0, part.v0, 1.0))
+    truth = np.array(exact(s.M, s.C, s.K, s.u0, s.v0, 1.0))
     errors = []
     for count in counts:
-        got = run([part], [np.zeros((0, len(part.M)))], 1.0 / count, count).parts[0]
+        got = run([s], [np.zeros((0, len(s.M)))], 1.0 / count, count).subdomains[0]
         errors.append(np.abs([got.u[-1], got.v[-1], got.w[-1]] - truth).max(axis=1))
     return np.array(errors)
 
 
 @pytest.mark.parametrize("explicit", [False, True])
 @pytest.mark.parametrize("rho", [0.0, 0.5, 1.0])
-def test_an_uncoupled_part_has_order_two(rho, explicit):
-    part = damped_chain(**alpha(rho, explicit))
-    slopes = orders(uncoupled_errors(part, [400, 800]))
+def test_an_uncoupled_subdomain_has_order_two(rho, explicit):
+    s = damped_chain(**alpha(rho, explicit))
+    slopes = orders(uncoupled_errors(s, [400, 800]))
     assert slopes == pytest.approx(2.0, abs=0.05)  # dt omega = 0.03: the next term
-    # gamma off its condition 1/2 - am + af costs one order (the same tolerance)
-    off = replace(part, gamma=part.gamma + 0.1)
+    # gamma other than 1/2 - am + af costs one order (the same tolerance)
+    off = replace(s, gamma=s.gamma + 0.1)
     assert orders(uncoupled_errors(off, [800, 1600])) == pytest.approx(1.0, abs=0.05)
 
 
@@ -100,26 +100,26 @@ def forced_errors(late, counts):
     for count in counts:
         h = 2.0 / count
         force = lambda t, h=h: np.array([np.cos(2.0 * (t - late * h))])  # noqa: E731
-        part = Part(ONE, 9.0 * ONE, **alpha(0.5), force=force)
+        s = Subdomain(ONE, 9.0 * ONE, **alpha(0.5), force=force)
         # from rest: u = (cos 2 t - cos 3 t) / (9 - 4)
         truth = (np.cos(4.0) - np.cos(6.0)) / 5.0
-        errors.append(abs(run([part], FREE, h, count).parts[0].u[-1, 0] - truth))
+        errors.append(abs(run([s], FREE, h, count).subdomains[0].u[-1, 0] - truth))
     return errors
 
 
 def test_a_load_belongs_to_the_end_of_the_step():
     assert orders(forced_errors(0.0, [200, 400])) == pytest.approx(2.0, abs=0.05)  # dt omega = 0.03
-    # taken af h earlier, as with equilibrium inside the step, it costs one order
+    # evaluated af h earlier, as with equilibrium within the step, it costs one order
     assert orders(forced_errors(1 / 3, [200, 400])) == pytest.approx(1.0, abs=0.1)
 
 
 def three_step_residual(rho, h):
     """Left-hand side of the paper's three-step form (3) (4) on a computed sequence u."""
     m, c, k = 2.0, 0.4, 30.0
-    s = alpha(rho)
-    am, af, g, b = s["am"], s["af"], s["gamma"], s["beta"]
-    part = Part(m * ONE, k * ONE, c * ONE, **s, u0=[1.0], v0=[2.0])
-    u = run([part], FREE, h, 40).parts[0].u[:, 0]
+    scheme = alpha(rho)
+    am, af, g, b = scheme["am"], scheme["af"], scheme["gamma"], scheme["beta"]
+    s = Subdomain(m * ONE, k * ONE, c * ONE, **scheme, u0=[1.0], v0=[2.0])
+    u = run([s], FREE, h, 40).subdomains[0].u[:, 0]
     al = [am, 1 - 3 * am, -2 + 3 * am, 1 - am]
     ga = [af * (g - 1), -1 + 2 * af + g - 3 * g * af, 1 - af - 2 * g + 3 * g * af, (1 - af) * g]
     de = [0.5 + b - g, 0.5 - 2 * b + g, b]
@@ -137,8 +137,8 @@ def test_implicit_displacements_satisfy_the_three_step_form_of_the_paper(rho):
 
 def explicit_oscillator(rho, omega_h, steps):
     """u of the explicit scheme alone, w + u = 0, h = omega_h."""
-    part = Part(ONE, ONE, **alpha(rho, explicit=True), u0=[1.0], v0=[0.7])
-    return run([part], FREE, omega_h, steps).parts[0].u[:, 0]
+    s = Subdomain(ONE, ONE, **alpha(rho, explicit=True), u0=[1.0], v0=[0.7])
+    return run([s], FREE, omega_h, steps).subdomains[0].u[:, 0]
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.3, 0.8])
@@ -161,41 +161,41 @@ def test_the_explicit_scheme_is_stable_up_to_its_limit_and_not_beyond(rho):
     assert np.abs(explicit_oscillator(rho, 1.01 * limit, 2000)[-10:]).max() > 1e3
 
 
-# ---- split oscillator (METHOD section 6) ----------------------------------------------------
+# ---- split oscillator -----------------------------------------------------------------------
 
 OMEGA = 2 * np.pi
 MIRROR = [ONE, -ONE]
 
 
 def oscillator(ss=1, b1=10.0, rho=0.5, double=True):
-    """m = 1, period 1, cut in two: A implicit, B explicit; b1 = mA/mB = kB/kA."""
+    """m = 1, period 1, split in two: A implicit, B explicit; b1 = mA/mB = kB/kA."""
     m_b, k_a = 1 / (1 + b1), OMEGA**2 / (1 + b1)
     start = {"u0": [1.0], "v0": [0.3]}
-    a = Part((1 - m_b) * ONE, k_a * ONE, **alpha(rho), double=double, **start)
+    a = Subdomain((1 - m_b) * ONE, k_a * ONE, **alpha(rho), double=double, **start)
     stiff = (OMEGA**2 - k_a) * ONE
-    return [a, Part(m_b * ONE, stiff, **alpha(rho, explicit=True), substeps=ss, **start)]
+    return [a, Subdomain(m_b * ONE, stiff, **alpha(rho, explicit=True), substeps=ss, **start)]
 
 
-def oscillator_truth(parts, t):
-    """Closed-form u, v, w and Lam of the cut oscillator, each (k,)."""
+def oscillator_truth(subdomains, t):
+    """Closed-form u, v, w and Lam of the split oscillator, each (k,)."""
     cos, sin = np.cos(OMEGA * t), np.sin(OMEGA * t)
     u, v = cos + 0.3 / OMEGA * sin, -OMEGA * sin + 0.3 * cos
     w = -(OMEGA**2) * u
     # (1)  Lam = mA w + kA u, for L_A = 1
-    return u, v, w, parts[0].M[0, 0] * w + parts[0].K[0, 0] * u
+    return u, v, w, subdomains[0].M[0, 0] * w + subdomains[0].K[0, 0] * u
 
 
 def oscillator_errors(counts, ss=1, **options):
     """Largest errors of u, v, w, Lam in one period, one row for each number of steps.
 
-    At macro nodes; w and Lam in the second half, where the transient of the start is over.
+    At the ends of macro steps; w and Lam in the second half, after the transient of the start.
     """
     errors = []
     for count in counts:
-        parts = oscillator(ss=ss, **options)
-        got = run(parts, MIRROR, 1.0 / count, count)
-        u, v, w, Lam = oscillator_truth(parts, got.parts[0].t)
-        a, b = got.parts
+        subdomains = oscillator(ss=ss, **options)
+        got = run(subdomains, MIRROR, 1.0 / count, count)
+        u, v, w, Lam = oscillator_truth(subdomains, got.subdomains[0].t)
+        a, b = got.subdomains
         late = slice(count // 2, None)
         differ = [a.u[:, 0] - u, a.v[:, 0] - v, (a.w[:, 0] - w)[late]]
         differ.append((got.multipliers[::ss, 0] - Lam)[late])
@@ -214,8 +214,8 @@ def test_the_split_oscillator_has_order_two_with_equal_steps(double):
 @pytest.mark.parametrize("ss", [2, 20])
 @pytest.mark.parametrize("double", [False, True])
 def test_the_split_oscillator_has_order_one_with_subcycling(ss, double):
-    # "pm" shows it in v only below dt = 1/200: before, the dt^2 term of its double step is larger
-    # than the dt term. At 1/320 it is a tenth of it, which is 0.1 / 2 / ln 2 in the slope
+    # under "pm" the order of v shows below dt = 1/200 only: above, the dt^2 term of its double step
+    # is larger than the dt term. At 1/320 it is a tenth of it: 0.1 / 2 / ln 2 in the slope
     slopes = orders(oscillator_errors([320, 640], ss=ss, double=double))
     assert slopes == pytest.approx(1.0, abs=0.08)
 
@@ -227,16 +227,16 @@ def test_velocities_of_both_sides_agree_at_every_fine_step(ss, double):
     assert got.velocity_jump.shape == (200 * ss + 1, 1)
     # difference of two numbers of size 6, each a sum of a few terms of that size
     assert np.abs(got.velocity_jump).max() < 1e-14
-    # it is the interface problem that does it: without, the sides swing at different frequencies
-    parts = oscillator(ss=ss, double=False)
-    loose = [run([part], FREE, 1 / 40, 40).parts[0].v for part in parts]
+    # without the interface problem the two sides vibrate at different frequencies
+    subdomains = oscillator(ss=ss, double=False)
+    loose = [run([s], FREE, 1 / 40, 40).subdomains[0].v for s in subdomains]
     assert np.abs(loose[0] - loose[1][::ss]).max() > 1.0
 
 
 @pytest.mark.parametrize("ss", [1, 20])
 def test_displacements_drift_by_a_bounded_amount_that_falls_with_the_square_of_the_step(ss):
     drift = np.abs(run(oscillator(ss=ss), MIRROR, 1 / 40, 400).displacement_jump[:, 0])
-    # all roots lie in the unit disc and 1 is simple: what swings decays, the rest stays
+    # all roots are in the unit disc and 1 is simple: oscillations decay, the drift remains
     assert drift[200:].max() <= drift[:200].max()
     assert drift[0] == 0.0 < drift[200:].max()
     # each step adds O(dt^3) to the gap, 1/dt of them; dt omega = 0.08 is the next term
@@ -250,20 +250,20 @@ def late_growth(rho, b1, ss, fraction):
     limit = np.sqrt(12 * (1 + rho) * (2 - rho) / (10 - 5 * rho + rho**2))
     omega_b = OMEGA * np.sqrt(b1)
     got = run(oscillator(ss=ss, b1=b1, rho=rho), MIRROR, fraction * limit * ss / omega_b, 200)
-    v = np.abs(got.parts[1].v[:, 0])
+    v = np.abs(got.subdomains[1].v[:, 0])
     return v[len(v) // 2 :].max() / v[: len(v) // 2].max()
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
 @pytest.mark.parametrize("b1", [0.01, 1.0, 100.0])
 @pytest.mark.parametrize("ss", [1, 5])
-def test_the_cut_oscillator_is_stable_up_to_the_limit_of_its_explicit_part(rho, b1, ss):
-    # every root lies in the unit disc: velocities only decay
+def test_the_split_oscillator_is_stable_up_to_the_limit_of_its_explicit_subdomain(rho, b1, ss):
+    # every root is in the unit disc: velocities decay
     assert late_growth(rho, b1, ss, fraction=0.98) <= 1.0
 
 
 @pytest.mark.parametrize("ss", [1, 5])
-def test_the_cut_oscillator_is_unstable_where_its_stiff_explicit_part_is(ss):
+def test_the_split_oscillator_is_unstable_where_its_stiff_explicit_subdomain_is(ss):
     # b1 = 100: nearly all of the spring is in B; a root outside the disc doubles every few steps
     assert late_growth(0.5, 100.0, ss, fraction=2.5) > 1e3
 
@@ -271,25 +271,25 @@ def test_the_cut_oscillator_is_unstable_where_its_stiff_explicit_part_is(ss):
 # ---- the start ------------------------------------------------------------------------------
 
 
-def test_the_first_multiplier_is_the_force_that_the_cut_carries():
-    parts = oscillator(b1=10.0)
-    w, Lam = initial_accelerations(parts, MIRROR)
+def test_the_first_multiplier_is_the_force_across_the_interface():
+    subdomains = oscillator(b1=10.0)
+    w, Lam = initial_accelerations(subdomains, MIRROR)
     # w = -omega^2 and Lam = mA w + kA = omega^2 (1 - b1) / (1 + b1); a few roundings of 40
     assert np.concatenate(w) == pytest.approx(-(OMEGA**2), rel=1e-14)
     assert Lam == pytest.approx(OMEGA**2 * (1 - 10) / (1 + 10), rel=1e-13)
-    got = run(parts, MIRROR, 0.01, 1)
-    np.testing.assert_array_equal(got.parts[0].a[0], got.parts[0].w[0])
+    got = run(subdomains, MIRROR, 0.01, 1)
+    np.testing.assert_array_equal(got.subdomains[0].a[0], got.subdomains[0].w[0])
     # (S2)  with al1 = h^2 8/27 and al2 = h 5/9 at rho = 1/2; a few roundings
-    a, h = parts[0], 0.01
+    a, h = subdomains[0], 0.01
     vf = 0.3 - h * 5 / 9 * Lam[0] / (a.M[0, 0] + h**2 * 8 / 27 * a.K[0, 0])
-    assert got.parts[0].vf[0] == pytest.approx(vf, rel=1e-13)
+    assert got.subdomains[0].vf[0] == pytest.approx(vf, rel=1e-13)
 
 
 def accelerations_after_the_start(ss, start, dt):
-    """Error of w of B at the fine nodes of the second macro step."""
-    parts = oscillator(ss=ss)
-    b = run(parts, MIRROR, dt, 2, start).parts[1]
-    return (b.w[:, 0] - oscillator_truth(parts, b.t)[2])[ss + 1 :]
+    """Error of w of B at the fine instants of the second macro step."""
+    subdomains = oscillator(ss=ss)
+    b = run(subdomains, MIRROR, dt, 2, start).subdomains[1]
+    return (b.w[:, 0] - oscillator_truth(subdomains, b.t)[2])[ss + 1 :]
 
 
 @pytest.mark.parametrize("ss", [2, 20])
@@ -315,15 +315,15 @@ def test_after_the_plain_start_the_acceleration_error_stays(ss):
 
 def test_with_equal_steps_the_two_starts_are_the_same():
     got = [run(oscillator(), MIRROR, 0.02, 30, start) for start in ("rebased", "plain")]
-    # vf is interpolated only between own nodes, and there are none in between
-    np.testing.assert_array_equal(got[0].parts[1].u, got[1].parts[1].u)
+    # vf is interpolated between time levels only, and all fine instants are time levels
+    np.testing.assert_array_equal(got[0].subdomains[1].u, got[1].subdomains[1].u)
     different = [run(oscillator(ss=2), MIRROR, 0.02, 30, start) for start in ("rebased", "plain")]
-    assert np.abs(different[0].parts[1].u - different[1].parts[1].u).max() > 1e-4
+    assert np.abs(different[0].subdomains[1].u - different[1].subdomains[1].u).max() > 1e-4
 
 
-def test_a_tiny_mass_is_not_taken_for_none():
-    parts = [Part(1e-14 * ONE, ONE, u0=[1e-14]), Part(1e6 * ONE, ONE, u0=[1.0])]
-    w, _ = initial_accelerations(parts, [np.zeros((0, 1))] * 2)
+def test_a_tiny_mass_is_not_treated_as_zero():
+    subdomains = [Subdomain(1e-14 * ONE, ONE, u0=[1e-14]), Subdomain(1e6 * ONE, ONE, u0=[1.0])]
+    w, _ = initial_accelerations(subdomains, [np.zeros((0, 1))] * 2)
     # w = -k u / m; two roundings
     assert np.concatenate(w) == pytest.approx([-1.0, -1e-6], rel=1e-14)
 
@@ -331,42 +331,44 @@ def test_a_tiny_mass_is_not_taken_for_none():
 # ---- raw data -------------------------------------------------------------------------------
 
 
-def test_every_part_is_in_equilibrium_at_every_own_node():
-    parts, L, *_ = cross(ss=(1, 2, 4), double=(True, True, False), explicit=(False, False, True))
-    for part, load in zip(parts, ([1.0, 0.0], [0.0, 3.0], [-2.0, 1.0]), strict=True):
-        part.force = lambda t, load=load: np.cos(5 * t) * np.array(load)
+def test_every_subdomain_is_in_equilibrium_at_its_time_levels():
+    subdomains, L, *_ = cross(
+        ss=(1, 2, 4), double=(True, True, False), explicit=(False, False, True)
+    )
+    for s, load in zip(subdomains, ([1.0, 0.0], [0.0, 3.0], [-2.0, 1.0]), strict=True):
+        s.force = lambda t, load=load: np.cos(5 * t) * np.array(load)
     dt = 0.02
-    got = run(parts, L, dt, 20)
-    for part, Li, x in zip(parts, L, got.parts, strict=True):
-        Lam = got.multipliers[:: 4 // part.substeps]
-        h = np.full(len(x.t), dt / part.substeps)
-        h[part.substeps + 1 :] *= 1 + part.double
-        # (7) holds with u1, (10) with ut = u1 - al1 w1; (S1) with u_0
-        al1 = h**2 * part.beta * (1 - part.af) / (1 - part.am) * part.explicit
+    got = run(subdomains, L, dt, 20)
+    for s, Li, x in zip(subdomains, L, got.subdomains, strict=True):
+        Lam = got.multipliers[:: 4 // s.substeps]
+        h = np.full(len(x.t), dt / s.substeps)
+        h[s.substeps + 1 :] *= 1 + s.double
+        # (7) with u1, (10) with ut = u1 - al1 w1; (S1) with u_0
+        al1 = h**2 * s.beta * (1 - s.af) / (1 - s.am) * s.explicit
         al1[0] = 0.0
         u = x.u - al1[:, None] * x.w
-        load = np.array([part.force(t) for t in x.t])
-        residual = x.w @ part.M + x.v @ part.C + u @ part.K - load - Lam @ Li
+        load = np.array([s.force(t) for t in x.t])
+        residual = x.w @ s.M + x.v @ s.C + u @ s.K - load - Lam @ Li
         assert np.abs(residual).max() < 1e-12  # sums of forces of size 100; M, C, K symmetric
-        # a load that is not the one of the run does not balance
+        # another load is not in equilibrium
         assert np.abs(residual + 1e-3 * load).max() > 1e-4
 
 
-def test_equal_instants_have_equal_bits():
-    asked = {0: [], 1: [], 2: []}
-    parts, L, *_ = cross(ss=(1, 3, 6), double=(True, True, False), explicit=(False,) * 3)
-    for i, part in enumerate(parts):
-        part.force = lambda t, i=i: asked[i].append(t) or np.zeros(2)
+def test_equal_instants_are_bitwise_identical():
+    times = {0: [], 1: [], 2: []}
+    subdomains, L, *_ = cross(ss=(1, 3, 6), double=(True, True, False), explicit=(False,) * 3)
+    for i, s in enumerate(subdomains):
+        s.force = lambda t, i=i: times[i].append(t) or np.zeros(2)
     dt = 0.1  # 3 * 0.1 and 0.1 + 0.1 + 0.1 differ from 0.3 in the last bit
-    got = run(parts, L, dt, 10)
+    got = run(subdomains, L, dt, 10)
     np.testing.assert_array_equal(got.multiplier_times, [(k / 6) * dt for k in range(61)])
     for i, stride in enumerate((6, 2, 1)):
-        np.testing.assert_array_equal(got.parts[i].t, got.multiplier_times[::stride])
-        # once for the initial accelerations, then once a step, in the order of time
-        np.testing.assert_array_equal(asked[i], got.parts[i].t)
+        np.testing.assert_array_equal(got.subdomains[i].t, got.multiplier_times[::stride])
+        # once for the initial accelerations, then once per step, in the order of time
+        np.testing.assert_array_equal(times[i], got.subdomains[i].t)
 
 
-# ---- four dofs (METHOD section 6, the paper's figure 7) -------------------------------------
+# ---- four-dof system (docs/method.md section 12, the paper's figure 7) ----------------------
 
 HERTZ = np.array([0.47, 2.90, 4.18, 9.47])
 
@@ -381,25 +383,25 @@ def published_springs():
     k = np.array([724.281, 1564.897, 18.343, 340.108])
     for _ in range(4):
         lam, modes = scipy.linalg.eigh(chain(k))
-        # d lam_j / d k_s = (stretch of spring s in mode j)^2
+        # d lam_j / d k_s = (elongation of spring s in mode j)^2
         slope = np.diff(modes, axis=0, prepend=0.0).T ** 2
         k = k + np.linalg.solve(slope, (2 * np.pi * HERTZ) ** 2 - lam)
     return k
 
 
 def four_dof(scheme_a, scheme_b):
-    """A = {u2, u3, u4} implicit, double; B = {u1, u2} explicit, ss = 20; m2 split in half."""
+    """A = {u2, u3, u4} implicit, double steps; B = {u1, u2} explicit, ss = 20; m2 split in half."""
     k = published_springs()
-    a = Part(np.diag([0.5, 1.0, 1.0]), chain(np.append(0.0, k[2:])), **scheme_a, double=True,
+    a = Subdomain(np.diag([0.5, 1.0, 1.0]), chain(np.append(0.0, k[2:])), **scheme_a, double=True,
              u0=[0.0, 0.0, 1.0])  # fmt: skip
-    b = Part(np.diag([1.0, 0.5]), chain(k[:2]), **scheme_b, substeps=20)
+    b = Subdomain(np.diag([1.0, 0.5]), chain(k[:2]), **scheme_b, substeps=20)
     return [a, b], [np.array([[1.0, 0.0, 0.0]]), np.array([[0.0, -1.0]])]
 
 
 def modal_amplitudes(got):
-    """sqrt(q^2 + (q'/omega)^2) of the uncut chain at the macro nodes, shape (nodes, 4)."""
+    """sqrt(q^2 + (q'/omega)^2) of the uncut chain at the ends of macro steps, (steps + 1, 4)."""
     _, modes = scipy.linalg.eigh(chain(published_springs()))
-    a, b = got.parts
+    a, b = got.subdomains
     uncut = []
     for x, y in ((a.u, b.u[::20]), (a.v, b.v[::20])):
         uncut.append(np.column_stack([y[:, 0], (x[:, 0] + y[:, 1]) / 2, x[:, 1:]]))
@@ -410,7 +412,7 @@ def test_the_four_dof_chain_has_the_published_frequencies():
     lam = scipy.linalg.eigvalsh(chain(published_springs()))
     # eigenvalues up to 3540 with rounding 1e-12, on the smallest, 8.7
     assert np.sqrt(lam) / (2 * np.pi) == pytest.approx(HERTZ, rel=1e-12)
-    # and the cut chain is the same one: parts summed with u2 shared
+    # the two subdomains assembled, with u2 shared, are the same chain
     (a, b), _ = four_dof({}, CENTRAL)
     K = scipy.linalg.block_diag(b.K, 0.0, 0.0) + scipy.linalg.block_diag(0.0, a.K)
     np.testing.assert_allclose(K, chain(published_springs()), rtol=1e-15)
@@ -420,13 +422,13 @@ def test_pm_keeps_the_high_modes_of_the_four_dof_chain_and_pm_alpha_annihilates_
     dt = 1 / 40 / HERTZ[0]
     pm = modal_amplitudes(run(*four_dof({}, CENTRAL), dt, 100))
     pm_alpha = modal_amplitudes(run(*four_dof(alpha(0.5), alpha(0.5, explicit=True)), dt, 100))
-    # the bounds are the acceptance numbers of METHOD section 6, the printed digits their margin
+    # the numbers of docs/method.md section 12 and docs/reproduction.md, to the printed digits
     assert pm[0, 2] == pm_alpha[0, 2] == pytest.approx(0.697, abs=5e-4)
     assert pm[100, 2] > 0.6
     assert pm_alpha[100, 2] < 0.01
     assert pm[100, 0] == pytest.approx(pm[0, 0], rel=0.05)
     assert pm_alpha[100, 0] == pytest.approx(pm_alpha[0, 0], rel=0.05)
-    # PM pumps the 2.90 Hz mode
+    # PM transfers energy to the 2.90 Hz mode
     assert pm[0, 1] == pytest.approx(0.04, abs=5e-3)
     assert pm[100, 1] == pytest.approx(0.3, abs=0.05)
 
@@ -442,18 +444,18 @@ def test_the_four_dof_chain_drifts_apart_as_much_as_stated(schemes, drift):
         np.abs(run(*four_dof(*schemes), dt, 100, start).displacement_jump).max()
         for start in ("plain", "rebased")
     )
-    assert plain == pytest.approx(drift, abs=5e-4)  # printed digits of METHOD section 6
-    assert rebased < plain  # the plain start adds its own gap
+    assert plain == pytest.approx(drift, abs=5e-4)  # printed digits of docs/reproduction.md
+    assert rebased < plain  # the plain start adds to the drift
 
 
 # ---- three subdomains at a cross point ------------------------------------------------------
 
 
 def cross(ss, double, explicit):
-    """Three parts [hub, outer] that share the hub, and the uncut system M, C, K, u0, v0."""
+    """Three subdomains [hub, outer] that share the hub, and the uncut system M, C, K, u0, v0."""
     M, C, K = np.zeros((3, 4, 4))
     u0, v0 = np.array([0.2, 1.0, -0.5, 0.3]), np.array([0.1, -0.2, 0.4, 0.0])
-    parts = []
+    subdomains = []
     for i, (hub, outer, k) in enumerate([(0.4, 1.0, 30.0), (0.25, 0.7, 55.0), (0.35, 1.5, 80.0)]):
         m = np.diag([hub, outer])
         stiff = k * np.array([[1.0, -1.0], [-1.0, 1.0]]) + np.diag([0.0, 10.0 * (i + 1)])
@@ -462,8 +464,8 @@ def cross(ss, double, explicit):
         M[at] += m
         C[at] += c
         K[at] += stiff
-        parts.append(
-            Part(
+        subdomains.append(
+            Subdomain(
                 m,
                 stiff,
                 c,
@@ -476,23 +478,25 @@ def cross(ss, double, explicit):
         )
     e, o = [1.0, 0.0], [0.0, 0.0]
     L = [np.array([e, e]), np.array([np.negative(e), o]), np.array([o, np.negative(e)])]
-    return parts, L, M, C, K, u0, v0
+    return subdomains, L, M, C, K, u0, v0
 
 
 def cross_errors(counts, **options):
-    """Errors of u, v, w of all parts at t = 1, one row for each number of steps."""
-    parts, L, *uncut = cross(**options)
+    """Errors of u, v, w of all subdomains at t = 1, one row for each number of steps."""
+    subdomains, L, *uncut = cross(**options)
     truth = np.array(exact(*uncut, 1.0))
     errors = []
     for count in counts:
-        got = run(parts, L, 1.0 / count, count)
-        last = [[x.u[-1], x.v[-1], x.w[-1]] - truth[:, [0, i + 1]] for i, x in enumerate(got.parts)]
+        got = run(subdomains, L, 1.0 / count, count)
+        last = [
+            [x.u[-1], x.v[-1], x.w[-1]] - truth[:, [0, i + 1]] for i, x in enumerate(got.subdomains)
+        ]
         errors.append(np.abs(last).max(axis=(0, 2)))
     return np.array(errors)
 
 
 @pytest.mark.parametrize("double", [(False, False, False), (True, False, True)], ids=["gc", "pm"])
-def test_three_parts_at_a_cross_point_have_order_two_with_equal_steps(double):
+def test_three_subdomains_at_a_cross_point_have_order_two_with_equal_steps(double):
     options = {"ss": (1, 1, 1), "double": double, "explicit": (False, True, False)}
     slopes = orders(cross_errors([400, 800], **options))
     assert slopes == pytest.approx(2.0, abs=0.05)  # dt omega = 0.03: the next term
@@ -504,24 +508,26 @@ def test_three_parts_at_a_cross_point_have_order_two_with_equal_steps(double):
         ((1, 2, 4), (False, False, False)),
         ((1, 2, 4), (True, True, False)),
         ((2, 1, 4), (True, False, False)),
-        ((1, 4, 4), (True, True, False)),  # double at the finest step, beside a single one
+        ((1, 4, 4), (True, True, False)),  # double steps at the finest step, beside single ones
     ],
 )
-def test_three_parts_at_a_cross_point_have_order_one_with_any_substeps(ss, double):
+def test_three_subdomains_at_a_cross_point_have_order_one_with_subcycling(ss, double):
     options = {"ss": ss, "double": double, "explicit": (False, False, True)}
     errors = cross_errors([100, 400, 800], **options)
     # order 1 at least: a factor 8, less a tenth for terms of opposite sign
     assert (errors[2] < errors[0] / 8 * 1.1).all()
-    # and w, where the error of Lam shows at once, is of no higher order
+    # and w, which contains the error of Lam, is of no higher order
     assert orders(errors[1:])[0, 2] == pytest.approx(1.0, abs=0.1)  # dt^2 term: a tenth
 
 
-def test_which_conditions_tie_the_cross_point_makes_no_difference():
-    parts, L, *_ = cross(ss=(1, 2, 4), double=(True, True, False), explicit=(False, False, True))
+def test_equivalent_constraints_at_a_cross_point_give_the_same_motion():
+    subdomains, L, *_ = cross(
+        ss=(1, 2, 4), double=(True, True, False), explicit=(False, False, True)
+    )
     mix = np.array([[1.0, -1.0], [2.0, 1.0]])  # any regular matrix: 0 = mix (sum L_i v_i)
-    one = run(parts, L, 0.02, 50)
-    two = run(parts, [mix @ Li for Li in L], 0.02, 50)
-    for x, y in zip(one.parts, two.parts, strict=True):
+    one = run(subdomains, L, 0.02, 50)
+    two = run(subdomains, [mix @ Li for Li in L], 0.02, 50)
+    for x, y in zip(one.subdomains, two.subdomains, strict=True):
         # accelerations of size 100, 200 fine steps
         np.testing.assert_allclose(x.w, y.w, rtol=0, atol=1e-11)
     # L^T Lam is the same force, so Lam transforms with mix^T
@@ -535,32 +541,32 @@ def test_which_conditions_tie_the_cross_point_makes_no_difference():
 def springs_in_series(m1, **options):
     """ground - 30 - m1 - 70 - mass 2, from rest, in static equilibrium inside."""
     K = np.array([[100.0, -70.0], [-70.0, 70.0]])
-    return Part(np.diag([m1, 2.0]), K, u0=[0.7, 1.0], **options)
+    return Subdomain(np.diag([m1, 2.0]), K, u0=[0.7, 1.0], **options)
 
 
-def test_a_massless_dof_inside_a_part_is_static_condensation():
+def test_an_interior_massless_dof_is_static_condensation():
     whole = springs_in_series(0.0, **alpha(0.5))
-    condensed = Part(2.0 * ONE, 30 * 70 / 100 * ONE, u0=[1.0], **alpha(0.5))
-    x = run([whole], [np.zeros((0, 2))], 0.1, 200).parts[0]
-    y = run([condensed], FREE, 0.1, 200).parts[0]
-    # (7) in its row is 100 u1 = 70 u2 at every node, exactly; rounding of w = 10 over 200 steps
+    condensed = Subdomain(2.0 * ONE, 30 * 70 / 100 * ONE, u0=[1.0], **alpha(0.5))
+    x = run([whole], [np.zeros((0, 2))], 0.1, 200).subdomains[0]
+    y = run([condensed], FREE, 0.1, 200).subdomains[0]
+    # its row of (7) is 100 u1 = 70 u2 at every time level; rounding of w = 10 over 200 steps
     np.testing.assert_allclose(x.u[:, 0], 0.7 * y.u[:, 0], rtol=0, atol=1e-13)
     np.testing.assert_allclose(x.w[:, 1], y.w[:, 0], rtol=0, atol=1e-12)
-    # nothing determines its w at t = 0, so it is zero, not the -7.35 of 0.7 u2; v forgets that
-    # like n^2 rho^n, which is rounding after 60 steps
+    # nothing determines its w at t = 0, so it is zero, not the -7.35 of 0.7 u2; the effect
+    # on v decays like n^2 rho^n, which is rounding after 60 steps
     assert x.w[0, 0] == 0.0
     assert abs(x.v[1, 0] - 0.7 * y.v[1, 0]) > 1e-2
     np.testing.assert_allclose(x.v[60:, 0], 0.7 * y.v[60:, 0], rtol=0, atol=1e-12)
-    slow = run([springs_in_series(0.0, **alpha(0.9))], [np.zeros((0, 2))], 0.1, 60).parts[0]
-    fast = run([replace(condensed, **alpha(0.9))], FREE, 0.1, 60).parts[0]
+    slow = run([springs_in_series(0.0, **alpha(0.9))], [np.zeros((0, 2))], 0.1, 60).subdomains[0]
+    fast = run([replace(condensed, **alpha(0.9))], FREE, 0.1, 60).subdomains[0]
     assert abs(slow.v[60, 0] - 0.7 * fast.v[60, 0]) > 1e-6
 
 
 def series_errors(m1, explicit, counts):
-    """Errors of u, v of the mass at t = 2: ground - 30 - cut - 70 - mass, m1 in B at the cut."""
-    a = Part(0.0 * ONE, 30.0 * ONE, **alpha(0.5), double=True, u0=[0.7])
+    """Errors of u, v of the mass at t = 2: ground - 30 - interface - 70 - mass, B has m1."""
+    a = Subdomain(0.0 * ONE, 30.0 * ONE, **alpha(0.5), double=True, u0=[0.7])
     stiff = 70.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    b = Part(np.diag([m1, 2.0]), stiff, u0=[0.7, 1.0], **alpha(0.5, explicit))
+    b = Subdomain(np.diag([m1, 2.0]), stiff, u0=[0.7, 1.0], **alpha(0.5, explicit))
     if m1:
         uncut = springs_in_series(m1)
         truth = exact(uncut.M, None, uncut.K, uncut.u0, None, 2.0)
@@ -568,7 +574,7 @@ def series_errors(m1, explicit, counts):
         truth = exact(2.0 * ONE, None, 21.0 * ONE, [1.0], None, 2.0)
     errors = []
     for count in counts:
-        got = run([a, b], [ONE, np.array([[-1.0, 0.0]])], 2.0 / count, count).parts[1]
+        got = run([a, b], [ONE, np.array([[-1.0, 0.0]])], 2.0 / count, count).subdomains[1]
         errors.append([abs(got.u[-1, 1] - truth[0][-1]), abs(got.v[-1, 1] - truth[1][-1])])
     return np.array(errors)
 
@@ -579,8 +585,8 @@ def test_a_massless_dof_on_the_interface_keeps_order_two(m1, explicit):
     assert slopes == pytest.approx(2.0, abs=0.1)  # dt omega = 0.04: the next term
 
 
-def test_a_massless_dof_on_the_interface_has_the_acceleration_that_the_condition_gives():
-    a = Part(0.0 * ONE, 30.0 * ONE, u0=[1.0])
+def test_a_massless_dof_on_the_interface_has_the_acceleration_of_the_constraint():
+    a = Subdomain(0.0 * ONE, 30.0 * ONE, u0=[1.0])
     b = springs_in_series(0.5)
     b.K = b.K - np.diag([30.0, 0.0])  # the spring to the ground is in A
     b.u0 = np.array([1.0, 2.0])
@@ -596,46 +602,46 @@ def test_a_massless_dof_on_the_interface_has_the_acceleration_that_the_condition
 @pytest.mark.parametrize("explicit", [False, True])
 def test_gc_with_one_scheme_and_one_step_is_the_uncut_scheme(explicit):
     options = {"ss": (1, 1, 1), "double": (False,) * 3, "explicit": (explicit,) * 3}
-    parts, L, M, C, K, u0, v0 = cross(**options)
-    got = run(parts, L, 0.01, 200)
-    uncut = Part(M, K, C, u0=u0, v0=v0, **alpha(0.5, explicit))
-    whole = run([uncut], [np.zeros((0, 4))], 0.01, 200).parts[0]
-    # equal steps of equal schemes tie w and so a and u along with v; the sum of (1) over the
-    # parts is then the uncut equation. Rounding of w = 60 over 200 steps
-    for i, x in enumerate(got.parts):
+    subdomains, L, M, C, K, u0, v0 = cross(**options)
+    got = run(subdomains, L, 0.01, 200)
+    uncut = Subdomain(M, K, C, u0=u0, v0=v0, **alpha(0.5, explicit))
+    whole = run([uncut], [np.zeros((0, 4))], 0.01, 200).subdomains[0]
+    # with equal steps and schemes, equal v imply equal w, a and u; the sum of (1) over the
+    # subdomains is then the uncut equation. Rounding of w = 60 over 200 steps
+    for i, x in enumerate(got.subdomains):
         np.testing.assert_allclose(x.u, whole.u[:, [0, i + 1]], rtol=0, atol=1e-12)
         np.testing.assert_allclose(x.w, whole.w[:, [0, i + 1]], rtol=0, atol=1e-11)
     assert np.abs(got.displacement_jump).max() < 1e-12
-    # the double step does not: a gap of O(dt^2) opens
-    pm = run([replace(parts[0], double=True), *parts[1:]], L, 0.01, 200)
+    # not with the double step: a displacement drift of O(dt^2)
+    pm = run([replace(subdomains[0], double=True), *subdomains[1:]], L, 0.01, 200)
     assert np.abs(pm.displacement_jump).max() > 1e-5
 
 
 @pytest.mark.parametrize("ss", [1, 4])
-def test_the_free_step_of_a_double_part_does_not_wait_for_the_last_multiplier(ss):
+def test_the_free_problem_of_a_double_step_does_not_need_the_last_multiplier(ss):
     n, dt = 6, 0.01
 
     def free_velocities(double, kick):
-        parts = oscillator(ss=ss, double=double)
-        parts[1].force = lambda t: np.array([kick if t == n * dt else 0.0])
-        return run(parts, MIRROR, dt, 10).parts[0].vf[:, 0]
+        subdomains = oscillator(ss=ss, double=double)
+        subdomains[1].force = lambda t: np.array([kick if t == n * dt else 0.0])
+        return run(subdomains, MIRROR, dt, 10).subdomains[0].vf[:, 0]
 
-    # a kick of B at t_n changes Lam_n; "pm" has the free problem to t_{n+1} from t_{n-1}
+    # a kick of B at t_n changes Lam_n; under "pm" the free problem to t_{n+1} starts from t_{n-1}
     pm = free_velocities(True, 0.0) != free_velocities(True, 1.0)
     np.testing.assert_array_equal(pm, np.arange(11) >= n + 2)
-    # "gc" starts it from t_n
+    # under "gc" it starts from t_n
     gc = free_velocities(False, 0.0) != free_velocities(False, 1.0)
     np.testing.assert_array_equal(gc, np.arange(11) >= n + 1)
 
 
 def test_gc_and_pm_take_the_same_first_macro_step():
     gc, pm = (run(oscillator(ss=4, double=double), MIRROR, 0.05, 2) for double in (False, True))
-    for x, y, ss in zip(gc.parts, pm.parts, (1, 4), strict=True):
+    for x, y, ss in zip(gc.subdomains, pm.subdomains, (1, 4), strict=True):
         np.testing.assert_array_equal(x.w[: ss + 1], y.w[: ss + 1])
         assert np.abs(x.w[ss + 1 :] - y.w[ss + 1 :]).max() > 1e-3
 
 
-# ---- what is refused ------------------------------------------------------------------------
+# ---- errors ---------------------------------------------------------------------------------
 
 
 def test_a_schedule_that_the_method_does_not_define_is_refused():

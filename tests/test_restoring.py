@@ -1,4 +1,4 @@
-"""Restoring forces (R2) and lagged damping (R4): when they are asked, their order, their limits."""
+"""Restoring forces (R2) and lagged damping (R4): evaluation, order, critical step."""
 
 import traceback
 from contextlib import nullcontext
@@ -21,11 +21,11 @@ def names(scheme):
     return repr(scheme)
 
 
-# ---- when it is asked -----------------------------------------------------------------------
+# ---- evaluation -----------------------------------------------------------------------------
 
 
-class Diary:
-    """A soft spring that writes down when it was asked; fails once when told to."""
+class LoggedSpring:
+    """A soft spring that logs the times of its evaluations and may fail at one of them."""
 
     def __init__(self, fail_at=None):
         self.times, self.seen, self.fail_at = [], [], fail_at
@@ -38,25 +38,25 @@ class Diary:
         return 0.1 * u**3 + 0.02 * v * np.abs(v)
 
 
-def three_parts(diaries, substeps, doubles, coupling, threads=1):
-    """A chain of three springs, each part with a diary."""
+def three_subdomains(springs, substeps, doubles, coupling, threads=1):
+    """A chain of three subdomains, each with a logged spring."""
     schemes = [pm.GeneralizedAlpha(0.6), pm.GeneralizedAlpha(0.6, explicit=True), pm.Newmark()]
-    parts = [
+    subdomains = [
         pm.Subdomain(
             [1.0, 2.0],
             np.array([[3.0, -1.0], [-1.0, 1.0]]),
             scheme=scheme,
             substeps=ss,
             double_step=double,
-            restoring=diary,
+            restoring=spring,
             u0=[0.3, 0.4],
             name=name,
         )
-        for scheme, ss, double, diary, name in zip(schemes, substeps, doubles, diaries, "ABC")
+        for scheme, ss, double, spring, name in zip(schemes, substeps, doubles, springs, "ABC")
     ]
-    a, b, c = parts
+    a, b, c = subdomains
     ties = [pm.tie(a, [1], b, [1]), pm.tie(b, [0], c, [0])]
-    return pm.Coupler(parts, ties, dt=0.1, coupling=coupling, threads=threads)
+    return pm.Coupler(subdomains, ties, dt=0.1, coupling=coupling, threads=threads)
 
 
 CASES = [
@@ -69,29 +69,33 @@ CASES = [
 
 
 @pytest.mark.parametrize("substeps, doubles, coupling", CASES)
-def test_it_is_asked_once_at_the_start_and_once_for_each_own_step_in_order(
+def test_it_is_evaluated_once_at_the_start_and_once_per_substep_in_order(
     substeps, doubles, coupling
 ):
-    diaries = [Diary() for _ in range(3)]
-    coupler = three_parts(diaries, substeps, doubles, coupling)
-    assert not any(d.times for d in diaries)  # not before it must be
+    springs = [LoggedSpring() for _ in range(3)]
+    coupler = three_subdomains(springs, substeps, doubles, coupling)
+    assert not any(d.times for d in springs)  # not evaluated before the first step
     coupler.run(steps=5)
     coupler.step(2)
-    for diary, ss in zip(diaries, substeps):
+    for spring, ss in zip(springs, substeps):
         fine = max(substeps)
         k = np.arange(7 * ss + 1) * (fine // ss)
-        np.testing.assert_array_equal(diary.times, (k / fine) * 0.1)  # (T1)
+        np.testing.assert_array_equal(spring.times, (k / fine) * 0.1)  # (T1)
 
 
-@pytest.mark.parametrize("who", range(3))
+@pytest.mark.parametrize("failing", range(3))
 @pytest.mark.parametrize("substeps, doubles, coupling", CASES)
-def test_after_an_exception_in_a_macro_step_the_run_goes_on_as_if_there_had_been_none(
-    substeps, doubles, coupling, who
+def test_after_an_exception_in_a_macro_step_the_run_continues_as_without_it(
+    substeps, doubles, coupling, failing
 ):
-    whole = three_parts([Diary() for _ in range(3)], substeps, doubles, coupling).run(steps=6)
-    diaries = [Diary() for _ in range(3)]
-    diaries[who].fail_at = 1 + 2 * substeps[who] + (substeps[who] + 1) // 2  # in the third
-    coupler = three_parts(diaries, substeps, doubles, coupling, threads=1 + who)
+    whole = three_subdomains([LoggedSpring() for _ in range(3)], substeps, doubles, coupling).run(
+        steps=6
+    )
+    springs = [LoggedSpring() for _ in range(3)]
+    springs[failing].fail_at = (
+        1 + 2 * substeps[failing] + (substeps[failing] + 1) // 2
+    )  # in the third
+    coupler = three_subdomains(springs, substeps, doubles, coupling, threads=1 + failing)
     with pytest.raises(ArithmeticError, match="at its end") as caught:
         coupler.run(steps=6)
     assert "__call__" in [f.name for f in traceback.extract_tb(caught.value.__traceback__)]
@@ -102,26 +106,30 @@ def test_after_an_exception_in_a_macro_step_the_run_goes_on_as_if_there_had_been
         for x in "uva":
             joined = np.vstack([getattr(first[name], x), getattr(rest[name], x)[1:]])
             np.testing.assert_array_equal(joined, getattr(whole[name], x))
-    # the calls of the macro step that was ended are repeated, and no others
-    ss, fine, times = substeps[who], max(substeps), diaries[who].times
+    # the calls of the interrupted macro step are repeated, and no others
+    ss, fine, times = substeps[failing], max(substeps), springs[failing].times
     all_times = list(np.arange(6 * ss + 1) * (fine // ss) / fine * 0.1)
-    assert times == all_times[: diaries[who].fail_at] + all_times[1 + 2 * ss :]
+    assert times == all_times[: springs[failing].fail_at] + all_times[1 + 2 * ss :]
 
 
 def test_an_exception_at_the_start_reaches_the_caller_and_the_run_can_begin_again():
-    diary = Diary(fail_at=1)
-    part = pm.Subdomain([1.0], [1.0], scheme=CD, restoring=diary, v0=[1.0])
-    coupler = pm.Coupler([part], dt=0.1)
+    spring = LoggedSpring(fail_at=1)
+    subdomain = pm.Subdomain([1.0], [1.0], scheme=CD, restoring=spring, v0=[1.0])
+    coupler = pm.Coupler([subdomain], dt=0.1)
     with pytest.raises(ArithmeticError):
         coupler.run(steps=3)
     assert coupler.step_count == 0
     assert coupler.run(steps=3)[0].u.shape == (4, 1)
-    assert diary.times[:2] == [0.0, 0.0]
+    assert spring.times[:2] == [0.0, 0.0]
 
 
-def test_run_and_step_give_the_same_bits():
-    by_run = three_parts([Diary() for _ in range(3)], (2, 6, 3), (True, False, True), "pm")
-    by_step = three_parts([Diary() for _ in range(3)], (2, 6, 3), (True, False, True), "pm")
+def test_run_and_step_are_bitwise_identical():
+    by_run = three_subdomains(
+        [LoggedSpring() for _ in range(3)], (2, 6, 3), (True, False, True), "pm"
+    )
+    by_step = three_subdomains(
+        [LoggedSpring() for _ in range(3)], (2, 6, 3), (True, False, True), "pm"
+    )
     by_run.run(steps=7)
     for _ in range(7):
         by_step.step()
@@ -129,7 +137,7 @@ def test_run_and_step_give_the_same_bits():
         np.testing.assert_array_equal(by_run.state(name).a, by_step.state(name).a)
 
 
-def test_what_it_receives_are_copies_of_its_own():
+def test_it_receives_copies():
     def spoiling(u, v, t):
         r = u**3 + v
         kept.append((u, v, u.copy(), v.copy()))
@@ -143,21 +151,23 @@ def test_what_it_receives_are_copies_of_its_own():
     kept = []
     made = {}
     for restoring in (spoiling, spoiler):
-        part = pm.Subdomain([1.0], [1.0], scheme=CD, restoring=restoring, v0=[1.0], u0=[0.2])
-        made[restoring] = pm.solve(part, dt=0.1, t_end=1.0).u
+        subdomain = pm.Subdomain([1.0], [1.0], scheme=CD, restoring=restoring, v0=[1.0], u0=[0.2])
+        made[restoring] = pm.solve(subdomain, dt=0.1, t_end=1.0).u
     np.testing.assert_array_equal(made[spoiling], made[spoiler])
-    for u, v, own_u, own_v in kept[:11]:  # what the first one kept is still what it was
-        assert u == own_u and v == own_v
+    for u, v, copied_u, copied_v in kept[:11]:  # the arrays kept from the first call are unchanged
+        assert u == copied_u and v == copied_v
 
 
-def test_reset_asks_anew_and_keeps_the_force():
-    diary = Diary()
-    coupler = three_parts([diary, Diary(), Diary()], (1, 2, 1), (None,) * 3, "pm")
+def test_reset_evaluates_anew_and_keeps_the_force():
+    spring = LoggedSpring()
+    coupler = three_subdomains(
+        [spring, LoggedSpring(), LoggedSpring()], (1, 2, 1), (None,) * 3, "pm"
+    )
     first = coupler.run(steps=3)["A"].u
     coupler.reset()
-    asked = len(diary.times)
+    calls = len(spring.times)
     np.testing.assert_array_equal(coupler.run(steps=3)["A"].u, first)
-    assert diary.times[asked:] == diary.times[:asked]
+    assert spring.times[calls:] == spring.times[:calls]
 
 
 # ---- order ----------------------------------------------------------------------------------
@@ -180,13 +190,13 @@ def truth(restoring, t):
 
 
 def whole(restoring, scheme, dt):
-    part = pm.Subdomain([1.0], None, scheme=scheme, restoring=restoring, u0=[1.0], v0=[0.5])
-    return pm.Coupler([part], dt=dt)
+    subdomain = pm.Subdomain([1.0], None, scheme=scheme, restoring=restoring, u0=[1.0], v0=[0.5])
+    return pm.Coupler([subdomain], dt=dt)
 
 
 def cut(restoring, scheme, dt, coupling):
-    """A third of the mass and force in one part, the rest in an explicit one."""
-    parts = [
+    """A third of the mass and force in one subdomain, the rest in an explicit one."""
+    subdomains = [
         pm.Subdomain(
             [share],
             None,
@@ -197,7 +207,9 @@ def cut(restoring, scheme, dt, coupling):
         )
         for share, s in ((1.0 / 3.0, scheme), (2.0 / 3.0, pm.GeneralizedAlpha(0.7, explicit=True)))
     ]
-    return pm.Coupler(parts, pm.tie(parts[0], [0], parts[1], [0]), dt=dt, coupling=coupling)
+    return pm.Coupler(
+        subdomains, pm.tie(subdomains[0], [0], subdomains[1], [0]), dt=dt, coupling=coupling
+    )
 
 
 def orders(make, restoring):
@@ -212,7 +224,7 @@ def orders(make, restoring):
     return np.log2(np.array(errors)[:-1] / np.array(errors)[1:])[-1]
 
 
-# 0.1: what the next power of the step leaves of the order at these steps
+# 0.1: effect of the next power of the step on the order at these steps
 @pytest.mark.parametrize("restoring", [duffing, van_der_pol])
 @pytest.mark.parametrize("scheme", SCHEMES, ids=names)
 def test_uncoupled_it_is_of_order_two(scheme, restoring):
@@ -261,15 +273,15 @@ def test_with_an_exact_estimate_linear_damping_is_the_implicit_one(scheme):
     np.testing.assert_allclose(pm.solve(restored, dt=0.5, t_end=20.0).u, expected.u, atol=1e-13)
 
 
-def test_a_stiff_force_needs_an_estimate_in_an_implicit_part_and_is_stable_with_it():
+def test_a_stiff_force_in_an_implicit_subdomain_needs_an_estimate_and_is_stable_with_it():
     def stiff(u, v, t):
         return 1e4 * u
 
     def run(**estimate):
-        part = pm.Subdomain(
+        subdomain = pm.Subdomain(
             [1.0], None, scheme=pm.GeneralizedAlpha(0.5), restoring=stiff, u0=[1.0], **estimate
         )
-        return np.abs(pm.solve(part, dt=0.1, t_end=5.0).u[-1, 0])
+        return np.abs(pm.solve(subdomain, dt=0.1, t_end=5.0).u[-1, 0])
 
     assert run() > 1e6
     assert run(restoring_stiffness=[1e4]) < 1.0
@@ -277,11 +289,11 @@ def test_a_stiff_force_needs_an_estimate_in_an_implicit_part_and_is_stable_with_
 
 
 def test_the_estimated_stiffness_counts_in_the_critical_step():
-    def part(**more):
+    def subdomain(**more):
         return pm.Subdomain([1.0], [3.0], scheme=CD, restoring=duffing, **more)
 
-    assert analysis.critical_step(part()) == pytest.approx(2.0 / np.sqrt(3.0), rel=1e-11)
-    stiffer = part(restoring_stiffness=[13.0])
+    assert analysis.critical_step(subdomain()) == pytest.approx(2.0 / np.sqrt(3.0), rel=1e-11)
+    stiffer = subdomain(restoring_stiffness=[13.0])
     assert analysis.critical_step(stiffer) == pytest.approx(0.5, rel=1e-11)
     with pytest.warns(pm.StabilityWarning, match="critical step 0.5"):
         pm.Coupler([stiffer], dt=0.51)
@@ -300,8 +312,8 @@ def test_lagged_damping_is_of_order_two(scheme):
     u0 = np.array([1.0, 0.0, -0.5])
 
     def error(dt):
-        part = damped_chain(3, scheme, rayleigh=0.3, u0=u0, v0=[0.0, 1.0, 0.0])
-        coupler = pm.Coupler([part], dt=dt)
+        subdomain = damped_chain(3, scheme, rayleigh=0.3, u0=u0, v0=[0.0, 1.0, 0.0])
+        coupler = pm.Coupler([subdomain], dt=dt)
         exact = analysis.exact_solution(coupler)(2.0)[0]["subdomain 0"]
         coupler.step(round(2.0 / dt))
         return max(
@@ -309,11 +321,11 @@ def test_lagged_damping_is_of_order_two(scheme):
             np.abs(coupler.state(0).v - exact[1]).max(),
         )
 
-    # 0.15: what the next power of the step leaves of the order
+    # 0.15: effect of the next power of the step on the order
     assert np.log2(error(0.01) / error(0.005)) == pytest.approx(2.0, abs=0.15)
 
 
-def test_an_explicit_part_with_lagged_damping_has_no_factor():
+def test_an_explicit_subdomain_with_lagged_damping_has_no_factor():
     part = damped_chain(50, CD)
     lagged = pm.Coupler([part], dt=0.1)
     assert lagged._parts[0].factors[0][1] is None  # R is the unit matrix
@@ -328,7 +340,7 @@ def plate(n, **more):
     return pm.Subdomain(np.ones(n * n), K, 0.01 * K, scheme=CD, name="plate", **more)
 
 
-def test_a_factor_that_is_most_of_an_explicit_step_is_warned_of_with_its_size_and_a_way_out():
+def test_a_factor_that_is_most_of_an_explicit_step_is_warned_of_with_its_size_and_a_remedy():
     with pytest.warns(pm.PerformanceWarning, match="C of explicit subdomain 'plate'") as caught:
         pm.Coupler([plate(80)], dt=0.1)
     text = str(caught[0].message)
@@ -349,20 +361,22 @@ def test_a_factor_that_costs_little_is_not_warned_of():
     pm.Coupler([pm.Subdomain(np.ones(n), K, 0.1 * K, scheme=CD)], dt=0.1)
 
 
-def radius(part, h):
-    above = h > analysis.critical_step(part)
+def radius(subdomain, h):
+    above = h > analysis.critical_step(subdomain)
     with pytest.warns(pm.StabilityWarning) if above else nullcontext():
-        return analysis.spectral_radius(analysis.amplification_matrix(pm.Coupler([part], dt=h)))
+        return analysis.spectral_radius(
+            analysis.amplification_matrix(pm.Coupler([subdomain], dt=h))
+        )
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.3, 0.5, 0.8, 1.0])
 @pytest.mark.parametrize("rayleigh", [0.01, 0.3, 3.0])
 def test_the_critical_step_with_lagged_damping_is_where_stability_ends(rho, rayleigh):
-    part = damped_chain(5, pm.GeneralizedAlpha(rho, explicit=True), rayleigh=rayleigh)
-    h = analysis.critical_step(part)
+    subdomain = damped_chain(5, pm.GeneralizedAlpha(rho, explicit=True), rayleigh=rayleigh)
+    h = analysis.critical_step(subdomain)
     # 1e-7: eigenvalues on the unit circle, some of them double at rho = 1
-    assert radius(part, h * 0.999) <= 1.0 + 1e-7
-    assert radius(part, h * 1.001) > 1.0 + 1e-5
+    assert radius(subdomain, h * 0.999) <= 1.0 + 1e-7
+    assert radius(subdomain, h * 1.001) > 1.0 + 1e-5
 
 
 def test_the_critical_step_is_sharp_for_damping_that_is_not_modal():
@@ -370,51 +384,53 @@ def test_the_critical_step_is_sharp_for_damping_that_is_not_modal():
     for _ in range(10):
         K, C = (A @ A.T for A in rng.normal(size=(2, 4, 4)))
         M = rng.uniform(0.5, 2.0, 4)
-        part = pm.Subdomain(
+        subdomain = pm.Subdomain(
             M, K, C, scheme=pm.GeneralizedAlpha(0.6, explicit=True), damping="lagged"
         )
-        h = analysis.critical_step(part)
-        assert radius(part, h * 0.999) <= 1.0 + 1e-9
-        assert radius(part, h * 1.001) > 1.0 + 1e-5
+        h = analysis.critical_step(subdomain)
+        assert radius(subdomain, h * 0.999) <= 1.0 + 1e-9
+        assert radius(subdomain, h * 1.001) > 1.0 + 1e-5
 
 
 def test_the_critical_step_of_a_damped_oscillator_is_the_closed_form():
     for xi in (0.01, 0.1, 1.0):
-        part = pm.Subdomain([2.0], [18.0], [2.0 * xi * 6.0], scheme=CD, damping="lagged")
+        subdomain = pm.Subdomain([2.0], [18.0], [2.0 * xi * 6.0], scheme=CD, damping="lagged")
         expected = (2.0 * np.sqrt(1.0 + 4.0 * xi**2) - 4.0 * xi) / 3.0  # (C2), omega = 3
-        assert analysis.critical_step(part) == pytest.approx(expected, rel=1e-11)
+        assert analysis.critical_step(subdomain) == pytest.approx(expected, rel=1e-11)
 
 
 @pytest.mark.parametrize("scheme", IMPLICIT, ids=names)
-def test_an_implicit_part_with_lagged_damping_has_a_critical_step_too(scheme):
-    part = pm.Subdomain([1.0], [1e-6], [2.0], scheme=scheme, damping="lagged")
-    h = analysis.critical_step(part)
-    assert radius(part, h * 0.999) <= 1.0 + 1e-9
-    assert radius(part, h * 1.001) > 1.0 + 1e-4
+def test_an_implicit_subdomain_with_lagged_damping_has_a_critical_step_too(scheme):
+    subdomain = pm.Subdomain([1.0], [1e-6], [2.0], scheme=scheme, damping="lagged")
+    h = analysis.critical_step(subdomain)
+    assert radius(subdomain, h * 0.999) <= 1.0 + 1e-9
+    assert radius(subdomain, h * 1.001) > 1.0 + 1e-4
 
 
-def test_a_long_chain_takes_the_same_critical_step_from_lanczos():
+def test_a_long_chain_has_the_same_critical_step_by_lanczos():
     n = 400
     K = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n))
-    part = pm.Subdomain(np.ones(n), K, 0.1 * K, scheme=CD, damping="lagged")
+    subdomain = pm.Subdomain(np.ones(n), K, 0.1 * K, scheme=CD, damping="lagged")
     top = 2.0 - 2.0 * np.cos(np.pi * n / (n + 1))  # largest eigenvalue of K
     exact = (-0.4 * top + np.sqrt(0.16 * top**2 + 16.0 * top)) / (2.0 * top)  # (C2): Z_s = 1
-    assert 0.997 * exact < analysis.critical_step(part) <= exact
+    assert 0.997 * exact < analysis.critical_step(subdomain) <= exact
 
 
 def test_a_step_above_the_critical_one_of_lagged_damping_warns():
-    part = pm.Subdomain([1.0], [1.0], [0.9], scheme=CD, damping="lagged")
+    subdomain = pm.Subdomain([1.0], [1.0], [0.9], scheme=CD, damping="lagged")
     with pytest.warns(pm.StabilityWarning, match="critical step"):
-        pm.Coupler([part], dt=1.0)  # 1 + 4 * 0.9 > 4
-    pm.Coupler([part], dt=0.8)
+        pm.Coupler([subdomain], dt=1.0)  # 1 + 4 * 0.9 > 4
+    pm.Coupler([subdomain], dt=0.8)
 
 
 # ---- bad input ------------------------------------------------------------------------------
 
 
 def failing_coupler(restoring):
-    part = pm.Subdomain([1.0, 1.0], None, scheme=CD, restoring=restoring, u0=[1, 2], name="rig")
-    return pm.Coupler([part], dt=0.25)
+    subdomain = pm.Subdomain(
+        [1.0, 1.0], None, scheme=CD, restoring=restoring, u0=[1, 2], name="rig"
+    )
+    return pm.Coupler([subdomain], dt=0.25)
 
 
 @pytest.mark.parametrize(
@@ -443,7 +459,7 @@ def test_a_bad_value_is_an_error_that_names_subdomain_and_time(value, error, tex
         failing_coupler(lambda u, v, t: value).step()
 
 
-def test_a_force_that_asks_its_own_coupler_is_an_error_and_no_deadlock():
+def test_a_force_that_calls_its_coupler_is_an_error_and_no_deadlock():
     calls = [
         lambda: coupler.step(),
         lambda: coupler.run(steps=1),
@@ -516,13 +532,13 @@ def test_lagged_damping_on_dofs_without_mass_is_refused():
 
 
 @pytest.mark.parametrize(
-    "ask",
+    "call",
     [
         lambda c: c.static(),
         analysis.amplification_matrix,
         analysis.exact_solution,
     ],
 )
-def test_what_needs_a_linear_coupler_refuses_restoring_forces(ask):
+def test_what_needs_a_linear_coupler_refuses_restoring_forces(call):
     with pytest.raises(ValueError, match="needs linear subdomains, got a restoring force on 'rig'"):
-        ask(failing_coupler(duffing))
+        call(failing_coupler(duffing))

@@ -1,4 +1,4 @@
-"""Springs of the core: their laws, loops, histories, in couplers, and what is refused."""
+"""Springs of the core: laws, loops, histories, coupled runs, and errors."""
 
 import numpy as np
 import pytest
@@ -14,11 +14,13 @@ EXPLICIT = pm.GeneralizedAlpha(0.6, explicit=True)
 
 
 def driven(spring, path, dt=1e-3):
-    """Deformation and force of a spring whose dof is led along a path by prescribed motion."""
+    """Deformation and force of a spring whose dof follows a path by prescribed motion."""
     velocity = pm.SampledForce(np.append(np.diff(path), 0.0)[:, None] / dt, dt)
-    part = pm.Subdomain([1.0], None, scheme=CD, restoring=spring, v0=[velocity(0.0)[0]], name="s")
-    constraint = pm.Constraint({part: [[1.0]]}, velocity=velocity)
-    coupler = pm.Coupler([part], constraint, dt=dt)
+    subdomain = pm.Subdomain(
+        [1.0], None, scheme=CD, restoring=spring, v0=[velocity(0.0)[0]], name="s"
+    )
+    constraint = pm.Constraint({subdomain: [[1.0]]}, velocity=velocity)
+    coupler = pm.Coupler([subdomain], constraint, dt=dt)
     history = coupler.run(steps=len(path) - 1, record_springs={"s": None})["s"]
     return history.deformation[:, 0], history.force[:, 0]
 
@@ -66,17 +68,17 @@ def test_bouc_wen_loops_agree_with_an_independent_integration(law):
     np.testing.assert_allclose(f, bouc_wen_truth(d, 50.0, 2.0, **law), atol=tolerance)
 
 
-def test_a_leap_of_many_yield_deformations_ends_where_bouc_wen_comes_to_rest():
+def test_a_jump_of_many_yield_deformations_ends_at_the_limit_of_bouc_wen():
     for n, beta, gamma in ((1.0, 0.5, 0.5), (2.0, 0.3, 0.4), (5.0, 1.0, -0.5)):
         spring = pm.BoucWen([0], k=10.0, fy=1.0, n=n, beta=beta, gamma=gamma)
-        part = pm.Subdomain([1.0], None, scheme=CD, restoring=spring, u0=[-1e7], name="s")
+        subdomain = pm.Subdomain([1.0], None, scheme=CD, restoring=spring, u0=[-1e7], name="s")
         limit = (beta + gamma) ** (-1.0 / n)
-        force = pm.Coupler([part], dt=0.001).springs("s").force
+        force = pm.Coupler([subdomain], dt=0.001).springs("s").force
         assert force[0] == pytest.approx(-limit, rel=1e-12)
 
 
 def bilinear_truth(d, k, fy, hardening):
-    """The elastic part written as a clipped sum of increments: no plastic deformation in it."""
+    """The elastic deformation as a clipped sum of increments, without the plastic deformation."""
     e, forces = 0.0, []
     for a, b in zip(np.append(0.0, d[:-1]), d):
         e = np.clip(e + (b - a), -fy / k, fy / k)
@@ -115,7 +117,7 @@ def test_a_sharp_bouc_wen_loop_tends_to_the_bilinear_one():
 
 
 @pytest.mark.parametrize("scheme", [IMPLICIT, EXPLICIT, pm.Newmark(), CD], ids=repr)
-def test_a_cubic_spring_is_its_python_twin(scheme):
+def test_a_cubic_spring_equals_its_python_counterpart(scheme):
     common = dict(scheme=scheme, u0=[1.0, -0.5], v0=[0.5, 0.0], restoring_stiffness=[1.0, 2.0])
     spring = pm.CubicSpring([0, 1], k=[1.0, 2.0], k3=[1.0, 0.5])
     python = pm.Subdomain(
@@ -145,20 +147,20 @@ def bouc_wen_motion(times, k=20.0, fy=0.5, hardening=0.1):
 @pytest.mark.parametrize("scheme", [IMPLICIT, EXPLICIT, pm.Newmark(), CD], ids=repr)
 def test_a_mass_on_a_bouc_wen_spring_converges_with_order_two(scheme):
     spring = pm.BoucWen([0], k=20.0, fy=0.5, hardening=0.1, n=2.0)
-    part = pm.Subdomain(
+    subdomain = pm.Subdomain(
         [1.0], None, scheme=scheme, restoring=spring, force=lambda t: [2.0 * np.sin(3.0 * t)]
     )
     exact = bouc_wen_motion(np.linspace(0.0, 4.0, 41))
 
     def error(dt):
-        return np.abs(pm.solve(part, dt=dt, t_end=4.0).u[:: round(0.1 / dt), 0] - exact).max()
+        return np.abs(pm.solve(subdomain, dt=dt, t_end=4.0).u[:: round(0.1 / dt), 0] - exact).max()
 
     # 0.3: reversals fall into steps differently at each refinement
     assert np.log2(error(0.02) / error(0.005)) / 2.0 == pytest.approx(2.0, abs=0.3)
 
 
 def test_a_mass_that_hits_a_stop_leaves_it_with_the_closed_form():
-    # half a period in contact: it comes back with its velocity, at t = 0.1 + pi / 20 + ...
+    # half a period in contact: it leaves with its velocity, at t = 0.1 + pi / 20 + ...
     stop = pm.Gap([0], k=400.0, gap=0.1)
     ball = pm.Subdomain([1.0], None, scheme=CD, restoring=stop, v0=[1.0])
     history = pm.solve(ball, dt=1e-4, t_end=0.4)
@@ -238,7 +240,7 @@ def springs_of_all_laws():
 
 
 def coupled(substeps=(1, 4, 2), doubles=(True, False, True), threads=1, coupling="pm"):
-    parts = [
+    subdomains = [
         pm.Subdomain(
             [1.0, 2.0],
             np.array([[3.0, -1.0], [-1.0, 1.0]]),
@@ -253,8 +255,11 @@ def coupled(substeps=(1, 4, 2), doubles=(True, False, True), threads=1, coupling
             (IMPLICIT, EXPLICIT, IMPLICIT), substeps, doubles, "ABC"
         )
     ]
-    ties = [pm.tie(parts[0], [1], parts[1], [1]), pm.tie(parts[1], [0], parts[2], [0])]
-    return pm.Coupler(parts, ties, dt=0.05, threads=threads, coupling=coupling)
+    ties = [
+        pm.tie(subdomains[0], [1], subdomains[1], [1]),
+        pm.tie(subdomains[1], [0], subdomains[2], [0]),
+    ]
+    return pm.Coupler(subdomains, ties, dt=0.05, threads=threads, coupling=coupling)
 
 
 def all_springs(coupler):
@@ -265,8 +270,8 @@ ALL = {"A": None, "B": None, "C": None}
 
 
 @pytest.mark.parametrize("coupling", ["pm", "gc"])
-def test_each_chain_of_a_double_step_part_has_a_history_of_its_own(coupling):
-    """The same springs written in Python, with a history per chain: equal but for rounding."""
+def test_each_chain_of_a_double_step_subdomain_has_its_own_history(coupling):
+    """The same springs written in Python, with a history per chain: equal to rounding."""
     coupler = coupled(coupling=coupling)
     ours = coupler.run(steps=40, record_springs=ALL)
     for name, ss, double in zip("ABC", (1, 4, 2), (True, False, True)):
@@ -289,13 +294,13 @@ def test_springs_work_under_macro_coupling():
         macro = coupled((1, 4, 2), (None,) * 3, coupling="macro")
     for c in (fine, macro):
         c.run(steps=20, record_springs=ALL)
-    # two methods of their own errors, both some percent at this step
+    # the errors of both methods are some percent at this step
     scale = np.abs(all_springs(fine)).max()
     assert np.abs(all_springs(macro) - all_springs(fine)).max() < 0.1 * scale
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_run_step_and_threads_give_the_same_bits(threads):
+def test_run_step_and_threads_are_bitwise_identical(threads):
     one, other = coupled(), coupled(threads=threads)
     one.run(steps=30, record_springs=ALL)
     for _ in range(30):
@@ -305,20 +310,22 @@ def test_run_step_and_threads_give_the_same_bits(threads):
 
 
 def test_an_aborted_macro_step_leaves_no_trace_in_a_history():
-    def asked(u, v, t):  # in the middle of a macro step, when springs have moved
+    def counted(u, v, t):  # in the middle of a macro step, when springs have moved
         if 1.01 < t < 1.04 and fails.pop(0):
             raise ArithmeticError
         return 0.0 * u
 
     def with_a_fourth():
-        parts = [s for _, s in coupled()._keys]
-        fourth = pm.Subdomain([1.0], [1.0], scheme=EXPLICIT, substeps=4, restoring=asked, v0=[1.5])
+        subdomains = [s for _, s in coupled()._keys]
+        fourth = pm.Subdomain(
+            [1.0], [1.0], scheme=EXPLICIT, substeps=4, restoring=counted, v0=[1.5]
+        )
         ties = [
-            pm.tie(parts[0], [1], parts[1], [1]),
-            pm.tie(parts[1], [0], parts[2], [0]),
-            pm.tie(parts[2], [0], fourth, [0]),
+            pm.tie(subdomains[0], [1], subdomains[1], [1]),
+            pm.tie(subdomains[1], [0], subdomains[2], [0]),
+            pm.tie(subdomains[2], [0], fourth, [0]),
         ]
-        return pm.Coupler([*parts, fourth], ties, dt=0.05)
+        return pm.Coupler([*subdomains, fourth], ties, dt=0.05)
 
     expected, interrupted = with_a_fourth(), with_a_fourth()
     fails = [False] * 9
@@ -331,7 +338,7 @@ def test_an_aborted_macro_step_leaves_no_trace_in_a_history():
     np.testing.assert_array_equal(all_springs(interrupted), all_springs(expected))
 
 
-def test_a_history_is_saved_and_goes_on_with_the_same_bits(tmp_path):
+def test_a_saved_history_resumes_bitwise_identically(tmp_path):
     coupler = coupled()
     coupler.step(17)
     coupler.save(tmp_path / "state")
@@ -341,12 +348,12 @@ def test_a_history_is_saved_and_goes_on_with_the_same_bits(tmp_path):
     for c in (coupler, again):
         c.step(20)
     np.testing.assert_array_equal(all_springs(again), all_springs(coupler))
-    parts = [
+    subdomains = [
         pm.Subdomain([1.0], None, scheme=CD, restoring=pm.Bilinear([0], 1.0, fy)) for fy in (1, 2)
     ]
-    pm.Coupler([parts[0]], dt=0.1).save(tmp_path / "other")
+    pm.Coupler([subdomains[0]], dt=0.1).save(tmp_path / "other")
     with pytest.raises(ValueError, match="restoring of 'subdomain 0' .<Bilinear x 1>"):
-        pm.Coupler([parts[1]], dt=0.1).load(tmp_path / "other")
+        pm.Coupler([subdomains[1]], dt=0.1).load(tmp_path / "other")
 
 
 def test_reset_forgets_the_history():
@@ -359,10 +366,10 @@ def test_reset_forgets_the_history():
     np.testing.assert_array_equal(again["B"].force, first["B"].force)
 
 
-# ---- what is told ----------------------------------------------------------------------------
+# ---- results, tangent, critical step, energy --------------------------------------------------
 
 
-def test_force_and_deformation_are_those_of_the_last_node():
+def test_force_and_deformation_are_those_of_the_last_time_level():
     coupler = coupled()
     history = coupler.run(steps=10, record_springs={"A": None, "B": [4, 0]})
     assert history["A"].force.shape == (11, 5) and history["B"].deformation.shape == (41, 2)
@@ -401,19 +408,19 @@ def test_the_initial_tangent_is_the_estimate_unless_another_is_given():
         pm.Gap([0], 100.0, 0.1),
         pm.CubicSpring([1], 2.0, 9),
     ]
-    part = pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=IMPLICIT, restoring=springs)
+    subdomain = pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=IMPLICIT, restoring=springs)
     expected = [[3.0, -3.0], [-3.0, 5.0]]
-    np.testing.assert_array_equal(part.restoring_stiffness.toarray(), expected)
+    np.testing.assert_array_equal(subdomain.restoring_stiffness.toarray(), expected)
     given = pm.Subdomain(
         [1.0, 1.0], None, scheme=IMPLICIT, restoring=springs, restoring_stiffness=[7.0, 0.0]
     )
     np.testing.assert_array_equal(given.restoring_stiffness, [7.0, 0.0])
 
 
-def test_springs_at_their_stiffest_count_in_the_critical_step():
+def test_the_critical_step_includes_springs_at_their_stiffest():
     def critical(spring):
-        part = pm.Subdomain([1.0], [4.0], scheme=CD, restoring=spring)
-        return analysis.critical_step(part)
+        subdomain = pm.Subdomain([1.0], [4.0], scheme=CD, restoring=spring)
+        return analysis.critical_step(subdomain)
 
     assert critical(pm.Gap([0], 96.0, 0.1)) == pytest.approx(0.2, rel=1e-11)
     assert critical(pm.Bilinear([0], 96.0, 0.1)) == pytest.approx(0.2, rel=1e-11)
@@ -421,15 +428,15 @@ def test_springs_at_their_stiffest_count_in_the_critical_step():
     assert critical(steep) == pytest.approx(0.2, rel=1e-11)
 
 
-def test_a_stiff_bilinear_spring_in_an_implicit_part_is_stable_at_any_step():
-    part = pm.Subdomain(
+def test_a_stiff_bilinear_spring_in_an_implicit_subdomain_is_stable_at_any_step():
+    subdomain = pm.Subdomain(
         [1.0], None, scheme=IMPLICIT, restoring=pm.Bilinear([0], 1e6, 1e4), v0=[1.0]
     )
-    assert np.abs(pm.solve(part, dt=0.1, t_end=5.0).u).max() < 1.0
+    assert np.abs(pm.solve(subdomain, dt=0.1, t_end=5.0).u).max() < 1.0
 
 
 def test_many_springs_are_as_good_as_a_few():
-    """More than a chunk of the core, of all laws, against one at a time."""
+    """More springs of all laws than a chunk of the core, compared with one at a time."""
     rng = np.random.default_rng(5)
     m, n = 700, 40
     dofs = np.array([rng.choice(n, 2, replace=False) for _ in range(m)])
@@ -456,15 +463,15 @@ def test_many_springs_are_as_good_as_a_few():
 
 def test_the_energy_of_springs_is_strain_and_what_they_lose_is_dissipated():
     spring = pm.Bilinear([0], k=50.0, fy=1.0, hardening=0.2)
-    part = pm.Subdomain([1.0], None, scheme=CD, restoring=spring, v0=[1.0], name="s")
+    subdomain = pm.Subdomain([1.0], None, scheme=CD, restoring=spring, v0=[1.0], name="s")
 
     def run(dt):
-        coupler = pm.Coupler([part], dt=dt)
+        coupler = pm.Coupler([subdomain], dt=dt)
         return coupler.run(2.0, energy=True, record_springs={"s": None})
 
     history = run(0.002)
     d, f = history["s"].deformation[:, 0], history["s"].force[:, 0]
-    e = (f - 10.0 * d) / 40.0  # elastic part of the deformation
+    e = (f - 10.0 * d) / 40.0  # elastic deformation
     stored = 0.5 * (10.0 * d**2 + 40.0 * e**2)
     np.testing.assert_allclose(history.energy.strain[:, 0], stored, atol=1e-12)
     work = np.append(0.0, np.cumsum(np.diff(d) * (f[1:] + f[:-1]) / 2.0))

@@ -16,7 +16,7 @@ def chain(n, k=1.0):
 
 
 def hanging(n_a, n_b, supported=True):
-    """A chain of n_a + n_b springs cut in two, unit weight in its last dof."""
+    """A chain of n_a + n_b springs split in two, unit weight in its last dof."""
     K = chain(n_a).tolil()
     if supported:
         K[0, 0] += 1e3
@@ -30,7 +30,7 @@ def hanging(n_a, n_b, supported=True):
 @pytest.mark.parametrize("n", [1, 5, 20_000])
 def test_a_hanging_chain_stretches_by_one_per_spring(n):
     u = hanging(n, 2).static()
-    # the support gives way by 1e-3; the solution has the condition n^2 of the chain times rounding
+    # the support yields by 1e-3; rounding times the condition number n^2 of the chain
     np.testing.assert_allclose(u["a"], 1e-3 + np.arange(n + 1), rtol=1e-15 * (n + 10) ** 2)
     np.testing.assert_allclose(u["b"], u["a"][-1] + np.arange(3), rtol=1e-15 * (n + 10) ** 2)
 

@@ -1,4 +1,4 @@
-"""The structures of pm.models: against closed forms, patch tests, and scikit-fem as assembler."""
+"""The structures of pm.models: compared with closed forms, patch tests, and scikit-fem."""
 
 import numpy as np
 import pytest
@@ -70,7 +70,7 @@ def test_a_chain_between_two_walls_has_the_frequencies_of_the_textbook():
     # omega_i = 2 sqrt(k/m) sin(i pi / (2 (n + 1)))
     expected = 10.0 * np.sin(np.arange(1, n + 1) * np.pi / (2 * (n + 1)))
     omegas, _ = models.modes(chain.M, chain.K, n)
-    np.testing.assert_allclose(omegas, expected, rtol=1e-13)  # rounding, condition 40
+    np.testing.assert_allclose(omegas, expected, rtol=1e-13)  # rounding, condition number 40
 
 
 def test_a_chain_of_one_mass_hangs_on_its_two_springs():
@@ -233,7 +233,7 @@ def test_a_beam_in_any_direction_bends_under_a_load_at_its_tip_as_in_the_textboo
     u[free] = np.linalg.solve(frame.K[free][:, free].toarray(), load[free])
     tip = u[frame.dofs(1, ["ux", "uy"])]
     # P L^3 / 3 EI, P L^2 / 2 EI, P L / EA; cubic elements are exact at nodes; rounding times a
-    # condition of EA L^2 / EI = 1e6
+    # condition number of EA L^2 / EI = 1e6
     np.testing.assert_allclose(tip @ across, 7.0 * 125.0 / 9.0, rtol=1e-9)
     np.testing.assert_allclose(u[frame.dofs(1, "rz")], 7.0 * 25.0 / 6.0, rtol=1e-9)
     np.testing.assert_allclose(tip @ along, 11.0 * 5.0 / 1e5, rtol=1e-9, atol=1e-12)
@@ -272,7 +272,7 @@ def test_a_frame_that_is_turned_keeps_its_frequencies(mass):
             points, members, EA=50.0, EI=3.0, rhoA=2.0, divisions=2, mass=mass
         )
         omegas.append(models.modes(frame.M, frame.K, 9, fixed=frame.dofs([0, 2]))[0])
-    np.testing.assert_allclose(*omegas, rtol=1e-11)  # rounding, condition 1e4
+    np.testing.assert_allclose(*omegas, rtol=1e-11)  # rounding, condition number 1e4
 
 
 def test_the_lumped_masses_of_a_beam_have_the_ratios_of_the_consistent_diagonal():
@@ -297,7 +297,7 @@ def test_members_that_are_not_cut_stay_as_they_are():
     assert (nodes.tolist(), lines.tolist(), member.tolist()) == (points, members, [0, 1])
 
 
-# ---- what all structures have in common -----------------------------------------------------
+# ---- common to all structures ---------------------------------------------------------------
 
 
 def rigid_motions(structure):
@@ -377,9 +377,9 @@ def test_a_structure_moves_as_a_subdomain_of_the_coupler(kind):
     structure = all_structures("lumped")[kind]
     u0 = rigid_motions(structure)[:, 0]
     body = structure.subdomain(scheme=pm.GeneralizedAlpha(0.5), v0=u0, name=kind)
-    part = pm.solve(body, 0.1, 1.0)
+    history = pm.solve(body, 0.1, 1.0)
     # free flight; rounding of ten steps, of forces K u with u up to 1
-    np.testing.assert_allclose(part.u[-1], u0, rtol=0.0, atol=1e-10)
+    np.testing.assert_allclose(history.u[-1], u0, rtol=0.0, atol=1e-10)
 
 
 # ---- patch tests ----------------------------------------------------------------------------
@@ -442,7 +442,7 @@ def test_a_linear_displacement_strains_a_distorted_solid_evenly():
 # ---- plates and solids: numbers -------------------------------------------------------------
 
 
-def test_nodes_and_elements_of_a_plate_are_where_the_docstring_says():
+def test_nodes_and_elements_of_a_plate_are_where_the_docstring_states():
     nx, ny, h = 3, 2, (0.5, 0.25)
     plate = models.plate(nx, ny, h, **STEEL, origin=(1.0, 2.0))
     for i, j in np.ndindex(nx + 1, ny + 1):
@@ -453,7 +453,7 @@ def test_nodes_and_elements_of_a_plate_are_where_the_docstring_says():
         assert centres[ny * i + j].tolist() == [1.25 + 0.5 * i, 2.125 + 0.25 * j]
 
 
-def test_nodes_and_elements_of_a_solid_are_where_the_docstring_says():
+def test_nodes_and_elements_of_a_solid_are_where_the_docstring_states():
     nx, ny, nz = 2, 3, 4
     solid = models.solid(nx, ny, nz, (1.0, 2.0, 4.0), **STEEL)
     for i, j, k in np.ndindex(nx + 1, ny + 1, nz + 1):
@@ -566,7 +566,7 @@ def test_a_plate_of_two_materials_is_the_sum_of_two_plates():
         np.testing.assert_allclose(total, getattr(whole, name).toarray(), rtol=0.0, atol=1e-14)
 
 
-def test_two_plates_coupled_by_gc_come_to_where_another_program_brings_them():
+def test_two_plates_coupled_by_gc_have_the_displacements_of_another_program():
     nx, ny, h = 99, 24, 0.1
     material = {"E": 1000.0, "nu": 0.3, "rho": 100.0}
     left = models.plate(nx, ny, h, **material)
@@ -618,7 +618,7 @@ def by_skfem(structure, lam, mu, rho, elements=None):
 
 
 def case(kind):
-    """A distorted structure with materials of its own in each element: function, options, lam, mu
+    """A distorted structure with another material in each element: function, options, lam, mu
     and density for scikit-fem."""
     structure = {"plate": distorted_plate, "solid": distorted_solid}[kind]()
     (elements,) = structure.elements.values()
@@ -650,7 +650,7 @@ def test_matrices_are_those_of_scikit_fem(kind):
 
 
 @pytest.mark.parametrize("kind", ["plate", "solid"])
-def test_parts_over_some_of_the_elements_sum_to_the_whole(kind):
+def test_matrices_over_some_of_the_elements_sum_to_the_whole(kind):
     build, mesh, options, coefficients = case(kind)
     (elements,) = mesh.elements.values()
     whole = build(mesh.points, elements, **options)
@@ -658,14 +658,14 @@ def test_parts_over_some_of_the_elements_sum_to_the_whole(kind):
     totals = [np.zeros((whole.n, whole.n)) for _ in range(4)]
     for chosen in (np.flatnonzero(left), np.flatnonzero(~left)):
         points, renumbered, nodes = models.submesh(mesh.points, elements[chosen])
-        part = build(points, renumbered, **{name: x[chosen] for name, x in options.items()})
-        assert part.n < whole.n
+        some = build(points, renumbered, **{name: x[chosen] for name, x in options.items()})
+        assert some.n < whole.n
         dofs = whole.dofs(nodes)
-        for total, A in zip(totals[:2], (part.M, part.K), strict=True):
+        for total, A in zip(totals[:2], (some.M, some.K), strict=True):
             total[np.ix_(dofs, dofs)] += A.toarray()
         for total, A in zip(totals[2:], by_skfem(mesh, *coefficients, chosen), strict=True):
             total += A.toarray()
-            # a part has nothing outside its nodes
+            # no entries outside the nodes of the chosen elements
             assert np.count_nonzero(np.delete(A.toarray(), dofs, axis=0)) == 0
     for total, A in zip(totals, (whole.M, whole.K) * 2, strict=True):
         assert_same(total, A.toarray())
@@ -718,7 +718,7 @@ def test_dofs_without_mass_follow_the_others(n):
     np.testing.assert_allclose(X[rotations], follow @ X[moving], rtol=0.0, atol=1e-8)
 
 
-def test_all_modes_of_a_small_structure_can_be_had():
+def test_all_modes_of_a_small_structure_can_be_computed():
     plate = models.plate(2, 1, 0.5, **STEEL)
     omegas, X = models.modes(plate.M, plate.K, plate.n)
     # completeness: sum of x x^T is the inverse of M; rounding
@@ -727,7 +727,7 @@ def test_all_modes_of_a_small_structure_can_be_had():
     np.testing.assert_allclose(rebuilt, plate.K.toarray(), rtol=0.0, atol=1e-11 * largest(plate.K))
 
 
-def test_modes_take_matrices_of_every_format():
+def test_modes_accept_matrices_of_every_format():
     chain = models.chain(4, 2.0, 5.0, ground=(1.0, 0.0))
     expected = models.modes(chain.M, chain.K, 4)
     for M in (np.diag(chain.M), sp.diags_array(chain.M), sp.csr_matrix(np.diag(chain.M))):
@@ -774,7 +774,7 @@ def test_a_dof_without_mass_and_stiffness_is_refused(n):
         ({"K": np.triu(np.ones((3, 3)))}, ValueError, "K must be symmetric"),
     ],
 )
-def test_modes_say_what_is_wrong(change, error, message):
+def test_invalid_arguments_of_modes_are_named(change, error, message):
     arguments = {"M": [1.0, 0.0, 1.0], "K": [1.0, 1.0, 1.0], "k": 1, **change}
     with pytest.raises(error, match=message):
         models.modes(**arguments)
@@ -859,14 +859,14 @@ BOX = {"nx": 1, "ny": 1, "nz": 1, "h": 1.0, "E": 1.0, "nu": 0.3, "rho": 1.0}
         ("rod", ROD, {"EA": 0.0}, ValueError, "EA must be positive, got 0"),
     ],
 )
-def test_structures_say_what_is_wrong(build, given, change, error, message):
+def test_invalid_arguments_of_structures_are_named(build, given, change, error, message):
     getattr(models, build)(**given)
     with pytest.raises(error, match=message):
         getattr(models, build)(**{**given, **change})
 
 
 @pytest.mark.parametrize(
-    "ask, error, message",
+    "call, error, message",
     [
         (lambda s: s.nodes_at(x=7.0), ValueError, r"got {'x': 7.0}; .* \[1.0, 1.0\]"),
         (lambda s: s.nodes_at(z=0.0), ValueError, "needs one or more of x, y, got"),
@@ -880,9 +880,9 @@ def test_structures_say_what_is_wrong(build, given, change, error, message):
         (lambda s: s.subdomain(), TypeError, "scheme"),
     ],
 )
-def test_a_structure_says_what_is_wrong(ask, error, message):
+def test_invalid_arguments_of_a_structure_are_named(call, error, message):
     with pytest.raises(error, match=message):
-        ask(models.plate(**PLATE))
+        call(models.plate(**PLATE))
 
 
 def test_matrices_and_points_of_a_structure_must_agree():

@@ -1,4 +1,4 @@
-"""Threads change nothing but the time a run takes, and leave nothing behind."""
+"""Threads change only the duration of a run, and end with their coupler."""
 
 import gc
 import mmap
@@ -29,9 +29,9 @@ def chain(n):
     )
 
 
-def row_of_parts(count=4, n=20, *, dt=0.1, force=None, **options):
+def row_of_subdomains(count=4, n=20, *, dt=0.1, force=None, **options):
     """Chains in a row, implicit and explicit in turn, the explicit ones with ten substeps."""
-    parts = [
+    subdomains = [
         pm.Subdomain(
             np.ones(n),
             chain(n),
@@ -42,11 +42,11 @@ def row_of_parts(count=4, n=20, *, dt=0.1, force=None, **options):
         )
         for i in range(count)
     ]
-    ties = [pm.tie(a, [n - 1], b, [0]) for a, b in zip(parts, parts[1:])]
-    return pm.Coupler(parts, ties, dt=dt, **options)
+    ties = [pm.tie(a, [n - 1], b, [0]) for a, b in zip(subdomains, subdomains[1:])]
+    return pm.Coupler(subdomains, ties, dt=dt, **options)
 
 
-def assert_same_bits(a, b):
+def assert_identical(a, b):
     for x, y in zip(a.subdomains, b.subdomains, strict=True):
         for name in ("t", "u", "v", "a"):
             np.testing.assert_array_equal(getattr(x, name), getattr(y, name))
@@ -58,25 +58,25 @@ def tasks():
     return len(os.listdir("/proc/self/task"))
 
 
-# ---- the same bits ----------------------------------------------------------------------------
+# ---- bitwise identical results ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_a_run_has_the_same_bits_for_any_number_of_threads(seed):
+def test_a_run_is_bitwise_identical_for_any_number_of_threads(seed):
     alone = random_problem(seed).coupler(threads=1)
     expected = alone.run(steps=9)
     for threads in (2, 4):
         coupler = random_problem(seed).coupler(threads=threads)
         assert coupler.threads == min(threads, len(expected.subdomains))
-        assert_same_bits(coupler.run(steps=9), expected)
+        assert_identical(coupler.run(steps=9), expected)
 
 
 @pytest.mark.parametrize("seed", range(60, 80))
-def test_steps_runs_and_resets_have_the_same_bits_too(seed):
+def test_steps_runs_and_resets_are_bitwise_identical_too(seed):
     alone = random_problem(seed).coupler(threads=1)
     shared = random_problem(seed).coupler(threads=3)
     first, second = alone.run(steps=5, every=2), alone.run(steps=4)
-    assert_same_bits(shared.run(steps=5, every=2), first)
+    assert_identical(shared.run(steps=5, every=2), first)
     for _ in range(4):
         shared.step()
     for i in range(len(second.subdomains)):
@@ -85,7 +85,7 @@ def test_steps_runs_and_resets_have_the_same_bits_too(seed):
             np.testing.assert_array_equal(getattr(x, name), getattr(y, name))
     np.testing.assert_array_equal(shared.multipliers, alone.multipliers)
     shared.reset()
-    assert_same_bits(shared.run(steps=5, every=2), first)
+    assert_identical(shared.run(steps=5, every=2), first)
 
 
 def double_and_fine(**options):
@@ -114,36 +114,36 @@ def sums(u, v, t):
 @pytest.mark.parametrize(
     "of_c", [{}, {"force": lambda t: np.full(30, np.sin(t))}, {"restoring": sums}]
 )
-def test_double_steps_beside_the_fine_ones_have_the_same_bits(threads, of_c):
+def test_double_steps_in_parallel_with_fine_ones_are_bitwise_identical(threads, of_c):
     alone, shared = (double_and_fine(threads=k, of_c=dict(of_c)) for k in (1, threads))
-    assert_same_bits(shared.run(steps=12), alone.run(steps=12))
-    assert_same_bits(shared.run(steps=7, every=3), alone.run(steps=7, every=3))
+    assert_identical(shared.run(steps=12), alone.run(steps=12))
+    assert_identical(shared.run(steps=7, every=3), alone.run(steps=7, every=3))
     for _ in range(5):
         shared.step()
     alone.step(5)
     energies = [coupler.run(steps=6, energy=True) for coupler in (shared, alone)]
-    assert_same_bits(*energies)
+    assert_identical(*energies)
     np.testing.assert_array_equal(energies[0].energy.balance, energies[1].energy.balance)
-    assert_same_bits(shared.run(steps=6), alone.run(steps=6))
+    assert_identical(shared.run(steps=6), alone.run(steps=6))
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
-def test_what_was_opened_early_is_void_after_a_new_load_or_a_new_state(tmp_path):
+def test_a_step_opened_early_is_discarded_after_a_new_load_or_a_new_state(tmp_path):
     alone, shared = (double_and_fine(threads=k) for k in (1, 3))
     path = tmp_path / "state.npz"
-    shared.step(6)  # two steps of the double-step subdomain are open beyond the present
+    shared.step(6)  # two steps of the double-step subdomain are open beyond the present time
     shared.save(path)
     shared.step(3)
     shared.load(path)
     alone.step(6)
-    assert_same_bits(shared.run(steps=5), alone.run(steps=5))
+    assert_identical(shared.run(steps=5), alone.run(steps=5))
     for coupler in (shared, alone):
         coupler.reset(force={"a": np.linspace(0.0, 1.0, 30)})
-    assert_same_bits(shared.run(steps=5), alone.run(steps=5))
+    assert_identical(shared.run(steps=5), alone.run(steps=5))
     alone.save(path)
     shared.step(2)
-    shared.load(path)  # what one thread wrote
-    assert_same_bits(shared.run(steps=5), alone.run(steps=5))
+    shared.load(path)  # saved by one thread
+    assert_identical(shared.run(steps=5), alone.run(steps=5))
 
 
 def load_anew(coupler):
@@ -281,16 +281,16 @@ def test_jumps_are_recorded_while_another_thread_sweeps_the_same_factor(make):
     for _ in range(3):
         shared = held_by_its_mean(K, interface, threads=2)
         with on_processors_of_their_own(shared):
-            assert_same_bits(shared.run(steps=100), expected)
+            assert_identical(shared.run(steps=100), expected)
     a = shared._parts[0]
     assert a.double and a.elimination.structure.panels is not None
     assert (a.elimination.paths is not None) == (make is short_solid)
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
-def test_a_restoring_force_is_asked_once_per_own_step_with_threads_too():
-    asked = {1: [], 3: []}
-    for threads, times in asked.items():
+def test_a_restoring_force_is_evaluated_once_per_substep_with_threads_too():
+    by_threads = {1: [], 3: []}
+    for threads, times in by_threads.items():
 
         def recording(u, v, t, times=times):
             times.append((t, *u, *v))
@@ -299,8 +299,8 @@ def test_a_restoring_force_is_asked_once_per_own_step_with_threads_too():
         coupler = double_and_fine(threads=threads, of_c={"restoring": recording})
         coupler.run(steps=5)
         coupler.step(2)
-    assert asked[3] == asked[1]
-    assert len(asked[3]) == 1 + 7 * 10
+    assert by_threads[3] == by_threads[1]
+    assert len(by_threads[3]) == 1 + 7 * 10
 
 
 def test_springs_are_recorded_alike_with_dofs_or_without():
@@ -343,24 +343,24 @@ def solid(n, scheme=EXPLICIT, **options):
     )  # fmt: skip
 
 
-def test_a_large_explicit_subdomain_alone_is_split_and_has_the_same_bits():
-    part = solid(12)  # some 4e5 entries: four ranges of 1e5 (W3)
-    alone = pm.Coupler([part], dt=0.05, threads=1)
+def test_a_large_explicit_subdomain_alone_is_split_and_bitwise_identical():
+    subdomain = solid(12)  # some 4e5 entries: four ranges of 1e5 (W3)
+    alone = pm.Coupler([subdomain], dt=0.05, threads=1)
     expected = alone.run(steps=20, energy=True)
     for threads in (2, 3, 4):
-        coupler = pm.Coupler([part], dt=0.05, threads=threads)
+        coupler = pm.Coupler([subdomain], dt=0.05, threads=threads)
         assert coupler.threads == threads
         history = coupler.run(steps=20, energy=True)
-        assert_same_bits(history, expected)
+        assert_identical(history, expected)
         np.testing.assert_array_equal(history.energy.balance, expected.energy.balance)
-    again = pm.solve(part, 0.05, 1.0, threads=2)
+    again = pm.solve(subdomain, 0.05, 1.0, threads=2)
     np.testing.assert_array_equal(again.u, expected.subdomains[0].u)
-    assert pm.Coupler([part], dt=0.05, threads=64).threads < 8  # a worker for each range
+    assert pm.Coupler([subdomain], dt=0.05, threads=64).threads < 8  # a worker for each range
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
 @pytest.mark.parametrize("coupling", ["pm", "gc"])
-def test_a_large_explicit_subdomain_beside_others_is_split_and_has_the_same_bits(coupling):
+def test_a_large_explicit_subdomain_among_others_is_split_and_bitwise_identical(coupling):
     n = 8
     others = solid(n, IMPLICIT, name="a"), solid(3, substeps=2, name="c")
     b = solid(13, substeps=4, name="b")
@@ -373,44 +373,44 @@ def test_a_large_explicit_subdomain_beside_others_is_split_and_has_the_same_bits
         )
         assert coupler.threads == threads
         histories.append(coupler.run(steps=12))
-        assert_same_bits(histories[-1], histories[0])
+        assert_identical(histories[-1], histories[0])
         energies.append(coupler.run(steps=4, energy=True).energy)
         for name in ("dissipated", "external", "interface", "balance"):
             one, other = (getattr(energy, name) for energy in (energies[-1], energies[0]))
             np.testing.assert_array_equal(one, other)
 
 
-def test_a_large_subdomain_that_does_not_divide_is_done_by_one_thread():
-    part = solid(12, restoring=[pm.Bilinear([0], 4.0, 0.1, 0.2)])
-    assert pm.Coupler([part], dt=0.05, threads=2).threads == 1
+def test_a_large_subdomain_that_cannot_be_split_is_computed_by_one_thread():
+    subdomain = solid(12, restoring=[pm.Bilinear([0], 4.0, 0.1, 0.2)])
+    assert pm.Coupler([subdomain], dt=0.05, threads=2).threads == 1
     assert pm.Coupler([solid(12)], dt=0.05, threads=2, coupling="macro").threads == 1
 
 
-# ---- how many ---------------------------------------------------------------------------------
+# ---- number of threads ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("threads", [0, -1])
 def test_less_than_one_thread_is_refused(threads):
     with pytest.raises(ValueError, match=f"threads must be at least 1, got {threads}"):
-        row_of_parts(threads=threads)
+        row_of_subdomains(threads=threads)
 
 
 @pytest.mark.parametrize("threads", [True, np.True_, 2.0, "2", [2]])
 def test_a_number_of_threads_that_is_no_int_is_refused(threads):
     with pytest.raises(TypeError, match="threads must be a whole number, got"):
-        row_of_parts(threads=threads)
+        row_of_subdomains(threads=threads)
 
 
 def test_there_are_no_more_threads_than_subdomains_and_ranges():
-    assert row_of_parts(3, threads=10**6).threads == 3
-    assert row_of_parts(3, threads=np.int64(2)).threads == 2
-    assert row_of_parts(3, threads=1).threads == 1
+    assert row_of_subdomains(3, threads=10**6).threads == 3
+    assert row_of_subdomains(3, threads=np.int64(2)).threads == 2
+    assert row_of_subdomains(3, threads=1).threads == 1
 
 
-def test_small_problems_get_one_thread_and_large_ones_what_there_is(monkeypatch):
+def test_small_problems_get_one_thread_and_large_ones_all_that_help(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2}, raising=False)
-    assert row_of_parts().threads == 1
-    n = 10_000  # 12 n entries and more an own step: far above the 20 000 of a meeting (W1)
+    assert row_of_subdomains().threads == 1
+    n = 10_000  # at least 12 n entries per substep: far above the 20 000 of a synchronization (W1)
     a, b = (pm.Subdomain(np.ones(n), chain(n), scheme=IMPLICIT) for _ in range(2))
     assert pm.Coupler([a, b], pm.tie(a, [n - 1], b, [0]), dt=0.1).threads == 2
     assert pm.Coupler([a], dt=0.1).threads == 1
@@ -419,21 +419,21 @@ def test_small_problems_get_one_thread_and_large_ones_what_there_is(monkeypatch)
 
 
 def test_solve_takes_a_number_of_threads_too():
-    part = pm.Subdomain([1.0], [4.0], scheme=IMPLICIT, u0=[1.0])
-    expected = pm.solve(part, 0.1, 1.0)
-    np.testing.assert_array_equal(pm.solve(part, 0.1, 1.0, threads=2).u, expected.u)
+    subdomain = pm.Subdomain([1.0], [4.0], scheme=IMPLICIT, u0=[1.0])
+    expected = pm.solve(subdomain, 0.1, 1.0)
+    np.testing.assert_array_equal(pm.solve(subdomain, 0.1, 1.0, threads=2).u, expected.u)
     with pytest.raises(ValueError, match="threads must be at least 1, got 0"):
-        pm.solve(part, 0.1, 1.0, threads=0)
+        pm.solve(subdomain, 0.1, 1.0, threads=0)
 
 
-# ---- they come late and go with the coupler ---------------------------------------------------
+# ---- created by the first step, ended with the coupler ----------------------------------------
 
 
 @LINUX
 def test_threads_are_made_by_the_first_step_and_end_with_the_coupler():
     gc.collect()  # couplers of other tests
     before = tasks()
-    coupler = row_of_parts(threads=3)
+    coupler = row_of_subdomains(threads=3)
     assert tasks() == before
     coupler.step()
     assert tasks() == before + 2
@@ -447,7 +447,7 @@ def test_threads_are_made_by_the_first_step_and_end_with_the_coupler():
 def test_one_thread_is_no_thread():
     gc.collect()
     before = tasks()
-    coupler = row_of_parts(threads=1)
+    coupler = row_of_subdomains(threads=1)
     coupler.step(3)
     assert tasks() == before
 
@@ -468,15 +468,15 @@ def test_a_fork_after_use_hangs_neither_the_child_nor_the_parent():
         """
         import os
         import numpy as np
-        from test_threads import assert_same_bits, row_of_parts
+        from test_threads import assert_identical, row_of_subdomains
 
-        expected = row_of_parts(threads=1)
+        expected = row_of_subdomains(threads=1)
         expected.step(5)
         expected = expected.run(steps=5)
-        coupler = row_of_parts(threads=3)
+        coupler = row_of_subdomains(threads=3)
         coupler.step(5)
         child = os.fork()
-        assert_same_bits(coupler.run(steps=5), expected)  # both
+        assert_identical(coupler.run(steps=5), expected)  # both
         if child == 0:
             os._exit(7)
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
@@ -495,8 +495,8 @@ def test_a_fork_after_use_hangs_neither_the_child_nor_the_parent():
 def test_an_interpreter_ends_while_a_coupler_with_threads_lives():
     done = run_script(
         """
-        from test_threads import row_of_parts
-        coupler = row_of_parts(threads=3)
+        from test_threads import row_of_subdomains
+        coupler = row_of_subdomains(threads=3)
         coupler.step(5)
         print("stepped")
         """
@@ -504,10 +504,10 @@ def test_an_interpreter_ends_while_a_coupler_with_threads_lives():
     assert (done.returncode, done.stdout) == (0, "stepped\n"), done.stderr
 
 
-# ---- what ends a run early --------------------------------------------------------------------
+# ---- interrupted runs -------------------------------------------------------------------------
 
 
-def test_ctrl_c_ends_a_threaded_run_at_a_macro_step_and_it_goes_on():
+def test_ctrl_c_ends_a_threaded_run_at_a_macro_step_from_which_it_continues():
     child = subprocess.Popen(
         [
             sys.executable,
@@ -515,8 +515,8 @@ def test_ctrl_c_ends_a_threaded_run_at_a_macro_step_and_it_goes_on():
             textwrap.dedent(
                 """
                 import numpy as np
-                from test_threads import row_of_parts
-                coupler = row_of_parts(4, 2000, threads=3)
+                from test_threads import row_of_subdomains
+                coupler = row_of_subdomains(4, 2000, threads=3)
                 print("ready", flush=True)
                 try:
                     coupler.run(steps=10**8, record={}, every=10**8)
@@ -524,7 +524,7 @@ def test_ctrl_c_ends_a_threaded_run_at_a_macro_step_and_it_goes_on():
                     print("interrupted", flush=True)
                 steps = coupler.step_count
                 coupler.step(3)
-                alone = row_of_parts(4, 2000, threads=1)
+                alone = row_of_subdomains(4, 2000, threads=1)
                 alone.step(steps + 3)
                 for i in range(4):
                     assert np.array_equal(coupler.state(i).u, alone.state(i).u)
@@ -558,19 +558,19 @@ def test_an_exception_in_a_load_is_that_of_one_thread():
             raise LookupError("no load")
         return np.full(20, np.cos(t))
 
-    alone, shared = (row_of_parts(force=force, threads=threads) for threads in (1, 3))
+    alone, shared = (row_of_subdomains(force=force, threads=threads) for threads in (1, 3))
     for coupler in (alone, shared):
         with pytest.raises(LookupError, match="no load"):
             coupler.run(steps=20)
     assert shared.step_count == alone.step_count == 5
-    assert_same_bits(shared.last_history, alone.last_history)
+    assert_identical(shared.last_history, alone.last_history)
 
 
 def test_instability_is_that_of_one_thread():
     seen = []
     for threads in (1, 2, 4):
         with pytest.warns(pm.StabilityWarning):
-            coupler = row_of_parts(dt=10.5, threads=threads)
+            coupler = row_of_subdomains(dt=10.5, threads=threads)
         with pytest.raises(pm.InstabilityError) as caught:
             coupler.run(steps=10_000, every=10_000)
         error = caught.value
@@ -580,7 +580,7 @@ def test_instability_is_that_of_one_thread():
     assert seen[0] == seen[1] == seen[2]
 
 
-def test_a_load_that_asks_its_coupler_gets_an_error_and_no_deadlock():
+def test_a_load_that_calls_its_coupler_gets_an_error_and_no_deadlock():
     coupler = None
 
     def force(t):
@@ -588,6 +588,6 @@ def test_a_load_that_asks_its_coupler_gets_an_error_and_no_deadlock():
             coupler.step()
         return np.zeros(20)
 
-    coupler = row_of_parts(force=force, threads=2)
+    coupler = row_of_subdomains(force=force, threads=2)
     with pytest.raises(RuntimeError, match="being stepped"):
         coupler.run(steps=5)

@@ -1,4 +1,4 @@
-"""Ties found from where the nodes lie: each once, independent, and exact for linear fields."""
+"""Ties found from the coordinates of nodes: complete, independent, and exact for linear fields."""
 
 import time
 
@@ -12,7 +12,7 @@ SCHEME = pm.GeneralizedAlpha(0.5)
 
 
 def masses(n, name=None):
-    """A subdomain of n unit masses on unit springs: ties ask for no more than its dofs."""
+    """A subdomain of n unit masses on unit springs: ties need only its dofs."""
     return pm.Subdomain(np.ones(n), np.ones(n), scheme=SCHEME, name=name)
 
 
@@ -43,7 +43,7 @@ def require_full_rank(constraint, *subdomains):
     pm.Coupler(subdomains, constraint, dt=0.1)
 
 
-# ---- interfaces that match: what is tied ------------------------------------------------------
+# ---- matching interfaces: the ties ------------------------------------------------------------
 
 
 def test_the_rows_are_those_of_a_tie_by_hand():
@@ -59,18 +59,18 @@ def test_the_rows_are_those_of_a_tie_by_hand():
 
 def test_four_squares_are_tied_without_redundancy_at_their_common_corner():
     x = np.linspace(0.0, 1.0, 4)
-    parts = {masses(32, f"{i}{j}"): grid(x + i, x + j) for i in range(2) for j in range(2)}
-    tied = tie_coincident(parts, components=2)
+    subdomains = {masses(32, f"{i}{j}"): grid(x + i, x + j) for i in range(2) for j in range(2)}
+    tied = tie_coincident(subdomains, components=2)
     # four edges of three nodes of two squares each, and the corner of four: 3 rows; 2 components
     assert tied.p == 2 * (4 * 3 + 3)
-    require_full_rank(tied, *parts)
-    # 7 x 7 different places: the conditions leave as many free motions as the whole has dofs
+    require_full_rank(tied, *subdomains)
+    # 7 x 7 different places: the constraints leave as many free motions as the whole has dofs
     assert 4 * 32 - tied.p == 2 * 49
     whole = np.concatenate(
-        [np.sin(points @ [[2.0, 1.0], [1.0, 3.0]]).ravel() for points in parts.values()]
+        [np.sin(points @ [[2.0, 1.0], [1.0, 3.0]]).ravel() for points in subdomains.values()]
     )
     # one subtraction of sines whose arguments differ in the last bits
-    assert np.abs(dense(tied, *parts) @ whole).max() < 1e-14
+    assert np.abs(dense(tied, *subdomains) @ whole).max() < 1e-14
 
 
 def test_rows_go_by_the_earlier_subdomain_then_its_node_then_the_later_one():
@@ -91,7 +91,7 @@ def test_the_first_subdomain_is_on_the_plus_side():
 
 
 @pytest.mark.parametrize("dimension", [1, 2, 3])
-def test_points_of_every_dimension_are_taken(dimension):
+def test_points_of_every_dimension_are_accepted(dimension):
     a, b = masses(2), masses(2)
     points = np.zeros((3, dimension))
     points[:, -1] = [0.0, 1.0, 2.0]
@@ -119,11 +119,11 @@ def test_only_the_first_components_are_tied():
     assert tied.matrices[b].nonzero()[1].tolist() == [0]
 
 
-# ---- interfaces that match: the tolerance -----------------------------------------------------
+# ---- matching interfaces: the tolerance -------------------------------------------------------
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
-def test_the_default_tolerance_knows_no_unit(unit):
+def test_the_default_tolerance_is_independent_of_units(unit):
     points = grid(np.linspace(0.0, 1.0, 5), [0.0, 0.5])
     noise = np.random.default_rng(1).uniform(-1.0, 1.0, points.shape)
     for size, tied in ((0.006, 10), (0.03, 0)):  # of 0.25: a tolerance of 0.0025
@@ -146,16 +146,16 @@ def test_nodes_at_distance_tol_are_tied_and_beyond_are_not():
         tie_coincident(points, tol=0.2499)
 
 
-def test_nodes_that_are_nearly_at_one_place_are_warned_of():
+def test_nodes_that_nearly_coincide_are_warned_of():
     a, b = masses(3), masses(3)
     points = {a: [[0.0, 0.0], [0.0, 1.0], [0.0, 2.0]], b: [[0.0, 0.0], [0.05, 1.0], [0.0, 2.5]]}
     with pytest.warns(pm.ConstraintWarning, match="1 nodes or pairs .* 0.01 but no further than"):
         assert tie_coincident(points).p == 1
-    assert tie_coincident(points, tol=0.01).p == 1  # said: no warning
+    assert tie_coincident(points, tol=0.01).p == 1  # given: no warning
     assert tie_coincident(points, tol=0.05).p == 2
 
 
-def test_double_nodes_of_a_crack_are_let_be_away_from_the_interface():
+def test_double_nodes_of_a_crack_away_from_the_interface_are_not_tied():
     a, b = masses(4), masses(2)
     cracked = [[0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]
     # the spacing is 1, not that of the crack: 0.005 off is within 0.01
@@ -195,7 +195,7 @@ def test_a_tied_node_with_another_of_its_side_in_reach_is_refused():
         tie_coincident({a: [0.0, 0.9], b: [-0.5]}, tol=1.0)
 
 
-# ---- interfaces that match: fixed dofs --------------------------------------------------------
+# ---- matching interfaces: fixed dofs ----------------------------------------------------------
 
 
 def fixed_chain(fixed, n=3):
@@ -203,7 +203,7 @@ def fixed_chain(fixed, n=3):
     return pm.Subdomain(chain.M, chain.K, scheme=SCHEME), chain
 
 
-def test_dofs_that_are_fixed_on_both_sides_have_no_condition():
+def test_dofs_that_are_fixed_on_both_sides_have_no_constraint():
     points = [[0.0, 0.0], [0.0, 1.0], [0.0, 2.0]]
     (a, whole_a), (b, whole_b) = fixed_chain([0]), fixed_chain([0])
     tied = tie_coincident({a: points, b: points}, reduced={a: whole_a, b: whole_b})
@@ -213,18 +213,20 @@ def test_dofs_that_are_fixed_on_both_sides_have_no_condition():
 
 @pytest.mark.parametrize("place", [0, 1, 2])
 def test_a_dof_that_is_fixed_in_one_subdomain_holds_those_of_the_others(place):
-    parts = [fixed_chain([0] if i == place else [], n=1 if i != place else 2) for i in range(3)]
-    points = {s: ([0.0, 1.0 + i] if i == place else [0.0]) for i, (s, _) in enumerate(parts)}
-    tied = tie_coincident(points, reduced=dict(parts))
+    subdomains = [
+        fixed_chain([0] if i == place else [], n=1 if i != place else 2) for i in range(3)
+    ]
+    points = {s: ([0.0, 1.0 + i] if i == place else [0.0]) for i, (s, _) in enumerate(subdomains)}
+    tied = tie_coincident(points, reduced=dict(subdomains))
     L = dense(tied, *points)
     require_full_rank(tied, *points)
-    # two free dofs at the place, two conditions: nothing there moves, the far dof is left free
+    # two free dofs at the point, two constraints: the point does not move, the far dof is free
     rest = np.flatnonzero(~L.any(axis=0))
     assert tied.p == 2 and rest.tolist() == [place]
     assert np.all(np.abs(L).sum(axis=1) == 1.0)
 
 
-def test_a_place_where_all_dofs_are_fixed_is_no_tie():
+def test_interfaces_with_fixed_dofs_only_are_refused():
     (a, whole_a), (b, whole_b) = fixed_chain([0]), fixed_chain([0])
     points = {a: [0.0, 1.0, 2.0], b: [0.0, -1.0, -2.0]}
     with pytest.raises(ValueError, match="reduced must leave a dof to tie"):
@@ -239,7 +241,7 @@ def test_fixed_components_are_left_out_one_by_one():
     assert dense(tied, a, b).tolist() == expected
 
 
-# ---- interfaces that match: size, and the whole it makes --------------------------------------
+# ---- matching interfaces: size, and the assembled structure -----------------------------------
 
 
 def test_a_hundred_thousand_nodes_are_tied_in_about_a_second():
@@ -248,7 +250,7 @@ def test_a_hundred_thousand_nodes_are_tied_in_about_a_second():
     order = np.random.default_rng(0).permutation(100_000)
     begin = time.process_time()
     tied = tie_coincident({a: points, b: points[order]})
-    # 0.4 s of CPU where it was written; a slow machine is given three times the second
+    # 0.4 s of CPU when it was written; a slow machine gets three times the second
     assert time.process_time() - begin < 3.0
     assert tied.p == 100_000
     np.testing.assert_array_equal(order[tied.matrices[b].indices], tied.matrices[a].indices)
@@ -277,9 +279,11 @@ def test_a_plate_cut_in_four_moves_like_the_uncut_one():
     points = {(i, j): grid(x + i, x + j) for i in range(2) for j in range(2)}
     M, K = plate_matrices(points[0, 0], quads(3, 3))
     start = {key: np.sin(p @ [[2.0, 1.0], [1.0, 3.0]]).ravel() for key, p in points.items()}
-    parts = {key: pm.Subdomain(M, K, scheme=SCHEME, u0=start[key], name=str(key)) for key in points}
-    tied = tie_coincident({parts[key]: points[key] for key in points}, components=2)
-    history = pm.Coupler(list(parts.values()), tied, dt=0.1, coupling="gc").run(steps=30)
+    subdomains = {
+        key: pm.Subdomain(M, K, scheme=SCHEME, u0=start[key], name=str(key)) for key in points
+    }
+    tied = tie_coincident({subdomains[key]: points[key] for key in points}, components=2)
+    history = pm.Coupler(list(subdomains.values()), tied, dt=0.1, coupling="gc").run(steps=30)
 
     all_points = grid(np.linspace(0.0, 2.0, 5), np.linspace(0.0, 2.0, 5))
     whole = pm.Subdomain(
@@ -296,7 +300,7 @@ def test_a_plate_cut_in_four_moves_like_the_uncut_one():
     assert np.abs(uncut.u[-1] - uncut.u[0]).max() > 0.1
 
 
-# ---- interfaces that match: what is refused ---------------------------------------------------
+# ---- matching interfaces: errors --------------------------------------------------------------
 
 POINTS = np.array([[0.0, 0.0], [1.0, 0.0]])
 
@@ -321,7 +325,7 @@ POINTS = np.array([[0.0, 0.0], [1.0, 0.0]])
         (POINTS + [3.0, 0.0], {"tol": 1.9}, "up to 1.9, got none.* is 2"),
     ],
 )
-def test_values_that_make_no_sense_are_refused(second, options, message):
+def test_invalid_values_are_refused(second, options, message):
     with pytest.raises(ValueError, match=message):
         tie_coincident({masses(2): POINTS, masses(2): second}, **options)
 
@@ -365,7 +369,7 @@ def test_a_reduction_must_belong_to_its_subdomain():
         tie_coincident(points, reduced={a: 1})
 
 
-# ---- interfaces that do not match: the patch test ---------------------------------------------
+# ---- interfaces that do not match: patch test -------------------------------------------------
 
 
 def rotation(dimension, seed=3):
@@ -430,7 +434,7 @@ KINDS += ["face triangle", "face quad", "tetra", "hexahedron"]
 
 
 def turned(kind):
-    """The interface, turned and moved out of the axes, and the cell to say for it."""
+    """The interface, turned and moved out of the axes, and its `cell`."""
     b, elements, a = interface(kind)
     if kind == "line in the plane":
         a, b = a * [3.0, 4.0], b * [3.0, 4.0]
@@ -446,7 +450,7 @@ def tied_to(b_points, elements, a_points, components=1, **options):
 
 
 def linear(points):
-    """Three components, each a constant and a linear part."""
+    """Three components, each a constant and a linear term."""
     slopes = np.array([[1.0, -2.0, 0.5], [3.0, 0.3, -1.0], [-0.7, 2.0, 1.5]])
     return (np.array([2.0, -1.0, 0.25]) + points @ slopes[: points.shape[1]]).ravel()
 
@@ -460,7 +464,7 @@ def test_a_linear_field_passes_exactly(kind):
     gap = tied.matrices[a] @ linear(a_points) + tied.matrices[b] @ linear(b_points)
     # some ten operations on fields up to 70, after weights from coordinates up to 10
     assert np.abs(gap).max() < 1e-12
-    # a field that is not linear does not
+    # a field that is not linear has a gap
     bent = tied.matrices[a] @ linear(a_points) ** 2 + tied.matrices[b] @ linear(b_points) ** 2
     assert np.abs(bent).max() > 1e-3
 
@@ -502,7 +506,7 @@ def test_slender_elements_pass_too():
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1e9])
-def test_the_weights_know_no_unit(unit):
+def test_the_weights_are_independent_of_units(unit):
     b_points, elements, a_points, _ = turned("face quad")
     ours, _, b = tied_to(b_points, elements, a_points, cell="quad")
     other, _, other_b = tied_to(unit * b_points, elements, unit * a_points, cell="quad")
@@ -514,7 +518,7 @@ def test_the_weights_know_no_unit(unit):
 
 def test_a_mesh_far_from_the_origin_has_the_same_weights():
     b_points, elements, a_points = interface("flat quad")
-    # multiples of 2^-10 are whole after 2^20 is added: the same mesh bit for bit
+    # multiples of 2^-10 are whole after 2^20 is added: the same mesh, bitwise identical
     b_points, a_points = (np.round(1024.0 * x) / 1024.0 for x in (b_points, a_points))
     near, _, b = tied_to(b_points, elements, a_points)
     far, _, far_b = tied_to(b_points + 2.0**20, elements, a_points + 2.0**20)
@@ -533,7 +537,7 @@ def test_nodes_that_coincide_have_one_weight_of_one():
 
 
 def test_a_node_on_a_border_follows_the_element_of_the_lowest_number():
-    # two edges that overlap on [1, 2], with nodes of their own
+    # two edges that overlap on [1, 2], with separate nodes
     b_points = np.array([0.0, 2.0, 1.0, 3.0])
     for elements in ([[0, 1], [2, 3]], [[2, 3], [0, 1]]):
         tied, _, b = tied_to(b_points, elements, [0.5, 1.5, 2.5], tol=1e-6)
@@ -548,7 +552,7 @@ def test_the_nearest_element_wins_over_a_lower_number_within_the_tolerance():
     np.testing.assert_allclose(tied.matrices[b].toarray(), expected, rtol=0.0, atol=1e-15)
 
 
-def test_nodes_off_the_elements_are_left_out_or_refused_when_asked_for():
+def test_nodes_off_the_elements_are_left_out_or_refused_as_requested():
     edge, nodes = np.array([[0.0, 0.0], [1.0, 0.0]]), [[0.5, 0.0], [0.5, 0.3], [0.2, 0.0]]
     tied, a, _ = tied_to(edge, line(2), nodes)
     assert tied.matrices[a].indices.tolist() == [0, 2]
@@ -561,13 +565,13 @@ def test_nodes_off_the_elements_are_left_out_or_refused_when_asked_for():
     assert dense(tied, b).tolist() == [[-0.5, -0.5]]
 
 
-def test_nodes_that_nearly_lie_in_an_element_are_warned_of():
+def test_nodes_that_are_nearly_in_an_element_are_warned_of():
     edge, nodes = [[0.0, 0.0], [1.0, 0.0]], [[0.0, 0.0], [0.5, 0.03], [1.0, 0.0]]
     # half the edge is the smallest distance between nodes, 0.5 and a little: 0.005 and 0.05
     with pytest.warns(pm.ConstraintWarning, match="1 nodes .* further apart than .* 0.005"):
         tied, _, _ = tied_to(edge, line(2), nodes)
     assert tied.p == 2
-    assert tied_to(edge, line(2), nodes, tol=0.005)[0].p == 2  # said: no warning
+    assert tied_to(edge, line(2), nodes, tol=0.005)[0].p == 2  # given: no warning
 
 
 def test_fixed_dofs_have_no_entries_and_no_rows_of_their_own():
@@ -584,7 +588,7 @@ def test_fixed_dofs_have_no_entries_and_no_rows_of_their_own():
     ]
 
 
-def test_components_of_a_node_stand_together():
+def test_components_of_a_node_are_adjacent():
     frame, plate = masses(3), masses(4)
     points = [[0.0, 0.0], [0.0, 4.0]]
     tied = interpolate(
@@ -608,7 +612,7 @@ def test_ten_thousand_nodes_are_interpolated_in_a_second():
     fine, coarse = grid(y, y, [0.0]), grid(z, z, [0.0])
     begin = time.process_time()
     tied, a, b = tied_to(coarse, quads(34, 34), fine, 3, cell="quad")
-    assert time.process_time() - begin < 1.0  # 0.1 s where it was written
+    assert time.process_time() - begin < 1.0  # 0.1 s when it was written
     gap = tied.matrices[a] @ linear(fine) + tied.matrices[b] @ linear(coarse)
     assert tied.p == 30_000 and np.abs(gap).max() < 1e-14  # fields up to 7
 
@@ -620,11 +624,11 @@ class CutPlate:
     """A plate [0, 2] x [0, 1] cut at x = 1: fine (explicit, a) left, coarse (implicit, b) right."""
 
     def __init__(self, fine, coarse, **load):
-        self.points, self.parts, tables = {}, {}, {}
+        self.points, self.subdomains, tables = {}, {}, {}
         for name, left, n in (("a", 0.0, fine), ("b", 1.0, coarse)):
             y = np.linspace(0.0, 1.0, n + 1)
             flat = grid(left + np.linspace(0.0, 1.0, n + 1), y)
-            # nodes of the border stay where they are, so that the meshes nest where n does
+            # nodes of the border are not moved, so that the meshes nest where n does
             self.points[name] = shaken(flat, 0.2 / n, inner(flat).all(axis=1, keepdims=True))
             tables[name] = quads(n + 1, n + 1)
         self.edges = {
@@ -633,7 +637,7 @@ class CutPlate:
         }
         for name, explicit, substeps in (("a", True, 8), ("b", False, 1)):
             M, K = plate_matrices(self.points[name], tables[name])
-            self.parts[name] = pm.Subdomain(
+            self.subdomains[name] = pm.Subdomain(
                 M,
                 K,
                 scheme=pm.GeneralizedAlpha(0.5, explicit=explicit),
@@ -641,24 +645,24 @@ class CutPlate:
                 name=name,
                 **{key: value(self.points[name], tables[name]) for key, value in load.items()},
             )
-        a, b = self.parts["a"], self.parts["b"]
+        a, b = self.subdomains["a"], self.subdomains["b"]
         elements = np.column_stack([self.edges["b"][:-1], self.edges["b"][1:]])
         self.tied = interpolate(a, self.points["a"], b, self.points["b"], elements, components=2)
 
     def run(self, steps=20):
-        return pm.Coupler(list(self.parts.values()), self.tied, dt=0.05).run(steps=steps)
+        return pm.Coupler(list(self.subdomains.values()), self.tied, dt=0.05).run(steps=steps)
 
 
-def test_a_rigid_motion_goes_on_as_if_uncut():
+def test_a_rigid_motion_is_that_of_the_uncut_plate():
     spin = np.array([[0.0, 0.4], [-0.4, 0.0]])
     plate = CutPlate(5, 3, v0=lambda points, _: ([0.3, -0.2] + points @ spin).ravel())
     assert plate.tied.p == 12
     history = plate.run()
     for name, points in plate.points.items():
-        part = history[name]
+        subdomain = history[name]
         v = ([0.3, -0.2] + points @ spin).ravel()
         # K of a linear rigid motion is 0 up to 1e-16; 160 steps
-        np.testing.assert_allclose(part.u, part.t[:, None] * v, rtol=0.0, atol=1e-13)
+        np.testing.assert_allclose(subdomain.u, subdomain.t[:, None] * v, rtol=0.0, atol=1e-13)
     assert np.abs(history.multipliers).max() < 1e-13
 
 
@@ -672,7 +676,7 @@ def uniform_strain(points, _=None, E=1.0, nu=0.3):
 
 
 def tractions(points, elements):
-    """Nodal forces of STRESS on the edges of the part, those at x = 1 left out."""
+    """Nodal forces of STRESS on the edges of the subdomain, except at x = 1."""
     force = np.zeros(points.shape)
     sides = np.concatenate([elements[:, [i, (i + 1) % 4]] for i in range(4)])
     _, first, count = np.unique(np.sort(sides), axis=0, return_index=True, return_counts=True)
@@ -708,11 +712,11 @@ def static_error(fine, coarse):
     for name in "ab":
         n = int(np.sqrt(len(plate.points[name])))
         load.append(tractions(plate.points[name], quads(n, n)))
-        blocks.append(plate.parts[name].K)
+        blocks.append(plate.subdomains[name].K)
     K = np.zeros((sum(map(len, blocks)),) * 2)
     K[: len(blocks[0]), : len(blocks[0])] = blocks[0]
     K[len(blocks[0]) :, len(blocks[0]) :] = blocks[1]
-    L = dense(plate.tied, *plate.parts.values())
+    L = dense(plate.tied, *plate.subdomains.values())
     # K u - L^T Lam = f, L u = 0; rigid motions are left open
     system = np.block([[K, -L.T], [L, np.zeros((len(L), len(L)))]])
     right = np.concatenate([*load, np.zeros(len(L))])
@@ -725,7 +729,7 @@ def static_error(fine, coarse):
 def test_a_uniform_stress_is_exact_on_nested_meshes_and_converges_on_others():
     assert static_error(6, 3) < 1e-7  # the square root of rounding
     errors = [static_error(3 * n, 2 * n) for n in (1, 2, 4)]
-    # wrong by a fixed part in one layer of elements at the interface: the energy falls with h
+    # wrong by a fixed fraction in one layer of elements at the interface: the energy falls with h
     assert errors[0] < 0.2
     assert errors[1] < 0.8 * errors[0] and errors[2] < 0.8 * errors[1]
 
@@ -744,10 +748,10 @@ def test_the_multipliers_are_in_balance_on_any_meshes():
 
 def test_the_rows_of_an_interpolation_are_independent():
     plate = CutPlate(7, 3)
-    require_full_rank(plate.tied, *plate.parts.values())
+    require_full_rank(plate.tied, *plate.subdomains.values())
 
 
-# ---- interfaces that do not match: what is refused --------------------------------------------
+# ---- interfaces that do not match: errors -----------------------------------------------------
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 SPATIAL = np.column_stack([SQUARE, np.zeros(4)])
@@ -776,7 +780,7 @@ SPATIAL = np.column_stack([SQUARE, np.zeros(4)])
         (SQUARE, [[0, 1]], {"components": 2}, "got 4 x 2 for 4"),
     ],
 )
-def test_interpolations_that_make_no_sense_are_refused(b_points, elements, options, message):
+def test_invalid_interpolations_are_refused(b_points, elements, options, message):
     a_points = SPATIAL if np.shape(b_points)[-1] == 3 else SQUARE
     a, b = masses(4, "a"), masses(4, "b")
     with pytest.raises(ValueError, match=message):

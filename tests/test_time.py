@@ -1,6 +1,6 @@
 """Time is counted in integers: t = (k / max(ss)) dt, in this order of operations (T1).
 
-Expected times are numbers typed as decimals, or (T1) worked out by NumPy: equal means equal bits.
+Expected times are decimal numbers, or (T1) computed by NumPy: equal means bitwise identical.
 """
 
 from decimal import Decimal
@@ -14,16 +14,16 @@ import pmalpha as pm
 SOFT = pm.GeneralizedAlpha(0.5)
 
 
-def part(substeps=1, **options):
+def subdomain(substeps=1, **options):
     options = {"scheme": SOFT, **options}
     return pm.Subdomain([1.0], [4.0], substeps=substeps, u0=[1.0], **options)
 
 
 def pair(dt, *substeps, **options):
     """Subdomains of one dof with these substeps, tied in a row."""
-    parts = [part(ss) for ss in substeps]
-    ties = [pm.tie(a, [0], b, [0]) for a, b in zip(parts, parts[1:])]
-    return pm.Coupler(parts, ties, dt=dt, **options)
+    subdomains = [subdomain(ss) for ss in substeps]
+    ties = [pm.tie(a, [0], b, [0]) for a, b in zip(subdomains, subdomains[1:])]
+    return pm.Coupler(subdomains, ties, dt=dt, **options)
 
 
 def divisor(ss):
@@ -36,7 +36,7 @@ def divisor(ss):
 
 @pytest.mark.parametrize("ss", range(1, 101))
 def test_every_ratio_takes_the_exact_number_of_steps_for_decimals(ss):
-    # typed as decimals: dt = 0.001 ss and t_end = 23 of them, each rounded once by the reader
+    # written as decimals: dt = 0.001 ss and t_end = 23 of them, each rounded once by the parser
     typed = Decimal("0.001") * ss
     dt, t_end = float(str(typed)), float(str(23 * typed))
     middle = divisor(ss)
@@ -47,37 +47,37 @@ def test_every_ratio_takes_the_exact_number_of_steps_for_decimals(ss):
     k = np.arange(23 * ss + 1)
     np.testing.assert_array_equal(fine.t, (k / ss) * dt)  # (T1)
     np.testing.assert_array_equal(history.multiplier_times, fine.t)
-    # equal instants have equal bits
+    # equal instants are bitwise identical
     np.testing.assert_array_equal(coarse.t, fine.t[::ss])
     np.testing.assert_array_equal(between.t, fine.t[:: ss // middle])
     np.testing.assert_array_equal(history.macro_times, coarse.t)
     assert coupler.time == coarse.t[-1]
-    # the end is the number that was typed, up to the rounding of one product
+    # the end is the decimal number, to the rounding of one product
     assert coupler.time == pytest.approx(t_end, rel=2.3e-16, abs=0)
 
 
 def test_the_expected_times_are_not_what_a_running_sum_gives():
-    # the last test would not see a sum of steps if the two agreed
+    # the last test could not detect a sum of steps if the two agreed
     k = np.arange(23 * 7 + 1)
     assert ((k / 7) * 0.007 != np.concatenate([[0.0], np.cumsum(np.full(23 * 7, 0.007 / 7))])).any()
 
 
 @pytest.mark.parametrize("ss", [3, 7, 10, 97])
-def test_the_loads_of_all_subdomains_are_asked_at_instants_of_equal_bits(ss):
-    asked = {"coarse": [], "fine": []}
+def test_loads_of_all_subdomains_are_evaluated_at_bitwise_identical_instants(ss):
+    times = {"coarse": [], "fine": []}
 
-    def asking(name):
-        return lambda t: asked[name].append(t) or [0.0]
+    def logged(name):
+        return lambda t: times[name].append(t) or [0.0]
 
-    a, b = part(force=asking("coarse")), part(ss, force=asking("fine"))
+    a, b = subdomain(force=logged("coarse")), subdomain(ss, force=logged("fine"))
     dt = float(str(Decimal("0.001") * ss))
     history = pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=dt).run(steps=11)
-    np.testing.assert_array_equal(asked["fine"], history[1].t)
-    np.testing.assert_array_equal(asked["coarse"], asked["fine"][::ss])
+    np.testing.assert_array_equal(times["fine"], history[1].t)
+    np.testing.assert_array_equal(times["coarse"], times["fine"][::ss])
 
 
 @pytest.mark.parametrize("ss", range(1, 101))
-def test_the_core_evaluates_loads_at_the_same_bits(ss):
+def test_the_core_evaluates_loads_at_bitwise_identical_instants(ss):
     # a ramp from 0 to 1024 within 1024: F(t) = t without a rounding, and w = F on a free unit mass
     clock = pm.SampledForce([0.0, 1024.0], 1024.0, shape=[1.0])
     options = {"scheme": SOFT, "force": clock}
@@ -101,14 +101,14 @@ def test_a_million_fine_steps_end_at_the_exact_time_and_count(dt, substeps, step
     coupler = pair(dt, 1, substeps)
     history = coupler.run(t_end, record={}, every=steps)
     assert coupler.step_count == steps
-    # the double next to steps * dt is the number that was typed
+    # the double nearest to steps * dt is the decimal number
     assert coupler.time == t_end == history.macro_times[-1] == history.multiplier_times[-1]
     # a running sum is off by 1e-16 n^2 dt / 2 at worst: about 1e-8 here, and not zero
     total = np.cumsum(np.full(steps * substeps, dt / substeps))[-1]
     assert total != t_end
 
 
-def test_a_million_steps_in_stretches_are_the_same_million():
+def test_a_million_steps_in_intervals_are_the_same_million():
     coupler = pair(0.01, 1, 5)
     for t_end in (0.01, 333.33, 999.98, 2000.0):
         coupler.run(t_end, record={}, every=10**9)
@@ -122,7 +122,7 @@ def test_the_time_of_a_step_far_out_is_correctly_rounded():
     history = coupler.run(steps=2)
     for n, t in enumerate(history.macro_times):
         assert t == float(Fraction(0.1) * (100_000 + n))  # one rounding of the exact product
-    # fine nodes: k / 3 is rounded once more
+    # fine instants: k / 3 is rounded once more
     exact = [Fraction(0.1) * Fraction(300_000 + k, 3) for k in range(7)]
     np.testing.assert_allclose(history.multiplier_times, [float(t) for t in exact], rtol=3e-16)
 
@@ -156,7 +156,7 @@ def test_the_millionth_is_one_of_a_step_whatever_the_unit_of_time():
 
 
 @pytest.mark.parametrize("behind", [0.75, 0.0, -0.25])
-def test_t_end_behind_the_present_is_refused(behind):
+def test_t_end_before_the_present_time_is_refused(behind):
     coupler = pair(0.25, 1)
     coupler.step(4)
     with pytest.raises(ValueError, match="behind the present"):
@@ -164,7 +164,7 @@ def test_t_end_behind_the_present_is_refused(behind):
     assert coupler.step_count == 4
 
 
-def test_t_end_at_the_present_takes_no_step():
+def test_t_end_at_the_present_time_takes_no_step():
     coupler = pair(0.25, 1, 2)
     for t_end, count in ((0.0, 0), (1.0, 4), (1.0, 4)):
         history = coupler.run(t_end)
@@ -173,7 +173,7 @@ def test_t_end_at_the_present_takes_no_step():
     assert history[1].t.tolist() == [1.0]
 
 
-def test_t_end_is_absolute_and_steps_are_counted_from_the_present():
+def test_t_end_is_absolute_and_steps_are_counted_from_the_present_time():
     coupler = pair(0.25, 1)
     coupler.run(1.0)
     coupler.run(1.5)
@@ -189,7 +189,7 @@ def test_both_or_none_of_t_end_and_steps_is_a_type_error():
     with pytest.raises(TypeError, match="either t_end or steps"):
         coupler.run(1.0, steps=4)
     with pytest.raises(TypeError, match="either t_end or steps"):
-        pm.solve(part(), dt=0.25)
+        pm.solve(subdomain(), dt=0.25)
     assert coupler.step_count == 0
 
 
@@ -206,7 +206,7 @@ def test_both_or_none_of_t_end_and_steps_is_a_type_error():
     ],
     ids=str,
 )
-def test_a_length_of_a_run_that_is_no_length_is_refused(arguments, error):
+def test_an_invalid_length_of_a_run_is_refused(arguments, error):
     coupler = pair(0.25, 1)
     coupler.step(2)
     with pytest.raises(error, match=next(iter(arguments))):
