@@ -65,14 +65,19 @@ pma_status pma_substep_load(pma_subdomain *s, const pma_substep *step)
 }
 
 /* (11)  F(t1) - C vt - K ut; lagged: C vs (R4) */
-void pma_substep_add_forces(const pma_subdomain *s, const pma_substep *step, size_t begin,
-                            size_t end)
+static void add_forces(const pma_subdomain *s, const pma_substep *step, const pma_state *to,
+                       size_t begin, size_t end)
 {
     const pma_parts *p = &s->parts;
-    const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
     pma_load_add_rows(&s->load, step->t1, step->number, begin, end, to->w);
     pma_matrix_subtract_rows(&p->C, begin, end, p->lagged ? s->vs : to->v, to->w);
     pma_matrix_subtract_rows(&p->K, begin, end, to->u, to->w);
+}
+
+void pma_substep_add_forces(const pma_subdomain *s, const pma_substep *step, size_t begin,
+                            size_t end)
+{
+    add_forces(s, step, pma_levels_at(&s->levels, step->j + 1), begin, end);
 }
 
 /* The free problem (13) up to its acceleration on the interface, slab by slab: where matrices and
@@ -99,7 +104,7 @@ static pma_status solve_free(pma_subdomain *s, const pma_substep *step)
         s->update->predict(&op->step, predicted, ahead, from, to);
         predicted = ahead;
 
-        pma_substep_add_forces(s, step, begin, end);
+        add_forces(s, step, to, begin, end);
 
         /* (R3), where there is something to it in all rows at once */
         if (s->slab == p->n)
