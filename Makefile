@@ -13,7 +13,7 @@ SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-fra
 MEASURE  := $(filter-out $(addprefix benchmarks/,draw.py memory.py peers.py timing.py), \
               $(wildcard benchmarks/*.py))
 
-.PHONY: demo test ctest tsan release lint notebooks benchmarks clean
+.PHONY: demo test ctest tsan release example lint notebooks benchmarks clean
 .NOTPARALLEL:
 
 demo: $(VENV)/.plot,fast
@@ -32,6 +32,10 @@ tsan: build/test_core_tsan
 # the same tests as users compile the core, without assertions, by clang too where there is one
 release: build/test_core_release $(if $(shell command -v clang),build/test_core_clang)
 	for test in $^; do $$test || exit; done
+
+# two oscillators, coupled by the core alone
+example: build/example
+	build/example
 
 lint: $(VENV)/.lint
 	$(VENV)/bin/ruff check .
@@ -74,6 +78,11 @@ build/test_core build/test_core_tsan build/test_core_release build/test_core_cla
 		$(TESTS) $(CORE) $(HEADERS)
 	mkdir -p build
 	$(CC) -std=c11 $(FLAGS) -ffp-contract=off -fopenmp-simd -pthread -Wall -Wextra \
+		-Icsrc/core $(filter %.c,$^) -lm -o $@
+
+build/example: csrc/example.c $(CORE) $(HEADERS)
+	mkdir -p build
+	$(CC) -std=c11 -O2 -ffp-contract=off -fopenmp-simd -pthread -Wall -Wextra \
 		-Icsrc/core $(filter %.c,$^) -lm -o $@
 
 clean:

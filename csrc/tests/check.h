@@ -15,18 +15,18 @@
 
 #define CHECK(expression) check_true((expression), #expression, __FILE__, __LINE__)
 
-#define CHECK_INT(actual, expected)                                                               \
-    check_int((long long)(actual), (long long)(expected), #actual " == " #expected, __FILE__,     \
+#define CHECK_INT(actual, expected)                                                           \
+    check_int((long long)(actual), (long long)(expected), #actual " == " #expected, __FILE__, \
               __LINE__)
 
-#define CHECK_STATUS(actual, expected)                                                            \
+#define CHECK_STATUS(actual, expected) \
     check_status((actual), (expected), #actual " == " #expected, __FILE__, __LINE__)
 
-#define CHECK_NEAR(actual, expected, tolerance)                                                   \
+#define CHECK_NEAR(actual, expected, tolerance) \
     check_near((actual), (expected), (tolerance), #actual " == " #expected, __FILE__, __LINE__)
 
-/* count doubles agree bit for bit; so -0.0 differs from 0.0, and a NaN agrees with itself */
-#define CHECK_BITS(count, actual, expected)                                                       \
+/* count doubles are bitwise identical; so -0.0 differs from 0.0, and a NaN agrees with itself */
+#define CHECK_BITS(count, actual, expected) \
     check_bits((count), (actual), (expected), #actual " == " #expected, __FILE__, __LINE__)
 
 enum { CHECKS_SHOWN = 5 };

@@ -8,7 +8,7 @@
 #include "algebra/symbolic.h"
 #include "check.h"
 
-/* ---- rows without zeros ---------------------------------------------------------------------- */
+/* ---- rows without zeros --------------------------------------------------------------------- */
 
 compressed compress(size_t n, const double *rows)
 {
@@ -26,7 +26,7 @@ compressed compress(size_t n, const double *rows)
     return s;
 }
 
-/* ---- matrices whose factor is known ---------------------------------------------------------- */
+/* ---- matrices whose factor is known --------------------------------------------------------- */
 
 triple make_triple(size_t n, double density, uint64_t *seed)
 {
@@ -131,7 +131,7 @@ void check_sweeps(const triple *t, const pma_factor *f, uint64_t *seed)
     return_scratch(f, work);
 }
 
-/* ---- matrices on their way to a factor in panels --------------------------------------------- */
+/* ---- matrices on their way to a factor in panels -------------------------------------------- */
 
 void list_entries(structure *m, bool lower)
 {

@@ -10,7 +10,7 @@
 #include "algebra/panels.h"
 #include "naive.h"
 
-/* ---- rows without zeros ---------------------------------------------------------------------- */
+/* ---- rows without zeros --------------------------------------------------------------------- */
 
 /* The rows of a dense matrix without its zeros. */
 typedef struct {
@@ -21,7 +21,7 @@ typedef struct {
 
 compressed compress(size_t n, const double *rows);
 
-/* ---- matrices whose factor is known ---------------------------------------------------------- */
+/* ---- matrices whose factor is known --------------------------------------------------------- */
 
 /* A = R D R^T, made from R and D, so that nothing is ever factored. */
 typedef struct {
@@ -44,7 +44,7 @@ void return_scratch(const pma_factor *f, double *work);
  * what acts there; the interface sweep on its own solves with S. */
 void check_sweeps(const triple *t, const pma_factor *f, uint64_t *seed);
 
-/* ---- matrices on their way to a factor in panels --------------------------------------------- */
+/* ---- matrices on their way to a factor in panels -------------------------------------------- */
 
 enum { GRID = 8, UNKNOWNS = GRID * GRID }; /* more than one block of a dense panel, which is 48 */
 

@@ -9,7 +9,7 @@
 #include "check.h"
 #include "naive.h"
 
-/* ---- models: coupled parts, for the core and for the naive program --------------------------- */
+/* ---- models: coupled parts, for the core and for the naive program -------------------------- */
 
 static const level REST = {.u = {0.0}};
 
@@ -58,8 +58,11 @@ static pma_interface make_interface(model *m, bool later)
         }
     }
     naive_factor(m->p, H, m->R[later], m->inverse[later]);
-    const pma_factor factor = {.form = PMA_DENSE, .n = m->p, .nb = m->p,
-                               .inverse = m->inverse[later], .values = m->R[later]};
+    const pma_factor factor = {.form = PMA_DENSE,
+                               .n = m->p,
+                               .nb = m->p,
+                               .inverse = m->inverse[later],
+                               .values = m->R[later]};
     pma_ldl_destroy(&m->ldl[later]);
     CHECK_STATUS(pma_ldl_create(&factor, &m->ldl[later]), PMA_OK);
     return pma_ldl_interface(&m->ldl[later]);
@@ -67,11 +70,16 @@ static pma_interface make_interface(model *m, bool later)
 
 pma_coupler_parts describe_coupler(model *m)
 {
-    return (pma_coupler_parts){.count = m->count, .members = m->members, .p = m->p,
-                               .H_start = make_interface(m, false), .H = make_interface(m, true),
-                               .dt = m->dt, .rebased = m->rebased,
+    return (pma_coupler_parts){.count = m->count,
+                               .members = m->members,
+                               .p = m->p,
+                               .H_start = make_interface(m, false),
+                               .H = make_interface(m, true),
+                               .dt = m->dt,
+                               .rebased = m->rebased,
                                .schedule = m->macro ? &pma_macro_schedule : &pma_fine_schedule,
-                               .motion_count = m->motion_count, .motions = &m->motion,
+                               .motion_count = m->motion_count,
+                               .motions = &m->motion,
                                .threads = m->threads};
 }
 
@@ -233,15 +241,19 @@ static void fill_loads(model *m, double scale)
     }
     C->loads[0] = scale * 0.5;
     C->loads[1] = -scale;
-    A->load = (pma_load){.kind = PMA_LOAD_SAMPLED, .values = A->loads, .shape = A->shape,
-                         .samples = LEVELS, .k = 2, .dt = 0.11};
+    A->load = (pma_load){.kind = PMA_LOAD_SAMPLED,
+                         .values = A->loads,
+                         .shape = A->shape,
+                         .samples = LEVELS,
+                         .k = 2,
+                         .dt = 0.11};
     B->load = (pma_load){.kind = PMA_LOAD_TABLE, .values = B->loads, .rows = LEVELS};
     C->load = (pma_load){.kind = PMA_LOAD_CONSTANT, .values = C->loads};
     for (size_t k = 0; k < LEVELS; k++)
         m->moved[k] = scale * draw_eighth(&seed) / 8.0;
     m->moved_row = 1;
-    m->motion = (pma_motion){&m->moved_row, {.kind = PMA_LOAD_TABLE, .n = 1, .values = m->moved,
-                                             .rows = LEVELS}};
+    m->motion = (pma_motion){&m->moved_row,
+                             {.kind = PMA_LOAD_TABLE, .n = 1, .values = m->moved, .rows = LEVELS}};
 }
 
 /* Estimates on the implicit A, lagged damping on the explicit B, a force alone on C */
@@ -263,10 +275,16 @@ static const double ONE[1] = {1.0}, HALF[1] = {0.5}, TENTH[1] = {0.1}, TWO[1] = 
 static const double TEN[1] = {10.0};
 
 static const pma_spring_set SETS[4] = {
-    {.law = PMA_BILINEAR, .count = 1, .first = FIRST, .second = SECOND,
+    {.law = PMA_BILINEAR,
+     .count = 1,
+     .first = FIRST,
+     .second = SECOND,
      .parameters = {HALF, TWO, TENTH}},
     {.law = PMA_CUBIC, .count = 1, .first = SECOND, .second = GROUND, .parameters = {ONE, TWO}},
-    {.law = PMA_BOUC_WEN, .count = 1, .first = FIRST, .second = GROUND,
+    {.law = PMA_BOUC_WEN,
+     .count = 1,
+     .first = FIRST,
+     .second = GROUND,
      .parameters = {HALF, HALF, TEN, TWO, HALF, HALF, TWO}},
     {.law = PMA_GAP, .count = 1, .first = SECOND, .second = GROUND, .parameters = {ONE, TENTH}},
 };
@@ -281,15 +299,30 @@ static void fill_springs(model *m)
 
 static void fill_chain(model *m, const plan *chosen, double scale)
 {
-    m->parts[0] = (part){.n = 3, .nb = 1, .implicit = true, .doubled = chosen->A_doubled,
-                         .scheme = generalized_alpha(0.5), .M = {2, 0, 0, 0, 1.5, 0, 0, 0, 1},
+    m->parts[0] = (part){.n = 3,
+                         .nb = 1,
+                         .implicit = true,
+                         .doubled = chosen->A_doubled,
+                         .scheme = generalized_alpha(0.5),
+                         .M = {2, 0, 0, 0, 1.5, 0, 0, 0, 1},
                          .C = {0.5, -0.25, 0, -0.25, 0.5, -0.25, 0, -0.25, 0.25},
-                         .K = {5, -2, 0, -2, 4, -2, 0, -2, 2}, .L = {0, 0, 1, 0, 0, 0}};
-    m->parts[1] = (part){.n = 2, .nb = 2, .scheme = generalized_alpha(0.8), .M = {1, 0, 0, 1},
-                         .C = {0.25, 0, 0, 0}, .K = {3, -2, -2, 3}, .L = {-1, 0, 0, 1}};
-    m->parts[2] = (part){.n = 2, .nb = 1, .implicit = true, .doubled = chosen->C_doubled,
-                         .scheme = TRAPEZOIDAL, .M = {1, 0.25, 0.25, 1},
-                         .K = {4, -2, -2, 2}, .L = {0, 0, 0, -1}};
+                         .K = {5, -2, 0, -2, 4, -2, 0, -2, 2},
+                         .L = {0, 0, 1, 0, 0, 0}};
+    m->parts[1] = (part){.n = 2,
+                         .nb = 2,
+                         .scheme = generalized_alpha(0.8),
+                         .M = {1, 0, 0, 1},
+                         .C = {0.25, 0, 0, 0},
+                         .K = {3, -2, -2, 3},
+                         .L = {-1, 0, 0, 1}};
+    m->parts[2] = (part){.n = 2,
+                         .nb = 1,
+                         .implicit = true,
+                         .doubled = chosen->C_doubled,
+                         .scheme = TRAPEZOIDAL,
+                         .M = {1, 0.25, 0.25, 1},
+                         .K = {4, -2, -2, 2},
+                         .L = {0, 0, 0, -1}};
     const double u0[PARTS][MOST] = {{0.25, -0.5, 1.0}, {1.0, 0.5}, {0.75, 0.5}};
     for (size_t i = 0; i < PARTS; i++) {
         m->parts[i].p = 2;
@@ -304,9 +337,14 @@ static void fill_chain(model *m, const plan *chosen, double scale)
 void build_chain(model *m, const chain *chosen)
 {
     const double scale = chosen->scale != 0.0 ? chosen->scale : 1.0;
-    *m = (model){.count = 3, .p = 2, .dt = 0.3, .rebased = chosen->plan.rebased,
-                 .motion_count = chosen->plan.moved, .threads = chosen->threads,
-                 .macro = chosen->macro, .stored = chosen->stored,
+    *m = (model){.count = 3,
+                 .p = 2,
+                 .dt = 0.3,
+                 .rebased = chosen->plan.rebased,
+                 .motion_count = chosen->plan.moved,
+                 .threads = chosen->threads,
+                 .macro = chosen->macro,
+                 .stored = chosen->stored,
                  .looks_ahead = chosen->looks_ahead};
     memcpy(m->naive, chosen->naive, sizeof m->naive);
     fill_chain(m, &chosen->plan, scale);
@@ -328,7 +366,7 @@ void make_threaded_chain(model *m, plan chosen, size_t threads)
     build_chain(m, &(chain){.plan = chosen, .threads = threads});
 }
 
-/* ---- the naive coupler: section 5 as written ------------------------------------------------- */
+/* ---- the naive coupler: section 5 as written ------------------------------------------------ */
 
 /* From time level k of part i to the next one, the free problem. */
 static void naive_open(model *m, size_t i, size_t k)
@@ -360,8 +398,8 @@ static void naive_free_velocity(model *m, size_t i, size_t k, double *jump)
         naive_open(m, i, next - 1);
     const double theta = (double)(k - (next - 1) * ratio) / (double)ratio;
     for (size_t row = 0; row < m->p; row++)
-        jump[row] += (1.0 - theta) * constrained(x, row, last->vf) +
-                     theta * constrained(x, row, to->vf);
+        jump[row] +=
+            (1.0 - theta) * constrained(x, row, last->vf) + theta * constrained(x, row, to->vf);
 }
 
 /* A part that has a time level at fine step k takes Lam. */
@@ -389,7 +427,7 @@ static void naive_fine_step(model *m, size_t k)
         naive_arrive(m, i, k);
 }
 
-/* ---- the same in macro coupling: section 13 as written --------------------------------------- */
+/* ---- the same in macro coupling: section 13 as written -------------------------------------- */
 
 /* (M2), with lam held */
 static void naive_free_macro_run(model *m, size_t i, size_t macro)
@@ -443,7 +481,7 @@ void naive_run(model *m, size_t steps)
         naive_fine_step(m, k);
 }
 
-/* ---- tapes: records of everything ------------------------------------------------------------ */
+/* ---- tapes: records of everything ----------------------------------------------------------- */
 
 void make_tape(tape *t, const model *m, int64_t begin, int64_t every)
 {
@@ -451,8 +489,11 @@ void make_tape(tape *t, const model *m, int64_t begin, int64_t every)
     for (size_t i = 0; i < MOST; i++)
         t->position[i] = (int64_t)i;
     for (size_t i = 0; i < m->count; i++)
-        t->selections[i] = (pma_selection){.count = m->parts[i].n, .position = t->position,
-                                           .u = t->u[i], .v = t->v[i], .w = t->w[i]};
+        t->selections[i] = (pma_selection){.count = m->parts[i].n,
+                                           .position = t->position,
+                                           .u = t->u[i],
+                                           .v = t->v[i],
+                                           .w = t->w[i]};
     t->record = (pma_record){.begin = begin,
                              .every = every,
                              .selections = t->selections,

@@ -16,13 +16,13 @@
 
 enum { PARTS = 3 };
 
-/* ---- models: coupled parts, for the core and for the naive program --------------------------- */
+/* ---- models: coupled parts, for the core and for the naive program -------------------------- */
 
 typedef struct {
     part parts[PARTS];
     size_t count, p, fine; /* fine: interface problems in a macro step */
     double dt;
-    bool rebased, macro;   /* macro: the schedule of section 13, else of section 5 */
+    bool rebased, macro; /* macro: the schedule of section 13, else of section 5 */
     size_t threads;
     bool naive[PARTS], looks_ahead; /* naive members, and whether they can look ahead */
     bool stored;                    /* link responses, for unit multipliers */
@@ -42,7 +42,7 @@ typedef struct {
     size_t motion_count; /* 0 or 1 */
     pma_coupler *coupler;
 
-    level levels[PARTS][LEVELS]; /* naive: of every part, and Lam at every interface problem */
+    level levels[PARTS][LEVELS]; /* naive: of all parts, and Lam at every interface problem */
     double lam[LEVELS][CONSTRAINTS];
 } model;
 
@@ -96,8 +96,8 @@ typedef struct {
 /* What else a chain can be. */
 typedef struct {
     plan plan;
-    double scale;   /* of initial values and loads; 0 stands for 1 */
-    size_t threads; /* 0 stands for 1 */
+    double scale;               /* of initial values and loads; 0 stands for 1 */
+    size_t threads;             /* 0 stands for 1 */
     bool macro, stored, sprung; /* sprung: springs of all laws */
     bool naive[PARTS], looks_ahead;
 } chain;
@@ -109,11 +109,11 @@ void make_threaded_chain(model *m, plan chosen, size_t threads);
 /* all with different steps, double steps, and a prescribed velocity between B and C */
 static const plan MIXED = {{2, 6, 3}, true, true, true, true, false};
 
-/* ---- the naive coupler: sections 5, 6 and 13 as written -------------------------------------- */
+/* ---- the naive coupler: sections 5, 6 and 13 as written ------------------------------------- */
 
 void naive_run(model *m, size_t steps);
 
-/* ---- tapes: records of everything ------------------------------------------------------------ */
+/* ---- tapes: records of everything ----------------------------------------------------------- */
 
 /* Memory for a record of everything, NaN where nothing was written. */
 typedef struct {

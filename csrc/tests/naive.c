@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-/* ---- random numbers that are the same everywhere --------------------------------------------- */
+/* ---- random numbers that are the same everywhere -------------------------------------------- */
 
 uint32_t draw(uint64_t *seed, uint32_t below)
 {
@@ -23,7 +23,7 @@ void draw_vector(size_t n, uint64_t *seed, double *x)
         x[i] = 1.0 / (1.0 + draw(seed, 1000));
 }
 
-/* ---- naive algebra --------------------------------------------------------------------------- */
+/* ---- naive algebra -------------------------------------------------------------------------- */
 
 void naive_solve(size_t n, const double *A, double *b)
 {
@@ -70,7 +70,7 @@ void naive_factor(size_t n, const double *A, double *R, double *inverse)
     }
 }
 
-/* ---- stop ------------------------------------------------------------------------------------ */
+/* ---- stop ----------------------------------------------------------------------------------- */
 
 bool poll_stopper(void *ctx)
 {

@@ -12,7 +12,7 @@ static const double PI = 3.14159265358979323846;
 
 enum { SIZE = 9 }; /* two full lanes of four and one more, where a loop is vectorised */
 
-/* ---- random numbers that are the same everywhere --------------------------------------------- */
+/* ---- random numbers that are the same everywhere -------------------------------------------- */
 
 /* Knuth's 64-bit linear congruence; the high bits are the good ones. */
 uint32_t draw(uint64_t *seed, uint32_t below);
@@ -22,7 +22,7 @@ double draw_eighth(uint64_t *seed);
 
 void draw_vector(size_t n, uint64_t *seed, double *x);
 
-/* ---- naive algebra --------------------------------------------------------------------------- */
+/* ---- naive algebra -------------------------------------------------------------------------- */
 
 enum { LARGEST = 16 }; /* unknowns of naive_solve */
 
@@ -32,7 +32,7 @@ void naive_solve(size_t n, const double *A, double *b);
 /* A (n*n) = R D R^T; R by columns, the reciprocals of D */
 void naive_factor(size_t n, const double *A, double *R, double *inverse);
 
-/* ---- stop ------------------------------------------------------------------------------------ */
+/* ---- stop ----------------------------------------------------------------------------------- */
 
 /* A poll that returns true when it is called for the stop_at-th time; never for 0. */
 typedef struct {

@@ -15,7 +15,7 @@
 #include "naive.h"
 #include "tests.h"
 
-/* ---- the coupler as an object ---------------------------------------------------------------- */
+/* ---- the coupler as an object --------------------------------------------------------------- */
 
 static pma_status status_of(const pma_coupler_parts *parts)
 {
@@ -92,8 +92,12 @@ static pma_status status_of_substeps(size_t first, size_t second)
     CHECK_STATUS(pma_ldl_create(&factor, &empty), PMA_OK);
     const pma_member both[2] = {pma_subdomain_member(x.core), pma_subdomain_member(y.core)};
     const pma_interface none = pma_ldl_interface(&empty);
-    const pma_coupler_parts parts = {.count = 2, .members = both, .H_start = none, .H = none,
-                                     .dt = 0.1, .schedule = &pma_fine_schedule};
+    const pma_coupler_parts parts = {.count = 2,
+                                     .members = both,
+                                     .H_start = none,
+                                     .H = none,
+                                     .dt = 0.1,
+                                     .schedule = &pma_fine_schedule};
     const pma_status status = status_of(&parts);
     pma_subdomain_destroy(x.core);
     pma_subdomain_destroy(y.core);
@@ -188,7 +192,7 @@ static void macro_steps_can_be_counted_as_long_as_their_substeps_can(void)
     destroy_model(&m);
 }
 
-/* ---- the schedule, against the naive program ------------------------------------------------- */
+/* ---- the schedule, against the naive program ------------------------------------------------ */
 
 static void check_against_naive_coupler(plan chosen)
 {
@@ -228,7 +232,7 @@ static void restoring_forces_and_lagged_damping_act_where_they_are_written(void)
     check_against_naive_coupler((plan){{2, 6, 3}, true, true, true, true, true});
 }
 
-/* ---- bitwise identical ----------------------------------------------------------------------- */
+/* ---- bitwise identical ---------------------------------------------------------------------- */
 
 static void a_run_of_many_steps_equals_many_runs_of_one(void)
 {
@@ -363,7 +367,7 @@ static void the_kept_levels_of_a_subdomain_are_its_present_and_the_level_before(
     check_levels(6);
 }
 
-/* ---- no allocation in a step ----------------------------------------------------------------- */
+/* ---- no allocation in a step ---------------------------------------------------------------- */
 
 /* Without AddressSanitizer nothing is counted, and the test shows nothing. */
 static size_t allocations;
@@ -425,7 +429,7 @@ static void a_step_does_not_allocate(void)
     destroy_model(&m);
 }
 
-/* ---- all of them ----------------------------------------------------------------------------- */
+/* ---- all of them ---------------------------------------------------------------------------- */
 
 const test COUPLER_TESTS[] = {
     TEST(a_coupler_with_sizes_that_do_not_agree_is_refused),

@@ -63,8 +63,8 @@ static void check_by_hand(size_t substeps)
     CHECK_STATUS(pma_energy_create(&parts, &e), PMA_OK);
     for (size_t k = 0; k < 4; k++) {
         const pma_state x = {.u = u[k], .v = v[k], .springs = no_springs};
-        const pma_substep step = {.j = (k + substeps - 1) % substeps, .number = 39 + (int64_t)k,
-                                  .twice = true};
+        const pma_substep step = {
+            .j = (k + substeps - 1) % substeps, .number = 39 + (int64_t)k, .twice = true};
         if (k == 0)
             pma_energy_begin(e, &x, loads[0], &lam[0]);
         else
@@ -94,8 +94,11 @@ static void check_springs_by_hand(size_t substeps)
 {
     const int32_t first = 1, ground = -1;
     const double one = 1.0, three = 3.0, half = 0.5, zero[4] = {0.0};
-    const pma_spring_set set = {.law = PMA_BILINEAR, .count = 1, .first = &first,
-                                .second = &ground, .parameters = {&one, &three, &half}};
+    const pma_spring_set set = {.law = PMA_BILINEAR,
+                                .count = 1,
+                                .first = &first,
+                                .second = &ground,
+                                .parameters = {&one, &three, &half}};
     const pma_springs springs = {1, &set, 1};
     double springs_at[3][3] = {{0.25, 1.0, 0.0}, {1.0, 2.5, 0.5}, {-1.0, -2.5, -0.5}};
     double u[3][2] = {{0.0, 0.25}, {0.0, 1.0}, {0.0, -1.0}}, v[2] = {0.0, 0.0};
@@ -148,8 +151,8 @@ static void an_energy_with_sizes_or_indices_that_do_not_agree_is_refused(void)
         CHECK(e == NULL);
     }
     bad[0] = good;
-    bad[0].M = (pma_matrix){
-        .form = PMA_SPARSE, .n = 2, .values = two, .ptr = ptr, .index = outside};
+    bad[0].M =
+        (pma_matrix){.form = PMA_SPARSE, .n = 2, .values = two, .ptr = ptr, .index = outside};
     CHECK_STATUS(pma_energy_create(&bad[0], &e), PMA_BAD_INDEX);
     bad[1] = good;
     bad[1].n = bad[1].M.n = bad[1].K.n = bad[1].C.n = SIZE_MAX / 16;
@@ -164,7 +167,8 @@ static void begin_energy(model *m)
     for (size_t i = 0; i < m->count; i++) {
         const pma_matrix M = {.form = PMA_DENSE, .n = m->parts[i].n, .values = m->parts[i].M};
         CHECK_STATUS(pma_subdomain_begin_energy(m->subdomains[i], M, none,
-                                                pma_coupler_multipliers(m->coupler)), PMA_OK);
+                                                pma_coupler_multipliers(m->coupler)),
+                     PMA_OK);
         CHECK(pma_subdomain_has_energy(m->subdomains[i]));
     }
 }
@@ -202,7 +206,7 @@ static void a_run_with_energy_is_the_same_run(void)
     destroy_model(&other);
 }
 
-/* ---- against the naive run --------------------------------------------------------------------- */
+/* ---- against the naive run ------------------------------------------------------------------ */
 
 /* What acts at a time level. */
 typedef struct {
@@ -300,8 +304,8 @@ static void energies_are_those_of_all_time_levels_of_the_naive_run(void)
         check_energies(&(chain){.plan = {{1, 6, 2}, false, false, true, true, restored}});
         check_energies(&(chain){.plan = {{2, 6, 3}, true, true, true, true, restored}});
         check_energies(&(chain){.plan = {{1, 1, 1}, true, false, true, true, restored}});
-        check_energies(&(chain){.plan = {{1, 3, 4}, true, false, true, false, restored},
-                                .macro = true});
+        check_energies(
+            &(chain){.plan = {{1, 3, 4}, true, false, true, false, restored}, .macro = true});
         for (int stored = 0; stored <= 1; stored++) {
             chain chosen = {.plan = macro, .macro = true, .stored = stored};
             chosen.plan.restored = restored;
@@ -310,7 +314,7 @@ static void energies_are_those_of_all_time_levels_of_the_naive_run(void)
     }
 }
 
-/* ---- after a stop ------------------------------------------------------------------------------ */
+/* ---- after a stop --------------------------------------------------------------------------- */
 
 typedef struct {
     double at[STEPS + 1][PARTS][PMA_ENERGIES]; /* macro time level by macro time level */
@@ -333,8 +337,9 @@ static bool keep_account(const chain *chosen, int64_t begun, size_t stop_at, acc
     pma_coupler_record_present(m.coupler, &t.record);
     const pma_status status = pma_coupler_advance(m.coupler, STEPS - begun, &t.record, &poll);
     CHECK(status == PMA_OK || status == PMA_STOPPED);
-    CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS - pma_coupler_step_count(m.coupler),
-                                     &t.record, NULL), PMA_OK);
+    CHECK_STATUS(
+        pma_coupler_advance(m.coupler, STEPS - pma_coupler_step_count(m.coupler), &t.record, NULL),
+        PMA_OK);
     CHECK_INT(pma_coupler_step_count(m.coupler), STEPS);
     destroy_model(&m);
     return status == PMA_STOPPED;

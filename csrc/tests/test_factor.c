@@ -11,15 +11,20 @@
 
 static pma_factor dense_factor(const triple *t, size_t nb)
 {
-    return (pma_factor){.form = PMA_DENSE, .n = t->n, .nb = nb, .inverse = t->inverse,
-                        .values = t->columns};
+    return (pma_factor){
+        .form = PMA_DENSE, .n = t->n, .nb = nb, .inverse = t->inverse, .values = t->columns};
 }
 
 static pma_factor sparse_factor(const triple *t, size_t nb)
 {
     const compressed *s = &t->sparse;
-    return (pma_factor){.form = PMA_SPARSE, .n = t->n, .nb = nb, .inverse = t->inverse,
-                        .values = s->values, .ptr = s->ptr, .index = s->index};
+    return (pma_factor){.form = PMA_SPARSE,
+                        .n = t->n,
+                        .nb = nb,
+                        .inverse = t->inverse,
+                        .values = s->values,
+                        .ptr = s->ptr,
+                        .index = s->index};
 }
 
 static pma_factor diagonal_factor(const triple *t, size_t nb)
@@ -49,8 +54,12 @@ static pma_factor band_factor(triple *t, size_t nb, size_t width, double *values
         for (size_t k = 0; k < width; k++)
             values[j * width + k] = j + 1 + k < t->n ? t->R[(j + 1 + k) * t->n + j] : 0.0;
     }
-    return (pma_factor){.form = PMA_BAND, .n = t->n, .nb = nb, .inverse = t->inverse,
-                        .values = values, .width = width};
+    return (pma_factor){.form = PMA_BAND,
+                        .n = t->n,
+                        .nb = nb,
+                        .inverse = t->inverse,
+                        .values = values,
+                        .width = width};
 }
 
 static void factors_in_bands_solve_for_every_size_of_interface(void)
@@ -138,7 +147,7 @@ static void a_diagonal_factor_has_three_forms(void)
     }
 }
 
-static void a_sweep_reads_the_reciprocals_and_what_lies_below_the_diagonal(void)
+static void a_sweep_reads_the_reciprocals_and_what_is_below_the_diagonal(void)
 {
     uint64_t seed = 5;
     const triple t = make_triple(SIZE, 0.5, &seed);
@@ -152,8 +161,13 @@ static void a_sweep_reads_the_reciprocals_and_what_lies_below_the_diagonal(void)
 static pma_status factor_status(size_t nb, const int64_t *ptr, const int32_t *index)
 {
     const double ones[3] = {1.0, 1.0, 1.0};
-    return pma_factor_check(&(pma_factor){.form = PMA_SPARSE, .n = 3, .nb = nb, .inverse = ones,
-                                          .values = ones, .ptr = ptr, .index = index});
+    return pma_factor_check(&(pma_factor){.form = PMA_SPARSE,
+                                          .n = 3,
+                                          .nb = nb,
+                                          .inverse = ones,
+                                          .values = ones,
+                                          .ptr = ptr,
+                                          .index = index});
 }
 
 static void a_factor_with_a_bad_index_is_refused(void)
@@ -192,7 +206,7 @@ const test FACTOR_TESTS[] = {
     TEST(a_step_opened_and_closed_in_parts_is_the_whole_step),
     TEST(the_reach_of_a_factor_is_its_furthest_entry),
     TEST(a_diagonal_factor_has_three_forms),
-    TEST(a_sweep_reads_the_reciprocals_and_what_lies_below_the_diagonal),
+    TEST(a_sweep_reads_the_reciprocals_and_what_is_below_the_diagonal),
     TEST(a_factor_with_a_bad_index_is_refused),
     TEST(an_interface_larger_than_the_factor_is_refused),
     END_OF_TESTS,

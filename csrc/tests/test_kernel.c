@@ -78,7 +78,7 @@ static void check_kernels(size_t height, size_t width, uint64_t *seed)
     }
 }
 
-static void all_kernels_sweep_like_two_loops_and_to_the_same_bits(void)
+static void all_kernels_sweep_like_two_loops_and_bitwise_identically(void)
 {
     uint64_t seed = 12;
     for (size_t width = 0; width <= WIDTH; width++) {
@@ -87,7 +87,7 @@ static void all_kernels_sweep_like_two_loops_and_to_the_same_bits(void)
     }
 }
 
-/* Products of eighths with small integers: no rounding, so equality is asked for. */
+/* Products of eighths with small integers: no rounding, so they have to be equal. */
 static void all_kernels_multiply_like_two_loops(void)
 {
     uint64_t seed = 13;
@@ -119,7 +119,7 @@ static pma_state state_in(double *block)
 
 /* The formulas themselves are tested with the subdomain; here that they are the same everywhere,
  * and that rows outside are left alone. */
-static void all_kernels_predict_and_correct_the_rows_asked_for_to_the_same_bits(void)
+static void all_kernels_predict_and_correct_the_given_rows_bitwise_identically(void)
 {
     uint64_t seed = 17;
     const pma_step c = pma_step_make((pma_scheme){0.2, 0.4, 0.3, 0.7}, 0.1);
@@ -161,9 +161,9 @@ static void every_value_that_is_not_finite_is_found(void)
 }
 
 const test KERNEL_TESTS[] = {
-    TEST(all_kernels_sweep_like_two_loops_and_to_the_same_bits),
+    TEST(all_kernels_sweep_like_two_loops_and_bitwise_identically),
     TEST(all_kernels_multiply_like_two_loops),
-    TEST(all_kernels_predict_and_correct_the_rows_asked_for_to_the_same_bits),
+    TEST(all_kernels_predict_and_correct_the_given_rows_bitwise_identically),
     TEST(every_value_that_is_not_finite_is_found),
     END_OF_TESTS,
 };

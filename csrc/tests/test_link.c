@@ -1,4 +1,4 @@
-/* test_link.c - the conditions of a subdomain. */
+/* test_link.c - the constraints of a subdomain. */
 #include <stddef.h>
 #include <stdint.h>
 

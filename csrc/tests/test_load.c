@@ -42,8 +42,8 @@ static void a_table_gives_the_row_of_the_substep(void)
 static void a_sampled_load_is_linear_between_samples_and_held_or_zero_after(void)
 {
     const double samples[3][3] = {{0.0, 8.0, 1.0}, {4.0, 0.0, 1.0}, {2.0, 2.0, 1.0}};
-    pma_load load = {.kind = PMA_LOAD_SAMPLED, .n = 3, .values = samples[0], .samples = 3, .k = 3,
-                     .dt = 0.25};
+    pma_load load = {
+        .kind = PMA_LOAD_SAMPLED, .n = 3, .values = samples[0], .samples = 3, .k = 3, .dt = 0.25};
     for (int hold = 0; hold <= 1; hold++) {
         load.hold = hold;
         check_load(&load, 0.0, 0, samples[0]);
@@ -66,8 +66,13 @@ static void a_shape_spreads_the_samples_over_the_dofs(void)
 {
     const double samples[2][2] = {{2.0, 4.0}, {6.0, 0.0}};
     const double shape[2][3] = {{1.0, 2.0, 0.0}, {0.0, 1.0, -1.0}};
-    const pma_load load = {.kind = PMA_LOAD_SAMPLED, .n = 3, .values = samples[0],
-                           .shape = shape[0], .samples = 2, .k = 2, .dt = 0.5};
+    const pma_load load = {.kind = PMA_LOAD_SAMPLED,
+                           .n = 3,
+                           .values = samples[0],
+                           .shape = shape[0],
+                           .samples = 2,
+                           .k = 2,
+                           .dt = 0.5};
     check_load(&load, 0.0, 0, (double[]){2.0, 8.0, -4.0});
     check_load(&load, 0.25, 0, (double[]){4.0, 10.0, -2.0}); /* s = (4, 2) */
     check_load(&load, 0.5, 0, (double[]){6.0, 12.0, 0.0});
@@ -82,8 +87,12 @@ static double alternating_load(size_t last, double step, double t)
     double samples[SAMPLES], g = 0.0;
     for (size_t m = 0; m < SAMPLES; m++)
         samples[m] = m % 2 ? -1.0 : 1.0;
-    const pma_load load = {.kind = PMA_LOAD_SAMPLED, .n = 1, .values = samples,
-                           .samples = last + 1, .k = 1, .dt = step};
+    const pma_load load = {.kind = PMA_LOAD_SAMPLED,
+                           .n = 1,
+                           .values = samples,
+                           .samples = last + 1,
+                           .k = 1,
+                           .dt = step};
     pma_load_add(&load, t, 0, &g);
     return g;
 }
@@ -95,8 +104,8 @@ static void a_sample_instant_typed_as_a_decimal_gives_the_sample_itself(void)
 {
     const struct {
         double dt, fine, step;
-    } typed[] = {{0.02, 20.0, 0.001},      {0.2, 20.0, 0.01}, {0.1, 5.0, 0.02}, {0.07, 7.0, 0.01},
-                 {0.02 * 0.02, 20.0, 2e-5}, {0.3, 3.0, 0.1}};
+    } typed[] = {{0.02, 20.0, 0.001}, {0.2, 20.0, 0.01},         {0.1, 5.0, 0.02},
+                 {0.07, 7.0, 0.01},   {0.02 * 0.02, 20.0, 2e-5}, {0.3, 3.0, 0.1}};
     size_t below = 0, above = 0;
     for (size_t i = 0; i < sizeof typed / sizeof typed[0]; i++) {
         for (size_t k = 0; k < SAMPLES; k++) {
@@ -132,8 +141,12 @@ static void a_called_load_is_evaluated_once_and_added_in_elimination_order(void)
     const int64_t order[3] = {2, 0, 1};
     double work[3] = {9.0, 9.0, 9.0}, g[3] = {1.0, 2.0, 3.0};
     int returned = 0, code = -1;
-    const pma_load load = {.kind = PMA_LOAD_CALLED, .n = 3, .function = push, .user = &returned,
-                           .order = order, .work = work};
+    const pma_load load = {.kind = PMA_LOAD_CALLED,
+                           .n = 3,
+                           .function = push,
+                           .user = &returned,
+                           .order = order,
+                           .work = work};
     CHECK_STATUS(pma_load_evaluate(&load, 4.0, &code), PMA_OK);
     CHECK_INT(code, 0);
     pma_load_add(&load, 100.0, 0, g); /* the last evaluation counts */

@@ -59,8 +59,8 @@ static void fill_interface(pair *q, bool later)
 
 static pma_coupler_parts describe_pair(pair *q)
 {
-    pma_coupler_parts parts = {.count = 2, .members = q->members, .p = 1, .dt = 0.3,
-                               .schedule = &pma_macro_schedule};
+    pma_coupler_parts parts = {
+        .count = 2, .members = q->members, .p = 1, .dt = 0.3, .schedule = &pma_macro_schedule};
     for (int later = 0; later <= 1; later++) {
         const pma_factor H = {.form = PMA_DIAGONAL, .n = 1, .nb = 1, .inverse = &q->inverse[later]};
         pma_ldl_destroy(&q->ldl[later]);
@@ -72,14 +72,30 @@ static pma_coupler_parts describe_pair(pair *q)
 
 static void make_pair(pair *q, bool doubled, bool stored)
 {
-    *q = (pair){
-        .A = {.n = 2, .nb = 1, .p = 1, .substeps = 1, .implicit = true, .doubled = doubled,
-              .scheme = generalized_alpha(0.5), .h = 0.3, .M = {2, 0, 0, 1.5},
-              .C = {0.5, -0.25, -0.25, 0.5}, .K = {5, -2, -2, 4}, .L = {0, 1},
-              .load = {.kind = PMA_LOAD_CONSTANT, .values = FORCE}},
-        .B = {.n = 2, .nb = 1, .p = 1, .substeps = SS, .responds = true,
-              .scheme = generalized_alpha(0.8), .h = 0.3 / SS, .M = {1, 0, 0, 1},
-              .C = {0.25, 0, 0, 0}, .K = {30, -20, -20, 30}, .L = {0, -1}}};
+    *q = (pair){.A = {.n = 2,
+                      .nb = 1,
+                      .p = 1,
+                      .substeps = 1,
+                      .implicit = true,
+                      .doubled = doubled,
+                      .scheme = generalized_alpha(0.5),
+                      .h = 0.3,
+                      .M = {2, 0, 0, 1.5},
+                      .C = {0.5, -0.25, -0.25, 0.5},
+                      .K = {5, -2, -2, 4},
+                      .L = {0, 1},
+                      .load = {.kind = PMA_LOAD_CONSTANT, .values = FORCE}},
+                .B = {.n = 2,
+                      .nb = 1,
+                      .p = 1,
+                      .substeps = SS,
+                      .responds = true,
+                      .scheme = generalized_alpha(0.8),
+                      .h = 0.3 / SS,
+                      .M = {1, 0, 0, 1},
+                      .C = {0.25, 0, 0, 0},
+                      .K = {30, -20, -20, 30},
+                      .L = {0, -1}}};
     make_part(&q->A);
     make_part(&q->B);
     q->members[0] = pma_subdomain_member(q->A.core);
@@ -163,7 +179,7 @@ static void a_unit_response_gives_the_interface_matrix_and_its_mean(void)
     destroy_pair(&q);
 }
 
-/* ---- lagged damping, and estimates of restoring forces ------------------------------------------ */
+/* ---- lagged damping, and estimates of restoring forces -------------------------------------- */
 
 /* A has both estimates, B lagged damping, and each has restoring forces. */
 static const chain ESTIMATED = {.plan = {{3, 5, 2}, false, false, true, true, true}, .macro = true};
@@ -265,7 +281,7 @@ static void a_link_response_that_is_not_finite_is_reported(void)
     }
 }
 
-/* ---- runs that are stopped, and couplers that cannot be ------------------------------------------ */
+/* ---- runs that are stopped, and couplers that cannot be ------------------------------------- */
 
 static void check_same_state(const part *actual, const part *expected)
 {

@@ -15,7 +15,7 @@ static pma_matrix sparse_matrix(size_t n, const double *values, const int64_t *p
     return (pma_matrix){.form = PMA_SPARSE, .n = n, .values = values, .ptr = ptr, .index = index};
 }
 
-/* Small multiples of 1/8 everywhere: no rounding, so equality is asked for. */
+/* Small multiples of 1/8 everywhere: no rounding, so they have to be equal. */
 static void check_subtract(const pma_matrix *A, const double *rows)
 {
     double x[SIZE], y[SIZE], expected[SIZE];

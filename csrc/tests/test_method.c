@@ -18,8 +18,8 @@
 static void two_trapezoidal_halves_under_gc_are_the_whole_oscillator(void)
 {
     static model m;
-    make_oscillator(&m, (split){.dt = 0.1, .substeps = 1, .same = true, .A = TRAPEZOIDAL,
-                                .B = TRAPEZOIDAL});
+    make_oscillator(
+        &m, (split){.dt = 0.1, .substeps = 1, .same = true, .A = TRAPEZOIDAL, .B = TRAPEZOIDAL});
     const double q = 2.0 * atan(OMEGA * 0.1 / 2.0), tolerance = 10.0 * SWING_TOLERANCE;
     for (size_t n = 0; n <= SWINGS; n++) {
         const pma_state *A = pma_subdomain_present(m.parts[0].core);
@@ -46,8 +46,7 @@ static void trapezoidal_and_central_difference_under_gc_have_a_closed_form(void)
     const double h = 0.1, k = K_A + K_B, mass = M_A + M_B + K_A * h * h / 4.0;
     const double w0 = -OMEGA * OMEGA, c = K_A * h * h / 4.0 * w0 / k;
     const double q = acos(1.0 - h * h * k / (2.0 * mass)), tolerance = 10.0 * SWING_TOLERANCE;
-    make_oscillator(&m, (split){.dt = h, .substeps = 1, .A = TRAPEZOIDAL,
-                                .B = CENTRAL_DIFFERENCE});
+    make_oscillator(&m, (split){.dt = h, .substeps = 1, .A = TRAPEZOIDAL, .B = CENTRAL_DIFFERENCE});
     for (size_t n = 0; n <= SWINGS; n++) {
         const pma_state *A = pma_subdomain_present(m.parts[0].core);
         const pma_state *B = pma_subdomain_present(m.parts[1].core);
@@ -73,8 +72,10 @@ static void trapezoidal_and_central_difference_under_pm_have_a_closed_form(void)
     const double h = 0.1, lead = M_A + 2.0 * M_B + h * h * K_A;
     const double sum = (2.0 * M_B - h * h * K_B) / lead, product = -M_A / lead;
     double v[SWINGS + 1], most = 0.0;
-    make_oscillator(&m, (split){.dt = h, .substeps = 1, .doubled = true, .A = TRAPEZOIDAL,
-                                .B = CENTRAL_DIFFERENCE});
+    make_oscillator(
+        &m,
+        (split){
+            .dt = h, .substeps = 1, .doubled = true, .A = TRAPEZOIDAL, .B = CENTRAL_DIFFERENCE});
     for (size_t n = 0; n <= SWINGS; n++) {
         v[n] = pma_subdomain_present(m.parts[1].core)->v[0];
         most = fmax(most, fabs(v[n]));
@@ -83,7 +84,8 @@ static void trapezoidal_and_central_difference_under_pm_have_a_closed_form(void)
     for (size_t n = 1; n + 4 <= SWINGS; n++) {
         /* five steps of some twenty roundings, of terms up to 4 omega */
         CHECK_NEAR(v[n] - 2.0 * sum * v[n + 1] + (2.0 + 4.0 * product) * v[n + 2] -
-                       2.0 * sum * v[n + 3] + v[n + 4], 0.0, 400.0 * EPS * OMEGA);
+                       2.0 * sum * v[n + 3] + v[n + 4],
+                   0.0, 400.0 * EPS * OMEGA);
     }
     CHECK_NEAR(most, OMEGA, 0.1 * OMEGA); /* it swings, and nothing grows */
     destroy_model(&m);
@@ -128,8 +130,11 @@ static void the_order_is_two_without_subcycling_and_one_with_it(void)
 static double multiplier_error(double dt, bool rebased)
 {
     static model m;
-    make_oscillator(&m, (split){.dt = dt, .substeps = 4, .doubled = true,
-                                .A = generalized_alpha(0.5), .B = generalized_alpha(0.5)});
+    make_oscillator(&m, (split){.dt = dt,
+                                .substeps = 4,
+                                .doubled = true,
+                                .A = generalized_alpha(0.5),
+                                .B = generalized_alpha(0.5)});
     pma_coupler_parts parts = describe_coupler(&m);
     parts.rebased = rebased;
     pma_coupler_destroy(m.coupler);
@@ -148,7 +153,7 @@ static void a_rebased_start_converges_and_a_plain_one_does_not(void)
     const double dt = 1e-3, factor = 8.0;
     const double rebased = multiplier_error(factor * dt, true) / multiplier_error(dt, true);
     const double plain = multiplier_error(factor * dt, false) / multiplier_error(dt, false);
-    CHECK(rebased > 0.9 * factor); /* O(dt) at least */
+    CHECK(rebased > 0.9 * factor);                      /* O(dt) at least */
     CHECK_NEAR(plain, 1.0, 10.0 * factor * OMEGA * dt); /* O(1), up to O(omega dt) */
     CHECK(multiplier_error(dt, false) > 0.01);
 }
@@ -159,8 +164,11 @@ static void pm_alpha_dissipates_in_the_long_run(void)
 {
     static model m;
     double early = 0.0, late = 0.0;
-    make_oscillator(&m, (split){.dt = 1.0 / OMEGA, .substeps = 5, .doubled = true,
-                                .A = generalized_alpha(0.5), .B = generalized_alpha(0.5)});
+    make_oscillator(&m, (split){.dt = 1.0 / OMEGA,
+                                .substeps = 5,
+                                .doubled = true,
+                                .A = generalized_alpha(0.5),
+                                .B = generalized_alpha(0.5)});
     for (size_t n = 0; n < 2000; n++) {
         const double v = fabs(pma_subdomain_present(m.parts[1].core)->v[0]);
         early = n < 20 ? fmax(early, v) : early;
@@ -180,16 +188,17 @@ static void a_prescribed_velocity_is_followed(void)
     static model m;
     const double ramp[2] = {0.0, 1.0}, half = 0.5, zero = 0.0, w0 = 1.0, lam0 = 2.0;
     m = (model){.count = 1, .p = 1, .dt = 0.1, .motion_count = 1};
-    m.motion = (pma_motion){&m.moved_row, {.kind = PMA_LOAD_SAMPLED, .n = 1, .values = ramp,
-                                           .samples = 2, .k = 1, .dt = 1.0}};
+    m.motion = (pma_motion){
+        &m.moved_row,
+        {.kind = PMA_LOAD_SAMPLED, .n = 1, .values = ramp, .samples = 2, .k = 1, .dt = 1.0}};
     m.parts[0] = one_mass(2.0, 3.0, 1.0, TRAPEZOIDAL, true);
     make_model(&m);
     pma_subdomain_start(m.parts[0].core, &zero, &zero, &w0, &lam0);
     pma_coupler_start(m.coupler, 0, &lam0, &zero);
     for (int n = 1; n <= 20; n++) {
         if (n == 11)
-            pma_coupler_set_motion(
-                m.coupler, 0, (pma_load){.kind = PMA_LOAD_CONSTANT, .n = 1, .values = &half});
+            pma_coupler_set_motion(m.coupler, 0,
+                                   (pma_load){.kind = PMA_LOAD_CONSTANT, .n = 1, .values = &half});
         CHECK_STATUS(pma_coupler_advance(m.coupler, 1, NULL, NULL), PMA_OK);
         const double t = 0.1 * n, u = n <= 10 ? t * t / 2.0 : t / 2.0 + 0.025;
         const double w = n <= 10 ? 1.0 : n % 2 ? -11.0 : 11.0;

@@ -46,7 +46,7 @@ static void naive_dtrsm(char *side, char *half, char *trans, char *unit, int *m,
 
 static const pma_blas NAIVE_BLAS = {naive_dgemm, naive_dtrsm};
 
-/* With scratch of just the sizes asked for: one more would be seen by AddressSanitizer. */
+/* With scratch of just the required sizes: one more would be seen by AddressSanitizer. */
 static pma_status make_numbers(structure *m, double lost, stopper *a, size_t *column)
 {
     const pma_panels_input input = {m->n, m->ptr, m->index, m->entries, lost};
@@ -83,8 +83,8 @@ static void check_factored(structure *m, uint64_t *seed)
     analyse(m);
     CHECK_STATUS(make_numbers(m, 1e-12, &a, &column), PMA_OK);
     CHECK_INT(a.polled, m->panels.count);
-    const pma_factor f = {.form = PMA_PANELS, .n = m->n, .nb = m->nb, .inverse = m->inverse,
-                          .panels = m->panels};
+    const pma_factor f = {
+        .form = PMA_PANELS, .n = m->n, .nb = m->nb, .inverse = m->inverse, .panels = m->panels};
     CHECK_STATUS(pma_factor_check(&f), PMA_OK);
     draw_vector(m->n, seed, b);
     memcpy(x, b, m->n * sizeof(double));
@@ -203,11 +203,11 @@ static pma_panels three_panels(void)
     return (pma_panels){3, first, row_ptr, rows, start, values};
 }
 
-static void panels_say_how_much_scratch_they_need(void)
+static void panels_report_how_much_scratch_they_need(void)
 {
     const pma_panels p = three_panels();
     const pma_factor f = {.form = PMA_PANELS, .n = 5, .panels = p};
-    CHECK_INT(pma_panels_most_height(&p), 4); /* the first: two columns, two rows below */
+    CHECK_INT(pma_panels_most_height(&p), 4);   /* the first: two columns, two rows below */
     CHECK(pma_panels_update_size(&p) >= 2 * 2); /* two rows below times two columns */
     CHECK_INT(pma_factor_entries(&f), 15);
 }
@@ -249,8 +249,7 @@ static void panels_with_a_bad_index_are_refused(void)
 static void panels_have_to_break_where_the_interface_begins(void)
 {
     const pma_panels p = three_panels();
-    const pma_status expected[6] = {PMA_OK,        PMA_BAD_INDEX, PMA_OK,
-                                    PMA_OK,        PMA_BAD_INDEX, PMA_OK};
+    const pma_status expected[6] = {PMA_OK, PMA_BAD_INDEX, PMA_OK, PMA_OK, PMA_BAD_INDEX, PMA_OK};
     for (size_t nb = 0; nb <= 5; nb++) {
         const pma_factor f = {.form = PMA_PANELS, .n = 5, .nb = nb, .panels = p};
         CHECK_STATUS(pma_panels_check(&p, 5, nb), expected[nb]);
@@ -314,15 +313,15 @@ static void factors_in_panels_solve_for_every_size_of_interface(void)
             const triple t = make_triple(n, n % 2 ? 0.9 : 0.4, &seed);
             panelled q = cut_into_panels(&t, nb, &seed);
             const pma_panels panels = {q.count, q.first, q.row_ptr, q.rows, q.start, q.values};
-            const pma_factor f = {.form = PMA_PANELS, .n = n, .nb = nb, .inverse = t.inverse,
-                                  .panels = panels};
+            const pma_factor f = {
+                .form = PMA_PANELS, .n = n, .nb = nb, .inverse = t.inverse, .panels = panels};
             CHECK_INT(pma_factor_scratch(&f), pma_panels_most_height(&panels));
             check_sweeps(&t, &f, &seed);
         }
     }
 }
 
-/* ---- an interface anywhere in the order ------------------------------------------------------ */
+/* ---- an interface anywhere in the order ----------------------------------------------------- */
 
 typedef struct {
     size_t nb;
@@ -353,7 +352,10 @@ static void draw_interface(ordinary *o, structure *m, size_t nb, uint64_t *seed)
         if (m->row_ptr[s] < m->row_ptr[s + 1])
             on_path[m->owner[m->rows[m->row_ptr[s]]]] = true;
     }
-    o->factor = (pma_factor){.form = PMA_PANELS, .n = m->n, .nb = nb, .inverse = m->inverse,
+    o->factor = (pma_factor){.form = PMA_PANELS,
+                             .n = m->n,
+                             .nb = nb,
+                             .inverse = m->inverse,
                              .panels = m->panels,
                              .path = {o->place, o->supernodes, count}};
 }
@@ -424,8 +426,8 @@ static void an_interface_anywhere_in_the_order_is_reached_along_paths(void)
 static pma_status path_status(const int64_t *place, size_t count, const int64_t *supernodes)
 {
     const pma_panels p = three_panels();
-    return pma_factor_check(&(pma_factor){.form = PMA_PANELS, .n = 5, .nb = 1, .panels = p,
-                                          .path = {place, supernodes, count}});
+    return pma_factor_check(&(pma_factor){
+        .form = PMA_PANELS, .n = 5, .nb = 1, .panels = p, .path = {place, supernodes, count}});
 }
 
 static void paths_that_do_not_lead_up_or_miss_the_interface_are_refused(void)
@@ -434,8 +436,8 @@ static void paths_that_do_not_lead_up_or_miss_the_interface_are_refused(void)
     CHECK_STATUS(path_status(as_it_is, 1, (int64_t[]){2}), PMA_OK);
     CHECK_STATUS(path_status(as_it_is, 3, (int64_t[]){0, 1, 2}), PMA_OK);
     CHECK_STATUS(path_status(first, 2, (int64_t[]){0, 2}), PMA_OK);
-    CHECK_STATUS(path_status(first, 1, (int64_t[]){0}), PMA_BAD_INDEX);     /* not up */
-    CHECK_STATUS(path_status(first, 2, (int64_t[]){1, 2}), PMA_BAD_INDEX);  /* not there */
+    CHECK_STATUS(path_status(first, 1, (int64_t[]){0}), PMA_BAD_INDEX);    /* not up */
+    CHECK_STATUS(path_status(first, 2, (int64_t[]){1, 2}), PMA_BAD_INDEX); /* not there */
     CHECK_STATUS(path_status(as_it_is, 0, NULL), PMA_BAD_INDEX);
     CHECK_STATUS(path_status(as_it_is, 2, (int64_t[]){2, 2}), PMA_BAD_INDEX);
     CHECK_STATUS(path_status(as_it_is, 2, (int64_t[]){2, 1}), PMA_BAD_INDEX);
@@ -467,7 +469,7 @@ const test PANELS_TESTS[] = {
     TEST(a_pivot_that_is_only_rounding_counts_as_not_positive),
     TEST(an_entry_outside_the_pattern_is_refused),
     TEST(a_factor_in_the_making_can_be_stopped),
-    TEST(panels_say_how_much_scratch_they_need),
+    TEST(panels_report_how_much_scratch_they_need),
     TEST(panels_with_a_bad_index_are_refused),
     TEST(panels_have_to_break_where_the_interface_begins),
     TEST(factors_in_panels_solve_for_every_size_of_interface),

@@ -32,8 +32,8 @@ static void the_selected_dofs_of_a_state_are_written_in_the_order_of_the_selecti
 {
     double u[3] = {1, 2, 3}, v[3] = {4, 5, 6}, w[3] = {7, 8, 9};
     double to_u[6] = {0}, to_v[6] = {0}, to_w[6] = {0};
-    const pma_selection selection = {.count = 2, .position = (int64_t[]){2, 0},
-                                     .u = to_u, .v = to_v, .w = to_w};
+    const pma_selection selection = {
+        .count = 2, .position = (int64_t[]){2, 0}, .u = to_u, .v = to_v, .w = to_w};
     pma_selection_write(&selection, &(pma_state){.u = u, .v = v, .w = w}, 1);
     CHECK_BITS(6, to_u, ((double[]){0, 0, 3, 1, 0, 0}));
     CHECK_BITS(6, to_v, ((double[]){0, 0, 6, 4, 0, 0}));
@@ -48,8 +48,8 @@ static void the_selected_dofs_of_a_state_are_written_in_the_order_of_the_selecti
 static void the_selected_springs_of_a_state_are_written_too(void)
 {
     double remembered[9] = {1, 2, 3, 4, 5, 6, 7, 8, 9}, d[4] = {0}, f[4] = {0};
-    const pma_selection selection = {.springs = 2, .of_springs = 3, .spring = (int64_t[]){2, 1},
-                                     .deformation = d, .force = f};
+    const pma_selection selection = {
+        .springs = 2, .of_springs = 3, .spring = (int64_t[]){2, 1}, .deformation = d, .force = f};
     pma_selection_write(&selection, &(pma_state){.springs = remembered}, 1);
     CHECK_BITS(4, d, ((double[]){0, 0, 3, 2}));
     CHECK_BITS(4, f, ((double[]){0, 0, 6, 5}));
@@ -134,8 +134,8 @@ static void a_run_without_constraints_leaves_the_interface_arrays_alone(void)
 {
     static model m;
     double u[3] = {0}, v[3] = {0}, w[3] = {0};
-    pma_selection selections[2] = {
-        {.count = 1, .position = (int64_t[]){0}, .u = u, .v = v, .w = w}, {.count = 0}};
+    pma_selection selections[2] = {{.count = 1, .position = (int64_t[]){0}, .u = u, .v = v, .w = w},
+                                   {.count = 0}};
     const pma_record record = {.begin = 0, .every = 1, .selections = selections};
     m = (model){.count = 2, .dt = 0.5};
     m.parts[0] = one_mass(1.0, 4.0, 0.0, TRAPEZOIDAL, true); /* omega h = 1 */

@@ -1,4 +1,4 @@
-/* test_roster.c - who has which subdomain, from sizes alone. */
+/* test_roster.c - which worker has which subdomain, from sizes alone. */
 #include <stdbool.h>
 #include <stddef.h>
 
@@ -62,7 +62,7 @@ static void every_subdomain_has_one_worker_and_every_worker_a_subdomain(void)
     }
 }
 
-static void the_largest_go_to_the_least_loaded(void)
+static void the_largest_subdomains_go_to_the_least_loaded_workers(void)
 {
     /* 7 | 5; 5 + 4 | 7; 9 | 7 + 3 */
     const pma_duty duties[4] = {common(3, 2), common(5, 2), common(7, 2), common(4, 2)};
@@ -74,7 +74,7 @@ static void the_largest_go_to_the_least_loaded(void)
     pma_roster_destroy(&r);
 }
 
-static void those_with_the_finest_steps_are_balanced_among_themselves(void)
+static void subdomains_with_the_finest_steps_are_balanced_among_themselves(void)
 {
     /* by size alone the two fine ones would share a worker, in all fine steps but one */
     const pma_duty duties[3] = {common(1000, 1), common(10, 20), common(12, 20)};
@@ -84,7 +84,7 @@ static void those_with_the_finest_steps_are_balanced_among_themselves(void)
     pma_roster_destroy(&r);
 }
 
-static void what_the_caller_has_to_do_is_done_by_worker_0_and_the_rest_balanced_around_it(void)
+static void subdomains_of_the_caller_are_worker_0s_and_the_rest_is_balanced_around_them(void)
 {
     const pma_duty duties[4] = {common(9, 1), of_caller(3, 1), of_caller(4, 1), common(2, 1)};
     pma_roster r = made(4, duties, 2, false);
@@ -103,7 +103,7 @@ static size_t number(size_t count, const pma_duty *duties, size_t workers)
     return workers_taken;
 }
 
-static void several_are_taken_where_they_save_a_fifth(void)
+static void several_workers_are_taken_where_they_save_a_fifth(void)
 {
     /* (W1) two of e entries: e + meeting against 2 e, so from e = meeting / 0.6 on */
     const size_t border = (size_t)(PMA_MEETING / 0.6);
@@ -126,7 +126,7 @@ static void several_are_taken_where_they_save_a_fifth(void)
     CHECK_INT(number(3, three, 8), 3);
 }
 
-static void those_with_double_steps_work_beside_the_fine_steps_where_that_pays(void)
+static void double_step_subdomains_work_beside_the_fine_steps_where_that_pays(void)
 {
     const size_t large = 100 * PMA_MEETING;
     /* (W2) max(20, 1) instead of 20 + 1, in hundreds of meetings */
@@ -166,7 +166,7 @@ static size_t split_of(size_t count, const pma_duty *duties, size_t workers)
     return split;
 }
 
-static void one_that_divides_is_split_from_two_ranges_on(void)
+static void a_subdomain_that_divides_is_split_from_two_ranges_on(void)
 {
     const pma_duty below = divisible(2 * PMA_RANGE - 1, 1), two = divisible(2 * PMA_RANGE, 1),
                    whole = common(20 * PMA_RANGE, 1);
@@ -181,7 +181,7 @@ static void one_that_divides_is_split_from_two_ranges_on(void)
     CHECK_INT(number(1, &five, 3), 3);
 }
 
-static void it_is_split_where_the_others_leave_workers_idle(void)
+static void a_subdomain_is_split_where_the_others_leave_workers_idle(void)
 {
     const size_t e = 10 * PMA_RANGE;
     /* (W3) a half and a small one instead of the whole one beside the small one */
@@ -213,17 +213,17 @@ static void there_are_no_workers_without_work(void)
     pma_roster_destroy(&r);
 }
 
-/* ---- all of them ----------------------------------------------------------------------------- */
+/* ---- all of them ---------------------------------------------------------------------------- */
 
 const test ROSTER_TESTS[] = {
     TEST(every_subdomain_has_one_worker_and_every_worker_a_subdomain),
-    TEST(the_largest_go_to_the_least_loaded),
-    TEST(what_the_caller_has_to_do_is_done_by_worker_0_and_the_rest_balanced_around_it),
-    TEST(those_with_the_finest_steps_are_balanced_among_themselves),
-    TEST(those_with_double_steps_work_beside_the_fine_steps_where_that_pays),
-    TEST(several_are_taken_where_they_save_a_fifth),
-    TEST(one_that_divides_is_split_from_two_ranges_on),
-    TEST(it_is_split_where_the_others_leave_workers_idle),
+    TEST(the_largest_subdomains_go_to_the_least_loaded_workers),
+    TEST(subdomains_of_the_caller_are_worker_0s_and_the_rest_is_balanced_around_them),
+    TEST(subdomains_with_the_finest_steps_are_balanced_among_themselves),
+    TEST(double_step_subdomains_work_beside_the_fine_steps_where_that_pays),
+    TEST(several_workers_are_taken_where_they_save_a_fifth),
+    TEST(a_subdomain_that_divides_is_split_from_two_ranges_on),
+    TEST(a_subdomain_is_split_where_the_others_leave_workers_idle),
     TEST(there_are_no_workers_without_work),
     END_OF_TESTS,
 };

@@ -67,7 +67,9 @@ static void make_B(large *m, uint64_t *seed)
     m->one[0] = m->one[1] = 1.0;
     const bool tied = m->count > 1;
     const pma_parts parts = {
-        .n = n, .nb = tied ? FACE : 0, .substeps = FINER,
+        .n = n,
+        .nb = tied ? FACE : 0,
+        .substeps = FINER,
         .K = {.form = m->banded ? PMA_BAND : PMA_DENSE, .n = n, .values = m->K, .width = WIDTH},
         .C = {.form = PMA_DIAGONAL, .n = n, .values = m->inverse},
         .single = {pma_step_make(SCHEME, 1e-2),
@@ -95,7 +97,10 @@ static void make_A(large *m, uint64_t *seed)
     m->minus_one[0] = -1.0;
     const pma_factor factor = {
         .form = PMA_DENSE, .n = n, .nb = 1, .inverse = m->inverse_A, .values = m->R_A};
-    const pma_parts parts = {.n = n, .nb = 1, .substeps = 1, .doubled = true,
+    const pma_parts parts = {.n = n,
+                             .nb = 1,
+                             .substeps = 1,
+                             .doubled = true,
                              .K = {.form = PMA_DENSE, .n = n, .values = m->K_A},
                              .C = {.form = PMA_ZERO, .n = n},
                              .single = {pma_step_make(SCHEME, 6e-2), factor},
@@ -113,7 +118,10 @@ static void make_C(large *m, uint64_t *seed)
     m->row_C[0] = 1;
     m->K_C[0] = m->inverse_C[0] = 1.0;
     const pma_parts parts = {
-        .n = 1, .nb = 1, .substeps = 2, .K = {.form = PMA_DIAGONAL, .n = 1, .values = m->K_C},
+        .n = 1,
+        .nb = 1,
+        .substeps = 2,
+        .K = {.form = PMA_DIAGONAL, .n = 1, .values = m->K_C},
         .C = {.form = PMA_ZERO, .n = 1},
         .single = {pma_step_make(SCHEME, 3e-2),
                    {.form = PMA_DIAGONAL, .n = 1, .nb = 1, .inverse = m->inverse_C}},
@@ -139,9 +147,15 @@ static void couple(large *m, size_t threads)
     const pma_factor factor = {.form = PMA_DIAGONAL, .n = p, .nb = p, .inverse = m->inverse_H};
     CHECK_STATUS(pma_ldl_create(&factor, &m->H_factor), PMA_OK);
     const pma_interface H = pma_ldl_interface(&m->H_factor);
-    const pma_coupler_parts parts = {.count = m->count, .members = m->members, .p = p,
-                                     .H_start = H, .H = H, .dt = 6e-2, .rebased = true,
-                                     .schedule = &pma_fine_schedule, .threads = threads};
+    const pma_coupler_parts parts = {.count = m->count,
+                                     .members = m->members,
+                                     .p = p,
+                                     .H_start = H,
+                                     .H = H,
+                                     .dt = 6e-2,
+                                     .rebased = true,
+                                     .schedule = &pma_fine_schedule,
+                                     .threads = threads};
     CHECK_STATUS(pma_coupler_create(&parts, &m->coupler), PMA_OK);
     pma_coupler_start(m->coupler, 0, m->lam0, m->lam0);
 }
@@ -185,7 +199,7 @@ static void check_same(const large *actual, const large *expected)
     }
 }
 
-/* ---- tests ----------------------------------------------------------------------------------- */
+/* ---- tests ---------------------------------------------------------------------------------- */
 
 static void check_threads(bool banded, bool alone)
 {
@@ -205,16 +219,47 @@ static void check_threads(bool banded, bool alone)
     destroy_large(&one);
 }
 
-static void alone_it_is_bitwise_identical_for_any_number_of_threads(void)
+static void a_split_subdomain_alone_is_bitwise_identical_for_any_number_of_threads(void)
 {
     check_threads(false, true);
     check_threads(true, true);
 }
 
-static void coupled_with_double_steps_beside_it_it_is_bitwise_identical_too(void)
+static void a_split_subdomain_beside_double_steps_is_bitwise_identical_too(void)
 {
     check_threads(false, false);
     check_threads(true, false);
+}
+
+/* Works of B from the second macro step on; A and C are not observed. */
+static void sum_works(large *m, double *out)
+{
+    const pma_matrix M = {.form = PMA_DIAGONAL, .n = m->n, .values = m->inverse};
+    CHECK_STATUS(pma_coupler_advance(m->coupler, 1, NULL, NULL), PMA_OK);
+    CHECK_STATUS(pma_subdomain_begin_energy(m->subdomains[0], M, m->load,
+                                            pma_coupler_multipliers(m->coupler)),
+                 PMA_OK);
+    CHECK_STATUS(pma_coupler_advance(m->coupler, SPAN, NULL, NULL), PMA_OK);
+    m->members[0].table->energy(m->members[0].self, 0, out);
+}
+
+static void a_split_subdomain_sums_its_works_bitwise_identically(void)
+{
+    for (int alone = 0; alone <= 1; alone++) {
+        large one, several;
+        double expected[PMA_ENERGIES], actual[PMA_ENERGIES];
+        make_large(&one, false, alone, 1);
+        make_large(&several, false, alone, 3);
+        CHECK_INT(several.coupler->roster.split, 0);
+        sum_works(&one, expected);
+        sum_works(&several, actual);
+        CHECK_BITS(PMA_ENERGIES, actual, expected);
+        CHECK(expected[PMA_EXTERNAL] != 0.0 && expected[PMA_DISSIPATED] != 0.0);
+        CHECK_INT(expected[PMA_INTERFACE_WORK] != 0.0, !alone);
+        check_same(&several, &one);
+        destroy_large(&one);
+        destroy_large(&several);
+    }
 }
 
 /* A load at one dof that is infinite, in whatever range that is. Alone nothing but the correctors
@@ -280,9 +325,12 @@ static void a_load_that_fails_is_named_and_leaves_the_last_macro_step(void)
     int64_t *order = malloc(m.n * sizeof *order);
     for (size_t i = 0; i < m.n; i++)
         order[i] = (int64_t)(m.n - 1 - i);
-    pma_subdomain_set_load(m.subdomains[0],
-                           (pma_load){.kind = PMA_LOAD_CALLED, .n = m.n, .function = refuse,
-                                      .user = &evaluated, .order = order, .work = work});
+    pma_subdomain_set_load(m.subdomains[0], (pma_load){.kind = PMA_LOAD_CALLED,
+                                                       .n = m.n,
+                                                       .function = refuse,
+                                                       .user = &evaluated,
+                                                       .order = order,
+                                                       .work = work});
     const double before = pma_subdomain_present(m.subdomains[0])->u[0];
     CHECK_STATUS(pma_coupler_advance(m.coupler, 1, NULL, NULL), PMA_FORCE_FAILED);
     CHECK_INT(pma_coupler_failed(m.coupler), 0);
@@ -296,11 +344,12 @@ static void a_load_that_fails_is_named_and_leaves_the_last_macro_step(void)
     destroy_large(&m);
 }
 
-/* ---- all of them ----------------------------------------------------------------------------- */
+/* ---- all of them ---------------------------------------------------------------------------- */
 
 const test SPLIT_TESTS[] = {
-    TEST(alone_it_is_bitwise_identical_for_any_number_of_threads),
-    TEST(coupled_with_double_steps_beside_it_it_is_bitwise_identical_too),
+    TEST(a_split_subdomain_alone_is_bitwise_identical_for_any_number_of_threads),
+    TEST(a_split_subdomain_beside_double_steps_is_bitwise_identical_too),
+    TEST(a_split_subdomain_sums_its_works_bitwise_identically),
     TEST(a_value_that_is_not_finite_is_seen_in_every_range),
     TEST(a_load_that_fails_is_named_and_leaves_the_last_macro_step),
     END_OF_TESTS,

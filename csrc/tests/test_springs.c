@@ -1,4 +1,4 @@
-/* test_springs.c - the laws of springs against hand calculation, and where they stand. */
+/* test_springs.c - the laws of springs against hand calculation, and where they act. */
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
@@ -21,15 +21,15 @@ static void lead(pma_spring_law law, const double *parameters, size_t count, con
     for (size_t k = 0; k < pma_spring_parameters[law]; k++)
         set.parameters[k] = &parameters[k];
     const pma_springs springs = {1, &set, 1};
-    double node[PMA_SPRING_FIELDS] = {0.0};
+    double memory[PMA_SPRING_FIELDS] = {0.0};
     CHECK_STATUS(pma_springs_check(&springs, 1), PMA_OK);
     for (size_t i = 0; i < count; i++) {
         double y = 0.0;
-        pma_springs_subtract(&springs, &path[i], node, node, &y);
-        CHECK_BITS(1, &node[0], &path[i]);
-        CHECK(y == -node[1] || isnan(y));
-        force[i] = node[1];
-        inner[i] = node[2];
+        pma_springs_subtract(&springs, &path[i], memory, memory, &y);
+        CHECK_BITS(1, &memory[0], &path[i]);
+        CHECK(y == -memory[1] || isnan(y));
+        force[i] = memory[1];
+        inner[i] = memory[2];
     }
 }
 
@@ -94,8 +94,11 @@ static void springs_that_do_not_fit_are_refused(void)
     const int32_t places[4] = {0, 2, -1, -2};
     const double k[1] = {1.0};
     for (size_t i = 0; i < 4; i++) {
-        const pma_spring_set set = {.law = PMA_CUBIC, .count = 1, .first = &places[i],
-                                    .second = &places[2], .parameters = {k, k}};
+        const pma_spring_set set = {.law = PMA_CUBIC,
+                                    .count = 1,
+                                    .first = &places[i],
+                                    .second = &places[2],
+                                    .parameters = {k, k}};
         const pma_springs springs = {1, &set, 1}, other = {1, &set, 2};
         CHECK_STATUS(pma_springs_check(&springs, 2), i % 2 ? PMA_BAD_INDEX : PMA_OK);
         CHECK_STATUS(pma_springs_check(&other, 2), i % 2 ? PMA_BAD_INDEX : PMA_BAD_SIZE);
@@ -113,10 +116,13 @@ static void many_springs_between_two_dofs_pull_equally_on_both(void)
         first[i] = i % 2, second[i] = 1 - i % 2;
         k[i] = 0.25;
     }
-    const pma_spring_set sets[2] = {{.law = PMA_CUBIC, .count = MANY_SPRINGS - 1, .first = first,
-                                     .second = second, .parameters = {k, zero}},
-                                    {.law = PMA_GAP, .count = 1, .first = first,
-                                     .second = second, .parameters = {k, zero}}};
+    const pma_spring_set sets[2] = {
+        {.law = PMA_CUBIC,
+         .count = MANY_SPRINGS - 1,
+         .first = first,
+         .second = second,
+         .parameters = {k, zero}},
+        {.law = PMA_GAP, .count = 1, .first = first, .second = second, .parameters = {k, zero}}};
     const pma_springs springs = {2, sets, MANY_SPRINGS};
     pma_springs_subtract(&springs, u, from, to, y);
     CHECK(y[0] == 1.0 - MANY_SPRINGS * 0.25 * 1.5 && y[1] == 1.0 + MANY_SPRINGS * 0.25 * 1.5);

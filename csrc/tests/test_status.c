@@ -1,4 +1,4 @@
-/* test_status.c - every status says what it means. */
+/* test_status.c - every status has a text. */
 #include <string.h>
 
 #include "check.h"

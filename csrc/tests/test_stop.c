@@ -13,7 +13,7 @@
 #include "naive.h"
 #include "tests.h"
 
-/* ---- stopped --------------------------------------------------------------------------------- */
+/* ---- stopped -------------------------------------------------------------------------------- */
 
 /* Stopped before fine step `stop_at` of the run, then to the end. */
 static void check_stopped(size_t stop_at, const snapshot *at_macro, const tape *expected)
@@ -84,7 +84,7 @@ static void a_run_polls_about_every_given_number_of_entries(void)
     destroy_model(&m);
 }
 
-/* ---- not finite ------------------------------------------------------------------------------ */
+/* ---- not finite ----------------------------------------------------------------------------- */
 
 /* A heavy mass, implicit, and B, explicit, with a small one on a stiff spring inside: omega h = 3
  * when the interface is held, beyond the limit 2. It overflows a thousand times before A. */
@@ -93,9 +93,15 @@ static void make_unstable(model *m, bool doubled, size_t substeps)
     *m = (model){.count = 2, .p = 1, .dt = 0.1 * (double)substeps, .rebased = true};
     m->parts[0] = one_mass(1000.0, 1.0, 1.0, TRAPEZOIDAL, true);
     m->parts[0].doubled = doubled;
-    m->parts[1] = (part){.n = 2, .nb = 1, .p = 1, .substeps = substeps,
-                         .scheme = CENTRAL_DIFFERENCE, .M = {1.0, 0.0, 0.0, 1.0},
-                         .K = {900.0, -900.0, -900.0, 900.0}, .L = {0.0, -1.0}, .u0 = {1.0}};
+    m->parts[1] = (part){.n = 2,
+                         .nb = 1,
+                         .p = 1,
+                         .substeps = substeps,
+                         .scheme = CENTRAL_DIFFERENCE,
+                         .M = {1.0, 0.0, 0.0, 1.0},
+                         .K = {900.0, -900.0, -900.0, 900.0},
+                         .L = {0.0, -1.0},
+                         .u0 = {1.0}};
     make_model(m);
 }
 
@@ -200,7 +206,7 @@ static void an_interface_matrix_that_is_not_finite_is_named_as_the_interface(voi
     destroy_model(&m);
 }
 
-/* ---- all of them ----------------------------------------------------------------------------- */
+/* ---- all of them ---------------------------------------------------------------------------- */
 
 const test STOP_TESTS[] = {
     TEST(a_stopped_run_is_at_a_macro_step_and_goes_on_as_if_never_stopped),

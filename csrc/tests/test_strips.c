@@ -44,7 +44,7 @@ static void draw_nodes(structure *m, size_t nodes, size_t dofs, uint32_t one_in,
     m->ptr[0] = 0;
     for (size_t i = 0; i < n; i++) {
         int64_t k = m->ptr[i];
-        for (size_t j = n; j-- > 0;) { /* in no order that is asked for */
+        for (size_t j = n; j-- > 0;) { /* in no particular order */
             if (m->A[i * n + j] == 0.0)
                 continue;
             m->index[k] = (int32_t)j;
@@ -57,8 +57,7 @@ static void draw_nodes(structure *m, size_t nodes, size_t dofs, uint32_t one_in,
 static void make_strips(structure *m)
 {
     static int64_t columns[DOFS], mark[DOFS];
-    const size_t count =
-        pma_strips_group(m->n, m->ptr, m->index, m->first, columns, mark);
+    const size_t count = pma_strips_group(m->n, m->ptr, m->index, m->first, columns, mark);
     m->own_ptr[0] = m->start[0] = 0;
     for (size_t s = 0; s < count; s++) {
         m->own_ptr[s + 1] = m->own_ptr[s] + columns[s];
@@ -77,7 +76,7 @@ static void free_strips(structure *m)
     free(m->values);
 }
 
-/* Products of eighths with small integers: no rounding, so equality is asked for. */
+/* Products of eighths with small integers: no rounding, so they have to be equal. */
 static void check_product(const structure *m, uint64_t *seed)
 {
     static double x[DOFS], y[DOFS], parts[DOFS], expected[DOFS];

@@ -60,8 +60,13 @@ static void a_subdomain_with_a_bad_index_is_refused(void)
     bad[0].K = (pma_matrix){.form = PMA_SPARSE, .n = 1, .values = x.K, .ptr = ptr, .index = &one};
     bad[1].C = (pma_matrix){.form = PMA_SPARSE, .n = 1, .values = x.K, .ptr = ptr, .index = &one};
     bad[2].link.index = &one;
-    bad[3].single.factor = (pma_factor){.form = PMA_SPARSE, .n = 1, .nb = 1, .inverse = x.K,
-                                        .values = x.K, .ptr = ptr, .index = &one};
+    bad[3].single.factor = (pma_factor){.form = PMA_SPARSE,
+                                        .n = 1,
+                                        .nb = 1,
+                                        .inverse = x.K,
+                                        .values = x.K,
+                                        .ptr = ptr,
+                                        .index = &one};
     bad[4].twice.factor = bad[3].single.factor;
     for (size_t i = 0; i < 5; i++) {
         pma_subdomain *made = (pma_subdomain *)&x;
@@ -100,7 +105,8 @@ static void a_subdomain_beyond_all_memory_is_refused(void)
     const size_t n = SIZE_MAX / 100;
     const double one = 1.0;
     const int64_t ptr = 0;
-    const pma_parts parts = {.n = n, .substeps = 1,
+    const pma_parts parts = {.n = n,
+                             .substeps = 1,
                              .K = {.form = PMA_DIAGONAL, .n = n, .values = &one},
                              .C = {.form = PMA_ZERO, .n = n},
                              .single = {.factor = {.form = PMA_DIAGONAL, .n = n, .inverse = &one}},
@@ -195,13 +201,21 @@ static void the_explicit_scheme_has_three_equal_roots_at_its_bifurcation(void)
  * constraints, under a constant load. */
 static part three_dofs(size_t substeps, bool doubled)
 {
-    part x = {.n = 3, .nb = 2, .p = 2, .substeps = substeps, .implicit = true, .doubled = doubled,
-              .scheme = generalized_alpha(0.6), .h = 0.2,
+    part x = {.n = 3,
+              .nb = 2,
+              .p = 2,
+              .substeps = substeps,
+              .implicit = true,
+              .doubled = doubled,
+              .scheme = generalized_alpha(0.6),
+              .h = 0.2,
               .M = {2.0, 0.25, 0.0, 0.25, 1.0, 0.25, 0.0, 0.25, 1.5},
               .C = {0.5, -0.125, 0.0, -0.125, 0.25, 0.0, 0.0, 0.0, 0.125},
               .K = {5.0, -2.0, 0.0, -2.0, 4.0, -2.0, 0.0, -2.0, 2.0},
               .L = {0.0, 1.0, 0.0, 0.0, -1.0, 1.0},
-              .u0 = {1.0, 0.5, -0.5}, .v0 = {0.0, -1.0, 0.25}, .shape = {0.5, 0.0, -0.25}};
+              .u0 = {1.0, 0.5, -0.5},
+              .v0 = {0.0, -1.0, 0.25},
+              .shape = {0.5, 0.0, -0.25}};
     return x;
 }
 
@@ -372,7 +386,9 @@ static void check_not_finite(size_t dof, double force, double velocity, bool fit
     const double ones[SIZE] = {1, 1, 1, 1, 1, 1, 1, 1, 1}, zeros[SIZE] = {0.0};
     double F[SIZE] = {0.0}, v[SIZE] = {0.0};
     const pma_parts parts = {
-        .n = SIZE, .nb = 3, .substeps = 1,
+        .n = SIZE,
+        .nb = 3,
+        .substeps = 1,
         .K = {.form = PMA_DIAGONAL, .n = SIZE, .values = ones},
         .C = {.form = PMA_ZERO, .n = SIZE},
         .single = {pma_step_make(CENTRAL_DIFFERENCE, 0.5),

@@ -77,7 +77,7 @@ static void check_permutation(const structure *m)
     }
 }
 
-/* In the new order: every interior subtree is contiguous, its root last, and the child that stands
+/* In the new order: every interior subtree is contiguous, its root last, and the child that is
  * next to its parent has the longest column among the children. */
 static void check_subtrees(const structure *m, const bool *filled)
 {

@@ -129,7 +129,7 @@ static void a_worker_that_does_something_else_need_not_be_awaited(void)
     pma_team_destroy(t);
 }
 
-/* ---- looking at something else meanwhile ------------------------------------------------------ */
+/* ---- looking at something else meanwhile ---------------------------------------------------- */
 
 static void sleep_long(void *ctx, size_t worker)
 {
@@ -195,7 +195,7 @@ static void what_is_looked_at_can_end_the_work(void)
     pma_team_destroy(t);
 }
 
-/* ---- signals ---------------------------------------------------------------------------------- */
+/* ---- signals -------------------------------------------------------------------------------- */
 
 static void read_mask(void *ctx, size_t worker)
 {
@@ -227,7 +227,7 @@ static void workers_take_signals_of_their_own_faults_and_no_others(void)
     pma_team_destroy(t);
 }
 
-/* ---- sizes, and processes ---------------------------------------------------------------------- */
+/* ---- sizes, and processes ------------------------------------------------------------------- */
 
 static void a_team_of_no_workers_or_of_too_many_is_refused(void)
 {
@@ -287,7 +287,7 @@ static void a_process_forked_off_has_threads_of_its_own(void)
     }
 }
 
-/* ---- all of them ----------------------------------------------------------------------------- */
+/* ---- all of them ---------------------------------------------------------------------------- */
 
 const test TEAM_TESTS[] = {
     TEST(every_worker_does_all_that_is_posted_once),

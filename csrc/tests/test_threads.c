@@ -18,8 +18,10 @@ enum { MOST_THREADS = 4, PLANS = 40 };
 static plan random_plan(uint64_t *seed)
 {
     static const size_t divisors[4] = {1, 2, 3, 6};
-    plan chosen = {.A_doubled = draw(seed, 2), .C_doubled = draw(seed, 2),
-                   .rebased = draw(seed, 2), .moved = draw(seed, 2)};
+    plan chosen = {.A_doubled = draw(seed, 2),
+                   .C_doubled = draw(seed, 2),
+                   .rebased = draw(seed, 2),
+                   .moved = draw(seed, 2)};
     for (size_t i = 0; i < PARTS; i++)
         chosen.substeps[i] = divisors[draw(seed, 4)];
     chosen.substeps[1] = 6; /* B is at the finest step and single */
@@ -125,7 +127,7 @@ static void a_value_that_is_not_finite_is_named_and_the_run_can_go_on(void)
     }
 }
 
-/* ---- of several values that are not finite, the one that a single thread would have met ------ */
+/* ---- of several values that are not finite, the one that one thread would have met first ---- */
 
 enum { COARSE = 2, SPAN = 6 }; /* substeps of A, macro steps */
 
@@ -138,16 +140,30 @@ static void fill_isolated(model *m, size_t threads, bool A_first, size_t A_step,
 {
     *m = (model){.count = 2, .p = 1, .dt = 0.3, .rebased = true, .threads = threads};
     part *A = &m->parts[A_first ? 0 : 1], *B = &m->parts[A_first ? 1 : 0];
-    *A = (part){.n = 2, .nb = 1, .p = 1, .substeps = COARSE, .implicit = true, .doubled = true,
-                .scheme = generalized_alpha(0.5), .M = {SMALL, 0, 0, 1}, .K = {SMALL, 0, 0, 2},
-                .L = {0, 1}, .u0 = {0.5, 1.0}};
-    *B = (part){.n = 2, .nb = 1, .p = 1, .substeps = 3 * COARSE,
-                .scheme = generalized_alpha(0.5), .M = {SMALL, 0, 0, 1}, .K = {SMALL, 0, 0, 2},
-                .L = {0, -1}, .u0 = {0.5, 1.0}};
+    *A = (part){.n = 2,
+                .nb = 1,
+                .p = 1,
+                .substeps = COARSE,
+                .implicit = true,
+                .doubled = true,
+                .scheme = generalized_alpha(0.5),
+                .M = {SMALL, 0, 0, 1},
+                .K = {SMALL, 0, 0, 2},
+                .L = {0, 1},
+                .u0 = {0.5, 1.0}};
+    *B = (part){.n = 2,
+                .nb = 1,
+                .p = 1,
+                .substeps = 3 * COARSE,
+                .scheme = generalized_alpha(0.5),
+                .M = {SMALL, 0, 0, 1},
+                .K = {SMALL, 0, 0, 2},
+                .L = {0, -1},
+                .u0 = {0.5, 1.0}};
     A->loads[2 * A_step] = B->loads[2 * B_step] = 1e308;
     for (size_t i = 0; i < m->count; i++)
-        m->parts[i].load = (pma_load){.kind = PMA_LOAD_TABLE, .values = m->parts[i].loads,
-                                      .rows = LEVELS};
+        m->parts[i].load =
+            (pma_load){.kind = PMA_LOAD_TABLE, .values = m->parts[i].loads, .rows = LEVELS};
 }
 
 static void check_isolated(bool A_first, size_t A_step, size_t B_step)
@@ -179,7 +195,7 @@ static void of_several_failures_the_first_is_named_as_by_one_thread(void)
     }
 }
 
-/* ---- what was opened ahead --------------------------------------------------------------------- */
+/* ---- what was opened ahead ------------------------------------------------------------------ */
 
 static size_t most_opened(const model *m)
 {
@@ -260,8 +276,12 @@ static void a_load_that_is_called_is_not_evaluated_ahead(void)
     size_t evaluated[2] = {0, 0};
     make_threaded_chain(&m, MIXED, 2);
     make_chain(&n, MIXED, 1.0);
-    pma_load load = {.kind = PMA_LOAD_CALLED, .n = m.parts[0].n, .function = count_force,
-                     .user = &evaluated[0], .order = order, .work = work[0]};
+    pma_load load = {.kind = PMA_LOAD_CALLED,
+                     .n = m.parts[0].n,
+                     .function = count_force,
+                     .user = &evaluated[0],
+                     .order = order,
+                     .work = work[0]};
     pma_subdomain_set_load(m.subdomains[0], load);
     load.user = &evaluated[1];
     load.work = work[1];
@@ -285,8 +305,10 @@ static void a_table_is_not_read_ahead_of_its_end(void)
     make_threaded_chain(&m, MIXED, 2);
     make_chain(&n, MIXED, 1.0);
     for (size_t i = 0; i < m.count; i++) {
-        const pma_load table = {.kind = PMA_LOAD_TABLE, .n = m.parts[i].n,
-                                .values = m.parts[1].loads, .rows = STEPS * m.parts[i].substeps};
+        const pma_load table = {.kind = PMA_LOAD_TABLE,
+                                .n = m.parts[i].n,
+                                .values = m.parts[1].loads,
+                                .rows = STEPS * m.parts[i].substeps};
         pma_subdomain_set_load(m.subdomains[i], table);
         pma_subdomain_set_load(n.subdomains[i], table);
     }
@@ -330,7 +352,7 @@ static void forces_are_not_evaluated_beyond_a_macro_step_that_may_still_fail(voi
     }
 }
 
-/* ---- polls of a caller that waits ---------------------------------------------------------------- */
+/* ---- polls of a caller that waits ----------------------------------------------------------- */
 
 static pma_status (*open_naively)(void *self, const pma_substep *step);
 
@@ -344,8 +366,8 @@ static pma_status open_slowly(void *self, const pma_substep *step)
 /* An oscillator cut in two naive members; the second is worker 1's, and slow in opening. */
 static void make_slow(model *m, bool macro)
 {
-    *m = (model){.count = 2, .p = 1, .dt = 0.1, .threads = 2, .macro = macro,
-                 .naive = {true, true}};
+    *m =
+        (model){.count = 2, .p = 1, .dt = 0.1, .threads = 2, .macro = macro, .naive = {true, true}};
     m->parts[0] = one_mass(M_A, K_A, 1.0, TRAPEZOIDAL, true);
     m->parts[1] = one_mass(M_B, K_B, -1.0, TRAPEZOIDAL, true);
     m->parts[0].u0[0] = m->parts[1].u0[0] = 1.0;
@@ -390,6 +412,7 @@ static void a_caller_that_waits_can_be_stopped(void)
             make_slow(&m, macro);
             CHECK_STATUS(pma_coupler_advance(m.coupler, steps, NULL, &poll), PMA_STOPPED);
             const int64_t done = pma_coupler_step_count(m.coupler);
+            CHECK_INT(stop.polled, 1); /* not again: what it raised is pending */
             CHECK_INT(done, !macro);
             CHECK_STATUS(pma_coupler_advance(m.coupler, 2 - done, NULL, NULL), PMA_OK);
             check_slow_run(&m, 2);
@@ -398,7 +421,7 @@ static void a_caller_that_waits_can_be_stopped(void)
     }
 }
 
-/* ---- all of them ----------------------------------------------------------------------------- */
+/* ---- all of them ---------------------------------------------------------------------------- */
 
 const test THREADS_TESTS[] = {
     TEST(a_run_is_bitwise_identical_for_any_number_of_threads),

@@ -10,10 +10,10 @@
 
 /* ---- checks --------------------------------------------------------------------------------- */
 
-/* h substeps = dt, but for the rounding of dt / substeps and of the product */
+/* h substeps = dt > 0, but for the rounding of dt / substeps and of the product */
 static bool has_step(const pma_member *member, double dt)
 {
-    return fabs(member->h * (double)member->substeps - dt) <= 4.0 * DBL_EPSILON * fabs(dt);
+    return dt > 0.0 && fabs(member->h * (double)member->substeps - dt) <= 4.0 * DBL_EPSILON * dt;
 }
 
 static pma_status check_members(const pma_coupler_parts *parts)

@@ -9,12 +9,15 @@
 
 /* ---- which substeps, and what there is to do ------------------------------------------------ */
 
-/* Any numbers of substeps; with several of them a link response and no double steps. */
+/* Any numbers of substeps; with several of them a link response and no double steps. Members that
+ * cannot do what this schedule needs are refused. */
 static pma_status check(const pma_coupler_parts *parts)
 {
     for (size_t i = 0; i < parts->count; i++) {
         const pma_member *member = &parts->members[i];
         if (member->substeps > 1 && (member->doubled || !member->responds))
+            return PMA_BAD_SIZE;
+        if (member->substeps == 1 && !member->table->hold)
             return PMA_BAD_SIZE;
     }
     return PMA_OK;
@@ -66,7 +69,8 @@ static const pma_selection *inner_selection(const pma_coupler *c, const pma_coup
 static pma_status free_substep(pma_coupler *c, const pma_coupled *m, size_t j)
 {
     const pma_member *member = &m->member;
-    const pma_substep step = pma_substep_of(c, m, j);
+    pma_substep step = pma_substep_of(c, m, j);
+    step.held = true;
     const pma_status status = member->table->open(member->self, &step);
     if (status != PMA_OK)
         return status;

@@ -97,7 +97,8 @@ static void write_energy(const pma_coupler *c, const pma_record *record, size_t 
     double *out = record->energy + row * c->parts.count * PMA_ENERGIES;
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
-        member->table->energy(member->self, macro * member->substeps, out + i * PMA_ENERGIES);
+        if (member->table->is_observed && member->table->is_observed(member->self))
+            member->table->energy(member->self, macro * member->substeps, out + i * PMA_ENERGIES);
     }
 }
 

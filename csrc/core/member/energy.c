@@ -62,7 +62,7 @@ pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out)
     const pma_status status = pma_matrix_check(&parts->M);
     if (status != PMA_OK)
         return status;
-    const size_t kept = parts->responds ? parts->substeps : KEPT;
+    const size_t kept = parts->responds && parts->substeps > KEPT ? parts->substeps : KEPT;
     const size_t size = 3 * parts->n + parts->nb + spring_numbers(parts);
     /* (kept + 2) size + 2 n doubles: no overflow below this size */
     if (size > SIZE_MAX / ((kept + 4) * sizeof(double)))

@@ -25,7 +25,7 @@ enum { PMA_KINETIC, PMA_STRAIN, PMA_DISSIPATED, PMA_EXTERNAL, PMA_INTERFACE_WORK
 /* Matrices in elimination order. What is pointed to is the subdomain's, and the caller's. */
 typedef struct {
     size_t n, nb, substeps;
-    bool responds; /* all substeps are closed in a free macro run before any of them is complete */
+    bool responds; /* all substeps may be closed in a free macro run before any is complete */
     bool doubled;
     pma_matrix M, K, C;
     pma_link link;

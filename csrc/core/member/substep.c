@@ -163,7 +163,7 @@ static bool sweep_back(const pma_subdomain *s, const pma_operator *op, const pma
 void pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam)
 {
     const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
-    if (s->energy && s->response)
+    if (s->energy && step->held)
         pma_energy_close_free(s->energy, step, x);
     else if (s->energy)
         pma_energy_close(s->energy, step, x, lam);

@@ -3,11 +3,12 @@
 
 /* ---- waiting -------------------------------------------------------------------------------- */
 
+/* Once stopped the poll is not called again: what made it stop is still to be reported. */
 static void look(void *ctx)
 {
     pma_coupler *c = ctx;
-    if (c->poll && c->poll->stop(c->poll->ctx))
-        atomic_store(&c->stopped, true);
+    if (c->poll && !atomic_load(&c->stopped))
+        pma_coupler_poll(c);
 }
 
 void pma_share_await(pma_coupler *c, size_t worker)

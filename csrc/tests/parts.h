@@ -1,0 +1,128 @@
+/* parts.h - subdomains that know their equations, and their steps as docs/method.md has them. */
+#ifndef PMA_TEST_PARTS_H
+#define PMA_TEST_PARTS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "member/load.h"
+#include "member/scheme.h"
+#include "member/springs.h"
+#include "member/subdomain.h"
+#include "naive.h"
+
+/* ---- schemes -------------------------------------------------------------------------------- */
+
+static const pma_scheme TRAPEZOIDAL = {.beta = 0.25, .gamma = 0.5};
+static const pma_scheme CENTRAL_DIFFERENCE = {.beta = 0.0, .gamma = 0.5};
+
+/* (P1): all four from one number */
+pma_scheme generalized_alpha(double rho);
+
+/* ---- parts ---------------------------------------------------------------------------------- */
+
+enum {
+    MOST = 3, /* dofs of a part */
+    CONSTRAINTS = 2,
+    FINE = 6,  /* fine steps in a macro step */
+    STEPS = 8, /* macro steps */
+    LEVELS = STEPS * FINE + 1
+};
+
+/* What a restoring force wrote down: when it was evaluated, and when it shall fail: at the
+ * fail_at-th evaluation, counted from 1; never for 0. */
+typedef struct {
+    size_t evaluated, fail_at;
+    double times[2 * LEVELS];
+} diary;
+
+/* r_k = u_k^3 + u_k v_{k+1} / 2 + v_k / 4 + t / 8, indices round and round; keeps a diary, and
+ * spoils its copies of u and v. Returns 7 if it fails. */
+int pull(double t, intptr_t n, double *u, double *v, double *r, void *user);
+
+/* One subdomain of (1), filled in by a test, and what make_part makes of it. A part is not to be
+ * moved afterwards: the core keeps pointers into it. */
+typedef struct {
+    size_t n, nb, p, substeps;
+    bool implicit, doubled, responds;
+    pma_scheme scheme;
+    double h;
+    double M[MOST * MOST], C[MOST * MOST], K[MOST * MOST]; /* n*n by rows */
+    double L[CONSTRAINTS * MOST]; /* p x n by rows, zero outside the last nb columns */
+    double u0[MOST], v0[MOST];
+    pma_load load;
+    bool restored, lagged; /* by pull; the last dof of the user is the first here */
+    double K_r[MOST * MOST], D_r[MOST * MOST];
+    pma_springs springs; /* unknown to the naive program */
+
+    diary pulled;
+    int64_t order[MOST];
+    double work[3 * MOST];
+    double Mbar[2][MOST * MOST], R[2][MOST * MOST], inverse[2][MOST]; /* of h and of 2 h */
+    int64_t ptr[MOST + 1];
+    int32_t constraint[CONSTRAINTS * MOST];
+    double sign[CONSTRAINTS * MOST];
+    double loads[LEVELS * MOST], shape[MOST * MOST]; /* memory for the load */
+    pma_subdomain *core;
+} part;
+
+/* al2 = h gamma (1-af)/(1-am)                                                             (P2) */
+double al2_of(const part *x, bool twice);
+
+pma_parts describe(part *x);
+
+void make_part(part *x);
+
+/* m w + k u = 0 with as many constraints as L has entries, one or none */
+part one_mass(double m, double k, double L, pma_scheme scheme, bool implicit);
+
+/* The present of a subdomain, all four arrays. */
+size_t copy_present(const part *x, double *out);
+
+enum { SWINGS = 400 };
+
+/* Each step adds a few roundings of numbers of order one, and nothing amplifies them. */
+static const double SWING_TOLERANCE = 10.0 * SWINGS * DBL_EPSILON;
+
+/* ---- the same step, naively: sections 3 and 4 as written ------------------------------------ */
+
+/* All there is at a time level; r is the restoring force of the substep that ended there. */
+typedef struct {
+    double u[MOST], v[MOST], w[MOST], a[MOST], vf[MOST], r[MOST];
+} level;
+
+/* F (n) := F(t) at the end of this substep of the run */
+void naive_force(const part *x, double t, size_t substep, double *F);
+
+/* r (n) := the restoring force, in elimination order; 0 where there is none */
+void naive_pull(const part *x, double t, const double *u, const double *v, double *r);
+
+/* Free problem from one time level to another at t: (5), (6), (R1), (R2) or (R4), (8) */
+void naive_free(const part *x, bool twice, double t, const double *F, const level *from, level *to);
+
+/* wl (n) := Mbar^-1 L^T lam */
+void naive_link(const part *x, bool twice, const double *lam, double *wl);
+
+/* Link problem added to the free one, and (9) with the total acceleration */
+void naive_close(const part *x, bool twice, const double *lam, const level *from, level *to);
+
+/* vf := v - al2 Mbar^-1 L^T lam, (S2) and (S3) */
+void naive_store(const part *x, bool twice, const double *lam, level *at);
+
+/* A substep of the link response under lam: (M3) with K + K_r, C + D_r, lagged C vs */
+void naive_respond(const part *x, bool twice, const double *lam, const level *from, level *to);
+
+/* to += more, but for vf                                                                 (M5) */
+void naive_add(const part *x, const level *more, level *to);
+
+/* L x for one constraint */
+double constrained(const part *x, size_t row, const double *values);
+
+/* Some 50 steps of some 50 roundings each, of numbers of order one; a division by h in (18) and
+ * matrices of condition 10 make 1e2 of it at most. A term left out shows at 1e-3. */
+static const double AGREE = 1e-11;
+
+void check_state(const part *x, const pma_state *actual, const level *expected);
+
+#endif

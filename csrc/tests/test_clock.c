@@ -1,0 +1,118 @@
+/* test_clock.c - moments, times and substeps that follow from integers. */
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "check.h"
+#include "coupling/clock.h"
+#include "tests.h"
+
+enum { RATIOS = 12, SUBSTEPS = 12 };
+
+/* (15): fine step k ends in the substep from level j if j * ratio < k <= (j + 1) * ratio */
+static void a_moment_is_the_substep_in_which_a_fine_step_ends_and_how_far_it_is(void)
+{
+    for (size_t ratio = 1; ratio <= RATIOS; ratio++) {
+        size_t j = 0;
+        for (size_t k = 1; k <= 5 * RATIOS; k++) {
+            while (k > (j + 1) * ratio)
+                j++;
+            const pma_moment now = pma_clock_moment(k, ratio);
+            CHECK_INT(now.j, j);
+            CHECK_INT(now.phase, k - j * ratio);
+            CHECK(now.phase >= 1 && now.phase <= ratio);
+        }
+    }
+}
+
+/* Macro steps among which are some that a double counts exactly only just: times 12 below 2^53. */
+static const int64_t MACROS[] = {0, 1, 2, 3, 7, 1000, 123456789, ((int64_t)1 << 49) - 1};
+static const double STEP_LENGTHS[] = {1.0, 0.1, 0.3, 0.02 / 3.0, 1e-6, 7.0 / 11.0};
+
+enum {
+    MACRO_COUNT = sizeof MACROS / sizeof MACROS[0],
+    LENGTH_COUNT = sizeof STEP_LENGTHS / sizeof STEP_LENGTHS[0]
+};
+
+/* j of a levels and j' of b levels are one instant where j b = j' a. */
+static void check_equal_instants(double dt, int64_t macro, size_t a, size_t b)
+{
+    for (size_t j = 0; j <= a; j++) {
+        if (j * b % a != 0)
+            continue;
+        const double by_a = pma_clock_time(dt, macro, j, a);
+        const double by_b = pma_clock_time(dt, macro, j * b / a, b);
+        CHECK_BITS(1, &by_a, &by_b);
+    }
+}
+
+/* The count of levels is exact, so the quotient is the rounded one of the same rational number. */
+static void times_of_equal_instants_are_bitwise_identical_for_all_numbers_of_levels(void)
+{
+    for (size_t i = 0; i < MACRO_COUNT; i++) {
+        for (size_t k = 0; k < LENGTH_COUNT; k++) {
+            for (size_t a = 1; a <= SUBSTEPS; a++) {
+                for (size_t b = 1; b <= SUBSTEPS; b++)
+                    check_equal_instants(STEP_LENGTHS[k], MACROS[i], a, b);
+            }
+        }
+    }
+}
+
+static void the_end_of_a_macro_step_is_the_beginning_of_the_next(void)
+{
+    for (size_t i = 0; i < MACRO_COUNT; i++) {
+        for (size_t levels = 1; levels <= SUBSTEPS; levels++) {
+            const double end = pma_clock_time(0.3, MACROS[i], levels, levels);
+            const double begin = pma_clock_time(0.3, MACROS[i] + 1, 0, 1);
+            const double by_definition = (double)(MACROS[i] + 1) * 0.3;
+            CHECK_BITS(1, &end, &begin);
+            CHECK_BITS(1, &end, &by_definition);
+        }
+    }
+}
+
+/* Not self-starting: the first macro step is made of single steps, wherever it is counted from. */
+static void double_steps_are_taken_from_the_second_macro_step_on(void)
+{
+    for (int64_t macro = 0; macro <= 3; macro++) {
+        for (size_t substeps = 1; substeps <= SUBSTEPS; substeps++) {
+            for (size_t j = 0; j < 2 * substeps; j++) {
+                const bool first = macro == 0 && j < substeps;
+                CHECK_INT(pma_clock_substep(0.3, macro, substeps, j, true).twice, !first);
+                CHECK_INT(pma_clock_substep(0.3, macro, substeps, j, false).twice, false);
+            }
+        }
+    }
+}
+
+/* Counted from the present, or from the macro step before that waits to be committed. */
+static void a_substep_is_the_same_from_wherever_it_is_counted(void)
+{
+    for (size_t i = 0; i < MACRO_COUNT; i++) {
+        for (size_t substeps = 1; substeps <= SUBSTEPS; substeps++) {
+            for (size_t j = 0; j < substeps; j++) {
+                const pma_substep later =
+                    pma_clock_substep(0.3, MACROS[i], substeps, j + substeps, true);
+                const pma_substep next = pma_clock_substep(0.3, MACROS[i] + 1, substeps, j, true);
+                CHECK_INT(later.j, j + substeps);
+                CHECK_INT(next.j, j);
+                CHECK_INT(next.number, (MACROS[i] + 1) * (int64_t)substeps + (int64_t)j);
+                CHECK_INT(later.number, next.number);
+                CHECK_INT(later.twice, next.twice);
+                CHECK_BITS(1, &later.t1, &next.t1);
+                const double end = pma_clock_time(0.3, MACROS[i] + 1, j + 1, substeps);
+                CHECK_BITS(1, &next.t1, &end);
+            }
+        }
+    }
+}
+
+const test CLOCK_TESTS[] = {
+    TEST(a_moment_is_the_substep_in_which_a_fine_step_ends_and_how_far_it_is),
+    TEST(times_of_equal_instants_are_bitwise_identical_for_all_numbers_of_levels),
+    TEST(the_end_of_a_macro_step_is_the_beginning_of_the_next),
+    TEST(double_steps_are_taken_from_the_second_macro_step_on),
+    TEST(a_substep_is_the_same_from_wherever_it_is_counted),
+    END_OF_TESTS,
+};

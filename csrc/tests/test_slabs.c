@@ -1,0 +1,207 @@
+/* test_slabs.c - long narrow subdomains, stepped slab by slab; and which ones can be divided. */
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "check.h"
+#include "member/inside.h"
+#include "member/subdomain.h"
+#include "naive.h"
+#include "parts.h"
+#include "tests.h"
+
+enum { LONG = 300, WIDTH = 2, SPRINGS = 4, FACE = 3, MACRO_STEPS = 5 };
+
+/* K in a band and R in a band, and both once more as dense matrices. */
+static double K_band[(WIDTH + 1) * LONG], K_dense[LONG * LONG];
+static double R_band[LONG * WIDTH], R_dense[LONG * LONG];
+static double diagonal[LONG], load[LONG], start[3 * LONG];
+
+/* Across the border of two slabs, inside one, and at both ends. */
+static const int32_t FIRST[SPRINGS] = {127, 0, 299, 200}, SECOND[SPRINGS] = {128, -1, 297, 100};
+static const double HARD[SPRINGS] = {0.5, 0.5, 0.5, 0.5}, SOFT[SPRINGS] = {1.0, 2.0, 1.0, 2.0};
+static const double LIMIT[SPRINGS] = {0.1, 0.1, 0.2, 0.2};
+static const pma_spring_set SET = {.law = PMA_BILINEAR,
+                                   .count = SPRINGS,
+                                   .first = FIRST,
+                                   .second = SECOND,
+                                   .parameters = {HARD, SOFT, LIMIT}};
+
+static void draw_numbers(void)
+{
+    uint64_t seed = 31;
+    memset(K_dense, 0, sizeof K_dense);
+    memset(R_dense, 0, sizeof R_dense);
+    for (size_t i = 0; i < LONG; i++) {
+        diagonal[i] = 1.0 / (1.0 + (double)(i % 5));
+        load[i] = draw_eighth(&seed);
+        for (size_t d = 0; d <= WIDTH; d++) {
+            const double k = i + d < LONG ? draw_eighth(&seed) : 0.0;
+            K_band[d * LONG + i] = k;
+            if (i + d < LONG)
+                K_dense[i * LONG + i + d] = K_dense[(i + d) * LONG + i] = k;
+        }
+        for (size_t d = 0; d < WIDTH; d++) {
+            const double r = i + 1 + d < LONG ? 0.25 * draw_eighth(&seed) : 0.0;
+            R_band[i * WIDTH + d] = r;
+            if (i + 1 + d < LONG)
+                R_dense[i * LONG + i + 1 + d] = r;
+        }
+    }
+    for (size_t i = 0; i < 3 * LONG; i++)
+        start[i] = draw_eighth(&seed);
+}
+
+static const int64_t LINK_PTR[FACE + 1] = {0, 0, 1, 1};
+static const int32_t LINK_ROW[1] = {0};
+static const double LINK_VALUE[1] = {1.0};
+
+static pma_parts describe_long(bool narrow, bool sprung)
+{
+    const pma_factor band = {.form = PMA_BAND,
+                             .n = LONG,
+                             .nb = FACE,
+                             .inverse = diagonal,
+                             .values = R_band,
+                             .width = WIDTH};
+    const pma_factor dense = {
+        .form = PMA_DENSE, .n = LONG, .nb = FACE, .inverse = diagonal, .values = R_dense};
+    pma_parts parts = {.n = LONG,
+                       .nb = FACE,
+                       .substeps = 2,
+                       .doubled = true,
+                       .K = {.form = PMA_BAND, .n = LONG, .values = K_band, .width = WIDTH},
+                       .C = {.form = PMA_DIAGONAL, .n = LONG, .values = diagonal},
+                       .springs = {sprung ? 1 : 0, &SET, sprung ? SPRINGS : 0},
+                       .single = {pma_step_make(TRAPEZOIDAL, 0.1), narrow ? band : dense},
+                       .twice = {pma_step_make(TRAPEZOIDAL, 0.2), narrow ? band : dense},
+                       .link = {1, FACE, LINK_PTR, LINK_ROW, LINK_VALUE}};
+    if (!narrow)
+        parts.K = (pma_matrix){.form = PMA_DENSE, .n = LONG, .values = K_dense};
+    return parts;
+}
+
+static pma_subdomain *make_long(bool narrow, bool sprung)
+{
+    const pma_parts parts = describe_long(narrow, sprung);
+    const double lam = 0.5;
+    pma_subdomain *s = NULL;
+    CHECK_STATUS(pma_subdomain_create(&parts, &s), PMA_OK);
+    pma_subdomain_set_load(s, (pma_load){.kind = PMA_LOAD_CONSTANT, .n = LONG, .values = load});
+    pma_subdomain_start(s, start, start + LONG, start + 2 * LONG, &lam);
+    return s;
+}
+
+static void walk(pma_subdomain *s)
+{
+    const pma_member m = pma_subdomain_member(s);
+    for (int64_t macro = 0; macro < MACRO_STEPS; macro++) {
+        for (size_t j = 0; j < 2; j++) {
+            const pma_substep step = {.j = j, .number = 2 * macro + (int64_t)j, .twice = macro > 0};
+            const double lam = 1.0 - (double)j;
+            CHECK_STATUS(m.table->open(m.self, &step), PMA_OK);
+            CHECK_STATUS(m.table->close(m.self, &step, &lam), PMA_OK);
+        }
+        m.table->commit(m.self);
+    }
+}
+
+/* Ten steps of sums of at most 300 numbers of order one, each rounded otherwise. */
+static const double STEPS_AGREE = 1e-11;
+
+static void check_narrow(bool sprung)
+{
+    pma_subdomain *narrow = make_long(true, sprung), *dense = make_long(false, sprung);
+    CHECK_INT(narrow->slab < LONG, !sprung); /* springs want all predictors at once */
+    CHECK_INT(dense->slab, LONG);
+    walk(narrow);
+    walk(dense);
+    const pma_state *x = pma_subdomain_present(narrow), *y = pma_subdomain_present(dense);
+    double largest = 0.0;
+    for (size_t i = 0; i < LONG; i++) {
+        CHECK_NEAR(x->u[i], y->u[i], STEPS_AGREE);
+        CHECK_NEAR(x->v[i], y->v[i], STEPS_AGREE);
+        CHECK_NEAR(x->w[i], y->w[i], STEPS_AGREE);
+        largest = fmax(largest, fabs(x->w[i]));
+    }
+    CHECK(largest < 100.0 && largest > 0.1); /* of order one */
+    for (size_t i = 0; sprung && i < PMA_SPRING_FIELDS * SPRINGS; i++)
+        CHECK_NEAR(x->springs[i], y->springs[i], STEPS_AGREE);
+    pma_subdomain_destroy(narrow);
+    pma_subdomain_destroy(dense);
+}
+
+static void a_narrow_subdomain_is_stepped_slab_by_slab_as_at_once(void)
+{
+    draw_numbers();
+    check_narrow(false);
+    check_narrow(true);
+}
+
+/* ---- what a coupler has to know beforehand -------------------------------------------------- */
+
+static pma_member member_of(const pma_parts *parts)
+{
+    pma_subdomain *s = NULL;
+    CHECK_STATUS(pma_subdomain_create(parts, &s), PMA_OK);
+    const pma_member m = pma_subdomain_member(s);
+    pma_subdomain_destroy(s);
+    return m;
+}
+
+/* Diagonal Mbar, linear, single steps: no row waits for another. */
+static void only_an_explicit_linear_subdomain_with_single_steps_divides(void)
+{
+    int64_t order[LONG];
+    double work[3 * LONG];
+    draw_numbers();
+    for (size_t i = 0; i < LONG; i++)
+        order[i] = (int64_t)i;
+    pma_parts good = describe_long(true, false);
+    good.doubled = false;
+    good.single.factor.form = PMA_DIAGONAL;
+    CHECK(member_of(&good).divides);
+    pma_parts bad[6] = {good, good, good, good, good, good};
+    bad[0].single.factor.form = PMA_BAND;
+    bad[1].doubled = true;
+    bad[2].lagged = true;
+    bad[3].springs = (pma_springs){1, &SET, SPRINGS};
+    bad[4].restoring = (pma_restoring){pull, NULL, false, LONG, order, work};
+    bad[5].D_r = good.C;
+    for (size_t i = 0; i < 6; i++)
+        CHECK(!member_of(&bad[i]).divides);
+}
+
+static void a_member_is_what_its_parts_are(void)
+{
+    int64_t order[LONG] = {0};
+    double work[3 * LONG];
+    draw_numbers();
+    pma_parts parts = describe_long(true, false);
+    const pma_member plain = member_of(&parts);
+    CHECK_INT(plain.p, 1);
+    CHECK_INT(plain.n, LONG);
+    CHECK_INT(plain.substeps, 2);
+    CHECK(plain.h == 0.1);
+    CHECK(plain.doubled && !plain.evaluates && !plain.by_caller && !plain.responds);
+    parts.springs = (pma_springs){1, &SET, SPRINGS};
+    CHECK(member_of(&parts).entries > plain.entries);
+    CHECK(!member_of(&parts).evaluates);
+    parts.doubled = false;
+    parts.responds = true;
+    CHECK(!member_of(&parts).doubled && member_of(&parts).responds);
+    parts.restoring = (pma_restoring){pull, NULL, false, LONG, order, work};
+    CHECK(member_of(&parts).evaluates && !member_of(&parts).by_caller);
+    parts.restoring.by_caller = true;
+    CHECK(member_of(&parts).evaluates && member_of(&parts).by_caller);
+    parts.restoring.function = NULL;
+    CHECK(!member_of(&parts).evaluates && !member_of(&parts).by_caller);
+}
+
+const test SLABS_TESTS[] = {
+    TEST(a_narrow_subdomain_is_stepped_slab_by_slab_as_at_once),
+    TEST(only_an_explicit_linear_subdomain_with_single_steps_divides),
+    TEST(a_member_is_what_its_parts_are),
+    END_OF_TESTS,
+};
