@@ -34,6 +34,17 @@ typedef struct {
     PyTypeObject *coupler_type;
 } module_state;
 
+/* Is the subdomain being stepped? Then a RuntimeError is set. Called after the last statement that
+ * can run Python code, such as a finalizer. `claim` marks it busy until `release`. */
+bool pma_subdomain_is_busy(SubdomainObject *self);
+bool pma_subdomain_claim(SubdomainObject *self);
+void pma_subdomain_release(SubdomainObject *self);
+
+/* Methods of the type that are in a file of their own, response_methods.c. */
+PyObject *pma_subdomain_compliance(SubdomainObject *self, PyObject *args);
+PyObject *pma_subdomain_unit_responses(SubdomainObject *self, PyObject *args);
+PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *args);
+
 extern PyMethodDef pma_factor_functions[];
 extern PyMethodDef pma_strip_functions[];
 extern PyType_Spec pma_subdomain_spec;

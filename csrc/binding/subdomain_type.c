@@ -135,23 +135,24 @@ static void subdomain_dealloc(SubdomainObject *self)
     Py_DECREF(type);
 }
 
-/* Called after the last statement that can run Python code, such as a finalizer. */
-static bool is_busy(SubdomainObject *self)
+/* ---- a busy flag, not a lock -------------------------------------------------------------- */
+
+bool pma_subdomain_is_busy(SubdomainObject *self)
 {
     if (self->busy)
         PyErr_SetString(PyExc_RuntimeError, "the subdomain is being stepped");
     return self->busy;
 }
 
-static bool claim(SubdomainObject *self)
+bool pma_subdomain_claim(SubdomainObject *self)
 {
-    if (is_busy(self))
+    if (pma_subdomain_is_busy(self))
         return false;
     self->busy = true;
     return true;
 }
 
-static void release(SubdomainObject *self)
+void pma_subdomain_release(SubdomainObject *self)
 {
     self->busy = false;
 }
@@ -162,7 +163,7 @@ static PyObject *subdomain_set_load(SubdomainObject *self, PyObject *obj)
 {
     pma_load load = {.kind = PMA_LOAD_NONE, .n = pma_subdomain_parts(self->core)->n};
     PyObject *arrays = pma_take_load(obj, &load);
-    if (!arrays || is_busy(self)) {
+    if (!arrays || pma_subdomain_is_busy(self)) {
         Py_XDECREF(arrays);
         return NULL;
     }
@@ -183,7 +184,8 @@ static int begin_energy(SubdomainObject *self, PyObject *args, PyObject *arrays)
     if (!PyArg_ParseTuple(args, "OOO", &M_obj, &load_obj, &lam_obj) ||
         pma_take_matrix(M_obj, n, "M", arrays, &M) < 0 ||
         pma_take_doubles(load_obj, n, "load", NULL, &load) < 0 ||
-        pma_take_doubles(lam_obj, (npy_intp)parts->link.p, "lam", NULL, &lam) < 0 || is_busy(self))
+        pma_take_doubles(lam_obj, (npy_intp)parts->link.p, "lam", NULL, &lam) < 0 ||
+        pma_subdomain_is_busy(self))
         return -1;
     const pma_status status = pma_subdomain_begin_energy(self->core, M, load, lam);
     if (status == PMA_OK)
@@ -207,7 +209,7 @@ static PyObject *subdomain_begin_energy(SubdomainObject *self, PyObject *args)
 
 static PyObject *subdomain_end_energy(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
 {
-    if (is_busy(self))
+    if (pma_subdomain_is_busy(self))
         return NULL;
     pma_subdomain_end_energy(self->core);
     Py_CLEAR(self->mass);
@@ -226,7 +228,8 @@ static PyObject *subdomain_start(SubdomainObject *self, PyObject *args)
         pma_take_doubles(objs[0], n, "u", NULL, &u) < 0 ||
         pma_take_doubles(objs[1], n, "v", NULL, &v) < 0 ||
         pma_take_doubles(objs[2], n, "w", NULL, &w) < 0 ||
-        pma_take_doubles(objs[3], (npy_intp)parts->link.p, "lam", NULL, &lam) < 0 || is_busy(self))
+        pma_take_doubles(objs[3], (npy_intp)parts->link.p, "lam", NULL, &lam) < 0 ||
+        pma_subdomain_is_busy(self))
         return NULL;
     pma_subdomain_start(self->core, u, v, w, lam);
     Py_RETURN_NONE;
@@ -256,7 +259,7 @@ static PyObject *subdomain_state(SubdomainObject *self, PyObject *Py_UNUSED(igno
     const npy_intp n = (npy_intp)pma_subdomain_parts(self->core)->n;
     const npy_intp sizes[3] = {n, n, n};
     PyObject *tuple = new_tuple(3, sizes);
-    if (!tuple || is_busy(self)) {
+    if (!tuple || pma_subdomain_is_busy(self)) {
         Py_XDECREF(tuple);
         return NULL;
     }
@@ -289,12 +292,12 @@ static PyObject *subdomain_force(SubdomainObject *self, PyObject *args)
     if (pma_subdomain_load(self->core)->kind == PMA_LOAD_TABLE)
         return PyErr_Format(PyExc_ValueError, "load must not be a table, got one");
     PyObject *F = PyArray_SimpleNew(1, &n, NPY_DOUBLE);
-    if (!F || !claim(self)) {
+    if (!F || !pma_subdomain_claim(self)) {
         Py_XDECREF(F);
         return NULL;
     }
     const pma_status status = pma_subdomain_force(self->core, t, PyArray_DATA((PyArrayObject *)F));
-    release(self);
+    pma_subdomain_release(self);
     return result_of(self, status, F);
 }
 
@@ -310,13 +313,13 @@ static PyObject *subdomain_restore(SubdomainObject *self, PyObject *args)
         pma_take_doubles(v_obj, n, "v", NULL, &v) < 0)
         return NULL;
     PyObject *r = PyArray_SimpleNew(1, &n, NPY_DOUBLE);
-    if (!r || !claim(self)) {
+    if (!r || !pma_subdomain_claim(self)) {
         Py_XDECREF(r);
         return NULL;
     }
     const pma_status status =
         pma_subdomain_restore(self->core, t, u, v, PyArray_DATA((PyArrayObject *)r));
-    release(self);
+    pma_subdomain_release(self);
     return result_of(self, status, r);
 }
 
@@ -351,7 +354,7 @@ static PyObject *subdomain_levels(SubdomainObject *self, PyObject *Py_UNUSED(ign
     for (Py_ssize_t i = 0; i < count; i++)
         sizes[i] = field_size(parts, i);
     PyObject *tuple = new_tuple(count, sizes);
-    if (!tuple || is_busy(self)) {
+    if (!tuple || pma_subdomain_is_busy(self)) {
         Py_XDECREF(tuple);
         return NULL;
     }
@@ -368,7 +371,7 @@ static PyObject *subdomain_springs(SubdomainObject *self, PyObject *Py_UNUSED(ig
     const size_t total = pma_subdomain_parts(self->core)->springs.total;
     const npy_intp shape[2] = {PMA_SPRING_FIELDS, (npy_intp)total};
     PyObject *out = PyArray_SimpleNew(2, shape, NPY_DOUBLE);
-    if (!out || is_busy(self)) {
+    if (!out || pma_subdomain_is_busy(self)) {
         Py_XDECREF(out);
         return NULL;
     }
@@ -391,214 +394,13 @@ static PyObject *subdomain_set_levels(SubdomainObject *self, PyObject *tuple)
                              &values[i]) < 0)
             return NULL;
     }
-    if (is_busy(self))
+    if (pma_subdomain_is_busy(self))
         return NULL;
     const pma_kept_levels levels = pma_subdomain_levels(self->core);
     list_fields(&levels, fields);
     for (Py_ssize_t i = 0; i < count; i++)
         memcpy(fields[i], values[i], (size_t)field_size(parts, i) * sizeof(double));
     Py_RETURN_NONE;
-}
-
-/* out (k, k): compliance between the constraints in `rows` (k) */
-static void fill_compliance(pma_subdomain *s, bool twice, const int64_t *rows, npy_intp k,
-                            double *lam, double *sum, double *out)
-{
-    const pma_member member = pma_subdomain_member(s);
-    for (npy_intp c = 0; c < k; c++) {
-        memset(sum, 0, member.p * sizeof(double));
-        lam[rows[c]] = 1.0;
-        member.table->compliance(member.self, twice, lam, sum);
-        lam[rows[c]] = 0.0;
-        for (npy_intp r = 0; r < k; r++)
-            out[r * k + c] = sum[rows[r]];
-    }
-}
-
-static int check_rows(const int64_t *rows, npy_intp k, size_t p)
-{
-    for (npy_intp c = 0; c < k; c++) {
-        if (rows[c] < 0 || (size_t)rows[c] >= p) {
-            PyErr_SetString(PyExc_ValueError, "rows: a constraint is out of range");
-            return -1;
-        }
-    }
-    return 0;
-}
-
-static PyObject *subdomain_compliance(SubdomainObject *self, PyObject *args)
-{
-    int twice;
-    PyObject *obj, *out;
-    PyArrayObject *rows;
-    const npy_intp any = -1;
-    const pma_parts *parts = pma_subdomain_parts(self->core);
-    if (!PyArg_ParseTuple(args, "pO", &twice, &obj) ||
-        pma_take_array(obj, NPY_INT64, 1, &any, "rows", NULL, &rows) < 0)
-        return NULL;
-    if (twice && !parts->doubled) {
-        PyErr_SetString(PyExc_ValueError, "the subdomain takes no double steps");
-        return NULL;
-    }
-    const npy_intp shape[2] = {PyArray_DIM(rows, 0), PyArray_DIM(rows, 0)};
-    if (check_rows(PyArray_DATA(rows), shape[0], parts->link.p) < 0)
-        return NULL;
-    double *scratch = PyMem_Calloc(2 * parts->link.p + 1, sizeof(double));
-    if (!scratch)
-        return PyErr_NoMemory();
-    out = PyArray_SimpleNew(2, shape, NPY_DOUBLE);
-    if (out && claim(self)) {
-        pma_gil_release();
-        fill_compliance(self->core, twice, PyArray_DATA(rows), shape[0], scratch,
-                        scratch + parts->link.p, PyArray_DATA((PyArrayObject *)out));
-        pma_gil_acquire();
-        release(self);
-    } else {
-        Py_CLEAR(out);
-    }
-    PyMem_Free(scratch);
-    return out;
-}
-
-/* ---- unit responses (M3) ------------------------------------------------------------------ */
-
-/* Inputs and outputs of a block of columns of H. */
-typedef struct {
-    const int64_t *rows;      /* k */
-    npy_intp k, begin, count; /* columns begin..begin+count-1 of k */
-    double *lam;              /* p: zero */
-    double *sums;             /* 2 p: scratch */
-    double *end, *mean;       /* count x k by rows */
-    double *states;           /* count x 4 x n by rows, or NULL */
-} response_block;
-
-static void copy_rows(const response_block *b, const double *sum, double *out)
-{
-    for (npy_intp r = 0; r < b->k; r++)
-        out[r] = sum[b->rows[r]];
-}
-
-static pma_status fill_responses(pma_subdomain *s, const response_block *b)
-{
-    const size_t p = pma_subdomain_parts(s)->link.p, size = 4 * pma_subdomain_parts(s)->n;
-    pma_response *response = pma_subdomain_response(s);
-    for (npy_intp c = 0; c < b->count; c++) {
-        const int64_t row = b->rows[b->begin + c];
-        memset(b->sums, 0, 2 * p * sizeof(double));
-        b->lam[row] = 1.0;
-        const pma_status status = pma_response_run(response, b->lam, b->sums, b->sums + p);
-        b->lam[row] = 0.0;
-        if (status != PMA_OK)
-            return status;
-        copy_rows(b, b->sums, b->end + c * b->k);
-        copy_rows(b, b->sums + p, b->mean + c * b->k);
-        if (b->states)
-            memcpy(b->states + (size_t)c * size, pma_response_state(response)->u,
-                   size * sizeof(double));
-    }
-    return PMA_OK;
-}
-
-/* A writeable array. */
-static int take_output(PyObject *obj, int ndim, const npy_intp *shape, const char *name,
-                       PyArrayObject **out)
-{
-    if (pma_take_array(obj, NPY_DOUBLE, ndim, shape, name, NULL, out) < 0)
-        return -1;
-    if (PyArray_ISWRITEABLE(*out))
-        return 0;
-    PyErr_Format(PyExc_ValueError, "%s must be writeable", name);
-    return -1;
-}
-
-static int take_responses(SubdomainObject *self, PyObject *args, response_block *b)
-{
-    PyObject *rows, *end, *mean, *states;
-    PyArrayObject *array;
-    Py_ssize_t begin;
-    const npy_intp any = -1;
-    const pma_parts *parts = pma_subdomain_parts(self->core);
-    if (!PyArg_ParseTuple(args, "OnOOO", &rows, &begin, &end, &mean, &states) ||
-        pma_take_array(rows, NPY_INT64, 1, &any, "rows", NULL, &array) < 0)
-        return -1;
-    *b = (response_block){.rows = PyArray_DATA(array), .k = PyArray_DIM(array, 0), .begin = begin};
-    if (check_rows(b->rows, b->k, parts->link.p) < 0)
-        return -1;
-    npy_intp shape[3] = {-1, b->k, 0};
-    if (take_output(end, 2, shape, "end", &array) < 0)
-        return -1;
-    b->end = PyArray_DATA(array);
-    b->count = shape[0] = PyArray_DIM(array, 0);
-    if (take_output(mean, 2, shape, "mean", &array) < 0)
-        return -1;
-    b->mean = PyArray_DATA(array);
-    if (!parts->responds || begin < 0 || b->count > b->k - begin) {
-        PyErr_SetString(PyExc_ValueError, "begin: no such columns of the link response");
-        return -1;
-    }
-    if (states == Py_None)
-        return 0;
-    shape[1] = 4;
-    shape[2] = (npy_intp)parts->n;
-    if (take_output(states, 3, shape, "states", &array) < 0)
-        return -1;
-    b->states = PyArray_DATA(array);
-    return 0;
-}
-
-static PyObject *subdomain_unit_responses(SubdomainObject *self, PyObject *args)
-{
-    response_block b;
-    const size_t p = pma_subdomain_parts(self->core)->link.p;
-    if (take_responses(self, args, &b) < 0)
-        return NULL;
-    b.lam = PyMem_Calloc(3 * p + 1, sizeof(double));
-    if (!b.lam)
-        return PyErr_NoMemory();
-    b.sums = b.lam + p;
-    if (!claim(self)) {
-        PyMem_Free(b.lam);
-        return NULL;
-    }
-    pma_gil_release();
-    const pma_status status = fill_responses(self->core, &b);
-    pma_gil_acquire();
-    release(self);
-    PyMem_Free(b.lam);
-    return PyBool_FromLong(status == PMA_OK);
-}
-
-/* store_responses(rows, states): the states written by unit_responses for all of these rows */
-static PyObject *subdomain_store_responses(SubdomainObject *self, PyObject *args)
-{
-    PyObject *rows_obj, *states_obj;
-    PyArrayObject *rows, *states;
-    const npy_intp any = -1;
-    const pma_parts *parts = pma_subdomain_parts(self->core);
-    if (!PyArg_ParseTuple(args, "OO", &rows_obj, &states_obj))
-        return NULL;
-    PyObject *arrays = PyList_New(0);
-    if (!arrays || pma_take_array(rows_obj, NPY_INT64, 1, &any, "rows", arrays, &rows) < 0)
-        goto failed;
-    const npy_intp shape[3] = {PyArray_DIM(rows, 0), 4, (npy_intp)parts->n};
-    if (check_rows(PyArray_DATA(rows), shape[0], parts->link.p) < 0 ||
-        pma_take_array(states_obj, NPY_DOUBLE, 3, shape, "states", arrays, &states) < 0)
-        goto failed;
-    if (!parts->responds) {
-        PyErr_SetString(PyExc_ValueError, "the subdomain has no link response");
-        goto failed;
-    }
-    if (is_busy(self))
-        goto failed;
-    pma_response_store(pma_subdomain_response(self->core),
-                       (pma_unit_responses){.count = (size_t)shape[0],
-                                            .rows = PyArray_DATA(rows),
-                                            .values = PyArray_DATA(states)});
-    Py_XSETREF(self->response, arrays);
-    Py_RETURN_NONE;
-failed:
-    Py_XDECREF(arrays);
-    return NULL;
 }
 
 static PyObject *subdomain_get_entries(SubdomainObject *self, void *Py_UNUSED(closure))
@@ -629,12 +431,12 @@ static PyMethodDef subdomain_methods[] = {
     {"begin_energy", (PyCFunction)subdomain_begin_energy, METH_VARARGS,
      "begin_energy(M, load, lam): sums works from the present time level on"},
     {"end_energy", (PyCFunction)subdomain_end_energy, METH_NOARGS, "end_energy(): stops the sums"},
-    {"compliance", (PyCFunction)subdomain_compliance, METH_VARARGS,
+    {"compliance", (PyCFunction)pma_subdomain_compliance, METH_VARARGS,
      "compliance(twice, rows) -> block of H on these constraints"},
-    {"unit_responses", (PyCFunction)subdomain_unit_responses, METH_VARARGS,
+    {"unit_responses", (PyCFunction)pma_subdomain_unit_responses, METH_VARARGS,
      "unit_responses(rows, begin, end, mean, states): writes columns begin, ... of H under macro "
      "coupling into end, (m, k); False when a value is not finite"},
-    {"store_responses", (PyCFunction)subdomain_store_responses, METH_VARARGS,
+    {"store_responses", (PyCFunction)pma_subdomain_store_responses, METH_VARARGS,
      "store_responses(rows, states): the states written by unit_responses for all of these rows"},
     {NULL, NULL, 0, NULL},
 };
