@@ -26,7 +26,7 @@ def whole_of(A):
 )
 def test_rows_and_columns_of_fixed_dofs_are_left_out_in_every_format(form):
     part = reduce(np.arange(1.0, 7.0), form(FULL), form(2.0 * FULL), fixed=FIXED)
-    np.testing.assert_array_equal(part.M, [1.0, 3.0, 6.0])
+    np.testing.assert_array_equal(part.M.toarray(), np.diag([1.0, 3.0, 6.0]))
     np.testing.assert_array_equal(whole_of(part.K), FULL[LEFT])
     np.testing.assert_array_equal(whole_of(part.C), 2.0 * FULL[LEFT])
     assert sp.issparse(part.K) == sp.issparse(form(FULL))
@@ -65,7 +65,7 @@ def test_the_last_dofs_can_be_fixed():
 
 def test_a_matrix_of_zeros_stays_a_matrix_and_none_stays_none():
     part = reduce(np.ones(3), np.zeros((3, 3)), sp.csr_array((3, 3)), fixed=[0])
-    assert part.K.tolist() == part.C.tolist() == [0.0, 0.0]
+    assert part.K.shape == part.C.shape == (2, 2) and part.K.nnz == part.C.nnz == 0
     part = reduce(np.ones(3), None, fixed=[0])
     assert part.K is None and part.C is None
 
@@ -74,7 +74,8 @@ def test_the_input_is_neither_changed_nor_shared():
     M, K = np.ones(3), sp.csr_array(np.diag([1.0, 2.0, 3.0]))
     part = reduce(M, K, fixed=[])
     M[0], K.data[0] = 7.0, 7.0
-    assert part.M.tolist() == [1.0, 1.0, 1.0] and part.K.tolist() == [1.0, 2.0, 3.0]
+    assert part.M.diagonal().tolist() == [1.0, 1.0, 1.0]
+    assert part.K.diagonal().tolist() == [1.0, 2.0, 3.0]
     with pytest.raises(ValueError, match="read-only"):
         part.free[0] = 1
     with pytest.raises(AttributeError):

@@ -8,6 +8,7 @@ import numpy as np
 
 from .._checks import check_word, flag, listing, vector, whole_number
 from ..errors import FactorizationError
+from .damping import checked_rayleigh, damping_matrix
 from .forces import checked_force
 from .matrices import Matrix, canonical, combination, diagonal
 from .restoring import Restoring, checked_restoring, is_function
@@ -35,6 +36,10 @@ class Subdomain:
         is a restoring force.
     C : like M and K, optional
         Viscous damping, symmetric. Default: none.
+    rayleigh : (c_m, c_k), optional
+        Rayleigh damping c_m M + c_k K, in place of C or added to it, in any format of M and K. In
+        1/time and in time, at least 0; `models.rayleigh` computes them from damping ratios. K is
+        without `restoring_stiffness`.
     scheme : Scheme
         `GeneralizedAlpha`, `Newmark`, `CentralDifference`, `HHT` or `WBZ`.
     substeps : int, default 1
@@ -80,8 +85,14 @@ class Subdomain:
         For complex, unsymmetric or infinite entries, shapes that do not agree, a scheme or force
         of the wrong kind, dofs without mass under a scheme that does not damp them, estimates
         without a restoring force. The value of a restoring force is checked when it is evaluated.
+        Also for a C that is c_m * M + c_k * K with a 1-D M, which NumPy adds to every row of K.
     FactorizationError
         For a dof without mass in an explicit subdomain.
+
+    Warns
+    -----
+    PerformanceWarning
+        For a dense C beside a sparse or diagonal K. A C that is meant to be full can be sparse.
 
     Examples
     --------
@@ -90,6 +101,13 @@ class Subdomain:
     ...                   scheme=GeneralizedAlpha(0.5), name="tower")
     >>> tower.n
     2
+
+    With Rayleigh damping C = 0.75 M + 0.0025 K:
+
+    >>> damped = Subdomain([2.0, 1.0], [[3.0, -1.0], [-1.0, 1.0]], rayleigh=(0.75, 0.0025),
+    ...                    scheme=GeneralizedAlpha(0.5))
+    >>> damped.C.round(4).tolist()
+    [[1.5075, -0.0025], [-0.0025, 0.7525]]
 
     A Duffing oscillator, explicit:
 
@@ -117,6 +135,7 @@ class Subdomain:
         restoring_stiffness: Any = None,
         restoring_damping: Any = None,
         damping: str = "implicit",
+        rayleigh: tuple[float, float] | None = None,
         u0: Any = None,
         v0: Any = None,
         name: str | None = None,
@@ -136,7 +155,8 @@ class Subdomain:
         self.name = name
         self.M, self.n = canonical(M, "M")
         self.K = self._matrix(K, "K")
-        self.C = self._matrix(C, "C")
+        self.rayleigh = checked_rayleigh(rayleigh)
+        self.C = damping_matrix(C, self.rayleigh, self.n, M=self.M, K=self.K, given=K)
         self.damping = damping
         self.force = checked_force(force, self.n)
         self.restoring: Restoring = checked_restoring(restoring, self.n)
