@@ -10,6 +10,7 @@ from .._checks import check_word, flag, listing, vector, whole_number
 from ..errors import FactorizationError
 from .damping import checked_rayleigh, damping_matrix
 from .forces import checked_force
+from .frozen import Frozen
 from .matrices import Matrix, canonical, combination, diagonal
 from .restoring import Restoring, checked_restoring, is_function
 from .schemes import Scheme
@@ -21,11 +22,11 @@ __all__ = ["Subdomain"]
 UNDAMPED = 1.0 - 1e-9
 
 
-class Subdomain:
+class Subdomain(Frozen):
     """One subdomain of the coupled problem (1): M w + C v + K u + r(u, v, t) = F(t) + L^T Lam.
 
-    Units are any consistent set. The arrays are copied. A `Coupler` does not change a subdomain, so
-    that several couplers can contain the same one.
+    Units are any consistent set. The arrays are copied. Attributes can be read, not assigned. A
+    `Coupler` does not change a subdomain, so that several couplers can contain the same one.
 
     Parameters
     ----------
@@ -167,6 +168,7 @@ class Subdomain:
         self.u0 = self._initial(u0, "u0")
         self.v0 = self._initial(v0, "v0")
         self._check_mass()
+        self._freeze()
 
     def __repr__(self) -> str:
         label = "" if self.name is None else f"{self.name!r}, "
@@ -222,7 +224,7 @@ class Subdomain:
         return self._matrix(value, name)
 
     def _initial(self, value: Any, name: str) -> np.ndarray:
-        return np.zeros(self.n) if value is None else vector(value, self.n, name)
+        return vector(np.zeros(self.n) if value is None else value, self.n, name)
 
     def _check_mass(self) -> None:
         label = "the subdomain" if self.name is None else f"subdomain {self.name!r}"
