@@ -124,7 +124,8 @@ class ConstraintWarning(UserWarning):
 
     Initial displacements violate a constraint, the equation of a dof without mass does not hold at
     t = 0, nearly coincident nodes are not tied, no constraint reaches a subdomain, or a floating
-    subdomain is not held by its constraints.
+    subdomain is not held by its constraints. Or a mass matrix is indefinite within the digits of
+    exported files.
     """
 
 

@@ -23,6 +23,10 @@ Matrix = np.ndarray | sp.csr_array | None
 SYMMETRY = 1e-10
 SYMMETRY_OF_ROW = 1e-14
 
+# Rounding of the entries of a file with ten digits, relative to the largest one: a mass matrix may
+# be indefinite by this.
+EXPORTED = 1e-10
+
 # The arrays of a matrix by rows.
 _ARRAYS = ("indptr", "indices", "data")
 
