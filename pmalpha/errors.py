@@ -123,7 +123,9 @@ class ConstraintWarning(UserWarning):
     """The description of the interface probably has an error.
 
     Initial displacements violate a constraint, the equation of a dof without mass does not hold at
-    t = 0, or nearly coincident nodes are not tied.
+    t = 0, nearly coincident nodes are not tied, no constraint reaches a subdomain, or a floating
+    subdomain is not held by its constraints. Or a mass matrix is indefinite within the digits of
+    exported files.
     """
 
 

@@ -12,7 +12,10 @@ import scipy.linalg
 import scipy.sparse
 from numpy.typing import ArrayLike
 
+from ._checks import real_array
+from .memory import require
 from .problem.constraints import Constraint, tie
+from .problem.matrices import canonical, diagonal, product, sparse_diagonal
 from .problem.schemes import CentralDifference, GeneralizedAlpha, Newmark
 from .problem.subdomain import Subdomain
 from .run.coupler import Coupler
@@ -39,6 +42,7 @@ __all__ = [
     "chain",
     "el_centro",
     "four_dof",
+    "modal_damping",
     "modes",
     "plate",
     "plate_on",
@@ -356,7 +360,7 @@ def _chain_springs(mass, frequencies, guess) -> np.ndarray:
 
 def shear_frame(
     masses: ArrayLike, stiffnesses: ArrayLike
-) -> tuple[np.ndarray, scipy.sparse.csr_array]:
+) -> tuple[scipy.sparse.csr_array, scipy.sparse.csr_array]:
     """Matrices of a shear frame (a chain of masses and springs) fixed at the ground.
 
     Parameters
@@ -369,10 +373,10 @@ def shear_frame(
 
     Returns
     -------
-    M : (n,) ndarray
-        Diagonal of the mass matrix.
-    K : (n, n) sparse array
-        Tridiagonal, CSR.
+    M : (n, n) csr_array
+        Mass, diagonal; ``M.diagonal()`` are the masses.
+    K : (n, n) csr_array
+        Stiffness, tridiagonal.
 
     Raises
     ------
@@ -385,6 +389,8 @@ def shear_frame(
     >>> M, K = models.shear_frame([2.0, 1.0], [30.0, 10.0])
     >>> K.toarray().tolist()
     [[40.0, -10.0], [-10.0, 10.0]]
+    >>> (0.5 * M + 0.1 * K).toarray().tolist()  # Rayleigh damping; or Subdomain(rayleigh=...)
+    [[5.0, -1.0], [-1.0, 1.5]]
     """
     m, k = np.array(masses, dtype=float), np.array(stiffnesses, dtype=float)
     if m.ndim != 1 or m.shape != k.shape or len(m) == 0:
@@ -398,7 +404,7 @@ def shear_frame(
     K = scipy.sparse.diags_array(
         [beside, k + np.append(k[1:], 0.0), beside], offsets=[-1, 0, 1], shape=(len(m), len(m))
     )
-    return m, K.tocsr()
+    return sparse_diagonal(m), K.tocsr()
 
 
 def rayleigh(omegas: Sequence[float], ratios: Sequence[float]) -> tuple[float, float]:
@@ -438,6 +444,63 @@ def rayleigh(omegas: Sequence[float], ratios: Sequence[float]) -> tuple[float, f
     rows = [[0.5 / first, 0.5 * first], [0.5 / second, 0.5 * second]]
     c_m, c_k = np.linalg.solve(rows, np.array(ratios, dtype=float))
     return float(c_m), float(c_k)
+
+
+def modal_damping(
+    M: ArrayLike, K: ArrayLike, ratios: float | Sequence[float]
+) -> np.ndarray | scipy.sparse.csr_array:
+    """Damping matrix that gives each mode of a structure its own damping ratio.
+
+    C = sum_i 2 ratio_i omega_i (M x_i) (M x_i)^T with the mass-normalised modes x_i of M and K
+    (Chopra, Dynamics of Structures). C is full: n^2 entries.
+
+    Parameters
+    ----------
+    M, K : (n,) array, (n, n) array or scipy.sparse matrix or array
+        Mass and stiffness, positive semidefinite, without the fixed dofs (`reduce`).
+    ratios : float or (k,) array_like
+        Damping ratios (1 is critical damping) of the k lowest modes, rigid-body modes included
+        (which remain undamped); the higher modes are undamped. One number: of all modes.
+
+    Returns
+    -------
+    C : (n, n) ndarray or csr_array
+        In force per velocity; sparse, with all entries, if K is sparse.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For ratios that are not numbers or negative, more of them than dofs with mass, and for
+        matrices that `modes` refuses.
+    MemoryError
+        When C would not fit.
+
+    Examples
+    --------
+    >>> from pmalpha import models
+    >>> M, K = models.shear_frame([1.0, 1.0], [3.0, 2.0])  # omega = 1, sqrt(6)
+    >>> models.modal_damping(M, K, [0.05]).toarray().round(3).tolist()
+    [[0.02, 0.04], [0.04, 0.08]]
+    """
+    values = real_array(ratios, "ratios", (0, 1))
+    mass, n = canonical(M, "M")
+    massive = 0 if mass is None else np.count_nonzero(diagonal(mass))
+    if values.ndim == 0:
+        values = np.full(massive, float(values))
+    if values.size == 0:
+        raise ValueError("ratios must not be empty, got none")
+    if values.size > massive:
+        raise ValueError(
+            f"ratios must have at most {massive} entries, the dofs with mass, got {values.size}"
+        )
+    if values.min() < 0.0:
+        worst = int(np.argmin(values))
+        raise ValueError(f"ratios must not be negative, got {values[worst]:g} at mode {worst}")
+    require(16.0 * n * n, f"the modal damping matrix ({n} dofs, dense)")
+    omegas, shapes = modes(M, K, values.size)
+    momenta = product(mass, shapes) * np.sqrt(2.0 * values * omegas)
+    C = momenta @ momenta.T
+    return scipy.sparse.csr_array(C) if scipy.sparse.issparse(K) else C
 
 
 def el_centro() -> tuple[np.ndarray, float]:

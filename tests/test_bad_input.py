@@ -1486,7 +1486,8 @@ def test_a_double_step_explicit_subdomain_has_half_the_limit():
     pm.Coupler([rig, other], dt=0.5 * critical * (1.0 - CLOSE))
     with pytest.warns(pm.StabilityWarning, match="'rig'") as caught:
         pm.Coupler([rig, other], dt=0.5 * critical * (1.0 + CLOSE))
-    assert len(caught) == 1
+    # besides the one that no constraint reaches the two
+    assert len([w for w in caught if w.category is pm.StabilityWarning]) == 1
     pm.Coupler([rig, other], dt=critical * (1.0 - CLOSE), coupling="gc")  # single there
     single_step = subdomain([1.0], [4.0], scheme=EXPLICIT)
     pm.Coupler([single_step, other], dt=critical * (1.0 - CLOSE))

@@ -173,8 +173,18 @@ def test_subdomains_that_meet_at_a_cross_point_start_as_the_uncut_structure(form
 
 def test_a_callable_load_enters_with_its_value_at_zero():
     subdomains, made, w = cross(np.asarray, True)
-    for s in made:
-        s.force = lambda t, F=s.force: F * np.cos(t) + 100.0 * t
+    made = [
+        pm.Subdomain(
+            s.M,
+            s.K,
+            s.C,
+            scheme=s.scheme,
+            u0=s.u0,
+            v0=s.v0,
+            force=lambda t, F=s.force: F * np.cos(t) + 100.0 * t,
+        )
+        for s in made
+    ]
     coupler = pm.Coupler(made, [pm.tie(made[0], [0], s, [0]) for s in made[1:]], dt=0.01)
     np.testing.assert_allclose(
         coupler.state(2).a[0], w[0], rtol=1e-11

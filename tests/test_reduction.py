@@ -26,7 +26,7 @@ def whole_of(A):
 )
 def test_rows_and_columns_of_fixed_dofs_are_left_out_in_every_format(form):
     reduced = reduce(np.arange(1.0, 7.0), form(FULL), form(2.0 * FULL), fixed=FIXED)
-    np.testing.assert_array_equal(reduced.M, [1.0, 3.0, 6.0])
+    np.testing.assert_array_equal(reduced.M.toarray(), np.diag([1.0, 3.0, 6.0]))
     np.testing.assert_array_equal(whole_of(reduced.K), FULL[LEFT])
     np.testing.assert_array_equal(whole_of(reduced.C), 2.0 * FULL[LEFT])
     assert sp.issparse(reduced.K) == sp.issparse(form(FULL))
@@ -65,7 +65,7 @@ def test_the_last_dofs_can_be_fixed():
 
 def test_a_matrix_of_zeros_stays_a_matrix_and_none_stays_none():
     reduced = reduce(np.ones(3), np.zeros((3, 3)), sp.csr_array((3, 3)), fixed=[0])
-    assert reduced.K.tolist() == reduced.C.tolist() == [0.0, 0.0]
+    assert reduced.K.shape == reduced.C.shape == (2, 2) and reduced.K.nnz == reduced.C.nnz == 0
     reduced = reduce(np.ones(3), None, fixed=[0])
     assert reduced.K is None and reduced.C is None
 
@@ -74,7 +74,8 @@ def test_the_input_is_neither_changed_nor_shared():
     M, K = np.ones(3), sp.csr_array(np.diag([1.0, 2.0, 3.0]))
     reduced = reduce(M, K, fixed=[])
     M[0], K.data[0] = 7.0, 7.0
-    assert reduced.M.tolist() == [1.0, 1.0, 1.0] and reduced.K.tolist() == [1.0, 2.0, 3.0]
+    assert reduced.M.diagonal().tolist() == [1.0, 1.0, 1.0]
+    assert reduced.K.diagonal().tolist() == [1.0, 2.0, 3.0]
     with pytest.raises(ValueError, match="read-only"):
         reduced.free[0] = 1
     with pytest.raises(AttributeError):

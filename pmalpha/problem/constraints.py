@@ -10,13 +10,14 @@ import scipy.sparse as sp
 
 from .._checks import listing, plain_array, real_array, require_finite
 from .forces import BaseAcceleration, checked_force
+from .frozen import Frozen
 from .matrices import entries
 from .subdomain import Subdomain
 
 __all__ = ["Constraint", "tie"]
 
 
-class Constraint:
+class Constraint(Frozen):
     """p constraints sum_i L_i v_i = g(t) on velocities of one or more subdomains, equation (2).
 
     Without `velocity`, g is zero and the subdomains are tied. With `velocity`, the motion of a
@@ -74,6 +75,7 @@ class Constraint:
         if isinstance(velocity, BaseAcceleration):
             raise TypeError("velocity must be a SampledForce, a callable or an array, not a force")
         self.velocity = checked_force(velocity, self.p, "velocity")
+        self._freeze()
 
 
 def _constraint_matrix(subdomain: Any, L: Any) -> sp.csr_array:

@@ -12,13 +12,14 @@ import numpy as np
 from scipy import LowLevelCallable
 
 from .._checks import positive_number, real_array, vector
+from .frozen import Frozen
 from .lowlevel import check_signature
 from .matrices import canonical, product
 
 __all__ = ["BaseAcceleration", "SampledForce"]
 
 
-class SampledForce:
+class SampledForce(Frozen):
     """A force given by samples with linear interpolation, equation (L1).
 
     Parameters
@@ -57,6 +58,7 @@ class SampledForce:
                 f"shape must have a column for each of the {self.values.shape[1]} series of "
                 f"values, got {self.shape.shape[1]}"
             )
+        self._freeze()
 
     @property
     def n(self) -> int:

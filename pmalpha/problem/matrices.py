@@ -23,6 +23,10 @@ Matrix = np.ndarray | sp.csr_array | None
 SYMMETRY = 1e-10
 SYMMETRY_OF_ROW = 1e-14
 
+# Rounding of the entries of a file with ten digits, relative to the largest one: a mass matrix may
+# be indefinite by this.
+EXPORTED = 1e-10
+
 # The arrays of a matrix by rows.
 _ARRAYS = ("indptr", "indices", "data")
 
@@ -66,10 +70,11 @@ def canonical(value: Any, name: str, n: int | None = None) -> tuple[Matrix, int]
         raise ValueError(f"{name} must be of size {n} like M, got shape {A.shape}")
     if size == 0:
         raise ValueError(f"{name} must not be empty, got shape {A.shape}")
-    return _read_only(_simplest(_symmetric(A, name))), size
+    return read_only(_simplest(_symmetric(A, name))), size
 
 
-def _read_only(A: Matrix) -> Matrix:
+def read_only(A: Matrix) -> Matrix:
+    """A, with entries that cannot be assigned."""
     if A is not None:
         (A.data if sp.issparse(A) else A).setflags(write=False)
     return A
@@ -184,6 +189,14 @@ def _simplest(A: Any) -> Matrix:
 def diagonal(A: Any) -> np.ndarray:
     """The diagonal of a matrix in inner form that is not None."""
     return A if A.ndim == 1 else A.diagonal()
+
+
+def sparse_diagonal(d: np.ndarray) -> sp.csr_array:
+    """The diagonal matrix of d, which multiplies and adds as a matrix does; a 1-D array does not.
+
+    c_m * d + c_k * K would add d to every row of K.
+    """
+    return sp.csr_array(sp.diags_array(np.asarray(d, dtype=np.float64)))
 
 
 def permuted(A: Matrix, order: np.ndarray) -> Matrix:

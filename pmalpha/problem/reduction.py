@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from .._checks import listing, plain_array, require_finite
 from .constraints import dof_list
-from .matrices import Matrix, canonical
+from .matrices import Matrix, canonical, sparse_diagonal
 
 __all__ = ["Reduction", "reduce"]
 
@@ -26,8 +26,9 @@ class Reduction:
 
     Attributes
     ----------
-    M, K, C : (n_free,) array, (n_free, n_free) array or csr_array
-        Arguments of `Subdomain`; K and C are None where none was given.
+    M, K, C : (n_free, n_free) csr_array, or ndarray where a dense one was given
+        Arguments of `Subdomain`; K and C are None where none was given. Diagonal ones are sparse,
+        so that c_m * M + c_k * K is a matrix with the pattern of M and K.
     n : int
         The number of all dofs.
     free : (n_free,) ndarray of int
@@ -212,7 +213,7 @@ def reduce(M: Any, K: Any, C: Any = None, *, fixed: Any) -> Reduction:
     --------
     >>> K = np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
     >>> chain = reduce([1.0, 1.0, 0.5], K, fixed=[0])
-    >>> chain.M.tolist(), chain.K.tolist(), chain.free.tolist()
+    >>> chain.M.diagonal().tolist(), chain.K.tolist(), chain.free.tolist()
     ([1.0, 0.5], [[2.0, -1.0], [-1.0, 1.0]], [1, 2])
     """
     mass, n = canonical(M, "M")
@@ -250,9 +251,9 @@ def _mask(fixed: Any, n: int) -> np.ndarray:
 def _kept(A: Matrix, free: np.ndarray) -> np.ndarray | sp.csr_array:
     """Rows and columns of the free dofs; zeros for None, which represents a zero matrix."""
     if A is None:
-        return np.zeros(free.size)
+        return sp.csr_array((free.size, free.size))
     if A.ndim == 1:
-        return A[free]
+        return sparse_diagonal(A[free])
     return sp.csr_array(A[free][:, free]) if sp.issparse(A) else A[np.ix_(free, free)]
 
 

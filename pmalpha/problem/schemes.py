@@ -6,19 +6,22 @@ The numbers of equations refer to ``docs/method.md``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from .._checks import flag, positive_number, real_number
+from .frozen import Frozen
 
 __all__ = ["HHT", "WBZ", "CentralDifference", "GeneralizedAlpha", "Newmark", "Scheme"]
 
 
 @dataclass(frozen=True)
-class Scheme:
+class Scheme(Frozen):
     """A scheme with four given parameters; the classes below choose them by one or two numbers.
 
-    ``am`` and ``af`` weight the old state (Chung and Hulbert's convention).
+    ``am`` and ``af`` weight the old state (Chung and Hulbert's convention). Attributes cannot be
+    assigned: with another rho all four parameters are others.
 
     Attributes
     ----------
@@ -27,6 +30,8 @@ class Scheme:
     explicit : bool
         Equilibrium is taken with ``K ut`` (10) instead of ``K u1`` (7).
     """
+
+    _is_frozen: ClassVar[bool] = True  # the four parameters by the dataclass, others by Frozen
 
     am: float
     af: float

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import listing, plain_array, real_array
+from .._checks import counted, listing, plain_array, real_array
+from .frozen import Frozen
 
 __all__ = ["Bilinear", "BoucWen", "CubicSpring", "Gap", "SpringState"]
 
@@ -38,7 +39,7 @@ class SpringState:
     force: np.ndarray
 
 
-class Spring:
+class Spring(Frozen):
     """Base class: springs of one law.
 
     Attributes
@@ -60,12 +61,16 @@ class Spring:
         self.names = tuple(parameters)
         for array, name in zip(self.parameters, self.names):
             setattr(self, name, array)
+        self._freeze()
 
     def __len__(self) -> int:
         return len(self.dofs)
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__} x {len(self)}>"
+        ground = int(np.sum(self.dofs.min(axis=1) == GROUND))
+        counts = {"to the ground": ground, "between two dofs": len(self) - ground}
+        kinds = [f"{counted(n, 'spring')} {where}" for where, n in counts.items() if n]
+        return f"<{type(self).__name__}: {', '.join(kinds)}>"
 
     @property
     def initial_tangent(self) -> np.ndarray:
@@ -98,8 +103,10 @@ class CubicSpring(Spring):
     Parameters
     ----------
     dofs : int, (m,) or (m, 2) array of int
-        Dofs of the subdomain. With one dof for each spring: between that dof and the ground,
-        d = u. With two: d = u_first - u_second, where -1 is the ground.
+        Dofs of the subdomain. One dof for each spring: between that dof and the ground, d = u, so
+        that ``[0, 1]`` are two springs to the ground. A pair for each spring: d = u_first -
+        u_second, where -1 is the ground, so that ``[(0, 1)]`` is one spring between two dofs.
+        A single pair without the list, ``(0, 1)``, is refused.
     k, k3 : float or (m,) array
         Linear stiffness, not negative, and cubic stiffness of any sign.
 
@@ -130,7 +137,7 @@ class Gap(Spring):
     Parameters
     ----------
     dofs : int, (m,) or (m, 2) array of int
-        As for `CubicSpring`. ``(-1, i)`` is a stop on the negative side of dof i.
+        As for `CubicSpring`. ``[(-1, i)]`` is a stop on the negative side of dof i.
     k, gap : float or (m,) array
         Stiffness of the contact and clearance, neither negative.
 
@@ -225,7 +232,9 @@ class BoucWen(Spring):
     --------
     >>> isolator = BoucWen([0], k=50.0, fy=1.0, hardening=0.1, n=2)
     >>> isolator
-    <BoucWen x 1>
+    <BoucWen: 1 spring to the ground>
+    >>> BoucWen([(0, 1)], k=50.0, fy=1.0)
+    <BoucWen: 1 spring between two dofs>
     """
 
     law = BOUC_WEN
@@ -273,6 +282,12 @@ def _pairs(dofs: Any) -> np.ndarray:
     array = plain_array(dofs, "dofs")
     if array.dtype.kind not in "iu" and array.size:
         raise TypeError(f"dofs must be whole numbers, got {dofs!r}")
+    if isinstance(dofs, tuple) and array.shape == (2,):
+        pair = tuple(array.tolist())
+        raise ValueError(
+            f"dofs must be [{pair}] for one spring between two dofs, or {list(pair)} for two "
+            f"springs to the ground, got {pair}"
+        )
     if array.ndim < 2:
         first = np.atleast_1d(array)
         array = np.column_stack([first, np.full_like(first, GROUND, dtype=np.int64)])

@@ -8,8 +8,10 @@ import numpy as np
 
 from .._checks import check_word, flag, listing, vector, whole_number
 from ..errors import FactorizationError
+from .damping import checked_rayleigh, damping_matrix
 from .forces import checked_force
-from .matrices import Matrix, canonical, combination, diagonal
+from .frozen import Frozen
+from .matrices import EXPORTED, Matrix, canonical, combination, diagonal
 from .restoring import Restoring, checked_restoring, is_function
 from .schemes import Scheme
 from .springs import Spring, stiffness
@@ -20,21 +22,26 @@ __all__ = ["Subdomain"]
 UNDAMPED = 1.0 - 1e-9
 
 
-class Subdomain:
+class Subdomain(Frozen):
     """One subdomain of the coupled problem (1): M w + C v + K u + r(u, v, t) = F(t) + L^T Lam.
 
-    Units are any consistent set. The arrays are copied. A `Coupler` does not change a subdomain, so
-    that several couplers can contain the same one.
+    Units are any consistent set. The arrays are copied. Attributes can be read, not assigned. A
+    `Coupler` does not change a subdomain, so that several couplers can contain the same one.
 
     Parameters
     ----------
     M, K : (n,) array, (n, n) array or scipy.sparse matrix or array
-        Mass and stiffness. A 1-D array is a diagonal. Symmetric; M positive semidefinite, and
-        positive definite for an explicit scheme. A dof without mass is a zero row and column of M;
-        it requires an implicit scheme that damps at infinite frequency. K may be None where there
-        is a restoring force.
+        Mass and stiffness. A 1-D array is a diagonal. Symmetric; M positive semidefinite (for an
+        implicit scheme within 1e-10 of its largest entry, the rounding of a file with ten digits;
+        the Coupler warns), and positive definite for an explicit scheme. A dof without mass is a
+        zero row and column of M; it requires an implicit scheme that damps at infinite frequency.
+        K may be None where there is a restoring force.
     C : like M and K, optional
         Viscous damping, symmetric. Default: none.
+    rayleigh : (c_m, c_k), optional
+        Rayleigh damping c_m M + c_k K, in place of C or added to it, in any format of M and K. In
+        1/time and in time, at least 0; `models.rayleigh` computes them from damping ratios. K is
+        without `restoring_stiffness`.
     scheme : Scheme
         `GeneralizedAlpha`, `Newmark`, `CentralDifference`, `HHT` or `WBZ`.
     substeps : int, default 1
@@ -80,8 +87,14 @@ class Subdomain:
         For complex, unsymmetric or infinite entries, shapes that do not agree, a scheme or force
         of the wrong kind, dofs without mass under a scheme that does not damp them, estimates
         without a restoring force. The value of a restoring force is checked when it is evaluated.
+        Also for a C that is c_m * M + c_k * K with a 1-D M, which NumPy adds to every row of K.
     FactorizationError
         For a dof without mass in an explicit subdomain.
+
+    Warns
+    -----
+    PerformanceWarning
+        For a dense C beside a sparse or diagonal K. A C that is meant to be full can be sparse.
 
     Examples
     --------
@@ -90,6 +103,13 @@ class Subdomain:
     ...                   scheme=GeneralizedAlpha(0.5), name="tower")
     >>> tower.n
     2
+
+    With Rayleigh damping C = 0.75 M + 0.0025 K:
+
+    >>> damped = Subdomain([2.0, 1.0], [[3.0, -1.0], [-1.0, 1.0]], rayleigh=(0.75, 0.0025),
+    ...                    scheme=GeneralizedAlpha(0.5))
+    >>> damped.C.round(4).tolist()
+    [[1.5075, -0.0025], [-0.0025, 0.7525]]
 
     A Duffing oscillator, explicit:
 
@@ -117,6 +137,7 @@ class Subdomain:
         restoring_stiffness: Any = None,
         restoring_damping: Any = None,
         damping: str = "implicit",
+        rayleigh: tuple[float, float] | None = None,
         u0: Any = None,
         v0: Any = None,
         name: str | None = None,
@@ -136,7 +157,8 @@ class Subdomain:
         self.name = name
         self.M, self.n = canonical(M, "M")
         self.K = self._matrix(K, "K")
-        self.C = self._matrix(C, "C")
+        self.rayleigh = checked_rayleigh(rayleigh)
+        self.C = damping_matrix(C, self.rayleigh, self.n, M=self.M, K=self.K, given=K)
         self.damping = damping
         self.force = checked_force(force, self.n)
         self.restoring: Restoring = checked_restoring(restoring, self.n)
@@ -147,6 +169,7 @@ class Subdomain:
         self.u0 = self._initial(u0, "u0")
         self.v0 = self._initial(v0, "v0")
         self._check_mass()
+        self._freeze()
 
     def __repr__(self) -> str:
         label = "" if self.name is None else f"{self.name!r}, "
@@ -202,20 +225,27 @@ class Subdomain:
         return self._matrix(value, name)
 
     def _initial(self, value: Any, name: str) -> np.ndarray:
-        return np.zeros(self.n) if value is None else vector(value, self.n, name)
+        return vector(np.zeros(self.n) if value is None else value, self.n, name)
+
+    def _check_negative_mass(self, digits: float) -> None:
+        """ValueError for negative masses; up to `digits` only under a scheme without damping."""
+        d = np.zeros(0) if self.M is None else diagonal(self.M)
+        undamped = not self.scheme.explicit and self.scheme.radius_at_infinity() > UNDAMPED
+        negative = np.flatnonzero(d < (0.0 if undamped else -digits))
+        if negative.size:
+            raise ValueError(
+                f"M must be positive semidefinite, got a negative diagonal entry at dofs "
+                f"{listing(negative)}: {d[negative].min():g}"
+            )
 
     def _check_mass(self) -> None:
         label = "the subdomain" if self.name is None else f"subdomain {self.name!r}"
-        negative = [] if self.M is None else np.flatnonzero(diagonal(self.M) < 0.0)
-        if len(negative):
-            raise ValueError(
-                f"M must be positive semidefinite, got a negative diagonal entry at dofs "
-                f"{listing(negative)}"
-            )
+        digits = 0.0 if self.M is None else EXPORTED * float(np.max(np.abs(diagonal(self.M))))
+        self._check_negative_mass(0.0 if self.scheme.explicit else digits)
         massless = self.massless
         if not massless.size:
             return
-        if self.M is not None and self.M.ndim == 2 and abs(self.M[massless, :]).sum() > 0.0:
+        if self.M is not None and self.M.ndim == 2 and abs(self.M[massless, :]).max() > digits:
             raise ValueError(
                 f"M must be positive semidefinite, got a zero diagonal entry in a row that is "
                 f"not zero, among dofs {listing(massless)}"

@@ -101,8 +101,9 @@ class Coupler:
         diagonal and the sweeps over the factor that it needs take longer than the rest of its step,
         from 100 000 entries on (smaller factors stay in the caches).
     ConstraintWarning
-        When the initial displacements violate a constraint; under "macro" for interface dofs
-        without mass in a subdomain with substeps.
+        When the initial displacements violate a constraint; for a subdomain beside others that no
+        constraint reaches, and a floating one that its constraints leave loose; under "macro" for
+        interface dofs without mass in a subdomain with substeps.
 
     Notes
     -----

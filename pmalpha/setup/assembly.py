@@ -13,6 +13,7 @@ from .. import _core
 from ..problem.subdomain import Subdomain
 from .factors import Factor
 from .interface import interface_factor, interface_matrix, row_order
+from .loose import warn_of_loose
 from .macro import prepare, warn_of_resonance
 from .part import Part, build, make_part, warn_of_factor
 from .stability import warn_if_above_critical
@@ -69,6 +70,7 @@ def assemble(
     """
     macro, superlu = coupling == "macro", factorize == "superlu"
     p = matrices[0].shape[0]
+    warn_of_loose(keys, matrices)
 
     # elimination order of each subdomain, and of the rows
     parts = _ordered(keys, matrices, doubles, dt, macro, factorize)

@@ -23,8 +23,8 @@ from scipy.sparse.linalg import lsmr, splu
 from .. import _core
 from .._checks import listing
 from ..blas import one_thread
-from ..errors import ConstraintWarning, InstabilityError, warn
-from ..problem.matrices import combination, product
+from ..errors import ConstraintWarning, FactorizationError, InstabilityError, warn
+from ..problem.matrices import EXPORTED, combination, diagonal, product
 from ..problem.schemes import Scheme
 from .compliance import Block, compliance, diagonal_compliance
 from .interface import interface_factor, summed, total
@@ -32,6 +32,8 @@ from .part import Part, core_subdomain
 
 # A step of length 1 with al1 = 0 and al2 = 1.
 UNIT_STEP = Scheme(am=0.0, af=0.0, beta=0.0, gamma=1.0, explicit=True)
+# Shares of the largest entry of M that are added to an indefinite M, up to `EXPORTED`.
+SHARES = (1e-14, 1e-13, 1e-12, 1e-11, EXPORTED)
 # Tolerance of the equations of massless dofs at t = 0, relative to their terms: rounding of input.
 RESIDUAL = 1e-8
 
@@ -161,7 +163,7 @@ class _Mass:
         self.diagonal = matrix if matrix.ndim == 1 else None
         factor = part.mass_factor
         if factor is None:
-            factor = part.factor(matrix, f"M of subdomain {part.name!r}")
+            factor = _mass_factor(part, matrix)
         self.operator = (1.0, *factor)
         self.linked = part.L
         if self.massless.size:
@@ -192,6 +194,36 @@ class _Mass:
                 f"{size:g}; the first steps will jump to a state where it holds",
                 ConstraintWarning,
             )
+
+
+def _mass_factor(part: Part, M: Any) -> Any:
+    """The factor of M; of M + s I if M of an implicit subdomain is indefinite by rounding.
+
+    s is the smallest power of ten times the largest entry of M that makes it definite, up to the
+    rounding of exported files. Steps do not need this factor.
+    """
+    what = f"M of subdomain {part.name!r}"
+    try:
+        return part.factor(M, what)
+    except FactorizationError as error:
+        if part.subdomain.scheme.explicit or part.M is None:
+            raise
+        refusal = error
+    largest = float(np.max(np.abs(diagonal(part.M))))
+    for share in SHARES:
+        shifted = combination([(1.0, M), (share * largest, np.ones(part.n))])
+        try:
+            factor = part.factor(shifted, what)
+        except FactorizationError:
+            continue
+        warn(
+            f"{what} is indefinite at the level of its last digits, as in files with few digits: "
+            f"{share:g} of its largest entry is added to the diagonal for the initial "
+            "accelerations; the steps use M as given",
+            ConstraintWarning,
+        )
+        return factor
+    raise refusal
 
 
 def initial_terms(part: Part, F: np.ndarray, u: np.ndarray, v: np.ndarray) -> list[np.ndarray]:

@@ -38,7 +38,7 @@ def static_displacements(
     sizes = [f.size for f in forces]
     K = sp.csc_array(sp.block_diag([_sparse(A, n) for A, n in zip(stiffnesses, sizes)]))
     L = sp.csr_array(sp.hstack(constraints))
-    scale = _scale(K)
+    scale = scale_to_one(K)
     K = sp.csc_array(scale @ K @ scale)
     L = sp.csr_array(L @ scale)
     _require_stiff(K, L)
@@ -55,7 +55,7 @@ def _sparse(A: Matrix, n: int) -> sp.csc_array:
     return sp.csc_array(sp.diags_array(A) if A.ndim == 1 else A)
 
 
-def _scale(K: sp.csc_array) -> sp.dia_array:
+def scale_to_one(K: sp.csc_array) -> sp.dia_array:
     """Scales the diagonal to about one, by powers of two, so that units have no effect."""
     d = np.abs(K.diagonal())
     d[d == 0.0] = 1.0
@@ -69,14 +69,14 @@ def _require_stiff(K: sp.csc_array, L: sp.csr_array) -> None:
     iteration finds the softest motion; the stiffness of a mechanism is rounding.
     """
     G = sp.csc_array(K + L.T @ L)
-    if _softest(G) <= FLOATING:
+    if softest(G) <= FLOATING:
         raise FactorizationError(
             "the structure is floating or its stiffness indefinite, so that it has no static "
             "equilibrium; support it by stiffness or by a constraint on one subdomain only"
         )
 
 
-def _softest(G: sp.csc_array) -> float:
+def softest(G: sp.csc_array) -> float:
     """The smallest eigenvalue of G, approximately, or zero when a pivot is not positive."""
     try:
         lu = splu(

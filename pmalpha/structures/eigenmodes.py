@@ -11,13 +11,14 @@ from numpy.typing import ArrayLike
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from .._checks import whole_number
+from ..errors import warn
 from ..problem.constraints import dof_list
-from ..problem.matrices import canonical, combination, dense, diagonal, product
+from ..problem.matrices import EXPORTED, canonical, combination, dense, diagonal, product
 
 __all__ = ["modes"]
 
 # The problem is solved for theta = 1 / (omega^2 + shift), so that a floating structure can be
-# factored. The shift is this multiple of the largest K_ii / M_ii: small for ARPACK, which separates
+# factored. The shift is this multiple of a large K_ii / M_ii: small for ARPACK, which separates
 # low modes; larger for the dense solver, where the error of theta is eps / shift.
 ARPACK_SHIFT = 1e-10
 DENSE_SHIFT = 1e-4
@@ -25,9 +26,14 @@ DENSE_SHIFT = 1e-4
 DENSE = 200
 # Rounding error of x^T K x relative to |x|^T |K| |x|; a smaller omega^2 counts as zero.
 ROUNDING = 8.0 * np.finfo(float).eps
-# A matrix from a text file may have lost two more digits: K counts as indefinite only if omega^2 is
-# below zero by this multiple of the rounding error.
-EXPORTED = 100.0
+# An omega^2 below zero by this multiple of the rounding error is warned of; K counts as indefinite
+# if it is below zero by more than the digits of exported files, relative to |x|^T |K| |x|.
+NOTABLE = 100.0
+# The largest K_ii / M_ii is that of a dof that has practically no mass, if it is this multiple of
+# the lower quartile; then the quartile is used.
+SPREAD = 1e3
+# An indefinite K + shift M is tried again with shifts that grow by this factor.
+GROWTH, TRIALS = 100.0, 4
 
 
 def modes(
@@ -41,7 +47,8 @@ def modes(
     Parameters
     ----------
     M, K : (n,) array, (n, n) array or scipy.sparse matrix or array
-        Positive semidefinite. Floating structures and dofs without mass are allowed.
+        Positive semidefinite, K within 1e-10 of its entries: the rounding of a file with ten
+        digits. Floating structures and dofs without mass, or with a tiny one, are allowed.
     k : int, default 6
         Number of modes, including rigid-body modes.
     fixed : (f,) array of int, optional
@@ -64,6 +71,11 @@ def modes(
     scipy.sparse.linalg.ArpackError
         When ARPACK does not converge.
 
+    Warns
+    -----
+    UserWarning
+        For an omega^2 below zero within the rounding of a file with ten digits, taken as 0.
+
     Examples
     --------
     >>> from pmalpha import models
@@ -83,11 +95,19 @@ def modes(
     massive = np.flatnonzero(diagonal(B) > 0.0)
     if k > massive.size:
         raise ValueError(f"k must be at most {massive.size}, the free dofs with mass, got {k}")
-    scale = float(np.max(diagonal(A)[massive] / diagonal(B)[massive]))
-    squares, shapes = _lowest(A, B, k, scale if scale > 0.0 else 1.0)
+    squares, shapes = _lowest(A, B, k, _scale(diagonal(A)[massive] / diagonal(B)[massive]))
     full = np.zeros((n, k))
     full[free] = shapes * np.sign(shapes[np.abs(shapes).argmax(axis=0), np.arange(k)])
     return np.sqrt(squares), full
+
+
+def _scale(ratios: np.ndarray) -> float:
+    """A large K_ii / M_ii, but not that of a tiny mass, whose frequency is far above all others."""
+    positive = ratios[ratios > 0.0]
+    if not positive.size:
+        return 1.0
+    largest, quartile = float(np.max(positive)), float(np.quantile(positive, 0.25))
+    return largest if largest <= SPREAD * quartile else quartile
 
 
 def _block(A: Any, dofs: np.ndarray) -> Any:
@@ -100,18 +120,31 @@ def _block(A: Any, dofs: np.ndarray) -> Any:
 def _lowest(A: Any, B: Any, k: int, scale: float) -> tuple[np.ndarray, np.ndarray]:
     """The k lowest omega^2 and their modes, by Ritz's method in the space that they span."""
     n = B.shape[0]
-    try:
-        X = _dense_space(A, B, k, scale) if n <= DENSE or 4 * k > n else _space(A, B, k, scale)
-        squares, y = scipy.linalg.eigh(X.T @ product(A, X), X.T @ product(B, X))
-    except np.linalg.LinAlgError as error:
-        raise ValueError(
-            "K must be positive semidefinite and every dof have mass or stiffness, got a singular "
-            "or indefinite K + shift M"
-        ) from error
+    space = _dense_space if n <= DENSE or 4 * k > n else _space
+    for trial in range(TRIALS):
+        try:
+            X = space(A, B, k, GROWTH**trial * scale)
+            squares, y = scipy.linalg.eigh(X.T @ product(A, X), X.T @ product(B, X))
+            break
+        except np.linalg.LinAlgError as error:
+            if trial == TRIALS - 1:
+                raise ValueError(
+                    "K must be positive semidefinite and every dof have mass or stiffness, got a "
+                    "singular or indefinite K + shift M"
+                ) from error
     X = X @ y
-    rounding = ROUNDING * np.sum(np.abs(X) * product(abs(A), np.abs(X)), axis=0)
-    if np.any(squares < -EXPORTED * rounding):
+    size = np.sum(np.abs(X) * product(abs(A), np.abs(X)), axis=0)
+    rounding = ROUNDING * size
+    if np.any(squares < -EXPORTED * size):
         raise ValueError(f"K must be positive semidefinite, got omega^2 = {squares.min():g}")
+    if np.any(squares < -NOTABLE * rounding):
+        worst = int(np.argmin(squares))
+        warn(
+            f"K is indefinite at the level of its last digits, as in files with few digits: "
+            f"omega^2 = {squares[worst]:g}, {-squares[worst] / size[worst]:.1g} of the terms of "
+            "x^T K x, is taken as 0",
+            UserWarning,
+        )
     return np.where(squares > rounding, squares, 0.0), X
 
 

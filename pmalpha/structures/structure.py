@@ -10,7 +10,7 @@ import numpy as np
 
 from .._checks import counted, real_number
 from ..problem.constraints import dof_list
-from ..problem.matrices import Matrix, combination
+from ..problem.matrices import Matrix, combination, sparse_diagonal
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 
@@ -26,8 +26,8 @@ class Structure:
 
     Attributes
     ----------
-    M : (n,) ndarray or (n, n) csr_array
-        Mass; 1-D when lumped.
+    M : (n, n) csr_array
+        Mass; a sparse diagonal when lumped. A 1-D array is converted to it.
     K : (n, n) csr_array
         Stiffness.
     points : (N, dim) ndarray
@@ -66,6 +66,8 @@ class Structure:
                     f"{name} must have {n} rows, {len(self.components)} for each of "
                     f"{len(self.points)} points, got {rows}"
                 )
+        if self.M.ndim == 1:
+            object.__setattr__(self, "M", sparse_diagonal(self.M))
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{len(e)} {name}" for name, e in self.elements.items())
@@ -193,8 +195,8 @@ class Structure:
 
         Returns
         -------
-        (n,) ndarray, csr_array or None
-            1-D if only a lumped mass contributes, None if both coefficients are 0.
+        (n, n) csr_array or None
+            None if both coefficients are 0.
 
         Raises
         ------

@@ -1,0 +1,122 @@
+"""The damping matrix of a subdomain, as given and proportional to its mass and stiffness."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from .._checks import plain_array, real_number
+from ..errors import PerformanceWarning, warn
+from .matrices import Matrix, canonical, combination, dense, read_only
+
+# Rounding of c_m M + c_k K, relative to its largest entry.
+ROUNDING = 1e-12
+
+REMEDY = (
+    "NumPy adds a 1-D M to every row of K: take rayleigh=(c_m, c_k), or a sparse diagonal M, "
+    "scipy.sparse.diags_array(M)"
+)
+
+
+def damping_matrix(
+    C: Any, rayleigh: tuple[float, float] | None, n: int, *, M: Matrix, K: Matrix, given: Any
+) -> Matrix:
+    """C + c_m M + c_k K in inner form.
+
+    Parameters
+    ----------
+    C : matrix or None
+        As given by the user.
+    rayleigh : (float, float) or None
+        c_m and c_k.
+    n : int
+        Number of dofs.
+    M, K : matrices in inner form
+    given : K as given by the user
+
+    Raises
+    ------
+    TypeError, ValueError
+        For a C that `canonical` refuses, or that is c_m M + c_k K with M added to every row.
+
+    Warns
+    -----
+    PerformanceWarning
+        For a dense C beside a sparse or diagonal K.
+    """
+    if C is not None and not sp.issparse(C):
+        _refuse_broadcast(plain_array(C, "C"), M, K)
+    own = None if C is None else canonical(C, "C", n)[0]
+    if own is not None and own.ndim == 2 and not sp.issparse(own):
+        _warn_of_dense(own, given)
+    if rayleigh is None:
+        return own
+    c_m, c_k = rayleigh
+    return read_only(combination([(1.0, own), (c_m, M), (c_k, K)]))
+
+
+def checked_rayleigh(rayleigh: Any) -> tuple[float, float] | None:
+    """(c_m, c_k), both finite and at least 0."""
+    if rayleigh is None:
+        return None
+    try:
+        c_m, c_k = rayleigh
+    except (TypeError, ValueError):
+        raise TypeError(f"rayleigh must be a pair (c_m, c_k), got {rayleigh!r}") from None
+    return real_number(c_m, "rayleigh[0]", low=0.0), real_number(c_k, "rayleigh[1]", low=0.0)
+
+
+def _refuse_broadcast(C: np.ndarray, M: Matrix, K: Matrix) -> None:
+    """ValueError for C = c_m 1 m^T + c_k K, which NumPy makes of c_m * m + c_k * K, m 1-D.
+
+    Of unequal masses m the skew part of C is c_m (1 m^T - m 1^T). Of equal masses C - c_k K has
+    one value at all places, off the diagonal as well.
+    """
+    size = None if C.ndim != 2 or C.dtype.kind not in "iuf" else C.shape[0]
+    if size is None or C.shape != (size, size) or size < 2 or not np.all(np.isfinite(C)):
+        return
+    limit = ROUNDING * np.max(np.abs(C))
+    first = C[0] - C[:, 0]  # c_m (m_j - m_0) where M was added to every row
+    if np.max(np.abs(first)) > limit:
+        if size > 2 and np.max(np.abs(C - C.T - first + first[:, None])) <= limit:
+            raise ValueError(
+                "C must be symmetric, got one that differs from its transpose as c_m * M + c_k * K "
+                f"does for an M that is 1-D; {REMEDY}"
+            )
+        return
+    if K is None or K.shape[0] != size or M is not None and M.ndim == 2:
+        return
+    c_m = _constant_beside(C, dense(K), limit)
+    if c_m is not None:
+        raise ValueError(
+            f"C must not be c_k * K with the same number added to every entry, got {c_m:g} added; "
+            f"{REMEDY}"
+        )
+
+
+def _constant_beside(C: np.ndarray, K: np.ndarray, limit: float) -> float | None:
+    """a of C = a 1 1^T + b K, a != 0; None if there is none, or if K leaves a choice."""
+    low, high = K.min(), K.max()
+    if not np.any((K != low) & (K != high)):  # two unknowns would fit any C of this pattern
+        return None
+    i, j = (np.unravel_index(at, K.shape) for at in (K.argmin(), K.argmax()))
+    b = (C[j] - C[i]) / (high - low)
+    a = C[i] - b * low
+    if not np.abs(a) > 100.0 * limit or np.max(np.abs(C - a - b * K)) > limit:
+        return None
+    return float(a)
+
+
+def _warn_of_dense(C: np.ndarray, K: Any) -> None:
+    if K is None or not (sp.issparse(K) or np.ndim(K) == 1):
+        return
+    kind = "sparse" if sp.issparse(K) else "diagonal"
+    n = len(C)
+    warn(
+        f"C is dense beside a {kind} K: each step then reads all {n} x {n} entries, and where C "
+        "was meant to have the pattern of M and K it is wrong. For C = c_m M + c_k K take "
+        "rayleigh=(c_m, c_k); a C that is meant to be full can be given as scipy.sparse.csr_array",
+        PerformanceWarning,
+    )

@@ -1,0 +1,113 @@
+"""Warnings of subdomains that the constraints do not reach or do not hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from .._checks import counted, listing
+from ..errors import ConstraintWarning, warn
+from ..problem.restoring import is_function
+from ..problem.subdomain import Subdomain
+from .rank import rows_of_size_one
+from .static import FLOATING, scale_to_one, softest
+
+# Dofs of a node for which translations are tried: a translation moves every d-th dof by one.
+DOFS_OF_A_NODE = (1, 2, 3, 6)
+# Force of a translation relative to that of its single entries: the digits of exported matrices.
+ROUNDING = 1e-9
+# A translation is tried on this number of rows before it is tried on all of them.
+SAMPLE = 64
+# Largest number of entries of K + L^T L that is factored only for a warning: some hundredths of a
+# second.
+MOST = 100_000
+
+
+def warn_of_loose(keys: Sequence[tuple[str, Subdomain]], matrices: Sequence[sp.csc_array]) -> None:
+    """ConstraintWarning for subdomains beside others without a constraint, and for loose ones.
+
+    A subdomain is loose if it is floating and a rigid-body motion satisfies its constraints.
+    Translations are found for any size; rotations where K + L^T L has up to `MOST` entries, and
+    only of subdomains that no support holds against translation. Subdomains with a restoring
+    function without `restoring_stiffness` are left out, since their stiffness is not known, as are
+    those without any stiffness: single masses.
+
+    Parameters
+    ----------
+    keys : sequence of (name, Subdomain)
+    matrices : sequence of (p, n_i) csc_array
+        L_i, independent rows.
+    """
+    reached = [L.nnz > 0 for L in matrices]
+    if len(keys) > 1 and not all(reached):
+        names = [repr(name) for (name, _), found in zip(keys, reached) if not found]
+        warn(
+            f"no constraint reaches {'subdomain' if len(names) == 1 else 'subdomains'} "
+            f"{listing(names)}: no force is exchanged with the others; a `tie` is missing, or the "
+            "subdomain can be run alone by `solve`",
+            ConstraintWarning,
+        )
+    for (name, s), L, found in zip(keys, matrices, reached):
+        rows = np.unique(L.indices)
+        if found and _is_loose(s, sp.csr_array(L)[rows]):
+            warn(
+                f"subdomain {name!r} is floating, and its {counted(rows.size, 'constraint')} "
+                f"{'does' if rows.size == 1 else 'do'} not hold it: it can move as a rigid body "
+                "while all constraints are satisfied; further dofs are to be tied, or a support "
+                "is missing in K",
+                ConstraintWarning,
+            )
+
+
+def _is_loose(s: Subdomain, L: sp.csr_array) -> bool:
+    """Whether a rigid-body motion satisfies the constraints, L (p, n) without empty rows."""
+    if is_function(s.restoring) and s.restoring_stiffness is None:
+        return False
+    K = s.largest_tangent
+    if K is None:
+        return False
+    if K.ndim == 1:
+        unsupported = np.flatnonzero(K == 0.0)
+        return bool(np.any(np.bincount(L.indices, minlength=s.n)[unsupported] == 0))
+    translations = _translations(K, s.n)
+    if translations is None:
+        return False
+    held = rows_of_size_one(L) @ translations
+    if np.linalg.matrix_rank(held) < translations.shape[1]:
+        return True
+    entries = np.sum(np.diff(L.indptr).astype(float) ** 2)
+    entries += K.nnz if sp.issparse(K) else K.size
+    return entries <= MOST and _is_singular(K, L)
+
+
+def _translations(K: Any, n: int) -> np.ndarray | None:
+    """(n, t): translations without force in K, for the dofs per node with the largest number."""
+    best: list[np.ndarray] = []
+    size = abs(K)
+    for d in DOFS_OF_A_NODE:
+        if n % d:
+            continue
+        found = []
+        for c in range(d):
+            x = np.zeros(n)
+            x[c::d] = 1.0
+            if _is_free(K, size, x, SAMPLE) and _is_free(K, size, x, n):
+                found.append(x)
+        best = max(best, found, key=len)
+    return np.column_stack(best) if best else None
+
+
+def _is_free(K: Any, size: Any, x: np.ndarray, rows: int) -> bool:
+    """Whether K x is rounding in the first rows."""
+    return bool(np.all(np.abs(K[:rows] @ x) <= ROUNDING * (size[:rows] @ x)))
+
+
+def _is_singular(K: Any, L: sp.csr_array) -> bool:
+    """Whether K + L^T L, the constraints replaced by springs, has a motion without stiffness."""
+    stiffness = sp.csc_array(K)
+    scale = scale_to_one(stiffness)
+    springs = rows_of_size_one(sp.csr_array(L @ scale))
+    return softest(sp.csc_array(scale @ stiffness @ scale + springs.T @ springs)) <= FLOATING
