@@ -27,7 +27,6 @@ from ..setup.schedule import (
     names_of,
 )
 from ..setup.start import InitialAccelerations
-from ..setup.static import static_displacements
 from . import checkpoint
 from .advance import advance
 from .clock import Clock
@@ -39,11 +38,12 @@ from .loads import Loads
 from .motion import motions_of
 from .progress import Report, reporting
 from .recording import FiledRecording, Recording
+from .uncut import Uncut
 
 __all__ = ["Coupler"]
 
 
-class Coupler:
+class Coupler(Uncut):
     """Subdomains with different schemes and time steps, coupled by velocity constraints.
 
     Parameters
@@ -494,38 +494,6 @@ class Coupler:
                 part.core.set_levels(levels)
             self._core.start(step, state.multipliers, state.prescribed)
             self._started, self._last_history = True, None
-
-    def static(self) -> dict[str, np.ndarray]:
-        """Static equilibrium under F(0) with displacements tied, such as u0 under dead load.
-
-        Rows with a prescribed velocity are held at zero. The coupler itself is unchanged; use
-        ``coupler.reset(u0=coupler.static())``.
-
-        Returns
-        -------
-        dict of (n_i,) arrays by name
-
-        Raises
-        ------
-        FactorizationError
-            For a floating structure or an indefinite stiffness.
-        ValueError
-            For a restoring force on a subdomain: that equilibrium is nonlinear.
-
-        Examples
-        --------
-        >>> a = Subdomain([1.0], [2.0], scheme=Newmark(), force=[3.0], name="a")
-        >>> b = Subdomain([1.0], [1.0], scheme=CentralDifference(), name="b")
-        >>> coupler = Coupler([a, b], tie(a, [0], b, [0]), dt=0.1)
-        >>> {name: float(u[0]) for name, u in coupler.static().items()}
-        {'a': 1.0, 'b': 1.0}
-        """
-        self._require_linear("static")
-        with self._entered():
-            step = self._steps_done()
-            forces = [self._loads.at_start(i, step)[p.position] for i, p in enumerate(self._parts)]
-            u = static_displacements([s.K for _, s in self._keys], self._rows.matrices, forces)
-        return dict(zip((name for name, _ in self._keys), u))
 
     # ---- inside ------------------------------------------------------------------------------
 
