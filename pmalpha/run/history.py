@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ from ..problem.subdomain import Subdomain
 from . import history_file
 from .energy import ENERGY_FIELDS, Energy
 from .history_file import FORMAT, VERSION
+from .joining import joined
 from .keys import position
 
 if TYPE_CHECKING:
@@ -278,6 +280,35 @@ class History:
             ) from None
         keys = tuple((name, None) for name in header["names"])
         return cls(subdomains=tuple(subdomains), **interface, keys=keys, energy=energy)
+
+    @classmethod
+    def join(cls, pieces: Iterable[History]) -> History:
+        """One History of consecutive runs.
+
+        Parameters
+        ----------
+        pieces : sequence of History
+            In the order of time, with the same subdomains, recorded dofs and constraints; each
+            begins where the one before ends. The row of the common time level is taken once.
+
+        Returns
+        -------
+        History
+            The arrays are copies, in memory.
+
+        Raises
+        ------
+        ValueError
+            For pieces that are not consecutive, differ in what is recorded, or have energies.
+
+        Examples
+        --------
+        >>> coupler = models.split_oscillator(10.0).coupler(0.05)
+        >>> whole = History.join([coupler.run(steps=3), coupler.run(steps=4)])
+        >>> whole["A"].u.shape, whole.macro_times.round(2).tolist()[-1]
+        ((8, 1), 0.35)
+        """
+        return joined(tuple(pieces))
 
     def to_xarray(self) -> xarray.Dataset:
         """The history as an xarray.Dataset; the arrays are shared, not copied.
