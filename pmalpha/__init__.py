@@ -24,6 +24,7 @@ from .problem.reduction import Reduction, reduce
 from .problem.schemes import HHT, WBZ, CentralDifference, GeneralizedAlpha, Newmark, Scheme
 from .problem.springs import Bilinear, BoucWen, CubicSpring, Gap, SpringState
 from .problem.subdomain import Subdomain
+from .problem.supports import SupportMotion
 from .run.coupler import Coupler
 from .run.energy import Energy
 from .run.history import History, State, SubdomainHistory
@@ -61,6 +62,7 @@ __all__ = [
     "State",
     "Subdomain",
     "SubdomainHistory",
+    "SupportMotion",
     "analysis",
     "export",
     "interpolate",

@@ -133,7 +133,7 @@ def test_the_history_in_the_file_is_bitwise_identical_to_that_in_memory(tmp_path
     ours, theirs = problem.coupler(), problem.coupler()
     for steps in (7, 0, 4):  # and in intervals that do not begin at a multiple of three
         whole = theirs.run(steps=steps, **options)
-        history = ours.run(steps=steps, record_to=tmp_path / "run.h5", **options)
+        history = ours.run(steps=steps, record_to=tmp_path / "run.h5", overwrite=True, **options)
         require_identical(history, whole)
         assert history.keys == ours.run(steps=0).keys
         require_identical(pm.History.load(tmp_path / "run.h5"), whole)
@@ -147,7 +147,7 @@ def test_any_number_of_intervals_makes_the_same_file(tmp_path, monkeypatch, size
     for c in (ours, theirs):
         c.step(5)
     options = {"every": every, "energy": True}
-    history = ours.run(steps=83, record_to=tmp_path / "run.h5", **options)
+    history = ours.run(steps=83, record_to=tmp_path / "run.h5", overwrite=True, **options)
     require_identical(history, theirs.run(steps=83, **options))
 
 
@@ -184,7 +184,7 @@ def test_a_run_to_a_file_needs_memory_for_one_block_and_a_read_for_what_is_read(
     size = 3 * 8 * n * steps  # 48 MB
     tracemalloc.start()
     try:
-        history = coupler.run(steps=steps, record_to=tmp_path / "run.h5")
+        history = coupler.run(steps=steps, record_to=tmp_path / "run.h5", overwrite=True)
         last = history[0].u[-1, 0] + pm.History.load(tmp_path / "run.h5")[0].a[:, 7].sum()
         assert tracemalloc.get_traced_memory()[1] < 5e6 < size / 4
     finally:
@@ -372,7 +372,7 @@ def test_a_run_that_cannot_begin_leaves_the_old_file(tmp_path):
     good = path.read_bytes()
     s = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), force=force)
     with pytest.raises(ZeroDivisionError):
-        pm.Coupler([s], dt=0.1).run(steps=3, record_to=path)
+        pm.Coupler([s], dt=0.1).run(steps=3, record_to=path, overwrite=True)
     with pytest.raises(TypeError, match="either t_end or steps"):
         models.four_dof().coupler(0.05).run(record_to=path)
     assert path.read_bytes() == good
@@ -382,7 +382,7 @@ def test_a_history_keeps_its_numbers_when_its_file_is_replaced(tmp_path):
     coupler = models.four_dof().coupler(0.05)
     first = coupler.run(steps=5, record_to=tmp_path / "run.h5")
     before = first["A"].u.copy()
-    coupler.run(steps=50, record_to=tmp_path / "run.h5")
+    coupler.run(steps=50, record_to=tmp_path / "run.h5", overwrite=True)
     same(first["A"].u, before)
 
 
@@ -476,7 +476,7 @@ def test_the_descriptor_of_the_file_is_released(tmp_path):
     coupler = models.four_dof().coupler(0.05)
     before = open_files()
     for _ in range(3):
-        coupler.run(steps=3, record_to=tmp_path / "run.h5")
+        coupler.run(steps=3, record_to=tmp_path / "run.h5", overwrite=True)
         with pytest.raises(OSError):
             coupler.run(steps=3, record_to=tmp_path)
     assert open_files() == before
@@ -495,7 +495,9 @@ def test_an_interrupt_on_entering_any_function_of_the_package_leaves_a_whole_fil
     k, finished = 0, False
     while not finished:
         coupler, _ = long_run(5)
-        finished = interrupt_at_entry(k, lambda c=coupler: c.run(steps=9, record_to=path))
+        finished = interrupt_at_entry(
+            k, lambda c=coupler: c.run(steps=9, record_to=path, overwrite=True)
+        )
         history, done = coupler.last_history, coupler.step_count
         assert [x.name for x in tmp_path.iterdir()] in ([], ["run.h5"]), k
         if history is not None:

@@ -1,17 +1,19 @@
 """Amplification matrices, spectra, stability limits and errors of linear couplers.
 
-All results are computed by steps of the C core that also does the runs. Equations in
-docs/method.md.
+These are computed by steps of the C core that also does the runs; equations in docs/method.md.
+`response_spectrum` is the spectrum of a ground motion, exact and without the core.
 """
 
 from ..setup.stability import critical_step
 from .accuracy import global_error, local_error, observed_order, start_error
 from .amplification import AmplificationMatrix, amplification_matrix
 from .exact import exact_solution
+from .response import ResponseSpectrum, response_spectrum
 from .spectra import period_and_damping, spectral_radius, stability_limit, zero_stability
 
 __all__ = [
     "AmplificationMatrix",
+    "ResponseSpectrum",
     "amplification_matrix",
     "critical_step",
     "exact_solution",
@@ -19,6 +21,7 @@ __all__ = [
     "local_error",
     "observed_order",
     "period_and_damping",
+    "response_spectrum",
     "spectral_radius",
     "stability_limit",
     "start_error",

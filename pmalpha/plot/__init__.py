@@ -7,6 +7,7 @@ returns a matplotlib object; `save` writes a Figure to a file.
 from .drawings import split_oscillator, timeline
 from .figures import figure7, save, slope
 from .meshes import animation, deformed
+from .schemes import scheme_damping, scheme_period, scheme_radius
 from .styling import LINES, RC, style
 
 __all__ = [
@@ -16,6 +17,9 @@ __all__ = [
     "deformed",
     "figure7",
     "save",
+    "scheme_damping",
+    "scheme_period",
+    "scheme_radius",
     "slope",
     "split_oscillator",
     "style",

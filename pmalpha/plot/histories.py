@@ -11,13 +11,14 @@ from .._checks import listing
 from ..problem.constraints import dof_list
 from ..run.history import History, SubdomainHistory
 from ..run.keys import by_index
-from .styling import LINES, style
+from .styling import LINES, shown_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 QUANTITIES = {"u": "displacement", "v": "velocity", "a": "acceleration"}
+UNITS = ("length", "time", "force")
 INTERFACE = {
     "velocity\njump": ("multiplier_times", "velocity_jump"),
     "displacement\njump": ("macro_times", "displacement_jump"),
@@ -56,8 +57,10 @@ def time_histories(
     conditions: Any = None,
     quantity: str = "u",
     title: str | None = None,
+    units: Mapping[str, str] | None = None,
 ) -> Figure:
     """The implementation of `History.plot`."""
+    unit = _units(units)
     if quantity not in QUANTITIES:
         raise ValueError(f"quantity must be 'u', 'v' or 'a', got {quantity!r}")
     curves = list(_curves(history, dofs, quantity))
@@ -65,25 +68,45 @@ def time_histories(
     heights = [HEIGHTS[0]] * bool(curves) + [HEIGHTS[1]] * (len(INTERFACE) * bool(rows))
     if not heights:
         raise ValueError("the history has neither recorded dofs nor constraints to draw")
-    with style():
-        from matplotlib.figure import Figure
+    with shown_style():
+        from .shown import shown_figure
 
-        figure = Figure(figsize=(7.1, 0.8 + sum(heights)), layout="constrained")
+        figure = shown_figure(figsize=(7.1, 0.8 + sum(heights)), layout="constrained")
         panels = figure.subplots(len(heights), sharex=True, squeeze=False, height_ratios=heights)
         axes = list(panels[:, 0])
-        axes[-1].set_xlabel("time $t$")
+        axes[-1].set_xlabel(f"time $t$ ({unit['t']})" if "t" in unit else "time $t$")
         if history.macro_times[-1] > history.macro_times[0]:
             axes[-1].set_xlim(history.macro_times[0], history.macro_times[-1])
         if title is not None:
             figure.suptitle(title, x=0.01, horizontalalignment="left", fontsize=10)
         if curves:
             _draw(axes[0], curves)
-            _label_axis(axes[0], QUANTITIES[quantity])
+            _label_axis(axes[0], QUANTITIES[quantity], unit.get(quantity))
             _legend(axes.pop(0))
         if rows:
-            _draw_interface(axes, history, rows)
+            _draw_interface(axes, history, rows, unit)
         figure.align_ylabels()
     return figure
+
+
+def _units(units: Mapping[str, str] | None) -> dict[str, str]:
+    """Units by the names of the arrays, where the units of length, time and force give them."""
+    given = {} if units is None else units
+    if not isinstance(given, Mapping) or not all(isinstance(x, str) for x in given.values()):
+        raise TypeError(f"units must be a dict of strings, got {units!r}")
+    if set(given) - set(UNITS):
+        raise ValueError(f"units must be those of 'length', 'time' and 'force', got {units!r}")
+    found, (length, time, force) = {}, (given.get(name) for name in UNITS)
+    if time is not None:
+        found["t"] = time
+    if force is not None:
+        found["multipliers"] = force
+    if length is not None:
+        found["u"] = found["displacement_jump"] = length
+    if length is not None and time is not None:
+        found["v"] = found["velocity_jump"] = f"{length}/{time}"
+        found["a"] = f"{length}/{time}$^2$"
+    return found
 
 
 # ---- choice of curves -----------------------------------------------------------------------
@@ -178,13 +201,15 @@ def _rows(history: History, conditions: Any) -> list[int]:
 # ---- drawing --------------------------------------------------------------------------------
 
 
-def _draw_interface(axes: Sequence[Axes], history: History, rows: list[int]) -> None:
+def _draw_interface(
+    axes: Sequence[Axes], history: History, rows: list[int], unit: Mapping[str, str]
+) -> None:
     for ax, (label, (times, values)) in zip(axes, INTERFACE.items()):
         t, x = getattr(history, times), getattr(history, values)
         if len(rows) < x.shape[1]:
             _band(ax, t, x)
         _draw(ax, [Curve(f"constraint {row}", t, x[:, row]) for row in rows])
-        _label_axis(ax, label)
+        _label_axis(ax, label, unit.get(values))
     if history.multipliers.shape[1] > 1:
         _legend(axes[0])
 
@@ -226,15 +251,16 @@ def _envelope(x: np.ndarray) -> np.ndarray:
     return np.unique(np.minimum(np.append(extremes, [0, x.size - 1]), x.size - 1))
 
 
-def _label_axis(ax: Axes, label: str) -> None:
+def _label_axis(ax: Axes, label: str, unit: str | None = None) -> None:
     """Label the axis, with the power of ten of its numbers if they are large or small."""
     largest = np.abs(ax.dataLim.intervaly).max()
     exponent = int(np.floor(np.log10(largest))) if largest > 0.0 else 0
     if not -3 <= exponent <= 3:
         ax.ticklabel_format(axis="y", scilimits=(exponent, exponent), useOffset=False)
         ax.yaxis.get_offset_text().set_visible(False)
-        label = f"{label} ($10^{{{exponent}}}$)"
-    ax.set_ylabel(label)
+        power = f"$10^{{{exponent}}}$"
+        unit = power if unit is None else f"{power} {unit}"
+    ax.set_ylabel(label if unit is None else f"{label} ({unit})")
 
 
 def _legend(ax: Axes) -> None:

@@ -66,3 +66,17 @@ def style() -> Iterator[None]:
         raise ImportError("drawing needs matplotlib: pip install 'pmalpha[plot]'") from error
     with matplotlib.rc_context(RC):
         yield
+
+
+@contextmanager
+def shown_style() -> Iterator[None]:
+    """The style for figures of pyplot.
+
+    The backend is loaded before: the settings of a notebook would be lost at the end of the
+    context.
+    """
+    with style():
+        from matplotlib import pyplot
+    pyplot.draw_if_interactive()
+    with style():
+        yield

@@ -1,4 +1,4 @@
-"""Readers of matrices exported as text by Abaqus, CalculiX and Nastran.
+"""Readers of matrices exported as text by Abaqus, CalculiX and Nastran, and of PEER records.
 
 docs/exported-matrices.md has the input of these programs. ``scipy.io.mmread`` and
 ``scipy.io.hb_read`` read Matrix Market and Harwell-Boeing files.
@@ -7,9 +7,10 @@ docs/exported-matrices.md has the input of these programs. ``scipy.io.mmread`` a
 from .abaqus import read_abaqus
 from .exported import ExportedMatrix
 from .nastran import read_dmig
+from .peer import read_at2
 from .symmetry import asymmetry, symmetrized
 
-__all__ = ["ExportedMatrix", "asymmetry", "read_abaqus", "read_dmig", "symmetrized"]
+__all__ = ["ExportedMatrix", "asymmetry", "read_abaqus", "read_at2", "read_dmig", "symmetrized"]
 
 
 def __dir__() -> list[str]:

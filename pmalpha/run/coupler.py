@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import partial
 from os import PathLike
 from typing import Any
 
@@ -27,7 +26,6 @@ from ..setup.schedule import (
     names_of,
 )
 from ..setup.start import InitialAccelerations
-from ..setup.static import static_displacements
 from . import checkpoint
 from .advance import advance
 from .clock import Clock
@@ -38,12 +36,13 @@ from .keys import by_index, position
 from .loads import Loads
 from .motion import motions_of
 from .progress import Report, reporting
-from .recording import FiledRecording, Recording
+from .recording import Recording, recording_class
+from .uncut import Uncut
 
 __all__ = ["Coupler"]
 
 
-class Coupler:
+class Coupler(Uncut):
     """Subdomains with different schemes and time steps, coupled by velocity constraints.
 
     Parameters
@@ -281,6 +280,8 @@ class Coupler:
         every: int | None = None,
         energy: bool = False,
         record_to: str | PathLike | None = None,
+        append: bool = False,
+        overwrite: bool = False,
         record_springs: Mapping[Any, Any] | None = None,
         progress: Any = None,
     ) -> History:
@@ -310,10 +311,17 @@ class Coupler:
             used but computed again.
         record_to : str or path, optional
             HDF5 file to which the History is written during the run, with about 16 MB of it in
-            memory. An existing file is replaced before the first step. The arrays of the returned
-            History, and of `last_history`, are mapped from the file and read on access.
-            `History.load` and other programs can read the file during the run and after a kill, up
-            to the last write; there are about three per second.
+            memory. An existing file is refused. The arrays of the returned History, and of
+            `last_history`, are mapped from the file and read on access. `History.load` and other
+            programs can read the file during the run and after a kill, up to the last write; there
+            are about three per second.
+        append : bool, default False
+            Continue an existing file of `record_to` from the present state, which it must contain;
+            rows written after it, by a run that was killed after a checkpoint, are replaced. The
+            returned History is that of the whole file. Without such a file a new one is made.
+            Not with energies, whose works count from the beginning of a run.
+        overwrite : bool, default False
+            Replace an existing file before the first step.
         progress : True or callable, optional
             True: a tqdm bar. A callable is called as ``progress(done, total)``, in macro steps of
             this call, about every 50 ms and at the end. It may not use the coupler. An exception
@@ -336,7 +344,8 @@ class Coupler:
         ImportError
             For ``progress=True`` without tqdm, and for `record_to` without h5py.
         OSError
-            When `record_to` cannot be written; for a wrong path before any load is evaluated.
+            When `record_to` cannot be written or exists; for a wrong path before any load is
+            evaluated.
 
         An exception of a load or of a restoring force reaches the caller, and so does Ctrl-C,
         within 0.1 s or a fine step, whichever is longer. After any exception the coupler is at the
@@ -345,7 +354,7 @@ class Coupler:
         with self._entered():
             begin = self._steps_done()
             end = self._clock.end(t_end, steps, begin)
-            make = Recording if record_to is None else partial(FiledRecording, record_to)
+            make = recording_class(record_to, append=append, overwrite=overwrite)
             recording = make(
                 self._parts,
                 self._keys,
@@ -495,38 +504,6 @@ class Coupler:
                 part.core.set_levels(levels)
             self._core.start(step, state.multipliers, state.prescribed)
             self._started, self._last_history = True, None
-
-    def static(self) -> dict[str, np.ndarray]:
-        """Static equilibrium under F(0) with displacements tied, such as u0 under dead load.
-
-        Rows with a prescribed velocity are held at zero. The coupler itself is unchanged; use
-        ``coupler.reset(u0=coupler.static())``.
-
-        Returns
-        -------
-        dict of (n_i,) arrays by name
-
-        Raises
-        ------
-        FactorizationError
-            For a floating structure or an indefinite stiffness.
-        ValueError
-            For a restoring force on a subdomain: that equilibrium is nonlinear.
-
-        Examples
-        --------
-        >>> a = Subdomain([1.0], [2.0], scheme=Newmark(), force=[3.0], name="a")
-        >>> b = Subdomain([1.0], [1.0], scheme=CentralDifference(), name="b")
-        >>> coupler = Coupler([a, b], tie(a, [0], b, [0]), dt=0.1)
-        >>> {name: float(u[0]) for name, u in coupler.static().items()}
-        {'a': 1.0, 'b': 1.0}
-        """
-        self._require_linear("static")
-        with self._entered():
-            step = self._steps_done()
-            forces = [self._loads.at_start(i, step)[p.position] for i, p in enumerate(self._parts)]
-            u = static_displacements([s.K for _, s in self._keys], self._rows.matrices, forces)
-        return dict(zip((name for name, _ in self._keys), u))
 
     # ---- inside ------------------------------------------------------------------------------
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -12,11 +13,14 @@ from .._checks import counted
 from ..files import checked_path, read_npz, write_npz
 from ..problem.subdomain import Subdomain
 from . import history_file
+from .conversion import frames, subdomain_dataset, subdomain_frame
 from .energy import ENERGY_FIELDS, Energy
 from .history_file import FORMAT, VERSION
+from .joining import joined
 from .keys import position
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
     from matplotlib.figure import Figure
 
@@ -71,6 +75,67 @@ class SubdomainHistory:
     deformation: np.ndarray | None = None
     force: np.ndarray | None = None
     springs: np.ndarray | None = None
+
+    def plot(
+        self,
+        dofs: Any = None,
+        *,
+        quantity: str = "u",
+        title: str | None = None,
+        units: Mapping[str, str] | None = None,
+    ) -> Figure:
+        """Plot time histories of dofs. Parameters, result and errors as of `History.plot`.
+
+        Examples
+        --------
+        >>> oscillator = Subdomain([1.0], [4.0], scheme=Newmark(), u0=[1.0])
+        >>> figure = solve(oscillator, dt=0.1, t_end=9.0).plot(units={"time": "s"})
+        >>> figure.axes[0].get_xlabel()
+        'time $t$ (s)'
+        """
+        return self._alone().plot(dofs, quantity=quantity, title=title, units=units)
+
+    def save(self, path: str | PathLike) -> None:
+        """Write to a file, as `History.save`: a History of this subdomain only.
+
+        Examples
+        --------
+        >>> import tempfile, pathlib
+        >>> motion = solve(Subdomain([1.0], [4.0], scheme=Newmark(), u0=[1.0]), dt=0.1, t_end=1.0)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "run.npz")
+        ...     motion.save(path)
+        ...     bool(np.all(History.load(path)[0].u == motion.u))
+        True
+        """
+        self._alone().save(path)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """An xarray.Dataset with u, v and a over time and dof; the arrays are shared.
+
+        The coordinates are ``time`` and ``dof``, and ``spring`` for ``deformation`` and ``force``
+        of recorded springs. Raises ImportError if xarray is missing.
+        """
+        return subdomain_dataset(self)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """A pandas.DataFrame with the index ``time`` and the columns (quantity, dof).
+
+        The quantities are u, v and a, with recorded springs also deformation and force, whose
+        second label is the spring. Raises ImportError if pandas is missing.
+
+        Examples
+        --------
+        >>> motion = solve(Subdomain([1.0], [4.0], scheme=Newmark(), u0=[1.0]), dt=0.1, t_end=1.0)
+        >>> motion.to_pandas()["u"].shape  # doctest: +SKIP
+        (11, 1)
+        """
+        return subdomain_frame(self)
+
+    def _alone(self) -> History:
+        """A History of this subdomain only, without constraints."""
+        none = np.empty((self.t.size, 0))
+        return History((self,), none, self.t, none, none, self.t, keys=((self.name, None),))
 
     def __repr__(self) -> str:
         levels, dofs = counted(self.t.size, "time level"), counted(self.dofs.size, "dof")
@@ -138,6 +203,7 @@ class History:
         conditions: Any = None,
         quantity: str = "u",
         title: str | None = None,
+        units: Mapping[str, str] | None = None,
     ) -> Figure:
         """Plot time histories of dofs, the jumps at the interface and the multipliers.
 
@@ -156,10 +222,16 @@ class History:
         quantity : {"u", "v", "a"}, default "u"
             Displacement, velocity or acceleration.
         title : str, optional
+        units : dict, optional
+            For the labels of the axes: units of "length", "time" and "force", such as
+            ``{"length": "m", "time": "s", "force": "N"}``. Numbers are not converted. A quantity
+            whose unit does not follow from those given is labelled without.
 
         Returns
         -------
         matplotlib.figure.Figure
+            A notebook shows it at the end of the cell, a script with
+            ``matplotlib.pyplot.show()``; ``matplotlib.pyplot.close(figure)`` releases it.
             `pmalpha.plot.save` writes it to a file.
 
         Raises
@@ -167,18 +239,20 @@ class History:
         ImportError
             If matplotlib is missing.
         TypeError, ValueError
-            For dofs that were not recorded and constraints that do not exist.
+            For dofs that were not recorded, constraints that do not exist, and unknown units.
 
         Examples
         --------
         >>> history = models.four_dof().coupler(0.05).run(steps=40)
-        >>> figure = history.plot({"A": [2], "B": [0, 1]})
+        >>> figure = history.plot({"A": [2], "B": [0, 1]}, units={"length": "m", "force": "N"})
         >>> [ax.get_ylabel() for ax in figure.axes][::3]
-        ['displacement', 'multiplier']
+        ['displacement (m)', 'multiplier (N)']
         """
         from ..plot.histories import time_histories
 
-        return time_histories(self, dofs, conditions=conditions, quantity=quantity, title=title)
+        return time_histories(
+            self, dofs, conditions=conditions, quantity=quantity, title=title, units=units
+        )
 
     # ---- files and other libraries -----------------------------------------------------------
 
@@ -278,6 +352,55 @@ class History:
             ) from None
         keys = tuple((name, None) for name in header["names"])
         return cls(subdomains=tuple(subdomains), **interface, keys=keys, energy=energy)
+
+    @classmethod
+    def join(cls, pieces: Iterable[History]) -> History:
+        """One History of consecutive runs.
+
+        Parameters
+        ----------
+        pieces : sequence of History
+            In the order of time, with the same subdomains, recorded dofs and constraints; each
+            begins where the one before ends. The row of the common time level is taken once.
+
+        Returns
+        -------
+        History
+            The arrays are copies, in memory.
+
+        Raises
+        ------
+        ValueError
+            For pieces that are not consecutive, differ in what is recorded, or have energies.
+
+        Examples
+        --------
+        >>> coupler = models.split_oscillator(10.0).coupler(0.05)
+        >>> whole = History.join([coupler.run(steps=3), coupler.run(steps=4)])
+        >>> whole["A"].u.shape, whole.macro_times.round(2).tolist()[-1]
+        ((8, 1), 0.35)
+        """
+        return joined(tuple(pieces))
+
+    def to_pandas(self) -> dict[str, pandas.DataFrame]:
+        """The history as pandas.DataFrames by name of the recorded subdomains.
+
+        Each as of `SubdomainHistory.to_pandas`. With constraints there is "interface", with the
+        index ``time``, the times at which the interface problem is solved, and the columns
+        (quantity, constraint) for ``multipliers`` and ``velocity_jump``.
+
+        Returns
+        -------
+        dict of pandas.DataFrame
+
+        Raises
+        ------
+        ImportError
+            If pandas is missing.
+        ValueError
+            If a subdomain is called "interface".
+        """
+        return frames(self)
 
     def to_xarray(self) -> xarray.Dataset:
         """The history as an xarray.Dataset; the arrays are shared, not copied.

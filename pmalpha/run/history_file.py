@@ -52,9 +52,11 @@ class HistoryFile:
         From `History.contents`, with "begin" and "every" of the run, and "nodes", the number of
         time levels per macro step of each growing array.
     arrays : dict
-        The first rows of the growing arrays, and all rows of the others.
+        The rows of the growing arrays up to `start`, and all rows of the others.
     end : int
         The macro step at which the run ends.
+    start : int, optional
+        The macro step up to which the arrays are complete. Default: "begin".
 
     Raises
     ------
@@ -70,8 +72,10 @@ class HistoryFile:
         header: Mapping[str, Any],
         arrays: Mapping[str, np.ndarray],
         end: int,
+        start: int | None = None,
     ):
         h5py = library()
+        start = header["begin"] if start is None else start
         self.path, self.header = Path(os.path.abspath(checked_path(path))), dict(header)
         self.offsets: dict[str, int] = {}  # in bytes, of the growing arrays
         self.descriptor = -1
@@ -88,8 +92,11 @@ class HistoryFile:
                 os.truncate(self.descriptor, layout.size)
                 for offset, piece in layout.pieces:
                     self._write_at(np.frombuffer(piece, np.uint8), offset)
-                self._write_rows({name: x[:1] for name, x in arrays.items()}, lambda name: 0)
-                self._write_step(self.header["begin"])
+                self._write_rows(
+                    {name: arrays[name][: self.rows(name, start)] for name in self.offsets},
+                    lambda name: 0,
+                )
+                self._write_step(start)
             except BaseException:
                 self.close()
                 raise
@@ -238,7 +245,7 @@ def is_hdf5(path: str | os.PathLike) -> bool:
 def read(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of a file, up to the last complete macro step.
 
-    The growing arrays are mapped and read on access.
+    That is "step_count" in the header. The growing arrays are mapped and read on access.
 
     Raises
     ------
@@ -254,6 +261,7 @@ def read(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, np.ndarray]
             reason = mismatch(header, FORMAT, VERSION)
             if reason is None:
                 content = np.asarray(np.memmap(name, np.uint8, "r"))
+                header["step_count"] = int(whole[COUNTER][0])
                 return header, _arrays(whole, header, content)
     except MemoryError:
         raise
@@ -263,8 +271,7 @@ def read(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, np.ndarray]
 
 
 def _arrays(whole: Any, header: Mapping[str, Any], content: np.ndarray) -> dict[str, np.ndarray]:
-    step = int(whole[COUNTER][0])
-    arrays = {}
+    step, arrays = header["step_count"], {}
     for name, levels in header["nodes"].items():
         rows = row_count(header["begin"], step, header["every"], levels)
         arrays[name] = _mapped(whole[dataset(name)], rows, content)

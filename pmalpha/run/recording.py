@@ -5,21 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from os import PathLike
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from .._checks import MOST, whole_number
+from .._checks import MOST, flag, whole_number
 from ..files import check_replaceable, checked_path
 from ..memory import require
 from ..problem.constraints import dof_list
 from ..problem.subdomain import Subdomain
 from ..setup.part import Part
+from .appending import EarlierRows, check_new
 from .energy import ENERGIES, ENERGY_FIELDS, Energy
 from .history import LOOPS, History, SubdomainHistory
 from .history_file import HistoryFile, library, row_count
+from .joining import WORKS
 from .keys import by_index
 
 # A run that is written to a file: bytes kept in memory, and seconds between two writes, about.
@@ -202,14 +205,29 @@ class FiledRecording(Recording):
     """The record of a run that is written to an HDF5 file interval by interval.
 
     Memory is allocated for one interval. Row 0 of the arrays is the beginning of the interval and
-    already written.
+    already written. With `append` the rows of an existing file come first.
     """
 
-    def __init__(self, path: str | PathLike, *args: Any, **options: Any):
+    def __init__(
+        self,
+        path: str | PathLike,
+        *args: Any,
+        append: bool = False,
+        overwrite: bool = False,
+        **options: Any,
+    ):
         self.path, self.file = checked_path(path), None
+        self.earlier: EarlierRows | None = None
         super().__init__(*args, **options)
         library()
-        check_replaceable(path)  # before the start evaluates a restoring force, on a test rig say
+        # all that before the start evaluates a restoring force, on a test rig say
+        check_replaceable(path)
+        if append and self.path.exists():
+            if self.energy_columns:
+                raise ValueError(f"append must come without energies: {WORKS}")
+            self.earlier = EarlierRows(self.path, self.begin)
+        elif not overwrite:
+            check_new(self.path)
 
     def __exit__(self, *exception: object) -> None:
         if self.file is not None:
@@ -224,7 +242,12 @@ class FiledRecording(Recording):
         header, arrays = super().history(self.begin).contents()
         header |= {"begin": self.begin, "every": self.every or 0, "nodes": self._levels()}
         header["fixed"] = sorted(arrays.keys() - header["nodes"].keys())
-        self.file = HistoryFile(self.path, header, arrays, self.end)
+        header["dt"] = self.dt
+        if self.earlier is not None:
+            self.earlier.check(header, arrays)
+            header["begin"], arrays = self.earlier.begin, self.earlier.arrays
+        self.file = HistoryFile(self.path, header, arrays, self.end, self.begin)
+        self.earlier, arrays = None, {}  # unmaps the file that was replaced
         steps = 1
         while self.begin < self.end:
             begin = perf_counter()
@@ -255,6 +278,20 @@ class FiledRecording(Recording):
         with suppress(OSError):  # the run has raised it already; completed rows are in the file
             self.keep(end)
         return replace(History.load(self.file.path), keys=self.keys)
+
+
+def recording_class(
+    record_to: str | PathLike | None, *, append: bool, overwrite: bool
+) -> Callable[..., Recording]:
+    """What makes the recording of a run with these options."""
+    append, overwrite = flag(append, "append"), flag(overwrite, "overwrite")
+    if append and overwrite:
+        raise ValueError("append and overwrite must not both be True")
+    if record_to is not None:
+        return partial(FiledRecording, record_to, append=append, overwrite=overwrite)
+    if append or overwrite:
+        raise ValueError("append and overwrite must come with record_to, got record_to=None")
+    return Recording
 
 
 def chosen_dofs(

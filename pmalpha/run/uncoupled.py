@@ -35,6 +35,7 @@ def solve(
     Returns
     -------
     SubdomainHistory
+        With methods `plot`, `save`, `to_xarray` and `to_pandas`.
 
     Examples
     --------

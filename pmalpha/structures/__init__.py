@@ -5,8 +5,8 @@ points and elements of the mesh. Dof of node i, component c: dofs_per_node * i +
 the names and the order of corners of meshio and VTK. Units are any consistent set.
 """
 
+from ..setup.eigenmodes import modes
 from .continuum import plate, plate_on, solid, solid_on
-from .eigenmodes import modes
 from .frames import beam_frame, subdivide
 from .lines import chain, rod
 from .structure import Structure

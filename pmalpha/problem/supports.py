@@ -1,0 +1,88 @@
+"""Motions of supports from records, for constraints with a prescribed velocity."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicSpline, PPoly
+
+from .._checks import check_word, counted, positive_number, real_array
+
+__all__ = ["SupportMotion"]
+
+
+class SupportMotion:
+    """Motion of k supports from records: the ``velocity`` of a `Constraint`.
+
+    For supports that move differently (multi-support excitation, wave passage). The displacements
+    of the structure are then absolute, unlike those under a `BaseAcceleration`. All supports begin
+    at rest at zero displacement, as a `Subdomain` without `u0` and `v0` does.
+
+    Parameters
+    ----------
+    record : (m,) or (m, k) array
+        Samples at t = 0, dt, 2 dt, ..., m >= 2; a column for each support.
+    dt : float
+        Time between two samples, positive.
+    kind : {"acceleration", "displacement"}
+        "acceleration": linear between the samples; velocity and displacement are its exact
+        integrals. After the record the acceleration is zero: a record whose velocity does not
+        return to zero keeps moving the support. "displacement": a cubic spline through the samples
+        minus the first one, with zero velocity at both ends; at rest after the record.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For records of the wrong shape or with values that are not finite, dt not positive, another
+        kind.
+
+    Notes
+    -----
+    The object is a callable, evaluated in Python at every fine step. The displacement of a support
+    in a run is the scheme's integral of the velocity: it follows `displacement` within the error of
+    the step.
+
+    Examples
+    --------
+    A mass between two supports that are shaken one after the other:
+
+    >>> record = np.zeros((200, 2))
+    >>> record[1:21, 0] = record[31:51, 1] = np.sin(np.arange(20) * np.pi / 10)
+    >>> motion = SupportMotion(record, 0.02, "acceleration")
+    >>> K = [[9.0, -9.0, 0.0], [-9.0, 18.0, -9.0], [0.0, -9.0, 9.0]]
+    >>> frame = Subdomain([0.1, 1.0, 0.1], K, scheme=GeneralizedAlpha(0.8))
+    >>> held = Constraint({frame: [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]}, velocity=motion)
+    >>> history = Coupler([frame], held, dt=0.01).run(4.0)
+    >>> bool(np.allclose(history[0].u[-1, [0, 2]], motion.displacement(4.0), atol=1e-5))
+    True
+    """
+
+    def __init__(self, record: ArrayLike, dt: float, kind: str):
+        samples = real_array(record, "record", (1, 2))
+        if len(samples) < 2 or samples.size == 0:
+            raise ValueError(f"record must have at least 2 samples, got shape {samples.shape}")
+        samples = samples.reshape(len(samples), -1)
+        dt = positive_number(dt, "dt")
+        check_word(kind, "kind", ("acceleration", "displacement"))
+        t = dt * np.arange(len(samples))
+        self.end = float(t[-1])
+        if kind == "acceleration":
+            linear = np.array([np.diff(samples, axis=0) / dt, samples[:-1]])
+            self._velocity = PPoly(linear, t).antiderivative()
+            self._displacement = self._velocity.antiderivative()
+        else:
+            self._displacement = CubicSpline(t, samples - samples[0], bc_type="clamped")
+            self._velocity = self._displacement.derivative()
+        self.k = samples.shape[1]
+
+    def __call__(self, t: float) -> np.ndarray:
+        """The velocities at time t >= 0, (k,)."""
+        return self._velocity(min(t, self.end))
+
+    def displacement(self, t: float) -> np.ndarray:
+        """The displacements at time t >= 0, (k,)."""
+        later = max(t - self.end, 0.0)
+        return self._displacement(min(t, self.end)) + later * self._velocity(self.end)
+
+    def __repr__(self) -> str:
+        return f"<SupportMotion of {counted(self.k, 'support')}, {self.end:g} long>"

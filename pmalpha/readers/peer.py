@@ -1,0 +1,114 @@
+"""Ground motion records of the PEER strong-motion database."""
+
+from __future__ import annotations
+
+import re
+from os import PathLike
+
+import numpy as np
+
+from ..files import checked_path, reading
+from .text import refuse
+
+__all__ = ["read_at2"]
+
+NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][+-]?\d+)?"
+# The line of a header with the number of samples and the time between them. "NPTS=  4000, DT=
+# .0050 SEC" is that of today; before, the numbers came first: "4000  0.0050  NPTS, DT", on one line
+# or with the labels on the line above or below.
+LABELLED = re.compile(rf"NPTS\s*[=:]\s*(\d+)\s*,?.*?\bDT\s*[=:]\s*({NUMBER})", re.IGNORECASE)
+LABELS = re.compile(r"NPTS\s*,?\s*DT", re.IGNORECASE)
+NUMBERS = re.compile(rf"^\s*(\d+)\s*,?\s+({NUMBER})\s*,?\s*(?:SEC\b)?", re.IGNORECASE)
+TITLE_LINES = 8  # maximum number of lines of a header
+
+
+def read_at2(path: str | PathLike) -> tuple[np.ndarray, float, str]:
+    """Read a ground motion record in the text format of PEER.
+
+    A header of some lines, whose last gives the number of samples and the time between them, as
+    ``NPTS=  4000, DT=   .0050 SEC`` or in the old forms ``4000  0.0050  NPTS, DT``, on one line or
+    on two. Then the samples, any number in a line. The files of velocities (.VT2) and displacements
+    (.DT2) have the same form.
+
+    Parameters
+    ----------
+    path : str or path
+
+    Returns
+    -------
+    record : (m,) ndarray
+        The samples in the unit that the header names: for .AT2 files g, so that
+        ``9.81 * record`` is in m/s^2.
+    dt : float
+        Time between two samples, in s.
+    header : str
+        The lines of the header, without the blanks at their ends.
+
+    Raises
+    ------
+    ValueError
+        For a file without such a header, with samples that are not numbers or not finite, or
+        whose number of samples is not that of the header, with file and line.
+    OSError
+        When the file cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> text = "PEER\\nA VALLEY\\nUNITS OF G\\nNPTS=  3, DT=   .0050 SEC\\n .1E-01 -.2E-01\\n .3\\n"
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "record.AT2")
+    ...     _ = path.write_text(text)
+    ...     record, dt, header = read_at2(path)
+    >>> record.tolist(), dt, header.splitlines()[1]
+    ([0.01, -0.02, 0.3], 0.005, 'A VALLEY')
+    """
+    name = str(checked_path(path))
+    with reading(path) as file:
+        content = file.read()
+    if b"\0" in content:
+        refuse(name, 1, "must be text, got a binary file")
+    lines = [line.rstrip() for line in content.decode("latin-1").splitlines()]
+    count, dt, first = _header(name, lines)
+    record = _samples(name, lines, first)
+    if record.size != count:
+        rule = f"must give the number of samples, got NPTS = {count} and {record.size} samples"
+        refuse(name, first, rule)
+    return record, dt, "\n".join(line.strip() for line in lines[:first])
+
+
+def _header(name: str, lines: list[str]) -> tuple[int, float, int]:
+    """Number of samples, time between them, and index of the first line with samples."""
+    for i, line in enumerate(lines[:TITLE_LINES]):
+        found, last = LABELLED.search(line), i
+        if found is None and LABELS.search(line):
+            for last in (i, i + 1, i - 1):  # numbers on this line, below or above
+                found = NUMBERS.match(lines[last]) if 0 <= last < len(lines) else None
+                if found is not None:
+                    break
+        if found is None:
+            continue
+        last = max(last, i)
+        count, dt = int(found[1]), _number(found[2])
+        if not (count > 0 and 0.0 < dt < np.inf):
+            refuse(name, i + 1, f"NPTS and DT must be positive, got {line.strip()!r}")
+        return count, dt, last + 1
+    got = lines[0][:60] if lines else ""
+    refuse(name, 1, f"must begin with a header that gives NPTS and DT, got {got!r}")
+
+
+def _samples(name: str, lines: list[str], first: int) -> np.ndarray:
+    samples: list[float] = []
+    for i, line in enumerate(lines[first:], start=first + 1):
+        if re.sub(NUMBER, "", line).strip():
+            refuse(name, i, f"must hold finite numbers, got {line.strip()[:60]!r}")
+        row = [_number(word) for word in re.findall(NUMBER, line)]
+        if not np.all(np.isfinite(row)):
+            refuse(name, i, f"must hold finite numbers, got {line.strip()[:60]!r}")
+        samples += row
+    return np.array(samples)
+
+
+def _number(word: str) -> float:
+    """A number of Fortran: also with the exponent 1.0D-03."""
+    return float(word.upper().replace("D", "E"))

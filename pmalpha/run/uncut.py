@@ -1,0 +1,143 @@
+"""What a coupler returns of the structure before it was cut: equilibrium, matrices, modes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..problem.matrices import combination
+from ..problem.restoring import is_function
+from ..problem.subdomain import Subdomain
+from ..setup.constraint_rows import ConstraintRows
+from ..setup.eigenmodes import modes
+from ..setup.static import static_displacements
+from ..setup.uncut import Assembled, assembled
+
+
+class Uncut:
+    """The methods of `Coupler` that solve for the whole structure, with displacements tied."""
+
+    _keys: tuple[tuple[str, Subdomain], ...]
+    _rows: ConstraintRows
+    _parts: Any
+    _loads: Any
+    _entered: Any
+    _require_linear: Any
+    _steps_done: Any
+
+    def static(self) -> dict[str, np.ndarray]:
+        """Static equilibrium under F(0) with displacements tied, such as u0 under dead load.
+
+        Rows with a prescribed velocity are held at zero. The coupler itself is unchanged; use
+        ``coupler.reset(u0=coupler.static())``.
+
+        Returns
+        -------
+        dict of (n_i,) arrays by name
+
+        Raises
+        ------
+        FactorizationError
+            For a floating structure or an indefinite stiffness.
+        ValueError
+            For a restoring force on a subdomain: that equilibrium is nonlinear.
+
+        Examples
+        --------
+        >>> a = Subdomain([1.0], [2.0], scheme=Newmark(), force=[3.0], name="a")
+        >>> b = Subdomain([1.0], [1.0], scheme=CentralDifference(), name="b")
+        >>> coupler = Coupler([a, b], tie(a, [0], b, [0]), dt=0.1)
+        >>> {name: float(u[0]) for name, u in coupler.static().items()}
+        {'a': 1.0, 'b': 1.0}
+        """
+        self._require_linear("static")
+        with self._entered():
+            step = self._steps_done()
+            forces = [self._loads.at_start(i, step)[p.position] for i, p in enumerate(self._parts)]
+            u = static_displacements([s.K for _, s in self._keys], self._rows.matrices, forces)
+        return dict(zip((name for name, _ in self._keys), u))
+
+    def assembled(self) -> Assembled:
+        """The structure before it was cut: M, C and K with the constraints eliminated exactly.
+
+        Dofs that ties connect are one dof; the others follow in the order of the subdomains. Rows
+        with a prescribed velocity are held at zero. A general constraint removes one of its dofs,
+        expressed by the others. K and C include the estimates of restoring forces, such as the
+        initial tangents of springs. The coupler itself is unchanged.
+
+        Returns
+        -------
+        Assembled
+            A tuple ``(M, C, K, map)``: (n, n) csr_array matrices, and by name the (n_i, n)
+            csr_array with u_i = map[name] @ u. Displacements, velocities and accelerations are
+            mapped alike; a force f_i on a subdomain is map[name].T @ f_i on the structure.
+
+        Raises
+        ------
+        ValueError
+            For a restoring force without `restoring_stiffness`, which may have any stiffness; when
+            the constraints hold all dofs.
+        MemoryError
+            When many constraints that are not ties share dofs.
+
+        Examples
+        --------
+        >>> a = Subdomain([1.0, 2.0], [[3.0, -1.0], [-1.0, 1.0]], scheme=Newmark(), name="a")
+        >>> b = Subdomain([4.0], [5.0], scheme=Newmark(), name="b")
+        >>> M, C, K, map = Coupler([a, b], tie(a, [1], b, [0]), dt=0.1).assembled()
+        >>> M.diagonal().tolist(), K.toarray().tolist(), map["b"].toarray().tolist()
+        ([1.0, 6.0], [[3.0, -1.0], [-1.0, 6.0]], [[0.0, 1.0]])
+        """
+        for name, s in self._keys:
+            if is_function(s.restoring) and s.restoring_stiffness is None:
+                raise ValueError(
+                    "the assembled structure needs restoring_stiffness where there is a restoring "
+                    f"force, got none for {name!r}"
+                )
+        matrices = [
+            (s.M, combination([(1.0, s.C), (1.0, s.restoring_damping)]), s.tangent)
+            for _, s in self._keys
+        ]
+        return assembled([name for name, _ in self._keys], matrices, self._rows.matrices)
+
+    def modes(self, k: int = 6) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """The lowest natural frequencies and modes of the structure with its ties.
+
+        Those of M and K of `assembled`, undamped. The steps of the subdomains have no influence.
+
+        Parameters
+        ----------
+        k : int, default 6
+            Number of modes, including rigid-body modes.
+
+        Returns
+        -------
+        omega : (k,) ndarray
+            Angular frequencies in rising order, radians per unit of time; 0 for rigid-body modes.
+        modes : dict of (n_i, k) ndarray by name
+            In columns, on all dofs of each subdomain; tied dofs have equal values. Mass-normalised:
+            the sum of modes[name].T @ M_i @ modes[name] is the identity.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As `assembled`; for a k that is not a whole number or larger than the number of dofs
+            with mass; for a stiffness that is not positive semidefinite.
+        scipy.sparse.linalg.ArpackError
+            When ARPACK does not converge.
+
+        Examples
+        --------
+        A chain of three equal masses, cut at the second: omega = 2 sqrt(k/m) sin(i pi / 6).
+
+        >>> K = [[4.0, -4.0], [-4.0, 4.0]]
+        >>> a = Subdomain([1.0, 0.5], K, scheme=Newmark(), name="a")
+        >>> b = Subdomain([0.5, 1.0], K, scheme=Newmark(), name="b")
+        >>> omega, shapes = Coupler([a, b], tie(a, [1], b, [0]), dt=0.1).modes(3)
+        >>> omega.round(6).tolist(), shapes["b"].shape
+        ([0.0, 2.0, 3.464102], (2, 3))
+        """
+        whole = self.assembled()
+        omega, shapes = modes(whole.M, whole.K, k)
+        return omega, {name: T @ shapes for name, T in whole.map.items()}

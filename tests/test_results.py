@@ -1,0 +1,128 @@
+"""Figures that show themselves, and results as files and objects of other libraries."""
+
+import subprocess
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+from test_record_to import require_same_bits
+
+import pmalpha as pm
+from pmalpha import models
+
+UNITS = {"length": "mm", "time": "s", "force": "kN"}
+
+
+@pytest.fixture
+def pyplot():
+    plt = pytest.importorskip("matplotlib.pyplot")
+    plt.close("all")
+    yield plt
+    plt.close("all")
+
+
+def oscillation():
+    joint = pm.Bilinear([0], k=4.0, fy=1.0)
+    s = pm.Subdomain([1.0, 1.0], [1.0, 2.0], scheme=pm.Newmark(), restoring=joint, v0=[3.0, 1.0])
+    return pm.solve(s, 0.1, 2.0, record_springs={0: None})
+
+
+def test_a_plot_is_a_figure_of_pyplot_so_that_show_shows_it(pyplot):
+    history = models.four_dof().coupler(0.05).run(steps=40)
+    figures = [history.plot(), history["A"].plot(), oscillation().plot([1])]
+    assert [pyplot.figure(i) for i in pyplot.get_fignums()] == figures
+    assert [len(figure.axes) for figure in figures] == [4, 1, 1]
+
+
+def test_many_plots_do_not_warn(pyplot):
+    motion = oscillation()
+    assert len({id(motion.plot()) for _ in range(22)}) == 22  # warnings are errors
+
+
+def test_a_plot_is_shown_once_in_a_fresh_notebook(tmp_path, pyplot):
+    nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+    make = "import pmalpha as pm\nh = pm.models.four_dof().coupler(0.05).run(steps=9)"
+    cells = [make, "h.plot()", "figure = h.plot()", "figure", "h['A'].plot(); h.plot()"]
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(x) for x in cells])
+    nbclient.NotebookClient(notebook, timeout=120, kernel_name="python3").execute()
+    pictures = [
+        sum("image/png" in x.get("data", {}) for x in cell.outputs) for cell in notebook.cells
+    ]
+    assert pictures == [0, 1, 1, 1, 2]
+
+
+def test_a_script_shows_the_plot(tmp_path):
+    pytest.importorskip("matplotlib")
+    code = """
+        import matplotlib
+        matplotlib.use("agg")
+        import matplotlib.pyplot as plt, pmalpha as pm
+        pm.models.four_dof().coupler(0.05).run(steps=9).plot()
+        plt.show = lambda: print(len(plt.get_fignums()))
+        plt.show()
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "1\n"
+
+
+def test_units_are_in_the_labels(pyplot):
+    history = models.four_dof().coupler(0.05).run(steps=40)
+    labels = [ax.get_ylabel().replace("\n", " ") for ax in history.plot(units=UNITS).axes]
+    assert labels[0] == "displacement (mm)" and labels[3] == "multiplier (kN)"
+    assert labels[1].startswith("velocity jump (") and labels[1].endswith("mm/s)")
+    figure = history["A"].plot(quantity="a", units=UNITS)
+    assert figure.axes[0].get_ylabel().endswith("mm/s$^2$)")
+    assert figure.axes[0].get_xlabel() == "time $t$ (s)"
+    partial = history.plot(quantity="v", units={"length": "m"}).axes
+    assert partial[0].get_ylabel() == "velocity" and partial[3].get_ylabel() == "multiplier"
+    for units, error in (({"mass": "kg"}, ValueError), ("m", TypeError), ({"time": 1}, TypeError)):
+        with pytest.raises(error, match="units must be"):
+            history.plot(units=units)
+
+
+@pytest.mark.parametrize("name", ["run.npz", "run.h5"])
+def test_what_solve_returns_is_saved_and_loaded(tmp_path, name):
+    if name.endswith("h5"):
+        pytest.importorskip("h5py")
+    motion = oscillation()
+    motion.save(tmp_path / name)
+    loaded = pm.History.load(tmp_path / name)
+    assert [key for key, _ in loaded.keys] == [motion.name] and loaded.multipliers.shape == (21, 0)
+    require_same_bits(loaded, motion._alone())
+    for x in ("deformation", "force", "springs"):
+        assert np.array_equal(getattr(loaded[0], x), getattr(motion, x))
+
+
+def test_what_solve_returns_becomes_a_dataset():
+    pytest.importorskip("xarray")
+    motion = oscillation()
+    data = motion.to_xarray()
+    for name in ("u", "v", "a", "deformation", "force"):
+        assert np.array_equal(data[name].values, getattr(motion, name))
+    assert float(data.u.sel(dof=1, time=motion.t[7])) == motion.u[7, 1]
+    assert data.force.dims == ("time", "spring") and data.attrs == {"name": motion.name}
+
+
+def test_a_history_becomes_data_frames():
+    pytest.importorskip("pandas")
+    history = models.four_dof().coupler(0.05).run(steps=10, record={"A": [2, 0], "B": None})
+    frames = history.to_pandas()
+    assert list(frames) == ["A", "B", "interface"]
+    a = frames["A"]
+    assert np.array_equal(a["u"].to_numpy(), history["A"].u) and list(a["v"].columns) == [2, 0]
+    assert np.array_equal(a.index, history["A"].t) and a.index.name == "time"
+    assert np.array_equal(a["a", 2].to_numpy(), history["A"].a[:, 0])
+    jumps = frames["interface"]["velocity_jump"].to_numpy()
+    assert np.array_equal(jumps, history.velocity_jump)
+    springs = oscillation().to_pandas()
+    assert np.array_equal(springs["force"].to_numpy(), oscillation().force)
+
+
+def test_without_pandas_the_package_to_install_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(ImportError, match=r"pip install 'pmalpha\[pandas\]'"):
+        oscillation().to_pandas()
