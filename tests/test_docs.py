@@ -6,6 +6,7 @@ import importlib
 import io
 import pkgutil
 import re
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 import pmalpha as pm
 
 ROOT = Path(__file__).parent.parent
+README = " ".join((ROOT / "README.md").read_text().split())
 MODULES = sorted(
     module.name
     for module in pkgutil.walk_packages(pm.__path__, "pmalpha.")
@@ -45,6 +47,21 @@ def test_what_a_page_shows_runs_and_prints_what_its_comments_say(page, tmp_path,
         exec(compile(code, page, "exec"), {})
     said = [re.split(r":| {2}", x)[0].strip() for x in re.findall(r"print\(.*?\) +# (.*)", code)]
     assert said and printed.getvalue().split("\n")[:-1] == said
+
+
+def test_the_errors_that_the_readme_states_are_those_of_its_example():
+    draw = runpy.run_path(str(ROOT / "docs" / "pictures" / "draw.py"))
+    names = draw["example"]()
+    tower, rig, run = names["tower"], names["rig"], names["history"]["tower"]
+    reference = draw["exact"](*draw["uncut"](tower, rig), tower.u0, 0.01, 2000)
+    fine, coarse = draw["double_steps"](tower, rig, 0.01), draw["double_steps"](tower, rig, 0.05)
+    errors = [
+        f"{100 * draw['error'](run.u, reference):.1f} %",
+        f"{100 * draw['error'](fine.u, reference):.1f} %",
+        f"{100 * draw['error'](coarse.u, reference[::5]):.0f} %",
+    ]
+    said = re.findall(r"error in 20 s is (.*?%)|error is (.*?%) then, and (.*?%)", README)
+    assert errors == [x for group in said for x in group if x]
 
 
 def test_links_between_the_documents_lead_somewhere():
