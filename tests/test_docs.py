@@ -36,7 +36,7 @@ def test_there_are_examples_in_the_docstrings_of_what_is_public():
     assert {pm.Subdomain, pm.Coupler, pm.tie, pm.Constraint, pm.solve} <= set(shown)
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/experiments.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/experiments.md", "docs/tutorial.md"])
 def test_what_a_page_shows_runs_and_prints_what_its_comments_say(page, tmp_path, monkeypatch):
     if "record_to" in (shown := (ROOT / page).read_text()):
         pytest.importorskip("h5py")
