@@ -21,6 +21,7 @@ myst_fence_as_directive = ["math"]
 nb_execution_mode = "off"  # the tests execute the notebooks
 nb_merge_streams = True
 
+default_role = "py:obj"  # `Coupler` in a docstring is a link
 autosummary_imported_members = True
 autosummary_ignore_module_all = False  # a page for each name in __all__, and no other
 autodoc_typehints = "none"  # the docstrings say types and shapes
