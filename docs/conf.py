@@ -27,6 +27,19 @@ autosummary_ignore_module_all = False  # a page for each name in __all__, and no
 autodoc_typehints = "none"  # the docstrings say types and shapes
 numpydoc_show_class_members = False  # the template of a class lists them
 numpydoc_xref_param_type = False
+# what makes a page wrong or hard to read: other parameters than there are, a section twice or in
+# the wrong order, no summary
+numpydoc_validation_checks = {
+    "GL01",
+    "GL06",
+    "GL07",
+    "PR02",
+    "PR05",
+    "PR10",
+    "SS01",
+    "SS04",
+    "SS06",
+}
 
 html_theme = "furo"
 html_title = f"pmalpha {release}"
