@@ -13,7 +13,7 @@ SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-fra
 MEASURE  := $(filter-out $(addprefix benchmarks/,draw.py memory.py peers.py timing.py), \
               $(wildcard benchmarks/*.py))
 
-.PHONY: demo test ctest tsan release example lint notebooks benchmarks clean
+.PHONY: demo test ctest tsan release example lint notebooks docs benchmarks clean
 .NOTPARALLEL:
 
 demo: $(VENV)/.plot,fast
@@ -44,6 +44,15 @@ lint: $(VENV)/.lint
 
 notebooks: $(VENV)/.notebook
 	$(VENV)/bin/python -c "$$EXECUTE" notebooks/*.ipynb
+
+# The site, build/docs/html. Its sources are a copy, since the reference writes a page for each name;
+# the notebooks appear with their stored output.
+docs: $(VENV)/.docs
+	rm -rf build/docs/source
+	mkdir -p build/docs/source
+	cp -Rp CHANGELOG.md CONTRIBUTING.md benchmarks docs examples notebooks build/docs/source
+	$(VENV)/bin/sphinx-build -q -W --keep-going -c docs -d build/docs/trees \
+		build/docs/source build/docs/html
 
 # half an hour; best on a machine with nothing else to do
 benchmarks: $(VENV)/.plot,fast

@@ -242,6 +242,8 @@ def draw_growth(figure):
             axes[row, column].plot(x, y, marker="o", markersize=3, label=label, **style)
     for ax in axes.flat:
         ax.set(xscale="log", yscale="log")
+        ax.yaxis.set_minor_formatter("")  # labels of powers of ten only, also on short axes
+    axes[2, 2].set_ylim(1.0, 100.0)
     for ax, word in zip(axes[2], columns):
         ax.set_xlabel(word)
     for ax, word in zip(axes[:, 0], ("macro step, ms", "set-up, s", "memory of set-up, MB")):
@@ -250,21 +252,43 @@ def draw_growth(figure):
         ax.legend()
 
 
+# What the functions of the core do, in the order of a step; a name ends as one of these
+STAGES = {
+    "predictor": ("predict",),
+    "product with K": ("subtract", "subtract_band", "multiply_strip", "subtract_rows"),
+    "forward sweep": ("eliminate",),
+    "backward sweep": ("substitute", "substitute_supernode", "close_part"),
+    "corrector": ("correct",),
+    "open and close": ("subdomain_open", "subdomain_close", "open_step"),
+    "interface": ("link_load", "link_gather", "free_velocity", "coupler_solve"),
+    "schedule": ("fine_steps", "coupler_share"),
+}
+
+
+def _stage(function):
+    name = function.removesuffix("_avx2")
+    return next((x for x, ends in STAGES.items() if name.endswith(ends)), "others")
+
+
 def draw_step(figure):
-    """Share of each function of the core in a step."""
+    """Share of each stage in a step."""
     ax = figure.subplots()
     rows = read("step_profile")
     problems = list(dict.fromkeys(r["problem"] for r in rows))
     for position, problem in enumerate(problems):
+        own = [r for r in rows if r["problem"] == problem]
         begin = 0.0
-        for i, row in enumerate(r for r in rows if r["problem"] == problem):
+        for i, stage in enumerate([*STAGES, "others"]):
+            share = sum(r["share"] for r in own if _stage(r["function"]) == stage)
             grey = 0.72 + 0.18 * (i % 2)
-            ax.barh(position, row["share"], 0.8, begin, color=str(grey))
-            if row["share"] > 0.085:
-                name = row["function"].removeprefix("pma_").replace("_", "\n")
-                middle = begin + row["share"] / 2.0
-                ax.text(middle, position, name, ha="center", va="center", fontsize=6.5)
-            begin += row["share"]
+            ax.barh(position, share, 0.8, begin, color=str(grey), edgecolor="w", linewidth=0.5)
+            if share > 0.04:
+                words = stage.replace(" and ", " and\n").replace(" with", "\nwith")
+                words = words.replace(" sweep", "\nsweep")
+                middle = begin + share / 2.0
+                look = {"rotation": 90, "fontsize": 7} if share < 0.075 else {}
+                ax.text(middle, position, words, ha="center", va="center", **look)
+            begin += share
     ax.set_yticks(range(len(problems)), problems)
     ax.invert_yaxis()
     ax.grid(False)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from problems import random_problem
-from test_record_to import require_same_bits
+from test_record_to import require_identical
 
 import pmalpha as pm
 from pmalpha import models
@@ -52,7 +52,7 @@ def test_overwrite_replaces_the_file(tmp_path):
     coupler.run(steps=5, record_to=path)
     coupler.run(steps=4, record_to=path, overwrite=True)
     other.step(5)
-    require_same_bits(pm.History.load(path), other.run(steps=4))
+    require_identical(pm.History.load(path), other.run(steps=4))
 
 
 @pytest.mark.parametrize(
@@ -83,8 +83,8 @@ def test_a_file_continued_in_pieces_is_that_of_one_run(tmp_path, seed, options):
     for steps in (4, 1, 7):
         history = ours.run(steps=steps, record_to=path, append=True, **options)
     whole = theirs.run(steps=12, **options)
-    require_same_bits(history, whole)
-    require_same_bits(pm.History.load(path), whole)
+    require_identical(history, whole)
+    require_identical(pm.History.load(path), whole)
 
 
 def test_energies_are_not_continued_since_works_count_from_the_beginning_of_a_run(tmp_path):
@@ -107,7 +107,7 @@ def test_after_a_checkpoint_later_rows_of_the_file_are_written_again(tmp_path):
     killed.run(steps=4, record_to=path, append=True)
     resumed.load(state)
     history = resumed.run(steps=10, record_to=path, append=True)
-    require_same_bits(history, whole.run(steps=16))
+    require_identical(history, whole.run(steps=16))
 
 
 def test_a_failed_run_leaves_the_rows_before_it(tmp_path):
@@ -126,7 +126,7 @@ def test_a_failed_run_leaves_the_rows_before_it(tmp_path):
     ours.run(steps=5, record_to=path)
     with pytest.raises(ZeroDivisionError):
         ours.run(steps=50, record_to=path, append=True)
-    require_same_bits(ours.last_history, coupler().run(steps=ours.step_count))
+    require_identical(ours.last_history, coupler().run(steps=ours.step_count))
     assert ours.step_count == 10 == ours.last_history.macro_times.size - 1
 
 
@@ -169,7 +169,7 @@ def test_a_file_of_something_else_is_not_continued(tmp_path):
 def test_joined_histories_are_that_of_one_run(seed, options):
     ours, theirs = (random_problem(seed).coupler() for _ in range(2))
     pieces = [ours.run(steps=steps, **options) for steps in (6, 0, 12, 6)]
-    require_same_bits(pm.History.join(pieces), theirs.run(steps=24, **options))
+    require_identical(pm.History.join(pieces), theirs.run(steps=24, **options))
 
 
 def test_joined_springs_are_those_of_one_run():

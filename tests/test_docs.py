@@ -6,6 +6,7 @@ import importlib
 import io
 import pkgutil
 import re
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 import pmalpha as pm
 
 ROOT = Path(__file__).parent.parent
+README = " ".join((ROOT / "README.md").read_text().split())
 MODULES = sorted(
     module.name
     for module in pkgutil.walk_packages(pm.__path__, "pmalpha.")
@@ -34,7 +36,7 @@ def test_docstrings_of_public_names_have_examples():
     assert {pm.Subdomain, pm.Coupler, pm.tie, pm.Constraint, pm.solve} <= set(shown)
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/experiments.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/experiments.md", "docs/tutorial.md"])
 def test_code_on_a_page_runs_and_prints_what_its_comments_state(page, tmp_path, monkeypatch):
     if "record_to" in (shown := (ROOT / page).read_text()):
         pytest.importorskip("h5py")
@@ -47,6 +49,21 @@ def test_code_on_a_page_runs_and_prints_what_its_comments_state(page, tmp_path, 
         re.split(r":| {2}", x)[0].strip() for x in re.findall(r"print\(.*?\) +# (.*)", code)
     ]
     assert expected and printed.getvalue().split("\n")[:-1] == expected
+
+
+def test_the_errors_that_the_readme_states_are_those_of_its_example():
+    draw = runpy.run_path(str(ROOT / "docs" / "pictures" / "draw.py"))
+    names = draw["example"]()
+    tower, rig, run = names["tower"], names["rig"], names["history"]["tower"]
+    reference = draw["exact"](*draw["uncut"](tower, rig), tower.u0, 0.01, 2000)
+    fine, coarse = draw["double_steps"](tower, rig, 0.01), draw["double_steps"](tower, rig, 0.05)
+    errors = [
+        f"{100 * draw['error'](run.u, reference):.1f} %",
+        f"{100 * draw['error'](fine.u, reference):.1f} %",
+        f"{100 * draw['error'](coarse.u, reference[::5]):.0f} %",
+    ]
+    said = re.findall(r"error in 20 s is (.*?%)|error is (.*?%) then, and (.*?%)", README)
+    assert errors == [x for group in said for x in group if x]
 
 
 def test_links_between_the_documents_have_targets():

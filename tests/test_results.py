@@ -6,7 +6,7 @@ import textwrap
 
 import numpy as np
 import pytest
-from test_record_to import require_same_bits
+from test_record_to import require_identical
 
 import pmalpha as pm
 from pmalpha import models
@@ -92,7 +92,7 @@ def test_what_solve_returns_is_saved_and_loaded(tmp_path, name):
     motion.save(tmp_path / name)
     loaded = pm.History.load(tmp_path / name)
     assert [key for key, _ in loaded.keys] == [motion.name] and loaded.multipliers.shape == (21, 0)
-    require_same_bits(loaded, motion._alone())
+    require_identical(loaded, motion._alone())
     for x in ("deformation", "force", "springs"):
         assert np.array_equal(getattr(loaded[0], x), getattr(motion, x))
 

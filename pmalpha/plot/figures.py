@@ -23,6 +23,9 @@ __all__ = ["figure7", "save", "slope"]
 def figure7(model: FourDof, histories: Mapping[str, History]) -> Figure:
     """Figure 7 of the paper: free vibration of the four-dof system, and its modal amplitudes.
 
+    Displacements (left) and amplitudes of the modes of the uncut system (right), both at the macro
+    time levels.
+
     Parameters
     ----------
     model : FourDof
@@ -53,7 +56,7 @@ def figure7(model: FourDof, histories: Mapping[str, History]) -> Figure:
         from matplotlib.figure import Figure
 
         rows = len(histories)
-        figure = Figure(figsize=(7.1, 1.0 + 2.1 * rows), layout="constrained")
+        figure = Figure(figsize=(7.1, 0.6 + 2.1 * rows), layout="constrained")
         axes = figure.subplots(
             rows, 2, sharex=True, sharey="col", squeeze=False, width_ratios=(1.5, 1.0)
         )
@@ -61,17 +64,16 @@ def figure7(model: FourDof, histories: Mapping[str, History]) -> Figure:
             _displacements(left, *model.displacements(history))
             _modal_amplitudes(right, *model.modal_amplitudes(history), model.frequencies)
             left.set_title(title, loc="left")
-        for ax, columns in zip(axes[0], (4, 2), strict=True):
-            ax.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.08), ncols=columns)
+        for ax in axes[0]:
+            ax.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.08), ncols=2)
         for ax in axes[-1]:
             ax.set_xlabel("time $t$ (s)")
-        figure.supxlabel(_caption(model), x=0.01, horizontalalignment="left", fontsize=8.5)
     return figure
 
 
 def _displacements(ax: Axes, t: np.ndarray, u: np.ndarray) -> None:
-    for i, line in enumerate(LINES):
-        ax.plot(t, u[:, i], **line, label=f"$u_{i + 1}$")
+    for i, line in enumerate(LINES):  # u_1, the smallest, above the others
+        ax.plot(t, u[:, i], **line, zorder=3.0 - 0.1 * i, label=f"$u_{i + 1}$")
     ax.set_ylabel("displacement (m)")
     ax.set_xlim(t[0], t[-1])
 
@@ -82,16 +84,6 @@ def _modal_amplitudes(
     for i, line in enumerate(LINES):
         ax.plot(t, amplitudes[:, i], **line, label=f"{frequencies[i]:.2f} Hz")
     ax.set_ylabel("modal amplitude (m kg$^{1/2}$)")
-
-
-def _caption(model: FourDof) -> str:
-    spectrum = ", ".join(f"{f:.2f}" for f in model.frequencies)
-    return (
-        "Partitioned four-dof system in free vibration from $u = (0, 0, 0, 1)$ m, at rest: "
-        "displacements (left) and amplitudes of the uncut\nsystem's modes (right) at the macro "
-        "time levels. Masses and springs are a surrogate with the published spectrum, "
-        f"{spectrum} Hz."
-    )
 
 
 def slope(ax: Axes, order: float, x: Sequence[float], y: float) -> None:

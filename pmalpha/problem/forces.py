@@ -22,6 +22,8 @@ __all__ = ["BaseAcceleration", "SampledForce"]
 class SampledForce(Frozen):
     """A force given by samples with linear interpolation, equation (L1).
 
+    After the last sample the force is constant.
+
     Parameters
     ----------
     values : (m,) or (m, k) array
@@ -31,8 +33,6 @@ class SampledForce(Frozen):
     shape : (n,) or (n, k) array, optional
         Distribution of the k samples over the n dofs: F(t) = shape @ s(t). Without it the samples
         are the forces on the dofs, k = n.
-
-    After the last sample the force is constant.
 
     Raises
     ------

@@ -13,10 +13,10 @@ __all__ = ["asymmetry", "symmetrized"]
 
 
 def asymmetry(A: Any) -> float:
-    """Asymmetry of a matrix: the maximum of |A_ij - A_ji| / sqrt(a_i a_j).
+    """Asymmetry of a matrix: the maximum of ``|A_ij - A_ji| / sqrt(a_i a_j)``.
 
-    a_i = |A_ii|, so that the result does not depend on units, also with rotations and displacements
-    in one matrix. If A_ii = 0, a_i is the largest magnitude in row and column i.
+    a_i = ``|A_ii|``, so that the result does not depend on units, also with rotations and
+    displacements in one matrix. If A_ii = 0, a_i is the largest magnitude in row and column i.
 
     Parameters
     ----------

@@ -1,0 +1,176 @@
+"""Draws the pictures of README.md: three uses of subdomains, and its first example.
+
+    python docs/pictures/draw.py
+
+The example is the code in README.md itself; its exact solution is a matrix exponential.
+"""
+
+import contextlib
+import re
+from pathlib import Path
+
+import numpy as np
+from scipy.linalg import expm
+
+import pmalpha as pm
+from pmalpha import plot
+
+ROOT = Path(__file__).parents[2]
+COMPUTED = {"facecolor": "0.9", "edgecolor": "k", "linewidth": 0.8}
+FINE = {"facecolor": "#A9CBE6", "edgecolor": "k", "linewidth": 0.8}
+COLUMN = {"color": "k", "linewidth": 1.2}
+GROUND = {"color": "k", "linewidth": 2.5}
+
+
+def example():
+    """The names that the Python code of README.md defines."""
+    code = "".join(re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL))
+    names = {}
+    with contextlib.redirect_stdout(None):
+        exec(compile(code, "README.md", "exec"), names)
+    return names
+
+
+def uncut(tower, rig):
+    """M, K of the uncut structure of the example: the rig is at dof 0 of the tower."""
+    M, K = np.diag(tower.M), np.array(tower.K)
+    M[0, 0] += rig.M[0]
+    K[0, 0] += rig.K[0]
+    return M, K
+
+
+def exact(M, K, u0, dt, steps):
+    """Displacements (steps + 1, n) of a free vibration from u0, at rest."""
+    n = len(u0)
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), np.zeros((n, n))]])
+    one = expm(dt * A)
+    states = [np.append(u0, np.zeros(n))]
+    for _ in range(steps):
+        states.append(one @ states[-1])
+    return np.array(states)[:, :n]
+
+
+def error(u, reference):
+    """Largest difference, relative to the largest displacement."""
+    return np.abs(u - reference).max() / np.abs(reference).max()
+
+
+def double_steps(tower, rig, dt):
+    """The tower of the example under the default coupling, with the substep of 0.002 s."""
+    rig = pm.Subdomain(rig.M, rig.K, scheme=rig.scheme, substeps=round(dt / 0.002), name="rig")
+    return pm.Coupler([tower, rig], pm.tie(tower, [0], rig, [0]), dt=dt).run(20.0)["tower"]
+
+
+# ---- pictures --------------------------------------------------------------------------------
+
+
+def draw_uses(figure):
+    """A stiff detail, a specimen, small elements; the fine subdomain is blue."""
+    tower, specimen, solid = figure.subplots(1, 3)
+
+    _frame(tower, 0.5, 1.0, storeys=2)
+    tower.add_patch(_box(0.2, 0.35, 1.6, 0.65, **FINE))
+    tower.text(1.0, 0.67, "stiff base", ha="center", va="center")
+    _label(tower, 1.7, 1.9, "10 ms")
+    _label(tower, 1.95, 0.67, "2 ms")
+    tower.plot([0, 2], [0.33, 0.33], **GROUND)
+    tower.set_title("A stiff detail in a soft structure")
+
+    _frame(specimen, 0.0, 1.35, storeys=2)
+    specimen.text(0.5, 3.45, "computed", ha="center")
+    specimen.plot([-0.1, 1.1], [1.35, 1.35], "k", linestyle=(0, (5, 3)), linewidth=0.8)
+    specimen.add_patch(_box(1.95, 0.33, 0.22, 1.15, **FINE))
+    specimen.add_patch(_box(2.5, 1.2, 0.5, 0.2, **COMPUTED))
+    specimen.plot([2.17, 2.5], [1.3, 1.3], **COLUMN)
+    specimen.plot([3.0, 3.0], [0.33, 1.9], **GROUND)
+    specimen.plot([1.6, 3.0], [0.33, 0.33], **GROUND)
+    arrow = {"arrowstyle": "-|>", "color": "k", "linewidth": 0.8, "mutation_scale": 8}
+    specimen.annotate("", (1.9, 1.45), (1.0, 2.0), arrowprops=arrow)
+    specimen.annotate("", (0.9, 1.2), (1.9, 0.8), arrowprops=arrow)
+    specimen.text(1.55, 1.85, "displacement", ha="left")
+    specimen.text(0.62, 0.66, "force", ha="left")
+    specimen.text(2.3, -0.1, "specimen and actuator", ha="center")
+    _label(specimen, -0.65, 2.5, "10 ms")
+    _label(specimen, 2.3, 0.75, "1 ms")
+    specimen.set_title("A specimen in a laboratory")
+
+    _mesh(solid, (0.5, 0.35), (1.0, 2.1), (4, 8), COMPUTED)
+    _mesh(solid, (0.3, 2.45), (1.4, 0.55), (14, 6), FINE)
+    solid.plot([0, 2], [0.33, 0.33], **GROUND)
+    _label(solid, 1.65, 1.4, "0.2 ms")
+    _label(solid, 1.85, 2.72, "7 µs")
+    solid.set_title("A large model with few small elements")
+
+    for ax, limits in ((tower, (-0.6, 2.6)), (specimen, (-0.7, 3.2)), (solid, (-0.6, 2.7))):
+        ax.set(xlim=limits, ylim=(-0.25, 3.8), aspect="equal")
+        ax.axis("off")
+
+
+def _box(x, y, width, height, **look):
+    from matplotlib.patches import Rectangle
+
+    return Rectangle((x, y), width, height, **look)
+
+
+def _frame(ax, x, y, storeys):
+    """A frame with rigid floors, one unit wide."""
+    for storey in range(storeys):
+        base = y + 0.85 * storey
+        ax.plot([x + 0.05, x + 0.05], [base, base + 0.75], **COLUMN)
+        ax.plot([x + 0.95, x + 0.95], [base, base + 0.75], **COLUMN)
+        ax.add_patch(_box(x, base + 0.72, 1.0, 0.13, **COMPUTED))
+
+
+def _mesh(ax, corner, size, count, look):
+    width, height = np.divide(size, count)
+    for i in range(count[0]):
+        for j in range(count[1]):
+            place = corner[0] + i * width, corner[1] + j * height
+            ax.add_patch(_box(*place, width, height, **look | {"linewidth": 0.4}))
+
+
+def _label(ax, x, y, text):
+    ax.text(x, y, text, va="center", color="0.25", style="italic")
+
+
+def draw_first_example(figure):
+    """Roof displacement with the step of the example and with steps that are too long."""
+    names = example()
+    tower, rig, history = names["tower"], names["rig"], names["history"]
+    above, below = figure.subplots(2, 1, sharex=True)
+
+    t = history["tower"].t
+    reference = exact(*uncut(tower, rig), tower.u0, t[1], len(t) - 1)
+    above.plot(t, reference[:, 2], color="0.75", linewidth=3.0, label="exact")
+    long = double_steps(tower, rig, 0.05)
+    away = error(long.u, reference[:: round(long.t[1] / t[1])])
+    label = f"dt = 0.05 s, double steps (error {away:.0%})"
+    above.plot(long.t, long.u[:, 2], **plot.LINES[0], label=label)
+    near = error(history["tower"].u, reference)
+    label = f"the example, dt = 0.01 s (error {near:.1%})"
+    above.plot(t, history["tower"].u[:, 2], **plot.LINES[3], label=label)
+    above.set(ylabel="roof displacement", ylim=(-0.13, 0.13))
+    above.legend(ncols=3, loc="lower left", bbox_to_anchor=(0.0, 0.98))
+
+    below.plot(history.multiplier_times, history.multipliers[:, 0], **plot.LINES[3])
+    below.set(ylabel="interface force", xlabel="time (s)", xlim=(0.0, 20.0))
+
+
+DRAWN = {"uses": (draw_uses, (8.0, 2.9)), "first-example": (draw_first_example, (8.0, 3.4))}
+
+
+def main():
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    # svg.hashsalt: the same picture gives the same file; a white ground for dark pages
+    with matplotlib.rc_context(plot.RC | {"svg.hashsalt": "pmalpha", "savefig.facecolor": "w"}):
+        for name, (content, size) in DRAWN.items():
+            figure = Figure(figsize=size, layout="constrained")
+            content(figure)
+            path = ROOT / "docs" / "pictures" / f"{name}.svg"
+            figure.savefig(path, metadata={"Date": None})
+
+
+if __name__ == "__main__":
+    main()
