@@ -364,15 +364,19 @@ class Coupler:
                 with summed_works(self._core, self._parts, self._loads, energy), recording:
                     self._core.record_present(recording.core_record())
                     try:
-                        for pause in recording.pauses():
-                            self._advance(pause, recording, report)
-                            recording.keep(pause)
-                        if report is not None:
-                            report(end)
+                        self._advance_in_intervals(recording, report)
                     except BaseException:
                         self._last_history = recording.history(self._core.step_count)
                         raise
             return recording.history(end)
+
+    def _advance_in_intervals(self, recording: Recording, report: Report | None) -> None:
+        # not a loop directly under `try`, which does not cover the jump at its end (CallbackLoad)
+        for pause in recording.pauses():
+            self._advance(pause, recording, report)
+            recording.keep(pause)
+        if report is not None:
+            report(recording.end)
 
     def step(self, n: int = 1) -> None:
         """Advance by n macro steps without a History.
