@@ -42,6 +42,16 @@ def positive_number(value: Any, name: str) -> float:
     return number
 
 
+def time_step(value: Any, name: str) -> float:
+    """A positive number; for what may be a vector of times the error gives advice."""
+    if np.ndim(value) == 1 and np.size(value) > 2:
+        raise TypeError(
+            f"{name} must be a real number, the step, got an array of shape {np.shape(value)}; of "
+            "a vector t of equidistant times give t[1] - t[0]"
+        )
+    return positive_number(value, name)
+
+
 # Largest whole number for which no counter of the core overflows.
 MOST = 2**53
 

@@ -538,7 +538,8 @@ def test_dofs_of_a_tie_must_be_in_range_whole_and_different():
 
 
 @pytest.mark.parametrize(
-    "bad", [[0.0], [True], ["0"], [[0]], 0, None, {0}, [None], np.array([0j]), [[0], [0, 1]]]
+    "bad",
+    [[0.0], [True], ["0"], [[0]], True, 0.0, None, {0}, [None], np.array([0j]), [[0], [0, 1]]],
 )
 def test_dofs_of_a_tie_must_be_whole_numbers(bad):
     a, b = single(3), single(4)
@@ -1003,7 +1004,7 @@ def test_record_is_a_dict_of_dofs():
     coupler = coupled()
     refused(TypeError, lambda: coupler.run(steps=1, record=["a"]), "record", "dict")
     refused(TypeError, lambda: coupler.run(steps=1, record={"a": [0.0]}), "record['a']")
-    refused(TypeError, lambda: coupler.run(steps=1, record={"a": 0}), "record['a']")
+    refused(TypeError, lambda: coupler.run(steps=1, record={"a": 0.0}), "record['a']")
     refused(ValueError, lambda: coupler.run(steps=1, record={"a": [2]}), "record['a']", "0..1", "2")
     refused(ValueError, lambda: coupler.run(steps=1, record={"a": [-1]}), "record['a']", "-1")
     refused(ValueError, lambda: coupler.run(steps=1, record={"a": [1, 1]}), "record['a']", "repeat")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
-from .._checks import check_word, flag, listing, vector, whole_number
+from .._checks import check_word, counted, flag, listing, vector, whole_number
 from ..errors import FactorizationError
+from .arguments import Damping, MatrixLike, VectorLike
 from .forces import checked_force
 from .matrices import Matrix, canonical, combination, diagonal
 from .restoring import Restoring, checked_restoring, is_function
@@ -28,11 +29,11 @@ class Subdomain:
 
     Parameters
     ----------
-    M, K : (n,) array, (n, n) array or scipy.sparse matrix or array
-        Mass and stiffness. A 1-D array is a diagonal. Symmetric; M positive semidefinite, and
-        positive definite for an explicit scheme. A dof without mass is a zero row and column of M;
-        it requires an implicit scheme that damps at infinite frequency. K may be None where there
-        is a restoring force.
+    M, K : (n,) array, (n, n) array, scipy.sparse matrix or array, or a number
+        Mass and stiffness. A 1-D array is a diagonal, a number the matrix of one dof. Symmetric;
+        M positive semidefinite, and positive definite for an explicit scheme. A dof without mass is
+        a zero row and column of M; it requires an implicit scheme that damps at infinite frequency.
+        K may be None where there is a restoring force.
     C : like M and K, optional
         Viscous damping, symmetric. Default: none.
     scheme : Scheme
@@ -69,7 +70,7 @@ class Subdomain:
     damping : {"implicit", "lagged"}, default "implicit"
         "lagged": C acts on the extrapolated velocity, equation (R4), so that an explicit subdomain
         whose C is not diagonal needs no factor. The critical step is smaller, equation (C2).
-    u0, v0 : (n,) array, optional
+    u0, v0 : (n,) array, optional; a number for one dof
         Initial displacement and velocity. Default: zero.
     name : str, optional
         Default: "subdomain i", where i is its index in the Coupler.
@@ -105,20 +106,20 @@ class Subdomain:
 
     def __init__(
         self,
-        M: Any,
-        K: Any,
-        C: Any = None,
+        M: MatrixLike,
+        K: MatrixLike | None,
+        C: MatrixLike | None = None,
         *,
         scheme: Scheme,
         substeps: int = 1,
         double_step: bool | None = None,
         force: Any = None,
         restoring: Any = None,
-        restoring_stiffness: Any = None,
-        restoring_damping: Any = None,
-        damping: str = "implicit",
-        u0: Any = None,
-        v0: Any = None,
+        restoring_stiffness: MatrixLike | None = None,
+        restoring_damping: MatrixLike | None = None,
+        damping: Damping = "implicit",
+        u0: VectorLike | None = None,
+        v0: VectorLike | None = None,
         name: str | None = None,
     ):
         if not isinstance(scheme, Scheme):
@@ -129,7 +130,7 @@ class Subdomain:
             raise TypeError("M must be a matrix, got None")
         if K is None and restoring is None:
             raise TypeError("K must be a matrix where there is no restoring force, got None")
-        check_word(damping, "damping", ("implicit", "lagged"))
+        check_word(damping, "damping", get_args(Damping))
         self.scheme = scheme
         self.substeps = whole_number(substeps, "substeps", low=1)
         self.double_step = None if double_step is None else flag(double_step, "double_step")
@@ -150,7 +151,8 @@ class Subdomain:
 
     def __repr__(self) -> str:
         label = "" if self.name is None else f"{self.name!r}, "
-        return f"<Subdomain {label}{self.n} dofs, {self.scheme!r}, substeps={self.substeps}>"
+        label += counted(self.n, "dof")
+        return f"<Subdomain {label}, {self.scheme!r}, substeps={self.substeps}>"
 
     @property
     def massless(self) -> np.ndarray:
@@ -202,7 +204,11 @@ class Subdomain:
         return self._matrix(value, name)
 
     def _initial(self, value: Any, name: str) -> np.ndarray:
-        return np.zeros(self.n) if value is None else vector(value, self.n, name)
+        if value is None:
+            return np.zeros(self.n)
+        if self.n == 1 and np.ndim(value) == 0:
+            value = [value]
+        return vector(value, self.n, name)
 
     def _check_mass(self) -> None:
         label = "the subdomain" if self.name is None else f"subdomain {self.name!r}"

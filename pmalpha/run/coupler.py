@@ -6,11 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from os import PathLike
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
-from .._checks import check_word, counted, flag, positive_number, whole_number
+from .._checks import check_word, counted, flag, time_step, whole_number
+from ..problem.arguments import Coupling, Start
 from ..problem.constraints import Constraint
 from ..problem.forces import checked_force
 from ..problem.springs import SpringState
@@ -138,18 +139,18 @@ class Coupler:
         constraints: Constraint | Sequence[Constraint] | None = None,
         *,
         dt: float,
-        coupling: str = "pm",
-        start: str = "rebased",
+        coupling: Coupling = "pm",
+        start: Start = "rebased",
         threads: int | None = None,
         factorize: Any = None,
     ):
         subdomains = checked_subdomains(subdomains)
         constraints = checked_constraints(constraints, subdomains)
-        check_word(coupling, "coupling", ("pm", "gc", "macro"))
-        check_word(start, "start", ("rebased", "plain"))
+        check_word(coupling, "coupling", get_args(Coupling))
+        check_word(start, "start", get_args(Start))
         threads_allowed = most_threads(threads)
         check_factorize(factorize)
-        self._clock = Clock(positive_number(dt, "dt"))
+        self._clock = Clock(time_step(dt, "dt"))
         fine = finest(subdomains, coupling)
         self._fine = 1 if coupling == "macro" else fine  # interface problems in a macro step
         self._keys = tuple(zip(names_of(subdomains), subdomains))
@@ -293,8 +294,8 @@ class Coupler:
         steps : int
             Number of macro steps, 0 or more.
         record : dict, optional
-            Dofs to record by subdomain, None for all dofs of one; a subdomain left out is not
-            recorded. Default: all dofs of all subdomains.
+            Dofs to record by subdomain: their numbers, one number, or a mask, None for all dofs of
+            one; a subdomain left out is not recorded. Default: all dofs of all subdomains.
         every : int, optional
             Record only time levels at which `step_count` is a multiple of this, and the first of
             the run, in all arrays. Default: every time level of each subdomain.
