@@ -100,7 +100,8 @@ class Coupler:
     PerformanceWarning
         When the unit responses of "macro" take long; when M or C of an explicit subdomain is not
         diagonal and the sweeps over the factor that it needs take longer than the rest of its step,
-        from 100 000 entries on (smaller factors stay in the caches).
+        from 100 000 entries on (smaller factors stay in the caches); for a long factorization
+        without pymetis.
     ConstraintWarning
         When the initial displacements violate a constraint; under "macro" for interface dofs
         without mass in a subdomain with substeps.

@@ -14,7 +14,7 @@ from ..problem.subdomain import Subdomain
 from .factors import Factor
 from .interface import interface_factor, interface_matrix, row_order
 from .macro import prepare, warn_of_resonance
-from .part import Part, build, make_part, warn_of_factor
+from .part import Part, build, make_part, warn_of_factor, warn_of_order
 from .stability import warn_if_above_critical
 from .start import InitialAccelerations
 
@@ -114,6 +114,7 @@ def _ordered(
     )
     for part in parts:
         warn_of_factor(part)
+    warn_of_order(parts)
     return parts
 
 
