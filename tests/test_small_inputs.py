@@ -5,6 +5,7 @@ import pytest
 import scipy.sparse as sp
 
 import pmalpha as pm
+from pmalpha.__main__ import main
 
 SOFT = pm.GeneralizedAlpha(0.5)
 STIFF = pm.GeneralizedAlpha(0.5, explicit=True)
@@ -188,3 +189,48 @@ def test_constraints_and_loads_print_what_they_are():
 def test_one_dof_is_singular():
     assert repr(chain(1)).startswith("<Subdomain 1 dof, ")
     assert repr(chain(2)).startswith("<Subdomain 2 dofs, ")
+
+
+def test_the_command_prints_its_version(capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["--version"])
+    assert caught.value.code == 0
+    assert capsys.readouterr().out == f"pmalpha {pm.__version__}\n"
+
+
+# ---- what other programs read ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("how", ["record_to", "save"])
+def test_an_hdf5_file_describes_itself(how, tmp_path):
+    h5py = pytest.importorskip("h5py")
+    a, b = chain(2, "the tower", restoring=pm.CubicSpring([0], 1.0, 1.0)), chain(1)
+    coupler = pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.1, coupling="gc")
+    path = tmp_path / "run.h5"
+    options = dict(steps=3, energy=True, record_springs={0: None})
+    if how == "record_to":
+        history = coupler.run(record_to=path, **options)
+    else:
+        history = coupler.run(**options)
+        history.save(path)
+    arrays = {}
+    with h5py.File(path) as file:
+        assert file.attrs["format"] == "pmalpha History"
+        assert file.attrs["pmalpha_version"] == pm.__version__
+        assert "consistent" in file.attrs["units"]
+        assert [file[str(i)].attrs["name"] for i in (0, 1)] == ["the tower", "subdomain 1"]
+        file.visititems(lambda name, x: arrays.update({name: dict(x.attrs)}))
+        groups = {name for name in arrays if isinstance(file[name], h5py.Group)}
+    assert groups == {"0", "1", "energy"}
+    for name, attributes in arrays.items():
+        if name not in groups | {"header"}:
+            assert attributes["description"] and attributes["units"], name
+    assert arrays["0/v"]["units"] == "u/t" and arrays["energy/kinetic"]["units"] == "F u"
+    np.testing.assert_array_equal(pm.History.load(path)["the tower"].u, history[0].u)
+
+
+@pytest.mark.parametrize("name", ["a\0b", "\ud800", "Träger", "x" * 100_000], ids=range(4))
+def test_any_name_of_a_subdomain_can_be_written(name, tmp_path):
+    pytest.importorskip("h5py")
+    pm.Coupler([chain(1, name)], dt=0.1).run(steps=1).save(tmp_path / "run.h5")
+    assert pm.History.load(tmp_path / "run.h5")[name].u.shape == (2, 1)
