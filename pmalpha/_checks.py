@@ -134,6 +134,11 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
+def numbered(noun: str, numbers: Sequence[Any] | np.ndarray) -> str:
+    """``dof 3``, ``dofs 1, 2``"""
+    return f"{noun}{'' if len(numbers) == 1 else 's'} {listing(numbers)}"
+
+
 def listing(numbers: Sequence[Any] | np.ndarray, most: int = 5) -> str:
     """``1, 2, 3, ... (12 in all)``"""
     shown = ", ".join(str(x) for x in list(numbers)[:most])

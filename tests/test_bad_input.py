@@ -401,13 +401,13 @@ def test_an_explicit_mass_singular_in_another_way_is_a_factorization_error(n, M,
 def test_a_negative_mass_is_a_value_error_with_its_dof(form):
     M = np.diag([1.0, 1.0, -2.0])
     M = np.diag(M).copy() if form is np.diag else form(M)
-    refused(ValueError, lambda: part(M, np.ones(3)), "M", "semidefinite", "dofs 2")
+    refused(ValueError, lambda: part(M, np.ones(3)), "M", "semidefinite", "dof 2")
 
 
 def test_a_massless_dof_that_is_coupled_by_mass_is_a_value_error():
     M = np.array([[1.0, 0.5], [0.5, 0.0]])
     for form in (np.asarray, sp.csr_array):
-        refused(ValueError, lambda: part(form(M)), "M", "semidefinite", "dofs 1")
+        refused(ValueError, lambda: part(form(M)), "M", "semidefinite", "dof 1")
 
 
 def indefinite(form):
@@ -514,7 +514,7 @@ def test_a_massless_dof_is_refused_where_nothing_damps_it(kind):
         ValueError,
         lambda: part([1.0, 0.0], PAIR, scheme=UNDAMPED[kind], name="frame"),
         "scheme must damp",
-        "dofs 1",
+        "dof 1",
         "'frame'",
     )
     assert repr(UNDAMPED[kind]) in message
@@ -579,7 +579,7 @@ def test_a_condition_must_be_finite_and_fit_its_subdomain():
     for form in (np.asarray, sp.csr_array):
         refused(ValueError, lambda: pm.Constraint({a: form([[1.0, np.nan]])}), "'a'", "nan")
         refused(ValueError, lambda: pm.Constraint({a: form([[1.0, 0.0, 0.0]])}), "'a'", "2 columns")
-        refused(ValueError, lambda: pm.Constraint({a: form([[1.0, 0.0], [0.0, 0.0]])}), "rows 1")
+        refused(ValueError, lambda: pm.Constraint({a: form([[1.0, 0.0], [0.0, 0.0]])}), "row 1")
     refused(ValueError, lambda: pm.Constraint({a: [1.0, 0.0]}), "'a'", "2-D", "(2,)")
     refused(ValueError, lambda: pm.Constraint({a: sp.coo_array([1.0, 0.0])}), "'a'", "2-D", "(2,)")
     refused(ValueError, lambda: pm.Constraint({a: np.empty((0, 2))}), "at least one")
@@ -834,20 +834,20 @@ def test_a_broken_condition_is_seen_whatever_the_scale_of_its_row(scale):
 def test_a_gap_is_seen_whatever_the_scale_of_its_row(scale):
     a, b = part(u0=[1.0, 1.0]), part(u0=[1.0, 0.5])
     L = np.diag([1.0, scale])
-    with pytest.warns(pm.ConstraintWarning, match="rows 1"):
+    with pytest.warns(pm.ConstraintWarning, match="row 1"):
         pm.Coupler([a, b], pm.Constraint({a: L, b: -L}), dt=0.1)
 
 
 def test_a_gap_of_the_displacements_is_a_warning_with_rows_and_amounts():
     a, b = part(u0=[0.5, 0.25]), part(u0=[0.5, -0.5])
-    with pytest.warns(pm.ConstraintWarning, match=r"gap.* rows 1: 0\.75$") as caught:
+    with pytest.warns(pm.ConstraintWarning, match=r"gap.* row 1: 0\.75$") as caught:
         pm.Coupler([a, b], pm.tie(a, [0, 1], b, [0, 1]), dt=0.1)
     assert [w.filename for w in caught] == [__file__]
 
 
 def test_a_gap_is_seen_at_once_also_under_a_load_that_is_asked_later():
     a, b = part(u0=[0.5, 0.25], force=lambda t: np.zeros(2)), part()
-    with pytest.warns(pm.ConstraintWarning, match=r"rows 0: 0\.5"):
+    with pytest.warns(pm.ConstraintWarning, match=r"row 0: 0\.5"):
         pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1)
 
 

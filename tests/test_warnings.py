@@ -72,3 +72,17 @@ def test_many_steps_above_the_critical_ones_are_counted():
     with pytest.warns(pm.StabilityWarning, match=r"\.\.\. \(20 in all\)") as caught:
         pm.Coupler([stiff(f"s{i}") for i in range(20)], dt=0.1, coupling="gc")
     assert len(caught) == 1
+
+
+@pytest.mark.parametrize(("u0", "words"), [([1, 0], "row 0:"), ([1, 2], "rows 0: 1, 1:")])
+def test_one_row_is_singular(u0, words):
+    a = pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=SOFT, u0=u0)
+    b = pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=SOFT)
+    with pytest.warns(pm.ConstraintWarning, match=f"the gaps in {words}"):
+        pm.Coupler([a, b], pm.tie(a, [0, 1], b, [0, 1]), dt=0.1)
+
+
+@pytest.mark.parametrize(("M", "words"), [([0, 1, 1], "dof 0;"), ([0, 1, 0], "dofs 0, 2;")])
+def test_one_dof_is_singular(M, words):
+    with pytest.raises(pm.FactorizationError, match=f"no mass at {words}"):
+        pm.Subdomain(M, [1.0, 1.0, 1.0], scheme=FAST)

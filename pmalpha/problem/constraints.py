@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import counted, listing, plain_array, real_array, require_finite
+from .._checks import counted, listing, numbered, plain_array, real_array, require_finite
 from .arguments import DofsLike, MatrixLike
 from .forces import BaseAcceleration, checked_force
 from .matrices import entries
@@ -70,7 +70,7 @@ class Constraint:
         if np.any(counts == 0):
             empty = np.flatnonzero(counts == 0)
             raise ValueError(
-                f"every constraint must have an entry, got none in rows {listing(empty)}"
+                f"every constraint must have an entry, got none in {numbered('row', empty)}"
             )
         if isinstance(velocity, BaseAcceleration):
             raise TypeError("velocity must be a SampledForce, a callable or an array, not a force")

@@ -6,7 +6,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from .._checks import check_word, counted, flag, listing, vector, whole_number
+from .._checks import check_word, counted, flag, numbered, vector, whole_number
 from ..errors import FactorizationError
 from .arguments import Damping, MatrixLike, VectorLike
 from .forces import checked_force
@@ -215,8 +215,8 @@ class Subdomain:
         negative = [] if self.M is None else np.flatnonzero(diagonal(self.M) < 0.0)
         if len(negative):
             raise ValueError(
-                f"M must be positive semidefinite, got a negative diagonal entry at dofs "
-                f"{listing(negative)}"
+                f"M must be positive semidefinite, got a negative diagonal entry at "
+                f"{numbered('dof', negative)}"
             )
         massless = self.massless
         if not massless.size:
@@ -224,22 +224,22 @@ class Subdomain:
         if self.M is not None and self.M.ndim == 2 and abs(self.M[massless, :]).sum() > 0.0:
             raise ValueError(
                 f"M must be positive semidefinite, got a zero diagonal entry in a row that is "
-                f"not zero, among dofs {listing(massless)}"
+                f"not zero, among {numbered('dof', massless)}"
             )
         if self.scheme.explicit:
             raise FactorizationError(
-                f"{label} is explicit and its mass matrix singular: dofs {listing(massless)} "
-                "have no mass; give them mass or take an implicit scheme",
+                f"{label} is explicit and its mass matrix singular: no mass at "
+                f"{numbered('dof', massless)}; give mass there or take an implicit scheme",
                 subdomain=self.name,
                 dof=int(massless[0]),
             )
         if self.damping == "lagged":
             raise ValueError(
                 f"damping must be 'implicit' where dofs have no mass, got 'lagged' and no mass at "
-                f"dofs {listing(massless)} of {label}"
+                f"{numbered('dof', massless)} of {label}"
             )
         if self.scheme.radius_at_infinity() > UNDAMPED:
             raise ValueError(
                 f"scheme must damp at infinite frequency (rho < 1) for dofs without mass, got "
-                f"{self.scheme!r} and no mass at dofs {listing(massless)} of {label}"
+                f"{self.scheme!r} and no mass at {numbered('dof', massless)} of {label}"
             )
