@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 
+from . import __version__
 from .models import FourDof, four_dof
 from .run.history import History
 
@@ -37,6 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _options(arguments):
     parser = argparse.ArgumentParser(prog="python -m pmalpha", description=__doc__)
+    parser.add_argument("--version", action="version", version=f"pmalpha {__version__}")
     parser.add_argument(
         "--output",
         default="figure7.png",

@@ -42,6 +42,16 @@ def positive_number(value: Any, name: str) -> float:
     return number
 
 
+def time_step(value: Any, name: str) -> float:
+    """A positive number; for what may be a vector of times the error gives advice."""
+    if np.ndim(value) == 1 and np.size(value) > 2:
+        raise TypeError(
+            f"{name} must be a real number, the step, got an array of shape {np.shape(value)}; of "
+            "a vector t of equidistant times give t[1] - t[0]"
+        )
+    return positive_number(value, name)
+
+
 # Largest whole number for which no counter of the core overflows.
 MOST = 2**53
 
@@ -122,6 +132,11 @@ def require_finite(array: np.ndarray, name: str) -> None:
 def counted(count: int, noun: str) -> str:
     """``1 dof``, ``2 dofs``"""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def numbered(noun: str, numbers: Sequence[Any] | np.ndarray) -> str:
+    """``dof 3``, ``dofs 1, 2``"""
+    return f"{noun}{'' if len(numbers) == 1 else 's'} {listing(numbers)}"
 
 
 def listing(numbers: Sequence[Any] | np.ndarray, most: int = 5) -> str:

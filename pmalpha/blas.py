@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
+from threading import Lock
+from typing import Any
 
 from threadpoolctl import ThreadpoolController
 
@@ -15,6 +19,50 @@ def _libraries() -> ThreadpoolController:
     return ThreadpoolController().select(user_api="blas")
 
 
-def one_thread():
-    """A context in which BLAS uses one thread."""
-    return _libraries().limit(limits=1)
+class _Users:
+    """The threads of the process that are in `one_thread` at present."""
+
+    lock = Lock()
+    count = 0
+    limiter: Any = None  # of the first of them, with the numbers of threads to restore
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """A context in which BLAS uses one thread.
+
+    The number of threads of BLAS belongs to the process: if several threads are in this context,
+    the first sets it and the last restores it.
+    """
+    with _Users.lock:
+        limiter = _limited()  # in each thread: where OpenMP is below, the number belongs to it
+        _Users.count += 1
+        if _Users.count == 1:
+            _Users.limiter = limiter
+    try:
+        yield
+    finally:
+        with _Users.lock:
+            _Users.count -= 1
+            if _Users.count == 0:
+                _allow()
+                _Users.limiter.restore_original_limits()
+                _allow()
+
+
+def _limited() -> Any:
+    """BLAS with one thread; the result restores the number before."""
+    _allow()
+    limiter = _libraries().limit(limits=1)
+    _allow()
+    return limiter
+
+
+def _allow() -> None:
+    """Let any thread set the number of threads.
+
+    Some versions of threadpoolctl ignore, without an error, all threads but the first that set it.
+    """
+    for library in _libraries().lib_controllers:
+        if hasattr(library, "clear_controlling_thread"):
+            library.clear_controlling_thread(force=True)

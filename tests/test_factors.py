@@ -338,6 +338,7 @@ def test_dofs_of_a_node_are_adjacent_and_in_order():
 
 @pytest.mark.parametrize("nodes_of_interface", [0, 81, 200])
 def test_the_chosen_order_has_the_least_fill_of_all_candidates(nodes_of_interface):
+    pytest.importorskip("pymetis")
     A = cube(9)
     n, nb = 729, nodes_of_interface
     last = np.arange(n - nb, n)
@@ -352,6 +353,7 @@ def test_the_chosen_order_has_the_least_fill_of_all_candidates(nodes_of_interfac
 
 
 def test_nested_dissection_halves_the_factor_of_a_solid(monkeypatch):
+    pytest.importorskip("pymetis")
     box = structures.solid(11, 11, 11, 0.1, E=1.0, nu=0.3, rho=1.0)
     face = box.dofs(box.nodes(lambda x, y, z: x < 1e-9))
     with_metis = fill(_pattern(box.K), elimination_order(box.n, graph_of([box.K]), face))

@@ -164,11 +164,13 @@ def test_pm_has_six_nonzero_eigenvalues(ss):
     assert nonzero_eigenvalues(rational(PM, 10, ss, F(1, 2))) == 6
 
 
-def test_the_zero_eigenvalues_are_defective_and_come_out_at_1e_8():
+def test_the_zero_eigenvalues_are_defective_and_come_out_below_1e_6():
     G = rational(F(1, 2), 10, 2, F(1, 2))
     assert 14 - rank(G) == 3  # eigenvectors, for five zeros
     values = np.sort(np.abs(np.linalg.eigvals(np.array(G, dtype=float))))
-    assert 1e-10 < values[4] < 1e-6  # a double zero, the root of the rounding
+    # double zeros come out at the root of the rounding or below it: some builds of LAPACK deflate
+    # them exactly
+    assert values[4] < 1e-6
     assert np.count_nonzero(values > 1e-6) == 9
 
 

@@ -143,7 +143,7 @@ def test_place_refuses_dofs_that_are_fixed_or_do_not_exist(dofs, message):
         of_six().place(dofs)
 
 
-@pytest.mark.parametrize("dofs", [[0.0], [True], ["a"]])
+@pytest.mark.parametrize("dofs", [[0.0], [[True] * 6], ["a"]])
 def test_place_accepts_whole_numbers_only(dofs):
     with pytest.raises(TypeError, match="dofs must be a 1-D array of whole numbers"):
         of_six().place(dofs)
@@ -203,7 +203,7 @@ def test_invalid_fixed_dofs_are_refused(fixed, message):
         reduce(np.ones(6), np.ones(6), fixed=fixed)
 
 
-@pytest.mark.parametrize("fixed", [[1.0], 1, [[1, 2]], "left", None])
+@pytest.mark.parametrize("fixed", [[1.0], 1.0, [[1, 2]], "left", None])
 def test_fixed_dofs_of_the_wrong_kind_are_refused(fixed):
     with pytest.raises(TypeError, match="fixed must be a 1-D array of whole numbers"):
         reduce(np.ones(6), np.ones(6), fixed=fixed)

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import listing, plain_array, real_array, require_finite
+from .._checks import counted, listing, numbered, plain_array, real_array, require_finite
+from .arguments import DofsLike, MatrixLike
 from .forces import BaseAcceleration, checked_force
 from .frozen import Frozen
 from .matrices import entries
@@ -56,7 +57,7 @@ class Constraint(Frozen):
     1
     """
 
-    def __init__(self, matrices: Mapping[Subdomain, Any], velocity: Any = None):
+    def __init__(self, matrices: Mapping[Subdomain, MatrixLike], velocity: Any = None):
         if not isinstance(matrices, Mapping) or not matrices:
             raise TypeError(f"matrices must be a dict of matrices by subdomain, got {matrices!r}")
         self.matrices = {s: _constraint_matrix(s, L) for s, L in matrices.items()}
@@ -70,12 +71,25 @@ class Constraint(Frozen):
         if np.any(counts == 0):
             empty = np.flatnonzero(counts == 0)
             raise ValueError(
-                f"every constraint must have an entry, got none in rows {listing(empty)}"
+                f"every constraint must have an entry, got none in {numbered('row', empty)}"
             )
         if isinstance(velocity, BaseAcceleration):
             raise TypeError("velocity must be a SampledForce, a callable or an array, not a force")
         self.velocity = checked_force(velocity, self.p, "velocity")
         self._freeze()
+
+    def __repr__(self) -> str:
+        subdomains = [s.name or f"subdomain of {counted(s.n, 'dof')}" for s in self.matrices]
+        *others, last = map(repr, subdomains)
+        names = f"{', '.join(others)} and {last}" if others else last
+        motion = "" if self.velocity is None else f", velocity = {_short(self.velocity)}"
+        return f"<{counted(self.p, 'constraint')} on {names}{motion}>"
+
+
+def _short(velocity: Any) -> str:
+    if isinstance(velocity, np.ndarray):
+        return np.array2string(velocity, precision=4, threshold=6, separator=", ")
+    return repr(velocity)
 
 
 def _constraint_matrix(subdomain: Any, L: Any) -> sp.csr_array:
@@ -98,7 +112,7 @@ def _constraint_matrix(subdomain: Any, L: Any) -> sp.csr_array:
     return L
 
 
-def tie(a: Subdomain, dofs_a: Any, b: Subdomain, dofs_b: Any) -> Constraint:
+def tie(a: Subdomain, dofs_a: DofsLike, b: Subdomain, dofs_b: DofsLike) -> Constraint:
     """Tie dofs of two subdomains, with equal velocities: +1 on a, -1 on b.
 
     A positive multiplier is a positive force on a and a negative force on b.
@@ -107,8 +121,8 @@ def tie(a: Subdomain, dofs_a: Any, b: Subdomain, dofs_b: Any) -> Constraint:
     ----------
     a, b : Subdomain
         Two different ones.
-    dofs_a, dofs_b : (p,) array of int
-        Dofs of each; entry k of `dofs_a` is tied to entry k of `dofs_b`.
+    dofs_a, dofs_b : int, (p,) array of int, or (n,) array of bool
+        Dofs of each, in numbers or as a mask; entry k of `dofs_a` is tied to entry k of `dofs_b`.
 
     Raises
     ------
@@ -119,8 +133,8 @@ def tie(a: Subdomain, dofs_a: Any, b: Subdomain, dofs_b: Any) -> Constraint:
     --------
     >>> a = Subdomain([1.0, 1.0], [1.0, 1.0], scheme=GeneralizedAlpha(0.5))
     >>> b = Subdomain([1.0], [1.0], scheme=GeneralizedAlpha(0.5))
-    >>> tie(a, [1], b, [0]).p
-    1
+    >>> tie(a, 1, b, 0)
+    <1 constraint on 'subdomain of 2 dofs' and 'subdomain of 1 dof'>
     """
     if a is b:
         raise ValueError(f"a and b must be two different subdomains, got {a!r} twice")
@@ -140,12 +154,15 @@ def _dofs(value: Any, subdomain: Subdomain, name: str) -> np.ndarray:
 
 
 def dof_list(value: Any, n: int, name: str) -> np.ndarray:
-    """Whole numbers in 0..n-1, none twice."""
+    """Whole numbers in 0..n-1, none twice: from one number, several, or a mask of n."""
     dofs = plain_array(value, name)
     if dofs.size == 0:
         dofs = dofs.astype(np.int64)
-    if dofs.dtype.kind not in "iu" or dofs.ndim != 1:
+    if dofs.dtype.kind == "b" and dofs.ndim == 1:
+        return np.flatnonzero(checked_mask(dofs, n, name))
+    if dofs.dtype.kind not in "iu" or dofs.ndim > 1:
         raise TypeError(f"{name} must be a 1-D array of whole numbers, got {value!r}")
+    dofs = np.atleast_1d(dofs)
     outside = dofs[(dofs < 0) | (dofs >= n)]
     if outside.size:
         raise ValueError(f"{name} must lie in 0..{n - 1}, got {listing(outside)}")
@@ -153,6 +170,13 @@ def dof_list(value: Any, n: int, name: str) -> np.ndarray:
     if np.any(counts > 1):
         raise ValueError(f"{name} must not repeat a dof, got {listing(values[counts > 1])} twice")
     return dofs.astype(np.int64)
+
+
+def checked_mask(mask: np.ndarray, n: int, name: str) -> np.ndarray:
+    """A mask of n entries."""
+    if mask.shape != (n,):
+        raise ValueError(f"{name} must be a mask of shape ({n},), got shape {mask.shape}")
+    return mask
 
 
 def _boolean(columns: np.ndarray, sign: float, n: int) -> sp.csr_array:

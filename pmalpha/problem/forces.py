@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from scipy import LowLevelCallable
 
-from .._checks import positive_number, real_array, vector
+from .._checks import counted, real_array, time_step, vector
+from .arguments import MatrixLike
 from .frozen import Frozen
 from .lowlevel import check_signature
 from .matrices import canonical, product
@@ -29,7 +30,7 @@ class SampledForce(Frozen):
     values : (m,) or (m, k) array
         Samples at t = 0, dt, 2 dt, ...; m >= 1.
     dt : float
-        Time between two samples, any consistent unit, positive.
+        Time between two samples, any consistent unit, positive; not the vector of their times.
     shape : (n,) or (n, k) array, optional
         Distribution of the k samples over the n dofs: F(t) = shape @ s(t). Without it the samples
         are the forces on the dofs, k = n.
@@ -44,6 +45,8 @@ class SampledForce(Frozen):
     >>> push = SampledForce([0.0, 1.0, 0.0], dt=0.1, shape=[0.0, 2.0])
     >>> push(0.05).tolist(), push(7.0).tolist()
     ([0.0, 1.0], [0.0, 0.0])
+    >>> push
+    <SampledForce on 2 dofs: 3 samples, dt = 0.1, to t = 0.2>
     """
 
     hold = True
@@ -51,7 +54,7 @@ class SampledForce(Frozen):
 
     def __init__(self, values: Any, dt: float, shape: Any = None):
         self.values = _columns(values, self._values_name)
-        self.dt = positive_number(dt, "dt")
+        self.dt = time_step(dt, "dt")
         self.shape = None if shape is None else _columns(shape, "shape")
         if self.shape is not None and self.shape.shape[1] != self.values.shape[1]:
             raise ValueError(
@@ -64,6 +67,14 @@ class SampledForce(Frozen):
     def n(self) -> int:
         """Number of dofs the force acts on."""
         return (self.values.T if self.shape is None else self.shape).shape[0]
+
+    def __repr__(self) -> str:
+        m, k = self.values.shape
+        series = "" if k == 1 else f" of {k} series"
+        return (
+            f"<{type(self).__name__} on {counted(self.n, 'dof')}: {counted(m, 'sample')}{series}, "
+            f"dt = {self.dt:g}, to t = {(m - 1) * self.dt:g}>"
+        )
 
     def __call__(self, t: float) -> np.ndarray:
         """F(t), shape (n,), for t >= 0, evaluated like in the core."""
@@ -116,7 +127,7 @@ class BaseAcceleration(SampledForce):
     hold = False
     _values_name = "record"
 
-    def __init__(self, record: Any, dt: float, direction: Any, M: Any):
+    def __init__(self, record: Any, dt: float, direction: Any, M: MatrixLike):
         direction = _columns(direction, "direction")
         mass, n = canonical(M, "M")
         if n != len(direction):

@@ -43,7 +43,7 @@ def canonical(value: Any, name: str, n: int | None = None) -> tuple[Matrix, int]
 
     Parameters
     ----------
-    value : (n,) array, (n, n) array or scipy.sparse matrix or array
+    value : (n,) array, (n, n) array, scipy.sparse matrix or array, or a number for one dof
         Real or integer numbers, symmetric.
     name : str
         Name in messages.
@@ -62,7 +62,11 @@ def canonical(value: Any, name: str, n: int | None = None) -> tuple[Matrix, int]
     ValueError
         For a wrong shape, an entry that is not finite, or an unsymmetric matrix.
     """
-    A = _sparse(value, name) if sp.issparse(value) else real_array(value, name, (1, 2))
+    A = _sparse(value, name) if sp.issparse(value) else real_array(value, name, (0, 1, 2))
+    if A.ndim == 0:
+        if n not in (None, 1):
+            raise ValueError(f"{name} must be of size {n} like M, got one number")
+        A = A.reshape(1)
     size = A.shape[0]
     if A.ndim == 2 and A.shape[1] != size:
         raise ValueError(f"{name} must be square, got shape {A.shape}")

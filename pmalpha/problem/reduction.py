@@ -9,7 +9,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import listing, plain_array, require_finite
-from .constraints import dof_list
+from .arguments import DofsLike, MatrixLike
+from .constraints import checked_mask, dof_list
 from .matrices import Matrix, canonical, sparse_diagonal
 
 __all__ = ["Reduction", "reduce"]
@@ -92,8 +93,8 @@ class Reduction:
 
         Parameters
         ----------
-        dofs : array_like of int, any shape
-            Free dofs, in the numbering of the unreduced matrices.
+        dofs : array_like of int, any shape, or (n,) array of bool
+            Free dofs, in the numbering of the unreduced matrices, or a mask.
 
         Returns
         -------
@@ -110,6 +111,8 @@ class Reduction:
         [0, 1]
         """
         wanted = plain_array(dofs, "dofs")
+        if wanted.dtype == bool:
+            wanted = dof_list(wanted, self.n, "dofs")
         held = np.intersect1d(dof_list(np.unique(wanted), self.n, "dofs"), self.fixed)
         if held.size:
             raise ValueError(f"dofs must be free, got the fixed ones {listing(held)}")
@@ -179,7 +182,9 @@ class Reduction:
         return u[..., self.free]
 
 
-def reduce(M: Any, K: Any, C: Any = None, *, fixed: Any) -> Reduction:
+def reduce(
+    M: MatrixLike, K: MatrixLike | None, C: MatrixLike | None = None, *, fixed: DofsLike
+) -> Reduction:
     """Remove the rows and columns of dofs that are fixed to the ground.
 
     Parameters
@@ -187,7 +192,7 @@ def reduce(M: Any, K: Any, C: Any = None, *, fixed: Any) -> Reduction:
     M, K, C : (n,) array, (n, n) array or scipy.sparse matrix or array
         As for `Subdomain`, symmetric, with all dofs. K or C can be None, and is then None in the
         result.
-    fixed : array of int, or (n,) array of bool
+    fixed : int, array of int, or (n,) array of bool
         The dofs that do not move: their numbers, in any order, possibly repeated, or a mask. All
         dofs at x = 0 of nodes with two dofs each: ``np.repeat(points[:, 0] == 0.0, 2)``.
 
@@ -238,10 +243,8 @@ def _mask(fixed: Any, n: int) -> np.ndarray:
     """True at the fixed dofs, from a mask or from numbers."""
     given = plain_array(fixed, "fixed")
     if given.dtype == bool:
-        if given.shape != (n,):
-            raise ValueError(f"fixed must be a mask of shape ({n},), got shape {given.shape}")
-        return given
-    if given.ndim != 1:
+        return checked_mask(given, n, "fixed")
+    if given.ndim > 1:
         raise TypeError(f"fixed must be a 1-D array of whole numbers or a mask, got {fixed!r}")
     mask = np.zeros(n, dtype=bool)
     mask[dof_list(np.unique(given), n, "fixed")] = True

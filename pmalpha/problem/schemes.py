@@ -6,7 +6,7 @@ The numbers of equations refer to ``docs/method.md``.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -184,8 +184,8 @@ class HHT(Scheme):
     Parameters
     ----------
     alpha : float
-        In [0, 1/3]; 0 is the trapezoidal rule, 1/3 damps the most. The authors' alpha has the
-        opposite sign.
+        In [0, 1/3]; 0 is the trapezoidal rule, 1/3 damps the most. The authors' alpha, of many
+        programs too, has the opposite sign: their -0.1 is 0.1 here.
 
     Raises
     ------
@@ -199,7 +199,7 @@ class HHT(Scheme):
     """
 
     def __init__(self, alpha: float):
-        alpha = real_number(alpha, "alpha", low=0.0, high=1.0 / 3.0)
+        alpha = _damping_parameter(alpha, "HHT", 1.0 / 3.0)
         super().__init__(*_of_order_two(0.0, alpha))
         object.__setattr__(self, "alpha", alpha)
 
@@ -213,7 +213,8 @@ class WBZ(Scheme):
     Parameters
     ----------
     alpha : float
-        In [0, 1]; 0 is the trapezoidal rule, 1 annihilates the highest frequencies.
+        In [0, 1]; 0 is the trapezoidal rule, 1 annihilates the highest frequencies. The authors'
+        alpha has the opposite sign.
 
     Raises
     ------
@@ -227,12 +228,23 @@ class WBZ(Scheme):
     """
 
     def __init__(self, alpha: float):
-        alpha = real_number(alpha, "alpha", low=0.0, high=1.0)
+        alpha = _damping_parameter(alpha, "WBZ", 1.0)
         super().__init__(*_of_order_two(-alpha, 0.0))
         object.__setattr__(self, "alpha", alpha)
 
     def __repr__(self) -> str:
         return f"WBZ({self.alpha})"
+
+
+def _damping_parameter(alpha: Any, name: str, high: float) -> float:
+    """alpha in [0, high]; an error states the sign convention."""
+    number = real_number(alpha, "alpha")
+    if -high <= number < 0.0:
+        raise ValueError(
+            f"alpha must lie in [0, {high:g}], got {alpha!r}; the alpha of the authors has the "
+            f"opposite sign, so that their {number:g} is {name}({-number:g})"
+        )
+    return real_number(alpha, "alpha", low=0.0, high=high)
 
 
 def _of_order_two(am: float, af: float) -> tuple[float, float, float, float]:

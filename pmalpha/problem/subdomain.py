@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
-from .._checks import check_word, flag, listing, vector, whole_number
+from .._checks import check_word, counted, flag, numbered, vector, whole_number
 from ..errors import FactorizationError
+from .arguments import Damping, MatrixLike, VectorLike
 from .damping import checked_rayleigh, damping_matrix
 from .forces import checked_force
 from .frozen import Frozen
@@ -30,11 +31,12 @@ class Subdomain(Frozen):
 
     Parameters
     ----------
-    M, K : (n,) array, (n, n) array or scipy.sparse matrix or array
-        Mass and stiffness. A 1-D array is a diagonal. Symmetric; M positive semidefinite (for an
-        implicit scheme within 1e-10 of its largest entry, the rounding of a file with ten digits;
-        the Coupler warns), and positive definite for an explicit scheme. A dof without mass is a
-        zero row and column of M; it requires an implicit scheme that damps at infinite frequency.
+    M, K : (n,) array, (n, n) array, scipy.sparse matrix or array, or a number
+        Mass and stiffness. A 1-D array is a diagonal, a number the matrix of one dof. Symmetric;
+        M positive semidefinite (for an implicit scheme within 1e-10 of its largest entry, the
+        rounding of a file with ten digits; the Coupler warns), and positive definite for an
+        explicit scheme. A dof without mass is a zero row and column of M; it requires an implicit
+        scheme that damps at infinite frequency.
         K may be None where there is a restoring force.
     C : like M and K, optional
         Viscous damping, symmetric. Default: none.
@@ -76,7 +78,7 @@ class Subdomain(Frozen):
     damping : {"implicit", "lagged"}, default "implicit"
         "lagged": C acts on the extrapolated velocity, equation (R4), so that an explicit subdomain
         whose C is not diagonal needs no factor. The critical step is smaller, equation (C2).
-    u0, v0 : (n,) array, optional
+    u0, v0 : (n,) array, optional; a number for one dof
         Initial displacement and velocity. Default: zero.
     name : str, optional
         Default: "subdomain i", where i is its index in the Coupler.
@@ -125,21 +127,21 @@ class Subdomain(Frozen):
 
     def __init__(
         self,
-        M: Any,
-        K: Any,
-        C: Any = None,
+        M: MatrixLike,
+        K: MatrixLike | None,
+        C: MatrixLike | None = None,
         *,
         scheme: Scheme,
         substeps: int = 1,
         double_step: bool | None = None,
         force: Any = None,
         restoring: Any = None,
-        restoring_stiffness: Any = None,
-        restoring_damping: Any = None,
-        damping: str = "implicit",
+        restoring_stiffness: MatrixLike | None = None,
+        restoring_damping: MatrixLike | None = None,
+        damping: Damping = "implicit",
         rayleigh: tuple[float, float] | None = None,
-        u0: Any = None,
-        v0: Any = None,
+        u0: VectorLike | None = None,
+        v0: VectorLike | None = None,
         name: str | None = None,
     ):
         if not isinstance(scheme, Scheme):
@@ -150,7 +152,7 @@ class Subdomain(Frozen):
             raise TypeError("M must be a matrix, got None")
         if K is None and restoring is None:
             raise TypeError("K must be a matrix where there is no restoring force, got None")
-        check_word(damping, "damping", ("implicit", "lagged"))
+        check_word(damping, "damping", get_args(Damping))
         self.scheme = scheme
         self.substeps = whole_number(substeps, "substeps", low=1)
         self.double_step = None if double_step is None else flag(double_step, "double_step")
@@ -173,7 +175,8 @@ class Subdomain(Frozen):
 
     def __repr__(self) -> str:
         label = "" if self.name is None else f"{self.name!r}, "
-        return f"<Subdomain {label}{self.n} dofs, {self.scheme!r}, substeps={self.substeps}>"
+        label += counted(self.n, "dof")
+        return f"<Subdomain {label}, {self.scheme!r}, substeps={self.substeps}>"
 
     @property
     def massless(self) -> np.ndarray:
@@ -225,7 +228,11 @@ class Subdomain(Frozen):
         return self._matrix(value, name)
 
     def _initial(self, value: Any, name: str) -> np.ndarray:
-        return vector(np.zeros(self.n) if value is None else value, self.n, name)
+        if value is None:
+            return np.zeros(self.n)
+        if self.n == 1 and np.ndim(value) == 0:
+            value = [value]
+        return vector(value, self.n, name)
 
     def _check_negative_mass(self, digits: float) -> None:
         """ValueError for negative masses; up to `digits` only under a scheme without damping."""
@@ -234,8 +241,8 @@ class Subdomain(Frozen):
         negative = np.flatnonzero(d < (0.0 if undamped else -digits))
         if negative.size:
             raise ValueError(
-                f"M must be positive semidefinite, got a negative diagonal entry at dofs "
-                f"{listing(negative)}: {d[negative].min():g}"
+                f"M must be positive semidefinite, got a negative diagonal entry at "
+                f"{numbered('dof', negative)}: {d[negative].min():g}"
             )
 
     def _check_mass(self) -> None:
@@ -248,22 +255,22 @@ class Subdomain(Frozen):
         if self.M is not None and self.M.ndim == 2 and abs(self.M[massless, :]).max() > digits:
             raise ValueError(
                 f"M must be positive semidefinite, got a zero diagonal entry in a row that is "
-                f"not zero, among dofs {listing(massless)}"
+                f"not zero, among {numbered('dof', massless)}"
             )
         if self.scheme.explicit:
             raise FactorizationError(
-                f"{label} is explicit and its mass matrix singular: dofs {listing(massless)} "
-                "have no mass; give them mass or take an implicit scheme",
+                f"{label} is explicit and its mass matrix singular: no mass at "
+                f"{numbered('dof', massless)}; give mass there or take an implicit scheme",
                 subdomain=self.name,
                 dof=int(massless[0]),
             )
         if self.damping == "lagged":
             raise ValueError(
                 f"damping must be 'implicit' where dofs have no mass, got 'lagged' and no mass at "
-                f"dofs {listing(massless)} of {label}"
+                f"{numbered('dof', massless)} of {label}"
             )
         if self.scheme.radius_at_infinity() > UNDAMPED:
             raise ValueError(
                 f"scheme must damp at infinite frequency (rho < 1) for dofs without mass, got "
-                f"{self.scheme!r} and no mass at dofs {listing(massless)} of {label}"
+                f"{self.scheme!r} and no mass at {numbered('dof', massless)} of {label}"
             )

@@ -28,8 +28,14 @@ class CallbackLoad:
         self.force, self.what, self.order = force, what, order
         self.substeps, self.dt = substeps, dt
         self.first = 0  # substep of the first row, counted from t = 0
-        self.rows = np.empty((0, order.size))
+        self.table = np.empty((0, order.size))
+        self.count = 0  # rows of the table that have been evaluated
         self.near_start: dict[float, np.ndarray] = {}
+
+    @property
+    def rows(self) -> np.ndarray:
+        """The evaluated values, by substep."""
+        return self.table[: self.count]
 
     @property
     def bytes_per_macro_step(self) -> int:
@@ -71,16 +77,24 @@ class CallbackLoad:
         if self.first <= first and first + needed <= self.first + len(self.rows):
             return end, None
         kept = self.rows[max(first - self.first, 0) :] if self.first <= first else self.rows[:0]
-        rows = np.empty((needed, self.order.size))
-        rows[: len(kept)] = kept
-        count, failure = len(kept), None
+        table = np.empty((needed, self.order.size))
+        table[: len(kept)] = kept
+        self.first, self.table, self.count = first, table, len(kept)
+        failure = self._fill()
+        return begin + self.count // self.substeps, failure
+
+    def _fill(self) -> Exception | None:
+        """Evaluate the rows that are missing in the table; the callable's exception, if any.
+
+        The count is kept row by row: a `finally` after the loop would not be executed for every
+        Ctrl-C, since from Python 3.12 on the jump at the end of a loop directly under `try` is not
+        covered by it.
+        """
         try:
-            while count < needed:
-                k = first + count + 1
-                rows[count] = self.evaluate(k / self.substeps * self.dt)  # (T1)
-                count += 1
+            while self.count < len(self.table):
+                k = self.first + self.count + 1
+                self.table[self.count] = self.evaluate(k / self.substeps * self.dt)  # (T1)
+                self.count += 1
         except Exception as error:
-            failure = error
-        finally:
-            self.first, self.rows = first, rows[:count]
-        return begin + count // self.substeps, failure
+            return error
+        return None

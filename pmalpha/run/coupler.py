@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from os import PathLike
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
-from .._checks import check_word, counted, flag, positive_number, whole_number
+from .._checks import check_word, counted, flag, time_step, whole_number
+from ..problem.arguments import Coupling, Start
 from ..problem.constraints import Constraint
 from ..problem.forces import checked_force
 from ..problem.springs import SpringState
@@ -98,7 +99,8 @@ class Coupler(Uncut):
     PerformanceWarning
         When the unit responses of "macro" take long; when M or C of an explicit subdomain is not
         diagonal and the sweeps over the factor that it needs take longer than the rest of its step,
-        from 100 000 entries on (smaller factors stay in the caches).
+        from 100 000 entries on (smaller factors stay in the caches); for a long factorization
+        without pymetis.
     ConstraintWarning
         When the initial displacements violate a constraint; for a subdomain beside others that no
         constraint reaches, and a floating one that its constraints leave loose; under "macro" for
@@ -138,18 +140,18 @@ class Coupler(Uncut):
         constraints: Constraint | Sequence[Constraint] | None = None,
         *,
         dt: float,
-        coupling: str = "pm",
-        start: str = "rebased",
+        coupling: Coupling = "pm",
+        start: Start = "rebased",
         threads: int | None = None,
         factorize: Any = None,
     ):
         subdomains = checked_subdomains(subdomains)
         constraints = checked_constraints(constraints, subdomains)
-        check_word(coupling, "coupling", ("pm", "gc", "macro"))
-        check_word(start, "start", ("rebased", "plain"))
+        check_word(coupling, "coupling", get_args(Coupling))
+        check_word(start, "start", get_args(Start))
         threads_allowed = most_threads(threads)
         check_factorize(factorize)
-        self._clock = Clock(positive_number(dt, "dt"))
+        self._clock = Clock(time_step(dt, "dt"))
         fine = finest(subdomains, coupling)
         self._fine = 1 if coupling == "macro" else fine  # interface problems in a macro step
         self._keys = tuple(zip(names_of(subdomains), subdomains))
@@ -295,8 +297,8 @@ class Coupler(Uncut):
         steps : int
             Number of macro steps, 0 or more.
         record : dict, optional
-            Dofs to record by subdomain, None for all dofs of one; a subdomain left out is not
-            recorded. Default: all dofs of all subdomains.
+            Dofs to record by subdomain: their numbers, one number, or a mask, None for all dofs of
+            one; a subdomain left out is not recorded. Default: all dofs of all subdomains.
         every : int, optional
             Record only time levels at which `step_count` is a multiple of this, and the first of
             the run, in all arrays. Default: every time level of each subdomain.
@@ -374,15 +376,19 @@ class Coupler(Uncut):
                 with summed_works(self._core, self._parts, self._loads, energy), recording:
                     self._core.record_present(recording.core_record())
                     try:
-                        for pause in recording.pauses():
-                            self._advance(pause, recording, report)
-                            recording.keep(pause)
-                        if report is not None:
-                            report(end)
+                        self._advance_in_intervals(recording, report)
                     except BaseException:
                         self._last_history = recording.history(self._core.step_count)
                         raise
             return recording.history(end)
+
+    def _advance_in_intervals(self, recording: Recording, report: Report | None) -> None:
+        # not a loop directly under `try`, which does not cover the jump at its end (CallbackLoad)
+        for pause in recording.pauses():
+            self._advance(pause, recording, report)
+            recording.keep(pause)
+        if report is not None:
+            report(recording.end)
 
     def step(self, n: int = 1) -> None:
         """Advance by n macro steps without a History.

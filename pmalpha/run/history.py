@@ -265,7 +265,8 @@ class History:
         Parameters
         ----------
         path : str or path
-            Used as given; no suffix is added. With the suffix ".h5" or ".hdf5" the file is HDF5.
+            Used as given; no suffix is added. With the suffix ".h5" or ".hdf5" the file is HDF5;
+            attributes name the subdomains of its groups, and its arrays and their units.
 
         Raises
         ------

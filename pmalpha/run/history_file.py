@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from ..files import checked_path, mismatch, reading, replacing
+from .attributes import describe
 
 # In the header; the first bytes of an HDF5 file; the dataset with the last complete macro step.
 FORMAT, VERSION = "pmalpha History", 1
@@ -119,6 +120,7 @@ class HistoryFile:
                 offset = reserve(h5py, whole, dataset(name), shape, h5py.h5t.IEEE_F64LE)
                 if offset is not None:
                     self.offsets[name] = offset
+            describe(whole, self.header)
 
     def rows(self, name: str, end: int) -> int:
         """Number of rows of an array up to macro step `end`."""

@@ -15,8 +15,8 @@ from .factors import Factor
 from .interface import interface_factor, interface_matrix, row_order
 from .loose import warn_of_loose
 from .macro import prepare, warn_of_resonance
-from .part import Part, build, make_part, warn_of_factor
-from .stability import warn_if_above_critical
+from .part import Part, build, make_part, warn_of_factor, warn_of_order
+from .stability import warn_of_steps
 from .start import InitialAccelerations
 
 
@@ -95,9 +95,7 @@ def assemble(
     core = _core.Coupler(cores, p, H_start, H, dt, start == "rebased", motions, *threads, macro)
 
     # explicit steps above the critical step
-    for part in parts:
-        step = (2.0 if part.double else 1.0) * part.h
-        warn_if_above_critical(part.subdomain, step, part.name)
+    warn_of_steps((p.name, p.subdomain, (2.0 if p.double else 1.0) * p.h) for p in parts)
     return Assembly(parts, position, accelerations, core)
 
 
@@ -116,6 +114,7 @@ def _ordered(
     )
     for part in parts:
         warn_of_factor(part)
+    warn_of_order(parts)
     return parts
 
 

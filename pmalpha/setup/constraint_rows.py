@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import listing
+from .._checks import numbered
 from ..errors import ConstraintError, ConstraintWarning, warn
 from ..problem.constraints import Constraint
 from ..problem.subdomain import Subdomain
@@ -77,8 +77,8 @@ class ConstraintRows:
         if rows.size:
             amounts = [f"{self.name(int(r))} by {x:g}" for r, x in zip(rows, gaps)]
             raise ConstraintError(
-                "the initial velocities v0 must satisfy the constraints, violated in rows "
-                f"{listing(amounts)}"
+                "the initial velocities v0 must satisfy the constraints, violated in "
+                f"{numbered('row', amounts)}"
             )
 
     def warn_of_gaps(self, displacements: Sequence[np.ndarray]) -> None:
@@ -88,7 +88,7 @@ class ConstraintRows:
             amounts = [f"{self.name(int(r))}: {x:g}" for r, x in zip(rows, gaps)]
             warn(
                 "the initial displacements u0 violate constraints; velocity constraints will not "
-                f"close the gaps in rows {listing(amounts)}",
+                f"close the gaps in {numbered('row', amounts)}",
                 ConstraintWarning,
             )
 

@@ -80,6 +80,15 @@ class Structure:
     entries: int
     panels: tuple | None
 
+    @property
+    def operations(self) -> float:
+        """Multiplications of the factorization: the squared lengths of the columns of R."""
+        if self.panels is None:
+            return 0.0  # few
+        width, rows = np.diff(self.panels[0]), np.diff(self.panels[1]).astype(float)
+        # sum over j of (rows + j)^2, j = 1..width
+        return float(np.sum(width * rows**2 + rows * width * (width + 1.0) + width**3 / 3.0))
+
 
 def structure_of(ptr: np.ndarray, index: np.ndarray, nb: int) -> Structure:
     """The structure of the factor of a symmetric pattern by rows, in elimination order."""

@@ -228,16 +228,25 @@ def _minimum_degree(graph: sp.csr_array) -> np.ndarray:
     return np.argsort(factor.perm_c)
 
 
+def has_nested_dissection() -> bool:
+    """Whether pymetis is installed."""
+    try:
+        import pymetis  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
 def _nested_dissection(graph: sp.csr_array) -> np.ndarray | None:
     """Nested dissection by METIS, None where pymetis is not installed.
 
     METIS does not return on an unsymmetric graph and crashes on loops and on an empty one, so it
     must be a result of `_pattern`.
     """
-    try:
-        import pymetis
-    except ImportError:
+    if not has_nested_dissection():
         return None
+    import pymetis
+
     limit = np.iinfo(np.int32).max  # METIS may have been compiled with integers of 32 bits
     if graph.nnz == 0 or graph.nnz > limit:
         return None

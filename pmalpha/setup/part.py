@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,10 +20,12 @@ from .compliance import Block, compliance, diagonal_compliance
 from .elimination import Elimination, elimination
 from .external import External
 from .factors import Factor, Names
-from .ordering import graph_of
+from .ordering import graph_of, has_nested_dissection
 
 # Below this number of entries (0.8 MB) a factor stays in the caches, and its sweeps are cheap.
 NOTABLE_FACTOR = 100_000
+# Below this number of multiplications, some ten seconds, the elimination order is not warned of.
+NOTABLE_FACTORIZATION = 1e11
 # Numbers per dof that a step reads and writes, without the matrices.
 STEP_NUMBERS = 12
 
@@ -262,6 +265,30 @@ def warn_of_factor(part: Part) -> None:
         f"sweeps a factor of {entries} entries ({8e-6 * entries:.3g} MB), more than half of its "
         f"work; "
         f"{' and '.join(advice[name] for name in full)}",
+        PerformanceWarning,
+    )
+
+
+def warn_of_order(parts: Sequence[Part]) -> None:
+    """PerformanceWarning for long factorizations in an order without nested dissection."""
+    if has_nested_dissection():
+        return
+    structures = {
+        part.name: part.elimination.structure
+        for part in parts
+        if part.elimination.structure is not None
+        and part.elimination.structure.operations >= NOTABLE_FACTORIZATION
+    }
+    if not structures:
+        return
+    operations = sum(structure.operations for structure in structures.values())
+    entries = sum(structure.entries for structure in structures.values())
+    warn(
+        f"pymetis is not installed: the factors of {', '.join(map(repr, structures))} have "
+        f"{entries:.2g} entries ({8e-9 * entries:.2g} GB) and take {operations:.2g} "
+        "multiplications each time they are made; nested dissection makes this less for solids "
+        "(a cube of 98 000 dofs: set up in 9 s and 1.2 GB instead of 33 s and 3 GB): pip install "
+        "pymetis",
         PerformanceWarning,
     )
 

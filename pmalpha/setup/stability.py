@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from scipy.linalg import eigh
 from scipy.sparse.linalg import ArpackNoConvergence, eigsh
 
+from .._checks import listing
 from ..errors import StabilityWarning, warn
 from ..problem.matrices import Matrix, combination, dense, product
 from ..problem.schemes import Scheme
@@ -133,23 +134,40 @@ def _root(A: Matrix, B: Matrix, M: Matrix) -> float:
     return float(h)
 
 
-def warn_if_above_critical(subdomain: Subdomain, step: float, label: str) -> None:
-    """StabilityWarning when a step of this length is above the critical one."""
+def warn_of_steps(steps: Iterable[tuple[str, Subdomain, float]]) -> None:
+    """One StabilityWarning for all steps that are above the critical one.
+
+    Parameters
+    ----------
+    steps : iterable of (name, subdomain, length of the step that it takes)
+    """
+    above = [
+        (name, subdomain, step, critical)
+        for name, subdomain, step in steps
+        if (critical := exceeded(subdomain, step)) is not None
+    ]
+    if not above:
+        return
+    implicit = any(s.C is not None and s.damping == "implicit" for _, s, _, _ in above)
+    damping = " (damping, which may raise it, is left out)" if implicit else ""
+    name, _, step, critical = above[0]
+    if len(above) == 1:
+        text = f"the step {step:g} of subdomain {name!r} is above its critical step {critical:.6g}"
+    else:
+        each = [f"{name!r} ({step:g} above {critical:.6g})" for name, _, step, critical in above]
+        text = f"the steps of these subdomains are above their critical steps: {listing(each)}"
+    warn(f"{text}{damping}: the run will grow without bound; take smaller steps", StabilityWarning)
+
+
+def exceeded(subdomain: Subdomain, step: float) -> float | None:
+    """The critical step of a subdomain if this step is above it, else None."""
     (a, A), (b, B) = limiting_terms(subdomain)
     # the bound takes little time and nearly always suffices
     of_A, of_B = (row_sum_bound(X, subdomain.M) for X in (A, B))
     if step**2 * a * of_A + step * b * of_B <= 1.0 + ROUNDING:
-        return
+        return None
     critical = critical_step(subdomain)
-    if step <= critical * (1.0 + ROUNDING):
-        return
-    implicit = subdomain.C is not None and subdomain.damping == "implicit"
-    damping = " (damping, which may raise it, is left out)" if implicit else ""
-    warn(
-        f"the step {step:g} of subdomain {label!r} is above its critical step "
-        f"{critical:.6g}{damping}: the run will grow without bound; take smaller steps",
-        StabilityWarning,
-    )
+    return None if step <= critical * (1.0 + ROUNDING) else critical
 
 
 def row_sum_bound(A: Matrix, M: Matrix) -> float:

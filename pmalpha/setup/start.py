@@ -21,7 +21,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import lsmr, splu
 
 from .. import _core
-from .._checks import listing
+from .._checks import numbered
 from ..blas import one_thread
 from ..errors import ConstraintWarning, FactorizationError, InstabilityError, warn
 from ..problem.matrices import EXPORTED, combination, diagonal, product
@@ -188,10 +188,11 @@ class _Mass:
         broken = self.massless[left > RESIDUAL * size]
         if broken.size:
             dofs = np.sort(self.part.order[broken])
+            lack, their = ("has", "its") if dofs.size == 1 else ("have", "their")
             warn(
-                f"dofs {listing(dofs)} of subdomain {self.part.name!r} have no mass, and their "
-                f"equation does not hold at t = 0: {np.max(left):g} is left of forces up to "
-                f"{size:g}; the first steps will jump to a state where it holds",
+                f"{numbered('dof', dofs)} of subdomain {self.part.name!r} {lack} no mass, and "
+                f"{their} equation does not hold at t = 0: {np.max(left):g} is left of forces up "
+                f"to {size:g}; the first steps will jump to a state where it holds",
                 ConstraintWarning,
             )
 

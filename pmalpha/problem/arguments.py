@@ -1,0 +1,42 @@
+"""The types of arguments, for type checkers: words, vectors, matrices, dofs.
+
+A checker without stubs of SciPy knows nothing of its classes, so that sparse matrices are described
+by what is used of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal, Protocol, TypeAlias
+
+import numpy as np
+
+__all__ = ["Coupling", "Damping", "DofsLike", "MatrixLike", "Start", "VectorLike"]
+
+# Values of coupling= and start= of a Coupler and of damping= of a Subdomain.
+Coupling = Literal["pm", "gc", "macro"]
+Start = Literal["rebased", "plain"]
+Damping = Literal["implicit", "lagged"]
+
+
+class SupportsArray(Protocol):
+    """What NumPy converts to an array: arrays themselves, series of pandas, data arrays."""
+
+    def __array__(self) -> np.ndarray: ...
+
+
+class SparseLike(Protocol):
+    """A matrix or array of scipy.sparse, in any format."""
+
+    @property
+    def nnz(self) -> Any: ...
+
+    def tocsr(self, copy: bool = ...) -> Any: ...
+
+
+# A number for one dof.
+VectorLike: TypeAlias = float | Sequence[float] | np.ndarray | SupportsArray
+# (n,) for a diagonal, (n, n), or sparse.
+MatrixLike: TypeAlias = VectorLike | Sequence[Sequence[float]] | Sequence[np.ndarray] | SparseLike
+# One dof, numbers of dofs, or a mask.
+DofsLike: TypeAlias = int | Sequence[int] | np.ndarray | SupportsArray

@@ -1,0 +1,62 @@
+"""Attributes in the HDF5 file of a History, for readers that do not know the package.
+
+`History.load` reads the header only. The units are written in terms of those of the problem: u and
+t, and F for forces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any
+
+# By the last component of the HDF5 path: what the array is, and its unit.
+ARRAYS = {
+    "t": ("times of the time levels", "t"),
+    "u": ("displacement, a row for each time level, a column for each recorded dof", "u"),
+    "v": ("velocity, as u", "u/t"),
+    "a": ("acceleration, as u", "u/t^2"),
+    "dofs": ("the recorded dofs, from 0", "1"),
+    "deformation": ("deformation of springs, a row for each time level", "u"),
+    "force": ("force of springs, as deformation", "F"),
+    "springs": ("the recorded springs, from 0", "1"),
+    "multipliers": ("interface forces, a column for each constraint", "F"),
+    "multiplier_times": ("times of multipliers and velocity_jump", "t"),
+    "velocity_jump": ("violation of the velocity constraints, as multipliers", "u/t"),
+    "displacement_jump": ("displacement drift, a column for each constraint", "u"),
+    "macro_times": ("times of displacement_jump and of the energies", "t"),
+    "step_count": ("macro steps up to which all rows are written", "1"),
+}
+ENERGY = ("a row for each macro time level, a column for each subdomain", "F u")
+UNITS = "any consistent system, that of the matrices, u and dt; F is the unit of K u"
+
+
+def describe(whole: Any, header: Mapping[str, Any]) -> None:
+    """Write the attributes of a file whose datasets exist.
+
+    Parameters
+    ----------
+    whole : h5py.File
+    header : dict
+        From `History.contents`.
+    """
+    whole.attrs.update(
+        {
+            "format": header["format"],
+            "format_version": header["version"],
+            "pmalpha_version": version("pmalpha"),
+            "units": UNITS,
+        }
+    )
+    for key, item in whole.items():
+        if key.isdecimal():
+            item.attrs["name"] = _storable(header["names"][int(key)])
+        for name, array in item.items() if hasattr(item, "items") else [(key, item)]:
+            known = ENERGY if key == "energy" else ARRAYS.get(name)
+            if known is not None:
+                array.attrs.update(zip(("description", "units"), known))
+
+
+def _storable(name: str) -> str:
+    """The name without what HDF5 cannot store in a string: lone surrogates and zeros."""
+    return name.encode("utf-8", "replace").decode().replace("\0", "?")

@@ -1,0 +1,137 @@
+"""Ctrl-C at any bytecode, and BLAS that several threads limit at once."""
+
+import signal
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier, Event
+
+import numpy as np
+import pytest
+import threadpoolctl
+
+import pmalpha as pm
+from pmalpha.blas import one_thread
+from pmalpha.run.callback import CallbackLoad
+
+STEPS = 100
+
+
+def blas_threads():
+    """Number of threads of each BLAS library."""
+    libraries = threadpoolctl.ThreadpoolController().select(user_api="blas").info()
+    return [library["num_threads"] for library in libraries]
+
+
+@pytest.fixture
+def two_blas_threads():
+    """BLAS with two threads, also where the machine has one processor."""
+    with threadpoolctl.threadpool_limits(2, user_api="blas"):
+        if set(blas_threads()) != {2}:
+            pytest.skip("a BLAS library without a choice of threads")
+        yield
+
+
+@pytest.fixture
+def interrupt():
+    """A function that sends this process SIGINT after a time in seconds."""
+
+    def stop(number, frame):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, stop)
+    yield lambda seconds: signal.setitimer(signal.ITIMER_REAL, seconds)
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    signal.signal(signal.SIGALRM, before)
+
+
+def test_ctrl_c_at_any_bytecode_loses_one_value_of_a_load_at_most(interrupt):
+    rng = np.random.default_rng(16)
+    times, interrupted = [], 0
+    load = CallbackLoad(lambda t: times.append(t) or [t], "a load", np.arange(1), 1, 1.0)
+    done = 0
+    for _ in range(600):
+        while True:
+            try:
+                interrupt(rng.uniform(2e-5, 1e-3))
+                load.prepare(done, done + STEPS)
+                interrupt(0.0)
+            except KeyboardInterrupt:
+                interrupted += 1
+                continue
+            break
+        np.testing.assert_array_equal(load.rows[:, 0], np.arange(done + 1.0, done + STEPS + 1.0))
+        done += STEPS
+    # an interrupt between an evaluation and the row in which it is stored repeats that evaluation;
+    # 100 interrupts hit the jump at the end of the loop several times
+    assert interrupted > 100
+    assert set(np.diff(times)) <= {0.0, 1.0}
+
+
+def test_a_run_that_ctrl_c_ends_continues_bitwise_identically(interrupt):
+    def made(force):
+        mass = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), force=force, name="m")
+        return pm.Coupler([mass], dt=0.01)
+
+    def load(t):
+        return np.array([np.sin(3.0 * t)])
+
+    whole = made(load).run(steps=3000)["m"].u
+    coupler, rng = made(load), np.random.default_rng(3)
+    pieces, interrupted = [], 0
+    while coupler.step_count < 3000:
+        begin = coupler.step_count
+        try:
+            interrupt(rng.uniform(1e-4, 5e-3))
+            history = coupler.run(steps=3000 - begin)
+            interrupt(0.0)
+        except KeyboardInterrupt:
+            interrupted, history = interrupted + 1, coupler.last_history
+        if history is None:  # before the first step of this call
+            assert coupler.step_count == begin
+            continue
+        pieces.append(history["m"].u[1 if pieces else 0 :])
+        if interrupted > 200:
+            break
+    assert interrupted > 0
+    u = np.concatenate(pieces)
+    np.testing.assert_array_equal(u, whole[: len(u)])
+
+
+def test_blas_has_its_threads_again_after_two_threads_limited_it_at_once(two_blas_threads):
+    both, first_left = Barrier(2, timeout=10.0), Event()
+
+    def first():
+        with one_thread():
+            both.wait()
+        first_left.set()
+
+    def second():
+        with one_thread():
+            both.wait()
+            assert first_left.wait(10.0)
+            return blas_threads()  # another thread has left the context, this one has not
+
+    with ThreadPoolExecutor(2) as pool:
+        a, b = pool.submit(first), pool.submit(second)
+        a.result()
+        assert set(b.result()) == {1}
+    assert set(blas_threads()) == {2}
+
+
+def test_blas_has_its_threads_again_after_an_exception(two_blas_threads):
+    with pytest.raises(ZeroDivisionError), one_thread(), one_thread():
+        raise ZeroDivisionError
+    assert set(blas_threads()) == {2}
+
+
+def test_blas_has_its_threads_again_after_couplers_of_two_threads(two_blas_threads):
+    def make(_):
+        rng = np.random.default_rng(0)
+        A = rng.normal(size=(60, 60))
+        mass = pm.Subdomain(np.ones(60), A @ A.T, scheme=pm.GeneralizedAlpha(0.5))
+        return pm.solve(mass, dt=0.1, steps=1).u
+
+    with ThreadPoolExecutor(2) as pool:
+        results = list(pool.map(make, range(40)))
+    for u in results:
+        np.testing.assert_array_equal(u, results[0])
+    assert set(blas_threads()) == {2}

@@ -1,0 +1,96 @@
+"""What an installation brings, and what is said where pymetis is missing."""
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pmalpha as pm
+from pmalpha.setup import part
+from pmalpha.setup.factors import structure_of
+from pmalpha.setup.ordering import elimination_order, graph_of, rows_of
+
+PYPROJECT = Path(__file__).parent.parent / "pyproject.toml"
+
+
+def environment(system, machine, python, implementation="CPython"):
+    return {
+        "sys_platform": system,
+        "platform_machine": machine,
+        "python_version": python,
+        "platform_python_implementation": implementation,
+    }
+
+
+# the wheels of pymetis 2025.2.2 on PyPI
+WHEELS = [
+    environment(system, machine, python)
+    for system, machine in (("linux", "x86_64"), ("darwin", "x86_64"), ("darwin", "arm64"))
+    for python in ("3.10", "3.11", "3.12", "3.13", "3.14")
+]
+NO_WHEELS = [
+    environment("linux", "aarch64", "3.12"),
+    environment("linux", "ppc64le", "3.12"),
+    environment("linux", "x86_64", "3.15"),
+    environment("linux", "x86_64", "3.11", "PyPy"),
+]
+
+
+@pytest.mark.parametrize(
+    ("there", "wanted"),
+    [*((e, True) for e in WHEELS), *((e, False) for e in NO_WHEELS)],
+    ids=lambda x: "-".join(x.values()) if isinstance(x, dict) else str(x),
+)
+def test_pymetis_is_a_dependency_where_it_has_wheels(there, wanted):
+    requirements = pytest.importorskip("packaging.requirements")
+    tomllib = pytest.importorskip("tomllib")  # Python 3.11
+    listed = tomllib.loads(PYPROJECT.read_text())["project"]["dependencies"]
+    found = [requirements.Requirement(line) for line in listed]
+    (metis,) = (r for r in found if r.name == "pymetis")
+    assert metis.marker.evaluate(there) is wanted
+
+
+def cube(m):
+    box = pm.structures.solid(m, m, m, 0.1, E=1.0, nu=0.3, rho=1.0)
+    return pm.Subdomain(box.M, box.K, scheme=pm.GeneralizedAlpha(0.8), name="cube")
+
+
+def test_a_long_factorization_without_pymetis_is_warned_of_once(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pymetis", None)  # import raises ImportError
+    monkeypatch.setattr(part, "NOTABLE_FACTORIZATION", 1e6)
+    with pytest.warns(pm.PerformanceWarning, match="pip install pymetis") as caught:
+        pm.Coupler([cube(5)], dt=0.1)
+    assert len(caught) == 1
+    assert caught[0].filename == __file__
+    message = str(caught[0].message)
+    assert "'cube'" in message and "33 s and 3 GB" in message
+
+
+def test_a_short_factorization_is_not_warned_of(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pymetis", None)
+    pm.Coupler([cube(5)], dt=0.1)  # warnings are errors
+
+
+def test_with_pymetis_there_is_no_warning(monkeypatch):
+    pytest.importorskip("pymetis")
+    monkeypatch.setattr(part, "NOTABLE_FACTORIZATION", 1e6)
+    pm.Coupler([cube(5)], dt=0.1)
+
+
+def test_the_multiplications_are_the_squared_lengths_of_the_columns():
+    K = cube(6).K
+    graph = graph_of([K])
+    order = elimination_order(K.shape[0], graph, np.arange(0))
+    A = K.toarray()[np.ix_(order, order)] + np.eye(len(order))
+    L = np.linalg.cholesky(A)
+    exact = np.sum(np.count_nonzero(abs(L) > 1e-14, axis=0) ** 2.0)
+    counted = structure_of(*rows_of(graph, order), 0).operations
+    # relaxed supernodes store zeros too; a cholesky factor has a few that cancel
+    assert 0.95 * exact < counted < 1.5 * exact
+
+
+def test_the_dependencies_are_named_once():
+    text = PYPROJECT.read_text()
+    assert len(set(re.findall(r"pymetis>=([\d.]+)", text))) == 1

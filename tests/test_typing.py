@@ -1,0 +1,115 @@
+"""What a type checker says of a user's script, and where the package is found."""
+
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import pmalpha as pm
+
+RIGHT = """
+import numpy as np
+import scipy.sparse as sp
+
+import pmalpha as pm
+
+n = 3
+K = np.eye(n)
+a = pm.Subdomain([1.0, 2.0, 3.0], K, 0.1 * K, scheme=pm.GeneralizedAlpha(0.8), name="a")
+b = pm.Subdomain(
+    np.ones(n),
+    [[2, -1, 0], [-1, 2, -1], [0, -1, 2]],
+    scheme=pm.CentralDifference(),
+    substeps=4,
+    damping="lagged",
+    u0=[0, 0, 0],
+    force=lambda t: np.array([0.0, 0.0, t]),
+)
+c = pm.Subdomain(1.0, 4.0, scheme=pm.HHT(0.1), force=pm.SampledForce([0.0, 1.0], dt=0.1))
+d = pm.Subdomain(sp.eye_array(3), sp.csr_matrix(K), scheme=pm.Newmark(), restoring=None)
+ties = [pm.tie(a, [0, 1], b, np.array([0, 1])), pm.tie(b, 2, c, 0)]
+drive = pm.Constraint({a: [[0.0, 0.0, 1.0]]}, velocity=lambda t: [np.sin(t)])
+coupler = pm.Coupler([a, b, c], [*ties, drive], dt=0.1, coupling="gc", start="plain", threads=2)
+history = coupler.run(1.0, record={"a": [0], b: None}, every=2)
+reveal_type(history)  # History
+reveal_type(history["a"])  # SubdomainHistory
+reveal_type(coupler.state(a))  # State
+peak: float = np.abs(history["a"].u).max()
+name: str = coupler.run(steps=1)[0].name
+pm.reduce(np.ones(n), K, fixed=[True, False, False])
+"""
+
+WRONG = """
+import numpy as np
+
+import pmalpha as pm
+
+a = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark())
+pm.Subdomain("M", [1.0], scheme=pm.Newmark())  # arg-type
+pm.Subdomain([1.0], ["k"], scheme=pm.Newmark())  # arg-type
+pm.Subdomain([1.0], [1.0], scheme="newmark")  # arg-type
+pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), damping="lag")  # arg-type
+pm.Coupler([a], dt=0.1, coupling="GC")  # arg-type
+pm.Coupler([a], dt=0.1, start="rebase")  # arg-type
+pm.Coupler([a], dt=0.1, step=3)  # call-arg
+pm.tie(a, "0", a, 0)  # arg-type
+pm.Coupler([a], dt=0.1).run(1.0)["a"].w  # attr-defined
+"""
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory):
+    """Lines that mypy prints on the two scripts, in a folder of a user."""
+    pytest.importorskip("mypy")
+    folder = tmp_path_factory.mktemp("user")
+    (folder / "right.py").write_text(RIGHT)
+    (folder / "wrong.py").write_text(WRONG)
+    # neither NumPy's nor SciPy's stubs are the subject
+    (folder / "mypy.ini").write_text("[mypy]\n[mypy-scipy.*]\nignore_missing_imports = True\n")
+    command = [sys.executable, "-m", "mypy", "right.py", "wrong.py"]
+    run = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
+    assert not run.stderr
+    lines = run.stdout.splitlines()
+    return {name: [x for x in lines if x.startswith(name)] for name in ("right", "wrong")}
+
+
+def test_a_script_that_runs_has_no_errors_and_the_results_have_their_types(reports):
+    assert not [line for line in reports["right"] if ": error:" in line]
+    revealed = [re.search(r'Revealed type is "(.*)"', line)[1] for line in reports["right"]]
+    wanted = re.findall(r"reveal_type.*# (\w+)", RIGHT)
+    assert [name.split(".")[-1] for name in revealed] == wanted
+
+
+def test_the_script_that_mypy_accepts_runs(monkeypatch):
+    monkeypatch.setattr("builtins.reveal_type", lambda x: x, raising=False)
+    exec(compile(RIGHT, "right.py", "exec"), {})
+
+
+def test_every_mistake_of_a_script_is_named_with_its_line(reports):
+    found = {
+        int(match[1]): match[2]
+        for line in reports["wrong"]
+        if (match := re.match(r"wrong\.py:(\d+): error: .*\[([\w-]+)\]$", line))
+    }
+    wanted = {
+        number: line.split("# ")[1]
+        for number, line in enumerate(WRONG.splitlines(), 1)
+        if "# " in line
+    }
+    assert found == wanted
+
+
+def test_a_folder_of_the_same_name_does_not_shadow_the_package(tmp_path):
+    # as in the parent folder of a clone; a namespace package there has no __file__
+    (tmp_path / "pmalpha").mkdir()
+    command = [sys.executable, "-c", "import pmalpha; print(pmalpha.__file__, pmalpha.Coupler)"]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert run.returncode == 0, run.stderr
+    assert Path(run.stdout.split()[0]).samefile(pm.__file__)
+
+
+def test_the_package_has_the_marker_of_typed_packages():
+    assert (Path(importlib.util.find_spec("pmalpha").origin).parent / "py.typed").exists()

@@ -1,0 +1,88 @@
+"""A warning points at the line of the user, and one cause has one warning."""
+
+import inspect
+
+import pytest
+
+import pmalpha as pm
+from pmalpha import analysis, models
+
+FAST = pm.CentralDifference()
+SOFT = pm.GeneralizedAlpha(0.5)
+
+
+def stiff(name, k=1e4, **options):
+    """Explicit, with a critical step of 2 / sqrt(k)."""
+    return pm.Subdomain(1.0, k, scheme=FAST, name=name, **options)
+
+
+def apart():
+    """Two tied masses with a gap at the start."""
+    a = pm.Subdomain([1.0], [1.0], scheme=SOFT, u0=[1.0], name="a")
+    b = pm.Subdomain([1.0], [1.0], scheme=SOFT, name="b")
+    return [a, b], pm.tie(a, 0, b, 0)
+
+
+def closed():
+    subdomains, tie = apart()
+    a = pm.Subdomain([1.0], [1.0], scheme=SOFT, name="a")
+    return pm.Coupler([a, subdomains[1]], pm.tie(a, 0, subdomains[1], 0), dt=0.1)
+
+
+def massless():
+    """A dof without mass under a load that nothing balances at t = 0."""
+    K = [[1.0, -1.0], [-1.0, 2.0]]
+    return pm.Subdomain([1.0, 0.0], K, scheme=SOFT, force=[0.0, 1.0], name="m")
+
+
+CALLS = {
+    "coupler": lambda: pm.Coupler([stiff("a")], dt=1.0),
+    "solve": lambda: pm.solve(stiff("a"), dt=1.0, steps=0),
+    "gap": lambda: pm.Coupler(*apart(), dt=0.1),
+    "reset": lambda: closed().reset(u0={"a": [1.0]}),
+    "start": lambda: pm.Coupler([massless()], dt=0.1).run(steps=1),
+    "state": lambda: pm.Coupler([massless()], dt=0.1).state("m"),
+    "model": lambda: models.split_oscillator(0.5).coupler(100.0),
+    "amplification": lambda: analysis.amplification_matrix(pm.Coupler([stiff("a")], dt=1.0)),
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_a_warning_points_at_the_line_that_made_the_call_and_comes_once(name):
+    with pytest.warns() as caught:
+        CALLS[name]()
+    (warning,) = caught
+    line = inspect.getsourcelines(CALLS[name])[1]
+    assert (warning.filename, warning.lineno) == (__file__, line)
+
+
+def test_steps_above_the_critical_ones_are_one_warning_that_names_them():
+    subdomains = [stiff("a"), stiff("b", 4e4), stiff("soft", 1.0), stiff("c", 1e4, substeps=2)]
+    with pytest.warns(pm.StabilityWarning) as caught:
+        pm.Coupler(subdomains, dt=0.1, coupling="gc")
+    (warning,) = caught
+    # central difference: 2 / omega
+    assert "'a' (0.1 above 0.02), 'b' (0.1 above 0.01), 'c' (0.05 above 0.02)" in str(
+        warning.message
+    )
+    assert "soft" not in str(warning.message)
+
+
+def test_many_steps_above_the_critical_ones_are_counted():
+    with pytest.warns(pm.StabilityWarning, match=r"\.\.\. \(20 in all\)") as caught:
+        pm.Coupler([stiff(f"s{i}") for i in range(20)], dt=0.1, coupling="gc")
+    assert len(caught) == 1
+
+
+@pytest.mark.parametrize(("u0", "words"), [([1, 0], "row 0:"), ([1, 2], "rows 0: 1, 1:")])
+def test_one_row_is_singular(u0, words):
+    a = pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=SOFT, u0=u0)
+    b = pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=SOFT)
+    with pytest.warns(pm.ConstraintWarning, match=f"the gaps in {words}"):
+        pm.Coupler([a, b], pm.tie(a, [0, 1], b, [0, 1]), dt=0.1)
+
+
+@pytest.mark.parametrize(("M", "words"), [([0, 1, 1], "dof 0;"), ([0, 1, 0], "dofs 0, 2;")])
+def test_one_dof_is_singular(M, words):
+    with pytest.raises(pm.FactorizationError, match=f"no mass at {words}"):
+        pm.Subdomain(M, [1.0, 1.0, 1.0], scheme=FAST)
