@@ -94,8 +94,7 @@ def assemble(
 
     # explicit steps above the critical step
     for part in parts:
-        step = (2.0 if part.double else 1.0) * part.h
-        warn_if_above_critical(part.subdomain, step, part.name)
+        part.step_ratio = warn_if_above_critical(part.subdomain, part.step, part.name)
     return Assembly(parts, position, accelerations, core)
 
 

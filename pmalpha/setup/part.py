@@ -20,6 +20,7 @@ from .elimination import Elimination, elimination
 from .external import External
 from .factors import Factor, Names
 from .ordering import graph_of
+from .stability import StepRatio
 
 # Below this number of entries (0.8 MB) a factor stays in the caches, and its sweeps are cheap.
 NOTABLE_FACTOR = 100_000
@@ -57,6 +58,8 @@ class Part:
         Has link responses (M3): more than one substep under macro coupling.
     response_blocks : pair of Block, or None
         If it responds: its block of H (M4), and the one from the mean velocities in the macro step.
+    step_ratio : StepRatio or None
+        Its step divided by its critical step, as far as set-up computed it.
     """
 
     subdomain: Subdomain
@@ -81,6 +84,12 @@ class Part:
     blocks: dict[bool, Any] = field(default_factory=dict)
     responds: bool = False
     response_blocks: tuple[Block, Block] | None = None
+    step_ratio: StepRatio | None = None
+
+    @property
+    def step(self) -> float:
+        """The length of the steps after the first macro step: 2 h if they are double."""
+        return 2.0 * self.h if self.double else self.h
 
     @property
     def order(self) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -21,6 +22,14 @@ SMALL = 200
 LANCZOS_TOLERANCE, MARGIN = 1e-4, 1e-3
 # Relative rounding of eigenvalues, by which a step may exceed the critical step.
 ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class StepRatio:
+    """The step of a subdomain divided by its critical step; with `is_bound` an upper bound."""
+
+    value: float
+    is_bound: bool = False
 
 
 @lru_cache(maxsize=256)
@@ -133,16 +142,20 @@ def _root(A: Matrix, B: Matrix, M: Matrix) -> float:
     return float(h)
 
 
-def warn_if_above_critical(subdomain: Subdomain, step: float, label: str) -> None:
-    """StabilityWarning when a step of this length is above the critical one."""
+def warn_if_above_critical(subdomain: Subdomain, step: float, label: str) -> StepRatio:
+    """StabilityWarning when a step of this length is above the critical one.
+
+    Returns the ratio of the two as far as it was computed.
+    """
     (a, A), (b, B) = limiting_terms(subdomain)
     # the bound takes little time and nearly always suffices
-    of_A, of_B = (row_sum_bound(X, subdomain.M) for X in (A, B))
-    if step**2 * a * of_A + step * b * of_B <= 1.0 + ROUNDING:
-        return
+    of_A, of_B = (a * row_sum_bound(A, subdomain.M), b * row_sum_bound(B, subdomain.M))
+    if step**2 * of_A + step * of_B <= 1.0 + ROUNDING:
+        return StepRatio(0.5 * step * (of_B + np.sqrt(of_B**2 + 4.0 * of_A)), is_bound=True)
     critical = critical_step(subdomain)
+    ratio = StepRatio(step / critical if critical > 0.0 else np.inf)
     if step <= critical * (1.0 + ROUNDING):
-        return
+        return ratio
     implicit = subdomain.C is not None and subdomain.damping == "implicit"
     damping = " (damping, which may raise it, is left out)" if implicit else ""
     warn(
@@ -150,6 +163,7 @@ def warn_if_above_critical(subdomain: Subdomain, step: float, label: str) -> Non
         f"{critical:.6g}{damping}: the run will grow without bound; take smaller steps",
         StabilityWarning,
     )
+    return ratio
 
 
 def row_sum_bound(A: Matrix, M: Matrix) -> float:
