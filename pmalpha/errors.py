@@ -8,6 +8,7 @@ import warnings
 from pathlib import Path
 
 __all__ = [
+    "AccuracyWarning",
     "CallbackError",
     "ConstraintError",
     "ConstraintWarning",
@@ -124,6 +125,14 @@ class ConstraintWarning(UserWarning):
 
     Initial displacements violate a constraint, the equation of a dof without mass does not hold at
     t = 0, or nearly coincident nodes are not tied.
+    """
+
+
+class AccuracyWarning(UserWarning):
+    """The steps of a run are too coarse for its motion.
+
+    The local errors of the recorded steps, accumulated over the run, are above 3 per cent of the
+    amplitude, (D3) of docs/method.md. `SubdomainHistory.local_error` returns them.
     """
 
 

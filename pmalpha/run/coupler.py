@@ -29,6 +29,7 @@ from ..setup.schedule import (
 from ..setup.start import InitialAccelerations
 from ..setup.static import static_displacements
 from . import checkpoint
+from .accuracy import warn_if_coarse
 from .advance import advance
 from .clock import Clock
 from .description import Description
@@ -332,6 +333,11 @@ class Coupler(Description):
         OSError
             When `record_to` cannot be written; for a wrong path before any load is evaluated.
 
+        Warns
+        -----
+        AccuracyWarning
+            When the recorded steps are too coarse for the motion.
+
         An exception of a load or of a restoring force reaches the caller, and so does Ctrl-C,
         within 0.1 s or a fine step, whichever is longer. After any exception the coupler is at the
         last completed macro step, `last_history` has the run up to it, and the run can continue.
@@ -367,7 +373,10 @@ class Coupler(Description):
                     except BaseException:
                         self._last_history = recording.history(self._core.step_count)
                         raise
-            return recording.history(end)
+            self._last_history = history = recording.history(end)  # if the warning is an error
+            warn_if_coarse(history.subdomains, self._parts, *history.macro_times[[0, -1]])
+            self._last_history = None
+            return history
 
     def step(self, n: int = 1) -> None:
         """Advance by n macro steps without a History.
