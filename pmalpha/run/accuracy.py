@@ -99,7 +99,7 @@ class Sample:
     amplitude : (SHAPE,) array
         Distance from the mean displacement, at some time levels spread evenly over the run.
     decay : (float, float)
-        Means of v C v and v M v.
+        Means of e C e and e M e, with the local errors e.
     """
 
     part: Part
@@ -179,7 +179,7 @@ def sample(history: Recorded, part: Part) -> Sample | None:
     few = np.linspace(0, levels - 1, SHAPE).round().astype(np.int64)
     positions = history.u[few, columns] * weights
     amplitude = np.linalg.norm(positions - u.mean(axis=0), axis=1)
-    return Sample(part, rate, speed, amplitude, decay_of(history, part.subdomain))
+    return Sample(part, rate, speed, amplitude, decay_of(history, part.subdomain, steps))
 
 
 def spread(first: int, last: int, count: int) -> np.ndarray:
@@ -196,16 +196,18 @@ def mass_of(subdomain: Subdomain) -> np.ndarray:
     return np.zeros(subdomain.n) if subdomain.M is None else diagonal(subdomain.M)
 
 
-def decay_of(history: Recorded, subdomain: Subdomain) -> tuple[float, float]:
-    """Means of v C v and v M v over some time levels, for dofs that were recorded."""
-    v = np.zeros(subdomain.n)
-    lost, kinetic, rows = 0.0, 0.0, spread(0, history.t.size - 1, 32)
-    for row in rows:
-        v[history.dofs] = history.v[row]
-        kinetic += float(v @ product(subdomain.M, v))
+def decay_of(history: Recorded, subdomain: Subdomain, steps: np.ndarray) -> tuple[float, float]:
+    """Means of e C e and e M e over some of the steps, per unit of time squared."""
+    e, lost, size = np.zeros(subdomain.n), 0.0, 0.0
+    for k in steps[:: 1 + steps.size // 32]:
+        row = np.array([k])
+        length = (k + 1 - previous_level(history, row)[0]) * (history.substep or 0.0)
+        e[history.dofs] = errors_of(history, row, slice(None))[0] / length
+        size += float(e @ product(subdomain.M, e))
         if subdomain.C is not None:
-            lost += float(v @ product(subdomain.C, v))
-    return lost / rows.size, kinetic / rows.size
+            lost += float(e @ product(subdomain.C, e))
+    count = len(steps[:: 1 + steps.size // 32])
+    return lost / count, size / count
 
 
 @lru_cache(maxsize=1024)
