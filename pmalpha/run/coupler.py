@@ -323,7 +323,7 @@ class Coupler(Description):
         TypeError, ValueError
             For wrong arguments, and for a wrong result of a load.
         InstabilityError
-            When a value is not finite.
+            When a value is not finite, or after that StabilityWarning has left all bounds.
         CallbackError
             When a compiled function did not return 0.
         MemoryError
@@ -335,8 +335,9 @@ class Coupler(Description):
 
         Warns
         -----
-        AccuracyWarning
-            When the recorded steps are too coarse for the motion.
+        AccuracyWarning, StabilityWarning
+            When the recorded steps are too coarse for the motion, or above the critical step for
+            the stiffness seen in a restoring callable without ``restoring_stiffness``.
 
         An exception of a load or of a restoring force reaches the caller, and so does Ctrl-C,
         within 0.1 s or a fine step, whichever is longer. After any exception the coupler is at the

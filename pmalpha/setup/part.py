@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from scipy import LowLevelCallable
 
 from .. import _core
 from ..errors import PerformanceWarning, warn
@@ -21,6 +22,7 @@ from .external import External
 from .factors import Factor, Names
 from .ordering import graph_of
 from .stability import StepRatio
+from .stiff_restoring import StiffnessWatch
 
 # Below this number of entries (0.8 MB) a factor stays in the caches, and its sweeps are cheap.
 NOTABLE_FACTOR = 100_000
@@ -275,6 +277,15 @@ def warn_of_factor(part: Part) -> None:
     )
 
 
+def watch_of(part: Part) -> StiffnessWatch | None:
+    """What looks at the values of a Python function whose stiffness is not given."""
+    s = part.subdomain
+    is_python = callable(s.restoring) and not isinstance(s.restoring, LowLevelCallable)
+    if not is_python or s.restoring_stiffness is not None or s.massless.size:
+        return None
+    return StiffnessWatch(s, part.name, part.step)
+
+
 def build(part: Part) -> None:
     """Factor Mbar and make the object of the core."""
     single = part.operator(part.h)
@@ -289,7 +300,7 @@ def build(part: Part) -> None:
         substeps=part.subdomain.substeps,
         K=part.K,
         C=part.C,
-        restoring=core_restoring(part.subdomain.restoring, part.name, part.order),
+        restoring=core_restoring(part.subdomain.restoring, part.name, part.order, watch_of(part)),
         D_r=part.D_r,
         lagged=part.subdomain.damping == "lagged",
         responds=part.responds,
