@@ -7,6 +7,7 @@ from importlib.metadata import version as _version
 
 from . import analysis, export, models, plot, readers, structures
 from .errors import (
+    AccuracyWarning,
     CallbackError,
     ConstraintError,
     ConstraintWarning,
@@ -35,6 +36,7 @@ __version__ = _version("pmalpha")
 __all__ = [
     "HHT",
     "WBZ",
+    "AccuracyWarning",
     "BaseAcceleration",
     "Bilinear",
     "BoucWen",

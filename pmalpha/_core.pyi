@@ -75,6 +75,7 @@ class Coupler:
     multipliers: np.ndarray
     prescribed: np.ndarray
     threads: int
+    workers: tuple[int | None, ...]
     def __new__(
         cls,
         subdomains: tuple[Subdomain, ...],

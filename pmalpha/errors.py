@@ -8,6 +8,7 @@ import warnings
 from pathlib import Path
 
 __all__ = [
+    "AccuracyWarning",
     "CallbackError",
     "ConstraintError",
     "ConstraintWarning",
@@ -55,7 +56,9 @@ class FactorizationError(PmalphaError):
 
 
 class InstabilityError(PmalphaError):
-    """A value of the run is not finite; the coupler has the state of the last whole macro step.
+    """A value of the run is not finite, or has left all bounds.
+
+    The coupler has the state of the last whole macro step.
 
     Attributes
     ----------
@@ -65,19 +68,32 @@ class InstabilityError(PmalphaError):
         The time at which that macro step begins, which is the present time of the coupler.
     subdomain : str
         Name of the subdomain with the value, or ``"interface"``.
+    cause : str
+        Why the motion grew, where it is known, or empty.
     """
 
-    def __init__(self, step: int, time: float, subdomain: str):
+    def __init__(self, step: int, time: float, subdomain: str, cause: str = ""):
+        what = "has left all bounds" if cause else "is not finite any more"
         super().__init__(
-            f"subdomain {subdomain!r} is not finite any more in macro step {step}, "
-            f"which begins at t = {time:g}: the run is unstable"
+            f"subdomain {subdomain!r} {what} in macro step {step}, "
+            f"which begins at t = {time:g}: {cause or 'the run is unstable'}"
         )
         self.step = step
         self.time = time
         self.subdomain = subdomain
+        self.cause = cause
 
     def __reduce__(self) -> tuple:
-        return type(self), (self.step, self.time, self.subdomain)
+        return type(self), (self.step, self.time, self.subdomain, self.cause)
+
+
+class UnboundedMotion(Exception):
+    """Raised inside a step where a motion has left all bounds; a run raises InstabilityError."""
+
+    def __init__(self, subdomain: str, cause: str):
+        super().__init__(subdomain, cause)
+        self.subdomain = subdomain
+        self.cause = cause
 
 
 class CallbackError(PmalphaError):
@@ -126,6 +142,14 @@ class ConstraintWarning(UserWarning):
     t = 0, nearly coincident nodes are not tied, no constraint reaches a subdomain, or a floating
     subdomain is not held by its constraints. Or a mass matrix is indefinite within the digits of
     exported files.
+    """
+
+
+class AccuracyWarning(UserWarning):
+    """The steps of a run are too coarse for its motion.
+
+    The local errors of the recorded steps, accumulated over the run, are above 3 per cent of the
+    amplitude, (D3) of docs/method.md. `SubdomainHistory.local_error` returns them.
     """
 
 

@@ -101,6 +101,10 @@ class Function:
 # ---- what is drawn: one subdomain --------------------------------------------------------------
 
 
+# Estimated from what a run recorded; says nothing about the numbers of the run.
+JUDGED = {"AccuracyWarning"}
+
+
 def chance(rng, probability):
     return bool(rng.random() < probability)
 
@@ -597,7 +601,9 @@ class Play:
                 for i, (verb, steps) in enumerate(self.problem.pieces):
                     self.attempt(f"{i} {verb}", getattr(self, verb), steps)
                     self.attempt(f"{i} present", self.see_present)
-        ours = {w.category.__name__ for w in caught if w.category.__module__.startswith("pmalpha")}
+        ours = {
+            w.category.__name__ for w in caught if w.category.__module__.startswith("pmalpha")
+        } - JUDGED
         self.see("warnings", " ".join(sorted(ours)))
         if not self.stopped:  # how many were evaluated before a stop depends on the threads
             for k, function in enumerate(self.all_functions):

@@ -553,6 +553,23 @@ static PyObject *coupler_get_threads(CouplerObject *self, void *Py_UNUSED(closur
     return PyLong_FromSize_t(pma_coupler_threads(self->core));
 }
 
+/* One entry for each subdomain. */
+static PyObject *coupler_get_workers(CouplerObject *self, void *Py_UNUSED(closure))
+{
+    const size_t count = pma_coupler_get_parts(self->core)->count;
+    PyObject *workers = PyTuple_New((Py_ssize_t)count);
+    for (size_t i = 0; workers && i < count; i++) {
+        const size_t worker = pma_coupler_worker(self->core, i);
+        PyObject *entry =
+            worker == PMA_ALL_WORKERS ? Py_NewRef(Py_None) : PyLong_FromSize_t(worker);
+        if (entry)
+            PyTuple_SET_ITEM(workers, (Py_ssize_t)i, entry);
+        else
+            Py_CLEAR(workers);
+    }
+    return workers;
+}
+
 static PyMethodDef coupler_methods[] = {
     {"start", (PyCFunction)coupler_start, METH_VARARGS,
      "start(step_count, lam, g): sets the macro step, the multipliers and g"},
@@ -571,6 +588,8 @@ static PyGetSetDef coupler_getset[] = {
     {"step_count", (getter)coupler_get_step_count, NULL, "macro steps done", NULL},
     {"multipliers", (getter)coupler_get_multipliers, NULL, "at the present, a copy", NULL},
     {"threads", (getter)coupler_get_threads, NULL, "number of threads", NULL},
+    {"workers", (getter)coupler_get_workers, NULL,
+     "the worker of each subdomain, 0 the caller; None where several share its rows", NULL},
     {"prescribed", (getter)coupler_get_prescribed, NULL, "g at the present, a copy", NULL},
     {NULL, NULL, NULL, NULL, NULL},
 };

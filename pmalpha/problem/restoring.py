@@ -13,6 +13,7 @@ from .lowlevel import check_signature
 from .springs import Spring, check_dofs, spring_list
 
 Function = Callable[[np.ndarray, np.ndarray, float], Any] | LowLevelCallable
+Watch = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
 Restoring = Function | tuple[Spring, ...] | None
 
 
@@ -45,23 +46,32 @@ class CheckedRestoring:
         Name in messages, such as "restoring of subdomain 'rig'".
     n : int
         Number of dofs.
+    watch : callable, optional
+        Called after each evaluation as ``watch(u, v, r)``.
     """
 
-    def __init__(self, restoring: Callable, what: str, n: int):
-        self.restoring, self.what, self.n = restoring, what, n
+    def __init__(self, restoring: Callable, what: str, n: int, watch: Watch | None = None):
+        self.restoring, self.what, self.n, self.watch = restoring, what, n, watch
 
     def __call__(self, u: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+        before = (u.copy(), v.copy()) if self.watch else ()  # the function may change its copies
         value = self.restoring(u, v, t)
         try:
-            return vector(value, self.n, "its value")
+            r = vector(value, self.n, "its value")
         except (TypeError, ValueError) as error:
             raise type(error)(f"{self.what} at t = {t:g}: {error}") from None
+        if self.watch:
+            self.watch(*before, r)
+        return r
 
 
-def core_restoring(restoring: Restoring, name: str, order: np.ndarray) -> tuple | None:
+def core_restoring(
+    restoring: Restoring, name: str, order: np.ndarray, watch: Watch | None = None
+) -> tuple | None:
     """The function of subdomain `name` in the form of the core, None for springs."""
     if not is_function(restoring):
         return None
     if isinstance(restoring, LowLevelCallable):
         return restoring, order
-    return CheckedRestoring(restoring, f"restoring of subdomain {name!r}", order.size), order
+    what = f"restoring of subdomain {name!r}"
+    return CheckedRestoring(restoring, what, order.size, watch), order

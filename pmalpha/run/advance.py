@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from time import perf_counter
 from typing import Any
 
-from ..errors import CallbackError, InstabilityError
+from ..errors import CallbackError, InstabilityError, UnboundedMotion
 from .loads import Loads
 from .progress import Report
 
@@ -39,7 +39,12 @@ def advance(
     """
     for chunk in _chunks(core, loads, end):
         ready, failure = loads.prepare(core.step_count, chunk)
-        failed = core.advance(ready - core.step_count, record, report)
+        try:
+            failed = core.advance(ready - core.step_count, record, report)
+        except UnboundedMotion as error:
+            step = core.step_count
+            name, t = error.subdomain, loads.clock.time(step)
+            raise InstabilityError(step, t, name, error.cause) from None
         if failed is not None:
             raise _error(failed, core.step_count, loads)
         if failure is not None:

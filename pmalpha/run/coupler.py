@@ -28,8 +28,10 @@ from ..setup.schedule import (
 )
 from ..setup.start import InitialAccelerations
 from . import checkpoint
+from .accuracy import warn_if_coarse
 from .advance import advance
 from .clock import Clock
+from .description import Description
 from .energy import summed_works
 from .history import History, State
 from .initial import InitialValues
@@ -43,7 +45,7 @@ from .uncut import Uncut
 __all__ = ["Coupler"]
 
 
-class Coupler(Uncut):
+class Coupler(Description, Uncut):
     """Subdomains with different schemes and time steps, coupled by velocity constraints.
 
     Parameters
@@ -119,6 +121,10 @@ class Coupler(Uncut):
     with stored zeros, and must get the same `perm`. Diagonal and dense matrices and the interface
     matrix are factored by the package.
 
+    The repr, and the output of a notebook, is a table of what each subdomain will do: the length of
+    its steps (2 h if they are double, from the second macro step on), the step divided by the
+    critical step (an upper bound from 200 dofs on), form and entries of its factor, and its thread.
+
     Examples
     --------
     A mass split in two halves, one with twenty substeps in each step of the other:
@@ -155,7 +161,7 @@ class Coupler(Uncut):
         fine = finest(subdomains, coupling)
         self._fine = 1 if coupling == "macro" else fine  # interface problems in a macro step
         self._keys = tuple(zip(names_of(subdomains), subdomains))
-        self._options = {"dt": self.dt, "coupling": coupling, "start": start}
+        self._options = {"dt": self._clock.dt, "coupling": coupling, "start": start}
         doubles = double_steps(subdomains, coupling)
 
         self._rows = ConstraintRows(constraints, subdomains)
@@ -184,11 +190,6 @@ class Coupler(Uncut):
         self._take_loads()
 
     # ---- the present -------------------------------------------------------------------------
-
-    @property
-    def dt(self) -> float:
-        """The macro step."""
-        return self._clock.dt
 
     @property
     def threads(self) -> int:
@@ -266,11 +267,6 @@ class Coupler(Uncut):
     def __reduce__(self) -> tuple:
         raise TypeError("a Coupler cannot be copied or pickled: its state is in the C core")
 
-    def __repr__(self) -> str:
-        names = ", ".join(repr(name) for name, _ in self._keys)
-        constraints = counted(self._rows.p, "constraint")
-        return f"<Coupler of {names}; dt = {self.dt:g}, {constraints}>"
-
     # ---- running -----------------------------------------------------------------------------
 
     def run(
@@ -338,7 +334,7 @@ class Coupler(Uncut):
         TypeError, ValueError
             For wrong arguments, and for a wrong result of a load.
         InstabilityError
-            When a value is not finite.
+            When a value is not finite, or after that StabilityWarning has left all bounds.
         CallbackError
             When a compiled function did not return 0.
         MemoryError
@@ -348,6 +344,12 @@ class Coupler(Uncut):
         OSError
             When `record_to` cannot be written or exists; for a wrong path before any load is
             evaluated.
+
+        Warns
+        -----
+        AccuracyWarning, StabilityWarning
+            When the recorded steps are too coarse for the motion, or above the critical step for
+            the stiffness seen in a restoring callable without ``restoring_stiffness``.
 
         An exception of a load or of a restoring force reaches the caller, and so does Ctrl-C,
         within 0.1 s or a fine step, whichever is longer. After any exception the coupler is at the
@@ -380,7 +382,10 @@ class Coupler(Uncut):
                     except BaseException:
                         self._last_history = recording.history(self._core.step_count)
                         raise
-            return recording.history(end)
+            self._last_history = history = recording.history(end)  # if the warning is an error
+            warn_if_coarse(history.subdomains, self._parts, *history.macro_times[[0, -1]])
+            self._last_history = None
+            return history
 
     def _advance_in_intervals(self, recording: Recording, report: Report | None) -> None:
         # not a loop directly under `try`, which does not cover the jump at its end (CallbackLoad)

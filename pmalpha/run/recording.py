@@ -168,6 +168,8 @@ class Recording:
                     *(x[:rows] for x in arrays),
                     dofs,
                     **self._loops(i, rows),
+                    substep=part.h,
+                    double_after=self.dt if part.double else None,
                 )
             )
         fine, macro = self.rows(self.fine, end), self.rows(1, end)

@@ -16,7 +16,7 @@ from .interface import interface_factor, interface_matrix, row_order
 from .loose import warn_of_loose
 from .macro import prepare, warn_of_resonance
 from .part import Part, build, make_part, warn_of_factor, warn_of_order
-from .stability import warn_of_steps
+from .stability import step_ratio, warn_of_steps
 from .start import InitialAccelerations
 
 
@@ -95,7 +95,9 @@ def assemble(
     core = _core.Coupler(cores, p, H_start, H, dt, start == "rebased", motions, *threads, macro)
 
     # explicit steps above the critical step
-    warn_of_steps((p.name, p.subdomain, (2.0 if p.double else 1.0) * p.h) for p in parts)
+    for part in parts:
+        part.step_ratio = step_ratio(part.subdomain, part.step)
+    warn_of_steps((part.name, part.subdomain, part.step, part.step_ratio) for part in parts)
     return Assembly(parts, position, accelerations, core)
 
 

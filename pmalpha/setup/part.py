@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from scipy import LowLevelCallable
 
 from .. import _core
 from ..errors import PerformanceWarning, warn
@@ -21,6 +22,8 @@ from .elimination import Elimination, elimination
 from .external import External
 from .factors import Factor, Names
 from .ordering import graph_of, has_nested_dissection
+from .stability import StepRatio
+from .stiff_restoring import StiffnessWatch
 
 # Below this number of entries (0.8 MB) a factor stays in the caches, and its sweeps are cheap.
 NOTABLE_FACTOR = 100_000
@@ -60,6 +63,8 @@ class Part:
         Has link responses (M3): more than one substep under macro coupling.
     response_blocks : pair of Block, or None
         If it responds: its block of H (M4), and the one from the mean velocities in the macro step.
+    step_ratio : StepRatio or None
+        Its step divided by its critical step, as far as set-up computed it.
     """
 
     subdomain: Subdomain
@@ -84,6 +89,12 @@ class Part:
     blocks: dict[bool, Any] = field(default_factory=dict)
     responds: bool = False
     response_blocks: tuple[Block, Block] | None = None
+    step_ratio: StepRatio | None = None
+
+    @property
+    def step(self) -> float:
+        """The length of the steps after the first macro step: 2 h if they are double."""
+        return 2.0 * self.h if self.double else self.h
 
     @property
     def order(self) -> np.ndarray:
@@ -293,6 +304,15 @@ def warn_of_order(parts: Sequence[Part]) -> None:
     )
 
 
+def watch_of(part: Part) -> StiffnessWatch | None:
+    """What looks at the values of a Python function whose stiffness is not given."""
+    s = part.subdomain
+    is_python = callable(s.restoring) and not isinstance(s.restoring, LowLevelCallable)
+    if not is_python or s.restoring_stiffness is not None or s.massless.size:
+        return None
+    return StiffnessWatch(s, part.name, part.step)
+
+
 def build(part: Part) -> None:
     """Factor Mbar and make the object of the core."""
     single = part.operator(part.h)
@@ -307,7 +327,7 @@ def build(part: Part) -> None:
         substeps=part.subdomain.substeps,
         K=part.K,
         C=part.C,
-        restoring=core_restoring(part.subdomain.restoring, part.name, part.order),
+        restoring=core_restoring(part.subdomain.restoring, part.name, part.order, watch_of(part)),
         D_r=part.D_r,
         lagged=part.subdomain.damping == "lagged",
         responds=part.responds,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -22,6 +23,14 @@ SMALL = 200
 LANCZOS_TOLERANCE, MARGIN = 1e-4, 1e-3
 # Relative rounding of eigenvalues, by which a step may exceed the critical step.
 ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class StepRatio:
+    """The step of a subdomain divided by its critical step; with `is_bound` an upper bound."""
+
+    value: float
+    is_bound: bool = False
 
 
 @lru_cache(maxsize=256)
@@ -134,17 +143,28 @@ def _root(A: Matrix, B: Matrix, M: Matrix) -> float:
     return float(h)
 
 
-def warn_of_steps(steps: Iterable[tuple[str, Subdomain, float]]) -> None:
+def step_ratio(subdomain: Subdomain, step: float) -> StepRatio:
+    """The step divided by the critical one, as far as it has to be computed."""
+    (a, A), (b, B) = limiting_terms(subdomain)
+    # the bound takes little time and nearly always suffices
+    of_A, of_B = (a * row_sum_bound(A, subdomain.M), b * row_sum_bound(B, subdomain.M))
+    if step**2 * of_A + step * of_B <= 1.0 + ROUNDING:
+        return StepRatio(0.5 * step * (of_B + np.sqrt(of_B**2 + 4.0 * of_A)), is_bound=True)
+    critical = critical_step(subdomain)
+    return StepRatio(step / critical if critical > 0.0 else np.inf)
+
+
+def warn_of_steps(steps: Iterable[tuple[str, Subdomain, float, StepRatio]]) -> None:
     """One StabilityWarning for all steps that are above the critical one.
 
     Parameters
     ----------
-    steps : iterable of (name, subdomain, length of the step that it takes)
+    steps : iterable of (name, subdomain, length of the step that it takes, ratio of `step_ratio`)
     """
     above = [
-        (name, subdomain, step, critical)
-        for name, subdomain, step in steps
-        if (critical := exceeded(subdomain, step)) is not None
+        (name, subdomain, step, step / ratio.value)
+        for name, subdomain, step, ratio in steps
+        if not ratio.is_bound and not ratio.value <= 1.0 + ROUNDING
     ]
     if not above:
         return
@@ -157,17 +177,6 @@ def warn_of_steps(steps: Iterable[tuple[str, Subdomain, float]]) -> None:
         each = [f"{name!r} ({step:g} above {critical:.6g})" for name, _, step, critical in above]
         text = f"the steps of these subdomains are above their critical steps: {listing(each)}"
     warn(f"{text}{damping}: the run will grow without bound; take smaller steps", StabilityWarning)
-
-
-def exceeded(subdomain: Subdomain, step: float) -> float | None:
-    """The critical step of a subdomain if this step is above it, else None."""
-    (a, A), (b, B) = limiting_terms(subdomain)
-    # the bound takes little time and nearly always suffices
-    of_A, of_B = (row_sum_bound(X, subdomain.M) for X in (A, B))
-    if step**2 * a * of_A + step * b * of_B <= 1.0 + ROUNDING:
-        return None
-    critical = critical_step(subdomain)
-    return None if step <= critical * (1.0 + ROUNDING) else critical
 
 
 def row_sum_bound(A: Matrix, M: Matrix) -> float:

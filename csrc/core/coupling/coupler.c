@@ -191,6 +191,11 @@ size_t pma_coupler_threads(const pma_coupler *c)
     return c->roster.workers;
 }
 
+size_t pma_coupler_worker(const pma_coupler *c, size_t i)
+{
+    return c->split == &c->coupled[i] ? PMA_ALL_WORKERS : c->coupled[i].worker;
+}
+
 const double *pma_coupler_multipliers(const pma_coupler *c)
 {
     return c->present.lam;

@@ -77,12 +77,17 @@ pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *
 /* Writes the present into row 0 of every array of the record. */
 void pma_coupler_record_present(const pma_coupler *c, const pma_record *record);
 
+#define PMA_ALL_WORKERS SIZE_MAX
+
 /* Interface problems in a macro step: the largest number of substeps; one in macro coupling. */
 size_t pma_coupler_instants(const pma_coupler *c);
 int64_t pma_coupler_step_count(const pma_coupler *c);
 /* The largest number of macro steps in which all substeps can be counted. */
 int64_t pma_coupler_most_steps(const pma_coupler *c);
-size_t pma_coupler_threads(const pma_coupler *c);            /* that share the work, at least 1 */
+size_t pma_coupler_threads(const pma_coupler *c); /* that share the work, at least 1 */
+/* The worker of subdomain i, 0 the caller; PMA_ALL_WORKERS where a range of rows belongs to each of
+ * several. */
+size_t pma_coupler_worker(const pma_coupler *c, size_t i);
 const double *pma_coupler_multipliers(const pma_coupler *c); /* p, of the present */
 const double *pma_coupler_prescribed(const pma_coupler *c);  /* p, g of the present */
 /* The subdomain whose function failed, or where a value was first not finite; of several in the
