@@ -30,6 +30,22 @@ typedef struct {
 } SubdomainObject;
 
 typedef struct {
+    PyObject_HEAD
+    pma_coupler *core;
+    pma_ldl H_start, H;   /* factors of the interface matrix */
+    PyObject *subdomains; /* tuple of SubdomainObject */
+    PyObject *arrays;     /* list: the arrays that the core points into */
+    PyObject *motions;    /* list: the arrays of each prescribed motion */
+    bool busy;
+} CouplerObject;
+
+/* Subdomain i of a coupler. */
+static inline SubdomainObject *pma_subdomain_of(CouplerObject *self, Py_ssize_t i)
+{
+    return (SubdomainObject *)PyTuple_GET_ITEM(self->subdomains, i);
+}
+
+typedef struct {
     PyTypeObject *subdomain_type;
     PyTypeObject *coupler_type;
 } module_state;
@@ -115,6 +131,10 @@ int pma_take_force(PyObject *obj, PyObject *arrays, pma_load *load);
 /* None, or (f, order): f is a callable f(u, v, t) -> (n,) array in the user's order of dofs, or a
  * LowLevelCallable with the signature of pma_restoring_function */
 int pma_take_restoring(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring *out);
+
+/* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None), with
+ * all rows up to macro step `end`; record->selections is the caller's to free */
+int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record);
 
 /* A new array of length n with a copy of x, or NULL. */
 PyObject *pma_new_vector(npy_intp n, const double *x);

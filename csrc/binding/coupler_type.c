@@ -1,21 +1,6 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-typedef struct {
-    PyObject_HEAD
-    pma_coupler *core;
-    pma_ldl H_start, H;   /* factors of the interface matrix */
-    PyObject *subdomains; /* tuple of SubdomainObject */
-    PyObject *arrays;     /* list: the arrays that the core points into */
-    PyObject *motions;    /* list: the arrays of each prescribed motion */
-    bool busy;
-} CouplerObject;
-
-static SubdomainObject *subdomain_of(CouplerObject *self, Py_ssize_t i)
-{
-    return (SubdomainObject *)PyTuple_GET_ITEM(self->subdomains, i);
-}
-
 /* ---- making ----------------------------------------------------------------------------- */
 
 static int check_subdomains(PyTypeObject *type, PyObject *subdomains)
@@ -56,7 +41,7 @@ static int create_core(CouplerObject *self, pma_coupler_parts *parts)
         return -1;
     }
     for (Py_ssize_t i = 0; i < count; i++)
-        members[i] = pma_subdomain_member(subdomain_of(self, i)->core);
+        members[i] = pma_subdomain_member(pma_subdomain_of(self, i)->core);
     parts->count = (size_t)count;
     parts->members = members;
     const pma_status status = pma_coupler_create(parts, &self->core);
@@ -171,14 +156,14 @@ static int claim(CouplerObject *self)
     const Py_ssize_t count = PyTuple_GET_SIZE(self->subdomains);
     bool busy = self->busy;
     for (Py_ssize_t i = 0; i < count; i++)
-        busy = busy || subdomain_of(self, i)->busy;
+        busy = busy || pma_subdomain_of(self, i)->busy;
     if (busy) {
         PyErr_SetString(PyExc_RuntimeError, "the coupler is being stepped");
         return -1;
     }
     self->busy = true;
     for (Py_ssize_t i = 0; i < count; i++)
-        subdomain_of(self, i)->busy = true;
+        pma_subdomain_of(self, i)->busy = true;
     return 0;
 }
 
@@ -186,170 +171,7 @@ static void release(CouplerObject *self)
 {
     self->busy = false;
     for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(self->subdomains); i++)
-        subdomain_of(self, i)->busy = false;
-}
-
-/* ---- records -------------------------------------------------------------------------------- */
-
-static int take_rows(PyObject *obj, npy_intp *rows, npy_intp columns, const char *name,
-                     double **out)
-{
-    PyArrayObject *array;
-    const npy_intp shape[2] = {*rows, columns};
-    if (pma_take_array(obj, NPY_DOUBLE, 2, shape, name, NULL, &array) < 0)
-        return -1;
-    if (!PyArray_ISWRITEABLE(array)) {
-        PyErr_Format(PyExc_ValueError, "%s must be writeable", name);
-        return -1;
-    }
-    *rows = PyArray_DIM(array, 0);
-    *out = PyArray_DATA(array);
-    return 0;
-}
-
-/* an array of positions in 0..size-1 */
-static int take_positions(PyObject *obj, size_t size, const char *name, size_t *count,
-                          const int64_t **out)
-{
-    PyArrayObject *array;
-    const npy_intp any = -1;
-    if (pma_take_array(obj, NPY_INT64, 1, &any, name, NULL, &array) < 0)
-        return -1;
-    *count = (size_t)PyArray_DIM(array, 0);
-    *out = PyArray_DATA(array);
-    for (size_t i = 0; i < *count; i++) {
-        if ((*out)[i] < 0 || (size_t)(*out)[i] >= size) {
-            PyErr_Format(PyExc_ValueError, "%s: a position is out of range", name);
-            return -1;
-        }
-    }
-    return 0;
-}
-
-static int take_springs(PyObject *spring, PyObject *deformation, PyObject *force, npy_intp *rows,
-                        pma_selection *selection)
-{
-    if (take_positions(spring, selection->of_springs, "spring", &selection->springs,
-                       &selection->spring) < 0)
-        return -1;
-    const npy_intp count = (npy_intp)selection->springs;
-    if (take_rows(deformation, rows, count, "deformation", &selection->deformation) < 0)
-        return -1;
-    return take_rows(force, rows, count, "force", &selection->force);
-}
-
-/* None, (position, u, v, w) or (position, u, v, w, spring, deformation, force), with all rows that
- * the interval writes */
-static int take_selection(PyObject *obj, const pma_parts *parts, size_t last_row,
-                          pma_selection *selection)
-{
-    PyObject *position, *u, *v, *w, *spring = NULL, *deformation = Py_None, *force = Py_None;
-    npy_intp rows = -1;
-    *selection = (pma_selection){.of_springs = parts->springs.total};
-    if (obj == Py_None)
-        return 0;
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "selections must be None or a tuple of arrays");
-        return -1;
-    }
-    if (!PyArg_ParseTuple(obj, "OOOO|OOO", &position, &u, &v, &w, &spring, &deformation, &force) ||
-        take_positions(position, parts->n, "position", &selection->count, &selection->position) < 0)
-        return -1;
-    const npy_intp count = (npy_intp)selection->count;
-    if (take_rows(u, &rows, count, "u", &selection->u) < 0 ||
-        take_rows(v, &rows, count, "v", &selection->v) < 0 ||
-        take_rows(w, &rows, count, "w", &selection->w) < 0)
-        return -1;
-    if (spring && take_springs(spring, deformation, force, &rows, selection) < 0)
-        return -1;
-    if (rows >= 0 && (size_t)rows > last_row)
-        return 0;
-    PyErr_SetString(PyExc_ValueError, "the record has too few rows");
-    return -1;
-}
-
-/* The last row written by an interval up to macro step `end`, with `levels` time levels in a macro
- * step. */
-static size_t last_row(const pma_record *record, int64_t end, size_t levels)
-{
-    if (record->every == 0) {
-        const size_t steps = (size_t)(end - record->begin);
-        return steps > SIZE_MAX / levels ? SIZE_MAX : steps * levels;
-    }
-    return (size_t)(end / record->every - record->begin / record->every);
-}
-
-static int take_interface(CouplerObject *self, PyObject *const *obj, int64_t end, size_t fine,
-                          pma_record *record)
-{
-    const npy_intp p = (npy_intp)pma_coupler_get_parts(self->core)->p;
-    npy_intp rows = -1, macro_rows = -1;
-    if (take_rows(obj[0], &rows, p, "multipliers", &record->multipliers) < 0 ||
-        take_rows(obj[1], &rows, p, "velocity_jump", &record->velocity_jump) < 0 ||
-        take_rows(obj[2], &macro_rows, p, "displacement_jump", &record->displacement_jump) < 0)
-        return -1;
-    if ((size_t)rows > last_row(record, end, fine) && (size_t)macro_rows > last_row(record, end, 1))
-        return 0;
-    PyErr_SetString(PyExc_ValueError, "the record has too few rows");
-    return -1;
-}
-
-/* None or an array (rows, subdomains, PMA_ENERGIES), if all subdomains sum their works */
-static int take_energy(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record)
-{
-    const npy_intp shape[3] = {-1, PyTuple_GET_SIZE(self->subdomains), PMA_ENERGIES};
-    PyArrayObject *array;
-    bool all = true;
-    if (obj == Py_None)
-        return 0;
-    if (pma_take_array(obj, NPY_DOUBLE, 3, shape, "energy", NULL, &array) < 0)
-        return -1;
-    for (npy_intp i = 0; i < shape[1]; i++)
-        all = all && pma_subdomain_has_energy(subdomain_of(self, i)->core);
-    record->energy = PyArray_DATA(array);
-    if (all && PyArray_ISWRITEABLE(array) &&
-        (size_t)PyArray_DIM(array, 0) > last_row(record, end, 1))
-        return 0;
-    PyErr_SetString(PyExc_ValueError, "energy must be writeable and have enough rows, "
-                                      "after begin_energy of all subdomains");
-    return -1;
-}
-
-/* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None);
- * the caller frees record->selections */
-static int take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record)
-{
-    const Py_ssize_t count = PyTuple_GET_SIZE(self->subdomains);
-    long long begin, every;
-    PyObject *selections, *interface[3], *energy = Py_None;
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "a record must be a tuple");
-        return -1;
-    }
-    if (!PyArg_ParseTuple(obj, "LLO!OOO|O", &begin, &every, &PyTuple_Type, &selections,
-                          &interface[0], &interface[1], &interface[2], &energy))
-        return -1;
-    if (begin < 0 || every < 0 || begin > pma_coupler_step_count(self->core) ||
-        PyTuple_GET_SIZE(selections) != count) {
-        PyErr_SetString(PyExc_ValueError, "the record does not fit the coupler");
-        return -1;
-    }
-    record->begin = begin;
-    record->every = every;
-    record->selections = PyMem_Calloc((size_t)count + 1, sizeof *record->selections);
-    if (!record->selections) {
-        PyErr_NoMemory();
-        return -1;
-    }
-    for (Py_ssize_t i = 0; i < count; i++) {
-        const pma_parts *s = pma_subdomain_parts(subdomain_of(self, i)->core);
-        if (take_selection(PyTuple_GET_ITEM(selections, i), s, last_row(record, end, s->substeps),
-                           &record->selections[i]) < 0)
-            return -1;
-    }
-    if (take_energy(self, energy, end, record) < 0)
-        return -1;
-    return take_interface(self, interface, end, pma_coupler_instants(self->core), record);
+        pma_subdomain_of(self, i)->busy = false;
 }
 
 /* ---- stepping ------------------------------------------------------------------------------- */
@@ -371,7 +193,7 @@ static int check_tables(CouplerObject *self, int64_t steps)
     const int64_t instants = (int64_t)pma_coupler_instants(self->core);
     bool all = true;
     for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(self->subdomains); i++) {
-        const pma_subdomain *s = subdomain_of(self, i)->core;
+        const pma_subdomain *s = pma_subdomain_of(self, i)->core;
         const int64_t substeps = (int64_t)pma_subdomain_parts(s)->substeps;
         all = all && covers(pma_subdomain_load(s), begin, end, substeps);
     }
@@ -391,7 +213,7 @@ static bool is_raised(CouplerObject *self, pma_status status, size_t failed)
         return !PyErr_ExceptionMatches(PyExc_Exception);
     if (status != PMA_RESTORING_FAILED)
         return true;
-    const pma_subdomain *s = subdomain_of(self, (Py_ssize_t)failed)->core;
+    const pma_subdomain *s = pma_subdomain_of(self, (Py_ssize_t)failed)->core;
     return pma_subdomain_parts(s)->restoring.by_caller || !PyErr_ExceptionMatches(PyExc_Exception);
 }
 
@@ -410,7 +232,7 @@ static PyObject *failure(CouplerObject *self, pma_status status)
                                                      : (Py_ssize_t)i);
     if (status != PMA_FORCE_FAILED && status != PMA_RESTORING_FAILED)
         return pma_raise(status, "advance");
-    const int code = pma_subdomain_code(subdomain_of(self, (Py_ssize_t)i)->core);
+    const int code = pma_subdomain_code(pma_subdomain_of(self, (Py_ssize_t)i)->core);
     return Py_BuildValue("(nis)", (Py_ssize_t)i, code,
                          status == PMA_FORCE_FAILED ? "force" : "restoring force");
 }
@@ -436,7 +258,7 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
         return NULL;
     if (check_tables(self, steps) < 0 ||
         (obj != Py_None &&
-         take_record(self, obj, pma_coupler_step_count(self->core) + steps, &record) < 0))
+         pma_take_record(self, obj, pma_coupler_step_count(self->core) + steps, &record) < 0))
         goto done;
 
     pma_watch watch = {.last = pma_watch_milliseconds(),
@@ -460,7 +282,7 @@ static PyObject *coupler_record_present(CouplerObject *self, PyObject *obj)
     PyObject *result = NULL;
     if (claim(self) < 0)
         return NULL;
-    if (take_record(self, obj, pma_coupler_step_count(self->core), &record) == 0) {
+    if (pma_take_record(self, obj, pma_coupler_step_count(self->core), &record) == 0) {
         pma_coupler_record_present(self->core, &record);
         result = Py_NewRef(Py_None);
     }

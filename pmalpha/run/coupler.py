@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from .._checks import check_word, counted, flag, time_step, whole_number
+from .._checks import check_word, flag, time_step, whole_number
 from ..problem.arguments import Coupling, Start
 from ..problem.constraints import Constraint
 from ..problem.forces import checked_force

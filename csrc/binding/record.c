@@ -1,0 +1,164 @@
+/* The arrays of a record, as the core writes into them. */
+#define NO_IMPORT_ARRAY
+#include "binding.h"
+
+static int take_rows(PyObject *obj, npy_intp *rows, npy_intp columns, const char *name,
+                     double **out)
+{
+    PyArrayObject *array;
+    const npy_intp shape[2] = {*rows, columns};
+    if (pma_take_array(obj, NPY_DOUBLE, 2, shape, name, NULL, &array) < 0)
+        return -1;
+    if (!PyArray_ISWRITEABLE(array)) {
+        PyErr_Format(PyExc_ValueError, "%s must be writeable", name);
+        return -1;
+    }
+    *rows = PyArray_DIM(array, 0);
+    *out = PyArray_DATA(array);
+    return 0;
+}
+
+/* an array of positions in 0..size-1 */
+static int take_positions(PyObject *obj, size_t size, const char *name, size_t *count,
+                          const int64_t **out)
+{
+    PyArrayObject *array;
+    const npy_intp any = -1;
+    if (pma_take_array(obj, NPY_INT64, 1, &any, name, NULL, &array) < 0)
+        return -1;
+    *count = (size_t)PyArray_DIM(array, 0);
+    *out = PyArray_DATA(array);
+    for (size_t i = 0; i < *count; i++) {
+        if ((*out)[i] < 0 || (size_t)(*out)[i] >= size) {
+            PyErr_Format(PyExc_ValueError, "%s: a position is out of range", name);
+            return -1;
+        }
+    }
+    return 0;
+}
+
+static int take_springs(PyObject *spring, PyObject *deformation, PyObject *force, npy_intp *rows,
+                        pma_selection *selection)
+{
+    if (take_positions(spring, selection->of_springs, "spring", &selection->springs,
+                       &selection->spring) < 0)
+        return -1;
+    const npy_intp count = (npy_intp)selection->springs;
+    if (take_rows(deformation, rows, count, "deformation", &selection->deformation) < 0)
+        return -1;
+    return take_rows(force, rows, count, "force", &selection->force);
+}
+
+/* None, (position, u, v, w) or (position, u, v, w, spring, deformation, force), with all rows that
+ * the interval writes */
+static int take_selection(PyObject *obj, const pma_parts *parts, size_t last_row,
+                          pma_selection *selection)
+{
+    PyObject *position, *u, *v, *w, *spring = NULL, *deformation = Py_None, *force = Py_None;
+    npy_intp rows = -1;
+    *selection = (pma_selection){.of_springs = parts->springs.total};
+    if (obj == Py_None)
+        return 0;
+    if (!PyTuple_Check(obj)) {
+        PyErr_SetString(PyExc_TypeError, "selections must be None or a tuple of arrays");
+        return -1;
+    }
+    if (!PyArg_ParseTuple(obj, "OOOO|OOO", &position, &u, &v, &w, &spring, &deformation, &force) ||
+        take_positions(position, parts->n, "position", &selection->count, &selection->position) < 0)
+        return -1;
+    const npy_intp count = (npy_intp)selection->count;
+    if (take_rows(u, &rows, count, "u", &selection->u) < 0 ||
+        take_rows(v, &rows, count, "v", &selection->v) < 0 ||
+        take_rows(w, &rows, count, "w", &selection->w) < 0)
+        return -1;
+    if (spring && take_springs(spring, deformation, force, &rows, selection) < 0)
+        return -1;
+    if (rows >= 0 && (size_t)rows > last_row)
+        return 0;
+    PyErr_SetString(PyExc_ValueError, "the record has too few rows");
+    return -1;
+}
+
+/* The last row written by an interval up to macro step `end`, with `levels` time levels in a macro
+ * step. */
+static size_t last_row(const pma_record *record, int64_t end, size_t levels)
+{
+    if (record->every == 0) {
+        const size_t steps = (size_t)(end - record->begin);
+        return steps > SIZE_MAX / levels ? SIZE_MAX : steps * levels;
+    }
+    return (size_t)(end / record->every - record->begin / record->every);
+}
+
+static int take_interface(CouplerObject *self, PyObject *const *obj, int64_t end, size_t fine,
+                          pma_record *record)
+{
+    const npy_intp p = (npy_intp)pma_coupler_get_parts(self->core)->p;
+    npy_intp rows = -1, macro_rows = -1;
+    if (take_rows(obj[0], &rows, p, "multipliers", &record->multipliers) < 0 ||
+        take_rows(obj[1], &rows, p, "velocity_jump", &record->velocity_jump) < 0 ||
+        take_rows(obj[2], &macro_rows, p, "displacement_jump", &record->displacement_jump) < 0)
+        return -1;
+    if ((size_t)rows > last_row(record, end, fine) && (size_t)macro_rows > last_row(record, end, 1))
+        return 0;
+    PyErr_SetString(PyExc_ValueError, "the record has too few rows");
+    return -1;
+}
+
+/* None or an array (rows, subdomains, PMA_ENERGIES), if all subdomains sum their works */
+static int take_energy(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record)
+{
+    const npy_intp shape[3] = {-1, PyTuple_GET_SIZE(self->subdomains), PMA_ENERGIES};
+    PyArrayObject *array;
+    bool all = true;
+    if (obj == Py_None)
+        return 0;
+    if (pma_take_array(obj, NPY_DOUBLE, 3, shape, "energy", NULL, &array) < 0)
+        return -1;
+    for (npy_intp i = 0; i < shape[1]; i++)
+        all = all && pma_subdomain_has_energy(pma_subdomain_of(self, i)->core);
+    record->energy = PyArray_DATA(array);
+    if (all && PyArray_ISWRITEABLE(array) &&
+        (size_t)PyArray_DIM(array, 0) > last_row(record, end, 1))
+        return 0;
+    PyErr_SetString(PyExc_ValueError, "energy must be writeable and have enough rows, "
+                                      "after begin_energy of all subdomains");
+    return -1;
+}
+
+/* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None);
+ * the caller frees record->selections */
+int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record)
+{
+    const Py_ssize_t count = PyTuple_GET_SIZE(self->subdomains);
+    long long begin, every;
+    PyObject *selections, *interface[3], *energy = Py_None;
+    if (!PyTuple_Check(obj)) {
+        PyErr_SetString(PyExc_TypeError, "a record must be a tuple");
+        return -1;
+    }
+    if (!PyArg_ParseTuple(obj, "LLO!OOO|O", &begin, &every, &PyTuple_Type, &selections,
+                          &interface[0], &interface[1], &interface[2], &energy))
+        return -1;
+    if (begin < 0 || every < 0 || begin > pma_coupler_step_count(self->core) ||
+        PyTuple_GET_SIZE(selections) != count) {
+        PyErr_SetString(PyExc_ValueError, "the record does not fit the coupler");
+        return -1;
+    }
+    record->begin = begin;
+    record->every = every;
+    record->selections = PyMem_Calloc((size_t)count + 1, sizeof *record->selections);
+    if (!record->selections) {
+        PyErr_NoMemory();
+        return -1;
+    }
+    for (Py_ssize_t i = 0; i < count; i++) {
+        const pma_parts *s = pma_subdomain_parts(pma_subdomain_of(self, i)->core);
+        if (take_selection(PyTuple_GET_ITEM(selections, i), s, last_row(record, end, s->substeps),
+                           &record->selections[i]) < 0)
+            return -1;
+    }
+    if (take_energy(self, energy, end, record) < 0)
+        return -1;
+    return take_interface(self, interface, end, pma_coupler_instants(self->core), record);
+}
