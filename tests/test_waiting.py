@@ -29,6 +29,10 @@ def slow(t, n, u, v, r, user):
     time.sleep(0.02)
     return 0
 
+def long(t, n, u, v, r, user):
+    time.sleep(0.12)
+    return 0
+
 def two(function, substeps, **options):
     # equal sizes: worker 0 has the first subdomain, worker 1 the second
     a, b = (
@@ -95,3 +99,64 @@ def test_a_fault_in_a_compiled_force_leaves_a_traceback_whatever_thread_it_is_in
     assert "in a worker" in done.stdout
     assert done.returncode < 0
     assert "Segmentation fault" in done.stderr and "faulty" in done.stderr
+
+
+def test_a_compiled_force_may_take_the_gil_and_run_another_coupler():
+    done = run("""
+    inner = two(quick, substeps=2)
+
+    def nested(t, n, u, v, r, user):
+        inner.step(1)
+        return 0
+
+    outer = two(nested, substeps=3)
+    outer.step(2)
+    print(outer.step_count, inner.step_count)
+    """)
+    assert done.returncode == 0, done.stderr
+    # 3 substeps in each of 2 macro steps, and one evaluation for the initial accelerations
+    assert done.stdout.split() == ["2", "7"]
+
+
+def test_an_exception_of_a_restoring_force_survives_the_wait_for_another_worker():
+    # the report of progress and the handler of signals must not run on top of it
+    done = run("""
+    evaluated = []
+
+    def bad(u, v, t):
+        evaluated.append(t)
+        if len(evaluated) > 4:
+            raise ValueError("of the user")
+        return 0.0 * u
+
+    a = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), name="a", restoring=bad,
+                     restoring_stiffness=[0.0])
+    b = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), name="b",
+                     restoring=LowLevelCallable(RESTORING(long)))
+    coupler = pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.01, threads=2, coupling="gc")
+    try:
+        coupler.run(steps=20, progress=lambda done, total: None)
+    except ValueError as error:
+        print(error)
+    """)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "of the user"
+
+
+def test_an_exception_of_progress_in_a_wait_is_not_replaced_by_what_fails_afterwards():
+    done = run("""
+    def failing(t, n, u, v, r, user):
+        time.sleep(0.12)
+        return 7 if t > 0.0 else 0
+
+    def report(done, total):
+        raise KeyError("of progress")
+
+    coupler = two(failing, substeps=1, coupling="gc")
+    try:
+        coupler.run(steps=3, progress=report)
+    except KeyError as error:
+        print(error, coupler.step_count)
+    """)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "'of progress' 0"

@@ -80,9 +80,10 @@ long long pma_watch_milliseconds(void); /* of a monotonic clock */
  * the GIL. */
 bool pma_watch_signals(void *watch);
 
-/* This thread releases the GIL before a call of the core, and acquires it afterwards. */
-void pma_gil_release(void);
-void pma_gil_acquire(void);
+/* This thread releases the GIL to enter the core, and takes it again afterwards, given what release
+ * returned: a compiled function that takes the GIL by itself may enter the core in between. */
+PyThreadState *pma_gil_release(void);
+void pma_gil_acquire(PyThreadState *before);
 
 /* A callback from the core, in the thread that called it: acquires the GIL if it was released, runs
  * call(ctx), and releases the GIL again. Returns the result of call. */
@@ -132,7 +133,7 @@ int pma_take_force(PyObject *obj, PyObject *arrays, pma_load *load);
  * LowLevelCallable with the signature of pma_restoring_function */
 int pma_take_restoring(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring *out);
 
-/* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None), with
+/* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None) with
  * all rows up to macro step `end`; record->selections is the caller's to free */
 int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record);
 

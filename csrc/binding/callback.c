@@ -32,6 +32,8 @@ typedef struct {
 static int run(void *ctx)
 {
     const evaluation *e = ctx;
+    if (PyErr_Occurred()) /* a poll has raised meanwhile */
+        return -1;
     return evaluate(e->callable, e->t, e->n, e->u, e->v, e->r);
 }
 

@@ -40,8 +40,13 @@ static int create_core(CouplerObject *self, pma_coupler_parts *parts)
         PyErr_NoMemory();
         return -1;
     }
-    for (Py_ssize_t i = 0; i < count; i++)
+    for (Py_ssize_t i = 0; i < count; i++) {
+        if (pma_subdomain_is_busy(pma_subdomain_of(self, i))) {
+            PyMem_Free(members);
+            return -1;
+        }
         members[i] = pma_subdomain_member(pma_subdomain_of(self, i)->core);
+    }
     parts->count = (size_t)count;
     parts->members = members;
     const pma_status status = pma_coupler_create(parts, &self->core);
@@ -265,9 +270,9 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
                        .report = report == Py_None ? NULL : report,
                        .coupler = self->core};
     const pma_poll poll = {pma_watch_signals, &watch, POLL_ENTRIES};
-    pma_gil_release();
+    PyThreadState *before = pma_gil_release();
     status = pma_coupler_advance(self->core, steps, obj == Py_None ? NULL : &record, &poll);
-    pma_gil_acquire();
+    pma_gil_acquire(before);
 
     result = status == PMA_OK ? Py_NewRef(Py_None) : failure(self, status);
 done:

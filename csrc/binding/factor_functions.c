@@ -185,10 +185,10 @@ static pma_status run_factor(pma_panels *p, const pma_panels_input *A, const int
     pma_status status = PMA_NO_MEMORY;
     if (update && integers) {
         pma_watch watch = {.last = pma_watch_milliseconds()};
-        pma_gil_release();
+        PyThreadState *before = pma_gil_release();
         status = pma_panels_factor(p, A, owner, blas, inverse, update, integers, column,
                                    pma_watch_signals, &watch);
-        pma_gil_acquire();
+        pma_gil_acquire(before);
     }
     PyMem_RawFree(update);
     PyMem_RawFree(integers);

@@ -52,10 +52,10 @@ PyObject *pma_subdomain_compliance(SubdomainObject *self, PyObject *args)
         return PyErr_NoMemory();
     out = PyArray_SimpleNew(2, shape, NPY_DOUBLE);
     if (out && pma_subdomain_claim(self)) {
-        pma_gil_release();
+        PyThreadState *before = pma_gil_release();
         fill_compliance(self->core, twice, PyArray_DATA(rows), shape[0], scratch,
                         scratch + parts->link.p, PyArray_DATA((PyArrayObject *)out));
-        pma_gil_acquire();
+        pma_gil_acquire(before);
         pma_subdomain_release(self);
     } else {
         Py_CLEAR(out);
@@ -164,9 +164,9 @@ PyObject *pma_subdomain_unit_responses(SubdomainObject *self, PyObject *args)
         PyMem_Free(b.lam);
         return NULL;
     }
-    pma_gil_release();
+    PyThreadState *before = pma_gil_release();
     const pma_status status = fill_responses(self->core, &b);
-    pma_gil_acquire();
+    pma_gil_acquire(before);
     pma_subdomain_release(self);
     PyMem_Free(b.lam);
     return PyBool_FromLong(status == PMA_OK);

@@ -18,26 +18,27 @@ long long pma_watch_milliseconds(void)
 /* The thread state of this thread while it is in the core without the GIL, else NULL. */
 static _Thread_local PyThreadState *released;
 
-void pma_gil_release(void)
+PyThreadState *pma_gil_release(void)
 {
+    PyThreadState *before = released;
     released = PyEval_SaveThread();
+    return before;
 }
 
-void pma_gil_acquire(void)
+void pma_gil_acquire(PyThreadState *before)
 {
     PyThreadState *thread = released;
-    released = NULL; /* Python code that runs now may call the core again */
+    released = before;
     PyEval_RestoreThread(thread);
 }
 
 int pma_gil_call(int (*call)(void *ctx), void *ctx)
 {
-    const bool was_released = released != NULL;
-    if (was_released)
-        pma_gil_acquire();
+    if (!released || PyGILState_Check())
+        return call(ctx);
+    pma_gil_acquire(NULL); /* what runs now may enter the core again */
     const int result = call(ctx);
-    if (was_released)
-        pma_gil_release();
+    pma_gil_release();
     return result;
 }
 
@@ -55,7 +56,7 @@ static bool report_fails(const pma_watch *watch)
 
 static int check_signals(void *ctx)
 {
-    return PyErr_CheckSignals() < 0 || report_fails(ctx);
+    return PyErr_Occurred() || PyErr_CheckSignals() < 0 || report_fails(ctx);
 }
 
 bool pma_watch_signals(void *ctx)

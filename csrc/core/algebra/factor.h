@@ -15,7 +15,7 @@
 #include "algebra/path.h"
 #include "status.h"
 
-/* Bare arrays of the caller, who keeps them alive. */
+/* Arrays of the caller, which have to outlive it. */
 typedef struct {
     pma_form form; /* diagonal: R is the unit matrix */
     size_t n, nb;
@@ -34,7 +34,7 @@ typedef struct {
  * ascend and lie below the diagonal. */
 pma_status pma_factor_check(const pma_factor *f);
 
-/* Doubles of scratch that every function below wants as `work`; of a factor that was checked. */
+/* Doubles of scratch that every function below needs as `work`; of a factor that was checked. */
 size_t pma_factor_scratch(const pma_factor *f);
 
 /* Entries read by a sweep through all columns and one along the paths of the interface. */

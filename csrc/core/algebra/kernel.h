@@ -26,8 +26,8 @@ typedef struct {
                           const double *x, double *y);
 } pma_kernel;
 
-/* The widest instructions of this processor. All kernels give the same bits: they differ in how
- * many registers four numbers take, not in the order of the sums. */
+/* The widest instructions of this processor. All kernels are bitwise identical: they differ in
+ * how many registers four numbers take, not in the order of the sums. */
 const pma_kernel *pma_kernel_best(void);
 
 /* What every processor has. */

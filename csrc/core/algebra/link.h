@@ -9,7 +9,7 @@
 
 #include "status.h"
 
-/* Bare arrays of the caller, who keeps them alive. */
+/* Arrays of the caller, which have to outlive it. */
 typedef struct {
     size_t p, nb;
     const int64_t *ptr;   /* nb+1 starts of the columns */

@@ -19,7 +19,7 @@ typedef enum {
     PMA_PANELS  /* factors alone */
 } pma_form;
 
-/* Bare arrays of the caller, who keeps them alive. */
+/* Arrays of the caller, which have to outlive it. */
 typedef struct {
     pma_form form;
     size_t n;

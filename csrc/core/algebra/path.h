@@ -28,7 +28,7 @@ pma_status pma_path_check(const pma_path *path, const pma_panels *p, size_t n, s
 size_t pma_path_entries(const pma_path *path, const pma_panels *p);
 
 /* A = P^T R D R^T P, P x the unknowns in the order of elimination. aside: scratch,
- * n + pma_panels_most_height: a vector in the order of elimination, and what panels want.
+ * n + pma_panels_most_height: a vector in the order of elimination, and what panels need.
  *
  * x (n) := y = R^-1 P x, the free problem swept forward; xb (nb) := (P^T R^-T D^-1 y)_b    (F7) */
 void pma_path_open(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,

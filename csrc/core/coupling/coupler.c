@@ -63,7 +63,8 @@ static pma_status allocate(pma_coupler *c, const pma_coupler_parts *parts)
     return PMA_OK;
 }
 
-/* Beside the fine steps all members go on before the macro step is committed. */
+/* Can every member go on before the macro step is committed? Only then can one be left beside the
+ * fine steps. */
 static bool all_look_ahead(const pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
@@ -343,6 +344,6 @@ pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *
             abandon(c);
         }
     }
-    /* the poll of the last wait may have said stop when all was done */
-    return status == PMA_OK && atomic_load(&c->stopped) ? PMA_STOPPED : status;
+    /* whatever else went wrong; the poll of the last wait may have said stop when all was done */
+    return atomic_load(&c->stopped) ? PMA_STOPPED : status;
 }

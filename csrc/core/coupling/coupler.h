@@ -38,8 +38,9 @@ typedef struct {
     bool worthwhile;           /* fewer of them where they would not pay, see roster.h */
 } pma_coupler_parts;
 
-/* Called between fine steps, when about `entries` matrix entries were read since, and now and then
- * while the caller waits for another thread; true: stop. */
+/* Called between fine steps (between substeps in macro coupling), when about `entries` matrix
+ * entries were read since, and about every 20 ms while the caller waits for another thread; true:
+ * stop. It is then not called again in that advance. */
 typedef struct {
     bool (*stop)(void *ctx);
     void *ctx;
@@ -55,7 +56,8 @@ typedef struct pma_coupler pma_coupler;
 #define PMA_INTERFACE SIZE_MAX
 
 /* PMA_BAD_SIZE when numbers of constraints or substeps do not agree or the schedule cannot have
- * them, PMA_BAD_STEP when h of a member is not dt / substeps, PMA_BAD_INDEX for a bad motion. */
+ * them, PMA_BAD_STEP when h of a member is not dt / substeps, PMA_BAD_INDEX for a bad motion. Not
+ * while a member is stepped by another coupler. */
 pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out);
 void pma_coupler_destroy(pma_coupler *c); /* NULL is allowed */
 
@@ -69,8 +71,8 @@ void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, co
 
 /* `steps` macro steps, recorded if record is not NULL. PMA_NOT_READY before a start,
  * PMA_NOT_FINITE, PMA_FORCE_FAILED and PMA_RESTORING_FAILED (pma_coupler_failed says where),
- * PMA_STOPPED, and PMA_NO_THREADS before the first step. Does not allocate, but for the threads
- * when they are not there yet. */
+ * PMA_STOPPED (possibly with all steps done), and PMA_NO_THREADS before the first step. Does not
+ * allocate, but for the threads when they are not there yet. */
 pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,
                                const pma_poll *poll);
 

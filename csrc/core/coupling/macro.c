@@ -1,7 +1,7 @@
 /* macro.c - macro coupling: multipliers linear over the macro step, one interface problem in it.
  *
  * Every subdomain makes its substeps twice: with the loads and the multipliers of the beginning
- * held (free macro run), and from rest under the ramp by which the multipliers turn out to go on
+ * held (free macro run), and from rest under multipliers that grow linearly from zero to dLam
  * (link response). To be read with section 13 of docs/method.md. */
 #include <string.h>
 

@@ -19,7 +19,7 @@ typedef struct {
     pma_substep closed, opened;
     const pma_selection *selection; /* where the end of `closed` is recorded */
     size_t row;                     /* ... or PMA_NO_ROW */
-    pma_status status;              /* of the closing */
+    pma_status status;              /* of the closing, or of the opening */
 } pma_assignment;
 
 /* A member in a coupler, and where it is in the macro step. */
@@ -34,7 +34,8 @@ typedef struct {
     double *lam; /* p: what it is closed with beside the fine steps; else NULL */
 } pma_coupled;
 
-/* The end of macro step number - 1: multipliers and prescribed velocities (p each). */
+/* A macro time level, `number` macro steps after the start: multipliers and prescribed velocities
+ * (p each). */
 typedef struct {
     int64_t number;
     double *lam, *g;
@@ -62,7 +63,7 @@ struct pma_coupler {
     atomic_bool stopped;      /* by the poll */
     size_t failed;
     bool started;
-    bool evaluates, observed; /* a member has a restoring force; its energy summed up */
+    bool evaluates, observed; /* some member has a restoring force; is observed */
 
     pma_motion *motions;
     double *scratch, *dlam; /* p; the latter under macro coupling: Lam_{n+1} - Lam_n */
@@ -135,7 +136,7 @@ static inline bool pma_coupler_is_stopped(pma_coupler *c)
 /* The row of time level j, counted from the present, of a grid of `levels` in a macro step. */
 size_t pma_recorder_row(const pma_coupler *c, size_t j, size_t levels);
 
-/* What c->record wants of the end of the fine step at hand. */
+/* Records the end of the fine step at hand. */
 void pma_recorder_write(const pma_coupler *c);
 
 /* What had to wait for members that were closed beside the fine steps: the jumps at `reached`. */

@@ -43,9 +43,10 @@ void pma_energy_destroy(pma_energy *e); /* NULL is allowed */
 /* All works are zero at the present x, under load (n) and multipliers lam (p). */
 void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, const double *lam);
 
-/* A substep has been closed: the state x at its end, lam (p). Its load and its restoring force are
- * the ones evaluated last. The works of a double step are added to the sums of the time level
- * before the last one, but for the first substep after the beginning.                    (B3) */
+/* A substep has been closed: the state x at its end, lam (p). No later substep has been opened yet,
+ * so that a called load and the restoring force have the values of this one. The works of a double
+ * step are added to the sums of the time level before the last one, but for the first substep after
+ * the beginning.                                                                         (B3) */
 void pma_energy_close(pma_energy *e, const pma_substep *step, const pma_state *x,
                       const double *lam);
 

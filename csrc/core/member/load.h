@@ -19,7 +19,7 @@ typedef enum {
 /* f (n) := F(t), in the user's order of dofs; f arrives zeroed. Other than 0: stop the run. */
 typedef int (*pma_force_function)(double t, intptr_t n, double *f, void *user);
 
-/* Bare arrays of the caller, who keeps them alive. */
+/* Arrays of the caller, which have to outlive it. */
 typedef struct {
     pma_load_kind kind;
     size_t n;

@@ -4,9 +4,13 @@
  * the subdomain of subdomain.h, or the naive one of the tests. In what follows `j` is a time level
  * counted from the present (substep.h), `lam` has p numbers, and to `sum` (p) something is added.
  *
- * One thread at a time works with a member. The two operations marked (c) may be called by the
- * thread that called pma_coupler_advance while another one is inside `open` or `close`. No
- * operation allocates but `look_ahead`. */
+ * One thread at a time works with a member. The operations marked (c) may be called by the thread
+ * that called pma_coupler_advance while another one is inside `open`, `close` or `record`; `opened`
+ * and `is_known` while it is inside `close` or `record`. No operation allocates but `look_ahead`.
+ *
+ * A member that is `doubled` has rebase; that `responds`: respond, record_response, add_response
+ * and repeats; that `divides`: the stages of ranges of rows. is_known comes with look_ahead, energy
+ * with is_observed; hold is needed in macro coupling without substeps. */
 #ifndef PMA_MEMBER_H
 #define PMA_MEMBER_H
 
@@ -44,7 +48,7 @@ typedef struct {
     void (*velocity)(const void *self, size_t j, double *sum);
     void (*displacement)(const void *self, size_t j, double *sum);
 
-    /* Is vf finite at time level j? */
+    /* (c) Is vf finite at time level j? */
     bool (*is_finite)(const void *self, size_t j);
 
     /* Writes time level j, which is closed, into a row. */
@@ -66,8 +70,8 @@ typedef struct {
     bool (*is_observed)(const void *self);
     void (*energy)(const void *self, size_t j, double *out);
 
-    /* Look-ahead. Room for the macro step after the one that is not committed yet; allocates. Can
-     * a substep be opened before its turn, or is its load not known yet? */
+    /* Look-ahead. Room for the macro step after the one that is not committed yet; allocates.
+     * True if the load of a substep can already be evaluated, before its turn. */
     pma_status (*look_ahead)(void *self);
     bool (*is_known)(const void *self, const pma_substep *step);
 

@@ -30,8 +30,8 @@ void pma_response_step(pma_response *r, size_t j, const double *lam);
 /* The state after the last substep; u, v, w, a are one array of 4 n. */
 const pma_state *pma_response_state(const pma_response *r);
 
-/* x += the response to lam (p), stored or just repeated (M5). PMA_NOT_FINITE when a value of x is
- * not finite then. */
+/* x += the response to lam (p): the stored one, or that of the last steps, which were 1..substeps
+ * to the same lam (M5). PMA_NOT_FINITE when a value of x is not finite then. */
 pma_status pma_response_add(const pma_response *r, const double *lam, const pma_state *x);
 
 /* All substeps of the response to lam (p): end (p) += L_b v of the last, mean (p) += the mean of

@@ -65,7 +65,7 @@ static size_t reach_of(const pma_parts *p)
  * rest in the second. */
 enum { SLAB = 128, NARROW = 4096 };
 
-/* Restoring forces want all predictors at once. */
+/* Restoring forces need all predictors at once. */
 static size_t slab_of(const pma_subdomain *s)
 {
     const size_t n = s->parts.n;

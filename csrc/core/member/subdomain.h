@@ -102,7 +102,8 @@ pma_response *pma_subdomain_response(pma_subdomain *s);
 
 /* ---- energy: from the present on, of every substep until it is ended ------------------------ */
 
-/* Works are summed up from here, under load (n) and lam (p); M is the mass matrix. Allocates. */
+/* Works are summed up from here, under load (n) and lam (p); M is the mass matrix. Allocates. To be
+ * begun again after a start or after time levels were written. */
 pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, const double *load,
                                       const double *lam);
 void pma_subdomain_end_energy(pma_subdomain *s); /* NULL and one without energy are allowed */

@@ -118,7 +118,8 @@ static bool could_open(const pma_coupler *c, const pma_coupled *m)
 
 static void prepare_opening(pma_coupler *c, pma_coupled *m)
 {
-    m->assigned = (pma_assignment){.opens = true, .opened = pma_substep_of(c, m, m->now.j + 1)};
+    m->assigned = (pma_assignment){
+        .opens = true, .closed = m->step, .opened = pma_substep_of(c, m, m->now.j + 1)};
 }
 
 void pma_look_ahead_open(pma_coupler *c)
@@ -129,7 +130,7 @@ void pma_look_ahead_open(pma_coupler *c)
 
 /* ---- closing beside the fine steps ---------------------------------------------------------- */
 
-static bool has_failed(const pma_coupler *c)
+static bool has_failed_assignment(const pma_coupler *c)
 {
     for (size_t i = first_aside(c); i < c->parts.count; i++) {
         const pma_assignment *work = &member_of(c, i)->assigned;
@@ -155,7 +156,8 @@ pma_status pma_look_ahead_await(pma_coupler *c)
     if (pma_is_pending(c))
         await_all(c);
     c->failed = PMA_INTERFACE;
-    return has_failed(c) ? PMA_NOT_FINITE : PMA_OK; /* pma_look_ahead_end finds the first one */
+    return has_failed_assignment(c) ? PMA_NOT_FINITE
+                                    : PMA_OK; /* pma_look_ahead_end finds the first one */
 }
 
 bool pma_look_ahead_is_busy(const pma_coupler *c)
