@@ -87,6 +87,7 @@ def _translations(K: Any, n: int) -> np.ndarray | None:
     """(n, t): translations without force in K, for the dofs per node with the largest number."""
     best: list[np.ndarray] = []
     size = abs(K)
+    sample = K[:SAMPLE], size[:SAMPLE]
     for d in DOFS_OF_A_NODE:
         if n % d:
             continue
@@ -94,15 +95,15 @@ def _translations(K: Any, n: int) -> np.ndarray | None:
         for c in range(d):
             x = np.zeros(n)
             x[c::d] = 1.0
-            if _is_free(K, size, x, SAMPLE) and _is_free(K, size, x, n):
+            if _is_free(*sample, x) and _is_free(K, size, x):
                 found.append(x)
         best = max(best, found, key=len)
     return np.column_stack(best) if best else None
 
 
-def _is_free(K: Any, size: Any, x: np.ndarray, rows: int) -> bool:
-    """Whether K x is rounding in the first rows."""
-    return bool(np.all(np.abs(K[:rows] @ x) <= ROUNDING * (size[:rows] @ x)))
+def _is_free(K: Any, size: Any, x: np.ndarray) -> bool:
+    """Whether K x is rounding, in rows of K; `size` is |K|."""
+    return bool(np.all(np.abs(K @ x) <= ROUNDING * (size @ x)))
 
 
 def _is_singular(K: Any, L: sp.csr_array) -> bool:
