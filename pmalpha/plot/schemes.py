@@ -114,7 +114,7 @@ def _drawn(
     with shown_style():
         from .shown import shown_figure
 
-        figure = shown_figure(figsize=(5.0, 3.2), layout="constrained")
+        figure = shown_figure(figsize=(5.0, 3.6), layout="constrained")
         ax = figure.subplots()
         for i, (name, scheme) in enumerate(labelled.items()):
             marker = ("", "o", "s", "^")[i // len(LINES)]
@@ -123,7 +123,7 @@ def _drawn(
         ax.set_xlabel("step per period $h/T$")
         ax.set_ylabel(label)
         ax.set_xlim(0.0, x[-1])
-        ax.legend()
+        figure.legend(loc="outside upper left", ncols=2)  # beside the curves it hides one
     return figure
 
 
