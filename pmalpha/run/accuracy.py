@@ -118,6 +118,7 @@ def warn_if_coarse(
     total = sum(errors.values())
     if not COARSE < total < np.inf:
         return
+    size = f"{100.0 * total:.2g} per cent" if total < 0.99 else "100 per cent or more"
     for i, error in errors.items():
         if error < 0.5 * max(errors.values()):
             continue
@@ -126,8 +127,7 @@ def warn_if_coarse(
         warn(
             f"the step {part.step:g}{double} of subdomain {part.name!r} is too coarse for its "
             f"motion: the error accumulated until t = {end:g} is about "
-            f"{100.0 * min(total, 1.0):.2g} per cent of the amplitude"
-            f"{' or more' if total >= 1.0 else ''}; take smaller steps, or more substeps",
+            f"{size} of the amplitude; take smaller steps, or more substeps",
             AccuracyWarning,
         )
 
