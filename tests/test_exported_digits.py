@@ -121,7 +121,7 @@ def test_a_negative_diagonal_entry_is_accepted_within_the_digits_where_the_schem
     expected = np.column_stack([1.0 - np.cos(history.t)] * 2)
     np.testing.assert_allclose(history.u, expected, atol=1e-3)
     for scheme in (pm.Newmark(), pm.CentralDifference()):
-        with pytest.raises(ValueError, match="negative diagonal entry at dofs 1: -3e-13"):
+        with pytest.raises(ValueError, match="negative diagonal entry at dof 1: -3e-13"):
             pm.Subdomain(M, K, scheme=scheme)
-    with pytest.raises(ValueError, match="negative diagonal entry at dofs 1: -3e-09"):
+    with pytest.raises(ValueError, match="negative diagonal entry at dof 1: -3e-09"):
         pm.Subdomain([1.0, -3e-9], K, scheme=damping)

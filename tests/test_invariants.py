@@ -158,8 +158,9 @@ def in_units(problem, length, time, mass):
 
 def _force_in_units(force, factor, time):
     if isinstance(force, pm.SampledForce):
-        other = copy.copy(force)
-        other.values, other.dt = force.values * factor, force.dt * time
+        other = copy.copy(force)  # of either class; forces are frozen, so from inside
+        object.__setattr__(other, "values", force.values * factor)
+        object.__setattr__(other, "dt", force.dt * time)
         return other
     if callable(force):
         return lambda t: force(t / time) * factor
@@ -336,7 +337,7 @@ def _plain(form, name, **options):
     K = sp.csr_array(K) if form == "sparse" else K
     options = {"scheme": pm.GeneralizedAlpha(0.5), **options}
     force = {"a": [1.0, 2.0, 3.0], "b": [-1.0, 0.0, 1.0], "c": [0.5, 0.25, 4.0]}[name]
-    return pm.Subdomain([1.0, 2.0, 1.5], K, force=force, name=name, **options)
+    return pm.Subdomain([1.0, 2.0, 1.5], K, name=name, **{"force": force, **options})
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -657,9 +658,8 @@ def test_after_reset_the_time_is_zero_also_with_a_callable_load():
 @pytest.mark.parametrize("form", FORMS)
 def test_reset_with_other_values_equals_a_new_coupler(form):
     def coupler(u_a, v_b, force_a, force_b):
-        a = _plain(form, "a", u0=u_a)
-        b = _plain(form, "b", substeps=4, v0=v_b)
-        a.force, b.force = force_a, force_b
+        a = _plain(form, "a", u0=u_a, force=force_a)
+        b = _plain(form, "b", substeps=4, v0=v_b, force=force_b)
         return pm.Coupler([a, b], pm.tie(a, [1], b, [1]), dt=0.02)
 
     def turn(t):
@@ -704,9 +704,9 @@ def test_reset_restores_what_it_does_not_name_to_the_values_of_the_subdomain():
 @pytest.mark.parametrize("callable_load", [False, True], ids=["constant", "callable"])
 def test_a_reset_that_fails_changes_nothing(wrong, error, callable_load):
     def coupler():
-        a = _plain("dense", "a", u0=[1.0, 0.0, 3.0])
+        loads = {"force": lambda t: np.array([t, 1.0, 0.0])} if callable_load else {}
+        a = _plain("dense", "a", u0=[1.0, 0.0, 3.0], **loads)
         b = _plain("dense", "b", substeps=2)
-        a.force = (lambda t: np.array([t, 1.0, 0.0])) if callable_load else a.force
         return pm.Coupler([a, b], pm.tie(a, [1], b, [1]), dt=0.1)
 
     expected = coupler().run(steps=5)

@@ -229,7 +229,7 @@ class Subdomain(Frozen):
 
     def _initial(self, value: Any, name: str) -> np.ndarray:
         if value is None:
-            return np.zeros(self.n)
+            value = np.zeros(self.n)
         if self.n == 1 and np.ndim(value) == 0:
             value = [value]
         return vector(value, self.n, name)

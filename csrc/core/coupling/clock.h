@@ -27,7 +27,8 @@ static inline double pma_clock_time(double dt, int64_t macro, size_t j, size_t l
 /* (15)  j = floor((k - 1) / ratio), theta = phase / ratio, for k >= 1 */
 static inline pma_moment pma_clock_moment(size_t k, size_t ratio)
 {
-    const size_t j = ratio == 1 ? k - 1 : (k - 1) / ratio;
+    /* k <= 2 PMA_MOST_SUBSTEPS = 2^32, and 32 bits are divided faster than 64 */
+    const size_t j = ratio == 1 ? k - 1 : (uint32_t)(k - 1) / (uint32_t)ratio;
     return (pma_moment){.j = j, .phase = k - j * ratio};
 }
 

@@ -68,7 +68,7 @@ static pma_status solve_interface(pma_coupler *c)
     memcpy(c->working.lam, c->working.g, c->parts.p * sizeof(double));
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_coupled *m = &c->coupled[i];
-        const double theta = (double)m->now.phase / (double)m->ratio;
+        const double theta = pma_is_ending(m) ? 1.0 : (double)m->now.phase / (double)m->ratio;
         m->member.table->free_velocity(m->member.self, m->now.j, theta, -1.0, c->working.lam);
     }
     return pma_coupler_solve(c);
