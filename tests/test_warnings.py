@@ -56,11 +56,16 @@ def test_a_warning_points_at_the_line_that_made_the_call_and_comes_once(name):
     assert (warning.filename, warning.lineno) == (__file__, line)
 
 
+def of_stability(caught):
+    """The stability warnings; that no constraint reaches these subdomains is another one."""
+    return [warning for warning in caught if warning.category is pm.StabilityWarning]
+
+
 def test_steps_above_the_critical_ones_are_one_warning_that_names_them():
     subdomains = [stiff("a"), stiff("b", 4e4), stiff("soft", 1.0), stiff("c", 1e4, substeps=2)]
     with pytest.warns(pm.StabilityWarning) as caught:
         pm.Coupler(subdomains, dt=0.1, coupling="gc")
-    (warning,) = caught
+    (warning,) = of_stability(caught)
     # central difference: 2 / omega
     assert "'a' (0.1 above 0.02), 'b' (0.1 above 0.01), 'c' (0.05 above 0.02)" in str(
         warning.message
@@ -71,7 +76,7 @@ def test_steps_above_the_critical_ones_are_one_warning_that_names_them():
 def test_many_steps_above_the_critical_ones_are_counted():
     with pytest.warns(pm.StabilityWarning, match=r"\.\.\. \(20 in all\)") as caught:
         pm.Coupler([stiff(f"s{i}") for i in range(20)], dt=0.1, coupling="gc")
-    assert len(caught) == 1
+    assert len(of_stability(caught)) == 1
 
 
 @pytest.mark.parametrize(("u0", "words"), [([1, 0], "row 0:"), ([1, 2], "rows 0: 1, 1:")])
