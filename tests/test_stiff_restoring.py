@@ -114,3 +114,18 @@ def test_a_function_that_changes_its_arguments_does_not_mislead_the_estimate():
         return value
 
     coupler(r, 0.05, u0=[1.0]).step(200)
+
+
+def test_a_reset_is_a_run_of_its_own_whatever_its_amplitude():
+    # the growth that ends a run is counted from the motion of that run
+    s = pm.Subdomain(
+        [1.0], [0.0], scheme=pm.GeneralizedAlpha(0.5), u0=[1e-9], restoring=lambda u, v, t: 1e4 * u
+    )
+    coupler = pm.Coupler([s], dt=0.05)
+    with pytest.warns(pm.StabilityWarning, match="is stiff"):
+        coupler.step(6)
+    coupler.reset(u0={0: [1.0]})
+    coupler.step(3)  # no second warning, which would be an error here
+    assert coupler.step_count == 3
+    with pytest.raises(pm.InstabilityError, match="is stiff"):
+        coupler.step(100)

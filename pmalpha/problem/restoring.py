@@ -13,7 +13,7 @@ from .lowlevel import check_signature
 from .springs import Spring, check_dofs, spring_list
 
 Function = Callable[[np.ndarray, np.ndarray, float], Any] | LowLevelCallable
-Watch = Callable[[np.ndarray, np.ndarray, np.ndarray], None]
+Watch = Callable[[np.ndarray, np.ndarray, np.ndarray, float], None]
 Restoring = Function | tuple[Spring, ...] | None
 
 
@@ -47,7 +47,7 @@ class CheckedRestoring:
     n : int
         Number of dofs.
     watch : callable, optional
-        Called after each evaluation as ``watch(u, v, r)``.
+        Called after each evaluation as ``watch(u, v, r, t)``.
     """
 
     def __init__(self, restoring: Callable, what: str, n: int, watch: Watch | None = None):
@@ -61,7 +61,7 @@ class CheckedRestoring:
         except (TypeError, ValueError) as error:
             raise type(error)(f"{self.what} at t = {t:g}: {error}") from None
         if self.watch:
-            self.watch(*before, r)
+            self.watch(*before, r, t)
         return r
 
 

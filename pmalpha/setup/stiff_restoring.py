@@ -49,15 +49,19 @@ class StiffnessWatch:
         self.sums: deque[np.ndarray] = deque(maxlen=WINDOW)
         self.largest, self.cause = 0.0, ""
 
-    def __call__(self, u: np.ndarray, v: np.ndarray, r: np.ndarray) -> None:
+    def __call__(self, u: np.ndarray, v: np.ndarray, r: np.ndarray, t: float) -> None:
         """Take in an evaluation; StabilityWarning once, then UnboundedMotion."""
+        if t == 0.0:  # a run begins, possibly after a reset: its motion is not that of the last one
+            self.last = self.increment = None
+            self.sums.clear()
+            self.largest = 0.0
         with np.errstate(over="ignore", invalid="ignore"):
             self._take(u, v, r)
             omega2, is_resolved = self._estimate()
         size = float(np.max(np.abs(u), initial=0.0))
-        if not self.cause:
+        if not self.cause or len(self.sums) < WINDOW:
             self.largest = max(self.largest, size)
-            if omega2 * self.step**2 > EXCESS * self.Omega**2:
+            if not self.cause and omega2 * self.step**2 > EXCESS * self.Omega**2:
                 self._warn(np.sqrt(omega2))
         elif size > GROWTH * self.largest and not is_resolved:
             raise UnboundedMotion(self.name, self.cause)
