@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from scipy import LowLevelCallable
 
 from .._checks import counted, positive_number, real_array, real_number, vector
-from .arguments import MatrixLike, VectorLike
+from .arguments import SparseLike, VectorLike
 from .compiled import evaluate_compiled
 from .frozen import Frozen
 from .lowlevel import check_signature
@@ -89,7 +89,7 @@ class InternalForce(Frozen):
         self,
         evaluate: Evaluate,
         history: VectorLike | None = None,
-        pattern: MatrixLike | None = None,
+        pattern: SparseLike | None = None,
     ):
         if not isinstance(evaluate, LowLevelCallable) and not callable(evaluate):
             raise TypeError(f"evaluate must be callable, got {evaluate!r}")
@@ -139,7 +139,7 @@ class InternalForce(Frozen):
         """Compare K_t and C_t with central differences of f.
 
         Wrong tangents do not make results wrong, but iterations slow or divergent. The force is
-        evaluated 4 n + 1 times.
+        evaluated 8 n + 1 times.
 
         Parameters
         ----------
@@ -151,9 +151,9 @@ class InternalForce(Frozen):
         q : (m,) array, optional
             History at the beginning of the substep. Default: `history`.
         step : float, default 6e-6
-            Half the distance of a difference over the largest abs(u) for K_t and the largest
-            abs(v) for C_t; the half distance itself where these are zero. The default, the cubic
-            root of the rounding unit, gives about ten digits of a smooth f.
+            Displacement of a dof on both sides, relative to the largest abs(u) for K_t and to the
+            largest abs(v) for C_t, absolute where these are zero. The default, the cubic root of
+            the rounding unit, gives about ten digits of a smooth f.
 
         Returns
         -------
@@ -173,12 +173,13 @@ class InternalForce(Frozen):
         K_t and C_t differ from differences of f by up to 0.33 of the largest entry, in K_t in the \
 column of dof 0: 0.5 given at [0, 0], 0.75 by differences
         """
-        displacement = real_array(np.atleast_1d(np.asarray(u)), "u")
-        n, m = displacement.size, self.history.size
-        if self.pattern is not None and self.pattern.shape != (n, n):
-            raise ValueError(f"u must have shape ({self.pattern.shape[0]},), got ({n},)")
-        velocity = np.zeros(n) if v is None else vector(np.atleast_1d(np.asarray(v)), n, "v")
-        past = self.history if q is None else vector(q, m, "q")
+        displacement = real_array(u, "u", (0, 1)).reshape(-1)
+        n = displacement.size
+        if n == 0 or (self.pattern is not None and self.pattern.shape != (n, n)):
+            size = "n > 0" if self.pattern is None else str(self.pattern.shape[0])
+            raise ValueError(f"u must have shape ({size},), got ({n},)")
+        velocity = vector(np.zeros(n) if v is None else [v] if np.ndim(v) == 0 else v, n, "v")
+        past = self.history if q is None else vector(q, self.history.size, "q")
         return check_tangents(
             self, displacement, velocity, real_number(t, "t"), past, positive_number(step, "step")
         )

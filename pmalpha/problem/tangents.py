@@ -13,6 +13,8 @@ from .matrices import entries, is_sound, read_only, row_of_entries, shorten_indi
 # A user's tangent after its check: zero, a diagonal, dense, or by rows.
 Tangent = np.ndarray | sp.csr_array | sp.csr_matrix | None
 
+COMPRESSED = ("csr", "csc")
+
 # Tolerance of the symmetry of the first tangents, relative to the largest entry: the rounding of an
 # assembly, and far below what an unsymmetric law has.
 SYMMETRY = 1e-9
@@ -34,6 +36,7 @@ def checked_tangent(value: Any, name: str, n: int) -> Tangent:
     if sp.issparse(A):
         if A.shape != (n, n):
             raise ValueError(f"{name} must have shape ({n}, {n}), got {A.shape}")
+        _check_sound(A, name)
         return A if A.format == "csr" else by_rows(A, name)
     if A.shape == () and n == 1:
         A = A.reshape(1)
@@ -46,9 +49,19 @@ def by_rows(value: Any, name: str) -> sp.csr_array:
     """A copy of a sparse matrix by rows, with sorted columns and its stored zeros."""
     if value.format == "dia":
         value = _with_zeros(value)  # SciPy leaves them out
-    A = sp.csr_array(value if is_sound(value) else entries(value, name), copy=True)
+    _check_sound(value, name)
+    A = sp.csr_array(value if value.format in COMPRESSED else entries(value, name), copy=True)
     A.sum_duplicates()
     return A
+
+
+def _check_sound(value: Any, name: str) -> None:
+    """ValueError for a matrix by rows or columns with indices out of range."""
+    if value.format in COMPRESSED and not is_sound(value):
+        raise ValueError(
+            f"{name} must have increasing indptr and indices within its shape {value.shape}, got a "
+            f"damaged {value.format} matrix"
+        )
 
 
 def _with_zeros(A: Any) -> sp.coo_array:
@@ -162,15 +175,12 @@ class Placement:
     def _is_known(self, A: Any) -> bool:
         return (
             self.known is not None
-            and A.data.size >= self.where.size
             and np.array_equal(A.indptr, self.known[0])
             and np.array_equal(A.indices, self.known[1])
         )
 
     def _learned(self, A: Any) -> Any:
         """Learn the places of the entries of A; the matrix whose entries have these places."""
-        if not is_sound(A):
-            A = by_rows(A, self.name)  # which refuses it
         keys = keys_of(A, self.slots.n)
         where, inside = self.slots.of(keys)
         if not inside.all():  # entries outside are zero, or refused
