@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import plain_array, require_finite
-from .tangents import Placement, Slots, Tangent, checked_tangent, keys_of, pattern_of
+from .tangents import Placement, Slots, Tangent, checked_tangent, entries_of, symmetric_union
 
 RETURNS = "(f, K_t), (f, K_t, C_t) or (f, K_t, C_t, q1)"
 
@@ -187,13 +187,13 @@ def first_tangent(
     own = histories(forces)[1]
     what = names(forces, name)
     first = [evaluated(x, w, u0, v0, 0.0, q0[o]) for x, w, o in zip(forces, what, own)]
-    keys = [
-        keys_of(A, n)
+    patterns = [
+        entries_of(A, n)
         for force, (_, K, C, _) in zip(forces, first)
         for A in ((K, C) if force.pattern is None else (force.pattern,))
     ]
     damped = any(values[2] is not None for values in first)
-    checked = CheckedInternal(forces, name, pattern := pattern_of(keys, n), damped)
+    checked = CheckedInternal(forces, name, pattern := symmetric_union(patterns, n), damped)
     K = np.zeros(pattern.nnz)
     C = np.zeros(pattern.nnz) if damped else None
     for values, w, places in zip(first, what, checked.places):

@@ -229,37 +229,39 @@ class Internal:
 
 
 def checked_internal(internal: Any, n: int) -> Internal | None:
-    """A user's internal forces, checked as far as possible without evaluating them."""
-    if internal is None:
-        return None
-    several = isinstance(internal, (list, tuple)) and not isinstance(internal, LowLevelCallable)
-    items = list(internal) if several else [internal]
-    if not items:
-        raise ValueError(f"internal must not be empty, got {internal!r}")
-    springs = tuple(x for x in items if isinstance(x, Spring))
-    check_dofs(springs, n)
-    forces = tuple(_force(x, n) for x in items if not isinstance(x, Spring))
-    return Internal(springs, forces)
+    """A user's internal forces, checked as far as possible without evaluating them.
+
+    None where there are none: an empty list is the sum of no forces.
+    """
+    # a LowLevelCallable is a tuple too
+    is_list = isinstance(internal, (list, tuple)) and not isinstance(internal, LowLevelCallable)
+    items = tuple(internal) if is_list else () if internal is None else (internal,)
+    springs, forces = [], []
+    for i, item in enumerate(items):
+        if isinstance(item, Spring):
+            check_dofs((item,), n)
+            springs.append(item)
+        else:
+            forces.append(_force(item, f"internal[{i}]" if is_list else "internal", n))
+    return Internal(tuple(springs), tuple(forces)) if items else None
 
 
-def _force(value: Any, n: int) -> InternalForce:
+def _force(value: Any, label: str, n: int) -> InternalForce:
     """An internal force that is not a spring, as InternalForce."""
     if isinstance(value, LowLevelCallable):
         raise TypeError(
-            "internal must be InternalForce(function, pattern=...) for a LowLevelCallable, got the "
+            f"{label} must be InternalForce(function, pattern=...) for a LowLevelCallable, got the "
             "function alone"
         )
     if not callable(value):
-        raise TypeError(
-            f"internal must be callable, an InternalForce, springs, or a list of them, got "
-            f"{value!r}"
-        )
+        rule = "callable, an InternalForce, springs, or a list of them"
+        raise TypeError(f"{label} must be {rule}, got {value!r}")
     force = value
     if not isinstance(value, InternalForce):
         both = hasattr(value, "history") and hasattr(value, "pattern")
         force = InternalForce(value, *((value.history, value.pattern) if both else ()))
     if force.pattern is not None and force.pattern.shape != (n, n):
         raise ValueError(
-            f"pattern of an InternalForce must have shape ({n}, {n}), got {force.pattern.shape}"
+            f"{label} must have a pattern of shape ({n}, {n}), got {force.pattern.shape}"
         )
     return force

@@ -161,23 +161,23 @@ class Subdomain(Frozen):
             raise TypeError(f"name must be a string that is not empty, got {name!r}")
         if M is None:
             raise TypeError("M must be a matrix, got None")
-        if K is None and restoring is None and internal is None:
-            raise TypeError(
-                "K must be a matrix where there is no restoring force and no internal one, got None"
-            )
         check_word(damping, "damping", get_args(Damping))
         self.scheme = scheme
         self.substeps = whole_number(substeps, "substeps", low=1)
         self.double_step = None if double_step is None else flag(double_step, "double_step")
         self.name = name
         self.M, self.n = canonical(M, "M")
+        self.internal: Internal | None = checked_internal(internal, self.n)
+        if K is None and restoring is None and self.internal is None:
+            raise TypeError(
+                "K must be a matrix where there is no restoring force and no internal one, got None"
+            )
         self.K = self._matrix(K, "K")
         self.rayleigh = checked_rayleigh(rayleigh)
         self.C = damping_matrix(C, self.rayleigh, self.n, M=self.M, K=self.K, given=K)
         self.damping = damping
         self.force = checked_force(force, self.n)
         self.restoring: Restoring = checked_restoring(restoring, self.n)
-        self.internal: Internal | None = checked_internal(internal, self.n)
         if self.restoring_springs and self.internal is not None and self.internal.springs:
             raise ValueError(
                 "springs must be either in restoring, evaluated once per substep, or in internal, "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -75,25 +76,32 @@ def _with_zeros(A: Any) -> sp.coo_array:
 # ---- patterns ----------------------------------------------------------------------------------
 
 
-def keys_of(A: Tangent | sp.csr_array, n: int) -> np.ndarray:
-    """n * row + column of each stored entry; all entries of a dense matrix are stored."""
+def entries_of(A: Tangent, n: int) -> sp.csr_array:
+    """The pattern of a tangent, with values 1; all entries of a dense matrix are stored."""
     if A is None:
-        return np.zeros(0, dtype=np.int64)
+        return sp.csr_array((n, n))
     if not sp.issparse(A):
-        return np.arange(n) * (n + 1) if A.ndim == 1 else np.arange(n * n)
-    return row_of_entries(A).astype(np.int64) * n + A.indices[: A.indptr[-1]]
+        return sp.csr_array(sp.eye_array(n) if A.ndim == 1 else np.ones((n, n)))
+    end = A.indptr[-1]
+    return sp.csr_array((np.ones(end), A.indices[:end], A.indptr), shape=A.shape)
 
 
-def pattern_of(keys: list[np.ndarray], n: int) -> sp.csr_array:
-    """The symmetric pattern with these entries and the diagonal, with values 1, read-only."""
-    rows, columns = np.divmod(np.unique(np.concatenate([np.arange(n) * (n + 1), *keys])), n)
-    both = np.union1d(rows * n + columns, columns * n + rows)
-    rows, columns = np.divmod(both, n)
-    indptr = np.searchsorted(rows, np.arange(n + 1))
-    pattern = sp.csr_array((np.ones(both.size), columns, indptr), shape=(n, n))
-    shorten_indices(pattern)
-    read_only(pattern)
-    return pattern
+def symmetric_union(patterns: Iterable[sp.csr_array], n: int) -> sp.csr_array:
+    """The symmetric pattern that has these patterns and the diagonal; values 1, read-only."""
+    total = sp.csr_array(sp.eye_array(n))
+    for pattern in patterns:
+        total = total + pattern + pattern.T  # positive values: a sum leaves none out
+    total = sp.csr_array(total)
+    total.sum_duplicates()  # sorts the columns
+    total.data = np.ones(total.nnz)
+    shorten_indices(total)
+    read_only(total)
+    return total
+
+
+def keys_of(A: Any) -> np.ndarray:
+    """n * row + column of each stored entry of a matrix by rows."""
+    return row_of_entries(A) * A.shape[1] + A.indices[: A.indptr[-1]]
 
 
 class Slots:
@@ -102,13 +110,13 @@ class Slots:
     Parameters
     ----------
     pattern : csr_array
-        Of `pattern_of`: sorted, symmetric, with the diagonal.
+        Of `symmetric_union`: sorted, symmetric, with the diagonal.
     """
 
     def __init__(self, pattern: sp.csr_array):
         self.n, self.nnz = pattern.shape[0], pattern.nnz
         self.rows, self.columns = row_of_entries(pattern), pattern.indices
-        self.keys = keys_of(pattern, self.n)
+        self.keys = keys_of(pattern)
         self.diagonal = np.searchsorted(self.keys, np.arange(self.n) * (self.n + 1))
 
     def of(self, keys: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -139,7 +147,8 @@ class Placement:
     def __init__(self, slots: Slots, name: str):
         self.slots, self.name = slots, name
         self.known: tuple[np.ndarray, np.ndarray] | None = None  # indptr, indices
-        self.where, self.repeated = np.zeros(0, dtype=np.int64), False
+        self.where: np.ndarray | slice = slice(0)
+        self.repeated = False
 
     def add(self, A: Tangent, values: np.ndarray) -> None:
         """values += A; ValueError for an entry that is not zero outside the pattern."""
@@ -181,7 +190,7 @@ class Placement:
 
     def _learned(self, A: Any) -> Any:
         """Learn the places of the entries of A; the matrix whose entries have these places."""
-        keys = keys_of(A, self.slots.n)
+        keys = keys_of(A)
         where, inside = self.slots.of(keys)
         if not inside.all():  # entries outside are zero, or refused
             self._refuse(keys, np.where(inside, 0.0, A.data[: keys.size]))
@@ -189,7 +198,9 @@ class Placement:
             kept = (A.data[: keys.size][inside], (rows, A.indices[: keys.size][inside]))
             return self._learned(by_rows(sp.coo_array(kept, shape=A.shape), self.name))
         self.known, self.where = (A.indptr.copy(), A.indices.copy()), where
-        self.repeated = np.unique(where).size < where.size
+        self.repeated = bool(np.any(np.bincount(where, minlength=1) > 1))
+        if np.array_equal(where, np.arange(self.slots.nnz)):
+            self.where = slice(None)  # the whole pattern in its order
         return A
 
     def _refuse(self, keys: np.ndarray, values: np.ndarray) -> None:
