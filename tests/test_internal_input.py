@@ -621,6 +621,14 @@ def test_without_tangents_none_are_returned_and_residual_is_used():
     assert plain(u, u, 0.0, NONE, False)[1] is None
 
 
+def test_a_residual_has_the_arguments_of_the_force():
+    element = Element(2)
+    element.residual = lambda u, v, t, q: 100.0 * u + 10.0 * v + t
+    adapter, _, _ = at_start(element, 2)
+    f = adapter(np.array([1.0, 2.0]), np.array([3.0, 4.0]), 5.0, NONE, False)[0]
+    assert f.tolist() == [135.0, 245.0]
+
+
 def test_a_force_with_a_history_is_evaluated_whole_since_q1_is_needed():
     class Plastic:
         history, pattern = [0.0], None
@@ -678,8 +686,13 @@ def test_index_arrays_that_change_in_place_are_noticed():
     A = sp.csr_array(([1.0, 2.0], [0, 1], [0, 1, 2]), shape=(2, 2))
     pattern = sp.csr_array(np.ones((2, 2)))
     adapter, _, _ = at_start(pm.InternalForce(lambda u, v, t, q: (u, A), pattern=pattern), 2)
-    for indices in ([0, 1], [1, 0], [0, 1]):
-        A.indices[:] = indices
+    for indices, indptr in (
+        ([0, 1], [0, 1, 2]),
+        ([1, 0], [0, 1, 2]),
+        ([1, 0], [0, 2, 2]),
+        ([0, 1], [0, 1, 2]),
+    ):
+        A.indices[:], A.indptr[:] = indices, indptr
         values = adapter(np.zeros(2), np.zeros(2), 0.0, NONE, True)[1]
         np.testing.assert_array_equal(dense(adapter.pattern, values), A.toarray())
 
