@@ -316,21 +316,11 @@ def _spread(value: Any, name: str, count: int) -> np.ndarray:
 # ---- for a subdomain ---------------------------------------------------------------------------
 
 
-def spring_list(restoring: Any) -> tuple[Spring, ...] | None:
-    """The springs in a user's `restoring`, or None if it is of another kind."""
-    if isinstance(restoring, Spring):
-        return (restoring,)
-    if isinstance(restoring, (list, tuple)) and all(isinstance(s, Spring) for s in restoring):
-        return tuple(restoring) or None
-    return None
-
-
-def check_dofs(springs: tuple[Spring, ...], n: int) -> None:
-    for spring in springs:
-        if spring.dofs.max() >= n:
-            raise ValueError(
-                f"dofs of a {type(spring).__name__} must lie in 0..{n - 1}, got {spring.dofs.max()}"
-            )
+def check_dofs(spring: Spring, n: int) -> None:
+    if spring.dofs.max() >= n:
+        raise ValueError(
+            f"dofs of a {type(spring).__name__} must lie in 0..{n - 1}, got {spring.dofs.max()}"
+        )
 
 
 def stiffness(springs: tuple[Spring, ...], tangent: str, n: int) -> sp.csr_array:

@@ -13,7 +13,7 @@ from .damping import checked_rayleigh, damping_matrix
 from .forces import checked_force
 from .frozen import Frozen
 from .matrices import EXPORTED, Matrix, canonical, combination, diagonal
-from .restoring import Restoring, checked_restoring, is_function
+from .restoring import Restoring, checked_restoring, functions_of, springs_of
 from .schemes import Scheme
 from .springs import Spring, stiffness
 
@@ -59,22 +59,24 @@ class Subdomain(Frozen):
         evaluated in advance, once for each substep in the order of time, and once at t = 0. A
         ``scipy.LowLevelCallable`` ``int (double t, intptr_t n, double *f, void *user)`` is
         evaluated in the step, without the GIL; f is zero on entry.
-    restoring : callable, LowLevelCallable, or springs, optional
+    restoring : callable, LowLevelCallable, springs, or a list of these, optional
         A further force beside K u + C v, such as a nonlinear element or a specimen in a test rig,
-        equation (R2). Springs, one or a list, are `CubicSpring`, `Gap`, `Bilinear` and `BoucWen`,
-        evaluated by the core. A callable ``r(u, v, t) -> (n,)`` is evaluated once for the initial
-        accelerations, then exactly once for each substep, in the order of time, at the predictor
-        of the displacement and an extrapolated velocity; after an exception, evaluations of the
-        macro step that it ended are repeated. u and v are copies. A ``scipy.LowLevelCallable``
-        ``int (double t, intptr_t n, double *u, double *v, double *r, void *user)`` is evaluated
-        without the GIL; r is zero on entry. With several threads it is called from any of them,
-        for each subdomain from one at a time. A return value other than 0 stops the run with a
-        `CallbackError`.
+        equation (R2); of a list, the sum. Springs are `CubicSpring`, `Gap`, `Bilinear` and
+        `BoucWen`, evaluated by the core. A callable ``r(u, v, t) -> (n,)`` is evaluated once for
+        the initial accelerations, then exactly once for each substep, in the order of time, at the
+        predictor of the displacement and an extrapolated velocity; after an exception, evaluations
+        of the macro step that it ended are repeated. u and v are copies. A
+        ``scipy.LowLevelCallable`` ``int (double t, intptr_t n, double *u, double *v, double *r,
+        void *user)`` is evaluated without the GIL; r is zero on entry. With several threads it is
+        called from any of them, for each subdomain from one at a time. A return value other than 0
+        stops the run with a `CallbackError`. In a list, callables are evaluated first and
+        LowLevelCallables after them, each kind in the order of the list.
     restoring_stiffness, restoring_damping : like M and K, optional
         Estimates K_r, D_r of the stiffness and damping of the restoring force, for operator
         splitting. An implicit subdomain is stable for any step if K_r is at least the tangent
-        stiffness; for an explicit one K_r only enters the critical step. Default: zero; for
-        springs the initial tangent.
+        stiffness; for an explicit one K_r only enters the critical step. Default: zero for
+        functions, the initial tangent for springs. A given K_r is that of the whole sum, with its
+        springs.
     damping : {"implicit", "lagged"}, default "implicit"
         "lagged": C acts on the extrapolated velocity, equation (R4), so that an explicit subdomain
         whose C is not diagonal needs no factor. The critical step is smaller, equation (C2).
@@ -124,6 +126,8 @@ class Subdomain(Frozen):
     M: Matrix
     K: Matrix
     C: Matrix
+    # whether a function among the restoring forces has no estimate of its stiffness
+    has_unknown_stiffness: bool
 
     def __init__(
         self,
@@ -164,6 +168,7 @@ class Subdomain(Frozen):
         self.damping = damping
         self.force = checked_force(force, self.n)
         self.restoring: Restoring = checked_restoring(restoring, self.n)
+        self.has_unknown_stiffness = self.has_functions and restoring_stiffness is None
         if restoring_stiffness is None and self.springs:
             restoring_stiffness = stiffness(self.springs, "initial_tangent", self.n)
         self.restoring_stiffness = self._estimate(restoring_stiffness, "restoring_stiffness")
@@ -196,15 +201,29 @@ class Subdomain(Frozen):
     @property
     def springs(self) -> tuple[Spring, ...]:
         """The springs among the restoring forces."""
-        return () if self.restoring is None or is_function(self.restoring) else self.restoring
+        return springs_of(self.restoring)
+
+    @property
+    def has_functions(self) -> bool:
+        """Whether functions of the user are among the restoring forces."""
+        return bool(functions_of(self.restoring))
 
     @property
     def largest_tangent(self) -> Matrix:
-        """The stiffness for the critical step: K + K_r, or K + the largest tangents of springs."""
+        """The stiffness for the critical step, with the largest tangents of springs.
+
+        It is K + K_r without springs. Of springs alone K_r is not used, and beside functions it
+        counts as the initial tangents with an estimate for the functions.
+        """
         if not self.springs:
             return self.tangent
-        springs = canonical(stiffness(self.springs, "largest_tangent", self.n), "springs", self.n)
-        return combination([(1.0, self.K), (1.0, springs[0])])
+        springs = stiffness(self.springs, "largest_tangent", self.n)
+        if self.has_functions:
+            springs = springs - stiffness(self.springs, "initial_tangent", self.n)
+        of_springs = canonical(springs, "springs", self.n)[0]
+        return combination(
+            [(1.0, self.tangent if self.has_functions else self.K), (1.0, of_springs)]
+        )
 
     @property
     def implicit_stiffness(self) -> Matrix:
