@@ -39,7 +39,7 @@ def force_list(given: Any, name: str, n: int) -> tuple[Spring | Function, ...]:
     for i, item in enumerate(items):
         label = f"{name}[{i}]" if is_list else name
         if isinstance(item, Spring):
-            check_dofs(item, n)
+            check_dofs((item,), n)
         elif isinstance(item, LowLevelCallable):
             check_signature(item, name, label)
         elif not callable(item):

@@ -40,10 +40,6 @@ class Subdomain(Frozen):
         K may be None where there is a restoring force.
     C : like M and K, optional
         Viscous damping, symmetric. Default: none.
-    rayleigh : (c_m, c_k), optional
-        Rayleigh damping c_m M + c_k K, in place of C or added to it, in any format of M and K. In
-        1/time and in time, at least 0; `models.rayleigh` computes them from damping ratios. K is
-        without `restoring_stiffness`.
     scheme : Scheme
         `GeneralizedAlpha`, `Newmark`, `CentralDifference`, `HHT` or `WBZ`.
     substeps : int, default 1
@@ -80,6 +76,10 @@ class Subdomain(Frozen):
     damping : {"implicit", "lagged"}, default "implicit"
         "lagged": C acts on the extrapolated velocity, equation (R4), so that an explicit subdomain
         whose C is not diagonal needs no factor. The critical step is smaller, equation (C2).
+    rayleigh : (c_m, c_k), optional
+        Rayleigh damping c_m M + c_k K, in place of C or added to it, in any format of M and K. In
+        1/time and in time, at least 0; `models.rayleigh` computes them from damping ratios. K is
+        without `restoring_stiffness`.
     u0, v0 : (n,) array, optional; a number for one dof
         Initial displacement and velocity. Default: zero.
     name : str, optional
