@@ -89,23 +89,24 @@ class CheckedRestoring:
     def __init__(
         self, functions: Sequence[tuple[Callable, str]], n: int, watch: Watch | None = None
     ):
-        self.functions, self.n, self.watch = functions, n, watch
+        # a function may change its arguments: u and v, the core's copies, are for the last one
+        *self.others, self.last = functions
+        self.n, self.watch = n, watch
 
     def __call__(self, u: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
-        # the functions may change their arguments: the last one gets u and v, which are the core's
-        # copies, the others copies of them
-        last = len(self.functions) - 1
         before = (u.copy(), v.copy()) if self.watch else ()
-        values = [
-            self._value(function, what, *((u, v) if i == last else (u.copy(), v.copy())), t)
-            for i, (function, what) in enumerate(self.functions)
-        ]
-        r = sum(values[1:], values[0])
+        if self.others:
+            first, *more = (self._value(*x, u.copy(), v.copy(), t) for x in self.others)
+            r = sum(more, first) + self._value(*self.last, u, v, t)
+        else:
+            r = self._value(*self.last, u, v, t)
         if self.watch:
             self.watch(*before, r, t)
         return r
 
-    def _value(self, function: Callable, what: str, u: Any, v: Any, t: float) -> np.ndarray:
+    def _value(
+        self, function: Callable, what: str, u: np.ndarray, v: np.ndarray, t: float
+    ) -> np.ndarray:
         value = function(u, v, t)
         try:
             return vector(value, self.n, "its value")
