@@ -34,6 +34,7 @@ class Uncut:
         Returns
         -------
         dict of (n_i,) arrays by name
+            Displacements.
 
         Raises
         ------
