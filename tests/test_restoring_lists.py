@@ -153,6 +153,12 @@ def test_a_list_of_one_is_that_one(item):
     assert a.restoring == b.restoring
 
 
+def test_an_empty_list_is_no_force():
+    assert pm.Subdomain(np.ones(3), K, scheme=pm.Newmark(), restoring=[]).restoring is None
+    with pytest.raises(TypeError, match="K must be a matrix where there is no restoring force"):
+        pm.Subdomain(np.ones(3), None, scheme=pm.Newmark(), restoring=())
+
+
 def test_springs_with_a_history_and_functions_do_not_disturb_each_other():
     """On dofs that nothing connects, a mixture is each force alone, bitwise."""
     isolator = pm.BoucWen([0], k=40.0, fy=1.0, hardening=0.05)

@@ -565,7 +565,6 @@ def test_springs_that_do_not_fit_a_subdomain_are_errors():
     with pytest.raises(ValueError, match="dofs of a Gap must lie in 0..2, got 3"):
         pm.Subdomain(np.ones(3), None, scheme=CD, restoring=spring)
     for bad, text in (
-        ([], r"restoring must be callable or a list of springs and callables, got \[\]"),
         ([spring, 1.0], r"restoring\[1\] must be a spring or callable, got 1.0"),
         ([[spring]], r"restoring\[0\] must be a spring or callable, got \[<Gap"),
     ):

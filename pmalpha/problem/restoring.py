@@ -18,42 +18,31 @@ Watch = Callable[[np.ndarray, np.ndarray, np.ndarray, float], None]
 Restoring = Function | tuple[Spring | Function, ...] | None
 
 
-def force_list(given: Any, name: str, n: int) -> tuple[Spring | Function, ...]:
-    """The springs and functions of an argument, one or a list, checked without evaluating them.
+def labelled(given: Any, name: str) -> list[tuple[Any, str]]:
+    """The forces of an argument, one or a list of them, each with its name in messages.
 
-    Parameters
-    ----------
-    given : Spring, callable, LowLevelCallable, or a list or tuple of them; None is no force
-    name : str
-        Of the argument: in messages, and for the signature of compiled functions.
-    n : int
-        Number of dofs.
+    None and an empty list are no force: the sum of none.
     """
-    if given is None:
-        return ()
     # a LowLevelCallable is a tuple too
-    is_list = isinstance(given, (list, tuple)) and not isinstance(given, LowLevelCallable)
-    items = tuple(given) if is_list else (given,)
-    if not items:
-        raise TypeError(f"{name} must be callable or a list of springs and callables, got {given}")
-    for i, item in enumerate(items):
-        label = f"{name}[{i}]" if is_list else name
-        if isinstance(item, Spring):
-            check_dofs((item,), n)
-        elif isinstance(item, LowLevelCallable):
-            check_signature(item, name, label)
-        elif not callable(item):
-            rule = "a spring or callable" if is_list else "callable or a list of springs"
-            raise TypeError(f"{label} must be {rule}, got {item!r}")
-    return items
+    if isinstance(given, (list, tuple)) and not isinstance(given, LowLevelCallable):
+        return [(item, f"{name}[{i}]") for i, item in enumerate(given)]
+    return [] if given is None else [(given, name)]
 
 
 def checked_restoring(restoring: Any, n: int) -> Restoring:
     """A user's restoring force, checked as far as possible without evaluating it."""
-    items = force_list(restoring, "restoring", n)
-    if len(items) == 1 and not isinstance(items[0], Spring):
-        return items[0]
-    return items or None
+    items = labelled(restoring, "restoring")
+    for item, label in items:
+        if isinstance(item, Spring):
+            check_dofs((item,), n)
+        elif isinstance(item, LowLevelCallable):
+            check_signature(item, "restoring", label)
+        elif not callable(item):
+            rule = "callable or a list of springs" if item is restoring else "a spring or callable"
+            raise TypeError(f"{label} must be {rule}, got {item!r}")
+    if len(items) == 1 and not isinstance(items[0][0], Spring):
+        return items[0][0]
+    return tuple(item for item, _ in items) or None
 
 
 def items_of(restoring: Restoring) -> tuple[Spring | Function, ...]:
