@@ -64,7 +64,9 @@ class Model:
     Attributes
     ----------
     subdomains : tuple of Subdomain
+        In the order of the couplers.
     constraints : Constraint
+        The ties between them.
     """
 
     subdomains: tuple[Subdomain, ...]
@@ -83,6 +85,7 @@ class Model:
         Returns
         -------
         Coupler
+            At t = 0.
 
         Raises
         ------
@@ -218,8 +221,9 @@ class FourDof(Model):
         Returns
         -------
         t : (k,) ndarray
+            Times of the macro time levels.
         u : (k, 4) ndarray
-            u2 is the mean of the two sides.
+            Of dof 2 the mean of the two sides.
 
         Raises
         ------
@@ -242,6 +246,7 @@ class FourDof(Model):
         Returns
         -------
         t : (k,) ndarray
+            Times of the macro time levels.
         amplitudes : (k, 4) ndarray
             Displacement times square root of mass, in the order of `frequencies`.
 
@@ -422,8 +427,10 @@ def rayleigh(omegas: Sequence[float], ratios: Sequence[float]) -> tuple[float, f
 
     Returns
     -------
-    c_m, c_k : float
-        In 1/time and in time.
+    c_m : float
+        In 1/time.
+    c_k : float
+        In time.
 
     Raises
     ------
@@ -464,7 +471,7 @@ def modal_damping(
 
     Returns
     -------
-    C : (n, n) ndarray or csr_array
+    (n, n) ndarray or csr_array
         In force per velocity; sparse, with all entries, if K is sparse.
 
     Raises

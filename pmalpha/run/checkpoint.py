@@ -19,6 +19,7 @@ from scipy import LowLevelCallable
 from .._checks import MOST, counted, listing
 from ..files import read_npz, write_npz
 from ..problem.forces import SampledForce
+from ..problem.springs import Spring
 from ..setup.part import Part
 from .motion import Motion
 
@@ -83,9 +84,10 @@ def load(force: Any) -> str:
     if isinstance(force, LowLevelCallable):
         return "a compiled function"
     if isinstance(force, tuple):
+        return ", ".join(load(item) for item in force)
+    if isinstance(force, Spring):
         # these words are in files of all versions; repr may change
-        laws = (f"<{type(spring).__name__} x {len(spring)}>" for spring in force)
-        return ", ".join(f"{law} {checksum(spring.numbers)}" for law, spring in zip(laws, force))
+        return f"<{type(force).__name__} x {len(force)}> {checksum(force.numbers)}"
     return "a callable" if callable(force) else checksum(force)
 
 

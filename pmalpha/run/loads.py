@@ -10,7 +10,6 @@ from scipy import LowLevelCallable
 
 from ..errors import CallbackError
 from ..problem.forces import Force, core_load, is_callback
-from ..problem.restoring import is_function
 from ..setup.part import Part
 from ..setup.start import initial_terms
 from .callback import CallbackLoad
@@ -69,7 +68,7 @@ class Loads:
             bool(self.callbacks)
             or any(isinstance(force, LowLevelCallable) for force in self.forces)
             or not all_known(self.motions)
-            or any(is_function(part.subdomain.restoring) for part in self.parts)
+            or any(part.subdomain.has_functions for part in self.parts)
             or any(part.internal is not None and part.internal.functions for part in self.parts)
         )
 

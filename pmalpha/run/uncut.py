@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from ..problem.matrices import combination
-from ..problem.restoring import is_function
 from ..problem.subdomain import Subdomain
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.eigenmodes import modes
@@ -35,6 +34,7 @@ class Uncut:
         Returns
         -------
         dict of (n_i,) arrays by name
+            Displacements.
 
         Raises
         ------
@@ -90,7 +90,7 @@ class Uncut:
         ([1.0, 6.0], [[3.0, -1.0], [-1.0, 6.0]], [[0.0, 1.0]])
         """
         for name, s in self._keys:
-            if is_function(s.restoring) and s.restoring_stiffness is None:
+            if s.has_unknown_stiffness:
                 raise ValueError(
                     "the assembled structure needs restoring_stiffness where there is a restoring "
                     f"force, got none for {name!r}"
