@@ -17,6 +17,7 @@ from ..setup.assembly import assemble
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.schedule import (
     check_factorize,
+    check_newton,
     checked_constraints,
     checked_subdomains,
     double_steps,
@@ -155,13 +156,14 @@ class Coupler(Description, Present, Uncut):
         constraints = checked_constraints(constraints, subdomains)
         check_word(coupling, "coupling", get_args(Coupling))
         check_word(start, "start", get_args(Start))
+        check_newton(newton)
         threads_allowed = most_threads(threads)
         check_factorize(factorize)
         self._clock = Clock(time_step(dt, "dt"))
         fine = finest(subdomains, coupling)
         self._fine = 1 if coupling == "macro" else fine  # interface problems in a macro step
         self._keys = tuple(zip(names_of(subdomains), subdomains))
-        self._options = {"dt": self._clock.dt, "coupling": coupling, "start": start}
+        self._options = {"dt": self._clock.dt, "coupling": coupling, "start": start, "newton": newton}
         doubles = double_steps(subdomains, coupling)
 
         self._rows = ConstraintRows(constraints, subdomains)
@@ -174,7 +176,6 @@ class Coupler(Description, Present, Uncut):
             doubles,
             [motion.rows for motion in motions],
             **self._options,
-            newton=newton,
             threads=threads_allowed,
             factorize=factorize,
         )
@@ -187,7 +188,7 @@ class Coupler(Description, Present, Uncut):
         self._started = self._was_reset = False
         self._busy = False
         forces = [s.force for s in subdomains]
-        self._loads = Loads(self._core, self._parts, self._clock, forces, motions)
+        self._loads = Loads(self._core, self._parts, self._clock, forces, motions, newton)
         self._take_loads()
 
     def __reduce__(self) -> tuple:
@@ -440,12 +441,12 @@ class Coupler(Description, Present, Uncut):
         """
         with self._entered():
             step, arrays = checkpoint.read(path, self._problem())
-            state = checkpoint.core_state(path, arrays, self._parts, self._row_position)
+            state = checkpoint.core_state(
+                path, arrays, self._parts, self._core, self._row_position
+            )
             self._loads = self._loads.renewed()  # stored values of callables are of other times
             self._loads.to_core()
-            for part, levels in zip(self._parts, state.levels):
-                part.core.set_levels(levels)
-            self._core.start(step, state.multipliers, state.prescribed)
+            checkpoint.restore(state, self._parts, self._core, step)
             self._started, self._last_history = True, None
 
     # ---- inside ------------------------------------------------------------------------------
@@ -474,10 +475,9 @@ class Coupler(Description, Present, Uncut):
 
     def _require_linear(self, what: str) -> None:
         for name, s in self._keys:
-            if s.restoring is not None:
-                raise ValueError(
-                    f"{what} needs linear subdomains, got a restoring force on {name!r}"
-                )
+            if s.restoring is not None or s.internal is not None:
+                kind = "a restoring force" if s.internal is None else "an internal force"
+                raise ValueError(f"{what} needs linear subdomains, got {kind} on {name!r}")
 
     def _steps_done(self) -> int:
         return self._core.step_count if self._started else 0
