@@ -196,6 +196,11 @@ class Correction:
     slope: float
     stale: bool
 
+    def at(self, x):
+        """The iterates at the fraction x of the correction."""
+        pairs = zip(self.start, self.change, strict=True)
+        return [(w + x * dw, Lam + x * dLam) for (w, Lam), (dw, dLam) in pairs]
+
 
 class Iteration:
     """Newton's iteration of one or more trials together.
@@ -234,11 +239,29 @@ class Iteration:
                 for x in self.trials:
                     x.iterations += count
                 return
-        self.fail(count)
+        if not self.rounding():
+            self.fail(count)
+        for x in self.trials:
+            x.iterations += count
 
     def fail(self, count):
         worst = self.trials[int(np.argmax(self.energies))]
         raise ConvergenceError(worst.member.index, worst.t1, count)
+
+    def rounding(self):
+        """Whether corrections that do not shrink are rounding; they are then accepted (N9)."""
+        if self.last is None:
+            return False
+        # f is linear, with the tangent used, over 2^20 times the last correction
+        x, ends = 2.0**20, [(y.w, y.Lam) for y in self.trials]
+        self.move(self.last.at(x))
+        expected = (1.0 - x) * self.last.slope
+        if not abs(self.slope() - expected) <= 0.1 * abs(expected):
+            return False
+        self.move(ends)
+        for y, energy in zip(self.trials, self.energies, strict=True):
+            y.member.scale = max(y.member.scale, 1e6 * energy / self.newton.tol**2)
+        return True
 
     def evaluate(self):
         """R and tangents at the iterates; the slope tests of the correction that led to them."""
@@ -270,8 +293,7 @@ class Iteration:
             if np.isfinite(s_high):
                 secant = low + (high - low) * s_low / (s_low - s_high)
                 x = np.clip(secant, 0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high)
-            pairs = zip(self.last.start, self.last.change, strict=True)
-            self.move([(w + x * dw, Lam + x * dLam) for (w, Lam), (dw, dLam) in pairs])
+            self.move(self.last.at(x))
             s = self.slope()
             if abs(s) <= 0.5 * self.last.slope:
                 break
