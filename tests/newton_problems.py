@@ -5,7 +5,7 @@ measures it. All units are any consistent set.
 """
 
 import numpy as np
-from newton_reference import Nonlinear
+from newton_step import Nonlinear
 from reference import alpha
 
 
