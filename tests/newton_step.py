@@ -223,16 +223,16 @@ class Iteration:
 
     def run(self):
         """Iterate up to the accepted iterates."""
-        for self.count in range(1, self.newton.iterations + 1):
+        for count in range(1, self.newton.iterations + 1):
+            self.count = count
             self.evaluate()
             if self.correct():
-                for x in self.trials:
-                    x.iterations += self.count
-                return
-        if not self.rounding():
-            self.fail()
+                break
+        else:
+            if not self.rounding():
+                self.fail()
         for x in self.trials:
-            x.iterations += self.count
+            x.iterations += count
 
     def fail(self):
         worst = self.trials[int(np.argmax(self.energies))]
