@@ -5,6 +5,7 @@ measures it. All units are any consistent set.
 """
 
 import numpy as np
+import scipy.integrate
 from newton_step import Nonlinear
 from reference import alpha
 
@@ -98,3 +99,109 @@ def chain(n, law, history=None, ss=(1, 1), double=False, rho=0.5, **values):
         row[0, n - 1 if side == 0 else 0] = 1.0 if side == 0 else -1.0
         L.append(row)
     return subdomains, L
+
+
+# ---- two Duffing oscillators, tied ----------------------------------------------------------
+
+DUFFING = (1.0, 20.0, 30.0, 0.05), (0.4, 30.0, 60.0, 0.0)  # m, k, k3, c3 of A and B
+
+
+def duffing_pair(ss=(1, 1), double=False, rho=0.5, explicit=False):
+    """A and B on one dof, from u = 1, v = 0.5; B may be explicit. Free period about 0.7."""
+    one = np.ones((1, 1))
+    subdomains = [
+        Nonlinear(
+            M=m * one,
+            K=0.0 * one,
+            internal=duffing(k, k3, c3),
+            substeps=ss[side],
+            double=double and side == 0,
+            u0=[1.0],
+            v0=[0.5],
+            **alpha(rho, explicit=explicit and side == 1),
+        )
+        for side, (m, k, k3, c3) in enumerate(DUFFING)
+    ]
+    return subdomains, [one, -one]
+
+
+def duffing_exact(t):
+    """u and v of the pair at the times t, by DOP853."""
+    m, k, k3, c3 = np.sum(DUFFING, axis=0)
+    path = scipy.integrate.solve_ivp(
+        lambda t, y: [y[1], -(k * y[0] + k3 * y[0] ** 3 + c3 * y[1] ** 3) / m],
+        (0.0, t[-1]),
+        [1.0, 0.5],
+        method="DOP853",
+        t_eval=t,
+        rtol=1e-13,
+        atol=1e-14,
+    )
+    return path.y
+
+
+def duffing_error(result):
+    """Largest errors of u and v of A."""
+    x = result.subdomains[0]
+    u, v = duffing_exact(x.t)
+    return abs(x.u[:, 0] - u).max(), abs(x.v[:, 0] - v).max()
+
+
+# ---- a double pendulum of stiff bars --------------------------------------------------------
+
+
+def pendulum(ss=(1, 1), double=False, rho=0.5, EA=1e7):
+    """Two bars of length 1 with unit masses at their ends, released from the horizontal.
+
+    A: the upper bar and half of the middle mass; B: the other half, the lower bar and its mass.
+    """
+
+    def bar(x):
+        length = np.linalg.norm(x)
+        c, N = x / length, EA * (length - 1.0)
+        return N * c, EA * np.outer(c, c) + N / length * (np.eye(2) - np.outer(c, c))
+
+    def upper(u, v, t, q):
+        f, k = bar(np.array([1.0, 0.0]) + u)
+        return f, k, np.zeros((2, 2)), q
+
+    def lower(u, v, t, q):
+        f, k = bar(np.array([1.0, 0.0]) + u[2:] - u[:2])
+        return np.concatenate([-f, f]), np.block([[k, -k], [-k, k]]), np.zeros((4, 4)), q
+
+    A, B = (
+        Nonlinear(
+            M=np.diag(m),
+            K=np.zeros((len(m), len(m))),
+            internal=internal,
+            substeps=ss[side],
+            double=double and side == 0,
+            force=lambda t, m=m: np.array(m) * np.tile([0.0, -9.81], len(m) // 2),
+            **alpha(rho),
+        )
+        for side, (m, internal) in enumerate((([0.5] * 2, upper), ([0.5, 0.5, 1.0, 1.0], lower)))
+    )
+    return [A, B], [np.eye(2), -np.eye(2, 4)]
+
+
+def pendulum_error(result):
+    """Largest error of the displacements of B against rigid bars, by DOP853."""
+
+    def rates(t, y):
+        a, b, va, vb = y  # angles of the bars with the horizontal, and their rates
+        M = np.array([[2.0, np.cos(a - b)], [np.cos(a - b), 1.0]])
+        f = [
+            -np.sin(a - b) * vb**2 - 2 * 9.81 * np.cos(a),
+            np.sin(a - b) * va**2 - 9.81 * np.cos(b),
+        ]
+        return [va, vb, *np.linalg.solve(M, f)]
+
+    x = result.subdomains[1]
+    span = (0.0, x.t[-1])
+    path = scipy.integrate.solve_ivp(
+        rates, span, np.zeros(4), method="DOP853", t_eval=x.t, rtol=1e-11, atol=1e-12
+    )
+    a, b = path.y[:2]
+    middle = np.array([np.cos(a) - 1.0, np.sin(a)])
+    end = middle + [np.cos(b) - 1.0, np.sin(b)]
+    return abs(x.u.T - np.vstack([middle, end])).max()

@@ -180,7 +180,7 @@ class FineMember(Member):
             # the free solution: Newton's iteration at fixed multipliers, then one fresh tangent
             Iteration([self.trial], self.newton).run()
             self.trial.evaluate()
-            self.tangent = self.trial.fresh
+            self.trial.refresh()
             o, G = self.trial.law()
         # (N13)  o_n = L v_n - G_{n+1} Lam_n
         self.compliance, self.ends = G, (self.L @ level.v - G @ level.Lam, o)

@@ -311,7 +311,7 @@ class Iteration:
         fresh = self.always or self.due
         if fresh:
             for x in trials:
-                x.member.tangent = x.fresh
+                x.refresh()
         floor = 100.0 * EPS * np.sqrt(sum(x.rounding for x in trials))  # (N8)
         Lam = self.multipliers()
         parts = [x.correction(y) for x, y in zip(trials, Lam, strict=True)]
