@@ -27,7 +27,16 @@ from newton_step import (
     Trial,
     with_force,
 )
-from reference import State, Step, check, initial_accelerations, instant, jump, without_load
+from reference import (
+    State,
+    Step,
+    check,
+    initial_accelerations,
+    instant,
+    jump,
+    predictors,
+    without_load,
+)
 
 __all__ = ["ConvergenceError", "Newton", "Nonlinear", "Result", "run", "run_macro"]
 
@@ -75,9 +84,11 @@ class Member:
         if getattr(s, "internal", None) is None:
             return step.free(old, t1), old.q
         step = Step(with_force(s, old.q), self.L, step.h)
-        ut, vs = step.right_side(old, t1)[0], old.v + step.h * old.w
-        q = s.internal(ut, vs, t1, old.q)[3] if old.q.size else old.q
-        return step.free(old, t1), q
+        free, q = step.free(old, t1), old.q
+        if q.size:
+            ut, vs = predictors(s, old, step.h)[0], old.v + step.h * old.w
+            q = s.internal(ut, vs, t1, q)[3]
+        return free, q
 
     def close(self, free, q, Lam):
         """The state at the end of a step that is not iterated."""
@@ -339,7 +350,8 @@ class Shooting:
                 self.update(step, r - r_old)
             step = -self.B @ r
             scale = max(self.scale, self.kinetic(ends))
-            limit = (0.1 if count == 1 else 10.0) * self.newton.tol * np.sqrt(scale)
+            c = 0.1 if count == 1 else 10.0
+            limit = c * self.newton.tol * np.sqrt(scale + sum(x.scale for x in self.members))
             floor = 100.0 * EPS * np.sqrt(self.dt * abs(Lam + d) @ abs(self.H) @ abs(Lam + d))
             if np.sqrt(abs(step @ r) * self.dt) <= max(limit, floor):  # (N16)
                 self.d, self.scale = d, scale
