@@ -3,9 +3,9 @@
     python tests/newton_tables.py variants | opening | growth | order | policies
 
 `variants`: the stiff cubic chain by methods that were not chosen; `opening`: a pendulum with other
-laws of the coarse subdomain; `growth`: the chain by rho; `order`: two Duffing oscillators;
-`policies`: iterations with fresh and kept tangents, with and without the line search. Minutes in
-all.
+laws of the coarse subdomain; `growth`: the chain and a contact by rho; `order`: two Duffing
+oscillators; `policies`: iterations with fresh and kept tangents, with and without the line search.
+Minutes in all.
 """
 
 import contextlib
@@ -162,10 +162,25 @@ def opening():
 
 
 def growth():
-    """Largest energy of the stiff cubic chain by rho, omega dt = 10, 600 steps of "gc", s = 1."""
+    """Largest energy of the stiff cubic chain by rho, omega dt = 10, 600 steps of "gc", s = 1.
+
+    Then the largest velocity of a chain with contact, 1 at the start.
+    """
     for rho in (0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0):
         subdomains, L = stiff_chain(rho=rho)
         print(rho, measured(run, subdomains, L, 10.0 / OMEGA, 600, Newton(tol=1e-10)))
+
+    law, values, (dt,), steps = problems()["penalty contact, rho 0"]
+    for name, (function, schedule) in SCHEDULES.items():
+        peaks = []
+        for rho in (0.0, 0.5):
+            subdomains, L = chain(N, law, **{**values, "rho": rho}, **schedule)
+            try:
+                result = function(subdomains, L, dt, steps)
+                peaks.append(f"{max(abs(x.v).max() for x in result.subdomains):.3g}")
+            except ConvergenceError as error:
+                peaks.append(str(error))
+        print("contact, largest velocity for rho 0 and 0.5:", name, peaks, flush=True)
 
 
 def measured(function, *arguments):
