@@ -107,7 +107,7 @@ def truss(
     if unstressed is not None:
         whole = np.broadcast_to(positive(unstressed, "unstressed", count), count)
         rest = (whole / np.bincount(member))[member]
-    bars = BarForce(lines, nodes, rest, stiffness, force, strain, flag(slack, "slack"))
+    internal = BarForce(lines, nodes, rest, stiffness, force, strain, flag(slack, "slack"))
     d = nodes.shape[1]
     if is_lumped(mass):
         M = np.repeat(lumped_mass(lines, (density * length / 2.0)[:, None], len(nodes)), d)
@@ -115,7 +115,7 @@ def truss(
         unit = (density * length / 6.0)[:, None, None] * [[2.0, 1.0], [1.0, 2.0]]
         M = sp.csr_array(sp.kron(Pattern.of(lines, len(nodes)).matrix(unit), sp.eye_array(d)))
     K = sp.csr_array((nodes.size, nodes.size))
-    return Structure(M, K, nodes, {"line": lines}, ("ux", "uy", "uz")[:d], (bars,))
+    return Structure(M, K, nodes, {"line": lines}, ("ux", "uy", "uz")[:d], (internal,))
 
 
 class BarForce(Conservative):

@@ -69,9 +69,8 @@ def corotational_frame(
     >>> bool(abs(turning.tangent() - linear.K).max() < 1e-14 * abs(linear.K).max())
     True
     """
-    nodes, lines, axial, bending, density = frame_arguments(
-        points, members, divisions, EA, EI, rhoA
-    )
+    nodes, lines, values = frame_arguments(points, members, divisions, EA, EI, rhoA)
+    axial, bending, density = values
     X = nodes[lines[:, 1]] - nodes[lines[:, 0]]
     mass = density * np.hypot(*X.T)
     inertia = real_number(rotary, "rotary", low=0.0) * mass * np.hypot(*X.T) ** 2

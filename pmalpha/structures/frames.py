@@ -86,20 +86,22 @@ def beam_frame(
     >>> frame.K[[0], [0]].round(4).tolist()  # 9/25 EA/L + 16/25 12 EI/L^3
     [0.4214]
     """
-    nodes, lines, *per_element = frame_arguments(points, members, divisions, EA, EI, rhoA)
-    M, K = _beams(nodes, lines, *per_element, mass, real_number(rotary, "rotary", low=0.0))
+    nodes, lines, values = frame_arguments(points, members, divisions, EA, EI, rhoA)
+    M, K = _beams(nodes, lines, *values, mass, real_number(rotary, "rotary", low=0.0))
     return Structure(M, K, nodes, {"line": lines}, ("ux", "uy", "rz"))
 
 
-def frame_arguments(points: Any, members: Any, divisions: Any, EA: Any, EI: Any, rhoA: Any):
+def frame_arguments(
+    points: Any, members: Any, divisions: Any, EA: Any, EI: Any, rhoA: Any
+) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Nodes, lines, and EA, EI, rhoA of each element."""
     nodes, lines, member = subdivide(*mesh_arguments(points, members, "members", 2, 2), divisions)
     count = (member[-1] + 1,)
-    per_element = [
+    axial, bending, density = (
         np.broadcast_to(positive(value, name, count), count)[member]
         for name, value in (("EA", EA), ("EI", EI), ("rhoA", rhoA))
-    ]
-    return nodes, lines, *per_element
+    )
+    return nodes, lines, (axial, bending, density)
 
 
 def _beams(

@@ -23,14 +23,14 @@ class Material:
     """What a nonlinear solid needs of its material."""
 
     # Numbers of history at a Gauss point of a solid in d dimensions.
-    def variables(self, d: int) -> int:
+    def _variables(self, d: int) -> int:
         return 0
 
-    def coefficients(self, elements: int, plane: str) -> tuple[np.ndarray, ...]:
-        """Checked values by element, each (1,) or (elements,), for `evaluate`."""
+    def _coefficients(self, elements: int, plane: str) -> tuple[np.ndarray, ...]:
+        """Checked values by element, each (1,) or (elements,), for `_evaluate`."""
         raise NotImplementedError
 
-    def evaluate(
+    def _evaluate(
         self,
         coefficients: tuple[Any, ...],
         H: np.ndarray,
@@ -44,7 +44,7 @@ class Material:
 class Hyperelastic(Material):
     """A material with an energy density."""
 
-    def density(self, coefficients: tuple[Any, ...], H: np.ndarray) -> np.ndarray:
+    def _density(self, coefficients: tuple[Any, ...], H: np.ndarray) -> np.ndarray:
         """W (m,)."""
         raise NotImplementedError
 
@@ -73,11 +73,11 @@ class StVenantKirchhoff(Hyperelastic):
     E: ArrayLike
     nu: ArrayLike
 
-    def coefficients(self, elements: int, plane: str) -> tuple[np.ndarray, ...]:
+    def _coefficients(self, elements: int, plane: str) -> tuple[np.ndarray, ...]:
         lam, mu = isotropic(self.E, self.nu, (elements,))
         return (2.0 * lam * mu / (lam + 2.0 * mu) if plane == "stress" else lam), mu
 
-    def evaluate(self, coefficients, H, before, out):
+    def _evaluate(self, coefficients, H, before, out):
         lam, mu = coefficients
         F, S = _deformation(H), _second_stress(coefficients, H)
         P = product(F, S)
@@ -96,7 +96,7 @@ class StVenantKirchhoff(Hyperelastic):
                     out[:, J, k, L] = value
         return P, before
 
-    def density(self, coefficients, H):
+    def _density(self, coefficients, H):
         strain, S = _green(H), _second_stress(coefficients, H)
         d = len(H)
         return 0.5 * sum(strain[i, j] * S[i, j] for i, j in np.ndindex(d, d))
@@ -125,12 +125,12 @@ class NeoHookean(Hyperelastic):
     E: ArrayLike
     nu: ArrayLike
 
-    def coefficients(self, elements: int, plane: str) -> tuple[np.ndarray, ...]:
+    def _coefficients(self, elements: int, plane: str) -> tuple[np.ndarray, ...]:
         if plane == "stress":
             raise ValueError("plane must be 'strain' for NeoHookean, got 'stress'")
         return isotropic(self.E, self.nu, (elements,))
 
-    def evaluate(self, coefficients, H, before, out):
+    def _evaluate(self, coefficients, H, before, out):
         lam, mu = coefficients
         F, d = _deformation(H), len(H)
         change = _volume_change(H)  # J - 1
@@ -155,7 +155,7 @@ class NeoHookean(Hyperelastic):
                     out[:, J, k, L] = value
         return P, before
 
-    def density(self, coefficients, H):
+    def _density(self, coefficients, H):
         lam, mu = coefficients
         d = len(H)
         # tr(F^T F) - d = 2 tr H + H : H

@@ -179,10 +179,10 @@ class SolidForce(ElementForce):
         d, _, q, a = along.shape
         self._assembly = Assembly(elements, nodes, d, chunk=POINTS // q)
         self._material = material
-        self._coefficients = material.coefficients(len(elements), plane)
+        self._coefficients = material._coefficients(len(elements), plane)
         self._weights = weights  # (E or 1, q)
         self._slopes = np.ascontiguousarray(np.moveaxis(along, 0, 2))  # (E or 1, q, d, a)
-        self._shape = (len(elements), q, material.variables(d))
+        self._shape = (len(elements), q, material._variables(d))
         super().__init__(self._assembly.pattern, np.zeros(int(np.prod(self._shape))))
 
     def _evaluate(self, u, q, tangent):
@@ -199,7 +199,7 @@ class SolidForce(ElementForce):
             points = slopes.shape[1]
             moduli = np.empty((m, d, len(assembly.components), d)) if tangent else None
             values = self._values(part, points)
-            stress, state = self._material.evaluate(values, H, state, moduli)
+            stress, state = self._material._evaluate(values, H, state, moduli)
             after[part] = np.moveaxis(state.reshape(-1, m // points, points), 0, 2)
             weighted = weights[:, :, None, None] * slopes  # w d_J n_a
             flat = weighted.reshape(len(weighted), points * d, -1)
@@ -239,7 +239,7 @@ class ConservativeSolid(SolidForce, Conservative):
         for part in self._assembly.chunks:
             _, weights = self._of(part)
             values = self._values(part, weights.shape[1])
-            W = self._material.density(values, self._gradient(u, part))
+            W = self._material._density(values, self._gradient(u, part))
             total += float(np.sum(weights * W.reshape(-1, weights.shape[1])))
         return total
 

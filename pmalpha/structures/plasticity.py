@@ -51,10 +51,10 @@ class J2Plasticity(Material):
     isotropic: ArrayLike = 0.0
     kinematic: ArrayLike = 0.0
 
-    def variables(self, d: int) -> int:
+    def _variables(self, d: int) -> int:
         return 5 if d == 2 else 7
 
-    def coefficients(self, elements: int, plane: str) -> tuple[np.ndarray, ...]:
+    def _coefficients(self, elements: int, plane: str) -> tuple[np.ndarray, ...]:
         if plane == "stress":
             raise ValueError("plane must be 'strain' for J2Plasticity, got 'stress'")
         shape = (elements,)
@@ -65,7 +65,7 @@ class J2Plasticity(Material):
             not_negative(self.kinematic, "kinematic", shape),
         )
 
-    def evaluate(self, coefficients, H, before, out):
+    def _evaluate(self, coefficients, H, before, out):
         lam, mu, strength, isotropic_modulus, kinematic_modulus = coefficients
         d = len(H)
         positions = POSITIONS[d]
