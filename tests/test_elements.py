@@ -641,12 +641,20 @@ def test_a_structure_hands_its_forces_to_the_subdomain(monkeypatch):
     assert "internal" not in given
 
 
-def test_a_nonlinear_structure_is_drawn_and_written_as_a_linear_one(tmp_path):
-    rubber = models.nonlinear_solid((2, 2, 1), 0.5, models.NeoHookean(E, NU), rho=1.0)
-    frames = np.zeros((2, rubber.n))
-    mesh = rubber.points, rubber.elements
-    written = pm.export.write_series(tmp_path / "a.pvd", *mesh, [0.0, 0.1], frames)
-    assert written is None or tmp_path.joinpath("a.pvd").exists()
+@pytest.mark.parametrize("name", ["bars 3d green", "beams", "sheet plastic", "block rubber"])
+def test_the_motion_of_a_nonlinear_structure_is_written_as_that_of_a_linear_one(tmp_path, name):
+    meshio = pytest.importorskip("meshio")
+    structure, _, u, _ = case(name)
+    path = tmp_path / "motion.pvd"
+    pm.export.write_series(path, structure.points, structure.elements, [0.0], u[None])
+    (file,) = tmp_path.glob("**/*.vtu")
+    mesh = meshio.read(file)
+    dim = structure.points.shape[1]
+    np.testing.assert_array_equal(mesh.points[:, :dim], structure.points)
+    ((kind, elements),) = structure.elements.items()
+    np.testing.assert_array_equal(mesh.cells_dict[kind], elements)
+    vectors = u.reshape(len(structure.points), -1)[:, :dim]
+    np.testing.assert_array_equal(mesh.point_data["displacement"][:, :dim], vectors)
 
 
 # ---- refusals -------------------------------------------------------------------------------
