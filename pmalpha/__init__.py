@@ -11,6 +11,7 @@ from .errors import (
     CallbackError,
     ConstraintError,
     ConstraintWarning,
+    ConvergenceError,
     FactorizationError,
     InstabilityError,
     PerformanceWarning,
@@ -20,12 +21,15 @@ from .errors import (
 from .problem.coincident import tie_coincident
 from .problem.constraints import Constraint, tie
 from .problem.forces import BaseAcceleration, SampledForce
+from .problem.internal import InternalForce
 from .problem.interpolation import interpolate
+from .problem.newton import Newton
 from .problem.reduction import Reduction, reduce
 from .problem.schemes import HHT, WBZ, CentralDifference, GeneralizedAlpha, Newmark, Scheme
 from .problem.springs import Bilinear, BoucWen, CubicSpring, Gap, SpringState
 from .problem.subdomain import Subdomain
 from .problem.supports import SupportMotion
+from .problem.tangent_check import TangentCheck
 from .run.coupler import Coupler
 from .run.energy import Energy
 from .run.history import History, State, SubdomainHistory
@@ -45,6 +49,7 @@ __all__ = [
     "Constraint",
     "ConstraintError",
     "ConstraintWarning",
+    "ConvergenceError",
     "Coupler",
     "CubicSpring",
     "Energy",
@@ -53,7 +58,9 @@ __all__ = [
     "GeneralizedAlpha",
     "History",
     "InstabilityError",
+    "InternalForce",
     "Newmark",
+    "Newton",
     "PerformanceWarning",
     "PmalphaError",
     "Reduction",
@@ -65,6 +72,7 @@ __all__ = [
     "Subdomain",
     "SubdomainHistory",
     "SupportMotion",
+    "TangentCheck",
     "analysis",
     "export",
     "interpolate",

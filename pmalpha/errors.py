@@ -12,6 +12,7 @@ __all__ = [
     "CallbackError",
     "ConstraintError",
     "ConstraintWarning",
+    "ConvergenceError",
     "FactorizationError",
     "InstabilityError",
     "PerformanceWarning",
@@ -85,6 +86,41 @@ class InstabilityError(PmalphaError):
 
     def __reduce__(self) -> tuple:
         return type(self), (self.step, self.time, self.subdomain, self.cause)
+
+
+class ConvergenceError(PmalphaError):
+    """The iteration of internal forces did not converge.
+
+    The coupler has the state of the last whole macro step. `InternalForce.check` compares a tangent
+    with differences of its force.
+
+    Attributes
+    ----------
+    subdomain : str
+        Name of the subdomain, or ``"interface"`` for the multipliers of several.
+    time : float
+        The time level that was not reached.
+    iterations : int
+        Number of iterations that were done for it.
+    cause : str
+        Why the iteration ended, where it is known, or empty.
+    """
+
+    def __init__(self, subdomain: str, time: float, iterations: int, cause: str = ""):
+        what = "interface forces" if subdomain == "interface" else f"subdomain {subdomain!r}"
+        done = f"{iterations} iteration{'' if iterations == 1 else 's'}"
+        super().__init__(
+            f"Newton's method for {what} did not converge in {done} at t = {time:g}"
+            f"{cause and ': '}{cause}; InternalForce.check compares the tangents with differences "
+            "of f, and smaller steps converge faster"
+        )
+        self.subdomain = subdomain
+        self.time = time
+        self.iterations = iterations
+        self.cause = cause
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.subdomain, self.time, self.iterations, self.cause)
 
 
 class UnboundedMotion(Exception):

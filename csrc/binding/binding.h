@@ -18,12 +18,25 @@
 
 /* ---- objects ---------------------------------------------------------------------------- */
 
+/* A Python callable that is an internal force. */
+typedef struct {
+    PyObject *callable;
+    npy_intp history, entries;
+} pma_callable;
+
+/* The internal forces of a subdomain, allocated. */
+typedef struct {
+    pma_internal_force *forces;
+    pma_callable *callables;
+} pma_forces;
+
 typedef struct {
     PyObject_HEAD
     pma_subdomain *core;
     PyObject *arrays; /* list: the arrays that the core points into */
     PyObject *load;   /* list: the arrays of the load */
     pma_spring_set *springs;
+    pma_forces forces;
     PyObject *mass;     /* list: the arrays of M, while energies are summed */
     PyObject *response; /* list: the arrays of the stored unit responses */
     bool busy;          /* in use by a call that has released the GIL */
@@ -60,6 +73,10 @@ void pma_subdomain_release(SubdomainObject *self);
 PyObject *pma_subdomain_compliance(SubdomainObject *self, PyObject *args);
 PyObject *pma_subdomain_unit_responses(SubdomainObject *self, PyObject *args);
 PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *args);
+
+/* ... and in internal.c. */
+PyObject *pma_subdomain_iteration(SubdomainObject *self, PyObject *ignored);
+PyObject *pma_subdomain_set_iteration(SubdomainObject *self, PyObject *args);
 
 extern PyMethodDef pma_factor_functions[];
 extern PyMethodDef pma_strip_functions[];
@@ -115,6 +132,12 @@ int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panel
 int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, PyObject *arrays,
                     pma_factor *out);
 
+/* The same without values, which are not set. */
+int pma_take_structure(PyObject *obj, const char *name, PyObject *arrays, pma_panels *out);
+
+/* Capsules of scipy.linalg.cython_blas */
+int pma_take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *blas);
+
 /* A load on load->n dofs: None, an array (constant), (values, shape, dt, hold), (rows, first) or
  * (f, order), f a LowLevelCallable.
  * Returns a new list of the arrays that it points into, or NULL. */
@@ -122,6 +145,13 @@ PyObject *pma_take_load(PyObject *obj, pma_load *load);
 
 /* A tuple of (law, first, second, (parameter, ...)); the caller frees *sets */
 int pma_take_springs(PyObject *obj, PyObject *arrays, pma_spring_set **sets, pma_springs *out);
+
+/* the user's dof at each position of the elimination order */
+int pma_take_order(PyObject *obj, npy_intp n, PyObject *arrays, const int64_t **out);
+
+/* Address and user data of a scipy.LowLevelCallable; NULL without an exception for another object
+ */
+void *pma_address_of(PyObject *obj, void **user);
 
 /* True for a scipy.LowLevelCallable */
 bool pma_is_compiled(PyObject *obj);
@@ -132,6 +162,26 @@ int pma_take_force(PyObject *obj, PyObject *arrays, pma_load *load);
 /* None, or (f, order): f is a callable f(u, v, t) -> (n,) array in the user's order of dofs, or a
  * LowLevelCallable with the signature of pma_restoring_function */
 int pma_take_restoring(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring *out);
+
+/* None, or (order, initial, ((function, history, where), ...)): the functions are callables
+ * f(u, v, t, q, wanted) -> (f, K, C, q1), or LowLevelCallables with the signature of
+ * pma_internal_function; *forces is the caller's to release. */
+int pma_take_internal(PyObject *obj, npy_intp n, PyObject *arrays, pma_forces *forces,
+                      pma_internal *out);
+void pma_release_forces(pma_forces *forces);
+
+/* (ptr, index, structure, dgemm, dtrsm) */
+int pma_take_numeric(PyObject *obj, npy_intp n, npy_intp nb, PyObject *arrays,
+                     pma_numeric_parts *out);
+
+/* (springs, keeps, pattern, base, base_twice, M_size), pattern as above */
+int pma_take_iterate(PyObject *obj, const pma_parts *parts, PyObject *arrays,
+                     pma_iterate_parts *out);
+
+/* (tolerance, iterations, reuse, pattern, start, later), or under macro coupling
+ * (tolerance, iterations, reuse, response_start, response, H_size) */
+int pma_take_iteration(PyObject *obj, npy_intp p, bool macro, PyObject *arrays,
+                       pma_iteration_parts *out);
 
 /* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None) with
  * all rows up to macro step `end`; record->selections is the caller's to free */

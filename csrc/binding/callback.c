@@ -58,7 +58,7 @@ static double *add_scratch(npy_intp n, PyObject *arrays)
 
 /* Address and user data of a scipy.LowLevelCallable, a tuple that begins with a capsule; its
  * signature was checked in Python. NULL without an exception for any other object. */
-static void *address_of(PyObject *obj, void **user)
+void *pma_address_of(PyObject *obj, void **user)
 {
     if (!PyTuple_Check(obj) || PyTuple_GET_SIZE(obj) == 0 ||
         !PyCapsule_CheckExact(PyTuple_GET_ITEM(obj, 0)))
@@ -71,11 +71,11 @@ static void *address_of(PyObject *obj, void **user)
 bool pma_is_compiled(PyObject *obj)
 {
     void *user;
-    return address_of(obj, &user) != NULL;
+    return pma_address_of(obj, &user) != NULL;
 }
 
 /* the user's dof at each position of the elimination order */
-static int take_order(PyObject *obj, npy_intp n, PyObject *arrays, const int64_t **out)
+int pma_take_order(PyObject *obj, npy_intp n, PyObject *arrays, const int64_t **out)
 {
     PyArrayObject *order;
     if (pma_take_array(obj, NPY_INT64, 1, &n, "order", arrays, &order) < 0)
@@ -95,11 +95,11 @@ int pma_take_force(PyObject *obj, PyObject *arrays, pma_load *load)
     const npy_intp n = (npy_intp)load->n;
     PyObject *function, *order;
     if (!PyArg_ParseTuple(obj, "OO", &function, &order) ||
-        take_order(order, n, arrays, &load->order) < 0)
+        pma_take_order(order, n, arrays, &load->order) < 0)
         return -1;
     load->kind = PMA_LOAD_CALLED;
     load->work = add_scratch(n, arrays);
-    load->function = (pma_force_function)address_of(function, &load->user);
+    load->function = (pma_force_function)pma_address_of(function, &load->user);
     return load->work && load->function ? PyList_Append(arrays, function) : -1;
 }
 
@@ -114,12 +114,12 @@ int pma_take_restoring(PyObject *obj, npy_intp n, PyObject *arrays, pma_restorin
         return -1;
     }
     if (!PyArg_ParseTuple(obj, "OO", &function, &order) ||
-        take_order(order, n, arrays, &out->order) < 0)
+        pma_take_order(order, n, arrays, &out->order) < 0)
         return -1;
     out->work = add_scratch(3 * n, arrays);
     if (!out->work || PyList_Append(arrays, function) < 0)
         return -1;
-    out->function = (pma_restoring_function)address_of(function, &out->user);
+    out->function = (pma_restoring_function)pma_address_of(function, &out->user);
     if (out->function)
         return 0;
     if (!PyCallable_Check(function)) {

@@ -184,10 +184,11 @@ int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *array
     return pma_take_doubles(obj, n, name, arrays, &out->values);
 }
 
-int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panels *out)
+/* (first, row_ptr, rows, start) of a tuple of five */
+int pma_take_structure(PyObject *obj, const char *name, PyObject *arrays, pma_panels *out)
 {
     PyObject *objs[5];
-    PyArrayObject *first, *row_ptr, *rows, *start, *values;
+    PyArrayObject *first, *row_ptr, *rows, *start;
     npy_intp any = -1;
     if (!PyArg_ParseTuple(obj, "OOOOO", &objs[0], &objs[1], &objs[2], &objs[3], &objs[4]) ||
         pma_take_array(objs[0], NPY_INT64, 1, &any, name, arrays, &first) < 0)
@@ -201,20 +202,30 @@ int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panel
         pma_take_array(objs[3], NPY_INT64, 1, &starts, name, arrays, &start) < 0)
         return -1;
     const int64_t *ends[2] = {PyArray_DATA(row_ptr), PyArray_DATA(start)};
-    npy_intp lengths[2] = {(npy_intp)ends[0][starts - 1], (npy_intp)ends[1][starts - 1]};
-    if (lengths[0] < 0 || lengths[1] < 0) {
+    npy_intp length = (npy_intp)ends[0][starts - 1];
+    if (length < 0 || ends[1][starts - 1] < 0) {
         PyErr_Format(PyExc_ValueError, "%s: the last start must not be negative", name);
         return -1;
     }
-    if (pma_take_array(objs[2], NPY_INT32, 1, &lengths[0], name, arrays, &rows) < 0 ||
-        pma_take_array(objs[4], NPY_DOUBLE, 1, &lengths[1], name, arrays, &values) < 0)
+    if (pma_take_array(objs[2], NPY_INT32, 1, &length, name, arrays, &rows) < 0)
         return -1;
     *out = (pma_panels){.count = (size_t)starts - 1,
                         .first = PyArray_DATA(first),
-                        .row_ptr = ends[0],
+                        .row_ptr = PyArray_DATA(row_ptr),
                         .rows = PyArray_DATA(rows),
-                        .start = ends[1],
-                        .values = PyArray_DATA(values)};
+                        .start = PyArray_DATA(start)};
+    return 0;
+}
+
+int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panels *out)
+{
+    PyArrayObject *values;
+    if (pma_take_structure(obj, name, arrays, out) < 0)
+        return -1;
+    const npy_intp length = (npy_intp)out->start[out->count];
+    if (pma_take_array(PyTuple_GET_ITEM(obj, 4), NPY_DOUBLE, 1, &length, name, arrays, &values) < 0)
+        return -1;
+    out->values = PyArray_DATA(values);
     return 0;
 }
 

@@ -98,17 +98,33 @@ static int take_parts(CouplerObject *self, PyObject *H_start, PyObject *H, PyObj
     return failed;
 }
 
+/* With internal forces another schedule does the same. */
+static int take_iteration(CouplerObject *self, PyObject *obj, pma_coupler_parts *parts, bool macro,
+                          pma_iteration_parts *iteration)
+{
+    if (obj == Py_None)
+        return 0;
+    if (pma_take_iteration(obj, (npy_intp)parts->p, macro, self->arrays, iteration) < 0)
+        return -1;
+    parts->schedule = macro ? &pma_shooting_schedule : &pma_iterated_schedule;
+    parts->iteration = iteration;
+    return 0;
+}
+
 static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
     static char *names[] = {"subdomains", "p",       "H_start",    "H",     "dt", "rebased",
-                            "motions",    "threads", "worthwhile", "macro", NULL};
-    PyObject *subdomains, *H_start, *H, *motions;
+                            "motions",    "threads", "worthwhile", "macro", "iteration",
+                            NULL};
+    PyObject *subdomains, *H_start, *H, *motions, *iterated = Py_None;
+    pma_iteration_parts iteration;
     Py_ssize_t p, threads = 1;
     int rebased, worthwhile = 0, macro = 0;
     pma_coupler_parts parts = {0};
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOdpO!|npp", names, &PyTuple_Type,
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOdpO!|nppO", names, &PyTuple_Type,
                                      &subdomains, &p, &H_start, &H, &parts.dt, &rebased,
-                                     &PyTuple_Type, &motions, &threads, &worthwhile, &macro) ||
+                                     &PyTuple_Type, &motions, &threads, &worthwhile, &macro,
+                                     &iterated) ||
         check_subdomains(type, subdomains) < 0)
         return NULL;
     if (p < 0 || PyTuple_GET_SIZE(subdomains) == 0)
@@ -126,7 +142,9 @@ static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwarg
     self->subdomains = Py_NewRef(subdomains);
     self->arrays = PyList_New(0);
     self->motions = PyList_New(0);
-    if (!self->arrays || !self->motions || take_parts(self, H_start, H, motions, &parts) < 0)
+    if (!self->arrays || !self->motions ||
+        take_iteration(self, iterated, &parts, macro, &iteration) < 0 ||
+        take_parts(self, H_start, H, motions, &parts) < 0)
         Py_CLEAR(self);
     return (PyObject *)self;
 }
@@ -218,11 +236,24 @@ static bool is_raised(CouplerObject *self, pma_status status, size_t failed)
         return !PyErr_ExceptionMatches(PyExc_Exception);
     if (status != PMA_RESTORING_FAILED)
         return true;
-    const pma_subdomain *s = pma_subdomain_of(self, (Py_ssize_t)failed)->core;
-    return pma_subdomain_parts(s)->restoring.by_caller || !PyErr_ExceptionMatches(PyExc_Exception);
+    pma_subdomain *s = pma_subdomain_of(self, (Py_ssize_t)failed)->core;
+    return pma_subdomain_member(s).by_caller || !PyErr_ExceptionMatches(PyExc_Exception);
 }
 
-/* The index of the subdomain that became unstable, or (index, code, "force" or "restoring force")
+/* (index, t, corrections, position): of the subdomain that did not converge, or of the interface
+ * (None for the rest); position of the dof where its tangent is singular, or -1 */
+static PyObject *iteration_failure(CouplerObject *self, size_t i, bool singular)
+{
+    if (i == PMA_INTERFACE)
+        return Py_BuildValue("(nOOn)", PyTuple_GET_SIZE(self->subdomains), Py_None, Py_None,
+                             (Py_ssize_t)-1);
+    const pma_iterate_failure at =
+        pma_iterate_failed(pma_subdomain_iterate(pma_subdomain_of(self, (Py_ssize_t)i)->core));
+    return Py_BuildValue("(ndnn)", (Py_ssize_t)i, at.t, (Py_ssize_t)at.iterations,
+                         singular ? (Py_ssize_t)at.dof : (Py_ssize_t)-1);
+}
+
+/* The index of the subdomain that became unstable, the tuple of four above, or (index, code, "force" or "restoring force")
  * if its function returned a code; NULL with the exception of any other status. */
 static PyObject *failure(CouplerObject *self, pma_status status)
 {
@@ -235,6 +266,8 @@ static PyObject *failure(CouplerObject *self, pma_status status)
     if (status == PMA_NOT_FINITE)
         return PyLong_FromSsize_t(i == PMA_INTERFACE ? PyTuple_GET_SIZE(self->subdomains)
                                                      : (Py_ssize_t)i);
+    if (status == PMA_NOT_CONVERGED || status == PMA_SINGULAR)
+        return iteration_failure(self, i, status == PMA_SINGULAR);
     if (status != PMA_FORCE_FAILED && status != PMA_RESTORING_FAILED)
         return pma_raise(status, "advance");
     const int code = pma_subdomain_code(pma_subdomain_of(self, (Py_ssize_t)i)->core);
@@ -397,6 +430,32 @@ static PyObject *coupler_get_workers(CouplerObject *self, void *Py_UNUSED(closur
     return workers;
 }
 
+/* iteration(): what shooting begins the next macro step with, a copy */
+static PyObject *coupler_iteration(CouplerObject *self, PyObject *Py_UNUSED(ignored))
+{
+    size_t size;
+    if (claim(self) < 0)
+        return NULL;
+    const double *present = pma_coupler_iteration(self->core, &size);
+    PyObject *copy = pma_new_vector((npy_intp)size, present);
+    release(self);
+    return copy;
+}
+
+/* set_iteration(numbers): after start */
+static PyObject *coupler_set_iteration(CouplerObject *self, PyObject *obj)
+{
+    size_t size;
+    const double *values;
+    double *present = pma_coupler_iteration(self->core, &size);
+    if (pma_take_doubles(obj, (npy_intp)size, "iteration", NULL, &values) < 0 || claim(self) < 0)
+        return NULL;
+    if (size > 0)
+        memcpy(present, values, size * sizeof(double));
+    release(self);
+    Py_RETURN_NONE;
+}
+
 static PyMethodDef coupler_methods[] = {
     {"start", (PyCFunction)coupler_start, METH_VARARGS,
      "start(step_count, lam, g): sets the macro step, the multipliers and g"},
@@ -408,6 +467,10 @@ static PyMethodDef coupler_methods[] = {
      "called about every 50 ms"},
     {"record_present", (PyCFunction)coupler_record_present, METH_O,
      "record_present(record): writes the present time level into row 0"},
+    {"iteration", (PyCFunction)coupler_iteration, METH_NOARGS,
+     "iteration() -> (k,) what shooting begins the next macro step with, a copy"},
+    {"set_iteration", (PyCFunction)coupler_set_iteration, METH_O,
+     "set_iteration(numbers): the inverse, after start"},
     {NULL, NULL, 0, NULL},
 };
 

@@ -164,7 +164,7 @@ static void *pointer_of(PyObject *capsule, size_t arguments)
 }
 
 /* A function pointer from a void pointer, which POSIX defines and C11 does not. */
-static int take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *blas)
+int pma_take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *blas)
 {
     void *pointers[2] = {pointer_of(dgemm, 13), NULL};
     if (pointers[0])
@@ -249,7 +249,7 @@ static PyObject *factor_panels(PyObject *Py_UNUSED(module), PyObject *args)
     size_t column = 0;
     if (!PyArg_ParseTuple(args, "OOOOdOO", &matrix, &structure, &values, &inverse_obj, &A.lost,
                           &dgemm, &dtrsm) ||
-        take_blas(dgemm, dtrsm, &blas) < 0)
+        pma_take_blas(dgemm, dtrsm, &blas) < 0)
         return NULL;
     PyObject *arrays = PyList_New(0);
     if (!arrays || take_problem(matrix, structure, values, arrays, &A, &p, &owner) < 0 ||

@@ -15,13 +15,15 @@ static int take_operator(PyObject *obj, pma_scheme scheme, const pma_parts *part
     }
     if (!PyArg_ParseTuple(obj, "dOO", &h, &inverse, &R))
         return -1;
+    out->step = pma_step_make(scheme, h);
+    if (parts->iterate)
+        return 0; /* its factors follow the tangents */
     PyObject *factor = PyTuple_Pack(2, inverse, R);
     if (!factor)
         return -1;
     const int failed = pma_take_factor(factor, (npy_intp)parts->n, (npy_intp)parts->nb, name,
                                        arrays, &out->factor);
     Py_DECREF(factor);
-    out->step = pma_step_make(scheme, h);
     return failed;
 }
 
@@ -53,21 +55,23 @@ static int take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out)
     return pma_take_doubles(values, entries, "link", arrays, &out->values);
 }
 
-static int take_parts(PyObject *args, PyObject *kwargs, PyObject *arrays, pma_spring_set **sets,
-                      pma_parts *parts)
+static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, pma_parts *parts,
+                      pma_iterate_parts *iterate)
 {
     static char *names[] = {"n",        "nb",    "substeps", "K",         "C",   "scheme",
                             "single",   "twice", "link",     "restoring", "D_r", "lagged",
-                            "responds", "K_r",   "springs",  NULL};
+                            "responds", "K_r",   "springs",  "M",         "internal",
+                            "iterate",  NULL};
     Py_ssize_t n, nb, substeps;
-    PyObject *K, *C, *single, *twice, *link;
+    PyObject *K, *C, *single, *twice, *link, *arrays = self->arrays;
     PyObject *restoring = Py_None, *D_r = Py_None, *K_r = Py_None, *springs = NULL;
+    PyObject *M = NULL, *internal = Py_None, *iterated = Py_None;
     pma_scheme scheme;
     int lagged = 0, responds = 0;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "nnnOO(dddd)OOO|OOppOO!", names, &n, &nb,
-                                     &substeps, &K, &C, &scheme.am, &scheme.af, &scheme.beta,
-                                     &scheme.gamma, &single, &twice, &link, &restoring, &D_r,
-                                     &lagged, &responds, &K_r, &PyTuple_Type, &springs))
+    if (!PyArg_ParseTupleAndKeywords(
+            args, kwargs, "nnnOO(dddd)OOO|OOppOO!OOO", names, &n, &nb, &substeps, &K, &C,
+            &scheme.am, &scheme.af, &scheme.beta, &scheme.gamma, &single, &twice, &link, &restoring,
+            &D_r, &lagged, &responds, &K_r, &PyTuple_Type, &springs, &M, &internal, &iterated))
         return -1;
     if (n < 1 || nb < 0 || nb > n || substeps < 1) {
         PyErr_SetString(PyExc_ValueError, "need 1 <= n, 0 <= nb <= n and 1 <= substeps");
@@ -80,8 +84,17 @@ static int take_parts(PyObject *args, PyObject *kwargs, PyObject *arrays, pma_sp
     if (pma_take_restoring(restoring, n, arrays, &parts->restoring) < 0 ||
         pma_take_matrix(D_r, n, "D_r", arrays, &parts->D_r) < 0 ||
         pma_take_matrix(K_r, n, "K_r", arrays, &parts->K_r) < 0 ||
-        (springs && pma_take_springs(springs, arrays, sets, &parts->springs) < 0))
+        (springs && pma_take_springs(springs, arrays, &self->springs, &parts->springs) < 0))
         return -1;
+    parts->shoots = M != NULL;
+    if ((M && pma_take_matrix(M, n, "M", arrays, &parts->M) < 0) ||
+        pma_take_internal(internal, n, arrays, &self->forces, &parts->internal) < 0)
+        return -1;
+    if (iterated != Py_None) {
+        if (pma_take_iterate(iterated, parts, arrays, iterate) < 0)
+            return -1;
+        parts->iterate = iterate;
+    }
     if (pma_take_matrix(K, n, "K", arrays, &parts->K) < 0 ||
         pma_take_matrix(C, n, "C", arrays, &parts->C) < 0 ||
         take_operator(single, scheme, parts, "single", arrays, &parts->single) < 0 ||
@@ -95,12 +108,13 @@ static int take_parts(PyObject *args, PyObject *kwargs, PyObject *arrays, pma_sp
 static PyObject *subdomain_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
     pma_parts parts;
+    pma_iterate_parts iterate;
     pma_status status;
     SubdomainObject *self = (SubdomainObject *)type->tp_alloc(type, 0);
     if (!self)
         return NULL;
     self->arrays = PyList_New(0);
-    if (!self->arrays || take_parts(args, kwargs, self->arrays, &self->springs, &parts) < 0)
+    if (!self->arrays || take_parts(args, kwargs, self, &parts, &iterate) < 0)
         goto failed;
     status = pma_subdomain_create(&parts, &self->core);
     if (status == PMA_OK)
@@ -127,6 +141,7 @@ static void subdomain_dealloc(SubdomainObject *self)
     PyObject_GC_UnTrack(self);
     pma_subdomain_destroy(self->core);
     PyMem_Free(self->springs);
+    pma_release_forces(&self->forces);
     Py_XDECREF(self->arrays);
     Py_XDECREF(self->load);
     Py_XDECREF(self->mass);
@@ -323,9 +338,9 @@ static PyObject *subdomain_restore(SubdomainObject *self, PyObject *args)
     return result_of(self, status, r);
 }
 
-/* ---- the whole state: (u, v, w, a, vf, springs), and those of the previous time level ---- */
+/* ---- the whole state: (u, v, w, a, vf, springs, history), and the previous one ---- */
 
-enum { LEVEL_FIELDS = 6 };
+enum { LEVEL_FIELDS = 7 };
 
 static void list_fields(const pma_kept_levels *levels, double *fields[2 * LEVEL_FIELDS])
 {
@@ -333,7 +348,8 @@ static void list_fields(const pma_kept_levels *levels, double *fields[2 * LEVEL_
     double *const vf[2] = {levels->vf, levels->vf_previous};
     for (size_t k = 0; k < 2; k++) {
         double *const own[LEVEL_FIELDS] = {x[k]->u, x[k]->v, x[k]->w,
-                                           x[k]->a, vf[k],   x[k]->springs};
+                                           x[k]->a, vf[k],   x[k]->springs,
+                                           x[k]->history};
         memcpy(fields + k * LEVEL_FIELDS, own, sizeof own);
     }
 }
@@ -341,7 +357,8 @@ static void list_fields(const pma_kept_levels *levels, double *fields[2 * LEVEL_
 static npy_intp field_size(const pma_parts *parts, Py_ssize_t field)
 {
     const size_t n = parts->n, remembered = PMA_SPRING_FIELDS * parts->springs.total;
-    const size_t sizes[LEVEL_FIELDS] = {n, n, n, n, parts->nb, remembered};
+    const size_t history = parts->internal.history + (parts->iterate ? 1 : 0);
+    const size_t sizes[LEVEL_FIELDS] = {n, n, n, n, parts->nb, remembered, history};
     return (npy_intp)sizes[field % LEVEL_FIELDS];
 }
 
@@ -423,7 +440,7 @@ static PyMethodDef subdomain_methods[] = {
     {"restore", (PyCFunction)subdomain_restore, METH_VARARGS,
      "restore(t, u, v) -> r(u, v, t), or the code that the function returned"},
     {"levels", (PyCFunction)subdomain_levels, METH_NOARGS,
-     "levels() -> (u, v, w, a, vf, springs) of the present time level, and of the previous one if "
+     "levels() -> (u, v, w, a, vf, springs, history) of the present time level, and of the previous one if "
      "double; copies"},
     {"springs", (PyCFunction)subdomain_springs, METH_NOARGS,
      "springs() -> (3, springs) array: present deformation, force and inner variable, a copy"},
@@ -438,12 +455,17 @@ static PyMethodDef subdomain_methods[] = {
      "coupling into end, (m, k); False when a value is not finite"},
     {"store_responses", (PyCFunction)pma_subdomain_store_responses, METH_VARARGS,
      "store_responses(rows, states): the states written by unit_responses for all of these rows"},
+    {"iteration", (PyCFunction)pma_subdomain_iteration, METH_NOARGS,
+     "iteration() -> (scale, entries, twice) that the next step begins with, or None"},
+    {"set_iteration", (PyCFunction)pma_subdomain_set_iteration, METH_VARARGS,
+     "set_iteration(scale, entries, twice): the inverse"},
     {NULL, NULL, 0, NULL},
 };
 
 static PyType_Slot subdomain_slots[] = {
     {Py_tp_doc, "Subdomain(n, nb, substeps, K, C, scheme, single, twice, link, restoring=None, "
-                "D_r=None, lagged=False, responds=False, K_r=None, springs=())\n\n"
+                "D_r=None, lagged=False, responds=False, K_r=None, springs=(), M, internal=None, "
+                "iterate=None)\n\n"
                 "A subdomain of the core, in elimination order."},
     {Py_tp_new, subdomain_new},
     {Py_tp_traverse, subdomain_traverse},

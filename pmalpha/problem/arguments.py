@@ -11,12 +11,21 @@ from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 
-__all__ = ["Coupling", "Damping", "DofsLike", "MatrixLike", "Start", "VectorLike"]
+__all__ = [
+    "Coupling",
+    "Damping",
+    "DofsLike",
+    "MatrixLike",
+    "Start",
+    "TangentPolicy",
+    "VectorLike",
+]
 
-# Values of coupling= and start= of a Coupler and of damping= of a Subdomain.
+# Values of coupling= and start= of a Coupler, of damping= of a Subdomain, of tangent= of Newton.
 Coupling = Literal["pm", "gc", "macro"]
 Start = Literal["rebased", "plain"]
 Damping = Literal["implicit", "lagged"]
+TangentPolicy = Literal["full", "reuse"]
 
 
 class SupportsArray(Protocol):

@@ -7,10 +7,12 @@ import sys
 
 from scipy import LowLevelCallable
 
-# By argument of `Subdomain`: (t, n, f, user) and (t, n, u, v, r, user).
+# By argument of `Subdomain`: (t, n, f, user), (t, n, u, v, r, user) and, for `internal`,
+# (t, n, u, v, q, f, K, C, q1, user).
 SIGNATURES = {
     "force": "int (double, intptr_t, double *, void *)",
     "restoring": "int (double, intptr_t, double *, double *, double *, void *)",
+    "internal": f"int (double, intptr_t, {7 * 'double *, '}void *)",
 }
 # Signed types of the size of an address: names of intptr_t in ctypes, cffi, Cython and numba.
 SIZES = {"long", "longint", "ssize_t", "Py_ssize_t", "ptrdiff_t", "npy_intp"}
@@ -18,7 +20,7 @@ SIZES |= {"longlong", "int64_t", "npy_int64"} if sys.maxsize > 2**32 else {"int"
 
 
 def check_signature(function: LowLevelCallable, name: str) -> None:
-    """ValueError unless the function has the signature that `force` or `restoring` needs."""
+    """ValueError unless the function has the signature that this argument needs."""
     if kinds(function.signature) != kinds(SIGNATURES[name]):
         raise ValueError(
             f"{name} must have the signature {SIGNATURES[name]!r}, got {function.signature!r}"

@@ -89,17 +89,17 @@ def _sparse(value: Any, name: str) -> sp.csr_array:
         raise TypeError(f"{name} must hold real numbers, got dtype {value.dtype}")
     if value.ndim != 2:
         raise ValueError(f"{name} must be 2-D when sparse, got shape {value.shape}")
-    A = _compressed(value) if _is_sound(value) else entries(value, name)
+    A = _compressed(value) if is_sound(value) else entries(value, name)
     A = sp.csr_array(A, dtype=np.float64)
     A.sum_duplicates()
     A.eliminate_zeros()  # stored on one side only, zeros would make the pattern unsymmetric
     A.sort_indices()
     require_finite(A.data, f"the stored entries of {name}")
-    _shorten_indices(A)
+    shorten_indices(A)
     return A
 
 
-def _is_sound(value: Any) -> bool:
+def is_sound(value: Any) -> bool:
     """Whether this is a matrix by rows or columns, with indices in range."""
     if value.format not in ("csr", "csc"):
         return False
@@ -118,7 +118,7 @@ def _compressed(value: Any) -> sp.csr_array:
     return sp.csr_array(kind(arrays, shape=value.shape))
 
 
-def _shorten_indices(A: sp.csr_array) -> None:
+def shorten_indices(A: sp.csr_array) -> None:
     """Use 32 bits per index where they suffice; 64 bits take a third more memory."""
     if max(A.nnz, *A.shape) <= np.iinfo(np.int32).max:
         A.indices = A.indices.astype(np.int32, copy=False)

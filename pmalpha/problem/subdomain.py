@@ -12,6 +12,7 @@ from .arguments import Damping, MatrixLike, VectorLike
 from .damping import checked_rayleigh, damping_matrix
 from .forces import checked_force
 from .frozen import Frozen
+from .internal import Internal, checked_internal
 from .matrices import EXPORTED, Matrix, canonical, combination, diagonal
 from .restoring import Restoring, checked_restoring, is_function
 from .schemes import Scheme
@@ -24,7 +25,7 @@ UNDAMPED = 1.0 - 1e-9
 
 
 class Subdomain(Frozen):
-    """One subdomain of the coupled problem (1): M w + C v + K u + r(u, v, t) = F(t) + L^T Lam.
+    """One subdomain of the coupled problem (1): M w + C v + K u + r + f = F(t) + L^T Lam.
 
     Units are any consistent set. The arrays are copied. Attributes can be read, not assigned. A
     `Coupler` does not change a subdomain, so that several couplers can contain the same one.
@@ -37,7 +38,7 @@ class Subdomain(Frozen):
         rounding of a file with ten digits; the Coupler warns), and positive definite for an
         explicit scheme. A dof without mass is a zero row and column of M; it requires an implicit
         scheme that damps at infinite frequency.
-        K may be None where there is a restoring force.
+        K may be None where there is a restoring or an internal force.
     C : like M and K, optional
         Viscous damping, symmetric. Default: none.
     rayleigh : (c_m, c_k), optional
@@ -75,6 +76,14 @@ class Subdomain(Frozen):
         splitting. An implicit subdomain is stable for any step if K_r is at least the tangent
         stiffness; for an explicit one K_r only enters the critical step. Default: zero; for
         springs the initial tangent.
+    internal : callable, `InternalForce`, springs, or a list of them, optional
+        A further force f(u, v, t; q) beside K u + C v that an implicit subdomain iterates with its
+        tangents, by Newton's method; `restoring` is evaluated once per substep instead. A callable
+        ``f(u, v, t, q)`` returns ``(f, K_t)``, ``(f, K_t, C_t)`` or ``(f, K_t, C_t, q1)``, see
+        `InternalForce`, which also takes compiled functions, and gives a force a history q and a
+        pattern. Nonlinear elements of `structures` are such callables. In an explicit subdomain it
+        is evaluated once per substep, at the predictor of the displacement and an extrapolated
+        velocity. A list sums its forces.
     damping : {"implicit", "lagged"}, default "implicit"
         "lagged": C acts on the extrapolated velocity, equation (R4), so that an explicit subdomain
         whose C is not diagonal needs no factor. The critical step is smaller, equation (C2).
@@ -88,7 +97,8 @@ class Subdomain(Frozen):
     TypeError, ValueError
         For complex, unsymmetric or infinite entries, shapes that do not agree, a scheme or force
         of the wrong kind, dofs without mass under a scheme that does not damp them, estimates
-        without a restoring force. The value of a restoring force is checked when it is evaluated.
+        without a restoring force, springs in both `restoring` and `internal`. The values of
+        restoring and internal forces are checked when they are evaluated.
         Also for a C that is c_m * M + c_k * K with a 1-D M, which NumPy adds to every row of K.
     FactorizationError
         For a dof without mass in an explicit subdomain.
@@ -138,6 +148,7 @@ class Subdomain(Frozen):
         restoring: Any = None,
         restoring_stiffness: MatrixLike | None = None,
         restoring_damping: MatrixLike | None = None,
+        internal: Any = None,
         damping: Damping = "implicit",
         rayleigh: tuple[float, float] | None = None,
         u0: VectorLike | None = None,
@@ -150,22 +161,30 @@ class Subdomain(Frozen):
             raise TypeError(f"name must be a string that is not empty, got {name!r}")
         if M is None:
             raise TypeError("M must be a matrix, got None")
-        if K is None and restoring is None:
-            raise TypeError("K must be a matrix where there is no restoring force, got None")
         check_word(damping, "damping", get_args(Damping))
         self.scheme = scheme
         self.substeps = whole_number(substeps, "substeps", low=1)
         self.double_step = None if double_step is None else flag(double_step, "double_step")
         self.name = name
         self.M, self.n = canonical(M, "M")
+        self.internal: Internal | None = checked_internal(internal, self.n)
+        if K is None and restoring is None and self.internal is None:
+            raise TypeError(
+                "K must be a matrix where there is no restoring force and no internal one, got None"
+            )
         self.K = self._matrix(K, "K")
         self.rayleigh = checked_rayleigh(rayleigh)
         self.C = damping_matrix(C, self.rayleigh, self.n, M=self.M, K=self.K, given=K)
         self.damping = damping
         self.force = checked_force(force, self.n)
         self.restoring: Restoring = checked_restoring(restoring, self.n)
-        if restoring_stiffness is None and self.springs:
-            restoring_stiffness = stiffness(self.springs, "initial_tangent", self.n)
+        if self.restoring_springs and self.internal is not None and self.internal.springs:
+            raise ValueError(
+                "springs must be either in restoring, evaluated once per substep, or in internal, "
+                "iterated, got some in both"
+            )
+        if restoring_stiffness is None and self.restoring_springs:
+            restoring_stiffness = stiffness(self.restoring_springs, "initial_tangent", self.n)
         self.restoring_stiffness = self._estimate(restoring_stiffness, "restoring_stiffness")
         self.restoring_damping = self._estimate(restoring_damping, "restoring_damping")
         self.u0 = self._initial(u0, "u0")
@@ -188,23 +207,37 @@ class Subdomain(Frozen):
 
     @property
     def tangent(self) -> Matrix:
-        """K + K_r, the stiffness with the estimate for the restoring force."""
+        """K + K_r, the stiffness with the estimate for the restoring force; no internal ones."""
         if self.restoring_stiffness is None:
             return self.K
         return combination([(1.0, self.K), (1.0, self.restoring_stiffness)])
 
     @property
-    def springs(self) -> tuple[Spring, ...]:
+    def restoring_springs(self) -> tuple[Spring, ...]:
         """The springs among the restoring forces."""
         return () if self.restoring is None or is_function(self.restoring) else self.restoring
 
     @property
+    def springs(self) -> tuple[Spring, ...]:
+        """All springs: those among the restoring forces, or those among the internal ones."""
+        return self.restoring_springs or (() if self.internal is None else self.internal.springs)
+
+    @property
+    def iterates(self) -> bool:
+        """Whether a substep is solved by Newton's method: implicit, with internal forces."""
+        return not self.scheme.explicit and self.internal is not None
+
+    @property
     def largest_tangent(self) -> Matrix:
-        """The stiffness for the critical step: K + K_r, or K + the largest tangents of springs."""
-        if not self.springs:
+        """The stiffness for the critical step: K + K_r, or K + the largest tangents of springs.
+
+        Without internal forces.
+        """
+        springs = self.restoring_springs
+        if not springs:
             return self.tangent
-        springs = canonical(stiffness(self.springs, "largest_tangent", self.n), "springs", self.n)
-        return combination([(1.0, self.K), (1.0, springs[0])])
+        largest = canonical(stiffness(springs, "largest_tangent", self.n), "springs", self.n)[0]
+        return combination([(1.0, self.K), (1.0, largest)])
 
     @property
     def implicit_stiffness(self) -> Matrix:

@@ -108,6 +108,14 @@ static pma_status create_team(pma_coupler *c)
     return pma_team_create(c->roster.workers, &c->team);
 }
 
+static pma_status prepare(pma_coupler *c, const pma_coupler_parts *parts)
+{
+    c->parts.iteration = NULL; /* c->iteration has it */
+    if (!parts->schedule->prepare)
+        return PMA_OK;
+    return parts->iteration ? parts->schedule->prepare(c, parts->iteration) : PMA_BAD_SIZE;
+}
+
 pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out)
 {
     *out = NULL;
@@ -127,8 +135,10 @@ pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out)
     status = allocate(c, parts);
     if (status == PMA_OK) {
         lay_out(c, parts);
-        status = create_team(c);
+        status = prepare(c, parts);
     }
+    if (status == PMA_OK)
+        status = create_team(c);
     if (status != PMA_OK) {
         pma_coupler_destroy(c);
         return status;
@@ -143,6 +153,7 @@ void pma_coupler_destroy(pma_coupler *c)
         return;
     pma_team_destroy(c->team);
     pma_roster_destroy(&c->roster);
+    pma_iteration_destroy(c->iteration);
     free(c->lam_deferred);
     free(c->coupled);
     free(c->motions);
@@ -165,6 +176,8 @@ void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, co
     c->present.number = c->reached.number = step_count;
     c->k = 0;
     c->started = true;
+    if (c->iteration)
+        pma_iteration_start(c->iteration);
 }
 
 size_t pma_coupler_instants(const pma_coupler *c)

@@ -11,6 +11,7 @@
 #include <stdint.h>
 
 #include "coupling/interface.h"
+#include "coupling/iteration.h"
 #include "coupling/motion.h"
 #include "coupling/record.h"
 #include "member/member.h"
@@ -22,6 +23,10 @@ typedef struct pma_schedule pma_schedule;
 extern const pma_schedule pma_fine_schedule;  /* pm and gc: in every fine step */
 extern const pma_schedule pma_macro_schedule; /* once in a macro step, any substeps; H of (M4) */
 
+/* The same with members that have internal forces, whose steps are iterated by Newton's method. */
+extern const pma_schedule pma_iterated_schedule; /* pm and gc */
+extern const pma_schedule pma_shooting_schedule; /* macro */
+
 /* What a coupler is made of. Members and arrays are the caller's and have to outlive it. */
 typedef struct {
     size_t count;              /* subdomains */
@@ -32,6 +37,7 @@ typedef struct {
     double dt;                 /* macro step */
     bool rebased;              /* (S3) after the first macro step, else the plain start */
     const pma_schedule *schedule;
+    const pma_iteration_parts *iteration; /* of the last two schedules, else NULL; copied */
     size_t motion_count;
     const pma_motion *motions; /* copied */
     size_t threads;            /* maximum number, including the caller; 0 stands for 1 */
@@ -70,8 +76,8 @@ void pma_coupler_set_motion(pma_coupler *c, size_t i, pma_load load);
 void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, const double *g);
 
 /* `steps` macro steps, recorded if record is not NULL. PMA_NOT_READY before a start,
- * PMA_NOT_FINITE, PMA_FORCE_FAILED and PMA_RESTORING_FAILED (pma_coupler_failed says where),
- * PMA_STOPPED (possibly with all steps done), and PMA_NO_THREADS before the first step. Does not
+ * PMA_NOT_FINITE, PMA_FORCE_FAILED, PMA_RESTORING_FAILED, PMA_NOT_CONVERGED and PMA_SINGULAR
+ * (pma_coupler_failed says where), PMA_STOPPED (possibly with all steps done), and PMA_NO_THREADS before the first step. Does not
  * allocate, but for the threads when they are not there yet. */
 pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,
                                const pma_poll *poll);
@@ -95,6 +101,9 @@ const double *pma_coupler_prescribed(const pma_coupler *c);  /* p, g of the pres
 /* The subdomain whose function failed, or where a value was first not finite; of several in the
  * same fine step, the first in order. */
 size_t pma_coupler_failed(const pma_coupler *c);
+/* What the iteration of internal forces keeps from one macro step to the next, beside what the
+ * subdomains keep: `*size` numbers, to be read or written after a start. */
+double *pma_coupler_iteration(pma_coupler *c, size_t *size);
 /* As given, but without the list of members; the motions as they were set last. */
 const pma_coupler_parts *pma_coupler_get_parts(const pma_coupler *c);
 

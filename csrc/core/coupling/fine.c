@@ -7,7 +7,7 @@
 
 /* ---- which numbers of substeps, and what there is to do ------------------------------------- */
 
-static size_t most_substeps(const pma_coupler_parts *parts)
+size_t pma_fine_instants(const pma_coupler_parts *parts)
 {
     size_t most = 1;
     for (size_t i = 0; i < parts->count; i++)
@@ -15,15 +15,24 @@ static size_t most_substeps(const pma_coupler_parts *parts)
     return most;
 }
 
-/* The largest number of substeps is a multiple of all others. */
-static pma_status check(const pma_coupler_parts *parts)
+pma_status pma_fine_check(const pma_coupler_parts *parts)
 {
-    const size_t most = most_substeps(parts);
+    const size_t most = pma_fine_instants(parts);
     for (size_t i = 0; i < parts->count; i++) {
         if (most % parts->members[i].substeps != 0)
             return PMA_BAD_SIZE;
     }
     return PMA_OK;
+}
+
+/* Members whose steps are iterated need another schedule. */
+static pma_status check(const pma_coupler_parts *parts)
+{
+    for (size_t i = 0; i < parts->count; i++) {
+        if (parts->members[i].iterated.table)
+            return PMA_BAD_SIZE;
+    }
+    return pma_fine_check(parts);
 }
 
 static pma_duty duty(const pma_member *member)
@@ -42,7 +51,7 @@ static bool begins(const pma_coupled *m)
     return m->now.phase == 1 && !pma_look_ahead_has_open(m, m->now.j);
 }
 
-static pma_status open_substep(pma_coupler *c, pma_coupled *m)
+pma_status pma_fine_open(pma_coupler *c, pma_coupled *m)
 {
     return m == c->split ? pma_split_open(c) : m->member.table->open(m->member.self, &m->step);
 }
@@ -52,7 +61,7 @@ static pma_status open_substeps(pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++)
         c->unpolled += c->coupled[i].now.phase == 1 ? c->coupled[i].member.entries : 0;
-    const pma_status status = pma_share(c, open_substep, begins);
+    const pma_status status = pma_share(c, pma_fine_open, begins);
     if (status == PMA_OK && pma_look_ahead_is_used(c))
         pma_look_ahead_open(c);
     return status;
@@ -60,17 +69,22 @@ static pma_status open_substeps(pma_coupler *c)
 
 /* ---- interface problem (18) ----------------------------------------------------------------- */
 
-/* H Lam = g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (18) (G1) */
-static pma_status solve_interface(pma_coupler *c)
+void pma_fine_right_side(pma_coupler *c)
 {
-    if (c->parts.motion_count > 0)
-        pma_coupler_prescribe(c);
     memcpy(c->working.lam, c->working.g, c->parts.p * sizeof(double));
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_coupled *m = &c->coupled[i];
         const double theta = pma_is_ending(m) ? 1.0 : (double)m->now.phase / (double)m->ratio;
         m->member.table->free_velocity(m->member.self, m->now.j, theta, -1.0, c->working.lam);
     }
+}
+
+/* H Lam = g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (18) (G1) */
+static pma_status solve_interface(pma_coupler *c)
+{
+    if (c->parts.motion_count > 0)
+        pma_coupler_prescribe(c);
+    pma_fine_right_side(c);
     return pma_coupler_solve(c);
 }
 
@@ -81,7 +95,7 @@ static bool ends(const pma_coupled *m)
     return pma_is_ending(m) && !m->assigned.closes;
 }
 
-static pma_status close_substep(pma_coupler *c, pma_coupled *m)
+pma_status pma_fine_close(pma_coupler *c, pma_coupled *m)
 {
     return m == c->split ? pma_split_close(c)
                          : m->member.table->close(m->member.self, &m->step, c->working.lam);
@@ -92,7 +106,7 @@ static pma_status close_substeps(pma_coupler *c)
 {
     if (pma_look_ahead_is_used(c))
         pma_look_ahead_defer(c);
-    return pma_share(c, close_substep, ends);
+    return pma_share(c, pma_fine_close, ends);
 }
 
 /* ---- the schedule --------------------------------------------------------------------------- */
@@ -129,12 +143,11 @@ static pma_status fine_step(pma_coupler *c)
     return status;
 }
 
-/* (S3)  After the first macro step, for the members that take double steps from now on */
-static void rebase(pma_coupler *c)
+void pma_fine_rebase(pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
-        if (member->doubled)
+        if (member->doubled && member->table->rebase)
             member->table->rebase(member->self, member->substeps, c->working.lam);
     }
 }
@@ -152,9 +165,9 @@ static pma_status fine_steps(pma_coupler *c)
             pma_recorder_write(c);
     }
     if (c->present.number == 0 && c->parts.rebased)
-        rebase(c);
+        pma_fine_rebase(c);
     return PMA_OK;
 }
 
 const pma_schedule pma_fine_schedule = {
-    .check = check, .instants = most_substeps, .duty = duty, .step = fine_steps};
+    .check = check, .instants = pma_fine_instants, .duty = duty, .step = fine_steps};

@@ -10,11 +10,13 @@
 /* ---- which substeps, and what there is to do ------------------------------------------------ */
 
 /* Any numbers of substeps; with several of them a link response and no double steps. Members that
- * cannot do what this schedule needs are refused. */
-static pma_status check(const pma_coupler_parts *parts)
+ * cannot do what this schedule needs are refused; those with internal forces need another one. */
+pma_status pma_macro_check(const pma_coupler_parts *parts)
 {
     for (size_t i = 0; i < parts->count; i++) {
         const pma_member *member = &parts->members[i];
+        if (member->shoots)
+            continue;
         if (member->substeps > 1 && (member->doubled || !member->responds))
             return PMA_BAD_SIZE;
         if (member->substeps == 1 && !member->table->hold)
@@ -23,16 +25,27 @@ static pma_status check(const pma_coupler_parts *parts)
     return PMA_OK;
 }
 
-static size_t one(const pma_coupler_parts *parts)
+static pma_status check(const pma_coupler_parts *parts)
+{
+    for (size_t i = 0; i < parts->count; i++) {
+        if (parts->members[i].shoots)
+            return PMA_BAD_SIZE;
+    }
+    return pma_macro_check(parts);
+}
+
+size_t pma_macro_instants(const pma_coupler_parts *parts)
 {
     (void)parts;
     return 1;
 }
 
-/* A subdomain does all its substeps at once, and twice where its link response is not stored. */
-static pma_duty duty(const pma_member *member)
+/* A subdomain does all its substeps at once, and twice where its link response is not stored, or
+ * where it has internal forces: about as often as it runs. */
+pma_duty pma_macro_duty(const pma_member *member)
 {
-    const bool repeats = member->substeps > 1 && member->table->repeats(member->self, false) > 0;
+    const bool repeats = member->shoots || (member->substeps > 1 &&
+                                            member->table->repeats(member->self, false) > 0);
     return (pma_duty){.entries = member->entries * member->substeps * (repeats ? 2 : 1),
                       .substeps = 1,
                       .by_caller = member->by_caller};
@@ -44,8 +57,8 @@ static bool all(const pma_coupled *m)
     return true;
 }
 
-/* Before a substep. Worker 0 polls, the others see what came of it. */
-static bool is_stopped(pma_coupler *c, const pma_coupled *m)
+/* Worker 0 polls, the others see what came of it. */
+bool pma_macro_is_stopped(pma_coupler *c, const pma_coupled *m)
 {
     if (m->worker > 0)
         return atomic_load(&c->stopped);
@@ -54,8 +67,7 @@ static bool is_stopped(pma_coupler *c, const pma_coupled *m)
     return stopped;
 }
 
-/* What is recorded of the inner time levels of a macro step, or NULL. */
-static const pma_selection *inner_selection(const pma_coupler *c, const pma_coupled *m)
+const pma_selection *pma_macro_selection(const pma_coupler *c, const pma_coupled *m)
 {
     if (!c->record || c->record->every > 0)
         return NULL;
@@ -80,12 +92,12 @@ static pma_status free_substep(pma_coupler *c, const pma_coupled *m, size_t j)
     return PMA_OK;
 }
 
-static pma_status free_run(pma_coupler *c, pma_coupled *m)
+pma_status pma_macro_free_run(pma_coupler *c, pma_coupled *m)
 {
     const pma_member *member = &m->member;
-    const pma_selection *inner = inner_selection(c, m);
+    const pma_selection *inner = pma_macro_selection(c, m);
     for (size_t j = 0; j < member->substeps; j++) {
-        if (is_stopped(c, m))
+        if (pma_macro_is_stopped(c, m))
             return PMA_STOPPED;
         const pma_status status = free_substep(c, m, j);
         if (status != PMA_OK)
@@ -99,6 +111,15 @@ static pma_status free_run(pma_coupler *c, pma_coupled *m)
 
 /* ---- interface (M4) ------------------------------------------------------------------------- */
 
+void pma_macro_free_velocity(const pma_coupled *m, double *sum)
+{
+    const pma_member *member = &m->member;
+    if (member->substeps > 1)
+        member->table->velocity(member->self, member->substeps, sum);
+    else
+        member->table->free_velocity(member->self, 0, 1.0, 1.0, sum);
+}
+
 /* H dLam = g - sum_i L_i v_i(free run)                                              (M4) (G1) */
 static pma_status solve_interface(pma_coupler *c)
 {
@@ -108,13 +129,8 @@ static pma_status solve_interface(pma_coupler *c)
         pma_coupler_prescribe(c);
     for (size_t row = 0; row < p; row++)
         lam[row] = -c->working.g[row];
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_member *member = &c->coupled[i].member;
-        if (member->substeps > 1)
-            member->table->velocity(member->self, member->substeps, lam);
-        else
-            member->table->free_velocity(member->self, 0, 1.0, 1.0, lam);
-    }
+    for (size_t i = 0; i < c->parts.count; i++)
+        pma_macro_free_velocity(&c->coupled[i], lam);
     for (size_t row = 0; row < p; row++)
         lam[row] = -lam[row];
     const pma_status status = pma_coupler_solve(c);
@@ -128,15 +144,15 @@ static pma_status solve_interface(pma_coupler *c)
 
 /* ---- link response (M3), added (M5) --------------------------------------------------------- */
 
-static pma_status respond(pma_coupler *c, pma_coupled *m)
+pma_status pma_macro_respond(pma_coupler *c, pma_coupled *m)
 {
     const pma_member *member = &m->member;
-    const pma_selection *inner = inner_selection(c, m);
+    const pma_selection *inner = pma_macro_selection(c, m);
     if (member->substeps == 1)
         return member->table->close(member->self, &m->step, c->working.lam);
     const size_t repeats = member->table->repeats(member->self, inner != NULL);
     for (size_t j = 1; j <= repeats; j++) {
-        if (is_stopped(c, m))
+        if (pma_macro_is_stopped(c, m))
             return PMA_STOPPED;
         member->table->respond(member->self, j, c->present.lam, c->dlam);
         if (inner && j < member->substeps)
@@ -148,8 +164,7 @@ static pma_status respond(pma_coupler *c, pma_coupled *m)
 
 /* ---- the schedule --------------------------------------------------------------------------- */
 
-/* All are at the end of their last substep. */
-static void move_to_end(pma_coupler *c)
+void pma_macro_move_to_end(pma_coupler *c)
 {
     c->k = 1;
     for (size_t i = 0; i < c->parts.count; i++) {
@@ -161,12 +176,12 @@ static void move_to_end(pma_coupler *c)
 
 static pma_status macro_step(pma_coupler *c)
 {
-    move_to_end(c);
-    pma_status status = pma_share(c, free_run, all);
+    pma_macro_move_to_end(c);
+    pma_status status = pma_share(c, pma_macro_free_run, all);
     if (status == PMA_OK)
         status = solve_interface(c);
     if (status == PMA_OK)
-        status = pma_share(c, respond, all);
+        status = pma_share(c, pma_macro_respond, all);
     if (atomic_load(&c->stopped))
         return PMA_STOPPED; /* whatever else went wrong */
     if (status == PMA_OK && c->record)
@@ -175,4 +190,7 @@ static pma_status macro_step(pma_coupler *c)
 }
 
 const pma_schedule pma_macro_schedule = {
-    .check = check, .instants = one, .duty = duty, .step = macro_step};
+    .check = check,
+                                         .instants = pma_macro_instants,
+                                         .duty = pma_macro_duty,
+                                         .step = macro_step};

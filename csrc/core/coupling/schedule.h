@@ -1,8 +1,8 @@
 /* schedule.h - the coupler from inside: what its files share.
  *
  * coupler.c is the object and its macro steps, fine.c the schedule with an interface problem in
- * every fine step ("pm", "gc"), macro.c the one with one in a macro step, recorder.c what is
- * recorded; workers/share.c, look_ahead.c and split.c are what several threads do in them. */
+ * every fine step ("pm", "gc"), macro.c the one with one in a macro step; iterated.c and shooting.c
+ * are the same two with internal forces; recorder.c what is recorded; workers/share.c, look_ahead.c and split.c are what several threads do in them. */
 #ifndef PMA_SCHEDULE_H
 #define PMA_SCHEDULE_H
 
@@ -10,6 +10,7 @@
 
 #include "coupling/clock.h"
 #include "coupling/coupler.h"
+#include "coupling/iteration.h"
 #include "workers/roster.h"
 #include "workers/team.h"
 
@@ -31,7 +32,7 @@ typedef struct {
     size_t worker;     /* that has it */
     pma_status status; /* of the last open or close; written when it is not PMA_OK */
     pma_assignment assigned;
-    double *lam; /* p: what it is closed with beside the fine steps; else NULL */
+    double *lam; /* p: what it is closed with beside the fine steps, or in a run; else NULL */
 } pma_coupled;
 
 /* A macro time level, `number` macro steps after the start: multipliers and prescribed velocities
@@ -69,6 +70,8 @@ struct pma_coupler {
     double *scratch, *dlam; /* p; the latter under macro coupling: Lam_{n+1} - Lam_n */
     double *block, *lam_deferred;
 
+    pma_iteration *iteration; /* with members that have internal forces, else NULL */
+
     pma_roster roster;  /* which worker has which subdomains */
     pma_coupled *split; /* the one that all workers of the fine steps do together, or NULL */
     pma_team *team;     /* NULL when the caller is alone */
@@ -87,6 +90,8 @@ struct pma_schedule {
     pma_duty (*duty)(const pma_member *member);
     /* A macro step, up to where all have arrived at its end; `working` is then that of its end. */
     pma_status (*step)(pma_coupler *c);
+    /* What it iterates with; NULL if it does not. */
+    pma_status (*prepare)(pma_coupler *c, const pma_iteration_parts *parts);
 };
 
 /* ---- clock ---------------------------------------------------------------------------------- */
@@ -130,6 +135,44 @@ static inline bool pma_coupler_is_stopped(pma_coupler *c)
         return true;
     return c->poll && c->unpolled >= c->poll->entries && pma_coupler_poll(c);
 }
+
+/* ---- macro coupling without internal forces: macro.c ----------------------------------------- */
+
+/* Can all members do what macro coupling needs? PMA_BAD_SIZE if not. */
+pma_status pma_macro_check(const pma_coupler_parts *parts);
+size_t pma_macro_instants(const pma_coupler_parts *parts); /* one */
+pma_duty pma_macro_duty(const pma_member *member);
+
+/* All are at the end of their last substep. */
+void pma_macro_move_to_end(pma_coupler *c);
+
+/* The free macro run of a member (M2), and its link response under c->dlam, added (M5); what it
+ * adds to the velocity on the interface at the end of the free run, added to sum (p). */
+pma_status pma_macro_free_run(pma_coupler *c, pma_coupled *m);
+pma_status pma_macro_respond(pma_coupler *c, pma_coupled *m);
+void pma_macro_free_velocity(const pma_coupled *m, double *sum);
+
+/* Is the run to be stopped? Before a substep, on any worker. */
+bool pma_macro_is_stopped(pma_coupler *c, const pma_coupled *m);
+
+/* What is recorded of the inner time levels of a macro step, or NULL. */
+const pma_selection *pma_macro_selection(const pma_coupler *c, const pma_coupled *m);
+
+/* ---- fine steps: fine.c ---------------------------------------------------------------------- */
+
+/* The largest number of substeps; PMA_BAD_SIZE unless it is a multiple of all others. */
+size_t pma_fine_instants(const pma_coupler_parts *parts);
+pma_status pma_fine_check(const pma_coupler_parts *parts);
+
+/* The free problem of a substep, and the link problem under working.lam. */
+pma_status pma_fine_open(pma_coupler *c, pma_coupled *m);
+pma_status pma_fine_close(pma_coupler *c, pma_coupled *m);
+
+/* working.lam := g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (G1) */
+void pma_fine_right_side(pma_coupler *c);
+
+/* (S3)  After the first macro step, for the members that take double steps from now on */
+void pma_fine_rebase(pma_coupler *c);
 
 /* ---- recorder.c ----------------------------------------------------------------------------- */
 

@@ -122,16 +122,18 @@ static void add(size_t n, const double *x, double *y)
         y[i] += x[i];
 }
 
-/* r of the substep closed last. At the beginning it is not known: there it counts as that of the
- * first substep. */
+/* r + f of the substep closed last. At the beginning they are not known: there they count as those
+ * of the first substep. */
 static void take_restoring(pma_energy *e, const pma_substep *step, level *to)
 {
     const pma_restoring *restoring = e->parts.restoring;
-    if (!restoring->function)
+    if (!restoring->function && !e->parts.internal)
         return;
-    const double *r = pma_restoring_last(restoring);
-    for (size_t i = 0; i < e->parts.n; i++)
+    const double *r = restoring->function ? pma_restoring_last(restoring) : NULL;
+    for (size_t i = 0; r && i < e->parts.n; i++)
         to->damping[i] = r[restoring->order[i]];
+    if (e->parts.internal)
+        add(e->parts.n, e->parts.internal, to->damping);
     if (step->j > 0 || e->begun)
         return;
     memcpy(e->present.damping, e->start_damping, e->parts.n * sizeof(double));

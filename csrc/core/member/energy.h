@@ -31,6 +31,7 @@ typedef struct {
     pma_link link;
     const pma_load *load;
     const pma_restoring *restoring;
+    const double *internal; /* n: internal forces of functions, as evaluated last; NULL: none */
     const pma_springs *springs;
 } pma_energy_parts;
 

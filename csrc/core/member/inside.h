@@ -15,10 +15,14 @@ struct pma_subdomain {
     pma_levels levels;
     pma_energy *energy;     /* of a run that sums it up, else NULL */
     pma_response *response; /* if the subdomain responds, else NULL */
+    pma_iterate *iterate;   /* if its steps are iterated, else NULL */
     const pma_update *update;
     bool extrapolates;        /* a substep uses the velocity extrapolated from its beginning (R1) */
     size_t reach, slab;       /* of the matrices; rows of a substep taken at a time */
     double *vs;               /* n: extrapolated velocity, if there is one */
+    double *force;            /* n, and scratch: internal forces of an explicit subdomain */
+    double *history;          /* of internal forces, at the next start */
+    double *product;          /* n: scratch, if it shoots */
     double *closing, *work;   /* nb: L^T Lam; scratch of the factor: both of a substep */
     double *link, *link_work; /* the same of `compliance`, which may be called meanwhile */
     int code;                 /* what a function that failed returned */

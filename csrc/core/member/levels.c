@@ -20,20 +20,22 @@ static pma_state take_state(double **next, const pma_levels *l)
     s.w = take(next, l->n);
     s.a = take(next, l->n);
     s.springs = take(next, l->springs);
+    s.history = take(next, l->history);
     return s;
 }
 
 static size_t state_size(const pma_levels *l)
 {
-    return 4 * l->n + l->springs;
+    return 4 * l->n + l->springs + l->history;
 }
 
 pma_status pma_levels_create(pma_levels *l)
 {
     l->count = l->doubled && l->substeps > 1 ? 2 : 1;
     const size_t states = 1 + l->count + (l->doubled ? 1 : 0);
-    /* at most 4 (4 n + springs) + 4 nb doubles: no overflow below these */
-    if (l->n > SIZE_MAX / (64 * sizeof(double)) || l->springs > SIZE_MAX / (16 * sizeof(double)))
+    /* at most 4 (4 n + springs + history) + 4 nb doubles: no overflow below these */
+    if (l->n > SIZE_MAX / (128 * sizeof(double)) || l->springs > SIZE_MAX / (16 * sizeof(double)) ||
+        l->history > SIZE_MAX / (16 * sizeof(double)))
         return PMA_NO_MEMORY;
     l->block = calloc(states * state_size(l) + 4 * l->nb + 1, sizeof(double));
     if (!l->block)

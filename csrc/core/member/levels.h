@@ -17,7 +17,8 @@
 enum { PMA_MOST_LEVELS = 4 };
 
 typedef struct {
-    size_t n, nb, springs; /* sizes of a state, of a free velocity, of what springs remember */
+    size_t n, nb;            /* sizes of a state and of a free velocity */
+    size_t springs, history; /* ... of what springs and internal forces remember */
     size_t substeps;
     bool doubled;
     size_t opened; /* substeps up to this time level are open, counted from the present */

@@ -18,6 +18,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "member/iterated.h"
 #include "member/selection.h"
 #include "member/substep.h"
 #include "status.h"
@@ -88,6 +89,9 @@ typedef struct {
     pma_status (*add_response)(void *self, const double *dlam);
     size_t (*repeats)(const void *self, bool recorded);
 
+    /* Internal forces, iterated or not: v . M v at time level j */
+    double (*kinetic)(const void *self, size_t j);
+
     /* A single substep by several threads in ranges of rows: open is evaluate_load, predict,
      * add_forces and open_interface; close is close_interface, correct and observe. One stage is
      * finished in all rows before the next one begins; bitwise identical for any ranges. `correct`
@@ -113,7 +117,9 @@ typedef struct {
     bool evaluates;  /* has a restoring force, evaluated once for every substep in turn */
     bool by_caller;  /* which only the thread that called pma_coupler_advance may evaluate */
     bool responds;   /* has a link response: macro coupling with substeps */
+    bool shoots;     /* has internal forces: macro coupling repeats its macro step (shooting.c) */
     bool divides;    /* has the stages of ranges of rows */
+    pma_iterated iterated; /* with a table where its steps are iterated: it has no open and close */
 } pma_member;
 
 #endif

@@ -170,6 +170,41 @@ void pma_springs_subtract(const pma_springs *springs, const double *u, const dou
     }
 }
 
+/* ---- tangents ------------------------------------------------------------------------------- */
+
+/* Of one spring that went from d0 with the inner variable inner0 to d with inner1. That of Bouc-Wen
+ * is the slope of the path itself, which the Runge-Kutta rule follows to a few digits. */
+static double tangent(const pma_spring_set *set, size_t i, double d0, double d, double inner0,
+                      double inner1)
+{
+    const double *const *P = set->parameters;
+    switch (set->law) {
+    case PMA_CUBIC:
+        return P[0][i] + 3.0 * P[1][i] * d * d;
+    case PMA_GAP:
+        return d <= P[1][i] ? 0.0 : P[0][i];
+    case PMA_BILINEAR:
+        return P[0][i] + (fabs(d - inner0) > P[2][i] ? 0.0 : P[1][i]);
+    case PMA_BOUC_WEN: {
+        const double sign = d < d0 ? -1.0 : 1.0;
+        const double rise = sign * slope(inner1, sign, P[3][i], P[4][i], P[5][i]);
+        return P[0][i] + P[1][i] * P[2][i] * rise;
+    }
+    }
+    return 0.0;
+}
+
+void pma_springs_tangent(const pma_springs *springs, const double *from, const double *to,
+                         double *slopes)
+{
+    const size_t total = springs->total;
+    for (size_t s = 0, at = 0; s < springs->count; at += springs->sets[s++].count) {
+        for (size_t i = 0; i < springs->sets[s].count; i++)
+            slopes[at + i] = tangent(&springs->sets[s], i, from[at + i], to[at + i],
+                                     from[2 * total + at + i], to[2 * total + at + i]);
+    }
+}
+
 /* ---- energy --------------------------------------------------------------------------------- */
 
 /* (H5) */

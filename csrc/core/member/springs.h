@@ -50,6 +50,10 @@ pma_status pma_springs_check(const pma_springs *springs, size_t n);
 void pma_springs_subtract(const pma_springs *springs, const double *u, const double *from,
                           double *to, double *y);
 
+/* df/dd (total) at the end of the path from one level to another, which r(u) was evaluated for. */
+void pma_springs_tangent(const pma_springs *springs, const double *from, const double *to,
+                         double *slopes);
+
 /* The energy that they can give back at a time level.                                      (H5) */
 double pma_springs_energy(const pma_springs *springs, const double *level);
 

@@ -12,6 +12,8 @@
 typedef struct {
     double *u, *v, *w, *a; /* n each */
     double *springs;       /* what they remember; of an open substep already that of its end */
+    double *history;       /* the same of internal forces; of an iterated substep the number of
+                              corrections follows */
 } pma_state;
 
 #endif

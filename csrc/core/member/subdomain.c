@@ -10,6 +10,8 @@
 
 static pma_status check_operator(const pma_parts *parts, const pma_operator *op)
 {
+    if (parts->iterate)
+        return PMA_OK; /* its factor is not read */
     if (op->factor.n != parts->n || op->factor.nb != parts->nb)
         return PMA_BAD_SIZE;
     return pma_factor_check(&op->factor);
@@ -28,7 +30,21 @@ static pma_status check_sizes(const pma_parts *p)
         return PMA_BAD_SIZE;
     if (p->restoring.function && p->restoring.n != p->n)
         return PMA_BAD_SIZE;
+    if ((p->shoots && p->M.n != p->n) || (p->iterate && !p->shoots))
+        return PMA_BAD_SIZE;
     return has_size(&p->D_r, p->n) && has_size(&p->K_r, p->n) ? PMA_OK : PMA_BAD_SIZE;
+}
+
+static pma_status check_internal(const pma_parts *parts)
+{
+    const pma_iterate_parts *iterate = parts->iterate;
+    if (parts->internal.count > 0 && parts->internal.n != parts->n)
+        return PMA_BAD_SIZE;
+    const pma_status status = parts->shoots ? pma_matrix_check(&parts->M) : PMA_OK;
+    if (status != PMA_OK)
+        return status;
+    return pma_internal_check(&parts->internal,
+                              iterate ? (size_t)iterate->tangent.ptr[parts->n] : SIZE_MAX);
 }
 
 static pma_status check_parts(const pma_parts *parts)
@@ -38,6 +54,7 @@ static pma_status check_parts(const pma_parts *parts)
         (status = pma_matrix_check(&parts->C)) ||
         (status = pma_restoring_check(&parts->restoring)) ||
         (status = pma_springs_check(&parts->springs, parts->n)) ||
+        (status = check_internal(parts)) ||
         (status = pma_matrix_check(&parts->D_r)) || (status = pma_matrix_check(&parts->K_r)) ||
         (status = pma_link_check(&parts->link)) ||
         (status = check_operator(parts, &parts->single)) || !parts->doubled)
@@ -85,23 +102,44 @@ static pma_status lay_out(pma_subdomain *s)
     const size_t single = pma_factor_scratch(&p->single.factor);
     const size_t scratch = most(single, p->doubled ? pma_factor_scratch(&p->twice.factor) : 0);
     const size_t extrapolated = s->extrapolates ? p->n : 0;
+    const size_t history = p->internal.history;
+    const size_t functions =
+        p->internal.count > 0 ? p->n + pma_internal_scratch(&p->internal) + history : 0;
     s->levels = (pma_levels){.n = p->n,
                              .nb = p->nb,
                              .springs = spring_numbers(p),
+                             .history = p->internal.history + (s->iterate ? 1 : 0),
                              .substeps = p->substeps,
                              .doubled = p->doubled};
     const pma_status status = pma_levels_create(&s->levels);
     if (status != PMA_OK)
         return status;
-    s->block = calloc(extrapolated + 2 * p->nb + 2 * scratch + 1, sizeof(double));
+    const size_t product = p->shoots ? p->n : 0;
+    s->block = calloc(extrapolated + functions + product + 2 * p->nb + 2 * scratch + 1, sizeof(double));
     if (!s->block)
         return PMA_NO_MEMORY;
     s->vs = s->block;
-    s->closing = s->vs + extrapolated;
+    s->force = s->vs + extrapolated;
+    s->product = s->force + functions;
+    s->history = s->product - history;
+    for (size_t i = 0; i < history; i++)
+        s->history[i] = p->internal.initial[i];
+    s->closing = s->product + product;
     s->link = s->closing + p->nb;
     s->work = s->link + p->nb;
     s->link_work = s->work + scratch;
     return p->responds ? pma_response_create(s, &s->response) : PMA_OK;
+}
+
+/* Whatever sweeps the factor of a step sweeps that of the last tangent. */
+static pma_status create_iterate(pma_subdomain *s, const pma_iterate_parts *parts)
+{
+    const pma_status status = pma_iterate_create(s, parts, &s->iterate);
+    if (status != PMA_OK)
+        return status;
+    s->parts.iterate = pma_iterate_get_parts(s->iterate);
+    s->parts.single.factor = s->parts.twice.factor = *pma_iterate_factor(s->iterate);
+    return PMA_OK;
 }
 
 pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
@@ -115,11 +153,16 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
         return PMA_NO_MEMORY;
     s->parts = *parts;
     s->update = pma_update_best();
-    s->extrapolates = parts->restoring.function || parts->lagged || parts->D_r.form != PMA_ZERO;
-    s->reach = reach_of(parts);
-    s->slab = slab_of(s);
+    s->extrapolates = parts->restoring.function || parts->lagged || parts->D_r.form != PMA_ZERO ||
+                      (parts->internal.count > 0 && !parts->iterate);
     s->load = (pma_load){.kind = PMA_LOAD_NONE, .n = parts->n};
-    status = lay_out(s);
+    if (parts->iterate)
+        status = create_iterate(s, parts->iterate);
+    if (status == PMA_OK) {
+        s->reach = reach_of(&s->parts);
+        s->slab = slab_of(s);
+        status = lay_out(s);
+    }
     if (status != PMA_OK) {
         pma_subdomain_destroy(s);
         return status;
@@ -134,6 +177,7 @@ void pma_subdomain_destroy(pma_subdomain *s)
         return;
     pma_energy_destroy(s->energy);
     pma_response_destroy(s->response);
+    pma_iterate_destroy(s->iterate);
     pma_levels_destroy(&s->levels);
     free(s->block);
     free(s);
@@ -177,6 +221,17 @@ pma_status pma_subdomain_force(pma_subdomain *s, double t, double *F)
     return status;
 }
 
+/* r += f(u, v, t; q) with the histories of the start; what they become there, the next start takes */
+static pma_status add_initial_forces(pma_subdomain *s, double t, const double *u, const double *v,
+                                     double *r)
+{
+    const pma_internal *internal = &s->parts.internal;
+    if (internal->count == 0)
+        return PMA_OK;
+    return pma_internal_evaluate(internal, t, u, v, internal->initial, r, s->history, 0.0, 0.0,
+                                 NULL, s->force + s->parts.n, &s->code);
+}
+
 pma_status pma_subdomain_restore(pma_subdomain *s, double t, const double *u, const double *v,
                                  double *r)
 {
@@ -192,7 +247,12 @@ pma_status pma_subdomain_restore(pma_subdomain *s, double t, const double *u, co
         status = pma_restoring_subtract(&p->restoring, t, u, v, r, &s->code);
     for (size_t i = 0; i < p->n; i++)
         r[i] = 0.0 - r[i]; /* no negative zeros */
-    return status;
+    return status == PMA_OK ? add_initial_forces(s, t, u, v, r) : status;
+}
+
+pma_iterate *pma_subdomain_iterate(pma_subdomain *s)
+{
+    return s->iterate;
 }
 
 /* ---- the present ---------------------------------------------------------------------------- */
@@ -213,7 +273,14 @@ void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, con
     memcpy(x->v, v, bytes);
     memcpy(x->w, w, bytes);
     memcpy(x->a, w, bytes);
+    memcpy(x->history, s->history, s->parts.internal.history * sizeof(double));
     pma_levels_discard(&s->levels);
+    if (s->iterate) {
+        x->history[s->parts.internal.history] = 0.0; /* corrections */
+        pma_iterate_restore(s->iterate, 0.0, NULL, false);
+        memcpy(s->levels.vf_present, pma_interface_of(s, x->v), s->parts.nb * sizeof(double));
+        return; /* the first substep makes it (N7) */
+    }
     pma_substep_store_free_velocity(s, &s->parts.single, pma_interface_of(s, x->v), lam,
                                     s->levels.vf_present); /* (S2) */
 }
@@ -229,6 +296,14 @@ pma_kept_levels pma_subdomain_levels(pma_subdomain *s)
 
 /* ---- energy --------------------------------------------------------------------------------- */
 
+/* f of the internal functions, as evaluated last; NULL if there are none */
+static const double *internal_force_of(const pma_subdomain *s)
+{
+    if (s->parts.internal.count == 0)
+        return NULL;
+    return s->iterate ? pma_iterate_force(s->iterate) : s->force;
+}
+
 pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, const double *load,
                                       const double *lam)
 {
@@ -243,6 +318,7 @@ pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, const doub
                                     .link = s->parts.link,
                                     .load = &s->load,
                                     .restoring = &s->parts.restoring,
+                                    .internal = internal_force_of(s),
                                     .springs = &s->parts.springs};
     pma_energy *energy;
     const pma_status status = pma_energy_create(&parts, &energy);

@@ -12,6 +12,8 @@
 #include "algebra/link.h"
 #include "algebra/matrix.h"
 #include "member/energy.h"
+#include "member/internal.h"
+#include "member/iterate.h"
 #include "member/load.h"
 #include "member/member.h"
 #include "member/response.h"
@@ -36,17 +38,20 @@ typedef struct {
     bool doubled;  /* takes double steps after the start */
     bool lagged;   /* C acts on vs, outside Mbar (R4) */
     bool responds; /* has a link response (M3): substeps under macro coupling */
+    bool shoots;   /* has internal forces, iterated or not: M */
+    pma_matrix M;  /* of a subdomain that shoots */
     pma_matrix K, C;
     pma_restoring restoring;
-    pma_springs springs; /* beside the restoring force */
+    pma_springs springs; /* beside the restoring force, or iterated */
+    pma_internal internal;
+    const pma_iterate_parts *iterate; /* of an implicit subdomain with internal forces, else NULL;
+                                         its factors are then not read */
     pma_matrix D_r;      /* estimate of the damping of both (R2) */
     pma_matrix K_r;      /* estimate of their stiffness, for the link response (M3) */
     pma_operator single; /* of the substep h */
     pma_operator twice;  /* of the double step 2 h; read only if doubled */
     pma_link link;
 } pma_parts;
-
-typedef struct pma_subdomain pma_subdomain;
 
 /* Checks the parts and allocates all that stepping needs, zeroed. PMA_BAD_STEP when the operator of
  * the double step is not one of twice the length. */
@@ -89,13 +94,17 @@ pma_kept_levels pma_subdomain_levels(pma_subdomain *s);
 /* F (n) := F(t) of a load that is no table, as `open` evaluates it */
 pma_status pma_subdomain_force(pma_subdomain *s, double t, double *F);
 
-/* r (n) := r(u, v, t), the restoring force as `open` evaluates it, with springs that were never
- * loaded before */
+/* r (n) := r(u, v, t) + f(u, v, t; q): the restoring force as `open` evaluates it, with springs that
+ * were never loaded before, and the internal forces from their initial histories: what these become
+ * is what the next start takes */
 pma_status pma_subdomain_restore(pma_subdomain *s, double t, const double *u, const double *v,
                                  double *r);
 
 /* What the function that failed last returned. */
 int pma_subdomain_code(const pma_subdomain *s);
+
+/* What an iteration keeps, to be saved and restored; NULL unless the subdomain is iterated. */
+pma_iterate *pma_subdomain_iterate(pma_subdomain *s);
 
 /* Unit responses that set-up has stored; see response.h. NULL unless the subdomain responds. */
 pma_response *pma_subdomain_response(pma_subdomain *s);

@@ -43,14 +43,32 @@ void pma_substep_extrapolate(double h, size_t n, const pma_state *from, double *
         vs[i] = v[i] + h * w[i];
 }
 
+/* y -= f(ut, vs, t1; q), internal forces of an explicit subdomain, which go on to q1 */
+static pma_status subtract_internal(pma_subdomain *s, const pma_state *from, const pma_state *to,
+                                    double t1)
+{
+    const pma_parts *p = &s->parts;
+    memset(s->force, 0, p->n * sizeof(double));
+    const pma_status status =
+        pma_internal_evaluate(&p->internal, t1, to->u, s->vs, from->history, s->force, to->history,
+                              0.0, 0.0, NULL, s->force + p->n, &s->code);
+    for (size_t i = 0; i < p->n; i++)
+        to->w[i] -= s->force[i];
+    return status;
+}
+
 /* y -= r(ut, vs, t1) + D_r (vt - vs); vs is then used up                                  (R3) */
 static pma_status restore(pma_subdomain *s, const pma_state *from, const pma_state *to, double t1)
 {
     const pma_parts *p = &s->parts;
     pma_status status = PMA_OK;
     pma_springs_subtract(&p->springs, to->u, from->springs, to->springs, to->w);
+    if (!s->extrapolates)
+        return PMA_OK;
     if (p->restoring.function)
         status = pma_restoring_subtract(&p->restoring, t1, to->u, s->vs, to->w, &s->code);
+    if (status == PMA_OK && p->internal.count > 0)
+        status = subtract_internal(s, from, to, t1);
     if (status != PMA_OK || p->D_r.form == PMA_ZERO)
         return status;
     for (size_t i = 0; i < p->n; i++)

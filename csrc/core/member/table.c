@@ -1,5 +1,6 @@
 /* table.c - the operations of member.h, as a subdomain does them. */
 #include <math.h>
+#include <string.h>
 
 #include "member/inside.h"
 
@@ -81,10 +82,22 @@ static void commit(void *self)
         pma_energy_commit(s->energy);
 }
 
+static void commit_iterated(void *self)
+{
+    commit(self);
+    pma_iterate_commit(((pma_subdomain *)self)->iterate);
+}
+
 static void discard(void *self)
 {
     pma_subdomain *s = self;
     pma_levels_discard(&s->levels);
+}
+
+static void discard_iterated(void *self)
+{
+    discard(self);
+    pma_iterate_discard(((pma_subdomain *)self)->iterate);
 }
 
 /* (S3)  vf := v_b - al2 S^-1 L_b^T lam with the operator of the double step */
@@ -164,6 +177,18 @@ static size_t repeats(const void *self, bool recorded)
     return tied && recorded ? s->parts.substeps - 1 : 0;
 }
 
+static double kinetic(const void *self, size_t j)
+{
+    const pma_subdomain *s = self;
+    const double *v = pma_levels_at(&s->levels, j)->v;
+    double sum = 0.0;
+    memset(s->product, 0, s->parts.n * sizeof(double));
+    pma_matrix_subtract(&s->parts.M, v, s->product);
+    for (size_t i = 0; i < s->parts.n; i++)
+        sum -= v[i] * s->product[i];
+    return sum;
+}
+
 /* ---- ranges of rows ------------------------------------------------------------------------- */
 
 static pma_status evaluate_load(void *self, const pma_substep *step)
@@ -225,6 +250,7 @@ static const pma_member_table TABLE = {
     .record_response = record_response,
     .add_response = add_response,
     .repeats = repeats,
+    .kinetic = kinetic,
     .evaluate_load = evaluate_load,
     .predict = predict,
     .add_forces = add_forces,
@@ -234,31 +260,60 @@ static const pma_member_table TABLE = {
     .observe = observe,
 };
 
+/* Steps are begun, iterated and finished (iterated.h) instead of opened and closed. */
+static const pma_member_table ITERATED = {
+    .opened = opened,
+    .compliance = compliance,
+    .free_velocity = free_velocity,
+    .velocity = velocity,
+    .displacement = displacement,
+    .is_finite = is_finite,
+    .record = record,
+    .commit = commit_iterated,
+    .discard = discard_iterated,
+    .is_observed = is_observed,
+    .energy = energy,
+    .kinetic = kinetic,
+};
+
 /* A function of the caller's takes at least as long as reading this many entries, so that a coupler
  * looks whether to stop after each call of a slow one; a spring reads and writes about as many. */
 enum { CALL_ENTRIES = 20000, SPRING_ENTRIES = 16 };
 
 static size_t entries_of(const pma_parts *p)
 {
-    const size_t call = p->restoring.function ? CALL_ENTRIES : 0;
+    const size_t call = p->restoring.function || p->internal.count > 0 ? CALL_ENTRIES : 0;
     const size_t springs = SPRING_ENTRIES * p->springs.total;
     return call + springs + 2 * pma_factor_entries(&p->single.factor) + pma_matrix_entries(&p->K) +
            pma_matrix_entries(&p->C) + pma_matrix_entries(&p->D_r) + 12 * p->n;
 }
 
+/* Has to be evaluated by the thread that called advance? */
+static bool is_by_caller(const pma_parts *p)
+{
+    bool by_caller = p->restoring.function && p->restoring.by_caller;
+    for (size_t i = 0; i < p->internal.count; i++)
+        by_caller = by_caller || p->internal.forces[i].by_caller;
+    return by_caller;
+}
+
 pma_member pma_subdomain_member(pma_subdomain *s)
 {
     const pma_parts *p = &s->parts;
-    return (pma_member){.table = &TABLE,
-                        .self = s,
-                        .p = p->link.p,
-                        .n = p->n,
-                        .substeps = p->substeps,
-                        .h = p->single.step.h,
-                        .entries = entries_of(p),
-                        .doubled = p->doubled,
-                        .evaluates = p->restoring.function,
-                        .by_caller = p->restoring.function && p->restoring.by_caller,
-                        .responds = p->responds,
-                        .divides = pma_rows_divide(s)};
+    pma_member member = {.table = s->iterate ? &ITERATED : &TABLE,
+                         .self = s,
+                         .p = p->link.p,
+                         .n = p->n,
+                         .substeps = p->substeps,
+                         .h = p->single.step.h,
+                         .entries = entries_of(p),
+                         .doubled = p->doubled,
+                         .evaluates = p->restoring.function || p->internal.count > 0,
+                         .by_caller = is_by_caller(p),
+                         .responds = p->responds,
+                         .shoots = p->shoots,
+                         .divides = !s->iterate && pma_rows_divide(s)};
+    if (s->iterate)
+        member.iterated = pma_iterate_member(s->iterate);
+    return member;
 }

@@ -1,0 +1,50 @@
+/* numeric.h - a factor that is made again and again, from the numbers of one pattern.
+ *
+ * The symbolic analysis is made once, before; the numeric one neither allocates nor calls Python.
+ * Mbar with a tangent and the interface matrix that follows from it are factored like this. */
+#ifndef PMA_NUMERIC_H
+#define PMA_NUMERIC_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "algebra/factor.h"
+#include "algebra/panels.h"
+#include "status.h"
+
+/* Bare arrays of the caller, which have to outlive what is made of them. */
+typedef struct {
+    size_t n, nb;
+    const int64_t *ptr;   /* n+1: the pattern by rows, in elimination order, symmetric, with the */
+    const int32_t *index; /* ptr[n]: diagonal; ascending in each row */
+    pma_panels panels;    /* the structure of the factor; of no panels where the pattern is the
+                             diagonal. Its values are not read */
+    const int64_t *owner; /* n: the supernode of each column */
+    pma_blas blas;
+} pma_numeric_parts;
+
+typedef struct {
+    pma_numeric_parts parts;
+    double *values;    /* ptr[n]: to be written before `pma_numeric_factor` */
+    pma_factor factor; /* the last one; before the first, of the unit matrix */
+    double *inverse, *update;
+    int64_t *integers;
+    double *block;
+} pma_numeric;
+
+/* Checks the parts and allocates, all values zero. PMA_BAD_INDEX for a pattern without its diagonal
+ * or not ascending; *out is then empty. */
+pma_status pma_numeric_create(const pma_numeric_parts *parts, pma_numeric *out);
+void pma_numeric_destroy(pma_numeric *f); /* an empty one is allowed */
+
+/* The factor of the values. PMA_NOT_DEFINITE with the column whose pivot is not positive; there is
+ * no factor then. */
+pma_status pma_numeric_factor(pma_numeric *f, size_t *column);
+
+/* The entry (row, column) in the values, or SIZE_MAX. */
+size_t pma_numeric_entry(const pma_numeric_parts *parts, size_t row, size_t column);
+
+/* y (n) += A x with the values. */
+void pma_numeric_multiply(const pma_numeric *f, const double *x, double *y);
+
+#endif

@@ -1,0 +1,301 @@
+/* iterated.c - "pm" and "gc" with internal forces: Newton's method on the coupled fine step.
+ *
+ * To be read with section 14 of docs/method.md. A member without internal forces, or explicit, makes
+ * its free and its link problem once, as in fine.c. An iterated one contributes an affine law of its
+ * interface velocity, L v = o + G Lam, at its iterate: where its substep ends with the fine step all
+ * such members are iterated together with the interface, so that the velocities agree after every
+ * iteration and only equilibrium is left; in the middle of a longer substep the law is that of its
+ * free solution, iterated alone when the substep was begun. */
+#include <string.h>
+
+#include "coupling/schedule.h"
+
+static const pma_iterated_table *table_of(const pma_coupled *m)
+{
+    return m->member.iterated.table;
+}
+
+static pma_iterand *iterand_of(const pma_coupler *c, const pma_coupled *m)
+{
+    return &c->iteration->iterands[m - c->coupled];
+}
+
+static pma_duty duty(const pma_member *member)
+{
+    return (pma_duty){.entries = member->entries,
+                      .substeps = member->substeps,
+                      .by_caller = member->by_caller,
+                      .divides = member->divides};
+}
+
+/* ---- the beginning of a substep ------------------------------------------------------------- */
+
+static bool begins(const pma_coupled *m)
+{
+    return m->now.phase == 1;
+}
+
+static void take_block(pma_coupler *c, pma_coupled *m)
+{
+    pma_iterand *iterand = iterand_of(c, m);
+    table_of(m)->block(m->member.self, iterand->block);
+    iterand->known = true;
+}
+
+/* A substep that ends later than this fine step: its free solution, and the law of it until then,
+ * with a fresh tangent, since nothing corrects it afterwards.                             (N7) */
+static pma_status open_long(pma_coupler *c, pma_coupled *m)
+{
+    const pma_iterated_table *table = table_of(m);
+    const pma_newton *newton = &c->iteration->parts.newton;
+    const double *lam = c->iteration->lam_begin;
+    void *self = m->member.self;
+    double slope;
+    pma_status status = table->converge(self, newton, lam);
+    if (status == PMA_OK)
+        status = table->evaluate(self, true, &slope);
+    if (status == PMA_OK)
+        status = table->linearize(self, true, lam);
+    if (status != PMA_OK)
+        return status;
+    table->rebase(self, m->now.j, lam);
+    take_block(c, m);
+    return PMA_OK;
+}
+
+static pma_status open(pma_coupler *c, pma_coupled *m)
+{
+    if (!table_of(m))
+        return pma_fine_open(c, m);
+    const pma_status status =
+        table_of(m)->begin(m->member.self, &m->step, c->iteration->lam_begin);
+    return status == PMA_OK && m->ratio > 1 ? open_long(c, m) : status;
+}
+
+static pma_status open_substeps(pma_coupler *c)
+{
+    const double *lam = c->k == 1 ? c->present.lam : c->working.lam;
+    memcpy(c->iteration->lam_begin, lam, c->parts.p * sizeof(double));
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_coupled *m = &c->coupled[i];
+        if (begins(m)) {
+            c->unpolled += m->member.entries;
+            c->iteration->stale = c->iteration->stale || (table_of(m) && m->ratio > 1);
+        }
+    }
+    return pma_share(c, open, begins);
+}
+
+/* ---- the interface, with the laws as they are ----------------------------------------------- */
+
+/* (sum G) Lam = g - sum o                                                                 (N3) */
+static pma_status solve_interface(pma_coupler *c)
+{
+    const pma_status status = pma_iteration_factor(c);
+    if (status != PMA_OK)
+        return status;
+    pma_fine_right_side(c);
+    return pma_coupler_solve(c);
+}
+
+/* ---- Newton's method on what ends here ------------------------------------------------------ */
+
+static bool is_iterated(const pma_coupled *m)
+{
+    return table_of(m) && pma_is_ending(m);
+}
+
+static bool is_any_iterated(const pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        if (is_iterated(&c->coupled[i]))
+            return true;
+    }
+    return false;
+}
+
+static pma_status evaluate_one(pma_coupler *c, pma_coupled *m)
+{
+    return table_of(m)->evaluate(m->member.self, c->iteration->tangent, &iterand_of(c, m)->slope);
+}
+
+static pma_status linearize_one(pma_coupler *c, pma_coupled *m)
+{
+    pma_iterand *iterand = iterand_of(c, m);
+    const bool fresh = c->iteration->fresh;
+    const pma_status status =
+        table_of(m)->linearize(m->member.self, fresh, c->iteration->lam_star);
+    if (status == PMA_OK && (fresh || !iterand->known))
+        take_block(c, m);
+    return status;
+}
+
+static pma_status correct_one(pma_coupler *c, pma_coupled *m)
+{
+    table_of(m)->correct(m->member.self, c->working.lam, &iterand_of(c, m)->measure);
+    return PMA_OK;
+}
+
+static pma_status move_one(pma_coupler *c, pma_coupled *m)
+{
+    table_of(m)->move(m->member.self, c->iteration->by);
+    return PMA_OK;
+}
+
+static pma_status restart_one(pma_coupler *c, pma_coupled *m)
+{
+    table_of(m)->restart(m->member.self, c->iteration->lam_begin);
+    return PMA_OK;
+}
+
+static pma_status evaluate(void *ctx, bool tangent, double *slope)
+{
+    pma_coupler *c = ctx;
+    if (pma_coupler_is_stopped(c))
+        return PMA_STOPPED;
+    c->iteration->tangent = tangent;
+    const pma_status status = pma_share(c, evaluate_one, is_iterated);
+    *slope = 0.0;
+    for (size_t i = 0; i < c->parts.count; i++) {
+        if (!is_iterated(&c->coupled[i]))
+            continue;
+        *slope += c->iteration->iterands[i].slope;
+        c->unpolled += c->coupled[i].member.entries;
+    }
+    return status;
+}
+
+static bool is_any_unknown(const pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        if (is_iterated(&c->coupled[i]) && !c->iteration->iterands[i].known)
+            return true;
+    }
+    return false;
+}
+
+static pma_status correct(void *ctx, bool fresh, pma_measure *measure)
+{
+    pma_coupler *c = ctx;
+    pma_iteration *it = c->iteration;
+    it->fresh = fresh;
+    it->stale = it->stale || fresh || is_any_unknown(c);
+    pma_status status = pma_share(c, linearize_one, is_iterated);
+    if (status == PMA_OK)
+        status = solve_interface(c);
+    if (status != PMA_OK)
+        return status;
+    pma_share(c, correct_one, is_iterated);
+    memcpy(it->lam_star, c->working.lam, c->parts.p * sizeof(double));
+    for (size_t i = 0; i < c->parts.count; i++) {
+        if (is_iterated(&c->coupled[i]))
+            pma_measure_add(measure, &it->iterands[i].measure);
+    }
+    return PMA_OK;
+}
+
+static void move(void *ctx, double by)
+{
+    pma_coupler *c = ctx;
+    c->iteration->by = by;
+    pma_share(c, move_one, is_iterated);
+}
+
+static void restart(void *ctx)
+{
+    pma_coupler *c = ctx;
+    memcpy(c->iteration->lam_star, c->iteration->lam_begin, c->parts.p * sizeof(double));
+    pma_share(c, restart_one, is_iterated);
+}
+
+/* The member whose last correction was the largest. */
+static size_t find_slowest(const pma_coupler *c)
+{
+    size_t slowest = PMA_INTERFACE;
+    double largest = -1.0;
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const double e = c->iteration->iterands[i].measure.correction;
+        if (is_iterated(&c->coupled[i]) && !(e <= largest)) {
+            largest = e;
+            slowest = i;
+        }
+    }
+    return slowest;
+}
+
+static bool have_factors(const pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_coupled *m = &c->coupled[i];
+        if (is_iterated(m) && !table_of(m)->has_factor(m->member.self))
+            return false;
+    }
+    return true;
+}
+
+static pma_status iterate(pma_coupler *c)
+{
+    static const pma_equations EQUATIONS = {
+        .evaluate = evaluate, .correct = correct, .move = move, .restart = restart};
+    pma_iteration *it = c->iteration;
+    memcpy(it->lam_star, it->lam_begin, c->parts.p * sizeof(double));
+    const pma_status status =
+        pma_newton_solve(&it->parts.newton, &EQUATIONS, c, have_factors(c));
+    if (status == PMA_NOT_CONVERGED)
+        c->failed = find_slowest(c);
+    return status;
+}
+
+/* ---- the end of a substep ------------------------------------------------------------------- */
+
+static pma_status close(pma_coupler *c, pma_coupled *m)
+{
+    if (!table_of(m))
+        return pma_fine_close(c, m);
+    return table_of(m)->finish(m->member.self, c->working.lam);
+}
+
+/* ---- the schedule --------------------------------------------------------------------------- */
+
+static pma_status fine_step(pma_coupler *c)
+{
+    pma_status status = open_substeps(c);
+    if (status == PMA_OK && c->parts.motion_count > 0)
+        pma_coupler_prescribe(c);
+    if (status == PMA_OK)
+        status = is_any_iterated(c) ? iterate(c) : solve_interface(c);
+    if (status == PMA_OK)
+        status = pma_share(c, close, pma_is_ending);
+    return status;
+}
+
+static pma_status fine_steps(pma_coupler *c)
+{
+    for (size_t i = 0; i < c->fine; i++) {
+        pma_coupler_move_to(c, c->k + 1);
+        if (pma_coupler_is_stopped(c))
+            return PMA_STOPPED;
+        const pma_status status = fine_step(c);
+        if (status != PMA_OK)
+            return status;
+        if (c->record)
+            pma_recorder_write(c);
+    }
+    if (c->present.number == 0 && c->parts.rebased)
+        pma_fine_rebase(c);
+    return PMA_OK;
+}
+
+static pma_status macro_step(pma_coupler *c)
+{
+    pma_iteration_begin(c);
+    const pma_status status = fine_steps(c);
+    pma_iteration_end(c, status);
+    return status;
+}
+
+const pma_schedule pma_iterated_schedule = {.check = pma_fine_check,
+                                            .instants = pma_fine_instants,
+                                            .duty = duty,
+                                            .step = macro_step,
+                                            .prepare = pma_iteration_create_fine};

@@ -1,0 +1,89 @@
+/* iteration.h - what a coupler iterates with when some members have internal forces.       (N4)
+ *
+ * The interface matrix follows the tangents: it is the sum of a constant part, of the members that
+ * are not iterated, and of a block for each of the others. */
+#ifndef PMA_ITERATION_H
+#define PMA_ITERATION_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "algebra/matrix.h"
+#include "algebra/numeric.h"
+#include "coupling/broyden.h"
+#include "coupling/interface.h"
+#include "member/newton.h"
+#include "status.h"
+
+/* Bare arrays of the caller, which have to outlive the coupler. */
+typedef struct {
+    pma_newton newton;
+
+    /* pm and gc: the pattern of H, and the entries of its constant part, in the first macro step
+     * and after it */
+    pma_numeric_parts H;
+    const double *start, *later;
+
+    /* macro: the sum over the members without internal forces of what dLam adds to their velocities
+     * at the end of a macro step, in the first macro step and after it */
+    pma_matrix response_start, response;
+    pma_matrix H_size; /* the size of the entries of H */
+} pma_iteration_parts;
+
+/* A member that is iterated. */
+typedef struct {
+    int64_t *where; /* count x count: entries of H */
+    double *block;  /* count x count: its part of H */
+    bool known;     /* the block follows its tangent */
+    double slope;
+    pma_measure measure;
+} pma_iterand;
+
+typedef struct {
+    pma_iteration_parts parts;
+    pma_numeric H;
+    pma_ldl ldl;
+    pma_iterand *iterands; /* one for each member; those that are not iterated are empty */
+    bool stale;            /* some block has changed since H was factored */
+    double *lam_begin;     /* p: the multipliers at the beginning of the substeps at hand */
+    double *lam_star;      /* p: those of the residuals at hand */
+    int64_t following;     /* macro step for which the blocks are known; -1: none */
+
+    /* macro: the increment of the multipliers, the residual, the last correction, B ~ H^-1 */
+    double *dlam, *residual, *residual_before, *correction;
+    double *scratch; /* 3 p */
+    pma_broyden broyden;
+
+    /* macro: what belongs to the present, and the same of the macro step at hand: the energy scale,
+     * the increment of the multipliers, B */
+    double *present, *working;
+    size_t size;
+
+    /* what the members are asked to do at the moment */
+    bool tangent, fresh;
+    double by;
+
+    int64_t *positions;
+    double *block;
+} pma_iteration;
+
+typedef struct pma_coupler pma_coupler;
+
+/* For the iterations of a fine step, or of a macro step (shooting). The interface of the former
+ * replaces H of the coupler's parts. */
+pma_status pma_iteration_create_fine(pma_coupler *c, const pma_iteration_parts *parts);
+pma_status pma_iteration_create_macro(pma_coupler *c, const pma_iteration_parts *parts);
+void pma_iteration_destroy(pma_iteration *it); /* NULL is allowed */
+
+/* A start: nothing has moved, nothing is known. */
+void pma_iteration_start(pma_iteration *it);
+
+/* A macro step begins, from what the present keeps; it has ended, which is kept if all went well. */
+void pma_iteration_begin(pma_coupler *c);
+void pma_iteration_end(pma_coupler *c, pma_status status);
+
+/* H as the blocks are now, factored. PMA_SINGULAR. */
+pma_status pma_iteration_factor(pma_coupler *c);
+
+#endif

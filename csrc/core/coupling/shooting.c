@@ -1,0 +1,247 @@
+/* shooting.c - macro coupling with internal forces: the increment of the multipliers by shooting.
+ *
+ * To be read with section 14 of docs/method.md. A member with internal forces runs its substeps
+ * from the present under Lam_n + (j / substeps) dLam, each iterated alone, as often as dLam is
+ * corrected; the state at the end is always that of a run, so that equilibrium holds and only the
+ * tie is left. A member without them makes its free macro run and its link response once, as in
+ * macro.c. */
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+#include "coupling/schedule.h"
+
+/* The parts of the tolerance of a substep that are enough in the first run and in later ones. (N10)
+ */
+#define FIRST_RUN 0.1
+#define LATER_RUNS 10.0
+
+/* Residuals are exact up to this many units in the last place of their terms. */
+#define ROUNDING (100.0 * DBL_EPSILON)
+
+static bool shoots(const pma_coupled *m)
+{
+    return m->member.shoots;
+}
+
+static bool responds(const pma_coupled *m)
+{
+    return !m->member.shoots;
+}
+
+/* ---- a run ---------------------------------------------------------------------------------- */
+
+/* lam (p) := Lam_n + (j / substeps) dLam */
+static const double *multipliers_at(const pma_coupler *c, pma_coupled *m, size_t j)
+{
+    const double share = (double)j / (double)m->member.substeps;
+    for (size_t row = 0; row < c->parts.p; row++)
+        m->lam[row] = c->present.lam[row] + share * c->iteration->dlam[row];
+    return m->lam;
+}
+
+/* A substep under the multipliers at its end: iterated alone, or explicit. */
+static pma_status run_substep(pma_coupler *c, pma_coupled *m, size_t j)
+{
+    const pma_member *member = &m->member;
+    const pma_iterated_table *iterated = member->iterated.table;
+    const pma_substep step = pma_substep_of(c, m, j);
+    const double *lam = multipliers_at(c, m, j + 1);
+    if (!iterated) {
+        const pma_status status = member->table->open(member->self, &step);
+        return status == PMA_OK ? member->table->close(member->self, &step, lam) : status;
+    }
+    pma_status status = iterated->begin(member->self, &step, lam);
+    if (status == PMA_OK)
+        status = iterated->converge(member->self, &c->iteration->parts.newton, lam);
+    return status == PMA_OK ? iterated->finish(member->self, lam) : status;
+}
+
+static pma_status run(pma_coupler *c, pma_coupled *m)
+{
+    const pma_member *member = &m->member;
+    const pma_selection *inner = pma_macro_selection(c, m);
+    for (size_t j = 0; j < member->substeps; j++) {
+        if (pma_macro_is_stopped(c, m))
+            return PMA_STOPPED;
+        const pma_status status = run_substep(c, m, j);
+        if (status != PMA_OK)
+            return status;
+        if (inner && j + 1 < member->substeps)
+            member->table->record(member->self, j + 1, inner,
+                                  pma_recorder_row(c, j + 1, member->substeps));
+    }
+    return PMA_OK;
+}
+
+/* ---- the residual of the tie ---------------------------------------------------------------- */
+
+/* known (p) := sum over the members that respond of L v of their free runs, minus g */
+static void known_velocities(const pma_coupler *c, double *known)
+{
+    for (size_t row = 0; row < c->parts.p; row++)
+        known[row] = -c->working.g[row];
+    for (size_t i = 0; i < c->parts.count; i++) {
+        if (responds(&c->coupled[i]))
+            pma_macro_free_velocity(&c->coupled[i], known);
+    }
+}
+
+/* r(dLam) = sum L v - g at the end of the runs                                            (N10) */
+static void residual(const pma_coupler *c, const double *known, double *r)
+{
+    const pma_iteration *it = c->iteration;
+    const pma_matrix *response =
+        c->present.number > 0 ? &it->parts.response : &it->parts.response_start;
+    const size_t p = c->parts.p;
+    for (size_t row = 0; row < p; row++)
+        r[row] = -known[row];
+    pma_matrix_subtract(response, it->dlam, r);
+    for (size_t row = 0; row < p; row++)
+        r[row] = -r[row];
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_member *member = &c->coupled[i].member;
+        if (member->shoots)
+            member->table->velocity(member->self, member->substeps, r);
+    }
+}
+
+/* The largest v . M v so far of the members that shoot, in and out: the energy scale. */
+static void take_scale(const pma_coupler *c, double *scale)
+{
+    double energy = 0.0;
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_member *member = &c->coupled[i].member;
+        if (member->shoots)
+            energy += member->table->kinetic(member->self, member->substeps);
+    }
+    *scale = fmax(*scale, energy);
+}
+
+/* ---- shooting (N10) ------------------------------------------------------------------------- */
+
+/* |Lam| . |H| |Lam| at the end, for the rounding of the residual */
+static double size_of_terms(const pma_coupler *c)
+{
+    const pma_iteration *it = c->iteration;
+    const size_t p = c->parts.p;
+    double *lam = it->scratch, *product = lam + p, sum = 0.0;
+    for (size_t row = 0; row < p; row++) {
+        lam[row] = fabs(c->present.lam[row] + it->dlam[row]);
+        product[row] = 0.0;
+    }
+    pma_matrix_subtract(&it->parts.H_size, lam, product);
+    for (size_t row = 0; row < p; row++)
+        sum -= lam[row] * product[row];
+    return sum;
+}
+
+/* (N16)  The work that the next correction would do, sqrt(|correction . r| dt), is small enough. */
+static bool is_accepted(const pma_coupler *c, bool first, double scale)
+{
+    const pma_iteration *it = c->iteration;
+    double work = 0.0;
+    for (size_t row = 0; row < c->parts.p; row++)
+        work += it->correction[row] * it->residual[row];
+    const double e = sqrt(fabs(work) * c->parts.dt), part = first ? FIRST_RUN : LATER_RUNS;
+    return e <= part * it->parts.newton.tolerance * sqrt(scale) ||
+           e <= ROUNDING * sqrt(c->parts.dt * size_of_terms(c));
+}
+
+/* dLam += -B r, after B has learned from the last correction */
+static void correct(pma_coupler *c, bool first)
+{
+    pma_iteration *it = c->iteration;
+    const size_t p = c->parts.p;
+    if (!first) {
+        for (size_t row = 0; row < p; row++)
+            it->residual_before[row] = it->residual[row] - it->residual_before[row];
+        pma_broyden_learn(&it->broyden, it->correction, it->residual_before, it->scratch);
+    }
+    memcpy(it->residual_before, it->residual, p * sizeof(double));
+    pma_broyden_apply(&it->broyden, it->residual, it->correction);
+    for (size_t row = 0; row < p; row++)
+        it->correction[row] = -it->correction[row];
+}
+
+static pma_status shoot(pma_coupler *c, const double *known)
+{
+    pma_iteration *it = c->iteration;
+    for (size_t pass = 0; pass < it->parts.newton.iterations; pass++) {
+        const pma_status status = pma_share(c, run, shoots);
+        if (status != PMA_OK || atomic_load(&c->stopped))
+            return status;
+        residual(c, known, it->residual);
+        double scale = it->working[0];
+        take_scale(c, &scale);
+        correct(c, pass == 0);
+        if (is_accepted(c, pass == 0, scale)) {
+            it->working[0] = scale;
+            return PMA_OK;
+        }
+        for (size_t row = 0; row < c->parts.p; row++)
+            it->dlam[row] += it->correction[row];
+    }
+    c->failed = PMA_INTERFACE;
+    return PMA_NOT_CONVERGED;
+}
+
+static bool is_any_doubled(const pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        if (c->coupled[i].member.doubled)
+            return true;
+    }
+    return false;
+}
+
+/* B starts as the inverse of H with the tangents at t = 0, and again after the first macro step,
+ * where H changes with double steps. */
+static void begin_broyden(pma_coupler *c)
+{
+    pma_iteration *it = c->iteration;
+    it->broyden.start = c->present.number > 0 ? &c->parts.H : &c->parts.H_start;
+    if (c->present.number == 0 || (c->present.number == 1 && is_any_doubled(c)))
+        pma_broyden_begin(&it->broyden, it->scratch);
+}
+
+/* ---- the schedule --------------------------------------------------------------------------- */
+
+static pma_status run_all(pma_coupler *c)
+{
+    pma_iteration *it = c->iteration;
+    double *known = it->lam_begin;
+    pma_macro_move_to_end(c);
+    begin_broyden(c);
+    pma_status status = pma_share(c, pma_macro_free_run, responds);
+    if (c->parts.motion_count > 0)
+        pma_coupler_prescribe(c);
+    if (status == PMA_OK) {
+        known_velocities(c, known);
+        status = shoot(c, known);
+    }
+    memcpy(c->dlam, it->dlam, c->parts.p * sizeof(double));
+    for (size_t row = 0; row < c->parts.p; row++)
+        c->working.lam[row] = c->present.lam[row] + c->dlam[row]; /* (M1) */
+    if (status == PMA_OK)
+        status = pma_share(c, pma_macro_respond, responds);
+    if (atomic_load(&c->stopped))
+        return PMA_STOPPED; /* whatever else went wrong */
+    if (status == PMA_OK && c->record)
+        pma_recorder_write(c);
+    return status;
+}
+
+static pma_status macro_step(pma_coupler *c)
+{
+    pma_iteration_begin(c);
+    const pma_status status = run_all(c);
+    pma_iteration_end(c, status);
+    return status;
+}
+
+const pma_schedule pma_shooting_schedule = {.check = pma_macro_check,
+                                            .instants = pma_macro_instants,
+                                            .duty = pma_macro_duty,
+                                            .step = macro_step,
+                                            .prepare = pma_iteration_create_macro};

@@ -1,0 +1,53 @@
+/* internal.h - internal forces f(u, v, t; q) of a subdomain, with their tangents.          (N1)
+ *
+ * They are functions of the user's, called any number of times in a step until its equilibrium is
+ * found; q is the history at the beginning of the step, q1 at its end. Springs that are iterated
+ * are evaluated beside them (springs.h). */
+#ifndef PMA_INTERNAL_H
+#define PMA_INTERNAL_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "status.h"
+
+/* f (n) and q1 at u, v, t from the history q; where K is not NULL, the values of df/du and df/dv in
+ * the pattern of the function too. In the user's order of dofs; f, K, C arrive zeroed, q1 as q.
+ * Other than 0: stop the run. u, v and q are copies. */
+typedef int (*pma_internal_function)(double t, intptr_t n, double *u, double *v, double *q,
+                                     double *f, double *K, double *C, double *q1, void *user);
+
+/* One of them. Arrays of the caller, which have to outlive it. */
+typedef struct {
+    pma_internal_function function;
+    void *user;
+    bool by_caller;          /* to be called by the thread that called advance */
+    size_t history, entries; /* numbers in q; entries of its pattern */
+    const int64_t *where;    /* entries: position of each in the pattern of the tangent */
+} pma_internal_force;
+
+typedef struct {
+    size_t n, count, history; /* dofs; functions; numbers in the histories of all of them */
+    const pma_internal_force *forces;
+    const int64_t *order;  /* n: the user's dof of each of ours */
+    const double *initial; /* history: at t = 0 */
+} pma_internal;
+
+/* PMA_BAD_INDEX unless all dofs and positions are in range, PMA_BAD_SIZE unless the histories add
+ * up. `entries`: of the pattern of the tangent. */
+pma_status pma_internal_check(const pma_internal *internal, size_t entries);
+
+/* Doubles of scratch of pma_internal_evaluate. */
+size_t pma_internal_scratch(const pma_internal *internal);
+
+/* f (n) += f(u, v, t; q) in elimination order, q1 := the histories at the end; where `tangent` (of
+ * the entries of the pattern) is not NULL, tangent += al1 df/du + al2 df/dv. q1 may be q.
+ * PMA_RESTORING_FAILED when a function returns other than 0, which goes to *code. Does not
+ * allocate. */
+pma_status pma_internal_evaluate(const pma_internal *internal, double t, const double *u,
+                                 const double *v, const double *q, double *f, double *q1,
+                                 double al1, double al2, double *tangent, double *scratch,
+                                 int *code);
+
+#endif

@@ -1,0 +1,220 @@
+"""Internal forces for the core: values and tangents, checked and summed over one pattern."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from .._checks import plain_array, require_finite
+from .tangents import Placement, Slots, Tangent, checked_tangent, entries_of, symmetric_union
+
+RETURNS = "(f, K_t), (f, K_t, C_t) or (f, K_t, C_t, q1)"
+
+# f, K_t, C_t, q1 of one force.
+Values = tuple[np.ndarray, Tangent, Tangent, np.ndarray]
+
+
+def evaluated(
+    force: Any, what: str, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray
+) -> Values:
+    """One evaluation with copies of u, v (n,) and q (m,), checked but for values not finite.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For values of the wrong kind or shape; the message begins with `what`.
+    """
+    value = force(u.copy(), v.copy(), t, q.copy())
+    try:
+        return _checked(value, u.size, q.size)
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"{what} at t = {t:g}: {error}") from None
+
+
+def _checked(value: Any, n: int, m: int) -> Values:
+    if not isinstance(value, tuple) or not 2 <= len(value) <= 4:
+        got = f"{len(value)} values" if isinstance(value, tuple) else type(value).__name__
+        raise TypeError(f"its value must be the tuple {RETURNS}, got {got}")
+    f, K, C, q1 = value + (None,) * (4 - len(value))
+    if q1 is None and m:
+        raise ValueError(f"q1 must be returned where there is a history, of shape ({m},), got none")
+    return (
+        numbers(f, "f", n),
+        checked_tangent(K, "K_t", n),
+        checked_tangent(C, "C_t", n),
+        numbers(() if q1 is None else q1, "q1", m),
+    )
+
+
+def numbers(value: Any, name: str, size: int) -> np.ndarray:
+    """A float64 array of shape (size,), which may have values that are not finite."""
+    array = plain_array(value, name)
+    if array.dtype.kind not in "iuf":
+        raise TypeError(f"{name} must hold real numbers, got dtype {array.dtype}")
+    if array.shape != (size,):
+        raise ValueError(f"{name} must have shape ({size},), got {array.shape}")
+    return np.ascontiguousarray(array, dtype=np.float64)
+
+
+class CheckedInternal:
+    """The internal forces of a subdomain for the core, in the user's order of dofs.
+
+    Parameters
+    ----------
+    forces : sequence of InternalForce
+    name : str
+        Name of the subdomain.
+    pattern : csr_array
+        Of `first_tangent`.
+    damped : bool
+        Whether a first tangent C_t was returned; later ones are refused otherwise.
+
+    Attributes
+    ----------
+    history : (m,) array
+        The histories at t = 0, of one force after the other.
+    """
+
+    def __init__(self, forces: Sequence[Any], name: str, pattern: sp.csr_array, damped: bool):
+        self.forces, self.damped, self.n = tuple(forces), damped, pattern.shape[0]
+        self.what = names(forces, name)
+        self.slots = Slots(pattern)
+        self.places = [(Placement(self.slots, "K_t"), Placement(self.slots, "C_t")) for _ in forces]
+        self.history, self.own = histories(forces)
+
+    def __call__(
+        self, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray, wanted: bool
+    ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None, np.ndarray]:
+        """The sum of the forces, of their tangents, and their histories.
+
+        Parameters
+        ----------
+        u, v : (n,) array
+        t : float
+        q : (m,) array
+            History at the beginning of the substep.
+        wanted : bool
+            Whether the tangents are. Without them a force that has no history is evaluated by its
+            `residual`, if it has one.
+
+        Returns
+        -------
+        f : (n,) array
+        K, C : (nnz,) array or None
+            Values of the pattern; None where they are not wanted. C is None where no force is
+            `damped`.
+        q1 : (m,) array
+        """
+        f, q1 = np.zeros(self.n), np.empty_like(self.history)
+        K = np.zeros(self.slots.nnz) if wanted else None
+        C = np.zeros(self.slots.nnz) if wanted and self.damped else None
+        for force, what, own, places in zip(self.forces, self.what, self.own, self.places):
+            if not wanted and force.residual is not None and not force.history.size:
+                f += self._residual(force, what, u, v, t, q[own])
+                continue
+            values = evaluated(force, what, u, v, t, q[own])
+            f += values[0]
+            q1[own] = values[3]
+            if K is not None:
+                self._place(values, what, t, places, K, C)
+        return f, K, C, q1
+
+    def _residual(
+        self, force: Any, what: str, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray
+    ) -> np.ndarray:
+        value = force.residual(u.copy(), v.copy(), t, q.copy())
+        try:
+            return numbers(value, "residual", self.n)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"{what} at t = {t:g}: {error}") from None
+
+    def _place(
+        self,
+        values: Values,
+        what: str,
+        t: float,
+        places: tuple[Placement, Placement],
+        K: np.ndarray,
+        C: np.ndarray | None,
+    ) -> None:
+        """K += K_t and C += C_t of one force."""
+        try:
+            places[0].add(values[1], K)
+            if C is not None:
+                places[1].add(values[2], C)
+            elif values[2] is not None:
+                raise ValueError(
+                    "C_t must be returned at t = 0 too where a later evaluation returns one, got "
+                    "None at t = 0"
+                )
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"{what} at t = {t:g}: {error}") from None
+
+
+def first_tangent(
+    forces: Sequence[Any], n: int, u0: np.ndarray, v0: np.ndarray, q0: np.ndarray, name: str
+) -> tuple[sp.csr_array, np.ndarray, np.ndarray | None]:
+    """The pattern of all tangents of a subdomain, and their values at t = 0.
+
+    Each force is evaluated once. The pattern is the union of those of the forces (`pattern`, or
+    their first tangents) made symmetric, with the diagonal.
+
+    Parameters
+    ----------
+    forces : sequence of InternalForce
+    n : int
+    u0, v0 : (n,) array
+        Initial values, in the user's order of dofs.
+    q0 : (m,) array
+        The histories at t = 0, of one force after the other.
+    name : str
+        Name of the subdomain.
+
+    Returns
+    -------
+    pattern : (n, n) csr_array
+    K, C : (nnz,) array
+        Values of the pattern; C is None where no force returned a C_t.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `CheckedInternal`, and for values that are not finite or not symmetric.
+    """
+    own = histories(forces)[1]
+    what = names(forces, name)
+    first = [evaluated(x, w, u0, v0, 0.0, q0[o]) for x, w, o in zip(forces, what, own)]
+    patterns = [
+        entries_of(A, n)
+        for force, (_, K, C, _) in zip(forces, first)
+        for A in ((K, C) if force.pattern is None else (force.pattern,))
+    ]
+    damped = any(values[2] is not None for values in first)
+    checked = CheckedInternal(forces, name, pattern := symmetric_union(patterns, n), damped)
+    K = np.zeros(pattern.nnz)
+    C = np.zeros(pattern.nnz) if damped else None
+    for values, w, places in zip(first, what, checked.places):
+        checked._place(values, w, 0.0, places, K, C)
+        require_finite(values[0], f"f of {w} at t = 0")
+    for symbol, values in (("K_t", K), ("C_t", C)):
+        if values is not None:
+            label = f"{symbol} of internal of subdomain {name!r}"
+            require_finite(values, f"the stored entries of {label} at t = 0")
+            checked.slots.check_symmetry(values, label)
+    return pattern, K, C
+
+
+def names(forces: Sequence[Any], name: str) -> list[str]:
+    """The name of each force in messages."""
+    which = [""] if len(forces) == 1 else [f" force {k}" for k in range(len(forces))]
+    return [f"internal{x} of subdomain {name!r}" for x in which]
+
+
+def histories(forces: Sequence[Any]) -> tuple[np.ndarray, list[slice]]:
+    """The histories at t = 0, one after the other, and the range of each force."""
+    ends = np.cumsum([0, *(force.history.size for force in forces)])
+    own = [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:])]
+    return np.concatenate([np.zeros(0), *(force.history for force in forces)]), own

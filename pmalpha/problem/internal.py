@@ -1,0 +1,267 @@
+"""Internal forces: the values that ``internal`` of a subdomain can have."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy import LowLevelCallable
+
+from .._checks import counted, positive_number, real_array, real_number, vector
+from .arguments import SparseLike, VectorLike
+from .compiled import evaluate_compiled
+from .frozen import Frozen
+from .lowlevel import check_signature
+from .matrices import read_only, shorten_indices
+from .springs import Spring, check_dofs
+from .tangent_check import TangentCheck, check_tangents
+from .tangents import by_rows
+
+__all__ = ["InternalForce"]
+
+Evaluate = Callable[[np.ndarray, np.ndarray, float, np.ndarray], Any] | LowLevelCallable
+
+
+class InternalForce(Frozen):
+    """A force f(u, v, t; q) with its tangents and its history, for ``internal=`` of a `Subdomain`.
+
+    It is on the left-hand side, beside K u + C v. An implicit subdomain iterates it by Newton's
+    method. A callable without a history and without a pattern needs no InternalForce: it can be
+    given as it is.
+
+    Parameters
+    ----------
+    evaluate : callable or LowLevelCallable
+        ``evaluate(u, v, t, q)`` returns the tuple ``(f, K_t)``, ``(f, K_t, C_t)`` or
+        ``(f, K_t, C_t, q1)``: the force f (n,); the tangents K_t = df/du and C_t = df/dv, symmetric
+        in any format of the matrices of `Subdomain`, or None for zero; and the history q1 (m,) at
+        the end of the substep. u, v and q (m,) are copies; q is the history at the beginning of the
+        substep. A pure function of its arguments: it is evaluated any number of times, and q1 is
+        taken over only when the substep is complete.
+        If it has a method ``residual(u, v, t, q) -> f``, and the force no history, that is called
+        where no tangent is needed. A method ``potential(u) -> float`` is the strain energy.
+        A ``scipy.LowLevelCallable`` ``int (double t, intptr_t n, double *u, double *v, double *q,
+        double *f, double *K, double *C, double *q1, void *user)`` is evaluated without the GIL. K
+        and C are the values of `pattern` by rows, or NULL where no tangent is needed; f, K, C and
+        q1 are zero on entry. A return value other than 0 stops the run with a `CallbackError`.
+    history : (m,) array, optional
+        The history at t = 0, such as plastic strains. Default: none, m = 0.
+    pattern : (n, n) sparse matrix or array, optional
+        Its stored entries, zeros included, contain those of all K_t and C_t. Required for a
+        LowLevelCallable. Default: the entries of the first K_t and C_t; all entries of a dense
+        one. The values are not used.
+
+    Attributes
+    ----------
+    evaluate : callable or LowLevelCallable
+    history : (m,) array
+    pattern : csr_array or None
+        With sorted columns in each row.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For a wrong kind of evaluate, a history that is not finite, a pattern that is not square, a
+        LowLevelCallable of another signature, without a pattern, or with one by rows whose columns
+        are not sorted. What evaluate returns is checked when it is evaluated.
+
+    Examples
+    --------
+    A hardening spring on one dof, and a check of its tangent:
+
+    >>> spring = InternalForce(lambda u, v, t, q: (u + u**3, 1.0 + 3.0 * u**2))
+    >>> spring.check([0.5]).error < 1e-8
+    True
+
+    A friction element with the slip as history:
+
+    >>> def friction(u, v, t, q):
+    ...     f = np.clip(100.0 * (u - q), -1.0, 1.0)
+    ...     return f, np.where(np.abs(f) < 1.0, 100.0, 0.0), None, u - f / 100.0
+    >>> InternalForce(friction, history=[0.0])
+    <InternalForce friction: 1 number of history>
+    """
+
+    def __init__(
+        self,
+        evaluate: Evaluate,
+        history: VectorLike | None = None,
+        pattern: SparseLike | None = None,
+    ):
+        if not isinstance(evaluate, LowLevelCallable) and not callable(evaluate):
+            raise TypeError(f"evaluate must be callable, got {evaluate!r}")
+        self.evaluate = evaluate
+        self.history = real_array(() if history is None else history, "history")
+        self.pattern = None if pattern is None else _checked_pattern(pattern)
+        if isinstance(evaluate, LowLevelCallable):
+            check_signature(evaluate, "internal")
+            _check_order(pattern)
+        self._freeze()
+
+    def __repr__(self) -> str:
+        name = getattr(self.evaluate, "__name__", type(self.evaluate).__name__)
+        facts = [counted(self.history.size, "number") + " of history"] if self.history.size else []
+        if self.pattern is not None:
+            facts.append(f"pattern of {counted(self.pattern.nnz, 'value')}")
+        return f"<InternalForce {name}{': ' if facts else ''}{', '.join(facts)}>"
+
+    def __call__(self, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray) -> Any:
+        """What evaluate returns, unchecked; of a LowLevelCallable (f, K_t, C_t, q1)."""
+        if not isinstance(self.evaluate, LowLevelCallable):
+            return self.evaluate(u, v, t, q)
+        A = self.pattern
+        assert A is not None
+        f, K, C, q1 = evaluate_compiled(self.evaluate, u, v, t, q, A.nnz)
+        tangents = [sp.csr_array((x, A.indices, A.indptr), shape=A.shape) for x in (K, C)]
+        return f, *tangents, q1
+
+    @property
+    def residual(self) -> Callable | None:
+        """The method ``residual(u, v, t, q) -> f`` of evaluate, or None."""
+        return _method(self.evaluate, "residual")
+
+    @property
+    def potential(self) -> Callable | None:
+        """The method ``potential(u) -> float`` of evaluate, or None."""
+        return _method(self.evaluate, "potential")
+
+    def check(
+        self,
+        u: VectorLike,
+        v: VectorLike | None = None,
+        t: float = 0.0,
+        q: VectorLike | None = None,
+        step: float = 6e-6,
+    ) -> TangentCheck:
+        """Compare K_t and C_t with central differences of f.
+
+        Wrong tangents do not make results wrong, but iterations slow or divergent. The force is
+        evaluated 8 n + 1 times.
+
+        Parameters
+        ----------
+        u : (n,) array, or a number for one dof
+            Displacement at which the tangents are compared, away from kinks of f.
+        v : (n,) array, optional
+            Velocity. Default: zero.
+        t : float, default 0
+        q : (m,) array, optional
+            History at the beginning of the substep. Default: `history`.
+        step : float, default 6e-6
+            Displacement of a dof on both sides, relative to the largest abs(u) for K_t and to the
+            largest abs(v) for C_t, absolute where these are zero. The default, the cubic root of
+            the rounding unit, gives about ten digits of a smooth f.
+
+        Returns
+        -------
+        TangentCheck
+            The largest error relative to the largest entry (`error`), and where it is: `matrix`,
+            `row`, `column`, the value `given` and the one by `difference`.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For arguments and values of evaluate of the wrong kind or shape.
+
+        Examples
+        --------
+        >>> wrong = InternalForce(lambda u, v, t, q: (u**3, 2.0 * u**2))
+        >>> print(wrong.check([0.5]))
+        K_t and C_t differ from differences of f by up to 0.33 of the largest entry, in K_t in the \
+column of dof 0: 0.5 given at [0, 0], 0.75 by differences
+        """
+        displacement = real_array(u, "u", (0, 1)).reshape(-1)
+        n = displacement.size
+        if n == 0 or (self.pattern is not None and self.pattern.shape != (n, n)):
+            size = "n > 0" if self.pattern is None else str(self.pattern.shape[0])
+            raise ValueError(f"u must have shape ({size},), got ({n},)")
+        velocity = vector(np.zeros(n) if v is None else [v] if np.ndim(v) == 0 else v, n, "v")
+        past = self.history if q is None else vector(q, self.history.size, "q")
+        return check_tangents(
+            self, displacement, velocity, real_number(t, "t"), past, positive_number(step, "step")
+        )
+
+
+def _method(owner: Any, name: str) -> Callable | None:
+    found = getattr(owner, name, None)
+    return found if callable(found) else None
+
+
+def _checked_pattern(value: Any) -> sp.csr_array:
+    """A user's pattern by rows, with sorted columns and values 1, read-only."""
+    if not sp.issparse(value):
+        raise TypeError(f"pattern must be a scipy.sparse matrix or array, got {value!r}")
+    if value.ndim != 2 or value.shape[0] != value.shape[1] or value.shape[0] == 0:
+        raise ValueError(f"pattern must be square and not empty, got shape {value.shape}")
+    A = by_rows(value, "pattern")
+    pattern = sp.csr_array((np.ones(A.nnz), A.indices, A.indptr), shape=A.shape)
+    shorten_indices(pattern)
+    read_only(pattern)
+    return pattern
+
+
+def _check_order(pattern: Any) -> None:
+    """The order of K and C of a compiled function is that of its pattern by rows."""
+    if pattern is None:
+        raise ValueError(
+            "pattern must be a sparse matrix for a LowLevelCallable, whose K and C are its values "
+            "by rows, got None"
+        )
+    if pattern.format == "csr" and not pattern.has_canonical_format:
+        raise ValueError(
+            "pattern must have sorted columns without duplicates in each row for a "
+            "LowLevelCallable, whose K and C are its values; see sum_duplicates of the matrix"
+        )
+
+
+# ---- for a subdomain ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Internal:
+    """The internal forces of a subdomain: springs for the core, and forces with tangents."""
+
+    springs: tuple[Spring, ...]
+    forces: tuple[InternalForce, ...]
+
+
+def checked_internal(internal: Any, n: int) -> Internal | None:
+    """A user's internal forces, checked as far as possible without evaluating them.
+
+    None where there are none: an empty list is the sum of no forces.
+    """
+    # a LowLevelCallable is a tuple too
+    is_list = isinstance(internal, (list, tuple)) and not isinstance(internal, LowLevelCallable)
+    items = tuple(internal) if is_list else () if internal is None else (internal,)
+    springs, forces = [], []
+    for i, item in enumerate(items):
+        if isinstance(item, Spring):
+            check_dofs((item,), n)
+            springs.append(item)
+        else:
+            forces.append(_force(item, f"internal[{i}]" if is_list else "internal", n))
+    return Internal(tuple(springs), tuple(forces)) if items else None
+
+
+def _force(value: Any, label: str, n: int) -> InternalForce:
+    """An internal force that is not a spring, as InternalForce."""
+    if isinstance(value, LowLevelCallable):
+        raise TypeError(
+            f"{label} must be InternalForce(function, pattern=...) for a LowLevelCallable, got the "
+            "function alone"
+        )
+    if not callable(value):
+        rule = "callable, an InternalForce, springs, or a list of them"
+        raise TypeError(f"{label} must be {rule}, got {value!r}")
+    force = value
+    if not isinstance(value, InternalForce):
+        both = hasattr(value, "history") and hasattr(value, "pattern")
+        force = InternalForce(value, *((value.history, value.pattern) if both else ()))
+    if force.pattern is not None and force.pattern.shape != (n, n):
+        raise ValueError(
+            f"{label} must have a pattern of shape ({n}, {n}), got {force.pattern.shape}"
+        )
+    return force

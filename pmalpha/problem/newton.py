@@ -1,0 +1,56 @@
+"""How the iteration of internal forces is controlled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, get_args
+
+from .._checks import check_word, real_number, whole_number
+from .arguments import TangentPolicy
+from .frozen import Frozen
+
+__all__ = ["Newton"]
+
+
+@dataclass(frozen=True)
+class Newton(Frozen):
+    """Control of the Newton-Raphson iteration of ``internal=``, for ``newton=`` of a `Coupler`.
+
+    Parameters
+    ----------
+    tol : float, default 1e-8
+        Estimated error of an iteration when it is accepted, in the energy norm and relative to the
+        largest motion in a step of the run so far; in (0, 1).
+    iterations : int, default 40
+        Largest number of iterations in a substep; more are a `ConvergenceError`. At least 1.
+    tangent : {"full", "reuse"}, default "full"
+        "full": a new tangent and its factor in each iteration. "reuse": factors are kept, over
+        substeps too, as long as an iteration reduces the error to a fifth; for subdomains whose
+        factorization takes more time than several evaluations of the force.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For a value of the wrong kind or out of its range.
+
+    Examples
+    --------
+    >>> Newton()
+    Newton(tol=1e-08, iterations=40, tangent='full')
+    >>> Newton(tol=1e-10, tangent="reuse").tol
+    1e-10
+    """
+
+    _is_frozen: ClassVar[bool] = True  # the fields by the dataclass, others by Frozen
+
+    tol: float = 1e-8
+    iterations: int = 40
+    tangent: TangentPolicy = "full"
+
+    def __post_init__(self) -> None:
+        tol = real_number(self.tol, "tol")
+        if not 0.0 < tol < 1.0:
+            raise ValueError(f"tol must be above 0 and below 1, got {self.tol!r}")
+        object.__setattr__(self, "tol", tol)
+        object.__setattr__(self, "iterations", whole_number(self.iterations, "iterations", low=1))
+        check_word(self.tangent, "tangent", get_args(TangentPolicy))
