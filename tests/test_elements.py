@@ -642,6 +642,23 @@ def test_a_structure_hands_its_forces_to_the_subdomain():
     assert models.chain(2, 1.0, 1.0).subdomain(scheme=pm.Newmark()).internal is None
 
 
+def test_an_internal_force_of_the_user_is_added_to_those_of_the_structure():
+    bars, spring = net(2), pm.CubicSpring([0], k=2.0, k3=1.0)
+    own = pm.InternalForce(lambda u, v, t, q: (u**3, np.diag(3.0 * u**2)))
+    for given, expected in ((own, [own]), ([own, spring], [own]), (None, [])):
+        internal = bars.subdomain(scheme=pm.Newmark(), internal=given).internal
+        assert [force for force in internal.forces[1:]] == expected
+        assert internal.forces[0].evaluate is bars.internal[0]
+        assert internal.springs == ((spring,) if isinstance(given, list) else ())
+
+
+def test_forces_name_themselves_and_their_sizes():
+    steel = block(models.J2Plasticity(E, NU, 0.2)).internal[0]
+    assert repr(steel) == "<SolidForce of 108 dofs, 672 of history>"
+    assert repr(steel.reduced([1, 2])) == "<SolidForce of 108 dofs reduced to 2, 672 of history>"
+    assert repr(net(2).internal[0]) == "<BarForce of 10 dofs>"
+
+
 @pytest.mark.parametrize("name", ["beams", "sheet plastic"])
 def test_the_check_of_tangents_that_users_have_agrees(name):
     _, force, u, q = case(name)

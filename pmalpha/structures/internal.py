@@ -183,6 +183,9 @@ class _Reduced(ElementForce):
         ones = np.ones(kept.nnz)
         super().__init__(in_pattern(ones, kept), whole.history)
 
+    def __repr__(self) -> str:
+        return repr(self._whole).replace(" dofs", f" dofs reduced to {self.n}")
+
     def _expanded(self, u: np.ndarray) -> np.ndarray:
         whole = np.zeros(self._whole.n)
         whole[self._free] = u

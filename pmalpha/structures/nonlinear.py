@@ -164,7 +164,7 @@ def _solid(points, elements, corners, material, rho, t, plane, mass) -> Structur
     weights = thickness[:, None] * volumes
     pattern = Pattern.of(elements, len(points))
     M = solid_mass(pattern, elements, density[:, None] * weights, shapes, d, is_lumped(mass))
-    kind = ConservativeSolid if isinstance(material, Hyperelastic) else SolidForce
+    kind = ElasticSolidForce if isinstance(material, Hyperelastic) else SolidForce
     force = kind(elements, len(points), weights, along, material, plane)
     name, components = ("quad", ("ux", "uy")) if d == 2 else ("hexahedron", ("ux", "uy", "uz"))
     return Structure(
@@ -231,7 +231,7 @@ class SolidForce(ElementForce):
         ]
 
 
-class ConservativeSolid(SolidForce, Conservative):
+class ElasticSolidForce(SolidForce, Conservative):
     """The internal force of a hyperelastic solid."""
 
     def _potential(self, u):

@@ -293,7 +293,8 @@ class Structure:
         ----------
         scheme : Scheme
         **options
-            Further arguments of `Subdomain`: C, substeps, force, u0, name, ...
+            Further arguments of `Subdomain`: C, substeps, force, u0, name, ... An `internal` is
+            added to the forces of the structure.
 
         Raises
         ------
@@ -308,5 +309,9 @@ class Structure:
         5
         """
         if self.internal:
-            options.setdefault("internal", list(self.internal))
+            given = options.get("internal") or []
+            further = (
+                given if type(given) in (list, tuple) else [given]
+            )  # a LowLevelCallable is one
+            options["internal"] = [*self.internal, *further]
         return Subdomain(self.M, self.K, scheme=scheme, **options)
