@@ -14,7 +14,7 @@ from .borrowed import checked_coupler, state_kept, unloaded
 __all__ = ["AmplificationMatrix", "amplification_matrix"]
 
 # Arrays of a time level in the core: u, v, w, a, vf, and history variables of springs.
-LEVEL_FIELDS = 6
+LEVEL_FIELDS = 7
 
 
 class AmplificationMatrix(np.ndarray):

@@ -26,7 +26,7 @@ from .motion import Motion
 FORMAT, VERSION = "pmalpha checkpoint", 1
 # The arrays of a subdomain in the core at the present time level; a double-step subdomain has them
 # at the previous time level as well.
-FIELDS = ("u", "v", "w", "a", "vf", "springs")
+FIELDS = ("u", "v", "w", "a", "vf", "springs", "history")
 # Stiffness and damping of a restoring force, (R2).
 ESTIMATES = ("restoring_stiffness", "restoring_damping")
 # Number of differences that an error lists.

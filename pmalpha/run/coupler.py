@@ -13,6 +13,7 @@ from .._checks import check_word, flag, time_step, whole_number
 from ..problem.arguments import Coupling, Start
 from ..problem.constraints import Constraint
 from ..problem.forces import checked_force
+from ..problem.newton import Newton
 from ..problem.springs import SpringState
 from ..problem.subdomain import Subdomain
 from ..setup.assembly import assemble
@@ -148,6 +149,7 @@ class Coupler(Description, Uncut):
         dt: float,
         coupling: Coupling = "pm",
         start: Start = "rebased",
+        newton: Newton = Newton(),
         threads: int | None = None,
         factorize: Any = None,
     ):
@@ -174,6 +176,7 @@ class Coupler(Description, Uncut):
             doubles,
             [motion.rows for motion in motions],
             **self._options,
+            newton=newton,
             threads=threads_allowed,
             factorize=factorize,
         )

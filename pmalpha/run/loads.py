@@ -70,6 +70,7 @@ class Loads:
             or any(isinstance(force, LowLevelCallable) for force in self.forces)
             or not all_known(self.motions)
             or any(is_function(part.subdomain.restoring) for part in self.parts)
+            or any(part.internal is not None and part.internal.functions for part in self.parts)
         )
 
     def to_core(self) -> None:
@@ -149,7 +150,7 @@ class Loads:
         with np.errstate(over="ignore", invalid="ignore"):  # seen in the accelerations
             terms = [initial_terms(p, F, *x) for p, F, x in zip(self.parts, forces, states)]
         for i, (part, (u, v)) in enumerate(zip(self.parts, states)):
-            if part.subdomain.restoring is not None:
+            if part.subdomain.restoring is not None or part.internal is not None:
                 r = self._values(part.core.restore(0.0, u, v), "restoring force", i, 0)
                 terms[i].append(-r)
         return terms

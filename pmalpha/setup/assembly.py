@@ -10,9 +10,11 @@ import numpy as np
 import scipy.sparse as sp
 
 from .. import _core
+from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
 from .factors import Factor
 from .interface import interface_factor, interface_matrix, row_order
+from .iteration import iteration_of, prepare_iterated
 from .loose import warn_of_loose
 from .macro import prepare, warn_of_resonance
 from .part import Part, build, make_part, warn_of_factor, warn_of_order
@@ -49,6 +51,7 @@ def assemble(
     dt: float,
     coupling: str,
     start: str,
+    newton: Newton,
     threads: tuple[int, bool],
     factorize: Any,
 ) -> Assembly:
@@ -63,7 +66,7 @@ def assemble(
         Which subdomains take double steps.
     prescribed : sequence of arrays of int
         The rows of each prescribed velocity.
-    dt, coupling, start, factorize
+    dt, coupling, start, newton, factorize
         As for `Coupler`.
     threads : (int, bool)
         Maximum number of threads, and whether to use fewer where more are not faster.
@@ -73,7 +76,7 @@ def assemble(
     warn_of_loose(keys, matrices)
 
     # elimination order of each subdomain, and of the rows
-    parts = _ordered(keys, matrices, doubles, dt, macro, factorize)
+    parts = _ordered(keys, matrices, doubles, dt, macro, newton, factorize)
     rows = row_order(parts, p)
     position = np.argsort(rows)
 
@@ -83,20 +86,25 @@ def assemble(
         build(part)
     if macro:
         prepare(parts)  # unit responses
+    prepare_iterated(parts, macro)  # and their part of H, with internal forces
 
     # H = sum_i al2_i L_i Mbar_i^-1 L_i^T, and its factor
-    H, H_start = _interface_factors(parts, rows, position, superlu)
+    H, H_start = _interface_factors(parts, rows, position, superlu, macro)
+    iteration = iteration_of(parts, p, newton, macro)
+    for part in parts:
+        part.blocks.clear()
 
     # M = R D R^T, for the initial accelerations
     accelerations = InitialAccelerations(parts, p, rows)
 
     motions = tuple(position[r] for r in prescribed)
     cores = tuple(part.core for part in parts)
-    core = _core.Coupler(cores, p, H_start, H, dt, start == "rebased", motions, *threads, macro)
+    core = _core.Coupler(cores, p, H_start, H, dt, start == "rebased", motions, *threads, macro, iteration)
 
     # explicit steps above the critical step
     for part in parts:
-        part.step_ratio = step_ratio(part.subdomain, part.step)
+        internal = None if part.internal is None else part.internal.K
+        part.step_ratio = step_ratio(part.subdomain, part.step, internal)
     warn_of_steps((part.name, part.subdomain, part.step, part.step_ratio) for part in parts)
     return Assembly(parts, position, accelerations, core)
 
@@ -107,11 +115,21 @@ def _ordered(
     doubles: Sequence[bool],
     dt: float,
     macro: bool,
+    newton: Newton,
     factorize: Any,
 ) -> tuple[Part, ...]:
     """The subdomains in elimination order, with a warning for each factor that is large."""
     parts = tuple(
-        make_part(s, name, double, dt / s.substeps, L, factorize, responds=macro and s.substeps > 1)
+        make_part(
+            s,
+            name,
+            double,
+            dt / s.substeps,
+            L,
+            factorize,
+            responds=macro and s.substeps > 1,
+            reuses=newton.tangent == "reuse",
+        )
         for (name, s), L, double in zip(keys, matrices, doubles)
     )
     for part in parts:
@@ -121,9 +139,16 @@ def _ordered(
 
 
 def _interface_factors(
-    parts: Sequence[Part], rows: np.ndarray, position: np.ndarray, superlu: bool
+    parts: Sequence[Part], rows: np.ndarray, position: np.ndarray, superlu: bool, macro: bool
 ) -> tuple[Factor, Factor]:
-    """The factor of H, and that of the first macro step, where all subdomains take single steps."""
+    """The factor of H, and that of the first macro step, where all subdomains take single steps.
+
+    With internal forces, macro coupling begins with those of the tangents at t = 0; pm and gc make
+    their own, and get unit matrices.
+    """
+    if not macro and any(part.tangent is not None for part in parts):
+        unit = (np.ones(rows.size), None)
+        return unit, unit
     matrix = interface_matrix(parts, rows.size, start=False)
     H = interface_factor(matrix, rows, superlu=superlu)
     warn_of_resonance(matrix, H, parts, position)
@@ -131,6 +156,4 @@ def _interface_factors(
     if any(part.double for part in parts):
         matrix = interface_matrix(parts, rows.size, start=True)
         H_start = interface_factor(matrix, rows, superlu=superlu)
-    for part in parts:
-        part.blocks.clear()
     return H, H_start

@@ -20,7 +20,7 @@ DENSE_SHARE = 0.1
 
 def row_order(parts: Sequence[Part], p: int) -> np.ndarray:
     """The order of the multipliers in which the interface matrix fills little."""
-    diagonal = [part.diagonal_mbar(part.h) is not None and not part.responds for part in parts]
+    diagonal = [_is_diagonal(part) for part in parts]
     members = [constraints_of(part.L) for part in parts]
     blocks = sum(float(m.size) ** 2 for m, plain in zip(members, diagonal) if not plain)
     if blocks > DENSE_SHARE * p**2:
@@ -33,6 +33,11 @@ def row_order(parts: Sequence[Part], p: int) -> np.ndarray:
         else:
             graphs.append(Block(rows, np.ones((rows.size, rows.size))))
     return elimination_order(p, graph_of([total(graphs, p)]), np.arange(0))
+
+
+def _is_diagonal(part: Part) -> bool:
+    """Whether the block of H of a subdomain connects constraints of one dof only."""
+    return part.diagonal_mbar(part.h) is not None and part.internal is None and not part.responds
 
 
 def interface_matrix(parts: Sequence[Part], p: int, *, start: bool, mean: bool = False) -> Matrix:

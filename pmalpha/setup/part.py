@@ -21,6 +21,14 @@ from .compliance import Block, compliance, diagonal_compliance
 from .elimination import Elimination, elimination
 from .external import External
 from .factors import Factor, Names
+from .internal import (
+    InternalForces,
+    TangentPattern,
+    core_internal,
+    core_size,
+    internal_forces,
+    tangent_pattern,
+)
 from .ordering import graph_of, has_nested_dissection
 from .stability import StepRatio
 from .stiff_restoring import StiffnessWatch
@@ -59,6 +67,11 @@ class Part:
         The function of the user that factors them instead.
     blocks : dict
         Its blocks of H computed so far, by whether they are of the double step.
+    internal : InternalForces or None
+    tangent : TangentPattern or None
+        Where its steps are iterated: implicit, with internal forces.
+    reuses : bool
+        Whether tangents are kept from step to step.
     responds : bool
         Has link responses (M3): more than one substep under macro coupling.
     response_blocks : pair of Block, or None
@@ -87,6 +100,9 @@ class Part:
     factors: list[Factor] = field(default_factory=list)
     external: External | None = None
     blocks: dict[bool, Any] = field(default_factory=dict)
+    internal: InternalForces | None = None
+    tangent: TangentPattern | None = None
+    reuses: bool = False
     responds: bool = False
     response_blocks: tuple[Block, Block] | None = None
     step_ratio: StepRatio | None = None
@@ -142,6 +158,8 @@ class Part:
 
     def operator(self, h: float) -> tuple:
         """Step length and factor of Mbar(h) in the form of the core."""
+        if self.tangent is not None:
+            return (h, None, None)  # the core factors the tangents
         if self.mass_factor is not None:
             return (h, *self.mass_factor)
         if self.external is not None and h == self.h:
@@ -174,14 +192,19 @@ def make_part(
     factorize: Any = None,
     *,
     responds: bool = False,
+    reuses: bool = False,
 ) -> Part:
     """Put a subdomain in its elimination order, interface dofs last."""
     n, scheme = subdomain.n, subdomain.scheme
     last = np.flatnonzero(np.diff(L.indptr)).astype(np.int64)
     stiffness, damping = subdomain.implicit_stiffness, subdomain.implicit_damping
+    internal = internal_forces(subdomain, name)
+    tangent = tangent_pattern(internal.pattern, last) if subdomain.iterates else None
     graph = graph_of([subdomain.M, damping, stiffness])
     external = None
-    if callable(factorize) and graph is not None:
+    if tangent is not None:
+        eliminated = Elimination(tangent.order, last.size, tangent.symbolic)
+    elif callable(factorize) and graph is not None:
         external = External(factorize, graph, last, name)
         whole = mbar(scheme, h, subdomain.M, damping, stiffness)
         external.factor(whole, name_of_mbar(scheme, name))
@@ -213,7 +236,10 @@ def make_part(
         constraints,
         last.size,
         external=external,
-        responds=responds,
+        internal=internal,
+        tangent=tangent,
+        reuses=reuses,
+        responds=responds and internal is None,
     )
 
 
@@ -233,6 +259,7 @@ def core_subdomain(
     responds: bool = False,
     K_r: Matrix = None,
     springs: tuple = (),
+    **internal: Any,
 ) -> Any:
     """The object of the core for a subdomain with these matrices and operators."""
     columns = sp.csc_array(L[:, part.n - part.nb :])
@@ -253,6 +280,7 @@ def core_subdomain(
         responds=responds,
         K_r=core_matrix(K_r),
         springs=springs,
+        **internal,
     )
 
 
@@ -331,6 +359,22 @@ def build(part: Part) -> None:
         D_r=part.D_r,
         lagged=part.subdomain.damping == "lagged",
         responds=part.responds,
-        K_r=part.K_r if part.responds else None,
+        K_r=part.K_r if part.responds or part.tangent is not None else None,
         springs=core_springs(part.subdomain.springs, part.position),
+        **_internal(part),
     )
+
+
+def _internal(part: Part) -> dict[str, Any]:
+    """What the core has to know of internal forces."""
+    if part.internal is None:
+        return {}
+    own = core_internal(part.internal, part.order, part.tangent)
+    if part.tangent is None:
+        return {"M": core_matrix(part.M), "internal": own}
+    base = part.tangent.values(part.mbar(part.h))
+    twice = part.tangent.values(part.mbar(2.0 * part.h)) if part.double else None
+    springs = bool(part.subdomain.internal.springs)
+    pattern = part.tangent.core(part.name)
+    iterate = (springs, part.reuses, pattern, base, twice, core_size(part.M))
+    return {"M": core_matrix(part.M), "internal": own, "iterate": iterate}

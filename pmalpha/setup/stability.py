@@ -16,6 +16,7 @@ from ..errors import StabilityWarning, warn
 from ..problem.matrices import Matrix, combination, dense, product
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
+from .internal import internal_forces
 
 # Below this size the eigenvalues of the dense matrices take less time than Lanczos.
 SMALL = 200
@@ -88,7 +89,8 @@ def critical_step(subdomain: Subdomain) -> float:
     K x = omega^2 M x. Implicit damping does not lower the limit and is neglected. Lagged damping
     does: h is the step at which the largest eigenvalue of h^2 K / Omega_s^2 + h C / Z_s with
     respect to M is 1. A restoring force is represented by the estimate K_r, which is added to K,
-    and springs by their largest tangent stiffness (k of a `CubicSpring`).
+    and springs by their largest tangent stiffness (k of a `CubicSpring`). Internal forces are
+    represented by their tangents at t = 0.
 
     Examples
     --------
@@ -101,7 +103,13 @@ def critical_step(subdomain: Subdomain) -> float:
     """
     if not isinstance(subdomain, Subdomain):
         raise TypeError(f"subdomain must be a Subdomain, got {subdomain!r}")
-    stiffness, damping = (combination([term]) for term in limiting_terms(subdomain))
+    forces = internal_forces(subdomain, subdomain.name or "subdomain")
+    return limit_of(subdomain, None if forces is None else forces.K)
+
+
+def limit_of(subdomain: Subdomain, internal: Matrix) -> float:
+    """The critical step with this tangent of the internal forces."""
+    stiffness, damping = (combination([term]) for term in limiting_terms(subdomain, internal))
     if stiffness is None and damping is None:
         return np.inf
     if subdomain.M is None or subdomain.massless.size:
@@ -111,13 +119,18 @@ def critical_step(subdomain: Subdomain) -> float:
     return _root(stiffness, damping, subdomain.M) / margin
 
 
-def limiting_terms(subdomain: Subdomain) -> list[tuple[float, Matrix]]:
-    """A = (K + K_r) / Omega_s^2 and B = C / Z_s if lagged: h^2 A + h B has to stay below M.
+def limiting_terms(
+    subdomain: Subdomain, internal: Matrix = None
+) -> list[tuple[float, Matrix]]:
+    """A = (K + K_r + K_t) / Omega_s^2 and B = C / Z_s if lagged: h^2 A + h B has to stay below M.
 
     Each is a factor and a matrix, which saves a copy of a large matrix.
     """
     Omega = critical_product(subdomain.scheme)
-    A = None if np.isinf(Omega) else subdomain.largest_tangent
+    A = None
+    if np.isfinite(Omega):
+        A = subdomain.largest_tangent
+        A = A if internal is None else combination([(1.0, A), (1.0, internal)])
     if subdomain.damping != "lagged":
         return [(1.0 / Omega**2, A), (0.0, None)]
     return [(1.0 / Omega**2, A), (1.0 / critical_damping_product(subdomain.scheme), subdomain.C)]
@@ -143,14 +156,17 @@ def _root(A: Matrix, B: Matrix, M: Matrix) -> float:
     return float(h)
 
 
-def step_ratio(subdomain: Subdomain, step: float) -> StepRatio:
-    """The step divided by the critical one, as far as it has to be computed."""
-    (a, A), (b, B) = limiting_terms(subdomain)
+def step_ratio(subdomain: Subdomain, step: float, internal: Matrix = None) -> StepRatio:
+    """The step divided by the critical one, as far as it has to be computed.
+
+    `internal` is a tangent of the internal forces, which is added to K.
+    """
+    (a, A), (b, B) = limiting_terms(subdomain, internal)
     # the bound takes little time and nearly always suffices
     of_A, of_B = (a * row_sum_bound(A, subdomain.M), b * row_sum_bound(B, subdomain.M))
     if step**2 * of_A + step * of_B <= 1.0 + ROUNDING:
         return StepRatio(0.5 * step * (of_B + np.sqrt(of_B**2 + 4.0 * of_A)), is_bound=True)
-    critical = critical_step(subdomain)
+    critical = limit_of(subdomain, internal)
     return StepRatio(step / critical if critical > 0.0 else np.inf)
 
 

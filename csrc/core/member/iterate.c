@@ -362,6 +362,11 @@ static pma_status evaluate(void *self, bool tangent, double *slope)
     for (size_t i = 0; i < s->parts.nb; i++)
         R_b[i] += it->pull[i];
     pma_matrix_subtract(&s->parts.M, x->w, it->R);
+    if (s->parts.K_r.form != PMA_ZERO) {
+        for (size_t i = 0; i < n; i++)
+            it->size[i] = c->al1 * x->w[i];
+        pma_matrix_subtract(&s->parts.K_r, it->size, it->R); /* K_r (u - ut) */
+    }
     *slope = c->al2 * dot(n, it->dw, it->R);
     return is_finite(n, it->R) ? PMA_OK : PMA_NOT_FINITE;
 }

@@ -1,0 +1,210 @@
+"""Set-up of internal forces: the pattern of the tangents, and what the core iterates with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy import LowLevelCallable
+from scipy.linalg import cython_blas
+
+from .. import _core
+from ..memory import require
+from ..problem.evaluation import CheckedInternal, first_tangent, histories
+from ..problem.internal import InternalForce
+from ..problem.matrices import Matrix, canonical, combination, core_matrix, core_sparse
+from ..problem.springs import stiffness
+from ..problem.subdomain import Subdomain
+from ..problem.tangents import Slots, entries_of, keys_of, symmetric_union
+from .factors import Structure, structure_of
+from .ordering import elimination_order, graph_of, rows_of
+
+
+@dataclass(frozen=True)
+class InternalForces:
+    """The internal forces of a subdomain, in the user's order of dofs.
+
+    Attributes
+    ----------
+    functions : tuple of (function, history, csr_array)
+        Each function for the core, the numbers in its history, and the pattern of its tangents.
+    initial : (m,) array
+        The histories at t = 0, of one function after the other.
+    pattern : csr_array
+        Of Mbar with all tangents: symmetric, with the diagonal, all values 1.
+    K, C : Matrix
+        The tangents at t = 0.
+    """
+
+    functions: tuple[tuple[Any, int, sp.csr_array], ...]
+    initial: np.ndarray
+    pattern: sp.csr_array
+    K: Matrix
+    C: Matrix
+
+
+def internal_forces(s: Subdomain, name: str) -> InternalForces | None:
+    """The internal forces of a subdomain, each evaluated once, at t = 0.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For a value of a force of the wrong kind or shape, and for a tangent that is not symmetric.
+    """
+    if s.internal is None:
+        return None
+    compiled = [f for f in s.internal.forces if isinstance(f.evaluate, LowLevelCallable)]
+    called = [f for f in s.internal.forces if not isinstance(f.evaluate, LowLevelCallable)]
+    groups = ([called] if called else []) + [[f] for f in compiled]
+    evaluated = [_tangents(forces, s, name) for forces in groups]
+    functions = tuple(
+        _function(forces, name, pattern, C is not None)
+        for forces, (pattern, _, C) in zip(groups, evaluated)
+    )
+    springs = None
+    if s.internal.springs:
+        K_s = stiffness(s.internal.springs, "initial_tangent", s.n)
+        springs = canonical(K_s, "springs", s.n)[0]
+    patterns = [_pattern_of(A) for A in (s.M, s.implicit_damping, s.implicit_stiffness)]
+    patterns += [pattern for pattern, _, _ in evaluated] + _pairs(s)
+    return InternalForces(
+        functions,
+        np.concatenate([np.zeros(0), *(histories(forces)[0] for forces in groups)]),
+        symmetric_union([p for p in patterns if p is not None], s.n),
+        combination([(1.0, springs), *((1.0, _matrix(p, K)) for p, K, _ in evaluated)]),
+        combination([(1.0, _matrix(p, C)) for p, _, C in evaluated if C is not None]),
+    )
+
+
+def _tangents(forces: Sequence[InternalForce], s: Subdomain, name: str) -> tuple:
+    return first_tangent(forces, s.n, s.u0, s.v0, histories(forces)[0], name)
+
+
+def _function(
+    forces: Sequence[InternalForce], name: str, pattern: sp.csr_array, damped: bool
+) -> tuple[Any, int, sp.csr_array]:
+    """The function of the core for a compiled force, or for all Python ones together."""
+    first = forces[0]
+    if isinstance(first.evaluate, LowLevelCallable):
+        assert first.pattern is not None
+        return first.evaluate, first.history.size, first.pattern
+    checked = CheckedInternal(forces, name, pattern, damped)
+    return checked, checked.history.size, pattern
+
+
+def _matrix(pattern: sp.csr_array, values: np.ndarray) -> sp.csr_array:
+    return sp.csr_array((values, pattern.indices, pattern.indptr), shape=pattern.shape)
+
+
+def _pattern_of(A: Matrix) -> sp.csr_array | None:
+    return None if A is None else entries_of(A, A.shape[0])
+
+
+def _pairs(s: Subdomain) -> list[sp.csr_array]:
+    """The entries of springs, also of those without an initial stiffness."""
+    pairs = np.concatenate([np.zeros((0, 2), int), *(x.dofs for x in s.internal.springs)])
+    both = pairs[(pairs >= 0).all(axis=1)]
+    return [sp.csr_array((np.ones(len(both)), both.T), shape=(s.n, s.n))]
+
+
+# ---- the elimination of a tangent --------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class TangentPattern:
+    """The pattern of Mbar with all tangents in elimination order, and its symbolic factorization.
+
+    Attributes
+    ----------
+    order : (n,) array of int
+        Dof at each position; the interface dofs last.
+    pattern : csr_array
+        In elimination order, all values 1.
+    nb : int
+        Number of interface dofs.
+    structure : tuple or None
+        The panels of the factor; None where the pattern is the diagonal.
+    """
+
+    order: np.ndarray
+    pattern: sp.csr_array
+    nb: int
+    structure: tuple | None
+
+    @property
+    def symbolic(self) -> Structure:
+        """The structure for the factor of M."""
+        return structure_of(*core_sparse(self.pattern)[:2], self.nb)
+
+    def core(self, name: str) -> tuple:
+        """Pattern and structure in the form of the core, where their memory is there."""
+        return numeric(self.pattern, self.structure, f"the tangent of {name!r}")
+
+    def values(self, A: Matrix) -> np.ndarray:
+        """The values on the pattern of a matrix in elimination order."""
+        values = np.zeros(self.pattern.nnz)
+        if A is None:
+            return values
+        if not sp.issparse(A):
+            A = sp.diags_array(A) if A.ndim == 1 else A
+        A = sp.csr_array(A)
+        where, _ = Slots(self.pattern).of(keys_of(A))
+        values[where] = A.data
+        return values
+
+    def places(self, pattern: sp.csr_array) -> np.ndarray:
+        """The index in the values of each entry of a pattern in the user's order."""
+        position = np.argsort(self.order)
+        rows = np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
+        n = self.order.size
+        keys = position[rows].astype(np.int64) * n + position[pattern.indices]
+        return Slots(self.pattern).of(keys)[0].astype(np.int64)
+
+
+def tangent_pattern(pattern: sp.csr_array, last: np.ndarray) -> TangentPattern:
+    """The elimination of a pattern in the user's order, with the interface dofs last."""
+    n = pattern.shape[0]
+    order = elimination_order(n, graph_of([pattern]) if pattern.nnz > n else None, last)
+    ptr, index = rows_of(pattern, order)
+    ordered = sp.csr_array((np.ones(index.size), index, ptr), shape=(n, n))
+    ordered.sort_indices()
+    return TangentPattern(order, ordered, last.size, structure(ordered, last.size))
+
+
+def structure(pattern: sp.csr_array, nb: int) -> tuple | None:
+    """The panels of the factor of a pattern in elimination order; None for a diagonal."""
+    if pattern.nnz == pattern.shape[0]:
+        return None
+    return _core.supernodes(*core_sparse(pattern)[:2], nb)
+
+
+def numeric(pattern: sp.csr_array, panels: tuple | None, what: str) -> tuple:
+    """(ptr, index, structure, dgemm, dtrsm): what the core factors again and again.
+
+    Raises
+    ------
+    MemoryError
+        When the factor does not fit.
+    """
+    size = 8.0 * pattern.nnz + (0.0 if panels is None else 8.0 * float(panels[3][-1]))
+    require(size, f"the factor of {what} ({pattern.shape[0]} rows)")
+    capsules = cython_blas.__pyx_capi__
+    ptr, index, _ = core_sparse(pattern)
+    return ptr, index, panels, capsules["dgemm"], capsules["dtrsm"]
+
+
+def core_internal(forces: InternalForces, order: np.ndarray, tangent: TangentPattern | None) -> tuple:
+    """(order, initial, functions) of the core; without tangents in an explicit subdomain."""
+    functions = tuple(
+        (function, history, None if tangent is None else tangent.places(pattern))
+        for function, history, pattern in forces.functions
+    )
+    return order.astype(np.int64), forces.initial, functions
+
+
+def core_size(M: Matrix) -> Any:
+    """The size of the entries of M, in the form of the core."""
+    return core_matrix(None if M is None else abs(M))

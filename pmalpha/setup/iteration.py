@@ -1,0 +1,127 @@
+"""Set-up of the iteration of internal forces: their part of H, and what the coupler iterates with.
+
+Under "pm" and "gc" the core adds the blocks of iterated subdomains to a constant part of H, in
+every iteration. Under "macro" shooting begins with H of the tangents at t = 0, of linear twins of
+the subdomains with internal forces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..problem.matrices import combination, core_matrix, permuted
+from ..problem.newton import Newton
+from .compliance import Block, constraints_of
+from .interface import summed, total
+from .internal import core_size, numeric, structure
+from .macro import compute_unit_responses
+from .part import Part, core_subdomain
+
+
+def prepare_iterated(parts: Sequence[Part], macro: bool) -> None:
+    """The blocks of H of the subdomains with internal forces.
+
+    Under "macro" those of their linear twins; else zero, but for explicit subdomains, whose blocks
+    do not change: the core adds the others.
+    """
+    for part in parts:
+        if part.internal is None:
+            continue
+        if macro:
+            _take_blocks_of(part, linear_twin(part))
+        elif part.tangent is not None:
+            rows = constraints_of(part.L)
+            empty = Block(rows, np.zeros((rows.size, rows.size)))
+            part.blocks = {False: empty, True: empty}
+
+
+def _take_blocks_of(part: Part, twin: Part) -> None:
+    if twin.responds and twin.nb:
+        compute_unit_responses(twin)
+    part.response_blocks = twin.response_blocks
+    part.blocks = {twice: twin.block(twice) for twice in ((False, True) if part.double else (False,))}
+
+
+def linear_twin(part: Part) -> Part:
+    """The subdomain with the tangents at t = 0 in place of its internal forces."""
+    assert part.internal is not None
+    explicit = part.subdomain.scheme.explicit
+    K_t, C_t = (permuted(A, part.order) for A in (part.internal.K, part.internal.C))
+    twin = replace(
+        part,
+        K=combination([(1.0, part.K), (1.0, K_t)]),
+        C=combination([(1.0, part.C), (1.0, C_t)]),
+        stiffness=None if explicit else combination([(1.0, part.stiffness), (1.0, K_t)]),
+        damping=combination([(1.0, part.damping), *([] if explicit else [(1.0, C_t)])]),
+        internal=None,
+        tangent=None,
+        responds=part.subdomain.substeps > 1,
+        factors=[],
+        blocks={},
+    )
+    single = twin.operator(twin.h)
+    twice = twin.operator(2.0 * twin.h) if twin.double else None
+    twin.factors = [operator[1:] for operator in (single, twice) if operator is not None]
+    twin.core = core_subdomain(
+        twin,
+        twin.subdomain.scheme,
+        twin.L,
+        single,
+        twice=twice,
+        substeps=twin.subdomain.substeps,
+        K=twin.K,
+        C=twin.C,
+        D_r=twin.D_r,
+        lagged=twin.subdomain.damping == "lagged",
+        responds=twin.responds,
+        K_r=twin.K_r,
+    )
+    return twin
+
+
+def iteration_of(parts: Sequence[Part], p: int, newton: Newton, macro: bool) -> tuple | None:
+    """What the core's coupler iterates with; None where it is linear."""
+    if not any(part.internal is not None for part in parts):
+        return None
+    options = (newton.tol, newton.iterations, newton.tangent == "reuse")
+    if macro:
+        return (*options, *_responses(parts, p))
+    if not any(part.tangent is not None for part in parts):
+        return None
+    return (*options, *_constant_part(parts, p))
+
+
+def _responses(parts: Sequence[Part], p: int) -> tuple[Any, Any, Any]:
+    """The linear subdomains' part of H, in the first macro step and after it, and the size of H."""
+    linear = [part for part in parts if part.internal is None]
+    start, later = (
+        summed([_block(part, twice) for part in linear], p) if linear else None
+        for twice in (False, True)
+    )
+    H = summed([_block(part, True) for part in parts], p)
+    return core_matrix(start), core_matrix(later), core_size(H)
+
+
+def _block(part: Part, later: bool) -> Block:
+    if part.response_blocks is not None:
+        return part.response_blocks[0]
+    return part.block(part.double and later)
+
+
+def _constant_part(parts: Sequence[Part], p: int) -> tuple[tuple, np.ndarray, np.ndarray]:
+    """The pattern of H for the core, and the values of its constant part, in the first macro step
+    and after it."""
+    if p == 0:
+        empty = sp.csr_array((0, 0))
+        return numeric(empty, None, "the interface matrix H"), np.empty(0), np.empty(0)
+    start, later = (
+        total([_block(part, twice) for part in parts], p) for twice in (False, True)
+    )
+    pattern = sp.csr_array((np.ones(start.nnz), start.indices, start.indptr), shape=(p, p))
+    symbolic = numeric(pattern, structure(pattern, p), "the interface matrix H")
+    return symbolic, np.ascontiguousarray(start.data), np.ascontiguousarray(later.data)
