@@ -41,7 +41,7 @@ class Subdomain:
         single: _Operator,
         twice: _Operator | None,
         link: tuple[int, np.ndarray, np.ndarray, np.ndarray],
-        restoring: tuple[Callable | LowLevelCallable, np.ndarray] | None = None,  # as a load
+        restoring: tuple[tuple[Callable | LowLevelCallable, ...], np.ndarray] | None = None,
         D_r: _Matrix = None,
         lagged: bool = False,
         responds: bool = False,

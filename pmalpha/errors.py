@@ -146,6 +146,7 @@ class CallbackError(PmalphaError):
     time : float
         The time at which that macro step begins, which is the present time of the coupler.
     subdomain : str
+        Name of the subdomain that has the function.
     """
 
     def __init__(self, code: int, what: str, step: int, time: float, subdomain: str):

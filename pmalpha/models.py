@@ -84,7 +84,9 @@ class Model:
     Attributes
     ----------
     subdomains : tuple of Subdomain
+        In the order of the couplers.
     constraints : Constraint
+        The ties between them.
     """
 
     subdomains: tuple[Subdomain, ...]
@@ -103,6 +105,7 @@ class Model:
         Returns
         -------
         Coupler
+            At t = 0.
 
         Raises
         ------
@@ -238,8 +241,9 @@ class FourDof(Model):
         Returns
         -------
         t : (k,) ndarray
+            Times of the macro time levels.
         u : (k, 4) ndarray
-            u2 is the mean of the two sides.
+            Of dof 2 the mean of the two sides.
 
         Raises
         ------
@@ -262,6 +266,7 @@ class FourDof(Model):
         Returns
         -------
         t : (k,) ndarray
+            Times of the macro time levels.
         amplitudes : (k, 4) ndarray
             Displacement times square root of mass, in the order of `frequencies`.
 
@@ -442,8 +447,10 @@ def rayleigh(omegas: Sequence[float], ratios: Sequence[float]) -> tuple[float, f
 
     Returns
     -------
-    c_m, c_k : float
-        In 1/time and in time.
+    c_m : float
+        In 1/time.
+    c_k : float
+        In time.
 
     Raises
     ------
@@ -484,7 +491,7 @@ def modal_damping(
 
     Returns
     -------
-    C : (n, n) ndarray or csr_array
+    (n, n) ndarray or csr_array
         In force per velocity; sparse, with all entries, if K is sparse.
 
     Raises

@@ -37,6 +37,7 @@ def split_oscillator() -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+        Not to scale.
 
     Raises
     ------
@@ -91,6 +92,7 @@ def timeline() -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+        Both schedules, one above the other.
 
     Raises
     ------

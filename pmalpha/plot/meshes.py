@@ -197,6 +197,7 @@ def animation(
     Returns
     -------
     matplotlib.animation.FuncAnimation
+        To be kept by the caller while it is shown.
 
     Raises
     ------

@@ -47,6 +47,11 @@ RC = {
 def style() -> Iterator[None]:
     """The style of all figures, as a context for further figures.
 
+    Yields
+    ------
+    None
+        Figures made in the context have the style.
+
     Raises
     ------
     ImportError

@@ -19,7 +19,7 @@ __all__ = ["Constraint", "tie"]
 
 
 class Constraint(Frozen):
-    """p constraints sum_i L_i v_i = g(t) on velocities of one or more subdomains, equation (2).
+    """Constraints sum_i L_i v_i = g(t) on velocities of one or more subdomains, equation (2).
 
     Without `velocity`, g is zero and the subdomains are tied. With `velocity`, the motion of a
     support or a driven end is prescribed.
@@ -32,8 +32,8 @@ class Constraint(Frozen):
         A matrix L_i, (p, n_i) dense or scipy.sparse, for each of the one or more subdomains that
         the constraints involve.
     velocity : callable, `SampledForce` or (p,) array, optional
-        g(t) of the p rows. It is evaluated at every fine step, in advance like a load, and the
-        initial velocities must satisfy it. Its derivative at t = 0, which the initial
+        Right-hand side g(t) of the p rows. It is evaluated at every fine step, in advance like a
+        load, and the initial velocities must satisfy it. Its derivative at t = 0, which the initial
         accelerations need (S1), is the slope of the first two samples; for a callable, a difference
         of order 2 over an eighth of the first fine step.
 
@@ -119,10 +119,19 @@ def tie(a: Subdomain, dofs_a: DofsLike, b: Subdomain, dofs_b: DofsLike) -> Const
 
     Parameters
     ----------
-    a, b : Subdomain
-        Two different ones.
-    dofs_a, dofs_b : int, (p,) array of int, or (n,) array of bool
-        Dofs of each, in numbers or as a mask; entry k of `dofs_a` is tied to entry k of `dofs_b`.
+    a : Subdomain
+        One side.
+    dofs_a : int, (p,) array of int, or (n,) array of bool
+        Its dofs, in numbers or as a mask.
+    b : Subdomain
+        The other side.
+    dofs_b : int, (p,) array of int, or (n,) array of bool
+        Its dofs; entry k of `dofs_a` is tied to entry k of `dofs_b`.
+
+    Returns
+    -------
+    Constraint
+        With p rows, in the order of the dofs.
 
     Raises
     ------

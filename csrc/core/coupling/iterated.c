@@ -67,8 +67,7 @@ static pma_status open(pma_coupler *c, pma_coupled *m)
 {
     if (!table_of(m))
         return pma_fine_open(c, m);
-    const pma_status status =
-        table_of(m)->begin(m->member.self, &m->step, c->iteration->lam_begin);
+    const pma_status status = table_of(m)->begin(m->member.self, &m->step, c->iteration->lam_begin);
     return status == PMA_OK && m->ratio > 1 ? open_long(c, m) : status;
 }
 
@@ -123,8 +122,7 @@ static pma_status linearize_one(pma_coupler *c, pma_coupled *m)
 {
     pma_iterand *iterand = iterand_of(c, m);
     const bool fresh = c->iteration->fresh;
-    const pma_status status =
-        table_of(m)->linearize(m->member.self, fresh, c->iteration->lam_star);
+    const pma_status status = table_of(m)->linearize(m->member.self, fresh, c->iteration->lam_star);
     if (status == PMA_OK && (fresh || !iterand->known))
         take_block(c, m);
     return status;
@@ -239,8 +237,7 @@ static pma_status iterate(pma_coupler *c)
         .evaluate = evaluate, .correct = correct, .move = move, .restart = restart};
     pma_iteration *it = c->iteration;
     memcpy(it->lam_star, it->lam_begin, c->parts.p * sizeof(double));
-    const pma_status status =
-        pma_newton_solve(&it->parts.newton, &EQUATIONS, c, have_factors(c));
+    const pma_status status = pma_newton_solve(&it->parts.newton, &EQUATIONS, c, have_factors(c));
     if (status == PMA_NOT_CONVERGED)
         c->failed = find_slowest(c);
     return status;

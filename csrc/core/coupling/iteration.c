@@ -108,8 +108,7 @@ pma_status pma_iteration_create_macro(pma_coupler *c, const pma_iteration_parts 
     const size_t p = c->parts.p;
     if (parts->response.n != p || parts->response_start.n != p)
         return PMA_BAD_SIZE;
-    const pma_status status =
-        create(c, parts, c->parts.count * p, 0, 1 + p + pma_broyden_size(p));
+    const pma_status status = create(c, parts, c->parts.count * p, 0, 1 + p + pma_broyden_size(p));
     if (status != PMA_OK)
         return status;
     c->iteration->dlam = c->iteration->working + 1;
