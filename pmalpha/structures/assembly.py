@@ -19,12 +19,19 @@ class Assembly:
     then one gather brings the sums into the order of the compressed rows.
     """
 
-    def __init__(self, elements: np.ndarray, nodes: int, d: int, chunk: int = 4096):
+    def __init__(
+        self,
+        elements: np.ndarray,
+        nodes: int,
+        d: int,
+        chunk: int = 4096,
+        pairs: Pattern | None = None,
+    ):
         self.elements, self.nodes, self.d = elements, nodes, d
         self.components = [(i, j) for i in range(d) for j in range(i, d)]
         starts = range(0, len(elements), chunk)
         self.chunks = [slice(first, min(first + chunk, len(elements))) for first in starts]
-        pairs = Pattern.of(elements, nodes)
+        pairs = Pattern.of(elements, nodes) if pairs is None else pairs
         self._local = []
         for part in self.chunks:
             own, numbers = np.unique(pairs.pair[part], return_inverse=True)

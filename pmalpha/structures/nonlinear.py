@@ -165,7 +165,7 @@ def _solid(points, elements, corners, material, rho, t, plane, mass) -> Structur
     pattern = Pattern.of(elements, len(points))
     M = solid_mass(pattern, elements, density[:, None] * weights, shapes, d, is_lumped(mass))
     kind = ElasticSolidForce if isinstance(material, Hyperelastic) else SolidForce
-    force = kind(elements, len(points), weights, along, material, plane)
+    force = kind(elements, pattern, weights, along, material, plane)
     name, components = ("quad", ("ux", "uy")) if d == 2 else ("hexahedron", ("ux", "uy", "uz"))
     return Structure(
         M, sp.csr_array(M.shape[:1] * 2), points, {name: elements}, components, (force,)
@@ -175,9 +175,10 @@ def _solid(points, elements, corners, material, rho, t, plane, mass) -> Structur
 class SolidForce(ElementForce):
     """The internal force of a solid."""
 
-    def __init__(self, elements, nodes, weights, along, material, plane):
+    def __init__(self, elements, pairs, weights, along, material, plane):
         d, _, q, a = along.shape
-        self._assembly = Assembly(elements, nodes, d, chunk=POINTS // q)
+        nodes = pairs.indptr.size - 1
+        self._assembly = Assembly(elements, nodes, d, POINTS // q, pairs)
         self._material = material
         self._coefficients = material._coefficients(len(elements), plane)
         self._weights = weights  # (E or 1, q)
