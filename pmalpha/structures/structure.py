@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from ..problem.constraints import dof_list
 from ..problem.matrices import Matrix, combination, sparse_diagonal
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
+from .internal import ElementForce
 
 __all__ = ["Structure"]
 
@@ -29,7 +30,7 @@ class Structure:
     M : (n, n) csr_array
         Mass; a sparse diagonal when lumped. A 1-D array is converted to it.
     K : (n, n) csr_array
-        Stiffness.
+        Stiffness; of nonlinear elements without entries.
     points : (N, dim) ndarray
         Coordinates of the nodes.
     elements : dict
@@ -37,11 +38,13 @@ class Structure:
     components : tuple of str
         Names of the dofs of a node, in their order: "ux", "uy", "uz" are displacements along the
         axes, "rz" is a rotation, counter-clockwise.
+    internal : tuple of ElementForce
+        Forces of nonlinear elements and of contact, beside K u.
 
     Raises
     ------
-    ValueError
-        If M and K do not have one row for each component of each point.
+    TypeError, ValueError
+        If M, K or a force in `internal` do not have one row for each component of each point.
 
     Examples
     --------
@@ -57,10 +60,17 @@ class Structure:
     points: np.ndarray
     elements: Mapping[str, np.ndarray]
     components: tuple[str, ...]
+    internal: tuple[ElementForce, ...] = ()
 
     def __post_init__(self):
         n = len(self.points) * len(self.components)
-        for name, rows in (("M", self.M.shape[0]), ("K", self.K.shape[0])):
+        object.__setattr__(self, "internal", tuple(self.internal))
+        rows_of = [("M", self.M.shape[0]), ("K", self.K.shape[0])]
+        for force in self.internal:
+            if not isinstance(force, ElementForce):
+                raise TypeError(f"internal must hold forces of elements, got {force!r}")
+            rows_of.append(("internal", force.n))
+        for name, rows in rows_of:
             if rows != n:
                 raise ValueError(
                     f"{name} must have {n} rows, {len(self.components)} for each of "
@@ -72,7 +82,8 @@ class Structure:
     def __repr__(self) -> str:
         counts = ", ".join(f"{len(e)} {name}" for name, e in self.elements.items())
         points, dofs = counted(len(self.points), "point"), counted(self.n, "dof")
-        return f"<Structure {points}, {counts}, {dofs}>"
+        forces = f", {counted(len(self.internal), 'internal force')}" if self.internal else ""
+        return f"<Structure {points}, {counts}, {dofs}{forces}>"
 
     @property
     def dofs_per_node(self) -> int:
@@ -197,8 +208,70 @@ class Structure:
         offsets = [self.components.index(name) for name in names]
         return (self.dofs_per_node * chosen[:, None] + offsets).ravel()
 
+    def with_internal(self, *forces: ElementForce) -> Structure:
+        """The same structure with further internal forces, such as contact.
+
+        Parameters
+        ----------
+        *forces : ElementForce
+            Of n dofs, from `plane_contact`, `sphere_contact` or another structure of these nodes.
+
+        Returns
+        -------
+        Structure
+
+        Raises
+        ------
+        TypeError, ValueError
+            For what is not a force of elements, and for another number of dofs.
+
+        Examples
+        --------
+        >>> from pmalpha import models
+        >>> ball = models.nonlinear_solid((2, 2), 0.5, models.NeoHookean(1e6, 0.3), rho=1e3)
+        >>> floor = models.plane_contact(ball, ball.nodes_at(y=0.0), point=[0.0, 0.0],
+        ...                              normal=[0.0, 1.0], stiffness=1e7)
+        >>> ball.with_internal(floor)
+        <Structure 9 points, 4 quad, 18 dofs, 2 internal forces>
+        """
+        return replace(self, internal=(*self.internal, *forces))
+
+    def tangent(self, u: Any = None) -> Any:
+        """K plus the tangents of the internal forces.
+
+        Parameters
+        ----------
+        u : (n,) array_like, optional
+            Displacements. Default: zeros, for the modes of the structure as it is built.
+
+        Returns
+        -------
+        (n, n) csr_array
+
+        Raises
+        ------
+        ValueError
+            If u has another shape.
+
+        Examples
+        --------
+        A string under the tension of 4, with unit mass per length, has the wave speed 2:
+
+        >>> from pmalpha import models
+        >>> string = models.truss([[0, 0], [1, 0]], [[0, 1]], EA=1e4, rhoA=1.0, divisions=50,
+        ...                       prestress=4.0)
+        >>> held = reduce(string.M, string.tangent(), fixed=[0, 1, 2, 3])
+        >>> omega, _ = models.modes(held.M, held.K, 1)
+        >>> round(float(omega[0] / (2.0 * np.pi)), 3)
+        1.0
+        """
+        where = np.zeros(self.n) if u is None else u
+        return sum((force(where)[1] for force in self.internal), start=self.K)
+
     def damping(self, c_m: float, c_k: float) -> Matrix:
         """Rayleigh damping C = c_m M + c_k K, with coefficients as `rayleigh` returns them.
+
+        K includes the tangents of the internal forces at u = 0.
 
         Parameters
         ----------
@@ -223,17 +296,18 @@ class Structure:
         [[0.35, -0.05], [-0.05, 0.35]]
         """
         c_m, c_k = real_number(c_m, "c_m", low=0.0), real_number(c_k, "c_k", low=0.0)
-        return combination([(c_m, self.M), (c_k, self.K)])
+        return combination([(c_m, self.M), (c_k, self.tangent())])
 
     def subdomain(self, *, scheme: Scheme, **options) -> Subdomain:
-        """A Subdomain with this M and K, without supports.
+        """A Subdomain with this M, K and internal forces, without supports.
 
         Parameters
         ----------
         scheme : Scheme
             As for `Subdomain`.
         **options
-            Further arguments of `Subdomain`: C, substeps, force, u0, name, ...
+            Further arguments of `Subdomain`: C, substeps, force, u0, name, ... An `internal` is
+            added to the forces of the structure.
 
         Returns
         -------
@@ -252,4 +326,10 @@ class Structure:
         >>> bar.subdomain(scheme=GeneralizedAlpha(0.5, explicit=True), name="bar").n
         5
         """
+        if self.internal:
+            given = options.get("internal") or []
+            further = (
+                given if type(given) in (list, tuple) else [given]
+            )  # a LowLevelCallable is one
+            options["internal"] = [*self.internal, *further]
         return Subdomain(self.M, self.K, scheme=scheme, **options)
