@@ -185,7 +185,7 @@ class FineMember(Member):
             self.opened = self.free(old, t1)
             o, G = self.L @ self.opened[0].v, self.step.compliance()
         else:
-            self.trial = Trial(self, old, t1, old.Lam)
+            self.trial = Trial(self, old, t1, level.Lam)
             if self.stride == 1:
                 return
             # the free solution: Newton's iteration at fixed multipliers, then one fresh tangent

@@ -7,7 +7,7 @@
 #include <math.h>
 #include <string.h>
 
-/* Residuals are exact up to this many units in the last place of their terms.              (N6) */
+/* Residuals are exact up to this many units in the last place of their terms.              (N8) */
 #define ROUNDING (100.0 * DBL_EPSILON)
 
 static const pma_operator *operator_of(const pma_iterate *it)
@@ -20,7 +20,7 @@ static const pma_state *iterate_of(const pma_iterate *it)
     return pma_levels_at(&it->of->levels, it->step.j + 1);
 }
 
-/* ---- first guess (N3) ----------------------------------------------------------------------- */
+/* ---- first guess (N4) ----------------------------------------------------------------------- */
 
 /* held := F(t1) - r(ut, vs, t1) + D_r vs, what is evaluated once; lagged: - C vs too */
 static pma_status hold(pma_iterate *it, const pma_state *from, const pma_state *to)
@@ -62,6 +62,8 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
         return status;
     it->step = *step;
     it->corrections = 0;
+    if (step->j == 0)
+        it->scale = it->scale_present; /* a macro step may be run again */
     it->motion = it->scale;
     it->singular = SIZE_MAX;
     it->linearized = false;
@@ -214,7 +216,7 @@ static pma_status factor(pma_iterate *it)
     return status;
 }
 
-/* o = L (v + al2 Mbar_t^-1 R) - G Lam, before L: the free velocity                         (N3) */
+/* o = L (v + al2 Mbar_t^-1 R) - G Lam, before L: the free velocity                        (N11) */
 static pma_status linearize(void *self, bool fresh, const double *lam)
 {
     pma_subdomain *s = self;
@@ -238,7 +240,7 @@ static pma_status linearize(void *self, bool fresh, const double *lam)
     return PMA_OK;
 }
 
-/* (N6)  sum |u| . (|f| + |F| + |L^T Lam|) + al1 |w| . |M| |w| */
+/* (N8)  sum |u| . (|f| + |F| + |L^T Lam|) + al1 |w| . |M| |w| */
 static double size_of_terms(const pma_iterate *it, const double *w, double al1)
 {
     const pma_parts *p = &it->of->parts;
@@ -267,7 +269,7 @@ static double motion(const pma_iterate *it, double al1)
     return dot(n, it->size, it->product) / al1;
 }
 
-/* Mbar_t dw = R + L^T (Lam - Lam*),  w += dw                                               (N4) */
+/* Mbar_t dw = R + L^T (Lam - Lam*),  w += dw                                         (N3) (N12) */
 static void correct(void *self, const double *lam, pma_measure *m)
 {
     pma_subdomain *s = self;
@@ -289,14 +291,21 @@ static void correct(void *self, const double *lam, pma_measure *m)
     }
     const double step = dot(n, it->dw, it->R);
     it->motion = fmax(it->scale, motion(it, c->al1));
+    it->correction = fabs(c->al1 * step);
     *m = (pma_measure){
-        .correction = fabs(c->al1 * step),
+        .correction = it->correction,
         .motion = it->motion,
         .rounding = ROUNDING * ROUNDING * size_of_terms(it, x->w, c->al1),
         .slope = c->al2 * step,
     };
     it->corrections++;
     it->linearized = false;
+}
+
+static void raise(void *self, double factor)
+{
+    pma_iterate *it = ((pma_subdomain *)self)->iterate;
+    it->motion = fmax(it->motion, factor * it->correction);
 }
 
 /* ---- in interface space --------------------------------------------------------------------- */
@@ -327,6 +336,17 @@ static void block(void *self, double *out)
         for (size_t i = 0; i < it->count; i++)
             out[i * it->count + k] = sum[it->rows[i]];
     }
+}
+
+static double *corrections(void *self, size_t j)
+{
+    const pma_subdomain *s = self;
+    return pma_levels_at(&s->levels, j)->history + s->parts.internal.history;
+}
+
+static double scale(const void *self)
+{
+    return ((const pma_subdomain *)self)->iterate->scale;
 }
 
 static bool has_factor(const void *self)
@@ -367,10 +387,18 @@ static void own_restart(void *ctx)
     restart(own->s, own->lam);
 }
 
+static void own_raise(void *ctx, double factor)
+{
+    raise(((own_step *)ctx)->s, factor);
+}
+
 static pma_status converge(void *self, const pma_newton *newton, const double *lam)
 {
-    static const pma_equations EQUATIONS = {
-        .evaluate = own_evaluate, .correct = own_correct, .move = own_move, .restart = own_restart};
+    static const pma_equations EQUATIONS = {.evaluate = own_evaluate,
+                                            .correct = own_correct,
+                                            .move = own_move,
+                                            .restart = own_restart,
+                                            .raise = own_raise};
     pma_subdomain *s = self;
     own_step own = {.s = s, .lam = lam};
     const pma_status status = pma_newton_solve(newton, &EQUATIONS, &own, has_factor(s));
@@ -412,4 +440,7 @@ const pma_iterated_table pma_own_step_table = {.begin = begin,
                                                .rebase = rebase,
                                                .block = block,
                                                .finish = finish,
-                                               .has_factor = has_factor};
+                                               .has_factor = has_factor,
+                                               .raise = raise,
+                                               .corrections = corrections,
+                                               .scale = scale};

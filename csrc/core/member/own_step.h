@@ -18,6 +18,7 @@ struct pma_iterate {
     size_t singular;               /* dof of a pivot that is not positive */
 
     double scale, motion;  /* energy of the largest motion so far; with the iterate */
+    double correction;     /* energy of the last one */
     double scale_present;  /* the same at the present */
     bool factored_present; /* ... of a factor that is kept */
     bool factored_twice_present;
