@@ -476,13 +476,12 @@ BAD_MESHES = {
     "points must be a 2-D array": {"points": np.zeros(4)},
     "points must be finite": {"points": np.full((4, 2), np.nan)},
     "elements must hold node numbers": {"elements": [[0.0, 1.0]]},
-    "elements must have 2, 4 or 8 columns": {"elements": [[0, 1, 2]]},
+    "elements must be a dict by kind .* 2, 3, 4, 8 columns, got 5": {"elements": [[0] * 5]},
+    "elements must be 2-D": {"elements": [0, 1]},
     "elements must hold nodes 0..3, got 4": {"elements": [[0, 1, 2, 4]]},
     "elements must hold nodes 0..3, got -1": {"elements": [[0, -1]]},
     "elements must fit the points, got hexahedron with 2": {"elements": [[0] * 8]},
-    "elements must be of line, quad, hexahedron, got 'triangle'": {
-        "elements": {"triangle": [[0, 1, 2]]}
-    },
+    "elements must be of line, line3, .*, got 'tri3'": {"elements": {"tri3": [[0, 1, 2]]}},
     r"elements\['line'\] must have 2 columns, got 4": {"elements": {"line": [[0, 1, 2, 3]]}},
     "elements must not be empty": {"elements": {}},
     r"u must have shape \(4 d,\) or \(4, d\) with d >= 2 .* got \(7,\)": {"u": np.zeros(7)},
