@@ -441,7 +441,7 @@ def _draw_directions(ax: Any, mesh: Mesh) -> None:
     corner, sizes = mesh.points.min(axis=0), np.ptp(mesh.points, axis=0)
     corner = corner - 0.1 * sizes.max()
     for name, direction in zip("xyz", 0.15 * sizes.max() * np.eye(3)):
-        ax.plot(*np.stack([corner, corner + direction], axis=1), color="k", linewidth=0.8)
+        ax.plot(*np.stack([corner, corner + direction], axis=1), "k-", linewidth=0.8)
         ax.text(*(corner + 1.35 * direction), f"${name}$", ha="center", va="center")
 
 
@@ -453,7 +453,8 @@ def _draw_undeformed(ax: Any, mesh: Mesh) -> None:
     ends = mesh.points[np.concatenate([lines(mesh), edges(outer_faces(mesh))])]
     line = np.concatenate([ends, np.full_like(ends[:, :1], np.nan)], axis=1)
     width = 0.6 * _thinner(len(ends))
-    ax.plot(*line.reshape(-1, ends.shape[-1]).T, color=UNDEFORMED, linewidth=width, zorder=1)
+    look = {"color": UNDEFORMED, "linestyle": "-", "linewidth": width}
+    ax.plot(*line.reshape(-1, ends.shape[-1]).T, **look, zorder=1)
 
 
 def _draw(ax: Any, mesh: Mesh, x: np.ndarray, look: Look) -> list[Artist]:

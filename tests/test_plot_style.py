@@ -1,0 +1,49 @@
+"""The style of all figures as a context of matplotlib."""
+
+import pytest
+
+matplotlib = pytest.importorskip("matplotlib")
+from matplotlib.figure import Figure  # noqa: E402
+
+from pmalpha import plot  # noqa: E402
+
+
+def looks(ax):
+    return [
+        (line.get_color(), line._unscaled_dash_pattern[1], line.get_linewidth())
+        for line in ax.lines
+    ]
+
+
+def test_curves_without_a_look_take_the_lines_of_all_figures_from_dark_to_light():
+    with plot.style():
+        plain, named = Figure().subplots(1, 2)
+        for i in range(5):
+            plain.plot([0.0, 1.0], [0.0, i])
+            named.plot([0.0, 1.0], [0.0, i], **plot.LINES[::-1][i % 4])
+    assert looks(plain) == looks(named)
+    assert len(set(looks(plain))) == 4  # the fifth is as the first
+    assert plain.lines[0].get_linestyle() == "-"
+
+
+def test_the_style_ends_with_the_context():
+    before = matplotlib.rcParams["axes.prop_cycle"], matplotlib.rcParams["font.size"]
+    with plot.style():
+        assert matplotlib.rcParams["axes.prop_cycle"] != before[0]
+    assert (matplotlib.rcParams["axes.prop_cycle"], matplotlib.rcParams["font.size"]) == before
+
+
+def test_matplotlib_takes_the_settings_as_a_style_of_its_own():
+    from matplotlib import style
+
+    with style.context(plot.RC):
+        cycle = matplotlib.rcParams["axes.prop_cycle"].by_key()
+    assert cycle["color"] == [line["color"] for line in plot.LINES[::-1]]
+
+
+def test_meshes_have_solid_lines_also_beside_curves():
+    with plot.style():
+        ax = Figure().subplots()
+        ax.plot([0.0, 1.0], [0.0, 1.0])
+    plot.deformed([[0.0, 0.0], [1.0, 0.0]], [[0, 1]], [0.0, 0.0, 0.0, 0.1], ax=ax)
+    assert ax.lines[1].get_linestyle() == "-"
