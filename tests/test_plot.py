@@ -116,7 +116,7 @@ def test_a_jump_of_rounding_errors_is_a_sentence_and_not_a_panel(
     figure = with_jumps(velocity, displacement).plot()
     names = [ax.get_ylabel().split(" ($")[0] for ax in figure.axes]
     assert names == [name for i, name in enumerate(PANELS) if i not in without]
-    assert figure.get_supxlabel() == words
+    assert "\n".join(text.get_text() for text in figure.texts) == words
     figure.draw_without_rendering()
 
 

@@ -47,3 +47,31 @@ def test_meshes_have_solid_lines_also_beside_curves():
         ax.plot([0.0, 1.0], [0.0, 1.0])
     plot.deformed([[0.0, 0.0], [1.0, 0.0]], [[0, 1]], [0.0, 0.0, 0.0, 0.1], ax=ax)
     assert ax.lines[1].get_linestyle() == "-"
+
+
+# ---- schedules ------------------------------------------------------------------------------
+
+
+def drawn_levels(ax):
+    """Number of time levels of A by the label of its markers."""
+    return {x.get_label(): len(x.get_xdata()) for x in ax.lines if "of A" in x.get_label()}
+
+
+def test_a_schedule_can_be_drawn_alone():
+    both = plot.timeline().axes
+    for coupling, drawn in (("gc", both[:2]), ("pm", both[2:])):
+        alone = plot.timeline(coupling)
+        assert [ax.get_title(loc="left") for ax in alone.axes] == [drawn[0].get_title("left"), ""]
+        assert f'coupling="{coupling}"' in alone.axes[0].get_title(loc="left")
+        assert drawn_levels(alone.axes[0]) == drawn_levels(drawn[0])
+        words = [text.get_text() for text in alone.axes[1].texts]
+        assert words == [text.get_text() for text in drawn[1].texts]
+        alone.draw_without_rendering()
+    # of the staggered schedule A has one chain; of the other every second time level
+    assert set(drawn_levels(both[0])) == {"time level of A"}
+    assert set(drawn_levels(both[2])) == {"time level of A", "time level of A, other chain"}
+
+
+def test_a_schedule_that_is_not_drawn_is_refused():
+    with pytest.raises(ValueError, match="coupling must be 'gc' or 'pm', got 'macro'"):
+        plot.timeline("macro")
