@@ -75,3 +75,11 @@ def test_a_schedule_can_be_drawn_alone():
 def test_a_schedule_that_is_not_drawn_is_refused():
     with pytest.raises(ValueError, match="coupling must be 'gc' or 'pm', got 'macro'"):
         plot.timeline("macro")
+
+
+def test_springs_and_walls_are_solid_and_the_cut_is_dashed():
+    """The cycle of lines must not reach into drawings: colours alone leave the line to it."""
+    (ax,) = plot.split_oscillator().axes
+    dashed = [line for line in ax.lines if line.get_linestyle() != "-"]
+    assert len(ax.lines) == 9  # a spring and a wall for each of four, and the cut
+    assert [list(line.get_xdata()) for line in dashed] == [[1.9, 1.9]]

@@ -73,8 +73,8 @@ def split_oscillator() -> Figure:
 def _spring(ax: Axes, wall: float, end: float, name: str) -> None:
     """A spring from a wall to a mass."""
     x = wall + (end - wall) * np.array([0.0, 0.15, *np.linspace(0.2, 0.8, 8), 0.85, 1.0])
-    ax.plot(x, 0.13 * np.array([0, 0, *[1, -1] * 4, 0, 0]), "k", linewidth=0.8)
-    ax.plot([wall, wall], [-0.35, 0.35], "k", linewidth=2.5)
+    ax.plot(x, 0.13 * np.array([0, 0, *[1, -1] * 4, 0, 0]), "k-", linewidth=0.8)
+    ax.plot([wall, wall], [-0.35, 0.35], "k-", linewidth=2.5)
     ax.text((wall + end) / 2, 0.25, name, ha="center")
 
 

@@ -57,8 +57,8 @@ def style() -> Iterator[None]:
 
     Fonts, axes, resolution, and the cycle of `LINES` from dark to light: the first curve is solid
     and black, the next ones are dashed, dash-dotted and dotted. A curve with a colour of its own
-    needs ``linestyle="-"`` too if it is to be solid. ``matplotlib.rcParams.update(RC)`` sets the
-    same for a whole session.
+    that is to be solid states both: ``ax.plot(x, y, "k-")``. With
+    ``matplotlib.rcParams.update(RC)`` a whole session has the style.
 
     Raises
     ------
