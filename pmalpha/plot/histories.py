@@ -124,8 +124,8 @@ def _rounding_notes(history: History) -> dict[str, str]:
     notes = {}
     for name, of in JUMPS.items():
         motions = [getattr(s, of) for s in history.subdomains if s is not None]
-        largest = max((np.abs(x).max(initial=0.0) for x in motions), default=0.0)
-        jump = np.abs(getattr(history, name)).max(initial=0.0)
+        largest = max((_largest_size(x) for x in motions), default=0.0)
+        jump = _largest_size(getattr(history, name))
         words = name.replace("_", " ").capitalize()
         if jump == 0.0:
             notes[name] = f"{words}: zero."
@@ -133,6 +133,11 @@ def _rounding_notes(history: History) -> dict[str, str]:
             size = f"{_power_of_ten(jump / largest)} of the largest {QUANTITIES[of]}"
             notes[name] = f"{words}: rounding errors, at most {size}."
     return notes
+
+
+def _largest_size(x: np.ndarray) -> float:
+    """The largest absolute value, without a copy of an array that may be in a file."""
+    return max(float(x.max(initial=0.0)), -float(x.min(initial=0.0)))
 
 
 def _power_of_ten(x: float) -> str:
