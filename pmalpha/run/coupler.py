@@ -281,6 +281,7 @@ class Coupler(Description, Uncut):
         append: bool = False,
         overwrite: bool = False,
         record_springs: Mapping[Any, Any] | None = None,
+        outputs: Mapping[Any, Any] | None = None,
         progress: Any = None,
     ) -> History:
         """Advance from the present time and record.
@@ -301,6 +302,12 @@ class Coupler(Description, Uncut):
         record_springs : dict, optional
             Springs whose deformation and force are recorded: indices by subdomain, None for all
             springs of one. Default: none.
+        outputs : dict, optional
+            Linear combinations of the motion, base shears or element forces say, that are recorded
+            as ``history[name].outputs[output]``, by subdomain and by name of the output: a matrix
+            W, (rows, n) dense or scipy.sparse or (n,) for one row, for W u; or a dict of such
+            matrices by "u", "v" and "a" for W_u u + W_v v + W_a a. They are computed during the run
+            from all dofs, recorded or not: with ``record={}`` only outputs are recorded.
         energy : bool, default False
             Record the energies of all subdomains, with works counted from the beginning of this
             run, in ``history.energy``, an `Energy`. Results are unchanged. Costs a product with C
@@ -328,6 +335,15 @@ class Coupler(Description, Uncut):
         Returns
         -------
         History
+
+        Examples
+        --------
+        The force of a spring of stiffness 4, and no dof:
+
+        >>> mass = Subdomain([1.0], [4.0], scheme=Newmark(), v0=[1.0], name="mass")
+        >>> history = Coupler([mass], dt=0.01).run(1.0, record={}, outputs={"mass": {"N": [4.0]}})
+        >>> history["mass"].outputs["N"].shape
+        (101, 1)
 
         Raises
         ------
@@ -371,6 +387,7 @@ class Coupler(Description, Uncut):
                 every=every,
                 energy=flag(energy, "energy"),
                 record_springs=record_springs,
+                outputs=outputs,
             )
             with reporting(progress, begin, end) as report:
                 self._last_history = None
