@@ -72,7 +72,8 @@ static int take_combination(PyObject *obj, size_t size, size_t rows, pma_combina
     }
     position = PyTuple_GET_ITEM(obj, 1);
     weight = PyTuple_GET_ITEM(obj, 2);
-    if (pma_take_array(PyTuple_GET_ITEM(obj, 0), NPY_INT64, 1, &starts, "start", NULL, &start) < 0 ||
+    if (pma_take_array(PyTuple_GET_ITEM(obj, 0), NPY_INT64, 1, &starts, "start", NULL, &start) <
+            0 ||
         take_positions(position, size, "position", &count, &out->position) < 0)
         return -1;
     entries = (npy_intp)count;
