@@ -468,7 +468,8 @@ class History:
         ``rig_base shear`` with ``rig_time`` and ``rig_base shear_row``. The interface has
         ``multipliers`` and ``velocity_jump`` with ``multiplier_times`` and ``condition`` (the
         constraint, a row of L), and ``displacement_jump`` with ``macro_times`` and ``condition``. A
-        run with ``energy=True`` has ``energy_kinetic`` and so on with ``macro_times`` and ``subdomain``.
+        run with ``energy=True`` has ``energy_kinetic`` and so on with ``macro_times`` and
+        ``subdomain``.
 
         Returns
         -------
