@@ -32,6 +32,7 @@ from .accuracy import warn_if_coarse
 from .advance import advance
 from .clock import Clock
 from .description import Description
+from .drift import warn_if_drifting
 from .energy import summed_works
 from .history import History, State
 from .initial import InitialValues
@@ -364,8 +365,9 @@ class Coupler(Description, Uncut):
         Warns
         -----
         AccuracyWarning, StabilityWarning
-            When the recorded steps are too coarse for the motion, or above the critical step for
-            the stiffness seen in a restoring callable without ``restoring_stiffness``.
+            When the recorded steps are too coarse for the motion, or under "macro" the macro step
+            for the multipliers; when steps are above the critical step for the stiffness seen in a
+            restoring callable without ``restoring_stiffness``.
 
         An exception of a load or of a restoring force reaches the caller, and so does Ctrl-C,
         within 0.1 s or a fine step, whichever is longer. After any exception the coupler is at the
@@ -401,6 +403,7 @@ class Coupler(Description, Uncut):
                         raise
             self._last_history = history = recording.history(end)  # if the warning is an error
             warn_if_coarse(history.subdomains, self._parts, *history.macro_times[[0, -1]])
+            warn_if_drifting(history, self._parts, self._rows, self._loads.motions)
             self._last_history = None
             return history
 
