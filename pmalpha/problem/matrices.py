@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .. import _core
-from .._checks import real_array, require_finite
+from .._checks import counted, real_array, require_finite
 from ..blas import one_thread
 
 Matrix = np.ndarray | sp.csr_array | None
@@ -165,7 +165,7 @@ def rectangular(
     else:
         A = sp.csr_array(np.atleast_2d(real_array(value, name, ndim)))
     if A.shape[1] != columns:
-        raise ValueError(f"{name} must have {columns} columns, got shape {A.shape}")
+        raise ValueError(f"{name} must have {counted(columns, 'column')}, got shape {A.shape}")
     A.sum_duplicates()
     A.eliminate_zeros()
     return A

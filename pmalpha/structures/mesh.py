@@ -45,7 +45,7 @@ def checked_mesh(points: Any, elements: Any) -> Mesh:
         if KINDS[block.shape[1]] != kind:
             corners = next(count for count, name in KINDS.items() if name == kind)
             raise ValueError(
-                f"elements[{kind!r}] must have {corners} columns, got {block.shape[1]}"
+                f"elements[{kind!r}] must have {counted(corners, 'column')}, got {block.shape[1]}"
             )
         blocks.append(block)
     return Mesh(points, tuple(blocks))

@@ -66,7 +66,7 @@ class Structure:
             if rows != n:
                 raise ValueError(
                     f"{name} must have {n} rows, {len(self.components)} for each of "
-                    f"{len(self.points)} points, got {rows}"
+                    f"{counted(len(self.points), 'point')}, got {rows}"
                 )
         if self.M.ndim == 1:
             object.__setattr__(self, "M", sparse_diagonal(self.M))
