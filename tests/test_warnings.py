@@ -2,6 +2,7 @@
 
 import inspect
 
+import numpy as np
 import pytest
 
 import pmalpha as pm
@@ -141,6 +142,27 @@ def test_loose_subdomains_are_one_warning():
     assert text.startswith(
         "subdomains 'b' (1 constraint), 'c' (1 constraint) are floating, and their constraints do "
         "not hold them: each can move as a rigid body"
+    )
+
+
+def test_equations_without_mass_are_one_warning():
+    K = [[1.0, -1.0], [-1.0, 2.0]]
+    made = [pm.Subdomain([1.0, 0.0], K, scheme=SOFT, force=[0.0, 1.0], name=x) for x in "ab"]
+    with pytest.warns(pm.ConstraintWarning) as caught:
+        pm.Coupler(made, pm.tie(made[0], 0, made[1], 0), dt=0.1).run(steps=1)
+    text = only(caught, pm.ConstraintWarning)
+    assert text.startswith("dof 1 of 'a', dof 1 of 'b' have no mass, and their equation does not")
+
+
+def test_large_factors_of_explicit_subdomains_are_one_warning():
+    n = 500  # a dense M has 125 250 entries in its factor
+    M = np.eye(n) + np.full((n, n), 1e-3)
+    made = [pm.Subdomain(M, np.ones(n), scheme=FAST, name=name) for name in "ab"]
+    with pytest.warns(pm.PerformanceWarning) as caught:
+        pm.Coupler(made, pm.tie(made[0], 0, made[1], 0), dt=0.1)
+    assert only(caught, pm.PerformanceWarning).startswith(
+        "matrices of explicit subdomains, M of 'a' (125250 entries, 1 MB), M of 'b' (125250 "
+        "entries, 1 MB), are not diagonal: every step sweeps factors of this size"
     )
 
 
