@@ -22,8 +22,9 @@ _Load = (
 )
 # law, first and second position, parameters
 _Springs = tuple[int, np.ndarray, np.ndarray, tuple[np.ndarray, ...]]
-# position, u, v, w, and optionally spring, deformation, force
-_Selection = tuple[np.ndarray, ...] | None
+# position, u, v, w, and optionally (spring, deformation, force), (output, of_u, of_v, of_w) with
+# (start, position, weight) of each
+_Selection = tuple[Any, ...] | None
 _Record = tuple[  # begin, every, selections, multipliers, velocity and displacement jumps, energy
     int, int, tuple[_Selection, ...], np.ndarray, np.ndarray, np.ndarray, np.ndarray | None
 ]

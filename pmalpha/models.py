@@ -518,7 +518,7 @@ def modal_damping(
         raise ValueError("ratios must not be empty, got none")
     if values.size > massive:
         raise ValueError(
-            f"ratios must have at most {massive} entries, the dofs with mass, got {values.size}"
+            f"ratios must be at most {massive}, one for each dof with mass, got {values.size}"
         )
     if values.min() < 0.0:
         worst = int(np.argmin(values))

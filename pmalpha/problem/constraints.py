@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import counted, listing, numbered, plain_array, real_array, require_finite
+from .._checks import counted, listing, numbered, plain_array
 from .arguments import DofsLike, MatrixLike
 from .forces import BaseAcceleration, checked_force
 from .frozen import Frozen
-from .matrices import entries
+from .matrices import rectangular
 from .subdomain import Subdomain
 
 __all__ = ["Constraint", "tie"]
@@ -96,20 +96,7 @@ def _constraint_matrix(subdomain: Any, L: Any) -> sp.csr_array:
     if not isinstance(subdomain, Subdomain):
         raise TypeError(f"matrices must be keyed by Subdomain, got {subdomain!r}")
     what = f"L of {subdomain!r}"
-    if sp.issparse(L):
-        if L.dtype.kind not in "iuf":
-            raise TypeError(f"{what} must hold real numbers, got dtype {L.dtype}")
-        if L.ndim != 2:
-            raise ValueError(f"{what} must be 2-D, got shape {L.shape}")
-        L = sp.csr_array(entries(L, what), dtype=np.float64)
-        require_finite(L.data, f"the stored entries of {what}")
-    else:
-        L = sp.csr_array(real_array(L, what, 2))
-    if L.shape[1] != subdomain.n:
-        raise ValueError(f"{what} must have {subdomain.n} columns, got shape {L.shape}")
-    L.sum_duplicates()
-    L.eliminate_zeros()
-    return L
+    return rectangular(L, subdomain.n, what, ndim=2)
 
 
 def tie(a: Subdomain, dofs_a: DofsLike, b: Subdomain, dofs_b: DofsLike) -> Constraint:

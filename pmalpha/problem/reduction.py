@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import listing, plain_array, require_finite
+from .._checks import counted, listing, plain_array, require_finite
 from .arguments import DofsLike, MatrixLike
 from .constraints import checked_mask, dof_list
 from .matrices import Matrix, canonical, sparse_diagonal
@@ -58,7 +58,7 @@ class Reduction:
     fixed: np.ndarray
 
     def __repr__(self) -> str:
-        return f"<Reduction of {self.n} dofs to {self.free.size}>"
+        return f"<Reduction of {counted(self.n, 'dof')} to {self.free.size}>"
 
     def expand(self, u: Any) -> np.ndarray:
         """Displacements, velocities, accelerations or modes of all dofs, zero at the fixed ones.

@@ -55,7 +55,8 @@ class Subdomain(Frozen):
         External load, evaluated at the end of each substep. A callable ``f(t) -> (n,)`` is
         evaluated in advance, once for each substep in the order of time, and once at t = 0. A
         ``scipy.LowLevelCallable`` ``int (double t, intptr_t n, double *f, void *user)`` is
-        evaluated in the step, without the GIL; f is zero on entry.
+        evaluated in the step, without the GIL; f is zero on entry. For one dof a number will do
+        in place of an array, also as the value of a callable.
     restoring : callable, LowLevelCallable, springs, or a list of these, optional
         A further force beside K u + C v, such as a nonlinear element or a specimen in a test rig,
         equation (R2); of a list, the sum. Springs are `CubicSpring`, `Gap`, `Bilinear` and
@@ -278,8 +279,6 @@ class Subdomain(Frozen):
     def _initial(self, value: Any, name: str) -> np.ndarray:
         if value is None:
             value = np.zeros(self.n)
-        if self.n == 1 and np.ndim(value) == 0:
-            value = [value]
         return vector(value, self.n, name)
 
     def _check_negative_mass(self, digits: float) -> None:

@@ -31,6 +31,7 @@ from .accuracy import warn_if_coarse
 from .advance import advance
 from .clock import Clock
 from .description import Description
+from .drift import warn_if_drifting
 from .energy import summed_works
 from .history import History
 from .initial import InitialValues
@@ -208,6 +209,7 @@ class Coupler(Description, Present, Uncut):
         append: bool = False,
         overwrite: bool = False,
         record_springs: Mapping[Any, Any] | None = None,
+        outputs: Mapping[Any, Any] | None = None,
         progress: Any = None,
     ) -> History:
         """Advance from the present time and record.
@@ -225,6 +227,12 @@ class Coupler(Description, Present, Uncut):
         every : int, optional
             Record only time levels at which `step_count` is a multiple of this, and the first of
             the run, in all arrays. Default: every time level of each subdomain.
+        outputs : dict, optional
+            Linear combinations of the motion, base shears or element forces say, that are recorded
+            as ``history[name].outputs[output]``, by subdomain and by name of the output: a matrix
+            W, (rows, n) dense or scipy.sparse or (n,) for one row, for W u; or a dict of such
+            matrices by "u", "v" and "a" for W_u u + W_v v + W_a a. They are computed during the run
+            from all dofs, recorded or not: with ``record={}`` only outputs are recorded.
         energy : bool, default False
             Record the energies of all subdomains, with works counted from the beginning of this
             run, in ``history.energy``, an `Energy`. Results are unchanged. Costs a product with C
@@ -257,6 +265,15 @@ class Coupler(Description, Present, Uncut):
         History
             From the present time to the end of the run.
 
+        Examples
+        --------
+        The force of a spring of stiffness 4, and no dof:
+
+        >>> mass = Subdomain([1.0], [4.0], scheme=Newmark(), v0=[1.0], name="mass")
+        >>> history = Coupler([mass], dt=0.01).run(1.0, record={}, outputs={"mass": {"N": [4.0]}})
+        >>> history["mass"].outputs["N"].shape
+        (101, 1)
+
         Raises
         ------
         TypeError, ValueError
@@ -276,8 +293,9 @@ class Coupler(Description, Present, Uncut):
         Warns
         -----
         AccuracyWarning, StabilityWarning
-            When the recorded steps are too coarse for the motion, or above the critical step for
-            the stiffness seen in a restoring callable without ``restoring_stiffness``.
+            When the recorded steps are too coarse for the motion, or under "macro" the macro step
+            for the multipliers; when steps are above the critical step for the stiffness seen in a
+            restoring callable without ``restoring_stiffness``.
 
         An exception of a load or of a restoring force reaches the caller, and so does Ctrl-C,
         within 0.1 s or a fine step, whichever is longer. After any exception the coupler is at the
@@ -299,6 +317,7 @@ class Coupler(Description, Present, Uncut):
                 every=every,
                 energy=flag(energy, "energy"),
                 record_springs=record_springs,
+                outputs=outputs,
             )
             with reporting(progress, begin, end) as report:
                 self._last_history = None
@@ -312,6 +331,7 @@ class Coupler(Description, Present, Uncut):
                         raise
             self._last_history = history = recording.history(end)  # if the warning is an error
             warn_if_coarse(history.subdomains, self._parts, *history.macro_times[[0, -1]])
+            warn_if_drifting(history, self._parts, self._rows, self._loads.motions)
             self._last_history = None
             return history
 

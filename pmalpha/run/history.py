@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from . import history_file
 from .accuracy import local_error
 from .conversion import frames, subdomain_dataset, subdomain_frame
 from .energy import ENERGY_FIELDS, Energy
-from .history_file import FORMAT, VERSION
+from .history_file import FORMAT, VERSION, output_array
 from .joining import joined
 from .keys import position
 
@@ -73,6 +73,8 @@ class SubdomainHistory:
         Hysteresis loops of the springs, with ``record_springs``. See `SpringState`.
     springs : (springs,) array of int, or None
         The springs of these columns.
+    outputs : dict of (k, rows) arrays
+        The outputs of ``run(outputs=)`` by name.
     substep : float or None
         The length h of its substeps; None for a History from a file of an older version.
     double_after : float or None
@@ -90,6 +92,7 @@ class SubdomainHistory:
     springs: np.ndarray | None = None
     substep: float | None = None
     double_after: float | None = None
+    outputs: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def local_error(self) -> np.ndarray:
         """Estimate of the displacement error that each step adds, from recorded u, v and a.
@@ -185,7 +188,8 @@ class SubdomainHistory:
         -------
         xarray.Dataset
             With u, v and a over ``time`` and ``dof``, and ``deformation`` and ``force`` of recorded
-            springs over ``time`` and ``spring``.
+            springs over ``time`` and ``spring``; outputs are variables by their names over
+            ``time`` and rows.
 
         Raises
         ------
@@ -201,7 +205,8 @@ class SubdomainHistory:
         -------
         pandas.DataFrame
             The index is ``time``, the columns are (quantity, dof): u, v and a, with recorded
-            springs also deformation and force, whose second label is the spring.
+            springs also deformation and force, whose second label is the spring, and outputs by
+            their names, whose second label is the row.
 
         Raises
         ------
@@ -223,7 +228,8 @@ class SubdomainHistory:
 
     def __repr__(self) -> str:
         levels, dofs = counted(self.t.size, "time level"), counted(self.dofs.size, "dof")
-        return f"<{self.name!r}: {levels}, {dofs}>"
+        outputs = f", {counted(len(self.outputs), 'output')}" if self.outputs else ""
+        return f"<{self.name!r}: {levels}, {dofs}{outputs}>"
 
 
 @dataclass(frozen=True)
@@ -398,12 +404,14 @@ class History:
             "names": [name for name, _ in self.keys],
             "recorded": [i for i, s in enumerate(self.subdomains) if s is not None],
             "steps": [s and (s.substep, s.double_after) for s in self.subdomains],
+            "outputs": [list(s.outputs) if s else [] for s in self.subdomains],
         }
         arrays = {name: getattr(self, name) for name in INTERFACE}
         for i, s in enumerate(self.subdomains):
             if s is not None:
                 kept = MOTION if s.springs is None else MOTION + LOOPS
                 arrays |= {f"{i}.{name}": getattr(s, name) for name in kept}
+                arrays |= {output_array(i, k): x for k, x in enumerate(s.outputs.values())}
         if self.energy is not None:
             arrays |= {f"energy.{name}": getattr(self.energy, name) for name in ENERGY_FIELDS}
         return header, arrays
@@ -441,11 +449,15 @@ class History:
         try:
             subdomains: list[SubdomainHistory | None] = [None] * len(header["names"])
             steps = header.get("steps", [(None, None)] * len(header["names"]))
+            outputs = header.get("outputs", [()] * len(header["names"]))
             for i in header["recorded"]:
                 kept = MOTION + LOOPS if f"{i}.springs" in arrays else MOTION
                 motion = {key: arrays[f"{i}.{key}"] for key in kept}
                 subdomains[i] = SubdomainHistory(
-                    header["names"][i], **motion, **dict(zip(STEPS, steps[i]))
+                    header["names"][i],
+                    **motion,
+                    **dict(zip(STEPS, steps[i])),
+                    outputs={x: arrays[output_array(i, k)] for k, x in enumerate(outputs[i])},
                 )
             interface = {key: arrays[key] for key in INTERFACE}
             energy = None
@@ -514,10 +526,12 @@ class History:
 
         Each recorded subdomain, here "rig", has the variables ``rig_u``, ``rig_v``, ``rig_a`` with
         the coordinates ``rig_time`` and ``rig_dof``, and with recorded springs ``rig_deformation``
-        and ``rig_force`` with ``rig_time`` and ``rig_spring``. The interface has ``multipliers``
-        and ``velocity_jump`` with ``multiplier_times`` and ``condition`` (the constraint, a row of
-        L), and ``displacement_jump`` with ``macro_times`` and ``condition``. A run with
-        ``energy=True`` has ``energy_kinetic`` and so on with ``macro_times`` and ``subdomain``.
+        and ``rig_force`` with ``rig_time`` and ``rig_spring``. An output "base shear" is
+        ``rig_base shear`` with ``rig_time`` and ``rig_base shear_row``. The interface has
+        ``multipliers`` and ``velocity_jump`` with ``multiplier_times`` and ``condition`` (the
+        constraint, a row of L), and ``displacement_jump`` with ``macro_times`` and ``condition``. A
+        run with ``energy=True`` has ``energy_kinetic`` and so on with ``macro_times`` and
+        ``subdomain``.
 
         Returns
         -------
@@ -554,6 +568,8 @@ class History:
                 time, dof = f"{s.name}_time", f"{s.name}_dof"
                 coordinates |= {time: s.t, dof: s.dofs}
                 variables |= {f"{s.name}_{q}": ((time, dof), getattr(s, q)) for q in "uva"}
+                for q, values in s.outputs.items():
+                    variables[f"{s.name}_{q}"] = ((time, f"{s.name}_{q}_row"), values)
             if s is not None and s.springs is not None:
                 time, spring = f"{s.name}_time", f"{s.name}_spring"
                 coordinates[spring] = s.springs

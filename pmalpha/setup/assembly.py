@@ -17,7 +17,7 @@ from .interface import interface_factor, interface_matrix, row_order
 from .iteration import iteration_of, prepare_iterated
 from .loose import warn_of_loose
 from .macro import prepare, warn_of_resonance
-from .part import Part, build, make_part, warn_of_factor, warn_of_order
+from .part import Part, build, make_part, warn_of_factors, warn_of_order
 from .stability import step_ratio, warn_of_steps
 from .start import InitialAccelerations
 
@@ -118,7 +118,7 @@ def _ordered(
     newton: Newton,
     factorize: Any,
 ) -> tuple[Part, ...]:
-    """The subdomains in elimination order, with a warning for each factor that is large."""
+    """The subdomains in elimination order, with warnings of factors that are large."""
     parts = tuple(
         make_part(
             s,
@@ -132,8 +132,7 @@ def _ordered(
         )
         for (name, s), L, double in zip(keys, matrices, doubles)
     )
-    for part in parts:
-        warn_of_factor(part)
+    warn_of_factors(parts)
     warn_of_order(parts)
     return parts
 

@@ -60,7 +60,7 @@ def _checked_block(kind: str | None, elements: Any, name: str, N: int, dim: int)
         )
     kind = BY_COLUMNS[columns] if kind is None else kind
     if columns != KINDS[kind].nodes:
-        raise ValueError(f"{name} must have {KINDS[kind].nodes} columns, got {columns}")
+        raise ValueError(f"{name} must have {counted(KINDS[kind].nodes, 'column')}, got {columns}")
     if dim < KINDS[kind].dimension:
         raise ValueError(
             f"{name} must fit the points, got {kind} with {counted(dim, 'coordinate')}"

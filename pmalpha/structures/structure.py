@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
 from .._checks import counted, real_number
 from ..problem.constraints import dof_list
@@ -14,6 +15,7 @@ from ..problem.matrices import Matrix, combination, sparse_diagonal
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from .internal import ElementForce
+from .line_forces import BAR, BEAM, line_forces
 
 __all__ = ["Structure"]
 
@@ -74,7 +76,7 @@ class Structure:
             if rows != n:
                 raise ValueError(
                     f"{name} must have {n} rows, {len(self.components)} for each of "
-                    f"{len(self.points)} points, got {rows}"
+                    f"{counted(len(self.points), 'point')}, got {rows}"
                 )
         if self.M.ndim == 1:
             object.__setattr__(self, "M", sparse_diagonal(self.M))
@@ -297,6 +299,91 @@ class Structure:
         """
         c_m, c_k = real_number(c_m, "c_m", low=0.0), real_number(c_k, "c_k", low=0.0)
         return combination([(c_m, self.M), (c_k, self.tangent())])
+
+    def element_forces(self) -> sp.csr_array:
+        """The matrix S from displacements of all dofs to forces of the line elements.
+
+        For ``run(outputs=)``, with the columns of the free dofs if some are fixed.
+
+        Returns
+        -------
+        csr_array
+            Of chains and rods (E, n): the normal force, tension positive. Of plane frames (6 E, n):
+            the forces on the first end of each element and those on its second end, each in its
+            axes (along the element, across, moment counter-clockwise). So the normal force is row
+            6 e + 3, the shear force row 6 e + 4 and the moment at the second end row 6 e + 5.
+
+        Raises
+        ------
+        ValueError
+            For other elements, several elements between the same two nodes, and internal forces.
+
+        Notes
+        -----
+        From K alone: the blocks between two nodes are those of the element, and rigid-body motions
+        are without force. Inertia forces within the elements (of a consistent mass) and damping
+        forces are not contained.
+
+        Examples
+        --------
+        >>> from pmalpha import models
+        >>> models.chain(3, 1.0, [10.0, 20.0]).element_forces().toarray().tolist()
+        [[-10.0, 10.0, 0.0], [0.0, -20.0, 20.0]]
+        """
+        self._require_linear("element_forces")
+        if set(self.elements) != {"line"} or self.components not in (BAR, BEAM):
+            raise ValueError(
+                f"element_forces needs elements 'line' with components {BAR} or {BEAM}, got "
+                f"{sorted(self.elements)} with {self.components}"
+            )
+        return line_forces(
+            sp.csr_array(self.K), self.points, self.elements["line"], self.components
+        )
+
+    def base_shear(self, nodes: Any, component: str = "ux") -> sp.csr_array:
+        """The matrix W from displacements of all dofs to the force of the supports at some nodes.
+
+        For ``run(outputs=)``, with the columns of the free dofs.
+
+        Parameters
+        ----------
+        nodes : int or (k,) array of int
+            Nodes that are fixed.
+        component : str, default "ux"
+            Direction of the force; for "rz" the sum of the clamping moments.
+
+        Returns
+        -------
+        (1, n) csr_array
+            The sum of the rows of K. The force acts on the structure: under a static load it is
+            minus the load in this direction. Forces of damping, and of a consistent mass at the
+            supports, are rows of C and M in the same way.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As of `dofs`; for a structure with internal forces.
+
+        Examples
+        --------
+        A rod fixed at its first node, of stiffness 2 / 0.5 next to it:
+
+        >>> from pmalpha import GeneralizedAlpha, models, reduce, solve
+        >>> bar = models.rod(4, 2.0, EA=2.0, rhoA=1.0)
+        >>> fixed = reduce(bar.M, bar.K, fixed=[0])
+        >>> model = Subdomain(fixed.M, fixed.K, scheme=GeneralizedAlpha(0.5), v0=np.ones(4))
+        >>> outputs = {0: {"base": bar.base_shear(0)[:, fixed.free]}}
+        >>> motion = solve(model, dt=0.1, steps=5, record={0: 0}, outputs=outputs)
+        >>> bool(np.all(motion.outputs["base"] == -4.0 * motion.u))
+        True
+        """
+        self._require_linear("base_shear")
+        rows = sp.csr_array(self.K)[self.dofs(nodes, component)]
+        return sp.csr_array(np.ones((1, rows.shape[0])) @ rows)
+
+    def _require_linear(self, what: str) -> None:
+        if self.internal:
+            raise ValueError(f"{what} needs a linear structure, got one with internal forces")
 
     def subdomain(self, *, scheme: Scheme, **options) -> Subdomain:
         """A Subdomain with this M, K and internal forces, without supports.

@@ -72,7 +72,7 @@ const pma_selection *pma_macro_selection(const pma_coupler *c, const pma_coupled
     if (!c->record || c->record->every > 0)
         return NULL;
     const pma_selection *selection = &c->record->selections[m - c->coupled];
-    return selection->count + selection->springs > 0 ? selection : NULL;
+    return pma_selection_is_empty(selection) ? NULL : selection;
 }
 
 /* ---- free macro run (M2) -------------------------------------------------------------------- */
