@@ -107,21 +107,47 @@ static int take_outputs(PyObject *obj, size_t size, npy_intp *rows, pma_selectio
     return take_combination(of_w, size, selection->outputs, &selection->of_w);
 }
 
-/* None or (position, u, v, w, springs=None, outputs=None), with all rows that the interval writes;
- * springs are (spring, deformation, force) */
+/* (corrections or None, q or None) */
+static int take_history(PyObject *obj, const pma_parts *parts, npy_intp *rows,
+                        pma_selection *selection)
+{
+    PyObject *corrections, *q;
+    if (!PyTuple_Check(obj)) {
+        PyErr_SetString(PyExc_TypeError, "history must be None or a tuple");
+        return -1;
+    }
+    if (!PyArg_ParseTuple(obj, "OO", &corrections, &q))
+        return -1;
+    if (corrections != Py_None && !parts->iterate) {
+        PyErr_SetString(PyExc_ValueError, "the subdomain is not iterated");
+        return -1;
+    }
+    if (corrections != Py_None &&
+        take_rows(corrections, rows, 1, "iterations", &selection->corrections) < 0)
+        return -1;
+    if (q == Py_None)
+        return 0;
+    selection->history = selection->of_history;
+    return take_rows(q, rows, (npy_intp)selection->history, "q", &selection->q);
+}
+
+/* None or (position, u, v, w, springs=None, outputs=None, history=None), with all rows that the
+ * interval writes; springs are (spring, deformation, force) */
 static int take_selection(PyObject *obj, const pma_parts *parts, size_t last_row,
                           pma_selection *selection)
 {
     PyObject *position, *u, *v, *w, *springs = Py_None, *outputs = Py_None;
+    PyObject *history = Py_None;
     npy_intp rows = -1;
-    *selection = (pma_selection){.of_springs = parts->springs.total};
+    *selection = (pma_selection){.of_springs = parts->springs.total,
+                                 .of_history = parts->internal.history};
     if (obj == Py_None)
         return 0;
     if (!PyTuple_Check(obj)) {
         PyErr_SetString(PyExc_TypeError, "selections must be None or a tuple of arrays");
         return -1;
     }
-    if (!PyArg_ParseTuple(obj, "OOOO|OO", &position, &u, &v, &w, &springs, &outputs) ||
+    if (!PyArg_ParseTuple(obj, "OOOO|OOO", &position, &u, &v, &w, &springs, &outputs, &history) ||
         take_positions(position, parts->n, "position", &selection->count, &selection->position) < 0)
         return -1;
     const npy_intp count = (npy_intp)selection->count;
@@ -130,6 +156,8 @@ static int take_selection(PyObject *obj, const pma_parts *parts, size_t last_row
         take_rows(w, &rows, count, "w", &selection->w) < 0)
         return -1;
     if (springs != Py_None && take_springs(springs, &rows, selection) < 0)
+        return -1;
+    if (history != Py_None && take_history(history, parts, &rows, selection) < 0)
         return -1;
     if (outputs != Py_None && take_outputs(outputs, parts->n, &rows, selection) < 0)
         return -1;

@@ -209,8 +209,8 @@ def _exact_state(
     if part.double:
         before = ((n * part.subdomain.substeps - 1) / part.subdomain.substeps) * coupler.dt
         u, v, w, _ = _exact_at(coupler, part, exact, before)
-        # no step reads this free velocity, and there are no springs
-        arrays += (u, v, w, w, np.zeros(part.nb), np.zeros(0))
+        # no step reads this free velocity, and there are no springs and internal forces
+        arrays += (u, v, w, w, np.zeros(part.nb), np.zeros(0), np.zeros(0))
     return arrays
 
 

@@ -20,6 +20,8 @@ ARRAYS = {
     "deformation": ("deformation of springs, a row for each time level", "u"),
     "force": ("force of springs, as deformation", "F"),
     "springs": ("the recorded springs, from 0", "1"),
+    "iterations": ("Newton iterations of each substep", "1"),
+    "q": ("history of internal forces, a row for each time level", "any"),
     "multipliers": ("interface forces, a column for each constraint", "F"),
     "multiplier_times": ("times of multipliers and velocity_jump", "t"),
     "velocity_jump": ("violation of the velocity constraints, as multipliers", "u/t"),

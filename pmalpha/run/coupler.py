@@ -11,7 +11,7 @@ from .._checks import check_word, flag, time_step, whole_number
 from ..problem.arguments import Coupling, Start
 from ..problem.constraints import Constraint
 from ..problem.forces import checked_force
-from ..problem.newton import Newton
+from ..problem.newton import DEFAULT, Newton
 from ..problem.subdomain import Subdomain
 from ..setup.assembly import assemble
 from ..setup.constraint_rows import ConstraintRows
@@ -69,6 +69,8 @@ class Coupler(Description, Present, Uncut):
         "rebased": the stored free velocity of a double-step subdomain is replaced when its double
         steps begin, after the first macro step, equation (S3). "plain": it is kept, as in the
         paper. No effect under "macro", where no step reads a stored free velocity.
+    newton : Newton, default Newton()
+        How internal forces are iterated; no effect without them.
     threads : int, optional
         Maximum number of threads, including the caller; 1 runs serially. Results are bitwise
         identical for any number. Default: the number of processors of this process if equations
@@ -149,7 +151,7 @@ class Coupler(Description, Present, Uncut):
         dt: float,
         coupling: Coupling = "pm",
         start: Start = "rebased",
-        newton: Newton = Newton(),
+        newton: Newton = DEFAULT,
         threads: int | None = None,
         factorize: Any = None,
     ):
@@ -164,7 +166,12 @@ class Coupler(Description, Present, Uncut):
         fine = finest(subdomains, coupling)
         self._fine = 1 if coupling == "macro" else fine  # interface problems in a macro step
         self._keys = tuple(zip(names_of(subdomains), subdomains))
-        self._options = {"dt": self._clock.dt, "coupling": coupling, "start": start, "newton": newton}
+        self._options = {
+            "dt": self._clock.dt,
+            "coupling": coupling,
+            "start": start,
+            "newton": newton,
+        }
         doubles = double_steps(subdomains, coupling)
 
         self._rows = ConstraintRows(constraints, subdomains)
@@ -278,6 +285,8 @@ class Coupler(Description, Present, Uncut):
         ------
         TypeError, ValueError
             For wrong arguments, and for a wrong result of a load.
+        ConvergenceError
+            When the iteration of internal forces does not converge.
         InstabilityError
             When a value is not finite, or after that StabilityWarning has left all bounds.
         CallbackError
@@ -461,9 +470,7 @@ class Coupler(Description, Present, Uncut):
         """
         with self._entered():
             step, arrays = checkpoint.read(path, self._problem())
-            state = checkpoint.core_state(
-                path, arrays, self._parts, self._core, self._row_position
-            )
+            state = checkpoint.core_state(path, arrays, self._parts, self._core, self._row_position)
             self._loads = self._loads.renewed()  # stored values of callables are of other times
             self._loads.to_core()
             checkpoint.restore(state, self._parts, self._core, step)

@@ -30,6 +30,7 @@ __all__ = ["History", "State", "SubdomainHistory"]
 # The arrays of a History in a file: of a subdomain, of its springs, of the interface.
 MOTION = ("t", "u", "v", "a", "dofs")
 LOOPS = ("deformation", "force", "springs")
+OF_INTERNAL = ("iterations", "q")
 STEPS = ("substep", "double_after")  # in the header
 INTERFACE = (
     "multipliers",
@@ -75,6 +76,11 @@ class SubdomainHistory:
         The springs of these columns.
     outputs : dict of (k, rows) arrays
         The outputs of ``run(outputs=)`` by name.
+    iterations : (k,) array of int, or None
+        Newton iterations of each substep with internal forces, zero at the first time level: those
+        of its beginning and its end together, under "macro" those of all passes.
+    q : (k, m) array, or None
+        The history of the internal forces, where all dofs are recorded.
     substep : float or None
         The length h of its substeps; None for a History from a file of an older version.
     double_after : float or None
@@ -93,6 +99,8 @@ class SubdomainHistory:
     substep: float | None = None
     double_after: float | None = None
     outputs: Mapping[str, np.ndarray] = field(default_factory=dict)
+    iterations: np.ndarray | None = None
+    q: np.ndarray | None = None
 
     def local_error(self) -> np.ndarray:
         """Estimate of the displacement error that each step adds, from recorded u, v and a.
@@ -410,6 +418,7 @@ class History:
         for i, s in enumerate(self.subdomains):
             if s is not None:
                 kept = MOTION if s.springs is None else MOTION + LOOPS
+                kept += tuple(name for name in OF_INTERNAL if getattr(s, name) is not None)
                 arrays |= {f"{i}.{name}": getattr(s, name) for name in kept}
                 arrays |= {output_array(i, k): x for k, x in enumerate(s.outputs.values())}
         if self.energy is not None:
@@ -452,7 +461,10 @@ class History:
             outputs = header.get("outputs", [()] * len(header["names"]))
             for i in header["recorded"]:
                 kept = MOTION + LOOPS if f"{i}.springs" in arrays else MOTION
+                kept += tuple(name for name in OF_INTERNAL if f"{i}.{name}" in arrays)
                 motion = {key: arrays[f"{i}.{key}"] for key in kept}
+                if "iterations" in motion:
+                    motion["iterations"] = np.asarray(motion["iterations"]).astype(int)
                 subdomains[i] = SubdomainHistory(
                     header["names"][i],
                     **motion,

@@ -82,6 +82,7 @@ def _pair(first: Any, second: Any) -> Any:
             subdomains.append(None)
             continue
         names = ("t", "u", "v", "a") + (() if a.springs is None else ("deformation", "force"))
+        names += tuple(x for x in ("iterations", "q") if getattr(a, x) is not None)
         outputs = {q: np.concatenate([x, b.outputs[q][overlap:]]) for q, x in a.outputs.items()}
         subdomains.append(replace(a, **rows(a, b, names), outputs=outputs))
     interface = ("multipliers", "multiplier_times", "velocity_jump")

@@ -20,7 +20,7 @@ from ..problem.subdomain import Subdomain
 from ..setup.part import Part
 from .appending import EarlierRows, check_new
 from .energy import ENERGIES, ENERGY_FIELDS, Energy
-from .history import LOOPS, History, SubdomainHistory
+from .history import LOOPS, OF_INTERNAL, History, SubdomainHistory
 from .history_file import HistoryFile, library, output_array, row_count
 from .joining import WORKS
 from .keys import by_index
@@ -90,6 +90,7 @@ class Recording:
             [] if springs is None else self._allocate(part.subdomain.substeps, springs.size, 2)
             for part, springs in zip(parts, self.springs)
         ]
+        self.memories = [self._allocate_memory(part, dofs) for part, dofs in zip(parts, self.dofs)]
         self.output_values = [
             None if own is None else self._allocate(part.subdomain.substeps, own.rows, 1)[0]
             for part, own in zip(parts, self.outputs)
@@ -102,6 +103,15 @@ class Recording:
         self.multipliers, self.velocity_jump = self._allocate(self.fine, p, 2)
         (self.displacement_jump,) = self._allocate(1, p, 1)
         (self.energy,) = self._allocate(1, self.energy_columns, 1)
+
+    def _allocate_memory(self, part: Part, dofs: np.ndarray | None) -> dict[str, np.ndarray]:
+        """Arrays for the iterations and, where all dofs are recorded, the history of internal
+        forces."""
+        columns = history_columns(part, dofs)
+        return {
+            name: self._allocate(part.subdomain.substeps, count, 1)[0]
+            for name, count in columns.items()
+        }
 
     def __enter__(self) -> Recording:
         return self
@@ -136,6 +146,9 @@ class Recording:
         for part, springs in zip(self.parts, self.springs):
             if springs is not None:
                 numbers += 2.0 * rows(part.subdomain.substeps) * springs.size
+        for part, dofs in zip(self.parts, self.dofs):
+            columns = sum(history_columns(part, dofs).values())
+            numbers += rows(part.subdomain.substeps) * columns
         for part, own in zip(self.parts, self.outputs):
             if own is not None:
                 numbers += rows(part.subdomain.substeps) * own.rows
@@ -166,6 +179,7 @@ class Recording:
                     *self.motions[i],
                     None if springs is None else (springs, *self.loops[i]),
                     None if outputs is None else (self.output_values[i], *self.weights[i]),
+                    tuple(self.memories[i].get(name) for name in OF_INTERNAL),
                 )
         interface = self.multipliers, self.velocity_jump, self.displacement_jump
         energy = self._energies(self.energy) if self.energy_columns else None
@@ -191,6 +205,7 @@ class Recording:
                     dofs,
                     **self._loops(i, rows),
                     outputs=self._output_values(i, rows),
+                    **self._memory(i, rows),
                     substep=part.h,
                     double_after=self.dt if part.double else None,
                 )
@@ -213,6 +228,13 @@ class Recording:
             return {}
         deformation, force = (x[:rows] for x in self.loops[i])
         return dict(deformation=deformation, force=force, springs=self.springs[i])
+
+    def _memory(self, i: int, rows: int) -> dict[str, np.ndarray]:
+        """The recorded iterations and history of internal forces of a subdomain."""
+        recorded = {name: x[:rows] for name, x in self.memories[i].items()}
+        if "iterations" in recorded:
+            recorded["iterations"] = recorded["iterations"][:, 0].astype(int)
+        return recorded
 
     def _output_values(self, i: int, rows: int) -> dict[str, np.ndarray]:
         """The recorded outputs of a subdomain by name."""
@@ -295,6 +317,7 @@ class FiledRecording(Recording):
                 levels |= {f"{i}.{name}": part.subdomain.substeps for name in "tuva"}
                 if self.springs[i] is not None:
                     levels |= {f"{i}.{name}": part.subdomain.substeps for name in LOOPS[:2]}
+                levels |= {f"{i}.{name}": part.subdomain.substeps for name in self.memories[i]}
                 count = len(self.outputs[i].sizes) if self.outputs[i] else 0
                 levels |= {output_array(i, k): part.subdomain.substeps for k in range(count)}
         return levels | {f"energy.{name}": 1 for name in ENERGY_FIELDS if self.energy_columns}
@@ -359,3 +382,13 @@ def chosen_springs(
             raise ValueError(f"{what} must be of a subdomain with {lack}, got one without")
         chosen[i] = np.arange(count) if springs is None else dof_list(springs, count, what)
     return chosen
+
+
+def history_columns(part: Part, dofs: np.ndarray | None) -> dict[str, int]:
+    """The columns of what is recorded of internal forces, by the names of `OF_INTERNAL`."""
+    if part.internal is None or dofs is None:
+        return {}
+    columns = {} if part.tangent is None else {"iterations": 1}
+    if part.internal.initial.size and dofs.size == part.n:
+        columns["q"] = part.internal.initial.size
+    return columns

@@ -65,7 +65,8 @@ class Uncut:
         Dofs that ties connect are one dof; the others follow in the order of the subdomains. Rows
         with a prescribed velocity are held at zero. A general constraint removes one of its dofs,
         expressed by the others. K and C include the estimates of restoring forces, such as the
-        initial tangents of springs, and the tangents of internal forces at t = 0. The coupler itself is unchanged.
+        initial tangents of springs, and the tangents of internal forces at t = 0. The coupler
+        itself is unchanged.
 
         Returns
         -------

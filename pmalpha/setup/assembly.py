@@ -99,7 +99,9 @@ def assemble(
 
     motions = tuple(position[r] for r in prescribed)
     cores = tuple(part.core for part in parts)
-    core = _core.Coupler(cores, p, H_start, H, dt, start == "rebased", motions, *threads, macro, iteration)
+    core = _core.Coupler(
+        cores, p, H_start, H, dt, start == "rebased", motions, *threads, macro, iteration
+    )
 
     # explicit steps above the critical step
     for part in parts:

@@ -4,7 +4,7 @@
 
 bool pma_selection_is_empty(const pma_selection *selection)
 {
-    return selection->count + selection->springs + selection->outputs == 0;
+    return selection->count + selection->springs + selection->history + selection->outputs == 0;
 }
 
 /* y (rows) += A x */
@@ -48,6 +48,15 @@ static void write_springs(const pma_selection *selection, const pma_state *state
     }
 }
 
+static void write_history(const pma_selection *selection, const pma_state *state, size_t row)
+{
+    if (selection->history > 0)
+        memcpy(selection->q + row * selection->history, state->history,
+               selection->history * sizeof(double));
+    if (selection->corrections)
+        selection->corrections[row] = state->history[selection->of_history];
+}
+
 void pma_selection_write(const pma_selection *selection, const pma_state *state, size_t row)
 {
     double *u = selection->u + row * selection->count;
@@ -60,6 +69,7 @@ void pma_selection_write(const pma_selection *selection, const pma_state *state,
         w[i] = state->w[k];
     }
     write_springs(selection, state, row);
+    write_history(selection, state, row);
     write_outputs(selection, state, row);
 }
 

@@ -23,6 +23,9 @@ typedef struct {
     size_t springs, of_springs;  /* number of springs recorded, and of all springs */
     const int64_t *spring;       /* springs: which */
     double *deformation, *force; /* rows x springs by rows */
+    size_t history, of_history;  /* numbers recorded of internal forces, all or none, and of all */
+    double *q;                   /* rows x history by rows */
+    double *corrections;         /* rows, or NULL: of iterated substeps */
     size_t outputs;              /* number of outputs y = of_u u + of_v v + of_w w */
     pma_combination of_u, of_v, of_w;
     double *output; /* rows x outputs by rows */
