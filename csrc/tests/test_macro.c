@@ -172,7 +172,7 @@ static void a_unit_response_gives_the_interface_matrix_and_its_mean(void)
     make_pair(&q, false, false);
     const double unit = 1.0;
     double end = 0.0, mean = 0.0;
-    CHECK_STATUS(pma_response_run(pma_subdomain_response(q.B.core), &unit, &end, &mean), PMA_OK);
+    CHECK_STATUS(pma_response_run(pma_subdomain_response(q.B.core), false, &unit, &end, &mean), PMA_OK);
     const level b = naive_substeps(&q.B, false, NO_FORCE, 1.0, true, REST);
     CHECK_NEAR(end, constrained(&q.B, 0, b.v), AGREE);
     CHECK(mean > 0.0 && mean < end); /* far from a resonance the velocity grows */

@@ -62,7 +62,7 @@ class Description:
 
     @property
     def coupling(self) -> str:
-        """The schedule by which the subdomains advance: "pm", "gc" or "macro"."""
+        """The schedule by which the subdomains advance: "pm", "gc", "macro" or "mean"."""
         return self._options["coupling"]
 
     @property
