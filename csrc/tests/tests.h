@@ -41,5 +41,7 @@ extern const test STOP_TESTS[];
 extern const test THREADS_TESTS[];
 extern const test SPLIT_TESTS[];
 extern const test MACRO_TESTS[];
+extern const test ITERATED_TESTS[];
+extern const test ITERATED_RUNS_TESTS[];
 
 #endif
