@@ -43,6 +43,7 @@ extern const test SPLIT_TESTS[];
 extern const test MACRO_TESTS[];
 extern const test NUMERIC_TESTS[];
 extern const test BROYDEN_TESTS[];
+extern const test INTERNAL_TESTS[];
 extern const test NEWTON_TESTS[];
 extern const test ITERATED_TESTS[];
 extern const test ITERATED_RUNS_TESTS[];
