@@ -129,7 +129,7 @@ void share_matrices(part *x)
             in->K1[user] = 2.0 * stiffness * x->K[ours];
             in->K2[user] = stiffness * x->K[ours];
             in->C2[user] = damping * x->C[ours];
-            in->K[ours] = (1.0 - 3.0 * stiffness) * x->K[ours];
+            in->K[ours] = (1.0 - 3.0 * stiffness) * x->K[ours] - in->springs_K[ours];
             in->C[ours] = (1.0 - damping) * x->C[ours];
             in->where[user] = (int64_t)ours;
         }

@@ -36,6 +36,8 @@ typedef struct {
     double cubic, ramp;    /* f_k += cubic u_k^3 + ramp t */
     double plastic, yield; /* f_0 += plastic (u_0 - p), |u_0 - p| <= yield, of the user's dof 0 */
 
+    double springs_K[MOST * MOST]; /* what linear springs of the part are of its K */
+
     size_t evaluated, fail_at; /* calls of both; the one that returns 7, 0: none */
     size_t spoil_from;         /* the first one that adds NaN to its force, 0: none */
 

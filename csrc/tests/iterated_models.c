@@ -23,6 +23,31 @@ const pma_schedule *schedule_of(const model *m)
     return m->macro ? &pma_macro_schedule : &pma_fine_schedule;
 }
 
+/* Linear springs between dofs 0 and 1, and dof 1 and the ground. */
+static const int32_t ENDS[2] = {0, 1}, OTHER_ENDS[2] = {1, -1};
+static const double STIFF[2] = {0.5, 1.0}, NONE[2] = {0.0, 0.0};
+static const pma_spring_set LINEAR_SPRINGS = {
+    .law = PMA_CUBIC, .count = 2, .first = ENDS, .second = OTHER_ENDS, .parameters = {STIFF, NONE}};
+
+void fill_inner(part *x, bool used, const chain *chosen)
+{
+    inner *in = &x->inner;
+    if (!used)
+        return;
+    *in = (inner){.used = true, .springs = chosen->sprung, .keeps = chosen->newton.reuse};
+    if (chosen->nonlinear) {
+        in->cubic = 2.0;
+        in->ramp = 0.5;
+        in->plastic = 4.0;
+        in->yield = 0.25;
+    } else if (chosen->sprung) {
+        x->springs = (pma_springs){1, &LINEAR_SPRINGS, 2};
+        in->springs_K[0] = STIFF[0];
+        in->springs_K[1] = in->springs_K[x->n] = -STIFF[0];
+        in->springs_K[x->n + 1] = STIFF[0] + STIFF[1];
+    }
+}
+
 static void sum_up(iteration_memory *it, const model *m, bool later)
 {
     memset(it->constant[later], 0, sizeof it->constant[later]);

@@ -11,6 +11,7 @@
 #include "parts.h"
 
 typedef struct model model;
+typedef struct chain chain;
 
 /* Memory of the caller's of a coupler that iterates; the first macro step, the later ones. */
 typedef struct {
@@ -22,6 +23,9 @@ typedef struct {
 } iteration_memory;
 
 bool has_inner(const model *m);
+
+/* Internal forces of a part of a chain, if `used`, and springs that are iterated with them. */
+void fill_inner(part *x, bool used, const chain *chosen);
 
 /* NULL where no part has internal forces. */
 const pma_iteration_parts *describe_iteration(model *m);

@@ -358,17 +358,12 @@ void build_chain(model *m, const chain *chosen)
     memcpy(m->naive, chosen->naive, sizeof m->naive);
     m->newton = chosen->newton;
     fill_chain(m, &chosen->plan, scale);
-    for (size_t i = 0; i < PARTS; i++) {
-        inner *in = &m->parts[i].inner;
-        if (chosen->nonlinear)
-            *in = (inner){.cubic = 2.0, .ramp = 0.5, .plastic = 4.0, .yield = 0.25};
-        in->used = chosen->inner[i];
-        in->keeps = chosen->newton.reuse;
-    }
     fill_loads(m, scale);
     if (chosen->plan.restored)
         fill_restoring(m);
-    if (chosen->sprung)
+    for (size_t i = 0; i < PARTS; i++)
+        fill_inner(&m->parts[i], chosen->inner[i], chosen);
+    if (chosen->sprung && (chosen->nonlinear || !has_inner(m)))
         fill_springs(m);
     make_model(m);
 }

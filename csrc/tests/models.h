@@ -103,16 +103,17 @@ typedef struct {
 } plan;
 
 /* What else a chain can be. */
-typedef struct {
+struct chain {
     plan plan;
     double scale;               /* of initial values and loads; 0 stands for 1 */
     size_t threads;             /* 0 stands for 1 */
-    bool macro, stored, sprung; /* sprung: springs of all laws */
+    bool macro, stored, sprung; /* sprung: springs of all laws; linear ones with internal forces
+                                   that are linear */
     bool naive[PARTS], looks_ahead;
     bool inner[PARTS]; /* internal forces, with shares of the matrices */
     bool nonlinear;    /* ... and with all other terms of inner.h */
     pma_newton newton; /* of 0 iterations: TIGHT, 40 of them */
-} chain;
+};
 
 void build_chain(model *m, const chain *chosen);
 void make_chain(model *m, plan chosen, double scale);

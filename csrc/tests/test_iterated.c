@@ -16,7 +16,7 @@
 
 /* ---- linear internal forces ----------------------------------------------------------------- */
 
-enum { CASES = 60 };
+enum { CASES = 60, MOST_SPRINGS = 2 };
 
 /* The error e that Newton's method leaves is below TIGHT s, as energies, and s is that of velocities
  * of order one. |R|^2 <= |Mbar| e^2 / al1 with |Mbar| < 10 and al1 = h^2/4 > 1e-4: |R| < 300 e. */
@@ -29,6 +29,7 @@ static chain draw_chain(bool macro, uint64_t *seed)
     chain c = {.macro = macro, .threads = 1 + draw(seed, 3)};
     c.plan = (plan){.rebased = true, .moved = draw(seed, 2)};
     c.plan.restored = !macro && draw(seed, 2); /* shooting evaluates r in every run */
+    c.sprung = draw(seed, 2);
     for (size_t i = 0; i < PARTS; i++) {
         c.plan.substeps[i] = macro ? 1 + draw(seed, FINE) : divisors[draw(seed, 4)];
         c.inner[i] = draw(seed, 2);
@@ -44,6 +45,7 @@ static chain draw_chain(bool macro, uint64_t *seed)
     return c;
 }
 
+/* Springs of parts with internal forces alone: the naive program has those in K. */
 static void check_linear(bool macro)
 {
     static model m;
@@ -71,7 +73,7 @@ static void linear_internal_forces_are_the_matrices_they_come_from(void)
 /* A time level as it was recorded; a and history follow from it. */
 typedef struct {
     level state;
-    double history[HISTORY];
+    double history[HISTORY], springs[PMA_SPRING_FIELDS * MOST_SPRINGS];
 } known_level;
 
 static void read_level(const part *x, const double *u, const double *v, const double *w, size_t row,
@@ -118,6 +120,10 @@ static void check_substep(const part *x, size_t k, double t, const double *lam,
     naive_force(x, t, k - 1, F);
     naive_pull(x, t, ut, vs, r);
     naive_inner(x, t, x->implicit ? end->u : ut, from->history, f, to->history);
+    pma_springs_subtract(&x->springs, x->inner.springs && x->implicit ? end->u : ut, from->springs,
+                         to->springs, sum);
+    for (size_t i = 0; i < x->n; i++)
+        sum[i] = -sum[i];
     for (size_t i = 0; i < x->n; i++) {
         CHECK_NEAR(end->u[i], ut[i] + al1_of(x, twice) * end->w[i], AGREE);
         CHECK_NEAR(end->v[i], vt[i] + al2_of(x, twice) * end->w[i], AGREE);
@@ -142,9 +148,10 @@ static void check_part_equations(const model *m, const tape *t, size_t i)
 {
     const part *x = &m->parts[i];
     known_level levels[LEVELS] = {{.history = {0.0}}};
-    double f[MOST];
+    double f[MOST], y[MOST] = {0.0};
     levels[0].state = m->levels[i][0];
     naive_inner(x, 0.0, x->u0, x->inner.initial, f, levels[0].history);
+    pma_springs_subtract(&x->springs, x->u0, levels[0].springs, levels[0].springs, y);
     for (size_t k = 1; k <= STEPS * x->substeps; k++) {
         double lam[CONSTRAINTS];
         const size_t back = x->doubled && k > x->substeps ? 2 : 1;
@@ -158,6 +165,9 @@ static void check_part_equations(const model *m, const tape *t, size_t i)
     if (!x->inner.used)
         return;
     const double *history = pma_subdomain_present(x->core)->history;
+    const double *springs = pma_subdomain_present(x->core)->springs;
+    for (size_t k = 0; k < PMA_SPRING_FIELDS * x->springs.total; k++)
+        CHECK_NEAR(springs[k], last->springs[k], AGREE);
     CHECK_NEAR(history[0], last->history[0], AGREE);
     CHECK(history[1] == last->history[1]); /* one more for every step, whatever was evaluated */
 }
@@ -189,7 +199,7 @@ static void check_nonlinear(bool macro)
         c.plan.restored = draw(&seed, 2);
         for (size_t i = 0; i < PARTS; i++) {
             c.naive[i] = false;
-            c.inner[i] = c.inner[i] || c.plan.restored;
+            c.inner[i] = c.inner[i] || c.plan.restored || c.sprung;
         }
         build_chain(&m, &c);
         make_tape(&t, &m, 0, 0);
