@@ -107,6 +107,9 @@ size_t copy_iteration(const model *m, double *out)
         const part *x = &m->parts[i];
         pma_iterate *it = pma_subdomain_iterate(x->core);
         const double *history = pma_subdomain_present(x->core)->history;
+        const double *springs = pma_subdomain_present(x->core)->springs;
+        for (size_t k = 0; k < PMA_SPRING_FIELDS * x->springs.total; k++)
+            out[count++] = springs[k];
         for (size_t k = 0; x->inner.used && k < HISTORY + (it ? 1 : 0); k++)
             out[count++] = history[k];
         if (it)

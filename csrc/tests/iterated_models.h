@@ -35,9 +35,13 @@ const pma_schedule *schedule_of(const model *m);
 /* The histories as the start finds them, what they belong to evaluated once (N17). */
 void start_histories(model *m);
 
-/* What the present consists of besides the states: histories and numbers of iterations, energy
- * scales, and what the coupler keeps. Returns how many numbers. */
-enum { MORE = 3 * (HISTORY + 2) + 1 + CONSTRAINTS + CONSTRAINTS * CONSTRAINTS };
+/* What the present consists of besides the states: springs, histories and numbers of iterations,
+ * energy scales, and what the coupler keeps. Returns how many numbers. */
+enum {
+    MOST_SPRINGS = 2, /* of a part */
+    MORE = 3 * (PMA_SPRING_FIELDS * MOST_SPRINGS + HISTORY + 2) + 1 + CONSTRAINTS +
+           CONSTRAINTS * CONSTRAINTS
+};
 size_t copy_iteration(const model *m, double *out);
 
 /* The present of one model becomes that of another one, which is made alike. */

@@ -19,7 +19,7 @@ enum { SPAN = 3, KINDS = 8 }; /* macro steps of a run; kinds of runs */
 static chain kind(int k)
 {
     const bool macro = k & 1, doubled = k & 4;
-    chain c = {.macro = macro, .nonlinear = true, .inner = {true, true, true}};
+    chain c = {.macro = macro, .nonlinear = true, .sprung = true, .inner = {true, true, true}};
     c.plan = (plan){{macro && doubled ? 1 : 2, 6, 3}, doubled, doubled && !macro, true, true, true};
     c.newton = (pma_newton){.tolerance = 1e-10, .iterations = 40, .reuse = k & 2};
     return c;

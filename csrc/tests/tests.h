@@ -46,6 +46,7 @@ extern const test BROYDEN_TESTS[];
 extern const test INTERNAL_TESTS[];
 extern const test NEWTON_TESTS[];
 extern const test ITERATED_TESTS[];
+extern const test DUFFING_TESTS[];
 extern const test ITERATED_RUNS_TESTS[];
 
 #endif
