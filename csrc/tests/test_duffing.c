@@ -86,6 +86,127 @@ static void duffing_pairs_converge_with_second_order(void)
     }
 }
 
+/* ---- the law in the middle of a substep --------------------------------------------------------- */
+
+enum { RATIO = 4 }; /* substeps of B in one of A */
+
+/* A step of one mass, in which everything follows from the velocity at its end. */
+typedef struct {
+    const part *x;
+    double ut, vt, al1, al2;
+} mass_step;
+
+static mass_step begin_step(const part *x, const level *from)
+{
+    double ut[MOST], vt[MOST], vs[MOST];
+    naive_predict(x, false, from, ut, vt, vs);
+    return (mass_step){x, ut[0], vt[0], al1_of(x, false), al2_of(x, false)};
+}
+
+static level end_step(const mass_step *s, const level *from, double v)
+{
+    level to = {.v = {v}};
+    to.w[0] = (v - s->vt) / s->al2;
+    to.u[0] = s->ut + s->al1 * to.w[0];
+    to.a[0] = naive_recur(s->x->scheme, to.w[0], from->w[0], from->a[0]);
+    return to;
+}
+
+/* M w + K u + cubic u^3 with this velocity at the end, and its derivative */
+static double force(const mass_step *s, double v, double *slope)
+{
+    const part *x = s->x;
+    const double w = (v - s->vt) / s->al2, u = s->ut + s->al1 * w, cubic = x->inner.cubic;
+    *slope += (x->M[0] + s->al1 * (x->K[0] + 3.0 * cubic * u * u)) / s->al2;
+    return x->M[0] * w + x->K[0] * u + cubic * u * u * u;
+}
+
+/* The velocity of force(a) + force(b) + (v - o) k = lam, a or b may be NULL. */
+static double balance(const mass_step *a, const mass_step *b, double o, double k, double lam)
+{
+    double v = 0.0;
+    for (size_t i = 0; i < 30; i++) {
+        double slope = k, sum = k * (v - o) - lam;
+        if (a)
+            sum += force(a, v, &slope);
+        if (b)
+            sum += force(b, v, &slope);
+        v -= sum / slope;
+    }
+    return v;
+}
+
+/* (N13) as written: A contributes the law of its free solution until its substep ends; then both are
+ * in equilibrium with the same velocity, and Lam is the force on A. */
+static void run_naively(const model *m, size_t steps, double *lam, level *A, level *B)
+{
+    *A = m->levels[0][0];
+    *B = m->levels[1][0];
+    lam[0] = m->lam0[0];
+    for (size_t k = 1; k <= steps * RATIO; k++) {
+        static mass_step a;
+        static double o[2], stiffness; /* 1/G */
+        const mass_step b = begin_step(&m->parts[1], B);
+        const size_t phase = (k - 1) % RATIO + 1;
+        if (phase == 1) {
+            a = begin_step(&m->parts[0], A);
+            const double v = balance(&a, NULL, 0.0, 0.0, lam[k - 1]);
+            stiffness = 0.0;
+            force(&a, v, &stiffness);
+            o[0] = A->v[0] - lam[k - 1] / stiffness;
+            o[1] = v - lam[k - 1] / stiffness;
+        }
+        const double theta = (double)phase / RATIO, at = (1.0 - theta) * o[0] + theta * o[1];
+        const bool ends = phase == RATIO;
+        const double v =
+            ends ? balance(&a, &b, 0.0, 0.0, 0.0) : balance(&b, NULL, at, stiffness, 0.0);
+        double unused;
+        lam[k] = ends ? force(&a, v, &unused) : (v - at) * stiffness;
+        *B = end_step(&b, B, v);
+        if (ends)
+            *A = end_step(&a, A, v);
+    }
+}
+
+/* Forces and accelerations are of order ten. */
+static const double AGREE_10 = 10.0 * AGREE;
+
+static void check_mass(const model *m, size_t i, const level *expected)
+{
+    const pma_state *s = pma_subdomain_present(m->subdomains[i]);
+    CHECK_NEAR(s->u[0], expected->u[0], AGREE_10);
+    CHECK_NEAR(s->v[0], expected->v[0], AGREE_10);
+    CHECK_NEAR(s->w[0], expected->w[0], AGREE_10);
+    CHECK_NEAR(s->a[0], expected->a[0], AGREE_10);
+}
+
+/* Linear or not, with fresh tangents and kept ones. */
+static void between_its_time_levels_a_part_has_the_law_of_its_free_solution(void)
+{
+    static model m;
+    static tape t;
+    for (int k = 0; k < 4; k++) {
+        double lam[LEVELS];
+        level A, B;
+        make_pair(&m, (pair){{1, RATIO}, false, false, false, {50.0, k & 1 ? 20.0 : 0.0}}, 0.2);
+        pma_coupler_parts parts = describe_coupler(&m);
+        pma_iteration_parts iteration = *parts.iteration;
+        iteration.newton.reuse = k & 2;
+        parts.iteration = &iteration;
+        pma_coupler_destroy(m.coupler);
+        CHECK_STATUS(pma_coupler_create(&parts, &m.coupler), PMA_OK);
+        start_model(&m);
+        make_tape(&t, &m, 0, 0);
+        run_taped(&m, &t, STEPS);
+        run_naively(&m, STEPS, lam, &A, &B);
+        for (size_t i = 0; i <= STEPS * RATIO; i++)
+            CHECK_NEAR(t.lam[i], lam[i], AGREE_10);
+        check_mass(&m, 0, &A);
+        check_mass(&m, 1, &B);
+        destroy_model(&m);
+    }
+}
+
 /* ---- tangents that are singular ---------------------------------------------------------------- */
 
 /* Mbar + 3 al1 cubic u^2 < 0: of A, or of B alone. */
@@ -275,6 +396,7 @@ static void subdomains_that_cannot_be_iterated_are_refused(void)
 
 const test DUFFING_TESTS[] = {
     TEST(duffing_pairs_converge_with_second_order),
+    TEST(between_its_time_levels_a_part_has_the_law_of_its_free_solution),
     TEST(a_tangent_that_is_not_definite_is_named),
     TEST(an_interface_matrix_that_is_not_definite_is_singular),
     TEST(a_failed_iteration_knows_where_it_was),
