@@ -176,7 +176,7 @@ def draw_plate(figure):
     ax.bar(np.arange(len(rows)) + 0.5, quoted, 0.22, label="Kratos 10.4.4 (quoted)", **_fill(0))
     names = [f"{r['mesh']}\n{short(r['dofs per subdomain'])} dofs" for r in rows]
     ax.set_xticks(np.arange(len(rows)) + 0.25, names)
-    ax.set(yscale="log", ylabel="ms a macro step")
+    ax.set(yscale="log", ylabel="time of a macro step (ms)")
     ax.legend()
 
 
@@ -200,7 +200,7 @@ def draw_coupling(figure):
     left.set_yticks(np.arange(len(own)) + 0.17, names)
     left.axvline(1.0, color="0.4", linewidth=0.8)
     left.invert_yaxis()
-    left.set(xlabel="coupled step over sum of uncoupled steps")
+    left.set(xlabel="ratio of times", title="Coupled step over the sum of uncoupled steps")
     left.legend()
     rows = read("subcycling")
     for schemes, line in (("explicit", 0), ("implicit", 2)):
@@ -208,13 +208,14 @@ def draw_coupling(figure):
         x, y = ([r[c] for r in own] for c in ("theoretical ratio", "ratio"))
         right.plot(x, y, "o", label=f"both {schemes}", **_fill(line))
     ends = [0.04, 0.5]
-    right.plot(ends, ends, color="0.4", linewidth=0.8)
+    right.plot(ends, ends, color="0.4", linestyle="-", linewidth=0.8)
     right.set(xscale="log", yscale="log")
     ticks = [0.05, 0.1, 0.2, 0.4]
     for axis in (right.xaxis, right.yaxis):
         axis.set_ticks(ticks, [str(x) for x in ticks])
         axis.set_ticks([], minor=True)
-    right.set(xlabel="ratio in proportion to dofs", ylabel="subcycled over uncut at the fine step")
+    right.set(xlabel="theoretical ratio of times", ylabel="measured ratio of times")
+    right.set_title("Subcycled run over the uncut run at the fine step")
     right.legend()
 
 
@@ -246,7 +247,7 @@ def draw_growth(figure):
     axes[2, 2].set_ylim(1.0, 100.0)
     for ax, word in zip(axes[2], columns):
         ax.set_xlabel(word)
-    for ax, word in zip(axes[:, 0], ("macro step, ms", "set-up, s", "memory of set-up, MB")):
+    for ax, word in zip(axes[:, 0], ("macro step (ms)", "set-up (s)", "memory of set-up (MB)")):
         ax.set_ylabel(word)
     for ax in axes[0]:
         ax.legend()

@@ -113,7 +113,9 @@ def real_array(value: Any, name: str, ndim: int | tuple[int, ...] = 1) -> np.nda
 
 
 def vector(value: Any, n: int, name: str) -> np.ndarray:
-    """A new float64 array of shape (n,), finite."""
+    """A new float64 array of shape (n,), finite; a number too where n is 1."""
+    if n == 1 and np.ndim(value) == 0:
+        value = plain_array(value, name).reshape(1)
     array = real_array(value, name)
     if array.shape != (n,):
         raise ValueError(f"{name} must have shape ({n},), got {array.shape}")

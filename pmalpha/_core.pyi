@@ -22,11 +22,24 @@ _Load = (
 )
 # law, first and second position, parameters
 _Springs = tuple[int, np.ndarray, np.ndarray, tuple[np.ndarray, ...]]
-# position, u, v, w, and optionally spring, deformation, force
-_Selection = tuple[np.ndarray, ...] | None
+# position, u, v, w, and optionally (spring, deformation, force), (output, of_u, of_v, of_w) with
+# (start, position, weight) of each
+_Selection = tuple[Any, ...] | None
 _Record = tuple[  # begin, every, selections, multipliers, velocity and displacement jumps, energy
     int, int, tuple[_Selection, ...], np.ndarray, np.ndarray, np.ndarray, np.ndarray | None
 ]
+
+# function, numbers in its history, where each value of its pattern is in that of the tangent
+_Function = tuple[Callable | LowLevelCallable, int, np.ndarray | None]
+# ptr, index, structure, dgemm, dtrsm: a matrix that is factored again and again
+_Numeric = tuple[np.ndarray, np.ndarray, _Panels | None, Any, Any]
+# iterated springs, kept tangents, pattern, constant part in single and double steps, |M|
+_Iterate = tuple[bool, bool, _Numeric, np.ndarray, np.ndarray | None, _Matrix]
+# tolerance, iterations, kept tangents; pattern and constant parts of H, or responses and |H|
+_Iteration = (
+    tuple[float, int, bool, _Numeric, np.ndarray, np.ndarray]
+    | tuple[float, int, bool, _Matrix, _Matrix, _Matrix]
+)
 
 class Subdomain:
     entries: int
@@ -41,12 +54,15 @@ class Subdomain:
         single: _Operator,
         twice: _Operator | None,
         link: tuple[int, np.ndarray, np.ndarray, np.ndarray],
-        restoring: tuple[Callable | LowLevelCallable, np.ndarray] | None = None,  # as a load
+        restoring: tuple[tuple[Callable | LowLevelCallable, ...], np.ndarray] | None = None,
         D_r: _Matrix = None,
         lagged: bool = False,
         responds: bool = False,
         K_r: _Matrix = None,
         springs: tuple[_Springs, ...] = (),
+        M: _Matrix = ...,  # given where there are internal forces
+        internal: tuple[np.ndarray, np.ndarray, tuple[_Function, ...]] | None = None,
+        iterate: _Iterate | None = None,
     ) -> Subdomain: ...
     def set_load(self, load: _Load, /) -> None: ...
     def start(self, u: np.ndarray, v: np.ndarray, w: np.ndarray, lam: np.ndarray, /) -> None: ...
@@ -56,6 +72,8 @@ class Subdomain:
     def springs(self) -> np.ndarray: ...
     def levels(self) -> tuple[np.ndarray, ...]: ...
     def set_levels(self, levels: tuple[np.ndarray, ...], /) -> None: ...
+    def iteration(self) -> tuple[float, np.ndarray | None, bool] | None: ...
+    def set_iteration(self, scale: float, entries: np.ndarray | None, twice: bool, /) -> None: ...
     def begin_energy(self, M: _Matrix, load: np.ndarray, lam: np.ndarray, /) -> None: ...
     def end_energy(self) -> None: ...
     def compliance(self, twice: bool, rows: np.ndarray, /) -> np.ndarray: ...
@@ -88,13 +106,16 @@ class Coupler:
         threads: int = 1,
         worthwhile: bool = False,
         macro: bool = False,
+        iteration: _Iteration | None = None,
     ) -> Coupler: ...
     def start(self, step_count: int, lam: np.ndarray, g: np.ndarray, /) -> None: ...
     def set_motion(self, i: int, load: _Load, /) -> None: ...
     def advance(
         self, steps: int, record: _Record | None, report: Callable[[int], Any] | None = None, /
-    ) -> int | tuple[int, int, str] | None: ...
+    ) -> int | tuple[int, int, str] | tuple[int, float | None, int | None, int] | None: ...
     def record_present(self, record: _Record, /) -> None: ...
+    def iteration(self) -> np.ndarray: ...
+    def set_iteration(self, numbers: np.ndarray, /) -> None: ...
 
 def count_factor(ptr: np.ndarray, index: np.ndarray, /) -> np.ndarray: ...
 def postorder(ptr: np.ndarray, index: np.ndarray, nb: int, /) -> np.ndarray: ...

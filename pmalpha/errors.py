@@ -146,6 +146,7 @@ class CallbackError(PmalphaError):
     time : float
         The time at which that macro step begins, which is the present time of the coupler.
     subdomain : str
+        Name of the subdomain that has the function.
     """
 
     def __init__(self, code: int, what: str, step: int, time: float, subdomain: str):
@@ -185,7 +186,9 @@ class AccuracyWarning(UserWarning):
     """The steps of a run are too coarse for its motion.
 
     The local errors of the recorded steps, accumulated over the run, are above 3 per cent of the
-    amplitude, (D3) of docs/method.md. `SubdomainHistory.local_error` returns them.
+    amplitude, (D3) of docs/method.md. `SubdomainHistory.local_error` returns them. Or under macro
+    coupling the displacements at the interface drift apart too far, (D4): the macro step is too
+    long for the interface forces, which are linear in it.
     """
 
 

@@ -12,24 +12,29 @@ from xml.etree import ElementTree as xml
 
 import numpy as np
 
-from ._checks import listing, real_array
+from ._checks import listing, real_array, whole_number
+from .errors import warn
 from .files import checked_path, replacing
+from .structures.kinds import KINDS
 from .structures.mesh import Mesh, checked_mesh, nodal_values, nodal_vectors, padded
 
 __all__ = ["write_series"]
 
-# By the number of nodes of an element: name and number in XDMF, number in VTK.
-XDMF = {2: ("Polyline", 2), 4: ("Quadrilateral", 5), 8: ("Hexahedron", 9)}
-VTK = {2: 3, 4: 9, 8: 12}
 ORDER = {"little": "Little", "big": "Big"}[sys.byteorder]
+# Maximum number of times in a .pvd file by default: each is a file of its own
+MOST_FILES = 1000
 
 
 class Series(NamedTuple):
-    """The data of the files: fields by name, (k, N, dim) vectors or (k, N) numbers."""
+    """The data of the files: fields by name, (k, N, dim) vectors or (k, N) numbers.
+
+    Of the k times, those with the numbers `steps` are written.
+    """
 
     mesh: Mesh
     times: np.ndarray
     fields: Mapping[str, np.ndarray]
+    steps: np.ndarray
 
     def at(self, step: int) -> Iterator[tuple[str, np.ndarray]]:
         """Names and values of the fields, vectors with three components."""
@@ -48,6 +53,7 @@ def write_series(
     a: Any = None,
     *,
     data: Mapping[str, Any] | None = None,
+    most_times: int | None = None,
 ) -> None:
     """Write the motion of a mesh for ParaView.
 
@@ -62,9 +68,12 @@ def write_series(
         With suffix .xdmf or .pvd. Existing files are replaced.
     points : (N, dim) array_like
         Coordinates of the nodes; dim is 1, 2 or 3.
-    elements : (m, 2), (m, 4) or (m, 8) array_like of int, or dict
-        Nodes of lines, quadrilaterals (around) or hexahedra (around the bottom, then around the
-        top), or a dict of several by name: "line", "quad", "hexahedron".
+    elements : array_like of int, or dict
+        Nodes of elements by the name of their kind, in the order of nodes of meshio and VTK:
+        "line", "triangle", "quad", "tetra", "pyramid", "wedge", "hexahedron", and of second order
+        "line3", "triangle6", "quad8", "quad9", "tetra10", "pyramid13", "wedge15", "hexahedron20".
+        An array is taken as lines (m, 2), triangles (m, 3), quadrilaterals (m, 4) or hexahedra
+        (m, 8).
     times : (k,) array_like
         In rising order.
     u, v, a : (k, N * d) or (k, N, d) array_like
@@ -73,6 +82,10 @@ def write_series(
         dofs. v and a are optional.
     data : dict, optional
         Further fields at the nodes: (k, N) numbers by name.
+    most_times : int, optional
+        Maximum number of times in the files, at least 2. Of more times, the first, each n-th after
+        it and the last are written, with the smallest n that suffices. Default: all for .xdmf,
+        1000 for .pvd.
 
     Raises
     ------
@@ -80,6 +93,11 @@ def write_series(
         For another suffix, and inconsistent shapes.
     OSError
         When a file cannot be written.
+
+    Warns
+    -----
+    UserWarning
+        If a .pvd file would have more than 1000 times, and `most_times` is not given.
 
     Examples
     --------
@@ -101,9 +119,37 @@ def write_series(
     not_rising = np.flatnonzero(np.diff(times) <= 0.0) + 1
     if not_rising.size:
         raise ValueError(f"times must rise, which they do not at entries {listing(not_rising)}")
+    if most_times is not None:
+        most_times = whole_number(most_times, "most_times", low=2)
     mesh = checked_mesh(points, elements)
-    series = Series(mesh, times, _fields(mesh, times.size, u, v, a, data or {}))
+    fields = _fields(mesh, times.size, u, v, a, data or {})
+    if most_times is None and path.suffix.lower() == ".pvd":
+        most_times = MOST_FILES
+        _warn_if_thinned(times.size)
+    series = Series(mesh, times, fields, _written(times.size, most_times))
     writers[path.suffix.lower()](path, series)
+
+
+def _interval(count: int, most: int) -> int:
+    """The smallest n such that the first, each n-th and the last of `count` are at most `most`."""
+    return max(1, -(-(count - 1) // (most - 1)))
+
+
+def _written(count: int, most: int | None) -> np.ndarray:
+    """Numbers of the times that are written."""
+    if most is None:
+        return np.arange(count)
+    return np.unique(np.append(np.arange(0, count, _interval(count, most)), count - 1))
+
+
+def _warn_if_thinned(count: int) -> None:
+    if count > MOST_FILES:
+        n, kept = _interval(count, MOST_FILES), _written(count, MOST_FILES).size
+        warn(
+            f"{kept} of {count} times are written, one in {n} and the last, since a .pvd file has "
+            f"a .vtu file for each; most_times={count} writes all, .xdmf has all in two files",
+            UserWarning,
+        )
 
 
 def _fields(
@@ -135,9 +181,9 @@ def _write_xdmf(path: Path, series: Series) -> None:
     binary = path.with_suffix(".bin")
     with replacing(binary) as file:
         topology, geometry = _xdmf_mesh(file, binary.name, series.mesh)
-        for step, time in enumerate(series.times):
+        for step in series.steps:
             grid = xml.SubElement(steps, "Grid", Name="mesh", GridType="Uniform")
-            xml.SubElement(grid, "Time", Value=repr(float(time)))
+            xml.SubElement(grid, "Time", Value=repr(float(series.times[step])))
             grid.extend([topology, geometry])
             for name, values in series.at(step):
                 kind = "Vector" if values.ndim == 2 else "Scalar"
@@ -149,16 +195,19 @@ def _write_xdmf(path: Path, series: Series) -> None:
 
 
 def _xdmf_mesh(file: BinaryIO, name: str, mesh: Mesh) -> tuple[xml.Element, xml.Element]:
-    count = sum(len(block) for block in mesh.blocks)
+    count = str(sum(len(block.nodes) for block in mesh.blocks))
     if len(mesh.blocks) == 1:
         (block,) = mesh.blocks
-        kind, corners = XDMF[block.shape[1]][0], str(block.shape[1])
+        kind = KINDS[block.kind]
         topology = xml.Element(
-            "Topology", TopologyType=kind, NumberOfElements=str(count), NodesPerElement=corners
+            "Topology",
+            TopologyType=kind.xdmf[0],
+            NumberOfElements=count,
+            NodesPerElement=str(kind.nodes),
         )
-        topology.append(_data_item(file, name, block))
+        topology.append(_data_item(file, name, block.nodes))
     else:
-        topology = xml.Element("Topology", TopologyType="Mixed", NumberOfElements=str(count))
+        topology = xml.Element("Topology", TopologyType="Mixed", NumberOfElements=count)
         topology.append(_data_item(file, name, _mixed(mesh)))
     geometry = xml.Element("Geometry", GeometryType="XYZ")
     geometry.append(_data_item(file, name, np.ascontiguousarray(padded(mesh.points, 3))))
@@ -168,10 +217,9 @@ def _xdmf_mesh(file: BinaryIO, name: str, mesh: Mesh) -> tuple[xml.Element, xml.
 def _mixed(mesh: Mesh) -> np.ndarray:
     """Elements of several kinds: XDMF number of the kind, number of nodes (lines only), nodes."""
     rows = []
-    for block in mesh.blocks:
-        corners = block.shape[1]
-        before = [XDMF[corners][1]] + [2] * (corners == 2)
-        rows.append(np.insert(block, 0, np.array(before)[:, None], axis=1).ravel())
+    for kind, nodes in mesh.blocks:
+        before = [KINDS[kind].xdmf[1]] + [2] * (kind == "line")
+        rows.append(np.insert(nodes, [0] * len(before), before, axis=1).ravel())
     return np.concatenate(rows)
 
 
@@ -203,13 +251,13 @@ def _write_pvd(path: Path, series: Series) -> None:
         raise OSError(error.errno, message, str(folder)) from error
     root = xml.Element("VTKFile", type="Collection", version="0.1", byte_order=f"{ORDER}Endian")
     collection = xml.SubElement(root, "Collection")
-    for step, time in enumerate(series.times):
+    for step in series.steps:
         file = folder / f"{step:06d}.vtu"
         _write_vtu(file, series.mesh, series.at(step))
         xml.SubElement(
             collection,
             "DataSet",
-            timestep=repr(float(time)),
+            timestep=repr(float(series.times[step])),
             part="0",
             file=f"{folder.name}/{file.name}",
         )
@@ -224,17 +272,21 @@ def _write_vtu(path: Path, mesh: Mesh, fields: Iterator[tuple[str, np.ndarray]])
         byte_order=f"{ORDER}Endian",
         header_type="UInt64",
     )
-    corners = np.concatenate([np.full(len(block), block.shape[1]) for block in mesh.blocks])
-    types = np.concatenate([np.full(len(b), VTK[b.shape[1]], dtype=np.uint8) for b in mesh.blocks])
+    counts = np.array([len(block.nodes) for block in mesh.blocks])
+    kinds = [KINDS[block.kind] for block in mesh.blocks]
+    sizes = np.repeat([kind.nodes for kind in kinds], counts)
+    types = np.repeat(np.array([kind.vtk for kind in kinds], dtype=np.uint8), counts)
     grid = xml.SubElement(root, "UnstructuredGrid")
     piece = xml.SubElement(
-        grid, "Piece", NumberOfPoints=str(len(mesh.points)), NumberOfCells=str(len(corners))
+        grid, "Piece", NumberOfPoints=str(len(mesh.points)), NumberOfCells=str(len(sizes))
     )
     points = xml.SubElement(piece, "Points")
     _data_array(points, "Points", np.ascontiguousarray(padded(mesh.points, 3)))
     cells = xml.SubElement(piece, "Cells")
-    _data_array(cells, "connectivity", np.concatenate([block.ravel() for block in mesh.blocks]))
-    _data_array(cells, "offsets", np.cumsum(corners))
+    _data_array(
+        cells, "connectivity", np.concatenate([block.nodes.ravel() for block in mesh.blocks])
+    )
+    _data_array(cells, "offsets", np.cumsum(sizes))
     _data_array(cells, "types", types)
     data = xml.SubElement(piece, "PointData", Vectors="displacement")
     for name, values in fields:

@@ -21,29 +21,47 @@ from .problem.subdomain import Subdomain
 from .run.coupler import Coupler
 from .run.history import History
 from .structures import (
+    ElementForce,
+    J2Plasticity,
+    NeoHookean,
     Structure,
+    StVenantKirchhoff,
     beam_frame,
     chain,
+    corotational_frame,
     modes,
+    nonlinear_solid,
+    nonlinear_solid_on,
+    plane_contact,
     plate,
     plate_on,
     rod,
     solid,
     solid_on,
+    sphere_contact,
     subdivide,
     submesh,
+    truss,
 )
 
 __all__ = [
+    "ElementForce",
     "FourDof",
+    "J2Plasticity",
     "Model",
+    "NeoHookean",
+    "StVenantKirchhoff",
     "Structure",
     "beam_frame",
     "chain",
+    "corotational_frame",
     "el_centro",
     "four_dof",
     "modal_damping",
     "modes",
+    "nonlinear_solid",
+    "nonlinear_solid_on",
+    "plane_contact",
     "plate",
     "plate_on",
     "rayleigh",
@@ -51,9 +69,11 @@ __all__ = [
     "shear_frame",
     "solid",
     "solid_on",
+    "sphere_contact",
     "split_oscillator",
     "subdivide",
     "submesh",
+    "truss",
 ]
 
 
@@ -64,7 +84,9 @@ class Model:
     Attributes
     ----------
     subdomains : tuple of Subdomain
+        In the order of the couplers.
     constraints : Constraint
+        The ties between them.
     """
 
     subdomains: tuple[Subdomain, ...]
@@ -83,6 +105,7 @@ class Model:
         Returns
         -------
         Coupler
+            At t = 0.
 
         Raises
         ------
@@ -218,8 +241,9 @@ class FourDof(Model):
         Returns
         -------
         t : (k,) ndarray
+            Times of the macro time levels.
         u : (k, 4) ndarray
-            u2 is the mean of the two sides.
+            Of dof 2 the mean of the two sides.
 
         Raises
         ------
@@ -242,6 +266,7 @@ class FourDof(Model):
         Returns
         -------
         t : (k,) ndarray
+            Times of the macro time levels.
         amplitudes : (k, 4) ndarray
             Displacement times square root of mass, in the order of `frequencies`.
 
@@ -422,8 +447,10 @@ def rayleigh(omegas: Sequence[float], ratios: Sequence[float]) -> tuple[float, f
 
     Returns
     -------
-    c_m, c_k : float
-        In 1/time and in time.
+    c_m : float
+        In 1/time.
+    c_k : float
+        In time.
 
     Raises
     ------
@@ -464,7 +491,7 @@ def modal_damping(
 
     Returns
     -------
-    C : (n, n) ndarray or csr_array
+    (n, n) ndarray or csr_array
         In force per velocity; sparse, with all entries, if K is sparse.
 
     Raises
@@ -491,7 +518,7 @@ def modal_damping(
         raise ValueError("ratios must not be empty, got none")
     if values.size > massive:
         raise ValueError(
-            f"ratios must have at most {massive} entries, the dofs with mass, got {values.size}"
+            f"ratios must be at most {massive}, one for each dof with mass, got {values.size}"
         )
     if values.min() < 0.0:
         worst = int(np.argmin(values))

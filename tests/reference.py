@@ -203,16 +203,21 @@ class Step:
         """Mbar^-1 g, of the shape of g."""
         return np.linalg.solve(self.mbar, g)
 
-    def free(self, old, t1):
-        """Free problem of the step from the state `old` to t1 = old.t + h (13)."""
+    def right_side(self, old, t1):
+        """Predictors ut, vt and the right-hand side g of (11), each (n,), for the step to t1."""
         s = self.subdomain
         ut, vt = predictors(s, old, self.h)
         # (R1)  vs = v + h w
         vs = old.v + self.h * old.w
-        # (7) (10) (11) (R3)  Mbar wf = F(t1) - C vt - K ut - r(ut, vs, t1) - D_r (vt - vs)
+        # (7) (10) (11) (R3)  g = F(t1) - C vt - K ut - r(ut, vs, t1) - D_r (vt - vs)
         damping = s.C @ (vs if s.lagged else vt)  # (R4)
         r = s.restore(ut, vs, t1) + s.D_r @ (vt - vs)
-        wf = self.solve(s.load(t1) - damping - s.K @ ut - r)
+        return ut, vt, s.load(t1) - damping - s.K @ ut - r
+
+    def free(self, old, t1):
+        """Free problem of the step from the state `old` to t1 = old.t + h (13)."""
+        ut, vt, g = self.right_side(old, t1)
+        wf = self.solve(g)  # Mbar wf = g
         # (8)  uf = ut + al1 wf, vf = vt + al2 wf
         return Free(old, t1, u=ut + self.al1 * wf, v=vt + self.al2 * wf, w=wf)
 

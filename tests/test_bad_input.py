@@ -1246,7 +1246,7 @@ def prescribed(velocity, v0=(0.0, 0.0)):
     return pm.Coupler([a], pm.Constraint({a: [[1.0, 0.0]]}, velocity=velocity), dt=0.1)
 
 
-@pytest.mark.parametrize("value", [[1.0, 2.0], 1.0, None, [np.nan], [np.inf], "x", [1j], [[1.0]]])
+@pytest.mark.parametrize("value", [[1.0, 2.0], None, np.nan, [np.inf], "x", [1j], 1j, [[1.0]]])
 def test_a_prescribed_velocity_of_nonsense_is_named_with_constraint_and_time(value):
     wrong = []
 

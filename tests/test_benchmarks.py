@@ -16,6 +16,7 @@ BENCHMARKS = ROOT / "benchmarks"
 # step_profile.py needs perf
 SCRIPTS = [
     "coupling_cost",
+    "elements",
     "fine_step",
     "growth",
     "large",

@@ -614,7 +614,7 @@ def test_no_subdomain_takes_double_steps_by_default():
 def test_unit_responses_that_take_long_are_warned_of_or_refused(monkeypatch):
     a, b = halves(substeps=20)
     monkeypatch.setattr(macro, "LONG", 0.0)
-    with pytest.warns(pm.PerformanceWarning, match="'B': 1 constraints times 20 substeps"):
+    with pytest.warns(pm.PerformanceWarning, match="'B': 1 constraint times 20 substeps"):
         coupled(a, b)
     monkeypatch.setattr(macro, "ABSURD", 0.0)
     with pytest.raises(ValueError, match='take coupling="pm" or "gc"'):
@@ -831,7 +831,7 @@ def test_a_tie_without_mass_costs_an_order_and_is_warned_of():
         return largest(s.u[:, 0] - exact[0][:, 0])
 
     steps = (1 / 200, 1 / 400)
-    with pytest.warns(pm.ConstraintWarning, match="dofs 0 of subdomain 'b' have no mass"):
+    with pytest.warns(pm.ConstraintWarning, match="interface dof has no mass: dof 0 of 'b';"):
         first = [error(dt, "macro", 2) for dt in steps]
     assert orders(first)[0] == pytest.approx(1.0, abs=0.1)
     for coupling, substeps in (("macro", 1), ("gc", 2), ("pm", 2)):

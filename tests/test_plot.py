@@ -47,7 +47,7 @@ def legend(ax):
 def test_chosen_dofs_jumps_and_multipliers_are_drawn_over_time():
     history = four_dof()
     figure = history.plot({"A": [2, 0], "B": 1})
-    dofs, velocity, displacement, multiplier = figure.axes
+    dofs, displacement, multiplier = figure.axes
     a, b = history["A"], history["B"]
     expected = {
         "dof 2 of A": (a.t, a.u[:, 2]),
@@ -58,12 +58,11 @@ def test_chosen_dofs_jumps_and_multipliers_are_drawn_over_time():
     for label, data in expected.items():
         np.testing.assert_array_equal(lines(dofs)[label].T, data)
     for ax, t, x in (
-        (velocity, history.multiplier_times, history.velocity_jump),
         (displacement, history.macro_times, history.displacement_jump),
         (multiplier, history.multiplier_times, history.multipliers),
     ):
         np.testing.assert_array_equal(lines(ax)["constraint 0"].T, [t, x[:, 0]])
-    assert velocity.get_legend() is None  # one constraint needs none
+    assert displacement.get_legend() is None  # one constraint needs none
 
 
 def test_panels_share_one_axis_of_time_and_have_labels():
@@ -72,9 +71,60 @@ def test_panels_share_one_axis_of_time_and_have_labels():
     assert all(ax.get_shared_x_axes().joined(axes[0], ax) for ax in axes)
     assert axes[0].get_xlim() == (0.0, history.macro_times[-1])
     names = [ax.get_ylabel().split(" ($")[0] for ax in axes]
-    assert names == ["displacement", "velocity\njump", "displacement\njump", "multiplier"]
+    assert names == ["displacement", "displacement\njump", "multiplier"]
     assert axes[-1].get_xlabel() == "time $t$"
-    assert [text.get_text() for text in axes[0].figure.texts] == ["free vibration"]
+    title, note = axes[0].figure.texts
+    assert title.get_text() == "free vibration"
+    assert note.get_text().startswith("Velocity jump: rounding errors")
+
+
+def with_jumps(velocity, displacement):
+    """A history with jumps of this size, velocities up to 8 and displacements up to 4."""
+    u = np.linspace(-4.0, 3.0, 9)[:, None]
+    history = made_up(u, np.zeros((9, 1)))
+    history.velocity_jump[4], history.displacement_jump[2] = velocity, displacement
+    return history
+
+
+PANELS = ["displacement", "velocity\njump", "displacement\njump", "multiplier"]
+
+
+@pytest.mark.parametrize(
+    "velocity, displacement, without, words",
+    [
+        (-8.1e-12, 4.1e-12, [], ""),
+        (
+            -2.4e-14,
+            1.0,
+            [1],
+            r"Velocity jump: rounding errors, at most $3 \times 10^{-15}$ of the largest velocity.",
+        ),
+        (0.0, 1.0, [1], "Velocity jump: zero."),
+        (
+            7.9e-15,  # 9.9e-16 of the largest velocity
+            -4.0e-13,
+            [1, 2],
+            r"Velocity jump: rounding errors, at most $1 \times 10^{-15}$ of the largest velocity."
+            "\nDisplacement jump: rounding errors, at most "
+            r"$1 \times 10^{-13}$ of the largest displacement.",
+        ),
+    ],
+)
+def test_a_jump_of_rounding_errors_is_a_sentence_and_not_a_panel(
+    velocity, displacement, without, words
+):
+    figure = with_jumps(velocity, displacement).plot()
+    names = [ax.get_ylabel().split(" ($")[0] for ax in figure.axes]
+    assert names == [name for i, name in enumerate(PANELS) if i not in without]
+    assert "\n".join(text.get_text() for text in figure.texts) == words
+    figure.draw_without_rendering()
+
+
+def test_jumps_are_drawn_where_no_motion_is_recorded_to_compare_them_with():
+    model = models.split_oscillator(10.0)
+    history = model.coupler(0.05).run(steps=5, record={})
+    assert 0.0 < np.abs(history.velocity_jump).max() < 1e-12
+    assert [ax.get_ylabel().split(" ($")[0] for ax in history.plot().axes] == PANELS[1:]
 
 
 @pytest.mark.parametrize("quantity, name", [("v", "velocity"), ("a", "acceleration")])
@@ -476,13 +526,12 @@ BAD_MESHES = {
     "points must be a 2-D array": {"points": np.zeros(4)},
     "points must be finite": {"points": np.full((4, 2), np.nan)},
     "elements must hold node numbers": {"elements": [[0.0, 1.0]]},
-    "elements must have 2, 4 or 8 columns": {"elements": [[0, 1, 2]]},
+    "elements must be a dict by kind .* 2, 3, 4, 8 columns, got 5": {"elements": [[0] * 5]},
+    "elements must be 2-D": {"elements": [0, 1]},
     "elements must hold nodes 0..3, got 4": {"elements": [[0, 1, 2, 4]]},
     "elements must hold nodes 0..3, got -1": {"elements": [[0, -1]]},
     "elements must fit the points, got hexahedron with 2": {"elements": [[0] * 8]},
-    "elements must be of line, quad, hexahedron, got 'triangle'": {
-        "elements": {"triangle": [[0, 1, 2]]}
-    },
+    "elements must be of line, line3, .*, got 'tri3'": {"elements": {"tri3": [[0, 1, 2]]}},
     r"elements\['line'\] must have 2 columns, got 4": {"elements": {"line": [[0, 1, 2, 3]]}},
     "elements must not be empty": {"elements": {}},
     r"u must have shape \(4 d,\) or \(4, d\) with d >= 2 .* got \(7,\)": {"u": np.zeros(7)},

@@ -211,7 +211,7 @@ def test_modal_damping_leaves_rigid_motions_and_massless_dofs_free():
     "ratios, error, words",
     [
         ([0.05, -0.01], ValueError, "ratios must not be negative, got -0.01 at mode 1"),
-        ([0.05] * 5, ValueError, "ratios must have at most 4 entries, .* got 5"),
+        ([0.05] * 5, ValueError, "ratios must be at most 4, .* got 5"),
         ([], ValueError, "ratios must not be empty"),
         ("5 %", TypeError, "ratios must hold real numbers"),
     ],

@@ -234,3 +234,56 @@ def test_any_name_of_a_subdomain_can_be_written(name, tmp_path):
     pytest.importorskip("h5py")
     pm.Coupler([chain(1, name)], dt=0.1).run(steps=1).save(tmp_path / "run.h5")
     assert pm.History.load(tmp_path / "run.h5")[name].u.shape == (2, 1)
+
+
+# ---- one dof -------------------------------------------------------------------------------------
+
+
+def one(force, **options):
+    return pm.Subdomain(1.0, 4.0, scheme=SOFT, force=force, name="one", **options)
+
+
+@pytest.mark.parametrize(
+    "force", [2.0, 2, np.float32(2.0), np.array(2.0), lambda t: 2.0, lambda t: np.float64(2.0)]
+)
+def test_a_load_on_one_dof_is_a_number(force):
+    expected = pm.solve(one([2.0]), 0.1, steps=5).u
+    assert np.array_equal(pm.solve(one(force), 0.1, steps=5).u, expected)
+    coupler = pm.Coupler([one(None)], dt=0.1)
+    coupler.reset(force={"one": force})
+    assert np.array_equal(coupler.run(steps=5)["one"].u, expected)
+
+
+def test_initial_values_of_one_dof_are_numbers_in_a_reset_too():
+    coupler = pm.Coupler([one(None)], dt=0.1)
+    coupler.reset(u0={"one": 1.0}, v0={"one": 2})
+    assert np.array_equal(coupler.state("one").u, [1.0])
+    assert np.array_equal(coupler.state("one").v, [2.0])
+
+
+@pytest.mark.parametrize("velocity", [0.5, lambda t: 0.5])
+def test_a_prescribed_velocity_of_one_row_is_a_number(velocity):
+    s = one(None, v0=0.5)
+    coupler = pm.Coupler([s], pm.Constraint({s: [[1.0]]}, velocity=velocity), dt=0.1)
+    coupler.step(2)
+    np.testing.assert_allclose(coupler.state("one").v, 0.5, rtol=1e-14)  # rounding of a solve
+
+
+def test_a_restoring_force_of_one_dof_is_a_number():
+    options = dict(restoring_stiffness=1.0, u0=1.0)
+    short = one(None, restoring=lambda u, v, t: float(u[0]), **options)
+    long = one(None, restoring=lambda u, v, t: u, **options)
+    ours, theirs = (pm.solve(s, 0.1, steps=5).u for s in (short, long))
+    assert np.array_equal(ours, theirs)
+
+
+@pytest.mark.parametrize("force", [1.0, lambda t: 1.0])
+def test_a_number_is_no_load_on_two_dofs(force):
+    with pytest.raises(ValueError, match=r"must be a 1-D array, got shape \(\)"):
+        pm.solve(chain(2, force=force), 0.1, steps=1)
+
+
+@pytest.mark.parametrize("force", [True, "1", 1j, np.nan])
+def test_a_number_that_is_no_real_one_is_no_load(force):
+    with pytest.raises((TypeError, ValueError), match="force must"):
+        one(force)

@@ -564,8 +564,11 @@ def test_springs_that_do_not_fit_a_subdomain_are_errors():
     spring = pm.Gap([(0, 3)], 1.0, 0.0)
     with pytest.raises(ValueError, match="dofs of a Gap must lie in 0..2, got 3"):
         pm.Subdomain(np.ones(3), None, scheme=CD, restoring=spring)
-    for bad in ([], [spring, 1.0], [lambda u, v, t: u]):
-        with pytest.raises(TypeError, match="restoring must be callable or a list of springs"):
+    for bad, text in (
+        ([spring, 1.0], r"restoring\[1\] must be a spring or callable, got 1.0"),
+        ([[spring]], r"restoring\[0\] must be a spring or callable, got \[<Gap"),
+    ):
+        with pytest.raises(TypeError, match=text):
             pm.Subdomain(np.ones(4), None, scheme=CD, restoring=bad)
 
 

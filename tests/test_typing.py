@@ -1,6 +1,7 @@
 """What a type checker says of a user's script, and where the package is found."""
 
 import importlib.util
+import json
 import re
 import subprocess
 import sys
@@ -40,6 +41,18 @@ reveal_type(coupler.state(a))  # State
 peak: float = np.abs(history["a"].u).max()
 name: str = coupler.run(steps=1)[0].name
 pm.reduce(np.ones(n), K, fixed=[True, False, False])
+isolators = pm.BoucWen([0, 1], k=50.0, fy=[1.0, 2.0])
+quake = pm.BaseAcceleration([0.0, 1.0], dt=0.01, direction=np.ones(3), M=a.M)
+e = pm.Subdomain(
+    a.M, a.K, scheme=a.scheme, restoring=[isolators, lambda u, v, t: 0.1 * u**3], force=quake
+)
+run = pm.Coupler([e], dt=0.01)
+balance: float = np.abs(run.run(0.1, energy=True).energy.balance).max()
+order: float = pm.analysis.observed_order(lambda dt: dt**2, np.array([0.1, 0.2]))
+plate = pm.structures.plate(4, 2, 0.1, E=1.0, nu=0.3, rho=1.0)
+wall = plate.subdomain(scheme=pm.Newmark(), name="wall")
+edge = plate.nodes_at(x=0.0)
+walled = pm.Coupler([wall], pm.Constraint({wall: np.eye(wall.n)[plate.dofs(edge)]}), dt=0.01)
 """
 
 WRONG = """
@@ -60,20 +73,50 @@ pm.Coupler([a], dt=0.1).run(1.0)["a"].w  # attr-defined
 """
 
 
+# What pyright calls the mistakes that mypy reports with the codes of WRONG.
+PYRIGHT = {
+    "arg-type": "reportArgumentType",
+    "call-arg": "reportCallIssue",
+    "attr-defined": "reportAttributeAccessIssue",
+}
+
+
 @pytest.fixture(scope="module")
-def reports(tmp_path_factory):
-    """Lines that mypy prints on the two scripts, in a folder of a user."""
-    pytest.importorskip("mypy")
+def user(tmp_path_factory):
+    """A folder of a user with the two scripts."""
     folder = tmp_path_factory.mktemp("user")
     (folder / "right.py").write_text(RIGHT)
     (folder / "wrong.py").write_text(WRONG)
     # neither NumPy's nor SciPy's stubs are the subject
     (folder / "mypy.ini").write_text("[mypy]\n[mypy-scipy.*]\nignore_missing_imports = True\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def reports(user):
+    """Lines that mypy prints on the two scripts."""
+    pytest.importorskip("mypy")
     command = [sys.executable, "-m", "mypy", "right.py", "wrong.py"]
-    run = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
+    run = subprocess.run(command, cwd=user, capture_output=True, text=True, timeout=300)
     assert not run.stderr
     lines = run.stdout.splitlines()
     return {name: [x for x in lines if x.startswith(name)] for name in ("right", "wrong")}
+
+
+@pytest.fixture(scope="module")
+def of_pyright(user):
+    """What pyright reports on the two scripts: dicts with file, severity, rule and range."""
+    pytest.importorskip("pyright")
+    command = [sys.executable, "-m", "pyright", "--outputjson"]
+    command += ["--pythonpath", sys.executable, "right.py", "wrong.py"]
+    run = subprocess.run(command, cwd=user, capture_output=True, text=True, timeout=300)
+    return json.loads(run.stdout)["generalDiagnostics"]
+
+
+def mistakes():
+    """Line and mypy's code of each mistake in WRONG."""
+    lines = enumerate(WRONG.splitlines(), 1)
+    return {number: line.split("# ")[1] for number, line in lines if "# " in line}
 
 
 def test_a_script_that_runs_has_no_errors_and_the_results_have_their_types(reports):
@@ -83,7 +126,23 @@ def test_a_script_that_runs_has_no_errors_and_the_results_have_their_types(repor
     assert [name.split(".")[-1] for name in revealed] == wanted
 
 
-def test_the_script_that_mypy_accepts_runs(monkeypatch):
+def test_pyright_accepts_the_script_that_runs_and_finds_the_types_of_its_results(of_pyright):
+    found = [x for x in of_pyright if Path(x["file"]).name == "right.py"]
+    assert not [x["message"] for x in found if x["severity"] != "information"]
+    revealed = [re.search(r'is "(\w+)"$', x["message"])[1] for x in found]
+    assert revealed == re.findall(r"reveal_type.*# (\w+)", RIGHT)
+
+
+def test_pyright_names_every_mistake_of_a_script_with_its_line(of_pyright):
+    found = {
+        x["range"]["start"]["line"] + 1: x["rule"]
+        for x in of_pyright
+        if Path(x["file"]).name == "wrong.py"
+    }
+    assert found == {number: PYRIGHT[code] for number, code in mistakes().items()}
+
+
+def test_the_script_that_both_checkers_accept_runs(monkeypatch):
     monkeypatch.setattr("builtins.reveal_type", lambda x: x, raising=False)
     exec(compile(RIGHT, "right.py", "exec"), {})
 
@@ -94,12 +153,7 @@ def test_every_mistake_of_a_script_is_named_with_its_line(reports):
         for line in reports["wrong"]
         if (match := re.match(r"wrong\.py:(\d+): error: .*\[([\w-]+)\]$", line))
     }
-    wanted = {
-        number: line.split("# ")[1]
-        for number, line in enumerate(WRONG.splitlines(), 1)
-        if "# " in line
-    }
-    assert found == wanted
+    assert found == mistakes()
 
 
 def test_a_folder_of_the_same_name_does_not_shadow_the_package(tmp_path):

@@ -2,6 +2,7 @@
 
 import inspect
 
+import numpy as np
 import pytest
 
 import pmalpha as pm
@@ -77,6 +78,101 @@ def test_many_steps_above_the_critical_ones_are_counted():
     with pytest.warns(pm.StabilityWarning, match=r"\.\.\. \(20 in all\)") as caught:
         pm.Coupler([stiff(f"s{i}") for i in range(20)], dt=0.1, coupling="gc")
     assert len(of_stability(caught)) == 1
+
+
+def alike(names, **options):
+    """Subdomains of two dofs with substeps, the first dof of each tied to that of the next."""
+    common = {"M": [1.0, 1.0], "K": [[2.0, -1.0], [-1.0, 1.0]]} | options
+    made = []
+    for name in names:
+        own = {"double_step": False} if name == "c" and "double_step" in common else {}
+        made.append(pm.Subdomain(**common | own, name=name))
+    return made, [pm.tie(a, 0, b, 0) for a, b in zip(made, made[1:])]
+
+
+def only(caught, category):
+    (warning,) = [w for w in caught if w.category is category]
+    return str(warning.message)
+
+
+MACRO = [
+    (
+        {"scheme": SOFT, "substeps": 2, "restoring": lambda u, v, t: 0.1 * u},
+        pm.StabilityWarning,
+        "the restoring forces of subdomains 'a', 'b' are combined with substeps",
+        "the restoring force of subdomain 'a' is combined with substeps",
+    ),
+    (
+        {"scheme": SOFT, "substeps": 2, "M": [0.0, 1.0]},
+        pm.ConstraintWarning,
+        "these interface dofs have no mass: dof 0 of 'a', dof 0 of 'b'; with substeps",
+        None,
+    ),
+    (
+        {"scheme": pm.Newmark(), "double_step": True},
+        pm.StabilityWarning,
+        "the double steps of subdomains 'a', 'b' leave a zig-zag",
+        None,
+    ),
+]
+
+
+@pytest.mark.parametrize(("options", "category", "several", "one"), MACRO)
+def test_a_cause_under_macro_coupling_is_one_warning_that_names_all(
+    options, category, several, one
+):
+    with pytest.warns(category) as caught:
+        names = "abc" if options.get("double_step") else "ab"  # not on all subdomains
+        pm.Coupler(*alike(names, **options), dt=0.1, coupling="macro")
+    assert only(caught, category).startswith(several)
+    if one is not None:
+        with pytest.warns(category) as caught:
+            pm.Coupler(*alike("a", **options), dt=0.1, coupling="macro")
+        assert only(caught, category).startswith(one)
+
+
+def test_loose_subdomains_are_one_warning():
+    floating = [[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]]
+    made, ties = alike("abc", scheme=SOFT, M=[1.0, 1.0, 1.0], K=floating)
+    held = pm.Subdomain([1.0], [1.0], scheme=SOFT, name="held")
+    difference = pm.Constraint({s: [[1.0, -1.0, 0.0]] for s in made})
+    with pytest.warns(pm.ConstraintWarning) as caught:
+        pm.Coupler([*made, held], [difference, pm.tie(made[0], 2, held, 0)], dt=0.1)
+    text = only(caught, pm.ConstraintWarning)
+    assert text.startswith(
+        "subdomains 'b' (1 constraint), 'c' (1 constraint) are floating, and their constraints do "
+        "not hold them: each can move as a rigid body"
+    )
+
+
+def test_equations_without_mass_are_one_warning():
+    K = [[1.0, -1.0], [-1.0, 2.0]]
+    made = [pm.Subdomain([1.0, 0.0], K, scheme=SOFT, force=[0.0, 1.0], name=x) for x in "ab"]
+    with pytest.warns(pm.ConstraintWarning) as caught:
+        pm.Coupler(made, pm.tie(made[0], 0, made[1], 0), dt=0.1).run(steps=1)
+    text = only(caught, pm.ConstraintWarning)
+    assert text.startswith("dof 1 of 'a', dof 1 of 'b' have no mass, and their equation does not")
+
+
+def test_large_factors_of_explicit_subdomains_are_one_warning():
+    n = 500  # a dense M has 125 250 entries in its factor
+    M = np.eye(n) + np.full((n, n), 1e-3)
+    made = [pm.Subdomain(M, np.ones(n), scheme=FAST, name=name) for name in "ab"]
+    with pytest.warns(pm.PerformanceWarning) as caught:
+        pm.Coupler(made, pm.tie(made[0], 0, made[1], 0), dt=0.1)
+    assert only(caught, pm.PerformanceWarning).startswith(
+        "matrices of explicit subdomains, M of 'a' (125250 entries, 1 MB), M of 'b' (125250 "
+        "entries, 1 MB), are not diagonal: every step sweeps factors of this size"
+    )
+
+
+def test_coarse_steps_are_one_warning_that_names_all():
+    a, b = (pm.Subdomain([1.0], [1.0], scheme=SOFT, u0=[1.0], name=name) for name in "ab")
+    with pytest.warns(pm.AccuracyWarning) as caught:
+        pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.5, coupling="gc").run(steps=40)
+    assert only(caught, pm.AccuracyWarning).startswith(
+        "the steps of subdomains 'a' (0.5), 'b' (0.5) are too coarse for their motion: the error"
+    )
 
 
 @pytest.mark.parametrize(("u0", "words"), [([1, 0], "row 0:"), ([1, 2], "rows 0: 1, 1:")])

@@ -159,8 +159,8 @@ bool pma_is_compiled(PyObject *obj);
 /* (f, order): f is a LowLevelCallable with the signature of pma_force_function */
 int pma_take_force(PyObject *obj, PyObject *arrays, pma_load *load);
 
-/* None, or (f, order): f is a callable f(u, v, t) -> (n,) array in the user's order of dofs, or a
- * LowLevelCallable with the signature of pma_restoring_function */
+/* None, or ((f, ...), order), of which the sum counts: each f is a callable f(u, v, t) -> (n,) array
+ * in the user's order of dofs, or a LowLevelCallable with the signature of pma_restoring_function */
 int pma_take_restoring(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring *out);
 
 /* None, or (order, initial, ((function, history, where), ...)): the functions are callables

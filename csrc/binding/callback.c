@@ -103,22 +103,41 @@ int pma_take_force(PyObject *obj, PyObject *arrays, pma_load *load)
     return load->work && load->function ? PyList_Append(arrays, function) : -1;
 }
 
-int pma_take_restoring(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring *out)
+/* ---- restoring forces ----------------------------------------------------------------------- */
+
+typedef struct {
+    pma_restoring_function function;
+    void *user;
+} callback;
+
+/* Several functions as one: their sum, in this order. */
+typedef struct {
+    double *work; /* 3 n: scratch */
+    Py_ssize_t count;
+    callback each[];
+} series;
+
+static int call_series(double t, intptr_t n, double *u, double *v, double *r, void *user)
 {
-    PyObject *function, *order;
-    *out = (pma_restoring){.n = (size_t)n};
-    if (obj == Py_None)
-        return 0;
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "restoring must be None or a tuple (function, order)");
-        return -1;
+    const series *all = user;
+    const size_t bytes = (size_t)n * sizeof(double);
+    double *own_u = all->work, *own_v = own_u + n, *term = own_v + n;
+    for (Py_ssize_t i = 0; i < all->count; i++) {
+        memcpy(own_u, u, bytes); /* a function may write into its arguments */
+        memcpy(own_v, v, bytes);
+        memset(term, 0, bytes);
+        const int code = all->each[i].function(t, n, own_u, own_v, term, all->each[i].user);
+        if (code != 0)
+            return code;
+        for (intptr_t k = 0; k < n; k++)
+            r[k] += term[k];
     }
-    if (!PyArg_ParseTuple(obj, "OO", &function, &order) ||
-        pma_take_order(order, n, arrays, &out->order) < 0)
-        return -1;
-    out->work = add_scratch(3 * n, arrays);
-    if (!out->work || PyList_Append(arrays, function) < 0)
-        return -1;
+    return 0;
+}
+
+/* A function of the user; *by_caller is set for a Python callable. */
+static int take_callback(PyObject *function, callback *out, bool *by_caller)
+{
     out->function = (pma_restoring_function)pma_address_of(function, &out->user);
     if (out->function)
         return 0;
@@ -126,8 +145,69 @@ int pma_take_restoring(PyObject *obj, npy_intp n, PyObject *arrays, pma_restorin
         PyErr_SetString(PyExc_TypeError, "restoring must be callable");
         return -1;
     }
-    out->function = call_callable;
-    out->user = function;
-    out->by_caller = true;
+    *out = (callback){call_callable, function};
+    *by_caller = true;
     return 0;
+}
+
+static void free_series(PyObject *owner)
+{
+    PyMem_Free(PyCapsule_GetPointer(owner, NULL));
+}
+
+/* Room for `count` functions, owned by the list of arrays. */
+static series *add_series(Py_ssize_t count, npy_intp n, PyObject *arrays)
+{
+    series *all = PyMem_Calloc(1, sizeof *all + (size_t)count * sizeof all->each[0]);
+    PyObject *owner = all ? PyCapsule_New(all, NULL, free_series) : PyErr_NoMemory();
+    if (!owner) {
+        PyMem_Free(all);
+        return NULL;
+    }
+    all->count = count;
+    const int failed = PyList_Append(arrays, owner);
+    Py_DECREF(owner);
+    if (failed)
+        return NULL;
+    all->work = add_scratch(3 * n, arrays);
+    return all->work ? all : NULL;
+}
+
+static int take_functions(PyObject *functions, npy_intp n, PyObject *arrays, pma_restoring *out)
+{
+    const Py_ssize_t count = PyTuple_GET_SIZE(functions);
+    if (count == 0) {
+        PyErr_SetString(PyExc_ValueError, "restoring: a function is missing");
+        return -1;
+    }
+    series *all = add_series(count, n, arrays);
+    if (!all)
+        return -1;
+    for (Py_ssize_t i = 0; i < count; i++) {
+        if (take_callback(PyTuple_GET_ITEM(functions, i), &all->each[i], &out->by_caller) < 0)
+            return -1;
+    }
+    const callback whole = count == 1 ? all->each[0] : (callback){call_series, all};
+    out->function = whole.function;
+    out->user = whole.user;
+    return 0;
+}
+
+int pma_take_restoring(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring *out)
+{
+    PyObject *functions, *order;
+    *out = (pma_restoring){.n = (size_t)n};
+    if (obj == Py_None)
+        return 0;
+    if (!PyTuple_Check(obj)) {
+        PyErr_SetString(PyExc_TypeError, "restoring must be None or a tuple (functions, order)");
+        return -1;
+    }
+    if (!PyArg_ParseTuple(obj, "O!O", &PyTuple_Type, &functions, &order) ||
+        pma_take_order(order, n, arrays, &out->order) < 0)
+        return -1;
+    out->work = add_scratch(3 * n, arrays);
+    if (!out->work || PyList_Append(arrays, functions) < 0)
+        return -1;
+    return take_functions(functions, n, arrays, out);
 }

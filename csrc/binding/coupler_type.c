@@ -113,9 +113,8 @@ static int take_iteration(CouplerObject *self, PyObject *obj, pma_coupler_parts 
 
 static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
-    static char *names[] = {"subdomains", "p",       "H_start",    "H",     "dt", "rebased",
-                            "motions",    "threads", "worthwhile", "macro", "iteration",
-                            NULL};
+    static char *names[] = {"subdomains", "p",       "H_start",    "H",     "dt",        "rebased",
+                            "motions",    "threads", "worthwhile", "macro", "iteration", NULL};
     PyObject *subdomains, *H_start, *H, *motions, *iterated = Py_None;
     pma_iteration_parts iteration;
     Py_ssize_t p, threads = 1;

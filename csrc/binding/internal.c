@@ -256,9 +256,9 @@ PyObject *pma_subdomain_iteration(SubdomainObject *self, PyObject *Py_UNUSED(ign
     const double *kept = pma_iterate_kept(it, &twice);
     PyObject *entries =
         kept ? pma_new_vector((npy_intp)pma_iterate_entries(it), kept) : Py_NewRef(Py_None);
-    return entries ? Py_BuildValue("(dNO)", pma_iterate_scale(it), entries,
-                                   twice ? Py_True : Py_False)
-                   : NULL;
+    return entries
+               ? Py_BuildValue("(dNO)", pma_iterate_scale(it), entries, twice ? Py_True : Py_False)
+               : NULL;
 }
 
 /* set_iteration(scale, entries or None, twice) */

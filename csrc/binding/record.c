@@ -37,9 +37,16 @@ static int take_positions(PyObject *obj, size_t size, const char *name, size_t *
     return 0;
 }
 
-static int take_springs(PyObject *spring, PyObject *deformation, PyObject *force, npy_intp *rows,
-                        pma_selection *selection)
+/* (spring, deformation, force) */
+static int take_springs(PyObject *obj, npy_intp *rows, pma_selection *selection)
 {
+    PyObject *spring, *deformation, *force;
+    if (!PyTuple_Check(obj)) {
+        PyErr_SetString(PyExc_TypeError, "springs must be None or a tuple of arrays");
+        return -1;
+    }
+    if (!PyArg_ParseTuple(obj, "OOO", &spring, &deformation, &force))
+        return -1;
     if (take_positions(spring, selection->of_springs, "spring", &selection->springs,
                        &selection->spring) < 0)
         return -1;
@@ -49,21 +56,98 @@ static int take_springs(PyObject *spring, PyObject *deformation, PyObject *force
     return take_rows(force, rows, count, "force", &selection->force);
 }
 
-/* None, (position, u, v, w) or (position, u, v, w, spring, deformation, force), with all rows that
- * the interval writes */
+/* None or (start, position, weight), the rows of a matrix with `size` columns */
+static int take_combination(PyObject *obj, size_t size, size_t rows, pma_combination *out)
+{
+    PyObject *position, *weight;
+    PyArrayObject *start, *weights;
+    const npy_intp starts = (npy_intp)rows + 1;
+    npy_intp entries;
+    size_t count;
+    if (obj == Py_None)
+        return 0;
+    if (!PyTuple_Check(obj) || PyTuple_GET_SIZE(obj) != 3) {
+        PyErr_SetString(PyExc_TypeError, "a combination must be None or a tuple of three arrays");
+        return -1;
+    }
+    position = PyTuple_GET_ITEM(obj, 1);
+    weight = PyTuple_GET_ITEM(obj, 2);
+    if (pma_take_array(PyTuple_GET_ITEM(obj, 0), NPY_INT64, 1, &starts, "start", NULL, &start) <
+            0 ||
+        take_positions(position, size, "position", &count, &out->position) < 0)
+        return -1;
+    entries = (npy_intp)count;
+    if (pma_take_array(weight, NPY_DOUBLE, 1, &entries, "weight", NULL, &weights) < 0)
+        return -1;
+    out->start = PyArray_DATA(start);
+    out->weight = PyArray_DATA(weights);
+    bool fits = out->start[0] == 0 && out->start[rows] == (int64_t)entries;
+    for (size_t row = 0; row < rows; row++)
+        fits = fits && out->start[row] <= out->start[row + 1];
+    if (!fits)
+        PyErr_SetString(PyExc_ValueError, "start must rise from 0 to the number of weights");
+    return fits ? 0 : -1;
+}
+
+/* (output, of_u, of_v, of_w) */
+static int take_outputs(PyObject *obj, size_t size, npy_intp *rows, pma_selection *selection)
+{
+    PyObject *output, *of_u, *of_v, *of_w;
+    if (!PyTuple_Check(obj)) {
+        PyErr_SetString(PyExc_TypeError, "outputs must be None or a tuple");
+        return -1;
+    }
+    if (!PyArg_ParseTuple(obj, "OOOO", &output, &of_u, &of_v, &of_w) ||
+        take_rows(output, rows, -1, "output", &selection->output) < 0)
+        return -1;
+    selection->outputs = (size_t)PyArray_DIM((PyArrayObject *)output, 1);
+    if (take_combination(of_u, size, selection->outputs, &selection->of_u) < 0 ||
+        take_combination(of_v, size, selection->outputs, &selection->of_v) < 0)
+        return -1;
+    return take_combination(of_w, size, selection->outputs, &selection->of_w);
+}
+
+/* (corrections or None, q or None) */
+static int take_history(PyObject *obj, const pma_parts *parts, npy_intp *rows,
+                        pma_selection *selection)
+{
+    PyObject *corrections, *q;
+    if (!PyTuple_Check(obj)) {
+        PyErr_SetString(PyExc_TypeError, "history must be None or a tuple");
+        return -1;
+    }
+    if (!PyArg_ParseTuple(obj, "OO", &corrections, &q))
+        return -1;
+    if (corrections != Py_None && !parts->iterate) {
+        PyErr_SetString(PyExc_ValueError, "the subdomain is not iterated");
+        return -1;
+    }
+    if (corrections != Py_None &&
+        take_rows(corrections, rows, 1, "iterations", &selection->corrections) < 0)
+        return -1;
+    if (q == Py_None)
+        return 0;
+    selection->history = selection->of_history;
+    return take_rows(q, rows, (npy_intp)selection->history, "q", &selection->q);
+}
+
+/* None or (position, u, v, w, springs=None, outputs=None, history=None), with all rows that the
+ * interval writes; springs are (spring, deformation, force) */
 static int take_selection(PyObject *obj, const pma_parts *parts, size_t last_row,
                           pma_selection *selection)
 {
-    PyObject *position, *u, *v, *w, *spring = NULL, *deformation = Py_None, *force = Py_None;
+    PyObject *position, *u, *v, *w, *springs = Py_None, *outputs = Py_None;
+    PyObject *history = Py_None;
     npy_intp rows = -1;
-    *selection = (pma_selection){.of_springs = parts->springs.total};
+    *selection = (pma_selection){.of_springs = parts->springs.total,
+                                 .of_history = parts->internal.history};
     if (obj == Py_None)
         return 0;
     if (!PyTuple_Check(obj)) {
         PyErr_SetString(PyExc_TypeError, "selections must be None or a tuple of arrays");
         return -1;
     }
-    if (!PyArg_ParseTuple(obj, "OOOO|OOO", &position, &u, &v, &w, &spring, &deformation, &force) ||
+    if (!PyArg_ParseTuple(obj, "OOOO|OOO", &position, &u, &v, &w, &springs, &outputs, &history) ||
         take_positions(position, parts->n, "position", &selection->count, &selection->position) < 0)
         return -1;
     const npy_intp count = (npy_intp)selection->count;
@@ -71,7 +155,11 @@ static int take_selection(PyObject *obj, const pma_parts *parts, size_t last_row
         take_rows(v, &rows, count, "v", &selection->v) < 0 ||
         take_rows(w, &rows, count, "w", &selection->w) < 0)
         return -1;
-    if (spring && take_springs(spring, deformation, force, &rows, selection) < 0)
+    if (springs != Py_None && take_springs(springs, &rows, selection) < 0)
+        return -1;
+    if (history != Py_None && take_history(history, parts, &rows, selection) < 0)
+        return -1;
+    if (outputs != Py_None && take_outputs(outputs, parts->n, &rows, selection) < 0)
         return -1;
     if (rows >= 0 && (size_t)rows > last_row)
         return 0;

@@ -58,10 +58,10 @@ static int take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out)
 static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, pma_parts *parts,
                       pma_iterate_parts *iterate)
 {
-    static char *names[] = {"n",        "nb",    "substeps", "K",         "C",   "scheme",
-                            "single",   "twice", "link",     "restoring", "D_r", "lagged",
-                            "responds", "K_r",   "springs",  "M",         "internal",
-                            "iterate",  NULL};
+    static char *names[] = {"n",      "nb",       "substeps", "K",    "C",
+                            "scheme", "single",   "twice",    "link", "restoring",
+                            "D_r",    "lagged",   "responds", "K_r",  "springs",
+                            "M",      "internal", "iterate",  NULL};
     Py_ssize_t n, nb, substeps;
     PyObject *K, *C, *single, *twice, *link, *arrays = self->arrays;
     PyObject *restoring = Py_None, *D_r = Py_None, *K_r = Py_None, *springs = NULL;
@@ -347,9 +347,8 @@ static void list_fields(const pma_kept_levels *levels, double *fields[2 * LEVEL_
     const pma_state *x[2] = {&levels->present, &levels->previous};
     double *const vf[2] = {levels->vf, levels->vf_previous};
     for (size_t k = 0; k < 2; k++) {
-        double *const own[LEVEL_FIELDS] = {x[k]->u, x[k]->v, x[k]->w,
-                                           x[k]->a, vf[k],   x[k]->springs,
-                                           x[k]->history};
+        double *const own[LEVEL_FIELDS] = {x[k]->u, x[k]->v,       x[k]->w,      x[k]->a,
+                                           vf[k],   x[k]->springs, x[k]->history};
         memcpy(fields + k * LEVEL_FIELDS, own, sizeof own);
     }
 }
@@ -440,7 +439,8 @@ static PyMethodDef subdomain_methods[] = {
     {"restore", (PyCFunction)subdomain_restore, METH_VARARGS,
      "restore(t, u, v) -> r(u, v, t), or the code that the function returned"},
     {"levels", (PyCFunction)subdomain_levels, METH_NOARGS,
-     "levels() -> (u, v, w, a, vf, springs, history) of the present time level, and of the previous one if "
+     "levels() -> (u, v, w, a, vf, springs, history) of the present time level, and of the "
+     "previous one if "
      "double; copies"},
     {"springs", (PyCFunction)subdomain_springs, METH_NOARGS,
      "springs() -> (3, springs) array: present deformation, force and inner variable, a copy"},

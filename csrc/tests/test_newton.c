@@ -22,7 +22,8 @@ typedef struct {
     pma_status status;
 
     double dx, R, K_new, s0, s1; /* slopes of the last correction at its beginning and its end */
-    size_t evaluated, corrected, restarted, moved_back;
+    size_t evaluated, corrected, restarted, moved_back, raised;
+    double raised_to;
     bool fresh[MOST_CORRECTIONS];
     double e[MOST_CORRECTIONS];
 } scalar;
@@ -39,7 +40,7 @@ static pma_status evaluate(void *ctx, bool tangent, double *slope)
     return isfinite(q->R) ? PMA_OK : PMA_NOT_FINITE;
 }
 
-/* No correction begins where the one before it went too far (N8), unless all that is left of f is
+/* No correction begins where the one before it went too far (N10), unless all that is left of f is
  * noise. */
 static pma_status correct(void *ctx, bool fresh, pma_measure *measure)
 {
@@ -72,7 +73,14 @@ static void restart(void *ctx)
     q->restarted++;
 }
 
-static const pma_equations SCALAR = {evaluate, correct, move, restart};
+static void raise_motion(void *ctx, double factor)
+{
+    scalar *q = ctx;
+    q->raised++;
+    q->raised_to = factor;
+}
+
+static const pma_equations SCALAR = {evaluate, correct, move, restart, raise_motion};
 static const pma_newton FULL = {.tolerance = 1e-10, .iterations = 40};
 static const pma_newton REUSE = {.tolerance = 1e-10, .iterations = 40, .reuse = true};
 
@@ -358,6 +366,8 @@ static void corrections_that_are_rounding_are_accepted_in_the_end(void)
     CHECK_STATUS(pma_newton_solve(&FULL, &SCALAR, &q, false), PMA_OK);
     CHECK_NEAR(q.x, 1.0 / 3.0, 0x1p-26);
     CHECK_INT(q.corrected, FULL.iterations);
+    CHECK_INT(q.raised, 1); /* so that the next steps need one or two */
+    CHECK_NEAR(q.raised_to, 1e26, 1e12);
 }
 
 /* A wrong tangent departs from the slope over large multiples of a correction too; one that goes to

@@ -55,6 +55,22 @@ static void the_selected_springs_of_a_state_are_written_too(void)
     CHECK_BITS(4, f, ((double[]){0, 0, 6, 5}));
 }
 
+static void outputs_are_weighted_sums_of_a_state(void)
+{
+    double u[3] = {1, 2, 3}, v[3] = {4, 5, 6}, w[3] = {7, 8, 9}, y[4] = {0};
+    const pma_selection selection = {
+        .outputs = 2,
+        .of_u = {(int64_t[]){0, 2, 2}, (int64_t[]){2, 0}, (double[]){10, -1}}, /* row 1: empty */
+        .of_w = {(int64_t[]){0, 1, 2}, (int64_t[]){1, 2}, (double[]){0.5, 2}},
+        .output = y};
+    pma_selection_write(&selection, &(pma_state){.u = u, .v = v, .w = w}, 1);
+    CHECK_BITS(4, y, ((double[]){0, 0, 30 - 1 + 4, 18}));
+    pma_selection_add(&selection, &(pma_state){.u = w, .v = u, .w = v}, 1);
+    CHECK_BITS(4, y, ((double[]){0, 0, 33 + 90 - 7 + 2.5, 18 + 12}));
+    CHECK(!pma_selection_is_empty(&selection));
+    CHECK(pma_selection_is_empty(&(pma_selection){.of_springs = 3}));
+}
+
 static void check_rows_alike(const tape *few, const tape *all, const model *m, size_t row,
                              size_t macro)
 {
@@ -154,6 +170,7 @@ const test RECORD_TESTS[] = {
     TEST(the_row_of_a_time_level_follows_from_its_number),
     TEST(the_selected_dofs_of_a_state_are_written_in_the_order_of_the_selection),
     TEST(the_selected_springs_of_a_state_are_written_too),
+    TEST(outputs_are_weighted_sums_of_a_state),
     TEST(every_third_macro_level_is_recorded_wherever_the_interval_begins),
     TEST(a_record_of_all_time_levels_may_begin_in_the_middle),
     TEST(a_run_without_constraints_leaves_the_interface_arrays_alone),

@@ -1,8 +1,8 @@
-"""Draws the pictures of README.md: three uses of subdomains, and its first example.
+"""Draws the pictures of README.md and of the schedules in docs/method.md and docs/tutorial.md.
 
     python docs/pictures/draw.py
 
-The example is the code in README.md itself; its exact solution is a matrix exponential.
+The first example is the code in README.md itself; its exact solution is a matrix exponential.
 """
 
 import contextlib
@@ -18,8 +18,8 @@ from pmalpha import plot
 ROOT = Path(__file__).parents[2]
 COMPUTED = {"facecolor": "0.9", "edgecolor": "k", "linewidth": 0.8}
 FINE = {"facecolor": "#A9CBE6", "edgecolor": "k", "linewidth": 0.8}
-COLUMN = {"color": "k", "linewidth": 1.2}
-GROUND = {"color": "k", "linewidth": 2.5}
+COLUMN = {"color": "k", "linestyle": "-", "linewidth": 1.2}
+GROUND = {"color": "k", "linestyle": "-", "linewidth": 2.5}
 
 
 def example():
@@ -141,7 +141,7 @@ def draw_first_example(figure):
 
     t = history["tower"].t
     reference = exact(*uncut(tower, rig), tower.u0, t[1], len(t) - 1)
-    above.plot(t, reference[:, 2], color="0.75", linewidth=3.0, label="exact")
+    above.plot(t, reference[:, 2], color="0.75", linestyle="-", linewidth=3.0, label="exact")
     long = double_steps(tower, rig, 0.05)
     away = error(long.u, reference[:: round(long.t[1] / t[1])])
     label = f"dt = 0.05 s, double steps (error {away:.0%})"
@@ -157,6 +157,7 @@ def draw_first_example(figure):
 
 
 DRAWN = {"uses": (draw_uses, (8.0, 2.9)), "first-example": (draw_first_example, (8.0, 3.4))}
+SCHEDULES = {"staggered": "gc", "interfield-parallel": "pm"}
 
 
 def main():
@@ -165,9 +166,11 @@ def main():
 
     # svg.hashsalt: the same picture gives the same file; a white ground for dark pages
     with matplotlib.rc_context(plot.RC | {"svg.hashsalt": "pmalpha", "savefig.facecolor": "w"}):
+        pictures = {name: plot.timeline(coupling) for name, coupling in SCHEDULES.items()}
         for name, (content, size) in DRAWN.items():
-            figure = Figure(figsize=size, layout="constrained")
-            content(figure)
+            pictures[name] = Figure(figsize=size, layout="constrained")
+            content(pictures[name])
+        for name, figure in pictures.items():
             path = ROOT / "docs" / "pictures" / f"{name}.svg"
             figure.savefig(path, metadata={"Date": None})
 

@@ -18,7 +18,7 @@ from .exact import Instant
 __all__ = ["global_error", "local_error", "observed_order", "start_error"]
 
 
-def observed_order(run: Callable[[float], float], steps: Sequence[float]) -> float:
+def observed_order(run: Callable[[float], float], steps: Sequence[float] | np.ndarray) -> float:
     """Slope of log(error) over log(dt), by least squares.
 
     Parameters
@@ -31,6 +31,7 @@ def observed_order(run: Callable[[float], float], steps: Sequence[float]) -> flo
     Returns
     -------
     float
+        The order q in error ~ dt^q.
 
     Raises
     ------
@@ -110,7 +111,9 @@ def start_error(coupler: Coupler, exact: Callable[[float], Instant]) -> dict[str
 
     Parameters
     ----------
-    coupler, exact
+    coupler : Coupler
+        As for `global_error`.
+    exact : callable
         As for `global_error`.
 
     Returns
@@ -158,7 +161,9 @@ def local_error(
 
     Parameters
     ----------
-    coupler, exact
+    coupler : Coupler
+        As for `global_error`.
+    exact : callable
         As for `global_error`.
     n : int, default 3
         The macro step is from n dt to (n + 1) dt; at least 1, so that it is after the start.
@@ -204,8 +209,8 @@ def _exact_state(
     if part.double:
         before = ((n * part.subdomain.substeps - 1) / part.subdomain.substeps) * coupler.dt
         u, v, w, _ = _exact_at(coupler, part, exact, before)
-        # no step reads this free velocity, and there are no springs
-        arrays += (u, v, w, w, np.zeros(part.nb), np.zeros(0))
+        # no step reads this free velocity, and there are no springs and internal forces
+        arrays += (u, v, w, w, np.zeros(part.nb), np.zeros(0), np.zeros(0))
     return arrays
 
 

@@ -41,10 +41,11 @@ def amplification_matrix(coupler: Coupler) -> AmplificationMatrix:
     Parameters
     ----------
     coupler : Coupler
+        Of linear subdomains.
 
     Returns
     -------
-    G : (N, N) AmplificationMatrix
+    (N, N) AmplificationMatrix
         The state X_n, subdomain by subdomain, equation (20):
 
         - single step, the finest: u, v, w, a;

@@ -31,8 +31,8 @@ def exact_solution(coupler: Coupler) -> Callable[[float], Instant]:
 
     Returns
     -------
-    exact : callable
-        ``exact(t)``, t >= 0, returns a dict with (u, v, w), (n_i,) each, by name of the subdomain,
+    callable
+        Of the time t >= 0; it returns a dict with (u, v, w), (n_i,) each, by name of the subdomain,
         and Lam, (p,).
 
     Raises

@@ -31,6 +31,7 @@ def spectral_radius(G: np.ndarray, drop: Sequence[complex] = (), tol: float = 1e
     Parameters
     ----------
     G : (n, n) array
+        Such as `amplification_matrix`.
     drop : sequence of numbers
         Eigenvalues within `tol` of one of these are omitted: 1, the displacement drift that
         velocity constraints do not determine, or -1, the two chains of a double-step subdomain.
@@ -145,6 +146,7 @@ def zero_stability(coupler: Coupler) -> float:
     Returns
     -------
     float
+        The largest modulus of the eigenvalues that are observable in Lam.
 
     Raises
     ------
@@ -205,8 +207,9 @@ def period_and_damping(
     Parameters
     ----------
     scheme : Scheme
+        Of any family, implicit or explicit.
     Omega : array_like
-        omega h, angular frequency of the undamped oscillator times step; positive.
+        Omega = omega h, angular frequency of the undamped oscillator times step; positive.
     xi : float, default 0
         Viscous damping ratio of the oscillator, in [0, 1).
 
@@ -219,8 +222,8 @@ def period_and_damping(
         Algorithmic damping: the ratio of decay rate and frequency, -ln|lam| / arg(lam), minus its
         exact value xi / sqrt(1 - xi^2).
 
-    NaN where the solution of the scheme has no period: beyond the bifurcation, where a real root
-    is dominant.
+        Both are NaN where the solution of the scheme has no period: beyond the bifurcation, where a
+        real root is dominant.
 
     Raises
     ------

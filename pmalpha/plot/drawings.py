@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from .._checks import check_word
 from .styling import style
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ OTHER_LEVEL = {**LEVEL, "marker": "s", "markersize": 6.5, "markerfacecolor": "0.
 SMALL_LEVEL = {**LEVEL, "markersize": 4.0}
 INTERPOLATED = {**SMALL_LEVEL, "markerfacecolor": "w", "markeredgewidth": 0.8}
 INTERFACE = {**INTERPOLATED, "marker": "D", "markersize": 5.0}
+LEGEND_HEIGHT = 0.55  # inches
 ARROW = {
     "arrowstyle": "-|>",
     "color": "k",
@@ -37,6 +39,7 @@ def split_oscillator() -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+        Not to scale.
 
     Raises
     ------
@@ -71,8 +74,8 @@ def split_oscillator() -> Figure:
 def _spring(ax: Axes, wall: float, end: float, name: str) -> None:
     """A spring from a wall to a mass."""
     x = wall + (end - wall) * np.array([0.0, 0.15, *np.linspace(0.2, 0.8, 8), 0.85, 1.0])
-    ax.plot(x, 0.13 * np.array([0, 0, *[1, -1] * 4, 0, 0]), "k", linewidth=0.8)
-    ax.plot([wall, wall], [-0.35, 0.35], "k", linewidth=2.5)
+    ax.plot(x, 0.13 * np.array([0, 0, *[1, -1] * 4, 0, 0]), "k-", linewidth=0.8)
+    ax.plot([wall, wall], [-0.35, 0.35], "k-", linewidth=2.5)
     ax.text((wall + end) / 2, 0.25, name, ha="center")
 
 
@@ -81,42 +84,55 @@ def _mass(ax: Axes, x: float, width: float, name: str) -> None:
     ax.text(x + width / 2, 0.0, name, ha="center", va="center")
 
 
-def timeline() -> Figure:
-    """The staggered schedule above, the interfield parallel schedule below.
+def timeline(coupling: str | None = None) -> Figure:
+    """The staggered schedule, the interfield parallel schedule, or one above the other.
 
     Two subdomains, A with one step per macro step and B with four. For each schedule: the time
     levels and the steps between them in simulated time, then the work of two macro steps in wall
     clock time. The widths of the blocks are schematic, not measured.
 
+    Parameters
+    ----------
+    coupling : {"gc", "pm"}, optional
+        The schedule of this coupling alone. Default: both.
+
     Returns
     -------
     matplotlib.figure.Figure
+        Both schedules, one above the other.
 
     Raises
     ------
     ImportError
         If matplotlib is missing.
+    ValueError
+        For another coupling.
 
     Examples
     --------
     >>> from pmalpha import plot
-    >>> len(plot.timeline().axes)
-    4
+    >>> len(plot.timeline().axes), len(plot.timeline("pm").axes)
+    (4, 2)
     """
+    if coupling is not None:
+        check_word(coupling, "coupling", list(SCHEDULES))
+    drawn = [SCHEDULES[name] for name in ([coupling] if coupling else SCHEDULES)]
     with style():
         from matplotlib.figure import Figure
 
-        figure = Figure(figsize=(7.1, 6.7), layout="constrained")
-        gc, gc_work, pm, pm_work = figure.subplots(4, 1, height_ratios=(1.15, 0.8, 1.4, 0.8))
-        gc.set_title('Staggered, coupling="gc": A takes steps $h = dt$', loc="left")
-        _instants(gc, [(n, n + 1, 1) for n in range(-2, 3)])
-        end = _staggered_work(gc_work)
-        pm.set_title('Interfield parallel, coupling="pm": A takes steps $h = 2\\,dt$', loc="left")
-        _instants(pm, [(n, n + 2, 1 if n % 2 else -1) for n in range(-4, 3)])
-        _parallel_work(pm_work)
-        for ax in (gc_work, pm_work):
-            _wall_clock(ax, end)
-        figure.legend(*pm.get_legend_handles_labels(), loc="outside lower left", ncols=3)
+        heights = [height for schedule in drawn for height in schedule.heights]
+        figure = Figure(figsize=(7.1, sum(heights) + LEGEND_HEIGHT), layout="constrained")
+        axes = figure.subplots(len(heights), 1, height_ratios=heights)
+        ends = []
+        for schedule, ax, work in zip(drawn, axes[::2], axes[1::2], strict=True):
+            ax.set_title(schedule.title, loc="left")
+            _instants(ax, schedule.steps)
+            ends.append(schedule.work(work))
+        for work in axes[1::2]:
+            _wall_clock(work, max(ends))
+        handles, labels = axes[-2].get_legend_handles_labels()
+        columns = 4 if len(labels) == 4 else 3
+        figure.legend(handles, labels, loc="outside lower left", ncols=columns)
     return figure
 
 
@@ -137,7 +153,8 @@ def _instants(ax: Axes, steps: Sequence[tuple[int, int, int]]) -> None:
         "time level of B": (fine, 0.0, SMALL_LEVEL),
     }
     for label, (t, y, look) in kinds.items():
-        ax.plot(t, np.full(len(t), y), **look, label=label)
+        if len(t):
+            ax.plot(t, np.full(len(t), y), **look, label=label)
     ax.set(xlim=(-1.15, 2.15), ylim=(-0.65, 2.95))
     ax.set_xticks(range(-1, 3), ["$t_{n-1}$", "$t_n$", "$t_{n+1}$", "$t_{n+2}$"])
     ax.set_yticks([2.0, 0.85, 0.0], ["A", "interface", "B"])
@@ -171,8 +188,8 @@ def _staggered_work(ax: Axes) -> float:
     return begin
 
 
-def _parallel_work(ax: Axes) -> None:
-    """Two interfield parallel macro steps."""
+def _parallel_work(ax: Axes) -> float:
+    """Two interfield parallel macro steps; returns their end."""
     for n, shade in ((0, "0.8"), (1, "0.92")):
         begin = 4.6 * n
         _block(ax, begin, 2.0, 1, f"close $n{{+}}{n}$" if n else "close $n$", shade)
@@ -180,6 +197,7 @@ def _parallel_work(ax: Axes) -> None:
         _four_substeps(ax, begin, n + 1)
         _exchange(ax, begin + 4.2, "$v_f$", down=True)
         _exchange(ax, begin + 4.4, r"$\Lambda$", down=False)
+    return begin + 4.6
 
 
 def _four_substeps(ax: Axes, begin: float, n: int) -> None:
@@ -217,3 +235,28 @@ def _bare(ax: Axes) -> None:
     ax.grid(False)
     ax.spines[:].set_visible(False)
     ax.tick_params(length=0)
+
+
+class Schedule(NamedTuple):
+    """The contents of its two axes."""
+
+    title: str
+    steps: list[tuple[int, int, int]]  # of A: begin, end, side of the axis
+    work: Callable[[Axes], float]
+    heights: tuple[float, float]  # inches
+
+
+SCHEDULES = {
+    "gc": Schedule(
+        'Staggered, coupling="gc": A takes steps $h = dt$',
+        [(n, n + 1, 1) for n in range(-2, 3)],
+        _staggered_work,
+        (1.7, 1.2),
+    ),
+    "pm": Schedule(
+        'Interfield parallel, coupling="pm": A takes steps $h = 2\\,dt$',
+        [(n, n + 2, 1 if n % 2 else -1) for n in range(-4, 3)],
+        _parallel_work,
+        (2.05, 1.2),
+    ),
+}

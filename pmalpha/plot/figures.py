@@ -36,6 +36,7 @@ def figure7(model: FourDof, histories: Mapping[str, History]) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
+        A row for each history.
 
     Raises
     ------
@@ -92,6 +93,7 @@ def slope(ax: Axes, order: float, x: Sequence[float], y: float) -> None:
     Parameters
     ----------
     ax : matplotlib.axes.Axes
+        Both axes logarithmic.
     order : float
         Slope in log(y) over log(x).
     x : two floats
@@ -122,6 +124,7 @@ def save(figure: Figure, path: str | PathLike) -> None:
     Parameters
     ----------
     figure : matplotlib.figure.Figure
+        Such as of `History.plot`.
     path : str or path
         The suffix gives the format: .png, .pdf, .svg.
 

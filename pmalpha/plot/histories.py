@@ -24,6 +24,11 @@ INTERFACE = {
     "displacement\njump": ("macro_times", "displacement_jump"),
     "multiplier": ("multiplier_times", "multipliers"),
 }
+# A jump below ROUNDING times the largest value of the recorded dofs is a sentence below the panels
+# instead of a panel: it is the rounding error of the interface problem, 1e-16 times the condition
+# of H. An error of the constraints that matters to a result is larger.
+JUMPS = {"velocity_jump": "v", "displacement_jump": "u"}
+ROUNDING = 1e-12
 # Number of curves by default: that of the line styles. Markers allow a multiple of it.
 DEFAULT_CURVES = len(LINES)
 MARKERS = ("", "o", "s", "^")
@@ -65,7 +70,9 @@ def time_histories(
         raise ValueError(f"quantity must be 'u', 'v' or 'a', got {quantity!r}")
     curves = list(_curves(history, dofs, quantity))
     rows = _rows(history, conditions)
-    heights = [HEIGHTS[0]] * bool(curves) + [HEIGHTS[1]] * (len(INTERFACE) * bool(rows))
+    notes = _rounding_notes(history) if rows else {}
+    interface = {x: of for x, of in INTERFACE.items() if rows and of[1] not in notes}
+    heights = [HEIGHTS[0]] * bool(curves) + [HEIGHTS[1]] * len(interface)
     if not heights:
         raise ValueError("the history has neither recorded dofs nor constraints to draw")
     with shown_style():
@@ -79,12 +86,15 @@ def time_histories(
             axes[-1].set_xlim(history.macro_times[0], history.macro_times[-1])
         if title is not None:
             figure.suptitle(title, x=0.01, horizontalalignment="left", fontsize=10)
+        if notes:
+            words = "\n".join(notes.values())
+            figure.supxlabel(words, x=0.01, horizontalalignment="left", fontsize=8.5)
         if curves:
             _draw(axes[0], curves)
             _label_axis(axes[0], QUANTITIES[quantity], unit.get(quantity))
             _legend(axes.pop(0))
         if rows:
-            _draw_interface(axes, history, rows, unit)
+            _draw_interface(axes, history, rows, unit, interface)
         figure.align_ylabels()
     return figure
 
@@ -107,6 +117,36 @@ def _units(units: Mapping[str, str] | None) -> dict[str, str]:
         found["v"] = found["velocity_jump"] = f"{length}/{time}"
         found["a"] = f"{length}/{time}$^2$"
     return found
+
+
+def _rounding_notes(history: History) -> dict[str, str]:
+    """A sentence on each jump that is a rounding error of the recorded motion, by its name."""
+    notes = {}
+    for name, of in JUMPS.items():
+        motions = [getattr(s, of) for s in history.subdomains if s is not None]
+        largest = max((_largest_size(x) for x in motions), default=0.0)
+        jump = _largest_size(getattr(history, name))
+        words = name.replace("_", " ").capitalize()
+        if jump == 0.0:
+            notes[name] = f"{words}: zero."
+        elif jump <= ROUNDING * largest:
+            size = f"{_power_of_ten(jump / largest)} of the largest {QUANTITIES[of]}"
+            notes[name] = f"{words}: rounding errors, at most {size}."
+    return notes
+
+
+def _largest_size(x: np.ndarray) -> float:
+    """The largest absolute value, without a copy of an array that may be in a file."""
+    return max(float(x.max(initial=0.0)), -float(x.min(initial=0.0)))
+
+
+def _power_of_ten(x: float) -> str:
+    """A number with one digit, not smaller than x."""
+    exponent = int(np.floor(np.log10(x)))
+    digit = int(np.ceil(x / 10.0**exponent))
+    if digit == 10:
+        digit, exponent = 1, exponent + 1
+    return rf"${digit} \times 10^{{{exponent}}}$"
 
 
 # ---- choice of curves -----------------------------------------------------------------------
@@ -202,9 +242,13 @@ def _rows(history: History, conditions: Any) -> list[int]:
 
 
 def _draw_interface(
-    axes: Sequence[Axes], history: History, rows: list[int], unit: Mapping[str, str]
+    axes: Sequence[Axes],
+    history: History,
+    rows: list[int],
+    unit: Mapping[str, str],
+    interface: Mapping[str, tuple[str, str]],
 ) -> None:
-    for ax, (label, (times, values)) in zip(axes, INTERFACE.items()):
+    for ax, (label, (times, values)) in zip(axes, interface.items(), strict=True):
         t, x = getattr(history, times), getattr(history, values)
         if len(rows) < x.shape[1]:
             _band(ax, t, x)

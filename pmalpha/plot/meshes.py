@@ -10,10 +10,13 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from .._checks import listing, positive_number, real_number, whole_number
+from ..structures.kinds import KINDS
 from ..structures.mesh import (
+    Block,
     Mesh,
     checked_mesh,
     edges,
+    lines,
     nodal_values,
     nodal_vectors,
     outer_faces,
@@ -89,10 +92,13 @@ def deformed(
     ----------
     points : (N, dim) array_like
         Coordinates of the nodes; dim is 1, 2 or 3.
-    elements : (m, 2), (m, 4) or (m, 8) array_like of int, or dict
-        Nodes of lines, quadrilaterals (around) or hexahedra (around the bottom, then around the
-        top), or a dict of several by name: "line", "quad", "hexahedron". Of hexahedra the outer
-        faces are drawn.
+    elements : array_like of int, or dict
+        Nodes of elements by the name of their kind, in the order of nodes of meshio and VTK:
+        "line", "triangle", "quad", "tetra", "pyramid", "wedge", "hexahedron", and of second order
+        "line3", "triangle6", "quad8", "quad9", "tetra10", "pyramid13", "wedge15", "hexahedron20".
+        An array is taken as lines (m, 2), triangles (m, 3), quadrilaterals (m, 4) or hexahedra
+        (m, 8). Of solids the outer faces are drawn. Edges of second order consist of two straight
+        pieces.
     u : (N * d,) or (N, d) array_like
         Displacements, d >= dim dofs per node. Dofs beyond dim, such as rotations, are not drawn:
         lines are straight.
@@ -197,6 +203,7 @@ def animation(
     Returns
     -------
     matplotlib.animation.FuncAnimation
+        To be kept by the caller while it is shown.
 
     Raises
     ------
@@ -413,7 +420,7 @@ def _label_mesh(ax: Any, mesh: Mesh, x: np.ndarray, label: str, look: Look) -> N
         patch: dict[str, Any] = {"facecolor": "w", "alpha": 0.8, "edgecolor": "none", "pad": 1.5}
         ax.text(*x.mean(axis=0), label, ha="center", va="center", bbox=patch, zorder=9)
         return
-    only_lines = all(block.shape[1] == 2 for block in mesh.blocks)
+    only_lines = all(KINDS[block.kind].dimension == 1 for block in mesh.blocks)
     marker: dict[str, Any] = {
         "marker": "s",
         "markeredgecolor": EDGE,
@@ -435,7 +442,7 @@ def _draw_directions(ax: Any, mesh: Mesh) -> None:
     corner, sizes = mesh.points.min(axis=0), np.ptp(mesh.points, axis=0)
     corner = corner - 0.1 * sizes.max()
     for name, direction in zip("xyz", 0.15 * sizes.max() * np.eye(3)):
-        ax.plot(*np.stack([corner, corner + direction], axis=1), color="k", linewidth=0.8)
+        ax.plot(*np.stack([corner, corner + direction], axis=1), "k-", linewidth=0.8)
         ax.text(*(corner + 1.35 * direction), f"${name}$", ha="center", va="center")
 
 
@@ -444,22 +451,21 @@ def _draw_directions(ax: Any, mesh: Mesh) -> None:
 
 def _draw_undeformed(ax: Any, mesh: Mesh) -> None:
     """All edges as one interrupted line, which is below the faces also in space."""
-    for block in mesh.blocks:
-        lines = edges(outer_faces(block))
-        ends = mesh.points[lines]
-        line = np.concatenate([ends, np.full_like(ends[:, :1], np.nan)], axis=1)
-        width = 0.6 * _thinner(len(lines))
-        ax.plot(*line.reshape(-1, ends.shape[-1]).T, color=UNDEFORMED, linewidth=width, zorder=1)
+    ends = mesh.points[np.concatenate([lines(mesh), edges(outer_faces(mesh))])]
+    line = np.concatenate([ends, np.full_like(ends[:, :1], np.nan)], axis=1)
+    width = 0.6 * _thinner(len(ends))
+    look = {"color": UNDEFORMED, "linestyle": "-", "linewidth": width}
+    ax.plot(*line.reshape(-1, ends.shape[-1]).T, **look, zorder=1)
 
 
 def _draw(ax: Any, mesh: Mesh, x: np.ndarray, look: Look) -> list[Artist]:
-    drawn = []
-    for block in mesh.blocks:
-        if block.shape[1] == 2:
-            drawn += _draw_lines(ax, x[block], block, look)
-        else:
-            draw = _draw_in_space if ax.name == "3d" else _draw_in_plane
-            drawn += draw(ax, x, outer_faces(block), look)
+    pieces, faces = lines(mesh), outer_faces(mesh)
+    drawn: list[Artist] = []
+    if faces:
+        draw = _draw_in_space if ax.name == "3d" else _draw_in_plane
+        drawn += draw(ax, x, faces, look)
+    if len(pieces):
+        drawn += _draw_lines(ax, x[pieces], pieces, look)
     return drawn
 
 
@@ -467,7 +473,7 @@ def _thinner(lines: int) -> float:
     return min(1.0, np.sqrt(FULL_WIDTH_LINES / lines))
 
 
-def _draw_lines(ax: Any, ends: Any, block: np.ndarray, look: Look) -> list[Artist]:
+def _draw_lines(ax: Any, ends: Any, nodes: np.ndarray, look: Look) -> list[Artist]:
     """Lines with ends (m, 2, dim), in pieces if the colour varies along them."""
     from matplotlib.collections import LineCollection
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
@@ -475,49 +481,67 @@ def _draw_lines(ax: Any, ends: Any, block: np.ndarray, look: Look) -> list[Artis
     kind = Line3DCollection if ends.shape[-1] == 3 else LineCollection
     width = 2.0 * _thinner(len(ends))
     if look.values is None:
-        lines = kind(ends, colors=look.line, linewidths=width, zorder=2)
+        drawn = kind(ends, colors=look.line, linewidths=width, zorder=2)
     else:
         along = np.arange(PIECES + 1)[:, None] / PIECES
         middle = along[:-1] + 0.5 / PIECES
         divisions = ends[:, 0] + along[..., None] * (ends[:, 1] - ends[:, 0])
         pieces = np.stack([divisions[:-1], divisions[1:]], axis=2).reshape(-1, *ends.shape[1:])
-        begin, end = look.values[block].T
-        lines = kind(pieces, cmap=COLOURS, norm=look.norm, linewidths=width, zorder=2)
-        lines.set_array((begin + middle * (end - begin)).ravel())
-    ax.add_collection(lines)
-    return [lines]
+        begin, end = look.values[nodes].T
+        drawn = kind(pieces, cmap=COLOURS, norm=look.norm, linewidths=width, zorder=2)
+        drawn.set_array((begin + middle * (end - begin)).ravel())
+    ax.add_collection(drawn)
+    return [drawn]
 
 
-def _draw_in_plane(ax: Any, x: Any, faces: np.ndarray, look: Look) -> list[Artist]:
+def _draw_in_plane(ax: Any, x: Any, faces: list[Block], look: Look) -> list[Artist]:
     from matplotlib.collections import LineCollection, PolyCollection
 
-    lines = x[edges(faces)]
-    mesh = LineCollection(lines, colors=EDGE, linewidths=0.5 * _thinner(len(lines)), zorder=2.2)
+    ends = x[edges(faces)]
+    mesh = LineCollection(ends, colors=EDGE, linewidths=0.5 * _thinner(len(ends)), zorder=2.2)
     ax.add_collection(mesh)
     if look.values is None:
-        fill = PolyCollection(x[faces], facecolors=look.face, edgecolors="none", zorder=2)
+        fill = PolyCollection(
+            _outlines(x, faces), facecolors=look.face, edgecolors="none", zorder=2
+        )
         ax.add_collection(fill)
         return [fill, mesh]
-    triangles = faces[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
+    triangles = [nodes[:, KINDS[kind].triangles].reshape(-1, 3) for kind, nodes in faces]
     fill = ax.tripcolor(
-        *x.T, triangles, look.values, shading="gouraud", cmap=COLOURS, norm=look.norm, zorder=2
+        *x.T,
+        np.concatenate(triangles),
+        look.values,
+        shading="gouraud",
+        cmap=COLOURS,
+        norm=look.norm,
+        zorder=2,
     )
     return [fill, mesh]
 
 
-def _draw_in_space(ax: Any, x: np.ndarray, faces: np.ndarray, look: Look) -> list[Artist]:
+def _outlines(x: np.ndarray, faces: list[Block]) -> list[np.ndarray]:
+    """The corners of a polygon for each face, and the nodes on its edges."""
+    return [outline for kind, nodes in faces for outline in x[nodes[:, KINDS[kind].path]]]
+
+
+def _draw_in_space(ax: Any, x: np.ndarray, faces: list[Block], look: Look) -> list[Artist]:
     from matplotlib.colors import LightSource
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    width = 0.5 * _thinner(2 * len(faces))
-    border = {"edgecolors": EDGE, "linewidths": width}
+    outlines = _outlines(x, faces)
+    border = {"edgecolors": EDGE, "linewidths": 0.5 * _thinner(2 * len(outlines))}
     if look.values is None:
         light = LightSource(**LIGHT)
         fill = Poly3DCollection(
-            x[faces], facecolors=look.face, shade=True, lightsource=light, **border
+            outlines, facecolors=look.face, shade=True, lightsource=light, **border
         )
     else:
-        fill = Poly3DCollection(x[faces], cmap=COLOURS, norm=look.norm, **border)
-        fill.set_array(look.values[faces].mean(axis=1))
+        fill = Poly3DCollection(outlines, cmap=COLOURS, norm=look.norm, **border)
+        fill.set_array(np.concatenate([_means(look.values, block) for block in faces]))
     ax.add_collection3d(fill)
     return [fill]
+
+
+def _means(values: np.ndarray, faces: Block) -> np.ndarray:
+    """The mean at the corners of each face."""
+    return values[faces.nodes[:, : len(KINDS[faces.kind].edges)]].mean(axis=1)

@@ -66,7 +66,19 @@ def scheme_radius(schemes: Schemes, xi: float = 0.0) -> Figure:
 def scheme_period(schemes: Schemes, xi: float = 0.0) -> Figure:
     """Plot the period elongation of schemes over the step per period, h / T.
 
-    Parameters, result and errors as of `scheme_radius`; see `pmalpha.analysis.period_and_damping`.
+    See `pmalpha.analysis.period_and_damping`. Errors as of `scheme_radius`.
+
+    Parameters
+    ----------
+    schemes : scheme, list of schemes, or dict of schemes by label
+        As for `scheme_radius`.
+    xi : float, default 0
+        Viscous damping ratio of the oscillator, in [0, 1).
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Up to h / T = 0.4.
 
     Examples
     --------
@@ -87,7 +99,19 @@ def scheme_period(schemes: Schemes, xi: float = 0.0) -> Figure:
 def scheme_damping(schemes: Schemes, xi: float = 0.0) -> Figure:
     """Plot the algorithmic damping ratio of schemes over the step per period, h / T.
 
-    Parameters, result and errors as of `scheme_radius`; see `pmalpha.analysis.period_and_damping`.
+    See `pmalpha.analysis.period_and_damping`. Errors as of `scheme_radius`.
+
+    Parameters
+    ----------
+    schemes : scheme, list of schemes, or dict of schemes by label
+        As for `scheme_radius`.
+    xi : float, default 0
+        Viscous damping ratio of the oscillator, in [0, 1).
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Up to h / T = 0.4.
 
     Examples
     --------

@@ -64,7 +64,7 @@ def tie_coincident(
     Returns
     -------
     Constraint
-        p = the sum of (k - 1) over points and components, none redundant.
+        Its p rows are the sum of (k - 1) over points and components, none redundant.
 
     Raises
     ------

@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import counted, listing, numbered, plain_array, real_array, require_finite
+from .._checks import counted, listing, numbered, plain_array
 from .arguments import DofsLike, MatrixLike
 from .forces import BaseAcceleration, checked_force
 from .frozen import Frozen
-from .matrices import entries
+from .matrices import rectangular
 from .subdomain import Subdomain
 
 __all__ = ["Constraint", "tie"]
 
 
 class Constraint(Frozen):
-    """p constraints sum_i L_i v_i = g(t) on velocities of one or more subdomains, equation (2).
+    """Constraints sum_i L_i v_i = g(t) on velocities of one or more subdomains, equation (2).
 
     Without `velocity`, g is zero and the subdomains are tied. With `velocity`, the motion of a
     support or a driven end is prescribed.
@@ -32,8 +32,8 @@ class Constraint(Frozen):
         A matrix L_i, (p, n_i) dense or scipy.sparse, for each of the one or more subdomains that
         the constraints involve.
     velocity : callable, `SampledForce` or (p,) array, optional
-        g(t) of the p rows. It is evaluated at every fine step, in advance like a load, and the
-        initial velocities must satisfy it. Its derivative at t = 0, which the initial
+        Right-hand side g(t) of the p rows. It is evaluated at every fine step, in advance like a
+        load, and the initial velocities must satisfy it. Its derivative at t = 0, which the initial
         accelerations need (S1), is the slope of the first two samples; for a callable, a difference
         of order 2 over an eighth of the first fine step.
 
@@ -96,20 +96,7 @@ def _constraint_matrix(subdomain: Any, L: Any) -> sp.csr_array:
     if not isinstance(subdomain, Subdomain):
         raise TypeError(f"matrices must be keyed by Subdomain, got {subdomain!r}")
     what = f"L of {subdomain!r}"
-    if sp.issparse(L):
-        if L.dtype.kind not in "iuf":
-            raise TypeError(f"{what} must hold real numbers, got dtype {L.dtype}")
-        if L.ndim != 2:
-            raise ValueError(f"{what} must be 2-D, got shape {L.shape}")
-        L = sp.csr_array(entries(L, what), dtype=np.float64)
-        require_finite(L.data, f"the stored entries of {what}")
-    else:
-        L = sp.csr_array(real_array(L, what, 2))
-    if L.shape[1] != subdomain.n:
-        raise ValueError(f"{what} must have {subdomain.n} columns, got shape {L.shape}")
-    L.sum_duplicates()
-    L.eliminate_zeros()
-    return L
+    return rectangular(L, subdomain.n, what, ndim=2)
 
 
 def tie(a: Subdomain, dofs_a: DofsLike, b: Subdomain, dofs_b: DofsLike) -> Constraint:
@@ -119,10 +106,19 @@ def tie(a: Subdomain, dofs_a: DofsLike, b: Subdomain, dofs_b: DofsLike) -> Const
 
     Parameters
     ----------
-    a, b : Subdomain
-        Two different ones.
-    dofs_a, dofs_b : int, (p,) array of int, or (n,) array of bool
-        Dofs of each, in numbers or as a mask; entry k of `dofs_a` is tied to entry k of `dofs_b`.
+    a : Subdomain
+        One side.
+    dofs_a : int, (p,) array of int, or (n,) array of bool
+        Its dofs, in numbers or as a mask.
+    b : Subdomain
+        The other side.
+    dofs_b : int, (p,) array of int, or (n,) array of bool
+        Its dofs; entry k of `dofs_a` is tied to entry k of `dofs_b`.
+
+    Returns
+    -------
+    Constraint
+        With p rows, in the order of the dofs.
 
     Raises
     ------

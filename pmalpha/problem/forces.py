@@ -152,7 +152,8 @@ def checked_force(force: Any, n: int, name: str = "force") -> Force:
     if isinstance(force, SampledForce):
         if force.n != n:
             kind = type(force).__name__
-            raise ValueError(f"{name} must act on {n} dofs or rows, got a {kind} on {force.n}")
+            what = counted(n, "dof" if name == "force" else "row")
+            raise ValueError(f"{name} must act on {what}, got a {kind} on {force.n}")
         return force
     if isinstance(force, LowLevelCallable) and name == "force":
         check_signature(force, name)

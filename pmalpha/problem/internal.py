@@ -16,6 +16,7 @@ from .compiled import evaluate_compiled
 from .frozen import Frozen
 from .lowlevel import check_signature
 from .matrices import read_only, shorten_indices
+from .restoring import labelled
 from .springs import Spring, check_dofs
 from .tangent_check import TangentCheck, check_tangents
 from .tangents import by_rows
@@ -233,16 +234,14 @@ def checked_internal(internal: Any, n: int) -> Internal | None:
 
     None where there are none: an empty list is the sum of no forces.
     """
-    # a LowLevelCallable is a tuple too
-    is_list = isinstance(internal, (list, tuple)) and not isinstance(internal, LowLevelCallable)
-    items = tuple(internal) if is_list else () if internal is None else (internal,)
+    items = labelled(internal, "internal")
     springs, forces = [], []
-    for i, item in enumerate(items):
+    for item, label in items:
         if isinstance(item, Spring):
             check_dofs((item,), n)
             springs.append(item)
         else:
-            forces.append(_force(item, f"internal[{i}]" if is_list else "internal", n))
+            forces.append(_force(item, label, n))
     return Internal(tuple(springs), tuple(forces)) if items else None
 
 

@@ -54,10 +54,14 @@ def interpolate(
 
     Parameters
     ----------
-    a, b : Subdomain
-        Two different ones.
-    points_a, points_b : (N,) or (N, d) array
-        The coordinates of all nodes of each, d = 1, 2 or 3, in one system and one unit.
+    a : Subdomain
+        The side whose nodes are tied.
+    points_a : (N,) or (N, d) array
+        The coordinates of all its nodes, d = 1, 2 or 3.
+    b : Subdomain
+        The side to whose elements they are tied.
+    points_b : (N,) or (N, d) array
+        The coordinates of all nodes of b, in the system and the unit of `points_a`.
     elements_b : (m, k) array of int
         The nodes of elements of b, numbers into `points_b`: the edges or faces on the interface,
         or cells. Quadrilaterals are numbered around, convex; hexahedra with one face around, then
@@ -67,13 +71,17 @@ def interpolate(
         which a quad and a tetra have.
     nodes_a : array of int, optional
         The nodes of a to tie, each of which must be in an element. Default: all that are.
-    components, dofs_per_node, reduced
-        As for `tie_coincident`. A fixed dof has no entry in its constraint; a constraint on
-        fixed dofs only is left out.
+    components : int, default 1
+        As for `tie_coincident`.
+    dofs_per_node : int or dict by subdomain, optional
+        As for `tie_coincident`.
     tol : float, optional
         A node at up to this distance from an element is tied to a point of it at that distance or
         less. Default: as for `tie_coincident`, 0.01 of the smallest distance between two nodes of
         one subdomain. Across a gap, rotations are transferred with an error of its size.
+    reduced : dict, optional
+        As for `tie_coincident`. A fixed dof has no entry in its constraint; a constraint on fixed
+        dofs only is left out.
 
     Returns
     -------

@@ -19,11 +19,15 @@ SIZES = {"long", "longint", "ssize_t", "Py_ssize_t", "ptrdiff_t", "npy_intp"}
 SIZES |= {"longlong", "int64_t", "npy_int64"} if sys.maxsize > 2**32 else {"int", "int32_t"}
 
 
-def check_signature(function: LowLevelCallable, name: str) -> None:
-    """ValueError unless the function has the signature that this argument needs."""
+def check_signature(function: LowLevelCallable, name: str, label: str = "") -> None:
+    """ValueError unless the function has the signature that an argument of `Subdomain` needs.
+
+    `label` is the argument in the message, such as "restoring[1]" for an item of a list.
+    """
     if kinds(function.signature) != kinds(SIGNATURES[name]):
         raise ValueError(
-            f"{name} must have the signature {SIGNATURES[name]!r}, got {function.signature!r}"
+            f"{label or name} must have the signature {SIGNATURES[name]!r}, "
+            f"got {function.signature!r}"
         )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .. import _core
-from .._checks import real_array, require_finite
+from .._checks import counted, real_array, require_finite
 from ..blas import one_thread
 
 Matrix = np.ndarray | sp.csr_array | None
@@ -132,6 +132,42 @@ def entries(value: Any, name: str) -> sp.coo_array:
         if index.size and (index.min() < 0 or index.max() >= size):
             worst = index.min() if index.min() < 0 else index.max()
             raise ValueError(f"{name} must have indices in 0..{size - 1}, got {worst}")
+    return A
+
+
+def rectangular(
+    value: Any, columns: int, name: str, ndim: int | tuple[int, ...] = (0, 1, 2)
+) -> sp.csr_array:
+    """A user's matrix with this number of columns, by rows, without stored zeros; a copy.
+
+    Parameters
+    ----------
+    value : (rows, columns) array, or scipy.sparse matrix or array
+        A (columns,) array is one row, if `ndim` has 1; likewise a number for one column.
+    columns : int
+    name : str
+        Name in messages.
+    ndim : int or tuple of int
+        Allowed dimensions of an array.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For entries that are not real and finite, and for a wrong shape.
+    """
+    if sp.issparse(value):
+        if value.dtype.kind not in "iuf":
+            raise TypeError(f"{name} must hold real numbers, got dtype {value.dtype}")
+        if value.ndim != 2:
+            raise ValueError(f"{name} must be 2-D, got shape {value.shape}")
+        A = sp.csr_array(entries(value, name), dtype=np.float64)
+        require_finite(A.data, f"the stored entries of {name}")
+    else:
+        A = sp.csr_array(np.atleast_2d(real_array(value, name, ndim)))
+    if A.shape[1] != columns:
+        raise ValueError(f"{name} must have {counted(columns, 'column')}, got shape {A.shape}")
+    A.sum_duplicates()
+    A.eliminate_zeros()
     return A
 
 

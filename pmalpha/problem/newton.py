@@ -54,3 +54,6 @@ class Newton(Frozen):
         object.__setattr__(self, "tol", tol)
         object.__setattr__(self, "iterations", whole_number(self.iterations, "iterations", low=1))
         check_word(self.tangent, "tangent", get_args(TangentPolicy))
+
+
+DEFAULT = Newton()

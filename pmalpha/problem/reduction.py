@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import listing, plain_array, require_finite
+from .._checks import counted, listing, plain_array, require_finite
 from .arguments import DofsLike, MatrixLike
 from .constraints import checked_mask, dof_list
 from .matrices import Matrix, canonical, sparse_diagonal
@@ -58,7 +58,7 @@ class Reduction:
     fixed: np.ndarray
 
     def __repr__(self) -> str:
-        return f"<Reduction of {self.n} dofs to {self.free.size}>"
+        return f"<Reduction of {counted(self.n, 'dof')} to {self.free.size}>"
 
     def expand(self, u: Any) -> np.ndarray:
         """Displacements, velocities, accelerations or modes of all dofs, zero at the fixed ones.
@@ -99,6 +99,7 @@ class Reduction:
         Returns
         -------
         ndarray of int, shape of `dofs`
+            Their numbers in the reduced matrices.
 
         Raises
         ------
@@ -128,6 +129,7 @@ class Reduction:
         Parameters
         ----------
         f : (..., n) array_like
+            Forces on all dofs, in the last dimension.
 
         Returns
         -------
@@ -199,6 +201,7 @@ def reduce(
     Returns
     -------
     Reduction
+        The matrices of the free dofs, and their numbers.
 
     Raises
     ------

@@ -2,76 +2,126 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy import LowLevelCallable
 
 from .._checks import vector
 from .lowlevel import check_signature
-from .springs import Spring, check_dofs, spring_list
+from .springs import Spring, check_dofs
 
-Function = Callable[[np.ndarray, np.ndarray, float], Any] | LowLevelCallable
+Function: TypeAlias = Callable[[np.ndarray, np.ndarray, float], Any] | LowLevelCallable
 Watch = Callable[[np.ndarray, np.ndarray, np.ndarray, float], None]
-Restoring = Function | tuple[Spring, ...] | None
+# A function, springs, or at least one of each or several functions, in the user's order.
+Restoring = Function | tuple[Spring | Function, ...] | None
+
+
+def labelled(given: Any, name: str) -> list[tuple[Any, str]]:
+    """The forces of an argument, one or a list of them, each with its name in messages.
+
+    None and an empty list are no force: the sum of none.
+    """
+    # a LowLevelCallable is a tuple too
+    if isinstance(given, (list, tuple)) and not isinstance(given, LowLevelCallable):
+        return [(item, f"{name}[{i}]") for i, item in enumerate(given)]
+    return [] if given is None else [(given, name)]
 
 
 def checked_restoring(restoring: Any, n: int) -> Restoring:
     """A user's restoring force, checked as far as possible without evaluating it."""
-    springs = spring_list(restoring)
-    if springs is not None:
-        check_dofs(springs, n)
-        return springs
-    if isinstance(restoring, LowLevelCallable):
-        check_signature(restoring, "restoring")
-    elif restoring is not None and not callable(restoring):
-        raise TypeError(f"restoring must be callable or a list of springs, got {restoring!r}")
-    return restoring
+    items = labelled(restoring, "restoring")
+    for item, label in items:
+        if isinstance(item, Spring):
+            check_dofs((item,), n)
+        elif isinstance(item, LowLevelCallable):
+            check_signature(item, "restoring", label)
+        elif not callable(item):
+            rule = "callable or a list of springs" if item is restoring else "a spring or callable"
+            raise TypeError(f"{label} must be {rule}, got {item!r}")
+    if len(items) == 1 and not isinstance(items[0][0], Spring):
+        return items[0][0]
+    return tuple(item for item, _ in items) or None
 
 
-def is_function(restoring: Restoring) -> bool:
-    """True for a callable or LowLevelCallable, false for springs and None."""
-    return restoring is not None and type(restoring) is not tuple  # as a LowLevelCallable is too
+def items_of(restoring: Restoring) -> tuple[Spring | Function, ...]:
+    """The springs and functions of a checked restoring force, in the user's order."""
+    if restoring is None:
+        return ()
+    return restoring if type(restoring) is tuple else (restoring,)
+
+
+def springs_of(restoring: Restoring) -> tuple[Spring, ...]:
+    return tuple(item for item in items_of(restoring) if isinstance(item, Spring))
+
+
+def functions_of(restoring: Restoring) -> tuple[Function, ...]:
+    """The callables and LowLevelCallables, in the user's order."""
+    return tuple(item for item in items_of(restoring) if not isinstance(item, Spring))
 
 
 class CheckedRestoring:
-    """A Python callable for the core, whose values are checked.
+    """The sum of Python callables for the core, whose values are checked.
 
     Parameters
     ----------
-    restoring : callable
-        r(u, v, t) -> (n,)
-    what : str
-        Name in messages, such as "restoring of subdomain 'rig'".
+    functions : sequence of (callable, str)
+        r(u, v, t) -> (n,), and its name in messages, such as "restoring of subdomain 'rig'". Each
+        gets copies of u and v, and is evaluated once in a call, in this order.
     n : int
         Number of dofs.
     watch : callable, optional
-        Called after each evaluation as ``watch(u, v, r, t)``.
+        Called after each evaluation as ``watch(u, v, r, t)``, r the sum.
     """
 
-    def __init__(self, restoring: Callable, what: str, n: int, watch: Watch | None = None):
-        self.restoring, self.what, self.n, self.watch = restoring, what, n, watch
+    def __init__(
+        self, functions: Sequence[tuple[Callable, str]], n: int, watch: Watch | None = None
+    ):
+        # a function may change its arguments: u and v, the core's copies, are for the last one
+        *self.others, self.last = functions
+        self.n, self.watch = n, watch
 
     def __call__(self, u: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
-        before = (u.copy(), v.copy()) if self.watch else ()  # the function may change its copies
-        value = self.restoring(u, v, t)
-        try:
-            r = vector(value, self.n, "its value")
-        except (TypeError, ValueError) as error:
-            raise type(error)(f"{self.what} at t = {t:g}: {error}") from None
+        before = (u.copy(), v.copy()) if self.watch else ()
+        if self.others:
+            first, *more = (self._value(*x, u.copy(), v.copy(), t) for x in self.others)
+            r = sum(more, first) + self._value(*self.last, u, v, t)
+        else:
+            r = self._value(*self.last, u, v, t)
         if self.watch:
             self.watch(*before, r, t)
         return r
+
+    def _value(
+        self, function: Callable, what: str, u: np.ndarray, v: np.ndarray, t: float
+    ) -> np.ndarray:
+        value = function(u, v, t)
+        try:
+            return vector(value, self.n, "its value")
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"{what} at t = {t:g}: {error}") from None
+
+
+def is_compiled(function: Function) -> bool:
+    return isinstance(function, LowLevelCallable)
 
 
 def core_restoring(
     restoring: Restoring, name: str, order: np.ndarray, watch: Watch | None = None
 ) -> tuple | None:
-    """The function of subdomain `name` in the form of the core, None for springs."""
-    if not is_function(restoring):
-        return None
-    if isinstance(restoring, LowLevelCallable):
-        return restoring, order
-    what = f"restoring of subdomain {name!r}"
-    return CheckedRestoring(restoring, what, order.size, watch), order
+    """The functions of subdomain `name` in the form of the core, None without functions.
+
+    The Python callables are one function of the core, which comes first; each compiled function is
+    another one.
+    """
+    items = items_of(restoring)
+    label = "restoring" if len(items) == 1 else "restoring[{}]"
+    called = [
+        (item, f"{label.format(i)} of subdomain {name!r}")
+        for i, item in enumerate(items)
+        if not isinstance(item, Spring) and not is_compiled(item)
+    ]
+    functions: list[Any] = [CheckedRestoring(called, order.size, watch)] if called else []
+    functions += [function for function in functions_of(restoring) if is_compiled(function)]
+    return (tuple(functions), order) if functions else None

@@ -49,7 +49,20 @@ class Scheme(Frozen):
             raise ValueError("beta must be positive in an implicit scheme, got 0")
 
     def coefficients(self, h: float) -> tuple[float, float]:
-        """``(al1, al2)`` of a step of length h, equation (P2)."""
+        """The factors of the new acceleration in the corrector, equation (P2).
+
+        Parameters
+        ----------
+        h : float
+            Length of the step.
+
+        Returns
+        -------
+        al1 : float
+            Of the displacement.
+        al2 : float
+            Of the velocity.
+        """
         weight = (1.0 - self.af) / (1.0 - self.am)
         return h * h * self.beta * weight, h * self.gamma * weight
 
@@ -80,7 +93,13 @@ class Scheme(Frozen):
         return np.array([ut + al1 * w1, vt + al2 * w1, w1, a1])  # (8)
 
     def radius_at_infinity(self) -> float:
-        """Spectral radius of an implicit scheme as Omega goes to infinity."""
+        """Spectral radius of an implicit scheme as Omega goes to infinity.
+
+        Returns
+        -------
+        float
+            1 without algorithmic damping of the highest frequencies, 0 if they are annihilated.
+        """
         am, af, beta, gamma = self.am, self.af, self.beta, self.gamma
         d = 1.0 - am
         al1, al2 = self.coefficients(1.0)

@@ -88,7 +88,13 @@ class Spring(Frozen):
         return np.column_stack([self.dofs, *self.parameters])
 
     def core_parameters(self) -> tuple[np.ndarray, ...]:
-        """Parameters of the law in the form of the core."""
+        """Parameters of the law in the form of the core.
+
+        Returns
+        -------
+        tuple of (springs,) arrays
+            In the order of the law in the core.
+        """
         return self.parameters
 
     def _require(self, holds: np.ndarray, name: str, rule: str) -> None:
@@ -98,7 +104,7 @@ class Spring(Frozen):
 
 
 class CubicSpring(Spring):
-    """f = k d + k3 d^3, equation (H1): a Duffing spring.
+    """A Duffing spring: f = k d + k3 d^3, equation (H1).
 
     Parameters
     ----------
@@ -132,7 +138,7 @@ class CubicSpring(Spring):
 
 
 class Gap(Spring):
-    """f = k (d - gap) where the deformation d is above the gap, else zero, equation (H2).
+    """A stop: f = k (d - gap) where the deformation d is above the gap, else 0, equation (H2).
 
     Parameters
     ----------
@@ -168,6 +174,7 @@ class Gap(Spring):
 
     @property
     def initial_tangent(self) -> np.ndarray:
+        """Stiffness of each spring at zero deformation: 0 where there is a clearance."""
         return np.where(self.gap > 0.0, 0.0, self.k)
 
 
@@ -202,6 +209,13 @@ class Bilinear(Spring):
         _check_yield(self)
 
     def core_parameters(self) -> tuple[np.ndarray, ...]:
+        """Both stiffnesses of the two springs in parallel, and the deformation at first yield.
+
+        Returns
+        -------
+        tuple of (springs,) arrays
+            The elastic one, that of the elastic-plastic one, fy / k.
+        """
         return (self.hardening * self.k, (1.0 - self.hardening) * self.k, self.fy / self.k)
 
 
@@ -257,11 +271,19 @@ class BoucWen(Spring):
 
     @property
     def largest_tangent(self) -> np.ndarray:
+        """Largest stiffness of each spring: k, or more on unloading where beta > gamma."""
         # unloading from the limit |z|^n = 1 / (beta + gamma): dz/dx = 2 beta / (beta + gamma)
         steepest = np.maximum(1.0, 2.0 * self.beta / (self.beta + self.gamma))
         return self.k * (self.hardening + (1.0 - self.hardening) * steepest)
 
     def core_parameters(self) -> tuple[np.ndarray, ...]:
+        """Parameters of (H4) for the core, with the largest rate of z.
+
+        Returns
+        -------
+        tuple of (springs,) arrays
+            Hardening k, (1 - hardening) fy, k / fy, n, beta, gamma, rate.
+        """
         n, beta, gamma = self.n, self.beta, self.gamma
         limit = (beta + gamma) ** (-1.0 / n)  # of |z|
         rate = n * (beta + np.abs(gamma)) * limit ** (n - 1.0)
@@ -314,15 +336,6 @@ def _spread(value: Any, name: str, count: int) -> np.ndarray:
 
 
 # ---- for a subdomain ---------------------------------------------------------------------------
-
-
-def spring_list(restoring: Any) -> tuple[Spring, ...] | None:
-    """The springs in a user's `restoring`, or None if it is of another kind."""
-    if isinstance(restoring, Spring):
-        return (restoring,)
-    if isinstance(restoring, (list, tuple)) and all(isinstance(s, Spring) for s in restoring):
-        return tuple(restoring) or None
-    return None
 
 
 def check_dofs(springs: tuple[Spring, ...], n: int) -> None:

@@ -14,7 +14,7 @@ from .forces import checked_force
 from .frozen import Frozen
 from .internal import Internal, checked_internal
 from .matrices import EXPORTED, Matrix, canonical, combination, diagonal
-from .restoring import Restoring, checked_restoring, is_function
+from .restoring import Restoring, checked_restoring, functions_of, springs_of
 from .schemes import Scheme
 from .springs import Spring, stiffness
 
@@ -41,10 +41,6 @@ class Subdomain(Frozen):
         K may be None where there is a restoring or an internal force.
     C : like M and K, optional
         Viscous damping, symmetric. Default: none.
-    rayleigh : (c_m, c_k), optional
-        Rayleigh damping c_m M + c_k K, in place of C or added to it, in any format of M and K. In
-        1/time and in time, at least 0; `models.rayleigh` computes them from damping ratios. K is
-        without `restoring_stiffness`.
     scheme : Scheme
         `GeneralizedAlpha`, `Newmark`, `CentralDifference`, `HHT` or `WBZ`.
     substeps : int, default 1
@@ -59,23 +55,26 @@ class Subdomain(Frozen):
         External load, evaluated at the end of each substep. A callable ``f(t) -> (n,)`` is
         evaluated in advance, once for each substep in the order of time, and once at t = 0. A
         ``scipy.LowLevelCallable`` ``int (double t, intptr_t n, double *f, void *user)`` is
-        evaluated in the step, without the GIL; f is zero on entry.
-    restoring : callable, LowLevelCallable, or springs, optional
+        evaluated in the step, without the GIL; f is zero on entry. For one dof a number will do
+        in place of an array, also as the value of a callable.
+    restoring : callable, LowLevelCallable, springs, or a list of these, optional
         A further force beside K u + C v, such as a nonlinear element or a specimen in a test rig,
-        equation (R2). Springs, one or a list, are `CubicSpring`, `Gap`, `Bilinear` and `BoucWen`,
-        evaluated by the core. A callable ``r(u, v, t) -> (n,)`` is evaluated once for the initial
-        accelerations, then exactly once for each substep, in the order of time, at the predictor
-        of the displacement and an extrapolated velocity; after an exception, evaluations of the
-        macro step that it ended are repeated. u and v are copies. A ``scipy.LowLevelCallable``
-        ``int (double t, intptr_t n, double *u, double *v, double *r, void *user)`` is evaluated
-        without the GIL; r is zero on entry. With several threads it is called from any of them,
-        for each subdomain from one at a time. A return value other than 0 stops the run with a
-        `CallbackError`.
+        equation (R2); of a list, the sum. Springs are `CubicSpring`, `Gap`, `Bilinear` and
+        `BoucWen`, evaluated by the core. A callable ``r(u, v, t) -> (n,)`` is evaluated once for
+        the initial accelerations, then exactly once for each substep, in the order of time, at the
+        predictor of the displacement and an extrapolated velocity; after an exception, evaluations
+        of the macro step that it ended are repeated. u and v are copies. A
+        ``scipy.LowLevelCallable`` ``int (double t, intptr_t n, double *u, double *v, double *r,
+        void *user)`` is evaluated without the GIL; r is zero on entry. With several threads it is
+        called from any of them, for each subdomain from one at a time. A return value other than 0
+        stops the run with a `CallbackError`. In a list, callables are evaluated first and
+        LowLevelCallables after them, each kind in the order of the list.
     restoring_stiffness, restoring_damping : like M and K, optional
         Estimates K_r, D_r of the stiffness and damping of the restoring force, for operator
         splitting. An implicit subdomain is stable for any step if K_r is at least the tangent
-        stiffness; for an explicit one K_r only enters the critical step. Default: zero; for
-        springs the initial tangent.
+        stiffness; for an explicit one K_r only enters the critical step. Default: zero for
+        functions, the initial tangent for springs. A given K_r is that of the whole sum, with its
+        springs.
     internal : callable, `InternalForce`, springs, or a list of them, optional
         A further force f(u, v, t; q) beside K u + C v that an implicit subdomain iterates with its
         tangents, by Newton's method; `restoring` is evaluated once per substep instead. A callable
@@ -87,6 +86,10 @@ class Subdomain(Frozen):
     damping : {"implicit", "lagged"}, default "implicit"
         "lagged": C acts on the extrapolated velocity, equation (R4), so that an explicit subdomain
         whose C is not diagonal needs no factor. The critical step is smaller, equation (C2).
+    rayleigh : (c_m, c_k), optional
+        Rayleigh damping c_m M + c_k K, in place of C or added to it, in any format of M and K. In
+        1/time and in time, at least 0; `models.rayleigh` computes them from damping ratios. K is
+        without `restoring_stiffness`.
     u0, v0 : (n,) array, optional; a number for one dof
         Initial displacement and velocity. Default: zero.
     name : str, optional
@@ -131,9 +134,12 @@ class Subdomain(Frozen):
     0.8044
     """
 
-    M: Matrix
-    K: Matrix
-    C: Matrix
+    # not Matrix: a checker would then want a test for None, a zero matrix, at each use of tower.M
+    M: Any
+    K: Any
+    C: Any
+    # whether a function among the restoring forces has no estimate of its stiffness
+    has_unknown_stiffness: bool
 
     def __init__(
         self,
@@ -168,7 +174,8 @@ class Subdomain(Frozen):
         self.name = name
         self.M, self.n = canonical(M, "M")
         self.internal: Internal | None = checked_internal(internal, self.n)
-        if K is None and restoring is None and self.internal is None:
+        self.restoring: Restoring = checked_restoring(restoring, self.n)
+        if K is None and self.restoring is None and self.internal is None:
             raise TypeError(
                 "K must be a matrix where there is no restoring force and no internal one, got None"
             )
@@ -177,7 +184,7 @@ class Subdomain(Frozen):
         self.C = damping_matrix(C, self.rayleigh, self.n, M=self.M, K=self.K, given=K)
         self.damping = damping
         self.force = checked_force(force, self.n)
-        self.restoring: Restoring = checked_restoring(restoring, self.n)
+        self.has_unknown_stiffness = self.has_functions and restoring_stiffness is None
         if self.restoring_springs and self.internal is not None and self.internal.springs:
             raise ValueError(
                 "springs must be either in restoring, evaluated once per substep, or in internal, "
@@ -215,7 +222,12 @@ class Subdomain(Frozen):
     @property
     def restoring_springs(self) -> tuple[Spring, ...]:
         """The springs among the restoring forces."""
-        return () if self.restoring is None or is_function(self.restoring) else self.restoring
+        return springs_of(self.restoring)
+
+    @property
+    def has_functions(self) -> bool:
+        """Whether functions of the user are among the restoring forces."""
+        return bool(functions_of(self.restoring))
 
     @property
     def springs(self) -> tuple[Spring, ...]:
@@ -229,15 +241,19 @@ class Subdomain(Frozen):
 
     @property
     def largest_tangent(self) -> Matrix:
-        """The stiffness for the critical step: K + K_r, or K + the largest tangents of springs.
+        """The stiffness for the critical step, with the largest tangents of springs.
 
-        Without internal forces.
+        It is K + K_r without springs. Of springs alone K_r is not used, and beside functions it
+        counts as the initial tangents with an estimate for the functions. Without internal forces.
         """
         springs = self.restoring_springs
         if not springs:
             return self.tangent
-        largest = canonical(stiffness(springs, "largest_tangent", self.n), "springs", self.n)[0]
-        return combination([(1.0, self.K), (1.0, largest)])
+        tangents = stiffness(springs, "largest_tangent", self.n)
+        if self.has_functions:
+            tangents = tangents - stiffness(springs, "initial_tangent", self.n)
+        rest = self.tangent if self.has_functions else self.K
+        return combination([(1.0, rest), (1.0, canonical(tangents, "springs", self.n)[0])])
 
     @property
     def implicit_stiffness(self) -> Matrix:
@@ -263,8 +279,6 @@ class Subdomain(Frozen):
     def _initial(self, value: Any, name: str) -> np.ndarray:
         if value is None:
             value = np.zeros(self.n)
-        if self.n == 1 and np.ndim(value) == 0:
-            value = [value]
         return vector(value, self.n, name)
 
     def _check_negative_mass(self, digits: float) -> None:

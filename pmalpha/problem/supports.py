@@ -80,7 +80,18 @@ class SupportMotion:
         return self._velocity(min(t, self.end))
 
     def displacement(self, t: float) -> np.ndarray:
-        """The displacements at time t >= 0, (k,)."""
+        """The displacements of the supports at a time.
+
+        Parameters
+        ----------
+        t : float
+            At least 0.
+
+        Returns
+        -------
+        (k,) ndarray
+            In the unit of the record.
+        """
         later = max(t - self.end, 0.0)
         return self._displacement(min(t, self.end)) + later * self._velocity(self.end)
 

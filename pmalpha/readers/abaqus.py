@@ -33,6 +33,7 @@ def read_abaqus(path: str | os.PathLike, labels: Any = None) -> ExportedMatrix:
     Parameters
     ----------
     path : str or path
+        The file, such as job_STIF1.mtx.
     labels : (n, 2) array_like of int, optional
         Node and component of each row of a coordinate list, which does not have them: from the file
         .dof of CalculiX, or from the model. Default: (row, 0) with rows from 1 to the largest in

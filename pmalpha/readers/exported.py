@@ -70,6 +70,7 @@ class ExportedMatrix:
         Returns
         -------
         (m,) ndarray of int
+            Numbers of the rows, from 0.
 
         Raises
         ------
@@ -108,6 +109,11 @@ class ExportedMatrix:
         ----------
         labels : (m, 2) array_like of int
             Must contain all labels of the matrix.
+
+        Returns
+        -------
+        ExportedMatrix
+            With these m rows.
 
         Raises
         ------

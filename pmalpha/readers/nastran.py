@@ -49,6 +49,7 @@ def read_dmig(path: str | os.PathLike, name: str | None = None) -> ExportedMatri
     Parameters
     ----------
     path : str or path
+        The punch file, such as job.pch.
     name : str, optional
         Name of the matrix, such as "KAAX". Default: the only one in the file.
 

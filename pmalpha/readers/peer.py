@@ -33,6 +33,7 @@ def read_at2(path: str | PathLike) -> tuple[np.ndarray, float, str]:
     Parameters
     ----------
     path : str or path
+        The file, such as RSN6_IMPVALL.I_I-ELC180.AT2.
 
     Returns
     -------

@@ -21,6 +21,7 @@ def asymmetry(A: Any) -> float:
     Parameters
     ----------
     A : (n, n) array or scipy.sparse matrix or array
+        With real entries.
 
     Returns
     -------
@@ -50,12 +51,14 @@ def symmetrized(A: Any, tol: float) -> Any:
     Parameters
     ----------
     A : (n, n) array or scipy.sparse matrix or array
+        With real entries.
     tol : float
         Maximum `asymmetry`, at least 0.
 
     Returns
     -------
     (n, n) ndarray or csr_array
+        Exactly symmetric.
 
     Raises
     ------

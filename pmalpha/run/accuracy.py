@@ -12,6 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
+from .._checks import listing
 from ..errors import AccuracyWarning, warn
 from ..problem.matrices import diagonal, product
 from ..problem.schemes import Scheme
@@ -112,24 +113,27 @@ class Sample:
 def warn_if_coarse(
     histories: Sequence[Recorded | None], parts: Sequence[Part], begin: float, end: float
 ) -> None:
-    """AccuracyWarning for each subdomain whose recorded steps are too coarse for the motion."""
+    """AccuracyWarning that names the subdomains whose steps are too coarse for the motion."""
     with np.errstate(all="ignore"):
         errors = accumulated_errors(histories, parts, end - begin)
     total = sum(errors.values())
     if not COARSE < total < np.inf:
         return
     size = f"{100.0 * total:.2g} per cent" if total < 0.99 else "100 per cent or more"
-    for i, error in errors.items():
-        if error < 0.5 * max(errors.values()):
-            continue
-        part = parts[i]
-        double = f", a double step of 2 x {part.h:g}," if part.double else ""
-        warn(
-            f"the step {part.step:g}{double} of subdomain {part.name!r} is too coarse for its "
-            f"motion: the error accumulated until t = {end:g} is about "
-            f"{size} of the amplitude; take smaller steps, or more substeps",
-            AccuracyWarning,
-        )
+    coarse = [parts[i] for i, error in errors.items() if error >= 0.5 * max(errors.values())]
+    doubles = [f", a double step of 2 x {part.h:g}" if part.double else "" for part in coarse]
+    if len(coarse) == 1:
+        double = f"{doubles[0]}," if doubles[0] else ""
+        text = f"the step {coarse[0].step:g}{double} of subdomain {coarse[0].name!r} is"
+    else:
+        each = [f"{part.name!r} ({part.step:g}{x})" for part, x in zip(coarse, doubles)]
+        text = f"the steps of subdomains {listing(each)} are"
+    warn(
+        f"{text} too coarse for {'its' if len(coarse) == 1 else 'their'} motion: the error "
+        f"accumulated until t = {end:g} is about {size} of the amplitude; take smaller steps, or "
+        "more substeps",
+        AccuracyWarning,
+    )
 
 
 def accumulated_errors(

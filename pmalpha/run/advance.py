@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import nullcontext
 from time import perf_counter
 from typing import Any
 
-from ..errors import CallbackError, InstabilityError, UnboundedMotion
+from ..blas import one_thread
+from ..errors import CallbackError, ConvergenceError, InstabilityError, UnboundedMotion
 from .loads import Loads
 from .progress import Report
 
@@ -34,9 +36,16 @@ def advance(
 
     Raises
     ------
-    InstabilityError, CallbackError, and any exception of a callable
+    InstabilityError, ConvergenceError, CallbackError, and any exception of a callable
         The core is then at the last completed macro step.
     """
+    with one_thread() if loads.iterates else nullcontext():  # the core calls BLAS
+        _advance(core, loads, end, record, report)
+
+
+def _advance(
+    core: Any, loads: Loads, end: int, record: tuple | None, report: Report | None
+) -> None:
     for chunk in _chunks(core, loads, end):
         ready, failure = loads.prepare(core.step_count, chunk)
         try:
@@ -68,10 +77,32 @@ def _chunks(core: Any, loads: Loads, end: int) -> Iterator[int]:
         steps = min(2 * steps, longest) if seconds < CHUNK_SECONDS else max(1, steps // 2)
 
 
-def _error(failed: int | tuple[int, int, str], step: int, loads: Loads) -> Exception:
+def _error(failed: Any, step: int, loads: Loads) -> Exception:
     """The exception for a macro step that the core did not complete."""
     names, t = [part.name for part in loads.parts] + ["interface"], loads.clock.time(step)
+    if isinstance(failed, tuple) and len(failed) == 4:
+        return _convergence_error(failed, names, step, loads)
     if isinstance(failed, tuple):
         index, code, what = failed
         return CallbackError(code, what, step, t, names[index])
     return InstabilityError(step, t, names[failed])
+
+
+def _convergence_error(
+    failed: tuple[int, float | None, int | None, int],
+    names: list[str],
+    step: int,
+    loads: Loads,
+) -> ConvergenceError:
+    index, t, iterations, position = failed
+    if t is None or iterations is None:  # the interface, at the end of the macro step
+        end = loads.clock.time(step + 1)
+        return ConvergenceError(names[index], end, loads.newton.iterations)
+    cause = ""
+    if position >= 0:
+        dof = loads.parts[index].order[position]
+        cause = (
+            f"its tangent Mbar is not positive definite, first seen at dof {dof}, as in buckling "
+            "or softening, or after an iterate far away: take smaller steps"
+        )
+    return ConvergenceError(names[index], t, iterations, cause)

@@ -66,7 +66,7 @@ class EarlierRows:
 
     def check(self, header: Mapping[str, Any], first: Mapping[str, np.ndarray]) -> None:
         """ValueError unless a run with this header and these first rows continues the file."""
-        for name in ("names", "recorded", "every", "nodes", "fixed", "dt"):
+        for name in ("names", "recorded", "every", "nodes", "fixed", "dt", "outputs"):
             if self.header.get(name, header[name]) != header[name]:
                 self._refuse("must be of the same coupler, dt and recorded quantities")
         for name, x in self.arrays.items():
@@ -78,7 +78,11 @@ class EarlierRows:
                 self._refuse("must be of the same coupler, dt and recorded quantities")
         if not self.has_present:
             return
-        states = [name for name in header["nodes"] if name.endswith((".t", ".u", ".v", ".a"))]
+        states = [
+            name
+            for name in header["nodes"]
+            if name.endswith((".t", ".u", ".v", ".a")) or ".outputs." in name
+        ]
         if any(not np.array_equal(self.arrays[x][-1], first[x][0]) for x in states):
             self._refuse("must have the present state of the coupler, it has another at this time")
 

@@ -6,7 +6,7 @@ t, and F for forces.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -20,6 +20,8 @@ ARRAYS = {
     "deformation": ("deformation of springs, a row for each time level", "u"),
     "force": ("force of springs, as deformation", "F"),
     "springs": ("the recorded springs, from 0", "1"),
+    "iterations": ("Newton iterations of each substep", "1"),
+    "q": ("history of internal forces, a row for each time level", "any"),
     "multipliers": ("interface forces, a column for each constraint", "F"),
     "multiplier_times": ("times of multipliers and velocity_jump", "t"),
     "velocity_jump": ("violation of the velocity constraints, as multipliers", "u/t"),
@@ -28,6 +30,7 @@ ARRAYS = {
     "step_count": ("macro steps up to which all rows are written", "1"),
 }
 ENERGY = ("a row for each macro time level, a column for each subdomain", "F u")
+OUTPUT = "linear combinations of u, v and a, a row for each time level"
 UNITS = "any consistent system, that of the matrices, u and dt; F is the unit of K u"
 
 
@@ -51,10 +54,16 @@ def describe(whole: Any, header: Mapping[str, Any]) -> None:
     for key, item in whole.items():
         if key.isdecimal():
             item.attrs["name"] = _storable(header["names"][int(key)])
+            _name_outputs(item.get("outputs", {}), header["outputs"][int(key)])
         for name, array in item.items() if hasattr(item, "items") else [(key, item)]:
             known = ENERGY if key == "energy" else ARRAYS.get(name)
             if known is not None:
                 array.attrs.update(zip(("description", "units"), known))
+
+
+def _name_outputs(group: Mapping[str, Any], names: Sequence[str]) -> None:
+    for k, array in group.items():
+        array.attrs.update({"name": _storable(names[int(k)]), "description": OUTPUT})
 
 
 def _storable(name: str) -> str:

@@ -19,6 +19,7 @@ from scipy import LowLevelCallable
 from .._checks import MOST, counted, listing
 from ..files import read_npz, write_npz
 from ..problem.forces import SampledForce
+from ..problem.springs import Spring
 from ..setup.part import Part
 from .motion import Motion
 
@@ -49,7 +50,10 @@ def constants(
     matrices : sequence of (p, n_i) csc_array
         L_i, in the user's order.
     """
-    facts = {**options, "names": [part.name for part in parts], "conditions": matrices[0].shape[0]}
+    facts = {**options, "newton": repr(options["newton"])}
+    facts |= {"names": [part.name for part in parts], "conditions": matrices[0].shape[0]}
+    if not any(part.internal is not None for part in parts):
+        del facts["newton"]  # which nothing uses, and files of older versions do not have
     for part, L in zip(parts, matrices):
         s, of = part.subdomain, f"of {part.name!r}"
         scheme = s.scheme
@@ -62,6 +66,8 @@ def constants(
         }
         facts |= {f"{x} {of}": checksum(getattr(s, x)) for x in (*"MKC", *ESTIMATES)}
         facts[f"damping {of}"] = s.damping
+        if s.internal is not None:
+            facts[f"internal forces {of}"] = internal(part)
         facts[f"restoring {of}"] = "none" if s.restoring is None else load(s.restoring)
         facts[f"conditions on {part.name!r}"] = checksum(sp.csr_array(L))
     return facts
@@ -83,10 +89,20 @@ def load(force: Any) -> str:
     if isinstance(force, LowLevelCallable):
         return "a compiled function"
     if isinstance(force, tuple):
+        return ", ".join(load(item) for item in force)
+    if isinstance(force, Spring):
         # these words are in files of all versions; repr may change
-        laws = (f"<{type(spring).__name__} x {len(spring)}>" for spring in force)
-        return ", ".join(f"{law} {checksum(spring.numbers)}" for law, spring in zip(laws, force))
+        return f"<{type(force).__name__} x {len(force)}> {checksum(force.numbers)}"
     return "a callable" if callable(force) else checksum(force)
+
+
+def internal(part: Part) -> str:
+    """A description of internal forces: their springs, pattern and history; not the functions."""
+    forces = part.internal
+    springs = load(part.subdomain.internal.springs)
+    count = counted(len(forces.functions), "function")
+    where = checksum(forces.pattern)
+    return ", ".join(x for x in (springs, count, f"pattern {where}", checksum(forces.initial)) if x)
 
 
 def checksum(A: Any) -> str:
@@ -117,9 +133,9 @@ def differences(saved: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
 def order_of(part: Part, name: str, x: np.ndarray) -> np.ndarray:
     """Order of the entries of x, those of the last eliminated dofs, by the user's numbers.
 
-    The history variables of springs are in the user's order already.
+    What springs and internal forces remember is in the user's order already.
     """
-    if name.endswith("springs"):
+    if name.endswith(("springs", "history")):
         return np.arange(x.size)
     return np.argsort(part.order[part.n - x.size :])
 
@@ -131,7 +147,15 @@ def state_arrays(
     arrays = {}
     for i, part in enumerate(parts):
         for name, x in zip(names(part), part.core.levels()):
-            arrays[f"{i}.{name}"] = x[order_of(part, name, x)]
+            if x.size or not name.endswith("history"):
+                arrays[f"{i}.{name}"] = x[order_of(part, name, x)]
+        if part.tangent is not None:
+            scale, entries, twice = part.core.iteration()
+            arrays[f"{i}.iteration"] = np.array([scale, float(entries is not None), float(twice)])
+            if entries is not None:
+                arrays[f"{i}.tangent"] = entries
+    if core.iteration().size:
+        arrays["shooting"] = core.iteration()
     arrays["multipliers"] = core.multipliers[row_position]
     arrays["prescribed"] = core.prescribed[row_position]
     return arrays
@@ -145,6 +169,8 @@ class CoreState(NamedTuple):
     """The state of a coupler in the core's order: arrays by subdomain, and (p,) arrays."""
 
     levels: list[tuple[np.ndarray, ...]]
+    iterations: list[tuple[float, np.ndarray | None, bool] | None]
+    shooting: np.ndarray
     multipliers: np.ndarray
     prescribed: np.ndarray
 
@@ -153,28 +179,47 @@ def core_state(
     path: str | PathLike,
     arrays: Mapping[str, np.ndarray],
     parts: Sequence[Part],
+    core: Any,
     row_position: np.ndarray,
 ) -> CoreState:
     """The inverse of `state_arrays`; ValueError for missing or wrong arrays."""
     p = row_position.size
     try:
         states = [core_arrays(part, i, arrays) for i, part in enumerate(parts)]
+        iterations = [core_iteration(part, i, arrays) for i, part in enumerate(parts)]
+        size = core.iteration().size
+        shooting = checked(arrays, "shooting", size) if size else np.empty(0)
         lam, g = np.empty((2, p))
         lam[row_position] = checked(arrays, "multipliers", p)
         g[row_position] = checked(arrays, "prescribed", p)
     except (LookupError, ValueError) as error:
         raise damaged(path, error) from None
-    return CoreState(states, lam, g)
+    return CoreState(states, iterations, shooting, lam, g)
 
 
 def core_arrays(part: Part, i: int, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
     """The arrays of subdomain i for the core; ValueError for missing or wrong arrays."""
     state = []
     for name, present in zip(names(part), part.core.levels()):
+        if name.endswith("history") and not present.size:
+            state.append(present)
+            continue
         x = np.empty(present.size)
         x[order_of(part, name, x)] = checked(arrays, f"{i}.{name}", present.size)
         state.append(x)
     return tuple(state)
+
+
+def core_iteration(
+    part: Part, i: int, arrays: Mapping[str, np.ndarray]
+) -> tuple[float, np.ndarray | None, bool] | None:
+    """What the iteration of subdomain i continues with, for the core; None if it is linear."""
+    if part.tangent is None:
+        return None
+    scale, has_tangent, twice = checked(arrays, f"{i}.iteration", 3)
+    size = part.tangent.pattern.nnz
+    tangent = checked(arrays, f"{i}.tangent", size) if has_tangent else None
+    return float(scale), tangent, bool(twice)
 
 
 def checked(arrays: Mapping[str, np.ndarray], name: str, size: int) -> np.ndarray:
@@ -182,6 +227,17 @@ def checked(arrays: Mapping[str, np.ndarray], name: str, size: int) -> np.ndarra
     if x.shape != (size,) or x.dtype != np.float64 or not np.all(np.isfinite(x)):
         raise ValueError(f"{name} is not an array of {counted(size, 'finite number')}")
     return x
+
+
+def restore(state: CoreState, parts: Sequence[Part], core: Any, step: int) -> None:
+    """Set a state in the core, at this macro step."""
+    for part, levels in zip(parts, state.levels):
+        part.core.set_levels(levels)
+    core.start(step, state.multipliers, state.prescribed)
+    for part, iteration in zip(parts, state.iterations):
+        if iteration is not None:
+            part.core.set_iteration(*iteration)
+    core.set_iteration(state.shooting)
 
 
 # ---- files -----------------------------------------------------------------------------------

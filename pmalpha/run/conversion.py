@@ -18,6 +18,7 @@ def subdomain_frame(s: Any) -> pandas.DataFrame:
     columns = [(q, s.dofs, getattr(s, q)) for q in MOTION]
     if s.springs is not None:
         columns += [(q, s.springs, getattr(s, q)) for q in LOOPS]
+    columns += [(q, range(x.shape[1]), x) for q, x in s.outputs.items()]
     return _frame(s.t, columns, ["quantity", "dof"])
 
 
@@ -58,4 +59,5 @@ def subdomain_dataset(s: Any) -> xarray.Dataset:
     if s.springs is not None:
         variables |= {q: (("time", "spring"), getattr(s, q)) for q in LOOPS}
         coordinates["spring"] = s.springs
+    variables |= {q: (("time", f"{q}_row"), x) for q, x in s.outputs.items()}
     return xarray.Dataset(variables, coordinates, attrs={"name": s.name})

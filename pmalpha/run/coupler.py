@@ -7,19 +7,17 @@ from contextlib import contextmanager
 from os import PathLike
 from typing import Any, get_args
 
-import numpy as np
-
 from .._checks import check_word, flag, time_step, whole_number
 from ..problem.arguments import Coupling, Start
 from ..problem.constraints import Constraint
 from ..problem.forces import checked_force
-from ..problem.newton import Newton
-from ..problem.springs import SpringState
+from ..problem.newton import DEFAULT, Newton
 from ..problem.subdomain import Subdomain
 from ..setup.assembly import assemble
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.schedule import (
     check_factorize,
+    check_newton,
     checked_constraints,
     checked_subdomains,
     double_steps,
@@ -33,12 +31,14 @@ from .accuracy import warn_if_coarse
 from .advance import advance
 from .clock import Clock
 from .description import Description
+from .drift import warn_if_drifting
 from .energy import summed_works
-from .history import History, State
+from .history import History
 from .initial import InitialValues
-from .keys import by_index, position
+from .keys import by_index
 from .loads import Loads
 from .motion import motions_of
+from .present import Present
 from .progress import Report, reporting
 from .recording import Recording, recording_class
 from .uncut import Uncut
@@ -46,7 +46,7 @@ from .uncut import Uncut
 __all__ = ["Coupler"]
 
 
-class Coupler(Description, Uncut):
+class Coupler(Description, Present, Uncut):
     """Subdomains with different schemes and time steps, coupled by velocity constraints.
 
     Parameters
@@ -69,6 +69,8 @@ class Coupler(Description, Uncut):
         "rebased": the stored free velocity of a double-step subdomain is replaced when its double
         steps begin, after the first macro step, equation (S3). "plain": it is kept, as in the
         paper. No effect under "macro", where no step reads a stored free velocity.
+    newton : Newton, default Newton()
+        How internal forces are iterated; no effect without them.
     threads : int, optional
         Maximum number of threads, including the caller; 1 runs serially. Results are bitwise
         identical for any number. Default: the number of processors of this process if equations
@@ -149,7 +151,7 @@ class Coupler(Description, Uncut):
         dt: float,
         coupling: Coupling = "pm",
         start: Start = "rebased",
-        newton: Newton = Newton(),
+        newton: Newton = DEFAULT,
         threads: int | None = None,
         factorize: Any = None,
     ):
@@ -157,13 +159,19 @@ class Coupler(Description, Uncut):
         constraints = checked_constraints(constraints, subdomains)
         check_word(coupling, "coupling", get_args(Coupling))
         check_word(start, "start", get_args(Start))
+        check_newton(newton)
         threads_allowed = most_threads(threads)
         check_factorize(factorize)
         self._clock = Clock(time_step(dt, "dt"))
         fine = finest(subdomains, coupling)
         self._fine = 1 if coupling == "macro" else fine  # interface problems in a macro step
         self._keys = tuple(zip(names_of(subdomains), subdomains))
-        self._options = {"dt": self._clock.dt, "coupling": coupling, "start": start}
+        self._options = {
+            "dt": self._clock.dt,
+            "coupling": coupling,
+            "start": start,
+            "newton": newton,
+        }
         doubles = double_steps(subdomains, coupling)
 
         self._rows = ConstraintRows(constraints, subdomains)
@@ -176,7 +184,6 @@ class Coupler(Description, Uncut):
             doubles,
             [motion.rows for motion in motions],
             **self._options,
-            newton=newton,
             threads=threads_allowed,
             factorize=factorize,
         )
@@ -189,83 +196,8 @@ class Coupler(Description, Uncut):
         self._started = self._was_reset = False
         self._busy = False
         forces = [s.force for s in subdomains]
-        self._loads = Loads(self._core, self._parts, self._clock, forces, motions)
+        self._loads = Loads(self._core, self._parts, self._clock, forces, motions, newton)
         self._take_loads()
-
-    # ---- the present -------------------------------------------------------------------------
-
-    @property
-    def threads(self) -> int:
-        """Number of threads in use, including the caller."""
-        return self._core.threads
-
-    @property
-    def step_count(self) -> int:
-        """Number of completed macro steps."""
-        with self._entered():
-            return self._steps_done()
-
-    @property
-    def time(self) -> float:
-        """The present time, equation (T1)."""
-        return self._clock.time(self.step_count)
-
-    @property
-    def multipliers(self) -> np.ndarray:
-        """Lam, (p,), at the present time; a copy."""
-        with self._entered():
-            self._start()
-            return self._core.multipliers[self._row_position]
-
-    @property
-    def last_history(self) -> History | None:
-        """After an exception or Ctrl-C in `run`: the History up to the last complete macro step."""
-        return self._last_history
-
-    def state(self, key: str | int | Subdomain) -> State:
-        """Displacement, velocity and true acceleration of a subdomain at the present time; copies.
-
-        Parameters
-        ----------
-        key : str, int or Subdomain
-            Its name, its index, or the subdomain itself.
-
-        Raises
-        ------
-        KeyError, IndexError
-            When there is no such subdomain.
-        """
-        part = self._parts[position(key, self._keys)]
-        with self._entered():
-            self._start()
-            u, v, w = part.core.state()
-        return State(u[part.position], v[part.position], w[part.position])
-
-    def springs(self, key: str | int | Subdomain) -> SpringState:
-        """Deformation and force of the springs of a subdomain at the present time; copies.
-
-        Parameters
-        ----------
-        key : str, int or Subdomain
-            Its name, its index, or the subdomain itself.
-
-        Raises
-        ------
-        KeyError, IndexError
-            When there is no such subdomain.
-
-        Examples
-        --------
-        >>> joint = Bilinear([0], k=4.0, fy=1.0)
-        >>> frame = Subdomain([1.0], None, scheme=Newmark(), restoring=joint, u0=[1.0], name="f")
-        >>> Coupler([frame], dt=0.1).springs("f").force
-        array([1.])
-        """
-        part = self._parts[position(key, self._keys)]
-        with self._entered():
-            self._start()
-            deformation, force, _ = part.core.springs()
-        return SpringState(deformation, force)
 
     def __reduce__(self) -> tuple:
         raise TypeError("a Coupler cannot be copied or pickled: its state is in the C core")
@@ -284,6 +216,7 @@ class Coupler(Description, Uncut):
         append: bool = False,
         overwrite: bool = False,
         record_springs: Mapping[Any, Any] | None = None,
+        outputs: Mapping[Any, Any] | None = None,
         progress: Any = None,
     ) -> History:
         """Advance from the present time and record.
@@ -301,9 +234,12 @@ class Coupler(Description, Uncut):
         every : int, optional
             Record only time levels at which `step_count` is a multiple of this, and the first of
             the run, in all arrays. Default: every time level of each subdomain.
-        record_springs : dict, optional
-            Springs whose deformation and force are recorded: indices by subdomain, None for all
-            springs of one. Default: none.
+        outputs : dict, optional
+            Linear combinations of the motion, base shears or element forces say, that are recorded
+            as ``history[name].outputs[output]``, by subdomain and by name of the output: a matrix
+            W, (rows, n) dense or scipy.sparse or (n,) for one row, for W u; or a dict of such
+            matrices by "u", "v" and "a" for W_u u + W_v v + W_a a. They are computed during the run
+            from all dofs, recorded or not: with ``record={}`` only outputs are recorded.
         energy : bool, default False
             Record the energies of all subdomains, with works counted from the beginning of this
             run, in ``history.energy``, an `Energy`. Results are unchanged. Costs a product with C
@@ -323,6 +259,9 @@ class Coupler(Description, Uncut):
             Not with energies, whose works count from the beginning of a run.
         overwrite : bool, default False
             Replace an existing file before the first step.
+        record_springs : dict, optional
+            Springs whose deformation and force are recorded: indices by subdomain, None for all
+            springs of one. Default: none.
         progress : True or callable, optional
             True: a tqdm bar. A callable is called as ``progress(done, total)``, in macro steps of
             this call, about every 50 ms and at the end. It may not use the coupler. An exception
@@ -331,11 +270,23 @@ class Coupler(Description, Uncut):
         Returns
         -------
         History
+            From the present time to the end of the run.
+
+        Examples
+        --------
+        The force of a spring of stiffness 4, and no dof:
+
+        >>> mass = Subdomain([1.0], [4.0], scheme=Newmark(), v0=[1.0], name="mass")
+        >>> history = Coupler([mass], dt=0.01).run(1.0, record={}, outputs={"mass": {"N": [4.0]}})
+        >>> history["mass"].outputs["N"].shape
+        (101, 1)
 
         Raises
         ------
         TypeError, ValueError
             For wrong arguments, and for a wrong result of a load.
+        ConvergenceError
+            When the iteration of internal forces does not converge.
         InstabilityError
             When a value is not finite, or after that StabilityWarning has left all bounds.
         CallbackError
@@ -351,8 +302,9 @@ class Coupler(Description, Uncut):
         Warns
         -----
         AccuracyWarning, StabilityWarning
-            When the recorded steps are too coarse for the motion, or above the critical step for
-            the stiffness seen in a restoring callable without ``restoring_stiffness``.
+            When the recorded steps are too coarse for the motion, or under "macro" the macro step
+            for the multipliers; when steps are above the critical step for the stiffness seen in a
+            restoring callable without ``restoring_stiffness``.
 
         An exception of a load or of a restoring force reaches the caller, and so does Ctrl-C,
         within 0.1 s or a fine step, whichever is longer. After any exception the coupler is at the
@@ -374,6 +326,7 @@ class Coupler(Description, Uncut):
                 every=every,
                 energy=flag(energy, "energy"),
                 record_springs=record_springs,
+                outputs=outputs,
             )
             with reporting(progress, begin, end) as report:
                 self._last_history = None
@@ -387,6 +340,7 @@ class Coupler(Description, Uncut):
                         raise
             self._last_history = history = recording.history(end)  # if the warning is an error
             warn_if_coarse(history.subdomains, self._parts, *history.macro_times[[0, -1]])
+            warn_if_drifting(history, self._parts, self._rows, self._loads.motions)
             self._last_history = None
             return history
 
@@ -402,6 +356,11 @@ class Coupler(Description, Uncut):
         """Advance by n macro steps without a History.
 
         Raises as `run` does; the states are bitwise identical to those of `run`.
+
+        Parameters
+        ----------
+        n : int, default 1
+            Number of macro steps, 0 or more.
         """
         n = whole_number(n, "n")
         with self._entered():
@@ -511,12 +470,10 @@ class Coupler(Description, Uncut):
         """
         with self._entered():
             step, arrays = checkpoint.read(path, self._problem())
-            state = checkpoint.core_state(path, arrays, self._parts, self._row_position)
+            state = checkpoint.core_state(path, arrays, self._parts, self._core, self._row_position)
             self._loads = self._loads.renewed()  # stored values of callables are of other times
             self._loads.to_core()
-            for part, levels in zip(self._parts, state.levels):
-                part.core.set_levels(levels)
-            self._core.start(step, state.multipliers, state.prescribed)
+            checkpoint.restore(state, self._parts, self._core, step)
             self._started, self._last_history = True, None
 
     # ---- inside ------------------------------------------------------------------------------
@@ -545,10 +502,9 @@ class Coupler(Description, Uncut):
 
     def _require_linear(self, what: str) -> None:
         for name, s in self._keys:
-            if s.restoring is not None:
-                raise ValueError(
-                    f"{what} needs linear subdomains, got a restoring force on {name!r}"
-                )
+            if s.restoring is not None or s.internal is not None:
+                kind = "a restoring force" if s.internal is None else "an internal force"
+                raise ValueError(f"{what} needs linear subdomains, got {kind} on {name!r}")
 
     def _steps_done(self) -> int:
         return self._core.step_count if self._started else 0

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from .._checks import counted
-from ..problem.restoring import is_function
 from ..problem.schemes import CentralDifference, Scheme
 from ..problem.subdomain import Subdomain
 from ..setup.constraint_rows import ConstraintRows
@@ -130,7 +129,7 @@ def step_ratio(part: Part) -> str:
     Above `SMALL` dofs it is an upper bound, "<= 0.7", unless set-up needed the exact one.
     """
     s = part.subdomain
-    if part.step_ratio is None or (is_function(s.restoring) and s.restoring_stiffness is None):
+    if part.step_ratio is None or s.has_unknown_stiffness:
         return "-"
     ratio, is_bound = part.step_ratio.value, part.step_ratio.is_bound
     if ratio == 0.0:

@@ -30,6 +30,7 @@ class Energy:
     Attributes
     ----------
     t : (macro time levels,) array
+        Times of the rows.
     kinetic, strain : arrays
         T = v M v / 2 and U = u K u / 2, equation (B1).
     dissipated, external, interface : arrays
@@ -60,7 +61,20 @@ class Energy:
         *,
         start: np.ndarray,
     ) -> Energy:
-        """Energies with their balance; `start` is kinetic + strain where the works are zero."""
+        """Energies with their balance.
+
+        Parameters
+        ----------
+        t, kinetic, strain, dissipated, external, interface : arrays
+            As the attributes.
+        start : (subdomains,) array
+            Kinetic and strain energy where the works are zero.
+
+        Returns
+        -------
+        Energy
+            With `balance`.
+        """
         balance = kinetic + strain - start + dissipated - external - interface
         return cls(t, kinetic, strain, dissipated, external, interface, balance)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from . import history_file
 from .accuracy import local_error
 from .conversion import frames, subdomain_dataset, subdomain_frame
 from .energy import ENERGY_FIELDS, Energy
-from .history_file import FORMAT, VERSION
+from .history_file import FORMAT, VERSION, output_array
 from .joining import joined
 from .keys import position
 
@@ -30,6 +30,7 @@ __all__ = ["History", "State", "SubdomainHistory"]
 # The arrays of a History in a file: of a subdomain, of its springs, of the interface.
 MOTION = ("t", "u", "v", "a", "dofs")
 LOOPS = ("deformation", "force", "springs")
+OF_INTERNAL = ("iterations", "q")
 STEPS = ("substep", "double_after")  # in the header
 INTERFACE = (
     "multipliers",
@@ -42,7 +43,13 @@ INTERFACE = (
 
 @dataclass(frozen=True)
 class State:
-    """Displacement, velocity and true acceleration (w) of a subdomain at one time, (n,) each."""
+    """The motion of a subdomain at one time.
+
+    Attributes
+    ----------
+    u, v, a : (n,) arrays
+        Displacement, velocity and true acceleration (w of the equations).
+    """
 
     u: np.ndarray
     v: np.ndarray
@@ -56,6 +63,7 @@ class SubdomainHistory:
     Attributes
     ----------
     name : str
+        Of the subdomain.
     t : (k,) array
         Times of the recorded time levels; the first is the beginning of the run.
     u, v, a : (k, dofs) arrays
@@ -66,6 +74,13 @@ class SubdomainHistory:
         Hysteresis loops of the springs, with ``record_springs``. See `SpringState`.
     springs : (springs,) array of int, or None
         The springs of these columns.
+    outputs : dict of (k, rows) arrays
+        The outputs of ``run(outputs=)`` by name.
+    iterations : (k,) array of int, or None
+        Newton iterations of each substep with internal forces, zero at the first time level: those
+        of its beginning and its end together, under "macro" those of all passes.
+    q : (k, m) array, or None
+        The history of the internal forces, where all dofs are recorded.
     substep : float or None
         The length h of its substeps; None for a History from a file of an older version.
     double_after : float or None
@@ -83,6 +98,9 @@ class SubdomainHistory:
     springs: np.ndarray | None = None
     substep: float | None = None
     double_after: float | None = None
+    outputs: Mapping[str, np.ndarray] = field(default_factory=dict)
+    iterations: np.ndarray | None = None
+    q: np.ndarray | None = None
 
     def local_error(self) -> np.ndarray:
         """Estimate of the displacement error that each step adds, from recorded u, v and a.
@@ -124,7 +142,23 @@ class SubdomainHistory:
         title: str | None = None,
         units: Mapping[str, str] | None = None,
     ) -> Figure:
-        """Plot time histories of dofs. Parameters, result and errors as of `History.plot`.
+        """Plot time histories of dofs, as `History.plot`, whose errors it raises.
+
+        Parameters
+        ----------
+        dofs : int, list of int or None
+            At most 16. Default: at most four, with the largest range and different motion.
+        quantity : {"u", "v", "a"}, default "u"
+            Displacement, velocity or acceleration.
+        title : str, optional
+            Default: none.
+        units : dict, optional
+            As for `History.plot`.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            As of `History.plot`.
 
         Examples
         --------
@@ -137,6 +171,11 @@ class SubdomainHistory:
 
     def save(self, path: str | PathLike) -> None:
         """Write to a file, as `History.save`: a History of this subdomain only.
+
+        Parameters
+        ----------
+        path : str or path
+            As for `History.save`.
 
         Examples
         --------
@@ -151,18 +190,36 @@ class SubdomainHistory:
         self._alone().save(path)
 
     def to_xarray(self) -> xarray.Dataset:
-        """An xarray.Dataset with u, v and a over time and dof; the arrays are shared.
+        """The motion with the coordinates time and dof; the arrays are shared, not copied.
 
-        The coordinates are ``time`` and ``dof``, and ``spring`` for ``deformation`` and ``force``
-        of recorded springs. Raises ImportError if xarray is missing.
+        Returns
+        -------
+        xarray.Dataset
+            With u, v and a over ``time`` and ``dof``, and ``deformation`` and ``force`` of recorded
+            springs over ``time`` and ``spring``; outputs are variables by their names over
+            ``time`` and rows.
+
+        Raises
+        ------
+        ImportError
+            If xarray is missing.
         """
         return subdomain_dataset(self)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """A pandas.DataFrame with the index ``time`` and the columns (quantity, dof).
+        """The motion as a table, a row for each time level.
 
-        The quantities are u, v and a, with recorded springs also deformation and force, whose
-        second label is the spring. Raises ImportError if pandas is missing.
+        Returns
+        -------
+        pandas.DataFrame
+            The index is ``time``, the columns are (quantity, dof): u, v and a, with recorded
+            springs also deformation and force, whose second label is the spring, and outputs by
+            their names, whose second label is the row.
+
+        Raises
+        ------
+        ImportError
+            If pandas is missing.
 
         Examples
         --------
@@ -179,7 +236,8 @@ class SubdomainHistory:
 
     def __repr__(self) -> str:
         levels, dofs = counted(self.t.size, "time level"), counted(self.dofs.size, "dof")
-        return f"<{self.name!r}: {levels}, {dofs}>"
+        outputs = f", {counted(len(self.outputs), 'output')}" if self.outputs else ""
+        return f"<{self.name!r}: {levels}, {dofs}{outputs}>"
 
 
 @dataclass(frozen=True)
@@ -194,14 +252,18 @@ class History:
     subdomains : tuple of `SubdomainHistory` or None
         None for a subdomain that was not recorded.
     multipliers : (k, p) array
-        At `multiplier_times`: every time level at which the interface problem is solved, or with
-        ``every`` the recorded macro time levels. The interface force is + L^T Lam: on a tie,
-        +Lam pushes the first and pulls the second subdomain.
+        The interface force is + L^T Lam: on a tie, +Lam pushes the first and pulls the second
+        subdomain.
+    multiplier_times : (k,) array
+        Every time level at which the interface problem is solved, or with ``every`` the recorded
+        macro time levels.
     velocity_jump : (k, p) array
         sum_i L_i v_i at the same times, from total velocities; for a subdomain within a step, from
         its interpolated free velocity and its link velocity.
     displacement_jump : (macro time levels, p) array
         sum_i L_i u_i at `macro_times`: the displacement drift, since only velocities are tied.
+    macro_times : (macro time levels,) array
+        Ends of the recorded macro steps, the beginning of the run first.
     keys : tuple of (str, `Subdomain` or None)
         Names and subdomains in their order; for a History from a file only the names.
     energy : `Energy` or None
@@ -215,7 +277,8 @@ class History:
     displacement_jump: np.ndarray
     macro_times: np.ndarray
     keys: tuple[tuple[str, Subdomain | None], ...]
-    energy: Energy | None = None
+    # not | None: a checker would want a test at each use of what was requested
+    energy: Energy | Any = None
 
     def __getitem__(self, key: str | int | Subdomain) -> SubdomainHistory:
         i = position(key, self.keys)
@@ -248,7 +311,9 @@ class History:
         """Plot time histories of dofs, the jumps at the interface and the multipliers.
 
         Panels one above another with a common time axis; without constraints only the panel of the
-        dofs. Long histories are drawn as their envelope.
+        dofs. Long histories are drawn as their envelope. A jump that is a rounding error, below
+        1e-12 of the largest recorded velocity or displacement, has no panel but a sentence below
+        the panels that states its size; usually that is the velocity jump.
 
         Parameters
         ----------
@@ -262,6 +327,7 @@ class History:
         quantity : {"u", "v", "a"}, default "u"
             Displacement, velocity or acceleration.
         title : str, optional
+            Default: none.
         units : dict, optional
             For the labels of the axes: units of "length", "time" and "force", such as
             ``{"length": "m", "time": "s", "force": "N"}``. Numbers are not converted. A quantity
@@ -285,7 +351,7 @@ class History:
         --------
         >>> history = models.four_dof().coupler(0.05).run(steps=40)
         >>> figure = history.plot({"A": [2], "B": [0, 1]}, units={"length": "m", "force": "N"})
-        >>> [ax.get_ylabel() for ax in figure.axes][::3]
+        >>> [ax.get_ylabel() for ax in figure.axes][::2]
         ['displacement (m)', 'multiplier (N)']
         """
         from ..plot.histories import time_histories
@@ -331,19 +397,30 @@ class History:
         write(path, header, arrays)
 
     def contents(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """The header of a file of this History, and its arrays by name."""
+        """The contents of a file of this History.
+
+        Returns
+        -------
+        header : dict
+            Format, version, names and steps.
+        arrays : dict of arrays
+            By name.
+        """
         header = {
             "format": FORMAT,
             "version": VERSION,
             "names": [name for name, _ in self.keys],
             "recorded": [i for i, s in enumerate(self.subdomains) if s is not None],
             "steps": [s and (s.substep, s.double_after) for s in self.subdomains],
+            "outputs": [list(s.outputs) if s else [] for s in self.subdomains],
         }
         arrays = {name: getattr(self, name) for name in INTERFACE}
         for i, s in enumerate(self.subdomains):
             if s is not None:
                 kept = MOTION if s.springs is None else MOTION + LOOPS
+                kept += tuple(name for name in OF_INTERNAL if getattr(s, name) is not None)
                 arrays |= {f"{i}.{name}": getattr(s, name) for name in kept}
+                arrays |= {output_array(i, k): x for k, x in enumerate(s.outputs.values())}
         if self.energy is not None:
             arrays |= {f"energy.{name}": getattr(self.energy, name) for name in ENERGY_FIELDS}
         return header, arrays
@@ -359,6 +436,7 @@ class History:
         Parameters
         ----------
         path : str or path
+            An npz or HDF5 file.
 
         Returns
         -------
@@ -380,11 +458,18 @@ class History:
         try:
             subdomains: list[SubdomainHistory | None] = [None] * len(header["names"])
             steps = header.get("steps", [(None, None)] * len(header["names"]))
+            outputs = header.get("outputs", [()] * len(header["names"]))
             for i in header["recorded"]:
                 kept = MOTION + LOOPS if f"{i}.springs" in arrays else MOTION
+                kept += tuple(name for name in OF_INTERNAL if f"{i}.{name}" in arrays)
                 motion = {key: arrays[f"{i}.{key}"] for key in kept}
+                if "iterations" in motion:
+                    motion["iterations"] = np.asarray(motion["iterations"]).astype(int)
                 subdomains[i] = SubdomainHistory(
-                    header["names"][i], **motion, **dict(zip(STEPS, steps[i]))
+                    header["names"][i],
+                    **motion,
+                    **dict(zip(STEPS, steps[i])),
+                    outputs={x: arrays[output_array(i, k)] for k, x in enumerate(outputs[i])},
                 )
             interface = {key: arrays[key] for key in INTERFACE}
             energy = None
@@ -437,6 +522,7 @@ class History:
         Returns
         -------
         dict of pandas.DataFrame
+            With the recorded subdomains in their order.
 
         Raises
         ------
@@ -452,14 +538,17 @@ class History:
 
         Each recorded subdomain, here "rig", has the variables ``rig_u``, ``rig_v``, ``rig_a`` with
         the coordinates ``rig_time`` and ``rig_dof``, and with recorded springs ``rig_deformation``
-        and ``rig_force`` with ``rig_time`` and ``rig_spring``. The interface has ``multipliers``
-        and ``velocity_jump`` with ``multiplier_times`` and ``condition`` (the constraint, a row of
-        L), and ``displacement_jump`` with ``macro_times`` and ``condition``. A run with
-        ``energy=True`` has ``energy_kinetic`` and so on with ``macro_times`` and ``subdomain``.
+        and ``rig_force`` with ``rig_time`` and ``rig_spring``. An output "base shear" is
+        ``rig_base shear`` with ``rig_time`` and ``rig_base shear_row``. The interface has
+        ``multipliers`` and ``velocity_jump`` with ``multiplier_times`` and ``condition`` (the
+        constraint, a row of L), and ``displacement_jump`` with ``macro_times`` and ``condition``. A
+        run with ``energy=True`` has ``energy_kinetic`` and so on with ``macro_times`` and
+        ``subdomain``.
 
         Returns
         -------
         xarray.Dataset
+            Of all that was recorded.
 
         Raises
         ------
@@ -491,6 +580,8 @@ class History:
                 time, dof = f"{s.name}_time", f"{s.name}_dof"
                 coordinates |= {time: s.t, dof: s.dofs}
                 variables |= {f"{s.name}_{q}": ((time, dof), getattr(s, q)) for q in "uva"}
+                for q, values in s.outputs.items():
+                    variables[f"{s.name}_{q}"] = ((time, f"{s.name}_{q}_row"), values)
             if s is not None and s.springs is not None:
                 time, spring = f"{s.name}_time", f"{s.name}_spring"
                 coordinates[spring] = s.springs

@@ -218,6 +218,11 @@ def reserve(h5py: ModuleType, whole: Any, name: str, shape: tuple, kind: Any) ->
     return h5py.h5d.create(whole.id, name.encode(), kind, space, how, link).get_offset()
 
 
+def output_array(i: int, k: int) -> str:
+    """The name of the array of output k of subdomain i; the header has the user's name of it."""
+    return f"{i}.outputs.{k}"
+
+
 def dataset(name: str) -> str:
     """The HDF5 path of an array: the arrays of subdomain 0 are in group "0"."""
     return name.replace(".", "/")

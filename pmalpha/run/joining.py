@@ -32,8 +32,8 @@ def _check_same(first: Any, second: Any, i: int) -> None:
     """ValueError unless the same is recorded in both."""
     if _content(first) != _content(second):
         raise ValueError(
-            "pieces must have the same subdomains, recorded dofs and springs, and constraints, "
-            f"piece {i} differs from those before"
+            "pieces must have the same subdomains, recorded dofs, springs and outputs, and "
+            f"constraints, piece {i} differs from those before"
         )
 
 
@@ -41,7 +41,11 @@ def _content(piece: Any) -> list:
     recorded = [
         None
         if s is None
-        else (s.dofs.tolist(), None if s.springs is None else np.asarray(s.springs).tolist())
+        else (
+            s.dofs.tolist(),
+            None if s.springs is None else np.asarray(s.springs).tolist(),
+            [(name, x.shape[1]) for name, x in s.outputs.items()],
+        )
         for s in piece.subdomains
     ]
     names = [name for name, _ in piece.keys]
@@ -78,7 +82,9 @@ def _pair(first: Any, second: Any) -> Any:
             subdomains.append(None)
             continue
         names = ("t", "u", "v", "a") + (() if a.springs is None else ("deformation", "force"))
-        subdomains.append(replace(a, **rows(a, b, names)))
+        names += tuple(x for x in ("iterations", "q") if getattr(a, x) is not None)
+        outputs = {q: np.concatenate([x, b.outputs[q][overlap:]]) for q, x in a.outputs.items()}
+        subdomains.append(replace(a, **rows(a, b, names), outputs=outputs))
     interface = ("multipliers", "multiplier_times", "velocity_jump")
     return replace(
         first,

@@ -10,7 +10,7 @@ from scipy import LowLevelCallable
 
 from ..errors import CallbackError
 from ..problem.forces import Force, core_load, is_callback
-from ..problem.restoring import is_function
+from ..problem.newton import Newton
 from ..setup.part import Part
 from ..setup.start import initial_terms
 from .callback import CallbackLoad
@@ -33,6 +33,8 @@ class Loads:
     forces : sequence of Force
         One for each subdomain.
     motions : sequence of Motion
+    newton : Newton
+        How internal forces are iterated.
     """
 
     def __init__(
@@ -42,7 +44,9 @@ class Loads:
         clock: Clock,
         forces: Sequence[Force],
         motions: Sequence[Motion],
+        newton: Newton,
     ):
+        self.newton = newton
         self.core, self.parts, self.clock = core, parts, clock
         self.forces, self.motions = forces, [motion.renewed() for motion in motions]
         self.callbacks = {
@@ -60,7 +64,7 @@ class Loads:
     def renewed(self, forces: Sequence[Force] | None = None) -> Loads:
         """These loads, or others, without stored values of callables."""
         forces = self.forces if forces is None else forces
-        return Loads(self.core, self.parts, self.clock, forces, self.motions)
+        return Loads(self.core, self.parts, self.clock, forces, self.motions, self.newton)
 
     @property
     def has_functions(self) -> bool:
@@ -69,9 +73,14 @@ class Loads:
             bool(self.callbacks)
             or any(isinstance(force, LowLevelCallable) for force in self.forces)
             or not all_known(self.motions)
-            or any(is_function(part.subdomain.restoring) for part in self.parts)
+            or any(part.subdomain.has_functions for part in self.parts)
             or any(part.internal is not None and part.internal.functions for part in self.parts)
         )
+
+    @property
+    def iterates(self) -> bool:
+        """Whether the core factors tangents while it steps."""
+        return any(part.tangent is not None for part in self.parts)
 
     def to_core(self) -> None:
         """Give the core all loads but those of callables, which `prepare` gives it."""

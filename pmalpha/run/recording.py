@@ -20,10 +20,11 @@ from ..problem.subdomain import Subdomain
 from ..setup.part import Part
 from .appending import EarlierRows, check_new
 from .energy import ENERGIES, ENERGY_FIELDS, Energy
-from .history import LOOPS, History, SubdomainHistory
-from .history_file import HistoryFile, library, row_count
+from .history import LOOPS, OF_INTERNAL, History, SubdomainHistory
+from .history_file import HistoryFile, library, output_array, row_count
 from .joining import WORKS
 from .keys import by_index
+from .outputs import Outputs, chosen_outputs
 
 # A run that is written to a file: bytes kept in memory, and seconds between two writes, about.
 FILED_BYTES, FILED_SECONDS = 16e6, 0.3
@@ -48,6 +49,10 @@ class Recording:
         Dofs, or None for all, by subdomain; None records all dofs of all subdomains.
     every : int or None
     energy : bool
+    record_springs : dict or None
+        Springs, or None for all, by subdomain.
+    outputs : dict or None
+        As for `Coupler.run`.
     """
 
     def __init__(
@@ -64,12 +69,14 @@ class Recording:
         every: int | None,
         energy: bool = False,
         record_springs: Mapping[Any, Any] | None = None,
+        outputs: Mapping[Any, Any] | None = None,
     ):
         self.parts, self.keys, self.row_position = parts, tuple(keys), row_position
         self.begin, self.end, self.dt = begin, end, dt
         self.every = None if every is None else whole_number(every, "every", low=1)
         self.fine = fine
-        self.dofs = chosen_dofs(record, self.keys)
+        self.outputs = chosen_outputs(outputs, self.keys)
+        self.dofs = chosen_dofs(record, self.keys, self.outputs)
         self.springs = chosen_springs(record_springs, self.keys, self.dofs)
         self.energy_columns = len(parts) * len(ENERGIES) if energy else 0
         self.steps_in_memory = self._steps_in_memory()
@@ -83,10 +90,28 @@ class Recording:
             [] if springs is None else self._allocate(part.subdomain.substeps, springs.size, 2)
             for part, springs in zip(parts, self.springs)
         ]
+        self.memories = [self._allocate_memory(part, dofs) for part, dofs in zip(parts, self.dofs)]
+        self.output_values = [
+            None if own is None else self._allocate(part.subdomain.substeps, own.rows, 1)[0]
+            for part, own in zip(parts, self.outputs)
+        ]
+        self.weights = [
+            () if own is None else own.in_order(part.position)
+            for part, own in zip(parts, self.outputs)
+        ]
         p = row_position.size
         self.multipliers, self.velocity_jump = self._allocate(self.fine, p, 2)
         (self.displacement_jump,) = self._allocate(1, p, 1)
         (self.energy,) = self._allocate(1, self.energy_columns, 1)
+
+    def _allocate_memory(self, part: Part, dofs: np.ndarray | None) -> dict[str, np.ndarray]:
+        """Arrays for the iterations and, where all dofs are recorded, the history of internal
+        forces."""
+        columns = history_columns(part, dofs)
+        return {
+            name: self._allocate(part.subdomain.substeps, count, 1)[0]
+            for name, count in columns.items()
+        }
 
     def __enter__(self) -> Recording:
         return self
@@ -121,6 +146,12 @@ class Recording:
         for part, springs in zip(self.parts, self.springs):
             if springs is not None:
                 numbers += 2.0 * rows(part.subdomain.substeps) * springs.size
+        for part, dofs in zip(self.parts, self.dofs):
+            columns = sum(history_columns(part, dofs).values())
+            numbers += rows(part.subdomain.substeps) * columns
+        for part, own in zip(self.parts, self.outputs):
+            if own is not None:
+                numbers += rows(part.subdomain.substeps) * own.rows
         return numbers
 
     def _allocate(self, levels: int, columns: int, count: int) -> list[np.ndarray]:
@@ -142,9 +173,14 @@ class Recording:
         selections: list[tuple | None] = [None] * len(self.parts)
         for i, (part, dofs) in enumerate(zip(self.parts, self.dofs)):
             if dofs is not None:
-                selections[i] = (part.position[dofs], *self.motions[i])
-            if self.springs[i] is not None:
-                selections[i] += (self.springs[i], *self.loops[i])
+                springs, outputs = self.springs[i], self.outputs[i]
+                selections[i] = (
+                    part.position[dofs],
+                    *self.motions[i],
+                    None if springs is None else (springs, *self.loops[i]),
+                    None if outputs is None else (self.output_values[i], *self.weights[i]),
+                    tuple(self.memories[i].get(name) for name in OF_INTERNAL),
+                )
         interface = self.multipliers, self.velocity_jump, self.displacement_jump
         energy = self._energies(self.energy) if self.energy_columns else None
         return (self.begin, self.every or 0, tuple(selections), *interface, energy)
@@ -168,6 +204,8 @@ class Recording:
                     *(x[:rows] for x in arrays),
                     dofs,
                     **self._loops(i, rows),
+                    outputs=self._output_values(i, rows),
+                    **self._memory(i, rows),
                     substep=part.h,
                     double_after=self.dt if part.double else None,
                 )
@@ -190,6 +228,18 @@ class Recording:
             return {}
         deformation, force = (x[:rows] for x in self.loops[i])
         return dict(deformation=deformation, force=force, springs=self.springs[i])
+
+    def _memory(self, i: int, rows: int) -> dict[str, np.ndarray]:
+        """The recorded iterations and history of internal forces of a subdomain."""
+        recorded = {name: x[:rows] for name, x in self.memories[i].items()}
+        if "iterations" in recorded:
+            recorded["iterations"] = recorded["iterations"][:, 0].astype(int)
+        return recorded
+
+    def _output_values(self, i: int, rows: int) -> dict[str, np.ndarray]:
+        """The recorded outputs of a subdomain by name."""
+        own = self.outputs[i]
+        return {} if own is None else own.split(self.output_values[i][:rows])
 
     def _energy_history(self, rows: int, end: int) -> Energy:
         by_kind = np.moveaxis(self._energies(self.energy[:rows]), -1, 0)
@@ -267,6 +317,9 @@ class FiledRecording(Recording):
                 levels |= {f"{i}.{name}": part.subdomain.substeps for name in "tuva"}
                 if self.springs[i] is not None:
                     levels |= {f"{i}.{name}": part.subdomain.substeps for name in LOOPS[:2]}
+                levels |= {f"{i}.{name}": part.subdomain.substeps for name in self.memories[i]}
+                count = len(self.outputs[i].sizes) if self.outputs[i] else 0
+                levels |= {output_array(i, k): part.subdomain.substeps for k in range(count)}
         return levels | {f"energy.{name}": 1 for name in ENERGY_FIELDS if self.energy_columns}
 
     def keep(self, end: int) -> None:
@@ -297,12 +350,15 @@ def recording_class(
 
 
 def chosen_dofs(
-    record: Mapping[Any, Any] | None, keys: Sequence[tuple[str, Subdomain]]
+    record: Mapping[Any, Any] | None,
+    keys: Sequence[tuple[str, Subdomain]],
+    outputs: Sequence[Outputs | None],
 ) -> list[np.ndarray | None]:
-    """The dofs to record of each subdomain, None for a subdomain left out."""
+    """The dofs to record of each subdomain, None for a subdomain left out without outputs."""
     if record is None:
         return [np.arange(s.n) for _, s in keys]
-    chosen: list[np.ndarray | None] = [None] * len(keys)
+    none = np.arange(0)
+    chosen: list[np.ndarray | None] = [None if own is None else none for own in outputs]
     for i, dofs in by_index(record, keys, "record").items():
         name, subdomain = keys[i]
         every_dof = np.arange(subdomain.n)
@@ -326,3 +382,13 @@ def chosen_springs(
             raise ValueError(f"{what} must be of a subdomain with {lack}, got one without")
         chosen[i] = np.arange(count) if springs is None else dof_list(springs, count, what)
     return chosen
+
+
+def history_columns(part: Part, dofs: np.ndarray | None) -> dict[str, int]:
+    """The columns of what is recorded of internal forces, by the names of `OF_INTERNAL`."""
+    if part.internal is None or dofs is None:
+        return {}
+    columns = {} if part.tangent is None else {"iterations": 1}
+    if part.internal.initial.size and dofs.size == part.n:
+        columns["q"] = part.internal.initial.size
+    return columns

@@ -27,10 +27,12 @@ def solve(
         Its step is dt / substeps.
     dt : float
         As for `Coupler`.
-    t_end, **as_run
+    t_end : float, optional
         As for `Coupler.run`.
     threads : int, optional
         As for `Coupler`.
+    **as_run
+        Further arguments of `Coupler.run`.
 
     Returns
     -------

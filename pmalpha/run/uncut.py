@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ..problem.matrices import combination
-from ..problem.restoring import is_function
+from ..problem.matrices import Matrix, combination
 from ..problem.subdomain import Subdomain
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.eigenmodes import modes
+from ..setup.part import Part
 from ..setup.static import static_displacements
 from ..setup.uncut import Assembled, assembled
 
@@ -35,6 +35,7 @@ class Uncut:
         Returns
         -------
         dict of (n_i,) arrays by name
+            Displacements.
 
         Raises
         ------
@@ -64,7 +65,8 @@ class Uncut:
         Dofs that ties connect are one dof; the others follow in the order of the subdomains. Rows
         with a prescribed velocity are held at zero. A general constraint removes one of its dofs,
         expressed by the others. K and C include the estimates of restoring forces, such as the
-        initial tangents of springs. The coupler itself is unchanged.
+        initial tangents of springs, and the tangents of internal forces at t = 0. The coupler
+        itself is unchanged.
 
         Returns
         -------
@@ -90,15 +92,12 @@ class Uncut:
         ([1.0, 6.0], [[3.0, -1.0], [-1.0, 6.0]], [[0.0, 1.0]])
         """
         for name, s in self._keys:
-            if is_function(s.restoring) and s.restoring_stiffness is None:
+            if s.has_unknown_stiffness:
                 raise ValueError(
                     "the assembled structure needs restoring_stiffness where there is a restoring "
                     f"force, got none for {name!r}"
                 )
-        matrices = [
-            (s.M, combination([(1.0, s.C), (1.0, s.restoring_damping)]), s.tangent)
-            for _, s in self._keys
-        ]
+        matrices = [_with_tangents(part) for part in self._parts]
         return assembled([name for name, _ in self._keys], matrices, self._rows.matrices)
 
     def modes(self, k: int = 6) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -141,3 +140,11 @@ class Uncut:
         whole = self.assembled()
         omega, shapes = modes(whole.M, whole.K, k)
         return omega, {name: T @ shapes for name, T in whole.map.items()}
+
+
+def _with_tangents(part: Part) -> tuple[Matrix, Matrix, Matrix]:
+    """M, C and K of a subdomain with the estimates of its restoring forces and its tangents."""
+    s, internal = part.subdomain, part.internal
+    C = [s.C, s.restoring_damping, None if internal is None else internal.C]
+    K = [s.tangent, None if internal is None else internal.K]
+    return s.M, combination([(1.0, A) for A in C]), combination([(1.0, A) for A in K])

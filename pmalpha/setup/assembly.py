@@ -17,7 +17,7 @@ from .interface import interface_factor, interface_matrix, row_order
 from .iteration import iteration_of, prepare_iterated
 from .loose import warn_of_loose
 from .macro import prepare, warn_of_resonance
-from .part import Part, build, make_part, warn_of_factor, warn_of_order
+from .part import Part, build, make_part, warn_of_factors, warn_of_order
 from .stability import step_ratio, warn_of_steps
 from .start import InitialAccelerations
 
@@ -99,7 +99,9 @@ def assemble(
 
     motions = tuple(position[r] for r in prescribed)
     cores = tuple(part.core for part in parts)
-    core = _core.Coupler(cores, p, H_start, H, dt, start == "rebased", motions, *threads, macro, iteration)
+    core = _core.Coupler(
+        cores, p, H_start, H, dt, start == "rebased", motions, *threads, macro, iteration
+    )
 
     # explicit steps above the critical step
     for part in parts:
@@ -118,7 +120,7 @@ def _ordered(
     newton: Newton,
     factorize: Any,
 ) -> tuple[Part, ...]:
-    """The subdomains in elimination order, with a warning for each factor that is large."""
+    """The subdomains in elimination order, with warnings of factors that are large."""
     parts = tuple(
         make_part(
             s,
@@ -132,8 +134,7 @@ def _ordered(
         )
         for (name, s), L, double in zip(keys, matrices, doubles)
     )
-    for part in parts:
-        warn_of_factor(part)
+    warn_of_factors(parts)
     warn_of_order(parts)
     return parts
 

@@ -9,6 +9,7 @@ import scipy.sparse as sp
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotri
 
+from .._checks import counted
 from ..blas import one_thread
 from ..memory import require
 from .factors import Factor, interface_block
@@ -66,7 +67,7 @@ def compliance(factor: Factor, L: sp.csc_array, nb: int, name: str) -> Block:
     if not rows.size:
         return Block(rows, np.zeros((0, 0)))
     size = 8.0 * (3.0 * rows.size**2 + 4.0 * nb * max(nb, rows.size))
-    require(size, f"the interface matrix of {rows.size} constraints of {name!r}")
+    require(size, f"the interface matrix of {counted(rows.size, 'constraint')} of {name!r}")
     inverse, R = factor
     if isinstance(R, tuple) and len(R) == 7:
         block = compliance_along_paths(inverse, R, own)

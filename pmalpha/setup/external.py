@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import listing, plain_array, real_array, require_finite
+from .._checks import counted, numbered, plain_array, real_array, require_finite
 from .factors import Factor, Names, below_diagonal, check_pivots, check_softest
 
 # Tolerance of L D L^T x = A x for one vector x, relative to the terms.
@@ -86,8 +86,8 @@ class External:
         others = np.setdiff1d(perm[n - self.last.size :], self.last)
         if others.size:
             raise ValueError(
-                f"perm of factorize must end with the {self.last.size} dofs of the interface of "
-                f"{self.subdomain!r}, got dofs {listing(others)} among its last"
+                f"perm of factorize must end with the {counted(self.last.size, 'dof')} of the "
+                f"interface of {self.subdomain!r}, got {numbered('dof', others)} among its last"
             )
         if self.perm is not None and not np.array_equal(perm, self.perm):
             raise ValueError(

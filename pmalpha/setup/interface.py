@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse as sp
 
+from .._checks import counted
 from ..memory import require
 from ..problem.matrices import Matrix, dense
 from .compliance import Block, constraints_of, diagonal_compliance
@@ -25,7 +26,7 @@ def row_order(parts: Sequence[Part], p: int) -> np.ndarray:
     blocks = sum(float(m.size) ** 2 for m, plain in zip(members, diagonal) if not plain)
     if blocks > DENSE_SHARE * p**2:
         return np.arange(p)  # these blocks alone make the matrix dense
-    require(40.0 * blocks, f"the pattern of the interface matrix of {p} constraints")
+    require(40.0 * blocks, f"the pattern of the interface matrix of {counted(p, 'constraint')}")
     graphs = []
     for part, rows, plain in zip(parts, members, diagonal):
         if plain:
@@ -88,7 +89,7 @@ def _dense_sum(blocks: Sequence[Block], p: int) -> Matrix:
     """The sum where one block alone makes it dense."""
     if p == 1:
         return total(blocks, p).diagonal()
-    require(8.0 * p**2, f"the interface matrix of {p} constraints")
+    require(8.0 * p**2, f"the interface matrix of {counted(p, 'constraint')}")
     H = np.zeros((p, p))
     for block in blocks:
         if not block.is_dense:

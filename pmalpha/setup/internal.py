@@ -196,7 +196,9 @@ def numeric(pattern: sp.csr_array, panels: tuple | None, what: str) -> tuple:
     return ptr, index, panels, capsules["dgemm"], capsules["dtrsm"]
 
 
-def core_internal(forces: InternalForces, order: np.ndarray, tangent: TangentPattern | None) -> tuple:
+def core_internal(
+    forces: InternalForces, order: np.ndarray, tangent: TangentPattern | None
+) -> tuple:
     """(order, initial, functions) of the core; without tangents in an explicit subdomain."""
     functions = tuple(
         (function, history, None if tangent is None else tangent.places(pattern))

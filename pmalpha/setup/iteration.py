@@ -44,7 +44,9 @@ def _take_blocks_of(part: Part, twin: Part) -> None:
     if twin.responds and twin.nb:
         compute_unit_responses(twin)
     part.response_blocks = twin.response_blocks
-    part.blocks = {twice: twin.block(twice) for twice in ((False, True) if part.double else (False,))}
+    part.blocks = {
+        twice: twin.block(twice) for twice in ((False, True) if part.double else (False,))
+    }
 
 
 def linear_twin(part: Part) -> Part:
@@ -119,9 +121,7 @@ def _constant_part(parts: Sequence[Part], p: int) -> tuple[tuple, np.ndarray, np
     if p == 0:
         empty = sp.csr_array((0, 0))
         return numeric(empty, None, "the interface matrix H"), np.empty(0), np.empty(0)
-    start, later = (
-        total([_block(part, twice) for part in parts], p) for twice in (False, True)
-    )
+    start, later = (total([_block(part, twice) for part in parts], p) for twice in (False, True))
     pattern = sp.csr_array((np.ones(start.nnz), start.indices, start.indptr), shape=(p, p))
     symbolic = numeric(pattern, structure(pattern, p), "the interface matrix H")
     return symbolic, np.ascontiguousarray(start.data), np.ascontiguousarray(later.data)

@@ -10,7 +10,6 @@ import scipy.sparse as sp
 
 from .._checks import counted, listing
 from ..errors import ConstraintWarning, warn
-from ..problem.restoring import is_function
 from ..problem.subdomain import Subdomain
 from .rank import rows_of_size_one
 from .static import FLOATING, scale_to_one, softest
@@ -50,21 +49,33 @@ def warn_of_loose(keys: Sequence[tuple[str, Subdomain]], matrices: Sequence[sp.c
             "subdomain can be run alone by `solve`",
             ConstraintWarning,
         )
+    loose = {}
     for (name, s), L, found in zip(keys, matrices, reached):
         rows = np.unique(L.indices)
         if found and _is_loose(s, sp.csr_array(L)[rows]):
-            warn(
-                f"subdomain {name!r} is floating, and its {counted(rows.size, 'constraint')} "
-                f"{'does' if rows.size == 1 else 'do'} not hold it: it can move as a rigid body "
-                "while all constraints are satisfied; further dofs are to be tied, or a support "
-                "is missing in K",
-                ConstraintWarning,
-            )
+            loose[name] = counted(rows.size, "constraint")
+    if len(loose) == 1:
+        ((name, count),) = loose.items()
+        verb = "does" if count.startswith("1 ") else "do"
+        text = f"subdomain {name!r} is floating, and its {count} {verb} not hold it: it can move"
+    elif loose:
+        each = [f"{name!r} ({count})" for name, count in loose.items()]
+        text = (
+            f"subdomains {listing(each)} are floating, and their constraints do not hold them: "
+            "each can move"
+        )
+    else:
+        return
+    warn(
+        f"{text} as a rigid body while all constraints are satisfied; further dofs are to be "
+        "tied, or a support is missing in K",
+        ConstraintWarning,
+    )
 
 
 def _is_loose(s: Subdomain, L: sp.csr_array) -> bool:
     """Whether a rigid-body motion satisfies the constraints, L (p, n) without empty rows."""
-    if is_function(s.restoring) and s.restoring_stiffness is None:
+    if s.has_unknown_stiffness:
         return False
     K = s.largest_tangent
     if K is None:

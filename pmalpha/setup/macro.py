@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import listing
+from .._checks import counted, listing, numbered
 from ..errors import ConstraintWarning, PerformanceWarning, StabilityWarning, warn
 from ..memory import require
 from ..problem.matrices import Matrix
@@ -40,32 +40,65 @@ def prepare(parts: Sequence[Part]) -> None:
     for part in parts:
         if part.responds and part.nb:
             compute_unit_responses(part)
-        if part.responds and part.subdomain.restoring is not None:
-            warn(
-                f"the restoring force of subdomain {part.name!r} is combined with substeps under "
-                'coupling="macro": the run can grow unless restoring_stiffness is within a few '
-                "per cent of the tangent stiffness, or the force varies little in dt; else take "
-                'coupling="pm" or "gc"',
-                StabilityWarning,
-            )
-        _warn_of_massless_ties(part)
-        if part.double and _damps_nothing(part.subdomain.scheme):
-            warn(
-                f"the double step of subdomain {part.name!r} leaves a zig-zag of period 2 dt "
-                f"undamped with {part.subdomain.scheme!r}; take rho < 1",
-                StabilityWarning,
-            )
+    _warn_of_restoring(parts)
+    _warn_of_massless_ties(parts)
+    _warn_of_double_steps(parts)
 
 
-def _warn_of_massless_ties(part: Part) -> None:
+def _names(parts: Sequence[Part]) -> str:
+    """``subdomain 'a'``, ``subdomains 'a', 'b'``"""
+    return numbered("subdomain", [repr(part.name) for part in parts])
+
+
+def _warn_of_restoring(parts: Sequence[Part]) -> None:
+    """StabilityWarning for restoring forces, which are evaluated in the free macro run."""
+    restored = [p for p in parts if p.responds and p.subdomain.restoring is not None]
+    if not restored:
+        return
+    one = len(restored) == 1
+    warn(
+        f"the restoring {'force' if one else 'forces'} of {_names(restored)} "
+        f"{'is' if one else 'are'} combined with substeps under "
+        'coupling="macro": the run can grow unless restoring_stiffness is within a few '
+        f"per cent of the tangent stiffness, or the {'force varies' if one else 'forces vary'} "
+        'little in dt; else take coupling="pm" or "gc"',
+        StabilityWarning,
+    )
+
+
+def _warn_of_massless_ties(parts: Sequence[Part]) -> None:
     """ConstraintWarning for massless dofs, whose velocity between macro time levels is not tied."""
-    tied = np.intersect1d(part.order[part.n - part.nb :], part.subdomain.massless)
-    if part.responds and tied.size:
-        warn(
-            f"interface dofs {listing(tied)} of subdomain {part.name!r} have no mass: with "
-            'substeps coupling="macro" is of order 1 there; give them mass, or take "pm" or "gc"',
-            ConstraintWarning,
-        )
+    tied = {
+        part.name: np.intersect1d(part.order[part.n - part.nb :], part.subdomain.massless)
+        for part in parts
+        if part.responds
+    }
+    each = [f"{numbered('dof', dofs)} of {name!r}" for name, dofs in tied.items() if dofs.size]
+    if not each:
+        return
+    one = sum(dofs.size for dofs in tied.values()) == 1
+    warn(
+        f"{'this interface dof has' if one else 'these interface dofs have'} no mass: "
+        f"{listing(each)}; with substeps "
+        f'coupling="macro" is of order 1 there; give {"it" if one else "them"} mass, or take '
+        '"pm" or "gc"',
+        ConstraintWarning,
+    )
+
+
+def _warn_of_double_steps(parts: Sequence[Part]) -> None:
+    """StabilityWarning for double steps without algorithmic damping."""
+    undamped = [part for part in parts if part.double and _damps_nothing(part.subdomain.scheme)]
+    if not undamped:
+        return
+    one = len(undamped) == 1
+    schemes = dict.fromkeys(repr(part.subdomain.scheme) for part in undamped)
+    warn(
+        f"the double {'step' if one else 'steps'} of {_names(undamped)} "
+        f"{'leaves' if one else 'leave'} a zig-zag of period 2 dt undamped with "
+        f"{' and '.join(schemes)}; take rho < 1",
+        StabilityWarning,
+    )
 
 
 def _damps_nothing(scheme: Scheme) -> bool:
@@ -83,8 +116,8 @@ def check_work(parts: Sequence[Part]) -> None:
     text = (
         f'coupling="macro" needs about {seconds:.3g} s for unit responses before the first step '
         f"(more than {LONG if seconds <= ABSURD else ABSURD:g} s), most of it for {name!r}: "
-        f"{constraints_of(part.L).size} constraints times {part.subdomain.substeps} substeps times "
-        f"{part.core.entries} matrix entries"
+        f"{counted(constraints_of(part.L).size, 'constraint')} times {part.subdomain.substeps} "
+        f"substeps times {part.core.entries} matrix entries"
     )
     if seconds > ABSURD:
         raise ValueError(f'{text}; take coupling="pm" or "gc", which need none')
@@ -115,7 +148,7 @@ def compute_unit_responses(part: Part) -> None:
     rows = constraints_of(part.L)
     k, stored = rows.size, is_stored(part)
     size = 8.0 * 4.0 * part.n * k if stored else 0.0
-    require(64.0 * k**2 + size, f"the link response of {part.name!r} to {k} constraints")
+    require(64.0 * k**2 + size, f"the link response of {part.name!r} to {counted(k, 'constraint')}")
     end, mean = np.empty((k, k)), np.empty((k, k))
     states = np.empty((k, 4, part.n)) if stored else None
     columns = max(1, int(BLOCK // (part.core.entries * part.subdomain.substeps)))

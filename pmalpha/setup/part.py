@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy import LowLevelCallable
 
 from .. import _core
+from .._checks import listing
 from ..errors import PerformanceWarning, warn
 from ..problem.matrices import Matrix, combination, core_matrix, core_sparse, permuted
 from ..problem.restoring import core_restoring
@@ -284,28 +284,42 @@ def core_subdomain(
     )
 
 
-def warn_of_factor(part: Part) -> None:
-    """PerformanceWarning when the sweeps of a factor take most of an explicit step."""
+def warn_of_factors(parts: Sequence[Part]) -> None:
+    """PerformanceWarning when the sweeps of factors take most of explicit steps."""
+    swept = {part.name: _costly_factor(part) for part in parts}
+    costly = {name: found for name, found in swept.items() if found is not None}
+    if not costly:
+        return
+    one = len(costly) == 1
+    kind = "explicit subdomain " if one else ""
+    each = [
+        f"{' and '.join(full)} of {kind}{name!r} ({entries} entries, {8e-6 * entries:.3g} MB)"
+        for name, (full, entries) in costly.items()
+    ]
+    full = sorted({A for full, _ in costly.values() for A in full}, reverse=True)
+    advice = {"M": "lump the mass, M as a 1-D array", "C": 'take damping="lagged"'}
+    text = each[0] if one else f"matrices of explicit subdomains, {listing(each)},"
+    verb = "is" if one and len(full) == 1 else "are"
+    warn(
+        f"{text} {verb} not diagonal: every step sweeps {'a factor' if one else 'factors'} of this "
+        "size, more than half of its work; "
+        f"{' and '.join(advice[A] for A in full)}",
+        PerformanceWarning,
+    )
+
+
+def _costly_factor(part: Part) -> tuple[list[str], int] | None:
+    """The matrices that an explicit subdomain has a large factor for, and its entries, or None."""
     solved = {"M": part.M, "C": part.damping}
     full = [name for name, A in solved.items() if A is not None and A.ndim == 2]
     if not part.subdomain.scheme.explicit or not full:
-        return
+        return None
     structure = part.elimination.structure
     entries = part.n * (part.n + 1) // 2 if structure is None else part.elimination.swept // 2
     K = part.K
     product = 0 if K is None else K.nnz if sp.issparse(K) else K.size
     rest = STEP_NUMBERS * part.n + product
-    if entries < NOTABLE_FACTOR or 2 * entries <= rest:
-        return
-    advice = {"M": "lump the mass, M as a 1-D array", "C": 'take damping="lagged"'}
-    verb = "are" if len(full) > 1 else "is"
-    warn(
-        f"{' and '.join(full)} of explicit subdomain {part.name!r} {verb} not diagonal: every step "
-        f"sweeps a factor of {entries} entries ({8e-6 * entries:.3g} MB), more than half of its "
-        f"work; "
-        f"{' and '.join(advice[name] for name in full)}",
-        PerformanceWarning,
-    )
+    return None if entries < NOTABLE_FACTOR or 2 * entries <= rest else (full, entries)
 
 
 def warn_of_order(parts: Sequence[Part]) -> None:
@@ -333,10 +347,9 @@ def warn_of_order(parts: Sequence[Part]) -> None:
 
 
 def watch_of(part: Part) -> StiffnessWatch | None:
-    """What looks at the values of a Python function whose stiffness is not given."""
+    """What looks at the values of Python functions whose stiffness is not given."""
     s = part.subdomain
-    is_python = callable(s.restoring) and not isinstance(s.restoring, LowLevelCallable)
-    if not is_python or s.restoring_stiffness is not None or s.massless.size:
+    if not s.has_unknown_stiffness or s.massless.size:
         return None
     return StiffnessWatch(s, part.name, part.step)
 

@@ -10,7 +10,7 @@ from scipy.linalg import qr
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from .._checks import listing
+from .._checks import counted, listing
 from ..errors import ConstraintError
 from ..memory import require
 
@@ -39,7 +39,8 @@ def require_independent(L: sp.csr_array, name: Callable[[int], str]) -> None:
     raise ConstraintError(
         f"the constraints must be linearly independent: row {name(row)} is a combination of "
         f"row{'s' * (others.size > 1)} {listing([name(int(r)) for r in others], 10)}; "
-        f"{dependent.size} of {p} rows are redundant and must be removed"
+        f"{dependent.size} of {counted(p, 'row')} "
+        f"{'is' if dependent.size == 1 else 'are'} redundant and must be removed"
     )
 
 

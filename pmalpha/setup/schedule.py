@@ -8,6 +8,7 @@ from typing import Any
 
 from .._checks import listing, whole_number
 from ..problem.constraints import Constraint
+from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
 
 MOST_SUBSTEPS = 2**31
@@ -103,6 +104,11 @@ def check_factorize(value: Any) -> None:
         raise TypeError(f"factorize must be None, 'superlu' or a callable, got {value!r}")
     if value != "superlu":
         raise ValueError(f"factorize must be None, 'superlu' or a callable, got {value!r}")
+
+
+def check_newton(value: Any) -> None:
+    if not isinstance(value, Newton):
+        raise TypeError(f"newton must be a Newton, got {value!r}")
 
 
 def finest(subdomains: Sequence[Subdomain], coupling: str) -> int:

@@ -119,9 +119,7 @@ def limit_of(subdomain: Subdomain, internal: Matrix) -> float:
     return _root(stiffness, damping, subdomain.M) / margin
 
 
-def limiting_terms(
-    subdomain: Subdomain, internal: Matrix = None
-) -> list[tuple[float, Matrix]]:
+def limiting_terms(subdomain: Subdomain, internal: Matrix = None) -> list[tuple[float, Matrix]]:
     """A = (K + K_r + K_t) / Omega_s^2 and B = C / Z_s if lagged: h^2 A + h B has to stay below M.
 
     Each is a factor and a matrix, which saves a copy of a large matrix.

@@ -21,7 +21,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import lsmr, splu
 
 from .. import _core
-from .._checks import numbered
+from .._checks import listing, numbered
 from ..blas import one_thread
 from ..errors import ConstraintWarning, FactorizationError, InstabilityError, warn
 from ..problem.matrices import EXPORTED, combination, diagonal, product
@@ -105,8 +105,8 @@ class InitialAccelerations:
             w, lam = self._step(r, g)
         sizes = [sum(np.abs(term) for term in own) for own in terms]
         size = max(np.max(own, initial=0.0) for own in sizes)
-        for mass, own in zip(self.masses, r):
-            mass.check_equations(own, lam, size)
+        broken = [mass.broken_equations(own, lam, size) for mass, own in zip(self.masses, r)]
+        _warn_of_broken([x for x in broken if x is not None], size)
         return w, lam
 
     def _step(self, r: Sequence[np.ndarray], g: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
@@ -180,21 +180,34 @@ class _Mass:
             return diagonal_compliance(1.0 / self.diagonal, self.linked)
         return compliance(self.operator[1:], self.linked, self.part.nb, self.part.name)
 
-    def check_equations(self, r: np.ndarray, lam: np.ndarray, size: float) -> None:
-        """Warn when 0 = r + L^T Lam does not hold, relative to forces of this size."""
+    def broken_equations(
+        self, r: np.ndarray, lam: np.ndarray, size: float
+    ) -> tuple[str, np.ndarray, float] | None:
+        """The massless dofs in which 0 = r + L^T Lam does not hold, relative to forces of this
+        size: the name of the subdomain, the dofs, and the largest force that is left; or None."""
         if not self.massless.size:
-            return
+            return None
         left = np.abs(r + self.part.L.T @ lam)[self.massless]
         broken = self.massless[left > RESIDUAL * size]
-        if broken.size:
-            dofs = np.sort(self.part.order[broken])
-            lack, their = ("has", "its") if dofs.size == 1 else ("have", "their")
-            warn(
-                f"{numbered('dof', dofs)} of subdomain {self.part.name!r} {lack} no mass, and "
-                f"{their} equation does not hold at t = 0: {np.max(left):g} is left of forces up "
-                f"to {size:g}; the first steps will jump to a state where it holds",
-                ConstraintWarning,
-            )
+        if not broken.size:
+            return None
+        return self.part.name, np.sort(self.part.order[broken]), float(np.max(left))
+
+
+def _warn_of_broken(broken: Sequence[tuple[str, np.ndarray, float]], size: float) -> None:
+    """ConstraintWarning for equations without mass that do not hold at t = 0."""
+    if not broken:
+        return
+    one = sum(dofs.size for _, dofs, _ in broken) == 1
+    kind = "subdomain " if len(broken) == 1 else ""
+    each = [f"{numbered('dof', dofs)} of {kind}{name!r}" for name, dofs, _ in broken]
+    lack, their = ("has", "its") if one else ("have", "their")
+    warn(
+        f"{listing(each)} {lack} no mass, and {their} equation does not hold at t = 0: "
+        f"{max(left for _, _, left in broken):g} is left of forces up to {size:g}; the first "
+        "steps will jump to a state where it holds",
+        ConstraintWarning,
+    )
 
 
 def _mass_factor(part: Part, M: Any) -> Any:

@@ -35,7 +35,8 @@ class Assembled(NamedTuple):
     map: dict[str, sp.csr_array]
 
     def __repr__(self) -> str:
-        return f"<Assembled structure of {counted(len(self.map), 'subdomain')}, {self.n} dofs>"
+        subdomains, dofs = counted(len(self.map), "subdomain"), counted(self.n, "dof")
+        return f"<Assembled structure of {subdomains}, {dofs}>"
 
     @property
     def n(self) -> int:

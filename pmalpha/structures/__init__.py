@@ -1,29 +1,48 @@
 """Finite-element structures with their meshes: chains, rods, plane frames, plates, solids.
 
-Each function returns a `Structure`: mass and stiffness of all dofs, none of them fixed, with the
-points and elements of the mesh. Dof of node i, component c: dofs_per_node * i + c. Elements have
-the names and the order of corners of meshio and VTK. Units are any consistent set.
+Most functions return a `Structure`: mass and stiffness of all dofs, none of them fixed, with the
+points and elements of the mesh. `truss`, `corotational_frame` and `nonlinear_solid` have internal
+forces in place of a stiffness; `plane_contact` and `sphere_contact` return one to be added. Dof of
+node i, component c: dofs_per_node * i + c. Elements have the names and the order of corners of
+meshio and VTK. Units are any consistent set.
 """
 
 from ..setup.eigenmodes import modes
+from .bars import truss
+from .contact import plane_contact, sphere_contact
 from .continuum import plate, plate_on, solid, solid_on
+from .corotational import corotational_frame
 from .frames import beam_frame, subdivide
+from .internal import ElementForce
 from .lines import chain, rod
+from .materials import NeoHookean, StVenantKirchhoff
+from .nonlinear import nonlinear_solid, nonlinear_solid_on
+from .plasticity import J2Plasticity
 from .structure import Structure
 from .submeshes import submesh
 
 __all__ = [
+    "ElementForce",
+    "J2Plasticity",
+    "NeoHookean",
+    "StVenantKirchhoff",
     "Structure",
     "beam_frame",
     "chain",
+    "corotational_frame",
     "modes",
+    "nonlinear_solid",
+    "nonlinear_solid_on",
+    "plane_contact",
     "plate",
     "plate_on",
     "rod",
     "solid",
     "solid_on",
+    "sphere_contact",
     "subdivide",
     "submesh",
+    "truss",
 ]
 
 

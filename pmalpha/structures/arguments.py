@@ -39,6 +39,22 @@ def positive(value: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
     return values
 
 
+def poisson(nu: Any, shape: tuple[int, ...], *, incompressible: bool) -> np.ndarray:
+    values = per_element(nu, "nu", shape)
+    fits = (values > -1.0) & ((values <= 0.5) if incompressible else (values < 0.5))
+    if not fits.all():
+        bracket = "]" if incompressible else ")"
+        raise ValueError(f"nu must lie in (-1, 0.5{bracket}, got {values[~fits][0]:g}")
+    return values
+
+
+def isotropic(E: Any, nu: Any, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """lam and mu of a solid, each (1,) or (elements,)."""
+    young, ratio = positive(E, "E", shape), poisson(nu, shape, incompressible=False)
+    lam = young * ratio / ((1.0 + ratio) * (1.0 - 2.0 * ratio))
+    return lam, young / (2.0 * (1.0 + ratio))
+
+
 def mesh_arguments(
     points: Any, elements: Any, name: str, dim: int | None, corners: int
 ) -> tuple[np.ndarray, np.ndarray]:

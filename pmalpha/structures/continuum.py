@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from .._checks import listing, plain_array, positive_number, real_array, whole_number
-from .arguments import is_lumped, mesh_arguments, per_element, positive
+from .arguments import is_lumped, isotropic, mesh_arguments, poisson, positive
 from .pattern import Pattern, lumped_mass
 from .structure import Structure
 
@@ -68,7 +68,7 @@ def plate(
     <Structure 2500 points, 2376 quad, 5000 dofs>
     """
     counts = whole_number(nx, "nx", low=1), whole_number(ny, "ny", low=1)
-    points, quads, corners = _grid(counts, h, origin, QUAD)
+    points, quads, corners = grid(counts, h, origin, QUAD)
     lam, mu, area_density = _plane_stress(E, nu, rho, t, counts)
     M, K = _continuum(quads, corners, QUAD, len(points), (lam, mu, area_density), mass)
     return Structure(M, K, points, {"quad": quads}, ("ux", "uy"))
@@ -96,6 +96,7 @@ def plate_on(
     Parameters
     ----------
     points : (N, 2) array_like
+        Coordinates of the nodes.
     quads : (elements, 4) array_like of int
         Corners, counter-clockwise.
     E, nu, rho, t : float or (elements,) array_like
@@ -178,8 +179,8 @@ def solid(
     """
     sizes = zip(("nx", "ny", "nz"), (nx, ny, nz))
     counts = tuple(whole_number(value, name, low=1) for name, value in sizes)
-    points, hexahedra, corners = _grid(counts, h, origin, HEXAHEDRON)
-    coefficients = _isotropic(E, nu, rho, counts)
+    points, hexahedra, corners = grid(counts, h, origin, HEXAHEDRON)
+    coefficients = *isotropic(E, nu, counts), positive(rho, "rho", counts)
     M, K = _continuum(hexahedra, corners, HEXAHEDRON, len(points), coefficients, mass)
     return Structure(M, K, points, {"hexahedron": hexahedra}, ("ux", "uy", "uz"))
 
@@ -200,6 +201,7 @@ def solid_on(
     Parameters
     ----------
     points : (N, 3) array_like
+        Coordinates of the nodes.
     hexahedra : (elements, 8) array_like of int
         Corners in meshio's order: one face counter-clockwise as seen from inside the element,
         then the opposite face from the corner above the first.
@@ -228,7 +230,8 @@ def solid_on(
     <Structure 27 points, 8 hexahedron, 81 dofs>
     """
     nodes, elements = mesh_arguments(points, hexahedra, "hexahedra", 3, 8)
-    coefficients = _isotropic(E, nu, rho, (len(elements),))
+    shape = (len(elements),)
+    coefficients = *isotropic(E, nu, shape), positive(rho, "rho", shape)
     M, K = _continuum(elements, nodes[elements], HEXAHEDRON, len(nodes), coefficients, mass)
     return Structure(M, K, nodes, {"hexahedron": elements}, ("ux", "uy", "uz"))
 
@@ -236,28 +239,12 @@ def solid_on(
 def _plane_stress(E, nu, rho, t, shape: tuple[int, ...]) -> tuple[np.ndarray, ...]:
     """t lam, t mu and t rho, each (1,) or (elements,)."""
     young, thickness = positive(E, "E", shape), positive(t, "t", shape)
-    ratio = _poisson(nu, shape, incompressible=True)
+    ratio = poisson(nu, shape, incompressible=True)
     lam, mu = young * ratio / (1.0 - ratio**2), young / (2.0 * (1.0 + ratio))
     return thickness * lam, thickness * mu, thickness * positive(rho, "rho", shape)
 
 
-def _isotropic(E, nu, rho, shape: tuple[int, ...]) -> tuple[np.ndarray, ...]:
-    """lam, mu and rho of a solid, each (1,) or (elements,)."""
-    young, ratio = positive(E, "E", shape), _poisson(nu, shape, incompressible=False)
-    lam = young * ratio / ((1.0 + ratio) * (1.0 - 2.0 * ratio))
-    return lam, young / (2.0 * (1.0 + ratio)), positive(rho, "rho", shape)
-
-
-def _poisson(nu: Any, shape: tuple[int, ...], *, incompressible: bool) -> np.ndarray:
-    values = per_element(nu, "nu", shape)
-    fits = (values > -1.0) & ((values <= 0.5) if incompressible else (values < 0.5))
-    if not fits.all():
-        bracket = "]" if incompressible else ")"
-        raise ValueError(f"nu must lie in (-1, 0.5{bracket}, got {values[~fits][0]:g}")
-    return values
-
-
-def _grid(
+def grid(
     counts: tuple[int, ...], h: Any, origin: Any, reference: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points and elements of a regular mesh, and the corners (1, a, d) of one element."""
@@ -286,21 +273,31 @@ def _continuum(
 ) -> tuple[Any, sp.csr_array]:
     """M and K; corners and coefficients of each element or, with one row, of all elements."""
     lam, mu, density = coefficients
-    shapes, slopes = _at_gauss_points(reference)
-    volumes, gradients = _gradients(corners, slopes)
+    shapes, slopes = at_gauss_points(reference)
+    volumes, along = gradients(corners, slopes)
     weights = density[:, None] * volumes
     pattern = Pattern.of(elements, nodes)
-    d = reference.shape[1]
-    if is_lumped(mass):
-        M = np.repeat(lumped_mass(elements, weights @ shapes, nodes), d)
-    else:
-        squares = shapes[:, :, None] * shapes[:, None, :]  # (q, a, b)
-        scalar = pattern.matrix(np.tensordot(weights, squares, axes=1))
-        M = sp.csr_array(sp.kron(scalar, sp.eye_array(d), format="csr"))
-    return M, _stiffness(pattern, volumes, gradients, lam[:, None, None], mu[:, None, None])
+    M = solid_mass(pattern, elements, weights, shapes, reference.shape[1], is_lumped(mass))
+    return M, _stiffness(pattern, volumes, along, lam[:, None, None], mu[:, None, None])
 
 
-def _at_gauss_points(reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def solid_mass(
+    pattern: Pattern,
+    elements: np.ndarray,
+    weights: np.ndarray,
+    shapes: np.ndarray,
+    d: int,
+    lumped: bool,
+) -> Any:
+    """M, or its diagonal if lumped; weights (E or 1, q) of the Gauss points, density included."""
+    if lumped:
+        return np.repeat(lumped_mass(elements, weights @ shapes, pattern.indptr.size - 1), d)
+    squares = shapes[:, :, None] * shapes[:, None, :]  # (q, a, b)
+    scalar = pattern.matrix(np.tensordot(weights, squares, axes=1))
+    return sp.csr_array(sp.kron(scalar, sp.eye_array(d), format="csr"))
+
+
+def at_gauss_points(reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """n_a (q, a) and their slopes (q, a, d) at the 2^d Gauss points, which have weight 1."""
     # n_a(x) = prod_i (1 + x_ai x_i) / 2, at x = x_q / sqrt 3
     factors = (1.0 + reference[None] * reference[:, None] / np.sqrt(3.0)) / 2.0
@@ -311,7 +308,7 @@ def _at_gauss_points(reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return factors.prod(axis=2), np.stack(slopes, axis=2)
 
 
-def _gradients(corners: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def gradients(corners: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Volumes (E, q) of the Gauss points, and derivatives (d, E, q, a) along the axes."""
     jacobian = np.swapaxes(corners, 1, 2)[:, None] @ slopes  # dx_i / dxi_j, (E, q, d, d)
     volumes = np.linalg.det(jacobian)

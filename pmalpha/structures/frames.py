@@ -56,6 +56,7 @@ def beam_frame(
     Parameters
     ----------
     points : (N, 2) array_like
+        Ends of members.
     members : (m, 2) array_like of int
         The two points that each member connects.
     EA, EI, rhoA : float or (m,) array_like
@@ -86,14 +87,22 @@ def beam_frame(
     >>> frame.K[[0], [0]].round(4).tolist()  # 9/25 EA/L + 16/25 12 EI/L^3
     [0.4214]
     """
+    nodes, lines, values = frame_arguments(points, members, divisions, EA, EI, rhoA)
+    M, K = _beams(nodes, lines, *values, mass, real_number(rotary, "rotary", low=0.0))
+    return Structure(M, K, nodes, {"line": lines}, ("ux", "uy", "rz"))
+
+
+def frame_arguments(
+    points: Any, members: Any, divisions: Any, EA: Any, EI: Any, rhoA: Any
+) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Nodes, lines, and EA, EI, rhoA of each element."""
     nodes, lines, member = subdivide(*mesh_arguments(points, members, "members", 2, 2), divisions)
     count = (member[-1] + 1,)
-    per_element = [
+    axial, bending, density = (
         np.broadcast_to(positive(value, name, count), count)[member]
         for name, value in (("EA", EA), ("EI", EI), ("rhoA", rhoA))
-    ]
-    M, K = _beams(nodes, lines, *per_element, mass, real_number(rotary, "rotary", low=0.0))
-    return Structure(M, K, nodes, {"line": lines}, ("ux", "uy", "rz"))
+    )
+    return nodes, lines, (axial, bending, density)
 
 
 def _beams(
@@ -111,14 +120,14 @@ def _beams(
     direction = along / L[:, None]
     pattern = Pattern.of(lines, len(nodes))
     if is_lumped(mass):
-        M = _lumped_beams(lines, rhoA * L, rotary * rhoA * L**3, len(nodes))
+        M = lumped_beams(lines, rhoA * L, rotary * rhoA * L**3, len(nodes))
     else:
         M = pattern.matrix(_turned(_scaled(rhoA * L / 420.0, BEAM_MASS, L), direction))
     stiffness = _scaled(EA / L, AXIAL, L) + _scaled(EI / L**3, BENDING, L)
     return M, pattern.matrix(_turned(stiffness, direction))
 
 
-def _lumped_beams(
+def lumped_beams(
     lines: np.ndarray, mass: np.ndarray, inertia: np.ndarray, nodes: int
 ) -> np.ndarray:
     """(3 N,): half the mass (E,) on ux and uy of both ends, the inertia (E,) on rz."""
@@ -152,7 +161,9 @@ def subdivide(
     Parameters
     ----------
     points : (N, dim) array_like
+        Ends of members.
     members : (m, 2) array_like of int
+        The two points that each member connects.
     divisions : int or (m,) array_like of int
         Number of elements of each member, at least 1.
 

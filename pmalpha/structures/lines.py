@@ -33,6 +33,7 @@ def chain(
     n : int
         Number of masses, at least 1.
     mass : float or (n,) array_like
+        Of each.
     stiffness : float or (n - 1,) array_like
         Stiffness of the spring between masses i and i + 1.
     ground : two floats, default (0, 0)
@@ -89,6 +90,7 @@ def rod(
     n : int
         Number of elements, at least 1.
     length : float
+        Of the whole rod.
     EA, rhoA : float or (n,) array_like
         Axial stiffness (force) and mass per length.
     mass : {"consistent", "lumped"}
@@ -99,7 +101,7 @@ def rod(
     Returns
     -------
     Structure
-        n + 1 nodes, component "ux", elements "line".
+        With n + 1 nodes, component "ux", elements "line".
 
     Raises
     ------

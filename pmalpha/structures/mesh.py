@@ -8,20 +8,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._checks import counted, listing, real_array, require_finite
+from .kinds import BY_COLUMNS, KINDS
 
-# Names by the number of nodes of an element. Order of nodes as in VTK and meshio: around the
-# quadrilateral; around the bottom of the hexahedron, then around its top.
-KINDS = {2: "line", 4: "quad", 8: "hexahedron"}
-FACES = np.array(
-    [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
-)
+
+class Block(NamedTuple):
+    """Elements of one kind: its name and the nodes (m, k)."""
+
+    kind: str
+    nodes: np.ndarray
 
 
 class Mesh(NamedTuple):
-    """Points (N, dim) and blocks of elements (m, 2, 4 or 8), checked."""
+    """Points (N, dim) and blocks of elements, checked."""
 
     points: np.ndarray
-    blocks: tuple[np.ndarray, ...]
+    blocks: tuple[Block, ...]
 
 
 def checked_mesh(points: Any, elements: Any) -> Mesh:
@@ -34,40 +35,40 @@ def checked_mesh(points: Any, elements: Any) -> Mesh:
     if N == 0 or dim not in (1, 2, 3):
         raise ValueError(f"points must have 1, 2 or 3 columns and at least one row, got {(N, dim)}")
     if not isinstance(elements, Mapping):
-        return Mesh(points, (_checked_block(elements, "elements", N, dim),))
+        return Mesh(points, (_checked_block(None, elements, "elements", N, dim),))
     if not elements:
         raise ValueError("elements must not be empty")
     blocks = []
     for kind, block in elements.items():
-        if kind not in KINDS.values():
-            raise ValueError(f"elements must be of {', '.join(KINDS.values())}, got {kind!r}")
-        block = _checked_block(block, f"elements[{kind!r}]", N, dim)
-        if KINDS[block.shape[1]] != kind:
-            corners = next(count for count, name in KINDS.items() if name == kind)
-            raise ValueError(
-                f"elements[{kind!r}] must have {corners} columns, got {block.shape[1]}"
-            )
-        blocks.append(block)
+        if kind not in KINDS:
+            raise ValueError(f"elements must be of {', '.join(KINDS)}, got {kind!r}")
+        blocks.append(_checked_block(kind, block, f"elements[{kind!r}]", N, dim))
     return Mesh(points, tuple(blocks))
 
 
-def _checked_block(elements: Any, name: str, N: int, dim: int) -> np.ndarray:
+def _checked_block(kind: str | None, elements: Any, name: str, N: int, dim: int) -> Block:
     elements = np.asarray(elements)
     if elements.dtype.kind not in "iu":
         raise TypeError(f"{name} must hold node numbers, got dtype {elements.dtype}")
-    if elements.ndim != 2 or elements.shape[1] not in KINDS or len(elements) == 0:
+    if elements.ndim != 2 or len(elements) == 0:
+        raise ValueError(f"{name} must be 2-D with at least one row, got shape {elements.shape}")
+    columns = elements.shape[1]
+    if kind is None and columns not in BY_COLUMNS:
         raise ValueError(
-            f"{name} must have 2, 4 or 8 columns and at least one row, got {elements.shape}"
+            f"{name} must be a dict by kind of element unless they have "
+            f"{', '.join(map(str, BY_COLUMNS))} columns, got {columns}"
         )
-    if dim < {2: 1, 4: 2, 8: 3}[elements.shape[1]]:
-        kind = KINDS[elements.shape[1]]
+    kind = BY_COLUMNS[columns] if kind is None else kind
+    if columns != KINDS[kind].nodes:
+        raise ValueError(f"{name} must have {counted(KINDS[kind].nodes, 'column')}, got {columns}")
+    if dim < KINDS[kind].dimension:
         raise ValueError(
             f"{name} must fit the points, got {kind} with {counted(dim, 'coordinate')}"
         )
     outside = elements[(elements < 0) | (elements >= N)]
     if outside.size:
         raise ValueError(f"{name} must hold nodes 0..{N - 1}, got {listing(outside)}")
-    return elements.astype(np.int64)
+    return Block(kind, elements.astype(np.int64))
 
 
 def nodal_vectors(values: Any, mesh: Mesh, name: str, *, times: int | None = None) -> np.ndarray:
@@ -118,22 +119,65 @@ def padded(vectors: np.ndarray, columns: int) -> np.ndarray:
     return np.concatenate([vectors, np.zeros((*vectors.shape[:-1], missing))], axis=-1)
 
 
-def outer_faces(elements: np.ndarray) -> np.ndarray:
-    """Lines and quadrilaterals unchanged; of hexahedra the faces that belong to only one."""
-    if elements.shape[1] != 8:
-        return elements
-    faces = elements[:, FACES].reshape(-1, 4)
-    nodes = np.sort(faces, axis=1)
-    order = np.lexsort(nodes.T)
-    same = np.all(nodes[order[1:]] == nodes[order[:-1]], axis=1)
-    shared = np.append(same, False) | np.insert(same, 0, False)
-    return faces[np.sort(order[~shared])]
+def lines(mesh: Mesh) -> np.ndarray:
+    """Ends (e, 2) of the straight pieces of which the elements of dimension 1 consist."""
+    pieces = [_pieces(block) for block in mesh.blocks if KINDS[block.kind].dimension == 1]
+    return np.concatenate([np.empty((0, 2), dtype=np.int64), *pieces])
 
 
-def edges(faces: np.ndarray) -> np.ndarray:
-    """The edges of faces, each once: (e, 2)."""
-    if faces.shape[1] == 2:
-        return faces
-    ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
-    count = int(faces.max()) + 1
+def _pieces(block: Block) -> np.ndarray:
+    path = block.nodes[:, KINDS[block.kind].path]
+    return np.stack([path[:, :-1], path[:, 1:]], axis=-1).reshape(-1, 2)
+
+
+def outer_faces(mesh: Mesh) -> list[Block]:
+    """Surfaces, and of solids the faces that belong to only one, as blocks of surfaces."""
+    surfaces = [block for block in mesh.blocks if KINDS[block.kind].dimension == 2]
+    faces = [
+        Block(kind, block.nodes[:, nodes])
+        for block in mesh.blocks
+        for kind, nodes in KINDS[block.kind].faces
+    ]
+    return _by_kind([*surfaces, *_unshared(faces)])
+
+
+def _by_kind(blocks: list[Block]) -> list[Block]:
+    return [
+        Block(kind, np.concatenate([block.nodes for block in blocks if block.kind == kind]))
+        for kind in dict.fromkeys(block.kind for block in blocks)
+    ]
+
+
+def _unshared(faces: list[Block]) -> list[Block]:
+    """The faces whose corners are those of no other face; orders of elements may differ."""
+    if not faces:
+        return []
+    keys = np.concatenate([_corners(block) for block in faces])
+    order = np.lexsort(keys.T)
+    same = np.all(keys[order[1:]] == keys[order[:-1]], axis=1)
+    outer = np.empty(len(keys), dtype=bool)
+    outer[order] = ~(np.append(same, False) | np.insert(same, 0, False))
+    ends = np.cumsum([len(block.nodes) for block in faces])[:-1]
+    return [
+        Block(block.kind, block.nodes[own])
+        for block, own in zip(faces, np.split(outer, ends), strict=True)
+    ]
+
+
+def _corners(faces: Block) -> np.ndarray:
+    """Corners (m, 4) in rising order; of a triangle the first entry is -1."""
+    count = len(KINDS[faces.kind].edges)
+    corners = np.full((len(faces.nodes), 4), -1, dtype=np.int64)
+    corners[:, 4 - count :] = np.sort(faces.nodes[:, :count], axis=1)
+    return corners
+
+
+def edges(surfaces: list[Block]) -> np.ndarray:
+    """The straight pieces of the edges of surfaces, each once: (e, 2)."""
+    pieces = [np.empty((0, 2), dtype=np.int64)]
+    for kind, nodes in surfaces:
+        path = nodes[:, KINDS[kind].path]
+        pieces.append(np.stack([path, np.roll(path, -1, axis=1)], axis=-1).reshape(-1, 2))
+    ends = np.sort(np.concatenate(pieces), axis=1)
+    count = int(ends.max(initial=0)) + 1
     return np.stack(np.divmod(np.unique(ends[:, 0] * count + ends[:, 1]), count), axis=-1)

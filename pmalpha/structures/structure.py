@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
 from .._checks import counted, real_number
 from ..problem.constraints import dof_list
 from ..problem.matrices import Matrix, combination, sparse_diagonal
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
+from .internal import ElementForce
+from .line_forces import BAR, BEAM, line_forces
 
 __all__ = ["Structure"]
 
@@ -29,7 +32,7 @@ class Structure:
     M : (n, n) csr_array
         Mass; a sparse diagonal when lumped. A 1-D array is converted to it.
     K : (n, n) csr_array
-        Stiffness.
+        Stiffness; of nonlinear elements without entries.
     points : (N, dim) ndarray
         Coordinates of the nodes.
     elements : dict
@@ -37,11 +40,13 @@ class Structure:
     components : tuple of str
         Names of the dofs of a node, in their order: "ux", "uy", "uz" are displacements along the
         axes, "rz" is a rotation, counter-clockwise.
+    internal : tuple of ElementForce
+        Forces of nonlinear elements and of contact, beside K u.
 
     Raises
     ------
-    ValueError
-        If M and K do not have one row for each component of each point.
+    TypeError, ValueError
+        If M, K or a force in `internal` do not have one row for each component of each point.
 
     Examples
     --------
@@ -57,14 +62,21 @@ class Structure:
     points: np.ndarray
     elements: Mapping[str, np.ndarray]
     components: tuple[str, ...]
+    internal: tuple[ElementForce, ...] = ()
 
     def __post_init__(self):
         n = len(self.points) * len(self.components)
-        for name, rows in (("M", self.M.shape[0]), ("K", self.K.shape[0])):
+        object.__setattr__(self, "internal", tuple(self.internal))
+        rows_of = [("M", self.M.shape[0]), ("K", self.K.shape[0])]
+        for force in self.internal:
+            if not isinstance(force, ElementForce):
+                raise TypeError(f"internal must hold forces of elements, got {force!r}")
+            rows_of.append(("internal", force.n))
+        for name, rows in rows_of:
             if rows != n:
                 raise ValueError(
                     f"{name} must have {n} rows, {len(self.components)} for each of "
-                    f"{len(self.points)} points, got {rows}"
+                    f"{counted(len(self.points), 'point')}, got {rows}"
                 )
         if self.M.ndim == 1:
             object.__setattr__(self, "M", sparse_diagonal(self.M))
@@ -72,7 +84,8 @@ class Structure:
     def __repr__(self) -> str:
         counts = ", ".join(f"{len(e)} {name}" for name, e in self.elements.items())
         points, dofs = counted(len(self.points), "point"), counted(self.n, "dof")
-        return f"<Structure {points}, {counts}, {dofs}>"
+        forces = f", {counted(len(self.internal), 'internal force')}" if self.internal else ""
+        return f"<Structure {points}, {counts}, {dofs}{forces}>"
 
     @property
     def dofs_per_node(self) -> int:
@@ -85,13 +98,18 @@ class Structure:
         return len(self.points) * len(self.components)
 
     def nodes(self, where: Callable[..., Any]) -> np.ndarray:
-        """The nodes whose coordinates satisfy a predicate, in rising order.
+        """The nodes whose coordinates satisfy a predicate.
 
         Parameters
         ----------
         where : callable
             Called with each coordinate of all nodes as an (N,) array, ``where(x, y)`` in the
             plane; returns N booleans.
+
+        Returns
+        -------
+        (k,) ndarray of int
+            In rising order.
 
         Raises
         ------
@@ -124,6 +142,11 @@ class Structure:
         ----------
         x, y, z : float, optional
             At least one; None for any coordinate.
+
+        Returns
+        -------
+        (k,) ndarray of int
+            In rising order.
 
         Raises
         ------
@@ -158,12 +181,14 @@ class Structure:
         Parameters
         ----------
         nodes : int or (k,) array of int
+            Such as of `nodes_at`.
         component : str or sequence of str, optional
             One or several of `components`. Default: all.
 
         Returns
         -------
         (k * chosen components,) ndarray of int
+            In the order of `nodes`, then of the components.
 
         Raises
         ------
@@ -185,8 +210,70 @@ class Structure:
         offsets = [self.components.index(name) for name in names]
         return (self.dofs_per_node * chosen[:, None] + offsets).ravel()
 
+    def with_internal(self, *forces: ElementForce) -> Structure:
+        """The same structure with further internal forces, such as contact.
+
+        Parameters
+        ----------
+        *forces : ElementForce
+            Of n dofs, from `plane_contact`, `sphere_contact` or another structure of these nodes.
+
+        Returns
+        -------
+        Structure
+
+        Raises
+        ------
+        TypeError, ValueError
+            For what is not a force of elements, and for another number of dofs.
+
+        Examples
+        --------
+        >>> from pmalpha import models
+        >>> ball = models.nonlinear_solid((2, 2), 0.5, models.NeoHookean(1e6, 0.3), rho=1e3)
+        >>> floor = models.plane_contact(ball, ball.nodes_at(y=0.0), point=[0.0, 0.0],
+        ...                              normal=[0.0, 1.0], stiffness=1e7)
+        >>> ball.with_internal(floor)
+        <Structure 9 points, 4 quad, 18 dofs, 2 internal forces>
+        """
+        return replace(self, internal=(*self.internal, *forces))
+
+    def tangent(self, u: Any = None) -> Any:
+        """K plus the tangents of the internal forces.
+
+        Parameters
+        ----------
+        u : (n,) array_like, optional
+            Displacements. Default: zeros, for the modes of the structure as it is built.
+
+        Returns
+        -------
+        (n, n) csr_array
+
+        Raises
+        ------
+        ValueError
+            If u has another shape.
+
+        Examples
+        --------
+        A string under the tension of 4, with unit mass per length, has the wave speed 2:
+
+        >>> from pmalpha import models
+        >>> string = models.truss([[0, 0], [1, 0]], [[0, 1]], EA=1e4, rhoA=1.0, divisions=50,
+        ...                       prestress=4.0)
+        >>> held = reduce(string.M, string.tangent(), fixed=[0, 1, 2, 3])
+        >>> omega, _ = models.modes(held.M, held.K, 1)
+        >>> round(float(omega[0] / (2.0 * np.pi)), 3)
+        1.0
+        """
+        where = np.zeros(self.n) if u is None else u
+        return sum((force(where)[1] for force in self.internal), start=self.K)
+
     def damping(self, c_m: float, c_k: float) -> Matrix:
         """Rayleigh damping C = c_m M + c_k K, with coefficients as `rayleigh` returns them.
+
+        K includes the tangents of the internal forces at u = 0.
 
         Parameters
         ----------
@@ -211,16 +298,108 @@ class Structure:
         [[0.35, -0.05], [-0.05, 0.35]]
         """
         c_m, c_k = real_number(c_m, "c_m", low=0.0), real_number(c_k, "c_k", low=0.0)
-        return combination([(c_m, self.M), (c_k, self.K)])
+        return combination([(c_m, self.M), (c_k, self.tangent())])
+
+    def element_forces(self) -> sp.csr_array:
+        """The matrix S from displacements of all dofs to forces of the line elements.
+
+        For ``run(outputs=)``, with the columns of the free dofs if some are fixed.
+
+        Returns
+        -------
+        csr_array
+            Of chains and rods (E, n): the normal force, tension positive. Of plane frames (6 E, n):
+            the forces on the first end of each element and those on its second end, each in its
+            axes (along the element, across, moment counter-clockwise). So the normal force is row
+            6 e + 3, the shear force row 6 e + 4 and the moment at the second end row 6 e + 5.
+
+        Raises
+        ------
+        ValueError
+            For other elements, several elements between the same two nodes, and internal forces.
+
+        Notes
+        -----
+        From K alone: the blocks between two nodes are those of the element, and rigid-body motions
+        are without force. Inertia forces within the elements (of a consistent mass) and damping
+        forces are not contained.
+
+        Examples
+        --------
+        >>> from pmalpha import models
+        >>> models.chain(3, 1.0, [10.0, 20.0]).element_forces().toarray().tolist()
+        [[-10.0, 10.0, 0.0], [0.0, -20.0, 20.0]]
+        """
+        self._require_linear("element_forces")
+        if set(self.elements) != {"line"} or self.components not in (BAR, BEAM):
+            raise ValueError(
+                f"element_forces needs elements 'line' with components {BAR} or {BEAM}, got "
+                f"{sorted(self.elements)} with {self.components}"
+            )
+        return line_forces(
+            sp.csr_array(self.K), self.points, self.elements["line"], self.components
+        )
+
+    def base_shear(self, nodes: Any, component: str = "ux") -> sp.csr_array:
+        """The matrix W from displacements of all dofs to the force of the supports at some nodes.
+
+        For ``run(outputs=)``, with the columns of the free dofs.
+
+        Parameters
+        ----------
+        nodes : int or (k,) array of int
+            Nodes that are fixed.
+        component : str, default "ux"
+            Direction of the force; for "rz" the sum of the clamping moments.
+
+        Returns
+        -------
+        (1, n) csr_array
+            The sum of the rows of K. The force acts on the structure: under a static load it is
+            minus the load in this direction. Forces of damping, and of a consistent mass at the
+            supports, are rows of C and M in the same way.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As of `dofs`; for a structure with internal forces.
+
+        Examples
+        --------
+        A rod fixed at its first node, of stiffness 2 / 0.5 next to it:
+
+        >>> from pmalpha import GeneralizedAlpha, models, reduce, solve
+        >>> bar = models.rod(4, 2.0, EA=2.0, rhoA=1.0)
+        >>> fixed = reduce(bar.M, bar.K, fixed=[0])
+        >>> model = Subdomain(fixed.M, fixed.K, scheme=GeneralizedAlpha(0.5), v0=np.ones(4))
+        >>> outputs = {0: {"base": bar.base_shear(0)[:, fixed.free]}}
+        >>> motion = solve(model, dt=0.1, steps=5, record={0: 0}, outputs=outputs)
+        >>> bool(np.all(motion.outputs["base"] == -4.0 * motion.u))
+        True
+        """
+        self._require_linear("base_shear")
+        rows = sp.csr_array(self.K)[self.dofs(nodes, component)]
+        return sp.csr_array(np.ones((1, rows.shape[0])) @ rows)
+
+    def _require_linear(self, what: str) -> None:
+        if self.internal:
+            raise ValueError(f"{what} needs a linear structure, got one with internal forces")
 
     def subdomain(self, *, scheme: Scheme, **options) -> Subdomain:
-        """A Subdomain with this M and K, without supports.
+        """A Subdomain with this M, K and internal forces, without supports.
 
         Parameters
         ----------
         scheme : Scheme
+            As for `Subdomain`.
         **options
-            Further arguments of `Subdomain`: C, substeps, force, u0, name, ...
+            Further arguments of `Subdomain`: C, substeps, force, u0, name, ... An `internal` is
+            added to the forces of the structure.
+
+        Returns
+        -------
+        Subdomain
+            With all dofs of the structure.
 
         Raises
         ------
@@ -234,4 +413,10 @@ class Structure:
         >>> bar.subdomain(scheme=GeneralizedAlpha(0.5, explicit=True), name="bar").n
         5
         """
+        if self.internal:
+            given = options.get("internal") or []
+            further = (
+                given if type(given) in (list, tuple) else [given]
+            )  # a LowLevelCallable is one
+            options["internal"] = [*self.internal, *further]
         return Subdomain(self.M, self.K, scheme=scheme, **options)

@@ -17,12 +17,14 @@ def submesh(points: ArrayLike, elements: ArrayLike) -> tuple[np.ndarray, np.ndar
     Parameters
     ----------
     points : (N, dim) array_like
+        Coordinates of all nodes.
     elements : (E, corners) array_like of int
         The elements to keep.
 
     Returns
     -------
     points : (k, dim) ndarray
+        Coordinates of the nodes that the elements have.
     elements : (E, corners) ndarray of int
         In the numbers of the remaining points.
     nodes : (k,) ndarray of int

@@ -108,11 +108,8 @@ pma_status pma_numeric_factor(pma_numeric *f, size_t *column)
     const pma_numeric_parts *parts = &f->parts;
     if (is_diagonal(parts))
         return invert(f, column);
-    const pma_panels_input input = {.n = parts->n,
-                                    .ptr = parts->ptr,
-                                    .index = parts->index,
-                                    .values = f->values,
-                                    .lost = LOST};
+    const pma_panels_input input = {
+        .n = parts->n, .ptr = parts->ptr, .index = parts->index, .values = f->values, .lost = LOST};
     return pma_panels_factor(&f->parts.panels, &input, parts->owner, &parts->blas, f->inverse,
                              f->update, f->integers, column, never, NULL);
 }

@@ -81,7 +81,7 @@ void pma_broyden_apply(const pma_broyden *b, const double *r, double *x)
     apply(b, false, r, x);
 }
 
-/* B += (s - B y) (s^T B) / (s . B y)                                                      (N11) */
+/* B += (s - B y) (s^T B) / (s . B y)                                                      (N15) */
 void pma_broyden_learn(const pma_broyden *b, const double *s, const double *y, double *scratch)
 {
     const size_t p = b->p;

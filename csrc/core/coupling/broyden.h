@@ -1,4 +1,4 @@
-/* broyden.h - an approximate inverse that learns from every residual.                     (N11)
+/* broyden.h - an approximate inverse that learns from every residual.                     (N15)
  *
  * B ~ H^-1 starts as an inverse that is known and is corrected by Broyden's good formula, so that
  * it explains the last change of the residual. For few unknowns it is a matrix; for many the

@@ -51,7 +51,7 @@ static bool begins(const pma_coupled *m)
     return m->now.phase == 1 && !pma_look_ahead_has_open(m, m->now.j);
 }
 
-pma_status pma_fine_open(pma_coupler *c, pma_coupled *m)
+static pma_status open_substep(pma_coupler *c, pma_coupled *m)
 {
     return m == c->split ? pma_split_open(c) : m->member.table->open(m->member.self, &m->step);
 }
@@ -61,7 +61,7 @@ static pma_status open_substeps(pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++)
         c->unpolled += c->coupled[i].now.phase == 1 ? c->coupled[i].member.entries : 0;
-    const pma_status status = pma_share(c, pma_fine_open, begins);
+    const pma_status status = pma_share(c, open_substep, begins);
     if (status == PMA_OK && pma_look_ahead_is_used(c))
         pma_look_ahead_open(c);
     return status;
@@ -69,7 +69,7 @@ static pma_status open_substeps(pma_coupler *c)
 
 /* ---- interface problem (18) ----------------------------------------------------------------- */
 
-void pma_fine_right_side(pma_coupler *c)
+static inline void right_side(pma_coupler *c)
 {
     memcpy(c->working.lam, c->working.g, c->parts.p * sizeof(double));
     for (size_t i = 0; i < c->parts.count; i++) {
@@ -84,7 +84,7 @@ static pma_status solve_interface(pma_coupler *c)
 {
     if (c->parts.motion_count > 0)
         pma_coupler_prescribe(c);
-    pma_fine_right_side(c);
+    right_side(c);
     return pma_coupler_solve(c);
 }
 
@@ -95,7 +95,7 @@ static bool ends(const pma_coupled *m)
     return pma_is_ending(m) && !m->assigned.closes;
 }
 
-pma_status pma_fine_close(pma_coupler *c, pma_coupled *m)
+static pma_status close_substep(pma_coupler *c, pma_coupled *m)
 {
     return m == c->split ? pma_split_close(c)
                          : m->member.table->close(m->member.self, &m->step, c->working.lam);
@@ -106,7 +106,7 @@ static pma_status close_substeps(pma_coupler *c)
 {
     if (pma_look_ahead_is_used(c))
         pma_look_ahead_defer(c);
-    return pma_share(c, pma_fine_close, ends);
+    return pma_share(c, close_substep, ends);
 }
 
 /* ---- the schedule --------------------------------------------------------------------------- */
@@ -143,7 +143,8 @@ static pma_status fine_step(pma_coupler *c)
     return status;
 }
 
-void pma_fine_rebase(pma_coupler *c)
+/* (S3)  After the first macro step, for the members that take double steps from now on */
+static void rebase(pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
@@ -165,9 +166,31 @@ static pma_status fine_steps(pma_coupler *c)
             pma_recorder_write(c);
     }
     if (c->present.number == 0 && c->parts.rebased)
-        pma_fine_rebase(c);
+        rebase(c);
     return PMA_OK;
 }
 
 const pma_schedule pma_fine_schedule = {
     .check = check, .instants = pma_fine_instants, .duty = duty, .step = fine_steps};
+
+/* ---- the same for iterated.c ---------------------------------------------------------------- */
+
+pma_status pma_fine_open(pma_coupler *c, pma_coupled *m)
+{
+    return open_substep(c, m);
+}
+
+pma_status pma_fine_close(pma_coupler *c, pma_coupled *m)
+{
+    return close_substep(c, m);
+}
+
+void pma_fine_right_side(pma_coupler *c)
+{
+    right_side(c);
+}
+
+void pma_fine_rebase(pma_coupler *c)
+{
+    rebase(c);
+}

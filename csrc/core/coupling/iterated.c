@@ -43,7 +43,7 @@ static void take_block(pma_coupler *c, pma_coupled *m)
 }
 
 /* A substep that ends later than this fine step: its free solution, and the law of it until then,
- * with a fresh tangent, since nothing corrects it afterwards.                             (N7) */
+ * with a fresh tangent, since nothing corrects it afterwards.                            (N13) */
 static pma_status open_long(pma_coupler *c, pma_coupled *m)
 {
     const pma_iterated_table *table = table_of(m);
@@ -67,8 +67,7 @@ static pma_status open(pma_coupler *c, pma_coupled *m)
 {
     if (!table_of(m))
         return pma_fine_open(c, m);
-    const pma_status status =
-        table_of(m)->begin(m->member.self, &m->step, c->iteration->lam_begin);
+    const pma_status status = table_of(m)->begin(m->member.self, &m->step, c->iteration->lam_begin);
     return status == PMA_OK && m->ratio > 1 ? open_long(c, m) : status;
 }
 
@@ -88,7 +87,7 @@ static pma_status open_substeps(pma_coupler *c)
 
 /* ---- the interface, with the laws as they are ----------------------------------------------- */
 
-/* (sum G) Lam = g - sum o                                                                 (N3) */
+/* (sum G) Lam = g - sum o                                                                (N12) */
 static pma_status solve_interface(pma_coupler *c)
 {
     const pma_status status = pma_iteration_factor(c);
@@ -123,8 +122,7 @@ static pma_status linearize_one(pma_coupler *c, pma_coupled *m)
 {
     pma_iterand *iterand = iterand_of(c, m);
     const bool fresh = c->iteration->fresh;
-    const pma_status status =
-        table_of(m)->linearize(m->member.self, fresh, c->iteration->lam_star);
+    const pma_status status = table_of(m)->linearize(m->member.self, fresh, c->iteration->lam_star);
     if (status == PMA_OK && (fresh || !iterand->known))
         take_block(c, m);
     return status;
@@ -208,6 +206,19 @@ static void restart(void *ctx)
     pma_share(c, restart_one, is_iterated);
 }
 
+static pma_status raise_one(pma_coupler *c, pma_coupled *m)
+{
+    table_of(m)->raise(m->member.self, c->iteration->by);
+    return PMA_OK;
+}
+
+static void raise(void *ctx, double factor)
+{
+    pma_coupler *c = ctx;
+    c->iteration->by = factor;
+    pma_share(c, raise_one, is_iterated);
+}
+
 /* The member whose last correction was the largest. */
 static size_t find_slowest(const pma_coupler *c)
 {
@@ -236,11 +247,10 @@ static bool have_factors(const pma_coupler *c)
 static pma_status iterate(pma_coupler *c)
 {
     static const pma_equations EQUATIONS = {
-        .evaluate = evaluate, .correct = correct, .move = move, .restart = restart};
+        .evaluate = evaluate, .correct = correct, .move = move, .restart = restart, .raise = raise};
     pma_iteration *it = c->iteration;
     memcpy(it->lam_star, it->lam_begin, c->parts.p * sizeof(double));
-    const pma_status status =
-        pma_newton_solve(&it->parts.newton, &EQUATIONS, c, have_factors(c));
+    const pma_status status = pma_newton_solve(&it->parts.newton, &EQUATIONS, c, have_factors(c));
     if (status == PMA_NOT_CONVERGED)
         c->failed = find_slowest(c);
     return status;

@@ -108,14 +108,20 @@ pma_status pma_iteration_create_macro(pma_coupler *c, const pma_iteration_parts 
     const size_t p = c->parts.p;
     if (parts->response.n != p || parts->response_start.n != p)
         return PMA_BAD_SIZE;
-    const pma_status status =
-        create(c, parts, c->parts.count * p, 0, 1 + p + pma_broyden_size(p));
+    size_t own = c->parts.count * p;
+    for (size_t i = 0; i < c->parts.count; i++)
+        own += c->coupled[i].member.substeps;
+    const pma_status status = create(c, parts, own, 0, 1 + p + pma_broyden_size(p));
     if (status != PMA_OK)
         return status;
+    double *next = c->iteration->block + c->parts.count * p;
     c->iteration->dlam = c->iteration->working + 1;
     c->iteration->broyden = (pma_broyden){.p = p, .state = c->iteration->dlam + p};
-    for (size_t i = 0; i < c->parts.count; i++)
+    for (size_t i = 0; i < c->parts.count; i++) {
         c->coupled[i].lam = c->iteration->block + i * p;
+        c->iteration->iterands[i].corrections = next;
+        next += c->coupled[i].member.substeps;
+    }
     return PMA_OK;
 }
 

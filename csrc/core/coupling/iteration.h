@@ -1,4 +1,4 @@
-/* iteration.h - what a coupler iterates with when some members have internal forces.       (N4)
+/* iteration.h - what a coupler iterates with when some members have internal forces.      (N12)
  *
  * The interface matrix follows the tangents: it is the sum of a constant part, of the members that
  * are not iterated, and of a block for each of the others. */
@@ -31,13 +31,14 @@ typedef struct {
     pma_matrix H_size; /* the size of the entries of H */
 } pma_iteration_parts;
 
-/* A member that is iterated. */
+/* A member that is iterated; the first five under pm and gc, the last one under macro coupling. */
 typedef struct {
     int64_t *where; /* count x count: entries of H */
     double *block;  /* count x count: its part of H */
     bool known;     /* the block follows its tangent */
     double slope;
     pma_measure measure;
+    double *corrections; /* substeps: made in all runs of a macro step */
 } pma_iterand;
 
 typedef struct {

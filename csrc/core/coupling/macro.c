@@ -44,8 +44,8 @@ size_t pma_macro_instants(const pma_coupler_parts *parts)
  * where it has internal forces: about as often as it runs. */
 pma_duty pma_macro_duty(const pma_member *member)
 {
-    const bool repeats = member->shoots || (member->substeps > 1 &&
-                                            member->table->repeats(member->self, false) > 0);
+    const bool repeats =
+        member->shoots || (member->substeps > 1 && member->table->repeats(member->self, false) > 0);
     return (pma_duty){.entries = member->entries * member->substeps * (repeats ? 2 : 1),
                       .substeps = 1,
                       .by_caller = member->by_caller};
@@ -72,7 +72,7 @@ const pma_selection *pma_macro_selection(const pma_coupler *c, const pma_coupled
     if (!c->record || c->record->every > 0)
         return NULL;
     const pma_selection *selection = &c->record->selections[m - c->coupled];
-    return selection->count + selection->springs > 0 ? selection : NULL;
+    return pma_selection_is_empty(selection) ? NULL : selection;
 }
 
 /* ---- free macro run (M2) -------------------------------------------------------------------- */
@@ -190,7 +190,4 @@ static pma_status macro_step(pma_coupler *c)
 }
 
 const pma_schedule pma_macro_schedule = {
-    .check = check,
-                                         .instants = pma_macro_instants,
-                                         .duty = pma_macro_duty,
-                                         .step = macro_step};
+    .check = check, .instants = pma_macro_instants, .duty = pma_macro_duty, .step = macro_step};

@@ -63,17 +63,12 @@ static void velocity_jump(const pma_coupler *c, double *jump)
 
 /* ---- what is wanted of the end of a fine step ----------------------------------------------- */
 
-static bool is_selected(const pma_selection *selection)
-{
-    return selection->count + selection->springs > 0;
-}
-
 static void write_members(const pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_coupled *m = &c->coupled[i];
         const pma_selection *selection = &c->record->selections[i];
-        if (!pma_is_ending(m) || pma_look_ahead_is_deferred(m) || !is_selected(selection))
+        if (!pma_is_ending(m) || pma_look_ahead_is_deferred(m) || pma_selection_is_empty(selection))
             continue;
         const size_t row = pma_recorder_row(c, m->now.j + 1, m->member.substeps);
         if (row != PMA_NO_ROW)

@@ -11,8 +11,8 @@
 
 #include "coupling/schedule.h"
 
-/* The parts of the tolerance of a substep that are enough in the first run and in later ones. (N10)
- */
+/* The parts of the tolerance of a substep that are enough in the first run and in later
+ * ones.                                                                                   (N16) */
 #define FIRST_RUN 0.1
 #define LATER_RUNS 10.0
 
@@ -40,6 +40,24 @@ static const double *multipliers_at(const pma_coupler *c, pma_coupled *m, size_t
     return m->lam;
 }
 
+/* The corrections of a substep are those of all runs of the macro step. */
+static void count_corrections(const pma_coupler *c, pma_coupled *m, size_t j)
+{
+    double *last = m->member.iterated.table->corrections(m->member.self, j + 1);
+    double *all = &c->iteration->iterands[m - c->coupled].corrections[j];
+    *all += *last;
+    *last = *all;
+}
+
+static void forget_corrections(const pma_coupler *c)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_coupled *m = &c->coupled[i];
+        if (m->member.iterated.table)
+            memset(c->iteration->iterands[i].corrections, 0, m->member.substeps * sizeof(double));
+    }
+}
+
 /* A substep under the multipliers at its end: iterated alone, or explicit. */
 static pma_status run_substep(pma_coupler *c, pma_coupled *m, size_t j)
 {
@@ -54,7 +72,11 @@ static pma_status run_substep(pma_coupler *c, pma_coupled *m, size_t j)
     pma_status status = iterated->begin(member->self, &step, lam);
     if (status == PMA_OK)
         status = iterated->converge(member->self, &c->iteration->parts.newton, lam);
-    return status == PMA_OK ? iterated->finish(member->self, lam) : status;
+    if (status == PMA_OK)
+        status = iterated->finish(member->self, lam);
+    if (status == PMA_OK)
+        count_corrections(c, m, j);
+    return status;
 }
 
 static pma_status run(pma_coupler *c, pma_coupled *m)
@@ -87,7 +109,7 @@ static void known_velocities(const pma_coupler *c, double *known)
     }
 }
 
-/* r(dLam) = sum L v - g at the end of the runs                                            (N10) */
+/* r(dLam) = sum L v - g at the end of the runs                                            (N14) */
 static void residual(const pma_coupler *c, const double *known, double *r)
 {
     const pma_iteration *it = c->iteration;
@@ -106,19 +128,31 @@ static void residual(const pma_coupler *c, const double *known, double *r)
     }
 }
 
-/* The largest v . M v so far of the members that shoot, in and out: the energy scale. */
-static void take_scale(const pma_coupler *c, double *scale)
+/* sum v . M v of the members that shoot, at the present (0) or at the end of a run (1) */
+static double kinetic(const pma_coupler *c, size_t macro)
 {
     double energy = 0.0;
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
         if (member->shoots)
-            energy += member->table->kinetic(member->self, member->substeps);
+            energy += member->table->kinetic(member->self, macro * member->substeps);
     }
-    *scale = fmax(*scale, energy);
+    return energy;
 }
 
-/* ---- shooting (N10) ------------------------------------------------------------------------- */
+/* The substeps are not more accurate than their own scales allow. */
+static double scales(const pma_coupler *c)
+{
+    double sum = 0.0;
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_member *member = &c->coupled[i].member;
+        if (member->iterated.table)
+            sum += member->iterated.table->scale(member->self);
+    }
+    return sum;
+}
+
+/* ---- shooting (N14) ------------------------------------------------------------------------- */
 
 /* |Lam| . |H| |Lam| at the end, for the rounding of the residual */
 static double size_of_terms(const pma_coupler *c)
@@ -167,15 +201,16 @@ static void correct(pma_coupler *c, bool first)
 static pma_status shoot(pma_coupler *c, const double *known)
 {
     pma_iteration *it = c->iteration;
+    it->working[0] = fmax(it->working[0], kinetic(c, 0));
+    forget_corrections(c);
     for (size_t pass = 0; pass < it->parts.newton.iterations; pass++) {
         const pma_status status = pma_share(c, run, shoots);
         if (status != PMA_OK || atomic_load(&c->stopped))
             return status;
         residual(c, known, it->residual);
-        double scale = it->working[0];
-        take_scale(c, &scale);
+        const double scale = fmax(it->working[0], kinetic(c, 1));
         correct(c, pass == 0);
-        if (is_accepted(c, pass == 0, scale)) {
+        if (is_accepted(c, pass == 0, scale + scales(c))) {
             it->working[0] = scale;
             return PMA_OK;
         }

@@ -56,8 +56,8 @@ pma_status pma_internal_evaluate(const pma_internal *internal, double t, const d
         memset(K, 0, 2 * entries * sizeof *K);
         memcpy(own_q + at, q + at, force->history * sizeof *q);
         memcpy(own_q1 + at, q + at, force->history * sizeof *q);
-        *code = force->function(t, (intptr_t)n, own_u, own_v, own_q + at, own_f,
-                                tangent ? K : NULL, tangent ? C : NULL, own_q1 + at, force->user);
+        *code = force->function(t, (intptr_t)n, own_u, own_v, own_q + at, own_f, tangent ? K : NULL,
+                                tangent ? C : NULL, own_q1 + at, force->user);
         if (*code != 0)
             return PMA_RESTORING_FAILED;
         for (size_t i = 0; i < n; i++)

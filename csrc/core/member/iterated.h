@@ -1,4 +1,4 @@
-/* iterated.h - what a member with internal forces does more, in interface space.          (N1)
+/* iterated.h - what a member with internal forces does more, in interface space.         (N11)
  *
  * Its own step is iterated together with the interface: at the iterate it contributes an affine law
  * of its velocity there, L v = o + G Lam, and is given the multipliers that solve the sum of all
@@ -15,7 +15,7 @@
 #include "status.h"
 
 typedef struct {
-    /* The first guess of a substep, from the multipliers at its beginning (N3). Evaluates loads
+    /* The first guess of a substep, from the multipliers at its beginning (N4). Evaluates loads
      * and what is evaluated once. */
     pma_status (*begin)(void *self, const pma_substep *step, const double *lam);
 
@@ -30,8 +30,9 @@ typedef struct {
     void (*correct)(void *self, const double *lam, pma_measure *measure);
     void (*move)(void *self, double by);
     void (*restart)(void *self, const double *lam);
+    void (*raise)(void *self, double factor);
 
-    /* The law in the middle of a substep that ends later (N7): the stored free velocity of its
+    /* The law in the middle of a substep that ends later (N13): the stored free velocity of its
      * beginning, time level j, follows the new tangent. */
     void (*rebase)(void *self, size_t j, const double *lam);
 
@@ -40,6 +41,11 @@ typedef struct {
 
     /* The iterate is the state at the end of the substep. */
     pma_status (*finish)(void *self, const double *lam);
+
+    /* The corrections made for the substep that ended at time level j, to be read or written; the
+     * energy scale s^2 (N6). */
+    double *(*corrections)(void *self, size_t j);
+    double (*scale)(const void *self);
 
     /* Is there a factor, which can be kept? */
     bool (*has_factor)(const void *self);

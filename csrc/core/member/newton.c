@@ -2,11 +2,11 @@
 
 #include <math.h>
 
-/* A tangent that is kept is made again where corrections fall by less than this.            (N9) */
+/* A tangent that is kept is made again where corrections fall by less than this. */
 #define SLOW 0.2
 
 /* Where the slope along a correction has grown to this part of the one before it, with the other
- * sign, the correction is too long; it is shortened to half that.                           (N8) */
+ * sign, the correction is too long; it is shortened to half that.                          (N10) */
 #define OVERSHOOT 0.8
 #define ENOUGH 0.5
 
@@ -30,7 +30,7 @@ typedef struct {
     bool slow;       /* ... which is to be made again */
 } iteration;
 
-/* ---- (N6)  is the error after the last correction small enough? ----------------------------- */
+/* ---- (N7)  is the error after the last correction small enough? ----------------------------- */
 
 static bool is_accepted(const iteration *it, const pma_measure *m, double theta)
 {
@@ -40,7 +40,7 @@ static bool is_accepted(const iteration *it, const pma_measure *m, double theta)
     return theta < 1.0 && theta / (1.0 - theta) * e <= limit;
 }
 
-/* ---- (N8)  line search ---------------------------------------------------------------------- */
+/* ---- (N10)  line search --------------------------------------------------------------------- */
 
 static pma_status slope_at(const iteration *it, double *x, double to, double *slope)
 {
@@ -186,5 +186,8 @@ pma_status pma_newton_solve(const pma_newton *newton, const pma_equations *equat
         it.e = e;
         it.slope = m.slope;
     }
-    return it.count > 1 && is_rounding(&it) ? PMA_OK : PMA_NOT_CONVERGED;
+    if (it.count < 2 || !is_rounding(&it))
+        return PMA_NOT_CONVERGED;
+    equations->raise(ctx, 1e6 / (newton->tolerance * newton->tolerance));
+    return PMA_OK;
 }

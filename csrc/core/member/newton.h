@@ -1,4 +1,4 @@
-/* newton.h - Newton's method for equations that are residuals with a tangent.              (N4)
+/* newton.h - Newton's method for equations that are residuals with a tangent.              (N3)
  *
  * The equations are those of one subdomain under given multipliers, or of all subdomains that end a
  * substep together with the interface: the iteration is the same, and knows them by a table. */
@@ -45,6 +45,8 @@ typedef struct {
     void (*move)(void *ctx, double by);
     /* The iterate is the first guess again. */
     void (*restart)(void *ctx);
+    /* The motion so far counts as at least this many times the energy of the last correction. */
+    void (*raise)(void *ctx, double factor);
 } pma_equations;
 
 /* Iterates until the error is below the tolerance. PMA_NOT_CONVERGED, or what an operation comes

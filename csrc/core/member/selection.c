@@ -1,5 +1,41 @@
 #include "member/selection.h"
 
+#include <string.h>
+
+bool pma_selection_is_empty(const pma_selection *selection)
+{
+    return selection->count + selection->springs + selection->history + selection->outputs == 0;
+}
+
+/* y (rows) += A x */
+static void add_product(const pma_combination *A, size_t rows, const double *x, double *y)
+{
+    if (!A->start)
+        return;
+    for (size_t row = 0; row < rows; row++) {
+        double sum = 0.0;
+        for (int64_t k = A->start[row]; k < A->start[row + 1]; k++)
+            sum += A->weight[k] * x[A->position[k]];
+        y[row] += sum;
+    }
+}
+
+static void add_outputs(const pma_selection *selection, const pma_state *state, double *y)
+{
+    add_product(&selection->of_u, selection->outputs, state->u, y);
+    add_product(&selection->of_v, selection->outputs, state->v, y);
+    add_product(&selection->of_w, selection->outputs, state->w, y);
+}
+
+static void write_outputs(const pma_selection *selection, const pma_state *state, size_t row)
+{
+    if (selection->outputs == 0)
+        return;
+    double *y = selection->output + row * selection->outputs;
+    memset(y, 0, selection->outputs * sizeof(double));
+    add_outputs(selection, state, y);
+}
+
 static void write_springs(const pma_selection *selection, const pma_state *state, size_t row)
 {
     if (selection->springs == 0)
@@ -10,6 +46,15 @@ static void write_springs(const pma_selection *selection, const pma_state *state
         deformation[i] = state->springs[selection->spring[i]];
         force[i] = state->springs[selection->of_springs + (size_t)selection->spring[i]];
     }
+}
+
+static void write_history(const pma_selection *selection, const pma_state *state, size_t row)
+{
+    if (selection->history > 0)
+        memcpy(selection->q + row * selection->history, state->history,
+               selection->history * sizeof(double));
+    if (selection->corrections)
+        selection->corrections[row] = state->history[selection->of_history];
 }
 
 void pma_selection_write(const pma_selection *selection, const pma_state *state, size_t row)
@@ -24,6 +69,8 @@ void pma_selection_write(const pma_selection *selection, const pma_state *state,
         w[i] = state->w[k];
     }
     write_springs(selection, state, row);
+    write_history(selection, state, row);
+    write_outputs(selection, state, row);
 }
 
 void pma_selection_add(const pma_selection *selection, const pma_state *state, size_t row)
@@ -37,4 +84,6 @@ void pma_selection_add(const pma_selection *selection, const pma_state *state, s
         v[i] += state->v[k];
         w[i] += state->w[k];
     }
+    if (selection->outputs > 0)
+        add_outputs(selection, state, selection->output + row * selection->outputs);
 }

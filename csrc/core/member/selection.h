@@ -1,11 +1,19 @@
-/* selection.h - which dofs and springs of a subdomain are recorded, and where. */
+/* selection.h - which dofs, springs and outputs of a subdomain are recorded, and where. */
 #ifndef PMA_SELECTION_H
 #define PMA_SELECTION_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
 #include "member/state.h"
+
+/* A sparse matrix by rows: columns and weights of row k are at start[k] .. start[k + 1] - 1. */
+typedef struct {
+    const int64_t *start;    /* one more than rows, or NULL without entries */
+    const int64_t *position; /* start[rows]: columns, in elimination order */
+    const double *weight;    /* start[rows] */
+} pma_combination;
 
 /* Rows of `count` values, a row for each recorded time level. Arrays of the caller. */
 typedef struct {
@@ -15,12 +23,21 @@ typedef struct {
     size_t springs, of_springs;  /* number of springs recorded, and of all springs */
     const int64_t *spring;       /* springs: which */
     double *deformation, *force; /* rows x springs by rows */
+    size_t history, of_history;  /* numbers recorded of internal forces, all or none, and of all */
+    double *q;                   /* rows x history by rows */
+    double *corrections;         /* rows, or NULL: of iterated substeps */
+    size_t outputs;              /* number of outputs y = of_u u + of_v v + of_w w */
+    pma_combination of_u, of_v, of_w;
+    double *output; /* rows x outputs by rows */
 } pma_selection;
 
-/* Copies the selected dofs and springs of a state into a row. */
+/* True if nothing is recorded. */
+bool pma_selection_is_empty(const pma_selection *selection);
+
+/* Copies the selected dofs and springs of a state into a row, and computes its outputs. */
 void pma_selection_write(const pma_selection *selection, const pma_state *state, size_t row);
 
-/* Adds the selected dofs of a state to what the row holds. */
+/* Adds the selected dofs of a state, and its outputs, to what the row holds. */
 void pma_selection_add(const pma_selection *selection, const pma_state *state, size_t row);
 
 #endif

@@ -54,9 +54,8 @@ static pma_status check_parts(const pma_parts *parts)
         (status = pma_matrix_check(&parts->C)) ||
         (status = pma_restoring_check(&parts->restoring)) ||
         (status = pma_springs_check(&parts->springs, parts->n)) ||
-        (status = check_internal(parts)) ||
-        (status = pma_matrix_check(&parts->D_r)) || (status = pma_matrix_check(&parts->K_r)) ||
-        (status = pma_link_check(&parts->link)) ||
+        (status = check_internal(parts)) || (status = pma_matrix_check(&parts->D_r)) ||
+        (status = pma_matrix_check(&parts->K_r)) || (status = pma_link_check(&parts->link)) ||
         (status = check_operator(parts, &parts->single)) || !parts->doubled)
         return status;
     if (parts->twice.step.h != 2.0 * parts->single.step.h)
@@ -115,7 +114,8 @@ static pma_status lay_out(pma_subdomain *s)
     if (status != PMA_OK)
         return status;
     const size_t product = p->shoots ? p->n : 0;
-    s->block = calloc(extrapolated + functions + product + 2 * p->nb + 2 * scratch + 1, sizeof(double));
+    s->block =
+        calloc(extrapolated + functions + product + 2 * p->nb + 2 * scratch + 1, sizeof(double));
     if (!s->block)
         return PMA_NO_MEMORY;
     s->vs = s->block;
@@ -279,7 +279,7 @@ void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, con
         x->history[s->parts.internal.history] = 0.0; /* corrections */
         pma_iterate_restore(s->iterate, 0.0, NULL, false);
         memcpy(s->levels.vf_present, pma_interface_of(s, x->v), s->parts.nb * sizeof(double));
-        return; /* the first substep makes it (N7) */
+        return; /* the first substep makes it (N13) */
     }
     pma_substep_store_free_velocity(s, &s->parts.single, pma_interface_of(s, x->v), lam,
                                     s->levels.vf_present); /* (S2) */

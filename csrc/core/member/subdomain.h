@@ -46,10 +46,10 @@ typedef struct {
     pma_internal internal;
     const pma_iterate_parts *iterate; /* of an implicit subdomain with internal forces, else NULL;
                                          its factors are then not read */
-    pma_matrix D_r;      /* estimate of the damping of both (R2) */
-    pma_matrix K_r;      /* estimate of their stiffness, for the link response (M3) */
-    pma_operator single; /* of the substep h */
-    pma_operator twice;  /* of the double step 2 h; read only if doubled */
+    pma_matrix D_r;                   /* estimate of the damping of both (R2) */
+    pma_matrix K_r;                   /* estimate of their stiffness, for the link response (M3) */
+    pma_operator single;              /* of the substep h */
+    pma_operator twice;               /* of the double step 2 h; read only if doubled */
     pma_link link;
 } pma_parts;
 

@@ -206,7 +206,7 @@ static void prepare_closing(pma_coupler *c, pma_coupled *m)
                                    .row = PMA_NO_ROW};
     memcpy(m->lam, c->working.lam, c->parts.p * sizeof(double));
     const pma_selection *selection = c->record ? &c->record->selections[m - c->coupled] : NULL;
-    if (selection && selection->count + selection->springs > 0) {
+    if (selection && !pma_selection_is_empty(selection)) {
         m->assigned.selection = selection;
         m->assigned.row = pma_recorder_row(c, j + 1, m->member.substeps);
     }

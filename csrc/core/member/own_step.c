@@ -1,0 +1,448 @@
+/* own_step.c - one step of one subdomain with internal forces: guess, residual, correction.
+ *
+ * To be read with section 14 of docs/method.md. */
+#include "member/own_step.h"
+
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+/* Residuals are exact up to this many units in the last place of their terms.              (N8) */
+#define ROUNDING (100.0 * DBL_EPSILON)
+
+static const pma_operator *operator_of(const pma_iterate *it)
+{
+    return pma_operator_of(it->of, it->step.twice);
+}
+
+static const pma_state *iterate_of(const pma_iterate *it)
+{
+    return pma_levels_at(&it->of->levels, it->step.j + 1);
+}
+
+/* ---- first guess (N4) ----------------------------------------------------------------------- */
+
+/* held := F(t1) - r(ut, vs, t1) + D_r vs, what is evaluated once; lagged: - C vs too */
+static pma_status hold(pma_iterate *it, const pma_state *from, const pma_state *to)
+{
+    pma_subdomain *s = it->of;
+    const pma_parts *p = &s->parts;
+    memset(it->held, 0, p->n * sizeof(double));
+    pma_load_add(&s->load, it->step.t1, it->step.number, it->held);
+    if (p->lagged)
+        pma_matrix_subtract(&p->C, s->vs, it->held);
+    if (!it->parts.springs)
+        pma_springs_subtract(&p->springs, to->u, from->springs, to->springs, it->held);
+    if (p->D_r.form != PMA_ZERO) {
+        for (size_t i = 0; i < p->n; i++)
+            it->product[i] = -s->vs[i];
+        pma_matrix_subtract(&p->D_r, it->product, it->held);
+    }
+    if (!p->restoring.function)
+        return PMA_OK;
+    return pma_restoring_subtract(&p->restoring, it->step.t1, to->u, s->vs, it->held, &s->code);
+}
+
+static void load_interface(const pma_iterate *it, const double *lam, double *pull)
+{
+    memset(pull, 0, it->of->parts.nb * sizeof(double));
+    pma_link_load(&it->of->parts.link, lam, pull);
+}
+
+static pma_status begin(void *self, const pma_substep *step, const double *lam)
+{
+    pma_subdomain *s = self;
+    pma_iterate *it = s->iterate;
+    const pma_parts *p = &s->parts;
+    const pma_operator *op = pma_operator_of(s, step->twice);
+    const pma_state *from = pma_levels_origin(&s->levels, step);
+    const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
+    const pma_status status = pma_substep_load(s, step);
+    if (status != PMA_OK)
+        return status;
+    it->step = *step;
+    it->corrections = 0;
+    if (step->j == 0)
+        it->scale = it->scale_present; /* a macro step may be run again */
+    it->motion = it->scale;
+    it->singular = SIZE_MAX;
+    it->linearized = false;
+    memcpy(it->u_n, from->u, p->n * sizeof(double));
+    memcpy(it->v_n, from->v, p->n * sizeof(double));
+    memcpy(it->springs_n, from->springs, pma_iterate_spring_numbers(it) * sizeof(double));
+    memcpy(it->history_n, from->history, p->internal.history * sizeof(double));
+
+    /* (R1), (5), (6); v1 = v_n */
+    if (s->extrapolates)
+        pma_substep_extrapolate(op->step.h, p->n, from, s->vs);
+    s->update->predict(&op->step, 0, p->n, from, to);
+    for (size_t i = 0; i < p->n; i++)
+        it->guess[i] = to->w[i] = (it->v_n[i] - to->v[i]) / op->step.al2;
+    load_interface(it, lam, it->pull);
+    return hold(it, from, to);
+}
+
+static void restart(void *self, const double *lam)
+{
+    pma_iterate *it = ((pma_subdomain *)self)->iterate;
+    it->linearized = false;
+    memcpy(iterate_of(it)->w, it->guess, it->of->parts.n * sizeof(double));
+    load_interface(it, lam, it->pull);
+}
+
+static void move(void *self, double by)
+{
+    pma_iterate *it = ((pma_subdomain *)self)->iterate;
+    double *w = iterate_of(it)->w;
+    it->linearized = false;
+    for (size_t i = 0; i < it->of->parts.n; i++)
+        w[i] += by * it->dw[i];
+}
+
+/* ---- residual and tangent (N2) -------------------------------------------------------------- */
+
+/* tangent += al1 K_t of the springs */
+static void add_spring_tangents(const pma_iterate *it, const double *to, double al1,
+                                double *tangent)
+{
+    static const double signs[4] = {1.0, -1.0, -1.0, 1.0};
+    const pma_springs *springs = &it->of->parts.springs;
+    pma_springs_tangent(springs, it->springs_n, to, it->slopes);
+    for (size_t i = 0; i < springs->total; i++) {
+        for (size_t k = 0; k < 4; k++) {
+            const int64_t entry = it->spring_entries[4 * i + k];
+            if (entry >= 0)
+                tangent[entry] += signs[k] * (al1 * it->slopes[i]);
+        }
+    }
+}
+
+/* f := C v + K u + f(u, v, t1; q_n) of springs and functions; the tangent of Mbar if wanted */
+static pma_status evaluate_forces(pma_iterate *it, const double *u, const double *v,
+                                  double *tangent)
+{
+    pma_subdomain *s = it->of;
+    const pma_parts *p = &s->parts;
+    const pma_operator *op = operator_of(it);
+    const pma_state *x = iterate_of(it);
+    memset(it->f, 0, p->n * sizeof(double));
+    memset(it->force, 0, p->n * sizeof(double));
+    const pma_status status =
+        pma_internal_evaluate(&p->internal, it->step.t1, u, v, it->history_n, it->force, x->history,
+                              op->step.al1, op->step.al2, tangent, it->scratch, &s->code);
+    if (status != PMA_OK)
+        return status;
+    if (it->parts.springs) {
+        pma_springs_subtract(&p->springs, u, it->springs_n, x->springs, it->f);
+        if (tangent)
+            add_spring_tangents(it, x->springs, op->step.al1, tangent);
+    }
+    if (!p->lagged)
+        pma_matrix_subtract(&p->C, v, it->f);
+    pma_matrix_subtract(&p->D_r, v, it->f);
+    pma_matrix_subtract(&p->K, u, it->f);
+    for (size_t i = 0; i < p->n; i++)
+        it->f[i] = it->force[i] - it->f[i];
+    return PMA_OK;
+}
+
+static bool is_finite(size_t n, const double *x)
+{
+    double zero = 0.0;
+    for (size_t i = 0; i < n; i++)
+        zero += 0.0 * x[i];
+    return zero == 0.0;
+}
+
+static double dot(size_t n, const double *x, const double *y)
+{
+    double sum = 0.0;
+    for (size_t i = 0; i < n; i++)
+        sum += x[i] * y[i];
+    return sum;
+}
+
+/* R = F + L^T Lam - M w - f at the iterate                                                 (N2) */
+static pma_status evaluate(void *self, bool tangent, double *slope)
+{
+    pma_subdomain *s = self;
+    pma_iterate *it = s->iterate;
+    const size_t n = s->parts.n;
+    const pma_step *c = &operator_of(it)->step;
+    const pma_state *x = iterate_of(it);
+    *slope = 0.0;
+    if (it->linearized)
+        return PMA_OK; /* as it was left by the free solution of a long substep */
+    for (size_t i = 0; i < n; i++) {
+        it->u[i] = x->u[i] + c->al1 * x->w[i];
+        it->v[i] = x->v[i] + c->al2 * x->w[i];
+    }
+    double *entries = tangent ? it->numeric.values : NULL;
+    it->refactored = it->refactored || tangent; /* what was factored is overwritten already here */
+    if (tangent)
+        memcpy(entries, it->step.twice ? it->parts.base_twice : it->parts.base,
+               (size_t)it->parts.tangent.ptr[n] * sizeof(double));
+    const pma_status status = evaluate_forces(it, it->u, it->v, entries);
+    if (status != PMA_OK)
+        return status;
+    for (size_t i = 0; i < n; i++)
+        it->R[i] = it->held[i] - it->f[i];
+    double *R_b = pma_interface_of(s, it->R);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        R_b[i] += it->pull[i];
+    pma_matrix_subtract(&s->parts.M, x->w, it->R);
+    if (s->parts.K_r.form != PMA_ZERO) {
+        for (size_t i = 0; i < n; i++)
+            it->size[i] = c->al1 * x->w[i];
+        pma_matrix_subtract(&s->parts.K_r, it->size, it->R); /* K_r (u - ut) */
+    }
+    *slope = c->al2 * dot(n, it->dw, it->R);
+    return is_finite(n, it->R) ? PMA_OK : PMA_NOT_FINITE;
+}
+
+/* ---- correction ----------------------------------------------------------------------------- */
+
+static pma_status factor(pma_iterate *it)
+{
+    size_t column;
+    it->factored = false;
+    const pma_status status = pma_numeric_factor(&it->numeric, &column);
+    if (status == PMA_NOT_DEFINITE) {
+        it->singular = column;
+        return PMA_SINGULAR;
+    }
+    it->factored = status == PMA_OK;
+    it->factored_twice = it->step.twice;
+    return status;
+}
+
+/* o = L (v + al2 Mbar_t^-1 R) - G Lam, before L: the free velocity                        (N11) */
+static pma_status linearize(void *self, bool fresh, const double *lam)
+{
+    pma_subdomain *s = self;
+    pma_iterate *it = s->iterate;
+    const pma_operator *op = operator_of(it);
+    const size_t n = s->parts.n, nb = s->parts.nb;
+    double *vf = pma_levels_free_velocity(&s->levels, it->step.j + 1);
+    if (it->linearized)
+        return PMA_OK;
+    const pma_status status = fresh ? factor(it) : PMA_OK;
+    if (status != PMA_OK)
+        return status;
+    it->linearized = fresh;
+    memcpy(it->dw, it->R, n * sizeof(double));
+    pma_factor_open(&it->numeric.factor, it->dw, vf, s->work);
+    pma_substep_solve_link(s, op, lam);
+    const double *v_b = pma_interface_of(s, it->v);
+    for (size_t i = 0; i < nb; i++)
+        vf[i] = v_b[i] + op->step.al2 * (vf[i] - s->link[i]);
+    s->levels.opened = it->step.j + 1;
+    return PMA_OK;
+}
+
+/* (N8)  sum |u| . (|f| + |F| + |L^T Lam|) + al1 |w| . |M| |w| */
+static double size_of_terms(const pma_iterate *it, const double *w, double al1)
+{
+    const pma_parts *p = &it->of->parts;
+    const size_t n = p->n, inner = n - p->nb;
+    double sum = 0.0;
+    for (size_t i = 0; i < n; i++) {
+        sum += fabs(it->u[i]) * (fabs(it->f[i]) + fabs(it->held[i]));
+        it->size[i] = fabs(w[i]);
+        it->product[i] = 0.0;
+    }
+    for (size_t i = 0; i < p->nb; i++)
+        sum += fabs(it->u[inner + i]) * fabs(it->pull[i]);
+    pma_matrix_subtract(&it->parts.M_size, it->size, it->product);
+    return sum - al1 * dot(n, it->size, it->product);
+}
+
+/* du . Mbar_t du / al1 from the beginning of the substep on, with the iterate in it->u */
+static double motion(const pma_iterate *it, double al1)
+{
+    const size_t n = it->of->parts.n;
+    for (size_t i = 0; i < n; i++) {
+        it->size[i] = it->u[i] - it->u_n[i];
+        it->product[i] = 0.0;
+    }
+    pma_numeric_multiply(&it->numeric, it->size, it->product);
+    return dot(n, it->size, it->product) / al1;
+}
+
+/* Mbar_t dw = R + L^T (Lam - Lam*),  w += dw                                         (N3) (N12) */
+static void correct(void *self, const double *lam, pma_measure *m)
+{
+    pma_subdomain *s = self;
+    pma_iterate *it = s->iterate;
+    const size_t n = s->parts.n, nb = s->parts.nb;
+    const pma_step *c = &operator_of(it)->step;
+    const pma_state *x = iterate_of(it);
+    double *R_b = pma_interface_of(s, it->R);
+    load_interface(it, lam, s->closing);
+    for (size_t i = 0; i < nb; i++) {
+        s->closing[i] -= it->pull[i];
+        it->pull[i] += s->closing[i];
+        R_b[i] += s->closing[i];
+    }
+    pma_factor_close(&it->numeric.factor, s->closing, it->dw, s->work);
+    for (size_t i = 0; i < n; i++) {
+        x->w[i] += it->dw[i];
+        it->u[i] = x->u[i] + c->al1 * x->w[i];
+    }
+    const double step = dot(n, it->dw, it->R);
+    it->motion = fmax(it->scale, motion(it, c->al1));
+    it->correction = fabs(c->al1 * step);
+    *m = (pma_measure){
+        .correction = it->correction,
+        .motion = it->motion,
+        .rounding = ROUNDING * ROUNDING * size_of_terms(it, x->w, c->al1),
+        .slope = c->al2 * step,
+    };
+    it->corrections++;
+    it->linearized = false;
+}
+
+static void raise(void *self, double factor)
+{
+    pma_iterate *it = ((pma_subdomain *)self)->iterate;
+    it->motion = fmax(it->motion, factor * it->correction);
+}
+
+/* ---- in interface space --------------------------------------------------------------------- */
+
+/* v at the beginning of single steps is no longer in the time level, which is made in place. */
+static void rebase(void *self, size_t j, const double *lam)
+{
+    pma_subdomain *s = self;
+    const pma_iterate *it = s->iterate;
+    double *v = it->step.twice ? pma_levels_at(&s->levels, j)->v : it->v_n;
+    pma_substep_store_free_velocity(s, operator_of(it), pma_interface_of(s, v), lam,
+                                    pma_levels_free_velocity(&s->levels, j));
+}
+
+static void block(void *self, double *out)
+{
+    pma_subdomain *s = self;
+    const pma_iterate *it = s->iterate;
+    const double al2 = operator_of(it)->step.al2;
+    double *lam = it->lam, *sum = it->lam + s->parts.link.p;
+    for (size_t k = 0; k < it->count; k++) {
+        lam[it->rows[k]] = 1.0;
+        pma_substep_solve_link(s, operator_of(it), lam);
+        lam[it->rows[k]] = 0.0;
+        for (size_t i = 0; i < it->count; i++)
+            sum[it->rows[i]] = 0.0;
+        pma_link_gather(&s->parts.link, al2, s->link, sum);
+        for (size_t i = 0; i < it->count; i++)
+            out[i * it->count + k] = sum[it->rows[i]];
+    }
+}
+
+static double *corrections(void *self, size_t j)
+{
+    const pma_subdomain *s = self;
+    return pma_levels_at(&s->levels, j)->history + s->parts.internal.history;
+}
+
+static double scale(const void *self)
+{
+    return ((const pma_subdomain *)self)->iterate->scale;
+}
+
+static bool has_factor(const void *self)
+{
+    const pma_iterate *it = ((const pma_subdomain *)self)->iterate;
+    return it->factored && it->factored_twice == it->step.twice;
+}
+
+/* ---- an own step alone ---------------------------------------------------------------------- */
+
+typedef struct {
+    pma_subdomain *s;
+    const double *lam;
+} own_step;
+
+static pma_status own_evaluate(void *ctx, bool tangent, double *slope)
+{
+    return evaluate(((own_step *)ctx)->s, tangent, slope);
+}
+
+static pma_status own_correct(void *ctx, bool fresh, pma_measure *m)
+{
+    const own_step *own = ctx;
+    const pma_status status = linearize(own->s, fresh, own->lam);
+    if (status == PMA_OK)
+        correct(own->s, own->lam, m);
+    return status;
+}
+
+static void own_move(void *ctx, double by)
+{
+    move(((own_step *)ctx)->s, by);
+}
+
+static void own_restart(void *ctx)
+{
+    const own_step *own = ctx;
+    restart(own->s, own->lam);
+}
+
+static void own_raise(void *ctx, double factor)
+{
+    raise(((own_step *)ctx)->s, factor);
+}
+
+static pma_status converge(void *self, const pma_newton *newton, const double *lam)
+{
+    static const pma_equations EQUATIONS = {.evaluate = own_evaluate,
+                                            .correct = own_correct,
+                                            .move = own_move,
+                                            .restart = own_restart,
+                                            .raise = own_raise};
+    pma_subdomain *s = self;
+    own_step own = {.s = s, .lam = lam};
+    const pma_status status = pma_newton_solve(newton, &EQUATIONS, &own, has_factor(s));
+    if (status == PMA_OK)
+        s->iterate->scale = s->iterate->motion;
+    return status;
+}
+
+/* (8), (9); what springs and functions remember is that of the state itself, not of the iterate
+ * before the last correction */
+static pma_status finish(void *self, const double *lam)
+{
+    pma_subdomain *s = self;
+    pma_iterate *it = s->iterate;
+    const size_t history = s->parts.internal.history;
+    const pma_state *x = iterate_of(it);
+    if (!s->update->correct(&operator_of(it)->step, 0, s->parts.n, x))
+        return PMA_NOT_FINITE;
+    if (s->energy || history > 0 || (it->parts.springs && s->parts.springs.total > 0)) {
+        const pma_status status = evaluate_forces(it, x->u, x->v, NULL);
+        if (status != PMA_OK)
+            return status;
+        if (!is_finite(s->parts.n, it->f) || !is_finite(history, x->history))
+            return PMA_NOT_FINITE;
+    }
+    x->history[history] = (double)it->corrections;
+    it->scale = it->motion;
+    pma_substep_observe(s, &it->step, lam);
+    return PMA_OK;
+}
+
+/* ---- the table ------------------------------------------------------------------------------ */
+
+const pma_iterated_table pma_own_step_table = {.begin = begin,
+                                               .converge = converge,
+                                               .evaluate = evaluate,
+                                               .linearize = linearize,
+                                               .correct = correct,
+                                               .move = move,
+                                               .restart = restart,
+                                               .rebase = rebase,
+                                               .block = block,
+                                               .finish = finish,
+                                               .has_factor = has_factor,
+                                               .raise = raise,
+                                               .corrections = corrections,
+                                               .scale = scale};

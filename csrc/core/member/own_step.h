@@ -1,0 +1,50 @@
+/* own_step.h - the iterate from inside: what iterate.c and own_step.c share. */
+#ifndef PMA_OWN_STEP_H
+#define PMA_OWN_STEP_H
+
+#include "member/inside.h"
+
+struct pma_iterate {
+    pma_subdomain *of;
+    pma_iterate_parts parts;
+    pma_numeric numeric;
+    size_t count; /* constraints: rows */
+    int64_t *rows, *spring_entries;
+
+    /* the substep at hand */
+    pma_substep step;
+    size_t corrections;
+    bool factored, factored_twice; /* there is a factor, and of which step */
+    size_t singular;               /* dof of a pivot that is not positive */
+
+    double scale, motion;  /* energy of the largest motion so far; with the iterate */
+    double correction;     /* energy of the last one */
+    double scale_present;  /* the same at the present */
+    bool factored_present; /* ... of a factor that is kept */
+    bool factored_twice_present;
+    bool refactored; /* the tangent was written since the present */
+    bool linearized; /* with a fresh tangent at the iterate where it is */
+
+    double *u_n, *v_n;                  /* state in which the substep begins */
+    double *springs_n, *history_n;      /* what springs and functions remember of it */
+    double *held;                       /* F(t1) and what else is evaluated once */
+    double *guess;                      /* first guess of w */
+    double *u, *v, *f, *force;          /* iterate, C v + K u + f, f of the functions */
+    double *R, *dw;                     /* residual, last correction */
+    double *pull;                       /* nb: L_b^T Lam that R contains */
+    double *slopes, *scratch, *entries; /* of springs; of functions; kept at the present */
+    double *lam;                        /* 2 p: scratch, the first half zero */
+    double *size, *product;             /* n: scratch */
+    double *block;
+};
+
+/* The table of operations that a coupler calls: own_step.c */
+extern const pma_iterated_table pma_own_step_table;
+
+/* Numbers that the springs remember of a time level. */
+static inline size_t pma_iterate_spring_numbers(const pma_iterate *it)
+{
+    return PMA_SPRING_FIELDS * it->of->parts.springs.total;
+}
+
+#endif

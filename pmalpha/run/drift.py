@@ -1,0 +1,99 @@
+"""The displacement drift of a run as a measure of its error at the interfaces; AccuracyWarning.
+
+The measure is equation (D4) of docs/method.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..errors import AccuracyWarning, warn
+from ..problem.matrices import product
+from ..setup.constraint_rows import ConstraintRows
+from ..setup.part import Part
+from .accuracy import SAMPLED_NUMBERS, spread
+from .motion import Motion
+
+# A run warns from this measure on. It is not judged with fewer macro steps.
+LARGE = 0.005
+FEWEST_MACRO_STEPS = 3
+# Macro time levels at least, of which more are read where there are few dofs.
+SAMPLES = 64
+
+
+def warn_if_drifting(
+    history: Any, parts: Sequence[Part], rows: ConstraintRows, motions: Sequence[Motion]
+) -> None:
+    """AccuracyWarning when macro steps are too long for the forces that cross the interfaces.
+
+    Parameters
+    ----------
+    history : History
+    parts : sequence of Part
+        No warning unless one of them has substeps under macro coupling.
+    rows : ConstraintRows
+    motions : sequence of Motion
+        Prescribed velocities; the displacements of their rows are not tied.
+    """
+    if not any(part.responds for part in parts):
+        return
+    with np.errstate(all="ignore"):
+        shares = drift_shares(history, parts, rows, motions)
+    if not LARGE < np.sum(shares) < np.inf:
+        return
+    worst = int(np.argmax(shares))
+    names = [repr(p.name) for p, L in zip(parts, rows.matrices) if np.any(L.indices == worst)]
+    jump = history.displacement_jump[:, worst]
+    warn(
+        f"the macro step is too long for the forces between {' and '.join(names)}, which are "
+        f"linear in it: the displacements in constraint {rows.name(worst)} drifted apart by "
+        f"{np.max(np.abs(jump - jump[0])):.2g} until t = {history.macro_times[-1]:g}; take a "
+        "smaller dt, with fewer substeps",
+        AccuracyWarning,
+    )
+
+
+def drift_shares(
+    history: Any, parts: Sequence[Part], rows: ConstraintRows, motions: Sequence[Motion]
+) -> np.ndarray:
+    """The share of each constraint in the measure (D4), (p,); zeros where it cannot be computed.
+
+    That is with few macro steps, with a step above the critical one, and unless all dofs of all
+    subdomains were recorded.
+    """
+    p, levels = rows.p, history.macro_times.size
+    none = np.zeros(p)
+    if p == 0 or levels < FEWEST_MACRO_STEPS + 1:
+        return none
+    for part, own in zip(parts, history.subdomains):
+        if part.step_ratio is not None and not part.step_ratio.value <= 1.0 + 1e-6:
+            return none
+        if own is None or not np.array_equal(own.dofs, np.arange(part.n)):
+            return none
+    numbers = sum(part.n for part in parts) + p
+    some = spread(0, levels - 1, max(SAMPLES, SAMPLED_NUMBERS // numbers))
+    jump = history.displacement_jump[some] - history.displacement_jump[0]
+    force = deviation(levels_of(history.multipliers, levels, some))
+    work = force * np.max(np.abs(jump), axis=0)
+    kinetic, amplitude = 0.0, none
+    for part, own, L in zip(parts, history.subdomains, rows.matrices):
+        v, u = (levels_of(x, levels, some) for x in (own.v, own.u))
+        kinetic += float(np.mean([x @ product(part.subdomain.M, x) for x in v]))
+        amplitude = amplitude + 0.5 * (abs(L) @ deviation(u))
+    for motion in motions:
+        work[motion.rows] = 0.0
+    size = kinetic + float(force @ amplitude)
+    return work / size if size > 0.0 else none
+
+
+def levels_of(values: np.ndarray, levels: int, some: np.ndarray) -> np.ndarray:
+    """Some of the macro time levels of an array with rows for all its time levels."""
+    return values[some * ((len(values) - 1) // (levels - 1))]
+
+
+def deviation(values: np.ndarray) -> np.ndarray:
+    """Root mean square distance from the mean, column by column."""
+    return np.std(values, axis=0)

@@ -1,0 +1,121 @@
+"""Outputs of a run: linear combinations of displacements, velocities and accelerations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from ..problem.matrices import rectangular
+from ..problem.subdomain import Subdomain
+from .keys import by_index
+
+QUANTITIES = ("u", "v", "a")
+# Names of other columns of `to_pandas` and `to_xarray`.
+RESERVED = (*QUANTITIES, "t", "time", "dof", "deformation", "force", "spring")
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """The outputs of a subdomain, y = W_u u + W_v v + W_a a, one below the other.
+
+    Attributes
+    ----------
+    sizes : dict of int
+        Number of rows by name.
+    weights : tuple of (rows, n) csr_array or None
+        W_u, W_v and W_a of all outputs; None without entries.
+    """
+
+    sizes: dict[str, int]
+    weights: tuple[sp.csr_array | None, ...]
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of all outputs."""
+        return sum(self.sizes.values())
+
+    def split(self, values: np.ndarray) -> dict[str, np.ndarray]:
+        """The columns of each output, views."""
+        ends = np.cumsum(list(self.sizes.values()))[:-1]
+        return dict(zip(self.sizes, np.split(values, ends, axis=1)))
+
+    def in_order(self, position: np.ndarray) -> tuple[tuple[np.ndarray, ...] | None, ...]:
+        """The weights in the form of the core; `position` is that of each dof in its order."""
+        return tuple(
+            None
+            if W is None
+            else (W.indptr.astype(np.int64), position[W.indices].astype(np.int64), W.data)
+            for W in self.weights
+        )
+
+
+def chosen_outputs(
+    outputs: Mapping[Any, Any] | None, keys: Sequence[tuple[str, Subdomain]]
+) -> list[Outputs | None]:
+    """The outputs of each subdomain, None for a subdomain without.
+
+    Parameters
+    ----------
+    outputs : dict or None
+        As for `Coupler.run`.
+    keys : sequence of (name, Subdomain)
+
+    Raises
+    ------
+    TypeError, ValueError
+        For anything but dicts of matrices with n columns, and for names that are taken.
+    """
+    chosen: list[Outputs | None] = [None] * len(keys)
+    for i, given in by_index(outputs, keys, "outputs").items():
+        name, subdomain = keys[i]
+        chosen[i] = _outputs(given, subdomain.n, f"outputs[{name!r}]")
+    return chosen
+
+
+def _outputs(given: Any, n: int, what: str) -> Outputs:
+    if not isinstance(given, Mapping) or not given:
+        raise TypeError(f"{what} must be a dict of matrices by name, got {given!r}")
+    for name in given:
+        if not isinstance(name, str) or not name or name in RESERVED:
+            raise ValueError(
+                f"{what} must have names other than {', '.join(map(repr, RESERVED))}, got {name!r}"
+            )
+    blocks = {name: _terms(value, n, f"{what}[{name!r}]") for name, value in given.items()}
+    sizes = {name: next(iter(terms.values())).shape[0] for name, terms in blocks.items()}
+    return Outputs(sizes, tuple(_stacked(blocks, sizes, n, quantity) for quantity in QUANTITIES))
+
+
+def _terms(value: Any, n: int, what: str) -> dict[str, sp.csr_array]:
+    """The matrices of an output, (rows, n), by the quantity that each acts on."""
+    given = value if isinstance(value, Mapping) else {"u": value}
+    if not given or any(quantity not in QUANTITIES for quantity in given):
+        raise ValueError(
+            f"{what} must be a matrix, or a dict of matrices by 'u', 'v' or 'a', got keys "
+            f"{list(given)}"
+        )
+    terms = {
+        quantity: rectangular(W, n, what if given is not value else f"{what}[{quantity!r}]")
+        for quantity, W in given.items()
+    }
+    rows = {W.shape[0] for W in terms.values()}
+    if len(rows) > 1 or 0 in rows:
+        raise ValueError(f"{what} must have one number of rows, at least 1, got {sorted(rows)}")
+    return terms
+
+
+def _stacked(
+    blocks: Mapping[str, Mapping[str, sp.csr_array]],
+    sizes: Mapping[str, int],
+    n: int,
+    quantity: str,
+) -> sp.csr_array | None:
+    """The matrices of all outputs for one quantity, one below the other."""
+    whole = sp.vstack(
+        [terms.get(quantity, sp.csr_array((sizes[name], n))) for name, terms in blocks.items()],
+        format="csr",
+    )
+    return whole if whole.nnz else None

@@ -1,0 +1,109 @@
+"""What a coupler returns of the present: time, states, multipliers, and the last History."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..problem.springs import SpringState
+from ..problem.subdomain import Subdomain
+from .history import History, State
+from .keys import position
+
+
+class Present:
+    """The properties and methods of `Coupler` that return its present state."""
+
+    _keys: tuple[tuple[str, Subdomain], ...]
+    _parts: Any
+    _core: Any
+    _clock: Any
+    _row_position: np.ndarray
+    _last_history: History | None
+    _entered: Any
+    _start: Any
+    _steps_done: Any
+
+    @property
+    def threads(self) -> int:
+        """Number of threads in use, including the caller."""
+        return self._core.threads
+
+    @property
+    def step_count(self) -> int:
+        """Number of completed macro steps."""
+        with self._entered():
+            return self._steps_done()
+
+    @property
+    def time(self) -> float:
+        """The present time, equation (T1)."""
+        return self._clock.time(self.step_count)
+
+    @property
+    def multipliers(self) -> np.ndarray:
+        """Lam, (p,), at the present time; a copy."""
+        with self._entered():
+            self._start()
+            return self._core.multipliers[self._row_position]
+
+    @property
+    def last_history(self) -> History | Any:  # not | None, which a checker would have tested
+        """After an exception or Ctrl-C in `run`: the History up to the last complete macro step."""
+        return self._last_history
+
+    def state(self, key: str | int | Subdomain) -> State:
+        """Displacement, velocity and true acceleration of a subdomain at the present time.
+
+        Parameters
+        ----------
+        key : str, int or Subdomain
+            Its name, its index, or the subdomain itself.
+
+        Returns
+        -------
+        State
+            Copies.
+
+        Raises
+        ------
+        KeyError, IndexError
+            When there is no such subdomain.
+        """
+        part = self._parts[position(key, self._keys)]
+        with self._entered():
+            self._start()
+            u, v, w = part.core.state()
+        return State(u[part.position], v[part.position], w[part.position])
+
+    def springs(self, key: str | int | Subdomain) -> SpringState:
+        """Deformation and force of the springs of a subdomain at the present time.
+
+        Parameters
+        ----------
+        key : str, int or Subdomain
+            Its name, its index, or the subdomain itself.
+
+        Returns
+        -------
+        SpringState
+            Copies.
+
+        Raises
+        ------
+        KeyError, IndexError
+            When there is no such subdomain.
+
+        Examples
+        --------
+        >>> joint = Bilinear([0], k=4.0, fy=1.0)
+        >>> frame = Subdomain([1.0], None, scheme=Newmark(), restoring=joint, u0=[1.0], name="f")
+        >>> Coupler([frame], dt=0.1).springs("f").force
+        array([1.])
+        """
+        part = self._parts[position(key, self._keys)]
+        with self._entered():
+            self._start()
+            deformation, force, _ = part.core.springs()
+        return SpringState(deformation, force)

@@ -1,0 +1,233 @@
+"""Internal forces of nonlinear elements, with their tangents and their history."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from .._checks import plain_array
+from ..problem.constraints import dof_list
+
+__all__ = ["ElementForce"]
+
+
+class ElementForce:
+    """An internal force f(u) of elements on all dofs of a structure, with its tangent.
+
+    Made by `truss`, `corotational_frame`, `nonlinear_solid`, `nonlinear_solid_on`, `plane_contact`
+    and `sphere_contact`; `Structure.internal` holds them. f is on the left-hand side of
+    M a + C v + K u + f(u) = F. A call changes nothing, neither the object nor its arguments. Forces
+    that are the derivative of an energy have, besides the methods below, ``potential(u)``, which
+    returns that energy; those of plastic solids have not.
+
+    Attributes
+    ----------
+    n : int
+        Number of dofs.
+    pattern : (n, n) csr_array
+        Entries that the tangent can have, with the value 1; indices are sorted. Rows of dofs on
+        which the force does not depend are empty.
+    history : (m,) ndarray
+        Internal variables at t = 0; m = 0 where the force depends on u alone.
+
+    Examples
+    --------
+    A cable of two pieces between (0, 0) and (2, 0), its middle pulled up by 0.1 and pushed down:
+
+    >>> from pmalpha import models
+    >>> cable = models.truss([[0, 0], [2, 0]], [[0, 1]], EA=100.0, rhoA=1.0, divisions=2,
+    ...                      prestress=5.0, slack=True)
+    >>> (force,) = cable.internal
+    >>> u = np.zeros(force.n)
+    >>> u[cable.dofs(2, "uy")] = 0.1
+    >>> f, K_t, C_t, q1 = force(u, np.zeros(force.n), 0.0, force.history)
+    >>> f[cable.dofs(2)].round(4).tolist()
+    [0.0, 1.0943]
+    >>> K_t.shape == force.pattern.shape and C_t is None
+    True
+    """
+
+    n: int
+    pattern: sp.csr_array
+    history: np.ndarray
+
+    def __init__(self, pattern: sp.csr_array, history: np.ndarray | None = None):
+        self.n, self.pattern = pattern.shape[0], pattern
+        self.history = np.zeros(0) if history is None else history
+        self.history.setflags(write=False)
+
+    def __repr__(self) -> str:
+        kept = f", {self.history.size} of history" if self.history.size else ""
+        return f"<{type(self).__name__} of {self.n} dofs{kept}>"
+
+    def __call__(
+        self, u: Any, v: Any = None, t: float = 0.0, q: Any = None
+    ) -> tuple[np.ndarray, sp.csr_array, None, np.ndarray]:
+        """The force, its tangents and the history.
+
+        Parameters
+        ----------
+        u : (n,) array_like
+            Displacements.
+        v, t : optional
+            Velocities and the time, which no element of this package depends on.
+        q : (m,) array_like, optional
+            The history at the beginning of the step. Default: that at t = 0.
+
+        Returns
+        -------
+        f : (n,) ndarray
+        K_t : (n, n) csr_array
+            df/du, symmetric, with the entries of `pattern`. With history it is the derivative of
+            what this function returns for a fixed q (the consistent tangent).
+        C_t : None
+            df/dv is zero.
+        q1 : (m,) ndarray
+            The history at the end of the step.
+
+        Raises
+        ------
+        ValueError
+            If u or q have another shape.
+        """
+        f, K, q1 = self._evaluate(self._displacements(u), self._before(q), True)
+        return f, K, None, q1
+
+    def residual(self, u: Any, v: Any = None, t: float = 0.0, q: Any = None) -> np.ndarray:
+        """The force alone, which takes a quarter of the time of force and tangent.
+
+        Parameters
+        ----------
+        u, v, t, q
+            As for a call.
+
+        Returns
+        -------
+        (n,) ndarray
+            Bitwise identical to f of a call.
+
+        Raises
+        ------
+        ValueError
+            If u or q have another shape.
+
+        Examples
+        --------
+        >>> from pmalpha import models
+        >>> bar = models.truss([[0, 0], [2, 0]], [[0, 1]], EA=100.0, rhoA=1.0)
+        >>> bar.internal[0].residual([0.0, 0.0, 0.02, 0.0]).round(12).tolist()
+        [-1.0, 0.0, 1.0, 0.0]
+        """
+        return self._evaluate(self._displacements(u), self._before(q), False)[0]
+
+    def reduced(self, free: Any) -> ElementForce:
+        """The force on some of the dofs, the others being fixed at zero.
+
+        Parameters
+        ----------
+        free : (k,) array of int or (n,) array of bool
+            The dofs that remain, such as `Reduction.free`.
+
+        Returns
+        -------
+        ElementForce
+            Of k dofs, with the same history.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For dofs out of range or repeated.
+
+        Examples
+        --------
+        >>> from pmalpha import models
+        >>> bar = models.truss([[0, 0], [2, 0]], [[0, 1]], EA=100.0, rhoA=1.0)
+        >>> free = reduce(bar.M, bar.K, fixed=[0, 1, 3]).free
+        >>> f, K_t, _, _ = bar.internal[0].reduced(free)([0.02])
+        >>> f.round(12).tolist(), K_t.toarray().round(12).tolist()
+        ([1.0], [[50.0]])
+        """
+        dofs = dof_list(free, self.n, "free")
+        kind = _ReducedConservative if isinstance(self, Conservative) else _Reduced
+        return kind(self, dofs)
+
+    def _displacements(self, u: Any) -> np.ndarray:
+        values = plain_array(u, "u")
+        if values.shape != (self.n,):
+            raise ValueError(f"u must have shape ({self.n},), got {values.shape}")
+        return np.ascontiguousarray(values, dtype=np.float64)
+
+    def _before(self, q: Any) -> np.ndarray:
+        values = self.history if q is None else plain_array(q, "q")
+        if values.shape != self.history.shape:
+            raise ValueError(f"q must have shape {self.history.shape}, got {values.shape}")
+        return np.ascontiguousarray(values, dtype=np.float64)
+
+    def _evaluate(
+        self, u: np.ndarray, q: np.ndarray, tangent: bool
+    ) -> tuple[np.ndarray, Any, np.ndarray]:
+        """f, K_t (None without `tangent`) and q1."""
+        raise NotImplementedError
+
+
+class Conservative(ElementForce):
+    """An ElementForce that is the gradient of a potential."""
+
+    def potential(self, u: Any) -> float:
+        """The energy whose derivative with respect to u is the force, zero without strain.
+
+        Parameters
+        ----------
+        u : (n,) array_like
+
+        Returns
+        -------
+        float
+        """
+        return self._potential(self._displacements(u))
+
+    def _potential(self, u: np.ndarray) -> float:
+        raise NotImplementedError
+
+
+class _Reduced(ElementForce):
+    """A force on some of its dofs."""
+
+    def __init__(self, whole: ElementForce, free: np.ndarray):
+        pattern = whole.pattern
+        numbered = sp.csr_array(
+            (np.arange(pattern.nnz), pattern.indices, pattern.indptr), shape=pattern.shape
+        )
+        kept = numbered[free][:, free]
+        kept.sort_indices()
+        self._whole, self._free, self._entries = whole, free, kept.data
+        ones = np.ones(kept.nnz)
+        super().__init__(in_pattern(ones, kept), whole.history)
+
+    def __repr__(self) -> str:
+        return repr(self._whole).replace(" dofs", f" dofs reduced to {self.n}")
+
+    def _expanded(self, u: np.ndarray) -> np.ndarray:
+        whole = np.zeros(self._whole.n)
+        whole[self._free] = u
+        return whole
+
+    def _evaluate(self, u, q, tangent):
+        f, K, q1 = self._whole._evaluate(self._expanded(u), q, tangent)
+        if tangent:
+            K = in_pattern(K.data[self._entries], self.pattern)
+        return f[self._free], K, q1
+
+
+class _ReducedConservative(_Reduced, Conservative):
+    def _potential(self, u):
+        return self._whole._potential(self._expanded(u))
+
+
+def in_pattern(values: np.ndarray, pattern: sp.csr_array) -> sp.csr_array:
+    """The matrix with these entries in a pattern of sorted indices, which it shares."""
+    matrix = sp.csr_array((values, pattern.indices, pattern.indptr), shape=pattern.shape)
+    matrix.has_canonical_format = True
+    return matrix

@@ -1,0 +1,255 @@
+"""Solids of nonlinear material: quadrilaterals and hexahedra, total Lagrangian."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike
+
+from .._checks import check_word, plain_array, whole_number
+from .arguments import is_lumped, mesh_arguments, positive
+from .assembly import Assembly
+from .continuum import HEXAHEDRON, QUAD, at_gauss_points, gradients, grid, solid_mass
+from .internal import Conservative, ElementForce
+from .materials import Hyperelastic, Material
+from .pattern import Pattern
+from .structure import Structure
+
+__all__ = ["nonlinear_solid", "nonlinear_solid_on"]
+
+# Elements of a chunk times Gauss points: arrays of the size of the second-level cache.
+POINTS = 2048
+
+
+def nonlinear_solid(
+    counts: Sequence[int],
+    h: float | Sequence[float],
+    material: Material,
+    *,
+    rho: ArrayLike,
+    t: ArrayLike = 1.0,
+    plane: str = "strain",
+    mass: str = "consistent",
+    origin: Sequence[float] | None = None,
+) -> Structure:
+    """A rectangle or box of equal elements: `nonlinear_solid_on` a regular mesh.
+
+    Nodes and elements have the numbers of `plate` and `solid`.
+
+    Parameters
+    ----------
+    counts : two or three ints
+        Number of elements along the axes, at least 1: quadrilaterals or hexahedra.
+    h : float, or one for each axis
+        Edge lengths of an element.
+    material, rho, t, plane, mass
+        As for `nonlinear_solid_on`; arrays by element.
+    origin : one float for each axis, optional
+        The corner with the smallest coordinates. Default: zeros.
+
+    Returns
+    -------
+    Structure
+        Components "ux", "uy" and, in three dimensions, "uz".
+
+    Raises
+    ------
+    TypeError, ValueError
+        For numbers that are not positive or not finite, wrong shapes, and what is not a material.
+
+    Examples
+    --------
+    >>> from pmalpha import models
+    >>> rubber = models.NeoHookean(1e6, 0.45)
+    >>> block = models.nonlinear_solid((8, 4, 4), 0.01, rubber, rho=1100.0, mass="lumped")
+    >>> block
+    <Structure 225 points, 128 hexahedron, 675 dofs, 1 internal force>
+    >>> box = models.solid(8, 4, 4, 0.01, E=1e6, nu=0.45, rho=1100.0)
+    >>> bool(abs(block.tangent() - box.K).max() < 1e-12 * abs(box.K).max())  # without strain
+    True
+    """
+    sizes = plain_array(counts, "counts")
+    if sizes.shape not in ((2,), (3,)):
+        raise ValueError(f"counts must be two or three numbers, got {counts!r}")
+    numbers = tuple(whole_number(count, "counts", low=1) for count in counts)
+    reference = QUAD if len(numbers) == 2 else HEXAHEDRON
+    start = (0.0,) * len(numbers) if origin is None else origin
+    points, elements, corners = grid(numbers, h, start, reference)
+    return _solid(points, elements, corners, material, rho, t, plane, mass)
+
+
+def nonlinear_solid_on(
+    points: ArrayLike,
+    elements: ArrayLike,
+    material: Material,
+    *,
+    rho: ArrayLike,
+    t: ArrayLike = 1.0,
+    plane: str = "strain",
+    mass: str = "consistent",
+) -> Structure:
+    """A solid of nonlinear material on any mesh of quadrilaterals or hexahedra.
+
+    Total Lagrangian with 2 x 2 or 2 x 2 x 2 Gauss points (Bonet and Wood, Nonlinear Continuum
+    Mechanics for Finite Element Analysis): with n_a the shape functions, d_J their derivatives in
+    the undeformed mesh and P the first Piola-Kirchhoff stress, the force of corner a along axis i
+    is the integral of P_iJ d_J n_a, and its derivative that of d_J n_a dP_iJ/dF_jL d_L n_b.
+    Integration is full: elements are stiff in bending and for nu near 0.5.
+
+    Parameters
+    ----------
+    points : (N, 2) or (N, 3) array_like
+    elements : (E, 4) or (E, 8) array_like of int
+        Corners as for `plate_on` and `solid_on`.
+    material : StVenantKirchhoff, NeoHookean or J2Plasticity
+    rho : float or (E,) array_like
+        Density of the undeformed solid.
+    t : float or (E,) array_like, default 1
+        Thickness, in two dimensions only.
+    plane : {"strain", "stress"}
+        In two dimensions; "stress" with StVenantKirchhoff only, where the thickness of the
+        undeformed plate counts.
+    mass : {"consistent", "lumped"}
+        As for `plate_on`.
+
+    Returns
+    -------
+    Structure
+        K has no entries, `internal` has one force. Components "ux", "uy" and, in three dimensions,
+        "uz".
+
+    Raises
+    ------
+    TypeError, ValueError
+        For wrong shapes, points that no element uses, elements that are not convex or have another
+        order of corners, numbers out of their range, and what is not a material.
+
+    Examples
+    --------
+    The force of a rotation is zero:
+
+    >>> from pmalpha import models
+    >>> mesh = models.plate(3, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
+    >>> sheet = models.nonlinear_solid_on(
+    ...     mesh.points, mesh.elements["quad"], models.StVenantKirchhoff(1.0, 0.3), rho=1.0)
+    >>> turned = mesh.points @ [[0.0, 1.0], [-1.0, 0.0]]  # by 90 degrees
+    >>> force = sheet.internal[0].residual((turned - mesh.points).ravel())
+    >>> bool(abs(force).max() < 1e-15)
+    True
+    """
+    dim = plain_array(points, "points").shape[-1:]
+    if dim not in ((2,), (3,)):
+        raise ValueError(f"points must have shape (N, 2) or (N, 3), got {np.shape(points)}")
+    reference = QUAD if dim == (2,) else HEXAHEDRON
+    nodes, cells = mesh_arguments(points, elements, "elements", *reference.shape[::-1])
+    return _solid(nodes, cells, nodes[cells], material, rho, t, plane, mass)
+
+
+def _solid(points, elements, corners, material, rho, t, plane, mass) -> Structure:
+    """The structure; corners of each element or, with one row, of all."""
+    if not isinstance(material, Material):
+        raise TypeError(
+            f"material must be StVenantKirchhoff, NeoHookean or J2Plasticity, got {material!r}"
+        )
+    check_word(plane, "plane", ("strain", "stress"))
+    d, shape = points.shape[1], (len(elements),)
+    if d == 3 and (plane != "strain" or np.any(np.asarray(t) != 1.0)):
+        raise ValueError("t and plane must not be given in three dimensions")
+    density, thickness = positive(rho, "rho", shape), positive(t, "t", shape)
+    shapes, slopes = at_gauss_points(QUAD if d == 2 else HEXAHEDRON)
+    volumes, along = gradients(corners, slopes)
+    weights = thickness[:, None] * volumes
+    pattern = Pattern.of(elements, len(points))
+    M = solid_mass(pattern, elements, density[:, None] * weights, shapes, d, is_lumped(mass))
+    kind = ElasticSolidForce if isinstance(material, Hyperelastic) else SolidForce
+    force = kind(elements, pattern, weights, along, material, plane)
+    name, components = ("quad", ("ux", "uy")) if d == 2 else ("hexahedron", ("ux", "uy", "uz"))
+    return Structure(
+        M, sp.csr_array(M.shape[:1] * 2), points, {name: elements}, components, (force,)
+    )
+
+
+class SolidForce(ElementForce):
+    """The internal force of a solid."""
+
+    def __init__(self, elements, pairs, weights, along, material, plane):
+        d, _, q, a = along.shape
+        nodes = pairs.indptr.size - 1
+        self._assembly = Assembly(elements, nodes, d, POINTS // q, pairs)
+        self._material = material
+        self._coefficients = material._coefficients(len(elements), plane)
+        self._weights = weights  # (E or 1, q)
+        self._slopes = np.ascontiguousarray(np.moveaxis(along, 0, 2))  # (E or 1, q, d, a)
+        self._shape = (len(elements), q, material._variables(d))
+        super().__init__(self._assembly.pattern, np.zeros(int(np.prod(self._shape))))
+
+    def _evaluate(self, u, q, tangent):
+        assembly, d = self._assembly, self._assembly.d
+        before = q.reshape(self._shape)
+        after = np.empty_like(before)
+        forces = np.empty((len(assembly.elements), d, assembly.elements.shape[1]))
+        sums = assembly.sums() if tangent else None
+        for number, part in enumerate(assembly.chunks):
+            slopes, weights = self._of(part)
+            H = self._gradient(u, part)
+            m = H.shape[2]
+            state = np.moveaxis(before[part], 2, 0).reshape(-1, m)
+            points = slopes.shape[1]
+            moduli = np.empty((m, d, len(assembly.components), d)) if tangent else None
+            values = self._values(part, points)
+            stress, state = self._material._evaluate(values, H, state, moduli)
+            after[part] = np.moveaxis(state.reshape(-1, m // points, points), 0, 2)
+            weighted = weights[:, :, None, None] * slopes  # w d_J n_a
+            flat = weighted.reshape(len(weighted), points * d, -1)
+            stress = np.moveaxis(stress.reshape(d, d, -1, points), (2, 3), (0, 2))
+            forces[part] = stress.reshape(-1, d, points * d) @ flat
+            if tangent:
+                assembly.add(sums, number, _blocks(moduli, slopes, flat))
+        f = assembly.force(forces)
+        return f, assembly.matrix(sums) if tangent else None, after.ravel()
+
+    def _of(self, part: slice) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the shape functions and weights of a chunk; one row if all are equal."""
+        slopes = self._slopes if len(self._slopes) == 1 else self._slopes[part]
+        return slopes, self._weights if len(self._weights) == 1 else self._weights[part]
+
+    def _gradient(self, u: np.ndarray, part: slice) -> np.ndarray:
+        """H_iJ = du_i / dX_J, (d, d, m), at the Gauss points of a chunk."""
+        corners, d = self._assembly.elements[part], self._assembly.d
+        slopes, _ = self._of(part)
+        moved = np.swapaxes(u.reshape(-1, d)[corners], 1, 2)  # (e, i, a)
+        flat = slopes.reshape(len(slopes), -1, slopes.shape[3])  # (e, q J, a)
+        H = (moved @ np.swapaxes(flat, 1, 2)).reshape(len(corners), d, -1, d)
+        return np.moveaxis(H, (0, 2), (2, 3)).reshape(d, d, -1)
+
+    def _values(self, part: slice, points: int) -> list[Any]:
+        """Coefficients of the material at the Gauss points of a chunk."""
+        return [
+            float(c[0]) if len(c) == 1 else np.repeat(c[part], points) for c in self._coefficients
+        ]
+
+
+class ElasticSolidForce(SolidForce, Conservative):
+    """The internal force of a hyperelastic solid."""
+
+    def _potential(self, u):
+        total = 0.0
+        for part in self._assembly.chunks:
+            _, weights = self._of(part)
+            values = self._values(part, weights.shape[1])
+            W = self._material._density(values, self._gradient(u, part))
+            total += float(np.sum(weights * W.reshape(-1, weights.shape[1])))
+        return total
+
+
+def _blocks(moduli: np.ndarray, slopes: np.ndarray, flat: np.ndarray) -> list[np.ndarray]:
+    """sum_q w d_J n_a A_iJjL d_L n_b, an array (e, a, b) for each pair of components."""
+    _, d, pairs, _ = moduli.shape
+    _, q, _, a = slopes.shape
+    # A_iJjL d_L n_b, (e, q J, k b)
+    right = (moduli.reshape(-1, q, d * pairs, d) @ slopes).reshape(-1, q * d, pairs * a)
+    sums = (np.swapaxes(flat, 1, 2) @ right).reshape(-1, a, pairs, a)
+    return [sums[:, :, k] for k in range(pairs)]

@@ -1,0 +1,78 @@
+"""Each argument and each attribute of the public names is documented.
+
+The other checks of numpydoc are in docs/conf.py and run with `make docs`.
+"""
+
+import dataclasses
+import inspect
+
+import pytest
+
+import pmalpha as pm
+
+MODULES = [pm, *(getattr(pm, name) for name in pm.__all__ if inspect.ismodule(getattr(pm, name)))]
+# Arrays with one attribute more: their constructor is NumPy's.
+ARRAYS = {pm.analysis.AmplificationMatrix}
+
+
+def public():
+    """Classes and functions by full name, each once."""
+    named = {}
+    for module in MODULES:
+        for name in module.__all__:
+            thing = getattr(module, name)
+            if not inspect.ismodule(thing) and callable(thing) and thing not in named.values():
+                named[f"{module.__name__}.{name}"] = thing
+    return named
+
+
+PUBLIC = public()
+CLASSES = {name: x for name, x in PUBLIC.items() if inspect.isclass(x) and x not in ARRAYS}
+
+
+def methods(cls):
+    """Public methods that are the package's own, by name."""
+    return {
+        name: x
+        for name, x in inspect.getmembers(cls, callable)
+        if not name.startswith("_") and getattr(x, "__module__", "").startswith("pmalpha")
+    }
+
+
+FUNCTIONS = {name: x for name, x in PUBLIC.items() if not inspect.isclass(x)}
+FUNCTIONS |= {f"{name}.{m}": x for name, cls in CLASSES.items() for m, x in methods(cls).items()}
+
+
+def sections(thing):
+    return pytest.importorskip("numpydoc.docscrape").NumpyDocString(inspect.getdoc(thing) or "")
+
+
+def documented(thing, *names):
+    """The parameters or attributes in these sections, without stars."""
+    found = sections(thing)
+    entries = [part.name for name in names for part in found[name]]
+    return {x.strip().lstrip("*") for entry in entries for x in entry.split(",")}
+
+
+def arguments(function):
+    return set(inspect.signature(function).parameters) - {"self", "cls"}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_every_argument_of_a_function_is_documented(name):
+    function = FUNCTIONS[name]
+    assert documented(function, "Parameters", "Other Parameters") == arguments(function)
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_a_class_documents_its_arguments_or_the_attributes_that_it_comes_with(name):
+    cls = CLASSES[name]
+    parameters = documented(cls, "Parameters")
+    if parameters:
+        assert parameters == arguments(cls)
+        return
+    if dataclasses.is_dataclass(cls):
+        own = {x for x in vars(cls).get("__annotations__", {}) if not x.startswith("_")}
+    else:
+        own = arguments(vars(cls)["__init__"]) if "__init__" in vars(cls) else set()
+    assert own - {"message"} <= documented(cls, "Attributes")  # errors have a message
