@@ -217,8 +217,76 @@ static void every_substep_is_in_equilibrium_and_every_macro_step_tied(void)
     check_nonlinear(true);
 }
 
+/* ---- what is recorded of iterations -------------------------------------------------------------- */
+
+typedef struct {
+    double history[PARTS][LEVELS * HISTORY], corrections[PARTS][LEVELS];
+} notes;
+
+/* Histories and corrections, or the latter alone. */
+static void select_notes(tape *t, notes *n, const model *m, bool all)
+{
+    memset(n, 0, sizeof *n);
+    for (size_t i = 0; i < m->count; i++) {
+        t->selections[i] =
+            (pma_selection){.history = all ? HISTORY : 0,
+                            .of_history = HISTORY,
+                            .q = n->history[i],
+                            .corrections = m->parts[i].implicit ? n->corrections[i] : NULL};
+    }
+}
+
+/* Every step counts one more than that in which it begins, the start is the first one. */
+static void check_histories(const part *x, const double *history)
+{
+    double expected[LEVELS] = {1.0};
+    for (size_t k = 1; k <= STEPS * x->substeps; k++) {
+        expected[k] = expected[k - (x->doubled && k > x->substeps ? 2 : 1)] + 1.0;
+        CHECK(history[HISTORY * k + 1] == expected[k]);
+    }
+}
+
+/* Where all is linear nothing is searched: both functions are evaluated once for every correction,
+ * once more when a step is finished, and once for the start. */
+static void check_corrections(const part *x, const double *corrections)
+{
+    const size_t steps = STEPS * x->substeps;
+    double sum = 0.0;
+    for (size_t k = 1; k <= steps; k++) {
+        CHECK(corrections[k] >= 1.0);
+        sum += corrections[k];
+    }
+    CHECK(sum == (double)(x->inner.evaluated / 2 - 1 - steps));
+}
+
+static void histories_and_corrections_are_recorded(void)
+{
+    static model m;
+    static tape t;
+    static notes n;
+    for (int k = 0; k < 4; k++) {
+        chain c = {.plan = MIXED, .inner = {true, true, true}, .macro = k & 1};
+        c.plan.A_doubled = c.plan.C_doubled = !c.macro;
+        build_chain(&m, &c);
+        make_tape(&t, &m, 0, 0);
+        select_notes(&t, &n, &m, k & 2);
+        run_taped(&m, &t, STEPS);
+        for (size_t i = 0; i < m.count; i++) {
+            const part *x = &m.parts[i];
+            if (k & 2)
+                check_histories(x, n.history[i]);
+            if (x->implicit && !c.macro)
+                check_corrections(x, n.corrections[i]);
+            for (size_t j = 1; x->implicit && j <= STEPS * x->substeps; j++)
+                CHECK(n.corrections[i][j] >= 1.0);
+        }
+        destroy_model(&m);
+    }
+}
+
 const test ITERATED_TESTS[] = {
     TEST(every_substep_is_in_equilibrium_and_every_macro_step_tied),
     TEST(linear_internal_forces_are_the_matrices_they_come_from),
+    TEST(histories_and_corrections_are_recorded),
     END_OF_TESTS,
 };
