@@ -1,8 +1,10 @@
 /* test_core.c - the core alone, against hand calculation, closed forms and a naive second program.
  *
  * Every test is a function whose name is the sentence it checks. Nothing here calls the core to
- * find out what to expect of it: matrices are multiplied and solved by the loops of naive.c. */
+ * find out what to expect of it: matrices are multiplied and solved by the loops of naive.c. An
+ * argument runs those tests alone whose names contain it. */
 #include <stdio.h>
+#include <string.h>
 
 #include "check.h"
 #include "tests.h"

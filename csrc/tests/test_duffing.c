@@ -21,9 +21,10 @@ typedef struct {
     double cubic[2];
 } pair;
 
-static void make_pair(model *m, pair q, double dt)
+static void make_loose_pair(model *m, pair q, double dt, double tolerance)
 {
     *m = (model){.count = 2, .p = 1, .dt = dt, .rebased = true, .macro = q.macro};
+    m->newton = (pma_newton){.tolerance = tolerance, .iterations = 40};
     m->parts[0] = one_mass(M_A, K_A, 1.0, generalized_alpha(0.5), true);
     m->parts[1] = one_mass(M_B, K_B, -1.0, generalized_alpha(0.8), !q.explicit_B);
     m->parts[0].doubled = q.doubled;
@@ -34,6 +35,11 @@ static void make_pair(model *m, pair q, double dt)
         x->inner = (inner){.used = q.cubic[i] != 0.0, .cubic = q.cubic[i]};
     }
     make_model(m);
+}
+
+static void make_pair(model *m, pair q, double dt)
+{
+    make_loose_pair(m, q, dt, TIGHT);
 }
 
 /* u at the end of (M_A + M_B) u'' + (K_A + K_B) u + cubic u^3 = 0 from u = 1, by 4000 steps of the
@@ -205,6 +211,42 @@ static void between_its_time_levels_a_part_has_the_law_of_its_free_solution(void
         check_mass(&m, 1, &B);
         destroy_model(&m);
     }
+}
+
+/* ---- shooting ----------------------------------------------------------------------------------- */
+
+/* Sum of v . M v at the present, and of the energy scales of the substeps. */
+static void read_scales(const model *m, double *kinetic, double *scales)
+{
+    *kinetic = *scales = 0.0;
+    for (size_t i = 0; i < m->count; i++) {
+        const double v = pma_subdomain_present(m->subdomains[i])->v[0];
+        *kinetic += v * m->parts[i].M[0] * v;
+        *scales += pma_iterate_scale(pma_subdomain_iterate(m->subdomains[i]));
+    }
+}
+
+/* (N16) from the velocities that are left apart: e^2 = dt r^2 / H. H is that of the start, and B
+ * has learned since; the stiffness grows by less than 4, so that e is right within a factor 2. */
+static void shooting_leaves_a_tie_within_its_tolerance_and_goes_no_further(void)
+{
+    static model m;
+    const double tolerance = 1e-5;
+    double largest = 0.0, most = 0.0;
+    make_loose_pair(&m, (pair){{1, 4}, true, false, false, {20.0, 30.0}}, 0.1, tolerance);
+    for (size_t step = 0; step < 40; step++) {
+        double kinetic, scales;
+        CHECK_STATUS(pma_coupler_advance(m.coupler, 1, NULL, NULL), PMA_OK);
+        const double r = pma_subdomain_present(m.subdomains[0])->v[0] -
+                         pma_subdomain_present(m.subdomains[1])->v[0];
+        read_scales(&m, &kinetic, &scales);
+        most = fmax(most, kinetic);
+        const double e = sqrt(m.dt * r * r / m.H[0][0]) / sqrt(most + scales);
+        CHECK(e <= 2.0 * 10.0 * tolerance);
+        largest = fmax(largest, e);
+    }
+    CHECK(largest > 1e-3 * tolerance); /* rounding would be 1e-15 */
+    destroy_model(&m);
 }
 
 /* ---- tangents that are singular ---------------------------------------------------------------- */
@@ -397,6 +439,7 @@ static void subdomains_that_cannot_be_iterated_are_refused(void)
 const test DUFFING_TESTS[] = {
     TEST(duffing_pairs_converge_with_second_order),
     TEST(between_its_time_levels_a_part_has_the_law_of_its_free_solution),
+    TEST(shooting_leaves_a_tie_within_its_tolerance_and_goes_no_further),
     TEST(a_tangent_that_is_not_definite_is_named),
     TEST(an_interface_matrix_that_is_not_definite_is_singular),
     TEST(a_failed_iteration_knows_where_it_was),
