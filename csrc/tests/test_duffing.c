@@ -102,11 +102,11 @@ typedef struct {
     double ut, vt, al1, al2;
 } mass_step;
 
-static mass_step begin_step(const part *x, const level *from)
+static mass_step begin_step(const part *x, bool twice, const level *from)
 {
     double ut[MOST], vt[MOST], vs[MOST];
-    naive_predict(x, false, from, ut, vt, vs);
-    return (mass_step){x, ut[0], vt[0], al1_of(x, false), al2_of(x, false)};
+    naive_predict(x, twice, from, ut, vt, vs);
+    return (mass_step){x, ut[0], vt[0], al1_of(x, twice), al2_of(x, twice)};
 }
 
 static level end_step(const mass_step *s, const level *from, double v)
@@ -142,35 +142,45 @@ static double balance(const mass_step *a, const mass_step *b, double o, double k
     return v;
 }
 
-/* (N13) as written: A contributes the law of its free solution until its substep ends; then both are
- * in equilibrium with the same velocity, and Lam is the force on A. */
-static void run_naively(const model *m, size_t steps, double *lam, level *A, level *B)
+/* A substep of A that is open: its law o0 + (o1 - o0) theta + Lam / stiffness. */
+typedef struct {
+    mass_step step;
+    double o0, o1, stiffness;
+} open_mass;
+
+/* (N13) as written: its free solution under the multiplier lam of the last time level n, and the law
+ * with the tangent there; a double step begins before n. */
+static open_mass open_naively(const part *x, const level *n, bool twice, double lam)
 {
-    *A = m->levels[0][0];
-    *B = m->levels[1][0];
+    open_mass a = {.step = begin_step(x, twice, n - twice)};
+    const double v = balance(&a.step, NULL, 0.0, 0.0, lam);
+    force(&a.step, v, &a.stiffness);
+    a.o0 = n->v[0] - lam / a.stiffness;
+    a.o1 = v - lam / a.stiffness;
+    return a;
+}
+
+/* Until its substep ends A contributes its law; then both are in equilibrium with the same velocity,
+ * and Lam is the force on A. */
+static void run_naively(model *m, size_t steps, double *lam)
+{
+    level *A = m->levels[0], *B = m->levels[1];
+    open_mass a = {.o0 = 0.0};
     lam[0] = m->lam0[0];
     for (size_t k = 1; k <= steps * RATIO; k++) {
-        static mass_step a;
-        static double o[2], stiffness; /* 1/G */
-        const mass_step b = begin_step(&m->parts[1], B);
-        const size_t phase = (k - 1) % RATIO + 1;
-        if (phase == 1) {
-            a = begin_step(&m->parts[0], A);
-            const double v = balance(&a, NULL, 0.0, 0.0, lam[k - 1]);
-            stiffness = 0.0;
-            force(&a, v, &stiffness);
-            o[0] = A->v[0] - lam[k - 1] / stiffness;
-            o[1] = v - lam[k - 1] / stiffness;
-        }
-        const double theta = (double)phase / RATIO, at = (1.0 - theta) * o[0] + theta * o[1];
-        const bool ends = phase == RATIO;
+        const size_t n = (k - 1) / RATIO, phase = (k - 1) % RATIO + 1;
+        const bool twice = m->parts[0].doubled && n > 0, ends = phase == RATIO;
+        if (phase == 1)
+            a = open_naively(&m->parts[0], &A[n], twice, lam[k - 1]);
+        const mass_step b = begin_step(&m->parts[1], false, &B[k - 1]);
+        const double theta = (double)phase / RATIO, o = (1.0 - theta) * a.o0 + theta * a.o1;
         const double v =
-            ends ? balance(&a, &b, 0.0, 0.0, 0.0) : balance(&b, NULL, at, stiffness, 0.0);
-        double unused;
-        lam[k] = ends ? force(&a, v, &unused) : (v - at) * stiffness;
-        *B = end_step(&b, B, v);
+            ends ? balance(&a.step, &b, 0.0, 0.0, 0.0) : balance(&b, NULL, o, a.stiffness, 0.0);
+        double unused = 0.0;
+        lam[k] = ends ? force(&a.step, v, &unused) : (v - o) * a.stiffness;
+        B[k] = end_step(&b, &B[k - 1], v);
         if (ends)
-            *A = end_step(&a, A, v);
+            A[n + 1] = end_step(&a.step, &A[n - twice], v);
     }
 }
 
@@ -186,15 +196,14 @@ static void check_mass(const model *m, size_t i, const level *expected)
     CHECK_NEAR(s->a[0], expected->a[0], AGREE_10);
 }
 
-/* Linear or not, with fresh tangents and kept ones. */
+/* Single steps or double ones, B linear or not, with fresh tangents and kept ones. */
 static void between_its_time_levels_a_part_has_the_law_of_its_free_solution(void)
 {
     static model m;
     static tape t;
-    for (int k = 0; k < 4; k++) {
+    for (int k = 0; k < 8; k++) {
         double lam[LEVELS];
-        level A, B;
-        make_pair(&m, (pair){{1, RATIO}, false, false, false, {50.0, k & 1 ? 20.0 : 0.0}}, 0.2);
+        make_pair(&m, (pair){{1, RATIO}, false, k & 4, false, {50.0, k & 1 ? 20.0 : 0.0}}, 0.2);
         pma_coupler_parts parts = describe_coupler(&m);
         pma_iteration_parts iteration = *parts.iteration;
         iteration.newton.reuse = k & 2;
@@ -204,11 +213,11 @@ static void between_its_time_levels_a_part_has_the_law_of_its_free_solution(void
         start_model(&m);
         make_tape(&t, &m, 0, 0);
         run_taped(&m, &t, STEPS);
-        run_naively(&m, STEPS, lam, &A, &B);
+        run_naively(&m, STEPS, lam);
         for (size_t i = 0; i <= STEPS * RATIO; i++)
             CHECK_NEAR(t.lam[i], lam[i], AGREE_10);
-        check_mass(&m, 0, &A);
-        check_mass(&m, 1, &B);
+        check_mass(&m, 0, &m.levels[0][STEPS]);
+        check_mass(&m, 1, &m.levels[1][STEPS * RATIO]);
         destroy_model(&m);
     }
 }
