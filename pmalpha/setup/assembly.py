@@ -77,6 +77,7 @@ def assemble(
 
     # elimination order of each subdomain, and of the rows
     parts = _ordered(keys, matrices, doubles, dt, macro, newton, factorize)
+    _check_factorize(parts, factorize)
     rows = row_order(parts, p)
     position = np.argsort(rows)
 
@@ -109,6 +110,17 @@ def assemble(
         part.step_ratio = step_ratio(part.subdomain, part.step, internal)
     warn_of_steps((part.name, part.subdomain, part.step, part.step_ratio) for part in parts)
     return Assembly(parts, position, accelerations, core)
+
+
+def _check_factorize(parts: Sequence[Part], factorize: Any) -> None:
+    """ValueError for another factorization where the core factors tangents."""
+    iterated = [part.name for part in parts if part.tangent is not None]
+    if iterated and factorize is not None:
+        raise ValueError(
+            "factorize must be None with internal forces in implicit subdomains, whose tangents "
+            f"the core factors itself, got {factorize!r} and internal forces in "
+            f"{', '.join(map(repr, iterated))}"
+        )
 
 
 def _ordered(

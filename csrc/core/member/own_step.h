@@ -2,6 +2,7 @@
 #ifndef PMA_OWN_STEP_H
 #define PMA_OWN_STEP_H
 
+#include "algebra/block.h"
 #include "member/inside.h"
 
 struct pma_iterate {
@@ -10,6 +11,7 @@ struct pma_iterate {
     pma_numeric numeric;
     size_t count; /* constraints: rows */
     int64_t *rows, *spring_entries;
+    size_t *column; /* of each entry of the link, the place of its constraint in rows */
 
     /* the substep at hand */
     pma_substep step;
@@ -34,6 +36,7 @@ struct pma_iterate {
     double *pull;                       /* nb: L_b^T Lam that R contains */
     double *slopes, *scratch, *entries; /* of springs; of functions; kept at the present */
     double *lam;                        /* 2 p: scratch, the first half zero */
+    double *many;                       /* scratch of pma_block_compliance */
     double *size, *product;             /* n: scratch */
     double *block;
 };
