@@ -178,6 +178,7 @@ static pma_status evaluate(void *self, bool tangent, double *slope)
         it->v[i] = x->v[i] + c->al2 * x->w[i];
     }
     double *entries = tangent ? it->numeric.values : NULL;
+    it->refactored = it->refactored || tangent; /* what was factored is overwritten already here */
     if (tangent)
         memcpy(entries, it->step.twice ? it->parts.base_twice : it->parts.base,
                (size_t)it->parts.tangent.ptr[n] * sizeof(double));
@@ -205,7 +206,6 @@ static pma_status factor(pma_iterate *it)
 {
     size_t column;
     it->factored = false;
-    it->refactored = true;
     const pma_status status = pma_numeric_factor(&it->numeric, &column);
     if (status == PMA_NOT_DEFINITE) {
         it->singular = column;
@@ -426,6 +426,8 @@ static pma_status finish(void *self, const double *lam)
         const pma_status status = evaluate_forces(it, x->u, x->v, NULL);
         if (status != PMA_OK)
             return status;
+        if (!is_finite(s->parts.n, it->f) || !is_finite(history, x->history))
+            return PMA_NOT_FINITE;
     }
     x->history[history] = (double)it->corrections;
     it->scale = it->motion;

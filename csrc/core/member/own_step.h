@@ -24,7 +24,7 @@ struct pma_iterate {
     double scale_present;  /* the same at the present */
     bool factored_present; /* ... of a factor that is kept */
     bool factored_twice_present;
-    bool refactored; /* since the present */
+    bool refactored; /* the tangent was written since the present */
     bool linearized; /* with a fresh tangent at the iterate where it is */
 
     double *u_n, *v_n;                  /* state in which the substep begins */

@@ -4,7 +4,8 @@
 
 bool pma_selection_is_empty(const pma_selection *selection)
 {
-    return selection->count + selection->springs + selection->history + selection->outputs == 0;
+    return selection->count + selection->springs + selection->history + selection->outputs == 0 &&
+           !selection->corrections;
 }
 
 /* y (rows) += A x */
