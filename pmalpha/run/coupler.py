@@ -41,12 +41,13 @@ from .motion import motions_of
 from .present import Present
 from .progress import Report, reporting
 from .recording import Recording, recording_class
+from .snapshot import Snapshots
 from .uncut import Uncut
 
 __all__ = ["Coupler"]
 
 
-class Coupler(Description, Present, Uncut):
+class Coupler(Description, Present, Snapshots, Uncut):
     """Subdomains with different schemes and time steps, coupled by velocity constraints.
 
     Parameters

@@ -78,6 +78,11 @@ class Loads:
         )
 
     @property
+    def has_callables(self) -> bool:
+        """Whether values of Python callables are stored."""
+        return bool(self._all_callbacks())
+
+    @property
     def iterates(self) -> bool:
         """Whether the core factors tangents while it steps."""
         return any(part.tangent is not None for part in self.parts)
