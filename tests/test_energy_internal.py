@@ -75,7 +75,7 @@ def test_the_balance_of_two_conservative_subdomains_is_of_order_two(coupling):
 
 
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
-def test_the_balance_of_the_trapezoidal_rule_closes_to_the_tolerance_of_the_iteration(coupling):
+def test_the_trapezoidal_rule_closes_the_balance_to_the_tolerance_of_the_iteration(coupling):
     """From the first step on: f at the first time level is that of this time level."""
     coupler = pair(0.02, (TRAPEZOIDAL, TRAPEZOIDAL), (1, 1), coupling)
     energy = coupler.run(2.0, energy=True).energy

@@ -535,11 +535,15 @@ def test_lagged_damping_on_dofs_without_mass_is_refused():
 @pytest.mark.parametrize(
     "call",
     [
-        lambda c: c.static(),
         analysis.amplification_matrix,
         analysis.exact_solution,
     ],
 )
+def test_static_refuses_restoring_functions_which_may_be_specimens():
+    with pytest.raises(ValueError, match="got a restoring function on 'rig'"):
+        failing_coupler(duffing).static()
+
+
 def test_what_needs_a_linear_coupler_refuses_restoring_forces(call):
     with pytest.raises(ValueError, match="needs linear subdomains, got a restoring force on 'rig'"):
         call(failing_coupler(duffing))
