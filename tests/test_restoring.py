@@ -532,6 +532,11 @@ def test_lagged_damping_on_dofs_without_mass_is_refused():
         pm.Subdomain([1.0, 0.0], [1.0, 1.0], [0.1, 0.1], scheme=scheme, damping="lagged")
 
 
+def test_static_refuses_restoring_functions_which_may_be_specimens():
+    with pytest.raises(ValueError, match="got a restoring function on 'rig'"):
+        failing_coupler(duffing).static()
+
+
 @pytest.mark.parametrize(
     "call",
     [
@@ -539,11 +544,6 @@ def test_lagged_damping_on_dofs_without_mass_is_refused():
         analysis.exact_solution,
     ],
 )
-def test_static_refuses_restoring_functions_which_may_be_specimens():
-    with pytest.raises(ValueError, match="got a restoring function on 'rig'"):
-        failing_coupler(duffing).static()
-
-
 def test_what_needs_a_linear_coupler_refuses_restoring_forces(call):
     with pytest.raises(ValueError, match="needs linear subdomains, got a restoring force on 'rig'"):
         call(failing_coupler(duffing))

@@ -165,6 +165,8 @@ def test_another_coupler_is_refused():
     with pytest.raises(ValueError, match="one of this coupler, got <Snapshot at step_count = 0>"):
         other.restore(present)
     assert snapshot(other) == before
+    with pytest.raises(ValueError, match="got <Snapshot of no coupler>"):
+        ours.restore(pm.Snapshot())
     with pytest.raises(TypeError, match="must be a Snapshot, got 3"):
         ours.restore(3)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,16 @@ from .initial import InitialValues
 from .loads import Loads
 
 __all__ = ["Snapshot"]
+
+
+class _Contents(NamedTuple):
+    """What a snapshot keeps."""
+
+    core: Any
+    step: int
+    state: CoreState
+    initial: InitialValues
+    loads: Loads
 
 
 class Snapshot:
@@ -29,16 +39,15 @@ class Snapshot:
     <Snapshot at step_count = 7>
     """
 
-    __slots__ = ("_core", "_initial", "_loads", "_state", "_step")
+    __slots__ = ("_contents",)
 
-    def __init__(
-        self, core: Any, step: int, state: CoreState, initial: InitialValues, loads: Loads
-    ):
-        self._core, self._step, self._state = core, step, state
-        self._initial, self._loads = initial, loads
+    def __init__(self) -> None:
+        self._contents: _Contents | None = None  # only a coupler fills it
 
     def __repr__(self) -> str:
-        return f"<Snapshot at step_count = {self._step}>"
+        if self._contents is None:
+            return "<Snapshot of no coupler>"
+        return f"<Snapshot at step_count = {self._contents.step}>"
 
     def __reduce__(self) -> tuple:
         raise TypeError("a Snapshot cannot be copied or pickled; Coupler.save writes a file")
@@ -109,9 +118,9 @@ class Snapshots:
         """
         if not isinstance(snapshot, Snapshot):
             raise TypeError(f"snapshot must be a Snapshot, got {snapshot!r}")
-        if snapshot._core is not self._core:
+        if snapshot._contents is None or snapshot._contents.core is not self._core:
             raise ValueError(
-                f"snapshot must be one of this coupler, got {snapshot!r} of another one; save and "
+                f"snapshot must be one of this coupler, got {snapshot!r} from elsewhere; save and "
                 "load transfer a state between couplers of the same problem"
             )
         with self._entered():
@@ -120,19 +129,20 @@ class Snapshots:
 
     def _snapshot(self) -> Snapshot:
         self._start()
-        step = self._core.step_count
-        return Snapshot(
-            self._core, step, _present(self._parts, self._core), self._initial, self._loads
-        )
+        core, snapshot = self._core, Snapshot()
+        state = _present(self._parts, core)
+        snapshot._contents = _Contents(core, core.step_count, state, self._initial, self._loads)
+        return snapshot
 
     def _restore(self, snapshot: Snapshot) -> None:
-        loads = snapshot._loads
-        if loads is not self._loads or loads.has_callables:  # stored values are of other times
-            self._loads = loads.renewed()
+        kept = snapshot._contents
+        assert kept is not None
+        if kept.loads is not self._loads or kept.loads.has_callables:
+            self._loads = kept.loads.renewed()  # stored values of callables are of other times
             self._loads.to_core()
         # _was_reset stays: it is about the factor of M alone, which this coupler has or has not
-        self._initial, self._started = snapshot._initial, True
-        restore(snapshot._state, self._parts, self._core, snapshot._step)
+        self._initial, self._started = kept.initial, True
+        restore(kept.state, self._parts, self._core, kept.step)
 
 
 def _present(parts: Sequence[Part], core: Any) -> CoreState:
