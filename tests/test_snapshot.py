@@ -74,6 +74,25 @@ def test_a_restored_coupler_repeats_the_run_bitwise(coupling, tangent, steps):
         assert snapshot(ours) == last
 
 
+@pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
+def test_threads_that_run_ahead_are_part_of_no_state(coupling):
+    """Linear subdomains are opened before the last macro step is complete."""
+    a, b, c = (s for _, s in coupler()._keys)
+    ties = [pm.tie(a, [5], b, [0]), pm.tie(b, [5], c, [0])]
+    linear = pm.Coupler([a, b, c], ties, dt=0.1, coupling=coupling, threads=2)
+    assert linear.threads == 2
+    ours = nonlinear(coupling, threads=2)
+    for x in (linear, ours):
+        x.step(5)
+        present = x.snapshot()
+        first = bits_of(x.run(steps=7))
+        x.restore(present)
+        assert bits_of(x.run(steps=7)) == first
+    one = nonlinear(coupling, threads=1)
+    one.step(12)
+    assert snapshot(one) == snapshot(ours)
+
+
 def test_the_springs_slip_and_yield_in_these_runs():
     ours = nonlinear("pm")
     history = ours.run(steps=13, record_springs={"b": None, "c": None})

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from test_internal_input import compiled
 
 import pmalpha as pm
 from pmalpha import structures as models
@@ -133,6 +134,22 @@ def test_a_cable_hangs_so_that_its_force_carries_its_weight(options):
     H = abs(f[line.dofs(0, "ux")])
     moment = np.cumsum(10.0 * 0.25 * (3.5 - np.arange(8)) * np.diff(x[order, 0]))
     np.testing.assert_allclose(H * x[order, 1][1:], -moment, atol=1e-8)
+
+
+def test_a_compiled_force_and_a_python_one_are_evaluated_together():
+    """d + d^3 = 1 between the dofs, and u_1 + u_1^3 = 1 at the second one: both are the same."""
+
+    def at_second(u, v, t, q):
+        return np.array([0.0, u[1] + u[1] ** 3]), np.array([0.0, 1.0 + 3.0 * u[1] ** 2])
+
+    internal = [compiled(history=[0.0]), at_second]
+    a = pm.Subdomain(
+        [1.0, 1.0], None, scheme=IMPLICIT, internal=internal, force=[1.0, 0.0], name="a"
+    )
+    u = pm.Coupler([a], dt=0.1).static()["a"]
+    root = np.roots([1.0, 0.0, 1.0, -1.0])
+    x = root[np.abs(root.imag) < 1e-12].real[0]
+    np.testing.assert_allclose(u, [2.0 * x, x], rtol=1e-14)
 
 
 # ---- at rest --------------------------------------------------------------------------------
