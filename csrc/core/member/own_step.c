@@ -436,8 +436,7 @@ static pma_status finish(void *self, const double *lam)
     }
     x->history[history] = (double)it->corrections;
     it->scale = it->motion;
-    pma_substep_observe(s, &it->step, lam);
-    return PMA_OK;
+    return pma_substep_observe(s, &it->step, lam);
 }
 
 /* ---- the table ------------------------------------------------------------------------------ */

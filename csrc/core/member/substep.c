@@ -181,13 +181,27 @@ static bool sweep_back(const pma_subdomain *s, const pma_operator *op, const pma
     return finite;
 }
 
-void pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam)
+pma_status pma_substep_evaluate_potential(pma_subdomain *s, const double *u)
+{
+    return pma_internal_potential(&s->parts.internal, u, &s->potential, s->force + s->parts.n,
+                                  &s->code);
+}
+
+pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam)
 {
     const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
-    if (s->energy && step->held)
+    if (!s->energy)
+        return PMA_OK;
+    if ((step->j + 1) % s->parts.substeps == 0) { /* energies are those of macro time levels */
+        const pma_status status = pma_substep_evaluate_potential(s, x->u);
+        if (status != PMA_OK)
+            return status;
+    }
+    if (step->held)
         pma_energy_close_free(s->energy, step, x);
-    else if (s->energy)
+    else
         pma_energy_close(s->energy, step, x, lam);
+    return PMA_OK;
 }
 
 pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const double *lam)
@@ -196,6 +210,5 @@ pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const do
     pma_substep_load_interface(s, lam);
     if (!sweep_back(s, pma_operator_of(s, step->twice), pma_levels_at(&s->levels, step->j + 1)))
         return PMA_NOT_FINITE;
-    pma_substep_observe(s, step, lam);
-    return PMA_OK;
+    return pma_substep_observe(s, step, lam);
 }
