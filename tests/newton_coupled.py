@@ -75,3 +75,67 @@ def same_bits(one, other):
             assert (left is None) == (right is None), name
             if left is not None:
                 np.testing.assert_array_equal(left, right, err_msg=name)
+
+
+# ---- a problem with everything: history, tangents of u and v, double steps, a linear subdomain ---
+
+VARIANTS = {
+    "gc": {"coupling": "gc"},
+    "pm": {"coupling": "pm", "double": True},
+    "macro": {"coupling": "macro"},
+    "macro, double step": {"coupling": "macro", "double": True},
+}
+
+
+class Law:
+    """A cubic dashpot and bilinear springs along a chain, to the ground at its first dof.
+
+    `calls` counts the evaluations. The one with the number `at` is not made, but `action(u, v, t,
+    q)` returns its value.
+    """
+
+    def __init__(self, n, k=2e3, yield_at=0.01):
+        self.n, self.k, self.yield_at = n, k, yield_at
+        self.B = np.eye(n) - np.eye(n, k=-1)
+        self.calls, self.at, self.action = 0, None, None
+
+    def __call__(self, u, v, t, q):
+        self.calls += 1
+        if self.calls == self.at:
+            return self.action(u, v, t, q)
+        d = self.B @ u
+        p = np.clip(q, d - self.yield_at, d + self.yield_at)
+        k = np.where(p == q, self.k, 0.05 * self.k)
+        f = self.B.T @ (0.05 * self.k * d + 0.95 * self.k * (d - p)) + 0.2 * v**3
+        return f, sp.csr_array(self.B.T @ (k[:, None] * self.B)), 0.6 * v**2, p
+
+
+def plastic_pair(
+    variant, *, laws=None, wave=True, newton=None, threads=None, dt=0.02, linear=True, n=5
+):
+    """Two plastic chains with 1 and 4 substeps, and a linear explicit one with 8, in a row."""
+    values = VARIANTS[variant]
+    laws = laws or (Law(n), Law(n, k=3e3))
+    rng = np.random.default_rng(5)
+    names, ss = "abc", (1, 4, 8)
+    subdomains = []
+    for i in range(3 if linear else 2):
+        scheme = pm.GeneralizedAlpha(0.5, explicit=i == 2)
+        how = dict(scheme=scheme, substeps=ss[i], name=names[i])
+        how |= dict(double_step=bool(values.get("double")) and i == 0)
+        how |= dict(v0=np.append(0.0, rng.normal(size=n - 2)).tolist() + [0.0])
+        if wave:
+            how |= dict(force=lambda t, i=i: (20.0 + i) * np.sin(15.0 * t) * np.ones(n))
+        if i < 2:
+            how |= dict(internal=pm.InternalForce(laws[i], history=np.zeros(n)))
+        K = None if i < 2 else 500.0 * (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+        subdomains.append(pm.Subdomain(np.ones(n), K, **how))
+    ties = [pm.tie(x, [n - 1], y, [0]) for x, y in zip(subdomains, subdomains[1:])]
+    return pm.Coupler(
+        subdomains,
+        ties,
+        dt=dt,
+        coupling=values["coupling"],
+        newton=newton or pm.Newton(),
+        threads=threads,
+    )

@@ -134,7 +134,7 @@ def test_tangents_of_every_form(coupling, tangent, form):
         )
         for i, ss in enumerate((1, 3))
     ]
-    # two rows on three dofs of each side
+    # two rows
     L = [
         np.array([[1.0, 0.5, 0, 0], [0, 0, 1.0, 0]]),
         -np.array([[0, 1.0, 0, 0], [0.5, 0, 0, 1.0]]),
