@@ -139,3 +139,17 @@ def plastic_pair(
         newton=newton or pm.Newton(),
         threads=threads,
     )
+
+
+def state_of(c):
+    """The state of a coupler as bytes, for comparisons.
+
+    Without the interface velocity that is stored for an iterated subdomain: every substep replaces
+    it by L v - G Lam before it is read, (N13).
+    """
+    states = []
+    for part in c._parts:
+        levels = part.core.levels()
+        kept = [x for i, x in enumerate(levels) if not (part.subdomain.iterates and i % 7 == 4)]
+        states.append([x.tobytes() for x in kept])
+    return c.step_count, c.multipliers.tobytes(), c._core.prescribed.tobytes(), states
