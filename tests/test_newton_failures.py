@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from newton_coupled import VARIANTS, Law, plastic_pair, same_bits, state_of
 
-
 import pmalpha as pm
 
 pytestmark = pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
