@@ -134,6 +134,10 @@ class Result:
     passes: np.ndarray
 
 
+def has_internal(subdomain):
+    return getattr(subdomain, "internal", None) is not None
+
+
 def start(members, L):
     """States at t = 0; returns Lam_0 (S1), with f(u_0, v_0, 0; q) among the forces."""
     forces = [with_force(x.subdomain, getattr(x.subdomain, "history", None)) for x in members]
@@ -329,8 +333,9 @@ class Shooting:
         self.B = np.linalg.inv(self.H)
 
     def kinetic(self, ends):
-        """sum_i v_i . M_i v_i, twice the kinetic energy."""
-        return sum(y.v @ x.subdomain.M @ y.v for x, y in zip(self.members, ends, strict=True))
+        """sum_i v_i . M_i v_i over the subdomains with internal forces."""
+        both = zip(self.members, ends, strict=True)
+        return sum(y.v @ x.subdomain.M @ y.v for x, y in both if has_internal(x.subdomain))
 
     def solve(self, Lam, g, t):
         """The runs that satisfy the constraints, and the number of passes."""

@@ -72,6 +72,7 @@ void pma_subdomain_release(SubdomainObject *self);
 /* Methods of the type that are in a file of their own, response_methods.c. */
 PyObject *pma_subdomain_compliance(SubdomainObject *self, PyObject *args);
 PyObject *pma_subdomain_unit_responses(SubdomainObject *self, PyObject *args);
+PyObject *pma_subdomain_accelerate(SubdomainObject *self, PyObject *obj);
 PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *args);
 
 /* ... and in internal.c. */

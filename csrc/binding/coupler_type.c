@@ -111,19 +111,29 @@ static int take_iteration(CouplerObject *self, PyObject *obj, pma_coupler_parts 
     return 0;
 }
 
+/* Mean coupling if the part of H of double steps is given, None if there are none. */
+static int take_mean(CouplerObject *self, PyObject *obj, pma_coupler_parts *parts)
+{
+    if (!obj)
+        return 0;
+    parts->schedule = &pma_mean_schedule;
+    return pma_take_matrix(obj, (npy_intp)parts->p, "doubled", self->arrays, &parts->doubled);
+}
+
 static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
 {
-    static char *names[] = {"subdomains", "p",       "H_start",    "H",     "dt",        "rebased",
-                            "motions",    "threads", "worthwhile", "macro", "iteration", NULL};
-    PyObject *subdomains, *H_start, *H, *motions, *iterated = Py_None;
+    static char *names[] = {"subdomains", "p",       "H_start", "H",          "dt",
+                            "rebased",    "motions", "threads", "worthwhile", "macro",
+                            "iteration",  "doubled", NULL};
+    PyObject *subdomains, *H_start, *H, *motions, *iterated = Py_None, *doubled = NULL;
     pma_iteration_parts iteration;
     Py_ssize_t p, threads = 1;
     int rebased, worthwhile = 0, macro = 0;
     pma_coupler_parts parts = {0};
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOdpO!|nppO", names, &PyTuple_Type,
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOdpO!|nppOO", names, &PyTuple_Type,
                                      &subdomains, &p, &H_start, &H, &parts.dt, &rebased,
                                      &PyTuple_Type, &motions, &threads, &worthwhile, &macro,
-                                     &iterated) ||
+                                     &iterated, &doubled) ||
         check_subdomains(type, subdomains) < 0)
         return NULL;
     if (p < 0 || PyTuple_GET_SIZE(subdomains) == 0)
@@ -141,7 +151,7 @@ static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwarg
     self->subdomains = Py_NewRef(subdomains);
     self->arrays = PyList_New(0);
     self->motions = PyList_New(0);
-    if (!self->arrays || !self->motions ||
+    if (!self->arrays || !self->motions || take_mean(self, doubled, &parts) < 0 ||
         take_iteration(self, iterated, &parts, macro, &iteration) < 0 ||
         take_parts(self, H_start, H, motions, &parts) < 0)
         Py_CLEAR(self);
@@ -437,6 +447,29 @@ static PyObject *coupler_get_workers(CouplerObject *self, void *Py_UNUSED(closur
     return workers;
 }
 
+/* end_multipliers(): (2 p,) of the accelerations at the present under mean coupling, a copy */
+static PyObject *coupler_end_multipliers(CouplerObject *self, PyObject *Py_UNUSED(ignored))
+{
+    if (claim(self) < 0)
+        return NULL;
+    const npy_intp p = (npy_intp)pma_coupler_get_parts(self->core)->p;
+    PyObject *copy = pma_new_vector(2 * p, pma_coupler_end_multipliers(self->core));
+    release(self);
+    return copy;
+}
+
+/* set_end_multipliers(lam): after start */
+static PyObject *coupler_set_end_multipliers(CouplerObject *self, PyObject *obj)
+{
+    const npy_intp p = (npy_intp)pma_coupler_get_parts(self->core)->p;
+    const double *values;
+    if (pma_take_doubles(obj, 2 * p, "lam", NULL, &values) < 0 || claim(self) < 0)
+        return NULL;
+    memcpy(pma_coupler_end_multipliers(self->core), values, 2 * (size_t)p * sizeof(double));
+    release(self);
+    Py_RETURN_NONE;
+}
+
 /* iteration(): what shooting begins the next macro step with, a copy */
 static PyObject *coupler_iteration(CouplerObject *self, PyObject *Py_UNUSED(ignored))
 {
@@ -474,6 +507,10 @@ static PyMethodDef coupler_methods[] = {
      "called about every 50 ms"},
     {"record_present", (PyCFunction)coupler_record_present, METH_O,
      "record_present(record): writes the present time level into row 0"},
+    {"end_multipliers", (PyCFunction)coupler_end_multipliers, METH_NOARGS,
+     "end_multipliers() -> (2 p,) of the present accelerations under mean coupling, a copy"},
+    {"set_end_multipliers", (PyCFunction)coupler_set_end_multipliers, METH_O,
+     "set_end_multipliers(lam): the inverse, after start"},
     {"iteration", (PyCFunction)coupler_iteration, METH_NOARGS,
      "iteration() -> (k,) what shooting begins the next macro step with, a copy"},
     {"set_iteration", (PyCFunction)coupler_set_iteration, METH_O,

@@ -139,8 +139,8 @@ static int take_selection(PyObject *obj, const pma_parts *parts, size_t last_row
     PyObject *position, *u, *v, *w, *springs = Py_None, *outputs = Py_None;
     PyObject *history = Py_None;
     npy_intp rows = -1;
-    *selection = (pma_selection){.of_springs = parts->springs.total,
-                                 .of_history = parts->internal.history};
+    *selection =
+        (pma_selection){.of_springs = parts->springs.total, .of_history = parts->internal.history};
     if (obj == Py_None)
         return 0;
     if (!PyTuple_Check(obj)) {

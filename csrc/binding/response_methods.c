@@ -74,6 +74,7 @@ typedef struct {
     double *sums;             /* 2 p: scratch */
     double *end, *mean;       /* count x k by rows */
     double *states;           /* count x 4 x n by rows, or NULL */
+    bool twice;               /* of a double step */
 } response_block;
 
 static void copy_rows(const response_block *b, const double *sum, double *out)
@@ -90,7 +91,8 @@ static pma_status fill_responses(pma_subdomain *s, const response_block *b)
         const int64_t row = b->rows[b->begin + c];
         memset(b->sums, 0, 2 * p * sizeof(double));
         b->lam[row] = 1.0;
-        const pma_status status = pma_response_run(response, b->lam, b->sums, b->sums + p);
+        const pma_status status =
+            pma_response_run(response, b->twice, b->lam, b->sums, b->sums + p);
         b->lam[row] = 0.0;
         if (status != PMA_OK)
             return status;
@@ -122,10 +124,12 @@ static int take_responses(SubdomainObject *self, PyObject *args, response_block 
     Py_ssize_t begin;
     const npy_intp any = -1;
     const pma_parts *parts = pma_subdomain_parts(self->core);
-    if (!PyArg_ParseTuple(args, "OnOOO", &rows, &begin, &end, &mean, &states) ||
+    int twice = 0;
+    if (!PyArg_ParseTuple(args, "OnOOO|p", &rows, &begin, &end, &mean, &states, &twice) ||
         pma_take_array(rows, NPY_INT64, 1, &any, "rows", NULL, &array) < 0)
         return -1;
-    *b = (response_block){.rows = PyArray_DATA(array), .k = PyArray_DIM(array, 0), .begin = begin};
+    *b = (response_block){
+        .rows = PyArray_DATA(array), .k = PyArray_DIM(array, 0), .begin = begin, .twice = twice};
     if (check_rows(b->rows, b->k, parts->link.p) < 0)
         return -1;
     npy_intp shape[3] = {-1, b->k, 0};
@@ -136,7 +140,7 @@ static int take_responses(SubdomainObject *self, PyObject *args, response_block 
     if (take_output(mean, 2, shape, "mean", &array) < 0)
         return -1;
     b->mean = PyArray_DATA(array);
-    if (!parts->responds || begin < 0 || b->count > b->k - begin) {
+    if (!parts->responds || (twice && !parts->doubled) || begin < 0 || b->count > b->k - begin) {
         PyErr_SetString(PyExc_ValueError, "begin: no such columns of the link response");
         return -1;
     }
@@ -203,4 +207,26 @@ PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *args)
 failed:
     Py_XDECREF(arrays);
     return NULL;
+}
+
+PyObject *pma_subdomain_accelerate(SubdomainObject *self, PyObject *obj)
+{
+    const pma_parts *parts = pma_subdomain_parts(self->core);
+    const double *lam;
+    npy_intp n = (npy_intp)parts->n;
+    if (pma_take_doubles(obj, (npy_intp)parts->link.p, "lam", NULL, &lam) < 0)
+        return NULL;
+    if (!parts->mean) {
+        PyErr_SetString(PyExc_ValueError, "the subdomain is not under mean coupling");
+        return NULL;
+    }
+    PyObject *y = PyArray_SimpleNew(1, &n, NPY_DOUBLE);
+    if (!y || !pma_subdomain_claim(self)) {
+        Py_XDECREF(y);
+        return NULL;
+    }
+    pma_response_accelerate(pma_subdomain_response(self->core), lam,
+                            PyArray_DATA((PyArrayObject *)y));
+    pma_subdomain_release(self);
+    return y;
 }

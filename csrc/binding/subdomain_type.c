@@ -61,17 +61,18 @@ static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, p
     static char *names[] = {"n",      "nb",       "substeps", "K",    "C",
                             "scheme", "single",   "twice",    "link", "restoring",
                             "D_r",    "lagged",   "responds", "K_r",  "springs",
-                            "M",      "internal", "iterate",  NULL};
+                            "M",      "internal", "iterate",  "mass", NULL};
     Py_ssize_t n, nb, substeps;
     PyObject *K, *C, *single, *twice, *link, *arrays = self->arrays;
     PyObject *restoring = Py_None, *D_r = Py_None, *K_r = Py_None, *springs = NULL;
-    PyObject *M = NULL, *internal = Py_None, *iterated = Py_None;
+    PyObject *M = NULL, *internal = Py_None, *iterated = Py_None, *mass = Py_None;
     pma_scheme scheme;
     int lagged = 0, responds = 0;
-    if (!PyArg_ParseTupleAndKeywords(
-            args, kwargs, "nnnOO(dddd)OOO|OOppOO!OOO", names, &n, &nb, &substeps, &K, &C,
-            &scheme.am, &scheme.af, &scheme.beta, &scheme.gamma, &single, &twice, &link, &restoring,
-            &D_r, &lagged, &responds, &K_r, &PyTuple_Type, &springs, &M, &internal, &iterated))
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "nnnOO(dddd)OOO|OOppOO!OOOO", names, &n, &nb,
+                                     &substeps, &K, &C, &scheme.am, &scheme.af, &scheme.beta,
+                                     &scheme.gamma, &single, &twice, &link, &restoring, &D_r,
+                                     &lagged, &responds, &K_r, &PyTuple_Type, &springs, &M,
+                                     &internal, &iterated, &mass))
         return -1;
     if (n < 1 || nb < 0 || nb > n || substeps < 1) {
         PyErr_SetString(PyExc_ValueError, "need 1 <= n, 0 <= nb <= n and 1 <= substeps");
@@ -99,6 +100,9 @@ static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, p
         pma_take_matrix(C, n, "C", arrays, &parts->C) < 0 ||
         take_operator(single, scheme, parts, "single", arrays, &parts->single) < 0 ||
         take_link(link, parts->nb, arrays, &parts->link) < 0)
+        return -1;
+    parts->mean = mass != Py_None;
+    if (parts->mean && pma_take_factor(mass, n, nb, "mass", arrays, &parts->mass) < 0)
         return -1;
     if (!parts->doubled)
         return 0;
@@ -450,6 +454,8 @@ static PyMethodDef subdomain_methods[] = {
     {"end_energy", (PyCFunction)subdomain_end_energy, METH_NOARGS, "end_energy(): stops the sums"},
     {"compliance", (PyCFunction)pma_subdomain_compliance, METH_VARARGS,
      "compliance(twice, rows) -> block of H on these constraints"},
+    {"accelerate", (PyCFunction)pma_subdomain_accelerate, METH_O,
+     "accelerate(lam) -> (n,) M^-1 L^T lam, under mean coupling"},
     {"unit_responses", (PyCFunction)pma_subdomain_unit_responses, METH_VARARGS,
      "unit_responses(rows, begin, end, mean, states): writes columns begin, ... of H under macro "
      "coupling into end, (m, k); False when a value is not finite"},

@@ -46,6 +46,9 @@ void check_sweeps(const triple *t, const pma_factor *f, uint64_t *seed);
 
 /* ---- matrices on their way to a factor in panels -------------------------------------------- */
 
+/* The routines that the numeric part calls, by plain loops. */
+extern const pma_blas NAIVE_BLAS;
+
 enum { GRID = 8, UNKNOWNS = GRID * GRID }; /* more than one block of a dense panel, which is 48 */
 
 /* A matrix on its way to a factor in panels, in the core's words; n, nb and A are given. */
@@ -80,5 +83,9 @@ void reorder(structure *m);
 
 /* All that comes before the numbers; A is brought into postorder. */
 void analyse(structure *m);
+
+/* |b - A x| of a Cholesky solve is below (3 n + 1) eps |G| |G^T| |x|, entry by entry, and |G| |G^T|
+ * below sqrt(a_ii a_jj) by Cauchy-Schwarz; the rest is for scaling to R D R^T and for this loop. */
+void check_definite_residual(const structure *m, const double *x, const double *b);
 
 #endif

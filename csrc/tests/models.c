@@ -42,21 +42,23 @@ static void naive_unit_velocity(const model *m, const part *x, bool twice, size_
         v[i] *= al2_of(x, twice);
 }
 
-/* H = sum_i al2_i L_i Mbar_i^-1 L_i^T or sum_i L_i U_i^v, the doubled ones with 2 h if `later`
- *                                                                                  (18) (M4) */
+void add_interface(const model *m, const part *x, bool later, double *H)
+{
+    for (size_t column = 0; column < m->p; column++) {
+        double v[MOST];
+        naive_unit_velocity(m, x, later && x->doubled, column, v);
+        for (size_t row = 0; row < m->p; row++)
+            H[row * m->p + column] += constrained(x, row, v);
+    }
+}
+
+/* H, the doubled parts with 2 h if `later` */
 static pma_interface make_interface(model *m, bool later)
 {
     double *H = m->H[later];
     memset(H, 0, sizeof m->H[later]);
-    for (size_t i = 0; i < m->count; i++) {
-        const part *x = &m->parts[i];
-        for (size_t column = 0; column < m->p; column++) {
-            double v[MOST];
-            naive_unit_velocity(m, x, later && x->doubled, column, v);
-            for (size_t row = 0; row < m->p; row++)
-                H[row * m->p + column] += constrained(x, row, v);
-        }
-    }
+    for (size_t i = 0; i < m->count; i++)
+        add_interface(m, &m->parts[i], later, H);
     naive_factor(m->p, H, m->R[later], m->inverse[later]);
     const pma_factor factor = {.form = PMA_DENSE,
                                .n = m->p,
@@ -70,14 +72,16 @@ static pma_interface make_interface(model *m, bool later)
 
 pma_coupler_parts describe_coupler(model *m)
 {
+    const pma_interface H_start = make_interface(m, false), H = make_interface(m, true);
     return (pma_coupler_parts){.count = m->count,
                                .members = m->members,
                                .p = m->p,
-                               .H_start = make_interface(m, false),
-                               .H = make_interface(m, true),
+                               .H_start = H_start,
+                               .H = H,
                                .dt = m->dt,
                                .rebased = m->rebased,
-                               .schedule = m->macro ? &pma_macro_schedule : &pma_fine_schedule,
+                               .schedule = schedule_of(m),
+                               .iteration = describe_iteration(m),
                                .motion_count = m->motion_count,
                                .motions = &m->motion,
                                .threads = m->threads};
@@ -99,12 +103,13 @@ static void solve_start(model *m)
         size += m->parts[i].n;
     for (size_t q = 0; q < m->count; first += m->parts[q++].n) {
         const part *x = &m->parts[q];
-        double r[MOST];
+        double r[MOST], f[MOST], q1[HISTORY];
         naive_force(x, 0.0, 0, F);
         naive_pull(x, 0.0, x->u0, x->v0, r);
+        naive_inner(x, 0.0, x->u0, x->inner.initial, f, q1);
         for (size_t i = 0; i < x->n; i++) {
             double *row = A + (first + i) * size;
-            b[first + i] = (x->load.kind == PMA_LOAD_TABLE ? 0.0 : F[i]) - r[i];
+            b[first + i] = (x->load.kind == PMA_LOAD_TABLE ? 0.0 : F[i]) - r[i] - f[i];
             for (size_t j = 0; j < x->n; j++) {
                 row[first + j] = x->M[i * x->n + j];
                 b[first + i] -= x->C[i * x->n + j] * x->v0[j] + x->K[i * x->n + j] * x->u0[j];
@@ -125,6 +130,7 @@ static void solve_start(model *m)
 void start_model(model *m)
 {
     solve_start(m);
+    start_histories(m);
     for (size_t i = 0; i < m->count; i++) {
         part *x = &m->parts[i];
         level *first = &m->levels[i][0];
@@ -171,7 +177,7 @@ static pma_member make_member(model *m, size_t i)
 {
     part *x = &m->parts[i];
     x->h = m->dt / (double)x->substeps;
-    x->responds = m->macro && x->substeps > 1;
+    x->responds = m->macro && x->substeps > 1 && !x->inner.used;
     make_part(x);
     m->subdomains[i] = x->core;
     if (m->stored && x->responds)
@@ -182,6 +188,8 @@ static pma_member make_member(model *m, size_t i)
 
 void make_model(model *m)
 {
+    if (m->newton.iterations == 0)
+        m->newton = (pma_newton){.tolerance = TIGHT, .iterations = 40};
     m->fine = 1;
     for (size_t i = 0; i < m->count && !m->macro; i++)
         m->fine = m->parts[i].substeps > m->fine ? m->parts[i].substeps : m->fine;
@@ -208,6 +216,7 @@ snapshot present(const model *m)
         s.count += copy_present(&m->parts[i], s.values + s.count);
     memcpy(s.values + s.count, pma_coupler_multipliers(m->coupler), m->p * sizeof(double));
     s.count += m->p;
+    s.count += copy_iteration(m, s.values + s.count);
     return s;
 }
 
@@ -347,11 +356,14 @@ void build_chain(model *m, const chain *chosen)
                  .stored = chosen->stored,
                  .looks_ahead = chosen->looks_ahead};
     memcpy(m->naive, chosen->naive, sizeof m->naive);
+    m->newton = chosen->newton;
     fill_chain(m, &chosen->plan, scale);
     fill_loads(m, scale);
     if (chosen->plan.restored)
         fill_restoring(m);
-    if (chosen->sprung)
+    for (size_t i = 0; i < PARTS; i++)
+        fill_inner(&m->parts[i], chosen->inner[i], chosen);
+    if (chosen->sprung && (chosen->nonlinear || !has_inner(m)))
         fill_springs(m);
     make_model(m);
 }

@@ -9,6 +9,7 @@
 #include "coupling/coupler.h"
 #include "coupling/interface.h"
 #include "coupling/record.h"
+#include "iterated_models.h"
 #include "member/member.h"
 #include "member/subdomain.h"
 #include "naive_member.h"
@@ -16,9 +17,12 @@
 
 enum { PARTS = 3 };
 
+/* A tolerance that leaves nothing but rounding in equilibrium. */
+static const double TIGHT = 1e-13;
+
 /* ---- models: coupled parts, for the core and for the naive program -------------------------- */
 
-typedef struct {
+struct model {
     part parts[PARTS];
     size_t count, p, fine; /* fine: interface problems in a macro step */
     double dt;
@@ -26,6 +30,8 @@ typedef struct {
     size_t threads;
     bool naive[PARTS], looks_ahead; /* naive members, and whether they can look ahead */
     bool stored;                    /* link responses, for unit multipliers */
+    pma_newton newton;              /* of a model with internal forces */
+    iteration_memory iteration;
 
     double H[2][CONSTRAINTS * CONSTRAINTS]; /* of the first macro step, of the later ones */
     double R[2][CONSTRAINTS * CONSTRAINTS], inverse[2][CONSTRAINTS];
@@ -44,7 +50,10 @@ typedef struct {
 
     level levels[PARTS][LEVELS]; /* naive: of all parts, and Lam at every interface problem */
     double lam[LEVELS][CONSTRAINTS];
-} model;
+};
+
+/* H (p*p) += al2 L Mbar^-1 L^T or L U^v of a part, with the double step if `later`    (18) (M4) */
+void add_interface(const model *m, const part *x, bool later, double *H);
 
 /* The interface factors are made anew, in their place: couplers made before can go on. */
 pma_coupler_parts describe_coupler(model *m);
@@ -63,7 +72,7 @@ void destroy_model(model *m);
 /* All that can be seen of the present, in a row. */
 typedef struct {
     size_t count;
-    double values[PARTS * 4 * MOST + CONSTRAINTS];
+    double values[PARTS * 4 * MOST + CONSTRAINTS + MORE];
 } snapshot;
 
 snapshot present(const model *m);
@@ -94,13 +103,17 @@ typedef struct {
 } plan;
 
 /* What else a chain can be. */
-typedef struct {
+struct chain {
     plan plan;
     double scale;               /* of initial values and loads; 0 stands for 1 */
     size_t threads;             /* 0 stands for 1 */
-    bool macro, stored, sprung; /* sprung: springs of all laws */
+    bool macro, stored, sprung; /* sprung: springs of all laws; linear ones with internal forces
+                                   that are linear */
     bool naive[PARTS], looks_ahead;
-} chain;
+    bool inner[PARTS]; /* internal forces, with shares of the matrices */
+    bool nonlinear;    /* ... and with all other terms of inner.h */
+    pma_newton newton; /* of 0 iterations: TIGHT, 40 of them */
+};
 
 void build_chain(model *m, const chain *chosen);
 void make_chain(model *m, plan chosen, double scale);

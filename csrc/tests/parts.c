@@ -21,8 +21,7 @@ pma_scheme generalized_alpha(double rho)
 
 /* ---- parts ---------------------------------------------------------------------------------- */
 
-/* al1 = h^2 beta (1-af)/(1-am)                                                            (P2) */
-static double al1_of(const part *x, bool twice)
+double al1_of(const part *x, bool twice)
 {
     const pma_scheme s = x->scheme;
     const double h = twice ? 2.0 * x->h : x->h;
@@ -109,6 +108,9 @@ static pma_matrix estimate(size_t n, const double *values)
 
 pma_parts describe(part *x)
 {
+    const double al1[2] = {al1_of(x, false), al1_of(x, true)};
+    const double al2[2] = {al2_of(x, false), al2_of(x, true)};
+    share_matrices(x);
     return (pma_parts){.n = x->n,
                        .nb = x->nb,
                        .substeps = x->substeps,
@@ -119,8 +121,12 @@ pma_parts describe(part *x)
                        .D_r = estimate(x->n, x->D_r),
                        .K_r = estimate(x->n, x->K_r),
                        .responds = x->responds,
-                       .K = {.form = PMA_DENSE, .n = x->n, .values = x->K},
-                       .C = {.form = PMA_DENSE, .n = x->n, .values = x->C},
+                       .shoots = x->inner.used,
+                       .M = {.form = PMA_DENSE, .n = x->n, .values = x->M},
+                       .K = {.form = PMA_DENSE, .n = x->n, .values = x->inner.K},
+                       .C = {.form = PMA_DENSE, .n = x->n, .values = x->inner.C},
+                       .internal = describe_internal(x),
+                       .iterate = describe_iterate(x, al1, al2),
                        .single = make_operator(x, false),
                        .twice = make_operator(x, true),
                        .link = make_link(x)};
@@ -178,9 +184,7 @@ void naive_force(const part *x, double t, size_t substep, double *F)
     }
 }
 
-/* (5), (6) and (R1) */
-static void naive_predict(const part *x, bool twice, const level *from, double *ut, double *vt,
-                          double *vs)
+void naive_predict(const part *x, bool twice, const level *from, double *ut, double *vt, double *vs)
 {
     const pma_scheme s = x->scheme;
     const double h = twice ? 2.0 * x->h : x->h, d = 1.0 - s.am;
@@ -211,8 +215,7 @@ static void naive_correct(const part *x, bool twice, const double *ut, const dou
     }
 }
 
-/* (9) */
-static double naive_recur(pma_scheme s, double w1, double w0, double a0)
+double naive_recur(pma_scheme s, double w1, double w0, double a0)
 {
     return ((1.0 - s.af) * w1 + s.af * w0 - s.am * a0) / (1.0 - s.am);
 }

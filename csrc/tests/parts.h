@@ -6,6 +6,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "inner.h"
 #include "member/load.h"
 #include "member/scheme.h"
 #include "member/springs.h"
@@ -23,7 +24,6 @@ pma_scheme generalized_alpha(double rho);
 /* ---- parts ---------------------------------------------------------------------------------- */
 
 enum {
-    MOST = 3, /* dofs of a part */
     CONSTRAINTS = 2,
     FINE = 6,  /* fine steps in a macro step */
     STEPS = 8, /* macro steps */
@@ -43,7 +43,7 @@ int pull(double t, intptr_t n, double *u, double *v, double *r, void *user);
 
 /* One subdomain of (1), filled in by a test, and what make_part makes of it. A part is not to be
  * moved afterwards: the core keeps pointers into it. */
-typedef struct {
+struct part {
     size_t n, nb, p, substeps;
     bool implicit, doubled, responds;
     pma_scheme scheme;
@@ -55,6 +55,7 @@ typedef struct {
     bool restored, lagged; /* by pull; the last dof of the user is the first here */
     double K_r[MOST * MOST], D_r[MOST * MOST];
     pma_springs springs; /* unknown to the naive program */
+    inner inner;         /* ... what is not linear of it */
 
     diary pulled;
     int64_t order[MOST];
@@ -65,9 +66,10 @@ typedef struct {
     double sign[CONSTRAINTS * MOST];
     double loads[LEVELS * MOST], shape[MOST * MOST]; /* memory for the load */
     pma_subdomain *core;
-} part;
+};
 
-/* al2 = h gamma (1-af)/(1-am)                                                             (P2) */
+/* al1 = h^2 beta (1-af)/(1-am), al2 = h gamma (1-af)/(1-am)                               (P2) */
+double al1_of(const part *x, bool twice);
 double al2_of(const part *x, bool twice);
 
 pma_parts describe(part *x);
@@ -97,6 +99,13 @@ void naive_force(const part *x, double t, size_t substep, double *F);
 
 /* r (n) := the restoring force, in elimination order; 0 where there is none */
 void naive_pull(const part *x, double t, const double *u, const double *v, double *r);
+
+/* (5), (6) and (R1) */
+void naive_predict(const part *x, bool twice, const level *from, double *ut, double *vt,
+                   double *vs);
+
+/* (9) */
+double naive_recur(pma_scheme s, double w1, double w0, double a0);
 
 /* Free problem from one time level to another at t: (5), (6), (R1), (R2) or (R4), (8) */
 void naive_free(const part *x, bool twice, double t, const double *F, const level *from, level *to);

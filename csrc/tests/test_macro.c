@@ -172,7 +172,8 @@ static void a_unit_response_gives_the_interface_matrix_and_its_mean(void)
     make_pair(&q, false, false);
     const double unit = 1.0;
     double end = 0.0, mean = 0.0;
-    CHECK_STATUS(pma_response_run(pma_subdomain_response(q.B.core), &unit, &end, &mean), PMA_OK);
+    CHECK_STATUS(pma_response_run(pma_subdomain_response(q.B.core), false, &unit, &end, &mean),
+                 PMA_OK);
     const level b = naive_substeps(&q.B, false, NO_FORCE, 1.0, true, REST);
     CHECK_NEAR(end, constrained(&q.B, 0, b.v), AGREE);
     CHECK(mean > 0.0 && mean < end); /* far from a resonance the velocity grows */
@@ -208,7 +209,7 @@ static void check_response_run(const part *x, const double *lam)
 {
     double end[CONSTRAINTS] = {1.0, 2.0}, mean[CONSTRAINTS] = {3.0, 4.0}, sum[CONSTRAINTS] = {0.0};
     level at = REST;
-    CHECK_STATUS(pma_response_run(pma_subdomain_response(x->core), lam, end, mean), PMA_OK);
+    CHECK_STATUS(pma_response_run(pma_subdomain_response(x->core), false, lam, end, mean), PMA_OK);
     for (size_t j = 1; j <= x->substeps; j++) {
         const level from = at;
         double grown[CONSTRAINTS];
@@ -274,8 +275,8 @@ static void a_link_response_that_is_not_finite_is_reported(void)
                 member->table->respond(member->self, j, one, lam);
             CHECK_STATUS(member->table->add_response(member->self, lam), PMA_NOT_FINITE);
             pma_response *r = pma_subdomain_response(m.subdomains[i]);
-            CHECK_STATUS(pma_response_run(r, one, end, mean), PMA_OK);
-            CHECK_STATUS(pma_response_run(r, lam, end, mean), PMA_NOT_FINITE);
+            CHECK_STATUS(pma_response_run(r, false, one, end, mean), PMA_OK);
+            CHECK_STATUS(pma_response_run(r, false, lam, end, mean), PMA_NOT_FINITE);
         }
         destroy_model(&m);
     }

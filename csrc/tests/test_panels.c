@@ -12,40 +12,6 @@
 #include "naive.h"
 #include "tests.h"
 
-/* C := alpha A B^T + beta C, A (m*k), B (n*k); C is not read when beta is zero */
-static void naive_dgemm(char *trans_a, char *trans_b, int *m, int *n, int *k, double *alpha,
-                        double *A, int *lda, double *B, int *ldb, double *beta, double *C, int *ldc)
-{
-    CHECK(*trans_a == 'N' && *trans_b == 'T');
-    CHECK(*lda >= *m && *ldb >= *n && *ldc >= *m);
-    for (int j = 0; j < *n; j++) {
-        for (int i = 0; i < *m; i++) {
-            double sum = 0.0;
-            for (int l = 0; l < *k; l++)
-                sum += A[i + l * *lda] * B[j + l * *ldb];
-            double *c = &C[i + j * *ldc];
-            *c = *beta == 0.0 ? *alpha * sum : *alpha * sum + *beta * *c;
-        }
-    }
-}
-
-/* B (m*n) := alpha B T^-T, T lower triangular */
-static void naive_dtrsm(char *side, char *half, char *trans, char *unit, int *m, int *n,
-                        double *alpha, double *T, int *ldt, double *B, int *ldb)
-{
-    CHECK(*side == 'R' && *half == 'L' && *trans == 'T' && *unit == 'N');
-    for (int j = 0; j < *n; j++) {
-        for (int i = 0; i < *m; i++) {
-            double sum = *alpha * B[i + j * *ldb];
-            for (int l = 0; l < j; l++)
-                sum -= B[i + l * *ldb] * T[j + l * *ldt];
-            B[i + j * *ldb] = sum / T[j + j * *ldt];
-        }
-    }
-}
-
-static const pma_blas NAIVE_BLAS = {naive_dgemm, naive_dtrsm};
-
 /* With scratch of just the required sizes: one more would be seen by AddressSanitizer. */
 static pma_status make_numbers(structure *m, double lost, stopper *a, size_t *column)
 {
@@ -58,21 +24,6 @@ static pma_status make_numbers(structure *m, double lost, stopper *a, size_t *co
     free(update);
     free(integers);
     return status;
-}
-
-/* |b - A x| of a Cholesky solve is below (3 n + 1) eps |G| |G^T| |x|, entry by entry, and |G| |G^T|
- * below sqrt(a_ii a_jj) by Cauchy-Schwarz; the rest is for scaling to R D R^T and for this loop. */
-static void check_definite_residual(const structure *m, const double *x, const double *b)
-{
-    const size_t n = m->n;
-    for (size_t i = 0; i < n; i++) {
-        double residual = b[i], scale = 0.0;
-        for (size_t j = 0; j < n; j++) {
-            residual -= m->A[i * n + j] * x[j];
-            scale += sqrt(m->A[i * n + i] * m->A[j * n + j]) * fabs(x[j]);
-        }
-        CHECK_NEAR(residual, 0.0, 8.0 * (double)(n + 1) * EPS * scale);
-    }
 }
 
 static void check_factored(structure *m, uint64_t *seed)

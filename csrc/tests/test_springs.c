@@ -1,5 +1,6 @@
 /* test_springs.c - the laws of springs against hand calculation, and where they act. */
 #include <math.h>
+#include <stdbool.h>
 #include <stdint.h>
 #include <string.h>
 
@@ -131,6 +132,94 @@ static void many_springs_between_two_dofs_pull_equally_on_both(void)
     CHECK_NEAR(pma_springs_work(&springs, from, to), MANY_SPRINGS * 0.125 * 2.25, 1e-9);
 }
 
+/* ---- tangents --------------------------------------------------------------------------------- */
+
+/* Force of one spring that goes from a level to d, and the tangent there. */
+static double pull_to(pma_spring_law law, const double *parameters, const double *from, double d,
+                      double *to, double *slope)
+{
+    const int32_t first = 0, ground = -1;
+    pma_spring_set set = {.law = law, .count = 1, .first = &first, .second = &ground};
+    for (size_t k = 0; k < pma_spring_parameters[law]; k++)
+        set.parameters[k] = &parameters[k];
+    const pma_springs springs = {1, &set, 1};
+    double y = 0.0;
+    pma_springs_subtract(&springs, &d, from, to, &y);
+    pma_springs_tangent(&springs, from, to, slope);
+    return to[1];
+}
+
+/* The tangent at the end of every interval of a path to and fro, by central differences: their error
+ * is h^2/6 of the third derivative, 1e-12, and the rounding of the forces over h, 1e-9. */
+static void check_tangents(pma_spring_law law, const double *parameters, double step,
+                           double tolerance)
+{
+    const double h = 1e-6;
+    double level[PMA_SPRING_FIELDS] = {0.0}, to[PMA_SPRING_FIELDS], slope, unused;
+    for (size_t i = 1; i < 200; i++) {
+        const double d = 0.9 * sin(step * (double)i) + 0.003;
+        const bool turns = fabs(d - level[0]) < 4.0 * h; /* loading on one side, unloading beyond */
+        const double above = pull_to(law, parameters, level, d + h, to, &unused);
+        const double below = pull_to(law, parameters, level, d - h, to, &unused);
+        pull_to(law, parameters, level, d, to, &slope);
+        const bool crosses = law == PMA_BOUC_WEN && level[2] * to[2] < 0.0; /* |z|^n has a kink */
+        if (!turns && !crosses)
+            CHECK_NEAR(slope, (above - below) / (2.0 * h), tolerance);
+        memcpy(level, to, sizeof level);
+    }
+}
+
+static void tangents_of_springs_are_the_differences_of_their_forces(void)
+{
+    const double cubic[2] = {3.0, 2.0}, gap[2] = {8.0, 0.25}, bilinear[3] = {1.0, 3.0, 0.3};
+    check_tangents(PMA_CUBIC, cubic, 0.1, 4e-9);
+    check_tangents(PMA_GAP, gap, 0.1, 4e-9);
+    check_tangents(PMA_BILINEAR, bilinear, 0.1, 4e-9);
+    check_tangents(PMA_BILINEAR, bilinear, 2.0, 4e-9);
+    /* f_soft/d_y dz/dx of the path itself; a step of the Runge-Kutta rule of length x < 1/10 departs
+     * from that by x^4/24 times the fifth derivative of z, which for tanh is 16 at most */
+    const double bouc_wen[7] = {0.5, 0.25, 2.0, 2.0, 0.5, 0.5, 2.0};
+    const double other[7] = {0.5, 0.25, 2.0, 1.0, 0.75, 0.25, 2.0};
+    check_tangents(PMA_BOUC_WEN, bouc_wen, 0.05, 4e-5);
+    check_tangents(PMA_BOUC_WEN, other, 0.05, 4e-5);
+}
+
+/* By hand: on the hardening branch, and back with both springs. */
+static void a_tangent_is_that_of_the_branch_on_which_the_spring_is(void)
+{
+    const double bilinear[3] = {1.0, 3.0, 0.5}, path[6] = {0.25, 1.0, 1.5, 1.25, 0.0, -1.0};
+    const double expected[6] = {4.0, 1.0, 1.0, 4.0, 1.0, 1.0};
+    double level[PMA_SPRING_FIELDS] = {0.0}, out[PMA_SPRING_FIELDS], back[PMA_SPRING_FIELDS], slope;
+    for (size_t i = 0; i < 6; i++) {
+        pull_to(PMA_BILINEAR, bilinear, level, path[i], out, &slope);
+        CHECK(slope == expected[i]);
+        memcpy(level, out, sizeof level);
+    }
+    /* n = 2, beta = gamma = 1/2: k_hard + f_soft/d_y (1 - z^2) on the way out, and without the
+     * square on the way back as long as z keeps its sign */
+    const double bouc_wen[7] = {0.5, 0.25, 2.0, 2.0, 0.5, 0.5, 2.0};
+    memset(level, 0, sizeof level);
+    pull_to(PMA_BOUC_WEN, bouc_wen, level, 0.25, out, &slope);
+    CHECK_NEAR(slope, 0.5 + 0.5 * (1.0 - out[2] * out[2]), 4.0 * EPS);
+    pull_to(PMA_BOUC_WEN, bouc_wen, out, 0.2, back, &slope);
+    CHECK(slope == 1.0);
+}
+
+/* Every spring has the tangent that it would have alone, in the order of the sets. */
+static void tangents_are_in_the_order_of_the_sets(void)
+{
+    const int32_t dofs[2] = {0, 1}, ground[2] = {-1, -1};
+    const double k[2] = {1.0, 2.0}, k3[2] = {0.0, 1.0}, gaps[2] = {0.5, 5.0}, u[2] = {1.0, 2.0};
+    const pma_spring_set sets[2] = {
+        {.law = PMA_CUBIC, .count = 2, .first = dofs, .second = ground, .parameters = {k, k3}},
+        {.law = PMA_GAP, .count = 2, .first = dofs, .second = ground, .parameters = {k, gaps}}};
+    const pma_springs springs = {2, sets, 4};
+    double from[12] = {0.0}, to[12], y[2] = {0.0, 0.0}, slopes[4];
+    pma_springs_subtract(&springs, u, from, to, y);
+    pma_springs_tangent(&springs, from, to, slopes);
+    CHECK_BITS(4, slopes, ((double[]){1.0, 14.0, 1.0, 0.0}));
+}
+
 const test SPRINGS_TESTS[] = {
     TEST(a_cubic_spring_and_a_gap_are_their_formulas),
     TEST(a_bilinear_spring_drags_its_plastic_deformation),
@@ -138,5 +227,8 @@ const test SPRINGS_TESTS[] = {
     TEST(a_deformation_that_is_not_finite_shows_in_the_force),
     TEST(springs_that_do_not_fit_are_refused),
     TEST(many_springs_between_two_dofs_pull_equally_on_both),
+    TEST(tangents_of_springs_are_the_differences_of_their_forces),
+    TEST(a_tangent_is_that_of_the_branch_on_which_the_spring_is),
+    TEST(tangents_are_in_the_order_of_the_sets),
     END_OF_TESTS,
 };

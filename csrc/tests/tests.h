@@ -41,5 +41,12 @@ extern const test STOP_TESTS[];
 extern const test THREADS_TESTS[];
 extern const test SPLIT_TESTS[];
 extern const test MACRO_TESTS[];
+extern const test NUMERIC_TESTS[];
+extern const test BROYDEN_TESTS[];
+extern const test INTERNAL_TESTS[];
+extern const test NEWTON_TESTS[];
+extern const test ITERATED_TESTS[];
+extern const test DUFFING_TESTS[];
+extern const test ITERATED_RUNS_TESTS[];
 
 #endif

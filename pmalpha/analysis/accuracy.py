@@ -187,6 +187,11 @@ def local_error(
     """
     n = whole_number(n, "n", low=1)
     checked_coupler(coupler)._require_linear("local_error")
+    if coupler.coupling == "mean":
+        raise ValueError(
+            'coupling must be "pm", "gc" or "macro" for local_error, whose exact data are states '
+            'with the acceleration of the multipliers, got "mean"'
+        )
     with coupler._entered(), state_kept(coupler):
         for part in coupler._parts:
             part.core.set_levels(_exact_state(coupler, part, exact, n))

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..run.coupler import Coupler
 from ..setup.part import Part
+from ..setup.schedule import MACRO
 from .borrowed import checked_coupler, state_kept, unloaded
 
 __all__ = ["AmplificationMatrix", "amplification_matrix"]
@@ -100,7 +101,7 @@ class Layout:
     def __init__(self, coupler: Coupler):
         self.coupler = coupler
         self.parts = coupler._parts
-        macro = coupler._options["coupling"] == "macro"
+        macro = coupler._options["coupling"] in MACRO
         self.stored = [
             not macro and (p.double or p.subdomain.substeps < coupler._fine) for p in self.parts
         ]

@@ -22,7 +22,7 @@ __all__ = [
 ]
 
 # Values of coupling= and start= of a Coupler, of damping= of a Subdomain, of tangent= of Newton.
-Coupling = Literal["pm", "gc", "macro"]
+Coupling = Literal["pm", "gc", "macro", "mean"]
 Start = Literal["rebased", "plain"]
 Damping = Literal["implicit", "lagged"]
 TangentPolicy = Literal["full", "reuse"]

@@ -30,6 +30,8 @@ FORMAT, VERSION = "pmalpha checkpoint", 1
 FIELDS = ("u", "v", "w", "a", "vf", "springs", "history")
 # Stiffness and damping of a restoring force, (R2).
 ESTIMATES = ("restoring_stiffness", "restoring_damping")
+# Multipliers from which accelerations are recorded under mean coupling.
+LINE = ("end_multipliers", "multipliers_before")
 # Number of differences that an error lists.
 SHOWN = 6
 
@@ -156,6 +158,9 @@ def state_arrays(
                 arrays[f"{i}.tangent"] = entries
     if core.iteration().size:
         arrays["shooting"] = core.iteration()
+    if any(part.mean for part in parts):
+        for name, lam in zip(LINE, np.split(core.end_multipliers(), 2)):
+            arrays[name] = lam[row_position]
     arrays["multipliers"] = core.multipliers[row_position]
     arrays["prescribed"] = core.prescribed[row_position]
     return arrays
@@ -173,6 +178,7 @@ class CoreState(NamedTuple):
     shooting: np.ndarray
     multipliers: np.ndarray
     prescribed: np.ndarray
+    end_multipliers: np.ndarray
 
 
 def core_state(
@@ -189,12 +195,15 @@ def core_state(
         iterations = [core_iteration(part, i, arrays) for i, part in enumerate(parts)]
         size = core.iteration().size
         shooting = checked(arrays, "shooting", size) if size else np.empty(0)
-        lam, g = np.empty((2, p))
+        lam, g, *line = np.zeros((4, p))
+        for name, end in zip(LINE, line):
+            if any(part.mean for part in parts):
+                end[row_position] = checked(arrays, name, p)
         lam[row_position] = checked(arrays, "multipliers", p)
         g[row_position] = checked(arrays, "prescribed", p)
     except (LookupError, ValueError) as error:
         raise damaged(path, error) from None
-    return CoreState(states, iterations, shooting, lam, g)
+    return CoreState(states, iterations, shooting, lam, g, np.concatenate(line))
 
 
 def core_arrays(part: Part, i: int, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
@@ -238,6 +247,7 @@ def restore(state: CoreState, parts: Sequence[Part], core: Any, step: int) -> No
         if iteration is not None:
             part.core.set_iteration(*iteration)
     core.set_iteration(state.shooting)
+    core.set_end_multipliers(state.end_multipliers)
 
 
 # ---- files -----------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from ..problem.subdomain import Subdomain
 from ..setup.assembly import assemble
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.schedule import (
+    MACRO,
     check_factorize,
     check_newton,
     checked_constraints,
@@ -58,13 +59,15 @@ class Coupler(Description, Present, Uncut):
     dt : float
         The macro step, in any consistent unit, positive. The substeps of subdomain i have the
         length dt / substeps_i; the largest number of substeps must be a multiple of all others,
-        except under "macro".
-    coupling : {"pm", "gc", "macro"}, default "pm"
+        except under "macro" and "mean".
+    coupling : {"pm", "gc", "macro", "mean"}, default "pm"
         "pm": interfield parallel, with double steps (PM-alpha; with Newmark schemes the PM
         method). "gc": staggered, single steps (GC-alpha). "macro": one interface problem per macro
         step, multipliers linear over it, velocities tied at its end; order 2 with any numbers of
-        substeps, double steps only with ``double_step=True`` (and ``substeps=1``).
-        docs/couplings.md compares them.
+        substeps, double steps only with ``double_step=True`` (and ``substeps=1``). "mean": one
+        interface problem per macro step, multipliers constant over it, displacements tied at its
+        end; like "macro", and without displacement drift, and with Newmark schemes without loss or
+        gain of energy. docs/couplings.md compares them.
     start : {"rebased", "plain"}, default "rebased"
         "rebased": the stored free velocity of a double-step subdomain is replaced when its double
         steps begin, after the first macro step, equation (S3). "plain": it is kept, as in the
@@ -87,10 +90,12 @@ class Coupler(Description, Present, Uncut):
     TypeError, ValueError
         For arguments of the wrong kind, equal names, numbers of substeps that do not divide the
         largest, double steps in all subdomains of the finest step, an initial state of the wrong
-        shape; for a wrong result of `factorize`; under "macro" for a double step with substeps, and
-        for unit responses that would take longer than a day.
+        shape; for a wrong result of `factorize`; under "macro" and "mean" for a double step with
+        substeps, and for unit responses that would take longer than a day; under "mean" for an
+        explicit scheme with rho < 0.5, interface dofs without mass, and internal forces.
     ConstraintError
-        For constraints that are dependent or that the initial velocities violate.
+        For constraints that are dependent or that the initial velocities violate; under "mean" also
+        for initial displacements that do.
     FactorizationError
         For a singular or indefinite Mbar or mass matrix, with subdomain, dof and inertia.
     MemoryError
@@ -164,7 +169,7 @@ class Coupler(Description, Present, Uncut):
         check_factorize(factorize)
         self._clock = Clock(time_step(dt, "dt"))
         fine = finest(subdomains, coupling)
-        self._fine = 1 if coupling == "macro" else fine  # interface problems in a macro step
+        self._fine = 1 if coupling in MACRO else fine  # interface problems in a macro step
         self._keys = tuple(zip(names_of(subdomains), subdomains))
         self._options = {
             "dt": self._clock.dt,
@@ -177,7 +182,7 @@ class Coupler(Description, Present, Uncut):
         self._rows = ConstraintRows(constraints, subdomains)
         motions = motions_of(constraints, self._rows, self._fine, self.dt)
         self._initial = InitialValues(self._keys, self._rows)
-        self._initial.check(motions)
+        self._initial.check(motions, tied=coupling == "mean")
         assembly = assemble(
             self._keys,
             self._rows.matrices,
@@ -319,6 +324,7 @@ class Coupler(Description, Present, Uncut):
                 self._keys,
                 self._row_position,
                 fine=self._fine,
+                middle=self.coupling == "mean",
                 begin=begin,
                 end=end,
                 dt=self.dt,
@@ -395,7 +401,7 @@ class Coupler(Description, Present, Uncut):
                 checked_force(given[i], s.n) if i in given else s.force
                 for i, (_, s) in enumerate(self._keys)
             ]
-            initial.check(self._loads.motions)
+            initial.check(self._loads.motions, tied=self.coupling == "mean")
             kept = self._initial, self._loads, self._started
             self._was_reset = True
             try:

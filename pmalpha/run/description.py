@@ -15,7 +15,7 @@ from ..problem.subdomain import Subdomain
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.factors import Factor
 from ..setup.part import Part
-from ..setup.stability import SMALL, critical_step
+from ..setup.stability import SMALL, limit_of
 
 HEADINGS = (
     "subdomain",
@@ -62,7 +62,7 @@ class Description:
 
     @property
     def coupling(self) -> str:
-        """The schedule by which the subdomains advance: "pm", "gc" or "macro"."""
+        """The schedule by which the subdomains advance: "pm", "gc", "macro" or "mean"."""
         return self._options["coupling"]
 
     @property
@@ -100,7 +100,7 @@ def row_of(part: Part, thread: int | None) -> tuple[str, ...]:
         "yes" if part.double else "no",
         str(s.substeps),
         step_ratio(part),
-        factor_form(part.factors[-1], along_paths=part.elimination.paths is not None),
+        factor_of(part),
         "all" if thread is None else str(thread),
     )
 
@@ -135,8 +135,16 @@ def step_ratio(part: Part) -> str:
     if ratio == 0.0:
         return "no limit"
     if is_bound and part.n <= SMALL:
-        ratio, is_bound = part.step / critical_step(s), False
+        internal = None if part.internal is None else part.internal.K
+        ratio, is_bound = part.step / limit_of(s, internal), False
     return f"<= {ratio:.3g}" if is_bound else f"{ratio:.3g}"
+
+
+def factor_of(part: Part) -> str:
+    """The form of the factor of a substep; of one that is iterated, that of its tangents."""
+    if part.tangent is not None:
+        return f"of each tangent, {part.tangent.entries}"
+    return factor_form(part.factors[-1], along_paths=part.elimination.paths is not None)
 
 
 def factor_form(factor: Factor, *, along_paths: bool) -> str:

@@ -256,10 +256,10 @@ class History:
         subdomain.
     multiplier_times : (k,) array
         Every time level at which the interface problem is solved, or with ``every`` the recorded
-        macro time levels.
+        macro time levels. Under "mean" the middles of the macro steps, 0 at the start.
     velocity_jump : (k, p) array
-        sum_i L_i v_i at the same times, from total velocities; for a subdomain within a step, from
-        its interpolated free velocity and its link velocity.
+        sum_i L_i v_i at the same times (under "mean" at `macro_times`), from total velocities; for
+        a subdomain within a step, from its interpolated free velocity and its link velocity.
     displacement_jump : (macro time levels, p) array
         sum_i L_i u_i at `macro_times`: the displacement drift, since only velocities are tied.
     macro_times : (macro time levels,) array

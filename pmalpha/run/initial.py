@@ -44,13 +44,15 @@ class InitialValues:
         u, v = (_chosen(given, keys, name) for name, given in (("u0", u0), ("v0", v0)))
         self.values = list(zip(u, v))
 
-    def check(self, motions: Sequence[Motion]) -> None:
+    def check(self, motions: Sequence[Motion], *, tied: bool = False) -> None:
         """Check against the constraints, except those with a callable velocity.
+
+        With `tied` the displacements are constrained too.
 
         Raises
         ------
         ConstraintError
-            When the velocities violate a constraint.
+            When the velocities violate a constraint, or the displacements where they are tied.
 
         Warns
         -----
@@ -59,7 +61,11 @@ class InitialValues:
         """
         if all_known(motions):
             self._check_velocities(motions)
-        self.rows.warn_of_gaps([u for u, _ in self.values])
+        displacements = [u for u, _ in self.values]
+        if tied:
+            self.rows.check_gaps(displacements)
+        else:
+            self.rows.warn_of_gaps(displacements)
 
     def _check_velocities(self, motions: Sequence[Motion]) -> None:
         g = values_at_start(motions, self.rows.p)
@@ -91,8 +97,10 @@ class InitialValues:
             if not np.all(np.isfinite(w)):
                 raise InstabilityError(0, 0.0, part.name)
         for part, (u, v), w in zip(parts, states, accelerations):
-            part.core.start(u, v, w, lam)
+            # under mean coupling w is without the acceleration of the multipliers
+            part.core.start(u, v, w - part.core.accelerate(lam) if part.mean else w, lam)
         core.start(0, lam, g)
+        core.set_end_multipliers(np.concatenate([lam, lam]))
         return solver
 
 

@@ -75,6 +75,10 @@ class Present:
         with self._entered():
             self._start()
             u, v, w = part.core.state()
+            if part.mean:
+                w = w + part.core.accelerate(
+                    self._core.end_multipliers()[: self._row_position.size]
+                )
         return State(u[part.position], v[part.position], w[part.position])
 
     def springs(self, key: str | int | Subdomain) -> SpringState:

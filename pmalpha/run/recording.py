@@ -41,6 +41,8 @@ class Recording:
         Row of each constraint in the core's order.
     fine : int
         Interface problems per macro step.
+    middle : bool
+        The multipliers belong to the middle of a macro step, not to its end: mean coupling.
     begin, end : int
         Macro steps.
     dt : float
@@ -62,6 +64,7 @@ class Recording:
         row_position: np.ndarray,
         *,
         fine: int,
+        middle: bool,
         begin: int,
         end: int,
         dt: float,
@@ -74,7 +77,7 @@ class Recording:
         self.parts, self.keys, self.row_position = parts, tuple(keys), row_position
         self.begin, self.end, self.dt = begin, end, dt
         self.every = None if every is None else whole_number(every, "every", low=1)
-        self.fine = fine
+        self.fine, self.middle = fine, middle
         self.outputs = chosen_outputs(outputs, self.keys)
         self.dofs = chosen_dofs(record, self.keys, self.outputs)
         self.springs = chosen_springs(record_springs, self.keys, self.dofs)
@@ -168,6 +171,10 @@ class Recording:
         later = np.arange(self.begin // self.every + 1, end // self.every + 1) * self.every
         return np.concatenate([[self.begin], later]) * self.dt
 
+    def _multiplier_times(self, end: int) -> np.ndarray:
+        times = self.times(self.fine, end)
+        return np.maximum(times - 0.5 * self.dt, 0.0) if self.middle else times
+
     def core_record(self) -> tuple:
         """The record in the form of the core."""
         selections: list[tuple | None] = [None] * len(self.parts)
@@ -214,7 +221,7 @@ class Recording:
         return History(
             subdomains=tuple(subdomains),
             multipliers=self._in_users_order(self.multipliers[:fine]),
-            multiplier_times=self.times(self.fine, end),
+            multiplier_times=self._multiplier_times(end),
             velocity_jump=self._in_users_order(self.velocity_jump[:fine]),
             displacement_jump=self._in_users_order(self.displacement_jump[:macro]),
             macro_times=self.times(1, end),

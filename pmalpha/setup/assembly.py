@@ -17,6 +17,7 @@ from .interface import interface_factor, interface_matrix, row_order
 from .iteration import iteration_of, prepare_iterated
 from .loose import warn_of_loose
 from .macro import prepare, warn_of_resonance
+from .mean import check_mean, doubled_part, mass_of_interface, prepare_mean
 from .part import Part, build, make_part, warn_of_factors, warn_of_order
 from .stability import step_ratio, warn_of_steps
 from .start import InitialAccelerations
@@ -71,26 +72,32 @@ def assemble(
     threads : (int, bool)
         Maximum number of threads, and whether to use fewer where more are not faster.
     """
-    macro, superlu = coupling == "macro", factorize == "superlu"
+    macro, mean, superlu = coupling == "macro", coupling == "mean", factorize == "superlu"
     p = matrices[0].shape[0]
     warn_of_loose(keys, matrices)
 
     # elimination order of each subdomain, and of the rows
-    parts = _ordered(keys, matrices, doubles, dt, macro, newton, factorize)
+    parts = _ordered(keys, matrices, doubles, dt, coupling, newton, factorize)
+    if mean:
+        check_mean(parts)
+    _check_factorize(parts, factorize)
     rows = row_order(parts, p)
     position = np.argsort(rows)
 
     # Mbar = R D R^T
     for part in parts:
         part.reorder(position)
-        build(part)
+        build(part, mass_of_interface(part) if mean else None)
     if macro:
         prepare(parts)  # unit responses
+    if mean:
+        prepare_mean(parts)
     prepare_iterated(parts, macro)  # and their part of H, with internal forces
 
     # H = sum_i al2_i L_i Mbar_i^-1 L_i^T, and its factor
     H, H_start = _interface_factors(parts, rows, position, superlu, macro)
     iteration = iteration_of(parts, p, newton, macro)
+    doubled = (doubled_part(parts, p),) if mean else ()
     for part in parts:
         part.blocks.clear()
 
@@ -100,7 +107,7 @@ def assemble(
     motions = tuple(position[r] for r in prescribed)
     cores = tuple(part.core for part in parts)
     core = _core.Coupler(
-        cores, p, H_start, H, dt, start == "rebased", motions, *threads, macro, iteration
+        cores, p, H_start, H, dt, start == "rebased", motions, *threads, macro, iteration, *doubled
     )
 
     # explicit steps above the critical step
@@ -111,12 +118,23 @@ def assemble(
     return Assembly(parts, position, accelerations, core)
 
 
+def _check_factorize(parts: Sequence[Part], factorize: Any) -> None:
+    """ValueError for another factorization where the core factors tangents."""
+    iterated = [part.name for part in parts if part.tangent is not None]
+    if iterated and factorize is not None:
+        raise ValueError(
+            "factorize must be None with internal forces in implicit subdomains, whose tangents "
+            f"the core factors itself, got {factorize!r} and internal forces in "
+            f"{', '.join(map(repr, iterated))}"
+        )
+
+
 def _ordered(
     keys: Sequence[tuple[str, Subdomain]],
     matrices: Sequence[sp.csc_array],
     doubles: Sequence[bool],
     dt: float,
-    macro: bool,
+    coupling: str,
     newton: Newton,
     factorize: Any,
 ) -> tuple[Part, ...]:
@@ -129,7 +147,8 @@ def _ordered(
             dt / s.substeps,
             L,
             factorize,
-            responds=macro and s.substeps > 1,
+            responds=coupling == "mean" or (coupling == "macro" and s.substeps > 1),
+            mean=coupling == "mean",
             reuses=newton.tangent == "reuse",
         )
         for (name, s), L, double in zip(keys, matrices, doubles)
@@ -152,7 +171,8 @@ def _interface_factors(
         return unit, unit
     matrix = interface_matrix(parts, rows.size, start=False)
     H = interface_factor(matrix, rows, superlu=superlu)
-    warn_of_resonance(matrix, H, parts, position)
+    if macro:
+        warn_of_resonance(matrix, H, parts, position)
     H_start = H
     if any(part.double for part in parts):
         matrix = interface_matrix(parts, rows.size, start=True)

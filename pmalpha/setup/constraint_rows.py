@@ -92,6 +92,16 @@ class ConstraintRows:
                 ConstraintWarning,
             )
 
+    def check_gaps(self, displacements: Sequence[np.ndarray]) -> None:
+        """ConstraintError unless sum L_i u_i = 0 at t = 0."""
+        rows, gaps = self._violated(displacements, 0.0)
+        if rows.size:
+            amounts = [f"{self.name(int(r))}: {x:g}" for r, x in zip(rows, gaps)]
+            raise ConstraintError(
+                'the initial displacements u0 must satisfy the constraints under coupling="mean", '
+                f"which ties displacements, violated in {numbered('row', amounts)}"
+            )
+
     def _violated(
         self, values: Sequence[np.ndarray], g: np.ndarray | float
     ) -> tuple[np.ndarray, np.ndarray]:

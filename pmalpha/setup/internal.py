@@ -139,6 +139,11 @@ class TangentPattern:
         """The structure for the factor of M."""
         return structure_of(*core_sparse(self.pattern)[:2], self.nb)
 
+    @property
+    def entries(self) -> int:
+        """Entries of the factor, with the diagonal."""
+        return self.order.size if self.structure is None else int(self.structure[3][-1])
+
     def core(self, name: str) -> tuple:
         """Pattern and structure in the form of the core, where their memory is there."""
         return numeric(self.pattern, self.structure, f"the tangent of {name!r}")

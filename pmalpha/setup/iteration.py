@@ -32,6 +32,12 @@ def prepare_iterated(parts: Sequence[Part], macro: bool) -> None:
     for part in parts:
         if part.internal is None:
             continue
+        if macro and part.subdomain.has_functions:
+            raise ValueError(
+                f"restoring of {part.name!r} must have no functions where there are internal "
+                'forces under coupling="macro", which repeats its substeps; take "pm" or "gc", or '
+                "put the restoring force into a subdomain of its own"
+            )
         if macro:
             _take_blocks_of(part, linear_twin(part))
         elif part.tangent is not None:

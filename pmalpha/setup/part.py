@@ -70,6 +70,8 @@ class Part:
     internal : InternalForces or None
     tangent : TangentPattern or None
         Where its steps are iterated: implicit, with internal forces.
+    mean : bool
+        Responds to a constant acceleration of the interface (K3): mean coupling.
     reuses : bool
         Whether tangents are kept from step to step.
     responds : bool
@@ -103,6 +105,7 @@ class Part:
     internal: InternalForces | None = None
     tangent: TangentPattern | None = None
     reuses: bool = False
+    mean: bool = False
     responds: bool = False
     response_blocks: tuple[Block, Block] | None = None
     step_ratio: StepRatio | None = None
@@ -193,6 +196,7 @@ def make_part(
     *,
     responds: bool = False,
     reuses: bool = False,
+    mean: bool = False,
 ) -> Part:
     """Put a subdomain in its elimination order, interface dofs last."""
     n, scheme = subdomain.n, subdomain.scheme
@@ -239,6 +243,7 @@ def make_part(
         internal=internal,
         tangent=tangent,
         reuses=reuses,
+        mean=mean,
         responds=responds and internal is None,
     )
 
@@ -354,7 +359,7 @@ def watch_of(part: Part) -> StiffnessWatch | None:
     return StiffnessWatch(s, part.name, part.step)
 
 
-def build(part: Part) -> None:
+def build(part: Part, mass: Factor | None = None) -> None:
     """Factor Mbar and make the object of the core."""
     single = part.operator(part.h)
     twice = part.operator(2.0 * part.h) if part.double else None
@@ -375,6 +380,7 @@ def build(part: Part) -> None:
         K_r=part.K_r if part.responds or part.tangent is not None else None,
         springs=core_springs(part.subdomain.springs, part.position),
         **_internal(part),
+        mass=mass,
     )
 
 

@@ -12,6 +12,8 @@ from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
 
 MOST_SUBSTEPS = 2**31
+# With one interface problem in a macro step.
+MACRO = ("macro", "mean")
 
 
 def double_steps(subdomains: Sequence[Subdomain], coupling: str) -> list[bool]:
@@ -25,8 +27,8 @@ def double_steps(subdomains: Sequence[Subdomain], coupling: str) -> list[bool]:
     """
     if coupling == "gc" or len(subdomains) == 1:
         return [False] * len(subdomains)
-    if coupling == "macro":
-        return macro_double_steps(subdomains)
+    if coupling in MACRO:
+        return macro_double_steps(subdomains, coupling)
     fine = finest(subdomains, coupling)
     double = [
         not s.scheme.explicit and s.substeps < fine if s.double_step is None else s.double_step
@@ -44,13 +46,14 @@ def double_steps(subdomains: Sequence[Subdomain], coupling: str) -> list[bool]:
     return double
 
 
-def macro_double_steps(subdomains: Sequence[Subdomain]) -> list[bool]:
+def macro_double_steps(subdomains: Sequence[Subdomain], coupling: str) -> list[bool]:
     """Under macro coupling: the subdomains with double_step=True, which must have one substep."""
     double = [bool(s.double_step) for s in subdomains]
     for i, s in enumerate(subdomains):
         if double[i] and s.substeps > 1:
             raise ValueError(
-                'double_step must not be True with more than one substep under coupling="macro", '
+                "double_step must not be True with more than one substep under "
+                f'coupling="{coupling}", '
                 f"got substeps = {s.substeps} for {names_of(subdomains)[i]!r}"
             )
     if all(double):
@@ -117,7 +120,7 @@ def finest(subdomains: Sequence[Subdomain], coupling: str) -> int:
     if fine > MOST_SUBSTEPS:
         raise ValueError(f"substeps must be at most {MOST_SUBSTEPS}, got {fine}")
     for s in subdomains:
-        if fine % s.substeps and coupling != "macro":
+        if fine % s.substeps and coupling not in MACRO:
             raise ValueError(f"substeps must divide the largest, {fine}, got {s.substeps}")
     return fine
 

@@ -2,6 +2,7 @@
 
 #include <float.h>
 #include <math.h>
+#include <stdbool.h>
 #include <string.h>
 
 /* The state: a matrix by rows; or the number of corrections ever made, and for each that is kept a
@@ -39,10 +40,9 @@ void pma_broyden_begin(const pma_broyden *b, double *scratch)
 
 /* ---- limited memory ------------------------------------------------------------------------- */
 
-/* Those kept, from the oldest on. */
-static size_t first_of(const pma_broyden *b)
+/* The oldest pair that is kept when this number of them was made. */
+static size_t first_of(size_t made)
 {
-    const size_t made = (size_t)b->state[0];
     return made > PMA_BROYDEN_KEPT ? made - PMA_BROYDEN_KEPT : 0;
 }
 
@@ -51,9 +51,9 @@ static double *pair_of(const pma_broyden *b, size_t number)
     return b->state + 1 + 2 * b->p * (number % PMA_BROYDEN_KEPT);
 }
 
-static void apply_pairs(const pma_broyden *b, double *x)
+static void apply_pairs(const pma_broyden *b, size_t first, double *x)
 {
-    for (size_t k = first_of(b); k < (size_t)b->state[0]; k++) {
+    for (size_t k = first; k < (size_t)b->state[0]; k++) {
         const double *a = pair_of(b, k), *s = a + b->p;
         const double share = dot(b->p, s, x);
         for (size_t i = 0; i < b->p; i++)
@@ -63,7 +63,8 @@ static void apply_pairs(const pma_broyden *b, double *x)
 
 /* ---- both ----------------------------------------------------------------------------------- */
 
-void pma_broyden_apply(const pma_broyden *b, const double *r, double *x)
+/* x := B r; `more`: without the pair that has to be given up if one more is made */
+static void apply(const pma_broyden *b, bool more, const double *r, double *x)
 {
     if (is_dense(b->p)) {
         for (size_t i = 0; i < b->p; i++)
@@ -72,7 +73,12 @@ void pma_broyden_apply(const pma_broyden *b, const double *r, double *x)
     }
     memcpy(x, r, b->p * sizeof(double));
     b->start->table->solve(b->start->self, x);
-    apply_pairs(b, x);
+    apply_pairs(b, first_of((size_t)b->state[0] + more), x);
+}
+
+void pma_broyden_apply(const pma_broyden *b, const double *r, double *x)
+{
+    apply(b, false, r, x);
 }
 
 /* B += (s - B y) (s^T B) / (s . B y)                                                      (N15) */
@@ -80,7 +86,7 @@ void pma_broyden_learn(const pma_broyden *b, const double *s, const double *y, d
 {
     const size_t p = b->p;
     double *By = scratch, *left = scratch + p, *sB = scratch + 2 * p;
-    pma_broyden_apply(b, y, By);
+    apply(b, true, y, By);
     const double share = dot(p, s, By);
     if (!(fabs(share) > DBL_EPSILON * dot(p, s, s)) || !isfinite(share))
         return;

@@ -47,13 +47,16 @@ static void lay_out(pma_coupler *c, const pma_coupler_parts *parts)
         *levels[i] = (pma_macro_level){.lam = next, .g = next + p};
     c->scratch = next;
     c->dlam = next + p;
+    c->lam_end = next + 2 * p;
+    c->lam_before = next + 3 * p;
+    c->sums = next + 4 * p;
 }
 
 static pma_status allocate(pma_coupler *c, const pma_coupler_parts *parts)
 {
     c->coupled = calloc(parts->count + 1, sizeof *c->coupled);
     c->motions = calloc(parts->motion_count + 1, sizeof *c->motions);
-    c->block = calloc(8 * parts->p + 1, sizeof(double));
+    c->block = calloc(12 * parts->p + 1, sizeof(double));
     if (!c->coupled || !c->motions || !c->block)
         return PMA_NO_MEMORY;
     for (size_t i = 0; i < parts->motion_count; i++)
@@ -111,9 +114,7 @@ static pma_status create_team(pma_coupler *c)
 static pma_status prepare(pma_coupler *c, const pma_coupler_parts *parts)
 {
     c->parts.iteration = NULL; /* c->iteration has it */
-    if (!parts->schedule->prepare)
-        return PMA_OK;
-    return parts->iteration ? parts->schedule->prepare(c, parts->iteration) : PMA_BAD_SIZE;
+    return parts->schedule->prepare ? parts->schedule->prepare(c, parts->iteration) : PMA_OK;
 }
 
 pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out)
@@ -223,6 +224,11 @@ const double *pma_coupler_prescribed(const pma_coupler *c)
 size_t pma_coupler_failed(const pma_coupler *c)
 {
     return c->failed;
+}
+
+double *pma_coupler_end_multipliers(pma_coupler *c)
+{
+    return c->lam_end;
 }
 
 const pma_coupler_parts *pma_coupler_get_parts(const pma_coupler *c)

@@ -21,6 +21,7 @@
 typedef struct pma_schedule pma_schedule;
 
 extern const pma_schedule pma_fine_schedule;  /* pm and gc: in every fine step */
+extern const pma_schedule pma_mean_schedule;  /* once in a macro step, displacements; H of (K4) */
 extern const pma_schedule pma_macro_schedule; /* once in a macro step, any substeps; H of (M4) */
 
 /* The same with members that have internal forces, whose steps are iterated by Newton's method. */
@@ -34,6 +35,7 @@ typedef struct {
     size_t p;                  /* constraints */
     pma_interface H_start;     /* (18), single steps alone: the first macro step */
     pma_interface H;           /* (18), double steps where they are taken: from the second on */
+    pma_matrix doubled;        /* mean coupling: the part of H of members with double steps */
     double dt;                 /* macro step */
     bool rebased;              /* (S3) after the first macro step, else the plain start */
     const pma_schedule *schedule;
@@ -102,6 +104,9 @@ const double *pma_coupler_prescribed(const pma_coupler *c);  /* p, g of the pres
 /* The subdomain whose function failed, or where a value was first not finite; of several in the
  * same fine step, the first in order. */
 size_t pma_coupler_failed(const pma_coupler *c);
+/* Mean coupling: the multipliers at the present, from which accelerations are recorded, and those
+ * before the last ones (p each, one after the other); they belong to the state. */
+double *pma_coupler_end_multipliers(pma_coupler *c);
 /* What the iteration of internal forces keeps from one macro step to the next, beside what the
  * subdomains keep: `*size` numbers, to be read or written after a start. */
 double *pma_coupler_iteration(pma_coupler *c, size_t *size);

@@ -88,7 +88,7 @@ static pma_status place_blocks(pma_coupler *c)
 pma_status pma_iteration_create_fine(pma_coupler *c, const pma_iteration_parts *parts)
 {
     size_t blocks = 0;
-    if (parts->H.n != c->parts.p || parts->H.nb != c->parts.p)
+    if (!parts || parts->H.n != c->parts.p || parts->H.nb != c->parts.p)
         return PMA_BAD_SIZE;
     for (size_t i = 0; i < c->parts.count; i++)
         blocks += block_size(&c->coupled[i]);
@@ -106,7 +106,7 @@ pma_status pma_iteration_create_fine(pma_coupler *c, const pma_iteration_parts *
 pma_status pma_iteration_create_macro(pma_coupler *c, const pma_iteration_parts *parts)
 {
     const size_t p = c->parts.p;
-    if (parts->response.n != p || parts->response_start.n != p)
+    if (!parts || parts->response.n != p || parts->response_start.n != p)
         return PMA_BAD_SIZE;
     size_t own = c->parts.count * p;
     for (size_t i = 0; i < c->parts.count; i++)

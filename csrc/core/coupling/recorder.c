@@ -138,6 +138,8 @@ void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
         const pma_member *member = &c->coupled[i].member;
         member->table->record(member->self, 0, &record->selections[i], 0);
     }
+    if (c->parts.schedule->record_present)
+        c->parts.schedule->record_present(c, record);
     if (record->energy)
         write_energy(c, record, 0, 0);
     if (p == 0)

@@ -67,7 +67,11 @@ struct pma_coupler {
     bool evaluates, observed; /* some member has a restoring force; is observed */
 
     pma_motion *motions;
-    double *scratch, *dlam; /* p; the latter under macro coupling: Lam_{n+1} - Lam_n */
+    double *scratch;    /* p */
+    double *dlam;       /* p: macro coupling: Lam_{n+1} - Lam_n */
+    double *lam_end;    /* p: mean coupling: multipliers at the present, */
+    double *lam_before; /* ... and those before the last ones */
+    double *sums;       /* p: scratch */
     double *block, *lam_deferred;
 
     pma_iteration *iteration; /* with members that have internal forces, else NULL */
@@ -90,8 +94,10 @@ struct pma_schedule {
     pma_duty (*duty)(const pma_member *member);
     /* A macro step, up to where all have arrived at its end; `working` is then that of its end. */
     pma_status (*step)(pma_coupler *c);
-    /* What it iterates with; NULL if it does not. */
+    /* What it needs more, to iterate say; NULL if nothing. */
     pma_status (*prepare)(pma_coupler *c, const pma_iteration_parts *parts);
+    /* Records the accelerations that no state has, of the present; NULL if there are none. */
+    void (*record_present)(const pma_coupler *c, const pma_record *record);
 };
 
 /* ---- clock ---------------------------------------------------------------------------------- */

@@ -217,7 +217,7 @@ void pma_energy_close_free(pma_energy *e, const pma_substep *step, const pma_sta
     fill_level(e, step, x, level_at(e, step->j + 1));
 }
 
-void pma_energy_respond(pma_energy *e, size_t j, const pma_state *r, const double *lam,
+void pma_energy_respond(pma_energy *e, size_t j, bool twice, const pma_state *r, const double *lam,
                         const double *dlam)
 {
     const double share = (double)j / (double)e->parts.substeps;
@@ -231,7 +231,12 @@ void pma_energy_respond(pma_energy *e, size_t j, const pma_state *r, const doubl
     for (size_t i = 0; i < e->parts.nb; i++)
         to->pull[i] *= share;
     pma_link_load(&e->parts.link, lam, to->pull);
-    sum_up(e, level_at(e, j - 1), to);
+    sum_up(e, twice && e->begun ? &e->previous : level_at(e, j - 1), to);
+}
+
+void pma_energy_hold(pma_energy *e, bool twice, const double *lam)
+{
+    fill_pull(e, lam, twice ? &e->previous : &e->present);
 }
 
 static void swap(level *a, level *b)

@@ -54,8 +54,12 @@ void pma_energy_close(pma_energy *e, const pma_substep *step, const pma_state *x
 /* The same in two calls: in the free macro run (M2) and, substep after substep, when the link
  * response r (M3) has come to time level j, under lam + j / substeps dlam (p each). */
 void pma_energy_close_free(pma_energy *e, const pma_substep *step, const pma_state *x);
-void pma_energy_respond(pma_energy *e, size_t j, const pma_state *r, const double *lam,
+void pma_energy_respond(pma_energy *e, size_t j, bool twice, const pma_state *r, const double *lam,
                         const double *dlam);
+
+/* Mean coupling: the multipliers of the macro step, which begin with it, and those of a double step
+ * with the macro step before. */
+void pma_energy_hold(pma_energy *e, bool twice, const double *lam);
 
 void pma_energy_commit(pma_energy *e);
 

@@ -23,6 +23,7 @@ struct pma_subdomain {
     double *force;            /* n, and scratch: internal forces of an explicit subdomain */
     double *history;          /* of internal forces, at the next start */
     double *product;          /* n: scratch, if it shoots */
+    double *acceleration;     /* n: scratch, under mean coupling */
     double *closing, *work;   /* nb: L^T Lam; scratch of the factor: both of a substep */
     double *link, *link_work; /* the same of `compliance`, which may be called meanwhile */
     int code;                 /* what a function that failed returned */

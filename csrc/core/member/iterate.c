@@ -14,18 +14,36 @@ static pma_status check(const pma_parts *p, const pma_iterate_parts *parts)
     return pma_matrix_check(&parts->M_size);
 }
 
+static size_t entries_of_link(const pma_link *L)
+{
+    return L->nb > 0 ? (size_t)L->ptr[L->nb] : 0;
+}
+
+/* The place of a row among those of the subdomain, which ascend. */
+static size_t place_of(const pma_iterate *it, int64_t row)
+{
+    size_t low = 0, high = it->count;
+    while (low < high) {
+        const size_t middle = low + (high - low) / 2;
+        if (it->rows[middle] < row)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
 static void find_rows(pma_iterate *it)
 {
     const pma_link *L = &it->of->parts.link;
-    const int64_t entries = L->nb > 0 ? L->ptr[L->nb] : 0;
+    for (size_t k = 0; k < entries_of_link(L); k++)
+        it->rows[L->index[k]] = 1; /* zero before */
     for (size_t row = 0; row < L->p; row++) {
-        for (int64_t k = 0; k < entries; k++) {
-            if ((size_t)L->index[k] == row) {
-                it->rows[it->count++] = (int64_t)row;
-                break;
-            }
-        }
+        if (it->rows[row] != 0)
+            it->rows[it->count++] = (int64_t)row;
     }
+    for (size_t k = 0; k < entries_of_link(L); k++)
+        it->column[k] = place_of(it, L->index[k]);
 }
 
 static int64_t spring_entry(const pma_iterate *it, int32_t row, int32_t column)
@@ -71,8 +89,9 @@ static pma_status allocate(pma_iterate *it)
         12 * n + p->nb + 2 * p->link.p + springs + total + history + functions + kept;
     it->block = calloc(size + 1, sizeof(double));
     it->rows = calloc(p->link.p + 1, sizeof *it->rows);
+    it->column = calloc(entries_of_link(&p->link) + 1, sizeof *it->column);
     it->spring_entries = calloc(4 * total + 1, sizeof *it->spring_entries);
-    if (!it->block || !it->rows || !it->spring_entries)
+    if (!it->block || !it->rows || !it->column || !it->spring_entries)
         return PMA_NO_MEMORY;
     double *next = it->block;
     double **const vectors[12] = {&it->u_n, &it->v_n, &it->held, &it->guess,
@@ -108,6 +127,10 @@ pma_status pma_iterate_create(pma_subdomain *s, const pma_iterate_parts *parts, 
         find_rows(it);
         status = find_spring_entries(it);
     }
+    if (status == PMA_OK) {
+        it->many = calloc(pma_block_scratch(&parts->tangent, it->count) + 1, sizeof *it->many);
+        status = it->many ? PMA_OK : PMA_NO_MEMORY;
+    }
     if (status != PMA_OK) {
         pma_iterate_destroy(it);
         return status;
@@ -122,7 +145,9 @@ void pma_iterate_destroy(pma_iterate *it)
         return;
     pma_numeric_destroy(&it->numeric);
     free(it->block);
+    free(it->many);
     free(it->rows);
+    free(it->column);
     free(it->spring_entries);
     free(it);
 }

@@ -85,10 +85,18 @@ typedef struct {
      * of them, added to a row; and added to the last time level, stored or just repeated (M5),
      * which fails as close. `repeats` is the number of substeps that have to be repeated, where the
      * inner time levels are recorded or not. */
+    void (*begin_response)(void *self, bool twice, const double *dlam);
     void (*respond)(void *self, size_t j, const double *lam, const double *dlam);
     void (*record_response)(const void *self, const pma_selection *selection, size_t row);
     pma_status (*add_response)(void *self, const double *dlam);
     size_t (*repeats)(const void *self, bool recorded);
+
+    /* Mean coupling, whose link responses are those above, with or without substeps, under constant
+     * multipliers lam from the beginning on (hold_energy: for their work). The acceleration of lam
+     * on the interface, which no state has, is added to a row (K5). */
+    void (*hold_energy)(void *self, bool twice, const double *lam);
+    void (*record_acceleration)(void *self, const double *lam, const pma_selection *selection,
+                                size_t row);
 
     /* Internal forces, iterated or not: v . M v at time level j */
     double (*kinetic)(const void *self, size_t j);

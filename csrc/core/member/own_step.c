@@ -178,6 +178,7 @@ static pma_status evaluate(void *self, bool tangent, double *slope)
         it->v[i] = x->v[i] + c->al2 * x->w[i];
     }
     double *entries = tangent ? it->numeric.values : NULL;
+    it->refactored = it->refactored || tangent; /* what was factored is overwritten already here */
     if (tangent)
         memcpy(entries, it->step.twice ? it->parts.base_twice : it->parts.base,
                (size_t)it->parts.tangent.ptr[n] * sizeof(double));
@@ -205,7 +206,6 @@ static pma_status factor(pma_iterate *it)
 {
     size_t column;
     it->factored = false;
-    it->refactored = true;
     const pma_status status = pma_numeric_factor(&it->numeric, &column);
     if (status == PMA_NOT_DEFINITE) {
         it->singular = column;
@@ -325,6 +325,11 @@ static void block(void *self, double *out)
     pma_subdomain *s = self;
     const pma_iterate *it = s->iterate;
     const double al2 = operator_of(it)->step.al2;
+    if (pma_block_scratch(&it->parts.tangent, it->count) > 0) {
+        pma_block_compliance(&it->numeric, &s->parts.link, it->column, it->count, al2, out,
+                             it->many);
+        return;
+    }
     double *lam = it->lam, *sum = it->lam + s->parts.link.p;
     for (size_t k = 0; k < it->count; k++) {
         lam[it->rows[k]] = 1.0;
@@ -421,6 +426,8 @@ static pma_status finish(void *self, const double *lam)
         const pma_status status = evaluate_forces(it, x->u, x->v, NULL);
         if (status != PMA_OK)
             return status;
+        if (!is_finite(s->parts.n, it->f) || !is_finite(history, x->history))
+            return PMA_NOT_FINITE;
     }
     x->history[history] = (double)it->corrections;
     it->scale = it->motion;

@@ -2,6 +2,7 @@
 #ifndef PMA_OWN_STEP_H
 #define PMA_OWN_STEP_H
 
+#include "algebra/block.h"
 #include "member/inside.h"
 
 struct pma_iterate {
@@ -10,6 +11,7 @@ struct pma_iterate {
     pma_numeric numeric;
     size_t count; /* constraints: rows */
     int64_t *rows, *spring_entries;
+    size_t *column; /* of each entry of the link, the place of its constraint in rows */
 
     /* the substep at hand */
     pma_substep step;
@@ -22,7 +24,7 @@ struct pma_iterate {
     double scale_present;  /* the same at the present */
     bool factored_present; /* ... of a factor that is kept */
     bool factored_twice_present;
-    bool refactored; /* since the present */
+    bool refactored; /* the tangent was written since the present */
     bool linearized; /* with a fresh tangent at the iterate where it is */
 
     double *u_n, *v_n;                  /* state in which the substep begins */
@@ -34,6 +36,7 @@ struct pma_iterate {
     double *pull;                       /* nb: L_b^T Lam that R contains */
     double *slopes, *scratch, *entries; /* of springs; of functions; kept at the present */
     double *lam;                        /* 2 p: scratch, the first half zero */
+    double *many;                       /* scratch of pma_block_compliance */
     double *size, *product;             /* n: scratch */
     double *block;
 };

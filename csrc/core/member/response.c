@@ -11,22 +11,32 @@ struct pma_response {
     pma_unit_responses units;
     double *vs;   /* n: extrapolated velocity, if C is lagged */
     double *pull; /* nb: L_b^T lam */
+    double *y;    /* n: mean coupling: M^-1 L_b^T lam */
+    bool twice;   /* of a double step */
     double *work; /* scratch of the factor */
     double *block;
 };
 
 /* ---- making --------------------------------------------------------------------------------- */
 
+static size_t most(size_t a, size_t b)
+{
+    return a > b ? a : b;
+}
+
 pma_status pma_response_create(pma_subdomain *s, pma_response **out)
 {
     const size_t n = s->parts.n, nb = s->parts.nb;
-    const size_t scratch = pma_factor_scratch(&s->parts.single.factor);
+    const size_t n_y = s->parts.mean ? n : 0;
+    size_t scratch = most(pma_factor_scratch(&s->parts.single.factor),
+                          s->parts.doubled ? pma_factor_scratch(&s->parts.twice.factor) : 0);
+    scratch = most(scratch, s->parts.mean ? pma_factor_scratch(&s->parts.mass) : 0);
     *out = NULL;
     pma_response *r = calloc(1, sizeof *r);
     if (!r)
         return PMA_NO_MEMORY;
     r->of = s;
-    r->block = calloc(5 * n + nb + scratch + 1, sizeof(double));
+    r->block = calloc(5 * n + n_y + nb + scratch + 1, sizeof(double));
     if (!r->block) {
         free(r);
         return PMA_NO_MEMORY;
@@ -34,7 +44,8 @@ pma_status pma_response_create(pma_subdomain *s, pma_response **out)
     double *x = r->block;
     r->state = (pma_state){.u = x, .v = x + n, .w = x + 2 * n, .a = x + 3 * n};
     r->vs = x + 4 * n;
-    r->pull = x + 5 * n;
+    r->y = x + 5 * n;
+    r->pull = r->y + n_y;
     r->work = r->pull + nb;
     *out = r;
     return PMA_OK;
@@ -57,20 +68,65 @@ bool pma_response_is_stored(const pma_response *r)
     return r->units.count > 0;
 }
 
+bool pma_response_is_twice(const pma_response *r)
+{
+    return r->twice;
+}
+
 const pma_state *pma_response_state(const pma_response *r)
 {
     return &r->state;
 }
 
-/* ---- (M3), substep by substep --------------------------------------------------------------- */
+/* ---- (M3), (K3), substep by substep --------------------------------------------------------- */
+
+void pma_response_accelerate(const pma_response *r, const double *lam, double *y)
+{
+    const pma_subdomain *s = r->of;
+    memset(y, 0, s->parts.n * sizeof(double));
+    pma_link_load(&s->parts.link, lam, y + (s->parts.n - s->parts.nb));
+    pma_factor_solve(&s->parts.mass, y, r->work);
+}
+
+void pma_response_begin(pma_response *r, bool twice, const double *lam)
+{
+    r->twice = twice;
+    if (!r->of->parts.mean)
+        return;
+    pma_response_accelerate(r, lam, r->y);
+    for (size_t i = 0; twice && i < r->of->parts.n; i++)
+        r->y[i] *= 0.5;
+}
+
+/* (K2)  ut += h^2/2 y, vt += h y, and the velocity that is extrapolated */
+static void add_acceleration(const pma_response *r, double h, const pma_state *x)
+{
+    const pma_subdomain *s = r->of;
+    for (size_t i = 0; i < s->parts.n; i++) {
+        x->u[i] += 0.5 * h * h * r->y[i];
+        x->v[i] += h * r->y[i];
+    }
+    for (size_t i = 0; s->parts.lagged && i < s->parts.n; i++)
+        r->vs[i] += h * r->y[i];
+}
+
+/* w += (j / substeps) L_b^T lam */
+static void add_ramp(const pma_response *r, size_t j, const double *lam, double *w)
+{
+    const pma_subdomain *s = r->of;
+    const double share = (double)j / (double)s->parts.substeps;
+    double *w_b = pma_interface_of(s, w);
+    memset(r->pull, 0, s->parts.nb * sizeof(double));
+    pma_link_load(&s->parts.link, lam, r->pull);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        w_b[i] += share * r->pull[i];
+}
 
 void pma_response_step(pma_response *r, size_t j, const double *lam)
 {
     const pma_subdomain *s = r->of;
-    const pma_operator *op = &s->parts.single;
+    const pma_operator *op = pma_operator_of(s, r->twice);
     const pma_state *x = &r->state;
-    const double share = (double)j / (double)s->parts.substeps;
-    double *w_b = pma_interface_of(s, x->w);
     if (j == 1)
         memset(x->u, 0, 4 * s->parts.n * sizeof(double)); /* all four: they are one array */
 
@@ -78,6 +134,8 @@ void pma_response_step(pma_response *r, size_t j, const double *lam)
     if (s->parts.lagged)
         pma_substep_extrapolate(op->step.h, s->parts.n, x, r->vs);
     s->update->predict(&op->step, 0, s->parts.n, x, x);
+    if (s->parts.mean)
+        add_acceleration(r, op->step.h, x);
 
     /* -(C + D_r) vt - (K + K_r) ut; lagged: C vs (R4) */
     pma_matrix_subtract(&s->parts.C, s->parts.lagged ? r->vs : x->v, x->w);
@@ -86,10 +144,8 @@ void pma_response_step(pma_response *r, size_t j, const double *lam)
     pma_matrix_subtract(&s->parts.K_r, x->u, x->w);
 
     /* (12)  w = Mbar^-1 (g + (j / substeps) L_b^T lam), (8), (9) */
-    memset(r->pull, 0, s->parts.nb * sizeof(double));
-    pma_link_load(&s->parts.link, lam, r->pull);
-    for (size_t i = 0; i < s->parts.nb; i++)
-        w_b[i] += share * r->pull[i];
+    if (!s->parts.mean)
+        add_ramp(r, j, lam, x->w);
     pma_factor_solve(&op->factor, x->w, r->work);
     s->update->correct(&op->step, 0, s->parts.n, x);
 }
@@ -142,15 +198,18 @@ pma_status pma_response_add(const pma_response *r, const double *lam, const pma_
     return finite ? PMA_OK : PMA_NOT_FINITE;
 }
 
-pma_status pma_response_run(pma_response *r, const double *lam, double *end, double *mean)
+pma_status pma_response_run(pma_response *r, bool twice, const double *lam, double *end,
+                            double *mean)
 {
     const pma_subdomain *s = r->of;
     const double *v_b = pma_interface_of(s, r->state.v);
+    const double *u_b = pma_interface_of(s, r->state.u);
     const double share = 1.0 / (double)s->parts.substeps;
+    pma_response_begin(r, twice, lam);
     for (size_t j = 1; j <= s->parts.substeps; j++) {
         pma_response_step(r, j, lam);
         pma_link_gather(&s->parts.link, share, v_b, mean);
     }
-    pma_link_gather(&s->parts.link, 1.0, v_b, end);
+    pma_link_gather(&s->parts.link, 1.0, s->parts.mean ? u_b : v_b, end);
     return is_finite(4 * s->parts.n, r->state.u) ? PMA_OK : PMA_NOT_FINITE;
 }

@@ -1,7 +1,8 @@
-/* response.h - the link response of a subdomain with substeps under macro coupling.
+/* response.h - the link response of a subdomain over a macro step: macro and mean coupling.
  *
  * The substeps of a macro step from rest, without loads, under multipliers that grow from zero to
- * dlam: (M3). The result is linear in dlam, so that it can be stored for unit multipliers. */
+ * dlam (M3), or under a constant acceleration of the interface (K3). The result is linear in the
+ * multipliers, so that it can be stored for unit ones. */
 #ifndef PMA_RESPONSE_H
 #define PMA_RESPONSE_H
 
@@ -23,8 +24,14 @@ typedef struct {
 
 void pma_response_store(pma_response *r, pma_unit_responses units);
 bool pma_response_is_stored(const pma_response *r);
+bool pma_response_is_twice(const pma_response *r);
 
-/* Substep j = 1..substeps of the response, from rest, to lam (p) times j / substeps         (M3) */
+/* Before the first substep: the response is that of single steps or of a double step. Under mean
+ * coupling y (n) := M^-1 L_b^T lam, half of it in a double step.                            (K1) */
+void pma_response_begin(pma_response *r, bool twice, const double *lam);
+
+/* Substep j = 1..substeps of the response, from rest, to lam (p) times j / substeps         (M3);
+ * under mean coupling to y                                                                  (K3) */
 void pma_response_step(pma_response *r, size_t j, const double *lam);
 
 /* The state after the last substep; u, v, w, a are one array of 4 n. */
@@ -34,8 +41,13 @@ const pma_state *pma_response_state(const pma_response *r);
  * to the same lam (M5). PMA_NOT_FINITE when a value of x is not finite then. */
 pma_status pma_response_add(const pma_response *r, const double *lam, const pma_state *x);
 
-/* All substeps of the response to lam (p): end (p) += L_b v of the last, mean (p) += the mean of
- * all of them, which is far larger where the subdomain resonates with the macro step. */
-pma_status pma_response_run(pma_response *r, const double *lam, double *end, double *mean);
+/* All substeps of the response to lam (p): end (p) += L_b v of the last (L_b u under mean
+ * coupling), mean (p) += the mean of all L_b v, which is far larger than the former where the
+ * subdomain resonates with the macro step. */
+pma_status pma_response_run(pma_response *r, bool twice, const double *lam, double *end,
+                            double *mean);
+
+/* y (n) := M^-1 L_b^T lam: mean coupling alone */
+void pma_response_accelerate(const pma_response *r, const double *lam, double *y);
 
 #endif

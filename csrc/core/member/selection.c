@@ -4,7 +4,8 @@
 
 bool pma_selection_is_empty(const pma_selection *selection)
 {
-    return selection->count + selection->springs + selection->history + selection->outputs == 0;
+    return selection->count + selection->springs + selection->history + selection->outputs == 0 &&
+           !selection->corrections;
 }
 
 /* y (rows) += A x */
@@ -86,4 +87,14 @@ void pma_selection_add(const pma_selection *selection, const pma_state *state, s
     }
     if (selection->outputs > 0)
         add_outputs(selection, state, selection->output + row * selection->outputs);
+}
+
+void pma_selection_accelerate(const pma_selection *selection, const double *y, size_t row)
+{
+    double *w = selection->w + row * selection->count;
+    for (size_t i = 0; i < selection->count; i++)
+        w[i] += y[selection->position[i]];
+    if (selection->outputs > 0)
+        add_product(&selection->of_w, selection->outputs, y,
+                    selection->output + row * selection->outputs);
 }

@@ -37,6 +37,9 @@ bool pma_selection_is_empty(const pma_selection *selection);
 /* Copies the selected dofs and springs of a state into a row, and computes its outputs. */
 void pma_selection_write(const pma_selection *selection, const pma_state *state, size_t row);
 
+/* Adds an acceleration y (n) to the selected w, and to the outputs that depend on it. */
+void pma_selection_accelerate(const pma_selection *selection, const double *y, size_t row);
+
 /* Adds the selected dofs of a state, and its outputs, to what the row holds. */
 void pma_selection_add(const pma_selection *selection, const pma_state *state, size_t row);
 

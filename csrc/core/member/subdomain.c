@@ -47,6 +47,15 @@ static pma_status check_internal(const pma_parts *parts)
                               iterate ? (size_t)iterate->tangent.ptr[parts->n] : SIZE_MAX);
 }
 
+static pma_status check_mass(const pma_parts *parts)
+{
+    if (!parts->mean)
+        return PMA_OK;
+    if (parts->mass.n != parts->n || !parts->responds)
+        return PMA_BAD_SIZE;
+    return pma_factor_check(&parts->mass);
+}
+
 static pma_status check_parts(const pma_parts *parts)
 {
     pma_status status = check_sizes(parts);
@@ -56,7 +65,8 @@ static pma_status check_parts(const pma_parts *parts)
         (status = pma_springs_check(&parts->springs, parts->n)) ||
         (status = check_internal(parts)) || (status = pma_matrix_check(&parts->D_r)) ||
         (status = pma_matrix_check(&parts->K_r)) || (status = pma_link_check(&parts->link)) ||
-        (status = check_operator(parts, &parts->single)) || !parts->doubled)
+        (status = check_mass(parts)) || (status = check_operator(parts, &parts->single)) ||
+        !parts->doubled)
         return status;
     if (parts->twice.step.h != 2.0 * parts->single.step.h)
         return PMA_BAD_STEP;
@@ -113,9 +123,10 @@ static pma_status lay_out(pma_subdomain *s)
     const pma_status status = pma_levels_create(&s->levels);
     if (status != PMA_OK)
         return status;
-    const size_t product = p->shoots ? p->n : 0;
+    const size_t product = p->shoots ? p->n : 0, acceleration = p->mean ? p->n : 0;
     s->block =
-        calloc(extrapolated + functions + product + 2 * p->nb + 2 * scratch + 1, sizeof(double));
+        calloc(extrapolated + functions + product + acceleration + 2 * p->nb + 2 * scratch + 1,
+               sizeof(double));
     if (!s->block)
         return PMA_NO_MEMORY;
     s->vs = s->block;
@@ -124,7 +135,8 @@ static pma_status lay_out(pma_subdomain *s)
     s->history = s->product - history;
     for (size_t i = 0; i < history; i++)
         s->history[i] = p->internal.initial[i];
-    s->closing = s->product + product;
+    s->acceleration = s->product + product;
+    s->closing = s->acceleration + acceleration;
     s->link = s->closing + p->nb;
     s->work = s->link + p->nb;
     s->link_work = s->work + scratch;

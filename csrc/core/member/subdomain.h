@@ -35,11 +35,13 @@ typedef struct {
 /* What a subdomain is made of. The arrays behind it are the caller's and have to outlive it. */
 typedef struct {
     size_t n, nb, substeps;
-    bool doubled;  /* takes double steps after the start */
-    bool lagged;   /* C acts on vs, outside Mbar (R4) */
-    bool responds; /* has a link response (M3): substeps under macro coupling */
-    bool shoots;   /* has internal forces, iterated or not: M */
-    pma_matrix M;  /* of a subdomain that shoots */
+    bool doubled;    /* takes double steps after the start */
+    bool lagged;     /* C acts on vs, outside Mbar (R4) */
+    bool responds;   /* has a link response (M3): substeps under macro coupling */
+    bool mean;       /* responds to a constant acceleration of the interface (K3): mean coupling */
+    pma_factor mass; /* of M, under mean coupling */
+    bool shoots;     /* has internal forces, iterated or not: M */
+    pma_matrix M;    /* of a subdomain that shoots */
     pma_matrix K, C;
     pma_restoring restoring;
     pma_springs springs; /* beside the restoring force, or iterated */

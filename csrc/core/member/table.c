@@ -144,12 +144,35 @@ static void hold(void *self, const pma_substep *step, const double *lam)
     pma_substep_hold(self, step, lam);
 }
 
+static void begin_response(void *self, bool twice, const double *dlam)
+{
+    const pma_subdomain *s = self;
+    if (s->response)
+        pma_response_begin(s->response, twice, dlam);
+}
+
+static void hold_energy(void *self, bool twice, const double *lam)
+{
+    const pma_subdomain *s = self;
+    if (s->energy)
+        pma_energy_hold(s->energy, twice, lam);
+}
+
+static void record_acceleration(void *self, const double *lam, const pma_selection *selection,
+                                size_t row)
+{
+    pma_subdomain *s = self;
+    pma_response_accelerate(s->response, lam, s->acceleration);
+    pma_selection_accelerate(selection, s->acceleration, row);
+}
+
 static void respond(void *self, size_t j, const double *lam, const double *dlam)
 {
     pma_subdomain *s = self;
     pma_response_step(s->response, j, dlam);
     if (s->energy)
-        pma_energy_respond(s->energy, j, pma_response_state(s->response), lam, dlam);
+        pma_energy_respond(s->energy, j, pma_response_is_twice(s->response),
+                           pma_response_state(s->response), lam, dlam);
 }
 
 static void record_response(const void *self, const pma_selection *selection, size_t row)
@@ -246,6 +269,9 @@ static const pma_member_table TABLE = {
     .look_ahead = look_ahead,
     .is_known = is_known,
     .hold = hold,
+    .begin_response = begin_response,
+    .hold_energy = hold_energy,
+    .record_acceleration = record_acceleration,
     .respond = respond,
     .record_response = record_response,
     .add_response = add_response,

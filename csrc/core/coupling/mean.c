@@ -1,0 +1,221 @@
+/* mean.c - mean coupling: multipliers constant over the macro step, displacements tied at its end.
+ *
+ * To be read with section 15 of docs/method.md. Every subdomain makes its substeps as if it were
+ * free (free macro run), and from rest under the constant acceleration that the multipliers give
+ * its interface (link response). This acceleration is no part of w, so that the work at the
+ * interface is the multipliers times the displacements there, which are equal: no energy is made,
+ * and nothing drifts. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "coupling/schedule.h"
+
+static pma_status check(const pma_coupler_parts *parts)
+{
+    for (size_t i = 0; i < parts->count; i++) {
+        const pma_member *member = &parts->members[i];
+        if (!member->responds || !member->table->record_acceleration || member->shoots ||
+            (member->substeps > 1 && member->doubled))
+            return PMA_BAD_SIZE;
+    }
+    return parts->doubled.n == parts->p ? PMA_OK : PMA_BAD_SIZE;
+}
+
+static bool all(const pma_coupled *m)
+{
+    (void)m;
+    return true;
+}
+
+/* ---- accelerations (K5) --------------------------------------------------------------------- */
+
+/* The multipliers of a macro step belong to its middle, and alternate about the force at the
+ * interface; the mean of two neighbours, at the time level between them, does not. At the part
+ * `share` of the macro step: on the line through the last two means, at share = 0 and -1; in the
+ * first macro steps those of the start, lam_before or lam_end, take the place of the second. */
+static void multipliers_at(const pma_coupler *c, double share, double *lam)
+{
+    const double *now = c->working.lam, *last = c->present.lam;
+    for (size_t row = 0; row < c->parts.p; row++) {
+        const double mean = 0.5 * (now[row] + last[row]);
+        const double before =
+            c->present.number > 1 ? 0.5 * (last[row] + c->lam_before[row]) : c->lam_before[row];
+        if (c->present.number == 0)
+            lam[row] = now[row] + (2.0 * share - 1.0) * (now[row] - c->lam_end[row]);
+        else
+            lam[row] = mean + share * (mean - before);
+    }
+}
+
+/* ---- free macro run, under no multipliers --------------------------------------------------- */
+
+static pma_status free_run(pma_coupler *c, pma_coupled *m)
+{
+    const pma_member *member = &m->member;
+    const pma_selection *inner = pma_macro_selection(c, m);
+    memset(m->lam, 0, c->parts.p * sizeof(double));
+    for (size_t j = 0; j < member->substeps; j++) {
+        if (pma_macro_is_stopped(c, m))
+            return PMA_STOPPED;
+        pma_substep step = pma_substep_of(c, m, j);
+        step.held = true;
+        pma_status status = member->table->open(member->self, &step);
+        if (status == PMA_OK)
+            status = member->table->close(member->self, &step, m->lam);
+        if (status != PMA_OK)
+            return status;
+        if (inner && j + 1 < member->substeps)
+            member->table->record(member->self, j + 1, inner,
+                                  pma_recorder_row(c, j + 1, member->substeps));
+    }
+    return PMA_OK;
+}
+
+/* ---- interface (K4) ------------------------------------------------------------------------- */
+
+/* target (p) := sum L u at the end: 0, and where a velocity is prescribed what that moves */
+static void find_target(pma_coupler *c, double *target)
+{
+    const size_t p = c->parts.p;
+    memset(target, 0, p * sizeof(double));
+    if (c->parts.motion_count == 0)
+        return;
+    pma_coupler_prescribe(c);
+    memset(c->sums, 0, p * sizeof(double));
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_member *member = &c->coupled[i].member;
+        member->table->displacement(member->self, 0, c->sums);
+    }
+    for (size_t k = 0; k < c->parts.motion_count; k++) {
+        for (size_t i = 0; i < c->motions[k].load.n; i++) {
+            const int64_t row = c->motions[k].rows[i];
+            target[row] =
+                c->sums[row] + 0.5 * c->parts.dt * (c->present.g[row] + c->working.g[row]);
+        }
+    }
+}
+
+/* H Lam = target - sum L u of the free runs, and of the multipliers of the last macro step, which a
+ * double step feels too */
+static pma_status solve_interface(pma_coupler *c)
+{
+    const size_t p = c->parts.p;
+    double *lam = c->working.lam;
+    find_target(c, lam);
+    memset(c->sums, 0, p * sizeof(double));
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_member *member = &c->coupled[i].member;
+        member->table->displacement(member->self, member->substeps, c->sums);
+    }
+    for (size_t row = 0; row < p; row++)
+        lam[row] -= c->sums[row];
+    if (c->present.number > 0)
+        pma_matrix_subtract(&c->parts.doubled, c->present.lam, lam);
+    return pma_coupler_solve(c);
+}
+
+/* ---- link response (K3), added -------------------------------------------------------------- */
+
+/* What a member responds to: of a double step the multipliers of both macro steps. */
+static const double *multipliers_of(const pma_coupler *c, pma_coupled *m)
+{
+    if (!m->step.twice)
+        return c->working.lam;
+    for (size_t row = 0; row < c->parts.p; row++)
+        m->lam[row] = c->present.lam[row] + c->working.lam[row];
+    return m->lam;
+}
+
+static void record_inner(pma_coupler *c, pma_coupled *m, size_t j, const pma_selection *inner)
+{
+    const pma_member *member = &m->member;
+    const size_t row = pma_recorder_row(c, j, member->substeps);
+    member->table->record_response(member->self, inner, row);
+    multipliers_at(c, (double)j / (double)member->substeps, m->lam);
+    member->table->record_acceleration(member->self, m->lam, inner, row);
+}
+
+static pma_status respond(pma_coupler *c, pma_coupled *m)
+{
+    const pma_member *member = &m->member;
+    const pma_selection *inner = pma_macro_selection(c, m);
+    const double *lam = multipliers_of(c, m);
+    const size_t repeats = member->table->repeats(member->self, inner != NULL);
+    member->table->begin_response(member->self, m->step.twice, lam);
+    member->table->hold_energy(member->self, m->step.twice,
+                               m->step.twice ? c->present.lam : c->working.lam);
+    for (size_t j = 1; j <= repeats; j++) {
+        if (pma_macro_is_stopped(c, m))
+            return PMA_STOPPED;
+        member->table->respond(member->self, j, c->working.lam, c->dlam);
+        if (inner && j < member->substeps)
+            record_inner(c, m, j, inner);
+    }
+    return member->table->add_response(member->self, multipliers_of(c, m));
+}
+
+/* ---- the schedule --------------------------------------------------------------------------- */
+
+/* The accelerations of the end of the macro step, after everything else of it was recorded. */
+static void record_accelerations(pma_coupler *c)
+{
+    multipliers_at(c, 1.0, c->sums);
+    for (size_t i = 0; i < c->parts.count && c->record; i++) {
+        const pma_coupled *m = &c->coupled[i];
+        const pma_selection *selection = &c->record->selections[i];
+        const size_t row = pma_recorder_row(c, m->member.substeps, m->member.substeps);
+        if (!pma_selection_is_empty(selection) && row != PMA_NO_ROW)
+            m->member.table->record_acceleration(m->member.self, c->sums, selection, row);
+    }
+    const double *before = c->present.number > 0 ? c->present.lam : c->lam_end;
+    memcpy(c->lam_before, before, c->parts.p * sizeof(double));
+    memcpy(c->lam_end, c->sums, c->parts.p * sizeof(double));
+}
+
+static pma_status macro_step(pma_coupler *c)
+{
+    pma_macro_move_to_end(c);
+    pma_status status = pma_share(c, free_run, all);
+    if (status == PMA_OK)
+        status = solve_interface(c);
+    memset(c->dlam, 0, c->parts.p * sizeof(double)); /* constant */
+    if (status == PMA_OK)
+        status = pma_share(c, respond, all);
+    if (atomic_load(&c->stopped))
+        return PMA_STOPPED; /* whatever else went wrong */
+    if (status != PMA_OK)
+        return status;
+    if (c->record)
+        pma_recorder_write(c);
+    record_accelerations(c);
+    return PMA_OK;
+}
+
+static pma_status prepare(pma_coupler *c, const pma_iteration_parts *parts)
+{
+    const size_t p = c->parts.p;
+    if (parts)
+        return PMA_BAD_SIZE;
+    c->lam_deferred = calloc(c->parts.count * p + 1, sizeof(double));
+    if (!c->lam_deferred)
+        return PMA_NO_MEMORY;
+    for (size_t i = 0; i < c->parts.count; i++)
+        c->coupled[i].lam = c->lam_deferred + i * p;
+    return PMA_OK;
+}
+
+static void record_present(const pma_coupler *c, const pma_record *record)
+{
+    for (size_t i = 0; i < c->parts.count; i++) {
+        const pma_member *member = &c->coupled[i].member;
+        if (!pma_selection_is_empty(&record->selections[i]))
+            member->table->record_acceleration(member->self, c->lam_end, &record->selections[i], 0);
+    }
+}
+
+const pma_schedule pma_mean_schedule = {.check = check,
+                                        .instants = pma_macro_instants,
+                                        .duty = pma_macro_duty,
+                                        .step = macro_step,
+                                        .prepare = prepare,
+                                        .record_present = record_present};

@@ -1,0 +1,165 @@
+/* iterated_models.c - see iterated_models.h. */
+#include "iterated_models.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "check.h"
+#include "models.h"
+
+bool has_inner(const model *m)
+{
+    for (size_t i = 0; i < m->count; i++) {
+        if (m->parts[i].inner.used)
+            return true;
+    }
+    return false;
+}
+
+const pma_schedule *schedule_of(const model *m)
+{
+    if (has_inner(m))
+        return m->macro ? &pma_shooting_schedule : &pma_iterated_schedule;
+    return m->macro ? &pma_macro_schedule : &pma_fine_schedule;
+}
+
+/* Linear springs between dofs 0 and 1, and dof 1 and the ground. */
+static const int32_t ENDS[2] = {0, 1}, OTHER_ENDS[2] = {1, -1};
+static const double STIFF[2] = {0.5, 1.0}, NONE[2] = {0.0, 0.0};
+static const pma_spring_set LINEAR_SPRINGS = {
+    .law = PMA_CUBIC, .count = 2, .first = ENDS, .second = OTHER_ENDS, .parameters = {STIFF, NONE}};
+
+void fill_inner(part *x, bool used, const chain *chosen)
+{
+    inner *in = &x->inner;
+    if (!used)
+        return;
+    *in = (inner){.used = true, .springs = chosen->sprung, .keeps = chosen->newton.reuse};
+    if (chosen->nonlinear) {
+        in->cubic = 2.0;
+        in->ramp = 0.5;
+        in->plastic = 4.0;
+        in->yield = 0.25;
+    } else if (chosen->sprung) {
+        x->springs = (pma_springs){1, &LINEAR_SPRINGS, 2};
+        in->springs_K[0] = STIFF[0];
+        in->springs_K[1] = in->springs_K[x->n] = -STIFF[0];
+        in->springs_K[x->n + 1] = STIFF[0] + STIFF[1];
+    }
+}
+
+static void sum_up(iteration_memory *it, const model *m, bool later)
+{
+    memset(it->constant[later], 0, sizeof it->constant[later]);
+    memset(it->response[later], 0, sizeof it->response[later]);
+    for (size_t i = 0; i < m->count; i++) {
+        const part *x = &m->parts[i];
+        if (!x->inner.used || !x->implicit)
+            add_interface(m, x, later, it->constant[later]);
+        if (!x->inner.used)
+            add_interface(m, x, later, it->response[later]);
+    }
+}
+
+const pma_iteration_parts *describe_iteration(model *m)
+{
+    iteration_memory *it = &m->iteration;
+    const size_t p = m->p;
+    if (!has_inner(m))
+        return NULL;
+    sum_up(it, m, false);
+    sum_up(it, m, true);
+    for (size_t i = 0; i < p * p; i++)
+        it->H_size[i] = fabs(m->H[0][i]);
+    it->parts = (pma_iteration_parts){
+        .newton = m->newton,
+        .H = describe_full(&it->pattern, p, p),
+        .start = it->constant[0],
+        .later = it->constant[1],
+        .response_start = {.form = PMA_DENSE, .n = p, .values = it->response[0]},
+        .response = {.form = PMA_DENSE, .n = p, .values = it->response[1]},
+        .H_size = {.form = PMA_DENSE, .n = p, .values = it->H_size},
+    };
+    return &it->parts;
+}
+
+void start_histories(model *m)
+{
+    for (size_t i = 0; i < m->count; i++) {
+        part *x = &m->parts[i];
+        double r[MOST];
+        if (x->inner.used)
+            CHECK_STATUS(pma_subdomain_restore(x->core, 0.0, x->u0, x->v0, r), PMA_OK);
+    }
+}
+
+/* ---- the present ------------------------------------------------------------------------------ */
+
+static pma_coupler *coupler_of(const model *m)
+{
+    return m->coupler;
+}
+
+size_t copy_iteration(const model *m, double *out)
+{
+    size_t count = 0, size;
+    for (size_t i = 0; i < m->count; i++) {
+        const part *x = &m->parts[i];
+        pma_iterate *it = pma_subdomain_iterate(x->core);
+        const double *history = pma_subdomain_present(x->core)->history;
+        const double *springs = pma_subdomain_present(x->core)->springs;
+        for (size_t k = 0; k < PMA_SPRING_FIELDS * x->springs.total; k++)
+            out[count++] = springs[k];
+        for (size_t k = 0; x->inner.used && k < HISTORY + (it ? 1 : 0); k++)
+            out[count++] = history[k];
+        if (it)
+            out[count++] = pma_iterate_scale(it);
+    }
+    const double *kept = pma_coupler_iteration(coupler_of(m), &size);
+    for (size_t k = 0; k < size; k++)
+        out[count++] = kept[k];
+    return count;
+}
+
+static void copy_state(const part *x, const pma_state *from, const pma_state *to)
+{
+    const size_t history = x->inner.used ? HISTORY + (x->implicit ? 1 : 0) : 0;
+    const size_t springs = PMA_SPRING_FIELDS * x->springs.total;
+    if (!from->u)
+        return;
+    memcpy(to->u, from->u, x->n * sizeof(double));
+    memcpy(to->v, from->v, x->n * sizeof(double));
+    memcpy(to->w, from->w, x->n * sizeof(double));
+    memcpy(to->a, from->a, x->n * sizeof(double));
+    memcpy(to->springs, from->springs, springs * sizeof(double));
+    memcpy(to->history, from->history, history * sizeof(double));
+}
+
+void carry_over(const model *from, model *to)
+{
+    double g[CONSTRAINTS];
+    size_t size;
+    memcpy(g, pma_coupler_prescribed(from->coupler), from->p * sizeof(double));
+    pma_coupler_start(to->coupler, pma_coupler_step_count(from->coupler),
+                      pma_coupler_multipliers(from->coupler), g);
+    const double *kept = pma_coupler_iteration(from->coupler, &size);
+    double *restored = pma_coupler_iteration(to->coupler, &size);
+    for (size_t k = 0; k < size; k++)
+        restored[k] = kept[k];
+    for (size_t i = 0; i < from->count; i++) {
+        const part *x = &from->parts[i];
+        const pma_kept_levels a = pma_subdomain_levels(x->core);
+        const pma_kept_levels b = pma_subdomain_levels(to->parts[i].core);
+        copy_state(x, &a.present, &b.present);
+        copy_state(x, &a.previous, &b.previous);
+        memcpy(b.vf, a.vf, x->nb * sizeof(double));
+        pma_iterate *it = pma_subdomain_iterate(x->core);
+        if (!it)
+            continue;
+        bool twice;
+        const double *tangent = pma_iterate_kept(it, &twice);
+        CHECK_STATUS(pma_iterate_restore(pma_subdomain_iterate(to->parts[i].core),
+                                         pma_iterate_scale(it), tangent, twice),
+                     PMA_OK);
+    }
+}

@@ -1,0 +1,109 @@
+"""Set-up of mean coupling: link responses to a constant acceleration of the interface, (K3).
+
+The displacements at the end of a macro step are tied, so that the interface matrix (K4) consists of
+displacements: one response for each constraint of each subdomain, stored where that is faster than
+repeating the substeps, as under macro coupling.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .._checks import numbered
+from ..memory import require
+from ..problem.matrices import combination, core_matrix
+from .compliance import Block, constraints_of
+from .factors import Factor
+from .interface import summed
+from .macro import BLOCK, STORED, check_work
+from .part import Part
+
+# The smallest rho_b of an explicit scheme: below, the coupled step is unstable near its limit.
+LEAST_EXPLICIT_RHO = 0.5
+
+
+def check_mean(parts: Sequence[Part]) -> None:
+    """ValueError for what mean coupling cannot have."""
+    for part in parts:
+        s = part.subdomain
+        if s.internal is not None:
+            raise ValueError(
+                f'coupling must be "macro", "pm" or "gc" with internal forces, got "mean" and '
+                f"internal forces in {part.name!r}"
+            )
+        rho = getattr(s.scheme, "rho", 1.0)
+        if s.scheme.explicit and rho < LEAST_EXPLICIT_RHO:
+            raise ValueError(
+                f'coupling="mean" needs rho >= {LEAST_EXPLICIT_RHO} in explicit subdomains, below '
+                f"which it is unstable near the critical step, got {rho:g} in {part.name!r}"
+            )
+        tied = np.intersect1d(part.order[part.n - part.nb :], s.massless)
+        if tied.size:
+            raise ValueError(
+                f'coupling="mean" needs mass at the interface dofs, got none at '
+                f"{numbered('dof', tied)} of {part.name!r}"
+            )
+
+
+def mass_of_interface(part: Part) -> Factor:
+    """The factor of M, with ones where dofs have no mass, which no constraint reaches."""
+    massless = np.flatnonzero(np.isin(part.order, part.subdomain.massless))
+    M = part.M
+    if massless.size:
+        ones = np.zeros(part.n)
+        ones[massless] = 1.0
+        M = combination([(1.0, M), (1.0, ones)])
+    elif part.mass_factor is not None:
+        return part.mass_factor
+    return part.factor(M, f"M of subdomain {part.name!r}")
+
+
+def prepare_mean(parts: Sequence[Part]) -> None:
+    """Unit responses of all subdomains, which make their blocks of H."""
+    check_work(parts)
+    for part in parts:
+        rows = constraints_of(part.L)
+        stored = not part.double and rows.size > 0 and _is_stored(part, rows.size)
+        single, states = _responses(part, rows, stored, twice=False)
+        part.blocks = {False: single}
+        if part.double:
+            part.blocks[True] = _responses(part, rows, False, twice=True)[0]
+        if states is not None:
+            part.core.store_responses(rows, states)
+
+
+def _is_stored(part: Part, constraints: int) -> bool:
+    """(M8)"""
+    size = 4.0 * part.n * constraints
+    return size <= part.subdomain.substeps * part.core.entries and 8.0 * size <= STORED
+
+
+def _responses(
+    part: Part, rows: np.ndarray, stored: bool, *, twice: bool
+) -> tuple[Block, np.ndarray | None]:
+    """The block L U^u of a subdomain, and the states U where they are stored."""
+    k = rows.size
+    size = 8.0 * 4.0 * part.n * k if stored else 0.0
+    require(64.0 * k**2 + size, f"the link response of {part.name!r} to {k} constraints")
+    end, unused = np.empty((k, k)), np.empty((k, k))
+    states = np.empty((k, 4, part.n)) if stored else None
+    columns = max(1, int(BLOCK // (part.core.entries * part.subdomain.substeps)))
+    for begin in range(0, k, columns):
+        own = slice(begin, min(begin + columns, k))
+        kept = None if states is None else states[own]
+        if not part.core.unit_responses(rows, begin, end[own], unused[own], kept, twice):
+            raise ValueError(
+                f"substeps of subdomain {part.name!r} must be more: its response to the "
+                f"multipliers is not finite at the end of a macro step, got "
+                f"{part.subdomain.substeps} of length {part.h:g}"
+            )
+    return Block(rows, 0.5 * (end + end.T)), states
+
+
+def doubled_part(parts: Sequence[Part], p: int) -> Any:
+    """The part of H of the subdomains that take double steps, for the core."""
+    blocks = [part.blocks[True] for part in parts if part.double]
+    return core_matrix(summed(blocks, p)) if blocks else None

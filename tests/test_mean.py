@@ -1,0 +1,231 @@
+"""Mean coupling: exact energy, no drift, order 2; section 15 of docs/method.md."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import pmalpha as pm
+
+TRAPEZOIDAL = [pm.Newmark()] * 3
+MIXED = [pm.Newmark(), pm.Newmark(), pm.CentralDifference()]
+DAMPED = [pm.GeneralizedAlpha(0.5)] * 3
+
+
+def loop(substeps, schemes, dt, *, double=False, sparse=False, coupling="mean", **options):
+    """Three random subdomains of four dofs in a loop of ties, none with initial motion at a tie."""
+    rng = np.random.default_rng(3)
+    subdomains = []
+    for i, (s, scheme) in enumerate(zip(substeps, schemes)):
+        A = rng.normal(size=(4, 4))
+        K, M = 3.0 * A @ A.T + np.eye(4), rng.uniform(0.5, 2.0, 4)
+        u0, v0 = 0.1 * rng.normal(size=4), rng.normal(size=4)
+        u0[[0, 3]] = v0[[0, 3]] = 0.0
+        M = np.diag(M) + 0.1 * np.ones((4, 4)) if sparse else M
+        subdomains.append(
+            pm.Subdomain(
+                M,
+                K,
+                scheme=scheme,
+                substeps=s,
+                double_step=True if double and i == 0 else None,
+                u0=u0,
+                v0=v0,
+                name=str(i),
+            )
+        )
+    a, b, c = subdomains
+    ties = [pm.tie(a, 3, b, 0), pm.tie(b, 3, c, 0), pm.tie(c, 3, a, 0)]
+    return pm.Coupler(subdomains, ties, dt=dt, coupling=coupling, **options)
+
+
+def exact(coupler, t):
+    """u, v and acceleration of the uncut structure, by subdomain."""
+    M, _, K, dofs = coupler.assembled()
+    M, K = M.toarray(), K.toarray()
+    whole = np.vstack([dofs[s.name].toarray() for s in coupler.subdomains])
+    start = [
+        np.linalg.lstsq(whole, np.concatenate(x), rcond=None)[0]
+        for x in ([s.u0 for s in coupler.subdomains], [s.v0 for s in coupler.subdomains])
+    ]
+    n = len(M)
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), np.zeros((n, n))]])
+    state = expm(A * t) @ np.concatenate(start)
+    u, v = state[:n], state[n:]
+    return {
+        s.name: [dofs[s.name] @ x for x in (u, v, -np.linalg.solve(M, K @ u))]
+        for s in coupler.subdomains
+    }
+
+
+@pytest.mark.parametrize("substeps", [(1, 1, 1), (1, 3, 7), (2, 3, 7)])
+@pytest.mark.parametrize("sparse", [False, True])
+def test_energy_is_exact(substeps, sparse):
+    """1e-12: the rounding of a thousand macro steps."""
+    history = loop(substeps, TRAPEZOIDAL, 0.05, sparse=sparse).run(steps=1000, energy=True)
+    total = (history.energy.kinetic + history.energy.strain).sum(axis=1)
+    assert np.max(np.abs(total / total[0] - 1.0)) < 1e-12
+    assert np.max(np.abs(history.energy.balance.sum(axis=1))) < 1e-12 * total[0]
+    assert np.max(np.abs(history.energy.interface.sum(axis=1))) < 1e-12 * total[0]
+
+
+@pytest.mark.parametrize("schemes", [TRAPEZOIDAL, MIXED, DAMPED])
+@pytest.mark.parametrize("double", [False, True])
+def test_nothing_drifts(schemes, double):
+    substeps = (1, 1, 1) if double else (1, 3, 7)
+    history = loop(substeps, schemes, 0.05, double=double).run(steps=1000)
+    size = max(np.max(np.abs(s.u)) for s in history.subdomains)
+    assert np.max(np.abs(history.displacement_jump)) < 1e-14 * size
+
+
+@pytest.mark.parametrize("schemes", [TRAPEZOIDAL, MIXED, DAMPED])
+@pytest.mark.parametrize(
+    ("substeps", "double"),
+    [((1, 1, 1), False), ((1, 3, 7), False), ((2, 3, 20), False), ((1, 1, 1), True)],
+)
+def test_displacements_and_velocities_are_of_order_two(schemes, substeps, double):
+    reference = exact(loop(substeps, schemes, 0.05), 1.0)
+    errors = []
+    for n in (80, 160):
+        history = loop(substeps, schemes, 1.0 / n, double=double).run(1.0)
+        errors.append(
+            [
+                max(np.max(np.abs(getattr(history[k], q)[-1] - x[i])) for k, x in reference.items())
+                for i, q in enumerate("uva")
+            ]
+        )
+    orders = np.log2(np.divide(*errors))
+    assert np.all(orders[:2] > 1.9)
+    if not double:  # (K5)
+        assert orders[2] > 1.7
+
+
+def test_means_of_neighbouring_multipliers_are_of_order_two():
+    errors = []
+    for n in (80, 160):
+        coupler = loop((1, 3, 7), TRAPEZOIDAL, 1.0 / n)
+        history = coupler.run(1.0)
+        assert history.multiplier_times[-1] == pytest.approx(1.0 - 0.5 / n)
+        solution = exact(coupler, 1.0 - 1.0 / n)
+        forces = np.concatenate(
+            [s.M * solution[s.name][2] + s.K @ solution[s.name][0] for s in coupler.subdomains]
+        )
+        L = np.vstack([A.toarray().T for A in coupler._rows.matrices])
+        lam = np.linalg.lstsq(L, forces, rcond=None)[0]
+        errors.append(np.max(np.abs(history.multipliers[-2:].mean(axis=0) - lam)))
+    assert np.log2(errors[0] / errors[1]) > 1.8
+
+
+def test_recorded_accelerations_are_those_of_the_present():
+    coupler = loop((1, 3, 7), MIXED, 0.05)
+    first = coupler.run(steps=7)
+    second = coupler.run(steps=5)
+    for name in "012":
+        assert np.array_equal(first[name].a[-1], second[name].a[0])
+        assert np.array_equal(second[name].a[-1], coupler.state(name).a)
+
+
+@pytest.mark.parametrize("double", [False, True])
+@pytest.mark.parametrize("threads", [1, 3])
+def test_runs_in_pieces_and_from_a_file_are_bitwise_the_same(tmp_path, double, threads):
+    substeps = (1, 1, 1) if double else (1, 3, 7)
+    whole = loop(substeps, MIXED, 0.05, double=double).run(steps=30)
+    coupler = loop(substeps, MIXED, 0.05, double=double, threads=threads)
+    coupler.step(11)
+    coupler.save(tmp_path / "state")
+    other = loop(substeps, MIXED, 0.05, double=double)
+    other.load(tmp_path / "state")
+    rest = other.run(steps=19)
+    for name in "012":
+        for x in "uva":
+            assert np.array_equal(getattr(rest[name], x)[-1], getattr(whole[name], x)[-1])
+    assert np.array_equal(rest.multipliers[-1], whole.multipliers[-1])
+    coupler.reset()
+    again = coupler.run(steps=30, every=5)
+    assert np.array_equal(again["2"].u[-1], whole["2"].u[-1])
+    assert np.array_equal(again["2"].a[-1], whole["2"].a[-1])
+
+
+def test_stored_and_repeated_responses_agree(monkeypatch):
+    """1e-12: two orders of the same sums."""
+    stored = loop((1, 3, 7), DAMPED, 0.05).run(steps=50)
+    monkeypatch.setattr("pmalpha.setup.mean._is_stored", lambda part, constraints: False)
+    repeated = loop((1, 3, 7), DAMPED, 0.05).run(steps=50)
+    for name in "012":
+        for x in "uva":
+            one, two = getattr(stored[name], x), getattr(repeated[name], x)
+            assert np.max(np.abs(one - two)) < 1e-12 * np.max(np.abs(one))
+
+
+def test_loads_damping_and_prescribed_motion_have_order_two():
+    """A damped oscillator driven by its support and a load, against an adaptive integration."""
+    from scipy.integrate import solve_ivp
+
+    def g(t):
+        return np.array([np.sin(2.0 * t) ** 2])
+
+    def force(t):
+        return np.array([0.0, np.sin(3.0 * t)])
+
+    K, C = np.array([[9.0, -9.0], [-9.0, 9.0]]), np.array([[0.4, -0.4], [-0.4, 0.4]])
+
+    def slope(t, y):
+        # y = u_0, u_1, v_1: dof 0 has the prescribed velocity
+        v = np.array([g(t)[0], y[2]])
+        return [v[0], y[2], (force(t) - K @ y[:2] - C @ v)[1] / 2.0]
+
+    reference = solve_ivp(slope, (0.0, 2.0), [0.0, 0.0, 0.0], "DOP853", rtol=1e-12, atol=1e-14)
+    errors = []
+    for n in (100, 200):
+        frame = pm.Subdomain(
+            [1.0, 2.0], K, C, scheme=pm.Newmark(), substeps=3, force=force, name="frame"
+        )
+        support = pm.Constraint({frame: [[1.0, 0.0]]}, velocity=g)
+        history = pm.Coupler([frame], support, dt=2.0 / n, coupling="mean").run(2.0)
+        errors.append(np.max(np.abs(history["frame"].u[-1] - reference.y[:2, -1])))
+    assert np.log2(errors[0] / errors[1]) > 1.9
+
+
+def oscillators(b, substeps, schemes, h, *, double=False):
+    """The split oscillator: masses 1 and b, stiffness 1 and b, with the critical step of B."""
+    A = pm.Subdomain([1.0], [1.0], scheme=schemes[0], double_step=double or None, name="A")
+    B = pm.Subdomain([b], [b * substeps**2], scheme=schemes[1], substeps=substeps, name="B")
+    return pm.Coupler([A, B], pm.tie(A, 0, B, 0), dt=h, coupling="mean")
+
+
+@pytest.mark.parametrize("rho", [0.5, 0.8, 1.0])
+@pytest.mark.parametrize("explicit", [False, True])
+@pytest.mark.parametrize("double", [False, True])
+def test_no_coupled_step_is_unstable(rho, explicit, double):
+    """1 + 1e-7: double eigenvalues of modulus one are computed to the root of the rounding."""
+    schemes = [pm.GeneralizedAlpha(rho), pm.GeneralizedAlpha(rho, explicit=explicit)]
+    for b in (0.01, 1.0, 100.0):
+        for substeps in (1, 2, 5, 20):
+            limit = pm.analysis.critical_step(
+                pm.Subdomain([1.0], [float(substeps**2)], scheme=schemes[1])
+            )
+            steps = (
+                [0.1, 1.0, 10.0] if np.isinf(limit) else limit * substeps * np.r_[0.1, 0.5, 0.97]
+            )
+            for h in steps:
+                coupler = oscillators(b, substeps, schemes, h, double=double)
+                G = pm.analysis.amplification_matrix(coupler)
+                assert pm.analysis.spectral_radius(G) < 1.0 + 1e-7
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        (dict(scheme=pm.GeneralizedAlpha(0.3, explicit=True)), ValueError, "rho >= 0.5"),
+        (dict(M=[1.0, 0.0], scheme=pm.GeneralizedAlpha(0.5)), ValueError, "needs mass"),
+        (dict(u0=[0.0, 0.1]), pm.ConstraintError, "displacements u0 must satisfy"),
+        (dict(v0=[0.0, 0.1]), pm.ConstraintError, "velocities"),
+        (dict(internal=lambda u, v, t, q: (u, np.ones(2))), ValueError, "internal forces in 'a'"),
+        (dict(double_step=True, substeps=2), ValueError, 'coupling="mean"'),
+    ],
+)
+def test_what_cannot_be_is_refused(change, error, message):
+    values = dict(M=[1.0, 1.0], K=np.array([[2.0, -1.0], [-1.0, 1.0]]), scheme=pm.Newmark())
+    a = pm.Subdomain(**{**values, **change}, name="a")
+    b = pm.Subdomain(**values, name="b")
+    with pytest.raises(error, match=message):
+        pm.Coupler([a, b], pm.tie(a, 1, b, 1), dt=0.1, coupling="mean")
