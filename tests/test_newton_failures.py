@@ -1,5 +1,6 @@
 """Internal forces that fail: the state is that of the last macro step, and the run goes on."""
 
+import functools
 import re
 import signal
 
@@ -11,7 +12,7 @@ import pmalpha as pm
 
 pytestmark = pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
 
-STEPS = 10
+STEPS = 8
 variants = pytest.mark.parametrize("variant", VARIANTS)
 
 
@@ -26,6 +27,7 @@ def made(variant, threads=None, tangent="full", **options):
     return plastic_pair(variant, laws=laws, newton=newton, threads=threads, **options), laws
 
 
+@functools.cache
 def undisturbed(variant, **options):
     """The run, its state after each macro step, and the evaluations of each law up to it."""
     c, laws = made(variant, **options)
