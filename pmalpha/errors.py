@@ -151,7 +151,7 @@ class CallbackError(PmalphaError):
     code : int
         Its return value.
     what : str
-        Kind of the function: "force" or "restoring force".
+        Kind of the function: "force", "restoring force" or "internal force".
     step : int
         Macro step, counted from 0, in which it was called.
     time : float
