@@ -162,7 +162,7 @@ def test_a_file_of_other_parameters_is_refused(tmp_path):
 
 @pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
 def test_the_work_of_a_linear_internal_force_is_its_strain_energy(coupling):
-    # the trapezoidal rule is exact on it: the strain energy of the linear run, counted as dissipated
+    # the trapezoidal rule is exact on it: the strain energy of the linear run, as dissipated
     K = 200.0 * (2.0 * np.eye(3) - np.eye(3, k=1) - np.eye(3, k=-1))
 
     def energies(inside):
