@@ -831,7 +831,7 @@ def test_a_velocity_tangent_that_appears_later_is_an_error():
 
 def test_of_several_forces_the_wrong_one_is_named():
     adapter, _, _ = at_start([chain, lambda u, v, t, q: (u, None) if t == 0.0 else u], 2)
-    with pytest.raises(TypeError, match="internal force 1 of subdomain 'x' at t = 1: its value"):
+    with pytest.raises(TypeError, match="internal\\[1\\] of subdomain 'x' at t = 1: its value"):
         adapter(F, F, 1.0, NONE, True)
 
 
