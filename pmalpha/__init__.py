@@ -33,6 +33,7 @@ from .problem.tangent_check import TangentCheck
 from .run.coupler import Coupler
 from .run.energy import Energy
 from .run.history import History, State, SubdomainHistory
+from .run.snapshot import Snapshot
 from .run.uncoupled import solve
 
 __version__ = _version("pmalpha")
@@ -66,6 +67,7 @@ __all__ = [
     "Reduction",
     "SampledForce",
     "Scheme",
+    "Snapshot",
     "SpringState",
     "StabilityWarning",
     "State",

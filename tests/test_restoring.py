@@ -532,10 +532,14 @@ def test_lagged_damping_on_dofs_without_mass_is_refused():
         pm.Subdomain([1.0, 0.0], [1.0, 1.0], [0.1, 0.1], scheme=scheme, damping="lagged")
 
 
+def test_static_refuses_restoring_functions_which_may_be_specimens():
+    with pytest.raises(ValueError, match="got a restoring function on 'rig'"):
+        failing_coupler(duffing).static()
+
+
 @pytest.mark.parametrize(
     "call",
     [
-        lambda c: c.static(),
         analysis.amplification_matrix,
         analysis.exact_solution,
     ],

@@ -20,7 +20,7 @@
 
 /* A Python callable that is an internal force. */
 typedef struct {
-    PyObject *callable;
+    PyObject *callable, *potential; /* the latter is None where there is none */
     npy_intp history, entries;
 } pma_callable;
 
@@ -81,6 +81,7 @@ PyObject *pma_subdomain_set_iteration(SubdomainObject *self, PyObject *args);
 
 extern PyMethodDef pma_factor_functions[];
 extern PyMethodDef pma_strip_functions[];
+extern PyMethodDef pma_spring_functions[];
 extern PyType_Spec pma_subdomain_spec;
 extern PyType_Spec pma_coupler_spec;
 
@@ -164,7 +165,7 @@ int pma_take_force(PyObject *obj, PyObject *arrays, pma_load *load);
  * in the user's order of dofs, or a LowLevelCallable with the signature of pma_restoring_function */
 int pma_take_restoring(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring *out);
 
-/* None, or (order, initial, ((function, history, where), ...)): the functions are callables
+/* None, or (order, initial, ((function, history, where, potential), ...)): the functions are callables
  * f(u, v, t, q, wanted) -> (f, K, C, q1), or LowLevelCallables with the signature of
  * pma_internal_function; *forces is the caller's to release. */
 int pma_take_internal(PyObject *obj, npy_intp n, PyObject *arrays, pma_forces *forces,

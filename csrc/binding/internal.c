@@ -63,17 +63,45 @@ static int call_callable(double t, intptr_t n, double *u, double *v, double *q, 
     return pma_gil_call(run, &e);
 }
 
+typedef struct {
+    const pma_callable *of;
+    npy_intp n;
+    const double *u;
+    double *energy;
+} potential_evaluation;
+
+static int run_potential(void *ctx)
+{
+    const potential_evaluation *e = ctx;
+    if (PyErr_Occurred())
+        return -1;
+    PyObject *u = pma_new_vector(e->n, e->u);
+    PyObject *result = u ? PyObject_CallOneArg(e->of->potential, u) : NULL;
+    *e->energy = result ? PyFloat_AsDouble(result) : 0.0;
+    Py_XDECREF(u);
+    Py_XDECREF(result);
+    return PyErr_Occurred() ? -1 : 0;
+}
+
+/* The method of a Python callable as a pma_internal_potential_function. */
+static int call_potential(intptr_t n, double *u, double *energy, void *user)
+{
+    potential_evaluation e = {user, (npy_intp)n, u, energy};
+    return pma_gil_call(run_potential, &e);
+}
+
 /* ---- forces --------------------------------------------------------------------------------- */
 
-/* (function, history, where): where is None for a force whose tangents are never evaluated */
+/* (function, history, where, potential): where is None for a force whose tangents are never
+ * evaluated, potential is a callable of Python or None */
 static int take_force(PyObject *obj, PyObject *arrays, pma_callable *callable,
                       pma_internal_force *out)
 {
-    PyObject *function, *where;
+    PyObject *function, *where, *potential;
     Py_ssize_t history;
     PyArrayObject *array;
     const npy_intp any = -1;
-    if (!PyArg_ParseTuple(obj, "OnO", &function, &history, &where))
+    if (!PyArg_ParseTuple(obj, "OnOO", &function, &history, &where, &potential))
         return -1;
     if (history < 0) {
         PyErr_SetString(PyExc_ValueError, "history must not be negative");
@@ -95,7 +123,10 @@ static int take_force(PyObject *obj, PyObject *arrays, pma_callable *callable,
         PyErr_SetString(PyExc_TypeError, "internal must be callable");
         return -1;
     }
-    *callable = (pma_callable){function, history, (npy_intp)out->entries};
+    if (potential != Py_None && PyList_Append(arrays, potential) < 0)
+        return -1;
+    *callable = (pma_callable){function, potential, history, (npy_intp)out->entries};
+    out->potential = potential != Py_None ? call_potential : NULL;
     out->function = call_callable;
     out->user = callable;
     out->by_caller = true;

@@ -11,7 +11,8 @@ static PyTypeObject *add_type(PyObject *module, PyType_Spec *spec)
 static int module_exec(PyObject *module)
 {
     module_state *state = PyModule_GetState(module);
-    if (PyArray_ImportNumPyAPI() < 0 || PyModule_AddFunctions(module, pma_strip_functions) < 0)
+    if (PyArray_ImportNumPyAPI() < 0 || PyModule_AddFunctions(module, pma_strip_functions) < 0 ||
+        PyModule_AddFunctions(module, pma_spring_functions) < 0)
         return -1;
     state->subdomain_type = add_type(module, &pma_subdomain_spec);
     if (!state->subdomain_type)

@@ -191,6 +191,18 @@ static PyObject *subdomain_set_load(SubdomainObject *self, PyObject *obj)
     Py_RETURN_NONE;
 }
 
+/* The result of an evaluation of a function of the user, or the code that it returned; NULL with
+ * the exception that it raised. Steals the reference to the result. */
+static PyObject *result_of(SubdomainObject *self, pma_status status, PyObject *result)
+{
+    if (status == PMA_OK)
+        return result;
+    Py_DECREF(result);
+    if (status == PMA_NO_MEMORY)
+        return PyErr_NoMemory();
+    return PyErr_Occurred() ? NULL : PyLong_FromLong(pma_subdomain_code(self->core));
+}
+
 /* ---- energy ------------------------------------------------------------------------------- */
 
 static int begin_energy(SubdomainObject *self, PyObject *args, PyObject *arrays)
@@ -211,6 +223,17 @@ static int begin_energy(SubdomainObject *self, PyObject *args, PyObject *arrays)
         return 0;
     pma_raise(status, "energy");
     return -1;
+}
+
+/* evaluate_present(t): None, or the code that a function returned */
+static PyObject *subdomain_evaluate_present(SubdomainObject *self, PyObject *args)
+{
+    double t;
+    if (!PyArg_ParseTuple(args, "d", &t) || !pma_subdomain_claim(self))
+        return NULL;
+    const pma_status status = pma_subdomain_evaluate_present(self->core, t);
+    pma_subdomain_release(self);
+    return result_of(self, status, Py_NewRef(Py_None));
 }
 
 static PyObject *subdomain_begin_energy(SubdomainObject *self, PyObject *args)
@@ -287,18 +310,6 @@ static PyObject *subdomain_state(SubdomainObject *self, PyObject *Py_UNUSED(igno
     for (Py_ssize_t i = 0; i < 3; i++)
         memcpy(item_of(tuple, i), fields[i], (size_t)n * sizeof(double));
     return tuple;
-}
-
-/* The array that a function of the user filled, or the code that it returned; NULL with the
- * exception that it raised. Steals the reference to the array. */
-static PyObject *result_of(SubdomainObject *self, pma_status status, PyObject *array)
-{
-    if (status == PMA_OK)
-        return array;
-    Py_DECREF(array);
-    if (status == PMA_NO_MEMORY)
-        return PyErr_NoMemory();
-    return PyErr_Occurred() ? NULL : PyLong_FromLong(pma_subdomain_code(self->core));
 }
 
 /* force(t): F(t) of a load that is no table, or the code that the function returned */
@@ -449,6 +460,9 @@ static PyMethodDef subdomain_methods[] = {
     {"springs", (PyCFunction)subdomain_springs, METH_NOARGS,
      "springs() -> (3, springs) array: present deformation, force and inner variable, a copy"},
     {"set_levels", (PyCFunction)subdomain_set_levels, METH_O, "set_levels(levels): the inverse"},
+    {"evaluate_present", (PyCFunction)subdomain_evaluate_present, METH_VARARGS,
+     "evaluate_present(t): internal forces and their potential, for begin_energy; None, or the "
+     "code that a function returned"},
     {"begin_energy", (PyCFunction)subdomain_begin_energy, METH_VARARGS,
      "begin_energy(M, load, lam): sums works from the present time level on"},
     {"end_energy", (PyCFunction)subdomain_end_energy, METH_NOARGS, "end_energy(): stops the sums"},

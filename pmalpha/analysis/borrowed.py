@@ -18,16 +18,11 @@ def checked_coupler(coupler: Any) -> Coupler:
 @contextmanager
 def state_kept(coupler: Coupler) -> Iterator[None]:
     """Restore the state of the coupler afterwards, bitwise identical."""
-    coupler._start()
-    core = coupler._core
-    states = [part.core.levels() for part in coupler._parts]
-    step_count, lam, g = core.step_count, core.multipliers, core.prescribed
+    snapshot = coupler._snapshot()
     try:
         yield
     finally:
-        for part, state in zip(coupler._parts, states):
-            part.core.set_levels(state)
-        core.start(step_count, lam, g)
+        coupler._restore(snapshot)
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -122,6 +122,18 @@ class CheckedInternal:
                 self._place(values, what, t, places, K, C)
         return f, K, C, q1
 
+    @property
+    def potential(self) -> Callable[[np.ndarray], float] | None:
+        """The sum of the potentials of the forces that have one; None where none has."""
+        conservative = [
+            (force, what)
+            for force, what in zip(self.forces, self.what)
+            if force.potential is not None
+        ]
+        if not conservative:
+            return None
+        return lambda u: sum(_energy(force, what, u.copy()) for force, what in conservative)
+
     def _residual(
         self, force: Any, what: str, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray
     ) -> np.ndarray:
@@ -152,6 +164,14 @@ class CheckedInternal:
                 )
         except (TypeError, ValueError) as error:
             raise type(error)(f"{what} at t = {t:g}: {error}") from None
+
+
+def _energy(force: Any, what: str, u: np.ndarray) -> float:
+    """potential(u) of a force, which may be infinite or NaN."""
+    value = plain_array(force.potential(u), "potential")
+    if value.shape != () or value.dtype.kind not in "iuf":
+        raise TypeError(f"potential of {what} must return a real number, got {value!r}")
+    return float(value)
 
 
 def first_tangent(

@@ -43,7 +43,7 @@ class InternalForce(Frozen):
         substep. A pure function of its arguments: it is evaluated any number of times, and q1 is
         taken over only when the substep is complete.
         If it has a method ``residual(u, v, t, q) -> f``, and the force no history, that is called
-        where no tangent is needed. A method ``potential(u) -> float`` is the strain energy.
+        where no tangent is needed. A method ``potential(u) -> float`` is its energy, see `Energy`.
         A ``scipy.LowLevelCallable`` ``int (double t, intptr_t n, double *u, double *v, double *q,
         double *f, double *K, double *C, double *q1, void *user)`` is evaluated without the GIL. K
         and C are the values of `pattern` by rows, or NULL where no tangent is needed; f, K, C and
@@ -234,6 +234,8 @@ def checked_internal(internal: Any, n: int) -> Internal | None:
 
     None where there are none: an empty list is the sum of no forces.
     """
+    if isinstance(internal, Internal):  # of another subdomain
+        internal = [*internal.springs, *internal.forces]
     items = labelled(internal, "internal")
     springs, forces = [], []
     for item, label in items:

@@ -6,6 +6,7 @@ of docs/method.md.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -348,9 +349,13 @@ def check_dofs(springs: tuple[Spring, ...], n: int) -> None:
 
 def stiffness(springs: tuple[Spring, ...], tangent: str, n: int) -> sp.csr_array:
     """sum B^T k B, (n, n), with the initial or the largest tangent k of each spring."""
+    return assembled(springs, [getattr(spring, tangent) for spring in springs], n)
+
+
+def assembled(springs: tuple[Spring, ...], tangents: Sequence[np.ndarray], n: int) -> sp.csr_array:
+    """sum B^T k B, (n, n), with the tangents k of the springs of each object."""
     total = sp.csr_array((n, n))
-    for spring in springs:
-        k = getattr(spring, tangent)
+    for spring, k in zip(springs, tangents):
         first, second = spring.dofs.T
         rows = np.concatenate([first, second, first, second])
         columns = np.concatenate([first, second, second, first])

@@ -177,7 +177,8 @@ def sample(history: Recorded, part: Part) -> Sample | None:
     errors = errors_of(history, steps, columns) * weights
     lengths = (steps + 1 - previous_level(history, steps)) * part.h
     speed = rms(v)
-    omega = np.sqrt(rms(w) / rms(u - u.mean(axis=0))) if np.any(w) else 0.0
+    motion = rms(u - u.mean(axis=0))
+    omega = np.sqrt(rms(w) / motion) if motion > 0.0 else 0.0  # at rest w may be rounding
     factor = phase_factor(part.subdomain.scheme, float(f"{omega * part.step:.1e}"))
     rate = AMPLITUDE * factor * float(np.mean(np.linalg.norm(errors, axis=1) / lengths))
     few = np.linspace(0, levels - 1, SHAPE).round().astype(np.int64)

@@ -42,12 +42,14 @@ from .motion import motions_of
 from .present import Present
 from .progress import Report, reporting
 from .recording import Recording, recording_class
+from .snapshot import Snapshots
+from .stiffening import warn_of_present_steps
 from .uncut import Uncut
 
 __all__ = ["Coupler"]
 
 
-class Coupler(Description, Present, Uncut):
+class Coupler(Description, Present, Snapshots, Uncut):
     """Subdomains with different schemes and time steps, coupled by velocity constraints.
 
     Parameters
@@ -309,7 +311,8 @@ class Coupler(Description, Present, Uncut):
         AccuracyWarning, StabilityWarning
             When the recorded steps are too coarse for the motion, or under "macro" the macro step
             for the multipliers; when steps are above the critical step for the stiffness seen in a
-            restoring callable without ``restoring_stiffness``.
+            restoring callable without ``restoring_stiffness``, or, once at the beginning, for the
+            tangents of the internal forces of explicit subdomains in the present state.
 
         An exception of a load or of a restoring force reaches the caller, and so does Ctrl-C,
         within 0.1 s or a fine step, whichever is longer. After any exception the coupler is at the
@@ -337,6 +340,8 @@ class Coupler(Description, Present, Uncut):
             with reporting(progress, begin, end) as report:
                 self._last_history = None
                 self._start()
+                if end > begin and (begin or self._was_reset):  # else the set-up has warned
+                    warn_of_present_steps(self._parts, self._clock.time(begin))
                 with summed_works(self._core, self._parts, self._loads, energy), recording:
                     self._core.record_present(recording.core_record())
                     try:

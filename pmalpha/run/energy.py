@@ -32,10 +32,12 @@ class Energy:
     t : (macro time levels,) array
         Times of the rows.
     kinetic, strain : arrays
-        T = v M v / 2 and U = u K u / 2, equation (B1).
+        T = v M v / 2 and U = u K u / 2, equation (B1), and in U the energy of springs (H5) and
+        the ``potential(u)`` of the internal forces that have one.
     dissipated, external, interface : arrays
-        The works of C v, of F and of L^T Lam, summed over the substeps, (B2) and (B3). The work of
-        a restoring force counts as dissipated, its elastic share included.
+        The works of C v, of F and of L^T Lam, summed over the substeps, (B2) and (B3). The works of
+        restoring and internal forces count as dissipated, less the change of their energy in U: of
+        a function without potential also the elastic share.
     balance : array
         kinetic + strain + dissipated - external - interface, minus its value at the beginning: the
         energy that the scheme added, negative if it was removed, (B4).
@@ -90,6 +92,7 @@ def summed_works(core: Any, parts: Sequence[Part], loads: Loads, wanted: bool) -
         if wanted:
             lam = core.multipliers
             for i, part in enumerate(parts):
+                loads.evaluate_present(i)
                 part.core.begin_energy(core_matrix(part.M), loads.at_present(i), lam)
         yield
     finally:

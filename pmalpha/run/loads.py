@@ -78,6 +78,11 @@ class Loads:
         )
 
     @property
+    def has_callables(self) -> bool:
+        """Whether values of Python callables are stored."""
+        return bool(self._all_callbacks())
+
+    @property
     def iterates(self) -> bool:
         """Whether the core factors tangents while it steps."""
         return any(part.tangent is not None for part in self.parts)
@@ -146,6 +151,11 @@ class Loads:
             return self._values(part.core.force(t), "force", i, step)
         return (force(t) if callable(force) else force)[part.order]
 
+    def evaluate_present(self, i: int) -> None:
+        """Let the core evaluate the internal forces of a subdomain at the present time."""
+        step, core = self.core.step_count, self.parts[i].core
+        self._values(core.evaluate_present(self.clock.time(step)), "internal force", i, step)
+
     def terms_at_start(
         self, states: Sequence[tuple[np.ndarray, np.ndarray]]
     ) -> list[list[np.ndarray]]:
@@ -164,7 +174,7 @@ class Loads:
                 terms[i].append(-r)
         return terms
 
-    def _values(self, values: np.ndarray | int, what: str, i: int, step: int) -> np.ndarray:
+    def _values(self, values: Any, what: str, i: int, step: int) -> Any:
         """The values of a compiled function; CallbackError if it returned a code."""
         if isinstance(values, int):
             raise CallbackError(values, what, step, self.clock.time(step), self.parts[i].name)

@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from .._checks import whole_number
 from ..problem.matrices import Matrix, combination
 from ..problem.subdomain import Subdomain
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.eigenmodes import modes
+from ..setup.equilibrium import Equilibrium
 from ..setup.part import Part
 from ..setup.static import static_displacements
 from ..setup.uncut import Assembled, assembled
@@ -23,14 +25,23 @@ class Uncut:
     _parts: Any
     _loads: Any
     _entered: Any
-    _require_linear: Any
+    _initial: Any
     _steps_done: Any
 
-    def static(self) -> dict[str, np.ndarray]:
+    def static(self, *, steps: int = 1) -> dict[str, np.ndarray]:
         """Static equilibrium under F(0) with displacements tied, such as u0 under dead load.
 
         Rows with a prescribed velocity are held at zero. The coupler itself is unchanged; use
-        ``coupler.reset(u0=coupler.static())``.
+        ``coupler.reset(u0=coupler.static())``. With springs or internal forces the equilibrium is
+        iterated by Newton's method, from the initial displacements: those of the `Subdomain`, or of
+        the last `reset`. Of several equilibria it finds one near to them.
+
+        Parameters
+        ----------
+        steps : int, default 1
+            Number of equal load steps, in which the residual of the initial displacements is
+            removed. One that does not converge is halved, so that more than 1 are needed only to
+            stay on a branch of solutions. No effect for linear subdomains.
 
         Returns
         -------
@@ -40,9 +51,21 @@ class Uncut:
         Raises
         ------
         FactorizationError
-            For a floating structure or an indefinite stiffness.
-        ValueError
-            For a restoring force on a subdomain: that equilibrium is nonlinear.
+            For a floating structure, a mechanism at the solution, or an indefinite stiffness: an
+            equilibrium that is not stable.
+        ConvergenceError
+            When the iteration does not converge in small load steps; its time is 0.
+        TypeError, ValueError
+            For `steps` that is not a whole number above 0; for a function among restoring forces,
+            whose equilibrium only an experiment finds: `internal` takes forces that can be
+            iterated.
+
+        Notes
+        -----
+        Equations (N18) to (N20) of docs/method.md. Springs and forces with a history are evaluated
+        at the end of one path from their history at t = 0, as the start of a run evaluates them,
+        (N17), whatever the load steps: so the run stays at rest. Where yielding depends on the path
+        of the load, apply it in a run.
 
         Examples
         --------
@@ -51,13 +74,35 @@ class Uncut:
         >>> coupler = Coupler([a, b], tie(a, [0], b, [0]), dt=0.1)
         >>> {name: float(u[0]) for name, u in coupler.static().items()}
         {'a': 1.0, 'b': 1.0}
+
+        With a hardening spring, 2 u + u + u^3 = 4:
+
+        >>> b = Subdomain([1.0], [1.0], scheme=Newmark(), internal=CubicSpring([0], 0.0, 1.0))
+        >>> a = Subdomain([1.0], [2.0], scheme=Newmark(), force=[4.0], name="a")
+        >>> coupler = Coupler([a, b], tie(a, [0], b, [0]), dt=0.1)
+        >>> float(coupler.static()["a"][0].round(12))
+        1.0
         """
-        self._require_linear("static")
+        steps = whole_number(steps, "steps", low=1)
+        for name, s in self._keys:
+            if s.has_functions:
+                raise ValueError(
+                    "static needs springs as restoring forces, and functions as internal ones, got "
+                    f"a restoring function on {name!r}"
+                )
         with self._entered():
-            step = self._steps_done()
-            forces = [self._loads.at_start(i, step)[p.position] for i, p in enumerate(self._parts)]
-            u = static_displacements([s.K for _, s in self._keys], self._rows.matrices, forces)
+            done = self._steps_done()
+            forces = [self._loads.at_start(i, done)[p.position] for i, p in enumerate(self._parts)]
+            u = self._equilibrium(forces, steps)
         return dict(zip((name for name, _ in self._keys), u))
+
+    def _equilibrium(self, forces: list[np.ndarray], steps: int) -> list[np.ndarray]:
+        internal = [part.internal for part in self._parts]
+        if any(s.springs for _, s in self._keys) or any(x is not None for x in internal):
+            newton = self._loads.newton
+            problem = Equilibrium(self._keys, internal, self._rows.matrices, forces, newton)
+            return problem.solve([u for u, _ in self._initial.values], steps)
+        return static_displacements([s.K for _, s in self._keys], self._rows.matrices, forces)
 
     def assembled(self) -> Assembled:
         """The structure before it was cut: M, C and K with the constraints eliminated exactly.

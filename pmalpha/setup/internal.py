@@ -206,7 +206,12 @@ def core_internal(
 ) -> tuple:
     """(order, initial, functions) of the core; without tangents in an explicit subdomain."""
     functions = tuple(
-        (function, history, None if tangent is None else tangent.places(pattern))
+        (
+            function,
+            history,
+            None if tangent is None else tangent.places(pattern),
+            function.potential if isinstance(function, CheckedInternal) else None,
+        )
         for function, history, pattern in forces.functions
     )
     return order.astype(np.int64), forces.initial, functions

@@ -11,12 +11,14 @@ import scipy.sparse as sp
 from scipy.linalg import eigh
 from scipy.sparse.linalg import ArpackNoConvergence, eigsh
 
-from .._checks import listing
+from .._checks import listing, vector
 from ..errors import StabilityWarning, warn
+from ..problem.arguments import VectorLike
 from ..problem.matrices import Matrix, combination, dense, product
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
-from .internal import internal_forces
+from .evaluated import present_tangent
+from .internal import InternalForces, internal_forces
 
 # Below this size the eigenvalues of the dense matrices take less time than Lanczos.
 SMALL = 200
@@ -66,7 +68,13 @@ def critical_damping_product(scheme: Scheme) -> float:
     return 1.0 / (1.0 + (scheme.gamma - 0.5) * ratio)
 
 
-def critical_step(subdomain: Subdomain) -> float:
+def critical_step(
+    subdomain: Subdomain,
+    *,
+    u: VectorLike | None = None,
+    v: VectorLike | None = None,
+    q: VectorLike | None = None,
+) -> float:
     """The longest stable step of a subdomain without constraints, equations (C1) and (C2).
 
     It limits the substep h = dt / substeps; for double steps, of length 2 h, the substep must not
@@ -76,6 +84,11 @@ def critical_step(subdomain: Subdomain) -> float:
     ----------
     subdomain : Subdomain
         Its interface is taken as free: ties do not raise the limit.
+    u, v : (n,) array, optional
+        Displacement and velocity at which the tangents of internal forces are evaluated, those of
+        `Coupler.state` for example. Default: u0 and v0 of the subdomain.
+    q : (m,) array, optional
+        Their history there, a row of `SubdomainHistory.q`. Default: that at t = 0.
 
     Returns
     -------
@@ -90,7 +103,11 @@ def critical_step(subdomain: Subdomain) -> float:
     does: h is the step at which the largest eigenvalue of h^2 K / Omega_s^2 + h C / Z_s with
     respect to M is 1. A restoring force is represented by the estimate K_r, which is added to K,
     and springs by their largest tangent stiffness (k of a `CubicSpring`). Internal forces are
-    represented by their tangents at t = 0.
+    represented by their tangents at u, v and q, at the time 0, and springs among them by their
+    tangent at u or their initial one, whichever is larger.
+
+    `Coupler.run` warns once, at its beginning, if an explicit step is above the critical one for
+    the tangents of the present state.
 
     Examples
     --------
@@ -100,11 +117,24 @@ def critical_step(subdomain: Subdomain) -> float:
     1.0
     >>> analysis.critical_step(Subdomain([1.0], [4.0], scheme=Newmark()))
     inf
+
+    A hardening spring, at rest and at u = 1, where its tangent is 1 + 3 u^2:
+
+    >>> spring = CubicSpring([0], k=1.0, k3=1.0)
+    >>> rig = Subdomain([1.0], None, scheme=CentralDifference(), internal=spring)
+    >>> round(analysis.critical_step(rig), 6), round(analysis.critical_step(rig, u=[1.0]), 6)
+    (2.0, 1.0)
     """
     if not isinstance(subdomain, Subdomain):
         raise TypeError(f"subdomain must be a Subdomain, got {subdomain!r}")
     forces = internal_forces(subdomain, subdomain.name or "subdomain")
-    return limit_of(subdomain, None if forces is None else forces.K)
+    initial = np.empty(0) if forces is None else forces.initial
+    state = (
+        subdomain.u0 if u is None else vector(u, subdomain.n, "u"),
+        subdomain.v0 if v is None else vector(v, subdomain.n, "v"),
+    )
+    past = initial if q is None else vector(q, initial.size, "q")
+    return limit_of(subdomain, present_tangent(subdomain, forces, *state, 0.0, past))
 
 
 def limit_of(subdomain: Subdomain, internal: Matrix) -> float:
@@ -166,6 +196,28 @@ def step_ratio(subdomain: Subdomain, step: float, internal: Matrix = None) -> St
         return StepRatio(0.5 * step * (of_B + np.sqrt(of_B**2 + 4.0 * of_A)), is_bound=True)
     critical = limit_of(subdomain, internal)
     return StepRatio(step / critical if critical > 0.0 else np.inf)
+
+
+def present_ratio(
+    subdomain: Subdomain,
+    internal: InternalForces,
+    step: float,
+    t: float,
+    state: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+) -> StepRatio:
+    """The step divided by the critical one for the tangents of internal forces in a state.
+
+    Parameters
+    ----------
+    subdomain : Subdomain
+    internal : InternalForces
+    step, t : float
+    state : (u, v, q, remembered)
+        In the user's order of dofs; remembered is that of springs, (3, springs).
+    """
+    u, v, q, remembered = state
+    K = present_tangent(subdomain, internal, u, v, t, q, remembered)
+    return step_ratio(subdomain, step, K)
 
 
 def warn_of_steps(steps: Iterable[tuple[str, Subdomain, float, StepRatio]]) -> None:

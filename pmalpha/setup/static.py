@@ -36,11 +36,9 @@ def static_displacements(
         When the structure is floating or its stiffness indefinite.
     """
     sizes = [f.size for f in forces]
-    K = sp.csc_array(sp.block_diag([_sparse(A, n) for A, n in zip(stiffnesses, sizes)]))
+    K = sp.csc_array(sp.block_diag([sparse(A, n) for A, n in zip(stiffnesses, sizes)]))
     L = sp.csr_array(sp.hstack(constraints))
-    scale = scale_to_one(K)
-    K = sp.csc_array(scale @ K @ scale)
-    L = sp.csr_array(L @ scale)
+    scale, K, L = _scaled(K, L)
     _require_stiff(K, L)
     p = L.shape[0]
     saddle = sp.csc_array(sp.block_array([[K, -L.T], [L, None]])) if p else K
@@ -49,7 +47,12 @@ def static_displacements(
     return np.split(u, np.cumsum(sizes)[:-1])
 
 
-def _sparse(A: Matrix, n: int) -> sp.csc_array:
+def _scaled(K: sp.csc_array, L: sp.csr_array) -> tuple[sp.dia_array, sp.csc_array, sp.csr_array]:
+    scale = scale_to_one(K)
+    return scale, sp.csc_array(scale @ K @ scale), sp.csr_array(L @ scale)
+
+
+def sparse(A: Matrix, n: int) -> sp.csc_array:
     if A is None:
         return sp.csc_array((n, n))
     return sp.csc_array(sp.diags_array(A) if A.ndim == 1 else A)
@@ -60,6 +63,11 @@ def scale_to_one(K: sp.csc_array) -> sp.dia_array:
     d = np.abs(K.diagonal())
     d[d == 0.0] = 1.0
     return sp.diags_array(2.0 ** np.round(-0.5 * np.log2(d)))
+
+
+def require_stiff(K: sp.csc_array, L: sp.csr_array) -> None:
+    """FactorizationError unless K is positive definite on the motions with L u = 0."""
+    _require_stiff(*_scaled(K, L)[1:])
 
 
 def _require_stiff(K: sp.csc_array, L: sp.csr_array) -> None:

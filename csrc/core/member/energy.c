@@ -13,6 +13,7 @@ typedef struct {
     double *pull;               /* nb: L_b^T Lam */
     double *springs;            /* what they remember */
     double dissipated, external, interface;
+    double potential; /* of internal forces; known at macro time levels */
 } level;
 
 struct pma_energy {
@@ -21,8 +22,9 @@ struct pma_energy {
     level *work; /* time level j > 0 in work[(j - 1) % kept] */
     size_t kept;
     bool begun;            /* a macro step has been committed since the beginning */
-    double *start_damping; /* n: C v at the beginning */
-    double *product;       /* n: scratch */
+    double *start_damping; /* n: C v + f at the beginning */
+    double start_potential;
+    double *product; /* n: scratch */
     double *block;
 };
 
@@ -122,25 +124,31 @@ static void add(size_t n, const double *x, double *y)
         y[i] += x[i];
 }
 
-/* r + f of the substep closed last. At the beginning they are not known: there they count as those
- * of the first substep. */
+/* r of the substep closed last. At the beginning it is not known, since it is evaluated once per
+ * substep: there it counts as that of the first one. */
 static void take_restoring(pma_energy *e, const pma_substep *step, level *to)
 {
     const pma_restoring *restoring = e->parts.restoring;
-    if (!restoring->function && !e->parts.internal)
+    if (!restoring->function)
         return;
-    const double *r = restoring->function ? pma_restoring_last(restoring) : NULL;
-    for (size_t i = 0; r && i < e->parts.n; i++)
+    const double *r = pma_restoring_last(restoring);
+    for (size_t i = 0; i < e->parts.n; i++)
         to->damping[i] = r[restoring->order[i]];
-    if (e->parts.internal)
-        add(e->parts.n, e->parts.internal, to->damping);
     if (step->j > 0 || e->begun)
         return;
     memcpy(e->present.damping, e->start_damping, e->parts.n * sizeof(double));
     add(e->parts.n, to->damping, e->present.damping);
 }
 
-/* u, springs, F and C v + r at the end of a substep; L_b^T Lam is not known in a free macro run */
+/* f and its potential, as evaluated last */
+static void take_internal(const pma_energy *e, level *to)
+{
+    if (e->parts.internal)
+        add(e->parts.n, e->parts.internal, to->damping);
+    to->potential = e->parts.potential ? *e->parts.potential : 0.0;
+}
+
+/* u, springs, F and C v + r + f at the end of a substep; L_b^T Lam is not known in a free macro run */
 static void fill_level(pma_energy *e, const pma_substep *step, const pma_state *x, level *to)
 {
     memcpy(to->u, x->u, e->parts.n * sizeof(double));
@@ -149,6 +157,7 @@ static void fill_level(pma_energy *e, const pma_substep *step, const pma_state *
     memset(to->damping, 0, e->parts.n * sizeof(double));
     pma_load_add(e->parts.load, step->t1, step->number, to->load);
     take_restoring(e, step, to);
+    take_internal(e, to);
     multiply(&e->parts.C, x->v, e->product);
     add(e->parts.n, e->product, to->damping);
 }
@@ -195,9 +204,11 @@ void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, con
     memcpy(at->springs, x->springs, spring_numbers(&e->parts) * sizeof(double));
     memcpy(at->load, load, e->parts.n * sizeof(double));
     multiply(&e->parts.C, x->v, e->product);
-    memset(e->start_damping, 0, e->parts.n * sizeof(double));
-    add(e->parts.n, e->product, e->start_damping);
-    memcpy(at->damping, e->start_damping, e->parts.n * sizeof(double));
+    memset(at->damping, 0, e->parts.n * sizeof(double));
+    take_internal(e, at);
+    add(e->parts.n, e->product, at->damping);
+    memcpy(e->start_damping, at->damping, e->parts.n * sizeof(double));
+    e->start_potential = at->potential;
     fill_pull(e, lam, at);
     at->dissipated = 0.0;
     at->external = 0.0;
@@ -270,8 +281,8 @@ void pma_energy_at(pma_energy *e, size_t j, const pma_state *x, double *out)
     const level *at = level_at(e, j);
     out[PMA_KINETIC] = half_square(e, &e->parts.M, x->v); /* (B1) */
     out[PMA_STRAIN] = half_square(e, &e->parts.K, x->u);
-    out[PMA_STRAIN] += pma_springs_energy(e->parts.springs, x->springs);
-    out[PMA_DISSIPATED] = at->dissipated;
+    out[PMA_STRAIN] += pma_springs_energy(e->parts.springs, x->springs) + at->potential;
+    out[PMA_DISSIPATED] = at->dissipated - (at->potential - e->start_potential);
     out[PMA_EXTERNAL] = at->external;
     out[PMA_INTERFACE_WORK] = at->interface;
 }

@@ -31,7 +31,8 @@ typedef struct {
     pma_link link;
     const pma_load *load;
     const pma_restoring *restoring;
-    const double *internal; /* n: internal forces of functions, as evaluated last; NULL: none */
+    const double *internal;  /* n: internal forces of functions, as evaluated last; NULL: none */
+    const double *potential; /* their energy, as evaluated last; NULL: none has one */
     const pma_springs *springs;
 } pma_energy_parts;
 
@@ -41,7 +42,8 @@ typedef struct pma_energy pma_energy;
 pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out);
 void pma_energy_destroy(pma_energy *e); /* NULL is allowed */
 
-/* All works are zero at the present x, under load (n) and multipliers lam (p). */
+/* All works are zero at the present x, under load (n) and multipliers lam (p). Internal forces and
+ * their potential have been evaluated there. */
 void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, const double *lam);
 
 /* A substep has been closed: the state x at its end, lam (p). No later substep has been opened yet,

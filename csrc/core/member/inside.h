@@ -22,6 +22,7 @@ struct pma_subdomain {
     double *vs;               /* n: extrapolated velocity, if there is one */
     double *force;            /* n, and scratch: internal forces of an explicit subdomain */
     double *history;          /* of internal forces, at the next start */
+    double potential;         /* of internal forces, as evaluated last */
     double *product;          /* n: scratch, if it shoots */
     double *acceleration;     /* n: scratch, under mean coupling */
     double *closing, *work;   /* nb: L^T Lam; scratch of the factor: both of a substep */
@@ -62,7 +63,11 @@ void pma_substep_add_forces(const pma_subdomain *s, const pma_substep *step, siz
                             size_t end);
 void pma_substep_free_velocity(pma_subdomain *s, const pma_substep *step);
 void pma_substep_load_interface(pma_subdomain *s, const double *lam);
-void pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam);
+
+/* The energy is shown a substep that is closed, at the end of a macro step with the potential of
+ * the internal forces; fails only where a function of the user evaluates that. */
+pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam);
+pma_status pma_substep_evaluate_potential(pma_subdomain *s, const double *u);
 
 /* vs (n) := v + h w                                                                        (R1) */
 void pma_substep_extrapolate(double h, size_t n, const pma_state *from, double *vs);

@@ -70,3 +70,31 @@ pma_status pma_internal_evaluate(const pma_internal *internal, double t, const d
         memcpy(q1, own_q1, internal->history * sizeof *q1);
     return PMA_OK;
 }
+
+bool pma_internal_has_potential(const pma_internal *internal)
+{
+    for (size_t k = 0; k < internal->count; k++) {
+        if (internal->forces[k].potential)
+            return true;
+    }
+    return false;
+}
+
+pma_status pma_internal_potential(const pma_internal *internal, const double *u, double *energy,
+                                  double *scratch, int *code)
+{
+    *energy = 0.0;
+    for (size_t k = 0; k < internal->count; k++) {
+        const pma_internal_force *force = &internal->forces[k];
+        double stored = 0.0;
+        if (!force->potential)
+            continue;
+        for (size_t i = 0; i < internal->n; i++)
+            scratch[internal->order[i]] = u[i];
+        *code = force->potential((intptr_t)internal->n, scratch, &stored, force->user);
+        if (*code != 0)
+            return PMA_RESTORING_FAILED;
+        *energy += stored;
+    }
+    return PMA_OK;
+}

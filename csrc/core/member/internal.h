@@ -18,6 +18,9 @@
 typedef int (*pma_internal_function)(double t, intptr_t n, double *u, double *v, double *q,
                                      double *f, double *K, double *C, double *q1, void *user);
 
+/* The energy of a force that is the slope of one, at u (n), a copy. Other than 0: stop the run. */
+typedef int (*pma_internal_potential_function)(intptr_t n, double *u, double *energy, void *user);
+
 /* One of them. Arrays of the caller, which have to outlive it. */
 typedef struct {
     pma_internal_function function;
@@ -25,6 +28,7 @@ typedef struct {
     bool by_caller;          /* to be called by the thread that called advance */
     size_t history, entries; /* numbers in q; entries of its pattern */
     const int64_t *where;    /* entries: position of each in the pattern of the tangent */
+    pma_internal_potential_function potential; /* with the same `user`; NULL: none */
 } pma_internal_force;
 
 typedef struct {
@@ -49,5 +53,12 @@ pma_status pma_internal_evaluate(const pma_internal *internal, double t, const d
                                  const double *v, const double *q, double *f, double *q1,
                                  double al1, double al2, double *tangent, double *scratch,
                                  int *code);
+
+/* *energy := the sum of the potentials of those that have one, at u (n). As above. */
+pma_status pma_internal_potential(const pma_internal *internal, const double *u, double *energy,
+                                  double *scratch, int *code);
+
+/* Has any of them a potential? */
+bool pma_internal_has_potential(const pma_internal *internal);
 
 #endif

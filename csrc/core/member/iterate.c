@@ -162,7 +162,7 @@ const pma_factor *pma_iterate_factor(const pma_iterate *it)
     return &it->numeric.factor;
 }
 
-const double *pma_iterate_force(const pma_iterate *it)
+double *pma_iterate_force(const pma_iterate *it)
 {
     return it->force;
 }

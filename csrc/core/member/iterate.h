@@ -64,6 +64,6 @@ void pma_iterate_commit(pma_iterate *it);
 void pma_iterate_discard(pma_iterate *it);
 
 /* f (n) of the last evaluation, without springs, K u and C v. */
-const double *pma_iterate_force(const pma_iterate *it);
+double *pma_iterate_force(const pma_iterate *it);
 
 #endif

@@ -309,29 +309,48 @@ pma_kept_levels pma_subdomain_levels(pma_subdomain *s)
 /* ---- energy --------------------------------------------------------------------------------- */
 
 /* f of the internal functions, as evaluated last; NULL if there are none */
-static const double *internal_force_of(const pma_subdomain *s)
+static double *internal_force_of(const pma_subdomain *s)
 {
     if (s->parts.internal.count == 0)
         return NULL;
     return s->iterate ? pma_iterate_force(s->iterate) : s->force;
 }
 
+pma_status pma_subdomain_evaluate_present(pma_subdomain *s, double t)
+{
+    const pma_internal *internal = &s->parts.internal;
+    const pma_state *x = &s->levels.present;
+    double *f = internal_force_of(s);
+    if (!f)
+        return PMA_OK;
+    double *after = calloc(internal->history + 1, sizeof *after); /* not taken over */
+    if (!after)
+        return PMA_NO_MEMORY;
+    memset(f, 0, s->parts.n * sizeof *f);
+    pma_status status = pma_internal_evaluate(internal, t, x->u, x->v, x->history, f, after, 0.0,
+                                              0.0, NULL, s->force + s->parts.n, &s->code);
+    free(after);
+    return status == PMA_OK ? pma_substep_evaluate_potential(s, x->u) : status;
+}
+
 pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, const double *load,
                                       const double *lam)
 {
-    const pma_energy_parts parts = {.n = s->parts.n,
-                                    .nb = s->parts.nb,
-                                    .substeps = s->parts.substeps,
-                                    .responds = s->parts.responds,
-                                    .doubled = s->parts.doubled,
-                                    .M = M,
-                                    .K = s->parts.K,
-                                    .C = s->parts.C,
-                                    .link = s->parts.link,
-                                    .load = &s->load,
-                                    .restoring = &s->parts.restoring,
-                                    .internal = internal_force_of(s),
-                                    .springs = &s->parts.springs};
+    const pma_energy_parts parts = {
+        .n = s->parts.n,
+        .nb = s->parts.nb,
+        .substeps = s->parts.substeps,
+        .responds = s->parts.responds,
+        .doubled = s->parts.doubled,
+        .M = M,
+        .K = s->parts.K,
+        .C = s->parts.C,
+        .link = s->parts.link,
+        .load = &s->load,
+        .restoring = &s->parts.restoring,
+        .internal = internal_force_of(s),
+        .potential = pma_internal_has_potential(&s->parts.internal) ? &s->potential : NULL,
+        .springs = &s->parts.springs};
     pma_energy *energy;
     const pma_status status = pma_energy_create(&parts, &energy);
     if (status != PMA_OK)

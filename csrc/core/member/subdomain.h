@@ -113,6 +113,10 @@ pma_response *pma_subdomain_response(pma_subdomain *s);
 
 /* ---- energy: from the present on, of every substep until it is ended ------------------------ */
 
+/* Evaluates the internal forces of functions and their potential at the present, time t, from the
+ * histories there, so that the energy which is then begun has them at its first time level. */
+pma_status pma_subdomain_evaluate_present(pma_subdomain *s, double t);
+
 /* Works are summed up from here, under load (n) and lam (p); M is the mass matrix. Allocates. To be
  * begun again after a start or after time levels were written. */
 pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, const double *load,

@@ -1,4 +1,5 @@
 /* substep.c - free and link problem of one substep, as one forward and one backward sweep. */
+#include <math.h>
 #include <string.h>
 
 #include "member/inside.h"
@@ -49,11 +50,13 @@ static pma_status subtract_internal(pma_subdomain *s, const pma_state *from, con
 {
     const pma_parts *p = &s->parts;
     memset(s->force, 0, p->n * sizeof(double));
-    const pma_status status =
+    pma_status status =
         pma_internal_evaluate(&p->internal, t1, to->u, s->vs, from->history, s->force, to->history,
                               0.0, 0.0, NULL, s->force + p->n, &s->code);
     for (size_t i = 0; i < p->n; i++)
         to->w[i] -= s->force[i];
+    for (size_t i = 0; i < p->internal.history && status == PMA_OK; i++)
+        status = isfinite(to->history[i]) ? PMA_OK : PMA_NOT_FINITE;
     return status;
 }
 
@@ -178,13 +181,27 @@ static bool sweep_back(const pma_subdomain *s, const pma_operator *op, const pma
     return finite;
 }
 
-void pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam)
+pma_status pma_substep_evaluate_potential(pma_subdomain *s, const double *u)
+{
+    return pma_internal_potential(&s->parts.internal, u, &s->potential, s->force + s->parts.n,
+                                  &s->code);
+}
+
+pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam)
 {
     const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
-    if (s->energy && step->held)
+    if (!s->energy)
+        return PMA_OK;
+    if ((step->j + 1) % s->parts.substeps == 0) { /* energies are those of macro time levels */
+        const pma_status status = pma_substep_evaluate_potential(s, x->u);
+        if (status != PMA_OK)
+            return status;
+    }
+    if (step->held)
         pma_energy_close_free(s->energy, step, x);
-    else if (s->energy)
+    else
         pma_energy_close(s->energy, step, x, lam);
+    return PMA_OK;
 }
 
 pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const double *lam)
@@ -193,6 +210,5 @@ pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const do
     pma_substep_load_interface(s, lam);
     if (!sweep_back(s, pma_operator_of(s, step->twice), pma_levels_at(&s->levels, step->j + 1)))
         return PMA_NOT_FINITE;
-    pma_substep_observe(s, step, lam);
-    return PMA_OK;
+    return pma_substep_observe(s, step, lam);
 }

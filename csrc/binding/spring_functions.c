@@ -1,0 +1,66 @@
+/* The laws of springs, as a function of the module, for set-up and static equilibrium. */
+#define NO_IMPORT_ARRAY
+#include "binding.h"
+
+static double *data_of(PyObject *array)
+{
+    return PyArray_DATA((PyArrayObject *)array);
+}
+
+/* (levels, slopes, f) of springs that go from `from` to u */
+static PyObject *follow(const pma_springs *springs, npy_intp n, const double *u, const double *from)
+{
+    const npy_intp total = (npy_intp)springs->total, shape[2] = {PMA_SPRING_FIELDS, total};
+    PyObject *to = PyArray_ZEROS(2, shape, NPY_DOUBLE, 0), *result = NULL;
+    PyObject *slopes = PyArray_ZEROS(1, &total, NPY_DOUBLE, 0);
+    PyObject *f = PyArray_ZEROS(1, &n, NPY_DOUBLE, 0);
+    if (to && slopes && f) {
+        pma_springs_subtract(springs, u, from, data_of(to), data_of(f));
+        pma_springs_tangent(springs, from, data_of(to), data_of(slopes));
+        for (npy_intp i = 0; i < n; i++)
+            data_of(f)[i] = 0.0 - data_of(f)[i]; /* no negative zeros */
+        result = PyTuple_Pack(3, to, slopes, f);
+    }
+    Py_XDECREF(to);
+    Py_XDECREF(slopes);
+    Py_XDECREF(f);
+    return result;
+}
+
+static PyObject *take_and_follow(PyObject *list, PyObject *u_obj, PyObject *from_obj,
+                                 PyObject *arrays, pma_spring_set **sets)
+{
+    const npy_intp any = -1;
+    PyArrayObject *u, *from;
+    pma_springs springs;
+    if (pma_take_springs(list, arrays, sets, &springs) < 0 ||
+        pma_take_array(u_obj, NPY_DOUBLE, 1, &any, "u", NULL, &u) < 0)
+        return NULL;
+    const npy_intp n = PyArray_DIM(u, 0), shape[2] = {PMA_SPRING_FIELDS, (npy_intp)springs.total};
+    if (pma_take_array(from_obj, NPY_DOUBLE, 2, shape, "levels", NULL, &from) < 0)
+        return NULL;
+    const pma_status status = pma_springs_check(&springs, (size_t)n);
+    if (status != PMA_OK)
+        return pma_raise(status, "springs");
+    return follow(&springs, n, PyArray_DATA(u), PyArray_DATA(from));
+}
+
+static PyObject *follow_springs(PyObject *Py_UNUSED(module), PyObject *args)
+{
+    PyObject *list, *u, *from, *arrays;
+    pma_spring_set *sets = NULL;
+    if (!PyArg_ParseTuple(args, "O!OO", &PyTuple_Type, &list, &u, &from) ||
+        !(arrays = PyList_New(0)))
+        return NULL;
+    PyObject *result = take_and_follow(list, u, from, arrays, &sets);
+    PyMem_Free(sets);
+    Py_DECREF(arrays);
+    return result;
+}
+
+PyMethodDef pma_spring_functions[] = {
+    {"follow_springs", follow_springs, METH_VARARGS,
+     "follow_springs(springs, u, levels) -> (levels, slopes, f): springs that go from what they "
+     "remember, (3, springs), to u"},
+    {NULL, NULL, 0, NULL},
+};

@@ -1,0 +1,277 @@
+"""Static equilibrium with springs and internal forces, by Newton's method, (N18) to (N20).
+
+    K_i u_i + f_i(u_i) = F_i + L_i^T Lam,    sum_i L_i u_i = 0
+
+f has the springs and the internal forces at rest, each at the end of one path from its history at
+t = 0, which is what the start of a run evaluates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from ..errors import ConvergenceError
+from ..problem.matrices import combination, product
+from ..problem.newton import Newton
+from ..problem.subdomain import Subdomain
+from .evaluated import internal_at, matrix_of_springs, springs_at
+from .internal import InternalForces
+from .static import require_stiff, sparse
+
+# Shares of the diagonal that are added to a tangent, in turn: a singular or indefinite one gives
+# no direction in which the equilibrium is closer.
+SHIFTS = (0.0, 1e-3, 1.0)
+# The smallest load step, as a share of the first one.
+SMALLEST = 2.0**-8
+# Iterations without a line search, which converge quadratically or not at all.
+PLAIN = 15
+# An iteration gains nothing more when its correction is this large beside the one before.
+STAGNATION = 0.3
+# Residuals are exact up to this many units in the last place of their terms, as (N8).
+ROUNDING = 100.0 * np.finfo(float).eps
+
+
+@dataclass
+class _Trial:
+    """A correction with its multipliers: du, Lam, and their slope s(0), (N19)."""
+
+    du: np.ndarray
+    lam: np.ndarray
+    slope: float
+
+
+class Equilibrium:
+    """Newton's method for the static equilibrium of tied subdomains.
+
+    Parameters
+    ----------
+    subdomains : sequence of (name, Subdomain)
+    internal : sequence of InternalForces or None
+    constraints : sequence of (p, n_i) csr_array
+        L_i, with independent rows.
+    forces : sequence of (n_i,) arrays
+    newton : Newton
+        Tolerance, and iterations in a load step.
+    """
+
+    def __init__(
+        self,
+        subdomains: Sequence[tuple[str, Subdomain]],
+        internal: Sequence[InternalForces | None],
+        constraints: Sequence[sp.csr_array],
+        forces: Sequence[np.ndarray],
+        newton: Newton,
+    ):
+        self.subdomains, self.internal, self.newton = subdomains, internal, newton
+        self.ends = np.cumsum([s.n for _, s in subdomains])
+        self.L = sp.csr_array(sp.hstack(constraints))
+        self.F = np.concatenate(forces)
+        self.plain = min(PLAIN, newton.iterations)
+        self.iterations, self.worst = 0, subdomains[0][0]
+
+    def solve(self, begin: Sequence[np.ndarray], steps: int) -> list[np.ndarray]:
+        """The displacements u_i, (n_i,) each.
+
+        The residual of `begin` and its gaps are removed in load steps, `steps` equal ones at first;
+        one that does not converge is halved, and the step after one that converges is doubled.
+
+        Raises
+        ------
+        FactorizationError
+            When the structure is floating or its tangent indefinite at the solution.
+        ConvergenceError
+        """
+        u, lam = np.concatenate(begin), np.zeros(self.L.shape[0])
+        self.first, self.gap = self._residual(u), self.L @ u
+        if not np.all(np.isfinite(self.first)):
+            self._find_worst(np.where(np.isfinite(self.first), 0.0, 1.0))
+            cause = "its forces at the initial displacements are not finite"
+            raise ConvergenceError(self.worst, 0.0, 0, cause)
+        done, step = 0.0, 1.0 / steps
+        while done < 1.0:
+            end = min(1.0, done + step)
+            end = 1.0 if 1.0 - end < 1e-9 else end
+            found = self._load_step(u, lam, end, searches=False) or self._load_step(
+                u, lam, end, searches=True
+            )
+            if found is not None:
+                (u, lam), done = found, end
+                step = min(2.0 * step, 1.0 / steps)
+            elif step > SMALLEST / steps:
+                step *= 0.5
+            else:
+                self._refuse(u, done)
+        require_stiff(self._tangent(u), self.L)
+        return np.split(u, self.ends[:-1])
+
+    def _refuse(self, u: np.ndarray, done: float) -> None:
+        require_stiff(self._tangent(u), self.L)  # a mechanism has no equilibrium to be found
+        cause = f"of the static load {done:.3g} were reached, in load steps down to {SMALLEST:g}"
+        raise ConvergenceError(self.worst, 0.0, self.iterations, cause)
+
+    # ---- one load step -------------------------------------------------------------------------
+
+    def _load_step(
+        self, u: np.ndarray, lam: np.ndarray, load: float, *, searches: bool
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """u and Lam at this share of the load; None if the iteration does not converge.
+
+        Without a line search it is fast where an element is much stiffer in one direction than in
+        another, in which a search would follow each turn of the path.
+        """
+        before, self.searches = np.inf, searches
+        for iteration in range(self.newton.iterations if searches else self.plain):
+            self.iterations = iteration + 1
+            R = self._at(u, load)
+            if not np.all(np.isfinite(R)):
+                return None
+            K = self._tangent(u)
+            gap = self.L @ u - (1.0 - load) * self.gap
+            if not np.any(R + self.L.T @ lam) and not np.any(gap):
+                return u, lam
+            found = self._searched(u, load, K, R, gap)
+            if found is None:
+                return None
+            trial, x, shifted = found
+            from_u, u, lam = u, u + x * trial.du, lam + x * (trial.lam - lam)
+            error, scale = np.sqrt(trial.slope), self._scale(u, lam)
+            if shifted or x < 1.0:
+                before = np.inf
+            elif error <= ROUNDING * scale:
+                return u, lam
+            elif error > STAGNATION * before and (
+                error <= self.newton.tol * scale or self._is_rounding(from_u, load, trial)
+            ):
+                return u, lam
+            else:
+                before = error
+        return None
+
+    def _searched(
+        self, u: np.ndarray, load: float, K: sp.csc_array, R: np.ndarray, gap: np.ndarray
+    ) -> tuple[_Trial, float, bool] | None:
+        """A correction, the part of it that the line search leaves, and whether K was shifted."""
+        for shift in SHIFTS if self.searches else SHIFTS[:1]:
+            trial = self._correction(K, R, gap, shift)
+            if trial is None:
+                continue
+            if not self.searches:
+                return trial, 1.0, False
+            x = self._line_search(u, load, trial)
+            if x is not None:
+                return trial, x, shift > 0.0
+            if shift == 0.0 and self._is_rounding(u, load, trial):
+                return trial, 1.0, False
+        return None
+
+    def _correction(
+        self, K: sp.csc_array, R: np.ndarray, gap: np.ndarray, shift: float
+    ) -> _Trial | None:
+        """K du - L^T Lam = R, L du = - gap; None unless du . K du > 0."""
+        d = np.abs(K.diagonal())
+        d[d == 0.0] = np.max(d, initial=0.0) or 1.0
+        scale = sp.diags_array(2.0 ** np.round(-0.5 * np.log2(d)))
+        n, p = R.size, gap.size
+        A = scale @ (K + shift * sp.diags_array(d)) @ scale
+        L = sp.csr_array(self.L @ scale)
+        saddle = sp.csc_array(sp.block_array([[A, -L.T], [L, None]]) if p else A)
+        try:
+            with np.errstate(all="ignore"):
+                x = splu(saddle).solve(np.concatenate([scale @ R, -gap]))
+        except RuntimeError:  # exactly singular
+            return None
+        du, lam = scale @ x[:n], x[n:]
+        pulled = R + self.L.T @ lam
+        slope = float(du @ pulled)
+        return _Trial(du, lam, slope) if np.isfinite(slope) and slope > 0.0 else None
+
+    def _slope(self, u: np.ndarray, load: float, trial: _Trial, x: float) -> float:
+        """s(x) = du . (R(u + x du) + L^T Lam), (N19)"""
+        with np.errstate(all="ignore"):
+            R = self._at(u + x * trial.du, load)
+            left = trial.du * (R + self.L.T @ trial.lam)
+        if x == 1.0:  # what the tangent did not predict
+            self._find_worst(left)
+        return float(np.sum(left))
+
+    def _line_search(self, u: np.ndarray, load: float, trial: _Trial) -> float | None:
+        """The part x of a correction that does not overshoot, as in (N10); None if there is none.
+
+        A gap is closed in proportion to x, so that its work is in the slope.
+        """
+        s0 = trial.slope
+        s1 = self._slope(u, load, trial, 1.0)
+        if np.isfinite(s1) and s1 >= -0.8 * s0:
+            return 1.0
+        low, high, at_low, at_high = 0.0, 1.0, s0, s1
+        for _ in range(10):
+            share = 0.5
+            if np.isfinite(at_high):
+                share = min(max(at_low / (at_low - at_high), 0.1), 0.9)
+            x = low + share * (high - low)
+            s = self._slope(u, load, trial, x)
+            if abs(s) <= 0.5 * s0:
+                return x
+            if s > 0.0:
+                low, at_low = x, s
+            else:
+                high, at_high = x, s
+        return None
+
+    def _is_rounding(self, u: np.ndarray, load: float, trial: _Trial) -> bool:
+        """Whether a correction is below the rounding of the forces, (N9)."""
+        s0 = trial.slope
+
+        def off(x: float) -> float:
+            return abs(self._slope(u, load, trial, x) - (1.0 - x) * s0)
+
+        x, wide = 2.0**-10, 2.0**20
+        return off(x) > 0.5 * x * s0 and off(wide) <= 0.1 * wide * s0
+
+    # ---- residual and tangent ------------------------------------------------------------------
+
+    def _at(self, u: np.ndarray, load: float) -> np.ndarray:
+        """R without the multipliers: the residual of the beginning is removed with the load."""
+        return self._residual(u) - (1.0 - load) * self.first
+
+    def _residual(self, u: np.ndarray) -> np.ndarray:
+        """F - K u - f(u)"""
+        parts = np.split(u, self.ends[:-1])
+        with np.errstate(all="ignore"):
+            held = [self._force(i, own) for i, own in enumerate(parts)]
+        return self.F - np.concatenate(held)
+
+    def _force(self, i: int, u: np.ndarray) -> np.ndarray:
+        (_, s), internal = self.subdomains[i], self.internal[i]
+        q = np.empty(0) if internal is None else internal.initial
+        f = internal_at(internal, s.n, u, np.zeros(s.n), 0.0, q, tangent=False).f
+        if s.springs:
+            f = f + springs_at(s, u)[0]
+        return product(s.K, u) + f
+
+    def _tangent(self, u: np.ndarray) -> sp.csc_array:
+        own = []
+        for (_, s), internal, u_i in zip(
+            self.subdomains, self.internal, np.split(u, self.ends[:-1])
+        ):
+            q = np.empty(0) if internal is None else internal.initial
+            terms = [(1.0, s.K), (1.0, internal_at(internal, s.n, u_i, np.zeros(s.n), 0.0, q).K)]
+            if s.springs:
+                terms.append((1.0, matrix_of_springs(s, springs_at(s, u_i)[1])))
+            own.append(sparse(combination(terms), s.n))
+        return sp.csc_array(sp.block_diag(own))
+
+    def _scale(self, u: np.ndarray, lam: np.ndarray) -> float:
+        """Root of the energy sum |u| . (|F| + |K u + f| + |L^T Lam|)."""
+        f = self.F - self._residual(u)
+        terms = np.abs(self.F) + np.abs(f) + np.abs(self.L.T @ lam)
+        return float(np.sqrt(np.abs(u) @ terms))
+
+    def _find_worst(self, energies: np.ndarray) -> None:
+        shares = [np.sum(np.abs(x)) for x in np.split(energies, self.ends[:-1])]
+        self.worst = self.subdomains[int(np.argmax(shares))][0]

@@ -1,0 +1,105 @@
+"""Springs and internal forces of a subdomain with their tangents, evaluated outside of a step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from scipy import LowLevelCallable
+
+from .. import _core
+from ..problem.compiled import evaluate_compiled
+from ..problem.matrices import Matrix, canonical, combination
+from ..problem.springs import assembled, core_springs
+from ..problem.subdomain import Subdomain
+from .internal import InternalForces
+
+# What a spring remembers: deformation, force and inner variable.
+REMEMBERED = 3
+
+
+class Evaluation(NamedTuple):
+    """f (n,), df/du and df/dv at one state, in the user's order of dofs."""
+
+    f: np.ndarray
+    K: Matrix
+    C: Matrix
+
+
+def internal_at(
+    internal: InternalForces | None,
+    n: int,
+    u: np.ndarray,
+    v: np.ndarray,
+    t: float,
+    q: np.ndarray,
+    *,
+    tangent: bool = True,
+) -> Evaluation:
+    """The functions among the internal forces, at the end of a path from the histories q.
+
+    Without `tangent` K and C are None. What is not finite stays so.
+
+    Raises
+    ------
+    PmalphaError, and any exception of a function
+    """
+    f, at = np.zeros(n), 0
+    stiff: list[tuple[float, Matrix]] = []
+    damped: list[tuple[float, Matrix]] = []
+    for function, history, A in () if internal is None else internal.functions:
+        own = q[at : at + history]
+        at += history
+        if isinstance(function, LowLevelCallable):
+            force, K, C, _ = evaluate_compiled(function, u, v, t, own, A.nnz)
+        else:
+            force, K, C, _ = function(u, v, t, own, tangent)
+        f += force
+        for terms, values in ((stiff, K), (damped, C)):
+            if tangent and values is not None:
+                terms.append((1.0, sp.csr_array((values, A.indices, A.indptr), shape=A.shape)))
+    return Evaluation(f, combination(stiff), combination(damped))
+
+
+def springs_at(
+    s: Subdomain, u: np.ndarray, remembered: np.ndarray | None = None
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Force (n,) of all springs of a subdomain that go to u, and the tangents of each object.
+
+    `remembered`, (3, springs), is what they remember; None for springs never loaded before.
+    """
+    ends = np.cumsum([len(spring) for spring in s.springs])
+    levels = np.zeros((REMEMBERED, ends[-1])) if remembered is None else remembered
+    _, slopes, f = _core.follow_springs(core_springs(s.springs, np.arange(s.n)), u, levels)
+    return f, np.split(slopes, ends[:-1])
+
+
+def present_tangent(
+    s: Subdomain,
+    internal: InternalForces | None,
+    u: np.ndarray,
+    v: np.ndarray,
+    t: float,
+    q: np.ndarray,
+    remembered: np.ndarray | None = None,
+) -> Matrix:
+    """K_t of the internal forces of an explicit subdomain, for its critical step.
+
+    Springs count with their initial stiffness or the present one, whichever is larger: one that
+    yields will unload.
+    """
+    if s.internal is None:
+        return None
+    K = internal_at(internal, s.n, u, v, t, q).K
+    if not s.internal.springs:
+        return K
+    _, tangents = springs_at(s, u, remembered)
+    larger = [np.maximum(x.initial_tangent, k) for x, k in zip(s.springs, tangents)]
+    return combination([(1.0, K), (1.0, matrix_of_springs(s, larger))])
+
+
+def matrix_of_springs(s: Subdomain, tangents: Sequence[np.ndarray]) -> Matrix:
+    """The stiffness of all springs of a subdomain with these tangents."""
+    return canonical(assembled(s.springs, tangents, s.n), "springs", s.n)[0]
