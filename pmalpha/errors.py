@@ -107,13 +107,24 @@ class ConvergenceError(PmalphaError):
     """
 
     def __init__(self, subdomain: str, time: float, iterations: int, cause: str = ""):
-        what = "interface forces" if subdomain == "interface" else f"subdomain {subdomain!r}"
         done = f"{iterations} iteration{'' if iterations == 1 else 's'}"
-        super().__init__(
-            f"Newton's method for {what} did not converge in {done} at t = {time:g}"
-            f"{cause and ': '}{cause}; InternalForce.check compares the tangents with differences "
-            "of f, and smaller steps converge faster"
-        )
+        if subdomain == "interface":
+            text = (
+                f"the multipliers at the end of the macro step to t = {time:g} did not converge in "
+                f"{iterations} passes; take a smaller macro step, or coupling \"pm\" or \"gc\""
+            )
+        elif cause:
+            text = (
+                f"Newton's method for subdomain {subdomain!r} ended in iteration {iterations + 1} at "
+                f"t = {time:g}: {cause}"
+            )
+        else:
+            text = (
+                f"Newton's method for subdomain {subdomain!r} did not converge in {done} at "
+                f"t = {time:g}; InternalForce.check compares the tangents with differences of f, "
+                "and smaller steps converge faster"
+            )
+        super().__init__(text)
         self.subdomain = subdomain
         self.time = time
         self.iterations = iterations
@@ -140,7 +151,7 @@ class CallbackError(PmalphaError):
     code : int
         Its return value.
     what : str
-        Kind of the function: "force" or "restoring force".
+        Kind of the function: "force", "restoring force" or "internal force".
     step : int
         Macro step, counted from 0, in which it was called.
     time : float

@@ -693,7 +693,7 @@ def test_compliance_is_computed_for_existing_constraints_only():
 
 
 def test_saved_states_are_restored_as_they_were():
-    for twice, count in ((None, 6), (operator(h=0.2), 12)):
+    for twice, count in ((None, 7), (operator(h=0.2), 14)):
         c, s = started(twice=twice)
         c.advance(3, None)
         nodes = s.levels()

@@ -643,12 +643,12 @@ def test_the_amplification_matrix_contains_the_multipliers():
     assert G.shape == (13, 13)
     # compared with two macro steps after the start
     coupler.step(1)
-    X = [np.concatenate([x[:4] for x in (n[6:10], n[:4])]).ravel() for n in states_of(coupler)[:1]]
+    X = [np.concatenate([x[:4] for x in (n[7:11], n[:4])]).ravel() for n in states_of(coupler)[:1]]
     X = np.concatenate([*X, np.ravel(states_of(coupler)[1][:4]), coupler.multipliers])
     coupler.step(1)
     n = states_of(coupler)
     expected = np.concatenate(
-        [np.ravel(n[0][6:10]), np.ravel(n[0][:4]), np.ravel(n[1][:4]), coupler.multipliers]
+        [np.ravel(n[0][7:11]), np.ravel(n[0][:4]), np.ravel(n[1][:4]), coupler.multipliers]
     )
     # one macro step of some ten roundings each, of numbers up to omega^2
     assert largest(G @ X - expected) < 1e-11

@@ -44,6 +44,13 @@ def test_triangles_are_drawn_where_they_have_moved_to():
         assert len(borders.get_segments()) == len(undeformed(ax)) == 5  # the diagonal once
 
 
+def test_edges_meet_at_their_nodes_and_not_at_the_nearest_pixels():
+    # matplotlib moves a straight line along an axis to whole pixels, each line by itself
+    ax = plot.deformed(SQUARE, TRIANGLES, np.zeros((4, 2)), scale=1)
+    for kind in (PolyCollection, LineCollection):
+        assert [drawn.get_snap() for drawn in of(ax, kind)] == [False]
+
+
 @pytest.mark.parametrize("kind, corners", [("triangle6", 3), ("quad8", 4), ("quad9", 4)])
 def test_faces_of_second_order_bend_with_the_nodes_on_their_edges(kind, corners):
     x = SQUARE[:corners]

@@ -243,7 +243,7 @@ static bool is_raised(CouplerObject *self, pma_status status, size_t failed)
 {
     if (status == PMA_NOT_FINITE || status == PMA_FORCE_FAILED)
         return !PyErr_ExceptionMatches(PyExc_Exception);
-    if (status != PMA_RESTORING_FAILED)
+    if (status != PMA_RESTORING_FAILED && status != PMA_INTERNAL_FAILED)
         return true;
     pma_subdomain *s = pma_subdomain_of(self, (Py_ssize_t)failed)->core;
     return pma_subdomain_member(s).by_caller || !PyErr_ExceptionMatches(PyExc_Exception);
@@ -262,7 +262,16 @@ static PyObject *iteration_failure(CouplerObject *self, size_t i, bool singular)
                          singular ? (Py_ssize_t)at.dof : (Py_ssize_t)-1);
 }
 
-/* The index of the subdomain that became unstable, the tuple of four above, or (index, code, "force" or "restoring force")
+/* What a function that returned a code is to a subdomain; NULL for any other status. */
+static const char *what_failed(pma_status status)
+{
+    return status == PMA_FORCE_FAILED       ? "force"
+           : status == PMA_RESTORING_FAILED ? "restoring force"
+           : status == PMA_INTERNAL_FAILED  ? "internal force"
+                                            : NULL;
+}
+
+/* The index of the subdomain that became unstable, the tuple of four above, or (index, code, what)
  * if its function returned a code; NULL with the exception of any other status. */
 static PyObject *failure(CouplerObject *self, pma_status status)
 {
@@ -277,11 +286,10 @@ static PyObject *failure(CouplerObject *self, pma_status status)
                                                      : (Py_ssize_t)i);
     if (status == PMA_NOT_CONVERGED || status == PMA_SINGULAR)
         return iteration_failure(self, i, status == PMA_SINGULAR);
-    if (status != PMA_FORCE_FAILED && status != PMA_RESTORING_FAILED)
+    if (!what_failed(status))
         return pma_raise(status, "advance");
     const int code = pma_subdomain_code(pma_subdomain_of(self, (Py_ssize_t)i)->core);
-    return Py_BuildValue("(nis)", (Py_ssize_t)i, code,
-                         status == PMA_FORCE_FAILED ? "force" : "restoring force");
+    return Py_BuildValue("(nis)", (Py_ssize_t)i, code, what_failed(status));
 }
 
 /* advance(steps, record, report=None): None, or the result of failure() */

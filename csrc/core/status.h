@@ -16,6 +16,7 @@
     X(PMA_NOT_FINITE, "a value is not finite")                    \
     X(PMA_FORCE_FAILED, "a force did not return 0")               \
     X(PMA_RESTORING_FAILED, "a restoring force did not return 0") \
+    X(PMA_INTERNAL_FAILED, "an internal force did not return 0")  \
     X(PMA_NOT_CONVERGED, "an iteration does not converge")        \
     X(PMA_SINGULAR, "a tangent is not positive definite")         \
     X(PMA_STOPPED, "stopped by the caller")                       \

@@ -498,11 +498,14 @@ def _draw_in_plane(ax: Any, x: Any, faces: list[Block], look: Look) -> list[Arti
     from matplotlib.collections import LineCollection, PolyCollection
 
     ends = x[edges(faces)]
-    mesh = LineCollection(ends, colors=EDGE, linewidths=0.5 * _thinner(len(ends)), zorder=2.2)
+    # snapped to pixels, edges that are nearly parallel to an axis would miss their nodes
+    mesh = LineCollection(
+        ends, colors=EDGE, linewidths=0.5 * _thinner(len(ends)), zorder=2.2, snap=False
+    )
     ax.add_collection(mesh)
     if look.values is None:
         fill = PolyCollection(
-            _outlines(x, faces), facecolors=look.face, edgecolors="none", zorder=2
+            _outlines(x, faces), facecolors=look.face, edgecolors="none", zorder=2, snap=False
         )
         ax.add_collection(fill)
         return [fill, mesh]

@@ -234,6 +234,8 @@ def checked_internal(internal: Any, n: int) -> Internal | None:
 
     None where there are none: an empty list is the sum of no forces.
     """
+    if isinstance(internal, Internal):  # of another subdomain
+        internal = [*internal.springs, *internal.forces]
     items = labelled(internal, "internal")
     springs, forces = [], []
     for item, label in items:

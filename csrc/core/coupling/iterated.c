@@ -51,7 +51,8 @@ static pma_status open_long(pma_coupler *c, pma_coupled *m)
     const double *lam = c->iteration->lam_begin;
     void *self = m->member.self;
     double slope;
-    pma_status status = table->converge(self, newton, lam);
+    pma_stop_context at = {.c = c, .m = m};
+    pma_status status = table->converge(self, newton, lam, pma_macro_stops, &at);
     if (status == PMA_OK)
         status = table->evaluate(self, true, &slope);
     if (status == PMA_OK)

@@ -67,6 +67,12 @@ bool pma_macro_is_stopped(pma_coupler *c, const pma_coupled *m)
     return stopped;
 }
 
+bool pma_macro_stops(void *context)
+{
+    const pma_stop_context *at = context;
+    return pma_macro_is_stopped(at->c, at->m);
+}
+
 const pma_selection *pma_macro_selection(const pma_coupler *c, const pma_coupled *m)
 {
     if (!c->record || c->record->every > 0)

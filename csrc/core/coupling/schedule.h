@@ -161,6 +161,13 @@ void pma_macro_free_velocity(const pma_coupled *m, double *sum);
 /* Is the run to be stopped? Before a substep, on any worker. */
 bool pma_macro_is_stopped(pma_coupler *c, const pma_coupled *m);
 
+/* The same as a callback, of a member in a coupler. */
+typedef struct {
+    pma_coupler *c;
+    const pma_coupled *m;
+} pma_stop_context;
+bool pma_macro_stops(void *context);
+
 /* What is recorded of the inner time levels of a macro step, or NULL. */
 const pma_selection *pma_macro_selection(const pma_coupler *c, const pma_coupled *m);
 

@@ -69,9 +69,11 @@ static pma_status run_substep(pma_coupler *c, pma_coupled *m, size_t j)
         const pma_status status = member->table->open(member->self, &step);
         return status == PMA_OK ? member->table->close(member->self, &step, lam) : status;
     }
+    pma_stop_context at = {.c = c, .m = m};
     pma_status status = iterated->begin(member->self, &step, lam);
     if (status == PMA_OK)
-        status = iterated->converge(member->self, &c->iteration->parts.newton, lam);
+        status = iterated->converge(member->self, &c->iteration->parts.newton, lam,
+                                    pma_macro_stops, &at);
     if (status == PMA_OK)
         status = iterated->finish(member->self, lam);
     if (status == PMA_OK)

@@ -59,7 +59,7 @@ pma_status pma_internal_evaluate(const pma_internal *internal, double t, const d
         *code = force->function(t, (intptr_t)n, own_u, own_v, own_q + at, own_f, tangent ? K : NULL,
                                 tangent ? C : NULL, own_q1 + at, force->user);
         if (*code != 0)
-            return PMA_RESTORING_FAILED;
+            return PMA_INTERNAL_FAILED;
         for (size_t i = 0; i < n; i++)
             f[i] += own_f[internal->order[i]];
         for (size_t i = 0; tangent && i < force->entries; i++)

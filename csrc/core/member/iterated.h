@@ -19,8 +19,10 @@ typedef struct {
      * and what is evaluated once. */
     pma_status (*begin)(void *self, const pma_substep *step, const double *lam);
 
-    /* Iterates alone, under lam, up to the energy scale of the member itself. */
-    pma_status (*converge)(void *self, const pma_newton *newton, const double *lam);
+    /* Iterates alone, under lam, up to the energy scale of the member itself. PMA_STOPPED when stop,
+     * called before each evaluation, returns true. */
+    pma_status (*converge)(void *self, const pma_newton *newton, const double *lam,
+                           bool (*stop)(void *ctx), void *ctx);
 
     /* See pma_equations. `linearize` factors the tangent if it is new, and makes the law: o is then
      * the free velocity at the end of the substep, G its compliance; lam: the multipliers that

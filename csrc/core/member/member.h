@@ -27,7 +27,8 @@ typedef struct {
     /* ---- what every member must do ------------------------------------------------------ */
 
     /* The free problem (13) of a substep, as far as the free velocity on the interface. Evaluates
-     * loads and forces, once. Fails with PMA_FORCE_FAILED or PMA_RESTORING_FAILED. */
+     * loads and forces, once. Fails with PMA_FORCE_FAILED, PMA_RESTORING_FAILED or
+     * PMA_INTERNAL_FAILED. */
     pma_status (*open)(void *self, const pma_substep *step);
 
     /* The link problem (14) of an open substep, added: the state at its end. Fails with

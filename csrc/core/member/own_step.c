@@ -209,7 +209,8 @@ static pma_status factor(pma_iterate *it)
     const pma_status status = pma_numeric_factor(&it->numeric, &column);
     if (status == PMA_NOT_DEFINITE) {
         it->singular = column;
-        return PMA_SINGULAR;
+        return is_finite(pma_iterate_entries(it), it->numeric.values) ? PMA_SINGULAR
+                                                                      : PMA_NOT_FINITE;
     }
     it->factored = status == PMA_OK;
     it->factored_twice = it->step.twice;
@@ -365,11 +366,14 @@ static bool has_factor(const void *self)
 typedef struct {
     pma_subdomain *s;
     const double *lam;
+    bool (*stop)(void *ctx);
+    void *ctx;
 } own_step;
 
 static pma_status own_evaluate(void *ctx, bool tangent, double *slope)
 {
-    return evaluate(((own_step *)ctx)->s, tangent, slope);
+    const own_step *own = ctx;
+    return own->stop(own->ctx) ? PMA_STOPPED : evaluate(own->s, tangent, slope);
 }
 
 static pma_status own_correct(void *ctx, bool fresh, pma_measure *m)
@@ -397,7 +401,8 @@ static void own_raise(void *ctx, double factor)
     raise(((own_step *)ctx)->s, factor);
 }
 
-static pma_status converge(void *self, const pma_newton *newton, const double *lam)
+static pma_status converge(void *self, const pma_newton *newton, const double *lam,
+                           bool (*stop)(void *ctx), void *ctx)
 {
     static const pma_equations EQUATIONS = {.evaluate = own_evaluate,
                                             .correct = own_correct,
@@ -405,7 +410,7 @@ static pma_status converge(void *self, const pma_newton *newton, const double *l
                                             .restart = own_restart,
                                             .raise = own_raise};
     pma_subdomain *s = self;
-    own_step own = {.s = s, .lam = lam};
+    own_step own = {.s = s, .lam = lam, .stop = stop, .ctx = ctx};
     const pma_status status = pma_newton_solve(newton, &EQUATIONS, &own, has_factor(s));
     if (status == PMA_OK)
         s->iterate->scale = s->iterate->motion;

@@ -1,4 +1,5 @@
 /* substep.c - free and link problem of one substep, as one forward and one backward sweep. */
+#include <math.h>
 #include <string.h>
 
 #include "member/inside.h"
@@ -49,11 +50,13 @@ static pma_status subtract_internal(pma_subdomain *s, const pma_state *from, con
 {
     const pma_parts *p = &s->parts;
     memset(s->force, 0, p->n * sizeof(double));
-    const pma_status status =
+    pma_status status =
         pma_internal_evaluate(&p->internal, t1, to->u, s->vs, from->history, s->force, to->history,
                               0.0, 0.0, NULL, s->force + p->n, &s->code);
     for (size_t i = 0; i < p->n; i++)
         to->w[i] -= s->force[i];
+    for (size_t i = 0; i < p->internal.history && status == PMA_OK; i++)
+        status = isfinite(to->history[i]) ? PMA_OK : PMA_NOT_FINITE;
     return status;
 }
 

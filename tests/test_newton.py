@@ -1,0 +1,416 @@
+"""Internal forces in the core against the reference in NumPy, closed forms and DOP853."""
+
+from dataclasses import replace
+
+import newton_reference
+import numpy as np
+import pytest
+import reference
+from newton_coupled import coupler, differences, oracle, package
+from newton_problems import (
+    bilinear,
+    chain,
+    contact,
+    cubic,
+    duffing,
+    duffing_exact,
+    duffing_pair,
+    springs,
+)
+from newton_reference import Nonlinear
+
+import pmalpha as pm
+
+# The chains take random steps: long for their periods, explicit ones near their limits.
+pytestmark = pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
+
+TIGHT = pm.Newton(tol=1e-10)
+N = 4
+V0 = np.random.default_rng(1).normal(size=2 * N - 1)
+LAWS = {
+    "cubic": (cubic(1.0, 1e4), None),
+    "plastic": (bilinear(1e4, 0.005, 0.01), 0.0),
+    "contact": (contact(1e2, 0.01, 1e6), None),
+}
+SCHEDULES = [
+    *[("gc", False, ss) for ss in ((1, 1), (1, 5), (5, 1), (2, 6))],
+    *[("pm", True, ss) for ss in ((1, 1), (1, 5), (5, 1), (2, 6))],
+    *[("macro", False, ss) for ss in ((1, 1), (1, 5), (5, 1), (2, 6))],
+    *[("macro", True, ss) for ss in ((1, 1), (1, 5))],
+]
+IDS = [f"{c}{'-double' if d else ''}-{ss[0]}-{ss[1]}" for c, d, ss in SCHEDULES]
+schedules = pytest.mark.parametrize("coupling, double, ss", SCHEDULES, ids=IDS)
+
+
+def twins(newton):
+    """The same parameters for the reference."""
+    return newton_reference.Newton(newton.tol, newton.iterations, newton.tangent)
+
+
+def doubled(subdomains, double, ss):
+    """Double steps on the coarser side, the first where both are equal."""
+    coarse = int(ss[1] < ss[0])
+    return [replace(s, double=double and i == coarse) for i, s in enumerate(subdomains)]
+
+
+def both(subdomains, L, dt, steps, coupling, newton, **options):
+    """The History of the package, and the Result of the reference."""
+    ours = coupler(subdomains, L, dt, coupling, newton=newton, **options).run(steps=steps)
+    return ours, oracle(coupling)(subdomains, L, dt, steps, twins(newton))
+
+
+def iterations_agree(ours, theirs):
+    for x, y in zip(ours, theirs.subdomains, strict=True):
+        np.testing.assert_array_equal(x.iterations, y.iterations)
+
+
+# ---- against the reference ------------------------------------------------------------------
+
+
+@schedules
+@pytest.mark.parametrize("tangent", ["full", "reuse"])
+@pytest.mark.parametrize("law", LAWS)
+def test_chains_move_and_iterate_as_in_the_reference(law, tangent, coupling, double, ss):
+    force, q = LAWS[law]
+    rho = 0.0 if law == "contact" else 0.5  # docs/method.md, "Which rho"
+    subdomains, L = chain(N, force, history=q, ss=ss, v0=V0, rho=rho)
+    subdomains = doubled(subdomains, double, ss)
+    ours, theirs = both(subdomains, L, 0.01, 20, coupling, pm.Newton(tangent=tangent))
+    # rounding, which the contact magnifies (omega h = 14). Under "macro" it is magnified by the
+    # Broyden matrix too, whose updates divide by differences of small residuals
+    assert differences(ours, theirs) < (1e-9 if coupling == "macro" else 1e-11)
+    if law == "cubic" or (tangent == "full" and coupling != "macro"):
+        iterations_agree(ours, theirs)
+    else:
+        # on a law of straight pieces a correction is exact: the next one is rounding, and so is
+        # its slope, which then decides on one iteration more
+        for x, y in zip(ours, theirs.subdomains, strict=True):
+            assert (x.iterations != y.iterations).mean() <= 0.1
+            assert abs(x.iterations - y.iterations).max() <= 2
+
+
+def with_dampers(internal):
+    """Cubic dampers to the ground beside an internal force."""
+
+    def evaluate(u, v, t, q):
+        f, K_t, C_t, q1 = internal(u, v, t, q)
+        return f + 0.3 * v**3, K_t, C_t + np.diag(0.9 * v**2), q1
+
+    return evaluate
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.8, 1.0])
+@pytest.mark.parametrize("coupling, double, ss", [SCHEDULES[i] for i in (0, 1, 4, 7, 9, 13)])
+def test_all_rho_with_dampers_loads_and_a_restoring_force(coupling, double, ss, rho):
+    # every term of (N1) on both sides, sparse tangents of u and v
+    subdomains, L = chain(N, cubic(50.0, 1e4), ss=ss, rho=rho, v0=V0)
+    subdomains = doubled(subdomains, double, ss)
+    for i, s in enumerate(subdomains):
+        s.K, s.C = 30.0 * np.eye(N), 0.4 * np.eye(N) - 0.1 * np.ones((N, N)) / N
+        s.force = lambda t, i=i: (5.0 + i) * np.sin(20.0 * t) * np.arange(1.0, N + 1)
+        s.restoring = lambda u, v, t: 2.0 * u**3 + 0.1 * v + t
+        s.internal = with_dampers(s.internal)
+    ours, theirs = both(subdomains, L, 0.01, 20, coupling, TIGHT, form="sparse")
+    # as above, without a contact
+    assert differences(ours, theirs) < (1e-10 if coupling == "macro" else 1e-12)
+    iterations_agree(ours, theirs)
+
+
+@pytest.mark.parametrize("form", ["dense", "sparse", "diagonal"])
+@pytest.mark.parametrize("tangent", ["full", "reuse"])
+@pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
+def test_tangents_of_every_form(coupling, tangent, form):
+    n, rng = 4, np.random.default_rng(3)
+    k, k3, c3 = (rng.uniform(low, 2.0 * low, (2, n)) for low in (20.0, 500.0, 0.5))
+    subdomains = [
+        Nonlinear(
+            M=np.diag(rng.uniform(0.5, 1.5, n)),
+            K=np.zeros((n, n)),
+            internal=duffing(k[i], k3[i], c3[i]),
+            substeps=ss,
+            double=coupling == "pm" and i == 0,
+            force=lambda t: 30.0 * np.sin(5.0 * t) * np.arange(1.0, n + 1),
+            **reference.alpha(0.6),
+        )
+        for i, ss in enumerate((1, 3))
+    ]
+    # two rows
+    L = [
+        np.array([[1.0, 0.5, 0, 0], [0, 0, 1.0, 0]]),
+        -np.array([[0, 1.0, 0, 0], [0.5, 0, 0, 1.0]]),
+    ]
+    newton = pm.Newton(tangent=tangent)
+    ours, theirs = both(subdomains, L, 0.05, 20, coupling, newton, form=form)
+    assert differences(ours, theirs) < (1e-10 if coupling == "macro" else 1e-12)  # as above
+    iterations_agree(ours, theirs)
+
+
+def three(coupling):
+    """A plastic chain, its continuation as a linear subdomain, and a cubic explicit end."""
+    law, q = LAWS["plastic"]
+    (A, B), _ = chain(N, law, history=q, v0=V0)
+    B.internal, B.history = None, np.zeros(0)
+    B.K = 3e3 * (np.diag([1.0, 2.0, 2.0, 1.0]) - np.eye(N, k=1) - np.eye(N, k=-1))
+    C = Nonlinear(
+        M=np.diag([0.5, 1.0]),
+        K=np.zeros((2, 2)),
+        internal=springs([(0, 1), (1, -1)], cubic(1e3, 1e4)),
+        u0=[0.0, 0.05],
+        v0=[V0[-1], 0.0],
+        **reference.alpha(0.5, explicit=True),
+    )
+    B.M[-1, -1] = 0.5
+    double = coupling == "pm"
+    ss = (2, 1, 6) if coupling != "macro" else (3, 1, 7)
+    both = zip((A, B, C), ss, (double, double, False), strict=True)
+    subdomains = [replace(s, substeps=x, double=y) for s, x, y in both]
+    L = [np.zeros((2, len(s.M))) for s in subdomains]
+    L[0][0, -1], L[1][0, 0], L[1][1, -1], L[2][1, 0] = 1.0, -1.0, 1.0, -1.0
+    return subdomains, L
+
+
+@pytest.mark.parametrize("tangent", ["full", "reuse"])
+@pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
+def test_three_subdomains_of_which_one_iterates_one_is_linear_and_one_explicit(coupling, tangent):
+    newton = pm.Newton(tangent=tangent)
+    subdomains, L = three(coupling)
+    ours, theirs = both(subdomains, L, 0.01, 25, coupling, newton, form="sparse")
+    assert abs(ours["0"].q).max() > 1e-3  # it has yielded
+    assert differences(ours, theirs) < (1e-9 if coupling == "macro" else 1e-11)  # as above
+    assert ours["0"].iterations[1:].min() >= 1
+    assert ours["1"].iterations is None and ours["2"].iterations is None
+
+
+@pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
+def test_three_iterated_subdomains_in_a_row(coupling):
+    subdomains, L = three(coupling)
+    linear = subdomains[1].K
+    subdomains[1] = replace(
+        subdomains[1],
+        K=np.zeros((N, N)),
+        internal=lambda u, v, t, q: (
+            linear @ u + 1e4 * u**3,
+            linear + np.diag(3e4 * u**2),
+            np.zeros((N, N)),
+            q,
+        ),
+    )
+    subdomains[2] = replace(subdomains[2], **reference.alpha(0.8))
+    ours, theirs = both(subdomains, L, 0.01, 25, coupling, pm.Newton(), form="sparse")
+    assert differences(ours, theirs) < (1e-9 if coupling == "macro" else 1e-11)  # as above
+    assert min(x.iterations[1:].min() for x in ours) >= 1
+
+
+@pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
+def test_a_prescribed_motion_moves_an_internal_force(coupling):
+    subdomains, L = chain(3, cubic(50.0, 1e3), ss=(1, 3))
+    subdomains = doubled(subdomains, coupling == "pm", (1, 3))
+    end = np.array([[0.0, 0.0, 1.0]])
+    L = [np.vstack([L[0], 0.0 * end]), np.vstack([L[1], end])]
+
+    def g(t):
+        # zero up to 0.01, since the package takes the slope at t = 0 from differences
+        return np.array([0.0, 1.0 - np.cos(8.0 * max(t - 0.01, 0.0))])
+
+    ours = [package(s, name=str(i)) for i, s in enumerate(subdomains)]
+    constraint = pm.Constraint(dict(zip(ours, L)), velocity=g)
+    c = pm.Coupler(ours, constraint, dt=0.02, coupling=coupling, newton=TIGHT)
+    history = c.run(steps=25)
+    theirs = oracle(coupling)(subdomains, L, 0.02, 25, twins(TIGHT), g=g)
+    assert abs(history["1"].u).max() > 0.5  # cubic: 1e3 (0.5 / 3)^2 is half of 50
+    assert differences(history, theirs) < (1e-9 if coupling == "macro" else 1e-11)  # as above
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_one_subdomain_alone(law):
+    force, q = LAWS[law]
+    (s, _), _ = chain(N, force, history=q, v0=V0, rho=0.0 if law == "contact" else 0.5)
+    theirs = newton_reference.run([s], [np.zeros((0, N))], 0.01, 40).subdomains[0]
+    ours = pm.solve(package(s), dt=0.01, t_end=0.4)
+    np.testing.assert_array_equal(ours.iterations, theirs.iterations)
+    for x, y in ((ours.u, theirs.u), (ours.v, theirs.v), (ours.a, theirs.w)):
+        # rounding of 40 steps, magnified by the contact as above
+        assert abs(x - y).max() < 1e-11 * abs(y).max()
+
+
+@pytest.mark.parametrize("history", [None, 0.0], ids=["elastic", "plastic"])
+@pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
+def test_explicit_subdomains_evaluate_once(coupling, history):
+    law = cubic(1e3, 1e5) if history is None else LAWS["plastic"][0]
+    subdomains, L = chain(N, law, history=history, ss=(1, 5), v0=V0)
+    subdomains[0].double = coupling == "pm"
+    subdomains[1] = replace(subdomains[1], **reference.alpha(0.5, explicit=True))
+    ours, theirs = both(subdomains, L, 0.01, 25, coupling, pm.Newton())
+    assert differences(ours, theirs) < (1e-9 if coupling == "macro" else 1e-11)  # as above
+    calls = []
+    law = subdomains[1].internal
+    subdomains[1].internal = lambda *args: calls.append(args[2]) or law(*args)
+    c = coupler(subdomains, L, 0.01, coupling)
+    c.run(steps=4)
+    times = [t for t in calls if t > 0.0]
+    passes = 1 if coupling != "macro" else len(times) // 20
+    assert len(times) == 20 * passes
+    if coupling != "macro":
+        np.testing.assert_array_equal(times, np.arange(1, 21) / 5 * 0.01)  # (T1)
+
+
+def test_an_explicit_internal_force_is_a_restoring_force():
+    def made(**how):
+        return pm.Subdomain(
+            [1.0, 2.0],
+            [[3.0, -1.0], [-1.0, 2.0]],
+            scheme=pm.GeneralizedAlpha(0.6, explicit=True),
+            u0=[1.0, -0.5],
+            **how,
+        )
+
+    def r(u, v, t):
+        return u**3 + 0.1 * v
+
+    one = made(restoring=r)
+    other = made(internal=lambda u, v, t, q: (r(u, v, t), 3.0 * u**2, np.full(2, 0.1)))
+    ours, theirs = (pm.solve(s, dt=0.02, t_end=2.0) for s in (other, one))
+    np.testing.assert_array_equal(ours.u, theirs.u)
+    np.testing.assert_array_equal(ours.a, theirs.a)
+
+
+# ---- without the reference ------------------------------------------------------------------
+
+
+@schedules
+def test_linear_forces_given_as_internal_equal_the_linear_run(coupling, double, ss):
+    rng = np.random.default_rng(8)
+    subdomains, L = chain(N, cubic(400.0, 0.0), ss=ss, v0=V0, force=None)
+    subdomains = doubled(subdomains, double, ss)
+    linear = []
+    for s in subdomains:
+        A = rng.normal(size=(N, N))
+        s.K, s.C = 30.0 * np.eye(N), np.diag(rng.uniform(0.1, 0.3, N))
+        s.force = lambda t: 10.0 * np.cos(30.0 * t) * np.ones(N)
+        K = s.internal(s.u0, s.v0, 0.0, s.history)[1]
+        C = 0.05 * A @ A.T
+        s.internal = lambda u, v, t, q, K=K, C=C: (K @ u + C @ v, K, C, q)
+        linear.append(replace(s, internal=None, K=s.K + K, C=s.C + C))
+    ours = coupler(subdomains, L, 0.02, coupling, newton=TIGHT).run(steps=40)
+    theirs = coupler(linear, L, 0.02, coupling).run(steps=40)
+    # rounding of 40 steps; under "macro" 10 tol s, (N16), in each of them
+    limit = 1e-8 if coupling == "macro" else 1e-12
+    for x, y in zip(ours, theirs):
+        for name in "uva":
+            one, other = getattr(x, name), getattr(y, name)
+            assert abs(one - other).max() < limit * abs(other).max(), name
+        # the second correction is rounding: one iteration, and one more where it is estimated
+        assert x.iterations.max() <= (4 if coupling != "macro" else 8)
+
+
+@pytest.mark.parametrize("tangent", ["full", "reuse"])
+@pytest.mark.parametrize("coupling", ["gc", "pm"])
+def test_the_velocity_jump_is_rounding_after_every_fine_step(coupling, tangent):
+    subdomains, L = chain(N, cubic(100.0, 1e4), ss=(3, 3), u0=np.linspace(0.0, 1.0, 2 * N)[1:] ** 2)
+    subdomains[0].double = coupling == "pm"
+    newton = pm.Newton(tol=1e-3, tangent=tangent)  # loose: it is equilibrium that is iterated
+    history = coupler(subdomains, L, 0.2, coupling, newton=newton).run(steps=30)
+    speed = max(abs(x.v).max() for x in history)
+    jumps = sum(x.v @ Li.T for x, Li in zip(history, L))
+    assert len(jumps) == 91 and history["0"].iterations.max() > 3
+    # Lam times H is added to velocities of this size, twice
+    assert abs(jumps).max() < 1e-13 * speed
+
+
+@pytest.mark.parametrize("explicit", [False, True])
+@pytest.mark.parametrize(
+    "coupling, ss, double, low, high",
+    [
+        # second terms of the errors are below 5 per cent of the slope at these steps
+        ("gc", 1, False, 1.9, 2.1),
+        ("pm", 1, True, 1.9, 2.1),
+        ("gc", 4, False, 0.9, 1.1),
+        ("pm", 4, True, 0.9, 1.4),  # falling towards 1, as for linear subdomains
+        ("macro", 1, False, 1.9, 2.1),
+        ("macro", 4, False, 1.9, 2.1),
+        ("macro", 20, False, 1.9, 2.1),
+        ("macro", 1, True, 1.9, 2.1),
+    ],
+)
+def test_duffing_oscillators_have_the_order_of_linear_ones(
+    coupling, ss, double, low, high, explicit
+):
+    errors = []
+    for n in (200, 400):
+        subdomains, L = duffing_pair(ss=(1, ss), double=double, explicit=explicit)
+        history = coupler(subdomains, L, 1.0 / n, coupling, newton=TIGHT).run(steps=n)
+        u, v = duffing_exact(history["0"].t)
+        x = history["0"]
+        errors.append([abs(x.u[:, 0] - u).max(), abs(x.v[:, 0] - v).max()])
+    slopes = np.log2(np.divide(*errors))
+    assert ((low < slopes) & (slopes < high)).all(), slopes
+
+
+@schedules
+@pytest.mark.parametrize("k", [-60, 40])
+def test_the_unit_of_force_changes_no_bit(coupling, double, ss, k):
+    # even powers of two: the Cholesky factor of H has their roots
+    def scaled(unit):
+        law, q = LAWS["plastic"]
+        subdomains, L = chain(N, law, history=q, ss=ss, v0=V0)
+        for i, s in enumerate(doubled(subdomains, double, ss)):
+            internal = s.internal
+
+            def evaluate(u, v, t, q, internal=internal):
+                f, K_t, C_t, q1 = internal(u, v, t, q)
+                return unit * f, unit * K_t, unit * C_t, q1
+
+            subdomains[i] = replace(
+                s,
+                M=unit * s.M,
+                K=unit * 20.0 * np.eye(N),
+                C=unit * 0.2 * np.eye(N),
+                internal=evaluate,
+                force=lambda t: unit * 3.0 * np.sin(9.0 * t) * np.ones(N),
+            )
+        return coupler(subdomains, L, 0.01, coupling).run(steps=20)
+
+    one, other = scaled(1.0), scaled(2.0**k)
+    for x, y in zip(one, other):
+        np.testing.assert_array_equal(x.iterations, y.iterations)
+        for name in "uvaq":
+            np.testing.assert_array_equal(getattr(x, name), getattr(y, name))
+    np.testing.assert_array_equal(2.0**k * one.multipliers, other.multipliers)
+
+
+def test_a_massless_dof_between_two_springs_is_condensed():
+    # mass 1 at u, then k d + k3 d^3 with d = u - x, massless x, then 40 x: DOP853 of u alone
+    from scipy.integrate import solve_ivp
+    from scipy.optimize import brentq
+
+    def middle(u):
+        return brentq(lambda x: 40.0 * x - 30.0 * (u - x) - 500.0 * (u - x) ** 3, -2, 2, xtol=1e-15)
+
+    def evaluate(u, v, t, q):
+        d = u[0] - u[1]
+        f, k = 30.0 * d + 500.0 * d**3, 30.0 + 1500.0 * d**2
+        return np.array([f, -f]), k * np.array([[1.0, -1.0], [-1.0, 1.0]])
+
+    times = np.linspace(0.0, 2.0, 21)
+    exact = solve_ivp(
+        lambda t, y: [y[1], -40.0 * middle(y[0])],
+        (0.0, 2.0),
+        [0.8, 0.0],
+        method="DOP853",
+        t_eval=times,
+        rtol=1e-11,
+        atol=1e-12,
+    ).y[0]
+    errors = []
+    for n in (40, 80):
+        s = pm.Subdomain(
+            [1.0, 0.0],
+            np.diag([0.0, 40.0]),
+            scheme=pm.GeneralizedAlpha(0.5),
+            internal=evaluate,
+            u0=[0.8, middle(0.8)],
+        )
+        u = pm.solve(s, dt=0.1 / n, t_end=2.0).u
+        assert abs(40.0 * u[1:, 1] + [evaluate(x, x, 0.0, None)[0][1] for x in u[1:]]).max() < 1e-6
+        errors.append(abs(u[::n, 0] - exact).max())
+    assert errors[1] < 1e-3 and 1.9 < np.log2(errors[0] / errors[1]) < 2.1

@@ -1,0 +1,300 @@
+"""Internal forces that fail: the state is that of the last macro step, and the run goes on."""
+
+import functools
+import re
+import signal
+
+import numpy as np
+import pytest
+from newton_coupled import VARIANTS, Law, plastic_pair, same_bits, state_of
+
+import pmalpha as pm
+
+pytestmark = pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
+
+STEPS = 8
+variants = pytest.mark.parametrize("variant", VARIANTS)
+
+
+class Broken(Exception):
+    pass
+
+
+def made(variant, threads=None, tangent="full", **options):
+    """The coupler and the laws of a and b."""
+    laws = Law(5), Law(5, k=3e3)
+    newton = pm.Newton(tangent=tangent)
+    return plastic_pair(variant, laws=laws, newton=newton, threads=threads, **options), laws
+
+
+@functools.cache
+def undisturbed(variant, **options):
+    """The run, its state after each macro step, and the evaluations of each law up to it."""
+    c, laws = made(variant, **options)
+    states, calls = [], []
+    c.run(steps=0)
+    for _ in range(STEPS):
+        states.append(state_of(c))
+        calls.append([law.calls for law in laws])
+        c.step()
+    states.append(state_of(c))
+    return made(variant, **options)[0].run(steps=STEPS), states, calls
+
+
+def raises(error):
+    def action(*args):
+        raise error
+
+    return action
+
+
+# What an evaluation does instead, the exception that the caller sees, and its text.
+FAILURES = {
+    "an exception": (raises(Broken("at its end")), Broken, "at its end"),
+    "Ctrl-C": (raises(KeyboardInterrupt()), KeyboardInterrupt, "^$"),
+    "no tuple": (lambda u, v, t, q: u, TypeError, "internal of subdomain '.' at t = .* tuple"),
+    "a wrong shape": (lambda u, v, t, q: (u[:2], u, u, q), ValueError, "f must have shape"),
+    "a wrong history": (lambda u, v, t, q: (u, u, u, q[:3]), ValueError, "q1 must have shape"),
+    "no history": (lambda u, v, t, q: (u, u, u), ValueError, "q1 must be returned"),
+}
+
+
+@variants
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("failure", FAILURES)
+def test_a_failure_in_any_iteration_leaves_the_last_macro_step(variant, side, failure):
+    action, error, text = FAILURES[failure]
+    history, states, calls = undisturbed(variant)
+    rng = np.random.default_rng(len(failure) + side)
+    for k in rng.integers(calls[0][side] + 1, calls[-1][side], 2):
+        c, laws = made(variant)
+        laws[side].at, laws[side].action = k, action
+        with pytest.raises(error, match=text):
+            c.run(steps=STEPS)
+        done = c.step_count
+        assert calls[done][side] < k <= calls[done + 1][side]
+        assert state_of(c) == states[done]
+        # what was recorded up to there is kept
+        if done:
+            kept = c.last_history["b"].u
+            np.testing.assert_array_equal(kept, history["b"].u[: len(kept)])
+        c.step(STEPS - done)
+        assert state_of(c) == states[-1]
+
+
+@variants
+@pytest.mark.parametrize("threads", [1, 2, 3])
+@pytest.mark.parametrize("tangent", ["full", "reuse"])
+def test_all_iterations_of_a_macro_step_may_fail_one_by_one(variant, threads, tangent):
+    # with any number of threads, and whatever tangents are kept
+    _, states, calls = undisturbed(variant, tangent=tangent)
+    c, laws = made(variant, threads, tangent)
+    c.step(3)
+    before = laws[1].calls
+    for k in range(1, calls[4][1] - calls[3][1] + 1, 3):
+        laws[1].at, laws[1].action = laws[1].calls + k, raises(Broken())
+        with pytest.raises(Broken):
+            c.step()
+        assert c.step_count == 3 and state_of(c) == states[3]
+    assert laws[1].calls > before
+    c.step(STEPS - 3)
+    assert state_of(c) == states[-1]
+
+
+class Spoiled(Law):
+    """Not a number after a time, from evaluation `begins` at a time level on; None: never."""
+
+    begins, last = None, (0.0, 0)
+
+    def __call__(self, u, v, t, q):
+        self.last = (t, self.last[1] + 1 if t == self.last[0] else 0)
+        f, K_t, C_t, q1 = super().__call__(u, v, t, q)
+        spoils = self.begins is not None and t > 0.13 and self.last[1] >= self.begins
+        return (np.nan * f if spoils else f), K_t, C_t, q1
+
+
+@variants
+@pytest.mark.parametrize("tangent", ["full", "reuse"])
+@pytest.mark.parametrize(
+    "begins, error", [(0, pm.InstabilityError), (1, pm.ConvergenceError)], ids=["first", "later"]
+)
+def test_values_that_are_not_finite_end_the_run(variant, tangent, begins, error):
+    # at the first guess the motion itself is at fault, later the iteration
+    _, states, _ = undisturbed(variant, tangent=tangent)
+    laws = Law(5), Spoiled(5, k=3e3)
+    c = plastic_pair(variant, laws=laws, newton=pm.Newton(tangent=tangent))
+    laws[1].begins = begins
+    with pytest.raises(error) as caught:
+        c.run(steps=STEPS)
+    assert caught.value.subdomain == "b"
+    assert 0.12 <= caught.value.time < 0.14 + 1e-9  # dt = 0.02
+    assert c.step_count == 6 and state_of(c) == states[6]
+    laws[1].begins = None
+    c.step(STEPS - 6)
+    assert state_of(c) == states[-1]
+
+
+@variants
+def test_the_coupler_may_not_be_used_by_the_force_that_it_evaluates(variant):
+    _, states, calls = undisturbed(variant)
+    for call in (
+        lambda c: c.step(),
+        lambda c: c.run(steps=1),
+        lambda c: c.state("a"),
+        lambda c: c.reset(),
+        lambda c: c.multipliers,
+    ):
+        c, laws = made(variant)
+        laws[0].at, laws[0].action = calls[2][0] + 2, lambda *args, c=c, call=call: call(c)
+        with pytest.raises(RuntimeError, match="being stepped"):
+            c.run(steps=STEPS)
+        assert c.step_count == 2 and state_of(c) == states[2]
+        c.step(STEPS - 2)
+        assert state_of(c) == states[-1]
+
+
+def test_a_force_may_run_another_coupler():
+    _, states, _ = undisturbed("pm")
+    inner, _ = made("macro")
+
+    class Nested(Law):
+        def __call__(self, u, v, t, q):
+            if t > 0.0 and inner.step_count < 5:
+                inner.step()
+            return super().__call__(u, v, t, q)
+
+    c = plastic_pair("pm", laws=(Nested(5), Law(5, k=3e3)))
+    c.step(STEPS)
+    assert state_of(c) == states[-1] and inner.step_count == 5
+    expected, _ = made("macro")
+    expected.step(5)
+    assert state_of(inner) == state_of(expected)
+
+
+@pytest.fixture
+def interrupt():
+    """A function that raises KeyboardInterrupt after a time in seconds, as Ctrl-C does."""
+
+    def stop(number, frame):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, stop)
+    yield lambda seconds: signal.setitimer(signal.ITIMER_REAL, seconds)
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize("variant", ["pm", "macro"])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_ctrl_c_at_any_time_loses_no_whole_step(variant, threads, interrupt):
+    _, states, _ = undisturbed(variant)
+    c, _ = made(variant, threads)
+    rng, interrupted = np.random.default_rng(4), 0
+    while c.step_count < STEPS:
+        try:
+            interrupt(rng.uniform(1e-3, 3e-2) * (1 + interrupted))
+            c.run(steps=STEPS - c.step_count)
+            interrupt(0.0)
+        except KeyboardInterrupt:
+            interrupted += 1
+            if c.step_count:  # before that it need not have begun
+                assert state_of(c) == states[c.step_count]
+    assert interrupted > 0
+    assert state_of(c) == states[-1]
+
+
+# ---- tangents -------------------------------------------------------------------------------
+
+
+def stiff_chain(u, v, t, q, wrong=1.0):
+    """Cubic springs between four dofs and the ground; one entry of K_t is wrong."""
+    B = np.eye(4) - np.eye(4, k=-1)
+    d = B @ u
+    K = B.T @ np.diag(1e4 + 3e6 * d**2) @ B
+    K[2, 2] *= wrong
+    return B.T @ (1e4 * d + 1e6 * d**3), K
+
+
+def coupled_chains(coupling, law, **newton):
+    common = dict(scheme=pm.GeneralizedAlpha(0.5), v0=[0.0, 0.0, 0.2, 0.0])
+    a = pm.Subdomain(np.ones(4), None, internal=law, double_step=False, name="rig", **common)
+    b = pm.Subdomain(np.ones(4), None, internal=stiff_chain, name="frame", **common)
+    tie = pm.tie(a, [3], b, [3])
+    return pm.Coupler([a, b], tie, dt=0.1, coupling=coupling, newton=pm.Newton(**newton))
+
+
+@pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
+def test_a_wrong_tangent_is_slow_and_then_an_error_that_leads_to_the_check(coupling):
+    right = coupled_chains(coupling, stiff_chain).run(steps=3)
+
+    def little(*args):
+        return stiff_chain(*args, wrong=1.2)
+
+    def much(*args):
+        return stiff_chain(*args, wrong=8.0)
+
+    slow = coupled_chains(coupling, little).run(steps=3)
+    assert slow["rig"].iterations.sum() > 1.3 * right["rig"].iterations.sum()
+    # the same solution: tol 1e-8 of the motion, in energy
+    assert abs(slow["rig"].u - right["rig"].u).max() < 1e-5 * abs(right["rig"].u).max()
+    c = coupled_chains(coupling, much)
+    with pytest.raises(pm.ConvergenceError, match="InternalForce.check") as caught:
+        c.run(steps=3)
+    assert caught.value.iterations == 40
+    assert caught.value.subdomain in ("rig", "frame")  # they iterate together
+    report = pm.InternalForce(much).check([0.1, 0.3, 0.2, 0.4])
+    assert (report.matrix, report.row, report.column) == ("K_t", 2, 2)
+    assert "in the column of dof 2" in str(report)
+    # what was recorded before it, and the state, are there
+    assert c.step_count < 3 and np.isfinite(c.state("rig").u).all()
+
+
+@pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
+@pytest.mark.parametrize("tangent", ["full", "reuse"])
+def test_a_buckling_column_is_named_with_its_dof(coupling, tangent):
+    class Column:
+        """Four lateral springs under a thrust that grows; dof 2 is the weakest."""
+
+        grows = True
+
+        def __call__(self, u, v, t, q):
+            thrust = 2.0 * t if self.grows else 0.2
+            k = 1e5 * (np.array([4.0, 4.0, 1.0, 4.0]) - thrust)
+            return k * u + 1e5 * u**3, k + 3e5 * u**2
+
+    def column_run():
+        column = Column()
+        scheme = pm.GeneralizedAlpha(0.5)
+        v0 = [0.0, 0.0, 1e-3, 0.0]
+        a = pm.Subdomain(np.ones(4), None, scheme=scheme, internal=column, v0=v0, name="column")
+        b = pm.Subdomain(np.ones(2), [1e4, 1e4], scheme=scheme, double_step=False, name="frame")
+        tie = pm.tie(a, [1], b, [0])
+        newton = pm.Newton(tangent=tangent)
+        return pm.Coupler([a, b], tie, dt=0.1, coupling=coupling, newton=newton), column
+
+    c, column = column_run()
+    # Mbar_t = 1 + al1 K_t, al1 > 4e-3: negative from the second step in which 2 t > 1
+    with pytest.raises(pm.ConvergenceError) as caught:
+        c.run(steps=10)
+    error = caught.value
+    assert error.subdomain == "column" and 0.5 < error.time <= 0.7
+    assert re.search("Mbar is not positive definite, first seen at dof 2, .* buckling", error.cause)
+    # and goes on as if nothing had happened
+    done, state = c.step_count, state_of(c)
+    with pytest.raises(pm.ConvergenceError):
+        c.step()
+    assert state_of(c) == state
+    column.grows = False
+    c.step(3)
+    assert c.step_count == done + 3 and np.isfinite(c.state("column").u).all()
+
+
+@variants
+def test_a_coupler_that_has_failed_may_be_reset(variant):
+    history, _, _ = undisturbed(variant)
+    c, laws = made(variant)
+    laws[0].at, laws[0].action = 40, raises(Broken())
+    with pytest.raises(Broken):
+        c.run(steps=STEPS)
+    c.reset()
+    same_bits(c.run(steps=STEPS), history)
