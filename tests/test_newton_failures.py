@@ -192,7 +192,7 @@ def test_ctrl_c_at_any_time_loses_no_whole_step(variant, threads, interrupt):
     rng, interrupted = np.random.default_rng(4), 0
     while c.step_count < STEPS:
         try:
-            interrupt(rng.uniform(1e-3, 3e-2) * (1 + interrupted))
+            interrupt(rng.uniform(5e-4, 5e-3) * (1 + interrupted))
             c.run(steps=STEPS - c.step_count)
             interrupt(0.0)
         except KeyboardInterrupt:

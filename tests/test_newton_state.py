@@ -162,7 +162,8 @@ def test_a_file_of_other_parameters_is_refused(tmp_path):
 
 @pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
 def test_the_work_of_a_linear_internal_force_is_its_strain_energy(coupling):
-    # the trapezoidal rule is exact on it: the strain energy of the linear run, counted as dissipated
+    # the trapezoidal rule is exact on it, and counts it as dissipated; but for the first substep,
+    # at whose beginning the force counts as at its end
     K = 200.0 * (2.0 * np.eye(3) - np.eye(3, k=1) - np.eye(3, k=-1))
 
     def energies(inside):
@@ -185,7 +186,7 @@ def test_the_work_of_a_linear_internal_force_is_its_strain_energy(coupling):
         (ours.balance, theirs.balance),
     ):
         # rounding; under "macro" 10 times 1e-12 of the motion in each of 30 steps
-        assert abs(one - other).max() < 1e-9 * scale
+        assert abs(np.diff(one - other, axis=0)[1:]).max() < 1e-9 * scale
 
 
 def test_the_work_of_a_plastic_force_is_the_area_of_its_loop():
@@ -197,7 +198,8 @@ def test_the_work_of_a_plastic_force_is_the_area_of_its_loop():
     area = np.diff(x.deformation[:, 0]) @ (x.force[1:, 0] + x.force[:-1, 0]) / 2.0
     assert x.force.max() > 2.0 and area > 0.2
     E = history.energy
-    assert E.dissipated[-1, 0] == pytest.approx(area, rel=1e-12)
+    # of a spring the part that it will return is strain energy
+    assert E.strain[-1, 0] + E.dissipated[-1, 0] == pytest.approx(area, rel=1e-12)
     # 0.5 of the start is kinetic or has done this work, but for the error of the trapezoidal rule
     # of the motion at the kinks, of the order of k h^2 v^2 / 8 each
     assert abs(E.balance).max() < 20 * 100.0 * 0.01**2 / 8

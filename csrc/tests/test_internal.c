@@ -144,7 +144,7 @@ static void a_code_other_than_zero_ends_the_evaluation(void)
         set_up(&b);
         b.saw[k].code = -5 - (int)k;
         b.q1[0] = b.q1[3] = 0.5;
-        CHECK_STATUS(evaluate(&b, b.q1, b.tangent, &code), PMA_RESTORING_FAILED);
+        CHECK_STATUS(evaluate(&b, b.q1, b.tangent, &code), PMA_INTERNAL_FAILED);
         CHECK_INT(code, -5 - (int)k);
         CHECK_INT(b.saw[1].calls, k);
         CHECK(b.q1[0] == 0.5 && b.q1[3] == 0.5);

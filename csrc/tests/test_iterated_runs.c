@@ -85,7 +85,7 @@ static void check_failure(int k, size_t i, size_t fail_at, size_t threads, const
     static model m;
     make_kind(&m, k, threads);
     m.parts[i].inner.fail_at = fail_at;
-    CHECK_STATUS(pma_coupler_advance(m.coupler, SPAN, NULL, NULL), PMA_RESTORING_FAILED);
+    CHECK_STATUS(pma_coupler_advance(m.coupler, SPAN, NULL, NULL), PMA_INTERNAL_FAILED);
     CHECK_INT(pma_coupler_failed(m.coupler), i);
     CHECK_INT(pma_subdomain_code(m.parts[i].core), 7);
     const int64_t done = pma_coupler_step_count(m.coupler);

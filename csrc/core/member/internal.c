@@ -93,7 +93,7 @@ pma_status pma_internal_potential(const pma_internal *internal, const double *u,
             scratch[internal->order[i]] = u[i];
         *code = force->potential((intptr_t)internal->n, scratch, &stored, force->user);
         if (*code != 0)
-            return PMA_RESTORING_FAILED;
+            return PMA_INTERNAL_FAILED;
         *energy += stored;
     }
     return PMA_OK;
