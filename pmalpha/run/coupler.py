@@ -94,7 +94,8 @@ class Coupler(Description, Present, Snapshots, Uncut):
         largest, double steps in all subdomains of the finest step, an initial state of the wrong
         shape; for a wrong result of `factorize`; under "macro" and "mean" for a double step with
         substeps, and for unit responses that would take longer than a day; under "mean" for an
-        explicit scheme with rho < 0.5, interface dofs without mass, and internal forces.
+        explicit scheme with rho < 0.5, interface dofs without mass, restoring and internal
+        forces.
     ConstraintError
         For constraints that are dependent or that the initial velocities violate; under "mean" also
         for initial displacements that do.

@@ -29,10 +29,12 @@ def check_mean(parts: Sequence[Part]) -> None:
     """ValueError for what mean coupling cannot have."""
     for part in parts:
         s = part.subdomain
-        if s.internal is not None:
+        if s.internal is not None or s.restoring is not None:
+            kind = "restoring" if s.internal is None else "internal"
             raise ValueError(
-                f'coupling must be "macro", "pm" or "gc" with internal forces, got "mean" and '
-                f"internal forces in {part.name!r}"
+                f'coupling must be "macro", "pm" or "gc" with {kind} forces, got "mean" and {kind} '
+                f"forces in {part.name!r}: the free macro run has no multipliers, so that forces "
+                "would be evaluated away from the motion"
             )
         rho = getattr(s.scheme, "rho", 1.0)
         if s.scheme.explicit and rho < LEAST_EXPLICIT_RHO:
