@@ -109,9 +109,10 @@ class ConvergenceError(PmalphaError):
     def __init__(self, subdomain: str, time: float, iterations: int, cause: str = ""):
         why = f": {cause}" if cause else ""
         if subdomain == "interface":
+            passes = f"{iterations} pass{'' if iterations == 1 else 'es'}"
             text = (
                 f"the multipliers at the end of the macro step to t = {time:g} did not converge in "
-                f"{iterations} passes{why}; take a smaller macro step, or coupling 'pm' or 'gc'"
+                f"{passes}{why}; take a smaller macro step, or coupling 'pm' or 'gc'"
             )
         elif cause:
             text = (

@@ -900,7 +900,7 @@ def test_a_convergence_error_says_what_where_and_what_to_do():
         "converge faster"
     )
     caused = pm.ConvergenceError("interface", 0.5, 1, "a value is not finite")
-    text = "end of the macro step to t = 0.5 did not converge in 1 passes: a value is not finite;"
+    text = "end of the macro step to t = 0.5 did not converge in 1 pass: a value is not finite;"
     assert text in str(caused)
     for one in (error, caused):
         other = pickle.loads(pickle.dumps(one))

@@ -149,6 +149,7 @@ class InternalForce(Frozen):
         v : (n,) array, optional
             Velocity. Default: zero.
         t : float, default 0
+            Time.
         q : (m,) array, optional
             History at the beginning of the substep. Default: `history`.
         step : float, default 6e-6

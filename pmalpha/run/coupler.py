@@ -242,12 +242,6 @@ class Coupler(Description, Present, Snapshots, Uncut):
         every : int, optional
             Record only time levels at which `step_count` is a multiple of this, and the first of
             the run, in all arrays. Default: every time level of each subdomain.
-        outputs : dict, optional
-            Linear combinations of the motion, base shears or element forces say, that are recorded
-            as ``history[name].outputs[output]``, by subdomain and by name of the output: a matrix
-            W, (rows, n) dense or scipy.sparse or (n,) for one row, for W u; or a dict of such
-            matrices by "u", "v" and "a" for W_u u + W_v v + W_a a. They are computed during the run
-            from all dofs, recorded or not: with ``record={}`` only outputs are recorded.
         energy : bool, default False
             Record the energies of all subdomains, with works counted from the beginning of this
             run, in ``history.energy``, an `Energy`. Results are unchanged. Costs a product with C
@@ -270,6 +264,12 @@ class Coupler(Description, Present, Snapshots, Uncut):
         record_springs : dict, optional
             Springs whose deformation and force are recorded: indices by subdomain, None for all
             springs of one. Default: none.
+        outputs : dict, optional
+            Linear combinations of the motion, base shears or element forces say, that are recorded
+            as ``history[name].outputs[output]``, by subdomain and by name of the output: a matrix
+            W, (rows, n) dense or scipy.sparse or (n,) for one row, for W u; or a dict of such
+            matrices by "u", "v" and "a" for W_u u + W_v v + W_a a. They are computed during the run
+            from all dofs, recorded or not: with ``record={}`` only outputs are recorded.
         progress : True or callable, optional
             True: a tqdm bar. A callable is called as ``progress(done, total)``, in macro steps of
             this call, about every 50 ms and at the end. It may not use the coupler. An exception
@@ -279,15 +279,6 @@ class Coupler(Description, Present, Snapshots, Uncut):
         -------
         History
             From the present time to the end of the run.
-
-        Examples
-        --------
-        The force of a spring of stiffness 4, and no dof:
-
-        >>> mass = Subdomain([1.0], [4.0], scheme=Newmark(), v0=[1.0], name="mass")
-        >>> history = Coupler([mass], dt=0.01).run(1.0, record={}, outputs={"mass": {"N": [4.0]}})
-        >>> history["mass"].outputs["N"].shape
-        (101, 1)
 
         Raises
         ------
@@ -315,9 +306,20 @@ class Coupler(Description, Present, Snapshots, Uncut):
             restoring callable without ``restoring_stiffness``, or, once at the beginning, for the
             tangents of the internal forces of explicit subdomains in the present state.
 
+        Notes
+        -----
         An exception of a load or of a restoring force reaches the caller, and so does Ctrl-C,
         within 0.1 s or a fine step, whichever is longer. After any exception the coupler is at the
         last completed macro step, `last_history` has the run up to it, and the run can continue.
+
+        Examples
+        --------
+        The force of a spring of stiffness 4, and no dof:
+
+        >>> mass = Subdomain([1.0], [4.0], scheme=Newmark(), v0=[1.0], name="mass")
+        >>> history = Coupler([mass], dt=0.01).run(1.0, record={}, outputs={"mass": {"N": [4.0]}})
+        >>> history["mass"].outputs["N"].shape
+        (101, 1)
         """
         with self._entered():
             begin = self._steps_done()

@@ -78,6 +78,8 @@ class Snapshots:
         Snapshot
             For this coupler only. It takes the memory of the state, without matrices and factors.
 
+        Notes
+        -----
         Before the first step the initial accelerations are computed first, as by `state`; an
         exception of a callable load reaches the caller.
 
@@ -107,6 +109,7 @@ class Snapshots:
         Parameters
         ----------
         snapshot : Snapshot
+            Of `snapshot`.
 
         Raises
         ------

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from .._checks import counted
+from ..memory import require
 from ..problem.matrices import combination, core_matrix, permuted
 from ..problem.newton import Newton
 from .compliance import Block, constraints_of
@@ -42,6 +44,8 @@ def prepare_iterated(parts: Sequence[Part], macro: bool) -> None:
             _take_blocks_of(part, linear_twin(part))
         elif part.tangent is not None:
             rows = constraints_of(part.L)
+            size = 8.0 * 4.0 * float(rows.size) ** 2
+            require(size, f"the block of H of {counted(rows.size, 'constraint')} of {part.name!r}")
             empty = Block(rows, np.zeros((rows.size, rows.size)))
             part.blocks = {False: empty, True: empty}
 

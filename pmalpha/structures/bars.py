@@ -43,6 +43,7 @@ def truss(
     Parameters
     ----------
     points : (N, 2) or (N, 3) array_like
+        Coordinates of the nodes.
     members : (m, 2) array_like of int
         The two points that each member connects.
     EA, rhoA : float or (m,) array_like

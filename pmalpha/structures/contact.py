@@ -79,20 +79,23 @@ def sphere_contact(
 ) -> ContactForce:
     """Contact of nodes with a rigid sphere, or in two dimensions a circle, without friction.
 
-    As `plane_contact`, with the gap g = |x - c| - R and n from the center to the node; with
+    As `plane_contact`, with the gap ``g = |x - c| - R`` and n from the center to the node; with
     `inside` the nodes are held within the sphere, and both have the other sign.
 
     Parameters
     ----------
     structure : Structure
+        Whose nodes they are.
     nodes : int or (m,) array of int
         The nodes that can touch the sphere.
     center : (dim,) array_like
+        Its coordinates.
     radius : float
         Above 0.
     stiffness : float or (m,) array_like
         Penalty k of each node, force per length, above 0.
     inside : bool, default False
+        Whether the nodes are held within the sphere.
 
     Returns
     -------

@@ -36,6 +36,7 @@ def corotational_frame(
     Parameters
     ----------
     points : (N, 2) array_like
+        Coordinates of the nodes.
     members : (m, 2) array_like of int
         The two points that each member connects.
     EA, EI, rhoA : float or (m,) array_like

@@ -100,7 +100,11 @@ class ElementForce:
 
         Parameters
         ----------
-        u, v, t, q
+        u, v : (n,) array_like
+            As for a call.
+        t : float, default 0
+            As for a call.
+        q : (m,) array_like, optional
             As for a call.
 
         Returns

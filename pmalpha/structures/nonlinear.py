@@ -45,8 +45,14 @@ def nonlinear_solid(
         Number of elements along the axes, at least 1: quadrilaterals or hexahedra.
     h : float, or one for each axis
         Edge lengths of an element.
-    material, rho, t, plane, mass
+    material : StVenantKirchhoff, NeoHookean or J2Plasticity
+        As for `nonlinear_solid_on`.
+    rho, t : float or array_like
         As for `nonlinear_solid_on`; arrays by element.
+    plane : {"strain", "stress"}
+        As for `nonlinear_solid_on`.
+    mass : {"consistent", "lumped"}
+        As for `nonlinear_solid_on`.
     origin : one float for each axis, optional
         The corner with the smallest coordinates. Default: zeros.
 
@@ -102,9 +108,11 @@ def nonlinear_solid_on(
     Parameters
     ----------
     points : (N, 2) or (N, 3) array_like
+        Coordinates of the nodes.
     elements : (E, 4) or (E, 8) array_like of int
         Corners as for `plate_on` and `solid_on`.
     material : StVenantKirchhoff, NeoHookean or J2Plasticity
+        Of all elements; its numbers may be arrays by element.
     rho : float or (E,) array_like
         Density of the undeformed solid.
     t : float or (E,) array_like, default 1

@@ -17,7 +17,7 @@ __all__ = ["J2Plasticity"]
 class J2Plasticity(Material):
     """Von Mises plasticity at small strain with linear isotropic and kinematic hardening.
 
-    With xi = dev(sigma) - 2/3 H_k eps_p, the stress obeys |xi| <= sqrt(2/3) (sigma_y + H_i alpha),
+    With xi = dev(sigma) - 2/3 H_k eps_p, the stress obeys ``|xi| <= sqrt(2/3) (sigma_y + H_i alpha)``,
     where alpha is the accumulated plastic strain. Over a step the stress returns radially, and the
     tangent is the derivative of that (Simo and Hughes, Computational Inelasticity, box 3.2). In
     uniaxial stress the slope beyond the yield stress is E H / (E + H), H = H_i + H_k. Strains are
@@ -32,7 +32,7 @@ class J2Plasticity(Material):
     E, nu : float or (elements,) array_like
         Young's modulus, above 0; Poisson's ratio in (-1, 0.5).
     yield_stress : float or (elements,) array_like
-        sigma_y in uniaxial stress, above 0.
+        Of uniaxial stress, sigma_y, above 0.
     isotropic, kinematic : float or (elements,) array_like, default 0
         Hardening moduli H_i and H_k, at least 0.
 

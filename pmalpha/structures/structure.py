@@ -221,6 +221,7 @@ class Structure:
         Returns
         -------
         Structure
+            A new one.
 
         Raises
         ------
@@ -249,6 +250,7 @@ class Structure:
         Returns
         -------
         (n, n) csr_array
+            Symmetric.
 
         Raises
         ------
