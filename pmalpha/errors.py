@@ -107,18 +107,19 @@ class ConvergenceError(PmalphaError):
     """
 
     def __init__(self, subdomain: str, time: float, iterations: int, cause: str = ""):
-        done = f"{iterations} iteration{'' if iterations == 1 else 's'}"
+        why = f": {cause}" if cause else ""
         if subdomain == "interface":
             text = (
                 f"the multipliers at the end of the macro step to t = {time:g} did not converge in "
-                f"{iterations} passes; take a smaller macro step, or coupling \"pm\" or \"gc\""
+                f"{iterations} passes{why}; take a smaller macro step, or coupling 'pm' or 'gc'"
             )
         elif cause:
             text = (
-                f"Newton's method for subdomain {subdomain!r} ended in iteration {iterations + 1} at "
-                f"t = {time:g}: {cause}"
+                f"Newton's method for subdomain {subdomain!r} ended in iteration "
+                f"{iterations + 1} at t = {time:g}{why}"
             )
         else:
+            done = f"{iterations} iteration{'' if iterations == 1 else 's'}"
             text = (
                 f"Newton's method for subdomain {subdomain!r} did not converge in {done} at "
                 f"t = {time:g}; InternalForce.check compares the tangents with differences of f, "

@@ -255,7 +255,7 @@ static PyObject *iteration_failure(CouplerObject *self, size_t i, bool singular)
 {
     if (i == PMA_INTERFACE)
         return Py_BuildValue("(nOOn)", PyTuple_GET_SIZE(self->subdomains), Py_None, Py_None,
-                             (Py_ssize_t)-1);
+                             singular ? (Py_ssize_t)0 : (Py_ssize_t)-1);
     const pma_iterate_failure at =
         pma_iterate_failed(pma_subdomain_iterate(pma_subdomain_of(self, (Py_ssize_t)i)->core));
     return Py_BuildValue("(ndnn)", (Py_ssize_t)i, at.t, (Py_ssize_t)at.iterations,

@@ -71,6 +71,8 @@ class CheckedInternal:
         Of `first_tangent`.
     damped : bool
         Whether a first tangent C_t was returned; later ones are refused otherwise.
+    labels : sequence of str, optional
+        What the forces are called in messages. Default: by their number.
 
     Attributes
     ----------
@@ -78,9 +80,16 @@ class CheckedInternal:
         The histories at t = 0, of one force after the other.
     """
 
-    def __init__(self, forces: Sequence[Any], name: str, pattern: sp.csr_array, damped: bool):
+    def __init__(
+        self,
+        forces: Sequence[Any],
+        name: str,
+        pattern: sp.csr_array,
+        damped: bool,
+        labels: Sequence[str] = (),
+    ):
         self.forces, self.damped, self.n = tuple(forces), damped, pattern.shape[0]
-        self.what = names(forces, name)
+        self.what = names(forces, name, labels)
         self.slots = Slots(pattern)
         self.places = [(Placement(self.slots, "K_t"), Placement(self.slots, "C_t")) for _ in forces]
         self.history, self.own = histories(forces)
@@ -175,7 +184,13 @@ def _energy(force: Any, what: str, u: np.ndarray) -> float:
 
 
 def first_tangent(
-    forces: Sequence[Any], n: int, u0: np.ndarray, v0: np.ndarray, q0: np.ndarray, name: str
+    forces: Sequence[Any],
+    n: int,
+    u0: np.ndarray,
+    v0: np.ndarray,
+    q0: np.ndarray,
+    name: str,
+    labels: Sequence[str] = (),
 ) -> tuple[sp.csr_array, np.ndarray, np.ndarray | None]:
     """The pattern of all tangents of a subdomain, and their values at t = 0.
 
@@ -192,6 +207,8 @@ def first_tangent(
         The histories at t = 0, of one force after the other.
     name : str
         Name of the subdomain.
+    labels : sequence of str, optional
+        As for `CheckedInternal`.
 
     Returns
     -------
@@ -205,7 +222,7 @@ def first_tangent(
         As `CheckedInternal`, and for values that are not finite or not symmetric.
     """
     own = histories(forces)[1]
-    what = names(forces, name)
+    what = names(forces, name, labels)
     first = [evaluated(x, w, u0, v0, 0.0, q0[o]) for x, w, o in zip(forces, what, own)]
     patterns = [
         entries_of(A, n)
@@ -213,7 +230,7 @@ def first_tangent(
         for A in ((K, C) if force.pattern is None else (force.pattern,))
     ]
     damped = any(values[2] is not None for values in first)
-    checked = CheckedInternal(forces, name, pattern := symmetric_union(patterns, n), damped)
+    checked = CheckedInternal(forces, name, pattern := symmetric_union(patterns, n), damped, labels)
     K = np.zeros(pattern.nnz)
     C = np.zeros(pattern.nnz) if damped else None
     for values, w, places in zip(first, what, checked.places):
@@ -227,10 +244,10 @@ def first_tangent(
     return pattern, K, C
 
 
-def names(forces: Sequence[Any], name: str) -> list[str]:
+def names(forces: Sequence[Any], name: str, labels: Sequence[str] = ()) -> list[str]:
     """The name of each force in messages."""
-    which = [""] if len(forces) == 1 else [f" force {k}" for k in range(len(forces))]
-    return [f"internal{x} of subdomain {name!r}" for x in which]
+    which = ["internal"] if len(forces) == 1 else [f"internal[{k}]" for k in range(len(forces))]
+    return [f"{x} of subdomain {name!r}" for x in labels or which]
 
 
 def histories(forces: Sequence[Any]) -> tuple[np.ndarray, list[slice]]:

@@ -223,10 +223,14 @@ def _check_order(pattern: Any) -> None:
 
 @dataclass(frozen=True)
 class Internal:
-    """The internal forces of a subdomain: springs for the core, and forces with tangents."""
+    """The internal forces of a subdomain: springs for the core, and forces with tangents.
+
+    `labels` are the names of the forces in messages, their places in the list they came in.
+    """
 
     springs: tuple[Spring, ...]
     forces: tuple[InternalForce, ...]
+    labels: tuple[str, ...] = ()
 
 
 def checked_internal(internal: Any, n: int) -> Internal | None:
@@ -237,14 +241,15 @@ def checked_internal(internal: Any, n: int) -> Internal | None:
     if isinstance(internal, Internal):  # of another subdomain
         internal = [*internal.springs, *internal.forces]
     items = labelled(internal, "internal")
-    springs, forces = [], []
+    springs, forces, labels = [], [], []
     for item, label in items:
         if isinstance(item, Spring):
             check_dofs((item,), n)
             springs.append(item)
         else:
             forces.append(_force(item, label, n))
-    return Internal(tuple(springs), tuple(forces)) if items else None
+            labels.append(label)
+    return Internal(tuple(springs), tuple(forces), tuple(labels)) if items else None
 
 
 def _force(value: Any, label: str, n: int) -> InternalForce:

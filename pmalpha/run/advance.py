@@ -97,7 +97,8 @@ def _convergence_error(
     index, t, iterations, position = failed
     if t is None or iterations is None:  # the interface, at the end of the macro step
         end = loads.clock.time(step + 1)
-        return ConvergenceError(names[index], end, loads.newton.iterations)
+        cause = "" if position < 0 else "the interface matrix of the tangents is singular"
+        return ConvergenceError(names[index], end, loads.newton.iterations, cause)
     cause = ""
     if position >= 0:
         dof = loads.parts[index].order[position]

@@ -17,6 +17,7 @@ import scipy.sparse as sp
 from scipy import LowLevelCallable
 
 from .._checks import MOST, counted, listing
+from ..blas import one_thread
 from ..files import read_npz, write_npz
 from ..problem.forces import SampledForce
 from ..problem.springs import Spring
@@ -102,7 +103,8 @@ def internal(part: Part) -> str:
     """A description of internal forces: their springs, pattern and history; not the functions."""
     forces = part.internal
     springs = load(part.subdomain.internal.springs)
-    count = counted(len(forces.functions), "function")
+    sizes = [force.history.size for force in part.subdomain.internal.forces]
+    count = counted(len(sizes), "function") + (f" with {sizes} numbers of history" if sizes else "")
     where = checksum(forces.pattern)
     return ", ".join(x for x in (springs, count, f"pattern {where}", checksum(forces.initial)) if x)
 
@@ -155,9 +157,9 @@ def state_arrays(
             scale, entries, twice = part.core.iteration()
             arrays[f"{i}.iteration"] = np.array([scale, float(entries is not None), float(twice)])
             if entries is not None:
-                arrays[f"{i}.tangent"] = entries
+                arrays[f"{i}.tangent"] = entries[places_of(part)]
     if core.iteration().size:
-        arrays["shooting"] = core.iteration()
+        arrays["shooting"] = reordered(core.iteration(), row_position)
     if any(part.mean for part in parts):
         for name, lam in zip(LINE, np.split(core.end_multipliers(), 2)):
             arrays[name] = lam[row_position]
@@ -194,7 +196,9 @@ def core_state(
         states = [core_arrays(part, i, arrays) for i, part in enumerate(parts)]
         iterations = [core_iteration(part, i, arrays) for i, part in enumerate(parts)]
         size = core.iteration().size
-        shooting = checked(arrays, "shooting", size) if size else np.empty(0)
+        shooting = np.empty(0)
+        if size:
+            shooting = reordered(checked(arrays, "shooting", size), np.argsort(row_position))
         lam, g, *line = np.zeros((4, p))
         for name, end in zip(LINE, line):
             if any(part.mean for part in parts):
@@ -227,8 +231,31 @@ def core_iteration(
         return None
     scale, has_tangent, twice = checked(arrays, f"{i}.iteration", 3)
     size = part.tangent.pattern.nnz
-    tangent = checked(arrays, f"{i}.tangent", size) if has_tangent else None
+    tangent = None
+    if has_tangent:
+        tangent = np.empty(size)
+        tangent[places_of(part)] = checked(arrays, f"{i}.tangent", size)
     return float(scale), tangent, bool(twice)
+
+
+def places_of(part: Part) -> np.ndarray:
+    """Where the values of a tangent in the user's order of dofs are in that of the core."""
+    return part.tangent.places(part.internal.pattern)
+
+
+def reordered(shooting: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """What shooting continues with, with the constraints in another order.
+
+    Its first numbers are a scale and the increment of the multipliers. Up to 500 constraints a
+    matrix follows, for more a number and pairs of vectors.
+    """
+    p = rows.size
+    head, rest = shooting[:1], shooting[1 + p :]
+    if rest.size == p * p:
+        tail = rest.reshape(p, p)[np.ix_(rows, rows)].ravel()
+    else:
+        tail = np.concatenate([rest[:1], rest[1:].reshape(-1, p)[:, rows].ravel()])
+    return np.concatenate([head, shooting[1 : 1 + p][rows], tail])
 
 
 def checked(arrays: Mapping[str, np.ndarray], name: str, size: int) -> np.ndarray:
@@ -239,15 +266,32 @@ def checked(arrays: Mapping[str, np.ndarray], name: str, size: int) -> np.ndarra
 
 
 def restore(state: CoreState, parts: Sequence[Part], core: Any, step: int) -> None:
-    """Set a state in the core, at this macro step."""
+    """Set a state in the core, at this macro step.
+
+    Raises
+    ------
+    ValueError
+        For a kept tangent that is not positive definite; the state is then unchanged.
+    """
+    set_iterations(state.iterations, parts)
     for part, levels in zip(parts, state.levels):
         part.core.set_levels(levels)
     core.start(step, state.multipliers, state.prescribed)
-    for part, iteration in zip(parts, state.iterations):
-        if iteration is not None:
-            part.core.set_iteration(*iteration)
     core.set_iteration(state.shooting)
     core.set_end_multipliers(state.end_multipliers)
+
+
+def set_iterations(iterations: Sequence[Any], parts: Sequence[Part]) -> None:
+    iterated = [(part, new) for part, new in zip(parts, iterations) if new is not None]
+    before = [part.core.iteration() for part, _ in iterated]
+    with one_thread():  # the core factors kept tangents
+        try:
+            for part, new in iterated:
+                part.core.set_iteration(*new)
+        except (RuntimeError, ValueError) as error:
+            for (part, _), old in zip(iterated, before):
+                part.core.set_iteration(*old)
+            raise ValueError(f"a kept tangent is not positive definite: {error}") from None
 
 
 # ---- files -----------------------------------------------------------------------------------

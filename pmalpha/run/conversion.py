@@ -59,5 +59,9 @@ def subdomain_dataset(s: Any) -> xarray.Dataset:
     if s.springs is not None:
         variables |= {q: (("time", "spring"), getattr(s, q)) for q in LOOPS}
         coordinates["spring"] = s.springs
+    if s.iterations is not None:
+        variables["iterations"] = ("time", s.iterations)
+    if s.q is not None:
+        variables["q"] = (("time", "q_column"), s.q)
     variables |= {q: (("time", f"{q}_row"), x) for q, x in s.outputs.items()}
     return xarray.Dataset(variables, coordinates, attrs={"name": s.name})

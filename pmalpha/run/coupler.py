@@ -462,9 +462,10 @@ class Coupler(Description, Present, Snapshots, Uncut):
 
         The two couplers must be built the same way, in the same process or another. The continued
         run is bitwise identical to an uninterrupted one, with the same build, CPU and packages.
-        Initial values may differ. Constant and sampled loads are compared by their numbers;
-        callables cannot be compared: the caller provides the same functions, which are evaluated
-        from the restored time on.
+        Initial values may differ (with internal forces under "macro" the continued run then agrees
+        to the tolerance of `Newton`, not bitwise). Constant and sampled loads are compared by their
+        numbers; callables cannot be compared: the caller provides the same functions, which are
+        evaluated from the restored time on.
 
         Parameters
         ----------

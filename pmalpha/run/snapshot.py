@@ -154,4 +154,5 @@ def _present(parts: Sequence[Part], core: Any) -> CoreState:
         shooting,
         core.multipliers,
         core.prescribed,
+        core.end_multipliers(),
     )

@@ -81,6 +81,7 @@ def assemble(
     if mean:
         check_mean(parts)
     _check_factorize(parts, factorize)
+    _check_start(parts, start, coupling)
     rows = row_order(parts, p)
     position = np.argsort(rows)
 
@@ -116,6 +117,16 @@ def assemble(
         part.step_ratio = step_ratio(part.subdomain, part.step, internal)
     warn_of_steps((part.name, part.subdomain, part.step, part.step_ratio) for part in parts)
     return Assembly(parts, position, accelerations, core)
+
+
+def _check_start(parts: Sequence[Part], start: str, coupling: str) -> None:
+    """ValueError for the plain start of iterated double steps, for which it is not defined."""
+    double = [part.name for part in parts if part.tangent is not None and part.double]
+    if double and start == "plain" and coupling == "pm":
+        raise ValueError(
+            'start must be "rebased" with internal forces in subdomains with double steps, got '
+            f'"plain" and {", ".join(map(repr, double))}'
+        )
 
 
 def _check_factorize(parts: Sequence[Part], factorize: Any) -> None:

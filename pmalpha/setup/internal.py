@@ -56,13 +56,14 @@ def internal_forces(s: Subdomain, name: str) -> InternalForces | None:
     """
     if s.internal is None:
         return None
-    compiled = [f for f in s.internal.forces if isinstance(f.evaluate, LowLevelCallable)]
-    called = [f for f in s.internal.forces if not isinstance(f.evaluate, LowLevelCallable)]
-    groups = ([called] if called else []) + [[f] for f in compiled]
-    evaluated = [_tangents(forces, s, name) for forces in groups]
+    pairs = list(zip(s.internal.forces, s.internal.labels))
+    # Python functions are one function of the core; beside compiled ones each is one, in its place
+    groups = [[pair] for pair in pairs] if any(_is_compiled(f) for f, _ in pairs) else [pairs]
+    groups = [group for group in groups if group]
+    evaluated = [_tangents(group, s, name) for group in groups]
     functions = tuple(
-        _function(forces, name, pattern, C is not None)
-        for forces, (pattern, _, C) in zip(groups, evaluated)
+        _function(group, name, pattern, C is not None)
+        for group, (pattern, _, C) in zip(groups, evaluated)
     )
     springs = None
     if s.internal.springs:
@@ -72,26 +73,38 @@ def internal_forces(s: Subdomain, name: str) -> InternalForces | None:
     patterns += [pattern for pattern, _, _ in evaluated] + _pairs(s)
     return InternalForces(
         functions,
-        np.concatenate([np.zeros(0), *(histories(forces)[0] for forces in groups)]),
+        np.concatenate([np.zeros(0), *(histories(_forces(group))[0] for group in groups)]),
         symmetric_union([p for p in patterns if p is not None], s.n),
         combination([(1.0, springs), *((1.0, _matrix(p, K)) for p, K, _ in evaluated)]),
         combination([(1.0, _matrix(p, C)) for p, _, C in evaluated if C is not None]),
     )
 
 
-def _tangents(forces: Sequence[InternalForce], s: Subdomain, name: str) -> tuple:
-    return first_tangent(forces, s.n, s.u0, s.v0, histories(forces)[0], name)
+Group = Sequence[tuple[InternalForce, str]]
+
+
+def _is_compiled(force: InternalForce) -> bool:
+    return isinstance(force.evaluate, LowLevelCallable)
+
+
+def _forces(group: Group) -> list[InternalForce]:
+    return [force for force, _ in group]
+
+
+def _tangents(group: Group, s: Subdomain, name: str) -> tuple:
+    forces, labels = _forces(group), [label for _, label in group]
+    return first_tangent(forces, s.n, s.u0, s.v0, histories(forces)[0], name, labels)
 
 
 def _function(
-    forces: Sequence[InternalForce], name: str, pattern: sp.csr_array, damped: bool
+    group: Group, name: str, pattern: sp.csr_array, damped: bool
 ) -> tuple[Any, int, sp.csr_array]:
-    """The function of the core for a compiled force, or for all Python ones together."""
-    first = forces[0]
-    if isinstance(first.evaluate, LowLevelCallable):
-        assert first.pattern is not None
-        return first.evaluate, first.history.size, first.pattern
-    checked = CheckedInternal(forces, name, pattern, damped)
+    """The function of the core for a compiled force, or for Python ones together."""
+    forces = _forces(group)
+    if _is_compiled(forces[0]):
+        assert forces[0].pattern is not None
+        return forces[0].evaluate, forces[0].history.size, forces[0].pattern
+    checked = CheckedInternal(forces, name, pattern, damped, [label for _, label in group])
     return checked, checked.history.size, pattern
 
 

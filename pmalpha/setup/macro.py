@@ -71,7 +71,7 @@ def _warn_of_massless_ties(parts: Sequence[Part]) -> None:
     tied = {
         part.name: np.intersect1d(part.order[part.n - part.nb :], part.subdomain.massless)
         for part in parts
-        if part.responds
+        if part.responds or (part.internal is not None and part.subdomain.substeps > 1)
     }
     each = [f"{numbered('dof', dofs)} of {name!r}" for name, dofs in tied.items() if dofs.size]
     if not each:
