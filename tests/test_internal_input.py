@@ -367,15 +367,17 @@ def test_the_check_reports_wrong_values_like_a_run():
 def test_every_kind_and_lists_of_them_are_accepted():
     force, spring, element = pm.InternalForce(cubic), pm.CubicSpring([0], 1.0, 1.0), Element(2)
     assert checked_internal(None, 2) is None
-    assert checked_internal(force, 2) == Internal((), (force,))
+    assert checked_internal(force, 2) == Internal((), (force,), ("internal",))
     assert checked_internal(spring, 2) == Internal((spring,), ())
     wrapped = checked_internal(cubic, 2).forces[0]
     assert wrapped.evaluate is cubic and wrapped.history.size == 0 and wrapped.pattern is None
     mixed = checked_internal([force, spring, cubic, element, compiled()], 2)
     assert mixed.springs == (spring,) and len(mixed.forces) == 4
     assert mixed.forces[0] is force and mixed.forces[2].evaluate is element
-    assert checked_internal((spring, force), 2) == Internal((spring,), (force,))
-    assert subdomain(internal=[force, spring]).internal == Internal((spring,), (force,))
+    assert checked_internal((spring, force), 2) == Internal((spring,), (force,), ("internal[1]",))
+    assert subdomain(internal=[force, spring]).internal == Internal(
+        (spring,), (force,), ("internal[0]",)
+    )
 
 
 def test_an_element_gives_its_history_pattern_and_methods():
@@ -831,7 +833,7 @@ def test_a_velocity_tangent_that_appears_later_is_an_error():
 
 def test_of_several_forces_the_wrong_one_is_named():
     adapter, _, _ = at_start([chain, lambda u, v, t, q: (u, None) if t == 0.0 else u], 2)
-    with pytest.raises(TypeError, match="internal force 1 of subdomain 'x' at t = 1: its value"):
+    with pytest.raises(TypeError, match="internal\\[1\\] of subdomain 'x' at t = 1: its value"):
         adapter(F, F, 1.0, NONE, True)
 
 
@@ -898,7 +900,7 @@ def test_a_convergence_error_says_what_where_and_what_to_do():
         "converge faster"
     )
     caused = pm.ConvergenceError("interface", 0.5, 1, "a value is not finite")
-    text = "for interface forces did not converge in 1 iteration at t = 0.5: a value is not finite;"
+    text = "end of the macro step to t = 0.5 did not converge in 1 passes: a value is not finite;"
     assert text in str(caused)
     for one in (error, caused):
         other = pickle.loads(pickle.dumps(one))

@@ -74,6 +74,16 @@ def test_a_restored_coupler_repeats_the_run_bitwise(coupling, tangent, steps):
         assert snapshot(ours) == last
 
 
+def test_a_state_under_mean_coupling_has_the_multipliers_of_its_accelerations():
+    ours = coupler(coupling="mean")
+    ours.step(5)
+    present, before = ours.snapshot(), [ours.state(name) for name in "abc"]
+    ours.step(3)
+    ours.restore(present)
+    for x, name in zip(before, "abc"):
+        assert ours.state(name).a.tobytes() == x.a.tobytes()
+
+
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
 def test_threads_that_run_ahead_are_part_of_no_state(coupling):
     """Linear subdomains are opened before the last macro step is complete."""
@@ -115,7 +125,10 @@ def test_a_snapshot_is_that_of_its_instant():
     assert snapshot(ours) == snapshot(other)
 
 
-@pytest.mark.parametrize("variant", [{}, {"double": True}, {"coupling": "macro"}, {"moved": True}])
+@pytest.mark.parametrize(
+    "variant",
+    [{}, {"double": True}, {"coupling": "macro"}, {"coupling": "mean"}, {"moved": True}],
+)
 def test_callable_loads_and_motions_are_evaluated_again(variant):
     times = []
 

@@ -161,12 +161,13 @@ bool pma_is_compiled(PyObject *obj);
 /* (f, order): f is a LowLevelCallable with the signature of pma_force_function */
 int pma_take_force(PyObject *obj, PyObject *arrays, pma_load *load);
 
-/* None, or ((f, ...), order), of which the sum counts: each f is a callable f(u, v, t) -> (n,) array
- * in the user's order of dofs, or a LowLevelCallable with the signature of pma_restoring_function */
+/* None, or ((f, ...), order), of which the sum counts: each f is a callable f(u, v, t) -> (n,)
+ * array in the user's order of dofs, or a LowLevelCallable with the signature of
+ * pma_restoring_function */
 int pma_take_restoring(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring *out);
 
-/* None, or (order, initial, ((function, history, where, potential), ...)): the functions are callables
- * f(u, v, t, q, wanted) -> (f, K, C, q1), or LowLevelCallables with the signature of
+/* None, or (order, initial, ((function, history, where, potential), ...)): each is a callable
+ * f(u, v, t, q, wanted) -> (f, K, C, q1), or a LowLevelCallable with the signature of
  * pma_internal_function; *forces is the caller's to release. */
 int pma_take_internal(PyObject *obj, npy_intp n, PyObject *arrays, pma_forces *forces,
                       pma_internal *out);

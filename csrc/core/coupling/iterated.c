@@ -1,11 +1,11 @@
 /* iterated.c - "pm" and "gc" with internal forces: Newton's method on the coupled fine step.
  *
- * To be read with section 14 of docs/method.md. A member without internal forces, or explicit, makes
- * its free and its link problem once, as in fine.c. An iterated one contributes an affine law of its
- * interface velocity, L v = o + G Lam, at its iterate: where its substep ends with the fine step all
- * such members are iterated together with the interface, so that the velocities agree after every
- * iteration and only equilibrium is left; in the middle of a longer substep the law is that of its
- * free solution, iterated alone when the substep was begun. */
+ * To be read with section 14 of docs/method.md. A member without internal forces, or an explicit
+ * one, makes its free and its link problem once, as in fine.c. An iterated one contributes an
+ * affine law of its interface velocity, L v = o + G Lam, at its iterate: where its substep ends with
+ * the fine step all such members are iterated together with the interface, so that the velocities
+ * agree after every iteration and only equilibrium is left; in the middle of a longer substep the
+ * law is that of its free solution, iterated alone when the substep was begun. */
 #include <string.h>
 
 #include "coupling/schedule.h"
@@ -15,9 +15,9 @@ static const pma_iterated_table *table_of(const pma_coupled *m)
     return m->member.iterated.table;
 }
 
-static pma_iterand *iterand_of(const pma_coupler *c, const pma_coupled *m)
+static pma_iteration_member *member_in(const pma_coupler *c, const pma_coupled *m)
 {
-    return &c->iteration->iterands[m - c->coupled];
+    return &c->iteration->members[m - c->coupled];
 }
 
 static pma_duty duty(const pma_member *member)
@@ -37,9 +37,9 @@ static bool begins(const pma_coupled *m)
 
 static void take_block(pma_coupler *c, pma_coupled *m)
 {
-    pma_iterand *iterand = iterand_of(c, m);
-    table_of(m)->block(m->member.self, iterand->block);
-    iterand->known = true;
+    pma_iteration_member *mine = member_in(c, m);
+    table_of(m)->block(m->member.self, mine->block);
+    mine->known = true;
 }
 
 /* A substep that ends later than this fine step: its free solution, and the law of it until then,
@@ -116,22 +116,22 @@ static bool is_any_iterated(const pma_coupler *c)
 
 static pma_status evaluate_one(pma_coupler *c, pma_coupled *m)
 {
-    return table_of(m)->evaluate(m->member.self, c->iteration->tangent, &iterand_of(c, m)->slope);
+    return table_of(m)->evaluate(m->member.self, c->iteration->tangent, &member_in(c, m)->slope);
 }
 
 static pma_status linearize_one(pma_coupler *c, pma_coupled *m)
 {
-    pma_iterand *iterand = iterand_of(c, m);
+    pma_iteration_member *mine = member_in(c, m);
     const bool fresh = c->iteration->fresh;
     const pma_status status = table_of(m)->linearize(m->member.self, fresh, c->iteration->lam_star);
-    if (status == PMA_OK && (fresh || !iterand->known))
+    if (status == PMA_OK && (fresh || !mine->known))
         take_block(c, m);
     return status;
 }
 
 static pma_status correct_one(pma_coupler *c, pma_coupled *m)
 {
-    table_of(m)->correct(m->member.self, c->working.lam, &iterand_of(c, m)->measure);
+    table_of(m)->correct(m->member.self, c->working.lam, &member_in(c, m)->measure);
     return PMA_OK;
 }
 
@@ -158,7 +158,7 @@ static pma_status evaluate(void *ctx, bool tangent, double *slope)
     for (size_t i = 0; i < c->parts.count; i++) {
         if (!is_iterated(&c->coupled[i]))
             continue;
-        *slope += c->iteration->iterands[i].slope;
+        *slope += c->iteration->members[i].slope;
         c->unpolled += c->coupled[i].member.entries;
     }
     return status;
@@ -167,7 +167,7 @@ static pma_status evaluate(void *ctx, bool tangent, double *slope)
 static bool is_any_unknown(const pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
-        if (is_iterated(&c->coupled[i]) && !c->iteration->iterands[i].known)
+        if (is_iterated(&c->coupled[i]) && !c->iteration->members[i].known)
             return true;
     }
     return false;
@@ -188,7 +188,7 @@ static pma_status correct(void *ctx, bool fresh, pma_measure *measure)
     memcpy(it->lam_star, c->working.lam, c->parts.p * sizeof(double));
     for (size_t i = 0; i < c->parts.count; i++) {
         if (is_iterated(&c->coupled[i]))
-            pma_measure_add(measure, &it->iterands[i].measure);
+            pma_measure_add(measure, &it->members[i].measure);
     }
     return PMA_OK;
 }
@@ -226,7 +226,7 @@ static size_t find_slowest(const pma_coupler *c)
     size_t slowest = PMA_INTERFACE;
     double largest = -1.0;
     for (size_t i = 0; i < c->parts.count; i++) {
-        const double e = c->iteration->iterands[i].measure.correction;
+        const double e = c->iteration->members[i].measure.correction;
         if (is_iterated(&c->coupled[i]) && !(e <= largest)) {
             largest = e;
             slowest = i;

@@ -13,7 +13,7 @@ void pma_iteration_destroy(pma_iteration *it)
         return;
     pma_ldl_destroy(&it->ldl);
     pma_numeric_destroy(&it->H);
-    free(it->iterands);
+    free(it->members);
     free(it->positions);
     free(it->block);
     free(it);
@@ -31,10 +31,10 @@ static pma_status create(pma_coupler *c, const pma_iteration_parts *parts, size_
     c->iteration = it;
     it->parts = *parts;
     it->size = extra;
-    it->iterands = calloc(c->parts.count + 1, sizeof *it->iterands);
+    it->members = calloc(c->parts.count + 1, sizeof *it->members);
     it->positions = calloc(entries + 1, sizeof *it->positions);
     it->block = calloc(own + 8 * p + 2 * it->size, sizeof *it->block);
-    if (!it->iterands || !it->positions || !it->block)
+    if (!it->members || !it->positions || !it->block)
         return PMA_NO_MEMORY;
     double *next = it->block + own;
     it->lam_begin = next;
@@ -76,8 +76,9 @@ static pma_status place_blocks(pma_coupler *c)
         const pma_coupled *m = &c->coupled[i];
         if (!m->member.iterated.table)
             continue;
-        it->iterands[i] = (pma_iterand){.where = it->positions + at, .block = it->block + at};
-        const pma_status status = place_block(it, &m->member.iterated, it->iterands[i].where);
+        it->members[i] =
+            (pma_iteration_member){.where = it->positions + at, .block = it->block + at};
+        const pma_status status = place_block(it, &m->member.iterated, it->members[i].where);
         if (status != PMA_OK)
             return status;
         at += block_size(m);
@@ -119,7 +120,7 @@ pma_status pma_iteration_create_macro(pma_coupler *c, const pma_iteration_parts 
     c->iteration->broyden = (pma_broyden){.p = p, .state = c->iteration->dlam + p};
     for (size_t i = 0; i < c->parts.count; i++) {
         c->coupled[i].lam = c->iteration->block + i * p;
-        c->iteration->iterands[i].corrections = next;
+        c->iteration->members[i].corrections = next;
         next += c->coupled[i].member.substeps;
     }
     return PMA_OK;
@@ -142,7 +143,7 @@ void pma_iteration_start(pma_iteration *it)
 static void forget_blocks(pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++)
-        c->iteration->iterands[i].known = false;
+        c->iteration->members[i].known = false;
 }
 
 void pma_iteration_begin(pma_coupler *c)
@@ -173,9 +174,9 @@ pma_status pma_iteration_factor(pma_coupler *c)
         return PMA_OK;
     memcpy(it->H.values, constant, entries * sizeof(double));
     for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_iterand *iterand = &it->iterands[i];
+        const pma_iteration_member *mine = &it->members[i];
         for (size_t k = 0; k < block_size(&c->coupled[i]); k++)
-            it->H.values[iterand->where[k]] += iterand->block[k];
+            it->H.values[mine->where[k]] += mine->block[k];
     }
     size_t column;
     const pma_status status = pma_numeric_factor(&it->H, &column);

@@ -31,25 +31,27 @@ typedef struct {
     pma_matrix H_size; /* the size of the entries of H */
 } pma_iteration_parts;
 
-/* A member that is iterated; the first five under pm and gc, the last one under macro coupling. */
+/* A member that is iterated. */
 typedef struct {
+    /* pm and gc */
     int64_t *where; /* count x count: entries of H */
     double *block;  /* count x count: its part of H */
     bool known;     /* the block follows its tangent */
     double slope;
     pma_measure measure;
-    double *corrections; /* substeps: made in all runs of a macro step */
-} pma_iterand;
+    /* macro */
+    double *corrections; /* substeps: made in all passes of a macro step */
+} pma_iteration_member;
 
 typedef struct {
     pma_iteration_parts parts;
     pma_numeric H;
     pma_ldl ldl;
-    pma_iterand *iterands; /* one for each member; those that are not iterated are empty */
-    bool stale;            /* some block has changed since H was factored */
-    double *lam_begin;     /* p: the multipliers at the beginning of the substeps at hand */
-    double *lam_star;      /* p: those of the residuals at hand */
-    int64_t following;     /* macro step for which the blocks are known; -1: none */
+    pma_iteration_member *members; /* one for each member; those that are not iterated are empty */
+    bool stale;                    /* some block has changed since H was factored */
+    double *lam_begin;             /* p: the multipliers at the beginning of the substeps at hand */
+    double *lam_star;              /* p: those of the residuals at hand */
+    int64_t following;             /* macro step for which the blocks are known; -1: none */
 
     /* macro: the increment of the multipliers, the residual, the last correction, B ~ H^-1 */
     double *dlam, *residual, *residual_before, *correction;
@@ -80,7 +82,7 @@ void pma_iteration_destroy(pma_iteration *it); /* NULL is allowed */
 /* A start: nothing has moved, nothing is known. */
 void pma_iteration_start(pma_iteration *it);
 
-/* A macro step begins, from what the present keeps; it has ended, which is kept if all went well. */
+/* A macro step begins, from what the present keeps; it has ended, and is kept if all went well. */
 void pma_iteration_begin(pma_coupler *c);
 void pma_iteration_end(pma_coupler *c, pma_status status);
 

@@ -1,8 +1,9 @@
 /* schedule.h - the coupler from inside: what its files share.
  *
  * coupler.c is the object and its macro steps, fine.c the schedule with an interface problem in
- * every fine step ("pm", "gc"), macro.c the one with one in a macro step; iterated.c and shooting.c
- * are the same two with internal forces; recorder.c what is recorded; workers/share.c, look_ahead.c and split.c are what several threads do in them. */
+ * every fine step ("pm", "gc"), macro.c and mean.c those with one in a macro step; iterated.c and
+ * shooting.c are the first two with internal forces; recorder.c what is recorded; workers/share.c,
+ * look_ahead.c and split.c are what several threads do in them. */
 #ifndef PMA_SCHEDULE_H
 #define PMA_SCHEDULE_H
 

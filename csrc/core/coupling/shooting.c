@@ -13,8 +13,8 @@
 
 /* The parts of the tolerance of a substep that are enough in the first run and in later
  * ones.                                                                                   (N16) */
-#define FIRST_RUN 0.1
-#define LATER_RUNS 10.0
+#define FIRST_PASS 0.1
+#define LATER_PASSES 10.0
 
 /* Residuals are exact up to this many units in the last place of their terms. */
 #define ROUNDING (100.0 * DBL_EPSILON)
@@ -40,11 +40,11 @@ static const double *multipliers_at(const pma_coupler *c, pma_coupled *m, size_t
     return m->lam;
 }
 
-/* The corrections of a substep are those of all runs of the macro step. */
+/* The corrections of a substep are those of all passes of the macro step. */
 static void count_corrections(const pma_coupler *c, pma_coupled *m, size_t j)
 {
     double *last = m->member.iterated.table->corrections(m->member.self, j + 1);
-    double *all = &c->iteration->iterands[m - c->coupled].corrections[j];
+    double *all = &c->iteration->members[m - c->coupled].corrections[j];
     *all += *last;
     *last = *all;
 }
@@ -54,7 +54,7 @@ static void forget_corrections(const pma_coupler *c)
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_coupled *m = &c->coupled[i];
         if (m->member.iterated.table)
-            memset(c->iteration->iterands[i].corrections, 0, m->member.substeps * sizeof(double));
+            memset(c->iteration->members[i].corrections, 0, m->member.substeps * sizeof(double));
     }
 }
 
@@ -72,8 +72,8 @@ static pma_status run_substep(pma_coupler *c, pma_coupled *m, size_t j)
     pma_stop_context at = {.c = c, .m = m};
     pma_status status = iterated->begin(member->self, &step, lam);
     if (status == PMA_OK)
-        status = iterated->converge(member->self, &c->iteration->parts.newton, lam,
-                                    pma_macro_stops, &at);
+        status = iterated->converge(member->self, &c->iteration->parts.newton, lam, pma_macro_stops,
+                                    &at);
     if (status == PMA_OK)
         status = iterated->finish(member->self, lam);
     if (status == PMA_OK)
@@ -130,14 +130,14 @@ static void residual(const pma_coupler *c, const double *known, double *r)
     }
 }
 
-/* sum v . M v of the members that shoot, at the present (0) or at the end of a run (1) */
-static double kinetic(const pma_coupler *c, size_t macro)
+/* sum v . M v of the members that shoot, at the present or at the end of a run */
+static double kinetic(const pma_coupler *c, bool at_end)
 {
     double energy = 0.0;
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
         if (member->shoots)
-            energy += member->table->kinetic(member->self, macro * member->substeps);
+            energy += member->table->kinetic(member->self, at_end ? member->substeps : 0);
     }
     return energy;
 }
@@ -179,7 +179,7 @@ static bool is_accepted(const pma_coupler *c, bool first, double scale)
     double work = 0.0;
     for (size_t row = 0; row < c->parts.p; row++)
         work += it->correction[row] * it->residual[row];
-    const double e = sqrt(fabs(work) * c->parts.dt), part = first ? FIRST_RUN : LATER_RUNS;
+    const double e = sqrt(fabs(work) * c->parts.dt), part = first ? FIRST_PASS : LATER_PASSES;
     return e <= part * it->parts.newton.tolerance * sqrt(scale) ||
            e <= ROUNDING * sqrt(c->parts.dt * size_of_terms(c));
 }
@@ -203,14 +203,14 @@ static void correct(pma_coupler *c, bool first)
 static pma_status shoot(pma_coupler *c, const double *known)
 {
     pma_iteration *it = c->iteration;
-    it->working[0] = fmax(it->working[0], kinetic(c, 0));
+    it->working[0] = fmax(it->working[0], kinetic(c, false));
     forget_corrections(c);
     for (size_t pass = 0; pass < it->parts.newton.iterations; pass++) {
         const pma_status status = pma_share(c, run, shoots);
         if (status != PMA_OK || atomic_load(&c->stopped))
             return status;
         residual(c, known, it->residual);
-        const double scale = fmax(it->working[0], kinetic(c, 1));
+        const double scale = fmax(it->working[0], kinetic(c, true));
         correct(c, pass == 0);
         if (is_accepted(c, pass == 0, scale + scales(c))) {
             it->working[0] = scale;

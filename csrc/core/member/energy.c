@@ -148,7 +148,7 @@ static void take_internal(const pma_energy *e, level *to)
     to->potential = e->parts.potential ? *e->parts.potential : 0.0;
 }
 
-/* u, springs, F and C v + r + f at the end of a substep; L_b^T Lam is not known in a free macro run */
+/* u, springs, F and C v + r + f at the end of a substep; L_b^T Lam is not known in a free run */
 static void fill_level(pma_energy *e, const pma_substep *step, const pma_state *x, level *to)
 {
     memcpy(to->u, x->u, e->parts.n * sizeof(double));

@@ -19,8 +19,8 @@ typedef struct {
      * and what is evaluated once. */
     pma_status (*begin)(void *self, const pma_substep *step, const double *lam);
 
-    /* Iterates alone, under lam, up to the energy scale of the member itself. PMA_STOPPED when stop,
-     * called before each evaluation, returns true. */
+    /* Iterates alone, under lam, up to the energy scale of the member itself. PMA_STOPPED when
+     * stop, called before each evaluation, returns true. */
     pma_status (*converge)(void *self, const pma_newton *newton, const double *lam,
                            bool (*stop)(void *ctx), void *ctx);
 

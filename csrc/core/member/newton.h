@@ -16,8 +16,8 @@ typedef struct {
     bool reuse;        /* a tangent is kept until convergence slows down */
 } pma_newton;
 
-/* Energies, so that they are invariant under scaling of single dofs; of several subdomains, sums.
- */
+/* Energies, which are squares: e^2, s^2 and e_0^2 of (N5) to (N8). Scaling of single dofs does not
+ * change them; of several subdomains, sums. */
 typedef struct {
     double correction; /* e^2 = al1 dw . Mbar_t dw                                          (N5) */
     double motion;     /* the largest du . Mbar_t du / al1 so far, du over a substep        (N6) */

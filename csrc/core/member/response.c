@@ -159,18 +159,35 @@ static void add_to(size_t n, double scale, const double *x, double *y)
         y[i] += scale * x[i];
 }
 
+/* The same; true when every sum is finite. */
+static bool add_last(size_t n, double scale, const double *x, double *y)
+{
+    double zero = 0.0;
+#pragma omp simd reduction(+ : zero)
+    for (size_t i = 0; i < n; i++) {
+        y[i] += scale * x[i];
+        zero += 0.0 * y[i];
+    }
+    return zero == 0.0;
+}
+
 /* x (n) += sum over the constraints of lam times one of the four fields of U, in pieces of x that
- * stay in the cache while U is read */
-static void add_stored(const pma_response *r, size_t field, const double *lam, double *x)
+ * stay in the cache while U is read; true when every sum is finite */
+static bool add_stored(const pma_response *r, size_t field, const double *lam, double *x)
 {
     enum { PIECE = 512 };
     const size_t n = r->of->parts.n;
     const pma_unit_responses *U = &r->units;
+    bool finite = true;
     for (size_t i = 0; i < n; i += PIECE) {
         const size_t size = n - i < PIECE ? n - i : PIECE;
-        for (size_t k = 0; k < U->count; k++)
-            add_to(size, lam[U->rows[k]], U->values + (4 * k + field) * n + i, x + i);
+        const double *values = U->values + field * n + i;
+        for (size_t k = 0; k + 1 < U->count; k++)
+            add_to(size, lam[U->rows[k]], values + 4 * k * n, x + i);
+        const size_t last = U->count - 1;
+        finite = add_last(size, lam[U->rows[last]], values + 4 * last * n, x + i) && finite;
     }
+    return finite;
 }
 
 static bool is_finite(size_t n, const double *x)
@@ -189,11 +206,9 @@ pma_status pma_response_add(const pma_response *r, const double *lam, const pma_
     const double *const own[4] = {r->state.u, r->state.v, r->state.w, r->state.a};
     bool finite = true;
     for (size_t field = 0; field < 4; field++) {
-        if (pma_response_is_stored(r))
-            add_stored(r, field, lam, total[field]);
-        else
-            add_to(n, 1.0, own[field], total[field]);
-        finite = is_finite(n, total[field]) && finite;
+        finite = (pma_response_is_stored(r) ? add_stored(r, field, lam, total[field])
+                                            : add_last(n, 1.0, own[field], total[field])) &&
+                 finite;
     }
     return finite ? PMA_OK : PMA_NOT_FINITE;
 }

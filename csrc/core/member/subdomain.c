@@ -233,7 +233,7 @@ pma_status pma_subdomain_force(pma_subdomain *s, double t, double *F)
     return status;
 }
 
-/* r += f(u, v, t; q) with the histories of the start; what they become there, the next start takes */
+/* r += f(u, v, t; q) with the histories of the start; the next start takes what they become */
 static pma_status add_initial_forces(pma_subdomain *s, double t, const double *u, const double *v,
                                      double *r)
 {

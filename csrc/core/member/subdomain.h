@@ -96,9 +96,9 @@ pma_kept_levels pma_subdomain_levels(pma_subdomain *s);
 /* F (n) := F(t) of a load that is no table, as `open` evaluates it */
 pma_status pma_subdomain_force(pma_subdomain *s, double t, double *F);
 
-/* r (n) := r(u, v, t) + f(u, v, t; q): the restoring force as `open` evaluates it, with springs that
- * were never loaded before, and the internal forces from their initial histories: what these become
- * is what the next start takes */
+/* r (n) := r(u, v, t) + f(u, v, t; q): the restoring force as `open` evaluates it, with springs
+ * that were never loaded before, and the internal forces from their initial histories: what these
+ * become is what the next start takes */
 pma_status pma_subdomain_restore(pma_subdomain *s, double t, const double *u, const double *v,
                                  double *r);
 
