@@ -82,7 +82,7 @@ def test_springs_move_as_in_the_reference_and_record_their_loops(law, tangent, s
     np.testing.assert_allclose(x.deformation[:, :N], d, atol=1e-15)
     if law == "bilinear":
         f = 50.0 * d + 950.0 * (d - y.q)
-        assert abs(y.q).max() > 0.01
+        assert abs(y.q).max() > 1e-3  # it has yielded
     elif law == "cubic":
         f = 50.0 * d + 1e4 * d**3
     else:
