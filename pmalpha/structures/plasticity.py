@@ -17,11 +17,11 @@ __all__ = ["J2Plasticity"]
 class J2Plasticity(Material):
     """Von Mises plasticity at small strain with linear isotropic and kinematic hardening.
 
-    With xi = dev(sigma) - 2/3 H_k eps_p, the stress obeys ``|xi| <= sqrt(2/3) (sigma_y + H_i alpha)``,
-    where alpha is the accumulated plastic strain. Over a step the stress returns radially, and the
-    tangent is the derivative of that (Simo and Hughes, Computational Inelasticity, box 3.2). In
-    uniaxial stress the slope beyond the yield stress is E H / (E + H), H = H_i + H_k. Strains are
-    those of the undeformed mesh: for small rotations.
+    With xi = dev(sigma) - 2/3 H_k eps_p, the stress obeys
+    ``|xi| <= sqrt(2/3) (sigma_y + H_i alpha)``, where alpha is the accumulated plastic strain. Over
+    a step the stress returns radially, and the tangent is the derivative of that (Simo and Hughes,
+    Computational Inelasticity, box 3.2). In uniaxial stress the slope beyond the yield stress is
+    E H / (E + H), H = H_i + H_k. Strains are those of the undeformed mesh: for small rotations.
 
     The history at each Gauss point, after one another by element and Gauss point, is the plastic
     strain (xx, yy, zz, xy in plane strain; xx, yy, zz, yz, xz, xy in three dimensions; tensor
