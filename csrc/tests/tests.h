@@ -21,6 +21,7 @@ extern const test FACTOR_TESTS[];
 extern const test STRIPS_TESTS[];
 extern const test SYMBOLIC_TESTS[];
 extern const test PANELS_TESTS[];
+extern const test NUMERIC_TESTS[];
 extern const test LINK_TESTS[];
 extern const test LOAD_TESTS[];
 extern const test RESTORING_TESTS[];
