@@ -177,10 +177,29 @@ static void eliminate_column(double *column, double *diagonal, size_t rows, size
     }
 }
 
+/* D_j+1 = A_j+1,j+1 - A_j+1,j^2 / D_j: only a division and a difference wait for the pivot before */
+static pma_status factor_chain(pma_numeric *f, size_t *column)
+{
+    const size_t last = f->parts.n - 1;
+    double *below = f->numbers, *inverse = f->inverse, pivot = inverse[0];
+    for (size_t j = 0; j <= last; j++) {
+        *column = j;
+        if (!(pivot > f->update[j]))
+            return PMA_NOT_DEFINITE;
+        const double next = j < last ? inverse[j + 1] - below[j] * below[j] / pivot : 0.0;
+        inverse[j] = 1.0 / pivot;
+        below[j] *= inverse[j];
+        pivot = next;
+    }
+    return PMA_OK;
+}
+
 static pma_status factor_band(pma_numeric *f, size_t *column)
 {
     const size_t n = f->parts.n, width = f->factor.width;
     fill_band(f);
+    if (width == 1)
+        return factor_chain(f, column);
     for (size_t j = 0; j < n; j++) {
         *column = j;
         if (!(f->inverse[j] > f->update[j]))
