@@ -108,6 +108,20 @@ def targets():
         target(f"{r['problem']}, {short(r['n'])} dofs, over the limit", r["target"], r[OVER], "")
         for r in read("limits")
     ]
+    newton = read("newton")
+    ratio = "that over this"
+    over = [1.0 / r[ratio] for r in newton if r["what"] == "an iteration" and r["dofs"] > 30_000]
+    rows.append(target("iteration of 10 000 hexahedra over its parts", 1.3, max(over), ""))
+    rows += [
+        target(
+            f"{other} over plastic frames, the smallest ratio",
+            50.0,
+            min(r[ratio] for r in newton if r["compared with"] == other),
+            "times",
+            least=True,
+        )
+        for other in dict.fromkeys(r["compared with"] for r in newton if r["what"] == "a step")
+    ]
     stages = {r["what"]: r for r in read("large")}
     peak = max(r["MB peak"] for r in stages.values() if r["MB peak"] != "")
     return [
@@ -149,6 +163,7 @@ TABLES = {
     "instructions": lambda: read("instructions"),
     "limits": lambda: read("limits"),
     "threads": lambda: read("threads"),
+    "newton": lambda: read("newton"),
 }
 
 

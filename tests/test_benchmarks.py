@@ -21,6 +21,7 @@ SCRIPTS = [
     "growth",
     "large",
     "limits",
+    "newton",
     "plate",
     "subcycling",
     "threads",
@@ -68,6 +69,13 @@ def test_a_benchmark_runs_and_writes_the_columns_of_its_committed_results(quick,
 def test_a_loop_that_is_timed_against_pmalpha_gives_the_same_numbers(quick, script):
     _, rows = quick(script)
     assert all(float(row["difference"]) < TOLERANCE for row in rows)
+
+
+def test_newton_loops_that_are_timed_against_pmalpha_give_the_same_numbers(quick):
+    _, rows = quick("newton")
+    compared = [float(row["difference"]) for row in rows if row["difference"]]
+    # all iterate to 1e-8 of the motion, and the last correction of bilinear springs is exact
+    assert len(compared) >= 2 and max(compared) < TOLERANCE
 
 
 def test_every_benchmark_is_named_in_the_readme():

@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy import LowLevelCallable
 from scipy.linalg import cython_blas
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from .. import _core
 from ..memory import require
@@ -21,6 +22,11 @@ from ..problem.subdomain import Subdomain
 from ..problem.tangents import Slots, entries_of, keys_of, symmetric_union
 from .factors import Structure, structure_of
 from .ordering import elimination_order, graph_of, rows_of
+
+# The core factors tangents as a band up to this half width, if that has at most this many times the
+# entries of the panels (numeric.c); calls of BLAS for a few columns each take longer.
+NARROW = 32
+WORTH_A_BAND = 2
 
 
 @dataclass(frozen=True)
@@ -186,10 +192,39 @@ def tangent_pattern(pattern: sp.csr_array, last: np.ndarray) -> TangentPattern:
     """The elimination of a pattern in the user's order, with the interface dofs last."""
     n = pattern.shape[0]
     order = elimination_order(n, graph_of([pattern]) if pattern.nnz > n else None, last)
+    found = _in_order(pattern, order, last.size)
+    if found.structure is None:
+        return found
+    order, width = narrow_order(pattern, last)
+    few = n * (width + 1) <= WORTH_A_BAND * found.structure[3][-1]
+    return _in_order(pattern, order, last.size) if width <= NARROW and few else found
+
+
+def _in_order(pattern: sp.csr_array, order: np.ndarray, nb: int) -> TangentPattern:
     ptr, index = rows_of(pattern, order)
-    ordered = sp.csr_array((np.ones(index.size), index, ptr), shape=(n, n))
+    ordered = sp.csr_array((np.ones(index.size), index, ptr), shape=pattern.shape)
     ordered.sort_indices()
-    return TangentPattern(order, ordered, last.size, structure(ordered, last.size))
+    return TangentPattern(order, ordered, nb, structure(ordered, nb))
+
+
+def narrow_order(pattern: sp.csr_array, last: np.ndarray) -> tuple[np.ndarray, int]:
+    """The order in the narrowest band found, with the interface dofs last, and its half width.
+
+    Among the natural order, that of Cuthill and McKee, and both reversed.
+    """
+    n = pattern.shape[0]
+    entries = pattern.tocoo()
+    border = np.zeros(n, dtype=bool)
+    border[last] = True
+    natural, other = np.arange(n), reverse_cuthill_mckee(sp.csr_matrix(pattern), True)
+    best, least = natural, n
+    for order in (natural, natural[::-1], other.astype(np.int64), other[::-1].astype(np.int64)):
+        order = np.concatenate([order[~border[order]], last])
+        position = np.argsort(order)
+        width = int(np.max(np.abs(position[entries.row] - position[entries.col])))
+        if width < least:
+            best, least = order, width
+    return best, least
 
 
 def structure(pattern: sp.csr_array, nb: int) -> tuple | None:

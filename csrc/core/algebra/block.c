@@ -11,11 +11,11 @@ static size_t least(size_t a, size_t b)
 }
 
 /* X (nb x count), D^-1 X and what a supernode subtracts (nb x TOGETHER each) */
-size_t pma_block_scratch(const pma_numeric_parts *parts, size_t count)
+size_t pma_block_scratch(const pma_numeric *f, size_t count)
 {
-    if (count < PMA_BLOCK_MANY || parts->panels.count == 0)
+    if (count < PMA_BLOCK_MANY || f->factor.form != PMA_PANELS)
         return 0;
-    return parts->nb * (count + 2 * least(count, TOGETHER));
+    return f->parts.nb * (count + 2 * least(count, TOGETHER));
 }
 
 /* X := R_bb^-1 X for the columns given, nb rows each */

@@ -13,8 +13,9 @@
 /* From this number of constraints on BLAS is faster than sweeps. */
 enum { PMA_BLOCK_MANY = 16 };
 
-/* Doubles of scratch that pma_block_compliance needs for this number of constraints. */
-size_t pma_block_scratch(const pma_numeric_parts *parts, size_t count);
+/* Doubles of scratch that pma_block_compliance needs for this number of constraints; 0 where sweeps
+ * are faster, or the factor has no panels. */
+size_t pma_block_scratch(const pma_numeric *f, size_t count);
 
 /* G (count x count) := scale L_b S^-1 L_b^T between constraints, of a factor with panels. column
  * has for each entry of the link which of the constraints it belongs to. */

@@ -1,11 +1,16 @@
 #include "algebra/numeric.h"
 
 #include <float.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 /* A pivot below this part of its diagonal entry has lost all digits. */
 #define LOST (64.0 * DBL_EPSILON)
+
+/* A band of at most this many entries below the diagonal is factored by loops of its own, where it
+ * has not many more entries than the panels: calls of BLAS for a few columns each take longer. */
+enum { NARROW = 32 };
 
 static size_t entries_of(const pma_numeric_parts *parts)
 {
@@ -15,6 +20,25 @@ static size_t entries_of(const pma_numeric_parts *parts)
 static bool is_diagonal(const pma_numeric_parts *parts)
 {
     return entries_of(parts) == parts->n;
+}
+
+/* How far below the diagonal a column has entries. */
+static size_t width_of(const pma_numeric_parts *parts)
+{
+    size_t width = 0;
+    for (size_t i = 0; i < parts->n; i++) {
+        const size_t first = (size_t)parts->index[parts->ptr[i]];
+        width = i - first > width ? i - first : width;
+    }
+    return width;
+}
+
+static pma_form form_of(const pma_numeric_parts *parts)
+{
+    if (is_diagonal(parts))
+        return PMA_DIAGONAL;
+    const size_t width = width_of(parts), panels = (size_t)parts->panels.start[parts->panels.count];
+    return width <= NARROW && parts->n * (width + 1) <= 2 * panels ? PMA_BAND : PMA_PANELS;
 }
 
 /* ---- making --------------------------------------------------------------------------------- */
@@ -42,19 +66,34 @@ static pma_status check(const pma_numeric_parts *parts)
     return pma_panels_check(&parts->panels, parts->n, parts->nb);
 }
 
+/* The numbers of a factor of this form, and the scratch to make them. */
+static void sizes_of(const pma_numeric_parts *parts, pma_form form, size_t *size, size_t *update,
+                     size_t *integers)
+{
+    const pma_panels *panels = &parts->panels;
+    *size = *update = *integers = 0;
+    if (form == PMA_BAND) {
+        *size = parts->n * width_of(parts);
+        *update = parts->n;
+    } else if (form == PMA_PANELS) {
+        *size = (size_t)panels->start[panels->count];
+        *update = pma_panels_update_size(panels);
+        *integers = 3 * panels->count + parts->n;
+    }
+}
+
 pma_status pma_numeric_create(const pma_numeric_parts *parts, pma_numeric *out)
 {
     *out = (pma_numeric){.values = NULL};
     const pma_status status = check(parts);
     if (status != PMA_OK)
         return status;
-    const bool diagonal = is_diagonal(parts);
-    const pma_panels *panels = &parts->panels;
+    const pma_form form = form_of(parts);
     const size_t n = parts->n, entries = entries_of(parts);
-    const size_t size = diagonal ? 0 : (size_t)panels->start[panels->count];
-    const size_t update = diagonal ? 0 : pma_panels_update_size(panels);
+    size_t size, update, count;
+    sizes_of(parts, form, &size, &update, &count);
     double *block = calloc(entries + n + size + update + 1, sizeof *block);
-    int64_t *integers = calloc(diagonal ? 1 : 3 * panels->count + n + 1, sizeof *integers);
+    int64_t *integers = calloc(count + 1, sizeof *integers);
     if (!block || !integers) {
         free(block);
         free(integers);
@@ -63,16 +102,19 @@ pma_status pma_numeric_create(const pma_numeric_parts *parts, pma_numeric *out)
     *out = (pma_numeric){.parts = *parts,
                          .values = block,
                          .inverse = block + entries,
+                         .numbers = block + entries + n,
                          .update = block + entries + n + size,
                          .integers = integers,
                          .block = block};
     for (size_t i = 0; i < n; i++)
         out->inverse[i] = 1.0;
-    out->parts.panels.values = out->inverse + n;
-    out->factor = (pma_factor){.form = diagonal ? PMA_DIAGONAL : PMA_PANELS,
+    out->parts.panels.values = out->numbers;
+    out->factor = (pma_factor){.form = form,
                                .n = n,
                                .nb = parts->nb,
                                .inverse = out->inverse,
+                               .values = out->numbers,
+                               .width = form == PMA_BAND ? width_of(parts) : 0,
                                .panels = out->parts.panels};
     return PMA_OK;
 }
@@ -103,11 +145,79 @@ static pma_status invert(pma_numeric *f, size_t *column)
     return PMA_OK;
 }
 
+/* The lower triangle by columns, without the diagonal, which goes to `inverse`, and with the least
+ * pivots to `update`. */
+static void fill_band(pma_numeric *f)
+{
+    const pma_numeric_parts *parts = &f->parts;
+    const size_t width = f->factor.width;
+    memset(f->numbers, 0, parts->n * width * sizeof *f->numbers);
+    for (size_t j = 0; j < parts->n; j++) {
+        int64_t k = parts->ptr[j + 1] - 1;
+        for (; (size_t)parts->index[k] > j; k--)
+            f->numbers[j * width + (size_t)parts->index[k] - j - 1] = f->values[k];
+        f->inverse[j] = f->values[k];
+        f->update[j] = LOST * fabs(f->values[k]);
+    }
+}
+
+/* A_ik -= A_ij A_kj / D_j for i >= k > j, then R_kj = A_kj / D_j */
+static void eliminate_column(double *column, double *diagonal, size_t rows, size_t width,
+                             double inverse)
+{
+    for (size_t k = 0; k < rows; k++) {
+        const double r = column[k] * inverse;
+        double *below = column + (k + 1) * width - (k + 1);
+        const size_t end = r == 0.0 ? 0 : rows; /* a band is seldom full */
+        diagonal[k] -= r * column[k];
+#pragma omp simd
+        for (size_t i = k + 1; i < end; i++)
+            below[i] -= r * column[i];
+        column[k] = r;
+    }
+}
+
+/* D_j+1 = A_j+1,j+1 - A_j+1,j^2 / D_j: only a division and a difference wait for the pivot before */
+static pma_status factor_chain(pma_numeric *f, size_t *column)
+{
+    const size_t last = f->parts.n - 1;
+    double *below = f->numbers, *inverse = f->inverse, pivot = inverse[0];
+    for (size_t j = 0; j <= last; j++) {
+        *column = j;
+        if (!(pivot > f->update[j]))
+            return PMA_NOT_DEFINITE;
+        const double next = j < last ? inverse[j + 1] - below[j] * below[j] / pivot : 0.0;
+        inverse[j] = 1.0 / pivot;
+        below[j] *= inverse[j];
+        pivot = next;
+    }
+    return PMA_OK;
+}
+
+static pma_status factor_band(pma_numeric *f, size_t *column)
+{
+    const size_t n = f->parts.n, width = f->factor.width;
+    fill_band(f);
+    if (width == 1)
+        return factor_chain(f, column);
+    for (size_t j = 0; j < n; j++) {
+        *column = j;
+        if (!(f->inverse[j] > f->update[j]))
+            return PMA_NOT_DEFINITE;
+        f->inverse[j] = 1.0 / f->inverse[j];
+        const size_t rows = n - 1 - j < width ? n - 1 - j : width;
+        eliminate_column(f->numbers + j * width, f->inverse + j + 1, rows, width, f->inverse[j]);
+    }
+    return PMA_OK;
+}
+
 pma_status pma_numeric_factor(pma_numeric *f, size_t *column)
 {
     const pma_numeric_parts *parts = &f->parts;
-    if (is_diagonal(parts))
+    if (f->factor.form == PMA_DIAGONAL)
         return invert(f, column);
+    if (f->factor.form == PMA_BAND)
+        return factor_band(f, column);
     const pma_panels_input input = {
         .n = parts->n, .ptr = parts->ptr, .index = parts->index, .values = f->values, .lost = LOST};
     return pma_panels_factor(&f->parts.panels, &input, parts->owner, &parts->blas, f->inverse,

@@ -1,7 +1,8 @@
 /* numeric.h - a factor that is made again and again, from the numbers of one pattern.
  *
  * The symbolic analysis is made once, before; the numeric one neither allocates nor calls Python.
- * Mbar with a tangent and the interface matrix that follows from it are factored like this. */
+ * Mbar with a tangent and the interface matrix that follows from it are factored like this: in
+ * panels, or as a band where it is narrow. */
 #ifndef PMA_NUMERIC_H
 #define PMA_NUMERIC_H
 
@@ -27,7 +28,7 @@ typedef struct {
     pma_numeric_parts parts;
     double *values;    /* ptr[n]: to be written before `pma_numeric_factor` */
     pma_factor factor; /* the last one; before the first, of the unit matrix */
-    double *inverse, *update;
+    double *inverse, *numbers, *update;
     int64_t *integers;
     double *block;
 } pma_numeric;

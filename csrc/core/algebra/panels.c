@@ -128,6 +128,20 @@ static pma_status fill_panel(const walk *w, size_t s, const pma_panels_input *A,
     return PMA_OK;
 }
 
+static void subtract(const double *u, size_t count, double *x)
+{
+#pragma omp simd
+    for (size_t i = 0; i < count; i++)
+        x[i] -= u[i];
+}
+
+static void scatter(const double *u, const int32_t *rows, const int64_t *place, size_t begin,
+                    size_t end, double *column)
+{
+    for (size_t i = begin; i < end; i++)
+        column[place[rows[i]]] -= u[i];
+}
+
 /* panel(s) -= R_d R_d^T in the rows and columns that supernode d shares with it */
 static pma_status apply_update(const walk *w, size_t d, size_t begin, size_t end, size_t s)
 {
@@ -144,11 +158,15 @@ static pma_status apply_update(const walk *w, size_t d, size_t begin, size_t end
     int ld = (int)height_of(p, d);
     double one = 1.0, zero = 0.0;
     w->blas->dgemm("N", "T", &m, &columns, &k, &one, from, &ld, from, &ld, &zero, w->update, &m);
+    const int64_t first = w->place[rows[begin]];
+    const bool adjoined = w->place[rows[begin + (size_t)m - 1]] == first + m - 1;
     for (size_t j = 0; j < (size_t)columns; j++) {
         double *column = panel + (size_t)w->place[rows[begin + j]] * height;
         const double *u = w->update + j * (size_t)m;
-        for (size_t i = j; i < (size_t)m; i++)
-            column[w->place[rows[begin + i]]] -= u[i];
+        if (adjoined)
+            subtract(u + j, (size_t)m - j, column + first + j);
+        else
+            scatter(u, rows + begin, w->place, j, (size_t)m, column);
     }
     return PMA_OK;
 }

@@ -128,7 +128,7 @@ pma_status pma_iterate_create(pma_subdomain *s, const pma_iterate_parts *parts, 
         status = find_spring_entries(it);
     }
     if (status == PMA_OK) {
-        it->many = calloc(pma_block_scratch(&parts->tangent, it->count) + 1, sizeof *it->many);
+        it->many = calloc(pma_block_scratch(&it->numeric, it->count) + 1, sizeof *it->many);
         status = it->many ? PMA_OK : PMA_NO_MEMORY;
     }
     if (status != PMA_OK) {
