@@ -179,6 +179,31 @@ static void a_factor_made_again_solves_with_the_last_values(void)
     }
 }
 
+/* After other values and after a failure it is made again. */
+static void a_factor_of_the_same_values_is_kept(void)
+{
+    static structure m;
+    uint64_t seed = 44;
+    for (kind k = DIAGONAL; k < PATTERNS; k++) {
+        pma_numeric f;
+        size_t column;
+        draw_pattern(&m, k, 12, 3, &seed);
+        const pma_numeric_parts parts = describe_numeric(&m);
+        const size_t entry = pma_numeric_entry(&parts, 5, 5);
+        const double factors[5] = {1.0, 1.0, 2.0, -1.0, 2.0};
+        const size_t made[5] = {1, 1, 2, 2, 3};
+        CHECK_STATUS(pma_numeric_create(&parts, &f), PMA_OK);
+        for (size_t i = 0; i < 5; i++) {
+            write_values(&f, &m);
+            f.values[entry] *= factors[i];
+            const pma_status status = pma_numeric_factor(&f, &column);
+            CHECK_STATUS(status, factors[i] > 0.0 ? PMA_OK : PMA_NOT_DEFINITE);
+            CHECK_INT(f.made, made[i]);
+        }
+        pma_numeric_destroy(&f);
+    }
+}
+
 /* Before the first one it is that of the unit matrix. */
 static void a_factor_that_was_never_made_changes_nothing(void)
 {
@@ -259,6 +284,7 @@ static void patterns_that_cannot_be_are_refused(void)
 const test NUMERIC_TESTS[] = {
     TEST(a_factor_made_again_solves_with_the_last_values),
     TEST(a_factor_that_was_never_made_changes_nothing),
+    TEST(a_factor_of_the_same_values_is_kept),
     TEST(a_column_that_is_not_definite_is_named_and_the_next_factor_is_good),
     TEST(patterns_that_cannot_be_are_refused),
     END_OF_TESTS,

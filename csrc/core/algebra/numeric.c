@@ -92,7 +92,7 @@ pma_status pma_numeric_create(const pma_numeric_parts *parts, pma_numeric *out)
     const size_t n = parts->n, entries = entries_of(parts);
     size_t size, update, count;
     sizes_of(parts, form, &size, &update, &count);
-    double *block = calloc(entries + n + size + update + 1, sizeof *block);
+    double *block = calloc(2 * entries + n + size + update + 1, sizeof *block);
     int64_t *integers = calloc(count + 1, sizeof *integers);
     if (!block || !integers) {
         free(block);
@@ -101,9 +101,10 @@ pma_status pma_numeric_create(const pma_numeric_parts *parts, pma_numeric *out)
     }
     *out = (pma_numeric){.parts = *parts,
                          .values = block,
-                         .inverse = block + entries,
-                         .numbers = block + entries + n,
-                         .update = block + entries + n + size,
+                         .factored = block + entries,
+                         .inverse = block + 2 * entries,
+                         .numbers = block + 2 * entries + n,
+                         .update = block + 2 * entries + n + size,
                          .integers = integers,
                          .block = block};
     for (size_t i = 0; i < n; i++)
@@ -211,7 +212,7 @@ static pma_status factor_band(pma_numeric *f, size_t *column)
     return PMA_OK;
 }
 
-pma_status pma_numeric_factor(pma_numeric *f, size_t *column)
+static pma_status factor(pma_numeric *f, size_t *column)
 {
     const pma_numeric_parts *parts = &f->parts;
     if (f->factor.form == PMA_DIAGONAL)
@@ -222,6 +223,20 @@ pma_status pma_numeric_factor(pma_numeric *f, size_t *column)
         .n = parts->n, .ptr = parts->ptr, .index = parts->index, .values = f->values, .lost = LOST};
     return pma_panels_factor(&f->parts.panels, &input, parts->owner, &parts->blas, f->inverse,
                              f->update, f->integers, column, never, NULL);
+}
+
+pma_status pma_numeric_factor(pma_numeric *f, size_t *column)
+{
+    const size_t size = entries_of(&f->parts) * sizeof *f->values;
+    if (f->is_factored && memcmp(f->factored, f->values, size) == 0)
+        return PMA_OK;
+    const pma_status status = factor(f, column);
+    f->is_factored = status == PMA_OK;
+    if (f->is_factored) {
+        memcpy(f->factored, f->values, size);
+        f->made++;
+    }
+    return status;
 }
 
 size_t pma_numeric_entry(const pma_numeric_parts *parts, size_t row, size_t column)

@@ -6,6 +6,7 @@
 #ifndef PMA_NUMERIC_H
 #define PMA_NUMERIC_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -28,6 +29,9 @@ typedef struct {
     pma_numeric_parts parts;
     double *values;    /* ptr[n]: to be written before `pma_numeric_factor` */
     pma_factor factor; /* the last one; before the first, of the unit matrix */
+    double *factored;  /* ptr[n]: the values it is made of, if there is one */
+    bool is_factored;
+    size_t made; /* how many factors were made */
     double *inverse, *numbers, *update;
     int64_t *integers;
     double *block;
@@ -38,8 +42,9 @@ typedef struct {
 pma_status pma_numeric_create(const pma_numeric_parts *parts, pma_numeric *out);
 void pma_numeric_destroy(pma_numeric *f); /* an empty one is allowed */
 
-/* The factor of the values. PMA_NOT_DEFINITE with the column whose pivot is not positive; there is
- * no factor then. */
+/* The factor of the values, which is kept where they are those of the last one: tangents of elastic
+ * steps are equal to the bit. PMA_NOT_DEFINITE with the column whose pivot is not positive; there
+ * is no factor then. */
 pma_status pma_numeric_factor(pma_numeric *f, size_t *column);
 
 /* The entry (row, column) in the values, or SIZE_MAX. */

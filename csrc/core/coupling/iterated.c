@@ -51,12 +51,13 @@ static pma_status open_long(pma_coupler *c, pma_coupled *m)
     const double *lam = c->iteration->lam_begin;
     void *self = m->member.self;
     double slope;
+    bool changed;
     pma_stop_context at = {.c = c, .m = m};
     pma_status status = table->converge(self, newton, lam, pma_macro_stops, &at);
     if (status == PMA_OK)
         status = table->evaluate(self, true, &slope);
     if (status == PMA_OK)
-        status = table->linearize(self, true, lam);
+        status = table->linearize(self, true, lam, &changed);
     if (status != PMA_OK)
         return status;
     table->rebase(self, m->now.j, lam);
@@ -122,9 +123,11 @@ static pma_status evaluate_one(pma_coupler *c, pma_coupled *m)
 static pma_status linearize_one(pma_coupler *c, pma_coupled *m)
 {
     pma_iteration_member *mine = member_in(c, m);
-    const bool fresh = c->iteration->fresh;
-    const pma_status status = table_of(m)->linearize(m->member.self, fresh, c->iteration->lam_star);
-    if (status == PMA_OK && (fresh || !mine->known))
+    const pma_iteration *it = c->iteration;
+    bool changed;
+    const pma_status status =
+        table_of(m)->linearize(m->member.self, it->fresh, it->lam_star, &changed);
+    if (status == PMA_OK && (changed || !mine->known))
         take_block(c, m);
     return status;
 }

@@ -202,8 +202,11 @@ static pma_status evaluate(void *self, bool tangent, double *slope)
 
 /* ---- correction ----------------------------------------------------------------------------- */
 
-static pma_status factor(pma_iterate *it)
+/* changed: the compliance follows another tangent, or another step */
+static pma_status factor(pma_iterate *it, bool *changed)
 {
+    const size_t made = it->numeric.made;
+    const bool other = !it->factored || it->factored_twice != it->step.twice;
     size_t column;
     it->factored = false;
     const pma_status status = pma_numeric_factor(&it->numeric, &column);
@@ -214,20 +217,22 @@ static pma_status factor(pma_iterate *it)
     }
     it->factored = status == PMA_OK;
     it->factored_twice = it->step.twice;
+    *changed = other || it->numeric.made > made;
     return status;
 }
 
 /* o = L (v + al2 Mbar_t^-1 R) - G Lam, before L: the free velocity                        (N11) */
-static pma_status linearize(void *self, bool fresh, const double *lam)
+static pma_status linearize(void *self, bool fresh, const double *lam, bool *changed)
 {
     pma_subdomain *s = self;
     pma_iterate *it = s->iterate;
     const pma_operator *op = operator_of(it);
     const size_t n = s->parts.n, nb = s->parts.nb;
     double *vf = pma_levels_free_velocity(&s->levels, it->step.j + 1);
+    *changed = false;
     if (it->linearized)
         return PMA_OK;
-    const pma_status status = fresh ? factor(it) : PMA_OK;
+    const pma_status status = fresh ? factor(it, changed) : PMA_OK;
     if (status != PMA_OK)
         return status;
     it->linearized = fresh;
@@ -379,7 +384,8 @@ static pma_status own_evaluate(void *ctx, bool tangent, double *slope)
 static pma_status own_correct(void *ctx, bool fresh, pma_measure *m)
 {
     const own_step *own = ctx;
-    const pma_status status = linearize(own->s, fresh, own->lam);
+    bool changed;
+    const pma_status status = linearize(own->s, fresh, own->lam, &changed);
     if (status == PMA_OK)
         correct(own->s, own->lam, m);
     return status;
