@@ -400,6 +400,18 @@ def test_the_critical_step_of_a_long_sparse_chain_is_on_the_safe_side():
     assert 0.998 < critical / (2.0 / highest(300)) <= 1.0
 
 
+# LAPACK's bisection for a part of the spectrum loses such eigenvalues, here for several n
+@pytest.mark.parametrize("n", range(17, 38))
+def test_many_equal_frequencies_have_a_critical_step_and_modes(n):
+    M, K = np.eye(n) + 1e-3, np.full(n, 0.25)
+    s = pm.Subdomain(M, K, scheme=pm.CentralDifference())
+    assert analysis.critical_step(s) == pytest.approx(2.0 / 0.5, rel=1e-7)
+    omegas, shapes = models.modes(M, K, 4)
+    exact = np.sqrt(0.25 / (1.0 + 1e-3 * n))
+    assert omegas == pytest.approx([exact, 0.5, 0.5, 0.5], rel=1e-10)
+    assert shapes.T @ M @ shapes == pytest.approx(np.eye(4), abs=1e-12)
+
+
 def test_the_critical_step_is_the_length_of_a_substep():
     one, many = (
         analysis.critical_step(chain_of(3, explicit(0.5), np.asarray, substeps=ss))

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg import eigh
 
 from .. import _core
 from .._checks import counted, real_array, require_finite
@@ -274,6 +275,16 @@ def dense(A: Any) -> np.ndarray:
     if sp.issparse(A):
         return A.toarray()
     return np.diag(A) if A.ndim == 1 else A
+
+
+def largest_pairs(A: Matrix, B: Matrix, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """The k largest theta of A x = theta B x, ascending, and their vectors (n, k); B definite."""
+    n = A.shape[0]
+    A, B = dense(A), dense(B)
+    values, x = eigh(A, B, subset_by_index=[n - k, n - 1])
+    if values.size < k:  # LAPACK's bisection loses eigenvalues of high multiplicity, silently
+        values, x = eigh(A, B)
+    return values[-k:], x[:, -k:]
 
 
 def product(A: Matrix, x: np.ndarray) -> np.ndarray:

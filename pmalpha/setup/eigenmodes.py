@@ -13,7 +13,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh, splu
 from .._checks import whole_number
 from ..errors import warn
 from ..problem.constraints import dof_list
-from ..problem.matrices import EXPORTED, canonical, combination, dense, diagonal, product
+from ..problem.matrices import EXPORTED, canonical, combination, diagonal, largest_pairs, product
 
 __all__ = ["modes"]
 
@@ -150,9 +150,8 @@ def _lowest(A: Any, B: Any, k: int, scale: float) -> tuple[np.ndarray, np.ndarra
 
 def _dense_space(A: Any, B: Any, k: int, scale: float) -> np.ndarray:
     """X (n, k) of B x = theta (A + shift B) x for the k largest theta."""
-    n = B.shape[0]
     shifted = combination([(1.0, A), (DENSE_SHIFT * scale, B)])
-    return scipy.linalg.eigh(dense(B), dense(shifted), subset_by_index=[n - k, n - 1])[1]
+    return largest_pairs(B, shifted, k)[1]
 
 
 def _space(A: Any, B: Any, k: int, scale: float) -> np.ndarray:

@@ -8,13 +8,12 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import eigh
 from scipy.sparse.linalg import ArpackNoConvergence, eigsh
 
 from .._checks import listing, vector
 from ..errors import StabilityWarning, warn
 from ..problem.arguments import VectorLike
-from ..problem.matrices import Matrix, combination, dense, product
+from ..problem.matrices import Matrix, combination, largest_pairs, product
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from .evaluated import present_tangent
@@ -270,7 +269,7 @@ def largest_eigenvalue(A: Matrix, M: Matrix) -> tuple[float, np.ndarray]:
         i = int(np.argmax(A / M))
         return max(float(A[i] / M[i]), 0.0), np.eye(1, n, i)[0]
     if _is_cheap(A, M):
-        values, x = eigh(dense(A), dense(M), subset_by_index=[n - 1, n - 1])
+        values, x = largest_pairs(A, M, 1)
         return max(float(values[0]), 0.0), x[:, 0]
     return _lanczos(A, M)
 
