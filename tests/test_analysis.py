@@ -412,6 +412,17 @@ def test_many_equal_frequencies_have_a_critical_step_and_modes(n):
     assert shapes.T @ M @ shapes == pytest.approx(np.eye(4), abs=1e-12)
 
 
+# Lanczos' method from one vector finds four of the five lowest, and the sixth as the tenth
+@pytest.mark.parametrize("n", [60, 150])
+def test_modes_of_equal_substructures_are_all_found(n):
+    one = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n))
+    K = sp.csr_array(sp.block_diag([one] * 5))
+    omegas, shapes = models.modes(np.ones(5 * n), K, 10)
+    exact = 2.0 * np.sin(np.arange(1, 3) * np.pi / (2 * n + 2))
+    assert omegas == pytest.approx(np.repeat(exact, 5), rel=1e-9)
+    assert shapes.T @ shapes == pytest.approx(np.eye(10), abs=1e-9)
+
+
 def test_the_critical_step_is_the_length_of_a_substep():
     one, many = (
         analysis.critical_step(chain_of(3, explicit(0.5), np.asarray, substeps=ss))

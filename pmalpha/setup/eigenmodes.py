@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,9 @@ DENSE_SHIFT = 1e-4
 DENSE = 200
 # Rounding error of x^T K x relative to |x|^T |K| |x|; a smaller omega^2 counts as zero.
 ROUNDING = 8.0 * np.finfo(float).eps
+# Relative tolerance of the lowest omega^2 outside the space found: modes that are missed can be
+# replaced by modes whose omega^2 is larger by this only.
+SEPARATE = 1e-6
 # An omega^2 below zero by this multiple of the rounding error is warned of; K counts as indefinite
 # if it is below zero by more than the digits of exported files, relative to |x|^T |K| |x|.
 NOTABLE = 100.0
@@ -125,6 +129,7 @@ def _lowest(A: Any, B: Any, k: int, scale: float) -> tuple[np.ndarray, np.ndarra
         try:
             X = space(A, B, k, GROWTH**trial * scale)
             squares, y = scipy.linalg.eigh(X.T @ product(A, X), X.T @ product(B, X))
+            squares, y = squares[:k], y[:, :k]
             break
         except np.linalg.LinAlgError as error:
             if trial == TRIALS - 1:
@@ -155,14 +160,42 @@ def _dense_space(A: Any, B: Any, k: int, scale: float) -> np.ndarray:
 
 
 def _space(A: Any, B: Any, k: int, scale: float) -> np.ndarray:
-    """The same space by ARPACK."""
+    """The same space by ARPACK, or a larger one.
+
+    Lanczos' method from one vector can miss some of several equal frequencies and return higher
+    ones instead, as if all were found. So the lowest frequency outside the space is computed too;
+    the space grows until it is above the k lowest ones inside.
+    """
     n, shift = B.shape[0], ARPACK_SHIFT * scale
     shifted = combination([(1.0, A), (shift, B)])
     S, mass = (sp.csc_array(sp.diags_array(x) if x.ndim == 1 else x) for x in (shifted, B))
     solve = _positive_definite(S).solve
     start = np.random.default_rng(0).standard_normal(n)  # reproducible
-    operator = LinearOperator((n, n), matvec=solve, dtype=float)
-    return eigsh(S, k, M=mass, sigma=-shift, OPinv=operator, v0=start)[1]
+
+    def lowest(
+        k: int, tolerance: float, outside: Callable[[np.ndarray], np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        inverse = LinearOperator((n, n), matvec=lambda x: outside(solve(x)), dtype=float)
+        squares, X = eigsh(
+            S, k, M=mass, sigma=-shift, OPinv=inverse, v0=outside(start), tol=tolerance
+        )
+        return squares, outside(X)
+
+    squares, X = lowest(k, 0.0, lambda x: x)
+    while X.shape[1] < np.count_nonzero(diagonal(B)):
+        outside = _outside(X, mass)
+        if not lowest(1, SEPARATE, outside)[0] < (1.0 - 2.0 * SEPARATE) * np.sort(squares)[k - 1]:
+            break
+        square, x = lowest(1, 0.0, outside)
+        squares, X = np.append(squares, square), np.column_stack([X, x])
+    return X
+
+
+def _outside(X: np.ndarray, mass: Any) -> Callable[[np.ndarray], np.ndarray]:
+    """Makes vectors orthogonal to X, with respect to the mass."""
+    weights = mass @ X
+    weights = np.linalg.solve(X.T @ weights, weights.T)
+    return lambda x: x - X @ (weights @ x)
 
 
 def _positive_definite(S: sp.csc_array) -> Any:
