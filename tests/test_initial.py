@@ -492,6 +492,18 @@ def test_constraints_at_the_start_are_checked_relative_to_the_initial_values(nam
 
 
 # values of left, middle and right that violate one row each: tie of left 1, the other constraint
+@pytest.mark.parametrize("scale", [1e-30, 1.0, 1e20])
+def test_the_end_of_a_pulse_far_from_the_interface_violates_nothing(scale):
+    pulse = scale * np.exp(-(np.linspace(6.1, 0.0, 40) ** 2))  # 7e-17 of its top at the interface
+    bar, other = (
+        pm.Subdomain(np.ones(40), pm.models.chain(40, 1.0, 1.0).K, scheme=SOFT, v0=v0)
+        for v0 in (pulse, None)
+    )
+    pm.Coupler([bar, other], pm.tie(bar, 0, other, 0), dt=0.1)
+    with pytest.raises(pm.ConstraintError, match="row 0"):
+        pm.Coupler([bar, other], pm.tie(bar, 10, other, 0), dt=0.1)
+
+
 BROKEN = {
     "row 1 of constraint 0": ([1.0, 2.0], [2.5, 1.0], [2.5]),
     "row 0 of constraint 1": ([1.0, 2.0], [2.0, 1.0], [2.5]),

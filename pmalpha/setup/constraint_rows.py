@@ -17,6 +17,9 @@ from .rank import require_independent
 # Tolerance of the initial velocities in a constraint, relative to its terms: the rounding of
 # velocities that were computed.
 ROUNDING = 1e-9
+# The same relative to the largest velocity anywhere, for the end of a pulse that only rounding
+# carries to an interface.
+FAR = 1e-13
 
 
 class ConstraintRows:
@@ -116,7 +119,8 @@ class ConstraintRows:
         jump = sum((L @ x for L, x in pairs), np.zeros(self.p)) - g
         size = sum((abs(L) @ np.abs(x) for L, x in pairs), np.zeros(self.p)) + np.abs(g)
         largest = np.max(size / self._sizes, initial=0.0)
-        rows = np.flatnonzero(np.abs(jump) / self._sizes > ROUNDING * largest)
+        far = max((np.max(np.abs(x)) for _, x in pairs), default=0.0)
+        rows = np.flatnonzero(np.abs(jump) / self._sizes > max(ROUNDING * largest, FAR * far))
         return rows, jump[rows]
 
 
