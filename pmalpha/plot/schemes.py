@@ -86,14 +86,7 @@ def scheme_period(schemes: Schemes, xi: float = 0.0) -> Figure:
     >>> plot.scheme_period({"trapezoidal": Newmark()}).axes[0].get_ylabel()
     'period elongation'
     """
-    steps = np.linspace(1e-3, ACCURACY, 200)
-    return _drawn(
-        schemes,
-        xi,
-        steps,
-        lambda scheme: period_and_damping(scheme, 2.0 * np.pi * steps, xi)[0],
-        "period elongation",
-    )
+    return _accuracy(schemes, xi, 0, "period elongation")
 
 
 def scheme_damping(schemes: Schemes, xi: float = 0.0) -> Figure:
@@ -119,14 +112,17 @@ def scheme_damping(schemes: Schemes, xi: float = 0.0) -> Figure:
     >>> plot.scheme_damping(GeneralizedAlpha(0.5)).axes[0].get_ylabel()
     'algorithmic damping ratio'
     """
+    return _accuracy(schemes, xi, 1, "algorithmic damping ratio")
+
+
+def _accuracy(schemes: Schemes, xi: float, which: int, label: str) -> Figure:
+    """One result of `period_and_damping`."""
     steps = np.linspace(1e-3, ACCURACY, 200)
-    return _drawn(
-        schemes,
-        xi,
-        steps,
-        lambda scheme: period_and_damping(scheme, 2.0 * np.pi * steps, xi)[1],
-        "algorithmic damping ratio",
-    )
+
+    def values(scheme: Scheme) -> np.ndarray:
+        return period_and_damping(scheme, 2.0 * np.pi * steps, xi)[which]
+
+    return _drawn(schemes, xi, steps, values, label)
 
 
 def _drawn(

@@ -153,13 +153,13 @@ static void rebase(pma_coupler *c)
     }
 }
 
-static pma_status fine_steps(pma_coupler *c)
+static inline pma_status take_steps(pma_coupler *c, pma_status (*take)(pma_coupler *c))
 {
     for (size_t i = 0; i < c->fine; i++) {
         pma_coupler_move_to(c, c->k + 1);
         if (pma_coupler_is_stopped(c))
             return PMA_STOPPED;
-        const pma_status status = fine_step(c);
+        const pma_status status = take(c);
         if (status != PMA_OK)
             return status;
         if (c->record)
@@ -168,6 +168,11 @@ static pma_status fine_steps(pma_coupler *c)
     if (c->present.number == 0 && c->parts.rebased)
         rebase(c);
     return PMA_OK;
+}
+
+static pma_status fine_steps(pma_coupler *c)
+{
+    return take_steps(c, fine_step);
 }
 
 const pma_schedule pma_fine_schedule = {
@@ -190,7 +195,7 @@ void pma_fine_right_side(pma_coupler *c)
     right_side(c);
 }
 
-void pma_fine_rebase(pma_coupler *c)
+pma_status pma_fine_steps(pma_coupler *c, pma_status (*take)(pma_coupler *c))
 {
-    rebase(c);
+    return take_steps(c, take);
 }

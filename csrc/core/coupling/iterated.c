@@ -285,27 +285,12 @@ static pma_status fine_step(pma_coupler *c)
 
 static pma_status fine_steps(pma_coupler *c)
 {
-    for (size_t i = 0; i < c->fine; i++) {
-        pma_coupler_move_to(c, c->k + 1);
-        if (pma_coupler_is_stopped(c))
-            return PMA_STOPPED;
-        const pma_status status = fine_step(c);
-        if (status != PMA_OK)
-            return status;
-        if (c->record)
-            pma_recorder_write(c);
-    }
-    if (c->present.number == 0 && c->parts.rebased)
-        pma_fine_rebase(c);
-    return PMA_OK;
+    return pma_fine_steps(c, fine_step);
 }
 
 static pma_status macro_step(pma_coupler *c)
 {
-    pma_iteration_begin(c);
-    const pma_status status = fine_steps(c);
-    pma_iteration_end(c, status);
-    return status;
+    return pma_iteration_step(c, fine_steps);
 }
 
 const pma_schedule pma_iterated_schedule = {.check = pma_fine_check,

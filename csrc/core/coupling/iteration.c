@@ -146,7 +146,7 @@ static void forget_blocks(pma_coupler *c)
         c->iteration->members[i].known = false;
 }
 
-void pma_iteration_begin(pma_coupler *c)
+static void begin(pma_coupler *c)
 {
     pma_iteration *it = c->iteration;
     memcpy(it->working, it->present, it->size * sizeof(double));
@@ -155,12 +155,20 @@ void pma_iteration_begin(pma_coupler *c)
         forget_blocks(c);
 }
 
-void pma_iteration_end(pma_coupler *c, pma_status status)
+static void end(pma_coupler *c, pma_status status)
 {
     pma_iteration *it = c->iteration;
     it->following = status == PMA_OK ? c->present.number + 1 : -1;
     if (status == PMA_OK)
         memcpy(it->present, it->working, it->size * sizeof(double));
+}
+
+pma_status pma_iteration_step(pma_coupler *c, pma_status (*step)(pma_coupler *c))
+{
+    begin(c);
+    const pma_status status = step(c);
+    end(c, status);
+    return status;
 }
 
 /* ---- H -------------------------------------------------------------------------------------- */

@@ -82,9 +82,8 @@ void pma_iteration_destroy(pma_iteration *it); /* NULL is allowed */
 /* A start: nothing has moved, nothing is known. */
 void pma_iteration_start(pma_iteration *it);
 
-/* A macro step begins, from what the present keeps; it has ended, and is kept if all went well. */
-void pma_iteration_begin(pma_coupler *c);
-void pma_iteration_end(pma_coupler *c, pma_status status);
+/* A macro step, from what the present keeps; what it leaves is kept if all went well. */
+pma_status pma_iteration_step(pma_coupler *c, pma_status (*step)(pma_coupler *c));
 
 /* H as the blocks are now, factored. PMA_SINGULAR. */
 pma_status pma_iteration_factor(pma_coupler *c);

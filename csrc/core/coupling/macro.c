@@ -81,10 +81,28 @@ const pma_selection *pma_macro_selection(const pma_coupler *c, const pma_coupled
     return pma_selection_is_empty(selection) ? NULL : selection;
 }
 
+pma_status pma_macro_run(pma_coupler *c, pma_coupled *m,
+                         pma_status (*take)(pma_coupler *c, pma_coupled *m, size_t j))
+{
+    const pma_member *member = &m->member;
+    const pma_selection *inner = pma_macro_selection(c, m);
+    for (size_t j = 0; j < member->substeps; j++) {
+        if (pma_macro_is_stopped(c, m))
+            return PMA_STOPPED;
+        const pma_status status = take(c, m, j);
+        if (status != PMA_OK)
+            return status;
+        if (inner && j + 1 < member->substeps)
+            member->table->record(member->self, j + 1, inner,
+                                  pma_recorder_row(c, j + 1, member->substeps));
+    }
+    return PMA_OK;
+}
+
 /* ---- free macro run (M2) -------------------------------------------------------------------- */
 
 /* A substep as far as it is known: with the multipliers of the beginning held */
-static pma_status free_substep(pma_coupler *c, const pma_coupled *m, size_t j)
+static pma_status free_substep(pma_coupler *c, pma_coupled *m, size_t j)
 {
     const pma_member *member = &m->member;
     pma_substep step = pma_substep_of(c, m, j);
@@ -100,19 +118,7 @@ static pma_status free_substep(pma_coupler *c, const pma_coupled *m, size_t j)
 
 pma_status pma_macro_free_run(pma_coupler *c, pma_coupled *m)
 {
-    const pma_member *member = &m->member;
-    const pma_selection *inner = pma_macro_selection(c, m);
-    for (size_t j = 0; j < member->substeps; j++) {
-        if (pma_macro_is_stopped(c, m))
-            return PMA_STOPPED;
-        const pma_status status = free_substep(c, m, j);
-        if (status != PMA_OK)
-            return status;
-        if (inner && j + 1 < member->substeps)
-            member->table->record(member->self, j + 1, inner,
-                                  pma_recorder_row(c, j + 1, member->substeps));
-    }
-    return PMA_OK;
+    return pma_macro_run(c, m, free_substep);
 }
 
 /* ---- interface (M4) ------------------------------------------------------------------------- */

@@ -49,26 +49,19 @@ static void multipliers_at(const pma_coupler *c, double share, double *lam)
 
 /* ---- free macro run, under no multipliers --------------------------------------------------- */
 
-static pma_status free_run(pma_coupler *c, pma_coupled *m)
+static pma_status free_substep(pma_coupler *c, pma_coupled *m, size_t j)
 {
     const pma_member *member = &m->member;
-    const pma_selection *inner = pma_macro_selection(c, m);
+    pma_substep step = pma_substep_of(c, m, j);
+    step.held = true;
+    const pma_status status = member->table->open(member->self, &step);
+    return status == PMA_OK ? member->table->close(member->self, &step, m->lam) : status;
+}
+
+static pma_status free_run(pma_coupler *c, pma_coupled *m)
+{
     memset(m->lam, 0, c->parts.p * sizeof(double));
-    for (size_t j = 0; j < member->substeps; j++) {
-        if (pma_macro_is_stopped(c, m))
-            return PMA_STOPPED;
-        pma_substep step = pma_substep_of(c, m, j);
-        step.held = true;
-        pma_status status = member->table->open(member->self, &step);
-        if (status == PMA_OK)
-            status = member->table->close(member->self, &step, m->lam);
-        if (status != PMA_OK)
-            return status;
-        if (inner && j + 1 < member->substeps)
-            member->table->record(member->self, j + 1, inner,
-                                  pma_recorder_row(c, j + 1, member->substeps));
-    }
-    return PMA_OK;
+    return pma_macro_run(c, m, free_substep);
 }
 
 /* ---- interface (K4) ------------------------------------------------------------------------- */

@@ -153,6 +153,10 @@ pma_duty pma_macro_duty(const pma_member *member);
 /* All are at the end of their last substep. */
 void pma_macro_move_to_end(pma_coupler *c);
 
+/* The substeps of a member, each taken by `take` and recorded. */
+pma_status pma_macro_run(pma_coupler *c, pma_coupled *m,
+                         pma_status (*take)(pma_coupler *c, pma_coupled *m, size_t j));
+
 /* The free macro run of a member (M2), and its link response under c->dlam, added (M5); what it
  * adds to the velocity on the interface at the end of the free run, added to sum (p). */
 pma_status pma_macro_free_run(pma_coupler *c, pma_coupled *m);
@@ -185,8 +189,8 @@ pma_status pma_fine_close(pma_coupler *c, pma_coupled *m);
 /* working.lam := g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (G1) */
 void pma_fine_right_side(pma_coupler *c);
 
-/* (S3)  After the first macro step, for the members that take double steps from now on */
-void pma_fine_rebase(pma_coupler *c);
+/* A macro step of fine steps, each taken by `take` and recorded. */
+pma_status pma_fine_steps(pma_coupler *c, pma_status (*take)(pma_coupler *c));
 
 /* ---- recorder.c ----------------------------------------------------------------------------- */
 

@@ -83,19 +83,7 @@ static pma_status run_substep(pma_coupler *c, pma_coupled *m, size_t j)
 
 static pma_status run(pma_coupler *c, pma_coupled *m)
 {
-    const pma_member *member = &m->member;
-    const pma_selection *inner = pma_macro_selection(c, m);
-    for (size_t j = 0; j < member->substeps; j++) {
-        if (pma_macro_is_stopped(c, m))
-            return PMA_STOPPED;
-        const pma_status status = run_substep(c, m, j);
-        if (status != PMA_OK)
-            return status;
-        if (inner && j + 1 < member->substeps)
-            member->table->record(member->self, j + 1, inner,
-                                  pma_recorder_row(c, j + 1, member->substeps));
-    }
-    return PMA_OK;
+    return pma_macro_run(c, m, run_substep);
 }
 
 /* ---- the residual of the tie ---------------------------------------------------------------- */
@@ -271,10 +259,7 @@ static pma_status run_all(pma_coupler *c)
 
 static pma_status macro_step(pma_coupler *c)
 {
-    pma_iteration_begin(c);
-    const pma_status status = run_all(c);
-    pma_iteration_end(c, status);
-    return status;
+    return pma_iteration_step(c, run_all);
 }
 
 const pma_schedule pma_shooting_schedule = {.check = pma_macro_check,
