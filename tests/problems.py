@@ -83,7 +83,7 @@ class Problem:
 
     def reference(self, steps, doubles):
         """A run of the reference; `doubles`: the subdomains that take double steps."""
-        subdomains = [_reference_subdomain(*pair) for pair in zip(self.subdomains, doubles)]
+        subdomains = [reference_subdomain(*pair) for pair in zip(self.subdomains, doubles)]
         return reference.run(subdomains, self.L, self.dt, steps, start=self.start)
 
 
@@ -106,7 +106,7 @@ def _subdomain(s):
     )
 
 
-def _reference_subdomain(s, double):
+def reference_subdomain(s, double):
     scheme = s.scheme
     return reference.Subdomain(
         s.M,

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import reference
 import scipy.sparse as sp
-from problems import Problem, SubdomainData, random_problem
+from problems import Problem, SubdomainData, random_problem, reference_subdomain
 
 import pmalpha as pm
 
@@ -731,18 +731,7 @@ def jump_from_states(problem, history, doubles):
     """
     total = np.zeros_like(history.velocity_jump)
     for s, L, recorded, double in zip(problem.subdomains, problem.L, history.subdomains, doubles):
-        scheme = s.scheme
-        same = reference.Subdomain(
-            s.M,
-            s.K,
-            s.C,
-            am=scheme.am,
-            af=scheme.af,
-            beta=scheme.beta,
-            gamma=scheme.gamma,
-            explicit=scheme.explicit,
-            substeps=s.substeps,
-        )
+        same = reference_subdomain(s, double)
         h, stride = problem.dt / s.substeps, FINE // s.substeps
         single = reference.Step(same, L, h)
         later = reference.Step(same, L, 2.0 * h if double else h)

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 import reference
-from problems import Problem, _reference_subdomain, random_problem, random_restored_problem
+from problems import Problem, random_problem, random_restored_problem, reference_subdomain
 from scipy.integrate import solve_ivp
 
 import pmalpha as pm
@@ -58,7 +58,7 @@ AGREEMENT = 1e-9
 def check_against_reference(seed, draw=random_problem):
     problem = random_macro_problem(seed, draw)
     history = made(problem).run(steps=STEPS)
-    subdomains = [_reference_subdomain(s, s.double) for s in problem.subdomains]
+    subdomains = [reference_subdomain(s, s.double) for s in problem.subdomains]
     expected = reference.run_macro(subdomains, problem.L, problem.dt, STEPS)
     scale = {x: max(largest(getattr(s, x)) for s in expected.subdomains) for x in "uvw"}
     for i, s in enumerate(expected.subdomains):
@@ -611,14 +611,16 @@ def test_no_subdomain_takes_double_steps_by_default():
     assert [part.double for part in coupled(a, b, coupling="pm")._parts] == [True, False]
 
 
-def test_unit_responses_that_take_long_are_warned_of_or_refused(monkeypatch):
+@pytest.mark.parametrize("coupling", ["macro", "mean"])
+def test_unit_responses_that_take_long_are_warned_of_or_refused(monkeypatch, coupling):
     a, b = halves(substeps=20)
     monkeypatch.setattr(macro, "LONG", 0.0)
-    with pytest.warns(pm.PerformanceWarning, match="'B': 1 constraint times 20 substeps"):
-        coupled(a, b)
+    text = f"coupling=\"{coupling}\" needs .* 'B': 1 constraint times 20 substeps"
+    with pytest.warns(pm.PerformanceWarning, match=text):
+        coupled(a, b, coupling=coupling)
     monkeypatch.setattr(macro, "ABSURD", 0.0)
     with pytest.raises(ValueError, match='take coupling="pm" or "gc"'):
-        coupled(a, b)
+        coupled(a, b, coupling=coupling)
 
 
 def test_unit_responses_that_do_not_fit_are_refused_with_the_figures(monkeypatch):

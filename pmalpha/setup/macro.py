@@ -36,7 +36,7 @@ RESONANT = 0.05
 
 def prepare(parts: Sequence[Part]) -> None:
     """Unit responses of all subdomains with substeps, and the warnings of macro coupling."""
-    check_work(parts)
+    check_work(parts, "macro")
     for part in parts:
         if part.responds and part.nb:
             compute_unit_responses(part)
@@ -105,7 +105,7 @@ def _damps_nothing(scheme: Scheme) -> bool:
     return bool(np.max(np.abs(np.linalg.eigvals(scheme.amplification(1.0)))) > UNDAMPED)
 
 
-def check_work(parts: Sequence[Part]) -> None:
+def check_work(parts: Sequence[Part], coupling: str) -> None:
     """PerformanceWarning when the unit responses take long, ValueError for more than a day."""
     works = {part.name: work(part) for part in parts if part.responds}
     seconds = sum(works.values()) / RATE
@@ -114,8 +114,8 @@ def check_work(parts: Sequence[Part]) -> None:
     name = max(works, key=works.__getitem__)
     part = next(p for p in parts if p.name == name)
     text = (
-        f'coupling="macro" needs about {seconds:.3g} s for unit responses before the first step '
-        f"(more than {LONG if seconds <= ABSURD else ABSURD:g} s), most of it for {name!r}: "
+        f'coupling="{coupling}" needs about {seconds:.3g} s for unit responses before the first '
+        f"step (more than {LONG if seconds <= ABSURD else ABSURD:g} s), most of it for {name!r}: "
         f"{counted(constraints_of(part.L).size, 'constraint')} times {part.subdomain.substeps} "
         f"substeps times {part.core.entries} matrix entries"
     )
@@ -138,6 +138,27 @@ def is_stored(part: Part) -> bool:
 def compute_unit_responses(part: Part) -> None:
     """Unit responses of a subdomain; sets its block of H, and the one of the mean velocities.
 
+    Errors as of `unit_responses`.
+    """
+    rows = constraints_of(part.L)
+    end, mean, states = unit_responses(part, rows, stored=is_stored(part))
+    if states is not None:
+        part.core.store_responses(rows, states)
+    part.response_blocks = symmetric_block(rows, end), symmetric_block(rows, mean)
+
+
+def unit_responses(
+    part: Part, rows: np.ndarray, *, stored: bool, twice: bool = False
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Responses of a subdomain to each of its constraints, at these rows.
+
+    Returns
+    -------
+    end, mean : (k, k) array
+        What the core ties at the end of the macro step, and its mean over it.
+    states : (k, 4, n) array, or None
+        U, where it is to be stored.
+
     Raises
     ------
     MemoryError
@@ -145,8 +166,7 @@ def compute_unit_responses(part: Part) -> None:
     ValueError
         When a response is not finite: the steps are far above the critical one.
     """
-    rows = constraints_of(part.L)
-    k, stored = rows.size, is_stored(part)
+    k = rows.size
     size = 8.0 * 4.0 * part.n * k if stored else 0.0
     require(64.0 * k**2 + size, f"the link response of {part.name!r} to {counted(k, 'constraint')}")
     end, mean = np.empty((k, k)), np.empty((k, k))
@@ -155,18 +175,16 @@ def compute_unit_responses(part: Part) -> None:
     for begin in range(0, k, columns):
         own = slice(begin, min(begin + columns, k))
         kept = None if states is None else states[own]
-        if not part.core.unit_responses(rows, begin, end[own], mean[own], kept):
+        if not part.core.unit_responses(rows, begin, end[own], mean[own], kept, twice):
             raise ValueError(
                 f"substeps of subdomain {part.name!r} must be more: its response to the "
                 f"multipliers is not finite at the end of a macro step, got "
                 f"{part.subdomain.substeps} of length {part.h:g}"
             )
-    if states is not None:
-        part.core.store_responses(rows, states)
-    part.response_blocks = _block(rows, end), _block(rows, mean)
+    return end, mean, states
 
 
-def _block(rows: np.ndarray, values: np.ndarray) -> Block:
+def symmetric_block(rows: np.ndarray, values: np.ndarray) -> Block:
     """The symmetric block (M7), sparse, since many pairs of constraints have no entry."""
     return Block(rows, sp.csr_array(0.5 * (values + values.T)))
 

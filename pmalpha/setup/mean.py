@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 
 from .._checks import numbered
-from ..memory import require
 from ..problem.matrices import combination, core_matrix
-from .compliance import Block, constraints_of
+from .compliance import constraints_of
 from .factors import Factor
 from .interface import summed
-from .macro import BLOCK, STORED, check_work
+from .macro import check_work, is_stored, symmetric_block, unit_responses
 from .part import Part
 
 # The smallest rho_b of an explicit scheme: below, the coupled step is unstable near its limit.
@@ -65,44 +64,17 @@ def mass_of_interface(part: Part) -> Factor:
 
 def prepare_mean(parts: Sequence[Part]) -> None:
     """Unit responses of all subdomains, which make their blocks of H."""
-    check_work(parts)
+    check_work(parts, "mean")
     for part in parts:
         rows = constraints_of(part.L)
-        stored = not part.double and rows.size > 0 and _is_stored(part, rows.size)
-        single, states = _responses(part, rows, stored, twice=False)
-        part.blocks = {False: single}
+        stored = not part.double and rows.size > 0 and is_stored(part)
+        single, _, states = unit_responses(part, rows, stored=stored)
+        part.blocks = {False: symmetric_block(rows, single)}
         if part.double:
-            part.blocks[True] = _responses(part, rows, False, twice=True)[0]
+            twice = unit_responses(part, rows, stored=False, twice=True)[0]
+            part.blocks[True] = symmetric_block(rows, twice)
         if states is not None:
             part.core.store_responses(rows, states)
-
-
-def _is_stored(part: Part, constraints: int) -> bool:
-    """(M8)"""
-    size = 4.0 * part.n * constraints
-    return size <= part.subdomain.substeps * part.core.entries and 8.0 * size <= STORED
-
-
-def _responses(
-    part: Part, rows: np.ndarray, stored: bool, *, twice: bool
-) -> tuple[Block, np.ndarray | None]:
-    """The block L U^u of a subdomain, and the states U where they are stored."""
-    k = rows.size
-    size = 8.0 * 4.0 * part.n * k if stored else 0.0
-    require(64.0 * k**2 + size, f"the link response of {part.name!r} to {k} constraints")
-    end, unused = np.empty((k, k)), np.empty((k, k))
-    states = np.empty((k, 4, part.n)) if stored else None
-    columns = max(1, int(BLOCK // (part.core.entries * part.subdomain.substeps)))
-    for begin in range(0, k, columns):
-        own = slice(begin, min(begin + columns, k))
-        kept = None if states is None else states[own]
-        if not part.core.unit_responses(rows, begin, end[own], unused[own], kept, twice):
-            raise ValueError(
-                f"substeps of subdomain {part.name!r} must be more: its response to the "
-                f"multipliers is not finite at the end of a macro step, got "
-                f"{part.subdomain.substeps} of length {part.h:g}"
-            )
-    return Block(rows, 0.5 * (end + end.T)), states
 
 
 def doubled_part(parts: Sequence[Part], p: int) -> Any:
