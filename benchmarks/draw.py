@@ -108,6 +108,13 @@ def targets():
         target(f"{r['problem']}, {short(r['n'])} dofs, over the limit", r["target"], r[OVER], "")
         for r in read("limits")
     ]
+    cases = {r["problem"]: r for r in read("cases")}
+    rows += [
+        target(f"eight load cases over one, {name}", limit, cases[name]["eight over one"], "")
+        for name, limit in (("four dofs, ss = 20", 2.0), ("hex8, n = 29 106", 2.5))
+    ]
+    study = cases["frame with springs, all recorded"]["gain"]
+    rows.append(target("study of records by run_each", 4.0, study, "times", least=True))
     newton = read("newton")
     ratio = "that over this"
     over = [1.0 / r[ratio] for r in newton if r["what"] == "an iteration" and r["dofs"] > 30_000]
@@ -163,6 +170,7 @@ TABLES = {
     "instructions": lambda: read("instructions"),
     "limits": lambda: read("limits"),
     "threads": lambda: read("threads"),
+    "cases": lambda: read("cases"),
     "newton": lambda: read("newton"),
 }
 

@@ -25,7 +25,7 @@ from timing import in_turn, run
 import pmalpha as pm
 from pmalpha import _core, models
 from pmalpha.problem.matrices import core_sparse
-from pmalpha.setup.factors import LOST
+from pmalpha.setup.factors import GROWTH, LOST
 from pmalpha.setup.internal import tangent_pattern
 
 DAMPING = 0.1  # C = DAMPING M of the frames
@@ -97,7 +97,7 @@ def parts_of_iteration(structure, subdomain):
     coupler = pm.Coupler([linear], dt=0.02, threads=1)
     return (
         partial(force, subdomain.u0),
-        partial(_core.factor_panels, core_sparse(A), panels, values, inverse, LOST, *blas),
+        partial(_core.factor_panels, core_sparse(A), panels, values, inverse, LOST, GROWTH, *blas),
         coupler.step,
     )
 
