@@ -49,7 +49,7 @@ static pma_member make(oscillator *o, pma_scheme scheme, size_t substeps, bool d
     pma_parts parts = {.n = 1, .nb = 1, .substeps = substeps, .doubled = doubled};
     parts.K = (pma_matrix){.form = PMA_DIAGONAL, .n = 1, .values = &o->K};
     parts.C = (pma_matrix){.form = PMA_ZERO, .n = 1};
-    parts.link = (pma_link){1, 1, ONE_ENTRY, ROW, &o->sign};
+    parts.link = (pma_link){.p = 1, .nb = 1, .ptr = ONE_ENTRY, .index = ROW, .values = &o->sign};
     parts.single = step_of(scheme, h, o, &o->inverse[0]);
     parts.twice = step_of(scheme, 2.0 * h, o, &o->inverse[1]); /* read only if doubled */
     must(pma_subdomain_create(&parts, &o->core), "subdomain");

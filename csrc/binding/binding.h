@@ -13,6 +13,7 @@
 #include <stdbool.h>
 
 #include "coupling/coupler.h"
+#include "member/remote.h"
 #include "member/subdomain.h"
 #include "status.h"
 
@@ -30,38 +31,54 @@ typedef struct {
     pma_callable *callables;
 } pma_forces;
 
-typedef struct {
+typedef struct SubdomainObject {
     PyObject_HEAD
     pma_subdomain *core;
     PyObject *arrays; /* list: the arrays that the core points into */
     PyObject *load;   /* list: the arrays of the load */
     pma_spring_set *springs;
     pma_forces forces;
-    PyObject *mass;     /* list: the arrays of M, while energies are summed */
-    PyObject *response; /* list: the arrays of the stored unit responses */
-    bool busy;          /* in use by a call that has released the GIL */
+    PyObject *mass;             /* list: the arrays of M, while energies are summed */
+    PyObject *response;         /* list: the arrays of the stored unit responses */
+    struct SubdomainObject *of; /* in lanes: the subdomain of each; else NULL */
+    pma_load *loads;            /* in lanes: PMA_LANES loads */
+    bool busy;                  /* in use by a call that has released the GIL */
 } SubdomainObject;
+
+/* The subdomains of other processes, and how to reach them (exchange.c). */
+typedef struct pma_processes pma_processes;
 
 typedef struct {
     PyObject_HEAD
     pma_coupler *core;
-    pma_ldl H_start, H;   /* factors of the interface matrix */
-    PyObject *subdomains; /* tuple of SubdomainObject */
-    PyObject *arrays;     /* list: the arrays that the core points into */
-    PyObject *motions;    /* list: the arrays of each prescribed motion */
+    pma_ldl H_start, H;       /* factors of the interface matrix */
+    pma_gap gap;              /* factors of S_mu, where displacements are tied under gc */
+    PyObject *subdomains;     /* tuple of SubdomainObject */
+    PyObject *arrays;         /* list: the arrays that the core points into */
+    PyObject *motions;        /* list: the arrays of each prescribed motion */
+    pma_processes *processes; /* the others, or NULL */
     bool busy;
 } CouplerObject;
 
 /* Subdomain i of a coupler. */
 static inline SubdomainObject *pma_subdomain_of(CouplerObject *self, Py_ssize_t i)
 {
-    return (SubdomainObject *)PyTuple_GET_ITEM(self->subdomains, i);
+    return (SubdomainObject *)PyTuple_GetItem(self->subdomains, i);
 }
 
 typedef struct {
     PyTypeObject *subdomain_type;
     PyTypeObject *coupler_type;
+    PyTypeObject *guard_type;
 } module_state;
+
+/* Replaces a reference; the old one is released last, since that can run Python code. */
+static inline void pma_replace(PyObject **slot, PyObject *value)
+{
+    PyObject *old = *slot;
+    *slot = value;
+    Py_XDECREF(old);
+}
 
 /* Is the subdomain being stepped? Then a RuntimeError is set. Called after the last statement that
  * can run Python code, such as a finalizer. `claim` marks it busy until `release`. */
@@ -69,11 +86,31 @@ bool pma_subdomain_is_busy(SubdomainObject *self);
 bool pma_subdomain_claim(SubdomainObject *self);
 void pma_subdomain_release(SubdomainObject *self);
 
+/* The same of a coupler with all its subdomains; -1 with a RuntimeError if one of them is busy. */
+int pma_coupler_claim(CouplerObject *self);
+void pma_coupler_release(CouplerObject *self);
+
+/* Methods of Coupler that are in a file of their own, state_methods.c. */
+PyObject *pma_coupler_object_end_multipliers(CouplerObject *self, PyObject *ignored);
+PyObject *pma_coupler_object_set_end_multipliers(CouplerObject *self, PyObject *obj);
+PyObject *pma_coupler_object_gap(CouplerObject *self, PyObject *ignored);
+PyObject *pma_coupler_object_set_gap(CouplerObject *self, PyObject *obj);
+PyObject *pma_coupler_object_iteration(CouplerObject *self, PyObject *ignored);
+PyObject *pma_coupler_object_set_iteration(CouplerObject *self, PyObject *obj);
+
 /* Methods of the type that are in a file of their own, response_methods.c. */
 PyObject *pma_subdomain_compliance(SubdomainObject *self, PyObject *args);
+PyObject *pma_subdomain_shift_block(SubdomainObject *self, PyObject *args);
 PyObject *pma_subdomain_unit_responses(SubdomainObject *self, PyObject *args);
 PyObject *pma_subdomain_accelerate(SubdomainObject *self, PyObject *obj);
 PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *args);
+
+/* ... in cases.c: several load cases side by side. */
+PyObject *pma_subdomain_in_lanes(SubdomainObject *self, PyObject *ignored);
+PyObject *pma_coupler_in_lanes(CouplerObject *self, PyObject *subdomains);
+
+/* The core of a coupler whose subdomains are set. */
+int pma_coupler_fill(CouplerObject *self, pma_coupler_parts *parts);
 
 /* ... and in internal.c. */
 PyObject *pma_subdomain_iteration(SubdomainObject *self, PyObject *ignored);
@@ -84,6 +121,7 @@ extern PyMethodDef pma_strip_functions[];
 extern PyMethodDef pma_spring_functions[];
 extern PyType_Spec pma_subdomain_spec;
 extern PyType_Spec pma_coupler_spec;
+extern PyType_Spec pma_guard_spec;
 
 /* ---- work without the GIL -------------------------------------------------------------------- */
 
@@ -113,6 +151,11 @@ int pma_gil_call(int (*call)(void *ctx), void *ctx);
 /* Sets the exception of a status other than PMA_OK and returns NULL. */
 PyObject *pma_raise(pma_status status, const char *what);
 
+/* (rank,) of the process that failed, if it was another one (its own rank when the exchange itself
+ * failed); the index of the subdomain that became unstable, the tuple of four above, or (index, code, what)
+ * if its function returned a code, (index, time) of a tangent that is not symmetric; NULL with the exception of any other status. */
+PyObject *pma_failure(CouplerObject *self, pma_status status);
+
 /* ---- conversion: each returns 0, or -1 with an exception set ------------------------------- */
 
 /* A C-contiguous, aligned array of exactly this type, borrowed; keep it in `arrays`. A negative
@@ -137,6 +180,10 @@ int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, Py
 /* The same without values, which are not set. */
 int pma_take_structure(PyObject *obj, const char *name, PyObject *arrays, pma_panels *out);
 
+/* (inverse, (ptr, index, L), (ptr, index, U), row, column): L below and U above the diagonal by
+ * columns, the last two for p wanted unknowns */
+int pma_take_lu(PyObject *obj, npy_intp p, PyObject *arrays, pma_lu *out);
+
 /* Capsules of scipy.linalg.cython_blas */
 int pma_take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *blas);
 
@@ -144,6 +191,9 @@ int pma_take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *blas);
  * (f, order), f a LowLevelCallable.
  * Returns a new list of the arrays that it points into, or NULL. */
 PyObject *pma_take_load(PyObject *obj, pma_load *load);
+
+/* A tuple of PMA_LANES loads, which load->each gets; the caller frees *each. */
+PyObject *pma_take_lane_loads(PyObject *obj, pma_load *load, pma_load **each);
 
 /* A tuple of (law, first, second, (parameter, ...)); the caller frees *sets */
 int pma_take_springs(PyObject *obj, PyObject *arrays, pma_spring_set **sets, pma_springs *out);
@@ -189,6 +239,22 @@ int pma_take_iteration(PyObject *obj, npy_intp p, bool macro, PyObject *arrays,
 /* (begin, every, (selection, ...), multipliers, velocity_jump, displacement_jump, energy=None) with
  * all rows up to macro step `end`; record->selections is the caller's to free */
 int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record);
+
+/* (p, ptr, index, values): L_b with nb columns */
+int pma_take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out);
+
+/* None, or (rank, remotes, first, all, counts, starts, gather): remotes has None for the subdomains
+ * of this process, else (n, nb, substeps, h, doubled, al2, al2_twice, link); first (ranks + 1,) the
+ * subdomains of each rank; all, counts and starts as in pma_exchange_parts; gather a callable that
+ * fills `all`, or (address of MPI_Allgatherv, type, communicator). *out is the caller's to release,
+ * also after an error. */
+int pma_take_processes(PyObject *obj, PyObject *arrays, pma_processes **out);
+void pma_release_processes(pma_processes *x); /* NULL is allowed, and means one process below */
+size_t pma_processes_count(const pma_processes *x, size_t own); /* of subdomains in all of them */
+size_t pma_processes_first(const pma_processes *x);             /* of these, the first one here */
+int pma_processes_fill(const pma_processes *x, size_t own, pma_member *members);
+int pma_processes_check(const pma_processes *x, const pma_member *members); /* 0, or -1 */
+const pma_exchange_parts *pma_processes_parts(const pma_processes *x);
 
 /* A new array of length n with a copy of x, or NULL. */
 PyObject *pma_new_vector(npy_intp n, const double *x);

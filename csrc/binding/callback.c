@@ -60,10 +60,10 @@ static double *add_scratch(npy_intp n, PyObject *arrays)
  * signature was checked in Python. NULL without an exception for any other object. */
 void *pma_address_of(PyObject *obj, void **user)
 {
-    if (!PyTuple_Check(obj) || PyTuple_GET_SIZE(obj) == 0 ||
-        !PyCapsule_CheckExact(PyTuple_GET_ITEM(obj, 0)))
+    if (!PyTuple_Check(obj) || PyTuple_Size(obj) == 0 ||
+        !PyCapsule_CheckExact(PyTuple_GetItem(obj, 0)))
         return NULL;
-    PyObject *capsule = PyTuple_GET_ITEM(obj, 0);
+    PyObject *capsule = PyTuple_GetItem(obj, 0);
     *user = PyCapsule_GetContext(capsule);
     return PyCapsule_GetPointer(capsule, PyCapsule_GetName(capsule));
 }
@@ -175,7 +175,7 @@ static series *add_series(Py_ssize_t count, npy_intp n, PyObject *arrays)
 
 static int take_functions(PyObject *functions, npy_intp n, PyObject *arrays, pma_restoring *out)
 {
-    const Py_ssize_t count = PyTuple_GET_SIZE(functions);
+    const Py_ssize_t count = PyTuple_Size(functions);
     if (count == 0) {
         PyErr_SetString(PyExc_ValueError, "restoring: a function is missing");
         return -1;
@@ -184,7 +184,7 @@ static int take_functions(PyObject *functions, npy_intp n, PyObject *arrays, pma
     if (!all)
         return -1;
     for (Py_ssize_t i = 0; i < count; i++) {
-        if (take_callback(PyTuple_GET_ITEM(functions, i), &all->each[i], &out->by_caller) < 0)
+        if (take_callback(PyTuple_GetItem(functions, i), &all->each[i], &out->by_caller) < 0)
             return -1;
     }
     const callback whole = count == 1 ? all->each[0] : (callback){call_series, all};

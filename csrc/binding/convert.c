@@ -34,7 +34,7 @@ int pma_take_array(PyObject *obj, int type, int ndim, const npy_intp *shape, con
                    PyObject *arrays, PyArrayObject **out)
 {
     if (!PyArray_Check(obj)) {
-        PyErr_Format(PyExc_TypeError, "%s must be an array, got %s", name, Py_TYPE(obj)->tp_name);
+        PyErr_Format(PyExc_TypeError, "%s must be an array, got %R", name, Py_TYPE(obj));
         return -1;
     }
     PyArrayObject *array = (PyArrayObject *)obj;
@@ -62,28 +62,50 @@ int pma_take_doubles(PyObject *obj, npy_intp count, const char *name, PyObject *
     return 0;
 }
 
-/* (ptr, index, values) of a matrix by rows or by columns, with n of them */
+/* Doubles in up to two axes, or two such arrays in one with an axis more: where the second of them
+ * begins goes to *second, 0 where there is none. An extent of -1 is any, and is set. */
+static int take_once_or_twice(PyObject *obj, int ndim, npy_intp *shape, const char *name,
+                              PyObject *arrays, const double **values, size_t *second)
+{
+    npy_intp pair[3] = {2, shape[0], ndim > 1 ? shape[1] : 0};
+    PyArrayObject *array;
+    const bool twice = PyArray_Check(obj) && PyArray_NDIM((PyArrayObject *)obj) == ndim + 1;
+    if (pma_take_array(obj, NPY_DOUBLE, ndim + twice, twice ? pair : shape, name, arrays, &array) <
+        0)
+        return -1;
+    for (int i = 0; i < ndim; i++)
+        shape[i] = PyArray_DIM(array, i + twice);
+    *values = PyArray_DATA(array);
+    *second = twice ? (size_t)PyArray_SIZE(array) / 2 : 0;
+    return 0;
+}
+
+/* (ptr, index, values) of a matrix by rows or by columns, with n of them; values of two matrices
+ * only where `second` is not NULL */
 static int take_compressed(PyObject *obj, npy_intp n, const char *name, PyObject *arrays,
-                           const int64_t **ptr, const int32_t **index, const double **values)
+                           const int64_t **ptr, const int32_t **index, const double **values,
+                           size_t *second)
 {
     const npy_intp starts = n + 1;
     PyArrayObject *p, *i;
-    if (!PyTuple_Check(obj) || PyTuple_GET_SIZE(obj) != 3) {
+    if (!PyTuple_Check(obj) || PyTuple_Size(obj) != 3) {
         PyErr_Format(PyExc_TypeError, "%s must be a tuple (ptr, index, values)", name);
         return -1;
     }
-    if (pma_take_array(PyTuple_GET_ITEM(obj, 0), NPY_INT64, 1, &starts, name, arrays, &p) < 0)
+    if (pma_take_array(PyTuple_GetItem(obj, 0), NPY_INT64, 1, &starts, name, arrays, &p) < 0)
         return -1;
     *ptr = PyArray_DATA(p);
-    const npy_intp entries = (npy_intp)(*ptr)[n];
+    npy_intp entries = (npy_intp)(*ptr)[n];
     if (entries < 0) {
         PyErr_Format(PyExc_ValueError, "%s: the last start must not be negative", name);
         return -1;
     }
-    if (pma_take_array(PyTuple_GET_ITEM(obj, 1), NPY_INT32, 1, &entries, name, arrays, &i) < 0)
+    if (pma_take_array(PyTuple_GetItem(obj, 1), NPY_INT32, 1, &entries, name, arrays, &i) < 0)
         return -1;
     *index = PyArray_DATA(i);
-    return pma_take_doubles(PyTuple_GET_ITEM(obj, 2), entries, name, arrays, values);
+    PyObject *numbers = PyTuple_GetItem(obj, 2);
+    return second ? take_once_or_twice(numbers, 1, &entries, name, arrays, values, second)
+                  : pma_take_doubles(numbers, entries, name, arrays, values);
 }
 
 static int take_square(PyObject *obj, npy_intp n, const char *name, PyObject *arrays,
@@ -97,20 +119,6 @@ static int take_square(PyObject *obj, npy_intp n, const char *name, PyObject *ar
     return 0;
 }
 
-/* (values,): a band in an array with two axes; its extents */
-static int take_band(PyObject *obj, const char *name, PyObject *arrays, npy_intp shape[2],
-                     const double **values)
-{
-    const npy_intp any[2] = {-1, -1};
-    PyArrayObject *array;
-    if (pma_take_array(PyTuple_GET_ITEM(obj, 0), NPY_DOUBLE, 2, any, name, arrays, &array) < 0)
-        return -1;
-    shape[0] = PyArray_DIM(array, 0);
-    shape[1] = PyArray_DIM(array, 1);
-    *values = PyArray_DATA(array);
-    return 0;
-}
-
 static int band_error(const char *name, npy_intp n, const npy_intp shape[2])
 {
     PyErr_Format(PyExc_ValueError, "%s: a band of %zd rows cannot have the extents %zd and %zd",
@@ -118,13 +126,14 @@ static int band_error(const char *name, npy_intp n, const npy_intp shape[2])
     return -1;
 }
 
-/* (values,), values[d, i] = A_i,i+d */
+/* (values,), values[d, i] = A_i,i+d; unsymmetric: values[0, d, i] and values[1, d, i] = A_i+d,i */
 static int take_matrix_band(PyObject *obj, npy_intp n, const char *name, PyObject *arrays,
                             pma_matrix *out)
 {
-    npy_intp shape[2];
+    npy_intp shape[2] = {-1, -1};
     out->form = PMA_BAND;
-    if (take_band(obj, name, arrays, shape, &out->values) < 0)
+    if (take_once_or_twice(PyTuple_GetItem(obj, 0), 2, shape, name, arrays, &out->values,
+                           &out->below) < 0)
         return -1;
     if (shape[1] != n || shape[0] < 1 || shape[0] > n)
         return band_error(name, n, shape);
@@ -132,13 +141,14 @@ static int take_matrix_band(PyObject *obj, npy_intp n, const char *name, PyObjec
     return 0;
 }
 
-/* (values,), values[j, k] = R_j+1+k,j */
+/* (values,), values[j, k] = R_j+1+k,j; unsymmetric: values[0, j, k] and values[1, j, k] of Q */
 static int take_factor_band(PyObject *obj, npy_intp n, const char *name, PyObject *arrays,
                             pma_factor *out)
 {
-    npy_intp shape[2];
+    npy_intp shape[2] = {-1, -1};
     out->form = PMA_BAND;
-    if (take_band(obj, name, arrays, shape, &out->values) < 0)
+    if (take_once_or_twice(PyTuple_GetItem(obj, 0), 2, shape, name, arrays, &out->values, &out->Q) <
+        0)
         return -1;
     if (shape[0] != n || shape[1] < 1 || shape[1] >= n)
         return band_error(name, n, shape);
@@ -166,15 +176,15 @@ int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *array
     *out = (pma_matrix){.form = PMA_ZERO, .n = (size_t)n};
     if (obj == Py_None)
         return 0;
-    if (PyTuple_Check(obj) && PyTuple_GET_SIZE(obj) == 1)
+    if (PyTuple_Check(obj) && PyTuple_Size(obj) == 1)
         return take_matrix_band(obj, n, name, arrays, out);
-    if (PyTuple_Check(obj) && PyTuple_GET_SIZE(obj) == 5) {
+    if (PyTuple_Check(obj) && PyTuple_Size(obj) == 5) {
         out->form = PMA_STRIPS;
         return take_strips(obj, name, arrays, &out->strips);
     }
     if (PyTuple_Check(obj)) {
         out->form = PMA_SPARSE;
-        return take_compressed(obj, n, name, arrays, &out->ptr, &out->index, &out->values);
+        return take_compressed(obj, n, name, arrays, &out->ptr, &out->index, &out->values, NULL);
     }
     if (PyArray_Check(obj) && PyArray_NDIM((PyArrayObject *)obj) == 2) {
         out->form = PMA_DENSE;
@@ -219,13 +229,13 @@ int pma_take_structure(PyObject *obj, const char *name, PyObject *arrays, pma_pa
 
 int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panels *out)
 {
-    PyArrayObject *values;
+    const double *values;
     if (pma_take_structure(obj, name, arrays, out) < 0)
         return -1;
-    const npy_intp length = (npy_intp)out->start[out->count];
-    if (pma_take_array(PyTuple_GET_ITEM(obj, 4), NPY_DOUBLE, 1, &length, name, arrays, &values) < 0)
+    npy_intp length = (npy_intp)out->start[out->count];
+    if (take_once_or_twice(PyTuple_GetItem(obj, 4), 1, &length, name, arrays, &values, &out->Q) < 0)
         return -1;
-    out->values = PyArray_DATA(values);
+    out->values = PyArray_DATA((PyArrayObject *)PyTuple_GetItem(obj, 4));
     return 0;
 }
 
@@ -234,8 +244,8 @@ static int take_path(PyObject *R, npy_intp n, const char *name, PyObject *arrays
 {
     const npy_intp any = -1;
     PyArrayObject *position, *supernodes;
-    if (pma_take_array(PyTuple_GET_ITEM(R, 5), NPY_INT64, 1, &n, name, arrays, &position) < 0 ||
-        pma_take_array(PyTuple_GET_ITEM(R, 6), NPY_INT64, 1, &any, name, arrays, &supernodes) < 0)
+    if (pma_take_array(PyTuple_GetItem(R, 5), NPY_INT64, 1, &n, name, arrays, &position) < 0 ||
+        pma_take_array(PyTuple_GetItem(R, 6), NPY_INT64, 1, &any, name, arrays, &supernodes) < 0)
         return -1;
     *out = (pma_path){.place = PyArray_DATA(position),
                       .supernodes = PyArray_DATA(supernodes),
@@ -250,7 +260,7 @@ static int take_panels_and_path(PyObject *R, npy_intp n, const char *name, PyObj
     PyObject *panels = PyTuple_GetSlice(R, 0, 5);
     const int failed = panels ? pma_take_panels(panels, name, arrays, &out->panels) : -1;
     Py_XDECREF(panels);
-    if (failed || PyTuple_GET_SIZE(R) != 7)
+    if (failed || PyTuple_Size(R) != 7)
         return failed;
     return take_path(R, n, name, arrays, &out->path);
 }
@@ -259,6 +269,7 @@ int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, Py
                     pma_factor *out)
 {
     PyObject *inverse, *R;
+    npy_intp shape[2] = {n, n};
     *out = (pma_factor){.form = PMA_DIAGONAL, .n = (size_t)n, .nb = (size_t)nb};
     if (!PyTuple_Check(obj)) {
         PyErr_Format(PyExc_TypeError, "%s must be a tuple (inverse, R)", name);
@@ -270,16 +281,40 @@ int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, Py
         return -1;
     if (R == Py_None)
         return 0;
-    if (PyTuple_Check(R) && (PyTuple_GET_SIZE(R) == 5 || PyTuple_GET_SIZE(R) == 7))
+    if (PyTuple_Check(R) && (PyTuple_Size(R) == 5 || PyTuple_Size(R) == 7))
         return take_panels_and_path(R, n, name, arrays, out);
-    if (PyTuple_Check(R) && PyTuple_GET_SIZE(R) == 1)
+    if (PyTuple_Check(R) && PyTuple_Size(R) == 1)
         return take_factor_band(R, n, name, arrays, out);
     if (PyTuple_Check(R)) {
         out->form = PMA_SPARSE;
-        return take_compressed(R, n, name, arrays, &out->ptr, &out->index, &out->values);
+        return take_compressed(R, n, name, arrays, &out->ptr, &out->index, &out->values, &out->Q);
     }
     out->form = PMA_DENSE;
-    return take_square(R, n, name, arrays, &out->values);
+    return take_once_or_twice(R, 2, shape, name, arrays, &out->values, &out->Q);
+}
+
+int pma_take_lu(PyObject *obj, npy_intp p, PyObject *arrays, pma_lu *out)
+{
+    PyObject *inverse, *L, *U, *row, *column;
+    PyArrayObject *diagonal, *rows, *columns;
+    npy_intp n = -1;
+    if (!PyTuple_Check(obj)) {
+        PyErr_SetString(PyExc_TypeError, "gap must be a tuple (inverse, L, U, row, column)");
+        return -1;
+    }
+    if (!PyArg_ParseTuple(obj, "OOOOO", &inverse, &L, &U, &row, &column) ||
+        pma_take_array(inverse, NPY_DOUBLE, 1, &n, "gap", arrays, &diagonal) < 0)
+        return -1;
+    n = PyArray_DIM(diagonal, 0);
+    *out = (pma_lu){.n = (size_t)n, .p = (size_t)p, .inverse = PyArray_DATA(diagonal)};
+    if (take_compressed(L, n, "gap", arrays, &out->below, &out->lower, &out->L, NULL) < 0 ||
+        take_compressed(U, n, "gap", arrays, &out->above, &out->upper, &out->U, NULL) < 0 ||
+        pma_take_array(row, NPY_INT32, 1, &p, "gap", arrays, &rows) < 0 ||
+        pma_take_array(column, NPY_INT32, 1, &p, "gap", arrays, &columns) < 0)
+        return -1;
+    out->row = PyArray_DATA(rows);
+    out->column = PyArray_DATA(columns);
+    return 0;
 }
 
 /* (law, first, second, (parameter, ...)) */
@@ -303,13 +338,13 @@ static int take_spring_set(PyObject *obj, PyObject *arrays, pma_spring_set *set)
         return -1;
     set->second = PyArray_DATA(array);
     if (law < 0 || law >= PMA_SPRING_LAWS ||
-        (size_t)PyTuple_GET_SIZE(parameters) != pma_spring_parameters[law]) {
+        (size_t)PyTuple_Size(parameters) != pma_spring_parameters[law]) {
         PyErr_SetString(PyExc_ValueError, "springs: law and number of parameters must agree");
         return -1;
     }
     set->law = (pma_spring_law)law;
-    for (Py_ssize_t k = 0; k < PyTuple_GET_SIZE(parameters); k++) {
-        if (pma_take_doubles(PyTuple_GET_ITEM(parameters, k), count, "parameter", arrays,
+    for (Py_ssize_t k = 0; k < PyTuple_Size(parameters); k++) {
+        if (pma_take_doubles(PyTuple_GetItem(parameters, k), count, "parameter", arrays,
                              &set->parameters[k]) < 0)
             return -1;
     }
@@ -318,7 +353,7 @@ static int take_spring_set(PyObject *obj, PyObject *arrays, pma_spring_set *set)
 
 int pma_take_springs(PyObject *obj, PyObject *arrays, pma_spring_set **sets, pma_springs *out)
 {
-    const Py_ssize_t count = PyTuple_GET_SIZE(obj);
+    const Py_ssize_t count = PyTuple_Size(obj);
     *out = (pma_springs){.count = (size_t)count};
     *sets = PyMem_Calloc((size_t)count + 1, sizeof **sets);
     out->sets = *sets;
@@ -327,7 +362,7 @@ int pma_take_springs(PyObject *obj, PyObject *arrays, pma_spring_set **sets, pma
         return -1;
     }
     for (Py_ssize_t i = 0; i < count; i++) {
-        if (take_spring_set(PyTuple_GET_ITEM(obj, i), arrays, &(*sets)[i]) < 0)
+        if (take_spring_set(PyTuple_GetItem(obj, i), arrays, &(*sets)[i]) < 0)
             return -1;
         out->total += (*sets)[i].count;
     }
@@ -391,9 +426,9 @@ static int take_any_load(PyObject *obj, PyObject *arrays, pma_load *load)
         load->kind = PMA_LOAD_CONSTANT;
         return pma_take_doubles(obj, (npy_intp)load->n, "load", arrays, &load->values);
     }
-    if (PyTuple_GET_SIZE(obj) == 4)
+    if (PyTuple_Size(obj) == 4)
         return take_sampled(obj, arrays, load);
-    if (PyTuple_GET_SIZE(obj) == 2 && pma_is_compiled(PyTuple_GET_ITEM(obj, 0)))
+    if (PyTuple_Size(obj) == 2 && pma_is_compiled(PyTuple_GetItem(obj, 0)))
         return pma_take_force(obj, arrays, load);
     return take_table(obj, arrays, load);
 }
@@ -412,4 +447,31 @@ PyObject *pma_new_vector(npy_intp n, const double *x)
     if (out && n > 0)
         memcpy(PyArray_DATA((PyArrayObject *)out), x, (size_t)n * sizeof(double));
     return out;
+}
+
+int pma_take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out)
+{
+    Py_ssize_t p;
+    PyObject *ptr, *index, *values;
+    const npy_intp starts = (npy_intp)nb + 1;
+    PyArrayObject *array;
+    if (!PyTuple_Check(obj)) {
+        PyErr_SetString(PyExc_TypeError, "link must be a tuple (p, ptr, index, values)");
+        return -1;
+    }
+    if (!PyArg_ParseTuple(obj, "nOOO", &p, &ptr, &index, &values))
+        return -1;
+    if (p < 0) {
+        PyErr_SetString(PyExc_ValueError, "link: p must not be negative");
+        return -1;
+    }
+    *out = (pma_link){.p = (size_t)p, .nb = nb};
+    if (pma_take_array(ptr, NPY_INT64, 1, &starts, "link", arrays, &array) < 0)
+        return -1;
+    out->ptr = PyArray_DATA(array);
+    const npy_intp entries = (npy_intp)out->ptr[nb];
+    if (pma_take_array(index, NPY_INT32, 1, &entries, "link", arrays, &array) < 0)
+        return -1;
+    out->index = PyArray_DATA(array);
+    return pma_take_doubles(values, entries, "link", arrays, &out->values);
 }

@@ -6,11 +6,11 @@
 static int check_subdomains(PyTypeObject *type, PyObject *subdomains)
 {
     module_state *state = PyType_GetModuleState(type);
-    for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(subdomains); i++) {
-        PyObject *s = PyTuple_GET_ITEM(subdomains, i);
+    for (Py_ssize_t i = 0; i < PyTuple_Size(subdomains); i++) {
+        PyObject *s = PyTuple_GetItem(subdomains, i);
         if (!Py_IS_TYPE(s, state->subdomain_type)) {
-            PyErr_Format(PyExc_TypeError, "subdomains must be of type Subdomain, got %s",
-                         Py_TYPE(s)->tp_name);
+            PyErr_Format(PyExc_TypeError, "subdomains must be of type Subdomain, got %R",
+                         Py_TYPE(s));
             return -1;
         }
     }
@@ -22,8 +22,8 @@ static int take_motions(PyObject *obj, PyObject *arrays, pma_motion *motions)
 {
     const npy_intp any = -1;
     PyArrayObject *rows;
-    for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(obj); i++) {
-        if (pma_take_array(PyTuple_GET_ITEM(obj, i), NPY_INT64, 1, &any, "motions", arrays, &rows) <
+    for (Py_ssize_t i = 0; i < PyTuple_Size(obj); i++) {
+        if (pma_take_array(PyTuple_GetItem(obj, i), NPY_INT64, 1, &any, "motions", arrays, &rows) <
             0)
             return -1;
         motions[i].rows = PyArray_DATA(rows);
@@ -32,23 +32,28 @@ static int take_motions(PyObject *obj, PyObject *arrays, pma_motion *motions)
     return 0;
 }
 
-static int create_core(CouplerObject *self, pma_coupler_parts *parts)
+int pma_coupler_fill(CouplerObject *self, pma_coupler_parts *parts)
 {
-    const Py_ssize_t count = PyTuple_GET_SIZE(self->subdomains);
-    pma_member *members = PyMem_Calloc((size_t)count + 1, sizeof *members);
+    const size_t own = (size_t)PyTuple_Size(self->subdomains);
+    const size_t count = pma_processes_count(self->processes, own);
+    const size_t first = pma_processes_first(self->processes);
+    pma_member *members = PyMem_Calloc(count + own + 1, sizeof *members);
     if (!members) {
         PyErr_NoMemory();
         return -1;
     }
-    for (Py_ssize_t i = 0; i < count; i++) {
-        if (pma_subdomain_is_busy(pma_subdomain_of(self, i))) {
-            PyMem_Free(members);
-            return -1;
-        }
-        members[i] = pma_subdomain_member(pma_subdomain_of(self, i)->core);
+    bool busy = pma_processes_fill(self->processes, own, members) < 0;
+    for (size_t i = 0; !busy && i < own; i++) {
+        busy = pma_subdomain_is_busy(pma_subdomain_of(self, (Py_ssize_t)i));
+        members[first + i] = pma_subdomain_member(pma_subdomain_of(self, (Py_ssize_t)i)->core);
     }
-    parts->count = (size_t)count;
+    if (busy || pma_processes_check(self->processes, members) < 0) {
+        PyMem_Free(members);
+        return -1;
+    }
+    parts->count = count;
     parts->members = members;
+    parts->exchange = pma_processes_parts(self->processes);
     const pma_status status = pma_coupler_create(parts, &self->core);
     PyMem_Free(members);
     if (status == PMA_OK)
@@ -75,7 +80,7 @@ static int take_parts(CouplerObject *self, PyObject *H_start, PyObject *H, PyObj
                       pma_coupler_parts *parts)
 {
     const npy_intp p = (npy_intp)parts->p;
-    const Py_ssize_t count = PyTuple_GET_SIZE(motions);
+    const Py_ssize_t count = PyTuple_Size(motions);
     if (take_interface_factor(H_start, p, "H_start", self->arrays, &self->H_start,
                               &parts->H_start) < 0 ||
         take_interface_factor(H, p, "H", self->arrays, &self->H, &parts->H) < 0)
@@ -93,7 +98,7 @@ static int take_parts(CouplerObject *self, PyObject *H_start, PyObject *H, PyObj
     parts->motions = taken;
     int failed = take_motions(motions, self->arrays, taken);
     if (!failed)
-        failed = create_core(self, parts);
+        failed = pma_coupler_fill(self, parts);
     PyMem_Free(taken);
     return failed;
 }
@@ -104,10 +109,32 @@ static int take_iteration(CouplerObject *self, PyObject *obj, pma_coupler_parts 
 {
     if (obj == Py_None)
         return 0;
-    if (pma_take_iteration(obj, (npy_intp)parts->p, macro, self->arrays, iteration) < 0)
+    const bool shoots = macro || parts->schedule == &pma_mean_schedule;
+    if (pma_take_iteration(obj, (npy_intp)parts->p, shoots, self->arrays, iteration) < 0)
         return -1;
-    parts->schedule = macro ? &pma_shooting_schedule : &pma_iterated_schedule;
+    if (parts->schedule == &pma_mean_schedule)
+        parts->schedule = &pma_mean_shooting_schedule;
+    else
+        parts->schedule = macro ? &pma_shooting_schedule : &pma_iterated_schedule;
     parts->iteration = iteration;
+    return 0;
+}
+
+/* Displacements tied under gc if the factors of S_mu are given. */
+static int take_gap(CouplerObject *self, PyObject *obj, pma_coupler_parts *parts)
+{
+    pma_lu S;
+    if (obj == Py_None)
+        return 0;
+    if (pma_take_lu(obj, (npy_intp)parts->p, self->arrays, &S) < 0)
+        return -1;
+    const pma_status status = pma_gap_create(&S, &self->gap);
+    if (status != PMA_OK) {
+        pma_raise(status, "gap");
+        return -1;
+    }
+    parts->schedule = &pma_tied_schedule;
+    parts->gap = pma_gap_interface(&self->gap);
     return 0;
 }
 
@@ -124,36 +151,41 @@ static PyObject *coupler_new(PyTypeObject *type, PyObject *args, PyObject *kwarg
 {
     static char *names[] = {"subdomains", "p",       "H_start", "H",          "dt",
                             "rebased",    "motions", "threads", "worthwhile", "macro",
-                            "iteration",  "doubled", NULL};
-    PyObject *subdomains, *H_start, *H, *motions, *iterated = Py_None, *doubled = NULL;
+                            "iteration",  "doubled", "gap",     "processes",  NULL};
+    PyObject *subdomains, *H_start, *H, *motions, *iterated = Py_None, *doubled = NULL,
+                                                  *gap = Py_None, *processes = Py_None;
     pma_iteration_parts iteration;
     Py_ssize_t p, threads = 1;
     int rebased, worthwhile = 0, macro = 0;
     pma_coupler_parts parts = {0};
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOdpO!|nppOO", names, &PyTuple_Type,
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O!nOOdpO!|nppOOOO", names, &PyTuple_Type,
                                      &subdomains, &p, &H_start, &H, &parts.dt, &rebased,
                                      &PyTuple_Type, &motions, &threads, &worthwhile, &macro,
-                                     &iterated, &doubled) ||
+                                     &iterated, &doubled, &gap, &processes) ||
         check_subdomains(type, subdomains) < 0)
         return NULL;
-    if (p < 0 || PyTuple_GET_SIZE(subdomains) == 0)
+    if (p < 0 || (PyTuple_Size(subdomains) == 0 && processes == Py_None))
         return PyErr_Format(PyExc_ValueError, "p must be at least 0 and subdomains not empty");
     if (threads < 1)
         return PyErr_Format(PyExc_ValueError, "threads must be at least 1, got %zd", threads);
-    CouplerObject *self = (CouplerObject *)type->tp_alloc(type, 0);
+    CouplerObject *self = (CouplerObject *)PyType_GenericAlloc(type, 0);
     if (!self)
         return NULL;
     parts.p = (size_t)p;
     parts.rebased = rebased;
     parts.threads = (size_t)threads;
     parts.worthwhile = worthwhile;
-    parts.schedule = macro ? &pma_macro_schedule : &pma_fine_schedule;
+    parts.schedule = macro                  ? &pma_macro_schedule
+                     : processes != Py_None ? &pma_distributed_schedule
+                                            : &pma_fine_schedule;
     self->subdomains = Py_NewRef(subdomains);
     self->arrays = PyList_New(0);
     self->motions = PyList_New(0);
-    if (!self->arrays || !self->motions || take_mean(self, doubled, &parts) < 0 ||
+    if (!self->arrays || !self->motions ||
+        pma_take_processes(processes, self->arrays, &self->processes) < 0 ||
+        take_mean(self, doubled, &parts) < 0 ||
         take_iteration(self, iterated, &parts, macro, &iteration) < 0 ||
-        take_parts(self, H_start, H, motions, &parts) < 0)
+        take_gap(self, gap, &parts) < 0 || take_parts(self, H_start, H, motions, &parts) < 0)
         Py_CLEAR(self);
     return (PyObject *)self;
 }
@@ -172,20 +204,22 @@ static void coupler_dealloc(CouplerObject *self)
     PyTypeObject *type = Py_TYPE(self);
     PyObject_GC_UnTrack(self);
     pma_coupler_destroy(self->core);
+    pma_release_processes(self->processes);
     pma_ldl_destroy(&self->H_start);
     pma_ldl_destroy(&self->H);
+    pma_gap_destroy(&self->gap);
     Py_XDECREF(self->subdomains);
     Py_XDECREF(self->arrays);
     Py_XDECREF(self->motions);
-    type->tp_free(self);
+    PyObject_GC_Del(self);
     Py_DECREF(type);
 }
 
 /* ---- a busy flag, not a lock -------------------------------------------------------------- */
 
-static int claim(CouplerObject *self)
+int pma_coupler_claim(CouplerObject *self)
 {
-    const Py_ssize_t count = PyTuple_GET_SIZE(self->subdomains);
+    const Py_ssize_t count = PyTuple_Size(self->subdomains);
     bool busy = self->busy;
     for (Py_ssize_t i = 0; i < count; i++)
         busy = busy || pma_subdomain_of(self, i)->busy;
@@ -199,10 +233,10 @@ static int claim(CouplerObject *self)
     return 0;
 }
 
-static void release(CouplerObject *self)
+void pma_coupler_release(CouplerObject *self)
 {
     self->busy = false;
-    for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(self->subdomains); i++)
+    for (Py_ssize_t i = 0; i < PyTuple_Size(self->subdomains); i++)
         pma_subdomain_of(self, i)->busy = false;
 }
 
@@ -220,11 +254,12 @@ static bool covers(const pma_load *load, int64_t begin, int64_t end, int64_t sub
 
 static int check_tables(CouplerObject *self, int64_t steps)
 {
-    const int64_t begin = pma_coupler_step_count(self->core), end = begin + steps;
+    const int64_t begin = pma_coupler_step_count(self->core) - pma_coupler_origin(self->core);
+    const int64_t end = begin + steps;
     const pma_coupler_parts *parts = pma_coupler_get_parts(self->core);
     const int64_t instants = (int64_t)pma_coupler_instants(self->core);
     bool all = true;
-    for (Py_ssize_t i = 0; i < PyTuple_GET_SIZE(self->subdomains); i++) {
+    for (Py_ssize_t i = 0; i < PyTuple_Size(self->subdomains); i++) {
         const pma_subdomain *s = pma_subdomain_of(self, i)->core;
         const int64_t substeps = (int64_t)pma_subdomain_parts(s)->substeps;
         all = all && covers(pma_subdomain_load(s), begin, end, substeps);
@@ -236,63 +271,7 @@ static int check_tables(CouplerObject *self, int64_t steps)
     return all ? 0 : -1;
 }
 
-/* True if the exception that is set is to be raised. Several threads may evaluate a callable in a
- * step that one thread would not have begun, after the failure of an earlier step or of another
- * subdomain; its exception is then cleared, except for KeyboardInterrupt. */
-static bool is_raised(CouplerObject *self, pma_status status, size_t failed)
-{
-    if (status == PMA_NOT_FINITE || status == PMA_FORCE_FAILED)
-        return !PyErr_ExceptionMatches(PyExc_Exception);
-    if (status != PMA_RESTORING_FAILED && status != PMA_INTERNAL_FAILED)
-        return true;
-    pma_subdomain *s = pma_subdomain_of(self, (Py_ssize_t)failed)->core;
-    return pma_subdomain_member(s).by_caller || !PyErr_ExceptionMatches(PyExc_Exception);
-}
-
-/* (index, t, corrections, position): of the subdomain that did not converge, or of the interface
- * (None for the rest); position of the dof where its tangent is singular, or -1 */
-static PyObject *iteration_failure(CouplerObject *self, size_t i, bool singular)
-{
-    if (i == PMA_INTERFACE)
-        return Py_BuildValue("(nOOn)", PyTuple_GET_SIZE(self->subdomains), Py_None, Py_None,
-                             singular ? (Py_ssize_t)0 : (Py_ssize_t)-1);
-    const pma_iterate_failure at =
-        pma_iterate_failed(pma_subdomain_iterate(pma_subdomain_of(self, (Py_ssize_t)i)->core));
-    return Py_BuildValue("(ndnn)", (Py_ssize_t)i, at.t, (Py_ssize_t)at.iterations,
-                         singular ? (Py_ssize_t)at.dof : (Py_ssize_t)-1);
-}
-
-/* What a function that returned a code is to a subdomain; NULL for any other status. */
-static const char *what_failed(pma_status status)
-{
-    return status == PMA_FORCE_FAILED       ? "force"
-           : status == PMA_RESTORING_FAILED ? "restoring force"
-           : status == PMA_INTERNAL_FAILED  ? "internal force"
-                                            : NULL;
-}
-
-/* The index of the subdomain that became unstable, the tuple of four above, or (index, code, what)
- * if its function returned a code; NULL with the exception of any other status. */
-static PyObject *failure(CouplerObject *self, pma_status status)
-{
-    const size_t i = pma_coupler_failed(self->core);
-    if (PyErr_Occurred()) {
-        if (is_raised(self, status, i))
-            return NULL;
-        PyErr_Clear();
-    }
-    if (status == PMA_NOT_FINITE)
-        return PyLong_FromSsize_t(i == PMA_INTERFACE ? PyTuple_GET_SIZE(self->subdomains)
-                                                     : (Py_ssize_t)i);
-    if (status == PMA_NOT_CONVERGED || status == PMA_SINGULAR)
-        return iteration_failure(self, i, status == PMA_SINGULAR);
-    if (!what_failed(status))
-        return pma_raise(status, "advance");
-    const int code = pma_subdomain_code(pma_subdomain_of(self, (Py_ssize_t)i)->core);
-    return Py_BuildValue("(nis)", (Py_ssize_t)i, code, what_failed(status));
-}
-
-/* advance(steps, record, report=None): None, or the result of failure() */
+/* advance(steps, record, report=None): None, or the result of pma_failure() */
 static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
 {
     long long steps;
@@ -309,7 +288,7 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
                             steps);
     if (report != Py_None && !PyCallable_Check(report))
         return PyErr_Format(PyExc_TypeError, "report must be None or a callable, got %R", report);
-    if (claim(self) < 0)
+    if (pma_coupler_claim(self) < 0)
         return NULL;
     if (check_tables(self, steps) < 0 ||
         (obj != Py_None &&
@@ -324,26 +303,56 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
     status = pma_coupler_advance(self->core, steps, obj == Py_None ? NULL : &record, &poll);
     pma_gil_acquire(before);
 
-    result = status == PMA_OK ? Py_NewRef(Py_None) : failure(self, status);
+    result = status == PMA_OK ? Py_NewRef(Py_None) : pma_failure(self, status);
 done:
     PyMem_Free(record.selections);
-    release(self);
+    pma_coupler_release(self);
     return result;
 }
 
+static pma_status meet(CouplerObject *self)
+{
+    PyThreadState *before = pma_gil_release();
+    const pma_status status = pma_coupler_meet(self->core);
+    pma_gil_acquire(before);
+    return status;
+}
+
+/* None, or (rank,) as above */
 static PyObject *coupler_record_present(CouplerObject *self, PyObject *obj)
 {
     pma_record record = {0};
     PyObject *result = NULL;
-    if (claim(self) < 0)
+    if (pma_coupler_claim(self) < 0)
         return NULL;
     if (pma_take_record(self, obj, pma_coupler_step_count(self->core), &record) == 0) {
+        if (self->processes && meet(self) != PMA_OK) {
+            result = pma_failure(self, PMA_ELSEWHERE);
+            goto done;
+        }
         pma_coupler_record_present(self->core, &record);
         result = Py_NewRef(Py_None);
     }
+done:
     PyMem_Free(record.selections);
-    release(self);
+    pma_coupler_release(self);
     return result;
+}
+
+/* set_origin(number, t): before start */
+static PyObject *coupler_set_origin(CouplerObject *self, PyObject *args)
+{
+    long long number;
+    double t;
+    if (!PyArg_ParseTuple(args, "Ld", &number, &t))
+        return NULL;
+    if (number < 0 || number > pma_coupler_most_steps(self->core) || !isfinite(t))
+        return PyErr_Format(PyExc_ValueError, "an origin must be a macro step and its time");
+    if (pma_coupler_claim(self) < 0)
+        return NULL;
+    pma_coupler_set_origin(self->core, number, t);
+    pma_coupler_release(self);
+    Py_RETURN_NONE;
 }
 
 /* start(step_count, lam, g): after start or set_levels of the subdomains */
@@ -357,15 +366,16 @@ static PyObject *coupler_start(CouplerObject *self, PyObject *args)
         pma_take_doubles(lam_obj, p, "lam", NULL, &lam) < 0 ||
         pma_take_doubles(g_obj, p, "g", NULL, &g) < 0)
         return NULL;
-    if (step_count < 0 || step_count > pma_coupler_most_steps(self->core))
+    if (step_count < pma_coupler_origin(self->core) ||
+        step_count > pma_coupler_most_steps(self->core))
         return PyErr_Format(PyExc_ValueError,
-                            "step_count must not be negative nor overflow, "
+                            "step_count must not be before the origin nor overflow, "
                             "got %lld",
                             step_count);
-    if (claim(self) < 0)
+    if (pma_coupler_claim(self) < 0)
         return NULL;
     pma_coupler_start(self->core, step_count, lam, g);
-    release(self);
+    pma_coupler_release(self);
     Py_RETURN_NONE;
 }
 
@@ -385,33 +395,33 @@ static PyObject *coupler_set_motion(CouplerObject *self, PyObject *args)
         PyErr_SetString(PyExc_TypeError, "the velocity of a motion must not be compiled");
         Py_CLEAR(arrays);
     }
-    if (!arrays || claim(self) < 0) {
+    if (!arrays || pma_coupler_claim(self) < 0) {
         Py_XDECREF(arrays);
         return NULL;
     }
     pma_coupler_set_motion(self->core, (size_t)i, load);
     PyList_SetItem(self->motions, i, arrays);
-    release(self);
+    pma_coupler_release(self);
     Py_RETURN_NONE;
 }
 
 static PyObject *coupler_get_step_count(CouplerObject *self, void *Py_UNUSED(closure))
 {
-    if (claim(self) < 0)
+    if (pma_coupler_claim(self) < 0)
         return NULL;
     const int64_t count = pma_coupler_step_count(self->core);
-    release(self);
+    pma_coupler_release(self);
     return PyLong_FromLongLong(count);
 }
 
 /* a copy of a (p,) array of the present time level */
 static PyObject *copy_rows(CouplerObject *self, const double *(*get)(const pma_coupler *))
 {
-    if (claim(self) < 0)
+    if (pma_coupler_claim(self) < 0)
         return NULL;
     const npy_intp p = (npy_intp)pma_coupler_get_parts(self->core)->p;
     PyObject *copy = pma_new_vector(p, get(self->core));
-    release(self);
+    pma_coupler_release(self);
     return copy;
 }
 
@@ -430,90 +440,56 @@ static PyObject *coupler_get_threads(CouplerObject *self, void *Py_UNUSED(closur
     return PyLong_FromSize_t(pma_coupler_threads(self->core));
 }
 
-/* One entry for each subdomain. */
+static PyObject *coupler_get_instants(CouplerObject *self, void *Py_UNUSED(closure))
+{
+    return PyLong_FromSize_t(pma_coupler_instants(self->core));
+}
+
+/* One entry for each subdomain of this process. */
 static PyObject *coupler_get_workers(CouplerObject *self, void *Py_UNUSED(closure))
 {
-    const size_t count = pma_coupler_get_parts(self->core)->count;
+    const size_t count = (size_t)PyTuple_Size(self->subdomains);
+    const size_t first = pma_processes_first(self->processes);
     PyObject *workers = PyTuple_New((Py_ssize_t)count);
     for (size_t i = 0; workers && i < count; i++) {
-        const size_t worker = pma_coupler_worker(self->core, i);
+        const size_t worker = pma_coupler_worker(self->core, first + i);
         PyObject *entry =
             worker == PMA_ALL_WORKERS ? Py_NewRef(Py_None) : PyLong_FromSize_t(worker);
         if (entry)
-            PyTuple_SET_ITEM(workers, (Py_ssize_t)i, entry);
+            PyTuple_SetItem(workers, (Py_ssize_t)i, entry);
         else
             Py_CLEAR(workers);
     }
     return workers;
 }
 
-/* end_multipliers(): (2 p,) of the accelerations at the present under mean coupling, a copy */
-static PyObject *coupler_end_multipliers(CouplerObject *self, PyObject *Py_UNUSED(ignored))
-{
-    if (claim(self) < 0)
-        return NULL;
-    const npy_intp p = (npy_intp)pma_coupler_get_parts(self->core)->p;
-    PyObject *copy = pma_new_vector(2 * p, pma_coupler_end_multipliers(self->core));
-    release(self);
-    return copy;
-}
-
-/* set_end_multipliers(lam): after start */
-static PyObject *coupler_set_end_multipliers(CouplerObject *self, PyObject *obj)
-{
-    const npy_intp p = (npy_intp)pma_coupler_get_parts(self->core)->p;
-    const double *values;
-    if (pma_take_doubles(obj, 2 * p, "lam", NULL, &values) < 0 || claim(self) < 0)
-        return NULL;
-    memcpy(pma_coupler_end_multipliers(self->core), values, 2 * (size_t)p * sizeof(double));
-    release(self);
-    Py_RETURN_NONE;
-}
-
-/* iteration(): what shooting begins the next macro step with, a copy */
-static PyObject *coupler_iteration(CouplerObject *self, PyObject *Py_UNUSED(ignored))
-{
-    size_t size;
-    if (claim(self) < 0)
-        return NULL;
-    const double *present = pma_coupler_iteration(self->core, &size);
-    PyObject *copy = pma_new_vector((npy_intp)size, present);
-    release(self);
-    return copy;
-}
-
-/* set_iteration(numbers): after start */
-static PyObject *coupler_set_iteration(CouplerObject *self, PyObject *obj)
-{
-    size_t size;
-    const double *values;
-    double *present = pma_coupler_iteration(self->core, &size);
-    if (pma_take_doubles(obj, (npy_intp)size, "iteration", NULL, &values) < 0 || claim(self) < 0)
-        return NULL;
-    if (size > 0)
-        memcpy(present, values, size * sizeof(double));
-    release(self);
-    Py_RETURN_NONE;
-}
-
 static PyMethodDef coupler_methods[] = {
     {"start", (PyCFunction)coupler_start, METH_VARARGS,
      "start(step_count, lam, g): sets the macro step, the multipliers and g"},
+    {"set_origin", (PyCFunction)coupler_set_origin, METH_VARARGS,
+     "set_origin(number, t): macro steps are counted from this one, at time t; before start"},
     {"set_motion", (PyCFunction)coupler_set_motion, METH_VARARGS,
      "set_motion(i, load): the velocity of a prescribed motion, in the forms of a load"},
     {"advance", (PyCFunction)coupler_advance, METH_VARARGS,
-     "advance(steps, record, report=None) -> None, the index of the subdomain that became "
+     "advance(steps, record, report=None) -> None, (rank,) of another process, the index of the "
+     "subdomain that became "
      "unstable, or (index, code, what) if its function returned a code; report(step_count) is "
      "called about every 50 ms"},
     {"record_present", (PyCFunction)coupler_record_present, METH_O,
-     "record_present(record): writes the present time level into row 0"},
-    {"end_multipliers", (PyCFunction)coupler_end_multipliers, METH_NOARGS,
-     "end_multipliers() -> (2 p,) of the present accelerations under mean coupling, a copy"},
-    {"set_end_multipliers", (PyCFunction)coupler_set_end_multipliers, METH_O,
+     "record_present(record) -> None or (rank,): writes the present time level into row 0"},
+    {"in_lanes", (PyCFunction)pma_coupler_in_lanes, METH_O,
+     "in_lanes(subdomains): the same problem PMA_LANES times, with the subdomains in lanes"},
+    {"end_multipliers", (PyCFunction)pma_coupler_object_end_multipliers, METH_NOARGS,
+     "end_multipliers() -> (2 p + 2,) of the present accelerations under mean coupling, a copy"},
+    {"set_end_multipliers", (PyCFunction)pma_coupler_object_set_end_multipliers, METH_O,
      "set_end_multipliers(lam): the inverse, after start"},
-    {"iteration", (PyCFunction)coupler_iteration, METH_NOARGS,
+    {"gap", (PyCFunction)pma_coupler_object_gap, METH_NOARGS,
+     "gap() -> (p,) of the displacements where they are tied under gc, a copy"},
+    {"set_gap", (PyCFunction)pma_coupler_object_set_gap, METH_O,
+     "set_gap(gap): the inverse, after start"},
+    {"iteration", (PyCFunction)pma_coupler_object_iteration, METH_NOARGS,
      "iteration() -> (k,) what shooting begins the next macro step with, a copy"},
-    {"set_iteration", (PyCFunction)coupler_set_iteration, METH_O,
+    {"set_iteration", (PyCFunction)pma_coupler_object_set_iteration, METH_O,
      "set_iteration(numbers): the inverse, after start"},
     {NULL, NULL, 0, NULL},
 };
@@ -521,6 +497,7 @@ static PyMethodDef coupler_methods[] = {
 static PyGetSetDef coupler_getset[] = {
     {"step_count", (getter)coupler_get_step_count, NULL, "macro steps done", NULL},
     {"multipliers", (getter)coupler_get_multipliers, NULL, "at the present, a copy", NULL},
+    {"instants", (getter)coupler_get_instants, NULL, "interface problems in a macro step", NULL},
     {"threads", (getter)coupler_get_threads, NULL, "number of threads", NULL},
     {"workers", (getter)coupler_get_workers, NULL,
      "the worker of each subdomain, 0 the caller; None where several share its rows", NULL},

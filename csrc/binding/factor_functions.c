@@ -180,8 +180,8 @@ int pma_take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *blas)
 static pma_status run_factor(pma_panels *p, const pma_panels_input *A, const int64_t *owner,
                              const pma_blas *blas, double *inverse, size_t *column)
 {
-    double *update = PyMem_RawMalloc((pma_panels_update_size(p) + 1) * sizeof *update);
-    int64_t *integers = PyMem_RawMalloc((3 * p->count + A->n + 1) * sizeof *integers);
+    double *update = PyMem_Malloc((pma_panels_update_size(p) + 1) * sizeof *update);
+    int64_t *integers = PyMem_Malloc((3 * p->count + 2 * A->n + 1) * sizeof *integers);
     pma_status status = PMA_NO_MEMORY;
     if (update && integers) {
         pma_watch watch = {.last = pma_watch_milliseconds()};
@@ -190,8 +190,8 @@ static pma_status run_factor(pma_panels *p, const pma_panels_input *A, const int
                                    pma_watch_signals, &watch);
         pma_gil_acquire(before);
     }
-    PyMem_RawFree(update);
-    PyMem_RawFree(integers);
+    PyMem_Free(update);
+    PyMem_Free(integers);
     return status;
 }
 
@@ -201,26 +201,26 @@ static int take_problem(PyObject *matrix, PyObject *structure, PyObject *values,
 {
     PyArrayObject *owners;
     pattern of;
-    if (!PyTuple_Check(matrix) || PyTuple_GET_SIZE(matrix) != 3 || !PyTuple_Check(structure) ||
-        PyTuple_GET_SIZE(structure) != 5) {
+    if (!PyTuple_Check(matrix) || PyTuple_Size(matrix) != 3 || !PyTuple_Check(structure) ||
+        PyTuple_Size(structure) != 5) {
         PyErr_SetString(PyExc_TypeError, "matrix and structure must be tuples of 3 and 5 arrays");
         return -1;
     }
-    if (take_pattern(PyTuple_GET_ITEM(matrix, 0), PyTuple_GET_ITEM(matrix, 1), &of) < 0)
+    if (take_pattern(PyTuple_GetItem(matrix, 0), PyTuple_GetItem(matrix, 1), &of) < 0)
         return -1;
     A->n = of.n;
     A->ptr = of.ptr;
     A->index = of.index;
     const npy_intp n = (npy_intp)of.n;
-    if (pma_take_doubles(PyTuple_GET_ITEM(matrix, 2), (npy_intp)of.ptr[of.n], "values", arrays,
+    if (pma_take_doubles(PyTuple_GetItem(matrix, 2), (npy_intp)of.ptr[of.n], "values", arrays,
                          &A->values) < 0 ||
-        pma_take_array(PyTuple_GET_ITEM(structure, 4), NPY_INT64, 1, &n, "owner", arrays, &owners) <
+        pma_take_array(PyTuple_GetItem(structure, 4), NPY_INT64, 1, &n, "owner", arrays, &owners) <
             0)
         return -1;
     *owner = PyArray_DATA(owners);
     PyObject *panels =
-        PyTuple_Pack(5, PyTuple_GET_ITEM(structure, 0), PyTuple_GET_ITEM(structure, 1),
-                     PyTuple_GET_ITEM(structure, 2), PyTuple_GET_ITEM(structure, 3), values);
+        PyTuple_Pack(5, PyTuple_GetItem(structure, 0), PyTuple_GetItem(structure, 1),
+                     PyTuple_GetItem(structure, 2), PyTuple_GetItem(structure, 3), values);
     const int failed = panels ? pma_take_panels(panels, "structure", arrays, p) : -1;
     Py_XDECREF(panels);
     if (failed)
@@ -236,8 +236,8 @@ static int take_problem(PyObject *matrix, PyObject *structure, PyObject *values,
     return right ? 0 : -1;
 }
 
-/* factor_panels(matrix, structure, values, inverse, lost, dgemm, dtrsm): fills values and inverse;
- * None, or the column whose pivot is not positive */
+/* factor_panels(matrix, structure, values, inverse, lost, growth, dgemm, dtrsm): fills values, of R
+ * and if they have two rows of Q, and inverse; None, or the column whose pivot is refused */
 static PyObject *factor_panels(PyObject *Py_UNUSED(module), PyObject *args)
 {
     PyObject *matrix, *structure, *values, *inverse_obj, *dgemm, *dtrsm, *result = NULL;
@@ -247,8 +247,8 @@ static PyObject *factor_panels(PyObject *Py_UNUSED(module), PyObject *args)
     const int64_t *owner;
     const double *inverse;
     size_t column = 0;
-    if (!PyArg_ParseTuple(args, "OOOOdOO", &matrix, &structure, &values, &inverse_obj, &A.lost,
-                          &dgemm, &dtrsm) ||
+    if (!PyArg_ParseTuple(args, "OOOOddOO", &matrix, &structure, &values, &inverse_obj, &A.lost,
+                          &A.growth, &dgemm, &dtrsm) ||
         pma_take_blas(dgemm, dtrsm, &blas) < 0)
         return NULL;
     PyObject *arrays = PyList_New(0);
@@ -281,6 +281,7 @@ PyMethodDef pma_factor_functions[] = {
     {"supernodes", supernodes, METH_VARARGS,
      "supernodes(ptr, index, nb) -> (first, row_ptr, rows, start, owner)"},
     {"factor_panels", factor_panels, METH_VARARGS,
-     "factor_panels(matrix, structure, values, inverse, lost, dgemm, dtrsm) -> None or a column"},
+     "factor_panels(matrix, structure, values, inverse, lost, growth, dgemm, dtrsm) -> None or a "
+     "column"},
     {NULL, NULL, 0, NULL},
 };

@@ -16,7 +16,7 @@ typedef struct {
 static int take_values(PyObject *result, Py_ssize_t item, npy_intp size, double *out)
 {
     const double *values;
-    PyObject *obj = PyTuple_GET_ITEM(result, item);
+    PyObject *obj = PyTuple_GetItem(result, item);
     if (!out || obj == Py_None)
         return 0;
     if (pma_take_doubles(obj, size, "internal", NULL, &values) < 0)
@@ -35,7 +35,7 @@ static int evaluate(const evaluation *e)
     if (u && v && q)
         result = PyObject_CallFunction(e->of->callable, "OOdOO", u, v, e->t, q,
                                        e->K ? Py_True : Py_False);
-    if (result && (!PyTuple_Check(result) || PyTuple_GET_SIZE(result) != 4))
+    if (result && (!PyTuple_Check(result) || PyTuple_Size(result) != 4))
         PyErr_SetString(PyExc_TypeError, "internal must return a tuple (f, K, C, q1)");
     else if (result && take_values(result, 0, e->n, e->f) == 0 &&
              take_values(result, 1, entries, e->K) == 0 &&
@@ -76,7 +76,7 @@ static int run_potential(void *ctx)
     if (PyErr_Occurred())
         return -1;
     PyObject *u = pma_new_vector(e->n, e->u);
-    PyObject *result = u ? PyObject_CallOneArg(e->of->potential, u) : NULL;
+    PyObject *result = u ? PyObject_CallFunctionObjArgs(e->of->potential, u, NULL) : NULL;
     *e->energy = result ? PyFloat_AsDouble(result) : 0.0;
     Py_XDECREF(u);
     Py_XDECREF(result);
@@ -92,16 +92,17 @@ static int call_potential(intptr_t n, double *u, double *energy, void *user)
 
 /* ---- forces --------------------------------------------------------------------------------- */
 
-/* (function, history, where, potential): where is None for a force whose tangents are never
- * evaluated, potential is a callable of Python or None */
+/* (function, history, where, across, potential): where is None for a force whose tangents are never
+ * evaluated, across for one whose tangents are not compared with their transpose, potential is a
+ * callable of Python or None */
 static int take_force(PyObject *obj, PyObject *arrays, pma_callable *callable,
                       pma_internal_force *out)
 {
-    PyObject *function, *where, *potential;
+    PyObject *function, *where, *across, *potential;
     Py_ssize_t history;
     PyArrayObject *array;
     const npy_intp any = -1;
-    if (!PyArg_ParseTuple(obj, "OnOO", &function, &history, &where, &potential))
+    if (!PyArg_ParseTuple(obj, "OnOOO", &function, &history, &where, &across, &potential))
         return -1;
     if (history < 0) {
         PyErr_SetString(PyExc_ValueError, "history must not be negative");
@@ -113,6 +114,12 @@ static int take_force(PyObject *obj, PyObject *arrays, pma_callable *callable,
             return -1;
         out->where = PyArray_DATA(array);
         out->entries = (size_t)PyArray_DIM(array, 0);
+    }
+    if (where != Py_None && across != Py_None) {
+        const npy_intp entries = (npy_intp)out->entries;
+        if (pma_take_array(across, NPY_INT64, 1, &entries, "across", arrays, &array) < 0)
+            return -1;
+        out->across = PyArray_DATA(array);
     }
     if (PyList_Append(arrays, function) < 0)
         return -1;
@@ -152,7 +159,7 @@ int pma_take_internal(PyObject *obj, npy_intp n, PyObject *arrays, pma_forces *f
         return -1;
     out->initial = PyArray_DATA(array);
     out->history = (size_t)PyArray_DIM(array, 0);
-    const size_t count = (size_t)PyTuple_GET_SIZE(list);
+    const size_t count = (size_t)PyTuple_Size(list);
     forces->forces = PyMem_Calloc(count + 1, sizeof *forces->forces);
     forces->callables = PyMem_Calloc(count + 1, sizeof *forces->callables);
     if (!forces->forces || !forces->callables) {
@@ -160,7 +167,7 @@ int pma_take_internal(PyObject *obj, npy_intp n, PyObject *arrays, pma_forces *f
         return -1;
     }
     for (size_t k = 0; k < count; k++) {
-        if (take_force(PyTuple_GET_ITEM(list, (Py_ssize_t)k), arrays, &forces->callables[k],
+        if (take_force(PyTuple_GetItem(list, (Py_ssize_t)k), arrays, &forces->callables[k],
                        &forces->forces[k]) < 0)
             return -1;
     }
@@ -177,21 +184,24 @@ void pma_release_forces(pma_forces *forces)
 
 /* ---- factors that are made again ------------------------------------------------------------ */
 
-/* (ptr, index, structure, dgemm, dtrsm): structure is None where the pattern is a diagonal */
+/* (ptr, index, structure, dgemm, dtrsm, unsymmetric): structure is None where the pattern is a
+ * diagonal */
 int pma_take_numeric(PyObject *obj, npy_intp n, npy_intp nb, PyObject *arrays,
                      pma_numeric_parts *out)
 {
     PyObject *ptr, *index, *structure, *dgemm, *dtrsm;
+    int unsymmetric;
     PyArrayObject *array;
     npy_intp size = n + 1, entries;
     *out = (pma_numeric_parts){.n = (size_t)n, .nb = (size_t)nb};
     if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "pattern must be a tuple of five");
+        PyErr_SetString(PyExc_TypeError, "pattern must be a tuple of six");
         return -1;
     }
-    if (!PyArg_ParseTuple(obj, "OOOOO", &ptr, &index, &structure, &dgemm, &dtrsm) ||
+    if (!PyArg_ParseTuple(obj, "OOOOOp", &ptr, &index, &structure, &dgemm, &dtrsm, &unsymmetric) ||
         pma_take_array(ptr, NPY_INT64, 1, &size, "ptr", arrays, &array) < 0)
         return -1;
+    out->unsymmetric = unsymmetric;
     out->ptr = PyArray_DATA(array);
     entries = (npy_intp)out->ptr[n];
     if (pma_take_array(index, NPY_INT32, 1, &entries, "index", arrays, &array) < 0)
@@ -201,12 +211,12 @@ int pma_take_numeric(PyObject *obj, npy_intp n, npy_intp nb, PyObject *arrays,
         return 0;
     if (pma_take_blas(dgemm, dtrsm, &out->blas) < 0)
         return -1;
-    if (!PyTuple_Check(structure) || PyTuple_GET_SIZE(structure) != 5) {
+    if (!PyTuple_Check(structure) || PyTuple_Size(structure) != 5) {
         PyErr_SetString(PyExc_TypeError, "structure must be a tuple of five arrays");
         return -1;
     }
     if (pma_take_structure(structure, "structure", arrays, &out->panels) < 0 ||
-        pma_take_array(PyTuple_GET_ITEM(structure, 4), NPY_INT64, 1, &n, "owner", arrays, &array) <
+        pma_take_array(PyTuple_GetItem(structure, 4), NPY_INT64, 1, &n, "owner", arrays, &array) <
             0)
         return -1;
     out->owner = PyArray_DATA(array);

@@ -1,4 +1,7 @@
+#include "algebra/kernel.h"
 #include "binding.h"
+
+#include "algebra/lanes.h"
 
 static PyTypeObject *add_type(PyObject *module, PyType_Spec *spec)
 {
@@ -12,13 +15,17 @@ static int module_exec(PyObject *module)
 {
     module_state *state = PyModule_GetState(module);
     if (PyArray_ImportNumPyAPI() < 0 || PyModule_AddFunctions(module, pma_strip_functions) < 0 ||
-        PyModule_AddFunctions(module, pma_spring_functions) < 0)
+        PyModule_AddFunctions(module, pma_spring_functions) < 0 ||
+        PyModule_AddIntConstant(module, "LANES", PMA_LANES) < 0)
         return -1;
     state->subdomain_type = add_type(module, &pma_subdomain_spec);
     if (!state->subdomain_type)
         return -1;
     state->coupler_type = add_type(module, &pma_coupler_spec);
-    return state->coupler_type ? 0 : -1;
+    if (!state->coupler_type)
+        return -1;
+    state->guard_type = add_type(module, &pma_guard_spec);
+    return state->guard_type ? 0 : -1;
 }
 
 static int module_traverse(PyObject *module, visitproc visit, void *arg)
@@ -26,6 +33,7 @@ static int module_traverse(PyObject *module, visitproc visit, void *arg)
     module_state *state = PyModule_GetState(module);
     Py_VISIT(state->subdomain_type);
     Py_VISIT(state->coupler_type);
+    Py_VISIT(state->guard_type);
     return 0;
 }
 
@@ -34,6 +42,7 @@ static int module_clear(PyObject *module)
     module_state *state = PyModule_GetState(module);
     Py_CLEAR(state->subdomain_type);
     Py_CLEAR(state->coupler_type);
+    Py_CLEAR(state->guard_type);
     return 0;
 }
 

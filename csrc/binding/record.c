@@ -1,5 +1,6 @@
 /* The arrays of a record, as the core writes into them. */
 #define NO_IMPORT_ARRAY
+#include "algebra/kernel.h"
 #include "binding.h"
 
 static int take_rows(PyObject *obj, npy_intp *rows, npy_intp columns, const char *name,
@@ -66,14 +67,13 @@ static int take_combination(PyObject *obj, size_t size, size_t rows, pma_combina
     size_t count;
     if (obj == Py_None)
         return 0;
-    if (!PyTuple_Check(obj) || PyTuple_GET_SIZE(obj) != 3) {
+    if (!PyTuple_Check(obj) || PyTuple_Size(obj) != 3) {
         PyErr_SetString(PyExc_TypeError, "a combination must be None or a tuple of three arrays");
         return -1;
     }
-    position = PyTuple_GET_ITEM(obj, 1);
-    weight = PyTuple_GET_ITEM(obj, 2);
-    if (pma_take_array(PyTuple_GET_ITEM(obj, 0), NPY_INT64, 1, &starts, "start", NULL, &start) <
-            0 ||
+    position = PyTuple_GetItem(obj, 1);
+    weight = PyTuple_GetItem(obj, 2);
+    if (pma_take_array(PyTuple_GetItem(obj, 0), NPY_INT64, 1, &starts, "start", NULL, &start) < 0 ||
         take_positions(position, size, "position", &count, &out->position) < 0)
         return -1;
     entries = (npy_intp)count;
@@ -167,6 +167,28 @@ static int take_selection(PyObject *obj, const pma_parts *parts, size_t last_row
     return -1;
 }
 
+/* The selection of a subdomain; in lanes a tuple of PMA_LANES of them, the others of which are in
+ * `more` */
+static int take_selections(PyObject *obj, SubdomainObject *s, size_t last, pma_selection *first,
+                           pma_selection *more)
+{
+    const pma_parts *parts = pma_subdomain_parts(s->core);
+    if (!s->of)
+        return take_selection(obj, parts, last, first);
+    if (!PyTuple_Check(obj) || PyTuple_Size(obj) != PMA_LANES) {
+        PyErr_SetString(PyExc_TypeError, "selections in lanes must be tuples, one for each lane");
+        return -1;
+    }
+    pma_selection *selection = first;
+    for (Py_ssize_t l = 0; l < PMA_LANES; l++) {
+        if (take_selection(PyTuple_GetItem(obj, l), parts, last, selection) < 0)
+            return -1;
+        selection->next = l + 1 < PMA_LANES ? more + l : NULL;
+        selection = more + l;
+    }
+    return 0;
+}
+
 /* The last row written by an interval up to macro step `end`, with `levels` time levels in a macro
  * step. */
 static size_t last_row(const pma_record *record, int64_t end, size_t levels)
@@ -196,11 +218,15 @@ static int take_interface(CouplerObject *self, PyObject *const *obj, int64_t end
 /* None or an array (rows, subdomains, PMA_ENERGIES), if all subdomains sum their works */
 static int take_energy(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record)
 {
-    const npy_intp shape[3] = {-1, PyTuple_GET_SIZE(self->subdomains), PMA_ENERGIES};
+    const npy_intp shape[3] = {-1, PyTuple_Size(self->subdomains), PMA_ENERGIES};
     PyArrayObject *array;
     bool all = true;
     if (obj == Py_None)
         return 0;
+    if (self->processes) {
+        PyErr_SetString(PyExc_ValueError, "energy must be None with several processes");
+        return -1;
+    }
     if (pma_take_array(obj, NPY_DOUBLE, 3, shape, "energy", NULL, &array) < 0)
         return -1;
     for (npy_intp i = 0; i < shape[1]; i++)
@@ -218,7 +244,7 @@ static int take_energy(CouplerObject *self, PyObject *obj, int64_t end, pma_reco
  * the caller frees record->selections */
 int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record *record)
 {
-    const Py_ssize_t count = PyTuple_GET_SIZE(self->subdomains);
+    const Py_ssize_t count = PyTuple_Size(self->subdomains);
     long long begin, every;
     PyObject *selections, *interface[3], *energy = Py_None;
     if (!PyTuple_Check(obj)) {
@@ -229,21 +255,26 @@ int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record 
                           &interface[0], &interface[1], &interface[2], &energy))
         return -1;
     if (begin < 0 || every < 0 || begin > pma_coupler_step_count(self->core) ||
-        PyTuple_GET_SIZE(selections) != count) {
+        PyTuple_Size(selections) != count) {
         PyErr_SetString(PyExc_ValueError, "the record does not fit the coupler");
         return -1;
     }
     record->begin = begin;
     record->every = every;
-    record->selections = PyMem_Calloc((size_t)count + 1, sizeof *record->selections);
+    const size_t lanes = count > 0 && pma_subdomain_of(self, 0)->of ? PMA_LANES : 1;
+    const size_t first = pma_processes_first(self->processes);
+    const size_t all = pma_processes_count(self->processes, (size_t)count);
+    record->selections = PyMem_Calloc(all * lanes + 1, sizeof *record->selections);
     if (!record->selections) {
         PyErr_NoMemory();
         return -1;
     }
     for (Py_ssize_t i = 0; i < count; i++) {
-        const pma_parts *s = pma_subdomain_parts(pma_subdomain_of(self, i)->core);
-        if (take_selection(PyTuple_GET_ITEM(selections, i), s, last_row(record, end, s->substeps),
-                           &record->selections[i]) < 0)
+        SubdomainObject *s = pma_subdomain_of(self, i);
+        const size_t last = last_row(record, end, pma_subdomain_parts(s->core)->substeps);
+        pma_selection *more = record->selections + all + (size_t)i * (lanes - 1);
+        if (take_selections(PyTuple_GetItem(selections, i), s, last,
+                            &record->selections[first + (size_t)i], more) < 0)
             return -1;
     }
     if (take_energy(self, energy, end, record) < 0)

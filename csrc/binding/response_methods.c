@@ -1,6 +1,10 @@
-/* Methods of Subdomain that set-up calls: its compliance and its unit responses. */
+/* Methods of Subdomain that set-up calls: its compliance, its unit responses, and what the stiffness
+ * makes of shifts. */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
+
+#include "algebra/lanes.h"
+#include "member/unit_run.h"
 
 /* ---- compliance --------------------------------------------------------------------------- */
 
@@ -66,41 +70,45 @@ PyObject *pma_subdomain_compliance(SubdomainObject *self, PyObject *args)
 
 /* ---- unit responses (M3) ------------------------------------------------------------------ */
 
-/* Inputs and outputs of a block of columns of H. */
+/* Inputs and outputs. */
 typedef struct {
-    const int64_t *rows;      /* k */
-    npy_intp k, begin, count; /* columns begin..begin+count-1 of k */
-    double *lam;              /* p: zero */
-    double *sums;             /* 2 p: scratch */
-    double *end, *mean;       /* count x k by rows */
-    double *states;           /* count x 4 x n by rows, or NULL */
-    bool twice;               /* of a double step */
-} response_block;
+    const int64_t *rows; /* k */
+    npy_intp k;
+    double *end, *mean; /* k x k, each response a row */
+    double *states;     /* k x 4 x n by rows, or NULL */
+    bool twice;         /* of a double step */
+} responses;
 
-static void copy_rows(const response_block *b, const double *sum, double *out)
+/* Those of the constraints begin..begin+count-1, which were taken together. */
+static void copy_responses(const pma_unit_run *run, size_t n, npy_intp begin, npy_intp count,
+                           const responses *b)
 {
-    for (npy_intp r = 0; r < b->k; r++)
-        out[r] = sum[b->rows[r]];
+    for (npy_intp c = 0; c < count; c++) {
+        for (npy_intp r = 0; r < b->k; r++) {
+            b->end[(begin + c) * b->k + r] = pma_unit_run_end(run, (size_t)c, b->rows[r]);
+            b->mean[(begin + c) * b->k + r] = pma_unit_run_mean(run, (size_t)c, b->rows[r]);
+        }
+        if (b->states)
+            pma_unit_run_copy(run, (size_t)c, b->states + (size_t)(begin + c) * 4 * n);
+    }
 }
 
-static pma_status fill_responses(pma_subdomain *s, const response_block *b)
+/* PMA_STOPPED when a signal has raised an exception, PMA_NOT_FINITE for a response. */
+static pma_status fill_responses(const pma_subdomain *s, pma_unit_run *run, const responses *b)
 {
-    const size_t p = pma_subdomain_parts(s)->link.p, size = 4 * pma_subdomain_parts(s)->n;
-    pma_response *response = pma_subdomain_response(s);
-    for (npy_intp c = 0; c < b->count; c++) {
-        const int64_t row = b->rows[b->begin + c];
-        memset(b->sums, 0, 2 * p * sizeof(double));
-        b->lam[row] = 1.0;
-        const pma_status status =
-            pma_response_run(response, b->twice, b->lam, b->sums, b->sums + p);
-        b->lam[row] = 0.0;
-        if (status != PMA_OK)
-            return status;
-        copy_rows(b, b->sums, b->end + c * b->k);
-        copy_rows(b, b->sums + p, b->mean + c * b->k);
-        if (b->states)
-            memcpy(b->states + (size_t)c * size, pma_response_state(response)->u,
-                   size * sizeof(double));
+    const pma_parts *parts = pma_subdomain_parts(s);
+    pma_watch watch = {.last = pma_watch_milliseconds()};
+    for (npy_intp begin = 0; begin < b->k; begin += PMA_LANES) {
+        const npy_intp count = b->k - begin < PMA_LANES ? b->k - begin : PMA_LANES;
+        pma_unit_run_begin(run, b->twice, (size_t)count, b->rows + begin);
+        for (size_t j = 1; j <= parts->substeps; j++) {
+            if (pma_watch_signals(&watch))
+                return PMA_STOPPED;
+            pma_unit_run_step(run, j);
+        }
+        if (!pma_unit_run_is_finite(run))
+            return PMA_NOT_FINITE;
+        copy_responses(run, parts->n, begin, count, b);
     }
     return PMA_OK;
 }
@@ -117,38 +125,33 @@ static int take_output(PyObject *obj, int ndim, const npy_intp *shape, const cha
     return -1;
 }
 
-static int take_responses(SubdomainObject *self, PyObject *args, response_block *b)
+static int take_responses(SubdomainObject *self, PyObject *args, responses *b)
 {
     PyObject *rows, *end, *mean, *states;
     PyArrayObject *array;
-    Py_ssize_t begin;
     const npy_intp any = -1;
     const pma_parts *parts = pma_subdomain_parts(self->core);
     int twice = 0;
-    if (!PyArg_ParseTuple(args, "OnOOO|p", &rows, &begin, &end, &mean, &states, &twice) ||
+    if (!PyArg_ParseTuple(args, "OOOO|p", &rows, &end, &mean, &states, &twice) ||
         pma_take_array(rows, NPY_INT64, 1, &any, "rows", NULL, &array) < 0)
         return -1;
-    *b = (response_block){
-        .rows = PyArray_DATA(array), .k = PyArray_DIM(array, 0), .begin = begin, .twice = twice};
+    *b = (responses){.rows = PyArray_DATA(array), .k = PyArray_DIM(array, 0), .twice = twice};
     if (check_rows(b->rows, b->k, parts->link.p) < 0)
         return -1;
-    npy_intp shape[3] = {-1, b->k, 0};
-    if (take_output(end, 2, shape, "end", &array) < 0)
-        return -1;
-    b->end = PyArray_DATA(array);
-    b->count = shape[0] = PyArray_DIM(array, 0);
-    if (take_output(mean, 2, shape, "mean", &array) < 0)
-        return -1;
-    b->mean = PyArray_DATA(array);
-    if (!parts->responds || (twice && !parts->doubled) || begin < 0 || b->count > b->k - begin) {
-        PyErr_SetString(PyExc_ValueError, "begin: no such columns of the link response");
+    if (!parts->responds || (twice && !parts->doubled)) {
+        PyErr_SetString(PyExc_ValueError, "the subdomain has no such link response");
         return -1;
     }
+    const npy_intp square[2] = {b->k, b->k}, cube[3] = {b->k, 4, (npy_intp)parts->n};
+    if (take_output(end, 2, square, "end", &array) < 0)
+        return -1;
+    b->end = PyArray_DATA(array);
+    if (take_output(mean, 2, square, "mean", &array) < 0)
+        return -1;
+    b->mean = PyArray_DATA(array);
     if (states == Py_None)
         return 0;
-    shape[1] = 4;
-    shape[2] = (npy_intp)parts->n;
-    if (take_output(states, 3, shape, "states", &array) < 0)
+    if (take_output(states, 3, cube, "states", &array) < 0)
         return -1;
     b->states = PyArray_DATA(array);
     return 0;
@@ -156,24 +159,22 @@ static int take_responses(SubdomainObject *self, PyObject *args, response_block 
 
 PyObject *pma_subdomain_unit_responses(SubdomainObject *self, PyObject *args)
 {
-    response_block b;
-    const size_t p = pma_subdomain_parts(self->core)->link.p;
+    responses b;
+    pma_unit_run *run;
     if (take_responses(self, args, &b) < 0)
         return NULL;
-    b.lam = PyMem_Calloc(3 * p + 1, sizeof(double));
-    if (!b.lam)
+    if (pma_unit_run_create(self->core, &run) != PMA_OK)
         return PyErr_NoMemory();
-    b.sums = b.lam + p;
     if (!pma_subdomain_claim(self)) {
-        PyMem_Free(b.lam);
+        pma_unit_run_destroy(run);
         return NULL;
     }
     PyThreadState *before = pma_gil_release();
-    const pma_status status = fill_responses(self->core, &b);
+    const pma_status status = fill_responses(self->core, run, &b);
     pma_gil_acquire(before);
     pma_subdomain_release(self);
-    PyMem_Free(b.lam);
-    return PyBool_FromLong(status == PMA_OK);
+    pma_unit_run_destroy(run);
+    return status == PMA_STOPPED ? NULL : PyBool_FromLong(status == PMA_OK);
 }
 
 /* store_responses(rows, states): the states written by unit_responses for all of these rows */
@@ -202,11 +203,61 @@ PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *args)
                        (pma_unit_responses){.count = (size_t)shape[0],
                                             .rows = PyArray_DATA(rows),
                                             .values = PyArray_DATA(states)});
-    Py_XSETREF(self->response, arrays);
+    pma_replace(&self->response, arrays);
     Py_RETURN_NONE;
 failed:
     Py_XDECREF(arrays);
     return NULL;
+}
+
+/* ---- shifts (V2) -------------------------------------------------------------------------- */
+
+/* out (count, k) by rows: L Z for unit mu in the constraints rows[begin..] */
+static void fill_shifts(pma_subdomain *s, const int64_t *rows, npy_intp k, npy_intp begin,
+                        npy_intp count, double *mu, double *out)
+{
+    const size_t p = pma_subdomain_parts(s)->link.p;
+    double *sum = mu + p;
+    for (npy_intp c = 0; c < count; c++) {
+        memset(mu, 0, 2 * p * sizeof(double));
+        mu[rows[begin + c]] = 1.0;
+        pma_subdomain_shift(s, mu, sum);
+        for (npy_intp r = 0; r < k; r++)
+            out[c * k + r] = sum[rows[r]];
+    }
+}
+
+PyObject *pma_subdomain_shift_block(SubdomainObject *self, PyObject *args)
+{
+    PyObject *rows_obj, *out_obj;
+    PyArrayObject *rows, *out;
+    Py_ssize_t begin;
+    npy_intp shape[2] = {-1, -1};
+    const pma_parts *parts = pma_subdomain_parts(self->core);
+    if (!PyArg_ParseTuple(args, "OnO", &rows_obj, &begin, &out_obj) ||
+        pma_take_array(rows_obj, NPY_INT64, 1, shape, "rows", NULL, &rows) < 0)
+        return NULL;
+    shape[1] = PyArray_DIM(rows, 0);
+    if (take_output(out_obj, 2, shape, "out", &out) < 0 ||
+        check_rows(PyArray_DATA(rows), shape[1], parts->link.p) < 0)
+        return NULL;
+    if (!parts->shifts || begin < 0 || PyArray_DIM(out, 0) > shape[1] - begin) {
+        PyErr_SetString(PyExc_ValueError, "begin: no such columns of the shifts");
+        return NULL;
+    }
+    double *scratch = PyMem_Calloc(2 * parts->link.p + 1, sizeof(double));
+    if (!scratch)
+        return PyErr_NoMemory();
+    const bool claimed = pma_subdomain_claim(self);
+    if (claimed) {
+        PyThreadState *before = pma_gil_release();
+        fill_shifts(self->core, PyArray_DATA(rows), shape[1], begin, PyArray_DIM(out, 0), scratch,
+                    PyArray_DATA(out));
+        pma_gil_acquire(before);
+        pma_subdomain_release(self);
+    }
+    PyMem_Free(scratch);
+    return claimed ? Py_NewRef(Py_None) : NULL;
 }
 
 PyObject *pma_subdomain_accelerate(SubdomainObject *self, PyObject *obj)
@@ -225,8 +276,7 @@ PyObject *pma_subdomain_accelerate(SubdomainObject *self, PyObject *obj)
         Py_XDECREF(y);
         return NULL;
     }
-    pma_response_accelerate(pma_subdomain_response(self->core), lam,
-                            PyArray_DATA((PyArrayObject *)y));
+    pma_subdomain_push(self->core, lam, PyArray_DATA((PyArrayObject *)y));
     pma_subdomain_release(self);
     return y;
 }

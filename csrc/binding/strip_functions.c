@@ -54,11 +54,11 @@ static PyObject *new_strips(const pma_matrix *A, size_t count, const int64_t *fi
 static PyObject *strips(PyObject *Py_UNUSED(module), PyObject *obj)
 {
     pma_matrix A;
-    if (!PyTuple_Check(obj) || PyTuple_GET_SIZE(obj) != 3) {
+    if (!PyTuple_Check(obj) || PyTuple_Size(obj) != 3) {
         PyErr_SetString(PyExc_TypeError, "matrix must be a tuple (ptr, index, values)");
         return NULL;
     }
-    PyObject *ptr = PyTuple_GET_ITEM(obj, 0);
+    PyObject *ptr = PyTuple_GetItem(obj, 0);
     if (!PyArray_Check(ptr) || PyArray_NDIM((PyArrayObject *)ptr) != 1 ||
         PyArray_DIM((PyArrayObject *)ptr, 0) < 1) {
         PyErr_SetString(PyExc_TypeError, "ptr must be an array with one axis, and not empty");

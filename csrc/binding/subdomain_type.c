@@ -28,51 +28,24 @@ static int take_operator(PyObject *obj, pma_scheme scheme, const pma_parts *part
 }
 
 /* (p, ptr, index, values) of L_b by columns */
-static int take_link(PyObject *obj, size_t nb, PyObject *arrays, pma_link *out)
-{
-    Py_ssize_t p;
-    PyObject *ptr, *index, *values;
-    const npy_intp starts = (npy_intp)nb + 1;
-    PyArrayObject *array;
-    if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "link must be a tuple (p, ptr, index, values)");
-        return -1;
-    }
-    if (!PyArg_ParseTuple(obj, "nOOO", &p, &ptr, &index, &values))
-        return -1;
-    if (p < 0) {
-        PyErr_SetString(PyExc_ValueError, "link: p must not be negative");
-        return -1;
-    }
-    *out = (pma_link){.p = (size_t)p, .nb = nb};
-    if (pma_take_array(ptr, NPY_INT64, 1, &starts, "link", arrays, &array) < 0)
-        return -1;
-    out->ptr = PyArray_DATA(array);
-    const npy_intp entries = (npy_intp)out->ptr[nb];
-    if (pma_take_array(index, NPY_INT32, 1, &entries, "link", arrays, &array) < 0)
-        return -1;
-    out->index = PyArray_DATA(array);
-    return pma_take_doubles(values, entries, "link", arrays, &out->values);
-}
-
 static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, pma_parts *parts,
                       pma_iterate_parts *iterate)
 {
-    static char *names[] = {"n",      "nb",       "substeps", "K",    "C",
-                            "scheme", "single",   "twice",    "link", "restoring",
-                            "D_r",    "lagged",   "responds", "K_r",  "springs",
-                            "M",      "internal", "iterate",  "mass", NULL};
+    static char *names[] = {"n",        "nb",     "substeps",  "K",         "C",        "scheme",
+                            "single",   "twice",  "link",      "restoring", "D_r",      "lagged",
+                            "responds", "K_r",    "springs",   "M",         "internal", "iterate",
+                            "mass",     "shifts", "continues", NULL};
     Py_ssize_t n, nb, substeps;
     PyObject *K, *C, *single, *twice, *link, *arrays = self->arrays;
     PyObject *restoring = Py_None, *D_r = Py_None, *K_r = Py_None, *springs = NULL;
     PyObject *M = NULL, *internal = Py_None, *iterated = Py_None, *mass = Py_None;
     pma_scheme scheme;
-    int lagged = 0, responds = 0;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "nnnOO(dddd)OOO|OOppOO!OOOO", names, &n, &nb,
+    int lagged = 0, responds = 0, shifts = 0, continues = 0;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "nnnOO(dddd)OOO|OOppOO!OOOOpp", names, &n, &nb,
                                      &substeps, &K, &C, &scheme.am, &scheme.af, &scheme.beta,
                                      &scheme.gamma, &single, &twice, &link, &restoring, &D_r,
                                      &lagged, &responds, &K_r, &PyTuple_Type, &springs, &M,
-                                     &internal, &iterated, &mass))
+                                     &internal, &iterated, &mass, &shifts, &continues))
         return -1;
     if (n < 1 || nb < 0 || nb > n || substeps < 1) {
         PyErr_SetString(PyExc_ValueError, "need 1 <= n, 0 <= nb <= n and 1 <= substeps");
@@ -80,8 +53,10 @@ static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, p
     }
     *parts = (pma_parts){.n = (size_t)n, .nb = (size_t)nb, .substeps = (size_t)substeps};
     parts->doubled = twice != Py_None;
+    parts->continues = continues;
     parts->lagged = lagged;
     parts->responds = responds;
+    parts->shifts = shifts;
     if (pma_take_restoring(restoring, n, arrays, &parts->restoring) < 0 ||
         pma_take_matrix(D_r, n, "D_r", arrays, &parts->D_r) < 0 ||
         pma_take_matrix(K_r, n, "K_r", arrays, &parts->K_r) < 0 ||
@@ -99,7 +74,7 @@ static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, p
     if (pma_take_matrix(K, n, "K", arrays, &parts->K) < 0 ||
         pma_take_matrix(C, n, "C", arrays, &parts->C) < 0 ||
         take_operator(single, scheme, parts, "single", arrays, &parts->single) < 0 ||
-        take_link(link, parts->nb, arrays, &parts->link) < 0)
+        pma_take_link(link, parts->nb, arrays, &parts->link) < 0)
         return -1;
     parts->mean = mass != Py_None;
     if (parts->mean && pma_take_factor(mass, n, nb, "mass", arrays, &parts->mass) < 0)
@@ -114,7 +89,7 @@ static PyObject *subdomain_new(PyTypeObject *type, PyObject *args, PyObject *kwa
     pma_parts parts;
     pma_iterate_parts iterate;
     pma_status status;
-    SubdomainObject *self = (SubdomainObject *)type->tp_alloc(type, 0);
+    SubdomainObject *self = (SubdomainObject *)PyType_GenericAlloc(type, 0);
     if (!self)
         return NULL;
     self->arrays = PyList_New(0);
@@ -136,6 +111,7 @@ static int subdomain_traverse(SubdomainObject *self, visitproc visit, void *arg)
     Py_VISIT(self->load);
     Py_VISIT(self->mass);
     Py_VISIT(self->response);
+    Py_VISIT((PyObject *)self->of);
     return 0;
 }
 
@@ -150,7 +126,9 @@ static void subdomain_dealloc(SubdomainObject *self)
     Py_XDECREF(self->load);
     Py_XDECREF(self->mass);
     Py_XDECREF(self->response);
-    type->tp_free(self);
+    Py_XDECREF((PyObject *)self->of);
+    PyMem_Free(self->loads);
+    PyObject_GC_Del(self);
     Py_DECREF(type);
 }
 
@@ -181,13 +159,18 @@ void pma_subdomain_release(SubdomainObject *self)
 static PyObject *subdomain_set_load(SubdomainObject *self, PyObject *obj)
 {
     pma_load load = {.kind = PMA_LOAD_NONE, .n = pma_subdomain_parts(self->core)->n};
-    PyObject *arrays = pma_take_load(obj, &load);
+    pma_load *each = NULL;
+    PyObject *arrays =
+        self->of ? pma_take_lane_loads(obj, &load, &each) : pma_take_load(obj, &load);
     if (!arrays || pma_subdomain_is_busy(self)) {
+        PyMem_Free(arrays ? each : NULL);
         Py_XDECREF(arrays);
         return NULL;
     }
     pma_subdomain_set_load(self->core, load);
-    Py_XSETREF(self->load, arrays);
+    PyMem_Free(self->loads);
+    self->loads = each;
+    pma_replace(&self->load, arrays);
     Py_RETURN_NONE;
 }
 
@@ -207,18 +190,22 @@ static PyObject *result_of(SubdomainObject *self, pma_status status, PyObject *r
 
 static int begin_energy(SubdomainObject *self, PyObject *args, PyObject *arrays)
 {
-    PyObject *M_obj, *load_obj, *lam_obj;
+    PyObject *M_obj, *skew_obj, *load_obj, *lam_obj;
     const double *load, *lam;
-    pma_matrix M;
+    double weight = NAN;
+    pma_matrix M, skew;
     const pma_parts *parts = pma_subdomain_parts(self->core);
     const npy_intp n = (npy_intp)parts->n;
-    if (!PyArg_ParseTuple(args, "OOO", &M_obj, &load_obj, &lam_obj) ||
+    if (!PyArg_ParseTuple(args, "OOOO|d", &M_obj, &skew_obj, &load_obj, &lam_obj, &weight) ||
         pma_take_matrix(M_obj, n, "M", arrays, &M) < 0 ||
+        pma_take_matrix(skew_obj, n, "skew", arrays, &skew) < 0 ||
         pma_take_doubles(load_obj, n, "load", NULL, &load) < 0 ||
         pma_take_doubles(lam_obj, (npy_intp)parts->link.p, "lam", NULL, &lam) < 0 ||
         pma_subdomain_is_busy(self))
         return -1;
-    const pma_status status = pma_subdomain_begin_energy(self->core, M, load, lam);
+    const pma_status status = pma_subdomain_begin_energy(self->core, M, skew, load, lam);
+    if (status == PMA_OK && !isnan(weight))
+        pma_subdomain_conserve(self->core, weight);
     if (status == PMA_OK)
         return 0;
     pma_raise(status, "energy");
@@ -245,7 +232,25 @@ static PyObject *subdomain_begin_energy(SubdomainObject *self, PyObject *args)
         Py_DECREF(arrays);
         return NULL;
     }
-    Py_XSETREF(self->mass, arrays);
+    pma_replace(&self->mass, arrays);
+    Py_RETURN_NONE;
+}
+
+/* follow_energy(from): the works that another subdomain has summed up go on here */
+static PyObject *subdomain_follow_energy(SubdomainObject *self, PyObject *obj)
+{
+    if (!Py_IS_TYPE(obj, Py_TYPE(self)))
+        return PyErr_Format(PyExc_TypeError, "from must be a Subdomain, got %R", obj);
+    SubdomainObject *from = (SubdomainObject *)obj;
+    if (pma_subdomain_parts(from->core)->n != pma_subdomain_parts(self->core)->n ||
+        pma_subdomain_parts(from->core)->nb != pma_subdomain_parts(self->core)->nb)
+        return PyErr_Format(PyExc_ValueError, "from must be the same subdomain with other steps");
+    if (pma_subdomain_is_busy(self) || pma_subdomain_is_busy(from))
+        return NULL;
+    const pma_status status = pma_subdomain_follow_energy(self->core, from->core);
+    if (status != PMA_OK)
+        return pma_raise(status, "energy");
+    pma_replace(&self->mass, Py_XNewRef(from->mass));
     Py_RETURN_NONE;
 }
 
@@ -277,6 +282,26 @@ static PyObject *subdomain_start(SubdomainObject *self, PyObject *args)
     Py_RETURN_NONE;
 }
 
+/* rebase(twice, lam): the stored free velocity, with the operator of the double or single step */
+static PyObject *subdomain_rebase(SubdomainObject *self, PyObject *args)
+{
+    int twice;
+    PyObject *obj;
+    const double *lam;
+    const pma_parts *parts = pma_subdomain_parts(self->core);
+    if (!PyArg_ParseTuple(args, "pO", &twice, &obj) ||
+        pma_take_doubles(obj, (npy_intp)parts->link.p, "lam", NULL, &lam) < 0)
+        return NULL;
+    if (twice && !parts->doubled) {
+        PyErr_SetString(PyExc_ValueError, "the subdomain takes no double steps");
+        return NULL;
+    }
+    if (pma_subdomain_is_busy(self))
+        return NULL;
+    pma_subdomain_rebase(self->core, twice, lam);
+    Py_RETURN_NONE;
+}
+
 /* A new tuple of arrays that are not filled yet, of these sizes; or NULL. */
 static PyObject *new_tuple(Py_ssize_t count, const npy_intp *sizes)
 {
@@ -286,14 +311,14 @@ static PyObject *new_tuple(Py_ssize_t count, const npy_intp *sizes)
         if (!array)
             Py_CLEAR(tuple);
         else
-            PyTuple_SET_ITEM(tuple, i, array);
+            PyTuple_SetItem(tuple, i, array);
     }
     return tuple;
 }
 
 static double *item_of(PyObject *tuple, Py_ssize_t i)
 {
-    return PyArray_DATA((PyArrayObject *)PyTuple_GET_ITEM(tuple, i));
+    return PyArray_DATA((PyArrayObject *)PyTuple_GetItem(tuple, i));
 }
 
 static PyObject *subdomain_state(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
@@ -418,10 +443,10 @@ static PyObject *subdomain_set_levels(SubdomainObject *self, PyObject *tuple)
     const Py_ssize_t count = parts->doubled ? 2 * LEVEL_FIELDS : LEVEL_FIELDS;
     double *fields[2 * LEVEL_FIELDS];
     const double *values[2 * LEVEL_FIELDS];
-    if (!PyTuple_Check(tuple) || PyTuple_GET_SIZE(tuple) != count)
+    if (!PyTuple_Check(tuple) || PyTuple_Size(tuple) != count)
         return PyErr_Format(PyExc_ValueError, "levels must be a tuple of %zd arrays", count);
     for (Py_ssize_t i = 0; i < count; i++) {
-        if (pma_take_doubles(PyTuple_GET_ITEM(tuple, i), field_size(parts, i), "levels", NULL,
+        if (pma_take_doubles(PyTuple_GetItem(tuple, i), field_size(parts, i), "levels", NULL,
                              &values[i]) < 0)
             return NULL;
     }
@@ -448,6 +473,8 @@ static PyMethodDef subdomain_methods[] = {
     {"set_load", (PyCFunction)subdomain_set_load, METH_O,
      "set_load(None | f | (values, shape, dt, hold) | (rows, first) | (function, order))"},
     {"start", (PyCFunction)subdomain_start, METH_VARARGS, "start(u, v, w, lam): state at t = 0"},
+    {"rebase", (PyCFunction)subdomain_rebase, METH_VARARGS,
+     "rebase(twice, lam): the stored free velocity that gives the present velocity with lam"},
     {"state", (PyCFunction)subdomain_state, METH_NOARGS, "state() -> (u, v, w), copies"},
     {"force", (PyCFunction)subdomain_force, METH_VARARGS,
      "force(t) -> F(t) of a load that is no table, or the code that the function returned"},
@@ -464,17 +491,26 @@ static PyMethodDef subdomain_methods[] = {
      "evaluate_present(t): internal forces and their potential, for begin_energy; None, or the "
      "code that a function returned"},
     {"begin_energy", (PyCFunction)subdomain_begin_energy, METH_VARARGS,
-     "begin_energy(M, load, lam): sums works from the present time level on"},
+     "begin_energy(M, skew, load, lam, weight=nan): sums works from the present time level on; "
+     "with "
+     "a weight also the share in E*, in which it multiplies K"},
+    {"follow_energy", (PyCFunction)subdomain_follow_energy, METH_O,
+     "follow_energy(from): the works summed up for the same subdomain with other steps go on"},
     {"end_energy", (PyCFunction)subdomain_end_energy, METH_NOARGS, "end_energy(): stops the sums"},
     {"compliance", (PyCFunction)pma_subdomain_compliance, METH_VARARGS,
      "compliance(twice, rows) -> block of H on these constraints"},
+    {"shift_block", (PyCFunction)pma_subdomain_shift_block, METH_VARARGS,
+     "shift_block(rows, begin, out): writes columns begin, ... of L Z on these constraints into "
+     "out, (m, k)"},
     {"accelerate", (PyCFunction)pma_subdomain_accelerate, METH_O,
      "accelerate(lam) -> (n,) M^-1 L^T lam, under mean coupling"},
     {"unit_responses", (PyCFunction)pma_subdomain_unit_responses, METH_VARARGS,
-     "unit_responses(rows, begin, end, mean, states): writes columns begin, ... of H under macro "
-     "coupling into end, (m, k); False when a value is not finite"},
+     "unit_responses(rows, end, mean, states, twice=False): writes the block of H under macro and "
+     "mean coupling into end (k, k), the mean and the states; False when a value is not finite"},
     {"store_responses", (PyCFunction)pma_subdomain_store_responses, METH_VARARGS,
      "store_responses(rows, states): the states written by unit_responses for all of these rows"},
+    {"in_lanes", (PyCFunction)pma_subdomain_in_lanes, METH_NOARGS,
+     "in_lanes() -> the subdomain PMA_LANES times, for several cases side by side"},
     {"iteration", (PyCFunction)pma_subdomain_iteration, METH_NOARGS,
      "iteration() -> (scale, entries, twice) that the next step begins with, or None"},
     {"set_iteration", (PyCFunction)pma_subdomain_set_iteration, METH_VARARGS,

@@ -34,11 +34,15 @@ void pma_gil_acquire(PyThreadState *before)
 
 int pma_gil_call(int (*call)(void *ctx), void *ctx)
 {
-    if (!released || PyGILState_Check())
+    if (!released)
         return call(ctx);
-    pma_gil_acquire(NULL); /* what runs now may enter the core again */
+    PyThreadState *before = released;
+    released = NULL; /* what runs now may enter the core again */
+    /* also where a compiled function holds the GIL that it has taken by itself */
+    const PyGILState_STATE state = PyGILState_Ensure();
     const int result = call(ctx);
-    pma_gil_release();
+    PyGILState_Release(state);
+    released = before;
     return result;
 }
 

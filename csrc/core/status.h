@@ -17,10 +17,12 @@
     X(PMA_FORCE_FAILED, "a force did not return 0")               \
     X(PMA_RESTORING_FAILED, "a restoring force did not return 0") \
     X(PMA_INTERNAL_FAILED, "an internal force did not return 0")  \
+    X(PMA_UNSYMMETRIC, "a tangent is not symmetric")              \
     X(PMA_NOT_CONVERGED, "an iteration does not converge")        \
     X(PMA_SINGULAR, "a tangent is not positive definite")         \
     X(PMA_STOPPED, "stopped by the caller")                       \
-    X(PMA_NO_THREADS, "the system makes no more threads")
+    X(PMA_NO_THREADS, "the system makes no more threads")         \
+    X(PMA_ELSEWHERE, "another process has failed")
 
 #define PMA_STATUS_ENUM(code, text) code,
 typedef enum { PMA_STATUS_LIST(PMA_STATUS_ENUM) } pma_status;

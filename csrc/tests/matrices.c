@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "algebra/lanes.h"
 #include "algebra/symbolic.h"
 #include "check.h"
 
@@ -46,16 +47,29 @@ triple make_triple(size_t n, double density, uint64_t *seed)
     return t;
 }
 
-/* A (n*n) := R D R^T and size := |R| |D| |R^T| for the unknowns from `first` on: from 0 on it is
+void make_unsymmetric(triple *t, uint64_t *seed)
+{
+    memcpy(t->Q, t->R, sizeof t->Q);
+    t->unsymmetric = true;
+    for (size_t i = 0; i < t->n; i++) {
+        for (size_t j = 0; j < i; j++) {
+            if (t->R[i * t->n + j] != 0.0)
+                t->Q[i * t->n + j] = draw_eighth(seed);
+        }
+    }
+}
+
+/* A (n*n) := R D Q^T and size := |R| |D| |Q^T| for the unknowns from `first` on: from 0 on it is
  * the matrix itself, from n - nb on the Schur complement S (F3) */
 static void multiply_out(const triple *t, size_t first, double *A, double *size)
 {
     const size_t n = t->n;
+    const double *Q = t->unsymmetric ? t->Q : t->R;
     for (size_t i = first; i < n; i++) {
         for (size_t j = first; j < n; j++) {
             double sum = 0.0, sum_of_sizes = 0.0;
             for (size_t k = first; k < n; k++) {
-                const double term = t->R[i * n + k] * t->D[k] * t->R[j * n + k];
+                const double term = t->R[i * n + k] * t->D[k] * Q[j * n + k];
                 sum += term;
                 sum_of_sizes += fabs(term);
             }
@@ -65,7 +79,7 @@ static void multiply_out(const triple *t, size_t first, double *A, double *size)
     }
 }
 
-/* Two triangular solves leave |b - A x| <= 2 n eps |R| |D| |R^T| |x|, entry by entry; as much again
+/* Two triangular solves leave |b - A x| <= 2 n eps |R| |D| |Q^T| |x|, entry by entry; as much again
  * for the rounding of this loop. */
 static void check_residual(const triple *t, size_t first, const double *x, const double *b)
 {
@@ -100,6 +114,126 @@ void return_scratch(const pma_factor *f, double *work)
     free(work);
 }
 
+/* ---- vectors in lanes ----------------------------------------------------------------------- */
+
+/* Lane l of x (n), and back */
+static void take_lane(size_t n, size_t l, const double *x, double *out)
+{
+    for (size_t i = 0; i < n; i++)
+        out[i] = x[i * PMA_LANES + l];
+}
+
+static void draw_lanes(size_t n, uint64_t *seed, double *x)
+{
+    draw_vector(n * PMA_LANES, seed, x);
+    for (size_t i = 0; i < n; i++)
+        x[i * PMA_LANES + PMA_LANES - 1] = (double)NAN;
+}
+
+static void check_each_lane(size_t n, const double *x, const double *b,
+                            void (*check)(const void *of, const double *x, const double *b),
+                            const void *of)
+{
+    double x_l[UNKNOWNS], b_l[UNKNOWNS];
+    for (size_t l = 0; l + 1 < PMA_LANES; l++) {
+        take_lane(n, l, x, x_l);
+        take_lane(n, l, b, b_l);
+        check(of, x_l, b_l);
+    }
+}
+
+/* Every lane of a sweep is bitwise that of one vector: of x and of what is on the interface. */
+static void check_lane_bits(const pma_factor *f, const double *b, const double *f_b,
+                            const double *solved, const double *opened, const double *x_b,
+                            const double *closed)
+{
+    double one[UNKNOWNS], on_b[UNKNOWNS], force[UNKNOWNS], lane[UNKNOWNS], before[UNKNOWNS];
+    double *work = malloc((pma_factor_scratch(f) + 1) * sizeof *work);
+    for (size_t l = 0; l + 1 < PMA_LANES; l++) {
+        take_lane(f->n, l, b, before);
+        take_lane(f->nb, l, f_b, force);
+        memcpy(one, before, f->n * sizeof *one);
+        pma_factor_solve(f, one, work);
+        take_lane(f->n, l, solved, lane);
+        CHECK_BITS(f->n, lane, one);
+        memcpy(one, before, f->n * sizeof *one);
+        pma_factor_open(f, one, on_b, work);
+        take_lane(f->n, l, opened, lane);
+        CHECK_BITS(f->n, lane, one);
+        take_lane(f->nb, l, x_b, lane);
+        CHECK_BITS(f->nb, lane, on_b);
+        pma_factor_close(f, force, one, work);
+        take_lane(f->n, l, closed, lane);
+        CHECK_BITS(f->n, lane, one);
+    }
+    free(work);
+}
+
+void check_lanes(const pma_factor *f,
+                 void (*check)(const void *of, const double *x, const double *b), const void *of,
+                 uint64_t *seed)
+{
+    const size_t scratch = pma_factor_scratch(f) * PMA_LANES, on_b = f->nb * PMA_LANES;
+    const size_t interior = (f->n - f->nb) * PMA_LANES;
+    static double b[UNKNOWNS * PMA_LANES], x[UNKNOWNS * PMA_LANES], x_b[UNKNOWNS * PMA_LANES],
+        f_b[UNKNOWNS * PMA_LANES], solved[UNKNOWNS * PMA_LANES], opened[UNKNOWNS * PMA_LANES];
+    double *work = malloc((scratch + 1) * sizeof *work);
+    for (size_t i = 0; i < scratch; i++)
+        work[i] = (double)NAN;
+    work[scratch] = UNTOUCHED;
+
+    draw_lanes(f->n, seed, b);
+    memcpy(x, b, f->n * PMA_LANES * sizeof *x);
+    pma_lanes_solve(f, x, work);
+    check_each_lane(f->n, x, b, check, of);
+    memcpy(solved, x, sizeof x);
+
+    draw_lanes(f->nb, seed, f_b);
+    memcpy(x, b, f->n * PMA_LANES * sizeof *x);
+    pma_lanes_open(f, x, x_b, work);
+    memcpy(opened, x, sizeof x);
+    pma_lanes_close(f, f_b, x, work);
+    check_lane_bits(f, b, f_b, solved, opened, x_b, x);
+    for (size_t k = 0; k < on_b; k++)
+        b[interior + k] += f_b[k];
+    check_each_lane(f->n, x, b, check, of);
+
+    /* what is opened and what the interface adds is the whole; of small numbers */
+    pma_lanes_interface(f, f_b, work);
+    for (size_t k = 0; k < on_b; k++) {
+        const double size = fabs(x_b[k]) + fabs(f_b[k]) + 1.0;
+        if (k % PMA_LANES + 1 < PMA_LANES)
+            CHECK_NEAR(x_b[k] + f_b[k], x[interior + k], 1e-9 * size);
+    }
+    CHECK(work[scratch] == UNTOUCHED);
+    free(work);
+}
+
+void check_lane_product(const pma_matrix *A, uint64_t *seed)
+{
+    double *x = malloc((4 * PMA_LANES + 2) * A->n * sizeof *x), *y = x + PMA_LANES * A->n;
+    double *before = y + PMA_LANES * A->n, *one = before + PMA_LANES * A->n, *y_one = one + A->n;
+    for (size_t k = 0; k < PMA_LANES * A->n; k++) {
+        x[k] = k % PMA_LANES + 1 < PMA_LANES ? 1.0 / (1 + draw(seed, 100)) : (double)NAN;
+        y[k] = before[k] = 1.0 / (1 + draw(seed, 100));
+    }
+    pma_lanes_subtract(A, x, y);
+    for (size_t l = 0; l + 1 < PMA_LANES; l++) {
+        double *lane = y_one + A->n;
+        take_lane(A->n, l, x, one);
+        take_lane(A->n, l, before, y_one);
+        take_lane(A->n, l, y, lane);
+        pma_matrix_subtract(A, one, y_one);
+        CHECK_BITS(A->n, lane, y_one);
+    }
+    free(x);
+}
+
+static void check_triple(const void *of, const double *x, const double *b)
+{
+    check_residual(of, 0, x, b);
+}
+
 void check_sweeps(const triple *t, const pma_factor *f, uint64_t *seed)
 {
     const size_t interior = f->n - f->nb;
@@ -129,6 +263,7 @@ void check_sweeps(const triple *t, const pma_factor *f, uint64_t *seed)
     pma_factor_interface(f, x_b, work);
     check_residual(t, interior, x_b, b);
     return_scratch(f, work);
+    check_lanes(f, check_triple, t, seed);
 }
 
 /* ---- matrices on their way to a factor in panels -------------------------------------------- */
@@ -150,17 +285,17 @@ static void naive_dgemm(char *trans_a, char *trans_b, int *m, int *n, int *k, do
     }
 }
 
-/* B (m*n) := alpha B T^-T, T lower triangular */
+/* B (m*n) := alpha B T^-T, T lower triangular, with ones on its diagonal if it is unit */
 static void naive_dtrsm(char *side, char *half, char *trans, char *unit, int *m, int *n,
                         double *alpha, double *T, int *ldt, double *B, int *ldb)
 {
-    CHECK(*side == 'R' && *half == 'L' && *trans == 'T' && *unit == 'N');
+    CHECK(*side == 'R' && *half == 'L' && *trans == 'T' && (*unit == 'N' || *unit == 'U'));
     for (int j = 0; j < *n; j++) {
         for (int i = 0; i < *m; i++) {
             double sum = *alpha * B[i + j * *ldb];
             for (int l = 0; l < j; l++)
                 sum -= B[i + l * *ldb] * T[j + l * *ldt];
-            B[i + j * *ldb] = sum / T[j + j * *ldt];
+            B[i + j * *ldb] = *unit == 'U' ? sum : sum / T[j + j * *ldt];
         }
     }
 }
@@ -241,7 +376,7 @@ void analyse(structure *m)
     pma_symbolic_lay_out(s, m->first, m->count, m->row_ptr, m->start);
     pma_symbolic_rows(m->n, m->ptr, m->index, s, m->first, m->row_ptr, m->owner, m->integers,
                       m->integers + m->n, m->integers + m->n + s, m->rows);
-    m->panels = (pma_panels){s, m->first, m->row_ptr, m->rows, m->start, m->values};
+    m->panels = (pma_panels){s, m->first, m->row_ptr, m->rows, m->start, m->values, 0};
 }
 
 void check_definite_residual(const structure *m, const double *x, const double *b)

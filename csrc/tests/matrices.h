@@ -23,17 +23,22 @@ compressed compress(size_t n, const double *rows);
 
 /* ---- matrices whose factor is known --------------------------------------------------------- */
 
-/* A = R D R^T, made from R and D, so that nothing is ever factored. */
+/* A = R D Q^T, made from its factors, so that nothing is ever factored; Q is R if symmetric. */
 typedef struct {
     size_t n;
     double R[SIZE * SIZE], D[SIZE]; /* R by rows */
-    double inverse[SIZE];           /* as the core wants it */
-    double columns[SIZE * SIZE];    /* R; NaN on and above the diagonal, where nothing is read */
+    double Q[SIZE * SIZE];          /* by rows, if unsymmetric */
+    bool unsymmetric;
+    double inverse[SIZE];        /* as the core wants it */
+    double columns[SIZE * SIZE]; /* R; NaN on and above the diagonal, where nothing is read */
     compressed sparse;
 } triple;
 
 /* R in eighths and D powers of two: products of them are exact */
 triple make_triple(size_t n, double density, uint64_t *seed);
+
+/* Another Q, where R has entries. */
+void make_unsymmetric(triple *t, uint64_t *seed);
 
 /* Scratch of a factor, NaN, and one number more that is not to be written: that is checked when it
  * is given back. */
@@ -43,6 +48,15 @@ void return_scratch(const pma_factor *f, double *work);
 /* An opened step knows the solution on the interface, closed it is the solution with and without
  * what acts there; the interface sweep on its own solves with S. */
 void check_sweeps(const triple *t, const pma_factor *f, uint64_t *seed);
+
+/* The sweeps with vectors in lanes: `check` is given each solution x (n) and its right-hand side b;
+ * all are bitwise those of one vector. In the last lane is NaN, which no other one may take. */
+void check_lanes(const pma_factor *f,
+                 void (*check)(const void *of, const double *x, const double *b), const void *of,
+                 uint64_t *seed);
+
+/* The product with vectors in lanes is bitwise that with one. */
+void check_lane_product(const pma_matrix *A, uint64_t *seed);
 
 /* ---- matrices on their way to a factor in panels -------------------------------------------- */
 

@@ -86,7 +86,7 @@ static pma_link make_link(part *x)
         }
         x->ptr[j + 1] = k;
     }
-    return (pma_link){x->p, x->nb, x->ptr, x->constraint, x->sign};
+    return (pma_link){x->p, x->nb, x->ptr, x->constraint, x->sign, NULL};
 }
 
 static pma_restoring make_restoring(part *x)

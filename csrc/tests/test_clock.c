@@ -40,8 +40,8 @@ static void check_equal_instants(double dt, int64_t macro, size_t a, size_t b)
     for (size_t j = 0; j <= a; j++) {
         if (j * b % a != 0)
             continue;
-        const double by_a = pma_clock_time(dt, macro, j, a);
-        const double by_b = pma_clock_time(dt, macro, j * b / a, b);
+        const double by_a = pma_clock_time(0.0, dt, macro, j, a);
+        const double by_b = pma_clock_time(0.0, dt, macro, j * b / a, b);
         CHECK_BITS(1, &by_a, &by_b);
     }
 }
@@ -63,8 +63,8 @@ static void the_end_of_a_macro_step_is_the_beginning_of_the_next(void)
 {
     for (size_t i = 0; i < MACRO_COUNT; i++) {
         for (size_t levels = 1; levels <= SUBSTEPS; levels++) {
-            const double end = pma_clock_time(0.3, MACROS[i], levels, levels);
-            const double begin = pma_clock_time(0.3, MACROS[i] + 1, 0, 1);
+            const double end = pma_clock_time(0.0, 0.3, MACROS[i], levels, levels);
+            const double begin = pma_clock_time(0.0, 0.3, MACROS[i] + 1, 0, 1);
             const double by_definition = (double)(MACROS[i] + 1) * 0.3;
             CHECK_BITS(1, &end, &begin);
             CHECK_BITS(1, &end, &by_definition);
@@ -72,16 +72,34 @@ static void the_end_of_a_macro_step_is_the_beginning_of_the_next(void)
     }
 }
 
-/* Not self-starting: the first macro step is made of single steps, wherever it is counted from. */
+/* Not self-starting: the first macro step is made of single steps, wherever it is counted from. One
+ * that continues from an earlier time level takes double steps at once. */
 static void double_steps_are_taken_from_the_second_macro_step_on(void)
 {
     for (int64_t macro = 0; macro <= 3; macro++) {
         for (size_t substeps = 1; substeps <= SUBSTEPS; substeps++) {
             for (size_t j = 0; j < 2 * substeps; j++) {
                 const bool first = macro == 0 && j < substeps;
-                CHECK_INT(pma_clock_substep(0.3, macro, substeps, j, true).twice, !first);
-                CHECK_INT(pma_clock_substep(0.3, macro, substeps, j, false).twice, false);
+                const int64_t doubles = pma_clock_first_double(true, false, substeps);
+                const int64_t none = pma_clock_first_double(false, false, substeps);
+                const int64_t all = pma_clock_first_double(true, true, substeps);
+                CHECK_INT(pma_clock_substep(0.0, 0.3, macro, substeps, j, doubles).twice, !first);
+                CHECK_INT(pma_clock_substep(0.0, 0.3, macro, substeps, j, none).twice, false);
+                CHECK_INT(pma_clock_substep(0.0, 0.3, macro, substeps, j, all).twice, true);
             }
+        }
+    }
+}
+
+/* t0 + (j / levels) dt: after a change of the step times go on from the time of the change. */
+static void times_after_a_change_are_counted_from_it(void)
+{
+    const double t0 = 7.0 * 0.3;
+    for (size_t levels = 1; levels <= SUBSTEPS; levels++) {
+        for (size_t j = 0; j <= levels; j++) {
+            const double t = pma_clock_time(t0, 0.1, 0, j, levels);
+            const double by_definition = t0 + (double)j / (double)levels * 0.1;
+            CHECK_BITS(1, &t, &by_definition);
         }
     }
 }
@@ -91,17 +109,19 @@ static void a_substep_is_the_same_from_wherever_it_is_counted(void)
 {
     for (size_t i = 0; i < MACRO_COUNT; i++) {
         for (size_t substeps = 1; substeps <= SUBSTEPS; substeps++) {
+            const int64_t first = pma_clock_first_double(true, false, substeps);
             for (size_t j = 0; j < substeps; j++) {
                 const pma_substep later =
-                    pma_clock_substep(0.3, MACROS[i], substeps, j + substeps, true);
-                const pma_substep next = pma_clock_substep(0.3, MACROS[i] + 1, substeps, j, true);
+                    pma_clock_substep(0.0, 0.3, MACROS[i], substeps, j + substeps, first);
+                const pma_substep next =
+                    pma_clock_substep(0.0, 0.3, MACROS[i] + 1, substeps, j, first);
                 CHECK_INT(later.j, j + substeps);
                 CHECK_INT(next.j, j);
                 CHECK_INT(next.number, (MACROS[i] + 1) * (int64_t)substeps + (int64_t)j);
                 CHECK_INT(later.number, next.number);
                 CHECK_INT(later.twice, next.twice);
                 CHECK_BITS(1, &later.t1, &next.t1);
-                const double end = pma_clock_time(0.3, MACROS[i] + 1, j + 1, substeps);
+                const double end = pma_clock_time(0.0, 0.3, MACROS[i] + 1, j + 1, substeps);
                 CHECK_BITS(1, &next.t1, &end);
             }
         }
@@ -113,6 +133,7 @@ const test CLOCK_TESTS[] = {
     TEST(times_of_equal_instants_are_bitwise_identical_for_all_numbers_of_levels),
     TEST(the_end_of_a_macro_step_is_the_beginning_of_the_next),
     TEST(double_steps_are_taken_from_the_second_macro_step_on),
+    TEST(times_after_a_change_are_counted_from_it),
     TEST(a_substep_is_the_same_from_wherever_it_is_counted),
     END_OF_TESTS,
 };

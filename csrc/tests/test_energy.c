@@ -28,7 +28,7 @@ static pma_energy_parts two_dofs(const double *M, const double *K, const double 
                               .M = {.form = PMA_DIAGONAL, .n = 2, .values = M},
                               .K = {.form = PMA_DENSE, .n = 2, .values = K},
                               .C = {.form = PMA_DIAGONAL, .n = 2, .values = C},
-                              .link = {1, 1, LINK_PTR, &LINK_INDEX, &LINK_VALUE},
+                              .link = {1, 1, LINK_PTR, &LINK_INDEX, &LINK_VALUE, NULL},
                               .load = &NO_LOAD,
                               .restoring = &NO_RESTORING,
                               .springs = &NO_SPRINGS};
@@ -166,8 +166,8 @@ static void begin_energy(model *m)
     const double none[MOST] = {0.0};
     for (size_t i = 0; i < m->count; i++) {
         const pma_matrix M = {.form = PMA_DENSE, .n = m->parts[i].n, .values = m->parts[i].M};
-        CHECK_STATUS(pma_subdomain_begin_energy(m->subdomains[i], M, none,
-                                                pma_coupler_multipliers(m->coupler)),
+        CHECK_STATUS(pma_subdomain_begin_energy(m->subdomains[i], M, (pma_matrix){.form = PMA_ZERO},
+                                                none, pma_coupler_multipliers(m->coupler)),
                      PMA_OK);
         CHECK(pma_subdomain_has_energy(m->subdomains[i]));
     }

@@ -111,6 +111,36 @@ static void all_kernels_multiply_like_two_loops(void)
     }
 }
 
+/* The loops themselves are tested with matrices and factors; here that they are the same
+ * everywhere, and write no further. */
+static void all_kernels_do_lanes_bitwise_identically(void)
+{
+    enum { END = HEIGHT * PMA_LANES };
+    const pma_kernel *kernels[2] = {pma_kernel_plain(), pma_kernel_best()};
+    uint64_t seed = 19;
+    double panel[WIDTH * LEADING], x[END], swept[2][3 * END + 1];
+    for (size_t width = 0; width <= WIDTH; width++) {
+        for (size_t height = width; height <= HEIGHT; height++) {
+            const size_t size = height * PMA_LANES;
+            draw_panel(height, width, &seed, panel);
+            draw_vector(size, &seed, x);
+            for (size_t k = 0; k < 2; k++) {
+                double *eliminated = swept[k], *substituted = eliminated + size;
+                double *product = substituted + size;
+                for (size_t way = 0; way < 3; way++)
+                    memcpy(eliminated + way * size, x, size * sizeof *x);
+                product[size] = 7.0;
+                kernels[k]->eliminate_lanes(panel, LEADING, height, width, eliminated);
+                kernels[k]->substitute_lanes(panel, LEADING, height, width, substituted);
+                kernels[k]->subtract_lanes(panel + width, LEADING, height - width, width, x,
+                                           product);
+            }
+            CHECK_BITS(3 * size + 1, swept[1], swept[0]);
+            CHECK(swept[0][3 * size] == 7.0);
+        }
+    }
+}
+
 static pma_state state_in(double *block)
 {
     return (pma_state){
@@ -163,6 +193,7 @@ static void every_value_that_is_not_finite_is_found(void)
 const test KERNEL_TESTS[] = {
     TEST(all_kernels_sweep_like_two_loops_and_bitwise_identically),
     TEST(all_kernels_multiply_like_two_loops),
+    TEST(all_kernels_do_lanes_bitwise_identically),
     TEST(all_kernels_predict_and_correct_the_given_rows_bitwise_identically),
     TEST(every_value_that_is_not_finite_is_found),
     END_OF_TESTS,

@@ -5,11 +5,13 @@
 #include <string.h>
 
 #include "algebra/factor.h"
+#include "algebra/lanes.h"
 #include "check.h"
 #include "coupling/coupler.h"
 #include "coupling/interface.h"
 #include "member/response.h"
 #include "member/subdomain.h"
+#include "member/unit_run.h"
 #include "models.h"
 #include "naive.h"
 #include "tests.h"
@@ -166,17 +168,28 @@ static void macro_steps_are_free_run_plus_link_response(void)
     }
 }
 
+/* All substeps of the responses to unit multipliers. */
+static pma_unit_run *run_units(const part *x, size_t count, const int64_t *rows)
+{
+    pma_unit_run *r;
+    CHECK_STATUS(pma_unit_run_create(x->core, &r), PMA_OK);
+    pma_unit_run_begin(r, false, count, rows);
+    for (size_t j = 1; j <= x->substeps; j++)
+        pma_unit_run_step(r, j);
+    return r;
+}
+
 static void a_unit_response_gives_the_interface_matrix_and_its_mean(void)
 {
     static pair q;
     make_pair(&q, false, false);
-    const double unit = 1.0;
-    double end = 0.0, mean = 0.0;
-    CHECK_STATUS(pma_response_run(pma_subdomain_response(q.B.core), false, &unit, &end, &mean),
-                 PMA_OK);
+    pma_unit_run *r = run_units(&q.B, 1, (int64_t[]){0});
+    const double end = pma_unit_run_end(r, 0, 0), mean = pma_unit_run_mean(r, 0, 0);
     const level b = naive_substeps(&q.B, false, NO_FORCE, 1.0, true, REST);
     CHECK_NEAR(end, constrained(&q.B, 0, b.v), AGREE);
     CHECK(mean > 0.0 && mean < end); /* far from a resonance the velocity grows */
+    CHECK(pma_unit_run_is_finite(r));
+    pma_unit_run_destroy(r);
     destroy_pair(&q);
 }
 
@@ -204,35 +217,45 @@ static void link_responses_know_lagged_damping_and_estimates(void)
     }
 }
 
-/* L v of all substeps of the response to lam: the last one, and their mean */
-static void check_response_run(const part *x, const double *lam)
+/* L v of all substeps of the response to one multiplier: the last one, and their mean */
+static void check_unit_response(const part *x, const pma_unit_run *r, size_t lane, size_t unit)
 {
-    double end[CONSTRAINTS] = {1.0, 2.0}, mean[CONSTRAINTS] = {3.0, 4.0}, sum[CONSTRAINTS] = {0.0};
+    double sum[CONSTRAINTS] = {0.0}, state[4 * MOST];
     level at = REST;
-    CHECK_STATUS(pma_response_run(pma_subdomain_response(x->core), false, lam, end, mean), PMA_OK);
     for (size_t j = 1; j <= x->substeps; j++) {
         const level from = at;
-        double grown[CONSTRAINTS];
-        for (size_t row = 0; row < x->p; row++)
-            grown[row] = lam[row] * (double)j / (double)x->substeps;
+        double grown[CONSTRAINTS] = {0.0};
+        grown[unit] = (double)j / (double)x->substeps;
         naive_respond(x, false, grown, &from, &at);
         for (size_t row = 0; row < x->p; row++)
             sum[row] += constrained(x, row, at.v) / (double)x->substeps;
     }
     for (size_t row = 0; row < x->p; row++) {
-        CHECK_NEAR(end[row], 1.0 + (double)row + constrained(x, row, at.v), AGREE);
-        CHECK_NEAR(mean[row], 3.0 + (double)row + sum[row], AGREE);
+        CHECK_NEAR(pma_unit_run_end(r, lane, (int64_t)row), constrained(x, row, at.v), AGREE);
+        CHECK_NEAR(pma_unit_run_mean(r, lane, (int64_t)row), sum[row], AGREE);
     }
-    check_state(x, pma_response_state(pma_subdomain_response(x->core)), &at);
+    pma_unit_run_copy(r, lane, state);
+    check_state(
+        x,
+        &(pma_state){.u = state, .v = state + x->n, .w = state + 2 * x->n, .a = state + 3 * x->n},
+        &at);
 }
 
-static void a_run_of_the_link_response_is_the_naive_one(void)
+static void unit_responses_are_the_naive_ones_in_every_lane(void)
 {
     static model m;
-    const double lam[CONSTRAINTS] = {2.0, -3.0};
+    const int64_t rows[PMA_LANES] = {1, 0, 0, 1, 0, 1, 1, 0};
     build_chain(&m, &ESTIMATED);
-    for (size_t i = 0; i < m.count; i++)
-        check_response_run(&m.parts[i], lam);
+    for (size_t i = 0; i < m.count; i++) {
+        pma_unit_run *r = run_units(&m.parts[i], PMA_LANES, rows);
+        for (size_t l = 0; l < PMA_LANES; l++)
+            check_unit_response(&m.parts[i], r, l, (size_t)rows[l]);
+        pma_unit_run_begin(r, false, 1, rows); /* what was there is forgotten */
+        for (size_t j = 1; j <= m.parts[i].substeps; j++)
+            pma_unit_run_step(r, j);
+        check_unit_response(&m.parts[i], r, 0, 1);
+        pma_unit_run_destroy(r);
+    }
     destroy_model(&m);
 }
 
@@ -250,7 +273,9 @@ static void responses_are_repeated_where_they_have_to_be(void)
         CHECK_INT(B->table->repeats(B->self, false), stored ? 0 : 5);
         CHECK_INT(B->table->repeats(B->self, true), stored ? 4 : 5);
         const pma_matrix mass = {.form = PMA_DENSE, .n = 2, .values = M};
-        CHECK_STATUS(pma_subdomain_begin_energy(m.subdomains[1], mass, none, m.lam0), PMA_OK);
+        CHECK_STATUS(pma_subdomain_begin_energy(m.subdomains[1], mass,
+                                                (pma_matrix){.form = PMA_ZERO}, none, m.lam0),
+                     PMA_OK);
         CHECK_INT(B->table->repeats(B->self, false), 5); /* works want all levels */
         destroy_model(&m);
     }
@@ -261,7 +286,6 @@ static void a_link_response_that_is_not_finite_is_reported(void)
 {
     static model m;
     const double lam[CONSTRAINTS] = {INFINITY, INFINITY}, one[CONSTRAINTS] = {1.0, 1.0};
-    double end[CONSTRAINTS] = {0.0}, mean[CONSTRAINTS] = {0.0};
     for (int stored = 0; stored <= 1; stored++) {
         chain chosen = ESTIMATED;
         chosen.stored = stored;
@@ -274,9 +298,6 @@ static void a_link_response_that_is_not_finite_is_reported(void)
             for (size_t j = 1; j <= member->substeps; j++)
                 member->table->respond(member->self, j, one, lam);
             CHECK_STATUS(member->table->add_response(member->self, lam), PMA_NOT_FINITE);
-            pma_response *r = pma_subdomain_response(m.subdomains[i]);
-            CHECK_STATUS(pma_response_run(r, false, one, end, mean), PMA_OK);
-            CHECK_STATUS(pma_response_run(r, false, lam, end, mean), PMA_NOT_FINITE);
         }
         destroy_model(&m);
     }
@@ -338,7 +359,7 @@ const test MACRO_TESTS[] = {
     TEST(macro_steps_are_free_run_plus_link_response),
     TEST(a_unit_response_gives_the_interface_matrix_and_its_mean),
     TEST(link_responses_know_lagged_damping_and_estimates),
-    TEST(a_run_of_the_link_response_is_the_naive_one),
+    TEST(unit_responses_are_the_naive_ones_in_every_lane),
     TEST(responses_are_repeated_where_they_have_to_be),
     TEST(a_link_response_that_is_not_finite_is_reported),
     TEST(a_stopped_macro_step_leaves_the_last_whole_one),

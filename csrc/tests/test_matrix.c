@@ -36,6 +36,9 @@ static void check_subtract(const pma_matrix *A, const double *rows)
     for (size_t begin = 0; begin < A->n; begin += 4)
         pma_matrix_subtract_rows(A, begin, begin + 4 < A->n ? begin + 4 : A->n, x, y);
     CHECK_BITS(A->n, y, expected);
+
+    uint64_t seed = A->n;
+    check_lane_product(A, &seed);
 }
 
 static void draw_symmetric(size_t n, uint64_t *seed, double *rows)

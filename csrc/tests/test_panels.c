@@ -15,7 +15,8 @@
 /* With scratch of just the required sizes: one more would be seen by AddressSanitizer. */
 static pma_status make_numbers(structure *m, double lost, stopper *a, size_t *column)
 {
-    const pma_panels_input input = {m->n, m->ptr, m->index, m->entries, lost};
+    const pma_panels_input input = {
+        .n = m->n, .ptr = m->ptr, .index = m->index, .values = m->entries, .lost = lost};
     double *update = malloc(pma_panels_update_size(&m->panels) * sizeof *update);
     int64_t *integers = malloc((3 * m->panels.count + m->n) * sizeof *integers);
     const pma_status status =
@@ -24,6 +25,11 @@ static pma_status make_numbers(structure *m, double lost, stopper *a, size_t *co
     free(update);
     free(integers);
     return status;
+}
+
+static void check_structure(const void *of, const double *x, const double *b)
+{
+    check_definite_residual(of, x, b);
 }
 
 static void check_factored(structure *m, uint64_t *seed)
@@ -44,6 +50,7 @@ static void check_factored(structure *m, uint64_t *seed)
     pma_factor_close(&f, nothing, x, work);
     return_scratch(&f, work);
     check_definite_residual(m, x, b);
+    check_lanes(&f, check_structure, m, seed);
 }
 
 static void a_factor_made_in_panels_solves(void)
@@ -151,7 +158,7 @@ static pma_panels three_panels(void)
     static const int64_t start[4] = {0, 8, 11, 15};
     static const int32_t rows[4] = {3, 4, 3, 4};
     static double values[15];
-    return (pma_panels){3, first, row_ptr, rows, start, values};
+    return (pma_panels){3, first, row_ptr, rows, start, values, 0};
 }
 
 static void panels_report_how_much_scratch_they_need(void)
@@ -263,7 +270,7 @@ static void factors_in_panels_solve_for_every_size_of_interface(void)
         for (size_t nb = 0; nb <= n; nb++) {
             const triple t = make_triple(n, n % 2 ? 0.9 : 0.4, &seed);
             panelled q = cut_into_panels(&t, nb, &seed);
-            const pma_panels panels = {q.count, q.first, q.row_ptr, q.rows, q.start, q.values};
+            const pma_panels panels = {q.count, q.first, q.row_ptr, q.rows, q.start, q.values, 0};
             const pma_factor f = {
                 .form = PMA_PANELS, .n = n, .nb = nb, .inverse = t.inverse, .panels = panels};
             CHECK_INT(pma_factor_scratch(&f), pma_panels_most_height(&panels));
@@ -278,6 +285,7 @@ typedef struct {
     size_t nb;
     int64_t place[UNKNOWNS], supernodes[UNKNOWNS];
     pma_factor factor;
+    const structure *of;
 } ordinary;
 
 /* Unknowns in a random order, of which the last nb are the interface; the supernodes that hold
@@ -303,6 +311,7 @@ static void draw_interface(ordinary *o, structure *m, size_t nb, uint64_t *seed)
         if (m->row_ptr[s] < m->row_ptr[s + 1])
             on_path[m->owner[m->rows[m->row_ptr[s]]]] = true;
     }
+    o->of = m;
     o->factor = (pma_factor){.form = PMA_PANELS,
                              .n = m->n,
                              .nb = nb,
@@ -312,8 +321,10 @@ static void draw_interface(ordinary *o, structure *m, size_t nb, uint64_t *seed)
 }
 
 /* A x = b, both in the order of the caller */
-static void check_solution(const ordinary *o, const structure *m, const double *x, const double *b)
+static void check_solution(const void *of, const double *x, const double *b)
 {
+    const ordinary *o = of;
+    const structure *m = o->of;
     double x_ordered[UNKNOWNS], b_ordered[UNKNOWNS];
     for (size_t i = 0; i < m->n; i++) {
         x_ordered[o->place[i]] = x[i];
@@ -335,7 +346,7 @@ static void check_ordinary(structure *m, size_t nb, uint64_t *seed)
     pma_factor_open(&o.factor, opened, x_b, work);
     memcpy(x, opened, sizeof x);
     pma_factor_close(&o.factor, f_b, x, work);
-    check_solution(&o, m, x, b);
+    check_solution(&o, x, b);
     /* the diagonal exceeds the rest of its row by 1/8, so that |A^-1| <= 8; b is below 1 */
     for (size_t i = 0; i < nb; i++)
         CHECK_NEAR(x_b[i], x[interior + i], 1e-12);
@@ -345,14 +356,15 @@ static void check_ordinary(structure *m, size_t nb, uint64_t *seed)
     pma_factor_close(&o.factor, f_b, opened, work);
     for (size_t i = 0; i < nb; i++)
         b[interior + i] += f_b[i];
-    check_solution(&o, m, opened, b);
+    check_solution(&o, opened, b);
     memcpy(x, b, sizeof x);
     pma_factor_solve(&o.factor, x, work);
-    check_solution(&o, m, x, b);
+    check_solution(&o, x, b);
     pma_factor_interface(&o.factor, f_b, work);
     for (size_t i = 0; i < nb; i++)
         CHECK_NEAR(x_b[i] + f_b[i], opened[interior + i], 1e-12);
     return_scratch(&o.factor, work);
+    check_lanes(&o.factor, check_solution, &o, seed);
 }
 
 static void an_interface_anywhere_in_the_order_is_reached_along_paths(void)

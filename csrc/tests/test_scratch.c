@@ -34,7 +34,7 @@ static void put_into_panels(const part *x, bool twice, bool along_paths, double 
     for (size_t k = 0; k < 7; k++)
         values[k] = x->R[twice][places[k]];
     f->form = PMA_PANELS;
-    f->panels = (pma_panels){2, PANEL_FIRST, ROW_PTR, ROWS, START, values};
+    f->panels = (pma_panels){2, PANEL_FIRST, ROW_PTR, ROWS, START, values, 0};
     if (along_paths)
         f->path = (pma_path){IN_PLACE, LAST, 1};
 }

@@ -4,7 +4,9 @@
 #include <stdint.h>
 #include <string.h>
 
+#include "algebra/kernel.h"
 #include "check.h"
+#include "member/cases.h"
 #include "member/inside.h"
 #include "member/subdomain.h"
 #include "naive.h"
@@ -76,7 +78,7 @@ static pma_parts describe_long(bool narrow, bool sprung)
                        .springs = {sprung ? 1 : 0, &SET, sprung ? SPRINGS : 0},
                        .single = {pma_step_make(TRAPEZOIDAL, 0.1), narrow ? band : dense},
                        .twice = {pma_step_make(TRAPEZOIDAL, 0.2), narrow ? band : dense},
-                       .link = {1, FACE, LINK_PTR, LINK_ROW, LINK_VALUE}};
+                       .link = {1, FACE, LINK_PTR, LINK_ROW, LINK_VALUE, NULL}};
     if (!narrow)
         parts.K = (pma_matrix){.form = PMA_DENSE, .n = LONG, .values = K_dense};
     return parts;
@@ -137,6 +139,132 @@ static void a_narrow_subdomain_is_stepped_slab_by_slab_as_at_once(void)
     draw_numbers();
     check_narrow(false);
     check_narrow(true);
+}
+
+/* ---- several cases side by side ------------------------------------------------------------- */
+
+/* The load of a lane: constant, sampled in two columns or in all, or none, each times its number. */
+static double samples[3][4 * LONG];
+
+static pma_load load_of_lane(size_t l)
+{
+    double *own = samples[l % 3];
+    if (l % 4 == 3)
+        return (pma_load){.kind = PMA_LOAD_NONE, .n = LONG};
+    if (l % 4 == 2)
+        return (pma_load){.kind = PMA_LOAD_CONSTANT, .n = LONG, .values = own};
+    return (pma_load){.kind = PMA_LOAD_SAMPLED,
+                      .n = LONG,
+                      .values = own,
+                      .shape = l % 4 == 0 ? NULL : start,
+                      .samples = 4,
+                      .k = l % 4 == 0 ? LONG : 2,
+                      .dt = l < PMA_LANES / 2 ? 0.15 : 0.1,
+                      .hold = l % 2 == 0};
+}
+
+/* Lane l begins with 1 + l times the values of `start`, and lam is 1 + l. */
+static void set_lane(pma_subdomain *s, size_t lane)
+{
+    double state[3 * LONG];
+    const double lam = 1.0 + (double)lane;
+    for (size_t i = 0; i < 3 * LONG; i++)
+        state[i] = (1.0 + (double)lane) * start[i];
+    pma_subdomain_set_load(s, load_of_lane(lane));
+    pma_subdomain_start(s, state, state + LONG, state + 2 * LONG, &lam);
+}
+
+static void set_lanes(pma_subdomain *s, pma_load *each)
+{
+    static double state[3 * LONG * PMA_LANES];
+    const size_t n = LONG * PMA_LANES;
+    double lam[PMA_LANES];
+    for (size_t k = 0; k < 3 * n; k++)
+        state[k] = (1.0 + (double)(k % PMA_LANES)) * start[k / PMA_LANES];
+    for (size_t l = 0; l < PMA_LANES; l++) {
+        each[l] = load_of_lane(l);
+        lam[l] = 1.0 + (double)l;
+    }
+    pma_subdomain_set_load(s, (pma_load){.kind = PMA_LOAD_IN_LANES, .n = n, .each = each});
+    pma_subdomain_start(s, state, state + n, state + 2 * n, lam);
+}
+
+static void walk_with(pma_subdomain *s, size_t lanes, size_t lane)
+{
+    const pma_member m = pma_subdomain_member(s);
+    for (int64_t macro = 0; macro < MACRO_STEPS; macro++) {
+        for (size_t j = 0; j < 2; j++) {
+            const int64_t number = 2 * macro + (int64_t)j;
+            const pma_substep step = {
+                .j = j, .number = number, .t1 = 0.1 * (double)(number + 1), .twice = macro > 0};
+            double lam[PMA_LANES];
+            for (size_t l = 0; l < lanes; l++)
+                lam[l] = (double)(lane + l) - (double)j;
+            CHECK_STATUS(m.table->open(m.self, &step), PMA_OK);
+            CHECK_STATUS(m.table->close(m.self, &step, lam), PMA_OK);
+        }
+        m.table->commit(m.self);
+    }
+}
+
+static void check_lane(size_t count, size_t lane, const double *ours, const double *alone)
+{
+    double own[LONG];
+    for (size_t i = 0; i < count; i++)
+        own[i] = ours[i * PMA_LANES + lane];
+    CHECK_BITS(count, own, alone);
+}
+
+static void check_cases(bool narrow, bool sprung)
+{
+    pma_load each[PMA_LANES];
+    pma_subdomain *alone = make_long(narrow, sprung), *cases = NULL;
+    CHECK(pma_cases_are_possible(alone));
+    CHECK_STATUS(pma_cases_create(alone, &cases), PMA_OK);
+    set_lanes(cases, each);
+    walk_with(cases, PMA_LANES, 0);
+    const pma_state *x = pma_subdomain_present(cases);
+    for (size_t l = 0; l < PMA_LANES; l++) {
+        pma_subdomain *one = make_long(narrow, sprung);
+        set_lane(one, l);
+        walk_with(one, 1, l);
+        const pma_state *y = pma_subdomain_present(one);
+        check_lane(LONG, l, x->u, y->u);
+        check_lane(LONG, l, x->v, y->v);
+        check_lane(LONG, l, x->w, y->w);
+        check_lane(LONG, l, x->a, y->a);
+        check_lane(sprung ? PMA_SPRING_FIELDS * SPRINGS : 0, l, x->springs, y->springs);
+        pma_subdomain_destroy(one);
+    }
+    pma_subdomain_destroy(cases);
+    pma_subdomain_destroy(alone);
+}
+
+static void every_case_in_a_lane_is_bitwise_the_subdomain_alone(void)
+{
+    uint64_t seed = 43;
+    draw_numbers();
+    for (size_t k = 0; k < 3; k++)
+        draw_vector(4 * LONG, &seed, samples[k]);
+    for (size_t way = 0; way < 4; way++)
+        check_cases(way % 2 == 0, way / 2 == 0);
+}
+
+static void functions_are_evaluated_for_one_case_alone(void)
+{
+    int64_t order[LONG];
+    double work[3 * LONG];
+    draw_numbers();
+    for (size_t i = 0; i < LONG; i++)
+        order[i] = (int64_t)i;
+    pma_parts parts = describe_long(true, false);
+    parts.restoring = (pma_restoring){pull, NULL, false, LONG, order, work};
+    pma_subdomain *s = NULL, *cases = NULL;
+    CHECK_STATUS(pma_subdomain_create(&parts, &s), PMA_OK);
+    CHECK(!pma_cases_are_possible(s));
+    CHECK_STATUS(pma_cases_create(s, &cases), PMA_BAD_SIZE);
+    CHECK(cases == NULL);
+    pma_subdomain_destroy(s);
 }
 
 /* ---- what a coupler has to know beforehand -------------------------------------------------- */
@@ -201,6 +329,8 @@ static void a_member_is_what_its_parts_are(void)
 
 const test SLABS_TESTS[] = {
     TEST(a_narrow_subdomain_is_stepped_slab_by_slab_as_at_once),
+    TEST(every_case_in_a_lane_is_bitwise_the_subdomain_alone),
+    TEST(functions_are_evaluated_for_one_case_alone),
     TEST(only_an_explicit_linear_subdomain_with_single_steps_divides),
     TEST(a_member_is_what_its_parts_are),
     END_OF_TESTS,

@@ -74,7 +74,7 @@ static void make_B(large *m, uint64_t *seed)
         .C = {.form = PMA_DIAGONAL, .n = n, .values = m->inverse},
         .single = {pma_step_make(SCHEME, 1e-2),
                    {.form = PMA_DIAGONAL, .n = n, .nb = tied ? FACE : 0, .inverse = m->inverse}},
-        .link = {tied ? CONSTRAINTS : 0, tied ? FACE : 0, m->ptr, m->rows, m->one}};
+        .link = {tied ? CONSTRAINTS : 0, tied ? FACE : 0, m->ptr, m->rows, m->one, NULL}};
     CHECK_STATUS(pma_subdomain_create(&parts, &m->subdomains[0]), PMA_OK);
     CHECK(pma_subdomain_member(m->subdomains[0]).divides);
     pma_subdomain_set_load(m->subdomains[0],
@@ -105,7 +105,7 @@ static void make_A(large *m, uint64_t *seed)
                              .C = {.form = PMA_ZERO, .n = n},
                              .single = {pma_step_make(SCHEME, 6e-2), factor},
                              .twice = {pma_step_make(SCHEME, 12e-2), factor},
-                             .link = {CONSTRAINTS, 1, m->ptr_A, m->row_A, m->minus_one}};
+                             .link = {CONSTRAINTS, 1, m->ptr_A, m->row_A, m->minus_one, NULL}};
     CHECK_STATUS(pma_subdomain_create(&parts, &m->subdomains[1]), PMA_OK);
     CHECK(!pma_subdomain_member(m->subdomains[1]).divides);
     start(m->subdomains[1], n, m, seed);
@@ -125,7 +125,7 @@ static void make_C(large *m, uint64_t *seed)
         .C = {.form = PMA_ZERO, .n = 1},
         .single = {pma_step_make(SCHEME, 3e-2),
                    {.form = PMA_DIAGONAL, .n = 1, .nb = 1, .inverse = m->inverse_C}},
-        .link = {CONSTRAINTS, 1, m->ptr_C, m->row_C, m->minus_one}};
+        .link = {CONSTRAINTS, 1, m->ptr_C, m->row_C, m->minus_one, NULL}};
     CHECK_STATUS(pma_subdomain_create(&parts, &m->subdomains[2]), PMA_OK);
     start(m->subdomains[2], 1, m, seed);
 }
@@ -236,8 +236,8 @@ static void sum_works(large *m, double *out)
 {
     const pma_matrix M = {.form = PMA_DIAGONAL, .n = m->n, .values = m->inverse};
     CHECK_STATUS(pma_coupler_advance(m->coupler, 1, NULL, NULL), PMA_OK);
-    CHECK_STATUS(pma_subdomain_begin_energy(m->subdomains[0], M, m->load,
-                                            pma_coupler_multipliers(m->coupler)),
+    CHECK_STATUS(pma_subdomain_begin_energy(m->subdomains[0], M, (pma_matrix){.form = PMA_ZERO},
+                                            m->load, pma_coupler_multipliers(m->coupler)),
                  PMA_OK);
     CHECK_STATUS(pma_coupler_advance(m->coupler, SPAN, NULL, NULL), PMA_OK);
     m->members[0].table->energy(m->members[0].self, 0, out);

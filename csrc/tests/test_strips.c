@@ -6,6 +6,7 @@
 #include "algebra/matrix.h"
 #include "algebra/strips.h"
 #include "check.h"
+#include "matrices.h"
 #include "naive.h"
 #include "tests.h"
 
@@ -22,10 +23,10 @@ typedef struct {
     int32_t *own_index;
     double *values;
     pma_strips strips;
-} structure;
+} stripped;
 
 /* One in `one_in` pairs of nodes is tied, by blocks that are full but for one in eight entries. */
-static void draw_nodes(structure *m, size_t nodes, size_t dofs, uint32_t one_in, uint64_t *seed)
+static void draw_nodes(stripped *m, size_t nodes, size_t dofs, uint32_t one_in, uint64_t *seed)
 {
     const size_t n = m->n = nodes * dofs;
     memset(m->A, 0, sizeof m->A);
@@ -54,7 +55,7 @@ static void draw_nodes(structure *m, size_t nodes, size_t dofs, uint32_t one_in,
     }
 }
 
-static void make_strips(structure *m)
+static void make_strips(stripped *m)
 {
     static int64_t columns[DOFS], mark[DOFS];
     const size_t count = pma_strips_group(m->n, m->ptr, m->index, m->first, columns, mark);
@@ -70,14 +71,14 @@ static void make_strips(structure *m)
     CHECK_STATUS(pma_strips_check(&m->strips, m->n), PMA_OK);
 }
 
-static void free_strips(structure *m)
+static void free_strips(stripped *m)
 {
     free(m->own_index);
     free(m->values);
 }
 
 /* Products of eighths with small integers: no rounding, so they have to be equal. */
-static void check_product(const structure *m, uint64_t *seed)
+static void check_product(const stripped *m, uint64_t *seed)
 {
     static double x[DOFS], y[DOFS], parts[DOFS], expected[DOFS];
     const size_t n = m->n;
@@ -98,11 +99,12 @@ static void check_product(const structure *m, uint64_t *seed)
     CHECK_BITS(n, parts, expected);
     pma_matrix_subtract_rows(&A, n, n, x, parts);
     CHECK_BITS(n, parts, expected);
+    check_lane_product(&A, seed);
 }
 
 static void strips_multiply_like_two_loops(void)
 {
-    static structure m;
+    static stripped m;
     uint64_t seed = 18;
     for (size_t drawn = 0; drawn < 400; drawn++) {
         const size_t dofs = 1 + drawn % 8, nodes = 1 + drawn / 8 % 5;
@@ -120,7 +122,7 @@ static void strips_multiply_like_two_loops(void)
 /* 27 neighbours, of which a node and the next have 18 in common: what a solid has. */
 static void a_strip_holds_the_dofs_of_one_node(void)
 {
-    static structure m;
+    static stripped m;
     for (size_t dofs = 2; dofs <= 6; dofs++) {
         const size_t nodes = 54, n = m.n = nodes * dofs;
         int64_t k = m.ptr[0] = 0;

@@ -75,6 +75,25 @@ static void a_subdomain_with_a_bad_index_is_refused(void)
     }
 }
 
+/* Over a change of the step a double step is h_old + h_new. */
+static void a_double_step_that_continues_is_longer_than_a_step(void)
+{
+    part x = one_mass(1.0, 1.0, 1.0, TRAPEZOIDAL, true);
+    x.doubled = true;
+    pma_parts parts = describe(&x);
+    const double h = parts.single.step.h, good[2] = {1.5 * h, 9.0 * h}, bad[2] = {h, NAN};
+    pma_subdomain *made = NULL;
+    parts.continues = true;
+    for (size_t i = 0; i < 2; i++) {
+        parts.twice.step.h = bad[i];
+        CHECK_STATUS(pma_subdomain_create(&parts, &made), PMA_BAD_STEP);
+        parts.twice.step.h = good[i];
+        CHECK_STATUS(pma_subdomain_create(&parts, &made), PMA_OK);
+        pma_subdomain_destroy(made);
+        made = NULL;
+    }
+}
+
 static void a_double_step_of_another_length_than_two_steps_is_refused(void)
 {
     part x = one_mass(1.0, 1.0, 1.0, TRAPEZOIDAL, true);
@@ -110,7 +129,7 @@ static void a_subdomain_beyond_all_memory_is_refused(void)
                              .K = {.form = PMA_DIAGONAL, .n = n, .values = &one},
                              .C = {.form = PMA_ZERO, .n = n},
                              .single = {.factor = {.form = PMA_DIAGONAL, .n = n, .inverse = &one}},
-                             .link = {0, 0, &ptr, NULL, NULL}};
+                             .link = {0, 0, &ptr, NULL, NULL, NULL}};
     pma_subdomain *made = NULL;
     CHECK_STATUS(pma_subdomain_create(&parts, &made), PMA_NO_MEMORY);
     CHECK(made == NULL);
@@ -393,7 +412,7 @@ static void check_not_finite(size_t dof, double force, double velocity, bool fit
         .C = {.form = PMA_ZERO, .n = SIZE},
         .single = {pma_step_make(CENTRAL_DIFFERENCE, 0.5),
                    {.form = PMA_DIAGONAL, .n = SIZE, .nb = 3, .inverse = ones}},
-        .link = {1, 3, (int64_t[]){0, 0, 0, 0}, NULL, NULL}};
+        .link = {1, 3, (int64_t[]){0, 0, 0, 0}, NULL, NULL, NULL}};
     pma_subdomain *s = NULL;
     CHECK_STATUS(pma_subdomain_create(&parts, &s), PMA_OK);
     F[dof] = force;
@@ -424,6 +443,7 @@ const test SUBDOMAIN_TESTS[] = {
     TEST(a_subdomain_with_sizes_that_do_not_agree_is_refused),
     TEST(a_subdomain_with_a_bad_index_is_refused),
     TEST(a_double_step_of_another_length_than_two_steps_is_refused),
+    TEST(a_double_step_that_continues_is_longer_than_a_step),
     TEST(a_subdomain_beyond_all_memory_is_refused),
     TEST(a_substep_reads_at_least_what_its_sweeps_and_products_read),
     TEST(a_free_oscillator_under_the_trapezoidal_rule_turns_by_its_closed_form),

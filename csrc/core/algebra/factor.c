@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "algebra/kernel.h"
+#include "algebra/lanes.h"
 
 static size_t least(size_t a, size_t b)
 {
@@ -14,10 +15,22 @@ static bool is_ordinary(const pma_factor *f)
     return f->path.place != NULL;
 }
 
+static const pma_factor *each_of(const pma_factor *f)
+{
+    return f->each ? f->each : f;
+}
+
+static size_t lanes_of(const pma_factor *f)
+{
+    return f->each ? PMA_LANES : 1;
+}
+
 pma_status pma_factor_check(const pma_factor *f)
 {
     if (f->nb > f->n)
         return PMA_BAD_SIZE;
+    if (f->form == PMA_IN_LANES)
+        return pma_factor_check(f->each);
     if (is_ordinary(f)) {
         const pma_status status = pma_panels_check(&f->panels, f->n, 0);
         return status == PMA_OK ? pma_path_check(&f->path, &f->panels, f->n, f->nb) : status;
@@ -47,6 +60,8 @@ pma_status pma_factor_check(const pma_factor *f)
 
 size_t pma_factor_scratch(const pma_factor *f)
 {
+    if (f->form == PMA_IN_LANES)
+        return PMA_LANES * pma_factor_scratch(f->each);
     const size_t height = f->form == PMA_PANELS ? pma_panels_most_height(&f->panels) : 0;
     return height + (is_ordinary(f) ? f->n : 0);
 }
@@ -63,6 +78,8 @@ size_t pma_factor_entries(const pma_factor *f)
     case PMA_PANELS:
         return (size_t)f->panels.start[f->panels.count] +
                (is_ordinary(f) ? pma_path_entries(&f->path, &f->panels) : 0);
+    case PMA_IN_LANES:
+        return pma_factor_entries(f->each);
     default:
         return f->n;
     }
@@ -88,6 +105,8 @@ size_t pma_factor_reach(const pma_factor *f)
         return f->width;
     case PMA_SPARSE:
         return reach_of_columns(f);
+    case PMA_IN_LANES:
+        return PMA_LANES * pma_factor_reach(f->each);
     default:
         return f->n;
     }
@@ -104,7 +123,7 @@ static void substitute_dense(const pma_factor *f, size_t first, size_t last, dou
 {
     for (size_t j = first; j < last; j++)
         x[j - first] *= f->inverse[j];
-    pma_kernel_best()->substitute(f->values + first * f->n + first, f->n, f->n - first,
+    pma_kernel_best()->substitute(f->values + f->Q + first * f->n + first, f->n, f->n - first,
                                   last - first, x);
 }
 
@@ -128,11 +147,11 @@ static void eliminate_chain(const pma_factor *f, size_t first, size_t last, doub
 
 static void substitute_chain(const pma_factor *f, size_t first, size_t last, double *x)
 {
-    const double *r = f->values + first, *inverse = f->inverse + first;
+    const double *q = f->values + f->Q + first, *inverse = f->inverse + first;
     size_t j = last - first;
     double xj = last < f->n ? x[j] : 0.0;
     while (j-- > 0)
-        x[j] = xj = x[j] * inverse[j] - r[j] * xj;
+        x[j] = xj = x[j] * inverse[j] - q[j] * xj;
 }
 
 static void eliminate_band(const pma_factor *f, size_t first, size_t last, double *x)
@@ -152,9 +171,10 @@ static void eliminate_band(const pma_factor *f, size_t first, size_t last, doubl
 
 static void substitute_band(const pma_factor *f, size_t first, size_t last, double *x)
 {
+    const double *Q = f->values + f->Q;
     double next = last < f->n ? x[last - first] : 0.0;
     for (size_t j = last; j-- > first;) {
-        const double *column = f->values + j * f->width, *below = x + (j + 1 - first);
+        const double *column = Q + j * f->width, *below = x + (j + 1 - first);
         const size_t rows = rows_of_band(f, j);
         double xj = x[j - first] * f->inverse[j];
         for (size_t k = 1; k < rows; k++)
@@ -184,15 +204,16 @@ static void eliminate_sparse(const pma_factor *f, size_t first, size_t last, dou
 
 static void substitute_sparse(const pma_factor *f, size_t first, size_t last, double *x)
 {
+    const double *Q = f->values + f->Q;
     double below = last < f->n ? x[last - first] : 0.0;
     for (size_t j = last; j-- > first;) {
         int64_t k = f->ptr[j];
         const int64_t end = f->ptr[j + 1];
         double xj = x[j - first] * f->inverse[j], sum = 0.0;
         if (k < end && (size_t)f->index[k] == j + 1)
-            xj -= f->values[k++] * below;
+            xj -= Q[k++] * below;
         for (; k < end; k++)
-            sum += f->values[k] * x[(size_t)f->index[k] - first];
+            sum += Q[k] * x[(size_t)f->index[k] - first];
         below = xj - sum;
         x[j - first] = below;
     }
@@ -203,16 +224,28 @@ static void eliminate(const pma_factor *f, size_t first, size_t last, double *x,
 {
     if (first == last)
         return;
-    if (f->form == PMA_DENSE)
+    switch (f->form) {
+    case PMA_DENSE:
         eliminate_dense(f, first, last, x);
-    else if (f->form == PMA_BAND && f->width == 1)
-        eliminate_chain(f, first, last, x);
-    else if (f->form == PMA_BAND)
-        eliminate_band(f, first, last, x);
-    else if (f->form == PMA_SPARSE)
+        break;
+    case PMA_BAND:
+        if (f->width == 1)
+            eliminate_chain(f, first, last, x);
+        else
+            eliminate_band(f, first, last, x);
+        break;
+    case PMA_SPARSE:
         eliminate_sparse(f, first, last, x);
-    else if (f->form == PMA_PANELS)
-        pma_panels_eliminate(&f->panels, first, last, x, work);
+        break;
+    case PMA_PANELS:
+        pma_panels_eliminate(&f->panels, 1, first, last, x, work);
+        break;
+    case PMA_IN_LANES:
+        pma_lanes_eliminate(f->each, first / PMA_LANES, last / PMA_LANES, x, work);
+        break;
+    default: /* diagonal */
+        break;
+    }
 }
 
 /* Backward through the columns last-1..first; x[0] is unknown `first`. */
@@ -220,28 +253,69 @@ static void substitute(const pma_factor *f, size_t first, size_t last, double *x
 {
     if (first == last)
         return;
-    if (f->form == PMA_DENSE) {
+    switch (f->form) {
+    case PMA_DENSE:
         substitute_dense(f, first, last, x);
-    } else if (f->form == PMA_BAND && f->width == 1) {
-        substitute_chain(f, first, last, x);
-    } else if (f->form == PMA_BAND) {
-        substitute_band(f, first, last, x);
-    } else if (f->form == PMA_SPARSE) {
+        break;
+    case PMA_BAND:
+        if (f->width == 1)
+            substitute_chain(f, first, last, x);
+        else
+            substitute_band(f, first, last, x);
+        break;
+    case PMA_SPARSE:
         substitute_sparse(f, first, last, x);
-    } else if (f->form == PMA_PANELS) {
-        pma_panels_substitute(&f->panels, f->inverse, first, last, x, work);
-    } else {
+        break;
+    case PMA_PANELS:
+        pma_panels_substitute(&f->panels, f->inverse, 1, first, last, x, work);
+        break;
+    case PMA_IN_LANES:
+        pma_lanes_substitute(f->each, first / PMA_LANES, last / PMA_LANES, x, work);
+        break;
+    default:
         for (size_t j = first; j < last; j++)
             x[j - first] *= f->inverse[j];
+        break;
     }
 }
+
+/* ---- with the interface anywhere in the order ----------------------------------------------- */
+
+__attribute__((noinline)) static void interface_ordinary(const pma_factor *f, double *xb,
+                                                         double *work)
+{
+    const pma_factor *e = each_of(f);
+    pma_path_interface(&e->path, &e->panels, e->inverse, e->n, e->nb, lanes_of(f), xb, work);
+}
+
+__attribute__((noinline)) static void open_ordinary(const pma_factor *f, double *x, double *xb,
+                                                    double *work)
+{
+    const pma_factor *e = each_of(f);
+    pma_path_open(&e->path, &e->panels, e->inverse, e->n, e->nb, lanes_of(f), x, xb, work);
+}
+
+__attribute__((noinline)) static void close_ordinary(const pma_factor *f, const double *fb,
+                                                     double *x, double *work)
+{
+    const pma_factor *e = each_of(f);
+    pma_path_close(&e->path, &e->panels, e->inverse, e->n, e->nb, lanes_of(f), fb, x, work);
+}
+
+__attribute__((noinline)) static void solve_ordinary(const pma_factor *f, double *x, double *work)
+{
+    const pma_factor *e = each_of(f);
+    pma_path_solve(&e->path, &e->panels, e->inverse, e->n, lanes_of(f), x, work);
+}
+
+/* ---- a step --------------------------------------------------------------------------------- */
 
 void pma_factor_interface(const pma_factor *f, double *xb, double *work)
 {
     if (f->nb == 0)
         return;
     if (is_ordinary(f)) {
-        pma_path_interface(&f->path, &f->panels, f->inverse, f->n, f->nb, xb, work);
+        interface_ordinary(f, xb, work);
         return;
     }
     eliminate(f, f->n - f->nb, f->n, xb, work);
@@ -253,7 +327,7 @@ void pma_factor_open_part(const pma_factor *f, size_t begin, size_t end, double 
 {
     const size_t interior = f->n - f->nb;
     if (is_ordinary(f)) {
-        pma_path_open(&f->path, &f->panels, f->inverse, f->n, f->nb, x, xb, work);
+        open_ordinary(f, x, xb, work);
         return;
     }
     if (begin < interior)
@@ -274,7 +348,7 @@ void pma_factor_close_part(const pma_factor *f, size_t begin, size_t end, const 
 {
     const size_t interior = f->n - f->nb;
     if (is_ordinary(f)) {
-        pma_path_close(&f->path, &f->panels, f->inverse, f->n, f->nb, fb, x, work);
+        close_ordinary(f, fb, x, work);
         return;
     }
     if (end == f->n) {
@@ -294,7 +368,7 @@ void pma_factor_close(const pma_factor *f, const double *fb, double *x, double *
 void pma_factor_solve(const pma_factor *f, double *x, double *work)
 {
     if (is_ordinary(f)) {
-        pma_path_solve(&f->path, &f->panels, f->inverse, f->n, x, work);
+        solve_ordinary(f, x, work);
         return;
     }
     eliminate(f, 0, f->n, x, work);

@@ -1,7 +1,8 @@
-/* factor.h - sweeps over a finished factor A = R D R^T, R unit lower triangular.         (F1)
+/* factor.h - sweeps over a finished factor A = R D Q^T, R and Q unit lower triangular. (F1) (F10)
  *
- * The last nb unknowns are the interface; R = [[R_ii, 0], [R_bi, R_bb]]. Sweeping the interior
- * and the interface apart is what lets one forward and one backward sweep make a coupled step.
+ * Q is R where A is symmetric; else it has the pattern and the layout of R. The last nb unknowns
+ * are the interface; R = [[R_ii, 0], [R_bi, R_bb]]. Sweeping the interior and the interface apart
+ * is what lets one forward and one backward sweep make a coupled step.
  * With nb = n the interface solve is the whole solve: so the interface matrix H is swept too.
  * Panels can have the interface anywhere in their order of elimination: see path.h. */
 #ifndef PMA_FACTOR_H
@@ -16,7 +17,7 @@
 #include "status.h"
 
 /* Arrays of the caller, which have to outlive it. */
-typedef struct {
+typedef struct pma_factor {
     pma_form form; /* diagonal: R is the unit matrix */
     size_t n, nb;
     const double *inverse; /* n: the reciprocals of D */
@@ -26,8 +27,11 @@ typedef struct {
     const int32_t *index;  /* sparse: row of each entry, below the diagonal and ascending */
     size_t width;          /* band: entries of a column below the diagonal, 1..n-1; in the last
                               columns the entries outside the matrix are zero */
+    size_t Q;              /* where Q begins in values, laid out like R; 0: Q is R. Of panels,
+                              panels.Q instead */
     pma_panels panels;     /* panels: see there */
     pma_path path;         /* panels whose interface is not last; else path.place is NULL */
+    const struct pma_factor *each; /* in lanes: the factor of each, also along paths; else NULL */
 } pma_factor;
 
 /* PMA_BAD_SIZE when nb > n or a band is too wide, PMA_BAD_INDEX unless the entries of each column
@@ -62,7 +66,7 @@ void pma_factor_close_part(const pma_factor *f, size_t begin, size_t end, const 
 /* x (n) := A^-1 x, both at once */
 void pma_factor_solve(const pma_factor *f, double *x, double *work);
 
-/* xb (nb) := (A^-1)_bb xb = S^-1 xb with the Schur complement S = R_bb D_b R_bb^T  (F3) (F9) */
+/* xb (nb) := (A^-1)_bb xb = S^-1 xb with the Schur complement S = R_bb D_b Q_bb^T  (F3) (F9) */
 void pma_factor_interface(const pma_factor *f, double *xb, double *work);
 
 #endif

@@ -1,5 +1,7 @@
 #include "algebra/kernel.h"
 
+#include <string.h>
+
 /* One register of AVX2, two of SSE2 or NEON. */
 typedef double four __attribute__((vector_size(32), aligned(8), may_alias));
 
@@ -172,20 +174,198 @@ multiply_strip(const double *values, size_t rows, size_t columns, const int32_t 
     }
 }
 
-/* Diagonal by diagonal, which is vectorised; A_i,i-d is stored as A_i-d,i. */
+/* Diagonal by diagonal, which is vectorised. */
 __attribute__((always_inline)) static inline void
-subtract_band(const double *values, size_t n, size_t width, size_t begin, size_t end,
-              const double *x, double *restrict y)
+subtract_band(const double *above, const double *below, size_t n, size_t width, size_t begin,
+              size_t end, const double *x, double *restrict y)
 {
     for (size_t i = begin; i < end; i++)
-        y[i] -= values[i] * x[i];
+        y[i] -= above[i] * x[i];
     for (size_t d = 1; d <= width; d++) {
-        const double *diagonal = values + d * n;
+        const double *right = above + d * n, *left = below + d * n;
         const size_t first = begin > d ? begin : d, last = end < n - d ? end : n - d;
         for (size_t i = begin; i < last; i++)
-            y[i] -= diagonal[i] * x[i + d];
+            y[i] -= right[i] * x[i + d];
         for (size_t i = first; i < end; i++)
-            y[i] -= diagonal[i - d] * x[i - d];
+            y[i] -= left[i - d] * x[i - d];
+    }
+}
+
+/* ---- the same with vectors in lanes: PMA_LANES numbers are two fours ------------------------- */
+
+/* Rows that share a pass over the columns, so that what is read of x serves all of them. The loops
+ * wait for the arithmetic, not for memory, if the columns that come next are fetched meanwhile. */
+enum { HALVES = PMA_LANES / 4, ROWS = 4, LANE_PIECE = 128 };
+
+__attribute__((always_inline)) static inline const four *lanes_at(const double *x, size_t i)
+{
+    return (const four *)(x + i * PMA_LANES);
+}
+
+/* y_i -= sum over the columns of A_ij x_j */
+__attribute__((always_inline)) static inline void
+subtract_rows_lanes(const double *A, size_t ld, const size_t rows, size_t columns, const double *x,
+                    double *y)
+{
+    four sum[ROWS][HALVES];
+#pragma GCC unroll 4
+    for (size_t r = 0; r < rows; r++) {
+        sum[r][0] = lanes_at(y, r)[0];
+        sum[r][1] = lanes_at(y, r)[1];
+    }
+#pragma GCC unroll 1
+    for (size_t j = 0; j < columns; j++) {
+        const four low = lanes_at(x, j)[0], high = lanes_at(x, j)[1];
+        if (rows == ROWS)
+            __builtin_prefetch(A + (j + FORWARD) * ld);
+#pragma GCC unroll 4
+        for (size_t r = 0; r < rows; r++) {
+            sum[r][0] -= A[j * ld + r] * low;
+            sum[r][1] -= A[j * ld + r] * high;
+        }
+    }
+#pragma GCC unroll 4
+    for (size_t r = 0; r < rows; r++) {
+        *(four *)(y + r * PMA_LANES) = sum[r][0];
+        *(four *)(y + r * PMA_LANES + 4) = sum[r][1];
+    }
+}
+
+__attribute__((always_inline)) static inline void
+subtract_columns_lanes(const double *A, size_t ld, size_t rows, size_t columns, const double *x,
+                       double *y)
+{
+    size_t i = 0;
+    for (; i + ROWS <= rows; i += ROWS)
+        subtract_rows_lanes(A + i, ld, ROWS, columns, x, y + i * PMA_LANES);
+    for (; i < rows; i++)
+        subtract_rows_lanes(A + i, ld, 1, columns, x, y + i * PMA_LANES);
+}
+
+/* part_k += the sum over every fourth row, from the k-th on, of a_i y_i; rows is a multiple of 4 */
+__attribute__((always_inline)) static inline void
+add_products_lanes(const double *a, size_t ld, size_t rows, const double *y, four (*part)[HALVES])
+{
+    four sum[4][HALVES];
+    memcpy(sum, part, sizeof sum);
+    for (size_t i = 0; i < rows; i += 4) {
+        __builtin_prefetch(a + i - BACKWARD * ld);
+#pragma GCC unroll 4
+        for (size_t k = 0; k < 4; k++) {
+            sum[k][0] += a[i + k] * lanes_at(y, i + k)[0];
+            sum[k][1] += a[i + k] * lanes_at(y, i + k)[1];
+        }
+    }
+    memcpy(part, sum, sizeof sum);
+}
+
+/* x_j -= sum over the rows of A_ij y_i, with partial sums as for one vector; some rows for all
+ * columns at a time, so that they stay in the cache */
+__attribute__((always_inline)) static inline void
+subtract_products_lanes(const double *A, size_t ld, size_t rows, const size_t columns,
+                        const double *y, double *x)
+{
+    four part[BACKWARD][4][HALVES] = {{{{0.0}}}};
+    const size_t whole = rows / 4 * 4;
+    for (size_t begin = 0; begin < whole; begin += LANE_PIECE) {
+        const size_t size = whole - begin < LANE_PIECE ? whole - begin : LANE_PIECE;
+        for (size_t j = 0; j < columns; j++)
+            add_products_lanes(A + j * ld + begin, ld, size, y + begin * PMA_LANES, part[j]);
+    }
+    for (size_t j = 0; j < columns; j++) {
+        for (size_t h = 0; h < HALVES; h++) {
+            four rest = {0.0};
+            for (size_t i = whole; i < rows; i++)
+                rest += A[j * ld + i] * lanes_at(y, i)[h];
+            *(four *)(x + j * PMA_LANES + 4 * h) -=
+                ((part[j][0][h] + part[j][1][h]) + (part[j][2][h] + part[j][3][h])) + rest;
+        }
+    }
+}
+
+__attribute__((always_inline)) static inline void
+eliminate_group_lanes(const double *panel, size_t ld, size_t height, size_t j, const size_t columns,
+                      double *x)
+{
+    const double *diagonal = panel + j * ld + j;
+    double *own = x + j * PMA_LANES;
+    for (size_t l = 0; l + 1 < columns; l++)
+        subtract_columns_lanes(diagonal + l * ld + l + 1, ld, columns - l - 1, 1,
+                               own + l * PMA_LANES, own + (l + 1) * PMA_LANES);
+    subtract_columns_lanes(diagonal + columns, ld, height - j - columns, columns, own,
+                           own + columns * PMA_LANES);
+}
+
+__attribute__((always_inline)) static inline void
+substitute_group_lanes(const double *panel, size_t ld, size_t height, size_t j,
+                       const size_t columns, double *x)
+{
+    const double *diagonal = panel + j * ld + j;
+    double *own = x + j * PMA_LANES;
+    subtract_products_lanes(diagonal + columns, ld, height - j - columns, columns,
+                            own + columns * PMA_LANES, own);
+    for (size_t l = columns; l-- > 0;) {
+        for (size_t k = columns; k-- > l + 1;)
+            subtract_columns_lanes(diagonal + l * ld + k, ld, 1, 1, own + k * PMA_LANES,
+                                   own + l * PMA_LANES);
+    }
+}
+
+__attribute__((always_inline)) static inline void
+eliminate_lanes(const double *panel, size_t ld, size_t height, size_t width, double *x)
+{
+    size_t j = 0;
+    for (; j + FORWARD <= width; j += FORWARD)
+        eliminate_group_lanes(panel, ld, height, j, FORWARD, x);
+    for (; j + 2 <= width; j += 2)
+        eliminate_group_lanes(panel, ld, height, j, 2, x);
+    if (j < width)
+        eliminate_group_lanes(panel, ld, height, j, 1, x);
+}
+
+__attribute__((always_inline)) static inline void
+substitute_lanes(const double *panel, size_t ld, size_t height, size_t width, double *x)
+{
+    size_t j = width - (width & 1);
+    if (width & 1)
+        substitute_group_lanes(panel, ld, height, j, 1, x);
+    j -= width & 2;
+    if (width & 2)
+        substitute_group_lanes(panel, ld, height, j, 2, x);
+    while (j > 0) {
+        j -= BACKWARD;
+        substitute_group_lanes(panel, ld, height, j, BACKWARD, x);
+    }
+}
+
+__attribute__((always_inline)) static inline void
+subtract_lanes(const double *A, size_t ld, size_t rows, size_t columns, const double *x, double *y)
+{
+    size_t j = 0;
+    for (; j + FORWARD <= columns; j += FORWARD)
+        subtract_columns_lanes(A + j * ld, ld, rows, FORWARD, x + j * PMA_LANES, y);
+    for (; j < columns; j++)
+        subtract_columns_lanes(A + j * ld, ld, rows, 1, x + j * PMA_LANES, y);
+}
+
+__attribute__((always_inline)) static inline void
+multiply_strip_lanes(const double *values, size_t rows, size_t columns, const int32_t *index,
+                     const double *x, double *product)
+{
+    for (size_t r = 0; r < rows; r++) {
+        four part[4][HALVES] = {{{0.0}}};
+        for (size_t k = 0; k < columns; k += 4) {
+            const double *a = values + k * rows + 4 * r;
+#pragma GCC unroll 4
+            for (size_t c = 0; c < 4; c++) {
+                const four *xk = lanes_at(x, (size_t)index[k + c]);
+                part[c][0] += a[c] * xk[0];
+                part[c][1] += a[c] * xk[1];
+            }
+        }
+        four *out = (four *)(product + r * PMA_LANES);
+        out[0] = (part[0][0] + part[1][0]) + (part[2][0] + part[3][0]);
+        out[1] = (part[0][1] + part[1][1]) + (part[2][1] + part[3][1]);
     }
 }
 
@@ -213,10 +393,34 @@ static void multiply_strip_plain(const double *values, size_t rows, size_t colum
     multiply_strip(values, rows, columns, index, x, product);
 }
 
-static void subtract_band_plain(const double *values, size_t n, size_t width, size_t begin,
-                                size_t end, const double *x, double *y)
+static void subtract_band_plain(const double *above, const double *below, size_t n, size_t width,
+                                size_t begin, size_t end, const double *x, double *y)
 {
-    subtract_band(values, n, width, begin, end, x, y);
+    subtract_band(above, below, n, width, begin, end, x, y);
+}
+
+static void eliminate_lanes_plain(const double *panel, size_t ld, size_t height, size_t width,
+                                  double *x)
+{
+    eliminate_lanes(panel, ld, height, width, x);
+}
+
+static void substitute_lanes_plain(const double *panel, size_t ld, size_t height, size_t width,
+                                   double *x)
+{
+    substitute_lanes(panel, ld, height, width, x);
+}
+
+static void subtract_lanes_plain(const double *A, size_t ld, size_t rows, size_t columns,
+                                 const double *x, double *y)
+{
+    subtract_lanes(A, ld, rows, columns, x, y);
+}
+
+static void multiply_strip_lanes_plain(const double *values, size_t rows, size_t columns,
+                                       const int32_t *index, const double *x, double *product)
+{
+    multiply_strip_lanes(values, rows, columns, index, x, product);
 }
 
 /* clang-format on */
@@ -227,6 +431,10 @@ static const pma_kernel PLAIN = {
     .subtract = subtract_plain,
     .multiply_strip = multiply_strip_plain,
     .subtract_band = subtract_band_plain,
+    .eliminate_lanes = eliminate_lanes_plain,
+    .substitute_lanes = substitute_lanes_plain,
+    .subtract_lanes = subtract_lanes_plain,
+    .multiply_strip_lanes = multiply_strip_lanes_plain,
 };
 
 const pma_kernel *pma_kernel_plain(void)
@@ -265,10 +473,36 @@ multiply_strip_avx2(const double *values, size_t rows, size_t columns, const int
 }
 
 __attribute__((target("avx2"))) static void
-subtract_band_avx2(const double *values, size_t n, size_t width, size_t begin, size_t end,
-                    const double *x, double *y)
+subtract_band_avx2(const double *above, const double *below, size_t n, size_t width, size_t begin,
+                   size_t end, const double *x, double *y)
 {
-    subtract_band(values, n, width, begin, end, x, y);
+    subtract_band(above, below, n, width, begin, end, x, y);
+}
+
+__attribute__((target("avx2"))) static void
+eliminate_lanes_avx2(const double *panel, size_t ld, size_t height, size_t width, double *x)
+{
+    eliminate_lanes(panel, ld, height, width, x);
+}
+
+__attribute__((target("avx2"))) static void
+substitute_lanes_avx2(const double *panel, size_t ld, size_t height, size_t width, double *x)
+{
+    substitute_lanes(panel, ld, height, width, x);
+}
+
+__attribute__((target("avx2"))) static void
+subtract_lanes_avx2(const double *A, size_t ld, size_t rows, size_t columns, const double *x,
+                    double *y)
+{
+    subtract_lanes(A, ld, rows, columns, x, y);
+}
+
+__attribute__((target("avx2"))) static void
+multiply_strip_lanes_avx2(const double *values, size_t rows, size_t columns,
+                          const int32_t *index, const double *x, double *product)
+{
+    multiply_strip_lanes(values, rows, columns, index, x, product);
 }
 
 /* clang-format on */
@@ -279,6 +513,10 @@ static const pma_kernel AVX2 = {
     .subtract = subtract_avx2,
     .multiply_strip = multiply_strip_avx2,
     .subtract_band = subtract_band_avx2,
+    .eliminate_lanes = eliminate_lanes_avx2,
+    .substitute_lanes = substitute_lanes_avx2,
+    .subtract_lanes = subtract_lanes_avx2,
+    .multiply_strip_lanes = multiply_strip_lanes_avx2,
 };
 
 const pma_kernel *pma_kernel_best(void)

@@ -1,7 +1,11 @@
 #include "algebra/link.h"
 
+#include "algebra/lanes.h"
+
 pma_status pma_link_check(const pma_link *L)
 {
+    if (L->each)
+        return PMA_OK;
     if (L->ptr[0] != 0)
         return PMA_BAD_INDEX;
     for (size_t j = 0; j < L->nb; j++) {
@@ -17,6 +21,10 @@ pma_status pma_link_check(const pma_link *L)
 
 void pma_link_load(const pma_link *L, const double *lam, double *xb)
 {
+    if (L->each) {
+        pma_lanes_load(L->each, lam, xb);
+        return;
+    }
     for (size_t j = 0; j < L->nb; j++) {
         double sum = xb[j];
         for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)
@@ -27,6 +35,10 @@ void pma_link_load(const pma_link *L, const double *lam, double *xb)
 
 void pma_link_gather(const pma_link *L, double scale, const double *xb, double *jump)
 {
+    if (L->each) {
+        pma_lanes_gather(L->each, scale, xb, jump);
+        return;
+    }
     for (size_t j = 0; j < L->nb; j++) {
         const double x = scale * xb[j];
         for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)

@@ -10,11 +10,12 @@
 #include "status.h"
 
 /* Arrays of the caller, which have to outlive it. */
-typedef struct {
+typedef struct pma_link {
     size_t p, nb;
-    const int64_t *ptr;   /* nb+1 starts of the columns */
-    const int32_t *index; /* row (constraint) of each entry */
-    const double *values; /* +1 and -1 for a tie */
+    const int64_t *ptr;          /* nb+1 starts of the columns */
+    const int32_t *index;        /* row (constraint) of each entry */
+    const double *values;        /* +1 and -1 for a tie */
+    const struct pma_link *each; /* in lanes: the link of each, and p and nb are those of all */
 } pma_link;
 
 /* PMA_BAD_INDEX unless every row index lies in 0..p-1. */

@@ -1,6 +1,7 @@
 #include "algebra/matrix.h"
 
 #include "algebra/kernel.h"
+#include "algebra/lanes.h"
 
 pma_status pma_matrix_check(const pma_matrix *A)
 {
@@ -31,11 +32,13 @@ size_t pma_matrix_entries(const pma_matrix *A)
     case PMA_DENSE:
         return A->n * A->n;
     case PMA_BAND:
-        return (A->width + 1) * A->n;
+        return (A->width + 1) * A->n + (A->below > 0 ? A->width * A->n : 0);
     case PMA_SPARSE:
         return (size_t)A->ptr[A->n];
     case PMA_STRIPS:
         return (size_t)A->strips.start[A->strips.count];
+    case PMA_IN_LANES:
+        return pma_matrix_entries(A->each);
     default:
         return 0;
     }
@@ -64,6 +67,8 @@ size_t pma_matrix_reach(const pma_matrix *A)
         return reach_of_rows(A);
     case PMA_STRIPS:
         return pma_strips_reach(&A->strips);
+    case PMA_IN_LANES:
+        return PMA_LANES * pma_matrix_reach(A->each);
     default:
         return 0;
     }
@@ -95,9 +100,10 @@ void pma_matrix_subtract_rows(const pma_matrix *A, size_t begin, size_t end, con
         subtract_diagonal(A, begin, end, x, y);
         break;
     case PMA_BAND:
-        pma_kernel_best()->subtract_band(A->values, A->n, A->width, begin, end, x, y);
+        pma_kernel_best()->subtract_band(A->values, A->values + A->below, A->n, A->width, begin,
+                                         end, x, y);
         break;
-    case PMA_DENSE: /* column j is row j: A is symmetric */
+    case PMA_DENSE:
         pma_kernel_best()->subtract(A->values + begin, A->n, end - begin, A->n, x, y + begin);
         break;
     case PMA_SPARSE:
@@ -105,6 +111,9 @@ void pma_matrix_subtract_rows(const pma_matrix *A, size_t begin, size_t end, con
         break;
     case PMA_STRIPS:
         pma_strips_subtract(&A->strips, begin, end, x, y);
+        break;
+    case PMA_IN_LANES:
+        pma_lanes_subtract_rows(A->each, begin / PMA_LANES, end / PMA_LANES, x, y);
         break;
     default: /* zero */
         break;

@@ -1,4 +1,4 @@
-/* matrix.h - a symmetric matrix that is only ever multiplied with a vector. */
+/* matrix.h - a matrix that is only ever multiplied with a vector. */
 #ifndef PMA_MATRIX_H
 #define PMA_MATRIX_H
 
@@ -15,20 +15,24 @@ typedef enum {
     PMA_BAND,
     PMA_DENSE,
     PMA_SPARSE,
-    PMA_STRIPS, /* matrices alone */
-    PMA_PANELS  /* factors alone */
+    PMA_STRIPS,  /* matrices alone */
+    PMA_PANELS,  /* factors alone */
+    PMA_IN_LANES /* the same matrix or factor in every lane, see lanes.h */
 } pma_form;
 
 /* Arrays of the caller, which have to outlive it. */
-typedef struct {
+typedef struct pma_matrix {
     pma_form form;
     size_t n;
-    const double *values; /* diagonal: n; dense: n*n by rows; sparse: ptr[n];
-                             band: (width+1)*n, A_i,i+d at values[d*n + i] */
-    const int64_t *ptr;   /* sparse: n+1 starts of the rows, else NULL */
-    const int32_t *index; /* sparse: column of each entry, else NULL */
-    size_t width;         /* band: diagonals above the main one, below n */
-    pma_strips strips;    /* strips: see there */
+    const double *values;          /* diagonal: n; dense: n*n by columns; sparse: ptr[n];
+                                      band: (width+1)*n, A_i,i+d at values[d*n + i] */
+    const int64_t *ptr;            /* sparse: n+1 starts of the rows, else NULL */
+    const int32_t *index;          /* sparse: column of each entry, else NULL */
+    size_t width;                  /* band: diagonals above the main one, below n */
+    size_t below;                  /* band: where those below it begin in values, A_i+d,i at
+                                      below + d*n + i; 0 of a symmetric matrix */
+    pma_strips strips;             /* strips: see there */
+    const struct pma_matrix *each; /* in lanes: the matrix of each */
 } pma_matrix;
 
 /* PMA_BAD_INDEX unless every row and column index lies in the matrix, PMA_BAD_SIZE for a band

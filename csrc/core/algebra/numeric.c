@@ -8,6 +8,9 @@
 /* A pivot below this part of its diagonal entry has lost all digits. */
 #define LOST (64.0 * DBL_EPSILON)
 
+/* Subtracted from a diagonal entry, this multiple of it leaves half of the digits.        (F11) */
+#define GROWTH 1e8
+
 /* A band of at most this many entries below the diagonal is factored by loops of its own, where it
  * has not many more entries than the panels: calls of BLAS for a few columns each take longer. */
 enum { NARROW = 32 };
@@ -22,7 +25,7 @@ static bool is_diagonal(const pma_numeric_parts *parts)
     return entries_of(parts) == parts->n;
 }
 
-/* How far below the diagonal a column has entries. */
+/* How far from the diagonal a row has entries; the pattern is symmetric. */
 static size_t width_of(const pma_numeric_parts *parts)
 {
     size_t width = 0;
@@ -74,11 +77,11 @@ static void sizes_of(const pma_numeric_parts *parts, pma_form form, size_t *size
     *size = *update = *integers = 0;
     if (form == PMA_BAND) {
         *size = parts->n * width_of(parts);
-        *update = parts->n;
+        *update = 2 * parts->n;
     } else if (form == PMA_PANELS) {
         *size = (size_t)panels->start[panels->count];
         *update = pma_panels_update_size(panels);
-        *integers = 3 * panels->count + parts->n;
+        *integers = 3 * panels->count + 2 * parts->n;
     }
 }
 
@@ -92,7 +95,8 @@ pma_status pma_numeric_create(const pma_numeric_parts *parts, pma_numeric *out)
     const size_t n = parts->n, entries = entries_of(parts);
     size_t size, update, count;
     sizes_of(parts, form, &size, &update, &count);
-    double *block = calloc(2 * entries + n + size + update + 1, sizeof *block);
+    const size_t Q = parts->unsymmetric ? size : 0;
+    double *block = calloc(2 * entries + n + size + Q + update + 1, sizeof *block);
     int64_t *integers = calloc(count + 1, sizeof *integers);
     if (!block || !integers) {
         free(block);
@@ -104,18 +108,20 @@ pma_status pma_numeric_create(const pma_numeric_parts *parts, pma_numeric *out)
                          .factored = block + entries,
                          .inverse = block + 2 * entries,
                          .numbers = block + 2 * entries + n,
-                         .update = block + 2 * entries + n + size,
+                         .update = block + 2 * entries + n + size + Q,
                          .integers = integers,
                          .block = block};
     for (size_t i = 0; i < n; i++)
         out->inverse[i] = 1.0;
     out->parts.panels.values = out->numbers;
+    out->parts.panels.Q = Q;
     out->factor = (pma_factor){.form = form,
                                .n = n,
                                .nb = parts->nb,
                                .inverse = out->inverse,
                                .values = out->numbers,
                                .width = form == PMA_BAND ? width_of(parts) : 0,
+                               .Q = Q,
                                .panels = out->parts.panels};
     return PMA_OK;
 }
@@ -139,7 +145,7 @@ static pma_status invert(pma_numeric *f, size_t *column)
 {
     for (size_t i = 0; i < f->parts.n; i++) {
         *column = i;
-        if (!(f->values[i] > DBL_MIN))
+        if (!((f->parts.unsymmetric ? fabs(f->values[i]) : f->values[i]) > DBL_MIN))
             return PMA_NOT_DEFINITE;
         f->inverse[i] = 1.0 / f->values[i];
     }
@@ -147,18 +153,25 @@ static pma_status invert(pma_numeric *f, size_t *column)
 }
 
 /* The lower triangle by columns, without the diagonal, which goes to `inverse`, and with the least
- * pivots to `update`. */
+ * pivots to `update`. Unsymmetric: the upper triangle by rows too, and the most that may be
+ * subtracted from the pivots. Row j of a symmetric matrix is its column j. */
 static void fill_band(pma_numeric *f)
 {
     const pma_numeric_parts *parts = &f->parts;
-    const size_t width = f->factor.width;
-    memset(f->numbers, 0, parts->n * width * sizeof *f->numbers);
-    for (size_t j = 0; j < parts->n; j++) {
+    const size_t n = parts->n, width = f->factor.width;
+    double *R = f->numbers, *Q = R + f->factor.Q;
+    memset(R, 0, (f->factor.Q + n * width) * sizeof *R);
+    for (size_t j = 0; j < n; j++) {
         int64_t k = parts->ptr[j + 1] - 1;
         for (; (size_t)parts->index[k] > j; k--)
-            f->numbers[j * width + (size_t)parts->index[k] - j - 1] = f->values[k];
+            Q[j * width + (size_t)parts->index[k] - j - 1] = f->values[k];
         f->inverse[j] = f->values[k];
         f->update[j] = LOST * fabs(f->values[k]);
+        f->update[n + j] = GROWTH * fabs(f->values[k]);
+        for (k = f->factor.Q > 0 ? k - 1 : -1; k >= parts->ptr[j]; k--) {
+            const size_t i = (size_t)parts->index[k];
+            R[i * width + j - i - 1] = f->values[k];
+        }
     }
 }
 
@@ -195,10 +208,55 @@ static pma_status factor_chain(pma_numeric *f, size_t *column)
     return PMA_OK;
 }
 
+/* A_ik -= A_ij A_jk / D_j and A_ki -= A_kj A_ji / D_j for i >= k > j, then R_kj = A_kj / D_j and
+ * Q_kj = A_jk / D_j; `rows`, or the first of which too much is subtracted               (F11) */
+static size_t eliminate_pair(double *R, double *Q, double *diagonal, size_t rows, size_t width,
+                             double inverse, const double *most)
+{
+    for (size_t k = 0; k < rows; k++)
+        R[k] *= inverse;
+    for (size_t k = 0; k < rows; k++) {
+        const double q = Q[k], r = R[k], product = r * q;
+        double *r_below = R + (k + 1) * width - (k + 1), *q_below = Q + (k + 1) * width - (k + 1);
+        if (!(fabs(product) <= most[k]))
+            return k;
+        diagonal[k] -= product;
+#pragma omp simd
+        for (size_t i = k + 1; i < rows; i++) {
+            r_below[i] -= R[i] * q;
+            q_below[i] -= Q[i] * r;
+        }
+    }
+    for (size_t k = 0; k < rows; k++)
+        Q[k] *= inverse;
+    return rows;
+}
+
+static pma_status factor_band_pair(pma_numeric *f, size_t *column)
+{
+    const size_t n = f->parts.n, width = f->factor.width;
+    double *R = f->numbers, *Q = R + f->factor.Q;
+    for (size_t j = 0; j < n; j++) {
+        *column = j;
+        if (!(fabs(f->inverse[j]) > f->update[j]))
+            return PMA_NOT_DEFINITE;
+        f->inverse[j] = 1.0 / f->inverse[j];
+        const size_t rows = n - 1 - j < width ? n - 1 - j : width;
+        const size_t good = eliminate_pair(R + j * width, Q + j * width, f->inverse + j + 1, rows,
+                                           width, f->inverse[j], f->update + n + j + 1);
+        *column = j + 1 + good;
+        if (good < rows)
+            return PMA_NOT_DEFINITE;
+    }
+    return PMA_OK;
+}
+
 static pma_status factor_band(pma_numeric *f, size_t *column)
 {
     const size_t n = f->parts.n, width = f->factor.width;
     fill_band(f);
+    if (f->factor.Q > 0)
+        return factor_band_pair(f, column);
     if (width == 1)
         return factor_chain(f, column);
     for (size_t j = 0; j < n; j++) {
@@ -219,8 +277,12 @@ static pma_status factor(pma_numeric *f, size_t *column)
         return invert(f, column);
     if (f->factor.form == PMA_BAND)
         return factor_band(f, column);
-    const pma_panels_input input = {
-        .n = parts->n, .ptr = parts->ptr, .index = parts->index, .values = f->values, .lost = LOST};
+    const pma_panels_input input = {.n = parts->n,
+                                    .ptr = parts->ptr,
+                                    .index = parts->index,
+                                    .values = f->values,
+                                    .lost = LOST,
+                                    .growth = GROWTH};
     return pma_panels_factor(&f->parts.panels, &input, parts->owner, &parts->blas, f->inverse,
                              f->update, f->integers, column, never, NULL);
 }

@@ -17,6 +17,7 @@
 /* Bare arrays of the caller, which have to outlive what is made of them. */
 typedef struct {
     size_t n, nb;
+    bool unsymmetric;     /* the values are not symmetric; the pattern always is */
     const int64_t *ptr;   /* n+1: the pattern by rows, in elimination order, symmetric, with the */
     const int32_t *index; /* ptr[n]: diagonal; ascending in each row */
     pma_panels panels;    /* the structure of the factor; of no panels where the pattern is the
@@ -43,8 +44,8 @@ pma_status pma_numeric_create(const pma_numeric_parts *parts, pma_numeric *out);
 void pma_numeric_destroy(pma_numeric *f); /* an empty one is allowed */
 
 /* The factor of the values, which is kept where they are those of the last one: tangents of elastic
- * steps are equal to the bit. PMA_NOT_DEFINITE with the column whose pivot is not positive; there
- * is no factor then. */
+ * steps are equal to the bit. PMA_NOT_DEFINITE with the column whose pivot is not positive, or of
+ * unsymmetric values zero or grown (F11); there is no factor then. */
 pma_status pma_numeric_factor(pma_numeric *f, size_t *column);
 
 /* The entry (row, column) in the values, or SIZE_MAX. */

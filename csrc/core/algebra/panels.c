@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "algebra/kernel.h"
+#include "algebra/trapezoid.h"
 
 static size_t width_of(const pma_panels *p, size_t s)
 {
@@ -78,7 +79,7 @@ size_t pma_panels_update_size(const pma_panels *p)
     return widest * most_rows(p);
 }
 
-/* ---- numeric part: left-looking, each panel as a dense Cholesky factor ---------------------- */
+/* ---- numeric part: left-looking; a symmetric panel as a dense Cholesky factor --------------- */
 
 /* What the numeric part walks with. */
 typedef struct {
@@ -88,6 +89,7 @@ typedef struct {
     int64_t *head, *next; /* supernodes waiting to update each supernode */
     int64_t *done;        /* how many rows of a supernode have been used as columns */
     int64_t *place;       /* row -> row of the panel at hand */
+    int64_t *unread;      /* unsymmetric: the first entry of each row that no column has read */
 } walk;
 
 /* The row of the panel that a row of the matrix is, or its height when it is none. */
@@ -102,13 +104,27 @@ static size_t place_in(const walk *w, size_t s, int64_t row)
     return height_of(p, s);
 }
 
-/* Entries of the matrix in and below the diagonal block; what is above belongs to others. */
+/* The entry (row, column) for the next column that has one in this row. */
+static pma_status read_across(const walk *w, const pma_panels_input *A, size_t row, int64_t column,
+                              double *entry)
+{
+    const int64_t k = w->unread[row]++;
+    if (k >= A->ptr[row + 1] || A->index[k] != column)
+        return PMA_BAD_INDEX;
+    *entry += A->values[k];
+    return PMA_OK;
+}
+
+/* Entries of the matrix in and below the diagonal block, and those across the diagonal from them;
+ * the others belong to other panels. Row j of A is column j of A^T, which Q is made of. */
 static pma_status fill_panel(const walk *w, size_t s, const pma_panels_input *A, double *diagonal)
 {
     const pma_panels *p = w->p;
     const size_t width = width_of(p, s), height = height_of(p, s);
-    double *panel = p->values + p->start[s];
+    double *R = p->values + p->start[s], *panel = R + p->Q;
     memset(panel, 0, width * height * sizeof *panel);
+    if (p->Q > 0)
+        memset(R, 0, width * height * sizeof *R);
     for (size_t i = 0; i < width; i++)
         w->place[p->first[s] + (int64_t)i] = (int64_t)i;
     for (size_t i = 0; i < rows_of(p, s); i++)
@@ -122,6 +138,9 @@ static pma_status fill_panel(const walk *w, size_t s, const pma_panels_input *A,
             if (place == height)
                 return PMA_BAD_INDEX;
             panel[j * height + place] += A->values[k];
+            if (p->Q > 0 &&
+                read_across(w, A, (size_t)A->index[k], column, R + j * height + place) != PMA_OK)
+                return PMA_BAD_INDEX;
         }
         diagonal[column] = panel[j * height + j];
     }
@@ -142,22 +161,21 @@ static void scatter(const double *u, const int32_t *rows, const int64_t *place, 
         column[place[rows[i]]] -= u[i];
 }
 
-/* panel(s) -= R_d R_d^T in the rows and columns that supernode d shares with it */
-static pma_status apply_update(const walk *w, size_t d, size_t begin, size_t end, size_t s)
+/* X(s) -= X_d Y_d^T in the rows and columns that supernode d shares with it; X and Y are R and Q,
+ * by where they begin in the values */
+static void update_panel(const walk *w, size_t d, size_t begin, size_t end, size_t s, size_t X,
+                         size_t Y)
 {
     const pma_panels *p = w->p;
     const size_t height = height_of(p, s);
     const int32_t *rows = p->rows + p->row_ptr[d];
-    for (size_t i = begin; i < rows_of(p, d); i++) {
-        if (place_in(w, s, rows[i]) == height)
-            return PMA_BAD_INDEX;
-    }
-    double *from = p->values + p->start[d] + width_of(p, d) + begin;
-    double *panel = p->values + p->start[s];
+    double *below = p->values + p->start[d] + width_of(p, d) + begin;
+    double *panel = p->values + X + p->start[s];
     int m = (int)(rows_of(p, d) - begin), columns = (int)(end - begin), k = (int)width_of(p, d);
     int ld = (int)height_of(p, d);
     double one = 1.0, zero = 0.0;
-    w->blas->dgemm("N", "T", &m, &columns, &k, &one, from, &ld, from, &ld, &zero, w->update, &m);
+    w->blas->dgemm("N", "T", &m, &columns, &k, &one, below + X, &ld, below + Y, &ld, &zero,
+                   w->update, &m);
     const int64_t first = w->place[rows[begin]];
     const bool adjoined = w->place[rows[begin + (size_t)m - 1]] == first + m - 1;
     for (size_t j = 0; j < (size_t)columns; j++) {
@@ -168,6 +186,18 @@ static pma_status apply_update(const walk *w, size_t d, size_t begin, size_t end
         else
             scatter(u, rows + begin, w->place, j, (size_t)m, column);
     }
+}
+
+static pma_status apply_update(const walk *w, size_t d, size_t begin, size_t end, size_t s)
+{
+    const pma_panels *p = w->p;
+    for (size_t i = begin; i < rows_of(p, d); i++) {
+        if (place_in(w, s, p->rows[p->row_ptr[d] + (int64_t)i]) == height_of(p, s))
+            return PMA_BAD_INDEX;
+    }
+    update_panel(w, d, begin, end, s, 0, p->Q);
+    if (p->Q > 0)
+        update_panel(w, d, begin, end, s, p->Q, 0);
     return PMA_OK;
 }
 
@@ -200,64 +230,53 @@ static pma_status apply_updates(const walk *w, size_t s, const int64_t *owner)
     return status;
 }
 
-/* Columns of a dense Cholesky factor made before what is right of them is updated. */
-enum { BLOCK = 48 };
+/* ---- the growth of an unsymmetric factor: R is a unit factor, Q that of A^T still times D ----- */
 
-/* Cholesky factor of a small block, column by column; `columns` or the first that fails */
-static size_t factor_block(double *block, size_t columns, size_t ld, const double *diagonal,
-                           double lost)
+/* n, or the first row of this panel from whose diagonal entry too much was subtracted      (F11) */
+static size_t grown_row(const pma_panels *p, size_t s, size_t n, double growth,
+                        const double *diagonal)
 {
-    for (size_t j = 0; j < columns; j++) {
-        double *column = block + j * ld;
-        if (!(column[j] > lost * fabs(diagonal[j])))
-            return j;
-        const double root = sqrt(column[j]);
-        column[j] = root;
-        for (size_t i = j + 1; i < columns; i++)
-            column[i] /= root;
-        for (size_t k = j + 1; k < columns; k++) {
-            for (size_t i = k; i < columns; i++)
-                block[k * ld + i] -= column[i] * column[k];
+    const size_t width = width_of(p, s), height = height_of(p, s), first = (size_t)p->first[s];
+    const int32_t *rows = p->rows + p->row_ptr[s];
+    const double *R = p->values + p->start[s], *Q = R + p->Q;
+    for (size_t j = 0; j < width; j++) {
+        for (size_t i = j + 1; i < height; i++) {
+            const size_t row = i < width ? first + i : (size_t)rows[i - width];
+            if (!(fabs(R[j * height + i] * Q[j * height + i]) <= growth * fabs(diagonal[row])))
+                return row;
         }
     }
-    return columns;
+    return n;
 }
 
-/* Cholesky factor of a whole panel, in blocks; its width or the first column that fails */
-static size_t factor_panel(double *panel, size_t width, size_t height, const double *diagonal,
-                           double lost, const pma_blas *blas)
+static pma_status check_growth(const pma_panels *p, const pma_panels_input *A,
+                               const double *diagonal, size_t *column)
 {
-    double one = 1.0, minus = -1.0;
-    int ld = (int)height;
-    for (size_t begin = 0; begin < width; begin += BLOCK) {
-        const size_t columns = width - begin < BLOCK ? width - begin : BLOCK;
-        const size_t end = begin + columns;
-        double *block = panel + begin * height + begin, *below = block + columns;
-        const size_t good = factor_block(block, columns, height, diagonal + begin, lost);
-        int m = (int)(height - end), k = (int)columns, right = (int)(width - end);
-        if (good < columns)
-            return begin + good;
-        if (m == 0)
-            continue;
-        blas->dtrsm("R", "L", "T", "N", &m, &k, &one, block, &ld, below, &ld);
-        if (right > 0)
-            blas->dgemm("N", "T", &m, &right, &k, &minus, below, &ld, below, &ld, &one,
-                        panel + end * height + end, &ld);
-    }
-    return width;
+    *column = A->n;
+    for (size_t s = 0; s < p->count && *column == A->n; s++)
+        *column = grown_row(p, s, A->n, A->growth, diagonal);
+    return *column == A->n ? PMA_OK : PMA_NOT_DEFINITE;
 }
 
-/* From the Cholesky factor to a unit diagonal: R_ij = G_ij / G_jj, D_j = G_jj^2 */
-static void scale_panel(double *panel, size_t width, size_t height, double *inverse)
+/* ---- one supernode after the other ---------------------------------------------------------- */
+
+static size_t factor_one(const walk *w, size_t s, const pma_panels_input *A, double *diagonal)
 {
-    for (size_t j = 0; j < width; j++) {
-        double *column = panel + j * height;
-        const double root = column[j];
-        inverse[j] = 1.0 / (root * root);
-        column[j] = 1.0;
-        for (size_t i = j + 1; i < height; i++)
-            column[i] /= root;
-    }
+    const pma_panels *p = w->p;
+    double *R = p->values + p->start[s];
+    const size_t width = width_of(p, s), height = height_of(p, s);
+    if (p->Q > 0)
+        return pma_trapezoid_factor_pair(R, R + p->Q, width, height, diagonal, A->lost, w->blas);
+    return pma_trapezoid_factor(R, width, height, diagonal, A->lost, w->blas);
+}
+
+static void scale_one(const pma_panels *p, size_t s, double *inverse)
+{
+    double *R = p->values + p->start[s];
+    if (p->Q > 0)
+        pma_trapezoid_scale_pair(R, R + p->Q, width_of(p, s), height_of(p, s), inverse);
+    else
+        pma_trapezoid_scale(R, width_of(p, s), height_of(p, s), inverse);
 }
 
 static pma_status factor_supernode(const walk *w, size_t s, const pma_panels_input *A,
@@ -268,8 +287,7 @@ static pma_status factor_supernode(const walk *w, size_t s, const pma_panels_inp
     pma_status status = fill_panel(w, s, A, diagonal);
     if (status != PMA_OK || (status = apply_updates(w, s, owner)) != PMA_OK)
         return status;
-    const size_t good = factor_panel(p->values + p->start[s], width, height_of(p, s),
-                                     diagonal + begin, A->lost, w->blas);
+    const size_t good = factor_one(w, s, A, diagonal + begin);
     *column = begin + good;
     if (good < width)
         return PMA_NOT_DEFINITE;
@@ -288,8 +306,11 @@ pma_status pma_panels_factor(pma_panels *p, const pma_panels_input *input, const
               .head = integers,
               .next = integers + p->count,
               .done = integers + 2 * p->count,
-              .place = integers + 3 * p->count};
+              .place = integers + 3 * p->count,
+              .unread = integers + 3 * p->count + input->n};
     memset(w.place, 0, input->n * sizeof *w.place);
+    if (p->Q > 0)
+        memcpy(w.unread, input->ptr, input->n * sizeof *w.unread);
     for (size_t s = 0; s < p->count; s++)
         w.head[s] = -1;
     for (size_t s = 0; s < p->count; s++) {
@@ -299,10 +320,10 @@ pma_status pma_panels_factor(pma_panels *p, const pma_panels_input *input, const
         if (stop(ctx))
             return PMA_STOPPED;
     }
-    for (size_t s = 0; s < p->count; s++)
-        scale_panel(p->values + p->start[s], width_of(p, s), height_of(p, s),
-                    inverse + p->first[s]);
-    return PMA_OK;
+    const pma_status status = p->Q > 0 ? check_growth(p, input, inverse, column) : PMA_OK;
+    for (size_t s = 0; s < p->count && status == PMA_OK; s++)
+        scale_one(p, s, inverse + p->first[s]);
+    return status;
 }
 
 /* ---- sweeps --------------------------------------------------------------------------------- */
@@ -321,7 +342,7 @@ static size_t supernode_at(const pma_panels *p, size_t column)
     return low;
 }
 
-/* One panel as a sweep sees it, and where its unknowns are in x. */
+/* One panel of R or Q as a sweep sees it, and where its unknowns are in x. */
 typedef struct {
     size_t width, below, height;
     const double *values;
@@ -330,7 +351,8 @@ typedef struct {
     bool adjoined; /* the unknowns of its rows follow them without a gap */
 } panel_view;
 
-static panel_view view(const pma_panels *p, size_t s, size_t from, double *x)
+static panel_view view(const pma_panels *p, size_t s, size_t begin, size_t from, size_t lanes,
+                       double *x)
 {
     const size_t width = width_of(p, s), below = rows_of(p, s);
     const int32_t *rows = p->rows + p->row_ptr[s];
@@ -338,84 +360,135 @@ static panel_view view(const pma_panels *p, size_t s, size_t from, double *x)
     return (panel_view){.width = width,
                         .below = below,
                         .height = width + below,
-                        .values = p->values + p->start[s],
+                        .values = p->values + begin + p->start[s],
                         .rows = rows,
-                        .own = x + ((size_t)p->first[s] - from),
+                        .own = x + ((size_t)p->first[s] - from) * lanes,
                         .adjoined = adjoined};
 }
 
-static void eliminate_panel(const pma_kernel *kernel, const panel_view *v, size_t from, double *x,
-                            double *work)
+/* The loops below are compiled twice, for one lane and for all of them. */
+
+/* clang-format off: attributes are long, and a name begins its line */
+
+__attribute__((always_inline)) static inline void
+eliminate_supernode(const pma_kernel *kernel, const pma_panels *p, size_t s, size_t from,
+                    const size_t lanes, double *x, double *work)
 {
-    memcpy(work, v->own, v->width * sizeof *work);
-    memset(work + v->width, 0, v->below * sizeof *work);
-    kernel->eliminate(v->values, v->height, v->height, v->width, work);
-    memcpy(v->own, work, v->width * sizeof *work);
-    for (size_t i = 0; i < v->below; i++)
-        x[(size_t)v->rows[i] - from] += work[v->width + i];
+    void (*const eliminate)(const double *, size_t, size_t, size_t, double *) =
+        lanes == 1 ? kernel->eliminate : kernel->eliminate_lanes;
+    const panel_view v = view(p, s, 0, from, lanes, x);
+    if (v.adjoined) {
+        eliminate(v.values, v.height, v.height, v.width, v.own);
+        return;
+    }
+    double *added = work + v.width * lanes;
+    memcpy(work, v.own, v.width * lanes * sizeof *work);
+    memset(added, 0, v.below * lanes * sizeof *work);
+    eliminate(v.values, v.height, v.height, v.width, work);
+    memcpy(v.own, work, v.width * lanes * sizeof *work);
+    for (size_t i = 0; i < v.below; i++) {
+        double *below = x + ((size_t)v.rows[i] - from) * lanes;
+        for (size_t l = 0; l < lanes; l++)
+            below[l] += added[i * lanes + l];
+    }
 }
 
-static void substitute_panel(const pma_kernel *kernel, const panel_view *v, size_t from,
-                             const double *x, double *work)
+__attribute__((always_inline)) static inline void
+substitute_supernode(const pma_kernel *kernel, const pma_panels *p, const double *inverse, size_t s,
+                     size_t from, const size_t lanes, double *x, double *work)
 {
-    memcpy(work, v->own, v->width * sizeof *work);
-    for (size_t i = 0; i < v->below; i++)
-        work[v->width + i] = x[(size_t)v->rows[i] - from];
-    kernel->substitute(v->values, v->height, v->height, v->width, work);
-    memcpy(v->own, work, v->width * sizeof *work);
+    void (*const substitute)(const double *, size_t, size_t, size_t, double *) =
+        lanes == 1 ? kernel->substitute : kernel->substitute_lanes;
+    const panel_view v = view(p, s, p->Q, from, lanes, x);
+    for (size_t j = 0; j < v.width; j++) {
+        for (size_t l = 0; l < lanes; l++)
+            v.own[j * lanes + l] *= inverse[(size_t)p->first[s] + j];
+    }
+    if (v.adjoined) {
+        substitute(v.values, v.height, v.height, v.width, v.own);
+        return;
+    }
+    double *gathered = work + v.width * lanes;
+    memcpy(work, v.own, v.width * lanes * sizeof *work);
+    for (size_t i = 0; i < v.below; i++) {
+        const double *below = x + ((size_t)v.rows[i] - from) * lanes;
+        for (size_t l = 0; l < lanes; l++)
+            gathered[i * lanes + l] = below[l];
+    }
+    substitute(v.values, v.height, v.height, v.width, work);
+    memcpy(v.own, work, v.width * lanes * sizeof *work);
 }
 
-static void eliminate_supernode(const pma_kernel *kernel, const pma_panels *p, size_t s,
-                                size_t from, double *x, double *work)
+/* Supernodes from..to-1, or those of a list; x[0] is unknown `first`. */
+typedef struct {
+    const int64_t *list; /* or NULL */
+    size_t from, to, first;
+} range;
+
+static size_t member_of(const range *r, size_t k)
 {
-    const panel_view v = view(p, s, from, x);
-    if (v.adjoined)
-        kernel->eliminate(v.values, v.height, v.height, v.width, v.own);
-    else
-        eliminate_panel(kernel, &v, from, x, work);
+    return r->list ? (size_t)r->list[k] : k;
 }
 
-static void substitute_supernode(const pma_kernel *kernel, const pma_panels *p,
-                                 const double *inverse, size_t s, size_t from, double *x,
-                                 double *work)
-{
-    const panel_view v = view(p, s, from, x);
-    for (size_t j = 0; j < v.width; j++)
-        v.own[j] *= inverse[(size_t)p->first[s] + j];
-    if (v.adjoined)
-        kernel->substitute(v.values, v.height, v.height, v.width, v.own);
-    else
-        substitute_panel(kernel, &v, from, x, work);
-}
-
-void pma_panels_eliminate(const pma_panels *p, size_t from, size_t to, double *x, double *work)
+__attribute__((always_inline)) static inline void
+eliminate_range(const pma_panels *p, const range *r, const size_t lanes, double *x, double *work)
 {
     const pma_kernel *kernel = pma_kernel_best();
-    for (size_t s = supernode_at(p, from); s < p->count && (size_t)p->first[s] < to; s++)
-        eliminate_supernode(kernel, p, s, from, x, work);
+    for (size_t k = r->from; k < r->to; k++)
+        eliminate_supernode(kernel, p, member_of(r, k), r->first, lanes, x, work);
 }
 
-void pma_panels_substitute(const pma_panels *p, const double *inverse, size_t from, size_t to,
-                           double *x, double *work)
+__attribute__((always_inline)) static inline void
+substitute_range(const pma_panels *p, const double *inverse, const range *r, const size_t lanes,
+                 double *x, double *work)
 {
     const pma_kernel *kernel = pma_kernel_best();
-    const size_t begin = supernode_at(p, from);
-    for (size_t s = supernode_at(p, to); s-- > begin;)
-        substitute_supernode(kernel, p, inverse, s, from, x, work);
+    for (size_t k = r->to; k-- > r->from;)
+        substitute_supernode(kernel, p, inverse, member_of(r, k), r->first, lanes, x, work);
+}
+
+/* clang-format on */
+
+static void eliminate(const pma_panels *p, const range *r, size_t lanes, double *x, double *work)
+{
+    if (lanes == 1)
+        eliminate_range(p, r, 1, x, work);
+    else
+        eliminate_range(p, r, PMA_LANES, x, work);
+}
+
+static void substitute(const pma_panels *p, const double *inverse, const range *r, size_t lanes,
+                       double *x, double *work)
+{
+    if (lanes == 1)
+        substitute_range(p, inverse, r, 1, x, work);
+    else
+        substitute_range(p, inverse, r, PMA_LANES, x, work);
+}
+
+void pma_panels_eliminate(const pma_panels *p, size_t lanes, size_t from, size_t to, double *x,
+                          double *work)
+{
+    const range r = {.from = supernode_at(p, from), .to = supernode_at(p, to), .first = from};
+    eliminate(p, &r, lanes, x, work);
+}
+
+void pma_panels_substitute(const pma_panels *p, const double *inverse, size_t lanes, size_t from,
+                           size_t to, double *x, double *work)
+{
+    const range r = {.from = supernode_at(p, from), .to = supernode_at(p, to), .first = from};
+    substitute(p, inverse, &r, lanes, x, work);
 }
 
 void pma_panels_eliminate_these(const pma_panels *p, const int64_t *supernodes, size_t count,
-                                double *x, double *work)
+                                size_t lanes, double *x, double *work)
 {
-    const pma_kernel *kernel = pma_kernel_best();
-    for (size_t k = 0; k < count; k++)
-        eliminate_supernode(kernel, p, (size_t)supernodes[k], 0, x, work);
+    eliminate(p, &(range){.list = supernodes, .to = count}, lanes, x, work);
 }
 
 void pma_panels_substitute_these(const pma_panels *p, const double *inverse,
-                                 const int64_t *supernodes, size_t count, double *x, double *work)
+                                 const int64_t *supernodes, size_t count, size_t lanes, double *x,
+                                 double *work)
 {
-    const pma_kernel *kernel = pma_kernel_best();
-    for (size_t k = count; k-- > 0;)
-        substitute_supernode(kernel, p, inverse, (size_t)supernodes[k], 0, x, work);
+    substitute(p, inverse, &(range){.list = supernodes, .to = count}, lanes, x, work);
 }

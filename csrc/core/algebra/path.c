@@ -87,11 +87,13 @@ size_t pma_path_entries(const pma_path *path, const pma_panels *p)
 /* aside := y, or y += aside, or aside := 0 in the columns on the paths */
 typedef enum { TAKE, ADD, CLEAR } passing;
 
-static void pass(const pma_path *path, const pma_panels *p, passing how, double *y, double *aside)
+static void pass(const pma_path *path, const pma_panels *p, passing how, size_t lanes, double *y,
+                 double *aside)
 {
     for (size_t k = 0; k < path->count; k++) {
         const int64_t s = path->supernodes[k];
-        for (int64_t j = p->first[s]; j < p->first[s + 1]; j++) {
+        const size_t end = (size_t)p->first[s + 1] * lanes;
+        for (size_t j = (size_t)p->first[s] * lanes; j < end; j++) {
             if (how == ADD)
                 y[j] += aside[j];
             else
@@ -100,70 +102,75 @@ static void pass(const pma_path *path, const pma_panels *p, passing how, double 
     }
 }
 
-/* aside := P x, and back */
-static void bring_in(const pma_path *path, size_t n, const double *x, double *aside)
+/* aside := P x, and back, for the unknowns from `begin` on; x[0] is unknown `begin` */
+static void bring_in(const pma_path *path, size_t begin, size_t n, size_t lanes, const double *x,
+                     double *aside)
 {
-    for (size_t i = 0; i < n; i++)
-        aside[path->place[i]] = x[i];
+    for (size_t i = begin; i < n; i++) {
+        for (size_t l = 0; l < lanes; l++)
+            aside[(size_t)path->place[i] * lanes + l] = x[(i - begin) * lanes + l];
+    }
 }
 
-static void bring_back(const pma_path *path, size_t n, const double *aside, double *x)
+static void bring_back(const pma_path *path, size_t begin, size_t n, size_t lanes,
+                       const double *aside, double *x)
 {
-    for (size_t i = 0; i < n; i++)
-        x[i] = aside[path->place[i]];
+    for (size_t i = begin; i < n; i++) {
+        for (size_t l = 0; l < lanes; l++)
+            x[(i - begin) * lanes + l] = aside[(size_t)path->place[i] * lanes + l];
+    }
 }
 
 /* aside := R^-1 P xb, xb (nb) on the interface */
 static void eliminate_interface(const pma_path *path, const pma_panels *p, size_t n, size_t nb,
-                                const double *xb, double *aside)
+                                size_t lanes, const double *xb, double *aside)
 {
-    pass(path, p, CLEAR, NULL, aside);
-    for (size_t i = 0; i < nb; i++)
-        aside[path->place[n - nb + i]] = xb[i];
-    pma_panels_eliminate_these(p, path->supernodes, path->count, aside, aside + n);
+    pass(path, p, CLEAR, lanes, NULL, aside);
+    bring_in(path, n - nb, n, lanes, xb, aside);
+    pma_panels_eliminate_these(p, path->supernodes, path->count, lanes, aside, aside + n * lanes);
 }
 
 /* xb (nb) := (P^T R^-T D^-1 aside)_b */
 static void substitute_interface(const pma_path *path, const pma_panels *p, const double *inverse,
-                                 size_t n, size_t nb, double *xb, double *aside)
+                                 size_t n, size_t nb, size_t lanes, double *xb, double *aside)
 {
-    pma_panels_substitute_these(p, inverse, path->supernodes, path->count, aside, aside + n);
-    for (size_t i = 0; i < nb; i++)
-        xb[i] = aside[path->place[n - nb + i]];
+    pma_panels_substitute_these(p, inverse, path->supernodes, path->count, lanes, aside,
+                                aside + n * lanes);
+    bring_back(path, n - nb, n, lanes, aside, xb);
 }
 
 void pma_path_open(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
-                   size_t nb, double *x, double *xb, double *aside)
+                   size_t nb, size_t lanes, double *x, double *xb, double *aside)
 {
-    bring_in(path, n, x, aside);
-    memcpy(x, aside, n * sizeof *x);
-    pma_panels_eliminate(p, 0, n, x, aside + n);
-    pass(path, p, TAKE, x, aside);
-    substitute_interface(path, p, inverse, n, nb, xb, aside);
+    bring_in(path, 0, n, lanes, x, aside);
+    memcpy(x, aside, n * lanes * sizeof *x);
+    pma_panels_eliminate(p, lanes, 0, n, x, aside + n * lanes);
+    pass(path, p, TAKE, lanes, x, aside);
+    substitute_interface(path, p, inverse, n, nb, lanes, xb, aside);
 }
 
 void pma_path_close(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
-                    size_t nb, const double *fb, double *x, double *aside)
+                    size_t nb, size_t lanes, const double *fb, double *x, double *aside)
 {
-    eliminate_interface(path, p, n, nb, fb, aside);
-    pass(path, p, ADD, x, aside);
-    pma_panels_substitute(p, inverse, 0, n, x, aside + n);
-    memcpy(aside, x, n * sizeof *x);
-    bring_back(path, n, aside, x);
+    eliminate_interface(path, p, n, nb, lanes, fb, aside);
+    pass(path, p, ADD, lanes, x, aside);
+    pma_panels_substitute(p, inverse, lanes, 0, n, x, aside + n * lanes);
+    memcpy(aside, x, n * lanes * sizeof *x);
+    bring_back(path, 0, n, lanes, aside, x);
 }
 
 void pma_path_interface(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
-                        size_t nb, double *xb, double *aside)
+                        size_t nb, size_t lanes, double *xb, double *aside)
 {
-    eliminate_interface(path, p, n, nb, xb, aside);
-    substitute_interface(path, p, inverse, n, nb, xb, aside);
+    eliminate_interface(path, p, n, nb, lanes, xb, aside);
+    substitute_interface(path, p, inverse, n, nb, lanes, xb, aside);
 }
 
 void pma_path_solve(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
-                    double *x, double *aside)
+                    size_t lanes, double *x, double *aside)
 {
-    bring_in(path, n, x, aside);
-    pma_panels_eliminate(p, 0, n, aside, aside + n);
-    pma_panels_substitute(p, inverse, 0, n, aside, aside + n);
-    bring_back(path, n, aside, x);
+    bring_in(path, 0, n, lanes, x, aside);
+    pma_panels_eliminate(p, lanes, 0, n, aside, aside + n * lanes);
+    pma_panels_substitute(p, inverse, lanes, 0, n, aside, aside + n * lanes);
+    bring_back(path, 0, n, lanes, aside, x);
 }

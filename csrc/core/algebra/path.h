@@ -27,23 +27,24 @@ pma_status pma_path_check(const pma_path *path, const pma_panels *p, size_t n, s
 /* Entries of the factor on the paths. */
 size_t pma_path_entries(const pma_path *path, const pma_panels *p);
 
-/* A = P^T R D R^T P, P x the unknowns in the order of elimination. aside: scratch,
+/* A = P^T R D R^T P, P x the unknowns in the order of elimination. `lanes` vectors side by side, 1
+ * or PMA_LANES (kernel.h); sizes count numbers of one of them. aside: scratch,
  * n + pma_panels_most_height: a vector in the order of elimination, and what panels need.
  *
  * x (n) := y = R^-1 P x, the free problem swept forward; xb (nb) := (P^T R^-T D^-1 y)_b    (F7) */
 void pma_path_open(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
-                   size_t nb, double *x, double *xb, double *aside);
+                   size_t nb, size_t lanes, double *x, double *xb, double *aside);
 
 /* x (n) := P^T R^-T D^-1 (x + R^-1 P fb), fb (nb) on the interface                         (F8) */
 void pma_path_close(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
-                    size_t nb, const double *fb, double *x, double *aside);
+                    size_t nb, size_t lanes, const double *fb, double *x, double *aside);
 
 /* x (n) := A^-1 x */
 void pma_path_solve(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
-                    double *x, double *aside);
+                    size_t lanes, double *x, double *aside);
 
 /* xb (nb) := (A^-1)_bb xb                                                                   (F9) */
 void pma_path_interface(const pma_path *path, const pma_panels *p, const double *inverse, size_t n,
-                        size_t nb, double *xb, double *aside);
+                        size_t nb, size_t lanes, double *xb, double *aside);
 
 #endif

@@ -174,8 +174,7 @@ void pma_strips_fill(const pma_strips *S, size_t n, const int64_t *ptr, const in
 
 /* ---- product -------------------------------------------------------------------------------- */
 
-/* The strip of a row. */
-static size_t strip_at(const pma_strips *S, size_t row)
+size_t pma_strips_at(const pma_strips *S, size_t row)
 {
     size_t low = 0, high = S->count;
     while (low + 1 < high) {
@@ -194,7 +193,7 @@ void pma_strips_subtract(const pma_strips *S, size_t begin, size_t end, const do
     double product[PMA_STRIP_ROWS];
     if (begin == end)
         return;
-    for (size_t s = strip_at(S, begin); s < S->count && (size_t)S->first[s] < end; s++) {
+    for (size_t s = pma_strips_at(S, begin); s < S->count && (size_t)S->first[s] < end; s++) {
         const size_t first = (size_t)S->first[s], last = (size_t)S->first[s + 1];
         kernel->multiply_strip(S->values + S->start[s], rows_of(S, s), columns_of(S, s),
                                S->index + S->ptr[s], x, product);

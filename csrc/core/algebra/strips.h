@@ -1,4 +1,4 @@
-/* strips.h - a symmetric sparse matrix in strips: rows that read the same columns, side by side.
+/* strips.h - a sparse matrix in strips: rows that read the same columns, side by side.
  *
  * All dofs of a node are tied to the same dofs. Their rows share one list of columns and are dense
  * over it: 8 bytes an entry and a few for the list, and vector code. */
@@ -47,6 +47,9 @@ size_t pma_strips_group(size_t n, const int64_t *ptr, const int32_t *index, int6
 void pma_strips_fill(const pma_strips *S, size_t n, const int64_t *ptr, const int32_t *index,
                      const double *entries, int64_t *mark, int32_t *strip_index,
                      double *strip_values);
+
+/* The strip of a row. */
+size_t pma_strips_at(const pma_strips *S, size_t row);
 
 /* y -= A x for the rows begin..end-1 of y */
 void pma_strips_subtract(const pma_strips *S, size_t begin, size_t end, const double *x, double *y);

@@ -1,7 +1,7 @@
 /* clock.h - time counted in integers: where a subdomain is at a fine step, and its substeps.
  *
  * Everything follows from the number k of a fine step, counted from the present, and the number of
- * the macro step in which that began. */
+ * the macro step in which that began, counted from the start or the last change of the steps. */
 #ifndef PMA_CLOCK_H
 #define PMA_CLOCK_H
 
@@ -16,12 +16,19 @@ typedef struct {
     size_t j, phase;
 } pma_moment;
 
-/* (T1)  t = (j / levels) dt for time level j of `levels` in a macro step, counted from t = 0 and in
- * this order of operations: equal times are bitwise identical, whatever `levels` is */
-static inline double pma_clock_time(double dt, int64_t macro, size_t j, size_t levels)
+/* Macro steps of one length: `number` macro steps were done when they began, at time t. */
+typedef struct {
+    int64_t number;
+    double t;
+} pma_origin;
+
+/* (T1)  t = t0 + (j / levels) dt for time level j of `levels` in a macro step, counted from where
+ * macro steps of this length began and in this order of operations: equal times are bitwise
+ * identical, whatever `levels` is */
+static inline double pma_clock_time(double t0, double dt, int64_t macro, size_t j, size_t levels)
 {
     const double count = (double)macro * (double)levels + (double)j;
-    return count / (double)levels * dt;
+    return t0 + count / (double)levels * dt;
 }
 
 /* (15)  j = floor((k - 1) / ratio), theta = phase / ratio, for k >= 1 */
@@ -32,16 +39,23 @@ static inline pma_moment pma_clock_moment(size_t k, size_t ratio)
     return (pma_moment){.j = j, .phase = k - j * ratio};
 }
 
-/* The substep from time level j of a subdomain that takes double steps if `doubled`: these from the
- * second macro step on, since they are not self-starting. */
-static inline pma_substep pma_clock_substep(double dt, int64_t macro, size_t substeps, size_t j,
-                                            bool doubled)
+/* The number of the first substep that is a double step: none is, unless the subdomain is `doubled`;
+ * all are where it `continues` from an earlier time level; else those from the second macro step
+ * on, since double steps are not self-starting. */
+static inline int64_t pma_clock_first_double(bool doubled, bool continues, size_t substeps)
+{
+    return !doubled ? INT64_MAX : continues ? 0 : (int64_t)substeps;
+}
+
+/* The substep from time level j of a subdomain whose substeps are double from `first_double` on. */
+static inline pma_substep pma_clock_substep(double t0, double dt, int64_t macro, size_t substeps,
+                                            size_t j, int64_t first_double)
 {
     const int64_t number = macro * (int64_t)substeps + (int64_t)j;
     return (pma_substep){.j = j,
                          .number = number,
-                         .t1 = pma_clock_time(dt, macro, j + 1, substeps),
-                         .twice = doubled && number >= (int64_t)substeps};
+                         .t1 = pma_clock_time(t0, dt, macro, j + 1, substeps),
+                         .twice = number >= first_double};
 }
 
 #endif

@@ -38,25 +38,29 @@ static void lay_out(pma_coupler *c, const pma_coupler_parts *parts)
     for (size_t i = 0; i < parts->count; i++) {
         const pma_member *member = &parts->members[i];
         const size_t ratio = c->fine / member->substeps;
-        c->coupled[i] = (pma_coupled){.member = *member, .ratio = ratio > 0 ? ratio : 1};
+        c->coupled[i] = (pma_coupled){.member = *member,
+                                      .ratio = ratio > 0 ? ratio : 1,
+                                      .first_double = pma_clock_first_double(
+                                          member->doubled, member->continues, member->substeps)};
         c->evaluates = c->evaluates || member->evaluates;
     }
     double *next = c->block;
     pma_macro_level *const levels[3] = {&c->present, &c->reached, &c->working};
-    for (size_t i = 0; i < 3; i++, next += 2 * p)
-        *levels[i] = (pma_macro_level){.lam = next, .g = next + p};
+    for (size_t i = 0; i < 3; i++, next += 3 * p)
+        *levels[i] = (pma_macro_level){.lam = next, .g = next + p, .gap = next + 2 * p};
     c->scratch = next;
     c->dlam = next + p;
     c->lam_end = next + 2 * p;
     c->lam_before = next + 3 * p;
-    c->sums = next + 4 * p;
+    c->lengths = next + 4 * p;
+    c->sums = next + 4 * p + 2;
 }
 
 static pma_status allocate(pma_coupler *c, const pma_coupler_parts *parts)
 {
     c->coupled = calloc(parts->count + 1, sizeof *c->coupled);
     c->motions = calloc(parts->motion_count + 1, sizeof *c->motions);
-    c->block = calloc(12 * parts->p + 1, sizeof(double));
+    c->block = calloc(14 * parts->p + 3, sizeof(double));
     if (!c->coupled || !c->motions || !c->block)
         return PMA_NO_MEMORY;
     for (size_t i = 0; i < parts->motion_count; i++)
@@ -139,6 +143,8 @@ pma_status pma_coupler_create(const pma_coupler_parts *parts, pma_coupler **out)
         status = prepare(c, parts);
     }
     if (status == PMA_OK)
+        status = pma_exchange_create(c, parts->exchange);
+    if (status == PMA_OK)
         status = create_team(c);
     if (status != PMA_OK) {
         pma_coupler_destroy(c);
@@ -155,6 +161,7 @@ void pma_coupler_destroy(pma_coupler *c)
     pma_team_destroy(c->team);
     pma_roster_destroy(&c->roster);
     pma_iteration_destroy(c->iteration);
+    pma_exchange_destroy(c->exchange);
     free(c->lam_deferred);
     free(c->coupled);
     free(c->motions);
@@ -170,12 +177,21 @@ void pma_coupler_set_motion(pma_coupler *c, size_t i, pma_load load)
     c->motions[i].load = load;
 }
 
+void pma_coupler_set_origin(pma_coupler *c, int64_t number, double t)
+{
+    c->origin = (pma_origin){.number = number, .t = t};
+}
+
 void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, const double *g)
 {
+    assert(step_count >= c->origin.number);
     memcpy(c->present.lam, lam, c->parts.p * sizeof(double));
     memcpy(c->present.g, g, c->parts.p * sizeof(double));
-    c->present.number = c->reached.number = step_count;
+    memset(c->present.gap, 0, c->parts.p * sizeof(double));
+    c->present.number = c->reached.number = step_count - c->origin.number;
     c->k = 0;
+    for (int64_t i = 0; i < 2; i++)
+        c->lengths[i] = c->present.number > i ? c->parts.dt : 0.0;
     c->started = true;
     if (c->iteration)
         pma_iteration_start(c->iteration);
@@ -188,7 +204,12 @@ size_t pma_coupler_instants(const pma_coupler *c)
 
 int64_t pma_coupler_step_count(const pma_coupler *c)
 {
-    return c->present.number;
+    return c->origin.number + c->present.number;
+}
+
+int64_t pma_coupler_origin(const pma_coupler *c)
+{
+    return c->origin.number;
 }
 
 int64_t pma_coupler_most_steps(const pma_coupler *c)
@@ -226,6 +247,11 @@ size_t pma_coupler_failed(const pma_coupler *c)
     return c->failed;
 }
 
+double *pma_coupler_gap(pma_coupler *c)
+{
+    return c->present.gap;
+}
+
 double *pma_coupler_end_multipliers(pma_coupler *c)
 {
     return c->lam_end;
@@ -252,7 +278,7 @@ void pma_coupler_move_to(pma_coupler *c, size_t k)
 void pma_coupler_prescribe(pma_coupler *c)
 {
     const int64_t number = c->present.number * (int64_t)c->fine + (int64_t)c->k - 1;
-    const double t = pma_clock_time(c->parts.dt, c->present.number, c->k, c->fine);
+    const double t = pma_clock_time(c->origin.t, c->parts.dt, c->present.number, c->k, c->fine);
     pma_motion_prescribe(c->parts.motion_count, c->motions, t, number, c->scratch, c->working.g);
 }
 
@@ -347,6 +373,20 @@ static void begin(pma_coupler *c, int64_t steps, const pma_record *record, const
     atomic_store(&c->stopped, false);
 }
 
+pma_status pma_coupler_meet(pma_coupler *c)
+{
+    return pma_exchange_present(c, c->started ? PMA_OK : PMA_NOT_READY);
+}
+
+/* A macro step, up to where all have arrived at its end. */
+static pma_status take_step(pma_coupler *c)
+{
+    if (!c->exchange)
+        return c->parts.schedule->step(c);
+    pma_exchange_begin(c);
+    return pma_exchange_agree(c, c->parts.schedule->step(c));
+}
+
 pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,
                                const pma_poll *poll)
 {
@@ -354,8 +394,10 @@ pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *
     if (c->team && steps > 0 && status == PMA_OK)
         status = pma_team_gather(c->team);
     begin(c, steps, record, poll);
+    if (c->exchange && steps > 0)
+        status = pma_exchange_present(c, status);
     for (int64_t step = 0; step < steps && status == PMA_OK; step++) {
-        status = c->parts.schedule->step(c);
+        status = take_step(c);
         if (status == PMA_OK) {
             reach(c);
         } else {

@@ -10,6 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "coupling/exchange.h"
 #include "coupling/interface.h"
 #include "coupling/iteration.h"
 #include "coupling/motion.h"
@@ -21,12 +22,17 @@
 typedef struct pma_schedule pma_schedule;
 
 extern const pma_schedule pma_fine_schedule;  /* pm and gc: in every fine step */
+extern const pma_schedule pma_tied_schedule;  /* gc, displacements tied at macro time levels */
 extern const pma_schedule pma_mean_schedule;  /* once in a macro step, displacements; H of (K4) */
 extern const pma_schedule pma_macro_schedule; /* once in a macro step, any substeps; H of (M4) */
 
+/* "pm" and "gc" with members in other processes; the other two have them as they are. */
+extern const pma_schedule pma_distributed_schedule;
+
 /* The same with members that have internal forces, whose steps are iterated by Newton's method. */
-extern const pma_schedule pma_iterated_schedule; /* pm and gc */
-extern const pma_schedule pma_shooting_schedule; /* macro */
+extern const pma_schedule pma_iterated_schedule;      /* pm and gc */
+extern const pma_schedule pma_shooting_schedule;      /* macro */
+extern const pma_schedule pma_mean_shooting_schedule; /* mean */
 
 /* What a coupler is made of. Members and arrays are the caller's and have to outlive it. */
 typedef struct {
@@ -35,11 +41,13 @@ typedef struct {
     size_t p;                  /* constraints */
     pma_interface H_start;     /* (18), single steps alone: the first macro step */
     pma_interface H;           /* (18), double steps where they are taken: from the second on */
+    pma_interface gap;         /* (V4), of the tied schedule */
     pma_matrix doubled;        /* mean coupling: the part of H of members with double steps */
     double dt;                 /* macro step */
     bool rebased;              /* (S3) after the first macro step, else the plain start */
     const pma_schedule *schedule;
     const pma_iteration_parts *iteration; /* of the last two schedules, else NULL; copied */
+    const pma_exchange_parts *exchange;   /* with members in other processes, else NULL; copied */
     size_t motion_count;
     const pma_motion *motions; /* copied */
     size_t threads;            /* maximum number, including the caller; 0 stands for 1 */
@@ -72,14 +80,20 @@ void pma_coupler_destroy(pma_coupler *c); /* NULL is allowed */
 /* Another g(t) for a prescribed motion, on as many rows as before. */
 void pma_coupler_set_motion(pma_coupler *c, size_t i, pma_load load);
 
+/* Macro steps are counted and times taken from macro step `number` at time t, before the next start
+ * and until it is set again; from 0 and 0.0 unless it is set. Loads in tables are counted from there
+ * too, and the macro step that begins there is the first one of H_start. */
+void pma_coupler_set_origin(pma_coupler *c, int64_t number, double t);
+
 /* The present is macro step `step_count` with lam and the prescribed velocities g (p each, 0 where
- * none is). At 0 the subdomains have been started with the same lam; later their time levels have
- * been written. */
+ * none is), not before the origin. At 0 the subdomains have been started with the same lam; later
+ * their time levels have been written. */
 void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, const double *g);
 
 /* `steps` macro steps, recorded if record is not NULL. PMA_NOT_READY before a start,
- * PMA_NOT_FINITE, PMA_FORCE_FAILED, PMA_RESTORING_FAILED, PMA_INTERNAL_FAILED, PMA_NOT_CONVERGED
- * and PMA_SINGULAR (pma_coupler_failed says where), PMA_STOPPED (possibly with all steps done), and
+ * PMA_NOT_FINITE, PMA_FORCE_FAILED, PMA_RESTORING_FAILED, PMA_INTERNAL_FAILED, PMA_UNSYMMETRIC,
+ * PMA_NOT_CONVERGED and PMA_SINGULAR (pma_coupler_failed says where), PMA_STOPPED (possibly with all
+ * steps done), PMA_ELSEWHERE (all processes are at the same macro step), and
  * PMA_NO_THREADS before the first step. Does not allocate, but for the threads when they are not
  * there yet. */
 pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,
@@ -93,6 +107,7 @@ void pma_coupler_record_present(const pma_coupler *c, const pma_record *record);
 /* Interface problems in a macro step: the largest number of substeps; one in macro coupling. */
 size_t pma_coupler_instants(const pma_coupler *c);
 int64_t pma_coupler_step_count(const pma_coupler *c);
+int64_t pma_coupler_origin(const pma_coupler *c); /* the macro step at the origin of the clock */
 /* The largest number of macro steps in which all substeps can be counted. */
 int64_t pma_coupler_most_steps(const pma_coupler *c);
 size_t pma_coupler_threads(const pma_coupler *c); /* that share the work, at least 1 */
@@ -104,8 +119,16 @@ const double *pma_coupler_prescribed(const pma_coupler *c);  /* p, g of the pres
 /* The subdomain whose function failed, or where a value was first not finite; of several in the
  * same fine step, the first in order. */
 size_t pma_coupler_failed(const pma_coupler *c);
-/* Mean coupling: the multipliers at the present, from which accelerations are recorded, and those
- * before the last ones (p each, one after the other); they belong to the state. */
+/* Tied schedule: the gap of the displacements at the present, sum_i L_i u_i = gap (p), which belongs
+ * to the state; 0 after a start. */
+double *pma_coupler_gap(pma_coupler *c);
+/* After PMA_ELSEWHERE: the rank in which something failed; this one when the exchange did. */
+size_t pma_coupler_failed_rank(const pma_coupler *c);
+/* Before pma_coupler_record_present with members in other processes, in all of them. */
+pma_status pma_coupler_meet(pma_coupler *c);
+/* Mean coupling: the multipliers at the present, from which accelerations are recorded, those before
+ * the last ones (p each), and the lengths of the last two macro steps (2), 0 where there was none,
+ * one after the other; they belong to the state, to be written after a start. */
 double *pma_coupler_end_multipliers(pma_coupler *c);
 /* What the iteration of internal forces keeps from one macro step to the next, beside what the
  * subdomains keep: `*size` numbers, to be read or written after a start. */

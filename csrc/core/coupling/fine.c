@@ -178,7 +178,7 @@ static pma_status fine_steps(pma_coupler *c)
 const pma_schedule pma_fine_schedule = {
     .check = check, .instants = pma_fine_instants, .duty = duty, .step = fine_steps};
 
-/* ---- the same for iterated.c ---------------------------------------------------------------- */
+/* ---- the same for iterated.c, tied.c and distributed.c ---------------------------------------- */
 
 pma_status pma_fine_open(pma_coupler *c, pma_coupled *m)
 {
@@ -193,6 +193,26 @@ pma_status pma_fine_close(pma_coupler *c, pma_coupled *m)
 void pma_fine_right_side(pma_coupler *c)
 {
     right_side(c);
+}
+
+pma_status pma_fine_begin(pma_coupler *c)
+{
+    return open_substeps(c);
+}
+
+pma_status pma_fine_solve(pma_coupler *c)
+{
+    return solve_interface(c);
+}
+
+pma_status pma_fine_end(pma_coupler *c)
+{
+    return close_substeps(c);
+}
+
+pma_duty pma_fine_duty(const pma_member *member)
+{
+    return duty(member);
 }
 
 pma_status pma_fine_steps(pma_coupler *c, pma_status (*take)(pma_coupler *c))

@@ -38,3 +38,38 @@ pma_interface pma_ldl_interface(pma_ldl *ldl)
                            .p = ldl->factor.n,
                            .entries = 2 * pma_factor_entries(&ldl->factor)};
 }
+
+/* ---- L U ------------------------------------------------------------------------------------ */
+
+pma_status pma_gap_create(const pma_lu *S, pma_gap *out)
+{
+    *out = (pma_gap){.work = NULL};
+    const pma_status status = pma_lu_check(S);
+    if (status != PMA_OK)
+        return status;
+    out->work = calloc(S->n + 1, sizeof *out->work);
+    if (!out->work)
+        return PMA_NO_MEMORY;
+    out->factor = *S;
+    return PMA_OK;
+}
+
+void pma_gap_destroy(pma_gap *gap)
+{
+    free(gap->work);
+    *gap = (pma_gap){.work = NULL};
+}
+
+static void solve_gap(void *self, double *x)
+{
+    const pma_gap *gap = self;
+    pma_lu_solve(&gap->factor, x, gap->work);
+}
+
+static const pma_interface_table GAP = {.solve = solve_gap};
+
+pma_interface pma_gap_interface(pma_gap *gap)
+{
+    return (pma_interface){
+        .table = &GAP, .self = gap, .p = gap->factor.p, .entries = pma_lu_entries(&gap->factor)};
+}

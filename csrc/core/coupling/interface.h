@@ -9,6 +9,7 @@
 #include <stddef.h>
 
 #include "algebra/factor.h"
+#include "algebra/lu.h"
 #include "status.h"
 
 typedef struct {
@@ -37,5 +38,17 @@ void pma_ldl_destroy(pma_ldl *ldl); /* an empty one is allowed */
 
 /* What a coupler is given; ldl has to outlive it. */
 pma_interface pma_ldl_interface(pma_ldl *ldl);
+
+/* ---- an unsymmetric matrix, by factors L U: S_mu of (V4) ---------------------------------------- */
+
+typedef struct {
+    pma_lu factor;
+    double *work;
+} pma_gap;
+
+/* The same for these factors; entries is that of two triangles. */
+pma_status pma_gap_create(const pma_lu *S, pma_gap *out);
+void pma_gap_destroy(pma_gap *gap);
+pma_interface pma_gap_interface(pma_gap *gap);
 
 #endif

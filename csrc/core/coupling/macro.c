@@ -186,14 +186,33 @@ void pma_macro_move_to_end(pma_coupler *c)
     }
 }
 
+/* The velocity at the end of the free run */
+static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, pma_piece *pieces)
+{
+    const size_t substeps = m->member.substeps;
+    (void)c;
+    pieces[0] = (pma_piece){.kind = substeps > 1 ? PMA_VELOCITY : PMA_FREE_VELOCITY, .j = substeps};
+    return 1;
+}
+
+void pma_macro_move_to(pma_coupler *c, size_t k)
+{
+    (void)k;
+    pma_macro_move_to_end(c);
+}
+
 static pma_status macro_step(pma_coupler *c)
 {
     pma_macro_move_to_end(c);
     pma_status status = pma_share(c, pma_macro_free_run, all);
+    if (status == PMA_OK && c->exchange)
+        status = pma_exchange_interface(c);
     if (status == PMA_OK)
         status = solve_interface(c);
     if (status == PMA_OK)
         status = pma_share(c, pma_macro_respond, all);
+    if (status == PMA_OK && c->exchange)
+        status = pma_exchange_jumps(c);
     if (atomic_load(&c->stopped))
         return PMA_STOPPED; /* whatever else went wrong */
     if (status == PMA_OK && c->record)
@@ -201,5 +220,9 @@ static pma_status macro_step(pma_coupler *c)
     return status;
 }
 
-const pma_schedule pma_macro_schedule = {
-    .check = check, .instants = pma_macro_instants, .duty = pma_macro_duty, .step = macro_step};
+const pma_schedule pma_macro_schedule = {.check = check,
+                                         .instants = pma_macro_instants,
+                                         .duty = pma_macro_duty,
+                                         .step = macro_step,
+                                         .interface_pieces = interface_pieces,
+                                         .move_to = pma_macro_move_to};

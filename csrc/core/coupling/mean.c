@@ -10,15 +10,24 @@
 
 #include "coupling/schedule.h"
 
-static pma_status check(const pma_coupler_parts *parts)
+pma_status pma_mean_check(const pma_coupler_parts *parts)
 {
     for (size_t i = 0; i < parts->count; i++) {
         const pma_member *member = &parts->members[i];
-        if (!member->responds || !member->table->record_acceleration || member->shoots ||
+        if (!(member->responds || member->shoots) || !member->table->record_acceleration ||
             (member->substeps > 1 && member->doubled))
             return PMA_BAD_SIZE;
     }
     return parts->doubled.n == parts->p ? PMA_OK : PMA_BAD_SIZE;
+}
+
+static pma_status check(const pma_coupler_parts *parts)
+{
+    for (size_t i = 0; i < parts->count; i++) {
+        if (parts->members[i].shoots)
+            return PMA_BAD_SIZE;
+    }
+    return pma_mean_check(parts);
 }
 
 static bool all(const pma_coupled *m)
@@ -29,21 +38,31 @@ static bool all(const pma_coupled *m)
 
 /* ---- accelerations (K5) --------------------------------------------------------------------- */
 
+static bool is_first(const pma_coupler *c)
+{
+    return c->lengths[0] == 0.0;
+}
+
 /* The multipliers of a macro step belong to its middle, and alternate about the force at the
- * interface; the mean of two neighbours, at the time level between them, does not. At the part
- * `share` of the macro step: on the line through the last two means, at share = 0 and -1; in the
- * first macro steps those of the start, lam_before or lam_end, take the place of the second. */
+ * interface with an impulse of constant size; the mean of two neighbours weighted by their lengths,
+ * at the middle of both, does not. At the part `share` of the macro step: on the line through the
+ * last two means; in the first macro steps those of the start, lam_before or lam_end, take the place
+ * of the second. Lengths in macro steps of the present one. */
 static void multipliers_at(const pma_coupler *c, double share, double *lam)
 {
     const double *now = c->working.lam, *last = c->present.lam;
+    const double h1 = c->lengths[0] / c->parts.dt;
+    const double h0 = c->lengths[1] > 0.0 ? c->lengths[1] / c->parts.dt : h1;
+    const double slope = (share - 0.5 * (1.0 - h1)) / (0.5 * (1.0 + h0));
     for (size_t row = 0; row < c->parts.p; row++) {
-        const double mean = 0.5 * (now[row] + last[row]);
-        const double before =
-            c->present.number > 1 ? 0.5 * (last[row] + c->lam_before[row]) : c->lam_before[row];
-        if (c->present.number == 0)
+        const double mean = 1.0 / (1.0 + h1) * now[row] + h1 / (1.0 + h1) * last[row];
+        const double before = c->lengths[1] > 0.0
+                                  ? h1 / (h0 + h1) * last[row] + h0 / (h0 + h1) * c->lam_before[row]
+                                  : c->lam_before[row];
+        if (is_first(c))
             lam[row] = now[row] + (2.0 * share - 1.0) * (now[row] - c->lam_end[row]);
         else
-            lam[row] = mean + share * (mean - before);
+            lam[row] = mean + slope * (mean - before);
     }
 }
 
@@ -58,7 +77,7 @@ static pma_status free_substep(pma_coupler *c, pma_coupled *m, size_t j)
     return status == PMA_OK ? member->table->close(member->self, &step, m->lam) : status;
 }
 
-static pma_status free_run(pma_coupler *c, pma_coupled *m)
+pma_status pma_mean_free_run(pma_coupler *c, pma_coupled *m)
 {
     memset(m->lam, 0, c->parts.p * sizeof(double));
     return pma_macro_run(c, m, free_substep);
@@ -88,69 +107,96 @@ static void find_target(pma_coupler *c, double *target)
     }
 }
 
-/* H Lam = target - sum L u of the free runs, and of the multipliers of the last macro step, which a
- * double step feels too */
-static pma_status solve_interface(pma_coupler *c)
+void pma_mean_right_side(pma_coupler *c, double *right)
 {
     const size_t p = c->parts.p;
-    double *lam = c->working.lam;
-    find_target(c, lam);
+    find_target(c, right);
     memset(c->sums, 0, p * sizeof(double));
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
-        member->table->displacement(member->self, member->substeps, c->sums);
+        if (!member->shoots)
+            member->table->displacement(member->self, member->substeps, c->sums);
     }
     for (size_t row = 0; row < p; row++)
-        lam[row] -= c->sums[row];
-    if (c->present.number > 0)
-        pma_matrix_subtract(&c->parts.doubled, c->present.lam, lam);
+        right[row] -= c->sums[row];
+    if (!is_first(c))
+        pma_matrix_subtract(&c->parts.doubled, c->present.lam, right);
+}
+
+/* (K4) */
+static pma_status solve_interface(pma_coupler *c)
+{
+    pma_mean_right_side(c, c->working.lam);
     return pma_coupler_solve(c);
 }
 
 /* ---- link response (K3), added -------------------------------------------------------------- */
 
-/* What a member responds to: of a double step the multipliers of both macro steps. */
-static const double *multipliers_of(const pma_coupler *c, pma_coupled *m)
+/* m->lam := of the multipliers of both macro steps of a double step, twice their mean weighted by
+ * the lengths, less `less` of the new ones */
+static const double *both_multipliers(const pma_coupler *c, pma_coupled *m, double less)
 {
-    if (!m->step.twice)
-        return c->working.lam;
+    const double h1 = c->lengths[0] / c->parts.dt, weight = 2.0 / (1.0 + h1) - less;
     for (size_t row = 0; row < c->parts.p; row++)
-        m->lam[row] = c->present.lam[row] + c->working.lam[row];
+        m->lam[row] = h1 * 2.0 / (1.0 + h1) * c->present.lam[row] + weight * c->working.lam[row];
     return m->lam;
 }
 
-static void record_inner(pma_coupler *c, pma_coupled *m, size_t j, const pma_selection *inner)
+/* What a member responds to: in a double step the multipliers of both macro steps. */
+static const double *multipliers_of(const pma_coupler *c, pma_coupled *m)
+{
+    return m->step.twice ? both_multipliers(c, m, 0.0) : c->working.lam;
+}
+
+/* What the works of a member begin with: with the new multipliers the same mean. */
+static const double *held_multipliers(const pma_coupler *c, pma_coupled *m)
+{
+    return m->step.twice ? both_multipliers(c, m, 1.0) : c->working.lam;
+}
+
+/* Adds the acceleration at an inner time level to its row. */
+static void accelerate_inner(const pma_coupler *c, const pma_coupled *m, size_t j,
+                             const pma_selection *inner)
 {
     const pma_member *member = &m->member;
     const size_t row = pma_recorder_row(c, j, member->substeps);
-    member->table->record_response(member->self, inner, row);
     multipliers_at(c, (double)j / (double)member->substeps, m->lam);
     member->table->record_acceleration(member->self, m->lam, inner, row);
 }
 
-static pma_status respond(pma_coupler *c, pma_coupled *m)
+pma_status pma_mean_respond(pma_coupler *c, pma_coupled *m)
 {
     const pma_member *member = &m->member;
     const pma_selection *inner = pma_macro_selection(c, m);
     const double *lam = multipliers_of(c, m);
     const size_t repeats = member->table->repeats(member->self, inner != NULL);
     member->table->begin_response(member->self, m->step.twice, lam);
-    member->table->hold_energy(member->self, m->step.twice,
-                               m->step.twice ? c->present.lam : c->working.lam);
+    member->table->hold_energy(member->self, m->step.twice, held_multipliers(c, m));
     for (size_t j = 1; j <= repeats; j++) {
         if (pma_macro_is_stopped(c, m))
             return PMA_STOPPED;
         member->table->respond(member->self, j, c->working.lam, c->dlam);
-        if (inner && j < member->substeps)
-            record_inner(c, m, j, inner);
+        if (!inner || j == member->substeps)
+            continue;
+        member->table->record_response(member->self, inner,
+                                       pma_recorder_row(c, j, member->substeps));
+        accelerate_inner(c, m, j, inner);
     }
     return member->table->add_response(member->self, multipliers_of(c, m));
+}
+
+pma_status pma_mean_accelerate(pma_coupler *c, pma_coupled *m)
+{
+    const pma_selection *inner = pma_macro_selection(c, m);
+    for (size_t j = 1; inner && j < m->member.substeps; j++)
+        accelerate_inner(c, m, j, inner);
+    return PMA_OK;
 }
 
 /* ---- the schedule --------------------------------------------------------------------------- */
 
 /* The accelerations of the end of the macro step, after everything else of it was recorded. */
-static void record_accelerations(pma_coupler *c)
+void pma_mean_record(pma_coupler *c)
 {
     multipliers_at(c, 1.0, c->sums);
     for (size_t i = 0; i < c->parts.count && c->record; i++) {
@@ -160,27 +206,43 @@ static void record_accelerations(pma_coupler *c)
         if (!pma_selection_is_empty(selection) && row != PMA_NO_ROW)
             m->member.table->record_acceleration(m->member.self, c->sums, selection, row);
     }
-    const double *before = c->present.number > 0 ? c->present.lam : c->lam_end;
+    const double *before = is_first(c) ? c->lam_end : c->present.lam;
     memcpy(c->lam_before, before, c->parts.p * sizeof(double));
     memcpy(c->lam_end, c->sums, c->parts.p * sizeof(double));
+    c->lengths[1] = c->lengths[0];
+    c->lengths[0] = c->parts.dt;
+}
+
+/* The displacement at the end of the free run, and where a velocity is prescribed the present one */
+static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, pma_piece *pieces)
+{
+    pieces[0] = (pma_piece){.kind = PMA_DISPLACEMENT, .j = m->member.substeps};
+    pieces[1] = (pma_piece){.kind = PMA_DISPLACEMENT, .j = 0};
+    return c->parts.motion_count > 0 ? 2 : 1;
 }
 
 static pma_status macro_step(pma_coupler *c)
 {
     pma_macro_move_to_end(c);
-    pma_status status = pma_share(c, free_run, all);
+    pma_status status = pma_share(c, pma_mean_free_run, all);
+    if (status == PMA_OK && c->exchange)
+        status = pma_exchange_interface(c);
     if (status == PMA_OK)
         status = solve_interface(c);
     memset(c->dlam, 0, c->parts.p * sizeof(double)); /* constant */
     if (status == PMA_OK)
-        status = pma_share(c, respond, all);
+        status = pma_share(c, pma_mean_respond, all);
+    if (status == PMA_OK && c->exchange)
+        status = pma_exchange_jumps(c);
     if (atomic_load(&c->stopped))
-        return PMA_STOPPED; /* whatever else went wrong */
+        status = PMA_STOPPED; /* whatever else went wrong */
+    if (c->exchange)
+        status = pma_exchange_agree(c, status); /* what follows belongs to the state */
     if (status != PMA_OK)
         return status;
     if (c->record)
         pma_recorder_write(c);
-    record_accelerations(c);
+    pma_mean_record(c);
     return PMA_OK;
 }
 
@@ -197,7 +259,7 @@ static pma_status prepare(pma_coupler *c, const pma_iteration_parts *parts)
     return PMA_OK;
 }
 
-static void record_present(const pma_coupler *c, const pma_record *record)
+void pma_mean_record_present(const pma_coupler *c, const pma_record *record)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
@@ -211,4 +273,6 @@ const pma_schedule pma_mean_schedule = {.check = check,
                                         .duty = pma_macro_duty,
                                         .step = macro_step,
                                         .prepare = prepare,
-                                        .record_present = record_present};
+                                        .interface_pieces = interface_pieces,
+                                        .move_to = pma_macro_move_to,
+                                        .record_present = pma_mean_record_present};

@@ -15,7 +15,7 @@ size_t pma_record_row(const pma_record *record, int64_t macro, size_t j, size_t 
 
 size_t pma_recorder_row(const pma_coupler *c, size_t j, size_t levels)
 {
-    const int64_t macro = c->present.number + (j > levels);
+    const int64_t macro = c->origin.number + c->present.number + (j > levels);
     return pma_record_row(c->record, macro, j > levels ? j - levels : j, levels);
 }
 

@@ -1,8 +1,8 @@
 /* schedule.h - the coupler from inside: what its files share.
  *
  * coupler.c is the object and its macro steps, fine.c the schedule with an interface problem in
- * every fine step ("pm", "gc"), macro.c and mean.c those with one in a macro step; iterated.c and
- * shooting.c are the first two with internal forces; recorder.c what is recorded; workers/share.c,
+ * every fine step ("pm", "gc"), tied.c the same without drift, macro.c and mean.c those with one in
+ * a macro step; iterated.c and shooting.c are the first and macro.c with internal forces; recorder.c what is recorded; workers/share.c,
  * look_ahead.c and split.c are what several threads do in them. */
 #ifndef PMA_SCHEDULE_H
 #define PMA_SCHEDULE_H
@@ -27,21 +27,24 @@ typedef struct {
 /* A member in a coupler, and where it is in the macro step. */
 typedef struct {
     pma_member member;
-    size_t ratio;      /* fine steps in a substep */
-    pma_moment now;    /* at the end of the fine step at hand */
-    pma_substep step;  /* ... and the substep that it is in */
-    size_t worker;     /* that has it */
-    pma_status status; /* of the last open or close; written when it is not PMA_OK */
+    size_t ratio;         /* fine steps in a substep */
+    int64_t first_double; /* number of the first substep that is a double step */
+    pma_moment now;       /* at the end of the fine step at hand */
+    pma_substep step;     /* ... and the substep that it is in */
+    size_t worker;        /* that has it */
+    pma_status status;    /* of the last open or close; written when it is not PMA_OK */
     pma_assignment assigned;
     double *lam; /* p: what it is closed with beside the fine steps, or in a run; else NULL */
 } pma_coupled;
 
-/* A macro time level, `number` macro steps after the start: multipliers and prescribed velocities
- * (p each). */
+/* A macro time level, `number` macro steps after the origin of the clock: multipliers, prescribed
+ * velocities, and the gap of the displacements where it is constrained (p each). */
 typedef struct {
     int64_t number;
-    double *lam, *g;
+    double *lam, *g, *gap;
 } pma_macro_level;
+
+typedef struct pma_exchange pma_exchange;
 
 /* Work to be done with one subdomain, on whatever worker has it. */
 typedef pma_status (*pma_task)(pma_coupler *c, pma_coupled *m);
@@ -52,6 +55,7 @@ struct pma_coupler {
     pma_coupled *coupled; /* one for each member */
     size_t fine;          /* interface problems in a macro step */
     size_t k;             /* fine steps since the present, with the one at hand */
+    pma_origin origin;    /* where macro steps are counted from */
 
     /* The present is committed. All members have arrived at `reached`, which waits to be committed
      * while it has another number. `working` is that of the fine step at hand, without a number. */
@@ -69,12 +73,14 @@ struct pma_coupler {
 
     pma_motion *motions;
     double *scratch;    /* p */
-    double *dlam;       /* p: macro coupling: Lam_{n+1} - Lam_n */
+    double *dlam;       /* p: macro coupling: Lam_{n+1} - Lam_n; tied schedule: mu (V1) */
     double *lam_end;    /* p: mean coupling: multipliers at the present, */
     double *lam_before; /* ... and those before the last ones */
+    double *lengths;    /* 2: ... of the last two macro steps; 0 where there was none */
     double *sums;       /* p: scratch */
     double *block, *lam_deferred;
 
+    pma_exchange *exchange;   /* with members in other processes, else NULL */
     pma_iteration *iteration; /* with members that have internal forces, else NULL */
 
     pma_roster roster;  /* which worker has which subdomains */
@@ -99,14 +105,19 @@ struct pma_schedule {
     pma_status (*prepare)(pma_coupler *c, const pma_iteration_parts *parts);
     /* Records the accelerations that no state has, of the present; NULL if there are none. */
     void (*record_present)(const pma_coupler *c, const pma_record *record);
+    /* Members in other processes: what the interface problem at hand needs of a member, its number
+     * returned; every member where it is at interface problem k; does (S3) apply? */
+    size_t (*interface_pieces)(const pma_coupler *c, const pma_coupled *m, pma_piece *pieces);
+    void (*move_to)(pma_coupler *c, size_t k);
+    bool rebases;
 };
 
 /* ---- clock ---------------------------------------------------------------------------------- */
 
 static inline pma_substep pma_substep_of(const pma_coupler *c, const pma_coupled *m, size_t j)
 {
-    return pma_clock_substep(c->parts.dt, c->present.number, m->member.substeps, j,
-                             m->member.doubled);
+    return pma_clock_substep(c->origin.t, c->parts.dt, c->present.number, m->member.substeps, j,
+                             m->first_double);
 }
 
 /* Every member where it is at the end of fine step k, counted from the present. */
@@ -143,6 +154,21 @@ static inline bool pma_coupler_is_stopped(pma_coupler *c)
     return c->poll && c->unpolled >= c->poll->entries && pma_coupler_poll(c);
 }
 
+/* ---- members in other processes: exchange.c -------------------------------------------------- */
+
+pma_status pma_exchange_create(pma_coupler *c, const pma_exchange_parts *parts);
+void pma_exchange_destroy(pma_exchange *x); /* NULL is allowed */
+
+/* Rounds in which all processes meet. Each returns PMA_ELSEWHERE when another one has failed: before
+ * the first macro step of a call, where the status is what happened here so far; before an interface
+ * problem; before its jumps are recorded, if they are; */
+pma_status pma_exchange_present(pma_coupler *c, pma_status status);
+pma_status pma_exchange_interface(pma_coupler *c);
+pma_status pma_exchange_jumps(pma_coupler *c);
+/* and around a macro step: whatever happened in it, all return PMA_OK or none does. */
+void pma_exchange_begin(pma_coupler *c);
+pma_status pma_exchange_agree(pma_coupler *c, pma_status status);
+
 /* ---- macro coupling without internal forces: macro.c ----------------------------------------- */
 
 /* Can all members do what macro coupling needs? PMA_BAD_SIZE if not. */
@@ -152,6 +178,7 @@ pma_duty pma_macro_duty(const pma_member *member);
 
 /* All are at the end of their last substep. */
 void pma_macro_move_to_end(pma_coupler *c);
+void pma_macro_move_to(pma_coupler *c, size_t k); /* the same; k = 1 */
 
 /* The substeps of a member, each taken by `take` and recorded. */
 pma_status pma_macro_run(pma_coupler *c, pma_coupled *m,
@@ -176,6 +203,26 @@ bool pma_macro_stops(void *context);
 /* What is recorded of the inner time levels of a macro step, or NULL. */
 const pma_selection *pma_macro_selection(const pma_coupler *c, const pma_coupled *m);
 
+/* ---- mean coupling: mean.c ------------------------------------------------------------------- */
+
+/* Can all members do what mean coupling needs, with internal forces or not? PMA_BAD_SIZE if not. */
+pma_status pma_mean_check(const pma_coupler_parts *parts);
+
+/* The free macro run of a member without internal forces, and its link response under working.lam,
+ * added. */
+pma_status pma_mean_free_run(pma_coupler *c, pma_coupled *m);
+pma_status pma_mean_respond(pma_coupler *c, pma_coupled *m);
+
+/* right (p) := what sum L u has to be at the end, minus that of the free runs, and of the
+ * multipliers of the last macro step, which a double step feels too                         (K4) */
+void pma_mean_right_side(pma_coupler *c, double *right);
+
+/* Accelerations (K5) of what was recorded: of the inner time levels of a run, of the end of the
+ * macro step when all else of it was recorded, and of the present. */
+pma_status pma_mean_accelerate(pma_coupler *c, pma_coupled *m);
+void pma_mean_record(pma_coupler *c);
+void pma_mean_record_present(const pma_coupler *c, const pma_record *record);
+
 /* ---- fine steps: fine.c ---------------------------------------------------------------------- */
 
 /* The largest number of substeps; PMA_BAD_SIZE unless it is a multiple of all others. */
@@ -188,6 +235,13 @@ pma_status pma_fine_close(pma_coupler *c, pma_coupled *m);
 
 /* working.lam := g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (G1) */
 void pma_fine_right_side(pma_coupler *c);
+
+/* The stages of a fine step: the substeps that begin are opened, H Lam = g - sum_i L_i vf_i solved,
+ * the substeps that end closed. */
+pma_status pma_fine_begin(pma_coupler *c);
+pma_status pma_fine_solve(pma_coupler *c);
+pma_status pma_fine_end(pma_coupler *c);
+pma_duty pma_fine_duty(const pma_member *member);
 
 /* A macro step of fine steps, each taken by `take` and recorded. */
 pma_status pma_fine_steps(pma_coupler *c, pma_status (*take)(pma_coupler *c));

@@ -31,10 +31,19 @@ static bool responds(const pma_coupled *m)
 
 /* ---- a run ---------------------------------------------------------------------------------- */
 
+/* Displacements are tied, by multipliers that are constant and push: in what follows dLam is then
+ * all of them. */
+static bool is_mean(const pma_coupler *c)
+{
+    return c->parts.schedule == &pma_mean_shooting_schedule;
+}
+
 /* lam (p) := Lam_n + (j / substeps) dLam */
 static const double *multipliers_at(const pma_coupler *c, pma_coupled *m, size_t j)
 {
     const double share = (double)j / (double)m->member.substeps;
+    if (is_mean(c))
+        return m->lam; /* as in all the run */
     for (size_t row = 0; row < c->parts.p; row++)
         m->lam[row] = c->present.lam[row] + share * c->iteration->dlam[row];
     return m->lam;
@@ -81,16 +90,38 @@ static pma_status run_substep(pma_coupler *c, pma_coupled *m, size_t j)
     return status;
 }
 
+/* (K2)  The multipliers that push a member, in a double step the mean of two macro
+ * steps, weighted by their lengths */
+static void begin_push(const pma_coupler *c, pma_coupled *m)
+{
+    const pma_member *member = &m->member;
+    const bool twice = pma_substep_of(c, m, 0).twice;
+    const double old = twice ? c->lengths[0] / (c->lengths[0] + c->parts.dt) : 0.0;
+    for (size_t row = 0; row < c->parts.p; row++)
+        m->lam[row] = old * c->present.lam[row] + (1.0 - old) * c->iteration->dlam[row];
+    member->table->push(member->self, m->lam);
+    member->table->hold_energy(member->self, twice, m->lam);
+}
+
 static pma_status run(pma_coupler *c, pma_coupled *m)
 {
+    if (is_mean(c))
+        begin_push(c, m);
     return pma_macro_run(c, m, run_substep);
 }
 
 /* ---- the residual of the tie ---------------------------------------------------------------- */
 
-/* known (p) := sum over the members that respond of L v of their free runs, minus g */
-static void known_velocities(const pma_coupler *c, double *known)
+/* known (p) := sum over the members that respond of L v of their free runs, minus g; of L u, minus
+ * what it has to be */
+static void known_part(pma_coupler *c, double *known)
 {
+    if (is_mean(c)) {
+        pma_mean_right_side(c, known);
+        for (size_t row = 0; row < c->parts.p; row++)
+            known[row] = -known[row];
+        return;
+    }
     for (size_t row = 0; row < c->parts.p; row++)
         known[row] = -c->working.g[row];
     for (size_t i = 0; i < c->parts.count; i++) {
@@ -99,7 +130,7 @@ static void known_velocities(const pma_coupler *c, double *known)
     }
 }
 
-/* r(dLam) = sum L v - g at the end of the runs                                            (N14) */
+/* r(dLam) = sum L v - g at the end of the runs                                     (N14) (K6) */
 static void residual(const pma_coupler *c, const double *known, double *r)
 {
     const pma_iteration *it = c->iteration;
@@ -113,7 +144,9 @@ static void residual(const pma_coupler *c, const double *known, double *r)
         r[row] = -r[row];
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
-        if (member->shoots)
+        if (member->shoots && is_mean(c))
+            member->table->displacement(member->self, member->substeps, r);
+        else if (member->shoots)
             member->table->velocity(member->self, member->substeps, r);
     }
 }
@@ -151,7 +184,7 @@ static double size_of_terms(const pma_coupler *c)
     const size_t p = c->parts.p;
     double *lam = it->scratch, *product = lam + p, sum = 0.0;
     for (size_t row = 0; row < p; row++) {
-        lam[row] = fabs(c->present.lam[row] + it->dlam[row]);
+        lam[row] = fabs((is_mean(c) ? 0.0 : c->present.lam[row]) + it->dlam[row]);
         product[row] = 0.0;
     }
     pma_matrix_subtract(&it->parts.H_size, lam, product);
@@ -160,16 +193,18 @@ static double size_of_terms(const pma_coupler *c)
     return sum;
 }
 
-/* (N16)  The work that the next correction would do, sqrt(|correction . r| dt), is small enough. */
+/* (N16)  The work that the next correction would do, sqrt(|correction . r| dt), is small enough;
+ * with a residual of displacements it is sqrt(|correction . r|). */
 static bool is_accepted(const pma_coupler *c, bool first, double scale)
 {
     const pma_iteration *it = c->iteration;
     double work = 0.0;
     for (size_t row = 0; row < c->parts.p; row++)
         work += it->correction[row] * it->residual[row];
-    const double e = sqrt(fabs(work) * c->parts.dt), part = first ? FIRST_PASS : LATER_PASSES;
+    const double time = is_mean(c) ? 1.0 : c->parts.dt;
+    const double e = sqrt(fabs(work) * time), part = first ? FIRST_PASS : LATER_PASSES;
     return e <= part * it->parts.newton.tolerance * sqrt(scale) ||
-           e <= ROUNDING * sqrt(c->parts.dt * size_of_terms(c));
+           e <= ROUNDING * sqrt(time * size_of_terms(c));
 }
 
 /* dLam += -B r, after B has learned from the last correction */
@@ -232,28 +267,40 @@ static void begin_broyden(pma_coupler *c)
 
 /* ---- the schedule --------------------------------------------------------------------------- */
 
+/* (M1), and constant ones: those that were found, without an increment in the macro step */
+static void take_multipliers(pma_coupler *c)
+{
+    for (size_t row = 0; row < c->parts.p; row++) {
+        const double found = c->iteration->dlam[row];
+        c->dlam[row] = is_mean(c) ? 0.0 : found;
+        c->working.lam[row] = is_mean(c) ? found : c->present.lam[row] + found;
+    }
+}
+
 static pma_status run_all(pma_coupler *c)
 {
     pma_iteration *it = c->iteration;
     double *known = it->lam_begin;
     pma_macro_move_to_end(c);
     begin_broyden(c);
-    pma_status status = pma_share(c, pma_macro_free_run, responds);
+    pma_status status = pma_share(c, is_mean(c) ? pma_mean_free_run : pma_macro_free_run, responds);
     if (c->parts.motion_count > 0)
         pma_coupler_prescribe(c);
     if (status == PMA_OK) {
-        known_velocities(c, known);
+        known_part(c, known);
         status = shoot(c, known);
     }
-    memcpy(c->dlam, it->dlam, c->parts.p * sizeof(double));
-    for (size_t row = 0; row < c->parts.p; row++)
-        c->working.lam[row] = c->present.lam[row] + c->dlam[row]; /* (M1) */
+    take_multipliers(c);
     if (status == PMA_OK)
-        status = pma_share(c, pma_macro_respond, responds);
+        status = pma_share(c, is_mean(c) ? pma_mean_respond : pma_macro_respond, responds);
+    if (status == PMA_OK && is_mean(c))
+        status = pma_share(c, pma_mean_accelerate, shoots);
     if (atomic_load(&c->stopped))
         return PMA_STOPPED; /* whatever else went wrong */
     if (status == PMA_OK && c->record)
         pma_recorder_write(c);
+    if (status == PMA_OK && is_mean(c))
+        pma_mean_record(c);
     return status;
 }
 
@@ -267,3 +314,10 @@ const pma_schedule pma_shooting_schedule = {.check = pma_macro_check,
                                             .duty = pma_macro_duty,
                                             .step = macro_step,
                                             .prepare = pma_iteration_create_macro};
+
+const pma_schedule pma_mean_shooting_schedule = {.check = pma_mean_check,
+                                                 .instants = pma_macro_instants,
+                                                 .duty = pma_macro_duty,
+                                                 .step = macro_step,
+                                                 .prepare = pma_iteration_create_macro,
+                                                 .record_present = pma_mean_record_present};

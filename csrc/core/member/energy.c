@@ -9,7 +9,7 @@ enum { KEPT = 3 };
 
 /* The displacement at a time level, the forces that act there, and the works up to it. */
 typedef struct {
-    double *u, *load, *damping; /* n each: u, F, C v + r */
+    double *u, *load, *damping; /* n each: u, F, C v + r and what else is dissipated */
     double *pull;               /* nb: L_b^T Lam */
     double *springs;            /* what they remember */
     double dissipated, external, interface;
@@ -24,6 +24,8 @@ struct pma_energy {
     bool begun;            /* a macro step has been committed since the beginning */
     double *start_damping; /* n: C v + f at the beginning */
     double start_potential;
+    bool conserves;  /* E* is asked for, */
+    double weight;   /* ... with this multiple of K beside M */
     double *product; /* n: scratch */
     double *block;
 };
@@ -61,7 +63,9 @@ pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out)
     if (parts->M.n != parts->n || parts->K.n != parts->n || parts->C.n != parts->n ||
         parts->nb > parts->n || parts->link.nb != parts->nb)
         return PMA_BAD_SIZE;
-    const pma_status status = pma_matrix_check(&parts->M);
+    pma_status status = pma_matrix_check(&parts->M);
+    if (status == PMA_OK && parts->skew.form != PMA_ZERO)
+        status = parts->skew.n == parts->n ? pma_matrix_check(&parts->skew) : PMA_BAD_SIZE;
     if (status != PMA_OK)
         return status;
     const size_t kept = parts->responds && parts->substeps > KEPT ? parts->substeps : KEPT;
@@ -148,6 +152,17 @@ static void take_internal(const pma_energy *e, level *to)
     to->potential = e->parts.potential ? *e->parts.potential : 0.0;
 }
 
+/* q += C v + (K - K^T) / 2 u */
+static void add_damping(pma_energy *e, const pma_state *x, double *q)
+{
+    multiply(&e->parts.C, x->v, e->product);
+    add(e->parts.n, e->product, q);
+    if (e->parts.skew.form == PMA_ZERO)
+        return;
+    multiply(&e->parts.skew, x->u, e->product);
+    add(e->parts.n, e->product, q);
+}
+
 /* u, springs, F and C v + r + f at the end of a substep; L_b^T Lam is not known in a free run */
 static void fill_level(pma_energy *e, const pma_substep *step, const pma_state *x, level *to)
 {
@@ -158,8 +173,7 @@ static void fill_level(pma_energy *e, const pma_substep *step, const pma_state *
     pma_load_add(e->parts.load, step->t1, step->number, to->load);
     take_restoring(e, step, to);
     take_internal(e, to);
-    multiply(&e->parts.C, x->v, e->product);
-    add(e->parts.n, e->product, to->damping);
+    add_damping(e, x, to->damping);
 }
 
 static void fill_pull(const pma_energy *e, const double *lam, level *to)
@@ -203,16 +217,45 @@ void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, con
     memcpy(at->u, x->u, e->parts.n * sizeof(double));
     memcpy(at->springs, x->springs, spring_numbers(&e->parts) * sizeof(double));
     memcpy(at->load, load, e->parts.n * sizeof(double));
-    multiply(&e->parts.C, x->v, e->product);
     memset(at->damping, 0, e->parts.n * sizeof(double));
     take_internal(e, at);
-    add(e->parts.n, e->product, at->damping);
+    add_damping(e, x, at->damping);
     memcpy(e->start_damping, at->damping, e->parts.n * sizeof(double));
     e->start_potential = at->potential;
     fill_pull(e, lam, at);
     at->dissipated = 0.0;
     at->external = 0.0;
     at->interface = 0.0;
+}
+
+pma_matrix pma_energy_mass(const pma_energy *e)
+{
+    return e->parts.M;
+}
+
+pma_matrix pma_energy_skew(const pma_energy *e)
+{
+    return e->parts.skew;
+}
+
+static void copy_level(const pma_energy *e, const level *from, level *to)
+{
+    /* u, load, damping, pull and springs are one array */
+    memcpy(to->u, from->u,
+           (3 * e->parts.n + e->parts.nb + spring_numbers(&e->parts)) * sizeof(double));
+    to->dissipated = from->dissipated;
+    to->external = from->external;
+    to->interface = from->interface;
+    to->potential = from->potential;
+}
+
+void pma_energy_follow(pma_energy *e, const pma_energy *from)
+{
+    copy_level(e, &from->present, &e->present);
+    copy_level(e, &from->previous, &e->previous);
+    memcpy(e->start_damping, from->start_damping, e->parts.n * sizeof(double));
+    e->start_potential = from->start_potential;
+    e->begun = from->begun;
 }
 
 void pma_energy_close(pma_energy *e, const pma_substep *step, const pma_state *x, const double *lam)
@@ -234,8 +277,7 @@ void pma_energy_respond(pma_energy *e, size_t j, bool twice, const pma_state *r,
     const double share = (double)j / (double)e->parts.substeps;
     level *to = level_at(e, j);
     add(e->parts.n, r->u, to->u);
-    multiply(&e->parts.C, r->v, e->product);
-    add(e->parts.n, e->product, to->damping);
+    add_damping(e, r, to->damping);
 
     /* L_b^T (lam + share dlam) */
     fill_pull(e, dlam, to);
@@ -276,6 +318,22 @@ static double half_square(pma_energy *e, const pma_matrix *A, const double *x)
     return 0.5 * sum;
 }
 
+void pma_energy_conserve(pma_energy *e, double weight)
+{
+    e->conserves = true;
+    e->weight = weight;
+}
+
+/* (M9) */
+static double conserved(pma_energy *e, const pma_state *x)
+{
+    const pma_matrix *M = &e->parts.M, *K = &e->parts.K;
+    double sum = half_square(e, M, x->w) + half_square(e, K, x->v);
+    if (e->weight != 0.0)
+        sum += e->weight * half_square(e, K, x->w);
+    return sum;
+}
+
 void pma_energy_at(pma_energy *e, size_t j, const pma_state *x, double *out)
 {
     const level *at = level_at(e, j);
@@ -285,4 +343,5 @@ void pma_energy_at(pma_energy *e, size_t j, const pma_state *x, double *out)
     out[PMA_DISSIPATED] = at->dissipated - (at->potential - e->start_potential);
     out[PMA_EXTERNAL] = at->external;
     out[PMA_INTERFACE_WORK] = at->interface;
+    out[PMA_CONSERVED] = e->conserves ? conserved(e, x) : 0.0;
 }

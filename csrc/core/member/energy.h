@@ -19,8 +19,17 @@
 #include "member/substep.h"
 #include "status.h"
 
-/* Of a time level: T and U there, and the works done since the beginning.           (B1) (B2) */
-enum { PMA_KINETIC, PMA_STRAIN, PMA_DISSIPATED, PMA_EXTERNAL, PMA_INTERFACE_WORK, PMA_ENERGIES };
+/* Of a time level: T and U there, the works done since the beginning, and the share in E*, 0 if it
+ * is not asked for.                                                            (B1) (B2) (M9) */
+enum {
+    PMA_KINETIC,
+    PMA_STRAIN,
+    PMA_DISSIPATED,
+    PMA_EXTERNAL,
+    PMA_INTERFACE_WORK,
+    PMA_CONSERVED,
+    PMA_ENERGIES
+};
 
 /* Matrices in elimination order. What is pointed to is the subdomain's, and the caller's. */
 typedef struct {
@@ -28,6 +37,7 @@ typedef struct {
     bool responds; /* all substeps may be closed in a free macro run before any is complete */
     bool doubled;
     pma_matrix M, K, C;
+    pma_matrix skew; /* (K - K^T) / 2, whose work is counted as dissipated                  (B7) */
     pma_link link;
     const pma_load *load;
     const pma_restoring *restoring;
@@ -38,13 +48,18 @@ typedef struct {
 
 typedef struct pma_energy pma_energy;
 
-/* Checks M, which the subdomain does not have, and allocates all that is needed. */
+/* Checks M and skew, which the subdomain does not have, and allocates all that is needed. */
 pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out);
 void pma_energy_destroy(pma_energy *e); /* NULL is allowed */
 
 /* All works are zero at the present x, under load (n) and multipliers lam (p). Internal forces and
  * their potential have been evaluated there. */
 void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, const double *lam);
+
+/* The works of `from` go on, for the same subdomain with other steps. */
+void pma_energy_follow(pma_energy *e, const pma_energy *from);
+pma_matrix pma_energy_mass(const pma_energy *e);
+pma_matrix pma_energy_skew(const pma_energy *e);
 
 /* A substep has been closed: the state x at its end, lam (p). No later substep has been opened yet,
  * so that a called load and the restoring force have the values of this one. The works of a double
@@ -62,6 +77,9 @@ void pma_energy_respond(pma_energy *e, size_t j, bool twice, const pma_state *r,
 /* Mean coupling: the multipliers of the macro step, which begin with it, and those of a double step
  * with the macro step before. */
 void pma_energy_hold(pma_energy *e, bool twice, const double *lam);
+
+/* (M9)  E* is asked for from here on: w . (M + weight K) w / 2 + v . K v / 2 */
+void pma_energy_conserve(pma_energy *e, double weight);
 
 void pma_energy_commit(pma_energy *e);
 

@@ -17,18 +17,22 @@ struct pma_subdomain {
     pma_response *response; /* if the subdomain responds, else NULL */
     pma_iterate *iterate;   /* if its steps are iterated, else NULL */
     const pma_update *update;
-    bool extrapolates;        /* a substep uses the velocity extrapolated from its beginning (R1) */
-    size_t reach, slab;       /* of the matrices; rows of a substep taken at a time */
-    double *vs;               /* n: extrapolated velocity, if there is one */
-    double *force;            /* n, and scratch: internal forces of an explicit subdomain */
-    double *history;          /* of internal forces, at the next start */
-    double potential;         /* of internal forces, as evaluated last */
-    double *product;          /* n: scratch, if it shoots */
-    double *acceleration;     /* n: scratch, under mean coupling */
+    bool extrapolates;    /* a substep uses the velocity extrapolated from its beginning (R1) */
+    size_t reach, slab;   /* of the matrices; rows of a substep taken at a time */
+    double *vs;           /* n: extrapolated velocity, if there is one */
+    double *force;        /* n, and scratch: internal forces of an explicit subdomain */
+    double *history;      /* of internal forces, at the next start */
+    double potential;     /* of internal forces, as evaluated last */
+    double *product;      /* n: scratch, if it shoots */
+    double *acceleration; /* n: scratch, under mean coupling */
+    double *push;         /* n: acceleration by which substeps are pushed (K2), if is_pushed */
+    bool is_pushed;
+    double *shift;            /* 2 n: scratch, if predictors are shifted */
     double *closing, *work;   /* nb: L^T Lam; scratch of the factor: both of a substep */
     double *link, *link_work; /* the same of `compliance`, which may be called meanwhile */
     int code;                 /* what a function that failed returned */
     double *block;
+    void *spread; /* springs in lanes */
 };
 
 static inline const pma_operator *pma_operator_of(const pma_subdomain *s, bool twice)
@@ -50,6 +54,10 @@ pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const do
 /* vf at the end of the substep += al2 S^-1 L_b^T lam                                       (M6) */
 void pma_substep_hold(pma_subdomain *s, const pma_substep *step, const double *lam);
 
+/* sum += L u at the end of an open substep under lam; predictor and free solution shifted by mu */
+void pma_substep_expect(pma_subdomain *s, const pma_substep *step, const double *lam, double *sum);
+void pma_substep_shift(pma_subdomain *s, const pma_substep *step, const double *mu);
+
 /* link (nb) := S^-1 L_b^T lam, in s->link */
 void pma_substep_solve_link(pma_subdomain *s, const pma_operator *op, const double *lam);
 
@@ -68,6 +76,11 @@ void pma_substep_load_interface(pma_subdomain *s, const double *lam);
  * the internal forces; fails only where a function of the user evaluates that. */
 pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam);
 pma_status pma_substep_evaluate_potential(pma_subdomain *s, const double *u);
+
+/* Under mean coupling, the rows begin..end-1:  ut += h^2/2 y, vt += h y with y in s->push, and the
+ * velocity that is extrapolated                                                           (K2) */
+void pma_substep_push(const pma_subdomain *s, double h, size_t begin, size_t end,
+                      const pma_state *to);
 
 /* vs (n) := v + h w                                                                        (R1) */
 void pma_substep_extrapolate(double h, size_t n, const pma_state *from, double *vs);

@@ -1,6 +1,10 @@
 #include "member/internal.h"
 
+#include <math.h>
 #include <string.h>
+
+/* Tangents are symmetric to this part of their largest entry. */
+#define SYMMETRY 1e-9
 
 pma_status pma_internal_check(const pma_internal *internal, size_t entries)
 {
@@ -14,6 +18,8 @@ pma_status pma_internal_check(const pma_internal *internal, size_t entries)
         history += force->history;
         for (size_t i = 0; i < force->entries; i++) {
             if (force->where[i] < 0 || (size_t)force->where[i] >= entries)
+                return PMA_BAD_INDEX;
+            if (force->across && force->across[i] >= (int64_t)force->entries)
                 return PMA_BAD_INDEX;
         }
     }
@@ -34,6 +40,17 @@ size_t pma_internal_scratch(const pma_internal *internal)
     if (internal->count == 0)
         return 0;
     return 3 * internal->n + 2 * most_entries(internal) + 2 * internal->history;
+}
+
+static bool is_symmetric(const pma_internal_force *force, const double *tangent)
+{
+    double largest = 0.0, skew = 0.0;
+    for (size_t i = 0; force->across && i < force->entries; i++) {
+        const double other = force->across[i] < 0 ? 0.0 : tangent[force->across[i]];
+        largest = fmax(largest, fabs(tangent[i]));
+        skew = fmax(skew, fabs(tangent[i] - other));
+    }
+    return skew <= SYMMETRY * largest;
 }
 
 pma_status pma_internal_evaluate(const pma_internal *internal, double t, const double *u,
@@ -60,6 +77,8 @@ pma_status pma_internal_evaluate(const pma_internal *internal, double t, const d
                                 tangent ? C : NULL, own_q1 + at, force->user);
         if (*code != 0)
             return PMA_INTERNAL_FAILED;
+        if (tangent && !(is_symmetric(force, K) && is_symmetric(force, C)))
+            return PMA_UNSYMMETRIC;
         for (size_t i = 0; i < n; i++)
             f[i] += own_f[internal->order[i]];
         for (size_t i = 0; tangent && i < force->entries; i++)

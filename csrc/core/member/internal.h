@@ -28,6 +28,8 @@ typedef struct {
     bool by_caller;          /* to be called by the thread that called advance */
     size_t history, entries; /* numbers in q; entries of its pattern */
     const int64_t *where;    /* entries: position of each in the pattern of the tangent */
+    const int64_t *across;   /* entries: the one on the other side of the diagonal, or -1 for none;
+                                NULL for tangents that need not be symmetric */
     pma_internal_potential_function potential; /* with the same `user`; NULL: none */
 } pma_internal_force;
 
@@ -47,8 +49,8 @@ size_t pma_internal_scratch(const pma_internal *internal);
 
 /* f (n) += f(u, v, t; q) in elimination order, q1 := the histories at the end; where `tangent` (of
  * the entries of the pattern) is not NULL, tangent += al1 df/du + al2 df/dv. q1 may be q.
- * PMA_INTERNAL_FAILED when a function returns other than 0, which goes to *code. Does not
- * allocate. */
+ * PMA_INTERNAL_FAILED when a function returns other than 0, which goes to *code, PMA_UNSYMMETRIC for
+ * a tangent that should be symmetric. Does not allocate. */
 pma_status pma_internal_evaluate(const pma_internal *internal, double t, const double *u,
                                  const double *v, const double *q, double *f, double *q1,
                                  double al1, double al2, double *tangent, double *scratch,

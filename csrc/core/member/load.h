@@ -13,14 +13,15 @@ typedef enum {
     PMA_LOAD_CONSTANT,
     PMA_LOAD_SAMPLED,
     PMA_LOAD_TABLE,
-    PMA_LOAD_CALLED
+    PMA_LOAD_CALLED,
+    PMA_LOAD_IN_LANES
 } pma_load_kind;
 
 /* f (n) := F(t), in the user's order of dofs; f arrives zeroed. Other than 0: stop the run. */
 typedef int (*pma_force_function)(double t, intptr_t n, double *f, void *user);
 
 /* Arrays of the caller, which have to outlive it. */
-typedef struct {
+typedef struct pma_load {
     pma_load_kind kind;
     size_t n;
     const double *values; /* constant: n; sampled: samples x k by rows; table: rows x n by rows */
@@ -32,8 +33,10 @@ typedef struct {
     size_t rows;
     pma_force_function function; /* called */
     void *user;
-    const int64_t *order; /* called: n, the user's dof of each of ours, each in 0..n-1 */
-    double *work;         /* called: n, the last value */
+    const int64_t *order;        /* called: n, the user's dof of each of ours, each in 0..n-1 */
+    double *work;                /* called: n, the last value */
+    const struct pma_load *each; /* in lanes: PMA_LANES loads, constant, sampled or none,
+                                    of n / PMA_LANES dofs */
 } pma_load;
 
 /* Evaluates a called load at t; does nothing for any other. PMA_FORCE_FAILED when the function

@@ -23,12 +23,20 @@
 #include "member/substep.h"
 #include "status.h"
 
+/* What a member has on the interface. */
+typedef enum {
+    PMA_FREE_VELOCITY, /* vf */
+    PMA_VELOCITY,      /* v */
+    PMA_DISPLACEMENT,  /* u */
+    PMA_LINK_VELOCITY  /* Mbar^-1 L^T lam: al2 times it is what lam adds to v */
+} pma_interface_kind;
+
 typedef struct {
     /* ---- what every member must do ------------------------------------------------------ */
 
     /* The free problem (13) of a substep, as far as the free velocity on the interface. Evaluates
      * loads and forces, once. Fails with PMA_FORCE_FAILED, PMA_RESTORING_FAILED or
-     * PMA_INTERNAL_FAILED. */
+     * PMA_INTERNAL_FAILED, PMA_UNSYMMETRIC. */
     pma_status (*open)(void *self, const pma_substep *step);
 
     /* The link problem (14) of an open substep, added: the state at its end. Fails with
@@ -98,6 +106,20 @@ typedef struct {
     void (*record_acceleration)(void *self, const double *lam, const pma_selection *selection,
                                 size_t row);
 
+    /* Displacements tied under gc. (c) sum += L u at the end of an open substep that lam would
+     * close; and its predictor shifted by Mbar^-1 L^T mu (V1), with the free solution (V2). */
+    void (*expect)(void *self, const pma_substep *step, const double *lam, double *sum);
+    void (*shift)(void *self, const pma_substep *step, const double *mu);
+
+    /* All substeps from here on are pushed by the constant acceleration of lam (K2). */
+    void (*push)(void *self, const double *lam);
+
+    /* Several processes: nb, the number of dofs on the interface, and nb values at time level j,
+     * until the next call. */
+    size_t (*interface_size)(const void *self);
+    const double *(*interface_values)(void *self, pma_interface_kind kind, size_t j, bool twice,
+                                      const double *lam);
+
     /* Internal forces, iterated or not: v . M v at time level j */
     double (*kinetic)(const void *self, size_t j);
 
@@ -123,9 +145,11 @@ typedef struct {
     double h;        /* length of a single substep */
     size_t entries;  /* matrix entries read by one substep, a measure of its duration */
     bool doubled;    /* takes double steps from the second macro step on: rebase */
+    bool continues;  /* takes them from the first one on, from a time level before the present */
     bool evaluates;  /* has a restoring force, evaluated once for every substep in turn */
     bool by_caller;  /* which only the thread that called pma_coupler_advance may evaluate */
     bool responds;   /* has a link response: macro coupling with substeps */
+    bool shifts;     /* can shift its predictor: displacements tied under gc */
     bool shoots;     /* has internal forces: macro coupling repeats its macro step (shooting.c) */
     bool divides;    /* has the stages of ranges of rows */
     pma_iterated iterated; /* with a table where its steps are iterated: it has no open and close */

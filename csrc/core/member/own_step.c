@@ -46,7 +46,8 @@ static pma_status hold(pma_iterate *it, const pma_state *from, const pma_state *
 static void load_interface(const pma_iterate *it, const double *lam, double *pull)
 {
     memset(pull, 0, it->of->parts.nb * sizeof(double));
-    pma_link_load(&it->of->parts.link, lam, pull);
+    if (!it->of->parts.mean) /* they push instead */
+        pma_link_load(&it->of->parts.link, lam, pull);
 }
 
 static pma_status begin(void *self, const pma_substep *step, const double *lam)
@@ -76,6 +77,8 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
     if (s->extrapolates)
         pma_substep_extrapolate(op->step.h, p->n, from, s->vs);
     s->update->predict(&op->step, 0, p->n, from, to);
+    if (s->is_pushed)
+        pma_substep_push(s, op->step.h, 0, p->n, to);
     for (size_t i = 0; i < p->n; i++)
         it->guess[i] = to->w[i] = (it->v_n[i] - to->v[i]) / op->step.al2;
     load_interface(it, lam, it->pull);

@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "algebra/kernel.h"
 #include "member/inside.h"
 
 struct pma_response {
@@ -63,6 +64,11 @@ void pma_response_store(pma_response *r, pma_unit_responses units)
     r->units = units;
 }
 
+pma_unit_responses pma_response_units(const pma_response *r)
+{
+    return r->units;
+}
+
 bool pma_response_is_stored(const pma_response *r)
 {
     return r->units.count > 0;
@@ -80,7 +86,8 @@ const pma_state *pma_response_state(const pma_response *r)
 
 /* ---- (M3), (K3), substep by substep --------------------------------------------------------- */
 
-void pma_response_accelerate(const pma_response *r, const double *lam, double *y)
+/* y := M^-1 L_b^T lam                                                                     (K1) */
+static void accelerate(const pma_response *r, const double *lam, double *y)
 {
     const pma_subdomain *s = r->of;
     memset(y, 0, s->parts.n * sizeof(double));
@@ -93,7 +100,7 @@ void pma_response_begin(pma_response *r, bool twice, const double *lam)
     r->twice = twice;
     if (!r->of->parts.mean)
         return;
-    pma_response_accelerate(r, lam, r->y);
+    accelerate(r, lam, r->y);
     for (size_t i = 0; twice && i < r->of->parts.n; i++)
         r->y[i] *= 0.5;
 }
@@ -199,6 +206,36 @@ static bool is_finite(size_t n, const double *x)
     return zero == 0.0;
 }
 
+/* x += scale U for one unit response, side by side */
+static void add_lanes(size_t n, const double *restrict scale, const double *U, double *restrict x)
+{
+    for (size_t i = 0; i < n; i++) {
+        for (size_t l = 0; l < PMA_LANES; l++)
+            x[i * PMA_LANES + l] += scale[l] * U[i];
+    }
+}
+
+/* The same in lanes; what is stored is that of each lane. */
+static bool add_stored_lanes(const pma_response *r, size_t field, const double *lam, double *x)
+{
+    enum { PIECE = 256 };
+    const size_t n = r->of->parts.n / PMA_LANES;
+    const pma_unit_responses *U = &r->units;
+    for (size_t i = 0; i < n; i += PIECE) {
+        const size_t size = n - i < PIECE ? n - i : PIECE;
+        for (size_t k = 0; k < U->count; k++)
+            add_lanes(size, lam + (size_t)U->rows[k] * PMA_LANES,
+                      U->values + (4 * k + field) * n + i, x + i * PMA_LANES);
+    }
+    return is_finite(n * PMA_LANES, x);
+}
+
+static bool add_unit_responses(const pma_response *r, size_t field, const double *lam, double *x)
+{
+    return r->of->parts.link.each ? add_stored_lanes(r, field, lam, x)
+                                  : add_stored(r, field, lam, x);
+}
+
 pma_status pma_response_add(const pma_response *r, const double *lam, const pma_state *x)
 {
     const size_t n = r->of->parts.n;
@@ -206,25 +243,9 @@ pma_status pma_response_add(const pma_response *r, const double *lam, const pma_
     const double *const own[4] = {r->state.u, r->state.v, r->state.w, r->state.a};
     bool finite = true;
     for (size_t field = 0; field < 4; field++) {
-        finite = (pma_response_is_stored(r) ? add_stored(r, field, lam, total[field])
+        finite = (pma_response_is_stored(r) ? add_unit_responses(r, field, lam, total[field])
                                             : add_last(n, 1.0, own[field], total[field])) &&
                  finite;
     }
     return finite ? PMA_OK : PMA_NOT_FINITE;
-}
-
-pma_status pma_response_run(pma_response *r, bool twice, const double *lam, double *end,
-                            double *mean)
-{
-    const pma_subdomain *s = r->of;
-    const double *v_b = pma_interface_of(s, r->state.v);
-    const double *u_b = pma_interface_of(s, r->state.u);
-    const double share = 1.0 / (double)s->parts.substeps;
-    pma_response_begin(r, twice, lam);
-    for (size_t j = 1; j <= s->parts.substeps; j++) {
-        pma_response_step(r, j, lam);
-        pma_link_gather(&s->parts.link, share, v_b, mean);
-    }
-    pma_link_gather(&s->parts.link, 1.0, s->parts.mean ? u_b : v_b, end);
-    return is_finite(4 * s->parts.n, r->state.u) ? PMA_OK : PMA_NOT_FINITE;
 }

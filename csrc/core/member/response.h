@@ -19,10 +19,11 @@ typedef struct pma_response pma_response;
 typedef struct {
     size_t count;         /* constraints; 0: nothing is stored, the substeps are repeated */
     const int64_t *rows;  /* count, each in 0..p-1 */
-    const double *values; /* count x 4 x n by rows: u, v, w, a of each */
+    const double *values; /* count x 4 x n by rows: u, v, w, a of each; n is that of one lane */
 } pma_unit_responses;
 
 void pma_response_store(pma_response *r, pma_unit_responses units);
+pma_unit_responses pma_response_units(const pma_response *r);
 bool pma_response_is_stored(const pma_response *r);
 bool pma_response_is_twice(const pma_response *r);
 
@@ -40,14 +41,5 @@ const pma_state *pma_response_state(const pma_response *r);
 /* x += the response to lam (p): the stored one, or that of the last steps, which were 1..substeps
  * to the same lam (M5). PMA_NOT_FINITE when a value of x is not finite then. */
 pma_status pma_response_add(const pma_response *r, const double *lam, const pma_state *x);
-
-/* All substeps of the response to lam (p): end (p) += L_b v of the last (L_b u under mean
- * coupling), mean (p) += the mean of all L_b v, which is far larger than the former where the
- * subdomain resonates with the macro step. */
-pma_status pma_response_run(pma_response *r, bool twice, const double *lam, double *end,
-                            double *mean);
-
-/* y (n) := M^-1 L_b^T lam: mean coupling alone */
-void pma_response_accelerate(const pma_response *r, const double *lam, double *y);
 
 #endif

@@ -58,7 +58,7 @@ static void write_history(const pma_selection *selection, const pma_state *state
         selection->corrections[row] = state->history[selection->of_history];
 }
 
-void pma_selection_write(const pma_selection *selection, const pma_state *state, size_t row)
+static void write_one(const pma_selection *selection, const pma_state *state, size_t row)
 {
     double *u = selection->u + row * selection->count;
     double *v = selection->v + row * selection->count;
@@ -74,7 +74,13 @@ void pma_selection_write(const pma_selection *selection, const pma_state *state,
     write_outputs(selection, state, row);
 }
 
-void pma_selection_add(const pma_selection *selection, const pma_state *state, size_t row)
+void pma_selection_write(const pma_selection *selection, const pma_state *state, size_t row)
+{
+    for (; selection; selection = selection->next)
+        write_one(selection, state, row);
+}
+
+static void add_one(const pma_selection *selection, const pma_state *state, size_t row)
 {
     double *u = selection->u + row * selection->count;
     double *v = selection->v + row * selection->count;
@@ -89,7 +95,13 @@ void pma_selection_add(const pma_selection *selection, const pma_state *state, s
         add_outputs(selection, state, selection->output + row * selection->outputs);
 }
 
-void pma_selection_accelerate(const pma_selection *selection, const double *y, size_t row)
+void pma_selection_add(const pma_selection *selection, const pma_state *state, size_t row)
+{
+    for (; selection; selection = selection->next)
+        add_one(selection, state, row);
+}
+
+static void accelerate_one(const pma_selection *selection, const double *y, size_t row)
 {
     double *w = selection->w + row * selection->count;
     for (size_t i = 0; i < selection->count; i++)
@@ -97,4 +109,10 @@ void pma_selection_accelerate(const pma_selection *selection, const double *y, s
     if (selection->outputs > 0)
         add_product(&selection->of_w, selection->outputs, y,
                     selection->output + row * selection->outputs);
+}
+
+void pma_selection_accelerate(const pma_selection *selection, const double *y, size_t row)
+{
+    for (; selection; selection = selection->next)
+        accelerate_one(selection, y, row);
 }

@@ -16,7 +16,7 @@ typedef struct {
 } pma_combination;
 
 /* Rows of `count` values, a row for each recorded time level. Arrays of the caller. */
-typedef struct {
+typedef struct pma_selection {
     size_t count;
     const int64_t *position;     /* count: which dofs, in elimination order */
     double *u, *v, *w;           /* rows x count by rows */
@@ -28,13 +28,15 @@ typedef struct {
     double *corrections;         /* rows, or NULL: of iterated substeps */
     size_t outputs;              /* number of outputs y = of_u u + of_v v + of_w w */
     pma_combination of_u, of_v, of_w;
-    double *output; /* rows x outputs by rows */
+    double *output;                   /* rows x outputs by rows */
+    const struct pma_selection *next; /* of another case beside this one, or NULL */
 } pma_selection;
 
 /* True if nothing is recorded. */
 bool pma_selection_is_empty(const pma_selection *selection);
 
-/* Copies the selected dofs and springs of a state into a row, and computes its outputs. */
+/* Copies the selected dofs and springs of a state into a row, and computes its outputs; and all that
+ * for the selections that follow it, in this function and in those below. */
 void pma_selection_write(const pma_selection *selection, const pma_state *state, size_t row);
 
 /* Adds an acceleration y (n) to the selected w, and to the outputs that depend on it. */

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "algebra/kernel.h"
 #include "member/inside.h"
 
 /* ---- checks --------------------------------------------------------------------------------- */
@@ -51,7 +52,7 @@ static pma_status check_mass(const pma_parts *parts)
 {
     if (!parts->mean)
         return PMA_OK;
-    if (parts->mass.n != parts->n || !parts->responds)
+    if (parts->mass.n != parts->n || !(parts->responds || parts->shoots))
         return PMA_BAD_SIZE;
     return pma_factor_check(&parts->mass);
 }
@@ -68,7 +69,8 @@ static pma_status check_parts(const pma_parts *parts)
         (status = check_mass(parts)) || (status = check_operator(parts, &parts->single)) ||
         !parts->doubled)
         return status;
-    if (parts->twice.step.h != 2.0 * parts->single.step.h)
+    const double h = parts->single.step.h;
+    if (parts->continues ? !(parts->twice.step.h > h) : parts->twice.step.h != 2.0 * h)
         return PMA_BAD_STEP;
     return check_operator(parts, &parts->twice);
 }
@@ -91,12 +93,13 @@ static size_t reach_of(const pma_parts *p)
  * rest in the second. */
 enum { SLAB = 128, NARROW = 4096 };
 
-/* Restoring forces need all predictors at once. */
+/* Restoring forces need all predictors at once. In lanes slabs have the same rows, since what is
+ * added to the first rows of a slab comes after what the sweep over the one before subtracts. */
 static size_t slab_of(const pma_subdomain *s)
 {
-    const size_t n = s->parts.n;
+    const size_t n = s->parts.n, lanes = s->parts.link.each ? PMA_LANES : 1;
     const bool linear = !s->extrapolates && s->parts.springs.total == 0;
-    return s->reach <= NARROW && s->reach < n / 2 && linear ? SLAB : n;
+    return s->reach <= NARROW * lanes && s->reach < n / 2 && linear ? SLAB * lanes : n;
 }
 
 /* Numbers that the springs remember of a time level. */
@@ -109,7 +112,9 @@ static pma_status lay_out(pma_subdomain *s)
 {
     const pma_parts *p = &s->parts;
     const size_t single = pma_factor_scratch(&p->single.factor);
-    const size_t scratch = most(single, p->doubled ? pma_factor_scratch(&p->twice.factor) : 0);
+    const size_t mass = p->mean ? pma_factor_scratch(&p->mass) : 0;
+    const size_t scratch =
+        most(most(single, mass), p->doubled ? pma_factor_scratch(&p->twice.factor) : 0);
     const size_t extrapolated = s->extrapolates ? p->n : 0;
     const size_t history = p->internal.history;
     const size_t functions =
@@ -123,10 +128,11 @@ static pma_status lay_out(pma_subdomain *s)
     const pma_status status = pma_levels_create(&s->levels);
     if (status != PMA_OK)
         return status;
-    const size_t product = p->shoots ? p->n : 0, acceleration = p->mean ? p->n : 0;
-    s->block =
-        calloc(extrapolated + functions + product + acceleration + 2 * p->nb + 2 * scratch + 1,
-               sizeof(double));
+    const size_t product = p->shoots ? p->n : 0, acceleration = p->mean ? 2 * p->n : 0;
+    const size_t shift = p->shifts ? 2 * p->n : 0;
+    s->block = calloc(extrapolated + functions + product + acceleration + shift + 2 * p->nb +
+                          2 * scratch + 1,
+                      sizeof(double));
     if (!s->block)
         return PMA_NO_MEMORY;
     s->vs = s->block;
@@ -136,7 +142,9 @@ static pma_status lay_out(pma_subdomain *s)
     for (size_t i = 0; i < history; i++)
         s->history[i] = p->internal.initial[i];
     s->acceleration = s->product + product;
-    s->closing = s->acceleration + acceleration;
+    s->push = s->acceleration + acceleration / 2;
+    s->shift = s->acceleration + acceleration;
+    s->closing = s->shift + shift;
     s->link = s->closing + p->nb;
     s->work = s->link + p->nb;
     s->link_work = s->work + scratch;
@@ -192,6 +200,7 @@ void pma_subdomain_destroy(pma_subdomain *s)
     pma_iterate_destroy(s->iterate);
     pma_levels_destroy(&s->levels);
     free(s->block);
+    free(s->spread);
     free(s);
 }
 
@@ -210,6 +219,13 @@ void pma_subdomain_set_load(pma_subdomain *s, pma_load load)
 const pma_load *pma_subdomain_load(const pma_subdomain *s)
 {
     return &s->load;
+}
+
+void pma_subdomain_push(pma_subdomain *s, const double *lam, double *y)
+{
+    memset(y, 0, s->parts.n * sizeof(double));
+    pma_link_load(&s->parts.link, lam, pma_interface_of(s, y));
+    pma_factor_solve(&s->parts.mass, y, s->work);
 }
 
 pma_response *pma_subdomain_response(pma_subdomain *s)
@@ -297,6 +313,15 @@ void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, con
                                     s->levels.vf_present); /* (S2) */
 }
 
+void pma_subdomain_rebase(pma_subdomain *s, bool twice, const double *lam)
+{
+    const double *v_b = pma_interface_of(s, s->levels.present.v);
+    pma_levels_discard(&s->levels);
+    if (!s->iterate)
+        pma_substep_store_free_velocity(s, pma_operator_of(s, twice), v_b, lam,
+                                        s->levels.vf_present);
+}
+
 pma_kept_levels pma_subdomain_levels(pma_subdomain *s)
 {
     pma_levels_discard(&s->levels);
@@ -333,16 +358,16 @@ pma_status pma_subdomain_evaluate_present(pma_subdomain *s, double t)
     return status == PMA_OK ? pma_substep_evaluate_potential(s, x->u) : status;
 }
 
-pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, const double *load,
-                                      const double *lam)
+static pma_energy_parts energy_parts(pma_subdomain *s, pma_matrix M, pma_matrix skew)
 {
-    const pma_energy_parts parts = {
+    return (pma_energy_parts){
         .n = s->parts.n,
         .nb = s->parts.nb,
         .substeps = s->parts.substeps,
         .responds = s->parts.responds,
         .doubled = s->parts.doubled,
         .M = M,
+        .skew = skew,
         .K = s->parts.K,
         .C = s->parts.C,
         .link = s->parts.link,
@@ -351,11 +376,38 @@ pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, const doub
         .internal = internal_force_of(s),
         .potential = pma_internal_has_potential(&s->parts.internal) ? &s->potential : NULL,
         .springs = &s->parts.springs};
+}
+
+pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, pma_matrix skew,
+                                      const double *load, const double *lam)
+{
+    const pma_energy_parts parts = energy_parts(s, M, skew);
     pma_energy *energy;
     const pma_status status = pma_energy_create(&parts, &energy);
     if (status != PMA_OK)
         return status;
     pma_energy_begin(energy, &s->levels.present, load, lam);
+    pma_subdomain_end_energy(s);
+    s->energy = energy;
+    return PMA_OK;
+}
+
+void pma_subdomain_conserve(pma_subdomain *s, double weight)
+{
+    pma_energy_conserve(s->energy, weight);
+}
+
+pma_status pma_subdomain_follow_energy(pma_subdomain *s, const pma_subdomain *from)
+{
+    if (!from->energy)
+        return PMA_OK;
+    const pma_energy_parts parts =
+        energy_parts(s, pma_energy_mass(from->energy), pma_energy_skew(from->energy));
+    pma_energy *energy;
+    const pma_status status = pma_energy_create(&parts, &energy);
+    if (status != PMA_OK)
+        return status;
+    pma_energy_follow(energy, from->energy);
     pma_subdomain_end_energy(s);
     s->energy = energy;
     return PMA_OK;

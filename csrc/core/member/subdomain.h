@@ -36,10 +36,12 @@ typedef struct {
 typedef struct {
     size_t n, nb, substeps;
     bool doubled;    /* takes double steps after the start */
+    bool continues;  /* ... and in the first macro step: it has a time level before the present */
     bool lagged;     /* C acts on vs, outside Mbar (R4) */
     bool responds;   /* has a link response (M3): substeps under macro coupling */
     bool mean;       /* responds to a constant acceleration of the interface (K3): mean coupling */
     pma_factor mass; /* of M, under mean coupling */
+    bool shifts;     /* its predictors can be shifted (V1): displacements tied under gc */
     bool shoots;     /* has internal forces, iterated or not: M */
     pma_matrix M;    /* of a subdomain that shoots */
     pma_matrix K, C;
@@ -49,14 +51,16 @@ typedef struct {
     const pma_iterate_parts *iterate; /* of an implicit subdomain with internal forces, else NULL;
                                          its factors are then not read */
     pma_matrix D_r;                   /* estimate of the damping of both (R2) */
-    pma_matrix K_r;                   /* estimate of their stiffness, for the link response (M3) */
-    pma_operator single;              /* of the substep h */
-    pma_operator twice;               /* of the double step 2 h; read only if doubled */
+    pma_matrix K_r; /* estimate of their stiffness, for the link response (M3) and shifts (V2) */
+    pma_operator single; /* of the substep h */
+    pma_operator twice;  /* of the double step, 2 h or, over a change of the step, the time from the
+                            level before to the next one; read only if doubled */
     pma_link link;
 } pma_parts;
 
 /* Checks the parts and allocates all that stepping needs, zeroed. PMA_BAD_STEP when the operator of
- * the double step is not one of twice the length. */
+ * the double step is not one of twice the length, or not a longer one of a subdomain that
+ * continues. */
 pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out);
 void pma_subdomain_destroy(pma_subdomain *s); /* NULL is allowed */
 
@@ -75,6 +79,11 @@ const pma_load *pma_subdomain_load(const pma_subdomain *s);
  * from no deformation to u. */
 void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, const double *w,
                          const double *lam);
+
+/* The stored free velocity of the present becomes the one that, with lam and the operator of the
+ * single or the double step, gives the velocity there (S3); iterated subdomains make their own in
+ * each step (N13). What is open is discarded. */
+void pma_subdomain_rebase(pma_subdomain *s, bool twice, const double *lam);
 
 /* The state at the present. Valid until the next commit. */
 const pma_state *pma_subdomain_present(const pma_subdomain *s);
@@ -102,11 +111,17 @@ pma_status pma_subdomain_force(pma_subdomain *s, double t, double *F);
 pma_status pma_subdomain_restore(pma_subdomain *s, double t, const double *u, const double *v,
                                  double *r);
 
+/* sum (p) += L Z mu with Z of the single step (V2), of a subdomain whose predictors can be shifted */
+void pma_subdomain_shift(pma_subdomain *s, const double *mu, double *sum);
+
 /* What the function that failed last returned. */
 int pma_subdomain_code(const pma_subdomain *s);
 
 /* What an iteration keeps, to be saved and restored; NULL unless the subdomain is iterated. */
 pma_iterate *pma_subdomain_iterate(pma_subdomain *s);
+
+/* y (n) := M^-1 L_b^T lam: mean coupling alone                                             (K1) */
+void pma_subdomain_push(pma_subdomain *s, const double *lam, double *y);
 
 /* Unit responses that set-up has stored; see response.h. NULL unless the subdomain responds. */
 pma_response *pma_subdomain_response(pma_subdomain *s);
@@ -119,8 +134,13 @@ pma_status pma_subdomain_evaluate_present(pma_subdomain *s, double t);
 
 /* Works are summed up from here, under load (n) and lam (p); M is the mass matrix. Allocates. To be
  * begun again after a start or after time levels were written. */
-pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, const double *load,
-                                      const double *lam);
+pma_status pma_subdomain_begin_energy(pma_subdomain *s, pma_matrix M, pma_matrix skew,
+                                      const double *load, const double *lam);
+/* (M9)  From here on the energies have the share in E*, with this multiple of K beside M. */
+void pma_subdomain_conserve(pma_subdomain *s, double weight);
+/* The works of `from` go on in s, whose present is the same for other steps; nothing if there are
+ * none. Allocates. */
+pma_status pma_subdomain_follow_energy(pma_subdomain *s, const pma_subdomain *from);
 void pma_subdomain_end_energy(pma_subdomain *s); /* NULL and one without energy are allowed */
 bool pma_subdomain_has_energy(const pma_subdomain *s);
 

@@ -44,6 +44,17 @@ void pma_substep_extrapolate(double h, size_t n, const pma_state *from, double *
         vs[i] = v[i] + h * w[i];
 }
 
+void pma_substep_push(const pma_subdomain *s, double h, size_t begin, size_t end,
+                      const pma_state *to)
+{
+    for (size_t i = begin; i < end; i++) {
+        to->u[i] += 0.5 * h * h * s->push[i];
+        to->v[i] += h * s->push[i];
+    }
+    for (size_t i = begin; s->extrapolates && i < end; i++)
+        s->vs[i] += h * s->push[i];
+}
+
 /* y -= f(ut, vs, t1; q), internal forces of an explicit subdomain, which go on to q1 */
 static pma_status subtract_internal(pma_subdomain *s, const pma_state *from, const pma_state *to,
                                     double t1)
@@ -123,6 +134,8 @@ static pma_status solve_free(pma_subdomain *s, const pma_substep *step)
 
         /* (5), (6) */
         s->update->predict(&op->step, predicted, ahead, from, to);
+        if (s->is_pushed)
+            pma_substep_push(s, op->step.h, predicted, ahead, to);
         predicted = ahead;
 
         add_forces(s, step, to, begin, end);
@@ -159,13 +172,68 @@ pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
     return status;
 }
 
+/* ---- displacements tied --------------------------------------------------------------------- */
+
+/* u_b = ut_b + al1 (wf_b + S^-1 L_b^T lam), and wf_b = (vf_b - vt_b) / al2 */
+void pma_substep_expect(pma_subdomain *s, const pma_substep *step, const double *lam, double *sum)
+{
+    const pma_operator *op = pma_operator_of(s, step->twice);
+    const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
+    const double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
+    const double *ut = pma_interface_of(s, to->u), *vt = pma_interface_of(s, to->v);
+    pma_substep_solve_link(s, op, lam);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        s->link[i] = ut[i] + op->step.al1 * ((vf[i] - vt[i]) / op->step.al2 + s->link[i]);
+    pma_link_gather(&s->parts.link, 1.0, s->link, sum);
+}
+
+/* z (n) := - (K + K_r) Mbar^-1 L^T mu with y (n) := Mbar^-1 L^T mu */
+static void shift_forces(pma_subdomain *s, const pma_operator *op, const double *mu, double *y,
+                         double *z)
+{
+    const pma_parts *p = &s->parts;
+    memset(y, 0, 2 * p->n * sizeof(double));
+    pma_substep_load_interface(s, mu);
+    pma_factor_close(&op->factor, s->closing, y, s->work);
+    pma_matrix_subtract(&p->K, y, z);
+    if (p->K_r.form != PMA_ZERO)
+        pma_matrix_subtract(&p->K_r, y, z);
+}
+
+void pma_subdomain_shift(pma_subdomain *s, const double *mu, double *sum)
+{
+    double *y = s->shift, *z = s->shift + s->parts.n;
+    shift_forces(s, &s->parts.single, mu, y, z);
+    pma_factor_open(&s->parts.single.factor, z, s->closing, s->work);
+    pma_link_gather(&s->parts.link, -1.0, s->closing, sum);
+}
+
+/* (V1)  ut += Y mu;  (V2)  the right-hand side, as swept so far, and vf of what the stiffness makes
+ * of it */
+void pma_substep_shift(pma_subdomain *s, const pma_substep *step, const double *mu)
+{
+    const pma_operator *op = pma_operator_of(s, step->twice);
+    const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
+    double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
+    double *y = s->shift, *z = s->shift + s->parts.n;
+    shift_forces(s, op, mu, y, z);
+    pma_factor_open(&op->factor, z, s->closing, s->work);
+    for (size_t i = 0; i < s->parts.n; i++) {
+        to->u[i] += y[i];
+        to->w[i] += z[i];
+    }
+    for (size_t i = 0; i < s->parts.nb; i++)
+        vf[i] += op->step.al2 * s->closing[i];
+}
+
 /* ---- close: the link problem, added --------------------------------------------------------- */
 
 /* L^T Lam */
 void pma_substep_load_interface(pma_subdomain *s, const double *lam)
 {
     memset(s->closing, 0, s->parts.nb * sizeof(double));
-    pma_link_load(&s->parts.link, lam, s->closing);
+    if (!s->parts.mean) /* they push instead */
+        pma_link_load(&s->parts.link, lam, s->closing);
 }
 
 /* (F4) and (F5) with L^T Lam in s->closing, (8), (9), slab by slab from the last rows on; true when

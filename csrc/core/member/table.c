@@ -55,6 +55,26 @@ static void displacement(const void *self, size_t j, double *sum)
     pma_link_gather(&s->parts.link, 1.0, pma_interface_of(s, x->u), sum);
 }
 
+static size_t interface_size(const void *self)
+{
+    const pma_subdomain *s = self;
+    return s->parts.nb;
+}
+
+static const double *interface_values(void *self, pma_interface_kind kind, size_t j, bool twice,
+                                      const double *lam)
+{
+    pma_subdomain *s = self;
+    if (kind == PMA_LINK_VELOCITY) {
+        pma_substep_solve_link(s, pma_operator_of(s, twice), lam);
+        return s->link;
+    }
+    if (kind == PMA_FREE_VELOCITY)
+        return pma_levels_free_velocity(&s->levels, j);
+    const pma_state *x = pma_levels_at(&s->levels, j);
+    return pma_interface_of(s, kind == PMA_VELOCITY ? x->v : x->u);
+}
+
 static bool is_finite(const void *self, size_t j)
 {
     const pma_subdomain *s = self;
@@ -162,8 +182,25 @@ static void record_acceleration(void *self, const double *lam, const pma_selecti
                                 size_t row)
 {
     pma_subdomain *s = self;
-    pma_response_accelerate(s->response, lam, s->acceleration);
+    pma_subdomain_push(s, lam, s->acceleration);
     pma_selection_accelerate(selection, s->acceleration, row);
+}
+
+static void expect(void *self, const pma_substep *step, const double *lam, double *sum)
+{
+    pma_substep_expect(self, step, lam, sum);
+}
+
+static void shift(void *self, const pma_substep *step, const double *mu)
+{
+    pma_substep_shift(self, step, mu);
+}
+
+static void push(void *self, const double *lam)
+{
+    pma_subdomain *s = self;
+    s->is_pushed = true;
+    pma_subdomain_push(s, lam, s->push);
 }
 
 static void respond(void *self, size_t j, const double *lam, const double *dlam)
@@ -260,6 +297,8 @@ static const pma_member_table TABLE = {
     .velocity = velocity,
     .displacement = displacement,
     .is_finite = is_finite,
+    .interface_size = interface_size,
+    .interface_values = interface_values,
     .record = record,
     .commit = commit,
     .discard = discard,
@@ -272,10 +311,13 @@ static const pma_member_table TABLE = {
     .begin_response = begin_response,
     .hold_energy = hold_energy,
     .record_acceleration = record_acceleration,
+    .push = push,
     .respond = respond,
     .record_response = record_response,
     .add_response = add_response,
     .repeats = repeats,
+    .expect = expect,
+    .shift = shift,
     .kinetic = kinetic,
     .evaluate_load = evaluate_load,
     .predict = predict,
@@ -299,6 +341,9 @@ static const pma_member_table ITERATED = {
     .discard = discard_iterated,
     .is_observed = is_observed,
     .energy = energy,
+    .hold_energy = hold_energy,
+    .record_acceleration = record_acceleration,
+    .push = push,
     .kinetic = kinetic,
 };
 
@@ -334,9 +379,11 @@ pma_member pma_subdomain_member(pma_subdomain *s)
                          .h = p->single.step.h,
                          .entries = entries_of(p),
                          .doubled = p->doubled,
+                         .continues = p->continues,
                          .evaluates = p->restoring.function || p->internal.count > 0,
                          .by_caller = is_by_caller(p),
                          .responds = p->responds,
+                         .shifts = p->shifts,
                          .shoots = p->shoots,
                          .divides = !s->iterate && pma_rows_divide(s)};
     if (s->iterate)

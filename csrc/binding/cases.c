@@ -1,0 +1,147 @@
+/* Several load cases side by side: objects that are PMA_LANES times another one (member/cases.h). */
+#define NO_IMPORT_ARRAY
+#include "member/cases.h"
+
+#include "algebra/lanes.h"
+#include "binding.h"
+
+/* ---- a subdomain ---------------------------------------------------------------------------- */
+
+PyObject *pma_subdomain_in_lanes(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
+{
+    PyTypeObject *type = Py_TYPE(self);
+    if (self->of || !pma_cases_are_possible(self->core))
+        return PyErr_Format(PyExc_ValueError, "the subdomain must be one without functions, and "
+                                              "not in lanes");
+    SubdomainObject *lanes = (SubdomainObject *)PyType_GenericAlloc(type, 0);
+    if (!lanes)
+        return NULL;
+    lanes->of = (SubdomainObject *)Py_NewRef(self);
+    const pma_status status = pma_cases_create(self->core, &lanes->core);
+    if (status == PMA_OK)
+        return (PyObject *)lanes;
+    Py_DECREF(lanes);
+    return pma_raise(status, "in_lanes");
+}
+
+/* A tuple of loads, one for each lane; none is a function or the table of one. */
+PyObject *pma_take_lane_loads(PyObject *obj, pma_load *load, pma_load **each)
+{
+    PyObject *arrays = PyList_New(0);
+    if (!PyTuple_Check(obj) || PyTuple_Size(obj) != PMA_LANES) {
+        PyErr_Format(PyExc_TypeError, "load must be a tuple of %d loads", PMA_LANES);
+        Py_CLEAR(arrays);
+    }
+    *each = PyMem_Calloc(PMA_LANES, sizeof **each);
+    if (!*each && !PyErr_Occurred())
+        PyErr_NoMemory();
+    for (Py_ssize_t l = 0; arrays && *each && l < PMA_LANES; l++) {
+        (*each)[l] = (pma_load){.kind = PMA_LOAD_NONE, .n = load->n / PMA_LANES};
+        PyObject *own = pma_take_load(PyTuple_GetItem(obj, l), &(*each)[l]);
+        const pma_load_kind kind = (*each)[l].kind;
+        if (own && (kind == PMA_LOAD_CALLED || kind == PMA_LOAD_TABLE))
+            PyErr_SetString(PyExc_TypeError, "a load in lanes must not be a function or a table");
+        if (!own || PyErr_Occurred() || PyList_Append(arrays, own) < 0)
+            Py_CLEAR(arrays);
+        Py_XDECREF(own);
+    }
+    if (!arrays || !*each) {
+        PyMem_Free(*each);
+        Py_XDECREF(arrays);
+        return NULL;
+    }
+    load->kind = PMA_LOAD_IN_LANES;
+    load->each = *each;
+    return arrays;
+}
+
+/* ---- a coupler ------------------------------------------------------------------------------ */
+
+static int check_lanes(CouplerObject *self, PyObject *subdomains)
+{
+    const Py_ssize_t count = PyTuple_Size(self->subdomains);
+    bool all = PyTuple_Size(subdomains) == count;
+    for (Py_ssize_t i = 0; all && i < count; i++) {
+        PyObject *s = PyTuple_GetItem(subdomains, i);
+        all = Py_IS_TYPE(s, Py_TYPE(pma_subdomain_of(self, i))) &&
+              ((SubdomainObject *)s)->of == pma_subdomain_of(self, i);
+    }
+    if (!all)
+        PyErr_SetString(PyExc_ValueError, "need the subdomains of the coupler in lanes");
+    return all ? 0 : -1;
+}
+
+/* A motion for each lane: row k of lane l is row k * PMA_LANES + l. */
+static int spread_motions(const pma_coupler_parts *of, CouplerObject *self, pma_motion *motions)
+{
+    for (size_t i = 0; i < of->motion_count * PMA_LANES; i++) {
+        const pma_motion *each = &of->motions[i / PMA_LANES];
+        npy_intp size = (npy_intp)each->load.n;
+        PyObject *rows = PyArray_SimpleNew(1, &size, NPY_INT64);
+        if (!rows || PyList_Append(self->arrays, rows) < 0 ||
+            PyList_Append(self->motions, Py_None) < 0) {
+            Py_XDECREF(rows);
+            return -1;
+        }
+        int64_t *values = PyArray_DATA((PyArrayObject *)rows);
+        for (size_t k = 0; k < each->load.n; k++)
+            values[k] = each->rows[k] * PMA_LANES + (int64_t)(i % PMA_LANES);
+        motions[i] = (pma_motion){.rows = values, .load = {.n = each->load.n}};
+        Py_DECREF(rows);
+    }
+    return 0;
+}
+
+static int take_interface(const pma_ldl *of, pma_ldl *ldl, pma_interface *out)
+{
+    const pma_factor factor = pma_lanes_factor(&of->factor);
+    const pma_status status = pma_ldl_create(&factor, ldl);
+    *out = pma_ldl_interface(ldl);
+    if (status == PMA_OK)
+        return 0;
+    pma_raise(status, "in_lanes");
+    return -1;
+}
+
+static int fill_lanes(CouplerObject *of, CouplerObject *self)
+{
+    const pma_coupler_parts *each = pma_coupler_get_parts(of->core);
+    pma_coupler_parts parts = {.p = each->p * PMA_LANES,
+                               .doubled = pma_lanes_matrix(&each->doubled),
+                               .dt = each->dt,
+                               .rebased = each->rebased,
+                               .schedule = each->schedule,
+                               .motion_count = each->motion_count * PMA_LANES,
+                               .threads = 1};
+    pma_motion *motions = PyMem_Calloc(parts.motion_count + 1, sizeof *motions);
+    if (!motions) {
+        PyErr_NoMemory();
+        return -1;
+    }
+    parts.motions = motions;
+    int failed = take_interface(&of->H_start, &self->H_start, &parts.H_start) < 0 ||
+                 take_interface(&of->H, &self->H, &parts.H) < 0 ||
+                 spread_motions(each, self, motions) < 0 || pma_coupler_fill(self, &parts) < 0;
+    PyMem_Free(motions);
+    return failed ? -1 : 0;
+}
+
+PyObject *pma_coupler_in_lanes(CouplerObject *self, PyObject *subdomains)
+{
+    PyTypeObject *type = Py_TYPE(self);
+    if (!PyTuple_Check(subdomains))
+        return PyErr_Format(PyExc_TypeError, "subdomains must be a tuple");
+    if (check_lanes(self, subdomains) < 0)
+        return NULL;
+    CouplerObject *lanes = (CouplerObject *)PyType_GenericAlloc(type, 0);
+    if (!lanes)
+        return NULL;
+    lanes->subdomains = Py_NewRef(subdomains);
+    lanes->arrays = PyList_New(0);
+    lanes->motions = PyList_New(0);
+    if (!lanes->arrays || !lanes->motions ||
+        PyList_Append(lanes->arrays, (PyObject *)self) < 0 || /* it has the factors */
+        fill_lanes(self, lanes) < 0)
+        Py_CLEAR(lanes);
+    return (PyObject *)lanes;
+}

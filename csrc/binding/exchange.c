@@ -1,0 +1,227 @@
+/* A coupler in several processes: subdomains of the others, and the function that gathers. */
+#define NO_IMPORT_ARRAY
+#include "binding.h"
+
+/* MPI_Allgatherv. Handles are passed as integers: an MPI whose handles are int takes the low half of
+ * the register, one whose handles are pointers all of it. */
+typedef int (*allgatherv)(const void *send, int count, intptr_t type, void *receive,
+                          const int *counts, const int *starts, intptr_t receive_type,
+                          intptr_t communicator);
+
+struct pma_processes {
+    pma_remote **remotes;
+    size_t count; /* of them */
+    pma_exchange_parts parts;
+    PyObject *callable; /* gathers, unless there is an address */
+    allgatherv address;
+    intptr_t type, communicator;
+    double *sent;
+    npy_intp size; /* of `all` */
+};
+
+/* ---- gathering ------------------------------------------------------------------------------ */
+
+static int call(void *ctx)
+{
+    const pma_processes *x = ctx;
+    PyObject *type, *value, *traceback;
+    PyErr_Fetch(&type, &value, &traceback); /* what has failed here, if anything */
+    PyObject *result = PyObject_CallNoArgs(x->callable);
+    if (type)
+        PyErr_Restore(type, value, traceback);
+    Py_XDECREF(result);
+    return result ? 0 : -1;
+}
+
+static bool gather_by_callable(void *ctx, double *all, const int *counts, const int *starts)
+{
+    (void)all, (void)counts, (void)starts; /* the callable has the same arrays */
+    return pma_gil_call(call, ctx) == 0;
+}
+
+static bool gather_by_address(void *ctx, double *all, const int *counts, const int *starts)
+{
+    const pma_processes *x = ctx;
+    const int count = counts[x->parts.rank];
+    memcpy(x->sent, all + starts[x->parts.rank], (size_t)count * sizeof(double));
+    return x->address(x->sent, count, x->type, all, counts, starts, x->type, x->communicator) == 0;
+}
+
+/* ---- what Python gives ---------------------------------------------------------------------- */
+
+/* (n, nb, substeps, h, doubled, al2, al2_twice, link) */
+static int take_remote(PyObject *obj, PyObject *arrays, pma_remote **out)
+{
+    pma_remote_parts parts = {.n = 0};
+    Py_ssize_t n, nb, substeps;
+    int doubled;
+    PyObject *link;
+    if (!PyTuple_Check(obj)) {
+        PyErr_SetString(PyExc_TypeError, "a remote subdomain must be a tuple");
+        return -1;
+    }
+    if (!PyArg_ParseTuple(obj, "nnndpddO", &n, &nb, &substeps, &parts.h, &doubled, &parts.al2,
+                          &parts.al2_twice, &link))
+        return -1;
+    if (n < 1 || nb < 0 || nb > n || substeps < 1) {
+        PyErr_SetString(PyExc_ValueError, "a remote subdomain must have dofs and substeps");
+        return -1;
+    }
+    if (pma_take_link(link, (size_t)nb, arrays, &parts.link) < 0)
+        return -1;
+    parts.n = (size_t)n;
+    parts.substeps = (size_t)substeps;
+    parts.doubled = doubled;
+    const pma_status status = pma_remote_create(&parts, out);
+    if (status == PMA_OK)
+        return 0;
+    pma_raise(status, "remote");
+    return -1;
+}
+
+/* Remote subdomains, of which None stands for one of this process. */
+static int take_remotes(PyObject *obj, PyObject *arrays, pma_processes *x)
+{
+    const Py_ssize_t count = PyTuple_Size(obj);
+    x->remotes = PyMem_Calloc((size_t)count + 1, sizeof *x->remotes);
+    if (!x->remotes) {
+        PyErr_NoMemory();
+        return -1;
+    }
+    x->count = (size_t)count;
+    for (Py_ssize_t i = 0; i < count; i++) {
+        PyObject *entry = PyTuple_GetItem(obj, i);
+        if (entry != Py_None && take_remote(entry, arrays, &x->remotes[i]) < 0)
+            return -1;
+    }
+    return 0;
+}
+
+/* a callable, or (address, type, communicator) */
+static int take_gather(PyObject *obj, PyObject *arrays, npy_intp size, pma_processes *x)
+{
+    x->parts.ctx = x;
+    if (PyCallable_Check(obj)) {
+        x->callable = obj;
+        x->parts.gather = gather_by_callable;
+        return PyList_Append(arrays, obj);
+    }
+    Py_ssize_t address, type, communicator;
+    if (!PyArg_Parse(obj, "(nnn)", &address, &type, &communicator))
+        return -1;
+    PyObject *sent = PyArray_ZEROS(1, &size, NPY_DOUBLE, 0);
+    if (!sent || PyList_Append(arrays, sent) < 0) {
+        Py_XDECREF(sent);
+        return -1;
+    }
+    x->sent = PyArray_DATA((PyArrayObject *)sent);
+    Py_DECREF(sent);
+    memcpy(&x->address, &address, sizeof address);
+    x->type = type;
+    x->communicator = communicator;
+    x->parts.gather = gather_by_address;
+    return 0;
+}
+
+static int take_buffers(PyObject *first, PyObject *all, PyObject *counts, PyObject *starts,
+                        PyObject *arrays, pma_processes *x)
+{
+    const npy_intp any = -1;
+    PyArrayObject *array, *numbers[2];
+    if (pma_take_array(first, NPY_INT64, 1, &any, "first", arrays, &array) < 0)
+        return -1;
+    x->parts.first = PyArray_DATA(array);
+    const npy_intp ranks = PyArray_DIM(array, 0) - 1;
+    bool fits = ranks >= 1 && (npy_intp)x->parts.rank < ranks;
+    if (pma_take_array(counts, NPY_INT, 1, &ranks, "counts", arrays, &numbers[0]) < 0 ||
+        pma_take_array(starts, NPY_INT, 1, &ranks, "starts", arrays, &numbers[1]) < 0 ||
+        pma_take_array(all, NPY_DOUBLE, 1, &any, "all", arrays, &array) < 0)
+        return -1;
+    x->parts.ranks = (size_t)ranks;
+    x->parts.all = PyArray_DATA(array);
+    x->size = PyArray_DIM(array, 0);
+    x->parts.counts = PyArray_DATA(numbers[0]);
+    x->parts.starts = PyArray_DATA(numbers[1]);
+    for (npy_intp r = 0; fits && r < ranks; r++)
+        fits = x->parts.first[r] >= 0 && x->parts.first[r] <= x->parts.first[r + 1];
+    if (fits)
+        return 0;
+    PyErr_SetString(PyExc_ValueError, "first must rise, with a range for each rank");
+    return -1;
+}
+
+int pma_take_processes(PyObject *obj, PyObject *arrays, pma_processes **out)
+{
+    PyObject *remotes, *first, *all, *counts, *starts, *gather;
+    Py_ssize_t rank;
+    *out = NULL;
+    if (obj == Py_None)
+        return 0;
+    if (!PyArg_Parse(obj, "(nO!OOOOO)", &rank, &PyTuple_Type, &remotes, &first, &all, &counts,
+                     &starts, &gather))
+        return -1;
+    pma_processes *x = PyMem_Calloc(1, sizeof *x);
+    if (!x) {
+        PyErr_NoMemory();
+        return -1;
+    }
+    *out = x;
+    x->parts.rank = (size_t)rank;
+    if (take_remotes(remotes, arrays, x) < 0 ||
+        take_buffers(first, all, counts, starts, arrays, x) < 0)
+        return -1;
+    return take_gather(gather, arrays, PyArray_DIM((PyArrayObject *)all, 0), x);
+}
+
+void pma_release_processes(pma_processes *x)
+{
+    for (size_t i = 0; x && i < x->count; i++)
+        pma_remote_destroy(x->remotes[i]);
+    if (x)
+        PyMem_Free(x->remotes);
+    PyMem_Free(x);
+}
+
+/* ---- for the coupler ------------------------------------------------------------------------ */
+
+size_t pma_processes_count(const pma_processes *x, size_t own)
+{
+    return x ? x->count : own;
+}
+
+size_t pma_processes_first(const pma_processes *x)
+{
+    return x ? (size_t)x->parts.first[x->parts.rank] : 0;
+}
+
+const pma_exchange_parts *pma_processes_parts(const pma_processes *x)
+{
+    return x ? &x->parts : NULL;
+}
+
+int pma_processes_check(const pma_processes *x, const pma_member *members)
+{
+    if (!x || pma_exchange_size(x->parts.ranks, x->count, members) <= (size_t)x->size)
+        return 0;
+    PyErr_SetString(PyExc_ValueError, "all must have room for the values of all ranks");
+    return -1;
+}
+
+/* The members of this process are set; the others become so. */
+int pma_processes_fill(const pma_processes *x, size_t own, pma_member *members)
+{
+    if (!x)
+        return 0;
+    const size_t first = pma_processes_first(x);
+    bool fits = (size_t)x->parts.first[x->parts.rank + 1] == first + own;
+    for (size_t i = 0; fits && i < x->count; i++) {
+        const bool mine = i >= first && i < first + own;
+        fits = mine == !x->remotes[i];
+        if (x->remotes[i])
+            members[i] = pma_remote_member(x->remotes[i]);
+    }
+    if (fits)
+        return 0;
+    PyErr_SetString(PyExc_ValueError, "the remote subdomains must be those of the other ranks");
+    return -1;
+}

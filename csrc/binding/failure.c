@@ -1,0 +1,73 @@
+/* What ended an advance: an exception, or what Python needs for one. */
+#define NO_IMPORT_ARRAY
+#include "binding.h"
+
+/* Subdomain i of all processes, which is one of this one. */
+static SubdomainObject *own_subdomain(CouplerObject *self, size_t i)
+{
+    return pma_subdomain_of(self, (Py_ssize_t)(i - pma_processes_first(self->processes)));
+}
+
+static Py_ssize_t count_all(CouplerObject *self)
+{
+    return (Py_ssize_t)pma_coupler_get_parts(self->core)->count;
+}
+
+/* True if the exception that is set is to be raised. Several threads may evaluate a callable in a
+ * step that one thread would not have begun, after the failure of an earlier step or of another
+ * subdomain; its exception is then cleared, except for KeyboardInterrupt. */
+static bool is_raised(CouplerObject *self, pma_status status, size_t failed)
+{
+    if (status == PMA_NOT_FINITE || status == PMA_FORCE_FAILED)
+        return !PyErr_ExceptionMatches(PyExc_Exception);
+    if (status != PMA_RESTORING_FAILED && status != PMA_INTERNAL_FAILED)
+        return true;
+    pma_subdomain *s = own_subdomain(self, failed)->core;
+    return pma_subdomain_member(s).by_caller || !PyErr_ExceptionMatches(PyExc_Exception);
+}
+
+/* (index, t, corrections, position): of the subdomain that did not converge, or of the interface
+ * (None for the rest); position of the dof where its tangent is singular, or -1 */
+static PyObject *iteration_failure(CouplerObject *self, size_t i, bool singular)
+{
+    if (i == PMA_INTERFACE)
+        return Py_BuildValue("(nOOn)", count_all(self), Py_None, Py_None,
+                             singular ? (Py_ssize_t)0 : (Py_ssize_t)-1);
+    const pma_iterate_failure at =
+        pma_iterate_failed(pma_subdomain_iterate(own_subdomain(self, i)->core));
+    return Py_BuildValue("(ndnn)", (Py_ssize_t)i, at.t, (Py_ssize_t)at.iterations,
+                         singular ? (Py_ssize_t)at.dof : (Py_ssize_t)-1);
+}
+
+/* What a function that returned a code is to a subdomain; NULL for any other status. */
+static const char *what_failed(pma_status status)
+{
+    return status == PMA_FORCE_FAILED       ? "force"
+           : status == PMA_RESTORING_FAILED ? "restoring force"
+           : status == PMA_INTERNAL_FAILED  ? "internal force"
+                                            : NULL;
+}
+
+PyObject *pma_failure(CouplerObject *self, pma_status status)
+{
+    const size_t i = pma_coupler_failed(self->core);
+    if (PyErr_Occurred()) {
+        if (is_raised(self, status, i))
+            return NULL;
+        PyErr_Clear();
+    }
+    if (status == PMA_NOT_FINITE)
+        return PyLong_FromSsize_t(i == PMA_INTERFACE ? count_all(self) : (Py_ssize_t)i);
+    if (status == PMA_ELSEWHERE)
+        return Py_BuildValue("(n)", (Py_ssize_t)pma_coupler_failed_rank(self->core));
+    if (status == PMA_NOT_CONVERGED || status == PMA_SINGULAR)
+        return iteration_failure(self, i, status == PMA_SINGULAR);
+    if (status == PMA_UNSYMMETRIC) {
+        pma_subdomain *s = own_subdomain(self, i)->core;
+        return Py_BuildValue("(nd)", (Py_ssize_t)i, pma_iterate_failed(pma_subdomain_iterate(s)).t);
+    }
+    if (!what_failed(status))
+        return pma_raise(status, "advance");
+    const int code = pma_subdomain_code(own_subdomain(self, i)->core);
+    return Py_BuildValue("(nis)", (Py_ssize_t)i, code, what_failed(status));
+}

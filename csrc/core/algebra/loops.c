@@ -1,0 +1,301 @@
+#include "algebra/loops.h"
+
+#include "algebra/kernel.h"
+
+/* One register of AVX2, two of SSE2 or NEON; PMA_LANES numbers are two of them. */
+typedef double four __attribute__((vector_size(32), aligned(8), may_alias));
+
+enum { HALVES = PMA_LANES / 4 };
+
+/* clang-format off: attributes are long, and a name begins its line */
+
+/* ---- one unknown ---------------------------------------------------------------------------- */
+
+__attribute__((always_inline)) static inline const four *lanes_at(const double *x, size_t i)
+{
+    return (const four *)(x + i * PMA_LANES);
+}
+
+__attribute__((always_inline)) static inline void load(const double *x, size_t i, four *y)
+{
+    y[0] = lanes_at(x, i)[0];
+    y[1] = lanes_at(x, i)[1];
+}
+
+__attribute__((always_inline)) static inline void store(const four *y, double *x, size_t i)
+{
+    four *to = (four *)(x + i * PMA_LANES);
+    to[0] = y[0];
+    to[1] = y[1];
+}
+
+/* y -= a x, and y += a x */
+__attribute__((always_inline)) static inline void subtract_scaled(double a, const four *x, four *y)
+{
+    y[0] -= a * x[0];
+    y[1] -= a * x[1];
+}
+
+__attribute__((always_inline)) static inline void add_scaled(double a, const four *x, four *y)
+{
+    y[0] += a * x[0];
+    y[1] += a * x[1];
+}
+
+/* ---- products ------------------------------------------------------------------------------- */
+
+__attribute__((always_inline)) static inline void
+subtract_diagonal(const pma_matrix *A, size_t begin, size_t end, const double *x, double *y)
+{
+    four yi[HALVES];
+    for (size_t i = begin; i < end; i++) {
+        load(y, i, yi);
+        subtract_scaled(A->values[i], lanes_at(x, i), yi);
+        store(yi, y, i);
+    }
+}
+
+__attribute__((always_inline)) static inline void
+subtract_band(const pma_matrix *A, size_t begin, size_t end, const double *x, double *y)
+{
+    four yi[HALVES];
+    for (size_t i = begin; i < end; i++) {
+        load(y, i, yi);
+        subtract_scaled(A->values[i], lanes_at(x, i), yi);
+        for (size_t d = 1; d <= A->width; d++) {
+            const double *above = A->values + d * A->n, *below = above + A->below;
+            if (i + d < A->n)
+                subtract_scaled(above[i], lanes_at(x, i + d), yi);
+            if (i >= d)
+                subtract_scaled(below[i - d], lanes_at(x, i - d), yi);
+        }
+        store(yi, y, i);
+    }
+}
+
+__attribute__((always_inline)) static inline void
+subtract_sparse(const pma_matrix *A, size_t begin, size_t end, const double *x, double *y)
+{
+    for (size_t i = begin; i < end; i++) {
+        four sum[HALVES] = {{0.0}}, yi[HALVES];
+        for (int64_t k = A->ptr[i]; k < A->ptr[i + 1]; k++)
+            add_scaled(A->values[k], lanes_at(x, (size_t)A->index[k]), sum);
+        load(y, i, yi);
+        yi[0] -= sum[0];
+        yi[1] -= sum[1];
+        store(yi, y, i);
+    }
+}
+
+__attribute__((always_inline)) static inline void subtract(const pma_matrix *A, size_t begin,
+                                                           size_t end, const double *x, double *y)
+{
+    if (A->form == PMA_DIAGONAL)
+        subtract_diagonal(A, begin, end, x, y);
+    else if (A->form == PMA_BAND)
+        subtract_band(A, begin, end, x, y);
+    else
+        subtract_sparse(A, begin, end, x, y);
+}
+
+/* ---- sweeps --------------------------------------------------------------------------------- */
+
+/* Entries of a column of a band below the diagonal: fewer at the end. */
+__attribute__((always_inline)) static inline size_t rows_of_band(const pma_factor *f, size_t j)
+{
+    return f->n - 1 - j < f->width ? f->n - 1 - j : f->width;
+}
+
+/* The next unknown is kept in registers, as in the sweeps of one vector. */
+__attribute__((always_inline)) static inline void eliminate_band(const pma_factor *f, size_t first,
+                                                                 size_t last, double *x)
+{
+    four xj[HALVES], below[HALVES];
+    load(x, 0, xj);
+    for (size_t j = first; j < last && j + 1 < f->n; j++) {
+        const double *column = f->values + j * f->width;
+        const size_t rows = rows_of_band(f, j);
+        for (size_t k = 1; k < rows; k++) {
+            load(x, j + 1 + k - first, below);
+            subtract_scaled(column[k], xj, below);
+            store(below, x, j + 1 + k - first);
+        }
+        load(x, j + 1 - first, below);
+        subtract_scaled(column[0], xj, below);
+        store(below, x, j + 1 - first);
+        xj[0] = below[0];
+        xj[1] = below[1];
+    }
+}
+
+__attribute__((always_inline)) static inline void substitute_band(const pma_factor *f, size_t first,
+                                                                  size_t last, double *x)
+{
+    const double *Q = f->values + f->Q;
+    four next[HALVES] = {{0.0}}, xj[HALVES];
+    if (last < f->n)
+        load(x, last - first, next);
+    for (size_t j = last; j-- > first;) {
+        const double *column = Q + j * f->width;
+        const size_t rows = rows_of_band(f, j);
+        xj[0] = lanes_at(x, j - first)[0] * f->inverse[j];
+        xj[1] = lanes_at(x, j - first)[1] * f->inverse[j];
+        for (size_t k = 1; k < rows; k++)
+            subtract_scaled(column[k], lanes_at(x, j + 1 + k - first), xj);
+        if (rows > 0)
+            subtract_scaled(column[0], next, xj);
+        store(xj, x, j - first);
+        next[0] = xj[0];
+        next[1] = xj[1];
+    }
+}
+
+__attribute__((always_inline)) static inline void
+eliminate_sparse(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    four xj[HALVES], below[HALVES];
+    for (size_t j = first; j < last; j++) {
+        load(x, j - first, xj);
+        for (int64_t k = f->ptr[j]; k < f->ptr[j + 1]; k++) {
+            const size_t i = (size_t)f->index[k] - first;
+            load(x, i, below);
+            subtract_scaled(f->values[k], xj, below);
+            store(below, x, i);
+        }
+    }
+}
+
+/* The next unknown comes first, and the others are summed up before. */
+__attribute__((always_inline)) static inline void
+substitute_sparse(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    const double *Q = f->values + f->Q;
+    for (size_t j = last; j-- > first;) {
+        four sum[HALVES] = {{0.0}}, xj[HALVES];
+        int64_t k = f->ptr[j];
+        const int64_t end = f->ptr[j + 1];
+        xj[0] = lanes_at(x, j - first)[0] * f->inverse[j];
+        xj[1] = lanes_at(x, j - first)[1] * f->inverse[j];
+        if (k < end && (size_t)f->index[k] == j + 1)
+            subtract_scaled(Q[k++], lanes_at(x, j + 1 - first), xj);
+        for (; k < end; k++)
+            add_scaled(Q[k], lanes_at(x, (size_t)f->index[k] - first), sum);
+        xj[0] -= sum[0];
+        xj[1] -= sum[1];
+        store(xj, x, j - first);
+    }
+}
+
+__attribute__((always_inline)) static inline void eliminate(const pma_factor *f, size_t first,
+                                                            size_t last, double *x)
+{
+    if (f->form == PMA_BAND)
+        eliminate_band(f, first, last, x);
+    else
+        eliminate_sparse(f, first, last, x);
+}
+
+__attribute__((always_inline)) static inline void substitute(const pma_factor *f, size_t first,
+                                                             size_t last, double *x)
+{
+    if (f->form == PMA_BAND)
+        substitute_band(f, first, last, x);
+    else
+        substitute_sparse(f, first, last, x);
+}
+
+__attribute__((always_inline)) static inline void scale(const pma_factor *f, size_t first,
+                                                        size_t last, double *x)
+{
+    four xj[HALVES];
+    for (size_t j = first; j < last; j++) {
+        xj[0] = lanes_at(x, j - first)[0] * f->inverse[j];
+        xj[1] = lanes_at(x, j - first)[1] * f->inverse[j];
+        store(xj, x, j - first);
+    }
+}
+
+/* ---- for each kind of processor ------------------------------------------------------------- */
+
+static void subtract_plain(const pma_matrix *A, size_t begin, size_t end, const double *x,
+                           double *y)
+{
+    subtract(A, begin, end, x, y);
+}
+
+static void eliminate_plain(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    eliminate(f, first, last, x);
+}
+
+static void substitute_plain(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    substitute(f, first, last, x);
+}
+
+static void scale_plain(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    scale(f, first, last, x);
+}
+
+/* clang-format on */
+
+static const pma_loops PLAIN = {.subtract = subtract_plain,
+                                .eliminate = eliminate_plain,
+                                .substitute = substitute_plain,
+                                .scale = scale_plain};
+
+const pma_loops *pma_loops_plain(void)
+{
+    return &PLAIN;
+}
+
+#if defined(__x86_64__)
+
+/* clang-format off */
+
+/* AVX2 alone: with fused multiply-adds the digits would depend on the processor. */
+__attribute__((target("avx2"))) static void
+subtract_avx2(const pma_matrix *A, size_t begin, size_t end, const double *x, double *y)
+{
+    subtract(A, begin, end, x, y);
+}
+
+__attribute__((target("avx2"))) static void
+eliminate_avx2(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    eliminate(f, first, last, x);
+}
+
+__attribute__((target("avx2"))) static void
+substitute_avx2(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    substitute(f, first, last, x);
+}
+
+__attribute__((target("avx2"))) static void scale_avx2(const pma_factor *f, size_t first,
+                                                       size_t last, double *x)
+{
+    scale(f, first, last, x);
+}
+
+/* clang-format on */
+
+static const pma_loops AVX2 = {.subtract = subtract_avx2,
+                               .eliminate = eliminate_avx2,
+                               .substitute = substitute_avx2,
+                               .scale = scale_avx2};
+
+const pma_loops *pma_loops_best(void)
+{
+    return __builtin_cpu_supports("avx2") ? &AVX2 : &PLAIN;
+}
+
+#else
+
+const pma_loops *pma_loops_best(void)
+{
+    return &PLAIN;
+}
+
+#endif

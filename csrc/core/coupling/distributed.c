@@ -1,0 +1,47 @@
+/* distributed.c - the schedules "pm" and "gc" with members in other processes.
+ *
+ * To be read with fine.c: between the stages of a fine step the processes meet. */
+#include "coupling/schedule.h"
+
+/* The free velocity at the end of every substep that has begun. */
+static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, pma_piece *pieces)
+{
+    (void)c;
+    pieces[0] = (pma_piece){.kind = PMA_FREE_VELOCITY, .j = m->now.j + 1};
+    return m->now.phase == 1 ? 1 : 0;
+}
+
+/* No member is left beside the fine steps, in which all processes meet. */
+static pma_duty duty(const pma_member *member)
+{
+    pma_duty own = pma_fine_duty(member);
+    own.aside = false;
+    return own;
+}
+
+static pma_status fine_step(pma_coupler *c)
+{
+    pma_status status = pma_fine_begin(c);
+    if (status == PMA_OK)
+        status = pma_exchange_interface(c);
+    if (status == PMA_OK)
+        status = pma_fine_solve(c);
+    if (status == PMA_OK)
+        status = pma_fine_end(c);
+    if (status == PMA_OK)
+        status = pma_exchange_jumps(c);
+    return status;
+}
+
+static pma_status fine_steps(pma_coupler *c)
+{
+    return pma_fine_steps(c, fine_step);
+}
+
+const pma_schedule pma_distributed_schedule = {.check = pma_fine_check,
+                                               .instants = pma_fine_instants,
+                                               .duty = duty,
+                                               .step = fine_steps,
+                                               .interface_pieces = interface_pieces,
+                                               .move_to = pma_coupler_move_to,
+                                               .rebases = true};

@@ -1,0 +1,92 @@
+/* tied.c - the schedule "gc" with displacements tied, too, at macro time levels.
+ *
+ * To be read with section 5 of docs/method.md, (V1) to (V5). All fine steps are those of fine.c but
+ * the last one of a macro step: there the predictors of the substeps that end are shifted so that
+ * displacements and velocities of all sides agree. */
+#include <string.h>
+
+#include "coupling/schedule.h"
+
+static pma_status check(const pma_coupler_parts *parts)
+{
+    for (size_t i = 0; i < parts->count; i++) {
+        const pma_member *member = &parts->members[i];
+        if (!member->shifts || member->doubled)
+            return PMA_BAD_SIZE;
+    }
+    return parts->gap.p == parts->p ? pma_fine_check(parts) : PMA_BAD_SIZE;
+}
+
+static pma_duty duty(const pma_member *member)
+{
+    return (pma_duty){.entries = member->entries,
+                      .substeps = member->substeps,
+                      .by_caller = member->by_caller,
+                      .divides = member->divides};
+}
+
+/* (V5)  from the fine step before to this one; prescribed velocities in both */
+static void move_gap(pma_coupler *c, const double *g_before)
+{
+    const double half = 0.5 * c->parts.dt / (double)c->fine;
+    for (size_t i = 0; i < c->parts.motion_count; i++) {
+        for (size_t k = 0; k < c->motions[i].load.n; k++) {
+            const int64_t row = c->motions[i].rows[k];
+            c->working.gap[row] += half * (g_before[row] + c->working.g[row]);
+        }
+    }
+}
+
+static bool is_any(const pma_coupled *m)
+{
+    (void)m;
+    return true;
+}
+
+static pma_status shift(pma_coupler *c, pma_coupled *m)
+{
+    m->member.table->shift(m->member.self, &m->step, c->dlam);
+    return PMA_OK;
+}
+
+/* S_mu mu = d - sum L u, the displacements under working.lam                                (V4) */
+static void find_shift(pma_coupler *c)
+{
+    double *mu = c->dlam;
+    memset(c->sums, 0, c->parts.p * sizeof(double));
+    for (size_t i = 0; i < c->parts.count; i++) {
+        pma_coupled *m = &c->coupled[i];
+        m->member.table->expect(m->member.self, &m->step, c->working.lam, c->sums);
+    }
+    for (size_t row = 0; row < c->parts.p; row++)
+        mu[row] = c->working.gap[row] - c->sums[row];
+    c->parts.gap.table->solve(c->parts.gap.self, mu);
+    c->unpolled += c->parts.gap.entries;
+}
+
+static pma_status fine_step(pma_coupler *c)
+{
+    if (c->k == 1)
+        memcpy(c->working.gap, c->present.gap, c->parts.p * sizeof(double));
+    memcpy(c->sums, c->k == 1 ? c->present.g : c->working.g, c->parts.p * sizeof(double));
+    pma_status status = pma_fine_begin(c);
+    if (status == PMA_OK)
+        status = pma_fine_solve(c);
+    move_gap(c, c->sums);
+
+    if (status == PMA_OK && c->k == c->fine) {
+        find_shift(c);
+        status = pma_share(c, shift, is_any); /* (V1), (V2) */
+        if (status == PMA_OK)
+            status = pma_fine_solve(c);
+    }
+    return status == PMA_OK ? pma_fine_end(c) : status;
+}
+
+static pma_status fine_steps(pma_coupler *c)
+{
+    return pma_fine_steps(c, fine_step);
+}
+
+const pma_schedule pma_tied_schedule = {
+    .check = check, .instants = pma_fine_instants, .duty = duty, .step = fine_steps};

@@ -1,0 +1,113 @@
+#include "member/cases.h"
+
+#include <stdlib.h>
+
+#include "algebra/lanes.h"
+#include "member/inside.h"
+
+bool pma_cases_are_possible(const pma_subdomain *s)
+{
+    const pma_parts *p = &s->parts;
+    return !p->restoring.function && p->internal.count == 0 && !p->shoots;
+}
+
+/* ---- springs -------------------------------------------------------------------------------- */
+
+static size_t parameters_of(const pma_springs *springs)
+{
+    size_t count = 0;
+    for (size_t s = 0; s < springs->count; s++)
+        count += springs->sets[s].count * pma_spring_parameters[springs->sets[s].law];
+    return count;
+}
+
+static int32_t dof_in_lane(int32_t dof, size_t lane)
+{
+    return dof < 0 ? dof : (int32_t)((size_t)dof * PMA_LANES + lane);
+}
+
+/* Spring i of lane l is number i * PMA_LANES + l of its set. */
+static void spread_set(const pma_spring_set *each, pma_spring_set *set, int32_t *dofs,
+                       double *numbers)
+{
+    const size_t count = each->count * PMA_LANES;
+    int32_t *first = dofs, *second = dofs + count;
+    *set = (pma_spring_set){.law = each->law, .count = count, .first = first, .second = second};
+    for (size_t k = 0; k < count; k++) {
+        first[k] = dof_in_lane(each->first[k / PMA_LANES], k % PMA_LANES);
+        second[k] = dof_in_lane(each->second[k / PMA_LANES], k % PMA_LANES);
+    }
+    for (size_t q = 0; q < pma_spring_parameters[each->law]; q++, numbers += count) {
+        for (size_t k = 0; k < count; k++)
+            numbers[k] = each->parameters[q][k / PMA_LANES];
+        set->parameters[q] = numbers;
+    }
+}
+
+/* The springs of all lanes, in one block that the subdomain will own. */
+static pma_status spread_springs(const pma_springs *each, pma_springs *out, void **block)
+{
+    const size_t numbers = parameters_of(each) * PMA_LANES, dofs = 2 * each->total * PMA_LANES;
+    *out = (pma_springs){.count = each->count, .total = each->total * PMA_LANES};
+    *block = malloc(each->count * sizeof(pma_spring_set) + numbers * sizeof(double) +
+                    dofs * sizeof(int32_t) + 1);
+    if (!*block)
+        return PMA_NO_MEMORY;
+    pma_spring_set *sets = *block;
+    double *parameters = (double *)(sets + each->count);
+    int32_t *ends = (int32_t *)(parameters + numbers);
+    for (size_t s = 0; s < each->count; s++) {
+        const size_t count = each->sets[s].count * PMA_LANES;
+        spread_set(&each->sets[s], &sets[s], ends, parameters);
+        ends += 2 * count;
+        parameters += count * pma_spring_parameters[each->sets[s].law];
+    }
+    out->sets = sets;
+    return PMA_OK;
+}
+
+/* ---- making --------------------------------------------------------------------------------- */
+
+static pma_operator operator_in_lanes(const pma_operator *each)
+{
+    return (pma_operator){.step = each->step, .factor = pma_lanes_factor(&each->factor)};
+}
+
+static pma_parts parts_in_lanes(const pma_parts *each)
+{
+    pma_parts parts = *each;
+    parts.n *= PMA_LANES;
+    parts.nb *= PMA_LANES;
+    parts.K = pma_lanes_matrix(&each->K);
+    parts.C = pma_lanes_matrix(&each->C);
+    parts.D_r = pma_lanes_matrix(&each->D_r);
+    parts.K_r = pma_lanes_matrix(&each->K_r);
+    parts.single = operator_in_lanes(&each->single);
+    if (each->doubled)
+        parts.twice = operator_in_lanes(&each->twice);
+    if (each->mean)
+        parts.mass = pma_lanes_factor(&each->mass);
+    parts.link = pma_lanes_link(&each->link);
+    return parts;
+}
+
+pma_status pma_cases_create(pma_subdomain *of, pma_subdomain **out)
+{
+    pma_parts parts = parts_in_lanes(&of->parts);
+    void *block;
+    *out = NULL;
+    /* positions in lanes have to fit into those of springs and records */
+    if (!pma_cases_are_possible(of) || parts.n > INT32_MAX)
+        return PMA_BAD_SIZE;
+    pma_status status = spread_springs(&of->parts.springs, &parts.springs, &block);
+    if (status == PMA_OK)
+        status = pma_subdomain_create(&parts, out);
+    if (status != PMA_OK) {
+        free(block);
+        return status;
+    }
+    (*out)->spread = block;
+    if (of->response)
+        pma_response_store((*out)->response, pma_response_units(of->response));
+    return PMA_OK;
+}

@@ -1,0 +1,214 @@
+#include "member/remote.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct pma_remote {
+    pma_remote_parts parts;
+    double *before, *after; /* nb: vf at both ends of the substep at hand */
+    double *moving;         /* nb: v, or in mid-step what the multipliers add to it */
+    double *displaced,
+        *displaced_before; /* nb: u at the end of the macro step and at the present */
+    double *block;
+};
+
+pma_status pma_remote_create(const pma_remote_parts *parts, pma_remote **out)
+{
+    const size_t nb = parts->link.nb;
+    *out = NULL;
+    const pma_status status = pma_link_check(&parts->link);
+    if (status != PMA_OK)
+        return status;
+    pma_remote *r = calloc(1, sizeof *r);
+    if (!r)
+        return PMA_NO_MEMORY;
+    r->block = calloc(5 * nb + 1, sizeof(double));
+    if (!r->block) {
+        free(r);
+        return PMA_NO_MEMORY;
+    }
+    r->parts = *parts;
+    r->before = r->block;
+    r->after = r->block + nb;
+    r->moving = r->block + 2 * nb;
+    r->displaced = r->block + 3 * nb;
+    r->displaced_before = r->block + 4 * nb;
+    *out = r;
+    return PMA_OK;
+}
+
+void pma_remote_destroy(pma_remote *r)
+{
+    if (!r)
+        return;
+    free(r->block);
+    free(r);
+}
+
+void pma_remote_receive(pma_remote *r, pma_interface_kind kind, size_t j, bool next,
+                        const double *values)
+{
+    double *target = kind == PMA_FREE_VELOCITY  ? r->after
+                     : kind == PMA_DISPLACEMENT ? (j > 0 ? r->displaced : r->displaced_before)
+                                                : r->moving;
+    if (kind == PMA_FREE_VELOCITY && next) {
+        target = r->before;
+        r->before = r->after;
+        r->after = target;
+    }
+    memcpy(target, values, r->parts.link.nb * sizeof(double));
+}
+
+/* ---- values on the interface ---------------------------------------------------------------- */
+
+static void compliance(void *self, bool twice, const double *lam, double *sum)
+{
+    const pma_remote *r = self;
+    (void)lam; /* those that were received belong to it */
+    pma_link_gather(&r->parts.link, twice ? r->parts.al2_twice : r->parts.al2, r->moving, sum);
+}
+
+static void free_velocity(const void *self, size_t j, double theta, double scale, double *sum)
+{
+    const pma_remote *r = self;
+    (void)j;
+    if (theta < 1.0)
+        pma_link_gather(&r->parts.link, scale * (1.0 - theta), r->before, sum);
+    pma_link_gather(&r->parts.link, scale * theta, r->after, sum);
+}
+
+static void velocity(const void *self, size_t j, double *sum)
+{
+    const pma_remote *r = self;
+    (void)j;
+    pma_link_gather(&r->parts.link, 1.0, r->moving, sum);
+}
+
+static void displacement(const void *self, size_t j, double *sum)
+{
+    const pma_remote *r = self;
+    pma_link_gather(&r->parts.link, 1.0, j > 0 ? r->displaced : r->displaced_before, sum);
+}
+
+static bool is_finite(const void *self, size_t j)
+{
+    const pma_remote *r = self;
+    (void)j;
+    for (size_t i = 0; i < r->parts.link.nb; i++) {
+        if (!isfinite(r->after[i]))
+            return false;
+    }
+    return true;
+}
+
+static size_t interface_size(const void *self)
+{
+    const pma_remote *r = self;
+    return r->parts.link.nb;
+}
+
+/* ---- what is done elsewhere ----------------------------------------------------------------- */
+
+static pma_status open_substep(void *self, const pma_substep *step)
+{
+    (void)self, (void)step;
+    return PMA_OK;
+}
+
+static pma_status close_substep(void *self, const pma_substep *step, const double *lam)
+{
+    (void)self, (void)step, (void)lam;
+    return PMA_OK;
+}
+
+static size_t opened(const void *self)
+{
+    (void)self;
+    return 0;
+}
+
+static void record(const void *self, size_t j, const pma_selection *selection, size_t row)
+{
+    (void)self, (void)j, (void)selection, (void)row;
+}
+
+static void commit(void *self)
+{
+    (void)self;
+}
+
+static void hold(void *self, const pma_substep *step, const double *lam)
+{
+    (void)self, (void)step, (void)lam;
+}
+
+static void begin_response(void *self, bool twice, const double *dlam)
+{
+    (void)self, (void)twice, (void)dlam;
+}
+
+static void respond(void *self, size_t j, const double *lam, const double *dlam)
+{
+    (void)self, (void)j, (void)lam, (void)dlam;
+}
+
+static void record_response(const void *self, const pma_selection *selection, size_t row)
+{
+    (void)self, (void)selection, (void)row;
+}
+
+static pma_status add_response(void *self, const double *dlam)
+{
+    (void)self, (void)dlam;
+    return PMA_OK;
+}
+
+static size_t repeats(const void *self, bool recorded)
+{
+    (void)self, (void)recorded;
+    return 0;
+}
+
+static void record_acceleration(void *self, const double *lam, const pma_selection *selection,
+                                size_t row)
+{
+    (void)self, (void)lam, (void)selection, (void)row;
+}
+
+static const pma_member_table TABLE = {
+    .open = open_substep,
+    .close = close_substep,
+    .opened = opened,
+    .compliance = compliance,
+    .free_velocity = free_velocity,
+    .velocity = velocity,
+    .displacement = displacement,
+    .is_finite = is_finite,
+    .interface_size = interface_size,
+    .record = record,
+    .commit = commit,
+    .discard = commit,
+    .hold = hold,
+    .begin_response = begin_response,
+    .hold_energy = begin_response,
+    .respond = respond,
+    .record_response = record_response,
+    .add_response = add_response,
+    .repeats = repeats,
+    .record_acceleration = record_acceleration,
+};
+
+pma_member pma_remote_member(pma_remote *r)
+{
+    const pma_remote_parts *p = &r->parts;
+    return (pma_member){.table = &TABLE,
+                        .self = r,
+                        .p = p->link.p,
+                        .n = p->n,
+                        .substeps = p->substeps,
+                        .h = p->h,
+                        .entries = 1,
+                        .doubled = p->doubled,
+                        .responds = true};
+}

@@ -1,0 +1,34 @@
+/* remote.h - a subdomain of another process, as far as the coupler of this one has to know it.
+ *
+ * Its steps are taken elsewhere. What it has on the interface is received (coupling/exchange.h),
+ * and multiplied with its L_b here as there: sums over all subdomains are bitwise identical in
+ * every process. */
+#ifndef PMA_REMOTE_H
+#define PMA_REMOTE_H
+
+#include "algebra/link.h"
+#include "member/member.h"
+
+/* What a coupler has to know beforehand; the arrays of the link are the caller's. */
+typedef struct {
+    pma_link link;
+    size_t n, substeps;
+    double h;
+    bool doubled;
+    double al2, al2_twice; /* of the single and of the double step */
+} pma_remote_parts;
+
+typedef struct pma_remote pma_remote;
+
+pma_status pma_remote_create(const pma_remote_parts *parts, pma_remote **out);
+void pma_remote_destroy(pma_remote *r); /* NULL is allowed */
+
+/* For a coupler; r has to outlive it. */
+pma_member pma_remote_member(pma_remote *r);
+
+/* Takes values (nb) of this kind at time level j over; `next`: what was the free velocity at the
+ * end of a substep is the one at its beginning now. */
+void pma_remote_receive(pma_remote *r, pma_interface_kind kind, size_t j, bool next,
+                        const double *values);
+
+#endif

@@ -1,0 +1,40 @@
+/* unit_run.h - unit responses of a subdomain, PMA_LANES constraints in one pass.    (M3) (K3)
+ *
+ * What response.h does for some multipliers, for unit multipliers of several constraints, side by
+ * side (algebra/lanes.h): each substep reads matrices and factors once for all of them. Set-up
+ * makes such runs; the time that all of them take is that of the reading. */
+#ifndef PMA_UNIT_RUN_H
+#define PMA_UNIT_RUN_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "member/subdomain.h"
+#include "status.h"
+
+typedef struct pma_unit_run pma_unit_run;
+
+/* Memory for the runs of a subdomain that responds, about 5 n PMA_LANES doubles. */
+pma_status pma_unit_run_create(const pma_subdomain *s, pma_unit_run **out);
+void pma_unit_run_destroy(pma_unit_run *r); /* NULL is allowed */
+
+/* From rest, to unit multipliers of `count` constraints, at most PMA_LANES. */
+void pma_unit_run_begin(pma_unit_run *r, bool twice, size_t count, const int64_t *rows);
+
+/* Substep j = 1..substeps, in turn. */
+void pma_unit_run_step(pma_unit_run *r, size_t j);
+
+/* After the last one, of constraint `row` in the response in this lane: L_b v at the end (L_b u
+ * under mean coupling), and the mean of all L_b v, which is far larger than the former where the
+ * subdomain resonates with the macro step. */
+double pma_unit_run_end(const pma_unit_run *r, size_t lane, int64_t row);
+double pma_unit_run_mean(const pma_unit_run *r, size_t lane, int64_t row);
+
+/* ... and its state: out (4 n) := u, v, w, a. */
+void pma_unit_run_copy(const pma_unit_run *r, size_t lane, double *out);
+
+/* Are all values of the states finite? */
+bool pma_unit_run_is_finite(const pma_unit_run *r);
+
+#endif
