@@ -7,15 +7,10 @@ behind a socket; here it simulates an actuator and a specimen. `python examples/
 seconds in real time.
 """
 
-import socket
-import subprocess
-import sys
 import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from simulated_rig import COMMAND, REPLY
 
 import pmalpha as pm
 from pmalpha import models
@@ -30,55 +25,26 @@ class Rig:
     """r(u, v, t) of a specimen in a laboratory: sends a displacement, receives a force."""
 
     def __init__(self, address, timeout=5.0):
-        self.connection = socket.create_connection(address, timeout)
-        self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self.received, self.number = b"", 0
+        self.client = pm.remote.Client(address, timeout=timeout, name="the rig")
 
     def __call__(self, u, v, t):
-        self.number += 1
-        replied = 0
-        try:
-            self.connection.sendall(COMMAND.pack(self.number, t, u[0]))
-            while replied < self.number:  # after Ctrl-C a reply may still be in the buffer
-                replied, force = REPLY.unpack(self.receive(REPLY.size))
-        except TimeoutError as error:
-            raise TimeoutError(f"no reply of the rig to command {self.number}") from error
-        except ConnectionError as error:
-            raise ConnectionError(f"the rig was lost at command {self.number}") from error
-        return [force]
+        return self.client(t, u)
 
-    def receive(self, size):
-        while len(self.received) < size:
-            more = self.connection.recv(4096)
-            if not more:
-                raise ConnectionError("the rig has closed the connection")
-            self.received += more
-        data, self.received = self.received[:size], self.received[size:]
-        return data
+    @property
+    def number(self):
+        """Commands sent."""
+        return self.client.number
 
     def close(self):
         """Ends the test. Returns the commands received by the rig, (k, 3): number, t, d."""
-        self.connection.shutdown(socket.SHUT_WR)
-        with self.connection:
-            number = None
-            while number != 0:  # the log has number 0
-                number, count = REPLY.unpack(self.receive(REPLY.size))
-            log = self.receive(int(count) * COMMAND.size)
-        return np.array(list(COMMAND.iter_unpack(log)))
+        with self.client:
+            return self.client()
 
 
-@contextmanager
 def simulated_rig(**options):
     """A rig in a separate process, which ends with the block: its address and the process."""
     program = Path(__file__).with_name("simulated_rig.py")
-    arguments = [f"--{name}={value}" for name, value in options.items()]
-    process = subprocess.Popen([sys.executable, program, *arguments], stdout=subprocess.PIPE)
-    try:
-        yield ("127.0.0.1", int(process.stdout.readline())), process
-        process.wait(timeout=5.0)  # it exits when its client has closed its side
-    finally:
-        process.kill()
-        process.communicate()
+    return pm.remote.started([program, *(f"--{name}={x}" for name, x in options.items())])
 
 
 def hybrid(restoring, dt=dt, **options):

@@ -1,21 +1,19 @@
 """A simulated test rig: an actuator with delay and noise that loads a yielding specimen.
 
-It replaces a laboratory: a separate process that receives commands over TCP. It prints the port on
-which it listens and serves one client. `python simulated_rig.py --help` lists the options.
-
-    command    number, t, displacement      !Qdd
-    reply      number, measured force       !Qd
-    when the client has closed its side: 0, k and the k commands in the order received
+It replaces a laboratory: a separate process that is called with t and a displacement and returns
+the measured force. It prints the port on which it listens and serves one client. A call without
+arguments returns the commands received, (k, 3): number, t, displacement.
+`python simulated_rig.py --help` lists the options.
 """
 
 import argparse
 import random
-import socket
-import struct
 import time
 from bisect import bisect_right
 
-COMMAND, REPLY = struct.Struct("!Qdd"), struct.Struct("!Qd")
+import numpy as np
+
+from pmalpha.remote import serve
 
 
 class Yielding:
@@ -57,25 +55,20 @@ class Actuator:
         return d0 + (d1 - d0) * (t - t0) / (t1 - t0)
 
 
-def commands(connection):
-    """The commands of the client, until it closes its side."""
-    data = b""
-    while more := connection.recv(4096):
-        data += more
-        while len(data) >= COMMAND.size:
-            yield COMMAND.unpack(data[: COMMAND.size])
-            data = data[COMMAND.size :]
+class Rig:
+    """Actuator and specimen, with noise; a call takes `wait` seconds."""
 
+    def __init__(self, actuator, specimen, noise, wait):
+        self.actuator, self.specimen, self.noise, self.wait = actuator, specimen, noise, wait
+        self.log = []
 
-def serve(connection, actuator, specimen, noise, wait):
-    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    log = []
-    for number, t, d in commands(connection):
-        log.append(COMMAND.pack(number, t, d))
-        time.sleep(wait)
-        force = specimen(actuator(t, d)) + noise()
-        connection.sendall(REPLY.pack(number, force))
-    connection.sendall(REPLY.pack(0, len(log)) + b"".join(log))
+    def __call__(self, *command):
+        if not command:
+            return np.reshape(self.log, (-1, 3))
+        t, d = (x.item() for x in command)
+        self.log.append((len(self.log) + 1, t, d))
+        time.sleep(self.wait)
+        return [self.specimen(self.actuator(t, d)) + self.noise()]
 
 
 def main():
@@ -89,15 +82,9 @@ def main():
     parser.add_argument("--timeout", type=float, default=60.0, help="seconds, for the client")
     args = parser.parse_args()
     generator = random.Random(args.seed)
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        server.settimeout(args.timeout)
-        print(server.getsockname()[1], flush=True)
-        connection, _ = server.accept()
-    with connection:
-        connection.settimeout(args.timeout)
-        actuator = Actuator(args.delay)
-        specimen = Yielding(args.k, args.fy, args.hardening)
-        serve(connection, actuator, specimen, lambda: generator.gauss(0.0, args.noise), args.wait)
+    specimen = Yielding(args.k, args.fy, args.hardening)
+    rig = Rig(Actuator(args.delay), specimen, lambda: generator.gauss(0.0, args.noise), args.wait)
+    serve(rig, timeout=args.timeout)
 
 
 if __name__ == "__main__":

@@ -5,10 +5,15 @@ Start with `Subdomain`, `tie` and `Coupler`; the equations are in docs/method.md
 
 from importlib.metadata import version as _version
 
-from . import analysis, export, models, plot, readers, structures
+from . import analysis, export, models, plot, readers, remote, structures
+from .cutting.cut import cut
+from .cutting.elements import Elements
+from .cutting.plan import Plan, PlanRow
+from .cutting.result import Cut
 from .errors import (
     AccuracyWarning,
     CallbackError,
+    CasesError,
     ConstraintError,
     ConstraintWarning,
     ConvergenceError,
@@ -20,6 +25,7 @@ from .errors import (
 )
 from .problem.coincident import tie_coincident
 from .problem.constraints import Constraint, tie
+from .problem.discrete_gradient import DiscreteGradient
 from .problem.forces import BaseAcceleration, SampledForce
 from .problem.internal import InternalForce
 from .problem.interpolation import interpolate
@@ -28,12 +34,15 @@ from .problem.reduction import Reduction, reduce
 from .problem.schemes import HHT, WBZ, CentralDifference, GeneralizedAlpha, Newmark, Scheme
 from .problem.springs import Bilinear, BoucWen, CubicSpring, Gap, SpringState
 from .problem.subdomain import Subdomain
+from .problem.superelement import ReducedBasis
 from .problem.supports import SupportMotion
 from .problem.tangent_check import TangentCheck
 from .run.coupler import Coupler
 from .run.energy import Energy
-from .run.history import History, State, SubdomainHistory
+from .run.history import History, SubdomainHistory
+from .run.present import State
 from .run.snapshot import Snapshot
+from .run.study import CaseResult, Study
 from .run.uncoupled import solve
 
 __version__ = _version("pmalpha")
@@ -46,13 +55,18 @@ __all__ = [
     "Bilinear",
     "BoucWen",
     "CallbackError",
+    "CaseResult",
+    "CasesError",
     "CentralDifference",
     "Constraint",
     "ConstraintError",
     "ConstraintWarning",
     "ConvergenceError",
     "Coupler",
+    "Cut",
     "CubicSpring",
+    "DiscreteGradient",
+    "Elements",
     "Energy",
     "FactorizationError",
     "Gap",
@@ -63,7 +77,10 @@ __all__ = [
     "Newmark",
     "Newton",
     "PerformanceWarning",
+    "Plan",
+    "PlanRow",
     "PmalphaError",
+    "ReducedBasis",
     "Reduction",
     "SampledForce",
     "Scheme",
@@ -71,17 +88,20 @@ __all__ = [
     "SpringState",
     "StabilityWarning",
     "State",
+    "Study",
     "Subdomain",
     "SubdomainHistory",
     "SupportMotion",
     "TangentCheck",
     "analysis",
+    "cut",
     "export",
     "interpolate",
     "models",
     "plot",
     "readers",
     "reduce",
+    "remote",
     "solve",
     "structures",
     "tie",

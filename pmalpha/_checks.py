@@ -49,7 +49,10 @@ def time_step(value: Any, name: str) -> float:
             f"{name} must be a real number, the step, got an array of shape {np.shape(value)}; of "
             "a vector t of equidistant times give t[1] - t[0]"
         )
-    return positive_number(value, name)
+    number = positive_number(value, name)
+    if not number * number < np.inf:
+        raise ValueError(f"{name} must have a finite square, got {value!r}")
+    return number
 
 
 # Largest whole number for which no counter of the core overflows.
@@ -106,7 +109,8 @@ def real_array(value: Any, name: str, ndim: int | tuple[int, ...] = 1) -> np.nda
     if array.ndim not in dimensions:
         wanted = " or ".join(f"{d}-D" for d in dimensions)
         raise ValueError(f"{name} must be a {wanted} array, got shape {array.shape}")
-    array = np.array(array, dtype=np.float64, order="C", subok=False)
+    with np.errstate(over="ignore"):  # a longer float may become infinite, which is refused next
+        array = np.array(array, dtype=np.float64, order="C", subok=False)
     require_finite(array, name)
     array.setflags(write=False)
     return array

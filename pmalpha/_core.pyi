@@ -6,7 +6,10 @@ from typing import Any
 import numpy as np
 from scipy import LowLevelCallable
 
+LANES: int  # vectors side by side: unit responses of one pass, load cases
+
 _Compressed = tuple[np.ndarray, np.ndarray, np.ndarray]  # ptr int64, index int32, values float64
+# values of an unsymmetric matrix or factor: both sides of the diagonal, along a first axis more
 _Band = tuple[np.ndarray]  # of a matrix [d, i] = A_i,i+d; of a factor [j, k] = R_j+1+k,j
 _Panels = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 _Strips = _Panels  # first, ptr, index, start, values
@@ -29,11 +32,13 @@ _Record = tuple[  # begin, every, selections, multipliers, velocity and displace
     int, int, tuple[_Selection, ...], np.ndarray, np.ndarray, np.ndarray, np.ndarray | None
 ]
 
-# function, numbers in its history, where each value of its pattern is in that of the tangent,
-# potential
-_Function = tuple[Callable | LowLevelCallable, int, np.ndarray | None, Callable | None]
-# ptr, index, structure, dgemm, dtrsm: a matrix that is factored again and again
-_Numeric = tuple[np.ndarray, np.ndarray, _Panels | None, Any, Any]
+# function, numbers in its history, where each value of its pattern is in that of the tangent and
+# which one is across the diagonal from it, potential
+_Function = tuple[
+    Callable | LowLevelCallable, int, np.ndarray | None, np.ndarray | None, Callable | None
+]
+# ptr, index, structure, dgemm, dtrsm, unsymmetric: a matrix that is factored again and again
+_Numeric = tuple[np.ndarray, np.ndarray, _Panels | None, Any, Any, bool]
 # iterated springs, kept tangents, pattern, constant part in single and double steps, |M|
 _Iterate = tuple[bool, bool, _Numeric, np.ndarray, np.ndarray | None, _Matrix]
 # tolerance, iterations, kept tangents; pattern and constant parts of H, or responses and |H|
@@ -41,6 +46,20 @@ _Iteration = (
     tuple[float, int, bool, _Numeric, np.ndarray, np.ndarray]
     | tuple[float, int, bool, _Matrix, _Matrix, _Matrix]
 )
+
+# reciprocals of the diagonal of U, L below and U above the diagonal by columns, row and column of
+# the unknowns that are wanted
+_LU = tuple[np.ndarray, _Compressed, _Compressed, np.ndarray, np.ndarray]
+# rank, remote subdomains (None for own), first of each rank, all, counts, starts, gather
+_Processes = tuple[
+    int,
+    tuple[tuple | None, ...],
+    np.ndarray,
+    np.ndarray,
+    np.ndarray,
+    np.ndarray,
+    Callable[[], Any] | tuple[int, int, int],
+]
 
 class Subdomain:
     entries: int
@@ -65,31 +84,44 @@ class Subdomain:
         internal: tuple[np.ndarray, np.ndarray, tuple[_Function, ...]] | None = None,
         iterate: _Iterate | None = None,
         mass: tuple[np.ndarray, Any] | None = None,  # factor of M: mean coupling
+        shifts: bool = False,
+        continues: bool = False,
     ) -> Subdomain: ...
-    def set_load(self, load: _Load, /) -> None: ...
+    def set_load(self, load: _Load | tuple[_Load, ...], /) -> None: ...
     def start(self, u: np.ndarray, v: np.ndarray, w: np.ndarray, lam: np.ndarray, /) -> None: ...
+    def rebase(self, twice: bool, lam: np.ndarray, /) -> None: ...
     def state(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]: ...
     def force(self, t: float, /) -> np.ndarray | int: ...
     def restore(self, t: float, u: np.ndarray, v: np.ndarray, /) -> np.ndarray | int: ...
     def springs(self) -> np.ndarray: ...
     def levels(self) -> tuple[np.ndarray, ...]: ...
     def set_levels(self, levels: tuple[np.ndarray, ...], /) -> None: ...
+    def in_lanes(self) -> Subdomain: ...
     def iteration(self) -> tuple[float, np.ndarray | None, bool] | None: ...
     def set_iteration(self, scale: float, entries: np.ndarray | None, twice: bool, /) -> None: ...
     def evaluate_present(self, t: float, /) -> int | None: ...
-    def begin_energy(self, M: _Matrix, load: np.ndarray, lam: np.ndarray, /) -> None: ...
+    def begin_energy(
+        self,
+        M: _Matrix,
+        skew: _Matrix,
+        load: np.ndarray,
+        lam: np.ndarray,
+        weight: float = ...,
+        /,
+    ) -> None: ...
+    def follow_energy(self, other: Subdomain, /) -> None: ...
     def end_energy(self) -> None: ...
     def compliance(self, twice: bool, rows: np.ndarray, /) -> np.ndarray: ...
     def unit_responses(
         self,
         rows: np.ndarray,
-        begin: int,
         end: np.ndarray,
         mean: np.ndarray,
         states: np.ndarray | None,
         twice: bool = False,
         /,
     ) -> bool: ...
+    def shift_block(self, rows: np.ndarray, begin: int, out: np.ndarray, /) -> None: ...
     def accelerate(self, lam: np.ndarray, /) -> np.ndarray: ...
     def store_responses(self, rows: np.ndarray, states: np.ndarray, /) -> None: ...
 
@@ -97,6 +129,7 @@ class Coupler:
     step_count: int
     multipliers: np.ndarray
     prescribed: np.ndarray
+    instants: int
     threads: int
     workers: tuple[int | None, ...]
     def __new__(
@@ -113,17 +146,34 @@ class Coupler:
         macro: bool = False,
         iteration: _Iteration | None = None,
         doubled: _Matrix = ...,  # mean coupling: the part of H of double steps
+        gap: _LU | None = None,  # displacements tied under gc
+        processes: _Processes | None = None,
     ) -> Coupler: ...
     def start(self, step_count: int, lam: np.ndarray, g: np.ndarray, /) -> None: ...
+    def set_origin(self, number: int, t: float, /) -> None: ...
     def set_motion(self, i: int, load: _Load, /) -> None: ...
     def advance(
         self, steps: int, record: _Record | None, report: Callable[[int], Any] | None = None, /
-    ) -> int | tuple[int, int, str] | tuple[int, float | None, int | None, int] | None: ...
-    def record_present(self, record: _Record, /) -> None: ...
+    ) -> (
+        int
+        | tuple[int]
+        | tuple[int, int, str]
+        | tuple[int, float | None, int | None, int]
+        | tuple[int, float]
+        | None
+    ): ...
+    def record_present(self, record: _Record, /) -> tuple[int] | None: ...
+    def in_lanes(self, subdomains: tuple[Subdomain, ...], /) -> Coupler: ...
     def iteration(self) -> np.ndarray: ...
     def set_iteration(self, numbers: np.ndarray, /) -> None: ...
+    def gap(self) -> np.ndarray: ...
+    def set_gap(self, gap: np.ndarray, /) -> None: ...
     def end_multipliers(self) -> np.ndarray: ...
     def set_end_multipliers(self, lam: np.ndarray, /) -> None: ...
+
+class Guard:
+    def __enter__(self) -> None: ...
+    def __exit__(self, *exception: object) -> None: ...
 
 def count_factor(ptr: np.ndarray, index: np.ndarray, /) -> np.ndarray: ...
 def postorder(ptr: np.ndarray, index: np.ndarray, nb: int, /) -> np.ndarray: ...
@@ -134,6 +184,7 @@ def factor_panels(
     values: np.ndarray,
     inverse: np.ndarray,
     lost: float,
+    growth: float,
     dgemm: Any,
     dtrsm: Any,
     /,

@@ -10,6 +10,7 @@ from pathlib import Path
 __all__ = [
     "AccuracyWarning",
     "CallbackError",
+    "CasesError",
     "ConstraintError",
     "ConstraintWarning",
     "ConvergenceError",
@@ -175,6 +176,32 @@ class CallbackError(PmalphaError):
 
     def __reduce__(self) -> tuple:
         return type(self), (self.code, self.what, self.step, self.time, self.subdomain)
+
+
+class CasesError(PmalphaError):
+    """Some of the cases of `Coupler.run_each` failed; the others were completed.
+
+    Attributes
+    ----------
+    failures : dict
+        The exception of each case that failed, by its index.
+    histories : list of History
+        One for each case: of those that failed, the History up to the last whole macro step, or
+        None where the initial values could not be computed.
+    """
+
+    def __init__(self, failures: dict[int, Exception], histories: list):
+        first = min(failures)
+        error = failures[first]
+        super().__init__(
+            f"{len(failures)} of {len(histories)} cases failed, first cases[{first}]: "
+            f"{type(error).__name__}: {error}"
+        )
+        self.failures = failures
+        self.histories = histories
+
+    def __reduce__(self) -> tuple:
+        return type(self), (self.failures, self.histories)
 
 
 class StabilityWarning(UserWarning):

@@ -15,7 +15,7 @@ import numpy as np
 from ._checks import listing, real_array, whole_number
 from .errors import warn
 from .files import checked_path, replacing
-from .structures.kinds import KINDS
+from .problem.kinds import KINDS
 from .structures.mesh import Mesh, checked_mesh, nodal_values, nodal_vectors, padded
 
 __all__ = ["write_series"]
@@ -28,13 +28,15 @@ MOST_FILES = 1000
 class Series(NamedTuple):
     """The data of the files: fields by name, (k, N, dim) vectors or (k, N) numbers.
 
-    Of the k times, those with the numbers `steps` are written.
+    Of the k times, those with the numbers `steps` are written. `cells` are numbers by element,
+    the same at all times.
     """
 
     mesh: Mesh
     times: np.ndarray
     fields: Mapping[str, np.ndarray]
     steps: np.ndarray
+    cells: Mapping[str, np.ndarray]
 
     def at(self, step: int) -> Iterator[tuple[str, np.ndarray]]:
         """Names and values of the fields, vectors with three components."""
@@ -53,6 +55,7 @@ def write_series(
     a: Any = None,
     *,
     data: Mapping[str, Any] | None = None,
+    cells: Mapping[str, Any] | None = None,
     most_times: int | None = None,
 ) -> None:
     """Write the motion of a mesh for ParaView.
@@ -82,6 +85,9 @@ def write_series(
         dofs. v and a are optional.
     data : dict, optional
         Further fields at the nodes: (k, N) numbers by name.
+    cells : dict, optional
+        Numbers of the elements, the same at all times, such as the subdomain of each: (elements,)
+        by name, kind by kind in the order of `elements`.
     most_times : int, optional
         Maximum number of times in the files, at least 2. Of more times, the first, each n-th after
         it and the last are written, with the smallest n that suffices. Default: all for .xdmf,
@@ -126,7 +132,8 @@ def write_series(
     if most_times is None and path.suffix.lower() == ".pvd":
         most_times = MOST_FILES
         _warn_if_thinned(times.size)
-    series = Series(mesh, times, fields, _written(times.size, most_times))
+    numbers = _cell_numbers(mesh, cells or {})
+    series = Series(mesh, times, fields, _written(times.size, most_times), numbers)
     writers[path.suffix.lower()](path, series)
 
 
@@ -169,6 +176,19 @@ def _fields(
     return fields
 
 
+def _cell_numbers(mesh: Mesh, cells: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    count, numbers = sum(len(block.nodes) for block in mesh.blocks), {}
+    for name, values in cells.items():
+        if not isinstance(name, str):
+            raise ValueError(f"cells must have strings as names, got {name!r}")
+        numbers[name] = real_array(values, f"cells[{name!r}]")
+        if numbers[name].size != count:
+            raise ValueError(
+                f"cells[{name!r}] must have shape ({count},), got {numbers[name].shape}"
+            )
+    return numbers
+
+
 # ---- XDMF -----------------------------------------------------------------------------------
 
 
@@ -181,17 +201,26 @@ def _write_xdmf(path: Path, series: Series) -> None:
     binary = path.with_suffix(".bin")
     with replacing(binary) as file:
         topology, geometry = _xdmf_mesh(file, binary.name, series.mesh)
+        fixed = [
+            _attribute(file, binary.name, name, values, "Cell")
+            for name, values in series.cells.items()
+        ]
         for step in series.steps:
             grid = xml.SubElement(steps, "Grid", Name="mesh", GridType="Uniform")
             xml.SubElement(grid, "Time", Value=repr(float(series.times[step])))
-            grid.extend([topology, geometry])
+            grid.extend([topology, geometry, *fixed])
             for name, values in series.at(step):
-                kind = "Vector" if values.ndim == 2 else "Scalar"
-                field = xml.SubElement(
-                    grid, "Attribute", Name=name, AttributeType=kind, Center="Node"
-                )
-                field.append(_data_item(file, binary.name, values))
+                grid.append(_attribute(file, binary.name, name, values, "Node"))
     _write_xml(path, root)
+
+
+def _attribute(
+    file: BinaryIO, file_name: str, name: str, values: np.ndarray, center: str
+) -> xml.Element:
+    kind = "Vector" if values.ndim == 2 else "Scalar"
+    field = xml.Element("Attribute", Name=name, AttributeType=kind, Center=center)
+    field.append(_data_item(file, file_name, values))
+    return field
 
 
 def _xdmf_mesh(file: BinaryIO, name: str, mesh: Mesh) -> tuple[xml.Element, xml.Element]:
@@ -253,7 +282,7 @@ def _write_pvd(path: Path, series: Series) -> None:
     collection = xml.SubElement(root, "Collection")
     for step in series.steps:
         file = folder / f"{step:06d}.vtu"
-        _write_vtu(file, series.mesh, series.at(step))
+        _write_vtu(file, series.mesh, series.at(step), series.cells)
         xml.SubElement(
             collection,
             "DataSet",
@@ -264,7 +293,12 @@ def _write_pvd(path: Path, series: Series) -> None:
     _write_xml(path, root)
 
 
-def _write_vtu(path: Path, mesh: Mesh, fields: Iterator[tuple[str, np.ndarray]]) -> None:
+def _write_vtu(
+    path: Path,
+    mesh: Mesh,
+    fields: Iterator[tuple[str, np.ndarray]],
+    numbers: Mapping[str, np.ndarray],
+) -> None:
     root = xml.Element(
         "VTKFile",
         type="UnstructuredGrid",
@@ -291,6 +325,10 @@ def _write_vtu(path: Path, mesh: Mesh, fields: Iterator[tuple[str, np.ndarray]])
     data = xml.SubElement(piece, "PointData", Vectors="displacement")
     for name, values in fields:
         _data_array(data, name, values)
+    if numbers:
+        data = xml.SubElement(piece, "CellData")
+        for name, values in numbers.items():
+            _data_array(data, name, values)
     _write_xml(path, root)
 
 

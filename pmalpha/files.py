@@ -71,9 +71,10 @@ def check_replaceable(path: str | os.PathLike) -> None:
         raise OSError(number, f"path cannot be written: {os.strerror(number)}", str(whole))
 
 
-@contextmanager
-def reading(path: str | os.PathLike) -> Iterator[BinaryIO]:
-    """A file to read from. Devices and pipes, which may block or never end, raise OSError.
+def reading(path: str | os.PathLike) -> BinaryIO:
+    """An open file to read from. Devices and pipes, which may block or never end, raise OSError.
+
+    It is the context: one made of a generator could be left open by Ctrl-C.
 
     Raises
     ------
@@ -83,8 +84,7 @@ def reading(path: str | os.PathLike) -> Iterator[BinaryIO]:
     whole = checked_path(path)
     if whole.exists() and not whole.is_file() and not whole.is_dir():
         raise OSError(errno.EINVAL, "path cannot be read: a device or a pipe", str(whole))
-    with open(whole, "rb") as file:
-        yield file
+    return open(whole, "rb")
 
 
 def write_npz(

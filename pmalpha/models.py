@@ -29,6 +29,7 @@ from .structures import (
     beam_frame,
     chain,
     corotational_frame,
+    from_mesh,
     modes,
     nonlinear_solid,
     nonlinear_solid_on,
@@ -57,6 +58,7 @@ __all__ = [
     "corotational_frame",
     "el_centro",
     "four_dof",
+    "from_mesh",
     "modal_damping",
     "modes",
     "nonlinear_solid",
@@ -417,7 +419,8 @@ def shear_frame(
     >>> (0.5 * M + 0.1 * K).toarray().tolist()  # Rayleigh damping; or Subdomain(rayleigh=...)
     [[5.0, -1.0], [-1.0, 1.5]]
     """
-    m, k = np.array(masses, dtype=float), np.array(stiffnesses, dtype=float)
+    with np.errstate(over="ignore"):  # a longer float may become infinite, which is refused
+        m, k = np.array(masses, dtype=float), np.array(stiffnesses, dtype=float)
     if m.ndim != 1 or m.shape != k.shape or len(m) == 0:
         raise ValueError(
             f"masses and stiffnesses must have equal lengths, got shapes {m.shape} and {k.shape}"

@@ -212,7 +212,7 @@ def _exact_state(
     core.start(u, v, w, lam)
     arrays = core.levels()
     if part.double:
-        before = ((n * part.subdomain.substeps - 1) / part.subdomain.substeps) * coupler.dt
+        before = ((n * part.substeps - 1) / part.substeps) * coupler.dt
         u, v, w, _ = _exact_at(coupler, part, exact, before)
         # no step reads this free velocity, and there are no springs and internal forces
         arrays += (u, v, w, w, np.zeros(part.nb), np.zeros(0), np.zeros(0))

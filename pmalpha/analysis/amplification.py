@@ -100,11 +100,10 @@ class Layout:
 
     def __init__(self, coupler: Coupler):
         self.coupler = coupler
-        self.parts = coupler._parts
+        self.parts = coupler._assemblies.of(coupler._steps.layout).parts  # as within state_kept
+        fine = max(p.substeps for p in self.parts)
         macro = coupler._options["coupling"] in MACRO
-        self.stored = [
-            not macro and (p.double or p.subdomain.substeps < coupler._fine) for p in self.parts
-        ]
+        self.stored = [not macro and (p.double or p.substeps < fine) for p in self.parts]
         self.motion_size = sum(
             (2 if p.double else 1) * (4 * p.n + stored * p.nb)
             for p, stored in zip(self.parts, self.stored)

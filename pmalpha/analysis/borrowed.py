@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from ..run.clock import Clock
 from ..run.coupler import Coupler
+from ..run.transfer import Steps
 
 
 def checked_coupler(coupler: Any) -> Coupler:
@@ -17,9 +19,15 @@ def checked_coupler(coupler: Any) -> Coupler:
 
 @contextmanager
 def state_kept(coupler: Coupler) -> Iterator[None]:
-    """Restore the state of the coupler afterwards, bitwise identical."""
+    """Restore the state of the coupler afterwards, bitwise identical.
+
+    Meanwhile its steps are its present ones as if there had been no others.
+    """
     snapshot = coupler._snapshot()
     try:
+        layout = coupler._steps.layout
+        coupler._take(Steps(layout, Clock(layout.dt)), coupler._assemblies.of(layout))
+        coupler._core.set_origin(0, 0.0)
         yield
     finally:
         coupler._restore(snapshot)

@@ -189,7 +189,7 @@ def _masses_alone(coupler: Coupler) -> Coupler:
             s.M,
             np.zeros(s.n),
             scheme=s.scheme,
-            substeps=s.substeps,
+            substeps=part.substeps,
             double_step=part.double,
             name=part.name,
         )

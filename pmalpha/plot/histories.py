@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .._checks import listing
-from ..problem.constraints import dof_list
+from ..problem.dofs import dof_list
 from ..run.history import History, SubdomainHistory
 from ..run.keys import by_index
 from .styling import LINES, shown_style
@@ -72,7 +72,9 @@ def time_histories(
     rows = _rows(history, conditions)
     notes = _rounding_notes(history) if rows else {}
     interface = {x: of for x, of in INTERFACE.items() if rows and of[1] not in notes}
+    chosen = _varies(history.substeps)
     heights = [HEIGHTS[0]] * bool(curves) + [HEIGHTS[1]] * len(interface)
+    heights += [HEIGHTS[1]] * (chosen and bool(heights))
     if not heights:
         raise ValueError("the history has neither recorded dofs nor constraints to draw")
     with shown_style():
@@ -89,6 +91,8 @@ def time_histories(
         if notes:
             words = "\n".join(notes.values())
             figure.supxlabel(words, x=0.01, horizontalalignment="left", fontsize=8.5)
+        if chosen:
+            _draw_substeps(axes.pop(), history)
         if curves:
             _draw(axes[0], curves)
             _label_axis(axes[0], QUANTITIES[quantity], unit.get(quantity))
@@ -256,6 +260,24 @@ def _draw_interface(
         _label_axis(ax, label, unit.get(values))
     if history.multipliers.shape[1] > 1:
         _legend(axes[0])
+
+
+def _varies(substeps: np.ndarray | None) -> bool:
+    return substeps is not None and bool(np.any(substeps != substeps[0]))
+
+
+def _draw_substeps(ax: Axes, history: History) -> None:
+    """Substeps of the macro steps, each at the end of one; labels beside the ends of the curves."""
+    for i, (name, _) in enumerate(history.keys[:DEFAULT_CURVES]):
+        look = _look(i) | {"marker": "", "drawstyle": "steps-pre"}
+        ax.plot(history.macro_times, history.substeps[:, i], label=_shortened(name), **look)
+    ax.set_yscale("log", base=2)
+    powers = 2 ** np.arange(int(np.log2(history.substeps.max())) + 2)
+    ax.set_yticks(powers[:: 1 + powers.size // 6], minor=False)
+    ax.minorticks_off()
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.set_ylabel("substeps")
+    ax.legend(loc="upper right", ncols=DEFAULT_CURVES)
 
 
 def _draw(ax: Axes, curves: Sequence[Curve]) -> None:

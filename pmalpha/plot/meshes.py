@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from .._checks import listing, positive_number, real_number, whole_number
-from ..structures.kinds import KINDS
+from ..problem.kinds import KINDS
 from ..structures.mesh import (
     Block,
     Mesh,

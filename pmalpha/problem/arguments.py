@@ -15,15 +15,17 @@ __all__ = [
     "Coupling",
     "Damping",
     "DofsLike",
+    "Drift",
     "MatrixLike",
     "Start",
     "TangentPolicy",
     "VectorLike",
 ]
 
-# Values of coupling= and start= of a Coupler, of damping= of a Subdomain, of tangent= of Newton.
+# Values of coupling=, start= and drift= of a Coupler, damping= of a Subdomain, tangent= of Newton.
 Coupling = Literal["pm", "gc", "macro", "mean"]
 Start = Literal["rebased", "plain"]
+Drift = Literal["kept", "removed"]
 Damping = Literal["implicit", "lagged"]
 TangentPolicy = Literal["full", "reuse"]
 

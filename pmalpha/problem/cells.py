@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._checks import listing
+from .shapes import SHAPES, Shape
 from .sides import Side, length
 
 
@@ -15,47 +16,29 @@ from .sides import Side, length
 class Cell:
     """An element in reference coordinates xi: the box [0, 1]^d, or the simplex in it."""
 
-    corners: np.ndarray  # (k, d)
-    box: bool
+    shape: Shape
+
+    @property
+    def corners(self) -> np.ndarray:
+        """(k, d)"""
+        return self.shape.nodes
 
     def weights(self, xi: np.ndarray) -> np.ndarray:
         """N (q, k) at xi (q, d)."""
-        if self.box:
-            return self._factors(xi).prod(axis=2)
-        return np.column_stack([1.0 - xi.sum(axis=1), xi])
+        return self.shape.values(xi)
 
     def slopes(self, xi: np.ndarray) -> np.ndarray:
         """dN / dxi (q, k, d) at xi (q, d)."""
-        d = self.corners.shape[1]
-        if not self.box:
-            return np.broadcast_to(np.vstack([-np.ones(d), np.eye(d)]), (len(xi), d + 1, d))
-        factors = self._factors(xi)
-        others = [np.delete(factors, axis, axis=2).prod(axis=2) for axis in range(d)]
-        return (2.0 * self.corners - 1.0) * np.stack(others, axis=2)
+        return self.shape.slopes(xi)
 
     def inside(self, xi: np.ndarray) -> np.ndarray:
         """xi, moved into the element where it is outside."""
         xi = np.clip(xi, 0.0, 1.0)
-        return xi if self.box else xi / np.maximum(xi.sum(axis=1, keepdims=True), 1.0)
-
-    def _factors(self, xi: np.ndarray) -> np.ndarray:
-        """(q, k, d): N is their product over d."""
-        return np.where(self.corners == 1.0, xi[:, None, :], 1.0 - xi[:, None, :])
+        box = len(self.corners) == 2 ** xi.shape[1]
+        return xi if box else xi / np.maximum(xi.sum(axis=1, keepdims=True), 1.0)
 
 
-def _simplex(d: int) -> Cell:
-    return Cell(np.vstack([np.zeros(d), np.eye(d)]), box=False)
-
-
-_SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-_CUBE = np.vstack([np.insert(_SQUARE, 2, z, axis=1) for z in (0.0, 1.0)])
-_CELLS = {
-    "line": Cell(np.array([[0.0], [1.0]]), box=True),
-    "triangle": _simplex(2),
-    "quad": Cell(_SQUARE, box=True),
-    "tetra": _simplex(3),
-    "hexahedron": Cell(_CUBE, box=True),
-}
+_CELLS = {name: Cell(SHAPES[name]) for name in ("line", "triangle", "quad", "tetra", "hexahedron")}
 
 
 @dataclass(frozen=True, eq=False)

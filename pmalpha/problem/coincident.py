@@ -29,12 +29,12 @@ __all__ = ["tie_coincident"]
 
 
 def tie_coincident(
-    points: Mapping[Subdomain, Any],
+    points: Mapping[Subdomain, Any] | Mapping[str, Any],
     components: int = 1,
-    dofs_per_node: int | Mapping[Subdomain, int] | None = None,
+    dofs_per_node: int | Mapping[Subdomain, int] | Mapping[str, int] | None = None,
     tol: float | None = None,
     *,
-    reduced: Mapping[Subdomain, Reduction] | None = None,
+    reduced: Mapping[Subdomain, Reduction] | Mapping[str, Reduction] | None = None,
 ) -> Constraint:
     """Tie all coincident nodes of two or more subdomains, each once.
 
@@ -47,7 +47,8 @@ def tie_coincident(
     ----------
     points : dict
         The coordinates of all nodes of two or more subdomains, (N,) on a line or (N, d) with
-        d = 1, 2 or 3, in one system and one unit.
+        d = 1, 2 or 3, in one system and one unit, by the subdomains or by their names, as then in
+        `dofs_per_node` and `reduced`.
     components : int, default 1
         Component c < components of node i is dof ``dofs_per_node * i + c``; these are tied.
     dofs_per_node : int or dict by subdomain, optional

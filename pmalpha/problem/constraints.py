@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import counted, listing, numbered, plain_array
+from .._checks import counted, listing, numbered
 from .arguments import DofsLike, MatrixLike
+from .dofs import dof_list
 from .forces import BaseAcceleration, checked_force
 from .frozen import Frozen
 from .matrices import rectangular
@@ -30,7 +31,8 @@ class Constraint(Frozen):
     ----------
     matrices : dict
         A matrix L_i, (p, n_i) dense or scipy.sparse, for each of the one or more subdomains that
-        the constraints involve.
+        the constraints involve, by the `Subdomain` or by its name. A name is looked up, and n_i
+        compared, by the `Coupler`.
     velocity : callable, `SampledForce` or (p,) array, optional
         Right-hand side g(t) of the p rows. It is evaluated at every fine step, in advance like a
         load, and the initial velocities must satisfy it. Its derivative at t = 0, which the initial
@@ -40,7 +42,12 @@ class Constraint(Frozen):
     Raises
     ------
     TypeError, ValueError
-        For wrong shapes, entries that are not finite, or a row without any entry.
+        For wrong shapes, entries that are not finite, a row without any entry, or a name twice.
+
+    Notes
+    -----
+    A pickled or copied Constraint has names in place of the subdomains that have one: it needs none
+    of their matrices, and fits every `Coupler` that has subdomains of these names and sizes.
 
     Examples
     --------
@@ -55,12 +62,21 @@ class Constraint(Frozen):
 
     >>> Constraint({b: [[1.0]]}, velocity=lambda t: [np.sin(t)]).p
     1
+
+    In names:
+
+    >>> Constraint({"tower": [[0.5, 0.5]], "rig": [[-1.0]]})
+    <1 constraint on 'tower' and 'rig'>
     """
 
-    def __init__(self, matrices: Mapping[Subdomain, MatrixLike], velocity: Any = None):
+    def __init__(self, matrices: Mapping[Subdomain | str, MatrixLike], velocity: Any = None):
         if not isinstance(matrices, Mapping) or not matrices:
             raise TypeError(f"matrices must be a dict of matrices by subdomain, got {matrices!r}")
         self.matrices = {s: _constraint_matrix(s, L) for s, L in matrices.items()}
+        self._by_dofs: tuple[str, ...] = ()  # names whose matrices may lack columns: of ties
+        names = [name_of(s) for s in self.matrices]
+        if len(set(names) - {None}) < len(names) - names.count(None):
+            raise ValueError(f"matrices must not name a subdomain twice, got {listing(names)}")
         rows = {L.shape[0] for L in self.matrices.values()}
         if len(rows) > 1:
             raise ValueError(f"matrices must have the same number of rows, got {sorted(rows)}")
@@ -78,8 +94,15 @@ class Constraint(Frozen):
         self.velocity = checked_force(velocity, self.p, "velocity")
         self._freeze()
 
+    def __getstate__(self) -> dict[str, Any]:
+        matrices = {name_of(s) or s: L for s, L in self.matrices.items()}
+        return {**self.__dict__, "matrices": matrices}
+
     def __repr__(self) -> str:
-        subdomains = [s.name or f"subdomain of {counted(s.n, 'dof')}" for s in self.matrices]
+        subdomains = [
+            name_of(s) or f"subdomain of {counted(L.shape[1], 'dof')}"
+            for s, L in self.matrices.items()
+        ]
         *others, last = map(repr, subdomains)
         names = f"{', '.join(others)} and {last}" if others else last
         motion = "" if self.velocity is None else f", velocity = {_short(self.velocity)}"
@@ -92,26 +115,31 @@ def _short(velocity: Any) -> str:
     return repr(velocity)
 
 
+def name_of(subdomain: Subdomain | str) -> str | None:
+    """The name of a subdomain that is given as itself or by its name."""
+    return subdomain if isinstance(subdomain, str) else subdomain.name
+
+
 def _constraint_matrix(subdomain: Any, L: Any) -> sp.csr_array:
-    if not isinstance(subdomain, Subdomain):
-        raise TypeError(f"matrices must be keyed by Subdomain, got {subdomain!r}")
-    what = f"L of {subdomain!r}"
-    return rectangular(L, subdomain.n, what, ndim=2)
+    if not isinstance(subdomain, (Subdomain, str)):
+        raise TypeError(f"matrices must be keyed by Subdomain or name, got {subdomain!r}")
+    columns = None if isinstance(subdomain, str) else subdomain.n
+    return rectangular(L, columns, f"L of {subdomain!r}", ndim=2)
 
 
-def tie(a: Subdomain, dofs_a: DofsLike, b: Subdomain, dofs_b: DofsLike) -> Constraint:
+def tie(a: Subdomain | str, dofs_a: DofsLike, b: Subdomain | str, dofs_b: DofsLike) -> Constraint:
     """Tie dofs of two subdomains, with equal velocities: +1 on a, -1 on b.
 
     A positive multiplier is a positive force on a and a negative force on b.
 
     Parameters
     ----------
-    a : Subdomain
-        One side.
+    a : Subdomain or str
+        One side, or its name.
     dofs_a : int, (p,) array of int, or (n,) array of bool
         Its dofs, in numbers or as a mask.
-    b : Subdomain
-        The other side.
+    b : Subdomain or str
+        The other side, or its name.
     dofs_b : int, (p,) array of int, or (n,) array of bool
         Its dofs; entry k of `dofs_a` is tied to entry k of `dofs_b`.
 
@@ -123,7 +151,8 @@ def tie(a: Subdomain, dofs_a: DofsLike, b: Subdomain, dofs_b: DofsLike) -> Const
     Raises
     ------
     TypeError, ValueError
-        For dofs that are not whole numbers, out of range, repeated, or of unequal number.
+        For dofs that are not whole numbers, out of range, repeated, or of unequal number. Where a
+        side is given by name, the `Coupler` compares its dofs with the number that it has.
 
     Examples
     --------
@@ -131,50 +160,37 @@ def tie(a: Subdomain, dofs_a: DofsLike, b: Subdomain, dofs_b: DofsLike) -> Const
     >>> b = Subdomain([1.0], [1.0], scheme=GeneralizedAlpha(0.5))
     >>> tie(a, 1, b, 0)
     <1 constraint on 'subdomain of 2 dofs' and 'subdomain of 1 dof'>
+    >>> tie("tower", [0, 1], "rig", [3, 4])
+    <2 constraints on 'tower' and 'rig'>
     """
-    if a is b:
-        raise ValueError(f"a and b must be two different subdomains, got {a!r} twice")
+    require_two(a, b)
     columns_a, columns_b = _dofs(dofs_a, a, "dofs_a"), _dofs(dofs_b, b, "dofs_b")
     if columns_a.size != columns_b.size or columns_a.size == 0:
         raise ValueError(
             "dofs_a and dofs_b must be equally many and at least one, got "
             f"{columns_a.size} and {columns_b.size}"
         )
-    return Constraint({a: _boolean(columns_a, 1.0, a.n), b: _boolean(columns_b, -1.0, b.n)})
+    matrices = {a: _boolean(columns_a, 1.0, a), b: _boolean(columns_b, -1.0, b)}
+    constraint = Constraint(matrices)
+    names = tuple(s for s in matrices if isinstance(s, str))
+    object.__setattr__(constraint, "_by_dofs", names)
+    return constraint
 
 
-def _dofs(value: Any, subdomain: Subdomain, name: str) -> np.ndarray:
-    if not isinstance(subdomain, Subdomain):
-        raise TypeError(f"a and b must be Subdomains, got {subdomain!r}")
-    return dof_list(value, subdomain.n, name)
+def require_two(a: Any, b: Any) -> None:
+    """ValueError if a and b are one subdomain, or names of it."""
+    for s in (a, b):
+        if not isinstance(s, (Subdomain, str)):
+            raise TypeError(f"a and b must be Subdomains or their names, got {s!r}")
+    if a is b or (name_of(a) is not None and name_of(a) == name_of(b)):
+        raise ValueError(f"a and b must be two different subdomains, got {a!r} and {b!r}")
 
 
-def dof_list(value: Any, n: int, name: str) -> np.ndarray:
-    """Whole numbers in 0..n-1, none twice: from one number, several, or a mask of n."""
-    dofs = plain_array(value, name)
-    if dofs.size == 0:
-        dofs = dofs.astype(np.int64)
-    if dofs.dtype.kind == "b" and dofs.ndim == 1:
-        return np.flatnonzero(checked_mask(dofs, n, name))
-    if dofs.dtype.kind not in "iu" or dofs.ndim > 1:
-        raise TypeError(f"{name} must be a 1-D array of whole numbers, got {value!r}")
-    dofs = np.atleast_1d(dofs)
-    outside = dofs[(dofs < 0) | (dofs >= n)]
-    if outside.size:
-        raise ValueError(f"{name} must lie in 0..{n - 1}, got {listing(outside)}")
-    values, counts = np.unique(dofs, return_counts=True)
-    if np.any(counts > 1):
-        raise ValueError(f"{name} must not repeat a dof, got {listing(values[counts > 1])} twice")
-    return dofs.astype(np.int64)
+def _dofs(value: Any, subdomain: Subdomain | str, name: str) -> np.ndarray:
+    return dof_list(value, None if isinstance(subdomain, str) else subdomain.n, name)
 
 
-def checked_mask(mask: np.ndarray, n: int, name: str) -> np.ndarray:
-    """A mask of n entries."""
-    if mask.shape != (n,):
-        raise ValueError(f"{name} must be a mask of shape ({n},), got shape {mask.shape}")
-    return mask
-
-
-def _boolean(columns: np.ndarray, sign: float, n: int) -> sp.csr_array:
+def _boolean(columns: np.ndarray, sign: float, subdomain: Subdomain | str) -> sp.csr_array:
     p = columns.size
+    n = int(columns.max()) + 1 if isinstance(subdomain, str) else subdomain.n
     return sp.csr_array((np.full(p, sign), (np.arange(p), columns)), shape=(p, n))

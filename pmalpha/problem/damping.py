@@ -21,7 +21,14 @@ REMEDY = (
 
 
 def damping_matrix(
-    C: Any, rayleigh: tuple[float, float] | None, n: int, *, M: Matrix, K: Matrix, given: Any
+    C: Any,
+    rayleigh: tuple[float, float] | None,
+    n: int,
+    *,
+    M: Matrix,
+    K: Matrix,
+    given: Any,
+    symmetric: bool = True,
 ) -> Matrix:
     """C + c_m M + c_k K in inner form.
 
@@ -35,6 +42,8 @@ def damping_matrix(
         Number of dofs.
     M, K : matrices in inner form
     given : K as given by the user
+    symmetric : bool, default True
+        Whether C has to be symmetric.
 
     Raises
     ------
@@ -47,14 +56,18 @@ def damping_matrix(
         For a dense C beside a sparse or diagonal K.
     """
     if C is not None and not sp.issparse(C):
-        _refuse_broadcast(plain_array(C, "C"), M, K)
-    own = None if C is None else canonical(C, "C", n)[0]
+        _refuse_broadcast(plain_array(C, "C"), M, K, symmetric)
+    own = None if C is None else canonical(C, "C", n, symmetric=symmetric)[0]
     if own is not None and own.ndim == 2 and not sp.issparse(own):
         _warn_of_dense(own, given)
     if rayleigh is None:
         return own
     c_m, c_k = rayleigh
-    return read_only(combination([(1.0, own), (c_m, M), (c_k, K)]))
+    with np.errstate(over="ignore", invalid="ignore"):
+        whole = combination([(1.0, own), (c_m, M), (c_k, K)])
+    if whole is not None and not np.isfinite(whole.data if sp.issparse(whole) else whole).all():
+        raise ValueError(f"rayleigh must give a finite c_m M + c_k K, got {rayleigh!r}")
+    return read_only(whole)
 
 
 def checked_rayleigh(rayleigh: Any) -> tuple[float, float] | None:
@@ -68,11 +81,11 @@ def checked_rayleigh(rayleigh: Any) -> tuple[float, float] | None:
     return real_number(c_m, "rayleigh[0]", low=0.0), real_number(c_k, "rayleigh[1]", low=0.0)
 
 
-def _refuse_broadcast(C: np.ndarray, M: Matrix, K: Matrix) -> None:
+def _refuse_broadcast(C: np.ndarray, M: Matrix, K: Matrix, symmetric: bool) -> None:
     """ValueError for C = c_m 1 m^T + c_k K, which NumPy makes of c_m * m + c_k * K, m 1-D.
 
     Of unequal masses m the skew part of C is c_m (1 m^T - m 1^T). Of equal masses C - c_k K has
-    one value at all places, off the diagonal as well.
+    one value at all places, off the diagonal as well. Where C may be unsymmetric, m has to be M.
     """
     size = None if C.ndim != 2 or C.dtype.kind not in "iuf" else C.shape[0]
     if size is None or C.shape != (size, size) or size < 2 or not np.all(np.isfinite(C)):
@@ -80,6 +93,8 @@ def _refuse_broadcast(C: np.ndarray, M: Matrix, K: Matrix) -> None:
     limit = ROUNDING * np.max(np.abs(C))
     first = C[0] - C[:, 0]  # c_m (m_j - m_0) where M was added to every row
     if np.max(np.abs(first)) > limit:
+        if not (symmetric or _is_multiple(first, M)):
+            return
         if size > 2 and np.max(np.abs(C - C.T - first + first[:, None])) <= limit:
             raise ValueError(
                 "C must be symmetric, got one that differs from its transpose as c_m * M + c_k * K "
@@ -94,6 +109,17 @@ def _refuse_broadcast(C: np.ndarray, M: Matrix, K: Matrix) -> None:
             f"C must not be c_k * K with the same number added to every entry, got {c_m:g} added; "
             f"{REMEDY}"
         )
+
+
+def _is_multiple(first: np.ndarray, M: Matrix) -> bool:
+    """Whether first = c_m (m - m_0) with the masses m of a 1-D M."""
+    if M is None or M.ndim != 1 or M.size != first.size:
+        return False
+    m = M - M[0]
+    return bool(
+        np.max(np.abs(first * (m @ m) - m * (m @ first)))
+        <= ROUNDING * abs(m @ m) * np.max(np.abs(first))
+    )
 
 
 def _constant_beside(C: np.ndarray, K: np.ndarray, limit: float) -> float | None:

@@ -73,6 +73,8 @@ class CheckedInternal:
         Whether a first tangent C_t was returned; later ones are refused otherwise.
     labels : sequence of str, optional
         What the forces are called in messages. Default: by their number.
+    symmetric : bool, default True
+        Whether the sums of the tangents have to be symmetric.
 
     Attributes
     ----------
@@ -87,8 +89,11 @@ class CheckedInternal:
         pattern: sp.csr_array,
         damped: bool,
         labels: Sequence[str] = (),
+        *,
+        symmetric: bool = True,
     ):
         self.forces, self.damped, self.n = tuple(forces), damped, pattern.shape[0]
+        self.name, self.symmetric = name, symmetric
         self.what = names(forces, name, labels)
         self.slots = Slots(pattern)
         self.places = [(Placement(self.slots, "K_t"), Placement(self.slots, "C_t")) for _ in forces]
@@ -129,7 +134,15 @@ class CheckedInternal:
             q1[own] = values[3]
             if K is not None:
                 self._place(values, what, t, places, K, C)
+        self.check_symmetry(K, C, t)
         return f, K, C, q1
+
+    def check_symmetry(self, K: np.ndarray | None, C: np.ndarray | None, t: float) -> None:
+        """ValueError for tangents that are not symmetric but have to be."""
+        for symbol, values in (("K_t", K), ("C_t", C)):
+            if self.symmetric and values is not None:
+                label = f"{symbol} of internal of subdomain {self.name!r} at t = {t:g}"
+                self.slots.check_symmetry(values, label)
 
     @property
     def potential(self) -> Callable[[np.ndarray], float] | None:
@@ -191,6 +204,8 @@ def first_tangent(
     q0: np.ndarray,
     name: str,
     labels: Sequence[str] = (),
+    *,
+    symmetric: bool = True,
 ) -> tuple[sp.csr_array, np.ndarray, np.ndarray | None]:
     """The pattern of all tangents of a subdomain, and their values at t = 0.
 
@@ -207,7 +222,7 @@ def first_tangent(
         The histories at t = 0, of one force after the other.
     name : str
         Name of the subdomain.
-    labels : sequence of str, optional
+    labels, symmetric
         As for `CheckedInternal`.
 
     Returns
@@ -230,7 +245,8 @@ def first_tangent(
         for A in ((K, C) if force.pattern is None else (force.pattern,))
     ]
     damped = any(values[2] is not None for values in first)
-    checked = CheckedInternal(forces, name, pattern := symmetric_union(patterns, n), damped, labels)
+    pattern = symmetric_union(patterns, n)
+    checked = CheckedInternal(forces, name, pattern, damped, labels, symmetric=symmetric)
     K = np.zeros(pattern.nnz)
     C = np.zeros(pattern.nnz) if damped else None
     for values, w, places in zip(first, what, checked.places):
@@ -240,7 +256,7 @@ def first_tangent(
         if values is not None:
             label = f"{symbol} of internal of subdomain {name!r}"
             require_finite(values, f"the stored entries of {label} at t = 0")
-            checked.slots.check_symmetry(values, label)
+    checked.check_symmetry(K, C, 0.0)
     return pattern, K, C
 
 

@@ -76,6 +76,14 @@ class SampledForce(Frozen):
             f"dt = {self.dt:g}, to t = {(m - 1) * self.dt:g}>"
         )
 
+    def _projected(self, T: np.ndarray) -> SampledForce:
+        """The force T^T F(t) on other coordinates, with the displacements T u; T is (n, r)."""
+        new = object.__new__(type(self))
+        new.values, new.dt = self.values, self.dt
+        new.shape = T.T if self.shape is None else T.T @ self.shape
+        new._freeze()
+        return new
+
     def __call__(self, t: float) -> np.ndarray:
         """F(t), shape (n,), for t >= 0, evaluated like in the core."""
         last = len(self.values) - 1

@@ -9,7 +9,8 @@ import numpy as np
 
 from .._checks import listing
 from .cells import Cell, Elements, checked_elements, jacobian
-from .constraints import Constraint, dof_list
+from .constraints import Constraint, require_two
+from .dofs import dof_list
 from .reduction import Reduction
 from .sides import (
     ROUNDING,
@@ -27,18 +28,18 @@ __all__ = ["interpolate"]
 
 
 def interpolate(
-    a: Subdomain,
+    a: Subdomain | str,
     points_a: Any,
-    b: Subdomain,
+    b: Subdomain | str,
     points_b: Any,
     elements_b: Any,
     *,
     cell: str | None = None,
     nodes_a: Any = None,
     components: int = 1,
-    dofs_per_node: int | Mapping[Subdomain, int] | None = None,
+    dofs_per_node: int | Mapping[Subdomain, int] | Mapping[str, int] | None = None,
     tol: float | None = None,
-    reduced: Mapping[Subdomain, Reduction] | None = None,
+    reduced: Mapping[Subdomain, Reduction] | Mapping[str, Reduction] | None = None,
 ) -> Constraint:
     """Tie nodes of one subdomain to the elements of another that contain them.
 
@@ -54,12 +55,12 @@ def interpolate(
 
     Parameters
     ----------
-    a : Subdomain
-        The side whose nodes are tied.
+    a : Subdomain or str
+        The side whose nodes are tied, or its name.
     points_a : (N,) or (N, d) array
         The coordinates of all its nodes, d = 1, 2 or 3.
-    b : Subdomain
-        The side to whose elements they are tied.
+    b : Subdomain or str
+        The side to whose elements they are tied, or its name.
     points_b : (N,) or (N, d) array
         The coordinates of all nodes of b, in the system and the unit of `points_a`.
     elements_b : (m, k) array of int
@@ -112,9 +113,9 @@ def interpolate(
     >>> tied.matrices[coarse].toarray().tolist()
     [[-1.0, 0.0], [-0.75, -0.25], [0.0, -1.0]]
     """
-    if a is b:
-        raise ValueError(f"a and b must be two different subdomains, got {a!r} twice")
-    sides = checked_sides({a: points_a, b: points_b}, components, dofs_per_node, reduced)
+    require_two(a, b)
+    points: dict[Subdomain | str, Any] = {a: points_a, b: points_b}
+    sides = checked_sides(points, components, dofs_per_node, reduced)
     of_a, of_b = sides
     elements = checked_elements(elements_b, of_b, cell)
     chosen = None if nodes_a is None else dof_list(nodes_a, len(of_a.points), "nodes_a")

@@ -15,6 +15,7 @@ from scipy.linalg import eigh
 from .. import _core
 from .._checks import counted, real_array, require_finite
 from ..blas import one_thread
+from .sparse_arrays import check_arrays
 
 Matrix = np.ndarray | sp.csr_array | None
 
@@ -23,6 +24,9 @@ Matrix = np.ndarray | sp.csr_array | None
 # row and column, for rows without a diagonal entry.
 SYMMETRY = 1e-10
 SYMMETRY_OF_ROW = 1e-14
+
+# What an error about an unsymmetric matrix of a subdomain ends with.
+ADMITTED = "gyroscopic and circulatory terms and follower forces take symmetric=False"
 
 # Rounding of the entries of a file with ten digits, relative to the largest one: a mass matrix may
 # be indefinite by this.
@@ -39,7 +43,9 @@ SMALL = 10_000
 WIDEST_BAND = 64
 
 
-def canonical(value: Any, name: str, n: int | None = None) -> tuple[Matrix, int]:
+def canonical(
+    value: Any, name: str, n: int | None = None, *, symmetric: bool | None = None
+) -> tuple[Matrix, int]:
     """Check a user's matrix and convert it to the inner form; the input is copied.
 
     Parameters
@@ -50,6 +56,10 @@ def canonical(value: Any, name: str, n: int | None = None) -> tuple[Matrix, int]
         Name in messages.
     n : int, optional
         The required size.
+    symmetric : bool, optional
+        What the user said of the matrix: False admits an unsymmetric one, and where the user can
+        say it, the error names it. One that is symmetric up to rounding becomes exactly symmetric
+        in any case.
 
     Returns
     -------
@@ -75,7 +85,7 @@ def canonical(value: Any, name: str, n: int | None = None) -> tuple[Matrix, int]
         raise ValueError(f"{name} must be of size {n} like M, got shape {A.shape}")
     if size == 0:
         raise ValueError(f"{name} must not be empty, got shape {A.shape}")
-    return read_only(_simplest(_symmetric(A, name))), size
+    return read_only(_simplest(_symmetric(A, name, symmetric))), size
 
 
 def read_only(A: Matrix) -> Matrix:
@@ -88,9 +98,8 @@ def read_only(A: Matrix) -> Matrix:
 def _sparse(value: Any, name: str) -> sp.csr_array:
     if value.dtype.kind not in "iuf":
         raise TypeError(f"{name} must hold real numbers, got dtype {value.dtype}")
-    if value.ndim != 2:
-        raise ValueError(f"{name} must be 2-D when sparse, got shape {value.shape}")
-    A = _compressed(value) if is_sound(value) else entries(value, name)
+    check_arrays(value, name)
+    A = _compressed(value) if value.format in ("csr", "csc") else sp.coo_array(value, copy=True)
     A = sp.csr_array(A, dtype=np.float64)
     A.sum_duplicates()
     A.eliminate_zeros()  # stored on one side only, zeros would make the pattern unsymmetric
@@ -100,21 +109,12 @@ def _sparse(value: Any, name: str) -> sp.csr_array:
     return A
 
 
-def is_sound(value: Any) -> bool:
-    """Whether this is a matrix by rows or columns, with indices in range."""
-    if value.format not in ("csr", "csc"):
-        return False
-    ptr, size = value.indptr, value.shape[value.format == "csr"]
-    index = value.indices[: ptr[-1]]
-    if ptr[0] != 0 or np.any(np.diff(ptr) < 0) or ptr[-1] > min(index.size, value.data.size):
-        return False
-    return not index.size or bool(index.min() >= 0 and index.max() < size)
-
-
 def _compressed(value: Any) -> sp.csr_array:
-    """A copy by rows of a sound matrix, without a list of entries, which is twice as large."""
+    """A copy by rows of a compressed matrix, without a list of entries, which is twice as large."""
     end = value.indptr[-1]
-    arrays = (value.data[:end].astype(np.float64), value.indices[:end].copy(), value.indptr.copy())
+    with np.errstate(over="ignore"):  # a longer float may become infinite, which is refused next
+        data = value.data[:end].astype(np.float64)
+    arrays = (data, value.indices[:end].copy(), value.indptr.copy())
     kind = sp.csr_array if value.format == "csr" else sp.csc_array
     return sp.csr_array(kind(arrays, shape=value.shape))
 
@@ -126,18 +126,8 @@ def shorten_indices(A: sp.csr_array) -> None:
         A.indptr = A.indptr.astype(np.int32, copy=False)
 
 
-def entries(value: Any, name: str) -> sp.coo_array:
-    """A copy of a sparse matrix by entries; ValueError for indices out of range."""
-    A = sp.coo_array(value, copy=True)
-    for index, size in zip((A.row, A.col), A.shape):
-        if index.size and (index.min() < 0 or index.max() >= size):
-            worst = index.min() if index.min() < 0 else index.max()
-            raise ValueError(f"{name} must have indices in 0..{size - 1}, got {worst}")
-    return A
-
-
 def rectangular(
-    value: Any, columns: int, name: str, ndim: int | tuple[int, ...] = (0, 1, 2)
+    value: Any, columns: int | None, name: str, ndim: int | tuple[int, ...] = (0, 1, 2)
 ) -> sp.csr_array:
     """A user's matrix with this number of columns, by rows, without stored zeros; a copy.
 
@@ -145,7 +135,8 @@ def rectangular(
     ----------
     value : (rows, columns) array, or scipy.sparse matrix or array
         A (columns,) array is one row, if `ndim` has 1; likewise a number for one column.
-    columns : int
+    columns : int or None
+        None where any number is right.
     name : str
         Name in messages.
     ndim : int or tuple of int
@@ -159,20 +150,19 @@ def rectangular(
     if sp.issparse(value):
         if value.dtype.kind not in "iuf":
             raise TypeError(f"{name} must hold real numbers, got dtype {value.dtype}")
-        if value.ndim != 2:
-            raise ValueError(f"{name} must be 2-D, got shape {value.shape}")
-        A = sp.csr_array(entries(value, name), dtype=np.float64)
+        check_arrays(value, name)
+        A = sp.csr_array(sp.coo_array(value, copy=True), dtype=np.float64)
         require_finite(A.data, f"the stored entries of {name}")
     else:
         A = sp.csr_array(np.atleast_2d(real_array(value, name, ndim)))
-    if A.shape[1] != columns:
+    if columns is not None and A.shape[1] != columns:
         raise ValueError(f"{name} must have {counted(columns, 'column')}, got shape {A.shape}")
     A.sum_duplicates()
     A.eliminate_zeros()
     return A
 
 
-def _symmetric(A: Any, name: str) -> Any:
+def _symmetric(A: Any, name: str, required: bool | None) -> Any:
     """A, or (A + A^T) / 2 when the two differ by rounding only."""
     if A.ndim == 1:
         return A
@@ -194,12 +184,15 @@ def _symmetric(A: Any, name: str) -> Any:
     excess = values - SYMMETRY * scale[rows] * scale[columns]
     excess -= SYMMETRY_OF_ROW * largest[rows] * largest[columns]
     worst = int(np.argmax(excess))
-    if excess[worst] > 0.0:
+    if excess[worst] > 0.0 and required is not False:
         i, j = int(rows[worst]), int(columns[worst])
+        remedy = f"; {ADMITTED}" if required else ""
         raise ValueError(
             f"{name} must be symmetric, got {A[i, j]:g} at [{i}, {j}] and {A[j, i]:g} at "
-            f"[{j}, {i}]; gyroscopic damping and follower stiffness are not supported"
+            f"[{j}, {i}]{remedy}"
         )
+    if excess[worst] > 0.0:
+        return A
     mean = (A + A.T) * 0.5
     return sp.csr_array(mean) if sp.issparse(A) else mean
 
@@ -303,20 +296,38 @@ def product(A: Matrix, x: np.ndarray) -> np.ndarray:
         return A @ x
 
 
-def core_matrix(A: Matrix) -> Any:
-    """A in a form of the core: None, an array, (band,), (ptr, index, values) or strips."""
+def is_symmetric(A: Matrix) -> bool:
+    """Whether A is exactly symmetric, as matrices are that `canonical` found to be symmetric."""
+    if A is None or A.ndim == 1:
+        return True
+    if not sp.issparse(A):
+        return np.array_equal(A, A.T)
+    A, other = sp.csr_array(A), sp.csr_array(A.T)
+    other.sort_indices()
+    return all(np.array_equal(getattr(A, x), getattr(other, x)) for x in _ARRAYS)
+
+
+def skew_part(A: Matrix) -> Matrix:
+    """(A - A^T) / 2; None where A is symmetric."""
+    return None if is_symmetric(A) else combination([(0.5, A), (-0.5, A.T)])
+
+
+def core_matrix(A: Matrix, *, symmetric: bool = True) -> Any:
+    """A in a form of the core: None, an array by columns, (band,), (ptr, index, values), strips.
+
+    Of a `symmetric` matrix, rows are taken for columns, and a band is what is above the diagonal.
+    """
     if A is None or not sp.issparse(A):
-        return None if A is None else np.ascontiguousarray(A)
-    n = A.shape[0]
-    filled = np.flatnonzero(np.diff(A.indptr))
-    last = A.indices[A.indptr[filled + 1] - 1]  # of each row, which is sorted
-    width = int(np.max(last - filled, initial=0))
+        return None if A is None else np.ascontiguousarray(A if symmetric else A.T)
+    n, rows = A.shape[0], row_of_entries(A)
+    width = int(np.max(np.abs(A.indices - rows), initial=0))
     if not is_narrow(width + 1, n, A.nnz):
         return strips_or_rows(core_sparse(A))
-    band, rows = np.zeros((width + 1, n)), row_of_entries(A)
-    upper = A.indices >= rows
-    band[A.indices[upper] - rows[upper], rows[upper]] = A.data[upper]
-    return (band,)
+    band = np.zeros((1 if symmetric else 2, width + 1, n))
+    for own, (i, j) in zip(band, ((rows, A.indices), (A.indices, rows))):
+        upper = j >= i
+        own[j[upper] - i[upper], i[upper]] = A.data[upper]
+    return (band[0] if symmetric else band,)
 
 
 def strips_or_rows(A: tuple[np.ndarray, np.ndarray, np.ndarray]) -> tuple[np.ndarray, ...]:

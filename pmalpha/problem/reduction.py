@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from .._checks import counted, listing, plain_array, require_finite
 from .arguments import DofsLike, MatrixLike
-from .constraints import checked_mask, dof_list
+from .dofs import checked_mask, dof_list
 from .matrices import Matrix, canonical, sparse_diagonal
 
 __all__ = ["Reduction", "reduce"]

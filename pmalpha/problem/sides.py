@@ -29,9 +29,11 @@ ROUNDING = 64 * float(np.finfo(float).eps)
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """A subdomain with its points (N, d), and columns (N, components), -1 at fixed dofs."""
+    """A subdomain or its name, its number of dofs, its points (N, d), and columns (N, components),
+    -1 at fixed dofs."""
 
-    subdomain: Subdomain
+    subdomain: Subdomain | str
+    n: int
     points: np.ndarray
     columns: np.ndarray
 
@@ -45,8 +47,8 @@ def checked_sides(points: Any, components: Any, dofs_per_node: Any, reduced: Any
     if not isinstance(points, Mapping):
         raise TypeError(f"points must be a dict of coordinates by subdomain, got {points!r}")
     for s in points:
-        if not isinstance(s, Subdomain):
-            raise TypeError(f"points must be of Subdomains, got {s!r}")
+        if not isinstance(s, (Subdomain, str)):
+            raise TypeError(f"points must be of Subdomains or names of them, got {s!r}")
     reduced = {} if reduced is None else reduced
     if not isinstance(reduced, Mapping):
         raise TypeError(f"reduced must be a dict of Reductions by subdomain, got {reduced!r}")
@@ -58,8 +60,9 @@ def checked_sides(points: Any, components: Any, dofs_per_node: Any, reduced: Any
     sides = []
     for s, given in points.items():
         array = _coordinates(given, f"points of {s!r}")
-        numbers = _numbers(s, len(array), per_node[s], reduced.get(s))
-        sides.append(Side(s, array, numbers[:, :components]))
+        n = _count(s, len(array) * per_node[s], reduced.get(s))
+        numbers = _numbers(s, n, len(array), per_node[s], reduced.get(s))
+        sides.append(Side(s, n, array, numbers[:, :components]))
     dimensions = {side.points.shape[1] for side in sides}
     if len(dimensions) > 1:
         got = [f"{side.points.shape[1]} of {side.subdomain!r}" for side in sides]
@@ -67,7 +70,7 @@ def checked_sides(points: Any, components: Any, dofs_per_node: Any, reduced: Any
     return sides
 
 
-def _per_node(value: Any, points: Mapping, components: int) -> dict[Subdomain, int]:
+def _per_node(value: Any, points: Mapping, components: int) -> dict[Subdomain | str, int]:
     if not isinstance(value, Mapping):
         value = {s: components if value is None else value for s in points}
     if set(value) != set(points):
@@ -92,16 +95,22 @@ def _coordinates(value: Any, name: str) -> np.ndarray:
     return array
 
 
+def _count(subdomain: Subdomain | str, given: int, reduction: Any) -> int:
+    """The dofs of a subdomain; of a name those with points, as far as they are free."""
+    if reduction is not None and not isinstance(reduction, Reduction):
+        raise TypeError(f"reduced must hold Reductions, got {reduction!r} of {subdomain!r}")
+    if isinstance(subdomain, str):
+        return given if reduction is None else reduction.free.size
+    return subdomain.n
+
+
 def _numbers(
-    subdomain: Subdomain, nodes: int, per_node: int, reduction: Reduction | None
+    subdomain: Subdomain | str, free: int, nodes: int, per_node: int, reduction: Reduction | None
 ) -> np.ndarray:
     """The dof (nodes, per_node) of each node and component, -1 where it is fixed."""
-    if reduction is not None:
-        if not isinstance(reduction, Reduction):
-            raise TypeError(f"reduced must hold Reductions, got {reduction!r} of {subdomain!r}")
-        if reduction.free.size != subdomain.n:
-            raise ValueError(f"reduced must hold the Reduction of {subdomain!r}, got {reduction!r}")
-    n = subdomain.n if reduction is None else reduction.n
+    if reduction is not None and reduction.free.size != free:
+        raise ValueError(f"reduced must hold the Reduction of {subdomain!r}, got {reduction!r}")
+    n = free if reduction is None else reduction.n
     if nodes * per_node != n:
         raise ValueError(
             f"points times dofs_per_node must be the dofs of {subdomain!r}, got {nodes} x "
@@ -110,7 +119,7 @@ def _numbers(
     numbers = np.arange(n)
     if reduction is not None:
         numbers[reduction.fixed] = -1
-        numbers[reduction.free] = np.arange(subdomain.n)
+        numbers[reduction.free] = np.arange(free)
     return numbers.reshape(nodes, per_node)
 
 
@@ -171,6 +180,6 @@ def constraint_of(sides: Sequence[Side], entries: Sequence[Entries], p: int) -> 
     number[used] = np.arange(used.size)
     matrices = {}
     for side, k, (rows, columns, values) in zip(sides, kept, entries):
-        shape = (used.size, side.subdomain.n)
+        shape = (used.size, side.n)
         matrices[side.subdomain] = sp.csr_array((values[k], (number[rows[k]], columns[k])), shape)
     return Constraint(matrices)

@@ -22,6 +22,9 @@ __all__ = ["Bilinear", "BoucWen", "CubicSpring", "Gap", "SpringState"]
 CUBIC, GAP, BILINEAR, BOUC_WEN = range(4)
 GROUND = -1
 
+# Range of the deformation at first yield: its powers and inverse are finite.
+LARGEST = 1e100
+
 
 @dataclass(frozen=True)
 class SpringState:
@@ -295,6 +298,10 @@ class BoucWen(Spring):
 def _check_yield(spring: Any) -> None:
     spring._require(spring.k > 0.0, "k", "be positive")
     spring._require(spring.fy > 0.0, "fy", "be positive")
+    with np.errstate(over="ignore"):
+        deformation = spring.fy / spring.k
+    within = (deformation <= LARGEST) & (deformation >= 1.0 / LARGEST)
+    spring._require(within, "fy", f"be k times a deformation in {1 / LARGEST:g}..{LARGEST:g}")
     spring._require(
         (spring.hardening >= 0.0) & (spring.hardening <= 1.0), "hardening", "lie in [0, 1]"
     )

@@ -8,15 +8,17 @@ import numpy as np
 
 from .._checks import check_word, counted, flag, numbered, vector, whole_number
 from ..errors import FactorizationError
-from .arguments import Damping, MatrixLike, VectorLike
+from .arguments import Damping, DofsLike, MatrixLike, VectorLike
 from .damping import checked_rayleigh, damping_matrix
+from .discrete_gradient import internal_for
 from .forces import checked_force
 from .frozen import Frozen
-from .internal import Internal, checked_internal
-from .matrices import EXPORTED, Matrix, canonical, combination, diagonal
+from .internal import Internal
+from .matrices import EXPORTED, Matrix, canonical, combination, diagonal, is_symmetric
 from .restoring import Restoring, checked_restoring, functions_of, springs_of
 from .schemes import Scheme
 from .springs import Spring, stiffness
+from .superelement import ReducedBasis, reduced_arguments
 
 __all__ = ["Subdomain"]
 
@@ -38,9 +40,10 @@ class Subdomain(Frozen):
         rounding of a file with ten digits; the Coupler warns), and positive definite for an
         explicit scheme. A dof without mass is a zero row and column of M; it requires an implicit
         scheme that damps at infinite frequency.
-        K may be None where there is a restoring or an internal force.
+        K may be None where there is a restoring or an internal force, and unsymmetric with
+        `symmetric=False`.
     C : like M and K, optional
-        Viscous damping, symmetric. Default: none.
+        Viscous damping, symmetric; with `symmetric=False` also gyroscopic. Default: none.
     scheme : Scheme
         `GeneralizedAlpha`, `Newmark`, `CentralDifference`, `HHT` or `WBZ`.
     substeps : int, default 1
@@ -90,6 +93,12 @@ class Subdomain(Frozen):
         Rayleigh damping c_m M + c_k K, in place of C or added to it, in any format of M and K. In
         1/time and in time, at least 0; `models.rayleigh` computes them from damping ratios. K is
         without `restoring_stiffness`.
+    symmetric : bool, default True
+        False admits unsymmetric K, C, estimates and tangents of internal forces: gyroscopic and
+        circulatory terms, follower forces. M remains symmetric. Steps of a subdomain whose matrices
+        are unsymmetric sweep two triangular factors, equation (F10), and the interface matrix is
+        unsymmetric too. Where all matrices are symmetric it has no effect, except with internal
+        forces in an implicit subdomain, whose tangents are then taken as unsymmetric.
     u0, v0 : (n,) array, optional; a number for one dof
         Initial displacement and velocity. Default: zero.
     name : str, optional
@@ -100,8 +109,9 @@ class Subdomain(Frozen):
     TypeError, ValueError
         For complex, unsymmetric or infinite entries, shapes that do not agree, a scheme or force
         of the wrong kind, dofs without mass under a scheme that does not damp them, estimates
-        without a restoring force, springs in both `restoring` and `internal`. The values of
-        restoring and internal forces are checked when they are evaluated.
+        without a restoring force, springs in both `restoring` and `internal`, lagged damping that
+        is not symmetric unless the scheme is explicit with rho = 0. The values of restoring and
+        internal forces are checked when they are evaluated.
         Also for a C that is c_m * M + c_k * K with a 1-D M, which NumPy adds to every row of K.
     FactorizationError
         For a dof without mass in an explicit subdomain.
@@ -125,6 +135,13 @@ class Subdomain(Frozen):
     ...                    scheme=GeneralizedAlpha(0.5))
     >>> damped.C.round(4).tolist()
     [[1.5075, -0.0025], [-0.0025, 0.7525]]
+
+    A disc on a shaft that turns, with gyroscopic moments:
+
+    >>> disc = Subdomain([1.0, 1.0], 4.0 * np.eye(2), [[0.0, 3.0], [-3.0, 0.0]], symmetric=False,
+    ...                  scheme=GeneralizedAlpha(0.5))
+    >>> disc.C.tolist()
+    [[0.0, 3.0], [-3.0, 0.0]]
 
     A Duffing oscillator, explicit:
 
@@ -157,6 +174,7 @@ class Subdomain(Frozen):
         internal: Any = None,
         damping: Damping = "implicit",
         rayleigh: tuple[float, float] | None = None,
+        symmetric: bool = True,
         u0: VectorLike | None = None,
         v0: VectorLike | None = None,
         name: str | None = None,
@@ -172,8 +190,9 @@ class Subdomain(Frozen):
         self.substeps = whole_number(substeps, "substeps", low=1)
         self.double_step = None if double_step is None else flag(double_step, "double_step")
         self.name = name
+        self.symmetric = flag(symmetric, "symmetric")
         self.M, self.n = canonical(M, "M")
-        self.internal: Internal | None = checked_internal(internal, self.n)
+        self.internal: Internal | None = internal_for(internal, scheme, self.n)
         self.restoring: Restoring = checked_restoring(restoring, self.n)
         if K is None and self.restoring is None and self.internal is None:
             raise TypeError(
@@ -181,7 +200,8 @@ class Subdomain(Frozen):
             )
         self.K = self._matrix(K, "K")
         self.rayleigh = checked_rayleigh(rayleigh)
-        self.C = damping_matrix(C, self.rayleigh, self.n, M=self.M, K=self.K, given=K)
+        others = dict(M=self.M, K=self.K, given=K, symmetric=self.symmetric)
+        self.C = damping_matrix(C, self.rayleigh, self.n, **others)
         self.damping = damping
         self.force = checked_force(force, self.n)
         self.has_unknown_stiffness = self.has_functions and restoring_stiffness is None
@@ -196,13 +216,91 @@ class Subdomain(Frozen):
         self.restoring_damping = self._estimate(restoring_damping, "restoring_damping")
         self.u0 = self._initial(u0, "u0")
         self.v0 = self._initial(v0, "v0")
-        self._check_mass()
+        self._check()
         self._freeze()
 
     def __repr__(self) -> str:
         label = "" if self.name is None else f"{self.name!r}, "
         label += counted(self.n, "dof")
         return f"<Subdomain {label}, {self.scheme!r}, substeps={self.substeps}>"
+
+    def reduced(
+        self,
+        keep: DofsLike,
+        *,
+        modes: int | None = None,
+        omega: float | None = None,
+        **changes: Any,
+    ) -> tuple[Subdomain, ReducedBasis]:
+        """A small subdomain in place of this one: Guyan or Craig-Bampton reduction.
+
+        Its coordinates are the kept dofs, such as those of an interface, and modes of the others
+        with the kept dofs fixed: u = T (u_keep, q). M, C, K and the force become T^T M T, T^T C T,
+        T^T K T and T^T F. It is exact for static forces on kept dofs and for rigid motions;
+        otherwise its frequencies are too high, and the error falls with the number of modes. Modes
+        up to 1.5 to 2 times the highest frequency in the load are customary.
+
+        Parameters
+        ----------
+        keep : int or (b,) array of int, or mask
+            The dofs to be kept, such that the subdomain does not float when they are fixed.
+        modes : int
+            Number m of modes: 0 for Guyan reduction, which keeps static shapes only.
+        omega : float
+            In place of `modes`, all modes up to this angular frequency (radians per unit of time).
+        **changes
+            Arguments of the new subdomain in place of those of this one: scheme, substeps,
+            double_step, damping, name. A reduced explicit subdomain has a larger critical step,
+            but a full mass matrix.
+
+        Returns
+        -------
+        subdomain : Subdomain
+            With b + m dofs, the kept ones first, in the order of `keep`. Springs remain, if all
+            their dofs are kept. Initial values are those of the kept dofs and their projection on
+            the modes.
+        basis : ReducedBasis
+            ``basis.expand(history[name].u)`` has the displacements of all dofs, ``basis.place``
+            the new numbers of kept ones.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For dofs that do not hold the subdomain, more modes than other dofs with mass, K=None,
+            restoring or internal forces other than springs on kept dofs, a compiled force.
+        MemoryError
+            When the basis, b + m times the number of dofs, does not fit.
+
+        Warns
+        -----
+        UserWarning
+            If u0 or v0 lie more than 1 % outside of the basis.
+
+        Notes
+        -----
+        Guyan, Reduction of stiffness and mass matrices, 1965; Craig and Bampton, Coupling of
+        substructures for dynamic analyses, 1968. Time and memory are those of `structures.modes`,
+        and of a static shape for each kept dof.
+
+        Examples
+        --------
+        A rod of 50 elements by its ends and eight modes has the first frequency of a free rod:
+
+        >>> from pmalpha import models
+        >>> rod = models.rod(50, 1.0, EA=1.0, rhoA=1.0)
+        >>> small, basis = rod.subdomain(scheme=GeneralizedAlpha(0.9)).reduced([0, 50], modes=8)
+        >>> small
+        <Subdomain 10 dofs, GeneralizedAlpha(0.9, explicit=False), substeps=1>
+        >>> models.modes(small.M, small.K, 2)[0].round(2).tolist()  # 0 and pi
+        [0.0, 3.14]
+        """
+        allowed = ("scheme", "substeps", "double_step", "damping", "name")
+        unknown = [name for name in changes if name not in allowed]
+        if unknown:
+            raise TypeError(f"changes must be of {', '.join(allowed)}, got {unknown[0]!r}")
+        arguments, basis = reduced_arguments(self, keep, modes, omega)
+        own = {name: getattr(self, name) for name in allowed}
+        return Subdomain(**{**own, **arguments, **changes}), basis
 
     @property
     def massless(self) -> np.ndarray:
@@ -218,6 +316,14 @@ class Subdomain(Frozen):
         if self.restoring_stiffness is None:
             return self.K
         return combination([(1.0, self.K), (1.0, self.restoring_stiffness)])
+
+    @property
+    def has_symmetric_steps(self) -> bool:
+        """Whether Mbar, K and C of all its steps are symmetric, with tangents and estimates."""
+        if self.symmetric:
+            return True
+        estimates = (self.restoring_stiffness, self.restoring_damping)
+        return self.internal is None and all(map(is_symmetric, (self.K, self.C, *estimates)))
 
     @property
     def restoring_springs(self) -> tuple[Spring, ...]:
@@ -269,7 +375,9 @@ class Subdomain(Frozen):
         return combination([(1.0, C), (1.0, self.restoring_damping)])
 
     def _matrix(self, value: Any, name: str) -> Matrix:
-        return None if value is None else canonical(value, name, self.n)[0]
+        if value is None:
+            return None
+        return canonical(value, name, self.n, symmetric=self.symmetric)[0]
 
     def _estimate(self, value: Any, name: str) -> Matrix:
         if value is not None and self.restoring is None:
@@ -280,6 +388,23 @@ class Subdomain(Frozen):
         if value is None:
             value = np.zeros(self.n)
         return vector(value, self.n, name)
+
+    def _check(self) -> None:
+        """What depends on the scheme."""
+        self._check_lagged()
+        self._check_mass()
+
+    def _check_lagged(self) -> None:
+        """ValueError for a skew part of C at vs, which no scheme but that of rho_b = 0 bears."""
+        s = self.scheme
+        if self.damping != "lagged" or is_symmetric(self.C):
+            return
+        if not (s.explicit and getattr(s, "rho", 1.0) == 0.0):
+            raise ValueError(
+                "damping must be 'implicit' where C is not symmetric, unless the scheme is "
+                "explicit with rho = 0: gyroscopic forces at the extrapolated velocity make "
+                f"practically every step unstable, got 'lagged' and {s!r}"
+            )
 
     def _check_negative_mass(self, digits: float) -> None:
         """ValueError for negative masses; up to `digits` only under a scheme without damping."""

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import real_array, real_number
+from ..problem.sparse_arrays import check_arrays
 
 __all__ = ["asymmetry", "symmetrized"]
 
@@ -45,8 +46,9 @@ def asymmetry(A: Any) -> float:
 def symmetrized(A: Any, tol: float) -> Any:
     """(A + A^T) / 2, if the asymmetry of A is at most tol.
 
-    `Subdomain` requires matrices that are symmetric up to rounding. This function is an explicit
-    decision to symmetrize a matrix from a file with few digits, or with a small follower load.
+    `Subdomain` requires matrices that are symmetric up to rounding, unless it is told
+    ``symmetric=False``. This function is an explicit decision to symmetrize a matrix from a file
+    with few digits, or with a small follower load.
 
     Parameters
     ----------
@@ -84,6 +86,8 @@ def symmetrized(A: Any, tol: float) -> Any:
 
 
 def _square(value: Any) -> Any:
+    if sp.issparse(value):
+        check_arrays(value, "A")
     A = sp.csr_array(value) if sp.issparse(value) else real_array(value, "A", 2)
     if A.shape[0] != A.shape[1]:
         raise ValueError(f"A must be square, got shape {A.shape}")

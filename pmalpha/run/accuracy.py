@@ -61,7 +61,7 @@ def local_error(history: Recorded) -> np.ndarray:
     """The estimate (D1) for each step and recorded dof, (k - 1, dofs)."""
     if history.substep is None:
         raise ValueError(
-            "local_error needs a History of a run: an older file has no lengths of the steps"
+            "local_error needs a History of a run with steps of constant length, and no older file"
         )
     if not is_complete(history):
         raise ValueError(
@@ -111,11 +111,18 @@ class Sample:
 
 
 def warn_if_coarse(
-    histories: Sequence[Recorded | None], parts: Sequence[Part], begin: float, end: float
+    histories: Sequence[Recorded | None],
+    parts: Sequence[Part],
+    begin: float,
+    end: float,
+    numbers: int = SAMPLED_NUMBERS,
 ) -> None:
-    """AccuracyWarning that names the subdomains whose steps are too coarse for the motion."""
+    """AccuracyWarning that names the subdomains whose steps are too coarse for the motion.
+
+    At most about `numbers` are read of each array.
+    """
     with np.errstate(all="ignore"):
-        errors = accumulated_errors(histories, parts, end - begin)
+        errors = accumulated_errors(histories, parts, end - begin, numbers)
     total = sum(errors.values())
     if not COARSE < total < np.inf:
         return
@@ -137,7 +144,10 @@ def warn_if_coarse(
 
 
 def accumulated_errors(
-    histories: Sequence[Recorded | None], parts: Sequence[Part], duration: float
+    histories: Sequence[Recorded | None],
+    parts: Sequence[Part],
+    duration: float,
+    numbers: int = SAMPLED_NUMBERS,
 ) -> dict[int, float]:
     """The share of each recorded subdomain in the error at the end, relative to the motion, (D3).
 
@@ -148,7 +158,7 @@ def accumulated_errors(
     for i, (part, own) in enumerate(zip(parts, histories)):
         if part.step_ratio is not None and not part.step_ratio.value <= 1.0 + 1e-6:
             return {}  # unstable, which has a warning of its own
-        found = None if own is None else sample(own, part)
+        found = None if own is None else sample(own, part, numbers)
         if found is not None:
             samples[i] = found
     sizes = [x.amplitude**2 for x in samples.values()]
@@ -162,14 +172,14 @@ def accumulated_errors(
     return {i: x.rate * remembered * x.speed / speed / moved for i, x in samples.items()}
 
 
-def sample(history: Recorded, part: Part) -> Sample | None:
+def sample(history: Recorded, part: Part, numbers: int = SAMPLED_NUMBERS) -> Sample | None:
     """The norms of a subdomain; None where its record does not suffice."""
     levels, dofs = history.u.shape
     if dofs == 0 or levels < FEWEST_STEPS + 1 or not is_complete(history):
         return None
     stride = 1 + dofs // SAMPLED_DOFS
     columns = slice(0, None, stride)
-    count = max(2 * FEWEST_STEPS, SAMPLED_NUMBERS // len(range(0, dofs, stride)))
+    count = max(2 * FEWEST_STEPS, numbers // len(range(0, dofs, stride)))
     first = int(previous_level(history, np.array([0]))[0] < 0)
     steps = spread(first, levels - 2, count)
     weights = np.sqrt(mass_of(part.subdomain)[history.dofs[columns]] * stride)
@@ -187,9 +197,13 @@ def sample(history: Recorded, part: Part) -> Sample | None:
     return Sample(part, rate, speed, amplitude, decay_of(history, part.subdomain, steps))
 
 
+@lru_cache(maxsize=64)
 def spread(first: int, last: int, count: int) -> np.ndarray:
-    """At most `count` whole numbers, evenly from first to last."""
-    return np.unique(np.linspace(first, last, min(count, last - first + 1)).astype(np.int64))
+    """At most `count` whole numbers, evenly from first to last; not to be written to."""
+    numbers = np.linspace(first, last, min(count, last - first + 1)).astype(np.int64)
+    numbers = numbers[np.diff(numbers, prepend=first - 1) > 0]
+    numbers.setflags(write=False)
+    return numbers
 
 
 def rms(x: np.ndarray) -> float:
@@ -203,16 +217,18 @@ def mass_of(subdomain: Subdomain) -> np.ndarray:
 
 def decay_of(history: Recorded, subdomain: Subdomain, steps: np.ndarray) -> tuple[float, float]:
     """Means of e C e and e M e over some of the steps, per unit of time squared."""
-    e, lost, size = np.zeros(subdomain.n), 0.0, 0.0
-    for k in steps[:: 1 + steps.size // 32]:
-        row = np.array([k])
-        length = (k + 1 - previous_level(history, row)[0]) * (history.substep or 0.0)
-        e[history.dofs] = errors_of(history, row, slice(None))[0] / length
-        size += float(e @ product(subdomain.M, e))
+    some = steps[:: 1 + steps.size // 32]
+    together = max(1, SAMPLED_NUMBERS // (4 * subdomain.n))  # several arrays of them at a time
+    lost, size = 0.0, 0.0
+    for begin in range(0, some.size, together):
+        rows = some[begin : begin + together]
+        lengths = (rows + 1 - previous_level(history, rows)) * (history.substep or 0.0)
+        e = np.zeros((subdomain.n, rows.size))
+        e[history.dofs] = (errors_of(history, rows, slice(None)) / lengths[:, None]).T
+        size += float(np.sum(e * product(subdomain.M, e)))
         if subdomain.C is not None:
-            lost += float(e @ product(subdomain.C, e))
-    count = len(steps[:: 1 + steps.size // 32])
-    return lost / count, size / count
+            lost += float(np.sum(e * product(subdomain.C, e)))
+    return lost / some.size, size / some.size
 
 
 @lru_cache(maxsize=1024)

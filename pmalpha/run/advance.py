@@ -9,6 +9,9 @@ from typing import Any
 
 from ..blas import one_thread
 from ..errors import CallbackError, ConvergenceError, InstabilityError, UnboundedMotion
+from ..problem.matrices import ADMITTED
+from ..problem.tangents import SYMMETRY
+from ..setup.ranks import Elsewhere, Ranks
 from .loads import Loads
 from .progress import Report
 
@@ -21,7 +24,12 @@ FIRST_CHUNK, CHUNK_SECONDS = 32, 0.03
 
 
 def advance(
-    core: Any, loads: Loads, end: int, record: tuple | None = None, report: Report | None = None
+    core: Any,
+    loads: Loads,
+    end: int,
+    record: tuple | None = None,
+    report: Report | None = None,
+    ranks: Ranks | None = None,
 ) -> None:
     """Advance to macro step `end`.
 
@@ -33,6 +41,7 @@ def advance(
     record : tuple, optional
         From `Recording.core_record`.
     report : Report, optional
+    ranks : Ranks, optional
 
     Raises
     ------
@@ -40,16 +49,24 @@ def advance(
         The core is then at the last completed macro step.
     """
     with one_thread() if loads.iterates else nullcontext():  # the core calls BLAS
-        _advance(core, loads, end, record, report)
+        _advance(core, loads, end, record, report, ranks)
 
 
 def _advance(
-    core: Any, loads: Loads, end: int, record: tuple | None, report: Report | None
+    core: Any,
+    loads: Loads,
+    end: int,
+    record: tuple | None,
+    report: Report | None,
+    ranks: Ranks | None,
 ) -> None:
+    call = report if ranks is None else ranks.report(report)
     for chunk in _chunks(core, loads, end):
         ready, failure = loads.prepare(core.step_count, chunk)
+        if ranks is not None:
+            ready, failure = _ready_on_all(ranks, loads, core.step_count, ready, failure)
         try:
-            failed = core.advance(ready - core.step_count, record, report)
+            failed = core.advance(ready - core.step_count, record, call)
         except UnboundedMotion as error:
             step = core.step_count
             name, t = error.subdomain, loads.clock.time(step)
@@ -60,6 +77,16 @@ def _advance(
             raise failure
         if report is not None:
             report.if_due(core.step_count)
+
+
+def _ready_on_all(
+    ranks: Ranks, loads: Loads, begin: int, ready: int, failure: BaseException | None
+) -> tuple[int, BaseException | None]:
+    """The macro step up to which the loads are evaluated on all ranks; what failed here there."""
+    least = min(ranks.share(ready))
+    if any(motion.callback is not None for motion in loads.motions):
+        ranks.require_equal("a prescribed velocity", loads.motion_values(begin, least))
+    return least, failure if ready == least else None
 
 
 def _chunks(core: Any, loads: Loads, end: int) -> Iterator[int]:
@@ -79,9 +106,17 @@ def _chunks(core: Any, loads: Loads, end: int) -> Iterator[int]:
 
 def _error(failed: Any, step: int, loads: Loads) -> Exception:
     """The exception for a macro step that the core did not complete."""
-    names, t = [part.name for part in loads.parts] + ["interface"], loads.clock.time(step)
+    names, t = [*loads.names, "interface"], loads.clock.time(step)
+    if isinstance(failed, tuple) and len(failed) == 1:
+        return Elsewhere(f"rank {failed[0]} has failed")
     if isinstance(failed, tuple) and len(failed) == 4:
         return _convergence_error(failed, names, step, loads)
+    if isinstance(failed, tuple) and len(failed) == 2:
+        index, end = failed
+        return ValueError(
+            f"the tangents of internal of subdomain {names[index]!r} must be symmetric to "
+            f"{SYMMETRY:g} of their largest entry, got one at t = {end:g} that is not; {ADMITTED}"
+        )
     if isinstance(failed, tuple):
         index, code, what = failed
         return CallbackError(code, what, step, t, names[index])

@@ -66,9 +66,17 @@ class EarlierRows:
 
     def check(self, header: Mapping[str, Any], first: Mapping[str, np.ndarray]) -> None:
         """ValueError unless a run with this header and these first rows continues the file."""
-        for name in ("names", "recorded", "every", "nodes", "fixed", "dt", "outputs"):
-            if self.header.get(name, header[name]) != header[name]:
+        for name in ("names", "recorded", "every", "fixed", "dt", "outputs"):
+            if name in self.header and name in header and self.header[name] != header[name]:
                 self._refuse("must be of the same coupler, dt and recorded quantities")
+        nodes = self.header["nodes"]
+        if nodes.keys() != header["nodes"].keys():
+            self._refuse("must be of the same coupler, dt and recorded quantities")
+        if header["every"] == 0 and nodes != header["nodes"]:
+            self._refuse(
+                "must be of the present numbers of substeps, it has other numbers of substeps; "
+                "record to a new file after a change, or with every"
+            )
         for name, x in self.arrays.items():
             if name in header["fixed"]:
                 same = np.array_equal(x, first[name])

@@ -27,9 +27,14 @@ ARRAYS = {
     "velocity_jump": ("violation of the velocity constraints, as multipliers", "u/t"),
     "displacement_jump": ("displacement drift, a column for each constraint", "u"),
     "macro_times": ("times of displacement_jump and of the energies", "t"),
+    "substeps": ("substeps in the macro step that ends at macro_times, by subdomain", "1"),
     "step_count": ("macro steps up to which all rows are written", "1"),
 }
 ENERGY = ("a row for each macro time level, a column for each subdomain", "F u")
+CONSERVED = (
+    "a share in the conserved quantity, " + ENERGY[0],
+    "F u / t^2; F u under mean coupling",
+)
 OUTPUT = "linear combinations of u, v and a, a row for each time level"
 UNITS = "any consistent system, that of the matrices, u and dt; F is the unit of K u"
 
@@ -56,7 +61,8 @@ def describe(whole: Any, header: Mapping[str, Any]) -> None:
             item.attrs["name"] = _storable(header["names"][int(key)])
             _name_outputs(item.get("outputs", {}), header["outputs"][int(key)])
         for name, array in item.items() if hasattr(item, "items") else [(key, item)]:
-            known = ENERGY if key == "energy" else ARRAYS.get(name)
+            of_energy = CONSERVED if name == "conserved" else ENERGY
+            known = of_energy if key == "energy" else ARRAYS.get(name)
             if known is not None:
                 array.attrs.update(zip(("description", "units"), known))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .._checks import vector
+from .clock import Clock
 
 
 class CallbackLoad:
@@ -20,14 +21,13 @@ class CallbackLoad:
         Elimination order.
     substeps : int
         Evaluations per macro step.
-    dt : float
-        Macro step.
+    clock : Clock
     """
 
-    def __init__(self, force, what: str, order: np.ndarray, substeps: int, dt: float):
+    def __init__(self, force, what: str, order: np.ndarray, substeps: int, clock: Clock):
         self.force, self.what, self.order = force, what, order
-        self.substeps, self.dt = substeps, dt
-        self.first = 0  # substep of the first row, counted from t = 0
+        self.substeps, self.clock = substeps, clock
+        self.first = 0  # substep of the first row, counted from the origin of the clock
         self.table = np.empty((0, order.size))
         self.count = 0  # rows of the table that have been evaluated
         self.near_start: dict[float, np.ndarray] = {}
@@ -56,7 +56,7 @@ class CallbackLoad:
         return self.near_start[t]
 
     def value_at(self, level: int) -> np.ndarray:
-        """f at time level `level` >= 1 of the subdomain, in elimination order.
+        """f at a time level of the subdomain, counted from the origin, in elimination order.
 
         The value of the substep that ended there; evaluated again if it is not stored, as after
         `Coupler.load`.
@@ -64,7 +64,7 @@ class CallbackLoad:
         row = level - 1 - self.first
         if 0 <= row < len(self.rows):
             return self.rows[row].copy()
-        return self.evaluate(level / self.substeps * self.dt)  # (T1)
+        return self.evaluate(self.clock.level(level, self.substeps))
 
     def prepare(self, begin: int, end: int) -> tuple[int, Exception | None]:
         """Evaluate the loads of the macro steps begin..end-1.
@@ -73,7 +73,8 @@ class CallbackLoad:
         loads are evaluated, and the callable's exception if that is before `end`. A BaseException
         that is no Exception, such as Ctrl-C, is raised at once; no evaluated value is lost.
         """
-        first, needed = begin * self.substeps, (end - begin) * self.substeps
+        first = self.clock.count(begin) * self.substeps
+        needed = (end - begin) * self.substeps
         if self.first <= first and first + needed <= self.first + len(self.rows):
             return end, None
         kept = self.rows[max(first - self.first, 0) :] if self.first <= first else self.rows[:0]
@@ -93,7 +94,7 @@ class CallbackLoad:
         try:
             while self.count < len(self.table):
                 k = self.first + self.count + 1
-                self.table[self.count] = self.evaluate(k / self.substeps * self.dt)  # (T1)
+                self.table[self.count] = self.evaluate(self.clock.level(k, self.substeps))
                 self.count += 1
         except Exception as error:
             return error

@@ -22,6 +22,7 @@ from ..files import read_npz, write_npz
 from ..problem.forces import SampledForce
 from ..problem.springs import Spring
 from ..setup.part import Part
+from .clock import Clock
 from .motion import Motion
 
 # In the header of the file.
@@ -33,6 +34,8 @@ FIELDS = ("u", "v", "w", "a", "vf", "springs", "history")
 ESTIMATES = ("restoring_stiffness", "restoring_damping")
 # Multipliers from which accelerations are recorded under mean coupling.
 LINE = ("end_multipliers", "multipliers_before")
+# Lengths of the last two macro steps under mean coupling.
+LENGTHS = "lengths"
 # Number of differences that an error lists.
 SHOWN = 6
 
@@ -55,6 +58,8 @@ def constants(
     """
     facts = {**options, "newton": repr(options["newton"])}
     facts |= {"names": [part.name for part in parts], "conditions": matrices[0].shape[0]}
+    if options["drift"] == "kept":
+        del facts["drift"]  # the same
     if not any(part.internal is not None for part in parts):
         del facts["newton"]  # which nothing uses, and files of older versions do not have
     for part, L in zip(parts, matrices):
@@ -63,7 +68,7 @@ def constants(
         facts |= {
             f"dofs {of}": part.n,
             f"interface dofs {of}": part.nb,
-            f"substeps {of}": s.substeps,
+            f"substeps {of}": part.substeps,
             f"double step {of}": part.double,
             f"scheme {of}": [scheme.am, scheme.af, scheme.beta, scheme.gamma, scheme.explicit],
         }
@@ -148,7 +153,7 @@ def state_arrays(
     parts: Sequence[Part], core: Any, row_position: np.ndarray
 ) -> dict[str, np.ndarray]:
     """The state of a coupler by name, in the user's order."""
-    arrays = {}
+    arrays, p = {}, row_position.size
     for i, part in enumerate(parts):
         for name, x in zip(names(part), part.core.levels()):
             if x.size or not name.endswith("history"):
@@ -161,8 +166,11 @@ def state_arrays(
     if core.iteration().size:
         arrays["shooting"] = reordered(core.iteration(), row_position)
     if any(part.mean for part in parts):
-        for name, lam in zip(LINE, np.split(core.end_multipliers(), 2)):
+        *line, arrays[LENGTHS] = np.split(core.end_multipliers(), [p, 2 * p])
+        for name, lam in zip(LINE, line):
             arrays[name] = lam[row_position]
+    if any(part.shifts for part in parts):
+        arrays["gap"] = core.gap()[row_position]
     arrays["multipliers"] = core.multipliers[row_position]
     arrays["prescribed"] = core.prescribed[row_position]
     return arrays
@@ -181,6 +189,7 @@ class CoreState(NamedTuple):
     multipliers: np.ndarray
     prescribed: np.ndarray
     end_multipliers: np.ndarray
+    gap: np.ndarray
 
 
 def core_state(
@@ -199,15 +208,19 @@ def core_state(
         shooting = np.empty(0)
         if size:
             shooting = reordered(checked(arrays, "shooting", size), np.argsort(row_position))
-        lam, g, *line = np.zeros((4, p))
+        lam, g, gap, *line = np.zeros((5, p))
+        lengths = np.zeros(2)
+        if any(part.shifts for part in parts):
+            gap[row_position] = checked(arrays, "gap", p)
         for name, end in zip(LINE, line):
             if any(part.mean for part in parts):
                 end[row_position] = checked(arrays, name, p)
+                lengths = checked(arrays, LENGTHS, 2)
         lam[row_position] = checked(arrays, "multipliers", p)
         g[row_position] = checked(arrays, "prescribed", p)
     except (LookupError, ValueError) as error:
         raise damaged(path, error) from None
-    return CoreState(states, iterations, shooting, lam, g, np.concatenate(line))
+    return CoreState(states, iterations, shooting, lam, g, np.concatenate([*line, lengths]), gap)
 
 
 def core_arrays(part: Part, i: int, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
@@ -265,8 +278,8 @@ def checked(arrays: Mapping[str, np.ndarray], name: str, size: int) -> np.ndarra
     return x
 
 
-def restore(state: CoreState, parts: Sequence[Part], core: Any, step: int) -> None:
-    """Set a state in the core, at this macro step.
+def restore(state: CoreState, parts: Sequence[Part], core: Any, clock: Clock, step: int) -> None:
+    """Set a state in the core, at this macro step of the clock.
 
     Raises
     ------
@@ -276,7 +289,9 @@ def restore(state: CoreState, parts: Sequence[Part], core: Any, step: int) -> No
     set_iterations(state.iterations, parts)
     for part, levels in zip(parts, state.levels):
         part.core.set_levels(levels)
+    core.set_origin(clock.origin, clock.t0)
     core.start(step, state.multipliers, state.prescribed)
+    core.set_gap(state.gap)
     core.set_iteration(state.shooting)
     core.set_end_multipliers(state.end_multipliers)
 
@@ -298,14 +313,21 @@ def set_iterations(iterations: Sequence[Any], parts: Sequence[Part]) -> None:
 
 
 def write(
-    path: str | PathLike, problem: Mapping[str, Any], step: int, arrays: Mapping[str, np.ndarray]
+    path: str | PathLike,
+    problem: Mapping[str, Any],
+    step: int,
+    arrays: Mapping[str, np.ndarray],
+    steps: Mapping[str, Any] | None,
 ) -> None:
+    """Write a state; `steps` are those of the coupler if they have changed."""
     header = {"format": FORMAT, "version": VERSION, "problem": dict(problem), "step_count": step}
-    write_npz(path, header, arrays)
+    write_npz(path, header if steps is None else header | {"steps": dict(steps)}, arrays)
 
 
-def read(path: str | PathLike, problem: Mapping[str, Any]) -> tuple[int, dict[str, np.ndarray]]:
-    """Macro step and arrays of a file that `write` wrote for the same problem.
+def read(
+    path: str | PathLike, problem: Mapping[str, Any]
+) -> tuple[int, dict[str, np.ndarray], dict[str, Any] | None]:
+    """Macro step, arrays and changed steps of a file that `write` wrote for the same problem.
 
     Parameters
     ----------
@@ -330,7 +352,7 @@ def read(path: str | PathLike, problem: Mapping[str, Any]) -> tuple[int, dict[st
             "path must lead to a checkpoint of the same problem, but in "
             f"{str(path)!r} these differ: {listing(found, SHOWN)}"
         )
-    return step, arrays
+    return step, arrays, header.get("steps")
 
 
 def damaged(path: str | PathLike, reason: object) -> ValueError:

@@ -2,21 +2,45 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from .._checks import MOST, real_number, whole_number
 
 # Tolerance of t_end, in macro steps: it must be a whole number of them.
 TOLERANCE = 1e-6
 
 
+@dataclass(frozen=True)
 class Clock:
-    """Macro steps of length dt, counted from t = 0."""
+    """Macro steps of length dt since macro step `origin` at time `t0`, where they began.
 
-    def __init__(self, dt: float):
-        self.dt = dt
+    Attributes
+    ----------
+    dt : float
+    origin : int, default 0
+        The macro step of the last change of the steps.
+    t0 : float, default 0
+        Its time.
+    before : float, default 0
+        The length of the macro step before it; 0 where there was none.
+    """
+
+    dt: float
+    origin: int = 0
+    t0: float = 0.0
+    before: float = 0.0
+
+    def count(self, step: int) -> int:
+        """Macro steps from the origin to this one."""
+        return step - self.origin
+
+    def level(self, level: int, levels: int) -> float:
+        """The time of a time level, `levels` of them in a macro step, counted from the origin."""
+        return self.t0 + level / levels * self.dt  # (T1)
 
     def time(self, step: int) -> float:
         """The time at which a macro step begins, equation (T1)."""
-        return step * self.dt
+        return self.level(self.count(step), 1)
 
     def end(self, t_end: float | None, steps: int | None, begin: int) -> int:
         """The macro step at which a run from macro step `begin` ends."""
@@ -25,13 +49,15 @@ class Clock:
         if steps is not None:
             return begin + whole_number(steps, "steps")
         t_end = real_number(t_end, "t_end")
-        if not abs(t_end / self.dt) < MOST:
+        exact = (t_end - self.t0) / self.dt
+        if not abs(exact) < MOST:
             raise ValueError(f"t_end must be within {MOST} steps of {self.dt:g}, got {t_end!r}")
-        count = round(t_end / self.dt)
-        if abs(t_end / self.dt - count) > TOLERANCE:
+        count = self.origin + round(exact)
+        if abs(exact - round(exact)) > TOLERANCE:
+            since = f" after the change of the steps at t = {self.t0:g}" if self.origin else ""
             raise ValueError(
-                f"t_end must be a whole number of macro steps dt = {self.dt:g}, got {t_end!r}, "
-                f"which is {t_end / self.dt:.9g} of them"
+                f"t_end must be a whole number of macro steps dt = {self.dt:g}{since}, got "
+                f"{t_end!r}, which is {exact:.9g} of them"
             )
         if count < begin:
             raise ValueError(

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from typing import Any, get_args
 
+import numpy as np
+
 from .._checks import check_word, flag, time_step, whole_number
-from ..problem.arguments import Coupling, Start
+from .._core import Guard
+from ..problem.arguments import Coupling, Drift, Start
 from ..problem.constraints import Constraint
-from ..problem.forces import checked_force
 from ..problem.newton import DEFAULT, Newton
 from ..problem.subdomain import Subdomain
-from ..setup.assembly import assemble
+from ..setup.assembly import Assemblies, Layout
 from ..setup.constraint_rows import ConstraintRows
+from ..setup.ranks import Ranks, described, require_equal_problems
 from ..setup.schedule import (
     MACRO,
+    check_drift,
     check_factorize,
     check_newton,
     checked_constraints,
@@ -27,29 +30,32 @@ from ..setup.schedule import (
     names_of,
 )
 from ..setup.start import InitialAccelerations
-from . import checkpoint
-from .accuracy import warn_if_coarse
-from .advance import advance
+from .accuracy import SAMPLED_NUMBERS, warn_if_coarse
+from .cases import Case, Cases, checked_case
+from .changes import Changes
 from .clock import Clock
 from .description import Description
 from .drift import warn_if_drifting
-from .energy import summed_works
+from .energy import conserved_quantity, summed_works
 from .history import History
 from .initial import InitialValues
-from .keys import by_index
+from .interrupts import HeldSignals
 from .loads import Loads
 from .motion import motions_of
 from .present import Present
 from .progress import Report, reporting
 from .recording import Recording, recording_class
+from .saving import Saving
 from .snapshot import Snapshots
 from .stiffening import warn_of_present_steps
+from .together import Together
+from .transfer import Steps
 from .uncut import Uncut
 
 __all__ = ["Coupler"]
 
 
-class Coupler(Description, Present, Snapshots, Uncut):
+class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together, Uncut):
     """Subdomains with different schemes and time steps, coupled by velocity constraints.
 
     Parameters
@@ -74,6 +80,12 @@ class Coupler(Description, Present, Snapshots, Uncut):
         "rebased": the stored free velocity of a double-step subdomain is replaced when its double
         steps begin, after the first macro step, equation (S3). "plain": it is kept, as in the
         paper. No effect under "macro", where no step reads a stored free velocity.
+    drift : {"kept", "removed"}, default "kept"
+        "removed", with "gc" only: second multipliers tie the displacements at the ends of macro
+        steps too, equations (V1) to (V5), so that `History.displacement_jump` keeps its value at
+        t = 0 (plus the integral of prescribed velocities) to rounding. Costs two sweeps and a
+        product with K per subdomain and macro step. Not with internal forces. Where all steps
+        have algorithmic damping (rho < 1) no growth was found. "mean" ties displacements by itself.
     newton : Newton, default Newton()
         How internal forces are iterated; no effect without them.
     threads : int, optional
@@ -86,6 +98,10 @@ class Coupler(Description, Present, Snapshots, Uncut):
         The factorization of the sparse matrices Mbar and M of the subdomains. None: the supernodal
         code of this package, and SciPy's SuperLU for a matrix with little fill. "superlu": always
         SuperLU, slower and larger. A callable ``factorize(A, last) -> (L, D, perm)``: see Notes.
+    comm : mpi4py.MPI.Intracomm, optional
+        Communicator of the processes that share the problem: `subdomains` are those of this rank,
+        possibly none, and `constraints` the same list, in names, on every rank. The same calls are
+        made on all ranks; see docs/mpi.md. The communicator is duplicated.
 
     Raises
     ------
@@ -94,8 +110,10 @@ class Coupler(Description, Present, Snapshots, Uncut):
         largest, double steps in all subdomains of the finest step, an initial state of the wrong
         shape; for a wrong result of `factorize`; under "macro" and "mean" for a double step with
         substeps, and for unit responses that would take longer than a day; under "mean" for an
-        explicit scheme with rho < 0.5, interface dofs without mass, restoring and internal
-        forces.
+        explicit scheme with rho < 0.5, interface dofs without mass, restoring
+        forces; with `comm` for internal forces and interface dofs without mass. An error on one
+        rank ends the call on all: there with its own exception, elsewhere with the same class if
+        it is of pmalpha, else with a PmalphaError; both name the rank.
     ConstraintError
         For constraints that are dependent or that the initial velocities violate; under "mean" also
         for initial displacements that do.
@@ -159,52 +177,73 @@ class Coupler(Description, Present, Snapshots, Uncut):
         dt: float,
         coupling: Coupling = "pm",
         start: Start = "rebased",
+        drift: Drift = "kept",
         newton: Newton = DEFAULT,
         threads: int | None = None,
         factorize: Any = None,
+        comm: Any = None,
     ):
-        subdomains = checked_subdomains(subdomains)
-        constraints = checked_constraints(constraints, subdomains)
+        self._guard = Guard()
+        self._ranks = None if comm is None else Ranks(comm)
+        with self._together():
+            options = dict(coupling=coupling, start=start, drift=drift, newton=newton)
+            self._set_up(subdomains, constraints, dt, threads, factorize, **options)
+
+    def _set_up(
+        self, subdomains, constraints, dt, threads, factorize, *, coupling, start, drift, newton
+    ):
+        """As in the table of docs/architecture.md."""
+        ranks = self._ranks
+        subdomains = checked_subdomains(subdomains, may_be_empty=ranks is not None)
         check_word(coupling, "coupling", get_args(Coupling))
         check_word(start, "start", get_args(Start))
+        check_drift(drift, coupling)
+        if drift == "removed":
+            self._require_alone('drift="removed"')
         check_newton(newton)
-        threads_allowed = most_threads(threads)
+        self._threads_allowed = most_threads(threads)
         check_factorize(factorize)
-        self._clock = Clock(time_step(dt, "dt"))
-        fine = finest(subdomains, coupling)
-        self._fine = 1 if coupling in MACRO else fine  # interface problems in a macro step
-        self._keys = tuple(zip(names_of(subdomains), subdomains))
-        self._options = {
-            "dt": self._clock.dt,
-            "coupling": coupling,
-            "start": start,
-            "newton": newton,
-        }
-        doubles = double_steps(subdomains, coupling)
+        clock = Clock(time_step(dt, "dt"))
+        everything = subdomains if ranks is None else described(ranks, subdomains)
+        own = slice(None) if ranks is None else ranks.own
+        names = names_of(everything)
+        rows = checked_constraints(constraints, everything, names)
+        if ranks is not None:
+            require_equal_problems(ranks, rows, (clock.dt, coupling, start))
+        substeps = tuple(s.substeps for s in everything)
+        fine = finest(substeps, coupling)
+        self._keys = tuple(zip(names[own], subdomains))
+        options: dict[str, Any] = {"coupling": coupling, "start": start, "drift": drift}
+        options["newton"] = newton
+        self._options = {"dt": clock.dt, **options}
+        doubles = double_steps(everything, coupling, substeps)
+        layout = Layout(clock.dt, substeps[own], tuple(doubles)[own])
 
-        self._rows = ConstraintRows(constraints, subdomains)
-        motions = motions_of(constraints, self._rows, self._fine, self.dt)
+        self._rows = ConstraintRows(rows, everything, own, ranks)
+        motions = motions_of(rows, self._rows, 1 if coupling in MACRO else fine, clock)
         self._initial = InitialValues(self._keys, self._rows)
         self._initial.check(motions, tied=coupling == "mean")
-        assembly = assemble(
-            self._keys,
-            self._rows.matrices,
-            doubles,
-            [motion.rows for motion in motions],
-            **self._options,
-            threads=threads_allowed,
-            factorize=factorize,
-        )
-        self._parts, self._core = assembly.parts, assembly.core
-        self._row_position = assembly.row_position
-        self._initial_accelerations: InitialAccelerations | None = assembly.accelerations
+        with np.errstate(over="ignore"):  # a matrix that overflows is refused as singular
+            self._assemblies = Assemblies(
+                self._keys,
+                self._rows.matrices,
+                self._rows.p,
+                layout,
+                [motion.rows for motion in motions],
+                **options,
+                threads=self._threads_allowed,
+                factorize=factorize,
+                ranks=ranks,
+            )
+        self._take(Steps(layout, clock), self._assemblies.first)
+        self._row_position = self._assemblies.row_position
+        self._initial_accelerations: InitialAccelerations | None = self._assemblies.accelerations
 
         self._last_history: History | None = None
         self._constants: dict[str, Any] | None = None  # of the problem, for a checkpoint
         self._started = self._was_reset = False
-        self._busy = False
         forces = [s.force for s in subdomains]
-        self._loads = Loads(self._core, self._parts, self._clock, forces, motions, newton)
+        self._loads = Loads(self._core, self._parts, clock, forces, motions, newton, names)
         self._take_loads()
 
     def __reduce__(self) -> tuple:
@@ -225,6 +264,7 @@ class Coupler(Description, Present, Snapshots, Uncut):
         overwrite: bool = False,
         record_springs: Mapping[Any, Any] | None = None,
         outputs: Mapping[Any, Any] | None = None,
+        tolerance: float | Mapping[Any, float] | None = None,
         progress: Any = None,
     ) -> History:
         """Advance from the present time and record.
@@ -249,11 +289,12 @@ class Coupler(Description, Present, Snapshots, Uncut):
             of each subdomain; under "macro" 3 more per substep, and stored link responses are not
             used but computed again.
         record_to : str or path, optional
-            HDF5 file to which the History is written during the run, with about 16 MB of it in
-            memory. An existing file is refused. The arrays of the returned History, and of
-            `last_history`, are mapped from the file and read on access. `History.load` and other
-            programs can read the file during the run and after a kill, up to the last write; there
-            are about three per second.
+            HDF5 file to which the History is written during the run, about three times per second
+            and with 16 MB of it in memory. An existing file is refused. The arrays of the returned
+            History, and of `last_history`, are mapped from the file and read on access.
+            `History.load` and other programs can read it during the run and after a kill. With
+            `comm` each rank writes a file of its own, with ``.0``, ``.1`` and so on added; the file
+            itself leads to them and reads as one History.
         append : bool, default False
             Continue an existing file of `record_to` from the present state, which it must contain;
             rows written after it, by a run that was killed after a checkpoint, are replaced. The
@@ -270,6 +311,9 @@ class Coupler(Description, Present, Snapshots, Uncut):
             W, (rows, n) dense or scipy.sparse or (n,) for one row, for W u; or a dict of such
             matrices by "u", "v" and "a" for W_u u + W_v v + W_a a. They are computed during the run
             from all dofs, recorded or not: with ``record={}`` only outputs are recorded.
+        tolerance : float or dict of float, optional
+            With "gc": local error of the displacements per unit of time, one number or by
+            subdomain, below which the substeps of every macro step are chosen to stay; see Notes.
         progress : True or callable, optional
             True: a tqdm bar. A callable is called as ``progress(done, total)``, in macro steps of
             this call, about every 50 ms and at the end. It may not use the coupler. An exception
@@ -312,6 +356,12 @@ class Coupler(Description, Present, Snapshots, Uncut):
         within 0.1 s or a fine step, whichever is longer. After any exception the coupler is at the
         last completed macro step, `last_history` has the run up to it, and the run can continue.
 
+        With `tolerance`, (Q5) and (Q6), a macro step with more than four times the tolerance is
+        repeated. All substeps become powers of two, at most 4096 (else an AccuracyWarning), and
+        stay after the run; a `record_to` file is written at its end. The estimate does not see the
+        error at the interface, of order 1 where substeps differ: errors at the end were 0.08 to 1.7
+        of tolerance times duration for 10 to 0.2 per cent of the motion, and more below.
+
         Examples
         --------
         The force of a spring of stiffness 4, and no dof:
@@ -321,50 +371,102 @@ class Coupler(Description, Present, Snapshots, Uncut):
         >>> history["mass"].outputs["N"].shape
         (101, 1)
         """
-        with self._entered():
+        if tolerance is not None:
+            self._require_alone("tolerance")
+            chosen = dict(record=record, every=every, energy=energy)
+            chosen |= dict(record_springs=record_springs, outputs=outputs)
+            files = record_to, append, overwrite
+            return self._run_with_tolerance(tolerance, (t_end, steps), chosen, files, progress)
+        with self._together(), HeldSignals() as held:
             begin = self._steps_done()
             end = self._clock.end(t_end, steps, begin)
-            make = recording_class(record_to, append=append, overwrite=overwrite)
-            recording = make(
-                self._parts,
-                self._keys,
-                self._row_position,
-                fine=self._fine,
-                middle=self.coupling == "mean",
-                begin=begin,
-                end=end,
-                dt=self.dt,
+            self._check_call("run", end, every)
+            recording = self._recording(
+                begin,
+                end,
+                record_to,
+                append=append,
+                overwrite=overwrite,
                 record=record,
                 every=every,
-                energy=flag(energy, "energy"),
+                energy=energy,
                 record_springs=record_springs,
                 outputs=outputs,
             )
-            with reporting(progress, begin, end) as report:
-                self._last_history = None
-                self._start()
-                if end > begin and (begin or self._was_reset):  # else the set-up has warned
-                    warn_of_present_steps(self._parts, self._clock.time(begin))
-                with summed_works(self._core, self._parts, self._loads, energy), recording:
-                    self._core.record_present(recording.core_record())
-                    try:
-                        self._advance_in_intervals(recording, report)
-                    except BaseException:
-                        self._last_history = recording.history(self._core.step_count)
-                        raise
-            self._last_history = history = recording.history(end)  # if the warning is an error
-            warn_if_coarse(history.subdomains, self._parts, *history.macro_times[[0, -1]])
-            warn_if_drifting(history, self._parts, self._rows, self._loads.motions)
-            self._last_history = None
-            return history
+            with reporting(progress, begin, recording.end) as report:
+                history = self._run(recording, report, held)
+        self._last_history = None
+        return history
 
-    def _advance_in_intervals(self, recording: Recording, report: Report | None) -> None:
-        # not a loop directly under `try`, which does not cover the jump at its end (CallbackLoad)
+    def _recording(
+        self,
+        begin: int,
+        end: int,
+        record_to: str | PathLike | None = None,
+        *,
+        append: bool = False,
+        overwrite: bool = False,
+        energy: bool = False,
+        **chosen: Any,
+    ) -> Recording:
+        """The arrays of a run between two macro steps; `chosen` are arguments of `run`."""
+        if energy:
+            self._require_alone("energy=True")
+        record_to = self._own_record(record_to, append, overwrite)
+        make = recording_class(record_to, append=append, overwrite=overwrite)
+        return make(
+            self._parts,
+            self._keys,
+            self._row_position,
+            fine=self._fine,
+            middle=self.coupling == "mean",
+            begin=begin,
+            end=end,
+            clock=self._clock,
+            energy=flag(energy, "energy"),
+            conserved=conserved_quantity(self._parts, self._options),
+            **chosen,
+        )
+
+    def _run(self, recording: Recording, report: Report | None, held: HeldSignals) -> History:
+        """Run through an interval from the present on, and judge the result.
+
+        `last_history` is the result too: the caller replaces it when the result is safe.
+        """
+        self._last_history = None
+        held.during(self._start)
+        energies = recording.energy_columns > 0, recording.conserved
+        with summed_works(self, *energies), recording:
+            self._record_present(recording)
+            try:
+                self._advance_in_intervals(recording, report, held)
+            except BaseException:
+                self._last_history = recording.history(self._core.step_count)
+                raise
+        self._last_history = history = recording.history(recording.end)  # if a warning is an error
+        held.during(self._judge, history)
+        return history
+
+    def _judge(self, history: History, numbers: int = SAMPLED_NUMBERS) -> None:
+        warn_if_coarse(history.subdomains, self._parts, *history.macro_times[[0, -1]], numbers)
+        if self._ranks is None:
+            warn_if_drifting(history, self._parts, self._rows, self._loads.motions)
+
+    def _advance_in_intervals(
+        self, recording: Recording, report: Report | None, held: HeldSignals
+    ) -> None:
+        begin, end = recording.begin, recording.end
+        if end > begin and (begin or self._was_reset):  # else the set-up has warned
+            held.during(warn_of_present_steps, self._parts, self._clock.time(begin))
         for pause in recording.pauses():
-            self._advance(pause, recording, report)
+            if recording.begin == begin:
+                self._write_master(recording)
+            held.during(self._advance, pause, recording, report)
             recording.keep(pause)
+        if end == begin:
+            self._write_master(recording)
         if report is not None:
-            report(recording.end)
+            held.during(report, end)
 
     def step(self, n: int = 1) -> None:
         """Advance by n macro steps without a History.
@@ -376,8 +478,9 @@ class Coupler(Description, Present, Snapshots, Uncut):
         n : int, default 1
             Number of macro steps, 0 or more.
         """
-        n = whole_number(n, "n")
-        with self._entered():
+        with self._together():
+            n = whole_number(n, "n")
+            self._check_call("step", n)
             self._start()
             self._advance(self._core.step_count + n, None)
 
@@ -387,7 +490,7 @@ class Coupler(Description, Present, Snapshots, Uncut):
         v0: Mapping[Any, Any] | None = None,
         force: Mapping[Any, Any] | None = None,
     ) -> None:
-        """Return to t = 0, with all factors kept.
+        """Return to t = 0 and the steps with which the coupler was made, with all factors kept.
 
         Exception: the factor of M for the initial accelerations. It is released after the start,
         computed again by the first reset, and kept from then on.
@@ -402,120 +505,36 @@ class Coupler(Description, Present, Snapshots, Uncut):
         TypeError, ValueError, ConstraintError, InstabilityError
             As when the coupler was made. The coupler is then unchanged.
         """
-        with self._entered():
-            initial = InitialValues(self._keys, self._rows, u0, v0)
-            given = by_index(force, self._keys, "force")
-            forces = [
-                checked_force(given[i], s.n) if i in given else s.force
-                for i, (_, s) in enumerate(self._keys)
-            ]
-            initial.check(self._loads.motions, tied=self.coupling == "mean")
-            kept = self._initial, self._loads, self._started
+        with self._together():
+            self._check_call("reset")
+            case = checked_case(self._keys, self._rows, u0, v0, force)
+            case.initial.check(self._loads.motions, tied=self.coupling == "mean")
+            kept = self._initial, self._loads, self._started, self._steps, self._assembly
             self._was_reset = True
             try:
-                self._initial, self._started = initial, False
-                self._loads = self._loads.renewed(forces)
-                self._take_loads()  # changes the core in its last lines only
+                self._return_to_start(case)
             except BaseException:
-                self._initial, self._loads, self._started = kept
+                self._initial, self._loads, self._started, steps, assembly = kept
+                self._take(steps, assembly)
+                self._core.set_origin(steps.clock.origin, steps.clock.t0)
                 self._loads.to_core()
                 raise
             self._last_history = None
 
-    def save(self, path: str | PathLike) -> None:
-        """Write the present state to a file; a run continues from it bitwise identically.
-
-        An npz file without pickled objects: the state and a description of the problem with
-        checksums of its matrices, not the matrices themselves. Written atomically; an existing file
-        survives an interrupted save.
-
-        Parameters
-        ----------
-        path : str or path
-            Used as given; no suffix is added.
-
-        Raises
-        ------
-        TypeError, OSError
-            For a wrong type of path, and for a file that cannot be written.
-
-        Before the first step the initial accelerations are computed first, as by `state`; an
-        exception of a callable load reaches the caller.
-
-        Examples
-        --------
-        >>> import tempfile, pathlib
-        >>> coupler, other = (models.split_oscillator(10.0).coupler(0.05) for _ in range(2))
-        >>> coupler.step(7)
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     coupler.save(pathlib.Path(folder, "state.npz"))
-        ...     other.load(pathlib.Path(folder, "state.npz"))
-        >>> coupler.step(), other.step()
-        (None, None)
-        >>> other.step_count, bool(other.state("A").u == coupler.state("A").u)
-        (8, True)
-        """
-        with self._entered():
-            self._start()
-            arrays = checkpoint.state_arrays(self._parts, self._core, self._row_position)
-            checkpoint.write(path, self._problem(), self._core.step_count, arrays)
-
-    def load(self, path: str | PathLike) -> None:
-        """Restore the state that a coupler of the same problem saved.
-
-        The two couplers must be built the same way, in the same process or another. The continued
-        run is bitwise identical to an uninterrupted one, with the same build, CPU and packages.
-        Initial values may differ (with internal forces under "macro" the continued run then agrees
-        to the tolerance of `Newton`, not bitwise). Constant and sampled loads are compared by their
-        numbers; callables cannot be compared: the caller provides the same functions, which are
-        evaluated from the restored time on.
-
-        Parameters
-        ----------
-        path : str or path
-            A file written by `save`.
-
-        Raises
-        ------
-        TypeError, OSError
-            For a wrong type of path, and for a file that cannot be read.
-        ValueError
-            For another problem, with a list of what differs, for any other file, or a damaged one.
-            The coupler is then unchanged.
-        """
-        with self._entered():
-            step, arrays = checkpoint.read(path, self._problem())
-            state = checkpoint.core_state(path, arrays, self._parts, self._core, self._row_position)
-            self._loads = self._loads.renewed()  # stored values of callables are of other times
-            self._loads.to_core()
-            checkpoint.restore(state, self._parts, self._core, step)
-            self._started, self._last_history = True, None
+    def _return_to_start(self, case: Case) -> None:
+        self._take_first_steps()
+        self._initial, self._started = case.initial, False
+        self._loads = self._loads.renewed(case.forces)
+        self._take_loads()  # changes the core in its last lines only
 
     # ---- inside ------------------------------------------------------------------------------
 
-    @contextmanager
-    def _entered(self) -> Iterator[None]:
+    def _entered(self) -> Guard:
         """One call at a time: a load that used its own coupler would see an incomplete step."""
-        if self._busy:
-            raise RuntimeError(
-                "the coupler is being stepped: a load, a restoring force or another thread may not "
-                "use it meanwhile"
-            )
-        self._busy = True
-        try:
-            yield
-        finally:
-            self._busy = False
-
-    def _problem(self) -> dict[str, Any]:
-        """The description of this problem for a checkpoint; the matrices are read once."""
-        if self._constants is None:
-            matrices = self._rows.matrices
-            self._constants = checkpoint.constants(self._options, self._parts, matrices)
-        loads = self._loads
-        return self._constants | checkpoint.loads(self._parts, loads.forces, loads.motions)
+        return self._guard
 
     def _require_linear(self, what: str) -> None:
+        self._require_alone(what)
         for name, s in self._keys:
             if s.restoring is not None or s.internal is not None:
                 kind = "a restoring force" if s.internal is None else "an internal force"
@@ -527,7 +546,7 @@ class Coupler(Description, Present, Snapshots, Uncut):
     def _take_loads(self) -> None:
         """Give the core the loads, and start unless the start has to evaluate functions."""
         self._loads.to_core()
-        if not self._loads.has_functions:
+        if self._ranks is not None or not self._loads.has_functions:
             self._start()  # otherwise `run` or `step` starts, and may raise an exception of theirs
 
     def _start(self) -> None:
@@ -540,7 +559,3 @@ class Coupler(Description, Present, Snapshots, Uncut):
         self._started = True
         # only a reset needs the factor of M again: kept from the first reset on
         self._initial_accelerations = solver if self._was_reset else None
-
-    def _advance(self, end: int, recording: Recording | None, report: Report | None = None) -> None:
-        record = None if recording is None else recording.core_record()
-        advance(self._core, self._loads, end, record, report)

@@ -51,19 +51,25 @@ class Description:
 
     _keys: tuple[tuple[str, Subdomain], ...]
     _options: dict[str, Any]
+    _steps: Any
     _parts: tuple[Part, ...]
     _rows: ConstraintRows
     _core: Any
 
     @property
     def dt(self) -> float:
-        """The macro step."""
-        return self._options["dt"]
+        """The macro step at present."""
+        return self._steps.layout.dt
 
     @property
     def coupling(self) -> str:
         """The schedule by which the subdomains advance: "pm", "gc", "macro" or "mean"."""
         return self._options["coupling"]
+
+    @property
+    def drift(self) -> str:
+        """Whether the displacement drift is "kept", or "removed" by second multipliers."""
+        return self._options["drift"]
 
     @property
     def subdomains(self) -> tuple[Subdomain, ...]:
@@ -72,14 +78,16 @@ class Description:
 
     @cached_property
     def _table(self) -> list[tuple[str, ...]]:
-        """The rows below `HEADINGS`; nothing in them changes with time."""
+        """The rows below `HEADINGS`, until the steps change."""
         return [row_of(part, thread) for part, thread in zip(self._parts, self._core.workers)]
 
     @property
     def _title(self) -> str:
         constraints = counted(self._rows.p, "constraint")
         threads = counted(self._core.threads, "thread")
-        return f"Coupler: coupling = {self.coupling!r}, dt = {self.dt:g}, {constraints}, {threads}"
+        drift = "" if self.drift == "kept" else ", drift removed"
+        start = f"Coupler: coupling = {self.coupling!r}{drift}, dt = {self.dt:g}"
+        return f"{start}, {constraints}, {threads}"
 
     def __repr__(self) -> str:
         return f"<{self._title}>\n{text_table(HEADINGS, self._table)}"
@@ -98,7 +106,7 @@ def row_of(part: Part, thread: int | None) -> tuple[str, ...]:
         radius_of(s.scheme),
         f"{part.step:g}",
         "yes" if part.double else "no",
-        str(s.substeps),
+        str(part.substeps),
         step_ratio(part),
         factor_of(part),
         "all" if thread is None else str(thread),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from .._checks import counted
-from ..problem.matrices import core_matrix
+from ..problem.matrices import core_matrix, is_symmetric, skew_part
+from ..problem.schemes import Scheme
 from ..setup.part import Part
-from .loads import Loads
 
 __all__ = ["Energy"]
 
 # The energies of a subdomain that the core records at a macro time level, in this order.
-ENERGIES = ("kinetic", "strain", "dissipated", "external", "interface")
-ENERGY_FIELDS = (*ENERGIES, "balance")
+ENERGIES = ("kinetic", "strain", "dissipated", "external", "interface", "conserved")
+ENERGY_FIELDS = (*ENERGIES[:-1], "balance")
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,16 @@ class Energy:
     balance : array
         kinetic + strain + dissipated - external - interface, minus its value at the beginning: the
         energy that the scheme added, negative if it was removed, (B4).
+    conserved : array or None
+        Shares of the subdomains in what the coupled scheme conserves to rounding, in their sum:
+        with the trapezoidal rule, central difference and other Newmark schemes with gamma = 1/2 in
+        all subdomains, single steps, without damping, loads that vary, prescribed motion, restoring
+        and internal forces. Under "macro" with any substeps, and under "gc" and "pm" with equal
+        substeps in all subdomains, w (M + h^2 (beta - 1/4) K) w / 2 + v K v / 2 (M9), with the
+        acceleration w and the substep h: its unit is energy by time squared. Under "mean" with
+        the trapezoidal rule kinetic + strain. Damping and varying loads and motions change it.
+        None with other schemes and steps, with restoring and internal forces, with
+        ``drift="removed"``, and in files of older versions.
     """
 
     t: np.ndarray
@@ -50,6 +60,7 @@ class Energy:
     external: np.ndarray
     interface: np.ndarray
     balance: np.ndarray
+    conserved: np.ndarray | Any = None
 
     @classmethod
     def balanced(
@@ -60,6 +71,7 @@ class Energy:
         dissipated: np.ndarray,
         external: np.ndarray,
         interface: np.ndarray,
+        conserved: np.ndarray | None = None,
         *,
         start: np.ndarray,
     ) -> Energy:
@@ -67,7 +79,7 @@ class Energy:
 
         Parameters
         ----------
-        t, kinetic, strain, dissipated, external, interface : arrays
+        t, kinetic, strain, dissipated, external, interface, conserved : arrays
             As the attributes.
         start : (subdomains,) array
             Kinetic and strain energy where the works are zero.
@@ -77,24 +89,61 @@ class Energy:
         Energy
             With `balance`.
         """
-        balance = kinetic + strain - start + dissipated - external - interface
-        return cls(t, kinetic, strain, dissipated, external, interface, balance)
+        with np.errstate(over="ignore", invalid="ignore"):  # squares of numbers above 1e154
+            balance = kinetic + strain - start + dissipated - external - interface
+        return cls(t, kinetic, strain, dissipated, external, interface, balance, conserved)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The arrays by name, those that are there.
+
+        Returns
+        -------
+        dict of arrays
+            As the attributes, without `t`; `conserved` only where there is such a quantity.
+        """
+        names = ENERGY_FIELDS if self.conserved is None else (*ENERGY_FIELDS, "conserved")
+        return {name: getattr(self, name) for name in names}
 
     def __repr__(self) -> str:
         subdomains = counted(self.balance.shape[1], "subdomain")
         return f"<Energy of {subdomains} at {counted(self.t.size, 'time level')}>"
 
 
+def conserved_quantity(parts: Sequence[Part], options: Mapping[str, Any]) -> str | None:
+    """Which quantity is conserved: "dual" for (M9), "energy" for kinetic + strain, or None."""
+    for part in parts:
+        s = part.subdomain
+        newmark = s.scheme.gamma == 0.5 and s.scheme.am == s.scheme.af  # then a = w
+        if not newmark or part.double or s.restoring is not None or s.internal is not None:
+            return None
+        if not is_symmetric(s.K):
+            return None
+    if options["coupling"] == "mean":
+        trapezoidal = all(stiffness_weight(part.subdomain.scheme, 1.0) == 0.0 for part in parts)
+        return "energy" if trapezoidal else None
+    equal = len({part.substeps for part in parts}) == 1
+    kept = options["drift"] == "kept"
+    return "dual" if kept and (equal or options["coupling"] == "macro") else None
+
+
+def stiffness_weight(scheme: Scheme, h: float) -> float:
+    """The multiple of K beside M in (M9); an explicit scheme with am = af is central difference."""
+    return -0.25 * h**2 if scheme.explicit else (scheme.beta - 0.25) * h**2
+
+
 @contextmanager
-def summed_works(core: Any, parts: Sequence[Part], loads: Loads, wanted: bool) -> Iterator[None]:
+def summed_works(coupler: Any, wanted: bool, conserved: str | None) -> Iterator[None]:
     """Sum the works of each substep in the core; its memory for them is released afterwards."""
     try:
         if wanted:
-            lam = core.multipliers
-            for i, part in enumerate(parts):
+            lam, loads = coupler._core.multipliers, coupler._loads
+            for i, part in enumerate(coupler._parts):
                 loads.evaluate_present(i)
-                part.core.begin_energy(core_matrix(part.M), loads.at_present(i), lam)
+                scheme = part.subdomain.scheme
+                weight = (stiffness_weight(scheme, part.h),) if conserved == "dual" else ()
+                own = (core_matrix(part.M), core_matrix(skew_part(part.K), symmetric=False))
+                part.core.begin_energy(*own, loads.at_present(i), lam, *weight)
         yield
     finally:
-        for part in parts if wanted else ():
+        for part in coupler._parts if wanted else ():
             part.core.end_energy()

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-__all__ = ["History", "State", "SubdomainHistory"]
+__all__ = ["History", "SubdomainHistory"]
 
 # The arrays of a History in a file: of a subdomain, of its springs, of the interface.
 MOTION = ("t", "u", "v", "a", "dofs")
@@ -39,21 +39,6 @@ INTERFACE = (
     "displacement_jump",
     "macro_times",
 )
-
-
-@dataclass(frozen=True)
-class State:
-    """The motion of a subdomain at one time.
-
-    Attributes
-    ----------
-    u, v, a : (n,) arrays
-        Displacement, velocity and true acceleration (w of the equations).
-    """
-
-    u: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -82,7 +67,8 @@ class SubdomainHistory:
     q : (k, m) array, or None
         The history of the internal forces, where all dofs are recorded.
     substep : float or None
-        The length h of its substeps; None for a History from a file of an older version.
+        The length h of its substeps; None where it changed in the History, and for one from a file
+        of an older version.
     double_after : float or None
         The time after which its steps are double, of length 2 h; None if they are single.
     """
@@ -115,8 +101,8 @@ class SubdomainHistory:
         Raises
         ------
         ValueError
-            For a run with ``every``, unless all substeps are at recorded macro time levels, and for
-            a file of an older version.
+            For a run with ``every``, unless all substeps are at recorded macro time levels, for
+            steps that changed, and for a file of an older version.
 
         Notes
         -----
@@ -261,13 +247,16 @@ class History:
         sum_i L_i v_i at the same times (under "mean" at `macro_times`), from total velocities; for
         a subdomain within a step, from its interpolated free velocity and its link velocity.
     displacement_jump : (macro time levels, p) array
-        sum_i L_i u_i at `macro_times`: the displacement drift, since only velocities are tied.
+        sum_i L_i u_i at `macro_times`: the displacement drift, where only velocities are tied.
     macro_times : (macro time levels,) array
         Ends of the recorded macro steps, the beginning of the run first.
     keys : tuple of (str, `Subdomain` or None)
         Names and subdomains in their order; for a History from a file only the names.
     energy : `Energy` or None
         With ``run(energy=True)``.
+    substeps : (macro time levels, subdomains) array of int, or None
+        Row k has those of the macro step that ends at ``macro_times[k]``, row 0 those with which
+        the run began; they vary with ``run(tolerance=)``. None for a file of an older version.
     """
 
     subdomains: tuple[SubdomainHistory | None, ...]
@@ -279,6 +268,7 @@ class History:
     keys: tuple[tuple[str, Subdomain | None], ...]
     # not | None: a checker would want a test at each use of what was requested
     energy: Energy | Any = None
+    substeps: np.ndarray | Any = None
 
     def __getitem__(self, key: str | int | Subdomain) -> SubdomainHistory:
         i = position(key, self.keys)
@@ -415,6 +405,8 @@ class History:
             "outputs": [list(s.outputs) if s else [] for s in self.subdomains],
         }
         arrays = {name: getattr(self, name) for name in INTERFACE}
+        if self.substeps is not None:
+            arrays["substeps"] = self.substeps
         for i, s in enumerate(self.subdomains):
             if s is not None:
                 kept = MOTION if s.springs is None else MOTION + LOOPS
@@ -422,7 +414,7 @@ class History:
                 arrays |= {f"{i}.{name}": getattr(s, name) for name in kept}
                 arrays |= {output_array(i, k): x for k, x in enumerate(s.outputs.values())}
         if self.energy is not None:
-            arrays |= {f"energy.{name}": getattr(self.energy, name) for name in ENERGY_FIELDS}
+            arrays |= {f"energy.{name}": x for name, x in self.energy.arrays().items()}
         return header, arrays
 
     @classmethod
@@ -472,10 +464,13 @@ class History:
                     outputs={x: arrays[output_array(i, k)] for k, x in enumerate(outputs[i])},
                 )
             interface = {key: arrays[key] for key in INTERFACE}
+            if "substeps" in arrays:
+                interface["substeps"] = np.asarray(arrays["substeps"]).astype(int)
             energy = None
             if any(key.startswith("energy.") for key in arrays):
                 energies = {key: arrays[f"energy.{key}"] for key in ENERGY_FIELDS}
-                energy = Energy(interface["macro_times"], **energies)
+                conserved = arrays.get("energy.conserved")
+                energy = Energy(interface["macro_times"], **energies, conserved=conserved)
         except (LookupError, TypeError) as error:
             raise ValueError(
                 f"path must lead to a complete file, {str(path)!r} lacks {error}"
@@ -570,11 +565,14 @@ class History:
             "macro_times": self.macro_times,
             "condition": np.arange(self.multipliers.shape[1]),
         }
-        if self.energy is not None:
+        by_subdomain = (macro[0], "subdomain")
+        if self.substeps is not None or self.energy is not None:
             coordinates["subdomain"] = [name for name, _ in self.keys]
-            by_subdomain = (macro[0], "subdomain")
-            for name in ENERGY_FIELDS:
-                variables[f"energy_{name}"] = (by_subdomain, getattr(self.energy, name))
+        if self.substeps is not None:
+            variables["substeps"] = (by_subdomain, self.substeps)
+        if self.energy is not None:
+            for name, values in self.energy.arrays().items():
+                variables[f"energy_{name}"] = (by_subdomain, values)
         for s in self.subdomains:
             if s is not None:
                 time, dof = f"{s.name}_time", f"{s.name}_dof"

@@ -10,9 +10,10 @@ yet written take no space on disk.
 from __future__ import annotations
 
 import errno
+import io
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
@@ -27,6 +28,13 @@ from .attributes import describe
 FORMAT, VERSION = "pmalpha History", 1
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 COUNTER = "step_count"
+OF_THE_INTERFACE = (
+    "multipliers",
+    "multiplier_times",
+    "velocity_jump",
+    "displacement_jump",
+    "macro_times",
+)
 # Maximum number of bytes per system call.
 LONGEST_WRITE = 1 << 30
 
@@ -75,7 +83,7 @@ class HistoryFile:
         end: int,
         start: int | None = None,
     ):
-        h5py = library()
+        h5py = hdf5_library()
         start = header["begin"] if start is None else start
         self.path, self.header = Path(os.path.abspath(checked_path(path))), dict(header)
         self.offsets: dict[str, int] = {}  # in bytes, of the growing arrays
@@ -228,7 +236,7 @@ def dataset(name: str) -> str:
     return name.replace(".", "/")
 
 
-def library() -> ModuleType:
+def hdf5_library() -> ModuleType:
     try:
         import h5py
     except ImportError as error:
@@ -261,13 +269,15 @@ def read(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, np.ndarray]
     ValueError
         For any other file, or a damaged one; the message has the reason.
     """
-    h5py, name = library(), str(checked_path(path))
+    h5py, name = hdf5_library(), str(checked_path(path))
     try:
         with h5py.File(name, "r", locking=False) as whole:
             header = json.loads(whole["header"][()]) if "header" in whole else None
             reason = mismatch(header, FORMAT, VERSION)
             if reason is None:
                 content = np.asarray(np.memmap(name, np.uint8, "r"))
+                if "files" in header:
+                    return _of_all_ranks(Path(name), header)
                 header["step_count"] = int(whole[COUNTER][0])
                 return header, _arrays(whole, header, content)
     except MemoryError:
@@ -275,6 +285,55 @@ def read(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, np.ndarray]
     except Exception as error:  # of a dozen types, for damaged files
         reason = f"is damaged or cut off: {error}"
     raise ValueError(f"path must lead to a file of format {FORMAT!r}, but {name!r} {reason}")
+
+
+def write_master(path: Path, files: Sequence[str], first: Sequence[int]) -> None:
+    """Write the file that reads as one History of the files of several ranks beside it.
+
+    Parameters
+    ----------
+    path : Path
+    files : sequence of str
+        Their names, by rank.
+    first : sequence of int
+        The number of the first subdomain of each rank, and the number of all.
+    """
+    h5py = hdf5_library()
+    content = io.BytesIO()
+    with h5py.File(content, "w") as whole:
+        header = {"format": FORMAT, "version": VERSION, "files": list(files)}
+        whole["header"] = json.dumps(header)
+        for rank, name in enumerate(files):
+            for i in range(first[rank], first[rank + 1]):
+                whole[str(i)] = h5py.ExternalLink(name, f"/{i - first[rank]}")
+        for array in OF_THE_INTERFACE:
+            whole[array] = h5py.ExternalLink(files[0], f"/{array}")
+    with replacing(path) as file:
+        file.write(content.getvalue())
+
+
+def _of_all_ranks(
+    path: Path, master: Mapping[str, Any]
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Header and arrays of the files of all ranks, up to the last step that is in all of them."""
+    found = [read(path.with_name(name)) for name in master["files"]]
+    step = min(header["step_count"] for header, _ in found)
+    whole = dict(found[0][0], step_count=step)
+    for key in ("names", "recorded", "steps", "outputs"):
+        whole[key] = []
+    arrays: dict[str, np.ndarray] = {}
+    for header, own in found:
+        count = len(whole["names"])
+        whole["recorded"] += [count + i for i in header["recorded"]]
+        for key in ("names", "steps", "outputs"):
+            whole[key] += header[key]
+        for name, x in own.items():
+            number, _, rest = name.partition(".")
+            if name in header["nodes"]:
+                levels = header["nodes"][name]
+                x = x[: row_count(header["begin"], step, header["every"], levels)]
+            arrays.setdefault(f"{count + int(number)}.{rest}" if rest else name, x)
+    return whole, arrays
 
 
 def _arrays(whole: Any, header: Mapping[str, Any], content: np.ndarray) -> dict[str, np.ndarray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,27 @@ from ..setup.start import InitialAccelerations
 from .keys import by_index
 from .loads import Loads
 from .motion import Motion, all_known, slopes_at_start, values_at_start
+
+
+class StartValues(NamedTuple):
+    """What a run starts from.
+
+    Attributes
+    ----------
+    states : list of (u, v, w), (n_i,) each
+    lam, g, gap : (p,) arrays
+        Multipliers, prescribed velocities, and gaps of the displacements.
+    """
+
+    states: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+    lam: np.ndarray
+    g: np.ndarray
+    gap: np.ndarray
+
+    @property
+    def end_multipliers(self) -> np.ndarray:
+        """Those of the accelerations under mean coupling, twice, and two lengths of steps."""
+        return np.concatenate([self.lam, self.lam, np.zeros(2)])
 
 
 class InitialValues:
@@ -83,6 +104,24 @@ class InitialValues:
 
         Returns the solver of the initial accelerations, created here if it is None.
         """
+        ranks, rows = self.rows.ranks, np.argsort(row_position)
+        solver = solver or InitialAccelerations(parts, self.rows.p, rows, ranks)
+        start = self.consistent(parts, loads, row_position, solver)
+        for part, state in zip(parts, start.states):
+            part.core.start(*state, start.lam)
+        core.start(0, start.lam, start.g)
+        core.set_gap(start.gap)
+        core.set_end_multipliers(start.end_multipliers)
+        return solver
+
+    def consistent(
+        self,
+        parts: Sequence[Part],
+        loads: Loads,
+        row_position: np.ndarray,
+        solver: InitialAccelerations,
+    ) -> StartValues:
+        """Consistent initial values (S1), in elimination order."""
         p = self.rows.p
         states = [(u[part.order], v[part.order]) for part, (u, v) in zip(parts, self.values)]
         terms = loads.terms_at_start(states)
@@ -91,17 +130,19 @@ class InitialValues:
         slope = slopes_at_start(loads.motions, p)[rows]
         if not all_known(loads.motions):
             self._check_velocities(loads.motions)
-        solver = solver or InitialAccelerations(parts, p, rows)
+        if self.rows.ranks is not None:
+            self.rows.ranks.require_equal("a prescribed velocity", (g.tobytes(), slope.tobytes()))
         accelerations, lam = solver.solve(terms, slope)
         for part, w in zip(parts, accelerations):
             if not np.all(np.isfinite(w)):
                 raise InstabilityError(0, 0.0, part.name)
-        for part, (u, v), w in zip(parts, states, accelerations):
-            # under mean coupling w is without the acceleration of the multipliers
-            part.core.start(u, v, w - part.core.accelerate(lam) if part.mean else w, lam)
-        core.start(0, lam, g)
-        core.set_end_multipliers(np.concatenate([lam, lam]))
-        return solver
+        # under mean coupling w is without the acceleration of the multipliers
+        free = [
+            w - part.core.accelerate(lam) if part.mean else w
+            for part, w in zip(parts, accelerations)
+        ]
+        gap = self.rows.gaps([u for u, _ in self.values])[rows]
+        return StartValues([(u, v, w) for (u, v), w in zip(states, free)], lam, g, gap)
 
 
 def _chosen(given: Any, keys: Sequence[tuple[str, Subdomain]], name: str) -> list[np.ndarray]:

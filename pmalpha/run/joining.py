@@ -24,7 +24,7 @@ def joined(pieces: Sequence[Any]) -> Any:
     for i, piece in enumerate(pieces[1:], start=1):
         _check_same(whole, piece, i)
         _check_times(whole.macro_times, piece.macro_times, i)
-        whole = _pair(whole, piece)
+        whole = stacked([whole, _without_common_row(whole, piece)])
     return whole
 
 
@@ -68,26 +68,58 @@ def _check_times(first: np.ndarray, second: np.ndarray, i: int) -> None:
         )
 
 
-def _pair(first: Any, second: Any) -> Any:
-    """The rows of both, that of the common time level once."""
-    overlap = int(second.macro_times[0] - first.macro_times[-1] <= ROUNDING * first.macro_times[-1])
+def _without_common_row(first: Any, second: Any) -> Any:
+    """The second without its first rows, if they are at the last time level of the first."""
+    common = second.macro_times[0] - first.macro_times[-1] <= ROUNDING * first.macro_times[-1]
+    if not common:
+        return second
+    later = {name: getattr(second, name)[1:] for name in _interface(second)}
+    subdomains = [
+        s
+        and replace(
+            s,
+            **{name: getattr(s, name)[1:] for name in _motion(s)},
+            outputs={q: x[1:] for q, x in s.outputs.items()},
+        )
+        for s in second.subdomains
+    ]
+    return replace(second, subdomains=tuple(subdomains), **later)
 
-    def rows(a: Any, b: Any, names: Sequence[str]) -> dict[str, np.ndarray]:
-        pairs = {name: (getattr(a, name), getattr(b, name)[overlap:]) for name in names}
-        return {name: np.concatenate(pair) for name, pair in pairs.items()}
 
-    subdomains = []
-    for a, b in zip(first.subdomains, second.subdomains):
-        if a is None:
-            subdomains.append(None)
-            continue
-        names = ("t", "u", "v", "a") + (() if a.springs is None else ("deformation", "force"))
-        names += tuple(x for x in ("iterations", "q") if getattr(a, x) is not None)
-        outputs = {q: np.concatenate([x, b.outputs[q][overlap:]]) for q, x in a.outputs.items()}
-        subdomains.append(replace(a, **rows(a, b, names), outputs=outputs))
-    interface = ("multipliers", "multiplier_times", "velocity_jump")
-    return replace(
-        first,
-        subdomains=tuple(subdomains),
-        **rows(first, second, (*interface, "displacement_jump", "macro_times")),
-    )
+def stacked(pieces: Sequence[Any]) -> Any:
+    """The rows of all pieces, one after the other, without energies."""
+    first = pieces[0]
+    interface = {
+        name: np.concatenate([getattr(piece, name) for piece in pieces])
+        for name in _interface(first)
+        if all(getattr(piece, name) is not None for piece in pieces)
+    }
+    if "substeps" not in interface:
+        interface["substeps"] = None
+    subdomains = [s and _stacked(own) for s, *own in _by_subdomain(pieces)]
+    return replace(first, subdomains=tuple(subdomains), **interface, energy=None)
+
+
+def _by_subdomain(pieces: Sequence[Any]) -> list[tuple]:
+    """For each subdomain its history in the first piece, and those in all."""
+    return [(own[0], *own) for own in zip(*(piece.subdomains for piece in pieces))]
+
+
+def _stacked(own: Sequence[Any]) -> Any:
+    first = own[0]
+    rows = {name: np.concatenate([getattr(s, name) for s in own]) for name in _motion(first)}
+    outputs = {q: np.concatenate([s.outputs[q] for s in own]) for q in first.outputs}
+    same = len({s.substep for s in own}) == 1
+    return replace(first, **rows, outputs=outputs, substep=first.substep if same else None)
+
+
+def _interface(piece: Any) -> tuple[str, ...]:
+    """The arrays of a History with a row for each time level."""
+    names = ("multipliers", "multiplier_times", "velocity_jump", "displacement_jump", "macro_times")
+    return names if piece.substeps is None else (*names, "substeps")
+
+
+def _motion(s: Any) -> tuple[str, ...]:
+    """The same of a subdomain."""
+    names = ("t", "u", "v", "a") + (() if s.springs is None else ("deformation", "force"))
+    return names + tuple(x for x in ("iterations", "q") if getattr(s, x) is not None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,8 @@ class Loads:
     motions : sequence of Motion
     newton : Newton
         How internal forces are iterated.
+    names : sequence of str, optional
+        The subdomains as the core numbers them. Default: those of the parts.
     """
 
     def __init__(
@@ -45,17 +48,20 @@ class Loads:
         forces: Sequence[Force],
         motions: Sequence[Motion],
         newton: Newton,
+        names: Sequence[str] | None = None,
     ):
         self.newton = newton
+        self.names = [part.name for part in parts] if names is None else names
         self.core, self.parts, self.clock = core, parts, clock
-        self.forces, self.motions = forces, [motion.renewed() for motion in motions]
+        fine, self.forces = core.instants, forces
+        self.motions = [motion.renewed(fine, clock) for motion in motions]
         self.callbacks = {
             i: CallbackLoad(
                 force,
                 f"force of subdomain {part.name!r}",
                 part.order,
-                part.subdomain.substeps,
-                clock.dt,
+                part.substeps,
+                clock,
             )
             for i, (part, force) in enumerate(zip(parts, forces))
             if is_callback(force)
@@ -64,7 +70,20 @@ class Loads:
     def renewed(self, forces: Sequence[Force] | None = None) -> Loads:
         """These loads, or others, without stored values of callables."""
         forces = self.forces if forces is None else forces
-        return Loads(self.core, self.parts, self.clock, forces, self.motions, self.newton)
+        return Loads(
+            self.core, self.parts, self.clock, forces, self.motions, self.newton, self.names
+        )
+
+    def with_steps(self, core: Any, parts: Sequence[Part], clock: Clock) -> Loads:
+        """The same loads for other steps; without stored values of callables."""
+        return Loads(core, parts, clock, self.forces, self.motions, self.newton, self.names)
+
+    def moved_to(self, core: Any, parts: Sequence[Part]) -> Loads:
+        """The same loads for other objects of the core, with the same steps and stored values."""
+        moved = copy(self)
+        moved.core, moved.parts = core, parts
+        moved.to_core()
+        return moved
 
     @property
     def has_functions(self) -> bool:
@@ -120,6 +139,17 @@ class Loads:
                 self.core.set_motion(i, (motion.callback.rows, motion.callback.first))
         return end, first_failure
 
+    def motion_values(self, begin: int, end: int) -> list[bytes]:
+        """The evaluated prescribed velocities of macro steps begin..end-1."""
+        rows = [
+            motion.callback.rows[begin * motion.fine - motion.callback.first :][
+                : (end - begin) * motion.fine
+            ]
+            for motion in self.motions
+            if motion.callback is not None
+        ]
+        return [values.tobytes() for values in rows]
+
     def _all_callbacks(self) -> list[CallbackLoad]:
         velocities = [motion.callback for motion in self.motions if motion.callback is not None]
         return [*self.callbacks.values(), *velocities]
@@ -143,7 +173,7 @@ class Loads:
         if step == 0:
             return self.at_start(i)
         if i in self.callbacks:
-            return self.callbacks[i].value_at(step * part.subdomain.substeps)
+            return self.callbacks[i].value_at(self.clock.count(step) * part.substeps)
         force, t = self.forces[i], self.clock.time(step)
         if force is None:
             return np.zeros(part.n)

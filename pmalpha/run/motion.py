@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..problem.constraints import Constraint
 from ..problem.forces import Force, SampledForce, is_callback
 from ..setup.constraint_rows import ConstraintRows
+from ..setup.schedule import Rows
 from .callback import CallbackLoad
+from .clock import Clock
 
 
 class Motion:
@@ -24,19 +25,19 @@ class Motion:
         Its rows among all constraints.
     fine : int
         Interface problems per macro step.
-    dt : float
-        Macro step.
+    clock : Clock
     """
 
-    def __init__(self, velocity: Force, what: str, rows: np.ndarray, fine: int, dt: float):
-        self.velocity, self.what, self.rows, self.fine, self.dt = velocity, what, rows, fine, dt
+    def __init__(self, velocity: Force, what: str, rows: np.ndarray, fine: int, clock: Clock):
+        self.velocity, self.what, self.rows = velocity, what, rows
+        self.fine, self.clock = fine, clock
         self.known = not is_callback(velocity)
         order = np.arange(rows.size)
-        self.callback = None if self.known else CallbackLoad(velocity, what, order, fine, dt)
+        self.callback = None if self.known else CallbackLoad(velocity, what, order, fine, clock)
 
-    def renewed(self) -> Motion:
+    def renewed(self, fine: int, clock: Clock) -> Motion:
         """The same motion, without stored values of a callable."""
-        return Motion(self.velocity, self.what, self.rows, self.fine, self.dt)
+        return Motion(self.velocity, self.what, self.rows, fine, clock)
 
     def at(self, t: float) -> np.ndarray:
         """g(t) for the initial values."""
@@ -57,16 +58,16 @@ class Motion:
             return (self.velocity(dt) - self.velocity(0.0)) / dt
         if self.known:
             return np.zeros(self.rows.size)
-        d = self.dt / self.fine / 16.0
+        d = self.clock.dt / self.fine / 16.0
         return (4.0 * self.at(d) - 3.0 * self.at(0.0) - self.at(2.0 * d)) / (2.0 * d)
 
 
 def motions_of(
-    constraints: Sequence[Constraint], rows: ConstraintRows, fine: int, dt: float
+    constraints: Sequence[Rows], rows: ConstraintRows, fine: int, clock: Clock
 ) -> list[Motion]:
     """The prescribed velocities of the constraints that have one."""
     return [
-        Motion(c.velocity, f"velocity of constraint {i}", rows.of(i), fine, dt)
+        Motion(c.velocity, f"velocity of constraint {i}", rows.of(i), fine, clock)
         for i, c in enumerate(constraints)
         if c.velocity is not None
     ]

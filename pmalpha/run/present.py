@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..problem.springs import SpringState
 from ..problem.subdomain import Subdomain
-from .history import History, State
+from .history import History
 from .keys import position
+
+__all__ = ["State"]
+
+
+@dataclass(frozen=True)
+class State:
+    """The motion of a subdomain at one time.
+
+    Attributes
+    ----------
+    u, v, a : (n,) arrays
+        Displacement, velocity and true acceleration (w of the equations).
+    """
+
+    u: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
 
 
 class Present:

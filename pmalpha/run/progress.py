@@ -16,15 +16,26 @@ class Report:
 
     The core calls it during its steps with the number of the macro step; `if_due` calls it between
     two calls of the core.
+
+    Attributes
+    ----------
+    begin : int
+        The macro step at which nothing is done.
+    failed : bool
+        Whether `progress` raised an exception.
     """
 
     def __init__(self, progress: Callable[[int, int], Any], begin: int, end: int):
-        self.progress, self.begin, self.end = progress, begin, end
-        self.last = perf_counter()
+        self.progress, self.begin, self.total = progress, begin, end - begin
+        self.last, self.failed = perf_counter(), False
 
     def __call__(self, step: int) -> None:
         self.last = perf_counter()
-        self.progress(step - self.begin, self.end - self.begin)
+        try:
+            self.progress(step - self.begin, self.total)
+        except BaseException:
+            self.failed = True
+            raise
 
     def if_due(self, step: int) -> None:
         if perf_counter() - self.last >= INTERVAL:

@@ -15,13 +15,14 @@ import numpy as np
 from .._checks import MOST, flag, whole_number
 from ..files import check_replaceable, checked_path
 from ..memory import require
-from ..problem.constraints import dof_list
+from ..problem.dofs import dof_list
 from ..problem.subdomain import Subdomain
 from ..setup.part import Part
 from .appending import EarlierRows, check_new
+from .clock import Clock
 from .energy import ENERGIES, ENERGY_FIELDS, Energy
 from .history import LOOPS, OF_INTERNAL, History, SubdomainHistory
-from .history_file import HistoryFile, library, output_array, row_count
+from .history_file import HistoryFile, hdf5_library, output_array, row_count
 from .joining import WORKS
 from .keys import by_index
 from .outputs import Outputs, chosen_outputs
@@ -45,12 +46,13 @@ class Recording:
         The multipliers belong to the middle of a macro step, not to its end: mean coupling.
     begin, end : int
         Macro steps.
-    dt : float
-        Macro step.
+    clock : Clock
     record : dict or None
         Dofs, or None for all, by subdomain; None records all dofs of all subdomains.
     every : int or None
     energy : bool
+    conserved : {"dual", "energy"} or None
+        What `Energy.conserved` is, from `conserved_quantity`.
     record_springs : dict or None
         Springs, or None for all, by subdomain.
     outputs : dict or None
@@ -67,17 +69,18 @@ class Recording:
         middle: bool,
         begin: int,
         end: int,
-        dt: float,
+        clock: Clock,
         record: Mapping[Any, Any] | None,
         every: int | None,
         energy: bool = False,
+        conserved: str | None = None,
         record_springs: Mapping[Any, Any] | None = None,
         outputs: Mapping[Any, Any] | None = None,
     ):
         self.parts, self.keys, self.row_position = parts, tuple(keys), row_position
-        self.begin, self.end, self.dt = begin, end, dt
+        self.begin, self.end, self.clock = begin, end, clock
         self.every = None if every is None else whole_number(every, "every", low=1)
-        self.fine, self.middle = fine, middle
+        self.fine, self.middle, self.conserved = fine, middle, conserved
         self.outputs = chosen_outputs(outputs, self.keys)
         self.dofs = chosen_dofs(record, self.keys, self.outputs)
         self.springs = chosen_springs(record_springs, self.keys, self.dofs)
@@ -86,16 +89,16 @@ class Recording:
         advice = "choose dofs with record= or fewer time levels with every="
         require(8.0 * self._numbers(self._rows_in_memory), "the History", advice)
         self.motions = [
-            None if dofs is None else self._allocate(part.subdomain.substeps, dofs.size, 3)
+            None if dofs is None else self._allocate(part.substeps, dofs.size, 3)
             for part, dofs in zip(parts, self.dofs)
         ]
         self.loops = [
-            [] if springs is None else self._allocate(part.subdomain.substeps, springs.size, 2)
+            [] if springs is None else self._allocate(part.substeps, springs.size, 2)
             for part, springs in zip(parts, self.springs)
         ]
         self.memories = [self._allocate_memory(part, dofs) for part, dofs in zip(parts, self.dofs)]
         self.output_values = [
-            None if own is None else self._allocate(part.subdomain.substeps, own.rows, 1)[0]
+            None if own is None else self._allocate(part.substeps, own.rows, 1)[0]
             for part, own in zip(parts, self.outputs)
         ]
         self.weights = [
@@ -107,14 +110,16 @@ class Recording:
         (self.displacement_jump,) = self._allocate(1, p, 1)
         (self.energy,) = self._allocate(1, self.energy_columns, 1)
 
+    @property
+    def numbers_kept(self) -> float:
+        """Numbers that the History keeps in memory."""
+        return self._numbers(self._rows_in_memory)
+
     def _allocate_memory(self, part: Part, dofs: np.ndarray | None) -> dict[str, np.ndarray]:
         """Arrays for the iterations and, where all dofs are recorded, the history of internal
         forces."""
         columns = history_columns(part, dofs)
-        return {
-            name: self._allocate(part.subdomain.substeps, count, 1)[0]
-            for name, count in columns.items()
-        }
+        return {name: self._allocate(part.substeps, count, 1)[0] for name, count in columns.items()}
 
     def __enter__(self) -> Recording:
         return self
@@ -145,16 +150,16 @@ class Recording:
         numbers += rows(1) * (p + 2.0 * self.energy_columns)  # energies also as a History has them
         for part, dofs in zip(self.parts, self.dofs):
             if dofs is not None:
-                numbers += 3.0 * rows(part.subdomain.substeps) * dofs.size
+                numbers += 3.0 * rows(part.substeps) * dofs.size
         for part, springs in zip(self.parts, self.springs):
             if springs is not None:
-                numbers += 2.0 * rows(part.subdomain.substeps) * springs.size
+                numbers += 2.0 * rows(part.substeps) * springs.size
         for part, dofs in zip(self.parts, self.dofs):
             columns = sum(history_columns(part, dofs).values())
-            numbers += rows(part.subdomain.substeps) * columns
+            numbers += rows(part.substeps) * columns
         for part, own in zip(self.parts, self.outputs):
             if own is not None:
-                numbers += rows(part.subdomain.substeps) * own.rows
+                numbers += rows(part.substeps) * own.rows
         return numbers
 
     def _allocate(self, levels: int, columns: int, count: int) -> list[np.ndarray]:
@@ -166,14 +171,20 @@ class Recording:
 
     def times(self, levels: int, end: int) -> np.ndarray:
         """The times of these rows, equation (T1)."""
+        clock = self.clock
         if self.every is None:
-            return np.arange(self.begin * levels, end * levels + 1) / levels * self.dt
+            first, last = clock.count(self.begin) * levels, clock.count(end) * levels
+            return clock.t0 + np.arange(first, last + 1) / levels * clock.dt
         later = np.arange(self.begin // self.every + 1, end // self.every + 1) * self.every
-        return np.concatenate([[self.begin], later]) * self.dt
+        return clock.t0 + clock.count(np.concatenate([[self.begin], later])) * clock.dt
 
     def _multiplier_times(self, end: int) -> np.ndarray:
         times = self.times(self.fine, end)
-        return np.maximum(times - 0.5 * self.dt, 0.0) if self.middle else times
+        if self.middle:
+            times -= 0.5 * self.clock.dt
+            if self.begin == self.clock.origin:  # the middle of the macro step before
+                times[0] = self.clock.t0 - 0.5 * self.clock.before
+        return times
 
     def core_record(self) -> tuple:
         """The record in the form of the core."""
@@ -200,7 +211,7 @@ class Recording:
         """The History up to macro step `end`."""
         subdomains = []
         for i, (part, dofs, arrays) in enumerate(zip(self.parts, self.dofs, self.motions)):
-            substeps = part.subdomain.substeps
+            substeps = part.substeps
             rows = self.rows(substeps, end)
             subdomains.append(
                 None
@@ -214,7 +225,7 @@ class Recording:
                     outputs=self._output_values(i, rows),
                     **self._memory(i, rows),
                     substep=part.h,
-                    double_after=self.dt if part.double else None,
+                    double_after=self._double_after(part),
                 )
             )
         fine, macro = self.rows(self.fine, end), self.rows(1, end)
@@ -227,7 +238,13 @@ class Recording:
             macro_times=self.times(1, end),
             keys=self.keys,
             energy=self._energy_history(macro, end) if self.energy_columns else None,
+            substeps=np.tile([part.substeps for part in self.parts], (macro, 1)),
         )
+
+    def _double_after(self, part: Part) -> float | None:
+        if not part.double:
+            return None
+        return self.clock.t0 + (self.clock.dt if part.over is None else 0.0)
 
     def _loops(self, i: int, rows: int) -> dict[str, np.ndarray]:
         """The recorded arrays of the springs of a subdomain."""
@@ -251,8 +268,10 @@ class Recording:
     def _energy_history(self, rows: int, end: int) -> Energy:
         by_kind = np.moveaxis(self._energies(self.energy[:rows]), -1, 0)
         kinds = dict(zip(ENERGIES, (np.ascontiguousarray(x) for x in by_kind)))
-        start = kinds["kinetic"][0] + kinds["strain"][0]
-        return Energy.balanced(self.times(1, end), **kinds, start=start)
+        stored = kinds["kinetic"] + kinds["strain"]
+        if self.conserved != "dual":
+            kinds["conserved"] = None if self.conserved is None else stored
+        return Energy.balanced(self.times(1, end), **kinds, start=stored[0])
 
     def _in_users_order(self, columns: np.ndarray) -> np.ndarray:
         if np.array_equal(self.row_position, np.arange(self.row_position.size)):
@@ -278,7 +297,7 @@ class FiledRecording(Recording):
         self.path, self.file = checked_path(path), None
         self.earlier: EarlierRows | None = None
         super().__init__(*args, **options)
-        library()
+        hdf5_library()
         # all that before the start evaluates a restoring force, on a test rig say
         check_replaceable(path)
         if append and self.path.exists():
@@ -292,6 +311,10 @@ class FiledRecording(Recording):
         if self.file is not None:
             self.file.close()
 
+    @property
+    def numbers_kept(self) -> float:
+        return 0.0
+
     def _steps_in_memory(self) -> int:
         step = self._numbers(lambda levels: levels if self.every is None else 1.0 / self.every)
         steps = FILED_BYTES / (8.0 * step) if step > 0.0 else MOST
@@ -301,9 +324,11 @@ class FiledRecording(Recording):
         header, arrays = super().history(self.begin).contents()
         header |= {"begin": self.begin, "every": self.every or 0, "nodes": self._levels()}
         header["fixed"] = sorted(arrays.keys() - header["nodes"].keys())
-        header["dt"] = self.dt
+        if self.clock.origin == 0:  # else times are counted from a change of the steps
+            header["dt"] = self.clock.dt
         if self.earlier is not None:
             self.earlier.check(header, arrays)
+            header["steps"] = same_steps(self.earlier.header.get("steps"), header["steps"])
             header["begin"], arrays = self.earlier.begin, self.earlier.arrays
         self.file = HistoryFile(self.path, header, arrays, self.end, self.begin)
         self.earlier, arrays = None, {}  # unmaps the file that was replaced
@@ -319,15 +344,17 @@ class FiledRecording(Recording):
         """Time levels per macro step of all growing arrays, by name."""
         levels = {"multipliers": self.fine, "multiplier_times": self.fine}
         levels |= {"velocity_jump": self.fine, "displacement_jump": 1, "macro_times": 1}
+        levels["substeps"] = 1
         for i, (part, dofs) in enumerate(zip(self.parts, self.dofs)):
             if dofs is not None:
-                levels |= {f"{i}.{name}": part.subdomain.substeps for name in "tuva"}
+                levels |= {f"{i}.{name}": part.substeps for name in "tuva"}
                 if self.springs[i] is not None:
-                    levels |= {f"{i}.{name}": part.subdomain.substeps for name in LOOPS[:2]}
-                levels |= {f"{i}.{name}": part.subdomain.substeps for name in self.memories[i]}
+                    levels |= {f"{i}.{name}": part.substeps for name in LOOPS[:2]}
+                levels |= {f"{i}.{name}": part.substeps for name in self.memories[i]}
                 count = len(self.outputs[i].sizes) if self.outputs[i] else 0
-                levels |= {output_array(i, k): part.subdomain.substeps for k in range(count)}
-        return levels | {f"energy.{name}": 1 for name in ENERGY_FIELDS if self.energy_columns}
+                levels |= {output_array(i, k): part.substeps for k in range(count)}
+        fields = ENERGY_FIELDS if self.conserved is None else (*ENERGY_FIELDS, "conserved")
+        return levels | {f"energy.{name}": 1 for name in fields if self.energy_columns}
 
     def keep(self, end: int) -> None:
         if end > self.begin:
@@ -340,6 +367,15 @@ class FiledRecording(Recording):
         with suppress(OSError):  # the run has raised it already; completed rows are in the file
             self.keep(end)
         return replace(History.load(self.file.path), keys=self.keys)
+
+
+def same_steps(earlier: Sequence[Any] | None, steps: Sequence[Any]) -> list[Any]:
+    """The lengths of the steps of each recorded subdomain; None where they have changed."""
+    if earlier is None or len(earlier) != len(steps):
+        return list(steps)
+    return [
+        (None, None) if a and b and a[0] != b[0] else b for a, b in zip(earlier, steps, strict=True)
+    ]
 
 
 def recording_class(

@@ -7,11 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..setup.assembly import Assembly
 from ..setup.part import Part
 from .checkpoint import CoreState, restore
 from .history import History
 from .initial import InitialValues
 from .loads import Loads
+from .transfer import Steps
 
 __all__ = ["Snapshot"]
 
@@ -19,8 +21,10 @@ __all__ = ["Snapshot"]
 class _Contents(NamedTuple):
     """What a snapshot keeps."""
 
-    core: Any
+    coupler: Any
     step: int
+    steps: Steps
+    assembly: Assembly
     state: CoreState
     initial: InitialValues
     loads: Loads
@@ -58,6 +62,10 @@ class Snapshots:
 
     _parts: Any
     _core: Any
+    _steps: Steps
+    _assembly: Assembly
+    _assemblies: Any
+    _take: Any
     _initial: InitialValues
     _loads: Loads
     _started: bool
@@ -121,7 +129,7 @@ class Snapshots:
         """
         if not isinstance(snapshot, Snapshot):
             raise TypeError(f"snapshot must be a Snapshot, got {snapshot!r}")
-        if snapshot._contents is None or snapshot._contents.core is not self._core:
+        if snapshot._contents is None or snapshot._contents.coupler is not self._assemblies:
             raise ValueError(
                 f"snapshot must be one of this coupler, got {snapshot!r} from elsewhere; save and "
                 "load transfer a state between couplers of the same problem"
@@ -133,19 +141,30 @@ class Snapshots:
     def _snapshot(self) -> Snapshot:
         self._start()
         core, snapshot = self._core, Snapshot()
-        state = _present(self._parts, core)
-        snapshot._contents = _Contents(core, core.step_count, state, self._initial, self._loads)
+        snapshot._contents = _Contents(
+            self._assemblies,
+            core.step_count,
+            self._steps,
+            self._assembly,
+            _present(self._parts, core),
+            self._initial,
+            self._loads,
+        )
         return snapshot
 
     def _restore(self, snapshot: Snapshot) -> None:
         kept = snapshot._contents
         assert kept is not None
-        if kept.loads is not self._loads or kept.loads.has_callables:
-            self._loads = kept.loads.renewed()  # stored values of callables are of other times
-            self._loads.to_core()
+        loads, assembly = kept.loads, kept.assembly
+        if loads is not self._loads or loads.has_callables:
+            # stored values of callables are of other times
+            loads = loads.with_steps(assembly.core, assembly.parts, kept.steps.clock)
+            loads.to_core()
         # _was_reset stays: it is about the factor of M alone, which this coupler has or has not
         self._initial, self._started = kept.initial, True
-        restore(kept.state, self._parts, self._core, kept.step)
+        restore(kept.state, assembly.parts, assembly.core, kept.steps.clock, kept.step)
+        self._take(kept.steps, assembly)
+        self._loads = loads
 
 
 def _present(parts: Sequence[Part], core: Any) -> CoreState:
@@ -158,4 +177,5 @@ def _present(parts: Sequence[Part], core: Any) -> CoreState:
         core.multipliers,
         core.prescribed,
         core.end_multipliers(),
+        core.gap(),
     )

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from .._checks import whole_number
-from ..problem.matrices import Matrix, combination
+from ..problem.eigenmodes import modes
+from ..problem.matrices import Matrix, combination, is_symmetric
 from ..problem.subdomain import Subdomain
 from ..setup.constraint_rows import ConstraintRows
-from ..setup.eigenmodes import modes
 from ..setup.equilibrium import Equilibrium
 from ..setup.part import Part
 from ..setup.static import static_displacements
@@ -21,6 +21,7 @@ class Uncut:
     """The methods of `Coupler` that solve for the whole structure, with displacements tied."""
 
     _keys: tuple[tuple[str, Subdomain], ...]
+    _require_alone: Any
     _rows: ConstraintRows
     _parts: Any
     _loads: Any
@@ -52,7 +53,7 @@ class Uncut:
         ------
         FactorizationError
             For a floating structure, a mechanism at the solution, or an indefinite stiffness: an
-            equilibrium that is not stable.
+            equilibrium that is not stable. An unsymmetric stiffness is only required to be regular.
         ConvergenceError
             When the iteration does not converge in small load steps; its time is 0.
         TypeError, ValueError
@@ -83,6 +84,7 @@ class Uncut:
         >>> float(coupler.static()["a"][0].round(12))
         1.0
         """
+        self._require_alone("static")
         steps = whole_number(steps, "steps", low=1)
         for name, s in self._keys:
             if s.has_functions:
@@ -136,6 +138,7 @@ class Uncut:
         >>> M.diagonal().tolist(), K.toarray().tolist(), map["b"].toarray().tolist()
         ([1.0, 6.0], [[3.0, -1.0], [-1.0, 6.0]], [[0.0, 1.0]])
         """
+        self._require_alone("assembled")
         for name, s in self._keys:
             if s.has_unknown_stiffness:
                 raise ValueError(
@@ -148,7 +151,8 @@ class Uncut:
     def modes(self, k: int = 6) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """The lowest natural frequencies and modes of the structure with its ties.
 
-        Those of M and K of `assembled`, undamped. The steps of the subdomains have no influence.
+        Those of M and K of `assembled`, undamped: C has no influence, neither a gyroscopic one,
+        whose frequencies of whirl are complex eigenvalues, nor have the steps of the subdomains.
 
         Parameters
         ----------
@@ -167,7 +171,7 @@ class Uncut:
         ------
         TypeError, ValueError
             As `assembled`; for a k that is not a whole number or larger than the number of dofs
-            with mass; for a stiffness that is not positive semidefinite.
+            with mass; for a stiffness that is not symmetric and positive semidefinite.
         scipy.sparse.linalg.ArpackError
             When ARPACK does not converge.
 
@@ -182,6 +186,13 @@ class Uncut:
         >>> omega.round(6).tolist(), shapes["b"].shape
         ([0.0, 2.0, 3.464102], (2, 3))
         """
+        for part in self._parts:
+            if not (part.subdomain.symmetric or is_symmetric(_with_tangents(part)[2])):
+                raise ValueError(
+                    "modes needs a symmetric stiffness, got an unsymmetric one of "
+                    f"{part.name!r}; M, C and K of assembled() have complex eigenvalues, of "
+                    "[[0, 1], [-M^-1 K, -M^-1 C]]"
+                )
         whole = self.assembled()
         omega, shapes = modes(whole.M, whole.K, k)
         return omega, {name: T @ shapes for name, T in whole.map.items()}

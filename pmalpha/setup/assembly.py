@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,110 +14,262 @@ from .. import _core
 from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
 from .factors import Factor
-from .interface import interface_factor, interface_matrix, row_order
+from .interface import interface_factor, interface_matrix, is_symmetric_sum, row_order
 from .iteration import iteration_of, prepare_iterated
 from .loose import warn_of_loose
 from .macro import prepare, warn_of_resonance
 from .mean import check_mean, doubled_part, mass_of_interface, prepare_mean
 from .part import Part, build, make_part, warn_of_factors, warn_of_order
+from .processes import processes, remote_of
+from .ranks import Ranks, joined
 from .stability import step_ratio, warn_of_steps
 from .start import InitialAccelerations
+from .tied import check_tied, gap_factors, warn_of_growth
+
+# Assemblies that are kept beside the first one, those used last.
+KEPT = 32
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The lengths of all steps of a coupled problem.
+
+    Attributes
+    ----------
+    dt : float
+        Macro step.
+    substeps : tuple of int
+        By subdomain.
+    doubles : tuple of bool
+        Which subdomains take double steps.
+    overs : tuple of (float or None), optional
+        Lengths of the double steps that span a change of the steps, in the macro step after it;
+        None for the others. Default: no subdomain has one.
+    """
+
+    dt: float
+    substeps: tuple[int, ...]
+    doubles: tuple[bool, ...]
+    overs: tuple[float | None, ...] = ()
+
+    def of(self, i: int) -> tuple[float, int, bool, float | None]:
+        """Length and number of the substeps of a subdomain, whether steps are double, `overs`."""
+        over = self.overs[i] if self.overs else None
+        return self.dt / self.substeps[i], self.substeps[i], self.doubles[i], over
+
+    @property
+    def spans_change(self) -> bool:
+        return any(over is not None for over in self.overs)
 
 
 @dataclass(frozen=True)
 class Assembly:
-    """A coupled problem before its initial values are set.
+    """A coupled problem for steps of one layout.
 
     Attributes
     ----------
     parts : tuple of Part
         The subdomains in elimination order, each with its object of the core.
-    row_position : (p,) array of int
-        Position of each constraint in the core's order.
-    accelerations : InitialAccelerations
     core : the coupler of the core
     """
 
     parts: tuple[Part, ...]
-    row_position: np.ndarray
-    accelerations: InitialAccelerations
     core: Any
 
 
-def assemble(
-    keys: Sequence[tuple[str, Subdomain]],
-    matrices: Sequence[sp.csc_array],
-    doubles: Sequence[bool],
-    prescribed: Sequence[np.ndarray],
-    *,
-    dt: float,
-    coupling: str,
-    start: str,
-    newton: Newton,
-    threads: tuple[int, bool],
-    factorize: Any,
-) -> Assembly:
-    """Order, factor and couple subdomains.
+class Assemblies:
+    """A coupled problem, ordered once, and its assemblies for the layouts that were asked for.
 
     Parameters
     ----------
     keys : sequence of (name, Subdomain)
     matrices : sequence of (p, n_i) csc_array
         L_i, independent rows, in the user's order.
-    doubles : sequence of bool
-        Which subdomains take double steps.
+    p : int
+        Number of rows.
+    layout : Layout
+        Of the first assembly.
     prescribed : sequence of arrays of int
         The rows of each prescribed velocity.
-    dt, coupling, start, newton, factorize
+    coupling, start, drift, newton, factorize
         As for `Coupler`.
     threads : (int, bool)
         Maximum number of threads, and whether to use fewer where more are not faster.
+    ranks : Ranks, optional
+        The processes, of which each has the subdomains in `keys`, and in other arguments.
+
+    Attributes
+    ----------
+    first : Assembly
+    row_position : (p,) array of int
+        Position of each constraint in the core's order.
+    accelerations : InitialAccelerations
     """
-    macro, mean, superlu = coupling == "macro", coupling == "mean", factorize == "superlu"
-    p = matrices[0].shape[0]
-    warn_of_loose(keys, matrices)
 
-    # elimination order of each subdomain, and of the rows
-    parts = _ordered(keys, matrices, doubles, dt, coupling, newton, factorize)
-    if mean:
-        check_mean(parts)
-    _check_factorize(parts, factorize)
-    _check_start(parts, start, coupling)
-    rows = row_order(parts, p)
-    position = np.argsort(rows)
+    def __init__(
+        self,
+        keys: Sequence[tuple[str, Subdomain]],
+        matrices: Sequence[sp.csc_array],
+        p: int,
+        layout: Layout,
+        prescribed: Sequence[np.ndarray],
+        *,
+        coupling: str,
+        start: str,
+        drift: str,
+        newton: Newton,
+        threads: tuple[int, bool],
+        factorize: Any,
+        ranks: Ranks | None = None,
+    ):
+        self.ranks = ranks
+        self.coupling, self.start, self.newton = coupling, start, newton
+        self.threads, self.superlu = threads, factorize == "superlu"
+        self.tied = drift == "removed"
+        warn_of_loose(keys, matrices)
+        _check_symmetry(keys, factorize)
 
-    # Mbar = R D R^T
-    for part in parts:
-        part.reorder(position)
-        build(part, mass_of_interface(part) if mean else None)
-    if macro:
-        prepare(parts)  # unit responses
-    if mean:
-        prepare_mean(parts)
-    prepare_iterated(parts, macro)  # and their part of H, with internal forces
+        # elimination order of each subdomain, and of the rows
+        parts = _ordered(keys, matrices, layout, coupling, self.tied, newton, factorize)
+        if coupling == "mean":
+            check_mean(parts)
+        if self.tied:
+            check_tied(parts)
+        _check_factorize(parts, factorize)
+        self.rows = row_order(parts, p, ranks)
+        self.row_position = np.argsort(self.rows)
+        for part in parts:
+            part.reorder(self.row_position)
+        self.motions = tuple(self.row_position[r] for r in prescribed)
 
-    # H = sum_i al2_i L_i Mbar_i^-1 L_i^T, and its factor
-    H, H_start = _interface_factors(parts, rows, position, superlu, macro)
-    iteration = iteration_of(parts, p, newton, macro)
-    doubled = (doubled_part(parts, p),) if mean else ()
-    for part in parts:
-        part.blocks.clear()
+        self._known: WeakValueDictionary[tuple, Part] = WeakValueDictionary()
+        self._made: dict[Layout, Assembly] = {}
+        self._masses: dict[str, Factor] = {}
+        self.accelerations: InitialAccelerations | None = None
+        self.first_layout, self.first = layout, self._assemble(layout, parts)
 
-    # M = R D R^T, for the initial accelerations
-    accelerations = InitialAccelerations(parts, p, rows)
+    def of(self, layout: Layout) -> Assembly:
+        """The assembly of a layout: a known one, or one with the factors that are known.
 
-    motions = tuple(position[r] for r in prescribed)
-    cores = tuple(part.core for part in parts)
-    core = _core.Coupler(
-        cores, p, H_start, H, dt, start == "rebased", motions, *threads, macro, iteration, *doubled
-    )
+        Errors and warnings as of `Coupler`; nothing has changed after an error.
+        """
+        if layout == self.first_layout:
+            return self.first
+        made = self._made.pop(layout, None)
+        if made is None:
+            try:
+                made = self._assemble(layout, self._parts_of(layout))
+            except MemoryError:
+                self._made.clear()  # and once more with their memory
+                made = self._assemble(layout, self._parts_of(layout))
+        self._made[layout] = made
+        while len(self._made) > KEPT:
+            del self._made[next(iter(self._made))]
+        return made
 
-    # explicit steps above the critical step
-    for part in parts:
-        internal = None if part.internal is None else part.internal.K
-        part.step_ratio = step_ratio(part.subdomain, part.step, internal)
-    warn_of_steps((part.name, part.subdomain, part.step, part.step_ratio) for part in parts)
-    return Assembly(parts, position, accelerations, core)
+    def _parts_of(self, layout: Layout) -> tuple[Part, ...]:
+        """The subdomains with these steps: known ones, and others that are not built yet."""
+        parts = []
+        for i, first in enumerate(self.first.parts):
+            known = self._known.get((i, *layout.of(i)))
+            if known is None:
+                operators: dict[float, tuple] = {}
+                for key, part in list(self._known.items()):
+                    operators |= part.known if key[0] == i else {}
+                responds = _responds(self.coupling, layout.substeps[i])
+                known = first.with_steps(*layout.of(i), operators, responds=responds)
+            parts.append(known)
+        return tuple(parts)
+
+    def _assemble(self, layout: Layout, parts: tuple[Part, ...]) -> Assembly:
+        """Factor and couple subdomains, of which some may be built already."""
+        macro, mean = self.coupling == "macro", self.coupling == "mean"
+        p = self.rows.size
+        _check_start(parts, self.start, self.coupling)
+
+        # Mbar = R D R^T
+        new = [part for part in parts if part.core is None]
+        for part in new:
+            build(part, self._mass(part) if mean else None)
+        if macro:
+            prepare(new)  # unit responses
+        if mean:
+            prepare_mean(new)
+        prepare_iterated(new, self.coupling)  # and their part of H, with internal forces
+
+        # H = sum_i al2_i L_i Mbar_i^-1 L_i^T, and its factor
+        H, H_start = self._interface_factors(layout, parts)
+        iteration = iteration_of(parts, p, self.newton, macro or mean)
+        others = self._of_the_schedule(parts)
+        for part in parts:
+            if part.internal is None and not mean:  # else they cost more than a sweep
+                part.blocks.clear()
+
+        # M = R D R^T, for the initial accelerations
+        if self.accelerations is None:
+            self.accelerations = InitialAccelerations(parts, p, self.rows, self.ranks)
+
+        core = _core.Coupler(
+            tuple(part.core for part in parts),
+            p,
+            H_start,
+            H,
+            layout.dt,
+            self.start == "rebased",
+            self.motions,
+            *self.threads,
+            macro,
+            iteration,
+            **others,
+        )
+
+        # explicit steps above the critical step
+        for part in new:
+            internal = None if part.internal is None else part.internal.K
+            part.step_ratio = step_ratio(part.subdomain, part.step, internal)
+        warn_of_steps((part.name, part.subdomain, part.step, part.step_ratio) for part in new)
+        self._known.update({(i, *layout.of(i)): part for i, part in enumerate(parts)})
+        return Assembly(parts, core)
+
+    def _of_the_schedule(self, parts: Sequence[Part]) -> dict[str, Any]:
+        """What else the core needs where displacements are tied, and of other processes."""
+        p = self.rows.size
+        others = {"processes": processes(self.ranks, [remote_of(part) for part in parts])}
+        if self.coupling == "mean":
+            return others | {"doubled": doubled_part(parts, p, self.ranks)}
+        if not self.tied:
+            return others
+        warn_of_growth(parts)
+        return {"gap": gap_factors(parts, p)}
+
+    def _mass(self, part: Part) -> Factor:
+        """The factor of M for mean coupling."""
+        if part.name not in self._masses:
+            self._masses[part.name] = mass_of_interface(part)
+        return self._masses[part.name]
+
+    def _interface_factors(self, layout: Layout, parts: Sequence[Part]) -> tuple[Factor, Factor]:
+        """The factor of H, and that of the first macro step, where all subdomains take single
+        steps, or double steps that span a change.
+
+        With internal forces, macro and mean coupling begin with those of the tangents at t = 0; pm
+        and gc make their own, and get unit matrices.
+        """
+        p = self.rows.size
+        if self.coupling in ("pm", "gc") and any(part.tangent is not None for part in parts):
+            unit = (np.ones(p), None)
+            return unit, unit
+        start = layout.spans_change  # whose assembly takes the first macro step alone
+        matrix = interface_matrix(parts, p, start=start, ranks=self.ranks)
+        options = dict(superlu=self.superlu, symmetric=is_symmetric_sum(parts))
+        H = interface_factor(matrix, self.rows, **options)
+        if self.coupling == "macro":
+            warn_of_resonance(matrix, H, parts, self.row_position, self.ranks)
+        H_start = H
+        if any(joined(self.ranks, [part.double for part in parts])) and not start:
+            matrix = interface_matrix(parts, p, start=True, ranks=self.ranks)
+            H_start = interface_factor(matrix, self.rows, **options)
+        return H, H_start
 
 
 def _check_start(parts: Sequence[Part], start: str, coupling: str) -> None:
@@ -126,6 +279,16 @@ def _check_start(parts: Sequence[Part], start: str, coupling: str) -> None:
         raise ValueError(
             'start must be "rebased" with internal forces in subdomains with double steps, got '
             f'"plain" and {", ".join(map(repr, double))}'
+        )
+
+
+def _check_symmetry(keys: Sequence[tuple[str, Subdomain]], factorize: Any) -> None:
+    """ValueError for another factorization of matrices that only the core factors, (F10)."""
+    own = [name for name, s in keys if not s.has_symmetric_steps]
+    if own and factorize is not None:
+        raise ValueError(
+            "factorize must be None where matrices are not symmetric, which the core factors "
+            f"itself, got {factorize!r} and symmetric=False in {', '.join(map(repr, own))}"
         )
 
 
@@ -143,9 +306,9 @@ def _check_factorize(parts: Sequence[Part], factorize: Any) -> None:
 def _ordered(
     keys: Sequence[tuple[str, Subdomain]],
     matrices: Sequence[sp.csc_array],
-    doubles: Sequence[bool],
-    dt: float,
+    layout: Layout,
     coupling: str,
+    tied: bool,
     newton: Newton,
     factorize: Any,
 ) -> tuple[Part, ...]:
@@ -154,38 +317,23 @@ def _ordered(
         make_part(
             s,
             name,
-            double,
-            dt / s.substeps,
+            layout.doubles[i],
+            layout.dt / layout.substeps[i],
+            layout.substeps[i],
             L,
             factorize,
-            responds=coupling == "mean" or (coupling == "macro" and s.substeps > 1),
+            responds=_responds(coupling, layout.substeps[i]),
             mean=coupling == "mean",
+            shifts=tied,
             reuses=newton.tangent == "reuse",
         )
-        for (name, s), L, double in zip(keys, matrices, doubles)
+        for i, ((name, s), L) in enumerate(zip(keys, matrices))
     )
     warn_of_factors(parts)
     warn_of_order(parts)
     return parts
 
 
-def _interface_factors(
-    parts: Sequence[Part], rows: np.ndarray, position: np.ndarray, superlu: bool, macro: bool
-) -> tuple[Factor, Factor]:
-    """The factor of H, and that of the first macro step, where all subdomains take single steps.
-
-    With internal forces, macro coupling begins with those of the tangents at t = 0; pm and gc make
-    their own, and get unit matrices.
-    """
-    if not macro and any(part.tangent is not None for part in parts):
-        unit = (np.ones(rows.size), None)
-        return unit, unit
-    matrix = interface_matrix(parts, rows.size, start=False)
-    H = interface_factor(matrix, rows, superlu=superlu)
-    if macro:
-        warn_of_resonance(matrix, H, parts, position)
-    H_start = H
-    if any(part.double for part in parts):
-        matrix = interface_matrix(parts, rows.size, start=True)
-        H_start = interface_factor(matrix, rows, superlu=superlu)
-    return H, H_start
+def _responds(coupling: str, substeps: int) -> bool:
+    """Whether subdomains with so many substeps have link responses."""
+    return coupling == "mean" or (coupling == "macro" and substeps > 1)

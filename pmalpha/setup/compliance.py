@@ -12,7 +12,7 @@ from scipy.linalg.lapack import dpotri
 from .._checks import counted
 from ..blas import one_thread
 from ..memory import require
-from .factors import Factor, interface_block
+from .factors import Factor, interface_block, sides
 from .paths import compliance_along_paths
 
 
@@ -70,25 +70,30 @@ def compliance(factor: Factor, L: sp.csc_array, nb: int, name: str) -> Block:
     require(size, f"the interface matrix of {counted(rows.size, 'constraint')} of {name!r}")
     inverse, R = factor
     if isinstance(R, tuple) and len(R) == 7:
-        block = compliance_along_paths(inverse, R, own)
+        block = compliance_along_paths(factor, own)
     else:
-        block = _compliance_of_last(inverse[inverse.size - nb :], interface_block(factor, nb), own)
+        R_bb, *Q_bb = (interface_block(side, nb) for side in sides(factor))
+        block = _compliance_of_last(inverse[inverse.size - nb :], R_bb, own, *Q_bb)
+    if len(sides(factor)) > 1:
+        return Block(rows, block)
     return Block(rows, 0.5 * (block + block.T))  # symmetric up to rounding
 
 
-def _compliance_of_last(inverse: np.ndarray, R_bb: np.ndarray, L_b: sp.csr_array) -> np.ndarray:
-    """L_b S^-1 L_b^T, S = R_bb D_b R_bb^T, (F6).
+def _compliance_of_last(
+    inverse: np.ndarray, R_bb: np.ndarray, L_b: sp.csr_array, Q_bb: np.ndarray | None = None
+) -> np.ndarray:
+    """L_b S^-1 L_b^T, S = R_bb D_b Q_bb^T, (F6); Q_bb is R_bb if None.
 
-    The whole inverse S^-1 takes a third of the work of nb solutions; few constraints need fewer
-    solutions than that.
+    The whole inverse S^-1 takes a third of the work of nb solutions, if it is symmetric; few
+    constraints need fewer solutions than that.
     """
-    few = 3 * L_b.shape[0] < inverse.size
+    few = Q_bb is not None or 3 * L_b.shape[0] < inverse.size
     with one_thread():
         if few:
-            X = solve_triangular(
-                R_bb, L_b.toarray().T, lower=True, unit_diagonal=True, overwrite_b=True
-            )
-            return X.T @ (inverse[:, None] * X)
+            X = Y = _solved(R_bb, L_b)
+            if Q_bb is not None:
+                Y = _solved(Q_bb, L_b)
+            return Y.T @ (inverse[:, None] * X)
         root = 1.0 / np.sqrt(inverse)
         G = np.asfortranarray(R_bb * root)
         np.fill_diagonal(G, root)
@@ -96,3 +101,9 @@ def _compliance_of_last(inverse: np.ndarray, R_bb: np.ndarray, L_b: sp.csr_array
     whole = np.tril(half)
     whole += np.tril(half, k=-1).T
     return L_b @ np.ascontiguousarray((L_b @ whole).T)
+
+
+def _solved(R_bb: np.ndarray, L_b: sp.csr_array) -> np.ndarray:
+    """R_bb^-1 L_b^T"""
+    right = L_b.toarray().T
+    return solve_triangular(R_bb, right, lower=True, unit_diagonal=True, overwrite_b=True)

@@ -10,9 +10,10 @@ import scipy.sparse as sp
 
 from .._checks import numbered
 from ..errors import ConstraintError, ConstraintWarning, warn
-from ..problem.constraints import Constraint
 from ..problem.subdomain import Subdomain
 from .rank import require_independent
+from .ranks import Ranks, joined
+from .schedule import Rows
 
 # Tolerance of the initial velocities in a constraint, relative to its terms: the rounding of
 # velocities that were computed.
@@ -27,15 +28,19 @@ class ConstraintRows:
 
     Parameters
     ----------
-    constraints : sequence of Constraint
+    constraints : sequence of Rows
     subdomains : sequence of Subdomain
+        Of all processes.
+    own : slice, optional
+        Those of this process. Default: all.
+    ranks : Ranks, optional
 
     Attributes
     ----------
     p : int
         Number of rows.
     matrices : list of (p, n_i) csc_array
-        L_i of every subdomain; by columns, since most of its rows are empty.
+        L_i of every subdomain of this process; by columns, since most of its rows are empty.
 
     Raises
     ------
@@ -43,25 +48,33 @@ class ConstraintRows:
         When the rows are linearly dependent.
     """
 
-    def __init__(self, constraints: Sequence[Constraint], subdomains: Sequence[Subdomain]):
+    def __init__(
+        self,
+        constraints: Sequence[Rows],
+        subdomains: Sequence[Subdomain],
+        own: slice = slice(None),
+        ranks: Ranks | None = None,
+    ):
+        self.ranks = ranks
         self.starts = np.cumsum([0] + [c.p for c in constraints])
         self.p = int(self.starts[-1])
-        self.matrices = self._stacked(constraints, subdomains)
+        matrices = self._stacked(constraints, subdomains)
         if constraints:
-            require_independent(sp.csr_array(sp.hstack(self.matrices)), self.name)
+            require_independent(sp.csr_array(sp.hstack(matrices)), self.name)
+        self.matrices = matrices[own]
         self._sizes = np.zeros(self.p)  # the largest entry of each row
-        for L in self.matrices:
+        for L in matrices:
             np.maximum.at(self._sizes, L.indices, np.abs(L.data))
 
     def _stacked(
-        self, constraints: Sequence[Constraint], subdomains: Sequence[Subdomain]
+        self, constraints: Sequence[Rows], subdomains: Sequence[Subdomain]
     ) -> list[sp.csc_array]:
-        pieces: dict[Subdomain, list[Any]] = {s: [] for s in subdomains}
+        pieces: list[list[Any]] = [[] for _ in subdomains]
         for c, first in zip(constraints, self.starts):
-            for s, L in c.matrices.items():
+            for i, L in c.matrices.items():
                 own = sp.coo_array(L)
-                pieces[s].append((own.data, own.row + first, own.col))
-        return [_joined(pieces[s], (self.p, s.n)) for s in subdomains]
+                pieces[i].append((own.data, own.row + first, own.col))
+        return [_joined(own, (self.p, s.n)) for s, own in zip(subdomains, pieces)]
 
     def of(self, i: int) -> np.ndarray:
         """The rows of constraint i."""
@@ -105,6 +118,13 @@ class ConstraintRows:
                 f"which ties displacements, violated in {numbered('row', amounts)}"
             )
 
+    def gaps(self, displacements: Sequence[np.ndarray]) -> np.ndarray:
+        """sum L_i u_i, (p,), zero where it is rounding."""
+        rows, amounts = self._violated(displacements, 0.0)
+        gaps = np.zeros(self.p)
+        gaps[rows] = amounts
+        return gaps
+
     def _violated(
         self, values: Sequence[np.ndarray], g: np.ndarray | float
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -113,13 +133,20 @@ class ConstraintRows:
         Each row is scaled by its largest entry, since the multiple of a constraint is the same
         constraint.
         """
-        pairs = [(L, x) for L, x in zip(self.matrices, values) if x.any()]
-        if not pairs and not np.any(g):
+        terms = joined(
+            self.ranks,
+            [
+                (L @ x, abs(L) @ np.abs(x), float(np.max(np.abs(x))))
+                for L, x in zip(self.matrices, values)
+                if x.any()
+            ],
+        )
+        if not terms and not np.any(g):
             return np.empty(0, dtype=np.int64), np.empty(0)
-        jump = sum((L @ x for L, x in pairs), np.zeros(self.p)) - g
-        size = sum((abs(L) @ np.abs(x) for L, x in pairs), np.zeros(self.p)) + np.abs(g)
+        jump = sum((jump for jump, _, _ in terms), np.zeros(self.p)) - g
+        size = sum((size for _, size, _ in terms), np.zeros(self.p)) + np.abs(g)
         largest = np.max(size / self._sizes, initial=0.0)
-        far = max((np.max(np.abs(x)) for _, x in pairs), default=0.0)
+        far = max((far for _, _, far in terms), default=0.0)
         rows = np.flatnonzero(np.abs(jump) / self._sizes > max(ROUNDING * largest, FAR * far))
         return rows, jump[rows]
 

@@ -13,8 +13,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..problem.matrices import Matrix, permuted
+from ..problem.ordering import elimination_order, rows_of
 from .factors import Factor, Names, Structure, factorize, structure_of
-from .ordering import elimination_order, rows_of
 from .paths import Paths, paths_to
 
 # The ordinary order is considered where the block of the interface alone is this share of the
@@ -52,16 +52,24 @@ class Elimination:
         along = 0 if self.paths is None else self.paths.entries
         return 2 * (self.structure.entries + along)
 
-    def factor(self, A: Matrix, names: Names) -> Factor:
+    def factor(self, A: Matrix, names: Names, *, symmetric: bool = True) -> Factor:
         """The factor of a matrix in the subdomain's order."""
         if A is None or not sp.issparse(A):
-            return factorize(A, names, nb=self.nb)
+            return factorize(A, names, nb=self.nb, symmetric=symmetric)
         if self.paths is None:
-            return factorize(A, names, nb=self.nb, structure=self.structure, superlu=self.superlu)
+            return factorize(
+                A,
+                names,
+                nb=self.nb,
+                structure=self.structure,
+                superlu=self.superlu,
+                symmetric=symmetric,
+            )
         position, supernodes = self.paths.position, self.paths.supernodes
         order = np.argsort(position)
         names = replace(names, numbers=names.numbers[order])
-        inverse, panels = factorize(permuted(A, order), names, structure=self.structure)
+        A = permuted(A, order)
+        inverse, panels = factorize(A, names, structure=self.structure, symmetric=symmetric)
         return inverse, (*panels, position, supernodes)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted, numbered, plain_array, real_array, require_finite
+from ..problem.sparse_arrays import check_arrays
 from .factors import Factor, Names, below_diagonal, check_pivots, check_softest
 
 # Tolerance of L D L^T x = A x for one vector x, relative to the terms.
@@ -104,6 +105,8 @@ class External:
             raise ValueError(f"L of factorize must have shape ({n}, {n}), got {L.shape}")
         if L.dtype.kind not in "iuf":
             raise TypeError(f"L of factorize must hold real numbers, got dtype {L.dtype}")
+        if sp.issparse(L):
+            check_arrays(L, "L of factorize")
         L = sp.csc_array(L, dtype=np.float64, copy=True)
         L.sum_duplicates()
         require_finite(L.data, "the stored entries of L of factorize")

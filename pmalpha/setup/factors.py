@@ -1,4 +1,4 @@
-"""Factors A = R D R^T of symmetric positive definite matrices, (F1), in the forms of the core."""
+"""Factors in the forms of the core: A = R D R^T, positive definite (F1), or A = R D Q^T (F10)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,13 @@ SUPERLU_BYTES = 90
 # From this number of entries per column on, sweeps of panels are faster than sweeps of columns.
 WIDE = 24
 
-Factor = tuple[np.ndarray, Any]  # (inverse, R): the reciprocals of D, and R in a form of the core
+# What is subtracted from a diagonal entry of an unsymmetric matrix, relative to it, leaves half of
+# the digits (F11).
+GROWTH = 1e8
+
+# (inverse, R): the reciprocals of D, and R in a form of the core. Of an unsymmetric matrix, values
+# have one axis more, the first, of length 2: for R and Q, which has the same pattern.
+Factor = tuple[np.ndarray, Any]
 
 
 @dataclass(frozen=True)
@@ -62,6 +68,17 @@ class Names:
             subdomain=self.subdomain,
             dof=None if self.subdomain is None else number,
             inertia=counted,
+        )
+
+    def not_factored(self, found: str, position: int) -> FactorizationError:
+        """The error for an unsymmetric matrix, with what was found at a position."""
+        number = int(self.numbers[position])
+        unknown = "constraint" if self.subdomain is None else "dof"
+        return FactorizationError(
+            f"{self.what} is singular, or its pivots on the diagonal lose the digits of its "
+            f"entries, first seen at {unknown} {number}: {found}",
+            subdomain=self.subdomain,
+            dof=None if self.subdomain is None else number,
         )
 
 
@@ -107,13 +124,14 @@ def factorize(
     nb: int = 0,
     structure: Structure | None = None,
     superlu: bool = False,
+    symmetric: bool = True,
 ) -> Factor:
-    """R and the reciprocals of D, in the forms of the core.
+    """R and the reciprocals of D, in the forms of the core; R and Q of an unsymmetric matrix.
 
     Parameters
     ----------
     A : matrix in inner form
-        Symmetric, already in elimination order.
+        Already in elimination order.
     names : Names
     nb : int, default 0
         Number of interface unknowns, which are last and swept separately.
@@ -121,11 +139,13 @@ def factorize(
         Of a pattern that contains that of A, if A is sparse. Default: of the pattern of A.
     superlu : bool, default False
         Sparse factors by SuperLU, for any pattern.
+    symmetric : bool, default True
+        A is symmetric, and has to be positive definite. Otherwise pivots have any sign.
 
     Raises
     ------
     FactorizationError
-        When A is not positive definite.
+        When A is not positive definite; if unsymmetric, for pivots that are too small or too large.
     MemoryError
         When the factor would not fit, predicted before the factorization.
     """
@@ -134,6 +154,11 @@ def factorize(
     if A.ndim == 1:
         check_pivots(A, A, names)
         return 1.0 / A, None
+    if not symmetric:
+        with one_thread():
+            factor = unsymmetric(A, names, nb, structure)
+        check_smallest(A, factor, names)
+        return factor
     with one_thread():
         if not sp.issparse(A):
             factor = dense_columns(A, names)
@@ -169,13 +194,110 @@ def panels(A: sp.csr_array, names: Names, structure: tuple) -> Factor:
         f"the factor of {names.what} ({A.shape[0]} dofs, {start[-1]} entries)",
     )
     values, inverse = np.empty(start[-1]), np.empty(A.shape[0])
-    capsules = cython_blas.__pyx_capi__
-    failed = _core.factor_panels(
-        core_sparse(A), structure, values, inverse, LOST, capsules["dgemm"], capsules["dtrsm"]
-    )
+    failed = _factor_panels(core_sparse(A), structure, values, inverse)
     if failed is not None:
         raise names.not_definite(A, failed)
     return inverse, (first, row_ptr, rows, start, values)
+
+
+def _factor_panels(
+    A: tuple, structure: tuple, values: np.ndarray, inverse: np.ndarray
+) -> int | None:
+    """Fills values and inverse; the column where it failed, or None."""
+    blas = (cython_blas.__pyx_capi__[name] for name in ("dgemm", "dtrsm"))
+    return _core.factor_panels(A, structure, values, inverse, LOST, GROWTH, *blas)
+
+
+# ---- unsymmetric matrices ----------------------------------------------------------------------
+
+
+def unsymmetric(A: Matrix, names: Names, nb: int, structure: Structure | None) -> Factor:
+    """R D Q^T by the core, with pivots on the diagonal: dense, in panels or in columns."""
+    n, sparse = A.shape[0], sp.issparse(A)
+    if sparse:
+        A = with_symmetric_pattern(A)
+        entries = core_sparse(A)
+        if structure is None:
+            structure = structure_of(*entries[:2], nb)
+        found = structure.panels or _core.supernodes(*entries[:2], nb)
+    else:  # one panel
+        index = np.tile(np.arange(n, dtype=np.int32), n)
+        entries = (np.arange(0, n * n + 1, n), index, np.ascontiguousarray(A).ravel())
+        found = (np.array([0, n]), np.zeros(2, int), np.zeros(0, np.int32), np.array([0, n * n]))
+        found += (np.zeros(n, int),)
+    first, row_ptr, rows, start, _ = found
+    update = 0 if row_ptr[-1] == 0 else np.max(np.diff(first)) * np.max(np.diff(row_ptr))
+    require(
+        8.0 * (2 * start[-1] + update) + 12.0 * entries[1].size,
+        f"the factor of {names.what} ({n} dofs, twice {start[-1]} entries)",
+    )
+    values, inverse = np.empty((2, start[-1])), np.empty(n)
+    failed = _factor_panels(entries, found, values, inverse)
+    if failed is not None:
+        pivot, entry = inverse[failed], diagonal(A)[failed]
+        found = _small_pivot(pivot, entry)
+        if abs(pivot) > LOST * abs(entry):
+            found = f"more than {GROWTH:g} times its diagonal entry {entry:g} is subtracted from it"
+        raise names.not_factored(found, failed)
+    if not sparse:
+        return inverse, values.reshape(2, n, n)
+    panels = (first, row_ptr, rows, start, values)
+    return inverse, panels if structure.panels else columns_of_panels(panels)
+
+
+def with_symmetric_pattern(A: sp.csr_array) -> sp.csr_array:
+    """A with the diagonal, and zeros stored across the diagonal from its entries."""
+    n, rows = A.shape[0], row_of_entries(A)
+    own = np.arange(n)
+    where = (np.concatenate([rows, A.indices, own]), np.concatenate([A.indices, rows, own]))
+    values = np.concatenate([A.data, np.zeros(A.nnz + n)])
+    return sp.csr_array((values, where), shape=A.shape)  # adds up; sorted, zeros are kept
+
+
+def columns_of_panels(panels: tuple) -> tuple:
+    """R and Q by columns, from their panels: for chains and other thin patterns."""
+    first, row_ptr, rows, start, values = panels
+    columns, below, numbers = [], [], []
+    for s in range(first.size - 1):
+        own = np.arange(first[s], first[s + 1])
+        where = np.concatenate([own, rows[row_ptr[s] : row_ptr[s + 1]]])
+        columns.append(np.repeat(own, where.size))
+        below.append(np.tile(where, own.size))
+        numbers.append(values[:, start[s] : start[s + 1]])
+    j, i, x = np.concatenate(columns), np.concatenate(below), np.concatenate(numbers, axis=1)
+    kept = (i > j) & x.any(axis=0)
+    return in_columns(first[-1], j[kept], i[kept], x[:, kept])
+
+
+def check_smallest(A: Any, factor: Factor, names: Names) -> None:
+    """FactorizationError for a mechanism of an unsymmetric matrix, as `check_softest`."""
+    inverse, d = factor[0], diagonal(A)
+    with np.errstate(all="ignore"):
+        share = 1.0 / np.abs(inverse * d)
+    position = int(np.argmin(share))
+    if share[position] > SUSPICIOUS:
+        return
+    x = _softest(factor, d)
+    if x is None or np.max(np.abs(A @ x)) <= LOST * np.max(abs(A) @ np.abs(x)):
+        raise names.not_factored(_small_pivot(1.0 / inverse[position], d[position]), position)
+
+
+def _small_pivot(pivot: float, entry: float) -> str:
+    return f"a pivot of {pivot:g} where the diagonal entry is {entry:g}"
+
+
+def sides(factor: Factor) -> list[Factor]:
+    """The factor with R, and if there is a Q with Q in its place."""
+    inverse, R = factor
+    if R is None or isinstance(R, np.ndarray):
+        return [factor] if R is None or R.ndim == 2 else [(inverse, R[0]), (inverse, R[1])]
+    at = 0 if len(R) == 1 else 2 if len(R) == 3 else 4
+    if R[at].ndim == (2 if len(R) == 1 else 1):
+        return [factor]
+    return [(inverse, (*R[:at], values, *R[at + 1 :])) for values in R[at]]
+
+
+# ---- symmetric matrices by SuperLU -------------------------------------------------------------
 
 
 def columns(A: sp.csr_array, names: Names, entries: int, *, nb: int) -> Factor:
@@ -212,15 +334,19 @@ def below_diagonal(R: sp.csc_array) -> tuple:
     """R by columns, sorted, in a form of the core: (band,) or (ptr, index, values)."""
     n, own = R.shape[0], row_of_entries(R)
     below = (R.indices > own) & (R.data != 0.0)
-    columns, rows, values = own[below], R.indices[below], R.data[below]
+    return in_columns(n, own[below], R.indices[below], R.data[below])
+
+
+def in_columns(n: int, columns: np.ndarray, rows: np.ndarray, values: np.ndarray) -> tuple:
+    """Entries below the diagonal in this order, of R (k,), or of R and Q (2, k), as above."""
     distance = rows - columns
     width = int(distance.max(initial=0))
-    if width < n and is_narrow(width, n, values.size):
-        band = np.zeros((n, width))
-        band[columns, distance - 1] = values
+    if width < n and is_narrow(width, n, rows.size):
+        band = np.zeros((*values.shape[:-1], n, width))
+        band[..., columns, distance - 1] = values
         return (band,)
     ptr = np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=n))])
-    return ptr.astype(np.int64), rows.astype(np.int32), values
+    return ptr.astype(np.int64), rows.astype(np.int32), np.ascontiguousarray(values)
 
 
 def _check_symmetric(R: Any, pivots: np.ndarray, U: Any, what: str) -> None:
@@ -249,15 +375,19 @@ def check_softest(A: Any, factor: Factor, names: Names) -> None:
     share = 1.0 / (inverse * d)
     if np.min(share) > SUSPICIOUS:
         return
+    x = _softest(factor, d)
+    if x is None or x @ (A @ x) <= LOST * (x @ (d * x)):
+        raise names.not_definite(A, int(np.argmin(share)))
+
+
+def _softest(factor: Factor, d: np.ndarray) -> np.ndarray | None:
+    """The softest motion by inverse iteration, its largest entry 1; None where it is not finite."""
     x = np.cos(np.arange(d.size))
     for _ in range(4):
         x = solve(factor, d * (x / np.max(np.abs(x))))
         if not np.all(np.isfinite(x)):
-            break
-    size = np.max(np.abs(x))
-    x = x / size
-    if not np.isfinite(size) or x @ (A @ x) <= LOST * (x @ (d * x)):
-        raise names.not_definite(A, int(np.argmin(share)))
+            return None
+    return x / np.max(np.abs(x))
 
 
 def solve(factor: Factor, b: np.ndarray) -> np.ndarray:

@@ -10,38 +10,51 @@ import scipy.sparse as sp
 from .._checks import counted
 from ..memory import require
 from ..problem.matrices import Matrix, dense
+from ..problem.ordering import elimination_order, graph_of
 from .compliance import Block, constraints_of, diagonal_compliance
 from .factors import Factor, Names, factorize
-from .ordering import elimination_order, graph_of
 from .part import Part
+from .ranks import Ranks, joined
 
 # An interface matrix with more than this share of entries is factored as a dense one.
 DENSE_SHARE = 0.1
 
 
-def row_order(parts: Sequence[Part], p: int) -> np.ndarray:
+def row_order(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> np.ndarray:
     """The order of the multipliers in which the interface matrix fills little."""
-    diagonal = [_is_diagonal(part) for part in parts]
-    members = [constraints_of(part.L) for part in parts]
-    blocks = sum(float(m.size) ** 2 for m, plain in zip(members, diagonal) if not plain)
+    # constraints of each subdomain, and the pattern of its block of H where that is not full
+    patterns = joined(ranks, [(constraints_of(part.L), _pattern(part)) for part in parts])
+    blocks = sum(float(rows.size) ** 2 for rows, sparse in patterns if sparse is None)
     if blocks > DENSE_SHARE * p**2:
         return np.arange(p)  # these blocks alone make the matrix dense
     require(40.0 * blocks, f"the pattern of the interface matrix of {counted(p, 'constraint')}")
-    graphs = []
-    for part, rows, plain in zip(parts, members, diagonal):
-        if plain:
-            graphs.append(diagonal_compliance(np.ones(part.n), abs(part.L).sign()))
-        else:
-            graphs.append(Block(rows, np.ones((rows.size, rows.size))))
+    graphs = [
+        Block(rows, np.ones((rows.size, rows.size))) if sparse is None else sparse
+        for rows, sparse in patterns
+    ]
     return elimination_order(p, graph_of([total(graphs, p)]), np.arange(0))
 
 
-def _is_diagonal(part: Part) -> bool:
-    """Whether the block of H of a subdomain connects constraints of one dof only."""
-    return part.diagonal_mbar(part.h) is not None and part.internal is None and not part.responds
+def _pattern(part: Part) -> Block | None:
+    """The block of H of a subdomain that connects constraints of one dof only; None for another."""
+    if part.diagonal_mbar(part.h) is None or part.internal is not None or part.responds:
+        return None
+    return diagonal_compliance(np.ones(part.n), abs(part.L).sign())
 
 
-def interface_matrix(parts: Sequence[Part], p: int, *, start: bool, mean: bool = False) -> Matrix:
+def is_symmetric_sum(parts: Sequence[Part]) -> bool:
+    """Whether the sum of the blocks of these subdomains is symmetric."""
+    return all(part.symmetric for part in parts)
+
+
+def interface_matrix(
+    parts: Sequence[Part],
+    p: int,
+    *,
+    start: bool,
+    mean: bool = False,
+    ranks: Ranks | None = None,
+) -> Matrix:
     """H = sum_i al2_i L_i Mbar_i^-1 L_i^T, equations (18) and (F6); for link responses (M4).
 
     Parameters
@@ -54,14 +67,16 @@ def interface_matrix(parts: Sequence[Part], p: int, *, start: bool, mean: bool =
         All subdomains take single steps, as in the first macro step.
     mean : bool
         For link responses, the mean velocity in the macro step instead of the one at its end.
+    ranks : Ranks, optional
+        The sum is over the subdomains of all processes.
     """
     blocks = []
     for part in parts:
         if part.response_blocks is not None:
             blocks.append(part.response_blocks[1 if mean else 0])
             continue
-        blocks.append(part.block(part.double and not start))
-    return summed(blocks, p)
+        blocks.append(part.block(part.is_double(start=start)))
+    return summed(joined(ranks, blocks), p)
 
 
 def total(blocks: Sequence[Block], p: int) -> sp.csr_array:
@@ -103,9 +118,14 @@ def _dense_sum(blocks: Sequence[Block], p: int) -> Matrix:
 
 
 def interface_factor(
-    H: Matrix, rows: np.ndarray, what: str = "the interface matrix H", *, superlu: bool = False
+    H: Matrix,
+    rows: np.ndarray,
+    what: str = "the interface matrix H",
+    *,
+    superlu: bool = False,
+    symmetric: bool = True,
 ) -> Factor:
     """The factor of H, empty without constraints. `rows` are the constraints in the order of H."""
     if H is None:
         return np.empty(0), None
-    return factorize(H, Names(what, rows), superlu=superlu)
+    return factorize(H, Names(what, rows), superlu=superlu, symmetric=symmetric)

@@ -16,12 +16,19 @@ from .. import _core
 from ..memory import require
 from ..problem.evaluation import CheckedInternal, first_tangent, histories
 from ..problem.internal import InternalForce
-from ..problem.matrices import Matrix, canonical, combination, core_matrix, core_sparse
+from ..problem.matrices import (
+    Matrix,
+    canonical,
+    combination,
+    core_matrix,
+    core_sparse,
+    row_of_entries,
+)
+from ..problem.ordering import elimination_order, graph_of, rows_of
 from ..problem.springs import stiffness
 from ..problem.subdomain import Subdomain
 from ..problem.tangents import Slots, entries_of, keys_of, symmetric_union
 from .factors import Structure, structure_of
-from .ordering import elimination_order, graph_of, rows_of
 
 # The core factors tangents as a band up to this half width, if that has at most this many times the
 # entries of the panels (numeric.c); calls of BLAS for a few columns each take longer.
@@ -68,7 +75,7 @@ def internal_forces(s: Subdomain, name: str) -> InternalForces | None:
     groups = [group for group in groups if group]
     evaluated = [_tangents(group, s, name) for group in groups]
     functions = tuple(
-        _function(group, name, pattern, C is not None)
+        _function(group, name, pattern, C is not None, s.symmetric)
         for group, (pattern, _, C) in zip(groups, evaluated)
     )
     springs = None
@@ -99,18 +106,20 @@ def _forces(group: Group) -> list[InternalForce]:
 
 def _tangents(group: Group, s: Subdomain, name: str) -> tuple:
     forces, labels = _forces(group), [label for _, label in group]
-    return first_tangent(forces, s.n, s.u0, s.v0, histories(forces)[0], name, labels)
+    q0 = histories(forces)[0]
+    return first_tangent(forces, s.n, s.u0, s.v0, q0, name, labels, symmetric=s.symmetric)
 
 
 def _function(
-    group: Group, name: str, pattern: sp.csr_array, damped: bool
+    group: Group, name: str, pattern: sp.csr_array, damped: bool, symmetric: bool
 ) -> tuple[Any, int, sp.csr_array]:
     """The function of the core for a compiled force, or for Python ones together."""
     forces = _forces(group)
     if _is_compiled(forces[0]):
         assert forces[0].pattern is not None
         return forces[0].evaluate, forces[0].history.size, forces[0].pattern
-    checked = CheckedInternal(forces, name, pattern, damped, [label for _, label in group])
+    labels = [label for _, label in group]
+    checked = CheckedInternal(forces, name, pattern, damped, labels, symmetric=symmetric)
     return checked, checked.history.size, pattern
 
 
@@ -163,9 +172,9 @@ class TangentPattern:
         """Entries of the factor, with the diagonal."""
         return self.order.size if self.structure is None else int(self.structure[3][-1])
 
-    def core(self, name: str) -> tuple:
+    def core(self, name: str, symmetric: bool) -> tuple:
         """Pattern and structure in the form of the core, where their memory is there."""
-        return numeric(self.pattern, self.structure, f"the tangent of {name!r}")
+        return numeric(self.pattern, self.structure, f"the tangent of {name!r}", symmetric)
 
     def values(self, A: Matrix) -> np.ndarray:
         """The values on the pattern of a matrix in elimination order."""
@@ -234,30 +243,36 @@ def structure(pattern: sp.csr_array, nb: int) -> tuple | None:
     return _core.supernodes(*core_sparse(pattern)[:2], nb)
 
 
-def numeric(pattern: sp.csr_array, panels: tuple | None, what: str) -> tuple:
-    """(ptr, index, structure, dgemm, dtrsm): what the core factors again and again.
+def numeric(pattern: sp.csr_array, panels: tuple | None, what: str, symmetric: bool) -> tuple:
+    """(ptr, index, structure, dgemm, dtrsm, unsymmetric): what the core factors again and again.
 
     Raises
     ------
     MemoryError
         When the factor does not fit.
     """
-    size = 8.0 * pattern.nnz + (0.0 if panels is None else 8.0 * float(panels[3][-1]))
+    panel = 8.0 if symmetric else 16.0
+    size = 8.0 * pattern.nnz + (0.0 if panels is None else panel * float(panels[3][-1]))
     require(size, f"the factor of {what} ({pattern.shape[0]} rows)")
     capsules = cython_blas.__pyx_capi__
     ptr, index, _ = core_sparse(pattern)
-    return ptr, index, panels, capsules["dgemm"], capsules["dtrsm"]
+    return ptr, index, panels, capsules["dgemm"], capsules["dtrsm"], not symmetric
 
 
 def core_internal(
-    forces: InternalForces, order: np.ndarray, tangent: TangentPattern | None
+    forces: InternalForces, order: np.ndarray, tangent: TangentPattern | None, symmetric: bool
 ) -> tuple:
-    """(order, initial, functions) of the core; without tangents in an explicit subdomain."""
+    """(order, initial, functions) of the core; without tangents in an explicit subdomain.
+
+    If the tangents have to be `symmetric`, the core checks those of compiled functions;
+    `CheckedInternal` checks the others.
+    """
     functions = tuple(
         (
             function,
             history,
             None if tangent is None else tangent.places(pattern),
+            across(pattern) if symmetric and isinstance(function, LowLevelCallable) else None,
             function.potential if isinstance(function, CheckedInternal) else None,
         )
         for function, history, pattern in forces.functions
@@ -265,6 +280,16 @@ def core_internal(
     return order.astype(np.int64), forces.initial, functions
 
 
-def core_size(M: Matrix) -> Any:
+def across(pattern: sp.csr_array) -> np.ndarray:
+    """The index of the entry (j, i) for each entry (i, j) of a pattern, or -1 if there is none."""
+    keys = keys_of(pattern)
+    order = np.argsort(keys)
+    wanted = pattern.indices.astype(np.int64) * pattern.shape[0] + row_of_entries(pattern)
+    places = np.minimum(np.searchsorted(keys, wanted, sorter=order), keys.size - 1)
+    found = order[places]
+    return np.where(keys[found] == wanted, found, -1).astype(np.int64)
+
+
+def core_size(M: Matrix, symmetric: bool = True) -> Any:
     """The size of the entries of M, in the form of the core."""
-    return core_matrix(None if M is None else abs(M))
+    return core_matrix(None if M is None else abs(M), symmetric=symmetric)

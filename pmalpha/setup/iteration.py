@@ -19,28 +19,33 @@ from ..memory import require
 from ..problem.matrices import combination, core_matrix, permuted
 from ..problem.newton import Newton
 from .compliance import Block, constraints_of
-from .interface import summed, total
+from .interface import is_symmetric_sum, summed, total
 from .internal import core_size, numeric, structure
 from .macro import compute_unit_responses
+from .mean import mass_of_interface, mean_blocks
 from .part import Part, core_subdomain
 
 
-def prepare_iterated(parts: Sequence[Part], macro: bool) -> None:
+def prepare_iterated(parts: Sequence[Part], coupling: str) -> None:
     """The blocks of H of the subdomains with internal forces.
 
-    Under "macro" those of their linear twins; else zero, but for explicit subdomains, whose blocks
-    do not change: the core adds the others.
+    Under "macro" and "mean" those of their linear twins; else zero, but for explicit subdomains,
+    whose blocks do not change: the core adds the others.
     """
     for part in parts:
         if part.internal is None:
             continue
-        if macro and part.subdomain.has_functions:
+        shoots = coupling in ("macro", "mean")
+        if shoots and part.subdomain.has_functions:
             raise ValueError(
                 f"restoring of {part.name!r} must have no functions where there are internal "
-                'forces under coupling="macro", which repeats its substeps; take "pm" or "gc", or '
+                f'forces under coupling="{coupling}", which repeats its substeps; take "pm" or '
+                '"gc", or '
                 "put the restoring force into a subdomain of its own"
             )
-        if macro:
+        if coupling == "mean":
+            part.blocks = mean_blocks(linear_twin(part))
+        elif coupling == "macro":
             _take_blocks_of(part, linear_twin(part))
         elif part.tangent is not None:
             rows = constraints_of(part.L)
@@ -72,26 +77,28 @@ def linear_twin(part: Part) -> Part:
         damping=combination([(1.0, part.damping), *([] if explicit else [(1.0, C_t)])]),
         internal=None,
         tangent=None,
-        responds=part.subdomain.substeps > 1,
+        responds=part.mean or part.substeps > 1,
         factors=[],
         blocks={},
+        known={},
     )
-    single = twin.operator(twin.h)
-    twice = twin.operator(2.0 * twin.h) if twin.double else None
-    twin.factors = [operator[1:] for operator in (single, twice) if operator is not None]
+    single, *twice = map(twin.operator, twin.lengths)
+    twin.factors = [operator[1:] for operator in (single, *twice)]
     twin.core = core_subdomain(
         twin,
         twin.subdomain.scheme,
         twin.L,
         single,
-        twice=twice,
-        substeps=twin.subdomain.substeps,
+        twice=twice[0] if twice else None,
+        substeps=twin.substeps,
         K=twin.K,
         C=twin.C,
         D_r=twin.D_r,
         lagged=twin.subdomain.damping == "lagged",
         responds=twin.responds,
         K_r=twin.K_r,
+        mass=mass_of_interface(twin) if twin.mean else None,
+        continues=twin.over is not None,
     )
     return twin
 
@@ -112,17 +119,18 @@ def _responses(parts: Sequence[Part], p: int) -> tuple[Any, Any, Any]:
     """The linear subdomains' part of H, in the first macro step and after it, and the size of H."""
     linear = [part for part in parts if part.internal is None]
     start, later = (
-        summed([_block(part, twice) for part in linear], p) if linear else None
-        for twice in (False, True)
+        summed([_block(part, start) for part in linear], p) if linear else None
+        for start in (True, False)
     )
-    H = summed([_block(part, True) for part in parts], p)
-    return core_matrix(start), core_matrix(later), core_size(H)
+    H = summed([_block(part, False) for part in parts], p)
+    own = is_symmetric_sum(parts)
+    return core_matrix(start, symmetric=own), core_matrix(later, symmetric=own), core_size(H, own)
 
 
-def _block(part: Part, later: bool) -> Block:
+def _block(part: Part, start: bool) -> Block:
     if part.response_blocks is not None:
         return part.response_blocks[0]
-    return part.block(part.double and later)
+    return part.block(part.is_double(start=start))
 
 
 def _constant_part(parts: Sequence[Part], p: int) -> tuple[tuple, np.ndarray, np.ndarray]:
@@ -130,8 +138,9 @@ def _constant_part(parts: Sequence[Part], p: int) -> tuple[tuple, np.ndarray, np
     and after it."""
     if p == 0:
         empty = sp.csr_array((0, 0))
-        return numeric(empty, None, "the interface matrix H"), np.empty(0), np.empty(0)
-    start, later = (total([_block(part, twice) for part in parts], p) for twice in (False, True))
+        return numeric(empty, None, "the interface matrix H", True), np.empty(0), np.empty(0)
+    start, later = (total([_block(part, first) for part in parts], p) for first in (True, False))
     pattern = sp.csr_array((np.ones(start.nnz), start.indices, start.indptr), shape=(p, p))
-    symbolic = numeric(pattern, structure(pattern, p), "the interface matrix H")
+    own = is_symmetric_sum(parts)
+    symbolic = numeric(pattern, structure(pattern, p), "the interface matrix H", own)
     return symbolic, np.ascontiguousarray(start.data), np.ascontiguousarray(later.data)

@@ -10,9 +10,9 @@ import scipy.sparse as sp
 
 from .._checks import counted, listing
 from ..errors import ConstraintWarning, warn
+from ..problem.positive import FLOATING, scale_to_one, softest
 from ..problem.subdomain import Subdomain
 from .rank import rows_of_size_one
-from .static import FLOATING, scale_to_one, softest
 
 # Dofs of a node for which translations are tried: a translation moves every d-th dof by one.
 DOFS_OF_A_NODE = (1, 2, 3, 6)

@@ -12,6 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted, listing, numbered
+from .._core import LANES
 from ..errors import ConstraintWarning, PerformanceWarning, StabilityWarning, warn
 from ..memory import require
 from ..problem.matrices import Matrix
@@ -21,15 +22,14 @@ from .compliance import Block, constraints_of
 from .factors import Factor, solve
 from .interface import interface_matrix
 from .part import Part
+from .ranks import Ranks, joined
 
 # Largest size in bytes of the stored unit responses of one subdomain.
 STORED = 256_000_000
-# Matrix entries that sweeps read per second on one core, a round figure.
-RATE = 1e9
+# Matrix entries that sweeps read per second on one core, a round figure; with `LANES` vectors.
+RATE, LANE_RATE = 1e9, 5e8
 # Seconds of set-up from which on it is reported, and from which on (a day) it is refused.
 LONG, ABSURD = 20.0, 86400.0
-# Entries between two checks for Ctrl-C.
-BLOCK = 5e7
 # Velocity at the end of a macro step over its mean: below, a subdomain resonates with the step.
 RESONANT = 0.05
 
@@ -71,7 +71,7 @@ def _warn_of_massless_ties(parts: Sequence[Part]) -> None:
     tied = {
         part.name: np.intersect1d(part.order[part.n - part.nb :], part.subdomain.massless)
         for part in parts
-        if part.responds or (part.internal is not None and part.subdomain.substeps > 1)
+        if part.responds or (part.internal is not None and part.substeps > 1)
     }
     each = [f"{numbered('dof', dofs)} of {name!r}" for name, dofs in tied.items() if dofs.size]
     if not each:
@@ -108,7 +108,7 @@ def _damps_nothing(scheme: Scheme) -> bool:
 def check_work(parts: Sequence[Part], coupling: str) -> None:
     """PerformanceWarning when the unit responses take long, ValueError for more than a day."""
     works = {part.name: work(part) for part in parts if part.responds}
-    seconds = sum(works.values()) / RATE
+    seconds = sum(works.values()) / LANE_RATE
     if seconds <= LONG:
         return
     name = max(works, key=works.__getitem__)
@@ -116,7 +116,7 @@ def check_work(parts: Sequence[Part], coupling: str) -> None:
     text = (
         f'coupling="{coupling}" needs about {seconds:.3g} s for unit responses before the first '
         f"step (more than {LONG if seconds <= ABSURD else ABSURD:g} s), most of it for {name!r}: "
-        f"{counted(constraints_of(part.L).size, 'constraint')} times {part.subdomain.substeps} "
+        f"{counted(constraints_of(part.L).size, 'constraint')} times {part.substeps} "
         f"substeps times {part.core.entries} matrix entries"
     )
     if seconds > ABSURD:
@@ -125,14 +125,15 @@ def check_work(parts: Sequence[Part], coupling: str) -> None:
 
 
 def work(part: Part) -> float:
-    """Matrix entries read to compute the unit responses of a subdomain."""
-    return float(part.core.entries) * part.subdomain.substeps * constraints_of(part.L).size
+    """Matrix entries read to compute the unit responses of a subdomain, `LANES` in one pass."""
+    passes = -(-constraints_of(part.L).size // LANES)
+    return float(part.core.entries) * part.substeps * passes
 
 
 def is_stored(part: Part) -> bool:
     """(M8): whether reading U costs less than the substeps, and U is not too large."""
     size = 4.0 * part.n * constraints_of(part.L).size
-    return size <= part.subdomain.substeps * part.core.entries and 8.0 * size <= STORED
+    return size <= part.substeps * part.core.entries and 8.0 * size <= STORED
 
 
 def compute_unit_responses(part: Part) -> None:
@@ -144,7 +145,7 @@ def compute_unit_responses(part: Part) -> None:
     end, mean, states = unit_responses(part, rows, stored=is_stored(part))
     if states is not None:
         part.core.store_responses(rows, states)
-    part.response_blocks = symmetric_block(rows, end), symmetric_block(rows, mean)
+    part.response_blocks = tuple(response_block(part, rows, x) for x in (end, mean))
 
 
 def unit_responses(
@@ -155,7 +156,8 @@ def unit_responses(
     Returns
     -------
     end, mean : (k, k) array
-        What the core ties at the end of the macro step, and its mean over it.
+        What the core ties at the end of the macro step, and its mean over it; a row for each
+        response.
     states : (k, 4, n) array, or None
         U, where it is to be stored.
 
@@ -167,30 +169,33 @@ def unit_responses(
         When a response is not finite: the steps are far above the critical one.
     """
     k = rows.size
-    size = 8.0 * 4.0 * part.n * k if stored else 0.0
+    size = 8.0 * 4.0 * part.n * (k if stored else 0) + 8.0 * 6.0 * part.n * LANES
     require(64.0 * k**2 + size, f"the link response of {part.name!r} to {counted(k, 'constraint')}")
     end, mean = np.empty((k, k)), np.empty((k, k))
     states = np.empty((k, 4, part.n)) if stored else None
-    columns = max(1, int(BLOCK // (part.core.entries * part.subdomain.substeps)))
-    for begin in range(0, k, columns):
-        own = slice(begin, min(begin + columns, k))
-        kept = None if states is None else states[own]
-        if not part.core.unit_responses(rows, begin, end[own], mean[own], kept, twice):
-            raise ValueError(
-                f"substeps of subdomain {part.name!r} must be more: its response to the "
-                f"multipliers is not finite at the end of a macro step, got "
-                f"{part.subdomain.substeps} of length {part.h:g}"
-            )
+    if not part.core.unit_responses(rows, end, mean, states, twice):
+        raise ValueError(
+            f"substeps of subdomain {part.name!r} must be more: its response to the multipliers "
+            f"is not finite at the end of a macro step, got {part.substeps} of length "
+            f"{part.h:g}"
+        )
     return end, mean, states
 
 
-def symmetric_block(rows: np.ndarray, values: np.ndarray) -> Block:
-    """The symmetric block (M7), sparse, since many pairs of constraints have no entry."""
+def response_block(part: Part, rows: np.ndarray, values: np.ndarray) -> Block:
+    """The block (M7), sparse, since many pairs of constraints have no entry; row k of the values
+    is the response to multiplier k, a column of H."""
+    if not part.symmetric:
+        return Block(rows, sp.csr_array(values.T))
     return Block(rows, sp.csr_array(0.5 * (values + values.T)))
 
 
 def warn_of_resonance(
-    H: Matrix, factor: Factor, parts: Sequence[Part], position: np.ndarray
+    H: Matrix,
+    factor: Factor,
+    parts: Sequence[Part],
+    position: np.ndarray,
+    ranks: Ranks | None = None,
 ) -> None:
     """StabilityWarning when some multipliers hardly move the velocities at the end of a macro step.
 
@@ -207,20 +212,23 @@ def warn_of_resonance(
     Notes
     -----
     The smallest eigenvalue of H x = lam P x by inverse iteration, where P is formed like H with
-    the mean velocities in the macro step.
+    the mean velocities in the macro step; of unsymmetric matrices, by size.
     """
-    if not any(part.response_blocks for part in parts):
+    own = [(p.name, p.response_blocks[1]) for p in parts if p.response_blocks is not None]
+    means = dict(joined(ranks, own))
+    if not means:
         return
-    mean = interface_matrix(parts, position.size, start=False, mean=True)
+    mean = interface_matrix(parts, position.size, start=False, mean=True, ranks=ranks)
     product = _product(mean)
     x = np.cos(np.arange(position.size))
     for _ in range(8):
         x = solve(factor, product(x))
         x /= np.max(np.abs(x))
     ratio = float(x @ _product(H)(x)) / float(x @ product(x))
+    if not all(part.symmetric for part in parts):
+        ratio = float(np.linalg.norm(_product(H)(x)) / np.linalg.norm(product(x)))
     if ratio >= RESONANT:
         return
-    means = {p.name: p.response_blocks[1] for p in parts if p.response_blocks is not None}
     shares = {n: float(x[b.rows] @ (b.values @ x[b.rows])) for n, b in means.items()}
     names = [repr(n) for n, share in shares.items() if share > 0.1 * max(shares.values())]
     verb = "resonate" if len(names) > 1 else "resonates"

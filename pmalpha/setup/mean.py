@@ -14,11 +14,12 @@ import numpy as np
 
 from .._checks import numbered
 from ..problem.matrices import combination, core_matrix
-from .compliance import constraints_of
+from .compliance import Block, constraints_of
 from .factors import Factor
-from .interface import summed
-from .macro import check_work, is_stored, symmetric_block, unit_responses
+from .interface import is_symmetric_sum, summed
+from .macro import check_work, is_stored, response_block, unit_responses
 from .part import Part
+from .ranks import Ranks, joined
 
 # The smallest rho_b of an explicit scheme: below, the coupled step is unstable near its limit.
 LEAST_EXPLICIT_RHO = 0.5
@@ -28,12 +29,11 @@ def check_mean(parts: Sequence[Part]) -> None:
     """ValueError for what mean coupling cannot have."""
     for part in parts:
         s = part.subdomain
-        if s.internal is not None or s.restoring is not None:
-            kind = "restoring" if s.internal is None else "internal"
+        if s.restoring is not None:
             raise ValueError(
-                f'coupling must be "macro", "pm" or "gc" with {kind} forces, got "mean" and {kind} '
-                f"forces in {part.name!r}: the free macro run has no multipliers, so that forces "
-                "would be evaluated away from the motion"
+                'coupling must be "macro", "pm" or "gc" with restoring forces, got "mean" and '
+                f"restoring forces in {part.name!r}: the free macro run has no multipliers, so "
+                "that forces would be evaluated away from the motion"
             )
         rho = getattr(s.scheme, "rho", 1.0)
         if s.scheme.explicit and rho < LEAST_EXPLICIT_RHO:
@@ -66,18 +66,36 @@ def prepare_mean(parts: Sequence[Part]) -> None:
     """Unit responses of all subdomains, which make their blocks of H."""
     check_work(parts, "mean")
     for part in parts:
-        rows = constraints_of(part.L)
-        stored = not part.double and rows.size > 0 and is_stored(part)
-        single, _, states = unit_responses(part, rows, stored=stored)
-        part.blocks = {False: symmetric_block(rows, single)}
-        if part.double:
-            twice = unit_responses(part, rows, stored=False, twice=True)[0]
-            part.blocks[True] = symmetric_block(rows, twice)
-        if states is not None:
-            part.core.store_responses(rows, states)
+        if part.responds:
+            part.blocks = mean_blocks(part)
 
 
-def doubled_part(parts: Sequence[Part], p: int) -> Any:
+def mean_blocks(part: Part) -> dict[bool, Block]:
+    """The blocks of H of a subdomain, of the single and the double step; stores the responses."""
+    rows = constraints_of(part.L)
+    stored = not part.double and rows.size > 0 and is_stored(part)
+    single, _, states = unit_responses(part, rows, stored=stored)
+    blocks = {False: response_block(part, rows, single)}
+    if part.double:
+        twice = unit_responses(part, rows, stored=False, twice=True)[0]
+        # of the mean of both macro steps, the share of the new one
+        share = 2.0 * part.h / part.lengths[1]
+        blocks[True] = response_block(part, rows, share * twice)
+    if states is not None:
+        part.core.store_responses(rows, states)
+    return blocks
+
+
+def _of_old(part: Part) -> Block:
+    """The block of a double step for the multipliers of its first macro step."""
+    block, (h, long) = part.blocks[True], part.lengths
+    return Block(block.rows, (long - h) / h * block.values)
+
+
+def doubled_part(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> Any:
     """The part of H of the subdomains that take double steps, for the core."""
-    blocks = [part.blocks[True] for part in parts if part.double]
-    return core_matrix(summed(blocks, p)) if blocks else None
+    blocks = joined(
+        ranks, [_of_old(part) for part in parts if part.double and part.internal is None]
+    )
+    own = is_symmetric_sum(parts)
+    return core_matrix(summed(blocks, p), symmetric=own) if blocks else None

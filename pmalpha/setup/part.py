@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,15 @@ import scipy.sparse as sp
 from .. import _core
 from .._checks import listing
 from ..errors import PerformanceWarning, warn
-from ..problem.matrices import Matrix, combination, core_matrix, core_sparse, permuted
+from ..problem.matrices import (
+    Matrix,
+    combination,
+    core_matrix,
+    core_sparse,
+    is_symmetric,
+    permuted,
+)
+from ..problem.ordering import graph_of, has_nested_dissection
 from ..problem.restoring import core_restoring
 from ..problem.schemes import Scheme
 from ..problem.springs import core_springs
@@ -29,7 +37,6 @@ from .internal import (
     internal_forces,
     tangent_pattern,
 )
-from .ordering import graph_of, has_nested_dissection
 from .stability import StepRatio
 from .stiff_restoring import StiffnessWatch
 
@@ -43,10 +50,17 @@ STEP_NUMBERS = 12
 
 @dataclass
 class Part:
-    """A subdomain in its elimination order, with its object of the core.
+    """A subdomain in its elimination order, with its object of the core, for steps of one length.
 
     Attributes
     ----------
+    h, substeps : float, int
+        Length and number of its substeps in a macro step.
+    over : float or None
+        Length of its double steps, where they span a change of the steps and are not of length 2 h.
+    known : dict
+        Step length and factor of Mbar in the form of the core, by length: those of its steps and,
+        before it is built, others that have been made.
     order, position : (n,) array of int
         Dof at each position, and position of each dof.
     L : (p, n) csc_array
@@ -74,6 +88,8 @@ class Part:
         Responds to a constant acceleration of the interface (K3): mean coupling.
     reuses : bool
         Whether tangents are kept from step to step.
+    shifts : bool
+        Its predictors can be shifted (V1): displacements tied under gc.
     responds : bool
         Has link responses (M3): more than one substep under macro coupling.
     response_blocks : pair of Block, or None
@@ -86,6 +102,7 @@ class Part:
     name: str
     double: bool
     h: float
+    substeps: int
     elimination: Elimination
     position: np.ndarray
     M: Matrix
@@ -106,14 +123,54 @@ class Part:
     tangent: TangentPattern | None = None
     reuses: bool = False
     mean: bool = False
+    shifts: bool = False
     responds: bool = False
     response_blocks: tuple[Block, Block] | None = None
     step_ratio: StepRatio | None = None
+    over: float | None = None
+    known: dict[float, tuple] = field(default_factory=dict)
 
     @property
     def step(self) -> float:
         """The length of the steps after the first macro step: 2 h if they are double."""
         return 2.0 * self.h if self.double else self.h
+
+    @property
+    def lengths(self) -> tuple[float, ...]:
+        """The lengths of its steps: the single one and, if it takes them, the double one."""
+        if not self.double:
+            return (self.h,)
+        return (self.h, 2.0 * self.h if self.over is None else self.over)
+
+    def is_double(self, *, start: bool) -> bool:
+        """Whether it takes double steps in the first macro step (`start`), or after it."""
+        return self.double and (self.over is not None or not start)
+
+    def with_steps(
+        self,
+        h: float,
+        substeps: int,
+        double: bool,
+        over: float | None,
+        known: dict[float, tuple],
+        *,
+        responds: bool,
+    ) -> Part:
+        """The same subdomain for other steps, not built yet."""
+        return replace(
+            self,
+            h=h,
+            substeps=substeps,
+            double=double,
+            over=over,
+            known=known,
+            responds=responds and self.internal is None,
+            core=None,
+            factors=[],
+            blocks={},
+            response_blocks=None,
+            step_ratio=None,
+        )
 
     @property
     def order(self) -> np.ndarray:
@@ -123,11 +180,17 @@ class Part:
     def n(self) -> int:
         return self.order.size
 
-    def factor(self, A: Matrix, what: str) -> Factor:
+    @property
+    def symmetric(self) -> bool:
+        """Whether Mbar, K and C of its steps are symmetric."""
+        return self.subdomain.has_symmetric_steps
+
+    def factor(self, A: Matrix, what: str, *, symmetric: bool = True) -> Factor:
         """The factor of a matrix of this subdomain, in elimination order."""
         if self.external is not None and A is not None and A.ndim == 2:
             return self.external.factor(permuted(A, self.position), what)
-        return self.elimination.factor(A, Names(what, self.order, self.name))
+        names = Names(what, self.order, self.name)
+        return self.elimination.factor(A, names, symmetric=symmetric)
 
     def reorder(self, position: np.ndarray) -> None:
         """Permute the constraints: row k of L becomes row position[k]."""
@@ -140,7 +203,7 @@ class Part:
         """al2 L Mbar^-1 L^T for the single or the double step; cached during set-up."""
         if twice in self.blocks:
             return self.blocks[twice]
-        h = 2.0 * self.h if twice else self.h
+        h = self.lengths[1 if twice else 0]
         al2 = self.subdomain.scheme.coefficients(h)[1]
         diagonal = self.diagonal_mbar(h)
         if diagonal is not None:
@@ -165,10 +228,11 @@ class Part:
             return (h, None, None)  # the core factors the tangents
         if self.mass_factor is not None:
             return (h, *self.mass_factor)
-        if self.external is not None and h == self.h:
-            factor = self.external.first  # made to get the order
-        else:
-            factor = self.factor(self.mbar(h), name_of_mbar(self.subdomain.scheme, self.name))
+        if h in self.known:
+            return self.known[h]
+        what = name_of_mbar(self.subdomain.scheme, self.name)
+        own = self.symmetric or is_symmetric(self.damping) and is_symmetric(self.stiffness)
+        factor = self.factor(self.mbar(h), what, symmetric=own)
         if self.stiffness is None and self.damping is None:
             self.mass_factor = factor
         return (h, *factor)
@@ -191,14 +255,17 @@ def make_part(
     name: str,
     double: bool,
     h: float,
+    substeps: int,
     L: sp.csc_array,
     factorize: Any = None,
     *,
     responds: bool = False,
-    reuses: bool = False,
-    mean: bool = False,
+    **does: bool,
 ) -> Part:
-    """Put a subdomain in its elimination order, interface dofs last."""
+    """Put a subdomain in its elimination order, interface dofs last.
+
+    `does` has the values of `reuses`, `mean` and `shifts`.
+    """
     n, scheme = subdomain.n, subdomain.scheme
     last = np.flatnonzero(np.diff(L.indptr)).astype(np.int64)
     stiffness, damping = subdomain.implicit_stiffness, subdomain.implicit_damping
@@ -216,8 +283,7 @@ def make_part(
     else:
         eliminated = elimination(n, graph, last, superlu=factorize == "superlu")
     order = eliminated.order
-    position = np.empty(n, dtype=np.int64)
-    position[order] = np.arange(n)
+    position = np.argsort(order)
     matrices = (
         subdomain.M,
         subdomain.K,
@@ -234,6 +300,7 @@ def make_part(
         name,
         double,
         h,
+        substeps,
         eliminated,
         position,
         *(different[id(A)] for A in matrices),
@@ -242,9 +309,9 @@ def make_part(
         external=external,
         internal=internal,
         tangent=tangent,
-        reuses=reuses,
-        mean=mean,
+        **does,
         responds=responds and internal is None,
+        known={} if external is None or external.first is None else {h: (h, *external.first)},
     )
 
 
@@ -269,21 +336,22 @@ def core_subdomain(
     """The object of the core for a subdomain with these matrices and operators."""
     columns = sp.csc_array(L[:, part.n - part.nb :])
     columns.sort_indices()
+    own = part.symmetric
     return _core.Subdomain(
         n=part.n,
         nb=part.nb,
         substeps=substeps,
-        K=core_matrix(K),
-        C=core_matrix(C),
+        K=core_matrix(K, symmetric=own),
+        C=core_matrix(C, symmetric=own),
         scheme=(scheme.am, scheme.af, scheme.beta, scheme.gamma),
         single=single,
         twice=twice,
         link=(L.shape[0], *core_sparse(columns)),
         restoring=restoring,
-        D_r=core_matrix(D_r),
+        D_r=core_matrix(D_r, symmetric=own),
         lagged=lagged,
         responds=responds,
-        K_r=core_matrix(K_r),
+        K_r=core_matrix(K_r, symmetric=own),
         springs=springs,
         **internal,
     )
@@ -361,26 +429,28 @@ def watch_of(part: Part) -> StiffnessWatch | None:
 
 def build(part: Part, mass: Factor | None = None) -> None:
     """Factor Mbar and make the object of the core."""
-    single = part.operator(part.h)
-    twice = part.operator(2.0 * part.h) if part.double else None
-    part.factors = [operator[1:] for operator in (single, twice) if operator is not None]
+    single, *twice = map(part.operator, part.lengths)
+    part.factors = [operator[1:] for operator in (single, *twice)]
+    part.known = {operator[0]: operator for operator in (single, *twice)}
     part.core = core_subdomain(
         part,
         part.subdomain.scheme,
         part.L,
         single,
-        twice=twice,
-        substeps=part.subdomain.substeps,
+        twice=twice[0] if twice else None,
+        substeps=part.substeps,
         K=part.K,
         C=part.C,
         restoring=core_restoring(part.subdomain.restoring, part.name, part.order, watch_of(part)),
         D_r=part.D_r,
         lagged=part.subdomain.damping == "lagged",
         responds=part.responds,
-        K_r=part.K_r if part.responds or part.tangent is not None else None,
+        K_r=part.K_r if part.responds or part.shifts or part.tangent is not None else None,
         springs=core_springs(part.subdomain.springs, part.position),
         **_internal(part),
         mass=mass,
+        shifts=part.shifts,
+        continues=part.over is not None,
     )
 
 
@@ -388,12 +458,11 @@ def _internal(part: Part) -> dict[str, Any]:
     """What the core has to know of internal forces."""
     if part.internal is None:
         return {}
-    own = core_internal(part.internal, part.order, part.tangent)
+    own = core_internal(part.internal, part.order, part.tangent, part.symmetric)
     if part.tangent is None:
         return {"M": core_matrix(part.M), "internal": own}
-    base = part.tangent.values(part.mbar(part.h))
-    twice = part.tangent.values(part.mbar(2.0 * part.h)) if part.double else None
+    base, *twice = (part.tangent.values(part.mbar(h)) for h in part.lengths)
     springs = bool(part.subdomain.internal.springs)
-    pattern = part.tangent.core(part.name)
-    iterate = (springs, part.reuses, pattern, base, twice, core_size(part.M))
+    pattern = part.tangent.core(part.name, part.symmetric)
+    iterate = (springs, part.reuses, pattern, base, *(twice or [None]), core_size(part.M))
     return {"M": core_matrix(part.M), "internal": own, "iterate": iterate}

@@ -12,6 +12,7 @@ import scipy.sparse as sp
 from scipy.linalg.blas import dtrsm
 
 from ..blas import one_thread
+from .factors import Factor, sides
 
 # Columns of L^T in one sweep, for which each panel is read once.
 BLOCK = 128
@@ -52,19 +53,21 @@ def paths_to(structure: tuple, position: np.ndarray, nb: int) -> Paths:
     return Paths(position, supernodes, int(np.sum(np.diff(start)[supernodes])))
 
 
-def compliance_along_paths(inverse: np.ndarray, R: tuple, L_b: sp.csr_array) -> np.ndarray:
+def compliance_along_paths(factor: Factor, L_b: sp.csr_array) -> np.ndarray:
     """L_b (A^-1)_bb L_b^T, (rows, rows), by sweeps of blocks of columns along the paths.
 
     Parameters
     ----------
-    inverse, R : the factor, R = (first, row_ptr, rows, start, values, position, supernodes)
+    factor : Factor
+        With R = (first, row_ptr, rows, start, values, position, supernodes).
     L_b : (rows, nb) csr_array
         Every row has an entry.
 
     Rows are sorted by the first unknown of each on the paths, so that the sweep of a block of
-    columns begins at the first unknown of its first row; earlier rows follow by symmetry.
+    columns begins at the first unknown of its first row; earlier rows follow by symmetry, if there
+    is one.
     """
-    steps = _Steps(inverse, R)
+    steps, R = _Steps(factor), factor[1]
     space = np.empty(steps.size * min(BLOCK, L_b.shape[0]))
     position = steps.local[R[5][R[5].size - L_b.shape[1] :]]  # of the interface dofs, on the paths
     reached = np.minimum.reduceat(position[L_b.indices], L_b.indptr[:-1])
@@ -80,6 +83,9 @@ def compliance_along_paths(inverse: np.ndarray, R: tuple, L_b: sp.csr_array) -> 
             X[:] = 0.0
             X[entries.col, entries.row] = entries.data
             steps.solve(X, int(reached[order[begin]]))
+            if not steps.symmetric:
+                block[:, own] = swept @ X
+                continue
             block[begin:, own] = swept[begin:] @ X
             block[own, begin:] = block[begin:, own].T
     back = np.argsort(order)
@@ -89,8 +95,10 @@ def compliance_along_paths(inverse: np.ndarray, R: tuple, L_b: sp.csr_array) -> 
 class _Steps:
     """The supernodes on the paths, with their unknowns numbered along the paths."""
 
-    def __init__(self, inverse: np.ndarray, R: tuple):
-        first, row_ptr, rows, start, values, position, supernodes = R
+    def __init__(self, factor: Factor):
+        both = sides(factor)
+        inverse, (first, row_ptr, rows, start, _, position, supernodes) = both[0]
+        self.symmetric = len(both) == 1
         widths = np.diff(first)[supernodes]
         self.size = int(widths.sum())
         self.begins = np.cumsum(np.concatenate([[0], widths]))
@@ -98,34 +106,42 @@ class _Steps:
         own = np.arange(self.size) + np.repeat(first[supernodes] - self.begins[:-1], widths)
         self.local[own] = np.arange(self.size)
         self.inverse = inverse[own][:, None]
+        # of R, which is swept forward, and of Q, which is swept backward
+        swept = [self._panels(side[1], widths) for side in both]
+        (self.tops, self.below), (self.tops_back, self.below_back) = swept[0], swept[-1]
+        self.rows = [self.local[rows[row_ptr[s] : row_ptr[s + 1]]] for s in supernodes]
+
+    @staticmethod
+    def _panels(R: tuple, widths: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """The triangles of the panels on the paths, and what is below them."""
+        first, _, _, start, values, _, supernodes = R
         panels = [
             values[start[s] : start[s + 1]].reshape(first[s + 1] - first[s], -1).T
             for s in supernodes
         ]
-        self.tops = [np.asfortranarray(panel[:width]) for panel, width in zip(panels, widths)]
-        self.below = [panel[width:] for panel, width in zip(panels, widths)]
-        self.rows = [self.local[rows[row_ptr[s] : row_ptr[s + 1]]] for s in supernodes]
+        tops = [np.asfortranarray(panel[:width]) for panel, width in zip(panels, widths)]
+        return tops, [panel[width:] for panel, width in zip(panels, widths)]
 
     def solve(self, X: np.ndarray, reached: int) -> None:
-        """X (size, k) := R^-T D^-1 R^-1 X on the paths, with X zero before unknown `reached`.
+        """X (size, k) := Q^-T D^-1 R^-1 X on the paths, with X zero before unknown `reached`.
 
-        Rows before `reached` are not changed: they do not hold the solution.
+        If A is symmetric, rows before `reached` are not changed: they do not hold the solution.
         """
         first = int(np.searchsorted(self.begins, reached, side="right")) - 1
-        steps = range(first, len(self.rows))
-        for k in steps:
+        for k in range(first, len(self.rows)):
             own = X[self.begins[k] : self.begins[k + 1]]
-            self._solve_top(k, own, transposed=False)
+            _solve_top(self.tops[k], own, transposed=False)
             X[self.rows[k]] -= self.below[k] @ own
-        for k in reversed(steps):
+        for k in reversed(range(first if self.symmetric else 0, len(self.rows))):
             here = slice(self.begins[k], self.begins[k + 1])
             own = X[here]
             own *= self.inverse[here]
-            own -= self.below[k].T @ X[self.rows[k]]
-            self._solve_top(k, own, transposed=True)
+            own -= self.below_back[k].T @ X[self.rows[k]]
+            _solve_top(self.tops_back[k], own, transposed=True)
 
-    def _solve_top(self, k: int, own: np.ndarray, *, transposed: bool) -> None:
-        """own := R_kk^-1 own, or R_kk^-T own, in place: BLAS sees the transpose of own."""
-        if own.shape[0] > 1:
-            options = dict(side=1, lower=1, trans_a=not transposed, diag=1, overwrite_b=1)
-            dtrsm(1.0, self.tops[k], own.T, **options)
+
+def _solve_top(top: np.ndarray, own: np.ndarray, *, transposed: bool) -> None:
+    """own := R_kk^-1 own, or R_kk^-T own, in place: BLAS sees the transpose of own."""
+    if own.shape[0] > 1:
+        options = dict(side=1, lower=1, trans_a=not transposed, diag=1, overwrite_b=1)
+        dtrsm(1.0, top, own.T, **options)

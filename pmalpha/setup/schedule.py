@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, get_args
 
-from .._checks import listing, whole_number
+import scipy.sparse as sp
+
+from .._checks import check_word, counted, listing, whole_number
+from ..problem.arguments import Drift
 from ..problem.constraints import Constraint
 from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
@@ -16,8 +20,10 @@ MOST_SUBSTEPS = 2**31
 MACRO = ("macro", "mean")
 
 
-def double_steps(subdomains: Sequence[Subdomain], coupling: str) -> list[bool]:
-    """Whether each subdomain takes double steps.
+def double_steps(
+    subdomains: Sequence[Subdomain], coupling: str, substeps: Sequence[int]
+) -> tuple[bool, ...]:
+    """Whether each subdomain takes double steps, with these numbers of substeps.
 
     Raises
     ------
@@ -26,35 +32,37 @@ def double_steps(subdomains: Sequence[Subdomain], coupling: str) -> list[bool]:
         unrelated runs.
     """
     if coupling == "gc" or len(subdomains) == 1:
-        return [False] * len(subdomains)
+        return (False,) * len(subdomains)
     if coupling in MACRO:
-        return macro_double_steps(subdomains, coupling)
-    fine = finest(subdomains, coupling)
+        return macro_double_steps(subdomains, coupling, substeps)
+    fine = finest(substeps, coupling)
     double = [
-        not s.scheme.explicit and s.substeps < fine if s.double_step is None else s.double_step
-        for s in subdomains
+        not s.scheme.explicit and count < fine if s.double_step is None else s.double_step
+        for s, count in zip(subdomains, substeps)
     ]
-    if all(s.substeps == fine and s.double_step is None for s in subdomains):
+    if min(substeps) == fine and all(s.double_step is None for s in subdomains):
         implicit = [i for i, s in enumerate(subdomains) if not s.scheme.explicit]
         if implicit:
             double[implicit[0]] = True
-    if all(d for s, d in zip(subdomains, double) if s.substeps == fine):
+    if all(d for d, count in zip(double, substeps) if count == fine):
         raise ValueError(
             "double_step must not be True on all subdomains of the finest step, or odd and even "
             f"time levels would be two unrelated runs; got it on all with substeps = {fine}"
         )
-    return double
+    return tuple(double)
 
 
-def macro_double_steps(subdomains: Sequence[Subdomain], coupling: str) -> list[bool]:
+def macro_double_steps(
+    subdomains: Sequence[Subdomain], coupling: str, substeps: Sequence[int]
+) -> tuple[bool, ...]:
     """Under macro coupling: the subdomains with double_step=True, which must have one substep."""
-    double = [bool(s.double_step) for s in subdomains]
-    for i, s in enumerate(subdomains):
-        if double[i] and s.substeps > 1:
+    double = tuple(bool(s.double_step) for s in subdomains)
+    for i, count in enumerate(substeps):
+        if double[i] and count > 1:
             raise ValueError(
                 "double_step must not be True with more than one substep under "
                 f'coupling="{coupling}", '
-                f"got substeps = {s.substeps} for {names_of(subdomains)[i]!r}"
+                f"got substeps = {count} for {names_of(subdomains)[i]!r}"
             )
     if all(double):
         raise ValueError(
@@ -64,7 +72,7 @@ def macro_double_steps(subdomains: Sequence[Subdomain], coupling: str) -> list[b
     return double
 
 
-def checked_subdomains(subdomains: Any) -> tuple[Subdomain, ...]:
+def checked_subdomains(subdomains: Any, *, may_be_empty: bool = False) -> tuple[Subdomain, ...]:
     if isinstance(subdomains, Subdomain):
         raise TypeError("subdomains must be a list of Subdomains, got a single one")
     if not isinstance(subdomains, Iterable):
@@ -73,16 +81,26 @@ def checked_subdomains(subdomains: Any) -> tuple[Subdomain, ...]:
     for s in subdomains:
         if not isinstance(s, Subdomain):
             raise TypeError(f"subdomains must be Subdomains, got {s!r}")
-    if not subdomains:
+    if not subdomains and not may_be_empty:
         raise ValueError("subdomains must not be empty")
     if len(set(map(id, subdomains))) < len(subdomains):
         raise ValueError("subdomains must be different, got one of them twice")
     return subdomains
 
 
+@dataclass(frozen=True)
+class Rows:
+    """A constraint whose subdomains are known: the rows L_i by index of the subdomain, and g."""
+
+    p: int
+    matrices: dict[int, sp.csr_array]
+    velocity: Any
+
+
 def checked_constraints(
-    constraints: Any, subdomains: Sequence[Subdomain]
-) -> tuple[Constraint, ...]:
+    constraints: Any, subdomains: Sequence[Subdomain], names: Sequence[str]
+) -> tuple[Rows, ...]:
+    """The constraints of a user, with names looked up and numbers of dofs compared."""
     if constraints is None:
         return ()
     if isinstance(constraints, Constraint):
@@ -90,14 +108,57 @@ def checked_constraints(
     if not isinstance(constraints, Iterable):
         raise TypeError(f"constraints must be Constraints, got {constraints!r}")
     constraints = tuple(constraints)
-    known = set(subdomains)
-    for i, c in enumerate(constraints):
+    for c in constraints:
         if not isinstance(c, Constraint):
             raise TypeError(f"constraints must be Constraints, got {c!r}")
-        unknown = [s for s in c.matrices if s not in known]
-        if unknown:
-            raise ValueError(f"constraint {i} must hold subdomains of this coupler, got {unknown}")
-    return constraints
+    known: dict[Any, int] = {s: i for i, s in enumerate(subdomains)}
+    known |= {name: i for i, name in enumerate(names)}
+    found = []
+    for k, c in enumerate(constraints):
+        matrices: dict[int, sp.csr_array] = {}
+        for s, L in c.matrices.items():
+            i = _index(s, known, names, k)
+            if i in matrices:
+                raise ValueError(f"constraint {k} must not hold {names[i]!r} twice")
+            matrices[i] = _wide(L, subdomains[i].n, s, k, by_dofs=s in c._by_dofs)
+        found.append(Rows(c.p, matrices, c.velocity))
+    return tuple(found)
+
+
+def _index(s: Any, known: dict[Any, int], names: Sequence[str], k: int) -> int:
+    """The index of a subdomain of constraint k."""
+    if s in known:
+        return known[s]
+    if isinstance(s, str):
+        known_names = listing([repr(name) for name in names])
+        raise ValueError(
+            f"constraint {k} must name subdomains of this coupler, {known_names}, got {s!r}"
+        )
+    raise ValueError(f"constraint {k} must hold subdomains of this coupler, got [{s!r}]")
+
+
+def _wide(L: sp.csr_array, n: int, s: Any, k: int, *, by_dofs: bool) -> sp.csr_array:
+    """L with n columns; that of dofs of a subdomain given by name may have fewer."""
+    if L.shape[1] == n:
+        return L
+    if by_dofs and L.shape[1] < n:
+        return sp.csr_array((L.data, L.indices, L.indptr), shape=(L.shape[0], n))
+    has = f"dof {L.shape[1] - 1}" if by_dofs else counted(L.shape[1], "column")
+    raise ValueError(f"constraint {k} must fit {s!r} of {counted(n, 'dof')}, got {has}")
+
+
+def check_drift(value: Any, coupling: str) -> None:
+    check_word(value, "drift", get_args(Drift))
+    if value == "removed" and coupling == "mean":
+        raise ValueError(
+            'drift must be "kept" with coupling="mean", which ties displacements and has no drift, '
+            'got "removed"'
+        )
+    if value == "removed" and coupling != "gc":
+        raise ValueError(
+            f'drift must be "kept" with coupling="{coupling}", where removing it is unstable, got '
+            '"removed"; coupling="mean" has no drift, and coupling="gc" can remove it'
+        )
 
 
 def check_factorize(value: Any) -> None:
@@ -114,14 +175,14 @@ def check_newton(value: Any) -> None:
         raise TypeError(f"newton must be a Newton, got {value!r}")
 
 
-def finest(subdomains: Sequence[Subdomain], coupling: str) -> int:
+def finest(substeps: Sequence[int], coupling: str) -> int:
     """The largest number of substeps; a multiple of all others, except under macro coupling."""
-    fine = max(s.substeps for s in subdomains)
+    fine = max(substeps)
     if fine > MOST_SUBSTEPS:
         raise ValueError(f"substeps must be at most {MOST_SUBSTEPS}, got {fine}")
-    for s in subdomains:
-        if fine % s.substeps and coupling not in MACRO:
-            raise ValueError(f"substeps must divide the largest, {fine}, got {s.substeps}")
+    for count in substeps:
+        if fine % count and coupling not in MACRO:
+            raise ValueError(f"substeps must divide the largest, {fine}, got {count}")
     return fine
 
 

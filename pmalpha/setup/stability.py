@@ -7,13 +7,23 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse as sp
-from scipy.sparse.linalg import ArpackNoConvergence, eigsh
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, eigsh, splu
 
 from .._checks import listing, vector
+from ..blas import one_thread
 from ..errors import StabilityWarning, warn
 from ..problem.arguments import VectorLike
-from ..problem.matrices import Matrix, combination, largest_pairs, product
+from ..problem.matrices import (
+    Matrix,
+    combination,
+    dense,
+    is_symmetric,
+    largest_pairs,
+    product,
+    skew_part,
+)
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from .evaluated import present_tangent
@@ -100,8 +110,11 @@ def critical_step(
     The largest stable omega h of the scheme, divided by the highest circular frequency of
     K x = omega^2 M x. Implicit damping does not lower the limit and is neglected. Lagged damping
     does: h is the step at which the largest eigenvalue of h^2 K / Omega_s^2 + h C / Z_s with
-    respect to M is 1. A restoring force is represented by the estimate K_r, which is added to K,
-    and springs by their largest tangent stiffness (k of a `CubicSpring`). Internal forces are
+    respect to M is 1. Of an unsymmetric K, omega^2 is the largest modulus of an eigenvalue; where
+    it is complex the motion itself grows, and no step is stable. Of lagged damping with a skew part
+    G, h is the step up to which an oscillator with the largest stiffness, damping and ``|G|`` is
+    stable, equation (C3). A restoring force is represented by the estimate K_r, which is added to
+    K, and springs by their largest tangent stiffness (k of a `CubicSpring`). Internal forces are
     represented by their tangents at u, v and q, at the time 0, and springs among them by their
     tangent at u or their initial one, whichever is larger.
 
@@ -136,6 +149,7 @@ def critical_step(
     return limit_of(subdomain, present_tangent(subdomain, forces, *state, 0.0, past))
 
 
+@np.errstate(over="ignore")  # then the step is above any limit
 def limit_of(subdomain: Subdomain, internal: Matrix) -> float:
     """The critical step with this tangent of the internal forces."""
     stiffness, damping = (combination([term]) for term in limiting_terms(subdomain, internal))
@@ -143,8 +157,12 @@ def limit_of(subdomain: Subdomain, internal: Matrix) -> float:
         return np.inf
     if subdomain.M is None or subdomain.massless.size:
         return 0.0
+    if not is_symmetric(damping):
+        return _skew_limit(subdomain, internal)
     terms = [A for A in (stiffness, damping) if A is not None]
     margin = 1.0 if all(_is_cheap(A, subdomain.M) for A in terms) else 1.0 + MARGIN
+    if not (subdomain.symmetric or is_symmetric(stiffness)):
+        return 1.0 / (margin * np.sqrt(_largest_modulus(stiffness, subdomain.M)))
     return _root(stiffness, damping, subdomain.M) / margin
 
 
@@ -177,21 +195,67 @@ def _root(A: Matrix, B: Matrix, M: Matrix) -> float:
             return np.inf
         m = x @ product(M, x)
         a, b = max(x @ product(A, x) / m, 0.0), max(x @ product(B, x) / m, 0.0)
+        if not a + b > 0.0:
+            return np.inf
         before, h = h, 2.0 / (b + np.sqrt(b * b + 4.0 * a))
         if A is None or B is None or abs(h - before) <= 1e-12 * h:
             break
     return float(h)
 
 
+def _skew_limit(subdomain: Subdomain, internal: Matrix) -> float:
+    """The critical step with lagged damping that has a skew part, equation (C3)."""
+    s, M = subdomain, subdomain.M
+    K = combination([(1.0, s.largest_tangent), (1.0, internal)])
+    k = 0.0 if K is None else _largest_modulus(K, M)
+    C = combination([(0.5, s.C), (0.5, s.C.T)])
+    c = 0.0 if C is None else largest_eigenvalue(C, M)[0]
+    g = float(np.sqrt(_largest_modulus(_squared(skew_part(s.C), M), M)))
+    oscillators = [(k, 0.0), (0.0, 1j * g), (k, 1j * g), (0.0, c + 1j * g), (k, c + 1j * g)]
+
+    def is_stable(h: float) -> bool:
+        return all(_lagged_radius(s.scheme, h, *x) <= 1.0 + 1e-7 for x in oscillators)
+
+    low, high = 0.0, critical_product(s.scheme) / np.sqrt(max(k, g * g))
+    while high - low > 1e-9 * high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if is_stable(middle) else (low, middle)
+    return low
+
+
+def _squared(G: Matrix, M: Matrix) -> Matrix:
+    """G^T M^-1 G"""
+    if M.ndim == 1:
+        return G.T @ (sp.diags_array(1.0 / M) @ G)
+    inverse = np.linalg.inv(dense(M))
+    return dense(G).T @ inverse @ dense(G)
+
+
+def _lagged_radius(scheme: Scheme, h: float, k: float, c: complex) -> float:
+    """Spectral radius of an explicit step of w + c v + k u = 0 with lagged damping (R4)."""
+    am, af, beta, gamma = scheme.am, scheme.af, scheme.beta, scheme.gamma
+    al1, al2 = scheme.coefficients(h)
+    b, g = beta / (1.0 - am), gamma / (1.0 - am)
+    ut = np.array([1.0, h, h * h * af * b, h * h * (0.5 - b)], dtype=complex)  # of u, v, w, a
+    vt = np.array([0.0, 1.0, h * af * g, h * (1.0 - g)])
+    w1 = -c * np.array([0.0, 1.0, h, 0.0]) - k * ut
+    a1 = ((1.0 - af) * w1 + np.array([0.0, 0.0, af, -am])) / (1.0 - am)
+    step = np.array([ut + al1 * w1, vt + al2 * w1, w1, a1])
+    return float(np.max(np.abs(np.linalg.eigvals(step))))
+
+
+@np.errstate(over="ignore")
 def step_ratio(subdomain: Subdomain, step: float, internal: Matrix = None) -> StepRatio:
     """The step divided by the critical one, as far as it has to be computed.
 
     `internal` is a tangent of the internal forces, which is added to K.
     """
     (a, A), (b, B) = limiting_terms(subdomain, internal)
+    if not is_symmetric(B):
+        return StepRatio(step / limit_of(subdomain, internal))
     # the bound takes little time and nearly always suffices
     of_A, of_B = (a * row_sum_bound(A, subdomain.M), b * row_sum_bound(B, subdomain.M))
-    if step**2 * of_A + step * of_B <= 1.0 + ROUNDING:
+    if step * step * of_A + step * of_B <= 1.0 + ROUNDING:
         return StepRatio(0.5 * step * (of_B + np.sqrt(of_B**2 + 4.0 * of_A)), is_bound=True)
     critical = limit_of(subdomain, internal)
     return StepRatio(step / critical if critical > 0.0 else np.inf)
@@ -260,6 +324,22 @@ def _absolute(A: Matrix) -> Matrix:
     if not sp.issparse(A):
         return np.abs(A)
     return sp.csr_array((np.abs(A.data), A.indices, A.indptr), shape=A.shape, copy=False)
+
+
+def _largest_modulus(A: Matrix, M: Matrix) -> float:
+    """The largest modulus of an eigenvalue of A x = mu M x of an unsymmetric A; M definite."""
+    n = A.shape[0]
+    if _is_cheap(A, M):
+        with one_thread():
+            return float(np.max(np.abs(scipy.linalg.eigvals(dense(A), dense(M)))))
+    start = np.cos(np.arange(n))
+    solve = (lambda x: x / M) if M.ndim == 1 else splu(sp.csc_array(M)).solve
+    step = LinearOperator((n, n), matvec=lambda x: solve(A @ x), dtype=float)
+    try:
+        values = eigs(step, 1, which="LM", tol=LANCZOS_TOLERANCE, v0=start)[0]
+    except ArpackNoConvergence as error:
+        values = error.eigenvalues
+    return float(np.max(np.abs(values), initial=0.0))
 
 
 def largest_eigenvalue(A: Matrix, M: Matrix) -> tuple[float, np.ndarray]:

@@ -29,6 +29,8 @@ from ..problem.schemes import Scheme
 from .compliance import Block, compliance, diagonal_compliance
 from .interface import interface_factor, summed, total
 from .part import Part, core_subdomain
+from .processes import processes, remote_of
+from .ranks import Elsewhere, Ranks, joined
 
 # A step of length 1 with al1 = 0 and al2 = 1.
 UNIT_STEP = Scheme(am=0.0, af=0.0, beta=0.0, gamma=1.0, explicit=True)
@@ -48,6 +50,8 @@ class InitialAccelerations:
         Number of constraints.
     rows : (p,) array of int
         Numbers of the constraints, in the order of the multipliers.
+    ranks : optional
+        As for `assemble`.
 
     Raises
     ------
@@ -55,11 +59,20 @@ class InitialAccelerations:
         When a mass matrix is singular beyond its zero rows.
     """
 
-    def __init__(self, parts: Sequence[Part], p: int, rows: np.ndarray):
-        self.parts = parts
+    def __init__(
+        self,
+        parts: Sequence[Part],
+        p: int,
+        rows: np.ndarray,
+        ranks: Ranks | None = None,
+    ):
+        self.parts, self.ranks = parts, ranks
         self.masses = [_Mass(part) for part in parts]
-        blocks = [m.compliance() for m in self.masses]
-        self.L_m = sp.csr_array(sp.hstack([m.L_m for m in self.masses])) if p else None
+        blocks = joined(ranks, [m.compliance() for m in self.masses])
+        if ranks is not None:
+            _require_mass(self.masses)
+        any_L = p and self.masses
+        self.L_m = sp.csr_array(sp.hstack([m.L_m for m in self.masses])) if any_L else None
         H = None
         if self.ties_without_mass:
             self.tied = np.unique(self.L_m.indices)
@@ -71,7 +84,17 @@ class InitialAccelerations:
         self.p = p
         factor = interface_factor(H, rows, "the interface matrix of the initial accelerations")
         everywhere = (np.arange(p),)
-        self.coupler = _core.Coupler(tuple(self.cores), p, factor, factor, 1.0, False, everywhere)
+        remotes = [remote_of(m.part, UNIT_STEP, m.linked, 1.0) for m in self.masses]
+        self.coupler = _core.Coupler(
+            tuple(self.cores),
+            p,
+            factor,
+            factor,
+            1.0,
+            False,
+            everywhere,
+            processes=processes(ranks, remotes),
+        )
 
     @property
     def ties_without_mass(self) -> bool:
@@ -104,7 +127,7 @@ class InitialAccelerations:
         else:
             w, lam = self._step(r, g)
         sizes = [sum(np.abs(term) for term in own) for own in terms]
-        size = max(np.max(own, initial=0.0) for own in sizes)
+        size = max((np.max(own, initial=0.0) for own in sizes), default=0.0)
         broken = [mass.broken_equations(own, lam, size) for mass, own in zip(self.masses, r)]
         _warn_of_broken([x for x in broken if x is not None], size)
         return w, lam
@@ -120,10 +143,14 @@ class InitialAccelerations:
             core.set_load(load)
         self.coupler.set_motion(0, g)
         self.coupler.start(0, lam, lam)
+        if self.ranks is not None:
+            self.ranks.share(None)
         unstable = self.coupler.advance(1, None)
+        if isinstance(unstable, tuple):
+            raise Elsewhere(*unstable)
         if unstable is not None:
-            names = [part.name for part in self.parts] + ["interface"]
-            raise InstabilityError(0, 0.0, names[unstable])
+            names = joined(self.ranks, [part.name for part in self.parts])
+            raise InstabilityError(0, 0.0, [*names, "interface"][unstable])
         return [core.state()[2] for core in self.cores], self.coupler.multipliers
 
     def _solve_without_mass(
@@ -147,6 +174,17 @@ class InitialAccelerations:
         for mass, own, begin, end in zip(self.masses, w, starts[:-1], starts[1:]):
             own[mass.massless] = w_m[begin:end]
         return w, lam
+
+
+def _require_mass(masses: Sequence[_Mass]) -> None:
+    """ValueError for constraints on dofs without mass, whose equations are solved together."""
+    for mass in masses:
+        if mass.L_m.nnz:
+            dofs = np.sort(mass.part.order[mass.massless[np.flatnonzero(np.diff(mass.L_m.indptr))]])
+            raise ValueError(
+                "constraints need dofs with mass in a Coupler with comm, got "
+                f"{numbered('dof', dofs)} of {mass.part.name!r} without"
+            )
 
 
 class _Mass:

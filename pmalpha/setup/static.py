@@ -10,10 +10,8 @@ from scipy.sparse.linalg import splu
 
 from ..errors import FactorizationError
 from ..problem.matrices import Matrix
-
-# A structure is floating when its stiffness for some motion is below the rounding of its entries,
-# relative to the diagonal, which makes the test independent of scaling and units.
-FLOATING = 64.0 * np.finfo(float).eps
+from ..problem.positive import FLOATING, scale_to_one, softest
+from ..problem.tangents import SYMMETRY
 
 
 def static_displacements(
@@ -47,6 +45,20 @@ def static_displacements(
     return np.split(u, np.cumsum(sizes)[:-1])
 
 
+def _smallest_image(G: sp.csc_array) -> float:
+    """The smallest ``|G x|`` for vectors x of length 1, approximately."""
+    try:
+        lu = splu(G)
+    except RuntimeError:  # exactly singular
+        return 0.0
+    x = np.cos(np.arange(G.shape[0]))
+    for _ in range(4):
+        x = lu.solve(lu.solve(x / np.linalg.norm(x), "T"))
+        if not np.all(np.isfinite(x)):
+            return 0.0
+    return float(np.linalg.norm(G @ x) / np.linalg.norm(x))
+
+
 def _scaled(K: sp.csc_array, L: sp.csr_array) -> tuple[sp.dia_array, sp.csc_array, sp.csr_array]:
     scale = scale_to_one(K)
     return scale, sp.csc_array(scale @ K @ scale), sp.csr_array(L @ scale)
@@ -58,15 +70,8 @@ def sparse(A: Matrix, n: int) -> sp.csc_array:
     return sp.csc_array(sp.diags_array(A) if A.ndim == 1 else A)
 
 
-def scale_to_one(K: sp.csc_array) -> sp.dia_array:
-    """Scales the diagonal to about one, by powers of two, so that units have no effect."""
-    d = np.abs(K.diagonal())
-    d[d == 0.0] = 1.0
-    return sp.diags_array(2.0 ** np.round(-0.5 * np.log2(d)))
-
-
 def require_stiff(K: sp.csc_array, L: sp.csr_array) -> None:
-    """FactorizationError unless K is positive definite on the motions with L u = 0."""
+    """FactorizationError unless K is definite, or regular if unsymmetric, where L u = 0."""
     _require_stiff(*_scaled(K, L)[1:])
 
 
@@ -74,30 +79,13 @@ def _require_stiff(K: sp.csc_array, L: sp.csr_array) -> None:
     """FactorizationError unless K is positive definite on the motions that the ties allow.
 
     With the ties replaced by stiff springs, G = K + L^T L has to be positive definite. Inverse
-    iteration finds the softest motion; the stiffness of a mechanism is rounding.
+    iteration finds the softest motion; the stiffness of a mechanism is rounding. An unsymmetric G
+    only has to be regular.
     """
     G = sp.csc_array(K + L.T @ L)
-    if softest(G) <= FLOATING:
+    symmetric = abs(G - G.T).max() <= SYMMETRY * abs(G).max()
+    if (softest(G) if symmetric else _smallest_image(G)) <= FLOATING:
         raise FactorizationError(
             "the structure is floating or its stiffness indefinite, so that it has no static "
             "equilibrium; support it by stiffness or by a constraint on one subdomain only"
         )
-
-
-def softest(G: sp.csc_array) -> float:
-    """The smallest eigenvalue of G, approximately, or zero when a pivot is not positive."""
-    try:
-        lu = splu(
-            G, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=dict(SymmetricMode=True)
-        )
-    except RuntimeError:  # exactly singular
-        return 0.0
-    if not np.array_equal(lu.perm_r, lu.perm_c) or np.any(lu.U.diagonal() <= 0.0):
-        return 0.0
-    x = np.cos(np.arange(G.shape[0]))
-    for _ in range(4):
-        x = lu.solve(x / np.max(np.abs(x)))
-        if not np.all(np.isfinite(x)):
-            return 0.0
-    x /= np.max(np.abs(x))
-    return float(x @ (G @ x) / (x @ x))

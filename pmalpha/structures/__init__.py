@@ -7,12 +7,13 @@ node i, component c: dofs_per_node * i + c. Elements have the names and the orde
 meshio and VTK. Units are any consistent set.
 """
 
-from ..setup.eigenmodes import modes
+from ..problem.eigenmodes import modes
 from .bars import truss
 from .contact import plane_contact, sphere_contact
 from .continuum import plate, plate_on, solid, solid_on
 from .corotational import corotational_frame
 from .frames import beam_frame, subdivide
+from .imported import from_mesh
 from .internal import ElementForce
 from .lines import chain, rod
 from .materials import NeoHookean, StVenantKirchhoff
@@ -30,6 +31,7 @@ __all__ = [
     "beam_frame",
     "chain",
     "corotational_frame",
+    "from_mesh",
     "modes",
     "nonlinear_solid",
     "nonlinear_solid_on",

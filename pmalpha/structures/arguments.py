@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import listing, plain_array, real_array
+from .._checks import listing, plain_array, positive_number, real_array
+
+LARGEST = 1e50
 
 
 def is_lumped(mass: Any) -> bool:
@@ -36,7 +38,22 @@ def positive(value: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
     values = per_element(value, name, shape)
     if not (values > 0.0).all():
         raise ValueError(f"{name} must be positive, got {values.min():g}")
+    for x in (values.min(), values.max()):
+        _check_range(x, name)
     return values
+
+
+def measure(value: Any, name: str) -> float:
+    """A positive number whose powers are in the range of numbers."""
+    number = positive_number(value, name)
+    _check_range(number, name)
+    return number
+
+
+def _check_range(number: float, name: str) -> None:
+    """Products of a few such numbers are neither zero nor infinite."""
+    if not 1.0 / LARGEST <= number <= LARGEST:
+        raise ValueError(f"{name} must lie in {1.0 / LARGEST:g}..{LARGEST:g}, got {number:g}")
 
 
 def poisson(nu: Any, shape: tuple[int, ...], *, incompressible: bool) -> np.ndarray:
@@ -63,10 +80,17 @@ def mesh_arguments(
     if dim is not None and coordinates.shape[1] != dim:
         raise ValueError(f"points must have shape (points, {dim}), got {coordinates.shape}")
     numbers = node_numbers(elements, name, len(coordinates), corners)
-    unused = np.flatnonzero(np.bincount(numbers.ravel(), minlength=len(coordinates)) == 0)
+    require_used(len(coordinates), [numbers], name)
+    return coordinates, numbers
+
+
+def require_used(points: int, elements: list[np.ndarray], name: str) -> None:
+    used = np.zeros(points, dtype=bool)
+    for nodes in elements:
+        used[nodes] = True
+    unused = np.flatnonzero(~used)
     if unused.size:
         raise ValueError(f"{name} must use every point (see submesh), not {listing(unused)}")
-    return coordinates, numbers
 
 
 def node_numbers(value: Any, name: str, nodes: int, corners: int | None) -> np.ndarray:

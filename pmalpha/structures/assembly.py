@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .internal import in_pattern
-from .pattern import Pattern
+from .pattern import Pattern, upper
 
 
 class Assembly:
@@ -28,7 +28,7 @@ class Assembly:
         pairs: Pattern | None = None,
     ):
         self.elements, self.nodes, self.d = elements, nodes, d
-        self.components = [(i, j) for i in range(d) for j in range(i, d)]
+        self.components = upper(d)
         starts = range(0, len(elements), chunk)
         self.chunks = [slice(first, min(first + chunk, len(elements))) for first in starts]
         pairs = Pattern.of(elements, nodes) if pairs is None else pairs
@@ -71,11 +71,9 @@ class Assembly:
 def _rows(pairs: Pattern, components: list, d: int) -> tuple[sp.csr_array, np.ndarray]:
     """The pattern of the dofs, and for each of its entries the number of the sum it is."""
     nodes, count = pairs.indptr.size - 1, pairs.indices.size
-    row = np.repeat(np.arange(nodes), np.diff(pairs.indptr))
-    mirror = np.lexsort((row, pairs.indices))  # the pair (b, a) of each pair (a, b)
     blocks = np.empty((count, d, d), dtype=np.int64)
     for number, (i, j) in enumerate(components):
-        blocks[:, j, i] = number * count + mirror
+        blocks[:, j, i] = number * count + pairs.mirror
         blocks[:, i, j] = number * count + np.arange(count)
     shape = (d * nodes, d * nodes)
     numbered = sp.bsr_array((blocks, pairs.indices, pairs.indptr), shape=shape).tocsr()

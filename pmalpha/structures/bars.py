@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from .assembly import Assembly
 from .frames import subdivide
 from .internal import Conservative
 from .pattern import Pattern, lumped_mass
+from .recipe import of_chosen
 from .structure import Structure
 
 __all__ = ["truss"]
@@ -108,29 +110,35 @@ def truss(
     if unstressed is not None:
         whole = np.broadcast_to(positive(unstressed, "unstressed", count), count)
         rest = (whole / np.bincount(member))[member]
-    internal = BarForce(lines, nodes, rest, stiffness, force, strain, flag(slack, "slack"))
-    d = nodes.shape[1]
-    if is_lumped(mass):
-        M = np.repeat(lumped_mass(lines, (density * length / 2.0)[:, None], len(nodes)), d)
+    values = (X, rest, stiffness, force, density * length)
+    recipe = partial(_assembled, values, strain, flag(slack, "slack"), is_lumped(mass))
+    return Structure._of(recipe, nodes, {"line": lines}, ("ux", "uy", "uz")[: nodes.shape[1]])
+
+
+def _assembled(values, strain, slack, lumped, chosen, elements, nodes):
+    lines, d = elements["line"], values[0].shape[1]
+    *bars, m = (of_chosen(array, chosen["line"]) for array in values)
+    force = BarForce(lines, nodes, *bars, strain, slack)
+    if lumped:
+        M = np.repeat(lumped_mass(lines, (m / 2.0)[:, None], nodes), d)
     else:
-        unit = (density * length / 6.0)[:, None, None] * [[2.0, 1.0], [1.0, 2.0]]
-        M = sp.csr_array(sp.kron(Pattern.of(lines, len(nodes)).matrix(unit), sp.eye_array(d)))
-    K = sp.csr_array((nodes.size, nodes.size))
-    return Structure(M, K, nodes, {"line": lines}, ("ux", "uy", "uz")[:d], (internal,))
+        unit = (m / 6.0)[:, None, None] * [[2.0, 1.0], [1.0, 2.0]]
+        M = sp.csr_array(sp.kron(Pattern.of(lines, nodes).matrix(unit), sp.eye_array(d)))
+    return M, sp.csr_array((d * nodes, d * nodes)), (force,)
 
 
 class BarForce(Conservative):
     """The internal force of bars."""
 
-    def __init__(self, lines, points, rest, EA, prestress, strain, slack):
-        self._assembly = Assembly(lines, *points.shape)
-        self._along = points[lines[:, 1]] - points[lines[:, 0]]
+    def __init__(self, lines, nodes, along, rest, EA, prestress, strain, slack):
+        self._assembly = Assembly(lines, nodes, along.shape[1])
+        self._along = along
         self._rest, self._EA, self._prestress = rest, EA, prestress
         self._green, self._slack = strain == "green", slack
         # l^2 - L0^2 at u = 0
         self._excess = np.sum(self._along**2, axis=1) - rest**2
-        if np.array_equal(rest, np.sqrt(np.sum(self._along**2, axis=1))):
-            self._excess = np.zeros(len(rest))  # without the rounding of the root
+        # without the rounding of the root
+        self._excess[rest == np.sqrt(np.sum(self._along**2, axis=1))] = 0.0
         super().__init__(self._assembly.pattern)
 
     def _strained(self, u: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import flag, positive_number, vector
-from ..problem.constraints import dof_list
+from ..problem.dofs import dof_list
 from .arguments import positive
 from .assembly import Assembly
 from .internal import Conservative
@@ -135,6 +136,17 @@ class ContactForce(Conservative):
         k = positive(stiffness, "stiffness", (chosen.size,))
         self._k = np.broadcast_to(k, chosen.size)
         super().__init__(self._assembly.pattern)
+
+    def _of_nodes(self, number, nodes):
+        own = number[self._assembly.elements[:, 0]]
+        kept = own >= 0
+        if not kept.any():
+            return None
+        part = copy(self)
+        part._assembly = Assembly(own[kept][:, None], nodes, self._assembly.d)
+        part._start, part._k = self._start[kept], self._k[kept]
+        super(ContactForce, part).__init__(part._assembly.pattern)
+        return part
 
     def _gaps(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Gaps (m,), normals n (m, dim), and the curvature c of dn/dx = c (1 - n n^T)."""

@@ -1,24 +1,26 @@
-"""Plates in plane stress and solids, on regular and on arbitrary meshes."""
+"""Plates and solids, on regular and on arbitrary meshes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from .._checks import listing, plain_array, positive_number, real_array, whole_number
-from .arguments import is_lumped, isotropic, mesh_arguments, poisson, positive
-from .pattern import Pattern, lumped_mass
+from .._checks import check_word, plain_array, real_array, whole_number
+from ..blas import one_thread
+from ..problem.kinds import KINDS
+from ..problem.shapes import SHAPES
+from .arguments import is_lumped, isotropic, measure, node_numbers, poisson, positive, require_used
+from .elasticity import Moduli, mass_matrix, stiffness
+from .mesh import Block
+from .pattern import Pattern
+from .recipe import of_chosen
 from .structure import Structure
 
 __all__ = ["plate", "plate_on", "solid", "solid_on"]
-
-# Corners of the reference elements, in meshio's order.
-QUAD = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-HEXAHEDRON = np.array([[x, y, z] for z in (-1, 1) for x, y in QUAD])
 
 
 def plate(
@@ -30,10 +32,11 @@ def plate(
     nu: ArrayLike,
     rho: ArrayLike,
     t: ArrayLike = 1.0,
+    plane: str = "stress",
     mass: str = "consistent",
     origin: Sequence[float] = (0.0, 0.0),
 ) -> Structure:
-    """A rectangle in plane stress, nx by ny elements: `plate_on` a regular mesh.
+    """A rectangle of nx by ny elements: `plate_on` a regular mesh.
 
     Node (i, j), at origin + (i hx, j hy), has the number (ny + 1) i + j; element (i, j) the number
     ny i + j. A second plate on the right begins at ``origin=(nx * h, 0)``.
@@ -47,6 +50,8 @@ def plate(
     E, nu, rho, t : float, (nx, ny) or (nx * ny,) array_like
         Young's modulus, Poisson's ratio in (-1, 0.5], density, thickness; arrays by element for
         plates of several materials.
+    plane : {"stress", "strain"}
+        In plane strain nu must be less than 0.5.
     mass : {"consistent", "lumped"}
     origin : two floats, default (0, 0)
         The lower left corner.
@@ -68,52 +73,61 @@ def plate(
     <Structure 2500 points, 2376 quad, 5000 dofs>
     """
     counts = whole_number(nx, "nx", low=1), whole_number(ny, "ny", low=1)
-    points, quads, corners = grid(counts, h, origin, QUAD)
-    lam, mu, area_density = _plane_stress(E, nu, rho, t, counts)
-    M, K = _continuum(quads, corners, QUAD, len(points), (lam, mu, area_density), mass)
-    return Structure(M, K, points, {"quad": quads}, ("ux", "uy"))
+    points, quads, corners = grid(counts, h, origin)
+    moduli = moduli_of(2, E, nu, rho, t, plane, counts)
+    return elastic(points, {"quad": quads}, {"quad": moduli}, mass, {"quad": corners})
 
 
 def plate_on(
     points: ArrayLike,
-    quads: ArrayLike,
+    elements: ArrayLike | Mapping[str, ArrayLike],
     *,
     E: ArrayLike,
     nu: ArrayLike,
     rho: ArrayLike,
     t: ArrayLike = 1.0,
+    plane: str = "stress",
     mass: str = "consistent",
 ) -> Structure:
-    """Plane stress on any mesh of bilinear quadrilaterals with 2 x 2 Gauss points.
+    """A plate on any mesh of triangles and quadrilaterals, of first or second order.
 
     With n_a the shape functions and d_i their derivatives, the stiffness between component i of
-    corner a and component j of corner b is the integral over the element of
+    node a and component j of node b is the integral over the element of
     t (lam d_i n_a d_j n_b + mu d_j n_a d_i n_b + mu delta_ij sum_k d_k n_a d_k n_b), with
-    mu = E / (2 (1 + nu)) and in plane stress lam = E nu / (1 - nu^2) (Hughes, The Finite Element
-    Method). Integration is full: thin structures in bending need several elements through the
-    depth.
+    mu = E / (2 (1 + nu)) and lam = E nu / (1 - nu^2) in plane stress,
+    lam = E nu / ((1 + nu) (1 - 2 nu)) in plane strain (Hughes, The Finite Element Method).
+    Integration is full, with 1, 3, 2 x 2, 3 x 3 and 3 x 3 points in triangles of 3 and 6 and
+    quadrilaterals of 4, 8 and 9 nodes: elements of first order need several through the depth of
+    what bends, and are stiff for nu near 0.5 in plane strain.
 
     Parameters
     ----------
     points : (N, 2) array_like
         Coordinates of the nodes.
-    quads : (elements, 4) array_like of int
-        Corners, counter-clockwise.
+    elements : (elements, nodes) array_like of int, or dict
+        Nodes of each element in the order of meshio and VTK: corners counter-clockwise, then those
+        on the edges, then that in the middle. An array is of triangles with 3 or 6 or of
+        quadrilaterals with 4, 8 or 9 nodes. A dict has such arrays by the name of their kind:
+        "triangle", "triangle6", "quad", "quad8", "quad9".
     E, nu, rho, t : float or (elements,) array_like
-        Young's modulus, Poisson's ratio in (-1, 0.5], density, thickness.
+        Young's modulus, Poisson's ratio in (-1, 0.5] (plane strain: less than 0.5), density,
+        thickness. Arrays have the elements in the order of the dict, kind after kind.
+    plane : {"stress", "strain"}
     mass : {"consistent", "lumped"}
-        Lumped: the row sums of the consistent mass matrix, which are positive.
+        Lumped, of first order: the row sums of the consistent mass matrix. Of second order: its
+        diagonal, scaled to the mass of the element (Hinton, Rock, Zienkiewicz 1976). Both are
+        positive.
 
     Returns
     -------
     Structure
-        Components "ux", "uy", elements "quad".
+        Components "ux", "uy".
 
     Raises
     ------
     TypeError, ValueError
-        For wrong shapes, points that no element uses, elements that are not convex or numbered
-        clockwise, numbers that are not positive.
+        For wrong shapes, points that no element uses, elements that are flat, not convex or
+        numbered clockwise (by their numbers), numbers that are not positive.
 
     Examples
     --------
@@ -125,11 +139,7 @@ def plate_on(
     >>> models.plate_on(points, quads, E=1.0, nu=0.3, rho=1.0)
     <Structure 9 points, 4 quad, 18 dofs>
     """
-    nodes, elements = mesh_arguments(points, quads, "quads", 2, 4)
-    lam, mu, area_density = _plane_stress(E, nu, rho, t, (len(elements),))
-    coefficients = (lam, mu, area_density)
-    M, K = _continuum(elements, nodes[elements], QUAD, len(nodes), coefficients, mass)
-    return Structure(M, K, nodes, {"quad": elements}, ("ux", "uy"))
+    return _on(points, elements, 2, E, nu, rho, t, plane, mass)
 
 
 def solid(
@@ -179,47 +189,54 @@ def solid(
     """
     sizes = zip(("nx", "ny", "nz"), (nx, ny, nz))
     counts = tuple(whole_number(value, name, low=1) for name, value in sizes)
-    points, hexahedra, corners = grid(counts, h, origin, HEXAHEDRON)
-    coefficients = *isotropic(E, nu, counts), positive(rho, "rho", counts)
-    M, K = _continuum(hexahedra, corners, HEXAHEDRON, len(points), coefficients, mass)
-    return Structure(M, K, points, {"hexahedron": hexahedra}, ("ux", "uy", "uz"))
+    points, cells, corners = grid(counts, h, origin)
+    moduli = moduli_of(3, E, nu, rho, 1.0, "strain", counts)
+    kind = "hexahedron"
+    return elastic(points, {kind: cells}, {kind: moduli}, mass, {kind: corners})
 
 
 def solid_on(
     points: ArrayLike,
-    hexahedra: ArrayLike,
+    elements: ArrayLike | Mapping[str, ArrayLike],
     *,
     E: ArrayLike,
     nu: ArrayLike,
     rho: ArrayLike,
     mass: str = "consistent",
 ) -> Structure:
-    """A solid on any mesh of trilinear hexahedra with 2 x 2 x 2 Gauss points.
+    """A solid on any mesh of tetrahedra, wedges and hexahedra, of first or second order.
 
-    The formula of `plate_on` without t and with lam = E nu / ((1 + nu) (1 - 2 nu)).
+    The formula of `plate_on` without t and with lam = E nu / ((1 + nu) (1 - 2 nu)). Integration is
+    full, with 1 and 4, 6 and 21, 2 x 2 x 2 and 3 x 3 x 3 points in tetrahedra, wedges and
+    hexahedra of first and second order.
 
     Parameters
     ----------
     points : (N, 3) array_like
         Coordinates of the nodes.
-    hexahedra : (elements, 8) array_like of int
-        Corners in meshio's order: one face counter-clockwise as seen from inside the element,
-        then the opposite face from the corner above the first.
+    elements : (elements, nodes) array_like of int, or dict
+        Nodes of each element in the order of meshio and VTK. Of first order: one face
+        counter-clockwise as seen from inside the element, then the tip, or the opposite face from
+        the corner above the first. Of second order the nodes on the edges follow. An array is of
+        tetrahedra with 4 or 10, wedges with 6 or 15 or hexahedra with 8 or 20 nodes. A dict has
+        such arrays by the name of their kind: "tetra", "tetra10", "wedge", "wedge15",
+        "hexahedron", "hexahedron20".
     E, nu, rho : float or (elements,) array_like
-        Young's modulus, Poisson's ratio in (-1, 0.5), density.
+        Young's modulus, Poisson's ratio in (-1, 0.5), density. Arrays have the elements in the
+        order of the dict, kind after kind.
     mass : {"consistent", "lumped"}
-        Lumped: the row sums of the consistent mass matrix, which are positive.
+        As for `plate_on`.
 
     Returns
     -------
     Structure
-        Components "ux", "uy", "uz", elements "hexahedron".
+        Components "ux", "uy", "uz".
 
     Raises
     ------
     TypeError, ValueError
-        For wrong shapes, points that no element uses, elements that are not convex or have another
-        order of corners, numbers that are not positive.
+        For wrong shapes, points that no element uses, elements that are flat, not convex or have
+        another order of corners (by their numbers), numbers that are not positive.
 
     Examples
     --------
@@ -229,24 +246,22 @@ def solid_on(
     >>> models.solid_on(points, box.elements["hexahedron"], E=1.0, nu=0.3, rho=1.0)
     <Structure 27 points, 8 hexahedron, 81 dofs>
     """
-    nodes, elements = mesh_arguments(points, hexahedra, "hexahedra", 3, 8)
-    shape = (len(elements),)
-    coefficients = *isotropic(E, nu, shape), positive(rho, "rho", shape)
-    M, K = _continuum(elements, nodes[elements], HEXAHEDRON, len(nodes), coefficients, mass)
-    return Structure(M, K, nodes, {"hexahedron": elements}, ("ux", "uy", "uz"))
+    return _on(points, elements, 3, E, nu, rho, 1.0, "strain", mass)
 
 
-def _plane_stress(E, nu, rho, t, shape: tuple[int, ...]) -> tuple[np.ndarray, ...]:
-    """t lam, t mu and t rho, each (1,) or (elements,)."""
-    young, thickness = positive(E, "E", shape), positive(t, "t", shape)
-    ratio = poisson(nu, shape, incompressible=True)
-    lam, mu = young * ratio / (1.0 - ratio**2), young / (2.0 * (1.0 + ratio))
-    return thickness * lam, thickness * mu, thickness * positive(rho, "rho", shape)
+def moduli_of(d: int, E, nu, rho, t, plane, shape: tuple[int, ...]) -> Moduli:
+    """Lame's constants, density and thickness of elements of this shape, or (1,) of all."""
+    check_word(plane, "plane", ("stress", "strain"))
+    young, density = positive(E, "E", shape), positive(rho, "rho", shape)
+    if d == 3 or plane == "strain":
+        lam, mu = isotropic(E, nu, shape)
+    else:
+        ratio = poisson(nu, shape, incompressible=True)
+        lam, mu = young * ratio / (1.0 - ratio**2), young / (2.0 * (1.0 + ratio))
+    return Moduli(lam, mu, density, positive(t, "t", shape))
 
 
-def grid(
-    counts: tuple[int, ...], h: Any, origin: Any, reference: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def grid(counts: tuple[int, ...], h: Any, origin: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points and elements of a regular mesh, and the corners (1, a, d) of one element."""
     d = len(counts)
     edges, start = plain_array(h, "h"), real_array(origin, "origin")
@@ -254,91 +269,73 @@ def grid(
         raise ValueError(f"h must be one number or {d}, got shape {edges.shape}")
     if start.shape != (d,):
         raise ValueError(f"origin must have shape ({d},), got {start.shape}")
-    size = np.array([positive_number(e, "h") for e in np.broadcast_to(edges, d).tolist()])
+    size = np.array([measure(e, "h") for e in np.broadcast_to(edges, d).tolist()])
     index = np.indices([c + 1 for c in counts]).reshape(d, -1).T
-    offset = (reference + 1) // 2  # of each corner from the first node, in elements
+    # of each corner from the first node, in elements
+    offset = SHAPES["quad" if d == 2 else "hexahedron"].nodes.astype(int)
     shape = [c + 1 for c in counts]
     first = np.indices(counts).reshape(d, -1).T
     numbers = [np.ravel_multi_index((first + step).T, shape) for step in offset]
     return start + size * index, np.column_stack(numbers), (size * offset)[None]
 
 
-def _continuum(
-    elements: np.ndarray,
-    corners: np.ndarray,
-    reference: np.ndarray,
-    nodes: int,
-    coefficients: tuple[np.ndarray, ...],
+def elastic(
+    points: np.ndarray,
+    elements: dict[str, np.ndarray],
+    moduli: dict[str, Moduli],
     mass: str,
-) -> tuple[Any, sp.csr_array]:
-    """M and K; corners and coefficients of each element or, with one row, of all elements."""
-    lam, mu, density = coefficients
-    shapes, slopes = at_gauss_points(reference)
-    volumes, along = gradients(corners, slopes)
-    weights = density[:, None] * volumes
-    pattern = Pattern.of(elements, nodes)
-    M = solid_mass(pattern, elements, weights, shapes, reference.shape[1], is_lumped(mass))
-    return M, _stiffness(pattern, volumes, along, lam[:, None, None], mu[:, None, None])
+    corners: dict[str, np.ndarray] | None = None,
+) -> Structure:
+    """The structure; corners (1, a, d) of each kind whose elements are all equal."""
+    recipe = partial(elastic_matrices, points, elements, moduli, is_lumped(mass), corners)
+    return Structure._of(recipe, points, elements, ("ux", "uy", "uz")[: points.shape[1]], moduli)
 
 
-def solid_mass(
-    pattern: Pattern,
-    elements: np.ndarray,
-    weights: np.ndarray,
-    shapes: np.ndarray,
-    d: int,
-    lumped: bool,
-) -> Any:
-    """M, or its diagonal if lumped; weights (E or 1, q) of the Gauss points, density included."""
-    if lumped:
-        return np.repeat(lumped_mass(elements, weights @ shapes, pattern.indptr.size - 1), d)
-    squares = shapes[:, :, None] * shapes[:, None, :]  # (q, a, b)
-    scalar = pattern.matrix(np.tensordot(weights, squares, axes=1))
-    return sp.csr_array(sp.kron(scalar, sp.eye_array(d), format="csr"))
+def elastic_matrices(points, whole, moduli, lumped, corners, chosen, elements, nodes):
+    """A `Recipe`: M, K of the chosen ones of the elements `whole`, and no internal forces."""
+    M, K = 0, 0
+    with one_thread():
+        for kind, own in elements.items():
+            which, block = chosen[kind], Block(kind, own)
+            lam, mu, density, t = (of_chosen(values, which) for values in moduli[kind])
+            where = points[whole[kind][which]] if corners is None else corners[kind]
+            pattern = Pattern.of(own, nodes)
+            M = M + mass_matrix(block, pattern, where, t * density, lumped)
+            K = K + stiffness(block, pattern, where, t * lam, t * mu)
+    return M, K, ()
 
 
-def at_gauss_points(reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """n_a (q, a) and their slopes (q, a, d) at the 2^d Gauss points, which have weight 1."""
-    # n_a(x) = prod_i (1 + x_ai x_i) / 2, at x = x_q / sqrt 3
-    factors = (1.0 + reference[None] * reference[:, None] / np.sqrt(3.0)) / 2.0
-    slopes = [
-        reference[:, i] / 2.0 * np.delete(factors, i, axis=2).prod(axis=2)
-        for i in range(reference.shape[1])
-    ]
-    return factors.prod(axis=2), np.stack(slopes, axis=2)
+def _on(points, elements, d: int, E, nu, rho, t, plane, mass) -> Structure:
+    """On any mesh; arrays of the material have the elements in the order of the kinds."""
+    nodes, cells = _checked(points, elements, d)
+    ends = np.cumsum([len(block) for block in cells.values()])
+    whole = moduli_of(d, E, nu, rho, t, plane, (int(ends[-1]),))
+    cut = [len(cells) * [x] if len(x) == 1 else np.split(x, ends[:-1]) for x in whole]
+    moduli = {kind: Moduli(*own) for kind, own in zip(cells, zip(*cut))}
+    return elastic(nodes, cells, moduli, mass)
 
 
-def gradients(corners: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Volumes (E, q) of the Gauss points, and derivatives (d, E, q, a) along the axes."""
-    jacobian = np.swapaxes(corners, 1, 2)[:, None] @ slopes  # dx_i / dxi_j, (E, q, d, d)
-    volumes = np.linalg.det(jacobian)
-    invalid = np.flatnonzero(~(volumes > 0.0).all(axis=1))
-    if invalid.size:
-        raise ValueError(
-            "elements must be convex with corners in meshio's order (counter-clockwise), got a "
-            f"Jacobian determinant of {volumes[invalid[0]].min():g} in {listing(invalid)}"
-        )
-    along = slopes @ np.linalg.inv(jacobian)
-    return volumes, np.ascontiguousarray(np.moveaxis(along, 3, 0))
-
-
-def _stiffness(
-    pattern: Pattern, volumes: np.ndarray, gradients: np.ndarray, lam: np.ndarray, mu: np.ndarray
-) -> sp.csr_array:
-    """K of an isotropic material, by pairs of components to save memory."""
-    g = np.sqrt(volumes)[:, :, None] * gradients
-    d = len(g)
-
-    def pair(i, j):
-        """The integral of d_i n_a d_j n_b, (E, a, b)."""
-        return np.swapaxes(g[i], 1, 2) @ g[j]
-
-    shear = mu * sum(pair(k, k) for k in range(d))
-    blocks = np.empty((pattern.indices.size, d, d))
-    for i in range(d):
-        for j in range(i + 1):
-            G = pair(i, j)
-            block = lam * G + mu * np.swapaxes(G, 1, 2) + (shear if i == j else 0.0)
-            blocks[:, i, j] = pattern.sums(block)
-            blocks[:, j, i] = pattern.sums(np.swapaxes(block, 1, 2)) if i != j else blocks[:, i, i]
-    return pattern.of_blocks(blocks)
+def _checked(points: Any, elements: Any, d: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Points (N, d), and nodes of elements by kind; each point must be in an element."""
+    coordinates = real_array(points, "points", 2)
+    if coordinates.shape[1] != d:
+        raise ValueError(f"points must have shape (points, {d}), got {coordinates.shape}")
+    kinds = {KINDS[kind].nodes: kind for kind in SHAPES if KINDS[kind].dimension == d}
+    if not isinstance(elements, Mapping):
+        columns = plain_array(elements, "elements").shape[1:]
+        if columns not in {(count,) for count in kinds}:
+            allowed = ", ".join(map(str, kinds))
+            raise ValueError(
+                f"elements must have shape (elements, corners) with {allowed} nodes of each, got "
+                f"{np.shape(elements)}"
+            )
+        elements = {kinds[columns[0]]: elements}
+    wrong = [kind for kind in elements if kind not in kinds.values()]
+    if wrong or not elements:
+        raise ValueError(f"elements must be of {', '.join(kinds.values())}, got {wrong or 'none'}")
+    cells = {
+        kind: node_numbers(nodes, "elements", len(coordinates), KINDS[kind].nodes)
+        for kind, nodes in elements.items()
+    }
+    require_used(len(coordinates), list(cells.values()), "elements")
+    return coordinates, cells

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
@@ -10,6 +12,7 @@ from .._checks import real_number
 from .assembly import Assembly
 from .frames import frame_arguments, lumped_beams
 from .internal import Conservative
+from .recipe import of_chosen
 from .structure import Structure
 
 __all__ = ["corotational_frame"]
@@ -75,18 +78,23 @@ def corotational_frame(
     X = nodes[lines[:, 1]] - nodes[lines[:, 0]]
     mass = density * np.hypot(*X.T)
     inertia = real_number(rotary, "rotary", low=0.0) * mass * np.hypot(*X.T) ** 2
-    M = lumped_beams(lines, mass, inertia, len(nodes))
-    force = BeamForce(lines, nodes, axial, bending)
-    K = sp.csr_array((M.size, M.size))
-    return Structure(M, K, nodes, {"line": lines}, ("ux", "uy", "rz"), (force,))
+    recipe = partial(_assembled, (X, axial, bending, mass, inertia))
+    return Structure._of(recipe, nodes, {"line": lines}, ("ux", "uy", "rz"))
+
+
+def _assembled(beams, chosen, elements, nodes):
+    along, EA, EI, mass, inertia = (of_chosen(values, chosen["line"]) for values in beams)
+    M = lumped_beams(elements["line"], mass, inertia, nodes)
+    force = BeamForce(elements["line"], nodes, along, EA, EI)
+    return M, sp.csr_array((M.size, M.size)), (force,)
 
 
 class BeamForce(Conservative):
     """The internal force of corotational beams."""
 
-    def __init__(self, lines, points, EA, EI):
-        self._assembly = Assembly(lines, len(points), 3)
-        self._along = points[lines[:, 1]] - points[lines[:, 0]]
+    def __init__(self, lines, nodes, along, EA, EI):
+        self._assembly = Assembly(lines, nodes, 3)
+        self._along = along
         self._length = np.hypot(*self._along.T)
         self._EA, self._EI = EA, EI
         super().__init__(self._assembly.pattern)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,13 @@ from .._checks import listing, plain_array, real_number
 from .arguments import is_lumped, mesh_arguments, positive
 from .lines import SPRING
 from .pattern import Pattern, lumped_mass
+from .recipe import Recipe, of_chosen
 from .structure import COINCIDENT, Structure
 
 __all__ = ["beam_frame", "subdivide"]
+
+# Inertia of a lumped end: 1/78 keeps the ratios of the consistent diagonal.
+ROTARY = 1.0 / 78.0
 
 # Cubic Hermite beam of length 1, dofs ux uy rz of both ends: stiffness for EI = 1 and EA = 0, for
 # EI = 0 and EA = 1, and 420 times the mass. For length L rows and columns of rz have a factor L.
@@ -46,7 +51,7 @@ def beam_frame(
     rhoA: ArrayLike,
     divisions: int | ArrayLike = 1,
     mass: str = "consistent",
-    rotary: float = 1.0 / 78.0,
+    rotary: float = ROTARY,
 ) -> Structure:
     """A plane frame of straight, extensible Euler-Bernoulli beams with rigid joints.
 
@@ -88,8 +93,9 @@ def beam_frame(
     [0.4214]
     """
     nodes, lines, values = frame_arguments(points, members, divisions, EA, EI, rhoA)
-    M, K = _beams(nodes, lines, *values, mass, real_number(rotary, "rotary", low=0.0))
-    return Structure(M, K, nodes, {"line": lines}, ("ux", "uy", "rz"))
+    along = nodes[lines[:, 1]] - nodes[lines[:, 0]]
+    recipe = _beams(along, *values, mass, real_number(rotary, "rotary", low=0.0))
+    return Structure._of(recipe, nodes, {"line": lines}, ("ux", "uy", "rz"))
 
 
 def frame_arguments(
@@ -106,21 +112,29 @@ def frame_arguments(
 
 
 def _beams(
-    nodes: np.ndarray,
-    lines: np.ndarray,
+    along: np.ndarray,
     EA: np.ndarray,
     EI: np.ndarray,
     rhoA: np.ndarray,
     mass: str,
     rotary: float,
-) -> tuple[Any, sp.csr_array]:
-    """M and K; EA, EI, rhoA of each element."""
-    along = nodes[lines[:, 1]] - nodes[lines[:, 0]]
-    L = np.hypot(*along.T)
-    direction = along / L[:, None]
-    pattern = Pattern.of(lines, len(nodes))
-    if is_lumped(mass):
-        M = lumped_beams(lines, rhoA * L, rotary * rhoA * L**3, len(nodes))
+) -> Recipe:
+    """M and K; of each element the vector along it, EA, EI and rhoA."""
+    return partial(_assembled, (along, EA, EI, rhoA), is_lumped(mass), rotary)
+
+
+def _assembled(beams, lumped, rotary, chosen, elements, nodes):
+    x, EA, EI, rhoA = (of_chosen(values, chosen["line"]) for values in beams)
+    return *beam_matrices(elements["line"], x, EA, EI, rhoA, lumped, rotary, nodes), ()
+
+
+def beam_matrices(lines, x, EA, EI, rhoA, lumped, rotary, nodes) -> tuple[Any, sp.csr_array]:
+    """M, or its diagonal if lumped, and K; x (E, 2) along the elements."""
+    L = np.hypot(*x.T)
+    direction = x / L[:, None]
+    pattern = Pattern.of(lines, nodes)
+    if lumped:
+        M = lumped_beams(lines, rhoA * L, rotary * rhoA * L**3, nodes)
     else:
         M = pattern.matrix(_turned(_scaled(rhoA * L / 420.0, BEAM_MASS, L), direction))
     stiffness = _scaled(EA / L, AXIAL, L) + _scaled(EI / L**3, BENDING, L)

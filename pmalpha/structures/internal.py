@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import plain_array
-from ..problem.constraints import dof_list
+from ..problem.dofs import dof_list
 
 __all__ = ["ElementForce"]
 
@@ -156,6 +156,13 @@ class ElementForce:
         dofs = dof_list(free, self.n, "free")
         kind = _ReducedConservative if isinstance(self, Conservative) else _Reduced
         return kind(self, dofs)
+
+    def _of_nodes(self, number: np.ndarray, nodes: int) -> ElementForce | None:
+        """The force at some of the nodes, in their new numbers, -1 for the others; None if it has
+        none there."""
+        raise TypeError(
+            f"structure must have internal forces of its elements and contact only, got {self!r}"
+        )
 
     def _displacements(self, u: Any) -> np.ndarray:
         values = plain_array(u, "u")

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from .._checks import positive_number, real_number, vector, whole_number
-from .arguments import is_lumped, not_negative, positive
+from .._checks import real_number, vector, whole_number
+from .arguments import is_lumped, measure, not_negative, positive
 from .pattern import Pattern, lumped_mass
+from .recipe import of_chosen
 from .structure import Structure
 
 __all__ = ["chain", "rod"]
@@ -58,16 +60,28 @@ def chain(
     [[15.0, -10.0, 0.0], [-10.0, 30.0, -20.0], [0.0, -20.0, 20.0]]
     """
     n = whole_number(n, "n", low=1)
-    M = np.broadcast_to(not_negative(mass, "mass", (n,)), n).copy()
+    masses = np.broadcast_to(not_negative(mass, "mass", (n,)), n).copy()
     k = not_negative(stiffness, "stiffness", (n - 1,))
     ends = not_negative(vector(ground, 2, "ground"), "ground", (2,))
-    held = np.zeros(n)
-    held[0] += ends[0]
-    held[-1] += ends[1]
     lines = _path(n)
-    K = Pattern.of(lines, n).matrix(k[:, None, None] * SPRING) + sp.diags_array(held)
-    points = positive_number(spacing, "spacing") * np.arange(float(n))[:, None]
-    return Structure(M, K.tocsr(), points, {"line": lines}, ("ux",))
+    points = measure(spacing, "spacing") * np.arange(float(n))[:, None]
+    if n == 1:
+        return Structure(masses, sp.csr_array([[ends.sum()]]), points, {"line": lines}, ("ux",))
+    # of each mass a half belongs to the spring on either side, the whole at the ends
+    masses[1:-1] /= 2.0
+    recipe = partial(_springs, masses[lines], k, ends)
+    return Structure._of(recipe, points, {"line": lines}, ("ux",))
+
+
+def _springs(masses, k, ends, chosen, elements, nodes):
+    """M and K of springs with the masses (E, 2) at their ends; those on the ground have numbers."""
+    path, numbers = elements["line"], np.arange(len(masses))[chosen["line"]]
+    held = np.zeros(nodes)
+    held[path[numbers == 0, 0]] += ends[0]
+    held[path[numbers == len(masses) - 1, 1]] += ends[1]
+    springs = of_chosen(k, chosen["line"])[:, None, None] * SPRING
+    K = Pattern.of(path, nodes).matrix(springs) + sp.diags_array(held)
+    return lumped_mass(path, masses[numbers], nodes), K.tocsr(), ()
 
 
 def rod(
@@ -118,17 +132,23 @@ def rod(
     [3.0, 6.0, 3.0]
     """
     n = whole_number(n, "n", low=1)
-    h = positive_number(length, "length") / n
+    h = measure(length, "length") / n
     stiffness, density = positive(EA, "EA", (n,)), positive(rhoA, "rhoA", (n,))
     lines = _path(n + 1)
-    pattern = Pattern.of(lines, n + 1)
-    if is_lumped(mass):
-        M = lumped_mass(lines, (density * h / 2.0)[:, None], n + 1)
-    else:
-        M = pattern.matrix((density * h / 6.0)[:, None, None] * [[2.0, 1.0], [1.0, 2.0]])
-    K = pattern.matrix((stiffness / h)[:, None, None] * SPRING)
     points = real_number(origin, "origin") + h * np.arange(n + 1.0)[:, None]
-    return Structure(M, K, points, {"line": lines}, ("ux",))
+    recipe = partial(_rods, stiffness / h, density * h, is_lumped(mass))
+    return Structure._of(recipe, points, {"line": lines}, ("ux",))
+
+
+def _rods(stiffness, masses, lumped, chosen, elements, nodes):
+    path = elements["line"]
+    k, m = (of_chosen(values, chosen["line"]) for values in (stiffness, masses))
+    pattern = Pattern.of(path, nodes)
+    if lumped:
+        M = lumped_mass(path, (m / 2.0)[:, None], nodes)
+    else:
+        M = pattern.matrix((m / 6.0)[:, None, None] * [[2.0, 1.0], [1.0, 2.0]])
+    return M, pattern.matrix(k[:, None, None] * SPRING), ()
 
 
 def _path(n: int) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._checks import counted, listing, real_array, require_finite
-from .kinds import BY_COLUMNS, KINDS
+from ..problem.kinds import BY_COLUMNS, KINDS
 
 
 class Block(NamedTuple):

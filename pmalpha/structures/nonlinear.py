@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,13 @@ from numpy.typing import ArrayLike
 from .._checks import check_word, plain_array, whole_number
 from .arguments import is_lumped, mesh_arguments, positive
 from .assembly import Assembly
-from .continuum import HEXAHEDRON, QUAD, at_gauss_points, gradients, grid, solid_mass
+from .continuum import grid
+from .elasticity import gradients, mass_matrix
 from .internal import Conservative, ElementForce
 from .materials import Hyperelastic, Material
+from .mesh import Block
 from .pattern import Pattern
+from .recipe import of_chosen
 from .structure import Structure
 
 __all__ = ["nonlinear_solid", "nonlinear_solid_on"]
@@ -81,9 +85,8 @@ def nonlinear_solid(
     if sizes.shape not in ((2,), (3,)):
         raise ValueError(f"counts must be two or three numbers, got {counts!r}")
     numbers = tuple(whole_number(count, "counts", low=1) for count in counts)
-    reference = QUAD if len(numbers) == 2 else HEXAHEDRON
     start = (0.0,) * len(numbers) if origin is None else origin
-    points, elements, corners = grid(numbers, h, start, reference)
+    points, elements, corners = grid(numbers, h, start)
     return _solid(points, elements, corners, material, rho, t, plane, mass)
 
 
@@ -151,8 +154,8 @@ def nonlinear_solid_on(
     dim = plain_array(points, "points").shape[-1:]
     if dim not in ((2,), (3,)):
         raise ValueError(f"points must have shape (N, 2) or (N, 3), got {np.shape(points)}")
-    reference = QUAD if dim == (2,) else HEXAHEDRON
-    nodes, cells = mesh_arguments(points, elements, "elements", *reference.shape[::-1])
+    corners = 4 if dim == (2,) else 8
+    nodes, cells = mesh_arguments(points, elements, "elements", *dim, corners)
     return _solid(nodes, cells, nodes[cells], material, rho, t, plane, mass)
 
 
@@ -167,28 +170,32 @@ def _solid(points, elements, corners, material, rho, t, plane, mass) -> Structur
     if d == 3 and (plane != "strain" or np.any(np.asarray(t) != 1.0)):
         raise ValueError("t and plane must not be given in three dimensions")
     density, thickness = positive(rho, "rho", shape), positive(t, "t", shape)
-    shapes, slopes = at_gauss_points(QUAD if d == 2 else HEXAHEDRON)
-    volumes, along = gradients(corners, slopes)
-    weights = thickness[:, None] * volumes
-    pattern = Pattern.of(elements, len(points))
-    M = solid_mass(pattern, elements, density[:, None] * weights, shapes, d, is_lumped(mass))
-    kind = ElasticSolidForce if isinstance(material, Hyperelastic) else SolidForce
-    force = kind(elements, pattern, weights, along, material, plane)
     name, components = ("quad", ("ux", "uy")) if d == 2 else ("hexahedron", ("ux", "uy", "uz"))
-    return Structure(
-        M, sp.csr_array(M.shape[:1] * 2), points, {name: elements}, components, (force,)
-    )
+    values = (corners, thickness, density, *material._coefficients(len(elements), plane))
+    recipe = partial(_assembled, name, material, values, is_lumped(mass))
+    return Structure._of(recipe, points, {name: elements}, components)
+
+
+def _assembled(name, material, values, lumped, chosen, elements, nodes):
+    corners, t, rho, *coefficients = (of_chosen(array, chosen[name]) for array in values)
+    own, n = elements[name], nodes * corners.shape[2]
+    volumes, along = gradients(name, corners)
+    pattern = Pattern.of(own, nodes)
+    M = mass_matrix(Block(name, own), pattern, corners, t * rho, lumped)
+    kind = ElasticSolidForce if isinstance(material, Hyperelastic) else SolidForce
+    force = kind(own, pattern, t[:, None] * volumes, along, material, coefficients)
+    return M, sp.csr_array((n, n)), (force,)
 
 
 class SolidForce(ElementForce):
     """The internal force of a solid."""
 
-    def __init__(self, elements, pairs, weights, along, material, plane):
+    def __init__(self, elements, pairs, weights, along, material, coefficients):
         d, _, q, a = along.shape
         nodes = pairs.indptr.size - 1
         self._assembly = Assembly(elements, nodes, d, POINTS // q, pairs)
         self._material = material
-        self._coefficients = material._coefficients(len(elements), plane)
+        self._coefficients = coefficients
         self._weights = weights  # (E or 1, q)
         self._slopes = np.ascontiguousarray(np.moveaxis(along, 0, 2))  # (E or 1, q, d, a)
         self._shape = (len(elements), q, material._variables(d))

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import counted, real_number
-from ..problem.constraints import dof_list
+from .._checks import counted, listing, real_number
+from ..problem.dofs import dof_list
 from ..problem.matrices import Matrix, combination, sparse_diagonal
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
+from .elasticity import Moduli, stresses
 from .internal import ElementForce
 from .line_forces import BAR, BEAM, line_forces
+from .recipe import Recipe, all_of
 
 __all__ = ["Structure"]
 
@@ -42,6 +44,16 @@ class Structure:
         axes, "rz" is a rotation, counter-clockwise.
     internal : tuple of ElementForce
         Forces of nonlinear elements and of contact, beside K u.
+    moduli : dict
+        Of linear elastic plates and solids, by the name of the elements: Lame's constants ``lam``,
+        ``mu`` (in plane stress those of the plane), ``density`` and ``thickness``, each (E,), or
+        (1,) where they are equal.
+    recipe : callable or None
+        Makes M, K and forces of some of the elements, for `pmalpha.cut`; None where the elements of
+        the matrices are not known.
+    groups, sets : dict
+        Numbers of elements, counted through all kinds in the order of `elements`, and numbers of
+        nodes, by the names of a mesh file (`from_mesh`).
 
     Raises
     ------
@@ -63,6 +75,23 @@ class Structure:
     elements: Mapping[str, np.ndarray]
     components: tuple[str, ...]
     internal: tuple[ElementForce, ...] = ()
+    moduli: Mapping[str, Moduli] = field(default_factory=dict)
+    recipe: Recipe | None = None
+    groups: Mapping[str, np.ndarray] = field(default_factory=dict)
+    sets: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @classmethod
+    def _of(
+        cls,
+        recipe: Recipe,
+        points: np.ndarray,
+        elements: Mapping[str, np.ndarray],
+        components: tuple[str, ...],
+        moduli: Mapping[str, Moduli] | None = None,
+    ) -> Structure:
+        """The structure of all elements of a mesh."""
+        M, K, internal = recipe(all_of(elements), elements, len(points))
+        return cls(M, K, points, elements, components, internal, moduli or {}, recipe)
 
     def __post_init__(self):
         n = len(self.points) * len(self.components)
@@ -96,6 +125,54 @@ class Structure:
     def n(self) -> int:
         """Number of dofs."""
         return len(self.points) * len(self.components)
+
+    @property
+    def unused(self) -> np.ndarray:
+        """Dofs without mass and stiffness, to be fixed: "rz" of nodes at which no beam ends."""
+        return np.flatnonzero(idle_dofs(self.M, self.K, self.internal))
+
+    def labels(self, *names: str) -> np.ndarray:
+        """For each element the name of the group it is in, as labels of `pmalpha.cut`.
+
+        Parameters
+        ----------
+        *names : str
+            Of `groups`, each element in one of them. Default: all.
+
+        Returns
+        -------
+        (elements,) ndarray of str
+            The name of the group of each element.
+
+        Raises
+        ------
+        ValueError
+            For unknown names, and elements in none or in several of the groups.
+
+        Examples
+        --------
+        >>> import dataclasses
+        >>> from pmalpha import models
+        >>> bar = models.rod(3, 1.0, EA=1.0, rhoA=1.0)
+        >>> bar = dataclasses.replace(bar, groups={"left": np.array([0]), "rest": np.array([1, 2])})
+        >>> bar.labels().tolist()
+        ['left', 'rest', 'rest']
+        """
+        chosen = names or tuple(self.groups)
+        labels = np.full(sum(map(len, self.elements.values())), "", dtype=object)
+        for name in chosen:
+            own = _named(self.groups, name, "group")
+            twice = own[labels[own] != ""]
+            if twice.size:
+                raise ValueError(
+                    f"names must be of groups without common elements, got {labels[twice[0]]!r} "
+                    f"and {name!r} with elements {listing(twice)}"
+                )
+            labels[own] = name
+        without = np.flatnonzero(labels == "")
+        if without.size:
+            raise ValueError(f"names must cover every element, got none for {listing(without)}")
+        return labels.astype(str)
 
     def nodes(self, where: Callable[..., Any]) -> np.ndarray:
         """The nodes whose coordinates satisfy a predicate.
@@ -180,8 +257,8 @@ class Structure:
 
         Parameters
         ----------
-        nodes : int or (k,) array of int
-            Such as of `nodes_at`.
+        nodes : int, (k,) array of int, or str
+            Such as of `nodes_at`; a str is one of `sets`.
         component : str or sequence of str, optional
             One or several of `components`. Default: all.
 
@@ -193,7 +270,7 @@ class Structure:
         Raises
         ------
         TypeError, ValueError
-            For nodes out of range or repeated, and unknown components.
+            For nodes out of range or repeated, and unknown components and sets.
 
         Examples
         --------
@@ -202,6 +279,8 @@ class Structure:
         >>> frame.dofs([0, 1], "ux").tolist(), frame.dofs(1, ["ux", "rz"]).tolist()
         ([0, 3], [3, 5])
         """
+        if isinstance(nodes, str):
+            nodes = _named(self.sets, nodes, "set of nodes")
         chosen = dof_list(np.atleast_1d(nodes), len(self.points), "nodes")
         names = (component,) if isinstance(component, str) else component or self.components
         unknown = [name for name in names if name not in self.components]
@@ -342,6 +421,44 @@ class Structure:
             sp.csr_array(self.K), self.points, self.elements["line"], self.components
         )
 
+    def element_stresses(self) -> sp.csr_array:
+        """The matrix S from displacements of all dofs to stresses in the middle of each element.
+
+        For ``run(outputs=)``, with the columns of the free dofs if some are fixed. Of linear plates
+        and solids; lines beside them have no rows.
+
+        Returns
+        -------
+        (s * E, n) csr_array
+            Rows s e to s e + s - 1 belong to element e, in the order of `elements`. In the plane
+            s = 3: xx, yy, xy; in plane strain zz is nu (xx + yy). In space s = 6: xx, yy, zz, xy,
+            yz, xz. Tension is positive.
+
+        Raises
+        ------
+        ValueError
+            For structures without `moduli`, and internal forces.
+
+        Examples
+        --------
+        >>> from pmalpha import models
+        >>> strip = models.plate(2, 1, 1.0, E=10.0, nu=0.25, rho=1.0)
+        >>> stretched = np.column_stack([0.01 * strip.points[:, 0], np.zeros(6)]).ravel()
+        >>> (strip.element_stresses() @ stretched).reshape(-1, 3).round(4).tolist()
+        [[0.1067, 0.0267, 0.0], [0.1067, 0.0267, 0.0]]
+        """
+        self._require_linear("element_stresses")
+        if not self.moduli:
+            raise ValueError(
+                "element_stresses needs linear plates or solids, got elements "
+                f"{', '.join(map(repr, self.elements)) or 'of no kind'}"
+            )
+        parts = [
+            stresses(kind, self.points, self.elements[kind], own, self.dofs_per_node)
+            for kind, own in self.moduli.items()
+        ]
+        return sp.csr_array(sp.vstack(parts, format="csr"))
+
     def base_shear(self, nodes: Any, component: str = "ux") -> sp.csr_array:
         """The matrix W from displacements of all dofs to the force of the supports at some nodes.
 
@@ -422,3 +539,19 @@ class Structure:
             )  # a LowLevelCallable is one
             options["internal"] = [*self.internal, *further]
         return Subdomain(self.M, self.K, scheme=scheme, **options)
+
+
+def idle_dofs(M: Any, K: Any, forces: Sequence[ElementForce]) -> np.ndarray:
+    """(n,) bool: dofs without mass, stiffness and internal force; M and K are semidefinite."""
+    idle = (M if M.ndim == 1 else M.diagonal()) == 0.0
+    idle &= K.diagonal() == 0.0
+    for force in forces:
+        idle &= np.diff(force.pattern.indptr) == 0
+    return idle
+
+
+def _named(known: Mapping[str, np.ndarray], name: str, what: str) -> np.ndarray:
+    if name not in known:
+        names = ", ".join(map(repr, known)) or "none"
+        raise ValueError(f"a {what} must be one of the mesh ({names}), got {name!r}")
+    return known[name]

@@ -9,12 +9,13 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
-from scipy.sparse.linalg import LinearOperator, eigsh, splu
+from scipy.sparse.linalg import LinearOperator, eigsh
 
 from .._checks import whole_number
 from ..errors import warn
-from ..problem.constraints import dof_list
-from ..problem.matrices import EXPORTED, canonical, combination, diagonal, largest_pairs, product
+from .dofs import dof_list
+from .matrices import EXPORTED, canonical, combination, diagonal, largest_pairs, product
+from .positive import positive_definite
 
 __all__ = ["modes"]
 
@@ -169,7 +170,7 @@ def _space(A: Any, B: Any, k: int, scale: float) -> np.ndarray:
     n, shift = B.shape[0], ARPACK_SHIFT * scale
     shifted = combination([(1.0, A), (shift, B)])
     S, mass = (sp.csc_array(sp.diags_array(x) if x.ndim == 1 else x) for x in (shifted, B))
-    solve = _positive_definite(S).solve
+    solve = positive_definite(S).solve
     start = np.random.default_rng(0).standard_normal(n)  # reproducible
 
     def lowest(
@@ -196,15 +197,3 @@ def _outside(X: np.ndarray, mass: Any) -> Callable[[np.ndarray], np.ndarray]:
     weights = mass @ X
     weights = np.linalg.solve(X.T @ weights, weights.T)
     return lambda x: x - X @ (weights @ x)
-
-
-def _positive_definite(S: sp.csc_array) -> Any:
-    """SuperLU's factors of S, pivots on the diagonal; LinAlgError if one is not positive."""
-    try:
-        symmetric = {"SymmetricMode": True}
-        factors = splu(S, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric)
-    except RuntimeError as error:
-        raise np.linalg.LinAlgError(str(error)) from error
-    if not np.all(factors.U.diagonal() > 0.0):
-        raise np.linalg.LinAlgError("a pivot is not positive")
-    return factors

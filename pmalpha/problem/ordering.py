@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import spilu
 
 from .. import _core
-from ..problem.matrices import Matrix
+from .matrices import Matrix
 
 # Up to this ratio of fill the natural order is taken without computing others: a chain, a frame
 # with its storeys in a row.
@@ -190,7 +190,7 @@ def _pattern(A: Matrix) -> sp.csr_array:
     """The graph of A: symmetric, without a diagonal, all entries one."""
     other = sp.csr_array(A.T)
     same = np.array_equal(other.indptr, A.indptr) and np.array_equal(other.indices, A.indices)
-    A = A if same else sp.csr_array(A + other)
+    A = A if same else sp.csr_array(abs(A) + abs(other))  # a skew matrix would cancel
     return _graph(A.indptr, A.indices, (A.indices != _rows(A)) & (A.data != 0.0))
 
 

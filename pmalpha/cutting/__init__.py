@@ -1,0 +1,1 @@
+"""From one structure to subdomains: cut, choose substeps, put together again."""

@@ -1,0 +1,177 @@
+"""What the subdomains of a cut share: dofs, their loads, their ties, and the way back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from .._checks import counted, require_finite, vector
+from ..problem.forces import BaseAcceleration, SampledForce, checked_force, is_callback
+
+# Rounding of zeros in a computed motion, relative to its largest entry.
+ROUNDING = 1e-12
+
+
+class Division:
+    """The dofs of an uncut structure in the subdomains.
+
+    Parameters
+    ----------
+    n : int
+        Number of dofs of the uncut structure.
+    dofs : sequence of (n_i,) arrays
+        Uncut dofs of each subdomain, in rising order.
+    weights : sequence of (n_i,) arrays
+        Of each dof of a subdomain, not negative: a load on a dof of several subdomains is divided
+        in proportion. Equal shares where all are zero.
+    """
+
+    def __init__(self, n: int, dofs: Sequence[np.ndarray], weights: Sequence[np.ndarray]):
+        self.n, self.dofs = n, list(dofs)
+        self.sizes = np.array([own.size for own in dofs])
+        every = np.concatenate(dofs)
+        part = np.repeat(np.arange(len(dofs)), self.sizes)
+        self.order = np.lexsort((part, every))  # by dof, then by subdomain
+        ordered = every[self.order]
+        self._first = np.flatnonzero(np.diff(ordered, prepend=-1))
+        self.present = ordered[self._first]
+        self.multiplicity = np.diff(np.append(self._first, ordered.size))
+        self.shares = self._split(self._shares(np.concatenate(weights)))
+
+    def _shares(self, weights: np.ndarray) -> np.ndarray:
+        count = np.repeat(self.multiplicity, self.multiplicity)
+        w = weights[self.order]
+        total = np.repeat(np.add.reduceat(w, self._first), self.multiplicity)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ordered = np.where(total > 0.0, w / total, 1.0 / count)
+        ordered[count == 1] = 1.0
+        shares = np.empty(w.size)
+        shares[self.order] = ordered
+        return shares
+
+    def _split(self, values: np.ndarray) -> list[np.ndarray]:
+        return np.split(values, np.cumsum(self.sizes)[:-1])
+
+    def ties(self) -> list[sp.csr_array]:
+        """L_i (p, n_i): +1 on the first subdomain of a dof and -1 on each other one, a row each.
+
+        Rows are ordered by dof, then by subdomain; p = 0 without shared dofs.
+        """
+        hub = np.repeat(self._first, self.multiplicity)
+        other = np.flatnonzero(hub != np.arange(hub.size))
+        p = other.size
+        rows = np.concatenate([np.arange(p), np.arange(p)])
+        columns = self.order[np.concatenate([hub[other], other])]
+        signs = np.repeat([1.0, -1.0], p)
+        L = sp.csc_array((signs, (rows, columns)), shape=(p, int(self.sizes.sum())))
+        starts = np.concatenate([[0], np.cumsum(self.sizes)])
+        return [sp.csr_array(L[:, a:b]) for a, b in zip(starts, starts[1:])]
+
+    @property
+    def interface(self) -> list[np.ndarray]:
+        """Of each subdomain, which of its dofs other subdomains have too: (n_i,) of bool."""
+        shared = np.empty(self.order.size, dtype=bool)
+        shared[self.order] = np.repeat(self.multiplicity > 1, self.multiplicity)
+        return self._split(shared)
+
+    def scatter(self, u: np.ndarray) -> list[np.ndarray]:
+        """(..., n_i) of each subdomain, from (..., n)."""
+        return [u[..., own] for own in self.dofs]
+
+    def divided(self, force: Any) -> list[Any]:
+        """The load of each subdomain; their sum is the load of the uncut structure."""
+        if force is None:
+            return [None] * len(self.dofs)
+        force = checked_force(force, self.n)
+        return [_share(force, own, share) for own, share in zip(self.dofs, self.shares)]
+
+    def gather(self, parts: Sequence[Any], rows: Sequence[np.ndarray]) -> np.ndarray:
+        """(levels, n) from arrays (levels_i, n_i), of which some rows are taken; the mean of all
+        sides by their shares, zero at fixed dofs."""
+        total, levels = int(self.sizes.sum()), len(rows[0])
+        whole = np.empty((levels, self.n))
+        whole.fill(0.0)  # np.take into memory that is new takes several times as long
+        source = np.full(self.n, total)  # of a fixed dof: the zero at the end
+        source[self.present] = self.order[self._first]
+        mean, shared = self._mean()
+        row = np.zeros(total + 1)
+        for level in range(levels):
+            np.concatenate([part[own[level]] for part, own in zip(parts, rows)], out=row[:-1])
+            np.take(row, source, out=whole[level], mode="clip")
+            if shared.size:
+                whole[level, shared] = mean @ row[:-1]
+        return whole
+
+    def _mean(self) -> tuple[sp.csr_array, np.ndarray]:
+        """The matrix from the dofs of all subdomains to the shared dofs, and these."""
+        several = self.multiplicity > 1
+        entries = self.order[np.repeat(several, self.multiplicity)]
+        values = np.concatenate(self.shares)[entries]
+        start = np.concatenate([[0], np.cumsum(self.multiplicity[several])])
+        shape = (int(several.sum()), int(self.sizes.sum()))
+        return sp.csr_array((values, entries, start), shape=shape), self.present[several]
+
+
+def _share(force: Any, dofs: np.ndarray, share: np.ndarray) -> Any:
+    """The part of a load on some dofs, each entry times its share."""
+    if isinstance(force, BaseAcceleration):
+        shape = share[:, None] * force.shape[dofs]
+        return BaseAcceleration(force.values, force.dt, -shape, np.ones(dofs.size))
+    if isinstance(force, SampledForce):
+        if force.shape is None:
+            return SampledForce(share * force.values[:, dofs], force.dt)
+        return SampledForce(force.values, force.dt, share[:, None] * force.shape[dofs])
+    if isinstance(force, np.ndarray):
+        return share * force[dofs]
+    if is_callback(force):
+        return DividedForce(force, dofs, share)
+    raise TypeError(
+        "force must not be a LowLevelCallable, which cannot be divided; give each subdomain its "
+        "own by pm.Subdomain"
+    )
+
+
+class DividedForce:
+    """The part of a callable load on the dofs of one subdomain.
+
+    The load is evaluated for each subdomain separately, at the ends of its own substeps.
+    """
+
+    def __init__(self, force: Any, dofs: np.ndarray, share: np.ndarray):
+        self._force, self._dofs, self._share = force, dofs, share
+
+    def __call__(self, t: float) -> np.ndarray:
+        values = np.asarray(self._force(t))
+        if values.ndim != 1 or values.size <= self._dofs[-1]:
+            raise ValueError(
+                f"force must return a value for each dof of the uncut structure, got {values.shape}"
+            )
+        return self._share * values[self._dofs]
+
+
+def checked_motion(value: Any, free: np.ndarray, name: str) -> np.ndarray:
+    """u0 or v0 of all dofs, zero at the fixed ones."""
+    if value is None:
+        return np.zeros(free.size)
+    motion = vector(value, free.size, name)
+    size = np.abs(motion[~free])
+    if size.max(initial=0.0) > ROUNDING * np.abs(motion).max(initial=0.0):
+        raise ValueError(f"{name} must be zero at fixed dofs, got up to {size.max():g}")
+    return motion
+
+
+def checked_levels(u: Any, n: int) -> np.ndarray:
+    """(..., n) values of the uncut structure."""
+    values = np.asarray(u)
+    if values.dtype.kind not in "iuf":
+        raise TypeError(f"u must hold real numbers, got dtype {values.dtype}")
+    if values.ndim == 0 or values.shape[-1] != n:
+        raise ValueError(
+            f"u must have the {counted(n, 'dof')} of the uncut structure in its last dimension, "
+            f"got shape {values.shape}"
+        )
+    require_finite(values, "u")
+    return values

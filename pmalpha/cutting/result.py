@@ -1,0 +1,323 @@
+"""The subdomains of a cut structure, and the way back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._checks import counted, time_step
+from ..export import write_series
+from ..problem.constraints import Constraint
+from ..problem.schemes import Scheme
+from ..problem.subdomain import Subdomain
+from ..run.coupler import Coupler
+from ..run.history import History, SubdomainHistory
+from ..structures.structure import Structure
+from .division import Division, checked_levels
+from .plan import Plan, plan_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["Cut"]
+
+# Subdomains that repr lists.
+MOST_ROWS = 16
+# Up to this number of dofs repr makes the plan.
+QUICK = 100_000
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table."""
+    widths = [max(map(len, column)) for column in zip(*rows)]
+    return ["  ".join(x.ljust(w) for x, w in zip(row, widths)).rstrip() for row in rows]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Cut:
+    """Subdomains of a structure, made by `cut`.
+
+    Attributes
+    ----------
+    structure : Structure, Elements, or list of Elements
+        What was cut.
+    subdomains : tuple of Subdomain
+    constraints : list of Constraint
+        The ties: one Constraint with a row for each dof and each of its subdomains but one, +1 on
+        the first and -1 on the other one; empty where no dof is shared.
+    labels : (elements,) array of int
+        The subdomain of each element.
+    dt : float or None
+        The macro step for which the numbers of substeps were chosen.
+    choices : dict of Plan by name
+        What ``parts="auto"`` compared; else empty.
+
+    Examples
+    --------
+    >>> from pmalpha import models
+    >>> wall = models.plate(8, 4, 0.5, E=30e9, nu=0.2, rho=2500.0, mass="lumped")
+    >>> left = wall.points[wall.elements["quad"], 0].mean(axis=1) < 2.0
+    >>> halves = cut(wall, np.where(left, 0, 1), fixed=wall.dofs(wall.nodes_at(y=0.0)))
+    >>> halves.constraints
+    [<8 constraints on 'part 0' and 'part 1'>]
+    >>> history = halves.coupler(dt=1e-4, coupling="gc").run(steps=3)
+    >>> halves.gather(history).u.shape
+    (4, 90)
+    """
+
+    structure: Any
+    labels: np.ndarray
+    subdomains: tuple[Subdomain, ...]
+    constraints: list[Constraint]
+    dt: float | None
+    choices: dict[str, Plan]
+    _uncut: tuple[Scheme, int] | None
+    _division: Division
+
+    def __repr__(self) -> str:
+        rows = [
+            (
+                str(s.name),
+                counted(s.n, "dof"),
+                counted(int(own.sum()), "interface dof"),
+                repr(s.scheme),
+                counted(s.substeps, "substep"),
+            )
+            for s, own in zip(self.subdomains, self._division.interface)
+        ]
+        lines = aligned(rows[:MOST_ROWS])
+        if len(rows) > MOST_ROWS:
+            lines.append(f"... ({len(rows)} in all)")
+        if self.dt is not None and self.n <= QUICK:
+            lines.append(self.plan().summary)
+        what = f"<Cut into {counted(len(rows), 'subdomain')}, {counted(self.p, 'constraint')}"
+        return "\n  ".join([what, *lines]) + ">"
+
+    @property
+    def p(self) -> int:
+        """Number of constraints."""
+        return sum(constraint.p for constraint in self.constraints)
+
+    @property
+    def n(self) -> int:
+        """Number of dofs of the uncut structure, the fixed ones included."""
+        return self._division.n
+
+    @property
+    def dofs(self) -> dict[str, np.ndarray]:
+        """By name of a subdomain the uncut dofs of its dofs."""
+        return dict(zip(self._names, self._division.dofs))
+
+    @property
+    def _names(self) -> list[str]:
+        return [str(s.name) for s in self.subdomains]
+
+    def coupler(self, dt: float | None = None, **options: Any) -> Coupler:
+        """A Coupler of the subdomains with their ties.
+
+        Parameters
+        ----------
+        dt : float, optional
+            The macro step. Default: the one for which the cut was made.
+        **options
+            Further arguments of `Coupler`: coupling, threads, ...
+
+        Returns
+        -------
+        Coupler
+            Of all subdomains and ties.
+
+        Raises
+        ------
+        TypeError
+            Without dt, if the cut was made without one.
+        """
+        step = self.dt if dt is None else dt
+        if step is None:
+            raise TypeError("dt must be given here or to cut")
+        return Coupler(self.subdomains, self.constraints, dt=step, **options)
+
+    def plan(self, dt: float | None = None) -> Plan:
+        """What a macro step will cost, predicted from sizes; nothing is factored.
+
+        Parameters
+        ----------
+        dt : float, optional
+            The macro step, to compare the steps with the critical ones; the numbers of substeps are
+            those of the cut. Default: the one for which the cut was made.
+
+        Returns
+        -------
+        Plan
+            A table of the costs.
+
+        Raises
+        ------
+        TypeError, ValueError
+            Without dt, if the cut was made without one; for one that is not positive.
+
+        Examples
+        --------
+        >>> from pmalpha import models
+        >>> masses = models.chain(6, 1.0, 4.0)
+        >>> cut(masses, parts=2).plan(dt=0.1).entries > 0
+        True
+        """
+        step = self.dt if dt is None else time_step(dt, "dt")
+        if step is None:
+            raise TypeError("dt must be given here or to cut")
+        return plan_of(self, step)
+
+    def scatter(self, u: Any) -> dict[str, np.ndarray]:
+        """Values of the uncut dofs, by subdomain.
+
+        Parameters
+        ----------
+        u : (..., n) array_like
+            Displacements or velocities; not forces, which have to be divided.
+
+        Returns
+        -------
+        dict of (..., n_i) arrays by name
+            Copies.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For values that are not finite numbers, and another number of dofs.
+
+        Examples
+        --------
+        >>> from pmalpha import models
+        >>> parts = cut(models.chain(3, 1.0, 2.0), [0, 1])
+        >>> {name: u.tolist() for name, u in parts.scatter([1.0, 2.0, 3.0]).items()}
+        {'part 0': [1.0, 2.0], 'part 1': [2.0, 3.0]}
+        """
+        return dict(zip(self._names, self._division.scatter(checked_levels(u, self.n))))
+
+    def gather(self, history: History) -> SubdomainHistory:
+        """The motion of the uncut structure.
+
+        Parameters
+        ----------
+        history : History
+            Of a run with all dofs of all subdomains recorded.
+
+        Returns
+        -------
+        SubdomainHistory
+            On all dofs of the uncut structure at the recorded macro times. Fixed dofs are zero. On
+            dofs of several subdomains, whose displacements can drift apart under "pm" and "gc", the
+            mean weighted by their masses.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For what is not a History of these subdomains with all dofs.
+
+        Examples
+        --------
+        >>> from pmalpha import models
+        >>> parts = cut(models.chain(3, 1.0, 2.0), [0, 1], v0=[0.0, 0.0, 1.0])
+        >>> parts.gather(parts.coupler(dt=0.1).run(steps=2)).v[0].tolist()
+        [0.0, 0.0, 1.0]
+        """
+        if not isinstance(history, History):
+            raise TypeError(f"history must be a History, got {history!r}")
+        own = [self._recorded(history, name) for name in self._names]
+        t = np.asarray(history.macro_times)
+        rows = [np.searchsorted(np.asarray(one.t), t) for one in own]
+        for one, at in zip(own, rows):
+            if at.max(initial=0) >= len(one.t) or np.any(np.asarray(one.t)[at] != t):
+                raise ValueError(f"history must have all macro times, not those of {one.name!r}")
+        u, v, a = (
+            self._division.gather([getattr(one, x) for one in own], rows) for x in ("u", "v", "a")
+        )
+        return SubdomainHistory(name="uncut", t=t, u=u, v=v, a=a, dofs=np.arange(self.n))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """The mesh, each subdomain in a colour of its own: the more substeps, the darker.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Default: a new figure.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            With a legend of names and substeps for up to 12 subdomains.
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is missing.
+        ValueError
+            For `Elements`, which have no mesh.
+
+        Examples
+        --------
+        >>> from pmalpha import models
+        >>> halves = cut(models.plate(4, 2, 0.5, E=1.0, nu=0.3, rho=1.0), parts=2)
+        >>> [text.get_text() for text in halves.plot().get_legend().get_texts()]
+        ['part 0, 1 substep', 'part 1, 1 substep']
+        """
+        from .drawing import drawn
+
+        return drawn(self, self._mesh("plot"), ax)
+
+    def export(self, path: str | PathLike, history: History, **options: Any) -> None:
+        """Write the motion of the uncut structure for ParaView, with the subdomains.
+
+        Parameters
+        ----------
+        path : str or path
+            As for `pmalpha.export.write_series`.
+        history : History
+            As for `gather`.
+        **options
+            Further arguments of `write_series`. Elements have the numbers "part" and "substeps".
+
+        Raises
+        ------
+        TypeError, ValueError, OSError
+            As of `gather` and `write_series`; for `Elements`, which have no mesh.
+
+        Examples
+        --------
+        >>> import tempfile, pathlib
+        >>> from pmalpha import models
+        >>> halves = cut(models.plate(4, 2, 0.5, E=1.0, nu=0.3, rho=1.0), parts=2)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = pathlib.Path(folder, "run.xdmf")
+        ...     halves.export(path, halves.coupler(dt=0.1).run(steps=2))
+        ...     '"part"' in path.read_text()
+        True
+        """
+        structure, motion = self._mesh("export"), self.gather(history)
+        substeps = np.array([s.substeps for s in self.subdomains])
+        cells = {"part": self.labels, "substeps": substeps[self.labels]}
+        cells |= options.pop("cells", {})
+        whole = (motion.t, motion.u, motion.v, motion.a)
+        write_series(path, structure.points, structure.elements, *whole, cells=cells, **options)
+
+    def _mesh(self, what: str) -> Structure:
+        if not isinstance(self.structure, Structure):
+            raise ValueError(f"{what} needs a Structure with a mesh, got {self.structure!r}")
+        return self.structure
+
+    def _recorded(self, history: History, name: str) -> SubdomainHistory:
+        try:
+            one = history[name]
+        except KeyError:
+            raise ValueError(f"history must have a subdomain {name!r}, got {history!r}") from None
+        size = self._division.dofs[self._names.index(name)].size
+        if not np.array_equal(one.dofs, np.arange(size)):
+            raise ValueError(
+                f"history must have all {counted(size, 'dof')} of {name!r}, got {len(one.dofs)}"
+            )
+        return one

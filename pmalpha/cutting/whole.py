@@ -1,0 +1,299 @@
+"""The uncut structure: its elements and dofs, and the matrices of some of its elements."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from .._checks import counted, listing, numbered
+from ..problem.dofs import checked_mask, dof_list
+from ..structures.structure import Structure, idle_dofs
+from .assembled import GroupForce, assembled, assembled_mass
+from .elements import Elements
+
+
+class Portion(NamedTuple):
+    """The free dofs (n_i,) of some elements, rising, and the matrices of these elements."""
+
+    dofs: np.ndarray
+    M: Any
+    K: Any
+    C: Any
+    internal: list[Any]
+
+
+class Blocks(NamedTuple):
+    """Numbers of some elements with their matrices, (e, k, k); M (e, k) where lumped."""
+
+    numbers: np.ndarray
+    M: np.ndarray
+    K: np.ndarray
+    free: np.ndarray  # (e, k): which of the dofs are free
+
+
+class Whole:
+    """What is cut.
+
+    Attributes
+    ----------
+    n : int
+        Number of dofs, the fixed ones included.
+    free : (n,) array of bool
+    linear : bool
+        Without internal forces.
+    links : list of (e, a) arrays of int
+        Of each group of elements what connects them: nodes of a mesh or dofs, -1 for none.
+    entries : list of int
+        Of each group, the entries of an element matrix.
+    centroids : (elements, dim) array, or None where coordinates are not known
+    """
+
+    n: int
+    free: np.ndarray
+    linear: bool
+    links: list[np.ndarray]
+    entries: list[int]
+    centroids: np.ndarray | None
+
+    @property
+    def count(self) -> int:
+        """Number of elements of all groups, which are numbered consecutively."""
+        return sum(map(len, self.links))
+
+    def by_group(self, values: np.ndarray) -> list[np.ndarray]:
+        """Values of all elements, split into the groups."""
+        return np.split(values, np.cumsum([len(links) for links in self.links])[:-1])
+
+    def costs(self) -> np.ndarray:
+        """(elements,): entries of the element matrices, to which the time of a step is
+        proportional."""
+        counts = [len(links) for links in self.links]
+        return np.repeat(np.array(self.entries, dtype=float), counts)
+
+    def portion(self, chosen: np.ndarray, owned: np.ndarray) -> Portion:
+        """The matrices of some elements.
+
+        Parameters
+        ----------
+        chosen : (elements,) array of bool
+        owned : array of bool
+            Of what `links` numbers: whose forces that belong to no element, such as contact, this
+            portion has.
+        """
+        raise NotImplementedError
+
+    def blocks(self, chunk: int) -> Iterator[Blocks]:
+        """The matrices of the single elements, tangents at rest included, up to `chunk` at once."""
+        raise NotImplementedError
+
+    @property
+    def link_count(self) -> int:
+        return 1 + max(int(links.max()) for links in self.links)
+
+
+class WholeStructure(Whole):
+    """A structure of `pmalpha.structures`."""
+
+    def __init__(self, structure: Structure, fixed: Any):
+        if structure.recipe is None:
+            raise ValueError(
+                "structure must know the matrices of its elements, which one that was made of M "
+                "and K does not; give them as pm.Elements"
+            )
+        self._structure = structure
+        self.n, self._d = structure.n, structure.dofs_per_node
+        self.linear = not structure.internal
+        self._kinds = tuple(structure.elements)
+        self.links = [structure.elements[kind] for kind in self._kinds]
+        self.entries = [(links.shape[1] * self._d) ** 2 for links in self.links]
+        self.free = _free(fixed, self.n)
+        means = [structure.points[links].mean(axis=1) for links in self.links]
+        self.centroids = np.concatenate(means)
+        self._used = ~idle_dofs(structure.M, structure.K, structure.internal)
+        used = np.zeros(len(structure.points), dtype=bool)
+        for links in self.links:
+            used[links] = True
+        if not used.all():
+            unused = listing(np.flatnonzero(~used))
+            raise ValueError(f"structure must have an element at every node, not at {unused}")
+
+    def portion(self, chosen, owned):
+        picked, d = self._picked(chosen), self._d
+        nodes = np.unique(np.concatenate([links.ravel() for _, links in picked.values()]))
+        number = np.full(len(self._structure.points), -1)
+        number[nodes] = np.arange(nodes.size)
+        elements = {kind: number[links] for kind, (_, links) in picked.items()}
+        numbers = {kind: numbers for kind, (numbers, _) in picked.items()}
+        assert self._structure.recipe is not None
+        M, K, internal = self._structure.recipe(numbers, elements, nodes.size)
+        further = self._structure.internal[len(internal) :]
+        number[~owned] = -1
+        forces = [*internal, *_parts_of(further, number, nodes.size)]
+        dofs = (d * nodes[:, None] + np.arange(d)).ravel()
+        # such as the rotation of a node at which another subdomain has a beam
+        free = self.free[dofs] & ~(idle_dofs(M, K, forces) & self._used[dofs])
+        if not free.all():
+            kept = np.flatnonzero(free)
+            M = M[kept] if M.ndim == 1 else M[kept][:, kept]
+            K = K[kept][:, kept]
+            forces = [force.reduced(kept) for force in forces] if kept.size else []
+        return Portion(dofs[free], M, K, None, forces)
+
+    def _picked(self, chosen: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Numbers and nodes of the chosen elements of each kind that has some."""
+        return {
+            kind: (np.flatnonzero(own), links[own])
+            for kind, links, own in zip(self._kinds, self.links, self.by_group(chosen))
+            if own.any()
+        }
+
+    def blocks(self, chunk):
+        begin = 0
+        for kind, links in zip(self._kinds, self.links):
+            for first in range(0, len(links), chunk):
+                own = links[first : first + chunk]
+                yield self._exploded(kind, first, own, begin)
+            begin += len(links)
+
+    def _exploded(self, kind: str, first: int, own: np.ndarray, begin: int) -> Blocks:
+        """Element matrices: those of the elements with a node of its own for each corner."""
+        e, a = own.shape
+        numbers = first + np.arange(e)
+        apart = np.arange(e * a).reshape(e, a)
+        assert self._structure.recipe is not None
+        M, K, internal = self._structure.recipe({kind: numbers}, {kind: apart}, e * a)
+        k = a * self._d
+        for force in internal:
+            K = K + force(np.zeros(force.n))[1]
+        dofs = (self._d * own[:, :, None] + np.arange(self._d)).reshape(e, k)
+        masses = M.reshape(e, k) if M.ndim == 1 else _diagonal_blocks(M, e, k)
+        idle = idle_dofs(M, K, internal).reshape(e, k)
+        free = self.free[dofs] & ~(idle & self._used[dofs])
+        return Blocks(begin + numbers, masses, _diagonal_blocks(K, e, k), free)
+
+
+class WholeElements(Whole):
+    """Groups of `Elements`."""
+
+    def __init__(self, groups: Sequence[Elements], fixed: Any, points: Any):
+        self._groups = tuple(groups)
+        self.n = 1 + max(int(group.dofs.max()) for group in groups)
+        self.free = _free(fixed, self.n)
+        self.linear = all(group.internal is None for group in groups)
+        self.links = [group.dofs for group in groups]
+        self.entries = [group.dofs.shape[1] ** 2 for group in groups]
+        self.centroids = points
+        used = np.zeros(self.n, dtype=bool)
+        for group in groups:
+            used[group.dofs[group.dofs >= 0]] = True
+        if not used.all():
+            raise ValueError(
+                f"structure must have an element at every dof in 0..{self.n - 1}, not at "
+                f"{numbered('dof', np.flatnonzero(~used))}; a fixed dof has a negative number"
+            )
+
+    def portion(self, chosen, owned):
+        picked = [
+            (group, np.flatnonzero(own)) for group, own in zip(self._groups, self.by_group(chosen))
+        ]
+        present = np.zeros(self.n + 1, dtype=bool)  # the last entry is that of negative dofs
+        for group, numbers in picked:
+            present[group.dofs[numbers]] = True
+        dofs = np.flatnonzero(present[:-1] & self.free)
+        number = np.full(self.n + 1, -1)
+        number[dofs] = np.arange(dofs.size)
+        local = [(group, own, number[np.maximum(group.dofs[own], -1)]) for group, own in picked]
+        parts = [(group, own, where) for group, own, where in local if own.size]
+        terms: dict[str, Any] = {"M": None, "K": None, "C": None}
+        for name in terms:
+            for group, own, where in parts:
+                values = getattr(group, name)
+                if values is not None:
+                    values = values if len(values) == 1 else values[own]
+                    make = assembled_mass if name == "M" else assembled
+                    terms[name] = _sum(terms[name], make(where, values, dofs.size))
+        forces = [
+            GroupForce(group, own, where, dofs.size).force(group.history[own])
+            for group, own, where in parts
+            if group.internal is not None
+        ]
+        M = np.zeros(dofs.size) if terms["M"] is None else terms["M"]
+        return Portion(dofs, M, terms["K"], terms["C"], forces)
+
+    def blocks(self, chunk):
+        begin = 0
+        for group in self._groups:
+            e, k = group.dofs.shape
+            for first in range(0, e, chunk):
+                own = np.arange(first, min(first + chunk, e))
+                M = np.zeros((1, k)) if group.M is None else group.M
+                K = np.zeros((1, k, k)) if group.K is None else group.K
+                M, K = (x if len(x) == 1 else x[own] for x in (M, K))
+                if group.internal is not None:
+                    rest = np.zeros((own.size, k))
+                    tangent = group.internal(rest, rest, 0.0, group.history[own], own)[1]
+                    K = K if tangent is None else K + np.asarray(tangent)
+                where = group.dofs[own]
+                free = (where >= 0) & self.free[where]
+                if free.all() and len(M) == len(K) == 1:
+                    free = free[:1]  # all elements are equal
+                yield Blocks(begin + own, M, K, free)
+            begin += e
+
+
+def whole_of(structure: Any, fixed: Any, points: Any) -> Whole:
+    """The uncut structure, checked."""
+    if isinstance(structure, Structure):
+        if points is not None:
+            raise TypeError("points must not be given for a structure, which has them")
+        return WholeStructure(structure, fixed)
+    groups = (structure,) if isinstance(structure, Elements) else structure
+    if not isinstance(groups, Sequence) or not all(isinstance(g, Elements) for g in groups):
+        raise TypeError(
+            "structure must be a Structure, pm.Elements or a list of these groups, got "
+            f"{structure!r}"
+        )
+    if not groups:
+        raise ValueError("structure must have elements, got an empty list")
+    return WholeElements(groups, fixed, points)
+
+
+def _free(fixed: Any, n: int) -> np.ndarray:
+    free = np.ones(n, dtype=bool)
+    if fixed is None:
+        return free
+    given = np.asarray(fixed)
+    if given.dtype == bool:
+        free &= ~checked_mask(given, n, "fixed")
+    else:
+        free[dof_list(np.unique(given), n, "fixed")] = False
+    if not free.any():
+        raise ValueError(f"fixed must leave a dof free, got all {counted(n, 'dof')}")
+    return free
+
+
+def _sum(one: Any, other: Any) -> Any:
+    """The sum of matrices that may be diagonals."""
+    if one is None:
+        return other
+    if one.ndim == other.ndim:
+        return one + other
+    both = (sp.diags_array(A) if A.ndim == 1 else A for A in (one, other))
+    return sp.csr_array(sum(both, start=sp.csr_array((len(other), len(other)))))
+
+
+def _parts_of(forces: Sequence[Any], number: np.ndarray, nodes: int) -> list[Any]:
+    parts = [force._of_nodes(number, nodes) for force in forces]
+    return [part for part in parts if part is not None]
+
+
+def _diagonal_blocks(A: Any, e: int, k: int) -> np.ndarray:
+    """(e, k, k): the blocks of a sparse matrix that has no other entries."""
+    blocks = np.zeros((e, k, k))
+    A = sp.coo_array(sp.csr_array(A))
+    A.sum_duplicates()
+    blocks[A.row // k, A.row % k, A.col % k] = A.data
+    return blocks

@@ -1,0 +1,343 @@
+"""A large linear subdomain in few coordinates: Guyan and Craig-Bampton reduction.
+
+With the dofs that are kept (b) and the others (i), u = T (u_b, q), T = [1, 0; Psi, Phi], where
+Psi = -K_ii^-1 K_ib is the static shape of the others under unit displacements of the kept ones, and
+Phi are mass-normalised modes of K_ii, M_ii, the kept dofs being fixed (Craig and Bampton 1968;
+without Phi, Guyan 1965). The matrices are T^T M T, T^T C T and T^T K T, loads T^T F.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy import LowLevelCallable
+
+from .._checks import counted, listing, plain_array, positive_number, vector, whole_number
+from ..blas import one_thread
+from ..errors import warn
+from ..memory import require
+from .arguments import DofsLike
+from .dofs import dof_list
+from .eigenmodes import modes
+from .forces import SampledForce
+from .matrices import Matrix, dense, diagonal, is_symmetric, product
+from .positive import FLOATING, positive_definite, scale_to_one, softest
+
+__all__ = ["ReducedBasis"]
+
+# Columns of Psi that are solved for at once
+COLUMNS = 64
+# First number of modes up to a frequency; it is doubled until one is above
+FIRST = 8
+# Initial values that the coordinates represent worse than this, relative to their norm with the
+# mass, are warned of.
+REPRESENTED = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedBasis:
+    """The displacements of a subdomain from those of its reduced one, `Subdomain.reduced`.
+
+    Attributes
+    ----------
+    matrix : (n, r) ndarray
+        T: displacements of all dofs for unit values of the r = b + m coordinates, the b kept dofs
+        and the m modes.
+    keep : (b,) ndarray of int
+        The kept dofs; coordinate k < b is the displacement of dof ``keep[k]``.
+    omega : (m,) ndarray
+        Angular frequencies of the modes, in rising order; the kept dofs are fixed in them.
+
+    Examples
+    --------
+    A chain of four masses by its ends and one mode:
+
+    >>> K = 6.0 * (np.diag([1, 2, 2, 1]) - np.eye(4, k=1) - np.eye(4, k=-1))
+    >>> chain = Subdomain(np.ones(4), K, scheme=GeneralizedAlpha(0.5))
+    >>> small, basis = chain.reduced([0, 3], modes=1)
+    >>> small.n, basis.omega.round(6).tolist()
+    (3, [2.44949])
+    >>> basis.expand([[1.0, 0.0, 0.0]]).round(4).tolist()
+    [[1.0, 0.6667, 0.3333, 0.0]]
+    """
+
+    matrix: np.ndarray
+    keep: np.ndarray
+    omega: np.ndarray
+
+    def __repr__(self) -> str:
+        n, _ = self.matrix.shape
+        dofs, shapes = counted(self.keep.size, "dof"), counted(self.omega.size, "mode")
+        return f"<ReducedBasis of {counted(n, 'dof')}: {dofs} kept, {shapes}>"
+
+    def expand(self, u: Any) -> np.ndarray:
+        """Displacements, velocities or accelerations of all dofs.
+
+        Parameters
+        ----------
+        u : (..., r) array_like
+            Such as ``history["tower"].u`` of the reduced subdomain.
+
+        Returns
+        -------
+        (..., n) ndarray
+            On all dofs.
+
+        Raises
+        ------
+        ValueError
+            For another last dimension.
+
+        Examples
+        --------
+        >>> bar = Subdomain([1.0, 1.0, 1.0], np.diag([2.0, 2.0, 2.0]), scheme=Newmark())
+        >>> small, basis = bar.reduced([2], modes=0)
+        >>> basis.expand([[3.0], [5.0]]).tolist()
+        [[0.0, 0.0, 3.0], [0.0, 0.0, 5.0]]
+        """
+        values = plain_array(u, "u")
+        r = self.matrix.shape[1]
+        if values.shape[-1:] != (r,) or values.dtype.kind not in "iufc":
+            raise ValueError(
+                f"u must hold numbers with {r} in the last dimension, got dtype {values.dtype} "
+                f"and shape {values.shape}"
+            )
+        return values @ self.matrix.T
+
+    def place(self, dofs: Any) -> np.ndarray:
+        """Numbers of kept dofs in the reduced subdomain, for `tie`, `record` or springs.
+
+        Parameters
+        ----------
+        dofs : array_like of int, any shape
+            Kept dofs, in the numbering of the whole subdomain.
+
+        Returns
+        -------
+        ndarray of int, shape of `dofs`
+            Their numbers in the reduced subdomain.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For what is not a number of a dof, and dofs that are not kept.
+
+        Examples
+        --------
+        >>> bar = Subdomain([1.0, 1.0, 1.0], np.diag([2.0, 2.0, 2.0]), scheme=Newmark())
+        >>> bar.reduced([2, 0], modes=0)[1].place([0, 2]).tolist()
+        [1, 0]
+        """
+        wanted = plain_array(dofs, "dofs")
+        n = self.matrix.shape[0]
+        missing = np.setdiff1d(dof_list(np.unique(wanted), n, "dofs"), self.keep)
+        if missing.size:
+            raise ValueError(f"dofs must be kept ones, got {listing(missing)}")
+        number = np.zeros(n, dtype=np.int64)
+        number[self.keep] = np.arange(self.keep.size)
+        return number[wanted]
+
+
+def reduced_arguments(
+    subdomain: Any, keep: DofsLike, count: int | None, omega: float | None
+) -> tuple[dict[str, Any], ReducedBasis]:
+    """The arguments of the reduced Subdomain, and the basis; `Subdomain.reduced`."""
+    kept = dof_list(np.atleast_1d(plain_array(keep, "keep")), subdomain.n, "keep")
+    if (count is None) == (omega is None):
+        raise TypeError(f"either modes or omega must be given, got modes={count}, omega={omega}")
+    if subdomain.K is None:
+        raise ValueError("K must not be zero for a reduction")
+    if not is_symmetric(subdomain.K):
+        raise ValueError(
+            "K must be symmetric for a reduction, which takes its static shapes and modes, got an "
+            "unsymmetric one"
+        )
+    _require_few(subdomain, kept)
+    arguments: dict[str, Any] = _springs(subdomain, kept)
+    arguments["symmetric"] = subdomain.symmetric
+    with one_thread():
+        basis = _basis(subdomain, kept, count, omega)
+        T = basis.matrix
+        r = T.shape[1]
+        for name in ("M", "C", "K"):
+            A = getattr(subdomain, name)
+            small = None if A is None else T.T @ product(A, T)
+            arguments[name] = small if A is None or not is_symmetric(A) else _symmetric(small)
+        for name in ("restoring_stiffness", "restoring_damping"):
+            A = getattr(subdomain, name)
+            arguments[name] = None if A is None else _of_kept(A, kept, r, name)
+        arguments["force"] = _projected(subdomain.force, T)
+        for name in ("u0", "v0"):
+            arguments[name] = _coordinates(subdomain, getattr(subdomain, name), basis, name)
+    return arguments, basis
+
+
+def _require_few(subdomain: Any, kept: np.ndarray) -> None:
+    if kept.size == 0:
+        raise ValueError("keep must not be empty")
+    require(
+        16.0 * kept.size * subdomain.n,
+        f"a basis of {counted(kept.size, 'static shape')}",
+        "keep fewer dofs",
+    )
+
+
+def _basis(
+    subdomain: Any, kept: np.ndarray, count: int | None, omega: float | None
+) -> ReducedBasis:
+    n = subdomain.n
+    others = np.setdiff1d(np.arange(n), kept)
+    if not others.size:
+        frequencies, Phi = np.zeros(0), np.zeros((0, 0))
+    else:
+        frequencies, Phi = _modes(subdomain, others, count, omega)
+    T = np.zeros((n, kept.size + frequencies.size))
+    T[kept, np.arange(kept.size)] = 1.0
+    if others.size:
+        T[others, : kept.size] = _static(subdomain.K, others, kept)
+        T[others, kept.size :] = Phi
+    for array in (T, kept, frequencies):
+        array.setflags(write=False)
+    return ReducedBasis(T, kept, frequencies)
+
+
+def _static(K: Matrix, others: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Psi = -K_ii^-1 K_ib"""
+    whole = sp.csr_array(sp.diags_array(K) if K.ndim == 1 else K)
+    rows = whole[others]
+    right = sp.csc_array(rows[:, kept])
+    inner = sp.csc_array(rows[:, others])
+    scale = scale_to_one(inner)
+    inner = sp.csc_array(scale @ inner @ scale)
+    try:
+        factors = positive_definite(inner)
+        if softest(inner, factors) <= FLOATING:
+            raise np.linalg.LinAlgError("singular up to rounding")
+    except np.linalg.LinAlgError:
+        raise ValueError(
+            f"keep must hold the subdomain, which floats or is unstable with {kept.size} kept "
+            "dofs fixed"
+        ) from None
+    Psi = np.empty((others.size, kept.size))
+    for first in range(0, kept.size, COLUMNS):
+        part = slice(first, first + COLUMNS)
+        Psi[:, part] = scale @ factors.solve(scale @ -right[:, part].toarray())
+    return Psi
+
+
+def _modes(
+    subdomain: Any, others: np.ndarray, count: int | None, omega: float | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies and modes of the other dofs, the kept ones being fixed."""
+    M, K = (_among(A, others) for A in (subdomain.M, subdomain.K))
+    massive = 0 if M is None else int(np.count_nonzero(diagonal(M) > 0.0))
+    if omega is None:
+        k = whole_number(count, "modes", high=massive)
+    else:
+        limit = positive_number(omega, "omega")
+        k = min(FIRST, massive)
+    while k:
+        frequencies, Phi = modes(M, K, k)
+        if omega is None:
+            return frequencies, Phi
+        if frequencies[-1] > limit or k == massive:
+            low = frequencies <= limit
+            return frequencies[low], Phi[:, low]
+        k = min(2 * k, massive)
+    return np.zeros(0), np.zeros((others.size, 0))
+
+
+def _among(A: Matrix, dofs: np.ndarray) -> Any:
+    """Rows and columns of these dofs."""
+    return None if A is None else A[dofs] if A.ndim == 1 else A[dofs][:, dofs]
+
+
+def _symmetric(A: np.ndarray) -> np.ndarray:
+    return 0.5 * (A + A.T)
+
+
+def _of_kept(A: Matrix, kept: np.ndarray, r: int, name: str) -> np.ndarray:
+    """An estimate for a restoring force of the kept dofs."""
+    whole = sp.coo_array(sp.diags_array(A) if A.ndim == 1 else A)
+    rows, columns = whole.coords
+    outside = np.setdiff1d(np.concatenate([rows, columns])[np.tile(whole.data != 0.0, 2)], kept)
+    if outside.size:
+        raise ValueError(
+            f"keep must have the dofs of {name}, not only others than {listing(outside)}"
+        )
+    small = np.zeros((r, r))
+    small[: kept.size, : kept.size] = dense(_among(A, kept))
+    return small
+
+
+def _springs(subdomain: Any, kept: np.ndarray) -> dict[str, Any]:
+    """Springs on kept dofs, in the reduced numbering."""
+    if subdomain.has_functions or subdomain.internal is not None and subdomain.internal.forces:
+        raise ValueError(
+            "restoring and internal forces must be springs for a reduction, got functions; give "
+            "them to a subdomain that is tied to the reduced one"
+        )
+    number = np.full(subdomain.n + 1, -2)
+    number[kept], number[-1] = np.arange(kept.size), -1
+    found = {}
+    for name, given in (
+        ("restoring", subdomain.restoring_springs),
+        ("internal", () if subdomain.internal is None else subdomain.internal.springs),
+    ):
+        for spring in given:
+            lost = spring.dofs[number[spring.dofs] == -2]
+            if lost.size:
+                raise ValueError(
+                    f"keep must have the dofs of springs, got {name} springs on {listing(lost)}"
+                )
+        moved = [
+            type(spring)(number[spring.dofs], **dict(zip(spring.names, spring.parameters)))
+            for spring in given
+        ]
+        found[name] = moved or None
+    return found
+
+
+# ---- loads and initial values ---------------------------------------------------------------
+
+
+class ProjectedForce:
+    """T^T F(t) of a function F."""
+
+    def __init__(self, force: Callable[[float], Any], T: np.ndarray):
+        self.force, self.T = force, T
+
+    def __call__(self, t: float) -> np.ndarray:
+        return self.T.T @ vector(self.force(t), len(self.T), "the value of force")
+
+
+def _projected(force: Any, T: np.ndarray) -> Any:
+    if force is None:
+        return None
+    if isinstance(force, LowLevelCallable):
+        raise ValueError("force must not be a compiled function for a reduction")
+    if isinstance(force, SampledForce):
+        return force._projected(T)
+    return ProjectedForce(force, T) if callable(force) else T.T @ force
+
+
+def _coordinates(subdomain: Any, u: np.ndarray, basis: ReducedBasis, name: str) -> np.ndarray:
+    """(u_b, q) of displacements or velocities, q the mass-orthogonal projection on the modes."""
+    T, b = basis.matrix, basis.keep.size
+    values = np.concatenate([u[basis.keep], np.zeros(basis.omega.size)])
+    rest = u - T[:, :b] @ values[:b]
+    heavy = product(subdomain.M, rest)
+    values[b:] = T[:, b:].T @ heavy
+    rest = rest - T[:, b:] @ values[b:]
+    lost, whole = (x @ product(subdomain.M, x) for x in (rest, u))
+    if lost > REPRESENTED**2 * whole:
+        warn(
+            f"{name} is represented by the kept dofs and {basis.omega.size} modes with an error of "
+            f"{np.sqrt(lost / whole):.2g} of its norm with the mass; keep more modes",
+            UserWarning,
+        )
+    return values

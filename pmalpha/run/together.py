@@ -1,0 +1,62 @@
+"""What a coupler with `comm` does at the same time in all its processes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ..files import check_replaceable, checked_path
+from ..setup.ranks import Elsewhere, Ranks, file_of
+from .appending import check_new
+from .history_file import write_master
+from .recording import FiledRecording, Recording
+
+
+class Together:
+    """The calls of a `Coupler` that end in all processes, or with an exception in all of them."""
+
+    _ranks: Ranks | None
+    _guard: Any
+    _core: Any
+
+    def _together(self) -> Any:
+        """One call at a time, as `_entered`, that all processes make."""
+        return self._guard if self._ranks is None else self._ranks.entered(self._guard)
+
+    def _check_call(self, *call: Any) -> None:
+        """ValueError unless all processes make the same call."""
+        if self._ranks is not None:
+            self._ranks.require_equal("the call", call)
+
+    def _require_alone(self, what: str) -> None:
+        if self._ranks is not None:
+            raise ValueError(f"{what} needs a Coupler without comm")
+
+    def _own_path(self, path: Any) -> Any:
+        """The file of this rank."""
+        return path if self._ranks is None else file_of(path, self._ranks.rank)
+
+    def _own_record(self, path: Any, append: bool, overwrite: bool) -> Any:
+        """`record_to` of this rank; rank 0 looks whether the master file can be written."""
+        if self._ranks is None or path is None:
+            return path
+        if self._ranks.rank == 0:
+            check_replaceable(path)
+            if not (append or overwrite):
+                check_new(checked_path(path))
+        return self._own_path(path)
+
+    def _write_master(self, recording: Recording) -> None:
+        """The file that reads as one History, when those of the ranks are there."""
+        if self._ranks is None or self._ranks.rank > 0 or not isinstance(recording, FiledRecording):
+            return
+        path = recording.path.with_suffix("")  # without the rank
+        files = [Path(file_of(path, rank)).name for rank in range(self._ranks.size)]
+        write_master(path, files, self._ranks.first.tolist())
+
+    def _record_present(self, recording: Recording) -> None:
+        if self._ranks is not None:
+            self._ranks.share(None)
+        elsewhere = self._core.record_present(recording.core_record())
+        if elsewhere is not None:
+            raise Elsewhere(*elsewhere)

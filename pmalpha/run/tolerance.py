@@ -1,0 +1,297 @@
+"""Runs that choose the substeps of every subdomain by its local error, equations (Q5) and (Q6)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from .._checks import listing, positive_number
+from ..errors import AccuracyWarning, warn
+from ..files import check_replaceable, checked_path
+from ..problem.subdomain import Subdomain
+from ..setup.part import Part
+from . import history_file
+from .accuracy import errors_of
+from .appending import check_new
+from .energy import Energy, summed_works
+from .history import History, SubdomainHistory
+from .interrupts import HeldSignals
+from .joining import stacked
+from .keys import by_index
+from .progress import Report
+from .recording import Recording, chosen_dofs, chosen_outputs
+
+# The most substeps that are chosen, a power of two.
+MOST = 4096
+# A rate of the error above this many tolerances: the macro step is repeated.
+REPEATED = 4.0
+# The energies that are joined, the works last.
+KINDS = ("kinetic", "strain", "dissipated", "external", "interface")
+# Substeps are halved below this x of (Q6), and more by this factor than needed above 1.
+FEW, RESERVE = 0.35, 1.1
+
+
+def checked_tolerance(
+    tolerance: Any, coupling: str, keys: Sequence[tuple[str, Subdomain]]
+) -> list[float | None]:
+    """The tolerance of each subdomain, None where its substeps are not chosen."""
+    if coupling != "gc":
+        why = {
+            "pm": "whose double steps would begin anew at each change",
+            "macro": "where the error of the multipliers, linear over dt, is not seen by it",
+            "mean": "where the error of the multipliers, constant over dt, is not seen by it",
+        }
+        raise ValueError(
+            f'tolerance needs coupling="gc", got "{coupling}", {why[coupling]}; change_steps '
+            "changes steps under every coupling"
+        )
+    repeated = [name for name, s in keys if s.has_functions]
+    if repeated:
+        raise ValueError(
+            "tolerance must come without restoring functions, which are evaluated once for every "
+            f"substep, since macro steps can be repeated; got one on {listing(repeated)}"
+        )
+    if not isinstance(tolerance, Mapping):
+        return [positive_number(tolerance, "tolerance")] * len(keys)
+    found: list[float | None] = [None] * len(keys)
+    for i, r in by_index(tolerance, keys, "tolerance").items():
+        found[i] = positive_number(r, f"tolerance of {keys[i][0]!r}")
+    return found
+
+
+def power_of_two(count: float) -> int:
+    """The least power of two that is not smaller, at most `MOST`."""
+    return int(min(2.0 ** np.ceil(np.log2(max(count, 1.0))), MOST))
+
+
+class Controller:
+    """Chooses substeps from powers of two.
+
+    Parameters
+    ----------
+    tolerances : list of (float or None)
+        r, by subdomain.
+    parts : sequence of Part
+    dt : float
+    """
+
+    def __init__(self, tolerances: list[float | None], parts: Sequence[Part], dt: float):
+        self.tolerances = tolerances
+        self.least = [least_substeps(part, dt) for part in parts]
+        self.short: set[int] = set()  # subdomains that would need more than `MOST`
+
+    def first(self, parts: Sequence[Part]) -> tuple[int, ...]:
+        """The present numbers of substeps as powers of two."""
+        return tuple(
+            max(power_of_two(part.substeps), least) for part, least in zip(parts, self.least)
+        )
+
+    def wanted(self, rates: Sequence[float], substeps: Sequence[int]) -> tuple[tuple, bool]:
+        """The next numbers of substeps (Q6), and whether the macro step has to be repeated."""
+        chosen, repeated = list(substeps), False
+        for i, (rate, r) in enumerate(zip(rates, self.tolerances)):
+            if r is None:
+                continue
+            x, count = np.sqrt(rate / r), substeps[i]
+            if x > 1.0:
+                needed = RESERVE * x * count
+                chosen[i] = max(power_of_two(needed), count)
+                if needed > MOST:
+                    self.short.add(i)
+                repeated = repeated or (rate > REPEATED * r and chosen[i] > count)
+            elif x < FEW and count > 1:
+                chosen[i] = max(count // 2, self.least[i])
+        return tuple(chosen), repeated
+
+
+def least_substeps(part: Part, dt: float) -> int:
+    """The least power of two with which explicit steps are below the critical one."""
+    ratio = 0.0 if part.step_ratio is None else part.step_ratio.value
+    if part.subdomain.scheme.explicit and part.step_ratio is None:
+        return power_of_two(part.substeps)
+    return power_of_two(ratio * dt / part.h) if ratio > 0.0 else 1
+
+
+class Pieces:
+    """What is kept of each macro step.
+
+    Parameters
+    ----------
+    coupler : Coupler
+    chosen : dict
+        Arguments of `run`: record, every, energy, record_springs, outputs.
+    """
+
+    def __init__(self, coupler: Any, chosen: Mapping[str, Any]):
+        self.coupler, self.every = coupler, chosen["every"]
+        self.energy = bool(chosen["energy"])
+        outputs = chosen_outputs(chosen["outputs"], coupler._keys)
+        self.dofs = chosen_dofs(chosen["record"], coupler._keys, outputs)
+        self.options = {**chosen, "record": None, "every": None}
+        coupler._recording(0, 0, **chosen)  # refuses wrong arguments
+        self.histories: list[History] = []
+        self.works: dict[str, Any] = {name: 0.0 for name in KINDS[2:]}
+
+    def recording(self) -> Recording:
+        """Arrays for the next macro step."""
+        step = self.coupler._core.step_count
+        return self.coupler._recording(step, step + 1, **self.options)
+
+    def begin(self, recording: Recording) -> None:
+        """Keep the present, the first row of all arrays."""
+        present = recording.history(self.coupler._core.step_count)
+        self.histories.append(self._reduced(present, slice(0, 1)))
+
+    def keep(self, recording: Recording) -> None:
+        """Keep the macro step that was recorded."""
+        step = self.coupler._core.step_count
+        piece = recording.history(step)
+        if piece.energy is not None:
+            piece = replace(piece, energy=self._continued(piece.energy))
+        if self.every is None:
+            self.histories.append(self._reduced(piece, slice(1, None)))
+        elif step % self.every == 0:
+            self.histories.append(self._reduced(piece, slice(-1, None)))
+
+    def _continued(self, energy: Energy) -> Energy:
+        """Works from the beginning of the run; the next macro step begins where this one ends."""
+        summed = {name: getattr(energy, name) + x for name, x in self.works.items()}
+        self.works = {name: x[-1] for name, x in summed.items()}
+        return replace(energy, **summed)
+
+    def _reduced(self, piece: History, rows: slice) -> History:
+        """Chosen dofs, and some rows of all arrays."""
+        interface = ("multipliers", "multiplier_times", "velocity_jump")
+        interface += ("displacement_jump", "macro_times", "substeps")
+        energy = piece.energy
+        if energy is not None:
+            names = ("t", *KINDS, "balance")
+            energy = replace(energy, conserved=None)
+            energy = replace(energy, **{name: getattr(energy, name)[rows] for name in names})
+        return replace(
+            piece,
+            subdomains=tuple(
+                None if dofs is None else reduced(s, dofs, rows)
+                for s, dofs in zip(piece.subdomains, self.dofs)
+            ),
+            **{name: getattr(piece, name)[rows] for name in interface},
+            energy=energy,
+        )
+
+    def history(self) -> History:
+        whole = stacked(self.histories)
+        if not self.energy:
+            return whole
+        names = ("t", *KINDS)
+        rows = [piece.energy for piece in self.histories]
+        kinds = {name: np.concatenate([getattr(x, name) for x in rows]) for name in names}
+        start = kinds["kinetic"][0] + kinds["strain"][0]
+        return replace(whole, energy=Energy.balanced(**kinds, start=start))
+
+
+def reduced(s: SubdomainHistory, dofs: np.ndarray, rows: slice) -> SubdomainHistory:
+    """Some rows of a subdomain, and some of its dofs."""
+    whole = dofs.size == s.u.shape[1]
+    fields: dict[str, Any] = {name: getattr(s, name)[rows][:, dofs] for name in "uva"}
+    for name in ("t", "deformation", "force", "iterations", "q"):
+        x = getattr(s, name)
+        fields[name] = None if x is None or (name == "q" and not whole) else x[rows]
+    outputs = {name: x[rows] for name, x in s.outputs.items()}
+    return replace(s, **fields, dofs=dofs, outputs=outputs, substep=None)
+
+
+def rates_of(history: History) -> list[float]:
+    """The largest local error of each subdomain in a macro step per unit of time (Q5)."""
+    rates = []
+    for s in history.subdomains:
+        assert s is not None and s.substep is not None
+        e = errors_of(s, np.arange(s.t.size - 1), slice(None))
+        rates.append(float(np.max(np.abs(e), initial=0.0)) / s.substep)
+    return rates
+
+
+def chosen_run(
+    coupler: Any,
+    controller: Controller,
+    pieces: Pieces,
+    end: int,
+    report: Report | None,
+    held: HeldSignals,
+) -> History:
+    """Run up to macro step `end`; `last_history` is what was done, after an exception too."""
+    coupler._last_history = None
+    held.during(coupler._start)
+    coupler._choose(controller.first(coupler._parts))
+    try:
+        one_step(coupler, controller, pieces, end, report, held)
+        while coupler._core.step_count < end:
+            one_step(coupler, controller, pieces, end, report, held)
+    finally:
+        if pieces.histories:
+            coupler._last_history = pieces.history()
+    if report is not None:
+        held.during(report, end)
+    if controller.short:
+        names = [repr(coupler._parts[i].name) for i in sorted(controller.short)]
+        warn(
+            f"tolerance was not reached for {listing(names)} with the {MOST} substeps that are "
+            "chosen at most; take a smaller dt",
+            AccuracyWarning,
+        )
+    return coupler._last_history
+
+
+def one_step(
+    coupler: Any,
+    controller: Controller,
+    pieces: Pieces,
+    end: int,
+    report: Report | None,
+    held: HeldSignals,
+) -> None:
+    """One macro step, kept or to be repeated with more substeps; none at the end of the run."""
+    before, step = coupler._snapshot(), coupler._core.step_count
+    recording = pieces.recording()
+    with summed_works(coupler, pieces.energy, recording.conserved):
+        coupler._core.record_present(recording.core_record())
+        if not pieces.histories:
+            pieces.begin(recording)
+        if step == end:
+            return
+        try:
+            held.during(coupler._advance, step + 1, recording, report)
+        except BaseException:
+            if coupler._core.step_count > step:
+                pieces.keep(recording)
+            raise
+        rates = rates_of(recording.history(step + 1))
+        chosen, repeated = controller.wanted(rates, [p.substeps for p in coupler._parts])
+        if not repeated:
+            pieces.keep(recording)
+    if repeated:
+        coupler._restore(before)
+    coupler._choose(chosen)
+
+
+def checked_file(record_to: str | PathLike | None, append: bool, overwrite: bool) -> Any:
+    """The path of the file that is written at the end of the run, or None."""
+    if append:
+        raise ValueError("append must not be True with tolerance, whose file is written at its end")
+    if record_to is None:
+        if overwrite:
+            raise ValueError("overwrite must come with record_to, got record_to=None")
+        return None
+    history_file.hdf5_library()
+    check_replaceable(record_to)
+    path = checked_path(record_to)
+    if not overwrite:
+        check_new(path)
+    return path
+
+
+def write(path: Any, history: History) -> None:
+    history_file.write(path, *history.contents())

@@ -1,0 +1,176 @@
+"""The state of a coupler for other steps: equations (Q1) and (Q2) of docs/method.md."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..setup.assembly import Assembly, Layout
+from ..setup.part import Part
+from .clock import Clock
+
+# Number of arrays of a time level in the core (u, v, w, a, vf, springs, history), and where w and a
+# are among them.
+FIELDS, W, A = 7, 2, 3
+
+
+@dataclass(frozen=True)
+class Steps:
+    """The steps of a coupler since they changed.
+
+    Attributes
+    ----------
+    layout : Layout
+    clock : Clock
+    first : Layout or None
+        Of the macro step after a change, if it is still to come and there are double steps: they
+        span the change, or begin anew. None from then on.
+    """
+
+    layout: Layout
+    clock: Clock
+    first: Layout | None = None
+
+    @property
+    def present(self) -> Layout:
+        """The layout of the next macro step."""
+        return self.layout if self.first is None else self.first
+
+    def changed(self, layout: Layout, step: int) -> Steps:
+        """These steps, changed to others at a macro step; the double steps of both are known."""
+        if step == 0:
+            return Steps(layout, Clock(layout.dt))
+        old = self.clock
+        before = old.before if old.count(step) == 0 else old.dt
+        clock = Clock(layout.dt, step, old.time(step), before)
+        if not any(layout.doubles):
+            return Steps(layout, clock)
+        gaps = [self.lengths(i, step).gap for i in range(len(layout.substeps))]
+        overs = tuple(
+            gap + layout.dt if double and count == 1 and gap is not None else None
+            for gap, double, count in zip(gaps, layout.doubles, layout.substeps)
+        )
+        spans = any(over is not None for over in overs)
+        return Steps(layout, clock, replace(layout, overs=overs) if spans else layout)
+
+    def lengths(self, i: int, step: int) -> Lengths:
+        """The lengths that the variables a of subdomain i have at macro step `step`."""
+        h, count, double, over = self.present.of(i)
+        done = self.clock.count(step)
+        if not double or done == 0:
+            return Lengths(h, h, None) if over is None else Lengths(2.0 * h, over, over - h)
+        if self.clock.origin == 0 and done == 1:
+            return Lengths(h, h, h)
+        if self.clock.origin == 0 and done == 2 and count == 1:
+            return Lengths(2.0 * h, h, h)
+        return Lengths(2.0 * h, 2.0 * h, h)
+
+    def lengths_after_first(self, i: int) -> Lengths:
+        """The same after the first macro step, before the regular steps are taken over."""
+        h, _, _, over = self.present.of(i)
+        return Lengths(h, h, h) if over is None else Lengths(over, 2.0 * h, h)
+
+
+class Lengths(NamedTuple):
+    """The steps that made the variables a of a subdomain, or for which they were changed by (Q1).
+
+    Attributes
+    ----------
+    present, previous : float
+        At the present time level, and at the one before in a subdomain with double steps.
+    gap : float or None
+        Time between these two; None where there is no previous level that a step can start from.
+    """
+
+    present: float
+    previous: float
+    gap: float | None
+
+
+class Move(NamedTuple):
+    """What a subdomain continues with, in the form of the core."""
+
+    levels: tuple[np.ndarray, ...]
+    rebased: bool  # the stored free velocity is made anew, (Q2)
+    twice: bool  # ... with the operator of the double step
+    scale: float | None  # of iterations
+
+
+def moves(
+    old: Assembly,
+    new: Assembly,
+    made: Callable[[int], Lengths],
+    wanted: Callable[[int], Lengths],
+    *,
+    first: bool,
+) -> list[Move]:
+    """The state of each subdomain for other steps; nothing is changed yet.
+
+    Parameters
+    ----------
+    old, new : Assembly
+        With the present state, and the one that continues.
+    made, wanted : callables
+        The lengths of the variables a, and those of the steps to come, by subdomain.
+    first : bool
+        The next macro step is the first after a change: double steps begin unless they span it.
+    """
+    found = []
+    for i, (o, n) in enumerate(zip(old.parts, new.parts)):
+        levels = _levels(o, n, made(i), wanted(i))
+        iteration = o.core.iteration()
+        rebased = o.double or n.double or o.h != n.h
+        scale = None if iteration is None else iteration[0]
+        found.append(Move(levels, rebased, n.is_double(start=first), scale))
+    return found
+
+
+def _levels(o: Part, n: Part, made: Lengths, wanted: Lengths) -> tuple[np.ndarray, ...]:
+    levels = o.core.levels()
+    present, previous = levels[:FIELDS], levels[FIELDS:]
+    if not previous or made.gap is None:
+        previous = present  # no step starts from it
+    result = _stretched(present, wanted.present / made.present)
+    return result + _stretched(previous, wanted.previous / made.previous) if n.double else result
+
+
+def _stretched(level: tuple[np.ndarray, ...], factor: float) -> tuple[np.ndarray, ...]:
+    """(Q1)  a := w + (h_new / h_a)(a - w)"""
+    if factor == 1.0:
+        return level
+    w, a = level[W], level[A]
+    return (*level[:A], w + factor * (a - w), *level[A + 1 :])
+
+
+def take_over(old: Assembly, new: Assembly, found: list[Move], clock: Clock) -> None:
+    """The present of `old` becomes that of `new`, whose steps are those of the clock."""
+    lam, g, step = old.core.multipliers, old.core.prescribed, old.core.step_count
+    ends, shooting = old.core.end_multipliers(), old.core.iteration()
+    for o, n, move in zip(old.parts, new.parts, found):
+        n.core.set_levels(move.levels)
+        if move.rebased:
+            n.core.rebase(move.twice, lam)
+        if move.scale is not None and (o is not n or move.rebased):
+            n.core.set_iteration(move.scale, None, False)
+    new.core.set_origin(clock.origin, clock.t0)
+    new.core.start(step, lam, g)
+    new.core.set_gap(old.core.gap())
+    new.core.set_end_multipliers(ends)
+    if shooting.size:
+        begun = new.core.iteration()
+        begun[0] = shooting[0]
+        ratio = clock.dt / clock.before if clock.count(step) == 0 and clock.before > 0.0 else 1.0
+        begun[1 : 1 + lam.size] = ratio * shooting[1 : 1 + lam.size]  # the last increment of Lam
+        new.core.set_iteration(begun)
+
+
+def follow_energies(old: Assembly, new: Assembly) -> None:
+    """Works that are summed up go on."""
+    replaced = [(o, n) for o, n in zip(old.parts, new.parts) if o is not n]
+    for o, n in replaced:
+        n.core.follow_energy(o.core)
+    for o, _ in replaced:
+        o.core.end_energy()

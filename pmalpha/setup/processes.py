@@ -1,0 +1,56 @@
+"""The subdomains of other processes, in the form of the core."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import scipy.sparse as sp
+
+from ..problem.matrices import core_sparse
+from ..problem.schemes import Scheme
+from .part import Part
+from .ranks import Ranks
+
+# Pieces of its interface values that the core sends of a subdomain at a time, at most.
+PIECES = 3
+
+
+def remote_of(
+    part: Part, scheme: Scheme | None = None, L: sp.csc_array | None = None, h: float | None = None
+) -> tuple[Any, ...]:
+    """What other processes have to know of a subdomain: (n, nb, substeps, h, doubled, al2 of the
+    single and of the double step, link). With a scheme a single step of length h, without others.
+    """
+    single = scheme is not None
+    scheme = part.subdomain.scheme if scheme is None else scheme
+    h = part.h if h is None else h
+    L = part.L if L is None else L
+    columns = sp.csc_array(L[:, part.n - part.nb :])
+    columns.sort_indices()
+    return (
+        part.n,
+        part.nb,
+        1 if single else part.substeps,
+        h,
+        False if single else part.double,
+        _al2(scheme, h),
+        _al2(scheme, 2.0 * h),
+        (L.shape[0], *core_sparse(columns)),
+    )
+
+
+def _al2(scheme: Scheme, h: float) -> float:
+    """al2 with the rounding of the core."""
+    return h * scheme.gamma * (1.0 - scheme.af) / (1.0 - scheme.am)
+
+
+def processes(ranks: Ranks | None, own: Sequence[tuple[Any, ...]]) -> tuple[Any, ...] | None:
+    """The argument of that name of the core's coupler."""
+    if ranks is None:
+        return None
+    remotes: list[Any] = list(ranks.joined(own))
+    size = ranks.size + PIECES * sum(remote[1] for remote in remotes)
+    remotes[ranks.own] = [None] * len(own)
+    values, counts, starts, gather = ranks.gather(size)
+    return ranks.rank, tuple(remotes), ranks.first, values, counts, starts, gather

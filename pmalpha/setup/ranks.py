@@ -1,0 +1,300 @@
+"""The processes of a coupler with `comm`: what they tell each other, and errors on one of them.
+
+All processes make the same sequence of collective calls. Each call also carries an error: a process
+in which something failed takes part in the next call, whichever it is, and all of them raise there.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import pickle
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ..errors import PmalphaError
+from ..files import checked_path
+from ..problem.forces import SampledForce
+from ..problem.schemes import Scheme
+from ..problem.subdomain import Subdomain
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Described:
+    """A subdomain of another process, before it is set up: what is decided for all together."""
+
+    name: str | None
+    n: int
+    substeps: int
+    scheme: Scheme
+    double_step: bool | None
+
+
+class Elsewhere(Exception):
+    """The core says that another process has failed; replaced by what that has to say."""
+
+
+class Ranks:
+    """The processes of a communicator.
+
+    Parameters
+    ----------
+    comm : mpi4py.MPI.Intracomm
+        It is duplicated, so that no message of the user can be taken for one of these.
+
+    Attributes
+    ----------
+    rank, size : int
+    first : (size + 1,) array of int
+        The number of the first subdomain of each rank, from `described` on.
+
+    Raises
+    ------
+    ImportError, TypeError
+        Without mpi4py, and for anything else than one of its communicators.
+    """
+
+    def __init__(self, comm: Any):
+        MPI = _library()
+        if not isinstance(comm, MPI.Intracomm):
+            raise TypeError(f"comm must be a communicator of mpi4py, got {comm!r}")
+        self.comm = comm.Dup()
+        self.rank, self.size = self.comm.rank, self.comm.size
+        self.first = np.zeros(self.size + 1, dtype=np.int64)
+        self._interrupted = False
+        self._agreed: BaseException | None = None  # the exception that all processes know of
+        self._inside = False
+
+    def __del__(self) -> None:
+        # freed together by MPI_Finalize: Free is collective, and this is called at any time
+        self.comm = None
+
+    @property
+    def own(self) -> slice:
+        """The subdomains of this process among all of them."""
+        return slice(*self.first[self.rank : self.rank + 2].tolist())
+
+    # ---- what all know -----------------------------------------------------------------------
+
+    def share(self, value: T) -> list[T]:
+        """The value of every process, by rank; raises on all if one has failed."""
+        if self._interrupted:
+            self._interrupted = False
+            raise KeyboardInterrupt
+        found = self.comm.allgather((None, value))
+        self._raise_of_others([error for error, _ in found])
+        return [value for _, value in found]
+
+    def joined(self, own: Sequence[T]) -> list[T]:
+        """The entries of all processes, in the order of subdomains."""
+        return [entry for entries in self.share(list(own)) for entry in entries]
+
+    def require_equal(self, what: str, value: Any) -> None:
+        """ValueError unless all processes have the same value."""
+        values = self.share(value)
+        for rank, other in enumerate(values):
+            if other != values[0]:
+                raise ValueError(f"{what} must be the same on all ranks, differs on {rank} and 0")
+
+    # ---- errors ------------------------------------------------------------------------------
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """A call that all processes make: it ends on all, or with an exception on all.
+
+        Ctrl-C waits for a place where it can be told to the others.
+        """
+        if self._inside:
+            yield
+            return
+        self._inside, self._agreed = True, None
+        try:
+            with self._interrupts_noted():
+                try:
+                    yield
+                    self.share(None)
+                except BaseException as error:
+                    if error is not self._agreed:
+                        self._tell(error)
+                    raise
+        finally:
+            self._inside = self._interrupted = False
+
+    @contextmanager
+    def entered(self, guard: Any) -> Iterator[None]:
+        """The same, of a coupler with this guard."""
+        with self.together(), guard:
+            yield
+
+    def report(self, report: Callable[[int], Any] | None) -> Callable[[int], Any]:
+        """What the core calls every 50 ms: also raises a Ctrl-C that has arrived."""
+
+        def call(step: int) -> None:
+            if self._interrupted:
+                self._interrupted = False
+                raise KeyboardInterrupt
+            if report is not None:
+                report(step)
+
+        return call
+
+    def _tell(self, error: BaseException) -> None:
+        """Takes part in the next call with an exception of this process."""
+        sent = None if isinstance(error, Elsewhere) else _sendable(error)
+        found = self.comm.allgather((sent or (None, str(error)), None))
+        if sent is None:
+            self._raise_of_others([other for other, _ in found], elsewhere=True)
+
+    def _raise_of_others(self, errors: Sequence[Any], elsewhere: bool = False) -> None:
+        known = [(r, e) for r, e in enumerate(errors) if e is not None and e[0] is not None]
+        if known:
+            self._agreed = _received(*known[0])
+            raise self._agreed from None
+        if elsewhere or any(e is not None for e in errors):
+            self._agreed = PmalphaError("the processes could not exchange their interface values")
+            raise self._agreed from None
+
+    @contextmanager
+    def _interrupts_noted(self) -> Iterator[None]:
+        usual = signal.getsignal(signal.SIGINT)
+        if usual is None or threading.current_thread() is not threading.main_thread():
+            yield
+            return
+
+        def note(number: int, frame: Any) -> None:
+            self._interrupted = True
+
+        signal.signal(signal.SIGINT, note)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, usual)
+
+    # ---- the core ----------------------------------------------------------------------------
+
+    def gather(self, size: int) -> tuple[Any, ...]:
+        """(all, counts, starts, function) for the core: the function fills `all` from all ranks."""
+        MPI = _library()
+        values = np.zeros(size)
+        counts, starts = np.zeros((2, self.size), dtype=np.intc)
+        received = [values, counts, starts, MPI.DOUBLE]
+
+        def fill() -> None:
+            self.comm.Allgatherv(MPI.IN_PLACE, received)
+
+        direct = self._address()
+        works = self.share(direct is not None and self._is_right(*direct))
+        return values, counts, starts, direct if all(works) else fill
+
+    def _address(self) -> tuple[int, int, int] | None:
+        """MPI_Allgatherv in the library that mpi4py has loaded, and the handles it takes."""
+        MPI = _library()
+        try:
+            library = ctypes.CDLL(MPI.__file__)
+            address = ctypes.cast(library.MPI_Allgatherv, ctypes.c_void_p).value
+            double, comm = (
+                ctypes.c_ssize_t(MPI._handleof(x)).value for x in (MPI.DOUBLE, self.comm)
+            )
+        except (OSError, AttributeError):
+            return None
+        return None if address is None else (address, double, comm)
+
+    def _is_right(self, address: int, double: int, comm: int) -> bool:
+        """Does a call by address what it should?"""
+        word, pointer = ctypes.c_ssize_t, ctypes.c_void_p
+        kinds = (pointer, ctypes.c_int, word, pointer, pointer, pointer, word, word)
+        function = ctypes.CFUNCTYPE(ctypes.c_int, *kinds)(address)
+        sent, received = np.array([1.5 + self.rank]), np.zeros(self.size)
+        counts = np.ones(self.size, dtype=np.intc)
+        starts = np.arange(self.size, dtype=np.intc)
+        buffers = (x.ctypes.data for x in (received, counts, starts))
+        failed = function(sent.ctypes.data, 1, double, *buffers, double, comm)
+        return not failed and bool(np.array_equal(received, 1.5 + np.arange(self.size)))
+
+
+def joined(ranks: Ranks | None, own: Sequence[T]) -> Sequence[T]:
+    """The entries of all processes; of a single one its own."""
+    return own if ranks is None else ranks.joined(own)
+
+
+def described(ranks: Ranks, own: Sequence[Subdomain]) -> list[Any]:
+    """All subdomains, of other processes as `Described`. ValueError for internal forces."""
+    for s in own:
+        if s.internal is not None:
+            raise ValueError(
+                f"internal forces need a Coupler without comm, got them in {s!r}; restoring forces "
+                "are possible with comm"
+            )
+        if not s.symmetric:
+            raise ValueError(f"symmetric=False needs a Coupler without comm, got it in {s!r}")
+    sent = [Described(s.name, s.n, s.substeps, s.scheme, s.double_step) for s in own]
+    found = ranks.share(sent)
+    ranks.first = np.cumsum([0] + [len(x) for x in found]).astype(np.int64)
+    if ranks.first[-1] == 0:
+        raise ValueError("subdomains must not be empty on all ranks")
+    everything: list[Any] = [s for x in found for s in x]
+    everything[ranks.own] = own
+    return everything
+
+
+def require_equal_problems(ranks: Ranks, rows: Sequence[Any], options: tuple) -> None:
+    """ValueError unless constraints and options are the same on all ranks."""
+    ranks.require_equal("dt, coupling and start", options)
+    parts = [
+        (i, L.indptr, L.indices, L.data) for row in rows for i, L in sorted(row.matrices.items())
+    ]
+    velocities = [_known(row.velocity) for row in rows]
+    sizes = [row.p for row in rows]
+    ranks.require_equal("constraints", hashlib.sha256(pickle.dumps((sizes, parts))).digest())
+    ranks.require_equal("velocity of the constraints", velocities)
+
+
+def _known(velocity: Any) -> Any:
+    """What can be compared of a prescribed velocity; the values of callables are, in the run."""
+    if isinstance(velocity, np.ndarray):
+        return velocity.tobytes()
+    if isinstance(velocity, SampledForce):
+        shape = None if velocity.shape is None else np.asarray(velocity.shape).tobytes()
+        return velocity.values.tobytes(), velocity.dt, shape
+    return velocity is None
+
+
+def file_of(path: Any, rank: int) -> str:
+    """The file of a rank beside that of the others."""
+    return f"{checked_path(path)}.{rank}"
+
+
+def _library() -> Any:
+    try:
+        from mpi4py import MPI
+    except ImportError as error:
+        raise ImportError("comm needs mpi4py: pip install 'pmalpha[mpi]'") from error
+    return MPI
+
+
+def _sendable(error: BaseException) -> tuple[bytes | None, str]:
+    """A pmalpha exception itself if it can be pickled, and the text of any."""
+    text = f"{type(error).__name__}: {error}".removesuffix(": ")
+    if isinstance(error, PmalphaError):
+        try:
+            return pickle.dumps(error), text
+        except Exception:
+            pass
+    return b"", text
+
+
+def _received(rank: int, sent: tuple[bytes, str]) -> PmalphaError:
+    """The exception of another process, as it is raised here."""
+    pickled, text = sent
+    error = pickle.loads(pickled) if pickled else PmalphaError(f"rank {rank}: {text}")
+    if pickled:
+        error.args = (f"rank {rank}: {error}",)
+    return error

@@ -1,0 +1,225 @@
+"""Set-up of `drift="removed"`: displacements tied at macro time levels under gc, (V1) to (V5).
+
+The second multipliers need one more matrix, S_mu of (V4), which is factored once. It is the matrix
+of the interface compliances where all subdomains have the same alpha_1 / alpha_2; elsewhere the
+shifts change velocities, and S_mu is not symmetric.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg import solve as dense_solution
+from scipy.linalg.lapack import dgetrf
+from scipy.sparse.linalg import splu
+
+from .._checks import counted, listing
+from ..blas import one_thread
+from ..errors import FactorizationError, PerformanceWarning, StabilityWarning, warn
+from ..memory import require
+from ..problem.matrices import Matrix, core_sparse, dense
+from .compliance import Block, constraints_of, own_rows
+from .factors import LOST
+from .interface import interface_matrix, is_symmetric_sum, summed
+from .macro import ABSURD, LONG, RATE
+from .part import Part
+
+# The largest spectral radius at infinity of implicit schemes beside any explicit scheme, and the
+# range of rho in which explicit and implicit schemes were stable together.
+MOST_BESIDE, LEAST_ALIKE, MOST_ALIKE = 0.5, 0.3, 0.8
+# The same of implicit schemes without explicit ones.
+MOST_ALONE = 0.9
+# Entries between two checks for Ctrl-C.
+BLOCK = 5e7
+# Of a spectral radius, a triple eigenvalue.
+ROUNDING = 1e-4
+# Bytes for each entry of two dense triangles while they are made and copied for the core.
+TRIANGLE_BYTES = 40
+
+
+def check_tied(parts: Sequence[Part]) -> None:
+    """ValueError for internal forces, which are evaluated before or iterated with the predictor."""
+    internal = [part.name for part in parts if part.subdomain.internal is not None]
+    if internal:
+        raise ValueError(
+            'drift must be "kept" with internal forces, whose equilibrium the shift of the '
+            'predictor would leave, got drift="removed" and internal forces in '
+            f"{', '.join(map(repr, internal))}"
+        )
+
+
+def warn_of_growth(parts: Sequence[Part]) -> None:
+    """StabilityWarning for schemes with which steps were found to grow; docs/couplings.md."""
+    substeps = {part.substeps for part in parts}
+    explicit = [part for part in parts if part.subdomain.scheme.explicit]
+    coarse = [part for part in explicit if part.substeps < max(substeps)]
+    rhos = [getattr(part.subdomain.scheme, "rho", 1.0) for part in explicit]
+    alike = all(LEAST_ALIKE <= rho <= MOST_ALIKE for rho in rhos)
+    beside = MOST_ALIKE if alike else MOST_BESIDE
+    most = ROUNDING + (beside if explicit else MOST_ALONE)
+    undamped = [
+        part
+        for part in parts
+        if not part.subdomain.scheme.explicit and part.subdomain.scheme.radius_at_infinity() > most
+    ]
+    if coarse:
+        _warn("explicit subdomains with fewer substeps than others", coarse)
+    elif explicit and undamped:
+        what = "implicit subdomains with little or no algorithmic damping beside explicit ones"
+        _warn(what, undamped, f"; rho <= {MOST_BESIDE:g} is safe there")
+    elif len(undamped) > 1 and len(substeps) > 1:
+        what = "several subdomains without algorithmic damping and with different substeps"
+        _warn(what, undamped, f"; rho <= {MOST_ALONE:g} in all but one of them is safe")
+
+
+def _warn(what: str, parts: Sequence[Part], advice: str = "") -> None:
+    names = listing([repr(part.name) for part in parts])
+    warn(
+        f'drift="removed" can be unstable with {what} ({names}){advice}; coupling="mean" has no '
+        "drift without it",
+        StabilityWarning,
+    )
+
+
+def gap_factors(parts: Sequence[Part], p: int) -> tuple:
+    """The factors L U of S_mu, equation (V4), for the core.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        With their factors and objects of the core, single steps.
+    p : int
+        Number of constraints.
+
+    Raises
+    ------
+    FactorizationError
+        For a singular S_mu.
+    MemoryError, ValueError
+        For matrices that do not fit; for shifts that would take longer than a day.
+    """
+    if p == 0:
+        return lu_factors(np.empty(0), 0)
+    al1, al2 = np.array([part.subdomain.scheme.coefficients(part.h) for part in parts]).T
+    G = [scaled(part.block(False), 1.0 / a) for part, a in zip(parts, al2)]  # L Y
+    if np.ptp(al1 / al2) <= 4.0 * np.finfo(float).eps * np.max(al1 / al2):
+        return lu_factors(summed(G, p), p)
+    check_work(parts)
+    N = [shifts(part) for part in parts]  # L Z
+    H = interface_matrix(parts, p, start=False)
+    A = summed([scaled(g, a) for g, a in zip(G, al1)], p)
+    B = summed([scaled(n, a) for n, a in zip(N, al2)], p)
+    D = summed([*G, *(scaled(n, -a) for n, a in zip(N, al1))], p)
+    if H.ndim == 1:  # A too
+        return lu_factors(sp.csr_array(_sparse(D) + sp.diags_array(A / H) @ _sparse(B)), p)
+    if sp.issparse(H):
+        return lu_factors(sp.block_array([[H, -_sparse(B)], [_sparse(A), _sparse(D)]]), p)
+    require(6.0 * 8.0 * p**2, f"the displacement constraints of {counted(p, 'constraint')}")
+    with one_thread():
+        kind = "pos" if is_symmetric_sum(parts) else "gen"
+        S = dense(D) + dense(A) @ dense_solution(H, dense(B), assume_a=kind)
+    return lu_factors(S, p)
+
+
+def scaled(block: Block, factor: float) -> Block:
+    return Block(block.rows, factor * block.values)
+
+
+def _sparse(A: Matrix) -> sp.csr_array:
+    return sp.csr_array(sp.diags_array(A)) if A.ndim == 1 else sp.csr_array(A)
+
+
+def check_work(parts: Sequence[Part]) -> None:
+    """PerformanceWarning when the shifts take long, ValueError for more than a day."""
+    works = {
+        part.name: float(part.core.entries) * constraints_of(part.L).size
+        for part in parts
+        if part.diagonal_mbar(part.h) is None
+    }
+    seconds = sum(works.values()) / RATE
+    if seconds <= LONG:
+        return
+    text = (
+        f'drift="removed" needs about {seconds:.3g} s before the first step (more than '
+        f"{LONG if seconds <= ABSURD else ABSURD:g} s), most of it for "
+        f"{max(works, key=works.__getitem__)!r}: two sweeps for each of its constraints"
+    )
+    if seconds > ABSURD:
+        raise ValueError(f'{text}; take drift="kept", or schemes and steps with one beta h / gamma')
+    warn(text, PerformanceWarning)
+
+
+def shifts(part: Part) -> Block:
+    """L Z = L Mbar^-1 (K + K_r) Mbar^-1 L^T on the constraints of a subdomain."""
+    diagonal = part.diagonal_mbar(part.h)
+    if diagonal is not None:
+        rows, own = own_rows(part.L)
+        Y = sp.csr_array(own @ sp.diags_array(1.0 / diagonal)).T
+        N = sp.csr_array((rows.size, rows.size))
+        for K in (part.K, part.K_r):
+            if K is not None:
+                N = N + Y.T @ ((K if K.ndim == 2 else sp.diags_array(K)) @ Y)
+        return Block(rows, sp.csr_array(N) if sp.issparse(N) else np.asarray(N))
+    rows = constraints_of(part.L)
+    k = rows.size
+    require(16.0 * k**2, f"the shifts of {part.name!r} by {counted(k, 'constraint')}")
+    out = np.empty((k, k))
+    columns = max(1, int(BLOCK // part.core.entries))
+    for begin in range(0, k, columns):  # Ctrl-C between
+        part.core.shift_block(rows, begin, out[begin : min(begin + columns, k)])
+    if not part.symmetric:
+        return Block(rows, np.ascontiguousarray(out.T))  # row k of out is column k of L Z
+    return Block(rows, 0.5 * (out + out.T))
+
+
+def lu_factors(A: Matrix, p: int) -> tuple:
+    """Factors of a matrix, of whose unknowns the last p are wanted, in the form of the core."""
+    n = A.shape[0]
+    if A.ndim == 1:
+        none = sp.csc_array((n, n))
+        diagonal, lower, upper, row, column = A, none, none, np.arange(n), np.arange(n)
+    elif sp.issparse(A):
+        diagonal, lower, upper, row, column = _sparse_factors(sp.csc_array(A))
+    else:
+        diagonal, lower, upper, row, column = _dense_factors(A)
+    size = np.abs(diagonal)
+    if n and not np.min(size) > LOST * np.max(size):
+        raise singular()
+    wanted = slice(n - p, n)
+    places = (x[wanted].astype(np.int32) for x in (row, column))
+    return (1.0 / diagonal, core_sparse(lower), core_sparse(upper), *places)
+
+
+def _sparse_factors(A: sp.csc_array) -> tuple[Any, ...]:
+    try:
+        with one_thread():
+            factors = splu(A)
+    except RuntimeError:  # exactly singular
+        raise singular() from None
+    L, U = sp.csc_array(factors.L), sp.csc_array(factors.U)
+    strict = sp.csc_array(sp.tril(L, -1)), sp.csc_array(sp.triu(U, 1))
+    return U.diagonal(), *strict, factors.perm_r, factors.perm_c
+
+
+def _dense_factors(A: np.ndarray) -> tuple[Any, ...]:
+    n = len(A)
+    require(
+        TRIANGLE_BYTES * n * float(n), f"the factors of {counted(n, 'displacement constraint')}"
+    )
+    with one_thread():
+        LU, pivots, _ = dgetrf(A)
+    row_at = np.arange(n)  # the row that is eliminated at each place
+    for k, other in enumerate(pivots):
+        row_at[[k, other]] = row_at[[other, k]]
+    strict = sp.csc_array(np.tril(LU, -1)), sp.csc_array(np.triu(LU, 1))
+    return np.diagonal(LU), *strict, np.argsort(row_at), np.arange(n)
+
+
+def singular() -> FactorizationError:
+    return FactorizationError(
+        "the matrix S_mu of the displacement constraints (V4) is singular; another dt, or "
+        'drift="kept"'
+    )

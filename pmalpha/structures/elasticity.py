@@ -1,0 +1,206 @@
+"""Mass, stiffness and stresses of isotropic elastic elements of any kind of `SHAPES`.
+
+Arrays by element have one row where all elements are equal, as in a regular mesh: it is then
+computed once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from .._checks import listing
+from ..problem.kinds import KINDS
+from ..problem.shapes import SHAPES
+from .mesh import Block
+from .pattern import Pattern, lumped_mass, upper
+from .quadrature import RULES
+
+# Numbers in the largest arrays of a chunk of elements: 8 MB
+NUMBERS = 2**20
+# An element is flat if its Jacobian determinant is rounding of the product of three edges.
+FLAT = 1e-14
+
+
+class Moduli(NamedTuple):
+    """Lame's constants (in plane stress those of the plane), density and thickness of elements.
+
+    (E,) or, for equal elements, (1,) each; the thickness of a solid is 1.
+    """
+
+    lam: np.ndarray
+    mu: np.ndarray
+    density: np.ndarray
+    thickness: np.ndarray
+
+
+def chunks(count: int, numbers: int) -> Iterator[slice]:
+    """Slices of the elements, with so many numbers each."""
+    size = max(NUMBERS // numbers, 1)
+    return (slice(first, min(first + size, count)) for first in range(0, count, size))
+
+
+def rows(values: np.ndarray, part: slice) -> np.ndarray:
+    """Values of some elements, or the one row for all."""
+    return values if len(values) == 1 else values[part]
+
+
+def mass_matrix(
+    block: Block, pattern: Pattern, corners: np.ndarray, density: np.ndarray, lumped: bool
+) -> Any:
+    """M, or its diagonal if lumped; corners (E or 1, a, d) are the coordinates of the nodes."""
+    N, weights = _masses(block.kind, corners, density)
+    d, a = corners.shape[2], N.shape[1]
+    if lumped:
+        shares = lumped_shares(block.kind, N, weights)
+        return np.repeat(lumped_mass(block.nodes, shares, pattern.indptr.size - 1), d)
+    squares = (N[:, :, None] * N[:, None, :]).reshape(-1, a * a)
+    sums = np.zeros((1, pattern.indices.size))
+    for part in chunks(len(block.nodes), a * a):
+        pattern.add(sums, part, [(rows(weights, part) @ squares).reshape(-1, a, a)])
+    scalar = pattern.of_blocks(sums.reshape(-1, 1, 1))
+    return sp.csr_array(sp.kron(scalar, sp.eye_array(d), format="csr"))
+
+
+def _masses(kind: str, corners: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Shape functions (q, a), and masses (E or 1, q), at the points of quadrature."""
+    shape, (_, rule) = SHAPES[kind], RULES[kind]
+    N, slopes = shape.values(rule.points), shape.slopes(rule.points)
+    d = corners.shape[2]
+    volumes, size = (np.empty((len(corners), len(N))) for _ in range(2))
+    for part in chunks(len(corners), len(N) * d * d):
+        J = _jacobian(corners[part], slopes)
+        volumes[part], size[part] = _determinant(J, _cofactors(J)), _size(J)
+    _require_positive(volumes, size, kind)
+    return N, density[:, None] * rule.weights * volumes
+
+
+def lumped_shares(kind: str, N: np.ndarray, masses: np.ndarray) -> np.ndarray:
+    """Masses (E or 1, a) of the nodes.
+
+    Row sums of the consistent mass; of elements of second order, where those are not positive, its
+    diagonal scaled to the mass of the element (Hinton, Rock, Zienkiewicz 1976).
+    """
+    if N.shape[1] == SHAPES[kind].corners:
+        return masses @ N
+    diagonal = masses @ N**2
+    return diagonal * (masses.sum(axis=1) / diagonal.sum(axis=1))[:, None]
+
+
+def stiffness(
+    block: Block, pattern: Pattern, corners: np.ndarray, lam: np.ndarray, mu: np.ndarray
+) -> sp.csr_array:
+    """K, by pairs of components to save memory."""
+    d = corners.shape[2]
+    rule, _ = RULES[block.kind]
+    sums = np.zeros((len(upper(d)), pattern.indices.size))
+    for part in chunks(len(block.nodes), rule.weights.size * block.nodes.shape[1] * d):
+        volumes, along = gradients(block.kind, rows(corners, part), part.start)
+        g = np.sqrt(volumes)[:, :, None] * along
+        moduli = (rows(x, part)[:, None, None] for x in (lam, mu))
+        pattern.add(sums, part, _blocks(g, *moduli))
+    return pattern.symmetric(sums, d)
+
+
+def _blocks(g: np.ndarray, lam: np.ndarray, mu: np.ndarray) -> Iterator[np.ndarray]:
+    """(e, a, b) for each pair of components i <= j; g (d, e, q, a)."""
+    d = len(g)
+
+    def pair(i, j):
+        """The integral of d_i n_a d_j n_b, (e, a, b)."""
+        return np.swapaxes(g[i], 1, 2) @ g[j]
+
+    shear = mu * sum(pair(k, k) for k in range(d))
+    for i, j in upper(d):
+        G = pair(i, j)
+        yield lam * G + mu * np.swapaxes(G, 1, 2) + (shear if i == j else 0.0)
+
+
+def gradients(kind: str, corners: np.ndarray, first: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Volumes (E, q) of the points of quadrature of the stiffness, and dN_a / dx_i (d, E, q, a).
+
+    `first` is the number of the first element, for messages.
+    """
+    shape, (rule, _) = SHAPES[kind], RULES[kind]
+    slopes = shape.slopes(rule.points)
+    J = _jacobian(corners, slopes)
+    cofactors = _cofactors(J)
+    volumes = _determinant(J, cofactors)
+    _require_positive(volumes, _size(J), kind, first)
+    return rule.weights * volumes, _along(slopes, cofactors, volumes)
+
+
+def _jacobian(corners: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """J_ij = dx_i / dxi_j, (d, d, E, q)."""
+    q, a, d = slopes.shape
+    by_component = np.ascontiguousarray(np.moveaxis(corners, 2, 0)).reshape(-1, a)
+    J = [(by_component @ slopes[:, :, j].T).reshape(d, -1, q) for j in range(d)]
+    return np.stack(J, axis=1)
+
+
+def _cofactors(J: np.ndarray) -> np.ndarray:
+    """Those of J_ij, (d, d, E, q)."""
+    d = len(J)
+    if d == 2:
+        return np.array([[J[1, 1], -J[1, 0]], [-J[0, 1], J[0, 0]]])
+    cofactors = np.empty_like(J)
+    for i, j in np.ndindex(d, d):
+        (k, m), (p, r) = (((x + 1) % 3, (x + 2) % 3) for x in (i, j))
+        cofactors[i, j] = J[k, p] * J[m, r] - J[k, r] * J[m, p]
+    return cofactors
+
+
+def _determinant(J: np.ndarray, cofactors: np.ndarray) -> np.ndarray:
+    return np.einsum("jeq,jeq->eq", J[0], cofactors[0])
+
+
+def _size(J: np.ndarray) -> np.ndarray:
+    """What the determinant would be if edges of this length were at right angles."""
+    return np.abs(J).max(axis=(0, 1)) ** len(J)
+
+
+def _along(slopes: np.ndarray, cofactors: np.ndarray, volumes: np.ndarray) -> np.ndarray:
+    """dN_a / dx_i, (d, E, q, a)."""
+    along = np.empty((len(cofactors), *volumes.shape, slopes.shape[1]))
+    for i, row in enumerate(cofactors):
+        along[i] = sum((x / volumes)[:, :, None] * slopes[:, :, j] for j, x in enumerate(row))
+    return along
+
+
+def _require_positive(volumes: np.ndarray, size: np.ndarray, kind: str, first: int = 0) -> None:
+    invalid = np.flatnonzero(~(volumes > FLAT * size).all(axis=1))
+    if invalid.size:
+        middles = "" if KINDS[kind].nodes == SHAPES[kind].corners else " and middles of edges near"
+        raise ValueError(
+            f"elements must be convex with corners in meshio's order (counter-clockwise){middles}, "
+            f"got a Jacobian determinant of {volumes[invalid[0]].min():g} in "
+            f"{listing(first + invalid)} of {kind!r}"
+        )
+
+
+def stresses(
+    kind: str, points: np.ndarray, nodes: np.ndarray, moduli: Moduli, dofs: int
+) -> sp.csr_array:
+    """The implementation of `Structure.element_stresses`, with this number of dofs of a node."""
+    shape, d = SHAPES[kind], KINDS[kind].dimension
+    middle = shape.nodes[: shape.corners].mean(axis=0, keepdims=True)
+    slopes = shape.slopes(middle)
+    J = _jacobian(points[nodes], slopes)
+    cofactors = _cofactors(J)
+    g = _along(slopes, cofactors, _determinant(J, cofactors))[:, :, 0]  # dN_a / dx_i, (d, E, a)
+    lam, mu = (x[:, None] for x in moduli[:2])
+    shear = [(0, 1), (1, 2), (0, 2)][: d * (d - 1) // 2]
+    E, a = nodes.shape
+    s = d + len(shear)
+    values = np.zeros((E, s, a, d))
+    for i, k in np.ndindex(d, d):
+        values[:, i, :, k] = (lam + 2.0 * mu * (i == k)) * g[k]
+    for row, (i, j) in enumerate(shear, start=d):
+        values[:, row, :, i], values[:, row, :, j] = mu * g[j], mu * g[i]
+    columns = (dofs * nodes[:, :, None] + np.arange(d)).reshape(E, 1, a * d)
+    start = a * d * np.arange(E * s + 1)
+    entries = values.ravel(), np.repeat(columns, s, axis=1).ravel(), start
+    return sp.csr_array(entries, shape=(E * s, dofs * len(points)))

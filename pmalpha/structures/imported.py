@@ -1,0 +1,359 @@
+"""Structures on meshes of files, with materials by the names in them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .._checks import check_word, listing, plain_array
+from ..problem.kinds import KINDS
+from ..problem.shapes import SHAPES
+from .arguments import is_lumped, positive
+from .continuum import elastic_matrices, moduli_of
+from .frames import ROTARY, beam_matrices
+from .line_elements import bar_matrices, embedded
+from .mesh_files import FileMesh, read_mesh
+from .recipe import of_chosen
+from .structure import COINCIDENT, Structure
+
+__all__ = ["from_mesh"]
+
+# Numbers of a material, by what it makes of elements; a thickness t besides where surfaces are
+LAWS = {"elastic": ("E", "nu", "rho"), "bar": ("EA", "rhoA"), "beam": ("EA", "EI", "rhoA")}
+
+
+def from_mesh(
+    mesh: str | os.PathLike | Any,
+    material: Mapping[str, Any],
+    *,
+    plane: str = "stress",
+    mass: str = "consistent",
+    names: str | None = None,
+) -> Structure:
+    """A linear structure on a mesh of gmsh, Abaqus, VTK or any other program that meshio reads.
+
+    Plates of the surfaces of a mesh in the plane z = constant (which then has points (x, y)),
+    solids of the cells of a mesh in space, bars and plane beams of its lines; see `plate_on`,
+    `solid_on` and `beam_frame` for the elements. Groups and sets of the file are known by their
+    names. Cells of lower dimension without a material, such as the lines on the edge of a plate,
+    only make sets of nodes. Points that no element uses are left out; the others keep their order.
+
+    Parameters
+    ----------
+    mesh : path, or meshio.Mesh
+        Files need meshio (``pip install pmalpha[mesh]``), except ``.inp``. Of an ``.inp`` file
+        nodes, elements and sets are read, of element types only the shape.
+    material : dict
+        ``{"E": ..., "nu": ..., "rho": ...}`` of plates and solids, for plates also "t", the
+        thickness, default 1; ``{"EA": ..., "rhoA": ...}`` of bars, ``{"EA": ..., "EI": ...,
+        "rhoA": ...}`` of plane beams. Numbers, or arrays with the elements in the order of the
+        file. Or a dict of such dicts by the name of a group; None leaves the elements of a group
+        out. Every element of the highest dimension in the mesh must have a material or None.
+    plane : {"stress", "strain"}
+        Of plates.
+    mass : {"consistent", "lumped"}
+    names : str, optional
+        The name of cell data of whole numbers, such as "material", whose values are the names of
+        groups ("1", "2"): for formats without names, such as VTK.
+
+    Returns
+    -------
+    Structure
+        With `groups` and `sets`. Elements of the highest dimension come first, each kind in the
+        order of the file.
+
+    Raises
+    ------
+    ImportError
+        When meshio is missing.
+    FileNotFoundError
+        When there is no such file.
+    TypeError, ValueError
+        For elements that are unknown, flat or inverted (by their numbers), without a material or
+        with two, surfaces that are not in a plane z = constant, names that the mesh does not have,
+        materials with other numbers, or not positive ones.
+
+    Warns
+    -----
+    UserWarning
+        For elements of an ``.inp`` file that are not of these kinds, such as springs.
+
+    Examples
+    --------
+    A square of two triangles, supported at a named line:
+
+    >>> import meshio
+    >>> from pmalpha import structures
+    >>> points = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+    >>> cells = [("triangle", [[0, 1, 2], [0, 2, 3]]), ("line", [[3, 0]])]
+    >>> mesh = meshio.Mesh(points, cells, cell_sets={"wall": [[], [0]], "upper": [[1], []]})
+    >>> plate = structures.from_mesh(mesh, {"E": 30e9, "nu": 0.2, "rho": 2500.0, "t": 0.2})
+    >>> plate, plate.dofs("wall").tolist(), plate.groups["upper"].tolist()
+    (<Structure 4 points, 2 triangle, 8 dofs>, [0, 1, 6, 7], [1])
+    """
+    check_word(plane, "plane", ("stress", "strain"))
+    is_lumped(mass)
+    read = read_mesh(mesh, names)
+    top, d = _dimensions(read)
+    choice = _chosen(read, material, top, d)
+    order = sorted(choice, key=lambda number: -KINDS[read.blocks[number].kind].dimension)
+    return _structure(read, {number: choice[number] for number in order}, d, plane, mass)
+
+
+class Part(NamedTuple):
+    """Elements of a block with a material: their numbers, and its law and values (e,) of each."""
+
+    numbers: np.ndarray
+    law: np.ndarray
+    values: dict[str, np.ndarray]
+
+
+def _dimensions(read: FileMesh) -> tuple[int, int]:
+    """The highest dimension of cells, and that of the structure."""
+    unknown = [b.kind for b in read.blocks if b.kind not in KINDS and b.kind != "vertex"]
+    known = [b for b in read.blocks if b.kind in KINDS and len(b.nodes)]
+    if unknown or not known:
+        raise ValueError(
+            f"mesh must have elements of {', '.join(SHAPES)}, got "
+            f"{listing(dict.fromkeys(unknown)) or 'none'}"
+        )
+    top = max(KINDS[block.kind].dimension for block in known)
+    if read.points.shape[1] < 3:
+        return top, 2
+    height = np.concatenate([read.points[b.nodes.ravel(), 2] for b in known])
+    flat = np.ptp(height) <= COINCIDENT * np.abs(read.points).max()
+    return top, 2 if flat and top < 3 else 3
+
+
+def _chosen(read: FileMesh, material: Any, top: int, d: int) -> dict[int, Part]:
+    """By the number of a block the elements of it that have a material."""
+    if not isinstance(material, Mapping) or not material:
+        raise TypeError(f"material must be a dict, got {material!r}")
+    by_group = all(value is None or isinstance(value, Mapping) for value in material.values())
+    counts = [len(block.nodes) for block in read.blocks]
+    owner = [np.full(count, "", dtype=object) for count in counts]
+    law = [np.full(count, "", dtype=object) for count in counts]
+    values: list[dict[str, np.ndarray]] = [{} for _ in counts]
+    for name, own in material.items() if by_group else [("", material)]:
+        label = f"material[{name!r}]" if by_group else "material"
+        members = _members(read, name) if by_group else [np.arange(count) for count in counts]
+        kind = _law(own, label)
+        dimension = top if not by_group or kind is None else 1 if kind != "elastic" else d
+        held = [
+            members[i] if _dimension(block.kind) == dimension else np.empty(0, dtype=np.int64)
+            for i, block in enumerate(read.blocks)
+        ]
+        _require_fitting(read, kind, held, label, dimension, d)
+        split = np.cumsum([len(x) for x in held])
+        given = {} if own is None else _values(own, label, int(split[-1]), d)
+        for i, numbers in enumerate(held):
+            _require_single(owner[i][numbers], numbers, read.blocks[i].kind, name)
+            owner[i][numbers], law[i][numbers] = label, kind or "none"
+            for key, value in given.items():
+                column = values[i].setdefault(key, np.full(counts[i], np.nan))
+                column[numbers] = value[split[i] - len(numbers) : split[i]]
+    return _parts(read, law, values, top)
+
+
+def _dimension(kind: str) -> int:
+    return KINDS[kind].dimension if kind in KINDS else 0
+
+
+def _members(read: FileMesh, name: str) -> list[np.ndarray]:
+    if name not in read.groups:
+        known = listing([repr(x) for x in read.groups]) or "none"
+        raise ValueError(f"material must have names of groups ({known}), got {name!r}")
+    return read.groups[name]
+
+
+def _law(own: Any, label: str) -> str | None:
+    """What the material is of, by the names of its numbers."""
+    if own is None:
+        return None
+    for law, keys in LAWS.items():
+        if set(own) in ({*keys}, {*keys, "t"} if law == "elastic" else {*keys}):
+            return law
+    raise ValueError(
+        f"{label} must have E, nu, rho (and t) of plates and solids, EA, rhoA of bars or "
+        f"EA, EI, rhoA of beams, got {', '.join(map(str, own))}"
+    )
+
+
+def _require_fitting(
+    read: FileMesh, law: str | None, held: list[np.ndarray], label: str, dimension: int, d: int
+) -> None:
+    kinds = {block.kind for block, numbers in zip(read.blocks, held) if numbers.size}
+    what = {"elastic": "plates or solids", "bar": "bars", "beam": "beams", None: "elements"}[law]
+    if not kinds:
+        raise ValueError(
+            f"{label} must be of {what}, got a group without cells of dimension {dimension}"
+        )
+    if law == "elastic" and dimension != d:
+        raise ValueError(
+            f"{label} must be of plates in a plane z = constant or of solids, got "
+            f"{', '.join(sorted(kinds))} in {'space' if d == 3 else 'the plane'}; there are no "
+            "shells"
+        )
+    if law in ("bar", "beam") and dimension != 1:
+        raise ValueError(f"{label} must have E, nu and rho for {', '.join(sorted(kinds))}")
+    if law == "beam" and (d != 2 or kinds != {"line"}):
+        raise ValueError(
+            f"{label} must be of bars where lines are in space or have three nodes, got EI"
+        )
+    unknown = kinds - set(SHAPES)
+    if law is not None and unknown:
+        raise ValueError(f"mesh must have elements of {', '.join(SHAPES)}, got {listing(unknown)}")
+
+
+def _values(own: Mapping[str, Any], label: str, count: int, d: int) -> dict[str, np.ndarray]:
+    """(count,) arrays; those of nu are checked later, with the plane."""
+    if d == 3 and "t" in own:
+        raise ValueError(f"{label} must not have a thickness t of solids")
+    values = {}
+    for key, value in own.items():
+        if np.ndim(plain_array(value, key)) and np.shape(value) != (count,):
+            raise ValueError(
+                f"{label}[{key!r}] must be a number or of shape ({count},), got {np.shape(value)}"
+            )
+        if key != "nu":
+            positive(value, f"{label}[{key!r}]", (count,))
+        values[key] = np.broadcast_to(np.asarray(value, dtype=float), count)
+    return values
+
+
+def _require_single(owners: np.ndarray, numbers: np.ndarray, kind: str, name: str) -> None:
+    twice = np.flatnonzero(owners != "")
+    if twice.size:
+        raise ValueError(
+            f"material must have every element once, got {kind!r} {listing(numbers[twice])} both "
+            f"in {owners[twice[0]]} and in material[{name!r}]"
+        )
+
+
+def _parts(
+    read: FileMesh, law: list[np.ndarray], values: list[dict[str, np.ndarray]], top: int
+) -> dict[int, Part]:
+    parts = {}
+    for i, block in enumerate(read.blocks):
+        without = np.flatnonzero(law[i] == "")
+        if _dimension(block.kind) == top and without.size:
+            groups = [
+                repr(name) for name, own in read.groups.items() if np.isin(without, own[i]).any()
+            ]
+            raise ValueError(
+                f"material must cover every element, got none for {block.kind!r} "
+                f"{listing(without)}, in groups {listing(groups) or 'without a name'}; None leaves "
+                "a group out"
+            )
+        numbers = np.flatnonzero((law[i] != "") & (law[i] != "none"))
+        if numbers.size:
+            own = {key: value[numbers] for key, value in values[i].items()}
+            parts[i] = Part(numbers, law[i][numbers], own)
+    if not parts:
+        raise ValueError("material must be of at least one element")
+    return parts
+
+
+# ---- the structure --------------------------------------------------------------------------
+
+
+def _structure(read: FileMesh, parts: dict[int, Part], d: int, plane: str, mass: str) -> Structure:
+    blocks = {i: read.blocks[i].nodes[part.numbers] for i, part in parts.items()}
+    kinds = list(dict.fromkeys(read.blocks[i].kind for i in parts))
+    nodes = np.unique(np.concatenate([x.ravel() for x in blocks.values()]))
+    number = np.full(len(read.points), -1)
+    number[nodes] = np.arange(nodes.size)
+    points = np.ascontiguousarray(read.points[nodes, :d])
+
+    def joined(of: Any, kind: str) -> np.ndarray:
+        return np.concatenate([of(i) for i in parts if read.blocks[i].kind == kind])
+
+    elements = {kind: joined(lambda i: number[blocks[i]], kind).astype(np.int64) for kind in kinds}
+    moduli, lines = {}, {}
+    for kind in kinds:
+        own = {
+            key: joined(lambda i: _column(parts[i], key), kind)  # noqa: B023
+            for key in ("E", "nu", "rho", "t", "EA", "EI", "rhoA")
+        }
+        if KINDS[kind].dimension == d:
+            moduli[kind] = moduli_of(
+                d, own["E"], own["nu"], own["rho"], own["t"], plane, own["E"].shape
+            )
+        else:
+            _require_length(points[elements[kind]], kind)
+            lines[kind] = own["EA"], own["EI"], own["rhoA"]
+    beams = any(np.isfinite(EI).any() for _, EI, _ in lines.values())
+    components = (*("ux", "uy", "uz")[:d], *(["rz"] if beams else []))
+    recipe = partial(_assembled, points, elements, moduli, lines, len(components), is_lumped(mass))
+    structure = Structure._of(recipe, points, elements, components, moduli)
+    groups, sets = _named(read, parts, kinds, number)
+    return replace(structure, groups=groups, sets=sets)
+
+
+def _require_length(corners: np.ndarray, kind: str) -> None:
+    apart = np.abs(corners[:, 1] - corners[:, 0]).max(axis=1)
+    short = np.flatnonzero(~(apart > COINCIDENT * np.abs(corners).max()))
+    if short.size:
+        raise ValueError(f"elements must have a length, got none in {listing(short)} of {kind!r}")
+
+
+def _column(part: Part, key: str) -> np.ndarray:
+    """Values of the elements; of what the material does not have, NaN, and 1 for t."""
+    missing = 1.0 if key == "t" else np.nan
+    values = part.values.get(key, np.full(len(part.numbers), missing))
+    return np.where(np.isnan(values), missing, values)
+
+
+def _assembled(points, whole, moduli, lines, dofs, lumped, chosen, elements, nodes):
+    d = points.shape[1]
+    solid = {kind: own for kind, own in elements.items() if kind in moduli}
+    M, K = 0, 0
+    if solid:
+        *found, _ = elastic_matrices(points, whole, moduli, lumped, None, chosen, solid, nodes)
+        M, K = (embedded(A, d, dofs) for A in found)
+    for kind, (EA, EI, rhoA) in lines.items():
+        if kind not in elements:
+            continue
+        own, which = elements[kind], chosen[kind]
+        values = np.column_stack([of_chosen(x, which) for x in (EA, EI, rhoA)])
+        corners = points[whole[kind][which]]
+        bar = np.isnan(values[:, 1])
+        if bar.any():
+            EA, _, rhoA = values[bar].T
+            found = bar_matrices(kind, own[bar], corners[bar], EA, rhoA, nodes, lumped)
+            M, K = (A + embedded(B, d, dofs) for A, B in zip((M, K), found))
+        if not bar.all():
+            along = corners[~bar, 1] - corners[~bar, 0]
+            found = beam_matrices(own[~bar], along, *values[~bar].T, lumped, ROTARY, nodes)
+            M, K = (A + B for A, B in zip((M, K), found))
+    return M, K, ()
+
+
+def _named(
+    read: FileMesh, parts: dict[int, Part], kinds: list[str], number: np.ndarray
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Groups of elements and sets of nodes, by name."""
+    place, start = {}, 0
+    for kind in kinds:
+        for i, part in parts.items():
+            if read.blocks[i].kind == kind:
+                place[i] = np.full(len(read.blocks[i].nodes), -1)
+                place[i][part.numbers] = start + np.arange(len(part.numbers))
+                start += len(part.numbers)
+    groups, sets = {}, {}
+    for name, members in read.groups.items():
+        own = [place[i][numbers] for i, numbers in enumerate(members) if i in place]
+        found = np.concatenate([np.empty(0, dtype=np.int64), *own])
+        if (found >= 0).any():
+            groups[name] = np.sort(found[found >= 0])
+        nodes = [block.nodes[x].ravel() for block, x in zip(read.blocks, members)]
+        sets[name] = np.concatenate(nodes)
+    sets.update(read.points_of)
+    sets = {name: np.unique(number[nodes]) for name, nodes in sets.items()}
+    sets = {name: nodes[nodes >= 0] for name, nodes in sets.items()}
+    return groups, {name: nodes for name, nodes in sets.items() if nodes.size}
