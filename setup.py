@@ -1,15 +1,34 @@
 """The C extension; everything else about the package stands in pyproject.toml."""
 
 import sys
+import sysconfig
 from glob import glob
+from pathlib import Path
 
 import numpy
 from setuptools import Extension, setup
+from setuptools.command.build_ext import build_ext
 
 if sys.platform not in ("linux", "darwin"):
     sys.exit(f"pmalpha builds on Linux and macOS only, not on {sys.platform}.")
 
+# The stable ABI: one wheel for Python 3.10 and later. Interpreters without the GIL have none.
+STABLE = not sysconfig.get_config_var("Py_GIL_DISABLED")
+
+
+class Build(build_ext):
+    """Without libraries of earlier builds for one version of Python, which would be imported."""
+
+    def run(self):
+        super().run()
+        if self.inplace and STABLE:
+            for path in Path("pmalpha").glob("_core.cpython-*"):
+                path.unlink()
+
+
 setup(
+    cmdclass={"build_ext": Build},
+    options={"bdist_wheel": {"py_limited_api": "cp310"}} if STABLE else {},
     ext_modules=[
         Extension(
             "pmalpha._core",
@@ -19,7 +38,9 @@ setup(
             define_macros=[
                 ("NPY_NO_DEPRECATED_API", "NPY_2_0_API_VERSION"),
                 ("NPY_TARGET_VERSION", "NPY_1_23_API_VERSION"),
+                *([("Py_LIMITED_API", "0x030A0000")] if STABLE else []),
             ],
+            py_limited_api=STABLE,
             extra_compile_args=[
                 "-std=c11",
                 "-O3",
@@ -34,5 +55,5 @@ setup(
             extra_link_args=["-pthread"],
             libraries=["m"],
         )
-    ]
+    ],
 )

@@ -35,6 +35,7 @@ def package(s, form="dense", **changes):
         force=s.force,
         restoring=s.restoring,
         internal=internal_of(s, form),
+        symmetric=not getattr(getattr(s, "internal", None), "is_unsymmetric", False),
         u0=s.u0,
         v0=s.v0,
     )

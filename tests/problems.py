@@ -58,6 +58,12 @@ class SubdomainData:
     D_r: np.ndarray | None = None
     lagged: bool = False
 
+    @property
+    def symmetric(self):
+        return all(
+            A is None or np.array_equal(A, A.T) for A in (self.K, self.C, self.K_r, self.D_r)
+        )
+
 
 @dataclass
 class Problem:
@@ -101,6 +107,7 @@ def _subdomain(s):
         restoring_stiffness=s.K_r,
         restoring_damping=s.D_r,
         damping="lagged" if s.lagged else "implicit",
+        symmetric=s.symmetric,
         u0=s.u0,
         v0=s.v0,
     )
@@ -159,6 +166,33 @@ def random_restored_problem(seed):
         if rng.random() < 0.7:
             _set_random_restoring(rng, s, massless)
     return problem
+
+
+def random_unsymmetric_problem(seed, draw=random_problem):
+    """A random problem with gyroscopic C, circulatory K, and estimates of both kinds."""
+    problem = draw(seed)
+    rng = np.random.default_rng([seed, 3])
+    for s in problem.subdomains:
+        moving = np.diag(s.M) > 0.0  # the equations of massless dofs have to hold at t = 0
+        if rng.random() < 0.8:
+            s.C = (0.0 * s.M if s.C is None else s.C) + _skew(rng, moving, 4.0)
+            s.lagged = s.lagged and s.scheme is EXPLICIT[0]
+        if rng.random() < 0.5:
+            s.K = s.K + _skew(rng, moving, 3.0)
+        if s.K_r is not None:
+            s.K_r = s.K_r + _skew(rng, moving, 1.0)
+        if s.D_r is not None:
+            s.D_r = s.D_r + _skew(rng, moving, 0.5)
+    return problem
+
+
+def _skew(rng, moving, size):
+    """Of some pairs of dofs."""
+    n = moving.size
+    A = np.triu(rng.normal(size=(n, n)) * (rng.random((n, n)) < 0.5), k=1) * np.outer(
+        moving, moving
+    )
+    return size * (A - A.T)
 
 
 def _set_random_restoring(rng, s, massless):

@@ -16,6 +16,9 @@ BENCHMARKS = ROOT / "benchmarks"
 # step_profile.py needs perf
 SCRIPTS = [
     "coupling_cost",
+    "cut_plan",
+    "cut_threads",
+    "cutting",
     "elements",
     "fine_step",
     "growth",

@@ -115,11 +115,13 @@ def in_a_process(code, seconds=30):
 def test_the_stub_names_what_the_module_has():
     tree = ast.parse(Path(_core.__file__).with_name("_core.pyi").read_text())
     stub = {node.name for node in tree.body if isinstance(node, ast.ClassDef | ast.FunctionDef)}
+    stub |= {node.target.id for node in tree.body if isinstance(node, ast.AnnAssign)}
     assert stub == {name for name in dir(_core) if not name.startswith("__")}
     for node in tree.body:
         if isinstance(node, ast.ClassDef):
-            members = {m.name for m in node.body if isinstance(m, ast.FunctionDef)} - {"__new__"}
+            members = {m.name for m in node.body if isinstance(m, ast.FunctionDef)}
             members |= {m.target.id for m in node.body if isinstance(m, ast.AnnAssign)}
+            members = {name for name in members if not name.startswith("__")}
             there = {name for name in vars(getattr(_core, node.name)) if not name.startswith("__")}
             assert members == there
 
@@ -591,22 +593,30 @@ def test_records_that_do_not_fit_the_present_time_are_refused():
 
 def test_energies_are_recorded_only_where_works_are_summed_up():
     c, s = started()
-    room = np.zeros((11, 1, 5))
+    room = np.zeros((11, 1, 6))
     check_refused(lambda: c.advance(10, (*record(), room)))  # not begun
     mass, two, one = np.ones(2), np.zeros(2), np.zeros(1)
-    for bad in ((np.ones(3), two, one), (mass, one, one), (mass, two, two), (mass, two), (3, 3, 3)):
+    for bad in (
+        (np.ones(3), None, two, one),
+        (mass, np.ones(3), two, one),
+        (mass, None, one, one),
+        (mass, None, two, two),
+        (mass, None, two),
+        (3, 3, 3, 3),
+    ):
         check_refused(lambda bad=bad: s.begin_energy(*bad))
     pattern = np.array([0, 1, 2]), np.array([0, 2], dtype=np.int32), np.ones(2)
-    check_refused(lambda: s.begin_energy(pattern, two, one))
-    s.begin_energy(mass, two, one)
-    s.begin_energy(mass, two, one)  # the record begins at the present step
+    check_refused(lambda: s.begin_energy(pattern, None, two, one))
+    check_refused(lambda: s.begin_energy(mass, pattern, two, one))
+    s.begin_energy(mass, None, two, one)
+    s.begin_energy(mass, None, two, one)  # the record begins at the present step
     locked = room.copy()
     locked.setflags(write=False)
     for bad in (
         room[:10],
-        np.zeros((11, 2, 5)),
-        np.zeros((11, 1, 4)),
-        np.zeros((11, 5)),
+        np.zeros((11, 2, 6)),
+        np.zeros((11, 1, 5)),
+        np.zeros((11, 6)),
         locked,
         3,
     ):
@@ -723,12 +733,12 @@ def test_lengths_of_steps_that_do_not_agree_are_refused():
 def test_arrays_that_cannot_be_written_are_refused_for_unit_responses():
     s = subdomain(substeps=2, responds=True)
     arrays = {"end": np.zeros((1, 1)), "mean": np.zeros((1, 1)), "states": np.zeros((1, 4, 2))}
-    assert s.unit_responses(i64(0), 0, *arrays.values())
+    assert s.unit_responses(i64(0), *arrays.values())
     kept = {name: array.copy() for name, array in arrays.items()}
     for name, array in arrays.items():
         array.flags.writeable = False
         with pytest.raises(ValueError, match=f"{name} must be writeable"):
-            s.unit_responses(i64(0), 0, *arrays.values())
+            s.unit_responses(i64(0), *arrays.values())
         array.flags.writeable = True
         np.testing.assert_array_equal(array, kept[name])
 
@@ -850,7 +860,7 @@ TWO_BLOCKS[50:60, 110:] = TWO_BLOCKS[110:, 50:60] = 1.0
 
 
 def factor(matrix, structure, values, inverse, lost=1e-14, blas=BLAS):
-    return _core.factor_panels(matrix, structure, values, inverse, lost, *blas)
+    return _core.factor_panels(matrix, structure, values, inverse, lost, 1e8, *blas)
 
 
 def test_panels_of_arrays_that_do_not_fit_are_refused():
@@ -1036,6 +1046,9 @@ def test_reference_counts_are_what_they_were():
 
     use()
     gc.collect()
+    # the count of an immortal object, None from Python 3.12 on, has no meaning
+    objects = [x for x in objects if sys.getrefcount(x) < 2**30]
+    assert len(objects) > 8
     before = [sys.getrefcount(x) for x in objects]
     for _ in range(300):
         use()
@@ -1366,7 +1379,7 @@ def test_an_interrupt_on_entering_any_function_of_the_package_leaves_all_or_noth
                     getattr(c.state("a"), x), getattr(states[done + ahead], x), f"entry {k}"
                 )
         k += 1
-    assert k > 5
+    assert k > 3  # functions of the package that the shortest call enters
 
 
 def reference_states(force):

@@ -26,7 +26,7 @@ def chain(n, k=100.0):
     return np.ones(n), K
 
 
-def coupler(*, n=6, force=None, coupling="pm", double=None, substeps=4, moved=False):
+def coupler(*, n=6, force=None, coupling="pm", double=None, substeps=4, moved=False, threads=None):
     """Three subdomains; by default b takes double steps with substeps."""
     soft = pm.GeneralizedAlpha(0.5)
     M, K = chain(n)
@@ -40,7 +40,7 @@ def coupler(*, n=6, force=None, coupling="pm", double=None, substeps=4, moved=Fa
     constraints = [pm.tie(a, [5], b, [0]), pm.tie(b, [5], c, [0])]
     if moved:
         constraints.append(pm.Constraint({a: np.eye(n)[:1]}, velocity=lambda t: [np.sin(t)]))
-    return pm.Coupler([a, b, c], constraints, dt=0.1, coupling=coupling)
+    return pm.Coupler([a, b, c], constraints, dt=0.1, coupling=coupling, threads=threads)
 
 
 def snapshot(c):

@@ -1,52 +1,157 @@
-"""The quantity that macro coupling conserves exactly, (M9) of docs/method.md."""
+"""What the couplings conserve exactly, (M9) of docs/method.md: `history.energy.conserved`."""
 
+import h5py
 import numpy as np
 import pytest
 
 import pmalpha as pm
 
+# The rounding of thousands of macro steps, of terms up to 1e2 times the sum.
+EXACT = 1e-11
+
 
 def conserved(coupler, history):
-    """E* at the macro time levels."""
-    total = 0.0
+    """E* at the macro time levels, from the recorded motion."""
+    shares = []
     for s in coupler.subdomains:
         x, h = history[s.name], coupler.dt / s.substeps
         w, v = x.a[:: s.substeps], x.v[:: s.substeps]
         inertia = np.diag(s.M) + h**2 * (s.scheme.beta - 0.25) * s.K
-        total = total + 0.5 * np.sum(w * (w @ inertia) + v * (v @ s.K), axis=1)
-    return total
+        shares.append(0.5 * np.sum(w * (w @ inertia) + v * (v @ s.K), axis=1))
+    return np.transpose(shares)
 
 
-@pytest.mark.parametrize("substeps", [(1, 1, 1), (1, 3, 7), (2, 3, 7)])
-@pytest.mark.parametrize("explicit", [False, True])
-def test_macro_coupling_conserves_it_to_rounding(substeps, explicit):
-    """1e-11: the rounding of 3000 macro steps, of terms up to 1e2 times the sum."""
+def random_loop(substeps, schemes, coupling, **options):
     rng = np.random.default_rng(11)
     subdomains = []
-    for i, s in enumerate(substeps):
+    for i, (s, scheme) in enumerate(zip(substeps, schemes)):
         A = rng.normal(size=(4, 4))
         v0 = rng.normal(size=4)
         v0[[0, 3]] = 0.0
-        scheme = pm.CentralDifference() if explicit and i == 2 else pm.Newmark()
         M, K = rng.uniform(0.5, 2.0, 4), 3.0 * A @ A.T + np.eye(4)
-        subdomains.append(pm.Subdomain(M, K, scheme=scheme, substeps=s, v0=v0, name=str(i)))
+        subdomains.append(
+            pm.Subdomain(M, K, scheme=scheme, substeps=s, v0=v0, name=str(i), **options)
+        )
     a, b, c = subdomains
     ties = [pm.tie(a, 3, b, 0), pm.tie(b, 3, c, 0), pm.tie(c, 3, a, 0)]
-    coupler = pm.Coupler(subdomains, ties, dt=0.2, coupling="macro")
+    return pm.Coupler(subdomains, ties, dt=0.2, coupling=coupling)
+
+
+def change(x):
+    total = x.sum(axis=1)
+    return np.max(np.abs(total / total[0] - 1.0))
+
+
+TRAPEZOIDAL = [pm.Newmark()] * 3
+MIXED = [pm.Newmark(), pm.Newmark(beta=0.3), pm.CentralDifference()]
+
+
+@pytest.mark.parametrize("substeps", [(1, 1, 1), (1, 3, 7), (2, 3, 7)])
+@pytest.mark.parametrize("schemes", [TRAPEZOIDAL, MIXED])
+def test_macro_coupling_conserves_it_to_rounding(substeps, schemes):
+    coupler = random_loop(substeps, schemes, "macro")
     history = coupler.run(steps=3000, energy=True)
-    E = conserved(coupler, history)
-    assert np.max(np.abs(E / E[0] - 1.0)) < 1e-11
-    if substeps == (1, 1, 1) and not explicit:
+    recorded = history.energy.conserved
+    assert recorded.shape == (3001, 3)
+    assert change(recorded) < EXACT
+    shares = conserved(coupler, history)
+    assert np.max(np.abs(recorded - shares)) < 1e-12 * np.max(shares)
+    if substeps == (1, 1, 1) and schemes is TRAPEZOIDAL:
         return  # then it is the energy of one trapezoidal rule
     # the energy itself is not conserved: it oscillates about its beginning
-    total = (history.energy.kinetic + history.energy.strain).sum(axis=1)
-    assert np.max(np.abs(total / total[0] - 1.0)) > 1e-4
+    assert change(history.energy.kinetic + history.energy.strain) > 1e-4
 
 
-def test_it_changes_where_a_condition_does_not_hold():
-    """With algorithmic damping, so that the test above is not empty."""
-    a = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.8), v0=[1.0], name="a")
-    b = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), v0=[1.0], substeps=3, name="b")
-    coupler = pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.2, coupling="macro")
-    E = conserved(coupler, coupler.run(steps=300))
-    assert np.ptp(E) > 0.01 * E[0]
+@pytest.mark.parametrize("coupling", ["pm", "gc"])
+def test_equal_substeps_conserve_it_without_macro_coupling(coupling):
+    # under "pm" an implicit subdomain would take double steps
+    schemes = [pm.CentralDifference()] * 3 if coupling == "pm" else MIXED
+    history = random_loop((2, 2, 2), schemes, coupling).run(steps=1000, energy=True)
+    assert change(history.energy.conserved) < EXACT
+
+
+def test_a_scheme_whose_two_accelerations_are_one_conserves_it():
+    """rho = 1: a = w, and the explicit one is central difference seen at its predictor."""
+    schemes = [pm.GeneralizedAlpha(1.0), pm.Newmark(), pm.GeneralizedAlpha(1.0, explicit=True)]
+    history = random_loop((1, 3, 7), schemes, "macro").run(steps=1000, energy=True)
+    assert change(history.energy.conserved) < EXACT
+
+
+def test_under_mean_coupling_it_is_the_energy():
+    history = random_loop((1, 3, 7), TRAPEZOIDAL, "mean").run(steps=1000, energy=True)
+    energy = history.energy
+    assert np.array_equal(energy.conserved, energy.kinetic + energy.strain)
+    assert change(energy.conserved) < EXACT
+
+
+def test_a_constant_load_does_not_change_it():
+    coupler = random_loop((1, 3, 7), MIXED, "macro", force=[0.0, 1.0, 0.0, 3.0])
+    assert change(coupler.run(steps=1000, energy=True).energy.conserved) < EXACT
+
+
+def pull(t):
+    return np.array([0.0, np.sin(t), 0.0, 0.0])
+
+
+def test_other_loads_and_damping_change_it():
+    for options in ({"force": pull}, {"C": 0.1 * np.ones(4)}):
+        coupler = random_loop((1, 3, 7), TRAPEZOIDAL, "macro", **options)
+        history = coupler.run(steps=100, energy=True)
+        shares = conserved(coupler, history)
+        assert np.max(np.abs(history.energy.conserved - shares)) < 1e-12 * np.max(shares)
+        assert change(history.energy.conserved) > 1e-3
+
+
+def test_it_changes_where_a_scheme_has_algorithmic_damping():
+    """With what would be E*, so that the tests above are not empty; there is none then."""
+    schemes = [pm.GeneralizedAlpha(0.8), pm.Newmark(), pm.Newmark()]
+    coupler = random_loop((1, 3, 7), schemes, "macro")
+    history = coupler.run(steps=300, energy=True)
+    assert history.energy.conserved is None
+    total = conserved(coupler, history).sum(axis=1)
+    assert np.ptp(total) > 0.005 * total[0]
+
+
+@pytest.mark.parametrize(
+    ("coupling", "substeps", "schemes"),
+    [
+        ("gc", (1, 2, 4), TRAPEZOIDAL),
+        ("pm", (1, 1, 1), TRAPEZOIDAL),
+        ("mean", (1, 3, 7), MIXED),
+        ("macro", (1, 3, 7), [pm.Newmark(gamma=0.6, beta=0.4)] * 3),
+    ],
+)
+def test_there_is_none_where_nothing_is_conserved(coupling, substeps, schemes):
+    coupler = random_loop(substeps, schemes, coupling)
+    assert coupler.run(steps=3, energy=True).energy.conserved is None
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")  # of an undamped double step
+def test_there_is_none_with_double_steps_and_forces():
+    for options in ({"restoring": pm.CubicSpring([0], k=1.0, k3=1.0)}, {"double_step": True}):
+        a = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), name="a", **options)
+        b = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), name="b")
+        coupler = pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.2, coupling="macro")
+        assert coupler.run(steps=3, energy=True).energy.conserved is None
+
+
+@pytest.mark.parametrize("schemes", [TRAPEZOIDAL, [pm.GeneralizedAlpha(0.5)] * 3])
+def test_files_and_datasets_have_it(tmp_path, schemes):
+    def make():
+        return random_loop((1, 3, 7), schemes, "macro")
+
+    history = make().run(steps=20, every=4, energy=True)
+    history.save(tmp_path / "a.npz")
+    history.save(tmp_path / "a.h5")
+    written = make().run(steps=20, every=4, energy=True, record_to=tmp_path / "b.h5")
+    both = [pm.History.load(tmp_path / "a.npz"), pm.History.load(tmp_path / "a.h5"), written]
+    dataset = history.to_xarray()
+    if schemes is not TRAPEZOIDAL:
+        assert all(other.energy.conserved is None for other in both)
+        assert "energy_conserved" not in dataset
+        return
+    for other in both:
+        assert np.array_equal(other.energy.conserved, history.energy.conserved)
+    assert np.array_equal(dataset["energy_conserved"], history.energy.conserved)
+    with h5py.File(tmp_path / "b.h5") as file:
+        assert file["energy/conserved"].attrs["units"] == "F u / t^2; F u under mean coupling"

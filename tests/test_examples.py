@@ -130,9 +130,9 @@ def test_when_the_rig_dies_the_coupler_is_at_the_last_whole_macro_step(command, 
         client = rig.Rig(address)
         dying = killed_at(command, process, client)
         coupler = rig.hybrid(dying, coupling=coupling, threads=threads)
-        with pytest.raises(ConnectionError, match=f"the rig was lost at command {command}"):
+        with pytest.raises(ConnectionError, match=f"the rig was lost at call {command}"):
             coupler.run(steps=50)
-        client.connection.close()
+        client.client.close()
     assert coupler.step_count == done
     assert_identical(coupler.last_history, expected)
     for name in PARTS:
@@ -150,7 +150,7 @@ def test_when_the_rig_dies_the_file_contains_the_run_up_to_that_step(tmp_path):
         coupler = rig.hybrid(killed_at(77, process, client))
         with pytest.raises(ConnectionError):
             coupler.run(steps=50, record_to=tmp_path / "test.h5")
-        client.connection.close()
+        client.client.close()
     assert_identical(pm.History.load(tmp_path / "test.h5"), expected)
 
 

@@ -334,7 +334,9 @@ def test_a_long_run_is_thinned_in_files_of_their_own_and_a_warning_states_it(
 ):
     """The files themselves are not needed here: the writer of one is replaced."""
     files = []
-    monkeypatch.setattr(export, "_write_vtu", lambda path, mesh, fields: files.append(path.name))
+    monkeypatch.setattr(
+        export, "_write_vtu", lambda path, mesh, fields, cells: files.append(path.name)
+    )
     rod, times = ([[0.0], [1.0]], [[0, 1]]), np.arange(float(count))
     u = np.zeros((count, 2))
     if count == 1000:  # and no warning, which would be an error

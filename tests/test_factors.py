@@ -12,12 +12,13 @@ from problems import random_problem
 
 import pmalpha as pm
 from pmalpha import _core, structures
+from pmalpha.problem import ordering
 from pmalpha.problem.matrices import core_sparse, permuted
-from pmalpha.setup import factors, ordering
+from pmalpha.problem.ordering import _nested_dissection as dissection
+from pmalpha.problem.ordering import _pattern, elimination_order, fill, graph_of, node_size
+from pmalpha.setup import factors
 from pmalpha.setup.compliance import compliance, constraints_of
 from pmalpha.setup.inertia import inertia
-from pmalpha.setup.ordering import _nested_dissection as dissection
-from pmalpha.setup.ordering import _pattern, elimination_order, fill, graph_of, node_size
 
 DEFINITE = pm.FactorizationError
 
@@ -282,6 +283,7 @@ def test_a_structure_that_is_not_of_the_matrix_is_refused():
             panel_values,
             inverse,
             0.0,
+            1e8,
             capsules["dgemm"],
             capsules["dtrsm"],
         )

@@ -84,7 +84,7 @@ def at_start(forces, n, u0=None, v0=None, name="x"):
     v0 = np.zeros(n) if v0 is None else np.asarray(v0, dtype=float)
     q0 = np.concatenate([NONE, *(force.history for force in forces)])
     pattern, K, C = first_tangent(forces, n, u0, v0, q0, name)
-    adapter = CheckedInternal(forces, name, pattern, C is not None)
+    adapter = CheckedInternal(forces, name, pattern, C is not None, symmetric=False)
     adapter.pattern = pattern
     return adapter, dense(pattern, K), None if C is None else dense(pattern, C)
 
@@ -517,7 +517,8 @@ def test_the_first_tangents_must_be_symmetric(symbol):
     skewed = 1.0 + 1e-10  # rounding of an assembly
     at_start(law, 2)
     skewed = 1.0 + 1e-8
-    text = f"{symbol} of internal of subdomain 'rig' must be symmetric .*at .0, 1. and .* at .1, 0."
+    where = "at t = 0 must be symmetric .*at .0, 1. and .* at .1, 0."
+    text = f"{symbol} of internal of subdomain 'rig' {where}"
     with pytest.raises(ValueError, match=text):
         at_start(law, 2, name="rig")
 
@@ -537,7 +538,7 @@ def test_the_first_values_must_be_finite(value, text):
 
 @pytest.mark.parametrize("call", [at_start, lambda force, n: pm.InternalForce(force).check(F)])
 def test_a_damaged_first_tangent_is_an_error(call):
-    with pytest.raises(ValueError, match="at t = 0: K_t must have .*got a damaged csr matrix"):
+    with pytest.raises(ValueError, match="at t = 0: K_t must have indices in 0..1, got 5"):
         call(lambda u, v, t, q: (u, BROKEN), 2)
 
 
@@ -791,7 +792,7 @@ def test_stored_zeros_outside_the_pattern_are_no_error():
         (
             (F, BROKEN),
             ValueError,
-            "K_t must have .* indices within .*, got a damaged csr",
+            "K_t must have indices in 0..1, got 5, in a damaged csr",
         ),
         ((F, "K"), TypeError, "K_t must hold real numbers"),
         ((F, F, np.zeros(3)), ValueError, "C_t must have shape"),

@@ -11,6 +11,7 @@ import threadpoolctl
 import pmalpha as pm
 from pmalpha.blas import one_thread
 from pmalpha.run.callback import CallbackLoad
+from pmalpha.run.clock import Clock
 
 STEPS = 100
 
@@ -37,8 +38,13 @@ def interrupt():
     def stop(number, frame):
         raise KeyboardInterrupt
 
+    def after(seconds):
+        signal.setitimer(signal.ITIMER_REAL, seconds)
+        for _ in range(3):  # a signal that has arrived already raises here, not behind the caller
+            pass
+
     before = signal.signal(signal.SIGALRM, stop)
-    yield lambda seconds: signal.setitimer(signal.ITIMER_REAL, seconds)
+    yield after
     signal.setitimer(signal.ITIMER_REAL, 0.0)
     signal.signal(signal.SIGALRM, before)
 
@@ -46,7 +52,7 @@ def interrupt():
 def test_ctrl_c_at_any_bytecode_loses_one_value_of_a_load_at_most(interrupt):
     rng = np.random.default_rng(16)
     times, interrupted = [], 0
-    load = CallbackLoad(lambda t: times.append(t) or [t], "a load", np.arange(1), 1, 1.0)
+    load = CallbackLoad(lambda t: times.append(t) or [t], "a load", np.arange(1), 1, Clock(1.0))
     done = 0
     for _ in range(600):
         while True:
@@ -85,8 +91,7 @@ def test_a_run_that_ctrl_c_ends_continues_bitwise_identically(interrupt):
             interrupt(0.0)
         except KeyboardInterrupt:
             interrupted, history = interrupted + 1, coupler.last_history
-        if history is None:  # before the first step of this call
-            assert coupler.step_count == begin
+        if coupler.step_count == begin:  # before the first step of this call
             continue
         pieces.append(history["m"].u[1 if pieces else 0 :])
         if interrupted > 200:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pmalpha.problem.cells import _CELLS
-from pmalpha.structures.kinds import BY_COLUMNS, KINDS
+from pmalpha.problem.kinds import BY_COLUMNS, KINDS
 from pmalpha.structures.mesh import Block, Mesh, checked_mesh, edges, lines, outer_faces
 
 # Corners in reference coordinates, and the corners at the ends of the edges with nodes, in the

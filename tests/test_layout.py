@@ -21,10 +21,11 @@ LAYERS = (
     ("setup",),
     ("run",),
     ("structures", "readers"),
-    ("export",),
+    ("export", "remote"),
     ("models",),
     ("analysis",),
     ("plot",),
+    ("cutting",),
     ("__init__",),
     ("__main__",),
 )

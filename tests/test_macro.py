@@ -1,11 +1,13 @@
 """Macro coupling: agreement with the reference, order, stability, energy and errors."""
 
+import signal
 import warnings
 from functools import partial
 
 import numpy as np
 import pytest
 import reference
+import scipy.sparse as sp
 from problems import Problem, random_problem, random_restored_problem, reference_subdomain
 from scipy.integrate import solve_ivp
 
@@ -532,6 +534,86 @@ def test_a_checkpoint_resumes_bitwise_identically(tmp_path):
 # ---- H, and the messages of set-up ------------------------------------------------------------
 
 
+def blocky(n, seed):
+    """A positive definite matrix with blocks of three dofs, which is stored in strips."""
+    rng = np.random.default_rng(seed)
+    A = sp.kron(sp.random_array((n // 3, n // 3), density=0.1, rng=rng), rng.normal(size=(3, 3)))
+    return (A @ A.T + sp.eye_array(n)).tocsr()
+
+
+FORMS = {
+    "dense": lambda: blocky(60, 1).toarray(),
+    "strips": lambda: blocky(60, 1),
+    "band": lambda: sp.diags_array([-1.0, 3.0, -1.0], offsets=[-1, 0, 1], shape=(60, 60)).tocsr(),
+}
+
+
+def mean_responses(step, L, substeps):
+    """u, v, w, a (n, p) after the substeps of (K3), by the matrices of a step of the reference."""
+    s, h = step.subdomain, step.h
+    y = np.linalg.solve(s.M, L.T)
+    u, v, w, a = (np.zeros_like(y) for _ in range(4))
+    for _ in range(substeps):
+        ratio = s.af / (1.0 - s.am)
+        ut = u + h * v + h**2 * ((0.5 - s.beta / (1.0 - s.am)) * a + s.beta * ratio * w + 0.5 * y)
+        vt = v + h * ((1.0 - s.gamma / (1.0 - s.am)) * a + s.gamma * ratio * w + y)
+        w1 = -np.linalg.solve(step.mbar, s.C @ vt + s.K @ ut)
+        a = ((1.0 - s.af) * w1 + s.af * w - s.am * a) / (1.0 - s.am)
+        u, v, w = ut + step.al1 * w1, vt + step.al2 * w1, w1
+    return {"u": u, "v": v, "w": w, "a": a}
+
+
+@pytest.mark.parametrize("explicit", [False, True])
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("coupling", ["macro", "mean"])
+def test_unit_responses_of_many_constraints_are_those_of_the_reference(form, explicit, coupling):
+    K, M = FORMS[form](), np.linspace(1.0, 2.0, 60)
+    count = 19  # two full blocks of eight and three more
+    scheme = pm.GeneralizedAlpha(0.8, explicit=explicit)
+    part = pm.Subdomain(M, K, 0.1 * M, scheme=scheme, substeps=3, name="part")
+    other = pm.Subdomain(np.ones(count), np.ones(count), scheme=SECOND)
+    dofs = list(range(2, 2 + 3 * count, 3))
+    tie = pm.tie(part, dofs, other, list(range(count)))
+    made = pm.Coupler([part, other], tie, dt=0.3, coupling=coupling)._parts[0]
+    L = np.zeros((count, 60))
+    L[np.arange(count), dofs] = 1.0
+    alpha = dict(am=scheme.am, af=scheme.af, beta=scheme.beta, gamma=scheme.gamma)
+    M, K = np.diag(M), dense(K)
+    subdomain = reference.Subdomain(M, K, 0.1 * M, **alpha, explicit=explicit, substeps=3)
+    if coupling == "macro":
+        U = reference.MacroStepper(subdomain, L, 0.3).U[-1]
+    else:
+        U = mean_responses(reference.Step(subdomain, L, 0.1), L, 3)
+    end, mean = np.empty((count, count)), np.empty((count, count))
+    states = np.empty((count, 4, 60))
+    assert made.core.unit_responses(np.arange(count), end, mean, states)
+    for field, name in enumerate("uvwa"):
+        found = np.empty((60, count))
+        found[made.order] = states[:, field].T
+        # rounding of three steps of matrices of condition 100
+        assert largest(found - U[name]) < 1e-12 * largest(U[name])
+    tied = "v" if coupling == "macro" else "u"
+    assert largest(end.T - L @ U[tied]) < 1e-12 * largest(end)
+
+
+def test_ctrl_c_ends_the_unit_responses_between_two_substeps():
+    n = 400
+    slow = pm.Subdomain(np.ones(n), np.eye(n) + 0.001, scheme=FAST, substeps=1_000_000, name="slow")
+    other = pm.Subdomain(np.ones(1), np.ones(1), scheme=SECOND)
+
+    def stop(number, frame):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, stop)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.5)
+        with pytest.warns(pm.PerformanceWarning), pytest.raises(KeyboardInterrupt):
+            pm.Coupler([slow, other], pm.tie(slow, [0], other, [0]), dt=1.0, coupling="macro")
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
 def test_h_is_symmetric_for_damping_that_is_not_proportional():
     rng = np.random.default_rng(1)
     A, B = rng.normal(size=(2, 5, 5))
@@ -542,7 +624,7 @@ def test_h_is_symmetric_for_damping_that_is_not_proportional():
         ties = pm.tie(part, list(range(5)), other, list(range(5)))
         core = pm.Coupler([part, other], ties, dt=0.3, coupling="macro")._parts[0].core
         end, mean = np.empty((5, 5)), np.empty((5, 5))
-        assert core.unit_responses(np.arange(5), 0, end, mean, None)
+        assert core.unit_responses(np.arange(5), end, mean, None)
         for H in (end, mean):
             # rounding of six steps; one per cent of C left out of one side shows at 1e-3
             assert largest(H - H.T) < 1e-14

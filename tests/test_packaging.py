@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import pmalpha as pm
+from pmalpha.problem.ordering import elimination_order, graph_of, rows_of
 from pmalpha.setup import part
 from pmalpha.setup.factors import structure_of
-from pmalpha.setup.ordering import elimination_order, graph_of, rows_of
 
 PYPROJECT = Path(__file__).parent.parent / "pyproject.toml"
 

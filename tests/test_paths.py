@@ -8,10 +8,10 @@ from problems import random_problem
 import pmalpha as pm
 from pmalpha import structures
 from pmalpha.problem.matrices import permuted
+from pmalpha.problem.ordering import elimination_order, graph_of, rows_of
 from pmalpha.setup import factors
 from pmalpha.setup.elimination import Elimination, elimination, ordinary
 from pmalpha.setup.factors import structure_of
-from pmalpha.setup.ordering import elimination_order, graph_of, rows_of
 from pmalpha.setup.paths import compliance_along_paths
 
 
@@ -73,11 +73,11 @@ def test_the_compliance_along_paths_is_that_of_the_dense_inverse(seed, monkeypat
         pytest.skip("the matrix came out diagonal")
     np.testing.assert_array_equal(chosen.order[n - nb :], last)
     names = factors.Names("A", chosen.order)
-    inverse, R = chosen.factor(permuted(A, chosen.order), names)
+    factor = chosen.factor(permuted(A, chosen.order), names)
     L = rng.normal(size=(int(rng.integers(1, nb + 1)), nb)) * (rng.random(nb) < 0.5)
     L[:, 0] = 1.0  # no empty row
     exact = L @ np.linalg.inv(A.toarray())[np.ix_(last, last)] @ L.T
-    ours = compliance_along_paths(inverse, R, sp.csr_array(L))
+    ours = compliance_along_paths(factor, sp.csr_array(L))
     # the matrices have a condition number below 1e4
     np.testing.assert_allclose(ours, exact, rtol=0, atol=1e-11 * np.max(np.abs(exact)))
 

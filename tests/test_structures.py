@@ -807,7 +807,7 @@ def test_rayleigh_damping_gives_each_mode_its_ratio(mass):
 
 
 PLATE = {"nx": 2, "ny": 2, "h": 0.5, "E": 1.0, "nu": 0.3, "rho": 1.0}
-SQUARE = {"points": [[0, 0], [1, 0], [1, 1], [0, 1]], "quads": [[0, 1, 2, 3]]}
+SQUARE = {"points": [[0, 0], [1, 0], [1, 1], [0, 1]], "elements": [[0, 1, 2, 3]]}
 QUADS = {**SQUARE, "E": 1.0, "nu": 0.3, "rho": 1.0}
 FRAME = {"points": [[0, 0], [1, 0]], "members": [[0, 1]], "EA": 1.0, "EI": 1.0, "rhoA": 1.0}
 CHAIN = {"n": 3, "mass": 1.0, "stiffness": 1.0}
@@ -832,11 +832,32 @@ BOX = {"nx": 1, "ny": 1, "nz": 1, "h": 1.0, "E": 1.0, "nu": 0.3, "rho": 1.0}
         ("plate", PLATE, {"origin": [0.0]}, ValueError, r"origin must have shape \(2,\)"),
         ("solid", BOX, {"nu": 0.5}, ValueError, r"nu must lie in \(-1, 0.5\), got 0.5"),
         ("solid", BOX, {"nz": -1}, ValueError, "nz must be at least 1, got -1"),
-        ("plate_on", QUADS, {"quads": [[0, 3, 2, 1]]}, ValueError, "counter-clockwise.* in 0"),
-        ("plate_on", QUADS, {"quads": [[0, 1, 3, 2]]}, ValueError, "elements must be convex"),
-        ("plate_on", QUADS, {"quads": [[0, 1, 2, 4]]}, ValueError, "quads must lie in 0..3, got 4"),
-        ("plate_on", QUADS, {"quads": [[0, 1, 2]]}, ValueError, r"quads must have shape .* 4\)"),
-        ("plate_on", QUADS, {"quads": [[0.0, 1, 2, 3]]}, TypeError, "quads must be whole numbers"),
+        ("plate_on", QUADS, {"elements": [[0, 3, 2, 1]]}, ValueError, "counter-clockwise.* in 0"),
+        ("plate_on", QUADS, {"elements": [[0, 1, 3, 2]]}, ValueError, "elements must be convex"),
+        (
+            "plate_on",
+            QUADS,
+            {"elements": [[0, 1, 2, 4]]},
+            ValueError,
+            "elements must lie in 0..3, got",
+        ),
+        (
+            "plate_on",
+            QUADS,
+            {"elements": [[0, 1]]},
+            ValueError,
+            r"with 3, 6, 4, 8, 9 nodes of each",
+        ),
+        (
+            "plate_on",
+            QUADS,
+            {"elements": {"tetra": [[0, 1, 2, 3]]}},
+            ValueError,
+            "quad9, got .'tet",
+        ),
+        ("plate_on", QUADS, {"elements": {}}, ValueError, "elements must be of .* got none"),
+        ("plate_on", QUADS, {"plane": "flat"}, ValueError, "plane must be 'stress' or 'strain'"),
+        ("plate_on", QUADS, {"elements": [[0.0, 1, 2, 3]]}, TypeError, "elements must be whole"),
         ("plate_on", QUADS, {"points": np.ones((4, 3))}, ValueError, r"points must have shape"),
         ("plate_on", QUADS, {"points": [*SQUARE["points"], [2, 2]]}, ValueError, "submesh.* not 4"),
         ("beam_frame", FRAME, {"points": [[0, 0]] * 2}, ValueError, "members must have a length"),

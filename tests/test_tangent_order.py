@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from pmalpha.problem.ordering import elimination_order, graph_of
 from pmalpha.problem.tangents import symmetric_union
 from pmalpha.setup.internal import narrow_order, tangent_pattern
-from pmalpha.setup.ordering import elimination_order, graph_of
 
 NONE = np.zeros(0, dtype=int)
 

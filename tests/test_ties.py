@@ -340,7 +340,7 @@ def test_a_subdomain_that_meets_no_other_is_named():
     "points, options, message",
     [
         ([(masses(1), [0.0])], {}, "points must be a dict"),
-        ({"tower": [0.0]}, {}, "points must be of Subdomains, got 'tower'"),
+        ({3: [0.0]}, {}, "points must be of Subdomains or names of them, got 3"),
         ({masses(1): ["x"]}, {}, "must hold real numbers"),
         ({masses(1): [0.0]}, {"components": 1.0}, "components must be a whole number"),
         ({masses(1): [0.0]}, {"dofs_per_node": 1.0}, "dofs_per_node must be a whole number"),

@@ -1,0 +1,146 @@
+"""Every allocation of the extension fails once, in the building, running and keeping of couplers.
+
+Each failure is a MemoryError or passes without effect; what was there before the call is as it was,
+not busy, and continues bitwise identically. A crash ends the process, with the number of the
+allocation printed before.
+"""
+
+import ctypes
+import os
+import subprocess
+import sys
+import tempfile
+import warnings
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+import pmalpha as pm
+from pmalpha import _core
+
+HERE = Path(__file__).parent
+
+
+def made(kind):
+    """A coupler of a small problem of this kind."""
+    K = np.diag([4.0, 4.0, 2.0]) - np.eye(3, k=1) - np.eye(3, k=-1)
+    scheme = pm.GeneralizedAlpha(0.5)
+    force = {"callbacks": lambda t: np.full(3, np.sin(t))}.get(kind)
+    internal = pm.CubicSpring([0], k=1.0, k3=0.5) if kind == "newton" else None
+    restoring = [lambda u, v, t: 0.1 * u] if kind == "callbacks" else None
+    a = pm.Subdomain(np.ones(3), K, scheme=scheme, u0=[1.0, 0.5, 0.2], force=force, name="a")
+    b = pm.Subdomain(
+        np.ones(2),
+        [3.0, 3.0],
+        0.1 * np.eye(2),
+        scheme=scheme,
+        substeps=1 if kind == "mean" else 4,
+        u0=[0.2, 0.0],
+        restoring=restoring,
+        name="b",
+    )
+    c = pm.Subdomain(np.ones(1), [1.0], scheme=scheme, internal=internal, name="c")
+    ties = [pm.tie(a, [2], b, [0]), pm.tie(b, [1], c, [0])]
+    coupling = {"macro": "macro", "mean": "mean", "newton": "gc"}.get(kind, "pm")
+    return pm.Coupler([a, b, c], ties, dt=0.05, coupling=coupling, threads=2)
+
+
+KINDS = ("linear", "callbacks", "macro", "mean", "newton")
+
+
+def calls(kind, folder):
+    """What is done with one coupler, each with its own number of allocations."""
+    path = folder / "state.npz"
+    return {
+        "build": lambda c: made(kind),
+        "run": lambda c: c.run(steps=5),
+        "run with energies": lambda c: c.run(steps=5, energy=True, record={"a": [0]}),
+        "step": lambda c: c.step(5),
+        "state": lambda c: c.state("b"),
+        "save": lambda c: c.save(path),
+        "load": lambda c: c.load(path),
+        "snapshot": lambda c: c.restore(c.snapshot()),
+        "reset": lambda c: c.reset(u0={"a": [0.0, 0.0, 0.1], "b": [0.1, 0.0]}),
+    }
+
+
+def state(coupler):
+    return np.concatenate([getattr(coupler.state(s), x) for s in "abc" for x in "uva"])
+
+
+def attempt(kind, library, folder, stride):
+    """Fails each allocation of each call in turn; behind the fortieth every `stride`-th."""
+    counts = Counter()
+    twin = made(kind)
+    twin.step(3)
+    start = twin.snapshot()
+    twin.save(folder / "state.npz")
+    twin.step(4)
+    expected = state(twin)
+    for name, call in calls(kind, folder).items():
+        k = 0
+        while True:
+            k += 1 if k < 40 else stride
+            twin.restore(start)
+            print(kind, name, k, flush=True)
+            library.failing_allocations_arm(k)
+            try:
+                call(twin)
+                error = None
+            except MemoryError as raised:
+                error = raised
+            failed = library.failing_allocations_arm(0)
+            counts["failures"] += failed >= k
+            counts["MemoryError"] += error is not None
+            assert error is None or failed >= k, "MemoryError though no allocation failed"
+            twin.restore(start)  # not busy
+            twin.step(4)
+            np.testing.assert_array_equal(state(twin), expected)
+            if failed < k:
+                break
+        counts["calls"] += 1
+    return counts
+
+
+def run_in_this_process(kinds, stride):
+    library = ctypes.CDLL(None)
+    library.failing_allocations_of.argtypes = [ctypes.c_size_t, ctypes.c_size_t]
+    lines = [x for x in Path("/proc/self/maps").read_text().splitlines() if _core.__file__ in x]
+    ends = [int(x, 16) for line in lines for x in line.split()[0].split("-")]
+    library.failing_allocations_of(min(ends), max(ends))
+    library.failing_allocations_arm.argtypes = [ctypes.c_long]
+    library.failing_allocations_arm.restype = ctypes.c_long
+    warnings.simplefilter("ignore")
+    total = Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        for kind in kinds:
+            total += attempt(kind, library, Path(folder), stride)
+    print(dict(total))
+
+
+def campaign(kinds=KINDS, stride=1, seconds=3600):
+    """The output of a process in which allocations fail; an error of the process is raised."""
+    with tempfile.TemporaryDirectory() as folder:
+        library = Path(folder, "failing_allocations.so")
+        source = HERE / "failing_allocations.c"
+        compiler = [os.environ.get("CC", "cc"), "-shared", "-fPIC", "-O1", "-o", str(library)]
+        subprocess.run([*compiler, str(source)], check=True)
+        environment = os.environ | {"LD_PRELOAD": str(library), "PYTHONMALLOC": "malloc"}
+        done = subprocess.run(
+            [sys.executable, __file__, str(stride), *kinds],
+            env=environment | {"IN_CAMPAIGN": "1"},
+            capture_output=True,
+            text=True,
+            timeout=seconds,
+        )
+    last = done.stdout.splitlines()[-1:]
+    assert done.returncode == 0, f"{done.returncode} after {last}: {done.stderr[-2000:]}"
+    return last[0]
+
+
+if __name__ == "__main__":
+    if "IN_CAMPAIGN" in os.environ:
+        run_in_this_process(sys.argv[2:], int(sys.argv[1]))
+    else:
+        print(campaign(sys.argv[1:] or KINDS))

@@ -1,0 +1,107 @@
+"""Ctrl-C at random instants of `run` and `step`.
+
+After each interrupt the coupler is at a completed macro step, not busy, and `last_history` is the
+run up to that step; the continued run is bitwise identical to one without interrupts.
+"""
+
+import signal
+import tempfile
+import warnings
+from contextlib import suppress
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+from campaign import arguments, seeds, tried
+
+import pmalpha as pm
+
+STEPS = 60
+
+
+def made(threads, with_load):
+    """Two subdomains with substeps, one with a callable load."""
+    load = (lambda t: np.full(3, np.sin(3.0 * t))) if with_load else None
+    K = np.diag([4.0, 4.0, 2.0]) - np.eye(3, k=1) - np.eye(3, k=-1)
+    scheme = pm.GeneralizedAlpha(0.5)
+    a = pm.Subdomain(np.ones(3), K, scheme=scheme, u0=[1.0, 0.5, 0.2], force=load, name="a")
+    b = pm.Subdomain(np.ones(2), [3.0, 3.0], scheme=scheme, substeps=4, u0=[0.2, 0.0], name="b")
+    return pm.Coupler([a, b], pm.tie(a, [2], b, [0]), dt=0.05, threads=threads)
+
+
+class Interrupts:
+    """Raises KeyboardInterrupt after a time, in the way Ctrl-C does."""
+
+    def __enter__(self):
+        self.before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+        return self
+
+    def __exit__(self, *exception):
+        self.after(0.0)
+        signal.signal(signal.SIGALRM, self.before)
+
+    def after(self, seconds):
+        signal.setitimer(signal.ITIMER_REAL, seconds)
+        for _ in range(3):  # a signal that has arrived already raises here, not behind the caller
+            pass
+
+
+def interrupted(interrupts, seconds, call):
+    """Was the call interrupted? Its result is lost where the interrupt came on its return."""
+    try:
+        interrupts.after(seconds)
+        call()
+        interrupts.after(0.0)
+    except KeyboardInterrupt:
+        return True
+    return False
+
+
+def check(coupler, begin, runs, u, counts):
+    """After an interrupt of a run or of steps that began at macro step `begin`."""
+    end, history = coupler.step_count, coupler.last_history  # also: not busy
+    counts["moved" if end > begin else "not moved"] += 1
+    np.testing.assert_array_equal(coupler.state("b").u, u[4 * end])
+    if history is None:
+        assert not runs or end in (begin, begin + STEPS)
+        counts["returned already"] += bool(runs and end > begin)
+        return
+    if runs and end > begin:  # otherwise it may be that of an earlier run
+        assert history.macro_times[0] == begin * 0.05
+        assert history.macro_times[-1] == end * 0.05 == coupler.time
+    first, last = (round(t / 0.05) for t in history.macro_times[[0, -1]])
+    np.testing.assert_array_equal(history["b"].u, u[4 * first : 4 * last + 1])
+
+
+def attempt(seed, counts):
+    """One coupler that is interrupted until it has done all its steps."""
+    rng = np.random.default_rng(seed)
+    threads, with_load, filed = int(rng.integers(1, 3)), rng.random() < 0.5, rng.random() < 0.2
+    filed = filed and find_spec("h5py") is not None
+    u = made(1, with_load).run(steps=40 * STEPS)["b"].u
+    coupler = made(threads, with_load)
+    mean = 10.0 ** rng.uniform(-4.0, -2.5)
+    with Interrupts() as interrupts, tempfile.TemporaryDirectory() as folder:
+        while coupler.step_count + STEPS <= 40 * STEPS:
+            begin, runs = coupler.step_count, bool(rng.integers(2))
+            seconds = rng.exponential(mean)
+            options = {"record_to": Path(folder, f"{rng.integers(2**60)}.h5")} if filed else {}
+
+            def call(runs=runs, options=options):
+                coupler.run(steps=STEPS, **options) if runs else coupler.step(STEPS)
+
+            counts["calls"] += 1
+            if interrupted(interrupts, seconds, call):
+                counts["interrupts"] += 1
+                check(coupler, begin, runs, u, counts)
+            else:
+                assert coupler.step_count == begin + STEPS
+            if counts["calls"] % 7 == 0:
+                with suppress(KeyboardInterrupt):
+                    coupler.state("a")
+
+
+if __name__ == "__main__":
+    given = arguments(__doc__)
+    warnings.simplefilter("ignore", pm.AccuracyWarning)  # of long runs with one step
+    print(dict(tried(attempt, seeds(given.seed, given.seconds))))

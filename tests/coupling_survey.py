@@ -1,0 +1,335 @@
+"""Spectral radii of coupled steps: what is stable, under which coupling, with the drift or without.
+
+    python tests/coupling_survey.py [oscillators] [loops] [mean] [variants] [--few]
+
+`oscillators`: split oscillators, A implicit, B explicit with substeps or implicit, for every
+coupling of the core. `loops`: random loops of three subdomains. `mean`: random split oscillators
+under mean coupling. `variants`: other ways to remove the drift, from tests/reference.py. Each line
+has the largest radius, and how many are above 1 + 1e-7: double eigenvalues of modulus one are
+computed to the root of the rounding. `--few`: one problem in four.
+"""
+
+import argparse
+import warnings
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import reference
+
+import pmalpha as pm
+from pmalpha import analysis
+
+ALPHA, CD = pm.GeneralizedAlpha, pm.CentralDifference()
+UNSTABLE = 1.0 + 1e-7
+B1, SUBSTEPS, SHARES = (0.01, 0.1, 1.0, 10.0, 100.0), (1, 2, 5, 20), (0.05, 0.3, 0.6, 0.85, 0.97)
+PAIRS = {
+    "rho 0": (ALPHA(0.0), ALPHA(0.0, explicit=True)),
+    "rho 0.5": (ALPHA(0.5), ALPHA(0.5, explicit=True)),
+    "rho 0.8": (ALPHA(0.8), ALPHA(0.8, explicit=True)),
+    "rho 1": (ALPHA(1.0), ALPHA(1.0, explicit=True)),
+    "trapezoidal, central": (pm.Newmark(), CD),
+    "rho 0.5, central": (ALPHA(0.5), CD),
+    "rho 0.8, central": (ALPHA(0.8), CD),
+    "rho 0.9, implicit": (ALPHA(0.9), ALPHA(0.9)),
+    "rho 1, implicit": (ALPHA(1.0), ALPHA(1.0)),
+    "trapezoidal, implicit": (pm.Newmark(), pm.Newmark()),
+    "central, central": (CD, CD),
+}
+COUPLINGS = {
+    "gc": dict(coupling="gc"),
+    "gc, drift removed": dict(coupling="gc", drift="removed"),
+    "pm": dict(coupling="pm"),
+    "macro": dict(coupling="macro"),
+    "macro, double step": dict(coupling="macro"),
+    "mean": dict(coupling="mean"),
+    "mean, double step": dict(coupling="mean"),
+}
+
+
+def radius(coupler):
+    return analysis.spectral_radius(analysis.amplification_matrix(coupler))
+
+
+def limit(m, k, scheme):
+    """Critical step; for implicit schemes that of central difference."""
+    return (
+        2.0
+        * np.sqrt(m / k)
+        * (
+            analysis.critical_step(pm.Subdomain([1.0], [4.0], scheme=scheme))
+            if scheme.explicit
+            else 1.0
+        )
+    )
+
+
+def oscillator(b1, schemes, substeps, share, double=False, far=1.0, **options):
+    """Masses with mA/mB = b1 and springs with kB/kA = b1; dt is this share of the critical step."""
+    mB = kA = 1.0 / (1.0 + b1)
+    mA, kB = b1 * mB, b1 * kA
+    dt = share * far * substeps * limit(mB, kB, schemes[1])
+    if schemes[0].explicit:
+        dt = min(dt, share * limit(mA, kA, schemes[0]) * (0.5 if double else 1.0))
+    A = pm.Subdomain([mA], [kA], scheme=schemes[0], double_step=double or None, name="A")
+    B = pm.Subdomain([mB], [kB], scheme=schemes[1], substeps=substeps, name="B")
+    return pm.Coupler([A, B], pm.tie(A, 0, B, 0), dt=dt, **options)
+
+
+def loop(seed, schemes, double=False, common=True, **options):
+    """Three random subdomains of four dofs in a loop of ties."""
+    rng = np.random.default_rng(seed)
+    sets = (
+        [(1, 1, 1), (1, 2, 4), (1, 3, 6), (2, 2, 6), (1, 5, 20)]
+        if common
+        else [(1, 1, 1), (1, 3, 7), (2, 3, 7), (1, 2, 5), (1, 5, 20)]
+    )
+    substeps = (1, 1, 3) if double else sets[seed % 5]
+    subdomains, steps = [], []
+    for i, (s, scheme) in enumerate(zip(substeps, schemes)):
+        A = rng.normal(size=(4, 4))
+        own = pm.Subdomain(
+            rng.uniform(0.3, 3.0, 4),
+            A @ A.T + 0.1 * np.eye(4),
+            scheme=scheme,
+            substeps=s,
+            double_step=True if double and i == 0 else None,
+            name=str(i),
+        )
+        subdomains.append(own)
+        whole = s * analysis.critical_step(own)
+        steps.append(0.5 * whole if double and i == 0 else whole)
+    a, b, c = subdomains
+    ties = [pm.tie(a, 3, b, 0), pm.tie(b, 3, c, 0), pm.tie(c, 3, a, 0)]
+    dt = rng.uniform(0.05, 0.97) * min(*steps, 10.0 ** rng.uniform(-1.0, 1.5))
+    return pm.Coupler(subdomains, ties, dt=dt, **options)
+
+
+def line(name, radii):
+    radii = np.array(radii)
+    print(f"{name:<46}{radii.max():14.9f}{(radii > UNSTABLE).sum():5d} of {radii.size}", flush=True)
+
+
+def survey_oscillators(every):
+    for (pair, schemes), (name, options) in product(PAIRS.items(), COUPLINGS.items()):
+        double = "double" in name
+        problems = [*product(B1, SUBSTEPS, SHARES)][::every]
+        line(
+            f"{name}: {pair}",
+            [
+                radius(oscillator(b, schemes, s, x, double, **options))
+                for b, s, x in problems
+                if not refused(name, schemes)
+            ]
+            or [np.nan],
+        )
+
+
+def refused(name, schemes):
+    """By mean coupling: explicit schemes with rho < 0.5."""
+    return "mean" in name and any(getattr(s, "rho", 1.0) < 0.5 for s in schemes if s.explicit)
+
+
+def survey_loops(every):
+    triples = {
+        **{f"rho {r}, implicit": [ALPHA(r)] * 3 for r in (0.0, 0.5, 0.8, 1.0)},
+        "trapezoidal": [pm.Newmark()] * 3,
+        **{
+            f"rho {r}, third explicit": [ALPHA(r), ALPHA(r), ALPHA(r, explicit=True)]
+            for r in (0.0, 0.5, 0.8, 1.0)
+        },
+        "rho 0.5, third central": [ALPHA(0.5), ALPHA(0.5), CD],
+        "trapezoidal, third central": [pm.Newmark(), pm.Newmark(), CD],
+        "central": [CD] * 3,
+    }
+    for (triple, schemes), (name, options) in product(triples.items(), COUPLINGS.items()):
+        if refused(name, schemes) or (name == "pm" and schemes[0].explicit):
+            continue
+        double, common = "double" in name, options["coupling"] in ("gc", "pm")
+        radii = [radius(loop(k, schemes, double, common, **options)) for k in range(0, 60, every)]
+        line(f"{name}: loops, {triple}", radii)
+
+
+def mean_problems(seed, count, double):
+    """Random split oscillators under mean coupling, of all schemes that it takes."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        explicit = rng.random() < 0.5
+        implicit = [ALPHA(rng.uniform(0.0, 1.0)), ALPHA(1.0), pm.Newmark(), pm.HHT(0.2)]
+        A = implicit[rng.integers(4)]
+        B = [ALPHA(rng.uniform(0.5, 1.0), explicit=True), CD][rng.integers(2)]
+        B = B if explicit else implicit[rng.integers(4)]
+        far = 1.0 if explicit else 10.0 ** rng.uniform(-1.0, 2.0)
+        substeps = int(rng.choice([1, 2, 3, 5, 7, 20]))
+        b1, share = 10.0 ** rng.uniform(-2.0, 2.0), rng.uniform(0.02, 0.97)
+        yield oscillator(b1, (A, B), substeps, share, double, far, coupling="mean")
+
+
+def survey_mean(every):
+    for double in (False, True):
+        name = "double step" if double else "single steps"
+        radii = [radius(c) for c in mean_problems(int(double), 1200 // every, double)]
+        line(f"mean, random oscillators, {name}", radii)
+
+
+# ---- other ways to remove the drift, in the reference -----------------------------------------
+
+
+VARIANTS = {
+    "kept": None,
+    "shift with Mbar (V1)": "shift",
+    "projection of u with Mbar": "projection",
+    "g = -[u]/tau, tau = 20 dt": 20.0,
+    "g = -[u]/tau, tau = 5 dt": 5.0,
+}
+
+
+def of_reference(scheme, m, k, substeps, double=False):
+    parameters = {x: getattr(scheme, x) for x in ("am", "af", "beta", "gamma", "explicit")}
+    one = np.ones((1, 1))
+    return reference.Subdomain(m * one, k * one, **parameters, substeps=substeps, double=double)
+
+
+def steppers_of(b1, schemes, substeps, share, coupling):
+    mB = kA = 1.0 / (1.0 + b1)
+    dt = share * substeps * limit(mB, b1 * kA, schemes[1])
+    double = coupling == "pm"
+    A = of_reference(schemes[0], b1 * mB, kA, 1, double)
+    B = of_reference(schemes[1], mB, b1 * kA, substeps)
+    L = [np.ones((1, 1)), -np.ones((1, 1))]
+    if coupling == "macro":
+        return [reference.MacroStepper(s, Li, dt) for s, Li in zip((A, B), L)], L
+    steppers = [reference.Stepper(s, Li, dt, substeps) for s, Li in zip((A, B), L)]
+    for x in steppers:
+        x.begin_double_steps(None, "plain")
+    return steppers, L
+
+
+def gap_of(steppers, L):
+    return reference.jump(L, [x.states[-1].u for x in steppers])
+
+
+def feedback(steppers, L, variant):
+    """Prescribed velocities that close the gap in this number of macro steps, if it is a number."""
+    if not isinstance(variant, float):
+        return 0.0
+    return -gap_of(steppers, L) / (variant * steppers[0].dt)
+
+
+def fine_macro_step(steppers, L, Lam, variant):
+    """From macro time level 1 to 2 under pm or gc; the multipliers are no state."""
+    fine, H = steppers[0].fine, reference.interface_matrix(steppers)
+    g = feedback(steppers, L, variant)
+    for k in range(fine + 1, 2 * fine + 1):
+        for x in steppers:
+            x.open(k)
+        if variant == "shift" and k == 2 * fine:
+            reference.remove_drift(steppers, L, H, np.zeros(len(H)))
+        vf = reference.jump(L, [x.free_velocity(k) for x in steppers])
+        Lam = np.linalg.solve(H, g - vf)
+        for x in steppers:
+            x.close(k, Lam)
+    return Lam
+
+
+def macro_step(steppers, L, Lam, variant):
+    g = feedback(steppers, L, variant)
+    free = [x.free_macro_run(Lam) for x in steppers]
+    H = sum(x.L @ x.U[-1]["v"] for x in steppers)
+    right = g - reference.jump(L, [states[-1].v for states in free])
+    if variant != "shift":
+        dLam = np.linalg.solve(H, right)
+        for x, states in zip(steppers, free):
+            x.add_link_response(states, dLam)
+        return Lam + dLam
+    shifts = [x.step.shift() for x in steppers]
+    matrix = np.block(
+        [
+            [H, -sum(x.step.al2 * x.L @ Z for x, (_, Z) in zip(steppers, shifts))],
+            [
+                sum(x.L @ x.U[-1]["u"] for x in steppers),
+                sum(x.L @ (Y - x.step.al1 * Z) for x, (Y, Z) in zip(steppers, shifts)),
+            ],
+        ]
+    )
+    gap = reference.jump(L, [states[-1].u for states in free])
+    dLam, mu = np.split(np.linalg.solve(matrix, np.concatenate([right, -gap])), 2)
+    for x, states, (Y, Z) in zip(steppers, free, shifts):
+        x.add_link_response(states, dLam)
+        s, end = x.subdomain, x.states[-1]
+        x.states[-1] = replace(
+            end,
+            u=end.u + (Y - x.step.al1 * Z) @ mu,
+            v=end.v - x.step.al2 * Z @ mu,
+            w=end.w - Z @ mu,
+            a=end.a - (1.0 - s.af) / (1.0 - s.am) * Z @ mu,
+        )
+    return Lam + dLam
+
+
+def project(steppers, L):
+    """The gap at the end closed by Mbar^-1 L^T nu."""
+    Y = [x.step.solve(x.step.L.T) for x in steppers]
+    nu = np.linalg.solve(sum(Li @ y for Li, y in zip(L, Y)), -gap_of(steppers, L))
+    for x, y in zip(steppers, Y):
+        x.states[-1] = replace(x.states[-1], u=x.states[-1].u + y @ nu)
+
+
+def reference_radius(steppers, L, variant):
+    """Of the macro step, column by column."""
+    macro = isinstance(steppers[0], reference.MacroStepper)
+    take = macro_step if macro else fine_macro_step
+    counts = [2 if x.subdomain.double else 1 for x in steppers]
+    size = 5 * sum(counts) + 1
+    G = np.empty((size, size))
+    for column, unit in enumerate(np.eye(size)):
+        numbers = iter(unit)
+        for x, count in zip(steppers, counts):
+            ss = x.subdomain.substeps
+            kept = [
+                reference.State(0.0, *(np.array([next(numbers)]) for _ in range(5)))
+                for _ in range(count)
+            ]
+            x.states = [None] * (ss + 1 - count) + kept
+        Lam = take(steppers, L, np.array([next(numbers)]), variant)
+        if variant == "projection":
+            project(steppers, L)
+        ends = [x.states[len(x.states) - count :] for x, count in zip(steppers, counts)]
+        values = [
+            getattr(s, f) for states in ends for s in states for f in ("u", "v", "w", "a", "vf")
+        ]
+        G[:, column] = np.concatenate([*values, Lam if macro else np.zeros(1)])
+    return float(np.max(np.abs(np.linalg.eigvals(G))))
+
+
+def survey_variants(every):
+    pairs = ("rho 0", "rho 0.5", "rho 0.8", "trapezoidal, central")
+    problems = [*product(B1, SUBSTEPS, SHARES)][::every]
+    for (name, variant), coupling, pair in product(VARIANTS.items(), ("gc", "pm", "macro"), pairs):
+        radii = [
+            reference_radius(*steppers_of(b, PAIRS[pair], s, x, coupling), variant)
+            for b, s, x in problems
+        ]
+        line(f"{coupling}, {name}: {pair}", radii)
+
+
+SURVEYS = {
+    "oscillators": survey_oscillators,
+    "loops": survey_loops,
+    "mean": survey_mean,
+    "variants": survey_variants,
+}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("surveys", nargs="*", choices=[*SURVEYS, []], default=[*SURVEYS])
+    parser.add_argument("--few", action="store_true")
+    arguments = parser.parse_args()
+    warnings.simplefilter("ignore")
+    for name in arguments.surveys:
+        SURVEYS[name](4 if arguments.few else 1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,490 @@
+"""What each rank does in the tests of couplers in several processes (test_mpi.py).
+
+    mpiexec -n 3 python tests/on_ranks.py NAME
+
+Every rank asserts by itself and prints one line at the end; an assertion that fails ends all.
+"""
+
+import sys
+import traceback
+import warnings
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+sys.path.insert(0, str(Path(__file__).parent))
+import problems  # noqa: E402
+
+import pmalpha as pm  # noqa: E402
+
+WORLD = MPI.COMM_WORLD
+RANK, SIZE = WORLD.rank, WORLD.size
+
+
+def report(*words):
+    """One line of each rank, written by one of them."""
+    lines = WORLD.gather(" ".join(map(str, words)))
+    if RANK == 0:
+        print("\n".join(lines), flush=True)
+
+
+# ---- bitwise against one process ----------------------------------------------------------------
+
+
+def named(problem):
+    """The subdomains of a random problem with names, their constraints in names, and g."""
+    subdomains = []
+    for i, s in enumerate(problem.subdomains):
+        M, C, K = (None if A is None else f(A) for A, f in zip((s.M, s.C, s.K), s.forms))
+        arguments = dict(scheme=s.scheme, substeps=s.substeps, double_step=s.double)
+        arguments |= dict(force=s.force, restoring=s.restoring, u0=s.u0, v0=s.v0)
+        arguments |= dict(restoring_stiffness=s.K_r, restoring_damping=s.D_r)
+        arguments |= dict(damping="lagged" if s.lagged else "implicit", name=f"s{i}")
+        subdomains.append(pm.Subdomain(M, K, C, **arguments))
+    matrices = {f"s{i}": L for i, L in enumerate(problem.L) if L.any()}
+    return subdomains, matrices
+
+
+def own_part(count, rng):
+    """The subdomains of this rank: consecutive ones, possibly none."""
+    cuts = np.sort(rng.integers(0, count + 1, SIZE - 1))
+    first = np.concatenate([[0], cuts, [count]])
+    return slice(first[RANK], first[RANK + 1])
+
+
+def same(one, other, names):
+    for name in names:
+        for x in ("t", "u", "v", "a"):
+            np.testing.assert_array_equal(getattr(one[name], x), getattr(other[name], x))
+    arrays = "multipliers", "multiplier_times", "velocity_jump", "displacement_jump", "macro_times"
+    for x in arrays:
+        np.testing.assert_array_equal(getattr(one, x), getattr(other, x), err_msg=x)
+
+
+def compare(seed):
+    """Runs, steps, resets and snapshots of one problem. False where it cannot be distributed."""
+    rng = np.random.default_rng([seed, 7])
+    problem = problems.random_restored_problem(seed)
+    subdomains, matrices = named(problem)
+    moved = rng.random() < 0.3 and all(np.all(np.diag(s.M) > 0) for s in problem.subdomains)
+    velocity = None
+    if moved:
+        w = rng.normal(size=len(problem.L[0]))
+        kinds = [
+            lambda t: w * np.sin(3.0 * t),
+            pm.SampledForce(np.vstack([0.0 * w, w, -w]), 0.11),
+        ]
+        velocity = kinds[int(rng.integers(2))]
+    constraint = pm.Constraint(matrices, velocity)
+    coupling = ("pm", "gc", "macro", "mean")[int(rng.integers(4))]
+    linear = all(s.restoring is None for s in problem.subdomains)
+    if coupling == "mean" and not linear:
+        coupling = "pm"
+    for s in problem.subdomains:
+        if coupling in ("macro", "mean") and s.substeps > 1:
+            s.double = None
+    if coupling in ("macro", "mean"):
+        subdomains = named(problem)[0]
+    options = dict(dt=problem.dt, coupling=coupling, start=problem.start)
+    threads = int(rng.choice([1, 2]))
+    part = own_part(len(subdomains), rng)
+    names = [s.name for s in subdomains[part]]
+    refusal = None
+    try:
+        alone = pm.Coupler(subdomains, constraint, **options)
+    except ValueError as error:
+        refusal = error
+    try:
+        shared = pm.Coupler(subdomains[part], constraint, **options, comm=WORLD, threads=threads)
+    except (ValueError, pm.PmalphaError) as error:
+        assert refusal is not None or "with mass" in str(error), error
+        return False
+    assert refusal is None, refusal
+    every = [None, 2][int(rng.integers(2))]
+    for length in (7, 4):
+        one, other = shared.run(steps=length, every=every), alone.run(steps=length, every=every)
+        same(one, other, names)
+    present = shared.snapshot(), alone.snapshot()
+    for c in (shared, alone):
+        c.step(3)
+    np.testing.assert_array_equal(shared.multipliers, alone.multipliers)
+    for c, s in zip((shared, alone), present):
+        c.restore(s)
+    same(shared.run(steps=2), alone.run(steps=2), names)
+    for c in (shared, alone):
+        c.reset()
+    same(shared.run(steps=3, record={}), alone.run(steps=3, record={}), [])
+    for name in names:
+        for x in "uva":
+            a, b = (getattr(c.state(name), x) for c in (shared, alone))
+            np.testing.assert_array_equal(a, b)
+    return True
+
+
+def bitwise(first=0, count=40):
+    done = sum(compare(seed) for seed in range(int(first), int(first) + int(count)))
+    assert done > int(count) // 3, done  # the others have interface dofs without mass
+    report(f"{done} of {count} problems bitwise")
+
+
+def by_callable(first, count):
+    """The same with the exchange through Python, as where MPI cannot be called by address."""
+    from pmalpha.setup.ranks import Ranks
+
+    Ranks._address = lambda self: None
+    bitwise(first, count)
+
+
+def interpolated():
+    """Ties of meshes that do not match, three subdomains on one interface, prescribed motion."""
+    points = np.linspace(0.0, 1.0, 5)[:, None]
+    y = np.linspace(0.0, 1.0, 9)[:, None]
+    fine = np.hstack([0.0 * y, y])
+    coarse = np.hstack([0.0 * points, points])
+    K = {
+        n: np.diag(np.r_[1.0, np.full(n - 2, 2.0), 1.0]) - np.eye(n, k=1) - np.eye(n, k=-1)
+        for n in (5, 9)
+    }
+    rng = np.random.default_rng(3)
+    a = [
+        pm.Subdomain(
+            np.ones(n),
+            200.0 * K[n] + np.eye(n),
+            scheme=pm.GeneralizedAlpha(0.5, explicit=explicit),
+            substeps=substeps,
+            force=pm.SampledForce(rng.normal(size=(40, n)), 0.03),
+            name=name,
+        )
+        for n, name, explicit, substeps in (
+            (9, "fine", True, 6),
+            (5, "coarse", False, 1),
+            (9, "other", False, 3),
+        )
+    ]
+    edges = np.column_stack([np.arange(4), np.arange(1, 5)])
+    constraints = [
+        pm.interpolate("fine", fine, "coarse", coarse, edges),
+        pm.tie("fine", [0, 8], "other", [0, 8]),
+        pm.Constraint({"other": np.eye(1, 9, 4)}, lambda t: [np.sin(9.0 * t)]),
+    ]
+    for coupling in ("pm", "gc", "macro", "mean"):
+        alone = pm.Coupler(a, constraints, dt=0.02, coupling=coupling)
+        part = slice(
+            *[[0, 3, 3], [0, 1, 3], [0, 1, 2, 3], [0, 1, 1, 2, 3]][SIZE - 1][RANK : RANK + 2]
+        )
+        shared = pm.Coupler(a[part], constraints, dt=0.02, coupling=coupling, comm=WORLD)
+        one, other = shared.run(steps=30), alone.run(steps=30)
+        same(one, other, [s.name for s in a[part]])
+        assert np.abs(other.multipliers).max() > 0.1
+    report("interpolated")
+
+
+def files(folder):
+    """Checkpoints and files of a run, of which each rank has its own."""
+    folder = Path(folder)
+
+    def make():
+        return pm.Coupler([chain(3, f"r{RANK}", force=np.ones(3))], ties(), dt=0.01, comm=WORLD)
+
+    coupler, other = make(), make()
+    coupler.step(11)
+    coupler.save(folder / "state.npz")
+    other.load(folder / "state.npz")
+    assert other.step_count == 11
+    same(coupler.run(steps=9), other.run(steps=9), [f"r{RANK}"])
+    if RANK == SIZE - 1:
+        (folder / f"state.npz.{RANK}").write_bytes(b"damaged")
+    before = other.multipliers
+    one_of(ValueError, lambda bad: other.load(folder / "state.npz"), "state.npz")
+    assert other.step_count == 20 and np.array_equal(before, other.multipliers)
+
+    coupler, alone = make(), make()
+    recorded = coupler.run(steps=30, record_to=folder / "run.h5")
+    expected = alone.run(steps=30)
+    same(recorded, expected, [f"r{RANK}"])
+    WORLD.Barrier()
+    if RANK == 0:
+        whole = pm.History.load(folder / "run.h5")
+        assert [s.name for s in whole.subdomains] == [f"r{r}" for r in range(SIZE)]
+        np.testing.assert_array_equal(whole.multipliers, expected.multipliers)
+        np.testing.assert_array_equal(whole.displacement_jump, expected.displacement_jump)
+    for r, u in enumerate(WORLD.allgather(expected[f"r{RANK}"].u)):
+        if RANK == 0:
+            np.testing.assert_array_equal(whole[f"r{r}"].u, u)
+    one_of(
+        FileExistsError,
+        lambda bad: make().run(steps=3, record_to=folder / "run.h5"),
+        "exist",
+        everywhere=True,
+    )
+    report("files")
+
+
+def killed(folder):
+    """A rank that is killed while a file is written; test_mpi.py reads what is left."""
+    import os
+    import signal
+
+    def progress(done, total):
+        if RANK == SIZE - 1 and done > 2000:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    coupler = pm.Coupler([chain(3, f"r{RANK}")], ties(), dt=0.01, comm=WORLD)
+    coupler.run(steps=10_000_000, record_to=Path(folder) / "run.h5", every=100, progress=progress)
+
+
+# ---- errors of arguments ------------------------------------------------------------------------
+
+
+def one_of(kind, call, *words, failed=SIZE - 1, everywhere=False):
+    """An error of a call: of one rank, named on the others, or the same everywhere."""
+    try:
+        call(RANK == failed)
+    except (ValueError, TypeError, pm.PmalphaError, OSError) as error:
+        others = kind if everywhere or issubclass(kind, pm.PmalphaError) else pm.PmalphaError
+        assert type(error) is (kind if RANK == failed else others), repr(error)
+        assert all(word in str(error) for word in words), str(error)
+        assert everywhere or RANK == failed or f"rank {failed}: " in str(error), str(error)
+    else:
+        raise AssertionError(f"no error: {words}")
+
+
+def arguments():
+    """Wrong arguments on one rank raise on all, and nothing waits for ever."""
+
+    def make(dt=0.01, constraints=None, own=None, name=f"r{RANK}", **options):
+        own = [chain(3, name)] if own is None else own
+        return pm.Coupler(own, constraints or ties(), dt=dt, comm=WORLD, **options)
+
+    singular = pm.Subdomain([[1.0, 2], [2, 1]], np.eye(2), scheme=pm.Newmark(), name=f"r{RANK}")
+    one_of(ValueError, lambda bad: make(dt=-1.0 if bad else 0.01), "dt must be positive")
+    one_of(ValueError, lambda bad: make(coupling="pn" if bad else "pm"), "coupling must be")
+    one_of(TypeError, lambda bad: make(own=3 if bad else None), "subdomains must be a list")
+    one_of(ValueError, lambda bad: make(dt=0.02 if bad else 0.01), "dt, ", everywhere=True)
+    one_of(ValueError, lambda bad: make(name="x"), "names of subdomains", everywhere=True)
+    one_of(
+        ValueError, lambda bad: make(name="x" if bad else f"r{RANK}"), "must name", everywhere=True
+    )
+    one_of(
+        ValueError,
+        lambda bad: make(constraints=[pm.tie("r0", 2, "r1", int(bad))]),
+        "constraints must be the same on all ranks",
+        everywhere=True,
+    )
+    one_of(
+        pm.FactorizationError,
+        lambda bad: make(own=[singular] if bad else None, constraints=[pm.tie("r0", 0, "r1", 0)]),
+        f"'r{SIZE - 1}'",
+    )
+    internal = dict(internal=pm.CubicSpring([0], k=1.0, k3=1.0))
+    one_of(
+        ValueError,
+        lambda bad: make(own=[chain(3, f"r{RANK}", **(internal if bad else {}))]),
+        "internal forces need a Coupler without comm",
+    )
+    coupler = make()
+    one_of(ValueError, lambda bad: coupler.run(steps=3 + bad), "the call must be", everywhere=True)
+    one_of(ValueError, lambda bad: coupler.step(3 + bad), "the call must be", everywhere=True)
+    one_of(ValueError, lambda bad: coupler.run(steps=3, every=2 + bad), "the call", everywhere=True)
+    one_of(ValueError, lambda bad: coupler.run(1.0, energy=bad), "without comm")
+    one_of(ValueError, lambda bad: coupler.run(1.0, record={"x": None} if bad else None), "record")
+    one_of(ValueError, lambda bad: coupler.reset(u0={f"r{RANK}": [0.0] * (3 + bad)}), "u0")
+    one_of(
+        ValueError,
+        lambda bad: coupler.reset() if bad else coupler.step(),
+        "the call",
+        everywhere=True,
+    )
+    for refused in (coupler.static, coupler.assembled, lambda: coupler.modes(1)):
+        one_of(ValueError, lambda bad, f=refused: f(), "without comm", everywhere=True)
+    one_of(ValueError, lambda bad: coupler.run_each([{}], 1.0), "without comm", everywhere=True)
+    assert coupler.step_count == 0
+    noise = pm.Constraint({"r0": [[1.0, 0.0, 0.0]]}, lambda t: [(t > 0.05) * float(RANK)])
+    driven = make(constraints=[*ties(), noise])
+    one_of(
+        ValueError,
+        lambda bad: driven.run(1.0),
+        "a prescribed velocity must be the same on all ranks",
+        everywhere=True,
+    )
+    coupler.run(steps=2)
+    repr(coupler)
+    report("arguments")
+
+
+# ---- failures -----------------------------------------------------------------------------------
+
+
+class Broken(Exception):
+    """Raised by a function of the user's."""
+
+
+def chain(n, name, k=100.0, **options):
+    K = 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    options = dict(scheme=pm.GeneralizedAlpha(0.8), u0=np.full(n, 0.1)) | options
+    return pm.Subdomain(np.ones(n), k * K, name=name, **options)
+
+
+def ties(count=SIZE):
+    return [pm.tie(f"r{r}", 2, f"r{r + 1}", 0) for r in range(count - 1)]
+
+
+def expect(kind, *words):
+    """What the rank that failed raises, and what the others do."""
+
+    def check(error, failed):
+        if RANK != failed and not issubclass(kind, pm.PmalphaError):
+            assert type(error) is pm.PmalphaError, repr(error)
+        else:
+            assert type(error) is kind, repr(error)
+        if RANK != failed:
+            assert f"rank {failed}" in str(error), str(error)
+        assert all(word in str(error) for word in words if RANK == failed or word[0] != "-"), error
+
+    return check
+
+
+def fails_in(make, check, failed, coupling, step=None, runs=True):
+    """A run of 40 steps that `make(failed)` ends; all ranks are at the same step, and go on."""
+    options = dict(dt=0.01, coupling=coupling, comm=WORLD)
+    fine = {r: 4 if r == 0 else 1 for r in range(SIZE)}[RANK]
+    broken = make(RANK == failed)
+    coupler = pm.Coupler([chain(3, f"r{RANK}", substeps=fine, **broken)], ties(), **options)
+    try:
+        coupler.run(steps=400)
+    except BaseException as error:
+        check(error, failed)
+    else:
+        raise AssertionError("no error")
+    done = WORLD.allgather(coupler.step_count)
+    assert len(set(done)) == 1, done
+    if step is not None:
+        assert done[0] == step, done
+    history = coupler.last_history
+    assert history.macro_times.size == done[0] + 1, (history.macro_times.size, done)
+    everyone = WORLD.allgather(history.multipliers)
+    assert all(np.array_equal(everyone[0], other) for other in everyone)
+    return coupler, done[0]
+
+
+class Counted:
+    """A function of the user's that fails in one of its calls."""
+
+    def __init__(self, active, last, happens, value):
+        self.active, self.last, self.happens, self.calls, self.value = (
+            active,
+            last,
+            happens,
+            0,
+            value,
+        )
+
+    def __call__(self, *arguments):
+        self.calls += 1
+        if self.active and arguments[-1] > self.last:
+            self.active = False
+            return self.happens()
+        return self.value
+
+
+def broken():
+    raise Broken("the load is missing")
+
+
+def interrupt():
+    import os
+    import signal
+
+    os.kill(os.getpid(), signal.SIGINT)
+    return np.zeros(3)
+
+
+def load(failed, coupling):
+    """An exception of a load, which is evaluated ahead."""
+
+    def make(active):
+        return {"force": Counted(active, 0.1234, broken, np.ones(3))}
+
+    # times of the failure: the first substep that ends after 0.1234
+    fails_in(make, expect(Broken, "the load is missing"), failed, coupling, step=12)
+
+
+def restoring(failed, coupling):
+    """An exception in the middle of a step."""
+    if coupling == "mean":
+        return
+
+    def make(active):
+        return {"restoring": Counted(active, 0.1234, broken, np.zeros(3))}
+
+    coupler, step = fails_in(make, expect(Broken, "the load is missing"), failed, coupling, step=12)
+    rest = coupler.run(steps=28)  # it goes on, and bitwise as without the failure
+    alone = pm.Coupler(
+        [
+            chain(3, f"r{r}", substeps=4 if r == 0 else 1, restoring=lambda u, v, t: np.zeros(3))
+            for r in range(SIZE)
+        ],
+        ties(),
+        dt=0.01,
+        coupling=coupling,
+    )
+    alone.step(step)
+    same(rest, alone.run(steps=28), [f"r{RANK}"])
+
+
+def ctrl_c(failed, coupling):
+    def make(active):
+        return {"force": Counted(active, 0.1234, interrupt, np.ones(3))}
+
+    fails_in(make, expect(KeyboardInterrupt), failed, coupling)
+
+
+def not_a_number(failed, coupling):
+    def make(active):
+        def nan():
+            return np.full(3, np.nan)
+
+        return {"force": Counted(active, 0.1234, nan, np.ones(3))}
+
+    fails_in(make, expect(ValueError, "must be finite"), failed, coupling, step=12)
+
+
+def unstable(failed, coupling):
+    """A subdomain that explodes at one rank."""
+    if coupling in ("macro", "mean"):
+        return  # its interface matrix is then indefinite from the beginning
+
+    def make(active):
+        scheme = pm.GeneralizedAlpha(0.8, explicit=True)
+        return {"scheme": scheme, "k": 1e7 if active else 100.0}
+
+    def check(error, rank):
+        assert type(error) is pm.InstabilityError and error.step >= 1, repr(error)
+
+    coupler, step = fails_in(make, check, failed, coupling)
+    assert 1 < step < 400
+
+
+FAILURES = (load, restoring, ctrl_c, not_a_number, unstable)
+
+
+def failures(*options):
+    count = 0
+    for coupling in options or ("pm", "gc", "macro", "mean"):
+        for failure in FAILURES:
+            for failed in range(SIZE) if SIZE < 3 else [1]:
+                failure(failed, coupling)
+                WORLD.Barrier()
+                count += 1
+    report(count, "failures")
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore")
+    try:
+        globals()[sys.argv[1]](*sys.argv[2:])
+    except BaseException:
+        traceback.print_exc()
+        sys.stderr.flush()
+        WORLD.Abort(1)

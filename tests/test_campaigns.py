@@ -1,0 +1,25 @@
+"""A short form of each campaign."""
+
+import shutil
+import sys
+
+import campaign_memory
+import campaign_signals
+import pytest
+from campaign import tried
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")  # long runs with one step
+def test_ctrl_c_at_any_instant_leaves_the_last_macro_step_and_its_history():
+    counts = tried(campaign_signals.attempt, range(12))
+    # an interrupt after less than the duration of a call, on average, hits most calls
+    assert counts["moved"] > 50 and counts["not moved"] > 50
+
+
+@pytest.mark.skipif(
+    sys.platform != "linux" or not shutil.which("cc"), reason="needs a C compiler and LD_PRELOAD"
+)
+@pytest.mark.parametrize("kind", ["callbacks", "macro"])
+def test_an_allocation_that_fails_is_a_memory_error_and_changes_nothing(kind):
+    # the first forty of each call, and some of the others
+    assert "'MemoryError': " in campaign_memory.campaign([kind], stride=97, seconds=100)

@@ -1,0 +1,388 @@
+"""Several load cases in one call: each is bitwise the run after a reset, and nothing remains."""
+
+import signal
+import time
+import warnings
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from problems import random_problem
+from test_checkpoint import chain, coupler, snapshot
+from test_snapshot import nonlinear
+
+import pmalpha as pm
+
+DAMPED = pm.GeneralizedAlpha(0.5)
+
+
+def arrays_of(history):
+    """All numbers of a History, by name."""
+    found = {}
+    for x in history.subdomains:
+        if x is not None:
+            names = ("t", "u", "v", "a", "dofs", "deformation", "force", "iterations", "q")
+            found |= {(x.name, name): getattr(x, name, None) for name in names}
+            found |= {(x.name, "output", name): y for name, y in x.outputs.items()}
+    for name in ("multipliers", "multiplier_times", "velocity_jump", "displacement_jump"):
+        found[name] = getattr(history, name)
+    found["macro_times"] = history.macro_times
+    if history.energy is not None:
+        for name in ("t", "kinetic", "strain", "dissipated", "external", "interface", "balance"):
+            found["energy", name] = getattr(history.energy, name)
+    return {key: x for key, x in found.items() if x is not None}
+
+
+def require_equal(ours, theirs):
+    """Bitwise: the same operations in the same order, so that no tolerance is needed."""
+    x, y = arrays_of(ours), arrays_of(theirs)
+    assert x.keys() == y.keys()
+    for key in x:
+        assert x[key].shape == y[key].shape and x[key].dtype == y[key].dtype, key
+        assert x[key].tobytes() == y[key].tobytes(), key
+
+
+def one_by_one(c, cases, *arguments, **options):
+    histories = []
+    for case in cases:
+        c.reset(**case)
+        histories.append(c.run(*arguments, **options))
+    return histories
+
+
+def random_cases(c, count, seed=0):
+    """Loads of all kinds that the core evaluates, displacements and velocities at rest."""
+    rng = np.random.default_rng(seed)
+    cases = []
+    for k in range(count):
+        force = {}
+        for i, (name, s) in enumerate(c._keys):
+            values, shape = rng.standard_normal((30, 2)), rng.standard_normal((s.n, 2))
+            force[name] = (
+                pm.SampledForce(values, 0.07, shape),
+                pm.SampledForce(rng.standard_normal((5, s.n)), 0.11),
+                rng.standard_normal(s.n),
+                None,
+                pm.BaseAcceleration(values[:, 0], 0.13, np.ones(s.n), np.ones(s.n)),
+            )[(i + k) % 5]
+        cases.append({"force": force})
+    return cases
+
+
+# ---- equal to reset and run ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 9, 20])
+@pytest.mark.parametrize("coupling", ["pm", "gc", "macro", "mean"])
+def test_each_case_is_bitwise_the_run_after_a_reset(coupling, count):
+    substeps = 1 if coupling == "macro" else 4
+    ours, theirs = (coupler(coupling=coupling, substeps=substeps) for _ in range(2))
+    cases = random_cases(ours, count)
+    for x, y in zip(ours.run_each(cases, 1.2), one_by_one(theirs, cases, 1.2), strict=True):
+        require_equal(x, y)
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")  # dofs without mass
+@pytest.mark.parametrize("seed", range(40))
+def test_random_problems_run_bitwise_as_one_by_one(seed):
+    problem = random_problem(seed)
+    ours, theirs = problem.coupler(), problem.coupler()
+    cases = random_cases(ours, 5, seed)
+    for k, s in enumerate(s for _, s in ours._keys):  # velocities that all ties allow
+        cases[0].setdefault("v0", {})[k] = 0.0 * s.v0
+        cases[0].setdefault("u0", {})[k] = 0.0 * s.u0
+    expected = one_by_one(theirs, cases, steps=4)
+    for x, y in zip(ours.run_each(cases, steps=4), expected, strict=True):
+        require_equal(x, y)
+
+
+@pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
+def test_internal_forces_and_springs_run_bitwise_as_one_by_one(coupling):
+    ours, theirs = nonlinear(coupling), nonlinear(coupling)
+    cases = [{"force": {"a": [f, 0.0]}} for f in (0.0, 1.0, -2.0)]
+    for x, y in zip(ours.run_each(cases, steps=8), one_by_one(theirs, cases, steps=8)):
+        require_equal(x, y)
+
+
+def softened(coupling="pm", **options):
+    """Springs of all laws in an explicit and an implicit subdomain."""
+    M, K = chain(4)
+    laws = [
+        pm.Bilinear([(0, 1), (1, 3)], [60.0, 80.0], [0.4, 0.5], 0.1),
+        pm.Gap([2], 300.0, 0.01),
+        pm.BoucWen([(1, 2), (2, 3)], 50.0, 0.3, n=[1, 3]),
+        pm.CubicSpring([0], 10.0, 50.0),
+    ]
+    a = pm.Subdomain(M, K, scheme=DAMPED, restoring=laws, name="a")
+    free = K - 100.0 * np.eye(4)[:, [0]] @ np.eye(4)[[0]]
+    b = pm.Subdomain(
+        M, free, scheme=pm.CentralDifference(), substeps=4, restoring=laws[:3], name="b"
+    )
+    return pm.Coupler([a, b], pm.tie(a, [3], b, [0]), dt=0.02, coupling=coupling, **options)
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")
+@pytest.mark.parametrize("coupling", ["pm", "gc"])
+def test_springs_remember_their_own_case(coupling):
+    ours, theirs = softened(coupling), softened(coupling)
+    rng = np.random.default_rng(1)
+    cases = [
+        {"v0": {"a": [*rng.standard_normal(3), v], "b": [v, *rng.standard_normal(3)]}}
+        for v in rng.standard_normal(11)
+    ]
+    springs = {"a": None, "b": [0, 2, 4]}
+    expected = one_by_one(theirs, cases, steps=60, record_springs=springs)
+    found = ours.run_each(cases, steps=60, record_springs=springs)
+    for x, y in zip(found, expected, strict=True):
+        require_equal(x, y)
+    assert np.ptp(found[0]["a"].force[:, 1]) > 0.1  # they yield
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"record": {}},
+        {"record": {"a": [4, 1], "c": None}},
+        {"every": 3},
+        {"energy": True},
+        {"record": {"b": []}, "outputs": {"a": {"N": np.arange(6.0)}, "b": {"V": np.ones((2, 6))}}},
+        {"outputs": {"c": {"f": {"u": np.eye(6)[:2], "a": np.ones((2, 6))}}}, "every": 2},
+    ],
+)
+def test_what_is_recorded_is_that_of_single_runs(options):
+    ours, theirs = coupler(), coupler()
+    cases = random_cases(ours, 9)
+    expected = one_by_one(theirs, cases, steps=7, **options)
+    for x, y in zip(ours.run_each(cases, steps=7, **options), expected, strict=True):
+        require_equal(x, y)
+
+
+def test_a_prescribed_motion_is_that_of_every_case():
+    ours, theirs = coupler(moved=True), coupler(moved=True)
+    cases = random_cases(ours, 9)
+    expected = one_by_one(theirs, cases, steps=7)
+    for x, y in zip(ours.run_each(cases, steps=7), expected, strict=True):
+        require_equal(x, y)
+
+
+def test_a_callable_load_belongs_to_its_case():
+    ours, theirs = coupler(), coupler()
+    cases = random_cases(ours, 9)
+    for k in (0, 4, 8):
+        cases[k]["force"]["b"] = lambda t, k=k: np.full(6, np.sin((k + 1) * t))
+    expected = one_by_one(theirs, cases, steps=7)
+    for x, y in zip(ours.run_each(cases, steps=7), expected, strict=True):
+        require_equal(x, y)
+
+
+@pytest.mark.parametrize("coupling", ["pm", "gc", "macro", "mean"])
+def test_any_number_of_threads_and_any_grouping_give_bitwise_the_same(coupling):
+    cases = random_cases(coupler(), 21)
+    substeps = 1 if coupling == "macro" else 4
+    whole = coupler(coupling=coupling, substeps=substeps, threads=1).run_each(cases, steps=4)
+    for threads, size in ((2, 21), (3, 4), (1, 3)):
+        c = coupler(coupling=coupling, substeps=substeps, threads=threads)
+        parts = [c.run_each(cases[i : i + size], steps=4) for i in range(0, len(cases), size)]
+        for x, y in zip(whole, sum(parts, []), strict=True):
+            require_equal(x, y)
+
+
+# ---- the coupler itself --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("steps", [0, 1, 6])
+@pytest.mark.parametrize("force", [None, lambda t: np.full(6, np.cos(3.0 * t))])
+def test_the_coupler_is_as_before_and_its_run_continues_bitwise(steps, force):
+    ours, theirs = coupler(force=force), coupler(force=force)
+    other = {"force": {"c": np.ones(6)}}
+    for c in (ours, theirs):
+        c.reset(**other)
+        c.step(steps)
+    ours.run_each(random_cases(ours, 10), steps=5)
+    assert ours.step_count == steps
+    require_equal(ours.run(steps=5), theirs.run(steps=5))
+    assert snapshot(ours) == snapshot(theirs)
+
+
+def test_a_coupler_that_has_not_begun_has_not_begun_afterwards():
+    calls = []
+
+    def force(t):
+        calls.append(t)
+        return np.zeros(6)
+
+    ours = coupler(force=force)
+    ours.run_each([{"force": {"a": None}}] * 3, steps=2)
+    assert calls == []
+    assert ours.step_count == 0
+    require_equal(ours.run(steps=3), coupler(force=force).run(steps=3))
+
+
+def test_the_last_history_is_kept():
+    def breaking(t):
+        if t > 0.25:
+            raise ZeroDivisionError
+        return np.zeros(6)
+
+    ours = coupler(force=breaking)
+    with pytest.raises(ZeroDivisionError):
+        ours.run(steps=9)
+    before = ours.last_history
+    ours.run_each([{}] * 2, steps=2)
+    assert ours.last_history is before and ours.step_count == before.macro_times.size - 1
+
+
+# ---- cases that fail -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", [3, 10])
+def test_a_case_that_overflows_does_not_end_the_others(count):
+    ours, theirs = coupler(), coupler()
+    cases = random_cases(ours, count)
+    cases[1] = {"force": {"b": np.full(6, 1e308)}}
+    with pytest.raises(pm.CasesError, match=rf"1 of {count} cases.*cases\[1\]: Instab") as caught:
+        ours.run_each(cases, steps=6)
+    error = caught.value
+    assert error.failures.keys() == {1} and error.__cause__ is error.failures[1]
+    theirs.reset(**cases[1])
+    with pytest.raises(pm.InstabilityError) as single:
+        theirs.run(steps=6)
+    assert str(single.value) == str(error.failures[1])
+    require_equal(error.histories[1], theirs.last_history)
+    for k in {*range(count)} - {1}:
+        require_equal(error.histories[k], one_by_one(theirs, [cases[k]], steps=6)[0])
+    assert ours.step_count == 0 and ours.last_history is None
+
+
+def test_an_exception_of_a_load_is_a_failure_of_its_case():
+    def breaking(t):
+        raise ZeroDivisionError(f"at {t:g}")
+
+    ours = coupler()
+    with pytest.raises(pm.CasesError, match="ZeroDivisionError: at 0") as caught:
+        ours.run_each([{}, {"force": {"a": breaking}}, {}], steps=2)
+    assert [h is None for h in caught.value.histories] == [False, True, False]
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_ctrl_c_ends_cases_side_by_side(threads):
+    ours = coupler(threads=threads)
+    ours.step(3)
+    before = snapshot(ours)
+    handler = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    signal.setitimer(signal.ITIMER_REAL, 0.3)
+    begin = time.monotonic()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            ours.run_each([{}] * 24, steps=2_000_000_000, record={}, every=1_000_000_000)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, handler)
+    assert time.monotonic() - begin < 20.0  # it would take hours; the machine may be slow
+    assert snapshot(ours) == before
+
+
+def test_ctrl_c_ends_all_cases():
+    def stop(t):
+        raise KeyboardInterrupt
+
+    ours = coupler()
+    ours.step(3)
+    before = snapshot(ours)
+    with pytest.raises(KeyboardInterrupt):
+        ours.run_each([{}, {"force": {"a": stop}}, {}], steps=2)
+    assert snapshot(ours) == before
+
+
+# ---- wrong input: nothing begins -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "cases, options, error, message",
+    [
+        ({"force": None}, {}, TypeError, "cases must be a list of dicts, got {'force'"),
+        (3, {}, TypeError, "cases must be a list"),
+        ([{}, 3], {}, TypeError, r"cases\[1\] must be a dict .* got 3"),
+        ([{}, {"forces": {}}], {}, TypeError, r"cases\[1\] must have no other keys .* 'forces'"),
+        ([{"force": {"z": None}}], {}, ValueError, r"cases\[0\]: force: no subdomain 'z'"),
+        ([{}, {"force": {"a": [1.0]}}], {}, ValueError, r"cases\[1\]: force must"),
+        ([{"u0": {"a": [np.nan] * 6}}], {}, ValueError, r"cases\[0\]: u0 of 'a'"),
+        ([{"v0": {"a": np.ones(6)}}], {}, pm.ConstraintError, r"cases\[0\]: "),
+        ([{}], {"steps": None}, TypeError, "t_end or steps"),
+        ([{}], {"steps": -1}, ValueError, "steps"),
+        ([{}], {"every": 0}, ValueError, "every"),
+        ([], {"every": 0}, ValueError, "every"),
+        ([{}], {"record": {"z": None}}, ValueError, "record"),
+        ([{}], {"record_to": "x.h5"}, TypeError, "record_to must be a list of paths"),
+        ([{}, {}], {"record_to": ["x.h5"]}, ValueError, "one path for each of 2 cases, got 1"),
+        ([{}, {}], {"record_to": ["x", "x"]}, ValueError, "got one twice"),
+        ([{}], {"overwrite": True}, ValueError, "record_to"),
+        ([{}], {"progress": 3}, TypeError, "progress"),
+    ],
+)
+def test_wrong_input_is_refused_before_anything_begins(cases, options, error, message):
+    calls = []
+
+    def force(t):
+        calls.append(t)
+        return np.zeros(6)
+
+    ours = coupler(force=force)
+    with pytest.raises(error, match=message):
+        ours.run_each(cases, **({"steps": 2} | options))
+    assert calls == [] and ours.step_count == 0
+
+
+def test_a_file_for_each_case(tmp_path):
+    pytest.importorskip("h5py")
+    ours, theirs = coupler(), coupler()
+    cases = random_cases(ours, 3)
+    paths = [tmp_path / f"{k}.h5" for k in range(3)]
+    found = ours.run_each(cases, steps=5, record_to=paths)
+    for x, path, y in zip(found, paths, one_by_one(theirs, cases, steps=5), strict=True):
+        require_equal(x, y)
+        require_equal(pm.History.load(path), y)
+    with pytest.raises(FileExistsError):
+        ours.run_each(cases, steps=5, record_to=[tmp_path / "new.h5", *paths[1:]])
+    assert not (tmp_path / "new.h5").exists()
+    ours.run_each(cases[:1], steps=2, record_to=paths[:1], overwrite=True)
+    assert pm.History.load(paths[0]).macro_times.size == 3
+
+
+@pytest.mark.parametrize("count", [3, 10, 30])
+def test_progress_counts_the_steps_of_all_cases(count):
+    seen = []
+    coupler().run_each(
+        [{}] * count, steps=5, progress=lambda done, total: seen.append((done, total))
+    )
+    assert seen[-1] == (5 * count, 5 * count) and sorted(seen) == seen
+    with pytest.raises(ZeroDivisionError):
+        coupler().run_each([{}] * count, steps=5, progress=lambda done, total: 1 / 0)
+
+
+def test_warnings_are_those_of_single_runs():
+    coarse = pm.Subdomain([1.0], [40.0], scheme=pm.Newmark(), u0=[1.0], name="x")
+    ours = pm.Coupler([coarse], dt=0.1)
+    with pytest.warns(pm.AccuracyWarning):
+        ours.run_each([{}, {"u0": {"x": [2.0]}}], steps=200)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ours.run_each([{"u0": {"x": [0.0]}}] * 9, steps=200)
+
+
+@pytest.mark.parametrize("form", [np.asarray, sp.csr_array])
+@pytest.mark.parametrize("coupling", ["pm", "gc", "macro", "mean"])
+def test_unsymmetric_subdomains_run_bitwise_as_one_by_one(coupling, form):
+    M, K = chain(6)
+    spin = 2.0 * (np.eye(6, k=1) - np.eye(6, k=-1))  # gyroscopic
+    follow = np.zeros((6, 6))
+    follow[4, 5] = -5.0
+    options = {"scheme": DAMPED, "symmetric": False}
+    a = pm.Subdomain(M, form(K + follow), form(spin), **options, name="a")
+    b = pm.Subdomain(M, K, scheme=DAMPED, substeps=2, name="b")
+    ours, theirs = (
+        pm.Coupler([a, b], pm.tie(a, [0], b, [5]), dt=0.02, coupling=coupling) for _ in range(2)
+    )
+    cases = random_cases(ours, 9)
+    for x, y in zip(ours.run_each(cases, 0.2), one_by_one(theirs, cases, 0.2), strict=True):
+        require_equal(x, y)

@@ -1,0 +1,110 @@
+"""Couplers in several processes, by mpiexec; what each rank does is in on_ranks.py."""
+
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pmalpha as pm
+
+HERE = Path(__file__).parent
+LIMIT = 300  # seconds: nothing waits for ever
+
+
+def mpiexec():
+    """The one beside this Python, of a wheel, or that of the system."""
+    own = Path(sys.executable).with_name("mpiexec")
+    return str(own) if own.exists() else shutil.which("mpiexec")
+
+
+needs_mpi = pytest.mark.skipif(
+    importlib.util.find_spec("mpi4py") is None or mpiexec() is None,
+    reason="needs mpi4py and mpiexec: pip install mpi4py mpich",
+)
+
+
+def command(ranks, *arguments):
+    """Program and environment of a call of on_ranks.py, on as many ranks as are wanted."""
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(HERE.parent), os.environ.get("PYTHONPATH", "")]),
+        # Open MPI: more ranks than processors, and as root in a container
+        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+        "OMPI_MCA_rmaps_base_oversubscribe": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    }
+    words = [mpiexec(), "-n", ranks, sys.executable, HERE / "on_ranks.py", *arguments]
+    return [str(word) for word in words], environment
+
+
+def run(ranks, *arguments):
+    """The lines that the ranks have printed."""
+    words, environment = command(ranks, *arguments)
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=LIMIT)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout.split("\n")[:-1]
+
+
+@needs_mpi
+@pytest.mark.parametrize("ranks, first", [(1, 0), (2, 10), (3, 20), (4, 30)])
+def test_any_number_of_ranks_is_bitwise_one_process(ranks, first):
+    lines = run(ranks, "bitwise", first, 7)
+    assert len(lines) == ranks and all(re.fullmatch(r"\d of 7 .*", line) for line in lines)
+
+
+@needs_mpi
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_interpolated_ties_and_prescribed_motion_too(ranks):
+    assert run(ranks, "interpolated") == ["interpolated"] * ranks
+
+
+@needs_mpi
+def test_a_wrong_argument_on_one_rank_raises_on_all():
+    assert run(3, "arguments") == ["arguments"] * 3
+
+
+@needs_mpi
+@pytest.mark.parametrize("ranks, couplings", [(2, ["pm", "gc", "macro", "mean"]), (3, ["pm"])])
+def test_a_failure_on_any_rank_ends_the_run_on_all_at_the_same_step(ranks, couplings):
+    # 5 kinds of failure, each on both ranks, or on one of three
+    count = 5 * (2 if ranks == 2 else 1) * len(couplings)
+    assert run(ranks, "failures", *couplings) == [f"{count} failures"] * ranks
+
+
+@needs_mpi
+def test_ranks_save_and_load_their_own_files(tmp_path):
+    pytest.importorskip("h5py")
+    assert run(2, "files", tmp_path) == ["files"] * 2
+
+
+@needs_mpi
+def test_the_callable_exchange_is_bitwise_too():
+    lines = run(2, "by_callable", 50, 6)
+    assert len(lines) == 2
+
+
+@needs_mpi
+def test_after_a_kill_of_a_rank_the_files_can_be_read(tmp_path):
+    pytest.importorskip("h5py")
+    words, environment = command(2, "killed", tmp_path)
+    done = subprocess.run(words, env=environment, capture_output=True, timeout=LIMIT)
+    assert done.returncode != 0
+    for rank in range(2):
+        history = pm.History.load(tmp_path / f"run.h5.{rank}")
+        assert history.macro_times.size > 1
+        assert np.all(np.isfinite(history[f"r{rank}"].u))
+    whole = pm.History.load(tmp_path / "run.h5")
+    assert whole["r0"].t.size == whole["r1"].t.size == whole.macro_times.size
+
+
+def test_a_communicator_is_one_of_mpi4py():
+    a = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), name="a")
+    with pytest.raises((TypeError, ImportError), match="mpi4py"):
+        pm.Coupler([a], dt=0.1, comm="world")

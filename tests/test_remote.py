@@ -1,0 +1,194 @@
+"""Functions of other processes, and what can happen to them."""
+
+import socket
+import struct
+import sys
+import threading
+import time
+from queue import Queue
+
+import numpy as np
+import pytest
+
+import pmalpha as pm
+from pmalpha import remote
+
+TWICE = "from pmalpha.remote import serve; serve(lambda x: 2.0 * x, timeout=20.0)"
+
+
+@pytest.fixture
+def served():
+    """Serves functions in threads; yields a function that makes a client of one."""
+    threads, clients, results = [], [], []
+
+    def client(function, timeout=10.0, **options):
+        ports = Queue()
+
+        def run():
+            try:
+                results.append(remote.serve(function, announce=ports.put, **options))
+            except OSError as error:
+                results.append(error)
+
+        threads.append(threading.Thread(target=run))
+        threads[-1].start()
+        clients.append(remote.Client(("127.0.0.1", ports.get()), timeout=timeout, name="the rig"))
+        return clients[-1]
+
+    client.results = results
+    yield client
+    for each in clients:
+        each.close()
+    for thread in threads:
+        thread.join(20.0)
+        assert not thread.is_alive()
+
+
+def test_numbers_and_arrays_come_back_unchanged(served):
+    client = served(lambda *x: x)
+    sent = np.pi, np.arange(6.0).reshape(2, 3), [np.nan, -np.inf, -0.0, 5e-324], np.zeros((0, 3))
+    for one, other in zip(sent, client(*sent), strict=True):
+        assert other.dtype == np.float64 and other.shape == np.shape(one)
+        assert other.tobytes() == np.asarray(one, dtype=np.float64).tobytes()
+    big = np.random.default_rng(0).standard_normal(300_000)  # many pieces of the stream
+    np.testing.assert_array_equal(client(big), big)
+    assert client(3).shape == () and client.number == 3
+    assert repr(client) == "<Client of the rig, 3 calls>"
+    client.close()
+
+
+def test_the_number_of_calls_is_returned(served):
+    client = served(lambda: 1.0)
+    assert [client(), client()] == [1.0, 1.0]
+    client.close()
+    while not served.results:
+        time.sleep(0.01)
+    assert served.results == [2]
+
+
+def test_a_served_specimen_gives_the_run_of_a_local_one(served):
+    def specimen(u, v, t):
+        return 4.0 * u + 0.1 * v**3
+
+    def run(restoring):
+        mass = pm.Subdomain([1.0], None, scheme=pm.Newmark(), restoring=restoring, u0=[1.0])
+        return pm.solve(mass, 0.01, 0.5).u
+
+    np.testing.assert_array_equal(run(served(specimen)), run(specimen))
+
+
+def test_an_exception_of_the_function_is_raised_here_and_the_next_call_is_served(served):
+    client = served(lambda x: np.sqrt(x) if x >= 0.0 else (_ for _ in ()).throw(ValueError("no")))
+    with pytest.raises(remote.RemoteError, match="the rig at call 1: ValueError: no"):
+        client(-1.0)
+    assert client(4.0) == 2.0
+    assert issubclass(remote.RemoteError, pm.PmalphaError)
+
+
+def test_what_no_message_can_have_is_refused_on_both_sides(served):
+    client = served(lambda x: "text")
+    with pytest.raises(TypeError, match="only real numbers and arrays of them can be sent, got 'a"):
+        client("a")
+    with pytest.raises(remote.RemoteError, match="only real numbers and arrays of them"):
+        client(1.0)
+    with pytest.raises(ValueError, match="up to 255 arrays, got 256"):
+        client(*range(256))
+    assert client.number == 1
+
+
+def test_a_late_reply_is_a_timeout_and_then_skipped(served):
+    released = threading.Event()
+
+    def slow(x):
+        if x == 1.0:
+            released.wait(10.0)
+        return x
+
+    client = served(slow, timeout=0.2)
+    with pytest.raises(TimeoutError, match="no reply of the rig to call 1"):
+        client(1.0)
+    released.set()
+    assert client(2.0) == 2.0
+
+
+def test_a_server_that_dies_is_named():
+    with remote.started([sys.executable, "-c", TWICE]) as (address, process):
+        client = remote.Client(address, name="the rig")
+        assert client(2.0) == 4.0
+        process.kill()
+        process.wait()
+        with pytest.raises(ConnectionError, match="the rig was lost at call 2"):
+            client(2.0)
+        client.close()
+
+
+def test_a_program_ends_when_its_client_has_closed():
+    with remote.started([sys.executable, "-c", TWICE]) as (address, process):
+        with remote.Client(address) as client:
+            np.testing.assert_array_equal(client([1.0, 2.0]), [2.0, 4.0])
+    assert process.returncode == 0
+
+
+def test_a_program_without_a_port_is_refused(tmp_path):
+    (tmp_path / "other.py").write_text("print('hello')")
+    with pytest.raises(ConnectionError, match="must print its port first, got b'hello'"):
+        with remote.started([tmp_path / "other.py"]):
+            pass
+
+
+def test_a_silent_client_is_a_timeout():
+    ports, errors = Queue(), []
+
+    def run():
+        try:
+            remote.serve(lambda: 1.0, timeout=0.2, announce=ports.put)
+        except TimeoutError as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    with socket.create_connection(("127.0.0.1", ports.get())):
+        thread.join(10.0)
+    assert len(errors) == 1
+
+
+HEAD = struct.Struct("!4sBQB")
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        b"GET / HTTP/1.1\r\n\r\n",  # its first bytes are a huge length
+        struct.pack("!Q", 3) + b"abc",
+        struct.pack("!Q", HEAD.size) + HEAD.pack(b"else", 0, 1, 0),
+        struct.pack("!Q", HEAD.size) + HEAD.pack(b"pmr1", 9, 1, 0),
+        struct.pack("!Q", HEAD.size) + HEAD.pack(b"pmr1", 0, 1, 1),  # an array that is not there
+        struct.pack("!Q", HEAD.size + 9) + HEAD.pack(b"pmr1", 0, 1, 1) + b"\x01" + b"\xff" * 8,
+        struct.pack("!Q", HEAD.size + 1) + HEAD.pack(b"pmr1", 0, 1, 1) + b"\xff",
+        struct.pack("!Q", 100) + b"half a message",
+    ],
+)
+def test_a_stranger_makes_the_server_neither_execute_nor_allocate(sent):
+    ports, found, called = Queue(), [], []
+
+    def run():
+        try:
+            remote.serve(lambda *x: called.append(x), timeout=10.0, announce=ports.put)
+        except Exception as error:
+            found.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    with socket.create_connection(("127.0.0.1", ports.get())) as stranger:
+        stranger.sendall(sent)
+        stranger.shutdown(socket.SHUT_WR)
+        thread.join(10.0)
+    assert not thread.is_alive() and not called
+    assert [type(error) for error in found] == [ConnectionError]
+
+
+def test_without_a_server_there_is_no_client():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        address = taken.getsockname()
+    with pytest.raises(ConnectionError):
+        remote.Client(address)
