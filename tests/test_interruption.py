@@ -9,9 +9,11 @@ import pytest
 import threadpoolctl
 
 import pmalpha as pm
+from pmalpha._core import Guard
 from pmalpha.blas import one_thread
 from pmalpha.run.callback import CallbackLoad
 from pmalpha.run.clock import Clock
+from pmalpha.run.interrupts import HeldSignals
 
 STEPS = 100
 
@@ -140,3 +142,27 @@ def test_blas_has_its_threads_again_after_couplers_of_two_threads(two_blas_threa
     for u in results:
         np.testing.assert_array_equal(u, results[0])
     assert set(blas_threads()) == {2}
+
+
+def test_signals_held_by_a_context_that_was_never_left_are_passed_on_after_its_guard(interrupt):
+    guard = Guard()
+    with guard:
+        held = HeldSignals(guard)
+        held.__enter__()
+        interrupt(1e-4)
+        while not held._arrived:
+            pass
+    # as after an exception on entering its __exit__: the guard alone has been left
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGALRM)
+    with guard, pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGALRM)
+
+
+def test_signals_wait_until_the_context_is_left(interrupt):
+    guard = Guard()
+    reached = False
+    with guard, pytest.raises(KeyboardInterrupt), HeldSignals(guard):
+        signal.raise_signal(signal.SIGALRM)
+        reached = True
+    assert reached

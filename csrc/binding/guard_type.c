@@ -9,13 +9,16 @@
 
 typedef struct {
     PyObject_HEAD
-    atomic_bool busy;
+    atomic_ulong turns; /* entries and exits so far: odd inside */
 } GuardObject;
 
 static PyObject *guard_enter(GuardObject *self, PyObject *ignored)
 {
     (void)ignored;
-    if (atomic_exchange(&self->busy, true)) {
+    unsigned long turns = atomic_load(&self->turns);
+    while (turns % 2 == 0 && !atomic_compare_exchange_weak(&self->turns, &turns, turns + 1)) {
+    }
+    if (turns % 2 != 0) {
         PyErr_SetString(PyExc_RuntimeError,
                         "the coupler is being stepped: a load, a restoring force or another thread "
                         "may not use it meanwhile");
@@ -27,8 +30,14 @@ static PyObject *guard_enter(GuardObject *self, PyObject *ignored)
 static PyObject *guard_exit(GuardObject *self, PyObject *ignored)
 {
     (void)ignored;
-    atomic_store(&self->busy, false);
+    atomic_fetch_add(&self->turns, 1);
     Py_RETURN_NONE;
+}
+
+static PyObject *guard_turns(GuardObject *self, void *closure)
+{
+    (void)closure;
+    return PyLong_FromUnsignedLong(atomic_load(&self->turns));
 }
 
 static void guard_dealloc(GuardObject *self)
@@ -44,11 +53,17 @@ static PyMethodDef guard_methods[] = {
     {NULL, NULL, 0, NULL},
 };
 
+static PyGetSetDef guard_getset[] = {
+    {"turns", (getter)guard_turns, NULL, "Entries and exits so far: odd inside.", NULL},
+    {NULL, NULL, NULL, NULL, NULL},
+};
+
 static PyType_Slot guard_slots[] = {
     {Py_tp_doc, "A context that one call at a time can be in; a second one is a RuntimeError."},
     {Py_tp_new, PyType_GenericNew},
     {Py_tp_dealloc, guard_dealloc},
     {Py_tp_methods, guard_methods},
+    {Py_tp_getset, guard_getset},
     {0, NULL},
 };
 

@@ -159,6 +159,7 @@ class Cases:
     _was_reset: bool
     _last_history: History | None
     _entered: Any
+    _guard: Any
     _recording: Any
     _run: Any
     _judge: Any
@@ -393,7 +394,7 @@ class Cases:
         try:
             self._return_to_start(plan.cases[k])
             recording = self._recording(0, plan.end, plan.paths[k], **plan.chosen)
-            with HeldSignals() as held:
+            with HeldSignals(self._guard) as held:
                 results.histories[k] = self._run(recording, report, held)
         except Exception as error:
             if report is not None and report.failed:

@@ -10,6 +10,7 @@ from .._checks import time_step, whole_number
 from ..problem.subdomain import Subdomain
 from ..setup.assembly import Assemblies, Assembly, Layout
 from ..setup.schedule import double_steps, finest
+from . import history_file
 from .advance import advance
 from .checkpoint import damaged
 from .clock import Clock
@@ -19,7 +20,7 @@ from .keys import by_index
 from .loads import Loads
 from .progress import Report, reporting
 from .recording import Recording
-from .tolerance import Controller, Pieces, checked_file, checked_tolerance, chosen_run, write
+from .tolerance import Controller, Pieces, checked_file, checked_tolerance, chosen_run
 from .transfer import Steps, follow_energies, moves, take_over
 
 
@@ -32,6 +33,7 @@ class Changes:
     _started: bool
     _last_history: History | None
     _entered: Any
+    _guard: Any
     _require_alone: Any
     _ranks: Any
     _steps_done: Any
@@ -139,7 +141,7 @@ class Changes:
         self, tolerance: Any, end: tuple, chosen: dict[str, Any], files: tuple, progress: Any
     ) -> History:
         """`Coupler.run` with a tolerance."""
-        with self._entered(), HeldSignals() as held:
+        with self._entered(), HeldSignals(self._guard) as held:
             tolerances = checked_tolerance(tolerance, self.coupling, self._keys)
             path, begin = checked_file(*files), self._steps_done()
             last = self._clock.end(*end, begin)
@@ -148,7 +150,7 @@ class Changes:
             with reporting(progress, begin, last) as report:
                 history = chosen_run(self, controller, pieces, last, report, held)
             if path is not None:
-                write(path, history)
+                history_file.write(path, *history.contents())
         self._last_history = None
         return history
 

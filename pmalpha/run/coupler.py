@@ -377,7 +377,7 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
             chosen |= dict(record_springs=record_springs, outputs=outputs)
             files = record_to, append, overwrite
             return self._run_with_tolerance(tolerance, (t_end, steps), chosen, files, progress)
-        with self._together(), HeldSignals() as held:
+        with self._together(), HeldSignals(self._guard) as held:
             begin = self._steps_done()
             end = self._clock.end(t_end, steps, begin)
             self._check_call("run", end, every)

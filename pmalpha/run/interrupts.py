@@ -8,6 +8,7 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
+from .._core import Guard
 
 # Signals whose handlers are written in Python in practice; to ask for all 64 takes 0.1 ms.
 _NAMES = ("SIGINT", "SIGTERM", "SIGALRM", "SIGHUP", "SIGQUIT", "SIGUSR1", "SIGUSR2", "SIGXCPU")
@@ -21,9 +22,14 @@ class HeldSignals:
     context it is called only inside `during` and at the end; the signals that arrived before are
     then those that it is called with. It is without effect in threads other than the main one,
     which run no handlers.
+
+    It stands inside of `guard`. Python can raise KeyboardInterrupt on entering any function, here
+    `__exit__` too; handlers that were not restored therefore pass signals on as soon as the guard,
+    which is C, has been left.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, guard: Guard) -> None:
+        self._guard, self._turn = guard, guard.turns
         self.through = False  # handlers are called at once
         self._handlers: dict[int, Callable[[int, FrameType | None], Any]] = {}
         self._arrived: list[tuple[int, FrameType | None]] = []
@@ -57,7 +63,7 @@ class HeldSignals:
             self.through = False
 
     def _hold(self, number: int, frame: FrameType | None) -> None:
-        if self.through:
+        if self.through or self._guard.turns != self._turn:
             self._handlers[number](number, frame)
         else:
             self._arrived.append((number, frame))

@@ -14,11 +14,11 @@ from ..errors import AccuracyWarning, warn
 from ..files import check_replaceable, checked_path
 from ..problem.subdomain import Subdomain
 from ..setup.part import Part
-from . import history_file
 from .accuracy import errors_of
 from .appending import check_new
 from .energy import Energy, summed_works
 from .history import History, SubdomainHistory
+from .history_file import hdf5_library
 from .interrupts import HeldSignals
 from .joining import stacked
 from .keys import by_index
@@ -285,13 +285,9 @@ def checked_file(record_to: str | PathLike | None, append: bool, overwrite: bool
         if overwrite:
             raise ValueError("overwrite must come with record_to, got record_to=None")
         return None
-    history_file.hdf5_library()
+    hdf5_library()
     check_replaceable(record_to)
     path = checked_path(record_to)
     if not overwrite:
         check_new(path)
     return path
-
-
-def write(path: Any, history: History) -> None:
-    history_file.write(path, *history.contents())
