@@ -21,6 +21,10 @@ import pmalpha as pm  # noqa: E402
 WORLD = MPI.COMM_WORLD
 RANK, SIZE = WORLD.rank, WORLD.size
 
+# by the names in which test_mpi.py gives them
+COUPLINGS = {name: dict(coupling=name) for name in ("pm", "gc", "macro", "mean")}
+COUPLINGS["tied"] = dict(coupling="gc", drift="removed")
+
 
 def report(*words):
     """One line of each rank, written by one of them."""
@@ -41,6 +45,7 @@ def named(problem):
         arguments |= dict(force=s.force, restoring=s.restoring, u0=s.u0, v0=s.v0)
         arguments |= dict(restoring_stiffness=s.K_r, restoring_damping=s.D_r)
         arguments |= dict(damping="lagged" if s.lagged else "implicit", name=f"s{i}")
+        arguments |= dict(symmetric=s.symmetric)
         subdomains.append(pm.Subdomain(M, K, C, **arguments))
     matrices = {f"s{i}": L for i, L in enumerate(problem.L) if L.any()}
     return subdomains, matrices
@@ -62,10 +67,23 @@ def same(one, other, names):
         np.testing.assert_array_equal(getattr(one, x), getattr(other, x), err_msg=x)
 
 
+def same_energies(own, whole, part):
+    """The energies of the subdomains of this rank, and of all of them their sums."""
+    assert own.arrays().keys() == whole.arrays().keys()
+    for name, x in whole.arrays().items():
+        np.testing.assert_array_equal(own.arrays()[name], x[:, part], err_msg=name)
+    balance = np.hstack(WORLD.allgather(own.balance))
+    np.testing.assert_array_equal(balance.sum(axis=1), whole.balance.sum(axis=1))
+
+
 def compare(seed):
     """Runs, steps, resets and snapshots of one problem. False where it cannot be distributed."""
     rng = np.random.default_rng([seed, 7])
-    problem = problems.random_restored_problem(seed)
+    draw = problems.random_restored_problem
+    if rng.random() < 0.3:
+        problem = problems.random_unsymmetric_problem(seed, draw)
+    else:
+        problem = draw(seed)
     subdomains, matrices = named(problem)
     moved = rng.random() < 0.3 and all(np.all(np.diag(s.M) > 0) for s in problem.subdomains)
     velocity = None
@@ -86,7 +104,8 @@ def compare(seed):
             s.double = None
     if coupling in ("macro", "mean"):
         subdomains = named(problem)[0]
-    options = dict(dt=problem.dt, coupling=coupling, start=problem.start)
+    drift = "removed" if coupling == "gc" and rng.random() < 0.7 else "kept"
+    options = dict(dt=problem.dt, coupling=coupling, start=problem.start, drift=drift)
     threads = int(rng.choice([1, 2]))
     part = own_part(len(subdomains), rng)
     names = [s.name for s in subdomains[part]]
@@ -103,8 +122,11 @@ def compare(seed):
     assert refusal is None, refusal
     every = [None, 2][int(rng.integers(2))]
     for length in (7, 4):
-        one, other = shared.run(steps=length, every=every), alone.run(steps=length, every=every)
+        chosen = dict(steps=length, every=every, energy=bool(rng.random() < 0.7))
+        one, other = shared.run(**chosen), alone.run(**chosen)
         same(one, other, names)
+        if chosen["energy"]:
+            same_energies(one.energy, other.energy, part)
     present = shared.snapshot(), alone.snapshot()
     for c in (shared, alone):
         c.step(3)
@@ -168,12 +190,12 @@ def interpolated():
         pm.tie("fine", [0, 8], "other", [0, 8]),
         pm.Constraint({"other": np.eye(1, 9, 4)}, lambda t: [np.sin(9.0 * t)]),
     ]
-    for coupling in ("pm", "gc", "macro", "mean"):
-        alone = pm.Coupler(a, constraints, dt=0.02, coupling=coupling)
+    for coupling in COUPLINGS:
+        alone = pm.Coupler(a, constraints, dt=0.02, **COUPLINGS[coupling])
         part = slice(
             *[[0, 3, 3], [0, 1, 3], [0, 1, 2, 3], [0, 1, 1, 2, 3]][SIZE - 1][RANK : RANK + 2]
         )
-        shared = pm.Coupler(a[part], constraints, dt=0.02, coupling=coupling, comm=WORLD)
+        shared = pm.Coupler(a[part], constraints, dt=0.02, **COUPLINGS[coupling], comm=WORLD)
         one, other = shared.run(steps=30), alone.run(steps=30)
         same(one, other, [s.name for s in a[part]])
         assert np.abs(other.multipliers).max() > 0.1
@@ -200,12 +222,16 @@ def files(folder):
     assert other.step_count == 20 and np.array_equal(before, other.multipliers)
 
     coupler, alone = make(), make()
-    recorded = coupler.run(steps=30, record_to=folder / "run.h5")
-    expected = alone.run(steps=30)
+    recorded = coupler.run(steps=30, record_to=folder / "run.h5", energy=True)
+    expected = alone.run(steps=30, energy=True)
     same(recorded, expected, [f"r{RANK}"])
+    energies = {name: WORLD.allgather(x) for name, x in expected.energy.arrays().items()}
     WORLD.Barrier()
     if RANK == 0:
         whole = pm.History.load(folder / "run.h5")
+        assert whole.substeps.shape == (31, SIZE)
+        for name, x in whole.energy.arrays().items():
+            np.testing.assert_array_equal(x, np.hstack(energies[name]))
         assert [s.name for s in whole.subdomains] == [f"r{r}" for r in range(SIZE)]
         np.testing.assert_array_equal(whole.multipliers, expected.multipliers)
         np.testing.assert_array_equal(whole.displacement_jump, expected.displacement_jump)
@@ -218,6 +244,16 @@ def files(folder):
         "exist",
         everywhere=True,
     )
+
+    # all subdomains on the last rank
+    names = [f"r{r}" for r in range(SIZE)]
+    own = [chain(3, name) for name in names] if RANK == SIZE - 1 else []
+    coupler = pm.Coupler(own, ties(), dt=0.01, comm=WORLD)
+    coupler.run(steps=3, record_to=folder / "one.h5", energy=True)
+    WORLD.Barrier()
+    whole = pm.History.load(folder / "one.h5")
+    assert [s.name for s in whole.subdomains] == names
+    assert whole.energy.balance.shape == (4, SIZE)
     report("files")
 
 
@@ -287,7 +323,7 @@ def arguments():
     one_of(ValueError, lambda bad: coupler.run(steps=3 + bad), "the call must be", everywhere=True)
     one_of(ValueError, lambda bad: coupler.step(3 + bad), "the call must be", everywhere=True)
     one_of(ValueError, lambda bad: coupler.run(steps=3, every=2 + bad), "the call", everywhere=True)
-    one_of(ValueError, lambda bad: coupler.run(1.0, energy=bad), "without comm")
+    one_of(ValueError, lambda bad: coupler.run(1.0, energy=bad), "the call", everywhere=True)
     one_of(ValueError, lambda bad: coupler.run(1.0, record={"x": None} if bad else None), "record")
     one_of(ValueError, lambda bad: coupler.reset(u0={f"r{RANK}": [0.0] * (3 + bad)}), "u0")
     one_of(
@@ -347,7 +383,7 @@ def expect(kind, *words):
 
 def fails_in(make, check, failed, coupling, step=None, runs=True):
     """A run of 40 steps that `make(failed)` ends; all ranks are at the same step, and go on."""
-    options = dict(dt=0.01, coupling=coupling, comm=WORLD)
+    options = dict(dt=0.01, **COUPLINGS[coupling], comm=WORLD)
     fine = {r: 4 if r == 0 else 1 for r in range(SIZE)}[RANK]
     broken = make(RANK == failed)
     coupler = pm.Coupler([chain(3, f"r{RANK}", substeps=fine, **broken)], ties(), **options)
@@ -427,7 +463,7 @@ def restoring(failed, coupling):
         ],
         ties(),
         dt=0.01,
-        coupling=coupling,
+        **COUPLINGS[coupling],
     )
     alone.step(step)
     same(rest, alone.run(steps=28), [f"r{RANK}"])
@@ -471,7 +507,7 @@ FAILURES = (load, restoring, ctrl_c, not_a_number, unstable)
 
 def failures(*options):
     count = 0
-    for coupling in options or ("pm", "gc", "macro", "mean"):
+    for coupling in options or COUPLINGS:
         for failure in FAILURES:
             for failed in range(SIZE) if SIZE < 3 else [1]:
                 failure(failed, coupling)

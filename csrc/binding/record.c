@@ -223,10 +223,6 @@ static int take_energy(CouplerObject *self, PyObject *obj, int64_t end, pma_reco
     bool all = true;
     if (obj == Py_None)
         return 0;
-    if (self->processes) {
-        PyErr_SetString(PyExc_ValueError, "energy must be None with several processes");
-        return -1;
-    }
     if (pma_take_array(obj, NPY_DOUBLE, 3, shape, "energy", NULL, &array) < 0)
         return -1;
     for (npy_intp i = 0; i < shape[1]; i++)

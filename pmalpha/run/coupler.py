@@ -198,8 +198,6 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         check_word(coupling, "coupling", get_args(Coupling))
         check_word(start, "start", get_args(Start))
         check_drift(drift, coupling)
-        if drift == "removed":
-            self._require_alone('drift="removed"')
         check_newton(newton)
         self._threads_allowed = most_threads(threads)
         check_factorize(factorize)
@@ -209,7 +207,7 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         names = names_of(everything)
         rows = checked_constraints(constraints, everything, names)
         if ranks is not None:
-            require_equal_problems(ranks, rows, (clock.dt, coupling, start))
+            require_equal_problems(ranks, rows, (clock.dt, coupling, start, drift))
         substeps = tuple(s.substeps for s in everything)
         fine = finest(substeps, coupling)
         self._keys = tuple(zip(names[own], subdomains))
@@ -380,7 +378,7 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         with self._together(), HeldSignals(self._guard) as held:
             begin = self._steps_done()
             end = self._clock.end(t_end, steps, begin)
-            self._check_call("run", end, every)
+            self._check_call("run", end, every, energy)
             recording = self._recording(
                 begin,
                 end,
@@ -410,8 +408,9 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         **chosen: Any,
     ) -> Recording:
         """The arrays of a run between two macro steps; `chosen` are arguments of `run`."""
+        energy, conserved = flag(energy, "energy"), None
         if energy:
-            self._require_alone("energy=True")
+            conserved = conserved_quantity(self._parts, self._options, self._ranks)
         record_to = self._own_record(record_to, append, overwrite)
         make = recording_class(record_to, append=append, overwrite=overwrite)
         return make(
@@ -423,8 +422,8 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
             begin=begin,
             end=end,
             clock=self._clock,
-            energy=flag(energy, "energy"),
-            conserved=conserved_quantity(self._parts, self._options),
+            energy=energy,
+            conserved=conserved,
             **chosen,
         )
 
@@ -435,7 +434,7 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         """
         self._last_history = None
         held.during(self._start)
-        energies = recording.energy_columns > 0, recording.conserved
+        energies = recording.has_energy, recording.conserved
         with summed_works(self, *energies), recording:
             self._record_present(recording)
             try:

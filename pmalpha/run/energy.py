@@ -13,6 +13,7 @@ from .._checks import counted
 from ..problem.matrices import core_matrix, is_symmetric, skew_part
 from ..problem.schemes import Scheme
 from ..setup.part import Part
+from ..setup.ranks import Ranks, joined
 
 __all__ = ["Energy"]
 
@@ -109,21 +110,30 @@ class Energy:
         return f"<Energy of {subdomains} at {counted(self.t.size, 'time level')}>"
 
 
-def conserved_quantity(parts: Sequence[Part], options: Mapping[str, Any]) -> str | None:
+def conserved_quantity(
+    parts: Sequence[Part], options: Mapping[str, Any], ranks: Ranks | None = None
+) -> str | None:
     """Which quantity is conserved: "dual" for (M9), "energy" for kinetic + strain, or None."""
-    for part in parts:
-        s = part.subdomain
-        newmark = s.scheme.gamma == 0.5 and s.scheme.am == s.scheme.af  # then a = w
-        if not newmark or part.double or s.restoring is not None or s.internal is not None:
-            return None
-        if not is_symmetric(s.K):
-            return None
+    found = [
+        (_conserves(part), stiffness_weight(part.subdomain.scheme, 1.0) == 0.0, part.substeps)
+        for part in parts
+    ]
+    conserves, trapezoidal, substeps = zip(*joined(ranks, found))
+    if not all(conserves):
+        return None
     if options["coupling"] == "mean":
-        trapezoidal = all(stiffness_weight(part.subdomain.scheme, 1.0) == 0.0 for part in parts)
-        return "energy" if trapezoidal else None
-    equal = len({part.substeps for part in parts}) == 1
+        return "energy" if all(trapezoidal) else None
+    equal = len(set(substeps)) == 1
     kept = options["drift"] == "kept"
     return "dual" if kept and (equal or options["coupling"] == "macro") else None
+
+
+def _conserves(part: Part) -> bool:
+    """A linear subdomain with a Newmark scheme and single steps, whose matrices are symmetric."""
+    s = part.subdomain
+    newmark = s.scheme.gamma == 0.5 and s.scheme.am == s.scheme.af  # then a = w
+    linear = s.restoring is None and s.internal is None
+    return newmark and linear and not part.double and is_symmetric(s.K)
 
 
 def stiffness_weight(scheme: Scheme, h: float) -> float:

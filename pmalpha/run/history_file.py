@@ -322,6 +322,7 @@ def _of_all_ranks(
     for key in ("names", "recorded", "steps", "outputs"):
         whole[key] = []
     arrays: dict[str, np.ndarray] = {}
+    columns: dict[str, list[np.ndarray]] = {}  # of arrays with a column for each subdomain
     for header, own in found:
         count = len(whole["names"])
         whole["recorded"] += [count + i for i in header["recorded"]]
@@ -332,8 +333,11 @@ def _of_all_ranks(
             if name in header["nodes"]:
                 levels = header["nodes"][name]
                 x = x[: row_count(header["begin"], step, header["every"], levels)]
-            arrays.setdefault(f"{count + int(number)}.{rest}" if rest else name, x)
-    return whole, arrays
+            if name == "substeps" or number == "energy":
+                columns.setdefault(name, []).append(x)
+            else:
+                arrays.setdefault(f"{count + int(number)}.{rest}" if rest else name, x)
+    return whole, arrays | {name: np.hstack(own) for name, own in columns.items()}
 
 
 def _arrays(whole: Any, header: Mapping[str, Any], content: np.ndarray) -> dict[str, np.ndarray]:

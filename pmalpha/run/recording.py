@@ -84,6 +84,7 @@ class Recording:
         self.outputs = chosen_outputs(outputs, self.keys)
         self.dofs = chosen_dofs(record, self.keys, self.outputs)
         self.springs = chosen_springs(record_springs, self.keys, self.dofs)
+        self.has_energy = energy
         self.energy_columns = len(parts) * len(ENERGIES) if energy else 0
         self.steps_in_memory = self._steps_in_memory()
         advice = "choose dofs with record= or fewer time levels with every="
@@ -200,7 +201,7 @@ class Recording:
                     tuple(self.memories[i].get(name) for name in OF_INTERNAL),
                 )
         interface = self.multipliers, self.velocity_jump, self.displacement_jump
-        energy = self._energies(self.energy) if self.energy_columns else None
+        energy = self._energies(self.energy) if self.has_energy else None
         return (self.begin, self.every or 0, tuple(selections), *interface, energy)
 
     def _energies(self, rows: np.ndarray) -> np.ndarray:
@@ -237,7 +238,7 @@ class Recording:
             displacement_jump=self._in_users_order(self.displacement_jump[:macro]),
             macro_times=self.times(1, end),
             keys=self.keys,
-            energy=self._energy_history(macro, end) if self.energy_columns else None,
+            energy=self._energy_history(macro, end) if self.has_energy else None,
             substeps=np.tile([part.substeps for part in self.parts], (macro, 1)),
         )
 
@@ -301,7 +302,7 @@ class FiledRecording(Recording):
         # all that before the start evaluates a restoring force, on a test rig say
         check_replaceable(path)
         if append and self.path.exists():
-            if self.energy_columns:
+            if self.has_energy:
                 raise ValueError(f"append must come without energies: {WORKS}")
             self.earlier = EarlierRows(self.path, self.begin)
         elif not overwrite:
@@ -354,7 +355,7 @@ class FiledRecording(Recording):
                 count = len(self.outputs[i].sizes) if self.outputs[i] else 0
                 levels |= {output_array(i, k): part.substeps for k in range(count)}
         fields = ENERGY_FIELDS if self.conserved is None else (*ENERGY_FIELDS, "conserved")
-        return levels | {f"energy.{name}": 1 for name in fields if self.energy_columns}
+        return levels | {f"energy.{name}": 1 for name in fields if self.has_energy}
 
     def keep(self, end: int) -> None:
         if end > self.begin:

@@ -239,8 +239,8 @@ class Assemblies:
             return others | {"doubled": doubled_part(parts, p, self.ranks)}
         if not self.tied:
             return others
-        warn_of_growth(parts)
-        return {"gap": gap_factors(parts, p)}
+        warn_of_growth(parts, self.ranks)
+        return others | {"gap": gap_factors(parts, p, self.ranks)}
 
     def _mass(self, part: Part) -> Factor:
         """The factor of M for mean coupling."""
@@ -261,7 +261,7 @@ class Assemblies:
             return unit, unit
         start = layout.spans_change  # whose assembly takes the first macro step alone
         matrix = interface_matrix(parts, p, start=start, ranks=self.ranks)
-        options = dict(superlu=self.superlu, symmetric=is_symmetric_sum(parts))
+        options = dict(superlu=self.superlu, symmetric=is_symmetric_sum(parts, self.ranks))
         H = interface_factor(matrix, self.rows, **options)
         if self.coupling == "macro":
             warn_of_resonance(matrix, H, parts, self.row_position, self.ranks)

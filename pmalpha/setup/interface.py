@@ -42,9 +42,9 @@ def _pattern(part: Part) -> Block | None:
     return diagonal_compliance(np.ones(part.n), abs(part.L).sign())
 
 
-def is_symmetric_sum(parts: Sequence[Part]) -> bool:
-    """Whether the sum of the blocks of these subdomains is symmetric."""
-    return all(part.symmetric for part in parts)
+def is_symmetric_sum(parts: Sequence[Part], ranks: Ranks | None = None) -> bool:
+    """Whether the sum of the blocks of these subdomains, of all processes, is symmetric."""
+    return all(joined(ranks, [part.symmetric for part in parts]))
 
 
 def interface_matrix(

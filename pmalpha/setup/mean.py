@@ -97,5 +97,5 @@ def doubled_part(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> A
     blocks = joined(
         ranks, [_of_old(part) for part in parts if part.double and part.internal is None]
     )
-    own = is_symmetric_sum(parts)
+    own = is_symmetric_sum(parts, ranks)
     return core_matrix(summed(blocks, p), symmetric=own) if blocks else None

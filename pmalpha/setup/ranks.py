@@ -233,8 +233,6 @@ def described(ranks: Ranks, own: Sequence[Subdomain]) -> list[Any]:
                 f"internal forces need a Coupler without comm, got them in {s!r}; restoring forces "
                 "are possible with comm"
             )
-        if not s.symmetric:
-            raise ValueError(f"symmetric=False needs a Coupler without comm, got it in {s!r}")
     sent = [Described(s.name, s.n, s.substeps, s.scheme, s.double_step) for s in own]
     found = ranks.share(sent)
     ranks.first = np.cumsum([0] + [len(x) for x in found]).astype(np.int64)
@@ -247,7 +245,7 @@ def described(ranks: Ranks, own: Sequence[Subdomain]) -> list[Any]:
 
 def require_equal_problems(ranks: Ranks, rows: Sequence[Any], options: tuple) -> None:
     """ValueError unless constraints and options are the same on all ranks."""
-    ranks.require_equal("dt, coupling and start", options)
+    ranks.require_equal("dt, coupling, start and drift", options)
     parts = [
         (i, L.indptr, L.indices, L.data) for row in rows for i, L in sorted(row.matrices.items())
     ]

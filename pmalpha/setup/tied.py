@@ -8,7 +8,7 @@ shifts change velocities, and S_mu is not symmetric.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,11 +21,13 @@ from ..blas import one_thread
 from ..errors import FactorizationError, PerformanceWarning, StabilityWarning, warn
 from ..memory import require
 from ..problem.matrices import Matrix, core_sparse, dense
+from ..problem.schemes import Scheme
 from .compliance import Block, constraints_of, own_rows
 from .factors import LOST
 from .interface import interface_matrix, is_symmetric_sum, summed
 from .macro import ABSURD, LONG, RATE
 from .part import Part
+from .ranks import Ranks, joined
 
 # The largest spectral radius at infinity of implicit schemes beside any explicit scheme, and the
 # range of rho in which explicit and implicit schemes were stable together.
@@ -51,19 +53,27 @@ def check_tied(parts: Sequence[Part]) -> None:
         )
 
 
-def warn_of_growth(parts: Sequence[Part]) -> None:
+class _Stepped(NamedTuple):
+    """How a subdomain, possibly of another process, is stepped."""
+
+    name: str
+    scheme: Scheme
+    substeps: int
+
+
+def warn_of_growth(parts: Sequence[Part], ranks: Ranks | None = None) -> None:
     """StabilityWarning for schemes with which steps were found to grow; docs/couplings.md."""
-    substeps = {part.substeps for part in parts}
-    explicit = [part for part in parts if part.subdomain.scheme.explicit]
-    coarse = [part for part in explicit if part.substeps < max(substeps)]
-    rhos = [getattr(part.subdomain.scheme, "rho", 1.0) for part in explicit]
+    own = [_Stepped(part.name, part.subdomain.scheme, part.substeps) for part in parts]
+    everything = joined(ranks, own)
+    substeps = {s.substeps for s in everything}
+    explicit = [s for s in everything if s.scheme.explicit]
+    coarse = [s for s in explicit if s.substeps < max(substeps)]
+    rhos = [getattr(s.scheme, "rho", 1.0) for s in explicit]
     alike = all(LEAST_ALIKE <= rho <= MOST_ALIKE for rho in rhos)
     beside = MOST_ALIKE if alike else MOST_BESIDE
     most = ROUNDING + (beside if explicit else MOST_ALONE)
     undamped = [
-        part
-        for part in parts
-        if not part.subdomain.scheme.explicit and part.subdomain.scheme.radius_at_infinity() > most
+        s for s in everything if not s.scheme.explicit and s.scheme.radius_at_infinity() > most
     ]
     if coarse:
         _warn("explicit subdomains with fewer substeps than others", coarse)
@@ -75,8 +85,8 @@ def warn_of_growth(parts: Sequence[Part]) -> None:
         _warn(what, undamped, f"; rho <= {MOST_ALONE:g} in all but one of them is safe")
 
 
-def _warn(what: str, parts: Sequence[Part], advice: str = "") -> None:
-    names = listing([repr(part.name) for part in parts])
+def _warn(what: str, subdomains: Sequence[_Stepped], advice: str = "") -> None:
+    names = listing([repr(s.name) for s in subdomains])
     warn(
         f'drift="removed" can be unstable with {what} ({names}){advice}; coupling="mean" has no '
         "drift without it",
@@ -84,7 +94,7 @@ def _warn(what: str, parts: Sequence[Part], advice: str = "") -> None:
     )
 
 
-def gap_factors(parts: Sequence[Part], p: int) -> tuple:
+def gap_factors(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> tuple:
     """The factors L U of S_mu, equation (V4), for the core.
 
     Parameters
@@ -93,6 +103,8 @@ def gap_factors(parts: Sequence[Part], p: int) -> tuple:
         With their factors and objects of the core, single steps.
     p : int
         Number of constraints.
+    ranks : Ranks, optional
+        The sums are over the subdomains of all processes.
 
     Raises
     ------
@@ -103,13 +115,16 @@ def gap_factors(parts: Sequence[Part], p: int) -> tuple:
     """
     if p == 0:
         return lu_factors(np.empty(0), 0)
-    al1, al2 = np.array([part.subdomain.scheme.coefficients(part.h) for part in parts]).T
-    G = [scaled(part.block(False), 1.0 / a) for part, a in zip(parts, al2)]  # L Y
+    found = [(*part.subdomain.scheme.coefficients(part.h), part.block(False)) for part in parts]
+    al1, al2, blocks = zip(*joined(ranks, found))
+    al1, al2 = np.array(al1), np.array(al2)
+    G = [scaled(block, 1.0 / a) for block, a in zip(blocks, al2)]  # L Y
     if np.ptp(al1 / al2) <= 4.0 * np.finfo(float).eps * np.max(al1 / al2):
         return lu_factors(summed(G, p), p)
     check_work(parts)
-    N = [shifts(part) for part in parts]  # L Z
-    H = interface_matrix(parts, p, start=False)
+    symmetric = is_symmetric_sum(parts, ranks)
+    N = joined(ranks, [shifts(part) for part in parts])  # L Z
+    H = interface_matrix(parts, p, start=False, ranks=ranks)
     A = summed([scaled(g, a) for g, a in zip(G, al1)], p)
     B = summed([scaled(n, a) for n, a in zip(N, al2)], p)
     D = summed([*G, *(scaled(n, -a) for n, a in zip(N, al1))], p)
@@ -119,7 +134,7 @@ def gap_factors(parts: Sequence[Part], p: int) -> tuple:
         return lu_factors(sp.block_array([[H, -_sparse(B)], [_sparse(A), _sparse(D)]]), p)
     require(6.0 * 8.0 * p**2, f"the displacement constraints of {counted(p, 'constraint')}")
     with one_thread():
-        kind = "pos" if is_symmetric_sum(parts) else "gen"
+        kind = "pos" if symmetric else "gen"
         S = dense(D) + dense(A) @ dense_solution(H, dense(B), assume_a=kind)
     return lu_factors(S, p)
 

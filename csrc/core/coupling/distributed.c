@@ -3,12 +3,17 @@
  * To be read with fine.c: between the stages of a fine step the processes meet. */
 #include "coupling/schedule.h"
 
-/* The free velocity at the end of every substep that has begun. */
-static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, pma_piece *pieces)
+size_t pma_fine_pieces(const pma_coupled *m, pma_piece *pieces)
 {
-    (void)c;
     pieces[0] = (pma_piece){.kind = PMA_FREE_VELOCITY, .j = m->now.j + 1};
     return m->now.phase == 1 ? 1 : 0;
+}
+
+static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
+                               pma_piece *pieces)
+{
+    (void)c, (void)round;
+    return pma_fine_pieces(m, pieces);
 }
 
 /* No member is left beside the fine steps, in which all processes meet. */

@@ -7,13 +7,13 @@
 #include "member/remote.h"
 
 /* The rounds of a macro step, in their order: one for each interface problem, and where a time
- * level is recorded one for the jumps there; one after (S3); at last all agree to commit. PRESENT
- * is that before the first macro step of a call. */
+ * level is recorded one for the jumps there; two more for tied displacements; one after (S3); at
+ * last all agree to commit. PRESENT is that before the first macro step of a call. */
 typedef enum { PRESENT, INTERFACE, JUMP, REBASED, AGREEMENT } round;
 
 struct pma_exchange {
     pma_exchange_parts parts;
-    size_t solved;        /* interface problems in this macro step */
+    size_t solved;        /* rounds INTERFACE in this macro step */
     bool jumped, rebased; /* is the round after the last of them done? */
     bool ended;           /* all know that something failed, or that nothing did */
     size_t failed;        /* the first rank in which it did */
@@ -56,11 +56,15 @@ size_t pma_coupler_failed_rank(const pma_coupler *c)
 
 /* ---- which round is next, and what is sent in it -------------------------------------------- */
 
-/* Is the time level of the last interface problem? */
+/* Is the fine step of the last interface problem solved, and its end recorded? */
 static bool is_recorded(const pma_coupler *c)
 {
-    return c->record && c->parts.p > 0 &&
-           pma_recorder_row(c, c->exchange->solved, c->fine) != PMA_NO_ROW;
+    const size_t solved = c->exchange->solved, fine = c->fine;
+    if (!c->record || c->parts.p == 0 || solved == 0)
+        return false;
+    if (solved >= fine && solved < fine + c->parts.schedule->more_rounds)
+        return false;
+    return pma_recorder_row(c, solved < fine ? solved : fine, fine) != PMA_NO_ROW;
 }
 
 static bool changes_over(const pma_coupler *c)
@@ -71,9 +75,9 @@ static bool changes_over(const pma_coupler *c)
 static round next_round(const pma_coupler *c)
 {
     const pma_exchange *x = c->exchange;
-    if (x->solved > 0 && !x->jumped && is_recorded(c))
+    if (!x->jumped && is_recorded(c))
         return JUMP;
-    if (x->solved < c->fine)
+    if (x->solved < c->fine + c->parts.schedule->more_rounds)
         return INTERFACE;
     return changes_over(c) && !x->rebased ? REBASED : AGREEMENT;
 }
@@ -95,7 +99,7 @@ static size_t pieces_of(const pma_coupler *c, const pma_coupled *m, round now, p
         pieces[2] = (pma_piece){.kind = PMA_DISPLACEMENT, .j = 0};
         return 3;
     case INTERFACE:
-        return c->parts.schedule->interface_pieces(c, m, pieces);
+        return c->parts.schedule->interface_pieces(c, m, c->exchange->solved + 1, pieces);
     case JUMP:
         return jump_pieces(c, m, pieces);
     case REBASED:
@@ -149,12 +153,13 @@ static void receive(const pma_coupler *c, round now, size_t rank)
 {
     const pma_exchange_parts *x = &c->exchange->parts;
     pma_piece pieces[PMA_MOST_PIECES];
+    const bool moves = now == INTERFACE && c->exchange->solved < c->fine;
     const double *next = x->all + x->starts[rank] + 1;
     for (int64_t i = x->first[rank]; i < x->first[rank + 1]; i++) {
         const pma_coupled *m = &c->coupled[i];
         const size_t count = pieces_of(c, m, now, pieces), nb = interface_size(&m->member);
         for (size_t k = 0; k < count; k++, next += nb)
-            pma_remote_receive(m->member.self, pieces[k].kind, pieces[k].j, now == INTERFACE, next);
+            pma_remote_receive(m->member.self, pieces[k].kind, pieces[k].j, moves, next);
     }
 }
 

@@ -187,10 +187,11 @@ void pma_macro_move_to_end(pma_coupler *c)
 }
 
 /* The velocity at the end of the free run */
-static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, pma_piece *pieces)
+static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
+                               pma_piece *pieces)
 {
     const size_t substeps = m->member.substeps;
-    (void)c;
+    (void)c, (void)round;
     pieces[0] = (pma_piece){.kind = substeps > 1 ? PMA_VELOCITY : PMA_FREE_VELOCITY, .j = substeps};
     return 1;
 }

@@ -214,8 +214,10 @@ void pma_mean_record(pma_coupler *c)
 }
 
 /* The displacement at the end of the free run, and where a velocity is prescribed the present one */
-static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, pma_piece *pieces)
+static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
+                               pma_piece *pieces)
 {
+    (void)round;
     pieces[0] = (pma_piece){.kind = PMA_DISPLACEMENT, .j = m->member.substeps};
     pieces[1] = (pma_piece){.kind = PMA_DISPLACEMENT, .j = 0};
     return c->parts.motion_count > 0 ? 2 : 1;

@@ -22,7 +22,7 @@ typedef struct {
     double *velocity_jump;     /* rows x p */
     double *displacement_jump; /* rows x p, of macro time levels */
     double *energy;            /* rows x subdomains x PMA_ENERGIES, of macro time levels; or NULL.
-                                  Of subdomains whose energy is summed up alone */
+                                  With a column for each subdomain whose energy is summed up */
 } pma_record;
 
 /* The row of time level j = 1..levels inside macro step `macro` (counted from 0), or PMA_NO_ROW. */

@@ -86,14 +86,25 @@ static void write_interface(const pma_coupler *c, bool deferred)
         velocity_jump(c, c->record->velocity_jump + row * p);
 }
 
+static bool is_observed(const pma_coupled *m)
+{
+    const pma_member *member = &m->member;
+    return member->table->is_observed && member->table->is_observed(member->self);
+}
+
 /* Of macro time level `macro`: the present or the end of the macro step at hand. */
 static void write_energy(const pma_coupler *c, const pma_record *record, size_t macro, size_t row)
 {
-    double *out = record->energy + row * c->parts.count * PMA_ENERGIES;
+    size_t observed = 0;
+    for (size_t i = 0; i < c->parts.count; i++)
+        observed += is_observed(&c->coupled[i]);
+    double *out = record->energy + row * observed * PMA_ENERGIES;
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
-        if (member->table->is_observed && member->table->is_observed(member->self))
-            member->table->energy(member->self, macro * member->substeps, out + i * PMA_ENERGIES);
+        if (!is_observed(&c->coupled[i]))
+            continue;
+        member->table->energy(member->self, macro * member->substeps, out);
+        out += PMA_ENERGIES;
     }
 }
 

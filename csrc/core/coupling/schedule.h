@@ -105,10 +105,13 @@ struct pma_schedule {
     pma_status (*prepare)(pma_coupler *c, const pma_iteration_parts *parts);
     /* Records the accelerations that no state has, of the present; NULL if there are none. */
     void (*record_present)(const pma_coupler *c, const pma_record *record);
-    /* Members in other processes: what the interface problem at hand needs of a member, its number
-     * returned; every member where it is at interface problem k; does (S3) apply? */
-    size_t (*interface_pieces)(const pma_coupler *c, const pma_coupled *m, pma_piece *pieces);
+    /* Members in other processes: what a round (1, 2, ... in a macro step) needs of a member, their
+     * number returned: one for each interface problem and `more_rounds` after the last one; every
+     * member where it is in round k; does (S3) apply? */
+    size_t (*interface_pieces)(const pma_coupler *c, const pma_coupled *m, size_t round,
+                               pma_piece *pieces);
     void (*move_to)(pma_coupler *c, size_t k);
+    size_t more_rounds;
     bool rebases;
 };
 
@@ -228,6 +231,9 @@ void pma_mean_record_present(const pma_coupler *c, const pma_record *record);
 /* The largest number of substeps; PMA_BAD_SIZE unless it is a multiple of all others. */
 size_t pma_fine_instants(const pma_coupler_parts *parts);
 pma_status pma_fine_check(const pma_coupler_parts *parts);
+
+/* Members in other processes: the free velocity at the end of every substep that has begun. */
+size_t pma_fine_pieces(const pma_coupled *m, pma_piece *pieces);
 
 /* The free problem of a substep, and the link problem under working.lam. */
 pma_status pma_fine_open(pma_coupler *c, pma_coupled *m);

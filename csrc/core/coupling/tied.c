@@ -64,6 +64,23 @@ static void find_shift(pma_coupler *c)
     c->unpolled += c->parts.gap.entries;
 }
 
+static pma_status solve(pma_coupler *c)
+{
+    const pma_status status = c->exchange ? pma_exchange_interface(c) : PMA_OK;
+    return status == PMA_OK ? pma_fine_solve(c) : status;
+}
+
+/* (V1), (V2), (V4), and the interface problem once more */
+static pma_status shift_all(pma_coupler *c)
+{
+    pma_status status = c->exchange ? pma_exchange_interface(c) : PMA_OK;
+    if (status != PMA_OK)
+        return status;
+    find_shift(c);
+    status = pma_share(c, shift, is_any);
+    return status == PMA_OK ? solve(c) : status;
+}
+
 static pma_status fine_step(pma_coupler *c)
 {
     if (c->k == 1)
@@ -71,16 +88,13 @@ static pma_status fine_step(pma_coupler *c)
     memcpy(c->sums, c->k == 1 ? c->present.g : c->working.g, c->parts.p * sizeof(double));
     pma_status status = pma_fine_begin(c);
     if (status == PMA_OK)
-        status = pma_fine_solve(c);
+        status = solve(c);
     move_gap(c, c->sums);
-
-    if (status == PMA_OK && c->k == c->fine) {
-        find_shift(c);
-        status = pma_share(c, shift, is_any); /* (V1), (V2) */
-        if (status == PMA_OK)
-            status = pma_fine_solve(c);
-    }
-    return status == PMA_OK ? pma_fine_end(c) : status;
+    if (status == PMA_OK && c->k == c->fine)
+        status = shift_all(c);
+    if (status == PMA_OK)
+        status = pma_fine_end(c);
+    return status == PMA_OK && c->exchange ? pma_exchange_jumps(c) : status;
 }
 
 static pma_status fine_steps(pma_coupler *c)
@@ -88,5 +102,28 @@ static pma_status fine_steps(pma_coupler *c)
     return pma_fine_steps(c, fine_step);
 }
 
-const pma_schedule pma_tied_schedule = {
-    .check = check, .instants = pma_fine_instants, .duty = duty, .step = fine_steps};
+/* In the last fine step also the displacements that are expected, and the free velocities once they
+ * are shifted. */
+static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
+                               pma_piece *pieces)
+{
+    if (round <= c->fine)
+        return pma_fine_pieces(m, pieces);
+    const bool shifted = round > c->fine + 1;
+    pieces[0] = (pma_piece){.kind = shifted ? PMA_FREE_VELOCITY : PMA_EXPECTED_DISPLACEMENT,
+                            .j = m->now.j + 1};
+    return 1;
+}
+
+static void move_to(pma_coupler *c, size_t k)
+{
+    pma_coupler_move_to(c, k < c->fine ? k : c->fine);
+}
+
+const pma_schedule pma_tied_schedule = {.check = check,
+                                        .instants = pma_fine_instants,
+                                        .duty = duty,
+                                        .step = fine_steps,
+                                        .interface_pieces = interface_pieces,
+                                        .move_to = move_to,
+                                        .more_rounds = 2};

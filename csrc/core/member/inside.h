@@ -54,8 +54,9 @@ pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const do
 /* vf at the end of the substep += al2 S^-1 L_b^T lam                                       (M6) */
 void pma_substep_hold(pma_subdomain *s, const pma_substep *step, const double *lam);
 
-/* sum += L u at the end of an open substep under lam; predictor and free solution shifted by mu */
-void pma_substep_expect(pma_subdomain *s, const pma_substep *step, const double *lam, double *sum);
+/* u_b (nb) that lam would give an open substep at its end, time level j, until the next call;
+ * predictor and free solution shifted by mu */
+const double *pma_substep_expected(pma_subdomain *s, size_t j, bool twice, const double *lam);
 void pma_substep_shift(pma_subdomain *s, const pma_substep *step, const double *mu);
 
 /* link (nb) := S^-1 L_b^T lam, in s->link */

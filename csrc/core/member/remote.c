@@ -6,10 +6,10 @@
 
 struct pma_remote {
     pma_remote_parts parts;
-    double *before, *after; /* nb: vf at both ends of the substep at hand */
-    double *moving;         /* nb: v, or in mid-step what the multipliers add to it */
-    double *displaced,
-        *displaced_before; /* nb: u at the end of the macro step and at the present */
+    double *before, *after;   /* nb: vf at both ends of the substep at hand */
+    double *moving;           /* nb: v, or in mid-step what the multipliers add to it */
+    double *displaced;        /* nb: u at the end of the macro step, or expected there */
+    double *displaced_before; /* nb: ... and at the present */
     double *block;
 };
 
@@ -49,7 +49,8 @@ void pma_remote_destroy(pma_remote *r)
 void pma_remote_receive(pma_remote *r, pma_interface_kind kind, size_t j, bool next,
                         const double *values)
 {
-    double *target = kind == PMA_FREE_VELOCITY  ? r->after
+    double *target = kind == PMA_FREE_VELOCITY           ? r->after
+                     : kind == PMA_EXPECTED_DISPLACEMENT ? r->displaced
                      : kind == PMA_DISPLACEMENT ? (j > 0 ? r->displaced : r->displaced_before)
                                                 : r->moving;
     if (kind == PMA_FREE_VELOCITY && next) {
@@ -89,6 +90,13 @@ static void displacement(const void *self, size_t j, double *sum)
 {
     const pma_remote *r = self;
     pma_link_gather(&r->parts.link, 1.0, j > 0 ? r->displaced : r->displaced_before, sum);
+}
+
+static void expect(void *self, const pma_substep *step, const double *lam, double *sum)
+{
+    const pma_remote *r = self;
+    (void)step, (void)lam; /* those that were received belong to them */
+    pma_link_gather(&r->parts.link, 1.0, r->displaced, sum);
 }
 
 static bool is_finite(const void *self, size_t j)
@@ -195,6 +203,8 @@ static const pma_member_table TABLE = {
     .respond = respond,
     .record_response = record_response,
     .add_response = add_response,
+    .expect = expect,
+    .shift = hold,
     .repeats = repeats,
     .record_acceleration = record_acceleration,
 };
@@ -210,5 +220,6 @@ pma_member pma_remote_member(pma_remote *r)
                         .h = p->h,
                         .entries = 1,
                         .doubled = p->doubled,
-                        .responds = true};
+                        .responds = true,
+                        .shifts = true};
 }

@@ -175,16 +175,16 @@ pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
 /* ---- displacements tied --------------------------------------------------------------------- */
 
 /* u_b = ut_b + al1 (wf_b + S^-1 L_b^T lam), and wf_b = (vf_b - vt_b) / al2 */
-void pma_substep_expect(pma_subdomain *s, const pma_substep *step, const double *lam, double *sum)
+const double *pma_substep_expected(pma_subdomain *s, size_t j, bool twice, const double *lam)
 {
-    const pma_operator *op = pma_operator_of(s, step->twice);
-    const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
-    const double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
+    const pma_operator *op = pma_operator_of(s, twice);
+    const pma_state *to = pma_levels_at(&s->levels, j);
+    const double *vf = pma_levels_free_velocity(&s->levels, j);
     const double *ut = pma_interface_of(s, to->u), *vt = pma_interface_of(s, to->v);
     pma_substep_solve_link(s, op, lam);
     for (size_t i = 0; i < s->parts.nb; i++)
         s->link[i] = ut[i] + op->step.al1 * ((vf[i] - vt[i]) / op->step.al2 + s->link[i]);
-    pma_link_gather(&s->parts.link, 1.0, s->link, sum);
+    return s->link;
 }
 
 /* z (n) := - (K + K_r) Mbar^-1 L^T mu with y (n) := Mbar^-1 L^T mu */

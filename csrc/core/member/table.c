@@ -69,6 +69,8 @@ static const double *interface_values(void *self, pma_interface_kind kind, size_
         pma_substep_solve_link(s, pma_operator_of(s, twice), lam);
         return s->link;
     }
+    if (kind == PMA_EXPECTED_DISPLACEMENT)
+        return pma_substep_expected(s, j, twice, lam);
     if (kind == PMA_FREE_VELOCITY)
         return pma_levels_free_velocity(&s->levels, j);
     const pma_state *x = pma_levels_at(&s->levels, j);
@@ -188,7 +190,9 @@ static void record_acceleration(void *self, const double *lam, const pma_selecti
 
 static void expect(void *self, const pma_substep *step, const double *lam, double *sum)
 {
-    pma_substep_expect(self, step, lam, sum);
+    const pma_subdomain *s = self;
+    const double *u = pma_substep_expected(self, step->j + 1, step->twice, lam);
+    pma_link_gather(&s->parts.link, 1.0, u, sum);
 }
 
 static void shift(void *self, const pma_substep *step, const double *mu)
