@@ -84,6 +84,7 @@ class Subdomain:
         internal: tuple[np.ndarray, np.ndarray, tuple[_Function, ...]] | None = None,
         iterate: _Iterate | None = None,
         mass: tuple[np.ndarray, Any] | None = None,  # factor of M: mean coupling
+        waits: bool = False,  # its single steps are closed, not responded to: mean coupling
         shifts: bool = False,
         continues: bool = False,
     ) -> Subdomain: ...

@@ -24,6 +24,7 @@ SCRIPTS = [
     "growth",
     "large",
     "limits",
+    "mean",
     "newton",
     "plate",
     "subcycling",

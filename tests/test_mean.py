@@ -156,6 +156,66 @@ def test_stored_and_repeated_responses_agree(monkeypatch):
             assert np.max(np.abs(one - two)) < 1e-12 * np.max(np.abs(one))
 
 
+@pytest.mark.parametrize("double", [False, True])
+@pytest.mark.parametrize("consistent", [False, True])
+@pytest.mark.parametrize(
+    ("scheme", "damping"),
+    [(pm.Newmark(), 0.0), (pm.Newmark(), 0.1), (pm.GeneralizedAlpha(0.5), 0.0)],
+)
+def test_a_single_step_is_closed_as_it_would_respond(
+    monkeypatch, scheme, damping, consistent, double
+):
+    """(K7) against (K3), with loads and energies; 1e-12: two orders of the same sums."""
+    K = np.diag([4.0, 3.0, 2.0]) - np.eye(3, k=1) - np.eye(3, k=-1)
+    M = np.diag([2.0, 1.0, 3.0]) + 0.3 * consistent * (np.eye(3, k=1) + np.eye(3, k=-1))
+    C = damping * np.diag([3.0, 1.0, 2.0]) if damping else None
+
+    def histories(waits):
+        a, b = (
+            pm.Subdomain(
+                M if consistent else np.diag(M),
+                stiffness * K,
+                C,
+                scheme=scheme,
+                force=lambda t: np.array([np.sin(t), 0.0, 1.0]),
+                double_step=(double and name == "a") or None,
+                name=name,
+            )
+            for name, stiffness in (("a", 1.0), ("b", 3.0))
+        )
+        coupler = pm.Coupler([a, b], pm.tie(a, [0, 2], b, [2, 0]), dt=0.3, coupling="mean")
+        assert {part.waits for part in coupler._parts} == {waits}
+        return coupler.run(steps=40, energy=True)
+
+    closed = histories(True)
+    monkeypatch.setattr("pmalpha.setup.part.Part.waits", property(lambda part: False))
+    responded = histories(False)
+    for name in "ab":
+        for x in "uva":
+            one, two = getattr(closed[name], x), getattr(responded[name], x)
+            assert np.max(np.abs(one - two)) < 1e-12 * np.max(np.abs(two))
+    one, two = closed.energy.interface, responded.energy.interface
+    assert np.max(np.abs(one - two)) < 1e-12 * np.max(np.abs(two))
+
+
+@pytest.mark.parametrize(
+    ("change", "waits"),
+    [
+        ({}, True),
+        (dict(scheme=pm.GeneralizedAlpha(0.5)), False),
+        (dict(damping="lagged"), False),
+        (dict(substeps=2), False),
+        (dict(scheme=pm.CentralDifference()), False),
+    ],
+)
+def test_damping_is_of_no_account_to_a_step_that_waits_for_the_trapezoidal_rule(change, waits):
+    values = dict(C=[0.1, 0.2], scheme=pm.Newmark(), name="a") | change
+    a = pm.Subdomain([1.0, 1.0], [1.0, 1.0], **values)
+    b = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), name="b")
+    coupler = pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.1, coupling="mean")
+    assert coupler._parts[0].waits is waits
+
+
 def test_loads_damping_and_prescribed_motion_have_order_two():
     """A damped oscillator driven by its support and a load, against an adaptive integration."""
     from scipy.integrate import solve_ivp

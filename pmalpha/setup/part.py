@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -184,6 +185,15 @@ class Part:
     def symmetric(self) -> bool:
         """Whether Mbar, K and C of its steps are symmetric."""
         return self.subdomain.has_symmetric_steps
+
+    @property
+    def waits(self) -> bool:
+        """Whether its single steps under mean coupling wait for the multipliers (K7)."""
+        s, scheme = self.subdomain, self.subdomain.scheme
+        if not self.mean or self.substeps > 1 or scheme.explicit or self.internal is not None:
+            return False
+        trapezoidal = math.isclose(scheme.gamma, 2.0 * scheme.beta, rel_tol=1e-15)
+        return self.C is None or (trapezoidal and s.damping == "implicit")
 
     def factor(self, A: Matrix, what: str, *, symmetric: bool = True) -> Factor:
         """The factor of a matrix of this subdomain, in elimination order."""
@@ -449,6 +459,7 @@ def build(part: Part, mass: Factor | None = None) -> None:
         springs=core_springs(part.subdomain.springs, part.position),
         **_internal(part),
         mass=mass,
+        waits=part.waits,
         shifts=part.shifts,
         continues=part.over is not None,
     )

@@ -2,7 +2,7 @@
  *
  * To be read with section 15 of docs/method.md. Every subdomain makes its substeps as if it were
  * free (free macro run), and from rest under the constant acceleration that the multipliers give
- * its interface (link response). This acceleration is no part of w, so that the work at the
+ * its interface (link response); a single implicit step is closed instead. This acceleration is no part of w, so that the work at the
  * interface is the multipliers times the displacements there, which are equal: no energy is made,
  * and nothing drifts. */
 #include <stdlib.h>
@@ -74,7 +74,9 @@ static pma_status free_substep(pma_coupler *c, pma_coupled *m, size_t j)
     pma_substep step = pma_substep_of(c, m, j);
     step.held = true;
     const pma_status status = member->table->open(member->self, &step);
-    return status == PMA_OK ? member->table->close(member->self, &step, m->lam) : status;
+    if (status != PMA_OK || member->waits)
+        return status;
+    return member->table->close(member->self, &step, m->lam);
 }
 
 pma_status pma_mean_free_run(pma_coupler *c, pma_coupled *m)
@@ -154,6 +156,17 @@ static const double *held_multipliers(const pma_coupler *c, pma_coupled *m)
     return m->step.twice ? both_multipliers(c, m, 1.0) : c->working.lam;
 }
 
+/* (K7)  The multipliers of a double step are the mean of those of both macro steps. */
+static pma_status close_waiting(const pma_coupler *c, pma_coupled *m)
+{
+    const pma_member *member = &m->member;
+    const double *lam = multipliers_of(c, m);
+    for (size_t row = 0; m->step.twice && row < c->parts.p; row++)
+        m->lam[row] *= 0.5;
+    member->table->hold_energy(member->self, m->step.twice, lam);
+    return member->table->close(member->self, &m->step, lam);
+}
+
 /* Adds the acceleration at an inner time level to its row. */
 static void accelerate_inner(const pma_coupler *c, const pma_coupled *m, size_t j,
                              const pma_selection *inner)
@@ -167,6 +180,8 @@ static void accelerate_inner(const pma_coupler *c, const pma_coupled *m, size_t 
 pma_status pma_mean_respond(pma_coupler *c, pma_coupled *m)
 {
     const pma_member *member = &m->member;
+    if (member->waits)
+        return close_waiting(c, m);
     const pma_selection *inner = pma_macro_selection(c, m);
     const double *lam = multipliers_of(c, m);
     const size_t repeats = member->table->repeats(member->self, inner != NULL);

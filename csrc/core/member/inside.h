@@ -27,6 +27,7 @@ struct pma_subdomain {
     double *acceleration; /* n: scratch, under mean coupling */
     double *push;         /* n: acceleration by which substeps are pushed (K2), if is_pushed */
     bool is_pushed;
+    const pma_operator *open; /* if it waits: of the step that is open, else NULL */
     double *shift;            /* 2 n: scratch, if predictors are shifted */
     double *closing, *work;   /* nb: L^T Lam; scratch of the factor: both of a substep */
     double *link, *link_work; /* the same of `compliance`, which may be called meanwhile */

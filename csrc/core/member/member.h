@@ -55,7 +55,8 @@ typedef struct {
      * to j + 1 is open */
     void (*free_velocity)(const void *self, size_t j, double theta, double scale, double *sum);
 
-    /* sum += L v, and L u, at time level j, which is closed */
+    /* sum += L v, and L u, at time level j, which is closed; L u of a step that waits to be closed is
+     * that of its free solution */
     void (*velocity)(const void *self, size_t j, double *sum);
     void (*displacement)(const void *self, size_t j, double *sum);
 
@@ -150,6 +151,7 @@ typedef struct {
     bool evaluates;  /* has a restoring force, evaluated once for every substep in turn */
     bool by_caller;  /* which only the thread that called pma_coupler_advance may evaluate */
     bool responds;   /* has a link response: macro coupling with substeps */
+    bool waits;      /* under mean coupling, its single steps are closed, not responded to (K7) */
     bool shifts;     /* can shift its predictor: displacements tied under gc */
     bool shoots;     /* has internal forces: macro coupling repeats its macro step (shooting.c) */
     bool divides;    /* has the stages of ranges of rows */

@@ -90,9 +90,10 @@ const pma_state *pma_response_state(const pma_response *r)
 static void accelerate(const pma_response *r, const double *lam, double *y)
 {
     const pma_subdomain *s = r->of;
-    memset(y, 0, s->parts.n * sizeof(double));
-    pma_link_load(&s->parts.link, lam, y + (s->parts.n - s->parts.nb));
-    pma_factor_solve(&s->parts.mass, y, r->work);
+    memset(r->pull, 0, s->parts.nb * sizeof(double));
+    memset(y, 0, s->parts.n * sizeof(double)); /* as an open step without loads leaves it */
+    pma_link_load(&s->parts.link, lam, r->pull);
+    pma_factor_close(&s->parts.mass, r->pull, y, r->work);
 }
 
 void pma_response_begin(pma_response *r, bool twice, const double *lam)

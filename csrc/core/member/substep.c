@@ -169,6 +169,7 @@ pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
         status = solve_free(s, step);
     if (status == PMA_OK)
         pma_substep_free_velocity(s, step);
+    s->open = s->parts.waits ? pma_operator_of(s, step->twice) : NULL;
     return status;
 }
 
@@ -272,8 +273,34 @@ pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const 
     return PMA_OK;
 }
 
+/* Closed under h^2 / (2 al1) L^T lam, w -= h^2 / (2 al1) y, and what (8), (9) make of y; in v that
+ * is zero for the trapezoidal rule, in u always                                           (K7) */
+static pma_status close_waiting(pma_subdomain *s, const pma_substep *step, const double *lam)
+{
+    const pma_step *c = &s->open->step;
+    const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
+    const double share = 0.5 * c->h * c->h / c->al1, v_y = c->h - c->al2 * share;
+    double zero = 0.0;
+    memset(s->closing, 0, s->parts.nb * sizeof(double));
+    pma_link_load(&s->parts.link, lam, s->closing);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        s->closing[i] *= share;
+    bool finite = sweep_back(s, s->open, x);
+    s->open = NULL;
+    pma_subdomain_push(s, lam, s->push);
+    for (size_t i = 0; i < s->parts.n; i++) {
+        x->v[i] += v_y * s->push[i];
+        x->w[i] -= share * s->push[i];
+        x->a[i] -= c->a_w1 * share * s->push[i];
+        zero += 0.0 * s->push[i];
+    }
+    return finite && zero == 0.0 ? pma_substep_observe(s, step, lam) : PMA_NOT_FINITE;
+}
+
 pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const double *lam)
 {
+    if (s->open)
+        return close_waiting(s, step, lam);
     /* (14), (8), (9)  w = Mbar^-1 (g + L^T Lam) */
     pma_substep_load_interface(s, lam);
     if (!sweep_back(s, pma_operator_of(s, step->twice), pma_levels_at(&s->levels, step->j + 1)))

@@ -48,11 +48,23 @@ static void velocity(const void *self, size_t j, double *sum)
     pma_link_gather(&s->parts.link, 1.0, pma_interface_of(s, x->v), sum);
 }
 
+/* u_b at a time level; of an open step ut_b + al1 wf_b with wf_b = (vf_b - vt_b) / al2, in s->link */
+static const double *interface_displacement(const pma_subdomain *s, size_t j)
+{
+    const pma_state *x = pma_levels_at(&s->levels, j);
+    const double *u = pma_interface_of(s, x->u), *v = pma_interface_of(s, x->v);
+    const double *vf = pma_levels_free_velocity(&s->levels, j);
+    if (j == 0 || !s->open)
+        return u;
+    for (size_t i = 0; i < s->parts.nb; i++)
+        s->link[i] = u[i] + s->open->step.al1 / s->open->step.al2 * (vf[i] - v[i]);
+    return s->link;
+}
+
 static void displacement(const void *self, size_t j, double *sum)
 {
     const pma_subdomain *s = self;
-    const pma_state *x = pma_levels_at(&s->levels, j);
-    pma_link_gather(&s->parts.link, 1.0, pma_interface_of(s, x->u), sum);
+    pma_link_gather(&s->parts.link, 1.0, interface_displacement(s, j), sum);
 }
 
 static size_t interface_size(const void *self)
@@ -73,8 +85,9 @@ static const double *interface_values(void *self, pma_interface_kind kind, size_
         return pma_substep_expected(s, j, twice, lam);
     if (kind == PMA_FREE_VELOCITY)
         return pma_levels_free_velocity(&s->levels, j);
-    const pma_state *x = pma_levels_at(&s->levels, j);
-    return pma_interface_of(s, kind == PMA_VELOCITY ? x->v : x->u);
+    if (kind == PMA_DISPLACEMENT)
+        return interface_displacement(s, j);
+    return pma_interface_of(s, pma_levels_at(&s->levels, j)->v);
 }
 
 static bool is_finite(const void *self, size_t j)
@@ -113,6 +126,7 @@ static void commit_iterated(void *self)
 static void discard(void *self)
 {
     pma_subdomain *s = self;
+    s->open = NULL;
     pma_levels_discard(&s->levels);
 }
 
@@ -387,6 +401,7 @@ pma_member pma_subdomain_member(pma_subdomain *s)
                          .evaluates = p->restoring.function || p->internal.count > 0,
                          .by_caller = is_by_caller(p),
                          .responds = p->responds,
+                         .waits = p->waits,
                          .shifts = p->shifts,
                          .shoots = p->shoots,
                          .divides = !s->iterate && pma_rows_divide(s)};
