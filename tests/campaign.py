@@ -9,11 +9,13 @@ from collections import Counter
 from time import monotonic
 
 
-def arguments(what, seconds=60.0):
-    """The parsed command line: `seed` and `seconds`."""
+def arguments(what, seconds=60.0, **others):
+    """The parsed command line: `seed` and `seconds`, and others by their types."""
     parser = argparse.ArgumentParser(description=what)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=seconds, help="how long to try")
+    for name, kind in others.items():
+        parser.add_argument(f"--{name}", type=kind)
     return parser.parse_args()
 
 

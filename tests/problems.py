@@ -57,6 +57,8 @@ class SubdomainData:
     K_r: np.ndarray | None = None
     D_r: np.ndarray | None = None
     lagged: bool = False
+    internal: object = None
+    name: str | None = None
 
     @property
     def symmetric(self):
@@ -74,13 +76,14 @@ class Problem:
     dt: float
     start: str
     coupling: str
+    velocity: object = None
 
     def coupler(self, **options):
         subdomains = [_subdomain(s) for s in self.subdomains]
         touched = {s: Li for s, Li in zip(subdomains, self.L) if Li.any()}
         return pm.Coupler(
             subdomains,
-            pm.Constraint(touched),
+            pm.Constraint(touched, velocity=self.velocity),
             dt=self.dt,
             start=self.start,
             coupling=self.coupling,
@@ -107,6 +110,8 @@ def _subdomain(s):
         restoring_stiffness=s.K_r,
         restoring_damping=s.D_r,
         damping="lagged" if s.lagged else "implicit",
+        internal=s.internal,
+        name=s.name,
         symmetric=s.symmetric,
         u0=s.u0,
         v0=s.v0,

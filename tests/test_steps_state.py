@@ -81,6 +81,21 @@ def test_reset_returns_to_the_first_steps(coupling, double):
     assert same(c.run(steps=6), fresh.run(steps=6))
 
 
+@pytest.mark.parametrize("coupling", COUPLINGS)
+def test_reset_returns_to_the_first_time_after_a_change_there_and_back(coupling):
+    """The steps are the first ones again, and the time counts from the change: found at random."""
+
+    def load(t):
+        return [np.sin(t), np.cos(t)]
+
+    c, fresh = (pair(0.1, coupling=coupling, force=load) for _ in range(2))
+    c.step(2)
+    c.change_steps(dt=0.05)
+    c.change_steps(dt=0.1)
+    c.reset()
+    assert same(c.run(steps=4), fresh.run(steps=4))
+
+
 def test_load_cases_run_with_the_first_steps():
     c, fresh = changed("pm", after=1), pair(0.1, coupling="pm")
     before = c.time, c.dt, c.state("A").u

@@ -201,7 +201,7 @@ class Changes:
         layout, first = self._assemblies.first_layout, self._assemblies.first
         self._take(Steps(layout, Clock(layout.dt)), first)
         first.core.set_origin(0, 0.0)
-        if self._loads.core is not first.core:
+        if self._loads.core is not first.core or self._loads.clock != self._clock:
             self._loads = self._loads.with_steps(first.core, first.parts, self._clock)
 
     @property
