@@ -1,14 +1,17 @@
 /* test_team.c - threads that wait for work: all of it is done, once each, and they end. */
 #define _POSIX_C_SOURCE 200809L
-#include <pthread.h>
-#include <signal.h>
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
+#include <time.h>
+
+#if !defined(_WIN32)
+#include <pthread.h>
+#include <signal.h>
 #include <sys/types.h>
 #include <sys/wait.h>
-#include <time.h>
 #include <unistd.h>
+#endif
 
 #include "check.h"
 #include "tests.h"
@@ -195,6 +198,24 @@ static void what_is_looked_at_can_end_the_work(void)
     pma_team_destroy(t);
 }
 
+/* ---- sizes ----------------------------------------------------------------------------------- */
+
+static void a_team_of_no_workers_or_of_too_many_is_refused(void)
+{
+    pma_team *t;
+    CHECK_STATUS(pma_team_create(0, &t), PMA_BAD_SIZE);
+    CHECK(t == NULL);
+    CHECK_STATUS(pma_team_create(PMA_MOST_WORKERS + 1, &t), PMA_BAD_SIZE);
+    pma_team_destroy(NULL);
+    CHECK_STATUS(pma_team_create(1, &t), PMA_OK); /* the caller alone */
+    CHECK_STATUS(pma_team_gather(t), PMA_OK);
+    pma_team_destroy(t);
+    CHECK_STATUS(pma_team_create(2, &t), PMA_OK); /* never gathered */
+    pma_team_destroy(t);
+}
+
+#if !defined(_WIN32)
+
 /* ---- signals -------------------------------------------------------------------------------- */
 
 static void read_mask(void *ctx, size_t worker)
@@ -227,21 +248,7 @@ static void workers_take_signals_of_their_own_faults_and_no_others(void)
     pma_team_destroy(t);
 }
 
-/* ---- sizes, and processes ------------------------------------------------------------------- */
-
-static void a_team_of_no_workers_or_of_too_many_is_refused(void)
-{
-    pma_team *t;
-    CHECK_STATUS(pma_team_create(0, &t), PMA_BAD_SIZE);
-    CHECK(t == NULL);
-    CHECK_STATUS(pma_team_create(PMA_MOST_WORKERS + 1, &t), PMA_BAD_SIZE);
-    pma_team_destroy(NULL);
-    CHECK_STATUS(pma_team_create(1, &t), PMA_OK); /* the caller alone */
-    CHECK_STATUS(pma_team_gather(t), PMA_OK);
-    pma_team_destroy(t);
-    CHECK_STATUS(pma_team_create(2, &t), PMA_OK); /* never gathered */
-    pma_team_destroy(t);
-}
+/* ---- processes ------------------------------------------------------------------------------- */
 
 /* ThreadSanitizer does not know threads made after a fork. */
 #if defined(__SANITIZE_THREAD__)
@@ -287,6 +294,8 @@ static void a_process_forked_off_has_threads_of_its_own(void)
     }
 }
 
+#endif
+
 /* ---- all of them ---------------------------------------------------------------------------- */
 
 const test TEAM_TESTS[] = {
@@ -297,8 +306,10 @@ const test TEAM_TESTS[] = {
     TEST(a_long_wait_looks_at_something_else),
     TEST(a_wait_for_work_that_is_finished_does_not_look),
     TEST(what_is_looked_at_can_end_the_work),
-    TEST(workers_take_signals_of_their_own_faults_and_no_others),
     TEST(a_team_of_no_workers_or_of_too_many_is_refused),
+#if !defined(_WIN32)
+    TEST(workers_take_signals_of_their_own_faults_and_no_others),
     TEST(a_process_forked_off_has_threads_of_its_own),
+#endif
     END_OF_TESTS,
 };

@@ -1,19 +1,16 @@
-#define _POSIX_C_SOURCE 200809L
 #include "workers/team.h"
 
 #include <assert.h>
-#include <pthread.h>
-#include <signal.h>
 #include <stdatomic.h>
 #include <stdlib.h>
-#include <time.h>
-#include <unistd.h>
+
+#include "workers/thread.h"
 
 /* How often a waiting thread looks before it sleeps: some ten to a hundred microseconds. */
 enum { LOOKS = 2000 };
 
 /* How long the caller sleeps before it is woken to look at something else. */
-enum { LOOK_NANOSECONDS = 20000000 };
+enum { LOOK_MILLISECONDS = 20 };
 
 /* Informs the processor that a thread is only waiting. */
 #if defined(__x86_64__) || defined(__i386__)
@@ -40,17 +37,15 @@ typedef struct {
     pma_work work; /* NULL: the thread ends */
     void *ctx;
     size_t worker;
-    pthread_mutex_t mutex; /* for sleeping alone */
-    pthread_cond_t changed;
-    pthread_t thread;
-    char apart[128]; /* no two workers look at the same cache line */
+    pma_thread thread; /* its lock is for sleeping alone */
+    char apart[128];   /* no two workers look at the same cache line */
 } seat;
 
 struct pma_team {
     size_t workers;
-    size_t made;   /* seats with a thread, from worker 1 on */
-    pid_t process; /* in which they live */
-    seat *seats;   /* of worker 1, 2, ... */
+    size_t made;  /* seats with a thread, from worker 1 on */
+    long process; /* in which they live */
+    seat *seats;  /* of worker 1, 2, ... */
 };
 
 pma_status pma_team_create(size_t workers, pma_team **out)
@@ -99,29 +94,23 @@ static bool spin(const event *e)
  * all sequentially consistent, one side sees the other. */
 static void sleep_until(seat *s, const event *e, atomic_bool *sleeps)
 {
-    pthread_mutex_lock(&s->mutex);
+    pma_thread_lock(&s->thread);
     atomic_store(sleeps, true);
     while (!has_happened(e, memory_order_seq_cst))
-        pthread_cond_wait(&s->changed, &s->mutex);
+        pma_thread_sleep(&s->thread);
     atomic_store(sleeps, false);
-    pthread_mutex_unlock(&s->mutex);
+    pma_thread_unlock(&s->thread);
 }
 
-/* The same for at most LOOK_NANOSECONDS: has it happened? */
+/* The same for at most LOOK_MILLISECONDS: has it happened? */
 static bool sleep_briefly(seat *s, const event *e, atomic_bool *sleeps)
 {
-    struct timespec end;
-    int waited = 0;
-    clock_gettime(CLOCK_REALTIME, &end);
-    end.tv_nsec += LOOK_NANOSECONDS;
-    end.tv_sec += end.tv_nsec / 1000000000;
-    end.tv_nsec %= 1000000000;
-    pthread_mutex_lock(&s->mutex);
+    pma_thread_lock(&s->thread);
     atomic_store(sleeps, true);
-    while (!has_happened(e, memory_order_seq_cst) && waited == 0)
-        waited = pthread_cond_timedwait(&s->changed, &s->mutex, &end);
+    if (!has_happened(e, memory_order_seq_cst))
+        pma_thread_doze(&s->thread, LOOK_MILLISECONDS);
     atomic_store(sleeps, false);
-    pthread_mutex_unlock(&s->mutex);
+    pma_thread_unlock(&s->thread);
     return has_happened(e, memory_order_seq_cst);
 }
 
@@ -130,20 +119,20 @@ static void change(seat *s, atomic_uint *count, unsigned value, atomic_bool *sle
     atomic_store(count, value);
     if (!atomic_load(sleeps))
         return;
-    pthread_mutex_lock(&s->mutex);
-    pthread_cond_broadcast(&s->changed);
-    pthread_mutex_unlock(&s->mutex);
+    pma_thread_lock(&s->thread);
+    pma_thread_wake(&s->thread);
+    pma_thread_unlock(&s->thread);
 }
 
-static void *serve(void *arg)
+static void serve(void *ctx)
 {
-    seat *s = arg;
+    seat *s = ctx;
     for (unsigned done = 0;; done++) {
         const event posted = {&s->posted, done, false};
         if (!spin(&posted))
             sleep_until(s, &posted, &s->worker_sleeps);
         if (!s->work)
-            return NULL;
+            return;
         s->work(s->ctx, s->worker);
         change(s, &s->finished, done + 1, &s->caller_sleeps);
     }
@@ -154,14 +143,11 @@ static void *serve(void *arg)
 /* In a process forked off the threads do not exist, and what they left in their seats is void. */
 static void dismiss(pma_team *t)
 {
-    if (t->process == getpid()) {
+    if (t->process == pma_thread_process()) {
         for (size_t i = 0; i < t->made; i++)
             pma_team_post(t, i + 1, NULL, NULL);
-        for (size_t i = 0; i < t->made; i++) {
-            pthread_join(t->seats[i].thread, NULL);
-            pthread_cond_destroy(&t->seats[i].changed);
-            pthread_mutex_destroy(&t->seats[i].mutex);
-        }
+        for (size_t i = 0; i < t->made; i++)
+            pma_thread_join(&t->seats[i].thread);
     }
     t->made = 0;
 }
@@ -173,40 +159,17 @@ static bool make_thread(seat *s, size_t worker)
     atomic_init(&s->worker_sleeps, false);
     atomic_init(&s->caller_sleeps, false);
     s->worker = worker;
-    if (pthread_mutex_init(&s->mutex, NULL) != 0)
-        return false;
-    if (pthread_cond_init(&s->changed, NULL) != 0) {
-        pthread_mutex_destroy(&s->mutex);
-        return false;
-    }
-    if (pthread_create(&s->thread, NULL, serve, s) == 0)
-        return true;
-    pthread_cond_destroy(&s->changed);
-    pthread_mutex_destroy(&s->mutex);
-    return false;
-}
-
-/* All signals except of a fault of the thread itself, so that a handler can report it. */
-static void pick_signals(sigset_t *blocked)
-{
-    static const int faults[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGTRAP, SIGSYS};
-    sigfillset(blocked);
-    for (size_t i = 0; i < sizeof faults / sizeof *faults; i++)
-        sigdelset(blocked, faults[i]);
+    return pma_thread_start(&s->thread, serve, s);
 }
 
 pma_status pma_team_gather(pma_team *t)
 {
-    sigset_t all, before;
-    if (t->made > 0 && t->process == getpid())
+    if (t->made > 0 && t->process == pma_thread_process())
         return PMA_OK;
     t->made = 0;
-    t->process = getpid();
-    pick_signals(&all);
-    pthread_sigmask(SIG_SETMASK, &all, &before); /* signals are the caller's; threads inherit it */
+    t->process = pma_thread_process();
     while (t->made + 1 < t->workers && make_thread(&t->seats[t->made], t->made + 1))
         t->made++;
-    pthread_sigmask(SIG_SETMASK, &before, NULL);
     if (t->made + 1 == t->workers)
         return PMA_OK;
     dismiss(t);

@@ -1,0 +1,51 @@
+/* thread.h - a thread and the lock it sleeps on: all that the core needs of an operating system.
+ *
+ * POSIX or Windows. No other file of the core includes a header that C11 does not have. */
+#ifndef PMA_THREAD_H
+#define PMA_THREAD_H
+
+#include <stdbool.h>
+
+#if defined(_WIN32)
+#define WIN32_LEAN_AND_MEAN
+#include <windows.h>
+#else
+#include <pthread.h>
+#endif
+
+typedef struct {
+    void (*run)(void *ctx);
+    void *ctx;
+#if defined(_WIN32)
+    HANDLE thread;
+    SRWLOCK lock;
+    CONDITION_VARIABLE changed;
+#else
+    pthread_t thread;
+    pthread_mutex_t lock;
+    pthread_cond_t changed;
+#endif
+} pma_thread;
+
+/* Calls run(ctx) in a new thread, which receives no signals but those of its own faults. False
+ * where the system refuses; nothing is left to be released then. */
+bool pma_thread_start(pma_thread *t, void (*run)(void *ctx), void *ctx);
+
+/* Returns when run has returned; the thread is released. */
+void pma_thread_join(pma_thread *t);
+
+void pma_thread_lock(pma_thread *t);
+void pma_thread_unlock(pma_thread *t);
+
+/* With the lock, which is released meanwhile: sleeps until pma_thread_wake, or for the given time.
+ * Can return earlier. */
+void pma_thread_sleep(pma_thread *t);
+void pma_thread_doze(pma_thread *t, unsigned milliseconds);
+
+/* Wakes all that sleep on the lock. */
+void pma_thread_wake(pma_thread *t);
+
+/* The number of this process: another one in a process forked off. */
+long pma_thread_process(void);
+
+#endif
