@@ -76,6 +76,20 @@ def same_energies(own, whole, part):
     np.testing.assert_array_equal(balance.sum(axis=1), whole.balance.sum(axis=1))
 
 
+def changes_of_steps(rng, subdomains, coupling, dt):
+    """Other steps in mid-run, twice: (dt, substeps by name) that every coupling can have."""
+    fine = max(s.substeps for s in subdomains)
+    for _ in range(2):
+        dt = dt * rng.choice([0.5, 0.8, 1.0])
+        by = int(rng.choice([1, 2, 3]))
+        counts = {s.name: by * s.substeps for s in subdomains}
+        if coupling in ("macro", "mean"):  # double steps are of one substep
+            counts = {s.name: 1 if s.double_step else by * s.substeps for s in subdomains}
+        elif rng.random() < 0.5:  # single steps of the last one, of the finest step
+            counts[subdomains[-1].name] = by * fine
+        yield dt, counts
+
+
 def compare(seed):
     """Runs, steps, resets and snapshots of one problem. False where it cannot be distributed."""
     rng = np.random.default_rng([seed, 7])
@@ -127,6 +141,13 @@ def compare(seed):
         same(one, other, names)
         if chosen["energy"]:
             same_energies(one.energy, other.energy, part)
+    changed = changes_of_steps(rng, subdomains, coupling, problem.dt)
+    for dt, substeps in changed:
+        alone.change_steps(dt, substeps)
+        shared.change_steps(dt, {name: substeps[name] for name in names})
+        one, other = (c.run(steps=3, energy=True) for c in (shared, alone))
+        same(one, other, names)
+        same_energies(one.energy, other.energy, part)
     present = shared.snapshot(), alone.snapshot()
     for c in (shared, alone):
         c.step(3)
@@ -344,6 +365,19 @@ def arguments():
         "a prescribed velocity must be the same on all ranks",
         everywhere=True,
     )
+    one_of(ValueError, lambda bad: coupler.change_steps(0.01 + bad), "the call", everywhere=True)
+    one_of(
+        ValueError,
+        lambda bad: coupler.change_steps(0.02, {f"r{RANK}": 1 - bad}),
+        "substeps of",
+    )
+    one_of(
+        ValueError,
+        lambda bad: coupler.change_steps(0.02, {f"r{RANK}": 3 if bad else 2}),
+        "must divide",
+        everywhere=True,
+    )
+    assert coupler.dt == 0.01
     coupler.run(steps=2)
     repr(coupler)
     report("arguments")

@@ -49,19 +49,19 @@ static bool gather_by_address(void *ctx, double *all, const int *counts, const i
 
 /* ---- what Python gives ---------------------------------------------------------------------- */
 
-/* (n, nb, substeps, h, doubled, al2, al2_twice, link) */
+/* (n, nb, substeps, h, doubled, continues, al2, al2_twice, link) */
 static int take_remote(PyObject *obj, PyObject *arrays, pma_remote **out)
 {
     pma_remote_parts parts = {.n = 0};
     Py_ssize_t n, nb, substeps;
-    int doubled;
+    int doubled, continues;
     PyObject *link;
     if (!PyTuple_Check(obj)) {
         PyErr_SetString(PyExc_TypeError, "a remote subdomain must be a tuple");
         return -1;
     }
-    if (!PyArg_ParseTuple(obj, "nnndpddO", &n, &nb, &substeps, &parts.h, &doubled, &parts.al2,
-                          &parts.al2_twice, &link))
+    if (!PyArg_ParseTuple(obj, "nnndppddO", &n, &nb, &substeps, &parts.h, &doubled, &continues,
+                          &parts.al2, &parts.al2_twice, &link))
         return -1;
     if (n < 1 || nb < 0 || nb > n || substeps < 1) {
         PyErr_SetString(PyExc_ValueError, "a remote subdomain must have dofs and substeps");
@@ -72,6 +72,7 @@ static int take_remote(PyObject *obj, PyObject *arrays, pma_remote **out)
     parts.n = (size_t)n;
     parts.substeps = (size_t)substeps;
     parts.doubled = doubled;
+    parts.continues = continues;
     const pma_status status = pma_remote_create(&parts, out);
     if (status == PMA_OK)
         return 0;

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
 from .._checks import time_step, whole_number
 from ..problem.subdomain import Subdomain
 from ..setup.assembly import Assemblies, Assembly, Layout
+from ..setup.ranks import joined
 from ..setup.schedule import double_steps, finest
 from . import history_file
 from .advance import advance
@@ -28,13 +29,15 @@ class Changes:
     """The methods of `Coupler` that change its steps."""
 
     _keys: tuple[tuple[str, Subdomain], ...]
+    _everything: Sequence[Any]
     _assemblies: Assemblies
     _loads: Loads
     _started: bool
     _last_history: History | None
     _entered: Any
     _guard: Any
-    _require_alone: Any
+    _together: Any
+    _check_call: Any
     _ranks: Any
     _steps_done: Any
     coupling: Any
@@ -53,7 +56,8 @@ class Changes:
         dt : float, optional
             The new macro step, positive. Default: the present one.
         substeps : dict of int, optional
-            New numbers of substeps by subdomain. Default: the present ones.
+            New numbers of substeps by subdomain; with `comm` of those of this rank. Default: the
+            present ones.
 
         Raises
         ------
@@ -93,18 +97,19 @@ class Changes:
         >>> coupler.run(1.5)["B"].t.size
         101
         """
-        self._require_alone("change_steps")
-        with self._entered():
+        with self._together():
+            self._check_call("change_steps", dt)
             self._change(*self._checked_steps(dt, substeps))
 
     def _checked_steps(self, dt: Any, substeps: Any) -> tuple[float, tuple[int, ...]]:
         if dt is None and substeps is None:
             raise TypeError("give dt, substeps or both")
-        present = self._steps.layout
-        counts = list(present.substeps)
+        present, first = self._steps.layout, self._assembly.first
+        counts = list(present.substeps[first : first + len(self._keys)])
         for i, count in by_index(substeps, self._keys, "substeps").items():
             counts[i] = whole_number(count, f"substeps of {self._keys[i][0]!r}", low=1)
-        return present.dt if dt is None else time_step(dt, "dt"), tuple(counts)
+        all_counts = tuple(joined(self._ranks, counts))
+        return present.dt if dt is None else time_step(dt, "dt"), all_counts
 
     def _change(self, dt: float, substeps: tuple[int, ...], clock: Clock | None = None) -> None:
         """Change to these steps at the present; nothing has changed after an error.
@@ -112,7 +117,7 @@ class Changes:
         With a clock, that of the present, time is counted on (without double steps).
         """
         finest(substeps, self.coupling)
-        doubles = double_steps([s for _, s in self._keys], self.coupling, substeps)
+        doubles = double_steps(self._everything, self.coupling, substeps)
         layout, step = Layout(dt, substeps, doubles), self._steps_done()
         if layout == self._steps.layout:
             return
@@ -129,6 +134,8 @@ class Changes:
                 lambda i: steps.lengths(i, step),
                 first=True,
             )
+        if self._ranks is not None:
+            self._ranks.share(None)  # from here on nothing fails
         loads.to_core()
         if found is not None:
             take_over(old, new, found, steps.clock)
@@ -180,7 +187,7 @@ class Changes:
         try:
             clock = Clock(**{name: facts[name] for name in ("dt", "origin", "t0", "before")})
             substeps = tuple(facts["substeps"])
-            doubles = double_steps([s for _, s in self._keys], self.coupling, substeps)
+            doubles = double_steps(self._everything, self.coupling, substeps)
             layout = Layout(clock.dt, substeps, doubles)
             first = None if facts["first"] is None else replace(layout, overs=tuple(facts["first"]))
         except (LookupError, TypeError, ValueError) as error:

@@ -210,12 +210,12 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
             require_equal_problems(ranks, rows, (clock.dt, coupling, start, drift))
         substeps = tuple(s.substeps for s in everything)
         fine = finest(substeps, coupling)
-        self._keys = tuple(zip(names[own], subdomains))
+        self._everything, self._keys = everything, tuple(zip(names[own], subdomains))
         options: dict[str, Any] = {"coupling": coupling, "start": start, "drift": drift}
         options["newton"] = newton
         self._options = {"dt": clock.dt, **options}
         doubles = double_steps(everything, coupling, substeps)
-        layout = Layout(clock.dt, substeps[own], tuple(doubles)[own])
+        layout = Layout(clock.dt, substeps, tuple(doubles))
 
         self._rows = ConstraintRows(rows, everything, own, ranks)
         motions = motions_of(rows, self._rows, 1 if coupling in MACRO else fine, clock)

@@ -57,7 +57,7 @@ class Steps:
         return Steps(layout, clock, replace(layout, overs=overs) if spans else layout)
 
     def lengths(self, i: int, step: int) -> Lengths:
-        """The lengths that the variables a of subdomain i have at macro step `step`."""
+        """The lengths that the variables a of subdomain i of all have at macro step `step`."""
         h, count, double, over = self.present.of(i)
         done = self.clock.count(step)
         if not double or done == 0:
@@ -114,12 +114,12 @@ def moves(
     old, new : Assembly
         With the present state, and the one that continues.
     made, wanted : callables
-        The lengths of the variables a, and those of the steps to come, by subdomain.
+        The lengths of the variables a, and those of the steps to come, by subdomain of all.
     first : bool
         The next macro step is the first after a change: double steps begin unless they span it.
     """
     found = []
-    for i, (o, n) in enumerate(zip(old.parts, new.parts)):
+    for i, (o, n) in enumerate(zip(old.parts, new.parts), new.first):
         levels = _levels(o, n, made(i), wanted(i))
         iteration = o.core.iteration()
         rebased = o.double or n.double or o.h != n.h

@@ -32,7 +32,7 @@ KEPT = 32
 
 @dataclass(frozen=True)
 class Layout:
-    """The lengths of all steps of a coupled problem.
+    """The lengths of all steps of a coupled problem, of the subdomains of all processes.
 
     Attributes
     ----------
@@ -53,7 +53,8 @@ class Layout:
     overs: tuple[float | None, ...] = ()
 
     def of(self, i: int) -> tuple[float, int, bool, float | None]:
-        """Length and number of the substeps of a subdomain, whether steps are double, `overs`."""
+        """Length and number of the substeps of subdomain i of all, whether steps are double, and
+        the entry of `overs`."""
         over = self.overs[i] if self.overs else None
         return self.dt / self.substeps[i], self.substeps[i], self.doubles[i], over
 
@@ -71,10 +72,13 @@ class Assembly:
     parts : tuple of Part
         The subdomains in elimination order, each with its object of the core.
     core : the coupler of the core
+    first : int
+        The number of the first of these subdomains among those of all processes.
     """
 
     parts: tuple[Part, ...]
     core: Any
+    first: int = 0
 
 
 class Assemblies:
@@ -123,6 +127,7 @@ class Assemblies:
         ranks: Ranks | None = None,
     ):
         self.ranks = ranks
+        self.first_own = 0 if ranks is None else ranks.own.start
         self.coupling, self.start, self.newton = coupling, start, newton
         self.threads, self.superlu = threads, factorize == "superlu"
         self.tied = drift == "removed"
@@ -130,7 +135,8 @@ class Assemblies:
         _check_symmetry(keys, factorize)
 
         # elimination order of each subdomain, and of the rows
-        parts = _ordered(keys, matrices, layout, coupling, self.tied, newton, factorize)
+        steps = [layout.of(i) for i in range(self.first_own, self.first_own + len(keys))]
+        parts = _ordered(keys, matrices, steps, coupling, self.tied, newton, factorize)
         if coupling == "mean":
             check_mean(parts)
         if self.tied:
@@ -160,6 +166,8 @@ class Assemblies:
             try:
                 made = self._assemble(layout, self._parts_of(layout))
             except MemoryError:
+                if self.ranks is not None:
+                    raise  # the others do not repeat it
                 self._made.clear()  # and once more with their memory
                 made = self._assemble(layout, self._parts_of(layout))
         self._made[layout] = made
@@ -170,7 +178,7 @@ class Assemblies:
     def _parts_of(self, layout: Layout) -> tuple[Part, ...]:
         """The subdomains with these steps: known ones, and others that are not built yet."""
         parts = []
-        for i, first in enumerate(self.first.parts):
+        for i, first in enumerate(self.first.parts, self.first_own):
             known = self._known.get((i, *layout.of(i)))
             if known is None:
                 operators: dict[float, tuple] = {}
@@ -228,8 +236,9 @@ class Assemblies:
             internal = None if part.internal is None else part.internal.K
             part.step_ratio = step_ratio(part.subdomain, part.step, internal)
         warn_of_steps((part.name, part.subdomain, part.step, part.step_ratio) for part in new)
-        self._known.update({(i, *layout.of(i)): part for i, part in enumerate(parts)})
-        return Assembly(parts, core)
+        own = enumerate(parts, self.first_own)
+        self._known.update({(i, *layout.of(i)): part for i, part in own})
+        return Assembly(parts, core, self.first_own)
 
     def _of_the_schedule(self, parts: Sequence[Part]) -> dict[str, Any]:
         """What else the core needs where displacements are tied, and of other processes."""
@@ -306,7 +315,7 @@ def _check_factorize(parts: Sequence[Part], factorize: Any) -> None:
 def _ordered(
     keys: Sequence[tuple[str, Subdomain]],
     matrices: Sequence[sp.csc_array],
-    layout: Layout,
+    steps: Sequence[tuple[float, int, bool, float | None]],
     coupling: str,
     tied: bool,
     newton: Newton,
@@ -317,17 +326,17 @@ def _ordered(
         make_part(
             s,
             name,
-            layout.doubles[i],
-            layout.dt / layout.substeps[i],
-            layout.substeps[i],
+            double,
+            h,
+            substeps,
             L,
             factorize,
-            responds=_responds(coupling, layout.substeps[i]),
+            responds=_responds(coupling, substeps),
             mean=coupling == "mean",
             shifts=tied,
             reuses=newton.tangent == "reuse",
         )
-        for i, ((name, s), L) in enumerate(zip(keys, matrices))
+        for (name, s), L, (h, substeps, double, _) in zip(keys, matrices, steps)
     )
     warn_of_factors(parts)
     warn_of_order(parts)

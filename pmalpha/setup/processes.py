@@ -19,12 +19,14 @@ PIECES = 3
 def remote_of(
     part: Part, scheme: Scheme | None = None, L: sp.csc_array | None = None, h: float | None = None
 ) -> tuple[Any, ...]:
-    """What other processes have to know of a subdomain: (n, nb, substeps, h, doubled, al2 of the
-    single and of the double step, link). With a scheme a single step of length h, without others.
+    """What other processes have to know of a subdomain: (n, nb, substeps, h, doubled, continues,
+    al2 of the single and of the double step, link). With a scheme a single step of length h,
+    without others.
     """
     single = scheme is not None
     scheme = part.subdomain.scheme if scheme is None else scheme
     h = part.h if h is None else h
+    double = not single and part.double
     L = part.L if L is None else L
     columns = sp.csc_array(L[:, part.n - part.nb :])
     columns.sort_indices()
@@ -33,9 +35,10 @@ def remote_of(
         part.nb,
         1 if single else part.substeps,
         h,
-        False if single else part.double,
+        double,
+        double and part.over is not None,
         _al2(scheme, h),
-        _al2(scheme, 2.0 * h),
+        _al2(scheme, part.lengths[1] if double else h),
         (L.shape[0], *core_sparse(columns)),
     )
 

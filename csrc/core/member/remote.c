@@ -220,6 +220,7 @@ pma_member pma_remote_member(pma_remote *r)
                         .h = p->h,
                         .entries = 1,
                         .doubled = p->doubled,
+                        .continues = p->continues,
                         .responds = true,
                         .shifts = true};
 }

@@ -14,7 +14,7 @@ typedef struct {
     pma_link link;
     size_t n, substeps;
     double h;
-    bool doubled;
+    bool doubled, continues;
     double al2, al2_twice; /* of the single and of the double step */
 } pma_remote_parts;
 
