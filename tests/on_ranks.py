@@ -219,6 +219,11 @@ def interpolated():
         shared = pm.Coupler(a[part], constraints, dt=0.02, **COUPLINGS[coupling], comm=WORLD)
         one, other = shared.run(steps=30), alone.run(steps=30)
         same(one, other, [s.name for s in a[part]])
+        expected, found = alone.static(), shared.static()
+        assert list(found) == [s.name for s in a[part]]
+        for name, u in found.items():
+            np.testing.assert_array_equal(u, expected[name])
+            assert np.abs(u).max() > 0.0
         assert np.abs(other.multipliers).max() > 0.1
     report("interpolated")
 
@@ -340,7 +345,11 @@ def arguments():
         lambda bad: make(own=[chain(3, f"r{RANK}", **(internal if bad else {}))]),
         "internal forces need a Coupler without comm",
     )
+    spring = dict(restoring=pm.Bilinear([0], k=1.0, fy=1.0, hardening=0.1))
+    with_spring = make(own=[chain(3, f"r{RANK}", **(spring if RANK == 0 else {}))])
+    one_of(ValueError, lambda bad: with_spring.static(), "springs", "without comm", failed=0)
     coupler = make()
+    one_of(ValueError, lambda bad: coupler.static(steps=1 + bad), "the call", everywhere=True)
     one_of(ValueError, lambda bad: coupler.run(steps=3 + bad), "the call must be", everywhere=True)
     one_of(ValueError, lambda bad: coupler.step(3 + bad), "the call must be", everywhere=True)
     one_of(ValueError, lambda bad: coupler.run(steps=3, every=2 + bad), "the call", everywhere=True)
@@ -353,7 +362,7 @@ def arguments():
         "the call",
         everywhere=True,
     )
-    for refused in (coupler.static, coupler.assembled, lambda: coupler.modes(1)):
+    for refused in (coupler.assembled, lambda: coupler.modes(1)):
         one_of(ValueError, lambda bad, f=refused: f(), "without comm", everywhere=True)
     one_of(ValueError, lambda bad: coupler.run_each([{}], 1.0), "without comm", everywhere=True)
     assert coupler.step_count == 0

@@ -13,6 +13,7 @@ from ..problem.subdomain import Subdomain
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.equilibrium import Equilibrium
 from ..setup.part import Part
+from ..setup.ranks import Ranks, joined
 from ..setup.static import static_displacements
 from ..setup.uncut import Assembled, assembled
 
@@ -25,7 +26,9 @@ class Uncut:
     _rows: ConstraintRows
     _parts: Any
     _loads: Any
-    _entered: Any
+    _together: Any
+    _check_call: Any
+    _ranks: Ranks | None
     _initial: Any
     _steps_done: Any
 
@@ -33,7 +36,9 @@ class Uncut:
         """Static equilibrium under F(0) with displacements tied, such as u0 under dead load.
 
         Rows with a prescribed velocity are held at zero. The coupler itself is unchanged; use
-        ``coupler.reset(u0=coupler.static())``. With springs or internal forces the equilibrium is
+        ``coupler.reset(u0=coupler.static())``. With `comm` every rank solves for the whole
+        structure, with all matrices, and returns the displacements of its own subdomains; springs
+        and internal forces are refused. With springs or internal forces the equilibrium is
         iterated by Newton's method, from the initial displacements: those of the `Subdomain`, or of
         the last `reset`. Of several equilibria it finds one near to them.
 
@@ -84,27 +89,30 @@ class Uncut:
         >>> float(coupler.static()["a"][0].round(12))
         1.0
         """
-        self._require_alone("static")
-        steps = whole_number(steps, "steps", low=1)
-        for name, s in self._keys:
-            if s.has_functions:
-                raise ValueError(
-                    "static needs springs as restoring forces, and functions as internal ones, got "
-                    f"a restoring function on {name!r}"
-                )
-        with self._entered():
+        with self._together():
+            self._check_call("static", steps)
+            steps = whole_number(steps, "steps", low=1)
+            for name, s in self._keys:
+                if s.has_functions:
+                    raise ValueError(
+                        "static needs springs as restoring forces, and functions as internal ones, "
+                        f"got a restoring function on {name!r}"
+                    )
             done = self._steps_done()
             forces = [self._loads.at_start(i, done)[p.position] for i, p in enumerate(self._parts)]
             u = self._equilibrium(forces, steps)
         return dict(zip((name for name, _ in self._keys), u))
 
     def _equilibrium(self, forces: list[np.ndarray], steps: int) -> list[np.ndarray]:
-        internal = [part.internal for part in self._parts]
+        internal, matrices = [part.internal for part in self._parts], self._rows.matrices
         if any(s.springs for _, s in self._keys) or any(x is not None for x in internal):
+            self._require_alone("static with springs or internal forces")
             newton = self._loads.newton
-            problem = Equilibrium(self._keys, internal, self._rows.matrices, forces, newton)
+            problem = Equilibrium(self._keys, internal, matrices, forces, newton)
             return problem.solve([u for u, _ in self._initial.values], steps)
-        return static_displacements([s.K for _, s in self._keys], self._rows.matrices, forces)
+        terms = [(s.K, L, F) for (_, s), L, F in zip(self._keys, matrices, forces)]
+        u = static_displacements(*zip(*joined(self._ranks, terms)))
+        return u if self._ranks is None else u[self._ranks.own]
 
     def assembled(self) -> Assembled:
         """The structure before it was cut: M, C and K with the constraints eliminated exactly.
