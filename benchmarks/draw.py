@@ -279,7 +279,7 @@ def draw_growth(figure):
 # What the functions of the core do, in the order of a step; a name ends as one of these
 STAGES = {
     "predictor": ("predict",),
-    "product with K": ("subtract", "subtract_band", "multiply_strip", "subtract_rows"),
+    "product with K": ("subtract", "subtract_band", "subtract_strips", "subtract_rows"),
     "forward sweep": ("eliminate",),
     "backward sweep": ("substitute", "substitute_supernode", "close_part"),
     "corrector": ("correct",),

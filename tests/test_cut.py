@@ -848,8 +848,8 @@ def test_a_plan_predicts_the_steps_and_the_entries_that_the_core_reads(kind):
     for row, part in zip(plan.subdomains, coupler._parts):
         assert len(run[row.name].t) - 1 == 3 * row.substeps
         assert (row.name, row.dofs, row.interface) == (part.name, part.n, part.nb)
-        # the core stores K in strips, node by node, with some zeros: up to 8 per cent
-        assert 0.9 * part.core.entries <= row.entries <= part.core.entries
+        # the core stores K in strips, node by node, with some zeros: up to a fifth in plates
+        assert 0.8 * part.core.entries <= row.entries <= part.core.entries
     assert plan.constraints == parts.p
     assert len(run.multiplier_times) - 1 == 3 * plan.fine_steps
     own = sum(row.substeps * row.entries for row in plan.subdomains)
@@ -863,7 +863,8 @@ def test_the_entries_of_the_uncut_run_are_those_that_its_core_reads():
         plan = pm.cut(structure, parts=3, scheme=scheme).plan(1e-3)
         coupler = pm.Coupler([structure.subdomain(scheme=scheme)], dt=1e-3)
         entries = coupler._parts[0].core.entries
-        assert 0.95 * entries <= plan.uncut <= 1.05 * entries
+        # zeros of strips, as above; fill of the factor in another order
+        assert 0.8 * entries <= plan.uncut <= 1.05 * entries
 
 
 def test_a_plan_of_a_longer_macro_step_is_not_stable():

@@ -5,6 +5,7 @@ import pytest
 import scipy.sparse as sp
 
 import pmalpha as pm
+from pmalpha.problem import matrices
 from pmalpha.problem.matrices import canonical, core_matrix
 from pmalpha.setup import factors
 
@@ -37,12 +38,25 @@ def test_a_matrix_with_its_entries_near_the_diagonal_is_stored_as_a_band(width):
     np.testing.assert_array_equal(dense_band(form, 61), A.toarray())
 
 
-def test_entries_far_from_the_diagonal_or_few_of_them_are_stored_one_by_one():
+def test_a_matrix_with_an_entry_far_from_the_diagonal_is_not_stored_as_a_band():
     A = banded(np.random.default_rng(0), 200, 2).tolil()
     A[0, 150] = A[150, 0] = 0.5
-    assert len(core_matrix(sp.csr_array(A))) == 3
+    assert len(core_matrix(sp.csr_array(A))) == 5
+
+
+def test_rows_with_few_columns_in_common_are_stored_with_an_index_for_each_entry():
     sparse = sp.diags_array([np.ones(190), np.full(200, 3.0), np.ones(190)], offsets=[-10, 0, 10])
     assert len(core_matrix(sp.csr_array(sparse))) == 3
+
+
+def test_strips_may_take_more_bytes_than_rows_unless_the_matrix_leaves_the_cache(monkeypatch):
+    """Rows of a plate of squares have zeros, which strips store: 1.26 times the bytes of rows."""
+    K = canonical(pm.models.plate(20, 20, 1.0, E=1.0, nu=0.3, rho=1.0).K, "K")[0]
+    first, _, index, _, values = core_matrix(K)
+    over = (8 * values.size + 4 * index.size + 24 * first.size) / (12 * K.nnz + 8 * K.shape[0])
+    assert matrices.STRIPS_OVER_ROWS < over < matrices.STRIPS_OVER_ROWS_IN_CACHE
+    monkeypatch.setattr(matrices, "CACHE", 0)
+    assert len(core_matrix(K)) == 3
 
 
 @pytest.mark.parametrize("nb", [0, 1, 7])

@@ -8,8 +8,7 @@ typedef double four __attribute__((vector_size(32), aligned(8), may_alias));
 /* Columns that share a pass over x. Forward x is read and written, so that more of them pay. */
 enum { FORWARD = 8, BACKWARD = 4 };
 
-/* Most rows of a strip. */
-enum { STRIP = 6 };
+enum { STRIP = PMA_STRIP_ROWS };
 
 /* clang-format off: attributes are long, and a name begins its line */
 
@@ -149,28 +148,42 @@ multiply_rows(const double *values, const size_t rows, size_t columns, const int
 }
 
 __attribute__((always_inline)) static inline void
-multiply_strip(const double *values, size_t rows, size_t columns, const int32_t *index,
-               const double *x, double *product)
+subtract_strip(const pma_strips *S, size_t s, const size_t rows, const double *x, double *y)
 {
-    switch (rows) { /* each with its own loop, the sums in registers */
-    case 1:
-        multiply_rows(values, 1, columns, index, x, product);
-        break;
-    case 2:
-        multiply_rows(values, 2, columns, index, x, product);
-        break;
-    case 3:
-        multiply_rows(values, 3, columns, index, x, product);
-        break;
-    case 4:
-        multiply_rows(values, 4, columns, index, x, product);
-        break;
-    case 5:
-        multiply_rows(values, 5, columns, index, x, product);
-        break;
-    default:
-        multiply_rows(values, 6, columns, index, x, product);
-        break;
+    double product[STRIP];
+    multiply_rows(S->values + S->start[s], rows, (size_t)(S->ptr[s + 1] - S->ptr[s]),
+                  S->index + S->ptr[s], x, product);
+#pragma GCC unroll 6
+    for (size_t r = 0; r < rows; r++)
+        y[r] -= product[r];
+}
+
+__attribute__((always_inline)) static inline void
+subtract_strips(const pma_strips *S, size_t begin, size_t end, const double *x, double *y)
+{
+    for (size_t s = begin; s < end; s++) {
+        const size_t rows = (size_t)(S->first[s + 1] - S->first[s]);
+        switch (rows) { /* each with its own loop, the sums in registers */
+        case 1:
+            subtract_strip(S, s, 1, x, y);
+            break;
+        case 2:
+            subtract_strip(S, s, 2, x, y);
+            break;
+        case 3:
+            subtract_strip(S, s, 3, x, y);
+            break;
+        case 4:
+            subtract_strip(S, s, 4, x, y);
+            break;
+        case 5:
+            subtract_strip(S, s, 5, x, y);
+            break;
+        default:
+            subtract_strip(S, s, 6, x, y);
+            break;
+        }
+        y += rows;
     }
 }
 
@@ -387,10 +400,10 @@ static void subtract_plain(const double *A, size_t ld, size_t rows, size_t colum
     subtract(A, ld, rows, columns, x, y);
 }
 
-static void multiply_strip_plain(const double *values, size_t rows, size_t columns,
-                                 const int32_t *index, const double *x, double *product)
+static void subtract_strips_plain(const pma_strips *S, size_t begin, size_t end, const double *x,
+                                  double *y)
 {
-    multiply_strip(values, rows, columns, index, x, product);
+    subtract_strips(S, begin, end, x, y);
 }
 
 static void subtract_band_plain(const double *above, const double *below, size_t n, size_t width,
@@ -429,7 +442,7 @@ static const pma_kernel PLAIN = {
     .eliminate = eliminate_plain,
     .substitute = substitute_plain,
     .subtract = subtract_plain,
-    .multiply_strip = multiply_strip_plain,
+    .subtract_strips = subtract_strips_plain,
     .subtract_band = subtract_band_plain,
     .eliminate_lanes = eliminate_lanes_plain,
     .substitute_lanes = substitute_lanes_plain,
@@ -466,10 +479,9 @@ subtract_avx2(const double *A, size_t ld, size_t rows, size_t columns, const dou
 }
 
 __attribute__((target("avx2"))) static void
-multiply_strip_avx2(const double *values, size_t rows, size_t columns, const int32_t *index,
-                    const double *x, double *product)
+subtract_strips_avx2(const pma_strips *S, size_t begin, size_t end, const double *x, double *y)
 {
-    multiply_strip(values, rows, columns, index, x, product);
+    subtract_strips(S, begin, end, x, y);
 }
 
 __attribute__((target("avx2"))) static void
@@ -511,7 +523,7 @@ static const pma_kernel AVX2 = {
     .eliminate = eliminate_avx2,
     .substitute = substitute_avx2,
     .subtract = subtract_avx2,
-    .multiply_strip = multiply_strip_avx2,
+    .subtract_strips = subtract_strips_avx2,
     .subtract_band = subtract_band_avx2,
     .eliminate_lanes = eliminate_lanes_avx2,
     .substitute_lanes = substitute_lanes_avx2,

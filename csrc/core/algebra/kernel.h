@@ -8,6 +8,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "algebra/strips.h"
+
 /* Vectors side by side: number i of lane l is at i * PMA_LANES + l. No lane depends on another. */
 enum { PMA_LANES = 8 };
 
@@ -19,20 +21,21 @@ typedef struct {
     /* y (rows) -= A x, A_ij at A[j * ld + i] */
     void (*subtract)(const double *A, size_t ld, size_t rows, size_t columns, const double *x,
                      double *y);
-    /* product (rows) := A x of a strip of at most six rows with columns (a multiple of four) at
-     * entries index of x. Of four whose last is three above the first, all follow one another. */
-    void (*multiply_strip)(const double *values, size_t rows, size_t columns, const int32_t *index,
-                           const double *x, double *product);
+    /* y -= A x for the strips begin..end-1, where y[0] is the first row of strip `begin` */
+    void (*subtract_strips)(const pma_strips *S, size_t begin, size_t end, const double *x,
+                            double *y);
     /* y_i -= sum over j of A_ij x_j for i = begin..end-1, A_i,i+d at above[d * n + i] for
      * d = 0..width and A_i+d,i at below[d * n + i] for d = 1..width */
     void (*subtract_band)(const double *above, const double *below, size_t n, size_t width,
                           size_t begin, size_t end, const double *x, double *y);
-    /* The first four on vectors in lanes: bitwise the same in each of them. */
+    /* The first three on vectors in lanes: bitwise the same in each of them. */
     void (*eliminate_lanes)(const double *panel, size_t ld, size_t height, size_t width, double *x);
     void (*substitute_lanes)(const double *panel, size_t ld, size_t height, size_t width,
                              double *x);
     void (*subtract_lanes)(const double *A, size_t ld, size_t rows, size_t columns, const double *x,
                            double *y);
+    /* product (rows) := A x of a strip of at most six rows with columns (a multiple of four) at
+     * entries index of x, in lanes: bitwise what subtract_strips subtracts */
     void (*multiply_strip_lanes)(const double *values, size_t rows, size_t columns,
                                  const int32_t *index, const double *x, double *product);
 } pma_kernel;

@@ -2,6 +2,7 @@
 
 #include <stdbool.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "algebra/kernel.h"
 
@@ -187,17 +188,30 @@ size_t pma_strips_at(const pma_strips *S, size_t row)
     return low;
 }
 
+/* Rows begin..end-1 of strip s, which has more. */
+static void subtract_some(const pma_strips *S, size_t s, size_t begin, size_t end, const double *x,
+                          double *y)
+{
+    double own[PMA_STRIP_ROWS] = {0.0};
+    double *some = own + (begin - (size_t)S->first[s]);
+    memcpy(some, y + begin, (end - begin) * sizeof *y);
+    pma_kernel_best()->subtract_strips(S, s, s + 1, x, own);
+    memcpy(y + begin, some, (end - begin) * sizeof *y);
+}
+
 void pma_strips_subtract(const pma_strips *S, size_t begin, size_t end, const double *x, double *y)
 {
-    const pma_kernel *kernel = pma_kernel_best();
-    double product[PMA_STRIP_ROWS];
     if (begin == end)
         return;
-    for (size_t s = pma_strips_at(S, begin); s < S->count && (size_t)S->first[s] < end; s++) {
-        const size_t first = (size_t)S->first[s], last = (size_t)S->first[s + 1];
-        kernel->multiply_strip(S->values + S->start[s], rows_of(S, s), columns_of(S, s),
-                               S->index + S->ptr[s], x, product);
-        for (size_t i = first > begin ? first : begin; i < (last < end ? last : end); i++)
-            y[i] -= product[i - first];
+    size_t s = pma_strips_at(S, begin), last = pma_strips_at(S, end - 1);
+    if (begin > (size_t)S->first[s]) {
+        const size_t next = (size_t)S->first[s + 1];
+        subtract_some(S, s++, begin, next < end ? next : end, x, y);
     }
+    if (s <= last && end == (size_t)S->first[last + 1])
+        last++;
+    else if (s <= last)
+        subtract_some(S, last, (size_t)S->first[last], end, x, y);
+    if (s < last)
+        pma_kernel_best()->subtract_strips(S, s, last, x, y + S->first[s]);
 }
