@@ -15,7 +15,7 @@ from pmalpha import _core, structures
 from pmalpha.problem import ordering
 from pmalpha.problem.matrices import core_sparse, permuted
 from pmalpha.problem.ordering import _nested_dissection as dissection
-from pmalpha.problem.ordering import _pattern, elimination_order, fill, graph_of, node_size
+from pmalpha.problem.ordering import elimination_order, fill, graph_of, node_graph, node_size
 from pmalpha.setup import factors
 from pmalpha.setup.compliance import compliance, constraints_of
 from pmalpha.setup.inertia import inertia
@@ -246,7 +246,7 @@ def test_the_count_of_entries_is_that_of_a_dense_elimination():
             pattern[np.ix_(below, below)] = True
         counts = [int(pattern[k + 1 :, k].sum()) for k in range(n)]
         np.testing.assert_array_equal(_core.count_factor(ptr, index), counts)
-        assert fill(A, np.arange(n)) == n + sum(counts)
+        assert fill(graph_of([A]), np.arange(n)) == n + sum(counts)
 
 
 def test_an_order_has_the_interface_last_and_every_dof_once():
@@ -306,13 +306,42 @@ def without_pymetis(monkeypatch):
     monkeypatch.setitem(sys.modules, "pymetis", None)  # import raises ImportError
 
 
+def test_a_graph_has_the_entries_of_all_matrices_and_of_their_transposes():
+    rng = np.random.default_rng(8)
+    for n in (1, 2, 7, 40):
+        matrices = [sp.random_array((n, n), density=0.1, format="csr", rng=rng) for _ in range(3)]
+        entries = sum((A != 0).toarray().astype(int) for A in matrices)
+        adjacent = (entries + entries.T > 0) & ~np.eye(n, dtype=bool)
+        assert rows_as_lists(graph_of(matrices)) == [list(np.flatnonzero(row)) for row in adjacent]
+
+
+def test_the_graph_of_the_nodes_has_an_edge_where_dofs_of_two_nodes_have_one():
+    A = sp.csr_array(sp.kron(cube(4), np.ones((3, 3))))
+    nodes = node_graph(graph_of([A]), np.arange(189, 192))  # the last node is the interface
+    assert rows_as_lists(nodes.graph) == rows_as_lists(graph_of([cube(4)]))
+    np.testing.assert_array_equal(nodes.dofs, np.arange(192))
+    np.testing.assert_array_equal(nodes.start, np.arange(0, 193, 3))
+    assert nodes.border == 1
+
+
+def rows_as_lists(graph):
+    return [list(graph.index[i:j]) for i, j in zip(graph.ptr[:-1], graph.ptr[1:])]
+
+
+def test_groups_outside_their_range_are_refused():
+    ptr, index = np.array([0, 1]), np.zeros(1, np.int32)
+    for group in (-1, 1):
+        with pytest.raises(ValueError, match="group must lie in 0..groups-1"):
+            _core.graph_of_groups(ptr, index, np.array([group], np.int32), 1)
+
+
 @pytest.mark.parametrize("size", [1, 2, 3, 6])
 @pytest.mark.parametrize("mesh", ["line", "square", "cube"])
 def test_the_dofs_of_a_node_are_found_from_the_pattern(size, mesh):
     T = sp.diags_array([-1.0, 4.0, -1.0], offsets=[-1, 0, 1], shape=(12, 12))
     graph = {"line": T, "square": sp.kron(T, T), "cube": sp.kron(sp.kron(T, T), T)}[mesh]
     block = np.ones((size, size))
-    assert node_size(_pattern(sp.csr_array(sp.kron(graph, block)))) == size
+    assert node_size(graph_of([sp.csr_array(sp.kron(graph, block))])) == size
 
 
 @pytest.mark.parametrize("mass", ["consistent", "lumped"])
@@ -320,8 +349,8 @@ def test_the_nodes_of_finite_elements_are_found_although_couplings_vanish(mass):
     material = dict(E=1.0, nu=0.3, rho=1.0, mass=mass)
     box = structures.solid(5, 6, 7, 0.1, **material)
     sheet = structures.plate(11, 7, 0.1, **material)  # 96 nodes: 2 and 3 and 6 divide its dofs
-    assert node_size(_pattern(box.K)) == 3
-    assert node_size(_pattern(sheet.K)) == 2
+    assert node_size(graph_of([box.K])) == 3
+    assert node_size(graph_of([sheet.K])) == 2
 
 
 def test_dofs_of_a_node_are_adjacent_and_in_order():
@@ -344,8 +373,8 @@ def test_the_chosen_order_has_the_least_fill_of_all_candidates(nodes_of_interfac
     A = cube(9)
     n, nb = 729, nodes_of_interface
     last = np.arange(n - nb, n)
-    pattern = _pattern(A)
-    inner = sp.csr_array(pattern[: n - nb][:, : n - nb])
+    pattern = graph_of([A])
+    inner = ordering._leading(pattern, n - nb)
     fills = [
         fill(pattern, np.concatenate([order, last]))
         for order in (np.arange(n - nb), ordering._minimum_degree(inner), dissection(inner))
@@ -358,21 +387,21 @@ def test_nested_dissection_halves_the_factor_of_a_solid(monkeypatch):
     pytest.importorskip("pymetis")
     box = structures.solid(11, 11, 11, 0.1, E=1.0, nu=0.3, rho=1.0)
     face = box.dofs(box.nodes(lambda x, y, z: x < 1e-9))
-    with_metis = fill(_pattern(box.K), elimination_order(box.n, graph_of([box.K]), face))
+    with_metis = fill(graph_of([box.K]), elimination_order(box.n, graph_of([box.K]), face))
     without_pymetis(monkeypatch)
-    without = fill(_pattern(box.K), elimination_order(box.n, graph_of([box.K]), face))
+    without = fill(graph_of([box.K]), elimination_order(box.n, graph_of([box.K]), face))
     # 2/3 of minimum degree, and that 2/3 of the natural order, when this was written
     assert with_metis < 0.9 * without
-    assert without < 0.9 * fill(_pattern(box.K), np.concatenate([np.arange(432, box.n), face]))
+    assert without < 0.9 * fill(graph_of([box.K]), np.concatenate([np.arange(432, box.n), face]))
 
 
 def test_without_pymetis_the_order_is_that_of_minimum_degree(monkeypatch):
     without_pymetis(monkeypatch)
     A = cube(9)
-    assert dissection(_pattern(A)) is None
-    degree = ordering._minimum_degree(_pattern(A))
+    assert dissection(graph_of([A])) is None
+    degree = ordering._minimum_degree(graph_of([A]))
     order = elimination_order(729, graph_of([A]), np.arange(0))
-    assert fill(_pattern(A), order) == fill(_pattern(A), degree)
+    assert fill(graph_of([A]), order) == fill(graph_of([A]), degree)
 
 
 def test_the_order_is_the_same_every_time_whatever_the_random_state():

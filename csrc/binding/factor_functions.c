@@ -97,6 +97,72 @@ static PyObject *postorder(PyObject *Py_UNUSED(module), PyObject *args)
     return array;
 }
 
+/* ---- graphs ---------------------------------------------------------------------------------- */
+
+static int take_groups(PyObject *group_obj, size_t n, Py_ssize_t groups, const int32_t **out)
+{
+    const npy_intp length = (npy_intp)n;
+    PyArrayObject *group;
+    if (pma_take_array(group_obj, NPY_INT32, 1, &length, "group", NULL, &group) < 0)
+        return -1;
+    *out = PyArray_DATA(group);
+    bool right = groups >= 0 && groups <= INT32_MAX;
+    for (size_t i = 0; right && i < n; i++)
+        right = (*out)[i] >= 0 && (*out)[i] < groups;
+    if (!right)
+        PyErr_SetString(PyExc_ValueError, "group must lie in 0..groups-1");
+    return right ? 0 : -1;
+}
+
+/* Scratch: integers 4 (groups + 1), indices n + 2 ptr[n]. */
+static PyObject *new_graph(const pattern *A, size_t groups, const int32_t *group, int64_t *integers,
+                           int32_t *indices)
+{
+    int64_t *ptr, *list_ptr = integers, *other_ptr = integers + groups + 1;
+    int64_t *start = integers + 2 * (groups + 1), *mark = integers + 3 * (groups + 1);
+    int32_t *list = indices + A->n, *other = list + A->ptr[A->n];
+    PyObject *graph = NULL, *ptr_obj = new_integers(groups + 1, &ptr);
+    if (!ptr_obj)
+        return NULL;
+    Py_BEGIN_ALLOW_THREADS pma_symbolic_merge(A->n, A->ptr, A->index, groups, group, start, indices,
+                                              mark, list_ptr, list);
+    pma_symbolic_transpose(groups, list_ptr, list, other_ptr, other);
+    pma_symbolic_transpose(groups, other_ptr, other, list_ptr, list);
+    pma_symbolic_unite(groups, list_ptr, list, other_ptr, other, ptr, NULL);
+    Py_END_ALLOW_THREADS npy_intp length = (npy_intp)ptr[groups];
+    PyObject *index_obj = PyArray_ZEROS(1, &length, NPY_INT32, 0);
+    if (index_obj) {
+        int32_t *index = PyArray_DATA((PyArrayObject *)index_obj);
+        Py_BEGIN_ALLOW_THREADS pma_symbolic_unite(groups, list_ptr, list, other_ptr, other, ptr,
+                                                  index);
+        Py_END_ALLOW_THREADS graph = PyTuple_Pack(2, ptr_obj, index_obj);
+    }
+    Py_XDECREF(index_obj);
+    Py_DECREF(ptr_obj);
+    return graph;
+}
+
+static PyObject *graph_of_groups(PyObject *Py_UNUSED(module), PyObject *args)
+{
+    PyObject *ptr, *index, *group_obj, *graph = NULL;
+    Py_ssize_t groups;
+    pattern A;
+    const int32_t *group;
+    if (!PyArg_ParseTuple(args, "OOOn", &ptr, &index, &group_obj, &groups) ||
+        take_pattern(ptr, index, &A) < 0 || take_groups(group_obj, A.n, groups, &group) < 0)
+        return NULL;
+    const size_t entries = (size_t)A.ptr[A.n];
+    int64_t *integers = PyMem_Malloc(4 * ((size_t)groups + 1) * sizeof *integers);
+    int32_t *indices = PyMem_Malloc((A.n + 2 * entries + 1) * sizeof *indices);
+    if (integers && indices)
+        graph = new_graph(&A, (size_t)groups, group, integers, indices);
+    else
+        PyErr_NoMemory();
+    PyMem_Free(integers);
+    PyMem_Free(indices);
+    return graph;
+}
+
 /* ---- supernodes ------------------------------------------------------------------------------ */
 
 /* The arrays of the structure, once the supernodes are known; scratch: 3 n. */
@@ -274,6 +340,8 @@ done:
 }
 
 PyMethodDef pma_factor_functions[] = {
+    {"graph_of_groups", graph_of_groups, METH_VARARGS,
+     "graph_of_groups(ptr, index, group, groups) -> (ptr, index), symmetric, without loops"},
     {"count_factor", count_factor, METH_VARARGS,
      "count_factor(ptr, index) -> entries of the factor below the diagonal, column by column"},
     {"postorder", postorder, METH_VARARGS,

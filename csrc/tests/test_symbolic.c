@@ -223,7 +223,47 @@ static void entries_and_rows_are_counted_in_64_bits(void)
     CHECK_INT((int64_t)pma_panels_update_size(&p), WIDTH * row_ptr[1]);
 }
 
+/* Entries drawn at random, some twice, and the same by columns and from both sides. */
+static void the_graph_of_groups_agrees_with_brute_force(void)
+{
+    enum { N = 20, MOST = 60 };
+    uint64_t seed = 12;
+    for (size_t n = 1; n <= N; n++) {
+        bool tied[N * N] = {false};
+        int64_t ptr[N + 1] = {0}, start[N + 1], mark[N], list_ptr[N + 1], other_ptr[N + 1];
+        int64_t out_ptr[N + 1];
+        int32_t index[MOST], group[N], members[N], list[MOST], other[MOST], out[2 * MOST];
+        const size_t groups = 1 + draw(&seed, (uint32_t)n);
+        for (size_t i = 0; i < n; i++)
+            group[i] = (int32_t)draw(&seed, (uint32_t)groups);
+        for (size_t i = 0; i < n; i++) {
+            ptr[i + 1] = ptr[i] + draw(&seed, 4);
+            for (int64_t k = ptr[i]; k < ptr[i + 1]; k++) {
+                index[k] = (int32_t)draw(&seed, (uint32_t)n);
+                const size_t a = (size_t)group[i], b = (size_t)group[index[k]];
+                tied[a * N + b] = tied[b * N + a] = a != b;
+            }
+        }
+        pma_symbolic_merge(n, ptr, index, groups, group, start, members, mark, list_ptr, list);
+        pma_symbolic_transpose(groups, list_ptr, list, other_ptr, other);
+        pma_symbolic_transpose(groups, other_ptr, other, list_ptr, list);
+        pma_symbolic_unite(groups, list_ptr, list, other_ptr, other, out_ptr, NULL);
+        CHECK(out_ptr[groups] <= 2 * ptr[n]);
+        pma_symbolic_unite(groups, list_ptr, list, other_ptr, other, out_ptr, out);
+        int64_t k = 0;
+        for (size_t a = 0; a < groups; a++) {
+            for (size_t b = 0; b < groups; b++) {
+                const bool listed = k < out_ptr[a + 1] && out[k] == (int32_t)b;
+                CHECK_INT(listed, tied[a * N + b]);
+                k += listed;
+            }
+            CHECK_INT(k, out_ptr[a + 1]);
+        }
+    }
+}
+
 const test SYMBOLIC_TESTS[] = {
+    TEST(the_graph_of_groups_agrees_with_brute_force),
     TEST(entries_and_rows_are_counted_in_64_bits),
     TEST(the_symbolic_count_agrees_with_brute_force),
     TEST(a_postorder_keeps_the_fill_and_gathers_every_subtree),

@@ -106,8 +106,10 @@ def _sparse(value: Any, name: str) -> sp.csr_array:
     if value.dtype.kind not in "iuf":
         raise TypeError(f"{name} must hold real numbers, got dtype {value.dtype}")
     check_arrays(value, name)
-    A = _compressed(value) if value.format in ("csr", "csc") else sp.coo_array(value, copy=True)
-    A = sp.csr_array(A, dtype=np.float64)
+    if value.format in ("csr", "csc"):
+        A = _compressed(value)
+    else:
+        A = sp.csr_array(sp.coo_array(value, copy=True), dtype=np.float64)
     A.sum_duplicates()
     A.eliminate_zeros()  # stored on one side only, zeros would make the pattern unsymmetric
     A.sort_indices()
@@ -123,7 +125,7 @@ def _compressed(value: Any) -> sp.csr_array:
         data = value.data[:end].astype(np.float64)
     arrays = (data, value.indices[:end].copy(), value.indptr.copy())
     kind = sp.csr_array if value.format == "csr" else sp.csc_array
-    return sp.csr_array(kind(arrays, shape=value.shape))
+    return kind(arrays, shape=value.shape).tocsr()
 
 
 def shorten_indices(A: sp.csr_array) -> None:
@@ -174,7 +176,7 @@ def _symmetric(A: Any, name: str, required: bool | None) -> Any:
     if A.ndim == 1:
         return A
     if sp.issparse(A):
-        other = sp.csr_array(A.T)
+        other = A.T.tocsr()
         if all(np.array_equal(getattr(A, x), getattr(other, x)) for x in _ARRAYS):
             return A
         skew = sp.coo_array(A - other)
@@ -266,8 +268,25 @@ def combination(terms: list[tuple[float, Matrix]]) -> Matrix:
         return sum(f * A for f, A in present)
     if any(A.ndim == 2 and not sp.issparse(A) for _, A in present):
         return sum(f * dense(A) for f, A in present)
-    total = sum(f * (sp.diags_array(A) if A.ndim == 1 else A) for f, A in present)
-    return sp.csr_array(total)
+    total, *others = (f * A for f, A in present)
+    for A in others:
+        total = _sparse_sum(total, A)
+    return total
+
+
+def _sparse_sum(A: Any, B: Any) -> Any:
+    """A + B of matrices in inner form, of which none is dense."""
+    if A.ndim == B.ndim == 1:
+        return A + B
+    if A.ndim == 2 and B.ndim == 2:
+        return A + B
+    A, d = (B, A) if A.ndim == 1 else (A, B)
+    places = np.flatnonzero(A.indices == row_of_entries(A))
+    if places.size < d.size:
+        return sp.csr_array(A + sp.diags_array(d))
+    data = A.data.copy()
+    data[places] += d
+    return sp.csr_array((data, A.indices, A.indptr), shape=A.shape)
 
 
 def dense(A: Any) -> np.ndarray:
@@ -309,7 +328,7 @@ def is_symmetric(A: Matrix) -> bool:
         return True
     if not sp.issparse(A):
         return np.array_equal(A, A.T)
-    A, other = sp.csr_array(A), sp.csr_array(A.T)
+    A, other = sp.csr_array(A), A.T.tocsr()
     other.sort_indices()
     return all(np.array_equal(getattr(A, x), getattr(other, x)) for x in _ARRAYS)
 

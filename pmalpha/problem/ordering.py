@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -24,16 +25,49 @@ NODE_SIZES = (1, 2, 3, 6)
 FEW_NODES = 100
 
 
-def graph_of(terms: Sequence[Matrix]) -> sp.csr_array | None:
+class Graph(NamedTuple):
+    """A symmetric graph without loops, in the types of the core.
+
+    Attributes
+    ----------
+    ptr : (n + 1,) array of int64
+    index : array of int32
+        The neighbours of vertex i are index[ptr[i]:ptr[i + 1]], ascending in what `graph_of`
+        returns.
+    """
+
+    ptr: np.ndarray
+    index: np.ndarray
+
+    @property
+    def n(self) -> int:
+        return self.ptr.size - 1
+
+
+def graph_of(terms: Sequence[Matrix]) -> Graph | None:
     """The graph of any sum of these matrices in inner form, None unless one is sparse and none
-    dense: symmetric, without a diagonal, all entries one."""
+    dense."""
     sparse = [A for A in terms if A is not None and sp.issparse(A)]
     if not sparse or len(sparse) < sum(A is not None and A.ndim == 2 for A in terms):
         return None
-    return _pattern(sparse[0] if len(sparse) == 1 else sum(abs(A).sign() for A in sparse))
+    # the matrices one below the other: row i of each belongs to vertex i
+    n, patterns = sparse[0].shape[0], [_pattern(A) for A in sparse]
+    begins = np.cumsum([0] + [index.size for _, index in patterns])
+    ptr = np.concatenate([[0], *(own[1:] + begin for (own, _), begin in zip(patterns, begins))])
+    index = np.concatenate([own for _, own in patterns])
+    vertex = np.tile(np.arange(n, dtype=np.int32), len(sparse))
+    return Graph(*_core.graph_of_groups(ptr, index, vertex, n))
 
 
-def elimination_order(n: int, graph: sp.csr_array | None, last: np.ndarray) -> np.ndarray:
+def _pattern(A: sp.csr_array) -> tuple[np.ndarray, np.ndarray]:
+    """(ptr, index) of the entries that are not zero."""
+    if not A.data.all():
+        A = A.copy()
+        A.eliminate_zeros()
+    return A.indptr.astype(np.int64, copy=False), A.indices.astype(np.int32, copy=False)
+
+
+def elimination_order(n: int, graph: Graph | None, last: np.ndarray) -> np.ndarray:
     """Dof at each position of the elimination order.
 
     The order of least fill among the natural order, minimum degree and, where pymetis is installed,
@@ -42,7 +76,7 @@ def elimination_order(n: int, graph: sp.csr_array | None, last: np.ndarray) -> n
     Parameters
     ----------
     n : int
-    graph : (n, n) csr_array or None
+    graph : Graph or None
         From `graph_of`; None for the natural order.
     last : (nb,) sorted array of int
         Interface dofs, which come last.
@@ -66,8 +100,7 @@ class NodeGraph:
 
     Attributes
     ----------
-    graph : (N, N) csr_array
-        Symmetric, without a diagonal, all entries one.
+    graph : Graph
     border : int
         Number of nodes of the interface.
     dofs : (n,) array of int
@@ -76,7 +109,7 @@ class NodeGraph:
         Index in `dofs` at which the dofs of each node begin.
     """
 
-    graph: sp.csr_array
+    graph: Graph
     border: int
     dofs: np.ndarray
     start: np.ndarray
@@ -88,50 +121,42 @@ class NodeGraph:
         return self.dofs[np.arange(ends[-1]) + np.repeat(self.start[order] - ends + sizes, sizes)]
 
 
-def node_graph(pattern: sp.csr_array, last: np.ndarray) -> NodeGraph:
+def node_graph(graph: Graph, last: np.ndarray) -> NodeGraph:
     """The graph with the dofs of each node merged; its interface dofs and the others separately."""
-    n = pattern.shape[0]
+    n = graph.n
     border = np.zeros(n, dtype=bool)
     border[last] = True
-    label = np.arange(n) // node_size(pattern) + n * border
+    label = np.arange(n) // node_size(graph) + n * border
     dofs = np.argsort(label, kind="stable")
-    start = np.concatenate([np.flatnonzero(np.diff(label[dofs], prepend=-1)), [n]])
-    node = np.empty(n, dtype=np.int64)
-    node[dofs] = np.repeat(np.arange(start.size - 1), np.diff(start))
-    graph = pattern if start.size == n + 1 and not last.size else _merged(pattern, node)
-    return NodeGraph(graph, int(np.unique(label[last]).size), dofs, start)
+    begins = np.diff(label[dofs], prepend=-1) != 0
+    start = np.append(np.flatnonzero(begins), n)
+    node = np.empty(n, dtype=np.int32)
+    node[dofs] = np.cumsum(begins) - 1
+    merged = graph if start.size == n + 1 and not last.size else _merged(graph, node)
+    return NodeGraph(merged, np.count_nonzero(begins & border[dofs]), dofs, start)
 
 
-def node_size(pattern: sp.csr_array) -> int:
-    """Dofs per node when they are numbered node by node: 1, 2, 3 or 6, found from the pattern.
+def node_size(graph: Graph) -> int:
+    """Dofs per node when they are numbered node by node: 1, 2, 3 or 6, found from the graph.
 
     Dofs of one node have the same neighbours, except for couplings that vanish on regular meshes,
     so that merging b of them reduces the entries of a row up to b times. Merging neighbours that do
     not form a node reduces them less, at the ends of the mesh: by less than the cube root of b.
     """
-    n = pattern.shape[0]
-    return max((b for b in NODE_SIZES if n % b == 0), key=lambda b: _gain(pattern, b) / np.cbrt(b))
+    sizes = (b for b in NODE_SIZES if graph.n % b == 0)
+    return max(sizes, key=lambda b: _gain(graph, b) / np.cbrt(b))
 
 
-def _gain(pattern: sp.csr_array, b: int) -> float:
-    """Entries of a row of the pattern per entry of a row of the merged graph."""
-    n = pattern.shape[0]
-    entries = pattern.nnz if b == 1 else _merged(pattern, np.arange(n) // b).nnz
-    return (pattern.nnz + n) / (b * entries + n)
+def _gain(graph: Graph, b: int) -> float:
+    """Entries of a row of the graph per entry of a row of the merged graph."""
+    n, entries = graph.n, graph.index.size
+    merged = entries if b == 1 else _merged(graph, np.arange(n, dtype=np.int32) // b).index.size
+    return (entries + n) / (b * merged + n)
 
 
-def _merged(pattern: sp.csr_array, node: np.ndarray) -> sp.csr_array:
-    """The graph of the nodes, from the graph of the dofs."""
-    n, N = node.size, int(node.max()) + 1
-    if n == N:
-        ptr, index = rows_of(pattern, np.argsort(node))
-        graph = sp.csr_array((pattern.data, index, ptr.astype(pattern.indptr.dtype)), shape=(n, n))
-        graph.sort_indices()
-        return graph
-    member = sp.csr_array((np.ones(n), (node, np.arange(n))), shape=(N, n))
-    merged = sp.csr_array(member @ pattern @ member.T)
-    merged.sort_indices()
-    return _pattern(merged)
+def _merged(graph: Graph, node: np.ndarray) -> Graph:
+    """The graph of the nodes, from the graph of the dofs and the node of each of them."""
+    return Graph(*_core.graph_of_groups(*graph, node, int(node.max()) + 1))
 
 
 def _least_fill(nodes: NodeGraph) -> np.ndarray:
@@ -139,7 +164,7 @@ def _least_fill(nodes: NodeGraph) -> np.ndarray:
     graph, N = nodes.graph, nodes.start.size - 1
     natural = np.arange(N)
     bound = envelope(graph, natural)
-    if bound <= LITTLE_FILL * (graph.nnz + N) / 2:
+    if bound <= LITTLE_FILL * (graph.index.size + N) / 2:
         return natural
     interior, border = natural[: N - nodes.border], natural[N - nodes.border :]
     inner = _leading(graph, interior.size)
@@ -155,15 +180,18 @@ def _least_fill(nodes: NodeGraph) -> np.ndarray:
     return next(order for order, count in zip(candidates[::-1], fills[::-1]) if count == least)
 
 
-def _leading(graph: sp.csr_array, size: int) -> sp.csr_array:
-    """The graph of the first nodes only."""
-    ptr = graph.indptr[: size + 1]
-    return _graph(ptr, graph.indices[: ptr[-1]], graph.indices[: ptr[-1]] < size)
+def _leading(graph: Graph, size: int) -> Graph:
+    """The graph of the first vertices only."""
+    ptr = graph.ptr[: size + 1]
+    index = graph.index[: ptr[-1]]
+    kept = index < size
+    before = np.concatenate([[0], np.cumsum(kept, dtype=np.int64)])
+    return Graph(before[ptr], index[kept])
 
 
-def envelope(pattern: sp.csr_array, order: np.ndarray) -> int:
+def envelope(graph: Graph, order: np.ndarray) -> int:
     """An upper bound of `fill`, in one pass: each row is counted from its first entry on."""
-    ptr, index = rows_of(pattern, order)
+    ptr, index = rows_of(graph, order)
     n = order.size
     first = np.arange(n)
     filled = np.diff(ptr) > 0
@@ -171,53 +199,32 @@ def envelope(pattern: sp.csr_array, order: np.ndarray) -> int:
     return int(np.sum(np.arange(n) - first)) + n
 
 
-def fill(pattern: sp.csr_array, order: np.ndarray) -> int:
+def fill(graph: Graph, order: np.ndarray) -> int:
     """Entries of the factor in this order, with the diagonal."""
-    return order.size + int(_core.count_factor(*rows_of(pattern, order)).sum())
+    return order.size + int(_core.count_factor(*rows_of(graph, order)).sum())
 
 
-def rows_of(pattern: sp.csr_array, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The pattern in an order, as (ptr, index) of the core."""
-    begin = pattern.indptr[order]
-    ptr = np.concatenate([[0], np.cumsum(pattern.indptr[order + 1] - begin, dtype=np.int64)])
+def rows_of(graph: Graph, order: np.ndarray) -> Graph:
+    """The graph with vertex k taken from order[k]; neighbours are not in ascending order."""
+    begin = graph.ptr[order]
+    ptr = np.concatenate([[0], np.cumsum(graph.ptr[order + 1] - begin, dtype=np.int64)])
     entries = np.arange(ptr[-1]) + np.repeat(begin - ptr[:-1], np.diff(ptr))
     position = np.empty(order.size, dtype=np.int32)
     position[order] = np.arange(order.size)
-    return ptr, position[pattern.indices[entries]]
+    return Graph(ptr, position[graph.index[entries]])
 
 
-def _pattern(A: Matrix) -> sp.csr_array:
-    """The graph of A: symmetric, without a diagonal, all entries one."""
-    other = sp.csr_array(A.T)
-    same = np.array_equal(other.indptr, A.indptr) and np.array_equal(other.indices, A.indices)
-    A = A if same else sp.csr_array(abs(A) + abs(other))  # a skew matrix would cancel
-    return _graph(A.indptr, A.indices, (A.indices != _rows(A)) & (A.data != 0.0))
-
-
-def _rows(A: sp.csr_array) -> np.ndarray:
-    """The row of each entry."""
-    return np.repeat(np.arange(A.shape[0], dtype=A.indices.dtype), np.diff(A.indptr))
-
-
-def _graph(ptr: np.ndarray, index: np.ndarray, kept: np.ndarray) -> sp.csr_array:
-    """The graph of the entries of (ptr, index) where `kept` is true."""
-    before = np.concatenate([[0], np.cumsum(kept)]).astype(ptr.dtype)
-    n, ptr = ptr.size - 1, before[ptr]
-    return sp.csr_array((np.ones(int(ptr[-1])), index[kept], ptr), shape=(n, n))
-
-
-def _minimum_degree(graph: sp.csr_array) -> np.ndarray:
+def _minimum_degree(graph: Graph) -> np.ndarray:
     """Multiple minimum degree by SuperLU; the incomplete factor drops all entries, so that only the
     order is computed."""
-    n = graph.shape[0]
-    if n < 2 or graph.nnz == 0:
+    n, ptr = graph.n, graph.ptr
+    if n < 2 or graph.index.size == 0:
         return np.arange(n)
-    degrees = np.diff(graph.indptr)
     loops = np.arange(n)
-    values = np.concatenate([degrees + 1.0, -graph.data])
-    where = (np.concatenate([loops, _rows(graph)]), np.concatenate([loops, graph.indices]))
-    definite = sp.csc_array((values, where), shape=(n, n))
-    definite.sum_duplicates()
+    index = np.insert(graph.index, ptr[1:], loops)
+    values = np.insert(-np.ones(graph.index.size), ptr[1:], np.diff(ptr) + 1.0)
+    definite = sp.csc_array((values, index, ptr + np.arange(n + 1)), shape=(n, n))
+    definite.sort_indices()
     factor = spilu(
         definite,
         permc_spec="MMD_AT_PLUS_A",
@@ -237,22 +244,19 @@ def has_nested_dissection() -> bool:
     return True
 
 
-def _nested_dissection(graph: sp.csr_array) -> np.ndarray | None:
+def _nested_dissection(graph: Graph) -> np.ndarray | None:
     """Nested dissection by METIS, None where pymetis is not installed.
 
-    METIS does not return on an unsymmetric graph and crashes on loops and on an empty one, so it
-    must be a result of `_pattern`.
+    METIS does not return on an unsymmetric graph and crashes on loops and on an empty one.
     """
     if not has_nested_dissection():
         return None
     import pymetis
 
     limit = np.iinfo(np.int32).max  # METIS may have been compiled with integers of 32 bits
-    if graph.nnz == 0 or graph.nnz > limit:
+    if not 0 < graph.index.size <= limit:
         return None
-    adjacency = pymetis.CSRAdjacency(
-        adj_starts=graph.indptr.astype(np.int32), adjacent=graph.indices.astype(np.int32)
-    )
+    adjacency = pymetis.CSRAdjacency(adj_starts=graph.ptr.astype(np.int32), adjacent=graph.index)
     options = pymetis.Options(seed=1, numbering=0)  # the same order in every run
     order, _ = pymetis.nested_dissection(adjacency, options=options)
     return np.array(order, dtype=np.int64)

@@ -1,9 +1,10 @@
-"""Factors of positive definite sparse matrices, and whether they are so beyond rounding."""
+"""Factors of positive definite matrices, and whether they are so beyond rounding."""
 
 from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.linalg.lapack import dpotrf, dpotrs
 from scipy.sparse.linalg import splu
 
 from .ordering import elimination_order, graph_of
@@ -11,6 +12,19 @@ from .ordering import elimination_order, graph_of
 # A structure is floating when its stiffness for some motion is below the rounding of its entries,
 # relative to the diagonal, which makes the test independent of scaling and units.
 FLOATING = 64.0 * np.finfo(float).eps
+
+
+class DenseFactors:
+    """LAPACK's Cholesky factor of a dense matrix; RuntimeError for a pivot that is not positive."""
+
+    def __init__(self, S: np.ndarray):
+        self._lower, failed = dpotrf(S, lower=True)
+        if failed:
+            raise RuntimeError("a pivot is not positive")
+
+    def solve(self, b: np.ndarray) -> np.ndarray:
+        """S^-1 b for b of shape (n,) or (n, k)."""
+        return dpotrs(self._lower, b, lower=True)[0]
 
 
 class Factors:
@@ -32,24 +46,29 @@ class Factors:
         return x
 
 
-def positive_definite(S: sp.csc_array) -> Factors:
+def positive_definite(S: sp.csc_array | np.ndarray) -> Factors | DenseFactors:
     """The factors of S, pivots on the diagonal; LinAlgError if one is not positive."""
-    graph = graph_of([sp.csr_array(S)])
-    order = elimination_order(S.shape[0], graph, np.empty(0, dtype=np.int64))
     try:
-        return Factors(S, order)
+        if not sp.issparse(S):
+            return DenseFactors(S)
+        graph = graph_of([sp.csr_array(S)])
+        return Factors(S, elimination_order(S.shape[0], graph, np.empty(0, dtype=np.int64)))
     except RuntimeError as error:
         raise np.linalg.LinAlgError(str(error)) from error
 
 
 def scale_to_one(K: sp.csc_array) -> sp.dia_array:
     """Scales the diagonal to about one, by powers of two, so that units have no effect."""
-    d = np.abs(K.diagonal())
-    d[d == 0.0] = 1.0
-    return sp.diags_array(2.0 ** np.round(-0.5 * np.log2(d)))
+    return sp.diags_array(scales_to_one(K.diagonal()))
 
 
-def softest(G: sp.csc_array, factors: Factors | None = None) -> float:
+def scales_to_one(diagonal: np.ndarray) -> np.ndarray:
+    """The factors of rows and columns in that, (n,)."""
+    d = np.where(diagonal == 0.0, 1.0, np.abs(diagonal))
+    return 2.0 ** np.round(-0.5 * np.log2(d))
+
+
+def softest(G: sp.csc_array | np.ndarray, factors: Factors | DenseFactors | None = None) -> float:
     """The smallest eigenvalue of G, approximately, or zero when a pivot is not positive."""
     if factors is None:
         try:

@@ -409,6 +409,8 @@ class Subdomain(Frozen):
     def _check_negative_mass(self, digits: float) -> None:
         """ValueError for negative masses; up to `digits` only under a scheme without damping."""
         d = np.zeros(0) if self.M is None else diagonal(self.M)
+        if not (d < 0.0).any():
+            return
         undamped = not self.scheme.explicit and self.scheme.radius_at_infinity() > UNDAMPED
         negative = np.flatnonzero(d < (0.0 if undamped else -digits))
         if negative.size:

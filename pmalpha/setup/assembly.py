@@ -243,7 +243,7 @@ class Assemblies:
     def _of_the_schedule(self, parts: Sequence[Part]) -> dict[str, Any]:
         """What else the core needs where displacements are tied, and of other processes."""
         p = self.rows.size
-        others = {"processes": processes(self.ranks, [remote_of(part) for part in parts])}
+        others = {"processes": processes(self.ranks, map(remote_of, parts))}
         if self.coupling == "mean":
             return others | {"doubled": doubled_part(parts, p, self.ranks)}
         if not self.tied:

@@ -12,6 +12,7 @@ from scipy.linalg.lapack import dpotri
 from .._checks import counted
 from ..blas import one_thread
 from ..memory import require
+from ..problem.matrices import row_of_entries
 from .factors import Factor, interface_block, sides
 from .paths import compliance_along_paths
 
@@ -21,11 +22,15 @@ def constraints_of(L: sp.csc_array) -> np.ndarray:
     return np.unique(L.indices).astype(np.int64)
 
 
-def own_rows(L: sp.csc_array) -> tuple[np.ndarray, sp.csr_array]:
-    """The rows of L that have an entry, and L without the others."""
+def own_rows(L: sp.csc_array, nb: int | None = None) -> tuple[np.ndarray, sp.csr_array]:
+    """The rows of L that have an entry, and L without the others; of its last nb columns."""
+    before = 0 if nb is None else L.shape[1] - nb
     rows, local = np.unique(L.indices, return_inverse=True)
-    own = sp.csc_array((L.data, local.reshape(-1), L.indptr), shape=(rows.size, L.shape[1]))
-    return rows.astype(np.int64), sp.csr_array(own)
+    by_rows = np.argsort(local.reshape(-1), kind="stable")
+    ptr = np.concatenate([[0], np.cumsum(np.bincount(local.reshape(-1)))])
+    columns = (row_of_entries(L) - before)[by_rows]
+    own = sp.csr_array((L.data[by_rows], columns, ptr), shape=(rows.size, L.shape[1] - before))
+    return rows.astype(np.int64), own
 
 
 @dataclass(frozen=True)
@@ -36,11 +41,11 @@ class Block:
     ----------
     rows : (k,) array of int
         Its constraints, the rows and columns of H.
-    values : (k, k) array or csr_array
+    values : (k, k) array or sparse array
     """
 
     rows: np.ndarray
-    values: np.ndarray | sp.csr_array
+    values: np.ndarray | sp.sparray
 
     @property
     def is_dense(self) -> bool:
@@ -51,19 +56,30 @@ class Block:
         rows = self.rows.astype(np.int32)
         if self.is_dense:
             return self.values.ravel(), np.repeat(rows, rows.size), np.tile(rows, rows.size)
-        own = sp.coo_array(self.values)
+        own = self.values.tocoo()
         return own.data, rows[own.row], rows[own.col]
 
 
 def diagonal_compliance(inverse: np.ndarray, L: sp.csc_array) -> Block:
     """L A^-1 L^T of a diagonal A, from the reciprocals of its entries."""
-    rows, own = own_rows(L)
-    return Block(rows, sp.csr_array(own @ sp.diags_array(inverse) @ own.T))
+    rows, local = np.unique(L.indices, return_inverse=True)
+    local, k = local.reshape(-1), rows.size
+    column = row_of_entries(L)
+    # the pairs of entries of one column: the second goes through that column for each first
+    times = np.diff(L.indptr)[column]
+    first = np.repeat(np.arange(column.size), times)
+    begin = np.repeat(np.cumsum(times) - times, times)
+    second = np.arange(first.size) - begin + L.indptr[column[first]]
+    values = L.data[first] * inverse[column[first]] * L.data[second]
+    places, where = np.unique(local[first] * k + local[second], return_inverse=True)
+    sums = np.bincount(where.reshape(-1), weights=values, minlength=places.size)
+    own = sp.coo_array((sums, (places // k, places % k)), shape=(k, k))
+    return Block(rows.astype(np.int64), own)
 
 
 def compliance(factor: Factor, L: sp.csc_array, nb: int, name: str) -> Block:
     """L A^-1 L^T = L_b S^-1 L_b^T on the constraints of L, from the factor of A."""
-    rows, own = own_rows(L[:, L.shape[1] - nb :])
+    rows, own = own_rows(L, nb)
     if not rows.size:
         return Block(rows, np.zeros((0, 0)))
     size = 8.0 * (3.0 * rows.size**2 + 4.0 * nb * max(nb, rows.size))

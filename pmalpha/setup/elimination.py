@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..problem.matrices import Matrix, permuted
-from ..problem.ordering import elimination_order, rows_of
+from ..problem.ordering import Graph, elimination_order, rows_of
 from .factors import Factor, Names, Structure, factorize, structure_of
 from .paths import Paths, paths_to
 
@@ -74,14 +74,14 @@ class Elimination:
 
 
 def elimination(
-    n: int, graph: sp.csr_array | None, last: np.ndarray, *, superlu: bool = False
+    n: int, graph: Graph | None, last: np.ndarray, *, superlu: bool = False
 ) -> Elimination:
     """The elimination with the fewest predicted entries in the sweeps of a step.
 
     Parameters
     ----------
     n : int
-    graph : (n, n) csr_array or None
+    graph : Graph or None
         Of all matrices to factor, from `graph_of`.
     last : (nb,) sorted array of int
         Interface dofs.
@@ -98,9 +98,9 @@ def elimination(
     return other if other is not None and other.swept < chosen.swept else chosen
 
 
-def ordinary(graph: sp.csr_array, last: np.ndarray) -> Elimination | None:
+def ordinary(graph: Graph, last: np.ndarray) -> Elimination | None:
     """The elimination in the ordinary order; None where columns are swept, not panels."""
-    n, nb = graph.shape[0], last.size
+    n, nb = graph.n, last.size
     whole = elimination_order(n, graph, np.arange(0))
     structure = structure_of(*rows_of(graph, whole), 0)
     if structure.panels is None or nb == 0:

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted, numbered, plain_array, real_array, require_finite
+from ..problem.ordering import Graph
 from ..problem.sparse_arrays import check_arrays
 from .factors import Factor, Names, below_diagonal, check_pivots, check_softest
 
@@ -25,7 +26,7 @@ class External:
     Parameters
     ----------
     function : callable
-    graph : (n, n) csr_array
+    graph : Graph
         Contains the pattern of every matrix, in the user's order of dofs.
     last : (nb,) array of int
         Interface dofs, which come last.
@@ -35,12 +36,15 @@ class External:
     def __init__(
         self,
         function: Callable[..., Any],
-        graph: sp.csr_array,
+        graph: Graph,
         last: np.ndarray,
         subdomain: str,
     ):
         self.function, self.last, self.subdomain = function, last, subdomain
-        self.pattern = sp.coo_array(graph + sp.eye_array(graph.shape[0]))
+        own = sp.csr_array(
+            (np.ones(graph.index.size), graph.index, graph.ptr), shape=2 * (graph.n,)
+        )
+        self.pattern = sp.coo_array(own + sp.eye_array(graph.n))
         self.perm: np.ndarray | None = None
         self.first: Factor | None = None
 

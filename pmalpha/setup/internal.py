@@ -24,7 +24,7 @@ from ..problem.matrices import (
     core_sparse,
     row_of_entries,
 )
-from ..problem.ordering import elimination_order, graph_of, rows_of
+from ..problem.ordering import Graph, elimination_order, graph_of, rows_of
 from ..problem.springs import stiffness
 from ..problem.subdomain import Subdomain
 from ..problem.tangents import Slots, entries_of, keys_of, symmetric_union
@@ -210,7 +210,7 @@ def tangent_pattern(pattern: sp.csr_array, last: np.ndarray) -> TangentPattern:
 
 
 def _in_order(pattern: sp.csr_array, order: np.ndarray, nb: int) -> TangentPattern:
-    ptr, index = rows_of(pattern, order)
+    ptr, index = rows_of(Graph(*core_sparse(pattern)[:2]), order)
     ordered = sp.csr_array((np.ones(index.size), index, ptr), shape=pattern.shape)
     ordered.sort_indices()
     return TangentPattern(order, ordered, nb, structure(ordered, nb))

@@ -10,14 +10,18 @@ import scipy.sparse as sp
 
 from .._checks import counted, listing
 from ..errors import ConstraintWarning, warn
-from ..problem.positive import FLOATING, scale_to_one, softest
+from ..problem.matrices import is_symmetric
+from ..problem.positive import FLOATING, scales_to_one, softest
 from ..problem.subdomain import Subdomain
+from .compliance import own_rows
 from .rank import rows_of_size_one
 
 # Dofs of a node for which translations are tried: a translation moves every d-th dof by one.
 DOFS_OF_A_NODE = (1, 2, 3, 6)
 # Force of a translation relative to that of its single entries: the digits of exported matrices.
 ROUNDING = 1e-9
+# Up to this number of dofs a sparse matrix takes more time than the same one dense.
+SMALL = 200
 # A translation is tried on this number of rows before it is tried on all of them.
 SAMPLE = 64
 # Largest number of entries of K + L^T L that is factored only for a warning: some hundredths of a
@@ -51,9 +55,8 @@ def warn_of_loose(keys: Sequence[tuple[str, Subdomain]], matrices: Sequence[sp.c
         )
     loose = {}
     for (name, s), L, found in zip(keys, matrices, reached):
-        rows = np.unique(L.indices)
-        if found and _is_loose(s, sp.csr_array(L)[rows]):
-            loose[name] = counted(rows.size, "constraint")
+        if found and _is_loose(s, L):
+            loose[name] = counted(np.unique(L.indices).size, "constraint")
     if len(loose) == 1:
         ((name, count),) = loose.items()
         verb = "does" if count.startswith("1 ") else "do"
@@ -73,53 +76,55 @@ def warn_of_loose(keys: Sequence[tuple[str, Subdomain]], matrices: Sequence[sp.c
     )
 
 
-def _is_loose(s: Subdomain, L: sp.csr_array) -> bool:
-    """Whether a rigid-body motion satisfies the constraints, L (p, n) without empty rows."""
+def _is_loose(s: Subdomain, L: sp.csc_array) -> bool:
+    """Whether a rigid-body motion satisfies the constraints."""
     if s.has_unknown_stiffness:
         return False
     K = s.largest_tangent
     if K is None:
         return False
     if K.ndim == 1:
-        unsupported = np.flatnonzero(K == 0.0)
-        return bool(np.any(np.bincount(L.indices, minlength=s.n)[unsupported] == 0))
+        return bool(np.any((K == 0.0) & (np.diff(L.indptr) == 0)))
+    if sp.issparse(K) and s.n <= SMALL:
+        K = K.toarray()
     translations = _translations(K, s.n)
-    if translations is None:
+    if not translations.shape[1]:
         return False
-    held = rows_of_size_one(L) @ translations
+    _, own = own_rows(L)
+    held = rows_of_size_one(own) @ translations
     if np.linalg.matrix_rank(held) < translations.shape[1]:
         return True
-    entries = np.sum(np.diff(L.indptr).astype(float) ** 2)
+    entries = np.sum(np.diff(own.indptr).astype(float) ** 2)
     entries += K.nnz if sp.issparse(K) else K.size
-    return entries <= MOST and _is_singular(K, L)
+    return entries <= MOST and _is_singular(K, own)
 
 
-def _translations(K: Any, n: int) -> np.ndarray | None:
+def _translations(K: Any, n: int) -> np.ndarray:
     """(n, t): translations without force in K, for the dofs per node with the largest number."""
-    best: list[np.ndarray] = []
-    size = abs(K)
+    best, size = np.empty((n, 0)), abs(K)
     sample = K[:SAMPLE], size[:SAMPLE]
     for d in DOFS_OF_A_NODE:
         if n % d:
             continue
-        found = []
-        for c in range(d):
-            x = np.zeros(n)
-            x[c::d] = 1.0
-            if _is_free(*sample, x) and _is_free(K, size, x):
-                found.append(x)
-        best = max(best, found, key=len)
-    return np.column_stack(best) if best else None
+        found = np.tile(np.eye(d), (n // d, 1))
+        for rows in (sample, (K, size)):
+            found = found[:, _are_free(*rows, found)] if found.shape[1] else found
+        best = found if found.shape[1] > best.shape[1] else best
+    return best
 
 
-def _is_free(K: Any, size: Any, x: np.ndarray) -> bool:
-    """Whether K x is rounding, in rows of K; `size` is |K|."""
-    return bool(np.all(np.abs(K @ x) <= ROUNDING * (size @ x)))
+def _are_free(K: Any, size: Any, x: np.ndarray) -> np.ndarray:
+    """Whether K x is rounding for each column of x, in rows of K; `size` is |K|."""
+    return np.all(np.abs(K @ x) <= ROUNDING * (size @ x), axis=0)
 
 
 def _is_singular(K: Any, L: sp.csr_array) -> bool:
     """Whether K + L^T L, the constraints replaced by springs, has a motion without stiffness."""
-    stiffness = sp.csc_array(K)
-    scale = scale_to_one(stiffness)
-    springs = rows_of_size_one(sp.csr_array(L @ scale))
-    return softest(sp.csc_array(scale @ stiffness @ scale + springs.T @ springs)) <= FLOATING
+    scale = scales_to_one(K.diagonal())
+    springs = sp.csr_array((L.data * scale[L.indices], L.indices, L.indptr), shape=L.shape)
+    springs = rows_of_size_one(springs)
+    if not sp.issparse(K) and is_symmetric(K):
+        dense = springs.toarray()
+        return softest(scale[:, None] * K * scale + dense.T @ dense) <= FLOATING
+    by = sp.diags_array(scale)
+    return softest(sp.csc_array(by @ sp.csc_array(K) @ by + springs.T @ springs)) <= FLOATING

@@ -304,7 +304,6 @@ def make_part(
         subdomain.restoring_stiffness,
     )
     different = {id(A): permuted(A, order) for A in {id(A): A for A in matrices}.values()}
-    constraints = sp.csc_array(L[:, order])
     return Part(
         subdomain,
         name,
@@ -314,7 +313,7 @@ def make_part(
         eliminated,
         position,
         *(different[id(A)] for A in matrices),
-        constraints,
+        L[:, order],
         last.size,
         external=external,
         internal=internal,
@@ -344,8 +343,6 @@ def core_subdomain(
     **internal: Any,
 ) -> Any:
     """The object of the core for a subdomain with these matrices and operators."""
-    columns = sp.csc_array(L[:, part.n - part.nb :])
-    columns.sort_indices()
     own = part.symmetric
     return _core.Subdomain(
         n=part.n,
@@ -356,7 +353,7 @@ def core_subdomain(
         scheme=(scheme.am, scheme.af, scheme.beta, scheme.gamma),
         single=single,
         twice=twice,
-        link=(L.shape[0], *core_sparse(columns)),
+        link=link_of(part, L),
         restoring=restoring,
         D_r=core_matrix(D_r, symmetric=own),
         lagged=lagged,
@@ -365,6 +362,12 @@ def core_subdomain(
         springs=springs,
         **internal,
     )
+
+
+def link_of(part: Part, L: sp.csc_array) -> tuple[Any, ...]:
+    """The constraints on the interface dofs, the only ones with entries: p and L_b of the core."""
+    ptr, index, values = core_sparse(L if L.has_sorted_indices else L.sorted_indices())
+    return L.shape[0], ptr[part.n - part.nb :], index, values
 
 
 def warn_of_factors(parts: Sequence[Part]) -> None:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import scipy.sparse as sp
 
-from ..problem.matrices import core_sparse
 from ..problem.schemes import Scheme
-from .part import Part
+from .part import Part, link_of
 from .ranks import Ranks
 
 # Pieces of its interface values that the core sends of a subdomain at a time, at most.
@@ -28,8 +27,6 @@ def remote_of(
     h = part.h if h is None else h
     double = not single and part.double
     L = part.L if L is None else L
-    columns = sp.csc_array(L[:, part.n - part.nb :])
-    columns.sort_indices()
     return (
         part.n,
         part.nb,
@@ -39,7 +36,7 @@ def remote_of(
         double and part.over is not None,
         _al2(scheme, h),
         _al2(scheme, part.lengths[1] if double else h),
-        (L.shape[0], *core_sparse(columns)),
+        link_of(part, L),
     )
 
 
@@ -48,10 +45,11 @@ def _al2(scheme: Scheme, h: float) -> float:
     return h * scheme.gamma * (1.0 - scheme.af) / (1.0 - scheme.am)
 
 
-def processes(ranks: Ranks | None, own: Sequence[tuple[Any, ...]]) -> tuple[Any, ...] | None:
-    """The argument of that name of the core's coupler."""
+def processes(ranks: Ranks | None, each: Iterable[tuple[Any, ...]]) -> tuple[Any, ...] | None:
+    """The argument of that name of the core's coupler, from `remote_of` each own subdomain."""
     if ranks is None:
         return None
+    own = list(each)
     remotes: list[Any] = list(ranks.joined(own))
     size = ranks.size + PIECES * sum(remote[1] for remote in remotes)
     remotes[ranks.own] = [None] * len(own)

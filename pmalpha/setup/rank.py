@@ -13,6 +13,7 @@ from scipy.sparse.linalg import splu
 from .._checks import counted, listing
 from ..errors import ConstraintError
 from ..memory import require
+from ..problem.matrices import row_of_entries
 
 # Below this squared distance of a row from the others its group of rows is factored once more.
 SUSPICIOUS = 1e-6
@@ -88,12 +89,15 @@ def _dependent_of_few(unit: sp.csr_array, rows: np.ndarray) -> np.ndarray:
 
 def row_sizes(L: sp.csr_array) -> np.ndarray:
     """The largest entry of each row, (p,)."""
-    return abs(L).max(axis=1).toarray().ravel()
+    sizes = np.zeros(L.shape[0])
+    np.maximum.at(sizes, row_of_entries(L), np.abs(L.data))
+    return sizes
 
 
 def rows_of_size_one(L: sp.csr_array) -> sp.csr_array:
     """L with each row divided by its largest entry: a multiple of a constraint is the same one."""
-    return sp.csr_array(sp.diags_array(1.0 / row_sizes(L)) @ L)
+    scale = 1.0 / row_sizes(L)
+    return sp.csr_array((scale[row_of_entries(L)] * L.data, L.indices, L.indptr), shape=L.shape)
 
 
 def _combination(unit: sp.csr_array, independent: np.ndarray, row: int) -> np.ndarray:

@@ -84,7 +84,7 @@ class InitialAccelerations:
         self.p = p
         factor = interface_factor(H, rows, "the interface matrix of the initial accelerations")
         everywhere = (np.arange(p),)
-        remotes = [remote_of(m.part, UNIT_STEP, m.linked, 1.0) for m in self.masses]
+        remotes = (remote_of(m.part, UNIT_STEP, m.linked, 1.0) for m in self.masses)
         self.coupler = _core.Coupler(
             tuple(self.cores),
             p,
@@ -203,10 +203,13 @@ class _Mass:
         if factor is None:
             factor = _mass_factor(part, matrix)
         self.operator = (1.0, *factor)
-        self.linked = part.L
+        self.linked, self.L_m = part.L, sp.csc_array((part.L.shape[0], 0))
         if self.massless.size:
+            self.L_m = part.L[:, self.massless]
             self.linked = sp.csc_array(part.L @ sp.diags_array(1.0 - unit_mass))
-        self.L_m = part.L[:, self.massless]
+        self.L_m = (
+            part.L[:, self.massless] if self.massless.size else sp.csc_array((part.L.shape[0], 0))
+        )
 
     def core(self, *, linked: bool) -> Any:
         L = self.linked if linked else sp.csc_array((0, self.part.n))

@@ -2,6 +2,86 @@
 
 #include <stdbool.h>
 #include <stdlib.h>
+#include <string.h>
+
+/* ---- the graph of groups -------------------------------------------------------------------- */
+
+/* Unknowns group by group. */
+static void gather(size_t n, size_t groups, const int32_t *group, int64_t *start, int32_t *members)
+{
+    memset(start, 0, (groups + 1) * sizeof *start);
+    for (size_t i = 0; i < n; i++)
+        start[group[i] + 1]++;
+    for (size_t g = 0; g < groups; g++)
+        start[g + 1] += start[g];
+    for (size_t i = n; i-- > 0;) /* start[g + 1] goes down to the beginning of g */
+        members[--start[group[i] + 1]] = (int32_t)i;
+    memmove(start, start + 1, groups * sizeof *start);
+    start[groups] = (int64_t)n;
+}
+
+void pma_symbolic_merge(size_t n, const int64_t *ptr, const int32_t *index, size_t groups,
+                        const int32_t *group, int64_t *start, int32_t *members, int64_t *mark,
+                        int64_t *list_ptr, int32_t *list)
+{
+    int64_t count = 0;
+    gather(n, groups, group, start, members);
+    for (size_t g = 0; g < groups; g++)
+        mark[g] = -1;
+    for (size_t g = 0; g < groups; g++) {
+        const int64_t own = (int64_t)g;
+        list_ptr[g] = count;
+        mark[g] = own;
+        for (int64_t m = start[g]; m < start[g + 1]; m++) {
+            for (int64_t k = ptr[members[m]]; k < ptr[members[m] + 1]; k++) {
+                const int32_t other = group[index[k]];
+                if (mark[other] == own)
+                    continue;
+                mark[other] = own;
+                list[count++] = other;
+            }
+        }
+    }
+    list_ptr[groups] = count;
+}
+
+void pma_symbolic_transpose(size_t n, const int64_t *ptr, const int32_t *index, int64_t *out_ptr,
+                            int32_t *out)
+{
+    memset(out_ptr, 0, (n + 1) * sizeof *out_ptr);
+    for (int64_t k = 0; k < ptr[n]; k++)
+        out_ptr[index[k] + 1]++;
+    for (size_t j = 0; j < n; j++)
+        out_ptr[j + 1] += out_ptr[j];
+    for (size_t i = n; i-- > 0;) { /* out_ptr[j + 1] goes down to the beginning of j */
+        for (int64_t k = ptr[i]; k < ptr[i + 1]; k++)
+            out[--out_ptr[index[k] + 1]] = (int32_t)i;
+    }
+    memmove(out_ptr, out_ptr + 1, n * sizeof *out_ptr);
+    out_ptr[n] = ptr[n];
+}
+
+void pma_symbolic_unite(size_t n, const int64_t *a_ptr, const int32_t *a, const int64_t *b_ptr,
+                        const int32_t *b, int64_t *ptr, int32_t *index)
+{
+    int64_t count = 0;
+    for (size_t i = 0; i < n; i++) {
+        int64_t j = a_ptr[i], k = b_ptr[i];
+        ptr[i] = count;
+        while (j < a_ptr[i + 1] || k < b_ptr[i + 1]) {
+            const int32_t from_a = j < a_ptr[i + 1] ? a[j] : INT32_MAX;
+            const int32_t from_b = k < b_ptr[i + 1] ? b[k] : INT32_MAX;
+            if (index)
+                index[count] = from_a < from_b ? from_a : from_b;
+            count++;
+            j += from_a <= from_b;
+            k += from_b <= from_a;
+        }
+    }
+    ptr[n] = count;
+}
+
+/* ---- the elimination tree ------------------------------------------------------------------- */
 
 /* Row i of R has an entry in column j when j is reached from an entry of row i of the matrix by
  * going up the elimination tree; the tree grows as the rows are walked. */

@@ -13,6 +13,28 @@
 /* Widest supernode: its panel and an update to it stay within the private caches. */
 enum { PMA_WIDEST = 256 };
 
+/* ---- the graph of groups of unknowns -------------------------------------------------------- */
+
+/* Groups a and b have an entry where two of their unknowns have one and a is not b; the entries of
+ * a group are all of a list, each once. The pattern need not be symmetric here.
+ *
+ * group (n): in 0..groups-1. start (groups+1), members (n), mark (groups): scratch. list_ptr
+ * (groups+1), list (ptr[n] at most): output. */
+void pma_symbolic_merge(size_t n, const int64_t *ptr, const int32_t *index, size_t groups,
+                        const int32_t *group, int64_t *start, int32_t *members, int64_t *mark,
+                        int64_t *list_ptr, int32_t *list);
+
+/* The same entries by columns: ascending in each list. out_ptr (n+1), out (ptr[n]): output. */
+void pma_symbolic_transpose(size_t n, const int64_t *ptr, const int32_t *index, int64_t *out_ptr,
+                            int32_t *out);
+
+/* The entries of two patterns, each ascending in its lists, together: ptr (n+1) and, unless NULL,
+ * index (ptr[n]) are output. */
+void pma_symbolic_unite(size_t n, const int64_t *a_ptr, const int32_t *a, const int64_t *b_ptr,
+                        const int32_t *b, int64_t *ptr, int32_t *index);
+
+/* ---- the factor ----------------------------------------------------------------------------- */
+
 /* Entries of R below the diagonal, column by column, and the elimination tree.
  *
  * parent (n): output, the next column that a column is an update to, -1 for a root. count (n):
