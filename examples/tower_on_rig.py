@@ -1,0 +1,27 @@
+"""The structure of the README, for the examples that couple it to other programs."""
+
+import numpy as np
+
+import pmalpha as pm
+
+DT = 0.01  # the macro step
+ROOF = 0.1  # the initial displacement of the roof
+
+
+def tower_on_rig(force, spring=0.0):
+    """A coupler whose roof has the load `force(t)` and a spring of this stiffness to the ground."""
+
+    def load(t):
+        return np.array([0.0, 0.0, force(t)])
+
+    tower = pm.Subdomain(
+        [1.0, 2.0, 1.0],
+        np.array([[9.0, -9.0, 0.0], [-9.0, 18.0, -9.0], [0.0, -9.0, 9.0 + spring]]),
+        scheme=pm.GeneralizedAlpha(0.8),
+        force=load,
+        u0=[0.0, 0.0, ROOF],
+        name="tower",
+    )
+    explicit = pm.GeneralizedAlpha(0.8, explicit=True)
+    rig = pm.Subdomain([1.0], [400e3], scheme=explicit, substeps=5, name="rig")
+    return pm.Coupler([tower, rig], pm.tie("tower", 0, "rig", 0), dt=DT, coupling="macro")
