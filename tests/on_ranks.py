@@ -17,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import problems  # noqa: E402
 
 import pmalpha as pm  # noqa: E402
+from pmalpha.run import checkpoint  # noqa: E402
 
 WORLD = MPI.COMM_WORLD
 RANK, SIZE = WORLD.rank, WORLD.size
@@ -171,6 +172,33 @@ def bitwise(first=0, count=40):
     report(f"{done} of {count} problems bitwise")
 
 
+def explicit():
+    """Internal forces of explicit subdomains: springs, a function, and both, with energies."""
+
+    def force(u, v, t, q):
+        f = 40.0 * u**3 + 0.3 * np.abs(v) * v
+        return f, 120.0 * np.diag(u**2), 0.6 * np.diag(np.abs(v))
+
+    kinds = pm.CubicSpring([0, 2], k=3.0, k3=50.0), force, [pm.Bilinear([1], 9.0, 0.1), force]
+    scheme = pm.GeneralizedAlpha(0.6, explicit=True)
+    subdomains = [
+        chain(3, f"r{i}", substeps=substeps, internal=internal, scheme=scheme)
+        for i, (internal, substeps) in enumerate(zip(kinds, (4, 2, 4)))
+    ]
+    subdomains.append(chain(3, "r3", force=np.ones(3)))
+    first = np.linspace(0, 4, SIZE + 1).astype(int)
+    own = subdomains[first[RANK] : first[RANK + 1]]
+    for coupling in ("pm", "gc"):
+        options = dict(dt=0.01, coupling=coupling)
+        alone = pm.Coupler(subdomains, ties(4), **options)
+        shared = pm.Coupler(own, ties(4), **options, comm=WORLD)
+        one, other = (c.run(steps=40, energy=True) for c in (shared, alone))
+        same(one, other, [s.name for s in own])
+        same_energies(one.energy, other.energy, slice(first[RANK], first[RANK + 1]))
+        assert np.abs(other["r1"].u).max() > 0.1
+    report("explicit")
+
+
 def by_callable(first, count):
     """The same with the exchange through Python, as where MPI cannot be called by address."""
     from pmalpha.setup.ranks import Ranks
@@ -242,7 +270,8 @@ def files(folder):
     assert other.step_count == 11
     same(coupler.run(steps=9), other.run(steps=9), [f"r{RANK}"])
     if RANK == SIZE - 1:
-        (folder / f"state.npz.{RANK}").write_bytes(b"damaged")
+        (folder / f"state.npz.11.{RANK}").write_bytes(b"damaged")
+    WORLD.Barrier()
     before = other.multipliers
     one_of(ValueError, lambda bad: other.load(folder / "state.npz"), "state.npz")
     assert other.step_count == 20 and np.array_equal(before, other.multipliers)
@@ -296,6 +325,79 @@ def killed(folder):
     coupler.run(steps=10_000_000, record_to=Path(folder) / "run.h5", every=100, progress=progress)
 
 
+def four(comm=None, own=slice(None), coupling="pm"):
+    """Four subdomains, of which this rank has its own."""
+    subdomains = [
+        chain(3, f"r{i}", substeps=substeps, force=np.ones(3))
+        for i, substeps in enumerate((1, 2, 1, 1))
+    ]
+    return pm.Coupler(subdomains[own], ties(4), dt=0.01, comm=comm, **COUPLINGS[coupling])
+
+
+def checkpoints(folder):
+    """A state saved by one number of ranks is loaded by another."""
+    folder = Path(folder)
+    names = [f"r{i}" for i in range(4)]
+    fewer = WORLD.Split(RANK > 0)  # rank 0, and all others
+
+    def part(comm):
+        first = np.linspace(0, 4, comm.size + 1).astype(int)
+        return slice(*first[comm.rank : comm.rank + 2])
+
+    def last(comm):
+        return slice(None) if comm.rank == comm.size - 1 else slice(0, 0)
+
+    for coupling in COUPLINGS:
+        shared, alone = four(WORLD, part(WORLD), coupling), four(coupling=coupling)
+        for c in (shared, alone):
+            c.step(7)
+            own = names[part(WORLD)] if c is shared else names
+            c.change_steps(0.008, {name: 2 * (name == "r1") or 1 for name in own})
+            c.step(3)
+        path = folder / f"{coupling}.npz"
+        shared.save(path)
+        if RANK == 0:
+            alone.save(folder / f"{coupling}.alone")
+        WORLD.Barrier()
+        expected = alone.run(steps=5)
+        for source in (path, folder / f"{coupling}.alone"):
+            for comm, own in ((WORLD, last(WORLD)), (fewer, part(fewer)), (None, slice(None))):
+                other = four(comm, own, coupling)
+                other.load(source)
+                assert (other.step_count, other.dt) == (10, 0.008)
+                same(other.run(steps=5), expected, names[own])
+        files = sorted(file.name for file in folder.glob(f"{path.name}*"))
+        WORLD.Barrier()
+        shared.step(1)
+        shared.save(path)  # the files of the older state are removed
+        WORLD.Barrier()
+        later = sorted(file.name for file in folder.glob(f"{path.name}*"))
+        assert later == [name.replace(".10.", ".11.") for name in files], (files, later)
+    report("checkpoints")
+
+
+def killed_in_save(folder):
+    """A rank that is killed while a state is saved; `left` loads the one before."""
+    import os
+    import signal
+
+    coupler = four(WORLD, slice(None) if RANK == 0 else slice(0, 0))
+    coupler.step(4)
+    coupler.save(Path(folder) / "state.npz")
+    coupler.step(4)
+    if RANK == SIZE - 1:
+        checkpoint.write = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+    coupler.save(Path(folder) / "state.npz")
+
+
+def left(folder):
+    coupler, other = four(), four()
+    coupler.load(Path(folder) / "state.npz")
+    other.step(4)
+    same(coupler.run(steps=3), other.run(steps=3), [f"r{i}" for i in range(4)])
+    report("left")
+
+
 # ---- errors of arguments ------------------------------------------------------------------------
 
 
@@ -343,7 +445,7 @@ def arguments():
     one_of(
         ValueError,
         lambda bad: make(own=[chain(3, f"r{RANK}", **(internal if bad else {}))]),
-        "internal forces need a Coupler without comm",
+        "internal forces must be those of explicit subdomains",
     )
     spring = dict(restoring=pm.Bilinear([0], k=1.0, fy=1.0, hardening=0.1))
     with_spring = make(own=[chain(3, f"r{RANK}", **(spring if RANK == 0 else {}))])
@@ -459,9 +561,14 @@ class Counted:
             value,
         )
 
+    @staticmethod
+    def time(*arguments):
+        """Of F(t), r(u, v, t) and f(u, v, t, q)."""
+        return arguments[min(len(arguments), 3) - 1]
+
     def __call__(self, *arguments):
         self.calls += 1
-        if self.active and arguments[-1] > self.last:
+        if self.active and self.time(*arguments) > self.last:
             self.active = False
             return self.happens()
         return self.value
@@ -512,6 +619,18 @@ def restoring(failed, coupling):
     same(rest, alone.run(steps=28), [f"r{RANK}"])
 
 
+def internal(failed, coupling):
+    """The same of an internal force, of an explicit subdomain."""
+    if coupling not in ("pm", "gc"):
+        return
+
+    def make(active):
+        force = Counted(active, 0.1234, broken, (np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))))
+        return {"internal": force, "scheme": pm.GeneralizedAlpha(0.8, explicit=True)}
+
+    fails_in(make, expect(Broken, "the load is missing"), failed, coupling, step=12)
+
+
 def ctrl_c(failed, coupling):
     def make(active):
         return {"force": Counted(active, 0.1234, interrupt, np.ones(3))}
@@ -545,7 +664,7 @@ def unstable(failed, coupling):
     assert 1 < step < 400
 
 
-FAILURES = (load, restoring, ctrl_c, not_a_number, unstable)
+FAILURES = (load, restoring, internal, ctrl_c, not_a_number, unstable)
 
 
 def failures(*options):

@@ -66,6 +66,12 @@ def test_interpolated_ties_and_prescribed_motion_too(ranks):
 
 
 @needs_mpi
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_internal_forces_of_explicit_subdomains_too(ranks):
+    assert run(ranks, "explicit") == ["explicit"] * ranks
+
+
+@needs_mpi
 def test_a_wrong_argument_on_one_rank_raises_on_all():
     assert run(3, "arguments") == ["arguments"] * 3
 
@@ -75,8 +81,8 @@ def test_a_wrong_argument_on_one_rank_raises_on_all():
     "ranks, couplings", [(2, ["pm", "gc", "tied", "macro", "mean"]), (3, ["pm"])]
 )
 def test_a_failure_on_any_rank_ends_the_run_on_all_at_the_same_step(ranks, couplings):
-    # 5 kinds of failure, each on both ranks, or on one of three
-    count = 5 * (2 if ranks == 2 else 1) * len(couplings)
+    # 6 kinds of failure, each on both ranks, or on one of three
+    count = 6 * (2 if ranks == 2 else 1) * len(couplings)
     assert run(ranks, "failures", *couplings) == [f"{count} failures"] * ranks
 
 
@@ -84,6 +90,12 @@ def test_a_failure_on_any_rank_ends_the_run_on_all_at_the_same_step(ranks, coupl
 def test_ranks_save_and_load_their_own_files(tmp_path):
     pytest.importorskip("h5py")
     assert run(2, "files", tmp_path) == ["files"] * 2
+
+
+@needs_mpi
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_a_state_is_loaded_by_another_number_of_ranks(ranks, tmp_path):
+    assert run(ranks, "checkpoints", tmp_path) == ["checkpoints"] * ranks
 
 
 @needs_mpi
@@ -104,6 +116,14 @@ def test_after_a_kill_of_a_rank_the_files_can_be_read(tmp_path):
         assert np.all(np.isfinite(history[f"r{rank}"].u))
     whole = pm.History.load(tmp_path / "run.h5")
     assert whole["r0"].t.size == whole["r1"].t.size == whole.macro_times.size
+
+
+@needs_mpi
+def test_after_a_kill_in_save_the_state_saved_before_is_loaded(tmp_path):
+    words, environment = command(2, "killed_in_save", tmp_path)
+    done = subprocess.run(words, env=environment, capture_output=True, timeout=LIMIT)
+    assert done.returncode != 0
+    assert run(1, "left", tmp_path) == ["left"]
 
 
 def test_a_communicator_is_one_of_mpi4py():

@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from itertools import pairwise
 from os import PathLike
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +24,7 @@ from ..blas import one_thread
 from ..files import read_npz, write_npz
 from ..problem.forces import SampledForce
 from ..problem.springs import Spring
+from ..setup.assembly import Assembly
 from ..setup.part import Part
 from .clock import Clock
 from .motion import Motion
@@ -44,7 +48,13 @@ SHOWN = 6
 
 
 def constants(
-    options: Mapping[str, Any], parts: Sequence[Part], matrices: Sequence[sp.csc_array]
+    options: Mapping[str, Any],
+    names: Sequence[str],
+    p: int,
+    parts: Sequence[Part],
+    matrices: Sequence[sp.csc_array],
+    *,
+    iterates: bool,
 ) -> dict[str, Any]:
     """The constant facts of a problem, by the name that an error shows.
 
@@ -52,15 +62,22 @@ def constants(
     ----------
     options : dict
         The options of the coupler.
+    names : sequence of str
+        Of the subdomains of all processes.
+    p : int
+        Number of constraints.
     parts : sequence of Part
+        Of this process.
     matrices : sequence of (p, n_i) csc_array
         L_i, in the user's order.
+    iterates : bool
+        Whether some subdomain has internal forces.
     """
     facts = {**options, "newton": repr(options["newton"])}
-    facts |= {"names": [part.name for part in parts], "conditions": matrices[0].shape[0]}
+    facts |= {"names": list(names), "conditions": p}
     if options["drift"] == "kept":
         del facts["drift"]  # the same
-    if not any(part.internal is not None for part in parts):
+    if not iterates:
         del facts["newton"]  # which nothing uses, and files of older versions do not have
     for part, L in zip(parts, matrices):
         s, of = part.subdomain, f"of {part.name!r}"
@@ -127,12 +144,16 @@ def checksum(A: Any) -> str:
     return f"checksum {digest.hexdigest()[:16]}"
 
 
-def differences(saved: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
-    """The facts that differ between the problem of a file and the one here."""
+def differences(
+    saved: Mapping[str, Any], here: Mapping[str, Any], elsewhere: Sequence[str] = ()
+) -> list[str]:
+    """The facts that differ between the problem of a file and the one here, without those of
+    subdomains that are `elsewhere`, in other processes."""
+    apart = tuple(f" {word} {name!r}" for name in elsewhere for word in ("of", "on"))
     return [
         f"{fact} ({saved.get(fact, 'not given')} in the file, {here.get(fact, 'not given')} here)"
         for fact in dict.fromkeys([*saved, *here])
-        if saved.get(fact) != here.get(fact)
+        if saved.get(fact) != here.get(fact) and not fact.endswith(apart)
     ]
 
 
@@ -150,11 +171,14 @@ def order_of(part: Part, name: str, x: np.ndarray) -> np.ndarray:
 
 
 def state_arrays(
-    parts: Sequence[Part], core: Any, row_position: np.ndarray
+    assembly: Assembly, row_position: np.ndarray, options: Mapping[str, Any]
 ) -> dict[str, np.ndarray]:
-    """The state of a coupler by name, in the user's order."""
-    arrays, p = {}, row_position.size
-    for i, part in enumerate(parts):
+    """The state of a coupler with these options, by name, in the user's order.
+
+    Subdomains have their numbers among those of all processes.
+    """
+    arrays, p, core = {}, row_position.size, assembly.core
+    for i, part in enumerate(assembly.parts, assembly.first):
         for name, x in zip(names(part), part.core.levels()):
             if x.size or not name.endswith("history"):
                 arrays[f"{i}.{name}"] = x[order_of(part, name, x)]
@@ -165,11 +189,11 @@ def state_arrays(
                 arrays[f"{i}.tangent"] = entries[places_of(part)]
     if core.iteration().size:
         arrays["shooting"] = reordered(core.iteration(), row_position)
-    if any(part.mean for part in parts):
+    if options["coupling"] == "mean":
         *line, arrays[LENGTHS] = np.split(core.end_multipliers(), [p, 2 * p])
         for name, lam in zip(LINE, line):
             arrays[name] = lam[row_position]
-    if any(part.shifts for part in parts):
+    if options["drift"] == "removed":
         arrays["gap"] = core.gap()[row_position]
     arrays["multipliers"] = core.multipliers[row_position]
     arrays["prescribed"] = core.prescribed[row_position]
@@ -195,25 +219,26 @@ class CoreState(NamedTuple):
 def core_state(
     path: str | PathLike,
     arrays: Mapping[str, np.ndarray],
-    parts: Sequence[Part],
-    core: Any,
+    assembly: Assembly,
     row_position: np.ndarray,
+    options: Mapping[str, Any],
 ) -> CoreState:
     """The inverse of `state_arrays`; ValueError for missing or wrong arrays."""
-    p = row_position.size
+    p, core = row_position.size, assembly.core
+    parts = list(enumerate(assembly.parts, assembly.first))
     try:
-        states = [core_arrays(part, i, arrays) for i, part in enumerate(parts)]
-        iterations = [core_iteration(part, i, arrays) for i, part in enumerate(parts)]
+        states = [core_arrays(part, i, arrays) for i, part in parts]
+        iterations = [core_iteration(part, i, arrays) for i, part in parts]
         size = core.iteration().size
         shooting = np.empty(0)
         if size:
             shooting = reordered(checked(arrays, "shooting", size), np.argsort(row_position))
         lam, g, gap, *line = np.zeros((5, p))
         lengths = np.zeros(2)
-        if any(part.shifts for part in parts):
+        if options["drift"] == "removed":
             gap[row_position] = checked(arrays, "gap", p)
         for name, end in zip(LINE, line):
-            if any(part.mean for part in parts):
+            if options["coupling"] == "mean":
                 end[row_position] = checked(arrays, name, p)
                 lengths = checked(arrays, LENGTHS, 2)
         lam[row_position] = checked(arrays, "multipliers", p)
@@ -324,16 +349,40 @@ def write(
     write_npz(path, header if steps is None else header | {"steps": dict(steps)}, arrays)
 
 
+def write_master(path: Path, files: Sequence[str], first: Sequence[int]) -> None:
+    """Write the file that leads to those of several processes, and remove those of an older one.
+
+    Parameters
+    ----------
+    path : Path
+    files : sequence of str
+        Their names beside it, by rank.
+    first : sequence of int
+        The number of the first subdomain of each rank, and the number of all.
+    """
+    older: list[str] = []
+    with suppress(OSError, ValueError):
+        older = read_npz(path, FORMAT, VERSION)[0].get("files", [])
+    header = {"format": FORMAT, "version": VERSION, "files": list(files), "first": list(first)}
+    write_npz(path, header, {})
+    for name in older:
+        if name not in files and name.startswith(f"{path.name}."):
+            path.with_name(name).unlink(missing_ok=True)
+
+
 def read(
-    path: str | PathLike, problem: Mapping[str, Any]
+    path: str | PathLike, problem: Mapping[str, Any], own: range
 ) -> tuple[int, dict[str, np.ndarray], dict[str, Any] | None]:
-    """Macro step, arrays and changed steps of a file that `write` wrote for the same problem.
+    """Macro step, arrays and changed steps of a file that was written for the same problem.
 
     Parameters
     ----------
     path : str or path
+        Of a file of `write`, or of `write_master`.
     problem : dict
         The facts of the problem here, from `constants` and `loads`.
+    own : range
+        The numbers of the subdomains of this process among all: the others are not read.
 
     Raises
     ------
@@ -343,16 +392,39 @@ def read(
         For any other file, a damaged one, or another problem; the message lists what differs.
     """
     header, arrays = read_npz(path, FORMAT, VERSION)
+    if "files" in header:
+        header, arrays = _of_ranks(path, header, own)
     saved, step = header.get("problem"), header.get("step_count")
     if not isinstance(saved, dict) or type(step) is not int or not 0 <= step <= MOST:
         raise damaged(path, "its header is incomplete")
-    found = differences(saved, problem)
+    elsewhere = [name for i, name in enumerate(problem["names"]) if i not in own]
+    found = differences(saved, problem, elsewhere)
     if found:
         raise ValueError(
             "path must lead to a checkpoint of the same problem, but in "
             f"{str(path)!r} these differ: {listing(found, SHOWN)}"
         )
     return step, arrays, header.get("steps")
+
+
+def _of_ranks(
+    path: str | PathLike, master: Mapping[str, Any], own: range
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Header and arrays of those files beside a master that have these subdomains."""
+    files, first = master["files"], master.get("first", [])
+    has = [range(a, b) for a, b in pairwise(first)]
+    if len(has) != len(files):
+        raise damaged(path, "its header is incomplete")
+    wanted = [k for k, theirs in enumerate(has) if set(theirs) & set(own)] or [0]
+    found = [read_npz(Path(path).with_name(files[k]), FORMAT, VERSION) for k in wanted]
+    header: dict[str, Any] = dict(found[0][0], problem={})
+    arrays: dict[str, np.ndarray] = {}
+    for other, theirs in found:
+        if any(other.get(fact) != header.get(fact) for fact in ("step_count", "steps")):
+            raise damaged(path, "the files beside it are of different macro steps")
+        header["problem"] |= other.get("problem", {})
+        arrays |= theirs
+    return header, arrays
 
 
 def damaged(path: str | PathLike, reason: object) -> ValueError:

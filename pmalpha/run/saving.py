@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
+from ..files import checked_path
+from ..setup.assembly import Assembly
 from ..setup.constraint_rows import ConstraintRows
+from ..setup.ranks import file_of, joined
 from . import checkpoint
 from .history import History
 
@@ -26,7 +30,7 @@ class Saving:
     _start: Any
     _together: Any
     _check_call: Any
-    _own_path: Any
+    _assembly: Assembly
     _assemblies: Any
     _steps_facts: Any
     _steps_of: Any
@@ -43,7 +47,8 @@ class Saving:
         ----------
         path : str or path
             Used as given; no suffix is added. With `comm` each rank writes a file of its own, with
-            ``.0``, ``.1`` and so on added; `load` on as many ranks adds the same.
+            the number of the macro step and of the rank added, and this one leads to them: keep
+            them together. The files of the state that was saved there before are removed.
 
         Raises
         ------
@@ -69,10 +74,18 @@ class Saving:
         with self._together():
             self._check_call("save")
             self._start()
-            arrays = checkpoint.state_arrays(self._parts, self._core, self._row_position)
-            steps = self._steps_facts()
-            path = self._own_path(path)
-            checkpoint.write(path, self._problem(), self._core.step_count, arrays, steps)
+            arrays = checkpoint.state_arrays(self._assembly, self._row_position, self._options)
+            steps, done = self._steps_facts(), self._core.step_count
+            if self._ranks is None:
+                checkpoint.write(path, self._problem(), done, arrays, steps)
+                return
+            # with the macro step, so that the files of an older state survive until all are written
+            files = [file_of(f"{checked_path(path)}.{done}", r) for r in range(self._ranks.size)]
+            checkpoint.write(files[self._ranks.rank], self._problem(), done, arrays, steps)
+            self._ranks.share(None)
+            if self._ranks.rank == 0:
+                names, first = [Path(file).name for file in files], self._ranks.first.tolist()
+                checkpoint.write_master(checked_path(path), names, first)
 
     def load(self, path: str | PathLike) -> None:
         """Restore the state that a coupler of the same problem saved.
@@ -87,7 +100,7 @@ class Saving:
         Parameters
         ----------
         path : str or path
-            A file written by `save`.
+            A file written by `save`, by any number of ranks, or by a coupler without `comm`.
 
         Raises
         ------
@@ -99,13 +112,17 @@ class Saving:
         """
         with self._together():
             self._check_call("load")
-            path = self._own_path(path)
-            step, arrays, facts = checkpoint.read(path, self._problem())
+            first = self._assembly.first
+            own = range(first, first + len(self._parts))
+            step, arrays, facts = checkpoint.read(path, self._problem(), own)
+            if self._ranks is not None:
+                self._ranks.require_equal("the macro step of the files", (step, facts))
             steps, assembly = self._steps_of(path, facts)
             parts, core = assembly.parts, assembly.core
-            state = checkpoint.core_state(path, arrays, parts, core, self._row_position)
-            if self._ranks is not None:  # from here on nothing fails
-                self._ranks.require_equal("the macro step of the files", step)
+            position, options = self._row_position, self._options
+            state = checkpoint.core_state(path, arrays, assembly, position, options)
+            if self._ranks is not None:
+                self._ranks.share(None)  # from here on nothing fails
             # stored values of callables are of other times
             loads = self._loads.with_steps(core, parts, steps.clock)
             loads.to_core()
@@ -116,8 +133,15 @@ class Saving:
     def _problem(self) -> dict[str, Any]:
         """The description of this problem for a checkpoint; the matrices are read once."""
         if self._constants is None:
-            matrices = self._rows.matrices
             first = self._assemblies.first.parts
-            self._constants = checkpoint.constants(self._options, first, matrices)
+            iterates = joined(self._ranks, [part.internal is not None for part in first])
+            self._constants = checkpoint.constants(
+                self._options,
+                self._loads.names,
+                self._rows.p,
+                first,
+                self._rows.matrices,
+                iterates=any(iterates),
+            )
         loads = self._loads
         return self._constants | checkpoint.loads(self._parts, loads.forces, loads.motions)

@@ -32,10 +32,6 @@ class Together:
         if self._ranks is not None:
             raise ValueError(f"{what} needs a Coupler without comm")
 
-    def _own_path(self, path: Any) -> Any:
-        """The file of this rank."""
-        return path if self._ranks is None else file_of(path, self._ranks.rank)
-
     def _own_record(self, path: Any, append: bool, overwrite: bool) -> Any:
         """`record_to` of this rank; rank 0 looks whether the master file can be written."""
         if self._ranks is None or path is None:
@@ -44,7 +40,7 @@ class Together:
             check_replaceable(path)
             if not (append or overwrite):
                 check_new(checked_path(path))
-        return self._own_path(path)
+        return file_of(path, self._ranks.rank)
 
     def _write_master(self, recording: Recording) -> None:
         """The file that reads as one History, when those of the ranks are there."""

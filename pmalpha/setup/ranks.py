@@ -225,13 +225,14 @@ def joined(ranks: Ranks | None, own: Sequence[T]) -> Sequence[T]:
     return own if ranks is None else ranks.joined(own)
 
 
-def described(ranks: Ranks, own: Sequence[Subdomain]) -> list[Any]:
-    """All subdomains, of other processes as `Described`. ValueError for internal forces."""
+def described(ranks: Ranks, own: Sequence[Subdomain], coupling: str) -> list[Any]:
+    """All subdomains, of other processes as `Described`. ValueError for forces to be iterated."""
     for s in own:
-        if s.internal is not None:
+        if s.internal is not None and not (s.scheme.explicit and coupling in ("pm", "gc")):
             raise ValueError(
-                f"internal forces need a Coupler without comm, got them in {s!r}; restoring forces "
-                "are possible with comm"
+                "with comm internal forces must be those of explicit subdomains under "
+                f'coupling="pm" or "gc", got them in {s!r} under "{coupling}"; without comm they '
+                "are iterated"
             )
     sent = [Described(s.name, s.n, s.substeps, s.scheme, s.double_step) for s in own]
     found = ranks.share(sent)
