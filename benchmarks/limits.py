@@ -141,7 +141,7 @@ def rows(quick):
             for n, steps in ((2, 5000), (1000, 200), (100_000, 4))
         ]
         for counts in ((15, 14, 14), (21, 20, 21)):
-            found.append(measure(functions, "solid", *solid(*counts), 2, 8.0))
+            found.append(measure(functions, "solid", *solid(*counts), 20, 8.0))
         return found
 
 

@@ -10,6 +10,11 @@ static size_t least(size_t a, size_t b)
     return a < b ? a : b;
 }
 
+static size_t most(size_t a, size_t b)
+{
+    return a > b ? a : b;
+}
+
 static bool is_ordinary(const pma_factor *f)
 {
     return f->path.place != NULL;
@@ -63,7 +68,8 @@ size_t pma_factor_scratch(const pma_factor *f)
     if (f->form == PMA_IN_LANES)
         return PMA_LANES * pma_factor_scratch(f->each);
     const size_t height = f->form == PMA_PANELS ? pma_panels_most_height(&f->panels) : 0;
-    return height + (is_ordinary(f) ? f->n : 0);
+    const size_t tree = f->tree ? pma_tree_front(f->tree) + pma_tree_updates(f->tree) : 0;
+    return most(height + (is_ordinary(f) ? f->n : 0), tree);
 }
 
 size_t pma_factor_entries(const pma_factor *f)
@@ -308,6 +314,42 @@ __attribute__((noinline)) static void solve_ordinary(const pma_factor *f, double
     pma_path_solve(&e->path, &e->panels, e->inverse, e->n, lanes_of(f), x, work);
 }
 
+/* ---- by the nodes of a tree ------------------------------------------------------------------ */
+
+size_t pma_factor_node(const pma_factor *f, size_t node)
+{
+    return pma_factor_tree(f)->column[node] * lanes_of(f);
+}
+
+static double *updates_in(const pma_factor *f, double *work)
+{
+    return work + pma_tree_front(pma_factor_tree(f)) * lanes_of(f);
+}
+
+void pma_factor_open_node(const pma_factor *f, size_t node, double *x, double *work)
+{
+    const pma_factor *e = each_of(f);
+    pma_tree_eliminate(e->tree, &e->panels, node, lanes_of(f), x, work, updates_in(f, work));
+}
+
+void pma_factor_close_node(const pma_factor *f, size_t node, double *x, double *work)
+{
+    const pma_factor *e = each_of(f);
+    pma_tree_substitute(e->tree, &e->panels, e->inverse, node, lanes_of(f), x, work);
+}
+
+static void open_nodes(const pma_factor *f, double *x, double *work)
+{
+    for (size_t node = 0; node < pma_factor_tree(f)->count; node++)
+        pma_factor_open_node(f, node, x, work);
+}
+
+static void close_nodes(const pma_factor *f, double *x, double *work)
+{
+    for (size_t node = pma_factor_tree(f)->count; node-- > 0;)
+        pma_factor_close_node(f, node, x, work);
+}
+
 /* ---- a step --------------------------------------------------------------------------------- */
 
 void pma_factor_interface(const pma_factor *f, double *xb, double *work)
@@ -330,8 +372,13 @@ void pma_factor_open_part(const pma_factor *f, size_t begin, size_t end, double 
         open_ordinary(f, x, xb, work);
         return;
     }
-    if (begin < interior)
+    const pma_tree *tree = pma_factor_tree(f);
+    if (begin < interior && tree)
+        open_nodes(f, x, work);
+    else if (begin < interior)
         eliminate(f, begin, least(end, interior), x + begin, work);
+    if (end == f->n && tree)
+        pma_tree_add_to_border(tree, lanes_of(f), updates_in(f, work), x);
     if (end == f->n) {
         memcpy(xb, x + interior, f->nb * sizeof *xb);
         pma_factor_interface(f, xb, work);
@@ -356,7 +403,9 @@ void pma_factor_close_part(const pma_factor *f, size_t begin, size_t end, const 
             x[interior + i] += fb[i];
         pma_factor_interface(f, x + interior, work);
     }
-    if (begin < interior)
+    if (begin < interior && pma_factor_tree(f))
+        close_nodes(f, x, work);
+    else if (begin < interior)
         substitute(f, begin, least(end, interior), x + begin, work);
 }
 

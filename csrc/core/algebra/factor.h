@@ -14,6 +14,7 @@
 #include "algebra/matrix.h"
 #include "algebra/panels.h"
 #include "algebra/path.h"
+#include "algebra/tree.h"
 #include "status.h"
 
 /* Arrays of the caller, which have to outlive it. */
@@ -31,6 +32,7 @@ typedef struct pma_factor {
                               panels.Q instead */
     pma_panels panels;     /* panels: see there */
     pma_path path;         /* panels whose interface is not last; else path.place is NULL */
+    const pma_tree *tree;  /* panels that are swept by subtrees, else NULL */
     const struct pma_factor *each; /* in lanes: the factor of each, also along paths; else NULL */
 } pma_factor;
 
@@ -62,6 +64,20 @@ void pma_factor_open_part(const pma_factor *f, size_t begin, size_t end, double 
                           double *work);
 void pma_factor_close_part(const pma_factor *f, size_t begin, size_t end, const double *fb,
                            double *x, double *work);
+
+/* The tree by whose nodes a factor is swept, or NULL. Both sweeps node by node: to open, after its
+ * children; to close, after its parent; x is the whole vector. Closed is first, and opened last,
+ * what is no node: the border, by the part from row n to n. */
+static inline const pma_tree *pma_factor_tree(const pma_factor *f)
+{
+    return f->each ? f->each->tree : f->tree;
+}
+
+/* The first unknown of a node; of the border for the number `count`. */
+size_t pma_factor_node(const pma_factor *f, size_t node);
+
+void pma_factor_open_node(const pma_factor *f, size_t node, double *x, double *work);
+void pma_factor_close_node(const pma_factor *f, size_t node, double *x, double *work);
 
 /* x (n) := A^-1 x, both at once */
 void pma_factor_solve(const pma_factor *f, double *x, double *work);

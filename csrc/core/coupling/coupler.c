@@ -105,11 +105,23 @@ static pma_status make_roster(pma_coupler *c)
     return status;
 }
 
+static pma_status prepare_visits(pma_coupler *c)
+{
+    pma_status status = PMA_OK;
+    for (size_t i = 0; i < c->parts.count && status == PMA_OK; i++) {
+        pma_coupled *m = &c->coupled[i];
+        m->visits = c->parts.schedule->visits && m->member.visits && m != c->split;
+        if (m->visits)
+            status = m->member.table->prepare_visits(m->member.self);
+    }
+    return status;
+}
+
 static pma_status create_team(pma_coupler *c)
 {
     pma_status status = make_roster(c);
-    if (status == PMA_OK && pma_look_ahead_is_used(c))
-        status = pma_look_ahead_create(c);
+    if (status == PMA_OK)
+        status = pma_look_ahead_is_used(c) ? pma_look_ahead_create(c) : prepare_visits(c);
     if (status != PMA_OK || c->roster.workers == 1)
         return status;
     return pma_team_create(c->roster.workers, &c->team);

@@ -101,12 +101,33 @@ static pma_status close_substep(pma_coupler *c, pma_coupled *m)
                          : m->member.table->close(m->member.self, &m->step, c->working.lam);
 }
 
+/* Can the substep after the one that ends be opened at once? Not at the end of a call, not before
+ * (S3), and not where energies are summed up from what is evaluated when a substep is closed. */
+static bool goes_on(const pma_coupler *c, const pma_coupled *m, const pma_substep *next)
+{
+    const bool is_last = next->j == m->member.substeps;
+    if (c->observed || (is_last && (c->present.number + 1 == c->end ||
+                                    (c->present.number == 0 && c->parts.rebased))))
+        return false;
+    return m->member.table->is_known(m->member.self, next);
+}
+
+static pma_status end_substep(pma_coupler *c, pma_coupled *m)
+{
+    if (m->visits) {
+        const pma_substep next = pma_substep_of(c, m, m->now.j + 1);
+        if (goes_on(c, m, &next))
+            return m->member.table->visit(m->member.self, &m->step, &next, c->working.lam);
+    }
+    return close_substep(c, m);
+}
+
 /* The substeps that end with this fine step: deferred, or closed now. */
 static pma_status close_substeps(pma_coupler *c)
 {
     if (pma_look_ahead_is_used(c))
         pma_look_ahead_defer(c);
-    return pma_share(c, close_substep, ends);
+    return pma_share(c, end_substep, ends);
 }
 
 /* ---- the schedule --------------------------------------------------------------------------- */
@@ -175,8 +196,11 @@ static pma_status fine_steps(pma_coupler *c)
     return take_steps(c, fine_step);
 }
 
-const pma_schedule pma_fine_schedule = {
-    .check = check, .instants = pma_fine_instants, .duty = duty, .step = fine_steps};
+const pma_schedule pma_fine_schedule = {.check = check,
+                                        .instants = pma_fine_instants,
+                                        .duty = duty,
+                                        .step = fine_steps,
+                                        .visits = true};
 
 /* ---- the same for iterated.c, tied.c and distributed.c ---------------------------------------- */
 

@@ -32,6 +32,7 @@ typedef struct {
     pma_moment now;       /* at the end of the fine step at hand */
     pma_substep step;     /* ... and the substep that it is in */
     size_t worker;        /* that has it */
+    bool visits;          /* can be closed and opened in one visit */
     pma_status status;    /* of the last open or close; written when it is not PMA_OK */
     pma_assignment assigned;
     double *lam; /* p: what it is closed with beside the fine steps, or in a run; else NULL */
@@ -113,6 +114,8 @@ struct pma_schedule {
     void (*move_to)(pma_coupler *c, size_t k);
     size_t more_rounds;
     bool rebases;
+    /* May a subdomain be opened when it is closed, before its next substep is due? */
+    bool visits;
 };
 
 /* ---- clock ---------------------------------------------------------------------------------- */

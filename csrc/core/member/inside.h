@@ -1,7 +1,7 @@
 /* inside.h - the subdomain from inside: what its files share.
  *
  * subdomain.c is the object, table.c the operations that a coupler calls; substep.c makes a
- * substep, rows.c the same in ranges of rows, response.c what macro coupling adds. */
+ * substep, visit.c two of them at once, rows.c one in ranges of rows, response.c what macro coupling adds. */
 #ifndef PMA_INSIDE_H
 #define PMA_INSIDE_H
 
@@ -17,6 +17,7 @@ struct pma_subdomain {
     pma_response *response; /* if the subdomain responds, else NULL */
     pma_iterate *iterate;   /* if its steps are iterated, else NULL */
     const pma_update *update;
+    bool fuses;           /* a visit closes and opens node by node of the tree */
     bool extrapolates;    /* a substep uses the velocity extrapolated from its beginning (R1) */
     size_t reach, slab;   /* of the matrices; rows of a substep taken at a time */
     double *vs;           /* n: extrapolated velocity, if there is one */
@@ -27,11 +28,12 @@ struct pma_subdomain {
     double *acceleration; /* n: scratch, under mean coupling */
     double *push;         /* n: acceleration by which substeps are pushed (K2), if is_pushed */
     bool is_pushed;
-    const pma_operator *open; /* if it waits: of the step that is open, else NULL */
-    double *shift;            /* 2 n: scratch, if predictors are shifted */
-    double *closing, *work;   /* nb: L^T Lam; scratch of the factor: both of a substep */
-    double *link, *link_work; /* the same of `compliance`, which may be called meanwhile */
-    int code;                 /* what a function that failed returned */
+    const pma_operator *open;    /* if it waits: of the step that is open, else NULL */
+    double *shift;               /* 2 n: scratch, if predictors are shifted */
+    double *closing, *work;      /* nb: L^T Lam; scratch of the factor: both of a substep */
+    double *link, *link_work;    /* the same of `compliance`, which may be called meanwhile */
+    int code;                    /* what a function that failed returned */
+    pma_tree *tree, *tree_twice; /* of the factors of both operators; NULL where there is none */
     double *block;
     void *spread; /* springs in lanes */
 };
@@ -86,6 +88,15 @@ void pma_substep_push(const pma_subdomain *s, double h, size_t begin, size_t end
 
 /* vs (n) := v + h w                                                                        (R1) */
 void pma_substep_extrapolate(double h, size_t n, const pma_state *from, double *vs);
+
+/* ---- two substeps in one visit: visit.c ------------------------------------------------------ */
+
+/* Can both sweeps go through the tree of the factor at once? No row of a node then reads what is
+ * neither below nor above it. Allocates n numbers meanwhile: PMA_NO_MEMORY. */
+pma_status pma_visit_find(const pma_subdomain *s, bool *fuses);
+
+pma_status pma_visit_substeps(pma_subdomain *s, const pma_substep *closed,
+                              const pma_substep *opened, const double *lam);
 
 /* ---- the same in ranges of rows: rows.c ----------------------------------------------------- */
 

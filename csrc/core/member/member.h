@@ -6,7 +6,8 @@
  *
  * One thread at a time works with a member. The operations marked (c) may be called by the thread
  * that called pma_coupler_advance while another one is inside `open`, `close` or `record`; `opened`
- * and `is_known` while it is inside `close` or `record`. No operation allocates but `look_ahead`.
+ * and `is_known` while it is inside `close` or `record`. No operation allocates but `look_ahead` and
+ * `prepare_visits`.
  *
  * A member that is `doubled` has rebase; that `responds`: respond, record_response, add_response
  * and repeats; that `divides`: the stages of ranges of rows. is_known comes with look_ahead, energy
@@ -87,6 +88,13 @@ typedef struct {
     pma_status (*look_ahead)(void *self);
     bool (*is_known)(const void *self, const pma_substep *step);
 
+    /* Visits. Room for them; allocates. `closed`, and in the same visit `opened`, the substep after
+     * it, whose load is_known: bitwise what close and open do, and as they fail. The closed time
+     * level is kept. */
+    pma_status (*prepare_visits)(void *self);
+    pma_status (*visit)(void *self, const pma_substep *closed, const pma_substep *opened,
+                        const double *lam);
+
     /* Macro coupling without substeps: vf at time level 1 += the velocity of lam (M6). */
     void (*hold)(void *self, const pma_substep *step, const double *lam);
 
@@ -155,6 +163,7 @@ typedef struct {
     bool shifts;     /* can shift its predictor: displacements tied under gc */
     bool shoots;     /* has internal forces: macro coupling repeats its macro step (shooting.c) */
     bool divides;    /* has the stages of ranges of rows */
+    bool visits;     /* is large enough to gain from being closed and opened in one visit */
     pma_iterated iterated; /* with a table where its steps are iterated: it has no open and close */
 } pma_member;
 

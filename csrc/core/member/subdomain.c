@@ -151,6 +151,24 @@ static pma_status lay_out(pma_subdomain *s)
     return p->responds ? pma_response_create(s, &s->response) : PMA_OK;
 }
 
+/* Factors in panels that are read from beyond the private caches are swept by subtrees, unless they
+ * came with a tree. */
+static pma_status create_tree(pma_factor *f, pma_tree **out)
+{
+    if (f->form != PMA_PANELS || f->path.place || f->tree)
+        return PMA_OK;
+    const pma_status status = pma_tree_create(&f->panels, f->n, f->nb, PMA_SUBTREE, out);
+    f->tree = *out;
+    return status;
+}
+
+static pma_status create_trees(pma_subdomain *s)
+{
+    pma_parts *p = &s->parts;
+    const pma_status status = create_tree(&p->single.factor, &s->tree);
+    return status == PMA_OK && p->doubled ? create_tree(&p->twice.factor, &s->tree_twice) : status;
+}
+
 /* Whatever sweeps the factor of a step sweeps that of the last tangent. */
 static pma_status create_iterate(pma_subdomain *s, const pma_iterate_parts *parts)
 {
@@ -178,6 +196,10 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
     s->load = (pma_load){.kind = PMA_LOAD_NONE, .n = parts->n};
     if (parts->iterate)
         status = create_iterate(s, parts->iterate);
+    else
+        status = create_trees(s);
+    if (status == PMA_OK)
+        status = pma_visit_find(s, &s->fuses);
     if (status == PMA_OK) {
         s->reach = reach_of(&s->parts);
         s->slab = slab_of(s);
@@ -199,6 +221,8 @@ void pma_subdomain_destroy(pma_subdomain *s)
     pma_response_destroy(s->response);
     pma_iterate_destroy(s->iterate);
     pma_levels_destroy(&s->levels);
+    pma_tree_destroy(s->tree);
+    pma_tree_destroy(s->tree_twice);
     free(s->block);
     free(s->spread);
     free(s);

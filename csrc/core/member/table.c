@@ -173,6 +173,18 @@ static bool is_known(const void *self, const pma_substep *step)
     return s->load.kind != PMA_LOAD_CALLED;
 }
 
+static pma_status prepare_visits(void *self)
+{
+    pma_subdomain *s = self;
+    return pma_levels_take_turns(&s->levels);
+}
+
+static pma_status visit(void *self, const pma_substep *closed, const pma_substep *opened,
+                        const double *lam)
+{
+    return pma_visit_substeps(self, closed, opened, lam);
+}
+
 /* ---- macro coupling ------------------------------------------------------------------------- */
 
 static void hold(void *self, const pma_substep *step, const double *lam)
@@ -325,6 +337,8 @@ static const pma_member_table TABLE = {
     .energy = energy,
     .look_ahead = look_ahead,
     .is_known = is_known,
+    .prepare_visits = prepare_visits,
+    .visit = visit,
     .hold = hold,
     .begin_response = begin_response,
     .hold_energy = hold_energy,
@@ -377,6 +391,12 @@ static size_t entries_of(const pma_parts *p)
            pma_matrix_entries(&p->C) + pma_matrix_entries(&p->D_r) + 12 * p->n;
 }
 
+/* What is swept from beyond the first caches, without a function of the caller's. */
+static bool gains_from_visits(const pma_parts *p)
+{
+    return entries_of(p) > PMA_SUBTREE && !p->restoring.function && p->internal.count == 0;
+}
+
 /* Has to be evaluated by the thread that called advance? */
 static bool is_by_caller(const pma_parts *p)
 {
@@ -404,7 +424,8 @@ pma_member pma_subdomain_member(pma_subdomain *s)
                          .waits = p->waits,
                          .shifts = p->shifts,
                          .shoots = p->shoots,
-                         .divides = !s->iterate && pma_rows_divide(s)};
+                         .divides = !s->iterate && pma_rows_divide(s),
+                         .visits = !s->iterate && gains_from_visits(p)};
     if (s->iterate)
         member.iterated = pma_iterate_member(s->iterate);
     return member;

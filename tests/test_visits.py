@@ -1,0 +1,112 @@
+"""Subdomains closed and opened in one visit: bitwise as one by one, with errors in between.
+
+A run opens the next substep when it closes one, except at its end and where energies are summed up.
+So the same run step by step, or with energies, closes and opens one by one.
+"""
+
+import numpy as np
+import pytest
+
+import pmalpha as pm
+
+IMPLICIT = pm.GeneralizedAlpha(0.8)
+DT, STEPS = 0.1, 12
+
+
+def blocks(count=2, *, substeps=(1, 1), scale=1.0, force=None, **options):
+    """Blocks of hexahedra in a row, each with a factor of some hundred thousand entries."""
+    meshes = [
+        pm.models.solid(7, 6, 6, 1.0, E=100.0, nu=0.3, rho=1.0, origin=(7 * i, 0, 0), mass="lumped")
+        for i in range(count)
+    ]
+    members = [
+        mesh.subdomain(
+            scheme=IMPLICIT,
+            substeps=s,
+            force=scale * np.sin(np.arange(mesh.n)) if force is None else force,
+            u0=0.01 * mesh.points[:, [0]].repeat(3, axis=1).ravel(),  # the faces agree
+        )
+        for mesh, s in zip(meshes, substeps)
+    ]
+    points = {s: mesh.points for s, mesh in zip(members, meshes)}
+    ties = pm.tie_coincident(points, components=3) if count > 1 else []
+    return pm.Coupler(members, ties, dt=DT, **options)
+
+
+def assert_same(a, b):
+    for i in range(len(a.subdomains)):
+        x, y = a.state(i), b.state(i)
+        for name in ("u", "v", "a"):
+            np.testing.assert_array_equal(getattr(x, name), getattr(y, name))
+    np.testing.assert_array_equal(a.multipliers, b.multipliers)
+
+
+@pytest.mark.parametrize("coupling", ["pm", "gc"])
+@pytest.mark.parametrize("count, substeps", [(1, (1,)), (2, (1, 1)), (2, (1, 2)), (2, (3, 1))])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_steps_at_once_one_by_one_and_with_energies_are_bitwise_identical(
+    count, substeps, coupling, threads
+):
+    options = {"substeps": substeps, "coupling": coupling, "threads": threads}
+    at_once, one_by_one = blocks(count, **options), blocks(count, **options)
+    observed = blocks(count, **options)
+    at_once.step(STEPS)
+    for _ in range(STEPS):
+        one_by_one.step()
+    assert_same(at_once, one_by_one)
+    observed.run(steps=STEPS, energy=True)
+    assert_same(at_once, observed)
+
+
+def test_what_is_recorded_of_a_visit_is_what_is_recorded_one_by_one():
+    recorded, alone = blocks(substeps=(1, 2)), blocks(substeps=(1, 2))
+    history = recorded.run(steps=STEPS)
+    for step in range(1, STEPS + 1):
+        row = alone.run(steps=1)
+        for i, ss in enumerate((1, 2)):
+            for name in ("u", "v", "a"):
+                np.testing.assert_array_equal(
+                    getattr(history[i], name)[ss * step], getattr(row[i], name)[ss]
+                )
+        for name in ("multipliers", "velocity_jump"):
+            np.testing.assert_array_equal(getattr(history, name)[2 * step], getattr(row, name)[2])
+        jump = history.displacement_jump[step]
+        np.testing.assert_array_equal(jump, row.displacement_jump[1])
+
+
+def test_eight_cases_side_by_side_are_visited_too():
+    coupler = blocks()
+    forces = [k * np.cos(np.arange(1176.0)) for k in range(8)]
+    cases = [{"force": {"subdomain 1": force}} for force in forces]
+    for case, found in zip(cases, coupler.run_each(cases, steps=STEPS)):
+        coupler.reset(**case)
+        np.testing.assert_array_equal(found[1].u, coupler.run(steps=STEPS)[1].u)
+
+
+class Broken(Exception):
+    pass
+
+
+@pytest.mark.parametrize("at", [0.45, 0.95])
+def test_an_error_in_a_load_leaves_the_last_macro_level(at):
+    def load(t):
+        if t > at:
+            raise Broken
+        return np.sin(np.arange(1176.0))
+
+    stopped, reached = blocks(force=load), blocks()
+    with pytest.raises(Broken):
+        stopped.step(STEPS)
+    reached.step(stopped.step_count)
+    assert stopped.step_count == int(at / DT)
+    assert_same(stopped, reached)
+
+
+def test_values_that_are_not_finite_leave_the_last_macro_level():
+    stopped = blocks(scale=1e307)
+    with pytest.raises(pm.InstabilityError):
+        stopped.step(1000)
+    reached = blocks(scale=1e307)
+    for _ in range(stopped.step_count):
+        reached.step()
+    assert_same(stopped, reached)
