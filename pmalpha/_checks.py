@@ -44,7 +44,7 @@ def positive_number(value: Any, name: str) -> float:
 
 def time_step(value: Any, name: str) -> float:
     """A positive number; for what may be a vector of times the error gives advice."""
-    if np.ndim(value) == 1 and np.size(value) > 2:
+    if plain_array(value, name).ndim == 1 and np.size(value) > 2:
         raise TypeError(
             f"{name} must be a real number, the step, got an array of shape {np.shape(value)}; of "
             "a vector t of equidistant times give t[1] - t[0]"
@@ -118,7 +118,7 @@ def real_array(value: Any, name: str, ndim: int | tuple[int, ...] = 1) -> np.nda
 
 def vector(value: Any, n: int, name: str) -> np.ndarray:
     """A new float64 array of shape (n,), finite; a number too where n is 1."""
-    if n == 1 and np.ndim(value) == 0:
+    if n == 1 and plain_array(value, name).ndim == 0:
         value = plain_array(value, name).reshape(1)
     array = real_array(value, name)
     if array.shape != (n,):
@@ -133,6 +133,13 @@ def require_finite(array: np.ndarray, name: str) -> None:
         where = np.unravel_index(int(np.argmin(finite)), array.shape)
         at = f" at [{', '.join(str(int(i)) for i in where)}]" if where else ""
         raise ValueError(f"{name} must be finite, got {array[where]}{at}")
+
+
+def require_moderate(array: np.ndarray, name: str, largest: float = 1e50) -> None:
+    """ValueError for entries of which products of a few leave the range of numbers."""
+    size = np.abs(array).max(initial=0.0)
+    if not size <= largest:
+        raise ValueError(f"{name} must not exceed {largest:g} in absolute value, got {size:g}")
 
 
 def counted(count: int, noun: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import os
 import secrets
 import zipfile
@@ -137,11 +138,30 @@ def _contents(file: BinaryIO, format: str, version: int) -> tuple[str | None, An
 
 def _member(members: zipfile.ZipFile, key: str) -> np.ndarray:
     """One array, read to the end of its member, so that the checksum is compared."""
+    _check_size(members, key)
     with members.open(f"{key}.npy") as file:
         array = np.lib.format.read_array(file, allow_pickle=False)
         if file.read(1):
             raise ValueError(f"{key} is longer than its header gives")
         return array
+
+
+def _check_size(members: zipfile.ZipFile, key: str) -> None:
+    """ValueError for an array that is larger than what the file holds of it, before it is made."""
+    info = members.getinfo(f"{key}.npy")
+    if info.compress_type != zipfile.ZIP_STORED:
+        raise ValueError(f"{key} is compressed, which no file of this package is")
+    if not info.file_size == info.compress_size <= os.fstat(members.fp.fileno()).st_size:
+        raise ValueError(f"{key} is larger than the file")
+    with members.open(info) as file:
+        if np.lib.format.read_magic(file) != (1, 0):
+            raise ValueError(f"{key} is of another version of npy")
+        shape, _, dtype = np.lib.format.read_array_header_1_0(file)
+        if dtype.hasobject:
+            raise ValueError("Object arrays cannot be loaded, they are pickled")
+        size, held = math.prod(shape) * dtype.itemsize, info.file_size - file.tell()
+    if size != held or min(shape, default=0) < 0:
+        raise ValueError(f"{key} must have {size} bytes as its header gives, it has {held}")
 
 
 def mismatch(header: Any, format: str, version: int) -> str | None:

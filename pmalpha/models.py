@@ -12,7 +12,7 @@ import scipy.linalg
 import scipy.sparse
 from numpy.typing import ArrayLike
 
-from ._checks import real_array
+from ._checks import positive_number, real_array, real_number, vector
 from .memory import require
 from .problem.constraints import Constraint, tie
 from .problem.matrices import canonical, diagonal, product, sparse_diagonal
@@ -177,12 +177,12 @@ def split_oscillator(
     >>> bool(abs(history["A"].u[-1, 0] - 1.0) < 0.01)
     True
     """
-    if not b1 > 0.0:
-        raise ValueError(f"b1 must be positive, got {b1!r}")
+    b1, mass = positive_number(b1, "b1"), positive_number(mass, "mass")
+    stiffness = positive_number(stiffness, "stiffness")
     implicit, explicit = _schemes(rho)
     # mA + mB = mass, kA + kB = stiffness, mA / mB = kB / kA = b1
     large, small = b1 / (1.0 + b1), 1.0 / (1.0 + b1)
-    start = {"u0": np.array([u0], dtype=float), "v0": np.array([v0], dtype=float)}
+    start = {"u0": [real_number(u0, "u0")], "v0": [real_number(v0, "v0")]}
     a = Subdomain(
         np.array([large * mass]),
         np.array([small * stiffness]),
@@ -407,7 +407,7 @@ def shear_frame(
 
     Raises
     ------
-    ValueError
+    TypeError, ValueError
         If the lengths differ, or a value is negative or not finite.
 
     Examples
@@ -419,14 +419,13 @@ def shear_frame(
     >>> (0.5 * M + 0.1 * K).toarray().tolist()  # Rayleigh damping; or Subdomain(rayleigh=...)
     [[5.0, -1.0], [-1.0, 1.5]]
     """
-    with np.errstate(over="ignore"):  # a longer float may become infinite, which is refused
-        m, k = np.array(masses, dtype=float), np.array(stiffnesses, dtype=float)
-    if m.ndim != 1 or m.shape != k.shape or len(m) == 0:
+    m, k = real_array(masses, "masses"), real_array(stiffnesses, "stiffnesses")
+    if m.shape != k.shape or len(m) == 0:
         raise ValueError(
             f"masses and stiffnesses must have equal lengths, got shapes {m.shape} and {k.shape}"
         )
     for name, values in (("masses", m), ("stiffnesses", k)):
-        if not np.all((values >= 0.0) & np.isfinite(values)):
+        if not np.all(values >= 0.0):
             raise ValueError(f"{name} must be finite and not negative, got {values.tolist()}")
     beside = -k[1:]
     K = scipy.sparse.diags_array(
@@ -457,8 +456,8 @@ def rayleigh(omegas: Sequence[float], ratios: Sequence[float]) -> tuple[float, f
 
     Raises
     ------
-    ValueError
-        If the frequencies are not positive or equal.
+    TypeError, ValueError
+        If the frequencies are not positive or equal, or not two.
 
     Examples
     --------
@@ -467,12 +466,13 @@ def rayleigh(omegas: Sequence[float], ratios: Sequence[float]) -> tuple[float, f
     >>> round(c_m, 6), round(c_k, 6)
     (0.75, 0.0025)
     """
-    first, second = omegas
+    at, wanted = vector(omegas, 2, "omegas"), vector(ratios, 2, "ratios")
+    first, second = at.tolist()
     if not (first > 0.0 and second > 0.0 and first != second):
         raise ValueError(f"omegas must be two different positive numbers, got {omegas!r}")
     # ratio = c_m / (2 omega) + c_k omega / 2
     rows = [[0.5 / first, 0.5 * first], [0.5 / second, 0.5 * second]]
-    c_m, c_k = np.linalg.solve(rows, np.array(ratios, dtype=float))
+    c_m, c_k = np.linalg.solve(rows, wanted)
     return float(c_m), float(c_k)
 
 

@@ -351,6 +351,14 @@ CALLS += ("reset", "restore", "load", "change_steps", "tolerance", "run_each")
 
 def attempt(seed, counts, calls=25):
     """One coupler and a number of calls."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background
+    try:
+        _attempt(seed, counts, calls)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _attempt(seed, counts, calls):
     rng = np.random.default_rng([seed, 7])
     make = random_maker(seed, rng)
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():

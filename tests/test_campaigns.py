@@ -3,7 +3,9 @@
 import shutil
 import sys
 
+import campaign_files
 import campaign_histories
+import campaign_input
 import campaign_memory
 import campaign_signals
 import pytest
@@ -20,6 +22,16 @@ def test_ctrl_c_at_any_instant_leaves_the_last_macro_step_and_its_history():
 def test_any_sequence_of_calls_leaves_the_state_of_the_steps_that_were_completed():
     counts = tried(campaign_histories.attempt, range(6))
     assert counts["histories"] > 30 and counts["KeyboardInterrupt"] and counts["Stop"]
+
+
+def test_odd_input_works_or_is_refused_by_name():
+    counts = campaign_input.campaign(most=120, seconds=600.0)
+    assert counts["works"] > 10 and counts["TypeError"] > 10 and counts["ValueError"] > 10
+
+
+def test_damaged_and_forged_files_are_refused_by_name():
+    counts = campaign_files.campaign(most=120, seconds=600.0)
+    assert counts["works"] > 5 and counts["ValueError"] > 50
 
 
 @pytest.mark.skipif(

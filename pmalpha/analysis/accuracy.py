@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import positive_number, vector, whole_number
+from .._checks import positive_number, real_array, real_number, vector, whole_number
 from ..errors import ConstraintWarning
 from ..run.coupler import Coupler
 from ..setup.part import Part, core_subdomain
@@ -48,7 +48,9 @@ def observed_order(run: Callable[[float], float], steps: Sequence[float] | np.nd
     >>> round(analysis.observed_order(lambda dt: 7.0 * dt**2, [0.1, 0.05, 0.025]), 10)
     2.0
     """
-    steps = [positive_number(dt, "steps") for dt in steps]
+    if not callable(run):
+        raise TypeError(f"run must be callable, got {run!r}")
+    steps = [positive_number(dt, "steps") for dt in real_array(steps, "steps")]
     if len(set(steps)) < 2:
         raise ValueError(f"steps must have at least two different values, got {steps}")
     errors = [_positive_error(run(dt), dt) for dt in steps]
@@ -56,8 +58,8 @@ def observed_order(run: Callable[[float], float], steps: Sequence[float] | np.nd
 
 
 def _positive_error(error: Any, dt: float) -> float:
-    error = float(error)
-    if not 0.0 < error < np.inf:
+    error = real_number(error, "what run returns")
+    if not error > 0.0:
         raise ValueError(f"run must return a positive finite error, got {error!r} at dt = {dt:g}")
     return error
 

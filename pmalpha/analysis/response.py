@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from .._checks import positive_number, real_array, real_number
+from .._checks import flag, real_array, real_number, time_step
 
 __all__ = ["ResponseSpectrum", "response_spectrum"]
 
@@ -124,11 +124,12 @@ def response_spectrum(
     a = real_array(record, "record")
     if a.size < 2:
         raise ValueError(f"record must have at least 2 samples, got {a.size}")
-    dt = positive_number(dt, "dt")
+    dt = time_step(dt, "dt")
     T = real_array(periods, "periods")
     if T.size == 0 or np.any(T < 0.0):
         got = "none" if T.size == 0 else f"{T.min():g}"
         raise ValueError(f"periods must be at least one and not negative, got {got}")
+    free_vibration = flag(free_vibration, "free_vibration")
     xi = real_number(damping, "damping", low=0.0)
     if not xi < 1.0:
         raise ValueError(f"damping must be below 1, got {damping!r}")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import real_array, real_number
+from .._checks import real_array, real_number, require_moderate
 from ..errors import StabilityWarning
 from ..problem.constraints import Constraint
 from ..problem.schemes import Scheme
@@ -46,8 +46,8 @@ def spectral_radius(G: np.ndarray, drop: Sequence[complex] = (), tol: float = 1e
 
     Raises
     ------
-    ValueError
-        For a matrix that is not square or not finite.
+    TypeError, ValueError
+        For a matrix that is not square or not finite, and for a wrong `drop` or `tol`.
 
     Examples
     --------
@@ -60,8 +60,13 @@ def spectral_radius(G: np.ndarray, drop: Sequence[complex] = (), tol: float = 1e
     G = real_array(G, "G", 2)
     if G.shape[0] != G.shape[1]:
         raise ValueError(f"G must be square, got shape {G.shape}")
+    tol = real_number(tol, "tol", low=0.0)
+    try:
+        omitted = np.atleast_1d(np.asarray(drop, dtype=complex))
+    except (TypeError, ValueError):
+        raise TypeError(f"drop must be a sequence of numbers, got {drop!r}") from None
     values = np.linalg.eigvals(G)
-    far = np.abs(values[:, None] - np.atleast_1d(np.asarray(drop, dtype=complex))) > tol
+    far = np.abs(values[:, None] - omitted.ravel()) > tol
     return float(np.max(np.abs(values[far.all(axis=1)]), initial=0.0))
 
 
@@ -248,7 +253,8 @@ def period_and_damping(
     """
     if not isinstance(scheme, Scheme):
         raise TypeError(f"scheme must be a pmalpha scheme, got {scheme!r}")
-    Omega = real_array(np.asarray(Omega), "Omega", tuple(range(33)))
+    Omega = real_array(Omega, "Omega", tuple(range(33)))
+    require_moderate(Omega, "Omega")
     if not np.all(Omega > 0.0):
         raise ValueError(f"Omega must be positive, got {Omega.min()}")
     xi = real_number(xi, "xi", low=0.0)

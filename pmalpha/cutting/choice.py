@@ -165,7 +165,8 @@ def by_labels(whole: Whole, labels: Any, parts: Any, dt: float | None, scheme: A
 
 def _any_limit(scheme: Any) -> bool:
     schemes = scheme.values() if isinstance(scheme, Mapping) else scheme
-    schemes = schemes if isinstance(schemes, Iterable) else [schemes]
+    if not isinstance(schemes, Iterable) or hasattr(schemes, "ndim"):  # of arrays
+        schemes = [schemes]
     return any(isinstance(s, Scheme) and np.isfinite(critical_product(s)) for s in schemes)
 
 

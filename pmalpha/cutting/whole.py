@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import counted, listing, numbered
+from .._checks import counted, listing, numbered, plain_array
 from ..problem.dofs import checked_mask, dof_list
 from ..structures.structure import Structure, idle_dofs
 from .assembled import GroupForce, assembled, assembled_mass
@@ -265,11 +265,12 @@ def _free(fixed: Any, n: int) -> np.ndarray:
     free = np.ones(n, dtype=bool)
     if fixed is None:
         return free
-    given = np.asarray(fixed)
+    given = plain_array(fixed, "fixed")
     if given.dtype == bool:
         free &= ~checked_mask(given, n, "fixed")
     else:
-        free[dof_list(np.unique(given), n, "fixed")] = False
+        once = np.unique(given) if given.dtype.kind in "iu" else given
+        free[dof_list(once, n, "fixed")] = False
     if not free.any():
         raise ValueError(f"fixed must leave a dof free, got all {counted(n, 'dof')}")
     return free

@@ -116,10 +116,11 @@ def _is_multiple(first: np.ndarray, M: Matrix) -> bool:
     if M is None or M.ndim != 1 or M.size != first.size:
         return False
     m = M - M[0]
-    return bool(
-        np.max(np.abs(first * (m @ m) - m * (m @ first)))
-        <= ROUNDING * abs(m @ m) * np.max(np.abs(first))
-    )
+    with np.errstate(over="ignore", invalid="ignore"):  # then it is none
+        return bool(
+            np.max(np.abs(first * (m @ m) - m * (m @ first)))
+            <= ROUNDING * abs(m @ m) * np.max(np.abs(first))
+        )
 
 
 def _constant_beside(C: np.ndarray, K: np.ndarray, limit: float) -> float | None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import listing, plain_array
+from .._checks import MOST, listing, plain_array
 
 
 def dof_list(value: Any, n: int | None, name: str) -> np.ndarray:
@@ -22,9 +22,10 @@ def dof_list(value: Any, n: int | None, name: str) -> np.ndarray:
     if dofs.dtype.kind not in "iu" or dofs.ndim > 1:
         raise TypeError(f"{name} must be a 1-D array of whole numbers, got {value!r}")
     dofs = np.atleast_1d(dofs)
-    outside = dofs[dofs < 0] if n is None else dofs[(dofs < 0) | (dofs >= n)]
+    outside = dofs[(dofs < 0) | (dofs >= (MOST if n is None else n))]
     if outside.size and n is None:
-        raise ValueError(f"{name} must not be negative, got {listing(outside)}")
+        rule = "not be negative" if outside.min() < 0 else f"be below {MOST}"
+        raise ValueError(f"{name} must {rule}, got {listing(outside)}")
     if outside.size:
         assert n is not None
         raise ValueError(f"{name} must lie in 0..{n - 1}, got {listing(outside)}")

@@ -50,7 +50,7 @@ class SampledForce(Frozen):
     """
 
     hold = True
-    _values_name = "values"
+    _values_name, _shape_name = "values", "shape"
 
     def __init__(self, values: Any, dt: float, shape: Any = None):
         self.values = _columns(values, self._values_name)
@@ -58,9 +58,14 @@ class SampledForce(Frozen):
         self.shape = None if shape is None else _columns(shape, "shape")
         if self.shape is not None and self.shape.shape[1] != self.values.shape[1]:
             raise ValueError(
-                f"shape must have a column for each of the {self.values.shape[1]} series of "
-                f"values, got {self.shape.shape[1]}"
+                f"{self._shape_name} must have a column for each of the {self.values.shape[1]} "
+                f"series of {self._values_name}, got {self.shape.shape[1]}"
             )
+        if self.shape is not None:
+            with np.errstate(over="ignore"):
+                largest = np.abs(self.values).max() * np.abs(self.shape).sum(axis=1).max()
+            if not largest < np.inf:
+                raise ValueError(f"{self._values_name} times {self._shape_name} must be finite")
         self._freeze()
 
     @property
@@ -133,14 +138,18 @@ class BaseAcceleration(SampledForce):
     """
 
     hold = False
-    _values_name = "record"
+    _values_name, _shape_name = "record", "direction"
 
     def __init__(self, record: Any, dt: float, direction: Any, M: MatrixLike):
         direction = _columns(direction, "direction")
         mass, n = canonical(M, "M")
         if n != len(direction):
             raise ValueError(f"M must be of size {len(direction)} like direction, got size {n}")
-        super().__init__(record, dt, -product(mass, direction))
+        with np.errstate(over="ignore"):  # refused next
+            shape = -product(mass, direction)
+        if not np.all(np.isfinite(shape)):
+            raise ValueError("M times direction must be finite")
+        super().__init__(record, dt, shape)
 
 
 def _columns(value: Any, name: str) -> np.ndarray:

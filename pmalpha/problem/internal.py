@@ -198,6 +198,8 @@ def _checked_pattern(value: Any) -> sp.csr_array:
         raise TypeError(f"pattern must be a scipy.sparse matrix or array, got {value!r}")
     if value.ndim != 2 or value.shape[0] != value.shape[1] or value.shape[0] == 0:
         raise ValueError(f"pattern must be square and not empty, got shape {value.shape}")
+    if value.dtype.kind not in "biuf":
+        raise TypeError(f"pattern must hold real numbers, got dtype {value.dtype}")
     A = by_rows(value, "pattern")
     pattern = sp.csr_array((np.ones(A.nnz), A.indices, A.indptr), shape=A.shape)
     shorten_indices(pattern)

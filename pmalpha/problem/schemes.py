@@ -13,6 +13,9 @@ import numpy as np
 from .._checks import flag, positive_number, real_number
 from .frozen import Frozen
 
+# Parameters are in a range in which products of a few of them are neither zero nor infinite.
+SMALLEST, LARGEST = 1e-50, 1e50
+
 __all__ = ["HHT", "WBZ", "CentralDifference", "GeneralizedAlpha", "Newmark", "Scheme"]
 
 
@@ -41,12 +44,19 @@ class Scheme(Frozen):
 
     def __post_init__(self) -> None:
         flag(self.explicit, "explicit")
-        real_number(self.am, "am", high=1.0 - 1e-6)
-        real_number(self.af, "af", high=1.0 - 1e-6)
-        real_number(self.beta, "beta", low=0.0)
+        self._take("am", -LARGEST, 1.0 - 1e-6)
+        self._take("af", -LARGEST, 1.0 - 1e-6)
+        self._take("beta", 0.0, LARGEST)
         positive_number(self.gamma, "gamma")
+        self._take("gamma", SMALLEST, LARGEST)
+        if 0.0 < self.beta < SMALLEST:
+            raise ValueError(f"beta must be 0 or at least {SMALLEST:g}, got {self.beta!r}")
         if self.beta == 0.0 and not self.explicit:
             raise ValueError("beta must be positive in an implicit scheme, got 0")
+
+    def _take(self, name: str, low: float, high: float) -> None:
+        number = real_number(getattr(self, name), name, low=low, high=high)
+        object.__setattr__(self, name, number)
 
     def coefficients(self, h: float) -> tuple[float, float]:
         """The factors of the new acceleration in the corrector, equation (P2).

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
-from .._checks import listing, real_array, real_number, whole_number
+from .._checks import listing, real_array, real_number, require_moderate, whole_number
 from ..errors import ConstraintWarning, warn
 from .constraints import Constraint
 from .reduction import Reduction
@@ -89,6 +89,7 @@ def _per_node(value: Any, points: Mapping, components: int) -> dict[Subdomain | 
 def _coordinates(value: Any, name: str) -> np.ndarray:
     """(N, d), d up to 3."""
     array = real_array(value, name, (1, 2))
+    require_moderate(array, name)
     array = array.reshape(len(array), -1) if array.size else array
     if array.size == 0 or array.shape[1] > 3:
         raise ValueError(f"{name} must have shape (N,) or (N, d), d = 1, 2, 3, got {array.shape}")

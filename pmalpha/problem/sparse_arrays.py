@@ -51,6 +51,10 @@ def _by_blocks(value: Any, name: str) -> None:
     if len(blocks) != 3 or 0 in blocks[1:] or any(n % b for n, b in zip(shape, blocks[1:])):
         raise ValueError(f"{name} must have blocks that divide {shape}, got data of shape {blocks}")
     _compressed(value, shape[0] // blocks[1], shape[1] // blocks[2], 3, name)
+    if len(value.indices) != blocks[0]:
+        raise ValueError(
+            f"{name} must have as many indices as blocks, got {len(value.indices)} and {blocks[0]}"
+        )
 
 
 def _compressed(value: Any, major: int, minor: int, ndim: int, name: str) -> None:

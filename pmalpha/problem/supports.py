@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, PPoly
 
-from .._checks import check_word, counted, positive_number, real_array
+from .._checks import check_word, counted, real_array, require_moderate, time_step
 
 __all__ = ["SupportMotion"]
 
@@ -59,10 +59,11 @@ class SupportMotion:
 
     def __init__(self, record: ArrayLike, dt: float, kind: str):
         samples = real_array(record, "record", (1, 2))
+        require_moderate(samples, "record")
         if len(samples) < 2 or samples.size == 0:
             raise ValueError(f"record must have at least 2 samples, got shape {samples.shape}")
         samples = samples.reshape(len(samples), -1)
-        dt = positive_number(dt, "dt")
+        dt = time_step(dt, "dt")
         check_word(kind, "kind", ("acceleration", "displacement"))
         t = dt * np.arange(len(samples))
         self.end = float(t[-1])

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from typing import NamedTuple, NoReturn
+
+from ..files import reading
 
 
 class Line(NamedTuple):
@@ -18,7 +21,7 @@ def refuse(path: str, line: int, rule: str) -> NoReturn:
 
 def text_lines(path: str) -> Iterator[Line]:
     """The lines that are not blank; ValueError for a binary file or one that ends in a line."""
-    with open(path, encoding="latin-1", newline=None) as file:
+    with io.TextIOWrapper(reading(path), encoding="latin-1", newline=None) as file:
         for number, text in enumerate(file, start=1):
             if "\0" in text:
                 refuse(path, number, "must be text, got a binary file")

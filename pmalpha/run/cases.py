@@ -62,7 +62,8 @@ def checked_cases(
     tied: bool,
 ) -> list[Case]:
     """The cases of `Coupler.run_each`; the error of a wrong one names its index."""
-    if isinstance(cases, (str, Mapping)) or not isinstance(cases, Iterable):
+    wrong_kind = isinstance(cases, (str, Mapping)) or hasattr(cases, "ndim")  # of arrays
+    if wrong_kind or not isinstance(cases, Iterable):
         raise TypeError(f"cases must be a list of dicts, got {cases!r}")
     checked = []
     for k, case in enumerate(cases):

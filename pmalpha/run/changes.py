@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from .._checks import time_step, whole_number
+from .._checks import real_number, time_step, whole_number
 from ..problem.subdomain import Subdomain
 from ..setup.assembly import Assemblies, Assembly, Layout
 from ..setup.ranks import joined
@@ -185,8 +185,16 @@ class Changes:
             layout = self._assemblies.first_layout
             return Steps(layout, Clock(layout.dt)), self._assemblies.first
         try:
-            clock = Clock(**{name: facts[name] for name in ("dt", "origin", "t0", "before")})
-            substeps = tuple(facts["substeps"])
+            clock = Clock(
+                time_step(facts["dt"], "dt"),
+                whole_number(facts["origin"], "origin"),
+                *(real_number(facts[name], name, low=0.0) for name in ("t0", "before")),
+            )
+            substeps = tuple(whole_number(k, "substeps", low=1) for k in facts["substeps"])
+            if len(substeps) != len(self._everything):
+                raise ValueError(
+                    f"substeps of {len(self._everything)} subdomains, got {len(substeps)}"
+                )
             doubles = double_steps(self._everything, self.coupling, substeps)
             layout = Layout(clock.dt, substeps, doubles)
             first = None if facts["first"] is None else replace(layout, overs=tuple(facts["first"]))

@@ -26,7 +26,8 @@ ENERGY_FIELDS = (*ENERGIES[:-1], "balance")
 class Energy:
     """Energies of the subdomains, (macro time levels, subdomains) arrays.
 
-    The works are zero at the beginning of the run.
+    The works are zero at the beginning of the run. They are infinite or NaN where products of the
+    motion leave the range of numbers, from about 1e154 on.
 
     Attributes
     ----------

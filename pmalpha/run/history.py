@@ -448,6 +448,7 @@ class History:
         else:
             header, arrays = read_npz(path, FORMAT, VERSION)
         try:
+            history_file.check_contents(header, arrays)
             subdomains: list[SubdomainHistory | None] = [None] * len(header["names"])
             steps = header.get("steps", [(None, None)] * len(header["names"]))
             outputs = header.get("outputs", [()] * len(header["names"]))
@@ -471,7 +472,7 @@ class History:
                 energies = {key: arrays[f"energy.{key}"] for key in ENERGY_FIELDS}
                 conserved = arrays.get("energy.conserved")
                 energy = Energy(interface["macro_times"], **energies, conserved=conserved)
-        except (LookupError, TypeError) as error:
+        except (AttributeError, LookupError, TypeError, ValueError) as error:
             raise ValueError(
                 f"path must lead to a complete file, {str(path)!r} lacks {error}"
             ) from None

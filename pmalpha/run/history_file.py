@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from ..files import checked_path, mismatch, reading, replacing
+from ..memory import require
 from .attributes import describe
 
 # In the header; the first bytes of an HDF5 file; the dataset with the last complete macro step.
@@ -257,10 +258,13 @@ def is_hdf5(path: str | os.PathLike) -> bool:
         return file.read(len(SIGNATURE)) == SIGNATURE
 
 
-def read(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def read(
+    path: str | os.PathLike, *, may_lead: bool = True
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of a file, up to the last complete macro step.
 
-    That is "step_count" in the header. The growing arrays are mapped and read on access.
+    That is "step_count" in the header. The growing arrays are mapped and read on access. With
+    `may_lead` it may be a file of `write_master`, which leads to others in its folder.
 
     Raises
     ------
@@ -272,13 +276,13 @@ def read(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, np.ndarray]
     h5py, name = hdf5_library(), str(checked_path(path))
     try:
         with h5py.File(name, "r", locking=False) as whole:
-            header = json.loads(whole["header"][()]) if "header" in whole else None
+            header = json.loads(own_array(whole, "header")[()]) if "header" in whole else None
             reason = mismatch(header, FORMAT, VERSION)
             if reason is None:
                 content = np.asarray(np.memmap(name, np.uint8, "r"))
-                if "files" in header:
+                if "files" in header and may_lead:
                     return _of_all_ranks(Path(name), header)
-                header["step_count"] = int(whole[COUNTER][0])
+                header["step_count"] = int(own_array(whole, COUNTER)[0])
                 return header, _arrays(whole, header, content)
     except MemoryError:
         raise
@@ -316,7 +320,7 @@ def _of_all_ranks(
     path: Path, master: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of the files of all ranks, up to the last step that is in all of them."""
-    found = [read(path.with_name(name)) for name in master["files"]]
+    found = [read(path.with_name(name), may_lead=False) for name in master["files"]]
     step = min(header["step_count"] for header, _ in found)
     whole = dict(found[0][0], step_count=step)
     for key in ("names", "recorded", "steps", "outputs"):
@@ -344,18 +348,57 @@ def _arrays(whole: Any, header: Mapping[str, Any], content: np.ndarray) -> dict[
     step, arrays = header["step_count"], {}
     for name, levels in header["nodes"].items():
         rows = row_count(header["begin"], step, header["every"], levels)
-        arrays[name] = _mapped(whole[dataset(name)], rows, content)
+        arrays[name] = _mapped(own_array(whole, dataset(name)), rows, content)
     for name in header["fixed"]:
-        arrays[name] = whole[dataset(name)][...]
+        arrays[name] = own_array(whole, dataset(name))[...]
     return arrays
+
+
+def check_contents(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
+    """ValueError unless the arrays of a History are numbers, and have as many rows as times."""
+    for name, x in arrays.items():
+        if x.dtype.kind not in "iuf" or not x.ndim:
+            raise ValueError(f"numbers in {name}, which has dtype {x.dtype}, shape {x.shape}")
+    if not all(isinstance(name, str) for name in header["names"]):
+        raise ValueError(f"names that are words, got {header['names']}")
+    for i in header["recorded"]:
+        shape = (arrays[f"{i}.t"].size, arrays[f"{i}.dofs"].size)
+        for quantity in "uva":
+            if arrays[f"{i}.{quantity}"].shape != shape:
+                raise ValueError(f"rows of {i}.{quantity}, which has not the shape {shape}")
+    rows = arrays["multiplier_times"].size
+    for name in ("multipliers", "velocity_jump"):
+        if arrays[name].ndim != 2 or len(arrays[name]) != rows:
+            raise ValueError(f"rows of {name}, which has not {rows} of them")
+
+
+def own_array(whole: Any, name: str) -> Any:
+    """A dataset that is in this file, and not larger than what the file holds of it.
+
+    A link or storage could lead to any other file, and a dataset that was never written could be of
+    any size.
+    """
+    h5py, place = hdf5_library(), whole
+    for part in name.split("/"):
+        if not isinstance(place.get(part, getlink=True), h5py.HardLink):
+            raise ValueError(f"{name} is missing or leads to another place")
+        place = place[part]
+    if not isinstance(place, h5py.Dataset) or place.external or place.is_virtual:
+        raise ValueError(f"{name} is no array of this file")
+    held = place.id.get_storage_size()
+    if place.id.get_create_plist().get_nfilters():  # packed again by another program
+        require(place.nbytes, name)
+    elif place.nbytes > held:
+        raise ValueError(f"{name} must have {place.nbytes} bytes as its shape gives, it has {held}")
+    return place
 
 
 def _mapped(made: Any, rows: int, content: np.ndarray) -> np.ndarray:
     """The first rows of an array in the file; read if another program has repacked the file."""
     shape = (rows, *made.shape[1:])
     offset = made.id.get_offset()
-    if rows > made.shape[0]:
-        raise ValueError(f"{made.name} has fewer rows than were counted")
+    if not 0 < rows <= made.shape[0]:
+        raise ValueError(f"{made.name} has {made.shape[0]} rows, {rows} were counted")
     if offset is None or made.dtype != np.dtype("<f8"):
         return made[:rows]
     size = 8 * int(np.prod(shape))

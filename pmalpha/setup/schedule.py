@@ -105,7 +105,7 @@ def checked_constraints(
         return ()
     if isinstance(constraints, Constraint):
         constraints = (constraints,)
-    if not isinstance(constraints, Iterable):
+    if not isinstance(constraints, Iterable) or hasattr(constraints, "ndim"):  # of arrays
         raise TypeError(f"constraints must be Constraints, got {constraints!r}")
     constraints = tuple(constraints)
     for c in constraints:

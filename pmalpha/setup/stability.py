@@ -349,7 +349,10 @@ def largest_eigenvalue(A: Matrix, M: Matrix) -> tuple[float, np.ndarray]:
         i = int(np.argmax(A / M))
         return max(float(A[i] / M[i]), 0.0), np.eye(1, n, i)[0]
     if _is_cheap(A, M):
-        values, x = largest_pairs(A, M, 1)
+        try:
+            values, x = largest_pairs(A, M, 1)
+        except np.linalg.LinAlgError:  # a mass so small that the eigenvalue is out of range
+            return np.inf, np.ones(n)
         return max(float(values[0]), 0.0), x[:, 0]
     return _lanczos(A, M)
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import listing, plain_array, positive_number, real_array
+from .._checks import listing, plain_array, positive_number, real_array, require_moderate
 
 LARGEST = 1e50
 
@@ -77,6 +77,7 @@ def mesh_arguments(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points and elements; each point must be in at least one element."""
     coordinates = real_array(points, "points", 2)
+    require_moderate(coordinates, "points", LARGEST)
     if dim is not None and coordinates.shape[1] != dim:
         raise ValueError(f"points must have shape (points, {dim}), got {coordinates.shape}")
     numbers = node_numbers(elements, name, len(coordinates), corners)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from copy import copy
 from typing import Any
 
@@ -61,11 +62,13 @@ def plane_contact(
     >>> floor.residual([0.0, -0.3, 0.0, 0.0]).round(12).tolist()  # pushed up by 10
     [0.0, -10.0, 0.0, 0.0]
     """
-    dim = structure.points.shape[1]
+    dim = _dimension(structure)
     direction = vector(normal, dim, "normal")
-    size = float(np.linalg.norm(direction))
-    if not size > 0.0:
-        raise ValueError(f"normal must not be zero, got {direction.tolist()}")
+    size = math.hypot(*direction)
+    if not 0.0 < size < np.inf:
+        raise ValueError(
+            f"normal must not be zero, and its length must be finite, got {direction.tolist()}"
+        )
     return PlaneContact(structure, nodes, stiffness, vector(point, dim, "point"), direction / size)
 
 
@@ -117,10 +120,16 @@ def sphere_contact(
     >>> ball.residual([0.0, 0.0, -0.3, 0.0, 0.0, 0.0]).round(12).tolist()
     [0.0, 0.0, -10.0, 0.0, 0.0, 0.0]
     """
-    centre = vector(center, structure.points.shape[1], "center")
+    centre = vector(center, _dimension(structure), "center")
     size = positive_number(radius, "radius")
     sign = -1.0 if flag(inside, "inside") else 1.0
     return SphereContact(structure, nodes, stiffness, centre, size, sign)
+
+
+def _dimension(structure: Any) -> int:
+    if not isinstance(structure, Structure):
+        raise TypeError(f"structure must be a Structure, got {structure!r}")
+    return structure.points.shape[1]
 
 
 class ContactForce(Conservative):

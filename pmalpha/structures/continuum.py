@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._checks import check_word, plain_array, real_array, whole_number
+from .._checks import check_word, plain_array, real_array, require_moderate, whole_number
 from ..blas import one_thread
 from ..problem.kinds import KINDS
 from ..problem.shapes import SHAPES
@@ -318,6 +318,7 @@ def _on(points, elements, d: int, E, nu, rho, t, plane, mass) -> Structure:
 def _checked(points: Any, elements: Any, d: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Points (N, d), and nodes of elements by kind; each point must be in an element."""
     coordinates = real_array(points, "points", 2)
+    require_moderate(coordinates, "points")
     if coordinates.shape[1] != d:
         raise ValueError(f"points must have shape (points, {d}), got {coordinates.shape}")
     kinds = {KINDS[kind].nodes: kind for kind in SHAPES if KINDS[kind].dimension == d}

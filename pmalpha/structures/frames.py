@@ -16,6 +16,9 @@ from .pattern import Pattern, lumped_mass
 from .recipe import Recipe, of_chosen
 from .structure import COINCIDENT, Structure
 
+# of one member
+MOST_DIVISIONS = 10**9
+
 __all__ = ["beam_frame", "subdivide"]
 
 # Inertia of a lumped end: 1/78 keeps the ratios of the consistent diagonal.
@@ -227,6 +230,8 @@ def _divisions(value: Any, count: int) -> np.ndarray:
         raise TypeError(f"divisions must be whole numbers, got dtype {divisions.dtype}")
     if divisions.shape not in ((), (count,)):
         raise ValueError(f"divisions must have shape () or ({count},), got {divisions.shape}")
+    if np.any(divisions > MOST_DIVISIONS):
+        raise ValueError(f"divisions must be at most {MOST_DIVISIONS}, got {divisions.max()}")
     if np.any(divisions < 1):
         raise ValueError(f"divisions must be at least 1, got {int(divisions.min())}")
     return np.broadcast_to(divisions, count).astype(np.int64)

@@ -59,7 +59,7 @@ class Input:
             "ELSET": self._read_element_set,
             "INSTANCE": self._refuse_moved,
         }
-        for keyword, options, rows in _sections(path):
+        for keyword, options, rows in _sections(path, ()):
             if keyword in readers:
                 try:
                     readers[keyword](options, rows)
@@ -132,8 +132,13 @@ class Input:
             raise ValueError("a part is moved; write a file without parts and instances")
 
 
-def _sections(path: Path) -> Iterator[tuple[str, dict[str, str], list[list[str]]]]:
-    """Keywords with their options and rows of data; included files are read in their place."""
+def _sections(
+    path: Path, above: tuple[Path, ...]
+) -> Iterator[tuple[str, dict[str, str], list[list[str]]]]:
+    """Keywords with their options and rows of data; included files are read in their place.
+
+    `above` are the files that include this one.
+    """
     keyword, options, rows = "", {}, []
     for line in _lines(path):
         if line.startswith("*"):
@@ -143,10 +148,24 @@ def _sections(path: Path) -> Iterator[tuple[str, dict[str, str], list[list[str]]
             keyword, rows = name.upper(), []
             options = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
             if keyword == "INCLUDE":
-                yield from _sections(path.parent / _option(options, "INPUT"))
+                yield from _sections(_included(path, above, options), (*above, path))
         else:
             rows.append([x.strip() for x in line.split(",")])
     yield keyword, options, rows
+
+
+def _included(path: Path, above: tuple[Path, ...], options: dict[str, str]) -> Path:
+    """A file in the folder of the first file or below it: a file may come from a stranger."""
+    name, folder = _option(options, "INPUT"), (*above, path)[0].parent.resolve()
+    found = (path.parent / name).resolve()
+    if folder not in found.parents or not found.is_file():
+        raise ValueError(
+            f"{path.name}, *INCLUDE: INPUT must be a file in the folder of the first file or below "
+            f"it, got {name!r}"
+        )
+    if found in {x.resolve() for x in (*above, path)}:
+        raise ValueError(f"{path.name}, *INCLUDE: {name!r} includes itself")
+    return found
 
 
 def _lines(path: Path) -> Iterator[str]:

@@ -34,10 +34,21 @@ def read_mesh(mesh: Any, names: str | None) -> FileMesh:
             raise FileNotFoundError(f"mesh must be a file, got {str(mesh)!r}, which does not exist")
         if path.suffix.lower() == ".inp":
             return _of_input(Input(path), names)
-        mesh = _meshio(path).read(path, file_format=_format(path))
+        mesh = _read(path)
     if not all(hasattr(mesh, name) for name in ("points", "cells", "cell_sets", "point_sets")):
         raise TypeError(f"mesh must be a path or a mesh of meshio, got {mesh!r}")
     return _of_meshio(mesh, names)
+
+
+def _read(path: Path) -> Any:
+    meshio = _meshio(path)
+    try:
+        return meshio.read(path, file_format=_format(path))
+    except MemoryError:
+        raise
+    except (Exception, SystemExit) as error:  # of a dozen types, for damaged files
+        reason = str(error) or type(error).__name__
+        raise ValueError(f"mesh must be a whole file, but {str(path)!r}: {reason}") from error
 
 
 def _meshio(path: Path) -> Any:
@@ -51,9 +62,12 @@ def _meshio(path: Path) -> Any:
 
 
 def _format(path: Path) -> str | None:
-    """None where the suffix is enough; of .msh meshio tries Ansys first, and prints the error."""
+    """None where the suffix is enough: a .msh file is one of Ansys if it begins with "(".
+
+    meshio tries Ansys first, whose reader does not end for some files of other kinds.
+    """
     with path.open("rb") as file:
-        return "gmsh" if file.read(11) == b"$MeshFormat" else None
+        return "gmsh" if path.suffix == ".msh" and file.read(1) != b"(" else None
 
 
 def _of_input(read: Input, names: str | None) -> FileMesh:
