@@ -157,22 +157,29 @@ static void small_trees_and_forests_are_swept_too(void)
     CHECK(trees > 100);
 }
 
-/* The second of three columns has not the row that the first one updates. */
-static void rows_that_a_parent_has_not_are_refused(void)
+/* The first column updates row 2, the second one, which comes next on its way, does not. */
+static void rows_that_a_parent_has_not_are_passed_on(void)
 {
     const int64_t first[] = {0, 1, 2, 3, 4}, row_ptr[] = {0, 2, 3, 4, 4}, start[] = {0, 3, 5, 7, 8};
     const int32_t rows[] = {1, 2, 3, 3};
-    double values[8] = {0.0};
+    double values[] = {1.0, 0.5, 0.25, 1.0, 0.5, 1.0, 2.0, 1.0}, x[] = {8.0, 4.0, 2.0, 1.0};
+    const double inverse[] = {1.0, 1.0, 1.0, 1.0}, expected[] = {8.0, 0.0, 0.0, 1.0};
     const pma_panels p = {4, first, row_ptr, rows, start, values, 0};
     pma_tree *T;
     CHECK_STATUS(pma_panels_check(&p, 4, 0), PMA_OK);
-    CHECK_STATUS(pma_tree_create(&p, 4, 0, 0, &T), PMA_BAD_INDEX);
-    CHECK(T == NULL);
+    CHECK_STATUS(pma_tree_create(&p, 4, 0, 2, &T), PMA_OK);
+    const pma_factor f = {.form = PMA_PANELS, .n = 4, .inverse = inverse, .panels = p, .tree = T};
+    CHECK_INT(T->count, 4);
+    double *work = take_scratch(&f);
+    pma_factor_open(&f, x, x, work);
+    CHECK_BITS(4, x, expected);
+    return_scratch(&f, work);
+    pma_tree_destroy(T);
 }
 
 const test TREE_TESTS[] = {
     TEST(sweeps_by_nodes_solve_and_do_not_depend_on_their_order),
     TEST(small_trees_and_forests_are_swept_too),
-    TEST(rows_that_a_parent_has_not_are_refused),
+    TEST(rows_that_a_parent_has_not_are_passed_on),
     END_OF_TESTS,
 };

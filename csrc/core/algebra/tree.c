@@ -1,5 +1,6 @@
 #include "algebra/tree.h"
 
+#include <assert.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,13 +20,14 @@ static size_t columns_of(const pma_tree *T, size_t node)
 /* What is known of the supernodes of the interior, `count` of them. */
 typedef struct {
     const pma_panels *p;
-    size_t interior, count; /* columns, supernodes */
-    size_t *owner;          /* interior: supernode of each column */
-    size_t *parent;         /* count: supernode, or `count` */
-    size_t *low, *size;     /* count: first and number of the supernodes of its subtree */
-    size_t *entries;        /* count: of the subtree */
-    size_t *node;           /* count: that each is in */
-    size_t *mark;           /* n: the node whose rows were seen last */
+    size_t n, interior, count; /* unknowns, columns, supernodes */
+    size_t *owner;             /* interior: supernode of each column */
+    size_t *parent;            /* count: supernode, or `count` */
+    size_t *low;               /* count: the first supernode of the subtree */
+    size_t *entries;           /* count: of the subtree */
+    size_t *open;              /* count: supernodes that have no parent yet, ascending */
+    size_t *node;              /* count: that each is in */
+    size_t *mark;              /* n: 1 + the node whose rows were listed last */
     size_t *block;
 } survey;
 
@@ -34,7 +36,7 @@ static pma_status create_survey(const pma_panels *p, size_t n, size_t nb, survey
     size_t count = 0;
     while (count < p->count && (size_t)p->first[count] < n - nb)
         count++;
-    *v = (survey){.p = p, .interior = n - nb, .count = count};
+    *v = (survey){.p = p, .n = n, .interior = n - nb, .count = count};
     v->block = calloc(2 * n + 5 * count + 1, sizeof *v->block);
     if (!v->block)
         return PMA_NO_MEMORY;
@@ -42,67 +44,87 @@ static pma_status create_survey(const pma_panels *p, size_t n, size_t nb, survey
     v->mark = v->owner + n;
     v->parent = v->mark + n;
     v->low = v->parent + count;
-    v->size = v->low + count;
-    v->entries = v->size + count;
-    v->node = v->entries + count;
+    v->entries = v->low + count;
+    v->open = v->entries + count;
+    v->node = v->open + count;
     return PMA_OK;
 }
 
-static void survey_subtrees(const survey *v)
+/* The supernodes that have the rows of s are above it. */
+static void lower_above(const survey *v, size_t s)
 {
     const pma_panels *p = v->p;
+    for (int64_t k = p->row_ptr[s]; k < p->row_ptr[s + 1]; k++) {
+        if ((size_t)p->rows[k] >= v->interior)
+            return;
+        size_t *low = &v->low[v->owner[p->rows[k]]];
+        *low = v->low[s] < *low ? v->low[s] : *low;
+    }
+}
+
+/* Every subtree without a gap: what lies between its supernodes and belongs further up is taken as
+ * part of it, for orders are postorders of mesh nodes, not quite of unknowns. */
+static void find_parents(const survey *v)
+{
+    const pma_panels *p = v->p;
+    size_t open = 0;
     for (size_t s = 0; s < v->count; s++) {
         v->low[s] = s;
         for (size_t j = (size_t)p->first[s]; j < (size_t)p->first[s + 1]; j++)
             v->owner[j] = s;
     }
     for (size_t s = 0; s < v->count; s++) {
-        const bool root =
-            p->row_ptr[s] == p->row_ptr[s + 1] || (size_t)p->rows[p->row_ptr[s]] >= v->interior;
-        v->parent[s] = root ? v->count : v->owner[p->rows[p->row_ptr[s]]];
-        v->size[s]++;
-        v->entries[s] += (size_t)(p->start[s + 1] - p->start[s]);
-        if (root)
-            continue;
-        const size_t parent = v->parent[s];
-        v->low[parent] = v->low[s] < v->low[parent] ? v->low[s] : v->low[parent];
-        v->size[parent] += v->size[s];
-        v->entries[parent] += v->entries[s];
+        v->entries[s] = (size_t)(p->start[s + 1] - p->start[s]);
+        while (open > 0 && v->open[open - 1] >= v->low[s]) {
+            const size_t child = v->open[--open];
+            v->parent[child] = s;
+            v->low[s] = v->low[child] < v->low[s] ? v->low[child] : v->low[s];
+            v->entries[s] += v->entries[child];
+        }
+        lower_above(v, s);
+        v->open[open++] = s;
     }
+    while (open > 0)
+        v->parent[v->open[--open]] = v->count;
 }
 
-/* A subtree that can be a node: small, and without a gap. */
-static bool is_whole(const survey *v, size_t s, size_t entries)
-{
-    return v->entries[s] <= entries && v->low[s] + v->size[s] == s + 1;
-}
-
-/* The last supernode of the largest such subtree that begins with s; s itself above them. */
+/* The last supernode of the largest subtree of at most some entries that begins with s; s itself if
+ * there is none. */
 static size_t last_of(const survey *v, size_t s, size_t entries)
 {
     size_t last = s;
-    while (is_whole(v, last, entries) && v->parent[last] < v->count &&
-           v->low[v->parent[last]] == s && is_whole(v, v->parent[last], entries))
+    while (v->parent[last] < v->count && v->low[v->parent[last]] == s &&
+           v->entries[v->parent[last]] <= entries)
         last = v->parent[last];
     return last;
 }
 
-/* Nodes from the first columns on; siblings that are small enough together are one. Returns their
+/* Is what begins with supernode s to be in the node before it, which ends with s - 1? Siblings that
+ * are whole are, and above whole subtrees a parent and its last child. */
+static bool joins(const survey *v, size_t s, size_t last, bool whole, bool was_whole)
+{
+    if (whole)
+        return was_whole && v->parent[s - 1] == v->parent[last];
+    return !was_whole && v->parent[s - 1] == s;
+}
+
+/* Nodes of at most some entries, or of one supernode, from the first columns on. Returns their
  * number, the first column of each in `column`. */
 static size_t divide(const survey *v, size_t entries, size_t *column)
 {
-    size_t count = 0, have = 0, parent = v->count;
+    size_t count = 0, have = 0;
+    bool was_whole = false;
     for (size_t s = 0, last; s < v->count; s = last + 1) {
+        const bool whole = v->entries[s] <= entries;
         last = last_of(v, s, entries);
-        const size_t more = v->entries[last];
-        const bool joins = count > 0 && is_whole(v, last, entries) && v->parent[last] == parent &&
-                           have + more <= entries;
-        if (!joins) {
+        const size_t more =
+            whole ? v->entries[last] : (size_t)(v->p->start[s + 1] - v->p->start[s]);
+        if (s == 0 || have + more > entries || !joins(v, s, last, whole, was_whole)) {
             column[count++] = (size_t)v->p->first[s];
             have = 0;
         }
-        have = is_whole(v, last, entries) ? have + more : entries + 1;
-        parent = v->parent[last];
+        have += more;
+        was_whole = whole;
         for (size_t k = s; k <= last; k++)
             v->node[k] = count - 1;
     }
@@ -114,35 +136,6 @@ static int ascending(const void *a, const void *b)
 {
     const int32_t x = *(const int32_t *)a, y = *(const int32_t *)b;
     return (x > y) - (x < y);
-}
-
-/* The rows of a node below its columns, in `row` if that is given; their number. */
-static size_t list_rows(const survey *v, const pma_tree *T, size_t node, size_t begin, size_t end,
-                        int32_t *row)
-{
-    const pma_panels *p = v->p;
-    const size_t seen = 2 * node + (row ? 2 : 1); /* each node is listed twice */
-    size_t count = 0;
-    for (int64_t k = p->row_ptr[begin]; k < p->row_ptr[end]; k++) {
-        const int32_t i = p->rows[k];
-        if ((size_t)i < T->column[node + 1] || v->mark[i] == seen)
-            continue;
-        v->mark[i] = seen;
-        if (row)
-            row[count] = i;
-        count++;
-    }
-    if (row)
-        qsort(row, count, sizeof *row, ascending);
-    return count;
-}
-
-/* The supernode after the last one of a node. */
-static size_t end_of(const survey *v, size_t node, size_t begin)
-{
-    while (begin < v->count && v->node[begin] == node)
-        begin++;
-    return begin;
 }
 
 static void link_nodes(const survey *v, pma_tree *T)
@@ -159,28 +152,80 @@ static void link_nodes(const survey *v, pma_tree *T)
     }
 }
 
-/* (columns or rows of the parent) PMA_BAD_INDEX when a row is neither */
-static pma_status place_rows(pma_tree *T, size_t t)
+/* Rows that are listed once each. */
+typedef struct {
+    int32_t *row;
+    size_t count, room;
+} list;
+
+static bool append(const survey *v, const pma_tree *T, size_t node, const int32_t *row,
+                   size_t count, list *l)
+{
+    for (size_t k = 0; k < count; k++) {
+        if ((size_t)row[k] < T->column[node + 1] || v->mark[row[k]] == node + 1)
+            continue;
+        if (l->count == l->room) {
+            int32_t *more = realloc(l->row, (2 * l->room + v->n) * sizeof *more);
+            if (!more)
+                return false;
+            l->row = more;
+            l->room = 2 * l->room + v->n;
+        }
+        v->mark[row[k]] = node + 1;
+        l->row[l->count++] = row[k];
+    }
+    return true;
+}
+
+/* The rows below the columns of a node, of its supernodes and of its children. */
+static bool list_rows(const survey *v, pma_tree *T, size_t node, size_t begin, size_t end, list *l)
+{
+    const pma_panels *p = v->p;
+    const size_t before = l->count;
+    bool done = append(v, T, node, p->rows + p->row_ptr[begin],
+                       (size_t)(p->row_ptr[end] - p->row_ptr[begin]), l);
+    for (size_t c = T->child[node]; c != PMA_NO_NODE && done; c = T->sibling[c]) {
+        for (size_t i = T->update[c]; i < T->update[c + 1] && done; i++) {
+            const int32_t row = l->row[i]; /* the list may move */
+            done = append(v, T, node, &row, 1, l);
+        }
+    }
+    if (done && l->count > before)
+        qsort(l->row + before, l->count - before, sizeof *l->row, ascending);
+    T->update[node + 1] = l->count;
+    return done;
+}
+
+static bool list_all(const survey *v, pma_tree *T, list *l)
+{
+    bool done = true;
+    for (size_t t = 0, begin = 0, end; t < T->count && done; t++, begin = end) {
+        for (end = begin; end < v->count && v->node[end] == t; end++) {
+        }
+        done = list_rows(v, T, t, begin, end, l);
+        const size_t front = columns_of(T, t) + rows_of(T, t);
+        T->most_rows = front > T->most_rows ? front : T->most_rows;
+    }
+    return done;
+}
+
+/* Each is a column of the parent or one of its rows. */
+static void place_rows(pma_tree *T, size_t t)
 {
     const size_t parent = T->parent[t], first = T->column[parent];
-    const bool is_border = parent == T->count;
-    const size_t columns = is_border ? 0 : columns_of(T, parent);
-    size_t k = is_border ? 0 : T->update[parent];
+    const size_t columns = parent == T->count ? SIZE_MAX : columns_of(T, parent);
+    size_t k = parent == T->count ? 0 : T->update[parent];
     for (size_t i = T->update[t]; i < T->update[t + 1]; i++) {
-        const size_t row = (size_t)T->row[i];
-        if (row < first)
-            return PMA_BAD_INDEX;
-        if (is_border || row < first + columns) {
-            T->into[i] = (int32_t)(row - first);
+        const size_t place = (size_t)T->row[i] - first;
+        if (place < columns) {
+            T->into[i] = (int32_t)place;
             continue;
         }
-        while (k < T->update[parent + 1] && (size_t)T->row[k] < row)
+        while (T->row[k] < T->row[i])
             k++;
-        if (k == T->update[parent + 1] || (size_t)T->row[k] != row)
-            return PMA_BAD_INDEX;
+        assert(k < T->update[parent + 1] && T->row[k] == T->row[i]);
         T->into[i] = (int32_t)(columns + k - T->update[parent]);
     }
-    return PMA_OK;
 }
 
 /* Rows below a node are those of its front, which follow its columns. */
@@ -201,30 +246,10 @@ static void number_rows(const survey *v, pma_tree *T, size_t s)
     }
 }
 
-static pma_status fill(const survey *v, pma_tree *T)
+static pma_tree *allocate(size_t count, const size_t *column)
 {
-    size_t begin = 0;
-    pma_status status = PMA_OK;
-    link_nodes(v, T);
-    for (size_t t = 0; t < T->count; t++) {
-        const size_t end = end_of(v, t, begin), rows = columns_of(T, t) + rows_of(T, t);
-        list_rows(v, T, t, begin, end, T->row + T->update[t]);
-        T->most_rows = rows > T->most_rows ? rows : T->most_rows;
-        begin = end;
-    }
-    for (size_t t = 0; t < T->count && status == PMA_OK; t++)
-        status = place_rows(T, t);
-    for (size_t s = 0; s < v->count && status == PMA_OK; s++)
-        number_rows(v, T, s);
-    return status;
-}
-
-/* In one block: T, the numbers of each node, the rows. */
-static pma_tree *allocate(const survey *v, size_t count, const size_t *column)
-{
-    const size_t numbers = 5 * (count + 1);
     pma_tree *T = calloc(1, sizeof *T);
-    size_t *block = calloc(numbers, sizeof *block);
+    size_t *block = calloc(5 * (count + 1), sizeof *block);
     if (!T || !block) {
         free(T);
         free(block);
@@ -237,22 +262,25 @@ static pma_tree *allocate(const survey *v, size_t count, const size_t *column)
     T->sibling = T->child + count + 1;
     T->update = T->sibling + count + 1;
     memcpy(T->column, column, (count + 1) * sizeof *column);
-    size_t begin = 0;
-    for (size_t t = 0; t < count; t++) {
-        const size_t end = end_of(v, t, begin);
-        T->update[t + 1] = T->update[t] + list_rows(v, T, t, begin, end, NULL);
-        begin = end;
-    }
-    const size_t rows = (size_t)v->p->row_ptr[v->count];
-    T->row = calloc(2 * T->update[count] + rows + 1, sizeof *T->row);
-    if (!T->row) {
-        pma_tree_destroy(T);
-        return NULL;
-    }
-    T->into = T->row + T->update[count];
-    T->rows = T->into + T->update[count];
-    T->height = pma_panels_most_height(v->p);
     return T;
+}
+
+static pma_status fill(const survey *v, pma_tree *T)
+{
+    list l = {.count = 0};
+    link_nodes(v, T);
+    const bool listed = list_all(v, T, &l);
+    T->row = l.row;
+    T->into = calloc(l.count + (size_t)v->p->row_ptr[v->count] + 1, sizeof *T->into);
+    if (!listed || !T->into)
+        return PMA_NO_MEMORY;
+    T->rows = T->into + l.count;
+    T->height = pma_panels_most_height(v->p);
+    for (size_t t = 0; t < T->count; t++)
+        place_rows(T, t);
+    for (size_t s = 0; s < v->count; s++)
+        number_rows(v, T, s);
+    return PMA_OK;
 }
 
 pma_status pma_tree_create(const pma_panels *p, size_t n, size_t nb, size_t entries, pma_tree **out)
@@ -267,10 +295,10 @@ pma_status pma_tree_create(const pma_panels *p, size_t n, size_t nb, size_t entr
         free(v.block);
         return PMA_NO_MEMORY;
     }
-    survey_subtrees(&v);
+    find_parents(&v);
     const size_t count = divide(&v, entries, column);
     if (count > 1) {
-        *out = allocate(&v, count, column);
+        *out = allocate(count, column);
         status = *out ? fill(&v, *out) : PMA_NO_MEMORY;
     }
     free(column);
@@ -288,6 +316,7 @@ void pma_tree_destroy(pma_tree *T)
         return;
     free(T->column);
     free(T->row);
+    free(T->into);
     free(T);
 }
 

@@ -1,11 +1,12 @@
-/* tree.h - the elimination tree of a factor in panels, in subtrees that fit in a cache.
+/* tree.h - the elimination tree of a factor in panels, in nodes that fit in a cache.
  *
  * In an elimination tree the neighbours of a column are among its descendants and its ancestors. A
- * node of the tree here is either a subtree, or siblings together, of at most some entries, or a
- * supernode above them. What the columns of a node subtract from rows above them is summed up in an
- * update of the node, which its parent adds, its children in their order. So the sums do not depend
- * on the order in which nodes are swept, nor on who sweeps them, and a node can be swept backward,
- * and then its descendants both ways, before it is swept forward again. */
+ * node of the tree here has at most some entries, or is one supernode: a subtree, or siblings
+ * together; above these, supernodes of which each is the parent of the one before. What the columns
+ * of a node and of its descendants subtract from rows above it is summed up in an update of the
+ * node, which its parent adds, its children in their order. So the sums do not depend on the order
+ * in which nodes are swept, nor on who sweeps them, and a node can be swept backward, and then its
+ * descendants both ways, before it is swept forward again. */
 #ifndef PMA_TREE_H
 #define PMA_TREE_H
 
@@ -20,7 +21,7 @@ enum { PMA_SUBTREE = 32768 };
 
 #define PMA_NO_NODE SIZE_MAX
 
-/* Nodes have ascending columns, children come before their parents. The unknowns of the border, nb
+/* Nodes have ascending columns and are in postorder. The unknowns of the border, nb
  * of them, are no node but, with the number `count`, the parent of all roots. */
 typedef struct {
     size_t count;
@@ -37,9 +38,8 @@ typedef struct {
     size_t height;    /* of the tallest panel */
 } pma_tree;
 
-/* The tree of panels that were checked. PMA_BAD_INDEX when the rows of a supernode are not among
- * the columns and rows of the one that has the first of them. Allocates; *out is NULL where there
- * would be fewer than two nodes. */
+/* The tree of panels that were checked. Allocates: PMA_NO_MEMORY; *out is NULL where there would be
+ * fewer than two nodes. */
 pma_status pma_tree_create(const pma_panels *p, size_t n, size_t nb, size_t entries,
                            pma_tree **out);
 void pma_tree_destroy(pma_tree *T); /* NULL is allowed */

@@ -1,7 +1,8 @@
 /* inside.h - the subdomain from inside: what its files share.
  *
  * subdomain.c is the object, table.c the operations that a coupler calls; substep.c makes a
- * substep, visit.c two of them at once, rows.c one in ranges of rows, response.c what macro coupling adds. */
+ * substep, visit.c two of them at once, rows.c one in ranges of rows, response.c what macro coupling
+ * adds. */
 #ifndef PMA_INSIDE_H
 #define PMA_INSIDE_H
 

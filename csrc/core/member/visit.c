@@ -24,26 +24,14 @@ static bool are_related(const lineage *l, size_t i, size_t j)
     return (l->low[a] <= b && b <= a) || (l->low[b] <= a && a <= b);
 }
 
-/* False where nodes are not in postorder. */
-static bool find_lineage(lineage *l)
+static void find_lineage(lineage *l)
 {
     const pma_tree *T = l->tree;
     for (size_t t = 0; t <= T->count; t++) {
-        size_t next = t; /* the node before which the subtree of the next child begins */
-        l->low[t] = t;
-        for (size_t c = T->child[t]; c != PMA_NO_NODE; c = T->sibling[c]) {
-            if (c == T->child[t])
-                l->low[t] = l->low[c];
-            else if (l->low[c] != next)
-                return false;
-            next = c + 1;
-        }
-        if (next != t)
-            return false;
+        l->low[t] = T->child[t] == PMA_NO_NODE ? t : l->low[T->child[t]];
         for (size_t i = T->column[t]; i < (t < T->count ? T->column[t + 1] : l->n); i++)
             l->of[i] = t;
     }
-    return true;
 }
 
 static bool rows_are_related(const lineage *l, const pma_matrix *A)
@@ -100,7 +88,8 @@ pma_status pma_visit_find(const pma_subdomain *s, bool *fuses)
     if (!l.of)
         return PMA_NO_MEMORY;
     l.low = l.of + l.n;
-    *fuses = find_lineage(&l) && is_related(&l, &p->K) && is_related(&l, &p->C);
+    find_lineage(&l);
+    *fuses = is_related(&l, &p->K) && is_related(&l, &p->C);
     free(l.of);
     return PMA_OK;
 }
