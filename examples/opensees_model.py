@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pmalpha import InternalForce
 from pmalpha.remote import Client, serve, started
 
 # m, N, kg, s; nodes 1 and 2 are fixed, 11 and 12 are in mid-height of the lowest columns
@@ -29,6 +30,7 @@ DEPTH, AREA, MOMENT = 0.2, 7.8e-3, 5.7e-5
 DAMPING = (0.2, 0.001)  # of the mass and of the initial stiffness
 INTERFACE = [(node, dof) for node in FLOORS[0] for dof in (1, 2, 3)]
 INSIDE = [(node, dof) for node in (11, 12) for dof in (1, 2, 3)]
+PATIENCE = 3600.0  # seconds for which the model is kept while no call comes
 
 
 def opensees():
@@ -204,14 +206,17 @@ class States:
         """Repeat the displacements that lead to a state."""
         ahead, at = [], state
         while at not in (self.present, 0):
-            at, u = self.came[at]
-            ahead.append(u)
+            if at not in self.came:
+                raise ValueError(f"state {at} is none of this process")
+            before, u = self.came[at]
+            ahead.append((at, u))
+            at = before
         if at != self.present:
             self.model.restart()
-        self.present = at
-        for u in reversed(ahead):
+            self.present = 0
+        for number, u in reversed(ahead):
             self.model.move(u)
-        self.present = state
+            self.present = number
 
 
 def in_a_copy(function, *arguments):
@@ -220,12 +225,14 @@ def in_a_copy(function, *arguments):
     child = os.fork()
     if child == 0:
         try:
-            result = function(*arguments)
-        except Exception as error:
-            result = error
-        with open(sender, "wb") as pipe:
-            pickle.dump(result, pipe)
-        os._exit(0)
+            try:
+                result = function(*arguments)
+            except Exception as error:
+                result = error
+            with open(sender, "wb") as pipe:
+                pickle.dump(result, pipe)
+        finally:
+            os._exit(0)  # whatever happens, the copy goes no further
     os.close(sender)
     with open(receiver, "rb") as pipe:
         sent = pipe.read()
@@ -251,6 +258,16 @@ def served(part, what, timeout=60.0):
         yield client
 
 
+def internal(client):
+    """The force of a client of `States`, for ``internal`` of a subdomain."""
+
+    def evaluate(u, v, t, q):
+        f, K, q1 = client(u, v, t, q)
+        return f, K, None, q1
+
+    return InternalForce(evaluate, history=[0.0])
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("part", choices=["whole", "lower", "upper"])
@@ -263,11 +280,11 @@ def main():
 
     if args.what == "matrices":
         make()
-        serve(lambda: matrices(ops))
+        serve(lambda: matrices(ops), timeout=PATIENCE)
     elif args.what == "specimen":
-        serve(Static(ops, make, INTERFACE).specimen)
+        serve(Static(ops, make, INTERFACE).specimen, timeout=PATIENCE)
     else:
-        serve(States(Static(ops, make, INTERFACE + INSIDE)))
+        serve(States(Static(ops, make, INTERFACE + INSIDE)), timeout=PATIENCE)
 
 
 if __name__ == "__main__":

@@ -144,13 +144,7 @@ def test_the_iterated_cut_frame_yields_as_the_whole_one_in_opensees(page, transi
 
 def test_a_trial_changes_no_state_and_the_tangent_is_the_derivative():
     with example.served("lower", "states") as model:
-        zero = np.zeros(12)
-
-        def evaluate(u, v, t, q):
-            f, K, q1 = model(u, v, t, q)
-            return f, K, None, q1
-
-        force = pm.InternalForce(evaluate, history=[0.0])
+        force, zero = example.internal(model), np.zeros(12)
         u = np.zeros(12)
         u[[0, 3]], u[[2, 5]], u[[6, 9]] = 0.05, 0.002, 0.02
         f, K, state = model(u, zero, 0.0, [0.0])
@@ -166,11 +160,37 @@ def test_a_trial_changes_no_state_and_the_tangent_is_the_derivative():
         assert force.check(u, q=[0.0]).error < 1e-7
 
 
+def test_passes_of_macro_coupling_go_back_to_earlier_states(page):
+    """With equal steps macro coupling has the equations of gc, but repeats the steps."""
+
+    def run(coupling, internal=None):
+        parts = []
+        for part in ("lower", "upper"):
+            M, C, K = page["matrices"][part]
+            load = 40.0 * M.diagonal() * np.tile([1, 0, 0], len(M) // 3)  # yields in three steps
+            how = {"scheme": pm.Newmark(), "force": load, "name": part}
+            if part == "lower" and internal is not None:
+                K, how["internal"] = None, internal
+            parts.append(pm.Subdomain(M, K, C, **how))
+        return pm.Coupler(parts, page["ties"], dt=0.02, coupling=coupling).run(steps=6)["lower"].u
+
+    with example.served("lower", "states") as model:
+        internal = example.internal(model)
+        gc, once = run("gc", internal), model.number
+        macro = run("macro", internal)
+        assert model.number - once > 2 * once
+    assert abs(gc - run("gc")).max() > 0.1 * abs(gc).max()
+    # both iterate to the default tolerance, 1e-8
+    np.testing.assert_allclose(macro, gc, rtol=0.0, atol=1e-6 * abs(gc).max())
+
+
 def test_what_opensees_cannot_solve_is_an_error_here_and_the_next_trial_is_served():
     with example.served("lower", "states") as model:
         u, zero = np.full(12, np.nan), np.zeros(12)
         with pytest.raises(RemoteError, match="OpenSees found no equilibrium at"):
             model(u, zero, 0.0, [0.0])
+        with pytest.raises(RemoteError, match="state 7 is none of this process"):
+            model(zero, zero, 0.0, [7.0])
         assert not model(zero, zero, 0.0, [0.0])[0].any()
 
 
