@@ -352,20 +352,29 @@ static void close_nodes(const pma_factor *f, double *x, double *work)
 
 /* ---- a step --------------------------------------------------------------------------------- */
 
-void pma_factor_interface(const pma_factor *f, double *xb, double *work)
+static inline void divide(const double *inverse, size_t count, double *restrict x)
 {
-    if (f->nb == 0)
-        return;
-    if (is_ordinary(f)) {
-        interface_ordinary(f, xb, work);
-        return;
-    }
-    eliminate(f, f->n - f->nb, f->n, xb, work);
-    substitute(f, f->n - f->nb, f->n, xb, work);
+    for (size_t i = 0; i < count; i++)
+        x[i] *= inverse[i];
 }
 
-void pma_factor_open_part(const pma_factor *f, size_t begin, size_t end, double *x, double *xb,
-                          double *work)
+void pma_factor_interface(const pma_factor *f, double *xb, double *work)
+{
+    const size_t interior = f->n - f->nb;
+    if (f->form == PMA_DIAGONAL) {
+        divide(f->inverse + interior, f->nb, xb);
+    } else if (f->nb == 1 && !is_ordinary(f)) { /* the last unknown alone: a sweep of nothing */
+        xb[0] *= f->inverse[interior];
+    } else if (f->nb > 0 && is_ordinary(f)) {
+        interface_ordinary(f, xb, work);
+    } else if (f->nb > 0) {
+        eliminate(f, interior, f->n, xb, work);
+        substitute(f, interior, f->n, xb, work);
+    }
+}
+
+__attribute__((noinline)) static void open_swept(const pma_factor *f, size_t begin, size_t end,
+                                                 double *x, double *xb, double *work)
 {
     const size_t interior = f->n - f->nb;
     if (is_ordinary(f)) {
@@ -385,13 +394,27 @@ void pma_factor_open_part(const pma_factor *f, size_t begin, size_t end, double 
     }
 }
 
+void pma_factor_open_part(const pma_factor *f, size_t begin, size_t end, double *x, double *xb,
+                          double *work)
+{
+    if (f->form != PMA_DIAGONAL) {
+        open_swept(f, begin, end, x, xb, work);
+        return;
+    }
+    if (end < f->n)
+        return;
+    const size_t interior = f->n - f->nb;
+    for (size_t i = 0; i < f->nb; i++)
+        xb[i] = x[interior + i] * f->inverse[interior + i];
+}
+
 void pma_factor_open(const pma_factor *f, double *x, double *xb, double *work)
 {
     pma_factor_open_part(f, 0, f->n, x, xb, work);
 }
 
-void pma_factor_close_part(const pma_factor *f, size_t begin, size_t end, const double *fb,
-                           double *x, double *work)
+__attribute__((noinline)) static void close_swept(const pma_factor *f, size_t begin, size_t end,
+                                                  const double *fb, double *x, double *work)
 {
     const size_t interior = f->n - f->nb;
     if (is_ordinary(f)) {
@@ -407,6 +430,20 @@ void pma_factor_close_part(const pma_factor *f, size_t begin, size_t end, const 
         close_nodes(f, x, work);
     else if (begin < interior)
         substitute(f, begin, least(end, interior), x + begin, work);
+}
+
+void pma_factor_close_part(const pma_factor *f, size_t begin, size_t end, const double *fb,
+                           double *x, double *work)
+{
+    if (f->form != PMA_DIAGONAL) {
+        close_swept(f, begin, end, fb, x, work);
+        return;
+    }
+    const size_t interior = f->n - f->nb, inside = least(end, interior);
+    for (size_t i = 0; end == f->n && i < f->nb; i++)
+        x[interior + i] = (x[interior + i] + fb[i]) * f->inverse[interior + i];
+    if (begin < inside)
+        divide(f->inverse + begin, inside - begin, x + begin);
 }
 
 void pma_factor_close(const pma_factor *f, const double *fb, double *x, double *work)

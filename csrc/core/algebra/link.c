@@ -19,29 +19,12 @@ pma_status pma_link_check(const pma_link *L)
     return PMA_OK;
 }
 
-void pma_link_load(const pma_link *L, const double *lam, double *xb)
+void pma_link_load_each(const pma_link *L, const double *lam, double *xb)
 {
-    if (L->each) {
-        pma_lanes_load(L->each, lam, xb);
-        return;
-    }
-    for (size_t j = 0; j < L->nb; j++) {
-        double sum = xb[j];
-        for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)
-            sum += L->values[k] * lam[L->index[k]];
-        xb[j] = sum;
-    }
+    pma_lanes_load(L->each, lam, xb);
 }
 
-void pma_link_gather(const pma_link *L, double scale, const double *xb, double *jump)
+void pma_link_gather_each(const pma_link *L, double scale, const double *xb, double *jump)
 {
-    if (L->each) {
-        pma_lanes_gather(L->each, scale, xb, jump);
-        return;
-    }
-    for (size_t j = 0; j < L->nb; j++) {
-        const double x = scale * xb[j];
-        for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)
-            jump[L->index[k]] += L->values[k] * x;
-    }
+    pma_lanes_gather(L->each, scale, xb, jump);
 }

@@ -21,10 +21,37 @@ typedef struct pma_link {
 /* PMA_BAD_INDEX unless every row index lies in 0..p-1. */
 pma_status pma_link_check(const pma_link *L);
 
+/* What follows in lanes. */
+void pma_link_load_each(const pma_link *L, const double *lam, double *xb);
+void pma_link_gather_each(const pma_link *L, double scale, const double *xb, double *jump);
+
 /* xb (nb) += L_b^T lam, lam (p) */
-void pma_link_load(const pma_link *L, const double *lam, double *xb);
+static inline void pma_link_load(const pma_link *L, const double *lam, double *xb)
+{
+    if (L->each) {
+        pma_link_load_each(L, lam, xb);
+        return;
+    }
+    for (size_t j = 0; j < L->nb; j++) {
+        double sum = xb[j];
+        for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)
+            sum += L->values[k] * lam[L->index[k]];
+        xb[j] = sum;
+    }
+}
 
 /* jump (p) += scale L_b xb, xb (nb) */
-void pma_link_gather(const pma_link *L, double scale, const double *xb, double *jump);
+static inline void pma_link_gather(const pma_link *L, double scale, const double *xb, double *jump)
+{
+    if (L->each) {
+        pma_link_gather_each(L, scale, xb, jump);
+        return;
+    }
+    for (size_t j = 0; j < L->nb; j++) {
+        const double x = scale * xb[j];
+        for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)
+            jump[L->index[k]] += L->values[k] * x;
+    }
+}
 
 #endif

@@ -92,6 +92,19 @@ static void subtract_sparse(const pma_matrix *A, size_t begin, size_t end, const
     }
 }
 
+/* Up to this size a product is shorter than the preparations of the kernel, whose order it has. */
+enum { FEW = 4 };
+
+static void subtract_few(const pma_matrix *A, size_t begin, size_t end, const double *x, double *y)
+{
+    for (size_t i = begin; i < end; i++) {
+        double sum = y[i];
+        for (size_t j = 0; j < A->n; j++)
+            sum -= A->values[j * A->n + i] * x[j];
+        y[i] = sum;
+    }
+}
+
 void pma_matrix_subtract_rows(const pma_matrix *A, size_t begin, size_t end, const double *x,
                               double *y)
 {
@@ -104,7 +117,10 @@ void pma_matrix_subtract_rows(const pma_matrix *A, size_t begin, size_t end, con
                                          end, x, y);
         break;
     case PMA_DENSE:
-        pma_kernel_best()->subtract(A->values + begin, A->n, end - begin, A->n, x, y + begin);
+        if (A->n <= FEW)
+            subtract_few(A, begin, end, x, y);
+        else
+            pma_kernel_best()->subtract(A->values + begin, A->n, end - begin, A->n, x, y + begin);
         break;
     case PMA_SPARSE:
         subtract_sparse(A, begin, end, x, y);

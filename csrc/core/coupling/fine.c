@@ -177,7 +177,10 @@ static void rebase(pma_coupler *c)
 static inline pma_status take_steps(pma_coupler *c, pma_status (*take)(pma_coupler *c))
 {
     for (size_t i = 0; i < c->fine; i++) {
-        pma_coupler_move_to(c, c->k + 1);
+        if (i == 0)
+            pma_coupler_move_to(c, c->k + 1);
+        else
+            pma_coupler_move_on(c);
         if (pma_coupler_is_stopped(c))
             return PMA_STOPPED;
         const pma_status status = take(c);

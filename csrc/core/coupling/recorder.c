@@ -124,7 +124,7 @@ void pma_recorder_write(const pma_coupler *c)
     const bool deferred = pma_look_ahead_is_used(c) && pma_look_ahead_defers(c);
     write_members(c);
     write_interface(c, deferred);
-    if (c->k % c->fine == 0)
+    if (c->k == c->fine || c->k == 2 * c->fine)
         write_macro_level(c, deferred);
 }
 

@@ -129,6 +129,21 @@ static inline pma_substep pma_substep_of(const pma_coupler *c, const pma_coupled
 /* Every member where it is at the end of fine step k, counted from the present. */
 void pma_coupler_move_to(pma_coupler *c, size_t k);
 
+/* ... at the end of the next one, from where move_to left it. */
+static inline void pma_coupler_move_on(pma_coupler *c)
+{
+    c->k++;
+    for (size_t i = 0; i < c->parts.count; i++) {
+        pma_coupled *m = &c->coupled[i];
+        if (m->now.phase < m->ratio) {
+            m->now.phase++;
+            continue;
+        }
+        m->now = (pma_moment){.j = m->now.j + 1, .phase = 1};
+        m->step = pma_substep_of(c, m, m->now.j);
+    }
+}
+
 static inline bool pma_is_ending(const pma_coupled *m)
 {
     return m->now.phase == m->ratio;
@@ -270,7 +285,23 @@ void pma_recorder_complete(const pma_coupler *c);
 
 /* Every worker does `task` with those of its members that are `due`, worker 0 too; all wait for the
  * last. What went wrong with the first member, in order, with which it did. (share.c) */
-pma_status pma_share(pma_coupler *c, pma_task task, pma_due due);
+pma_status pma_share_out(pma_coupler *c, pma_task task, pma_due due);
+
+/* The same, in a loop of the caller's where there is no team: that of a small system is short. */
+static inline pma_status pma_share(pma_coupler *c, pma_task task, pma_due due)
+{
+    if (c->team)
+        return pma_share_out(c, task, due);
+    for (size_t i = 0; i < c->parts.count; i++) {
+        pma_coupled *m = &c->coupled[i];
+        const pma_status status = due(m) ? task(c, m) : PMA_OK;
+        if (status != PMA_OK) {
+            c->failed = i;
+            return status;
+        }
+    }
+    return PMA_OK;
+}
 
 /* Waits for a worker and calls the poll meanwhile; gives it work(c, worker). (share.c) */
 void pma_share_await(pma_coupler *c, size_t worker);

@@ -76,7 +76,8 @@ static pma_status restore(pma_subdomain *s, const pma_state *from, const pma_sta
 {
     const pma_parts *p = &s->parts;
     pma_status status = PMA_OK;
-    pma_springs_subtract(&p->springs, to->u, from->springs, to->springs, to->w);
+    if (p->springs.total > 0)
+        pma_springs_subtract(&p->springs, to->u, from->springs, to->springs, to->w);
     if (!s->extrapolates)
         return PMA_OK;
     if (p->restoring.function)
@@ -93,6 +94,8 @@ static pma_status restore(pma_subdomain *s, const pma_state *from, const pma_sta
 
 pma_status pma_substep_load(pma_subdomain *s, const pma_substep *step)
 {
+    if (s->load.kind != PMA_LOAD_CALLED)
+        return PMA_OK;
     return pma_load_evaluate(&s->load, step->t1, &s->code);
 }
 
@@ -101,8 +104,10 @@ static void add_forces(const pma_subdomain *s, const pma_substep *step, const pm
                        size_t begin, size_t end)
 {
     const pma_parts *p = &s->parts;
-    pma_load_add_rows(&s->load, step->t1, step->number, begin, end, to->w);
-    pma_matrix_subtract_rows(&p->C, begin, end, p->lagged ? s->vs : to->v, to->w);
+    if (s->load.kind != PMA_LOAD_NONE)
+        pma_load_add_rows(&s->load, step->t1, step->number, begin, end, to->w);
+    if (p->C.form != PMA_ZERO)
+        pma_matrix_subtract_rows(&p->C, begin, end, p->lagged ? s->vs : to->v, to->w);
     pma_matrix_subtract_rows(&p->K, begin, end, to->u, to->w);
 }
 
@@ -115,13 +120,11 @@ void pma_substep_add_forces(const pma_subdomain *s, const pma_substep *step, siz
 /* The free problem (13) up to its acceleration on the interface, slab by slab: where matrices and
  * factor are narrow, what one stage leaves is still in the cache for the next, and is computed
  * while a sweep waits for its last unknown. */
-static pma_status solve_free(pma_subdomain *s, const pma_substep *step)
+static inline pma_status solve_free(pma_subdomain *s, const pma_substep *step,
+                                    const pma_operator *op, const pma_state *to, double *wf_b)
 {
     const pma_parts *p = &s->parts;
-    const pma_operator *op = pma_operator_of(s, step->twice);
     const pma_state *from = pma_levels_origin(&s->levels, step);
-    const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
-    double *wf_b = pma_levels_free_velocity(&s->levels, step->j + 1);
     pma_status status = PMA_OK;
     size_t predicted = 0;
 
@@ -152,24 +155,33 @@ static pma_status solve_free(pma_subdomain *s, const pma_substep *step)
 }
 
 /* (F3)  vf_b = vt_b + al2 wf_b with wf_b in vf: the substep is open */
+static inline void find_free_velocity(pma_subdomain *s, const pma_substep *step,
+                                      const pma_operator *op, const pma_state *to, double *vf)
+{
+    const double *vt = pma_interface_of(s, to->v);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        vf[i] = vt[i] + op->step.al2 * vf[i];
+    s->levels.opened = step->j + 1;
+}
+
 void pma_substep_free_velocity(pma_subdomain *s, const pma_substep *step)
 {
-    const double al2 = pma_operator_of(s, step->twice)->step.al2;
-    double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
-    const double *vt = pma_interface_of(s, pma_levels_at(&s->levels, step->j + 1)->v);
-    for (size_t i = 0; i < s->parts.nb; i++)
-        vf[i] = vt[i] + al2 * vf[i];
-    s->levels.opened = step->j + 1;
+    find_free_velocity(s, step, pma_operator_of(s, step->twice),
+                       pma_levels_at(&s->levels, step->j + 1),
+                       pma_levels_free_velocity(&s->levels, step->j + 1));
 }
 
 pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
 {
+    const pma_operator *op = pma_operator_of(s, step->twice);
+    const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
+    double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
     pma_status status = pma_substep_load(s, step);
     if (status == PMA_OK)
-        status = solve_free(s, step);
+        status = solve_free(s, step, op, to, vf);
     if (status == PMA_OK)
-        pma_substep_free_velocity(s, step);
-    s->open = s->parts.waits ? pma_operator_of(s, step->twice) : NULL;
+        find_free_velocity(s, step, op, to, vf);
+    s->open = s->parts.waits ? op : NULL;
     return status;
 }
 
@@ -258,9 +270,9 @@ pma_status pma_substep_evaluate_potential(pma_subdomain *s, const double *u)
 
 pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam)
 {
-    const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
     if (!s->energy)
         return PMA_OK;
+    const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
     if ((step->j + 1) % s->parts.substeps == 0) { /* energies are those of macro time levels */
         const pma_status status = pma_substep_evaluate_potential(s, x->u);
         if (status != PMA_OK)
@@ -305,5 +317,5 @@ pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const do
     pma_substep_load_interface(s, lam);
     if (!sweep_back(s, pma_operator_of(s, step->twice), pma_levels_at(&s->levels, step->j + 1)))
         return PMA_NOT_FINITE;
-    return pma_substep_observe(s, step, lam);
+    return s->energy ? pma_substep_observe(s, step, lam) : PMA_OK;
 }

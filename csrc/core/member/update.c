@@ -2,39 +2,65 @@
 
 /* clang-format off: attributes are long, and a name begins its line */
 
+/* Fewer rows than fill two registers take one after the other: what was stored as one number and is
+ * loaded as part of a register, or the other way round, has to wait for the cache. */
+enum { FEW = 8 };
+
 /* ---- the loops, to be compiled for each kind of processor ----------------------------------- */
+
+__attribute__((always_inline)) static inline void
+predict_row(const pma_step *c, size_t i, const pma_state *from, const pma_state *to)
+{
+    const double v = from->v[i], w = from->w[i], a = from->a[i];
+    to->u[i] = from->u[i] + c->h * v + c->u_a * a + c->u_w * w;
+    to->v[i] = v + c->v_a * a + c->v_w * w;
+    to->a[i] = c->a_a * a + c->a_w * w;
+    to->w[i] = 0.0;
+}
 
 __attribute__((always_inline)) static inline void
 predict(const pma_step *c, size_t begin, size_t end, const pma_state *from, const pma_state *to)
 {
-    const double *u0 = from->u, *v0 = from->v, *w0 = from->w, *a0 = from->a;
-    double *ut = to->u, *vt = to->v, *y = to->w, *known = to->a;
-#pragma omp simd
-    for (size_t i = begin; i < end; i++) {
-        const double v = v0[i], w = w0[i], a = a0[i];
-        ut[i] = u0[i] + c->h * v + c->u_a * a + c->u_w * w;
-        vt[i] = v + c->v_a * a + c->v_w * w;
-        known[i] = c->a_a * a + c->a_w * w;
-        y[i] = 0.0;
+    const pma_step step = *c; /* or it would be read again after each number that is stored */
+    const pma_state x = *from, y = *to;
+    if (end - begin < FEW) {
+        for (size_t i = begin; i < end; i++)
+            predict_row(&step, i, &x, &y);
+        return;
     }
+#pragma omp simd
+    for (size_t i = begin; i < end; i++)
+        predict_row(&step, i, &x, &y);
 }
 
 /* x * 0 is 0 only where x is finite, in whatever order these are added */
+__attribute__((always_inline)) static inline double correct_row(const pma_step *c, size_t i,
+                                                                const pma_state *x)
+{
+    const double w = x->w[i];
+    const double u1 = x->u[i] + c->al1 * w;
+    const double v1 = x->v[i] + c->al2 * w;
+    const double a1 = x->a[i] + c->a_w1 * w;
+    x->u[i] = u1;
+    x->v[i] = v1;
+    x->a[i] = a1;
+    return 0.0 * u1 * v1 * a1;
+}
+
 __attribute__((always_inline)) static inline bool correct(const pma_step *c, size_t begin,
                                                           size_t end, const pma_state *x)
 {
-    double *u = x->u, *v = x->v, *w = x->w, *a = x->a;
+    const pma_step step = *c;
+    const pma_state y = *x;
     double zero = 0.0;
-#pragma omp simd reduction(+ : zero)
-    for (size_t i = begin; i < end; i++) {
-        const double u1 = u[i] + c->al1 * w[i];
-        const double v1 = v[i] + c->al2 * w[i];
-        const double a1 = a[i] + c->a_w1 * w[i];
-        u[i] = u1;
-        v[i] = v1;
-        a[i] = a1;
-        zero += 0.0 * u1 * v1 * a1;
+    if (end - begin < FEW) {
+        for (size_t i = begin; i < end; i++)
+            zero += correct_row(&step, i, &y);
+        return zero == 0.0;
     }
+#pragma omp simd reduction(+ : zero)
+    for (size_t i = begin; i < end; i++)
+        zero += correct_row(&step, i, &y);
     return zero == 0.0;
 }
 

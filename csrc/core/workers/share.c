@@ -74,7 +74,7 @@ static pma_status take_status(pma_coupler *c)
     return first;
 }
 
-pma_status pma_share(pma_coupler *c, pma_task task, pma_due due)
+pma_status pma_share_out(pma_coupler *c, pma_task task, pma_due due)
 {
     c->task = task;
     c->due = due;
