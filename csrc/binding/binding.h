@@ -1,6 +1,7 @@
 /* binding.h - declarations shared by the files of the binding.
  *
- * The binding converts arguments and results and calls the core; it contains no algebra. */
+ * The binding converts arguments and results and calls the core; it contains no algebra. Included
+ * before any other header, since Python.h decides what these declare. */
 #ifndef PMA_BINDING_H
 #define PMA_BINDING_H
 
@@ -10,6 +11,7 @@
 #define PY_ARRAY_UNIQUE_SYMBOL pmalpha_core_array_api
 #include <numpy/arrayobject.h>
 
+#include <stdatomic.h>
 #include <stdbool.h>
 
 #include "coupling/coupler.h"
@@ -42,7 +44,7 @@ typedef struct SubdomainObject {
     PyObject *response;         /* list: the arrays of the stored unit responses */
     struct SubdomainObject *of; /* in lanes: the subdomain of each; else NULL */
     pma_load *loads;            /* in lanes: PMA_LANES loads */
-    bool busy;                  /* in use by a call that has released the GIL */
+    atomic_bool busy;           /* in use by a call */
 } SubdomainObject;
 
 /* The subdomains of other processes, and how to reach them (exchange.c). */
@@ -57,7 +59,7 @@ typedef struct {
     PyObject *arrays;         /* list: the arrays that the core points into */
     PyObject *motions;        /* list: the arrays of each prescribed motion */
     pma_processes *processes; /* the others, or NULL */
-    bool busy;
+    atomic_bool busy;
 } CouplerObject;
 
 /* Subdomain i of a coupler. */
@@ -72,17 +74,18 @@ typedef struct {
     PyTypeObject *guard_type;
 } module_state;
 
-/* Replaces a reference; the old one is released last, since that can run Python code. */
-static inline void pma_replace(PyObject **slot, PyObject *value)
+/* Exchanges two references: the old one is dropped after the object is released, since that can run
+ * Python code. */
+static inline void pma_swap(PyObject **slot, PyObject **value)
 {
     PyObject *old = *slot;
-    *slot = value;
-    Py_XDECREF(old);
+    *slot = *value;
+    *value = old;
 }
 
-/* Is the subdomain being stepped? Then a RuntimeError is set. Called after the last statement that
- * can run Python code, such as a finalizer. `claim` marks it busy until `release`. */
-bool pma_subdomain_is_busy(SubdomainObject *self);
+/* Marks the subdomain busy until `release`; false with a RuntimeError if it is so already. Whatever
+ * reads or writes more than its constant parts claims it, also for a moment: other threads run where
+ * the GIL is released or does not exist. In between no Python code runs but the user's functions. */
 bool pma_subdomain_claim(SubdomainObject *self);
 void pma_subdomain_release(SubdomainObject *self);
 

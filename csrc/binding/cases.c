@@ -1,9 +1,9 @@
 /* Several load cases side by side: objects that are PMA_LANES times another one (member/cases.h). */
 #define NO_IMPORT_ARRAY
-#include "member/cases.h"
+#include "binding.h"
 
 #include "algebra/lanes.h"
-#include "binding.h"
+#include "member/cases.h"
 
 /* ---- a subdomain ---------------------------------------------------------------------------- */
 

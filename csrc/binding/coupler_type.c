@@ -32,6 +32,22 @@ static int take_motions(PyObject *obj, PyObject *arrays, pma_motion *motions)
     return 0;
 }
 
+/* The core, of `members`, those of this process set. */
+static int create(CouplerObject *self, size_t count, pma_member *members, pma_coupler_parts *parts)
+{
+    if (pma_processes_fill(self->processes, (size_t)PyTuple_Size(self->subdomains), members) < 0 ||
+        pma_processes_check(self->processes, members) < 0)
+        return -1;
+    parts->count = count;
+    parts->members = members;
+    parts->exchange = pma_processes_parts(self->processes);
+    const pma_status status = pma_coupler_create(parts, &self->core);
+    if (status == PMA_OK)
+        return 0;
+    pma_raise(status, "Coupler");
+    return -1;
+}
+
 int pma_coupler_fill(CouplerObject *self, pma_coupler_parts *parts)
 {
     const size_t own = (size_t)PyTuple_Size(self->subdomains);
@@ -42,24 +58,15 @@ int pma_coupler_fill(CouplerObject *self, pma_coupler_parts *parts)
         PyErr_NoMemory();
         return -1;
     }
-    bool busy = pma_processes_fill(self->processes, own, members) < 0;
-    for (size_t i = 0; !busy && i < own; i++) {
-        busy = pma_subdomain_is_busy(pma_subdomain_of(self, (Py_ssize_t)i));
-        members[first + i] = pma_subdomain_member(pma_subdomain_of(self, (Py_ssize_t)i)->core);
+    int failed = pma_coupler_claim(self);
+    if (!failed) {
+        for (size_t i = 0; i < own; i++)
+            members[first + i] = pma_subdomain_member(pma_subdomain_of(self, (Py_ssize_t)i)->core);
+        failed = create(self, count, members, parts);
+        pma_coupler_release(self);
     }
-    if (busy || pma_processes_check(self->processes, members) < 0) {
-        PyMem_Free(members);
-        return -1;
-    }
-    parts->count = count;
-    parts->members = members;
-    parts->exchange = pma_processes_parts(self->processes);
-    const pma_status status = pma_coupler_create(parts, &self->core);
     PyMem_Free(members);
-    if (status == PMA_OK)
-        return 0;
-    pma_raise(status, "Coupler");
-    return -1;
+    return failed;
 }
 
 static int take_interface_factor(PyObject *obj, npy_intp p, const char *name, PyObject *arrays,
@@ -217,27 +224,33 @@ static void coupler_dealloc(CouplerObject *self)
 
 /* ---- a busy flag, not a lock -------------------------------------------------------------- */
 
+/* The coupler and the first `count` of its subdomains. The coupler is released last: a thread that
+ * then claims it finds its subdomains free. */
+static void release(CouplerObject *self, Py_ssize_t count)
+{
+    for (Py_ssize_t i = 0; i < count; i++)
+        atomic_store(&pma_subdomain_of(self, i)->busy, false);
+    atomic_store(&self->busy, false);
+}
+
 int pma_coupler_claim(CouplerObject *self)
 {
     const Py_ssize_t count = PyTuple_Size(self->subdomains);
-    bool busy = self->busy;
-    for (Py_ssize_t i = 0; i < count; i++)
-        busy = busy || pma_subdomain_of(self, i)->busy;
-    if (busy) {
-        PyErr_SetString(PyExc_RuntimeError, "the coupler is being stepped");
-        return -1;
+    Py_ssize_t claimed = 0;
+    if (!atomic_exchange(&self->busy, true)) {
+        while (claimed < count && !atomic_exchange(&pma_subdomain_of(self, claimed)->busy, true))
+            claimed++;
+        if (claimed == count)
+            return 0;
+        release(self, claimed);
     }
-    self->busy = true;
-    for (Py_ssize_t i = 0; i < count; i++)
-        pma_subdomain_of(self, i)->busy = true;
-    return 0;
+    PyErr_SetString(PyExc_RuntimeError, "the coupler is being stepped");
+    return -1;
 }
 
 void pma_coupler_release(CouplerObject *self)
 {
-    self->busy = false;
-    for (Py_ssize_t i = 0; i < PyTuple_Size(self->subdomains); i++)
-        pma_subdomain_of(self, i)->busy = false;
+    release(self, PyTuple_Size(self->subdomains));
 }
 
 /* ---- stepping ------------------------------------------------------------------------------- */
@@ -271,6 +284,16 @@ static int check_tables(CouplerObject *self, int64_t steps)
     return all ? 0 : -1;
 }
 
+static int check_steps(CouplerObject *self, long long steps)
+{
+    const int64_t most = pma_coupler_most_steps(self->core);
+    if (steps >= 0 && steps <= most - pma_coupler_step_count(self->core))
+        return 0;
+    PyErr_Format(PyExc_ValueError,
+                 "steps must not be negative nor overflow the step count, got %lld", steps);
+    return -1;
+}
+
 /* advance(steps, record, report=None): None, or the result of pma_failure() */
 static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
 {
@@ -280,17 +303,11 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
     pma_status status = PMA_OK;
     if (!PyArg_ParseTuple(args, "LO|O", &steps, &obj, &report))
         return NULL;
-    const int64_t most = pma_coupler_most_steps(self->core);
-    if (steps < 0 || steps > most - pma_coupler_step_count(self->core))
-        return PyErr_Format(PyExc_ValueError,
-                            "steps must not be negative nor overflow the "
-                            "step count, got %lld",
-                            steps);
     if (report != Py_None && !PyCallable_Check(report))
         return PyErr_Format(PyExc_TypeError, "report must be None or a callable, got %R", report);
     if (pma_coupler_claim(self) < 0)
         return NULL;
-    if (check_tables(self, steps) < 0 ||
+    if (check_steps(self, steps) < 0 || check_tables(self, steps) < 0 ||
         (obj != Py_None &&
          pma_take_record(self, obj, pma_coupler_step_count(self->core) + steps, &record) < 0))
         goto done;
@@ -366,17 +383,17 @@ static PyObject *coupler_start(CouplerObject *self, PyObject *args)
         pma_take_doubles(lam_obj, p, "lam", NULL, &lam) < 0 ||
         pma_take_doubles(g_obj, p, "g", NULL, &g) < 0)
         return NULL;
-    if (step_count < pma_coupler_origin(self->core) ||
-        step_count > pma_coupler_most_steps(self->core))
-        return PyErr_Format(PyExc_ValueError,
-                            "step_count must not be before the origin nor overflow, "
-                            "got %lld",
-                            step_count);
     if (pma_coupler_claim(self) < 0)
         return NULL;
-    pma_coupler_start(self->core, step_count, lam, g);
+    const bool fits = step_count >= pma_coupler_origin(self->core) &&
+                      step_count <= pma_coupler_most_steps(self->core);
+    if (fits)
+        pma_coupler_start(self->core, step_count, lam, g);
     pma_coupler_release(self);
-    Py_RETURN_NONE;
+    return fits ? Py_NewRef(Py_None)
+                : PyErr_Format(PyExc_ValueError,
+                               "step_count must not be before the origin nor overflow, got %lld",
+                               step_count);
 }
 
 /* set_motion(i, load): the velocity of a prescribed motion, in the forms of a load */
@@ -389,20 +406,21 @@ static PyObject *coupler_set_motion(CouplerObject *self, PyObject *args)
         return NULL;
     if (i < 0 || (size_t)i >= parts->motion_count)
         return PyErr_Format(PyExc_ValueError, "i must be the number of a motion, got %zd", i);
-    pma_load load = {.kind = PMA_LOAD_NONE, .n = parts->motions[i].load.n};
-    PyObject *arrays = pma_take_load(obj, &load);
-    if (arrays && load.kind == PMA_LOAD_CALLED) {
-        PyErr_SetString(PyExc_TypeError, "the velocity of a motion must not be compiled");
-        Py_CLEAR(arrays);
-    }
-    if (!arrays || pma_coupler_claim(self) < 0) {
-        Py_XDECREF(arrays);
+    if (pma_coupler_claim(self) < 0)
         return NULL;
+    pma_load load = {.kind = PMA_LOAD_NONE, .n = parts->motions[i].load.n};
+    PyObject *arrays = pma_take_load(obj, &load), *old = NULL;
+    const bool fits = arrays && load.kind != PMA_LOAD_CALLED;
+    if (fits) {
+        old = Py_NewRef(PyList_GetItem(self->motions, i));
+        pma_coupler_set_motion(self->core, (size_t)i, load);
+        PyList_SetItem(self->motions, i, arrays);
     }
-    pma_coupler_set_motion(self->core, (size_t)i, load);
-    PyList_SetItem(self->motions, i, arrays);
     pma_coupler_release(self);
-    Py_RETURN_NONE;
+    if (!fits && arrays)
+        PyErr_SetString(PyExc_TypeError, "the velocity of a motion must not be compiled");
+    Py_XDECREF(fits ? old : arrays);
+    return fits ? Py_NewRef(Py_None) : NULL;
 }
 
 static PyObject *coupler_get_step_count(CouplerObject *self, void *Py_UNUSED(closure))

@@ -1,7 +1,8 @@
 /* The symbolic and numeric factorization, as functions of the module. */
 #define NO_IMPORT_ARRAY
-#include "algebra/symbolic.h"
 #include "binding.h"
+
+#include "algebra/symbolic.h"
 
 /* ---- patterns -------------------------------------------------------------------------------- */
 

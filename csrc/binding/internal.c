@@ -290,16 +290,16 @@ PyObject *pma_subdomain_iteration(SubdomainObject *self, PyObject *Py_UNUSED(ign
 {
     pma_iterate *it = pma_subdomain_iterate(self->core);
     bool twice;
-    if (pma_subdomain_is_busy(self))
-        return NULL;
     if (!it)
         Py_RETURN_NONE;
+    if (!pma_subdomain_claim(self))
+        return NULL;
     const double *kept = pma_iterate_kept(it, &twice);
+    const double scale = pma_iterate_scale(it);
     PyObject *entries =
         kept ? pma_new_vector((npy_intp)pma_iterate_entries(it), kept) : Py_NewRef(Py_None);
-    return entries
-               ? Py_BuildValue("(dNO)", pma_iterate_scale(it), entries, twice ? Py_True : Py_False)
-               : NULL;
+    pma_subdomain_release(self);
+    return entries ? Py_BuildValue("(dNO)", scale, entries, twice ? Py_True : Py_False) : NULL;
 }
 
 /* set_iteration(scale, entries or None, twice) */
@@ -317,8 +317,9 @@ PyObject *pma_subdomain_set_iteration(SubdomainObject *self, PyObject *args)
     if (entries != Py_None &&
         pma_take_doubles(entries, (npy_intp)pma_iterate_entries(it), "entries", NULL, &kept) < 0)
         return NULL;
-    if (pma_subdomain_is_busy(self))
+    if (!pma_subdomain_claim(self))
         return NULL;
     const pma_status status = pma_iterate_restore(it, scale, kept, twice);
+    pma_subdomain_release(self);
     return status == PMA_OK ? Py_NewRef(Py_None) : pma_raise(status, "entries");
 }

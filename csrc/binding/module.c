@@ -1,4 +1,3 @@
-#include "algebra/kernel.h"
 #include "binding.h"
 
 #include "algebra/lanes.h"
@@ -11,9 +10,21 @@ static PyTypeObject *add_type(PyObject *module, PyType_Spec *spec)
     return type;
 }
 
+/* NumPy has one table of functions for all interpreters, and a callback finds its thread state by
+ * PyGILState, which knows the main interpreter only. */
+static int check_interpreter(void)
+{
+    if (PyInterpreterState_GetID(PyInterpreterState_Get()) == 0)
+        return 0;
+    PyErr_SetString(PyExc_ImportError, "pmalpha can be imported in the main interpreter only");
+    return -1;
+}
+
 static int module_exec(PyObject *module)
 {
     module_state *state = PyModule_GetState(module);
+    if (check_interpreter() < 0)
+        return -1;
     if (PyArray_ImportNumPyAPI() < 0 || PyModule_AddFunctions(module, pma_strip_functions) < 0 ||
         PyModule_AddFunctions(module, pma_spring_functions) < 0 ||
         PyModule_AddIntConstant(module, "LANES", PMA_LANES) < 0)
@@ -53,6 +64,13 @@ static void module_free(void *module)
 
 static PyModuleDef_Slot module_slots[] = {
     {Py_mod_exec, module_exec},
+/* Slots that the stable ABI of 3.10 does not have; there check_interpreter refuses. */
+#if defined(Py_mod_multiple_interpreters)
+    {Py_mod_multiple_interpreters, Py_MOD_MULTIPLE_INTERPRETERS_NOT_SUPPORTED},
+#endif
+#if defined(Py_mod_gil)
+    {Py_mod_gil, Py_MOD_GIL_NOT_USED}, /* busy flags are atomic; the core has no globals */
+#endif
     {0, NULL},
 };
 

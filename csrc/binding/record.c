@@ -1,7 +1,8 @@
 /* The arrays of a record, as the core writes into them. */
 #define NO_IMPORT_ARRAY
-#include "algebra/kernel.h"
 #include "binding.h"
+
+#include "algebra/kernel.h"
 
 static int take_rows(PyObject *obj, npy_intp *rows, npy_intp columns, const char *name,
                      double **out)

@@ -197,13 +197,15 @@ PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *args)
         PyErr_SetString(PyExc_ValueError, "the subdomain has no link response");
         goto failed;
     }
-    if (pma_subdomain_is_busy(self))
+    if (!pma_subdomain_claim(self))
         goto failed;
     pma_response_store(pma_subdomain_response(self->core),
                        (pma_unit_responses){.count = (size_t)shape[0],
                                             .rows = PyArray_DATA(rows),
                                             .values = PyArray_DATA(states)});
-    pma_replace(&self->response, arrays);
+    pma_swap(&self->response, &arrays);
+    pma_subdomain_release(self);
+    Py_XDECREF(arrays);
     Py_RETURN_NONE;
 failed:
     Py_XDECREF(arrays);

@@ -135,24 +135,17 @@ static void subdomain_dealloc(SubdomainObject *self)
 
 /* ---- a busy flag, not a lock -------------------------------------------------------------- */
 
-bool pma_subdomain_is_busy(SubdomainObject *self)
-{
-    if (self->busy)
-        PyErr_SetString(PyExc_RuntimeError, "the subdomain is being stepped");
-    return self->busy;
-}
-
 bool pma_subdomain_claim(SubdomainObject *self)
 {
-    if (pma_subdomain_is_busy(self))
-        return false;
-    self->busy = true;
-    return true;
+    if (!atomic_exchange(&self->busy, true))
+        return true;
+    PyErr_SetString(PyExc_RuntimeError, "the subdomain is being stepped");
+    return false;
 }
 
 void pma_subdomain_release(SubdomainObject *self)
 {
-    self->busy = false;
+    atomic_store(&self->busy, false);
 }
 
 /* ---- loads -------------------------------------------------------------------------------- */
@@ -163,7 +156,7 @@ static PyObject *subdomain_set_load(SubdomainObject *self, PyObject *obj)
     pma_load *each = NULL;
     PyObject *arrays =
         self->of ? pma_take_lane_loads(obj, &load, &each) : pma_take_load(obj, &load);
-    if (!arrays || pma_subdomain_is_busy(self)) {
+    if (!arrays || !pma_subdomain_claim(self)) {
         PyMem_Free(arrays ? each : NULL);
         Py_XDECREF(arrays);
         return NULL;
@@ -171,25 +164,30 @@ static PyObject *subdomain_set_load(SubdomainObject *self, PyObject *obj)
     pma_subdomain_set_load(self->core, load);
     PyMem_Free(self->loads);
     self->loads = each;
-    pma_replace(&self->load, arrays);
+    pma_swap(&self->load, &arrays);
+    pma_subdomain_release(self);
+    Py_XDECREF(arrays);
     Py_RETURN_NONE;
 }
 
-/* The result of an evaluation of a function of the user, or the code that it returned; NULL with
- * the exception that it raised. Steals the reference to the result. */
+/* Releases the subdomain after an evaluation of a function of the user. Its result, or the code that
+ * it returned; NULL with the exception that it raised. Steals the reference to the result. */
 static PyObject *result_of(SubdomainObject *self, pma_status status, PyObject *result)
 {
+    const int code = pma_subdomain_code(self->core);
+    pma_subdomain_release(self);
     if (status == PMA_OK)
         return result;
     Py_DECREF(result);
     if (status == PMA_NO_MEMORY)
         return PyErr_NoMemory();
-    return PyErr_Occurred() ? NULL : PyLong_FromLong(pma_subdomain_code(self->core));
+    return PyErr_Occurred() ? NULL : PyLong_FromLong(code);
 }
 
 /* ---- energy ------------------------------------------------------------------------------- */
 
-static int begin_energy(SubdomainObject *self, PyObject *args, PyObject *arrays)
+/* *arrays becomes those that were in use before */
+static int begin_energy(SubdomainObject *self, PyObject *args, PyObject **arrays)
 {
     PyObject *M_obj, *skew_obj, *load_obj, *lam_obj;
     const double *load, *lam;
@@ -198,15 +196,18 @@ static int begin_energy(SubdomainObject *self, PyObject *args, PyObject *arrays)
     const pma_parts *parts = pma_subdomain_parts(self->core);
     const npy_intp n = (npy_intp)parts->n;
     if (!PyArg_ParseTuple(args, "OOOO|d", &M_obj, &skew_obj, &load_obj, &lam_obj, &weight) ||
-        pma_take_matrix(M_obj, n, "M", arrays, &M) < 0 ||
-        pma_take_matrix(skew_obj, n, "skew", arrays, &skew) < 0 ||
+        pma_take_matrix(M_obj, n, "M", *arrays, &M) < 0 ||
+        pma_take_matrix(skew_obj, n, "skew", *arrays, &skew) < 0 ||
         pma_take_doubles(load_obj, n, "load", NULL, &load) < 0 ||
         pma_take_doubles(lam_obj, (npy_intp)parts->link.p, "lam", NULL, &lam) < 0 ||
-        pma_subdomain_is_busy(self))
+        !pma_subdomain_claim(self))
         return -1;
     const pma_status status = pma_subdomain_begin_energy(self->core, M, skew, load, lam);
     if (status == PMA_OK && !isnan(weight))
         pma_subdomain_conserve(self->core, weight);
+    if (status == PMA_OK)
+        pma_swap(&self->mass, arrays);
+    pma_subdomain_release(self);
     if (status == PMA_OK)
         return 0;
     pma_raise(status, "energy");
@@ -220,7 +221,6 @@ static PyObject *subdomain_evaluate_present(SubdomainObject *self, PyObject *arg
     if (!PyArg_ParseTuple(args, "d", &t) || !pma_subdomain_claim(self))
         return NULL;
     const pma_status status = pma_subdomain_evaluate_present(self->core, t);
-    pma_subdomain_release(self);
     return result_of(self, status, Py_NewRef(Py_None));
 }
 
@@ -229,12 +229,9 @@ static PyObject *subdomain_begin_energy(SubdomainObject *self, PyObject *args)
     PyObject *arrays = PyList_New(0);
     if (!arrays)
         return NULL;
-    if (begin_energy(self, args, arrays) < 0) {
-        Py_DECREF(arrays);
-        return NULL;
-    }
-    pma_replace(&self->mass, arrays);
-    Py_RETURN_NONE;
+    const int failed = begin_energy(self, args, &arrays);
+    Py_XDECREF(arrays);
+    return failed ? NULL : Py_NewRef(Py_None);
 }
 
 /* follow_energy(from): the works that another subdomain has summed up go on here */
@@ -246,21 +243,33 @@ static PyObject *subdomain_follow_energy(SubdomainObject *self, PyObject *obj)
     if (pma_subdomain_parts(from->core)->n != pma_subdomain_parts(self->core)->n ||
         pma_subdomain_parts(from->core)->nb != pma_subdomain_parts(self->core)->nb)
         return PyErr_Format(PyExc_ValueError, "from must be the same subdomain with other steps");
-    if (pma_subdomain_is_busy(self) || pma_subdomain_is_busy(from))
+    if (!pma_subdomain_claim(self))
         return NULL;
+    if (!pma_subdomain_claim(from)) {
+        pma_subdomain_release(self);
+        return NULL;
+    }
     const pma_status status = pma_subdomain_follow_energy(self->core, from->core);
-    if (status != PMA_OK)
-        return pma_raise(status, "energy");
-    pma_replace(&self->mass, Py_XNewRef(from->mass));
-    Py_RETURN_NONE;
+    PyObject *mass = NULL;
+    if (status == PMA_OK) {
+        mass = Py_XNewRef(from->mass);
+        pma_swap(&self->mass, &mass);
+    }
+    pma_subdomain_release(from);
+    pma_subdomain_release(self);
+    Py_XDECREF(mass);
+    return status == PMA_OK ? Py_NewRef(Py_None) : pma_raise(status, "energy");
 }
 
 static PyObject *subdomain_end_energy(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
 {
-    if (pma_subdomain_is_busy(self))
+    PyObject *mass = NULL;
+    if (!pma_subdomain_claim(self))
         return NULL;
     pma_subdomain_end_energy(self->core);
-    Py_CLEAR(self->mass);
+    pma_swap(&self->mass, &mass);
+    pma_subdomain_release(self);
+    Py_XDECREF(mass);
     Py_RETURN_NONE;
 }
 
@@ -277,9 +286,10 @@ static PyObject *subdomain_start(SubdomainObject *self, PyObject *args)
         pma_take_doubles(objs[1], n, "v", NULL, &v) < 0 ||
         pma_take_doubles(objs[2], n, "w", NULL, &w) < 0 ||
         pma_take_doubles(objs[3], (npy_intp)parts->link.p, "lam", NULL, &lam) < 0 ||
-        pma_subdomain_is_busy(self))
+        !pma_subdomain_claim(self))
         return NULL;
     pma_subdomain_start(self->core, u, v, w, lam);
+    pma_subdomain_release(self);
     Py_RETURN_NONE;
 }
 
@@ -297,9 +307,10 @@ static PyObject *subdomain_rebase(SubdomainObject *self, PyObject *args)
         PyErr_SetString(PyExc_ValueError, "the subdomain takes no double steps");
         return NULL;
     }
-    if (pma_subdomain_is_busy(self))
+    if (!pma_subdomain_claim(self))
         return NULL;
     pma_subdomain_rebase(self->core, twice, lam);
+    pma_subdomain_release(self);
     Py_RETURN_NONE;
 }
 
@@ -327,7 +338,7 @@ static PyObject *subdomain_state(SubdomainObject *self, PyObject *Py_UNUSED(igno
     const npy_intp n = (npy_intp)pma_subdomain_parts(self->core)->n;
     const npy_intp sizes[3] = {n, n, n};
     PyObject *tuple = new_tuple(3, sizes);
-    if (!tuple || pma_subdomain_is_busy(self)) {
+    if (!tuple || !pma_subdomain_claim(self)) {
         Py_XDECREF(tuple);
         return NULL;
     }
@@ -335,6 +346,7 @@ static PyObject *subdomain_state(SubdomainObject *self, PyObject *Py_UNUSED(igno
     const double *const fields[3] = {x->u, x->v, x->w};
     for (Py_ssize_t i = 0; i < 3; i++)
         memcpy(item_of(tuple, i), fields[i], (size_t)n * sizeof(double));
+    pma_subdomain_release(self);
     return tuple;
 }
 
@@ -345,15 +357,17 @@ static PyObject *subdomain_force(SubdomainObject *self, PyObject *args)
     npy_intp n = (npy_intp)pma_subdomain_parts(self->core)->n;
     if (!PyArg_ParseTuple(args, "d", &t))
         return NULL;
-    if (pma_subdomain_load(self->core)->kind == PMA_LOAD_TABLE)
-        return PyErr_Format(PyExc_ValueError, "load must not be a table, got one");
     PyObject *F = PyArray_SimpleNew(1, &n, NPY_DOUBLE);
     if (!F || !pma_subdomain_claim(self)) {
         Py_XDECREF(F);
         return NULL;
     }
+    if (pma_subdomain_load(self->core)->kind == PMA_LOAD_TABLE) {
+        pma_subdomain_release(self);
+        Py_DECREF(F);
+        return PyErr_Format(PyExc_ValueError, "load must not be a table, got one");
+    }
     const pma_status status = pma_subdomain_force(self->core, t, PyArray_DATA((PyArrayObject *)F));
-    pma_subdomain_release(self);
     return result_of(self, status, F);
 }
 
@@ -375,7 +389,6 @@ static PyObject *subdomain_restore(SubdomainObject *self, PyObject *args)
     }
     const pma_status status =
         pma_subdomain_restore(self->core, t, u, v, PyArray_DATA((PyArrayObject *)r));
-    pma_subdomain_release(self);
     return result_of(self, status, r);
 }
 
@@ -411,7 +424,7 @@ static PyObject *subdomain_levels(SubdomainObject *self, PyObject *Py_UNUSED(ign
     for (Py_ssize_t i = 0; i < count; i++)
         sizes[i] = field_size(parts, i);
     PyObject *tuple = new_tuple(count, sizes);
-    if (!tuple || pma_subdomain_is_busy(self)) {
+    if (!tuple || !pma_subdomain_claim(self)) {
         Py_XDECREF(tuple);
         return NULL;
     }
@@ -419,6 +432,7 @@ static PyObject *subdomain_levels(SubdomainObject *self, PyObject *Py_UNUSED(ign
     list_fields(&levels, fields);
     for (Py_ssize_t i = 0; i < count; i++)
         memcpy(item_of(tuple, i), fields[i], (size_t)sizes[i] * sizeof(double));
+    pma_subdomain_release(self);
     return tuple;
 }
 
@@ -428,13 +442,14 @@ static PyObject *subdomain_springs(SubdomainObject *self, PyObject *Py_UNUSED(ig
     const size_t total = pma_subdomain_parts(self->core)->springs.total;
     const npy_intp shape[2] = {PMA_SPRING_FIELDS, (npy_intp)total};
     PyObject *out = PyArray_SimpleNew(2, shape, NPY_DOUBLE);
-    if (!out || pma_subdomain_is_busy(self)) {
+    if (!out || !pma_subdomain_claim(self)) {
         Py_XDECREF(out);
         return NULL;
     }
     if (total > 0)
         memcpy(PyArray_DATA((PyArrayObject *)out), pma_subdomain_present(self->core)->springs,
                PMA_SPRING_FIELDS * total * sizeof(double));
+    pma_subdomain_release(self);
     return out;
 }
 
@@ -451,12 +466,13 @@ static PyObject *subdomain_set_levels(SubdomainObject *self, PyObject *tuple)
                              &values[i]) < 0)
             return NULL;
     }
-    if (pma_subdomain_is_busy(self))
+    if (!pma_subdomain_claim(self))
         return NULL;
     const pma_kept_levels levels = pma_subdomain_levels(self->core);
     list_fields(&levels, fields);
     for (Py_ssize_t i = 0; i < count; i++)
         memcpy(fields[i], values[i], (size_t)field_size(parts, i) * sizeof(double));
+    pma_subdomain_release(self);
     Py_RETURN_NONE;
 }
 
