@@ -84,7 +84,6 @@ class InitialAccelerations:
         self.p = p
         factor = interface_factor(H, rows, "the interface matrix of the initial accelerations")
         everywhere = (np.arange(p),)
-        remotes = (remote_of(m.part, UNIT_STEP, m.linked, 1.0) for m in self.masses)
         self.coupler = _core.Coupler(
             tuple(self.cores),
             p,
@@ -93,7 +92,7 @@ class InitialAccelerations:
             1.0,
             False,
             everywhere,
-            processes=processes(ranks, remotes),
+            processes=processes(ranks, map(_Mass.remote, self.masses)),
         )
 
     @property
@@ -214,6 +213,9 @@ class _Mass:
     def core(self, *, linked: bool) -> Any:
         L = self.linked if linked else sp.csc_array((0, self.part.n))
         return core_subdomain(self.part, UNIT_STEP, L, self.operator)
+
+    def remote(self) -> tuple[Any, ...]:
+        return remote_of(self.part, UNIT_STEP, self.linked, 1.0)
 
     def compliance(self) -> Block:
         """L M^-1 L^T"""
