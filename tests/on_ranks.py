@@ -15,6 +15,7 @@ from mpi4py import MPI
 
 sys.path.insert(0, str(Path(__file__).parent))
 import problems  # noqa: E402
+from newton_coupled import Law  # noqa: E402
 
 import pmalpha as pm  # noqa: E402
 from pmalpha.run import checkpoint  # noqa: E402
@@ -197,6 +198,65 @@ def explicit():
         same_energies(one.energy, other.energy, slice(first[RANK], first[RANK + 1]))
         assert np.abs(other["r1"].u).max() > 0.1
     report("explicit")
+
+
+def plastic(coupling, newton, double, comm=None, own=slice(None)):
+    """Five chains in a row: plastic, plastic with substeps, linear, stiffening, linear."""
+    n, subdomains = 4, []
+    for i, substeps in enumerate((1, 4, 8, 2, 8)):
+        values = dict(force=lambda t, i=i: (20.0 + i) * np.sin(15.0 * t) * np.ones(n))
+        if i < 2:
+            law = Law(n, k=(2e3, 3e3)[i])
+            values |= dict(internal=pm.InternalForce(law, history=np.zeros(n)))
+        elif i == 3:
+            values |= dict(internal=[pm.CubicSpring([1], 80.0, 3e4), pm.Bilinear([0], 60.0, 0.3)])
+        K = None if i < 2 else 500.0 * (2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+        scheme = pm.GeneralizedAlpha(0.5, explicit=i == 2)
+        values |= dict(scheme=scheme, substeps=substeps, name=f"r{i}")
+        if double is not None:
+            values |= dict(double_step=double and i in (0, 3))
+        subdomains.append(pm.Subdomain(np.ones(n), K, **values))
+    pulled = pm.Constraint({"r0": np.eye(1, n, 1)}, lambda t: [0.3 * np.sin(9.0 * t)])
+    options = dict(dt=0.02, coupling=coupling, newton=newton, comm=comm)
+    joints = [pm.tie(f"r{i}", [n - 1], f"r{i + 1}", [0]) for i in range(4)]
+    return pm.Coupler(subdomains[own], [*joints, pulled], **options)
+
+
+def iterated(folder):
+    """Internal forces of implicit subdomains, iterated with the interface, and all that keeps."""
+    first = np.linspace(0, 5, SIZE + 1).astype(int)
+    part = slice(first[RANK], first[RANK + 1])
+    names = [f"r{i}" for i in range(5)][part]
+    for coupling, double in (("gc", None), ("pm", None), ("pm", True), ("pm", False)):
+        for newton in (pm.Newton(), pm.Newton(tangent="reuse")):
+            shared = plastic(coupling, newton, double, WORLD, part)
+            alone = plastic(coupling, newton, double)
+            for steps in (20, 10):
+                one, other = (c.run(steps=steps, energy=True) for c in (shared, alone))
+                same(one, other, names)
+                same_energies(one.energy, other.energy, part)
+                for name in names:
+                    for x in ("q", "iterations"):
+                        a, b = (getattr(h[name], x) for h in (one, other))
+                        assert (a is None) == (b is None)
+                        np.testing.assert_array_equal(a, b)
+            assert np.abs(other["r0"].q).max() > 0.0  # it has yielded
+            assert max(other["r1"].iterations) > 2
+            for c in (shared, alone):
+                c.change_steps(0.015)
+            same(shared.run(steps=5), alone.run(steps=5), names)
+            present = shared.snapshot(), alone.snapshot()
+            for c, kept in zip((shared, alone), present):
+                c.step(3)
+                c.restore(kept)
+            same(shared.run(steps=5), alone.run(steps=5), names)
+            shared.save(Path(folder) / "state.npz")
+            WORLD.Barrier()
+            continued = plastic(coupling, newton, double)
+            continued.load(Path(folder) / "state.npz")
+            same(continued.run(steps=5), alone.run(steps=5), [f"r{i}" for i in range(5)])
+            WORLD.Barrier()
+    report("iterated")
 
 
 def by_callable(first, count):
@@ -444,8 +504,8 @@ def arguments():
     internal = dict(internal=pm.CubicSpring([0], k=1.0, k3=1.0))
     one_of(
         ValueError,
-        lambda bad: make(own=[chain(3, f"r{RANK}", **(internal if bad else {}))]),
-        "internal forces must be those of explicit subdomains",
+        lambda bad: make(own=[chain(3, f"r{RANK}", **(internal if bad else {}))], coupling="macro"),
+        'internal forces with comm need coupling="pm" or "gc"',
     )
     spring = dict(restoring=pm.Bilinear([0], k=1.0, fy=1.0, hardening=0.1))
     with_spring = make(own=[chain(3, f"r{RANK}", **(spring if RANK == 0 else {}))])
@@ -526,6 +586,15 @@ def expect(kind, *words):
     return check
 
 
+def on_all(kind):
+    """What all ranks find and raise by themselves."""
+
+    def check(error, failed):
+        assert type(error) is kind and f"'r{failed}'" in str(error), repr(error)
+
+    return check
+
+
 def fails_in(make, check, failed, coupling, step=None, runs=True):
     """A run of 40 steps that `make(failed)` ends; all ranks are at the same step, and go on."""
     options = dict(dt=0.01, **COUPLINGS[coupling], comm=WORLD)
@@ -550,16 +619,11 @@ def fails_in(make, check, failed, coupling, step=None, runs=True):
 
 
 class Counted:
-    """A function of the user's that fails in one of its calls."""
+    """A function of the user's that fails in one of its calls, or from then on."""
 
-    def __init__(self, active, last, happens, value):
-        self.active, self.last, self.happens, self.calls, self.value = (
-            active,
-            last,
-            happens,
-            0,
-            value,
-        )
+    def __init__(self, active, last, happens, value, once=True):
+        self.active, self.last, self.happens, self.value = active, last, happens, value
+        self.calls, self.once = 0, once
 
     @staticmethod
     def time(*arguments):
@@ -569,7 +633,7 @@ class Counted:
     def __call__(self, *arguments):
         self.calls += 1
         if self.active and self.time(*arguments) > self.last:
-            self.active = False
+            self.active = not self.once
             return self.happens()
         return self.value
 
@@ -620,15 +684,40 @@ def restoring(failed, coupling):
 
 
 def internal(failed, coupling):
-    """The same of an internal force, of an explicit subdomain."""
+    """The same of internal forces, which are iterated or not, and of what they return."""
     if coupling not in ("pm", "gc"):
         return
+    zero = np.zeros((3, 3))
 
-    def make(active):
-        force = Counted(active, 0.1234, broken, (np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))))
-        return {"internal": force, "scheme": pm.GeneralizedAlpha(0.8, explicit=True)}
+    def wrong(active):
+        def force(u, v, t, q):  # with a tangent that is far too small
+            k = 1e9 if active and t > 0.1234 else 0.0
+            return k * u, zero, zero
 
-    fails_in(make, expect(Broken, "the load is missing"), failed, coupling, step=12)
+        return {"internal": force}
+
+    def fails(happens, check, explicit=False):
+        def make(active):
+            force = Counted(active, 0.1234, happens, (np.zeros(3), zero, zero), once=False)
+            return {"internal": force, "scheme": pm.GeneralizedAlpha(0.8, explicit=explicit)}
+
+        fails_in(make, check, failed, coupling, step=12)
+
+    for explicit in (True, False):
+        fails(broken, expect(Broken, "the load is missing"), explicit)
+        nan = np.full(3, np.nan), zero, zero
+        kind = pm.InstabilityError
+        # of explicit ones all ranks find it in the interface problem
+        fails(lambda nan=nan: nan, on_all(kind) if explicit else expect(kind), explicit)
+    softening = np.zeros(3), -1e9 * np.eye(3), zero
+    fails(lambda: softening, expect(pm.ConvergenceError, "is not positive definite"))
+
+    def check(error, failed):  # names the subdomain with the largest correction, as one process
+        assert type(error) is pm.ConvergenceError, repr(error)
+        texts = WORLD.allgather(str(error).rpartition("Newton's")[2])
+        assert len(set(texts)) == 1 and "did not converge" in texts[0], texts
+
+    fails_in(wrong, check, failed, coupling, step=12)
 
 
 def ctrl_c(failed, coupling):
@@ -657,10 +746,7 @@ def unstable(failed, coupling):
         scheme = pm.GeneralizedAlpha(0.8, explicit=True)
         return {"scheme": scheme, "k": 1e7 if active else 100.0}
 
-    def check(error, rank):
-        assert type(error) is pm.InstabilityError and error.step >= 1, repr(error)
-
-    coupler, step = fails_in(make, check, failed, coupling)
+    coupler, step = fails_in(make, on_all(pm.InstabilityError), failed, coupling)
     assert 1 < step < 400
 
 

@@ -72,6 +72,12 @@ def test_internal_forces_of_explicit_subdomains_too(ranks):
 
 
 @needs_mpi
+@pytest.mark.parametrize("ranks", [1, 2, 3, 4])
+def test_internal_forces_are_iterated_by_all_ranks(ranks, tmp_path):
+    assert run(ranks, "iterated", tmp_path) == ["iterated"] * ranks
+
+
+@needs_mpi
 def test_a_wrong_argument_on_one_rank_raises_on_all():
     assert run(3, "arguments") == ["arguments"] * 3
 

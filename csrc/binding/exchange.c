@@ -49,25 +49,41 @@ static bool gather_by_address(void *ctx, double *all, const int *counts, const i
 
 /* ---- what Python gives ---------------------------------------------------------------------- */
 
-/* (n, nb, substeps, h, doubled, continues, al2, al2_twice, link) */
+/* the constraints of a subdomain whose steps are iterated; None for another */
+static int take_iterated(PyObject *obj, PyObject *arrays, pma_remote_parts *parts)
+{
+    const npy_intp any = -1;
+    PyArrayObject *rows;
+    if (obj == Py_None)
+        return 0;
+    if (pma_take_array(obj, NPY_INT64, 1, &any, "rows", arrays, &rows) < 0)
+        return -1;
+    parts->iterates = true;
+    parts->count = (size_t)PyArray_DIM(rows, 0);
+    parts->rows = PyArray_DATA(rows);
+    return 0;
+}
+
+/* (n, nb, substeps, h, doubled, continues, al2, al2_twice, link, rows) */
 static int take_remote(PyObject *obj, PyObject *arrays, pma_remote **out)
 {
     pma_remote_parts parts = {.n = 0};
     Py_ssize_t n, nb, substeps;
     int doubled, continues;
-    PyObject *link;
+    PyObject *link, *rows;
     if (!PyTuple_Check(obj)) {
         PyErr_SetString(PyExc_TypeError, "a remote subdomain must be a tuple");
         return -1;
     }
-    if (!PyArg_ParseTuple(obj, "nnndppddO", &n, &nb, &substeps, &parts.h, &doubled, &continues,
-                          &parts.al2, &parts.al2_twice, &link))
+    if (!PyArg_ParseTuple(obj, "nnndppddOO", &n, &nb, &substeps, &parts.h, &doubled, &continues,
+                          &parts.al2, &parts.al2_twice, &link, &rows))
         return -1;
     if (n < 1 || nb < 0 || nb > n || substeps < 1) {
         PyErr_SetString(PyExc_ValueError, "a remote subdomain must have dofs and substeps");
         return -1;
     }
-    if (pma_take_link(link, (size_t)nb, arrays, &parts.link) < 0)
+    if (pma_take_link(link, (size_t)nb, arrays, &parts.link) < 0 ||
+        take_iterated(rows, arrays, &parts) < 0)
         return -1;
     parts.n = (size_t)n;
     parts.substeps = (size_t)substeps;

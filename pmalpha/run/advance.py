@@ -48,7 +48,8 @@ def advance(
     InstabilityError, ConvergenceError, CallbackError, and any exception of a callable
         The core is then at the last completed macro step.
     """
-    with one_thread() if loads.iterates else nullcontext():  # the core calls BLAS
+    iterates = loads.iterates or ranks is not None  # subdomains of any process
+    with one_thread() if iterates else nullcontext():  # the core calls BLAS
         _advance(core, loads, end, record, report, ranks)
 
 
@@ -72,7 +73,7 @@ def _advance(
             name, t = error.subdomain, loads.clock.time(step)
             raise InstabilityError(step, t, name, error.cause) from None
         if failed is not None:
-            raise _error(failed, core.step_count, loads)
+            raise _error(failed, core.step_count, loads, 0 if ranks is None else ranks.own.start)
         if failure is not None:
             raise failure
         if report is not None:
@@ -104,13 +105,14 @@ def _chunks(core: Any, loads: Loads, end: int) -> Iterator[int]:
         steps = min(2 * steps, longest) if seconds < CHUNK_SECONDS else max(1, steps // 2)
 
 
-def _error(failed: Any, step: int, loads: Loads) -> Exception:
-    """The exception for a macro step that the core did not complete."""
+def _error(failed: Any, step: int, loads: Loads, first: int) -> Exception:
+    """The exception for a macro step that the core did not complete; `first` is the number of the
+    first subdomain of this process."""
     names, t = [*loads.names, "interface"], loads.clock.time(step)
     if isinstance(failed, tuple) and len(failed) == 1:
         return Elsewhere(f"rank {failed[0]} has failed")
     if isinstance(failed, tuple) and len(failed) == 4:
-        return _convergence_error(failed, names, step, loads)
+        return _convergence_error(failed, names, step, loads, first)
     if isinstance(failed, tuple) and len(failed) == 2:
         index, end = failed
         return ValueError(
@@ -128,6 +130,7 @@ def _convergence_error(
     names: list[str],
     step: int,
     loads: Loads,
+    first: int,
 ) -> ConvergenceError:
     index, t, iterations, position = failed
     if t is None or iterations is None:  # the interface, at the end of the macro step
@@ -136,7 +139,7 @@ def _convergence_error(
         return ConvergenceError(names[index], end, loads.newton.iterations, cause)
     cause = ""
     if position >= 0:
-        dof = loads.parts[index].order[position]
+        dof = loads.parts[index - first].order[position]
         cause = (
             f"its tangent Mbar is not positive definite, first seen at dof {dof}, as in buckling "
             "or softening, or after an iterate far away: take smaller steps"

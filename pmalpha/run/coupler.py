@@ -111,9 +111,9 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         shape; for a wrong result of `factorize`; under "macro" and "mean" for a double step with
         substeps, and for unit responses that would take longer than a day; under "mean" for an
         explicit scheme with rho < 0.5, interface dofs without mass, restoring
-        forces; with `comm` for internal forces that are iterated and interface dofs without mass.
-        An error on one rank ends the call on all: there with its own exception, elsewhere with the
-        same class if it is of pmalpha, else with a PmalphaError; both name the rank.
+        forces; with `comm` for internal forces under "macro" and "mean", and interface dofs without
+        mass. An error on one rank ends the call on all: there with its own exception, elsewhere
+        with the same class if it is of pmalpha, else with a PmalphaError; both name the rank.
     ConstraintError
         For constraints that are dependent or that the initial velocities violate; under "mean" also
         for initial displacements that do.
@@ -207,7 +207,7 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         names = names_of(everything)
         rows = checked_constraints(constraints, everything, names)
         if ranks is not None:
-            require_equal_problems(ranks, rows, (clock.dt, coupling, start, drift))
+            require_equal_problems(ranks, rows, (clock.dt, coupling, start, drift, repr(newton)))
         substeps = tuple(s.substeps for s in everything)
         fine = finest(substeps, coupling)
         self._everything, self._keys = everything, tuple(zip(names[own], subdomains))

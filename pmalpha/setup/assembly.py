@@ -207,7 +207,7 @@ class Assemblies:
 
         # H = sum_i al2_i L_i Mbar_i^-1 L_i^T, and its factor
         H, H_start = self._interface_factors(layout, parts)
-        iteration = iteration_of(parts, p, self.newton, macro or mean)
+        iteration = iteration_of(parts, p, self.newton, macro or mean, self.ranks)
         others = self._of_the_schedule(parts)
         for part in parts:
             if part.internal is None and not mean:  # else they cost more than a sweep
@@ -265,7 +265,8 @@ class Assemblies:
         and gc make their own, and get unit matrices.
         """
         p = self.rows.size
-        if self.coupling in ("pm", "gc") and any(part.tangent is not None for part in parts):
+        iterated = joined(self.ranks, [part.tangent is not None for part in parts])
+        if self.coupling in ("pm", "gc") and any(iterated):
             unit = (np.ones(p), None)
             return unit, unit
         start = layout.spans_change  # whose assembly takes the first macro step alone

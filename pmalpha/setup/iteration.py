@@ -24,6 +24,7 @@ from .internal import core_size, numeric, structure
 from .macro import compute_unit_responses
 from .mean import mass_of_interface, mean_blocks
 from .part import Part, core_subdomain
+from .ranks import Ranks, joined
 
 
 def prepare_iterated(parts: Sequence[Part], coupling: str) -> None:
@@ -103,16 +104,19 @@ def linear_twin(part: Part) -> Part:
     return twin
 
 
-def iteration_of(parts: Sequence[Part], p: int, newton: Newton, macro: bool) -> tuple | None:
+def iteration_of(
+    parts: Sequence[Part], p: int, newton: Newton, macro: bool, ranks: Ranks | None = None
+) -> tuple | None:
     """What the core's coupler iterates with; None where it is linear."""
-    if not any(part.internal is not None for part in parts):
+    found = joined(ranks, [(part.internal is not None, part.tangent is not None) for part in parts])
+    if not any(internal for internal, _ in found):
         return None
     options = (newton.tol, newton.iterations, newton.tangent == "reuse")
     if macro:
         return (*options, *_responses(parts, p))
-    if not any(part.tangent is not None for part in parts):
+    if not any(iterated for _, iterated in found):
         return None
-    return (*options, *_constant_part(parts, p))
+    return (*options, *_constant_part(parts, p, ranks))
 
 
 def _responses(parts: Sequence[Part], p: int) -> tuple[Any, Any, Any]:
@@ -133,14 +137,18 @@ def _block(part: Part, start: bool) -> Block:
     return part.block(part.is_double(start=start))
 
 
-def _constant_part(parts: Sequence[Part], p: int) -> tuple[tuple, np.ndarray, np.ndarray]:
+def _constant_part(
+    parts: Sequence[Part], p: int, ranks: Ranks | None
+) -> tuple[tuple, np.ndarray, np.ndarray]:
     """The pattern of H for the core, and the values of its constant part, in the first macro step
     and after it."""
     if p == 0:
         empty = sp.csr_array((0, 0))
         return numeric(empty, None, "the interface matrix H", True), np.empty(0), np.empty(0)
-    start, later = (total([_block(part, first) for part in parts], p) for first in (True, False))
+    start, later = (
+        total(joined(ranks, [_block(part, first) for part in parts]), p) for first in (True, False)
+    )
     pattern = sp.csr_array((np.ones(start.nnz), start.indices, start.indptr), shape=(p, p))
-    own = is_symmetric_sum(parts)
+    own = is_symmetric_sum(parts, ranks)
     symbolic = numeric(pattern, structure(pattern, p), "the interface matrix H", own)
     return symbolic, np.ascontiguousarray(start.data), np.ascontiguousarray(later.data)

@@ -5,22 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
 import scipy.sparse as sp
 
 from ..problem.schemes import Scheme
+from .compliance import constraints_of
 from .part import Part, link_of
 from .ranks import Ranks
 
-# Pieces of its interface values that the core sends of a subdomain at a time, at most.
-PIECES = 3
+# Pieces of its interface values that the core sends of a subdomain at a time, at most, and numbers
+# that measure an iteration.
+PIECES, MEASURES = 3, 4
 
 
 def remote_of(
     part: Part, scheme: Scheme | None = None, L: sp.csc_array | None = None, h: float | None = None
 ) -> tuple[Any, ...]:
     """What other processes have to know of a subdomain: (n, nb, substeps, h, doubled, continues,
-    al2 of the single and of the double step, link). With a scheme a single step of length h,
-    without others.
+    al2 of the single and of the double step, link, constraints if its steps are iterated). With a
+    scheme a single step of length h, without others.
     """
     single = scheme is not None
     scheme = part.subdomain.scheme if scheme is None else scheme
@@ -37,7 +40,13 @@ def remote_of(
         _al2(scheme, h),
         _al2(scheme, part.lengths[1] if double else h),
         link_of(part, L),
+        None if single or part.tangent is None else constraints_of(L).astype(np.int64),
     )
+
+
+def _numbers(nb: int, rows: np.ndarray | None) -> int:
+    """Of a subdomain with nb interface dofs, at most, in an exchange of the core."""
+    return max(PIECES * nb + MEASURES, 0 if rows is None else rows.size**2)
 
 
 def _al2(scheme: Scheme, h: float) -> float:
@@ -51,7 +60,7 @@ def processes(ranks: Ranks | None, each: Iterable[tuple[Any, ...]]) -> tuple[Any
         return None
     own = list(each)
     remotes: list[Any] = list(ranks.joined(own))
-    size = ranks.size + PIECES * sum(remote[1] for remote in remotes)
+    size = ranks.size + sum(_numbers(nb, rows) for _, nb, *_, rows in remotes)
     remotes[ranks.own] = [None] * len(own)
     values, counts, starts, gather = ranks.gather(size)
     return ranks.rank, tuple(remotes), ranks.first, values, counts, starts, gather

@@ -228,11 +228,10 @@ def joined(ranks: Ranks | None, own: Sequence[T]) -> Sequence[T]:
 def described(ranks: Ranks, own: Sequence[Subdomain], coupling: str) -> list[Any]:
     """All subdomains, of other processes as `Described`. ValueError for forces to be iterated."""
     for s in own:
-        if s.internal is not None and not (s.scheme.explicit and coupling in ("pm", "gc")):
+        if s.internal is not None and coupling not in ("pm", "gc"):
             raise ValueError(
-                "with comm internal forces must be those of explicit subdomains under "
-                f'coupling="pm" or "gc", got them in {s!r} under "{coupling}"; without comm they '
-                "are iterated"
+                'internal forces with comm need coupling="pm" or "gc", got them in '
+                f'{s!r} under "{coupling}", which needs a Coupler without comm'
             )
     sent = [Described(s.name, s.n, s.substeps, s.scheme, s.double_step) for s in own]
     found = ranks.share(sent)
@@ -246,7 +245,7 @@ def described(ranks: Ranks, own: Sequence[Subdomain], coupling: str) -> list[Any
 
 def require_equal_problems(ranks: Ranks, rows: Sequence[Any], options: tuple) -> None:
     """ValueError unless constraints and options are the same on all ranks."""
-    ranks.require_equal("dt, coupling, start and drift", options)
+    ranks.require_equal("dt, coupling, start, drift and newton", options)
     parts = [
         (i, L.indptr, L.indices, L.data) for row in rows for i, L in sorted(row.matrices.items())
     ]

@@ -15,6 +15,7 @@ struct pma_exchange {
     pma_exchange_parts parts;
     size_t solved;        /* rounds INTERFACE in this macro step */
     bool jumped, rebased; /* is the round after the last of them done? */
+    round now;            /* the one at hand */
     bool ended;           /* all know that something failed, or that nothing did */
     size_t failed;        /* the first rank in which it did */
 };
@@ -27,8 +28,12 @@ static size_t interface_size(const pma_member *member)
 size_t pma_exchange_size(size_t ranks, size_t count, const pma_member *members)
 {
     size_t size = ranks;
-    for (size_t i = 0; i < count; i++)
-        size += PMA_MOST_PIECES * interface_size(&members[i]);
+    for (size_t i = 0; i < count; i++) {
+        const pma_iterated *iterated = &members[i].iterated;
+        const size_t values = PMA_MOST_PIECES * interface_size(&members[i]) + PMA_MEASURES;
+        const size_t block = iterated->table ? iterated->count * iterated->count : 0;
+        size += block > values ? block : values;
+    }
     return size;
 }
 
@@ -111,27 +116,55 @@ static size_t pieces_of(const pma_coupler *c, const pma_coupled *m, round now, p
     return 0;
 }
 
-/* Sizes and places of what each rank sends: a status, and the values of its members. */
-static void lay_out(const pma_coupler *c, round now)
+static size_t piece_numbers(const pma_coupler *c, const pma_coupled *m)
+{
+    pma_piece pieces[PMA_MOST_PIECES];
+    return pieces_of(c, m, c->exchange->now, pieces) * interface_size(&m->member);
+}
+
+static void write_pieces(const pma_coupler *c, const pma_coupled *m, double *to)
+{
+    pma_piece pieces[PMA_MOST_PIECES];
+    const size_t count = pieces_of(c, m, c->exchange->now, pieces), nb = interface_size(&m->member);
+    for (size_t k = 0; k < count; k++, to += nb) {
+        const double *values = m->member.table->interface_values(
+            m->member.self, pieces[k].kind, pieces[k].j, m->step.twice, c->working.lam);
+        memcpy(to, values, nb * sizeof(double));
+    }
+}
+
+static void read_pieces(pma_coupler *c, const pma_coupled *m, const double *from)
+{
+    const round now = c->exchange->now;
+    const bool moves = now == INTERFACE && c->exchange->solved < c->fine;
+    pma_piece pieces[PMA_MOST_PIECES];
+    const size_t count = pieces_of(c, m, now, pieces), nb = interface_size(&m->member);
+    for (size_t k = 0; k < count; k++, from += nb)
+        pma_remote_receive(m->member.self, pieces[k].kind, pieces[k].j, moves, from);
+}
+
+static const pma_message PIECES = {piece_numbers, write_pieces, read_pieces};
+
+/* ---- a round -------------------------------------------------------------------------------- */
+
+/* Sizes and places of what each rank sends: a status, and the numbers of its members. */
+static void lay_out(const pma_coupler *c, const pma_message *message)
 {
     const pma_exchange_parts *x = &c->exchange->parts;
-    pma_piece pieces[PMA_MOST_PIECES];
     int start = 0;
     for (size_t r = 0; r < x->ranks; r++) {
         size_t count = 1;
         for (int64_t i = x->first[r]; i < x->first[r + 1]; i++)
-            count +=
-                pieces_of(c, &c->coupled[i], now, pieces) * interface_size(&c->coupled[i].member);
+            count += message->size(c, &c->coupled[i]);
         x->starts[r] = start;
         x->counts[r] = (int)count;
         start += (int)count;
     }
 }
 
-static void send(const pma_coupler *c, round now, pma_status status)
+static void send(const pma_coupler *c, const pma_message *message, pma_status status)
 {
     const pma_exchange_parts *x = &c->exchange->parts;
-    pma_piece pieces[PMA_MOST_PIECES];
     double *next = x->all + x->starts[x->rank];
     *next++ = (double)status;
     if (status != PMA_OK) {
@@ -139,31 +172,22 @@ static void send(const pma_coupler *c, round now, pma_status status)
         return;
     }
     for (int64_t i = x->first[x->rank]; i < x->first[x->rank + 1]; i++) {
-        const pma_coupled *m = &c->coupled[i];
-        const size_t count = pieces_of(c, m, now, pieces), nb = interface_size(&m->member);
-        for (size_t k = 0; k < count; k++, next += nb) {
-            const double *values = m->member.table->interface_values(
-                m->member.self, pieces[k].kind, pieces[k].j, m->step.twice, c->working.lam);
-            memcpy(next, values, nb * sizeof(double));
-        }
+        const size_t size = message->size(c, &c->coupled[i]);
+        message->write(c, &c->coupled[i], next);
+        next += size;
     }
 }
 
-static void receive(const pma_coupler *c, round now, size_t rank)
+static void receive(pma_coupler *c, const pma_message *message, size_t rank)
 {
     const pma_exchange_parts *x = &c->exchange->parts;
-    pma_piece pieces[PMA_MOST_PIECES];
-    const bool moves = now == INTERFACE && c->exchange->solved < c->fine;
     const double *next = x->all + x->starts[rank] + 1;
     for (int64_t i = x->first[rank]; i < x->first[rank + 1]; i++) {
-        const pma_coupled *m = &c->coupled[i];
-        const size_t count = pieces_of(c, m, now, pieces), nb = interface_size(&m->member);
-        for (size_t k = 0; k < count; k++, next += nb)
-            pma_remote_receive(m->member.self, pieces[k].kind, pieces[k].j, moves, next);
+        const size_t size = message->size(c, &c->coupled[i]);
+        message->read(c, &c->coupled[i], next);
+        next += size;
     }
 }
-
-/* ---- a round -------------------------------------------------------------------------------- */
 
 /* The first rank that has failed, or `ranks`. */
 static size_t find_failed(const pma_exchange_parts *x)
@@ -174,12 +198,12 @@ static size_t find_failed(const pma_exchange_parts *x)
     return r;
 }
 
-static pma_status meet(pma_coupler *c, round now, pma_status status)
+static pma_status meet(pma_coupler *c, const pma_message *message, pma_status status)
 {
     pma_exchange *x = c->exchange;
     const pma_exchange_parts *parts = &x->parts;
-    lay_out(c, now);
-    send(c, now, status);
+    lay_out(c, message);
+    send(c, message, status);
     if (!parts->gather(parts->ctx, parts->all, parts->counts, parts->starts)) {
         x->ended = true;
         x->failed = parts->rank;
@@ -191,7 +215,7 @@ static pma_status meet(pma_coupler *c, round now, pma_status status)
         return status == PMA_OK ? PMA_ELSEWHERE : status;
     for (size_t r = 0; r < parts->ranks; r++) {
         if (r != parts->rank)
-            receive(c, now, r);
+            receive(c, message, r);
     }
     return PMA_OK;
 }
@@ -199,7 +223,8 @@ static pma_status meet(pma_coupler *c, round now, pma_status status)
 pma_status pma_exchange_present(pma_coupler *c, pma_status status)
 {
     c->exchange->ended = false;
-    return meet(c, PRESENT, status);
+    c->exchange->now = PRESENT;
+    return meet(c, &PIECES, status);
 }
 
 void pma_exchange_begin(pma_coupler *c)
@@ -213,10 +238,10 @@ void pma_exchange_begin(pma_coupler *c)
 static pma_status meet_next(pma_coupler *c, pma_status status)
 {
     pma_exchange *x = c->exchange;
-    const round now = next_round(c);
+    const round now = x->now = next_round(c);
     if (now == INTERFACE && status != PMA_OK)
         c->parts.schedule->move_to(c, x->solved + 1); /* where the others are */
-    status = meet(c, now, status);
+    status = meet(c, &PIECES, status);
     if (now == INTERFACE) {
         x->solved++;
         x->jumped = false;
@@ -234,6 +259,29 @@ pma_status pma_exchange_interface(pma_coupler *c)
 pma_status pma_exchange_jumps(pma_coupler *c)
 {
     return next_round(c) == JUMP ? meet_next(c, PMA_OK) : PMA_OK;
+}
+
+pma_status pma_exchange_message(pma_coupler *c, const pma_message *message, pma_status status)
+{
+    return meet(c, message, status);
+}
+
+pma_status pma_exchange_fail(pma_coupler *c, pma_status status)
+{
+    const pma_exchange_parts *x = &c->exchange->parts;
+    if (c->exchange->ended || c->failed == PMA_INTERFACE)
+        return status;
+    size_t r = 0;
+    while ((int64_t)c->failed >= x->first[r + 1])
+        r++;
+    c->exchange->ended = true;
+    c->exchange->failed = r;
+    return r == x->rank ? status : PMA_ELSEWHERE;
+}
+
+bool pma_exchange_is_ended(const pma_coupler *c)
+{
+    return c->exchange && c->exchange->ended;
 }
 
 pma_status pma_exchange_agree(pma_coupler *c, pma_status status)

@@ -35,6 +35,7 @@ typedef struct {
     size_t j;
 } pma_piece;
 
-enum { PMA_MOST_PIECES = 3 };
+/* At most; and the numbers of a measure (newton.h). */
+enum { PMA_MOST_PIECES = 3, PMA_MEASURES = 4 };
 
 #endif

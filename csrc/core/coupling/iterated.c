@@ -39,7 +39,7 @@ static void take_block(pma_coupler *c, pma_coupled *m)
 {
     pma_iteration_member *mine = member_in(c, m);
     table_of(m)->block(m->member.self, mine->block);
-    mine->known = true;
+    mine->known = mine->changed = true;
 }
 
 /* A substep that ends later than this fine step: its free solution, and the law of it until then,
@@ -79,6 +79,7 @@ static pma_status open_substeps(pma_coupler *c)
     memcpy(c->iteration->lam_begin, lam, c->parts.p * sizeof(double));
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_coupled *m = &c->coupled[i];
+        c->iteration->members[i].changed = false;
         if (begins(m)) {
             c->unpolled += m->member.entries;
             c->iteration->stale = c->iteration->stale || (table_of(m) && m->ratio > 1);
@@ -124,10 +125,9 @@ static pma_status linearize_one(pma_coupler *c, pma_coupled *m)
 {
     pma_iteration_member *mine = member_in(c, m);
     const pma_iteration *it = c->iteration;
-    bool changed;
     const pma_status status =
-        table_of(m)->linearize(m->member.self, it->fresh, it->lam_star, &changed);
-    if (status == PMA_OK && (changed || !mine->known))
+        table_of(m)->linearize(m->member.self, it->fresh, it->lam_star, &mine->changed);
+    if (status == PMA_OK && (mine->changed || !mine->known))
         take_block(c, m);
     return status;
 }
@@ -153,10 +153,12 @@ static pma_status restart_one(pma_coupler *c, pma_coupled *m)
 static pma_status evaluate(void *ctx, bool tangent, double *slope)
 {
     pma_coupler *c = ctx;
-    if (pma_coupler_is_stopped(c))
-        return PMA_STOPPED;
     c->iteration->tangent = tangent;
-    const pma_status status = pma_share(c, evaluate_one, is_iterated);
+    pma_status status = PMA_STOPPED;
+    if (!pma_coupler_is_stopped(c))
+        status = pma_share(c, evaluate_one, is_iterated);
+    if (c->exchange)
+        status = pma_messages_slopes(c, status);
     *slope = 0.0;
     for (size_t i = 0; i < c->parts.count; i++) {
         if (!is_iterated(&c->coupled[i]))
@@ -183,17 +185,21 @@ static pma_status correct(void *ctx, bool fresh, pma_measure *measure)
     it->fresh = fresh;
     it->stale = it->stale || fresh || is_any_unknown(c);
     pma_status status = pma_share(c, linearize_one, is_iterated);
+    if (c->exchange)
+        status = pma_messages_laws(c, status);
     if (status == PMA_OK)
         status = solve_interface(c);
     if (status != PMA_OK)
         return status;
     pma_share(c, correct_one, is_iterated);
+    if (c->exchange)
+        status = pma_messages_measures(c);
     memcpy(it->lam_star, c->working.lam, c->parts.p * sizeof(double));
     for (size_t i = 0; i < c->parts.count; i++) {
         if (is_iterated(&c->coupled[i]))
             pma_measure_add(measure, &it->members[i].measure);
     }
-    return PMA_OK;
+    return status;
 }
 
 static void move(void *ctx, double by)
@@ -238,14 +244,20 @@ static size_t find_slowest(const pma_coupler *c)
     return slowest;
 }
 
-static bool have_factors(const pma_coupler *c)
+static pma_status find_factors(pma_coupler *c, bool *all)
 {
+    pma_status status = PMA_OK;
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_coupled *m = &c->coupled[i];
-        if (is_iterated(m) && !table_of(m)->has_factor(m->member.self))
-            return false;
+        if (is_iterated(m))
+            member_in(c, m)->factored = table_of(m)->has_factor(m->member.self);
     }
-    return true;
+    if (c->exchange)
+        status = pma_messages_factors(c);
+    *all = true;
+    for (size_t i = 0; i < c->parts.count; i++)
+        *all = *all && (!is_iterated(&c->coupled[i]) || c->iteration->members[i].factored);
+    return status;
 }
 
 static pma_status iterate(pma_coupler *c)
@@ -253,11 +265,16 @@ static pma_status iterate(pma_coupler *c)
     static const pma_equations EQUATIONS = {
         .evaluate = evaluate, .correct = correct, .move = move, .restart = restart, .raise = raise};
     pma_iteration *it = c->iteration;
+    bool have_factors;
+    pma_status status = find_factors(c, &have_factors);
     memcpy(it->lam_star, it->lam_begin, c->parts.p * sizeof(double));
-    const pma_status status = pma_newton_solve(&it->parts.newton, &EQUATIONS, c, have_factors(c));
+    if (status == PMA_OK)
+        status = pma_newton_solve(&it->parts.newton, &EQUATIONS, c, have_factors);
+    if (c->exchange && pma_exchange_is_ended(c))
+        return status;
     if (status == PMA_NOT_CONVERGED)
         c->failed = find_slowest(c);
-    return status;
+    return status != PMA_OK && c->exchange ? pma_exchange_fail(c, status) : status;
 }
 
 /* ---- the end of a substep ------------------------------------------------------------------- */
@@ -274,13 +291,15 @@ static pma_status close(pma_coupler *c, pma_coupled *m)
 static pma_status fine_step(pma_coupler *c)
 {
     pma_status status = open_substeps(c);
+    if (status == PMA_OK && c->exchange)
+        status = pma_messages_begin(c);
     if (status == PMA_OK && c->parts.motion_count > 0)
         pma_coupler_prescribe(c);
     if (status == PMA_OK)
         status = is_any_iterated(c) ? iterate(c) : solve_interface(c);
     if (status == PMA_OK)
         status = pma_share(c, close, pma_is_ending);
-    return status;
+    return status == PMA_OK && c->exchange ? pma_exchange_jumps(c) : status;
 }
 
 static pma_status fine_steps(pma_coupler *c)
@@ -297,4 +316,7 @@ const pma_schedule pma_iterated_schedule = {.check = pma_fine_check,
                                             .instants = pma_fine_instants,
                                             .duty = duty,
                                             .step = macro_step,
-                                            .prepare = pma_iteration_create_fine};
+                                            .prepare = pma_iteration_create_fine,
+                                            .interface_pieces = pma_messages_pieces,
+                                            .move_to = pma_coupler_move_to,
+                                            .rebases = true};

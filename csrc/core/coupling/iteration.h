@@ -36,7 +36,9 @@ typedef struct {
     /* pm and gc */
     int64_t *where; /* count x count: entries of H */
     double *block;  /* count x count: its part of H */
-    bool known;     /* the block follows its tangent */
+    bool known;     /* the block follows its tangent, */
+    bool changed;   /* ... and was made since the last interface problem */
+    bool factored;  /* there is a factor, which can be kept */
     double slope;
     pma_measure measure;
     /* macro */
@@ -66,6 +68,7 @@ typedef struct {
     /* what the members are asked to do at the moment */
     bool tangent, fresh;
     double by;
+    bool not_finite; /* the residual of some member, of any process */
 
     int64_t *positions;
     double *block;

@@ -186,9 +186,38 @@ void pma_exchange_destroy(pma_exchange *x); /* NULL is allowed */
 pma_status pma_exchange_present(pma_coupler *c, pma_status status);
 pma_status pma_exchange_interface(pma_coupler *c);
 pma_status pma_exchange_jumps(pma_coupler *c);
+/* What every member sends in a round of another kind: its numbers, as many in all processes. */
+typedef struct {
+    size_t (*size)(const pma_coupler *c, const pma_coupled *m);
+    void (*write)(const pma_coupler *c, const pma_coupled *m, double *to);
+    void (*read)(pma_coupler *c, const pma_coupled *m, const double *from);
+} pma_message;
+
+/* Such a round within an interface problem, to which all processes come with what happened so far;
+ * what to return when all know that the macro step has failed in member c->failed: PMA_ELSEWHERE
+ * unless it is one of this process; do all know of a failure? */
+pma_status pma_exchange_message(pma_coupler *c, const pma_message *message, pma_status status);
+pma_status pma_exchange_fail(pma_coupler *c, pma_status status);
+bool pma_exchange_is_ended(const pma_coupler *c);
+
 /* and around a macro step: whatever happened in it, all return PMA_OK or none does. */
 void pma_exchange_begin(pma_coupler *c);
 pma_status pma_exchange_agree(pma_coupler *c, pma_status status);
+
+/* ---- iterated fine steps in several processes: messages.c ------------------------------------- */
+
+/* The pieces of the interface problem; the round at the beginning of a fine step, where substeps
+ * begin; which members have a factor that can be kept. */
+size_t pma_messages_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
+                           pma_piece *pieces);
+pma_status pma_messages_begin(pma_coupler *c);
+pma_status pma_messages_factors(pma_coupler *c);
+
+/* After residuals, laws and corrections: what all members have, and whether some process failed in
+ * making them. PMA_NOT_FINITE in all processes when a residual is not finite. */
+pma_status pma_messages_slopes(pma_coupler *c, pma_status status);
+pma_status pma_messages_laws(pma_coupler *c, pma_status status);
+pma_status pma_messages_measures(pma_coupler *c);
 
 /* ---- macro coupling without internal forces: macro.c ----------------------------------------- */
 

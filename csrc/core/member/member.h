@@ -26,11 +26,12 @@
 
 /* What a member has on the interface. */
 typedef enum {
-    PMA_FREE_VELOCITY,        /* vf */
-    PMA_VELOCITY,             /* v */
-    PMA_DISPLACEMENT,         /* u */
-    PMA_LINK_VELOCITY,        /* Mbar^-1 L^T lam: al2 times it is what lam adds to v */
-    PMA_EXPECTED_DISPLACEMENT /* u that lam would give an open substep */
+    PMA_FREE_VELOCITY,         /* vf */
+    PMA_VELOCITY,              /* v */
+    PMA_DISPLACEMENT,          /* u */
+    PMA_LINK_VELOCITY,         /* Mbar^-1 L^T lam: al2 times it is what lam adds to v */
+    PMA_EXPECTED_DISPLACEMENT, /* u that lam would give an open substep */
+    PMA_REBASED_VELOCITY       /* vf at the beginning of the substep, after it has changed (N13) */
 } pma_interface_kind;
 
 typedef struct {

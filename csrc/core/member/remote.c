@@ -46,13 +46,28 @@ void pma_remote_destroy(pma_remote *r)
     free(r);
 }
 
+static double *target_of(const pma_remote *r, pma_interface_kind kind, size_t j)
+{
+    switch (kind) {
+    case PMA_FREE_VELOCITY:
+        return r->after;
+    case PMA_REBASED_VELOCITY:
+        return r->before;
+    case PMA_EXPECTED_DISPLACEMENT:
+        return r->displaced;
+    case PMA_DISPLACEMENT:
+        return j > 0 ? r->displaced : r->displaced_before;
+    case PMA_VELOCITY:
+    case PMA_LINK_VELOCITY:
+        break;
+    }
+    return r->moving;
+}
+
 void pma_remote_receive(pma_remote *r, pma_interface_kind kind, size_t j, bool next,
                         const double *values)
 {
-    double *target = kind == PMA_FREE_VELOCITY           ? r->after
-                     : kind == PMA_EXPECTED_DISPLACEMENT ? r->displaced
-                     : kind == PMA_DISPLACEMENT ? (j > 0 ? r->displaced : r->displaced_before)
-                                                : r->moving;
+    double *target = target_of(r, kind, j);
     if (kind == PMA_FREE_VELOCITY && next) {
         target = r->before;
         r->before = r->after;
@@ -184,6 +199,84 @@ static void record_acceleration(void *self, const double *lam, const pma_selecti
     (void)self, (void)lam, (void)selection, (void)row;
 }
 
+/* ---- iterated elsewhere; the coupler receives slopes, laws, blocks and measures -------------- */
+
+static pma_status begin(void *self, const pma_substep *step, const double *lam)
+{
+    (void)self, (void)step, (void)lam;
+    return PMA_OK;
+}
+
+static pma_status converge(void *self, const pma_newton *newton, const double *lam,
+                           bool (*stop)(void *ctx), void *ctx)
+{
+    (void)self, (void)newton, (void)lam, (void)stop, (void)ctx;
+    return PMA_OK;
+}
+
+static pma_status evaluate(void *self, bool tangent, double *slope)
+{
+    (void)self, (void)tangent, (void)slope;
+    return PMA_OK;
+}
+
+static pma_status linearize(void *self, bool fresh, const double *lam, bool *changed)
+{
+    (void)self, (void)fresh, (void)lam;
+    *changed = false;
+    return PMA_OK;
+}
+
+static void correct(void *self, const double *lam, pma_measure *measure)
+{
+    (void)self, (void)lam, (void)measure;
+}
+
+static void move(void *self, double by)
+{
+    (void)self, (void)by;
+}
+
+static void restart(void *self, const double *lam)
+{
+    (void)self, (void)lam;
+}
+
+static void rebase(void *self, size_t j, const double *lam)
+{
+    (void)self, (void)j, (void)lam;
+}
+
+static void block(void *self, double *out)
+{
+    (void)self, (void)out;
+}
+
+static pma_status finish(void *self, const double *lam)
+{
+    (void)self, (void)lam;
+    return PMA_OK;
+}
+
+static bool has_factor(const void *self)
+{
+    (void)self;
+    return true;
+}
+
+static const pma_iterated_table ITERATED = {.begin = begin,
+                                            .converge = converge,
+                                            .evaluate = evaluate,
+                                            .linearize = linearize,
+                                            .correct = correct,
+                                            .move = move,
+                                            .restart = restart,
+                                            .raise = move,
+                                            .rebase = rebase,
+                                            .block = block,
+                                            .finish = finish,
+                                            .has_factor = has_factor};
+
 static const pma_member_table TABLE = {
     .open = open_substep,
     .close = close_substep,
@@ -212,15 +305,17 @@ static const pma_member_table TABLE = {
 pma_member pma_remote_member(pma_remote *r)
 {
     const pma_remote_parts *p = &r->parts;
-    return (pma_member){.table = &TABLE,
-                        .self = r,
-                        .p = p->link.p,
-                        .n = p->n,
-                        .substeps = p->substeps,
-                        .h = p->h,
-                        .entries = 1,
-                        .doubled = p->doubled,
-                        .continues = p->continues,
-                        .responds = true,
-                        .shifts = true};
+    return (pma_member){
+        .table = &TABLE,
+        .self = r,
+        .p = p->link.p,
+        .n = p->n,
+        .substeps = p->substeps,
+        .h = p->h,
+        .entries = 1,
+        .doubled = p->doubled,
+        .continues = p->continues,
+        .responds = true,
+        .shifts = true,
+        .iterated = {.table = p->iterates ? &ITERATED : NULL, .count = p->count, .rows = p->rows}};
 }

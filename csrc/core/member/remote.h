@@ -16,6 +16,9 @@ typedef struct {
     double h;
     bool doubled, continues;
     double al2, al2_twice; /* of the single and of the double step */
+    bool iterates;         /* ... its steps, with the interface; then its constraints, ascending */
+    size_t count;
+    const int64_t *rows;
 } pma_remote_parts;
 
 typedef struct pma_remote pma_remote;

@@ -83,7 +83,7 @@ static const double *interface_values(void *self, pma_interface_kind kind, size_
     }
     if (kind == PMA_EXPECTED_DISPLACEMENT)
         return pma_substep_expected(s, j, twice, lam);
-    if (kind == PMA_FREE_VELOCITY)
+    if (kind == PMA_FREE_VELOCITY || kind == PMA_REBASED_VELOCITY)
         return pma_levels_free_velocity(&s->levels, j);
     if (kind == PMA_DISPLACEMENT)
         return interface_displacement(s, j);
@@ -368,6 +368,8 @@ static const pma_member_table ITERATED = {
     .velocity = velocity,
     .displacement = displacement,
     .is_finite = is_finite,
+    .interface_size = interface_size,
+    .interface_values = interface_values,
     .record = record,
     .commit = commit_iterated,
     .discard = discard_iterated,

@@ -1,0 +1,193 @@
+/* messages.c - what processes exchange in an iterated fine step.
+ *
+ * To be read with iterated.c: after each of its stages all have the numbers of all members, so that
+ * every process goes on with the same sums. */
+#include <string.h>
+
+#include "coupling/schedule.h"
+#include "member/remote.h"
+
+static pma_iteration_member *member_in(const pma_coupler *c, const pma_coupled *m)
+{
+    return &c->iteration->members[m - c->coupled];
+}
+
+static bool is_iterated(const pma_coupled *m)
+{
+    return m->member.iterated.table && pma_is_ending(m);
+}
+
+/* ---- the beginning of substeps -------------------------------------------------------------- */
+
+/* The free velocity at the end of what has begun; of a long iterated substep also at its beginning,
+ * which follows the tangent. That of the others is part of their law. */
+size_t pma_messages_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
+                           pma_piece *pieces)
+{
+    (void)c, (void)round;
+    if (m->now.phase != 1 || is_iterated(m))
+        return 0;
+    pieces[0] = (pma_piece){.kind = PMA_FREE_VELOCITY, .j = m->now.j + 1};
+    pieces[1] = (pma_piece){.kind = PMA_REBASED_VELOCITY, .j = m->now.j};
+    return m->member.iterated.table ? 2 : 1;
+}
+
+/* ---- blocks of H ---------------------------------------------------------------------------- */
+
+static size_t block_size(const pma_coupler *c, const pma_coupled *m)
+{
+    const size_t count = m->member.iterated.count;
+    return member_in(c, m)->changed ? count * count : 0;
+}
+
+static void write_block(const pma_coupler *c, const pma_coupled *m, double *to)
+{
+    memcpy(to, member_in(c, m)->block, block_size(c, m) * sizeof(double));
+}
+
+static void read_block(pma_coupler *c, const pma_coupled *m, const double *from)
+{
+    memcpy(member_in(c, m)->block, from, block_size(c, m) * sizeof(double));
+}
+
+/* Those that were made since the last interface problem, if any; all know which. */
+static pma_status send_blocks(pma_coupler *c)
+{
+    static const pma_message BLOCKS = {block_size, write_block, read_block};
+    for (size_t i = 0; i < c->parts.count; i++) {
+        if (block_size(c, &c->coupled[i]) > 0)
+            return pma_exchange_message(c, &BLOCKS, PMA_OK);
+    }
+    return PMA_OK;
+}
+
+pma_status pma_messages_begin(pma_coupler *c)
+{
+    const pma_status status = pma_exchange_interface(c);
+    return status == PMA_OK ? send_blocks(c) : status;
+}
+
+/* ---- factors -------------------------------------------------------------------------------- */
+
+static size_t one(const pma_coupler *c, const pma_coupled *m)
+{
+    (void)c;
+    return is_iterated(m) ? 1 : 0;
+}
+
+static void write_factored(const pma_coupler *c, const pma_coupled *m, double *to)
+{
+    if (is_iterated(m))
+        *to = member_in(c, m)->factored;
+}
+
+static void read_factored(pma_coupler *c, const pma_coupled *m, const double *from)
+{
+    if (is_iterated(m))
+        member_in(c, m)->factored = *from != 0.0;
+}
+
+pma_status pma_messages_factors(pma_coupler *c)
+{
+    static const pma_message FACTORS = {one, write_factored, read_factored};
+    return pma_exchange_message(c, &FACTORS, PMA_OK);
+}
+
+/* ---- slopes --------------------------------------------------------------------------------- */
+
+/* the slope, and whether the residual of this member was the first that is not finite */
+static size_t slope_size(const pma_coupler *c, const pma_coupled *m)
+{
+    return 2 * one(c, m);
+}
+
+static void write_slope(const pma_coupler *c, const pma_coupled *m, double *to)
+{
+    if (!is_iterated(m))
+        return;
+    to[0] = member_in(c, m)->slope;
+    to[1] = c->iteration->not_finite && c->failed == (size_t)(m - c->coupled);
+}
+
+static void read_slope(pma_coupler *c, const pma_coupled *m, const double *from)
+{
+    const size_t i = (size_t)(m - c->coupled);
+    if (!is_iterated(m))
+        return;
+    member_in(c, m)->slope = from[0];
+    if (from[1] == 0.0)
+        return;
+    c->failed = c->iteration->not_finite && c->failed < i ? c->failed : i;
+    c->iteration->not_finite = true;
+}
+
+/* A residual that is not finite can be answered by a shorter correction, and ends nothing. */
+pma_status pma_messages_slopes(pma_coupler *c, pma_status status)
+{
+    static const pma_message SLOPES = {slope_size, write_slope, read_slope};
+    c->iteration->not_finite = status == PMA_NOT_FINITE;
+    status = pma_exchange_message(c, &SLOPES, status == PMA_NOT_FINITE ? PMA_OK : status);
+    return status == PMA_OK && c->iteration->not_finite ? PMA_NOT_FINITE : status;
+}
+
+/* ---- laws (N11) ----------------------------------------------------------------------------- */
+
+/* o of a law, and whether a block of H follows */
+static size_t law_size(const pma_coupler *c, const pma_coupled *m)
+{
+    (void)c;
+    return is_iterated(m) ? 1 + m->member.table->interface_size(m->member.self) : 0;
+}
+
+static void write_law(const pma_coupler *c, const pma_coupled *m, double *to)
+{
+    if (!is_iterated(m))
+        return;
+    const pma_member_table *table = m->member.table;
+    void *self = m->member.self;
+    const double *o = table->interface_values(self, PMA_FREE_VELOCITY, m->now.j + 1, false, NULL);
+    to[0] = member_in(c, m)->changed;
+    memcpy(to + 1, o, table->interface_size(self) * sizeof(double));
+}
+
+static void read_law(pma_coupler *c, const pma_coupled *m, const double *from)
+{
+    if (!is_iterated(m))
+        return;
+    member_in(c, m)->changed = from[0] != 0.0;
+    pma_remote_receive(m->member.self, PMA_FREE_VELOCITY, m->now.j + 1, false, from + 1);
+}
+
+pma_status pma_messages_laws(pma_coupler *c, pma_status status)
+{
+    static const pma_message LAWS = {law_size, write_law, read_law};
+    status = pma_exchange_message(c, &LAWS, status);
+    return status == PMA_OK ? send_blocks(c) : status;
+}
+
+/* ---- measures ------------------------------------------------------------------------------- */
+
+static size_t measure_size(const pma_coupler *c, const pma_coupled *m)
+{
+    return PMA_MEASURES * one(c, m);
+}
+
+static void write_measure(const pma_coupler *c, const pma_coupled *m, double *to)
+{
+    const pma_measure *own = &member_in(c, m)->measure;
+    const double numbers[PMA_MEASURES] = {own->correction, own->motion, own->rounding, own->slope};
+    memcpy(to, numbers, measure_size(c, m) * sizeof(double));
+}
+
+static void read_measure(pma_coupler *c, const pma_coupled *m, const double *from)
+{
+    if (is_iterated(m))
+        member_in(c, m)->measure = (pma_measure){
+            .correction = from[0], .motion = from[1], .rounding = from[2], .slope = from[3]};
+}
+
+pma_status pma_messages_measures(pma_coupler *c)
+{
+    static const pma_message MEASURES = {measure_size, write_measure, read_measure};
+    return pma_exchange_message(c, &MEASURES, PMA_OK);
+}
