@@ -227,11 +227,13 @@ def iterated(folder):
     first = np.linspace(0, 5, SIZE + 1).astype(int)
     part = slice(first[RANK], first[RANK + 1])
     names = [f"r{i}" for i in range(5)][part]
-    for coupling, double in (("gc", None), ("pm", None), ("pm", True), ("pm", False)):
-        for newton in (pm.Newton(), pm.Newton(tangent="reuse")):
+    variants = ("gc", None), ("pm", None), ("pm", True), ("pm", False)
+    kinds = pm.Newton(), pm.Newton(tangent="reuse")
+    for k, (coupling, double) in enumerate(variants):
+        for newton in kinds if k == 1 else kinds[k // 2 : k // 2 + 1]:
             shared = plastic(coupling, newton, double, WORLD, part)
             alone = plastic(coupling, newton, double)
-            for steps in (20, 10):
+            for steps in (10, 5):
                 one, other = (c.run(steps=steps, energy=True) for c in (shared, alone))
                 same(one, other, names)
                 same_energies(one.energy, other.energy, part)
