@@ -13,7 +13,12 @@ SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-fra
 MEASURE  := $(filter-out $(addprefix benchmarks/,draw.py memory.py peers.py timing.py), \
               $(wildcard benchmarks/*.py))
 
-.PHONY: demo test ctest tsan release example lint notebooks docs wheels benchmarks clean
+# what is tested with an extension under sanitizers
+SANITIZED := test_binding test_snapshot
+RACES     := test_threads test_waiting
+LIBRARY    = $(shell $(CC) -print-file-name=$(1))
+
+.PHONY: demo test ctest tsan sanitized races analyze release example lint notebooks docs wheels benchmarks clean
 .NOTPARALLEL:
 
 demo: $(VENV)/.plot,fast
@@ -28,6 +33,40 @@ ctest: build/test_core
 # the same tests where ThreadSanitizer watches
 tsan: build/test_core_tsan
 	TSAN_OPTIONS=halt_on_error=1 build/test_core_tsan
+
+# Some of the Python tests with an extension under the address and undefined-behaviour sanitizers.
+# They run in the folder of a copy of the package: Python looks in the present folder first.
+sanitized: build/sanitized/_core.abi3.so $(VENV)/.test
+	$(call COPY,build/sanitized)
+	cd build/sanitized && PYTHONMALLOC=malloc ASAN_OPTIONS=detect_leaks=0 \
+		LD_PRELOAD="$(call LIBRARY,libasan.so) $(call LIBRARY,libubsan.so)" \
+		$(TESTED) $(SANITIZED:%=$(CURDIR)/tests/%.py)
+
+# The same under the thread sanitizer, for gcc on Linux. Reports in libraries that are compiled
+# without it, whose locks it does not see, are left out.
+races: build/races/_core.abi3.so $(VENV)/.test
+	$(call COPY,build/races)
+	cd build/races && TSAN_OPTIONS="ignore_noninstrumented_modules=1 exitcode=66" \
+		LD_PRELOAD="$(call LIBRARY,libtsan.so)" $(TESTED) $(RACES:%=$(CURDIR)/tests/%.py)
+
+# Mistakes that can be found without a run: gcc -fanalyzer without OpenMP, of whose reductions it
+# reports variables that do not exist; clang-tidy, what it leaves out is in .clang-tidy; cppcheck,
+# without `(void)a, (void)b;` for unused arguments, casts of blocks that are laid out by hand, and
+# an array that is filled up to its use; the stub of the extension.
+analyze: $(VENV)/.lint $(VENV)/.test
+	mkdir -p build/analyzed
+	set -e; for file in $(CORE); do \
+		$(CC) -std=c11 -O1 -fanalyzer -Werror -Icsrc/core -Wno-unknown-pragmas -c $$file \
+			-o build/analyzed/core.o; done
+	printf '%s\n' $(CORE) | xargs -n 8 -P 2 $(VENV)/bin/clang-tidy --quiet \
+		--extra-arg=-std=c11 --extra-arg=-Icsrc/core
+	$(VENV)/bin/cppcheck --quiet --error-exitcode=1 --std=c11 --language=c -Icsrc/core \
+		--enable=warning,performance,portability --suppress=constStatement \
+		--suppress=invalidPointerCast --suppress=uninitvar:csrc/core/algebra/kernel.c csrc/core
+	printf '%s\n' '[mypy]' 'ignore_missing_imports = True' 'follow_imports = silent' \
+		'[mypy-pmalpha.*]' 'ignore_errors = True' >build/analyzed/mypy.ini
+	PYTHONPATH=. $(VENV)/bin/python -m mypy.stubtest pmalpha._core --ignore-disjoint-bases \
+		--mypy-config-file build/analyzed/mypy.ini
 
 # the same tests as users compile the core, without assertions, by clang too where there is one
 release: build/test_core_release $(if $(shell command -v clang),build/test_core_clang)
@@ -105,6 +144,29 @@ build/test_core build/test_core_tsan build/test_core_release build/test_core_cla
 	mkdir -p build
 	$(CC) -std=c11 $(FLAGS) -ffp-contract=off -fopenmp-simd -pthread -Wall -Wextra \
 		-Icsrc/core $(filter %.c,$^) -lm -o $@
+
+# A copy of the package with this extension. Not tested with it: symbols, memory, forks, and what is
+# interrupted or faults on purpose.
+define COPY
+	rm -rf $(1)/pmalpha
+	cp -Rp pmalpha $(1)
+	rm -f $(1)/pmalpha/_core*.so
+	cp $(1)/_core.abi3.so $(1)/pmalpha
+endef
+TESTED = $(CURDIR)/$(VENV)/bin/python -m pytest -q -p no:cacheprovider \
+	-k "not exports and not memory_of_the_core and not interrupt and not fork and not a_fault_in"
+
+build/sanitized/_core.abi3.so: FLAGS := -O1 -g $(SANITIZE)
+build/races/_core.abi3.so:     FLAGS := -O1 -g -fsanitize=thread
+build/sanitized/_core.abi3.so build/races/_core.abi3.so: \
+		$(CORE) $(HEADERS) $(BINDING) | $(VENV)/.test
+	mkdir -p $(@D)
+	$(CC) -std=c11 $(FLAGS) -shared -fPIC -ffp-contract=off -fno-trapping-math -fopenmp-simd \
+		-pthread -D_POSIX_C_SOURCE=200809L -D_XOPEN_SOURCE=700 -DPy_LIMITED_API=0x030A0000 \
+		-DNPY_NO_DEPRECATED_API=NPY_2_0_API_VERSION -DNPY_TARGET_VERSION=NPY_1_23_API_VERSION \
+		-Icsrc/core $$($(VENV)/bin/python -c "import numpy, sysconfig; \
+			print('-I', numpy.get_include(), '-I', sysconfig.get_path('include'))") \
+		$(filter %.c,$^) -lm -o $@
 
 build/example: csrc/example.c $(CORE) $(HEADERS)
 	mkdir -p build

@@ -1,7 +1,7 @@
 """The C core. Private: arrays must be C-contiguous and of the exact type, in elimination order."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 from scipy import LowLevelCallable
@@ -61,6 +61,7 @@ _Processes = tuple[
     Callable[[], Any] | tuple[int, int, int],
 ]
 
+@final
 class Subdomain:
     entries: int
     def __new__(
@@ -126,6 +127,7 @@ class Subdomain:
     def accelerate(self, lam: np.ndarray, /) -> np.ndarray: ...
     def store_responses(self, rows: np.ndarray, states: np.ndarray, /) -> None: ...
 
+@final
 class Coupler:
     step_count: int
     multipliers: np.ndarray
@@ -172,6 +174,7 @@ class Coupler:
     def end_multipliers(self) -> np.ndarray: ...
     def set_end_multipliers(self, lam: np.ndarray, /) -> None: ...
 
+@final
 class Guard:
     @property
     def turns(self) -> int: ...

@@ -8,6 +8,7 @@ import campaign_histories
 import campaign_input
 import campaign_memory
 import campaign_signals
+import campaign_soak
 import pytest
 from campaign import tried
 
@@ -32,6 +33,11 @@ def test_odd_input_works_or_is_refused_by_name():
 def test_damaged_and_forged_files_are_refused_by_name():
     counts = campaign_files.campaign(most=120, seconds=600.0)
     assert counts["works"] > 5 and counts["ValueError"] > 50
+
+
+def test_nothing_grows_in_many_steps_and_couplers_that_their_callbacks_hold_are_collected():
+    counts = campaign_soak.campaign(seconds=0.0, least=2)
+    assert counts["macro steps"] == 36_000 and counts["couplers"] == 12
 
 
 @pytest.mark.skipif(

@@ -23,7 +23,7 @@ static bool is_dense(size_t p)
 
 size_t pma_broyden_size(size_t p)
 {
-    return is_dense(p) ? p * p : 1 + 2 * PMA_BROYDEN_KEPT * p;
+    return is_dense(p) ? p * p : 1 + (size_t)2 * PMA_BROYDEN_KEPT * p;
 }
 
 void pma_broyden_begin(const pma_broyden *b, double *scratch)

@@ -36,7 +36,8 @@ static size_t scratch_of(const pma_parts *p)
 static double *aligned(double *block)
 {
     const size_t line = PMA_LANES * sizeof *block;
-    return block + (line - (uintptr_t)block % line) % line / sizeof *block;
+    const size_t numbers = (line - (uintptr_t)block % line) % line / sizeof *block;
+    return block + numbers;
 }
 
 static double *take(double **next, size_t count)

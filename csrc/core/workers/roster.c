@@ -185,7 +185,7 @@ static size_t find_candidate(size_t count, const pma_duty *duties)
     double most = 0.0;
     for (size_t i = 0; i < count; i++) {
         const double all = (double)duties[i].entries * (double)duties[i].substeps;
-        if (!duties[i].divides || duties[i].entries / 2 < PMA_RANGE || all <= most)
+        if (!duties[i].divides || duties[i].entries / 2 < (size_t)PMA_RANGE || all <= most)
             continue;
         most = all;
         best = i;
@@ -198,7 +198,7 @@ static size_t most_workers(size_t count, const pma_duty *duties, size_t candidat
 {
     size_t most = count > 0 ? count : workers;
     if (candidate != PMA_NO_SPLIT)
-        most += duties[candidate].entries / PMA_RANGE - 1;
+        most += duties[candidate].entries / (size_t)PMA_RANGE - 1;
     return workers < most ? workers : most;
 }
 
@@ -235,7 +235,7 @@ pma_status pma_roster_create(size_t count, const pma_duty *duties, size_t worker
     const size_t candidate = find_candidate(count, duties);
     const size_t most = most_workers(count, duties, candidate, workers);
     entrant *list = calloc(count + 1, sizeof *list);
-    double *load = calloc(most, sizeof *load);
+    double *load = calloc(most + 1, sizeof *load);
     *out = (pma_roster){.order = calloc(count + 1, sizeof *out->order),
                         .begin = calloc(most + 1, sizeof *out->begin)};
     if (!list || !load || !out->order || !out->begin) {
