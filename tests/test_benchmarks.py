@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 BENCHMARKS = ROOT / "benchmarks"
 # instructions.py carries Python under valgrind, which takes a minute at any size, and
-# step_profile.py needs perf
+# step_profile.py needs perf; ranks.py is run by test_mpi.py
 SCRIPTS = [
     "coupling_cost",
     "cut_plan",

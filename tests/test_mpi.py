@@ -132,6 +132,17 @@ def test_after_a_kill_in_save_the_state_saved_before_is_loaded(tmp_path):
     assert run(1, "left", tmp_path) == ["left"]
 
 
+@needs_mpi
+def test_the_benchmark_runs_and_writes_the_columns_of_its_committed_results(tmp_path):
+    benchmarks = HERE.parent / "benchmarks"
+    words = [sys.executable, benchmarks / "ranks.py", "--quick", "--results", tmp_path]
+    environment = command(1)[1]
+    subprocess.run(words, env=environment, check=True, capture_output=True, timeout=LIMIT)
+    files = (x / "ranks.csv" for x in (tmp_path, benchmarks / "results"))
+    written, committed = (file.read_text().partition("\n")[0] for file in files)
+    assert written == committed
+
+
 def test_a_communicator_is_one_of_mpi4py():
     a = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), name="a")
     with pytest.raises((TypeError, ImportError), match="mpi4py"):
