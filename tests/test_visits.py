@@ -58,6 +58,29 @@ def test_steps_at_once_one_by_one_and_with_energies_are_bitwise_identical(
     assert_same(at_once, observed)
 
 
+def large_block(**options):
+    """A block that two workers share."""
+    mesh = pm.models.solid(9, 9, 9, 1.0, E=100.0, nu=0.3, rho=1.0, mass="lumped")
+    member = mesh.subdomain(scheme=IMPLICIT, force=np.sin(np.arange(mesh.n)))
+    return pm.Coupler([member], dt=DT, **options)
+
+
+@pytest.mark.parametrize("threads", [2, 3, 5])
+def test_one_solid_by_several_threads_is_bitwise_identical(threads):
+    alone, shared = large_block(threads=1), large_block(threads=threads)
+    one_by_one = large_block(threads=threads)
+    assert (alone.threads, shared.threads) == (1, threads)
+    expected, found = alone.run(steps=STEPS), shared.run(steps=STEPS)
+    for name in ("u", "v", "a"):
+        np.testing.assert_array_equal(getattr(found[0], name), getattr(expected[0], name))
+    for _ in range(STEPS):
+        one_by_one.step()
+    assert_same(shared, one_by_one)
+    shared.run(steps=3, energy=True)
+    alone.run(steps=3, energy=True)
+    assert_same(shared, alone)
+
+
 def test_what_is_recorded_of_a_visit_is_what_is_recorded_one_by_one():
     recorded, alone = blocks(substeps=(1, 2)), blocks(substeps=(1, 2))
     history = recorded.run(steps=STEPS)

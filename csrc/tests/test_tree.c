@@ -76,17 +76,17 @@ static void check_orders(const pma_factor *f, const double *b)
     pma_factor_close_part(f, f->n, f->n, zero, visited, work);
     size_t node = T->child[T->count];
     while (node != T->count) {
-        pma_factor_close_node(f, node, visited, work);
+        pma_factor_close_node(f, node, visited, NULL, work);
         memcpy(again + T->column[node], b + T->column[node],
                (T->column[node + 1] - T->column[node]) * sizeof *b);
         if (T->child[node] != PMA_NO_NODE) {
             node = T->child[node];
             continue;
         }
-        pma_factor_open_node(f, node, again, work);
+        pma_factor_open_node(f, node, again, NULL, work);
         while (T->sibling[node] == PMA_NO_NODE && T->parent[node] != T->count) {
             node = T->parent[node];
-            pma_factor_open_node(f, node, again, work);
+            pma_factor_open_node(f, node, again, NULL, work);
         }
         node = T->sibling[node] != PMA_NO_NODE ? T->sibling[node] : T->count;
     }

@@ -1,9 +1,11 @@
-/* test_visit.c - a substep closed and the next one opened in one visit, bitwise as one by one. */
+/* test_visit.c - a substep closed and the next one opened in one visit, by one worker or several in
+ * branches of the tree: bitwise as one by one. */
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "check.h"
+#include "coupling/schedule.h"
 #include "matrices.h"
 #include "member/cases.h"
 #include "member/inside.h"
@@ -115,6 +117,60 @@ static void check_discarded(pma_subdomain *a, pma_subdomain *b, bool doubled)
     check_same(a, b, 1);
 }
 
+/* What is closed or opened, or both, in the branches of as many workers, one after the other. */
+static pma_status visit_in_branches(const pma_member *m, size_t workers, const pma_substep *closed,
+                                    const pma_substep *opened)
+{
+    bool finite = true;
+    CHECK_STATUS(m->table->begin_visit(m->self, closed, opened, NULL), PMA_OK);
+    for (size_t w = workers; w-- > 0;)
+        finite = m->table->go(m->self, w) && finite;
+    return m->table->end_visit(m->self, finite);
+}
+
+/* Every node is in one branch or in the trunk. */
+static void check_division(const pma_subdomain *s, size_t workers)
+{
+    const pma_branches *b = &s->branches;
+    const pma_tree *T = s->parts.single.factor.tree;
+    size_t nodes = b->trunk_count;
+    CHECK_INT(b->workers, workers);
+    for (size_t i = 0; i < b->begin[workers]; i++) {
+        size_t low = b->root[i];
+        while (T->child[low] != PMA_NO_NODE)
+            low = T->child[low];
+        nodes += b->root[i] - low + 1;
+    }
+    CHECK_INT(nodes, T->count);
+}
+
+static void check_branches(pma_subdomain *a, pma_subdomain *b, bool doubled, size_t workers)
+{
+    const pma_member x = pma_subdomain_member(a), y = pma_subdomain_member(b);
+    const size_t last = SUBSTEPS - 1;
+    if (!y.branches)
+        return;
+    CHECK_STATUS(y.table->divide(y.self, workers), PMA_OK);
+    check_division(b, workers);
+    CHECK_STATUS(y.table->prepare_visits(y.self), PMA_OK);
+    for (size_t macro = 0; macro < 2; macro++) {
+        const pma_substep first = substep(macro, 0, doubled), end = substep(macro, last, doubled);
+        CHECK_STATUS(visit_in_branches(&y, workers, NULL, &first), PMA_OK);
+        for (size_t j = 0; j < SUBSTEPS; j++) {
+            const pma_substep now = substep(macro, j, doubled),
+                              next = substep(macro, j + 1, doubled);
+            CHECK_STATUS(x.table->open(x.self, &now), PMA_OK);
+            CHECK_STATUS(x.table->close(x.self, &now, NULL), PMA_OK);
+            if (j < last)
+                CHECK_STATUS(visit_in_branches(&y, workers, &now, &next), PMA_OK);
+        }
+        CHECK_STATUS(visit_in_branches(&y, workers, &end, NULL), PMA_OK);
+        check_same(a, b, SUBSTEPS);
+        x.table->commit(x.self);
+        y.table->commit(y.self);
+    }
+}
+
 static pma_subdomain *start(const pma_parts *parts)
 {
     pma_subdomain *s;
@@ -123,6 +179,63 @@ static pma_subdomain *start(const pma_parts *parts)
     pma_subdomain_set_load(s, (pma_load){.kind = PMA_LOAD_CONSTANT, .n = parts->n, .values = load});
     pma_subdomain_start(s, u, u + parts->n, u + 2 * parts->n, NULL);
     return s;
+}
+
+/* As a coupler does it, which takes the member for one that is worth several workers. */
+static pma_coupler *couple(pma_subdomain *s, size_t threads, pma_ldl *none)
+{
+    const pma_factor empty = {.form = PMA_DIAGONAL};
+    pma_member member = pma_subdomain_member(s);
+    member.entries = 10 * PMA_RANGE;
+    member.visits = true;
+    CHECK_STATUS(pma_ldl_create(&empty, none), PMA_OK);
+    const pma_interface H = pma_ldl_interface(none);
+    const pma_coupler_parts parts = {.count = 1,
+                                     .members = &member,
+                                     .H_start = H,
+                                     .H = H,
+                                     .dt = SUBSTEPS * s->parts.single.step.h,
+                                     .schedule = &pma_fine_schedule,
+                                     .threads = threads};
+    pma_coupler *c;
+    CHECK_STATUS(pma_coupler_create(&parts, &c), PMA_OK);
+    pma_coupler_start(c, 0, load, load); /* no constraint */
+    CHECK_INT(pma_coupler_threads(c), threads);
+    return c;
+}
+
+static void a_coupler_with_any_number_of_threads_is_bitwise_identical(void)
+{
+    static structure m;
+    uint64_t seed = 83;
+    pma_tree *T;
+    pma_ldl none;
+    draw_definite(&m, UNKNOWNS, 0, 24, &seed);
+    analyse(&m);
+    draw_vector(m.n, &seed, load);
+    for (size_t k = 0; k < 3 * m.n; k++)
+        begin[k] = draw_eighth(&seed);
+    CHECK_STATUS(pma_tree_create(&m.panels, m.n, m.nb, 0, &T), PMA_OK);
+    for (size_t doubled = 0; doubled < 2; doubled++) {
+        const pma_parts parts = describe_tree(&m, T, doubled);
+        pma_subdomain *alone = start(&parts);
+        pma_coupler *c = couple(alone, 1, &none);
+        CHECK_STATUS(pma_coupler_advance(c, MACROS, NULL, NULL), PMA_OK);
+        pma_coupler_destroy(c);
+        pma_ldl_destroy(&none);
+        for (size_t threads = 2; threads <= 4; threads++) {
+            pma_subdomain *shared = start(&parts);
+            c = couple(shared, threads, &none);
+            CHECK_STATUS(pma_coupler_advance(c, MACROS - 1, NULL, NULL), PMA_OK);
+            CHECK_STATUS(pma_coupler_advance(c, 1, NULL, NULL), PMA_OK);
+            check_same(shared, alone, 0);
+            pma_coupler_destroy(c);
+            pma_ldl_destroy(&none);
+            pma_subdomain_destroy(shared);
+        }
+        pma_subdomain_destroy(alone);
+    }
+    pma_tree_destroy(T);
 }
 
 static void check_visits(structure *m, size_t entries, bool doubled)
@@ -134,12 +247,19 @@ static void check_visits(structure *m, size_t entries, bool doubled)
     CHECK_INT(b->fuses, T != NULL);
     check_steps(a, b, doubled);
     check_discarded(a, b, doubled);
+    for (size_t workers = 1; workers <= 5; workers += 2) {
+        pma_subdomain_destroy(a);
+        pma_subdomain_destroy(b);
+        a = start(&parts);
+        b = start(&parts);
+        check_branches(a, b, doubled, workers);
+    }
     pma_subdomain_destroy(a);
     pma_subdomain_destroy(b);
     pma_tree_destroy(T);
 }
 
-static void two_substeps_in_a_visit_are_those_one_by_one(void)
+static void two_substeps_in_a_visit_by_any_workers_are_those_one_by_one(void)
 {
     static structure m;
     uint64_t seed = 81;
@@ -200,7 +320,8 @@ static void rows_that_couple_beside_the_tree_are_not_visited_together(void)
 }
 
 const test VISIT_TESTS[] = {
-    TEST(two_substeps_in_a_visit_are_those_one_by_one),
+    TEST(two_substeps_in_a_visit_by_any_workers_are_those_one_by_one),
+    TEST(a_coupler_with_any_number_of_threads_is_bitwise_identical),
     TEST(rows_that_couple_beside_the_tree_are_not_visited_together),
     END_OF_TESTS,
 };

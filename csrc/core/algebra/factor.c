@@ -321,33 +321,40 @@ size_t pma_factor_node(const pma_factor *f, size_t node)
     return pma_factor_tree(f)->column[node] * lanes_of(f);
 }
 
+size_t pma_factor_front(const pma_factor *f)
+{
+    return pma_tree_front(pma_factor_tree(f)) * lanes_of(f);
+}
+
 static double *updates_in(const pma_factor *f, double *work)
 {
-    return work + pma_tree_front(pma_factor_tree(f)) * lanes_of(f);
+    return work + pma_factor_front(f);
 }
 
-void pma_factor_open_node(const pma_factor *f, size_t node, double *x, double *work)
+void pma_factor_open_node(const pma_factor *f, size_t node, double *x, double *front, double *work)
 {
     const pma_factor *e = each_of(f);
-    pma_tree_eliminate(e->tree, &e->panels, node, lanes_of(f), x, work, updates_in(f, work));
+    pma_tree_eliminate(e->tree, &e->panels, node, lanes_of(f), x, front ? front : work,
+                       updates_in(f, work));
 }
 
-void pma_factor_close_node(const pma_factor *f, size_t node, double *x, double *work)
+void pma_factor_close_node(const pma_factor *f, size_t node, double *x, double *front, double *work)
 {
     const pma_factor *e = each_of(f);
-    pma_tree_substitute(e->tree, &e->panels, e->inverse, node, lanes_of(f), x, work);
+    pma_tree_substitute(e->tree, &e->panels, e->inverse, node, lanes_of(f), x,
+                        front ? front : work);
 }
 
 static void open_nodes(const pma_factor *f, double *x, double *work)
 {
     for (size_t node = 0; node < pma_factor_tree(f)->count; node++)
-        pma_factor_open_node(f, node, x, work);
+        pma_factor_open_node(f, node, x, NULL, work);
 }
 
 static void close_nodes(const pma_factor *f, double *x, double *work)
 {
     for (size_t node = pma_factor_tree(f)->count; node-- > 0;)
-        pma_factor_close_node(f, node, x, work);
+        pma_factor_close_node(f, node, x, NULL, work);
 }
 
 /* ---- a step --------------------------------------------------------------------------------- */

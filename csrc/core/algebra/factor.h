@@ -76,8 +76,12 @@ static inline const pma_tree *pma_factor_tree(const pma_factor *f)
 /* The first unknown of a node; of the border for the number `count`. */
 size_t pma_factor_node(const pma_factor *f, size_t node);
 
-void pma_factor_open_node(const pma_factor *f, size_t node, double *x, double *work);
-void pma_factor_close_node(const pma_factor *f, size_t node, double *x, double *work);
+/* Several threads can sweep nodes of which none is above another, each with a front of its own
+ * beside `work`, which has the updates: pma_factor_front doubles; or NULL, for that of `work`. */
+size_t pma_factor_front(const pma_factor *f);
+void pma_factor_open_node(const pma_factor *f, size_t node, double *x, double *front, double *work);
+void pma_factor_close_node(const pma_factor *f, size_t node, double *x, double *front,
+                           double *work);
 
 /* x (n) := A^-1 x, both at once */
 void pma_factor_solve(const pma_factor *f, double *x, double *work);

@@ -249,7 +249,7 @@ static void number_rows(const survey *v, pma_tree *T, size_t s)
 static pma_tree *allocate(size_t count, const size_t *column)
 {
     pma_tree *T = calloc(1, sizeof *T);
-    size_t *block = calloc(5 * (count + 1), sizeof *block);
+    size_t *block = calloc(6 * (count + 1), sizeof *block);
     if (!T || !block) {
         free(T);
         free(block);
@@ -261,6 +261,7 @@ static pma_tree *allocate(size_t count, const size_t *column)
     T->child = T->parent + count + 1;
     T->sibling = T->child + count + 1;
     T->update = T->sibling + count + 1;
+    T->entries = T->update + count + 1;
     memcpy(T->column, column, (count + 1) * sizeof *column);
     return T;
 }
@@ -278,8 +279,10 @@ static pma_status fill(const survey *v, pma_tree *T)
     T->height = pma_panels_most_height(v->p);
     for (size_t t = 0; t < T->count; t++)
         place_rows(T, t);
-    for (size_t s = 0; s < v->count; s++)
+    for (size_t s = 0; s < v->count; s++) {
         number_rows(v, T, s);
+        T->entries[v->node[s]] += (size_t)(v->p->start[s + 1] - v->p->start[s]);
+    }
     return PMA_OK;
 }
 

@@ -102,6 +102,8 @@ static pma_status make_roster(pma_coupler *c)
     }
     if (status == PMA_OK && c->roster.split != PMA_NO_SPLIT)
         c->split = &c->coupled[c->roster.split];
+    if (c->split && c->split->member.branches)
+        return c->split->member.table->divide(c->split->member.self, c->roster.fine);
     return status;
 }
 
@@ -110,7 +112,8 @@ static pma_status prepare_visits(pma_coupler *c)
     pma_status status = PMA_OK;
     for (size_t i = 0; i < c->parts.count && status == PMA_OK; i++) {
         pma_coupled *m = &c->coupled[i];
-        m->visits = c->parts.schedule->visits && m->member.visits && m != c->split;
+        m->visits =
+            c->parts.schedule->visits && m->member.visits && (m != c->split || m->member.branches);
         if (m->visits)
             status = m->member.table->prepare_visits(m->member.self);
     }

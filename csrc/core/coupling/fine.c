@@ -41,7 +41,8 @@ static pma_duty duty(const pma_member *member)
                       .substeps = member->substeps,
                       .by_caller = member->by_caller,
                       .aside = member->doubled && !member->evaluates,
-                      .divides = member->divides};
+                      .divides = member->divides || member->branches,
+                      .alone = member->alone};
 }
 
 /* ---- free problems (13) --------------------------------------------------------------------- */
@@ -117,7 +118,9 @@ static pma_status end_substep(pma_coupler *c, pma_coupled *m)
     if (m->visits) {
         const pma_substep next = pma_substep_of(c, m, m->now.j + 1);
         if (goes_on(c, m, &next))
-            return m->member.table->visit(m->member.self, &m->step, &next, c->working.lam);
+            return m == c->split
+                       ? pma_split_visit(c, &next)
+                       : m->member.table->visit(m->member.self, &m->step, &next, c->working.lam);
     }
     return close_substep(c, m);
 }

@@ -25,7 +25,8 @@ static pma_duty duty(const pma_member *member)
     return (pma_duty){.entries = member->entries,
                       .substeps = member->substeps,
                       .by_caller = member->by_caller,
-                      .divides = member->divides};
+                      .divides = member->divides || member->branches,
+                      .alone = member->alone};
 }
 
 /* ---- the beginning of a substep ------------------------------------------------------------- */

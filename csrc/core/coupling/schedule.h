@@ -340,9 +340,11 @@ static inline pma_status pma_share(pma_coupler *c, pma_task task, pma_due due)
 void pma_share_await(pma_coupler *c, size_t worker);
 void pma_share_post(pma_coupler *c, size_t worker, pma_work work);
 
-/* open and close of c->split by all workers of the fine steps. (split.c) */
+/* open, close and visit of c->split by all workers of the fine steps; visits, if it has branches.
+ * (split.c) */
 pma_status pma_split_open(pma_coupler *c);
 pma_status pma_split_close(pma_coupler *c);
+pma_status pma_split_visit(pma_coupler *c, const pma_substep *opened);
 
 /* Members beside the fine steps (look_ahead.c): room for them; */
 pma_status pma_look_ahead_create(pma_coupler *c);

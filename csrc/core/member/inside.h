@@ -6,10 +6,20 @@
 #ifndef PMA_INSIDE_H
 #define PMA_INSIDE_H
 
+#include "algebra/branches.h"
 #include "algebra/tiles.h"
 #include "member/levels.h"
 #include "member/subdomain.h"
 #include "member/update.h"
+
+/* Both substeps, or one of them. */
+typedef struct {
+    const pma_operator *op;
+    const pma_substep *closed, *opened; /* or NULL */
+    const double *lam;
+    const pma_state *x, *from, *to; /* at the end of `closed`; at both ends of `opened` */
+    bool finite;                    /* the trunk and the border */
+} pma_visit;
 
 struct pma_subdomain {
     pma_parts parts;
@@ -19,16 +29,20 @@ struct pma_subdomain {
     pma_response *response; /* if the subdomain responds, else NULL */
     pma_iterate *iterate;   /* if its steps are iterated, else NULL */
     const pma_update *update;
-    bool fuses;           /* a visit closes and opens node by node of the tree */
-    bool extrapolates;    /* a substep uses the velocity extrapolated from its beginning (R1) */
-    size_t reach, slab;   /* of the matrices; rows of a substep taken at a time */
-    double *vs;           /* n: extrapolated velocity, if there is one */
-    double *force;        /* n, and scratch: internal forces of an explicit subdomain */
-    double *history;      /* of internal forces, at the next start */
-    double potential;     /* of internal forces, as evaluated last */
-    double *product;      /* n: scratch, if it shoots */
-    double *acceleration; /* n: scratch, under mean coupling */
-    double *push;         /* n: acceleration by which substeps are pushed (K2), if is_pushed */
+    bool fuses;            /* a visit closes and opens node by node of the tree */
+    pma_visit visit;       /* the one at hand */
+    pma_branches branches; /* of the tree, for each worker */
+    double *fronts;        /* of all workers but the first */
+    size_t trunk;          /* entries above the branches of two workers */
+    bool extrapolates;     /* a substep uses the velocity extrapolated from its beginning (R1) */
+    size_t reach, slab;    /* of the matrices; rows of a substep taken at a time */
+    double *vs;            /* n: extrapolated velocity, if there is one */
+    double *force;         /* n, and scratch: internal forces of an explicit subdomain */
+    double *history;       /* of internal forces, at the next start */
+    double potential;      /* of internal forces, as evaluated last */
+    double *product;       /* n: scratch, if it shoots */
+    double *acceleration;  /* n: scratch, under mean coupling */
+    double *push;          /* n: acceleration by which substeps are pushed (K2), if is_pushed */
     bool is_pushed;
     const pma_operator *open;    /* if it waits: of the step that is open, else NULL */
     double *shift;               /* 2 n: scratch, if predictors are shifted */
@@ -95,12 +109,20 @@ void pma_substep_extrapolate(double h, size_t n, const pma_state *from, double *
 
 /* ---- two substeps in one visit: visit.c ------------------------------------------------------ */
 
-/* Can both sweeps go through the tree of the factor at once? No row of a node then reads what is
- * neither below nor above it. Allocates n numbers meanwhile: PMA_NO_MEMORY. */
-pma_status pma_visit_find(const pma_subdomain *s, bool *fuses);
+/* Finds whether both sweeps can go through the tree of the factor at once: no row of a node reads
+ * what is neither below nor above it. Allocates: PMA_NO_MEMORY. */
+pma_status pma_visit_find(pma_subdomain *s);
+void pma_visit_destroy(pma_subdomain *s);
 
 pma_status pma_visit_substeps(pma_subdomain *s, const pma_substep *closed,
                               const pma_substep *opened, const double *lam);
+
+/* The same by several workers, if both are steps of one operator; one of them may be NULL. */
+pma_status pma_visit_divide(pma_subdomain *s, size_t workers);
+pma_status pma_visit_begin(pma_subdomain *s, const pma_substep *closed, const pma_substep *opened,
+                           const double *lam);
+bool pma_visit_go(const pma_subdomain *s, size_t worker);
+pma_status pma_visit_end(pma_subdomain *s, bool finite);
 
 /* ---- the same in ranges of rows: rows.c ----------------------------------------------------- */
 

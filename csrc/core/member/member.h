@@ -156,6 +156,17 @@ typedef struct {
     void (*close_interface)(void *self, const pma_substep *step, const double *lam);
     bool (*correct)(void *self, const pma_substep *step, size_t begin, size_t end);
     void (*observe)(void *self, const pma_substep *step, const double *lam);
+
+    /* A substep closed, or the next one opened, or both in one visit, by several threads in branches
+     * of an elimination tree; what is not done is NULL, and two are both double steps or neither.
+     * `divide` among a number of workers allocates. Then begin_visit; `go` by all workers, true when
+     * every new value is finite; when all are done end_visit, which fails as close. Bitwise
+     * identical for any number of workers. */
+    pma_status (*divide)(void *self, size_t workers);
+    pma_status (*begin_visit)(void *self, const pma_substep *closed, const pma_substep *opened,
+                              const double *lam);
+    bool (*go)(const void *self, size_t worker);
+    pma_status (*end_visit)(void *self, bool finite);
 } pma_member_table;
 
 /* A table, what its operations work on, and what a coupler has to know beforehand. */
@@ -175,6 +186,8 @@ typedef struct {
     bool shifts;     /* can shift its predictor: displacements tied under gc */
     bool shoots;     /* has internal forces: macro coupling repeats its macro step (shooting.c) */
     bool divides;    /* has the stages of ranges of rows */
+    bool branches;   /* has the stages of branches of a tree */
+    size_t alone;    /* entries of them that one worker has to read while the others wait */
     bool visits;     /* is large enough to gain from being closed and opened in one visit */
     pma_iterated iterated; /* with a table where its steps are iterated: it has no open and close */
 } pma_member;

@@ -162,11 +162,18 @@ static pma_status create_tree(pma_factor *f, pma_tree **out)
     return status;
 }
 
+/* Both operators have one tree, if their factors have one structure. */
 static pma_status create_trees(pma_subdomain *s)
 {
-    pma_parts *p = &s->parts;
-    const pma_status status = create_tree(&p->single.factor, &s->tree);
-    return status == PMA_OK && p->doubled ? create_tree(&p->twice.factor, &s->tree_twice) : status;
+    pma_factor *single = &s->parts.single.factor, *twice = &s->parts.twice.factor;
+    const pma_status status = create_tree(single, &s->tree);
+    if (status != PMA_OK || !s->parts.doubled)
+        return status;
+    if (s->tree && twice->form == PMA_PANELS && twice->panels.rows == single->panels.rows) {
+        twice->tree = s->tree;
+        return PMA_OK;
+    }
+    return create_tree(twice, &s->tree_twice);
 }
 
 /* Several substeps of a macro step in one pass over K, where that pays */
@@ -212,7 +219,7 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
     else
         status = create_trees(s);
     if (status == PMA_OK)
-        status = pma_visit_find(s, &s->fuses);
+        status = pma_visit_find(s);
     if (status == PMA_OK) {
         s->reach = reach_of(&s->parts);
         s->slab = slab_of(s);
@@ -236,6 +243,7 @@ void pma_subdomain_destroy(pma_subdomain *s)
     pma_response_destroy(s->response);
     pma_iterate_destroy(s->iterate);
     pma_levels_destroy(&s->levels);
+    pma_visit_destroy(s);
     pma_tree_destroy(s->tree);
     pma_tree_destroy(s->tree_twice);
     pma_tiles_destroy(&s->tiles);

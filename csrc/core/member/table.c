@@ -332,6 +332,29 @@ static void observe(void *self, const pma_substep *step, const double *lam)
     (void)pma_substep_observe(self, step, lam); /* rows divide where there is no function */
 }
 
+/* ---- branches of a tree ---------------------------------------------------------------------- */
+
+static pma_status divide(void *self, size_t workers)
+{
+    return pma_visit_divide(self, workers);
+}
+
+static pma_status begin_visit(void *self, const pma_substep *closed, const pma_substep *opened,
+                              const double *lam)
+{
+    return pma_visit_begin(self, closed, opened, lam);
+}
+
+static bool go(const void *self, size_t worker)
+{
+    return pma_visit_go(self, worker);
+}
+
+static pma_status end_visit(void *self, bool finite)
+{
+    return pma_visit_end(self, finite);
+}
+
 /* ---- the table ------------------------------------------------------------------------------ */
 
 static const pma_member_table TABLE = {
@@ -377,6 +400,10 @@ static const pma_member_table TABLE = {
     .close_interface = close_interface,
     .correct = correct,
     .observe = observe,
+    .divide = divide,
+    .begin_visit = begin_visit,
+    .go = go,
+    .end_visit = end_visit,
 };
 
 /* Steps are begun, iterated and finished (iterated.h) instead of opened and closed. */
@@ -446,6 +473,8 @@ pma_member pma_subdomain_member(pma_subdomain *s)
                          .shifts = p->shifts,
                          .shoots = p->shoots,
                          .divides = !s->iterate && pma_rows_divide(s),
+                         .branches = s->fuses,
+                         .alone = 2 * s->trunk,
                          .visits = !s->iterate && gains_from_visits(p)};
     if (s->iterate)
         member.iterated = pma_iterate_member(s->iterate);

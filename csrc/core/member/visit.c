@@ -3,12 +3,13 @@
  * Down the tree of the factor the nodes are swept backward, corrected and predicted; up again they
  * get their forces and are swept forward. A node is swept both ways while it is in the cache, with
  * all that is below it in between: what a backward sweep needs is above, and so are the unknowns
- * that a row of K couples with, unless they are below. */
+ * that a row of K couples with, unless they are below. So subtrees can also be visited by several
+ * workers, once what is above them was swept backward; it is swept forward when they are done. */
 #include <stdlib.h>
 
 #include "member/inside.h"
 
-/* ---- which subdomains ------------------------------------------------------------------------ */
+/* ---- which subdomains, and by how many workers ----------------------------------------------- */
 
 /* Nodes of a tree in postorder: those below a node are the ones before it, from `low` on. */
 typedef struct {
@@ -75,94 +76,164 @@ static bool is_related(const lineage *l, const pma_matrix *A)
     }
 }
 
-pma_status pma_visit_find(const pma_subdomain *s, bool *fuses)
+static pma_status find_relations(const pma_subdomain *s, bool *related)
 {
-    const pma_parts *p = &s->parts;
-    const pma_factor *f = &p->single.factor;
-    *fuses = false;
-    if (!pma_factor_tree(f) || s->extrapolates || p->springs.total > 0 || p->mean)
-        return PMA_OK;
-    const pma_tree *T = pma_factor_tree(f);
-    lineage l = {.tree = T, .n = f->each ? f->each->n : f->n};
-    l.of = calloc(l.n + T->count + 1, sizeof *l.of);
+    const pma_factor *f = &s->parts.single.factor;
+    lineage l = {.tree = pma_factor_tree(f), .n = f->each ? f->each->n : f->n};
+    l.of = calloc(l.n + l.tree->count + 1, sizeof *l.of);
     if (!l.of)
         return PMA_NO_MEMORY;
     l.low = l.of + l.n;
     find_lineage(&l);
-    *fuses = is_related(&l, &p->K) && is_related(&l, &p->C);
+    *related = is_related(&l, &s->parts.K) && is_related(&l, &s->parts.C);
     free(l.of);
     return PMA_OK;
 }
 
-/* ---- a visit --------------------------------------------------------------------------------- */
-
-/* Both substeps, and what is known of them. */
-typedef struct {
-    pma_subdomain *s;
-    const pma_operator *op;
-    const pma_substep *opened;
-    const pma_state *x, *from, *to; /* at the end of `closed`; at both ends of `opened` */
-    bool finite;
-} visit;
-
-/* (8), (9) of the one substep, (5), (6) of the other */
-static void turn(visit *v, size_t begin, size_t end)
+pma_status pma_visit_find(pma_subdomain *s)
 {
-    const pma_subdomain *s = v->s;
-    v->finite = s->update->correct(&v->op->step, begin, end, v->x) && v->finite;
-    s->update->predict(&v->op->step, begin, end, v->from, v->to);
+    const pma_parts *p = &s->parts;
+    const pma_tree *T = pma_factor_tree(&p->single.factor);
+    if (!T || s->extrapolates || p->springs.total > 0 || p->mean ||
+        (p->doubled && pma_factor_tree(&p->twice.factor) != T))
+        return PMA_OK;
+    pma_status status = find_relations(s, &s->fuses);
+    if (status != PMA_OK || !s->fuses)
+        return status;
+    status = pma_visit_divide(s, 2);
+    s->trunk = s->branches.trunk_entries;
+    return status == PMA_OK ? pma_visit_divide(s, 1) : status;
 }
 
-static void go_down(visit *v, size_t node)
+pma_status pma_visit_divide(pma_subdomain *s, size_t workers)
 {
+    const pma_factor *f = &s->parts.single.factor;
+    pma_branches branches;
+    const pma_status status = pma_branches_create(pma_factor_tree(f), workers, &branches);
+    if (status != PMA_OK)
+        return status;
+    double *fronts = calloc((workers - 1) * pma_factor_front(f) + 1, sizeof *fronts);
+    if (!fronts) {
+        pma_branches_destroy(&branches);
+        return PMA_NO_MEMORY;
+    }
+    pma_visit_destroy(s);
+    s->branches = branches;
+    s->fronts = fronts;
+    return PMA_OK;
+}
+
+void pma_visit_destroy(pma_subdomain *s)
+{
+    pma_branches_destroy(&s->branches);
+    free(s->fronts);
+    s->fronts = NULL;
+}
+
+/* ---- a visit: trunk down, branches, trunk up -------------------------------------------------- */
+
+/* (8), (9) of the one substep, (5), (6) of the other; true when all that is new is finite */
+static bool turn(const pma_subdomain *s, size_t begin, size_t end)
+{
+    const pma_visit *v = &s->visit;
+    const bool finite = !v->closed || s->update->correct(&v->op->step, begin, end, v->x);
+    if (v->opened)
+        s->update->predict(&v->op->step, begin, end, v->from, v->to);
+    return finite;
+}
+
+static bool go_down(const pma_subdomain *s, size_t node, double *front)
+{
+    const pma_visit *v = &s->visit;
     const pma_factor *f = &v->op->factor;
-    pma_factor_close_node(f, node, v->x->w, v->s->work);
-    turn(v, pma_factor_node(f, node), pma_factor_node(f, node + 1));
+    if (v->closed)
+        pma_factor_close_node(f, node, v->x->w, front, s->work);
+    return turn(s, pma_factor_node(f, node), pma_factor_node(f, node + 1));
 }
 
-static void go_up(visit *v, size_t node)
+static void go_up(const pma_subdomain *s, size_t node, double *front)
 {
+    const pma_visit *v = &s->visit;
     const pma_factor *f = &v->op->factor;
-    pma_substep_add_forces(v->s, v->opened, pma_factor_node(f, node), pma_factor_node(f, node + 1));
-    pma_factor_open_node(f, node, v->to->w, v->s->work);
+    if (!v->opened)
+        return;
+    pma_substep_add_forces(s, v->opened, pma_factor_node(f, node), pma_factor_node(f, node + 1));
+    pma_factor_open_node(f, node, v->to->w, front, s->work);
 }
 
-/* All nodes, in an order in which a parent is before its children and after them. */
-static void go_through(visit *v)
+/* A subtree, in an order in which a parent is before its children and after them. */
+static bool go_through(const pma_subdomain *s, size_t root, double *front)
 {
-    const pma_tree *T = pma_factor_tree(&v->op->factor);
-    size_t node = T->child[T->count];
-    while (node != T->count) {
-        go_down(v, node);
-        if (T->child[node] != PMA_NO_NODE) {
+    const pma_tree *T = pma_factor_tree(&s->visit.op->factor);
+    bool finite = true;
+    for (size_t node = root;; node = T->sibling[node]) {
+        finite = go_down(s, node, front) && finite;
+        while (T->child[node] != PMA_NO_NODE) {
             node = T->child[node];
-            continue;
+            finite = go_down(s, node, front) && finite;
         }
-        go_up(v, node);
-        while (T->sibling[node] == PMA_NO_NODE && T->parent[node] != T->count) {
+        go_up(s, node, front);
+        while (node != root && T->sibling[node] == PMA_NO_NODE) {
             node = T->parent[node];
-            go_up(v, node);
+            go_up(s, node, front);
         }
-        node = T->sibling[node] != PMA_NO_NODE ? T->sibling[node] : T->count;
+        if (node == root)
+            return finite;
     }
 }
 
-static pma_status fuse(visit *v, const double *lam)
+pma_status pma_visit_begin(pma_subdomain *s, const pma_substep *closed, const pma_substep *opened,
+                           const double *lam)
 {
-    pma_subdomain *s = v->s;
-    const size_t n = s->parts.n, border = n - s->parts.nb;
-    double *wf_b = pma_levels_free_velocity(&s->levels, v->opened->j + 1);
-    const pma_status status = pma_substep_load(s, v->opened);
+    const size_t n = s->parts.n;
+    const pma_substep *step = closed ? closed : opened;
+    const pma_status status = opened ? pma_substep_load(s, opened) : PMA_OK;
     if (status != PMA_OK)
         return status;
-    pma_substep_load_interface(s, lam);
-    pma_factor_close_part(&v->op->factor, n, n, s->closing, v->x->w, s->work);
-    turn(v, border, n);
-    go_through(v);
-    pma_substep_add_forces(s, v->opened, border, n);
-    pma_factor_open_part(&v->op->factor, n, n, v->to->w, wf_b, s->work);
-    pma_substep_free_velocity(s, v->opened);
-    return v->finite ? PMA_OK : PMA_NOT_FINITE;
+    s->visit = (pma_visit){.op = pma_operator_of(s, step->twice),
+                           .closed = closed,
+                           .opened = opened,
+                           .lam = lam,
+                           .x = closed ? pma_levels_at(&s->levels, closed->j + 1) : NULL,
+                           .from = opened ? pma_levels_origin(&s->levels, opened) : NULL,
+                           .to = opened ? pma_levels_at(&s->levels, opened->j + 1) : NULL};
+    if (closed) {
+        pma_substep_load_interface(s, lam);
+        pma_factor_close_part(&s->visit.op->factor, n, n, s->closing, s->visit.x->w, s->work);
+    }
+    bool finite = turn(s, n - s->parts.nb, n);
+    for (size_t i = s->branches.trunk_count; i-- > 0;)
+        finite = go_down(s, s->branches.trunk[i], NULL) && finite;
+    s->visit.finite = finite;
+    return PMA_OK;
+}
+
+bool pma_visit_go(const pma_subdomain *s, size_t worker)
+{
+    const pma_branches *b = &s->branches;
+    double *front =
+        worker == 0 ? NULL : s->fronts + (worker - 1) * pma_factor_front(&s->visit.op->factor);
+    bool finite = true;
+    for (size_t i = b->begin[worker]; i < b->begin[worker + 1]; i++)
+        finite = go_through(s, b->root[i], front) && finite;
+    return finite;
+}
+
+pma_status pma_visit_end(pma_subdomain *s, bool finite)
+{
+    const pma_visit *v = &s->visit;
+    const size_t n = s->parts.n;
+    if (!(finite && v->finite))
+        return PMA_NOT_FINITE;
+    for (size_t i = 0; i < s->branches.trunk_count; i++)
+        go_up(s, s->branches.trunk[i], NULL);
+    if (v->opened) {
+        pma_substep_add_forces(s, v->opened, n - s->parts.nb, n);
+        pma_factor_open_part(&v->op->factor, n, n, v->to->w,
+                             pma_levels_free_velocity(&s->levels, v->opened->j + 1), s->work);
+        pma_substep_free_velocity(s, v->opened);
+    }
+    return v->closed ? pma_substep_observe(s, v->closed, v->lam) : PMA_OK;
 }
 
 pma_status pma_visit_substeps(pma_subdomain *s, const pma_substep *closed,
@@ -172,12 +243,9 @@ pma_status pma_visit_substeps(pma_subdomain *s, const pma_substep *closed,
         const pma_status status = pma_substep_close(s, closed, lam);
         return status == PMA_OK ? pma_substep_open(s, opened) : status;
     }
-    visit v = {.s = s,
-               .op = pma_operator_of(s, closed->twice),
-               .opened = opened,
-               .x = pma_levels_at(&s->levels, closed->j + 1),
-               .from = pma_levels_origin(&s->levels, opened),
-               .to = pma_levels_at(&s->levels, opened->j + 1),
-               .finite = true};
-    return fuse(&v, lam);
+    const pma_status status = pma_visit_begin(s, closed, opened, lam);
+    bool finite = true;
+    for (size_t w = 0; w < s->branches.workers && status == PMA_OK; w++)
+        finite = pma_visit_go(s, w) && finite;
+    return status == PMA_OK ? pma_visit_end(s, finite) : status;
 }

@@ -63,12 +63,13 @@ static bool goes_aside(const division *d, const entrant *e)
     return d->aside > 0 && e->duty.aside;
 }
 
-/* Every worker has a part of the rows.                                                      (W3) */
+/* Every worker has a part of what can be divided.                                            (W3) */
 static void assign_ranges(const division *d, entrant *e, size_t end)
 {
     e->worker = 0;
     for (size_t w = 0; w < end; w++)
-        d->load[w] += (double)e->duty.entries / (double)end;
+        d->load[w] +=
+            (double)e->duty.alone + (double)(e->duty.entries - e->duty.alone) / (double)end;
 }
 
 /* Those that go with the fine steps, each to the least loaded worker, but to worker 0 what the

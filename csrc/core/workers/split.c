@@ -1,5 +1,6 @@
-/* split.c - one large explicit subdomain by all workers of the fine steps, a range of rows each.
+/* split.c - one large subdomain by all workers of the fine steps.
  *
+ * Implicit: branches of its elimination tree. Explicit: a range of rows each.
  * With a diagonal Mbar no row waits for another, but K ut needs all of ut: two stages open a
  * substep, one closes it, and what concerns the interface is done by worker 0. The ranges are
  * fixed, so that rows stay in the caches of one core. */
@@ -50,9 +51,43 @@ static void do_together(pma_coupler *c, pma_work stage)
         pma_share_await(c, w);
 }
 
+/* ---- in branches ----------------------------------------------------------------------------- */
+
+static void go(void *ctx, size_t worker)
+{
+    pma_coupler *c = ctx;
+    if (!c->split->member.table->go(c->split->member.self, worker))
+        atomic_store(&c->not_finite, true);
+}
+
+static pma_status visit(pma_coupler *c, const pma_substep *closed, const pma_substep *opened)
+{
+    const pma_member *member = &c->split->member;
+    const pma_status status =
+        member->table->begin_visit(member->self, closed, opened, c->working.lam);
+    if (status != PMA_OK)
+        return status;
+    atomic_store(&c->not_finite, false);
+    do_together(c, go);
+    return member->table->end_visit(member->self, !atomic_load(&c->not_finite));
+}
+
+pma_status pma_split_visit(pma_coupler *c, const pma_substep *opened)
+{
+    const pma_substep *closed = &c->split->step;
+    if (closed->twice == opened->twice)
+        return visit(c, closed, opened);
+    const pma_status status = visit(c, closed, NULL);
+    return status == PMA_OK ? visit(c, NULL, opened) : status;
+}
+
+/* ---- either way ------------------------------------------------------------------------------ */
+
 pma_status pma_split_open(pma_coupler *c)
 {
     const pma_coupled *m = c->split;
+    if (m->member.branches)
+        return visit(c, NULL, &m->step);
     const pma_status status = m->member.table->evaluate_load(m->member.self, &m->step);
     if (status != PMA_OK)
         return status;
@@ -65,6 +100,8 @@ pma_status pma_split_open(pma_coupler *c)
 pma_status pma_split_close(pma_coupler *c)
 {
     const pma_coupled *m = c->split;
+    if (m->member.branches)
+        return visit(c, &m->step, NULL);
     m->member.table->close_interface(m->member.self, &m->step, c->working.lam);
     atomic_store(&c->not_finite, false);
     do_together(c, correct);
