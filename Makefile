@@ -18,7 +18,7 @@ SANITIZED := test_binding test_snapshot
 RACES     := test_threads test_waiting
 LIBRARY    = $(shell $(CC) -print-file-name=$(1))
 
-.PHONY: demo test ctest tsan sanitized races analyze release example lint notebooks docs wheels benchmarks clean
+.PHONY: demo test ctest tsan sanitized races analyze release cross example lint notebooks docs wheels benchmarks clean
 .NOTPARALLEL:
 
 demo: $(VENV)/.plot,fast
@@ -72,6 +72,19 @@ analyze: $(VENV)/.lint $(VENV)/.test
 release: build/test_core_release $(if $(shell command -v clang),build/test_core_clang)
 	for test in $^; do $$test || exit; done
 
+# The same tests compiled by zig for other processors and systems, and run where an emulator is
+# installed. The emulator of ARM has one processor: with several, QEMU 7.2 on x86 lets a load pass an
+# earlier sequentially consistent store, and a thread is not woken.
+CROSS    := aarch64-linux-musl aarch64-linux-gnu aarch64-macos x86_64-macos x86_64-windows-gnu
+WINE     := $(firstword $(shell command -v wine64) $(wildcard /usr/lib/wine/wine64))
+
+cross: $(CROSS:%=build/cross/%.exe)
+	$(if $(shell command -v qemu-aarch64-static), \
+		taskset -c 0 qemu-aarch64-static build/cross/aarch64-linux-musl.exe, \
+		@echo "no qemu-aarch64-static: only compiled")
+	$(if $(WINE),WINEDEBUG=-all $(WINE) build/cross/x86_64-windows-gnu.exe, \
+		@echo "no wine64: only compiled")
+
 # two oscillators, coupled by the core alone
 example: build/example
 	build/example
@@ -102,6 +115,11 @@ wheels: build/packaging/bin/zig
 	PATH="$(CURDIR)/build/packaging/bin:$$PATH" auditwheel repair \
 		--plat manylinux_2_17_x86_64 --wheel-dir build/wheels build/wheels-made/*.whl
 	build/packaging/bin/abi3audit --strict build/wheels/*.whl
+
+build/cross/%.exe: $(TESTS) $(CORE) $(HEADERS) | build/packaging/bin/zig
+	mkdir -p build/cross
+	build/packaging/bin/python -m ziglang cc -target $* -std=c11 -O1 -ffp-contract=off \
+		-fopenmp-simd -pthread -Wall -Wextra -Icsrc/core $(filter %.c,$^) -lm -o $@
 
 build/packaging/bin/zig:
 	$(PYTHON) -m venv build/packaging

@@ -3,8 +3,6 @@
 Start with `Subdomain`, `tie` and `Coupler`; the equations are in docs/method.md.
 """
 
-from importlib.metadata import version as _version
-
 from . import analysis, export, models, plot, readers, remote, structures
 from .cutting.cut import cut
 from .cutting.elements import Elements
@@ -23,6 +21,7 @@ from .errors import (
     PmalphaError,
     StabilityWarning,
 )
+from .files import PACKAGE_VERSION as _version
 from .problem.coincident import tie_coincident
 from .problem.constraints import Constraint, tie
 from .problem.discrete_gradient import DiscreteGradient
@@ -45,7 +44,7 @@ from .run.snapshot import Snapshot
 from .run.study import CaseResult, Study
 from .run.uncoupled import solve
 
-__version__ = _version("pmalpha")
+__version__ = _version
 
 __all__ = [
     "HHT",

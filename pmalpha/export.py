@@ -14,7 +14,7 @@ import numpy as np
 
 from ._checks import listing, real_array, whole_number
 from .errors import warn
-from .files import checked_path, replacing
+from .files import PACKAGE_VERSION, checked_path, replacing
 from .problem.kinds import KINDS
 from .structures.mesh import Mesh, checked_mesh, nodal_values, nodal_vectors, padded
 
@@ -344,6 +344,7 @@ def _data_array(parent: xml.Element, name: str, array: np.ndarray) -> None:
 
 
 def _write_xml(path: Path, root: xml.Element) -> None:
+    root.insert(0, xml.Comment(f" pmalpha {PACKAGE_VERSION} "))
     xml.indent(root)
     with replacing(path) as file:
         xml.ElementTree(root).write(file, encoding="utf-8", xml_declaration=True)

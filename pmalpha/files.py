@@ -10,12 +10,14 @@ import secrets
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from importlib.metadata import version as installed
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
 HEADER = "header"
+PACKAGE_VERSION = installed("pmalpha")
 NO_FILE = "a folder or a device, not a file"
 
 
@@ -93,8 +95,10 @@ def write_npz(
 ) -> None:
     """Write arrays of numbers, with a header of JSON that names format and version.
 
-    No suffix is added to the path. The file contains numbers and text only, no pickle.
+    The header also names the version of the package. No suffix is added to the path. The file
+    contains numbers and text only, no pickle.
     """
+    header = {**header, "pmalpha_version": PACKAGE_VERSION}
     with replacing(path) as file:
         np.savez(file, **{HEADER: np.array(json.dumps(header))}, **arrays)  # type: ignore[arg-type]
 

@@ -1,5 +1,6 @@
 """What an installation brings, and what is said where pymetis is missing."""
 
+import json
 import re
 import sys
 from pathlib import Path
@@ -12,7 +13,8 @@ from pmalpha.problem.ordering import elimination_order, graph_of, rows_of
 from pmalpha.setup import part
 from pmalpha.setup.factors import structure_of
 
-PYPROJECT = Path(__file__).parent.parent / "pyproject.toml"
+ROOT = Path(__file__).parent.parent
+PYPROJECT = ROOT / "pyproject.toml"
 
 
 def environment(system, machine, python, implementation="CPython"):
@@ -94,3 +96,33 @@ def test_the_multiplications_are_the_squared_lengths_of_the_columns():
 def test_the_dependencies_are_named_once():
     text = PYPROJECT.read_text()
     assert len(set(re.findall(r"pymetis>=([\d.]+)", text))) == 1
+
+
+def header_of(path):
+    with np.load(path) as file:
+        return json.loads(file["header"].item())
+
+
+def test_files_name_the_version_that_wrote_them(tmp_path):
+    coupler = pm.models.split_oscillator(10.0).coupler(0.05)
+    history = coupler.run(steps=2)
+    history.save(tmp_path / "run.npz")
+    coupler.save(tmp_path / "state.npz")
+    for name in ("run.npz", "state.npz"):
+        assert header_of(tmp_path / name)["pmalpha_version"] == pm.__version__
+    pm.export.write_series(tmp_path / "bar.pvd", [[0.0], [1.0]], [[0, 1]], [0.0], [[0.0, 0.2]])
+    for path in (tmp_path / "bar.pvd", tmp_path / "bar" / "000000.vtu"):
+        assert f"<!-- pmalpha {pm.__version__} -->" in path.read_text()
+    h5py = pytest.importorskip("h5py")
+    history.save(tmp_path / "run.h5")
+    with h5py.File(tmp_path / "run.h5") as file:
+        assert file.attrs["pmalpha_version"] == pm.__version__
+
+
+def test_the_recipe_has_the_version_and_the_requirements_of_the_package():
+    recipe, project = (ROOT / "conda" / "recipe.yaml").read_text(), PYPROJECT.read_text()
+    version = re.search(r'^version = "(.*?)"', project, re.MULTILINE)[1]
+    assert f'version: "{version}"' in recipe
+    listed = set(re.findall(r"\b(numpy|scipy|threadpoolctl|pymetis)>=([\d.]+)", project))
+    for name, lowest in listed - {("numpy", "2")}:
+        assert f"    - {name} >={lowest}\n" in recipe, name

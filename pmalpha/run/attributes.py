@@ -7,8 +7,9 @@ t, and F for forces.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from typing import Any
+
+from ..files import PACKAGE_VERSION
 
 # By the last component of the HDF5 path: what the array is, and its unit.
 ARRAYS = {
@@ -52,7 +53,7 @@ def describe(whole: Any, header: Mapping[str, Any]) -> None:
         {
             "format": header["format"],
             "format_version": header["version"],
-            "pmalpha_version": version("pmalpha"),
+            "pmalpha_version": PACKAGE_VERSION,
             "units": UNITS,
         }
     )

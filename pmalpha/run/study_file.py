@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..files import checked_path
+from ..files import PACKAGE_VERSION, checked_path
 from .history_file import hdf5_library
 
 FORMAT = "pmalpha Study"
@@ -36,7 +36,7 @@ class StudyFile:
         h5py = hdf5_library()
         self.count = count
         self.file = h5py.File(checked_path(path), "x", locking=False)
-        self.file.attrs["format"] = FORMAT
+        self.file.attrs.update({"format": FORMAT, "pmalpha_version": PACKAGE_VERSION})
         text = np.full(count, NOT_RUN, dtype=f"S{TEXT}")
         self.errors = self.file.create_dataset("error", data=text)
         self.datasets: dict[str, Any] | None = None
