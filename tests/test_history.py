@@ -204,7 +204,7 @@ FOREIGN = {
         path, header=np.array([{"format": "pmalpha History"}], dtype=object)
     ),
     "lacks 'names'": lambda path: with_header(path, {"format": "pmalpha History", "version": 1}),
-    "lacks 'multipliers'": lambda path: with_header(
+    "lacks 'multiplier": lambda path: with_header(
         path, {"format": "pmalpha History", "version": 1, "names": ["a"], "recorded": []}
     ),
 }
