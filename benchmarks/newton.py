@@ -17,7 +17,7 @@ from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
-from peers import installed
+from peers import installed, opensees
 from scipy.linalg import cython_blas
 from scipy.linalg.lapack import dpbsv
 from timing import in_turn, run
@@ -341,7 +341,7 @@ class Loop:
 
 def opensees_analysis(frame, handler, energy):
     """Load, damping and solution of a model whose nodes and elements are made."""
-    import openseespy.opensees as ops
+    ops = opensees()
 
     ops.timeSeries("Path", 1, "-dt", SAMPLE, "-values", *frame.acceleration.tolist())
     ops.pattern("UniformExcitation", 1, 1, "-accel", 1)
@@ -357,7 +357,7 @@ def opensees_analysis(frame, handler, energy):
 
 def opensees_shear_frame(frame, energy):
     """zeroLength elements in a row; the function that gives the displacements."""
-    import openseespy.opensees as ops
+    ops = opensees()
 
     ops.wipe()
     ops.model("basic", "-ndm", 1, "-ndf", 1)
@@ -377,7 +377,7 @@ def opensees_shear_frame(frame, energy):
 
 def opensees_plane_frame(frame, energy):
     """Elastic beams and columns; a zeroLength element and tied displacements at each beam end."""
-    import openseespy.opensees as ops
+    ops = opensees()
 
     ops.wipe()
     ops.model("basic", "-ndm", 2, "-ndf", 3)
@@ -415,7 +415,7 @@ def opensees_plane_frame(frame, energy):
 
 
 def opensees_rows(frame, make, energy, ours, u, steps, iterations):
-    import openseespy.opensees as ops
+    ops = opensees()
 
     seconds = float("inf")
     for _ in range(3):

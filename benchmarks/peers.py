@@ -5,7 +5,9 @@ steps, and the displacements after `WARM + steps` steps.
 """
 
 import importlib.util
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
@@ -56,9 +58,17 @@ def exudyn_chain(n, dt, rho, u0, steps):
     return seconds / steps, mbs.GetNodeOutput(node, exudyn.OutputVariableType.Coordinates)
 
 
+def opensees():
+    """The module openseespy.opensees, loaded as the example does."""
+    sys.path.append(str(Path(__file__).parent.parent / "examples"))
+    from opensees_model import opensees as loaded
+
+    return loaded()
+
+
 def opensees_chain(n, dt, rho, u0, steps):
     """Truss elements of unit stiffness, fixed at both ends; factored once."""
-    import openseespy.opensees as ops
+    ops = opensees()
 
     ops.wipe()
     ops.model("basic", "-ndm", 1, "-ndf", 1)

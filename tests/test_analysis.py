@@ -613,7 +613,7 @@ def test_the_observed_order_is_the_slope_of_a_straight_line():
         (1.0, [0.1, 0.1], "steps must have at least two different values"),
         (1.0, [0.1, -0.2], "steps must be positive, got -0.2"),
         (0.0, [0.1, 0.2], "run must return a positive finite error, got 0.0 at dt = 0.1"),
-        (np.nan, [0.1, 0.2], "run must return a positive finite error, got nan at dt = 0.1"),
+        (np.nan, [0.1, 0.2], "what run returns at dt = 0.1 must be finite, got nan"),
     ],
 )
 def test_an_order_without_errors_is_refused(error, steps, message):

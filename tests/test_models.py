@@ -52,7 +52,7 @@ def test_other_schemes_replace_those_of_rho():
 
 @pytest.mark.parametrize("b1", [0.0, -1.0, np.nan])
 def test_a_ratio_that_is_not_positive_is_refused(b1):
-    with pytest.raises(ValueError, match="b1 must be positive"):
+    with pytest.raises(ValueError, match="b1 must be (positive|finite), got"):
         models.split_oscillator(b1)
 
 
@@ -217,9 +217,9 @@ def test_a_cut_frame_adds_up_to_the_uncut_one():
     [
         ([1.0, 2.0], [1.0], "equal lengths"),
         ([], [], "equal lengths"),
-        ([[1.0]], [[1.0]], "equal lengths"),
+        ([[1.0]], [[1.0]], "masses must be a 1-D array"),
         ([1.0, -1.0], [1.0, 1.0], "masses must be finite and not negative"),
-        ([1.0], [np.nan], "stiffnesses must be finite and not negative"),
+        ([1.0], [np.nan], "stiffnesses must be finite, got nan"),
     ],
 )
 def test_invalid_frames_are_refused(masses, springs, message):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -50,7 +50,8 @@ def observed_order(run: Callable[[float], float], steps: Sequence[float] | np.nd
     """
     if not callable(run):
         raise TypeError(f"run must be callable, got {run!r}")
-    steps = [positive_number(dt, "steps") for dt in real_array(steps, "steps")]
+    given = list(steps) if isinstance(steps, Iterable) else steps
+    steps = [positive_number(dt, "steps") for dt in real_array(given, "steps").tolist()]
     if len(set(steps)) < 2:
         raise ValueError(f"steps must have at least two different values, got {steps}")
     errors = [_positive_error(run(dt), dt) for dt in steps]
@@ -58,7 +59,7 @@ def observed_order(run: Callable[[float], float], steps: Sequence[float] | np.nd
 
 
 def _positive_error(error: Any, dt: float) -> float:
-    error = real_number(error, "what run returns")
+    error = real_number(error, f"what run returns at dt = {dt:g}")
     if not error > 0.0:
         raise ValueError(f"run must return a positive finite error, got {error!r} at dt = {dt:g}")
     return error
