@@ -16,14 +16,6 @@ static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, size_
     return pma_fine_pieces(m, pieces);
 }
 
-/* No member is left beside the fine steps, in which all processes meet. */
-static pma_duty duty(const pma_member *member)
-{
-    pma_duty own = pma_fine_duty(member);
-    own.aside = false;
-    return own;
-}
-
 static pma_status fine_step(pma_coupler *c)
 {
     pma_status status = pma_fine_begin(c);
@@ -45,7 +37,7 @@ static pma_status fine_steps(pma_coupler *c)
 
 const pma_schedule pma_distributed_schedule = {.check = pma_fine_check,
                                                .instants = pma_fine_instants,
-                                               .duty = duty,
+                                               .duty = pma_fine_duty,
                                                .step = fine_steps,
                                                .interface_pieces = interface_pieces,
                                                .move_to = pma_coupler_move_to,

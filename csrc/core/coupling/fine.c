@@ -37,12 +37,9 @@ static pma_status check(const pma_coupler_parts *parts)
 
 static pma_duty duty(const pma_member *member)
 {
-    return (pma_duty){.entries = member->entries,
-                      .substeps = member->substeps,
-                      .by_caller = member->by_caller,
-                      .aside = member->doubled && !member->evaluates,
-                      .divides = member->divides || member->branches,
-                      .alone = member->alone};
+    pma_duty own = pma_fine_duty(member);
+    own.aside = member->doubled && !member->evaluates;
+    return own;
 }
 
 /* ---- free problems (13) --------------------------------------------------------------------- */
@@ -242,7 +239,11 @@ pma_status pma_fine_end(pma_coupler *c)
 
 pma_duty pma_fine_duty(const pma_member *member)
 {
-    return duty(member);
+    return (pma_duty){.entries = member->entries,
+                      .substeps = member->substeps,
+                      .by_caller = member->by_caller,
+                      .divides = member->divides || member->branches,
+                      .alone = member->alone};
 }
 
 pma_status pma_fine_steps(pma_coupler *c, pma_status (*take)(pma_coupler *c))

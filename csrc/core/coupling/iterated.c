@@ -20,15 +20,6 @@ static pma_iteration_member *member_in(const pma_coupler *c, const pma_coupled *
     return &c->iteration->members[m - c->coupled];
 }
 
-static pma_duty duty(const pma_member *member)
-{
-    return (pma_duty){.entries = member->entries,
-                      .substeps = member->substeps,
-                      .by_caller = member->by_caller,
-                      .divides = member->divides || member->branches,
-                      .alone = member->alone};
-}
-
 /* ---- the beginning of a substep ------------------------------------------------------------- */
 
 static bool begins(const pma_coupled *m)
@@ -315,7 +306,7 @@ static pma_status macro_step(pma_coupler *c)
 
 const pma_schedule pma_iterated_schedule = {.check = pma_fine_check,
                                             .instants = pma_fine_instants,
-                                            .duty = duty,
+                                            .duty = pma_fine_duty,
                                             .step = macro_step,
                                             .prepare = pma_iteration_create_fine,
                                             .interface_pieces = pma_messages_pieces,

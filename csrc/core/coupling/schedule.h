@@ -298,6 +298,8 @@ void pma_fine_right_side(pma_coupler *c);
 pma_status pma_fine_begin(pma_coupler *c);
 pma_status pma_fine_solve(pma_coupler *c);
 pma_status pma_fine_end(pma_coupler *c);
+
+/* Of a member in the fine steps, none of which is left beside them. */
 pma_duty pma_fine_duty(const pma_member *member);
 
 /* A macro step of fine steps, each taken by `take` and recorded. */

@@ -17,15 +17,6 @@ static pma_status check(const pma_coupler_parts *parts)
     return parts->gap.p == parts->p ? pma_fine_check(parts) : PMA_BAD_SIZE;
 }
 
-static pma_duty duty(const pma_member *member)
-{
-    return (pma_duty){.entries = member->entries,
-                      .substeps = member->substeps,
-                      .by_caller = member->by_caller,
-                      .divides = member->divides || member->branches,
-                      .alone = member->alone};
-}
-
 /* (V5)  from the fine step before to this one; prescribed velocities in both */
 static void move_gap(pma_coupler *c, const double *g_before)
 {
@@ -123,7 +114,7 @@ static void move_to(pma_coupler *c, size_t k)
 
 const pma_schedule pma_tied_schedule = {.check = check,
                                         .instants = pma_fine_instants,
-                                        .duty = duty,
+                                        .duty = pma_fine_duty,
                                         .step = fine_steps,
                                         .interface_pieces = interface_pieces,
                                         .move_to = move_to,
