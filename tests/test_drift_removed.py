@@ -451,3 +451,23 @@ def test_no_constraint_and_a_singular_matrix():
     for A in (np.zeros(1), np.zeros((2, 2)), sp.csr_array((2, 2))):
         with pytest.raises(pm.FactorizationError, match="S_mu"):
             tied.lu_factors(A, 1)
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
+@pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
+def test_central_difference_on_both_sides_of_a_tie_beside_other_schemes():
+    # al1 = 0 in a and b: (V4) has a zero in their row beside the numbers of c
+    schemes = dict(a=pm.CentralDifference(), b=pm.CentralDifference(), c=ALPHA(0.8, explicit=True))
+    loads = dict(zip(schemes, (1.0, 2.0, 3.0)))
+    made = [
+        pm.Subdomain([1.0, 2.0], [3.0, 4.0], scheme=scheme, force=[loads[name], 0.0], name=name)
+        for name, scheme in schemes.items()
+    ]
+    a, b, c = made
+    for ties in ([pm.tie(a, 0, b, 0)], [pm.tie(a, 0, b, 0), pm.tie(b, 1, c, 1)]):
+        history = coupled((made, ties)).run(2.0)
+        assert largest(history.displacement_jump) < 1e-14 * largest(history["a"].u)  # rounding
+        # the masses and springs of both sides as one, in dof 0
+        pair = pm.Subdomain([2.0], [6.0], scheme=pm.CentralDifference(), force=[3.0])
+        together = pm.solve(pair, 0.1, 2.0).u
+        np.testing.assert_allclose(history["a"].u[:, :1], together, rtol=0.0, atol=1e-13)

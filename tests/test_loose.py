@@ -122,3 +122,16 @@ def test_exported_digits_do_not_hide_that_a_plate_is_floating():
     b, right = plate("b", floor=0.01, x=3.0)
     tie = pm.tie(rounded, mesh.dofs(mesh.nodes_at(x=3.0), "ux"), b, right.dofs([0, 4, 8], "ux"))
     assert len(messages([rounded, b], tie)) == 1
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
+@pytest.mark.parametrize("coupling", ["pm", "gc", "macro", "mean"])
+def test_a_linear_subdomain_that_no_constraint_reaches_is_on_its_own_beside_iterated_ones(coupling):
+    def iterated(name):
+        spring = pm.CubicSpring([0], 1.0, 5.0)
+        return pm.Subdomain([1.0], None, scheme=SCHEME, internal=spring, v0=[1.0], name=name)
+
+    a, b = iterated("a"), iterated("b")
+    alone = pm.Subdomain([1.0, 2.0], [3.0, 4.0], scheme=SCHEME, v0=[1.0, 2.0], name="alone")
+    history = pm.Coupler([a, b, alone], pm.tie(a, 0, b, 0), dt=0.1, coupling=coupling).run(1.0)
+    np.testing.assert_array_equal(history["alone"].u, pm.solve(alone, 0.1, 1.0).u)

@@ -73,6 +73,7 @@ def diagonal_compliance(inverse: np.ndarray, L: sp.csc_array) -> Block:
     values = L.data[first] * inverse[column[first]] * L.data[second]
     places, where = np.unique(local[first] * k + local[second], return_inverse=True)
     sums = np.bincount(where.reshape(-1), weights=values, minlength=places.size)
+    sums = sums.astype(float)  # without constraints bincount returns whole numbers
     own = sp.coo_array((sums, (places // k, places % k)), shape=(k, k))
     return Block(rows.astype(np.int64), own)
 

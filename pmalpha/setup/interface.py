@@ -9,7 +9,7 @@ import scipy.sparse as sp
 
 from .._checks import counted
 from ..memory import require
-from ..problem.matrices import Matrix, dense
+from ..problem.matrices import Matrix, dense, row_of_entries
 from ..problem.ordering import elimination_order, graph_of
 from .compliance import Block, constraints_of, diagonal_compliance
 from .factors import Factor, Names, factorize
@@ -95,7 +95,7 @@ def summed(blocks: Sequence[Block], p: int) -> Matrix:
     if largest**2 > DENSE_SHARE * p**2:
         return _dense_sum(blocks, p)
     H = total(blocks, p)
-    if H.nnz == np.count_nonzero(H.diagonal()):
+    if np.array_equal(H.indices, row_of_entries(H)):  # by the pattern: entries may be zero
         return H.diagonal()
     return dense(H) if H.nnz > DENSE_SHARE * p * p else H
 
