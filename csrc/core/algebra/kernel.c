@@ -14,12 +14,32 @@ enum { STRIP = PMA_STRIP_ROWS };
 
 /* ---- the loops, to be compiled for each kind of processor ----------------------------------- */
 
+/* Four rows of some columns at a time: as many numbers of the columns that a sweep reads next are
+ * fetched meanwhile, in the order of memory. To the loads of a processor the columns are several
+ * short streams, of which it recognises each too late. */
+__attribute__((always_inline)) static inline void fetch(const double *next, size_t row,
+                                                        const size_t columns)
+{
+#pragma GCC unroll 4
+    for (size_t k = 0; k < columns / 2; k++)
+        __builtin_prefetch(next + row * columns + 8 * k, 0, 2);
+}
+
 /* y_i -= sum over the columns of A_ij x_j */
 __attribute__((always_inline)) static inline void
 subtract_columns(const double *A, size_t ld, size_t rows, const size_t columns, const double *x,
                  double *restrict y)
 {
-    for (size_t i = 0; i < rows; i++) {
+    size_t i = 0;
+    for (; i + 4 <= rows; i += 4) {
+        four sum = *(const four *)(y + i);
+#pragma GCC unroll 8
+        for (size_t j = 0; j < columns; j++)
+            sum -= *(const four *)(A + j * ld + i) * x[j];
+        *(four *)(y + i) = sum;
+        fetch(A + columns * ld, i, columns);
+    }
+    for (; i < rows; i++) {
         double sum = y[i];
 #pragma GCC unroll 8
         for (size_t j = 0; j < columns; j++)
@@ -40,6 +60,7 @@ subtract_products(const double *A, size_t ld, size_t rows, const size_t columns,
 #pragma GCC unroll 4
         for (size_t j = 0; j < columns; j++)
             sum[j] += *(const four *)(A + j * ld + i) * *(const four *)(y + i);
+        fetch(A - BACKWARD * ld, i, columns);
     }
     for (; i < rows; i++) {
 #pragma GCC unroll 4
