@@ -90,6 +90,21 @@ def test_a_long_cut_chain_has_the_frequencies_of_the_whole_one():
     assert np.allclose(omega, expected, rtol=1e-7, atol=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")  # loose, as meant here
+def test_masses_without_springs_have_the_frequency_zero_exactly():
+    # They move alone, but for rounding errors of their modes at the other dofs, which are all that
+    # has a stiffness there: it must not count as that of the mode, nor make K indefinite.
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        k = np.array([0.0, 0.0, 1.0, 20.0, 30.0])
+        M = np.eye(5) + 0.3 * np.diag(rng.normal(size=4), 1)
+        free = pm.Subdomain(M @ M.T, np.diag(k), scheme=pm.Newmark(), name="free")
+        other = pm.Subdomain([1.0], [2.0], scheme=pm.Newmark(), name="other")
+        coupler = pm.Coupler([free, other], pm.tie(free, 3, other, 0), dt=0.01)
+        omega, _ = coupler.modes(4)
+        assert np.array_equal(omega > 0.0, [False, False, True, True])
+
+
 def test_a_motion_of_the_assembled_structure_is_that_of_the_coupler():
     M, K, coupler = cut_chain(6, 2)
     structure = coupler.assembled()

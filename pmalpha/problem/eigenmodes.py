@@ -129,8 +129,7 @@ def _lowest(A: Any, B: Any, k: int, scale: float) -> tuple[np.ndarray, np.ndarra
     for trial in range(TRIALS):
         try:
             X = space(A, B, k, GROWTH**trial * scale)
-            squares, y = scipy.linalg.eigh(X.T @ product(A, X), X.T @ product(B, X))
-            squares, y = squares[:k], y[:, :k]
+            _, y = scipy.linalg.eigh(X.T @ product(A, X), X.T @ product(B, X))
             break
         except np.linalg.LinAlgError as error:
             if trial == TRIALS - 1:
@@ -138,9 +137,14 @@ def _lowest(A: Any, B: Any, k: int, scale: float) -> tuple[np.ndarray, np.ndarra
                     "K must be positive semidefinite and every dof have mass or stiffness, got a "
                     "singular or indefinite K + shift M"
                 ) from error
-    X = X @ y
+    X = X @ y[:, :k]
+    # x^T K x: eigh returns it with an error of eps times the largest omega^2
+    squares = np.sum(X * product(A, X), axis=0)
+    order = np.argsort(squares, kind="stable")  # rounding may exchange equal ones
+    squares, X = squares[order], X[:, order]
     size = np.sum(np.abs(X) * product(abs(A), np.abs(X)), axis=0)
-    rounding = ROUNDING * size
+    # what should be zero in x is a rounding error of its largest entries, and counts by its square
+    rounding = ROUNDING * (size + ROUNDING * scale)
     if np.any(squares < -EXPORTED * size):
         raise ValueError(f"K must be positive semidefinite, got omega^2 = {squares.min():g}")
     if np.any(squares < -NOTABLE * rounding):
