@@ -85,22 +85,13 @@ class Twin:
         if branch.changed:
             self.coupler.reset(**branch.reset)
         for name, values in branch.calls:
-            called(self.coupler, name, **values)
+            getattr(self.coupler, name)(**values)
         self.branch = branch
         return self
 
     def then(self, name, **values):
         self.branch = self.branch.then(name, **values)
-        return called(self.coupler, name, **values)
-
-
-def called(coupler, name, **values):
-    """The result of a method."""
-    if name == "change_steps":
-        # The derivative of a callable velocity at t = 0 is a difference over the fine steps that
-        # the coupler has at its start: start with those before the change.
-        coupler.snapshot()
-    return getattr(coupler, name)(**values)
+        return getattr(self.coupler, name)(**values)
 
 
 def random_maker(seed, rng):
@@ -304,7 +295,7 @@ class Pair:
         finest = max(s.substeps for s in self.coupler.subdomains)
         counts = {s.name: finest for s in self.coupler.subdomains[1:] if self.rng.random() < 0.3}
         try:
-            called(self.coupler, "change_steps", dt=dt, substeps=counts)
+            self.coupler.change_steps(dt=dt, substeps=counts)
         except ValueError:  # double steps everywhere, for example
             self.counts["refused"] += 1
             return

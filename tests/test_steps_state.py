@@ -286,6 +286,37 @@ def test_prescribed_motion_goes_on_over_a_change():
     np.testing.assert_allclose(history["A"].v[:, 1], np.sin(history["A"].t), atol=1e-14)
 
 
+READS = {
+    "state": lambda c, path: c.state("A"),
+    "multipliers": lambda c, path: c.multipliers,
+    "snapshot": lambda c, path: c.snapshot(),
+    "save": lambda c, path: c.save(path),
+}
+
+
+@pytest.mark.parametrize("read", READS)
+@pytest.mark.parametrize("coupling", COUPLINGS)
+def test_a_read_before_an_early_change_does_not_change_the_results(tmp_path, coupling, read):
+    """Bitwise, with a prescribed velocity of which g'(0) is a difference quotient."""
+
+    def make():
+        A, B = (
+            pm.Subdomain(M[0], K[0], scheme=pm.GeneralizedAlpha(RHO), name=name) for name in "AB"
+        )
+        pulled = pm.Constraint({A: [[1.0, 0.0]]}, velocity=lambda t: np.array([np.sin(3.0 * t)]))
+        return pm.Coupler([A, B], [pm.tie(A, 1, B, 0), pulled], dt=0.1, coupling=coupling)
+
+    c, other, loaded = make(), make(), make()
+    READS[read](c, tmp_path / "state.npz")
+    if read == "save":
+        loaded.load(tmp_path / "state.npz")
+    for x in (c, other, loaded):
+        x.change_steps(dt=0.03, substeps={"B": 2})
+    history = c.run(steps=5)
+    assert same(history, other.run(steps=5)) and same(history, loaded.run(steps=5))
+    assert np.abs(history["B"].v).max() > 0.01  # pulled by A
+
+
 # ---- internal forces and analysis ----------------------------------------------------------------
 
 

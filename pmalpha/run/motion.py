@@ -26,18 +26,29 @@ class Motion:
     fine : int
         Interface problems per macro step.
     clock : Clock
+    apart : float, optional
+        Time between the values of a callable of which g'(0) is made. Default: 1/16 of a fine step.
     """
 
-    def __init__(self, velocity: Force, what: str, rows: np.ndarray, fine: int, clock: Clock):
+    def __init__(
+        self,
+        velocity: Force,
+        what: str,
+        rows: np.ndarray,
+        fine: int,
+        clock: Clock,
+        apart: float | None = None,
+    ):
         self.velocity, self.what, self.rows = velocity, what, rows
-        self.fine, self.clock = fine, clock
+        self.fine = fine
+        self.apart = clock.dt / fine / 16.0 if apart is None else apart
         self.known = not is_callback(velocity)
         order = np.arange(rows.size)
         self.callback = None if self.known else CallbackLoad(velocity, what, order, fine, clock)
 
     def renewed(self, fine: int, clock: Clock) -> Motion:
-        """The same motion, without stored values of a callable."""
-        return Motion(self.velocity, self.what, self.rows, fine, clock)
+        """The same motion for other steps, with the same g'(0); without values of a callable."""
+        return Motion(self.velocity, self.what, self.rows, fine, clock, self.apart)
 
     def at(self, t: float) -> np.ndarray:
         """g(t) for the initial values."""
@@ -58,7 +69,7 @@ class Motion:
             return (self.velocity(dt) - self.velocity(0.0)) / dt
         if self.known:
             return np.zeros(self.rows.size)
-        d = self.clock.dt / self.fine / 16.0
+        d = self.apart
         return (4.0 * self.at(d) - 3.0 * self.at(0.0) - self.at(2.0 * d)) / (2.0 * d)
 
 
