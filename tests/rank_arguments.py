@@ -1,0 +1,99 @@
+"""What each rank does in the tests of wrong arguments."""
+
+import numpy as np
+from rank_problems import RANK, SIZE, WORLD, chain, report, ties
+
+import pmalpha as pm
+
+
+def one_of(kind, call, *words, failed=SIZE - 1, everywhere=False):
+    """An error of a call: of one rank, named on the others, or the same everywhere."""
+    try:
+        call(RANK == failed)
+    except (ValueError, TypeError, pm.PmalphaError, OSError) as error:
+        others = kind if everywhere or issubclass(kind, pm.PmalphaError) else pm.PmalphaError
+        assert type(error) is (kind if RANK == failed else others), repr(error)
+        assert all(word in str(error) for word in words), str(error)
+        assert everywhere or RANK == failed or f"rank {failed}: " in str(error), str(error)
+    else:
+        raise AssertionError(f"no error: {words}")
+
+
+def arguments():
+    """Wrong arguments on one rank raise on all, and nothing waits for ever."""
+
+    def make(dt=0.01, constraints=None, own=None, name=f"r{RANK}", **options):
+        own = [chain(3, name)] if own is None else own
+        return pm.Coupler(own, constraints or ties(), dt=dt, comm=WORLD, **options)
+
+    singular = pm.Subdomain([[1.0, 2], [2, 1]], np.eye(2), scheme=pm.Newmark(), name=f"r{RANK}")
+    one_of(ValueError, lambda bad: make(dt=-1.0 if bad else 0.01), "dt must be positive")
+    one_of(ValueError, lambda bad: make(coupling="pn" if bad else "pm"), "coupling must be")
+    one_of(TypeError, lambda bad: make(own=3 if bad else None), "subdomains must be a list")
+    one_of(ValueError, lambda bad: make(dt=0.02 if bad else 0.01), "dt, ", everywhere=True)
+    one_of(ValueError, lambda bad: make(name="x"), "names of subdomains", everywhere=True)
+    one_of(
+        ValueError, lambda bad: make(name="x" if bad else f"r{RANK}"), "must name", everywhere=True
+    )
+    one_of(
+        ValueError,
+        lambda bad: make(constraints=[pm.tie("r0", 2, "r1", int(bad))]),
+        "constraints must be the same on all ranks",
+        everywhere=True,
+    )
+    one_of(
+        pm.FactorizationError,
+        lambda bad: make(own=[singular] if bad else None, constraints=[pm.tie("r0", 0, "r1", 0)]),
+        f"'r{SIZE - 1}'",
+    )
+    internal = dict(internal=pm.CubicSpring([0], k=1.0, k3=1.0))
+    one_of(
+        ValueError,
+        lambda bad: make(own=[chain(3, f"r{RANK}", **(internal if bad else {}))], coupling="macro"),
+        'internal forces with comm need coupling="pm" or "gc"',
+    )
+    spring = dict(restoring=pm.Bilinear([0], k=1.0, fy=1.0, hardening=0.1))
+    with_spring = make(own=[chain(3, f"r{RANK}", **(spring if RANK == 0 else {}))])
+    one_of(ValueError, lambda bad: with_spring.static(), "springs", "without comm", failed=0)
+    coupler = make()
+    one_of(ValueError, lambda bad: coupler.static(steps=1 + bad), "the call", everywhere=True)
+    one_of(ValueError, lambda bad: coupler.run(steps=3 + bad), "the call must be", everywhere=True)
+    one_of(ValueError, lambda bad: coupler.step(3 + bad), "the call must be", everywhere=True)
+    one_of(ValueError, lambda bad: coupler.run(steps=3, every=2 + bad), "the call", everywhere=True)
+    one_of(ValueError, lambda bad: coupler.run(1.0, energy=bad), "the call", everywhere=True)
+    one_of(ValueError, lambda bad: coupler.run(1.0, record={"x": None} if bad else None), "record")
+    one_of(ValueError, lambda bad: coupler.reset(u0={f"r{RANK}": [0.0] * (3 + bad)}), "u0")
+    one_of(
+        ValueError,
+        lambda bad: coupler.reset() if bad else coupler.step(),
+        "the call",
+        everywhere=True,
+    )
+    for refused in (coupler.assembled, lambda: coupler.modes(1)):
+        one_of(ValueError, lambda bad, f=refused: f(), "without comm", everywhere=True)
+    one_of(ValueError, lambda bad: coupler.run_each([{}], 1.0), "without comm", everywhere=True)
+    assert coupler.step_count == 0
+    noise = pm.Constraint({"r0": [[1.0, 0.0, 0.0]]}, lambda t: [(t > 0.05) * float(RANK)])
+    driven = make(constraints=[*ties(), noise])
+    one_of(
+        ValueError,
+        lambda bad: driven.run(1.0),
+        "a prescribed velocity must be the same on all ranks",
+        everywhere=True,
+    )
+    one_of(ValueError, lambda bad: coupler.change_steps(0.01 + bad), "the call", everywhere=True)
+    one_of(
+        ValueError,
+        lambda bad: coupler.change_steps(0.02, {f"r{RANK}": 1 - bad}),
+        "substeps of",
+    )
+    one_of(
+        ValueError,
+        lambda bad: coupler.change_steps(0.02, {f"r{RANK}": 3 if bad else 2}),
+        "must divide",
+        everywhere=True,
+    )
+    assert coupler.dt == 0.01
+    coupler.run(steps=2)
+    repr(coupler)
+    report("arguments")

@@ -1,0 +1,259 @@
+"""What each rank does in the tests against one process."""
+
+from pathlib import Path
+
+import numpy as np
+import problems
+from rank_problems import (
+    COUPLINGS,
+    RANK,
+    SIZE,
+    WORLD,
+    chain,
+    plastic,
+    report,
+    same,
+    same_energies,
+    ties,
+)
+
+import pmalpha as pm
+from pmalpha.setup.ranks import Ranks
+
+
+def named(problem):
+    """The subdomains of a random problem with names, their constraints in names, and g."""
+    subdomains = []
+    for i, s in enumerate(problem.subdomains):
+        M, C, K = (None if A is None else f(A) for A, f in zip((s.M, s.C, s.K), s.forms))
+        arguments = dict(scheme=s.scheme, substeps=s.substeps, double_step=s.double)
+        arguments |= dict(force=s.force, restoring=s.restoring, u0=s.u0, v0=s.v0)
+        arguments |= dict(restoring_stiffness=s.K_r, restoring_damping=s.D_r)
+        arguments |= dict(damping="lagged" if s.lagged else "implicit", name=f"s{i}")
+        arguments |= dict(symmetric=s.symmetric)
+        subdomains.append(pm.Subdomain(M, K, C, **arguments))
+    matrices = {f"s{i}": L for i, L in enumerate(problem.L) if L.any()}
+    return subdomains, matrices
+
+
+def own_part(count, rng):
+    """The subdomains of this rank: consecutive ones, possibly none."""
+    cuts = np.sort(rng.integers(0, count + 1, SIZE - 1))
+    first = np.concatenate([[0], cuts, [count]])
+    return slice(first[RANK], first[RANK + 1])
+
+
+def changes_of_steps(rng, subdomains, coupling, dt):
+    """Other steps in mid-run, twice: (dt, substeps by name) that every coupling can have."""
+    fine = max(s.substeps for s in subdomains)
+    for _ in range(2):
+        dt = dt * rng.choice([0.5, 0.8, 1.0])
+        by = int(rng.choice([1, 2, 3]))
+        counts = {s.name: by * s.substeps for s in subdomains}
+        if coupling in ("macro", "mean"):  # double steps are of one substep
+            counts = {s.name: 1 if s.double_step else by * s.substeps for s in subdomains}
+        elif rng.random() < 0.5:  # single steps of the last one, of the finest step
+            counts[subdomains[-1].name] = by * fine
+        yield dt, counts
+
+
+def compare(seed):
+    """Runs, steps, resets and snapshots of one problem. False where it cannot be distributed."""
+    rng = np.random.default_rng([seed, 7])
+    draw = problems.random_restored_problem
+    if rng.random() < 0.3:
+        problem = problems.random_unsymmetric_problem(seed, draw)
+    else:
+        problem = draw(seed)
+    subdomains, matrices = named(problem)
+    moved = rng.random() < 0.3 and all(np.all(np.diag(s.M) > 0) for s in problem.subdomains)
+    velocity = None
+    if moved:
+        w = rng.normal(size=len(problem.L[0]))
+        kinds = [
+            lambda t: w * np.sin(3.0 * t),
+            pm.SampledForce(np.vstack([0.0 * w, w, -w]), 0.11),
+        ]
+        velocity = kinds[int(rng.integers(2))]
+    constraint = pm.Constraint(matrices, velocity)
+    coupling = ("pm", "gc", "macro", "mean")[int(rng.integers(4))]
+    linear = all(s.restoring is None for s in problem.subdomains)
+    if coupling == "mean" and not linear:
+        coupling = "pm"
+    for s in problem.subdomains:
+        if coupling in ("macro", "mean") and s.substeps > 1:
+            s.double = None
+    if coupling in ("macro", "mean"):
+        subdomains = named(problem)[0]
+    drift = "removed" if coupling == "gc" and rng.random() < 0.7 else "kept"
+    options = dict(dt=problem.dt, coupling=coupling, start=problem.start, drift=drift)
+    threads = int(rng.choice([1, 2]))
+    part = own_part(len(subdomains), rng)
+    names = [s.name for s in subdomains[part]]
+    refusal = None
+    try:
+        alone = pm.Coupler(subdomains, constraint, **options)
+    except ValueError as error:
+        refusal = error
+    try:
+        shared = pm.Coupler(subdomains[part], constraint, **options, comm=WORLD, threads=threads)
+    except (ValueError, pm.PmalphaError) as error:
+        assert refusal is not None or "with mass" in str(error), error
+        return False
+    assert refusal is None, refusal
+    every = [None, 2][int(rng.integers(2))]
+    for length in (7, 4):
+        chosen = dict(steps=length, every=every, energy=bool(rng.random() < 0.7))
+        one, other = shared.run(**chosen), alone.run(**chosen)
+        same(one, other, names)
+        if chosen["energy"]:
+            same_energies(one.energy, other.energy, part)
+    changed = changes_of_steps(rng, subdomains, coupling, problem.dt)
+    for dt, substeps in changed:
+        alone.change_steps(dt, substeps)
+        shared.change_steps(dt, {name: substeps[name] for name in names})
+        one, other = (c.run(steps=3, energy=True) for c in (shared, alone))
+        same(one, other, names)
+        same_energies(one.energy, other.energy, part)
+    present = shared.snapshot(), alone.snapshot()
+    for c in (shared, alone):
+        c.step(3)
+    np.testing.assert_array_equal(shared.multipliers, alone.multipliers)
+    for c, s in zip((shared, alone), present):
+        c.restore(s)
+    same(shared.run(steps=2), alone.run(steps=2), names)
+    for c in (shared, alone):
+        c.reset()
+    same(shared.run(steps=3, record={}), alone.run(steps=3, record={}), [])
+    for name in names:
+        for x in "uva":
+            a, b = (getattr(c.state(name), x) for c in (shared, alone))
+            np.testing.assert_array_equal(a, b)
+    return True
+
+
+def bitwise(first=0, count=40):
+    done = sum(compare(seed) for seed in range(int(first), int(first) + int(count)))
+    assert done > int(count) // 3, done  # the others have interface dofs without mass
+    report(f"{done} of {count} problems bitwise")
+
+
+def explicit():
+    """Internal forces of explicit subdomains: springs, a function, and both, with energies."""
+
+    def force(u, v, t, q):
+        f = 40.0 * u**3 + 0.3 * np.abs(v) * v
+        return f, 120.0 * np.diag(u**2), 0.6 * np.diag(np.abs(v))
+
+    kinds = pm.CubicSpring([0, 2], k=3.0, k3=50.0), force, [pm.Bilinear([1], 9.0, 0.1), force]
+    scheme = pm.GeneralizedAlpha(0.6, explicit=True)
+    subdomains = [
+        chain(3, f"r{i}", substeps=substeps, internal=internal, scheme=scheme)
+        for i, (internal, substeps) in enumerate(zip(kinds, (4, 2, 4)))
+    ]
+    subdomains.append(chain(3, "r3", force=np.ones(3)))
+    first = np.linspace(0, 4, SIZE + 1).astype(int)
+    own = subdomains[first[RANK] : first[RANK + 1]]
+    for coupling in ("pm", "gc"):
+        options = dict(dt=0.01, coupling=coupling)
+        alone = pm.Coupler(subdomains, ties(4), **options)
+        shared = pm.Coupler(own, ties(4), **options, comm=WORLD)
+        one, other = (c.run(steps=40, energy=True) for c in (shared, alone))
+        same(one, other, [s.name for s in own])
+        same_energies(one.energy, other.energy, slice(first[RANK], first[RANK + 1]))
+        assert np.abs(other["r1"].u).max() > 0.1
+    report("explicit")
+
+
+def iterated(folder):
+    """Internal forces of implicit subdomains, iterated with the interface, and all that keeps."""
+    first = np.linspace(0, 5, SIZE + 1).astype(int)
+    part = slice(first[RANK], first[RANK + 1])
+    names = [f"r{i}" for i in range(5)][part]
+    variants = ("gc", None), ("pm", None), ("pm", True), ("pm", False)
+    kinds = pm.Newton(), pm.Newton(tangent="reuse")
+    for k, (coupling, double) in enumerate(variants):
+        for newton in kinds if k == 1 else kinds[k // 2 : k // 2 + 1]:
+            shared = plastic(coupling, newton, double, WORLD, part)
+            alone = plastic(coupling, newton, double)
+            for steps in (10, 5):
+                one, other = (c.run(steps=steps, energy=True) for c in (shared, alone))
+                same(one, other, names)
+                same_energies(one.energy, other.energy, part)
+                for name in names:
+                    for x in ("q", "iterations"):
+                        a, b = (getattr(h[name], x) for h in (one, other))
+                        assert (a is None) == (b is None)
+                        np.testing.assert_array_equal(a, b)
+            assert np.abs(other["r0"].q).max() > 0.0  # it has yielded
+            assert max(other["r1"].iterations) > 2
+            for c in (shared, alone):
+                c.change_steps(0.015)
+            same(shared.run(steps=5), alone.run(steps=5), names)
+            present = shared.snapshot(), alone.snapshot()
+            for c, kept in zip((shared, alone), present):
+                c.step(3)
+                c.restore(kept)
+            same(shared.run(steps=5), alone.run(steps=5), names)
+            shared.save(Path(folder) / "state.npz")
+            WORLD.Barrier()
+            continued = plastic(coupling, newton, double)
+            continued.load(Path(folder) / "state.npz")
+            same(continued.run(steps=5), alone.run(steps=5), [f"r{i}" for i in range(5)])
+            WORLD.Barrier()
+    report("iterated")
+
+
+def by_callable(first, count):
+    """The same with the exchange through Python, as where MPI cannot be called by address."""
+    Ranks._address = lambda self: None
+    bitwise(first, count)
+
+
+def interpolated():
+    """Ties of meshes that do not match, three subdomains on one interface, prescribed motion."""
+    points = np.linspace(0.0, 1.0, 5)[:, None]
+    y = np.linspace(0.0, 1.0, 9)[:, None]
+    fine = np.hstack([0.0 * y, y])
+    coarse = np.hstack([0.0 * points, points])
+    K = {
+        n: np.diag(np.r_[1.0, np.full(n - 2, 2.0), 1.0]) - np.eye(n, k=1) - np.eye(n, k=-1)
+        for n in (5, 9)
+    }
+    rng = np.random.default_rng(3)
+    a = [
+        pm.Subdomain(
+            np.ones(n),
+            200.0 * K[n] + np.eye(n),
+            scheme=pm.GeneralizedAlpha(0.5, explicit=explicit),
+            substeps=substeps,
+            force=pm.SampledForce(rng.normal(size=(40, n)), 0.03),
+            name=name,
+        )
+        for n, name, explicit, substeps in (
+            (9, "fine", True, 6),
+            (5, "coarse", False, 1),
+            (9, "other", False, 3),
+        )
+    ]
+    edges = np.column_stack([np.arange(4), np.arange(1, 5)])
+    constraints = [
+        pm.interpolate("fine", fine, "coarse", coarse, edges),
+        pm.tie("fine", [0, 8], "other", [0, 8]),
+        pm.Constraint({"other": np.eye(1, 9, 4)}, lambda t: [np.sin(9.0 * t)]),
+    ]
+    for coupling in COUPLINGS:
+        alone = pm.Coupler(a, constraints, dt=0.02, **COUPLINGS[coupling])
+        part = slice(
+            *[[0, 3, 3], [0, 1, 3], [0, 1, 2, 3], [0, 1, 1, 2, 3]][SIZE - 1][RANK : RANK + 2]
+        )
+        shared = pm.Coupler(a[part], constraints, dt=0.02, **COUPLINGS[coupling], comm=WORLD)
+        one, other = shared.run(steps=30), alone.run(steps=30)
+        same(one, other, [s.name for s in a[part]])
+        expected, found = alone.static(), shared.static()
+        assert list(found) == [s.name for s in a[part]]
+        for name, u in found.items():
+            np.testing.assert_array_equal(u, expected[name])
+            assert np.abs(u).max() > 0.0
+        assert np.abs(other.multipliers).max() > 0.1
+    report("interpolated")
