@@ -46,12 +46,6 @@ def arguments():
         lambda bad: make(own=[singular] if bad else None, constraints=[pm.tie("r0", 0, "r1", 0)]),
         f"'r{SIZE - 1}'",
     )
-    internal = dict(internal=pm.CubicSpring([0], k=1.0, k3=1.0))
-    one_of(
-        ValueError,
-        lambda bad: make(own=[chain(3, f"r{RANK}", **(internal if bad else {}))], coupling="macro"),
-        'internal forces with comm need coupling="pm" or "gc"',
-    )
     spring = dict(restoring=pm.Bilinear([0], k=1.0, fy=1.0, hardening=0.1))
     with_spring = make(own=[chain(3, f"r{RANK}", **(spring if RANK == 0 else {}))])
     one_of(ValueError, lambda bad: with_spring.static(), "springs", "without comm", failed=0)

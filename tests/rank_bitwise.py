@@ -20,6 +20,8 @@ from rank_problems import (
 import pmalpha as pm
 from pmalpha.setup.ranks import Ranks
 
+REUSE = pm.Newton(tangent="reuse")
+
 
 def named(problem):
     """The subdomains of a random problem with names, their constraints in names, and g."""
@@ -154,7 +156,7 @@ def explicit():
     subdomains.append(chain(3, "r3", force=np.ones(3)))
     first = np.linspace(0, 4, SIZE + 1).astype(int)
     own = subdomains[first[RANK] : first[RANK + 1]]
-    for coupling in ("pm", "gc"):
+    for coupling in ("pm", "gc", "macro", "mean"):
         options = dict(dt=0.01, coupling=coupling)
         alone = pm.Coupler(subdomains, ties(4), **options)
         shared = pm.Coupler(own, ties(4), **options, comm=WORLD)
@@ -165,43 +167,53 @@ def explicit():
     report("explicit")
 
 
-def iterated(folder):
+VARIANTS = {  # double steps (None: the default), and Newton's method
+    "gc": [(None, pm.Newton())],
+    "pm": [(None, pm.Newton()), (None, REUSE), (True, REUSE), (False, REUSE)],
+    "macro": [(None, pm.Newton()), (True, REUSE)],
+    "mean": [(None, pm.Newton()), (True, REUSE)],
+}
+
+
+def iterated(folder, *couplings):
     """Internal forces of implicit subdomains, iterated with the interface, and all that keeps."""
+    for coupling in couplings:
+        for double, newton in VARIANTS[coupling]:
+            iterate(Path(folder) / f"{coupling}.npz", coupling, newton, double)
+    report("iterated")
+
+
+def iterate(path, coupling, newton, double):
     first = np.linspace(0, 5, SIZE + 1).astype(int)
     part = slice(first[RANK], first[RANK + 1])
     names = [f"r{i}" for i in range(5)][part]
-    variants = ("gc", None), ("pm", None), ("pm", True), ("pm", False)
-    kinds = pm.Newton(), pm.Newton(tangent="reuse")
-    for k, (coupling, double) in enumerate(variants):
-        for newton in kinds if k == 1 else kinds[k // 2 : k // 2 + 1]:
-            shared = plastic(coupling, newton, double, WORLD, part)
-            alone = plastic(coupling, newton, double)
-            for steps in (10, 5):
-                one, other = (c.run(steps=steps, energy=True) for c in (shared, alone))
-                same(one, other, names)
-                same_energies(one.energy, other.energy, part)
-                for name in names:
-                    for x in ("q", "iterations"):
-                        a, b = (getattr(h[name], x) for h in (one, other))
-                        assert (a is None) == (b is None)
-                        np.testing.assert_array_equal(a, b)
-            assert np.abs(other["r0"].q).max() > 0.0  # it has yielded
-            assert max(other["r1"].iterations) > 2
-            for c in (shared, alone):
-                c.change_steps(0.015)
-            same(shared.run(steps=5), alone.run(steps=5), names)
-            present = shared.snapshot(), alone.snapshot()
-            for c, kept in zip((shared, alone), present):
-                c.step(3)
-                c.restore(kept)
-            same(shared.run(steps=5), alone.run(steps=5), names)
-            shared.save(Path(folder) / "state.npz")
-            WORLD.Barrier()
-            continued = plastic(coupling, newton, double)
-            continued.load(Path(folder) / "state.npz")
-            same(continued.run(steps=5), alone.run(steps=5), [f"r{i}" for i in range(5)])
-            WORLD.Barrier()
-    report("iterated")
+    shared = plastic(coupling, newton, double, WORLD, part)
+    alone = plastic(coupling, newton, double)
+    for steps in (10, 5):
+        one, other = (c.run(steps=steps, energy=True) for c in (shared, alone))
+        same(one, other, names)
+        same_energies(one.energy, other.energy, part)
+        for name in names:
+            for x in ("q", "iterations"):
+                a, b = (getattr(h[name], x) for h in (one, other))
+                assert (a is None) == (b is None)
+                np.testing.assert_array_equal(a, b)
+    assert np.abs(other["r0"].q).max() > 0.0  # it has yielded
+    assert max(other["r1"].iterations) > 2
+    for c in (shared, alone):
+        c.change_steps(0.015)
+    same(shared.run(steps=5), alone.run(steps=5), names)
+    present = shared.snapshot(), alone.snapshot()
+    for c, kept in zip((shared, alone), present):
+        c.step(3)
+        c.restore(kept)
+    same(shared.run(steps=5), alone.run(steps=5), names)
+    shared.save(path)
+    WORLD.Barrier()
+    continued = plastic(coupling, newton, double)
+    continued.load(path)
+    same(continued.run(steps=5), alone.run(steps=5), [f"r{i}" for i in range(5)])
+    WORLD.Barrier()
 
 
 def by_callable(first, count):

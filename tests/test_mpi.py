@@ -73,8 +73,9 @@ def test_internal_forces_of_explicit_subdomains_too(ranks):
 
 @needs_mpi
 @pytest.mark.parametrize("ranks", [1, 2, 3, 4])
-def test_internal_forces_are_iterated_by_all_ranks(ranks, tmp_path):
-    assert run(ranks, "iterated", tmp_path) == ["iterated"] * ranks
+@pytest.mark.parametrize("couplings", [("pm", "gc"), ("macro", "mean")])
+def test_internal_forces_are_iterated_by_all_ranks(ranks, couplings, tmp_path):
+    assert run(ranks, "iterated", tmp_path, *couplings) == ["iterated"] * ranks
 
 
 @needs_mpi

@@ -64,19 +64,19 @@ static int take_iterated(PyObject *obj, PyObject *arrays, pma_remote_parts *part
     return 0;
 }
 
-/* (n, nb, substeps, h, doubled, continues, al2, al2_twice, link, rows) */
+/* (n, nb, substeps, h, doubled, continues, shoots, al2, al2_twice, link, rows) */
 static int take_remote(PyObject *obj, PyObject *arrays, pma_remote **out)
 {
     pma_remote_parts parts = {.n = 0};
     Py_ssize_t n, nb, substeps;
-    int doubled, continues;
+    int doubled, continues, shoots;
     PyObject *link, *rows;
     if (!PyTuple_Check(obj)) {
         PyErr_SetString(PyExc_TypeError, "a remote subdomain must be a tuple");
         return -1;
     }
-    if (!PyArg_ParseTuple(obj, "nnndppddOO", &n, &nb, &substeps, &parts.h, &doubled, &continues,
-                          &parts.al2, &parts.al2_twice, &link, &rows))
+    if (!PyArg_ParseTuple(obj, "nnndpppddOO", &n, &nb, &substeps, &parts.h, &doubled, &continues,
+                          &shoots, &parts.al2, &parts.al2_twice, &link, &rows))
         return -1;
     if (n < 1 || nb < 0 || nb > n || substeps < 1) {
         PyErr_SetString(PyExc_ValueError, "a remote subdomain must have dofs and substeps");
@@ -89,6 +89,7 @@ static int take_remote(PyObject *obj, PyObject *arrays, pma_remote **out)
     parts.substeps = (size_t)substeps;
     parts.doubled = doubled;
     parts.continues = continues;
+    parts.shoots = shoots;
     const pma_status status = pma_remote_create(&parts, out);
     if (status == PMA_OK)
         return 0;

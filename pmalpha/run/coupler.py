@@ -111,9 +111,9 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         shape; for a wrong result of `factorize`; under "macro" and "mean" for a double step with
         substeps, and for unit responses that would take longer than a day; under "mean" for an
         explicit scheme with rho < 0.5, interface dofs without mass, restoring
-        forces; with `comm` for internal forces under "macro" and "mean", and interface dofs without
-        mass. An error on one rank ends the call on all: there with its own exception, elsewhere
-        with the same class if it is of pmalpha, else with a PmalphaError; both name the rank.
+        forces; with `comm` for interface dofs without mass. An error on one rank ends the call on
+        all: there with its own exception, elsewhere with the same class if it is of pmalpha, else
+        with a PmalphaError; both name the rank.
     ConstraintError
         For constraints that are dependent or that the initial velocities violate; under "mean" also
         for initial displacements that do.
@@ -202,7 +202,7 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         self._threads_allowed = most_threads(threads)
         check_factorize(factorize)
         clock = Clock(time_step(dt, "dt"))
-        everything = subdomains if ranks is None else described(ranks, subdomains, coupling)
+        everything = subdomains if ranks is None else described(ranks, subdomains)
         own = slice(None) if ranks is None else ranks.own
         names = names_of(everything)
         rows = checked_constraints(constraints, everything, names)

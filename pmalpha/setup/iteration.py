@@ -113,21 +113,19 @@ def iteration_of(
         return None
     options = (newton.tol, newton.iterations, newton.tangent == "reuse")
     if macro:
-        return (*options, *_responses(parts, p))
+        return (*options, *_responses(parts, p, ranks))
     if not any(iterated for _, iterated in found):
         return None
     return (*options, *_constant_part(parts, p, ranks))
 
 
-def _responses(parts: Sequence[Part], p: int) -> tuple[Any, Any, Any]:
+def _responses(parts: Sequence[Part], p: int, ranks: Ranks | None) -> tuple[Any, Any, Any]:
     """The linear subdomains' part of H, in the first macro step and after it, and the size of H."""
     linear = [part for part in parts if part.internal is None]
-    start, later = (
-        summed([_block(part, start) for part in linear], p) if linear else None
-        for start in (True, False)
-    )
-    H = summed([_block(part, False) for part in parts], p)
-    own = is_symmetric_sum(parts)
+    blocks = [joined(ranks, [_block(part, start) for part in linear]) for start in (True, False)]
+    start, later = (summed(some, p) if some else None for some in blocks)
+    H = summed(joined(ranks, [_block(part, False) for part in parts]), p)
+    own = is_symmetric_sum(parts, ranks)
     return core_matrix(start, symmetric=own), core_matrix(later, symmetric=own), core_size(H, own)
 
 

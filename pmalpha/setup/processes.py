@@ -22,8 +22,8 @@ def remote_of(
     part: Part, scheme: Scheme | None = None, L: sp.csc_array | None = None, h: float | None = None
 ) -> tuple[Any, ...]:
     """What other processes have to know of a subdomain: (n, nb, substeps, h, doubled, continues,
-    al2 of the single and of the double step, link, constraints if its steps are iterated). With a
-    scheme a single step of length h, without others.
+    whether it has internal forces, al2 of the single and of the double step, link, constraints if
+    its steps are iterated). With a scheme a single step of length h, without others.
     """
     single = scheme is not None
     scheme = part.subdomain.scheme if scheme is None else scheme
@@ -37,6 +37,7 @@ def remote_of(
         h,
         double,
         double and part.over is not None,
+        not single and part.internal is not None,
         _al2(scheme, h),
         _al2(scheme, part.lengths[1] if double else h),
         link_of(part, L),

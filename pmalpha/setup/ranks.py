@@ -225,14 +225,8 @@ def joined(ranks: Ranks | None, own: Sequence[T]) -> Sequence[T]:
     return own if ranks is None else ranks.joined(own)
 
 
-def described(ranks: Ranks, own: Sequence[Subdomain], coupling: str) -> list[Any]:
-    """All subdomains, of other processes as `Described`. ValueError for forces to be iterated."""
-    for s in own:
-        if s.internal is not None and coupling not in ("pm", "gc"):
-            raise ValueError(
-                'internal forces with comm need coupling="pm" or "gc", got them in '
-                f'{s!r} under "{coupling}", which needs a Coupler without comm'
-            )
+def described(ranks: Ranks, own: Sequence[Subdomain]) -> list[Any]:
+    """All subdomains, of other processes as `Described`."""
     sent = [Described(s.name, s.n, s.substeps, s.scheme, s.double_step) for s in own]
     found = ranks.share(sent)
     ranks.first = np.cumsum([0] + [len(x) for x in found]).astype(np.int64)

@@ -43,6 +43,8 @@ typedef struct {
     pma_measure measure;
     /* macro */
     double *corrections; /* substeps: made in all passes of a macro step */
+    double kinetic_before, kinetic,
+        scale; /* v . M v at the present, at the end; of the iteration */
 } pma_iteration_member;
 
 typedef struct {

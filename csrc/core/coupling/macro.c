@@ -213,8 +213,7 @@ void pma_macro_move_to_end(pma_coupler *c)
 }
 
 /* The velocity at the end of the free run */
-static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
-                               pma_piece *pieces)
+size_t pma_macro_pieces(const pma_coupler *c, const pma_coupled *m, size_t round, pma_piece *pieces)
 {
     const size_t substeps = m->member.substeps;
     (void)c, (void)round;
@@ -251,5 +250,5 @@ const pma_schedule pma_macro_schedule = {.check = check,
                                          .instants = pma_macro_instants,
                                          .duty = pma_macro_duty,
                                          .step = macro_step,
-                                         .interface_pieces = interface_pieces,
+                                         .interface_pieces = pma_macro_pieces,
                                          .move_to = pma_macro_move_to};

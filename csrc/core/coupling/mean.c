@@ -233,8 +233,7 @@ void pma_mean_record(pma_coupler *c)
 }
 
 /* The displacement at the end of the free run, and where a velocity is prescribed the present one */
-static size_t interface_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
-                               pma_piece *pieces)
+size_t pma_mean_pieces(const pma_coupler *c, const pma_coupled *m, size_t round, pma_piece *pieces)
 {
     (void)round;
     pieces[0] = (pma_piece){.kind = PMA_DISPLACEMENT, .j = m->member.substeps};
@@ -294,6 +293,6 @@ const pma_schedule pma_mean_schedule = {.check = check,
                                         .duty = pma_macro_duty,
                                         .step = macro_step,
                                         .prepare = prepare,
-                                        .interface_pieces = interface_pieces,
+                                        .interface_pieces = pma_mean_pieces,
                                         .move_to = pma_macro_move_to,
                                         .record_present = pma_mean_record_present};

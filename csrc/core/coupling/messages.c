@@ -1,7 +1,7 @@
-/* messages.c - what processes exchange in an iterated fine step.
+/* messages.c - what processes exchange in an iterated fine step, and in a pass of shooting.
  *
- * To be read with iterated.c: after each of its stages all have the numbers of all members, so that
- * every process goes on with the same sums. */
+ * To be read with iterated.c and shooting.c: after each of their stages all have the numbers of all
+ * members, so that every process goes on with the same sums. */
 #include <string.h>
 
 #include "coupling/schedule.h"
@@ -190,4 +190,50 @@ pma_status pma_messages_measures(pma_coupler *c)
 {
     static const pma_message MEASURES = {measure_size, write_measure, read_measure};
     return pma_exchange_message(c, &MEASURES, PMA_OK);
+}
+
+/* ---- runs (N14) ----------------------------------------------------------------------------- */
+
+/* Of the end of a run, what is tied there. */
+static pma_interface_kind tied_kind(const pma_coupler *c)
+{
+    const bool is_mean = c->parts.schedule == &pma_mean_shooting_schedule;
+    return is_mean ? PMA_DISPLACEMENT : PMA_VELOCITY;
+}
+
+static size_t run_size(const pma_coupler *c, const pma_coupled *m)
+{
+    (void)c;
+    return m->member.shoots ? 3 + m->member.table->interface_size(m->member.self) : 0;
+}
+
+static void write_run(const pma_coupler *c, const pma_coupled *m, double *to)
+{
+    const pma_member *member = &m->member;
+    const pma_iteration_member *own = member_in(c, m);
+    if (!member->shoots)
+        return;
+    const double *end =
+        member->table->interface_values(member->self, tied_kind(c), member->substeps, false, NULL);
+    *to++ = own->kinetic_before;
+    *to++ = own->kinetic;
+    *to++ = own->scale;
+    memcpy(to, end, member->table->interface_size(member->self) * sizeof(double));
+}
+
+static void read_run(pma_coupler *c, const pma_coupled *m, const double *from)
+{
+    pma_iteration_member *theirs = member_in(c, m);
+    if (!m->member.shoots)
+        return;
+    theirs->kinetic_before = *from++;
+    theirs->kinetic = *from++;
+    theirs->scale = *from++;
+    pma_remote_receive(m->member.self, tied_kind(c), m->member.substeps, false, from);
+}
+
+pma_status pma_messages_runs(pma_coupler *c, pma_status status)
+{
+    static const pma_message RUNS = {run_size, write_run, read_run};
+    return pma_exchange_message(c, &RUNS, status);
 }

@@ -204,7 +204,7 @@ bool pma_exchange_is_ended(const pma_coupler *c);
 void pma_exchange_begin(pma_coupler *c);
 pma_status pma_exchange_agree(pma_coupler *c, pma_status status);
 
-/* ---- iterated fine steps in several processes: messages.c ------------------------------------- */
+/* ---- iterated steps in several processes: messages.c ------------------------------------------ */
 
 /* The pieces of the interface problem; the round at the beginning of a fine step, where substeps
  * begin; which members have a factor that can be kept. */
@@ -219,6 +219,9 @@ pma_status pma_messages_slopes(pma_coupler *c, pma_status status);
 pma_status pma_messages_laws(pma_coupler *c, pma_status status);
 pma_status pma_messages_measures(pma_coupler *c);
 
+/* After the runs of a pass of shooting: the ends of all runs, and their measures. */
+pma_status pma_messages_runs(pma_coupler *c, pma_status status);
+
 /* ---- macro coupling without internal forces: macro.c ----------------------------------------- */
 
 /* Can all members do what macro coupling needs? PMA_BAD_SIZE if not. */
@@ -229,6 +232,10 @@ pma_duty pma_macro_duty(const pma_member *member);
 /* All are at the end of their last substep. */
 void pma_macro_move_to_end(pma_coupler *c);
 void pma_macro_move_to(pma_coupler *c, size_t k); /* the same; k = 1 */
+
+/* Members in other processes: the velocity at the end of the free run. */
+size_t pma_macro_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
+                        pma_piece *pieces);
 
 /* How many of the next `left` substeps a member takes in one pass: 1 where inner time levels are
  * recorded. */
@@ -266,6 +273,10 @@ pma_status pma_mean_check(const pma_coupler_parts *parts);
  * added. */
 pma_status pma_mean_free_run(pma_coupler *c, pma_coupled *m);
 pma_status pma_mean_respond(pma_coupler *c, pma_coupled *m);
+
+/* Members in other processes: the displacement at the end of the free run, and where a velocity is
+ * prescribed the present one. */
+size_t pma_mean_pieces(const pma_coupler *c, const pma_coupled *m, size_t round, pma_piece *pieces);
 
 /* right (p) := what sum L u has to be at the end, minus that of the free runs, and of the
  * multipliers of the last macro step, which a double step feels too                         (K4) */

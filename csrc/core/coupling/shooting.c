@@ -24,6 +24,11 @@ static bool shoots(const pma_coupled *m)
     return m->member.shoots;
 }
 
+static bool runs_here(const pma_coupled *m)
+{
+    return m->member.shoots && !m->member.elsewhere;
+}
+
 static bool responds(const pma_coupled *m)
 {
     return !m->member.shoots;
@@ -151,27 +156,40 @@ static void residual(const pma_coupler *c, const double *known, double *r)
     }
 }
 
-/* sum v . M v of the members that shoot, at the present or at the end of a run */
-static double kinetic(const pma_coupler *c, bool at_end)
+/* v . M v of the members that shoot, at the present and at the end of a run, and the scale of what
+ * was iterated in it; of those in other processes they are received. */
+static void measure(const pma_coupler *c, bool first)
 {
-    double energy = 0.0;
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
-        if (member->shoots)
-            energy += member->table->kinetic(member->self, at_end ? member->substeps : 0);
+        pma_iteration_member *mine = &c->iteration->members[i];
+        if (!runs_here(&c->coupled[i]))
+            continue;
+        if (first)
+            mine->kinetic_before = member->table->kinetic(member->self, 0);
+        mine->kinetic = member->table->kinetic(member->self, member->substeps);
+        if (member->iterated.table)
+            mine->scale = member->iterated.table->scale(member->self);
     }
-    return energy;
+}
+
+/* The largest energy so far. */
+static double scale_of_energies(const pma_coupler *c)
+{
+    double before = 0.0, now = 0.0;
+    for (size_t i = 0; i < c->parts.count; i++) {
+        before += c->iteration->members[i].kinetic_before;
+        now += c->iteration->members[i].kinetic;
+    }
+    return fmax(fmax(c->iteration->working[0], before), now);
 }
 
 /* The substeps are not more accurate than their own scales allow. */
 static double scales(const pma_coupler *c)
 {
     double sum = 0.0;
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_member *member = &c->coupled[i].member;
-        if (member->iterated.table)
-            sum += member->iterated.table->scale(member->self);
-    }
+    for (size_t i = 0; i < c->parts.count; i++)
+        sum += c->iteration->members[i].scale;
     return sum;
 }
 
@@ -223,17 +241,27 @@ static void correct(pma_coupler *c, bool first)
         it->correction[row] = -it->correction[row];
 }
 
+/* The runs of all members under the multipliers as they are. */
+static pma_status run_members(pma_coupler *c, bool first)
+{
+    pma_status status = pma_share(c, run, runs_here);
+    if (atomic_load(&c->stopped))
+        status = PMA_STOPPED;
+    if (status == PMA_OK)
+        measure(c, first);
+    return c->exchange ? pma_messages_runs(c, status) : status;
+}
+
 static pma_status shoot(pma_coupler *c, const double *known)
 {
     pma_iteration *it = c->iteration;
-    it->working[0] = fmax(it->working[0], kinetic(c, false));
     forget_corrections(c);
     for (size_t pass = 0; pass < it->parts.newton.iterations; pass++) {
-        const pma_status status = pma_share(c, run, shoots);
-        if (status != PMA_OK || atomic_load(&c->stopped))
+        const pma_status status = run_members(c, pass == 0);
+        if (status != PMA_OK)
             return status;
         residual(c, known, it->residual);
-        const double scale = fmax(it->working[0], kinetic(c, true));
+        const double scale = scale_of_energies(c);
         correct(c, pass == 0);
         if (is_accepted(c, pass == 0, scale + scales(c))) {
             it->working[0] = scale;
@@ -284,6 +312,8 @@ static pma_status run_all(pma_coupler *c)
     pma_macro_move_to_end(c);
     begin_broyden(c);
     pma_status status = pma_share(c, is_mean(c) ? pma_mean_free_run : pma_macro_free_run, responds);
+    if (status == PMA_OK && c->exchange)
+        status = pma_exchange_interface(c);
     if (c->parts.motion_count > 0)
         pma_coupler_prescribe(c);
     if (status == PMA_OK) {
@@ -294,9 +324,13 @@ static pma_status run_all(pma_coupler *c)
     if (status == PMA_OK)
         status = pma_share(c, is_mean(c) ? pma_mean_respond : pma_macro_respond, responds);
     if (status == PMA_OK && is_mean(c))
-        status = pma_share(c, pma_mean_accelerate, shoots);
+        status = pma_share(c, pma_mean_accelerate, runs_here);
+    if (status == PMA_OK && c->exchange)
+        status = pma_exchange_jumps(c);
     if (atomic_load(&c->stopped))
-        return PMA_STOPPED; /* whatever else went wrong */
+        status = PMA_STOPPED; /* whatever else went wrong */
+    if (c->exchange)
+        status = pma_exchange_agree(c, status); /* what follows belongs to the state */
     if (status == PMA_OK && c->record)
         pma_recorder_write(c);
     if (status == PMA_OK && is_mean(c))
@@ -309,15 +343,35 @@ static pma_status macro_step(pma_coupler *c)
     return pma_iteration_step(c, run_all);
 }
 
+/* What does not shoot is as in macro.c and mean.c; the ends of runs are messages of their own. */
+static size_t macro_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
+                           pma_piece *pieces)
+{
+    return shoots(m) ? 0 : pma_macro_pieces(c, m, round, pieces);
+}
+
+static size_t mean_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
+                          pma_piece *pieces)
+{
+    if (!shoots(m))
+        return pma_mean_pieces(c, m, round, pieces);
+    pieces[0] = (pma_piece){.kind = PMA_DISPLACEMENT, .j = 0};
+    return c->parts.motion_count > 0 ? 1 : 0;
+}
+
 const pma_schedule pma_shooting_schedule = {.check = pma_macro_check,
                                             .instants = pma_macro_instants,
                                             .duty = pma_macro_duty,
                                             .step = macro_step,
-                                            .prepare = pma_iteration_create_macro};
+                                            .prepare = pma_iteration_create_macro,
+                                            .interface_pieces = macro_pieces,
+                                            .move_to = pma_macro_move_to};
 
 const pma_schedule pma_mean_shooting_schedule = {.check = pma_mean_check,
                                                  .instants = pma_macro_instants,
                                                  .duty = pma_macro_duty,
                                                  .step = macro_step,
                                                  .prepare = pma_iteration_create_macro,
+                                                 .interface_pieces = mean_pieces,
+                                                 .move_to = pma_macro_move_to,
                                                  .record_present = pma_mean_record_present};

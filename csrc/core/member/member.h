@@ -185,6 +185,7 @@ typedef struct {
     bool waits;      /* under mean coupling, its single steps are closed, not responded to (K7) */
     bool shifts;     /* can shift its predictor: displacements tied under gc */
     bool shoots;     /* has internal forces: macro coupling repeats its macro step (shooting.c) */
+    bool elsewhere;  /* is in another process (remote.h) */
     bool divides;    /* has the stages of ranges of rows */
     bool branches;   /* has the stages of branches of a tree */
     size_t alone;    /* entries of them that one worker has to read while the others wait */

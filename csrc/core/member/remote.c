@@ -317,5 +317,7 @@ pma_member pma_remote_member(pma_remote *r)
         .continues = p->continues,
         .responds = true,
         .shifts = true,
+        .shoots = p->shoots,
+        .elsewhere = true,
         .iterated = {.table = p->iterates ? &ITERATED : NULL, .count = p->count, .rows = p->rows}};
 }

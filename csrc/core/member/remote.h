@@ -15,6 +15,7 @@ typedef struct {
     size_t n, substeps;
     double h;
     bool doubled, continues;
+    bool shoots;           /* has internal forces */
     double al2, al2_twice; /* of the single and of the double step */
     bool iterates;         /* ... its steps, with the interface; then its constraints, ascending */
     size_t count;
