@@ -26,7 +26,7 @@ def files(folder):
     assert other.step_count == 11
     same(coupler.run(steps=9), other.run(steps=9), [f"r{RANK}"])
     if RANK == SIZE - 1:
-        (folder / f"state.npz.11.{RANK}").write_bytes(b"damaged")
+        next(folder.glob(f"state.npz.11.*.{RANK}")).write_bytes(b"damaged")
     WORLD.Barrier()
     before = other.multipliers
     one_of(ValueError, lambda bad: other.load(folder / "state.npz"), "state.npz")
@@ -117,18 +117,34 @@ def checkpoints(folder):
         shared.save(path)  # the files of the older state are removed
         WORLD.Barrier()
         later = sorted(file.name for file in folder.glob(f"{path.name}*"))
-        assert later == [name.replace(".10.", ".11.") for name in files], (files, later)
+        assert len(later) == len(files) and not set(later) & set(files) - {path.name}
+        assert all(name == path.name or ".11." in name for name in later), later
     report("checkpoints")
 
 
-def killed_in_save(folder):
-    """A rank that is killed while a state is saved; `left` loads the one before."""
-    coupler = four(WORLD, slice(None) if RANK == 0 else slice(0, 0))
+def killed_in_save(folder, where):
+    """Two states of the same macro step; a rank is killed while the second one is saved, when
+    another has written its file, or rank 0 when all have. `left` loads the first one."""
+
+    def write(*arguments):
+        if RANK == SIZE - 1:
+            WORLD.recv()
+            os.kill(os.getpid(), signal.SIGKILL)
+        written(*arguments)
+        if RANK == 0:
+            WORLD.send(None, SIZE - 1)
+
+    first = np.linspace(0, 4, SIZE + 1).astype(int)
+    coupler = four(WORLD, slice(first[RANK], first[RANK + 1]))
     coupler.step(4)
     coupler.save(Path(folder) / "state.npz")
+    coupler.reset(u0={s.name: np.zeros(3) for s in coupler.subdomains})
     coupler.step(4)
-    if RANK == SIZE - 1:
-        checkpoint.write = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+    written = checkpoint.write
+    if where == "master":
+        checkpoint.write_master = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+    else:
+        checkpoint.write = write
     coupler.save(Path(folder) / "state.npz")
 
 
@@ -136,5 +152,10 @@ def left(folder):
     coupler, other = four(), four()
     coupler.load(Path(folder) / "state.npz")
     other.step(4)
+    coupler.save(Path(folder) / "one.npz")
     same(coupler.run(steps=3), other.run(steps=3), [f"r{i}" for i in range(4)])
     report("left")
+    shared = four(WORLD)  # the next save removes what the interrupted one has left
+    shared.load(Path(folder) / "one.npz")
+    shared.save(Path(folder) / "state.npz")
+    assert len(list(Path(folder).glob("state.npz.*"))) == 1

@@ -8,6 +8,7 @@ the file does not depend on the elimination order.
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise
@@ -40,6 +41,8 @@ ESTIMATES = ("restoring_stiffness", "restoring_damping")
 LINE = ("end_multipliers", "multipliers_before")
 # Lengths of the last two macro steps under mean coupling.
 LENGTHS = "lengths"
+# What is added to the name of a checkpoint for that of a rank: macro step, token and rank.
+OF_A_RANK = r"\.\d+\.[0-9a-f]{8}\.\d+"
 # Number of differences that an error lists.
 SHOWN = 6
 
@@ -350,7 +353,9 @@ def write(
 
 
 def write_master(path: Path, files: Sequence[str], first: Sequence[int]) -> None:
-    """Write the file that leads to those of several processes, and remove those of an older one.
+    """Write the file that leads to those of several processes, and remove those of older states.
+
+    Those to which the file led before are removed, and what is left of a save that was interrupted.
 
     Parameters
     ----------
@@ -360,9 +365,10 @@ def write_master(path: Path, files: Sequence[str], first: Sequence[int]) -> None
     first : sequence of int
         The number of the first subdomain of each rank, and the number of all.
     """
-    older: list[str] = []
+    own = re.escape(path.name) + OF_A_RANK
+    older = [x.name for x in path.parent.iterdir() if re.fullmatch(own, x.name)]
     with suppress(OSError, ValueError):
-        older = read_npz(path, FORMAT, VERSION)[0].get("files", [])
+        older += read_npz(path, FORMAT, VERSION)[0].get("files", [])
     header = {"format": FORMAT, "version": VERSION, "files": list(files), "first": list(first)}
     write_npz(path, header, {})
     for name in older:

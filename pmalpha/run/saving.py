@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -47,8 +48,9 @@ class Saving:
         ----------
         path : str or path
             Used as given; no suffix is added. With `comm` each rank writes a file of its own, with
-            the number of the macro step and of the rank added, and this one leads to them: keep
-            them together. The files of the state that was saved there before are removed.
+            the number of the macro step, a token of this save and the number of the rank added, and
+            this one, written last, leads to them: keep them together. The files of states that were
+            saved there before, whole or not, are removed.
 
         Raises
         ------
@@ -79,8 +81,10 @@ class Saving:
             if self._ranks is None:
                 checkpoint.write(path, self._problem(), done, arrays, steps)
                 return
-            # with the macro step, so that the files of an older state survive until all are written
-            files = [file_of(f"{checked_path(path)}.{done}", r) for r in range(self._ranks.size)]
+            # names of this save alone: files of older ones survive until all of this are written
+            token = self._ranks.share(secrets.token_hex(4))[0]
+            name = f"{checked_path(path)}.{done}.{token}"
+            files = [file_of(name, r) for r in range(self._ranks.size)]
             checkpoint.write(files[self._ranks.rank], self._problem(), done, arrays, steps)
             self._ranks.share(None)
             if self._ranks.rank == 0:
