@@ -10,13 +10,22 @@ import traceback
 import warnings
 
 from rank_arguments import arguments
-from rank_bitwise import bitwise, by_callable, explicit, interpolated, iterated
+from rank_bitwise import (
+    bitwise,
+    by_callable,
+    chosen,
+    drifting,
+    explicit,
+    interpolated,
+    iterated,
+    static,
+)
 from rank_failures import failures
 from rank_files import checkpoints, files, killed, killed_in_save, left
 from rank_problems import WORLD
 
 TESTS = (arguments, bitwise, by_callable, checkpoints, explicit, failures, files, interpolated)
-TESTS += (iterated, killed, killed_in_save, left)
+TESTS += (chosen, drifting, iterated, killed, killed_in_save, left, static)
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore")

@@ -46,9 +46,6 @@ def arguments():
         lambda bad: make(own=[singular] if bad else None, constraints=[pm.tie("r0", 0, "r1", 0)]),
         f"'r{SIZE - 1}'",
     )
-    spring = dict(restoring=pm.Bilinear([0], k=1.0, fy=1.0, hardening=0.1))
-    with_spring = make(own=[chain(3, f"r{RANK}", **(spring if RANK == 0 else {}))])
-    one_of(ValueError, lambda bad: with_spring.static(), "springs", "without comm", failed=0)
     coupler = make()
     one_of(ValueError, lambda bad: coupler.static(steps=1 + bad), "the call", everywhere=True)
     one_of(ValueError, lambda bad: coupler.run(steps=3 + bad), "the call must be", everywhere=True)

@@ -1,9 +1,11 @@
 """What each rank does in the tests against one process."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
 import problems
+from newton_coupled import Law
 from rank_problems import (
     COUPLINGS,
     RANK,
@@ -214,6 +216,84 @@ def iterate(path, coupling, newton, double):
     continued.load(path)
     same(continued.run(steps=5), alone.run(steps=5), [f"r{i}" for i in range(5)])
     WORLD.Barrier()
+
+
+def resting(comm=None, own=slice(None)):
+    """Four chains on springs, plastic and other internal forces, under dead load."""
+
+    def cubic(u, v, t, q):
+        return 500.0 * u**3, 1500.0 * np.diag(u**2), None
+
+    given = dict(internal=cubic), {}, dict(restoring=pm.CubicSpring([1], 80.0, 3e4)), {}
+    given[1]["internal"] = [pm.Bilinear([0], 60.0, 0.3), pm.InternalForce(Law(3), np.zeros(3))]
+    subdomains = [
+        chain(3, f"r{i}", force=10.0 * np.arange(i, i + 3), **forces)
+        for i, forces in enumerate(given)
+    ]
+    return pm.Coupler(subdomains[own], ties(4), dt=0.01, coupling="gc", comm=comm)
+
+
+def static():
+    """Static equilibrium with springs and internal forces."""
+    first = np.linspace(0, 4, SIZE + 1).astype(int)
+    own = slice(first[RANK], first[RANK + 1])
+    shared, alone = resting(WORLD, own), resting()
+    for steps in (1, 3):
+        expected, found = (c.static(steps=steps) for c in (alone, shared))
+        assert list(found) == [f"r{i}" for i in range(4)][own]
+        for name, u in found.items():
+            np.testing.assert_array_equal(u, expected[name])
+    shared.reset(u0=found)
+    assert all(np.abs(s.v).max() < 1e-8 for s in shared.run(steps=9).subdomains)
+    report("static")
+
+
+def drifting():
+    """The warning of macro steps that are too long for the forces at the interfaces."""
+
+    def make(comm=None, own=slice(None)):
+        load = pm.SampledForce(np.sin(np.arange(100))[:, None] * np.ones(3), 0.1)
+        subdomains = [chain(3, f"r{i}", substeps=4 * (i + 1), force=load) for i in range(3)]
+        return pm.Coupler(subdomains[own], ties(3), dt=0.2, coupling="macro", comm=comm)
+
+    texts = []
+    cut = slice(RANK, None if RANK == SIZE - 1 else RANK + 1)
+    for coupler in (make(WORLD, cut), make()):
+        with warnings.catch_warnings(record=True) as found:
+            warnings.simplefilter("always")
+            coupler.run(8.0)
+        texts.append([str(w.message) for w in found if "drifted apart" in str(w.message)])
+    assert texts[0] == texts[1] and len(texts[0]) == 1, texts
+    report("drifting")
+
+
+def chosen(folder):
+    """Substeps chosen by local errors, in macro steps that are repeated where they were too few."""
+
+    def make(comm=None, own=slice(None)):
+        pulse = pm.SampledForce(np.r_[0.0, 0.0, 40.0, 0.0][:, None] * np.ones(3), 0.05)
+        subdomains = [
+            chain(3, f"r{i}", k=100.0 * 10.0**i, u0=np.zeros(3), force=pulse) for i in range(4)
+        ]
+        return pm.Coupler(subdomains[own], ties(4), dt=0.02, coupling="gc", comm=comm)
+
+    first = np.linspace(0, 4, SIZE + 1).astype(int)
+    own = slice(first[RANK], first[RANK + 1])
+    shared, alone = make(WORLD, own), make()
+    names = [f"r{i}" for i in range(4)]
+    options = dict(tolerance=0.001, energy=True)
+    path = Path(folder) / "chosen.h5"
+    one, other = shared.run(1.0, record_to=path, **options), alone.run(1.0, **options)
+    same(one, other, names[own])
+    same_energies(one.energy, other.energy, own)
+    np.testing.assert_array_equal(one.substeps, other.substeps[:, own])
+    assert len(np.unique(other.substeps)) > 2, np.unique(other.substeps, axis=0)
+    WORLD.Barrier()
+    same(pm.History.load(path), other, names)
+    part = {name: 5e-4 for name in names[own] if name != "r1"}
+    one = shared.run(1.4, tolerance=part, every=2)
+    same(one, alone.run(1.4, tolerance={"r0": 5e-4, "r2": 5e-4, "r3": 5e-4}, every=2), names[own])
+    report("chosen")
 
 
 def by_callable(first, count):

@@ -38,6 +38,8 @@ class Changes:
     _guard: Any
     _together: Any
     _check_call: Any
+    _own_record: Any
+    _write_master: Any
     _ranks: Any
     _steps_done: Any
     coupling: Any
@@ -148,21 +150,24 @@ class Changes:
         self, tolerance: Any, end: tuple, chosen: dict[str, Any], files: tuple, progress: Any
     ) -> History:
         """`Coupler.run` with a tolerance."""
-        with self._entered(), HeldSignals(self._guard) as held:
+        with self._together(), HeldSignals(self._guard) as held:
             tolerances = checked_tolerance(tolerance, self.coupling, self._keys)
-            path, begin = checked_file(*files), self._steps_done()
+            path, begin = checked_file(self._own_record(*files), *files[1:]), self._steps_done()
             last = self._clock.end(*end, begin)
+            self._check_call("run", last, chosen["every"], chosen["energy"], path is None)
             pieces = Pieces(self, chosen)
             controller = Controller(tolerances, self._parts, self._clock.dt)
             with reporting(progress, begin, last) as report:
                 history = chosen_run(self, controller, pieces, last, report, held)
             if path is not None:
                 history_file.write(path, *history.contents())
+                self._write_master(path)
         self._last_history = None
         return history
 
-    def _choose(self, substeps: tuple[int, ...]) -> None:
+    def _choose(self, own: Sequence[int]) -> None:
         """Other substeps in macro steps that are counted on, under "gc"."""
+        substeps = tuple(joined(self._ranks, own))
         steps, last = self._steps, self._last_history
         if substeps != steps.layout.substeps:
             self._change(steps.layout.dt, substeps, steps.clock)

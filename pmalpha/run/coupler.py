@@ -44,7 +44,7 @@ from .loads import Loads
 from .motion import motions_of
 from .present import Present
 from .progress import Report, reporting
-from .recording import Recording, recording_class
+from .recording import FiledRecording, Recording, recording_class
 from .saving import Saving
 from .snapshot import Snapshots
 from .stiffening import warn_of_present_steps
@@ -370,7 +370,6 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         (101, 1)
         """
         if tolerance is not None:
-            self._require_alone("tolerance")
             chosen = dict(record=record, every=every, energy=energy)
             chosen |= dict(record_springs=record_springs, outputs=outputs)
             files = record_to, append, overwrite
@@ -448,8 +447,7 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
 
     def _judge(self, history: History, numbers: int = SAMPLED_NUMBERS) -> None:
         warn_if_coarse(history.subdomains, self._parts, *history.macro_times[[0, -1]], numbers)
-        if self._ranks is None:
-            warn_if_drifting(history, self._parts, self._rows, self._loads.motions)
+        warn_if_drifting(history, self._parts, self._rows, self._loads.motions)
 
     def _advance_in_intervals(
         self, recording: Recording, report: Report | None, held: HeldSignals
@@ -457,13 +455,14 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         begin, end = recording.begin, recording.end
         if end > begin and (begin or self._was_reset):  # else the set-up has warned
             held.during(warn_of_present_steps, self._parts, self._clock.time(begin))
+        filed = isinstance(recording, FiledRecording)
         for pause in recording.pauses():
-            if recording.begin == begin:
-                self._write_master(recording)
+            if filed and recording.begin == begin:
+                self._write_master(recording.path)
             held.during(self._advance, pause, recording, report)
             recording.keep(pause)
-        if end == begin:
-            self._write_master(recording)
+        if filed and end == begin:
+            self._write_master(recording.path)
         if report is not None:
             held.during(report, end)
 

@@ -14,6 +14,7 @@ from ..errors import AccuracyWarning, warn
 from ..problem.matrices import product
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.part import Part
+from ..setup.ranks import joined
 from .accuracy import SAMPLED_NUMBERS, spread
 from .motion import Motion
 
@@ -33,19 +34,21 @@ def warn_if_drifting(
     ----------
     history : History
     parts : sequence of Part
-        No warning unless one of them has substeps under macro coupling.
+        No warning unless one, of any process, has substeps under macro coupling.
     rows : ConstraintRows
+        With the processes, all of which call this; each of them warns.
     motions : sequence of Motion
         Prescribed velocities; the displacements of their rows are not tied.
     """
-    if not any(part.responds for part in parts):
+    if not any(joined(rows.ranks, [part.responds for part in parts])):
         return
     with np.errstate(all="ignore"):
         shares = drift_shares(history, parts, rows, motions)
     if not LARGE < np.sum(shares) < np.inf:
         return
     worst = int(np.argmax(shares))
-    names = [repr(p.name) for p, L in zip(parts, rows.matrices) if np.any(L.indices == worst)]
+    own = [repr(p.name) for p, L in zip(parts, rows.matrices) if np.any(L.indices == worst)]
+    names = joined(rows.ranks, own)
     jump = history.displacement_jump[:, worst]
     warn(
         f"the macro step is too long for the forces between {' and '.join(names)}, which are "
@@ -68,25 +71,34 @@ def drift_shares(
     none = np.zeros(p)
     if p == 0 or levels < FEWEST_MACRO_STEPS + 1:
         return none
-    for part, own in zip(parts, history.subdomains):
-        if part.step_ratio is not None and not part.step_ratio.value <= 1.0 + 1e-6:
-            return none
-        if own is None or not np.array_equal(own.dofs, np.arange(part.n)):
-            return none
-    numbers = sum(part.n for part in parts) + p
+    found = [(part.n, _is_judged(part, own)) for part, own in zip(parts, history.subdomains)]
+    found = joined(rows.ranks, found)
+    if not all(judged for _, judged in found):
+        return none
+    numbers = sum(n for n, _ in found) + p
     some = spread(0, levels - 1, max(SAMPLES, SAMPLED_NUMBERS // numbers))
     jump = history.displacement_jump[some] - history.displacement_jump[0]
     force = deviation(levels_of(history.multipliers, levels, some))
     work = force * np.max(np.abs(jump), axis=0)
-    kinetic, amplitude = 0.0, none
+    terms = []
     for part, own, L in zip(parts, history.subdomains, rows.matrices):
         v, u = (levels_of(x, levels, some) for x in (own.v, own.u))
-        kinetic += float(np.mean([x @ product(part.subdomain.M, x) for x in v]))
-        amplitude = amplitude + 0.5 * (abs(L) @ deviation(u))
+        energy = float(np.mean([x @ product(part.subdomain.M, x) for x in v]))
+        terms.append((energy, 0.5 * (abs(L) @ deviation(u))))
+    kinetic, amplitude = 0.0, none
+    for energy, distance in joined(rows.ranks, terms):
+        kinetic, amplitude = kinetic + energy, amplitude + distance
     for motion in motions:
         work[motion.rows] = 0.0
     size = kinetic + float(force @ amplitude)
     return work / size if size > 0.0 else none
+
+
+def _is_judged(part: Part, own: Any) -> bool:
+    """Whether steps are below the critical one, and all dofs were recorded."""
+    if part.step_ratio is not None and not part.step_ratio.value <= 1.0 + 1e-6:
+        return False
+    return own is not None and np.array_equal(own.dofs, np.arange(part.n))
 
 
 def levels_of(values: np.ndarray, levels: int, some: np.ndarray) -> np.ndarray:

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from ..files import check_replaceable, checked_path
-from ..setup.ranks import Elsewhere, Ranks, file_of
+from ..setup.ranks import Elsewhere, Ranks, file_of, joined
 from .appending import check_new
 from .history_file import write_master
-from .recording import FiledRecording, Recording
+from .recording import Recording
 
 
 class Together:
@@ -28,6 +28,10 @@ class Together:
         if self._ranks is not None:
             self._ranks.require_equal("the call", call)
 
+    def _any(self, happened: bool) -> bool:
+        """Whether this happened in some process."""
+        return any(joined(self._ranks, [happened]))
+
     def _require_alone(self, what: str) -> None:
         if self._ranks is not None:
             raise ValueError(f"{what} needs a Coupler without comm")
@@ -42,11 +46,12 @@ class Together:
                 check_new(checked_path(path))
         return file_of(path, self._ranks.rank)
 
-    def _write_master(self, recording: Recording) -> None:
-        """The file that reads as one History, when those of the ranks are there."""
-        if self._ranks is None or self._ranks.rank > 0 or not isinstance(recording, FiledRecording):
+    def _write_master(self, own: Path) -> None:
+        """The file that reads as one History, when those of the ranks are there; `own` is that of
+        this one."""
+        if self._ranks is None or self._ranks.rank > 0:
             return
-        path = recording.path.with_suffix("")  # without the rank
+        path = own.with_suffix("")  # without the rank
         files = [Path(file_of(path, rank)).name for rank in range(self._ranks.size)]
         write_master(path, files, self._ranks.first.tolist())
 

@@ -91,7 +91,8 @@ class Controller:
         )
 
     def wanted(self, rates: Sequence[float], substeps: Sequence[int]) -> tuple[tuple, bool]:
-        """The next numbers of substeps (Q6), and whether the macro step has to be repeated."""
+        """The next numbers of substeps (Q6), and whether the macro step has to be repeated, for
+        these subdomains."""
         chosen, repeated = list(substeps), False
         for i, (rate, r) in enumerate(zip(rates, self.tolerances)):
             if r is None:
@@ -257,7 +258,7 @@ def one_step(
     before, step = coupler._snapshot(), coupler._core.step_count
     recording = pieces.recording()
     with summed_works(coupler, pieces.energy, recording.conserved):
-        coupler._core.record_present(recording.core_record())
+        coupler._record_present(recording)
         if not pieces.histories:
             pieces.begin(recording)
         if step == end:
@@ -269,7 +270,8 @@ def one_step(
                 pieces.keep(recording)
             raise
         rates = rates_of(recording.history(step + 1))
-        chosen, repeated = controller.wanted(rates, [p.substeps for p in coupler._parts])
+        chosen, exceeded = controller.wanted(rates, [p.substeps for p in coupler._parts])
+        repeated = coupler._any(exceeded)
         if not repeated:
             pieces.keep(recording)
     if repeated:

@@ -37,10 +37,10 @@ class Uncut:
 
         Rows with a prescribed velocity are held at zero. The coupler itself is unchanged; use
         ``coupler.reset(u0=coupler.static())``. With `comm` every rank solves for the whole
-        structure, with all matrices, and returns the displacements of its own subdomains; springs
-        and internal forces are refused. With springs or internal forces the equilibrium is
-        iterated by Newton's method, from the initial displacements: those of the `Subdomain`, or of
-        the last `reset`. Of several equilibria it finds one near to them.
+        structure, with all matrices, and returns the displacements of its own subdomains. With
+        springs or internal forces the equilibrium is iterated by Newton's method, from the initial
+        displacements: those of the `Subdomain`, or of the last `reset`. Of several equilibria it
+        finds one near to them.
 
         Parameters
         ----------
@@ -105,10 +105,10 @@ class Uncut:
 
     def _equilibrium(self, forces: list[np.ndarray], steps: int) -> list[np.ndarray]:
         internal, matrices = [part.internal for part in self._parts], self._rows.matrices
-        if any(s.springs for _, s in self._keys) or any(x is not None for x in internal):
-            self._require_alone("static with springs or internal forces")
-            newton = self._loads.newton
-            problem = Equilibrium(self._keys, internal, matrices, forces, newton)
+        iterated = [bool(s.springs) or x is not None for (_, s), x in zip(self._keys, internal)]
+        if any(joined(self._ranks, iterated)):
+            newton, ranks = self._loads.newton, self._ranks
+            problem = Equilibrium(self._keys, internal, matrices, forces, newton, ranks)
             return problem.solve([u for u, _ in self._initial.values], steps)
         terms = [(s.K, L, F) for (_, s), L, F in zip(self._keys, matrices, forces)]
         u = static_displacements(*zip(*joined(self._ranks, terms)))

@@ -21,6 +21,7 @@ from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
 from .evaluated import internal_at, matrix_of_springs, springs_at
 from .internal import InternalForces
+from .ranks import Ranks, joined
 from .static import require_stiff, sparse
 
 # Shares of the diagonal that are added to a tangent, in turn: a singular or indefinite one gives
@@ -57,6 +58,9 @@ class Equilibrium:
     forces : sequence of (n_i,) arrays
     newton : Newton
         Tolerance, and iterations in a load step.
+    ranks : Ranks, optional
+        The subdomains are those of this process: all of them solve for the whole structure, each
+        evaluates the forces of its own.
     """
 
     def __init__(
@@ -66,16 +70,19 @@ class Equilibrium:
         constraints: Sequence[sp.csr_array],
         forces: Sequence[np.ndarray],
         newton: Newton,
+        ranks: Ranks | None = None,
     ):
         self.subdomains, self.internal, self.newton = subdomains, internal, newton
-        self.ends = np.cumsum([s.n for _, s in subdomains])
-        self.L = sp.csr_array(sp.hstack(constraints))
-        self.F = np.concatenate(forces)
+        self.ranks, self.own = ranks, slice(None) if ranks is None else ranks.own
+        self.names = joined(ranks, [name for name, _ in subdomains])
+        self.L = sp.csr_array(sp.hstack(joined(ranks, constraints)))
+        loads = joined(ranks, forces)
+        self.ends, self.F = np.cumsum([F.size for F in loads]), np.concatenate(loads)
         self.plain = min(PLAIN, newton.iterations)
-        self.iterations, self.worst = 0, subdomains[0][0]
+        self.iterations, self.worst = 0, self.names[0]
 
     def solve(self, begin: Sequence[np.ndarray], steps: int) -> list[np.ndarray]:
-        """The displacements u_i, (n_i,) each.
+        """The displacements u_i of these subdomains, (n_i,) each.
 
         The residual of `begin` and its gaps are removed in load steps, `steps` equal ones at first;
         one that does not converge is halved, and the step after one that converges is doubled.
@@ -86,7 +93,7 @@ class Equilibrium:
             When the structure is floating or its tangent indefinite at the solution.
         ConvergenceError
         """
-        u, lam = np.concatenate(begin), np.zeros(self.L.shape[0])
+        u, lam = np.concatenate(joined(self.ranks, begin)), np.zeros(self.L.shape[0])
         self.first, self.gap = self._residual(u), self.L @ u
         if not np.all(np.isfinite(self.first)):
             self._find_worst(np.where(np.isfinite(self.first), 0.0, 1.0))
@@ -107,7 +114,7 @@ class Equilibrium:
             else:
                 self._refuse(u, done)
         require_stiff(self._tangent(u), self.L)
-        return np.split(u, self.ends[:-1])
+        return self._parts(u)
 
     def _refuse(self, u: np.ndarray, done: float) -> None:
         require_stiff(self._tangent(u), self.L)  # a mechanism has no equilibrium to be found
@@ -239,12 +246,15 @@ class Equilibrium:
         """R without the multipliers: the residual of the beginning is removed with the load."""
         return self._residual(u) - (1.0 - load) * self.first
 
+    def _parts(self, u: np.ndarray) -> list[np.ndarray]:
+        """The displacements of these subdomains."""
+        return np.split(u, self.ends[:-1])[self.own]
+
     def _residual(self, u: np.ndarray) -> np.ndarray:
         """F - K u - f(u)"""
-        parts = np.split(u, self.ends[:-1])
         with np.errstate(all="ignore"):
-            held = [self._force(i, own) for i, own in enumerate(parts)]
-        return self.F - np.concatenate(held)
+            held = [self._force(i, own) for i, own in enumerate(self._parts(u))]
+        return self.F - np.concatenate(joined(self.ranks, held))
 
     def _force(self, i: int, u: np.ndarray) -> np.ndarray:
         (_, s), internal = self.subdomains[i], self.internal[i]
@@ -256,15 +266,13 @@ class Equilibrium:
 
     def _tangent(self, u: np.ndarray) -> sp.csc_array:
         own = []
-        for (_, s), internal, u_i in zip(
-            self.subdomains, self.internal, np.split(u, self.ends[:-1])
-        ):
+        for (_, s), internal, u_i in zip(self.subdomains, self.internal, self._parts(u)):
             q = np.empty(0) if internal is None else internal.initial
             terms = [(1.0, s.K), (1.0, internal_at(internal, s.n, u_i, np.zeros(s.n), 0.0, q).K)]
             if s.springs:
                 terms.append((1.0, matrix_of_springs(s, springs_at(s, u_i)[1])))
             own.append(sparse(combination(terms), s.n))
-        return sp.csc_array(sp.block_diag(own))
+        return sp.csc_array(sp.block_diag(joined(self.ranks, own)))
 
     def _scale(self, u: np.ndarray, lam: np.ndarray) -> float:
         """Root of the energy sum |u| . (|F| + |K u + f| + |L^T Lam|)."""
@@ -274,4 +282,4 @@ class Equilibrium:
 
     def _find_worst(self, energies: np.ndarray) -> None:
         shares = [np.sum(np.abs(x)) for x in np.split(energies, self.ends[:-1])]
-        self.worst = self.subdomains[int(np.argmax(shares))][0]
+        self.worst = self.names[int(np.argmax(shares))]
