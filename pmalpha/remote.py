@@ -14,6 +14,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -44,7 +45,7 @@ class Client:
     address : (str, int)
         Host and port of `serve`.
     timeout : float, default 5.0
-        Longest wait for the connection and for each reply, in seconds.
+        Longest wait for the connection and for each whole reply, in seconds.
     name : str, default "the server"
         Its name in messages.
 
@@ -115,6 +116,7 @@ class Client:
             self.connection.sendall(message)
             self._sending = False
             replied = 0
+            self._messages.begin()
             while replied < self.number:  # after Ctrl-C or a time-out an old one may still come
                 kind, replied, arrays = self._messages.next()
         except TimeoutError as error:
@@ -122,8 +124,9 @@ class Client:
         except ConnectionError as error:
             raise ConnectionError(f"{self.name} was lost at call {self.number}: {error}") from error
         if kind == FAILURE:
-            text = arrays[0].astype(np.uint8).tobytes().decode("utf-8", "replace")
-            raise RemoteError(f"{self.name} at call {self.number}: {text}")
+            raise RemoteError(f"{self.name} at call {self.number}: {_text(arrays)}")
+        if kind != RESULT or replied != self.number:
+            raise ConnectionError(f"{self.name} sent no reply to call {self.number}")
         return arrays[0] if len(arrays) == 1 else tuple(arrays)
 
     def close(self) -> None:
@@ -151,7 +154,8 @@ def serve(
     port : int, default 0
         The port; 0 for any that is free.
     timeout : float, optional
-        Longest wait for the client, and for each of its calls, in seconds; None for ever.
+        Longest wait for the client, for the begin of each of its calls, and then for all of the
+        call, in seconds; None for ever.
     announce : callable, optional
         Called with the port when it is open. Default: prints it as the first line of output, which
         `started` reads.
@@ -181,7 +185,10 @@ def serve(
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         messages, number = _Messages(connection), 0
         while messages.has_next():
-            _, number, arguments = messages.next()
+            messages.begin()
+            kind, number, arguments = messages.next()
+            if kind != CALL:
+                raise ConnectionError(f"a message of kind {kind} is no call")
             connection.sendall(_reply(function, number, arguments))
     return number
 
@@ -263,14 +270,28 @@ def _reply(function: Callable[..., Any], number: int, arguments: Sequence[np.nda
         return _message(FAILURE, number, (np.frombuffer(text, dtype=np.uint8),))
 
 
+def _text(arrays: Sequence[np.ndarray]) -> str:
+    """The text of an exception on the other side, a byte in each number."""
+    numbers = arrays[0].ravel() if arrays else np.empty(0)
+    codes = np.where((numbers >= 0.0) & (numbers < 256.0), numbers, ord("?"))
+    return codes.astype(np.uint8).tobytes().decode("utf-8", "replace")
+
+
 class _Messages:
     """The messages that come in on a connection."""
 
     def __init__(self, connection: socket.socket):
         self.connection, self.buffer = connection, bytearray()
+        self.timeout = connection.gettimeout()
+        self._end = np.inf
+
+    def begin(self) -> None:
+        """From now on the time is counted in which the next messages have to be here."""
+        self._end = np.inf if self.timeout is None else monotonic() + self.timeout
 
     def has_next(self) -> bool:
         """Waits for a message; False when the other side has closed the connection before one."""
+        self.begin()
         return bool(self.buffer) or self._receive()
 
     def next(self) -> tuple[int, int, list[np.ndarray]]:
@@ -284,7 +305,7 @@ class _Messages:
         del self.buffer[: LENGTH.size + size]
         try:
             return _parsed(body)
-        except (struct.error, ValueError) as error:
+        except (struct.error, OverflowError, ValueError) as error:
             raise ConnectionError(f"the message is none of pmalpha.remote: {error}") from error
 
     def _need(self, size: int) -> None:
@@ -293,7 +314,15 @@ class _Messages:
                 raise ConnectionError("the other side has closed the connection")
 
     def _receive(self) -> bool:
-        more = self.connection.recv(CHUNK)
+        if self.timeout is not None:
+            left = self._end - monotonic()
+            if left <= 0.0:
+                raise TimeoutError("timed out")
+            self.connection.settimeout(left)
+        try:
+            more = self.connection.recv(CHUNK)
+        finally:
+            self.connection.settimeout(self.timeout)
         self.buffer += more
         return bool(more)
 

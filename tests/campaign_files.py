@@ -11,18 +11,20 @@ import json
 import shutil
 import tempfile
 import warnings
-from functools import cache
+from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
 
 import campaign_input
 import numpy as np
-from campaign import arguments
 from entries import one, sides
 from odd_values import odd, odd_array
 
 import pmalpha as pm
+from pmalpha import files
+from pmalpha.run import checkpoint as checkpoints
 from pmalpha.run import history_file
+from pmalpha.structures.mesh_files import FORMATS
 
 HDF5 = find_spec("h5py") is not None
 DOCUMENTED = (ValueError, OSError, MemoryError)
@@ -68,6 +70,17 @@ def master(path):
     history_file.write_master(path, [f"{path.name}.{rank}" for rank in range(2)], [0, 2, 4])
 
 
+def of_ranks(path):
+    """A checkpoint as two processes write it."""
+    coupler().save(path)
+    header, arrays = files.read_npz(path, checkpoints.FORMAT, checkpoints.VERSION)
+    names = [f"{path.name}.{rank}" for rank in range(2)]
+    for rank, name in enumerate(names):
+        own = {key: x for key, x in arrays.items() if key[0] in (str(rank), *"mp")}
+        files.write_npz(path.with_name(name), header, own)
+    checkpoints.write_master(path, names, [0, 1, 2])
+
+
 def at2(path):
     path.write_text(
         "PEER NGA\nQuake\nACCELERATION TIME SERIES IN UNITS OF G\n"
@@ -99,9 +112,11 @@ def mesh(path):
     import meshio
 
     points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
-    # not of Ansys, whose reader in meshio does not end for some damaged files
-    kind = "gmsh22" if path.suffix == ".msh" else None
-    meshio.write(path, meshio.Mesh(points, [("quad", np.array([[0, 1, 2, 3]]))]), kind)
+    cells = [("triangle", np.array([[0, 1, 2], [0, 2, 3]]))]
+    kind = {"msh": "gmsh22", "new.msh": "gmsh", "ansys.msh": "ansys"}.get(
+        path.name.partition(".")[2]
+    )
+    meshio.write(path, meshio.Mesh(points, cells), kind)
 
 
 # ---- how they are read -------------------------------------------------------------------------
@@ -150,6 +165,7 @@ KINDS = {
     "pm.npz": (lambda path: checkpoint(path, "pm"), lambda path: load(path, "pm")),
     "gc.npz": (lambda path: checkpoint(path, "gc"), lambda path: load(path, "gc")),
     "newton.npz": (lambda path: checkpoint(path, "newton"), lambda path: load(path, "newton")),
+    "ranks.npz": (of_ranks, lambda path: load(path, "pm")),
     "history.npz": (history, lambda path: use(pm.History.load(path))),
     "record.at2": (at2, pm.readers.read_at2),
     "matrix.mtx": (abaqus, lambda path: pm.readers.read_abaqus(path).matrix.data),
@@ -162,7 +178,9 @@ OF_HDF5 = {
     "append.h5": (recorded, append),
     "master.h5": (master, lambda path: use(pm.History.load(path))),
 }
-MESHES = {"mesh.msh": (mesh, structure), "mesh.vtu": (mesh, structure)}
+# The formats in which meshio writes triangles in the plane, and reads them by libraries at hand
+SUFFIXES = [x for x in FORMATS if HDF5 or x not in (".med", ".cgns", ".h5m")]
+MESHES = {f"mesh{suffix}": (mesh, structure) for suffix in (".new.msh", ".ansys.msh", *SUFFIXES)}
 FOUND = KINDS | (OF_HDF5 if HDF5 else {}) | (MESHES if find_spec("meshio") else {})
 
 
@@ -258,27 +276,38 @@ def forged_hdf5(rng, path):
         elif kind == 3:
             whole.create_dataset(name, (1024,), "f8", external=[("/etc/passwd", 0, 8192)])
         elif name == "header":
-            whole[name] = json.dumps(odd_json(rng, json.loads(value)))
+            text = json.dumps(odd_json(rng, json.loads(value)))
+            whole[name] = one(rng, text, *4 * [np.bytes_(text)])
         else:
             x = odd_plain_array(rng, np.atleast_1d(value))
             whole[name] = x if x.dtype.kind in "biuf" else np.zeros(3)
 
 
-def fault_of(path, read):
+def fault_of(path, read, checked):
+    """(what came out, the fault or None); numbers of `checked` files have checksums."""
     try:
         found = read(path)
     except (KeyboardInterrupt, AssertionError):
         raise
     except DOCUMENTED as error:
         text = str(error)
-        words = (path.name, "append", "mesh", "elements", "material", "INPUT", "points")
+        words = (
+            path.name,
+            "append",
+            "mesh",
+            "elements",
+            "material",
+            "INPUT",
+            "points",
+            "No such file",
+        )
         if isinstance(error, MemoryError) or any(word in text for word in words):
             return type(error).__name__, None
         return type(error).__name__, f"the message names no file: {type(error).__name__}: {error}"
     except BaseException as error:
         return type(error).__name__, f"{type(error).__name__}: {error}"
     arrays = [x for x in campaign_input.arrays_in(found) if x.dtype.kind == "f"]
-    finite = path.suffix == ".h5" or all(np.isfinite(x).all() for x in arrays)  # has no checksums
+    finite = not checked or all(np.isfinite(x).all() for x in arrays)
     return "works", None if finite else "a result is not finite"
 
 
@@ -288,26 +317,20 @@ def attempt(seed, counts):
     name = one(rng, *FOUND)
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
+        warnings.simplefilter("error", RuntimeWarning)
         shutil.copytree(good(name).name, folder, dirs_exist_ok=True)
         path = Path(folder, name)
         how = damaged
         if rng.random() < 0.5:
             how = {".npz": forged_npz, ".h5": forged_hdf5}.get(path.suffix, damaged)
         how(rng, path)
-        what, fault = fault_of(path, FOUND[name][1])
+        what, fault = fault_of(path, FOUND[name][1], how is damaged and path.suffix == ".npz")
     counts["calls"] += 1
     counts[what] += 1
     return None if fault is None else f"{name}, {how.__name__}: {fault}"
 
 
-def campaign(first=0, seconds=60.0, most=2**31):
-    """Counts of what was tried; AssertionError for faults."""
-    return campaign_input.campaign(first, seconds, most, script=__file__)
-
+campaign = partial(campaign_input.campaign, script=__file__)
 
 if __name__ == "__main__":
-    given = arguments(__doc__, child=int)
-    if given.child:
-        campaign_input.run_in_this_process(given.seed, given.seconds, given.child, attempt)
-    else:
-        print(campaign(given.seed, given.seconds))
+    campaign_input.main(__doc__, attempt, __file__)

@@ -131,7 +131,7 @@ def brief(x):
     return text if len(text) < 300 else text[:300] + "..."
 
 
-def run_in_this_process(first, seconds, most, attempt=attempt):
+def run_in_this_process(first, seconds, most, attempt):
     """Prints each seed before its call, and the faults."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     if "libasan" not in os.environ.get("LD_PRELOAD", ""):
@@ -176,9 +176,14 @@ def campaign(first=0, seconds=60.0, most=2**31, script=__file__):
     return dict(counts.most_common())
 
 
-if __name__ == "__main__":
-    given = arguments(__doc__, child=int)
+def main(what, attempt, script):
+    """What a script does: the campaign, or the attempts of one child."""
+    given = arguments(what, child=int)
     if given.child:
-        run_in_this_process(given.seed, given.seconds, given.child)
+        run_in_this_process(given.seed, given.seconds, given.child, attempt)
     else:
-        print(campaign(given.seed, given.seconds))
+        print(campaign(given.seed, given.seconds, script=script))
+
+
+if __name__ == "__main__":
+    main(__doc__, attempt, __file__)

@@ -17,7 +17,10 @@ DTYPES = ("i1", "u1", "i4", "u8", "?", "f2", "f4", ">f8", "g", "c16", "O", "U8",
 
 
 class Other:
-    """An object that is nothing of what a function expects."""
+    """An object that is nothing of what a function expects; its class can be called with all."""
+
+    def __init__(self, *_):
+        pass
 
 
 def others(rng):

@@ -7,6 +7,7 @@ import campaign_files
 import campaign_histories
 import campaign_input
 import campaign_memory
+import campaign_remote
 import campaign_signals
 import campaign_soak
 import pytest
@@ -33,6 +34,11 @@ def test_odd_input_works_or_is_refused_by_name():
 def test_damaged_and_forged_files_are_refused_by_name():
     counts = campaign_files.campaign(most=120, seconds=600.0)
     assert counts["works"] > 5 and counts["ValueError"] > 50
+
+
+def test_strangers_on_a_connection_end_it_in_time():
+    counts = campaign_remote.campaign(most=200, seconds=600.0)
+    assert counts["works"] > 20 and counts["ConnectionError"] > 20
 
 
 def test_nothing_grows_in_many_steps_and_couplers_that_their_callbacks_hold_are_collected():

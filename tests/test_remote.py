@@ -192,3 +192,62 @@ def test_without_a_server_there_is_no_client():
         address = taken.getsockname()
     with pytest.raises(ConnectionError):
         remote.Client(address)
+
+
+def replied(sent, pause=0.0):
+    """What a client with a time-out of 0.3 s raises whose server sends these bytes."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def run():
+            connection, _ = server.accept()
+            with connection:
+                connection.recv(1 << 16)
+                try:
+                    for k in range(len(sent)) if pause else [slice(None)]:
+                        connection.sendall(sent[k : k + 1] if pause else sent)
+                        time.sleep(pause)
+                    connection.recv(1)
+                except OSError:  # the client has gone
+                    pass
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        with remote.Client(server.getsockname(), timeout=0.3, name="the rig") as client:
+            with pytest.raises((OSError, pm.PmalphaError)) as found:
+                client(1.0)
+        thread.join(20.0)
+        assert not thread.is_alive()
+    return found.value
+
+
+def reply(kind, number=1, count=0, rest=b""):
+    body = HEAD.pack(b"pmr1", kind, number, count) + rest
+    return struct.pack("!Q", len(body)) + body
+
+
+@pytest.mark.parametrize(
+    ("sent", "error", "words"),
+    [
+        (reply(2), remote.RemoteError, "the rig at call 1: "),
+        (reply(2, 1, 1, b"\0" + struct.pack("!d", np.nan)), remote.RemoteError, r"call 1: \?"),
+        (reply(0), ConnectionError, "the rig sent no reply to call 1"),
+        (reply(1, 2**64 - 1), ConnectionError, "the rig sent no reply to call 1"),
+        (
+            reply(1, 1, 1, struct.pack("!B2Q", 2, 0, 2**64 - 1)),
+            ConnectionError,
+            "the rig was lost at call 1: the message is none",
+        ),
+        (100 * reply(1, 0), TimeoutError, "no reply of the rig to call 1"),
+    ],
+)
+def test_a_stranger_that_replies_ends_the_call(sent, error, words):
+    found = replied(sent)
+    assert isinstance(found, error)
+    with pytest.raises(error, match=words):
+        raise found
+
+
+def test_a_reply_that_drips_is_a_timeout():
+    # 0.1 s between bytes: each of them comes in time, the whole would take two seconds
+    found = replied(reply(1, 1, 1, b"\0" + 8 * b"\0"), pause=0.1)
+    assert isinstance(found, TimeoutError)
