@@ -202,7 +202,11 @@ class Changes:
                 )
             doubles = double_steps(self._everything, self.coupling, substeps)
             layout = Layout(clock.dt, substeps, doubles)
-            first = None if facts["first"] is None else replace(layout, overs=tuple(facts["first"]))
+            first = (
+                None if facts["first"] is None else replace(layout, overs=_overs(facts["first"]))
+            )
+            if first is not None and len(first.overs) not in (0, len(substeps)):
+                raise ValueError(f"first of {len(substeps)} subdomains, got {len(first.overs)}")
         except (LookupError, TypeError, ValueError) as error:
             raise damaged(path, error) from None
         self._assemblies.of(layout)
@@ -271,3 +275,8 @@ class Changes:
         take_over(old, new, found, steps.clock)
         self._take(regular, new)
         self._loads = loads
+
+
+def _overs(given: Sequence[Any]) -> tuple[float | None, ...]:
+    """The `overs` of a Layout from a file."""
+    return tuple(None if x is None else time_step(x, "first") for x in given)

@@ -417,18 +417,24 @@ def _of_ranks(
     path: str | PathLike, master: Mapping[str, Any], own: range
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of those files beside a master that have these subdomains."""
-    files, first = master["files"], master.get("first", [])
-    has = [range(a, b) for a, b in pairwise(first)]
-    if len(has) != len(files):
+    files, first = master["files"], master.get("first")
+    whole = isinstance(files, list) and isinstance(first, list) and len(first) == len(files) + 1
+    if not (whole and files and all(type(number) is int for number in first)):
         raise damaged(path, "its header is incomplete")
-    wanted = [k for k, theirs in enumerate(has) if set(theirs) & set(own)] or [0]
+    names = (isinstance(x, str) and "\0" not in x and Path(x).name == x for x in files)
+    if not all(names):
+        raise damaged(path, f"it must lead to files in its folder, got {files}")
+    has = enumerate(pairwise(first))
+    wanted = [k for k, (a, b) in has if max(a, own.start) < min(b, own.stop)] or [0]
     found = [read_npz(Path(path).with_name(files[k]), FORMAT, VERSION) for k in wanted]
     header: dict[str, Any] = dict(found[0][0], problem={})
     arrays: dict[str, np.ndarray] = {}
     for other, theirs in found:
+        if not isinstance(other.get("problem"), dict):
+            raise damaged(path, "a file beside it has no description of the problem")
         if any(other.get(fact) != header.get(fact) for fact in ("step_count", "steps")):
             raise damaged(path, "the files beside it are of different macro steps")
-        header["problem"] |= other.get("problem", {})
+        header["problem"] |= other["problem"]
         arrays |= theirs
     return header, arrays
 

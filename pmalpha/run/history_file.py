@@ -119,7 +119,7 @@ class HistoryFile:
             alignment_threshold=1,
             alignment_interval=8,
         ) as whole:
-            whole["header"] = json.dumps(self.header)
+            whole["header"] = header_text(self.header)
             self.counter = reserve(h5py, whole, COUNTER, (1,), h5py.h5t.STD_I64LE)
             for name, x in arrays.items():
                 if name not in self.header["nodes"]:
@@ -291,6 +291,11 @@ def read(
     raise ValueError(f"path must lead to a file of format {FORMAT!r}, but {name!r} {reason}")
 
 
+def header_text(header: Mapping[str, Any]) -> np.bytes_:
+    """A header as text of fixed length, which `own_array` demands."""
+    return np.bytes_(json.dumps(header).encode())
+
+
 def write_master(path: Path, files: Sequence[str], first: Sequence[int]) -> None:
     """Write the file that reads as one History of the files of several ranks beside it.
 
@@ -306,7 +311,7 @@ def write_master(path: Path, files: Sequence[str], first: Sequence[int]) -> None
     content = io.BytesIO()
     with h5py.File(content, "w") as whole:
         header = {"format": FORMAT, "version": VERSION, "files": list(files)}
-        whole["header"] = json.dumps(header)
+        whole["header"] = header_text(header)
         for rank, name in enumerate(files):
             for i in range(first[rank], first[rank + 1]):
                 whole[str(i)] = h5py.ExternalLink(name, f"/{i - first[rank]}")
@@ -375,8 +380,8 @@ def check_contents(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) 
 def own_array(whole: Any, name: str) -> Any:
     """A dataset that is in this file, and not larger than what the file holds of it.
 
-    A link or storage could lead to any other file, and a dataset that was never written could be of
-    any size.
+    A link or storage could lead to any other file, a dataset that was never written could be of any
+    size, and HDF5 never returns from some damaged texts of variable length.
     """
     h5py, place = hdf5_library(), whole
     for part in name.split("/"):
@@ -385,6 +390,8 @@ def own_array(whole: Any, name: str) -> Any:
         place = place[part]
     if not isinstance(place, h5py.Dataset) or place.external or place.is_virtual:
         raise ValueError(f"{name} is no array of this file")
+    if place.dtype.kind == "O":
+        raise ValueError(f"{name} must be of fixed length")
     held = place.id.get_storage_size()
     if place.id.get_create_plist().get_nfilters():  # packed again by another program
         require(place.nbytes, name)

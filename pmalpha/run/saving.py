@@ -7,6 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from .._checks import MOST
 from ..files import checked_path
 from ..setup.assembly import Assembly
 from ..setup.constraint_rows import ConstraintRows
@@ -122,6 +123,10 @@ class Saving:
             if self._ranks is not None:
                 self._ranks.require_equal("the macro step of the files", (step, facts))
             steps, assembly = self._steps_of(path, facts)
+            most = MOST // max(steps.layout.substeps)
+            if not steps.clock.origin <= step <= most:
+                reason = f"step_count must be in {steps.clock.origin}..{most}, got {step}"
+                raise checkpoint.damaged(path, reason)
             parts, core = assembly.parts, assembly.core
             position, options = self._row_position, self._options
             state = checkpoint.core_state(path, arrays, assembly, position, options)

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
-from .._checks import check_word, flag, plain_array
+from .._checks import check_word, flag, plain_array, require_moderate
 from .arguments import is_lumped, mesh_arguments, per_element, positive
 from .assembly import Assembly
 from .frames import subdivide
@@ -104,6 +104,7 @@ def truss(
         for name, value in (("EA", EA), ("rhoA", rhoA))
     )
     force = np.broadcast_to(per_element(prestress, "prestress", count), count)[member]
+    require_moderate(force, "prestress")
     X = nodes[lines[:, 1]] - nodes[lines[:, 0]]
     length = np.sqrt(np.sum(X * X, axis=1))
     rest = length

@@ -35,7 +35,7 @@ def from_mesh(
     mass: str = "consistent",
     names: str | None = None,
 ) -> Structure:
-    """A linear structure on a mesh of gmsh, Abaqus, VTK or any other program that meshio reads.
+    """A linear structure on a mesh of gmsh, Abaqus, VTK or another program that meshio reads.
 
     Plates of the surfaces of a mesh in the plane z = constant (which then has points (x, y)),
     solids of the cells of a mesh in space, bars and plane beams of its lines; see `plate_on`,
@@ -46,8 +46,10 @@ def from_mesh(
     Parameters
     ----------
     mesh : path, or meshio.Mesh
-        Files need meshio (``pip install pmalpha[mesh]``), except ``.inp``. Of an ``.inp`` file
-        nodes, elements and sets are read, of element types only the shape.
+        Files need meshio (``pip install pmalpha[mesh]``), except ``.inp``: gmsh, VTK (``.vtk``,
+        ``.vtu``), MED, Nastran, CGNS, Medit, Netgen, STL, Ansys (``.msh``) and others. For formats
+        whose readers may read other files, or not end, such as XDMF, give ``meshio.read(path)``. Of
+        an ``.inp`` file nodes, elements and sets are read, of element types only the shape.
     material : dict
         ``{"E": ..., "nu": ..., "rho": ...}`` of plates and solids, for plates also "t", the
         thickness, default 1; ``{"EA": ..., "rhoA": ...}`` of bars, ``{"EA": ..., "EI": ...,

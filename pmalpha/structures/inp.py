@@ -39,13 +39,14 @@ _SHAPES = {
 class Input:
     """What is read: points, blocks of elements, and sets by name.
 
-    Sets hold pairs (block, number) of elements and numbers of points.
+    Sets hold pairs (block, number) of elements and numbers of points, each once: sets of sets may
+    name the same ones many times over.
     """
 
     def __init__(self, path: Path):
         self.blocks: list[Block] = []
-        self.elements: dict[str, list[tuple[int, int]]] = {}
-        self.nodes: dict[str, list[int]] = {}
+        self.elements: dict[str, set[tuple[int, int]]] = {}
+        self.nodes: dict[str, set[int]] = {}
         self._coordinates: list[list[float]] = []
         # by the numbers in the file; None for elements of other types
         self._point: dict[int, int] = {}
@@ -63,7 +64,7 @@ class Input:
             if keyword in readers:
                 try:
                     readers[keyword](options, rows)
-                except (KeyError, ValueError) as error:
+                except (LookupError, OverflowError, ValueError) as error:
                     raise ValueError(f"{path.name}, *{keyword}: {error}") from None
         width = max(map(len, self._coordinates), default=0)
         padded = [row + (width - len(row)) * [0.0] for row in self._coordinates]
@@ -106,25 +107,25 @@ class Input:
         _extend(self.elements, options.get("ELSET"), places)
 
     def _read_node_set(self, options: dict[str, str], rows: list[list[str]]) -> None:
-        members: list[int] = []
+        members: set[int] = set()
         if "ELSET" in options:
             for block, i in self.elements[_key(self.elements, options["ELSET"])]:
-                members += self.blocks[block].nodes[i].tolist()
+                members.update(self.blocks[block].nodes[i].tolist())
         for entry in _entries(options, rows):
             if isinstance(entry, int):
-                members.append(_found(self._point, entry, "node"))
+                members.add(_found(self._point, entry, "node"))
             else:
-                members += self.nodes[_key(self.nodes, entry)]
+                members |= self.nodes[_key(self.nodes, entry)]
         _extend(self.nodes, _option(options, "NSET"), members)
 
     def _read_element_set(self, options: dict[str, str], rows: list[list[str]]) -> None:
-        members: list[tuple[int, int]] = []
+        members: set[tuple[int, int]] = set()
         for entry in _entries(options, rows):
             if isinstance(entry, int):
                 place = _found(self._element, entry, "element")
-                members += [] if place is None else [place]
+                members |= set() if place is None else {place}
             else:
-                members += self.elements[_key(self.elements, entry)]
+                members |= self.elements[_key(self.elements, entry)]
         _extend(self.elements, _option(options, "ELSET"), members)
 
     def _refuse_moved(self, options: dict[str, str], rows: list[list[str]]) -> None:
@@ -157,8 +158,8 @@ def _sections(
 def _included(path: Path, above: tuple[Path, ...], options: dict[str, str]) -> Path:
     """A file in the folder of the first file or below it: a file may come from a stranger."""
     name, folder = _option(options, "INPUT"), (*above, path)[0].parent.resolve()
-    found = (path.parent / name).resolve()
-    if folder not in found.parents or not found.is_file():
+    found = (path.parent / name.replace("\0", "")).resolve()
+    if "\0" in name or folder not in found.parents or not found.is_file():
         raise ValueError(
             f"{path.name}, *INCLUDE: INPUT must be a file in the folder of the first file or below "
             f"it, got {name!r}"
@@ -204,7 +205,7 @@ def _found(places: dict, number: int, what: str):
     return places[number]
 
 
-def _key(sets: dict[str, list], name: str) -> str:
+def _key(sets: dict[str, set], name: str) -> str:
     """The name as it was first written; upper and lower case are equal."""
     for known in sets:
         if known.upper() == name.upper():
@@ -212,7 +213,7 @@ def _key(sets: dict[str, list], name: str) -> str:
     raise ValueError(f"set {name!r} does not exist")
 
 
-def _extend(sets: dict[str, list], name: str | None, members) -> None:
+def _extend(sets: dict[str, set], name: str | None, members) -> None:
     if name is not None:
         known = next((x for x in sets if x.upper() == name.upper()), name)
-        sets.setdefault(known, []).extend(members)
+        sets.setdefault(known, set()).update(members)

@@ -1,17 +1,48 @@
-"""Meshes of files, with the names in them: Abaqus by our own reader, all others by meshio."""
+"""Meshes of files, with the names in them: Abaqus by our own reader, others by meshio.
+
+Of meshio's readers those are used that read no other file, and end for every damaged file of
+campaign_files.py, two of them since what they read from raises an exception behind its end.
+"""
 
 from __future__ import annotations
 
+import io
 import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._checks import listing
+from .._checks import listing, require_finite, require_moderate
+from ..files import reading
 from ..problem.kinds import KINDS
+from ..run.history_file import SIGNATURE, own_array
 from .inp import Input
 from .mesh import Block
+
+# Formats of meshio by suffix; a .msh file may also be one of Ansys. Left out: HMF, mdpa, OFF, PLY,
+# Tecplot, TetGen and WKT, whose readers do not end for some damaged files, XDMF and DOLFIN, which
+# name other files, and formats of libraries that are not tested here.
+FORMATS = {
+    ".avs": "avsucd",
+    ".bdf": "nastran",
+    ".cgns": "cgns",
+    ".dato": "permas",
+    ".fem": "nastran",
+    ".h5m": "h5m",
+    ".med": "med",
+    ".mesh": "medit",
+    ".meshb": "medit",
+    ".msh": "gmsh",
+    ".nas": "nastran",
+    ".obj": "obj",
+    ".post": "permas",
+    ".stl": "stl",
+    ".ugrid": "ugrid",
+    ".vol": "netgen",
+    ".vtk": "vtk",
+    ".vtu": "vtu",
+}
 
 
 class FileMesh(NamedTuple):
@@ -37,13 +68,19 @@ def read_mesh(mesh: Any, names: str | None) -> FileMesh:
         mesh = _read(path)
     if not all(hasattr(mesh, name) for name in ("points", "cells", "cell_sets", "point_sets")):
         raise TypeError(f"mesh must be a path or a mesh of meshio, got {mesh!r}")
-    return _of_meshio(mesh, names)
+    read = _of_meshio(mesh, names)
+    _check(read)
+    return read
 
 
 def _read(path: Path) -> Any:
-    meshio = _meshio(path)
+    meshio, file_format = _meshio(path), _format(path)
     try:
-        return meshio.read(path, file_format=_format(path))
+        _require_own_arrays(path)
+        if file_format not in ENDING:
+            return meshio.read(path, file_format=file_format)
+        with ENDING[file_format](path) as file:
+            return meshio.read(file, file_format=file_format)
     except MemoryError:
         raise
     except (Exception, SystemExit) as error:  # of a dozen types, for damaged files
@@ -61,13 +98,82 @@ def _meshio(path: Path) -> Any:
     return meshio
 
 
-def _format(path: Path) -> str | None:
-    """None where the suffix is enough: a .msh file is one of Ansys if it begins with "(".
+def _format(path: Path) -> str:
+    """The format for meshio: a .msh file is one of Ansys if it begins with "("."""
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
+        raise ValueError(
+            f"mesh must be a file with suffix {', '.join(FORMATS)} or .inp, got {path.name!r}; "
+            "give meshio.read(path) for a file that you trust: the readers of other formats may "
+            "read other files, or never end"
+        )
+    with reading(path) as file:
+        return "ansys" if suffix == ".msh" and file.read(1) == b"(" else FORMATS[suffix]
 
-    meshio tries Ansys first, whose reader does not end for some files of other kinds.
-    """
-    with path.open("rb") as file:
-        return "gmsh" if path.suffix == ".msh" and file.read(1) != b"(" else None
+
+# Reads at the end that a reader may make.
+MOST_ENDS = 100
+
+
+class _Text(io.TextIOWrapper):
+    """Lines of a file, of which there is an end."""
+
+    def __init__(self, path: Path):
+        super().__init__(reading(path), encoding="utf-8")
+        self.ends = 0
+
+    def readline(self, *size: int) -> str:
+        line = super().readline(*size)
+        self.ends += not line
+        if self.ends > MOST_ENDS:
+            raise EOFError("it ends too early")
+        return line
+
+
+class _Bytes(io.BufferedReader):
+    """Bytes of a file, of which there is an end."""
+
+    def __init__(self, path: Path):
+        super().__init__(io.FileIO(path))
+        self.ends = 0
+
+    def read(self, *size: int) -> bytes:
+        return self._more(super().read(*size))
+
+    def readline(self, *size: int) -> bytes:
+        return self._more(super().readline(*size))
+
+    def _more(self, found: bytes) -> bytes:
+        self.ends += not found
+        if self.ends > MOST_ENDS:
+            raise EOFError("it ends too early")
+        return found
+
+
+ENDING: dict[str, Any] = {"nastran": _Text, "ansys": _Bytes}
+
+
+def _require_own_arrays(path: Path) -> None:
+    """ValueError for an HDF5 file with anything that `own_array` refuses."""
+    with reading(path) as file:
+        if file.read(len(SIGNATURE)) != SIGNATURE:
+            return
+    import h5py
+
+    def check(name: str, place: Any) -> None:
+        for key in place.attrs:
+            if place.attrs.get_id(key).dtype.kind == "O":
+                raise ValueError(f"attribute {key} of /{name} must be of fixed length")
+        if isinstance(place, h5py.Dataset):
+            own_array(whole, name)
+            return
+        for key in place:
+            if isinstance(place.get(key, getlink=True), h5py.ExternalLink):
+                raise ValueError(f"{name}/{key} leads to another file")
+
+    with h5py.File(path, "r", locking=False) as whole:
+        check("", whole)
+        whole.visititems(check)
 
 
 def _of_input(read: Input, names: str | None) -> FileMesh:
@@ -75,9 +181,9 @@ def _of_input(read: Input, names: str | None) -> FileMesh:
         raise ValueError(f"names must be None for an .inp file, which has sets, got {names!r}")
     groups = {}
     for name, places in read.elements.items():
-        pairs = np.array(places, dtype=np.int64).reshape(-1, 2)
+        pairs = np.array(list(places), dtype=np.int64).reshape(-1, 2)
         groups[name] = [np.unique(pairs[pairs[:, 0] == b, 1]) for b in range(len(read.blocks))]
-    points_of = {name: np.unique(np.array(x, dtype=np.int64)) for name, x in read.nodes.items()}
+    points_of = {name: np.array(sorted(x), dtype=np.int64) for name, x in read.nodes.items()}
     return FileMesh(read.points, read.blocks, groups, points_of)
 
 
@@ -92,6 +198,36 @@ def _of_meshio(mesh: Any, names: str | None) -> FileMesh:
         groups[name] = [np.union1d(a, b) for a, b in zip(known, own)]
     points_of = {name: np.unique(_numbers(x)) for name, x in (mesh.point_sets or {}).items()}
     return FileMesh(np.asarray(mesh.points, dtype=float), blocks, groups, points_of)
+
+
+def _check(read: FileMesh) -> None:
+    """ValueError for nodes, and members of groups and sets, that the mesh does not have."""
+    if read.points.ndim != 2:
+        raise ValueError(f"mesh must have points of shape (N, dim), got {read.points.shape}")
+    for block in read.blocks:
+        nodes, kind = block.nodes, block.kind
+        width = KINDS[kind].nodes if kind in KINDS else nodes.shape[-1]
+        if nodes.dtype.kind not in "iu" or nodes.ndim != 2 or nodes.shape[1] != width:
+            raise ValueError(
+                f"mesh must have the numbers of {width} nodes for each {kind!r}, got an array of "
+                f"shape {nodes.shape}, dtype {nodes.dtype}"
+            )
+        _require_below(nodes, len(read.points), f"nodes of {kind!r}")
+        if kind in KINDS:
+            used = read.points[nodes]
+            require_finite(used, f"points of {kind!r} in the mesh")
+            require_moderate(used, f"points of {kind!r} in the mesh")
+    for name, members in read.groups.items():
+        for block, own in zip(read.blocks, members):
+            _require_below(own, len(block.nodes), f"elements of group {name!r}")
+    for name, points in read.points_of.items():
+        _require_below(points, len(read.points), f"points of set {name!r}")
+
+
+def _require_below(numbers: np.ndarray, count: int, what: str) -> None:
+    outside = numbers[(numbers < 0) | (numbers >= count)]
+    if outside.size:
+        raise ValueError(f"mesh must have {what} in 0..{count - 1}, got {outside.flat[0]}")
 
 
 def _numbers(members: Any) -> np.ndarray:
