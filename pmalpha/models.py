@@ -514,7 +514,7 @@ def modal_damping(
     """
     values = real_array(ratios, "ratios", (0, 1))
     mass, n = canonical(M, "M")
-    massive = 0 if mass is None else np.count_nonzero(diagonal(mass))
+    massive = 0 if mass is None else np.count_nonzero(diagonal(mass) > 0.0)
     if values.ndim == 0:
         values = np.full(massive, float(values))
     if values.size == 0:

@@ -451,7 +451,7 @@ def test_a_file_that_is_cut_off_or_another_is_refused(tmp_path):
     with pytest.raises(ValueError, match="has no header with a format"):
         pm.History.load(path)
     with h5py.File(path, "w") as file:
-        file["header"] = json.dumps({"format": "pmalpha History", "version": 7})
+        file["header"] = np.bytes_(json.dumps({"format": "pmalpha History", "version": 7}))
     with pytest.raises(ValueError, match="is of version 7 of it, not 1"):
         pm.History.load(path)
 

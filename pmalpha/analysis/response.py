@@ -17,6 +17,8 @@ __all__ = ["ResponseSpectrum", "response_spectrum"]
 # Points per period, and least number, at which the motion between two samples is computed where it
 # can be the largest; the maximum is between the largest of them and a neighbour.
 POINTS = 16
+# Maximum number of periods between two samples: more are no spectrum, and their points fill memory.
+MOST_PERIODS = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +87,8 @@ def response_spectrum(
     dt : float
         Time between two samples, positive.
     periods : (k,) array
-        Periods of the oscillators, k >= 1, not negative. 0 is the rigid oscillator, whose `sa` is
-        the peak ground acceleration.
+        Periods of the oscillators, k >= 1. 0 is the rigid oscillator, whose `sa` is the peak
+        ground acceleration; others are at least 1e-6 dt.
     damping : float, default 0.05
         Viscous damping ratio xi, in [0, 1).
     free_vibration : bool, default False
@@ -129,6 +131,11 @@ def response_spectrum(
     if T.size == 0 or np.any(T < 0.0):
         got = "none" if T.size == 0 else f"{T.min():g}"
         raise ValueError(f"periods must be at least one and not negative, got {got}")
+    if np.any((T > 0.0) & (T < dt / MOST_PERIODS)):
+        raise ValueError(
+            f"periods must be 0 or at least dt / {MOST_PERIODS:g}, got {T[T > 0.0].min():g} "
+            f"beside a dt of {dt:g}"
+        )
     free_vibration = flag(free_vibration, "free_vibration")
     xi = real_number(damping, "damping", low=0.0)
     if not xi < 1.0:

@@ -81,6 +81,7 @@ def checked_rayleigh(rayleigh: Any) -> tuple[float, float] | None:
     return real_number(c_m, "rayleigh[0]", low=0.0), real_number(c_k, "rayleigh[1]", low=0.0)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what overflows is no such C
 def _refuse_broadcast(C: np.ndarray, M: Matrix, K: Matrix, symmetric: bool) -> None:
     """ValueError for C = c_m 1 m^T + c_k K, which NumPy makes of c_m * m + c_k * K, m 1-D.
 
@@ -90,6 +91,7 @@ def _refuse_broadcast(C: np.ndarray, M: Matrix, K: Matrix, symmetric: bool) -> N
     size = None if C.ndim != 2 or C.dtype.kind not in "iuf" else C.shape[0]
     if size is None or C.shape != (size, size) or size < 2 or not np.all(np.isfinite(C)):
         return
+    C = np.asarray(C, dtype=np.float64)
     limit = ROUNDING * np.max(np.abs(C))
     first = C[0] - C[:, 0]  # c_m (m_j - m_0) where M was added to every row
     if np.max(np.abs(first)) > limit:
@@ -116,11 +118,10 @@ def _is_multiple(first: np.ndarray, M: Matrix) -> bool:
     if M is None or M.ndim != 1 or M.size != first.size:
         return False
     m = M - M[0]
-    with np.errstate(over="ignore", invalid="ignore"):  # then it is none
-        return bool(
-            np.max(np.abs(first * (m @ m) - m * (m @ first)))
-            <= ROUNDING * abs(m @ m) * np.max(np.abs(first))
-        )
+    return bool(
+        np.max(np.abs(first * (m @ m) - m * (m @ first)))
+        <= ROUNDING * abs(m @ m) * np.max(np.abs(first))
+    )
 
 
 def _constant_beside(C: np.ndarray, K: np.ndarray, limit: float) -> float | None:

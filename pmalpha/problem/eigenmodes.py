@@ -100,7 +100,14 @@ def modes(
     massive = np.flatnonzero(diagonal(B) > 0.0)
     if k > massive.size:
         raise ValueError(f"k must be at most {massive.size}, the free dofs with mass, got {k}")
-    squares, shapes = _lowest(A, B, k, _scale(diagonal(A)[massive] / diagonal(B)[massive]))
+    with np.errstate(over="ignore"):
+        ratios = diagonal(A)[massive] / diagonal(B)[massive]
+    if not np.isfinite(ratios).all():
+        light = free[massive[np.argmax(np.abs(ratios))]]
+        raise ValueError(
+            f"M must be so large that K_ii / M_ii is finite, which it is not at {light}"
+        )
+    squares, shapes = _lowest(A, B, k, _scale(ratios))
     full = np.zeros((n, k))
     full[free] = shapes * np.sign(shapes[np.abs(shapes).argmax(axis=0), np.arange(k)])
     return np.sqrt(squares), full

@@ -184,8 +184,10 @@ def _symmetric(A: Any, name: str, required: bool | None) -> Any:
     elif np.array_equal(A, A.T):
         return A
     else:
-        rows, columns = np.nonzero(A - A.T)
-        values = np.abs(A - A.T)[rows, columns]
+        with np.errstate(over="ignore"):
+            skew = np.abs(A - A.T)
+        rows, columns = np.nonzero(skew)
+        values = skew[rows, columns]
     if values.size == 0 or values.max() == 0.0:
         return A
     scale = np.sqrt(np.abs(diagonal(A)))
@@ -202,7 +204,7 @@ def _symmetric(A: Any, name: str, required: bool | None) -> Any:
         )
     if excess[worst] > 0.0:
         return A
-    mean = (A + A.T) * 0.5
+    mean = A * 0.5 + A.T * 0.5
     return sp.csr_array(mean) if sp.issparse(A) else mean
 
 

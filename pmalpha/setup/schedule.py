@@ -75,7 +75,7 @@ def macro_double_steps(
 def checked_subdomains(subdomains: Any, *, may_be_empty: bool = False) -> tuple[Subdomain, ...]:
     if isinstance(subdomains, Subdomain):
         raise TypeError("subdomains must be a list of Subdomains, got a single one")
-    if not isinstance(subdomains, Iterable):
+    if not isinstance(subdomains, Iterable) or hasattr(subdomains, "ndim"):  # of arrays
         raise TypeError(f"subdomains must be a list of Subdomains, got {subdomains!r}")
     subdomains = tuple(subdomains)
     for s in subdomains:
