@@ -78,3 +78,19 @@ bool poll_stopper(void *ctx)
     s->polled++;
     return s->polled == s->stop_at;
 }
+
+bool poll_interrupter(void *ctx)
+{
+    interrupter *i = ctx;
+    if (i->stop_at == 0 || atomic_load(&i->called) < i->stop_at)
+        return false;
+    atomic_store(&i->polled, true);
+    return true;
+}
+
+void interrupt(interrupter *i, bool waits)
+{
+    const bool stops = atomic_fetch_add(&i->called, 1) + 1 == i->stop_at;
+    while (stops && waits && !atomic_load(&i->polled)) {
+    }
+}

@@ -3,6 +3,7 @@
 #define PMA_TEST_NAIVE_H
 
 #include <float.h>
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -40,5 +41,18 @@ typedef struct {
 } stopper;
 
 bool poll_stopper(void *ctx);
+
+/* A stop in the middle of an operation, which calls `interrupt` there: the poll returns true from
+ * the stop_at-th of these calls on; never for 0. */
+typedef struct {
+    size_t stop_at;
+    atomic_size_t called;
+    atomic_bool polled; /* ... and was true once */
+} interrupter;
+
+bool poll_interrupter(void *ctx);
+
+/* `waits`, for another thread than the one that polls: until the poll has returned true. */
+void interrupt(interrupter *i, bool waits);
 
 #endif

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "algebra/factor.h"
+#include "allocations.h"
 #include "check.h"
 #include "coupling/coupler.h"
 #include "coupling/interface.h"
@@ -396,61 +397,22 @@ static void the_kept_levels_of_a_subdomain_are_its_present_and_the_level_before(
 
 /* ---- no allocation in a step ---------------------------------------------------------------- */
 
-/* Without AddressSanitizer nothing is counted, and the test shows nothing. */
-static size_t allocations;
-
-#if defined(__SANITIZE_ADDRESS__)
-#define COUNTS_ALLOCATIONS 1
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer)
-#define COUNTS_ALLOCATIONS 1
-#endif
-#endif
-
-#ifdef COUNTS_ALLOCATIONS
-/* as <sanitizer/allocator_interface.h> has it, which not every compiler brings along */
-int __sanitizer_install_malloc_and_free_hooks(void (*malloced)(const volatile void *, size_t),
-                                              void (*freed)(const volatile void *));
-
-static void count_allocation(const volatile void *memory, size_t size)
-{
-    (void)memory;
-    (void)size;
-    allocations++;
-}
-
-static void ignore_free(const volatile void *memory)
-{
-    (void)memory;
-}
-
-static bool count_allocations(void)
-{
-    return __sanitizer_install_malloc_and_free_hooks(count_allocation, ignore_free) > 0;
-}
-#else
-static bool count_allocations(void)
-{
-    return false;
-}
-#endif
-
 static void check_allocations(const chain *chosen)
 {
     static model m;
     static tape t;
     stopper a = {0, 0};
     const pma_poll poll = {poll_stopper, &a, 0};
-    allocations = 0;
+    const size_t none = allocations_counted();
     build_chain(&m, chosen);
     make_tape(&t, &m, 0, 0);
-    CHECK(allocations >= 2 * PARTS + 2); /* the counter counts: a struct and a block for each */
-    const size_t before = allocations;
+    const size_t before = allocations_counted();
+    CHECK(before - none >= 2 * PARTS + 2); /* the counter counts: a struct and a block for each */
     run_taped(&m, &t, 3);
     CHECK_STATUS(pma_coupler_advance(m.coupler, STEPS - 3, NULL, &poll), PMA_OK);
     if (!has_inner(&m))
         start_model(&m); /* to evaluate internal forces for it belongs to set-up */
-    CHECK_INT(allocations, before);
+    CHECK_INT(allocations_counted(), before);
     destroy_model(&m);
 }
 

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "algebra/tiles.h"
+#include "allocations.h"
 #include "check.h"
 #include "coupling/coupler.h"
 #include "coupling/interface.h"
@@ -225,12 +226,41 @@ static void fill_twins(twins *q, uint64_t *seed)
                              .dt = 0.01};
 }
 
+/* ---- with a stop in a pass ------------------------------------------------------------------ */
+
+static interrupter stop;
+static const pma_member_table *usual;
+static pma_member_table interrupted;
+
+/* The second subdomain is that of the second worker, if there is one. */
+static const pma_subdomain *second;
+static bool is_second_apart;
+
+static pma_status run_and_interrupt(void *self, const pma_substep *steps, size_t count,
+                                    const double *lam)
+{
+    interrupt(&stop, is_second_apart && self == second);
+    return usual->run(self, steps, count, lam);
+}
+
+static void respond_and_interrupt(void *self, size_t j, size_t count, const double *dlam)
+{
+    interrupt(&stop, is_second_apart && self == second);
+    usual->respond_run(self, j, count, dlam);
+}
+
 static void make_twins(twins *q, const sparse *m, bool mean, bool damped, double h, size_t threads)
 {
     uint64_t seed = 43;
     fill_twins(q, &seed);
     for (size_t i = 0; i < 2; i++)
         make_twin(q, i, m, mean, damped, h);
+    usual = q->members[0].table;
+    interrupted = *usual;
+    interrupted.run = run_and_interrupt;
+    interrupted.respond_run = respond_and_interrupt;
+    for (size_t i = 0; i < 2; i++)
+        q->members[i].table = &interrupted;
     const pma_factor factor = {.form = PMA_DIAGONAL, .n = 1, .nb = 1, .inverse = q->inverse_H};
     CHECK_STATUS(pma_ldl_create(&factor, &q->H), PMA_OK);
     const pma_interface H = pma_ldl_interface(&q->H);
@@ -263,7 +293,7 @@ static void destroy_twins(twins *q)
     pma_ldl_destroy(&q->H);
 }
 
-static void check_same(twins *actual, twins *expected)
+static void check_levels(twins *actual, twins *expected)
 {
     CHECK_BITS(1, pma_coupler_multipliers(actual->coupler),
                pma_coupler_multipliers(expected->coupler));
@@ -275,7 +305,15 @@ static void check_same(twins *actual, twins *expected)
         CHECK_BITS(ROWS, x.present.w, y.present.w);
         CHECK_BITS(ROWS, x.present.a, y.present.a);
         CHECK_BITS(FACE, x.vf, y.vf);
-        CHECK(isfinite(y.present.u[0]) && y.present.u[0] != actual->state[0]);
+    }
+}
+
+static void check_same(twins *actual, twins *expected)
+{
+    check_levels(actual, expected);
+    for (size_t i = 0; i < 2; i++) {
+        const double u = pma_subdomain_present(expected->subdomains[i])->u[0];
+        CHECK(isfinite(u) && u != actual->state[0]);
     }
 }
 
@@ -304,6 +342,70 @@ static void passes_are_bitwise_identical_to_substeps_for_any_number_of_threads(v
         check_passes(&m, drawn & 2, drawn & 4, 2);
         free_sparse(&m);
     }
+}
+
+/* At the stop_at-th pass; true if the run ended with it. */
+static bool check_stop(const sparse *m, bool mean, size_t threads, size_t stop_at)
+{
+    static twins q, alone;
+    const pma_poll poll = {poll_interrupter, &stop, 0};
+    make_twins(&alone, m, mean, false, 0.1, 1);
+    make_twins(&q, m, mean, false, 0.1, threads);
+    CHECK_INT(pma_coupler_threads(q.coupler), threads);
+    second = q.subdomains[1];
+    is_second_apart = threads > 1;
+    stop.stop_at = stop_at;
+    atomic_store(&stop.called, 0);
+    atomic_store(&stop.polled, false);
+    const pma_status status = pma_coupler_advance(q.coupler, MACRO_STEPS - 1, NULL, &poll);
+    const int64_t whole = pma_coupler_step_count(q.coupler);
+    CHECK(status == PMA_STOPPED || (status == PMA_OK && whole == MACRO_STEPS - 1));
+    stop.stop_at = 0;
+    CHECK_STATUS(pma_coupler_advance(alone.coupler, whole, NULL, NULL), PMA_OK);
+    check_levels(&q, &alone);
+    CHECK_STATUS(pma_coupler_advance(q.coupler, MACRO_STEPS - whole, NULL, NULL), PMA_OK);
+    CHECK_STATUS(pma_coupler_advance(alone.coupler, MACRO_STEPS - whole, NULL, NULL), PMA_OK);
+    check_same(&q, &alone);
+    destroy_twins(&q);
+    destroy_twins(&alone);
+    return status == PMA_STOPPED;
+}
+
+static void a_stop_in_the_middle_of_a_pass_leaves_the_last_macro_level(void)
+{
+    static sparse m;
+    uint64_t seed = 47;
+    make_sparse(&m, true, &seed);
+    for (size_t mean = 0; mean < 2; mean++) {
+        for (size_t threads = 1; threads <= 2; threads++) {
+            size_t stop_at = 1;
+            while (check_stop(&m, mean, threads, stop_at))
+                stop_at++;
+            CHECK(stop_at > 4 * (MACRO_STEPS - 1)); /* a pass or more twice for each */
+        }
+    }
+    free_sparse(&m);
+}
+
+static void a_step_of_passes_does_not_allocate(void)
+{
+    static sparse m;
+    static twins q;
+    uint64_t seed = 48;
+    if (!count_allocations())
+        return;
+    make_sparse(&m, false, &seed);
+    for (size_t threads = 1; threads <= 2; threads++) {
+        const size_t nothing = allocations_counted();
+        make_twins(&q, &m, true, false, 0.1, threads);
+        CHECK_STATUS(pma_coupler_advance(q.coupler, 1, NULL, NULL), PMA_OK); /* workers are there */
+        const size_t before = allocations_counted();
+        CHECK(before > nothing);
+        CHECK_STATUS(pma_coupler_advance(q.coupler, MACRO_STEPS - 1, NULL, NULL), PMA_OK);
+        CHECK_INT(allocations_counted(), before);
+        destroy_twins(&q);
+    }
+    free_sparse(&m);
 }
 
 /* A step far above the critical one: numbers grow by 1e8 or so in each substep. */
@@ -354,6 +456,8 @@ const test TILES_TESTS[] = {
     TEST(a_stage_waits_for_the_rows_that_are_coupled_with_its_own),
     TEST(a_matrix_that_is_coupled_all_over_has_no_tiles),
     TEST(passes_are_bitwise_identical_to_substeps_for_any_number_of_threads),
+    TEST(a_stop_in_the_middle_of_a_pass_leaves_the_last_macro_level),
+    TEST(a_step_of_passes_does_not_allocate),
     TEST(a_pass_finds_what_is_not_finite),
     TEST(a_function_of_time_is_evaluated_substep_by_substep),
     END_OF_TESTS,

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "allocations.h"
 #include "check.h"
 #include "coupling/schedule.h"
 #include "matrices.h"
@@ -181,6 +182,23 @@ static pma_subdomain *start(const pma_parts *parts)
     return s;
 }
 
+static interrupter stop;
+static const pma_member_table *usual;
+static pma_member_table interrupted;
+
+static pma_status visit_and_interrupt(void *self, const pma_substep *closed,
+                                      const pma_substep *opened, const double *lam)
+{
+    interrupt(&stop, false);
+    return usual->visit(self, closed, opened, lam);
+}
+
+static bool go_and_interrupt(const void *self, size_t worker)
+{
+    interrupt(&stop, worker > 0);
+    return usual->go(self, worker);
+}
+
 /* As a coupler does it, which takes the member for one that is worth several workers. */
 static pma_coupler *couple(pma_subdomain *s, size_t threads, pma_ldl *none)
 {
@@ -188,6 +206,11 @@ static pma_coupler *couple(pma_subdomain *s, size_t threads, pma_ldl *none)
     pma_member member = pma_subdomain_member(s);
     member.entries = 10 * PMA_RANGE;
     member.visits = true;
+    usual = member.table;
+    interrupted = *usual;
+    interrupted.visit = visit_and_interrupt;
+    interrupted.go = go_and_interrupt;
+    member.table = &interrupted;
     CHECK_STATUS(pma_ldl_create(&empty, none), PMA_OK);
     const pma_interface H = pma_ldl_interface(none);
     const pma_coupler_parts parts = {.count = 1,
@@ -204,18 +227,24 @@ static pma_coupler *couple(pma_subdomain *s, size_t threads, pma_ldl *none)
     return c;
 }
 
+/* Without an interface, in nodes of one supernode each. */
+static pma_tree *draw_alone(structure *m, uint64_t seed)
+{
+    pma_tree *T;
+    draw_definite(m, UNKNOWNS, 0, 24, &seed);
+    analyse(m);
+    draw_vector(m->n, &seed, load);
+    for (size_t k = 0; k < 3 * m->n; k++)
+        begin[k] = draw_eighth(&seed);
+    CHECK_STATUS(pma_tree_create(&m->panels, m->n, m->nb, 0, &T), PMA_OK);
+    return T;
+}
+
 static void a_coupler_with_any_number_of_threads_is_bitwise_identical(void)
 {
     static structure m;
-    uint64_t seed = 83;
-    pma_tree *T;
     pma_ldl none;
-    draw_definite(&m, UNKNOWNS, 0, 24, &seed);
-    analyse(&m);
-    draw_vector(m.n, &seed, load);
-    for (size_t k = 0; k < 3 * m.n; k++)
-        begin[k] = draw_eighth(&seed);
-    CHECK_STATUS(pma_tree_create(&m.panels, m.n, m.nb, 0, &T), PMA_OK);
+    pma_tree *T = draw_alone(&m, 83);
     for (size_t doubled = 0; doubled < 2; doubled++) {
         const pma_parts parts = describe_tree(&m, T, doubled);
         pma_subdomain *alone = start(&parts);
@@ -237,6 +266,81 @@ static void a_coupler_with_any_number_of_threads_is_bitwise_identical(void)
     }
     pma_tree_destroy(T);
 }
+
+/* ---- stopped in a visit --------------------------------------------------------------------- */
+
+/* At the stop_at-th visit, or branch of one: true if the run ended with it. All is as after whole
+ * macro steps of `alone`, and goes on from there. */
+static bool check_stop(const pma_parts *parts, size_t threads, size_t stop_at)
+{
+    pma_ldl none[2];
+    pma_subdomain *s = start(parts), *alone = start(parts);
+    pma_coupler *c = couple(s, threads, &none[0]), *other = couple(alone, 1, &none[1]);
+    const pma_poll poll = {poll_interrupter, &stop, 0};
+    stop.stop_at = stop_at;
+    atomic_store(&stop.called, 0);
+    atomic_store(&stop.polled, false);
+    const pma_status status = pma_coupler_advance(c, MACROS, NULL, &poll);
+    const bool stopped = status == PMA_STOPPED;
+    const int64_t whole = pma_coupler_step_count(c);
+    CHECK(stopped || (status == PMA_OK && whole == MACROS));
+    stop.stop_at = 0;
+    CHECK_STATUS(pma_coupler_advance(other, whole, NULL, NULL), PMA_OK);
+    check_same(s, alone, 0);
+    CHECK_INT(s->levels.opened, alone->levels.opened);
+    CHECK_STATUS(pma_coupler_advance(c, MACROS + 1 - whole, NULL, NULL), PMA_OK);
+    CHECK_STATUS(pma_coupler_advance(other, MACROS + 1 - whole, NULL, NULL), PMA_OK);
+    check_same(s, alone, 0);
+    pma_coupler_destroy(c);
+    pma_coupler_destroy(other);
+    for (size_t i = 0; i < 2; i++)
+        pma_ldl_destroy(&none[i]);
+    pma_subdomain_destroy(s);
+    pma_subdomain_destroy(alone);
+    return stopped;
+}
+
+static void a_stop_in_the_middle_of_a_visit_leaves_the_last_macro_level(void)
+{
+    static structure m;
+    pma_tree *T = draw_alone(&m, 84);
+    for (size_t doubled = 0; doubled < 2; doubled++) {
+        const pma_parts parts = describe_tree(&m, T, doubled);
+        for (size_t threads = 1; threads <= 3; threads++) {
+            size_t stop_at = 1;
+            while (check_stop(&parts, threads, stop_at))
+                stop_at++;
+            CHECK(stop_at > threads * (MACROS * SUBSTEPS - 2)); /* in every one of them */
+        }
+    }
+    pma_tree_destroy(T);
+}
+
+static void a_step_of_visits_does_not_allocate(void)
+{
+    static structure m;
+    pma_ldl none;
+    if (!count_allocations())
+        return;
+    pma_tree *T = draw_alone(&m, 85);
+    const pma_parts parts = describe_tree(&m, T, true);
+    for (size_t threads = 1; threads <= 3; threads++) {
+        const size_t nothing = allocations_counted();
+        pma_subdomain *s = start(&parts);
+        pma_coupler *c = couple(s, threads, &none);
+        CHECK_STATUS(pma_coupler_advance(c, 1, NULL, NULL), PMA_OK); /* workers are there now */
+        const size_t before = allocations_counted();
+        CHECK(before > nothing);
+        CHECK_STATUS(pma_coupler_advance(c, MACROS, NULL, NULL), PMA_OK);
+        CHECK_INT(allocations_counted(), before);
+        pma_coupler_destroy(c);
+        pma_ldl_destroy(&none);
+        pma_subdomain_destroy(s);
+    }
+    pma_tree_destroy(T);
+}
+
+/* ---- one by one and together ---------------------------------------------------------------- */
 
 static void check_visits(structure *m, size_t entries, bool doubled)
 {
@@ -322,6 +426,8 @@ static void rows_that_couple_beside_the_tree_are_not_visited_together(void)
 const test VISIT_TESTS[] = {
     TEST(two_substeps_in_a_visit_by_any_workers_are_those_one_by_one),
     TEST(a_coupler_with_any_number_of_threads_is_bitwise_identical),
+    TEST(a_stop_in_the_middle_of_a_visit_leaves_the_last_macro_level),
+    TEST(a_step_of_visits_does_not_allocate),
     TEST(rows_that_couple_beside_the_tree_are_not_visited_together),
     END_OF_TESTS,
 };
