@@ -14,6 +14,7 @@ from test_snapshot import nonlinear
 import pmalpha as pm
 
 DAMPED = pm.GeneralizedAlpha(0.5)
+GROWS = "ignore:.*grows with damping:pmalpha.StabilityWarning"
 
 
 def arrays_of(history):
@@ -72,6 +73,7 @@ def random_cases(c, count, seed=0):
 # ---- equal to reset and run ----------------------------------------------------------------------
 
 
+@pytest.mark.filterwarnings(GROWS)
 @pytest.mark.parametrize("count", [0, 1, 2, 9, 20])
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro", "mean"])
 def test_each_case_is_bitwise_the_run_after_a_reset(coupling, count):
@@ -175,6 +177,7 @@ def test_a_callable_load_belongs_to_its_case():
         require_equal(x, y)
 
 
+@pytest.mark.filterwarnings(GROWS)
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro", "mean"])
 def test_any_number_of_threads_and_any_grouping_give_bitwise_the_same(coupling):
     cases = random_cases(coupler(), 21)
@@ -370,6 +373,7 @@ def test_warnings_are_those_of_single_runs():
         ours.run_each([{"u0": {"x": [0.0]}}] * 9, steps=200)
 
 
+@pytest.mark.filterwarnings(GROWS)
 @pytest.mark.parametrize("form", [np.asarray, sp.csr_array])
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro", "mean"])
 def test_unsymmetric_subdomains_run_bitwise_as_one_by_one(coupling, form):

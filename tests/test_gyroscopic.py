@@ -14,6 +14,9 @@ from scipy.linalg import eigvals, expm
 import pmalpha as pm
 from pmalpha import analysis
 
+# Skew damping under "mean" too, by the square of its size: slowly in these runs.
+pytestmark = pytest.mark.filterwarnings("ignore:.*grows with damping:pmalpha.StabilityWarning")
+
 J = np.array([[0.0, 1.0], [-1.0, 0.0]])
 
 

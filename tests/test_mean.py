@@ -198,6 +198,7 @@ def test_a_single_step_is_closed_as_it_would_respond(
     assert np.max(np.abs(one - two)) < 1e-12 * np.max(np.abs(two))
 
 
+@pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")  # grows, as meant below
 @pytest.mark.parametrize(
     ("change", "waits"),
     [
@@ -214,6 +215,60 @@ def test_damping_is_of_no_account_to_a_step_that_waits_for_the_trapezoidal_rule(
     b = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), name="b")
     coupler = pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.1, coupling="mean")
     assert coupler._parts[0].waits is waits
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
+@pytest.mark.parametrize("scheme", [pm.GeneralizedAlpha(0.5), pm.HHT(0.2), pm.CentralDifference()])
+@pytest.mark.parametrize(("substeps", "double"), [(1, None), (3, None), (1, True)])
+def test_nothing_drifts_with_damping_that_is_not_proportional(scheme, substeps, double):
+    """H is not symmetric then, (K8): half of it left gaps of 1e-6."""
+    K = np.array([[3.0, -1.0, 0.0], [-1.0, 3.0, -1.0], [0.0, -1.0, 2.0]])
+    values = dict(scheme=scheme, substeps=substeps, double_step=double, v0=[0.0, 0.0, 1.0])
+    a = pm.Subdomain([1.0, 2.0, 3.0], K, [0.4, 0.0, 0.1], name="a", **values)
+    b = pm.Subdomain([1.0, 1.0], [1.0, 2.0], scheme=pm.Newmark(), name="b")
+    coupler = pm.Coupler([a, b], pm.tie(a, [0, 1], b, [0, 1]), dt=0.5, coupling="mean")
+    history = coupler.run(10.0)
+    assert np.abs(history.displacement_jump).max() < 1e-14  # rounding; the motion is about 1
+
+
+def damped(scheme, c=0.1, substeps=1, **values):
+    a = pm.Subdomain([1.0], [1.0], [c], scheme=scheme, substeps=substeps, name="a", **values)
+    b = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), name="b")
+    return pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.5, coupling="mean")
+
+
+@pytest.mark.parametrize(
+    "scheme",
+    [
+        pm.GeneralizedAlpha(0.0),
+        pm.GeneralizedAlpha(0.8),
+        pm.GeneralizedAlpha(0.5, explicit=True),
+        pm.HHT(0.2),
+    ],
+)
+def test_damping_with_one_substep_and_algorithmic_damping_grows_and_is_warned_of(scheme):
+    with pytest.warns(pm.StabilityWarning, match=r"grows with damping in .*\('a'\)"):
+        coupler = damped(scheme)
+    # c h / m = 0.05 feeds the velocity gap by (K8): 3e-5 for rho = 0.8, up to 2e-2
+    assert pm.analysis.spectral_radius(pm.analysis.amplification_matrix(coupler)) > 1.0 + 1e-5
+
+
+@pytest.mark.parametrize(
+    ("scheme", "substeps"),
+    [
+        (pm.Newmark(), 1),
+        (pm.Newmark(beta=0.3, gamma=0.6), 1),
+        (pm.GeneralizedAlpha(1.0), 1),
+        (pm.GeneralizedAlpha(1.0, explicit=True), 1),
+        (pm.CentralDifference(), 1),
+        (pm.GeneralizedAlpha(0.5), 2),
+        (pm.GeneralizedAlpha(0.5, explicit=True), 2),
+    ],
+)
+@pytest.mark.parametrize("c", [0.01, 0.1, 1.0])
+def test_other_damping_does_not_grow(scheme, substeps, c):
+    G = pm.analysis.amplification_matrix(damped(scheme, c, substeps))
+    assert pm.analysis.spectral_radius(G) < 1.0 + 1e-12  # rounding of simple eigenvalues
 
 
 def test_loads_damping_and_prescribed_motion_have_order_two():

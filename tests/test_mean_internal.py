@@ -14,9 +14,10 @@ TIGHT = pm.Newton(tol=1e-13)
 
 
 @pytest.fixture(autouse=True)
-def coarse_steps_are_meant():
+def coarse_steps_and_growing_ones_are_meant():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.AccuracyWarning)
+        warnings.simplefilter("ignore", pm.StabilityWarning)
         yield
 
 

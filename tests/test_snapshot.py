@@ -74,6 +74,7 @@ def test_a_restored_coupler_repeats_the_run_bitwise(coupling, tangent, steps):
         assert snapshot(ours) == last
 
 
+@pytest.mark.filterwarnings("ignore:.*grows with damping:pmalpha.StabilityWarning")
 def test_a_state_under_mean_coupling_has_the_multipliers_of_its_accelerations():
     ours = coupler(coupling="mean")
     ours.step(5)

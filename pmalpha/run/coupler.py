@@ -126,7 +126,8 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
     -----
     StabilityWarning
         When the step of a subdomain is above its critical step; under "macro" when a subdomain
-        resonates with the macro step, and for a double step without algorithmic damping (rho = 1).
+        resonates with the macro step, and for a double step without algorithmic damping (rho = 1);
+        under "mean" for damping in a subdomain with one substep and algorithmic damping (rho < 1).
     PerformanceWarning
         When the unit responses of "macro" take long; when M or C of an explicit subdomain is not
         diagonal and the sweeps over the factor that it needs take longer than the rest of its step,

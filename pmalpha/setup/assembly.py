@@ -18,7 +18,7 @@ from .interface import interface_factor, interface_matrix, is_symmetric_sum, row
 from .iteration import iteration_of, prepare_iterated
 from .loose import warn_of_loose
 from .macro import prepare, warn_of_resonance
-from .mean import check_mean, doubled_part, mass_of_interface, prepare_mean
+from .mean import check_mean, doubled_part, mass_of_interface, prepare_mean, warn_of_damping
 from .part import Part, build, make_part, warn_of_factors, warn_of_order
 from .processes import processes, remote_of
 from .ranks import Ranks, joined
@@ -245,6 +245,7 @@ class Assemblies:
         p = self.rows.size
         others = {"processes": processes(self.ranks, map(remote_of, parts))}
         if self.coupling == "mean":
+            warn_of_damping(parts, self.ranks)
             return others | {"doubled": doubled_part(parts, p, self.ranks)}
         if not self.tied:
             return others

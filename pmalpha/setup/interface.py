@@ -44,7 +44,7 @@ def _pattern(part: Part) -> Block | None:
 
 def is_symmetric_sum(parts: Sequence[Part], ranks: Ranks | None = None) -> bool:
     """Whether the sum of the blocks of these subdomains, of all processes, is symmetric."""
-    return all(joined(ranks, [part.symmetric for part in parts]))
+    return all(joined(ranks, [part.has_symmetric_block for part in parts]))
 
 
 def interface_matrix(

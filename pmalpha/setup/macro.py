@@ -185,7 +185,7 @@ def unit_responses(
 def response_block(part: Part, rows: np.ndarray, values: np.ndarray) -> Block:
     """The block (M7), sparse, since many pairs of constraints have no entry; row k of the values
     is the response to multiplier k, a column of H."""
-    if not part.symmetric:
+    if not part.has_symmetric_block:
         return Block(rows, sp.csr_array(values.T))
     return Block(rows, sp.csr_array(0.5 * (values + values.T)))
 

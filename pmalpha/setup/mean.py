@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import numbered
+from .._checks import listing, numbered
+from ..errors import StabilityWarning, warn
 from ..problem.matrices import combination, core_matrix
 from .compliance import Block, constraints_of
 from .factors import Factor
@@ -23,6 +24,8 @@ from .ranks import Ranks, joined
 
 # The smallest rho_b of an explicit scheme: below, the coupled step is unstable near its limit.
 LEAST_EXPLICIT_RHO = 0.5
+# 2 beta / gamma from which damping feeds the velocity gap; the trapezoidal rule has 1 to rounding.
+ABOVE = 1.0 + 1e-9
 
 
 def check_mean(parts: Sequence[Part]) -> None:
@@ -47,6 +50,25 @@ def check_mean(parts: Sequence[Part]) -> None:
                 f'coupling="mean" needs mass at the interface dofs, got none at '
                 f"{numbered('dof', tied)} of {part.name!r}"
             )
+
+
+def warn_of_damping(parts: Sequence[Part], ranks: Ranks | None = None) -> None:
+    """StabilityWarning for damping with which the velocity gap grows, (K8)."""
+    own = [part.name for part in parts if _grows(part)]
+    names = [repr(name) for name in joined(ranks, own)]
+    if names:
+        warn(
+            'coupling="mean" grows with damping in subdomains with one substep and rho < 1 '
+            f"({listing(names)}): the velocity gap at the interface does; take there the "
+            'trapezoidal rule or central difference, or coupling="macro"',
+            StabilityWarning,
+        )
+
+
+def _grows(part: Part) -> bool:
+    """Whether the damping feeds the velocity gap, (K8)."""
+    scheme = part.subdomain.scheme
+    return part.is_damped and part.substeps == 1 and 2.0 * scheme.beta > ABOVE * scheme.gamma
 
 
 def mass_of_interface(part: Part) -> Factor:

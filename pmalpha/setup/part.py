@@ -189,11 +189,27 @@ class Part:
     @property
     def waits(self) -> bool:
         """Whether its single steps under mean coupling wait for the multipliers (K7)."""
-        s, scheme = self.subdomain, self.subdomain.scheme
-        if not self.mean or self.substeps > 1 or scheme.explicit or self.internal is not None:
+        explicit = self.subdomain.scheme.explicit
+        if not self.mean or self.substeps > 1 or explicit or self.internal is not None:
             return False
-        trapezoidal = math.isclose(scheme.gamma, 2.0 * scheme.beta, rel_tol=1e-15)
-        return self.C is None or (trapezoidal and s.damping == "implicit")
+        return self.C is None or self._is_trapezoidal
+
+    @property
+    def has_symmetric_block(self) -> bool:
+        """Whether its block of H is symmetric: under mean coupling with damping, (K8)."""
+        return self.symmetric and not (self.mean and self.is_damped and not self._is_trapezoidal)
+
+    @property
+    def is_damped(self) -> bool:
+        """Whether it has C or a C_t of internal forces."""
+        return self.C is not None or (self.internal is not None and self.internal.C is not None)
+
+    @property
+    def _is_trapezoidal(self) -> bool:
+        """Whether the mean velocity of a step is the mean of those at its ends, that of C too."""
+        s, scheme = self.subdomain, self.subdomain.scheme
+        mean = math.isclose(scheme.gamma, 2.0 * scheme.beta, rel_tol=1e-15)
+        return mean and not scheme.explicit and s.damping == "implicit"
 
     def factor(self, A: Matrix, what: str, *, symmetric: bool = True) -> Factor:
         """The factor of a matrix of this subdomain, in elimination order."""
