@@ -103,14 +103,24 @@ def attempt(kind, library, folder, stride):
     return counts
 
 
-def run_in_this_process(kinds, stride):
+def failing():
+    """The functions of the library that was loaded first, for the allocations of the extension."""
     library = ctypes.CDLL(None)
-    library.failing_allocations_of.argtypes = [ctypes.c_size_t, ctypes.c_size_t]
-    lines = [x for x in Path("/proc/self/maps").read_text().splitlines() if _core.__file__ in x]
-    ends = [int(x, 16) for line in lines for x in line.split()[0].split("-")]
-    library.failing_allocations_of(min(ends), max(ends))
+    for tell, name in (
+        (library.failing_allocations_of, _core.__file__),
+        (library.failing_allocations_apart, "/libmpi.so"),  # which would end the process
+    ):
+        lines = [x for x in Path("/proc/self/maps").read_text().splitlines() if name in x]
+        ends = [int(x, 16) for line in lines for x in line.split()[0].split("-")]
+        tell.argtypes = [ctypes.c_size_t, ctypes.c_size_t]
+        tell(min(ends, default=0), max(ends, default=0))
     library.failing_allocations_arm.argtypes = [ctypes.c_long]
     library.failing_allocations_arm.restype = ctypes.c_long
+    return library
+
+
+def run_in_this_process(kinds, stride):
+    library = failing()
     warnings.simplefilter("ignore")
     total = Counter()
     with tempfile.TemporaryDirectory() as folder:
@@ -119,14 +129,19 @@ def run_in_this_process(kinds, stride):
     print(dict(total))
 
 
+def preloaded(folder):
+    """The environment of a process in which allocations can fail."""
+    library = Path(folder, "failing_allocations.so")
+    source = HERE / "failing_allocations.c"
+    compiler = [os.environ.get("CC", "cc"), "-shared", "-fPIC", "-O1", "-o", str(library)]
+    subprocess.run([*compiler, str(source)], check=True)
+    return {"LD_PRELOAD": str(library), "PYTHONMALLOC": "malloc"}
+
+
 def campaign(kinds=KINDS, stride=1, seconds=3600):
     """The output of a process in which allocations fail; an error of the process is raised."""
     with tempfile.TemporaryDirectory() as folder:
-        library = Path(folder, "failing_allocations.so")
-        source = HERE / "failing_allocations.c"
-        compiler = [os.environ.get("CC", "cc"), "-shared", "-fPIC", "-O1", "-o", str(library)]
-        subprocess.run([*compiler, str(source)], check=True)
-        environment = os.environ | {"LD_PRELOAD": str(library), "PYTHONMALLOC": "malloc"}
+        environment = os.environ | preloaded(folder)
         done = subprocess.run(
             [sys.executable, __file__, str(stride), *kinds],
             env=environment | {"IN_CAMPAIGN": "1"},

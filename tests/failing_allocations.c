@@ -20,12 +20,19 @@ static atomic_long left; /* allocations until the one that fails; 0: none fails 
 static atomic_long seen;
 static _Thread_local bool inside;
 
-static const char *first, *end; /* where the extension is in memory */
+static const char *first, *end;             /* where the extension is in memory */
+static const char *apart_first, *apart_end; /* and a library that it calls, whose own do not fail */
 
 void failing_allocations_of(const char *begin, const char *behind)
 {
     first = begin;
     end = behind;
+}
+
+void failing_allocations_apart(const char *begin, const char *behind)
+{
+    apart_first = begin;
+    apart_end = behind;
 }
 
 /* Fail the k-th allocation from now on; 0 lets all succeed. Returns how many there were. */
@@ -43,8 +50,12 @@ static bool is_of_extension(void)
     void *callers[CALLERS];
     const int count = backtrace(callers, CALLERS);
     bool found = false;
-    for (int i = 2; i < count && !found; i++)
-        found = (const char *)callers[i] >= first && (const char *)callers[i] < end;
+    for (int i = 2; i < count && !found; i++) {
+        const char *caller = callers[i];
+        if (caller >= apart_first && caller < apart_end)
+            return false;
+        found = caller >= first && caller < end;
+    }
     return found;
 }
 

@@ -22,10 +22,21 @@ from rank_bitwise import (
 )
 from rank_failures import failures
 from rank_files import checkpoints, files, killed, killed_in_save, left
+from rank_memory import allocations, memory
 from rank_problems import WORLD
 
-TESTS = (arguments, bitwise, by_callable, checkpoints, explicit, failures, files, interpolated)
-TESTS += (chosen, drifting, iterated, killed, killed_in_save, left, static)
+TESTS = (
+    allocations,
+    arguments,
+    bitwise,
+    by_callable,
+    checkpoints,
+    explicit,
+    failures,
+    files,
+    interpolated,
+)
+TESTS += (chosen, drifting, iterated, killed, killed_in_save, left, memory, static)
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore")

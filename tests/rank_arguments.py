@@ -10,7 +10,7 @@ def one_of(kind, call, *words, failed=SIZE - 1, everywhere=False):
     """An error of a call: of one rank, named on the others, or the same everywhere."""
     try:
         call(RANK == failed)
-    except (ValueError, TypeError, pm.PmalphaError, OSError) as error:
+    except (ValueError, TypeError, pm.PmalphaError, OSError, MemoryError) as error:
         others = kind if everywhere or issubclass(kind, pm.PmalphaError) else pm.PmalphaError
         assert type(error) is (kind if RANK == failed else others), repr(error)
         assert all(word in str(error) for word in words), str(error)

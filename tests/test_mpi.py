@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import campaign_memory
 import numpy as np
 import pytest
 
@@ -44,9 +45,10 @@ def command(ranks, *arguments):
     return [str(word) for word in words], environment
 
 
-def run(ranks, *arguments):
-    """The lines that the ranks have printed."""
+def run(ranks, *arguments, **variables):
+    """The lines that the ranks have printed, with these variables of the environment."""
     words, environment = command(ranks, *arguments)
+    environment |= variables
     done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=LIMIT)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout.split("\n")[:-1]
@@ -105,6 +107,18 @@ def test_a_failure_on_any_rank_ends_the_run_on_all_at_the_same_step(ranks, coupl
     # 6 kinds of failure, each on both ranks, or on one of three
     count = 6 * (2 if ranks == 2 else 1) * len(couplings)
     assert run(ranks, "failures", *couplings) == [f"{count} failures"] * ranks
+
+
+@needs_mpi
+def test_too_little_memory_on_one_rank_raises_on_all():
+    assert run(2, "memory") == ["memory"] * 2
+
+
+@needs_mpi
+@pytest.mark.skipif(sys.platform != "linux", reason="replaces malloc by the linker of Linux")
+def test_an_allocation_that_fails_on_one_rank_raises_on_all(tmp_path):
+    found = run(2, "allocations", tmp_path, 23, **campaign_memory.preloaded(tmp_path))
+    assert found == ["allocations"] * 2
 
 
 @needs_mpi

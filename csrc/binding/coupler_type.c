@@ -294,6 +294,16 @@ static int check_steps(CouplerObject *self, long long steps)
     return -1;
 }
 
+/* The round before the first macro step: with another status than PMA_OK when an exception keeps
+ * this process, not the others, from that step. */
+static pma_status meet(CouplerObject *self, pma_status status)
+{
+    PyThreadState *before = pma_gil_release();
+    status = pma_coupler_meet(self->core, status);
+    pma_gil_acquire(before);
+    return status;
+}
+
 /* advance(steps, record, report=None): None, or the result of pma_failure() */
 static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
 {
@@ -309,8 +319,11 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
         return NULL;
     if (check_steps(self, steps) < 0 || check_tables(self, steps) < 0 ||
         (obj != Py_None &&
-         pma_take_record(self, obj, pma_coupler_step_count(self->core) + steps, &record) < 0))
+         pma_take_record(self, obj, pma_coupler_step_count(self->core) + steps, &record) < 0)) {
+        if (self->processes && steps > 0)
+            meet(self, PMA_NO_MEMORY);
         goto done;
+    }
 
     pma_watch watch = {.last = pma_watch_milliseconds(),
                        .report = report == Py_None ? NULL : report,
@@ -327,14 +340,6 @@ done:
     return result;
 }
 
-static pma_status meet(CouplerObject *self)
-{
-    PyThreadState *before = pma_gil_release();
-    const pma_status status = pma_coupler_meet(self->core);
-    pma_gil_acquire(before);
-    return status;
-}
-
 /* None, or (rank,) as above */
 static PyObject *coupler_record_present(CouplerObject *self, PyObject *obj)
 {
@@ -342,15 +347,14 @@ static PyObject *coupler_record_present(CouplerObject *self, PyObject *obj)
     PyObject *result = NULL;
     if (pma_coupler_claim(self) < 0)
         return NULL;
-    if (pma_take_record(self, obj, pma_coupler_step_count(self->core), &record) == 0) {
-        if (self->processes && meet(self) != PMA_OK) {
-            result = pma_failure(self, PMA_ELSEWHERE);
-            goto done;
-        }
+    const bool taken = pma_take_record(self, obj, pma_coupler_step_count(self->core), &record) == 0;
+    const bool met = !self->processes || meet(self, taken ? PMA_OK : PMA_NO_MEMORY) == PMA_OK;
+    if (taken && met) {
         pma_coupler_record_present(self->core, &record);
         result = Py_NewRef(Py_None);
+    } else if (taken) {
+        result = pma_failure(self, PMA_ELSEWHERE);
     }
-done:
     PyMem_Free(record.selections);
     pma_coupler_release(self);
     return result;

@@ -56,8 +56,9 @@ class Together:
         write_master(path, files, self._ranks.first.tolist())
 
     def _record_present(self, recording: Recording) -> None:
+        record = recording.core_record()
         if self._ranks is not None:
             self._ranks.share(None)
-        elsewhere = self._core.record_present(recording.core_record())
+        elsewhere = self._core.record_present(record)
         if elsewhere is not None:
             raise Elsewhere(*elsewhere)

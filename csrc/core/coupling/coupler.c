@@ -388,9 +388,9 @@ static void begin(pma_coupler *c, int64_t steps, const pma_record *record, const
     atomic_store(&c->stopped, false);
 }
 
-pma_status pma_coupler_meet(pma_coupler *c)
+pma_status pma_coupler_meet(pma_coupler *c, pma_status status)
 {
-    return pma_exchange_present(c, c->started ? PMA_OK : PMA_NOT_READY);
+    return pma_exchange_present(c, status == PMA_OK && !c->started ? PMA_NOT_READY : status);
 }
 
 /* A macro step, up to where all have arrived at its end. */

@@ -124,8 +124,9 @@ size_t pma_coupler_failed(const pma_coupler *c);
 double *pma_coupler_gap(pma_coupler *c);
 /* After PMA_ELSEWHERE: the rank in which something failed; this one when the exchange did. */
 size_t pma_coupler_failed_rank(const pma_coupler *c);
-/* Before pma_coupler_record_present with members in other processes, in all of them. */
-pma_status pma_coupler_meet(pma_coupler *c);
+/* With members in other processes, in all of them: before pma_coupler_record_present, and in place
+ * of pma_coupler_advance where that cannot be called. Another status than PMA_OK ends the others. */
+pma_status pma_coupler_meet(pma_coupler *c, pma_status status);
 /* Mean coupling: the multipliers at the present, from which accelerations are recorded, those before
  * the last ones (p each), and the lengths of the last two macro steps (2), 0 where there was none,
  * one after the other; they belong to the state, to be written after a start. */
