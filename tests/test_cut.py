@@ -745,6 +745,15 @@ def test_bad_arguments_are_refused_by_name(arguments, error, message):
         pm.cut(**{"structure": CHAIN} | arguments)
 
 
+def test_fixed_elements_with_internal_forces_are_refused_by_name():
+    def cubic(u, v, t, q, elements):
+        return u**3, 3.0 * u[:, :, None] ** 2
+
+    springs = pm.Elements([[0], [1]], [[1.0]], None, internal=cubic)
+    with pytest.raises(ValueError, match="labels must leave 'part 0' a free dof"):
+        pm.cut(springs, [0, 1], fixed=[0])
+
+
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [

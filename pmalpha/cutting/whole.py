@@ -218,7 +218,7 @@ class WholeElements(Whole):
         forces = [
             GroupForce(group, own, where, dofs.size).force(group.history[own])
             for group, own, where in parts
-            if group.internal is not None
+            if group.internal is not None and dofs.size
         ]
         M = np.zeros(dofs.size) if terms["M"] is None else terms["M"]
         return Portion(dofs, M, terms["K"], terms["C"], forces)
