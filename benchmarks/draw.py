@@ -82,11 +82,7 @@ def targets():
     alone, plates = read("uncoupled"), read("plate")
     chains = {r["n"]: r["us a step"] for r in alone if r["problem"] == "chain"}
     solids = [r["loop over ours"] for r in alone if r["problem"] == "solid"]
-    one_face = [
-        r["coupled over sum"]
-        for r in read("coupling_cost")
-        if r["faces"] == 1 and r["constraints"] <= 300 and r["dofs per subdomain"] >= 10_000
-    ]
+    one_face = [r["coupled over sum"] for r in read("coupling_cost") if r["faces"] == 1]
     fine = {r["what"]: r["us a fine step"] for r in read("fine_step")}["step, not recorded"]
     rows = [
         target(f"chain, {short(n)} dofs, uncoupled step", limit, chains[n], "us")

@@ -109,7 +109,7 @@ def measure(functions, name, M, K, steps, seconds):
     if name == "chain":
         limit, target = chain_limit(functions, n, steps), 1.5
     else:
-        limit, target = solid_limit(functions, coupler, steps), 1.3
+        limit, target = solid_limit(functions, coupler, steps), 1.0
     ours, theirs, least = in_turn(
         lambda: coupler.step(steps), lambda: loop.step(steps), limit, rounds=3, seconds=seconds
     )
