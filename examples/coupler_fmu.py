@@ -5,7 +5,9 @@ imports the FMU sees as one. `python examples/coupler_fmu.py` writes TowerOnRig.
 simulates it needs a Python with pmalpha; docs/beside-other-programs.md has the rest.
 """
 
+import struct
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from pythonfmu import DefaultExperiment, Fmi2Causality, Fmi2Slave, FmuBuilder, Real
 from tower_on_rig import DT, tower_on_rig
@@ -48,14 +50,41 @@ class TowerOnRig(Fmi2Slave):
             return False
         return True
 
-    # what fmi2GetFMUstate and fmi2SetFMUstate of PythonFMU call
+    # what fmi2GetFMUstate, fmi2SetFMUstate and their serialization by PythonFMU call
 
     def _get_fmu_state(self):
-        return {"force": self.force, "snapshot": self.coupler.snapshot()}
+        coupler = self.coupler
+        return {"force": self.force, "coupler": coupler, "snapshot": coupler.snapshot()}
 
     def _set_fmu_state(self, state):
         self.force = state["force"]
-        self.coupler.restore(state["snapshot"])
+        if "checkpoint" in state:  # it was serialized
+            with TemporaryDirectory() as folder:
+                path = Path(folder, "state.npz")
+                path.write_bytes(state["checkpoint"])
+                self.coupler.load(path)
+        else:
+            self.coupler.restore(state["snapshot"])
+
+    @staticmethod
+    def _fmu_state_to_bytes(state):
+        """The input and a checkpoint, for which the coupler returns to the state for a moment."""
+        if "checkpoint" in state:
+            return struct.pack("<d", state["force"]) + state["checkpoint"]
+        coupler = state["coupler"]
+        present = coupler.snapshot()
+        with TemporaryDirectory() as folder:
+            path = Path(folder, "state.npz")
+            try:
+                coupler.restore(state["snapshot"])
+                coupler.save(path)
+            finally:
+                coupler.restore(present)
+            return struct.pack("<d", state["force"]) + path.read_bytes()
+
+    @staticmethod
+    def _fmu_state_from_bytes(data):
+        return {"force": struct.unpack("<d", data[:8])[0], "checkpoint": data[8:]}
 
 
 def build(folder="."):
@@ -66,6 +95,7 @@ def build(folder="."):
         dest=folder,
         project_files=[here.with_name("tower_on_rig.py")],
         canGetAndSetFMUstate=True,
+        canSerializeFMUstate=True,
     )
 
 

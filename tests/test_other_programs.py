@@ -107,6 +107,7 @@ def test_the_fmu_is_valid_and_gives_the_plain_run(fmu):
 
     description = fmpy.read_model_description(fmu, validate=True)
     assert description.coSimulation.canGetAndSetFMUstate
+    assert description.coSimulation.canSerializeFMUstate
     t = DT * np.arange(STEPS + 1)
     force = np.sin(3.0 * t)
     signal = np.array(list(zip(t, force)), dtype=[("time", float), ("force", float)])
@@ -137,6 +138,23 @@ def test_a_communication_step_of_several_macro_steps_is_these_steps(fmu):
         for _ in range(5):
             other.step()
         assert one.get() == other.get() and one.get("multiplier") == other.get("multiplier")
+    one.close()
+    other.close()
+
+
+def test_a_serialized_state_continues_in_another_instance(fmu):
+    one, other = Instance(fmu, 1.0), Instance(fmu, 0.0)
+    one.step(5 * DT)
+    t, state = one.state()
+    data = one.slave.serializeFMUstate(state)
+    one.set(0.5)
+    one.step(5 * DT)
+    found = one.get()
+    assert len(one.slave.serializeFMUstate(state)) == len(data) and one.get() == found
+    other.restore((t, other.slave.deSerializeFMUstate(data)))
+    other.set(0.5)
+    other.step(5 * DT)
+    assert other.get() == found and other.get("multiplier") == one.get("multiplier")
     one.close()
     other.close()
 
