@@ -12,7 +12,7 @@ subdomain a rank, with these constants or with those of NETWORK, which are assum
 processors share them: those rows show what that costs.
 
 Also: a step of two masses, with MPI_Allgatherv called by its address and by a Python callable; and
-what every rank keeps and does for p constraints.
+what p constraints cost a rank that has no subdomain itself.
 """
 
 import importlib.util
@@ -21,11 +21,10 @@ import shutil
 import subprocess
 import sys
 import time
-from functools import partial
 from pathlib import Path
 
 import numpy as np
-from memory import present
+from memory import forget_peak, peak, present
 from timing import run
 
 import pmalpha as pm
@@ -33,6 +32,8 @@ import pmalpha as pm
 EXPLICIT = pm.GeneralizedAlpha(0.8, explicit=True)
 IMPLICIT = pm.GeneralizedAlpha(0.8)
 COUNT = 4  # subdomains that are measured
+SIZES = 2, 4, 6, 8, 12  # of cubes
+CONSTRAINTS = (1000, 10_000, 100_000), (507, 972, 1875, 3072)  # diagonal and dense H
 NETWORK = 1.5e-6, 1e10  # s, bytes / s: of a cluster, assumed
 SECONDS, FEWEST, MOST = 1e-3, 10, 500  # of a batch of steps, and their numbers
 INNER = "--inner"  # the argument of what each rank does
@@ -116,11 +117,11 @@ def gather(comm, size, batches):
     return comm.allreduce(min(times), MPI.MAX)
 
 
-def on_ranks(ranks, sizes, batches):
-    """`inner` on so many ranks."""
+def on_ranks(ranks, sizes, what):
+    """`inner` on so many ranks, with a number of batches, or `inner_interface` of a kind."""
     own = Path(sys.executable).with_name("mpiexec")
     mpiexec = str(own) if own.exists() else shutil.which("mpiexec")
-    words = [mpiexec, "-n", ranks, sys.executable, __file__, INNER, batches, *sizes]
+    words = [mpiexec, "-n", ranks, sys.executable, __file__, INNER, what, *sizes]
     done = subprocess.run([str(x) for x in words], capture_output=True, text=True, check=True)
     return json.loads(done.stdout)
 
@@ -128,19 +129,24 @@ def on_ranks(ranks, sizes, batches):
 # ---- the model ----------------------------------------------------------------------------------
 
 
-def fitted(sizes, one, two, batches):
-    """(a, b, c, d, latency, bandwidth) from what was measured on one rank and on two."""
+def without_ranks(sizes, batches):
+    """Seconds of one solid without constraints, and of all in one process."""
+    alone = [least(row_of_boxes(n, 1, coupled=False), batches) for n in sizes]
+    return alone, [least(row_of_boxes(n, COUNT), batches) for n in sizes]
+
+
+def fitted(sizes, alone, serial, one, two):
+    """(a, b, c, d, latency, bandwidth) from what was measured without ranks, on one and on two."""
+    alone, serial = np.array(alone), np.array(serial)
     dofs = np.array([3.0 * (n + 1) ** 3 for n in sizes])
-    alone = np.array([least(row_of_boxes(n, 1, coupled=False), batches) for n in sizes])
     b, a = np.polyfit(dofs, alone, 1, w=1.0 / alone)
     p = np.array([3.0 * (COUNT - 1) * (n + 1) ** 2 for n in sizes])
-    serial = np.array([least(row_of_boxes(n, COUNT), batches) for n in sizes])
     c = max(0.0, np.median((serial - COUNT * alone) / p))
     d = max(0.0, np.median((np.array(one["boxes"]) - serial) / (2.0 * p)))
     latency = max(0.0, two["address"] - one["address"]) / 2.0
     (size, shorter), (longer_size, longer) = two["gathers"]
     bandwidth = 2.0 * (longer_size - size) / (longer - shorter)
-    return (max(a, 0.0), b, c, d, latency, bandwidth), serial
+    return max(a, 0.0), b, c, d, latency, bandwidth
 
 
 def predicted(model, n, count, ranks, network=None):
@@ -155,13 +161,9 @@ def predicted(model, n, count, ranks, network=None):
     return count / ranks * own + c * p + exchange, count * own + c * p
 
 
-def rows_of_ranks(sizes, batches):
-    # 4 ranks share the processors, where a batch takes long
-    measured = {
-        ranks: on_ranks(ranks, sizes, batches if ranks < COUNT else 5) for ranks in (1, 2, 4)
-    }
-    model, serial = fitted(sizes, measured[1], measured[2], batches)
-    rows = []
+def rows_of_ranks(sizes, alone, serial, measured):
+    """The table, from what `without_ranks` and `on_ranks` have measured."""
+    model, rows = fitted(sizes, alone, serial, measured[1], measured[2]), []
     for ranks, found in measured.items():
         for name in ("address", "callable") if ranks < COUNT else ():
             rows.append(row(f"two masses, by {name}", ranks, 1, 1, found[name]))
@@ -183,7 +185,7 @@ def rows_of_ranks(sizes, batches):
     return rows
 
 
-def row(problem, ranks, n, count, seconds, model="", gain="", gain_predicted="", size=""):
+def row(problem, ranks, n, count, seconds, model="", gain="", gain_predicted="", **sizes):
     return {
         "problem": problem,
         "ranks": ranks,
@@ -193,52 +195,85 @@ def row(problem, ranks, n, count, seconds, model="", gain="", gain_predicted="",
         "us predicted": model if model == "" else model * 1e6,
         "gain": gain,
         "gain predicted": gain_predicted,
-        "MB": size,
+        "ms set-up": sizes.get("setup", ""),
+        "MB": sizes.get("kept", ""),
+        "MB in set-up": sizes.get("most", ""),
     }
 
 
 # ---- what every rank keeps ----------------------------------------------------------------------
 
 
-def masses(p, coupled):
-    """Twice p masses, tied one by one."""
+def masses(p, own, comm):
+    """Twice p explicit masses, tied one by one."""
     pair = [pm.Subdomain(np.ones(p), np.ones(p), scheme=EXPLICIT, name=name) for name in "ab"]
-    ties = pm.tie("a", np.arange(p), "b", np.arange(p)) if coupled else None
-    return pm.Coupler(pair, ties, dt=0.1)
+    ties = pm.tie("a", np.arange(p), "b", np.arange(p))
+    return pm.Coupler(pair[own], ties, dt=0.1, comm=comm)
 
 
-def rows_of_interface(explicit, implicit, batches):
-    """Memory and time for p constraints, less those of the same subdomains without them."""
-    rows = [of_interface("diagonal H", p, lambda x, p=p: masses(p, x), batches) for p in explicit]
-    for n in implicit:
-        p = 3 * (n + 1) ** 2
-        make = partial(row_of_boxes, n, 2, scheme=IMPLICIT)
-        rows.append(of_interface("dense H", p, lambda x, make=make: make(coupled=x), batches))
-    return rows
+def plates(p, own, comm):
+    """Two layers of hex8, tied at a face with p dofs, which are in one matrix."""
+    n = round((p / 3) ** 0.5) - 1
+    layer = pm.models.solid(n, n, 1, 1.0, E=1.0, nu=0.3, rho=1.0, mass="lumped")
+    z = np.repeat(layer.points[:, 2], 3)
+    top, bottom = np.flatnonzero(z == z.max()), np.flatnonzero(z == z.min())
+    pair = [layer.subdomain(scheme=IMPLICIT, name=name) for name in "ab"]
+    return pm.Coupler(pair[own], pm.tie("a", top, "b", bottom), dt=0.1, threads=1, comm=comm)
 
 
-def of_interface(name, p, make, batches):
-    seconds, size = [], []
-    for coupled in (False, True):
+KINDS = {"diagonal H": masses, "dense H": plates}
+
+
+def inner_interface(kind, sizes):
+    """Memory of rank 1, which has no subdomain, and times, printed by it."""
+    from mpi4py import MPI
+
+    comm, found = MPI.COMM_WORLD, []
+    KINDS[kind](12, slice(0, 2 * (comm.rank == 0)), comm)  # imports what set-up needs
+    for p in sizes:
         before = present()
-        coupler = make(coupled)
-        size.append(present() - before)
-        seconds.append(least(coupler, batches))
-    time_, memory = seconds[1] - seconds[0], size[1] - size[0]
-    return row(f"{name}, less no constraints", 1, "", "", time_, size=memory) | {"constraints": p}
+        forget_peak()
+        comm.Barrier()
+        begin = time.perf_counter()
+        coupler = KINDS[kind](p, slice(0, 2 * (comm.rank == 0)), comm)
+        setup = 1e3 * (time.perf_counter() - begin)
+        size = dict(kept=present() - before, most=peak() - before)
+        found.append(dict(setup=setup, **size, step=least(coupler, 5, comm)))
+        del coupler
+    if comm.rank == 1:
+        print(json.dumps(found))
+
+
+def rows_of_interface(found):
+    """From (kind, numbers of constraints, what `inner_interface` has found), in turn."""
+    return [
+        row(f"{kind}, rank without subdomains", 2, "", "", x.pop("step"), **x) | {"constraints": p}
+        for kind, sizes, each in found
+        for p, x in zip(sizes, each)
+    ]
 
 
 def measure(quick):
     if importlib.util.find_spec("mpi4py") is None:
         print("mpi4py is not installed")
         return []
-    sizes, batches = ((2, 3), 2) if quick else ((2, 8), 80)
-    explicit, implicit = ((100,), (2,)) if quick else ((1000, 10_000, 100_000), (8, 12))
-    return rows_of_ranks(sizes, batches) + rows_of_interface(explicit, implicit, 5)
+    sizes, batches = ((2, 3), 2) if quick else (SIZES, 80)
+    constraints = ((100,), (27,)) if quick else CONSTRAINTS
+    # 4 ranks share the processors, where a batch takes long
+    measured = {
+        ranks: on_ranks(ranks, sizes, batches if ranks < COUNT else 5) for ranks in (1, 2, 4)
+    }
+    rows = rows_of_ranks(sizes, *without_ranks(sizes, batches), measured)
+    found = [(kind, some, on_ranks(2, some, kind)) for kind, some in zip(KINDS, constraints)]
+    return rows + rows_of_interface(found)
 
 
 if __name__ == "__main__":
     if sys.argv[1:2] == [INNER]:
-        inner([int(n) for n in sys.argv[3:]], int(sys.argv[2]))
+        what, sizes = sys.argv[2], [int(n) for n in sys.argv[3:]]
+        if what in KINDS:
+            inner_interface(what, sizes)
+        else:
+            inner(sizes, int(what))
     else:
         run("ranks", measure, about=__doc__)

@@ -312,7 +312,8 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
             from all dofs, recorded or not: with ``record={}`` only outputs are recorded.
         tolerance : float or dict of float, optional
             With "gc": local error of the displacements per unit of time, one number or by
-            subdomain, below which the substeps of every macro step are chosen to stay; see Notes.
+            subdomain (with `comm` of this rank), below which the substeps of every macro step are
+            chosen to stay; see Notes.
         progress : True or callable, optional
             True: a tqdm bar. A callable is called as ``progress(done, total)``, in macro steps of
             this call, about every 50 ms and at the end. It may not use the coupler. An exception
