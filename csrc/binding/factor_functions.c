@@ -63,7 +63,7 @@ static PyObject *count_factor(PyObject *Py_UNUSED(module), PyObject *args)
     int64_t *count;
     if (!PyArg_ParseTuple(args, "OO", &ptr, &index) || take_pattern(ptr, index, &A) < 0)
         return NULL;
-    int64_t *scratch = PyMem_Calloc(2 * A.n + 1, sizeof *scratch);
+    int64_t *scratch = PyMem_Calloc(5 * A.n + 1, sizeof *scratch);
     if (!scratch)
         return PyErr_NoMemory();
     array = new_integers(A.n, &count);
@@ -84,7 +84,7 @@ static PyObject *postorder(PyObject *Py_UNUSED(module), PyObject *args)
     int64_t *order;
     if (take_pattern_and_border(args, &A, &nb) < 0)
         return NULL;
-    int64_t *scratch = PyMem_Calloc(4 * A.n + 1, sizeof *scratch);
+    int64_t *scratch = PyMem_Calloc(6 * A.n + 1, sizeof *scratch);
     if (!scratch)
         return PyErr_NoMemory();
     array = new_integers(A.n, &order);

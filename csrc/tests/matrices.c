@@ -302,12 +302,12 @@ static void naive_dtrsm(char *side, char *half, char *trans, char *unit, int *m,
 
 const pma_blas NAIVE_BLAS = {naive_dgemm, naive_dtrsm};
 
-void list_entries(structure *m, bool lower)
+void list_entries(structure *m)
 {
     int64_t k = 0;
     m->ptr[0] = 0;
     for (size_t i = 0; i < m->n; i++) {
-        for (size_t j = lower ? i + 1 : m->n; j-- > 0;) {
+        for (size_t j = m->n; j-- > 0;) {
             if (m->A[i * m->n + j] == 0.0)
                 continue;
             m->index[k] = (int32_t)j;
@@ -365,11 +365,11 @@ void reorder(structure *m)
 
 void analyse(structure *m)
 {
-    list_entries(m, false);
+    list_entries(m);
     count_entries(m);
     pma_symbolic_postorder(m->n, m->nb, m->parent, m->count, m->integers, m->order);
     reorder(m);
-    list_entries(m, false);
+    list_entries(m);
     count_entries(m);
     const size_t s =
         pma_symbolic_supernodes(m->n, m->nb, m->parent, m->count, m->integers, m->first);

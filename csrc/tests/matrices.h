@@ -81,8 +81,8 @@ typedef struct {
     pma_panels panels;
 } structure;
 
-/* Every row backward: rows need not be in order. Without the upper half if `lower`. */
-void list_entries(structure *m, bool lower);
+/* Every row backward: rows need not be in order. */
+void list_entries(structure *m);
 
 /* One in `one_in` pairs is tied; the diagonal dominates, so A is positive definite. */
 void draw_definite(structure *m, size_t n, size_t nb, uint32_t one_in, uint64_t *seed);

@@ -78,7 +78,7 @@ static void check_spoilt(structure *m, size_t spoilt, double diagonal)
     size_t column = SIZE_MAX;
     const double kept = m->A[spoilt * (m->n + 1)];
     m->A[spoilt * (m->n + 1)] = diagonal;
-    list_entries(m, false);
+    list_entries(m);
     CHECK_STATUS(make_numbers(m, 1e-12, &a, &column), PMA_NOT_DEFINITE);
     CHECK_INT(column, spoilt);
     m->A[spoilt * (m->n + 1)] = kept;
@@ -133,7 +133,7 @@ static void an_entry_outside_the_pattern_is_refused(void)
     analyse(&m);
     CHECK_STATUS(make_numbers(&m, 1e-12, &a, &column), PMA_OK);
     m.A[SIZE - 1] = m.A[(SIZE - 1) * SIZE] = 1.0;
-    list_entries(&m, false);
+    list_entries(&m);
     CHECK_STATUS(make_numbers(&m, 1e-12, &a, &column), PMA_BAD_INDEX);
 }
 

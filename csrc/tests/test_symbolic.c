@@ -55,7 +55,7 @@ static void the_symbolic_count_agrees_with_brute_force(void)
             for (int i = 0; i < 10; i++) {
                 draw_definite(&m, n, 0, one_in, &seed);
                 eliminate_by_brute_force(&m, filled);
-                list_entries(&m, i % 2);
+                list_entries(&m);
                 count_entries(&m);
                 check_count(&m, filled);
             }
@@ -104,7 +104,7 @@ static void check_postorder(structure *m)
 {
     static bool filled[UNKNOWNS * UNKNOWNS];
     int64_t before[UNKNOWNS], ignored;
-    list_entries(m, false);
+    list_entries(m);
     count_entries(m);
     memcpy(before, m->count, sizeof before);
     pma_symbolic_postorder(m->n, m->nb, m->parent, m->count, m->integers, m->order);

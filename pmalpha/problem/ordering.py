@@ -16,8 +16,8 @@ from .matrices import Matrix
 # Up to this ratio of fill the natural order is taken without computing others: a chain, a frame
 # with its storeys in a row.
 LITTLE_FILL = 1.5
-# The fill of an order is not counted if its envelope is this many times the fill of another order:
-# the time to count is proportional to the fill.
+# The natural order is not considered where its envelope, a bound of its fill, is this many times the
+# fill of another order.
 HOPELESS = 8.0
 # Possible numbers of dofs per node.
 NODE_SIZES = (1, 2, 3, 6)

@@ -83,22 +83,19 @@ void pma_symbolic_unite(size_t n, const int64_t *a_ptr, const int32_t *a, const 
 
 /* ---- the elimination tree ------------------------------------------------------------------- */
 
-/* Row i of R has an entry in column j when j is reached from an entry of row i of the matrix by
- * going up the elimination tree; the tree grows as the rows are walked. */
-void pma_symbolic_count(size_t n, const int64_t *ptr, const int32_t *index, int64_t *parent,
-                        int64_t *mark, int64_t *count)
+/* Going up from the entries of row i leads to i. `ancestor` skips what was walked before. */
+static void find_parents(size_t n, const int64_t *ptr, const int32_t *index, int64_t *parent,
+                         int64_t *ancestor)
 {
     for (size_t i = 0; i < n; i++) {
         const int64_t row = (int64_t)i;
-        parent[i] = -1;
-        mark[i] = row;
-        count[i] = 0;
+        parent[i] = ancestor[i] = -1;
         for (int64_t k = ptr[i]; k < ptr[i + 1]; k++) {
-            for (int64_t j = index[k]; j < row && mark[j] != row; j = parent[j]) {
-                if (parent[j] < 0)
+            for (int64_t j = index[k], above; j >= 0 && j < row; j = above) {
+                above = ancestor[j];
+                ancestor[j] = row;
+                if (above < 0)
                     parent[j] = row;
-                mark[j] = row;
-                count[j]++;
             }
         }
     }
@@ -167,6 +164,98 @@ void pma_symbolic_postorder(size_t n, size_t nb, const int64_t *parent, const in
     }
     for (size_t j = interior; j < n; j++)
         order[j] = (int64_t)j;
+}
+
+/* ---- the length of the columns (Gilbert, Ng, Peyton 1994) ------------------------------------ */
+
+/* The whole forest, in a postorder in which siblings ascend. */
+static void number_forest(size_t n, const int64_t *parent, int64_t *child, int64_t *next,
+                          int64_t *order)
+{
+    size_t placed = 0;
+    for (size_t j = 0; j < n; j++)
+        child[j] = -1;
+    for (size_t j = n; j-- > 0;) {
+        if (parent[j] >= 0)
+            push((int64_t)j, parent, child, next);
+    }
+    for (size_t j = 0; j < n; j++) {
+        if (parent[j] < 0)
+            placed = number_subtree((int64_t)j, child, next, placed, parent, order);
+    }
+}
+
+/* Row i of R has entries in the columns of a subtree, whose leaves are among those of row i of the
+ * matrix. Columns come in postorder; of row i there are so far: */
+typedef struct {
+    int64_t *leaf;     /* n: the last leaf, or -1 */
+    int64_t *first;    /* n: of each column, the place of its first descendant in the postorder */
+    int64_t *ancestor; /* n: of each column, one that is above it, as far as columns came */
+} row_subtrees;
+
+/* Column j has an entry in row i of the matrix: one more in R if it is a leaf, less what is common
+ * to the paths from it and from the leaf before, which begins at their lowest common ancestor. */
+static void count_leaf(const row_subtrees *t, int64_t i, int64_t j, int64_t *count)
+{
+    const int64_t before = t->leaf[i];
+    if (before >= 0 && t->first[before] >= t->first[j])
+        return; /* it is above the leaf before */
+    t->leaf[i] = j;
+    count[j]++;
+    if (before < 0)
+        return;
+    int64_t common = before, above;
+    while (common != t->ancestor[common])
+        common = t->ancestor[common];
+    for (int64_t k = before; k != common; k = above) {
+        above = t->ancestor[k];
+        t->ancestor[k] = common;
+    }
+    count[common]--;
+}
+
+/* count (n) := what is left when the entries of each column are taken from those of its parent */
+static void count_differences(size_t n, const int64_t *ptr, const int32_t *index,
+                              const int64_t *parent, const int64_t *order, const row_subtrees *t,
+                              int64_t *count)
+{
+    for (size_t j = 0; j < n; j++)
+        t->first[j] = t->leaf[j] = -1;
+    for (size_t k = 0; k < n; k++) {
+        const int64_t j = order[k];
+        count[j] = t->first[j] < 0; /* the diagonal; of another column it is counted below it */
+        for (int64_t i = j; i >= 0 && t->first[i] < 0; i = parent[i])
+            t->first[i] = (int64_t)k;
+        t->ancestor[j] = j;
+    }
+    for (size_t k = 0; k < n; k++) {
+        const int64_t j = order[k];
+        for (int64_t l = ptr[j]; l < ptr[j + 1]; l++) {
+            if (index[l] > j)
+                count_leaf(t, index[l], j, count);
+        }
+        if (parent[j] < 0)
+            continue;
+        count[parent[j]]--; /* the diagonal of j is not in its parent */
+        t->ancestor[j] = parent[j];
+    }
+}
+
+void pma_symbolic_count(size_t n, const int64_t *ptr, const int32_t *index, int64_t *parent,
+                        int64_t *scratch, int64_t *count)
+{
+    int64_t *order = scratch;
+    const row_subtrees t = {
+        .leaf = scratch + n, .first = scratch + 2 * n, .ancestor = scratch + 3 * n};
+    find_parents(n, ptr, index, parent, t.ancestor);
+    number_forest(n, parent, t.leaf, t.first, order);
+    count_differences(n, ptr, index, parent, order, &t, count);
+    for (size_t j = 0; j < n; j++) {
+        if (parent[j] >= 0)
+            count[parent[j]] += count[j];
+        const int64_t most = (int64_t)(n - j);
+        count[j] = (count[j] < 1 ? 1 : count[j] > most ? most : count[j]) - 1;
+    }
 }
 
 /* ---- supernodes ----------------------------------------------------------------------------- */

@@ -38,9 +38,10 @@ void pma_symbolic_unite(size_t n, const int64_t *a_ptr, const int32_t *a, const 
 /* Entries of R below the diagonal, column by column, and the elimination tree.
  *
  * parent (n): output, the next column that a column is an update to, -1 for a root. count (n):
- * output. mark (n): scratch. Takes time in proportion to the entries of R. */
+ * output, at most n - 1 - j in column j whatever the pattern is. scratch: 4 n. Takes time in
+ * proportion to the entries of the pattern. */
 void pma_symbolic_count(size_t n, const int64_t *ptr, const int32_t *index, int64_t *parent,
-                        int64_t *mark, int64_t *count);
+                        int64_t *scratch, int64_t *count);
 
 /* An order with the same fill in which every subtree of the interior is contiguous and the child
  * with the longest column comes next to its parent; the last nb keep their positions.
