@@ -196,6 +196,7 @@ def factor_panels(
     growth: float,
     dgemm: Any,
     dtrsm: Any,
+    threads: int,
     /,
 ) -> int | None: ...
 def strips(matrix: _Compressed, /) -> _Strips: ...

@@ -858,8 +858,8 @@ TWO_BLOCKS = np.kron(np.eye(2), np.ones((60, 60))) + 200.0 * np.eye(120)
 TWO_BLOCKS[50:60, 110:] = TWO_BLOCKS[110:, 50:60] = 1.0
 
 
-def factor(matrix, structure, values, inverse, lost=1e-14, blas=BLAS):
-    return _core.factor_panels(matrix, structure, values, inverse, lost, 1e8, *blas)
+def factor(matrix, structure, values, inverse, lost=1e-14, blas=BLAS, threads=2):
+    return _core.factor_panels(matrix, structure, values, inverse, lost, 1e8, *blas, threads)
 
 
 def test_panels_of_arrays_that_do_not_fit_are_refused():
@@ -895,6 +895,10 @@ def test_panels_of_arrays_that_do_not_fit_are_refused():
         lambda: factor(matrix, structure, values, inverse[:-1]),
         lambda: factor(matrix, structure, values, read_only(inverse.size)),
         lambda: factor(matrix, structure, values, inverse, lost="x"),
+        lambda: factor(matrix, structure, values, inverse, threads=0),
+        lambda: factor(matrix, structure, values, inverse, threads=1025),
+        lambda: factor(matrix, structure, values, inverse, threads=2**62),
+        lambda: factor(matrix, structure, values, inverse, threads=None),
     ):
         check_refused(call)
 

@@ -64,7 +64,8 @@ def names(n, what="A"):
 
 
 def by_panels(A, nb, what="A"):
-    return factors.panels(A, names(A.shape[0], what), _core.supernodes(*core_sparse(A)[:2], nb))
+    structure = factors.Structure(A.nnz, _core.supernodes(*core_sparse(A)[:2], nb))
+    return factors.panels(A, names(A.shape[0], what), structure)
 
 
 def by_columns(A, nb):
@@ -286,7 +287,44 @@ def test_a_structure_that_is_not_of_the_matrix_is_refused():
             1e8,
             capsules["dgemm"],
             capsules["dtrsm"],
+            2,
         )
+
+
+# ---- threads -------------------------------------------------------------------------------------
+
+
+def factor_in_threads(A, threads, *, symmetric=True):
+    return factors.factorize(
+        A, names(A.shape[0]), nb=20, symmetric=symmetric, threads=threads, structure=None
+    )
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_a_factor_is_bitwise_identical_for_any_number_of_threads(monkeypatch, symmetric):
+    monkeypatch.setattr(factors, "SHARE", 1.0)  # multiplications: all factors are shared
+    A = sp.csr_array(cube(12))
+    if not symmetric:
+        A = sp.csr_array(A + 0.01 * sp.triu(A, k=1))
+    inverse, panels = factor_in_threads(A, 1, symmetric=symmetric)
+    assert len(panels) == 5
+    for threads in (2, 3, 7):
+        other, others = factor_in_threads(A, threads, symmetric=symmetric)
+        np.testing.assert_array_equal(other, inverse)
+        np.testing.assert_array_equal(others[4], panels[4])
+
+
+def test_the_message_of_an_indefinite_matrix_is_that_of_one_thread(monkeypatch):
+    monkeypatch.setattr(factors, "SHARE", 1.0)
+    A = sp.lil_array(cube(12))
+    for dof in (1500, 700, 1100):
+        A[dof, dof] = -1.0
+    messages = set()
+    for threads in (1, 2, 3, 2, 2):
+        with pytest.raises(pm.FactorizationError, match="(dof|constraint) 700;") as error:
+            factor_in_threads(sp.csr_array(A), threads)
+        messages.add(str(error.value))
+    assert len(messages) == 1
 
 
 # ---- ordering ------------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ import scipy.sparse as sp
 from problems import random_problem
 
 import pmalpha as pm
+from pmalpha.setup import factors
 
 LINUX = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts threads in /proc")
 IMPLICIT = pm.GeneralizedAlpha(0.5)
@@ -393,6 +394,22 @@ def test_a_large_subdomain_that_cannot_be_split_is_computed_by_one_thread():
 
 
 # ---- number of threads ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_a_solid_that_several_threads_factor_moves_bitwise_as_with_one(monkeypatch, symmetric):
+    monkeypatch.setattr(factors, "SHARE", 1.0)  # multiplications: every factor is shared
+    solid = pm.models.solid(6, 6, 6, 1.0, E=1.0, nu=0.3, rho=1.0, mass="consistent")
+    K = solid.K if symmetric else sp.csr_array(solid.K + 0.01 * sp.triu(solid.K, k=1))
+    load = np.sin(np.arange(solid.n))
+    make = lambda threads: pm.Coupler(  # noqa: E731
+        [pm.Subdomain(solid.M, K, scheme=IMPLICIT, force=load, symmetric=symmetric)],
+        dt=0.5,
+        threads=threads,
+    )
+    one = make(1).run(steps=5)
+    for threads in (2, 3):
+        assert_identical(make(threads).run(steps=5), one)
 
 
 @pytest.mark.parametrize("threads", [0, -1])

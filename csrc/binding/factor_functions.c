@@ -2,7 +2,10 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
+#include "algebra/elimination.h"
 #include "algebra/symbolic.h"
+#include "workers/team.h"
+#include "workers/thread.h"
 
 /* ---- patterns -------------------------------------------------------------------------------- */
 
@@ -243,22 +246,49 @@ int pma_take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *blas)
     return 0;
 }
 
-/* The numeric factorization with its scratch; PMA_NO_MEMORY if that cannot be allocated. */
-static pma_status run_factor(pma_panels *p, const pma_panels_input *A, const int64_t *owner,
-                             const pma_blas *blas, double *inverse, size_t *column)
+static void work(void *ctx, size_t worker)
 {
-    double *update = PyMem_Malloc((pma_panels_update_size(p) + 1) * sizeof *update);
-    int64_t *integers = PyMem_Malloc((3 * p->count + 2 * A->n + 1) * sizeof *integers);
-    pma_status status = PMA_NO_MEMORY;
-    if (update && integers) {
-        pma_watch watch = {.last = pma_watch_milliseconds()};
-        PyThreadState *before = pma_gil_release();
-        status = pma_panels_factor(p, A, owner, blas, inverse, update, integers, column,
-                                   pma_watch_signals, &watch);
-        pma_gil_acquire(before);
-    }
-    PyMem_Free(update);
-    PyMem_Free(integers);
+    pma_elimination_work(ctx, worker);
+}
+
+static void look(void *ctx)
+{
+    pma_elimination_look(ctx);
+}
+
+/* The numeric factorization by this thread and others; by this one alone where there are none. */
+static pma_status run_factor(const pma_panels_input *A, pma_elimination *e, pma_team *team,
+                             size_t workers, double *inverse, size_t *column)
+{
+    pma_watch watch = {.last = pma_watch_milliseconds()};
+    const pma_patience patience = {
+        .stop = pma_watch_signals, .rest = pma_thread_rest, .ctx = &watch};
+    PyThreadState *before = pma_gil_release();
+    pma_elimination_begin(e, A, inverse, &patience);
+    const size_t others = pma_team_gather(team) == PMA_OK ? workers - 1 : 0;
+    for (size_t w = 1; w <= others; w++)
+        pma_team_post(team, w, work, e);
+    pma_elimination_work(e, 0);
+    for (size_t w = 1; w <= others; w++)
+        pma_team_await(team, w, look, e);
+    const pma_status status = pma_elimination_end(e, column);
+    pma_gil_acquire(before);
+    return status;
+}
+
+/* The same with its scratch; PMA_NO_MEMORY if that cannot be allocated. */
+static pma_status factor(const pma_panels *p, const pma_panels_input *A, const int64_t *owner,
+                         const pma_blas *blas, size_t workers, double *inverse, size_t *column)
+{
+    pma_elimination *e = NULL;
+    pma_team *team = NULL;
+    pma_status status = pma_elimination_create(p, A->n, owner, blas, workers, &e);
+    if (status == PMA_OK)
+        status = pma_team_create(workers, &team);
+    if (status == PMA_OK)
+        status = run_factor(A, e, team, workers, inverse, column);
+    pma_team_destroy(team);
+    pma_elimination_destroy(e);
     return status;
 }
 
@@ -303,8 +333,9 @@ static int take_problem(PyObject *matrix, PyObject *structure, PyObject *values,
     return right ? 0 : -1;
 }
 
-/* factor_panels(matrix, structure, values, inverse, lost, growth, dgemm, dtrsm): fills values, of R
- * and if they have two rows of Q, and inverse; None, or the column whose pivot is refused */
+/* factor_panels(matrix, structure, values, inverse, lost, growth, dgemm, dtrsm, threads): fills
+ * values, of R and if they have two rows of Q, and inverse; None, or the column whose pivot is
+ * refused */
 static PyObject *factor_panels(PyObject *Py_UNUSED(module), PyObject *args)
 {
     PyObject *matrix, *structure, *values, *inverse_obj, *dgemm, *dtrsm, *result = NULL;
@@ -314,10 +345,15 @@ static PyObject *factor_panels(PyObject *Py_UNUSED(module), PyObject *args)
     const int64_t *owner;
     const double *inverse;
     size_t column = 0;
-    if (!PyArg_ParseTuple(args, "OOOOddOO", &matrix, &structure, &values, &inverse_obj, &A.lost,
-                          &A.growth, &dgemm, &dtrsm) ||
+    Py_ssize_t threads;
+    if (!PyArg_ParseTuple(args, "OOOOddOOn", &matrix, &structure, &values, &inverse_obj, &A.lost,
+                          &A.growth, &dgemm, &dtrsm, &threads) ||
         pma_take_blas(dgemm, dtrsm, &blas) < 0)
         return NULL;
+    if (threads < 1 || (size_t)threads > PMA_MOST_WORKERS) {
+        PyErr_SetString(PyExc_ValueError, "threads must lie in 1..1024");
+        return NULL;
+    }
     PyObject *arrays = PyList_New(0);
     if (!arrays || take_problem(matrix, structure, values, arrays, &A, &p, &owner) < 0 ||
         pma_take_doubles(inverse_obj, (npy_intp)A.n, "inverse", arrays, &inverse) < 0)
@@ -327,8 +363,8 @@ static PyObject *factor_panels(PyObject *Py_UNUSED(module), PyObject *args)
         PyErr_SetString(PyExc_ValueError, "values and inverse must be writeable");
         goto done;
     }
-    const pma_status status =
-        run_factor(&p, &A, owner, &blas, PyArray_DATA((PyArrayObject *)inverse_obj), &column);
+    const pma_status status = factor(&p, &A, owner, &blas, (size_t)threads,
+                                     PyArray_DATA((PyArrayObject *)inverse_obj), &column);
     if (status == PMA_OK)
         result = Py_NewRef(Py_None);
     else if (status == PMA_NOT_DEFINITE)
@@ -350,7 +386,7 @@ PyMethodDef pma_factor_functions[] = {
     {"supernodes", supernodes, METH_VARARGS,
      "supernodes(ptr, index, nb) -> (first, row_ptr, rows, start, owner)"},
     {"factor_panels", factor_panels, METH_VARARGS,
-     "factor_panels(matrix, structure, values, inverse, lost, growth, dgemm, dtrsm) -> None or a "
-     "column"},
+     "factor_panels(matrix, structure, values, inverse, lost, growth, dgemm, dtrsm, threads) -> "
+     "None or a column"},
     {NULL, NULL, 0, NULL},
 };

@@ -353,6 +353,25 @@ void count_entries(structure *m)
     pma_symbolic_count(m->n, m->ptr, m->index, m->parent, m->integers, m->count);
 }
 
+static bool never(void *ctx)
+{
+    (void)ctx;
+    return false;
+}
+
+const pma_patience NEVER = {.stop = never};
+
+pma_status make_numbers(structure *m, double lost, const pma_patience *patience, size_t *column)
+{
+    const pma_panels_input input = {
+        .n = m->n, .ptr = m->ptr, .index = m->index, .values = m->entries, .lost = lost};
+    pma_elimination *e;
+    CHECK_STATUS(pma_elimination_create(&m->panels, m->n, m->owner, &NAIVE_BLAS, 1, &e), PMA_OK);
+    const pma_status status = pma_elimination_run(e, &input, m->inverse, patience, column);
+    pma_elimination_destroy(e);
+    return status;
+}
+
 void reorder(structure *m)
 {
     static double A[UNKNOWNS * UNKNOWNS];

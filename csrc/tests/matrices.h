@@ -6,6 +6,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "algebra/elimination.h"
 #include "algebra/factor.h"
 #include "algebra/panels.h"
 #include "naive.h"
@@ -80,6 +81,10 @@ typedef struct {
     int64_t integers[4 * UNKNOWNS];
     pma_panels panels;
 } structure;
+
+/* The factor of m->A as m->index and m->entries have it, by one worker. */
+extern const pma_patience NEVER;
+pma_status make_numbers(structure *m, double lost, const pma_patience *patience, size_t *column);
 
 /* Every row backward: rows need not be in order. */
 void list_entries(structure *m);

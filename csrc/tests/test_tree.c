@@ -10,22 +10,10 @@
 #include "naive.h"
 #include "tests.h"
 
-static bool never(void *ctx)
+static void factor_structure(structure *m)
 {
-    (void)ctx;
-    return false;
-}
-
-static void make_numbers(structure *m)
-{
-    const pma_panels_input input = {
-        .n = m->n, .ptr = m->ptr, .index = m->index, .values = m->entries, .lost = 1e-12};
-    double *update = malloc((pma_panels_update_size(&m->panels) + 1) * sizeof *update);
     size_t column;
-    CHECK_STATUS(pma_panels_factor(&m->panels, &input, m->owner, &NAIVE_BLAS, m->inverse, update,
-                                   m->integers, &column, never, NULL),
-                 PMA_OK);
-    free(update);
+    CHECK_STATUS(make_numbers(m, 1e-12, &NEVER, &column), PMA_OK);
 }
 
 static pma_factor factor_of(const structure *m, const pma_tree *T)
@@ -103,7 +91,7 @@ static size_t check_trees(structure *m, uint64_t *seed)
     const double zero[UNKNOWNS] = {0.0};
     size_t trees = 0;
     analyse(m);
-    make_numbers(m);
+    factor_structure(m);
     draw_vector(m->n, seed, b);
     for (size_t entries = 0; entries <= 256; entries = 2 * entries + 1) {
         pma_tree *T;

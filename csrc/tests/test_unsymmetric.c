@@ -262,18 +262,12 @@ static void pivots_that_lose_the_digits_of_the_diagonal_are_refused(void)
     }
 }
 
-static bool never(void *ctx)
-{
-    (void)ctx;
-    return false;
-}
-
 static void a_pattern_that_is_not_symmetric_is_refused(void)
 {
     static structure m;
     uint64_t seed = 64;
-    double values[2 * UNKNOWNS * UNKNOWNS], inverse[UNKNOWNS], update[UNKNOWNS * UNKNOWNS];
-    int64_t integers[5 * UNKNOWNS];
+    double values[2 * UNKNOWNS * UNKNOWNS], inverse[UNKNOWNS];
+    pma_elimination *e;
     size_t column;
     draw_unsymmetric(&m, FULL, 6, 2, &seed);
     for (int64_t k = 0; k < 36; k++)
@@ -282,13 +276,11 @@ static void a_pattern_that_is_not_symmetric_is_refused(void)
     m.panels.Q = (size_t)m.panels.start[m.panels.count];
     pma_panels_input input = {
         .n = 6, .ptr = m.ptr, .index = m.index, .values = m.entries, .lost = 1e-14, .growth = 1e8};
-    CHECK_STATUS(pma_panels_factor(&m.panels, &input, m.owner, &NAIVE_BLAS, inverse, update,
-                                   integers, &column, never, NULL),
-                 PMA_OK);
+    CHECK_STATUS(pma_elimination_create(&m.panels, 6, m.owner, &NAIVE_BLAS, 1, &e), PMA_OK);
+    CHECK_STATUS(pma_elimination_run(e, &input, inverse, &NEVER, &column), PMA_OK);
     m.index[6] = 1; /* row 1 begins with its diagonal: no entry across from that of row 0 */
-    CHECK_STATUS(pma_panels_factor(&m.panels, &input, m.owner, &NAIVE_BLAS, inverse, update,
-                                   integers, &column, never, NULL),
-                 PMA_BAD_INDEX);
+    CHECK_STATUS(pma_elimination_run(e, &input, inverse, &NEVER, &column), PMA_BAD_INDEX);
+    pma_elimination_destroy(e);
 }
 
 /* ---- matrices that are multiplied ------------------------------------------------------------- */

@@ -20,23 +20,11 @@ enum { SUBSTEPS = 3, MACROS = 4 };
 static const int64_t ONE_LINK[UNKNOWNS + 1] = {0};
 static double load[UNKNOWNS], begin[3 * UNKNOWNS];
 
-static bool never(void *ctx)
-{
-    (void)ctx;
-    return false;
-}
-
 /* K is A and Mbar is A too, which need not belong together. */
 static pma_parts describe_tree(structure *m, const pma_tree *T, bool doubled)
 {
-    double *update = malloc((pma_panels_update_size(&m->panels) + 1) * sizeof *update);
     size_t column;
-    const pma_panels_input input = {
-        .n = m->n, .ptr = m->ptr, .index = m->index, .values = m->entries, .lost = 1e-12};
-    CHECK_STATUS(pma_panels_factor(&m->panels, &input, m->owner, &NAIVE_BLAS, m->inverse, update,
-                                   m->integers, &column, never, NULL),
-                 PMA_OK);
-    free(update);
+    CHECK_STATUS(make_numbers(m, 1e-12, &NEVER, &column), PMA_OK);
     const pma_matrix A = {
         .form = PMA_SPARSE, .n = m->n, .values = m->entries, .ptr = m->ptr, .index = m->index};
     const pma_factor f = {.form = PMA_PANELS,

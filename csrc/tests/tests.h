@@ -21,6 +21,7 @@ extern const test FACTOR_TESTS[];
 extern const test STRIPS_TESTS[];
 extern const test SYMBOLIC_TESTS[];
 extern const test PANELS_TESTS[];
+extern const test ELIMINATION_TESTS[];
 extern const test TREE_TESTS[];
 extern const test VISIT_TESTS[];
 extern const test NUMERIC_TESTS[];

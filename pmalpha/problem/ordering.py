@@ -16,8 +16,8 @@ from .matrices import Matrix
 # Up to this ratio of fill the natural order is taken without computing others: a chain, a frame
 # with its storeys in a row.
 LITTLE_FILL = 1.5
-# The natural order is not considered where its envelope, a bound of its fill, is this many times the
-# fill of another order.
+# The natural order is not considered where its envelope, a bound of its fill, is this many times
+# the fill of another order.
 HOPELESS = 8.0
 # Possible numbers of dofs per node.
 NODE_SIZES = (1, 2, 3, 6)

@@ -136,7 +136,7 @@ class Assemblies:
 
         # elimination order of each subdomain, and of the rows
         steps = [layout.of(i) for i in range(self.first_own, self.first_own + len(keys))]
-        parts = _ordered(keys, matrices, steps, coupling, self.tied, newton, factorize)
+        parts = _ordered(keys, matrices, steps, coupling, self.tied, newton, factorize, threads[0])
         if coupling == "mean":
             check_mean(parts)
         if self.tied:
@@ -272,7 +272,8 @@ class Assemblies:
             return unit, unit
         start = layout.spans_change  # whose assembly takes the first macro step alone
         matrix = interface_matrix(parts, p, start=start, ranks=self.ranks)
-        options = dict(superlu=self.superlu, symmetric=is_symmetric_sum(parts, self.ranks))
+        symmetric = is_symmetric_sum(parts, self.ranks)
+        options = dict(superlu=self.superlu, symmetric=symmetric, threads=self.threads[0])
         H = interface_factor(matrix, self.rows, **options)
         if self.coupling == "macro":
             warn_of_resonance(matrix, H, parts, self.row_position, self.ranks)
@@ -322,6 +323,7 @@ def _ordered(
     tied: bool,
     newton: Newton,
     factorize: Any,
+    threads: int,
 ) -> tuple[Part, ...]:
     """The subdomains in elimination order, with warnings of factors that are large."""
     parts = tuple(
@@ -333,6 +335,7 @@ def _ordered(
             substeps,
             L,
             factorize,
+            threads=threads,
             responds=_responds(coupling, substeps),
             mean=coupling == "mean",
             shifts=tied,

@@ -38,6 +38,8 @@ class Elimination:
         Given where the interface is not last in the factors.
     superlu : bool
         Whether SuperLU makes the factors.
+    threads : int
+        Maximum number of threads that make one.
     """
 
     order: np.ndarray
@@ -45,6 +47,7 @@ class Elimination:
     structure: Structure | None = None
     paths: Paths | None = None
     superlu: bool = False
+    threads: int = 1
 
     @property
     def swept(self) -> int:
@@ -64,12 +67,15 @@ class Elimination:
                 structure=self.structure,
                 superlu=self.superlu,
                 symmetric=symmetric,
+                threads=self.threads,
             )
         position, supernodes = self.paths.position, self.paths.supernodes
         order = np.argsort(position)
         names = replace(names, numbers=names.numbers[order])
         A = permuted(A, order)
-        inverse, panels = factorize(A, names, structure=self.structure, symmetric=symmetric)
+        inverse, panels = factorize(
+            A, names, structure=self.structure, symmetric=symmetric, threads=self.threads
+        )
         return inverse, (*panels, position, supernodes)
 
 

@@ -26,6 +26,9 @@ SUSPICIOUS = 1e-7
 SUPERLU_BYTES = 90
 # From this number of entries per column on, sweeps of panels are faster than sweeps of columns.
 WIDE = 24
+# Multiplications for each thread that shares a factorization: some milliseconds. Of more threads
+# than these some would wait above the subtrees, and each has 10 MB of scratch.
+SHARE, MOST_THREADS = 1e8, 64
 
 # What is subtracted from a diagonal entry of an unsymmetric matrix, relative to it, leaves half of
 # the digits (F11).
@@ -106,6 +109,16 @@ class Structure:
         # sum over j of (rows + j)^2, j = 1..width
         return float(np.sum(width * rows**2 + rows * width * (width + 1.0) + width**3 / 3.0))
 
+    def threads(self, most: int) -> int:
+        """How many threads share a factorization, of `most`; it is bitwise the same for any."""
+        return max(1, min(most, int(self.operations // SHARE), MOST_THREADS))
+
+    def scratch(self, threads: int) -> float:
+        """Bytes that a factorization in panels needs besides the factor."""
+        width, rows = np.diff(self.panels[0]), np.diff(self.panels[1])
+        update = np.max(width, initial=0) * np.max(rows, initial=0)
+        return 8.0 * threads * (update + self.panels[4].size)
+
 
 def structure_of(ptr: np.ndarray, index: np.ndarray, nb: int) -> Structure:
     """The structure of the factor of a symmetric pattern by rows, in elimination order."""
@@ -125,6 +138,7 @@ def factorize(
     structure: Structure | None = None,
     superlu: bool = False,
     symmetric: bool = True,
+    threads: int = 1,
 ) -> Factor:
     """R and the reciprocals of D, in the forms of the core; R and Q of an unsymmetric matrix.
 
@@ -141,6 +155,8 @@ def factorize(
         Sparse factors by SuperLU, for any pattern.
     symmetric : bool, default True
         A is symmetric, and has to be positive definite. Otherwise pivots have any sign.
+    threads : int, default 1
+        Maximum number of threads that make a factor in panels.
 
     Raises
     ------
@@ -156,7 +172,7 @@ def factorize(
         return 1.0 / A, None
     if not symmetric:
         with one_thread():
-            factor = unsymmetric(A, names, nb, structure)
+            factor = unsymmetric(A, names, nb, structure, threads)
         check_smallest(A, factor, names)
         return factor
     with one_thread():
@@ -168,7 +184,7 @@ def factorize(
             if superlu or structure.panels is None:
                 factor = columns(A, names, structure.entries, nb=nb)
             else:
-                factor = panels(A, names, structure.panels)
+                factor = panels(A, names, structure, threads)
     check_softest(A, factor, names)
     return factor
 
@@ -185,33 +201,35 @@ def dense_columns(A: np.ndarray, names: Names) -> Factor:
     return 1.0 / root**2, np.ascontiguousarray(lower.T / root[:, None])
 
 
-def panels(A: sp.csr_array, names: Names, structure: tuple) -> Factor:
+def panels(A: sp.csr_array, names: Names, structure: Structure, threads: int = 1) -> Factor:
     """The supernodal factor of the core: dense panels, 8 bytes per entry."""
-    first, row_ptr, rows, start, _ = structure
-    update = np.max(np.diff(first)) * np.max(np.diff(row_ptr))
+    first, row_ptr, rows, start, _ = structure.panels
+    threads = structure.threads(threads)
     require(
-        8.0 * (start[-1] + update) + 4.0 * rows.size,
+        8.0 * start[-1] + structure.scratch(threads) + 4.0 * rows.size,
         f"the factor of {names.what} ({A.shape[0]} dofs, {start[-1]} entries)",
     )
     values, inverse = np.empty(start[-1]), np.empty(A.shape[0])
-    failed = _factor_panels(core_sparse(A), structure, values, inverse)
+    failed = _factor_panels(core_sparse(A), structure, values, inverse, threads)
     if failed is not None:
         raise names.not_definite(A, failed)
     return inverse, (first, row_ptr, rows, start, values)
 
 
 def _factor_panels(
-    A: tuple, structure: tuple, values: np.ndarray, inverse: np.ndarray
+    A: tuple, structure: Structure, values: np.ndarray, inverse: np.ndarray, threads: int
 ) -> int | None:
     """Fills values and inverse; the column where it failed, or None."""
     blas = (cython_blas.__pyx_capi__[name] for name in ("dgemm", "dtrsm"))
-    return _core.factor_panels(A, structure, values, inverse, LOST, GROWTH, *blas)
+    return _core.factor_panels(A, structure.panels, values, inverse, LOST, GROWTH, *blas, threads)
 
 
 # ---- unsymmetric matrices ----------------------------------------------------------------------
 
 
-def unsymmetric(A: Matrix, names: Names, nb: int, structure: Structure | None) -> Factor:
+def unsymmetric(
+    A: Matrix, names: Names, nb: int, structure: Structure | None, threads: int = 1
+) -> Factor:
     """R D Q^T by the core, with pivots on the diagonal: dense, in panels or in columns."""
     n, sparse = A.shape[0], sp.issparse(A)
     if sparse:
@@ -219,20 +237,22 @@ def unsymmetric(A: Matrix, names: Names, nb: int, structure: Structure | None) -
         entries = core_sparse(A)
         if structure is None:
             structure = structure_of(*entries[:2], nb)
-        found = structure.panels or _core.supernodes(*entries[:2], nb)
+        thin = structure.panels is None
+        if thin:
+            structure = Structure(structure.entries, _core.supernodes(*entries[:2], nb))
     else:  # one panel
         index = np.tile(np.arange(n, dtype=np.int32), n)
         entries = (np.arange(0, n * n + 1, n), index, np.ascontiguousarray(A).ravel())
         found = (np.array([0, n]), np.zeros(2, int), np.zeros(0, np.int32), np.array([0, n * n]))
-        found += (np.zeros(n, int),)
-    first, row_ptr, rows, start, _ = found
-    update = 0 if row_ptr[-1] == 0 else np.max(np.diff(first)) * np.max(np.diff(row_ptr))
+        structure = Structure(n * n, (*found, np.zeros(n, int)))
+    first, row_ptr, rows, start, _ = structure.panels
+    threads = structure.threads(threads)
     require(
-        8.0 * (2 * start[-1] + update) + 12.0 * entries[1].size,
+        16.0 * start[-1] + structure.scratch(threads) + 12.0 * entries[1].size,
         f"the factor of {names.what} ({n} dofs, twice {start[-1]} entries)",
     )
     values, inverse = np.empty((2, start[-1])), np.empty(n)
-    failed = _factor_panels(entries, found, values, inverse)
+    failed = _factor_panels(entries, structure, values, inverse, threads)
     if failed is not None:
         pivot, entry = inverse[failed], diagonal(A)[failed]
         found = _small_pivot(pivot, entry)
@@ -242,7 +262,7 @@ def unsymmetric(A: Matrix, names: Names, nb: int, structure: Structure | None) -
     if not sparse:
         return inverse, values.reshape(2, n, n)
     panels = (first, row_ptr, rows, start, values)
-    return inverse, panels if structure.panels else columns_of_panels(panels)
+    return inverse, columns_of_panels(panels) if thin else panels
 
 
 def with_symmetric_pattern(A: sp.csr_array) -> sp.csr_array:
@@ -322,7 +342,7 @@ def columns(A: sp.csr_array, names: Names, entries: int, *, nb: int) -> Factor:
     except RuntimeError:  # SuperLU: exactly singular
         pass
     if lu is None or np.any(lu.perm_r != natural) or np.any(lu.perm_c != natural):
-        return panels(A, names, _core.supernodes(*core_sparse(A)[:2], nb))
+        return panels(A, names, Structure(entries, _core.supernodes(*core_sparse(A)[:2], nb)))
     pivots, R = lu.U.diagonal(), lu.L
     check_pivots(pivots, A, names)
     R.sort_indices()

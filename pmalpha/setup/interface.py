@@ -124,8 +124,10 @@ def interface_factor(
     *,
     superlu: bool = False,
     symmetric: bool = True,
+    threads: int = 1,
 ) -> Factor:
     """The factor of H, empty without constraints. `rows` are the constraints in the order of H."""
     if H is None:
         return np.empty(0), None
-    return factorize(H, Names(what, rows), superlu=superlu, symmetric=symmetric)
+    options = dict(superlu=superlu, symmetric=symmetric, threads=threads)
+    return factorize(H, Names(what, rows), **options)

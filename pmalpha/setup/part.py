@@ -285,12 +285,14 @@ def make_part(
     L: sp.csc_array,
     factorize: Any = None,
     *,
+    threads: int = 1,
     responds: bool = False,
     **does: bool,
 ) -> Part:
     """Put a subdomain in its elimination order, interface dofs last.
 
-    `does` has the values of `reuses`, `mean` and `shifts`.
+    `threads` is the maximum number of those that make a factor; `does` has the values of `reuses`,
+    `mean` and `shifts`.
     """
     n, scheme = subdomain.n, subdomain.scheme
     last = np.flatnonzero(np.diff(L.indptr)).astype(np.int64)
@@ -308,6 +310,7 @@ def make_part(
         eliminated = Elimination(external.perm, last.size)
     else:
         eliminated = elimination(n, graph, last, superlu=factorize == "superlu")
+    eliminated = replace(eliminated, threads=threads)
     order = eliminated.order
     position = np.argsort(order)
     matrices = (

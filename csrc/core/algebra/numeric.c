@@ -69,47 +69,38 @@ static pma_status check(const pma_numeric_parts *parts)
     return pma_panels_check(&parts->panels, parts->n, parts->nb);
 }
 
-/* The numbers of a factor of this form, and the scratch to make them. */
-static void sizes_of(const pma_numeric_parts *parts, pma_form form, size_t *size, size_t *update,
-                     size_t *integers)
+/* The numbers of a factor of this form, and of a band the limits of its pivots. */
+static void sizes_of(const pma_numeric_parts *parts, pma_form form, size_t *size, size_t *limits)
 {
-    const pma_panels *panels = &parts->panels;
-    *size = *update = *integers = 0;
+    *size = *limits = 0;
     if (form == PMA_BAND) {
         *size = parts->n * width_of(parts);
-        *update = 2 * parts->n;
+        *limits = 2 * parts->n;
     } else if (form == PMA_PANELS) {
-        *size = (size_t)panels->start[panels->count];
-        *update = pma_panels_update_size(panels);
-        *integers = 3 * panels->count + 2 * parts->n;
+        *size = (size_t)parts->panels.start[parts->panels.count];
     }
 }
 
 pma_status pma_numeric_create(const pma_numeric_parts *parts, pma_numeric *out)
 {
     *out = (pma_numeric){.values = NULL};
-    const pma_status status = check(parts);
+    pma_status status = check(parts);
     if (status != PMA_OK)
         return status;
     const pma_form form = form_of(parts);
     const size_t n = parts->n, entries = entries_of(parts);
-    size_t size, update, count;
-    sizes_of(parts, form, &size, &update, &count);
+    size_t size, limits;
+    sizes_of(parts, form, &size, &limits);
     const size_t Q = parts->unsymmetric ? size : 0;
-    double *block = calloc(2 * entries + n + size + Q + update + 1, sizeof *block);
-    int64_t *integers = calloc(count + 1, sizeof *integers);
-    if (!block || !integers) {
-        free(block);
-        free(integers);
+    double *block = calloc(2 * entries + n + size + Q + limits + 1, sizeof *block);
+    if (!block)
         return PMA_NO_MEMORY;
-    }
     *out = (pma_numeric){.parts = *parts,
                          .values = block,
                          .factored = block + entries,
                          .inverse = block + 2 * entries,
                          .numbers = block + 2 * entries + n,
-                         .update = block + 2 * entries + n + size + Q,
-                         .integers = integers,
+                         .limits = block + 2 * entries + n + size + Q,
                          .block = block};
     for (size_t i = 0; i < n; i++)
         out->inverse[i] = 1.0;
@@ -123,13 +114,18 @@ pma_status pma_numeric_create(const pma_numeric_parts *parts, pma_numeric *out)
                                .width = form == PMA_BAND ? width_of(parts) : 0,
                                .Q = Q,
                                .panels = out->parts.panels};
-    return PMA_OK;
+    if (form == PMA_PANELS)
+        status = pma_elimination_create(&out->parts.panels, n, parts->owner, &parts->blas, 1,
+                                        &out->elimination);
+    if (status != PMA_OK)
+        pma_numeric_destroy(out);
+    return status;
 }
 
 void pma_numeric_destroy(pma_numeric *f)
 {
     free(f->block);
-    free(f->integers);
+    pma_elimination_destroy(f->elimination);
     *f = (pma_numeric){.values = NULL};
 }
 
@@ -153,7 +149,7 @@ static pma_status invert(pma_numeric *f, size_t *column)
 }
 
 /* The lower triangle by columns, without the diagonal, which goes to `inverse`, and with the least
- * pivots to `update`. Unsymmetric: the upper triangle by rows too, and the most that may be
+ * pivots to `limits`. Unsymmetric: the upper triangle by rows too, and the most that may be
  * subtracted from the pivots. Row j of a symmetric matrix is its column j. */
 static void fill_band(pma_numeric *f)
 {
@@ -166,8 +162,8 @@ static void fill_band(pma_numeric *f)
         for (; (size_t)parts->index[k] > j; k--)
             Q[j * width + (size_t)parts->index[k] - j - 1] = f->values[k];
         f->inverse[j] = f->values[k];
-        f->update[j] = LOST * fabs(f->values[k]);
-        f->update[n + j] = GROWTH * fabs(f->values[k]);
+        f->limits[j] = LOST * fabs(f->values[k]);
+        f->limits[n + j] = GROWTH * fabs(f->values[k]);
         for (k = f->factor.Q > 0 ? k - 1 : -1; k >= parts->ptr[j]; k--) {
             const size_t i = (size_t)parts->index[k];
             R[i * width + j - i - 1] = f->values[k];
@@ -198,7 +194,7 @@ static pma_status factor_chain(pma_numeric *f, size_t *column)
     double *below = f->numbers, *inverse = f->inverse, pivot = inverse[0];
     for (size_t j = 0; j <= last; j++) {
         *column = j;
-        if (!(pivot > f->update[j]))
+        if (!(pivot > f->limits[j]))
             return PMA_NOT_DEFINITE;
         const double next = j < last ? inverse[j + 1] - below[j] * below[j] / pivot : 0.0;
         inverse[j] = 1.0 / pivot;
@@ -238,12 +234,12 @@ static pma_status factor_band_pair(pma_numeric *f, size_t *column)
     double *R = f->numbers, *Q = R + f->factor.Q;
     for (size_t j = 0; j < n; j++) {
         *column = j;
-        if (!(fabs(f->inverse[j]) > f->update[j]))
+        if (!(fabs(f->inverse[j]) > f->limits[j]))
             return PMA_NOT_DEFINITE;
         f->inverse[j] = 1.0 / f->inverse[j];
         const size_t rows = n - 1 - j < width ? n - 1 - j : width;
         const size_t good = eliminate_pair(R + j * width, Q + j * width, f->inverse + j + 1, rows,
-                                           width, f->inverse[j], f->update + n + j + 1);
+                                           width, f->inverse[j], f->limits + n + j + 1);
         *column = j + 1 + good;
         if (good < rows)
             return PMA_NOT_DEFINITE;
@@ -261,7 +257,7 @@ static pma_status factor_band(pma_numeric *f, size_t *column)
         return factor_chain(f, column);
     for (size_t j = 0; j < n; j++) {
         *column = j;
-        if (!(f->inverse[j] > f->update[j]))
+        if (!(f->inverse[j] > f->limits[j]))
             return PMA_NOT_DEFINITE;
         f->inverse[j] = 1.0 / f->inverse[j];
         const size_t rows = n - 1 - j < width ? n - 1 - j : width;
@@ -283,8 +279,8 @@ static pma_status factor(pma_numeric *f, size_t *column)
                                     .values = f->values,
                                     .lost = LOST,
                                     .growth = GROWTH};
-    return pma_panels_factor(&f->parts.panels, &input, parts->owner, &parts->blas, f->inverse,
-                             f->update, f->integers, column, never, NULL);
+    return pma_elimination_run(f->elimination, &input, f->inverse, &(pma_patience){.stop = never},
+                               column);
 }
 
 pma_status pma_numeric_factor(pma_numeric *f, size_t *column)

@@ -10,6 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "algebra/elimination.h"
 #include "algebra/factor.h"
 #include "algebra/panels.h"
 #include "status.h"
@@ -33,8 +34,8 @@ typedef struct {
     double *factored;  /* ptr[n]: the values it is made of, if there is one */
     bool is_factored;
     size_t made; /* how many factors were made */
-    double *inverse, *numbers, *update;
-    int64_t *integers;
+    double *inverse, *numbers, *limits;
+    pma_elimination *elimination; /* in panels, else NULL */
     double *block;
 } pma_numeric;
 

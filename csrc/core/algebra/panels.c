@@ -1,26 +1,8 @@
 #include "algebra/panels.h"
 
-#include <math.h>
 #include <string.h>
 
 #include "algebra/kernel.h"
-#include "algebra/trapezoid.h"
-
-static size_t width_of(const pma_panels *p, size_t s)
-{
-    return (size_t)(p->first[s + 1] - p->first[s]);
-}
-
-static size_t rows_of(const pma_panels *p, size_t s)
-{
-    return (size_t)(p->row_ptr[s + 1] - p->row_ptr[s]);
-}
-
-/* Rows of the whole panel: the distance between two of its columns. */
-static size_t height_of(const pma_panels *p, size_t s)
-{
-    return width_of(p, s) + rows_of(p, s);
-}
 
 /* ---- checks --------------------------------------------------------------------------------- */
 
@@ -48,7 +30,8 @@ pma_status pma_panels_check(const pma_panels *p, size_t n, size_t nb)
     }
     for (size_t s = 0; s < p->count; s++) {
         if (!rows_are_right(p, s, n) ||
-            p->start[s + 1] - p->start[s] != (int64_t)(width_of(p, s) * height_of(p, s)))
+            p->start[s + 1] - p->start[s] !=
+                (int64_t)(pma_panels_width(p, s) * pma_panels_height(p, s)))
             return PMA_BAD_INDEX;
         border = border || p->first[s] == (int64_t)(n - nb);
     }
@@ -59,271 +42,8 @@ size_t pma_panels_most_height(const pma_panels *p)
 {
     size_t most = 0;
     for (size_t s = 0; s < p->count; s++)
-        most = height_of(p, s) > most ? height_of(p, s) : most;
+        most = pma_panels_height(p, s) > most ? pma_panels_height(p, s) : most;
     return most;
-}
-
-static size_t most_rows(const pma_panels *p)
-{
-    size_t most = 0;
-    for (size_t s = 0; s < p->count; s++)
-        most = rows_of(p, s) > most ? rows_of(p, s) : most;
-    return most;
-}
-
-size_t pma_panels_update_size(const pma_panels *p)
-{
-    size_t widest = 0;
-    for (size_t s = 0; s < p->count; s++)
-        widest = width_of(p, s) > widest ? width_of(p, s) : widest;
-    return widest * most_rows(p);
-}
-
-/* ---- numeric part: left-looking; a symmetric panel as a dense Cholesky factor --------------- */
-
-/* What the numeric part walks with. */
-typedef struct {
-    pma_panels *p;
-    const pma_blas *blas;
-    double *update;
-    int64_t *head, *next; /* supernodes waiting to update each supernode */
-    int64_t *done;        /* how many rows of a supernode have been used as columns */
-    int64_t *place;       /* row -> row of the panel at hand */
-    int64_t *unread;      /* unsymmetric: the first entry of each row that no column has read */
-} walk;
-
-/* The row of the panel that a row of the matrix is, or its height when it is none. */
-static size_t place_in(const walk *w, size_t s, int64_t row)
-{
-    const pma_panels *p = w->p;
-    const size_t width = width_of(p, s), place = (size_t)w->place[row];
-    if (place < width)
-        return p->first[s] + (int64_t)place == row ? place : height_of(p, s);
-    if (place < height_of(p, s) && p->rows[p->row_ptr[s] + (int64_t)(place - width)] == row)
-        return place;
-    return height_of(p, s);
-}
-
-/* The entry (row, column) for the next column that has one in this row. */
-static pma_status read_across(const walk *w, const pma_panels_input *A, size_t row, int64_t column,
-                              double *entry)
-{
-    const int64_t k = w->unread[row]++;
-    if (k >= A->ptr[row + 1] || A->index[k] != column)
-        return PMA_BAD_INDEX;
-    *entry += A->values[k];
-    return PMA_OK;
-}
-
-/* Entries of the matrix in and below the diagonal block, and those across the diagonal from them;
- * the others belong to other panels. Row j of A is column j of A^T, which Q is made of. */
-static pma_status fill_panel(const walk *w, size_t s, const pma_panels_input *A, double *diagonal)
-{
-    const pma_panels *p = w->p;
-    const size_t width = width_of(p, s), height = height_of(p, s);
-    double *R = p->values + p->start[s], *panel = R + p->Q;
-    memset(panel, 0, width * height * sizeof *panel);
-    if (p->Q > 0)
-        memset(R, 0, width * height * sizeof *R);
-    for (size_t i = 0; i < width; i++)
-        w->place[p->first[s] + (int64_t)i] = (int64_t)i;
-    for (size_t i = 0; i < rows_of(p, s); i++)
-        w->place[p->rows[p->row_ptr[s] + (int64_t)i]] = (int64_t)(width + i);
-    for (size_t j = 0; j < width; j++) {
-        const int64_t column = p->first[s] + (int64_t)j;
-        for (int64_t k = A->ptr[column]; k < A->ptr[column + 1]; k++) {
-            if (A->index[k] < column)
-                continue;
-            const size_t place = place_in(w, s, A->index[k]);
-            if (place == height)
-                return PMA_BAD_INDEX;
-            panel[j * height + place] += A->values[k];
-            if (p->Q > 0 &&
-                read_across(w, A, (size_t)A->index[k], column, R + j * height + place) != PMA_OK)
-                return PMA_BAD_INDEX;
-        }
-        diagonal[column] = panel[j * height + j];
-    }
-    return PMA_OK;
-}
-
-static void subtract(const double *u, size_t count, double *x)
-{
-#pragma omp simd
-    for (size_t i = 0; i < count; i++)
-        x[i] -= u[i];
-}
-
-static void scatter(const double *u, const int32_t *rows, const int64_t *place, size_t begin,
-                    size_t end, double *column)
-{
-    for (size_t i = begin; i < end; i++)
-        column[place[rows[i]]] -= u[i];
-}
-
-/* X(s) -= X_d Y_d^T in the rows and columns that supernode d shares with it; X and Y are R and Q,
- * by where they begin in the values */
-static void update_panel(const walk *w, size_t d, size_t begin, size_t end, size_t s, size_t X,
-                         size_t Y)
-{
-    const pma_panels *p = w->p;
-    const size_t height = height_of(p, s);
-    const int32_t *rows = p->rows + p->row_ptr[d];
-    double *below = p->values + p->start[d] + width_of(p, d) + begin;
-    double *panel = p->values + X + p->start[s];
-    int m = (int)(rows_of(p, d) - begin), columns = (int)(end - begin), k = (int)width_of(p, d);
-    int ld = (int)height_of(p, d);
-    double one = 1.0, zero = 0.0;
-    w->blas->dgemm("N", "T", &m, &columns, &k, &one, below + X, &ld, below + Y, &ld, &zero,
-                   w->update, &m);
-    const int64_t first = w->place[rows[begin]];
-    const bool adjoined = w->place[rows[begin + (size_t)m - 1]] == first + m - 1;
-    for (size_t j = 0; j < (size_t)columns; j++) {
-        double *column = panel + (size_t)w->place[rows[begin + j]] * height;
-        const double *u = w->update + j * (size_t)m;
-        if (adjoined)
-            subtract(u + j, (size_t)m - j, column + first + j);
-        else
-            scatter(u, rows + begin, w->place, j, (size_t)m, column);
-    }
-}
-
-static pma_status apply_update(const walk *w, size_t d, size_t begin, size_t end, size_t s)
-{
-    const pma_panels *p = w->p;
-    for (size_t i = begin; i < rows_of(p, d); i++) {
-        if (place_in(w, s, p->rows[p->row_ptr[d] + (int64_t)i]) == height_of(p, s))
-            return PMA_BAD_INDEX;
-    }
-    update_panel(w, d, begin, end, s, 0, p->Q);
-    if (p->Q > 0)
-        update_panel(w, d, begin, end, s, p->Q, 0);
-    return PMA_OK;
-}
-
-/* A supernode whose rows are not used up waits for the owner of the next one. */
-static void wait(const walk *w, size_t d, const int64_t *owner)
-{
-    if (w->done[d] < (int64_t)rows_of(w->p, d)) {
-        const int64_t s = owner[w->p->rows[w->p->row_ptr[d] + w->done[d]]];
-        w->next[d] = w->head[s];
-        w->head[s] = (int64_t)d;
-    }
-}
-
-static pma_status apply_updates(const walk *w, size_t s, const int64_t *owner)
-{
-    pma_status status = PMA_OK;
-    int64_t d = w->head[s];
-    while (d >= 0 && status == PMA_OK) {
-        const int64_t following = w->next[d];
-        const int32_t *rows = w->p->rows + w->p->row_ptr[d];
-        const size_t begin = (size_t)w->done[d];
-        size_t end = begin;
-        while (end < rows_of(w->p, (size_t)d) && rows[end] < w->p->first[s + 1])
-            end++;
-        status = apply_update(w, (size_t)d, begin, end, s);
-        w->done[d] = (int64_t)end;
-        wait(w, (size_t)d, owner);
-        d = following;
-    }
-    return status;
-}
-
-/* ---- the growth of an unsymmetric factor: R is a unit factor, Q that of A^T still times D ----- */
-
-/* n, or the first row of this panel from whose diagonal entry too much was subtracted      (F11) */
-static size_t grown_row(const pma_panels *p, size_t s, size_t n, double growth,
-                        const double *diagonal)
-{
-    const size_t width = width_of(p, s), height = height_of(p, s), first = (size_t)p->first[s];
-    const int32_t *rows = p->rows + p->row_ptr[s];
-    const double *R = p->values + p->start[s], *Q = R + p->Q;
-    for (size_t j = 0; j < width; j++) {
-        for (size_t i = j + 1; i < height; i++) {
-            const size_t row = i < width ? first + i : (size_t)rows[i - width];
-            if (!(fabs(R[j * height + i] * Q[j * height + i]) <= growth * fabs(diagonal[row])))
-                return row;
-        }
-    }
-    return n;
-}
-
-static pma_status check_growth(const pma_panels *p, const pma_panels_input *A,
-                               const double *diagonal, size_t *column)
-{
-    *column = A->n;
-    for (size_t s = 0; s < p->count && *column == A->n; s++)
-        *column = grown_row(p, s, A->n, A->growth, diagonal);
-    return *column == A->n ? PMA_OK : PMA_NOT_DEFINITE;
-}
-
-/* ---- one supernode after the other ---------------------------------------------------------- */
-
-static size_t factor_one(const walk *w, size_t s, const pma_panels_input *A, double *diagonal)
-{
-    const pma_panels *p = w->p;
-    double *R = p->values + p->start[s];
-    const size_t width = width_of(p, s), height = height_of(p, s);
-    if (p->Q > 0)
-        return pma_trapezoid_factor_pair(R, R + p->Q, width, height, diagonal, A->lost, w->blas);
-    return pma_trapezoid_factor(R, width, height, diagonal, A->lost, w->blas);
-}
-
-static void scale_one(const pma_panels *p, size_t s, double *inverse)
-{
-    double *R = p->values + p->start[s];
-    if (p->Q > 0)
-        pma_trapezoid_scale_pair(R, R + p->Q, width_of(p, s), height_of(p, s), inverse);
-    else
-        pma_trapezoid_scale(R, width_of(p, s), height_of(p, s), inverse);
-}
-
-static pma_status factor_supernode(const walk *w, size_t s, const pma_panels_input *A,
-                                   const int64_t *owner, double *diagonal, size_t *column)
-{
-    const pma_panels *p = w->p;
-    const size_t begin = (size_t)p->first[s], width = width_of(p, s);
-    pma_status status = fill_panel(w, s, A, diagonal);
-    if (status != PMA_OK || (status = apply_updates(w, s, owner)) != PMA_OK)
-        return status;
-    const size_t good = factor_one(w, s, A, diagonal + begin);
-    *column = begin + good;
-    if (good < width)
-        return PMA_NOT_DEFINITE;
-    w->done[s] = 0;
-    wait(w, s, owner);
-    return PMA_OK;
-}
-
-pma_status pma_panels_factor(pma_panels *p, const pma_panels_input *input, const int64_t *owner,
-                             const pma_blas *blas, double *inverse, double *update,
-                             int64_t *integers, size_t *column, bool (*stop)(void *ctx), void *ctx)
-{
-    walk w = {.p = p,
-              .blas = blas,
-              .update = update,
-              .head = integers,
-              .next = integers + p->count,
-              .done = integers + 2 * p->count,
-              .place = integers + 3 * p->count,
-              .unread = integers + 3 * p->count + input->n};
-    memset(w.place, 0, input->n * sizeof *w.place);
-    if (p->Q > 0)
-        memcpy(w.unread, input->ptr, input->n * sizeof *w.unread);
-    for (size_t s = 0; s < p->count; s++)
-        w.head[s] = -1;
-    for (size_t s = 0; s < p->count; s++) {
-        const pma_status status = factor_supernode(&w, s, input, owner, inverse, column);
-        if (status != PMA_OK)
-            return status;
-        if (stop(ctx))
-            return PMA_STOPPED;
-    }
-    const pma_status status = p->Q > 0 ? check_growth(p, input, inverse, column) : PMA_OK;
-    for (size_t s = 0; s < p->count && status == PMA_OK; s++)
-        scale_one(p, s, inverse + p->first[s]);
-    return status;
 }
 
 /* ---- sweeps --------------------------------------------------------------------------------- */
@@ -354,7 +74,7 @@ typedef struct {
 static panel_view view(const pma_panels *p, size_t s, size_t begin, size_t from, size_t lanes,
                        double *x)
 {
-    const size_t width = width_of(p, s), below = rows_of(p, s);
+    const size_t width = pma_panels_width(p, s), below = pma_panels_rows(p, s);
     const int32_t *rows = p->rows + p->row_ptr[s];
     const bool adjoined = below == 0 || rows[below - 1] == p->first[s + 1] + (int64_t)below - 1;
     return (panel_view){.width = width,

@@ -24,13 +24,21 @@ typedef struct {
                  symmetric matrix */
 } pma_panels;
 
-/* The two BLAS routines of the numeric part, as Fortran has them. */
-typedef struct {
-    void (*dgemm)(char *, char *, int *, int *, int *, double *, double *, int *, double *, int *,
-                  double *, double *, int *);
-    void (*dtrsm)(char *, char *, char *, char *, int *, int *, double *, double *, int *, double *,
-                  int *);
-} pma_blas;
+static inline size_t pma_panels_width(const pma_panels *p, size_t s)
+{
+    return (size_t)(p->first[s + 1] - p->first[s]);
+}
+
+static inline size_t pma_panels_rows(const pma_panels *p, size_t s)
+{
+    return (size_t)(p->row_ptr[s + 1] - p->row_ptr[s]);
+}
+
+/* Rows of the whole panel: the distance between two of its columns. */
+static inline size_t pma_panels_height(const pma_panels *p, size_t s)
+{
+    return pma_panels_width(p, s) + pma_panels_rows(p, s);
+}
 
 /* PMA_BAD_INDEX unless the supernodes partition 0..n-1, break at n - nb, and all rows ascend,
  * lie below their columns, and panels have the sizes that follow. */
@@ -38,32 +46,6 @@ pma_status pma_panels_check(const pma_panels *p, size_t n, size_t nb);
 
 /* Rows of the tallest panel: the scratch of a sweep. */
 size_t pma_panels_most_height(const pma_panels *p);
-
-/* Doubles of scratch that the numeric part needs. */
-size_t pma_panels_update_size(const pma_panels *p);
-
-/* A matrix by rows, whose symmetric pattern the panels were made for. If its values are not
- * symmetric, the entries of a row ascend. */
-typedef struct {
-    size_t n;
-    const int64_t *ptr;
-    const int32_t *index;
-    const double *values;
-    double lost;   /* a pivot must be above this part of its diagonal entry */
-    double growth; /* unsymmetric: most that R_ij D_j Q_ij may be, relative to A_ii */
-} pma_panels_input;
-
-/* R, Q and the reciprocals of D; pivots are on the diagonal.
- *
- * Symmetric (p->Q is 0): pivots are positive. Otherwise they have any sign, and what is subtracted
- * from a diagonal entry is bounded by `growth`: A is factored without a loss of digits.    (F11)
- * owner (n): the supernode of each column. inverse (n): output. update (pma_panels_update_size),
- * integers (3 count + n, n more if unsymmetric): scratch. PMA_NOT_DEFINITE with the column in
- * *column, PMA_BAD_INDEX for an entry outside the pattern or across from none, PMA_STOPPED when
- * stop, called between supernodes, returns true. */
-pma_status pma_panels_factor(pma_panels *p, const pma_panels_input *input, const int64_t *owner,
-                             const pma_blas *blas, double *inverse, double *update,
-                             int64_t *integers, size_t *column, bool (*stop)(void *ctx), void *ctx);
 
 /* Sweeps of one vector, or of PMA_LANES side by side (kernel.h): `lanes` is 1 or PMA_LANES, and
  * every size counts numbers of one of them.

@@ -6,7 +6,7 @@
 
 #include <stddef.h>
 
-#include "algebra/panels.h"
+#include "algebra/blas.h"
 
 /* Its Cholesky factor G in place, in blocks; its width, or the first column whose pivot is not above
  * the part `lost` of its diagonal entry, diagonal (width). */

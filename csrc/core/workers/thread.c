@@ -51,6 +51,11 @@ void pma_thread_wake(pma_thread *t)
     WakeAllConditionVariable(&t->changed);
 }
 
+void pma_thread_rest(void)
+{
+    Sleep(1); /* the least there is */
+}
+
 long pma_thread_process(void)
 {
     return (long)GetCurrentProcessId();
@@ -143,6 +148,11 @@ void pma_thread_doze(pma_thread *t, unsigned milliseconds)
 void pma_thread_wake(pma_thread *t)
 {
     pthread_cond_broadcast(&t->changed);
+}
+
+void pma_thread_rest(void)
+{
+    nanosleep(&(struct timespec){.tv_nsec = 50000}, NULL);
 }
 
 long pma_thread_process(void)

@@ -45,6 +45,9 @@ void pma_thread_doze(pma_thread *t, unsigned milliseconds);
 /* Wakes all that sleep on the lock. */
 void pma_thread_wake(pma_thread *t);
 
+/* Returns after some ten microseconds, in which others can run. */
+void pma_thread_rest(void);
+
 /* The number of this process: another one in a process forked off. */
 long pma_thread_process(void);
 
