@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 from xml.etree import ElementTree as xml
@@ -128,11 +128,11 @@ def write_series(
     if most_times is not None:
         most_times = whole_number(most_times, "most_times", low=2)
     mesh = checked_mesh(points, elements)
-    fields = _fields(mesh, times.size, u, v, a, data or {})
+    fields = _fields(mesh, times.size, u, v, a, {} if data is None else data)
     if most_times is None and path.suffix.lower() == ".pvd":
         most_times = MOST_FILES
         _warn_if_thinned(times.size)
-    numbers = _cell_numbers(mesh, cells or {})
+    numbers = _cell_numbers(mesh, {} if cells is None else cells)
     series = Series(mesh, times, fields, _written(times.size, most_times), numbers)
     writers[path.suffix.lower()](path, series)
 
@@ -167,7 +167,7 @@ def _fields(
         fields["velocity"] = nodal_vectors(v, mesh, "v", times=k)
     if a is not None:
         fields["acceleration"] = nodal_vectors(a, mesh, "a", times=k)
-    for name, values in data.items():
+    for name, values in _items(data, "data"):
         if not isinstance(name, str) or name in fields:
             raise ValueError(
                 f"data must have strings as names, other than {', '.join(fields)}, got {name!r}"
@@ -176,9 +176,15 @@ def _fields(
     return fields
 
 
+def _items(given: Any, argument: str) -> Iterable[tuple[Any, Any]]:
+    if not isinstance(given, Mapping):
+        raise TypeError(f"{argument} must be a dict, got {given!r}")
+    return given.items()
+
+
 def _cell_numbers(mesh: Mesh, cells: Mapping[str, Any]) -> dict[str, np.ndarray]:
     count, numbers = sum(len(block.nodes) for block in mesh.blocks), {}
-    for name, values in cells.items():
+    for name, values in _items(cells, "cells"):
         if not isinstance(name, str):
             raise ValueError(f"cells must have strings as names, got {name!r}")
         numbers[name] = real_array(values, f"cells[{name!r}]")

@@ -1,14 +1,16 @@
 """Random histories of calls of a coupler, against a twin with one thread that nothing disturbs.
 
-Runs, steps, exceptions and Ctrl-C in callbacks, resets, checkpoints, snapshots, changes of steps,
-runs of several cases. After each call the state is bitwise that of the twin, which makes only the
-macro steps that were completed, and what was recorded is bitwise what the twin records.
+Runs, steps, exceptions and Ctrl-C in callbacks, files of runs that go on from earlier ones, resets,
+checkpoints, snapshots, changes of steps, runs of several cases. After each call the state is
+bitwise that of the twin, which makes only the macro steps that were completed, and what was
+recorded is bitwise what the twin records. rank_histories.py has the same of several processes.
 """
 
 import signal
 import tempfile
 import warnings
 from dataclasses import dataclass, field, replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,7 @@ from campaign import arguments, seeds, tried
 
 import pmalpha as pm
 
+HDF5 = find_spec("h5py") is not None
 COUPLINGS = ("pm", "gc", "macro", "mean")
 LENGTHS = (0.05, 0.04, 0.025)
 DRAWS = (
@@ -230,6 +233,7 @@ class Pair:
             raise AssertionError(f"{kind.__name__} in the coupler, and not in its twin")
 
     def run(self):
+        """In memory, or into a file: a new one, or that of an earlier run."""
         rng, options = self.rng, {}
         names = [s.name for s in self.coupler.subdomains]
         if rng.random() < 0.5:
@@ -240,11 +244,39 @@ class Pair:
             options["energy"] = True
         if rng.random() < 0.3:
             options["progress"] = lambda done, total: self.fuse()
+        if HDF5 and rng.random() < 0.3:
+            options["record_to"] = self.folder / f"{rng.integers(2**60)}.h5"
         result = self.disturbed(lambda: self.coupler.run(steps=int(rng.integers(0, 9)), **options))
         failed = isinstance(result, BaseException)
         history = self.coupler.last_history if failed else result
         assert failed or self.coupler.last_history is None
         self.advanced(history, result if failed else None, "energy" in options)
+        if history is not None and "record_to" in options:
+            self.compare_file(options["record_to"], history)
+
+    def compare_file(self, path, history):
+        """A file holds what the History of its run has, also after an exception."""
+        compare_histories(pm.History.load(path), history)
+        compare_histories(history, pm.History.load(path))
+        self.counts["files"] += 1
+
+    def append(self):
+        """Two runs into one file, with what may happen between them; of one run without a pause."""
+        if not HDF5:
+            return
+        path = self.folder / f"{self.rng.integers(2**60)}.h5"
+        options = {"every": int(self.rng.integers(1, 4))} if self.rng.random() < 0.5 else {}
+        kept = self.coupler.snapshot()
+        whole = self.coupler.run(steps=5, **options)
+        self.coupler.restore(kept)
+        self.coupler.run(steps=3, record_to=path, **options)
+        if self.rng.random() < 0.5:  # rows that were written after the state that is restored
+            after = self.coupler.snapshot()
+            self.coupler.run(steps=2, record_to=path, append=True, **options)
+            self.coupler.restore(after)
+        self.coupler.run(steps=2, record_to=path, append=True, **options)
+        self.compare_file(path, whole)
+        self.advanced()
 
     def step(self):
         result = self.disturbed(lambda: self.coupler.step(int(self.rng.integers(0, 9))))
@@ -337,7 +369,7 @@ def diagonal_mass(s):
 
 
 CALLS = ("run",) * 4 + ("step",) * 3 + ("keep",) * 2
-CALLS += ("reset", "restore", "load", "change_steps", "tolerance", "run_each")
+CALLS += ("append", "reset", "restore", "load", "change_steps", "tolerance", "run_each")
 
 
 def attempt(seed, counts, calls=25):

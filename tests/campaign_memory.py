@@ -12,6 +12,7 @@ import sys
 import tempfile
 import warnings
 from collections import Counter
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,44 @@ HERE = Path(__file__).parent
 
 def made(kind):
     """A coupler of a small problem of this kind."""
+    if kind in ("explicit", "tree"):
+        return of_meshes(explicit=kind == "explicit")
+    if kind == "ranks":
+        return of_ranks()
+    return small(kind)
+
+
+def of_meshes(*, explicit):
+    """Sparse subdomains: visits and passes over K, or a factor in branches for two threads."""
+    if explicit:
+        plate = pm.structures.plate(60, 11, 1.0, E=100.0, nu=0.3, rho=1.0, mass="lumped")
+        scheme = pm.CentralDifference()
+    else:
+        plate = pm.structures.solid(6, 6, 6, 1.0, E=100.0, nu=0.3, rho=1.0, mass="lumped")
+        scheme = pm.GeneralizedAlpha(0.8)
+    u0 = 1e-3 * np.cos(np.arange(plate.n))
+    mesh = plate.subdomain(scheme=scheme, substeps=8 if explicit else 1, u0=u0, name="a")
+    b = pm.Subdomain(np.ones(2), [3.0, 3.0], scheme=scheme, u0=u0[:2], name="b")
+    return pm.Coupler(
+        [mesh, b],
+        pm.tie(mesh, [0], b, [0]),
+        dt=0.04,
+        coupling="macro" if explicit else "gc",
+        threads=2,
+    )
+
+
+def of_ranks():
+    """The exchange of several processes, of one here."""
+    from mpi4py import MPI
+
+    whole = small("linear")
+    ties = [pm.tie("a", [2], "b", [0]), pm.tie("b", [1], "c", [0])]
+    return pm.Coupler(whole.subdomains, ties, dt=0.05, threads=2, comm=MPI.COMM_SELF)
+
+
+def small(kind):
+    """Three subdomains of a few dofs."""
     K = np.diag([4.0, 4.0, 2.0]) - np.eye(3, k=1) - np.eye(3, k=-1)
     scheme = pm.GeneralizedAlpha(0.5)
     force = {"callbacks": lambda t: np.full(3, np.sin(t))}.get(kind)
@@ -42,31 +81,45 @@ def made(kind):
     )
     c = pm.Subdomain(np.ones(1), [1.0], scheme=scheme, internal=internal, name="c")
     ties = [pm.tie(a, [2], b, [0]), pm.tie(b, [1], c, [0])]
-    coupling = {"macro": "macro", "mean": "mean", "newton": "gc"}.get(kind, "pm")
-    return pm.Coupler([a, b, c], ties, dt=0.05, coupling=coupling, threads=2)
+    coupling = {"macro": "macro", "mean": "mean", "newton": "gc", "tied": "gc"}.get(kind, "pm")
+    options = {"drift": "removed"} if kind == "tied" else {}
+    return pm.Coupler([a, b, c], ties, dt=0.05, coupling=coupling, threads=2, **options)
 
 
-KINDS = ("linear", "callbacks", "macro", "mean", "newton")
+KINDS = ("linear", "callbacks", "macro", "mean", "newton", "tied", "explicit", "tree")
+KINDS += ("ranks",) if find_spec("mpi4py") else ()
 
 
 def calls(kind, folder):
     """What is done with one coupler, each with its own number of allocations."""
     path = folder / "state.npz"
-    return {
+
+    def halved(c):
+        return {s.name: 0.5 * s.u0 for s in c.subdomains}
+
+    def cases(c):  # one more than the core computes side by side
+        c.run_each(9 * [{"u0": halved(c)}], steps=2)
+
+    rest = {"run_each": cases} if kind != "ranks" else {}
+    rest |= {"change_steps": lambda c: c.change_steps(dt=0.03)} if kind != "tied" else {}
+    return rest | {
         "build": lambda c: made(kind),
         "run": lambda c: c.run(steps=5),
         "run with energies": lambda c: c.run(steps=5, energy=True, record={"a": [0]}),
+        "run into a file": lambda c: c.run(steps=5, record_to=folder / "run.h5", overwrite=True),
         "step": lambda c: c.step(5),
         "state": lambda c: c.state("b"),
+        "static": lambda c: c.static() if kind == "linear" else None,
         "save": lambda c: c.save(path),
         "load": lambda c: c.load(path),
         "snapshot": lambda c: c.restore(c.snapshot()),
-        "reset": lambda c: c.reset(u0={"a": [0.0, 0.0, 0.1], "b": [0.1, 0.0]}),
+        "reset": lambda c: c.reset(u0=halved(c)),
     }
 
 
 def state(coupler):
-    return np.concatenate([getattr(coupler.state(s), x) for s in "abc" for x in "uva"])
+    names = [s.name for s in coupler.subdomains]
+    return np.concatenate([getattr(coupler.state(s), x) for s in names for x in "uva"])
 
 
 def attempt(kind, library, folder, stride):
@@ -89,6 +142,11 @@ def attempt(kind, library, folder, stride):
                 call(twin)
                 error = None
             except MemoryError as raised:
+                error = raised
+            except pm.CasesError as raised:
+                assert all(isinstance(x, MemoryError) for x in raised.failures.values()), (
+                    raised.failures
+                )
                 error = raised
             failed = library.failing_allocations_arm(0)
             counts["failures"] += failed >= k

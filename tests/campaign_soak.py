@@ -1,7 +1,8 @@
 """Long use: millions of macro steps with constant memory and exact times.
 
 Couplers of every coupling step on and on, with callbacks, springs, Newton's method and threads; now
-and then they run with a History, are saved and loaded, restored and reset. The largest memory of
+and then they run with a History, in memory or in a file, run several cases, are saved and loaded,
+restored from snapshots. The largest memory of
 the process after the first tenth of the time must not grow; time levels are those of whole numbers.
 """
 
@@ -11,6 +12,7 @@ import tempfile
 import warnings
 import weakref
 from collections import Counter
+from importlib.util import find_spec
 from pathlib import Path
 from time import monotonic
 
@@ -21,6 +23,7 @@ import pmalpha as pm
 
 K3 = np.array([[4.0, -1.0, 0.0], [-1.0, 4.0, -1.0], [0.0, -1.0, 2.0]])
 KINDS = ("pm", "gc", "macro", "mean", "callbacks", "newton")
+HDF5 = find_spec("h5py") is not None
 # Growth of the largest memory that is allowed: buffers of the allocator, not a byte per step.
 SLACK = 4 << 20
 
@@ -29,12 +32,13 @@ def made(kind):
     """A coupler; its callbacks refer to it."""
     this = []
     here = kind == "callbacks"
-    common = {"scheme": pm.GeneralizedAlpha(0.8), "u0": [1.0, 0.5, 0.2]}
+    scheme = pm.Newmark() if kind == "mean" else pm.GeneralizedAlpha(0.8)  # it grows with damping
+    common = {"scheme": scheme, "u0": [1.0, 0.5, 0.2]}
     force = (lambda t: np.full(3, np.sin(t) + 0.0 * len(this))) if here else None
     internal = pm.CubicSpring([0], k=1.0, k3=0.5) if kind == "newton" else None
     a = pm.Subdomain(np.ones(3), K3, 0.01 * K3, force=force, name="a", **common)
     restoring = (lambda u, v, t: 0.1 * np.tanh(u)) if here else None
-    own = {"substeps": 2, "u0": [0.2, 0.0], "scheme": pm.GeneralizedAlpha(0.8), "name": "b"}
+    own = {"substeps": 2, "u0": [0.2, 0.0], "scheme": scheme, "name": "b"}
     b = pm.Subdomain(np.ones(2), [3.0, 3.0], restoring=restoring, internal=internal, **own)
     coupling = {"callbacks": "pm", "newton": "gc"}.get(kind, kind)
     coupler = pm.Coupler([a, b], pm.tie(a, [2], b, [0]), dt=0.01, coupling=coupling, threads=2)
@@ -56,6 +60,17 @@ def use(coupler, folder, counts):
     assert np.isfinite(coupler.state("a").u).all()
     counts["macro steps"] += 3000
     counts["calls"] += 8
+    cases = [{"u0": {"a": [0.1 * k, 0.0, 0.0], "b": [0.0, 0.0]}} for k in range(5)]
+    histories = coupler.run_each(cases, steps=100, record={"b": [0]})
+    assert [h.macro_times[-1] for h in histories] == 5 * [100 * 0.01]
+    counts["macro steps"] += 500
+    counts["calls"] += 1
+    if HDF5:
+        path = folder / "run.h5"
+        assert coupler.run(steps=500, record_to=path, overwrite=True)["b"].u.shape == (1001, 2)
+        assert pm.History.load(path).macro_times[-1] == coupler.time
+        counts["macro steps"] += 500
+        counts["calls"] += 2
 
 
 def largest():

@@ -4,6 +4,12 @@ An entry is a function of a random generator that returns a function, its keywor
 what is done with the result: it must hold no NaN.
 """
 
+import inspect
+import os
+import tempfile
+from importlib.util import find_spec
+from pathlib import Path
+
 import numpy as np
 import scipy.sparse as sp
 
@@ -257,6 +263,55 @@ def study(rng):
     )
 
 
+def study_run(rng):
+    """Cases of a study, one of which may fail, and its file."""
+    result = one(rng, None, lambda history: {"u": history["a"].u.max()})
+    s = pm.Study(lambda: coupled(rng), steps=3, result=result, together=int(rng.integers(1, 4)))
+    values = {"cases": [{}, {"v0": {"a": [0.0, 0.1, 0.0]}}, {"force": {"b": [1.0, 0.0]}}]}
+    return s.run, values | {"progress": None, "map": map}, None
+
+
+# ---- files and pictures ------------------------------------------------------------------------
+
+
+def written(rng):
+    """Files for ParaView, in a folder that is removed again."""
+    u = np.zeros((3, 8))
+    values = {"name": one(rng, "x.xdmf", "x.pvd"), "points": QUAD, "elements": [[0, 1, 2, 3]]}
+    values |= {"times": np.arange(3.0), "u": u, "v": one(rng, None, u), "most_times": 2}
+    values |= {"data": {"T": np.zeros((3, 4))}, "cells": {"part": [1.0]}}
+
+    def write_series(name, **values):
+        with tempfile.TemporaryDirectory() as folder:
+            if isinstance(name, str | bytes):
+                name = Path(folder, Path(os.fsdecode(name)).name)  # nothing is written elsewhere
+            pm.export.write_series(name, **values)
+
+    write_series.__signature__ = inspect.signature(pm.export.write_series)
+    return write_series, values, None
+
+
+def pictures(rng):
+    """Drawn and closed again."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    history = coupled(rng).run(steps=5, energy=True)
+    plate = pm.structures.plate(2, 1, 1.0, E=1.0, nu=0.3, rho=1.0)
+    u = 0.1 * np.ones(plate.n)
+    mesh = {"points": plate.points, "elements": plate.elements}
+    function, values = one(
+        rng,
+        (history.plot, {"dofs": {"a": [0, 1]}, "quantity": "v", "title": "x"}),
+        (history["a"].plot, {"quantity": "u", "dofs": [0, 1]}),
+        (pm.plot.deformed, mesh | {"u": u, "scale": 2.0}),
+        (pm.plot.scheme_radius, {"schemes": {"a": pm.Newmark()}, "xi": 0.02}),
+    )
+    return function, values, lambda _: plt.close("all")
+
+
 # ---- structures, analysis, models ------------------------------------------------------------
 
 
@@ -388,7 +443,8 @@ def models(rng):
 ENTRIES = (subdomain,) * 5 + (callback, coupler, constraint, tie, run, run) * 2
 ENTRIES += (schemes, sampled, springs, internal_force, newton, coincident, interpolated, reduction)
 ENTRIES += (tolerance, solve, reset, run_each, change_steps, state, study, lines, solids, materials)
-ENTRIES += (contact, elements, cut, analysis, periods, models)
+ENTRIES += (pictures,) if find_spec("matplotlib") else ()
+ENTRIES += (study_run, written, contact, elements, cut, analysis, periods, models)
 
 
 # ---- what is done with results ---------------------------------------------------------------

@@ -22,6 +22,7 @@ from rank_bitwise import (
 )
 from rank_failures import failures
 from rank_files import checkpoints, files, killed, killed_in_save, left
+from rank_histories import histories
 from rank_memory import allocations, memory
 from rank_problems import WORLD
 
@@ -36,7 +37,7 @@ TESTS = (
     files,
     interpolated,
 )
-TESTS += (chosen, drifting, iterated, killed, killed_in_save, left, memory, static)
+TESTS += (chosen, drifting, histories, iterated, killed, killed_in_save, left, memory, static)
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore")

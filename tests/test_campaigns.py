@@ -43,13 +43,14 @@ def test_strangers_on_a_connection_end_it_in_time():
 
 def test_nothing_grows_in_many_steps_and_couplers_that_their_callbacks_hold_are_collected():
     counts = campaign_soak.campaign(seconds=0.0, least=2)
-    assert counts["macro steps"] == 36_000 and counts["couplers"] == 12
+    assert counts["macro steps"] == 36_000 + 12 * (1000 if campaign_soak.HDF5 else 500)
+    assert counts["couplers"] == 12
 
 
 @pytest.mark.skipif(
     sys.platform != "linux" or not shutil.which("cc"), reason="needs a C compiler and LD_PRELOAD"
 )
-@pytest.mark.parametrize("kind", ["callbacks", "macro"])
+@pytest.mark.parametrize("kind", ["callbacks", "macro", "tied"])
 def test_an_allocation_that_fails_is_a_memory_error_and_changes_nothing(kind):
     # the first forty of each call, and some of the others
-    assert "'MemoryError': " in campaign_memory.campaign([kind], stride=97, seconds=100)
+    assert "'MemoryError': " in campaign_memory.campaign([kind], stride=997, seconds=600)

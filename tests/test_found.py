@@ -4,6 +4,7 @@ import json
 import re
 import zipfile
 from fractions import Fraction
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from pmalpha.run import checkpoint
 MASSES, K = np.ones(3), np.diag([4.0, 4.0, 2.0])
 BLOCK = pm.structures.plate(1, 1, 1.0, E=1.0, nu=0.3, rho=1.0)
 BETA = pm.Newmark()
+MOTION = [[0.0], [1.0]], [[0, 1]], [0.0], [[0.0, 0.0]]
 PLANE = {"nodes": [0], "point": [0.0, 0.0], "stiffness": 1.0}
 HUGE = np.array([[0.0, 0.0], [1e308, 0.0], [1e308, 1e308], [0.0, 1e308]])
 
@@ -209,6 +211,36 @@ REFUSED = {
         ValueError,
         "prestress must not exceed",
     ),
+    "fields that are no dict": (
+        lambda: pm.export.write_series("x.xdmf", *MOTION, data=[("T", [[0.0, 1.0]])]),
+        TypeError,
+        "data must be a dict",
+    ),
+    "numbers of elements that are no dict": (
+        lambda: pm.export.write_series("x.xdmf", *MOTION, cells=[1.0]),
+        TypeError,
+        "cells must be a dict",
+    ),
+    "a study of no cases": (
+        lambda: pm.Study(list, steps=1).run(np.array(1.0)),
+        TypeError,
+        "cases must be dicts of what reset takes",
+    ),
+    "a map that returns nothing": (
+        lambda: pm.Study(list, steps=1).run([{}], map=lambda *_: None),
+        TypeError,
+        "map must return an iterable of results, got None",
+    ),
+    "a picture of no scheme": (
+        lambda: pm.plot.scheme_radius(5),
+        TypeError,
+        "schemes must be pmalpha schemes, got 5",
+    ),
+    "a picture of a list of quantities": (
+        lambda: pm.Coupler([single()], dt=0.1).run(steps=1).plot(quantity=["u"]),
+        ValueError,
+        "quantity must be 'u', 'v' or 'a', got",
+    ),
     "fixed dofs of several kinds": (
         lambda: pm.cut(BLOCK, [0], fixed=[0, print]),
         TypeError,
@@ -220,6 +252,10 @@ REFUSED = {
         "scheme must be a Scheme",
     ),
 }
+
+
+if not find_spec("matplotlib"):
+    REFUSED = {what: x for what, x in REFUSED.items() if not what.startswith("a picture")}
 
 
 @pytest.mark.parametrize("what", REFUSED)

@@ -62,6 +62,12 @@ def test_any_number_of_ranks_is_bitwise_one_process(ranks, first):
 
 
 @needs_mpi
+def test_any_sequence_of_calls_is_bitwise_one_process(tmp_path):
+    lines = run(3, "histories", tmp_path)
+    assert len(set(lines)) == 1 and re.fullmatch(r"60 calls, [1-9]\d* stops, \d+ files", lines[0])
+
+
+@needs_mpi
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_interpolated_ties_and_prescribed_motion_too(ranks):
     assert run(ranks, "interpolated") == ["interpolated"] * ranks

@@ -66,7 +66,7 @@ def time_histories(
 ) -> Figure:
     """The implementation of `History.plot`."""
     unit = _units(units)
-    if quantity not in QUANTITIES:
+    if not isinstance(quantity, str) or quantity not in QUANTITIES:
         raise ValueError(f"quantity must be 'u', 'v' or 'a', got {quantity!r}")
     curves = list(_curves(history, dofs, quantity))
     rows = _rows(history, conditions)

@@ -201,14 +201,17 @@ class Study:
         """
         if not callable(map):
             raise TypeError(f"map must be a callable(function, cases), got {map!r}")
-        cases, found = list(cases), []
+        cases, found = _listed(cases), []
         with ExitStack() as stack:
             report = stack.enter_context(reporting(progress, 0, len(cases)))
             file = None
             if save_to is not None:
                 file = stack.enter_context(StudyFile(save_to, len(cases)))
             chunks = [cases[k : k + self.together] for k in range(0, len(cases), self.together)]
-            for chunk in map(self._several, chunks):
+            results = map(self._several, chunks)
+            if not isinstance(results, Iterable):
+                raise TypeError(f"map must return an iterable of results, got {results!r}")
+            for chunk in results:
                 for case in chunk:
                     found.append(case if file is None else _saved(file, len(found), case))
                 if report is not None:
@@ -247,6 +250,12 @@ class Study:
                 raise TypeError(f"make_coupler must return a Coupler, got {coupler!r}")
             _kept.token, _kept.coupler = self._token, coupler
         return _kept.coupler
+
+
+def _listed(cases: Any) -> list[Any]:
+    if not isinstance(cases, Iterable) or hasattr(cases, "ndim"):  # of arrays
+        raise TypeError(f"cases must be dicts of what reset takes, got {cases!r}")
+    return list(cases)
 
 
 def _checked(case: Any) -> dict[str, Any]:
