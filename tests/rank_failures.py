@@ -171,6 +171,27 @@ def internal(failed, coupling):
     fails_in(interrupts, expect(KeyboardInterrupt), failed, coupling)
 
 
+def chosen_substeps(failed, coupling):
+    """An exception in a run that chooses substeps, and in static equilibrium."""
+    if coupling != "gc":
+        return
+    zero = np.zeros((3, 3))
+    force = Counted(False, 0.1234, broken, (np.zeros(3), zero, zero), once=False)
+    own = chain(3, f"r{RANK}", internal=force)
+    coupler = pm.Coupler([own], ties(), dt=0.01, coupling="gc", comm=WORLD)
+    force.active = RANK == failed
+    check = expect(Broken, "the load is missing")
+    for last, call in ((0.1234, lambda: coupler.run(4.0, tolerance=1.0)), (-1.0, coupler.static)):
+        force.last = last
+        try:
+            call()
+        except Exception as error:
+            check(error, failed)
+        else:
+            raise AssertionError("no error")
+        assert set(WORLD.allgather(coupler.step_count)) == {12}
+
+
 def ctrl_c(failed, coupling):
     def make(active):
         return {"force": Counted(active, 0.1234, interrupt, np.ones(3))}
@@ -201,7 +222,7 @@ def unstable(failed, coupling):
     assert 1 < step < 400
 
 
-FAILURES = (load, restoring, internal, ctrl_c, not_a_number, unstable)
+FAILURES = (load, restoring, internal, chosen_substeps, ctrl_c, not_a_number, unstable)
 
 
 def failures(*options):
