@@ -121,6 +121,7 @@ class Subdomain:
         mean: np.ndarray,
         states: np.ndarray | None,
         twice: bool = False,
+        threads: int = 1,
         /,
     ) -> bool: ...
     def shift_block(self, rows: np.ndarray, begin: int, out: np.ndarray, /) -> None: ...

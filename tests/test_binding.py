@@ -741,6 +741,9 @@ def test_arrays_that_cannot_be_written_are_refused_for_unit_responses():
             s.unit_responses(i64(0), *arrays.values())
         array.flags.writeable = True
         np.testing.assert_array_equal(array, kept[name])
+    for threads in (0, -1, 1025):
+        with pytest.raises(ValueError, match="threads must lie in 1..1024"):
+            s.unit_responses(i64(0), *arrays.values(), False, threads)
 
 
 def test_the_number_of_steps_is_not_read_while_they_are_made():

@@ -158,6 +158,43 @@ def test_any_number_of_threads_gives_bitwise_identical_results(seed, monkeypatch
             np.testing.assert_array_equal(one.u, other.u)
 
 
+@pytest.mark.parametrize("coupling", ["macro", "mean"])
+def test_unit_responses_of_several_threads_are_bitwise_those_of_one(coupling, monkeypatch):
+    monkeypatch.setattr(macro, "SHARE", 1.0)  # entries: all threads have a share
+    plate = pm.models.plate(12, 6, 1.0, E=1.0, nu=0.3, rho=1.0, mass="lumped")
+    edge = plate.dofs(plate.nodes_at(x=12.0))
+    other = ground(edge.size)
+
+    def with_threads(threads):
+        a = plate.subdomain(scheme=SECOND, substeps=4, name="plate")
+        ties = pm.tie(a, edge, other, np.arange(edge.size))
+        return pm.Coupler([a, other], ties, dt=0.2, coupling=coupling, threads=threads)
+
+    def responses(coupler):
+        part = coupler._parts[0]
+        assert macro.constraints_of(part.L).size > macro.LANES  # more than one block
+        rows = macro.constraints_of(part.L)
+        return macro.unit_responses(part, rows, stored=True)
+
+    one = responses(with_threads(1))
+    for threads in (2, 3, 9):
+        for x, y in zip(responses(with_threads(threads)), one):
+            np.testing.assert_array_equal(x, y)
+
+
+def test_responses_of_several_threads_that_are_not_finite_are_refused(monkeypatch):
+    monkeypatch.setattr(macro, "SHARE", 1.0)
+    k, explicit = 40, pm.GeneralizedAlpha(0.5, explicit=True)
+    wild = pm.Subdomain(np.ones(k), 1e300 * np.ones(k), scheme=explicit, substeps=9, name="wild")
+    messages = set()
+    for threads in (1, 2, 3):
+        ties = pm.tie(wild, range(k), other := ground(k), range(k))
+        with pytest.raises(ValueError, match="substeps of subdomain 'wild' must be more") as error:
+            pm.Coupler([wild, other], ties, dt=1.0, coupling="macro", threads=threads)
+        messages.add(str(error.value))
+    assert len(messages) == 1
+
+
 def test_small_unit_responses_are_stored_and_large_ones_are_not(repeated):
     a, b = halves(substeps=20)
     part = coupled(a, b)._parts[1]

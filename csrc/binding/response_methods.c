@@ -3,8 +3,11 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
+#include <stdatomic.h>
+
 #include "algebra/lanes.h"
 #include "member/unit_run.h"
+#include "workers/team.h"
 
 /* ---- compliance --------------------------------------------------------------------------- */
 
@@ -77,6 +80,7 @@ typedef struct {
     double *end, *mean; /* k x k, each response a row */
     double *states;     /* k x 4 x n by rows, or NULL */
     bool twice;         /* of a double step */
+    size_t threads;     /* at most */
 } responses;
 
 /* Those of the constraints begin..begin+count-1, which were taken together. */
@@ -93,24 +97,103 @@ static void copy_responses(const pma_unit_run *run, size_t n, npy_intp begin, np
     }
 }
 
-/* PMA_STOPPED when a signal has raised an exception, PMA_NOT_FINITE for a response. */
-static pma_status fill_responses(const pma_subdomain *s, pma_unit_run *run, const responses *b)
+/* Several threads, each with a run of its own, which take PMA_LANES constraints one after another. */
+typedef struct {
+    const pma_subdomain *of;
+    const responses *b;
+    size_t workers;
+    pma_unit_run **runs;    /* workers */
+    atomic_size_t next;     /* block of constraints */
+    atomic_bool stopped;    /* a signal has raised an exception */
+    atomic_bool not_finite; /* a response is not */
+    pma_watch watch;        /* of worker 0, the thread that called */
+} responding;
+
+static void look(void *ctx)
 {
-    const pma_parts *parts = pma_subdomain_parts(s);
-    pma_watch watch = {.last = pma_watch_milliseconds()};
-    for (npy_intp begin = 0; begin < b->k; begin += PMA_LANES) {
-        const npy_intp count = b->k - begin < PMA_LANES ? b->k - begin : PMA_LANES;
-        pma_unit_run_begin(run, b->twice, (size_t)count, b->rows + begin);
-        for (size_t j = 1; j <= parts->substeps; j++) {
-            if (pma_watch_signals(&watch))
-                return PMA_STOPPED;
-            pma_unit_run_step(run, j);
-        }
-        if (!pma_unit_run_is_finite(run))
-            return PMA_NOT_FINITE;
-        copy_responses(run, parts->n, begin, count, b);
+    responding *r = ctx;
+    if (!atomic_load(&r->stopped) && pma_watch_signals(&r->watch))
+        atomic_store(&r->stopped, true);
+}
+
+static bool is_over(const responding *r)
+{
+    return atomic_load(&r->stopped) || atomic_load(&r->not_finite);
+}
+
+static void respond(responding *r, size_t worker, npy_intp begin)
+{
+    const pma_parts *parts = pma_subdomain_parts(r->of);
+    pma_unit_run *run = r->runs[worker];
+    const npy_intp left = r->b->k - begin, count = left < PMA_LANES ? left : PMA_LANES;
+    pma_unit_run_begin(run, r->b->twice, (size_t)count, r->b->rows + begin);
+    for (size_t j = 1; j <= parts->substeps; j++) {
+        if (worker == 0)
+            look(r);
+        if (is_over(r))
+            return;
+        pma_unit_run_step(run, j);
     }
-    return PMA_OK;
+    if (pma_unit_run_is_finite(run))
+        copy_responses(run, parts->n, begin, count, r->b);
+    else
+        atomic_store(&r->not_finite, true);
+}
+
+static void work(void *ctx, size_t worker)
+{
+    responding *r = ctx;
+    while (!is_over(r)) {
+        const size_t begin = atomic_fetch_add(&r->next, 1) * PMA_LANES;
+        if (begin >= (size_t)r->b->k)
+            return;
+        respond(r, worker, (npy_intp)begin);
+    }
+}
+
+/* Without others where the system refuses their threads. */
+static void work_together(responding *r, pma_team *team)
+{
+    const size_t others = pma_team_gather(team) == PMA_OK ? r->workers - 1 : 0;
+    for (size_t w = 1; w <= others; w++)
+        pma_team_post(team, w, work, r);
+    work(r, 0);
+    for (size_t w = 1; w <= others; w++)
+        pma_team_await(team, w, look, r);
+}
+
+static pma_status create_runs(responding *r)
+{
+    pma_status status = PMA_OK;
+    r->runs = PyMem_Calloc(r->workers, sizeof(pma_unit_run *));
+    if (!r->runs)
+        return PMA_NO_MEMORY;
+    for (size_t w = 0; w < r->workers && status == PMA_OK; w++)
+        status = pma_unit_run_create(r->of, &r->runs[w]);
+    return status;
+}
+
+/* PMA_STOPPED when a signal has raised an exception, PMA_NOT_FINITE for a response. */
+static pma_status fill_responses(const pma_subdomain *s, const responses *b, size_t workers)
+{
+    responding r = {.of = s, .b = b, .workers = workers};
+    pma_team *team = NULL;
+    pma_status status = create_runs(&r);
+    if (status == PMA_OK)
+        status = pma_team_create(workers, &team);
+    if (status == PMA_OK) {
+        r.watch = (pma_watch){.last = pma_watch_milliseconds()};
+        PyThreadState *before = pma_gil_release();
+        work_together(&r, team);
+        pma_gil_acquire(before);
+    }
+    pma_team_destroy(team);
+    for (size_t w = 0; r.runs && w < workers; w++)
+        pma_unit_run_destroy(r.runs[w]);
+    PyMem_Free(r.runs);
+    if (atomic_load(&r.stopped))
+        return PMA_STOPPED;
+    return atomic_load(&r.not_finite) ? PMA_NOT_FINITE : status;
 }
 
 /* A writeable array. */
@@ -132,10 +215,18 @@ static int take_responses(SubdomainObject *self, PyObject *args, responses *b)
     const npy_intp any = -1;
     const pma_parts *parts = pma_subdomain_parts(self->core);
     int twice = 0;
-    if (!PyArg_ParseTuple(args, "OOOO|p", &rows, &end, &mean, &states, &twice) ||
+    Py_ssize_t threads = 1;
+    if (!PyArg_ParseTuple(args, "OOOO|pn", &rows, &end, &mean, &states, &twice, &threads) ||
         pma_take_array(rows, NPY_INT64, 1, &any, "rows", NULL, &array) < 0)
         return -1;
-    *b = (responses){.rows = PyArray_DATA(array), .k = PyArray_DIM(array, 0), .twice = twice};
+    if (threads < 1 || (size_t)threads > PMA_MOST_WORKERS) {
+        PyErr_SetString(PyExc_ValueError, "threads must lie in 1..1024");
+        return -1;
+    }
+    *b = (responses){.rows = PyArray_DATA(array),
+                     .k = PyArray_DIM(array, 0),
+                     .twice = twice,
+                     .threads = (size_t)threads};
     if (check_rows(b->rows, b->k, parts->link.p) < 0)
         return -1;
     if (!parts->responds || (twice && !parts->doubled)) {
@@ -160,20 +251,15 @@ static int take_responses(SubdomainObject *self, PyObject *args, responses *b)
 PyObject *pma_subdomain_unit_responses(SubdomainObject *self, PyObject *args)
 {
     responses b;
-    pma_unit_run *run;
-    if (take_responses(self, args, &b) < 0)
+    if (take_responses(self, args, &b) < 0 || !pma_subdomain_claim(self))
         return NULL;
-    if (pma_unit_run_create(self->core, &run) != PMA_OK)
-        return PyErr_NoMemory();
-    if (!pma_subdomain_claim(self)) {
-        pma_unit_run_destroy(run);
-        return NULL;
-    }
-    PyThreadState *before = pma_gil_release();
-    const pma_status status = fill_responses(self->core, run, &b);
-    pma_gil_acquire(before);
+    const size_t blocks = (size_t)(b.k + PMA_LANES - 1) / PMA_LANES;
+    const size_t useful = blocks < 1 ? 1 : blocks;
+    const size_t workers = b.threads < useful ? b.threads : useful;
+    const pma_status status = fill_responses(self->core, &b, workers);
     pma_subdomain_release(self);
-    pma_unit_run_destroy(run);
+    if (status == PMA_NO_MEMORY)
+        return PyErr_NoMemory();
     return status == PMA_STOPPED ? NULL : PyBool_FromLong(status == PMA_OK);
 }
 

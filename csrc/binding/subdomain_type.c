@@ -522,8 +522,9 @@ static PyMethodDef subdomain_methods[] = {
     {"accelerate", (PyCFunction)pma_subdomain_accelerate, METH_O,
      "accelerate(lam) -> (n,) M^-1 L^T lam, under mean coupling"},
     {"unit_responses", (PyCFunction)pma_subdomain_unit_responses, METH_VARARGS,
-     "unit_responses(rows, end, mean, states, twice=False): writes the block of H under macro and "
-     "mean coupling into end (k, k), the mean and the states; False when a value is not finite"},
+     "unit_responses(rows, end, mean, states, twice=False, threads=1): writes the block of H under "
+     "macro and mean coupling into end (k, k), the mean and the states; False when a value is not "
+     "finite"},
     {"store_responses", (PyCFunction)pma_subdomain_store_responses, METH_VARARGS,
      "store_responses(rows, states): the states written by unit_responses for all of these rows"},
     {"in_lanes", (PyCFunction)pma_subdomain_in_lanes, METH_NOARGS,

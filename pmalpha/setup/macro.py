@@ -28,6 +28,8 @@ from .ranks import Ranks, joined
 STORED = 256_000_000
 # Matrix entries that sweeps read per second on one core, a round figure; with `LANES` vectors.
 RATE, LANE_RATE = 1e9, 5e8
+# Matrix entries read for each thread that shares unit responses: some milliseconds.
+SHARE = 2e6
 # Seconds of set-up from which on it is reported, and from which on (a day) it is refused.
 LONG, ABSURD = 20.0, 86400.0
 # Velocity at the end of a macro step over its mean: below, a subdomain resonates with the step.
@@ -153,6 +155,8 @@ def unit_responses(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Responses of a subdomain to each of its constraints, at these rows.
 
+    Threads share the constraints; the responses are bitwise the same for any number of threads.
+
     Returns
     -------
     end, mean : (k, k) array
@@ -169,11 +173,12 @@ def unit_responses(
         When a response is not finite: the steps are far above the critical one.
     """
     k = rows.size
-    size = 8.0 * 4.0 * part.n * (k if stored else 0) + 8.0 * 6.0 * part.n * LANES
+    threads = max(1, min(part.elimination.threads, int(work(part) // SHARE), -(-k // LANES)))
+    size = 8.0 * 4.0 * part.n * (k if stored else 0) + 8.0 * 6.0 * part.n * LANES * threads
     require(64.0 * k**2 + size, f"the link response of {part.name!r} to {counted(k, 'constraint')}")
     end, mean = np.empty((k, k)), np.empty((k, k))
     states = np.empty((k, 4, part.n)) if stored else None
-    if not part.core.unit_responses(rows, end, mean, states, twice):
+    if not part.core.unit_responses(rows, end, mean, states, twice, threads):
         raise ValueError(
             f"substeps of subdomain {part.name!r} must be more: its response to the multipliers "
             f"is not finite at the end of a macro step, got {part.substeps} of length "
