@@ -182,7 +182,7 @@ def case(seed):
         for own, s, d in zip(history.subdomains, made, dofs)
     )
     drift = np.sum(drift_shares(history, coupler._parts, coupler._rows, []))
-    coarse = sum(accumulated_errors(history.subdomains, coupler._parts, duration).values())
+    coarse = np.sum(accumulated_errors([history.subdomains], coupler._parts, duration))
     words += f" {coupling} {steps} steps, substeps {[s.substeps for s in made]}"
     return error / np.max(np.abs(x - x.mean(axis=0))), warned, drift, coarse, words
 

@@ -98,6 +98,29 @@ def test_random_problems_run_bitwise_as_one_by_one(seed):
         require_equal(x, y)
 
 
+@pytest.mark.parametrize("count", [4, 8])
+def test_loads_of_many_dofs_are_added_bitwise_in_every_case(count):
+    n = 600  # more than the core adds of one case before the next one
+    c = pm.Coupler([pm.Subdomain(np.ones(n), np.ones(n), scheme=DAMPED, name="A")], dt=0.05)
+    cases = random_cases(c, count)
+    shape = np.random.default_rng(2).standard_normal((n, 2))
+    cases += [
+        {"force": {"A": pm.SampledForce(np.outer(np.arange(9.0), [1.0, k]), 0.07, shape)}}
+        for k in range(count)
+    ]  # loads of the same times
+    for ours, theirs in zip(c.run_each(cases, steps=20), one_by_one(c, cases, steps=20)):
+        require_equal(ours, theirs)
+
+
+def test_histories_share_no_array():
+    c = softened()
+    histories = c.run_each([{}] * 9, steps=20)
+    for one in histories:
+        for other in histories:
+            for key, x in arrays_of(one).items():
+                assert one is other or not np.shares_memory(x, arrays_of(other)[key]), key
+
+
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
 def test_internal_forces_and_springs_run_bitwise_as_one_by_one(coupling):
     ours, theirs = nonlinear(coupling), nonlinear(coupling)

@@ -14,7 +14,7 @@ import numpy as np
 
 from .._checks import listing
 from ..errors import AccuracyWarning, warn
-from ..problem.matrices import diagonal, product
+from ..problem.matrices import Matrix, diagonal, product
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from ..setup.part import Part
@@ -69,18 +69,44 @@ def local_error(history: Recorded) -> np.ndarray:
             f"is {history.substep:g}, got levels {history.t[1] - history.t[0]:g} apart"
         )
     steps = np.arange(history.t.size - 1)
-    errors = errors_of(history, steps, slice(None))
+    errors = errors_of([history], steps, slice(None))[:, 0].T
     errors[previous_level(history, steps) < 0] = np.nan
     return errors
 
 
-def errors_of(history: Recorded, steps: np.ndarray, columns: slice) -> np.ndarray:
-    """e = u_1 - [u + h v + h^2 (2 w + w_1) / 6] of some of the steps, (D1)."""
-    begin, end = previous_level(history, steps), steps + 1
-    h = ((end - begin) * (history.substep or 0.0))[:, None]
-    u, v, w = (x[begin, columns] for x in (history.u, history.v, history.a))
-    u1, w1 = history.u[end, columns], history.a[end, columns]
+def errors_of(histories: Sequence[Recorded], steps: np.ndarray, columns: slice) -> np.ndarray:
+    """e of some of the steps of a subdomain in several cases, (D1), (dofs, cases, steps)."""
+    return error(ends_of(histories, steps, columns), lengths_of(histories[0], steps))
+
+
+def lengths_of(history: Recorded, steps: np.ndarray) -> np.ndarray:
+    return (steps + 1 - previous_level(history, steps)) * (history.substep or 0.0)
+
+
+def ends_of(
+    histories: Sequence[Recorded], steps: np.ndarray, columns: slice
+) -> tuple[np.ndarray, ...]:
+    """u, v, w where the steps begin and u, w where they end, (dofs, cases, steps) each."""
+    begin, end = previous_level(histories[0], steps), steps + 1
+    arrays = [("u", begin), ("v", begin), ("a", begin), ("u", end), ("a", end)]
+    return tuple(levels_of(histories, name, levels, columns) for name, levels in arrays)
+
+
+def error(ends: Sequence[np.ndarray], h: np.ndarray) -> np.ndarray:
+    """e = u_1 - [u + h v + h^2 (2 w + w_1) / 6]                                            (D1)"""
+    u, v, w, u1, w1 = ends
     return u1 - (u + h * v + h * h * (2.0 * w + w1) / 6.0)
+
+
+def levels_of(
+    histories: Sequence[Recorded], name: str, levels: np.ndarray, columns: slice
+) -> np.ndarray:
+    """Some time levels and dofs of the array `name` of several cases, (dofs, cases, levels)."""
+    arrays = [getattr(history, name)[:, columns] for history in histories]
+    found = np.empty((len(arrays), levels.size, arrays[0].shape[1]))
+    for x, out in zip(arrays, found):
+        x.take(levels, 0, out, "wrap")  # the mode that writes into `out` at once
+    return np.ascontiguousarray(np.moveaxis(found, 2, 0))
 
 
 # ---- the warning ---------------------------------------------------------------------------------
@@ -88,46 +114,37 @@ def errors_of(history: Recorded, steps: np.ndarray, columns: slice) -> np.ndarra
 
 @dataclass(frozen=True)
 class Sample:
-    """Norms of some of the steps of a subdomain, weighted by the masses.
+    """Norms of some of the steps of a subdomain, weighted by the masses, for each case.
 
     Attributes
     ----------
-    part : Part
-    rate : float
+    rate : (cases,) array
         Mean amplitude of the local error per unit of time.
-    speed : float
+    speed : (cases,) array
         Root mean square of the velocity.
-    amplitude : (SHAPE,) array
+    amplitude : (cases, SHAPE) array
         Distance from the mean displacement, at some time levels spread evenly over the run.
-    decay : (float, float)
+    lost, size : (cases,) arrays
         Means of e C e and e M e, with the local errors e.
     """
 
-    part: Part
-    rate: float
-    speed: float
+    rate: np.ndarray
+    speed: np.ndarray
     amplitude: np.ndarray
-    decay: tuple[float, float]
+    lost: np.ndarray
+    size: np.ndarray
 
 
-def warn_if_coarse(
-    histories: Sequence[Recorded | None],
-    parts: Sequence[Part],
-    begin: float,
-    end: float,
-    numbers: int = SAMPLED_NUMBERS,
-) -> None:
+def warn_if_coarse(errors: np.ndarray, parts: Sequence[Part], end: float) -> None:
     """AccuracyWarning that names the subdomains whose steps are too coarse for the motion.
 
-    At most about `numbers` are read of each array.
+    `errors` (parts) are those of `accumulated_errors`, until the time `end`.
     """
-    with np.errstate(all="ignore"):
-        errors = accumulated_errors(histories, parts, end - begin, numbers)
-    total = sum(errors.values())
+    total = float(errors.sum())
     if not COARSE < total < np.inf:
         return
     size = f"{100.0 * total:.2g} per cent" if total < 0.99 else "100 per cent or more"
-    coarse = [parts[i] for i, error in errors.items() if error >= 0.5 * max(errors.values())]
+    coarse = [part for part, error in zip(parts, errors) if error >= 0.5 * errors.max()]
     doubles = [f", a double step of 2 x {part.h:g}" if part.double else "" for part in coarse]
     if len(coarse) == 1:
         double = f"{doubles[0]}," if doubles[0] else ""
@@ -144,57 +161,75 @@ def warn_if_coarse(
 
 
 def accumulated_errors(
-    histories: Sequence[Recorded | None],
+    cases: Sequence[Sequence[Recorded | None]],
     parts: Sequence[Part],
     duration: float,
     numbers: int = SAMPLED_NUMBERS,
-) -> dict[int, float]:
-    """The share of each recorded subdomain in the error at the end, relative to the motion, (D3).
+) -> np.ndarray:
+    """The share of each subdomain in the error at the end, relative to the motion, (D3).
 
-    Empty where the records do not suffice: fewer than `FEWEST_STEPS` steps, not every time level
+    Zero where the records do not suffice: fewer than `FEWEST_STEPS` steps, not every time level
     recorded, a step above the critical one, or no motion.
+
+    Parameters
+    ----------
+    cases : for each case the histories of all subdomains, or None where they were not recorded
+        The same dofs and time levels in all cases.
+    parts : sequence of Part
+    duration : float
+    numbers : int
+        At most about so many are read of each array.
+
+    Returns
+    -------
+    (cases, parts) array
     """
-    samples = {}
-    for i, (part, own) in enumerate(zip(parts, histories)):
-        if part.step_ratio is not None and not part.step_ratio.value <= 1.0 + 1e-6:
-            return {}  # unstable, which has a warning of its own
-        found = None if own is None else sample(own, part, numbers)
-        if found is not None:
-            samples[i] = found
-    sizes = [x.amplitude**2 for x in samples.values()]
-    moved = np.sqrt(np.max(sum(sizes))) if sizes else 0.0
-    speed = np.sqrt(sum(x.speed**2 for x in samples.values()))
-    if not (0.0 < moved < np.inf and 0.0 < speed < np.inf):
-        return {}
-    lost, kinetic = (sum(x.decay[k] for x in samples.values()) for k in (0, 1))
-    decay = 0.5 * lost / kinetic if kinetic > 0.0 else 0.0
-    remembered = -np.expm1(-decay * duration) / decay if decay * duration > 1e-9 else duration
-    return {i: x.rate * remembered * x.speed / speed / moved for i, x in samples.items()}
+    errors = np.zeros((len(cases), len(parts)))
+    if any(p.step_ratio is not None and not p.step_ratio.value <= 1.0 + 1e-6 for p in parts):
+        return errors  # unstable, which has a warning of its own
+    with np.errstate(all="ignore"):
+        samples = {
+            i: found
+            for i, (part, own) in enumerate(zip(parts, zip(*cases)))
+            if own[0] is not None and (found := sample(own, part, numbers)) is not None
+        }
+        if not samples:
+            return errors
+        moved = np.sqrt(np.max(sum(x.amplitude**2 for x in samples.values()), axis=1))
+        speed = np.sqrt(sum(x.speed**2 for x in samples.values()))
+        decay = 0.5 * sum(x.lost for x in samples.values()) / sum(x.size for x in samples.values())
+        lasting = decay * duration > 1e-9  # false where nothing moves
+        remembered = np.where(lasting, -np.expm1(-decay * duration) / decay, duration)
+        judged = (moved > 0.0) & (moved < np.inf) & (speed > 0.0) & (speed < np.inf)
+        for i, x in samples.items():
+            share = x.rate * remembered * x.speed / speed / moved
+            errors[:, i] = np.where(judged, share, 0.0)
+    return errors
 
 
-def sample(history: Recorded, part: Part, numbers: int = SAMPLED_NUMBERS) -> Sample | None:
-    """The norms of a subdomain; None where its record does not suffice."""
-    levels, dofs = history.u.shape
-    if dofs == 0 or levels < FEWEST_STEPS + 1 or not is_complete(history):
+def sample(
+    histories: Sequence[Recorded], part: Part, numbers: int = SAMPLED_NUMBERS
+) -> Sample | None:
+    """The norms of a subdomain in all cases; None where their records do not suffice."""
+    first = histories[0]
+    levels, dofs = first.u.shape
+    if dofs == 0 or levels < FEWEST_STEPS + 1 or not is_complete(first):
         return None
     stride = 1 + dofs // SAMPLED_DOFS
     columns = slice(0, None, stride)
     count = max(2 * FEWEST_STEPS, numbers // len(range(0, dofs, stride)))
-    first = int(previous_level(history, np.array([0]))[0] < 0)
-    steps = spread(first, levels - 2, count)
-    weights = np.sqrt(mass_of(part.subdomain)[history.dofs[columns]] * stride)
-    u, v, w = (x[steps, columns] * weights for x in (history.u, history.v, history.a))
-    errors = errors_of(history, steps, columns) * weights
-    lengths = (steps + 1 - previous_level(history, steps)) * part.h
-    speed = rms(v)
-    motion = rms(u - u.mean(axis=0))
-    omega = np.sqrt(rms(w) / motion) if motion > 0.0 else 0.0  # at rest w may be rounding
-    factor = phase_factor(part.subdomain.scheme, float(f"{omega * part.step:.1e}"))
-    rate = AMPLITUDE * factor * float(np.mean(np.linalg.norm(errors, axis=1) / lengths))
+    steps = spread(int(previous_level(first, np.array([0]))[0] < 0), levels - 2, count)
+    mass = mass_of(part.subdomain)[first.dofs[columns]] * stride
+    ends, h = ends_of(histories, steps, columns), lengths_of(first, steps)
+    mean = ends[0].mean(axis=2, keepdims=True)
+    motion, speed, acceleration = (rms(x, mass) for x in (ends[0] - mean, *ends[1:3]))
+    omega = np.where(motion > 0.0, np.sqrt(acceleration / motion), 0.0)  # at rest it is rounding
+    scheme = part.subdomain.scheme
+    factor = [phase_factor(scheme, float(f"{Omega:.1e}")) for Omega in omega * part.step]
+    rate = AMPLITUDE * np.array(factor) * np.mean(norms(error(ends, h), mass) / h, axis=1)
     few = np.linspace(0, levels - 1, SHAPE).round().astype(np.int64)
-    positions = history.u[few, columns] * weights
-    amplitude = np.linalg.norm(positions - u.mean(axis=0), axis=1)
-    return Sample(part, rate, speed, amplitude, decay_of(history, part.subdomain, steps))
+    amplitude = norms(levels_of(histories, "u", few, columns) - mean, mass)
+    return Sample(rate, speed, amplitude, *decay_of(histories, part.subdomain, steps))
 
 
 @lru_cache(maxsize=64)
@@ -206,8 +241,14 @@ def spread(first: int, last: int, count: int) -> np.ndarray:
     return numbers
 
 
-def rms(x: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.sum(x * x, axis=1))))
+def norms(x: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """Of x (dofs, cases, levels) over the dofs, weighted by `mass`, (cases, levels)."""
+    return np.sqrt(np.einsum("j,jki->ki", mass, x * x))
+
+
+def rms(x: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """Root mean square over the levels of these norms, (cases,)."""
+    return np.sqrt(np.einsum("j,jki->k", mass, x * x) / x.shape[2])
 
 
 def mass_of(subdomain: Subdomain) -> np.ndarray:
@@ -215,20 +256,28 @@ def mass_of(subdomain: Subdomain) -> np.ndarray:
     return np.zeros(subdomain.n) if subdomain.M is None else diagonal(subdomain.M)
 
 
-def decay_of(history: Recorded, subdomain: Subdomain, steps: np.ndarray) -> tuple[float, float]:
-    """Means of e C e and e M e over some of the steps, per unit of time squared."""
+def decay_of(
+    histories: Sequence[Recorded], subdomain: Subdomain, steps: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Means of e C e and e M e over some of the steps, per unit of time squared, (cases,) each."""
+    n, first, cases = subdomain.n, histories[0], len(histories)
     some = steps[:: 1 + steps.size // 32]
-    together = max(1, SAMPLED_NUMBERS // (4 * subdomain.n))  # several arrays of them at a time
-    lost, size = 0.0, 0.0
+    together = max(1, SAMPLED_NUMBERS // (4 * n * cases))  # several arrays of them at a time
+    lost, size = np.zeros(cases), np.zeros(cases)
     for begin in range(0, some.size, together):
         rows = some[begin : begin + together]
-        lengths = (rows + 1 - previous_level(history, rows)) * (history.substep or 0.0)
-        e = np.zeros((subdomain.n, rows.size))
-        e[history.dofs] = (errors_of(history, rows, slice(None)) / lengths[:, None]).T
-        size += float(np.sum(e * product(subdomain.M, e)))
+        e = np.zeros((n, cases, rows.size))
+        e[first.dofs] = errors_of(histories, rows, slice(None)) / lengths_of(first, rows)
+        size += summed_product(subdomain.M, e)
         if subdomain.C is not None:
-            lost += float(np.sum(e * product(subdomain.C, e)))
+            lost += summed_product(subdomain.C, e)
     return lost / some.size, size / some.size
+
+
+def summed_product(A: Matrix, e: np.ndarray) -> np.ndarray:
+    """Sums of e A e for the vectors e (n, cases, rows) of each case, (cases,)."""
+    Ae = product(A, e.reshape(len(e), -1)).reshape(e.shape)
+    return np.einsum("ikj,ikj->k", e, Ae)
 
 
 @lru_cache(maxsize=1024)

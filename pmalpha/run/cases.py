@@ -121,11 +121,12 @@ class Plan:
         paths: Sequence[Any],
         end: int,
         chosen: Mapping[str, Any],
+        recording: Recording,
         report: Report | None,
         results: Results,
     ):
         self.cases, self.paths, self.end, self.chosen = cases, paths, end, chosen
-        self.report, self.results = report, results
+        self.recording, self.report, self.results = recording, report, results
         self.done = 0  # macro steps of cases that are done
 
     def tell(self, steps: int) -> None:
@@ -163,7 +164,8 @@ class Cases:
     _guard: Any
     _recording: Any
     _run: Any
-    _judge: Any
+    _accumulated_errors: Any
+    _warn_of: Any
     _return_to_start: Any
     _steps: Any
     _assembly: Any
@@ -283,21 +285,28 @@ class Cases:
             results = Results(len(checked))
             with self._kept():
                 end = self._clock.end(t_end, steps, 0)
-                self._check_recordings(end, paths, chosen)
+                recording = self._checked_recording(end, paths, chosen)
                 with reporting(progress, 0, end * len(checked)) as report:
-                    plan = Plan(checked, paths, end, chosen, report, results)
+                    plan = Plan(checked, paths, end, chosen, recording, report, results)
                     self._run_groups(self._groups(plan), plan)
                     if report is not None:
                         report(plan.done)
             return results.all()
 
-    def _check_recordings(self, end: int, paths: Sequence[Any], chosen: dict[str, Any]) -> None:
-        """Errors of the arguments of the recordings, before the first case begins."""
+    def _checked_recording(
+        self, end: int, paths: Sequence[Any], chosen: dict[str, Any]
+    ) -> Recording:
+        """Errors of the arguments of the recordings, before the first case begins.
+
+        Returns one of them, the pattern for all where nothing is written to files.
+        """
         kept = 0.0
         for path in set(paths) or {None}:
-            kept += self._recording(0, end, path, **chosen).numbers_kept * paths.count(path)
+            recording = self._recording(0, end, path, **chosen)
+            kept += recording.numbers_kept * paths.count(path)
         advice = "choose dofs with record= or fewer time levels with every="
         require(8.0 * kept, f"the Histories of {counted(len(paths), 'case')}", advice)
+        return recording
 
     @contextmanager
     def _kept(self) -> Iterator[None]:
@@ -368,16 +377,18 @@ class Cases:
             ]
         except Exception:  # of which case, is found by running each alone
             return None
-        return starts, loads, [self._recording(0, plan.end, **plan.chosen) for _ in group]
+        return starts, loads, [plan.recording.again() for _ in group]
 
     def _finish_group(self, group: Group, plan: Plan) -> None:
         if not group.is_finite:
             self._run_one_by_one(group.cases, plan)
             return
-        for k, recording in zip(group.cases, group.recordings):
-            plan.results.histories[k] = history = recording.history(plan.end)
+        histories = [recording.history(plan.end) for recording in group.recordings]
+        errors = self._accumulated_errors(histories, JUDGED)
+        for k, history, own in zip(group.cases, histories, errors):
+            plan.results.histories[k] = history
             try:
-                self._judge(history, JUDGED)
+                self._warn_of(history, own)
             except Exception as error:  # a warning that is an error
                 plan.results.failures[k] = error
         plan.finish(len(group.cases))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from os import PathLike
@@ -78,7 +79,10 @@ class Recording:
         outputs: Mapping[Any, Any] | None = None,
     ):
         self.parts, self.keys, self.row_position = parts, tuple(keys), row_position
+        self.in_users_order = np.array_equal(row_position, np.arange(row_position.size))
         self.begin, self.end, self.clock = begin, end, clock
+        # by levels per macro step: of which macro steps, and the times; the same in all cases
+        self.instants: dict[int, tuple[tuple[int, int], np.ndarray]] = {}
         self.every = None if every is None else whole_number(every, "every", low=1)
         self.fine, self.middle, self.conserved = fine, middle, conserved
         self.outputs = chosen_outputs(outputs, self.keys)
@@ -89,6 +93,20 @@ class Recording:
         self.steps_in_memory = self._steps_in_memory()
         advice = "choose dofs with record= or fewer time levels with every="
         require(8.0 * self._numbers(self._rows_in_memory), "the History", advice)
+        self._make_arrays()
+
+    def again(self) -> Recording:
+        """The same record of another case, in arrays of its own; their memory is not checked."""
+        other = copy(self)
+        other.dofs, other.springs = (
+            [None if x is None else x.copy() for x in chosen]
+            for chosen in (self.dofs, self.springs)
+        )
+        other._make_arrays()
+        return other
+
+    def _make_arrays(self) -> None:
+        parts = self.parts
         self.motions = [
             None if dofs is None else self._allocate(part.substeps, dofs.size, 3)
             for part, dofs in zip(parts, self.dofs)
@@ -106,7 +124,7 @@ class Recording:
             () if own is None else own.in_order(part.position)
             for part, own in zip(parts, self.outputs)
         ]
-        p = row_position.size
+        p = self.row_position.size
         self.multipliers, self.velocity_jump = self._allocate(self.fine, p, 2)
         (self.displacement_jump,) = self._allocate(1, p, 1)
         (self.energy,) = self._allocate(1, self.energy_columns, 1)
@@ -172,10 +190,19 @@ class Recording:
 
     def times(self, levels: int, end: int) -> np.ndarray:
         """The times of these rows, equation (T1)."""
+        begin_end = self.begin, end
+        if levels not in self.instants or self.instants[levels][0] != begin_end:
+            self.instants[levels] = begin_end, self._times(levels, end)
+        return self.instants[levels][1].copy()
+
+    def _times(self, levels: int, end: int) -> np.ndarray:
         clock = self.clock
         if self.every is None:
             first, last = clock.count(self.begin) * levels, clock.count(end) * levels
-            return clock.t0 + np.arange(first, last + 1) / levels * clock.dt
+            times = np.arange(first, last + 1) / levels
+            times *= clock.dt
+            times += clock.t0
+            return times
         later = np.arange(self.begin // self.every + 1, end // self.every + 1) * self.every
         return clock.t0 + clock.count(np.concatenate([[self.begin], later])) * clock.dt
 
@@ -275,9 +302,7 @@ class Recording:
         return Energy.balanced(self.times(1, end), **kinds, start=stored[0])
 
     def _in_users_order(self, columns: np.ndarray) -> np.ndarray:
-        if np.array_equal(self.row_position, np.arange(self.row_position.size)):
-            return columns
-        return columns[:, self.row_position]
+        return columns if self.in_users_order else columns[:, self.row_position]
 
 
 class FiledRecording(Recording):

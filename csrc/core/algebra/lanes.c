@@ -141,6 +141,7 @@ void pma_lanes_solve(const pma_factor *f, double *x, double *work)
 /* y += scale x, of one unknown */
 static inline void add(double scale, const double *x, double *restrict y)
 {
+#pragma omp simd
     for (size_t l = 0; l < PMA_LANES; l++)
         y[l] += scale * x[l];
 }
@@ -157,6 +158,7 @@ void pma_lanes_gather(const pma_link *L, double scale, const double *xb, double 
 {
     double x[PMA_LANES];
     for (size_t j = 0; j < L->nb; j++) {
+#pragma omp simd
         for (size_t l = 0; l < PMA_LANES; l++)
             x[l] = scale * xb[j * PMA_LANES + l];
         for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)
