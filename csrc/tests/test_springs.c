@@ -78,6 +78,43 @@ static void a_bouc_wen_spring_follows_the_closed_form_of_n_2(void)
     CHECK_NEAR(inner[1], -1.0, 4.0 * EPS);
 }
 
+/* Springs are integrated several at a time: those with whole n together, others, and a rest. */
+static void bouc_wen_springs_follow_their_paths_bitwise_as_each_alone(void)
+{
+    enum { COUNT = 21 };
+    int32_t dofs[COUNT], ground[COUNT];
+    double P[7][COUNT], u[COUNT], y[COUNT] = {0.0}, memory[3 * COUNT] = {0.0};
+    const double *parameters[7] = {P[0], P[1], P[2], P[3], P[4], P[5], P[6]};
+    for (size_t i = 0; i < COUNT; i++) {
+        const double law[7] = {0.1, 1.0, 1.0 + (double)i, 1.0 + (double)(i % 2), 0.5, 0.5, 2.0};
+        for (size_t k = 0; k < 7; k++)
+            P[k][i] = k == 3 && i > 9 ? 1.0 + 0.5 * (double)(i % 5) : law[k];
+        dofs[i] = (int32_t)i, ground[i] = -1;
+    }
+    pma_spring_set set = {.law = PMA_BOUC_WEN, .count = COUNT, .first = dofs, .second = ground};
+    memcpy(set.parameters, parameters, sizeof parameters);
+    const pma_springs springs = {1, &set, COUNT};
+    for (size_t step = 0; step < 3; step++) {
+        double before[3 * COUNT], force, inner;
+        memcpy(before, memory, sizeof before);
+        for (size_t i = 0; i < COUNT; i++)
+            u[i] = step == 1 ? -0.4 : 0.3 * (double)(step + i % 4); /* one step, or many */
+        pma_springs_subtract(&springs, u, memory, memory, y);
+        for (size_t i = 0; i < COUNT; i++) {
+            double own[3] = {before[i], before[COUNT + i], before[2 * COUNT + i]}, y_own = 0.0;
+            const int32_t first = 0;
+            pma_spring_set one = {
+                .law = PMA_BOUC_WEN, .count = 1, .first = &first, .second = ground};
+            for (size_t k = 0; k < 7; k++)
+                one.parameters[k] = &P[k][i];
+            pma_springs_subtract(&(pma_springs){1, &one, 1}, &u[i], own, own, &y_own);
+            force = own[1], inner = own[2];
+            CHECK_BITS(1, &memory[COUNT + i], &force);
+            CHECK_BITS(1, &memory[2 * COUNT + i], &inner);
+        }
+    }
+}
+
 static void a_deformation_that_is_not_finite_shows_in_the_force(void)
 {
     const double path[2] = {NAN, INFINITY}, law[7] = {1.0, 1.0, 1.0, 2.0, 0.5, 0.5, 2.0};
@@ -224,6 +261,7 @@ const test SPRINGS_TESTS[] = {
     TEST(a_cubic_spring_and_a_gap_are_their_formulas),
     TEST(a_bilinear_spring_drags_its_plastic_deformation),
     TEST(a_bouc_wen_spring_follows_the_closed_form_of_n_2),
+    TEST(bouc_wen_springs_follow_their_paths_bitwise_as_each_alone),
     TEST(a_deformation_that_is_not_finite_shows_in_the_force),
     TEST(springs_that_do_not_fit_are_refused),
     TEST(many_springs_between_two_dofs_pull_equally_on_both),

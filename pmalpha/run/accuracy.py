@@ -105,7 +105,10 @@ def levels_of(
     arrays = [getattr(history, name)[:, columns] for history in histories]
     found = np.empty((len(arrays), levels.size, arrays[0].shape[1]))
     for x, out in zip(arrays, found):
-        x.take(levels, 0, out, "wrap")  # the mode that writes into `out` at once
+        if x.flags.carray:
+            x.take(levels, 0, out, "wrap")  # the mode that writes into `out` at once
+        else:  # in a file, say: `take` would read all of it
+            out[:] = x[levels]
     return np.ascontiguousarray(np.moveaxis(found, 2, 0))
 
 

@@ -1,6 +1,7 @@
 #include "member/springs.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <string.h>
 
 /* Springs at a time, so that their deformations and forces stay in the first cache. */
@@ -64,39 +65,90 @@ static void pull_bilinear(size_t count, const double *hard, const double *soft, 
     }
 }
 
-/* dz/dx on a path on which d moves one way, sign = +-1, and x = |d - d0| / d_y grows      (H4) */
-static double slope(double z, double sign, double n, double beta, double gamma)
+/* dz/dx on a path on which d moves one way, sign = +-1, and x = |d - d0| / d_y grows      (H4)
+ * With `whole` n is 1 or 2. */
+__attribute__((always_inline)) static inline double slope(double z, double sign, double n,
+                                                          double beta, double gamma, bool whole)
 {
-    const double size = fabs(z);
-    const double power = n == 1.0 ? size : n == 2.0 ? size * size : pow(size, n);
+    const double size = fabs(z), square = size * size;
+    const double power = n == 1.0 ? size : whole || n == 2.0 ? square : pow(size, n);
     return sign * (1.0 - power * (gamma + (sign * z < 0.0 ? -beta : beta)));
 }
 
-/* z at the end of a path of length x: the classical Runge-Kutta rule, with rate * h <= 1/2 */
-static double follow(double z, double x, double sign, double n, double beta, double gamma,
-                     double rate)
+/* Springs that follow their paths together, since each waits for one number after the other. */
+enum { BLOCK = 8 };
+
+typedef struct {
+    const double *n, *beta, *gamma;
+    double z[BLOCK], sign[BLOCK], steps[BLOCK], h[BLOCK];
+} paths;
+
+/* A step of the classical Runge-Kutta rule for those of the springs that have one left. */
+__attribute__((always_inline)) static inline void follow(paths *p, size_t count, double done,
+                                                         bool whole)
 {
-    const double wanted = 2.0 * rate * x;
-    const size_t steps = wanted < MOST_STEPS ? 1 + (size_t)wanted : MOST_STEPS;
-    const double h = wanted < MOST_STEPS ? x / (double)steps : 0.5 / rate;
-    for (size_t i = 0; i < steps; i++) {
-        const double a = slope(z, sign, n, beta, gamma);
-        const double b = slope(z + 0.5 * h * a, sign, n, beta, gamma);
-        const double c = slope(z + 0.5 * h * b, sign, n, beta, gamma);
-        const double d = slope(z + h * c, sign, n, beta, gamma);
-        z += h / 6.0 * (a + 2.0 * b + 2.0 * c + d);
+#pragma omp simd
+    for (size_t i = 0; i < count; i++) {
+        const double z = p->z[i], sign = p->sign[i], h = p->h[i];
+        const double n = p->n[i], beta = p->beta[i], gamma = p->gamma[i];
+        const double a = slope(z, sign, n, beta, gamma, whole);
+        const double b = slope(z + 0.5 * h * a, sign, n, beta, gamma, whole);
+        const double c = slope(z + 0.5 * h * b, sign, n, beta, gamma, whole);
+        const double d = slope(z + h * c, sign, n, beta, gamma, whole);
+        const double next = z + h / 6.0 * (a + 2.0 * b + 2.0 * c + d);
+        p->z[i] = done < p->steps[i] ? next : z;
     }
-    return z;
 }
 
-/* (H4)  f = k_hard d + f_soft z */
+/* Steps with rate * h <= 1/2 along paths of the lengths |x|; returns the largest number of them. */
+static inline double divide(paths *p, size_t count, const double *x, const double *rate)
+{
+    double most = 0.0;
+    for (size_t i = 0; i < count; i++) {
+        const double length = fabs(x[i]), wanted = 2.0 * rate[i] * length;
+        const bool follows = wanted < MOST_STEPS;
+        p->sign[i] = x[i] < 0.0 ? -1.0 : 1.0;
+        p->steps[i] = follows ? 1.0 + (double)(int)wanted : MOST_STEPS;
+        p->h[i] = follows ? length / p->steps[i] : 0.5 / rate[i];
+        most = p->steps[i] > most ? p->steps[i] : most;
+    }
+    return most;
+}
+
+/* (H4)  f = k_hard d + f_soft z, of up to BLOCK springs */
+static void pull_block(size_t count, const double *const P[], const double *d0, const double *d,
+                       const double *z0, double *z1, double *f)
+{
+    paths p = {.n = P[3], .beta = P[4], .gamma = P[5]};
+    double x[BLOCK];
+    bool whole = true;
+    for (size_t i = 0; i < count; i++) {
+        x[i] = (d[i] - d0[i]) * P[2][i];
+        p.z[i] = z0[i];
+        whole = whole && (p.n[i] == 1.0 || p.n[i] == 2.0);
+    }
+    const double most = divide(&p, count, x, P[6]);
+    for (double done = 0.0; done < most; done++) {
+        if (whole)
+            follow(&p, count, done, true);
+        else
+            follow(&p, count, done, false);
+    }
+    for (size_t i = 0; i < count; i++) {
+        z1[i] = p.z[i];
+        f[i] = P[0][i] * d[i] + P[1][i] * z1[i];
+    }
+}
+
 static void pull_bouc_wen(size_t count, const double *const P[], const double *d0, const double *d,
                           const double *z0, double *z1, double *f)
 {
-    for (size_t i = 0; i < count; i++) {
-        const double x = (d[i] - d0[i]) * P[2][i];
-        z1[i] = follow(z0[i], fabs(x), x < 0.0 ? -1.0 : 1.0, P[3][i], P[4][i], P[5][i], P[6][i]);
-        f[i] = P[0][i] * d[i] + P[1][i] * z1[i];
+    for (size_t i = 0; i < count; i += BLOCK) {
+        const double *of_block[PMA_SPRING_PARAMETERS];
+        for (size_t k = 0; k < PMA_SPRING_PARAMETERS; k++)
+            of_block[k] = P[k] + i;
+        const size_t m = count - i < BLOCK ? count - i : BLOCK;
+        pull_block(m, of_block, d0 + i, d + i, z0 + i, z1 + i, f + i);
     }
 }
 
@@ -187,7 +239,7 @@ static double tangent(const pma_spring_set *set, size_t i, double d0, double d, 
         return P[0][i] + (fabs(d - inner0) > P[2][i] ? 0.0 : P[1][i]);
     case PMA_BOUC_WEN: {
         const double sign = d < d0 ? -1.0 : 1.0;
-        const double rise = sign * slope(inner1, sign, P[3][i], P[4][i], P[5][i]);
+        const double rise = sign * slope(inner1, sign, P[3][i], P[4][i], P[5][i], false);
         return P[0][i] + P[1][i] * P[2][i] * rise;
     }
     }
