@@ -47,7 +47,7 @@ def odd_flag(rng, value):
 
 def odd_count(rng, value):
     forms = (np.int8, np.uint64, np.array, float, np.float64, str, Fraction, lambda x: [x])
-    if rng.random() < 0.4 and abs(value) < 100:
+    if rng.random() < 0.4 and 0 <= value < 100:
         return forms[int(rng.integers(len(forms)))](value)
     return COUNTS[int(rng.integers(len(COUNTS)))]
 

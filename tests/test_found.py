@@ -450,6 +450,7 @@ def test_a_checkpoint_of_a_step_that_its_steps_do_not_have_changes_nothing(tmp_p
         {"first": None},
         {"files": "x"},
         {"files": [["x"]]},
+        {"files": [""]},
         {"files": ["../other.npz"]},
         {"files": ["no\0thing"]},
         {"files": [], "first": [0]},

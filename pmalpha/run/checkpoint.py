@@ -421,7 +421,7 @@ def _of_ranks(
     whole = isinstance(files, list) and isinstance(first, list) and len(first) == len(files) + 1
     if not (whole and files and all(type(number) is int for number in first)):
         raise damaged(path, "its header is incomplete")
-    names = (isinstance(x, str) and "\0" not in x and Path(x).name == x for x in files)
+    names = (isinstance(x, str) and "\0" not in x and Path(x).name == x != "" for x in files)
     if not all(names):
         raise damaged(path, f"it must lead to files in its folder, got {files}")
     has = enumerate(pairwise(first))
