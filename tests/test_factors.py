@@ -15,7 +15,14 @@ from pmalpha import _core, structures
 from pmalpha.problem import ordering
 from pmalpha.problem.matrices import core_sparse, permuted
 from pmalpha.problem.ordering import _nested_dissection as dissection
-from pmalpha.problem.ordering import elimination_order, fill, graph_of, node_graph, node_size
+from pmalpha.problem.ordering import (
+    elimination_order,
+    fill,
+    graph_of,
+    node_graph,
+    node_size,
+    with_full_nodes,
+)
 from pmalpha.setup import factors
 from pmalpha.setup.compliance import compliance, constraints_of
 from pmalpha.setup.inertia import inertia
@@ -389,6 +396,25 @@ def test_the_nodes_of_finite_elements_are_found_although_couplings_vanish(mass):
     sheet = structures.plate(11, 7, 0.1, **material)  # 96 nodes: 2 and 3 and 6 divide its dofs
     assert node_size(graph_of([box.K])) == 3
     assert node_size(graph_of([sheet.K])) == 2
+
+
+def test_the_dofs_of_a_node_share_supernodes_although_their_couplings_vanish():
+    K = pm.models.plate(40, 20, 1.0, E=1.0, nu=0.3, rho=1.0).K
+    graph, last = graph_of([K]), np.arange(40)
+    full = with_full_nodes(graph, last)
+    A, edges = sp.csr_array(K != 0.0).toarray(), np.zeros((K.shape[0],) * 2, dtype=bool)
+    edges[np.repeat(np.arange(full.n), np.diff(full.ptr)), full.index] = True
+    twin = np.arange(full.n) ^ 1  # the other dof of the node
+    np.fill_diagonal(A, False)
+    assert not A[np.arange(40, full.n), twin[40:]].all()
+    A[np.arange(full.n), twin] = True
+    assert np.array_equal(edges, A)
+    order = elimination_order(graph.n, graph, last)
+    first = _core.supernodes(*ordering.rows_of(full, order), last.size)[0]
+    assert np.median(np.diff(first)) >= 2.0
+    # interface dofs stay apart from the others of their node
+    odd = with_full_nodes(graph, np.arange(1, 40, 2))
+    assert odd.index.size < full.index.size
 
 
 def test_dofs_of_a_node_are_adjacent_and_in_order():

@@ -136,6 +136,27 @@ def node_graph(graph: Graph, last: np.ndarray) -> NodeGraph:
     return NodeGraph(merged, np.count_nonzero(begins & border[dofs]), dofs, start)
 
 
+def with_full_nodes(graph: Graph, last: np.ndarray) -> Graph:
+    """The graph with edges between the interface dofs of each node, and between its others.
+
+    On regular meshes some of these couplings vanish. The columns of a node would then be leaves of
+    the elimination tree side by side, and supernodes of one column each.
+    """
+    n, size = graph.n, node_size(graph)
+    if size == 1:
+        return graph
+    border = np.zeros(n, dtype=bool)
+    border[last] = True
+    dof = np.repeat(np.arange(n), size)
+    other = (np.arange(n)[:, None] // size * size + np.arange(size)).ravel()
+    added = border[dof] == border[other]
+    more = np.bincount(dof[added], minlength=n).cumsum()
+    ptr = np.concatenate([graph.ptr, graph.ptr[-1] + more])
+    index = np.concatenate([graph.index, other[added].astype(np.int32)])
+    vertex = np.tile(np.arange(n, dtype=np.int32), 2)
+    return Graph(*_core.graph_of_groups(ptr, index, vertex, n))
+
+
 def node_size(graph: Graph) -> int:
     """Dofs per node when they are numbered node by node: 1, 2, 3 or 6, found from the graph.
 

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..problem.matrices import Matrix, permuted
-from ..problem.ordering import Graph, elimination_order, rows_of
+from ..problem.ordering import Graph, elimination_order, rows_of, with_full_nodes
 from .factors import Factor, Names, Structure, factorize, structure_of
 from .paths import Paths, paths_to
 
@@ -95,6 +95,7 @@ def elimination(
     order = elimination_order(n, graph, last)
     if graph is None:
         return Elimination(order, last.size)
+    graph = with_full_nodes(graph, last)
     structure = structure_of(*rows_of(graph, order), last.size)
     chosen = Elimination(order, last.size, structure, superlu=superlu)
     border = last.size * (last.size + 1) / 2
