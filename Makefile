@@ -52,7 +52,7 @@ races: build/races/_core.abi3.so $(VENV)/.test
 # Mistakes that can be found without a run: gcc -fanalyzer without OpenMP, of whose reductions it
 # reports variables that do not exist; clang-tidy, what it leaves out is in .clang-tidy; cppcheck,
 # without `(void)a, (void)b;` for unused arguments, casts of blocks that are laid out by hand, and
-# an array that is filled up to its use; the stub of the extension.
+# an array that is filled up to its use; mypy on the package; the stub of the extension.
 analyze: $(VENV)/.lint $(VENV)/.test
 	mkdir -p build/analyzed
 	set -e; for file in $(CORE); do \
@@ -63,10 +63,9 @@ analyze: $(VENV)/.lint $(VENV)/.test
 	$(VENV)/bin/cppcheck --quiet --error-exitcode=1 --std=c11 --language=c -Icsrc/core \
 		--enable=warning,performance,portability --suppress=constStatement \
 		--suppress=invalidPointerCast --suppress=uninitvar:csrc/core/algebra/kernel.c csrc/core
-	printf '%s\n' '[mypy]' 'ignore_missing_imports = True' 'follow_imports = silent' \
-		'[mypy-pmalpha.*]' 'ignore_errors = True' >build/analyzed/mypy.ini
+	PYTHONPATH=. $(VENV)/bin/python -m mypy
 	PYTHONPATH=. $(VENV)/bin/python -m mypy.stubtest pmalpha._core --ignore-disjoint-bases \
-		--mypy-config-file build/analyzed/mypy.ini
+		--mypy-config-file pyproject.toml
 
 # the same tests as users compile the core, without assertions, by clang too where there is one
 release: build/test_core_release $(if $(shell command -v clang),build/test_core_clang)

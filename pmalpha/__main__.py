@@ -4,6 +4,8 @@ import argparse
 import sys
 import time
 import warnings
+from collections.abc import Iterator
+from typing import TypeAlias
 
 import numpy as np
 
@@ -11,6 +13,9 @@ from . import __version__
 from .errors import AccuracyWarning
 from .models import FourDof, four_dof
 from .run.history import History
+
+# The History of each run, and its time in seconds.
+Runs: TypeAlias = dict[str, tuple[History, float]]
 
 SUBSTEPS = 20
 STEP = 100  # macro step of the printed amplitudes: two and a half periods of the first mode
@@ -38,7 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _options(arguments):
+def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m pmalpha", description=__doc__)
     parser.add_argument("--version", action="version", version=f"pmalpha {__version__}")
     parser.add_argument(
@@ -57,7 +62,7 @@ def _options(arguments):
     return parser.parse_args(arguments)
 
 
-def _positive(text):
+def _positive(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"must be a whole number above 0, got {text!r}")
     return int(text)
@@ -73,11 +78,11 @@ def _run(model: FourDof, steps: int) -> tuple[History, float]:
     return history, time.perf_counter() - begin
 
 
-def _report(model: FourDof, runs: dict[str, tuple[History, float]], steps: int) -> str:
+def _report(model: FourDof, runs: Runs, steps: int) -> str:
     return "\n".join([*_heading(model, steps), "", *_modes(model, runs), "", *_costs(runs, steps)])
 
 
-def _heading(model, steps):
+def _heading(model: FourDof, steps: int) -> list[str]:
     return [
         "The four-dof system of the paper, in free vibration from u = (0, 0, 0, 1) m.",
         "Masses and springs are a surrogate with the published spectrum.",
@@ -86,7 +91,7 @@ def _heading(model, steps):
     ]
 
 
-def _modes(model, runs):
+def _modes(model: FourDof, runs: Runs) -> Iterator[str]:
     frequencies = "".join(f"{f:>7.2f} Hz" for f in model.frequencies)
     yield f"{'modal amplitude (m kg^1/2)':<34}{frequencies}"
     amplitudes = {name: model.modal_amplitudes(history) for name, (history, _) in runs.items()}
@@ -96,11 +101,11 @@ def _modes(model, runs):
         yield _row(f"{name} at step {step}, t = {t[step]:.2f} s", x[step])
 
 
-def _row(label, values):
+def _row(label: str, values: np.ndarray) -> str:
     return f"{label:<34}" + "".join(f"{x:>10.3f}" for x in values)
 
 
-def _costs(runs, steps):
+def _costs(runs: Runs, steps: int) -> Iterator[str]:
     yield f"{'':<12}{'displacement drift (m)':>24}{'run time (ms)':>16}{'per fine step (us)':>21}"
     for name, (history, seconds) in runs.items():
         drift = np.abs(history.displacement_jump).max()
@@ -108,7 +113,7 @@ def _costs(runs, steps):
         yield f"{name:<12}{drift:>24.3f}{1e3 * seconds:>16.3f}{1e6 * fine:>21.3f}"
 
 
-def _draw(model: FourDof, runs: dict[str, tuple[History, float]], path: str) -> None:
+def _draw(model: FourDof, runs: Runs, path: str) -> None:
     from . import plot
 
     titles = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from numbers import Real
 from typing import Any
 
@@ -152,7 +152,7 @@ def numbered(noun: str, numbers: Sequence[Any] | np.ndarray) -> str:
     return f"{noun}{'' if len(numbers) == 1 else 's'} {listing(numbers)}"
 
 
-def listing(numbers: Sequence[Any] | np.ndarray, most: int = 5) -> str:
+def listing(numbers: Collection[Any] | np.ndarray, most: int = 5) -> str:
     """``1, 2, 3, ... (12 in all)``"""
     shown = ", ".join(str(x) for x in list(numbers)[:most])
     return shown if len(numbers) <= most else f"{shown}, ... ({len(numbers)} in all)"

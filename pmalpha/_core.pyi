@@ -35,7 +35,11 @@ _Record = tuple[  # begin, every, selections, multipliers, velocity and displace
 # function, numbers in its history, where each value of its pattern is in that of the tangent and
 # which one is across the diagonal from it, potential
 _Function = tuple[
-    Callable | LowLevelCallable, int, np.ndarray | None, np.ndarray | None, Callable | None
+    Callable[..., Any] | LowLevelCallable,
+    int,
+    np.ndarray | None,
+    np.ndarray | None,
+    Callable[..., Any] | None,
 ]
 # ptr, index, structure, dgemm, dtrsm, unsymmetric: a matrix that is factored again and again
 _Numeric = tuple[np.ndarray, np.ndarray, _Panels | None, Any, Any, bool]
@@ -53,7 +57,7 @@ _LU = tuple[np.ndarray, _Compressed, _Compressed, np.ndarray, np.ndarray]
 # rank, remote subdomains (None for own), first of each rank, all, counts, starts, gather
 _Processes = tuple[
     int,
-    tuple[tuple | None, ...],
+    tuple[tuple[Any, ...] | None, ...],
     np.ndarray,
     np.ndarray,
     np.ndarray,
@@ -75,7 +79,8 @@ class Subdomain:
         single: _Operator,
         twice: _Operator | None,
         link: tuple[int, np.ndarray, np.ndarray, np.ndarray],
-        restoring: tuple[tuple[Callable | LowLevelCallable, ...], np.ndarray] | None = None,
+        restoring: tuple[tuple[Callable[..., Any] | LowLevelCallable, ...], np.ndarray]
+        | None = None,
         D_r: _Matrix = None,
         lagged: bool = False,
         responds: bool = False,

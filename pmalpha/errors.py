@@ -6,6 +6,8 @@ import os
 import sys
 import warnings
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
 __all__ = [
     "AccuracyWarning",
@@ -85,7 +87,7 @@ class InstabilityError(PmalphaError):
         self.subdomain = subdomain
         self.cause = cause
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[type, tuple[object, ...]]:
         return type(self), (self.step, self.time, self.subdomain, self.cause)
 
 
@@ -133,7 +135,7 @@ class ConvergenceError(PmalphaError):
         self.iterations = iterations
         self.cause = cause
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[type, tuple[object, ...]]:
         return type(self), (self.subdomain, self.time, self.iterations, self.cause)
 
 
@@ -174,7 +176,7 @@ class CallbackError(PmalphaError):
         self.time = time
         self.subdomain = subdomain
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[type, tuple[object, ...]]:
         return type(self), (self.code, self.what, self.step, self.time, self.subdomain)
 
 
@@ -190,7 +192,7 @@ class CasesError(PmalphaError):
         None where the initial values could not be computed.
     """
 
-    def __init__(self, failures: dict[int, Exception], histories: list):
+    def __init__(self, failures: dict[int, Exception], histories: list[Any]):
         first = min(failures)
         error = failures[first]
         super().__init__(
@@ -200,7 +202,7 @@ class CasesError(PmalphaError):
         self.failures = failures
         self.histories = histories
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[type, tuple[object, ...]]:
         return type(self), (self.failures, self.histories)
 
 
@@ -241,7 +243,8 @@ PACKAGE = f"{Path(__file__).parent}{os.sep}"
 
 def warn(message: str, category: type[Warning]) -> None:
     """Warn with the line outside of the package that made the call."""
-    frame, level = sys._getframe(1), 2
+    frame: FrameType | None = sys._getframe(1)
+    level = 2
     while frame is not None and frame.f_code.co_filename.startswith(PACKAGE):
         frame, level = frame.f_back, level + 1
     warnings.warn(message, category, stacklevel=level - 1 if frame is None else level)

@@ -46,7 +46,7 @@ class Series(NamedTuple):
 
 
 def write_series(
-    path: str | os.PathLike,
+    path: str | os.PathLike[str],
     points: Any,
     elements: Any,
     times: Any,

@@ -21,7 +21,7 @@ PACKAGE_VERSION = installed("pmalpha")
 NO_FILE = "a folder or a device, not a file"
 
 
-def checked_path(path: str | os.PathLike) -> Path:
+def checked_path(path: str | os.PathLike[str]) -> Path:
     """The path as a Path; TypeError for other values."""
     try:
         return Path(os.fsdecode(path))
@@ -30,7 +30,7 @@ def checked_path(path: str | os.PathLike) -> Path:
 
 
 @contextmanager
-def replacing(path: str | os.PathLike) -> Iterator[BinaryIO]:
+def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     """A temporary file to write to, renamed to `path` when the block ends without exception.
 
     Written atomically: after an exception an existing file is unchanged, and the temporary file is
@@ -59,7 +59,7 @@ def replacing(path: str | os.PathLike) -> Iterator[BinaryIO]:
         temporary.unlink(missing_ok=True)
 
 
-def check_replaceable(path: str | os.PathLike) -> None:
+def check_replaceable(path: str | os.PathLike[str]) -> None:
     """OSError where `replacing` would fail, as far as can be checked without writing."""
     whole = checked_path(path)
     target = Path(os.path.realpath(whole))
@@ -74,7 +74,7 @@ def check_replaceable(path: str | os.PathLike) -> None:
         raise OSError(number, f"path cannot be written: {os.strerror(number)}", str(whole))
 
 
-def reading(path: str | os.PathLike) -> BinaryIO:
+def reading(path: str | os.PathLike[str]) -> BinaryIO:
     """An open file to read from. Devices and pipes, which may block or never end, raise OSError.
 
     It is the context: one made of a generator could be left open by Ctrl-C.
@@ -91,7 +91,7 @@ def reading(path: str | os.PathLike) -> BinaryIO:
 
 
 def write_npz(
-    path: str | os.PathLike, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
+    path: str | os.PathLike[str], header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
 ) -> None:
     """Write arrays of numbers, with a header of JSON that names format and version.
 
@@ -104,7 +104,7 @@ def write_npz(
 
 
 def read_npz(
-    path: str | os.PathLike, format: str, version: int
+    path: str | os.PathLike[str], format: str, version: int
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of a file that `write_npz` wrote with this format and version.
 
@@ -123,7 +123,7 @@ def read_npz(
     return header, arrays
 
 
-def _contents(file: BinaryIO, format: str, version: int) -> tuple[str | None, Any, dict]:
+def _contents(file: BinaryIO, format: str, version: int) -> tuple[str | None, Any, dict[str, Any]]:
     """The reason to refuse the file or None, its header and its arrays."""
     if not zipfile.is_zipfile(file):
         return "is no npz file, or is cut off", None, {}
@@ -152,10 +152,11 @@ def _member(members: zipfile.ZipFile, key: str) -> np.ndarray:
 
 def _check_size(members: zipfile.ZipFile, key: str) -> None:
     """ValueError for an array that is larger than what the file holds of it, before it is made."""
-    info = members.getinfo(f"{key}.npy")
+    assert members.fp is not None
+    info, size = members.getinfo(f"{key}.npy"), os.fstat(members.fp.fileno()).st_size
     if info.compress_type != zipfile.ZIP_STORED:
         raise ValueError(f"{key} is compressed, which no file of this package is")
-    if not info.file_size == info.compress_size <= os.fstat(members.fp.fileno()).st_size:
+    if not info.file_size == info.compress_size <= size:
         raise ValueError(f"{key} is larger than the file")
     with members.open(info) as file:
         if np.lib.format.read_magic(file) != (1, 0):

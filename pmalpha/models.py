@@ -6,6 +6,7 @@ The formulas are in docs/method.md. Units are any consistent set unless stated o
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -16,7 +17,7 @@ from ._checks import positive_number, real_array, real_number, vector
 from .memory import require
 from .problem.constraints import Constraint, tie
 from .problem.matrices import canonical, diagonal, product, sparse_diagonal
-from .problem.schemes import CentralDifference, GeneralizedAlpha, Newmark
+from .problem.schemes import CentralDifference, GeneralizedAlpha, Newmark, Scheme
 from .problem.subdomain import Subdomain
 from .run.coupler import Coupler
 from .run.history import History
@@ -94,7 +95,7 @@ class Model:
     subdomains: tuple[Subdomain, ...]
     constraints: Constraint
 
-    def coupler(self, dt: float, **options) -> Coupler:
+    def coupler(self, dt: float, **options: Any) -> Coupler:
         """A new Coupler of these subdomains with macro step `dt`.
 
         Parameters
@@ -136,8 +137,8 @@ def split_oscillator(
     stiffness: float = (2.0 * np.pi) ** 2,
     u0: float = 1.0,
     v0: float = 0.0,
-    scheme_a=None,
-    scheme_b=None,
+    scheme_a: Scheme | None = None,
+    scheme_b: Scheme | None = None,
 ) -> Model:
     """A single-dof oscillator, cut into an implicit subdomain "A" and an explicit "B".
 
@@ -182,7 +183,7 @@ def split_oscillator(
     implicit, explicit = _schemes(rho)
     # mA + mB = mass, kA + kB = stiffness, mA / mB = kB / kA = b1
     large, small = b1 / (1.0 + b1), 1.0 / (1.0 + b1)
-    start = {"u0": [real_number(u0, "u0")], "v0": [real_number(v0, "v0")]}
+    start: dict[str, Any] = {"u0": [real_number(u0, "u0")], "v0": [real_number(v0, "v0")]}
     a = Subdomain(
         np.array([large * mass]),
         np.array([small * stiffness]),
@@ -359,14 +360,16 @@ def four_dof(rho: float | None = 0.5, *, substeps: int = 20) -> FourDof:
     return FourDof((a, b), tie(a, [0], b, [1]), springs, mass, stiffness, frequencies, modes)
 
 
-def _schemes(rho: float | None):
+def _schemes(rho: float | None) -> tuple[Scheme, Scheme]:
     """Implicit and explicit scheme: PM-alpha with rho, PM with None."""
     if rho is None:
         return Newmark(), CentralDifference()
     return GeneralizedAlpha(rho), GeneralizedAlpha(rho, explicit=True)
 
 
-def _chain_springs(mass, frequencies, guess) -> np.ndarray:
+def _chain_springs(
+    mass: np.ndarray, frequencies: Sequence[float], guess: Sequence[float]
+) -> np.ndarray:
     """Spring stiffnesses of a chain with these frequencies, by Newton's method."""
     n = len(mass)
     springs = np.array(guess, dtype=float)

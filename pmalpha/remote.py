@@ -196,7 +196,7 @@ def serve(
 @contextmanager
 def started(
     program: Sequence[Any], *, host: str = "127.0.0.1", timeout: float = 5.0
-) -> Iterator[tuple[tuple[str, int], subprocess.Popen]]:
+) -> Iterator[tuple[tuple[str, int], subprocess.Popen[bytes]]]:
     """A program that calls `serve`, as a process that ends with the block.
 
     Parameters

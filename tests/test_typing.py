@@ -33,6 +33,8 @@ c = pm.Subdomain(1.0, 4.0, scheme=pm.HHT(0.1), force=pm.SampledForce([0.0, 1.0],
 d = pm.Subdomain(sp.eye_array(3), sp.csr_matrix(K), scheme=pm.Newmark(), restoring=None)
 ties = [pm.tie(a, [0, 1], b, np.array([0, 1])), pm.tie(b, 2, c, 0)]
 drive = pm.Constraint({a: [[0.0, 0.0, 1.0]]}, velocity=lambda t: [np.sin(t)])
+both, named = {a: np.eye(3), b: -np.eye(3)}, {"a": np.eye(3), "b": -np.eye(3)}
+glued = [pm.Constraint(both), pm.Constraint(named)]
 coupler = pm.Coupler([a, b, c], [*ties, drive], dt=0.1, coupling="gc", start="plain", threads=2)
 history = coupler.run(1.0, record={"a": [0], b: None}, every=2)
 reveal_type(history)  # History

@@ -255,7 +255,9 @@ class _Waves:
         root = brentq(lambda t: self._derivatives(j, t)[1], tau[i], tau[other])
         return max(float(abs(y)) for y in (x[i], self._derivatives(j, root)[0]))
 
-    def _derivatives(self, j: int | np.ndarray, t: np.ndarray | float) -> tuple:
+    def _derivatives(
+        self, j: int | np.ndarray, t: np.ndarray | float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """x, x' and x'' at these times in interval j, or at one time in several intervals."""
         z = self.rate
         wave = (self.p[j] - 1j * self.q[j]) * np.exp(z * t)

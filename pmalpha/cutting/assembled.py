@@ -73,7 +73,7 @@ class GroupForce:
         ones = np.ones(self._column.size)
         return InternalForce(self, history=history.ravel(), pattern=self._matrix_of(ones))
 
-    def __call__(self, u, v, t, q):
+    def __call__(self, u: np.ndarray, v: np.ndarray, t: float, q: np.ndarray) -> tuple[Any, ...]:
         assert self._internal is not None
         # the dof -1 is the zero at the end
         at = [np.append(x, 0.0)[self._dofs] for x in (u, v)]
@@ -84,7 +84,7 @@ class GroupForce:
         matrices = [self._tangent(A, name) for A, name in zip(tangents, ("K_t", "C_t"))]
         return (total, *matrices, *q1)
 
-    def _tangent(self, values, name):
+    def _tangent(self, values: Any, name: str) -> sp.csr_array | None:
         if values is None:
             return None
         e, k = self._dofs.shape

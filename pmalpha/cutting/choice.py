@@ -148,7 +148,7 @@ def by_labels(whole: Whole, labels: Any, parts: Any, dt: float | None, scheme: A
         omega = frequencies(whole)
     if labels is None:
         costs = whole.costs()
-        if omega is not None and isinstance(scheme, Scheme):
+        if omega is not None and dt is not None and isinstance(scheme, Scheme):
             costs = costs * 2.0 ** levels_of(omega, dt, scheme)
         numbers = partition(whole, parts, costs)
         names = [f"part {i}" for i in range(int(numbers.max()) + 1)]
@@ -156,7 +156,7 @@ def by_labels(whole: Whole, labels: Any, parts: Any, dt: float | None, scheme: A
         names, numbers = checked_labels(labels, whole.count)
     schemes = _schemes(scheme, names)
     substeps = [1] * len(names)
-    if omega is not None:
+    if omega is not None and dt is not None:
         substeps = [
             2 ** int(levels_of(omega[numbers == i], dt, own).max()) for i, own in enumerate(schemes)
         ]

@@ -118,6 +118,7 @@ class Division:
 def _share(force: Any, dofs: np.ndarray, share: np.ndarray) -> Any:
     """The part of a load on some dofs, each entry times its share."""
     if isinstance(force, BaseAcceleration):
+        assert force.shape is not None
         shape = share[:, None] * force.shape[dofs]
         return BaseAcceleration(force.values, force.dt, -shape, np.ones(dofs.size))
     if isinstance(force, SampledForce):

@@ -199,8 +199,8 @@ def _row(s: Subdomain, last: np.ndarray, swept: int, dt: float) -> PlanRow:
     )
 
 
-def _size(A: Matrix) -> int:
-    return 0 if A is None else A.nnz if sp.issparse(A) else A.size
+def _size(A: Matrix | None) -> int:
+    return 0 if A is None else A.size if isinstance(A, np.ndarray) else A.nnz
 
 
 def _is_plain(s: Subdomain) -> bool:
@@ -254,7 +254,7 @@ def _uncut_entries(cut: Any, scheme: Scheme) -> int:
     return fixed + elimination(cut.n, graph, np.arange(0)).swept
 
 
-def _union(matrices: Sequence[Matrix], dofs: Sequence[np.ndarray], n: int) -> Matrix:
+def _union(matrices: Sequence[Matrix], dofs: Sequence[np.ndarray], n: int) -> Matrix | None:
     """The pattern of the sum of the matrices of all subdomains."""
     present = [(A, own) for A, own in zip(matrices, dofs) if A is not None]
     if not present:

@@ -270,7 +270,7 @@ class Cut:
 
         return drawn(self, self._mesh("plot"), ax)
 
-    def export(self, path: str | PathLike, history: History, **options: Any) -> None:
+    def export(self, path: str | PathLike[str], history: History, **options: Any) -> None:
         """Write the motion of the uncut structure for ParaView, with the subdomains.
 
         Parameters

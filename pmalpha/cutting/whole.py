@@ -120,7 +120,7 @@ class WholeStructure(Whole):
             unused = listing(np.flatnonzero(~used))
             raise ValueError(f"structure must have an element at every node, not at {unused}")
 
-    def portion(self, chosen, owned):
+    def portion(self, chosen: np.ndarray, owned: np.ndarray) -> Portion:
         picked, d = self._picked(chosen), self._d
         nodes = np.unique(np.concatenate([links.ravel() for _, links in picked.values()]))
         number = np.full(len(self._structure.points), -1)
@@ -150,7 +150,7 @@ class WholeStructure(Whole):
             if own.any()
         }
 
-    def blocks(self, chunk):
+    def blocks(self, chunk: int) -> Iterator[Blocks]:
         begin = 0
         for kind, links in zip(self._kinds, self.links):
             for first in range(0, len(links), chunk):
@@ -195,7 +195,7 @@ class WholeElements(Whole):
                 f"{numbered('dof', np.flatnonzero(~used))}; a fixed dof has a negative number"
             )
 
-    def portion(self, chosen, owned):
+    def portion(self, chosen: np.ndarray, owned: np.ndarray) -> Portion:
         picked = [
             (group, np.flatnonzero(own)) for group, own in zip(self._groups, self.by_group(chosen))
         ]
@@ -223,7 +223,7 @@ class WholeElements(Whole):
         M = np.zeros(dofs.size) if terms["M"] is None else terms["M"]
         return Portion(dofs, M, terms["K"], terms["C"], forces)
 
-    def blocks(self, chunk):
+    def blocks(self, chunk: int) -> Iterator[Blocks]:
         begin = 0
         for group in self._groups:
             e, k = group.dofs.shape

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -145,7 +145,7 @@ def _instants(ax: Axes, steps: Sequence[tuple[int, int, int]]) -> None:
         _arc(ax, begin, end, 0.0, -0.55, linewidth=0.7)
     for begin, end, side in steps:
         _arc(ax, begin, end, 2.0, 0.8 * side, linewidth=1.2, linestyle="-" if side > 0 else "--")
-    kinds = {
+    kinds: dict[str, tuple[Sequence[float] | np.ndarray, float, dict[str, Any]]] = {
         "time level of A": ([n for _, n, side in steps if side > 0], 2.0, LEVEL),
         "time level of A, other chain": ([n for _, n, s in steps if s < 0], 2.0, OTHER_LEVEL),
         "interpolated, (15)": ([t for t in fine if t % 1.0], 2.0, INTERPOLATED),
@@ -161,7 +161,7 @@ def _instants(ax: Axes, steps: Sequence[tuple[int, int, int]]) -> None:
     _bare(ax)
 
 
-def _arc(ax: Axes, begin: float, end: float, y: float, height: float, **line) -> None:
+def _arc(ax: Axes, begin: float, end: float, y: float, height: float, **line: Any) -> None:
     """An arrow between two instants, above the axis at y or, with height < 0, below it."""
     from matplotlib.patches import FancyArrowPatch
     from matplotlib.path import Path

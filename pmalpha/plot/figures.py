@@ -118,7 +118,7 @@ def slope(ax: Axes, order: float, x: Sequence[float], y: float) -> None:
     )
 
 
-def save(figure: Figure, path: str | PathLike) -> None:
+def save(figure: Figure, path: str | PathLike[str]) -> None:
     """Write a figure to a file, with the resolution of print.
 
     Parameters

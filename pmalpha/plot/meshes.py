@@ -478,7 +478,7 @@ def _draw_lines(ax: Any, ends: Any, nodes: np.ndarray, look: Look) -> list[Artis
     from matplotlib.collections import LineCollection
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-    kind = Line3DCollection if ends.shape[-1] == 3 else LineCollection
+    kind: Any = Line3DCollection if ends.shape[-1] == 3 else LineCollection
     width = 2.0 * _thinner(len(ends))
     if look.values is None:
         drawn = kind(ends, colors=look.line, linewidths=width, zorder=2)

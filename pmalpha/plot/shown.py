@@ -19,7 +19,7 @@ class ShownFigure(Figure):
 
         png = BytesIO()
         self.savefig(png, format="png", dpi=self.dpi)
-        display(Image(png.getvalue()))
+        display(Image(png.getvalue()))  # type: ignore[no-untyped-call]  # of IPython
         pyplot.close(self)  # otherwise it would be shown once more at the end of the cell
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 __all__ = ["LINES", "RC", "style"]
 
 # Colours of Okabe and Ito, distinguishable in colour blindness, from light to dark
-LINES: tuple[dict, ...] = (
+LINES: tuple[dict[str, Any], ...] = (
     {"color": "#E69F00", "linestyle": (0, (1, 1)), "linewidth": 1.6},
     {"color": "#009E73", "linestyle": (0, (4, 1, 1, 1)), "linewidth": 1.2},
     {"color": "#0072B2", "linestyle": (0, (5, 1.5)), "linewidth": 1.2},
@@ -23,7 +24,7 @@ def _cycle() -> str:
 
 
 # rcParams of matplotlib for all figures
-RC = {
+RC: dict[Any, Any] = {
     "axes.prop_cycle": _cycle(),
     "font.family": "STIXGeneral",
     "mathtext.fontset": "stix",
@@ -96,6 +97,6 @@ def shown_style() -> Iterator[None]:
     """
     with style():
         from matplotlib import pyplot
-    pyplot.draw_if_interactive()
+    pyplot.draw_if_interactive()  # type: ignore[no-untyped-call]  # of matplotlib
     with style():
         yield

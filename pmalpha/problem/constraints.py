@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,6 +17,12 @@ from .matrices import rectangular
 from .subdomain import Subdomain
 
 __all__ = ["Constraint", "tie"]
+
+
+# Keys of a Mapping are invariant: a dict of one kind is none of both.
+MatricesLike: TypeAlias = (
+    Mapping[Subdomain, MatrixLike] | Mapping[str, MatrixLike] | Mapping[Subdomain | str, MatrixLike]
+)
 
 
 class Constraint(Frozen):
@@ -69,10 +75,12 @@ class Constraint(Frozen):
     <1 constraint on 'tower' and 'rig'>
     """
 
-    def __init__(self, matrices: Mapping[Subdomain | str, MatrixLike], velocity: Any = None):
+    def __init__(self, matrices: MatricesLike, velocity: Any = None):
         if not isinstance(matrices, Mapping) or not matrices:
             raise TypeError(f"matrices must be a dict of matrices by subdomain, got {matrices!r}")
-        self.matrices = {s: _constraint_matrix(s, L) for s, L in matrices.items()}
+        self.matrices: dict[Subdomain | str, sp.csr_array] = {
+            s: _constraint_matrix(s, L) for s, L in matrices.items()
+        }
         self._by_dofs: tuple[str, ...] = ()  # names whose matrices may lack columns: of ties
         names = [name_of(s) for s in self.matrices]
         if len(set(names) - {None}) < len(names) - names.count(None):

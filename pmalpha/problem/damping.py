@@ -82,7 +82,7 @@ def checked_rayleigh(rayleigh: Any) -> tuple[float, float] | None:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is no such C
-def _refuse_broadcast(C: np.ndarray, M: Matrix, K: Matrix, symmetric: bool) -> None:
+def _refuse_broadcast(C: np.ndarray, M: Matrix | None, K: Matrix | None, symmetric: bool) -> None:
     """ValueError for C = c_m 1 m^T + c_k K, which NumPy makes of c_m * m + c_k * K, m 1-D.
 
     Of unequal masses m the skew part of C is c_m (1 m^T - m 1^T). Of equal masses C - c_k K has
@@ -113,7 +113,7 @@ def _refuse_broadcast(C: np.ndarray, M: Matrix, K: Matrix, symmetric: bool) -> N
         )
 
 
-def _is_multiple(first: np.ndarray, M: Matrix) -> bool:
+def _is_multiple(first: np.ndarray, M: Matrix | None) -> bool:
     """Whether first = c_m (m - m_0) with the masses m of a 1-D M."""
     if M is None or M.ndim != 1 or M.size != first.size:
         return False

@@ -179,7 +179,7 @@ def _space(A: Any, B: Any, k: int, scale: float) -> np.ndarray:
     the space grows until it is above the k lowest ones inside.
     """
     n, shift = B.shape[0], ARPACK_SHIFT * scale
-    shifted = combination([(1.0, A), (shift, B)])
+    shifted: Any = combination([(1.0, A), (shift, B)])
     S, mass = (sp.csc_array(sp.diags_array(x) if x.ndim == 1 else x) for x in (shifted, B))
     solve = positive_definite(S).solve
     start = np.random.default_rng(0).standard_normal(n)  # reproducible

@@ -252,10 +252,10 @@ def first_tangent(
     for values, w, places in zip(first, what, checked.places):
         checked._place(values, w, 0.0, places, K, C)
         require_finite(values[0], f"f of {w} at t = 0")
-    for symbol, values in (("K_t", K), ("C_t", C)):
-        if values is not None:
+    for symbol, entries in (("K_t", K), ("C_t", C)):
+        if entries is not None:
             label = f"{symbol} of internal of subdomain {name!r}"
-            require_finite(values, f"the stored entries of {label} at t = 0")
+            require_finite(entries, f"the stored entries of {label} at t = 0")
     checked.check_symmetry(K, C, 0.0)
     return pattern, K, C
 

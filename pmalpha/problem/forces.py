@@ -6,7 +6,7 @@ A load is evaluated at the end of a step only (docs/method.md).
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeAlias, TypeGuard
 
 import numpy as np
 from scipy import LowLevelCallable
@@ -159,7 +159,7 @@ def _columns(value: Any, name: str) -> np.ndarray:
     return array.reshape(len(array), -1)
 
 
-Force = np.ndarray | SampledForce | Callable[[float], Any] | LowLevelCallable | None
+Force: TypeAlias = np.ndarray | SampledForce | Callable[[float], Any] | LowLevelCallable | None
 
 
 def checked_force(force: Any, n: int, name: str = "force") -> Force:
@@ -196,6 +196,6 @@ def core_load(force: Force, order: np.ndarray) -> Any:
     return force.values, np.ascontiguousarray(force.shape[order].T), force.dt, force.hold
 
 
-def is_callback(force: Force) -> bool:
+def is_callback(force: Force) -> TypeGuard[Callable[[float], Any]]:
     """True for a force that is a Python callable."""
     return callable(force) and not isinstance(force, SampledForce)

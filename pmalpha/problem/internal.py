@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -23,7 +23,7 @@ from .tangents import by_rows
 
 __all__ = ["InternalForce"]
 
-Evaluate = Callable[[np.ndarray, np.ndarray, float, np.ndarray], Any] | LowLevelCallable
+Evaluate: TypeAlias = Callable[[np.ndarray, np.ndarray, float, np.ndarray], Any] | LowLevelCallable
 
 
 class InternalForce(Frozen):
@@ -120,12 +120,12 @@ class InternalForce(Frozen):
         return f, *tangents, q1
 
     @property
-    def residual(self) -> Callable | None:
+    def residual(self) -> Callable[..., Any] | None:
         """The method ``residual(u, v, t, q) -> f`` of evaluate, or None."""
         return _method(self.evaluate, "residual")
 
     @property
-    def potential(self) -> Callable | None:
+    def potential(self) -> Callable[..., Any] | None:
         """The method ``potential(u) -> float`` of evaluate, or None."""
         return _method(self.evaluate, "potential")
 
@@ -187,7 +187,7 @@ column of dof 0: 0.5 given at [0, 0], 0.75 by differences
         )
 
 
-def _method(owner: Any, name: str) -> Callable | None:
+def _method(owner: Any, name: str) -> Callable[..., Any] | None:
     found = getattr(owner, name, None)
     return found if callable(found) else None
 

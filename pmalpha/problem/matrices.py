@@ -6,7 +6,7 @@ a ``scipy.sparse.csr_array`` with sorted indices and no duplicates.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,7 +17,7 @@ from .._checks import counted, real_array, require_finite
 from ..blas import one_thread
 from .sparse_arrays import check_arrays
 
-Matrix = np.ndarray | sp.csr_array | None
+Matrix: TypeAlias = np.ndarray | sp.csr_array  # a diagonal, dense, or by rows
 
 # Tolerance of symmetry, for the rounding in assembled matrices: relative to the diagonal entries of
 # row and column, which bound an entry of a definite matrix, and relative to the largest entries of
@@ -95,10 +95,10 @@ def canonical(
     return read_only(_simplest(_symmetric(A, name, symmetric))), size
 
 
-def read_only(A: Matrix) -> Matrix:
+def read_only(A: Matrix | None) -> Matrix | None:
     """A, with entries that cannot be assigned."""
     if A is not None:
-        (A.data if sp.issparse(A) else A).setflags(write=False)
+        (A if isinstance(A, np.ndarray) else A.data).setflags(write=False)
     return A
 
 
@@ -213,7 +213,7 @@ def _largest_of_rows(A: Any) -> np.ndarray:
     return largest.toarray().ravel() if sp.issparse(A) else largest
 
 
-def _simplest(A: Any) -> Matrix:
+def _simplest(A: Any) -> Matrix | None:
     """None or a 1-D array where the entries allow it."""
     if A.ndim == 1:
         return A if A.any() else None
@@ -244,13 +244,13 @@ def sparse_diagonal(d: np.ndarray) -> sp.csr_array:
     return sp.csr_array(sp.diags_array(np.asarray(d, dtype=np.float64)))
 
 
-def permuted(A: Matrix, order: np.ndarray) -> Matrix:
+def permuted(A: Matrix | None, order: np.ndarray) -> Matrix | None:
     """A with row and column k taken from order[k]."""
     if A is None or np.array_equal(order, np.arange(order.size)):
         return A
     if A.ndim == 1:
         return A[order]
-    if not sp.issparse(A):
+    if isinstance(A, np.ndarray):
         return np.ascontiguousarray(A[np.ix_(order, order)])
     order = order.astype(A.indices.dtype)  # otherwise SciPy would convert the indices to int64
     position = np.empty_like(order)
@@ -261,7 +261,7 @@ def permuted(A: Matrix, order: np.ndarray) -> Matrix:
     return B
 
 
-def combination(terms: list[tuple[float, Matrix]]) -> Matrix:
+def combination(terms: list[tuple[float, Matrix]]) -> Matrix | None:
     """The sum of factor times matrix, in the simplest form for all of them."""
     present = [(f, A) for f, A in terms if A is not None and f != 0.0]
     if not present:
@@ -308,7 +308,7 @@ def largest_pairs(A: Matrix, B: Matrix, k: int) -> tuple[np.ndarray, np.ndarray]
     return values[-k:], x[:, -k:]
 
 
-def product(A: Matrix, x: np.ndarray) -> np.ndarray:
+def product(A: Matrix | None, x: np.ndarray) -> np.ndarray:
     """A x for x of shape (n,) or (n, k)."""
     if A is None:
         return np.zeros_like(x)
@@ -324,28 +324,28 @@ def product(A: Matrix, x: np.ndarray) -> np.ndarray:
         return A @ x
 
 
-def is_symmetric(A: Matrix) -> bool:
+def is_symmetric(A: Matrix | None) -> bool:
     """Whether A is exactly symmetric, as matrices are that `canonical` found to be symmetric."""
     if A is None or A.ndim == 1:
         return True
     if not sp.issparse(A):
         return np.array_equal(A, A.T)
-    A, other = sp.csr_array(A), A.T.tocsr()
+    A, other = sp.csr_array(A), sp.csr_array(A.T)
     other.sort_indices()
     return all(np.array_equal(getattr(A, x), getattr(other, x)) for x in _ARRAYS)
 
 
-def skew_part(A: Matrix) -> Matrix:
+def skew_part(A: Matrix) -> Matrix | None:
     """(A - A^T) / 2; None where A is symmetric."""
     return None if is_symmetric(A) else combination([(0.5, A), (-0.5, A.T)])
 
 
-def core_matrix(A: Matrix, *, symmetric: bool = True) -> Any:
+def core_matrix(A: Matrix | None, *, symmetric: bool = True) -> Any:
     """A in a form of the core: None, an array by columns, (band,), (ptr, index, values), strips.
 
     Of a `symmetric` matrix, rows are taken for columns, and a band is what is above the diagonal.
     """
-    if A is None or not sp.issparse(A):
+    if A is None or isinstance(A, np.ndarray):
         return None if A is None else np.ascontiguousarray(A if symmetric else A.T)
     n, rows = A.shape[0], row_of_entries(A)
     width = int(np.max(np.abs(A.indices - rows), initial=0))

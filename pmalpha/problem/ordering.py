@@ -37,7 +37,7 @@ class Graph(NamedTuple):
     """
 
     ptr: np.ndarray
-    index: np.ndarray
+    index: np.ndarray  # type: ignore[assignment]  # hides the method of a tuple
 
     @property
     def n(self) -> int:
@@ -133,7 +133,7 @@ def node_graph(graph: Graph, last: np.ndarray) -> NodeGraph:
     node = np.empty(n, dtype=np.int32)
     node[dofs] = np.cumsum(begins) - 1
     merged = graph if start.size == n + 1 and not last.size else _merged(graph, node)
-    return NodeGraph(merged, np.count_nonzero(begins & border[dofs]), dofs, start)
+    return NodeGraph(merged, int(np.count_nonzero(begins & border[dofs])), dofs, start)
 
 
 def with_full_nodes(graph: Graph, last: np.ndarray) -> Graph:

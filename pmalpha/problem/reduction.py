@@ -254,7 +254,7 @@ def _mask(fixed: Any, n: int) -> np.ndarray:
     return mask
 
 
-def _kept(A: Matrix, free: np.ndarray) -> np.ndarray | sp.csr_array:
+def _kept(A: Matrix | None, free: np.ndarray) -> np.ndarray | sp.csr_array:
     """Rows and columns of the free dofs; zeros for None, which represents a zero matrix."""
     if A is None:
         return sp.csr_array((free.size, free.size))

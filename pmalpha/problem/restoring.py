@@ -76,14 +76,17 @@ class CheckedRestoring:
     """
 
     def __init__(
-        self, functions: Sequence[tuple[Callable, str]], n: int, watch: Watch | None = None
+        self,
+        functions: Sequence[tuple[Callable[..., Any], str]],
+        n: int,
+        watch: Watch | None = None,
     ):
         # a function may change its arguments: u and v, the core's copies, are for the last one
         *self.others, self.last = functions
         self.n, self.watch = n, watch
 
     def __call__(self, u: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
-        before = (u.copy(), v.copy()) if self.watch else ()
+        before = (u.copy(), v.copy()) if self.watch else (u, v)
         if self.others:
             first, *more = (self._value(*x, u.copy(), v.copy(), t) for x in self.others)
             r = sum(more, first) + self._value(*self.last, u, v, t)
@@ -94,7 +97,7 @@ class CheckedRestoring:
         return r
 
     def _value(
-        self, function: Callable, what: str, u: np.ndarray, v: np.ndarray, t: float
+        self, function: Callable[..., Any], what: str, u: np.ndarray, v: np.ndarray, t: float
     ) -> np.ndarray:
         value = function(u, v, t)
         try:
@@ -109,7 +112,7 @@ def is_compiled(function: Function) -> bool:
 
 def core_restoring(
     restoring: Restoring, name: str, order: np.ndarray, watch: Watch | None = None
-) -> tuple | None:
+) -> tuple[Any, ...] | None:
     """The functions of subdomain `name` in the form of the core, None without functions.
 
     The Python callables are one function of the core, which comes first; each compiled function is

@@ -151,6 +151,8 @@ class GeneralizedAlpha(Scheme):
     (0.0, 0.3333, 0.8333, 0.4444)
     """
 
+    rho: float
+
     def __init__(self, rho: float, explicit: bool = False):
         rho = real_number(rho, "rho", low=0.0, high=1.0)
         am, af = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
@@ -227,6 +229,8 @@ class HHT(Scheme):
     0.6
     """
 
+    alpha: float
+
     def __init__(self, alpha: float):
         alpha = _damping_parameter(alpha, "HHT", 1.0 / 3.0)
         super().__init__(*_of_order_two(0.0, alpha))
@@ -255,6 +259,8 @@ class WBZ(Scheme):
     >>> WBZ(0.1).am, WBZ(0.1).gamma
     (-0.1, 0.6)
     """
+
+    alpha: float
 
     def __init__(self, alpha: float):
         alpha = _damping_parameter(alpha, "WBZ", 1.0)

@@ -70,7 +70,7 @@ def checked_sides(points: Any, components: Any, dofs_per_node: Any, reduced: Any
     return sides
 
 
-def _per_node(value: Any, points: Mapping, components: int) -> dict[Subdomain | str, int]:
+def _per_node(value: Any, points: Mapping[Any, Any], components: int) -> dict[Subdomain | str, int]:
     if not isinstance(value, Mapping):
         value = {s: components if value is None else value for s in points}
     if set(value) != set(points):

@@ -56,6 +56,7 @@ class Spring(Frozen):
 
     law: int
     names: tuple[str, ...]
+    k: np.ndarray
 
     def __init__(self, dofs: Any, **parameters: Any):
         self.dofs = _pairs(dofs)
@@ -135,6 +136,7 @@ class CubicSpring(Spring):
     """
 
     law = CUBIC
+    k3: np.ndarray
 
     def __init__(self, dofs: Any, k: Any, k3: Any):
         super().__init__(dofs, k=k, k3=k3)
@@ -170,6 +172,7 @@ class Gap(Spring):
     """
 
     law = GAP
+    gap: np.ndarray
 
     def __init__(self, dofs: Any, k: Any, gap: Any):
         super().__init__(dofs, k=k, gap=gap)
@@ -207,6 +210,8 @@ class Bilinear(Spring):
     """
 
     law = BILINEAR
+    fy: np.ndarray
+    hardening: np.ndarray
 
     def __init__(self, dofs: Any, k: Any, fy: Any, hardening: Any = 0.0):
         super().__init__(dofs, k=k, fy=fy, hardening=hardening)
@@ -256,6 +261,11 @@ class BoucWen(Spring):
     """
 
     law = BOUC_WEN
+    fy: np.ndarray
+    hardening: np.ndarray
+    beta: np.ndarray
+    gamma: np.ndarray
+    n: np.ndarray
 
     def __init__(
         self,
@@ -373,7 +383,7 @@ def assembled(springs: tuple[Spring, ...], tangents: Sequence[np.ndarray], n: in
     return total
 
 
-def core_springs(springs: tuple[Spring, ...], position: np.ndarray) -> tuple:
+def core_springs(springs: tuple[Spring, ...], position: np.ndarray) -> tuple[Any, ...]:
     """Springs in the form of the core, for the position of each dof in the elimination order."""
     with_ground = np.append(position, GROUND).astype(np.int32)  # index -1 is the ground
     return tuple(

@@ -311,7 +311,7 @@ class Subdomain(Frozen):
         return np.flatnonzero(diagonal(self.M) == 0.0)
 
     @property
-    def tangent(self) -> Matrix:
+    def tangent(self) -> Matrix | None:
         """K + K_r, the stiffness with the estimate for the restoring force; no internal ones."""
         if self.restoring_stiffness is None:
             return self.K
@@ -346,7 +346,7 @@ class Subdomain(Frozen):
         return not self.scheme.explicit and self.internal is not None
 
     @property
-    def largest_tangent(self) -> Matrix:
+    def largest_tangent(self) -> Matrix | None:
         """The stiffness for the critical step, with the largest tangents of springs.
 
         It is K + K_r without springs. Of springs alone K_r is not used, and beside functions it
@@ -362,24 +362,24 @@ class Subdomain(Frozen):
         return combination([(1.0, rest), (1.0, canonical(tangents, "springs", self.n)[0])])
 
     @property
-    def implicit_stiffness(self) -> Matrix:
+    def implicit_stiffness(self) -> Matrix | None:
         """The matrix with the factor al1 in Mbar (R3): K + K_r, None if explicit."""
         return None if self.scheme.explicit else self.tangent
 
     @property
-    def implicit_damping(self) -> Matrix:
+    def implicit_damping(self) -> Matrix | None:
         """The matrix with the factor al2 in Mbar: C + D_r (R3), without C if it is lagged (R4)."""
         C = None if self.damping == "lagged" else self.C
         if self.restoring_damping is None:
             return C
         return combination([(1.0, C), (1.0, self.restoring_damping)])
 
-    def _matrix(self, value: Any, name: str) -> Matrix:
+    def _matrix(self, value: Any, name: str) -> Matrix | None:
         if value is None:
             return None
         return canonical(value, name, self.n, symmetric=self.symmetric)[0]
 
-    def _estimate(self, value: Any, name: str) -> Matrix:
+    def _estimate(self, value: Any, name: str) -> Matrix | None:
         if value is not None and self.restoring is None:
             raise ValueError(f"{name} must come with a restoring force, got restoring=None")
         return self._matrix(value, name)

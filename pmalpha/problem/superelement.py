@@ -165,8 +165,9 @@ def reduced_arguments(
         r = T.shape[1]
         for name in ("M", "C", "K"):
             A = getattr(subdomain, name)
-            small = None if A is None else T.T @ product(A, T)
-            arguments[name] = small if A is None or not is_symmetric(A) else _symmetric(small)
+            arguments[name] = None if A is None else T.T @ product(A, T)
+            if A is not None and is_symmetric(A):
+                arguments[name] = _symmetric(arguments[name])
         for name in ("restoring_stiffness", "restoring_damping"):
             A = getattr(subdomain, name)
             arguments[name] = None if A is None else _of_kept(A, kept, r, name)
@@ -251,7 +252,7 @@ def _modes(
     return np.zeros(0), np.zeros((others.size, 0))
 
 
-def _among(A: Matrix, dofs: np.ndarray) -> Any:
+def _among(A: Matrix | None, dofs: np.ndarray) -> Any:
     """Rows and columns of these dofs."""
     return None if A is None else A[dofs] if A.ndim == 1 else A[dofs][:, dofs]
 

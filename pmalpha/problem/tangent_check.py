@@ -64,7 +64,9 @@ def check_tangents(
     return of_v if of_v.error > of_u.error else of_u
 
 
-def _worst(name: str, A: Tangent, f: Callable, x: np.ndarray, step: float) -> TangentCheck:
+def _worst(
+    name: str, A: Tangent, f: Callable[..., Any], x: np.ndarray, step: float
+) -> TangentCheck:
     """The entry of A that differs most from differences of f, column by column."""
     h = step * (float(np.max(np.abs(x))) or 1.0)
     worst, scale = (-1.0, 0, 0, 0.0, 0.0), 0.0
@@ -82,7 +84,9 @@ def _worst(name: str, A: Tangent, f: Callable, x: np.ndarray, step: float) -> Ta
     return TangentCheck(error, name, i, j, one, other, scale)
 
 
-def _difference(f: Callable, x: np.ndarray, j: int, h: float) -> tuple[np.ndarray, np.ndarray]:
+def _difference(
+    f: Callable[..., Any], x: np.ndarray, j: int, h: float
+) -> tuple[np.ndarray, np.ndarray]:
     """df/dx_j by (f(x + h) - f(x - h)) / 2 h, and by how much twice the h changes it.
 
     The latter bounds the truncation error of laws such as abs(v) v at v = 0, where all entries are

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
@@ -13,7 +13,7 @@ from .matrices import ADMITTED, read_only, row_of_entries, shorten_indices
 from .sparse_arrays import check_arrays
 
 # A user's tangent after its check: zero, a diagonal, dense, or by rows.
-Tangent = np.ndarray | sp.csr_array | sp.csr_matrix | None
+Tangent: TypeAlias = np.ndarray | sp.csr_array | sp.csr_matrix | None
 
 COMPRESSED = ("csr", "csc")
 
@@ -32,7 +32,7 @@ def checked_tangent(value: Any, name: str, n: int) -> Tangent:
     """
     if value is None:
         return None
-    A = value if sp.issparse(value) else plain_array(value, name)
+    A: Any = value if sp.issparse(value) else plain_array(value, name)
     if A.dtype.kind not in "iuf":
         raise TypeError(f"{name} must hold real numbers, got dtype {A.dtype}")
     if sp.issparse(A):
@@ -72,7 +72,7 @@ def entries_of(A: Tangent, n: int) -> sp.csr_array:
     """The pattern of a tangent, with values 1; all entries of a dense matrix are stored."""
     if A is None:
         return sp.csr_array((n, n))
-    if not sp.issparse(A):
+    if isinstance(A, np.ndarray):
         return sp.csr_array(sp.eye_array(n) if A.ndim == 1 else np.ones((n, n)))
     end = A.indptr[-1]
     return sp.csr_array((np.ones(end), A.indices[:end], A.indptr), shape=A.shape)
@@ -142,7 +142,7 @@ class Placement:
     def __init__(self, slots: Slots, name: str):
         self.slots, self.name = slots, name
         self.known: tuple[np.ndarray, np.ndarray] | None = None  # indptr, indices
-        self.where: np.ndarray | slice = slice(0)
+        self.where: Any = slice(0)  # a slice or an array
         self.repeated = False
 
     def add(self, A: Tangent, values: np.ndarray) -> None:

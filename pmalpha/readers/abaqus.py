@@ -22,7 +22,7 @@ ROW_COLUMN, NODE_DOF = 3, 5  # fields of a line in the two formats
 ROWS_PER_ENTRY = 10
 
 
-def read_abaqus(path: str | os.PathLike, labels: Any = None) -> ExportedMatrix:
+def read_abaqus(path: str | os.PathLike[str], labels: Any = None) -> ExportedMatrix:
     """Read a matrix of ``*MATRIX OUTPUT`` of Abaqus, or of MATRIXSTORAGE of CalculiX.
 
     Two formats, distinguished by the number of columns: FORMAT=COORDINATE, "row column value", and

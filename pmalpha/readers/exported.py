@@ -38,7 +38,7 @@ class ExportedMatrix:
     labels: Any
     name: str = ""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         labels = checked_labels(self.labels)
         if self.matrix.shape != (len(labels), len(labels)):
             raise ValueError(

@@ -40,7 +40,7 @@ class _Card:
         return self.fields[i].text if i < len(self.fields) else ""
 
 
-def read_dmig(path: str | os.PathLike, name: str | None = None) -> ExportedMatrix:
+def read_dmig(path: str | os.PathLike[str], name: str | None = None) -> ExportedMatrix:
     """Read a matrix of DMIG entries, as in the punch file of Nastran.
 
     Fields of 8 columns (``DMIG``), of 16 (``DMIG*``) or separated by commas. Other bulk data

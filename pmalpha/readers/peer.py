@@ -22,7 +22,7 @@ NUMBERS = re.compile(rf"^\s*(\d+)\s*,?\s+({NUMBER})\s*,?\s*(?:SEC\b)?", re.IGNOR
 TITLE_LINES = 8  # maximum number of lines of a header
 
 
-def read_at2(path: str | PathLike) -> tuple[np.ndarray, float, str]:
+def read_at2(path: str | PathLike[str]) -> tuple[np.ndarray, float, str]:
     """Read a ground motion record in the text format of PEER.
 
     A header of some lines, whose last gives the number of samples and the time between them, as

@@ -34,14 +34,29 @@ AMPLITUDE = 0.5 * np.pi
 class Recorded(Protocol):
     """What is needed of a `SubdomainHistory`."""
 
-    name: str
-    t: np.ndarray
-    u: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    dofs: np.ndarray
-    substep: float | None
-    double_after: float | None
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def t(self) -> np.ndarray: ...
+
+    @property
+    def u(self) -> np.ndarray: ...
+
+    @property
+    def v(self) -> np.ndarray: ...
+
+    @property
+    def a(self) -> np.ndarray: ...
+
+    @property
+    def dofs(self) -> np.ndarray: ...
+
+    @property
+    def substep(self) -> float | None: ...
+
+    @property
+    def double_after(self) -> float | None: ...
 
 
 def is_complete(history: Recorded) -> bool:

@@ -27,7 +27,7 @@ def advance(
     core: Any,
     loads: Loads,
     end: int,
-    record: tuple | None = None,
+    record: tuple[Any, ...] | None = None,
     report: Report | None = None,
     ranks: Ranks | None = None,
 ) -> None:
@@ -57,7 +57,7 @@ def _advance(
     core: Any,
     loads: Loads,
     end: int,
-    record: tuple | None,
+    record: tuple[Any, ...] | None,
     report: Report | None,
     ranks: Ranks | None,
 ) -> None:

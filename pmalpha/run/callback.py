@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from .._checks import vector
@@ -24,7 +27,14 @@ class CallbackLoad:
     clock : Clock
     """
 
-    def __init__(self, force, what: str, order: np.ndarray, substeps: int, clock: Clock):
+    def __init__(
+        self,
+        force: Callable[[float], Any],
+        what: str,
+        order: np.ndarray,
+        substeps: int,
+        clock: Clock,
+    ):
         self.force, self.what, self.order = force, what, order
         self.substeps, self.clock = substeps, clock
         self.first = 0  # substep of the first row, counted from the origin of the clock

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._checks import counted
+from .._core import LANES
 from ..errors import CasesError
 from ..memory import require
 from ..problem.forces import Force, checked_force
@@ -20,7 +21,7 @@ from .history import History
 from .initial import InitialValues, StartValues
 from .interrupts import HeldSignals
 from .keys import by_index
-from .lanes import FEWEST, LANES, Crew, Group, fits, lanes_are_possible
+from .lanes import FEWEST, Crew, Group, fits, lanes_are_possible
 from .loads import Loads
 from .motion import Motion
 from .progress import Report, reporting
@@ -169,7 +170,6 @@ class Cases:
     _return_to_start: Any
     _steps: Any
     _assembly: Any
-    _core: Any
     _take: Any
     _take_first_steps: Any
     _snapshot: Any
@@ -185,7 +185,7 @@ class Cases:
         record: Mapping[Any, Any] | None = None,
         every: int | None = None,
         energy: bool = False,
-        record_to: Iterable[str | PathLike] | None = None,
+        record_to: Iterable[str | PathLike[str]] | None = None,
         overwrite: bool = False,
         record_springs: Mapping[Any, Any] | None = None,
         outputs: Mapping[Any, Any] | None = None,

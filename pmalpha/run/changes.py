@@ -147,7 +147,12 @@ class Changes:
     # ---- chosen steps ------------------------------------------------------------------------
 
     def _run_with_tolerance(
-        self, tolerance: Any, end: tuple, chosen: dict[str, Any], files: tuple, progress: Any
+        self,
+        tolerance: Any,
+        end: tuple[float | None, int | None],
+        chosen: dict[str, Any],
+        files: tuple[Any, bool, bool],
+        progress: Any,
     ) -> History:
         """`Coupler.run` with a tolerance."""
         with self._together(), HeldSignals(self._guard) as held:
@@ -233,7 +238,7 @@ class Changes:
         return self._steps.clock
 
     @property
-    def _parts(self) -> tuple:
+    def _parts(self) -> tuple[Any, ...]:
         return self._assembly.parts
 
     @property

@@ -126,9 +126,10 @@ def load(force: Any) -> str:
 
 def internal(part: Part) -> str:
     """A description of internal forces: their springs, pattern and history; not the functions."""
-    forces = part.internal
-    springs = load(part.subdomain.internal.springs)
-    sizes = [force.history.size for force in part.subdomain.internal.forces]
+    forces, given = part.internal, part.subdomain.internal
+    assert forces is not None and given is not None
+    springs = load(given.springs)
+    sizes = [force.history.size for force in given.forces]
     count = counted(len(sizes), "function") + (f" with {sizes} numbers of history" if sizes else "")
     where = checksum(forces.pattern)
     return ", ".join(x for x in (springs, count, f"pattern {where}", checksum(forces.initial)) if x)
@@ -143,7 +144,7 @@ def checksum(A: Any) -> str:
         arrays = [A.indptr.astype(np.int64), A.indices.astype(np.int64), A.data]
     digest = hashlib.sha256(repr(A.shape).encode())
     for array in arrays:
-        digest.update(np.ascontiguousarray(array))
+        digest.update(np.ascontiguousarray(array).data)
     return f"checksum {digest.hexdigest()[:16]}"
 
 
@@ -220,7 +221,7 @@ class CoreState(NamedTuple):
 
 
 def core_state(
-    path: str | PathLike,
+    path: str | PathLike[str],
     arrays: Mapping[str, np.ndarray],
     assembly: Assembly,
     row_position: np.ndarray,
@@ -281,6 +282,7 @@ def core_iteration(
 
 def places_of(part: Part) -> np.ndarray:
     """Where the values of a tangent in the user's order of dofs are in that of the core."""
+    assert part.tangent is not None and part.internal is not None
     return part.tangent.places(part.internal.pattern)
 
 
@@ -341,7 +343,7 @@ def set_iterations(iterations: Sequence[Any], parts: Sequence[Part]) -> None:
 
 
 def write(
-    path: str | PathLike,
+    path: str | PathLike[str],
     problem: Mapping[str, Any],
     step: int,
     arrays: Mapping[str, np.ndarray],
@@ -377,7 +379,7 @@ def write_master(path: Path, files: Sequence[str], first: Sequence[int]) -> None
 
 
 def read(
-    path: str | PathLike, problem: Mapping[str, Any], own: range
+    path: str | PathLike[str], problem: Mapping[str, Any], own: range
 ) -> tuple[int, dict[str, np.ndarray], dict[str, Any] | None]:
     """Macro step, arrays and changed steps of a file that was written for the same problem.
 
@@ -414,10 +416,11 @@ def read(
 
 
 def _of_ranks(
-    path: str | PathLike, master: Mapping[str, Any], own: range
+    path: str | PathLike[str], master: Mapping[str, Any], own: range
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of those files beside a master that have these subdomains."""
-    files, first = master["files"], master.get("first")
+    files: Any = master["files"]
+    first: Any = master.get("first")
     whole = isinstance(files, list) and isinstance(first, list) and len(first) == len(files) + 1
     if not (whole and files and all(type(number) is int for number in first)):
         raise damaged(path, "its header is incomplete")
@@ -439,7 +442,7 @@ def _of_ranks(
     return header, arrays
 
 
-def damaged(path: str | PathLike, reason: object) -> ValueError:
+def damaged(path: str | PathLike[str], reason: object) -> ValueError:
     return ValueError(
         f"path must lead to a whole file of format {FORMAT!r}, {str(path)!r}: {reason}"
     )

@@ -35,7 +35,7 @@ def frames(history: Any) -> dict[str, pandas.DataFrame]:
     return found
 
 
-def _frame(t: np.ndarray, columns: list[tuple], names: list[str]) -> pandas.DataFrame:
+def _frame(t: np.ndarray, columns: list[tuple[Any, ...]], names: list[str]) -> pandas.DataFrame:
     try:
         import pandas
     except ImportError as error:
@@ -54,7 +54,9 @@ def subdomain_dataset(s: Any) -> xarray.Dataset:
         import xarray
     except ImportError as error:
         raise ImportError("to_xarray needs xarray: pip install 'pmalpha[xarray]'") from error
-    variables = {q: (("time", "dof"), getattr(s, q)) for q in MOTION}
+    variables: dict[str, tuple[str | tuple[str, str], Any]] = {
+        q: (("time", "dof"), getattr(s, q)) for q in MOTION
+    }
     coordinates = {"time": s.t, "dof": s.dofs}
     if s.springs is not None:
         variables |= {q: (("time", "spring"), getattr(s, q)) for q in LOOPS}

@@ -188,13 +188,20 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         self._guard = Guard()
         self._ranks = None if comm is None else Ranks(comm)
         with self._together():
-            options = dict(coupling=coupling, start=start, drift=drift, newton=newton)
-            self._set_up(subdomains, constraints, dt, threads, factorize, **options)
+            options = {"coupling": coupling, "start": start, "drift": drift, "newton": newton}
+            self._set_up(subdomains, constraints, dt, threads, factorize, options)
 
     def _set_up(
-        self, subdomains, constraints, dt, threads, factorize, *, coupling, start, drift, newton
-    ):
+        self,
+        subdomains: Any,
+        constraints: Any,
+        dt: float,
+        threads: int | None,
+        factorize: Any,
+        options: dict[str, Any],
+    ) -> None:
         """As in the table of docs/architecture.md."""
+        coupling, start, drift, newton = options.values()
         ranks = self._ranks
         subdomains = checked_subdomains(subdomains, may_be_empty=ranks is not None)
         check_word(coupling, "coupling", get_args(Coupling))
@@ -213,8 +220,6 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         substeps = tuple(s.substeps for s in everything)
         fine = finest(substeps, coupling)
         self._everything, self._keys = everything, tuple(zip(names[own], subdomains))
-        options: dict[str, Any] = {"coupling": coupling, "start": start, "drift": drift}
-        options["newton"] = newton
         self._options = {"dt": clock.dt, **options}
         doubles = double_steps(everything, coupling, substeps)
         layout = Layout(clock.dt, substeps, tuple(doubles))
@@ -246,7 +251,7 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         self._loads = Loads(self._core, self._parts, clock, forces, motions, newton, names)
         self._take_loads()
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[Any, ...]:
         raise TypeError("a Coupler cannot be copied or pickled: its state is in the C core")
 
     # ---- running -----------------------------------------------------------------------------
@@ -259,7 +264,7 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         record: Mapping[Any, Any] | None = None,
         every: int | None = None,
         energy: bool = False,
-        record_to: str | PathLike | None = None,
+        record_to: str | PathLike[str] | None = None,
         append: bool = False,
         overwrite: bool = False,
         record_springs: Mapping[Any, Any] | None = None,
@@ -402,7 +407,7 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         self,
         begin: int,
         end: int,
-        record_to: str | PathLike | None = None,
+        record_to: str | PathLike[str] | None = None,
         *,
         append: bool = False,
         overwrite: bool = False,
@@ -470,13 +475,12 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         begin, end = recording.begin, recording.end
         if end > begin and (begin or self._was_reset):  # else the set-up has warned
             held.during(warn_of_present_steps, self._parts, self._clock.time(begin))
-        filed = isinstance(recording, FiledRecording)
         for pause in recording.pauses():
-            if filed and recording.begin == begin:
+            if isinstance(recording, FiledRecording) and recording.begin == begin:
                 self._write_master(recording.path)
             held.during(self._advance, pause, recording, report)
             recording.keep(pause)
-        if filed and end == begin:
+        if isinstance(recording, FiledRecording) and end == begin:
             self._write_master(recording.path)
         if report is not None:
             held.during(report, end)

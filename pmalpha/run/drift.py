@@ -71,8 +71,8 @@ def drift_shares(
     none = np.zeros(p)
     if p == 0 or levels < FEWEST_MACRO_STEPS + 1:
         return none
-    found = [(part.n, _is_judged(part, own)) for part, own in zip(parts, history.subdomains)]
-    found = joined(rows.ranks, found)
+    own = [(part.n, _is_judged(part, s)) for part, s in zip(parts, history.subdomains)]
+    found = joined(rows.ranks, own)
     if not all(judged for _, judged in found):
         return none
     numbers = sum(n for n, _ in found) + p

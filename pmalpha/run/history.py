@@ -155,7 +155,7 @@ class SubdomainHistory:
         """
         return self._alone().plot(dofs, quantity=quantity, title=title, units=units)
 
-    def save(self, path: str | PathLike) -> None:
+    def save(self, path: str | PathLike[str]) -> None:
         """Write to a file, as `History.save`: a History of this subdomain only.
 
         Parameters
@@ -352,7 +352,7 @@ class History:
 
     # ---- files and other libraries -----------------------------------------------------------
 
-    def save(self, path: str | PathLike) -> None:
+    def save(self, path: str | PathLike[str]) -> None:
         """Write the history to a file; `load` reads it back bitwise identically.
 
         An npz file without pickled objects, which ``numpy.load`` opens too, or HDF5. Written
@@ -409,7 +409,7 @@ class History:
             arrays["substeps"] = self.substeps
         for i, s in enumerate(self.subdomains):
             if s is not None:
-                kept = MOTION if s.springs is None else MOTION + LOOPS
+                kept: tuple[str, ...] = MOTION if s.springs is None else MOTION + LOOPS
                 kept += tuple(name for name in OF_INTERNAL if getattr(s, name) is not None)
                 arrays |= {f"{i}.{name}": getattr(s, name) for name in kept}
                 arrays |= {output_array(i, k): x for k, x in enumerate(s.outputs.values())}
@@ -418,7 +418,7 @@ class History:
         return header, arrays
 
     @classmethod
-    def load(cls, path: str | PathLike) -> History:
+    def load(cls, path: str | PathLike[str]) -> History:
         """Read a History from a file of `save`, or of a run with ``record_to``.
 
         The file has the names of the subdomains, not the objects: index the History by name or
@@ -453,9 +453,10 @@ class History:
             steps = header.get("steps", [(None, None)] * len(header["names"]))
             outputs = header.get("outputs", [()] * len(header["names"]))
             for i in header["recorded"]:
-                kept = MOTION + LOOPS if f"{i}.springs" in arrays else MOTION
-                kept += tuple(name for name in OF_INTERNAL if f"{i}.{name}" in arrays)
-                motion = {key: arrays[f"{i}.{key}"] for key in kept}
+                has_springs = f"{i}.springs" in arrays
+                kept = [*MOTION, *LOOPS] if has_springs else [*MOTION]
+                kept += [name for name in OF_INTERNAL if f"{i}.{name}" in arrays]
+                motion: dict[str, Any] = {key: arrays[f"{i}.{key}"] for key in kept}
                 if "iterations" in motion:
                     motion["iterations"] = np.asarray(motion["iterations"]).astype(int)
                 subdomains[i] = SubdomainHistory(

@@ -78,7 +78,7 @@ class HistoryFile:
 
     def __init__(
         self,
-        path: str | os.PathLike,
+        path: str | os.PathLike[str],
         header: Mapping[str, Any],
         arrays: Mapping[str, np.ndarray],
         end: int,
@@ -111,7 +111,9 @@ class HistoryFile:
                 self.close()
                 raise
 
-    def _allocate(self, h5py: ModuleType, layout: Layout, arrays: Mapping, end: int) -> None:
+    def _allocate(
+        self, h5py: ModuleType, layout: Layout, arrays: Mapping[Any, Any], end: int
+    ) -> None:
         with h5py.File(
             layout,
             "w",
@@ -120,7 +122,9 @@ class HistoryFile:
             alignment_interval=8,
         ) as whole:
             whole["header"] = header_text(self.header)
-            self.counter = reserve(h5py, whole, COUNTER, (1,), h5py.h5t.STD_I64LE)
+            counter = reserve(h5py, whole, COUNTER, (1,), h5py.h5t.STD_I64LE)
+            assert counter is not None  # as for an array without numbers
+            self.counter = counter
             for name, x in arrays.items():
                 if name not in self.header["nodes"]:
                     whole[dataset(name)] = x
@@ -158,7 +162,7 @@ class HistoryFile:
         self._write_at(np.array([step], dtype="<i8"), self.counter)
 
     def _write_at(self, array: np.ndarray, offset: int) -> None:
-        left = memoryview(array.reshape(-1).view(np.uint8))
+        left = array.reshape(-1).view(np.uint8).data
         while len(left):
             done = os.pwrite(self.descriptor, left[:LONGEST_WRITE], offset)
             left, offset = left[done:], offset + done
@@ -216,7 +220,9 @@ class Layout:
         pass
 
 
-def reserve(h5py: ModuleType, whole: Any, name: str, shape: tuple, kind: Any) -> int | None:
+def reserve(
+    h5py: ModuleType, whole: Any, name: str, shape: tuple[Any, ...], kind: Any
+) -> int | None:
     """Allocate a contiguous array, not written: its offset in the file, None if it is empty."""
     how = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     how.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
@@ -246,20 +252,20 @@ def hdf5_library() -> ModuleType:
 
 
 def write(
-    path: str | os.PathLike, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
+    path: str | os.PathLike[str], header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
 ) -> None:
     """Write a complete History, without growing arrays. Raises as `HistoryFile`."""
     whole = {**header, "begin": 0, "every": 0, "nodes": {}, "fixed": sorted(arrays)}
     HistoryFile(path, whole, arrays, end=0).close()
 
 
-def is_hdf5(path: str | os.PathLike) -> bool:
+def is_hdf5(path: str | os.PathLike[str]) -> bool:
     with reading(path) as file:
         return file.read(len(SIGNATURE)) == SIGNATURE
 
 
 def read(
-    path: str | os.PathLike, *, may_lead: bool = True
+    path: str | os.PathLike[str], *, may_lead: bool = True
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Header and arrays of a file, up to the last complete macro step.
 
@@ -278,7 +284,7 @@ def read(
         with h5py.File(name, "r", locking=False) as whole:
             header = json.loads(own_array(whole, "header")[()]) if "header" in whole else None
             reason = mismatch(header, FORMAT, VERSION)
-            if reason is None:
+            if header is not None and reason is None:
                 content = np.asarray(np.memmap(name, np.uint8, "r"))
                 if "files" in header and may_lead:
                     return _of_all_ranks(Path(name), header)

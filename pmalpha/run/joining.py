@@ -37,7 +37,7 @@ def _check_same(first: Any, second: Any, i: int) -> None:
         )
 
 
-def _content(piece: Any) -> list:
+def _content(piece: Any) -> list[Any]:
     recorded = [
         None
         if s is None
@@ -89,7 +89,7 @@ def _without_common_row(first: Any, second: Any) -> Any:
 def stacked(pieces: Sequence[Any]) -> Any:
     """The rows of all pieces, one after the other, without energies."""
     first = pieces[0]
-    interface = {
+    interface: dict[str, np.ndarray | None] = {
         name: np.concatenate([getattr(piece, name) for piece in pieces])
         for name in _interface(first)
         if all(getattr(piece, name) is not None for piece in pieces)
@@ -100,7 +100,7 @@ def stacked(pieces: Sequence[Any]) -> Any:
     return replace(first, subdomains=tuple(subdomains), **interface, energy=None)
 
 
-def _by_subdomain(pieces: Sequence[Any]) -> list[tuple]:
+def _by_subdomain(pieces: Sequence[Any]) -> list[tuple[Any, ...]]:
     """For each subdomain its history in the first piece, and those in all."""
     return [(own[0], *own) for own in zip(*(piece.subdomains for piece in pieces))]
 

@@ -55,7 +55,7 @@ class Lanes:
     def start(self, starts: Sequence[StartValues], loads: Sequence[Loads]) -> None:
         """Set initial values and loads of up to `LANES` cases; the last one fills the others."""
         rest = LANES - len(starts)
-        starts, loads = [*starts, *starts[-1:] * rest], [*loads, *loads[-1:] * rest]
+        starts, loads = [*starts, *[starts[-1]] * rest], [*loads, *[loads[-1]] * rest]
         lam, g = side_by_side([s.lam for s in starts]), side_by_side([s.g for s in starts])
         for i, (part, core) in enumerate(zip(self.parts, self.cores)):
             u, v, w = (side_by_side([s.states[i][k] for s in starts]) for k in range(3))
@@ -201,7 +201,7 @@ def side_by_side(vectors: Sequence[np.ndarray]) -> np.ndarray:
     return np.stack(vectors, axis=-1).ravel()
 
 
-def _in_lane(selection: tuple | None, lane: int) -> tuple | None:
+def _in_lane(selection: tuple[Any, ...] | None, lane: int) -> tuple[Any, ...] | None:
     """What a case records of a subdomain, in the form of the core, for its lane."""
     if selection is None:
         return None

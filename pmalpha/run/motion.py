@@ -42,20 +42,26 @@ class Motion:
         self.velocity, self.what, self.rows = velocity, what, rows
         self.fine = fine
         self.apart = clock.dt / fine / 16.0 if apart is None else apart
-        self.known = not is_callback(velocity)
-        order = np.arange(rows.size)
-        self.callback = None if self.known else CallbackLoad(velocity, what, order, fine, clock)
+        self.callback: CallbackLoad | None = None
+        if is_callback(velocity):
+            self.callback = CallbackLoad(velocity, what, np.arange(rows.size), fine, clock)
 
     def renewed(self, fine: int, clock: Clock) -> Motion:
         """The same motion for other steps, with the same g'(0); without values of a callable."""
         return Motion(self.velocity, self.what, self.rows, fine, clock, self.apart)
 
+    @property
+    def known(self) -> bool:
+        """Whether it is no Python callable."""
+        return self.callback is None
+
     def at(self, t: float) -> np.ndarray:
         """g(t) for the initial values."""
-        if isinstance(self.velocity, np.ndarray):
-            return self.velocity
         if self.callback is not None:
             return self.callback.near_start_value(t)
+        if isinstance(self.velocity, np.ndarray):
+            return self.velocity
+        assert isinstance(self.velocity, SampledForce)
         return self.velocity(t)
 
     def value(self) -> np.ndarray:

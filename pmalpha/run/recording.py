@@ -204,7 +204,8 @@ class Recording:
             times += clock.t0
             return times
         later = np.arange(self.begin // self.every + 1, end // self.every + 1) * self.every
-        return clock.t0 + clock.count(np.concatenate([[self.begin], later])) * clock.dt
+        done = np.concatenate([[self.begin], later]) - clock.origin
+        return clock.t0 + done * clock.dt
 
     def _multiplier_times(self, end: int) -> np.ndarray:
         times = self.times(self.fine, end)
@@ -214,15 +215,15 @@ class Recording:
                 times[0] = self.clock.t0 - 0.5 * self.clock.before
         return times
 
-    def core_record(self) -> tuple:
+    def core_record(self) -> tuple[Any, ...]:
         """The record in the form of the core."""
-        selections: list[tuple | None] = [None] * len(self.parts)
+        selections: list[tuple[Any, ...] | None] = [None] * len(self.parts)
         for i, (part, dofs) in enumerate(zip(self.parts, self.dofs)):
-            if dofs is not None:
-                springs, outputs = self.springs[i], self.outputs[i]
+            motion, springs, outputs = self.motions[i], self.springs[i], self.outputs[i]
+            if dofs is not None and motion is not None:
                 selections[i] = (
                     part.position[dofs],
-                    *self.motions[i],
+                    *motion,
                     None if springs is None else (springs, *self.loops[i]),
                     None if outputs is None else (self.output_values[i], *self.weights[i]),
                     tuple(self.memories[i].get(name) for name in OF_INTERNAL),
@@ -237,21 +238,25 @@ class Recording:
 
     def history(self, end: int) -> History:
         """The History up to macro step `end`."""
-        subdomains = []
+        subdomains: list[SubdomainHistory | None] = []
         for i, (part, dofs, arrays) in enumerate(zip(self.parts, self.dofs, self.motions)):
             substeps = part.substeps
             rows = self.rows(substeps, end)
+            if arrays is None or dofs is None:
+                subdomains.append(None)
+                continue
+            u, v, a = (x[:rows] for x in arrays)
+            others: dict[str, Any] = {**self._loops(i, rows), **self._memory(i, rows)}
             subdomains.append(
-                None
-                if arrays is None
-                else SubdomainHistory(
+                SubdomainHistory(
                     part.name,
                     self.times(substeps, end),
-                    *(x[:rows] for x in arrays),
+                    u,
+                    v,
+                    a,
                     dofs,
-                    **self._loops(i, rows),
+                    **others,
                     outputs=self._output_values(i, rows),
-                    **self._memory(i, rows),
                     substep=part.h,
                     double_after=self._double_after(part),
                 )
@@ -276,10 +281,11 @@ class Recording:
 
     def _loops(self, i: int, rows: int) -> dict[str, np.ndarray]:
         """The recorded arrays of the springs of a subdomain."""
-        if self.springs[i] is None:
+        springs = self.springs[i]
+        if springs is None:
             return {}
         deformation, force = (x[:rows] for x in self.loops[i])
-        return dict(deformation=deformation, force=force, springs=self.springs[i])
+        return dict(deformation=deformation, force=force, springs=springs)
 
     def _memory(self, i: int, rows: int) -> dict[str, np.ndarray]:
         """The recorded iterations and history of internal forces of a subdomain."""
@@ -290,12 +296,12 @@ class Recording:
 
     def _output_values(self, i: int, rows: int) -> dict[str, np.ndarray]:
         """The recorded outputs of a subdomain by name."""
-        own = self.outputs[i]
-        return {} if own is None else own.split(self.output_values[i][:rows])
+        own, values = self.outputs[i], self.output_values[i]
+        return {} if own is None or values is None else own.split(values[:rows])
 
     def _energy_history(self, rows: int, end: int) -> Energy:
         by_kind = np.moveaxis(self._energies(self.energy[:rows]), -1, 0)
-        kinds = dict(zip(ENERGIES, (np.ascontiguousarray(x) for x in by_kind)))
+        kinds: dict[str, Any] = dict(zip(ENERGIES, map(np.ascontiguousarray, by_kind)))
         stored = kinds["kinetic"] + kinds["strain"]
         if self.conserved != "dual":
             kinds["conserved"] = None if self.conserved is None else stored
@@ -314,13 +320,14 @@ class FiledRecording(Recording):
 
     def __init__(
         self,
-        path: str | PathLike,
+        path: str | PathLike[str],
         *args: Any,
         append: bool = False,
         overwrite: bool = False,
         **options: Any,
     ):
-        self.path, self.file = checked_path(path), None
+        self.path = checked_path(path)
+        self.file: HistoryFile | None = None
         self.earlier: EarlierRows | None = None
         super().__init__(*args, **options)
         hdf5_library()
@@ -377,13 +384,15 @@ class FiledRecording(Recording):
                 if self.springs[i] is not None:
                     levels |= {f"{i}.{name}": part.substeps for name in LOOPS[:2]}
                 levels |= {f"{i}.{name}": part.substeps for name in self.memories[i]}
-                count = len(self.outputs[i].sizes) if self.outputs[i] else 0
+                own = self.outputs[i]
+                count = 0 if own is None else len(own.sizes)
                 levels |= {output_array(i, k): part.substeps for k in range(count)}
         fields = ENERGY_FIELDS if self.conserved is None else (*ENERGY_FIELDS, "conserved")
         return levels | {f"energy.{name}": 1 for name in fields if self.has_energy}
 
     def keep(self, end: int) -> None:
         if end > self.begin:
+            assert self.file is not None
             self.file.write(super().history(end).contents()[1], self.begin, end)
             self.begin = end
 
@@ -405,7 +414,7 @@ def same_steps(earlier: Sequence[Any] | None, steps: Sequence[Any]) -> list[Any]
 
 
 def recording_class(
-    record_to: str | PathLike | None, *, append: bool, overwrite: bool
+    record_to: str | PathLike[str] | None, *, append: bool, overwrite: bool
 ) -> Callable[..., Recording]:
     """What makes the recording of a run with these options."""
     append, overwrite = flag(append, "append"), flag(overwrite, "overwrite")

@@ -38,7 +38,7 @@ class Saving:
     _steps_of: Any
     _take: Any
 
-    def save(self, path: str | PathLike) -> None:
+    def save(self, path: str | PathLike[str]) -> None:
         """Write the present state to a file; a run continues from it bitwise identically.
 
         An npz file without pickled objects: the state and a description of the problem with
@@ -92,7 +92,7 @@ class Saving:
                 names, first = [Path(file).name for file in files], self._ranks.first.tolist()
                 checkpoint.write_master(checked_path(path), names, first)
 
-    def load(self, path: str | PathLike) -> None:
+    def load(self, path: str | PathLike[str]) -> None:
         """Restore the state that a coupler of the same problem saved.
 
         The two couplers must be built the same way, in the same process or another. The continued

@@ -53,7 +53,7 @@ class Snapshot:
             return "<Snapshot of no coupler>"
         return f"<Snapshot at step_count = {self._contents.step}>"
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple[Any, ...]:
         raise TypeError("a Snapshot cannot be copied or pickled; Coupler.save writes a file")
 
 

@@ -156,8 +156,8 @@ class Study:
         self,
         cases: Iterable[Mapping[str, Any]],
         *,
-        map: Callable[[Callable, Sequence], Iterable[CaseResult]] = map,
-        save_to: str | PathLike | None = None,
+        map: Callable[[Callable[..., Any], Sequence[Any]], Iterable[list[CaseResult]]] = map,
+        save_to: str | PathLike[str] | None = None,
         progress: Any = None,
     ) -> list[CaseResult]:
         """All cases, in order.
@@ -201,7 +201,8 @@ class Study:
         """
         if not callable(map):
             raise TypeError(f"map must be a callable(function, cases), got {map!r}")
-        cases, found = _listed(cases), []
+        cases = _listed(cases)
+        found: list[CaseResult] = []
         with ExitStack() as stack:
             report = stack.enter_context(reporting(progress, 0, len(cases)))
             file = None

@@ -32,7 +32,7 @@ class StudyFile:
         Number of cases.
     """
 
-    def __init__(self, path: str | os.PathLike, count: int):
+    def __init__(self, path: str | os.PathLike[str], count: int):
         h5py = hdf5_library()
         self.count = count
         self.file = h5py.File(checked_path(path), "x", locking=False)

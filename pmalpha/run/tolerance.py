@@ -22,8 +22,9 @@ from .history_file import hdf5_library
 from .interrupts import HeldSignals
 from .joining import stacked
 from .keys import by_index
+from .outputs import chosen_outputs
 from .progress import Report
-from .recording import Recording, chosen_dofs, chosen_outputs
+from .recording import Recording, chosen_dofs
 
 # The most substeps that are chosen, a power of two.
 MOST = 4096
@@ -90,7 +91,9 @@ class Controller:
             max(power_of_two(part.substeps), least) for part, least in zip(parts, self.least)
         )
 
-    def wanted(self, rates: Sequence[float], substeps: Sequence[int]) -> tuple[tuple, bool]:
+    def wanted(
+        self, rates: Sequence[float], substeps: Sequence[int]
+    ) -> tuple[tuple[Any, ...], bool]:
         """The next numbers of substeps (Q6), and whether the macro step has to be repeated, for
         these subdomains."""
         chosen, repeated = list(substeps), False
@@ -166,8 +169,8 @@ class Pieces:
 
     def _reduced(self, piece: History, rows: slice) -> History:
         """Chosen dofs, and some rows of all arrays."""
-        interface = ("multipliers", "multiplier_times", "velocity_jump")
-        interface += ("displacement_jump", "macro_times", "substeps")
+        interface = ["multipliers", "multiplier_times", "velocity_jump"]
+        interface += ["displacement_jump", "macro_times", "substeps"]
         energy = piece.energy
         if energy is not None:
             names = ("t", *KINDS, "balance")
@@ -176,7 +179,7 @@ class Pieces:
         return replace(
             piece,
             subdomains=tuple(
-                None if dofs is None else reduced(s, dofs, rows)
+                None if s is None or dofs is None else reduced(s, dofs, rows)
                 for s, dofs in zip(piece.subdomains, self.dofs)
             ),
             **{name: getattr(piece, name)[rows] for name in interface},
@@ -279,7 +282,7 @@ def one_step(
     coupler._choose(chosen)
 
 
-def checked_file(record_to: str | PathLike | None, append: bool, overwrite: bool) -> Any:
+def checked_file(record_to: str | PathLike[str] | None, append: bool, overwrite: bool) -> Any:
     """The path of the file that is written at the end of the run, or None."""
     if append:
         raise ValueError("append must not be True with tolerance, whose file is written at its end")

@@ -148,7 +148,7 @@ class Assemblies:
             part.reorder(self.row_position)
         self.motions = tuple(self.row_position[r] for r in prescribed)
 
-        self._known: WeakValueDictionary[tuple, Part] = WeakValueDictionary()
+        self._known: WeakValueDictionary[tuple[Any, ...], Part] = WeakValueDictionary()
         self._made: dict[Layout, Assembly] = {}
         self._masses: dict[str, Factor] = {}
         self.accelerations: InitialAccelerations | None = None
@@ -181,7 +181,7 @@ class Assemblies:
         for i, first in enumerate(self.first.parts, self.first_own):
             known = self._known.get((i, *layout.of(i)))
             if known is None:
-                operators: dict[float, tuple] = {}
+                operators: dict[float, tuple[Any, ...]] = {}
                 for key, part in list(self._known.items()):
                     operators |= part.known if key[0] == i else {}
                 responds = _responds(self.coupling, layout.substeps[i])
@@ -232,10 +232,12 @@ class Assemblies:
         )
 
         # explicit steps above the critical step
+        ratios = []
         for part in new:
             internal = None if part.internal is None else part.internal.K
             part.step_ratio = step_ratio(part.subdomain, part.step, internal)
-        warn_of_steps((part.name, part.subdomain, part.step, part.step_ratio) for part in new)
+            ratios.append((part.name, part.subdomain, part.step, part.step_ratio))
+        warn_of_steps(ratios)
         own = enumerate(parts, self.first_own)
         self._known.update({(i, *layout.of(i)): part for i, part in own})
         return Assembly(parts, core, self.first_own)

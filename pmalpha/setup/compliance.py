@@ -54,7 +54,7 @@ class Block:
     def entries(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(values, rows, columns) of its entries in H."""
         rows = self.rows.astype(np.int32)
-        if self.is_dense:
+        if isinstance(self.values, np.ndarray):
             return self.values.ravel(), np.repeat(rows, rows.size), np.tile(rows, rows.size)
         own = self.values.tocoo()
         return own.data, rows[own.row], rows[own.col]

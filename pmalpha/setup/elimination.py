@@ -53,9 +53,10 @@ class Elimination:
     def swept(self) -> int:
         """Matrix entries that a coupled step reads in sweeps."""
         along = 0 if self.paths is None else self.paths.entries
+        assert self.structure is not None
         return 2 * (self.structure.entries + along)
 
-    def factor(self, A: Matrix, names: Names, *, symmetric: bool = True) -> Factor:
+    def factor(self, A: Matrix | None, names: Names, *, symmetric: bool = True) -> Factor:
         """The factor of a matrix in the subdomain's order."""
         if A is None or not sp.issparse(A):
             return factorize(A, names, nb=self.nb, symmetric=symmetric)

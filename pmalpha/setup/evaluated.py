@@ -24,8 +24,8 @@ class Evaluation(NamedTuple):
     """f (n,), df/du and df/dv at one state, in the user's order of dofs."""
 
     f: np.ndarray
-    K: Matrix
-    C: Matrix
+    K: Matrix | None
+    C: Matrix | None
 
 
 def internal_at(
@@ -84,7 +84,7 @@ def present_tangent(
     t: float,
     q: np.ndarray,
     remembered: np.ndarray | None = None,
-) -> Matrix:
+) -> Matrix | None:
     """K_t of the internal forces of an explicit subdomain, for its critical step.
 
     Springs count with their initial stiffness or the present one, whichever is larger: one that

@@ -98,7 +98,7 @@ class Structure:
     """
 
     entries: int
-    panels: tuple | None
+    panels: tuple[Any, ...] | None
 
     @property
     def operations(self) -> float:
@@ -115,6 +115,7 @@ class Structure:
 
     def scratch(self, threads: int) -> float:
         """Bytes that a factorization in panels needs besides the factor."""
+        assert self.panels is not None
         width, rows = np.diff(self.panels[0]), np.diff(self.panels[1])
         update = np.max(width, initial=0) * np.max(rows, initial=0)
         return 8.0 * threads * (update + self.panels[4].size)
@@ -131,7 +132,7 @@ def structure_of(ptr: np.ndarray, index: np.ndarray, nb: int) -> Structure:
 
 
 def factorize(
-    A: Matrix,
+    A: Matrix | None,
     names: Names,
     *,
     nb: int = 0,
@@ -203,6 +204,7 @@ def dense_columns(A: np.ndarray, names: Names) -> Factor:
 
 def panels(A: sp.csr_array, names: Names, structure: Structure, threads: int = 1) -> Factor:
     """The supernodal factor of the core: dense panels, 8 bytes per entry."""
+    assert structure.panels is not None
     first, row_ptr, rows, start, _ = structure.panels
     threads = structure.threads(threads)
     require(
@@ -217,11 +219,14 @@ def panels(A: sp.csr_array, names: Names, structure: Structure, threads: int = 1
 
 
 def _factor_panels(
-    A: tuple, structure: Structure, values: np.ndarray, inverse: np.ndarray, threads: int
+    A: tuple[Any, ...], structure: Structure, values: np.ndarray, inverse: np.ndarray, threads: int
 ) -> int | None:
     """Fills values and inverse; the column where it failed, or None."""
-    blas = (cython_blas.__pyx_capi__[name] for name in ("dgemm", "dtrsm"))
-    return _core.factor_panels(A, structure.panels, values, inverse, LOST, GROWTH, *blas, threads)
+    assert structure.panels is not None
+    gemm, trsm = (cython_blas.__pyx_capi__[name] for name in ("dgemm", "dtrsm"))
+    return _core.factor_panels(
+        A, structure.panels, values, inverse, LOST, GROWTH, gemm, trsm, threads
+    )
 
 
 # ---- unsymmetric matrices ----------------------------------------------------------------------
@@ -245,6 +250,7 @@ def unsymmetric(
         entries = (np.arange(0, n * n + 1, n), index, np.ascontiguousarray(A).ravel())
         found = (np.array([0, n]), np.zeros(2, int), np.zeros(0, np.int32), np.array([0, n * n]))
         structure = Structure(n * n, (*found, np.zeros(n, int)))
+    assert structure.panels is not None
     first, row_ptr, rows, start, _ = structure.panels
     threads = structure.threads(threads)
     require(
@@ -255,10 +261,10 @@ def unsymmetric(
     failed = _factor_panels(entries, structure, values, inverse, threads)
     if failed is not None:
         pivot, entry = inverse[failed], diagonal(A)[failed]
-        found = _small_pivot(pivot, entry)
+        cause = _small_pivot(pivot, entry)
         if abs(pivot) > LOST * abs(entry):
-            found = f"more than {GROWTH:g} times its diagonal entry {entry:g} is subtracted from it"
-        raise names.not_factored(found, failed)
+            cause = f"more than {GROWTH:g} times its diagonal entry {entry:g} is subtracted from it"
+        raise names.not_factored(cause, failed)
     if not sparse:
         return inverse, values.reshape(2, n, n)
     panels = (first, row_ptr, rows, start, values)
@@ -274,7 +280,7 @@ def with_symmetric_pattern(A: sp.csr_array) -> sp.csr_array:
     return sp.csr_array((values, where), shape=A.shape)  # adds up; sorted, zeros are kept
 
 
-def columns_of_panels(panels: tuple) -> tuple:
+def columns_of_panels(panels: tuple[Any, ...]) -> tuple[Any, ...]:
     """R and Q by columns, from their panels: for chains and other thin patterns."""
     first, row_ptr, rows, start, values = panels
     columns, below, numbers = [], [], []
@@ -350,14 +356,16 @@ def columns(A: sp.csr_array, names: Names, entries: int, *, nb: int) -> Factor:
     return 1.0 / pivots, below_diagonal(R)
 
 
-def below_diagonal(R: sp.csc_array) -> tuple:
+def below_diagonal(R: sp.csc_array) -> tuple[Any, ...]:
     """R by columns, sorted, in a form of the core: (band,) or (ptr, index, values)."""
     n, own = R.shape[0], row_of_entries(R)
     below = (R.indices > own) & (R.data != 0.0)
     return in_columns(n, own[below], R.indices[below], R.data[below])
 
 
-def in_columns(n: int, columns: np.ndarray, rows: np.ndarray, values: np.ndarray) -> tuple:
+def in_columns(
+    n: int, columns: np.ndarray, rows: np.ndarray, values: np.ndarray
+) -> tuple[Any, ...]:
     """Entries below the diagonal in this order, of R (k,), or of R and Q (2, k), as above."""
     distance = rows - columns
     width = int(distance.max(initial=0))
@@ -442,8 +450,8 @@ def interface_block(factor: Factor, nb: int) -> np.ndarray:
     if len(R) == 3:
         ptr, index, values = R
         for j in range(begin, inverse.size):
-            own = slice(ptr[j], ptr[j + 1])
-            block[index[own] - begin, j - begin] = values[own]
+            column = slice(ptr[j], ptr[j + 1])
+            block[index[column] - begin, j - begin] = values[column]
         return block
     first, row_ptr, rows, start, values = R
     for s in range(np.searchsorted(first, begin), first.size - 1):

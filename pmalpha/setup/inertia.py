@@ -21,7 +21,7 @@ MOST = 5_000_000
 ZERO = 1e-12
 
 
-def inertia(A: Matrix, n: int) -> Inertia | None:
+def inertia(A: Matrix | None, n: int) -> Inertia | None:
     """Negative, zero and positive pivots of a symmetric matrix; None where that takes too long.
 
     Scaling to a unit diagonal and, by Sylvester's law, elimination change none of the signs. Of a
@@ -44,7 +44,7 @@ def inertia(A: Matrix, n: int) -> Inertia | None:
     S = _scaled(A)
     if n <= FEW or not sp.issparse(A) and n <= FEW_DENSE:
         with one_thread():
-            values = eigvalsh(S.toarray() if sp.issparse(S) else S)
+            values = eigvalsh(S if isinstance(S, np.ndarray) else S.toarray())
         negative, positive = int(np.sum(values < -ZERO)), int(np.sum(values > ZERO))
         return negative, n - negative - positive, positive
     if not sp.issparse(A):

@@ -87,7 +87,7 @@ def total(blocks: Sequence[Block], p: int) -> sp.csr_array:
     return H
 
 
-def summed(blocks: Sequence[Block], p: int) -> Matrix:
+def summed(blocks: Sequence[Block], p: int) -> Matrix | None:
     """The sum of the subdomains' blocks of H, in the form that is factored fastest."""
     if p == 0:
         return None
@@ -118,7 +118,7 @@ def _dense_sum(blocks: Sequence[Block], p: int) -> Matrix:
 
 
 def interface_factor(
-    H: Matrix,
+    H: Matrix | None,
     rows: np.ndarray,
     what: str = "the interface matrix H",
     *,
@@ -129,5 +129,5 @@ def interface_factor(
     """The factor of H, empty without constraints. `rows` are the constraints in the order of H."""
     if H is None:
         return np.empty(0), None
-    options = dict(superlu=superlu, symmetric=symmetric, threads=threads)
-    return factorize(H, Names(what, rows), **options)
+    names = Names(what, rows)
+    return factorize(H, names, superlu=superlu, symmetric=symmetric, threads=threads)

@@ -55,8 +55,8 @@ class InternalForces:
     functions: tuple[tuple[Any, int, sp.csr_array], ...]
     initial: np.ndarray
     pattern: sp.csr_array
-    K: Matrix
-    C: Matrix
+    K: Matrix | None
+    C: Matrix | None
 
 
 def internal_forces(s: Subdomain, name: str) -> InternalForces | None:
@@ -104,7 +104,7 @@ def _forces(group: Group) -> list[InternalForce]:
     return [force for force, _ in group]
 
 
-def _tangents(group: Group, s: Subdomain, name: str) -> tuple:
+def _tangents(group: Group, s: Subdomain, name: str) -> tuple[Any, ...]:
     forces, labels = _forces(group), [label for _, label in group]
     q0 = histories(forces)[0]
     return first_tangent(forces, s.n, s.u0, s.v0, q0, name, labels, symmetric=s.symmetric)
@@ -127,12 +127,13 @@ def _matrix(pattern: sp.csr_array, values: np.ndarray) -> sp.csr_array:
     return sp.csr_array((values, pattern.indices, pattern.indptr), shape=pattern.shape)
 
 
-def _pattern_of(A: Matrix) -> sp.csr_array | None:
+def _pattern_of(A: Matrix | None) -> sp.csr_array | None:
     return None if A is None else entries_of(A, A.shape[0])
 
 
 def _pairs(s: Subdomain) -> list[sp.csr_array]:
     """The entries of springs, also of those without an initial stiffness."""
+    assert s.internal is not None
     pairs = np.concatenate([np.zeros((0, 2), int), *(x.dofs for x in s.internal.springs)])
     both = pairs[(pairs >= 0).all(axis=1)]
     return [sp.csr_array((np.ones(len(both)), both.T), shape=(s.n, s.n))]
@@ -160,7 +161,7 @@ class TangentPattern:
     order: np.ndarray
     pattern: sp.csr_array
     nb: int
-    structure: tuple | None
+    structure: tuple[Any, ...] | None
 
     @property
     def symbolic(self) -> Structure:
@@ -172,11 +173,11 @@ class TangentPattern:
         """Entries of the factor, with the diagonal."""
         return self.order.size if self.structure is None else int(self.structure[3][-1])
 
-    def core(self, name: str, symmetric: bool) -> tuple:
+    def core(self, name: str, symmetric: bool) -> tuple[Any, ...]:
         """Pattern and structure in the form of the core, where their memory is there."""
         return numeric(self.pattern, self.structure, f"the tangent of {name!r}", symmetric)
 
-    def values(self, A: Matrix) -> np.ndarray:
+    def values(self, A: Matrix | None) -> np.ndarray:
         """The values on the pattern of a matrix in elimination order."""
         values = np.zeros(self.pattern.nnz)
         if A is None:
@@ -236,14 +237,16 @@ def narrow_order(pattern: sp.csr_array, last: np.ndarray) -> tuple[np.ndarray, i
     return best, least
 
 
-def structure(pattern: sp.csr_array, nb: int) -> tuple | None:
+def structure(pattern: sp.csr_array, nb: int) -> tuple[Any, ...] | None:
     """The panels of the factor of a pattern in elimination order; None for a diagonal."""
     if pattern.nnz == pattern.shape[0]:
         return None
     return _core.supernodes(*core_sparse(pattern)[:2], nb)
 
 
-def numeric(pattern: sp.csr_array, panels: tuple | None, what: str, symmetric: bool) -> tuple:
+def numeric(
+    pattern: sp.csr_array, panels: tuple[Any, ...] | None, what: str, symmetric: bool
+) -> tuple[Any, ...]:
     """(ptr, index, structure, dgemm, dtrsm, unsymmetric): what the core factors again and again.
 
     Raises
@@ -261,7 +264,7 @@ def numeric(pattern: sp.csr_array, panels: tuple | None, what: str, symmetric: b
 
 def core_internal(
     forces: InternalForces, order: np.ndarray, tangent: TangentPattern | None, symmetric: bool
-) -> tuple:
+) -> tuple[Any, ...]:
     """(order, initial, functions) of the core; without tangents in an explicit subdomain.
 
     If the tangents have to be `symmetric`, the core checks those of compiled functions;
@@ -290,6 +293,6 @@ def across(pattern: sp.csr_array) -> np.ndarray:
     return np.where(keys[found] == wanted, found, -1).astype(np.int64)
 
 
-def core_size(M: Matrix, symmetric: bool = True) -> Any:
+def core_size(M: Matrix | None, symmetric: bool = True) -> Any:
     """The size of the entries of M, in the form of the core."""
     return core_matrix(None if M is None else abs(M), symmetric=symmetric)

@@ -106,7 +106,7 @@ def linear_twin(part: Part) -> Part:
 
 def iteration_of(
     parts: Sequence[Part], p: int, newton: Newton, macro: bool, ranks: Ranks | None = None
-) -> tuple | None:
+) -> tuple[Any, ...] | None:
     """What the core's coupler iterates with; None where it is linear."""
     found = joined(ranks, [(part.internal is not None, part.tangent is not None) for part in parts])
     if not any(internal for internal, _ in found):
@@ -137,7 +137,7 @@ def _block(part: Part, start: bool) -> Block:
 
 def _constant_part(
     parts: Sequence[Part], p: int, ranks: Ranks | None
-) -> tuple[tuple, np.ndarray, np.ndarray]:
+) -> tuple[tuple[Any, ...], np.ndarray, np.ndarray]:
     """The pattern of H for the core, and the values of its constant part, in the first macro step
     and after it."""
     if p == 0:

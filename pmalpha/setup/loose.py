@@ -85,7 +85,7 @@ def _is_loose(s: Subdomain, L: sp.csc_array) -> bool:
         return False
     if K.ndim == 1:
         return bool(np.any((K == 0.0) & (np.diff(L.indptr) == 0)))
-    if sp.issparse(K) and s.n <= SMALL:
+    if not isinstance(K, np.ndarray) and s.n <= SMALL:
         K = K.toarray()
     translations = _translations(K, s.n)
     if not translations.shape[1]:
@@ -95,8 +95,8 @@ def _is_loose(s: Subdomain, L: sp.csc_array) -> bool:
     if np.linalg.matrix_rank(held) < translations.shape[1]:
         return True
     entries = np.sum(np.diff(own.indptr).astype(float) ** 2)
-    entries += K.nnz if sp.issparse(K) else K.size
-    return entries <= MOST and _is_singular(K, own)
+    entries += K.size if isinstance(K, np.ndarray) else K.nnz
+    return bool(entries <= MOST and _is_singular(K, own))
 
 
 def _translations(K: Any, n: int) -> np.ndarray:
@@ -118,7 +118,7 @@ def _are_free(K: Any, size: Any, x: np.ndarray) -> np.ndarray:
     return np.all(np.abs(K @ x) <= ROUNDING * (size @ x), axis=0)
 
 
-def _is_singular(K: Any, L: sp.csr_array) -> bool:
+def _is_singular(K: Any, L: sp.csr_array) -> np.bool_:
     """Whether K + L^T L, the constraints replaced by springs, has a motion without stiffness."""
     scale = scales_to_one(K.diagonal())
     springs = sp.csr_array((L.data * scale[L.indices], L.indices, L.indptr), shape=L.shape)

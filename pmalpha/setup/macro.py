@@ -6,7 +6,7 @@ its constraints. They are stored where that is faster than repeating the substep
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy.sparse as sp
@@ -147,7 +147,7 @@ def compute_unit_responses(part: Part) -> None:
     end, mean, states = unit_responses(part, rows, stored=is_stored(part))
     if states is not None:
         part.core.store_responses(rows, states)
-    part.response_blocks = tuple(response_block(part, rows, x) for x in (end, mean))
+    part.response_blocks = response_block(part, rows, end), response_block(part, rows, mean)
 
 
 def unit_responses(
@@ -247,5 +247,5 @@ def warn_of_resonance(
     )
 
 
-def _product(A: Matrix):
+def _product(A: Matrix) -> Callable[[np.ndarray], np.ndarray]:
     return (lambda x: A * x) if A.ndim == 1 else (lambda x: A @ x)

@@ -107,12 +107,12 @@ class Part:
     elimination: Elimination
     position: np.ndarray
     M: Matrix
-    K: Matrix
-    C: Matrix
-    stiffness: Matrix
-    damping: Matrix
-    D_r: Matrix
-    K_r: Matrix
+    K: Matrix | None
+    C: Matrix | None
+    stiffness: Matrix | None
+    damping: Matrix | None
+    D_r: Matrix | None
+    K_r: Matrix | None
     L: sp.csc_array
     nb: int
     core: Any = None
@@ -129,7 +129,7 @@ class Part:
     response_blocks: tuple[Block, Block] | None = None
     step_ratio: StepRatio | None = None
     over: float | None = None
-    known: dict[float, tuple] = field(default_factory=dict)
+    known: dict[float, tuple[Any, ...]] = field(default_factory=dict)
 
     @property
     def step(self) -> float:
@@ -153,7 +153,7 @@ class Part:
         substeps: int,
         double: bool,
         over: float | None,
-        known: dict[float, tuple],
+        known: dict[float, tuple[Any, ...]],
         *,
         responds: bool,
     ) -> Part:
@@ -211,7 +211,7 @@ class Part:
         mean = math.isclose(scheme.gamma, 2.0 * scheme.beta, rel_tol=1e-15)
         return mean and not scheme.explicit and s.damping == "implicit"
 
-    def factor(self, A: Matrix, what: str, *, symmetric: bool = True) -> Factor:
+    def factor(self, A: Matrix | None, what: str, *, symmetric: bool = True) -> Factor:
         """The factor of a matrix of this subdomain, in elimination order."""
         if self.external is not None and A is not None and A.ndim == 2:
             return self.external.factor(permuted(A, self.position), what)
@@ -243,12 +243,12 @@ class Part:
     def mbar(self, h: float) -> Matrix:
         return mbar(self.subdomain.scheme, h, self.M, self.damping, self.stiffness)
 
-    def diagonal_mbar(self, h: float) -> Matrix:
+    def diagonal_mbar(self, h: float) -> Matrix | None:
         """Mbar where it is diagonal, else None."""
         plain = all(A is None or A.ndim == 1 for A in (self.M, self.damping, self.stiffness))
         return self.mbar(h) if plain else None
 
-    def operator(self, h: float) -> tuple:
+    def operator(self, h: float) -> tuple[Any, ...]:
         """Step length and factor of Mbar(h) in the form of the core."""
         if self.tangent is not None:
             return (h, None, None)  # the core factors the tangents
@@ -298,7 +298,9 @@ def make_part(
     last = np.flatnonzero(np.diff(L.indptr)).astype(np.int64)
     stiffness, damping = subdomain.implicit_stiffness, subdomain.implicit_damping
     internal = internal_forces(subdomain, name)
-    tangent = tangent_pattern(internal.pattern, last) if subdomain.iterates else None
+    tangent = None
+    if internal is not None and subdomain.iterates:
+        tangent = tangent_pattern(internal.pattern, last)
     graph = graph_of([subdomain.M, damping, stiffness])
     external = None
     if tangent is not None:
@@ -307,22 +309,17 @@ def make_part(
         external = External(factorize, graph, last, name)
         whole = mbar(scheme, h, subdomain.M, damping, stiffness)
         external.factor(whole, name_of_mbar(scheme, name))
+        assert external.perm is not None
         eliminated = Elimination(external.perm, last.size)
     else:
         eliminated = elimination(n, graph, last, superlu=factorize == "superlu")
     eliminated = replace(eliminated, threads=threads)
     order = eliminated.order
-    position = np.argsort(order)
-    matrices = (
-        subdomain.M,
-        subdomain.K,
-        subdomain.C,
-        stiffness,
-        damping,
-        subdomain.restoring_damping,
-        subdomain.restoring_stiffness,
-    )
-    different = {id(A): permuted(A, order) for A in {id(A): A for A in matrices}.values()}
+    matrices = {"M": subdomain.M, "K": subdomain.K, "C": subdomain.C}
+    matrices |= {"stiffness": stiffness, "damping": damping}
+    matrices |= {"D_r": subdomain.restoring_damping, "K_r": subdomain.restoring_stiffness}
+    different = {id(A): permuted(A, order) for A in {id(A): A for A in matrices.values()}.values()}
+    fields: dict[str, Any] = {name: different[id(A)] for name, A in matrices.items()} | does
     return Part(
         subdomain,
         name,
@@ -330,14 +327,13 @@ def make_part(
         h,
         substeps,
         eliminated,
-        position,
-        *(different[id(A)] for A in matrices),
-        L[:, order],
-        last.size,
+        np.argsort(order),
+        L=L[:, order],
+        nb=last.size,
         external=external,
         internal=internal,
         tangent=tangent,
-        **does,
+        **fields,
         responds=responds and internal is None,
         known={} if external is None or external.first is None else {h: (h, *external.first)},
     )
@@ -347,18 +343,18 @@ def core_subdomain(
     part: Part,
     scheme: Scheme,
     L: sp.csc_array,
-    single: tuple,
+    single: tuple[Any, ...],
     *,
-    twice: tuple | None = None,
+    twice: tuple[Any, ...] | None = None,
     substeps: int = 1,
     K: Matrix = None,
     C: Matrix = None,
-    restoring: tuple | None = None,
+    restoring: tuple[Any, ...] | None = None,
     D_r: Matrix = None,
     lagged: bool = False,
     responds: bool = False,
     K_r: Matrix = None,
-    springs: tuple = (),
+    springs: tuple[Any, ...] = (),
     **internal: Any,
 ) -> Any:
     """The object of the core for a subdomain with these matrices and operators."""
@@ -422,7 +418,7 @@ def _costly_factor(part: Part) -> tuple[list[str], int] | None:
     structure = part.elimination.structure
     entries = part.n * (part.n + 1) // 2 if structure is None else part.elimination.swept // 2
     K = part.K
-    product = 0 if K is None else K.nnz if sp.issparse(K) else K.size
+    product = 0 if K is None else K.size if isinstance(K, np.ndarray) else K.nnz
     rest = STEP_NUMBERS * part.n + product
     return None if entries < NOTABLE_FACTOR or 2 * entries <= rest else (full, entries)
 
@@ -495,7 +491,9 @@ def _internal(part: Part) -> dict[str, Any]:
     if part.tangent is None:
         return {"M": core_matrix(part.M), "internal": own}
     base, *twice = (part.tangent.values(part.mbar(h)) for h in part.lengths)
-    springs = bool(part.subdomain.internal.springs)
+    given = part.subdomain.internal
+    springs = given is not None and bool(given.springs)
     pattern = part.tangent.core(part.name, part.symmetric)
-    iterate = (springs, part.reuses, pattern, base, *(twice or [None]), core_size(part.M))
+    over = twice[0] if twice else None
+    iterate = (springs, part.reuses, pattern, base, over, core_size(part.M))
     return {"M": core_matrix(part.M), "internal": own, "iterate": iterate}

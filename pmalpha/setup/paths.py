@@ -38,7 +38,7 @@ class Paths:
     entries: int
 
 
-def paths_to(structure: tuple, position: np.ndarray, nb: int) -> Paths:
+def paths_to(structure: tuple[np.ndarray, ...], position: np.ndarray, nb: int) -> Paths:
     """The paths of the last nb unknowns for (first, row_ptr, rows, start, owner)."""
     first, row_ptr, rows, start, owner = structure
     on_path = np.zeros(first.size - 1, dtype=bool)
@@ -112,7 +112,9 @@ class _Steps:
         self.rows = [self.local[rows[row_ptr[s] : row_ptr[s + 1]]] for s in supernodes]
 
     @staticmethod
-    def _panels(R: tuple, widths: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    def _panels(
+        R: tuple[np.ndarray, ...], widths: np.ndarray
+    ) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """The triangles of the panels on the paths, and what is below them."""
         first, _, _, start, values, _, supernodes = R
         panels = [

@@ -237,7 +237,7 @@ def described(ranks: Ranks, own: Sequence[Subdomain]) -> list[Any]:
     return everything
 
 
-def require_equal_problems(ranks: Ranks, rows: Sequence[Any], options: tuple) -> None:
+def require_equal_problems(ranks: Ranks, rows: Sequence[Any], options: tuple[Any, ...]) -> None:
     """ValueError unless constraints and options are the same on all ranks."""
     ranks.require_equal("dt, coupling, start, drift and newton", options)
     parts = [

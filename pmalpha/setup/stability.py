@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -63,7 +63,7 @@ def critical_product(scheme: Scheme) -> float:
     return low
 
 
-def _are_stable(scheme: Scheme, Omegas: Sequence[float]) -> np.ndarray:
+def _are_stable(scheme: Scheme, Omegas: Iterable[float]) -> np.ndarray:
     # 1e-7: a double eigenvalue of modulus one is computed with an error of the square root of the
     # rounding
     whole = np.array([scheme.amplification(Omega) for Omega in Omegas])
@@ -166,7 +166,9 @@ def limit_of(subdomain: Subdomain, internal: Matrix) -> float:
     return _root(stiffness, damping, subdomain.M) / margin
 
 
-def limiting_terms(subdomain: Subdomain, internal: Matrix = None) -> list[tuple[float, Matrix]]:
+def limiting_terms(
+    subdomain: Subdomain, internal: Matrix | None = None
+) -> list[tuple[float, Matrix]]:
     """A = (K + K_r + K_t) / Omega_s^2 and B = C / Z_s if lagged: h^2 A + h B has to stay below M.
 
     Each is a factor and a matrix, which saves a copy of a large matrix.
@@ -181,7 +183,7 @@ def limiting_terms(subdomain: Subdomain, internal: Matrix = None) -> list[tuple[
     return [(1.0 / Omega**2, A), (1.0 / critical_damping_product(subdomain.scheme), subdomain.C)]
 
 
-def _root(A: Matrix, B: Matrix, M: Matrix) -> float:
+def _root(A: Matrix | None, B: Matrix | None, M: Matrix) -> float:
     """The h at which the largest eigenvalue of h^2 A + h B with respect to M is 1.
 
     With the Rayleigh quotients a and b of the eigenvector x at some h, the root of a h^2 + b h = 1
@@ -245,7 +247,7 @@ def _lagged_radius(scheme: Scheme, h: float, k: float, c: complex) -> float:
 
 
 @np.errstate(over="ignore")
-def step_ratio(subdomain: Subdomain, step: float, internal: Matrix = None) -> StepRatio:
+def step_ratio(subdomain: Subdomain, step: float, internal: Matrix | None = None) -> StepRatio:
     """The step divided by the critical one, as far as it has to be computed.
 
     `internal` is a tangent of the internal forces, which is added to K.
@@ -308,7 +310,7 @@ def warn_of_steps(steps: Iterable[tuple[str, Subdomain, float, StepRatio]]) -> N
     warn(f"{text}{damping}: the run will grow without bound; take smaller steps", StabilityWarning)
 
 
-def row_sum_bound(A: Matrix, M: Matrix) -> float:
+def row_sum_bound(A: Matrix | None, M: Matrix | None) -> float:
     """An upper bound of the eigenvalues of A with respect to M, by row sums of |M^-1 A|; inf if M
     is not diagonal."""
     if A is None:
@@ -321,7 +323,7 @@ def row_sum_bound(A: Matrix, M: Matrix) -> float:
 
 def _absolute(A: Matrix) -> Matrix:
     """|A|, with the pattern of a sparse A shared instead of copied."""
-    if not sp.issparse(A):
+    if isinstance(A, np.ndarray):
         return np.abs(A)
     return sp.csr_array((np.abs(A.data), A.indices, A.indptr), shape=A.shape, copy=False)
 

@@ -72,9 +72,11 @@ class InitialAccelerations:
         if ranks is not None:
             _require_mass(self.masses)
         any_L = p and self.masses
-        self.L_m = sp.csr_array(sp.hstack([m.L_m for m in self.masses])) if any_L else None
+        self.L_m: sp.csr_array | None = None
+        if any_L:
+            self.L_m = sp.csr_array(sp.hstack([m.L_m for m in self.masses]))
         H = None
-        if self.ties_without_mass:
+        if self.L_m is not None and self.ties_without_mass:
             self.tied = np.unique(self.L_m.indices)
             self.saddle = _Saddle(total(blocks, p), self.L_m[:, self.tied])
             p = 0  # the saddle-point problem has the constraints; the core solves with M only
@@ -120,7 +122,7 @@ class InitialAccelerations:
         ConstraintWarning
             When the equation of a dof without mass does not hold at t = 0.
         """
-        r = [sum(t) for t in terms]
+        r: list[Any] = [sum(t) for t in terms]
         if self.ties_without_mass:
             w, lam = self._solve_without_mass(r, g)
         else:

@@ -64,7 +64,7 @@ def _scaled(K: sp.csc_array, L: sp.csr_array) -> tuple[sp.dia_array, sp.csc_arra
     return scale, sp.csc_array(scale @ K @ scale), sp.csr_array(L @ scale)
 
 
-def sparse(A: Matrix, n: int) -> sp.csc_array:
+def sparse(A: Matrix | None, n: int) -> sp.csc_array:
     if A is None:
         return sp.csc_array((n, n))
     return sp.csc_array(sp.diags_array(A) if A.ndim == 1 else A)

@@ -94,7 +94,7 @@ def _warn(what: str, subdomains: Sequence[_Stepped], advice: str = "") -> None:
     )
 
 
-def gap_factors(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> tuple:
+def gap_factors(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> tuple[Any, ...]:
     """The factors L U of S_mu, equation (V4), for the core.
 
     Parameters
@@ -116,8 +116,8 @@ def gap_factors(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> tu
     if p == 0:
         return lu_factors(np.empty(0), 0)
     found = [(*part.subdomain.scheme.coefficients(part.h), part.block(False)) for part in parts]
-    al1, al2, blocks = zip(*joined(ranks, found))
-    al1, al2 = np.array(al1), np.array(al2)
+    *scheme, blocks = zip(*joined(ranks, found))
+    al1, al2 = map(np.array, scheme)
     G = [scaled(block, 1.0 / a) for block, a in zip(blocks, al2)]  # L Y
     if np.ptp(al1 / al2) <= 4.0 * np.finfo(float).eps * np.max(al1 / al2):
         return lu_factors(summed(G, p), p)
@@ -190,7 +190,7 @@ def shifts(part: Part) -> Block:
     return Block(rows, 0.5 * (out + out.T))
 
 
-def lu_factors(A: Matrix, p: int) -> tuple:
+def lu_factors(A: Matrix, p: int) -> tuple[Any, ...]:
     """Factors of a matrix, of whose unknowns the last p are wanted, in the form of the core."""
     n = A.shape[0]
     if A.ndim == 1:

@@ -71,8 +71,8 @@ def assembled(
         raise ValueError("the constraints must leave a motion, got all dofs held")
     parts = np.split(np.arange(sum(sizes)), np.cumsum(sizes)[:-1])
     maps = [T[rows] for rows in parts]
-    whole = [_sum(maps, [own[kind] for own in matrices]) for kind in range(3)]
-    return Assembled(*whole, dict(zip(names, maps)))
+    M, C, K = (_sum(maps, [own[kind] for own in matrices]) for kind in range(3))
+    return Assembled(M, C, K, dict(zip(names, maps)))
 
 
 def _sum(maps: Sequence[sp.csr_array], matrices: Sequence[Matrix]) -> sp.csr_array:

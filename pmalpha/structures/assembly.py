@@ -68,7 +68,9 @@ class Assembly:
         return self.matrix(sums)
 
 
-def _rows(pairs: Pattern, components: list, d: int) -> tuple[sp.csr_array, np.ndarray]:
+def _rows(
+    pairs: Pattern, components: list[tuple[int, int]], d: int
+) -> tuple[sp.csr_array, np.ndarray]:
     """The pattern of the dofs, and for each of its entries the number of the sum it is."""
     nodes, count = pairs.indptr.size - 1, pairs.indices.size
     blocks = np.empty((count, d, d), dtype=np.int64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -15,7 +16,7 @@ from .assembly import Assembly
 from .frames import subdivide
 from .internal import Conservative
 from .pattern import Pattern, lumped_mass
-from .recipe import of_chosen
+from .recipe import Chosen, Made, of_chosen
 from .structure import Structure
 
 __all__ = ["truss"]
@@ -116,10 +117,18 @@ def truss(
     return Structure._of(recipe, nodes, {"line": lines}, ("ux", "uy", "uz")[: nodes.shape[1]])
 
 
-def _assembled(values, strain, slack, lumped, chosen, elements, nodes):
+def _assembled(
+    values: Sequence[np.ndarray],
+    strain: str,
+    slack: bool,
+    lumped: bool,
+    chosen: Chosen,
+    elements: Mapping[str, np.ndarray],
+    nodes: int,
+) -> Made:
     lines, d = elements["line"], values[0].shape[1]
-    *bars, m = (of_chosen(array, chosen["line"]) for array in values)
-    force = BarForce(lines, nodes, *bars, strain, slack)
+    X, rest, EA, prestress, m = (of_chosen(array, chosen["line"]) for array in values)
+    force = BarForce(lines, nodes, X, rest, EA, prestress, strain, slack)
     if lumped:
         M = np.repeat(lumped_mass(lines, (m / 2.0)[:, None], nodes), d)
     else:
@@ -131,7 +140,17 @@ def _assembled(values, strain, slack, lumped, chosen, elements, nodes):
 class BarForce(Conservative):
     """The internal force of bars."""
 
-    def __init__(self, lines, nodes, along, rest, EA, prestress, strain, slack):
+    def __init__(
+        self,
+        lines: np.ndarray,
+        nodes: int,
+        along: np.ndarray,
+        rest: np.ndarray,
+        EA: np.ndarray,
+        prestress: np.ndarray,
+        strain: str,
+        slack: bool,
+    ):
         self._assembly = Assembly(lines, nodes, along.shape[1])
         self._along = along
         self._rest, self._EA, self._prestress = rest, EA, prestress
@@ -155,7 +174,9 @@ class BarForce(Conservative):
         e = 0.5 * grown / L0**2 if self._green else grown / (L0 * (length + L0))
         return x, length, e, self._EA * e + self._prestress
 
-    def _evaluate(self, u, q, tangent):
+    def _evaluate(
+        self, u: np.ndarray, q: np.ndarray, tangent: bool
+    ) -> tuple[np.ndarray, Any, np.ndarray]:
         x, length, _, N = self._strained(u)
         EA = self._EA
         if self._slack:

@@ -146,7 +146,7 @@ class ContactForce(Conservative):
         self._k = np.broadcast_to(k, chosen.size)
         super().__init__(self._assembly.pattern)
 
-    def _of_nodes(self, number, nodes):
+    def _of_nodes(self, number: np.ndarray, nodes: int) -> ContactForce | None:
         own = number[self._assembly.elements[:, 0]]
         kept = own >= 0
         if not kept.any():
@@ -166,7 +166,9 @@ class ContactForce(Conservative):
         moved = u.reshape(self._assembly.nodes, -1)[self._assembly.elements[:, 0]]
         return self._start + moved[:, : self._start.shape[1]]
 
-    def _evaluate(self, u, q, tangent):
+    def _evaluate(
+        self, u: np.ndarray, q: np.ndarray, tangent: bool
+    ) -> tuple[np.ndarray, Any, np.ndarray]:
         x = self._at(u)
         gap, n, curvature = self._gaps(x)
         touching = gap < 0.0
@@ -191,21 +193,36 @@ class ContactForce(Conservative):
 
 
 class PlaneContact(ContactForce):
-    def __init__(self, structure, nodes, stiffness, point, normal):
+    def __init__(
+        self,
+        structure: Structure,
+        nodes: Any,
+        stiffness: ArrayLike,
+        point: np.ndarray,
+        normal: np.ndarray,
+    ):
         super().__init__(structure, nodes, stiffness)
         self._point, self._normal = point, normal
 
-    def _gaps(self, x):
+    def _gaps(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         gap = (x - self._point) @ self._normal
         return gap, np.broadcast_to(self._normal, x.shape), np.zeros(len(x))
 
 
 class SphereContact(ContactForce):
-    def __init__(self, structure, nodes, stiffness, center, radius, sign):
+    def __init__(
+        self,
+        structure: Structure,
+        nodes: Any,
+        stiffness: ArrayLike,
+        center: np.ndarray,
+        radius: float,
+        sign: float,
+    ):
         super().__init__(structure, nodes, stiffness)
         self._center, self._radius, self._sign = center, radius, sign
 
-    def _gaps(self, x):
+    def _gaps(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         away = x - self._center
         distance = np.sqrt(np.sum(away * away, axis=1))
         with np.errstate(divide="ignore", invalid="ignore"):

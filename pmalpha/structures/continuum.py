@@ -17,7 +17,7 @@ from .arguments import is_lumped, isotropic, measure, node_numbers, poisson, pos
 from .elasticity import Moduli, mass_matrix, stiffness
 from .mesh import Block
 from .pattern import Pattern
-from .recipe import of_chosen
+from .recipe import Chosen, Made, of_chosen
 from .structure import Structure
 
 __all__ = ["plate", "plate_on", "solid", "solid_on"]
@@ -249,7 +249,9 @@ def solid_on(
     return _on(points, elements, 3, E, nu, rho, 1.0, "strain", mass)
 
 
-def moduli_of(d: int, E, nu, rho, t, plane, shape: tuple[int, ...]) -> Moduli:
+def moduli_of(
+    d: int, E: Any, nu: Any, rho: Any, t: Any, plane: str, shape: tuple[int, ...]
+) -> Moduli:
     """Lame's constants, density and thickness of elements of this shape, or (1,) of all."""
     check_word(plane, "plane", ("stress", "strain"))
     young, density = positive(E, "E", shape), positive(rho, "rho", shape)
@@ -291,9 +293,19 @@ def elastic(
     return Structure._of(recipe, points, elements, ("ux", "uy", "uz")[: points.shape[1]], moduli)
 
 
-def elastic_matrices(points, whole, moduli, lumped, corners, chosen, elements, nodes):
+def elastic_matrices(
+    points: np.ndarray,
+    whole: Mapping[str, np.ndarray],
+    moduli: Mapping[str, Moduli],
+    lumped: bool,
+    corners: Mapping[str, np.ndarray] | None,
+    chosen: Chosen,
+    elements: Mapping[str, np.ndarray],
+    nodes: int,
+) -> Made:
     """A `Recipe`: M, K of the chosen ones of the elements `whole`, and no internal forces."""
-    M, K = 0, 0
+    M: Any = 0
+    K: Any = 0
     with one_thread():
         for kind, own in elements.items():
             which, block = chosen[kind], Block(kind, own)
@@ -305,7 +317,17 @@ def elastic_matrices(points, whole, moduli, lumped, corners, chosen, elements, n
     return M, K, ()
 
 
-def _on(points, elements, d: int, E, nu, rho, t, plane, mass) -> Structure:
+def _on(
+    points: Any,
+    elements: Any,
+    d: int,
+    E: Any,
+    nu: Any,
+    rho: Any,
+    t: Any,
+    plane: str,
+    mass: str,
+) -> Structure:
     """On any mesh; arrays of the material have the elements in the order of the kinds."""
     nodes, cells = _checked(points, elements, d)
     ends = np.cumsum([len(block) for block in cells.values()])

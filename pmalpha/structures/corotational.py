@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -12,7 +14,7 @@ from .._checks import real_number
 from .assembly import Assembly
 from .frames import frame_arguments, lumped_beams
 from .internal import Conservative
-from .recipe import of_chosen
+from .recipe import Chosen, Made, of_chosen
 from .structure import Structure
 
 __all__ = ["corotational_frame"]
@@ -82,7 +84,12 @@ def corotational_frame(
     return Structure._of(recipe, nodes, {"line": lines}, ("ux", "uy", "rz"))
 
 
-def _assembled(beams, chosen, elements, nodes):
+def _assembled(
+    beams: Sequence[np.ndarray],
+    chosen: Chosen,
+    elements: Mapping[str, np.ndarray],
+    nodes: int,
+) -> Made:
     along, EA, EI, mass, inertia = (of_chosen(values, chosen["line"]) for values in beams)
     M = lumped_beams(elements["line"], mass, inertia, nodes)
     force = BeamForce(elements["line"], nodes, along, EA, EI)
@@ -92,7 +99,9 @@ def _assembled(beams, chosen, elements, nodes):
 class BeamForce(Conservative):
     """The internal force of corotational beams."""
 
-    def __init__(self, lines, nodes, along, EA, EI):
+    def __init__(
+        self, lines: np.ndarray, nodes: int, along: np.ndarray, EA: np.ndarray, EI: np.ndarray
+    ):
         self._assembly = Assembly(lines, nodes, 3)
         self._along = along
         self._length = np.hypot(*self._along.T)
@@ -118,7 +127,9 @@ class BeamForce(Conservative):
             direction = x / length[:, None]
         return direction, length, elongation, rotations - turn[:, None]
 
-    def _evaluate(self, u, q, tangent):
+    def _evaluate(
+        self, u: np.ndarray, q: np.ndarray, tangent: bool
+    ) -> tuple[np.ndarray, Any, np.ndarray]:
         direction, length, elongation, theta = self._deformed(u)
         EA, EI = self._EA / self._length, self._EI / self._length
         N = EA * elongation
@@ -144,7 +155,15 @@ class BeamForce(Conservative):
         return float(np.sum(axial + 2.0 * self._EI / self._length * bending))
 
 
-def _tangents(r, z, length, N, shear, EA, EI) -> np.ndarray:
+def _tangents(
+    r: np.ndarray,
+    z: np.ndarray,
+    length: np.ndarray,
+    N: np.ndarray,
+    shear: np.ndarray,
+    EA: np.ndarray,
+    EI: np.ndarray,
+) -> np.ndarray:
     """(E, 2, 3, 2, 3) = B^T D B + N z z^T / l + (M1 + M2) / l^2 (r z^T + z r^T)."""
     r, z = r.reshape(-1, 6), z.reshape(-1, 6)
     # rows of B: d(elongation)/du, d(theta_1)/du, d(theta_2)/du
@@ -152,7 +171,7 @@ def _tangents(r, z, length, N, shear, EA, EI) -> np.ndarray:
     first[:, 2] += 1.0
     second[:, 5] += 1.0
 
-    def outer(factor, a, b):
+    def outer(factor: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         return factor[:, None, None] * a[:, :, None] * b[:, None, :]
 
     K = outer(EA, r, r) + outer(N / length, z, z)

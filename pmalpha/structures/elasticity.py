@@ -109,7 +109,7 @@ def _blocks(g: np.ndarray, lam: np.ndarray, mu: np.ndarray) -> Iterator[np.ndarr
     """(e, a, b) for each pair of components i <= j; g (d, e, q, a)."""
     d = len(g)
 
-    def pair(i, j):
+    def pair(i: int, j: int) -> np.ndarray:
         """The integral of d_i n_a d_j n_b, (e, a, b)."""
         return np.swapaxes(g[i], 1, 2) @ g[j]
 

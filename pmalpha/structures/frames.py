@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -13,7 +14,7 @@ from .._checks import listing, plain_array, real_number
 from .arguments import is_lumped, mesh_arguments, positive
 from .lines import SPRING
 from .pattern import Pattern, lumped_mass
-from .recipe import Recipe, of_chosen
+from .recipe import Chosen, Made, Recipe, of_chosen
 from .structure import COINCIDENT, Structure
 
 # of one member
@@ -126,12 +127,28 @@ def _beams(
     return partial(_assembled, (along, EA, EI, rhoA), is_lumped(mass), rotary)
 
 
-def _assembled(beams, lumped, rotary, chosen, elements, nodes):
+def _assembled(
+    beams: Sequence[np.ndarray],
+    lumped: bool,
+    rotary: float,
+    chosen: Chosen,
+    elements: Mapping[str, np.ndarray],
+    nodes: int,
+) -> Made:
     x, EA, EI, rhoA = (of_chosen(values, chosen["line"]) for values in beams)
     return *beam_matrices(elements["line"], x, EA, EI, rhoA, lumped, rotary, nodes), ()
 
 
-def beam_matrices(lines, x, EA, EI, rhoA, lumped, rotary, nodes) -> tuple[Any, sp.csr_array]:
+def beam_matrices(
+    lines: np.ndarray,
+    x: np.ndarray,
+    EA: np.ndarray,
+    EI: np.ndarray,
+    rhoA: np.ndarray,
+    lumped: bool,
+    rotary: float,
+    nodes: int,
+) -> tuple[Any, sp.csr_array]:
     """M, or its diagonal if lumped, and K; x (E, 2) along the elements."""
     L = np.hypot(*x.T)
     direction = x / L[:, None]

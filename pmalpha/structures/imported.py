@@ -15,10 +15,11 @@ from ..problem.kinds import KINDS
 from ..problem.shapes import SHAPES
 from .arguments import is_lumped, positive
 from .continuum import elastic_matrices, moduli_of
+from .elasticity import Moduli
 from .frames import ROTARY, beam_matrices
 from .line_elements import bar_matrices, embedded
 from .mesh_files import FileMesh, read_mesh
-from .recipe import of_chosen
+from .recipe import Chosen, Made, of_chosen
 from .structure import COINCIDENT, Structure
 
 __all__ = ["from_mesh"]
@@ -28,7 +29,7 @@ LAWS = {"elastic": ("E", "nu", "rho"), "bar": ("EA", "rhoA"), "beam": ("EA", "EI
 
 
 def from_mesh(
-    mesh: str | os.PathLike | Any,
+    mesh: str | os.PathLike[str] | Any,
     material: Mapping[str, Any],
     *,
     plane: str = "stress",
@@ -311,13 +312,24 @@ def _column(part: Part, key: str) -> np.ndarray:
     return np.where(np.isnan(values), missing, values)
 
 
-def _assembled(points, whole, moduli, lines, dofs, lumped, chosen, elements, nodes):
+def _assembled(
+    points: np.ndarray,
+    whole: Mapping[str, np.ndarray],
+    moduli: Mapping[str, Moduli],
+    lines: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]],
+    dofs: int,
+    lumped: bool,
+    chosen: Chosen,
+    elements: Mapping[str, np.ndarray],
+    nodes: int,
+) -> Made:
     d = points.shape[1]
     solid = {kind: own for kind, own in elements.items() if kind in moduli}
-    M, K = 0, 0
+    M: Any = 0
+    K: Any = 0
     if solid:
-        *found, _ = elastic_matrices(points, whole, moduli, lumped, None, chosen, solid, nodes)
-        M, K = (embedded(A, d, dofs) for A in found)
+        M, K, _ = elastic_matrices(points, whole, moduli, lumped, None, chosen, solid, nodes)
+        M, K = embedded(M, d, dofs), embedded(K, d, dofs)
     for kind, (EA, EI, rhoA) in lines.items():
         if kind not in elements:
             continue
@@ -331,7 +343,8 @@ def _assembled(points, whole, moduli, lines, dofs, lumped, chosen, elements, nod
             M, K = (A + embedded(B, d, dofs) for A, B in zip((M, K), found))
         if not bar.all():
             along = corners[~bar, 1] - corners[~bar, 0]
-            found = beam_matrices(own[~bar], along, *values[~bar].T, lumped, ROTARY, nodes)
+            EA, EI, rhoA = values[~bar].T
+            found = beam_matrices(own[~bar], along, EA, EI, rhoA, lumped, ROTARY, nodes)
             M, K = (A + B for A, B in zip((M, K), found))
     return M, K, ()
 

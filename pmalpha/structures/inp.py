@@ -7,14 +7,17 @@ elements to the wrong ones, and knows no CPE4 or CPS8.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ..errors import warn
 from ..problem.kinds import KINDS
 from .mesh import Block
+
+Member = TypeVar("Member")
 
 # Shapes by the beginning of a type
 _SHAPES = {
@@ -140,7 +143,9 @@ def _sections(
 
     `above` are the files that include this one.
     """
-    keyword, options, rows = "", {}, []
+    keyword = ""
+    options: dict[str, str] = {}
+    rows: list[list[str]] = []
     for line in _lines(path):
         if line.startswith("*"):
             yield keyword, options, rows
@@ -199,13 +204,13 @@ def _option(options: dict[str, str], name: str) -> str:
     return options[name]
 
 
-def _found(places: dict, number: int, what: str):
+def _found(places: dict[int, Any], number: int, what: str) -> Any:
     if number not in places:
         raise ValueError(f"{what} {number} does not exist")
     return places[number]
 
 
-def _key(sets: dict[str, set], name: str) -> str:
+def _key(sets: dict[str, Any], name: str) -> str:
     """The name as it was first written; upper and lower case are equal."""
     for known in sets:
         if known.upper() == name.upper():
@@ -213,7 +218,7 @@ def _key(sets: dict[str, set], name: str) -> str:
     raise ValueError(f"set {name!r} does not exist")
 
 
-def _extend(sets: dict[str, set], name: str | None, members) -> None:
+def _extend(sets: dict[str, set[Member]], name: str | None, members: Iterable[Member]) -> None:
     if name is not None:
         known = next((x for x in sets if x.upper() == name.upper()), name)
         sets.setdefault(known, set()).update(members)

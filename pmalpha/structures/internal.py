@@ -225,7 +225,9 @@ class _Reduced(ElementForce):
         whole[self._free] = u
         return whole
 
-    def _evaluate(self, u, q, tangent):
+    def _evaluate(
+        self, u: np.ndarray, q: np.ndarray, tangent: bool
+    ) -> tuple[np.ndarray, Any, np.ndarray]:
         f, K, q1 = self._whole._evaluate(self._expanded(u), q, tangent)
         if tangent:
             K = in_pattern(K.data[self._entries], self.pattern)
@@ -233,7 +235,9 @@ class _Reduced(ElementForce):
 
 
 class _ReducedConservative(_Reduced, Conservative):
-    def _potential(self, u):
+    _whole: Conservative
+
+    def _potential(self, u: np.ndarray) -> float:
         return self._whole._potential(self._expanded(u))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from .._checks import real_number, vector, whole_number
 from .arguments import is_lumped, measure, not_negative, positive
 from .pattern import Pattern, lumped_mass
-from .recipe import of_chosen
+from .recipe import Chosen, Made, of_chosen
 from .structure import Structure
 
 __all__ = ["chain", "rod"]
@@ -73,7 +73,14 @@ def chain(
     return Structure._of(recipe, points, {"line": lines}, ("ux",))
 
 
-def _springs(masses, k, ends, chosen, elements, nodes):
+def _springs(
+    masses: np.ndarray,
+    k: np.ndarray,
+    ends: np.ndarray,
+    chosen: Chosen,
+    elements: Mapping[str, np.ndarray],
+    nodes: int,
+) -> Made:
     """M and K of springs with the masses (E, 2) at their ends; those on the ground have numbers."""
     path, numbers = elements["line"], np.arange(len(masses))[chosen["line"]]
     held = np.zeros(nodes)
@@ -140,7 +147,14 @@ def rod(
     return Structure._of(recipe, points, {"line": lines}, ("ux",))
 
 
-def _rods(stiffness, masses, lumped, chosen, elements, nodes):
+def _rods(
+    stiffness: np.ndarray,
+    masses: np.ndarray,
+    lumped: bool,
+    chosen: Chosen,
+    elements: Mapping[str, np.ndarray],
+    nodes: int,
+) -> Made:
     path = elements["line"]
     k, m = (of_chosen(values, chosen["line"]) for values in (stiffness, masses))
     pattern = Pattern.of(path, nodes)

@@ -8,6 +8,7 @@ pair (i, j).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,7 +33,7 @@ class Material:
 
     def _evaluate(
         self,
-        coefficients: tuple[Any, ...],
+        coefficients: Sequence[Any],
         H: np.ndarray,
         before: np.ndarray,
         out: np.ndarray | None,
@@ -44,7 +45,7 @@ class Material:
 class Hyperelastic(Material):
     """A material with an energy density."""
 
-    def _density(self, coefficients: tuple[Any, ...], H: np.ndarray) -> np.ndarray:
+    def _density(self, coefficients: Sequence[Any], H: np.ndarray) -> np.ndarray:
         """W (m,)."""
         raise NotImplementedError
 
@@ -77,7 +78,9 @@ class StVenantKirchhoff(Hyperelastic):
         lam, mu = isotropic(self.E, self.nu, (elements,))
         return (2.0 * lam * mu / (lam + 2.0 * mu) if plane == "stress" else lam), mu
 
-    def _evaluate(self, coefficients, H, before, out):
+    def _evaluate(
+        self, coefficients: Sequence[Any], H: np.ndarray, before: np.ndarray, out: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
         lam, mu = coefficients
         F, S = _deformation(H), _second_stress(coefficients, H)
         P = product(F, S)
@@ -96,7 +99,7 @@ class StVenantKirchhoff(Hyperelastic):
                     out[:, J, k, L] = value
         return P, before
 
-    def _density(self, coefficients, H):
+    def _density(self, coefficients: Sequence[Any], H: np.ndarray) -> np.ndarray:
         strain, S = _green(H), _second_stress(coefficients, H)
         d = len(H)
         return 0.5 * sum(strain[i, j] * S[i, j] for i, j in np.ndindex(d, d))
@@ -130,7 +133,9 @@ class NeoHookean(Hyperelastic):
             raise ValueError("plane must be 'strain' for NeoHookean, got 'stress'")
         return isotropic(self.E, self.nu, (elements,))
 
-    def _evaluate(self, coefficients, H, before, out):
+    def _evaluate(
+        self, coefficients: Sequence[Any], H: np.ndarray, before: np.ndarray, out: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
         lam, mu = coefficients
         F, d = _deformation(H), len(H)
         change = _volume_change(H)  # J - 1
@@ -155,7 +160,7 @@ class NeoHookean(Hyperelastic):
                     out[:, J, k, L] = value
         return P, before
 
-    def _density(self, coefficients, H):
+    def _density(self, coefficients: Sequence[Any], H: np.ndarray) -> np.ndarray:
         lam, mu = coefficients
         d = len(H)
         # tr(F^T F) - d = 2 tr H + H : H
@@ -196,7 +201,7 @@ def _green(H: np.ndarray) -> np.ndarray:
     return strain
 
 
-def _second_stress(coefficients: tuple[Any, ...], H: np.ndarray) -> np.ndarray:
+def _second_stress(coefficients: Sequence[Any], H: np.ndarray) -> np.ndarray:
     """S = lam tr(E) 1 + 2 mu E."""
     lam, mu = coefficients
     strain, d = _green(H), len(H)

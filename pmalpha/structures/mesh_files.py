@@ -122,8 +122,8 @@ class _Text(io.TextIOWrapper):
         super().__init__(reading(path), encoding="utf-8")
         self.ends = 0
 
-    def readline(self, *size: int) -> str:
-        line = super().readline(*size)
+    def readline(self, size: int = -1, /) -> str:  # type: ignore[override]  # as TextIOWrapper
+        line = super().readline(size)
         self.ends += not line
         if self.ends > MOST_ENDS:
             raise EOFError("it ends too early")
@@ -137,11 +137,11 @@ class _Bytes(io.BufferedReader):
         super().__init__(io.FileIO(path))
         self.ends = 0
 
-    def read(self, *size: int) -> bytes:
-        return self._more(super().read(*size))
+    def read(self, size: int | None = -1, /) -> bytes:
+        return self._more(super().read(size))
 
-    def readline(self, *size: int) -> bytes:
-        return self._more(super().readline(*size))
+    def readline(self, size: int | None = -1, /) -> bytes:
+        return self._more(super().readline(size))
 
     def _more(self, found: bytes) -> bytes:
         self.ends += not found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -19,7 +19,7 @@ from .internal import Conservative, ElementForce
 from .materials import Hyperelastic, Material
 from .mesh import Block
 from .pattern import Pattern
-from .recipe import of_chosen
+from .recipe import Chosen, Made, of_chosen
 from .structure import Structure
 
 __all__ = ["nonlinear_solid", "nonlinear_solid_on"]
@@ -159,7 +159,16 @@ def nonlinear_solid_on(
     return _solid(nodes, cells, nodes[cells], material, rho, t, plane, mass)
 
 
-def _solid(points, elements, corners, material, rho, t, plane, mass) -> Structure:
+def _solid(
+    points: np.ndarray,
+    elements: np.ndarray,
+    corners: np.ndarray,
+    material: Any,
+    rho: Any,
+    t: Any,
+    plane: str,
+    mass: str,
+) -> Structure:
     """The structure; corners of each element or, with one row, of all."""
     if not isinstance(material, Material):
         raise TypeError(
@@ -176,7 +185,15 @@ def _solid(points, elements, corners, material, rho, t, plane, mass) -> Structur
     return Structure._of(recipe, points, {name: elements}, components)
 
 
-def _assembled(name, material, values, lumped, chosen, elements, nodes):
+def _assembled(
+    name: str,
+    material: Material,
+    values: Sequence[np.ndarray],
+    lumped: bool,
+    chosen: Chosen,
+    elements: Mapping[str, np.ndarray],
+    nodes: int,
+) -> Made:
     corners, t, rho, *coefficients = (of_chosen(array, chosen[name]) for array in values)
     own, n = elements[name], nodes * corners.shape[2]
     volumes, along = gradients(name, corners)
@@ -190,7 +207,15 @@ def _assembled(name, material, values, lumped, chosen, elements, nodes):
 class SolidForce(ElementForce):
     """The internal force of a solid."""
 
-    def __init__(self, elements, pairs, weights, along, material, coefficients):
+    def __init__(
+        self,
+        elements: np.ndarray,
+        pairs: Pattern,
+        weights: np.ndarray,
+        along: np.ndarray,
+        material: Material,
+        coefficients: Sequence[np.ndarray],
+    ):
         d, _, q, a = along.shape
         nodes = pairs.indptr.size - 1
         self._assembly = Assembly(elements, nodes, d, POINTS // q, pairs)
@@ -201,7 +226,9 @@ class SolidForce(ElementForce):
         self._shape = (len(elements), q, material._variables(d))
         super().__init__(self._assembly.pattern, np.zeros(int(np.prod(self._shape))))
 
-    def _evaluate(self, u, q, tangent):
+    def _evaluate(
+        self, u: np.ndarray, q: np.ndarray, tangent: bool
+    ) -> tuple[np.ndarray, Any, np.ndarray]:
         assembly, d = self._assembly, self._assembly.d
         before = q.reshape(self._shape)
         after = np.empty_like(before)
@@ -221,10 +248,10 @@ class SolidForce(ElementForce):
             flat = weighted.reshape(len(weighted), points * d, -1)
             stress = np.moveaxis(stress.reshape(d, d, -1, points), (2, 3), (0, 2))
             forces[part] = stress.reshape(-1, d, points * d) @ flat
-            if tangent:
+            if sums is not None and moduli is not None:
                 assembly.add(sums, number, _blocks(moduli, slopes, flat))
         f = assembly.force(forces)
-        return f, assembly.matrix(sums) if tangent else None, after.ravel()
+        return f, None if sums is None else assembly.matrix(sums), after.ravel()
 
     def _of(self, part: slice) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the shape functions and weights of a chunk; one row if all are equal."""
@@ -250,7 +277,9 @@ class SolidForce(ElementForce):
 class ElasticSolidForce(SolidForce, Conservative):
     """The internal force of a hyperelastic solid."""
 
-    def _potential(self, u):
+    _material: Hyperelastic
+
+    def _potential(self, u: np.ndarray) -> float:
         total = 0.0
         for part in self._assembly.chunks:
             _, weights = self._of(part)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -65,7 +67,9 @@ class J2Plasticity(Material):
             not_negative(self.kinematic, "kinematic", shape),
         )
 
-    def _evaluate(self, coefficients, H, before, out):
+    def _evaluate(
+        self, coefficients: Sequence[Any], H: np.ndarray, before: np.ndarray, out: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
         lam, mu, strength, isotropic_modulus, kinematic_modulus = coefficients
         d = len(H)
         positions = POSITIONS[d]
@@ -117,11 +121,13 @@ def _deviator(H: np.ndarray, positions: dict[tuple[int, int], int]) -> np.ndarra
     return out
 
 
-def _moduli(lam, mu, along, n, positions, out) -> None:
+def _moduli(
+    lam: Any, mu: Any, along: np.ndarray, n: np.ndarray, positions: Any, out: np.ndarray
+) -> None:
     """D_iJjL = lam d_iJ d_jL + mu (d_ij d_JL + d_iL d_Jj) - along n_iJ n_jL, for i <= j."""
     d = out.shape[1]
 
-    def direction(i, j):
+    def direction(i: int, j: int) -> np.ndarray:
         return n[positions[min(i, j), max(i, j)]]
 
     for k, (i, j) in enumerate(component_pairs(d)):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -17,9 +17,8 @@ Chosen = Mapping[str, Any]
 # the internal forces on the dofs of `nodes` nodes, whose numbers are those in `elements`, by kind
 # an array (chosen elements, corners). Numbers of nodes only say which elements are connected: with
 # a node of its own for each corner the matrices consist of those of the single elements.
-Recipe = Callable[
-    [Chosen, Mapping[str, np.ndarray], int], tuple[Any, Any, "tuple[ElementForce, ...]"]
-]
+Made: TypeAlias = "tuple[Any, Any, tuple[ElementForce, ...]]"
+Recipe: TypeAlias = Callable[[Chosen, Mapping[str, np.ndarray], int], Made]
 
 
 def of_chosen(values: np.ndarray, chosen: Any) -> np.ndarray:

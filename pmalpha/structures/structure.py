@@ -93,7 +93,7 @@ class Structure:
         M, K, internal = recipe(all_of(elements), elements, len(points))
         return cls(M, K, points, elements, components, internal, moduli or {}, recipe)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         n = len(self.points) * len(self.components)
         object.__setattr__(self, "internal", tuple(self.internal))
         rows_of = [("M", self.M.shape[0]), ("K", self.K.shape[0])]
@@ -504,7 +504,7 @@ class Structure:
         if self.internal:
             raise ValueError(f"{what} needs a linear structure, got one with internal forces")
 
-    def subdomain(self, *, scheme: Scheme, **options) -> Subdomain:
+    def subdomain(self, *, scheme: Scheme, **options: Any) -> Subdomain:
         """A Subdomain with this M, K and internal forces, without supports.
 
         Parameters
