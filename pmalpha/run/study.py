@@ -85,8 +85,8 @@ class Study:
         ``result(history)`` is evaluated where the case has run, and what it returns is sent back:
         peaks, say, in place of all time levels. Default: the whole History.
     together : int, default 1
-        Number of cases that one worker gets at a time and runs by `Coupler.run_each`, equal to
-        single ones to rounding. With 1 the results are bitwise those of `reset` and `run`.
+        Number of cases that one worker gets at a time and runs by `Coupler.run_each`. The results
+        are bitwise those of `reset` and `run`, with any number.
     **as_run
         Further options of `Coupler.run`, such as `record` and `every`; not `record_to`.
 
