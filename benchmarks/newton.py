@@ -95,9 +95,10 @@ def parts_of_iteration(structure, subdomain):
         structure.M, K, scheme=subdomain.scheme, v0=subdomain.v0, name="linear block"
     )
     coupler = pm.Coupler([linear], dt=0.02, threads=1)
+    factor_panels = partial(_core.factor_panels, core_sparse(A), panels, values, inverse)
     return (
         partial(force, subdomain.u0),
-        partial(_core.factor_panels, core_sparse(A), panels, values, inverse, LOST, GROWTH, *blas),
+        partial(factor_panels, LOST, GROWTH, *blas, 1),
         coupler.step,
     )
 

@@ -126,6 +126,7 @@ def test_a_snapshot_is_that_of_its_instant():
     assert snapshot(ours) == snapshot(other)
 
 
+@pytest.mark.filterwarnings("ignore:.*grows with damping:pmalpha.StabilityWarning")
 @pytest.mark.parametrize(
     "variant",
     [{}, {"double": True}, {"coupling": "macro"}, {"coupling": "mean"}, {"moved": True}],
