@@ -40,7 +40,7 @@ pma_numeric_parts describe_full(full_pattern *q, size_t n, size_t nb)
         .nb = nb,
         .ptr = q->ptr,
         .index = q->index,
-        .panels = {count, q->first, q->row_ptr, q->rows, q->start, NULL},
+        .panels = {count, q->first, q->row_ptr, q->rows, q->start, NULL, 0},
         .owner = q->owner,
         .blas = NAIVE_BLAS,
     };

@@ -83,21 +83,32 @@ typedef struct {
     double z[BLOCK], sign[BLOCK], steps[BLOCK], h[BLOCK];
 } paths;
 
-/* A step of the classical Runge-Kutta rule for those of the springs that have one left. */
-__attribute__((always_inline)) static inline void follow(paths *p, size_t count, double done,
+/* A step of the classical Runge-Kutta rule for spring i, if it has one left. */
+__attribute__((always_inline)) static inline void follow(paths *p, size_t i, double done,
                                                          bool whole)
 {
+    const double z = p->z[i], sign = p->sign[i], h = p->h[i];
+    const double n = p->n[i], beta = p->beta[i], gamma = p->gamma[i];
+    const double a = slope(z, sign, n, beta, gamma, whole);
+    const double b = slope(z + 0.5 * h * a, sign, n, beta, gamma, whole);
+    const double c = slope(z + 0.5 * h * b, sign, n, beta, gamma, whole);
+    const double d = slope(z + h * c, sign, n, beta, gamma, whole);
+    const double next = z + h / 6.0 * (a + 2.0 * b + 2.0 * c + d);
+    p->z[i] = done < p->steps[i] ? next : z;
+}
+
+static void follow_all(paths *p, size_t count, double done)
+{
+    for (size_t i = 0; i < count; i++)
+        follow(p, i, done, false);
+}
+
+/* Whole exponents alone, so that all springs are in vectors. */
+static void follow_whole(paths *p, size_t count, double done)
+{
 #pragma omp simd
-    for (size_t i = 0; i < count; i++) {
-        const double z = p->z[i], sign = p->sign[i], h = p->h[i];
-        const double n = p->n[i], beta = p->beta[i], gamma = p->gamma[i];
-        const double a = slope(z, sign, n, beta, gamma, whole);
-        const double b = slope(z + 0.5 * h * a, sign, n, beta, gamma, whole);
-        const double c = slope(z + 0.5 * h * b, sign, n, beta, gamma, whole);
-        const double d = slope(z + h * c, sign, n, beta, gamma, whole);
-        const double next = z + h / 6.0 * (a + 2.0 * b + 2.0 * c + d);
-        p->z[i] = done < p->steps[i] ? next : z;
-    }
+    for (size_t i = 0; i < count; i++)
+        follow(p, i, done, true);
 }
 
 /* Steps with rate * h <= 1/2 along paths of the lengths |x|; returns the largest number of them. */
@@ -130,9 +141,9 @@ static void pull_block(size_t count, const double *const P[], const double *d0, 
     const double most = divide(&p, count, x, P[6]);
     for (double done = 0.0; done < most; done++) {
         if (whole)
-            follow(&p, count, done, true);
+            follow_whole(&p, count, done);
         else
-            follow(&p, count, done, false);
+            follow_all(&p, count, done);
     }
     for (size_t i = 0; i < count; i++) {
         z1[i] = p.z[i];
