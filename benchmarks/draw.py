@@ -229,7 +229,8 @@ def draw_coupling(figure):
         label = "all implicit" if substeps == 1.0 else "explicit neighbours, ss = 10"
         left.barh(where, values, 0.32, label=label, **_fill(line))
     names = [
-        f"{r['subdomains']}, {short(r['faces'])} f., p = {short(r['constraints'])}" for r in own
+        f"{r['subdomains']}, {short(r['dofs per subdomain'])} dofs, {short(r['faces'])} f."
+        for r in own
     ]
     left.set_yticks(np.arange(len(own)) + 0.17, names)
     left.axvline(1.0, color="0.4", linewidth=0.8)
@@ -292,11 +293,11 @@ STAGES = {
     "predictor": ("predict",),
     "product with K": ("subtract", "subtract_band", "subtract_strips", "subtract_rows"),
     "forward sweep": ("eliminate",),
-    "backward sweep": ("substitute", "substitute_supernode", "close_part"),
+    "backward sweep": ("substitute", "substitute_supernode"),
     "corrector": ("correct",),
-    "open and close": ("subdomain_open", "subdomain_close", "open_step"),
-    "interface": ("link_load", "link_gather", "free_velocity", "coupler_solve"),
-    "schedule": ("fine_steps", "coupler_share"),
+    "open and close": ("substep_open", "substep_close", "open_part", "close_part"),
+    "interface": ("load_interface", "factor_interface", "free_velocity", "coupler_solve"),
+    "schedule": ("fine_steps", "open_substeps", "close_substeps"),
 }
 
 
