@@ -18,7 +18,8 @@ SANITIZED := test_binding test_snapshot
 RACES     := test_threads test_waiting
 LIBRARY    = $(shell $(CC) -print-file-name=$(1))
 
-.PHONY: demo test ctest tsan sanitized races analyze release cross example lint notebooks docs wheels benchmarks clean
+.PHONY: demo test ctest tsan sanitized races analyze release cross example lint notebooks docs wheels free-threaded \
+	benchmarks clean
 .NOTPARALLEL:
 
 demo: $(VENV)/.plot,fast
@@ -114,6 +115,17 @@ wheels: build/packaging/bin/zig
 	PATH="$(CURDIR)/build/packaging/bin:$$PATH" auditwheel repair \
 		--plat manylinux_2_17_x86_64 --wheel-dir build/wheels build/wheels-made/*.whl
 	build/packaging/bin/abi3audit --strict build/wheels/*.whl
+
+# The same for a Python without the GIL, which has no stable ABI: make free-threaded FREE=python3.13t
+free-threaded: build/packaging/bin/zig
+	rm -rf build/free build/free-threaded build/free-threaded-made
+	$(FREE) -m venv build/free
+	build/free/bin/pip install --quiet build
+	PIP_ONLY_BINARY=numpy CC="$(CURDIR)/$<" LDSHARED="$(CURDIR)/$< -shared" \
+		build/free/bin/python -m build --wheel --outdir build/free-threaded-made .
+	PATH="$(CURDIR)/build/packaging/bin:$$PATH" auditwheel repair \
+		--plat manylinux_2_17_x86_64 --wheel-dir build/free-threaded \
+		build/free-threaded-made/*.whl
 
 build/cross/%.exe: $(TESTS) $(CORE) $(HEADERS) | build/packaging/bin/zig
 	mkdir -p build/cross

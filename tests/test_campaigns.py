@@ -2,6 +2,7 @@
 
 import shutil
 import sys
+import sysconfig
 
 import campaign_files
 import campaign_histories
@@ -49,6 +50,10 @@ def test_nothing_grows_in_many_steps_and_couplers_that_their_callbacks_hold_are_
 
 @pytest.mark.skipif(
     sys.platform != "linux" or not shutil.which("cc"), reason="needs a C compiler and LD_PRELOAD"
+)
+@pytest.mark.skipif(
+    bool(sysconfig.get_config_var("Py_GIL_DISABLED")),
+    reason="a Python without the GIL cannot take its memory from malloc",
 )
 @pytest.mark.parametrize("kind", ["callbacks", "macro", "tied"])
 def test_an_allocation_that_fails_is_a_memory_error_and_changes_nothing(kind):
