@@ -131,7 +131,7 @@ static void pull_block(size_t count, const double *const P[], const double *d0, 
                        const double *z0, double *z1, double *f)
 {
     paths p = {.n = P[3], .beta = P[4], .gamma = P[5]};
-    double x[BLOCK];
+    double x[BLOCK] = {0.0};
     bool whole = true;
     for (size_t i = 0; i < count; i++) {
         x[i] = (d[i] - d0[i]) * P[2][i];
@@ -139,11 +139,11 @@ static void pull_block(size_t count, const double *const P[], const double *d0, 
         whole = whole && (p.n[i] == 1.0 || p.n[i] == 2.0);
     }
     const double most = divide(&p, count, x, P[6]);
-    for (double done = 0.0; done < most; done++) {
+    for (size_t done = 0; (double)done < most; done++) {
         if (whole)
-            follow_whole(&p, count, done);
+            follow_whole(&p, count, (double)done);
         else
-            follow_all(&p, count, done);
+            follow_all(&p, count, (double)done);
     }
     for (size_t i = 0; i < count; i++) {
         z1[i] = p.z[i];
