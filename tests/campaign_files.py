@@ -143,7 +143,7 @@ def load(path, kind):
 
 def use(history):
     for own in filter(None, history.subdomains):
-        float(np.sum(own.u)) + float(np.sum(own.t))
+        np.array(own.u), np.array(own.t)  # read from the file; a sum of forged numbers overflows
     return [] if history.energy is None else [history.energy.balance]
 
 
