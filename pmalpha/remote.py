@@ -8,14 +8,17 @@ encryption: serve on 127.0.0.1, the default, and connect machines by an SSH tunn
 
 from __future__ import annotations
 
+import os
 import socket
 import struct
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from queue import Empty, SimpleQueue
+from threading import Thread
 from time import monotonic
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -31,6 +34,8 @@ MARK, CALL, RESULT, FAILURE = b"pmr1", 0, 1, 2
 LARGEST = 1 << 32
 DIMENSIONS = 8
 CHUNK = 1 << 16
+# Of the line in which a program prints its port.
+LONGEST_LINE = 64
 
 
 class RemoteError(PmalphaError):
@@ -195,7 +200,7 @@ def serve(
 
 @contextmanager
 def started(
-    program: Sequence[Any], *, host: str = "127.0.0.1", timeout: float = 5.0
+    program: Sequence[Any], *, host: str = "127.0.0.1", timeout: float = 60.0
 ) -> Iterator[tuple[tuple[str, int], subprocess.Popen[bytes]]]:
     """A program that calls `serve`, as a process that ends with the block.
 
@@ -205,8 +210,9 @@ def started(
         The program and its arguments; a path that ends with ``.py`` is run by this Python.
     host : str, default "127.0.0.1"
         Where it serves.
-    timeout : float, default 5.0
-        Seconds that it has to end by itself after the block; then it is killed.
+    timeout : float, default 60.0
+        Longest wait for its port, and after the block for its end, in seconds. It is then killed,
+        at once when the block raises an exception.
 
     Yields
     ------
@@ -215,8 +221,10 @@ def started(
 
     Raises
     ------
+    TimeoutError
+        When it has not printed its port, or has not ended, in time.
     ConnectionError
-        When it ends without having announced its port.
+        When it ends, or prints something else, before its port.
 
     Examples
     --------
@@ -230,16 +238,41 @@ def started(
     if command[0].endswith(".py"):
         command.insert(0, sys.executable)
     process = subprocess.Popen(command, stdout=subprocess.PIPE)
+    assert process.stdout is not None
     try:
-        assert process.stdout is not None
-        line = process.stdout.readline().strip()
-        if not line.isdigit():
-            raise ConnectionError(f"{command} must print its port first, got {line!r}")
+        line = _first_line(process.stdout, timeout)
+        if line is None:
+            raise TimeoutError(f"{command} must print its port first, nothing in {timeout:g} s")
+        if not line.strip().isdigit():
+            raise ConnectionError(f"{command} must print its port first, got {line.strip()!r}")
         yield (host, int(line)), process
-        process.wait(timeout)
+        try:
+            process.communicate(timeout=timeout)  # what it prints at last must not hold it up
+        except subprocess.TimeoutExpired:
+            raise TimeoutError(f"{command} has not ended {timeout:g} s after its block") from None
     finally:
         process.kill()
-        process.communicate()
+        process.wait()
+        process.stdout.close()
+
+
+def _first_line(stream: IO[bytes], seconds: float) -> bytes | None:
+    """The first line of what a process prints, b"" if it ends without; None after this time.
+
+    Read in a thread, since a pipe has no time-out, and from a descriptor of its own: the stream can
+    be closed although a process that the first one has started keeps the pipe open.
+    """
+    lines, own = SimpleQueue[bytes](), os.dup(stream.fileno())
+
+    def read() -> None:
+        with open(own, "rb", buffering=0) as pipe:  # takes nothing behind the line
+            lines.put(pipe.readline(LONGEST_LINE))
+
+    Thread(target=read, daemon=True).start()
+    try:
+        return lines.get(timeout=seconds)
+    except Empty:
+        return None
 
 
 # ---- messages -----------------------------------------------------------------------------------

@@ -1,7 +1,10 @@
 """Functions of other processes, and what can happen to them."""
 
+import os
+import signal
 import socket
 import struct
+import subprocess
 import sys
 import threading
 import time
@@ -129,11 +132,48 @@ def test_a_program_ends_when_its_client_has_closed():
     assert process.returncode == 0
 
 
-def test_a_program_without_a_port_is_refused(tmp_path):
-    (tmp_path / "other.py").write_text("print('hello')")
-    with pytest.raises(ConnectionError, match="must print its port first, got b'hello'"):
+@pytest.mark.parametrize(
+    ("program", "got"), [("print('hello')", "b'hello'"), ("print(10**6 * 'x')", "b'x{64}'$")]
+)
+def test_a_program_without_a_port_is_refused(tmp_path, program, got):
+    (tmp_path / "other.py").write_text(program)
+    with pytest.raises(ConnectionError, match=f"must print its port first, got {got}"):
         with remote.started([tmp_path / "other.py"]):
             pass
+
+
+@pytest.mark.parametrize("program", ["exec sleep 60", "printf 12; exec sleep 60"])
+def test_a_program_that_never_prints_a_port_is_ended_in_time(program, monkeypatch):
+    made, popen = [], subprocess.Popen
+    monkeypatch.setattr(subprocess, "Popen", lambda *x, **y: made.append(popen(*x, **y)) or made[0])
+    with pytest.raises(TimeoutError, match=r"must print its port first, nothing in 0\.2 s"):
+        with remote.started(["sh", "-c", program], timeout=0.2):
+            pass
+    assert made[0].returncode == -signal.SIGKILL  # ended and reaped
+    assert made[0].stdout.closed
+
+
+def test_a_process_that_the_program_has_started_is_not_waited_for(tmp_path):
+    program = f"sleep 60 & echo $! >{tmp_path / 'number'}; exec sleep 60"
+    with pytest.raises(TimeoutError, match="must print its port first"):
+        with remote.started(["sh", "-c", program], timeout=1.0):
+            pass
+    os.kill(int((tmp_path / "number").read_text()), signal.SIGKILL)  # it is still there
+
+
+def test_a_program_that_does_not_end_is_killed_after_its_block():
+    # seconds enough for a shell on a busy machine to print a word
+    with pytest.raises(TimeoutError, match="has not ended 2 s after its block"):
+        with remote.started(["sh", "-c", "echo 5; exec sleep 60"], timeout=2.0) as (_, process):
+            pass
+    assert process.returncode == -signal.SIGKILL
+
+
+def test_what_a_program_prints_at_its_end_does_not_hold_it_up():
+    program = "print(5, flush=True); print(1_000_000 * 'x')"  # more than a pipe holds
+    with remote.started([sys.executable, "-c", program]) as (_, process):
+        pass
+    assert process.returncode == 0
 
 
 def test_a_silent_client_is_a_timeout():
