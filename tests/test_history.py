@@ -5,6 +5,7 @@ import os
 import sys
 import tracemalloc
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -253,6 +254,77 @@ def test_a_file_with_a_flipped_bit_is_refused_or_read_as_it_was(tmp_path):
         except ValueError:
             refused += 1
     assert refused > 160  # most of the file is numbers, under check sums
+
+
+def forged(path, **changes):
+    """Replace arrays of a file, or entries of its header."""
+    with np.load(path) as file:
+        arrays = dict(file)
+    header = json.loads(arrays["header"].item())
+    for name, value in changes.items():
+        if name in header:
+            header[name] = value
+        else:
+            arrays[name] = value
+    np.savez(path, **arrays | {"header": np.array(json.dumps(header))})
+
+
+@pytest.mark.parametrize("name", ["0.t", "0.u", "1.v", "1.a", "1.q", "multipliers", "macro_times"])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_states_that_no_run_has_are_refused_by_file_and_array(tmp_path, name, value):
+    spring = pm.InternalForce(
+        lambda u, v, t, q: (u**3, np.diag(3.0 * u**2), None, q), history=[1.0]
+    )
+    a = oscillator(name="a")
+    b = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), internal=spring, v0=[1.0], name="b")
+    path = tmp_path / "h.npz"
+    pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1, coupling="gc").run(steps=3).save(path)
+    with np.load(path) as file:
+        x = file[name].copy()
+    x.flat[-1] = value
+    forged(path, **{name: x})
+    with pytest.raises(ValueError, match=f"lacks finite numbers in {name}$") as caught:
+        pm.History.load(path)
+    assert str(path) in str(caught.value)
+
+
+def test_energies_and_jumps_beyond_the_range_of_numbers_are_read(tmp_path):
+    path = tmp_path / "h.npz"
+    coupler = pm.Coupler([pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), v0=[1e200])], dt=0.1)
+    history = coupler.run(steps=2, energy=True)
+    assert not np.isfinite(history.energy.kinetic).any()  # 1e200 squared
+    history = replace(history, displacement_jump=np.full((3, 1), np.inf))
+    history.save(path)
+    loaded = pm.History.load(path)
+    np.testing.assert_array_equal(loaded.energy.kinetic, history.energy.kinetic)
+    np.testing.assert_array_equal(loaded.displacement_jump, history.displacement_jump)
+
+
+def test_a_history_that_could_not_be_loaded_is_not_saved(tmp_path):
+    history, a = three_subdomains()
+    history[a].v[1, 0] = np.nan
+    with pytest.raises(ValueError, match=r"finite states to be saved, 0\.v has others"):
+        history.save(tmp_path / "h.npz")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("forgery", "reason"),
+    [
+        ({"steps": [[np.nan, None], [1, None], None]}, "finite steps of subdomain 0, got nan"),
+        ({"steps": [[0.1, "x"], [1, None], None]}, "finite steps of subdomain 0, got 'x'"),
+        ({"steps": [[0.1, 10**400], [1, None], None]}, "finite steps of subdomain 0, got 1000"),
+        ({"substeps": np.array([[1.0, 3.0, np.inf]])}, "whole numbers in substeps"),
+        ({"substeps": np.array([[1.0, 3.0, 1.5]])}, "whole numbers in substeps"),
+        ({"substeps": np.array([[1.0, 3.0, 1e300]])}, "whole numbers in substeps"),
+    ],
+)
+def test_steps_that_no_run_has_are_refused(tmp_path, forgery, reason):
+    path = tmp_path / "h.npz"
+    three_subdomains()[0].save(path)
+    forged(path, **forgery)
+    with pytest.raises(ValueError, match=f"lacks {reason}"):
+        pm.History.load(path)
 
 
 def test_neither_saving_nor_loading_copies_a_large_history(tmp_path):

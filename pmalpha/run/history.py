@@ -16,7 +16,7 @@ from . import history_file
 from .accuracy import local_error
 from .conversion import frames, subdomain_dataset, subdomain_frame
 from .energy import ENERGY_FIELDS, Energy
-from .history_file import FORMAT, VERSION, output_array
+from .history_file import FORMAT, VERSION, output_array, whole_numbers
 from .joining import joined
 from .keys import position
 
@@ -368,6 +368,8 @@ class History:
         ------
         TypeError, OSError
             For a wrong type of path, and for a file that cannot be written.
+        ValueError
+            For times, states or multipliers that are not finite, which no run records.
         ImportError
             For an HDF5 file without h5py.
 
@@ -382,6 +384,9 @@ class History:
         True
         """
         header, arrays = self.contents()
+        wrong = history_file.not_finite(arrays)
+        if wrong is not None:
+            raise ValueError(f"a History must have finite states to be saved, {wrong} has others")
         is_hdf5 = checked_path(path).suffix in (".h5", ".hdf5")
         write = history_file.write if is_hdf5 else write_npz
         write(path, header, arrays)
@@ -439,16 +444,21 @@ class History:
         TypeError, OSError
             For a wrong type of path, and for a file that cannot be read.
         ValueError
-            For any other file, or a damaged one; the message has the reason.
+            For any other file, or a damaged one, and for states in an npz file that are not finite
+            (those of an HDF5 file are not read here); the message has the reason.
         ImportError
             For an HDF5 file without h5py.
         """
-        if history_file.is_hdf5(path):
+        is_mapped = history_file.is_hdf5(path)
+        if is_mapped:
             header, arrays = history_file.read(path)
         else:
             header, arrays = read_npz(path, FORMAT, VERSION)
         try:
             history_file.check_contents(header, arrays)
+            wrong = None if is_mapped else history_file.not_finite(arrays)
+            if wrong is not None:
+                raise ValueError(f"finite numbers in {wrong}")
             subdomains: list[SubdomainHistory | None] = [None] * len(header["names"])
             steps = header.get("steps", [(None, None)] * len(header["names"]))
             outputs = header.get("outputs", [()] * len(header["names"]))
@@ -458,7 +468,7 @@ class History:
                 kept += [name for name in OF_INTERNAL if f"{i}.{name}" in arrays]
                 motion: dict[str, Any] = {key: arrays[f"{i}.{key}"] for key in kept}
                 if "iterations" in motion:
-                    motion["iterations"] = np.asarray(motion["iterations"]).astype(int)
+                    motion["iterations"] = whole_numbers(arrays, f"{i}.iterations")
                 subdomains[i] = SubdomainHistory(
                     header["names"][i],
                     **motion,
@@ -467,7 +477,7 @@ class History:
                 )
             interface = {key: arrays[key] for key in INTERFACE}
             if "substeps" in arrays:
-                interface["substeps"] = np.asarray(arrays["substeps"]).astype(int)
+                interface["substeps"] = whole_numbers(arrays, "substeps")
             energy = None
             if any(key.startswith("energy.") for key in arrays):
                 energies = {key: arrays[f"energy.{key}"] for key in ENERGY_FIELDS}

@@ -13,6 +13,7 @@ import errno
 import io
 import json
 import os
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -38,6 +39,10 @@ OF_THE_INTERFACE = (
 )
 # Maximum number of bytes per system call.
 LONGEST_WRITE = 1 << 30
+
+
+# What is finite at every time level of a run.
+OF_STATES = ("t", "u", "v", "a", "dofs", "q", "multipliers", "multiplier_times", "macro_times")
 
 
 def row_count(begin: int, end: int, every: int, levels: int) -> int:
@@ -377,10 +382,37 @@ def check_contents(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) 
         for quantity in "uva":
             if arrays[f"{i}.{quantity}"].shape != shape:
                 raise ValueError(f"rows of {i}.{quantity}, which has not the shape {shape}")
+        for step in header["steps"][i] if "steps" in header else ():
+            number = type(step) in (int, float) and abs(step) <= sys.float_info.max
+            if not (number or step is None):
+                raise ValueError(f"finite steps of subdomain {i}, got {step!r}")
     rows = arrays["multiplier_times"].size
     for name in ("multipliers", "velocity_jump"):
         if arrays[name].ndim != 2 or len(arrays[name]) != rows:
             raise ValueError(f"rows of {name}, which has not {rows} of them")
+
+
+def not_finite(arrays: Mapping[str, np.ndarray]) -> str | None:
+    """The first array of a History with values that no run has: states, multipliers and times that
+    are not finite. Jumps, energies, outputs and deformations of springs are sums of products, and
+    may be."""
+    for name, x in arrays.items():
+        if name.rpartition(".")[2] in OF_STATES and x.size:
+            with np.errstate(invalid="ignore"):  # two numbers, not an array as isfinite(x) has
+                ends = x.min(), x.max()
+            if not np.isfinite(ends).all():
+                return name
+    return None
+
+
+def whole_numbers(arrays: Mapping[str, np.ndarray], name: str) -> np.ndarray:
+    """An array of counts as integers."""
+    x = np.asarray(arrays[name])
+    with np.errstate(invalid="ignore"):  # what is no integer differs, whatever comes of it
+        counts = x.astype(np.int64)
+    if not np.array_equal(counts, x):
+        raise ValueError(f"whole numbers in {name}")
+    return counts
 
 
 def own_array(whole: Any, name: str) -> Any:
