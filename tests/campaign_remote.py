@@ -21,7 +21,7 @@ from entries import one
 from pmalpha import remote
 
 WAIT = 0.05  # s, the timeout of both sides
-SLACK = 5.0  # s, that the machine may take besides
+SLACK = 50.0  # s, that the machine may take besides; less than after which the child is ended
 DOCUMENTED = (ConnectionError, TimeoutError, remote.RemoteError)
 
 

@@ -44,6 +44,7 @@ class Division:
     def _shares(self, weights: np.ndarray) -> np.ndarray:
         count = np.repeat(self.multiplicity, self.multiplicity)
         w = weights[self.order]
+        w = np.ldexp(w, -int(np.frexp(w.max(initial=0.0))[1]))  # their sums are then finite
         total = np.repeat(np.add.reduceat(w, self._first), self.multiplicity)
         with np.errstate(invalid="ignore", divide="ignore"):
             ordered = np.where(total > 0.0, w / total, 1.0 / count)

@@ -218,7 +218,7 @@ def _columns(subdomain: SubdomainHistory, given: Any) -> list[int]:
     if given is None:
         return list(range(subdomain.dofs.size))
     name = f"dofs of {subdomain.name!r}"
-    dofs = dof_list(np.atleast_1d(np.asarray(given)), np.iinfo(np.int64).max, name)
+    dofs = dof_list(given, np.iinfo(np.int64).max, name)
     columns = {int(dof): j for j, dof in enumerate(subdomain.dofs)}
     missing = [int(dof) for dof in dofs if int(dof) not in columns]
     if missing:

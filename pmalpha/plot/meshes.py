@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from .._checks import listing, positive_number, real_number, whole_number
+from .._checks import listing, positive_number, real_number, require_finite, whole_number
 from ..problem.kinds import KINDS
 from ..structures.mesh import (
     Block,
@@ -151,7 +151,7 @@ def deformed(
     with style():
         own, ax = ax is None, _axes(mesh, ax)
         picture = _picture(ax, [(mesh, u)], scale, own)
-        x = mesh.points + picture.scale * u
+        x = _moved(mesh, picture.scale, u)
         _draw_undeformed(ax, mesh)
         look = _plain(picture.meshes) if color is None else Look(color, color)
         if values is not None:
@@ -233,7 +233,7 @@ def animation(
         paint = _painter(ax, picture, films, values, value_label)
         for film in films:
             _draw_undeformed(ax, film.mesh)
-            moved = film.mesh.points + picture.scale * film.u
+            moved = _moved(film.mesh, picture.scale, film.u)
             _enclose(ax, np.concatenate([film.mesh.points, *moved]), picture)
         ax.set_autoscale_on(False)
         time_label = ax.set_title("$t$", loc="left")
@@ -245,12 +245,20 @@ def animation(
             while drawn:
                 drawn.pop().remove()
             for i, (mesh, u) in enumerate(films):
-                x = mesh.points + picture.scale * u[frame]
+                x = _moved(mesh, picture.scale, u[frame])
                 drawn.extend(_draw(ax, mesh, x, paint(i, u[frame])))
             time_label.set_text(f"$t$ = {times[frame]:.4g}")
             return drawn
 
         return FuncAnimation(figure, show, frames=frames, interval=interval, blit=False)
+
+
+def _moved(mesh: Mesh, scale: float, u: np.ndarray) -> np.ndarray:
+    """The points where they are drawn; ValueError where the picture has no number for them."""
+    with np.errstate(over="ignore"):
+        x = mesh.points + scale * u
+    require_finite(x, "points + scale u")
+    return x
 
 
 class Film(NamedTuple):

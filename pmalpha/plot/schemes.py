@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -150,9 +150,10 @@ def _drawn(
 def _labelled(schemes: Schemes) -> dict[str, Scheme]:
     if isinstance(schemes, Scheme):
         schemes = [schemes]
-    if not isinstance(schemes, Iterable):
-        raise TypeError(f"schemes must be pmalpha schemes, got {schemes!r}")
-    labelled = schemes if isinstance(schemes, Mapping) else {repr(s): s for s in schemes}
+    try:
+        labelled = schemes if isinstance(schemes, Mapping) else {repr(s): s for s in schemes}
+    except TypeError:  # also of what has __iter__ and then refuses, as an array of no dimension
+        raise TypeError(f"schemes must be pmalpha schemes, got {schemes!r}") from None
     for scheme in labelled.values():
         if not isinstance(scheme, Scheme):
             raise TypeError(f"schemes must be pmalpha schemes, got {scheme!r}")

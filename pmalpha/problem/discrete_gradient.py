@@ -148,7 +148,7 @@ def internal_for(internal: Any, scheme: Scheme, n: int) -> Internal | None:
     for force in [] if own is None else [force.evaluate for force in own.forces]:
         if not isinstance(force, DiscreteGradient):
             continue
-        check_dofs(force.springs, n)
+        check_dofs(force.springs, n, "internal")
         exact = (scheme.beta, scheme.gamma, scheme.am) == (0.25, 0.5, scheme.af)
         if scheme.explicit or not exact:
             raise ValueError(

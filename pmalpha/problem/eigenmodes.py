@@ -39,6 +39,7 @@ NOTABLE = 100.0
 SPREAD = 1e3
 # An indefinite K + shift M is tried again with shifts that grow by this factor.
 GROWTH, TRIALS = 100.0, 4
+LARGEST_SHIFT = DENSE_SHIFT * GROWTH**TRIALS
 
 
 def modes(
@@ -107,7 +108,13 @@ def modes(
         raise ValueError(
             f"M must be so large that K_ii / M_ii is finite, which it is not at {light}"
         )
-    squares, shapes = _lowest(A, B, k, _scale(ratios))
+    scale = _scale(ratios)
+    if not LARGEST_SHIFT * scale * float(abs(B).max()) < np.inf:
+        raise ValueError(
+            f"M must have entries that are finite times K_ii / M_ii, got up to {abs(B).max():g} "
+            f"and ratios about {scale:g}"
+        )
+    squares, shapes = _lowest(A, B, k, scale)
     full = np.zeros((n, k))
     full[free] = shapes * np.sign(shapes[np.abs(shapes).argmax(axis=0), np.arange(k)])
     return np.sqrt(squares), full

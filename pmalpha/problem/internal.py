@@ -247,7 +247,7 @@ def checked_internal(internal: Any, n: int) -> Internal | None:
     springs, forces, labels = [], [], []
     for item, label in items:
         if isinstance(item, Spring):
-            check_dofs((item,), n)
+            check_dofs((item,), n, label)
             springs.append(item)
         else:
             forces.append(_force(item, label, n))

@@ -34,7 +34,7 @@ def checked_restoring(restoring: Any, n: int) -> Restoring:
     items = labelled(restoring, "restoring")
     for item, label in items:
         if isinstance(item, Spring):
-            check_dofs((item,), n)
+            check_dofs((item,), n, label)
         elif isinstance(item, LowLevelCallable):
             check_signature(item, "restoring", label)
         elif not callable(item):

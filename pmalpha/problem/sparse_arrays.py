@@ -51,10 +51,6 @@ def _by_blocks(value: Any, name: str) -> None:
     if len(blocks) != 3 or 0 in blocks[1:] or any(n % b for n, b in zip(shape, blocks[1:])):
         raise ValueError(f"{name} must have blocks that divide {shape}, got data of shape {blocks}")
     _compressed(value, shape[0] // blocks[1], shape[1] // blocks[2], 3, name)
-    if len(value.indices) != blocks[0]:
-        raise ValueError(
-            f"{name} must have as many indices as blocks, got {len(value.indices)} and {blocks[0]}"
-        )
 
 
 def _compressed(value: Any, major: int, minor: int, ndim: int, name: str) -> None:
@@ -71,9 +67,15 @@ def _compressed(value: Any, major: int, minor: int, ndim: int, name: str) -> Non
         )
     index = _whole(value.indices, f"{name} must have indices")
     data = _array(value.data, f"{name} must have data", ndim)
-    stored = min(index.size, len(data))
-    if start[-1] > stored:
-        raise ValueError(f"{name} must have {start[-1]} entries as its indptr has, got {stored}")
+    if index.size != len(data):
+        what = "data" if ndim == 1 else "blocks"
+        raise ValueError(
+            f"{name} must have as many indices as {what}, got {index.size} and {len(data)}"
+        )
+    if start[-1] > index.size:
+        raise ValueError(
+            f"{name} must have {start[-1]} entries as its indptr has, got {index.size}"
+        )
     _within(index[: start[-1]], 0, minor - 1, f"{name} must have indices")
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import counted, listing, plain_array, real_array
+from .._checks import MOST, counted, listing, plain_array, real_array
 from .frozen import Frozen
 
 __all__ = ["Bilinear", "BoucWen", "CubicSpring", "Gap", "SpringState"]
@@ -328,14 +328,16 @@ def _pairs(dofs: Any) -> np.ndarray:
             f"dofs must be [{pair}] for one spring between two dofs, or {list(pair)} for two "
             f"springs to the ground, got {pair}"
         )
+    if array.size and not GROUND <= int(array.min()) <= int(array.max()) < MOST:
+        rule = "not be below -1, the ground" if array.min() < GROUND else f"be below {MOST}"
+        wrong = array.min() if array.min() < GROUND else array.max()
+        raise ValueError(f"dofs must {rule}, got {wrong}")
     if array.ndim < 2:
         first = np.atleast_1d(array)
         array = np.column_stack([first, np.full_like(first, GROUND, dtype=np.int64)])
     if array.ndim != 2 or array.shape[1] != 2 or len(array) == 0:
         raise ValueError(f"dofs must be of shape (m,) or (m, 2), m > 0, got {np.shape(dofs)}")
     array = array.astype(np.int64)
-    if array.min() < GROUND:
-        raise ValueError(f"dofs must not be below -1, the ground, got {array.min()}")
     same = np.flatnonzero(array[:, 0] == array[:, 1])
     if same.size:
         raise ValueError(f"dofs of a spring must differ, got the same at springs {listing(same)}")
@@ -356,11 +358,13 @@ def _spread(value: Any, name: str, count: int) -> np.ndarray:
 # ---- for a subdomain ---------------------------------------------------------------------------
 
 
-def check_dofs(springs: tuple[Spring, ...], n: int) -> None:
+def check_dofs(springs: tuple[Spring, ...], n: int, name: str) -> None:
+    """ValueError for dofs that the subdomain does not have; `name` is that of the argument."""
     for spring in springs:
         if spring.dofs.max() >= n:
             raise ValueError(
-                f"dofs of a {type(spring).__name__} must lie in 0..{n - 1}, got {spring.dofs.max()}"
+                f"{name}: dofs of a {type(spring).__name__} must lie in 0..{n - 1}, got "
+                f"{spring.dofs.max()}"
             )
 
 

@@ -205,6 +205,7 @@ class Changes:
                 raise ValueError(
                     f"substeps of {len(self._everything)} subdomains, got {len(substeps)}"
                 )
+            finest(substeps, self.coupling)
             doubles = double_steps(self._everything, self.coupling, substeps)
             layout = Layout(clock.dt, substeps, doubles)
             first = (

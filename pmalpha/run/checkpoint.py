@@ -8,6 +8,7 @@ the file does not depend on the elimination order.
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -43,6 +44,8 @@ LINE = ("end_multipliers", "multipliers_before")
 LENGTHS = "lengths"
 # What is added to the name of a checkpoint for that of a rank: macro step, token and rank.
 OF_A_RANK = r"\.\d+\.[0-9a-f]{8}\.\d+"
+# Bytes of the name of a file.
+LONGEST_NAME = 255
 # Number of differences that an error lists.
 SHOWN = 6
 
@@ -424,8 +427,7 @@ def _of_ranks(
     whole = isinstance(files, list) and isinstance(first, list) and len(first) == len(files) + 1
     if not (whole and files and all(type(number) is int for number in first)):
         raise damaged(path, "its header is incomplete")
-    names = (isinstance(x, str) and "\0" not in x and Path(x).name == x != "" for x in files)
-    if not all(names):
+    if not all(map(_is_file_name, files)):
         raise damaged(path, f"it must lead to files in its folder, got {files}")
     has = enumerate(pairwise(first))
     wanted = [k for k, (a, b) in has if max(a, own.start) < min(b, own.stop)] or [0]
@@ -440,6 +442,14 @@ def _of_ranks(
         header["problem"] |= other["problem"]
         arrays |= theirs
     return header, arrays
+
+
+def _is_file_name(x: Any) -> bool:
+    """Whether it is a name that a file in a folder can have."""
+    try:
+        return Path(x).name == x != "" and "\0" not in x and len(os.fsencode(x)) <= LONGEST_NAME
+    except (TypeError, UnicodeEncodeError):
+        return False
 
 
 def damaged(path: str | PathLike[str], reason: object) -> ValueError:

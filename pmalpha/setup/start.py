@@ -122,12 +122,14 @@ class InitialAccelerations:
         ConstraintWarning
             When the equation of a dof without mass does not hold at t = 0.
         """
-        r: list[Any] = [sum(t) for t in terms]
+        with np.errstate(over="ignore", invalid="ignore"):  # then w is not finite either
+            r: list[Any] = [sum(t) for t in terms]
         if self.ties_without_mass:
             w, lam = self._solve_without_mass(r, g)
         else:
             w, lam = self._step(r, g)
-        sizes = [sum(np.abs(term) for term in own) for own in terms]
+        with np.errstate(over="ignore"):
+            sizes = [sum(np.abs(term) for term in own) for own in terms]
         size = max((np.max(own, initial=0.0) for own in sizes), default=0.0)
         broken = [mass.broken_equations(own, lam, size) for mass, own in zip(self.masses, r)]
         _warn_of_broken([x for x in broken if x is not None], size)

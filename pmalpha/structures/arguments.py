@@ -78,6 +78,9 @@ def mesh_arguments(
     """Points and elements; each point must be in at least one element."""
     coordinates = real_array(points, "points", 2)
     require_moderate(coordinates, "points", LARGEST)
+    size = np.abs(coordinates).max(initial=0.0)
+    if 0.0 < size < 1.0 / LARGEST:  # products of a few lengths would be zero
+        raise ValueError(f"points must not all be below {1.0 / LARGEST:g}, got at most {size:g}")
     if dim is not None and coordinates.shape[1] != dim:
         raise ValueError(f"points must have shape (points, {dim}), got {coordinates.shape}")
     numbers = node_numbers(elements, name, len(coordinates), corners)

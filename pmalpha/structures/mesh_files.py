@@ -202,8 +202,9 @@ def _of_meshio(mesh: Any, names: str | None) -> FileMesh:
 
 def _check(read: FileMesh) -> None:
     """ValueError for nodes, and members of groups and sets, that the mesh does not have."""
-    if read.points.ndim != 2:
-        raise ValueError(f"mesh must have points of shape (N, dim), got {read.points.shape}")
+    shape = read.points.shape
+    if len(shape) != 2 or shape[1] not in (2, 3):
+        raise ValueError(f"mesh must have points of shape (N, 2) or (N, 3), got {shape}")
     for block in read.blocks:
         nodes, kind = block.nodes, block.kind
         width = KINDS[kind].nodes if kind in KINDS else nodes.shape[-1]
