@@ -6,6 +6,7 @@ A load is evaluated at the end of a step only (docs/method.md).
 from __future__ import annotations
 
 from collections.abc import Callable
+from sys import float_info
 from typing import Any, TypeAlias, TypeGuard
 
 import numpy as np
@@ -107,7 +108,7 @@ def _position(x: float) -> float:
     Otherwise a record could end one step early.
     """
     nearest = np.rint(x)
-    return float(nearest if abs(x - nearest) <= 16.0 * np.finfo(float).eps * nearest else x)
+    return float(nearest if abs(x - nearest) <= 16.0 * float_info.epsilon * nearest else x)
 
 
 class BaseAcceleration(SampledForce):

@@ -29,6 +29,8 @@ SAMPLED_NUMBERS, SAMPLED_DOFS = 40_000, 400
 SHAPE = 200
 # Mean of |cos| of an oscillation is 2 / pi of its amplitude.
 AMPLITUDE = 0.5 * np.pi
+# No time levels.
+NONE = np.empty(0, dtype=np.int64)
 
 
 class Recorded(Protocol):
@@ -91,7 +93,8 @@ def local_error(history: Recorded) -> np.ndarray:
 
 def errors_of(histories: Sequence[Recorded], steps: np.ndarray, columns: slice) -> np.ndarray:
     """e of some of the steps of a subdomain in several cases, (D1), (dofs, cases, steps)."""
-    return error(ends_of(histories, steps, columns), lengths_of(histories[0], steps))
+    ends, _ = ends_of(histories, steps, columns)
+    return error(ends, lengths_of(histories[0], steps))
 
 
 def lengths_of(history: Recorded, steps: np.ndarray) -> np.ndarray:
@@ -99,12 +102,16 @@ def lengths_of(history: Recorded, steps: np.ndarray) -> np.ndarray:
 
 
 def ends_of(
-    histories: Sequence[Recorded], steps: np.ndarray, columns: slice
-) -> tuple[np.ndarray, ...]:
-    """u, v, w where the steps begin and u, w where they end, (dofs, cases, steps) each."""
-    begin, end = previous_level(histories[0], steps), steps + 1
-    arrays = [("u", begin), ("v", begin), ("a", begin), ("u", end), ("a", end)]
-    return tuple(levels_of(histories, name, levels, columns) for name, levels in arrays)
+    histories: Sequence[Recorded], steps: np.ndarray, columns: slice, others: np.ndarray = NONE
+) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+    """u, v, w where the steps begin and u, w where they end, (dofs, cases, steps) each; and u at
+    other levels."""
+    begin, end, count = previous_level(histories[0], steps), steps + 1, steps.size
+    u = levels_of(histories, "u", np.concatenate([begin, end, others]), columns)
+    v = levels_of(histories, "v", begin, columns)
+    w = levels_of(histories, "a", np.concatenate([begin, end]), columns)
+    first, second, rest = slice(count), slice(count, 2 * count), slice(2 * count, None)
+    return (u[..., first], v, w[..., first], u[..., second], w[..., second]), u[..., rest]
 
 
 def error(ends: Sequence[np.ndarray], h: np.ndarray) -> np.ndarray:
@@ -238,16 +245,26 @@ def sample(
     count = max(2 * FEWEST_STEPS, numbers // len(range(0, dofs, stride)))
     steps = spread(int(previous_level(first, np.array([0]))[0] < 0), levels - 2, count)
     mass = mass_of(part.subdomain)[first.dofs[columns]] * stride
-    ends, h = ends_of(histories, steps, columns), lengths_of(first, steps)
+    ends, shape = ends_of(histories, steps, columns, shape_levels(levels))
+    h = lengths_of(first, steps)
+    errors = error(ends, h)
     mean = ends[0].mean(axis=2, keepdims=True)
     motion, speed, acceleration = (rms(x, mass) for x in (ends[0] - mean, *ends[1:3]))
     omega = np.where(motion > 0.0, np.sqrt(acceleration / motion), 0.0)  # at rest it is rounding
     scheme = part.subdomain.scheme
     factor = [phase_factor(scheme, float(f"{Omega:.1e}")) for Omega in omega * part.step]
-    rate = AMPLITUDE * np.array(factor) * np.mean(norms(error(ends, h), mass) / h, axis=1)
-    few = np.linspace(0, levels - 1, SHAPE).round().astype(np.int64)
-    amplitude = norms(levels_of(histories, "u", few, columns) - mean, mass)
-    return Sample(rate, speed, amplitude, *decay_of(histories, part.subdomain, steps))
+    rate = AMPLITUDE * np.array(factor) * np.mean(norms(errors, mass) / h, axis=1)
+    amplitude = norms(shape - mean, mass)
+    known = errors if stride == 1 else None
+    return Sample(rate, speed, amplitude, *decay_of(histories, part.subdomain, steps, known))
+
+
+@lru_cache(maxsize=64)
+def shape_levels(levels: int) -> np.ndarray:
+    """`SHAPE` time levels, evenly from the first to the last; not to be written to."""
+    some = np.linspace(0, levels - 1, SHAPE).round().astype(np.int64)
+    some.setflags(write=False)
+    return some
 
 
 @lru_cache(maxsize=64)
@@ -275,17 +292,24 @@ def mass_of(subdomain: Subdomain) -> np.ndarray:
 
 
 def decay_of(
-    histories: Sequence[Recorded], subdomain: Subdomain, steps: np.ndarray
+    histories: Sequence[Recorded],
+    subdomain: Subdomain,
+    steps: np.ndarray,
+    errors: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Means of e C e and e M e over some of the steps, per unit of time squared, (cases,) each."""
+    """Means of e C e and e M e over some of the steps, per unit of time squared, (cases,) each.
+
+    `errors` are the e of all recorded dofs in these steps where they are known.
+    """
     n, first, cases = subdomain.n, histories[0], len(histories)
-    some = steps[:: 1 + steps.size // 32]
+    some = np.arange(0, steps.size, 1 + steps.size // 32)
     together = max(1, SAMPLED_NUMBERS // (4 * n * cases))  # several arrays of them at a time
     lost, size = np.zeros(cases), np.zeros(cases)
     for begin in range(0, some.size, together):
-        rows = some[begin : begin + together]
-        e = np.zeros((n, cases, rows.size))
-        e[first.dofs] = errors_of(histories, rows, slice(None)) / lengths_of(first, rows)
+        few = some[begin : begin + together]
+        own = errors_of(histories, steps[few], slice(None)) if errors is None else errors[..., few]
+        e = np.zeros((n, cases, few.size))
+        e[first.dofs] = own / lengths_of(first, steps[few])
         size += summed_product(subdomain.M, e)
         if subdomain.C is not None:
             lost += summed_product(subdomain.C, e)

@@ -18,7 +18,7 @@ from ..problem.subdomain import Subdomain
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.start import InitialAccelerations
 from .history import History
-from .initial import InitialValues, StartValues
+from .initial import InitialValues, StartValues, consistent_in_lanes
 from .interrupts import HeldSignals
 from .keys import by_index
 from .lanes import FEWEST, Crew, Group, fits, lanes_are_possible
@@ -47,12 +47,15 @@ def checked_case(
     force: Any = None,
 ) -> Case:
     """The arguments of `Coupler.reset`, with those of the `Subdomain` where none is given."""
-    initial = InitialValues(keys, rows, u0, v0)
+    return Case(InitialValues(keys, rows, u0, v0), checked_forces(keys, force))
+
+
+def checked_forces(keys: Sequence[tuple[str, Subdomain]], force: Any) -> list[Force]:
+    """The force on each subdomain, that of the `Subdomain` where none is given."""
     given = by_index(force, keys, "force")
-    forces = [
+    return [
         checked_force(given[i], s.n) if i in given else s.force for i, (_, s) in enumerate(keys)
     ]
-    return Case(initial, forces)
 
 
 def checked_cases(
@@ -66,7 +69,8 @@ def checked_cases(
     wrong_kind = isinstance(cases, (str, Mapping)) or hasattr(cases, "ndim")  # of arrays
     if wrong_kind or not isinstance(cases, Iterable):
         raise TypeError(f"cases must be a list of dicts, got {cases!r}")
-    checked = []
+    checked: list[Case] = []
+    plain: InitialValues | None = None  # of all cases without initial values of their own
     for k, case in enumerate(cases):
         if not isinstance(case, Mapping):
             raise TypeError(f"cases[{k}] must be a dict of arguments of reset, got {case!r}")
@@ -75,8 +79,15 @@ def checked_cases(
             allowed = ", ".join(map(repr, ARGUMENTS))
             raise TypeError(f"cases[{k}] must have no other keys than {allowed}, got {wrong[0]}")
         try:
-            checked.append(checked_case(keys, rows, **case))
-            checked[-1].initial.check(motions, tied=tied)
+            initial = plain
+            if initial is None or not case.keys() <= {"force"}:
+                initial = InitialValues(keys, rows, case.get("u0"), case.get("v0"))
+            forces = checked_forces(keys, case.get("force"))
+            if initial is not plain:
+                initial.check(motions, tied=tied)
+            if case.keys() <= {"force"}:
+                plain = initial
+            checked.append(Case(initial, forces))
         except (TypeError, ValueError) as error:
             raise type(error)(f"cases[{k}]: {error}") from None
     return checked
@@ -353,7 +364,7 @@ class Cases:
                 if ready is None:
                     self._run_one_by_one(group, plan)
                 else:
-                    crew.begin(group, *ready, plan.end)
+                    crew.begin(group, *ready, self._loads.motions, plan.end)
             for done in crew.rest():
                 self._finish_group(done, plan)
         for group in groups:
@@ -362,22 +373,26 @@ class Cases:
 
     def _prepared(
         self, group: list[int], plan: Plan
-    ) -> tuple[list[StartValues], list[Loads], list[Recording]] | None:
-        """What a group begins with; None where the initial values of a case fail."""
+    ) -> tuple[StartValues, list[list[Force]], list[Recording]] | None:
+        """What a group begins with, in `LANES` columns, of which the last case fills the rest; and
+        the recordings. None where the initial values of a case fail."""
         cases = [plan.cases[k] for k in group]
-        loads = [self._loads.renewed(case.forces) for case in cases]
+        cases += [cases[-1]] * (LANES - len(cases))
+        forces = [case.forces for case in cases]
         try:
             if self._initial_accelerations is None:
                 p, rows = self._rows.p, np.argsort(self._row_position)
                 self._initial_accelerations = InitialAccelerations(self._parts, p, rows)
-            solver = self._initial_accelerations
-            starts = [
-                case.initial.consistent(self._parts, own, self._row_position, solver)
-                for case, own in zip(cases, loads)
-            ]
+            start = consistent_in_lanes(
+                [case.initial for case in cases],
+                forces,
+                self._loads,
+                self._row_position,
+                self._initial_accelerations,
+            )
         except Exception:  # of which case, is found by running each alone
             return None
-        return starts, loads, [plan.recording.again() for _ in group]
+        return start, forces, [plan.recording.again() for _ in group]
 
     def _finish_group(self, group: Group, plan: Plan) -> None:
         if not group.is_finite:

@@ -9,12 +9,13 @@ import numpy as np
 
 from .._checks import vector
 from ..errors import InstabilityError
+from ..problem.forces import Force
 from ..problem.subdomain import Subdomain
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.part import Part
 from ..setup.start import InitialAccelerations
 from .keys import by_index
-from .loads import Loads
+from .loads import Loads, force_at
 from .motion import Motion, all_known, slopes_at_start, values_at_start
 
 
@@ -123,7 +124,7 @@ class InitialValues:
     ) -> StartValues:
         """Consistent initial values (S1), in elimination order."""
         p = self.rows.p
-        states = [(u[part.order], v[part.order]) for part, (u, v) in zip(parts, self.values)]
+        states = self.in_order(parts)
         terms = loads.terms_at_start(states)
         rows = np.argsort(row_position)
         g = values_at_start(loads.motions, p)[rows]
@@ -143,6 +144,57 @@ class InitialValues:
         ]
         gap = self.rows.gaps([u for u, _ in self.values])[rows]
         return StartValues([(u, v, w) for (u, v), w in zip(states, free)], lam, g, gap)
+
+    def in_order(self, parts: Sequence[Part]) -> list[tuple[np.ndarray, np.ndarray]]:
+        """(u, v) of each subdomain in elimination order."""
+        return [(u[part.order], v[part.order]) for part, (u, v) in zip(parts, self.values)]
+
+
+def consistent_in_lanes(
+    initials: Sequence[InitialValues],
+    forces: Sequence[Sequence[Force]],
+    loads: Loads,
+    row_position: np.ndarray,
+    solver: InitialAccelerations,
+) -> StartValues:
+    """Consistent initial values (S1) of several cases without functions, in elimination order.
+
+    Bitwise those of `InitialValues.consistent`, in a column for each case; without the gaps.
+
+    Parameters
+    ----------
+    initials : sequence of InitialValues
+        What is computed of one that several cases share is computed once.
+    forces : for each case the force on each subdomain
+    loads : Loads
+        With the prescribed velocities of all cases.
+    """
+    parts, p, rows = loads.parts, row_position.size, np.argsort(row_position)
+    states = {initial: initial.in_order(parts) for initial in initials}
+    moving = {initial: loads.terms_of_motion(own) for initial, own in states.items()}
+    u, v = (
+        [columns([states[initial][i][k] for initial in initials]) for i in range(len(parts))]
+        for k in range(2)
+    )
+    terms = []
+    for i, part in enumerate(parts):
+        each = zip(*(moving[initial][i] for initial in initials))
+        F = columns([force_at(own[i], part, 0.0) for own in forces])
+        terms.append([F, *map(columns, each)])
+    g = values_at_start(loads.motions, p)[rows]
+    slope = slopes_at_start(loads.motions, p)[rows]
+    w, lam = solver.solve_columns(terms, slope)
+    for part, own in zip(parts, w):
+        if not np.all(np.isfinite(own)):
+            raise InstabilityError(0, 0.0, part.name)
+        if part.mean:
+            own -= columns([part.core.accelerate(x) for x in np.ascontiguousarray(lam.T)])
+    return StartValues(list(zip(u, v, w)), lam, columns([g] * len(initials)), np.zeros_like(lam))
+
+
+def columns(vectors: Sequence[np.ndarray]) -> np.ndarray:
+    """(n, k) array of k vectors."""
+    return np.stack(vectors, axis=-1)
 
 
 def _chosen(given: Any, keys: Sequence[tuple[str, Subdomain]], name: str) -> list[np.ndarray]:

@@ -16,7 +16,6 @@ from .._core import LANES
 from ..problem.forces import Force, core_load, is_callback
 from ..setup.part import Part
 from .initial import StartValues
-from .loads import Loads
 from .motion import Motion, all_known
 from .progress import INTERVAL
 from .recording import Recording
@@ -51,17 +50,17 @@ class Lanes:
         self.parts = parts
         self.cores = tuple(part.core.in_lanes() for part in parts)
         self.core = core.in_lanes(self.cores)
+        self.interface: list[np.ndarray] = []  # kept from one group to the next
 
-    def start(self, starts: Sequence[StartValues], loads: Sequence[Loads]) -> None:
-        """Set initial values and loads of up to `LANES` cases; the last one fills the others."""
-        rest = LANES - len(starts)
-        starts, loads = [*starts, *[starts[-1]] * rest], [*loads, *[loads[-1]] * rest]
-        lam, g = side_by_side([s.lam for s in starts]), side_by_side([s.g for s in starts])
+    def start(
+        self, start: StartValues, forces: Sequence[Sequence[Force]], motions: Sequence[Motion]
+    ) -> None:
+        """Set initial values, in `LANES` columns, and the forces of each case."""
+        lam, g = start.lam.ravel(), start.g.ravel()
         for i, (part, core) in enumerate(zip(self.parts, self.cores)):
-            u, v, w = (side_by_side([s.states[i][k] for s in starts]) for k in range(3))
-            core.start(u, v, w, lam)
-            core.set_load(tuple(core_load(own.forces[i], part.order) for own in loads))
-        for k, motion in enumerate(loads[0].motions):
+            core.start(*(x.ravel() for x in start.states[i]), lam)
+            core.set_load(tuple(core_load(own[i], part.order) for own in forces))
+        for k, motion in enumerate(motions):
             load = core_load(motion.velocity, np.arange(motion.rows.size))
             for lane in range(LANES):
                 self.core.set_motion(k * LANES + lane, load)
@@ -84,13 +83,15 @@ class Lanes:
             )
             for i in range(len(self.parts))
         )
-        interface = [np.empty((x.shape[0], x.shape[1] * LANES)) for x in records[0][3:6]]
-        record = (begin, every, selections, *interface)
+        shapes = [(x.shape[0], x.shape[1] * LANES) for x in records[0][3:6]]
+        if [x.shape for x in self.interface] != shapes:
+            self.interface = [np.empty(shape) for shape in shapes]
+        record = (begin, every, selections, *self.interface)
         self.core.record_present(record)
         if self.core.advance(end, record, report) is not None:
             return False
         for lane, own in enumerate(records):
-            for x, all_lanes in zip(own[3:6], interface):
+            for x, all_lanes in zip(own[3:6], self.interface):
                 x[:] = all_lanes[:, lane::LANES]
         return True
 
@@ -165,14 +166,15 @@ class Crew:
     def begin(
         self,
         cases: list[int],
-        starts: Sequence[StartValues],
-        loads: Sequence[Loads],
+        start: StartValues,
+        forces: Sequence[Sequence[Force]],
         recordings: list[Recording],
+        motions: Sequence[Motion],
         end: int,
     ) -> None:
         """Begin to advance a group of cases; with one thread it is then done."""
         lanes = self.free.pop() if self.free else Lanes(self.core, self.parts)
-        lanes.start(starts, loads)
+        lanes.start(start, forces, motions)
         group = Group(lanes, cases, recordings)
         self.at_hand.append(group)
         if self.pool is None:
@@ -194,11 +196,6 @@ class Crew:
                 self.tell(sum(other.steps for other in self.at_hand))
         self.free.append(self.at_hand.popleft().lanes)
         return group
-
-
-def side_by_side(vectors: Sequence[np.ndarray]) -> np.ndarray:
-    """One vector of several: number i of vector l is at ``i * len(vectors) + l``."""
-    return np.stack(vectors, axis=-1).ravel()
 
 
 def _in_lane(selection: tuple[Any, ...] | None, lane: int) -> tuple[Any, ...] | None:

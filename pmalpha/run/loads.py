@@ -11,9 +11,9 @@ from scipy import LowLevelCallable
 
 from ..errors import CallbackError
 from ..problem.forces import Force, core_load, is_callback
+from ..problem.matrices import product
 from ..problem.newton import Newton
 from ..setup.part import Part
-from ..setup.start import initial_terms
 from .callback import CallbackLoad
 from .clock import Clock
 from .motion import Motion, all_known
@@ -161,11 +161,9 @@ class Loads:
         force, part = self.forces[i], self.parts[i]
         if i in self.callbacks:
             return self.callbacks[i].near_start_value(0.0)
-        if force is None:
-            return np.zeros(part.n)
         if isinstance(force, LowLevelCallable):
             return self._values(part.core.force(0.0), "force", i, step)
-        return (force(0.0) if callable(force) else force)[part.order]
+        return force_at(force, part, 0.0)
 
     def at_present(self, i: int) -> np.ndarray:
         """F of a subdomain at the present time."""
@@ -175,11 +173,9 @@ class Loads:
         if i in self.callbacks:
             return self.callbacks[i].value_at(self.clock.count(step) * part.substeps)
         force, t = self.forces[i], self.clock.time(step)
-        if force is None:
-            return np.zeros(part.n)
         if isinstance(force, LowLevelCallable):
             return self._values(part.core.force(t), "force", i, step)
-        return (force(t) if callable(force) else force)[part.order]
+        return force_at(force, part, t)
 
     def evaluate_present(self, i: int) -> None:
         """Let the core evaluate the internal forces of a subdomain at the present time."""
@@ -196,8 +192,17 @@ class Loads:
         states : for each subdomain (u, v), (n_i,) each
         """
         forces = [self.at_start(i) for i in range(len(self.parts))]
+        return [[F, *own] for F, own in zip(forces, self.terms_of_motion(states))]
+
+    def terms_of_motion(
+        self, states: Sequence[tuple[np.ndarray, np.ndarray]]
+    ) -> list[list[np.ndarray]]:
+        """The same without F(0)."""
         with np.errstate(over="ignore", invalid="ignore"):  # seen in the accelerations
-            terms = [initial_terms(p, F, *x) for p, F, x in zip(self.parts, forces, states)]
+            terms = [
+                [-product(part.C, v), -product(part.K, u)]
+                for part, (u, v) in zip(self.parts, states)
+            ]
         for i, (part, (u, v)) in enumerate(zip(self.parts, states)):
             if part.subdomain.restoring is not None or part.internal is not None:
                 r = self._values(part.core.restore(0.0, u, v), "restoring force", i, 0)
@@ -209,3 +214,10 @@ class Loads:
         if isinstance(values, int):
             raise CallbackError(values, what, step, self.clock.time(step), self.parts[i].name)
         return values
+
+
+def force_at(force: Force, part: Part, t: float) -> np.ndarray:
+    """A force that is no function, at one time in elimination order."""
+    if force is None:
+        return np.zeros(part.n)
+    return (force(t) if callable(force) else force)[part.order]

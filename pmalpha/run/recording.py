@@ -271,8 +271,13 @@ class Recording:
             macro_times=self.times(1, end),
             keys=self.keys,
             energy=self._energy_history(macro, end) if self.has_energy else None,
-            substeps=np.tile([part.substeps for part in self.parts], (macro, 1)),
+            substeps=self._substeps(macro),
         )
+
+    def _substeps(self, rows: int) -> np.ndarray:
+        substeps = np.empty((rows, len(self.parts)), dtype=np.int64)
+        substeps[:] = [part.substeps for part in self.parts]
+        return substeps
 
     def _double_after(self, part: Part) -> float | None:
         if not part.double:

@@ -22,9 +22,10 @@ from scipy.sparse.linalg import lsmr, splu
 
 from .. import _core
 from .._checks import listing, numbered
+from .._core import LANES
 from ..blas import one_thread
 from ..errors import ConstraintWarning, FactorizationError, InstabilityError, warn
-from ..problem.matrices import EXPORTED, combination, diagonal, product
+from ..problem.matrices import EXPORTED, combination, diagonal
 from ..problem.schemes import Scheme
 from .compliance import Block, compliance, diagonal_compliance
 from .interface import interface_factor, summed, total
@@ -96,6 +97,7 @@ class InitialAccelerations:
             everywhere,
             processes=processes(ranks, map(_Mass.remote, self.masses)),
         )
+        self.lanes: tuple[tuple[Any, ...], Any] | None = None  # made when needed
 
     @property
     def ties_without_mass(self) -> bool:
@@ -134,6 +136,34 @@ class InitialAccelerations:
         broken = [mass.broken_equations(own, lam, size) for mass, own in zip(self.masses, r)]
         _warn_of_broken([x for x in broken if x is not None], size)
         return w, lam
+
+    def solve_columns(
+        self, terms: Sequence[Sequence[np.ndarray]], g: np.ndarray
+    ) -> tuple[list[np.ndarray], np.ndarray]:
+        """`solve` for `LANES` right-hand sides: (n_i, LANES) terms, and w; lam (p, LANES)."""
+        if any(mass.massless.size for mass in self.masses):
+            each = [self.solve([[x[:, k] for x in t] for t in terms], g) for k in range(LANES)]
+            apart = zip(*(own for own, _ in each))
+            return [np.stack(x, axis=-1) for x in apart], np.stack([x for _, x in each], axis=-1)
+        r: list[Any] = [sum(t) for t in terms]
+        if self.lanes is None:
+            cores = tuple(core.in_lanes() for core in self.cores)
+            self.lanes = cores, self.coupler.in_lanes(cores)
+        cores, coupler = self.lanes
+        lam = np.zeros(self.p * LANES)
+        for core, loads in zip(cores, r):
+            zero = np.zeros(loads.size)
+            core.start(zero, zero, zero, lam)
+            core.set_load(tuple(np.ascontiguousarray(loads.T)))
+        for lane in range(LANES):
+            coupler.set_motion(lane, g)
+        coupler.start(0, lam, lam)
+        unstable: Any = coupler.advance(1, None)
+        if unstable is not None:
+            names = [part.name for part in self.parts]
+            raise InstabilityError(0, 0.0, [*names, "interface"][unstable])
+        w = [core.state()[2].reshape(-1, LANES) for core in cores]
+        return w, coupler.multipliers.reshape(-1, LANES)
 
     def _step(self, r: Sequence[np.ndarray], g: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
         """Solves M w = r + L^T Lam by one step of the core, from rest."""
@@ -285,11 +315,6 @@ def _mass_factor(part: Part, M: Any) -> Any:
         )
         return factor
     raise refusal
-
-
-def initial_terms(part: Part, F: np.ndarray, u: np.ndarray, v: np.ndarray) -> list[np.ndarray]:
-    """F(0), -C v and -K u, all in elimination order."""
-    return [F, -product(part.C, v), -product(part.K, u)]
 
 
 class _Saddle:
