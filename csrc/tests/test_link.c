@@ -36,10 +36,12 @@ static void a_link_loads_and_gathers_with_one_and_the_same_matrix(void)
     const pma_link L = {
         2, 3, (int64_t[]){0, 2, 2, 3}, (int32_t[]){0, 1, 1}, (double[]){2.0, -1.0, 1.0}, NULL};
     double x_b[3] = {10.0, 20.0, 30.0}, jump[2] = {100.0, 200.0};
-    pma_link_load(&L, (double[]){3.0, 5.0}, x_b); /* += (2*3 - 5, 0, 5) */
+    pma_link_add(&L, (double[]){3.0, 5.0}, x_b); /* += (2*3 - 5, 0, 5) */
     CHECK_BITS(3, x_b, ((double[]){11.0, 20.0, 35.0}));
     pma_link_gather(&L, 0.5, x_b, jump); /* += 0.5 (2*11, -11 + 35) */
     CHECK_BITS(2, jump, ((double[]){111.0, 212.0}));
+    pma_link_load(&L, (double[]){3.0, 5.0}, x_b);
+    CHECK_BITS(3, x_b, ((double[]){1.0, 0.0, 5.0}));
 }
 
 /* The same in every lane, times the number of the lane. */
@@ -57,7 +59,7 @@ static void a_link_loads_and_gathers_lanes(void)
         for (size_t j = 0; j < 3; j++)
             x_l[j * PMA_LANES + l] = (double)l * (10.0 + 10.0 * (double)j);
     }
-    pma_lanes_load(&L, lam_l, x_l);
+    pma_lanes_add(&L, lam_l, x_l);
     pma_lanes_gather(&L, 0.5, x_l, jump_l);
     for (size_t l = 0; l < PMA_LANES; l++) {
         for (size_t j = 0; j < 3; j++)

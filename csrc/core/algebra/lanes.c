@@ -146,7 +146,7 @@ static inline void add(double scale, const double *x, double *restrict y)
         y[l] += scale * x[l];
 }
 
-void pma_lanes_load(const pma_link *L, const double *lam, double *xb)
+void pma_lanes_add(const pma_link *L, const double *lam, double *xb)
 {
     for (size_t j = 0; j < L->nb; j++) {
         for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)

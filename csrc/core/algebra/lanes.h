@@ -38,8 +38,8 @@ void pma_lanes_interface(const pma_factor *f, double *xb, double *work);
 void pma_lanes_eliminate(const pma_factor *f, size_t first, size_t last, double *x, double *work);
 void pma_lanes_substitute(const pma_factor *f, size_t first, size_t last, double *x, double *work);
 
-/* xb (nb) += L_b^T lam, lam (p)                                                 pma_link_load */
-void pma_lanes_load(const pma_link *L, const double *lam, double *xb);
+/* xb (nb) += L_b^T lam, lam (p)                                                  pma_link_add */
+void pma_lanes_add(const pma_link *L, const double *lam, double *xb);
 
 /* jump (p) += scale L_b xb                                                    pma_link_gather */
 void pma_lanes_gather(const pma_link *L, double scale, const double *xb, double *jump);

@@ -1,5 +1,7 @@
 #include "algebra/link.h"
 
+#include <string.h>
+
 #include "algebra/lanes.h"
 
 pma_status pma_link_check(const pma_link *L)
@@ -21,7 +23,13 @@ pma_status pma_link_check(const pma_link *L)
 
 void pma_link_load_each(const pma_link *L, const double *lam, double *xb)
 {
-    pma_lanes_load(L->each, lam, xb);
+    memset(xb, 0, L->nb * sizeof *xb);
+    pma_lanes_add(L->each, lam, xb);
+}
+
+void pma_link_add_each(const pma_link *L, const double *lam, double *xb)
+{
+    pma_lanes_add(L->each, lam, xb);
 }
 
 void pma_link_gather_each(const pma_link *L, double scale, const double *xb, double *jump)

@@ -23,21 +23,37 @@ pma_status pma_link_check(const pma_link *L);
 
 /* What follows in lanes. */
 void pma_link_load_each(const pma_link *L, const double *lam, double *xb);
+void pma_link_add_each(const pma_link *L, const double *lam, double *xb);
 void pma_link_gather_each(const pma_link *L, double scale, const double *xb, double *jump);
 
-/* xb (nb) += L_b^T lam, lam (p) */
+/* sum + column j of L_b times lam */
+static inline double pma_link_column(const pma_link *L, size_t j, const double *lam, double sum)
+{
+    for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)
+        sum += L->values[k] * lam[L->index[k]];
+    return sum;
+}
+
+/* xb (nb) := L_b^T lam, lam (p) */
 static inline void pma_link_load(const pma_link *L, const double *lam, double *xb)
 {
     if (L->each) {
         pma_link_load_each(L, lam, xb);
         return;
     }
-    for (size_t j = 0; j < L->nb; j++) {
-        double sum = xb[j];
-        for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)
-            sum += L->values[k] * lam[L->index[k]];
-        xb[j] = sum;
+    for (size_t j = 0; j < L->nb; j++)
+        xb[j] = pma_link_column(L, j, lam, 0.0);
+}
+
+/* xb (nb) += L_b^T lam, lam (p) */
+static inline void pma_link_add(const pma_link *L, const double *lam, double *xb)
+{
+    if (L->each) {
+        pma_link_add_each(L, lam, xb);
+        return;
     }
+    for (size_t j = 0; j < L->nb; j++)
+        xb[j] = pma_link_column(L, j, lam, xb[j]);
 }
 
 /* jump (p) += scale L_b xb, xb (nb) */

@@ -178,7 +178,6 @@ static void fill_level(pma_energy *e, const pma_substep *step, const pma_state *
 
 static void fill_pull(const pma_energy *e, const double *lam, level *to)
 {
-    memset(to->pull, 0, e->parts.nb * sizeof(double));
     pma_link_load(&e->parts.link, lam, to->pull);
 }
 
@@ -283,7 +282,7 @@ void pma_energy_respond(pma_energy *e, size_t j, bool twice, const pma_state *r,
     fill_pull(e, dlam, to);
     for (size_t i = 0; i < e->parts.nb; i++)
         to->pull[i] *= share;
-    pma_link_load(&e->parts.link, lam, to->pull);
+    pma_link_add(&e->parts.link, lam, to->pull);
     sum_up(e, twice && e->begun ? &e->previous : level_at(e, j - 1), to);
 }
 

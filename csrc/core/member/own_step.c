@@ -45,8 +45,9 @@ static pma_status hold(pma_iterate *it, const pma_state *from, const pma_state *
 
 static void load_interface(const pma_iterate *it, const double *lam, double *pull)
 {
-    memset(pull, 0, it->of->parts.nb * sizeof(double));
-    if (!it->of->parts.mean) /* they push instead */
+    if (it->of->parts.mean) /* they push instead */
+        memset(pull, 0, it->of->parts.nb * sizeof(double));
+    else
         pma_link_load(&it->of->parts.link, lam, pull);
 }
 

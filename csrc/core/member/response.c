@@ -90,7 +90,6 @@ const pma_state *pma_response_state(const pma_response *r)
 static void accelerate(const pma_response *r, const double *lam, double *y)
 {
     const pma_subdomain *s = r->of;
-    memset(r->pull, 0, s->parts.nb * sizeof(double));
     memset(y, 0, s->parts.n * sizeof(double)); /* as an open step without loads leaves it */
     pma_link_load(&s->parts.link, lam, r->pull);
     pma_factor_close(&s->parts.mass, r->pull, y, r->work);
@@ -121,7 +120,6 @@ static void add_acceleration(const pma_response *r, double h, const pma_state *x
 /* pull := L_b^T lam */
 static void load_interface(const pma_response *r, const double *lam)
 {
-    memset(r->pull, 0, r->of->parts.nb * sizeof(double));
     pma_link_load(&r->of->parts.link, lam, r->pull);
 }
 

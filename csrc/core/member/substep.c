@@ -13,7 +13,6 @@ static size_t least(size_t a, size_t b)
 
 void pma_substep_solve_link(pma_subdomain *s, const pma_operator *op, const double *lam)
 {
-    memset(s->link, 0, s->parts.nb * sizeof(double));
     pma_link_load(&s->parts.link, lam, s->link);
     pma_factor_interface(&op->factor, s->link, s->link_work);
 }
@@ -244,8 +243,9 @@ void pma_substep_shift(pma_subdomain *s, const pma_substep *step, const double *
 /* L^T Lam */
 void pma_substep_load_interface(pma_subdomain *s, const double *lam)
 {
-    memset(s->closing, 0, s->parts.nb * sizeof(double));
-    if (!s->parts.mean) /* they push instead */
+    if (s->parts.mean) /* they push instead */
+        memset(s->closing, 0, s->parts.nb * sizeof(double));
+    else
         pma_link_load(&s->parts.link, lam, s->closing);
 }
 
@@ -293,7 +293,6 @@ static pma_status close_waiting(pma_subdomain *s, const pma_substep *step, const
     const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
     const double share = 0.5 * c->h * c->h / c->al1, v_y = c->h - c->al2 * share;
     double zero = 0.0;
-    memset(s->closing, 0, s->parts.nb * sizeof(double));
     pma_link_load(&s->parts.link, lam, s->closing);
     for (size_t i = 0; i < s->parts.nb; i++)
         s->closing[i] *= share;

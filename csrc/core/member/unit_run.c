@@ -116,7 +116,7 @@ void pma_unit_run_begin(pma_unit_run *r, bool twice, size_t count, const int64_t
     clear(r->mean, p->link.p);
     for (size_t l = 0; l < count; l++)
         r->lam[(size_t)rows[l] * PMA_LANES + l] = 1.0;
-    pma_lanes_load(&p->link, r->lam, r->pull);
+    pma_lanes_add(&p->link, r->lam, r->pull);
     if (p->mean)
         accelerate(r);
 }
