@@ -47,15 +47,19 @@ static inline int64_t pma_clock_first_double(bool doubled, bool continues, size_
     return !doubled ? INT64_MAX : continues ? 0 : (int64_t)substeps;
 }
 
-/* The substep from time level j of a subdomain whose substeps are double from `first_double` on. */
+/* The substep from time level j of a subdomain whose substeps are double from `first_double` on.
+ * Field by field: a compound literal would be made on the stack and copied from there in pieces
+ * larger than those in which it was just written, which has to wait for the cache. */
 static inline pma_substep pma_clock_substep(double t0, double dt, int64_t macro, size_t substeps,
                                             size_t j, int64_t first_double)
 {
-    const int64_t number = macro * (int64_t)substeps + (int64_t)j;
-    return (pma_substep){.j = j,
-                         .number = number,
-                         .t1 = pma_clock_time(t0, dt, macro, j + 1, substeps),
-                         .twice = number >= first_double};
+    pma_substep step;
+    step.j = j;
+    step.number = macro * (int64_t)substeps + (int64_t)j;
+    step.t1 = pma_clock_time(t0, dt, macro, j + 1, substeps);
+    step.twice = step.number >= first_double;
+    step.held = false;
+    return step;
 }
 
 #endif
