@@ -1,9 +1,10 @@
 """Random histories of calls of a coupler, against a twin with one thread that nothing disturbs.
 
 Runs, steps, exceptions and Ctrl-C in callbacks, files of runs that go on from earlier ones, resets,
-checkpoints, snapshots, changes of steps, runs of several cases. After each call the state is
-bitwise that of the twin, which makes only the macro steps that were completed, and what was
-recorded is bitwise what the twin records. rank_histories.py has the same of several processes.
+checkpoints, snapshots, also of another coupler, changes of steps, runs of several cases, studies
+with their file. After each call the state is bitwise that of the twin, which makes only the macro
+steps that were completed, and what was recorded is bitwise what the twin records. rank_histories.py
+has the same of several processes.
 """
 
 import signal
@@ -347,19 +348,78 @@ class Pair:
         compare_histories(history, self.twin.then("run", **values))
         self.branch = self.twin.branch
 
+    def random_cases(self):
+        """One case, some, or more than the core has lanes; their loads of any kind."""
+        rng, s = self.rng, self.coupler.subdomains[0]
+        mass = 1.0 * (diagonal_mass(s) > 0.0)
+
+        def load():
+            shape = rng.normal(size=s.n) * mass
+            kind = int(rng.integers(4))
+            if kind == 0:
+                return lambda t: shape * np.cos(t)
+            if kind == 1:
+                return pm.SampledForce(rng.normal(size=7), 0.03, shape=shape)
+            return shape
+
+        return [{"force": {s.name: load()}} for _ in range(int(rng.choice([1, 2, 3, 9])))]
+
     def run_each(self):
         """Of new values on the coupler, which stays as it is, and of single runs."""
-        s = self.coupler.subdomains[0]
-        mass = diagonal_mass(s) > 0.0
-        cases = [{"force": {s.name: self.rng.normal(size=s.n) * mass}} for _ in range(3)]
-        result = self.disturbed(lambda: self.coupler.run_each(cases, steps=4))
+        rng, options, cases = self.rng, {}, self.random_cases()
+        if rng.random() < 0.3:
+            options["every"] = int(rng.integers(1, 4))
+        if rng.random() < 0.3:
+            options["record"] = {self.coupler.subdomains[0].name: [0]}
+        if rng.random() < 0.2:
+            options["energy"] = True
+        result = self.disturbed(lambda: self.coupler.run_each(cases, steps=4, **options))
         if isinstance(result, BaseException):
             return
         for case, history in zip(cases, result):
             alone = self.make()
             alone.reset(**case)
-            compare_histories(history, alone.run(steps=4))
+            compare_histories(history, alone.run(steps=4, energy="energy" in options))
             self.counts["histories"] += 1
+
+    def study(self):
+        """Several cases into one file; rows of cases that fail are NaN and have the error."""
+        if not HDF5:
+            return
+        import h5py
+
+        cases, name = self.random_cases(), self.coupler.subdomains[0].name
+        path = self.folder / f"{self.rng.integers(2**60)}.h5"
+        study = pm.Study(
+            self.make,
+            steps=4,
+            together=int(self.rng.integers(1, 5)),
+            result=lambda history: {"u": history[name].u, "end": history.macro_times[-1]},
+        )
+        found = study.run(cases, save_to=path)
+        with h5py.File(path) as file:
+            for k, (case, result) in enumerate(zip(cases, found, strict=True)):
+                alone = self.make()
+                try:
+                    alone.reset(**case)
+                    expected = alone.run(steps=4)
+                except pm.PmalphaError as error:
+                    assert type(result.error) is type(error)
+                    assert file["error"][k].decode().startswith(type(error).__name__)
+                    continue
+                assert result.error is None and file["error"][k] == b""
+                same(file["u"][k], expected[name].u, "u of a study")
+                assert file["end"][k] == expected.macro_times[-1]
+                self.counts["studied"] += 1
+
+    def foreign(self):
+        """The snapshot of another coupler is refused, also one of the same problem."""
+        for other in (self.make(), self.twin.coupler):
+            try:
+                self.coupler.restore(other.snapshot())
+            except ValueError:
+                continue
+            raise AssertionError("a snapshot of another coupler is restored")
 
 
 def diagonal_mass(s):
@@ -370,6 +430,7 @@ def diagonal_mass(s):
 
 CALLS = ("run",) * 4 + ("step",) * 3 + ("keep",) * 2
 CALLS += ("append", "reset", "restore", "load", "change_steps", "tolerance", "run_each")
+CALLS += ("study", "foreign")
 
 
 def attempt(seed, counts, calls=25):

@@ -6,15 +6,19 @@ what is done with the result: it must hold no NaN.
 
 import inspect
 import os
+import pickle
 import tempfile
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
+from odd_values import odd
 
 import pmalpha as pm
 
+HDF5 = find_spec("h5py") is not None
 K3 = np.array([[4.0, -1.0, 0.0], [-1.0, 4.0, -1.0], [0.0, -1.0, 2.0]])
 QUAD = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
@@ -234,8 +238,26 @@ def reset(rng):
 
 
 def run_each(rng):
+    """Cases side by side and one by one; their files are in a folder that is removed again."""
     cases = [{"u0": {"a": [0.1 * k, 0.0, 0.0]}, "force": {"b": [k, 1.0]}} for k in range(4)]
-    return coupled(rng).run_each, {"cases": cases, "steps": 3, "every": 1}, None
+    cases[1] |= {"force": {"a": forces(rng)}}
+    cases += one(rng, [], 6 * [{"v0": {"a": np.array([0.0, 0.1, 0.0])}}])
+    values = {"cases": cases, "steps": 3, "every": 1, "record": {"a": [0, 2], "b": None}}
+    values |= one(rng, {}, {"energy": False}, {"outputs": {"a": {"N": np.ones(3)}}})
+    values |= one(rng, {}, {"progress": lambda done, total: None})
+    names = [f"{k}.h5" for k in range(len(cases))]
+    values |= {"record_to": names} if HDF5 and rng.random() < 0.3 else {}
+    c = coupled(rng)
+    call = in_folder(c.run_each, "record_to")
+    return call, values, lambda found: [found, steps(c)]
+
+
+def snapshots(rng):
+    """Snapshots of this coupler, of another one of the same problem, and of none."""
+    c, other = coupled(rng), coupled(rng)
+    own = c.snapshot()
+    c.step(2)
+    return c.restore, {"snapshot": one(rng, own, other.snapshot())}, lambda _: steps(c)
 
 
 def change_steps(rng):
@@ -263,12 +285,27 @@ def study(rng):
     )
 
 
+def sent(function, chunks):
+    """A map as that of processes: what it is given and what it returns is pickled."""
+    function = pickle.loads(pickle.dumps(function))
+    return [pickle.loads(pickle.dumps(function(chunk))) for chunk in chunks]
+
+
+def made():
+    return coupled(np.random.default_rng(0))
+
+
 def study_run(rng):
-    """Cases of a study, one of which may fail, and its file."""
-    result = one(rng, None, lambda history: {"u": history["a"].u.max()})
-    s = pm.Study(lambda: coupled(rng), steps=3, result=result, together=int(rng.integers(1, 4)))
+    """Cases of a study, one of which may fail, and its file; not every maker can be pickled."""
+    returned = {"u": np.arange(3.0), "t": 1.0}
+    result = one(rng, None, lambda history: odd_result, partial(dict, u=1.0))
+    odd_result = odd(rng, returned)
+    make = one(rng, made, lambda: coupled(rng), partial(coupled, rng), partial(coupled, None))
+    s = pm.Study(make, steps=3, result=result, together=int(rng.integers(1, 4)))
     values = {"cases": [{}, {"v0": {"a": [0.0, 0.1, 0.0]}}, {"force": {"b": [1.0, 0.0]}}]}
-    return s.run, values | {"progress": None, "map": map}, None
+    values |= {"save_to": "study.h5"} if HDF5 and rng.random() < 0.5 else {}
+    maps = one(rng, map, sent)
+    return in_folder(s.run, "save_to"), values | {"progress": None, "map": maps}, None
 
 
 # ---- files and pictures ------------------------------------------------------------------------
@@ -277,18 +314,30 @@ def study_run(rng):
 def written(rng):
     """Files for ParaView, in a folder that is removed again."""
     u = np.zeros((3, 8))
-    values = {"name": one(rng, "x.xdmf", "x.pvd"), "points": QUAD, "elements": [[0, 1, 2, 3]]}
+    values = {"path": one(rng, "x.xdmf", "x.pvd"), "points": QUAD, "elements": [[0, 1, 2, 3]]}
     values |= {"times": np.arange(3.0), "u": u, "v": one(rng, None, u), "most_times": 2}
     values |= {"data": {"T": np.zeros((3, 4))}, "cells": {"part": [1.0]}}
 
-    def write_series(name, **values):
-        with tempfile.TemporaryDirectory() as folder:
-            if isinstance(name, str | bytes):
-                name = Path(folder, Path(os.fsdecode(name)).name)  # nothing is written elsewhere
-            pm.export.write_series(name, **values)
+    return in_folder(pm.export.write_series, "path"), values, None
 
-    write_series.__signature__ = inspect.signature(pm.export.write_series)
-    return write_series, values, None
+
+def in_folder(function, name):
+    """The function with this argument, a path or a list of them, in a folder that is removed."""
+
+    def within(folder, x):
+        if isinstance(x, list | tuple):
+            return [within(folder, y) for y in x]
+        # nothing is written elsewhere
+        return Path(folder, Path(os.fsdecode(x)).name) if isinstance(x, str | bytes) else x
+
+    def called(**values):
+        with tempfile.TemporaryDirectory() as folder:
+            values |= {name: within(folder, values[name])} if name in values else {}
+            return function(**values)
+
+    called.__signature__ = inspect.signature(function)
+    called.__name__ = function.__name__
+    return called
 
 
 def pictures(rng):
@@ -310,6 +359,30 @@ def pictures(rng):
         (pm.plot.scheme_radius, {"schemes": {"a": pm.Newmark()}, "xi": 0.02}),
     )
     return function, values, lambda _: plt.close("all")
+
+
+def animations(rng):
+    """Some of the frames, drawn and closed again."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    plate = pm.structures.plate(2, 1, 1.0, E=1.0, nu=0.3, rho=1.0)
+    held = pm.reduce(plate.M, plate.K, fixed=[0, 1])
+    free = pm.Subdomain(held.M, held.K, scheme=pm.Newmark(), u0=np.ones(held.M.shape[0]), name="f")
+    whole = plate.subdomain(scheme=pm.Newmark(), u0=np.linspace(0.0, 1.0, plate.n), name="w")
+    history = pm.Coupler([free, whole], dt=0.1).run(steps=3)
+    meshes = {"f": (plate, held.expand), "w": one(rng, plate, (plate.points, plate.elements))}
+    values = {"history": history, "meshes": meshes, "frames": 4, "interval": 20.0, "scale": 2.0}
+    values |= one(rng, {}, {"values": lambda u: u[:, 0], "value_label": "x"})
+
+    def drawn(animation):
+        animation._func(animation._save_count - 1)
+        animation._draw_was_started = True  # else it warns that nobody has seen it
+        plt.close("all")
+
+    return pm.plot.animation, values, drawn
 
 
 # ---- structures, analysis, models ------------------------------------------------------------
@@ -400,6 +473,54 @@ def cut(rng):
     return cut_of, values, None
 
 
+def of_cut(rng):
+    """What is done with a Cut: its plan, loads of the whole, results of the whole."""
+    plate = pm.structures.plate(4, 1, (0.1, 0.2), E=1.0, nu=0.3, rho=1.0)
+    schemes = {"left": pm.Newmark(), "right": pm.GeneralizedAlpha(0.5, explicit=True)}
+    labels = ["left", "left", "right", "right"]
+    cut = pm.cut(plate, labels, dt=0.01, scheme=schemes, fixed=[0, 1], u0=np.zeros(plate.n))
+    history = cut.coupler().run(steps=3)
+    path = one(rng, "x.xdmf", "x.pvd")
+    return *one(
+        rng,
+        (cut.plan, {"dt": 0.02}),
+        (cut.scatter, {"u": np.arange(plate.n) * 1.0}),
+        (cut.gather, {"history": history}),
+        (cut.coupler, {"dt": 0.02, "coupling": "gc", "threads": 1}),
+        (in_folder(cut.export, "path"), {"path": path, "history": history}),
+    ), lambda found: steps(found) if isinstance(found, pm.Coupler) else found
+
+
+def cut_model(rng):
+    """Ready-made and nonlinear structures, cut."""
+    s, common = pm.structures, {"EA": 1.0, "rhoA": 1.0}
+    square = {"points": QUAD, "members": [[0, 1], [1, 2], [2, 3], [3, 0]], "divisions": 2}
+    structure, fixed = one(
+        rng,
+        (s.chain(5, 1.0, 1.0), [0]),
+        (s.rod(4, 1.0, EA=1.0, rhoA=1.0, mass="lumped"), 0),
+        (s.truss(**square, **common, strain="green", prestress=0.1), [0, 1, 2, 3]),
+        (s.beam_frame(**square, **common, EI=1.0), [0, 1, 2]),
+        (s.corotational_frame(**square, **common, EI=1.0, rotary=0.1), [0, 1, 2]),
+        (s.nonlinear_solid((4, 1), 0.5, s.NeoHookean(1.0, 0.3), rho=1.0), [0, 1]),
+        (s.nonlinear_solid((4, 1), 0.5, plastic(), rho=1.0), [0, 1]),
+    )
+    count = sum(len(x) for x in structure.elements.values())
+    values = {"structure": structure, "dt": 0.02, "fixed": fixed, "rayleigh": (0.1, 0.0)}
+    values |= {"labels": np.arange(count) * 2 // count, "v0": np.zeros(structure.n)}
+    values |= {"force": forces_on(rng, structure.n)}
+    return cut_of, values | {"scheme": pm.GeneralizedAlpha(0.5)}, None
+
+
+def forces_on(rng, n):
+    return one(
+        rng,
+        np.ones(n),
+        lambda t: np.full(n, np.sin(t)),
+        pm.SampledForce(np.sin(np.arange(9.0)), 0.05, shape=np.ones(n)),
+    )
+
+
 def cut_of(**values):
     made = pm.cut(**values)
     return steps(made.coupler(dt=0.05))
@@ -443,8 +564,9 @@ def models(rng):
 ENTRIES = (subdomain,) * 5 + (callback, coupler, constraint, tie, run, run) * 2
 ENTRIES += (schemes, sampled, springs, internal_force, newton, coincident, interpolated, reduction)
 ENTRIES += (tolerance, solve, reset, run_each, change_steps, state, study, lines, solids, materials)
-ENTRIES += (pictures,) if find_spec("matplotlib") else ()
-ENTRIES += (study_run, written, contact, elements, cut, analysis, periods, models)
+ENTRIES += (pictures, animations) if find_spec("matplotlib") else ()
+ENTRIES += (study_run, study_run, written, contact, elements, cut, cut_model, of_cut, snapshots)
+ENTRIES += (analysis, periods, models)
 
 
 # ---- what is done with results ---------------------------------------------------------------

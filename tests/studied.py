@@ -39,6 +39,10 @@ class Unpicklable(Exception):
         return float, ("no exception",)
 
 
+def unpicklable(history):
+    return lambda: history
+
+
 def fails(t):
     raise Unpicklable("one and two")
 

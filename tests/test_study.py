@@ -133,6 +133,36 @@ def test_a_failed_case_is_a_result_and_the_others_go_on(study):
     assert all(type(pickle.loads(pickle.dumps(case)).error) is type(case.error) for case in found)
 
 
+def sent(function, chunks):
+    """A map as that of processes, in this one: what goes there and comes back is pickled."""
+    function = pickle.loads(pickle.dumps(function))
+    return [pickle.loads(pickle.dumps(function(pickle.loads(pickle.dumps(c))))) for c in chunks]
+
+
+@pytest.mark.parametrize(
+    ("what", "maker", "result", "case"),
+    [
+        ("make_coupler", lambda: studied.make(), None, {}),
+        ("result", studied.make, lambda history: 1.0, {}),
+        ("cases", studied.make, None, {"force": {"b": lambda t: np.zeros(1)}}),
+        ("result", studied.make, studied.unpicklable, {}),
+    ],
+)
+def test_what_cannot_be_sent_to_a_process_is_named(what, maker, result, case):
+    study = pm.Study(maker, steps=1, result=result)
+    with pytest.raises(TypeError, match=f"^{what} must .*can be pickled for this map"):
+        study.run([case], map=sent)
+    assert len(study.run([case])) == 1  # here it is not sent
+
+
+def test_errors_of_a_map_are_its_own(study):
+    def broken(function, chunks):
+        raise AttributeError("no such queue")
+
+    with pytest.raises(AttributeError, match="no such queue"):
+        study.run([{}], map=broken)
+
+
 def test_an_instability_keeps_its_attributes():
     stiff = pm.Subdomain([1.0], [4.0], scheme=pm.CentralDifference(), name="stiff", v0=[1.0])
     study = pm.Study(lambda: pm.Coupler([stiff], dt=50.0), steps=1000)

@@ -6,7 +6,7 @@ import pickle
 import threading
 import traceback
 import uuid
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from os import PathLike
 from time import perf_counter
@@ -186,7 +186,7 @@ class Study:
         Raises
         ------
         TypeError, ValueError
-            For arguments of the wrong kind.
+            For arguments of the wrong kind, and for what a `map` to processes cannot pickle.
         ImportError
             For `save_to` without h5py, for ``progress=True`` without tqdm.
         OSError
@@ -208,16 +208,41 @@ class Study:
             file = None
             if save_to is not None:
                 file = stack.enter_context(StudyFile(save_to, len(cases)))
-            chunks = [cases[k : k + self.together] for k in range(0, len(cases), self.together)]
-            results = map(self._several, chunks)
-            if not isinstance(results, Iterable):
-                raise TypeError(f"map must return an iterable of results, got {results!r}")
-            for chunk in results:
+            for chunk in self._results(cases, map):
                 for case in chunk:
                     found.append(case if file is None else _saved(file, len(found), case))
                 if report is not None:
                     report(len(found))
         return found
+
+    def _results(self, cases: Sequence[Any], map: Callable[..., Any]) -> Iterator[list[CaseResult]]:
+        """Those of `together` cases at a time."""
+        chunks = [cases[k : k + self.together] for k in range(0, len(cases), self.together)]
+        try:
+            results = map(self._several, chunks)
+            if isinstance(results, Iterable):
+                yield from results
+                return
+        except (AttributeError, TypeError, pickle.PicklingError) as error:
+            self._require_pickled(cases, error)
+            raise
+        raise TypeError(f"map must return an iterable of results, got {results!r}")
+
+    def _require_pickled(self, cases: Sequence[Any], error: Exception) -> None:
+        """TypeError that names what cannot be pickled, where that is why a map has failed."""
+        sent = {"make_coupler": self.make_coupler, "result": self.result, "cases": cases}
+        for name, value in (sent | self.as_run).items():
+            try:
+                pickle.dumps(value)
+            except Exception:
+                raise TypeError(
+                    f"{name} must be what can be pickled for this map, as functions of a module "
+                    f"can, got {value!r}: {error}"
+                ) from error
+        if "pickle" in str(error):
+            raise TypeError(
+                f"result must return what can be pickled for this map: {error}"
+            ) from error
 
     def _several(self, cases: Sequence[Mapping[str, Any]]) -> list[CaseResult]:
         """Cases that one worker was given together."""
