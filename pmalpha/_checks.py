@@ -55,6 +55,13 @@ def time_step(value: Any, name: str) -> float:
     return number
 
 
+def sampling_step(value: Any, name: str) -> float:
+    """The time step of a record: quotients with it are in the range of numbers."""
+    number = time_step(value, name)
+    require_moderate(np.array([number, 1.0 / number]), f"{name} and 1 / {name}")
+    return number
+
+
 # Largest whole number for which no counter of the core overflows.
 MOST = 2**53
 

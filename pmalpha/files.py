@@ -21,12 +21,15 @@ PACKAGE_VERSION = installed("pmalpha")
 NO_FILE = "a folder or a device, not a file"
 
 
-def checked_path(path: str | os.PathLike[str]) -> Path:
-    """The path as a Path; TypeError for other values."""
+def checked_path(path: str | os.PathLike[str], name: str = "path") -> Path:
+    """The path as a Path; TypeError for other values, ValueError for what HDF5 would cut off."""
     try:
-        return Path(os.fsdecode(path))
+        whole = Path(os.fsdecode(path))
     except TypeError:
-        raise TypeError(f"path must be a str or a path, got {path!r}") from None
+        raise TypeError(f"{name} must be a str or a path, got {path!r}") from None
+    if "\0" in str(whole):
+        raise ValueError(f"{name} must have no null character, got {path!r}")
+    return whole
 
 
 @contextmanager

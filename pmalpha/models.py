@@ -13,7 +13,7 @@ import scipy.linalg
 import scipy.sparse
 from numpy.typing import ArrayLike
 
-from ._checks import positive_number, real_array, real_number, vector
+from ._checks import positive_number, real_array, real_number, require_moderate, vector
 from .memory import require
 from .problem.constraints import Constraint, tie
 from .problem.matrices import canonical, diagonal, product, sparse_diagonal
@@ -529,6 +529,7 @@ def modal_damping(
     if values.min() < 0.0:
         worst = int(np.argmin(values))
         raise ValueError(f"ratios must not be negative, got {values[worst]:g} at mode {worst}")
+    require_moderate(values, "ratios")
     require(16.0 * n * n, f"the modal damping matrix ({n} dofs, dense)")
     omegas, shapes = modes(M, K, values.size)
     momenta = product(mass, shapes) * np.sqrt(2.0 * values * omegas)

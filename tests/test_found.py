@@ -25,6 +25,11 @@ def damaged_blocks():
     return A
 
 
+def moving(mesh=([[0.0]], [[0]]), **options):
+    history = pm.Coupler([single()], dt=0.1).run(steps=1)
+    return pm.plot.animation(history, {0: mesh}, **options)
+
+
 def longer_data():
     A = sp.csc_array(np.ones((1, 3)))
     A.data = np.concatenate([A.data, A.data])
@@ -309,6 +314,56 @@ REFUSED = {
         ValueError,
         "points must not all be below 1e-50, got at most 1e-155",
     ),
+    "a motion with a step out of range": (
+        lambda: pm.SupportMotion([0.0, 1.0], 5e-324, "acceleration"),
+        ValueError,
+        "dt and 1 / dt must not exceed",
+    ),
+    "damping ratios out of range": (
+        lambda: pm.models.modal_damping(MASSES, K, [1e308, 0.05]),
+        ValueError,
+        "ratios must not exceed",
+    ),
+    "elements on a dof far away": (
+        lambda: pm.cut(pm.Elements([[0, 2**62]], np.eye(2)[None], np.eye(2)[None]), [0]),
+        ValueError,
+        "structure must have an element at every dof in 0..4611686018427387904, not at dofs 1, 2",
+    ),
+    "a picture that moves of no history": (
+        lambda: pm.plot.animation(None, {}),
+        TypeError,
+        "history must be a History, got None",
+    ),
+    "a picture that moves of values that are no function": (
+        lambda: moving(values=1.5),
+        TypeError,
+        "values must be callable, got 1.5",
+    ),
+    "a picture that moves without text": (
+        lambda: moving(value_label="\udcff"),
+        ValueError,
+        "value_label must be text, got '\\udcff'",
+    ),
+    "a picture that moves of a label that is no text": (
+        lambda: moving(value_label=b"x"),
+        TypeError,
+        "value_label must be a str, got b'x'",
+    ),
+    "a picture that moves in no time": (
+        lambda: moving(interval=float("nan")),
+        ValueError,
+        "interval must",
+    ),
+    "a picture that moves of a mesh that is none": (
+        lambda: moving(1.5),
+        TypeError,
+        "meshes[0] must be a Structure or (points, elements)",
+    ),
+    "a picture that moves of a mesh with three arrays": (
+        lambda: moving(([[0.0], [1.0]], [[0, 1]], [[0, 1]])),
+        TypeError,
+        "meshes[0] must be a Structure or (points, elements)",
+    ),
     "a scheme that is a matrix": (
         lambda: pm.cut(BLOCK, [0], dt=0.1, scheme=sp.dia_array(np.eye(3))),
         TypeError,
@@ -338,6 +393,11 @@ def test_a_mass_so_small_that_frequencies_overflow_ends_as_instability():
     s = pm.Subdomain(1e-308 * MASSES, K + 0.1, scheme=pm.CentralDifference(), u0=MASSES)
     with pytest.warns(pm.StabilityWarning), pytest.raises(pm.InstabilityError):
         pm.Coupler([s], dt=0.1)
+
+
+def test_springs_on_dofs_that_claim_more_than_there_is_memory_are_refused_at_once():
+    with pytest.raises(MemoryError):
+        pm.CubicSpring(np.broadcast_to([0], 2**50), k=1.0, k3=1.0)
 
 
 def test_forces_at_the_start_that_overflow_end_as_instability():

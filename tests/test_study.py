@@ -155,6 +155,24 @@ def test_what_cannot_be_sent_to_a_process_is_named(what, maker, result, case):
     assert len(study.run([case])) == 1  # here it is not sent
 
 
+@pytest.mark.parametrize(
+    ("path", "error", "words"),
+    [
+        (3, TypeError, "save_to must be a str or a path, got 3"),
+        ("a\0b", ValueError, "save_to must have no null character"),
+        (".", OSError, "save_to must lead to a new file"),
+        ("no/where", FileNotFoundError, "save_to must lead to a new file"),
+        (256 * "x", OSError, "save_to must lead to a new file"),
+    ],
+)
+def test_a_path_that_no_file_can_have_is_named(study, path, error, words, tmp_path, monkeypatch):
+    pytest.importorskip("h5py")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(error, match=words):
+        study.run([{}], save_to=path)
+    assert not list(tmp_path.iterdir())
+
+
 def test_errors_of_a_map_are_its_own(study):
     def broken(function, chunks):
         raise AttributeError("no such queue")

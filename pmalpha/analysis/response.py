@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from .._checks import flag, real_array, real_number, require_moderate, time_step
+from .._checks import flag, real_array, real_number, require_moderate, sampling_step
 
 __all__ = ["ResponseSpectrum", "response_spectrum"]
 
@@ -127,8 +127,7 @@ def response_spectrum(
     require_moderate(a, "record")
     if a.size < 2:
         raise ValueError(f"record must have at least 2 samples, got {a.size}")
-    dt = time_step(dt, "dt")
-    require_moderate(np.array([dt, 1.0 / dt]), "dt and 1 / dt")
+    dt = sampling_step(dt, "dt")
     T = real_array(periods, "periods")
     require_moderate(T, "periods")
     if T.size == 0 or np.any(T < 0.0):

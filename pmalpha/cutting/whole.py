@@ -181,18 +181,22 @@ class WholeElements(Whole):
     def __init__(self, groups: Sequence[Elements], fixed: Any, points: Any):
         self._groups = tuple(groups)
         self.n = 1 + max(int(group.dofs.max()) for group in groups)
+        self._require_elements()
         self.free = _free(fixed, self.n)
         self.linear = all(group.internal is None for group in groups)
         self.links = [group.dofs for group in groups]
         self.entries = [group.dofs.shape[1] ** 2 for group in groups]
         self.centroids = points
-        used = np.zeros(self.n, dtype=bool)
-        for group in groups:
-            used[group.dofs[group.dofs >= 0]] = True
-        if not used.all():
+
+    def _require_elements(self) -> None:
+        """ValueError for dofs without, before arrays for so many dofs are made."""
+        numbers = np.unique(np.concatenate([group.dofs.ravel() for group in self._groups]))
+        own = numbers[numbers >= 0]
+        if own.size < self.n:
+            missing = np.setdiff1d(np.arange(min(self.n, own.size + 6)), own)
             raise ValueError(
                 f"structure must have an element at every dof in 0..{self.n - 1}, not at "
-                f"{numbered('dof', np.flatnonzero(~used))}; a fixed dof has a negative number"
+                f"{numbered('dof', missing)}; a fixed dof has a negative number"
             )
 
     def portion(self, chosen: np.ndarray, owned: np.ndarray) -> Portion:

@@ -11,6 +11,7 @@ import numpy as np
 
 from .._checks import listing, positive_number, real_number, require_finite, whole_number
 from ..problem.kinds import KINDS
+from ..run.history import History, SubdomainHistory
 from ..structures.mesh import (
     Block,
     Mesh,
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import Normalize
 
-    from ..run.history import History, SubdomainHistory
 
 # Fill colours of the first, second, ... mesh, with different grey values
 FILLS = ("#BFD7EA", "#F3D9A4", "#8FBFA8", "#E3E3E3", "#7D9CC0")
@@ -221,6 +221,12 @@ def animation(
     >>> "<img" in moving.to_jshtml()
     True
     """
+    if not isinstance(history, History):
+        raise TypeError(f"history must be a History, got {history!r}")
+    if values is not None and not callable(values):
+        raise TypeError(f"values must be callable, got {values!r}")
+    _require_text(value_label, "value_label")
+    interval = positive_number(interval, "interval")
     frames = whole_number(frames, "frames", low=1)
     times = np.linspace(history.macro_times[0], history.macro_times[-1], frames)
     films = _films(history, meshes, times)
@@ -253,6 +259,16 @@ def animation(
         return FuncAnimation(figure, show, frames=frames, interval=interval, blit=False)
 
 
+def _require_text(value: Any, name: str) -> None:
+    """An error for what cannot be drawn as text."""
+    if not isinstance(value, str):
+        raise TypeError(f"{name} must be a str, got {value!r}")
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        raise ValueError(f"{name} must be text, got {value!r}") from None
+
+
 def _moved(mesh: Mesh, scale: float, u: np.ndarray) -> np.ndarray:
     """The points where they are drawn; ValueError where the picture has no number for them."""
     with np.errstate(over="ignore"):
@@ -280,8 +296,13 @@ def _films(history: History, meshes: Any, times: np.ndarray) -> list[Film]:
         u = _interpolated(times, s)
         if len(mesh) > 1 and callable(mesh[-1]):
             mesh, u = mesh[:-1], mesh[-1](u)
-        if len(mesh) == 1:
+        if len(mesh) == 1 and hasattr(mesh[0], "points") and hasattr(mesh[0], "elements"):
             mesh = mesh[0].points, mesh[0].elements
+        if len(mesh) != 2:
+            raise TypeError(
+                f"meshes[{key!r}] must be a Structure or (points, elements), with or without a "
+                f"function, got {given!r}"
+            )
         films.append(Film(*_flattened(checked_mesh(*mesh), u, f"u of {s.name!r}", len(times))))
     return films
 

@@ -328,6 +328,7 @@ def _pairs(dofs: Any) -> np.ndarray:
             f"dofs must be [{pair}] for one spring between two dofs, or {list(pair)} for two "
             f"springs to the ground, got {pair}"
         )
+    array = np.array(array)  # one without memory of its own may claim to be of any size
     if array.size and not GROUND <= int(array.min()) <= int(array.max()) < MOST:
         rule = "not be below -1, the ground" if array.min() < GROUND else f"be below {MOST}"
         wrong = array.min() if array.min() < GROUND else array.max()

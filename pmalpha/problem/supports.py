@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, PPoly
 
-from .._checks import check_word, counted, real_array, require_moderate, time_step
+from .._checks import check_word, counted, real_array, require_moderate, sampling_step
 
 __all__ = ["SupportMotion"]
 
@@ -63,7 +63,7 @@ class SupportMotion:
         if len(samples) < 2 or samples.size == 0:
             raise ValueError(f"record must have at least 2 samples, got shape {samples.shape}")
         samples = samples.reshape(len(samples), -1)
-        dt = time_step(dt, "dt")
+        dt = sampling_step(dt, "dt")
         check_word(kind, "kind", ("acceleration", "displacement"))
         t = dt * np.arange(len(samples))
         self.end = float(t[-1])

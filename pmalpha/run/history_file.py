@@ -16,6 +16,7 @@ import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -286,7 +287,7 @@ def read(
     """
     h5py, name = hdf5_library(), str(checked_path(path))
     try:
-        with h5py.File(name, "r", locking=False) as whole:
+        with _opened(h5py, name) as whole:
             header = json.loads(own_array(whole, "header")[()]) if "header" in whole else None
             reason = mismatch(header, FORMAT, VERSION)
             if header is not None and reason is None:
@@ -300,6 +301,20 @@ def read(
     except Exception as error:  # of a dozen types, for damaged files
         reason = f"is damaged or cut off: {error}"
     raise ValueError(f"path must lead to a file of format {FORMAT!r}, but {name!r} {reason}")
+
+
+def _opened(h5py: ModuleType, name: str) -> Any:
+    """The file, without a lock unless this process has it open with one.
+
+    HDF5 opens no file twice in one process with different flags of locking.
+    """
+    try:
+        return h5py.File(name, "r", locking=False)
+    except OSError:
+        for locking in ("best-effort", True):
+            with suppress(OSError):
+                return h5py.File(name, "r", locking=locking)
+        raise
 
 
 def header_text(header: Mapping[str, Any]) -> np.bytes_:

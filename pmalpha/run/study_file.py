@@ -6,6 +6,7 @@ the file: it can be read meanwhile, and after a kill.
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Mapping
 from typing import Any
@@ -35,7 +36,13 @@ class StudyFile:
     def __init__(self, path: str | os.PathLike[str], count: int):
         h5py = hdf5_library()
         self.count = count
-        self.file = h5py.File(checked_path(path), "x", locking=False)
+        whole = checked_path(path, "save_to")
+        try:
+            self.file = h5py.File(whole, "x", locking=False)
+        except OSError as error:
+            reason = os.strerror(error.errno) if error.errno else str(error)
+            message = f"save_to must lead to a new file: {reason}"
+            raise OSError(error.errno or errno.EIO, message, str(whole)) from error
         self.file.attrs.update({"format": FORMAT, "pmalpha_version": PACKAGE_VERSION})
         text = np.full(count, NOT_RUN, dtype=f"S{TEXT}")
         self.errors = self.file.create_dataset("error", data=text)
