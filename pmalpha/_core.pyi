@@ -43,8 +43,8 @@ _Function = tuple[
 ]
 # ptr, index, structure, dgemm, dtrsm, unsymmetric: a matrix that is factored again and again
 _Numeric = tuple[np.ndarray, np.ndarray, _Panels | None, Any, Any, bool]
-# iterated springs, kept tangents, pattern, constant part in single and double steps, |M|
-_Iterate = tuple[bool, bool, _Numeric, np.ndarray, np.ndarray | None, _Matrix]
+# iterated springs, kept tangents, pattern, constant part in single and double steps, |M|, threads
+_Iterate = tuple[bool, bool, _Numeric, np.ndarray, np.ndarray | None, _Matrix, int]
 # tolerance, iterations, kept tangents; pattern and constant parts of H, or responses and |H|
 _Iteration = (
     tuple[float, int, bool, _Numeric, np.ndarray, np.ndarray]

@@ -412,6 +412,33 @@ def test_a_solid_that_several_threads_factor_moves_bitwise_as_with_one(monkeypat
         assert_identical(make(threads).run(steps=5), one)
 
 
+@pytest.mark.parametrize("tangent", ["full", "reuse"])
+@pytest.mark.parametrize("coupling", ["gc", "macro"])
+def test_tangents_that_several_threads_factor_are_bitwise_those_of_one(
+    monkeypatch, coupling, tangent
+):
+    monkeypatch.setattr(factors, "SHARE", 1.0)  # multiplications: every factor is shared
+    material = pm.models.NeoHookean(210.0, 0.3)
+    rubber = pm.models.nonlinear_solid((4, 3, 3), 1.0, material, rho=1.0)
+    v0 = np.zeros((len(rubber.points), 3))
+    v0[:, 0] = 0.2 * rubber.points[:, 0]
+
+    def moved(threads):
+        a, b = (rubber.subdomain(scheme=IMPLICIT, v0=v0.ravel(), name=name) for name in "ab")
+        options = dict(coupling=coupling, newton=pm.Newton(tangent=tangent), threads=threads)
+        coupler = pm.Coupler([a, b], pm.tie(a, [0, 1], b, [3, 4]), dt=0.05, **options)
+        first = coupler.run(steps=2)
+        kept = coupler.snapshot()
+        coupler.step(1)
+        coupler.restore(kept)
+        return first, coupler.run(steps=2)
+
+    one = moved(1)
+    for threads in (2, 4, 6):  # one, two and three for each tangent
+        for some, other in zip(moved(threads), one):
+            assert_identical(some, other)
+
+
 @pytest.mark.parametrize("threads", [0, -1])
 def test_less_than_one_thread_is_refused(threads):
     with pytest.raises(ValueError, match=f"threads must be at least 1, got {threads}"):

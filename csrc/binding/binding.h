@@ -18,6 +18,7 @@
 #include "member/remote.h"
 #include "member/subdomain.h"
 #include "status.h"
+#include "workers/team.h"
 
 /* ---- objects ---------------------------------------------------------------------------- */
 
@@ -40,6 +41,7 @@ typedef struct SubdomainObject {
     PyObject *load;   /* list: the arrays of the load */
     pma_spring_set *springs;
     pma_forces forces;
+    pma_team *team;             /* of those that factor tangents, or NULL */
     PyObject *mass;             /* list: the arrays of M, while energies are summed */
     PyObject *response;         /* list: the arrays of the stored unit responses */
     struct SubdomainObject *of; /* in lanes: the subdomain of each; else NULL */
@@ -190,6 +192,9 @@ int pma_take_lu(PyObject *obj, npy_intp p, PyObject *arrays, pma_lu *out);
 /* Capsules of scipy.linalg.cython_blas */
 int pma_take_blas(PyObject *dgemm, PyObject *dtrsm, pma_blas *blas);
 
+/* A crew of these threads, which are those of *team, a new one; none for a single thread. */
+int pma_take_crew(Py_ssize_t threads, pma_team **team, pma_crew *out);
+
 /* A load on load->n dofs: None, an array (constant), (values, shape, dt, hold), (rows, first) or
  * (f, order), f a LowLevelCallable.
  * Returns a new list of the arrays that it points into, or NULL. */
@@ -230,8 +235,9 @@ void pma_release_forces(pma_forces *forces);
 int pma_take_numeric(PyObject *obj, npy_intp n, npy_intp nb, PyObject *arrays,
                      pma_numeric_parts *out);
 
-/* (springs, keeps, pattern, base, base_twice, M_size), pattern as above */
-int pma_take_iterate(PyObject *obj, const pma_parts *parts, PyObject *arrays,
+/* (springs, keeps, pattern, base, base_twice, M_size, threads), pattern as above; *team: the threads
+ * that factor tangents, or unchanged */
+int pma_take_iterate(PyObject *obj, const pma_parts *parts, PyObject *arrays, pma_team **team,
                      pma_iterate_parts *out);
 
 /* (tolerance, iterations, reuse, pattern, start, later), or under macro coupling

@@ -256,21 +256,45 @@ static void look(void *ctx)
     pma_elimination_look(ctx);
 }
 
-/* The numeric factorization by this thread and others; by this one alone where there are none. */
+/* By this thread and the others of a team; by this one alone where the system refuses threads. */
+static void work_together(void *ctx, pma_elimination *e)
+{
+    pma_team *team = ctx;
+    const size_t others = pma_team_gather(team) == PMA_OK ? pma_team_workers(team) - 1 : 0;
+    for (size_t w = 1; w <= others; w++)
+        pma_team_post(team, w, work, e);
+    pma_elimination_work(e, 0);
+    for (size_t w = 1; w <= others; w++)
+        pma_team_await(team, w, look, e);
+}
+
+int pma_take_crew(Py_ssize_t threads, pma_team **team, pma_crew *out)
+{
+    if (threads < 1) {
+        PyErr_Format(PyExc_ValueError, "threads must be at least 1, got %zd", threads);
+        return -1;
+    }
+    if (threads == 1)
+        return 0;
+    const pma_status status = pma_team_create((size_t)threads, team);
+    if (status != PMA_OK) {
+        pma_raise(status, "threads");
+        return -1;
+    }
+    *out = (pma_crew){
+        .workers = (size_t)threads, .work = work_together, .rest = pma_thread_rest, .ctx = *team};
+    return 0;
+}
+
 static pma_status run_factor(const pma_panels_input *A, pma_elimination *e, pma_team *team,
-                             size_t workers, double *inverse, size_t *column)
+                             double *inverse, size_t *column)
 {
     pma_watch watch = {.last = pma_watch_milliseconds()};
     const pma_patience patience = {
         .stop = pma_watch_signals, .rest = pma_thread_rest, .ctx = &watch};
     PyThreadState *before = pma_gil_release();
     pma_elimination_begin(e, A, inverse, &patience);
-    const size_t others = pma_team_gather(team) == PMA_OK ? workers - 1 : 0;
-    for (size_t w = 1; w <= others; w++)
-        pma_team_post(team, w, work, e);
-    pma_elimination_work(e, 0);
-    for (size_t w = 1; w <= others; w++)
-        pma_team_await(team, w, look, e);
+    work_together(team, e);
     const pma_status status = pma_elimination_end(e, column);
     pma_gil_acquire(before);
     return status;
@@ -286,7 +310,7 @@ static pma_status factor(const pma_panels *p, const pma_panels_input *A, const i
     if (status == PMA_OK)
         status = pma_team_create(workers, &team);
     if (status == PMA_OK)
-        status = run_factor(A, e, team, workers, inverse, column);
+        status = run_factor(A, e, team, inverse, column);
     pma_team_destroy(team);
     pma_elimination_destroy(e);
     return status;

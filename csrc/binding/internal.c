@@ -223,21 +223,23 @@ int pma_take_numeric(PyObject *obj, npy_intp n, npy_intp nb, PyObject *arrays,
     return 0;
 }
 
-/* (springs, keeps, pattern, base, base_twice, M_size) */
-int pma_take_iterate(PyObject *obj, const pma_parts *parts, PyObject *arrays,
+int pma_take_iterate(PyObject *obj, const pma_parts *parts, PyObject *arrays, pma_team **team,
                      pma_iterate_parts *out)
 {
     PyObject *pattern, *base, *twice, *M_size;
     int springs, keeps;
+    Py_ssize_t threads;
     const npy_intp n = (npy_intp)parts->n;
     if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "iterate must be a tuple of six");
+        PyErr_SetString(PyExc_TypeError, "iterate must be a tuple of seven");
         return -1;
     }
-    if (!PyArg_ParseTuple(obj, "ppOOOO", &springs, &keeps, &pattern, &base, &twice, &M_size))
+    if (!PyArg_ParseTuple(obj, "ppOOOOn", &springs, &keeps, &pattern, &base, &twice, &M_size,
+                          &threads))
         return -1;
     *out = (pma_iterate_parts){.springs = springs, .keeps = keeps};
-    if (pma_take_numeric(pattern, n, (npy_intp)parts->nb, arrays, &out->tangent) < 0)
+    if (pma_take_numeric(pattern, n, (npy_intp)parts->nb, arrays, &out->tangent) < 0 ||
+        pma_take_crew(threads, team, &out->tangent.crew) < 0)
         return -1;
     const npy_intp entries = (npy_intp)out->tangent.ptr[n];
     if (pma_take_doubles(base, entries, "base", arrays, &out->base) < 0 ||

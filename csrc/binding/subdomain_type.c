@@ -68,7 +68,7 @@ static int take_parts(PyObject *args, PyObject *kwargs, SubdomainObject *self, p
         pma_take_internal(internal, n, arrays, &self->forces, &parts->internal) < 0)
         return -1;
     if (iterated != Py_None) {
-        if (pma_take_iterate(iterated, parts, arrays, iterate) < 0)
+        if (pma_take_iterate(iterated, parts, arrays, &self->team, iterate) < 0)
             return -1;
         parts->iterate = iterate;
     }
@@ -121,6 +121,7 @@ static void subdomain_dealloc(SubdomainObject *self)
     PyTypeObject *type = Py_TYPE(self);
     PyObject_GC_UnTrack(self);
     pma_subdomain_destroy(self->core);
+    pma_team_destroy(self->team);
     PyMem_Free(self->springs);
     pma_release_forces(&self->forces);
     Py_XDECREF(self->arrays);

@@ -12,6 +12,8 @@
 #include "matrices.h"
 #include "naive.h"
 #include "tests.h"
+#include "workers/team.h"
+#include "workers/thread.h"
 
 /* ---- patterns --------------------------------------------------------------------------------- */
 
@@ -250,6 +252,77 @@ static void a_column_that_is_not_definite_is_named_and_the_next_factor_is_good(v
     }
 }
 
+/* ---- by several workers --------------------------------------------------------------------- */
+
+static void work(void *ctx, size_t worker)
+{
+    pma_elimination_work(ctx, worker);
+}
+
+static void work_together(void *ctx, pma_elimination *e)
+{
+    pma_team *team = ctx;
+    const size_t workers = pma_team_workers(team);
+    for (size_t w = 1; w < workers; w++)
+        pma_team_post(team, w, work, e);
+    pma_elimination_work(e, 0);
+    for (size_t w = 1; w < workers; w++)
+        pma_team_await(team, w, NULL, NULL);
+}
+
+static void work_alone(void *ctx, pma_elimination *e)
+{
+    (void)ctx;
+    pma_elimination_work(e, 0);
+}
+
+/* Good values twice, then such that fail. */
+static void check_crew(structure *m, const pma_crew *crew, uint64_t *seed)
+{
+    pma_numeric f, alone;
+    pma_numeric_parts parts = describe_numeric(m);
+    CHECK_STATUS(pma_numeric_create(&parts, &alone), PMA_OK);
+    parts.crew = *crew;
+    CHECK_STATUS(pma_numeric_create(&parts, &f), PMA_OK);
+    for (size_t k = 0; k < 3; k++) {
+        size_t column = 0, failed = 0;
+        const size_t bad = pma_numeric_entry(&parts, m->n / 2, m->n / 2);
+        draw_values(m, seed);
+        write_values(&f, m);
+        f.values[bad] *= k == 2 ? -1.0 : 1.0;
+        memcpy(alone.values, f.values, (size_t)parts.ptr[m->n] * sizeof(double));
+        CHECK_STATUS(pma_numeric_factor(&f, &column), k == 2 ? PMA_NOT_DEFINITE : PMA_OK);
+        CHECK_STATUS(pma_numeric_factor(&alone, &failed), k == 2 ? PMA_NOT_DEFINITE : PMA_OK);
+        CHECK_INT(column, failed);
+        if (k == 2)
+            continue;
+        CHECK_BITS(m->n, f.inverse, alone.inverse);
+        if (f.factor.form == PMA_PANELS)
+            CHECK_BITS((size_t)m->panels.start[m->panels.count], f.numbers, alone.numbers);
+    }
+    pma_numeric_destroy(&f);
+    pma_numeric_destroy(&alone);
+}
+
+static void a_factor_made_again_by_a_crew_is_bitwise_that_of_one(void)
+{
+    static structure m;
+    uint64_t seed = 45;
+    for (size_t workers = 1; workers <= 4; workers++) {
+        pma_team *team;
+        CHECK_STATUS(pma_team_create(workers, &team), PMA_OK);
+        CHECK_STATUS(pma_team_gather(team), PMA_OK);
+        const pma_crew together = {workers, work_together, pma_thread_rest, team},
+                       alone = {workers, work_alone, NULL, NULL};
+        for (kind k = DIAGONAL; k < PATTERNS; k++) {
+            draw_pattern(&m, k, UNKNOWNS, 7, &seed);
+            check_crew(&m, &together, &seed);
+            check_crew(&m, &alone, &seed);
+        }
+        pma_team_destroy(team);
+    }
+}
+
 /* ---- patterns that are refused ---------------------------------------------------------------- */
 
 static pma_status status_of(size_t n, size_t nb, const int64_t *ptr, const int32_t *index)
@@ -286,6 +359,7 @@ const test NUMERIC_TESTS[] = {
     TEST(a_factor_that_was_never_made_changes_nothing),
     TEST(a_factor_of_the_same_values_is_kept),
     TEST(a_column_that_is_not_definite_is_named_and_the_next_factor_is_good),
+    TEST(a_factor_made_again_by_a_crew_is_bitwise_that_of_one),
     TEST(patterns_that_cannot_be_are_refused),
     END_OF_TESTS,
 };

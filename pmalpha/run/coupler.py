@@ -93,8 +93,8 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         identical for any number. Default: the number of processors of this process if equations
         (W1) to (W3) of docs/method.md predict from the sizes alone that threads save a fifth of
         the time, else 1. `Coupler.threads` is the number in use: larger than the number of
-        subdomains only if a large one is split among threads. Large factors and unit
-        responses are made by several threads during set-up.
+        subdomains only if a large one is split among threads. Large factors, those
+        of tangents in the steps too, and unit responses are made by several threads.
     factorize : None, "superlu" or callable, optional
         The factorization of the sparse matrices Mbar and M of the subdomains. None: the supernodal
         code of this package, and SciPy's SuperLU for a matrix with little fill. "superlu": always

@@ -197,8 +197,9 @@ class Assemblies:
 
         # Mbar = R D R^T
         new = [part for part in parts if part.core is None]
+        shared = self._threads_of_tangents(parts)
         for part in new:
-            build(part, self._mass(part) if mean else None)
+            build(part, self._mass(part) if mean else None, part.tangent_threads(shared))
         if macro:
             prepare(new)  # unit responses
         if mean:
@@ -241,6 +242,12 @@ class Assemblies:
         own = enumerate(parts, self.first_own)
         self._known.update({(i, *layout.of(i)): part for i, part in own})
         return Assembly(parts, core, self.first_own)
+
+    def _threads_of_tangents(self, parts: Sequence[Part]) -> int:
+        """The maximum number of threads that factor a tangent: subdomains whose tangents are large
+        are factored at the same time, and share them."""
+        most = self.threads[0]
+        return max(1, most // max(1, sum(part.tangent_threads(most) > 1 for part in parts)))
 
     def _of_the_schedule(self, parts: Sequence[Part]) -> dict[str, Any]:
         """What else the core needs where displacements are tied, and of other processes."""

@@ -173,9 +173,11 @@ class TangentPattern:
         """Entries of the factor, with the diagonal."""
         return self.order.size if self.structure is None else int(self.structure[3][-1])
 
-    def core(self, name: str, symmetric: bool) -> tuple[Any, ...]:
-        """Pattern and structure in the form of the core, where their memory is there."""
-        return numeric(self.pattern, self.structure, f"the tangent of {name!r}", symmetric)
+    def core(self, name: str, symmetric: bool, scratch: float) -> tuple[Any, ...]:
+        """Pattern and structure in the form of the core, where their memory is there, and bytes of
+        scratch."""
+        what = f"the tangent of {name!r}"
+        return numeric(self.pattern, self.structure, what, symmetric, scratch)
 
     def values(self, A: Matrix | None) -> np.ndarray:
         """The values on the pattern of a matrix in elimination order."""
@@ -245,7 +247,11 @@ def structure(pattern: sp.csr_array, nb: int) -> tuple[Any, ...] | None:
 
 
 def numeric(
-    pattern: sp.csr_array, panels: tuple[Any, ...] | None, what: str, symmetric: bool
+    pattern: sp.csr_array,
+    panels: tuple[Any, ...] | None,
+    what: str,
+    symmetric: bool,
+    scratch: float = 0.0,
 ) -> tuple[Any, ...]:
     """(ptr, index, structure, dgemm, dtrsm, unsymmetric): what the core factors again and again.
 
@@ -255,7 +261,7 @@ def numeric(
         When the factor does not fit.
     """
     panel = 8.0 if symmetric else 16.0
-    size = 8.0 * pattern.nnz + (0.0 if panels is None else panel * float(panels[3][-1]))
+    size = 8.0 * pattern.nnz + (0.0 if panels is None else panel * float(panels[3][-1])) + scratch
     require(size, f"the factor of {what} ({pattern.shape[0]} rows)")
     capsules = cython_blas.__pyx_capi__
     ptr, index, _ = core_sparse(pattern)

@@ -147,6 +147,11 @@ class Part:
         """Whether it takes double steps in the first macro step (`start`), or after it."""
         return self.double and (self.over is not None or not start)
 
+    def tangent_threads(self, most: int) -> int:
+        """How many threads, of `most`, share the factorization of its tangents."""
+        structure = self.elimination.structure
+        return 1 if self.tangent is None or structure is None else structure.threads(most)
+
     def with_steps(
         self,
         h: float,
@@ -455,8 +460,8 @@ def watch_of(part: Part) -> StiffnessWatch | None:
     return StiffnessWatch(s, part.name, part.step)
 
 
-def build(part: Part, mass: Factor | None = None) -> None:
-    """Factor Mbar and make the object of the core."""
+def build(part: Part, mass: Factor | None = None, threads: int = 1) -> None:
+    """Factor Mbar and make the object of the core, which factors tangents in so many threads."""
     single, *twice = map(part.operator, part.lengths)
     part.factors = [operator[1:] for operator in (single, *twice)]
     part.known = {operator[0]: operator for operator in (single, *twice)}
@@ -475,7 +480,7 @@ def build(part: Part, mass: Factor | None = None) -> None:
         responds=part.responds,
         K_r=part.K_r if part.responds or part.shifts or part.tangent is not None else None,
         springs=core_springs(part.subdomain.springs, part.position),
-        **_internal(part),
+        **_internal(part, threads),
         mass=mass,
         waits=part.waits,
         shifts=part.shifts,
@@ -483,7 +488,7 @@ def build(part: Part, mass: Factor | None = None) -> None:
     )
 
 
-def _internal(part: Part) -> dict[str, Any]:
+def _internal(part: Part, threads: int) -> dict[str, Any]:
     """What the core has to know of internal forces."""
     if part.internal is None:
         return {}
@@ -493,7 +498,9 @@ def _internal(part: Part) -> dict[str, Any]:
     base, *twice = (part.tangent.values(part.mbar(h)) for h in part.lengths)
     given = part.subdomain.internal
     springs = given is not None and bool(given.springs)
-    pattern = part.tangent.core(part.name, part.symmetric)
+    structure = part.elimination.structure
+    scratch = 0.0 if structure is None or threads == 1 else structure.scratch(threads)
+    pattern = part.tangent.core(part.name, part.symmetric, scratch)
     over = twice[0] if twice else None
-    iterate = (springs, part.reuses, pattern, base, over, core_size(part.M))
+    iterate = (springs, part.reuses, pattern, base, over, core_size(part.M), threads)
     return {"M": core_matrix(part.M), "internal": own, "iterate": iterate}

@@ -36,6 +36,16 @@ typedef struct {
 
 typedef struct pma_elimination pma_elimination;
 
+/* Threads besides the caller's, which take part where a factor is made again and again. */
+typedef struct {
+    size_t workers; /* with the caller; 0: it is alone */
+    /* Calls pma_elimination_work for all workers, or for some and at least for worker 0, and returns
+     * when all of these have returned. */
+    void (*work)(void *ctx, pma_elimination *e);
+    void (*rest)(void); /* see pma_patience */
+    void *ctx;
+} pma_crew;
+
 /* Which supernodes update which, and what is done in what order; with scratch for the workers. The
  * panels were checked; owner (n): the supernode of each column. Arrays of the caller, which have to
  * outlive it. Allocates: PMA_NO_MEMORY, *out is NULL then. */

@@ -81,6 +81,11 @@ static void sizes_of(const pma_numeric_parts *parts, pma_form form, size_t *size
     }
 }
 
+static size_t workers_of(const pma_numeric_parts *parts)
+{
+    return parts->crew.workers > 0 ? parts->crew.workers : 1;
+}
+
 pma_status pma_numeric_create(const pma_numeric_parts *parts, pma_numeric *out)
 {
     *out = (pma_numeric){.values = NULL};
@@ -115,8 +120,8 @@ pma_status pma_numeric_create(const pma_numeric_parts *parts, pma_numeric *out)
                                .Q = Q,
                                .panels = out->parts.panels};
     if (form == PMA_PANELS)
-        status = pma_elimination_create(&out->parts.panels, n, parts->owner, &parts->blas, 1,
-                                        &out->elimination);
+        status = pma_elimination_create(&out->parts.panels, n, parts->owner, &parts->blas,
+                                        workers_of(parts), &out->elimination);
     if (status != PMA_OK)
         pma_numeric_destroy(out);
     return status;
@@ -279,8 +284,13 @@ static pma_status factor(pma_numeric *f, size_t *column)
                                     .values = f->values,
                                     .lost = LOST,
                                     .growth = GROWTH};
-    return pma_elimination_run(f->elimination, &input, f->inverse, &(pma_patience){.stop = never},
-                               column);
+    const pma_crew *crew = &parts->crew;
+    const pma_patience patience = {.stop = never, .rest = crew->rest};
+    if (crew->workers == 0)
+        return pma_elimination_run(f->elimination, &input, f->inverse, &patience, column);
+    pma_elimination_begin(f->elimination, &input, f->inverse, &patience);
+    crew->work(crew->ctx, f->elimination);
+    return pma_elimination_end(f->elimination, column);
 }
 
 pma_status pma_numeric_factor(pma_numeric *f, size_t *column)

@@ -25,6 +25,7 @@ typedef struct {
                              diagonal. Its values are not read */
     const int64_t *owner; /* n: the supernode of each column */
     pma_blas blas;
+    pma_crew crew; /* which makes it in panels; bitwise the same for any number of workers */
 } pma_numeric_parts;
 
 typedef struct {

@@ -66,6 +66,11 @@ pma_status pma_team_create(size_t workers, pma_team **out)
     return PMA_OK;
 }
 
+size_t pma_team_workers(const pma_team *t)
+{
+    return t->workers;
+}
+
 /* ---- waiting -------------------------------------------------------------------------------- */
 
 /* What a waiting thread waits for: that *count is (not) `value`. */

@@ -24,6 +24,8 @@ pma_status pma_team_create(size_t workers, pma_team **out);
 /* Ends the threads, which have to be idle; NULL is allowed. */
 void pma_team_destroy(pma_team *t);
 
+size_t pma_team_workers(const pma_team *t);
+
 /* Makes the threads if they are not there: at first use, or in a process forked off since.
  * PMA_NO_THREADS when the system refuses; the team is as before then. */
 pma_status pma_team_gather(pma_team *t);
