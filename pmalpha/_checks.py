@@ -56,7 +56,7 @@ def time_step(value: Any, name: str) -> float:
 
 
 def sampling_step(value: Any, name: str) -> float:
-    """The time step of a record: quotients with it are in the range of numbers."""
+    """A time step with which quotients are in the range of numbers."""
     number = time_step(value, name)
     require_moderate(np.array([number, 1.0 / number]), f"{name} and 1 / {name}")
     return number

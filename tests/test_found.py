@@ -329,6 +329,16 @@ REFUSED = {
         ValueError,
         "structure must have an element at every dof in 0..4611686018427387904, not at dofs 1, 2",
     ),
+    "a plan for a step of no length in numbers": (
+        lambda: pm.cut(BLOCK, [0], dt=0.1).plan(5e-324),
+        ValueError,
+        "dt and 1 / dt must not exceed",
+    ),
+    "a picture of a scale out of range": (
+        lambda: pm.plot.deformed([[0.0], [1.0]], [[0, 1]], [[0.0], [0.0]], scale=1e308),
+        ValueError,
+        "scale must not exceed",
+    ),
     "a picture that moves of no history": (
         lambda: pm.plot.animation(None, {}),
         TypeError,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._checks import counted, time_step
+from .._checks import counted, sampling_step
 from ..export import write_series
 from ..problem.constraints import Constraint
 from ..problem.schemes import Scheme
@@ -167,7 +167,7 @@ class Cut:
         >>> cut(masses, parts=2).plan(dt=0.1).entries > 0
         True
         """
-        step = self.dt if dt is None else time_step(dt, "dt")
+        step = self.dt if dt is None else sampling_step(dt, "dt")
         if step is None:
             raise TypeError("dt must be given here or to cut")
         return plan_of(self, step)

@@ -9,7 +9,14 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from .._checks import listing, positive_number, real_number, require_finite, whole_number
+from .._checks import (
+    listing,
+    positive_number,
+    real_number,
+    require_finite,
+    require_moderate,
+    whole_number,
+)
 from ..problem.kinds import KINDS
 from ..run.history import History, SubdomainHistory
 from ..structures.mesh import (
@@ -368,6 +375,7 @@ def _picture(
     """The `Picture` of these axes, created if there is none yet."""
     if scale is not None:
         scale = positive_number(scale, "scale")
+        require_moderate(np.array([scale]), "scale")
     picture = pictures.get(ax)
     if picture is None:
         picture = pictures[ax] = Picture(_fitting_scale(moved) if scale is None else scale, own)

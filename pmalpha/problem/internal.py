@@ -41,7 +41,8 @@ class InternalForce(Frozen):
         in any format of the matrices of `Subdomain`, or None for zero; and the history q1 (m,) at
         the end of the substep. u, v and q (m,) are copies; q is the history at the beginning of the
         substep. A pure function of its arguments: it is evaluated any number of times, and q1 is
-        taken over only when the substep is complete.
+        taken over only when the substep is complete. That is not checked: it would take another
+        evaluation in every step.
         If it has a method ``residual(u, v, t, q) -> f``, and the force no history, that is called
         where no tangent is needed. A method ``potential(u) -> float`` is its energy, see `Energy`.
         A ``scipy.LowLevelCallable`` ``int (double t, intptr_t n, double *u, double *v, double *q,

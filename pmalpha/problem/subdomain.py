@@ -85,7 +85,9 @@ class Subdomain(Frozen):
         `InternalForce`, which also takes compiled functions, and gives a force a history q and a
         pattern. Nonlinear elements of `structures` are such callables. In an explicit subdomain it
         is evaluated once per substep, at the predictor of the displacement and an extrapolated
-        velocity. A list sums its forces.
+        velocity. A list sums its forces. Each has to be a function of u, v, t and q alone: one that
+        returns other values at the next call with the same arguments is not noticed, and a step can
+        be accepted whose equation holds for one of those calls only.
     damping : {"implicit", "lagged"}, default "implicit"
         "lagged": C acts on the extrapolated velocity, equation (R4), so that an explicit subdomain
         whose C is not diagonal needs no factor. The critical step is smaller, equation (C2).
