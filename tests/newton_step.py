@@ -12,7 +12,7 @@ strains. The schedules are in tests/newton_reference.py. Numbers are those of do
     (N4)  first guess                       (N9)   corrections that are rounding
     (N5)  energy of a correction            (N10)  slope of the line search
     (N6)  energy scale                      (N11)  affine law of the interface velocity
-                                            (N12)  interface problem of an iteration
+    (N21) rounding by rows                  (N12)  interface problem of an iteration
 
 All others, and the symbols, are those of tests/reference.py; s of (N6) is `scale`, its square.
 """
@@ -24,6 +24,7 @@ import numpy as np
 from reference import State, Subdomain
 
 EPS = np.finfo(float).eps
+STAGNANT = 0.5
 
 # ---- the problem ----------------------------------------------------------------------------
 
@@ -142,8 +143,12 @@ class Trial:
         # (N8)  |u| . (|f| + |C v + K u + r| + |F| + |L^T Lam|) + al1 |w| . |M| |w|
         F = self.s.load(self.t1)
         others = (self.step.mbar - self.s.M) @ w - self.g + F
-        forces = abs(f) + abs(others) + abs(F) + abs(self.L.T @ self.Lam)
-        self.rounding = abs(u) @ forces + self.al1 * abs(w) @ abs(self.s.M) @ abs(w)
+        forces, inertia = abs(f) + abs(others) + abs(F), abs(self.s.M) @ abs(w)
+        pull = abs(self.L.T @ self.Lam)
+        self.rounding = abs(u) @ (forces + pull) + self.al1 * abs(w) @ inertia
+        # (N21)  |R| / (|f| + |C v + K u + r| + |F| + |L^T| |Lam| + |M| |w|)
+        terms = forces + abs(self.L.T) @ abs(self.Lam) + inertia
+        self.residual = max(abs(self.R) / np.where(terms > 0.0, terms, 1.0))
 
     def refresh(self):
         """Take the tangent of the iterate."""
@@ -313,11 +318,12 @@ class Iteration:
             for x in trials:
                 x.refresh()
         floor = 100.0 * EPS * np.sqrt(sum(x.rounding for x in trials))  # (N8)
+        residual = max(x.residual for x in trials)
         Lam = self.multipliers()
         parts = [x.correction(y) for x, y in zip(trials, Lam, strict=True)]
         self.energies = [energy for _, energy, _ in parts]
         e = np.sqrt(sum(self.energies))
-        theta = None if self.e is None else e / self.e
+        theta = e / self.e if self.e else None
         if not fresh and not (e < np.inf and (theta is None or theta <= 1.0)):
             # a stale tangent does not converge: from the first guess with fresh ones
             self.always = True
@@ -333,7 +339,9 @@ class Iteration:
         self.move([(w + dw, y) for (w, _), (dw, _), y in zip(start, change, Lam, strict=True)])
         self.e, self.due = e, theta is not None and theta > 0.2
         scales = [max(x.member.scale, part[2]) for x, part in zip(trials, parts, strict=True)]
-        if accepted(e, theta, self.newton.tol * np.sqrt(sum(scales)), floor):
+        # (N21)  corrections that do not fall, of a residual that is rounding in every row
+        fixed = theta is not None and theta >= STAGNANT and residual <= 100.0 * EPS
+        if fixed or accepted(e, theta, self.newton.tol * np.sqrt(sum(scales)), floor):
             for x, scale in zip(trials, scales, strict=True):
                 x.member.scale = scale
             return True

@@ -16,7 +16,7 @@ typedef struct {
     double (*f)(double x);
     double (*slope)(double x);
     double x, first, K; /* iterate; first guess; tangent that is factored */
-    double motion, rounding;
+    double motion, rounding, residual;
     size_t fails_at;    /* evaluation that returns `status`, counted from 1; never for 0 */
     size_t singular_at; /* the same of corrections */
     pma_status status;
@@ -53,7 +53,7 @@ static pma_status correct(void *ctx, bool fresh, pma_measure *measure)
     q->dx = q->R / q->K;
     q->x += q->dx;
     q->s0 = q->dx * q->R;
-    *measure = (pma_measure){fabs(q->s0), q->motion, q->rounding, q->s0};
+    *measure = (pma_measure){fabs(q->s0), q->motion, q->rounding, q->s0, q->residual};
     q->fresh[q->corrected] = fresh;
     q->e[q->corrected++] = sqrt(fabs(q->s0));
     return PMA_OK;
@@ -86,7 +86,8 @@ static const pma_newton REUSE = {.tolerance = 1e-10, .iterations = 40, .reuse = 
 
 static scalar equation(double (*f)(double), double (*slope)(double), double first)
 {
-    return (scalar){.f = f, .slope = slope, .x = first, .first = first, .motion = 1.0};
+    return (scalar){
+        .f = f, .slope = slope, .x = first, .first = first, .motion = 1.0, .residual = INFINITY};
 }
 
 /* ---- f and its derivative --------------------------------------------------------------------- */
@@ -370,6 +371,27 @@ static void corrections_that_are_rounding_are_accepted_in_the_end(void)
     CHECK_NEAR(q.raised_to, 1e26, 1e12);
 }
 
+static void they_are_accepted_at_once_where_the_residual_is_rounding_by_rows(void)
+{
+    scalar q = equation(noisy, one, 1.0);
+    q.motion = 0.0;
+    q.residual = 1.0;
+    CHECK_STATUS(pma_newton_solve(&FULL, &SCALAR, &q, false), PMA_OK);
+    CHECK_NEAR(q.x, 1.0 / 3.0, 0x1p-26);
+    CHECK(q.corrected <= 4); /* to the noise, one of the noise, and one that is as large */
+    CHECK_INT(q.raised, 0);
+    /* not as long as they fall, whatever the residual */
+    scalar fast = equation(square, square_slope, 1.0);
+    fast.residual = 1.0;
+    CHECK_STATUS(pma_newton_solve(&FULL, &SCALAR, &fast, false), PMA_OK);
+    CHECK_NEAR(fast.x, sqrt(2.0), 1e-15);
+    /* nor where the residual is more than rounding */
+    q = equation(leap, one, -1.0);
+    q.motion = 0.0;
+    q.residual = 1.001;
+    CHECK_STATUS(pma_newton_solve(&FULL, &SCALAR, &q, false), PMA_NOT_CONVERGED);
+}
+
 /* A wrong tangent departs from the slope over large multiples of a correction too; one that goes to
  * and fro over a leap does not depart from it over a small part. */
 static void other_corrections_that_do_not_fall_are_not(void)
@@ -393,6 +415,7 @@ const test NEWTON_TESTS[] = {
     TEST(an_equation_without_a_root_is_not_converged),
     TEST(what_an_operation_comes_back_with_is_returned),
     TEST(corrections_that_are_rounding_are_accepted_in_the_end),
+    TEST(they_are_accepted_at_once_where_the_residual_is_rounding_by_rows),
     TEST(other_corrections_that_do_not_fall_are_not),
     END_OF_TESTS,
 };

@@ -5,6 +5,9 @@
 /* A tangent that is kept is made again where corrections fall by less than this. */
 #define SLOW 0.2
 
+/* Corrections that fall by less than this are rounding, if the residual is.                (N21) */
+#define STAGNANT 0.5
+
 /* Where the slope along a correction has grown to this part of the one before it, with the other
  * sign, the correction is too long; it is shortened to half that.                          (N10) */
 #define OVERSHOOT 0.8
@@ -36,6 +39,8 @@ static bool is_accepted(const iteration *it, const pma_measure *m, double theta)
 {
     const double e = sqrt(m->correction), limit = it->newton->tolerance * sqrt(m->motion);
     if (e <= 1e-3 * limit || m->correction <= m->rounding)
+        return true;
+    if (it->e > 0.0 && theta >= STAGNANT && m->residual <= 1.0)
         return true;
     return theta < 1.0 && theta / (1.0 - theta) * e <= limit;
 }

@@ -21,8 +21,10 @@ typedef struct {
 typedef struct {
     double correction; /* e^2 = al1 dw . Mbar_t dw                                          (N5) */
     double motion;     /* the largest du . Mbar_t du / al1 so far, du over a substep        (N6) */
-    double rounding;   /* of the terms of the residual */
+    double rounding;   /* of the terms of the residual                                      (N8) */
     double slope;      /* al2 dw . R before the correction */
+    double residual;   /* no energy: the largest |R| before the correction, in parts of the
+                        * rounding of the terms of its row                                (N21) */
 } pma_measure;
 
 static inline void pma_measure_add(pma_measure *sum, const pma_measure *m)
@@ -31,6 +33,7 @@ static inline void pma_measure_add(pma_measure *sum, const pma_measure *m)
     sum->motion += m->motion;
     sum->rounding += m->rounding;
     sum->slope += m->slope;
+    sum->residual = m->residual > sum->residual ? m->residual : sum->residual;
 }
 
 /* Operations on the iterate. Those that return a status end the iteration with it, but that a value

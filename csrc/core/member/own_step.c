@@ -225,6 +225,44 @@ static pma_status factor(pma_iterate *it, bool *changed)
     return status;
 }
 
+/* The terms of R by rows: of |L^T| |Lam| in row i of the interface */
+static double size_of_pull(const pma_parts *p, size_t i, const double *lam)
+{
+    double sum = 0.0;
+    if (p->mean)
+        return sum;
+    for (int64_t k = p->link.ptr[i]; k < p->link.ptr[i + 1]; k++)
+        sum += fabs(p->link.values[k] * lam[p->link.index[k]]);
+    return sum;
+}
+
+/* (N8)  e_0^2 of  sum |u| . (|f| + |F| + |L^T Lam|) + al1 |w| . |M| |w|
+ * (N21) max |R| / (|f| + |C v + K u| + |F| + |L^T| |Lam| + |M| |w|) by rows */
+static void measure_rounding(pma_iterate *it, const double *lam)
+{
+    const pma_parts *p = &it->of->parts;
+    const size_t n = p->n, inner = n - p->nb;
+    const double *w = iterate_of(it)->w;
+    double energy = 0.0, largest = 0.0;
+    for (size_t i = 0; i < n; i++) {
+        it->size[i] = fabs(w[i]);
+        it->product[i] = 0.0;
+    }
+    pma_matrix_subtract(&it->parts.M_size, it->size, it->product);
+    for (size_t i = 0; i < n; i++) {
+        const double pull = i < inner ? 0.0 : it->pull[i - inner];
+        const double terms = fabs(it->force[i]) + fabs(it->f[i] - it->force[i]) +
+                             fabs(it->held[i]) - it->product[i] +
+                             (i < inner ? 0.0 : size_of_pull(p, i - inner, lam));
+        energy += fabs(it->u[i]) * (fabs(it->f[i]) + fabs(it->held[i]) + fabs(pull)) -
+                  operator_of(it)->step.al1 * it->size[i] * it->product[i];
+        if (!(fabs(it->R[i]) <= largest * ROUNDING * terms))
+            largest = fabs(it->R[i]) / (ROUNDING * terms);
+    }
+    it->rounding = ROUNDING * ROUNDING * energy;
+    it->residual = largest;
+}
+
 /* o = L (v + al2 Mbar_t^-1 R) - G Lam, before L: the free velocity                        (N11) */
 static pma_status linearize(void *self, bool fresh, const double *lam, bool *changed)
 {
@@ -240,6 +278,7 @@ static pma_status linearize(void *self, bool fresh, const double *lam, bool *cha
     if (status != PMA_OK)
         return status;
     it->linearized = fresh;
+    measure_rounding(it, lam);
     memcpy(it->dw, it->R, n * sizeof(double));
     pma_factor_open(&it->numeric.factor, it->dw, vf, s->work);
     pma_substep_solve_link(s, op, lam);
@@ -248,23 +287,6 @@ static pma_status linearize(void *self, bool fresh, const double *lam, bool *cha
         vf[i] = v_b[i] + op->step.al2 * (vf[i] - s->link[i]);
     s->levels.opened = it->step.j + 1;
     return PMA_OK;
-}
-
-/* (N8)  sum |u| . (|f| + |F| + |L^T Lam|) + al1 |w| . |M| |w| */
-static double size_of_terms(const pma_iterate *it, const double *w, double al1)
-{
-    const pma_parts *p = &it->of->parts;
-    const size_t n = p->n, inner = n - p->nb;
-    double sum = 0.0;
-    for (size_t i = 0; i < n; i++) {
-        sum += fabs(it->u[i]) * (fabs(it->f[i]) + fabs(it->held[i]));
-        it->size[i] = fabs(w[i]);
-        it->product[i] = 0.0;
-    }
-    for (size_t i = 0; i < p->nb; i++)
-        sum += fabs(it->u[inner + i]) * fabs(it->pull[i]);
-    pma_matrix_subtract(&it->parts.M_size, it->size, it->product);
-    return sum - al1 * dot(n, it->size, it->product);
 }
 
 /* du . Mbar_t du / al1 from the beginning of the substep on, with the iterate in it->u */
@@ -305,8 +327,9 @@ static void correct(void *self, const double *lam, pma_measure *m)
     *m = (pma_measure){
         .correction = it->correction,
         .motion = it->motion,
-        .rounding = ROUNDING * ROUNDING * size_of_terms(it, x->w, c->al1),
+        .rounding = it->rounding,
         .slope = c->al2 * step,
+        .residual = it->residual,
     };
     it->corrections++;
     it->linearized = false;

@@ -21,6 +21,8 @@ struct pma_iterate {
 
     double scale, motion;  /* energy of the largest motion so far; with the iterate */
     double correction;     /* energy of the last one */
+    double rounding;       /* energy of the rounding of R */
+    double residual;       /* largest |R| of a row, in parts of the rounding of its terms */
     double scale_present;  /* the same at the present */
     bool factored_present; /* ... of a factor that is kept */
     bool factored_twice_present;

@@ -1,0 +1,195 @@
+"""Iterated subdomains that constraints hold at zero: their forces cancel, what is left is rounding.
+
+Random problems in which general constraints hold the first subdomain and some dofs of the others,
+and tie the rest: masses and stiffnesses over four decades, loads, every kind of substeps.
+"""
+
+from dataclasses import replace
+
+import newton_step
+import numpy as np
+import pytest
+from newton_coupled import coupler
+from newton_reference import Newton, Nonlinear, run
+from reference import alpha
+
+import pmalpha as pm
+
+# random steps, long for some periods
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::pmalpha.StabilityWarning", "ignore::pmalpha.AccuracyWarning"
+)
+
+DT, STEPS = 0.1, 8
+couplings = pytest.mark.parametrize("coupling", ["gc", "pm"])
+
+
+def matrix(rng, n, size):
+    """Symmetric positive definite, with eigenvalues around `size`."""
+    Q = np.linalg.qr(rng.normal(size=(n, n)))[0]
+    A = size * (Q * 10.0 ** rng.uniform(-1.0, 1.0, n)) @ Q.T
+    return 0.5 * (A + A.T)
+
+
+def law(K, k3):
+    def evaluate(u, v, t, q):
+        return K @ u + k3 * u**3, K + np.diag(3.0 * k3 * u**2), np.zeros_like(K), q
+
+    return evaluate
+
+
+def subdomain(rng, substeps, iterated):
+    n, size = rng.integers(1, 4), 10.0 ** rng.uniform(-2.0, 2.0)
+    K = matrix(rng, n, size * 10.0 ** rng.uniform(-1.0, 2.0))
+    F, omega = size * rng.normal(size=n), rng.uniform(0.0, 4.0, n) * (rng.random(n) < 0.7)
+    return Nonlinear(
+        M=matrix(rng, n, size),
+        K=K,
+        internal=law(0.5 * K, size * 10.0 ** rng.uniform(-1.0, 2.0)) if iterated else None,
+        substeps=int(substeps),
+        force=lambda t: F * np.cos(omega * t),
+        **alpha(0.5),
+    )
+
+
+def held(seed, coupling):
+    """Subdomains and constraint matrices; the first subdomain is held at zero."""
+    rng = np.random.default_rng(seed)
+    ss = [(1, 1, 1), (1, 5, 5), (5, 1, 1), (2, 6, 1), (3, 3, 1)][rng.integers(5)]
+    count = rng.integers(2, 4)
+    subdomains = [subdomain(rng, ss[i], i == 0 or rng.random() < 0.5) for i in range(count)]
+    doubled = coupling == "pm" and ss[0] == min(ss[:count])
+    subdomains[0] = replace(subdomains[0], double=doubled)
+    sizes = [len(s.M) for s in subdomains]
+    first, total = sizes[0], sum(sizes)
+    others = rng.permutation(np.arange(first, total))
+    k = rng.integers(0, len(others))
+    zero, moving = np.append(np.arange(first), others[:k]), others[k:]
+    L = np.zeros((len(zero) + len(moving) // 2, total))
+    L[: len(zero), zero] = rng.normal(size=(len(zero), len(zero)))
+    L[len(zero) :, moving] = rng.normal(size=(len(moving) // 2, len(moving)))
+    L = rng.normal(size=(len(L), len(L))) @ L  # every row has to do with all dofs
+    return subdomains, np.split(L, np.cumsum(sizes)[:-1], axis=1)
+
+
+def iterated_often(subdomains, L, monkeypatch):
+    """The Result of the reference after 12 corrections of every step, none of them tested."""
+    monkeypatch.setattr(newton_step, "accepted", lambda *measures: False)
+    monkeypatch.setattr(newton_step, "STAGNANT", np.inf)
+    monkeypatch.setattr(newton_step.Iteration, "rounding", lambda self: True)
+    return run(subdomains, L, DT, STEPS, Newton(iterations=12))
+
+
+# ---- it converges -----------------------------------------------------------------------------
+
+
+@couplings
+def test_a_spring_that_two_constraints_hold_under_load_is_at_rest(coupling):
+    alpha = pm.GeneralizedAlpha(0.5)
+    spring = pm.CubicSpring([0], 1.0, 2.0)
+    a = pm.Subdomain([1.5], [1.0], scheme=alpha, internal=spring, force=[1.0], substeps=5)
+    b = pm.Subdomain(
+        [1.0, 2.0],
+        [[2.0, -1.0], [-1.0, 3.0]],
+        scheme=alpha,
+        force=lambda t: [np.cos(t), np.cos(3.0 * t)],
+    )
+    hold = pm.Constraint({a: [[1.0], [0.3]], b: [[-1.0, 0.0], [-0.9, 0.0]]})  # det = 0.6
+    history = pm.Coupler([a, b], hold, dt=DT, coupling=coupling).run(20.0)
+    # some rounding of forces of order one, in the displacements h^2 of it for each step
+    assert abs(history[0].u).max() < 1e-14 and abs(history[1].u[:, 0]).max() < 1e-14
+    assert history[0].iterations.max() < 10
+    # 1 + Lam_0 + 0.3 Lam_1 = 0 in the spring at rest: H magnifies rounding by its condition number
+    Lam = history.multipliers
+    np.testing.assert_allclose(Lam[:, 0] + 0.3 * Lam[:, 1], -1.0, rtol=0.0, atol=1e-12)
+
+
+@couplings
+@pytest.mark.parametrize("seed", range(12))
+def test_what_is_held_at_zero_stays_there(seed, coupling, monkeypatch):
+    subdomains, L = held(seed, coupling)
+    tangent = ("full", "reuse")[seed % 2]
+    c = coupler(subdomains, L, DT, coupling, newton=pm.Newton(tol=1e-10, tangent=tangent))
+    ours = c.run(steps=STEPS)
+    theirs = iterated_often(subdomains, L, monkeypatch)
+    size = max(abs(x.u).max() for x in theirs.subdomains)
+    assert abs(ours[0].u).max() <= 1e-10 * max(size, abs(c.multipliers).max())
+    for x, y in zip(ours, theirs.subdomains, strict=True):
+        # the tolerance of the energy, with the root of condition numbers up to 1e4
+        np.testing.assert_allclose(x.u, y.u, rtol=0.0, atol=1e-8 * size)
+
+
+# ---- and nothing else is accepted -------------------------------------------------------------
+
+
+def with_factor(internal, factor):
+    """A tangent that is wrong by a factor."""
+
+    def evaluate(u, v, t, q):
+        f, K, C, q1 = internal(u, v, t, q)
+        return f, factor * K, C, q1
+
+    return evaluate
+
+
+def with_jump(internal, part):
+    """Dry friction, but of the displacement: a jump at zero, where the subdomain is held."""
+
+    def evaluate(u, v, t, q):
+        f, K, C, q1 = internal(u, v, t, q)
+        return f + part * np.diag(K) * np.sign(u), K, C, q1
+
+    return evaluate
+
+
+def imbalance(s, L, x, multipliers, jump):
+    """The largest residual of (N2) at all time levels, each row relative to its terms.
+
+    Where u is zero up to rounding, a force that jumps there has any value in between.
+    """
+    worst, zero = 0.0, 1e-10 * abs(x.u).max() + 1e-13
+    for k in range(1, len(x.t)):
+        f, K, _, _ = s.internal(x.u[k], x.v[k], x.t[k], x.q)
+        terms = [s.M @ x.a[k], s.K @ x.u[k], f, -s.force(x.t[k])]
+        pull = L.T * multipliers[k * (len(multipliers) // (len(x.t) - 1))]
+        size = sum(abs(y) for y in terms) + abs(pull).sum(axis=1)
+        R = sum(terms) - pull.sum(axis=1)
+        between = np.where(abs(x.u[k]) < zero, jump * np.diag(K), 0.0)
+        R -= between * np.sign(x.u[k])
+        worst = max(worst, (np.maximum(abs(R) - between, 0.0) / size).max())
+    return worst
+
+
+@couplings
+@pytest.mark.parametrize("seed", range(24))
+def test_wrong_tangents_and_jumps_are_refused_or_end_in_equilibrium(seed, coupling):
+    subdomains, L = held(seed, coupling)
+    rng = np.random.default_rng([seed, 1])
+    jump = 10.0 ** rng.uniform(-3.0, 0.0) if seed % 2 else 0.0
+    factor = 10.0 ** rng.uniform(-1.0, 1.0)
+    for i, s in enumerate(subdomains):
+        if s.internal:
+            wrong = with_jump(s.internal, jump) if jump else with_factor(s.internal, factor)
+            subdomains[i] = replace(s, internal=wrong)
+    tangent = ("full", "reuse")[seed % 3 > 0]
+    c = coupler(subdomains, L, DT, coupling, newton=pm.Newton(tangent=tangent))
+    try:
+        history = c.run(steps=STEPS)
+    except (pm.ConvergenceError, pm.FactorizationError):
+        return
+    for s, Li, x in zip(subdomains, L, history, strict=True):
+        if s.internal:
+            # tol = 1e-8 of the motion, and forces that the motion magnifies
+            assert imbalance(s, Li, x, history.multipliers, jump) < 1e-4
+
+
+def test_a_force_without_equilibrium_is_refused():
+    def leap(u, v, t, q):  # of the velocity, which no constraint holds
+        return np.where(v > 0.0, 1.0, -2.0), np.eye(1), np.eye(1), q
+
+    one = np.eye(1)
+    free = Nonlinear(M=1e-3 * one, K=0 * one, internal=leap, force=lambda t: [0.5], **alpha(0.5))
+    fixed = replace(held(0, "gc")[0][0])
+    with pytest.raises(pm.ConvergenceError, match="'1'"):
+        n = len(fixed.M)
+        coupler([fixed, free], [np.eye(n), np.zeros((n, 1))], DT, "gc").run(steps=STEPS)
