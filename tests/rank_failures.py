@@ -1,10 +1,12 @@
 """What each rank does in the tests of failures in a run."""
 
+import ctypes
 import os
 import signal
 
 import numpy as np
 from rank_problems import COUPLINGS, RANK, SIZE, WORLD, chain, report, same, ties
+from scipy import LowLevelCallable
 
 import pmalpha as pm
 
@@ -58,6 +60,14 @@ def fails_in(make, check, failed, coupling, step=None, **more):
     everyone = WORLD.allgather(history.multipliers)
     assert all(np.array_equal(everyone[0], other) for other in everyone)
     return coupler, done[0]
+
+
+LOAD = "int (double, intptr_t, double *, void *)"
+
+
+@ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, ctypes.c_ssize_t, ctypes.c_void_p, ctypes.c_void_p)
+def fails_after(t, n, F, user):
+    return 7 if t > 0.1234 else 0
 
 
 class Counted:
@@ -222,7 +232,29 @@ def unstable(failed, coupling):
     assert 1 < step < 400
 
 
-FAILURES = (load, restoring, internal, chosen_substeps, ctrl_c, not_a_number, unstable)
+def beside(failed, coupling):
+    """States that overflow in a double-step subdomain, beside the fine steps; a compiled load.
+
+    The load is known ahead, so that the step is opened while the macro step before is computed.
+    """
+    if coupling != "pm":
+        return
+    pushes = np.zeros((100, 3))
+    pushes[13:] = [1.7e308, -1.7e308, 0.0]
+    kinds = [(pushes, on_all(pm.InstabilityError)), (None, expect(pm.CallbackError, "7"))]
+    steps = []
+    for samples, check in kinds:
+        compiled = LowLevelCallable(fails_after, signature=LOAD) if samples is None else None
+
+        def make(active, samples=samples, compiled=compiled):
+            return {"force": (compiled or pm.SampledForce(samples, 0.01)) if active else np.ones(3)}
+
+        for threads in (1, 2):
+            steps.append(fails_in(make, check, failed, coupling, threads=threads)[1])
+    assert steps[0] == steps[1] and steps[2:] == [12, 12], steps
+
+
+FAILURES = (load, restoring, internal, chosen_substeps, ctrl_c, not_a_number, unstable, beside)
 
 
 def failures(*options):

@@ -110,8 +110,8 @@ def test_a_wrong_argument_on_one_rank_raises_on_all():
     "ranks, couplings", [(2, ["pm", "gc", "tied", "macro", "mean"]), (3, ["pm"])]
 )
 def test_a_failure_on_any_rank_ends_the_run_on_all_at_the_same_step(ranks, couplings):
-    # 7 kinds of failure, each on both ranks, or on one of three
-    count = 7 * (2 if ranks == 2 else 1) * len(couplings)
+    # 8 kinds of failure, each on both ranks, or on one of three
+    count = 8 * (2 if ranks == 2 else 1) * len(couplings)
     assert run(ranks, "failures", *couplings) == [f"{count} failures"] * ranks
 
 

@@ -13,7 +13,40 @@
 #include "naive.h"
 #include "tests.h"
 
-enum { MOST_THREADS = 4, PLANS = 40 };
+enum { MOST_THREADS = 4, PLANS = 40, EXCHANGED = 64 };
+
+/* ---- a process that exchanges with itself ----------------------------------------------------- */
+
+static bool gather_alone(void *ctx, double *all, const int *counts, const int *starts)
+{
+    (void)ctx, (void)all, (void)counts, (void)starts;
+    return true;
+}
+
+/* The same model by the schedule of several processes, of which there is one. */
+static void make_exchanging_chain(model *m, plan chosen, size_t threads)
+{
+    static const int64_t first[2] = {0, PARTS};
+    static double all[EXCHANGED];
+    static int count, start;
+    const pma_exchange_parts exchange = {.ranks = 1,
+                                         .first = first,
+                                         .all = all,
+                                         .counts = &count,
+                                         .starts = &start,
+                                         .gather = gather_alone};
+    make_threaded_chain(m, chosen, threads);
+    pma_coupler_destroy(m->coupler);
+    pma_coupler_parts parts = describe_coupler(m);
+    parts.schedule = &pma_distributed_schedule;
+    parts.exchange = &exchange;
+    CHECK(pma_exchange_size(1, PARTS, m->members) <= EXCHANGED);
+    CHECK_STATUS(pma_coupler_create(&parts, &m->coupler), PMA_OK);
+    start_model(m);
+}
+
+typedef void (*maker)(model *m, plan chosen, size_t threads);
+static const maker MAKERS[2] = {make_threaded_chain, make_exchanging_chain};
 
 static plan random_plan(uint64_t *seed)
 {
@@ -35,14 +68,15 @@ static void a_run_is_bitwise_identical_for_any_number_of_threads(void)
     uint64_t seed = 11;
     for (size_t k = 0; k < PLANS; k++) {
         const plan chosen = random_plan(&seed);
-        for (size_t threads = 1; threads <= MOST_THREADS; threads++) {
-            tape *t = threads == 1 ? &expected : &actual;
-            make_threaded_chain(&m, chosen, threads);
+        for (size_t i = 0; i < (size_t)2 * MOST_THREADS; i++) {
+            const size_t threads = 1 + i / 2;
+            tape *t = i == 0 ? &expected : &actual;
+            MAKERS[i % 2](&m, chosen, threads);
             CHECK_INT(pma_coupler_threads(m.coupler), threads < PARTS ? threads : PARTS);
             make_tape(t, &m, 0, 0);
             run_taped(&m, t, STEPS);
             destroy_model(&m);
-            if (threads > 1)
+            if (i > 0)
                 check_tape(&actual, &expected);
         }
     }
@@ -90,13 +124,13 @@ static void a_stopped_run_goes_on_as_if_never_stopped(void)
 }
 
 /* An infinite load at dof `dof` of subdomain i after this number of steps. */
-static void check_infinite_load(size_t i, size_t dof, int64_t after, size_t threads)
+static void check_infinite_load(maker make, size_t i, size_t dof, int64_t after, size_t threads)
 {
     static model m, n;
     double F[MOST] = {0.0};
     F[dof] = INFINITY;
     make_chain(&n, MIXED, 1.0);
-    make_threaded_chain(&m, MIXED, threads);
+    make(&m, MIXED, threads);
     CHECK_STATUS(pma_coupler_advance(m.coupler, after, NULL, NULL), PMA_OK);
     const snapshot before = present(&m);
     const pma_load good = *pma_subdomain_load(m.parts[i].core);
@@ -119,10 +153,12 @@ static void a_value_that_is_not_finite_is_named_and_the_run_can_go_on(void)
 {
     for (size_t threads = 2; threads <= MOST_THREADS; threads++) {
         for (int64_t after = 0; after <= 3; after++) {
-            check_infinite_load(0, 2, after, threads);
-            check_infinite_load(0, 0, after, threads);
-            check_infinite_load(1, 0, after, threads);
-            check_infinite_load(2, 0, after, threads);
+            for (size_t k = 0; k < 2; k++) {
+                check_infinite_load(MAKERS[k], 0, 2, after, threads);
+                check_infinite_load(MAKERS[k], 0, 0, after, threads);
+                check_infinite_load(MAKERS[k], 1, 0, after, threads);
+                check_infinite_load(MAKERS[k], 2, 0, after, threads);
+            }
         }
     }
 }

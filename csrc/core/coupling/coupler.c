@@ -416,7 +416,7 @@ pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *
         if (status == PMA_OK) {
             reach(c);
         } else {
-            status = pma_look_ahead_end(c, status);
+            status = c->exchange ? status : pma_look_ahead_end(c, status);
             abandon(c);
         }
     }

@@ -1,6 +1,8 @@
 /* distributed.c - the schedules "pm" and "gc" with members in other processes.
  *
- * To be read with fine.c: between the stages of a fine step the processes meet. */
+ * To be read with fine.c: between the stages of a fine step the processes meet. Members beside the
+ * fine steps (look_ahead.c) work on meanwhile, but all have arrived at the end of a macro step before
+ * the processes agree to commit it. */
 #include "coupling/schedule.h"
 
 size_t pma_fine_pieces(const pma_coupled *m, pma_piece *pieces)
@@ -23,6 +25,8 @@ static pma_status fine_step(pma_coupler *c)
         status = pma_exchange_interface(c);
     if (status == PMA_OK)
         status = pma_fine_solve(c);
+    if (status == PMA_OK && pma_look_ahead_is_used(c))
+        status = pma_look_ahead_await(c);
     if (status == PMA_OK)
         status = pma_fine_end(c);
     if (status == PMA_OK)
@@ -30,14 +34,16 @@ static pma_status fine_step(pma_coupler *c)
     return status;
 }
 
+/* What failed beside the fine steps is known before the processes meet again. */
 static pma_status fine_steps(pma_coupler *c)
 {
-    return pma_fine_steps(c, fine_step);
+    const pma_status status = pma_fine_steps(c, fine_step);
+    return status == PMA_OK ? PMA_OK : pma_look_ahead_end(c, status);
 }
 
 const pma_schedule pma_distributed_schedule = {.check = pma_fine_check,
                                                .instants = pma_fine_instants,
-                                               .duty = pma_fine_duty,
+                                               .duty = pma_fine_duty_aside,
                                                .step = fine_steps,
                                                .interface_pieces = interface_pieces,
                                                .move_to = pma_coupler_move_to,

@@ -35,11 +35,11 @@ static pma_status check(const pma_coupler_parts *parts)
     return pma_fine_check(parts);
 }
 
-static pma_duty duty(const pma_member *member)
+pma_duty pma_fine_duty_aside(const pma_member *member)
 {
-    pma_duty own = pma_fine_duty(member);
-    own.aside = member->doubled && !member->evaluates;
-    return own;
+    pma_duty duty = pma_fine_duty(member);
+    duty.aside = member->doubled && !member->evaluates && !member->elsewhere;
+    return duty;
 }
 
 /* ---- free problems (13) --------------------------------------------------------------------- */
@@ -201,7 +201,7 @@ static pma_status fine_steps(pma_coupler *c)
 
 const pma_schedule pma_fine_schedule = {.check = check,
                                         .instants = pma_fine_instants,
-                                        .duty = duty,
+                                        .duty = pma_fine_duty_aside,
                                         .step = fine_steps,
                                         .visits = true};
 

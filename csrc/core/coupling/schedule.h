@@ -310,8 +310,10 @@ pma_status pma_fine_begin(pma_coupler *c);
 pma_status pma_fine_solve(pma_coupler *c);
 pma_status pma_fine_end(pma_coupler *c);
 
-/* Of a member in the fine steps, none of which is left beside them. */
+/* Of a member in the fine steps, none of which is left beside them; of one that can be, if it takes
+ * double steps. */
 pma_duty pma_fine_duty(const pma_member *member);
+pma_duty pma_fine_duty_aside(const pma_member *member);
 
 /* A macro step of fine steps, each taken by `take` and recorded. */
 pma_status pma_fine_steps(pma_coupler *c, pma_status (*take)(pma_coupler *c));

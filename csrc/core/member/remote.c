@@ -161,6 +161,12 @@ static void commit(void *self)
     (void)self;
 }
 
+static pma_status look_ahead(void *self)
+{
+    (void)self;
+    return PMA_OK;
+}
+
 static void hold(void *self, const pma_substep *step, const double *lam)
 {
     (void)self, (void)step, (void)lam;
@@ -290,6 +296,7 @@ static const pma_member_table TABLE = {
     .record = record,
     .commit = commit,
     .discard = commit,
+    .look_ahead = look_ahead,
     .hold = hold,
     .begin_response = begin_response,
     .hold_energy = begin_response,

@@ -185,7 +185,7 @@ static bool records_inner_jumps(const pma_coupler *c)
     return c->record && c->record->every == 0;
 }
 
-/* Not at the end of a call, and not where the next macro step would have to be taken back: a
+/* Not at the end of a call, nor of a macro step that several processes commit, and not where the next macro step would have to be taken back: a
  * restoring force is evaluated once for every step of the macro steps that are completed. */
 static bool can_defer(const pma_coupler *c, const pma_coupled *m)
 {
@@ -193,7 +193,7 @@ static bool can_defer(const pma_coupler *c, const pma_coupled *m)
         return false;
     if (m->now.j + 1 < m->member.substeps)
         return !records_inner_jumps(c);
-    return !c->evaluates && c->present.number + 1 < c->end;
+    return !c->evaluates && !c->exchange && c->present.number + 1 < c->end;
 }
 
 static void prepare_closing(pma_coupler *c, pma_coupled *m)
@@ -222,6 +222,8 @@ pma_status pma_look_ahead_end(pma_coupler *c, pma_status status)
 {
     size_t first = status == PMA_STOPPED ? SIZE_MAX : c->k;
     await_all(c);
+    if (status == PMA_ELSEWHERE)
+        return status; /* the failure that all processes know of */
     for (size_t number = 0; number < c->parts.count; number++) {
         const pma_coupled *m = &c->coupled[number];
         const size_t k = (m->assigned.closed.j + 1) * m->ratio;
