@@ -279,21 +279,33 @@ subtract_columns_lanes(const double *A, size_t ld, size_t rows, size_t columns, 
         subtract_rows_lanes(A + i, ld, 1, columns, x, y + i * PMA_LANES);
 }
 
-/* part_k += the sum over every fourth row, from the k-th on, of a_i y_i; rows is a multiple of 4 */
+/* part_k += the sum over every fourth row, from the k-th on, of a_i y_i, for each of some columns;
+ * rows is a multiple of 4. What is read of y serves all columns. */
 __attribute__((always_inline)) static inline void
-add_products_lanes(const double *a, size_t ld, size_t rows, const double *y, four (*part)[HALVES])
+add_products_lanes(const double *A, size_t ld, size_t rows, const size_t columns, const size_t k,
+                   const double *y, four (*part)[4][HALVES])
 {
-    four sum[4][HALVES];
-    memcpy(sum, part, sizeof sum);
-    for (size_t i = 0; i < rows; i += 4) {
-        __builtin_prefetch(a + i - GROUP * ld);
+    four sum[ROWS][HALVES];
 #pragma GCC unroll 4
-        for (size_t k = 0; k < 4; k++) {
-            sum[k][0] += a[i + k] * lanes_at(y, i + k)[0];
-            sum[k][1] += a[i + k] * lanes_at(y, i + k)[1];
+    for (size_t j = 0; j < columns; j++) {
+        sum[j][0] = part[j][k][0];
+        sum[j][1] = part[j][k][1];
+    }
+#pragma GCC unroll 1
+    for (size_t i = k; i < rows; i += 4) {
+        const four low = lanes_at(y, i)[0], high = lanes_at(y, i)[1];
+        __builtin_prefetch(A + (k % columns) * ld + i - GROUP * ld);
+#pragma GCC unroll 4
+        for (size_t j = 0; j < columns; j++) {
+            sum[j][0] += A[j * ld + i] * low;
+            sum[j][1] += A[j * ld + i] * high;
         }
     }
-    memcpy(part, sum, sizeof sum);
+#pragma GCC unroll 4
+    for (size_t j = 0; j < columns; j++) {
+        part[j][k][0] = sum[j][0];
+        part[j][k][1] = sum[j][1];
+    }
 }
 
 /* x_j -= sum over the rows of A_ij y_i, with partial sums as for one vector; some rows for all
@@ -303,11 +315,14 @@ subtract_products_lanes(const double *A, size_t ld, size_t rows, const size_t co
                         const double *y, double *x)
 {
     four part[GROUP][4][HALVES] = {{{{0.0}}}};
-    const size_t whole = rows / 4 * 4;
+    const size_t whole = rows / 4 * 4, together = columns < ROWS ? columns : ROWS;
     for (size_t begin = 0; begin < whole; begin += LANE_PIECE) {
         const size_t size = whole - begin < LANE_PIECE ? whole - begin : LANE_PIECE;
-        for (size_t j = 0; j < columns; j++)
-            add_products_lanes(A + j * ld + begin, ld, size, y + begin * PMA_LANES, part[j]);
+        for (size_t j = 0; j < columns; j += together) {
+            for (size_t k = 0; k < 4; k++)
+                add_products_lanes(A + j * ld + begin, ld, size, together, k, y + begin * PMA_LANES,
+                                   part + j);
+        }
     }
     for (size_t j = 0; j < columns; j++) {
         for (size_t h = 0; h < HALVES; h++) {
