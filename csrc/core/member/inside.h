@@ -19,6 +19,7 @@ typedef struct {
     const double *lam;
     const pma_state *x, *from, *to; /* at the end of `closed`; at both ends of `opened` */
     bool finite;                    /* the trunk and the border */
+    bool reversed;                  /* children from the last on */
 } pma_visit;
 
 struct pma_subdomain {

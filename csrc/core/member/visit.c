@@ -161,19 +161,37 @@ static void go_up(const pma_subdomain *s, size_t node, double *front)
     pma_factor_open_node(f, node, v->to->w, front, s->work);
 }
 
+/* Children are visited from the first on and, in every other visit, from the last on: of what a visit
+ * reads, the next one finds in the caches what was read last. */
+static size_t first_child(const pma_tree *T, size_t node, bool reversed)
+{
+    return reversed && T->child[node] != PMA_NO_NODE ? node - 1 : T->child[node];
+}
+
+static size_t next_child(const pma_tree *T, size_t node, bool reversed)
+{
+    if (!reversed)
+        return T->sibling[node];
+    size_t low = node;
+    while (T->child[low] != PMA_NO_NODE)
+        low = T->child[low];
+    return low > 0 && T->parent[low - 1] == T->parent[node] ? low - 1 : PMA_NO_NODE;
+}
+
 /* A subtree, in an order in which a parent is before its children and after them. */
 static bool go_through(const pma_subdomain *s, size_t root, double *front)
 {
     const pma_tree *T = pma_factor_tree(&s->visit.op->factor);
+    const bool reversed = s->visit.reversed;
     bool finite = true;
-    for (size_t node = root;; node = T->sibling[node]) {
+    for (size_t node = root, next;; node = next) {
         finite = go_down(s, node, front) && finite;
         while (T->child[node] != PMA_NO_NODE) {
-            node = T->child[node];
+            node = first_child(T, node, reversed);
             finite = go_down(s, node, front) && finite;
         }
         go_up(s, node, front);
-        while (node != root && T->sibling[node] == PMA_NO_NODE) {
+        while (node != root && (next = next_child(T, node, reversed)) == PMA_NO_NODE) {
             node = T->parent[node];
             go_up(s, node, front);
         }
@@ -196,7 +214,8 @@ pma_status pma_visit_begin(pma_subdomain *s, const pma_substep *closed, const pm
                            .lam = lam,
                            .x = closed ? pma_levels_at(&s->levels, closed->j + 1) : NULL,
                            .from = opened ? pma_levels_origin(&s->levels, opened) : NULL,
-                           .to = opened ? pma_levels_at(&s->levels, opened->j + 1) : NULL};
+                           .to = opened ? pma_levels_at(&s->levels, opened->j + 1) : NULL,
+                           .reversed = !s->visit.reversed};
     if (closed) {
         pma_substep_load_interface(s, lam);
         pma_factor_close_part(&s->visit.op->factor, n, n, s->closing, s->visit.x->w, s->work);
@@ -214,8 +233,11 @@ bool pma_visit_go(const pma_subdomain *s, size_t worker)
     double *front =
         worker == 0 ? NULL : s->fronts + (worker - 1) * pma_factor_front(&s->visit.op->factor);
     bool finite = true;
-    for (size_t i = b->begin[worker]; i < b->begin[worker + 1]; i++)
+    const size_t begin = b->begin[worker], end = b->begin[worker + 1];
+    for (size_t k = 0; k < end - begin; k++) {
+        const size_t i = s->visit.reversed ? end - 1 - k : begin + k;
         finite = go_through(s, b->root[i], front) && finite;
+    }
     return finite;
 }
 
