@@ -28,7 +28,7 @@ typedef struct {
 static inline double pma_clock_time(double t0, double dt, int64_t macro, size_t j, size_t levels)
 {
     const double count = (double)macro * (double)levels + (double)j;
-    return t0 + count / (double)levels * dt;
+    return t0 + (levels == 1 ? count : count / (double)levels) * dt;
 }
 
 /* (15)  j = floor((k - 1) / ratio), theta = phase / ratio, for k >= 1 */
