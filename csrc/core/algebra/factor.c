@@ -368,13 +368,15 @@ static inline void divide(const double *inverse, size_t count, double *restrict 
 void pma_factor_interface(const pma_factor *f, double *xb, double *work)
 {
     const size_t interior = f->n - f->nb;
+    if (f->nb == 0)
+        return;
     if (f->form == PMA_DIAGONAL) {
         divide(f->inverse + interior, f->nb, xb);
     } else if (f->nb == 1 && !is_ordinary(f)) { /* the last unknown alone: a sweep of nothing */
         xb[0] *= f->inverse[interior];
-    } else if (f->nb > 0 && is_ordinary(f)) {
+    } else if (is_ordinary(f)) {
         interface_ordinary(f, xb, work);
-    } else if (f->nb > 0) {
+    } else {
         eliminate(f, interior, f->n, xb, work);
         substitute(f, interior, f->n, xb, work);
     }
@@ -395,7 +397,7 @@ __attribute__((noinline)) static void open_swept(const pma_factor *f, size_t beg
         eliminate(f, begin, least(end, interior), x + begin, work);
     if (end == f->n && tree)
         pma_tree_add_to_border(tree, lanes_of(f), updates_in(f, work), x);
-    if (end == f->n) {
+    if (end == f->n && f->nb > 0) {
         memcpy(xb, x + interior, f->nb * sizeof *xb);
         pma_factor_interface(f, xb, work);
     }
@@ -428,7 +430,7 @@ __attribute__((noinline)) static void close_swept(const pma_factor *f, size_t be
         close_ordinary(f, fb, x, work);
         return;
     }
-    if (end == f->n) {
+    if (end == f->n && f->nb > 0) {
         for (size_t i = 0; i < f->nb; i++)
             x[interior + i] += fb[i];
         pma_factor_interface(f, x + interior, work);

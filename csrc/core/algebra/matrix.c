@@ -105,6 +105,22 @@ static void subtract_few(const pma_matrix *A, size_t begin, size_t end, const do
     }
 }
 
+static void subtract_few_of_band(const pma_matrix *A, size_t begin, size_t end, const double *x,
+                                 double *y)
+{
+    for (size_t i = begin; i < end; i++) {
+        double sum = y[i] - A->values[i] * x[i];
+        for (size_t d = 1; d <= A->width; d++) {
+            const double *right = A->values + d * A->n, *left = right + A->below;
+            if (i + d < A->n)
+                sum -= right[i] * x[i + d];
+            if (i >= d)
+                sum -= left[i - d] * x[i - d];
+        }
+        y[i] = sum;
+    }
+}
+
 void pma_matrix_subtract_rows(const pma_matrix *A, size_t begin, size_t end, const double *x,
                               double *y)
 {
@@ -113,8 +129,11 @@ void pma_matrix_subtract_rows(const pma_matrix *A, size_t begin, size_t end, con
         subtract_diagonal(A, begin, end, x, y);
         break;
     case PMA_BAND:
-        pma_kernel_best()->subtract_band(A->values, A->values + A->below, A->n, A->width, begin,
-                                         end, x, y);
+        if (A->n <= FEW)
+            subtract_few_of_band(A, begin, end, x, y);
+        else
+            pma_kernel_best()->subtract_band(A->values, A->values + A->below, A->n, A->width, begin,
+                                             end, x, y);
         break;
     case PMA_DENSE:
         if (A->n <= FEW)

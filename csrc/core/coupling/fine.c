@@ -80,6 +80,8 @@ static inline void right_side(pma_coupler *c)
 /* H Lam = g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (18) (G1) */
 static pma_status solve_interface(pma_coupler *c)
 {
+    if (c->parts.p == 0)
+        return PMA_OK;
     if (c->parts.motion_count > 0)
         pma_coupler_prescribe(c);
     right_side(c);
