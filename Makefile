@@ -9,6 +9,9 @@ BINDING  := $(wildcard csrc/binding/*.[ch])
 TESTS    := $(wildcard csrc/tests/*.[ch])
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 
+# allocations go through allocations.c, which lets them fail
+WRAPPED  := -DWRAPPED_ALLOCATORS -Wl,--wrap=malloc,--wrap=calloc,--wrap=realloc
+
 # the scripts of benchmarks/ that measure
 MEASURE  := $(filter-out $(addprefix benchmarks/,draw.py memory.py peers.py timing.py), \
               $(wildcard benchmarks/*.py))
@@ -163,7 +166,7 @@ $(VENV)/.%: pyproject.toml setup.py $(HEADERS) $(CORE) $(BINDING) | $(VENV)/bin/
 $(VENV)/bin/pip:
 	$(PYTHON) -m venv $(VENV)
 
-build/test_core:         FLAGS := -O1 -g $(SANITIZE)
+build/test_core:         FLAGS := -O1 -g $(SANITIZE) $(if $(filter Linux,$(shell uname)),$(WRAPPED))
 build/test_core_tsan:    FLAGS := -O1 -g -fsanitize=thread
 build/test_core_release: FLAGS := -O3 -DNDEBUG
 build/test_core_clang:   FLAGS := -O3 -DNDEBUG

@@ -302,6 +302,19 @@ static void naive_dtrsm(char *side, char *half, char *trans, char *unit, int *m,
 
 const pma_blas NAIVE_BLAS = {naive_dgemm, naive_dtrsm};
 
+void list_ascending(structure *m)
+{
+    int64_t k = 0;
+    m->ptr[0] = 0;
+    for (size_t i = 0; i < m->n; i++) {
+        for (size_t j = 0; j < m->n; j++) {
+            if (m->A[i * m->n + j] != 0.0)
+                m->index[k++] = (int32_t)j;
+        }
+        m->ptr[i + 1] = k;
+    }
+}
+
 void list_entries(structure *m)
 {
     int64_t k = 0;

@@ -89,6 +89,9 @@ pma_status make_numbers(structure *m, double lost, const pma_patience *patience,
 /* Every row backward: rows need not be in order. */
 void list_entries(structure *m);
 
+/* Every row ascending. */
+void list_ascending(structure *m);
+
 /* One in `one_in` pairs is tied; the diagonal dominates, so A is positive definite. */
 void draw_definite(structure *m, size_t n, size_t nb, uint32_t one_in, uint64_t *seed);
 

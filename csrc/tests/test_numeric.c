@@ -53,20 +53,6 @@ static void draw_values(structure *m, uint64_t *seed)
     }
 }
 
-/* The entries of each row, ascending. */
-static void list_ascending(structure *m)
-{
-    int64_t k = 0;
-    m->ptr[0] = 0;
-    for (size_t i = 0; i < m->n; i++) {
-        for (size_t j = 0; j < m->n; j++) {
-            if (m->A[i * m->n + j] != 0.0)
-                m->index[k++] = (int32_t)j;
-        }
-        m->ptr[i + 1] = k;
-    }
-}
-
 static void draw_pattern(structure *m, kind k, size_t n, size_t nb, uint64_t *seed)
 {
     *m = (structure){.n = n, .nb = nb};

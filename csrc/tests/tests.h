@@ -25,6 +25,7 @@ extern const test ELIMINATION_TESTS[];
 extern const test TREE_TESTS[];
 extern const test VISIT_TESTS[];
 extern const test NUMERIC_TESTS[];
+extern const test MEMORY_TESTS[];
 extern const test UNSYMMETRIC_TESTS[];
 extern const test NARROW_TESTS[];
 extern const test LINK_TESTS[];

@@ -1,0 +1,137 @@
+/* test_memory.c - every allocation fails once in what algebra and workers make: PMA_NO_MEMORY, and
+ * nothing is left. The other objects are in tests/campaign_memory.py. */
+#include <stdint.h>
+
+#include "algebra/agenda.h"
+#include "algebra/branches.h"
+#include "algebra/elimination.h"
+#include "algebra/numeric.h"
+#include "algebra/tree.h"
+#include "allocations.h"
+#include "check.h"
+#include "matrices.h"
+#include "naive.h"
+#include "tests.h"
+#include "workers/roster.h"
+#include "workers/team.h"
+
+enum { WORKERS = 3 };
+
+static structure m;
+static pma_tree *tree; /* of it */
+
+/* ---- what is made, and destroyed where it was --------------------------------------------------- */
+
+static pma_status make_elimination(void)
+{
+    pma_elimination *e;
+    const pma_status status =
+        pma_elimination_create(&m.panels, m.n, m.owner, &NAIVE_BLAS, WORKERS, &e);
+    CHECK((e != NULL) == (status == PMA_OK));
+    pma_elimination_destroy(e);
+    return status;
+}
+
+static pma_status make_agenda(void)
+{
+    pma_agenda a;
+    const pma_status status = pma_agenda_create(&m.panels, m.owner, WORKERS, &a);
+    CHECK((a.tasks > 0) == (status == PMA_OK));
+    pma_agenda_destroy(&a);
+    return status;
+}
+
+static pma_status make_numeric(void)
+{
+    const pma_numeric_parts parts = {.n = m.n,
+                                     .nb = m.nb,
+                                     .ptr = m.ptr,
+                                     .index = m.index,
+                                     .panels = m.panels,
+                                     .owner = m.owner,
+                                     .blas = NAIVE_BLAS};
+    pma_numeric f;
+    const pma_status status = pma_numeric_create(&parts, &f);
+    CHECK((f.values != NULL) == (status == PMA_OK));
+    CHECK(status != PMA_OK || f.elimination != NULL);
+    pma_numeric_destroy(&f);
+    return status;
+}
+
+static pma_status make_tree(void)
+{
+    pma_tree *T;
+    const pma_status status = pma_tree_create(&m.panels, m.n, m.nb, 0, &T);
+    CHECK((T != NULL) == (status == PMA_OK));
+    pma_tree_destroy(T);
+    return status;
+}
+
+static pma_status make_branches(void)
+{
+    pma_branches b;
+    const pma_status status = pma_branches_create(tree, WORKERS, &b);
+    CHECK((b.root != NULL) == (status == PMA_OK));
+    pma_branches_destroy(&b);
+    return status;
+}
+
+static pma_status make_roster(void)
+{
+    const pma_duty duties[2] = {{.entries = 10, .substeps = 1}, {.entries = 20, .substeps = 2}};
+    pma_roster r;
+    const pma_status status = pma_roster_create(2, duties, WORKERS, false, &r);
+    CHECK((r.order != NULL) == (status == PMA_OK));
+    pma_roster_destroy(&r);
+    return status;
+}
+
+static pma_status make_team(void)
+{
+    pma_team *t;
+    const pma_status status = pma_team_create(WORKERS, &t);
+    CHECK((t != NULL) == (status == PMA_OK));
+    pma_team_destroy(t);
+    return status;
+}
+
+/* ---- each allocation fails once ------------------------------------------------------------------ */
+
+/* Returns how many there are. */
+static size_t check_failures(pma_status (*make)(void))
+{
+    for (size_t k = 1;; k++) {
+        fail_allocation(k);
+        const pma_status status = make();
+        if (!allocation_has_failed()) {
+            fail_allocation(0);
+            CHECK_STATUS(status, PMA_OK);
+            return k - 1;
+        }
+        CHECK_STATUS(status, PMA_NO_MEMORY);
+    }
+}
+
+static void what_cannot_be_allocated_is_not_made(void)
+{
+    static pma_status (*const makers[])(void) = {make_elimination, make_agenda,   make_numeric,
+                                                 make_tree,        make_branches, make_roster,
+                                                 make_team};
+    uint64_t seed = 91;
+    if (!fail_allocation(0)) {
+        printf("no allocation can be made to fail in this build\n");
+        return;
+    }
+    draw_definite(&m, UNKNOWNS, 4, 24, &seed); /* too wide for a band */
+    analyse(&m);
+    list_ascending(&m);
+    CHECK_STATUS(pma_tree_create(&m.panels, m.n, m.nb, 0, &tree), PMA_OK);
+    for (size_t i = 0; i < sizeof makers / sizeof *makers; i++)
+        CHECK(check_failures(makers[i]) >= 2);
+    pma_tree_destroy(tree);
+}
+
+const test MEMORY_TESTS[] = {
+    TEST(what_cannot_be_allocated_is_not_made),
+    END_OF_TESTS,
+};
