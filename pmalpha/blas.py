@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from threading import Lock
+from threading import Lock, local
 from typing import Any
 
 from threadpoolctl import ThreadpoolController
@@ -27,21 +27,35 @@ class _Users:
     limiter: Any = None  # of the first of them, with the numbers of threads to restore
 
 
+class _Own(local):
+    """Whether this thread is in `one_thread`."""
+
+    inside = False
+
+
+_own = _Own()
+
+
 @contextmanager
 def one_thread() -> Iterator[None]:
     """A context in which BLAS uses one thread.
 
     The number of threads of BLAS belongs to the process: if several threads are in this context,
-    the first sets it and the last restores it.
+    the first sets it and the last restores it. Within the same context it does nothing.
     """
+    if _own.inside:
+        yield
+        return
     with _Users.lock:
         limiter = _limited()  # in each thread: where OpenMP is below, the number belongs to it
         _Users.count += 1
         if _Users.count == 1:
             _Users.limiter = limiter
+    _own.inside = True
     try:
         yield
     finally:
+        _own.inside = False
         with _Users.lock:
             _Users.count -= 1
             if _Users.count == 0:

@@ -24,8 +24,9 @@ from pmalpha.problem.ordering import (
     with_full_nodes,
 )
 from pmalpha.setup import factors
-from pmalpha.setup.compliance import compliance, constraints_of
+from pmalpha.setup.compliance import compliance
 from pmalpha.setup.inertia import inertia
+from pmalpha.setup.link import Link
 
 DEFINITE = pm.FactorizationError
 
@@ -200,8 +201,8 @@ def test_the_interface_matrix_from_the_factors_is_that_of_the_core_for_unit_mult
     problem = random_problem(seed)
     coupler = problem.coupler()
     for part in coupler._parts:
-        rows = constraints_of(part.L)
-        if part.diagonal_mbar(part.h) is not None or not rows.size:
+        rows = part.L.rows
+        if part.is_diagonal or not rows.size:
             continue
         al2 = part.subdomain.scheme.coefficients(part.h)[1]
         ours = al2 * compliance(part.factors[0], part.L, part.nb, part.name).values
@@ -607,7 +608,7 @@ def test_the_compliance_is_that_of_the_dense_inverse_for_few_and_many_constraint
     L[:, n - nb :] = rng.normal(size=(rows, nb))
     exact = L @ np.linalg.inv(A.toarray()) @ L.T
     for factor in all_factors(A, nb):
-        ours = compliance(factor, sp.csc_array(L), nb, "tower")
+        ours = compliance(factor, Link.of(sp.csc_array(L)), nb, "tower")
         # the matrices have a condition number below 1e4
         np.testing.assert_allclose(ours.values, exact, rtol=0, atol=1e-11 * np.max(np.abs(exact)))
 

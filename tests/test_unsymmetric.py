@@ -16,6 +16,7 @@ from pmalpha.problem.ordering import elimination_order, graph_of
 from pmalpha.setup import factors
 from pmalpha.setup.compliance import compliance
 from pmalpha.setup.elimination import ordinary
+from pmalpha.setup.link import Link
 from pmalpha.setup.paths import compliance_along_paths
 
 # ---- against the reference -----------------------------------------------------------------------
@@ -113,7 +114,9 @@ def test_compliances_are_those_of_the_dense_inverse(pattern, monkeypatch):
     L = sp.csc_array(sp.hstack([sp.csc_array((3, n - nb)), rng.normal(size=(3, nb))]))
     expected = L @ np.linalg.inv(A.toarray()) @ L.T
     for factor in all_factors(A, nb, monkeypatch):
-        np.testing.assert_allclose(compliance(factor, L, nb, "A").values, expected, atol=1e-11)
+        np.testing.assert_allclose(
+            compliance(factor, Link.of(L), nb, "A").values, expected, atol=1e-11
+        )
     if n > 1:
         assert np.max(np.abs(expected - expected.T)) > 1e-4
 

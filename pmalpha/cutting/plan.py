@@ -14,9 +14,10 @@ from ..problem.matrices import Matrix
 from ..problem.ordering import graph_of
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
-from ..setup.compliance import Block, constraints_of, diagonal_compliance
+from ..setup.compliance import Block, diagonal_compliances
 from ..setup.elimination import elimination
 from ..setup.interface import DENSE_SHARE, total
+from ..setup.link import Link
 from ..setup.part import STEP_NUMBERS
 from ..setup.stability import step_ratio
 
@@ -219,11 +220,10 @@ def _swept(s: Subdomain, last: np.ndarray) -> int:
 
 def _block(s: Subdomain, L: Any) -> Block:
     """The pattern of its block of H."""
-    columns = sp.csc_array(L)
+    link = Link.of(sp.csc_array(L))
     if _is_plain(s):
-        return diagonal_compliance(np.ones(s.n), abs(columns).sign())
-    rows = constraints_of(columns)
-    return Block(rows, np.ones((rows.size, rows.size)))
+        return diagonal_compliances([np.ones(s.n)], [link.pattern])[0]
+    return Block(link.rows, np.ones((link.rows.size, link.rows.size)))
 
 
 def _interface(blocks: Sequence[Block], p: int) -> int:

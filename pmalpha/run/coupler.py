@@ -231,7 +231,7 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         with np.errstate(over="ignore"):  # a matrix that overflows is refused as singular
             self._assemblies = Assemblies(
                 self._keys,
-                self._rows.matrices,
+                self._rows.links,
                 self._rows.p,
                 layout,
                 [motion.rows for motion in motions],

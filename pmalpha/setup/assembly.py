@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 from weakref import WeakValueDictionary
 
 import numpy as np
-import scipy.sparse as sp
 
 from .. import _core
+from ..blas import one_thread
 from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
 from .factors import Factor
 from .interface import interface_factor, interface_matrix, is_symmetric_sum, row_order
 from .iteration import iteration_of, prepare_iterated
+from .link import Link
 from .loose import warn_of_loose
 from .macro import prepare, warn_of_resonance
 from .mean import check_mean, doubled_part, mass_of_interface, prepare_mean, warn_of_damping
@@ -87,7 +89,7 @@ class Assemblies:
     Parameters
     ----------
     keys : sequence of (name, Subdomain)
-    matrices : sequence of (p, n_i) csc_array
+    links : sequence of Link
         L_i, independent rows, in the user's order.
     p : int
         Number of rows.
@@ -113,7 +115,7 @@ class Assemblies:
     def __init__(
         self,
         keys: Sequence[tuple[str, Subdomain]],
-        matrices: Sequence[sp.csc_array],
+        links: Sequence[Link],
         p: int,
         layout: Layout,
         prescribed: Sequence[np.ndarray],
@@ -130,13 +132,14 @@ class Assemblies:
         self.first_own = 0 if ranks is None else ranks.own.start
         self.coupling, self.start, self.newton = coupling, start, newton
         self.threads, self.superlu = threads, factorize == "superlu"
+        self.external = callable(factorize)
         self.tied = drift == "removed"
-        warn_of_loose(keys, matrices)
+        warn_of_loose(keys, links)
         _check_symmetry(keys, factorize)
 
         # elimination order of each subdomain, and of the rows
         steps = [layout.of(i) for i in range(self.first_own, self.first_own + len(keys))]
-        parts = _ordered(keys, matrices, steps, coupling, self.tied, newton, factorize, threads[0])
+        parts = _ordered(keys, links, steps, coupling, self.tied, newton, factorize, threads[0])
         if coupling == "mean":
             check_mean(parts)
         if self.tied:
@@ -191,6 +194,11 @@ class Assemblies:
 
     def _assemble(self, layout: Layout, parts: tuple[Part, ...]) -> Assembly:
         """Factor and couple subdomains, of which some may be built already."""
+        # once, not for each factor; a function of the user has all threads
+        with nullcontext() if self.external else one_thread():
+            return self._factored(layout, parts)
+
+    def _factored(self, layout: Layout, parts: tuple[Part, ...]) -> Assembly:
         macro, mean = self.coupling == "macro", self.coupling == "mean"
         p = self.rows.size
         _check_start(parts, self.start, self.coupling)
@@ -326,7 +334,7 @@ def _check_factorize(parts: Sequence[Part], factorize: Any) -> None:
 
 def _ordered(
     keys: Sequence[tuple[str, Subdomain]],
-    matrices: Sequence[sp.csc_array],
+    links: Sequence[Link],
     steps: Sequence[tuple[float, int, bool, float | None]],
     coupling: str,
     tied: bool,
@@ -350,7 +358,7 @@ def _ordered(
             shifts=tied,
             reuses=newton.tangent == "reuse",
         )
-        for (name, s), L, (h, substeps, double, _) in zip(keys, matrices, steps)
+        for (name, s), L, (h, substeps, double, _) in zip(keys, links, steps)
     )
     warn_of_factors(parts)
     warn_of_order(parts)

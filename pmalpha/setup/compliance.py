@@ -2,35 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotri
 
 from .._checks import counted
 from ..blas import one_thread
 from ..memory import require
-from ..problem.matrices import row_of_entries
 from .factors import Factor, interface_block, sides
+from .link import Link
 from .paths import compliance_along_paths
-
-
-def constraints_of(L: sp.csc_array) -> np.ndarray:
-    """The constraints of one subdomain: the rows of L that have an entry."""
-    return np.unique(L.indices).astype(np.int64)
-
-
-def own_rows(L: sp.csc_array, nb: int | None = None) -> tuple[np.ndarray, sp.csr_array]:
-    """The rows of L that have an entry, and L without the others; of its last nb columns."""
-    before = 0 if nb is None else L.shape[1] - nb
-    rows, local = np.unique(L.indices, return_inverse=True)
-    by_rows = np.argsort(local.reshape(-1), kind="stable")
-    ptr = np.concatenate([[0], np.cumsum(np.bincount(local.reshape(-1)))])
-    columns = (row_of_entries(L) - before)[by_rows]
-    own = sp.csr_array((L.data[by_rows], columns, ptr), shape=(rows.size, L.shape[1] - before))
-    return rows.astype(np.int64), own
 
 
 @dataclass(frozen=True)
@@ -41,75 +25,96 @@ class Block:
     ----------
     rows : (k,) array of int
         Its constraints, the rows and columns of H.
-    values : (k, k) array or sparse array
+    values : (k, k) or (entries,) array
+    places : (row, column) or None
+        Of each entry, in 0..k-1; None where all entries are stored.
     """
 
     rows: np.ndarray
-    values: np.ndarray | sp.sparray
+    values: np.ndarray
+    places: tuple[np.ndarray, np.ndarray] | None = None
+
+    @classmethod
+    def of_nonzero(cls, rows: np.ndarray, values: np.ndarray) -> Block:
+        """Without the zeros of (k, k) values."""
+        row, column = np.nonzero(values)
+        return cls(rows, values[row, column], (row, column))
 
     @property
     def is_dense(self) -> bool:
-        return not sp.issparse(self.values)
+        return self.places is None
+
+    def times(self, factor: float) -> Block:
+        return Block(self.rows, factor * self.values, self.places)
 
     def entries(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(values, rows, columns) of its entries in H."""
         rows = self.rows.astype(np.int32)
-        if isinstance(self.values, np.ndarray):
+        if self.places is None:
             return self.values.ravel(), np.repeat(rows, rows.size), np.tile(rows, rows.size)
-        own = self.values.tocoo()
-        return own.data, rows[own.row], rows[own.col]
+        return self.values, rows[self.places[0]], rows[self.places[1]]
 
 
-def diagonal_compliance(inverse: np.ndarray, L: sp.csc_array) -> Block:
-    """L A^-1 L^T of a diagonal A, from the reciprocals of its entries."""
-    rows, local = np.unique(L.indices, return_inverse=True)
-    local, k = local.reshape(-1), rows.size
-    column = row_of_entries(L)
+def diagonal_compliances(inverses: Sequence[np.ndarray], links: Sequence[Link]) -> list[Block]:
+    """L A^-1 L^T of diagonal matrices A, from the reciprocals of their entries, in one pass."""
+    if not links:
+        return []
+    # the constraints of each subdomain numbered, one subdomain after the other
+    starts = np.cumsum([0] + [L.rows.size for L in links])
+    local = np.concatenate([L.local + start for L, start in zip(links, starts)])
+    inverse, values = np.concatenate(inverses), np.concatenate([L.values for L in links])
+    sizes = np.concatenate([np.diff(L.ptr) for L in links])
+    ptr, column = np.cumsum(sizes) - sizes, np.repeat(np.arange(sizes.size), sizes)
     # the pairs of entries of one column: the second goes through that column for each first
-    times = np.diff(L.indptr)[column]
+    times = sizes[column]
     first = np.repeat(np.arange(column.size), times)
     begin = np.repeat(np.cumsum(times) - times, times)
-    second = np.arange(first.size) - begin + L.indptr[column[first]]
-    values = L.data[first] * inverse[column[first]] * L.data[second]
+    second = np.arange(first.size) - begin + ptr[column[first]]
+    values = values[first] * inverse[column[first]] * values[second]
+    k = int(starts[-1])
     places, where = np.unique(local[first] * k + local[second], return_inverse=True)
     sums = np.bincount(where.reshape(-1), weights=values, minlength=places.size)
     sums = sums.astype(float)  # without constraints bincount returns whole numbers
-    own = sp.coo_array((sums, (places // k, places % k)), shape=(k, k))
-    return Block(rows.astype(np.int64), own)
+    row, column = places // max(k, 1), places % max(k, 1)
+    ends = np.searchsorted(row, starts)
+    return [
+        Block(L.rows, sums[i:j], (row[i:j] - start, column[i:j] - start))
+        for L, start, i, j in zip(links, starts, ends, ends[1:])
+    ]
 
 
-def compliance(factor: Factor, L: sp.csc_array, nb: int, name: str) -> Block:
+def compliance(factor: Factor, L: Link, nb: int, name: str) -> Block:
     """L A^-1 L^T = L_b S^-1 L_b^T on the constraints of L, from the factor of A."""
-    rows, own = own_rows(L, nb)
+    rows = L.rows
     if not rows.size:
         return Block(rows, np.zeros((0, 0)))
     size = 8.0 * (3.0 * rows.size**2 + 4.0 * nb * max(nb, rows.size))
     require(size, f"the interface matrix of {counted(rows.size, 'constraint')} of {name!r}")
     inverse, R = factor
     if isinstance(R, tuple) and len(R) == 7:
-        block = compliance_along_paths(factor, own)
+        block = compliance_along_paths(factor, L.own(nb))
     else:
         R_bb, *Q_bb = (interface_block(side, nb) for side in sides(factor))
-        block = _compliance_of_last(inverse[inverse.size - nb :], R_bb, own, *Q_bb)
+        block = _compliance_of_last(inverse[inverse.size - nb :], R_bb, L, *Q_bb)
     if len(sides(factor)) > 1:
         return Block(rows, block)
     return Block(rows, 0.5 * (block + block.T))  # symmetric up to rounding
 
 
 def _compliance_of_last(
-    inverse: np.ndarray, R_bb: np.ndarray, L_b: sp.csr_array, Q_bb: np.ndarray | None = None
+    inverse: np.ndarray, R_bb: np.ndarray, L: Link, Q_bb: np.ndarray | None = None
 ) -> np.ndarray:
     """L_b S^-1 L_b^T, S = R_bb D_b Q_bb^T, (F6); Q_bb is R_bb if None.
 
     The whole inverse S^-1 takes a third of the work of nb solutions, if it is symmetric; few
     constraints need fewer solutions than that.
     """
-    few = Q_bb is not None or 3 * L_b.shape[0] < inverse.size
+    few = Q_bb is not None or 3 * L.rows.size < inverse.size
     with one_thread():
         if few:
-            X = Y = _solved(R_bb, L_b)
+            X = Y = _solved(R_bb, L)
             if Q_bb is not None:
-                Y = _solved(Q_bb, L_b)
+                Y = _solved(Q_bb, L)
             return Y.T @ (inverse[:, None] * X)
         root = 1.0 / np.sqrt(inverse)
         G = np.asfortranarray(R_bb * root)
@@ -117,10 +122,11 @@ def _compliance_of_last(
         half, _ = dpotri(G, lower=True, overwrite_c=True)
     whole = np.tril(half)
     whole += np.tril(half, k=-1).T
+    L_b = L.own(inverse.size)
     return L_b @ np.ascontiguousarray((L_b @ whole).T)
 
 
-def _solved(R_bb: np.ndarray, L_b: sp.csr_array) -> np.ndarray:
+def _solved(R_bb: np.ndarray, L: Link) -> np.ndarray:
     """R_bb^-1 L_b^T"""
-    right = L_b.toarray().T
+    right = L.dense(len(R_bb)).T
     return solve_triangular(R_bb, right, lower=True, unit_diagonal=True, overwrite_b=True)

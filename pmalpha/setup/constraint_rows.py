@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
 from .._checks import numbered
 from ..errors import ConstraintError, ConstraintWarning, warn
+from ..problem.matrices import row_of_entries
 from ..problem.subdomain import Subdomain
+from .link import Link
 from .rank import require_independent
 from .ranks import Ranks, joined
 from .schedule import Rows
@@ -39,8 +41,10 @@ class ConstraintRows:
     ----------
     p : int
         Number of rows.
+    links : list of Link
+        L_i of every subdomain of this process.
     matrices : list of (p, n_i) csc_array
-        L_i of every subdomain of this process; by columns, since most of its rows are empty.
+        The same for products.
 
     Raises
     ------
@@ -58,23 +62,33 @@ class ConstraintRows:
         self.ranks = ranks
         self.starts = np.cumsum([0] + [c.p for c in constraints])
         self.p = int(self.starts[-1])
-        matrices = self._stacked(constraints, subdomains)
+        begins = np.cumsum([0] + [s.n for s in subdomains])
+        whole = self._stacked(constraints, begins)
         if constraints:
-            require_independent(sp.csr_array(sp.hstack(matrices)), self.name)
-        self.matrices = matrices[own]
+            require_independent(sp.csr_array(whole), self.name)
+        stacked = Link.of(whole)
+        self.links = [stacked.of_dofs(i, j) for i, j in zip(begins, begins[1:])][own]
         self._sizes = np.zeros(self.p)  # the largest entry of each row
-        for L in matrices:
-            np.maximum.at(self._sizes, L.indices, np.abs(L.data))
+        np.maximum.at(self._sizes, whole.indices, np.abs(whole.data))
 
-    def _stacked(
-        self, constraints: Sequence[Rows], subdomains: Sequence[Subdomain]
-    ) -> list[sp.csc_array]:
-        pieces: list[list[Any]] = [[] for _ in subdomains]
-        for c, first in zip(constraints, self.starts):
-            for i, L in c.matrices.items():
-                own = sp.coo_array(L)
-                pieces[i].append((own.data, own.row + first, own.col))
-        return [_joined(own, (self.p, s.n)) for s, own in zip(subdomains, pieces)]
+    def _stacked(self, constraints: Sequence[Rows], begins: np.ndarray) -> sp.csc_array:
+        """(L_1, L_2, ...), whose columns begin at `begins`."""
+        pieces = [
+            (L, first, begins[i])
+            for c, first in zip(constraints, self.starts)
+            for i, L in c.matrices.items()
+        ]
+        shape = (self.p, int(begins[-1]))
+        if not pieces:
+            return sp.csc_array(shape)
+        values = np.concatenate([L.data for L, _, _ in pieces])
+        rows = np.concatenate([row_of_entries(L) + first for L, first, _ in pieces])
+        columns = np.concatenate([L.indices + begin for L, _, begin in pieces])
+        return sp.csc_array((values, (rows, columns)), shape=shape)
+
+    @cached_property
+    def matrices(self) -> list[sp.csc_array]:
+        return [link.matrix for link in self.links]
 
     def of(self, i: int) -> np.ndarray:
         """The rows of constraint i."""
@@ -136,8 +150,8 @@ class ConstraintRows:
         terms = joined(
             self.ranks,
             [
-                (L @ x, abs(L) @ np.abs(x), float(np.max(np.abs(x))))
-                for L, x in zip(self.matrices, values)
+                (link.matrix @ x, abs(link.matrix) @ np.abs(x), float(np.max(np.abs(x))))
+                for link, x in zip(self.links, values)
                 if x.any()
             ],
         )
@@ -149,11 +163,3 @@ class ConstraintRows:
         far = max((far for _, _, far in terms), default=0.0)
         rows = np.flatnonzero(np.abs(jump) / self._sizes > max(ROUNDING * largest, FAR * far))
         return rows, jump[rows]
-
-
-def _joined(pieces: Sequence[Any], shape: tuple[int, int]) -> sp.csc_array:
-    """One matrix from lists of entries (values, rows, columns)."""
-    if not pieces:
-        return sp.csc_array(shape)
-    values, rows, columns = (np.concatenate(x) for x in zip(*pieces))
-    return sp.csc_array((values, (rows, columns)), shape=shape)

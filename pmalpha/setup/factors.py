@@ -449,9 +449,8 @@ def interface_block(factor: Factor, nb: int) -> np.ndarray:
         return block
     if len(R) == 3:
         ptr, index, values = R
-        for j in range(begin, inverse.size):
-            column = slice(ptr[j], ptr[j + 1])
-            block[index[column] - begin, j - begin] = values[column]
+        column = np.repeat(np.arange(nb), np.diff(ptr[begin:]))
+        block[index[ptr[begin] :] - begin, column] = values[ptr[begin] :]
         return block
     first, row_ptr, rows, start, values = R
     for s in range(np.searchsorted(first, begin), first.size - 1):

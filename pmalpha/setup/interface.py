@@ -11,7 +11,7 @@ from .._checks import counted
 from ..memory import require
 from ..problem.matrices import Matrix, dense, row_of_entries
 from ..problem.ordering import elimination_order, graph_of
-from .compliance import Block, constraints_of, diagonal_compliance
+from .compliance import Block, diagonal_compliances
 from .factors import Factor, Names, factorize
 from .part import Part
 from .ranks import Ranks, joined
@@ -23,7 +23,7 @@ DENSE_SHARE = 0.1
 def row_order(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> np.ndarray:
     """The order of the multipliers in which the interface matrix fills little."""
     # constraints of each subdomain, and the pattern of its block of H where that is not full
-    patterns = joined(ranks, [(constraints_of(part.L), _pattern(part)) for part in parts])
+    patterns = joined(ranks, list(zip([part.L.rows for part in parts], _patterns(parts))))
     blocks = sum(float(rows.size) ** 2 for rows, sparse in patterns if sparse is None)
     if blocks > DENSE_SHARE * p**2:
         return np.arange(p)  # these blocks alone make the matrix dense
@@ -35,11 +35,12 @@ def row_order(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> np.n
     return elimination_order(p, graph_of([total(graphs, p)]), np.arange(0))
 
 
-def _pattern(part: Part) -> Block | None:
-    """The block of H of a subdomain that connects constraints of one dof only; None for another."""
-    if part.diagonal_mbar(part.h) is None or part.internal is not None or part.responds:
-        return None
-    return diagonal_compliance(np.ones(part.n), abs(part.L).sign())
+def _patterns(parts: Sequence[Part]) -> list[Block | None]:
+    """The blocks of H that connect constraints of one dof only; None for others."""
+    thin = [p for p in parts if p.is_diagonal and p.internal is None and not p.responds]
+    blocks = diagonal_compliances([np.ones(p.n) for p in thin], [p.L.pattern for p in thin])
+    found = dict(zip(map(id, thin), blocks))
+    return [found.get(id(part)) for part in parts]
 
 
 def is_symmetric_sum(parts: Sequence[Part], ranks: Ranks | None = None) -> bool:
@@ -70,6 +71,7 @@ def interface_matrix(
     ranks : Ranks, optional
         The sum is over the subdomains of all processes.
     """
+    make_diagonal_blocks([p for p in parts if p.response_blocks is None], start=start)
     blocks = []
     for part in parts:
         if part.response_blocks is not None:
@@ -77,6 +79,16 @@ def interface_matrix(
             continue
         blocks.append(part.block(part.is_double(start=start)))
     return summed(joined(ranks, blocks), p)
+
+
+def make_diagonal_blocks(parts: Sequence[Part], *, start: bool) -> None:
+    """The blocks of H of all subdomains with a diagonal Mbar, in one pass."""
+    plain = [(part, part.is_double(start=start)) for part in parts if part.is_diagonal]
+    new = [(part, twice) for part, twice in plain if twice not in part.blocks]
+    inverses = [part.diagonal_inverse(twice) for part, twice in new]
+    blocks = diagonal_compliances(inverses, [part.L for part, _ in new])
+    for (part, twice), block in zip(new, blocks):
+        part.blocks[twice] = block
 
 
 def total(blocks: Sequence[Block], p: int) -> sp.csr_array:

@@ -18,7 +18,7 @@ from .._checks import counted
 from ..memory import require
 from ..problem.matrices import combination, core_matrix, permuted
 from ..problem.newton import Newton
-from .compliance import Block, constraints_of
+from .compliance import Block
 from .interface import is_symmetric_sum, summed, total
 from .internal import core_size, numeric, structure
 from .macro import compute_unit_responses
@@ -49,7 +49,7 @@ def prepare_iterated(parts: Sequence[Part], coupling: str) -> None:
         elif coupling == "macro":
             _take_blocks_of(part, linear_twin(part))
         elif part.tangent is not None:
-            rows = constraints_of(part.L)
+            rows = part.L.rows
             size = 8.0 * 4.0 * float(rows.size) ** 2
             require(size, f"the block of H of {counted(rows.size, 'constraint')} of {part.name!r}")
             empty = Block(rows, np.zeros((rows.size, rows.size)))

@@ -13,11 +13,11 @@ from ..errors import ConstraintWarning, warn
 from ..problem.matrices import is_symmetric
 from ..problem.positive import FLOATING, scales_to_one, softest
 from ..problem.subdomain import Subdomain
-from .compliance import own_rows
+from .link import Link
 from .rank import rows_of_size_one
 
 # Dofs of a node for which translations are tried: a translation moves every d-th dof by one.
-DOFS_OF_A_NODE = (1, 2, 3, 6)
+DOFS_OF_A_NODE = (6, 3, 2, 1)
 # Force of a translation relative to that of its single entries: the digits of exported matrices.
 ROUNDING = 1e-9
 # Up to this number of dofs a sparse matrix takes more time than the same one dense.
@@ -29,7 +29,7 @@ SAMPLE = 64
 MOST = 100_000
 
 
-def warn_of_loose(keys: Sequence[tuple[str, Subdomain]], matrices: Sequence[sp.csc_array]) -> None:
+def warn_of_loose(keys: Sequence[tuple[str, Subdomain]], links: Sequence[Link]) -> None:
     """ConstraintWarning for subdomains beside others without a constraint, and for loose ones.
 
     A subdomain is loose if it is floating and a rigid-body motion satisfies its constraints.
@@ -41,10 +41,10 @@ def warn_of_loose(keys: Sequence[tuple[str, Subdomain]], matrices: Sequence[sp.c
     Parameters
     ----------
     keys : sequence of (name, Subdomain)
-    matrices : sequence of (p, n_i) csc_array
+    links : sequence of Link
         L_i, independent rows.
     """
-    reached = [L.nnz > 0 for L in matrices]
+    reached = [L.values.size > 0 for L in links]
     if len(keys) > 1 and not all(reached):
         names = [repr(name) for (name, _), found in zip(keys, reached) if not found]
         warn(
@@ -54,9 +54,9 @@ def warn_of_loose(keys: Sequence[tuple[str, Subdomain]], matrices: Sequence[sp.c
             ConstraintWarning,
         )
     loose = {}
-    for (name, s), L, found in zip(keys, matrices, reached):
+    for (name, s), L, found in zip(keys, links, reached):
         if found and _is_loose(s, L):
-            loose[name] = counted(np.unique(L.indices).size, "constraint")
+            loose[name] = counted(L.rows.size, "constraint")
     if len(loose) == 1:
         ((name, count),) = loose.items()
         verb = "does" if count.startswith("1 ") else "do"
@@ -76,7 +76,7 @@ def warn_of_loose(keys: Sequence[tuple[str, Subdomain]], matrices: Sequence[sp.c
     )
 
 
-def _is_loose(s: Subdomain, L: sp.csc_array) -> bool:
+def _is_loose(s: Subdomain, L: Link) -> bool:
     """Whether a rigid-body motion satisfies the constraints."""
     if s.has_unknown_stiffness:
         return False
@@ -84,30 +84,35 @@ def _is_loose(s: Subdomain, L: sp.csc_array) -> bool:
     if K is None:
         return False
     if K.ndim == 1:
-        return bool(np.any((K == 0.0) & (np.diff(L.indptr) == 0)))
+        return bool(np.any((K == 0.0) & (np.diff(L.ptr) == 0)))
     if not isinstance(K, np.ndarray) and s.n <= SMALL:
         K = K.toarray()
     translations = _translations(K, s.n)
     if not translations.shape[1]:
         return False
-    _, own = own_rows(L)
-    held = rows_of_size_one(own) @ translations
-    if np.linalg.matrix_rank(held) < translations.shape[1]:
+    entries = K.size if isinstance(K, np.ndarray) else K.nnz
+    entries += float(np.sum(np.bincount(L.local).astype(float) ** 2))
+    own = L.dense() if isinstance(K, np.ndarray) and entries <= MOST else L.own()
+    if np.linalg.matrix_rank(_rows_of_size_one(own) @ translations) < translations.shape[1]:
         return True
-    entries = np.sum(np.diff(own.indptr).astype(float) ** 2)
-    entries += K.size if isinstance(K, np.ndarray) else K.nnz
-    return bool(entries <= MOST and _is_singular(K, own))
+    return entries <= MOST and _is_singular(K, own)
+
+
+def _rows_of_size_one(L: np.ndarray | sp.csr_array) -> np.ndarray | sp.csr_array:
+    if isinstance(L, np.ndarray):
+        return L / np.max(np.abs(L), axis=1, keepdims=True)
+    return rows_of_size_one(L)
 
 
 def _translations(K: Any, n: int) -> np.ndarray:
     """(n, t): translations without force in K, for the dofs per node with the largest number."""
     best, size = np.empty((n, 0)), abs(K)
-    sample = K[:SAMPLE], size[:SAMPLE]
+    tried = [(K, size)] if n <= SAMPLE else [(K[:SAMPLE], size[:SAMPLE]), (K, size)]
     for d in DOFS_OF_A_NODE:
-        if n % d:
+        if n % d or d <= best.shape[1]:
             continue
         found = np.tile(np.eye(d), (n // d, 1))
-        for rows in (sample, (K, size)):
+        for rows in tried:
             found = found[:, _are_free(*rows, found)] if found.shape[1] else found
         best = found if found.shape[1] > best.shape[1] else best
     return best
@@ -118,13 +123,13 @@ def _are_free(K: Any, size: Any, x: np.ndarray) -> np.ndarray:
     return np.all(np.abs(K @ x) <= ROUNDING * (size @ x), axis=0)
 
 
-def _is_singular(K: Any, L: sp.csr_array) -> np.bool_:
+def _is_singular(K: Any, L: np.ndarray | sp.csr_array) -> bool:
     """Whether K + L^T L, the constraints replaced by springs, has a motion without stiffness."""
     scale = scales_to_one(K.diagonal())
-    springs = sp.csr_array((L.data * scale[L.indices], L.indices, L.indptr), shape=L.shape)
-    springs = rows_of_size_one(springs)
-    if not sp.issparse(K) and is_symmetric(K):
-        dense = springs.toarray()
-        return softest(scale[:, None] * K * scale + dense.T @ dense) <= FLOATING
+    if isinstance(K, np.ndarray) and is_symmetric(K):
+        springs = _rows_of_size_one(L * scale)
+        return bool(softest(scale[:, None] * K * scale + springs.T @ springs) <= FLOATING)
     by = sp.diags_array(scale)
-    return softest(sp.csc_array(by @ sp.csc_array(K) @ by + springs.T @ springs)) <= FLOATING
+    springs = rows_of_size_one(sp.csr_array(sp.csr_array(L) @ by))
+    G = sp.csc_array(by @ sp.csc_array(K) @ by + springs.T @ springs)
+    return bool(softest(G) <= FLOATING)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import scipy.sparse as sp
 
 from .._checks import counted, listing, numbered
 from .._core import LANES
@@ -18,7 +17,7 @@ from ..memory import require
 from ..problem.matrices import Matrix
 from ..problem.schemes import Scheme
 from ..problem.subdomain import UNDAMPED
-from .compliance import Block, constraints_of
+from .compliance import Block
 from .factors import Factor, solve
 from .interface import interface_matrix
 from .part import Part
@@ -118,7 +117,7 @@ def check_work(parts: Sequence[Part], coupling: str) -> None:
     text = (
         f'coupling="{coupling}" needs about {seconds:.3g} s for unit responses before the first '
         f"step (more than {LONG if seconds <= ABSURD else ABSURD:g} s), most of it for {name!r}: "
-        f"{counted(constraints_of(part.L).size, 'constraint')} times {part.substeps} "
+        f"{counted(part.L.rows.size, 'constraint')} times {part.substeps} "
         f"substeps times {part.core.entries} matrix entries"
     )
     if seconds > ABSURD:
@@ -128,13 +127,13 @@ def check_work(parts: Sequence[Part], coupling: str) -> None:
 
 def work(part: Part) -> float:
     """Matrix entries read to compute the unit responses of a subdomain, `LANES` in one pass."""
-    passes = -(-constraints_of(part.L).size // LANES)
+    passes = -(-part.L.rows.size // LANES)
     return float(part.core.entries) * part.substeps * passes
 
 
 def is_stored(part: Part) -> bool:
     """(M8): whether reading U costs less than the substeps, and U is not too large."""
-    size = 4.0 * part.n * constraints_of(part.L).size
+    size = 4.0 * part.n * part.L.rows.size
     return size <= part.substeps * part.core.entries and 8.0 * size <= STORED
 
 
@@ -143,7 +142,7 @@ def compute_unit_responses(part: Part) -> None:
 
     Errors as of `unit_responses`.
     """
-    rows = constraints_of(part.L)
+    rows = part.L.rows
     end, mean, states = unit_responses(part, rows, stored=is_stored(part))
     if states is not None:
         part.core.store_responses(rows, states)
@@ -191,8 +190,8 @@ def response_block(part: Part, rows: np.ndarray, values: np.ndarray) -> Block:
     """The block (M7), sparse, since many pairs of constraints have no entry; row k of the values
     is the response to multiplier k, a column of H."""
     if not part.has_symmetric_block:
-        return Block(rows, sp.csr_array(values.T))
-    return Block(rows, sp.csr_array(0.5 * (values + values.T)))
+        return Block.of_nonzero(rows, values.T)
+    return Block.of_nonzero(rows, 0.5 * (values + values.T))
 
 
 def warn_of_resonance(
@@ -234,7 +233,10 @@ def warn_of_resonance(
         ratio = float(np.linalg.norm(_product(H)(x)) / np.linalg.norm(product(x)))
     if ratio >= RESONANT:
         return
-    shares = {n: float(x[b.rows] @ (b.values @ x[b.rows])) for n, b in means.items()}
+    shares = {}
+    for name, block in means.items():
+        values, i, j = block.entries()
+        shares[name] = float(x[i] @ (values * x[j]))
     names = [repr(n) for n, share in shares.items() if share > 0.1 * max(shares.values())]
     verb = "resonate" if len(names) > 1 else "resonates"
     row = int(np.flatnonzero(position == np.argmax(np.abs(x)))[0])

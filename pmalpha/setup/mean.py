@@ -15,7 +15,7 @@ import numpy as np
 from .._checks import listing, numbered
 from ..errors import StabilityWarning, warn
 from ..problem.matrices import combination, core_matrix
-from .compliance import Block, constraints_of
+from .compliance import Block
 from .factors import Factor
 from .interface import is_symmetric_sum, summed
 from .macro import check_work, is_stored, response_block, unit_responses
@@ -94,7 +94,7 @@ def prepare_mean(parts: Sequence[Part]) -> None:
 
 def mean_blocks(part: Part) -> dict[bool, Block]:
     """The blocks of H of a subdomain, of the single and the double step; stores the responses."""
-    rows = constraints_of(part.L)
+    rows = part.L.rows
     stored = not part.waits and not part.double and rows.size > 0 and is_stored(part)
     single, _, states = unit_responses(part, rows, stored=stored)
     blocks = {False: response_block(part, rows, single)}
@@ -111,7 +111,7 @@ def mean_blocks(part: Part) -> dict[bool, Block]:
 def _of_old(part: Part) -> Block:
     """The block of a double step for the multipliers of its first macro step."""
     block, (h, long) = part.blocks[True], part.lengths
-    return Block(block.rows, (long - h) / h * block.values)
+    return block.times((long - h) / h)
 
 
 def doubled_part(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> Any:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from .. import _core
 from .._checks import listing
@@ -17,7 +16,6 @@ from ..problem.matrices import (
     Matrix,
     combination,
     core_matrix,
-    core_sparse,
     is_symmetric,
     permuted,
 )
@@ -26,7 +24,7 @@ from ..problem.restoring import core_restoring
 from ..problem.schemes import Scheme
 from ..problem.springs import core_springs
 from ..problem.subdomain import Subdomain
-from .compliance import Block, compliance, diagonal_compliance
+from .compliance import Block, compliance, diagonal_compliances
 from .elimination import Elimination, elimination
 from .external import External
 from .factors import Factor, Names
@@ -38,6 +36,7 @@ from .internal import (
     internal_forces,
     tangent_pattern,
 )
+from .link import Link
 from .stability import StepRatio
 from .stiff_restoring import StiffnessWatch
 
@@ -64,8 +63,8 @@ class Part:
         before it is built, others that have been made.
     order, position : (n,) array of int
         Dof at each position, and position of each dof.
-    L : (p, n) csc_array
-        Its constraints, columns in elimination order, rows in the order of the multipliers.
+    L : Link
+        Its constraints, dofs in elimination order, rows in the order of the multipliers.
     nb : int
         Number of interface dofs, the last of the order.
     mass_factor : Factor or None
@@ -113,7 +112,7 @@ class Part:
     damping: Matrix | None
     D_r: Matrix | None
     K_r: Matrix | None
-    L: sp.csc_array
+    L: Link
     nb: int
     core: Any = None
     mass_factor: Factor | None = None
@@ -225,33 +224,32 @@ class Part:
 
     def reorder(self, position: np.ndarray) -> None:
         """Permute the constraints: row k of L becomes row position[k]."""
-        L = self.L
-        rows = position[L.indices].astype(L.indices.dtype)
-        self.L = sp.csc_array((L.data, rows, L.indptr), shape=L.shape)
-        self.L.sort_indices()
+        self.L = self.L.with_rows(position)
 
     def block(self, twice: bool) -> Block:
         """al2 L Mbar^-1 L^T for the single or the double step; cached during set-up."""
         if twice in self.blocks:
             return self.blocks[twice]
-        h = self.lengths[1 if twice else 0]
-        al2 = self.subdomain.scheme.coefficients(h)[1]
-        diagonal = self.diagonal_mbar(h)
-        if diagonal is not None:
-            block = diagonal_compliance(al2 / diagonal, self.L)
+        if self.is_diagonal:
+            (block,) = diagonal_compliances([self.diagonal_inverse(twice)], [self.L])
         else:
-            block = compliance(self.factors[1 if twice else 0], self.L, self.nb, self.name)
-            block = Block(block.rows, al2 * block.values)
+            al2 = self.subdomain.scheme.coefficients(self.lengths[twice])[1]
+            block = compliance(self.factors[twice], self.L, self.nb, self.name).times(al2)
         self.blocks[twice] = block
         return block
 
     def mbar(self, h: float) -> Matrix:
         return mbar(self.subdomain.scheme, h, self.M, self.damping, self.stiffness)
 
-    def diagonal_mbar(self, h: float) -> Matrix | None:
-        """Mbar where it is diagonal, else None."""
-        plain = all(A is None or A.ndim == 1 for A in (self.M, self.damping, self.stiffness))
-        return self.mbar(h) if plain else None
+    @property
+    def is_diagonal(self) -> bool:
+        """Whether Mbar is diagonal."""
+        return all(A is None or A.ndim == 1 for A in (self.M, self.damping, self.stiffness))
+
+    def diagonal_inverse(self, twice: bool) -> np.ndarray:
+        """al2 Mbar^-1 of a diagonal Mbar for the single or the double step."""
+        h = self.lengths[twice]
+        return self.subdomain.scheme.coefficients(h)[1] / self.mbar(h)
 
     def operator(self, h: float) -> tuple[Any, ...]:
         """Step length and factor of Mbar(h) in the form of the core."""
@@ -287,7 +285,7 @@ def make_part(
     double: bool,
     h: float,
     substeps: int,
-    L: sp.csc_array,
+    L: Link,
     factorize: Any = None,
     *,
     threads: int = 1,
@@ -300,7 +298,7 @@ def make_part(
     `mean` and `shifts`.
     """
     n, scheme = subdomain.n, subdomain.scheme
-    last = np.flatnonzero(np.diff(L.indptr)).astype(np.int64)
+    last = L.dofs
     stiffness, damping = subdomain.implicit_stiffness, subdomain.implicit_damping
     internal = internal_forces(subdomain, name)
     tangent = None
@@ -333,7 +331,7 @@ def make_part(
         substeps,
         eliminated,
         np.argsort(order),
-        L=L[:, order],
+        L=L.in_order(order),
         nb=last.size,
         external=external,
         internal=internal,
@@ -347,7 +345,7 @@ def make_part(
 def core_subdomain(
     part: Part,
     scheme: Scheme,
-    L: sp.csc_array,
+    L: Link,
     single: tuple[Any, ...],
     *,
     twice: tuple[Any, ...] | None = None,
@@ -384,10 +382,9 @@ def core_subdomain(
     )
 
 
-def link_of(part: Part, L: sp.csc_array) -> tuple[Any, ...]:
+def link_of(part: Part, L: Link) -> tuple[Any, ...]:
     """The constraints on the interface dofs, the only ones with entries: p and L_b of the core."""
-    ptr, index, values = core_sparse(L if L.has_sorted_indices else L.sorted_indices())
-    return L.shape[0], ptr[part.n - part.nb :], index, values
+    return L.p, L.ptr[part.n - part.nb :], L.index, L.values
 
 
 def warn_of_factors(parts: Sequence[Part]) -> None:

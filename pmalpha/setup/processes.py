@@ -6,10 +6,9 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from ..problem.schemes import Scheme
-from .compliance import constraints_of
+from .link import Link
 from .part import Part, link_of
 from .ranks import Ranks
 
@@ -19,7 +18,7 @@ PIECES, MEASURES = 3, 5
 
 
 def remote_of(
-    part: Part, scheme: Scheme | None = None, L: sp.csc_array | None = None, h: float | None = None
+    part: Part, scheme: Scheme | None = None, L: Link | None = None, h: float | None = None
 ) -> tuple[Any, ...]:
     """What other processes have to know of a subdomain: (n, nb, substeps, h, doubled, continues,
     whether it has internal forces, al2 of the single and of the double step, link, constraints if
@@ -41,7 +40,7 @@ def remote_of(
         _al2(scheme, h),
         _al2(scheme, part.lengths[1] if double else h),
         link_of(part, L),
-        None if single or part.tangent is None else constraints_of(L).astype(np.int64),
+        None if single or part.tangent is None else L.rows,
     )
 
 

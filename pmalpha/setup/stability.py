@@ -23,6 +23,7 @@ from ..problem.matrices import (
     largest_pairs,
     product,
     skew_part,
+    with_entries,
 )
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
@@ -325,7 +326,7 @@ def _absolute(A: Matrix) -> Matrix:
     """|A|, with the pattern of a sparse A shared instead of copied."""
     if isinstance(A, np.ndarray):
         return np.abs(A)
-    return sp.csr_array((np.abs(A.data), A.indices, A.indptr), shape=A.shape, copy=False)
+    return with_entries(A, np.abs(A.data))
 
 
 def _largest_modulus(A: Matrix, M: Matrix) -> float:

@@ -27,8 +27,9 @@ from ..blas import one_thread
 from ..errors import ConstraintWarning, FactorizationError, InstabilityError, warn
 from ..problem.matrices import EXPORTED, combination, diagonal
 from ..problem.schemes import Scheme
-from .compliance import Block, compliance, diagonal_compliance
+from .compliance import Block, compliance, diagonal_compliances
 from .interface import interface_factor, summed, total
+from .link import Link
 from .part import Part, core_subdomain
 from .processes import processes, remote_of
 from .ranks import Elsewhere, Ranks, joined
@@ -69,17 +70,15 @@ class InitialAccelerations:
     ):
         self.parts, self.ranks = parts, ranks
         self.masses = [_Mass(part) for part in parts]
-        blocks = joined(ranks, [m.compliance() for m in self.masses])
+        blocks = joined(ranks, _compliances(self.masses))
         if ranks is not None:
             _require_mass(self.masses)
-        any_L = p and self.masses
-        self.L_m: sp.csr_array | None = None
-        if any_L:
-            self.L_m = sp.csr_array(sp.hstack([m.L_m for m in self.masses]))
+        self.ties_without_mass = any(m.is_tied for m in self.masses)
         H = None
-        if self.L_m is not None and self.ties_without_mass:
-            self.tied = np.unique(self.L_m.indices)
-            self.saddle = _Saddle(total(blocks, p), self.L_m[:, self.tied])
+        if self.ties_without_mass:
+            L_m = sp.csr_array(sp.hstack([m.part.L.matrix[:, m.massless] for m in self.masses]))
+            self.tied = np.unique(L_m.indices)
+            self.saddle = _Saddle(total(blocks, p), L_m[:, self.tied])
             p = 0  # the saddle-point problem has the constraints; the core solves with M only
         else:
             H = summed(blocks, p)
@@ -98,10 +97,6 @@ class InitialAccelerations:
             processes=processes(ranks, map(_Mass.remote, self.masses)),
         )
         self.lanes: tuple[tuple[Any, ...], Any] | None = None  # made when needed
-
-    @property
-    def ties_without_mass(self) -> bool:
-        return self.L_m is not None and self.L_m.nnz > 0
 
     def solve(
         self, terms: Sequence[Sequence[np.ndarray]], g: np.ndarray
@@ -196,13 +191,14 @@ class InitialAccelerations:
         """
         no_rows = np.empty(0)
         wf, _ = self._step(r, no_rows)
-        free = sum(m.linked @ w for m, w in zip(self.masses, wf))
+        free = sum(m.tied @ w for m, w in zip(self.masses, wf))
         r_m = np.concatenate([own[m.massless] for m, own in zip(self.masses, r)])
         p, tied = g.size, self.tied
         solution = self.saddle.solve(np.concatenate([g - free, -r_m[tied]]))
         lam, w_m = solution[:p], np.zeros(r_m.size)
         w_m[tied] = solution[p:]
-        w, _ = self._step([own + m.linked.T @ lam for m, own in zip(self.masses, r)], no_rows)
+        loads = [own + m.tied.T @ lam for m, own in zip(self.masses, r)]
+        w, _ = self._step(loads, no_rows)
         starts = np.cumsum([0] + [m.massless.size for m in self.masses])
         for mass, own, begin, end in zip(self.masses, w, starts[:-1], starts[1:]):
             own[mass.massless] = w_m[begin:end]
@@ -212,8 +208,8 @@ class InitialAccelerations:
 def _require_mass(masses: Sequence[_Mass]) -> None:
     """ValueError for constraints on dofs without mass, whose equations are solved together."""
     for mass in masses:
-        if mass.L_m.nnz:
-            dofs = np.sort(mass.part.order[mass.massless[np.flatnonzero(np.diff(mass.L_m.indptr))]])
+        if mass.is_tied:
+            dofs = np.sort(mass.part.order[np.intersect1d(mass.massless, mass.part.L.dofs)])
             raise ValueError(
                 "constraints need dofs with mass in a Coupler with comm, got "
                 f"{numbered('dof', dofs)} of {mass.part.name!r} without"
@@ -236,26 +232,28 @@ class _Mass:
         if factor is None:
             factor = _mass_factor(part, matrix)
         self.operator = (1.0, *factor)
-        self.linked, self.L_m = part.L, sp.csc_array((part.L.shape[0], 0))
-        if self.massless.size:
-            self.L_m = part.L[:, self.massless]
-            self.linked = sp.csc_array(part.L @ sp.diags_array(1.0 - unit_mass))
-        self.L_m = (
-            part.L[:, self.massless] if self.massless.size else sp.csc_array((part.L.shape[0], 0))
-        )
+        self.linked = part.L.without(self.massless) if self.massless.size else part.L
+
+    @property
+    def is_tied(self) -> bool:
+        """Whether constraints reach dofs without mass."""
+        return self.linked.values.size < self.part.L.values.size
+
+    @property
+    def tied(self) -> sp.csc_array:
+        """The matrix of `linked`."""
+        if not self.massless.size:
+            return self.part.L.matrix
+        has_mass = np.ones(self.part.n)
+        has_mass[self.massless] = 0.0
+        return sp.csc_array(self.part.L.matrix @ sp.diags_array(has_mass))
 
     def core(self, *, linked: bool) -> Any:
-        L = self.linked if linked else sp.csc_array((0, self.part.n))
+        L = self.linked if linked else Link.empty(self.part.n)
         return core_subdomain(self.part, UNIT_STEP, L, self.operator)
 
     def remote(self) -> tuple[Any, ...]:
         return remote_of(self.part, UNIT_STEP, self.linked, 1.0)
-
-    def compliance(self) -> Block:
-        """L M^-1 L^T"""
-        if self.diagonal is not None:
-            return diagonal_compliance(1.0 / self.diagonal, self.linked)
-        return compliance(self.operator[1:], self.linked, self.part.nb, self.part.name)
 
     def broken_equations(
         self, r: np.ndarray, lam: np.ndarray, size: float
@@ -264,11 +262,23 @@ class _Mass:
         size: the name of the subdomain, the dofs, and the largest force that is left; or None."""
         if not self.massless.size:
             return None
-        left = np.abs(r + self.part.L.T @ lam)[self.massless]
+        left = np.abs(r + self.part.L.matrix.T @ lam)[self.massless]
         broken = self.massless[left > RESIDUAL * size]
         if not broken.size:
             return None
         return self.part.name, np.sort(self.part.order[broken]), float(np.max(left))
+
+
+def _compliances(masses: Sequence[_Mass]) -> list[Block]:
+    """L M^-1 L^T of each, those of diagonal masses in one pass."""
+    plain = [(1.0 / m.diagonal, m.linked) for m in masses if m.diagonal is not None]
+    blocks = iter(diagonal_compliances([d for d, _ in plain], [L for _, L in plain]))
+    return [
+        compliance(m.operator[1:], m.linked, m.part.nb, m.part.name)
+        if m.diagonal is None
+        else next(blocks)
+        for m in masses
+    ]
 
 
 def _warn_of_broken(broken: Sequence[tuple[str, np.ndarray, float]], size: float) -> None:

@@ -22,7 +22,7 @@ from ..errors import FactorizationError, PerformanceWarning, StabilityWarning, w
 from ..memory import require
 from ..problem.matrices import Matrix, core_sparse, dense
 from ..problem.schemes import Scheme
-from .compliance import Block, constraints_of, own_rows
+from .compliance import Block
 from .factors import LOST
 from .interface import interface_matrix, is_symmetric_sum, summed
 from .macro import ABSURD, LONG, RATE
@@ -118,16 +118,16 @@ def gap_factors(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> tu
     found = [(*part.subdomain.scheme.coefficients(part.h), part.block(False)) for part in parts]
     *scheme, blocks = zip(*joined(ranks, found))
     al1, al2 = map(np.array, scheme)
-    G = [scaled(block, 1.0 / a) for block, a in zip(blocks, al2)]  # L Y
+    G = [block.times(1.0 / a) for block, a in zip(blocks, al2)]  # L Y
     if np.ptp(al1 / al2) <= 4.0 * np.finfo(float).eps * np.max(al1 / al2):
         return lu_factors(summed(G, p), p)
     check_work(parts)
     symmetric = is_symmetric_sum(parts, ranks)
     N = joined(ranks, [shifts(part) for part in parts])  # L Z
     H = interface_matrix(parts, p, start=False, ranks=ranks)
-    A = summed([scaled(g, a) for g, a in zip(G, al1)], p)
-    B = summed([scaled(n, a) for n, a in zip(N, al2)], p)
-    D = summed([*G, *(scaled(n, -a) for n, a in zip(N, al1))], p)
+    A = summed([g.times(a) for g, a in zip(G, al1)], p)
+    B = summed([n.times(a) for n, a in zip(N, al2)], p)
+    D = summed([*G, *(n.times(-a) for n, a in zip(N, al1))], p)
     if H.ndim == 1:  # A too
         return lu_factors(sp.csr_array(_sparse(D) + sp.diags_array(A / H) @ _sparse(B)), p)
     if sp.issparse(H):
@@ -139,10 +139,6 @@ def gap_factors(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> tu
     return lu_factors(S, p)
 
 
-def scaled(block: Block, factor: float) -> Block:
-    return Block(block.rows, factor * block.values)
-
-
 def _sparse(A: Matrix) -> sp.csr_array:
     return sp.csr_array(sp.diags_array(A)) if A.ndim == 1 else sp.csr_array(A)
 
@@ -150,9 +146,9 @@ def _sparse(A: Matrix) -> sp.csr_array:
 def check_work(parts: Sequence[Part]) -> None:
     """PerformanceWarning when the shifts take long, ValueError for more than a day."""
     works = {
-        part.name: float(part.core.entries) * constraints_of(part.L).size
+        part.name: float(part.core.entries) * part.L.rows.size
         for part in parts
-        if part.diagonal_mbar(part.h) is None
+        if not part.is_diagonal
     }
     seconds = sum(works.values()) / RATE
     if seconds <= LONG:
@@ -169,16 +165,18 @@ def check_work(parts: Sequence[Part]) -> None:
 
 def shifts(part: Part) -> Block:
     """L Z = L Mbar^-1 (K + K_r) Mbar^-1 L^T on the constraints of a subdomain."""
-    diagonal = part.diagonal_mbar(part.h)
-    if diagonal is not None:
-        rows, own = own_rows(part.L)
-        Y = sp.csr_array(own @ sp.diags_array(1.0 / diagonal)).T
+    if part.is_diagonal:
+        rows = part.L.rows
+        Y = sp.csr_array(part.L.own() @ sp.diags_array(1.0 / part.mbar(part.h))).T
         N = sp.csr_array((rows.size, rows.size))
         for K in (part.K, part.K_r):
             if K is not None:
                 N = N + Y.T @ ((K if K.ndim == 2 else sp.diags_array(K)) @ Y)
-        return Block(rows, sp.csr_array(N) if sp.issparse(N) else np.asarray(N))
-    rows = constraints_of(part.L)
+        if not sp.issparse(N):
+            return Block(rows, np.asarray(N))
+        N = sp.coo_array(N)
+        return Block(rows, N.data, (N.row, N.col))
+    rows = part.L.rows
     k = rows.size
     require(16.0 * k**2, f"the shifts of {part.name!r} by {counted(k, 'constraint')}")
     out = np.empty((k, k))

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
+# Pairs of corners that are looked up in one call, for the memory of their numbers.
+LOOK_UPS = 100_000
+
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
@@ -30,8 +33,12 @@ class Pattern:
         pairs.data = np.arange(pairs.nnz)
         mirror = sp.csc_array(pairs).data
         pair = np.empty((count, a, a), dtype=np.int32 if pairs.nnz < 2**31 else np.int64)
-        for i, j in upper(a) if count else []:
-            found = np.asarray(pairs[elements[:, i], elements[:, j]]).ravel()
+        first, second = np.triu_indices(a)
+        width = LOOK_UPS // max(count, 1) + 1
+        for begin in range(0, first.size, width) if count else []:
+            i, j = first[begin : begin + width], second[begin : begin + width]
+            found = np.asarray(pairs[elements[:, i].ravel(), elements[:, j].ravel()])
+            found = found.reshape(count, i.size)
             pair[:, i, j] = found
             pair[:, j, i] = mirror[found]
         return cls(pairs.indptr, pairs.indices, pair, mirror)
