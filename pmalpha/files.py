@@ -62,8 +62,11 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         temporary.unlink(missing_ok=True)
 
 
-def check_replaceable(path: str | os.PathLike[str]) -> None:
-    """OSError where `replacing` would fail, as far as can be checked without writing."""
+def check_replaceable(path: str | os.PathLike[str], name: str) -> None:
+    """OSError where `replacing` would fail, as far as can be checked without writing.
+
+    Its message has the `name` of the argument.
+    """
     whole = checked_path(path)
     target = Path(os.path.realpath(whole))
     number = 0
@@ -72,9 +75,9 @@ def check_replaceable(path: str | os.PathLike[str]) -> None:
     elif not os.access(target.parent, os.W_OK | os.X_OK):
         number = errno.EACCES
     elif target.exists() and not target.is_file():
-        raise OSError(errno.EINVAL, f"path cannot be written: {NO_FILE}", str(whole))
+        raise OSError(errno.EINVAL, f"{name} cannot be written: {NO_FILE}", str(whole))
     if number:
-        raise OSError(number, f"path cannot be written: {os.strerror(number)}", str(whole))
+        raise OSError(number, f"{name} cannot be written: {os.strerror(number)}", str(whole))
 
 
 def reading(path: str | os.PathLike[str]) -> BinaryIO:

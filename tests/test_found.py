@@ -25,6 +25,12 @@ def damaged_blocks():
     return A
 
 
+def unused_blocks():
+    A = sp.bsr_array(np.eye(3))
+    A.indptr = np.zeros_like(A.indptr)
+    return A
+
+
 def moving(mesh=([[0.0]], [[0]]), **options):
     history = pm.Coupler([single()], dt=0.1).run(steps=1)
     return pm.plot.animation(history, {0: mesh}, **options)
@@ -373,6 +379,33 @@ REFUSED = {
         lambda: moving(([[0.0], [1.0]], [[0, 1]], [[0, 1]])),
         TypeError,
         "meshes[0] must be a Structure or (points, elements)",
+    ),
+    "blocks that no row has": (
+        lambda: pm.reduce(np.eye(3), unused_blocks(), fixed=[0]),
+        ValueError,
+        "K must have 0 entries as its indptr has, got",
+    ),
+    "elements in a dictionary of keys": (
+        lambda: pm.structures.plate_on(
+            BLOCK.points, sp.dok_array(np.eye(4, dtype=int)), E=1.0, nu=0.3, rho=1.0
+        ),
+        ValueError,
+        "elements must",
+    ),
+    "a picture of points without numbers": (
+        lambda: moving((BLOCK, [None])),
+        TypeError,
+        "points of meshes[0] must",
+    ),
+    "a picture of other dofs": (
+        lambda: moving(BLOCK),
+        ValueError,
+        "u of 'subdomain 0' for meshes[0] must have shape",
+    ),
+    "a picture of a scheme without a name": (
+        lambda: pm.plot.scheme_radius({"": BETA}),
+        ValueError,
+        "schemes must have names that do not begin with an underscore, got ''",
     ),
     "a scheme that is a matrix": (
         lambda: pm.cut(BLOCK, [0], dt=0.1, scheme=sp.dia_array(np.eye(3))),

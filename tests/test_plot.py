@@ -705,7 +705,11 @@ def test_a_solid_moves_in_space(polygons):
         (SQUARE, {}, "meshes must be a dict of meshes"),
         ({0: SQUARE}, {"frames": 0}, "frames must be at least 1"),
         ({0: SQUARE}, {"scale": -1.0}, "scale must be positive"),
-        ({0: (SQUARE[0][:3], [[0, 1]])}, {}, r"u of 'a' must have shape \(60, 3 d\)"),
+        (
+            {0: (SQUARE[0][:3], [[0, 1]])},
+            {},
+            r"u of 'a' for meshes\[0\] must have shape \(60, 3 d\)",
+        ),
         ({0: SQUARE}, {"values": lambda u: u}, r"the result of values must have shape \(4,\)"),
     ],
 )

@@ -79,7 +79,7 @@ def test_an_invalid_path_is_an_error_before_a_rig_is_called(tmp_path):
     rig = pm.Subdomain([1.0], None, scheme=pm.CentralDifference(), restoring=specimen)
     coupler = pm.Coupler([rig], dt=0.1)
     for path in (tmp_path / "nowhere" / "run.h5", tmp_path, "/dev/full"):
-        with pytest.raises(OSError, match="path cannot be written"):
+        with pytest.raises(OSError, match="record_to cannot be written"):
             coupler.run(steps=2, record_to=path)
     assert not times and not os.listdir(tmp_path)
     coupler.run(steps=2, record_to=tmp_path / "run.h5")
@@ -371,7 +371,7 @@ def test_a_path_that_cannot_be_written_is_an_error_before_the_first_step(tmp_pat
         (folder, "a folder or a device"),
         (device, "a folder or a device"),
     ):
-        with pytest.raises(OSError, match=f"path cannot be written: {why}"):
+        with pytest.raises(OSError, match=f"record_to cannot be written: {why}"):
             coupler.run(steps=3, record_to=path)
     with pytest.raises(TypeError, match="path must be a str or a path, got 3"):
         coupler.run(steps=3, record_to=3)

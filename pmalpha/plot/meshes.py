@@ -310,7 +310,9 @@ def _films(history: History, meshes: Any, times: np.ndarray) -> list[Film]:
                 f"meshes[{key!r}] must be a Structure or (points, elements), with or without a "
                 f"function, got {given!r}"
             )
-        films.append(Film(*_flattened(checked_mesh(*mesh), u, f"u of {s.name!r}", len(times))))
+        checked = checked_mesh(*mesh, f" of meshes[{key!r}]")
+        name = f"u of {s.name!r} for meshes[{key!r}]"
+        films.append(Film(*_flattened(checked, u, name, len(times))))
     return films
 
 

@@ -27,7 +27,7 @@ def scheme_radius(schemes: Schemes, xi: float = 0.0) -> Figure:
     Parameters
     ----------
     schemes : scheme, list of schemes, or dict of schemes by label
-        Such as `GeneralizedAlpha`, at most 16.
+        Such as `GeneralizedAlpha`, at most 16. Labels do not begin with an underscore.
     xi : float, default 0
         Viscous damping ratio of the oscillator, in [0, 1).
 
@@ -159,4 +159,9 @@ def _labelled(schemes: Schemes) -> dict[str, Scheme]:
             raise TypeError(f"schemes must be pmalpha schemes, got {scheme!r}")
     if not 0 < len(labelled) <= 4 * len(LINES):
         raise ValueError(f"schemes must be 1 to {4 * len(LINES)}, got {len(labelled)}")
+    hidden = [name for name in labelled if not str(name) or str(name).startswith("_")]
+    if hidden:  # matplotlib's legends omit them
+        raise ValueError(
+            f"schemes must have names that do not begin with an underscore, got {hidden[0]!r}"
+        )
     return {str(name): scheme for name, scheme in labelled.items()}

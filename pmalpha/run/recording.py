@@ -337,7 +337,7 @@ class FiledRecording(Recording):
         super().__init__(*args, **options)
         hdf5_library()
         # all that before the start evaluates a restoring force, on a test rig say
-        check_replaceable(path)
+        check_replaceable(path, "record_to")
         if append and self.path.exists():
             if self.has_energy:
                 raise ValueError(f"append must come without energies: {WORKS}")

@@ -41,7 +41,7 @@ class Together:
         if self._ranks is None or path is None:
             return path
         if self._ranks.rank == 0:
-            check_replaceable(path)
+            check_replaceable(path, "record_to")
             if not (append or overwrite):
                 check_new(checked_path(path))
         return file_of(path, self._ranks.rank)

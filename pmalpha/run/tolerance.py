@@ -291,7 +291,7 @@ def checked_file(record_to: str | PathLike[str] | None, append: bool, overwrite:
             raise ValueError("overwrite must come with record_to, got record_to=None")
         return None
     hdf5_library()
-    check_replaceable(record_to)
+    check_replaceable(record_to, "record_to")
     path = checked_path(record_to)
     if not overwrite:
         check_new(path)

@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from .._checks import check_word, plain_array, real_array, require_moderate, whole_number
@@ -344,7 +345,7 @@ def _checked(points: Any, elements: Any, d: int) -> tuple[np.ndarray, dict[str, 
     if coordinates.shape[1] != d:
         raise ValueError(f"points must have shape (points, {d}), got {coordinates.shape}")
     kinds = {KINDS[kind].nodes: kind for kind in SHAPES if KINDS[kind].dimension == d}
-    if not isinstance(elements, Mapping):
+    if not isinstance(elements, Mapping) or sp.issparse(elements):  # a dok_array is a Mapping
         columns = plain_array(elements, "elements").shape[1:]
         if columns not in {(count,) for count in kinds}:
             allowed = ", ".join(map(str, kinds))

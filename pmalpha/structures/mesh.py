@@ -25,24 +25,26 @@ class Mesh(NamedTuple):
     blocks: tuple[Block, ...]
 
 
-def checked_mesh(points: Any, elements: Any) -> Mesh:
-    """The mesh; TypeError or ValueError if it is invalid.
+def checked_mesh(points: Any, elements: Any, whose: str = "") -> Mesh:
+    """The mesh; TypeError or ValueError if it is invalid, with the words `whose` after the name.
 
     Elements are an array, or a dict of arrays by the name of their kind.
     """
-    points = real_array(points, "points", 2)
+    points = real_array(points, f"points{whose}", 2)
     N, dim = points.shape
     if N == 0 or dim not in (1, 2, 3):
-        raise ValueError(f"points must have 1, 2 or 3 columns and at least one row, got {(N, dim)}")
+        raise ValueError(
+            f"points{whose} must have 1, 2 or 3 columns and at least one row, got {(N, dim)}"
+        )
     if not isinstance(elements, Mapping):
-        return Mesh(points, (_checked_block(None, elements, "elements", N, dim),))
+        return Mesh(points, (_checked_block(None, elements, f"elements{whose}", N, dim),))
     if not elements:
-        raise ValueError("elements must not be empty")
+        raise ValueError(f"elements{whose} must not be empty")
     blocks = []
     for kind, block in elements.items():
         if kind not in KINDS:
-            raise ValueError(f"elements must be of {', '.join(KINDS)}, got {kind!r}")
-        blocks.append(_checked_block(kind, block, f"elements[{kind!r}]", N, dim))
+            raise ValueError(f"elements{whose} must be of {', '.join(KINDS)}, got {kind!r}")
+        blocks.append(_checked_block(kind, block, f"elements[{kind!r}]{whose}", N, dim))
     return Mesh(points, tuple(blocks))
 
 
