@@ -310,7 +310,7 @@ def _films(history: History, meshes: Any, times: np.ndarray) -> list[Film]:
                 f"meshes[{key!r}] must be a Structure or (points, elements), with or without a "
                 f"function, got {given!r}"
             )
-        checked = checked_mesh(*mesh, f" of meshes[{key!r}]")
+        checked = checked_mesh(mesh[0], mesh[1], f" of meshes[{key!r}]")
         name = f"u of {s.name!r} for meshes[{key!r}]"
         films.append(Film(*_flattened(checked, u, name, len(times))))
     return films
