@@ -67,7 +67,7 @@ def check_replaceable(path: str | os.PathLike[str], name: str) -> None:
 
     Its message has the `name` of the argument.
     """
-    whole = checked_path(path)
+    whole = checked_path(path, name)
     target = Path(os.path.realpath(whole))
     number = 0
     if not target.parent.is_dir():

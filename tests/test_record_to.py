@@ -373,7 +373,7 @@ def test_a_path_that_cannot_be_written_is_an_error_before_the_first_step(tmp_pat
     ):
         with pytest.raises(OSError, match=f"record_to cannot be written: {why}"):
             coupler.run(steps=3, record_to=path)
-    with pytest.raises(TypeError, match="path must be a str or a path, got 3"):
+    with pytest.raises(TypeError, match="record_to must be a str or a path, got 3"):
         coupler.run(steps=3, record_to=3)
     with pytest.raises(OSError, match="path cannot be written"):
         coupler.run(steps=2**52, record_to=tmp_path / "huge.h5")  # larger than any file system

@@ -331,7 +331,7 @@ class FiledRecording(Recording):
         overwrite: bool = False,
         **options: Any,
     ):
-        self.path = checked_path(path)
+        self.path = checked_path(path, "record_to")
         self.file: HistoryFile | None = None
         self.earlier: EarlierRows | None = None
         super().__init__(*args, **options)
