@@ -114,7 +114,7 @@ def test_an_interface_anywhere_in_the_order_gives_the_same(monkeypatch):
     monkeypatch.setattr(factors, "WIDE", 0)
     ours, theirs = random_loop(0.5, (1, 2, 4), (0, 0, 0), form=sp.csr_array, n=9)
     last = coupled(ours).run(steps=20)
-    monkeypatch.setattr("pmalpha.setup.part.elimination", always_ordinary)
+    monkeypatch.setattr("pmalpha.setup.elimination.elimination", always_ordinary)
     coupler = coupled(ours)
     assert any(part.elimination.paths is not None for part in coupler._parts)
     assert_agrees(coupler.run(steps=20), reference.run(*theirs, 0.1, 20, drift="removed"))

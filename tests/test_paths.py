@@ -10,7 +10,7 @@ from pmalpha import structures
 from pmalpha.problem.matrices import permuted
 from pmalpha.problem.ordering import elimination_order, graph_of, rows_of
 from pmalpha.setup import factors
-from pmalpha.setup.elimination import Elimination, elimination, ordinary
+from pmalpha.setup.elimination import Elimination, Eliminations, elimination, ordinary
 from pmalpha.setup.factors import structure_of
 from pmalpha.setup.paths import compliance_along_paths
 
@@ -34,7 +34,7 @@ def random_matrix(rng, n, density):
 @pytest.mark.parametrize("seed", range(60))
 def test_random_coupled_problems_agree_with_the_reference_along_paths(seed, monkeypatch):
     monkeypatch.setattr(factors, "WIDE", 0)
-    monkeypatch.setattr("pmalpha.setup.part.elimination", always_ordinary)
+    monkeypatch.setattr("pmalpha.setup.elimination.elimination", always_ordinary)
     problem = random_problem(seed)
     coupler = problem.coupler()
     expected = problem.reference(9, [part.double for part in coupler._parts])
@@ -53,7 +53,7 @@ def test_random_coupled_problems_agree_with_the_reference_along_paths(seed, monk
 
 def test_random_problems_do_take_paths(monkeypatch):
     monkeypatch.setattr(factors, "WIDE", 0)
-    monkeypatch.setattr("pmalpha.setup.part.elimination", always_ordinary)
+    monkeypatch.setattr("pmalpha.setup.elimination.elimination", always_ordinary)
     parts = [part for seed in range(60) for part in random_problem(seed).coupler()._parts]
     # two thirds of the matrices are drawn sparse or diagonal, most subdomains have an interface
     assert sum(part.elimination.paths is not None for part in parts) > 30
@@ -103,6 +103,23 @@ def test_the_order_that_sweeps_fewer_entries_is_used(faces, paths):
     np.testing.assert_array_equal(chosen.order, again.order)
 
 
+def test_subdomains_with_the_same_graph_and_interface_share_their_elimination():
+    s, dofs = box(2)
+    stiffer = structures.solid(8, 8, 8, 0.125, E=200.0, nu=0.3, rho=1.0)
+    other = structures.solid(2, 8, 26, 0.125, E=100.0, nu=0.3, rho=1.0)  # as many dofs
+    known, graph = Eliminations(), graph_of([s.M, s.K])
+    first = known.of(s.n, graph, dofs)
+    np.testing.assert_array_equal(first.order, elimination(s.n, graph, dofs).order)
+    assert known.of(s.n, graph_of([stiffer.M, stiffer.K]), dofs.copy()) is first
+    others = [
+        known.of(s.n, graph, dofs[1:]),
+        known.of(s.n, None, dofs),
+        known.of(other.n, graph_of([other.M, other.K]), dofs),
+    ]
+    assert len({id(x) for x in (first, *others)}) == 4
+    np.testing.assert_array_equal(others[0].order[1 - dofs.size :], dofs[1:])
+
+
 def enclosed(**options):
     """A cube with all its surface tied to a frame of points, in double steps and with mass."""
     s, dofs = box(6)
@@ -123,7 +140,7 @@ def test_a_solid_tied_on_all_sides_moves_as_with_the_interface_last(monkeypatch)
     ours = enclosed()
     assert ours._parts[0].elimination.paths is not None
     history = ours.run(steps=6)
-    monkeypatch.setattr("pmalpha.setup.part.elimination", always_last)
+    monkeypatch.setattr("pmalpha.setup.elimination.elimination", always_last)
     theirs = enclosed()
     assert theirs._parts[0].elimination.paths is None
     expected = theirs.run(steps=6)
@@ -142,7 +159,7 @@ def test_macro_coupling_along_paths_moves_as_with_the_interface_last(monkeypatch
     whole = enclosed_finely()
     assert whole._parts[0].elimination.paths is not None
     ours = whole.run(steps=4)[0].u
-    monkeypatch.setattr("pmalpha.setup.part.elimination", always_last)
+    monkeypatch.setattr("pmalpha.setup.elimination.elimination", always_last)
     theirs = enclosed_finely().run(steps=4)[0].u
     # rounding is magnified by the condition number of Mbar and H, 1e4 here
     assert np.max(np.abs(ours - theirs)) <= 1e-10 * np.max(np.abs(theirs))

@@ -48,7 +48,7 @@ def test_the_random_problems_have_all_kinds_of_unsymmetric_matrices():
 @pytest.mark.parametrize("seed", range(20))
 def test_core_and_reference_agree_with_panels_and_paths(seed, ordering, monkeypatch):
     monkeypatch.setattr(factors, "WIDE", 0)  # panels for the smallest sparse matrix
-    monkeypatch.setattr("pmalpha.setup.part.elimination", getattr(test_paths, ordering))
+    monkeypatch.setattr("pmalpha.setup.elimination.elimination", getattr(test_paths, ordering))
     assert_agreement(random_unsymmetric_problem(seed))
 
 

@@ -14,6 +14,7 @@ from .. import _core
 from ..blas import one_thread
 from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
+from .elimination import Eliminations
 from .factors import Factor
 from .interface import interface_factor, interface_matrix, is_symmetric_sum, row_order
 from .iteration import iteration_of, prepare_iterated
@@ -343,6 +344,7 @@ def _ordered(
     threads: int,
 ) -> tuple[Part, ...]:
     """The subdomains in elimination order, with warnings of factors that are large."""
+    eliminations = Eliminations(superlu=factorize == "superlu")
     parts = tuple(
         make_part(
             s,
@@ -351,6 +353,7 @@ def _ordered(
             h,
             substeps,
             L,
+            eliminations,
             factorize,
             threads=threads,
             responds=_responds(coupling, substeps),

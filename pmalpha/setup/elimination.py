@@ -8,6 +8,7 @@ in the elimination tree, of a factor that may be much smaller.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from hashlib import sha256
 
 import numpy as np
 import scipy.sparse as sp
@@ -78,6 +79,29 @@ class Elimination:
             A, names, structure=self.structure, symmetric=symmetric, threads=self.threads
         )
         return inverse, (*panels, position, supernodes)
+
+
+class Eliminations:
+    """The eliminations of all subdomains of a coupler.
+
+    Subdomains with the same graph and the same interface dofs, say equal meshes of different
+    materials, have one elimination, which is found once.
+    """
+
+    def __init__(self, *, superlu: bool = False):
+        self._superlu = superlu
+        self._known: dict[bytes, Elimination] = {}
+
+    def of(self, n: int, graph: Graph | None, last: np.ndarray) -> Elimination:
+        """As `elimination`."""
+        arrays = (last, *(graph or ()))
+        digest = sha256(repr((n, [x.size for x in arrays])).encode())
+        for x in arrays:
+            digest.update(x)
+        key = digest.digest()
+        if key not in self._known:
+            self._known[key] = elimination(n, graph, last, superlu=self._superlu)
+        return self._known[key]
 
 
 def elimination(

@@ -25,7 +25,7 @@ from ..problem.schemes import Scheme
 from ..problem.springs import core_springs
 from ..problem.subdomain import Subdomain
 from .compliance import Block, compliance, diagonal_compliances
-from .elimination import Elimination, elimination
+from .elimination import Elimination, Eliminations
 from .external import External
 from .factors import Factor, Names
 from .internal import (
@@ -286,6 +286,7 @@ def make_part(
     h: float,
     substeps: int,
     L: Link,
+    eliminations: Eliminations,
     factorize: Any = None,
     *,
     threads: int = 1,
@@ -294,8 +295,8 @@ def make_part(
 ) -> Part:
     """Put a subdomain in its elimination order, interface dofs last.
 
-    `threads` is the maximum number of those that make a factor; `does` has the values of `reuses`,
-    `mean` and `shifts`.
+    `eliminations` are those of all subdomains, `threads` is the maximum number of threads that make
+    a factor, and `does` has the values of `reuses`, `mean` and `shifts`.
     """
     n, scheme = subdomain.n, subdomain.scheme
     last = L.dofs
@@ -315,7 +316,7 @@ def make_part(
         assert external.perm is not None
         eliminated = Elimination(external.perm, last.size)
     else:
-        eliminated = elimination(n, graph, last, superlu=factorize == "superlu")
+        eliminated = eliminations.of(n, graph, last)
     eliminated = replace(eliminated, threads=threads)
     order = eliminated.order
     matrices = {"M": subdomain.M, "K": subdomain.K, "C": subdomain.C}
