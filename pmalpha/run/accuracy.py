@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from .._checks import listing
+from .._core import step_errors, step_norms
 from ..errors import AccuracyWarning, warn
 from ..problem.matrices import Matrix, diagonal, product
 from ..problem.schemes import Scheme
@@ -29,8 +30,6 @@ SAMPLED_NUMBERS, SAMPLED_DOFS = 40_000, 400
 SHAPE = 200
 # Mean of |cos| of an oscillation is 2 / pi of its amplitude.
 AMPLITUDE = 0.5 * np.pi
-# No time levels.
-NONE = np.empty(0, dtype=np.int64)
 
 
 class Recorded(Protocol):
@@ -85,53 +84,26 @@ def local_error(history: Recorded) -> np.ndarray:
             f"local_error needs all time levels of {history.name!r}, run(every=None): its substep "
             f"is {history.substep:g}, got levels {history.t[1] - history.t[0]:g} apart"
         )
-    steps = np.arange(history.t.size - 1)
-    errors = errors_of([history], steps, slice(None))[:, 0].T
-    errors[previous_level(history, steps) < 0] = np.nan
+    begin = previous_level(history, np.arange(history.t.size - 1))
+    known = begin >= 0
+    errors = np.full((begin.size, history.dofs.size), np.nan)
+    errors[known] = errors_of([history], np.flatnonzero(known))[:, 0].T
     return errors
 
 
-def errors_of(histories: Sequence[Recorded], steps: np.ndarray, columns: slice) -> np.ndarray:
+def errors_of(histories: Sequence[Recorded], steps: np.ndarray) -> np.ndarray:
     """e of some of the steps of a subdomain in several cases, (D1), (dofs, cases, steps)."""
-    ends, _ = ends_of(histories, steps, columns)
-    return error(ends, lengths_of(histories[0], steps))
+    begin, end, h = ends_of(histories[0], steps)
+    return step_errors(motions_of(histories), begin, end, h)
 
 
-def lengths_of(history: Recorded, steps: np.ndarray) -> np.ndarray:
-    return (steps + 1 - previous_level(history, steps)) * (history.substep or 0.0)
+def ends_of(history: Recorded, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """The levels at which steps begin and end, and the length of one level."""
+    return previous_level(history, steps), steps + 1, history.substep or 0.0
 
 
-def ends_of(
-    histories: Sequence[Recorded], steps: np.ndarray, columns: slice, others: np.ndarray = NONE
-) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
-    """u, v, w where the steps begin and u, w where they end, (dofs, cases, steps) each; and u at
-    other levels."""
-    begin, end, count = previous_level(histories[0], steps), steps + 1, steps.size
-    u = levels_of(histories, "u", np.concatenate([begin, end, others]), columns)
-    v = levels_of(histories, "v", begin, columns)
-    w = levels_of(histories, "a", np.concatenate([begin, end]), columns)
-    first, second, rest = slice(count), slice(count, 2 * count), slice(2 * count, None)
-    return (u[..., first], v, w[..., first], u[..., second], w[..., second]), u[..., rest]
-
-
-def error(ends: Sequence[np.ndarray], h: np.ndarray) -> np.ndarray:
-    """e = u_1 - [u + h v + h^2 (2 w + w_1) / 6]                                            (D1)"""
-    u, v, w, u1, w1 = ends
-    return u1 - (u + h * v + h * h * (2.0 * w + w1) / 6.0)
-
-
-def levels_of(
-    histories: Sequence[Recorded], name: str, levels: np.ndarray, columns: slice
-) -> np.ndarray:
-    """Some time levels and dofs of the array `name` of several cases, (dofs, cases, levels)."""
-    arrays = [getattr(history, name)[:, columns] for history in histories]
-    found = np.empty((len(arrays), levels.size, arrays[0].shape[1]))
-    for x, out in zip(arrays, found):
-        if x.flags.carray:
-            x.take(levels, 0, out, "wrap")  # the mode that writes into `out` at once
-        else:  # in a file, say: `take` would read all of it
-            out[:] = x[levels]
-    return np.ascontiguousarray(np.moveaxis(found, 2, 0))
+def motions_of(histories: Sequence[Recorded]) -> tuple[tuple[np.ndarray, ...], ...]:
+    return tuple((history.u, history.v, history.a) for history in histories)
 
 
 # ---- the warning ---------------------------------------------------------------------------------
@@ -241,22 +213,17 @@ def sample(
     if dofs == 0 or levels < FEWEST_STEPS + 1 or not is_complete(first):
         return None
     stride = 1 + dofs // SAMPLED_DOFS
-    columns = slice(0, None, stride)
     count = max(2 * FEWEST_STEPS, numbers // len(range(0, dofs, stride)))
     steps = spread(int(previous_level(first, np.array([0]))[0] < 0), levels - 2, count)
-    mass = mass_of(part.subdomain)[first.dofs[columns]] * stride
-    ends, shape = ends_of(histories, steps, columns, shape_levels(levels))
-    h = lengths_of(first, steps)
-    errors = error(ends, h)
-    mean = ends[0].mean(axis=2, keepdims=True)
-    motion, speed, acceleration = (rms(x, mass) for x in (ends[0] - mean, *ends[1:3]))
+    mass = mass_of(part.subdomain)[first.dofs[::stride]] * stride
+    ends = ends_of(first, steps)
+    norms = step_norms(motions_of(histories), *ends, stride, mass, shape_levels(levels))
+    rate, motion, speed, acceleration = norms[:, :4].T
     omega = np.where(motion > 0.0, np.sqrt(acceleration / motion), 0.0)  # at rest it is rounding
     scheme = part.subdomain.scheme
     factor = [phase_factor(scheme, float(f"{Omega:.1e}")) for Omega in omega * part.step]
-    rate = AMPLITUDE * np.array(factor) * np.mean(norms(errors, mass) / h, axis=1)
-    amplitude = norms(shape - mean, mass)
-    known = errors if stride == 1 else None
-    return Sample(rate, speed, amplitude, *decay_of(histories, part.subdomain, steps, known))
+    rate = AMPLITUDE * np.array(factor) * rate
+    return Sample(rate, speed, norms[:, 4:], *decay_of(histories, part.subdomain, steps))
 
 
 @lru_cache(maxsize=64)
@@ -276,40 +243,24 @@ def spread(first: int, last: int, count: int) -> np.ndarray:
     return numbers
 
 
-def norms(x: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """Of x (dofs, cases, levels) over the dofs, weighted by `mass`, (cases, levels)."""
-    return np.sqrt(np.einsum("j,jki->ki", mass, x * x))
-
-
-def rms(x: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """Root mean square over the levels of these norms, (cases,)."""
-    return np.sqrt(np.einsum("j,jki->k", mass, x * x) / x.shape[2])
-
-
 def mass_of(subdomain: Subdomain) -> np.ndarray:
     """The diagonal of M: weights that make displacements and rotations comparable."""
     return np.zeros(subdomain.n) if subdomain.M is None else diagonal(subdomain.M)
 
 
 def decay_of(
-    histories: Sequence[Recorded],
-    subdomain: Subdomain,
-    steps: np.ndarray,
-    errors: np.ndarray | None,
+    histories: Sequence[Recorded], subdomain: Subdomain, steps: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Means of e C e and e M e over some of the steps, per unit of time squared, (cases,) each.
-
-    `errors` are the e of all recorded dofs in these steps where they are known.
-    """
+    """Means of e C e and e M e over some of the steps, per unit of time squared, (cases,) each."""
     n, first, cases = subdomain.n, histories[0], len(histories)
-    some = np.arange(0, steps.size, 1 + steps.size // 32)
+    some = steps[:: 1 + steps.size // 32].copy()
     together = max(1, SAMPLED_NUMBERS // (4 * n * cases))  # several arrays of them at a time
     lost, size = np.zeros(cases), np.zeros(cases)
-    for begin in range(0, some.size, together):
-        few = some[begin : begin + together]
-        own = errors_of(histories, steps[few], slice(None)) if errors is None else errors[..., few]
+    for at in range(0, some.size, together):
+        few = some[at : at + together]
+        begin, end, h = ends_of(first, few)
         e = np.zeros((n, cases, few.size))
-        e[first.dofs] = own / lengths_of(first, steps[few])
+        e[first.dofs] = errors_of(histories, few) / ((end - begin) * h)
         size += summed_product(subdomain.M, e)
         if subdomain.C is not None:
             lost += summed_product(subdomain.C, e)

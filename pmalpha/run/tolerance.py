@@ -213,7 +213,7 @@ def rates_of(history: History) -> list[float]:
     rates = []
     for s in history.subdomains:
         assert s is not None and s.substep is not None
-        e = errors_of([s], np.arange(s.t.size - 1), slice(None))
+        e = errors_of([s], np.arange(s.t.size - 1))
         rates.append(float(np.max(np.abs(e), initial=0.0)) / s.substep)
     return rates
 
