@@ -209,15 +209,20 @@ def test_the_random_problems_contain_what_the_next_test_needs():
     assert {len(coupler._parts) for coupler in couplers} == {2, 3, 4, 5}
 
 
+def present(coupler):
+    """The state X of the coupler, as the amplification matrix has it."""
+    cores = [part.core for part in coupler._parts]
+    return amplification.Layout(coupler).read(coupler._core, cores, 1)[:, 0]
+
+
 @pytest.mark.parametrize("seed", range(40))
 def test_the_matrix_to_the_power_k_is_a_run_of_k_macro_steps(seed):
     coupler = unloaded(seed)
     G = analysis.amplification_matrix(coupler)
     coupler.step(2)
-    layout = amplification.Layout(coupler)
-    X = layout.read()
+    X = present(coupler)
     coupler.step(6)
-    after = layout.read()
+    after = present(coupler)
     # rounding of six products with some hundred terms each
     size = np.abs(np.linalg.matrix_power(np.abs(G), 6) @ np.abs(X)).max()
     assert np.linalg.matrix_power(G, 6) @ X == pytest.approx(after, abs=1e-14 * size)
@@ -233,10 +238,18 @@ def test_a_wrong_entry_of_the_matrix_is_detected():
     coupler = unloaded(0)
     G = analysis.amplification_matrix(coupler)
     coupler.step(2)
-    X = amplification.Layout(coupler).read()
+    X = present(coupler)
     coupler.step(1)
     G[0, np.argmax(np.abs(X))] += 1e-9
-    assert G @ X != pytest.approx(amplification.Layout(coupler).read(), abs=1e-10 * np.abs(X).max())
+    assert G @ X != pytest.approx(present(coupler), abs=1e-10 * np.abs(X).max())
+
+
+def test_a_unit_state_that_overflows_in_its_step_is_no_column_of_the_matrix():
+    far = pm.Subdomain([1e-20], [1e300], scheme=pm.GeneralizedAlpha(0.8, explicit=True), name="far")
+    with pytest.warns(pm.StabilityWarning):
+        coupler = pm.Coupler([far], dt=1.0)
+    with pytest.raises(pm.InstabilityError, match="'far' is not finite any more in macro step 1"):
+        analysis.amplification_matrix(coupler)
 
 
 def test_loads_are_left_out_of_the_matrix():

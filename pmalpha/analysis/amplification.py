@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
+from .._core import LANES
+from ..errors import InstabilityError
 from ..run.coupler import Coupler
-from ..setup.part import Part
 from ..setup.schedule import MACRO
-from .borrowed import checked_coupler, state_kept, unloaded
+from .borrowed import checked_coupler
 
 __all__ = ["AmplificationMatrix", "amplification_matrix"]
 
@@ -63,10 +64,12 @@ def amplification_matrix(coupler: Coupler) -> AmplificationMatrix:
     ------
     ValueError
         For a restoring force on a subdomain, which no matrix represents.
+    InstabilityError
+        When one macro step of a unit state leaves the range of floating-point numbers.
 
     Notes
     -----
-    The cost is N macro steps.
+    The cost is N macro steps, eight of them side by side as in `Coupler.run_each`.
 
     Examples
     --------
@@ -81,26 +84,49 @@ def amplification_matrix(coupler: Coupler) -> AmplificationMatrix:
 
 
 def propagation(coupler: Coupler) -> tuple[np.ndarray, np.ndarray]:
-    """One macro step of each unit state: the next states, (N, N), and Lam, (p, N)."""
+    """One macro step of each unit state: the next states, (N, N), and Lam, (p, N).
+
+    The states take their steps side by side in the lanes of the core, apart from the coupler.
+    """
     checked_coupler(coupler)._require_linear("amplification_matrix")
+    with coupler._entered():
+        return _propagation(coupler)
+
+
+def _propagation(coupler: Coupler) -> tuple[np.ndarray, np.ndarray]:
     layout = Layout(coupler)
-    G = np.empty((layout.size, layout.size))
-    lam = np.empty((coupler._row_position.size, layout.size))
-    with coupler._entered(), state_kept(coupler), unloaded(coupler):
-        for k, unit in enumerate(np.eye(layout.size)):
-            layout.write(unit)
-            coupler._core.advance(1, None)
-            G[:, k] = layout.read()
-            lam[:, k] = coupler._core.multipliers[coupler._row_position]
+    size, rows = layout.size, coupler._row_position
+    cores = tuple(part.core.in_lanes() for part in layout.parts)
+    core = layout.core.in_lanes(cores)
+    G, lam = np.empty((size, size)), np.empty((rows.size, size))
+    for begin in range(0, size, LANES):
+        units = np.eye(size, LANES, -begin)
+        layout.write(core, cores, units)
+        unstable = core.advance(1, None)
+        if unstable is not None:
+            names = [part.name for part in layout.parts]
+            raise InstabilityError(1, coupler.dt, [*names, "interface"][unstable])
+        end = min(begin + LANES, size)
+        G[:, begin:end] = layout.read(core, cores)[:, : end - begin]
+        lam[:, begin:end] = core.multipliers.reshape(-1, LANES)[rows, : end - begin]
     return G, lam
 
 
 class Layout:
-    """The order of the numbers of all subdomains in X."""
+    """The order of the numbers of all subdomains in X.
+
+    Attributes
+    ----------
+    parts : tuple of Part
+    core : _core.Coupler
+        Of the present steps of the coupler, as `parts`.
+    size : int
+        Numbers in X.
+    """
 
     def __init__(self, coupler: Coupler):
-        self.coupler = coupler
-        self.parts = coupler._assemblies.of(coupler._steps.layout).parts  # as within state_kept
+        assembly = coupler._assemblies.of(coupler._steps.layout)
+        self.parts, self.core = assembly.parts, assembly.core
         fine = max(p.substeps for p in self.parts)
         macro = coupler._options["coupling"] in MACRO
         self.stored = [not macro and (p.double or p.substeps < fine) for p in self.parts]
@@ -112,41 +138,44 @@ class Layout:
         self.rows = coupler._row_position if macro else np.arange(0)
         self.size = self.motion_size + self.rows.size
 
-    def fields(self) -> Iterator[tuple[Part, int, np.ndarray]]:
-        """Subdomain, index of its array in the core, and dofs in elimination order, as X has them.
+    def fields(self) -> Iterator[tuple[int, int, np.ndarray]]:
+        """Index of the subdomain, of its array in the core, and dofs in elimination order, as X has
+        them.
 
         The core has the present time level first, X the one before it.
         """
-        for part, stored in zip(self.parts, self.stored):
+        for i, (part, stored) in enumerate(zip(self.parts, self.stored)):
             interface = np.arange(part.nb) if stored else np.arange(0)
             for first in (LEVEL_FIELDS, 0) if part.double else (0,):
                 for field in range(4):
-                    yield part, first + field, part.position
-                yield part, first + 4, interface
+                    yield i, first + field, part.position
+                yield i, first + 4, interface
 
-    def write(self, X: np.ndarray) -> None:
-        """Set the state of the coupler to X, after the start."""
-        arrays = {part.name: [x * 0.0 for x in part.core.levels()] for part in self.parts}
+    def write(self, core: Any, cores: Sequence[Any], X: np.ndarray) -> None:
+        """Set the state of a coupler of the core to X, (size, lanes), after the start."""
+        lanes = X.shape[1]
+        arrays = [[np.zeros((x.size // lanes, lanes)) for x in own.levels()] for own in cores]
         begin = 0
-        for part, field, indices in self.fields():
-            arrays[part.name][field][indices] = X[begin : begin + indices.size]
+        for i, field, indices in self.fields():
+            arrays[i][field][indices] = X[begin : begin + indices.size]
             begin += indices.size
-        for part in self.parts:
-            part.core.set_levels(tuple(arrays[part.name]))
-        zero = np.zeros(self.coupler._row_position.size)
-        lam = zero.copy()
+        for own, levels in zip(cores, arrays):
+            own.set_levels(tuple(x.ravel() for x in levels))
+        zero = np.zeros_like(core.multipliers)
+        lam = zero.reshape(-1, lanes).copy()
         lam[self.rows] = X[self.motion_size :]
-        self.coupler._core.start(1, lam, zero)
+        core.start(1, lam.ravel(), zero)
 
-    def read(self) -> np.ndarray:
-        """The present state X."""
-        arrays = {part.name: part.core.levels() for part in self.parts}
-        numbers = [arrays[p.name][field][indices] for p, field, indices in self.fields()]
-        return np.concatenate([*numbers, self.coupler._core.multipliers[self.rows]])
+    def read(self, core: Any, cores: Sequence[Any], lanes: int = LANES) -> np.ndarray:
+        """The present state X, (size, lanes), of a coupler of the core."""
+        arrays = [[x.reshape(-1, lanes) for x in own.levels()] for own in cores]
+        numbers = [arrays[i][field][indices] for i, field, indices in self.fields()]
+        return np.concatenate([*numbers, core.multipliers.reshape(-1, lanes)[self.rows]])
 
     def names(self) -> tuple[str, ...]:
         names = []
-        for part, field, indices in self.fields():
+        for i, field, indices in self.fields():
+            part = self.parts[i]
             symbol = ("u", "v", "w", "a", "vf")[field % LEVEL_FIELDS]
             when = "n-1" if field >= LEVEL_FIELDS else "n"
             dofs = np.arange(part.n) if field % LEVEL_FIELDS < 4 else part.order[part.n - part.nb :]
