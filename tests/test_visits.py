@@ -125,6 +125,21 @@ def test_an_error_in_a_load_leaves_the_last_macro_level(at):
     assert_same(stopped, reached)
 
 
+@pytest.mark.parametrize("step", [3, 4])
+@pytest.mark.parametrize("broken", [(0, 1), (0, 1, 2), (1, 2)])
+def test_of_several_subdomains_that_overflow_the_first_is_named_in_either_order(broken, step):
+    with pytest.warns(pm.ConstraintWarning):  # tied, the interface would overflow first
+        coupler = pm.Coupler(blocks(3, substeps=(1, 1, 1)).subdomains, [], dt=DT, threads=1)
+    n = coupler.subdomains[0].n
+    samples = np.zeros(STEPS + 1)
+    samples[step] = 1.7e308  # on masses of 1/8 at the corners
+    force = pm.SampledForce(samples, DT, shape=np.ones(n))
+    coupler.reset(force={f"subdomain {i}": force for i in broken})
+    with pytest.raises(pm.InstabilityError) as caught:
+        coupler.step(STEPS)
+    assert caught.value.subdomain == f"subdomain {broken[0]}"
+
+
 def test_values_that_are_not_finite_leave_the_last_macro_level():
     stopped = blocks(scale=1e307)
     with pytest.raises(pm.InstabilityError):
