@@ -102,7 +102,9 @@ def ends_of(history: Recorded, steps: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return previous_level(history, steps), steps + 1, history.substep or 0.0
 
 
-def motions_of(histories: Sequence[Recorded]) -> tuple[tuple[np.ndarray, ...], ...]:
+def motions_of(
+    histories: Sequence[Recorded],
+) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]:
     return tuple((history.u, history.v, history.a) for history in histories)
 
 

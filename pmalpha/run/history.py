@@ -231,7 +231,8 @@ class History:
     """The results of one call of `Coupler.run`.
 
     ``history["rig"]``, ``history[rig]`` or ``history[1]`` is a `SubdomainHistory`. The first row of
-    every array is at the beginning of the run.
+    every array is at the beginning of the run. The arrays of a run are parts of one block of
+    memory, which is released with the last of them: copy what has to outlive the History.
 
     Attributes
     ----------

@@ -106,7 +106,11 @@ class Recording:
         return other
 
     def _make_arrays(self) -> None:
-        parts = self.parts
+        """All of one block: in pieces the memory would be returned to the system when a History is
+        released, and the next run would wait for new pages."""
+        parts, rows = self.parts, self._rows_in_memory
+        numbers = self._numbers(rows) - rows(1) * self.energy_columns  # of the History
+        self.block, self.used = np.empty(int(numbers)), 0
         self.motions = [
             None if dofs is None else self._allocate(part.substeps, dofs.size, 3)
             for part, dofs in zip(parts, self.dofs)
@@ -128,6 +132,7 @@ class Recording:
         self.multipliers, self.velocity_jump = self._allocate(self.fine, p, 2)
         (self.displacement_jump,) = self._allocate(1, p, 1)
         (self.energy,) = self._allocate(1, self.energy_columns, 1)
+        assert self.used == self.block.size
 
     @property
     def numbers_kept(self) -> float:
@@ -182,7 +187,14 @@ class Recording:
         return numbers
 
     def _allocate(self, levels: int, columns: int, count: int) -> list[np.ndarray]:
-        return [np.empty((self._rows_in_memory(levels), columns)) for _ in range(count)]
+        """`count` arrays of the block."""
+        shape = self._rows_in_memory(levels), columns
+        begin, size = self.used, shape[0] * columns
+        self.used += count * size
+        return [
+            np.ndarray(shape, buffer=self.block, offset=8 * (begin + k * size))
+            for k in range(count)
+        ]
 
     def rows(self, levels: int, end: int) -> int:
         """Number of rows up to macro step `end`, with `levels` time levels per macro step."""
@@ -199,7 +211,8 @@ class Recording:
         clock = self.clock
         if self.every is None:
             first, last = clock.count(self.begin) * levels, clock.count(end) * levels
-            times = np.arange(first, last + 1) / levels
+            times = np.arange(first, last + 1, dtype=float)
+            times /= levels
             times *= clock.dt
             times += clock.t0
             return times
