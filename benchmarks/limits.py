@@ -1,9 +1,10 @@
 """A step against a lower bound for this machine, measured in the same run.
 
-Chains: two dependent multiply-subtract recurrences, the minimum for two triangular sweeps of a
-tridiagonal factor, and one pass that reads a state and writes another. Solids: reading the numbers
-of the factor twice. The lower bounds are a few lines of C, compiled by this script with all
-optimizations for this processor; without a compiler there is no comparison.
+Chains: multiply-subtract recurrences forward and backward from both ends at once, the minimum for
+two triangular sweeps of a tridiagonal factor without fill, and one pass that reads a state and
+writes another. Solids: reading the numbers of the factor twice. The lower bounds are a few lines of
+C, compiled by this script with all optimizations for this processor; without a compiler there is no
+comparison.
 """
 
 import ctypes
@@ -21,16 +22,22 @@ import pmalpha as pm
 LIMITS = """
 #include <stddef.h>
 
-/* forward and backward through a chain: x_j+1 -= r_j x_j, x_j = x_j d_j - r_j x_j+1 */
+/* Forward and backward through a chain of an even number of dofs, in the order 0, n-1, 1, n-2, ...:
+ * x_j+2 -= r_j x_j, x_j = x_j d_j - r_j x_j+2, both ends meeting in the last two. */
 void recur(size_t times, size_t n, const double *r, const double *d, double *x)
 {
     for (size_t k = 0; k < times; k++) {
-        double next = x[0];
-        for (size_t j = 0; j + 1 < n; j++)
-            x[j + 1] = next = x[j + 1] - r[j] * next;
-        x[n - 1] = next = x[n - 1] * d[n - 1];
-        for (size_t j = n - 1; j-- > 0;)
-            x[j] = next = x[j] * d[j] - r[j] * next;
+        double one = x[0], other = x[1];
+        for (size_t j = 0; j + 2 < n; j += 2) {
+            x[j + 2] = one = x[j + 2] - r[j] * one;
+            x[j + 3] = other = x[j + 3] - r[j + 1] * other;
+        }
+        x[n - 1] = other = (other - r[n - 2] * one) * d[n - 1];
+        x[n - 2] = one = one * d[n - 2] - r[n - 2] * other;
+        for (size_t j = n - 2; j > 0; j -= 2) {
+            x[j - 1] = other = x[j - 1] * d[j - 1] - r[j - 1] * other;
+            x[j - 2] = one = x[j - 2] * d[j - 2] - r[j - 2] * one;
+        }
     }
 }
 

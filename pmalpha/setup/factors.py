@@ -95,10 +95,13 @@ class Structure:
         Stored entries of R, with the diagonal.
     panels : tuple or None
         (first, row_ptr, rows, start, owner); None where sweeps of columns are faster.
+    folded : bool
+        Whether it is that of a chain eliminated from both ends at once.
     """
 
     entries: int
     panels: tuple[Any, ...] | None
+    folded: bool = False
 
     @property
     def operations(self) -> float:
@@ -171,6 +174,10 @@ def factorize(
     if A.ndim == 1:
         check_pivots(A, A, names)
         return 1.0 / A, None
+    if structure is not None and structure.folded:
+        factor = fold(A, names, symmetric)
+        (check_softest if symmetric else check_smallest)(A, factor, names)
+        return factor
     if not symmetric:
         with one_thread():
             factor = unsymmetric(A, names, nb, structure, threads)
@@ -229,6 +236,23 @@ def _factor_panels(
     )
 
 
+# ---- chains eliminated from both ends ----------------------------------------------------------
+
+
+def fold(A: sp.csr_array, names: Names, symmetric: bool) -> Factor:
+    """R D R^T, or R D Q^T, of a chain whose dofs are in the order of `folded_order`."""
+    n, rows = A.shape[0], row_of_entries(A)
+    d, inverse = A.diagonal(), np.empty(n)
+    values = np.zeros((1 if symmetric else 2, n))
+    for own, (i, j) in zip(values, ((rows, A.indices), (A.indices, rows))):
+        below = i > j
+        own[j[below]] = A.data[below]
+    failed = _core.factor_fold(d, values, inverse, LOST, GROWTH)
+    if failed is None:
+        return inverse, (values[0, :, None] if symmetric else values[:, :, None], True)
+    raise names.not_definite(A, failed) if symmetric else _refused(names, d, inverse, failed)
+
+
 # ---- unsymmetric matrices ----------------------------------------------------------------------
 
 
@@ -260,11 +284,7 @@ def unsymmetric(
     values, inverse = np.empty((2, start[-1])), np.empty(n)
     failed = _factor_panels(entries, structure, values, inverse, threads)
     if failed is not None:
-        pivot, entry = inverse[failed], diagonal(A)[failed]
-        cause = _small_pivot(pivot, entry)
-        if abs(pivot) > LOST * abs(entry):
-            cause = f"more than {GROWTH:g} times its diagonal entry {entry:g} is subtracted from it"
-        raise names.not_factored(cause, failed)
+        raise _refused(names, diagonal(A), inverse, failed)
     if not sparse:
         return inverse, values.reshape(2, n, n)
     panels = (first, row_ptr, rows, start, values)
@@ -308,6 +328,15 @@ def check_smallest(A: Any, factor: Factor, names: Names) -> None:
         raise names.not_factored(_small_pivot(1.0 / inverse[position], d[position]), position)
 
 
+def _refused(names: Names, d: np.ndarray, inverse: np.ndarray, position: int) -> FactorizationError:
+    """The error for a pivot at hand, which is in the place of its reciprocal."""
+    pivot, entry = inverse[position], d[position]
+    cause = _small_pivot(pivot, entry)
+    if abs(pivot) > LOST * abs(entry):
+        cause = f"more than {GROWTH:g} times its diagonal entry {entry:g} is subtracted from it"
+    return names.not_factored(cause, position)
+
+
 def _small_pivot(pivot: float, entry: float) -> str:
     return f"a pivot of {pivot:g} where the diagonal entry is {entry:g}"
 
@@ -317,8 +346,8 @@ def sides(factor: Factor) -> list[Factor]:
     inverse, R = factor
     if R is None or isinstance(R, np.ndarray):
         return [factor] if R is None or R.ndim == 2 else [(inverse, R[0]), (inverse, R[1])]
-    at = 0 if len(R) == 1 else 2 if len(R) == 3 else 4
-    if R[at].ndim == (2 if len(R) == 1 else 1):
+    at = 0 if len(R) == 2 else 2 if len(R) == 3 else 4
+    if R[at].ndim == (2 if len(R) == 2 else 1):
         return [factor]
     return [(inverse, (*R[:at], values, *R[at + 1 :])) for values in R[at]]
 
@@ -357,7 +386,7 @@ def columns(A: sp.csr_array, names: Names, entries: int, *, nb: int) -> Factor:
 
 
 def below_diagonal(R: sp.csc_array) -> tuple[Any, ...]:
-    """R by columns, sorted, in a form of the core: (band,) or (ptr, index, values)."""
+    """R by columns, sorted, in a form of the core: a band or (ptr, index, values)."""
     n, own = R.shape[0], row_of_entries(R)
     below = (R.indices > own) & (R.data != 0.0)
     return in_columns(n, own[below], R.indices[below], R.data[below])
@@ -372,7 +401,7 @@ def in_columns(
     if width < n and is_narrow(width, n, rows.size):
         band = np.zeros((*values.shape[:-1], n, width))
         band[..., columns, distance - 1] = values
-        return (band,)
+        return band, False
     ptr = np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=n))])
     return ptr.astype(np.int64), rows.astype(np.int32), np.ascontiguousarray(values)
 
@@ -443,7 +472,7 @@ def interface_block(factor: Factor, nb: int) -> np.ndarray:
     if isinstance(R, np.ndarray):
         return R[begin:, begin:].T
     block = np.zeros((nb, nb), order="F")
-    if len(R) == 1:
+    if len(R) == 2:
         for k in range(1, min(R[0].shape[1], nb - 1) + 1):
             np.fill_diagonal(block[k:], R[0][begin : begin + nb - k, k - 1])
         return block

@@ -25,7 +25,7 @@ from ..problem.schemes import Scheme
 from ..problem.springs import core_springs
 from ..problem.subdomain import Subdomain
 from .compliance import Block, compliance, diagonal_compliances
-from .elimination import Elimination, Eliminations
+from .elimination import Elimination, Eliminations, from_both_ends
 from .external import External
 from .factors import Factor, Names
 from .internal import (
@@ -301,6 +301,9 @@ def make_part(
     n, scheme = subdomain.n, subdomain.scheme
     last = L.dofs
     stiffness, damping = subdomain.implicit_stiffness, subdomain.implicit_damping
+    matrices = {"M": subdomain.M, "K": subdomain.K, "C": subdomain.C}
+    matrices |= {"stiffness": stiffness, "damping": damping}
+    matrices |= {"D_r": subdomain.restoring_damping, "K_r": subdomain.restoring_stiffness}
     internal = internal_forces(subdomain, name)
     tangent = None
     if internal is not None and subdomain.iterates:
@@ -316,12 +319,10 @@ def make_part(
         assert external.perm is not None
         eliminated = Elimination(external.perm, last.size)
     else:
-        eliminated = eliminations.of(n, graph, last)
+        chains = None if factorize == "superlu" else from_both_ends(graph, last, matrices.values())
+        eliminated = chains or eliminations.of(n, graph, last)
     eliminated = replace(eliminated, threads=threads)
     order = eliminated.order
-    matrices = {"M": subdomain.M, "K": subdomain.K, "C": subdomain.C}
-    matrices |= {"stiffness": stiffness, "damping": damping}
-    matrices |= {"D_r": subdomain.restoring_damping, "K_r": subdomain.restoring_stiffness}
     different = {id(A): permuted(A, order) for A in {id(A): A for A in matrices.values()}.values()}
     fields: dict[str, Any] = {name: different[id(A)] for name, A in matrices.items()} | does
     return Part(

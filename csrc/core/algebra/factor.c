@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "algebra/fold.h"
 #include "algebra/kernel.h"
 #include "algebra/lanes.h"
 
@@ -43,7 +44,8 @@ pma_status pma_factor_check(const pma_factor *f)
     if (f->form == PMA_PANELS)
         return pma_panels_check(&f->panels, f->n, f->nb);
     if (f->form == PMA_BAND)
-        return f->width > 0 && f->width < f->n ? PMA_OK : PMA_BAD_SIZE;
+        return f->width > 0 && f->width < (f->folded ? 2 : f->n) && f->n > 1 ? PMA_OK
+                                                                             : PMA_BAD_SIZE;
     if (f->form != PMA_SPARSE)
         return PMA_OK;
     if (f->ptr[0] != 0)
@@ -108,7 +110,7 @@ size_t pma_factor_reach(const pma_factor *f)
     case PMA_DIAGONAL:
         return 0;
     case PMA_BAND:
-        return f->width;
+        return f->folded ? 2 : f->width;
     case PMA_SPARSE:
         return reach_of_columns(f);
     case PMA_IN_LANES:
@@ -235,7 +237,9 @@ static void eliminate(const pma_factor *f, size_t first, size_t last, double *x,
         eliminate_dense(f, first, last, x);
         break;
     case PMA_BAND:
-        if (f->width == 1)
+        if (f->folded)
+            pma_fold_eliminate(f->n, f->values, first, last, x);
+        else if (f->width == 1)
             eliminate_chain(f, first, last, x);
         else
             eliminate_band(f, first, last, x);
@@ -264,7 +268,9 @@ static void substitute(const pma_factor *f, size_t first, size_t last, double *x
         substitute_dense(f, first, last, x);
         break;
     case PMA_BAND:
-        if (f->width == 1)
+        if (f->folded)
+            pma_fold_substitute(f->n, f->values + f->Q, f->inverse, first, last, x);
+        else if (f->width == 1)
             substitute_chain(f, first, last, x);
         else
             substitute_band(f, first, last, x);

@@ -1,5 +1,6 @@
 #include "algebra/loops.h"
 
+#include "algebra/fold.h"
 #include "algebra/kernel.h"
 
 /* One register of AVX2, two of SSE2 or NEON; PMA_LANES numbers are two of them. */
@@ -27,6 +28,12 @@ __attribute__((always_inline)) static inline void store(const four *y, double *x
     four *to = (four *)(x + i * PMA_LANES);
     to[0] = y[0];
     to[1] = y[1];
+}
+
+__attribute__((always_inline)) static inline void copy(const four *x, four *y)
+{
+    y[0] = x[0];
+    y[1] = x[1];
 }
 
 /* y -= a x, and y += a x */
@@ -73,6 +80,26 @@ subtract_band(const pma_matrix *A, size_t begin, size_t end, const double *x, do
     }
 }
 
+/* Row i couples with next(i), with i - 2, and the last row with the one before. */
+__attribute__((always_inline)) static inline void
+subtract_folded(const pma_matrix *A, size_t begin, size_t end, const double *x, double *y)
+{
+    const double *above = A->values + A->n, *below = above + A->below;
+    const size_t last = A->n - 1;
+    four yi[HALVES];
+    for (size_t i = begin; i < end; i++) {
+        load(y, i, yi);
+        subtract_scaled(A->values[i], lanes_at(x, i), yi);
+        if (i < last)
+            subtract_scaled(above[i], lanes_at(x, pma_fold_next(A->n, i)), yi);
+        if (i > 0 && i == last)
+            subtract_scaled(below[i - 1], lanes_at(x, i - 1), yi);
+        if (i >= 2)
+            subtract_scaled(below[i - 2], lanes_at(x, i - 2), yi);
+        store(yi, y, i);
+    }
+}
+
 __attribute__((always_inline)) static inline void
 subtract_sparse(const pma_matrix *A, size_t begin, size_t end, const double *x, double *y)
 {
@@ -92,6 +119,8 @@ __attribute__((always_inline)) static inline void subtract(const pma_matrix *A, 
 {
     if (A->form == PMA_DIAGONAL)
         subtract_diagonal(A, begin, end, x, y);
+    else if (A->form == PMA_BAND && A->folded)
+        subtract_folded(A, begin, end, x, y);
     else if (A->form == PMA_BAND)
         subtract_band(A, begin, end, x, y);
     else
@@ -104,6 +133,14 @@ __attribute__((always_inline)) static inline void subtract(const pma_matrix *A, 
 __attribute__((always_inline)) static inline size_t rows_of_band(const pma_factor *f, size_t j)
 {
     return f->n - 1 - j < f->width ? f->n - 1 - j : f->width;
+}
+
+/* y = x_j / D_j, x[0] being unknown `first` */
+__attribute__((always_inline)) static inline void
+load_divided(const pma_factor *f, size_t j, const double *x, size_t first, four *y)
+{
+    y[0] = lanes_at(x, j - first)[0] * f->inverse[j];
+    y[1] = lanes_at(x, j - first)[1] * f->inverse[j];
 }
 
 /* The next unknown is kept in registers, as in the sweeps of one vector. */
@@ -123,8 +160,7 @@ __attribute__((always_inline)) static inline void eliminate_band(const pma_facto
         load(x, j + 1 - first, below);
         subtract_scaled(column[0], xj, below);
         store(below, x, j + 1 - first);
-        xj[0] = below[0];
-        xj[1] = below[1];
+        copy(below, xj);
     }
 }
 
@@ -138,15 +174,13 @@ __attribute__((always_inline)) static inline void substitute_band(const pma_fact
     for (size_t j = last; j-- > first;) {
         const double *column = Q + j * f->width;
         const size_t rows = rows_of_band(f, j);
-        xj[0] = lanes_at(x, j - first)[0] * f->inverse[j];
-        xj[1] = lanes_at(x, j - first)[1] * f->inverse[j];
+        load_divided(f, j, x, first, xj);
         for (size_t k = 1; k < rows; k++)
             subtract_scaled(column[k], lanes_at(x, j + 1 + k - first), xj);
         if (rows > 0)
             subtract_scaled(column[0], next, xj);
         store(xj, x, j - first);
-        next[0] = xj[0];
-        next[1] = xj[1];
+        copy(xj, next);
     }
 }
 
@@ -165,6 +199,47 @@ eliminate_sparse(const pma_factor *f, size_t first, size_t last, double *x)
     }
 }
 
+/* The unknowns of both ends of a folded chain take turns; those at hand are kept in registers. */
+__attribute__((always_inline)) static inline void
+eliminate_folded(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    const size_t end = last < f->n ? last : f->n - 1;
+    four here[HALVES], beside[HALVES], next[HALVES];
+    if (first >= end)
+        return;
+    load(x, 0, here);
+    load(x, 1, beside);
+    for (size_t j = first; j < end; j++) {
+        const size_t i = pma_fold_next(f->n, j) - first;
+        load(x, i, next);
+        subtract_scaled(f->values[j], here, next);
+        store(next, x, i);
+        copy(beside, here);
+        copy(next, beside);
+    }
+}
+
+__attribute__((always_inline)) static inline void
+substitute_folded(const pma_factor *f, size_t first, size_t last, double *x)
+{
+    const double *Q = f->values + f->Q;
+    const size_t end = last < f->n ? last : f->n - 1;
+    four xj[HALVES], beside[HALVES], next[HALVES];
+    if (last == f->n) {
+        load_divided(f, end, x, first, xj);
+        store(xj, x, end - first);
+    }
+    load(x, end - first, beside);
+    load(x, (end + 1 < f->n ? end + 1 : end) - first, next);
+    for (size_t j = end; j-- > first;) {
+        load_divided(f, j, x, first, xj);
+        subtract_scaled(Q[j], next, xj);
+        store(xj, x, j - first);
+        copy(beside, next);
+        copy(xj, beside);
+    }
+}
+
 /* The next unknown comes first, and the others are summed up before. */
 __attribute__((always_inline)) static inline void
 substitute_sparse(const pma_factor *f, size_t first, size_t last, double *x)
@@ -174,8 +249,7 @@ substitute_sparse(const pma_factor *f, size_t first, size_t last, double *x)
         four sum[HALVES] = {{0.0}}, xj[HALVES];
         int64_t k = f->ptr[j];
         const int64_t end = f->ptr[j + 1];
-        xj[0] = lanes_at(x, j - first)[0] * f->inverse[j];
-        xj[1] = lanes_at(x, j - first)[1] * f->inverse[j];
+        load_divided(f, j, x, first, xj);
         if (k < end && (size_t)f->index[k] == j + 1)
             subtract_scaled(Q[k++], lanes_at(x, j + 1 - first), xj);
         for (; k < end; k++)
@@ -189,7 +263,9 @@ substitute_sparse(const pma_factor *f, size_t first, size_t last, double *x)
 __attribute__((always_inline)) static inline void eliminate(const pma_factor *f, size_t first,
                                                             size_t last, double *x)
 {
-    if (f->form == PMA_BAND)
+    if (f->form == PMA_BAND && f->folded)
+        eliminate_folded(f, first, last, x);
+    else if (f->form == PMA_BAND)
         eliminate_band(f, first, last, x);
     else
         eliminate_sparse(f, first, last, x);
@@ -198,7 +274,9 @@ __attribute__((always_inline)) static inline void eliminate(const pma_factor *f,
 __attribute__((always_inline)) static inline void substitute(const pma_factor *f, size_t first,
                                                              size_t last, double *x)
 {
-    if (f->form == PMA_BAND)
+    if (f->form == PMA_BAND && f->folded)
+        substitute_folded(f, first, last, x);
+    else if (f->form == PMA_BAND)
         substitute_band(f, first, last, x);
     else
         substitute_sparse(f, first, last, x);
@@ -209,8 +287,7 @@ __attribute__((always_inline)) static inline void scale(const pma_factor *f, siz
 {
     four xj[HALVES];
     for (size_t j = first; j < last; j++) {
-        xj[0] = lanes_at(x, j - first)[0] * f->inverse[j];
-        xj[1] = lanes_at(x, j - first)[1] * f->inverse[j];
+        load_divided(f, j, x, first, xj);
         store(xj, x, j - first);
     }
 }

@@ -1,12 +1,13 @@
 #include "algebra/matrix.h"
 
+#include "algebra/fold.h"
 #include "algebra/kernel.h"
 #include "algebra/lanes.h"
 
 pma_status pma_matrix_check(const pma_matrix *A)
 {
     if (A->form == PMA_BAND)
-        return A->width < A->n ? PMA_OK : PMA_BAD_SIZE;
+        return A->width < A->n && (!A->folded || A->width == 1) ? PMA_OK : PMA_BAD_SIZE;
     if (A->form == PMA_STRIPS)
         return pma_strips_check(&A->strips, A->n);
     if (A->form != PMA_SPARSE)
@@ -60,7 +61,7 @@ size_t pma_matrix_reach(const pma_matrix *A)
 {
     switch (A->form) {
     case PMA_BAND:
-        return A->width;
+        return A->folded ? 2 : A->width;
     case PMA_DENSE:
         return A->n - 1;
     case PMA_SPARSE:
@@ -105,6 +106,13 @@ static void subtract_few(const pma_matrix *A, size_t begin, size_t end, const do
     }
 }
 
+static void subtract_folded(const pma_matrix *A, size_t begin, size_t end, const double *x,
+                            double *y)
+{
+    const double *above = A->values + A->n;
+    pma_fold_subtract(A->n, A->values, above, above + A->below, begin, end, x, y);
+}
+
 static void subtract_few_of_band(const pma_matrix *A, size_t begin, size_t end, const double *x,
                                  double *y)
 {
@@ -129,7 +137,9 @@ void pma_matrix_subtract_rows(const pma_matrix *A, size_t begin, size_t end, con
         subtract_diagonal(A, begin, end, x, y);
         break;
     case PMA_BAND:
-        if (A->n <= FEW)
+        if (A->folded)
+            subtract_folded(A, begin, end, x, y);
+        else if (A->n <= FEW)
             subtract_few_of_band(A, begin, end, x, y);
         else
             pma_kernel_best()->subtract_band(A->values, A->values + A->below, A->n, A->width, begin,
