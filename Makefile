@@ -95,7 +95,8 @@ example: build/example
 lint: $(VENV)/.lint
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
-	$(VENV)/bin/clang-format --dry-run -Werror $(HEADERS) $(CORE) $(BINDING) csrc/example.c $(TESTS)
+	$(VENV)/bin/clang-format --dry-run -Werror $(HEADERS) $(CORE) $(BINDING) csrc/example.c $(TESTS) \
+		benchmarks/programs/*.c
 
 notebooks: $(VENV)/.notebook
 	$(VENV)/bin/python -c "$$EXECUTE" notebooks/*.ipynb

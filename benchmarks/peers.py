@@ -1,18 +1,28 @@
-"""Other programs, if installed, applied to a chain of unit masses and springs.
+"""Other programs, if installed: a chain of unit masses and springs, and two coupled plates.
 
-Each function takes (n, dt, rho, u0, steps) and returns the seconds per step, averaged over `steps`
-steps, and the displacements after `WARM + steps` steps.
+Each function for the chain takes (n, dt, rho, u0, steps) and returns the seconds per step, averaged
+over `steps` steps, and the displacements after `WARM + steps` steps. PETSc and Kratos run in
+processes of their own, from the sources in `programs`.
 """
 
-import importlib.util
+import functools
+import json
+import os
+import shutil
+import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
 WARM = 20
+HERE = Path(__file__).parent
+# The interpreter that has Kratos, whose wheels exist for a few versions of Python only.
+KRATOS_PYTHON = os.environ.get("KRATOS_PYTHON", sys.executable)
 
 
 def exudyn_chain(n, dt, rho, u0, steps):
@@ -60,7 +70,7 @@ def exudyn_chain(n, dt, rho, u0, steps):
 
 def opensees():
     """The module openseespy.opensees, loaded as the example does."""
-    sys.path.append(str(Path(__file__).parent.parent / "examples"))
+    sys.path.append(str(HERE.parent / "examples"))
     from opensees_model import opensees as loaded
 
     return loaded()
@@ -98,13 +108,71 @@ def opensees_chain(n, dt, rho, u0, steps):
     return seconds / steps, np.array([ops.nodeDisp(i + 1, 1) for i in range(n)])
 
 
-def installed(module):
-    """True if the module can be imported."""
-    return importlib.util.find_spec(module) is not None
+def result(command, given):
+    """The JSON object that a program writes in a line of its own, run with one thread."""
+    run = subprocess.run(
+        command,
+        input=given,
+        capture_output=True,
+        text=True,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+    )
+    if run.returncode:
+        raise RuntimeError(f"{command[0]} failed: {run.stdout[-2000:]}{run.stderr[-2000:]}")
+    return json.loads(next(x for x in run.stdout.splitlines() if x.startswith("{")))
 
 
-# by name: the module needed, and the function
+def petsc_config(*words):
+    """What pkg-config reports of PETSc, or None without PETSc."""
+    if shutil.which("pkg-config") is None:
+        return None
+    run = subprocess.run(["pkg-config", *words, "PETSc"], capture_output=True, text=True)
+    return None if run.returncode else run.stdout.split()
+
+
+@functools.cache
+def petsc_program():
+    """Path of the compiled program, in the folder of builds."""
+    program = HERE.parent / "build" / "petsc_chain"
+    program.parent.mkdir(exist_ok=True)
+    compiler = petsc_config("--variable=ccompiler")
+    source = HERE / "programs" / "petsc_chain.c"
+    flags = petsc_config("--cflags", "--libs")
+    subprocess.run([*compiler, "-O2", "-o", program, source, *flags], check=True)
+    return program
+
+
+def petsc_chain(n, dt, rho, u0, steps):
+    """TSALPHA2 with a sparse Cholesky factor that is kept."""
+    command = [petsc_program(), *map(str, (n, dt, rho, WARM, steps))]
+    found = result(command, " ".join(repr(float(x)) for x in u0))
+    return found["seconds"], np.array(found["u"])
+
+
+def kratos_plates(**given):
+    """Least seconds of a macro step of the two plates, and the displacements of B."""
+    found = result([KRATOS_PYTHON, HERE / "programs" / "kratos_plates.py"], json.dumps(given))
+    return found["seconds"], np.array(found["u"])
+
+
+def installed(module, python=sys.executable):
+    """True if this interpreter, or another one, finds the module."""
+    code = f"import sys, importlib.util as u; sys.exit(u.find_spec({module!r}) is None)"
+    return subprocess.run([python, "-c", code]).returncode == 0
+
+
+class Peer(NamedTuple):
+    """Another program for the chain."""
+
+    installed: Callable
+    chain: Callable
+    largest: int = 1000  # number of dofs; with more it takes minutes
+    tolerance: float = 1e-3  # of displacements; terms of third order differ
+
+
 PEERS = {
-    "Exudyn": ("exudyn", exudyn_chain),
-    "OpenSees": ("openseespy", opensees_chain),
+    "Exudyn": Peer(lambda: installed("exudyn"), exudyn_chain),
+    "OpenSees": Peer(lambda: installed("openseespy"), opensees_chain),
+    # PETSc 3.18 begins with twice the initial acceleration, which leaves an error of order dt^2
+    "PETSc": Peer(lambda: petsc_config("--exists") is not None, petsc_chain, 100_000, 1e-2),
 }

@@ -1,16 +1,17 @@
-"""Two plates coupled by GC, against the same scheme as a loop in SciPy.
+"""Two plates coupled by GC, against the same scheme as a loop in SciPy, and Kratos.
 
-The plate with which Kratos 10.4.4 was measured: A implicit (trapezoidal, dt = 0.1) and clamped at
-its left edge, B explicit (central difference, dt = 0.01, lumped mass) under a line load along its
-lower edge. The loop is a typical hand-written program: one factorization with SuperLU, a dense
-Cholesky factor of the interface matrix, and one solve or one product for the link problem of A,
-whichever is faster.
+A is implicit (trapezoidal, dt = 0.1) and clamped at its left edge, B explicit (central difference,
+dt = 0.01, lumped mass) under a line load along its lower edge. The loop is a typical hand-written
+program: one factorization with SuperLU, a dense Cholesky factor of the interface matrix, and one
+solve or one product for the link problem of A, whichever is faster. The columns of Kratos are empty
+if it is not installed.
 """
 
 import time
 
 import numpy as np
 import scipy.sparse as sp
+from peers import KRATOS_PYTHON, installed, kratos_plates
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse.linalg import splu
 from timing import in_turn, once, run
@@ -19,6 +20,7 @@ import pmalpha as pm
 
 MESHES = [(49, 9), (249, 9), (999, 9), (49, 49), (99, 99)]
 DT, SS, H = 0.1, 10, 0.1
+MATERIAL = {"E": 1000.0, "nu": 0.3, "rho": 100.0}
 # Consecutive steps per measurement, so that the caches are warm.
 STEPS = 10
 # Steps after which the two results are compared, enough for rounding errors to grow.
@@ -27,9 +29,8 @@ COMPARED = 20
 
 def problem(nx, ny):
     """Matrices, load and the tied dofs of the two plates."""
-    material = {"E": 1000.0, "nu": 0.3, "rho": 100.0}
-    left = pm.models.plate(nx, ny, H, **material)
-    right = pm.models.plate(nx, ny, H, **material, mass="lumped", origin=(nx * H, 0.0))
+    left = pm.models.plate(nx, ny, H, **MATERIAL)
+    right = pm.models.plate(nx, ny, H, **MATERIAL, mass="lumped", origin=(nx * H, 0.0))
     free = np.setdiff1d(np.arange(left.n), left.dofs(left.nodes_at(x=0.0)))
     lower = right.nodes_at(y=0.0)
     load = np.zeros(right.n)
@@ -74,9 +75,14 @@ def solver(A):
 
 
 class Loop:
-    """GC with the trapezoidal rule and central difference, in NumPy and SciPy."""
+    """GC with the trapezoidal rule and central difference, in NumPy and SciPy.
 
-    def __init__(self, q):
+    With `late` the variant of Kratos: the initial accelerations of A are zero, and B is tied to A
+    at a time level one substep before that of A.
+    """
+
+    def __init__(self, q, late=False):
+        self.late = late
         self.q, (n, m), p = q, (q["M_A"].shape[0], q["M_B"].size), q["face_A"].size
         self.h = DT / SS
         self.lu = solver(q["M_A"] + DT**2 / 4.0 * q["K_A"])
@@ -105,6 +111,9 @@ class Loop:
         self.w_b = self.inverse * load
         # the free velocity at t = 0, (S2)
         self.vf = -DT / 2.0 * (self.response[q["face_A"]] @ lam)
+        if self.late:
+            self.w_a[:] = self.vf[:] = 0.0
+            self.v_b = -self.h / 2.0 * self.inverse * q["F_B"]  # 0 when the first substep begins
 
     def link(self, lam):
         """Mbar^-1 L^T Lam"""
@@ -113,6 +122,11 @@ class Loop:
         load = np.zeros(self.u_a.size)
         load[self.q["face_A"]] = lam
         return self.lu.solve(load)
+
+    def predict(self):
+        """u and v of B at the next fine time level."""
+        self.u_b += self.h * self.v_b + self.h**2 / 2.0 * self.w_b
+        self.v_b += self.h / 2.0 * self.w_b
 
     def step(self, count=1):
         """Macro steps."""
@@ -123,8 +137,8 @@ class Loop:
             w = -self.lu.solve(q["K_A"] @ u)
             vf = v[face_a] + DT / 2.0 * w[face_a]
             for j in range(1, SS + 1):
-                self.u_b += h * self.v_b + h**2 / 2.0 * self.w_b
-                self.v_b += h / 2.0 * self.w_b
+                if not self.late:
+                    self.predict()
                 self.w_b = self.inverse * (q["F_B"] - q["K_B"] @ self.u_b)
                 self.v_b += h / 2.0 * self.w_b
                 between = self.vf + j / SS * (vf - self.vf)
@@ -132,6 +146,8 @@ class Loop:
                 added = self.inverse[face_b] * lam
                 self.w_b[face_b] -= added
                 self.v_b[face_b] -= h / 2.0 * added
+                if self.late:
+                    self.predict()
             self.vf = vf
             self.w_a = w + self.link(lam)
             self.u_a = u + DT**2 / 4.0 * self.w_a
@@ -146,11 +162,28 @@ def difference(coupler, loop):
     return float(np.max(np.abs(coupler.state("B").u - loop.u_b)) / np.max(np.abs(loop.u_b)))
 
 
+def kratos(nx, ny, q, u, ours, seconds):
+    """Cells of Kratos, empty if it is not installed; u are our displacements of B."""
+    step, over, differ = "Kratos ms", "Kratos over ours", "difference of Kratos"
+    if not installed("KratosMultiphysics", KRATOS_PYTHON):
+        return {step: "", over: "", differ: ""}
+    given = {"nx": nx, "ny": ny, "h": H, "dt": DT, "substeps": SS, **MATERIAL}
+    given |= {"steps": COMPARED, "seconds": seconds / 3.0}
+    theirs, v = min((kratos_plates(**given) for _ in range(3)), key=lambda run: run[0])
+    largest = np.max(np.abs(u))
+    late = Loop(q, late=True)
+    late.step(COMPARED)
+    # rounding: conjugate gradients iterate to it
+    np.testing.assert_allclose(v, late.u_b, rtol=0.0, atol=1e-10 * largest)
+    return {step: theirs * 1e3, over: theirs / ours, differ: float(np.max(np.abs(v - u)) / largest)}
+
+
 def measure(nx, ny, seconds):
     q = problem(nx, ny)
     setup, coupler = once(lambda: coupled(q))
     setup_loop, loop = once(lambda: Loop(q))
     differ = difference(coupler, loop)
+    u = coupler.state("B").u
 
     def by_product():
         loop.by_product = True
@@ -180,10 +213,13 @@ def measure(nx, ny, seconds):
         "set-up s": setup,
         "set-up of loop s": setup_loop,
         "difference": differ,
+        **kratos(nx, ny, q, u, ours / STEPS, seconds),
     }
 
 
 def rows(quick):
+    if not installed("KratosMultiphysics", KRATOS_PYTHON):
+        print("Kratos is not installed: left out")
     meshes, seconds = ([(9, 3)], 0.0) if quick else (MESHES, 4.0)
     return [measure(nx, ny, seconds) for nx, ny in meshes]
 
