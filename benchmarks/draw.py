@@ -18,8 +18,8 @@ PICTURES = ROOT / "docs" / "pictures"
 
 ORIGIN = "machine", "versions", "date"
 OVER = "step over limit"
-# Time per macro step of Kratos 10.4.4 on the same plates in ms, with its default solvers, quoted:
-# measured on another machine of this class, not in the same run.
+# Time per macro step of Kratos 10.4.4 on the same plates in ms, quoted: measured on another
+# machine of this class, not in the same run.
 KRATOS_MS = {"49x9": 13.0, "249x9": 63.0, "999x9": 273.0, "49x49": 89.0}
 # The best existing program for a chain of n dofs, us a step; quoted likewise.
 BEST_US = {
