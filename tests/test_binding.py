@@ -403,6 +403,7 @@ def test_strips_are_made_of_a_matrix_by_rows_that_is_right_in_itself():
     for bad in (*BAD_COMPRESSED.values(), None, (), np.zeros((2, 2)), strips()):
         if bad is not BAD_COMPRESSED["few starts"] and bad is not BAD_COMPRESSED["many starts"]:
             check_refused(lambda bad=bad: _core.strips(bad))
+            check_refused(lambda bad=bad: _core.permuted(bad, i64(0, 1)))
     first, ptr, index, start, values = _core.strips(compressed(index=(0, 1), values=(2.0, 3.0)))
     assert (first[-1], ptr[-1], index.size, start[-1], values.size) == (2, 4, 4, 8, 8)
     assert values.tolist() == [2.0, 0.0, 0.0, 0.0, 0.0, 3.0, 0.0, 0.0]
@@ -441,6 +442,18 @@ def test_norms_of_steps_need_a_mass_for_each_column_and_recorded_levels():
     assert estimated(_core.step_norms, stride=2, mass=np.ones(1)).shape == (2, 6)
     for others in ({"stride": 0}, {"stride": 2}, {"mass": np.ones(3)}, {"levels": i64(3)}):
         check_refused(lambda others=others: estimated(_core.step_norms, **others))
+
+
+def test_a_matrix_is_permuted_by_a_permutation_of_its_size():
+    A = compressed(ptr=(0, 2, 3), index=(1, 0, 1), values=(2.0, 3.0, 4.0))
+    for bad in (i64(0), i64(0, 1, 2), i64(0, 0), i64(0, 2), i64(0, -1), i32(0, 1), None, f64(0, 1)):
+        check_refused(lambda bad=bad: _core.permuted(A, bad))
+    ptr, index, values = _core.permuted(A, i64(1, 0))
+    assert (ptr.tolist(), index.tolist(), values.tolist()) == (
+        [0, 1, 3],
+        [0, 0, 1],
+        [4.0, 2.0, 3.0],
+    )
 
 
 def test_factors_may_have_entries_below_the_diagonal_only_and_ascending():

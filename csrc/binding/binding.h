@@ -122,7 +122,7 @@ PyObject *pma_subdomain_iteration(SubdomainObject *self, PyObject *ignored);
 PyObject *pma_subdomain_set_iteration(SubdomainObject *self, PyObject *args);
 
 extern PyMethodDef pma_factor_functions[];
-extern PyMethodDef pma_strip_functions[];
+extern PyMethodDef pma_matrix_functions[];
 extern PyMethodDef pma_spring_functions[];
 extern PyMethodDef pma_estimate_functions[];
 extern PyType_Spec pma_subdomain_spec;

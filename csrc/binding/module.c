@@ -25,7 +25,7 @@ static int module_exec(PyObject *module)
     module_state *state = PyModule_GetState(module);
     if (check_interpreter() < 0)
         return -1;
-    if (PyArray_ImportNumPyAPI() < 0 || PyModule_AddFunctions(module, pma_strip_functions) < 0 ||
+    if (PyArray_ImportNumPyAPI() < 0 || PyModule_AddFunctions(module, pma_matrix_functions) < 0 ||
         PyModule_AddFunctions(module, pma_spring_functions) < 0 ||
         PyModule_AddFunctions(module, pma_estimate_functions) < 0 ||
         PyModule_AddIntConstant(module, "LANES", PMA_LANES) < 0)

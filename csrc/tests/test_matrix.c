@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "algebra/matrix.h"
+#include "algebra/permute.h"
 #include "check.h"
 #include "matrices.h"
 #include "naive.h"
@@ -153,11 +154,48 @@ static void a_matrix_with_a_bad_index_is_refused(void)
     CHECK_STATUS(matrix_status((int64_t[]){0, -1, 2, 3}, index), PMA_BAD_INDEX);
 }
 
+/* order and its inverse, drawn by exchanges */
+static void draw_order(size_t n, uint64_t *seed, int64_t *order, int32_t *position)
+{
+    for (size_t k = 0; k < n; k++) {
+        const size_t other = draw(seed, (uint32_t)k + 1);
+        order[k] = order[other];
+        order[other] = (int64_t)k;
+    }
+    for (size_t k = 0; k < n; k++)
+        position[order[k]] = (int32_t)k;
+}
+
+static void a_permuted_matrix_is_that_with_its_rows_and_columns_in_the_order(void)
+{
+    uint64_t seed = 5;
+    for (size_t n = 0; n <= SIZE; n++) {
+        double rows[SIZE * SIZE], expected[SIZE * SIZE], values[SIZE * SIZE];
+        int64_t order[SIZE], ptr[SIZE + 1];
+        int32_t position[SIZE], index[SIZE * SIZE];
+        draw_order(n, &seed, order, position);
+        for (size_t k = 0; k < n * n; k++)
+            rows[k] = draw(&seed, 2) ? draw_eighth(&seed) : 0.0;
+        for (size_t k = 0; k < n; k++) {
+            for (size_t l = 0; l < n; l++)
+                expected[k * n + l] = rows[(size_t)order[k] * n + (size_t)order[l]];
+        }
+        const compressed A = compress(n, rows), B = compress(n, expected);
+        pma_permute(n, A.ptr, A.index, A.values, order, position, ptr, index, values);
+        for (size_t k = 0; k <= n; k++)
+            CHECK_INT(ptr[k], B.ptr[k]);
+        for (int64_t e = 0; e < B.ptr[n]; e++)
+            CHECK_INT(index[e], B.index[e]);
+        CHECK_BITS((size_t)B.ptr[n], values, B.values);
+    }
+}
+
 const test MATRIX_TESTS[] = {
     TEST(all_forms_of_a_matrix_multiply_like_two_loops),
     TEST(bands_of_every_width_multiply_like_two_loops),
     TEST(the_reach_of_a_matrix_is_its_furthest_entry),
     TEST(a_product_reads_as_many_entries_as_are_stored),
     TEST(a_matrix_with_a_bad_index_is_refused),
+    TEST(a_permuted_matrix_is_that_with_its_rows_and_columns_in_the_order),
     END_OF_TESTS,
 };

@@ -256,14 +256,11 @@ def permuted(A: Matrix | None, order: np.ndarray) -> Matrix | None:
         return A[order]
     if isinstance(A, np.ndarray):
         return np.ascontiguousarray(A[np.ix_(order, order)])
-    order = order.astype(A.indices.dtype)  # otherwise SciPy would convert the indices to int64
-    position = np.empty_like(order)
-    position[order] = np.arange(order.size)
-    rows = A[order]
-    rows.indices = position[rows.indices]
-    rows.has_sorted_indices = False
-    rows.sort_indices()
-    return rows
+    ptr, index, data = _core.permuted(core_sparse(A), order)
+    B = with_entries(A, data)
+    B.indptr, B.indices = (x.astype(A.indices.dtype, copy=False) for x in (ptr, index))
+    B.has_canonical_format = True
+    return B
 
 
 def with_entries(A: sp.csr_array, data: np.ndarray) -> sp.csr_array:
@@ -408,7 +405,7 @@ def is_narrow(width: int, n: int, entries: int) -> bool:
 def core_sparse(A: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(ptr, index, values) of a compressed matrix, in the types of the core."""
     return (
-        A.indptr.astype(np.int64),
-        A.indices.astype(np.int32),
+        np.ascontiguousarray(A.indptr, dtype=np.int64),
+        np.ascontiguousarray(A.indices, dtype=np.int32),
         np.ascontiguousarray(A.data, dtype=np.float64),
     )

@@ -1,6 +1,8 @@
-/* Strips of a sparse matrix, as a function of the module. */
+/* Strips of a sparse matrix, and its rows and columns in another order, as functions of the module. */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
+
+#include "algebra/permute.h"
 
 /* A new array of this type; its data in *data. */
 static PyObject *new_array(npy_intp length, int type, void *data)
@@ -51,25 +53,33 @@ static PyObject *new_strips(const pma_matrix *A, size_t count, const int64_t *fi
     return tuple;
 }
 
-static PyObject *strips(PyObject *Py_UNUSED(module), PyObject *obj)
+/* (ptr, index, values) of any size */
+static int take_by_rows(PyObject *obj, pma_matrix *A)
 {
-    pma_matrix A;
     if (!PyTuple_Check(obj) || PyTuple_Size(obj) != 3) {
         PyErr_SetString(PyExc_TypeError, "matrix must be a tuple (ptr, index, values)");
-        return NULL;
+        return -1;
     }
     PyObject *ptr = PyTuple_GetItem(obj, 0);
     if (!PyArray_Check(ptr) || PyArray_NDIM((PyArrayObject *)ptr) != 1 ||
         PyArray_DIM((PyArrayObject *)ptr, 0) < 1) {
         PyErr_SetString(PyExc_TypeError, "ptr must be an array with one axis, and not empty");
-        return NULL;
+        return -1;
     }
     const npy_intp n = PyArray_DIM((PyArrayObject *)ptr, 0) - 1;
-    if (pma_take_matrix(obj, n, "matrix", NULL, &A) < 0)
-        return NULL;
-    const pma_status status = pma_matrix_check(&A);
+    if (pma_take_matrix(obj, n, "matrix", NULL, A) < 0)
+        return -1;
+    const pma_status status = pma_matrix_check(A);
     if (status != PMA_OK)
-        return pma_raise(status, "matrix");
+        pma_raise(status, "matrix");
+    return status == PMA_OK ? 0 : -1;
+}
+
+static PyObject *strips(PyObject *Py_UNUSED(module), PyObject *obj)
+{
+    pma_matrix A;
+    if (take_by_rows(obj, &A) < 0)
+        return NULL;
     int64_t *scratch = PyMem_Calloc(3 * A.n + 1, sizeof *scratch);
     if (!scratch)
         return PyErr_NoMemory();
@@ -80,9 +90,65 @@ static PyObject *strips(PyObject *Py_UNUSED(module), PyObject *obj)
     return tuple;
 }
 
-PyMethodDef pma_strip_functions[] = {
+/* Fills position, the inverse of order; -1 unless order is a permutation. */
+static int invert(size_t n, const int64_t *order, int32_t *position)
+{
+    for (size_t i = 0; i < n; i++)
+        position[i] = -1;
+    for (size_t k = 0; k < n; k++) {
+        if (order[k] < 0 || (size_t)order[k] >= n || position[order[k]] >= 0) {
+            PyErr_SetString(PyExc_ValueError, "order must be a permutation");
+            return -1;
+        }
+        position[order[k]] = (int32_t)k;
+    }
+    return 0;
+}
+
+/* (ptr, index, values) of A in this order; position (n) */
+static PyObject *new_permuted(const pma_matrix *A, const int64_t *order, const int32_t *position)
+{
+    int64_t *ptr;
+    int32_t *index;
+    double *values;
+    const npy_intp entries = (npy_intp)A->ptr[A->n];
+    PyObject *p = new_array((npy_intp)A->n + 1, NPY_INT64, &ptr), *tuple = NULL;
+    PyObject *i = new_array(entries, NPY_INT32, &index);
+    PyObject *v = new_array(entries, NPY_DOUBLE, &values);
+    if (p && i && v) {
+        Py_BEGIN_ALLOW_THREADS pma_permute(A->n, A->ptr, A->index, A->values, order, position, ptr,
+                                           index, values);
+        Py_END_ALLOW_THREADS tuple = PyTuple_Pack(3, p, i, v);
+    }
+    Py_XDECREF(p);
+    Py_XDECREF(i);
+    Py_XDECREF(v);
+    return tuple;
+}
+
+static PyObject *permuted(PyObject *Py_UNUSED(module), PyObject *args)
+{
+    PyObject *matrix, *order_obj, *tuple = NULL;
+    pma_matrix A;
+    const int64_t *order;
+    if (!PyArg_ParseTuple(args, "OO", &matrix, &order_obj) || take_by_rows(matrix, &A) < 0 ||
+        pma_take_order(order_obj, (npy_intp)A.n, NULL, &order) < 0)
+        return NULL;
+    int32_t *position = PyMem_Malloc((A.n + 1) * sizeof *position);
+    if (!position)
+        return PyErr_NoMemory();
+    if (invert(A.n, order, position) == 0)
+        tuple = new_permuted(&A, order, position);
+    PyMem_Free(position);
+    return tuple;
+}
+
+PyMethodDef pma_matrix_functions[] = {
     {"strips", strips, METH_O,
      "strips((ptr, index, values)) -> (first, ptr, index, start, values): adjacent rows with the "
      "same columns stored together"},
+    {"permuted", permuted, METH_VARARGS,
+     "permuted((ptr, index, values), order) -> (ptr, index, values): row and column k are row and "
+     "column order[k], ascending in each row"},
     {NULL, NULL, 0, NULL},
 };
