@@ -404,6 +404,8 @@ def test_strips_are_made_of_a_matrix_by_rows_that_is_right_in_itself():
         if bad is not BAD_COMPRESSED["few starts"] and bad is not BAD_COMPRESSED["many starts"]:
             check_refused(lambda bad=bad: _core.strips(bad))
             check_refused(lambda bad=bad: _core.permuted(bad, i64(0, 1)))
+        check_refused(lambda bad=bad: _core.columns_of(bad, compressed()))
+        check_refused(lambda bad=bad: _core.columns_of(compressed(), bad))
     first, ptr, index, start, values = _core.strips(compressed(index=(0, 1), values=(2.0, 3.0)))
     assert (first[-1], ptr[-1], index.size, start[-1], values.size) == (2, 4, 4, 8, 8)
     assert values.tolist() == [2.0, 0.0, 0.0, 0.0, 0.0, 3.0, 0.0, 0.0]

@@ -312,7 +312,8 @@ def columns_of_panels(panels: tuple[Any, ...]) -> tuple[Any, ...]:
         numbers.append(values[:, start[s] : start[s + 1]])
     j, i, x = np.concatenate(columns), np.concatenate(below), np.concatenate(numbers, axis=1)
     kept = (i > j) & x.any(axis=0)
-    return in_columns(first[-1], j[kept], i[kept], x[:, kept])
+    ptr = np.concatenate([[0], np.cumsum(np.bincount(j[kept], minlength=first[-1]))])
+    return in_columns(ptr, i[kept], x[:, kept])
 
 
 def check_smallest(A: Any, factor: Factor, names: Names) -> None:
@@ -369,7 +370,7 @@ def columns(A: sp.csr_array, names: Names, entries: int, *, nb: int) -> Factor:
     natural, lu = np.arange(n), None
     try:
         lu = splu(
-            sp.csc_array(A),
+            A.T,  # A by columns
             permc_spec="NATURAL",
             diag_pivot_thresh=0.0,
             options=dict(SymmetricMode=True),
@@ -378,41 +379,32 @@ def columns(A: sp.csr_array, names: Names, entries: int, *, nb: int) -> Factor:
         pass
     if lu is None or np.any(lu.perm_r != natural) or np.any(lu.perm_c != natural):
         return panels(A, names, Structure(entries, _core.supernodes(*core_sparse(A)[:2], nb)))
-    pivots, R = lu.U.diagonal(), lu.L
+    pivots, R, symmetric = _core.columns_of(core_sparse(lu.L), core_sparse(lu.U))
     check_pivots(pivots, A, names)
-    R.sort_indices()
-    _check_symmetric(R, pivots, lu.U, names.what)
-    return 1.0 / pivots, below_diagonal(R)
+    if not symmetric:  # as it is where all pivots are on the diagonal
+        raise FactorizationError(f"the factor of {names.what} is not symmetric")
+    return 1.0 / pivots, in_columns(*R)
 
 
 def below_diagonal(R: sp.csc_array) -> tuple[Any, ...]:
-    """R by columns, sorted, in a form of the core: a band or (ptr, index, values)."""
-    n, own = R.shape[0], row_of_entries(R)
-    below = (R.indices > own) & (R.data != 0.0)
-    return in_columns(n, own[below], R.indices[below], R.data[below])
+    """R by columns, sorted, in a form of the core."""
+    below = (R.indices > row_of_entries(R)) & (R.data != 0.0)
+    before = np.concatenate([[0], np.cumsum(below, dtype=np.int64)])
+    return in_columns(before[R.indptr], R.indices[below], R.data[below])
 
 
-def in_columns(
-    n: int, columns: np.ndarray, rows: np.ndarray, values: np.ndarray
-) -> tuple[Any, ...]:
-    """Entries below the diagonal in this order, of R (k,), or of R and Q (2, k), as above."""
+def in_columns(ptr: np.ndarray, rows: np.ndarray, values: np.ndarray) -> tuple[Any, ...]:
+    """Entries below the diagonal by columns, of R (k,), or of R and Q (2, k), in a form of the
+    core: a band or (ptr, index, values)."""
+    n = ptr.size - 1
+    columns = np.repeat(np.arange(n), np.diff(ptr))
     distance = rows - columns
     width = int(distance.max(initial=0))
     if width < n and is_narrow(width, n, rows.size):
         band = np.zeros((*values.shape[:-1], n, width))
         band[..., columns, distance - 1] = values
         return band, False
-    ptr = np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=n))])
-    return ptr.astype(np.int64), rows.astype(np.int32), np.ascontiguousarray(values)
-
-
-def _check_symmetric(R: Any, pivots: np.ndarray, U: Any, what: str) -> None:
-    """SuperLU's U must be D R^T, which holds if all its pivots are on the diagonal."""
-    x, column = np.cos(np.arange(pivots.size)), row_of_entries(R)
-    terms = R.data * x[R.indices]
-    ours, size = (pivots * np.bincount(column, weights=own) for own in (terms, np.abs(terms)))
-    if np.max(np.abs(ours - U @ x)) > 1e-9 * np.max(np.abs(size)):
-        raise FactorizationError(f"the factor of {what} is not symmetric")
+    return ptr, rows.astype(np.int32, copy=False), np.ascontiguousarray(values)
 
 
 def check_pivots(D: np.ndarray, A: Matrix, names: Names) -> None:

@@ -1,7 +1,7 @@
 #include "algebra/permute.h"
 
 /* Shell's sort with the gaps 1, 4, 13, 40, ...: rows are short, and mostly in ascending pieces. */
-static void sort_row(int64_t count, int32_t *index, double *values)
+void pma_permute_sort(int64_t count, int32_t *index, double *values)
 {
     int64_t gap = 1;
     while (3 * gap + 1 < count)
@@ -32,7 +32,7 @@ void pma_permute(size_t n, const int64_t *ptr, const int32_t *index, const doubl
             B_index[count] = position[index[e]];
             B_values[count] = values[e];
         }
-        sort_row(count - B_ptr[k], B_index + B_ptr[k], B_values + B_ptr[k]);
+        pma_permute_sort(count - B_ptr[k], B_index + B_ptr[k], B_values + B_ptr[k]);
     }
     B_ptr[n] = count;
 }
