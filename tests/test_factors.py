@@ -623,3 +623,14 @@ def test_an_interface_of_implicit_subdomains_that_does_not_fit_is_refused_with_t
     monkeypatch.setattr("pmalpha.memory.available", lambda: 50_000_000)
     with pytest.raises(MemoryError, match="interface matrix of 1323 constraints.*MB.*available"):
         pm.Coupler([a, b], coupling, dt=0.1)
+
+
+@pytest.mark.parametrize("rows", [[2, 0, 3, 1], [2, 0, 2, 1], [0, 0, 0, 0]])
+def test_constraints_of_one_entry_are_multiplied_like_any(rows):
+    rng = np.random.default_rng(len(set(rows)))
+    values = np.array([1.0, -1.0, 0.5, 2.0])
+    L = Link.of(sp.csc_array((values, (2 * np.array(rows), [3, 4, 5, 6])), shape=(8, 7)))
+    X = rng.normal(size=(4, 3)) * [1.0, 0.0, -0.0]  # of the last four dofs
+    expected = L.own(4) @ X
+    assert L.times(X).tobytes() == expected.tobytes()
+    np.testing.assert_allclose(expected, L.dense(4) @ X, rtol=1e-15, atol=1e-15)

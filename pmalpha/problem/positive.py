@@ -77,8 +77,8 @@ def softest(G: sp.csc_array | np.ndarray, factors: Factors | DenseFactors | None
             return 0.0
     x = np.cos(np.arange(G.shape[0]))
     for _ in range(4):
-        x = factors.solve(x / np.max(np.abs(x)))
-        if not np.all(np.isfinite(x)):
+        x = factors.solve(x / np.abs(x).max())
+        if not np.isfinite(x).all():
             return 0.0
-    x /= np.max(np.abs(x))
+    x /= np.abs(x).max()
     return float(x @ (G @ x) / (x @ x))

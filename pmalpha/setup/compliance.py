@@ -122,8 +122,7 @@ def _compliance_of_last(
         half, _ = dpotri(G, lower=True, overwrite_c=True)
     whole = np.tril(half)
     whole += np.tril(half, k=-1).T
-    L_b = L.own(inverse.size)
-    return L_b @ np.ascontiguousarray((L_b @ whole).T)
+    return L.times(np.ascontiguousarray(L.times(whole).T))
 
 
 def _solved(R_bb: np.ndarray, L: Link) -> np.ndarray:

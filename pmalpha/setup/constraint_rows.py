@@ -10,7 +10,6 @@ import scipy.sparse as sp
 
 from .._checks import numbered
 from ..errors import ConstraintError, ConstraintWarning, warn
-from ..problem.matrices import row_of_entries
 from ..problem.subdomain import Subdomain
 from .link import Link
 from .rank import require_independent
@@ -82,7 +81,7 @@ class ConstraintRows:
         if not pieces:
             return sp.csc_array(shape)
         values = np.concatenate([L.data for L, _, _ in pieces])
-        rows = np.concatenate([row_of_entries(L) + first for L, first, _ in pieces])
+        rows = np.concatenate([_rows(L) + first for L, first, _ in pieces])
         columns = np.concatenate([L.indices + begin for L, _, begin in pieces])
         return sp.csc_array((values, (rows, columns)), shape=shape)
 
@@ -163,3 +162,8 @@ class ConstraintRows:
         far = max((far for _, _, far in terms), default=0.0)
         rows = np.flatnonzero(np.abs(jump) / self._sizes > max(ROUNDING * largest, FAR * far))
         return rows, jump[rows]
+
+
+def _rows(L: sp.csr_array) -> np.ndarray:
+    """The row of each entry of a matrix most of whose rows are empty."""
+    return np.searchsorted(L.indptr, np.arange(L.nnz), side="right") - 1

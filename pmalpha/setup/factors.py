@@ -20,6 +20,8 @@ from .inertia import inertia
 
 # A pivot below this fraction of its diagonal entry has lost all digits.
 LOST = 64.0 * np.finfo(float).eps
+# The reciprocal of this and of smaller pivots is not finite.
+LEAST = 2.0**-1024
 # A pivot below this fraction of its diagonal entry starts the search for a mechanism.
 SUSPICIOUS = 1e-7
 # Bytes for each entry of a sparse factor while SuperLU makes it and it is copied for the core.
@@ -409,8 +411,7 @@ def in_columns(ptr: np.ndarray, rows: np.ndarray, values: np.ndarray) -> tuple[A
 
 def check_pivots(D: np.ndarray, A: Matrix, names: Names) -> None:
     """D > 0, above the rounding of the diagonal of A, and with a finite reciprocal."""
-    with np.errstate(over="ignore", divide="ignore"):
-        bad = ~(D > LOST * np.abs(diagonal(A))) | np.isinf(1.0 / D)
+    bad = ~(D > np.maximum(LOST * np.abs(diagonal(A)), LEAST))
     if bad.any():
         raise names.not_definite(A, int(np.argmax(bad)))
 
@@ -463,11 +464,9 @@ def interface_block(factor: Factor, nb: int) -> np.ndarray:
         return np.eye(nb)
     if isinstance(R, np.ndarray):
         return R[begin:, begin:].T
-    block = np.zeros((nb, nb), order="F")
     if len(R) == 2:
-        for k in range(1, min(R[0].shape[1], nb - 1) + 1):
-            np.fill_diagonal(block[k:], R[0][begin : begin + nb - k, k - 1])
-        return block
+        return _block_of_band(R[0][begin:])
+    block = np.zeros((nb, nb), order="F")
     if len(R) == 3:
         ptr, index, values = R
         column = np.repeat(np.arange(nb), np.diff(ptr[begin:]))
@@ -480,3 +479,13 @@ def interface_block(factor: Factor, nb: int) -> np.ndarray:
         panel = values[start[s] : start[s + 1]].reshape(own.size, where.size).T
         block[np.ix_(where, own - begin)] = panel
     return block
+
+
+def _block_of_band(band: np.ndarray) -> np.ndarray:
+    """(nb, nb), by columns, with row i + k of column i from band[i, k - 1], zero where i + k = nb
+    and beyond: entries nb + 1 apart are one below the other in the rows of a (nb, nb + 1) array."""
+    nb = len(band)
+    width = max(min(band.shape[1], nb - 1), 0)
+    rows = np.zeros((nb, nb + 1))
+    rows[:, 1 : width + 1] = band[:, :width]
+    return rows.ravel()[: nb * nb].reshape(nb, nb, order="F")

@@ -88,6 +88,15 @@ class Link:
         arrays = self.values[order], (self.columns - before)[order], ptr
         return sp.csr_array(arrays, shape=(self.rows.size, self.n - before))
 
+    def times(self, X: np.ndarray) -> np.ndarray:
+        """The constraints of `rows` times X, (nb, k), of the last nb dofs."""
+        nb = len(X)
+        if self.rows.size < self.index.size:
+            return self.own(nb) @ X
+        order = np.argsort(self.local)  # one entry in each, as in ties
+        values, column = self.values[order], self.columns[order] - (self.n - nb)
+        return values[:, None] * X[column] + 0.0  # a sum that begins with zero has no -0.0
+
     def dense(self, nb: int | None = None) -> np.ndarray:
         """The same as an array."""
         before = 0 if nb is None else self.n - nb
