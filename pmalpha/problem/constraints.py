@@ -89,7 +89,7 @@ class Constraint(Frozen):
         if len(rows) > 1:
             raise ValueError(f"matrices must have the same number of rows, got {sorted(rows)}")
         self.p = rows.pop()
-        counts = sum(np.bincount(L.nonzero()[0], minlength=self.p) for L in self.matrices.values())
+        counts = sum(np.diff(L.indptr) for L in self.matrices.values())
         if self.p == 0:
             raise ValueError("matrices must have at least one row, got none")
         if np.any(counts == 0):

@@ -106,17 +106,21 @@ def read_only(A: Matrix | None) -> Matrix | None:
 def _sparse(value: Any, name: str) -> sp.csr_array:
     if value.dtype.kind not in "iuf":
         raise TypeError(f"{name} must hold real numbers, got dtype {value.dtype}")
-    check_arrays(value, name)
-    if value.format in ("csr", "csc"):
-        A = _compressed(value)
-    else:
-        A = sp.csr_array(sp.coo_array(value, copy=True), dtype=np.float64)
+    A = _by_rows(value, name)
     A.sum_duplicates()
     A.eliminate_zeros()  # stored on one side only, zeros would make the pattern unsymmetric
     A.sort_indices()
     require_finite(A.data, f"the stored entries of {name}")
     shorten_indices(A)
     return A
+
+
+def _by_rows(value: Any, name: str) -> sp.csr_array:
+    """A copy of a user's sparse matrix, with its duplicates and zeros."""
+    check_arrays(value, name)
+    if value.format in ("csr", "csc"):
+        return _compressed(value)
+    return sp.csr_array(sp.coo_array(value, copy=True), dtype=np.float64)
 
 
 def _compressed(value: Any) -> sp.csr_array:
@@ -160,8 +164,7 @@ def rectangular(
     if sp.issparse(value):
         if value.dtype.kind not in "iuf":
             raise TypeError(f"{name} must hold real numbers, got dtype {value.dtype}")
-        check_arrays(value, name)
-        A = sp.csr_array(sp.coo_array(value, copy=True), dtype=np.float64)
+        A = _by_rows(value, name)
         require_finite(A.data, f"the stored entries of {name}")
     else:
         A = sp.csr_array(np.atleast_2d(real_array(value, name, ndim)))
