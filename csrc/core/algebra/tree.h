@@ -29,6 +29,7 @@ typedef struct {
     size_t *parent;   /* count+1 */
     size_t *child;    /* count+1: the first one, or PMA_NO_NODE */
     size_t *sibling;  /* count+1: the next child of the same parent, or PMA_NO_NODE */
+    size_t *previous; /* count+1: the one before, or PMA_NO_NODE */
     size_t *entries;  /* count+1: of the columns of each node */
     size_t *update;   /* count+1: where the update of each node begins, one number a row */
     int32_t *row;     /* update[count]: those rows, ascending */

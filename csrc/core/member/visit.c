@@ -170,12 +170,7 @@ static size_t first_child(const pma_tree *T, size_t node, bool reversed)
 
 static size_t next_child(const pma_tree *T, size_t node, bool reversed)
 {
-    if (!reversed)
-        return T->sibling[node];
-    size_t low = node;
-    while (T->child[low] != PMA_NO_NODE)
-        low = T->child[low];
-    return low > 0 && T->parent[low - 1] == T->parent[node] ? low - 1 : PMA_NO_NODE;
+    return reversed ? T->previous[node] : T->sibling[node];
 }
 
 /* A subtree, in an order in which a parent is before its children and after them. */
