@@ -78,18 +78,17 @@ def checked_cases(
         if wrong:
             allowed = ", ".join(map(repr, ARGUMENTS))
             raise TypeError(f"cases[{k}] must have no other keys than {allowed}, got {wrong[0]}")
+        has_own = bool(case.keys() - {"force"})
+        known = None if has_own else plain
         try:
-            initial = plain
-            if initial is None or not case.keys() <= {"force"}:
-                initial = InitialValues(keys, rows, case.get("u0"), case.get("v0"))
+            initial = known or InitialValues(keys, rows, case.get("u0"), case.get("v0"))
             forces = checked_forces(keys, case.get("force"))
-            if initial is not plain:
+            if known is None:
                 initial.check(motions, tied=tied)
-            if case.keys() <= {"force"}:
-                plain = initial
             checked.append(Case(initial, forces))
         except (TypeError, ValueError) as error:
             raise type(error)(f"cases[{k}]: {error}") from None
+        plain = plain if has_own else initial
     return checked
 
 
