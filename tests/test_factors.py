@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sp
+from drawn_matrices import definite_matrix
 from problems import random_problem
 
 import pmalpha as pm
@@ -29,12 +30,6 @@ from pmalpha.setup.inertia import inertia
 from pmalpha.setup.link import Link
 
 DEFINITE = pm.FactorizationError
-
-
-def random_matrix(rng, n, density):
-    """Sparse, symmetric, positive definite, with unconnected blocks where the density is low."""
-    A = sp.random_array((n, n), density=density, rng=rng)
-    return sp.csr_array(A @ A.T + sp.diags_array(rng.uniform(0.5, 1.5, n)))
 
 
 def ordered(A, nb):
@@ -91,7 +86,7 @@ def test_every_form_of_factor_solves_with_its_matrix(seed):
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 70))
     nb = int(rng.integers(0, n + 1))
-    A = ordered(random_matrix(rng, n, rng.choice([0.01, 0.05, 0.3])), nb)
+    A = ordered(definite_matrix(rng, n, rng.choice([0.01, 0.05, 0.3])), nb)
     x = rng.normal(size=n)
     for factor in all_factors(A, nb):
         # the matrices have a condition number below 1e4
@@ -102,7 +97,7 @@ def test_every_form_of_factor_solves_with_its_matrix(seed):
 def test_our_factors_solve_as_superlu_and_dense_cholesky_do(seed):
     rng = np.random.default_rng(seed)
     n, nb = int(rng.integers(400, 900)), int(rng.integers(0, 60))
-    pieces = [random_matrix(rng, m, 4.0 / m) for m in (n // 3, n - n // 3)]
+    pieces = [definite_matrix(rng, m, 4.0 / m) for m in (n // 3, n - n // 3)]
     A = ordered(sp.csr_array(sp.block_diag(pieces)), nb)  # two blocks that are not connected
     b = rng.normal(size=n)
     by_superlu = sp.linalg.splu(sp.csc_array(A)).solve(b)
@@ -121,7 +116,7 @@ def test_a_quasi_definite_matrix_is_refused_and_has_the_inertia_of_its_blocks(se
     rng = np.random.default_rng(seed)
     m, k = int(rng.integers(1, 150)), int(rng.integers(1, 100))
     B = sp.random_array((m, k), density=0.05, rng=rng)
-    A, C = random_matrix(rng, m, 0.05), random_matrix(rng, k, 0.05)
+    A, C = definite_matrix(rng, m, 0.05), definite_matrix(rng, k, 0.05)
     whole = ordered(sp.csr_array(sp.block_array([[A, B], [B.T, -C]])), 0)
     n = m + k
     for attempt in (
@@ -213,7 +208,7 @@ def test_the_interface_matrix_from_the_factors_is_that_of_the_core_for_unit_mult
 
 def indefinite(n, where):
     """Positive definite but for one negative direction at a dof."""
-    A = sp.lil_array(random_matrix(np.random.default_rng(0), n, 0.1))
+    A = sp.lil_array(definite_matrix(np.random.default_rng(0), n, 0.1))
     A[where, where] = -3.0
     return sp.csr_array(A)
 
@@ -247,7 +242,7 @@ def test_a_floating_matrix_is_refused_in_every_form():
 def test_the_count_of_entries_is_that_of_a_dense_elimination():
     rng = np.random.default_rng(3)
     for n in (1, 2, 9, 33):
-        A = random_matrix(rng, n, 0.1)
+        A = definite_matrix(rng, n, 0.1)
         ptr, index, _ = core_sparse(A)
         pattern = A.toarray() != 0.0
         for k in range(n):  # symbolic elimination, by hand
@@ -261,7 +256,7 @@ def test_the_count_of_entries_is_that_of_a_dense_elimination():
 def test_an_order_has_the_interface_last_and_every_dof_once():
     rng = np.random.default_rng(5)
     for n in (1, 5, 40, 200):
-        A = random_matrix(rng, n, 0.03)
+        A = definite_matrix(rng, n, 0.03)
         last = np.sort(rng.choice(n, n // 3, replace=False))
         order = elimination_order(n, graph_of([A]), last)
         np.testing.assert_array_equal(np.sort(order), np.arange(n))
@@ -270,7 +265,7 @@ def test_an_order_has_the_interface_last_and_every_dof_once():
 
 def test_a_factor_that_cannot_fit_is_refused_before_it_is_begun(monkeypatch):
     monkeypatch.setattr("pmalpha.memory.available", lambda: 1000)
-    A = random_matrix(np.random.default_rng(0), 400, 0.2)
+    A = definite_matrix(np.random.default_rng(0), 400, 0.2)
     for attempt in (
         lambda: by_panels(A, 0, "Mbar"),
         lambda: factors.columns(A, names(400, "Mbar"), 80_000, nb=0),
@@ -280,7 +275,7 @@ def test_a_factor_that_cannot_fit_is_refused_before_it_is_begun(monkeypatch):
 
 
 def test_a_structure_that_is_not_of_the_matrix_is_refused():
-    A = random_matrix(np.random.default_rng(1), 20, 0.2)
+    A = definite_matrix(np.random.default_rng(1), 20, 0.2)
     ptr, index, values = core_sparse(A)
     structure = _core.supernodes(*core_sparse(sp.eye_array(20, format="csr"))[:2], 0)
     panel_values, inverse = np.empty(structure[3][-1]), np.empty(20)
@@ -495,7 +490,7 @@ def test_a_chain_keeps_its_natural_order():
 def test_interiors_empty_small_or_in_pieces_are_ordered(last):
     rng = np.random.default_rng(2)
     ring = sp.csr_array(sp.eye_array(300) + sp.eye_array(300, k=1) + sp.eye_array(300, k=-1))
-    for A in (random_matrix(rng, 300, 0.05), ring, sp.csr_array(np.ones((300, 300)))):
+    for A in (definite_matrix(rng, 300, 0.05), ring, sp.csr_array(np.ones((300, 300)))):
         order = elimination_order(300, graph_of([A]), last)
         np.testing.assert_array_equal(np.sort(order), np.arange(300))
         np.testing.assert_array_equal(order[300 - last.size :], last)
@@ -603,7 +598,7 @@ def test_mbar_of_both_steps_and_the_mass_share_one_structure():
 def test_the_compliance_is_that_of_the_dense_inverse_for_few_and_many_constraints(rows):
     rng = np.random.default_rng(rows)
     n, nb = 60, 20  # up to a third of nb by solutions, beyond by S^-1 as a whole
-    A = ordered(random_matrix(rng, n, 0.05), nb)
+    A = ordered(definite_matrix(rng, n, 0.05), nb)
     L = np.zeros((rows, n))
     L[:, n - nb :] = rng.normal(size=(rows, nb))
     exact = L @ np.linalg.inv(A.toarray()) @ L.T

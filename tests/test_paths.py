@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse as sp
+from drawn_matrices import compliance_problem, definite_matrix
 from problems import random_problem
 
 import pmalpha as pm
@@ -24,11 +25,6 @@ def always_last(n, graph, last, *, superlu=False):
     order = elimination_order(n, graph, last)
     structure = None if graph is None else structure_of(*rows_of(graph, order), last.size)
     return Elimination(order, last.size, structure)
-
-
-def random_matrix(rng, n, density):
-    A = sp.random_array((n, n), density=density, rng=rng)
-    return sp.csr_array(A @ A.T + sp.diags_array(rng.uniform(0.5, 1.5, n)))
 
 
 @pytest.mark.parametrize("seed", range(60))
@@ -64,19 +60,13 @@ def test_the_compliance_along_paths_is_that_of_the_dense_inverse(seed, monkeypat
     monkeypatch.setattr(factors, "WIDE", 0)
     monkeypatch.setattr("pmalpha.setup.paths.BLOCK", 7)
     rng = np.random.default_rng(seed)
-    n = int(rng.integers(2, 120))
-    nb = int(rng.integers(1, n + 1))
-    A = random_matrix(rng, n, rng.choice([0.005, 0.02, 0.1]))
-    last = np.sort(rng.choice(n, nb, replace=False))
+    A, last, L, exact = compliance_problem(rng, definite_matrix, [0.005, 0.02, 0.1])
     chosen = ordinary(graph_of([A]), last)
     if chosen is None:
         pytest.skip("the matrix came out diagonal")
-    np.testing.assert_array_equal(chosen.order[n - nb :], last)
+    np.testing.assert_array_equal(chosen.order[-last.size :], last)
     names = factors.Names("A", chosen.order)
     factor = chosen.factor(permuted(A, chosen.order), names)
-    L = rng.normal(size=(int(rng.integers(1, nb + 1)), nb)) * (rng.random(nb) < 0.5)
-    L[:, 0] = 1.0  # no empty row
-    exact = L @ np.linalg.inv(A.toarray())[np.ix_(last, last)] @ L.T
     ours = compliance_along_paths(factor, sp.csr_array(L))
     # the matrices have a condition number below 1e4
     np.testing.assert_allclose(ours, exact, rtol=0, atol=1e-11 * np.max(np.abs(exact)))

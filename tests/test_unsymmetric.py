@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import test_paths
+from drawn_matrices import compliance_problem, unsymmetric_matrix
 from problems import random_restored_problem, random_unsymmetric_problem
 from scipy.sparse.linalg import splu
 from test_against_reference import assert_agreement
@@ -55,14 +56,6 @@ def test_core_and_reference_agree_with_panels_and_paths(seed, ordering, monkeypa
 # ---- factors -------------------------------------------------------------------------------------
 
 
-def random_matrix(rng, n, density):
-    """Not symmetric, also in its pattern, with a positive definite symmetric part; with blocks that
-    are not connected where the density is low."""
-    A = sp.random_array((n, n), density=density, rng=rng)
-    B = sp.random_array((n, n), density=density, rng=rng)
-    return sp.csr_array(A @ A.T + sp.diags_array(rng.uniform(0.5, 1.5, n)) + B - B.T)
-
-
 PATTERNS = {
     "one dof": (1, 1.0),
     "a forest": (60, 0.008),
@@ -94,7 +87,7 @@ def test_solutions_are_those_of_superlu_and_of_dense_lu(pattern, border, monkeyp
     nb = {"none": 0, "some": (n + 2) // 3, "all": n}[border]
     for seed in range(5):
         rng = np.random.default_rng([seed, n])
-        A = random_matrix(rng, n, density)
+        A = unsymmetric_matrix(rng, n, density)
         order = elimination_order(n, graph_of([A]), np.arange(n - nb, n))
         A, b = permuted(A, order), rng.normal(size=n)
         expected = splu(sp.csc_array(A)).solve(b)
@@ -109,7 +102,7 @@ def test_compliances_are_those_of_the_dense_inverse(pattern, monkeypatch):
     n, density = PATTERNS[pattern]
     rng = np.random.default_rng(n)
     nb = (n + 2) // 3
-    A = random_matrix(rng, n, density)
+    A = unsymmetric_matrix(rng, n, density)
     A = permuted(A, elimination_order(n, graph_of([A]), np.arange(n - nb, n)))
     L = sp.csc_array(sp.hstack([sp.csc_array((3, n - nb)), rng.normal(size=(3, nb))]))
     expected = L @ np.linalg.inv(A.toarray()) @ L.T
@@ -126,17 +119,11 @@ def test_the_compliance_along_paths_is_that_of_the_dense_inverse(seed, monkeypat
     monkeypatch.setattr(factors, "WIDE", 0)
     monkeypatch.setattr("pmalpha.setup.paths.BLOCK", 7)
     rng = np.random.default_rng(seed)
-    n = int(rng.integers(2, 120))
-    nb = int(rng.integers(1, n + 1))
-    A = random_matrix(rng, n, rng.choice([0.01, 0.03, 0.1]))
-    last = np.sort(rng.choice(n, nb, replace=False))
+    A, last, L, exact = compliance_problem(rng, unsymmetric_matrix, [0.01, 0.03, 0.1])
     chosen = ordinary(graph_of([A]), last)
     factor = chosen.factor(
         permuted(A, chosen.order), factors.Names("A", chosen.order), symmetric=False
     )
-    L = rng.normal(size=(int(rng.integers(1, nb + 1)), nb)) * (rng.random(nb) < 0.5)
-    L[:, 0] = 1.0  # no empty row
-    exact = L @ np.linalg.inv(A.toarray())[np.ix_(last, last)] @ L.T
     ours = compliance_along_paths(factor, sp.csr_array(L))
     # condition numbers below 1e4
     np.testing.assert_allclose(ours, exact, rtol=0, atol=1e-11 * np.max(np.abs(exact)))
