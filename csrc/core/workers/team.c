@@ -6,8 +6,10 @@
 
 #include "workers/thread.h"
 
-/* How often a waiting thread looks before it sleeps: some ten to a hundred microseconds. */
-enum { LOOKS = 2000 };
+/* How often a waiting thread looks before it sleeps: for some ten microseconds, and then as long
+ * again or longer between which others can run. To be woken takes as long, in every step of a solid
+ * whose trunk one worker sweeps while the others wait. */
+enum { LOOKS = 2000, YIELDS = 300 };
 
 /* How long the caller sleeps before it is woken to look at something else. */
 enum { LOOK_MILLISECONDS = 20 };
@@ -87,10 +89,13 @@ static bool has_happened(const event *e, memory_order order)
 
 static bool spin(const event *e)
 {
-    for (int i = 0; i < LOOKS; i++) {
+    for (int i = 0; i < LOOKS + YIELDS; i++) {
         if (has_happened(e, memory_order_acquire))
             return true;
-        pause_briefly();
+        if (i < LOOKS)
+            pause_briefly();
+        else
+            pma_thread_yield();
     }
     return false;
 }

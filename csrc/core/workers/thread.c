@@ -51,6 +51,11 @@ void pma_thread_wake(pma_thread *t)
     WakeAllConditionVariable(&t->changed);
 }
 
+void pma_thread_yield(void)
+{
+    SwitchToThread();
+}
+
 void pma_thread_rest(void)
 {
     Sleep(1); /* the least there is */
@@ -63,6 +68,7 @@ long pma_thread_process(void)
 
 #else
 
+#include <sched.h>
 #include <signal.h>
 #include <stddef.h>
 #include <time.h>
@@ -148,6 +154,11 @@ void pma_thread_doze(pma_thread *t, unsigned milliseconds)
 void pma_thread_wake(pma_thread *t)
 {
     pthread_cond_broadcast(&t->changed);
+}
+
+void pma_thread_yield(void)
+{
+    sched_yield();
 }
 
 void pma_thread_rest(void)

@@ -45,6 +45,9 @@ void pma_thread_doze(pma_thread *t, unsigned milliseconds);
 /* Wakes all that sleep on the lock. */
 void pma_thread_wake(pma_thread *t);
 
+/* Lets others run that wait for a processor; without such it returns at once. */
+void pma_thread_yield(void);
+
 /* Returns after some ten microseconds, in which others can run. */
 void pma_thread_rest(void);
 
