@@ -2,8 +2,9 @@
 
 /* clang-format off: attributes are long, and a name begins its line */
 
-/* Fewer rows than fill two registers take one after the other: what was stored as one number and is
- * loaded as part of a register, or the other way round, has to wait for the cache. */
+/* Fewer rows than fill two registers are taken one after the other: what was stored as one number and
+ * is loaded as part of a register, or the other way round, has to wait for the cache. They have loops
+ * of their own, whose functions save no registers and compare no addresses. */
 enum { FEW = 8 };
 
 /* ---- the loops, to be compiled for each kind of processor ----------------------------------- */
@@ -23,12 +24,17 @@ predict(const pma_step *c, size_t begin, size_t end, const pma_state *from, cons
 {
     const pma_step step = *c; /* or it would be read again after each number that is stored */
     const pma_state x = *from, y = *to;
-    if (end - begin < FEW) {
-        for (size_t i = begin; i < end; i++)
-            predict_row(&step, i, &x, &y);
-        return;
-    }
 #pragma omp simd
+    for (size_t i = begin; i < end; i++)
+        predict_row(&step, i, &x, &y);
+}
+
+__attribute__((always_inline)) static inline void
+predict_few(const pma_step *c, size_t begin, size_t end, const pma_state *from, const pma_state *to)
+{
+    const pma_step step = *c;
+    const pma_state x = *from, y = *to;
+#pragma omp simd simdlen(1)
     for (size_t i = begin; i < end; i++)
         predict_row(&step, i, &x, &y);
 }
@@ -53,12 +59,19 @@ __attribute__((always_inline)) static inline bool correct(const pma_step *c, siz
     const pma_step step = *c;
     const pma_state y = *x;
     double zero = 0.0;
-    if (end - begin < FEW) {
-        for (size_t i = begin; i < end; i++)
-            zero += correct_row(&step, i, &y);
-        return zero == 0.0;
-    }
 #pragma omp simd reduction(+ : zero)
+    for (size_t i = begin; i < end; i++)
+        zero += correct_row(&step, i, &y);
+    return zero == 0.0;
+}
+
+__attribute__((always_inline)) static inline bool correct_few(const pma_step *c, size_t begin,
+                                                              size_t end, const pma_state *x)
+{
+    const pma_step step = *c;
+    const pma_state y = *x;
+    double zero = 0.0;
+#pragma omp simd simdlen(1)
     for (size_t i = begin; i < end; i++)
         zero += correct_row(&step, i, &y);
     return zero == 0.0;
@@ -66,15 +79,33 @@ __attribute__((always_inline)) static inline bool correct(const pma_step *c, siz
 
 /* ---- for each kind of processor ------------------------------------------------------------- */
 
-static void predict_plain(const pma_step *c, size_t begin, size_t end, const pma_state *from,
-                          const pma_state *to)
+__attribute__((noinline)) static void predict_many_plain(const pma_step *c, size_t begin,
+                                                         size_t end, const pma_state *from,
+                                                         const pma_state *to)
 {
     predict(c, begin, end, from, to);
 }
 
-static bool correct_plain(const pma_step *c, size_t begin, size_t end, const pma_state *x)
+__attribute__((noinline)) static bool correct_many_plain(const pma_step *c, size_t begin,
+                                                         size_t end, const pma_state *x)
 {
     return correct(c, begin, end, x);
+}
+
+static void predict_plain(const pma_step *c, size_t begin, size_t end, const pma_state *from,
+                          const pma_state *to)
+{
+    if (end - begin < FEW)
+        predict_few(c, begin, end, from, to);
+    else
+        predict_many_plain(c, begin, end, from, to);
+}
+
+static bool correct_plain(const pma_step *c, size_t begin, size_t end, const pma_state *x)
+{
+    if (end - begin < FEW)
+        return correct_few(c, begin, end, x);
+    return correct_many_plain(c, begin, end, x);
 }
 
 /* clang-format on */
@@ -91,17 +122,33 @@ const pma_update *pma_update_plain(void)
 /* clang-format off */
 
 /* AVX2 alone: with fused multiply-adds the digits would depend on the processor. */
-__attribute__((target("avx2"))) static void
-predict_avx2(const pma_step *c, size_t begin, size_t end, const pma_state *from,
-             const pma_state *to)
+__attribute__((target("avx2"), noinline)) static void
+predict_many_avx2(const pma_step *c, size_t begin, size_t end, const pma_state *from,
+                  const pma_state *to)
 {
     predict(c, begin, end, from, to);
 }
 
-__attribute__((target("avx2"))) static bool
-correct_avx2(const pma_step *c, size_t begin, size_t end, const pma_state *x)
+__attribute__((target("avx2"), noinline)) static bool
+correct_many_avx2(const pma_step *c, size_t begin, size_t end, const pma_state *x)
 {
     return correct(c, begin, end, x);
+}
+
+static void predict_avx2(const pma_step *c, size_t begin, size_t end, const pma_state *from,
+                         const pma_state *to)
+{
+    if (end - begin < FEW)
+        predict_few(c, begin, end, from, to);
+    else
+        predict_many_avx2(c, begin, end, from, to);
+}
+
+static bool correct_avx2(const pma_step *c, size_t begin, size_t end, const pma_state *x)
+{
+    if (end - begin < FEW)
+        return correct_few(c, begin, end, x);
+    return correct_many_avx2(c, begin, end, x);
 }
 
 /* clang-format on */
