@@ -24,11 +24,12 @@ typedef struct {
 
 /* (T1)  t = t0 + (j / levels) dt for time level j of `levels` in a macro step, counted from where
  * macro steps of this length began and in this order of operations: equal times are bitwise
- * identical, whatever `levels` is */
+ * identical, whatever `levels` is. Signed numbers become doubles in one instruction. */
 static inline double pma_clock_time(double t0, double dt, int64_t macro, size_t j, size_t levels)
 {
-    const double count = (double)macro * (double)levels + (double)j;
-    return t0 + (levels == 1 ? count : count / (double)levels) * dt;
+    const double parts = (double)(int64_t)levels;
+    const double count = (double)macro * parts + (double)(int64_t)j;
+    return t0 + (levels == 1 ? count : count / parts) * dt;
 }
 
 /* (15)  j = floor((k - 1) / ratio), theta = phase / ratio, for k >= 1 */

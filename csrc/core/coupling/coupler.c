@@ -43,6 +43,7 @@ static void lay_out(pma_coupler *c, const pma_coupler_parts *parts)
                                       .first_double = pma_clock_first_double(
                                           member->doubled, member->continues, member->substeps)};
         c->evaluates = c->evaluates || member->evaluates;
+        c->entries += (member->entries + c->coupled[i].ratio - 1) / c->coupled[i].ratio;
     }
     double *next = c->block;
     pma_macro_level *const levels[3] = {&c->present, &c->reached, &c->working};
@@ -139,6 +140,8 @@ static pma_status create_team(pma_coupler *c)
     c->alternates = alternates(c);
     if (status == PMA_OK)
         status = pma_look_ahead_is_used(c) ? pma_look_ahead_create(c) : prepare_visits(c);
+    for (size_t i = 0; i < c->parts.count; i++)
+        c->coupled[i].ahead = c->coupled[i].visits || pma_look_ahead_is_used(c);
     if (status != PMA_OK || c->roster.workers == 1)
         return status;
     return pma_team_create(c->roster.workers, &c->team);

@@ -46,7 +46,7 @@ pma_duty pma_fine_duty_aside(const pma_member *member)
 
 static bool begins(const pma_coupled *m)
 {
-    return m->now.phase == 1 && !pma_look_ahead_has_open(m, m->now.j);
+    return m->now.phase == 1 && !(m->ahead && pma_look_ahead_has_open(m, m->now.j));
 }
 
 static pma_status open_substep(pma_coupler *c, pma_coupled *m)
@@ -57,8 +57,7 @@ static pma_status open_substep(pma_coupler *c, pma_coupled *m)
 /* The substeps that begin with this fine step, as far as they are not open yet. */
 static pma_status open_substeps(pma_coupler *c)
 {
-    for (size_t i = 0; i < c->parts.count; i++)
-        c->unpolled += c->coupled[i].now.phase == 1 ? c->coupled[i].member.entries : 0;
+    c->unpolled += c->entries;
     const pma_status status = pma_share(c, open_substep, begins);
     if (status == PMA_OK && pma_look_ahead_is_used(c))
         pma_look_ahead_open(c);
@@ -70,11 +69,10 @@ static pma_status open_substeps(pma_coupler *c)
 static inline void right_side(pma_coupler *c)
 {
     memcpy(c->working.lam, c->working.g, c->parts.p * sizeof(double));
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_coupled *m = &c->coupled[i];
-        const double theta = pma_is_ending(m) ? 1.0 : (double)m->now.phase / (double)m->ratio;
-        m->member.table->free_velocity(m->member.self, m->now.j, theta, -1.0, c->working.lam);
-    }
+    const pma_coupled *const end = c->coupled + c->parts.count;
+    for (const pma_coupled *m = c->coupled; m < end; m++)
+        m->member.table->free_velocity(m->member.self, m->now.j, pma_theta(m), -1.0,
+                                       c->working.lam);
 }
 
 /* H Lam = g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (18) (G1) */

@@ -54,8 +54,7 @@ static void velocity_jump(const pma_coupler *c, double *jump)
         if (pma_is_ending(m)) {
             table->velocity(m->member.self, m->now.j + 1, jump);
         } else {
-            const double theta = (double)m->now.phase / (double)m->ratio;
-            table->free_velocity(m->member.self, m->now.j, theta, 1.0, jump);
+            table->free_velocity(m->member.self, m->now.j, pma_theta(m), 1.0, jump);
             table->compliance(m->member.self, m->step.twice, c->working.lam, jump);
         }
     }

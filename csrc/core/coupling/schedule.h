@@ -33,6 +33,7 @@ typedef struct {
     pma_substep step;     /* ... and the substep that it is in */
     size_t worker;        /* that has it */
     bool visits;          /* can be closed and opened in one visit */
+    bool ahead;           /* ... or beside the fine steps: its next substep may be open already */
     pma_status status;    /* of the last open or close; written when it is not PMA_OK */
     pma_assignment assigned;
     double *lam; /* p: what it is closed with beside the fine steps, or in a run; else NULL */
@@ -56,6 +57,7 @@ struct pma_coupler {
     pma_coupled *coupled; /* one for each member */
     size_t fine;          /* interface problems in a macro step */
     size_t k;             /* fine steps since the present, with the one at hand */
+    size_t entries;       /* read by the members in a fine step, on average */
     pma_origin origin;    /* where macro steps are counted from */
 
     /* The present is committed. All members have arrived at `reached`, which waits to be committed
@@ -135,8 +137,8 @@ void pma_coupler_move_to(pma_coupler *c, size_t k);
 static inline void pma_coupler_move_on(pma_coupler *c)
 {
     c->k++;
-    for (size_t i = 0; i < c->parts.count; i++) {
-        pma_coupled *m = &c->coupled[i];
+    pma_coupled *const end = c->coupled + c->parts.count;
+    for (pma_coupled *m = c->coupled; m < end; m++) {
         if (m->now.phase < m->ratio) {
             m->now.phase++;
             continue;
@@ -149,6 +151,12 @@ static inline void pma_coupler_move_on(pma_coupler *c)
 static inline bool pma_is_ending(const pma_coupled *m)
 {
     return m->now.phase == m->ratio;
+}
+
+/* (15)  Where it is in its substep. */
+static inline double pma_theta(const pma_coupled *m)
+{
+    return pma_is_ending(m) ? 1.0 : (double)(int64_t)m->now.phase / (double)(int64_t)m->ratio;
 }
 
 /* The macro step before is not committed yet. */
@@ -346,11 +354,11 @@ static inline pma_status pma_share(pma_coupler *c, pma_task task, pma_due due)
 {
     if (c->team || c->alternates)
         return pma_share_out(c, task, due);
-    for (size_t i = 0; i < c->parts.count; i++) {
-        pma_coupled *m = &c->coupled[i];
+    pma_coupled *const end = c->coupled + c->parts.count;
+    for (pma_coupled *m = c->coupled; m < end; m++) {
         const pma_status status = due(m) ? task(c, m) : PMA_OK;
         if (status != PMA_OK) {
-            c->failed = i;
+            c->failed = (size_t)(m - c->coupled);
             return status;
         }
     }
