@@ -21,18 +21,51 @@ pma_status pma_link_check(const pma_link *L)
     return PMA_OK;
 }
 
-void pma_link_load_each(const pma_link *L, const double *lam, double *xb)
+__attribute__((noinline)) static void load_lanes(const pma_link *L, const double *lam, double *xb)
 {
     memset(xb, 0, L->nb * sizeof *xb);
     pma_lanes_add(L->each, lam, xb);
 }
 
-void pma_link_add_each(const pma_link *L, const double *lam, double *xb)
+void pma_link_load(const pma_link *L, const double *lam, double *xb)
 {
-    pma_lanes_add(L->each, lam, xb);
+    if (L->each) {
+        load_lanes(L, lam, xb);
+        return;
+    }
+    const pma_link l = *L; /* or it would be read again after each number that is stored */
+    int64_t k = 0;
+    for (size_t j = 0; j < l.nb; j++) {
+        double sum = 0.0;
+        for (; k < l.ptr[j + 1]; k++)
+            sum += l.values[k] * lam[l.index[k]];
+        xb[j] = sum;
+    }
 }
 
-void pma_link_gather_each(const pma_link *L, double scale, const double *xb, double *jump)
+void pma_link_add(const pma_link *L, const double *lam, double *xb)
 {
-    pma_lanes_gather(L->each, scale, xb, jump);
+    if (L->each) {
+        pma_lanes_add(L->each, lam, xb);
+        return;
+    }
+    for (size_t j = 0; j < L->nb; j++) {
+        for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)
+            xb[j] += L->values[k] * lam[L->index[k]];
+    }
+}
+
+void pma_link_gather(const pma_link *L, double scale, const double *xb, double *jump)
+{
+    if (L->each) {
+        pma_lanes_gather(L->each, scale, xb, jump);
+        return;
+    }
+    const pma_link l = *L; /* or it would be read again after each number that is stored */
+    int64_t k = 0;
+    for (size_t j = 0; j < l.nb; j++) {
+        const double x = scale * xb[j];
+        for (; k < l.ptr[j + 1]; k++)
+            jump[l.index[k]] += l.values[k] * x;
+    }
 }

@@ -21,53 +21,13 @@ typedef struct pma_link {
 /* PMA_BAD_INDEX unless every row index lies in 0..p-1. */
 pma_status pma_link_check(const pma_link *L);
 
-/* What follows in lanes. */
-void pma_link_load_each(const pma_link *L, const double *lam, double *xb);
-void pma_link_add_each(const pma_link *L, const double *lam, double *xb);
-void pma_link_gather_each(const pma_link *L, double scale, const double *xb, double *jump);
-
-/* sum + column j of L_b times lam */
-static inline double pma_link_column(const pma_link *L, size_t j, const double *lam, double sum)
-{
-    for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)
-        sum += L->values[k] * lam[L->index[k]];
-    return sum;
-}
-
 /* xb (nb) := L_b^T lam, lam (p) */
-static inline void pma_link_load(const pma_link *L, const double *lam, double *xb)
-{
-    if (L->each) {
-        pma_link_load_each(L, lam, xb);
-        return;
-    }
-    for (size_t j = 0; j < L->nb; j++)
-        xb[j] = pma_link_column(L, j, lam, 0.0);
-}
+void pma_link_load(const pma_link *L, const double *lam, double *xb);
 
 /* xb (nb) += L_b^T lam, lam (p) */
-static inline void pma_link_add(const pma_link *L, const double *lam, double *xb)
-{
-    if (L->each) {
-        pma_link_add_each(L, lam, xb);
-        return;
-    }
-    for (size_t j = 0; j < L->nb; j++)
-        xb[j] = pma_link_column(L, j, lam, xb[j]);
-}
+void pma_link_add(const pma_link *L, const double *lam, double *xb);
 
 /* jump (p) += scale L_b xb, xb (nb) */
-static inline void pma_link_gather(const pma_link *L, double scale, const double *xb, double *jump)
-{
-    if (L->each) {
-        pma_link_gather_each(L, scale, xb, jump);
-        return;
-    }
-    for (size_t j = 0; j < L->nb; j++) {
-        const double x = scale * xb[j];
-        for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)
-            jump[L->index[k]] += L->values[k] * x;
-    }
-}
+void pma_link_gather(const pma_link *L, double scale, const double *xb, double *jump);
 
 #endif

@@ -36,6 +36,7 @@ struct pma_subdomain {
     double *fronts;        /* of all workers but the first */
     size_t trunk;          /* entries above the branches of two workers */
     bool extrapolates;     /* a substep uses the velocity extrapolated from its beginning (R1) */
+    bool restores;         /* it has springs, or a force that depends on that velocity (R3) */
     size_t reach, slab;    /* of the matrices; rows of a substep taken at a time */
     double *vs;            /* n: extrapolated velocity, if there is one */
     double *force;         /* n, and scratch: internal forces of an explicit subdomain */

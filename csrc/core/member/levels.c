@@ -59,6 +59,7 @@ pma_status pma_levels_create(pma_levels *l)
     l->vf_present = take(&next, l->nb);
     l->vf_work[0] = take(&next, l->nb);
     l->vf_work[1] = take(&next, l->nb);
+    l->vf_most = 1;
     l->vf_previous = take(&next, l->nb);
     return PMA_OK;
 }
@@ -82,6 +83,7 @@ pma_status pma_levels_extend(pma_levels *l)
         l->work[i] = take_state(&next, l);
     l->vf_work[2] = take(&next, l->nb);
     l->vf_work[3] = take(&next, l->nb);
+    l->vf_most = 3;
     l->count = count;
     return PMA_OK;
 }
@@ -122,6 +124,7 @@ void pma_levels_commit(pma_levels *l)
     swap_states(&l->present, &l->work[pma_levels_slot(l, last)]);
     swap_pointers(&l->vf_present, &l->vf_work[pma_levels_free_slot(l, last)]);
     l->first = pma_levels_slot(l, last + 1);
+    l->vf_first = pma_levels_free_slot(l, last + 1);
     l->opened = l->opened > last ? l->opened - last : 0;
 }
 

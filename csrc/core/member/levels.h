@@ -27,7 +27,8 @@ typedef struct {
     double *vf_present, *vf_previous; /* stored free velocities; no step reads the latter */
     pma_state work[PMA_MOST_LEVELS];
     double *vf_work[PMA_MOST_LEVELS];
-    size_t count, first; /* of `work`: how many there are, and where they begin */
+    size_t count, first;      /* of `work`: how many there are, and where they begin */
+    size_t vf_most, vf_first; /* of `vf_work`: the last of 2 or 4, and where they begin */
     double *block, *block_ahead;
 } pma_levels;
 
@@ -60,13 +61,11 @@ static inline size_t pma_levels_slot(const pma_levels *l, size_t j)
     return (l->first + (l->turns ? j - 1 : j > l->substeps)) % l->count;
 }
 
-/* Of the stored free velocity of time level j > 0: that of the level before is needed too. */
+/* Of the stored free velocity of time level j > 0. Those of the level before and of all that are open
+ * are needed too, so they take turns: 2 of them, or 4 where the next macro step can begin. */
 static inline size_t pma_levels_free_slot(const pma_levels *l, size_t j)
 {
-    const size_t slot = pma_levels_slot(l, j);
-    if (l->turns && l->count > 1)
-        return slot;
-    return 2 * slot + (j > l->substeps ? j - l->substeps - 1 : j - 1) % 2;
+    return (l->vf_first + j - 1) & l->vf_most;
 }
 
 /* The state of time level j. Valid until the next commit. */

@@ -9,8 +9,7 @@ static size_t least(size_t a, size_t b)
 bool pma_rows_divide(const pma_subdomain *s)
 {
     const pma_parts *p = &s->parts;
-    return p->single.factor.form == PMA_DIAGONAL && !p->doubled && !s->extrapolates &&
-           p->springs.total == 0;
+    return p->single.factor.form == PMA_DIAGONAL && !p->doubled && !s->restores;
 }
 
 void pma_rows_predict(pma_subdomain *s, const pma_substep *step, size_t begin, size_t end)

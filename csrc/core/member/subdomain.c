@@ -98,8 +98,7 @@ enum { SLAB = 128, NARROW = 4096 };
 static size_t slab_of(const pma_subdomain *s)
 {
     const size_t n = s->parts.n, lanes = s->parts.link.each ? PMA_LANES : 1;
-    const bool linear = !s->extrapolates && s->parts.springs.total == 0;
-    return s->reach <= NARROW * lanes && s->reach < n / 2 && linear ? SLAB * lanes : n;
+    return s->reach <= NARROW * lanes && s->reach < n / 2 && !s->restores ? SLAB * lanes : n;
 }
 
 /* Numbers that the springs remember of a time level. */
@@ -213,6 +212,7 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
     s->update = pma_update_best();
     s->extrapolates = parts->restoring.function || parts->lagged || parts->D_r.form != PMA_ZERO ||
                       (parts->internal.count > 0 && !parts->iterate);
+    s->restores = s->extrapolates || parts->springs.total > 0;
     s->load = (pma_load){.kind = PMA_LOAD_NONE, .n = parts->n};
     if (parts->iterate)
         status = create_iterate(s, parts->iterate);

@@ -71,7 +71,8 @@ static pma_status subtract_internal(pma_subdomain *s, const pma_state *from, con
 }
 
 /* y -= r(ut, vs, t1) + D_r (vt - vs); vs is then used up                                  (R3) */
-static pma_status restore(pma_subdomain *s, const pma_state *from, const pma_state *to, double t1)
+__attribute__((noinline)) static pma_status restore(pma_subdomain *s, const pma_state *from,
+                                                    const pma_state *to, double t1)
 {
     const pma_parts *p = &s->parts;
     pma_status status = PMA_OK;
@@ -142,8 +143,8 @@ static inline pma_status solve_free(pma_subdomain *s, const pma_substep *step,
 
         add_forces(s, step, to, begin, end);
 
-        /* (R3), where there is something to it in all rows at once */
-        if (s->slab == p->n)
+        /* (R3), in all rows at once */
+        if (s->restores)
             status = restore(s, from, to, step->t1);
 
         /* (F2), (F3) */
@@ -287,7 +288,8 @@ pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const 
 
 /* Closed under h^2 / (2 al1) L^T lam, w -= h^2 / (2 al1) y, and what (8), (9) make of y; in v that
  * is zero for the trapezoidal rule, in u always                                           (K7) */
-static pma_status close_waiting(pma_subdomain *s, const pma_substep *step, const double *lam)
+__attribute__((noinline)) static pma_status close_waiting(pma_subdomain *s, const pma_substep *step,
+                                                          const double *lam)
 {
     const pma_step *c = &s->open->step;
     const pma_state *x = pma_levels_at(&s->levels, step->j + 1);

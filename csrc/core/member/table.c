@@ -32,13 +32,16 @@ static void compliance(void *self, bool twice, const double *lam, double *sum)
     pma_link_gather(&s->parts.link, op->step.al2, s->link, sum);
 }
 
+static void add_free_velocity(const pma_subdomain *s, size_t j, double scale, double *sum)
+{
+    pma_link_gather(&s->parts.link, scale, pma_levels_free_velocity(&s->levels, j), sum);
+}
+
 static void free_velocity(const void *self, size_t j, double theta, double scale, double *sum)
 {
-    const pma_subdomain *s = self;
-    const pma_link *L = &s->parts.link;
     if (theta < 1.0)
-        pma_link_gather(L, scale * (1.0 - theta), pma_levels_free_velocity(&s->levels, j), sum);
-    pma_link_gather(L, scale * theta, pma_levels_free_velocity(&s->levels, j + 1), sum);
+        add_free_velocity(self, j, scale * (1.0 - theta), sum);
+    add_free_velocity(self, j + 1, scale * theta, sum);
 }
 
 static void velocity(const void *self, size_t j, double *sum)

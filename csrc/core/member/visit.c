@@ -94,8 +94,7 @@ pma_status pma_visit_find(pma_subdomain *s)
 {
     const pma_parts *p = &s->parts;
     const pma_tree *T = pma_factor_tree(&p->single.factor);
-    if (!T || s->extrapolates || p->springs.total > 0 || p->mean ||
-        (p->doubled && pma_factor_tree(&p->twice.factor) != T))
+    if (!T || s->restores || p->mean || (p->doubled && pma_factor_tree(&p->twice.factor) != T))
         return PMA_OK;
     pma_status status = find_relations(s, &s->fuses);
     if (status != PMA_OK || !s->fuses)
