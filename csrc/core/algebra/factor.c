@@ -120,15 +120,32 @@ size_t pma_factor_reach(const pma_factor *f)
     }
 }
 
-/* A dense factor is one panel. Rows and columns first..n-1 of it; x[0] is unknown `first`. */
-static void eliminate_dense(const pma_factor *f, size_t first, size_t last, double *x)
+static void eliminate_nothing(const pma_factor *f, size_t first, size_t last, double *x,
+                              double *work)
 {
+    (void)f, (void)first, (void)last, (void)x, (void)work;
+}
+
+static void substitute_diagonal(const pma_factor *f, size_t first, size_t last, double *x,
+                                double *work)
+{
+    (void)work;
+    for (size_t j = first; j < last; j++)
+        x[j - first] *= f->inverse[j];
+}
+
+/* A dense factor is one panel. Rows and columns first..n-1 of it; x[0] is unknown `first`. */
+static void eliminate_dense(const pma_factor *f, size_t first, size_t last, double *x, double *work)
+{
+    (void)work;
     pma_kernel_best()->eliminate(f->values + first * f->n + first, f->n, f->n - first, last - first,
                                  x);
 }
 
-static void substitute_dense(const pma_factor *f, size_t first, size_t last, double *x)
+static void substitute_dense(const pma_factor *f, size_t first, size_t last, double *x,
+                             double *work)
 {
+    (void)work;
     for (size_t j = first; j < last; j++)
         x[j - first] *= f->inverse[j];
     pma_kernel_best()->substitute(f->values + f->Q + first * f->n + first, f->n, f->n - first,
@@ -162,7 +179,7 @@ static void substitute_chain(const pma_factor *f, size_t first, size_t last, dou
         x[j] = xj = x[j] * inverse[j] - q[j] * xj;
 }
 
-static void eliminate_band(const pma_factor *f, size_t first, size_t last, double *x)
+static void eliminate_wide(const pma_factor *f, size_t first, size_t last, double *x)
 {
     double xj = x[0];
     for (size_t j = first; j < last && j + 1 < f->n; j++) {
@@ -177,7 +194,7 @@ static void eliminate_band(const pma_factor *f, size_t first, size_t last, doubl
     }
 }
 
-static void substitute_band(const pma_factor *f, size_t first, size_t last, double *x)
+static void substitute_wide(const pma_factor *f, size_t first, size_t last, double *x)
 {
     const double *Q = f->values + f->Q;
     double next = last < f->n ? x[last - first] : 0.0;
@@ -193,8 +210,32 @@ static void substitute_band(const pma_factor *f, size_t first, size_t last, doub
     }
 }
 
-static void eliminate_sparse(const pma_factor *f, size_t first, size_t last, double *x)
+static void eliminate_band(const pma_factor *f, size_t first, size_t last, double *x, double *work)
 {
+    (void)work;
+    if (f->folded)
+        pma_fold_eliminate(f->n, f->values, first, last, x);
+    else if (f->width == 1)
+        eliminate_chain(f, first, last, x);
+    else
+        eliminate_wide(f, first, last, x);
+}
+
+static void substitute_band(const pma_factor *f, size_t first, size_t last, double *x, double *work)
+{
+    (void)work;
+    if (f->folded)
+        pma_fold_substitute(f->n, f->values + f->Q, f->inverse, first, last, x);
+    else if (f->width == 1)
+        substitute_chain(f, first, last, x);
+    else
+        substitute_wide(f, first, last, x);
+}
+
+static void eliminate_sparse(const pma_factor *f, size_t first, size_t last, double *x,
+                             double *work)
+{
+    (void)work;
     double xj = x[0];
     for (size_t j = first; j < last; j++) {
         int64_t k = f->ptr[j];
@@ -210,8 +251,10 @@ static void eliminate_sparse(const pma_factor *f, size_t first, size_t last, dou
     }
 }
 
-static void substitute_sparse(const pma_factor *f, size_t first, size_t last, double *x)
+static void substitute_sparse(const pma_factor *f, size_t first, size_t last, double *x,
+                              double *work)
 {
+    (void)work;
     const double *Q = f->values + f->Q;
     double below = last < f->n ? x[last - first] : 0.0;
     for (size_t j = last; j-- > first;) {
@@ -227,68 +270,55 @@ static void substitute_sparse(const pma_factor *f, size_t first, size_t last, do
     }
 }
 
-/* Forward through the columns first..last-1; x[0] is unknown `first`. */
-static void eliminate(const pma_factor *f, size_t first, size_t last, double *x, double *work)
+static void eliminate_panels(const pma_factor *f, size_t first, size_t last, double *x,
+                             double *work)
 {
-    if (first == last)
-        return;
-    switch (f->form) {
-    case PMA_DENSE:
-        eliminate_dense(f, first, last, x);
-        break;
-    case PMA_BAND:
-        if (f->folded)
-            pma_fold_eliminate(f->n, f->values, first, last, x);
-        else if (f->width == 1)
-            eliminate_chain(f, first, last, x);
-        else
-            eliminate_band(f, first, last, x);
-        break;
-    case PMA_SPARSE:
-        eliminate_sparse(f, first, last, x);
-        break;
-    case PMA_PANELS:
-        pma_panels_eliminate(&f->panels, 1, first, last, x, work);
-        break;
-    case PMA_IN_LANES:
-        pma_lanes_eliminate(f->each, first / PMA_LANES, last / PMA_LANES, x, work);
-        break;
-    default: /* diagonal */
-        break;
-    }
+    pma_panels_eliminate(&f->panels, 1, first, last, x, work);
 }
 
-/* Backward through the columns last-1..first; x[0] is unknown `first`. */
+static void substitute_panels(const pma_factor *f, size_t first, size_t last, double *x,
+                              double *work)
+{
+    pma_panels_substitute(&f->panels, f->inverse, 1, first, last, x, work);
+}
+
+static void eliminate_lanes(const pma_factor *f, size_t first, size_t last, double *x, double *work)
+{
+    pma_lanes_eliminate(f->each, first / PMA_LANES, last / PMA_LANES, x, work);
+}
+
+static void substitute_lanes(const pma_factor *f, size_t first, size_t last, double *x,
+                             double *work)
+{
+    pma_lanes_substitute(f->each, first / PMA_LANES, last / PMA_LANES, x, work);
+}
+
+/* Some columns of a factor, x[0] is unknown `first`. In tables: in a switch, every form would save
+ * the registers of all. */
+typedef void (*sweep)(const pma_factor *f, size_t first, size_t last, double *x, double *work);
+
+/* Forward through the columns first..last-1. */
+static void eliminate(const pma_factor *f, size_t first, size_t last, double *x, double *work)
+{
+    static const sweep ELIMINATE[] = {
+        [PMA_DIAGONAL] = eliminate_nothing, [PMA_BAND] = eliminate_band,
+        [PMA_DENSE] = eliminate_dense,      [PMA_SPARSE] = eliminate_sparse,
+        [PMA_PANELS] = eliminate_panels,    [PMA_IN_LANES] = eliminate_lanes,
+    };
+    if (first < last)
+        ELIMINATE[f->form](f, first, last, x, work);
+}
+
+/* Backward through the columns last-1..first. */
 static void substitute(const pma_factor *f, size_t first, size_t last, double *x, double *work)
 {
-    if (first == last)
-        return;
-    switch (f->form) {
-    case PMA_DENSE:
-        substitute_dense(f, first, last, x);
-        break;
-    case PMA_BAND:
-        if (f->folded)
-            pma_fold_substitute(f->n, f->values + f->Q, f->inverse, first, last, x);
-        else if (f->width == 1)
-            substitute_chain(f, first, last, x);
-        else
-            substitute_band(f, first, last, x);
-        break;
-    case PMA_SPARSE:
-        substitute_sparse(f, first, last, x);
-        break;
-    case PMA_PANELS:
-        pma_panels_substitute(&f->panels, f->inverse, 1, first, last, x, work);
-        break;
-    case PMA_IN_LANES:
-        pma_lanes_substitute(f->each, first / PMA_LANES, last / PMA_LANES, x, work);
-        break;
-    default:
-        for (size_t j = first; j < last; j++)
-            x[j - first] *= f->inverse[j];
-        break;
-    }
+    static const sweep SUBSTITUTE[] = {
+        [PMA_DIAGONAL] = substitute_diagonal, [PMA_BAND] = substitute_band,
+        [PMA_DENSE] = substitute_dense,       [PMA_SPARSE] = substitute_sparse,
+        [PMA_PANELS] = substitute_panels,     [PMA_IN_LANES] = substitute_lanes,
+    };
+    if (first < last)
+        SUBSTITUTE[f->form](f, first, last, x, work);
 }
 
 /* ---- with the interface anywhere in the order ----------------------------------------------- */

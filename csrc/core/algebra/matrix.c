@@ -75,6 +75,13 @@ size_t pma_matrix_reach(const pma_matrix *A)
     }
 }
 
+/* ---- y -= A x in some rows, for each form ----------------------------------------------------- */
+
+static void subtract_zero(const pma_matrix *A, size_t begin, size_t end, const double *x, double *y)
+{
+    (void)A, (void)begin, (void)end, (void)x, (void)y;
+}
+
 static void subtract_diagonal(const pma_matrix *A, size_t begin, size_t end, const double *x,
                               double *restrict y)
 {
@@ -98,10 +105,13 @@ enum { FEW = 4 };
 
 static void subtract_few(const pma_matrix *A, size_t begin, size_t end, const double *x, double *y)
 {
-    for (size_t i = begin; i < end; i++) {
+    const size_t n = A->n;
+    const double *row = A->values + begin;
+    for (size_t i = begin; i < end; i++, row++) {
         double sum = y[i];
-        for (size_t j = 0; j < A->n; j++)
-            sum -= A->values[j * A->n + i] * x[j];
+#pragma omp simd simdlen(1)
+        for (size_t j = 0; j < n; j++)
+            sum -= row[j * n] * x[j];
         y[i] = sum;
     }
 }
@@ -113,56 +123,65 @@ static void subtract_folded(const pma_matrix *A, size_t begin, size_t end, const
     pma_fold_subtract(A->n, A->values, above, above + A->below, begin, end, x, y);
 }
 
-static void subtract_few_of_band(const pma_matrix *A, size_t begin, size_t end, const double *x,
-                                 double *y)
+static void subtract_few_of_chain(const pma_matrix *A, size_t begin, size_t end, const double *x,
+                                  double *y)
 {
+    const size_t last = A->n - 1;
+    const double *diagonal = A->values, *right = diagonal + A->n, *left = right + A->below;
     for (size_t i = begin; i < end; i++) {
-        double sum = y[i] - A->values[i] * x[i];
-        for (size_t d = 1; d <= A->width; d++) {
-            const double *right = A->values + d * A->n, *left = right + A->below;
-            if (i + d < A->n)
-                sum -= right[i] * x[i + d];
-            if (i >= d)
-                sum -= left[i - d] * x[i - d];
-        }
+        double sum = y[i] - diagonal[i] * x[i];
+        if (i < last)
+            sum -= right[i] * x[i + 1];
+        if (i > 0)
+            sum -= left[i - 1] * x[i - 1];
         y[i] = sum;
     }
 }
 
+static void subtract_band(const pma_matrix *A, size_t begin, size_t end, const double *x, double *y)
+{
+    if (A->folded)
+        subtract_folded(A, begin, end, x, y);
+    else if (A->width == 1 && A->n <= FEW)
+        subtract_few_of_chain(A, begin, end, x, y);
+    else
+        pma_kernel_best()->subtract_band(A->values, A->values + A->below, A->n, A->width, begin,
+                                         end, x, y);
+}
+
+static void subtract_dense(const pma_matrix *A, size_t begin, size_t end, const double *x,
+                           double *y)
+{
+    if (A->n <= FEW)
+        subtract_few(A, begin, end, x, y);
+    else
+        pma_kernel_best()->subtract(A->values + begin, A->n, end - begin, A->n, x, y + begin);
+}
+
+static void subtract_strips(const pma_matrix *A, size_t begin, size_t end, const double *x,
+                            double *y)
+{
+    pma_strips_subtract(&A->strips, begin, end, x, y);
+}
+
+static void subtract_lanes(const pma_matrix *A, size_t begin, size_t end, const double *x,
+                           double *y)
+{
+    pma_lanes_subtract_rows(A->each, begin / PMA_LANES, end / PMA_LANES, x, y);
+}
+
+/* A table: in a switch, every form would save the registers of all. */
 void pma_matrix_subtract_rows(const pma_matrix *A, size_t begin, size_t end, const double *x,
                               double *y)
 {
-    switch (A->form) {
-    case PMA_DIAGONAL:
-        subtract_diagonal(A, begin, end, x, y);
-        break;
-    case PMA_BAND:
-        if (A->folded)
-            subtract_folded(A, begin, end, x, y);
-        else if (A->n <= FEW)
-            subtract_few_of_band(A, begin, end, x, y);
-        else
-            pma_kernel_best()->subtract_band(A->values, A->values + A->below, A->n, A->width, begin,
-                                             end, x, y);
-        break;
-    case PMA_DENSE:
-        if (A->n <= FEW)
-            subtract_few(A, begin, end, x, y);
-        else
-            pma_kernel_best()->subtract(A->values + begin, A->n, end - begin, A->n, x, y + begin);
-        break;
-    case PMA_SPARSE:
-        subtract_sparse(A, begin, end, x, y);
-        break;
-    case PMA_STRIPS:
-        pma_strips_subtract(&A->strips, begin, end, x, y);
-        break;
-    case PMA_IN_LANES:
-        pma_lanes_subtract_rows(A->each, begin / PMA_LANES, end / PMA_LANES, x, y);
-        break;
-    default: /* zero */
-        break;
-    }
+    static void (*const SUBTRACT[])(const pma_matrix *A, size_t begin, size_t end, const double *x,
+                                    double *y) = {
+        [PMA_ZERO] = subtract_zero,      [PMA_DIAGONAL] = subtract_diagonal,
+        [PMA_BAND] = subtract_band,      [PMA_DENSE] = subtract_dense,
+        [PMA_SPARSE] = subtract_sparse,  [PMA_STRIPS] = subtract_strips,
+        [PMA_IN_LANES] = subtract_lanes,
+    };
+    SUBTRACT[A->form](A, begin, end, x, y);
 }
 
 /* Rows at a time, so that what is read again stays in the cache. */
