@@ -418,39 +418,51 @@ void pma_factor_interface(const pma_factor *f, double *xb, double *work)
     }
 }
 
-__attribute__((noinline)) static void open_swept(const pma_factor *f, size_t begin, size_t end,
-                                                 double *x, double *xb, double *work)
+static void open_interface(const pma_factor *f, const double *x, double *xb, double *work)
 {
-    const size_t interior = f->n - f->nb;
-    if (is_ordinary(f)) {
-        open_ordinary(f, x, xb, work);
-        return;
-    }
-    const pma_tree *tree = pma_factor_tree(f);
-    if (begin < interior && tree)
-        open_nodes(f, x, work);
-    else if (begin < interior)
-        eliminate(f, begin, least(end, interior), x + begin, work);
-    if (end == f->n && tree)
-        pma_tree_add_to_border(tree, lanes_of(f), updates_in(f, work), x);
-    if (end == f->n && f->nb > 0) {
-        memcpy(xb, x + interior, f->nb * sizeof *xb);
-        pma_factor_interface(f, xb, work);
-    }
+    memcpy(xb, x + (f->n - f->nb), f->nb * sizeof *xb);
+    pma_factor_interface(f, xb, work);
 }
 
+__attribute__((noinline)) static void open_tree(const pma_factor *f, size_t begin, size_t end,
+                                                double *x, double *xb, double *work)
+{
+    if (begin < f->n - f->nb)
+        open_nodes(f, x, work);
+    if (end < f->n)
+        return;
+    pma_tree_add_to_border(pma_factor_tree(f), lanes_of(f), updates_in(f, work), x);
+    if (f->nb > 0)
+        open_interface(f, x, xb, work);
+}
+
+__attribute__((noinline)) static void open_columns(const pma_factor *f, size_t begin, size_t end,
+                                                   double *x, double *xb, double *work)
+{
+    eliminate(f, begin, least(end, f->n - f->nb), x + begin, work);
+    if (end == f->n && f->nb > 0)
+        open_interface(f, x, xb, work);
+}
+
+static void open_diagonal(const pma_factor *f, size_t end, const double *x, double *xb)
+{
+    const size_t interior = f->n - f->nb;
+    for (size_t i = 0; end == f->n && i < f->nb; i++)
+        xb[i] = x[interior + i] * f->inverse[interior + i];
+}
+
+/* Each way is a function that is called last, so that none saves registers for the others. */
 void pma_factor_open_part(const pma_factor *f, size_t begin, size_t end, double *x, double *xb,
                           double *work)
 {
-    if (f->form != PMA_DIAGONAL) {
-        open_swept(f, begin, end, x, xb, work);
-        return;
-    }
-    if (end < f->n)
-        return;
-    const size_t interior = f->n - f->nb;
-    for (size_t i = 0; i < f->nb; i++)
-        xb[i] = x[interior + i] * f->inverse[interior + i];
+    if (f->form == PMA_DIAGONAL)
+        open_diagonal(f, end, x, xb);
+    else if (is_ordinary(f))
+        open_ordinary(f, x, xb, work);
+    else if (pma_factor_tree(f))
+        open_tree(f, begin, end, x, xb, work);
+    else
+        open_columns(f, begin, end, x, xb, work);
 }
 
 void pma_factor_open(const pma_factor *f, double *x, double *xb, double *work)
@@ -458,37 +470,52 @@ void pma_factor_open(const pma_factor *f, double *x, double *xb, double *work)
     pma_factor_open_part(f, 0, f->n, x, xb, work);
 }
 
-__attribute__((noinline)) static void close_swept(const pma_factor *f, size_t begin, size_t end,
-                                                  const double *fb, double *x, double *work)
+static void close_interface(const pma_factor *f, const double *fb, double *x, double *work)
 {
-    const size_t interior = f->n - f->nb;
-    if (is_ordinary(f)) {
-        close_ordinary(f, fb, x, work);
-        return;
-    }
-    if (end == f->n && f->nb > 0) {
-        for (size_t i = 0; i < f->nb; i++)
-            x[interior + i] += fb[i];
-        pma_factor_interface(f, x + interior, work);
-    }
-    if (begin < interior && pma_factor_tree(f))
-        close_nodes(f, x, work);
-    else if (begin < interior)
-        substitute(f, begin, least(end, interior), x + begin, work);
+    double *xb = x + (f->n - f->nb);
+    for (size_t i = 0; i < f->nb; i++)
+        xb[i] += fb[i];
+    pma_factor_interface(f, xb, work);
 }
 
-void pma_factor_close_part(const pma_factor *f, size_t begin, size_t end, const double *fb,
-                           double *x, double *work)
+__attribute__((noinline)) static void close_tree(const pma_factor *f, size_t begin, size_t end,
+                                                 const double *fb, double *x, double *work)
 {
-    if (f->form != PMA_DIAGONAL) {
-        close_swept(f, begin, end, fb, x, work);
-        return;
-    }
+    if (end == f->n && f->nb > 0)
+        close_interface(f, fb, x, work);
+    if (begin < f->n - f->nb)
+        close_nodes(f, x, work);
+}
+
+__attribute__((noinline)) static void close_columns(const pma_factor *f, size_t begin, size_t end,
+                                                    const double *fb, double *x, double *work)
+{
+    if (end == f->n && f->nb > 0)
+        close_interface(f, fb, x, work);
+    substitute(f, begin, least(end, f->n - f->nb), x + begin, work);
+}
+
+static void close_diagonal(const pma_factor *f, size_t begin, size_t end, const double *fb,
+                           double *x)
+{
     const size_t interior = f->n - f->nb, inside = least(end, interior);
     for (size_t i = 0; end == f->n && i < f->nb; i++)
         x[interior + i] = (x[interior + i] + fb[i]) * f->inverse[interior + i];
     if (begin < inside)
         divide(f->inverse + begin, inside - begin, x + begin);
+}
+
+void pma_factor_close_part(const pma_factor *f, size_t begin, size_t end, const double *fb,
+                           double *x, double *work)
+{
+    if (f->form == PMA_DIAGONAL)
+        close_diagonal(f, begin, end, fb, x);
+    else if (is_ordinary(f))
+        close_ordinary(f, fb, x, work);
+    else if (pma_factor_tree(f))
+        close_tree(f, begin, end, fb, x, work);
+    else
+        close_columns(f, begin, end, fb, x, work);
 }
 
 void pma_factor_close(const pma_factor *f, const double *fb, double *x, double *work)
