@@ -145,7 +145,7 @@ def rows(quick):
             ]
         found = [
             measure(functions, "chain", np.ones(n), chain(n), steps, 4.0)
-            for n, steps in ((2, 5000), (1000, 200), (100_000, 4))
+            for n, steps in ((2, 50_000), (1000, 200), (100_000, 4))
         ]
         for counts in ((15, 14, 14), (21, 20, 21)):
             found.append(measure(functions, "solid", *solid(*counts), 20, 8.0))

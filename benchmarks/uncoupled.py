@@ -17,6 +17,8 @@ import pmalpha as pm
 
 RHO, DT = 0.8, 0.1
 SOLID = {"E": 100.0, "nu": 0.3, "rho": 1.0}
+# The difference between the schemes of other programs and ours grows with the steps.
+PEER_STEPS = 5000
 
 
 def chain(n):
@@ -82,7 +84,8 @@ def measure(name, M, K, steps, seconds):
     }
     for other, peer in PEERS.items():
         measured = name == "chain" and n <= peer.largest and peer.installed()
-        found = peer_step(peer, n, u0, steps, seconds) * 1e6 if measured else ""
+        few = min(steps, PEER_STEPS)
+        found = peer_step(peer, n, u0, few, seconds) * 1e6 if measured else ""
         row[f"us a step of {other}"] = found
     return row
 
@@ -108,7 +111,7 @@ def rows(quick):
         return [measure("chain", np.ones(2), chain(2), 10, 0.0)]
     found = [
         measure("chain", np.ones(n), chain(n), steps, 3.0)
-        for n, steps in ((2, 5000), (1000, 500), (100_000, 5))
+        for n, steps in ((2, 50_000), (1000, 500), (100_000, 5))
     ]
     for counts in ((15, 14, 14), (21, 20, 21)):
         found.append(measure("solid", *solid(*counts), 3, 5.0))
