@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "check.h"
+#include "member/pull.h"
 #include "member/springs.h"
 #include "member/subdomain.h"
 #include "models.h"
@@ -169,6 +170,41 @@ static void many_springs_between_two_dofs_pull_equally_on_both(void)
     CHECK_NEAR(pma_springs_work(&springs, from, to), MANY_SPRINGS * 0.125 * 2.25, 1e-9);
 }
 
+/* Numbers of springs with and without a rest beyond registers; (H4) with whole exponents and others,
+ * with paths of a few substeps and of more than it takes. */
+static void springs_pull_bitwise_identically_on_all_processors(void)
+{
+    enum { COUNT = 21 };
+    double P[PMA_SPRING_PARAMETERS][COUNT], d0[COUNT], d[COUNT], inner[COUNT];
+    double forces[2][COUNT], after[2][COUNT];
+    uint64_t seed = 5;
+    for (int law = 0; law < PMA_SPRING_LAWS; law++) {
+        pma_spring_set set = {.law = (pma_spring_law)law, .count = COUNT};
+        for (size_t k = 0; k < PMA_SPRING_PARAMETERS; k++) {
+            draw_vector(COUNT, &seed, P[k]);
+            set.parameters[k] = P[k];
+        }
+        draw_vector(COUNT, &seed, d0);
+        draw_vector(COUNT, &seed, inner);
+        for (size_t i = 0; i < COUNT; i++) {
+            d[i] = i == 3 ? NAN : i == 4 ? 1e200 : P[0][i] + d0[i];
+            P[3][i] = i < 11 ? 1.0 + (double)(i % 2) : 1.5;
+            P[6][i] = 10.0 * fabs(P[6][i]) + 0.1;
+        }
+        for (size_t count = 1; count + 2 <= COUNT; count++) {
+            for (size_t k = 0; k < 2; k++) {
+                memset(forces[k], 0, sizeof forces[k]);
+                memset(after[k], 0, sizeof after[k]);
+                pma_pull *pull = k == 0 ? pma_pull_plain() : pma_pull_best();
+                pull(&set, 2, count, d0, d, inner, after[k], forces[k]);
+            }
+            CHECK_BITS(COUNT, forces[1], forces[0]);
+            CHECK_BITS(COUNT, after[1], after[0]);
+            CHECK(forces[0][count] == 0.0);
+        }
+    }
+}
+
 /* ---- tangents --------------------------------------------------------------------------------- */
 
 /* Force of one spring that goes from a level to d, and the tangent there. */
@@ -265,6 +301,7 @@ const test SPRINGS_TESTS[] = {
     TEST(a_deformation_that_is_not_finite_shows_in_the_force),
     TEST(springs_that_do_not_fit_are_refused),
     TEST(many_springs_between_two_dofs_pull_equally_on_both),
+    TEST(springs_pull_bitwise_identically_on_all_processors),
     TEST(tangents_of_springs_are_the_differences_of_their_forces),
     TEST(a_tangent_is_that_of_the_branch_on_which_the_spring_is),
     TEST(tangents_are_in_the_order_of_the_sets),

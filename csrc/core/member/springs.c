@@ -1,14 +1,12 @@
 #include "member/springs.h"
 
 #include <math.h>
-#include <stdbool.h>
 #include <string.h>
+
+#include "member/pull.h"
 
 /* Springs at a time, so that their deformations and forces stay in the first cache. */
 enum { CHUNK = 256 };
-
-/* Substeps of (H4) at most: where rate * x is beyond, z has come to rest at its limit. */
-enum { MOST_STEPS = 256 };
 
 const size_t pma_spring_parameters[PMA_SPRING_LAWS] = {2, 2, 3, 7};
 
@@ -31,138 +29,6 @@ pma_status pma_springs_check(const pma_springs *springs, size_t n)
     return total == springs->total ? PMA_OK : PMA_BAD_SIZE;
 }
 
-/* ---- the laws: f and the inner variable of `count` springs at d ----------------------------- */
-
-/* (H1)  f = k d + k3 d^3 */
-static void pull_cubic(size_t count, const double *k, const double *k3, const double *d, double *f)
-{
-#pragma omp simd
-    for (size_t i = 0; i < count; i++)
-        f[i] = d[i] * (k[i] + k3[i] * d[i] * d[i]);
-}
-
-/* (H2)  f = k (d - gap), if that is positive; a d that is not finite stays to be seen */
-static void pull_gap(size_t count, const double *k, const double *gap, const double *d, double *f)
-{
-#pragma omp simd
-    for (size_t i = 0; i < count; i++) {
-        const double closed = k[i] * (d[i] - gap[i]);
-        f[i] = d[i] <= gap[i] ? 0.0 : closed;
-    }
-}
-
-/* (H3)  p goes along when |d - p| would pass d_y;  f = k_hard d + k_soft (d - p) */
-static void pull_bilinear(size_t count, const double *hard, const double *soft, const double *d_y,
-                          const double *d, const double *p0, double *p1, double *f)
-{
-#pragma omp simd
-    for (size_t i = 0; i < count; i++) {
-        const double e = d[i] - p0[i], up = d[i] - d_y[i], down = d[i] + d_y[i];
-        const double below = e < -d_y[i] ? down : p0[i];
-        const double p = e > d_y[i] ? up : below;
-        p1[i] = p;
-        f[i] = hard[i] * d[i] + soft[i] * (d[i] - p);
-    }
-}
-
-/* dz/dx on a path on which d moves one way, sign = +-1, and x = |d - d0| / d_y grows      (H4)
- * With `whole` n is 1 or 2. */
-__attribute__((always_inline)) static inline double slope(double z, double sign, double n,
-                                                          double beta, double gamma, bool whole)
-{
-    const double size = fabs(z), square = size * size;
-    const double power = n == 1.0 ? size : whole || n == 2.0 ? square : pow(size, n);
-    return sign * (1.0 - power * (gamma + (sign * z < 0.0 ? -beta : beta)));
-}
-
-/* Springs that follow their paths together, since each waits for one number after the other. */
-enum { BLOCK = 8 };
-
-typedef struct {
-    const double *n, *beta, *gamma;
-    double z[BLOCK], sign[BLOCK], steps[BLOCK], h[BLOCK];
-} paths;
-
-/* A step of the classical Runge-Kutta rule for spring i, if it has one left. */
-__attribute__((always_inline)) static inline void follow(paths *p, size_t i, double done,
-                                                         bool whole)
-{
-    const double z = p->z[i], sign = p->sign[i], h = p->h[i];
-    const double n = p->n[i], beta = p->beta[i], gamma = p->gamma[i];
-    const double a = slope(z, sign, n, beta, gamma, whole);
-    const double b = slope(z + 0.5 * h * a, sign, n, beta, gamma, whole);
-    const double c = slope(z + 0.5 * h * b, sign, n, beta, gamma, whole);
-    const double d = slope(z + h * c, sign, n, beta, gamma, whole);
-    const double next = z + h / 6.0 * (a + 2.0 * b + 2.0 * c + d);
-    p->z[i] = done < p->steps[i] ? next : z;
-}
-
-static void follow_all(paths *p, size_t count, double done)
-{
-    for (size_t i = 0; i < count; i++)
-        follow(p, i, done, false);
-}
-
-/* Whole exponents alone, so that all springs are in vectors. */
-static void follow_whole(paths *p, size_t count, double done)
-{
-#pragma omp simd
-    for (size_t i = 0; i < count; i++)
-        follow(p, i, done, true);
-}
-
-/* Steps with rate * h <= 1/2 along paths of the lengths |x|; returns the largest number of them. */
-static inline double divide(paths *p, size_t count, const double *x, const double *rate)
-{
-    double most = 0.0;
-    for (size_t i = 0; i < count; i++) {
-        const double length = fabs(x[i]), wanted = 2.0 * rate[i] * length;
-        const bool follows = wanted < MOST_STEPS;
-        p->sign[i] = x[i] < 0.0 ? -1.0 : 1.0;
-        p->steps[i] = follows ? 1.0 + (double)(int)wanted : MOST_STEPS;
-        p->h[i] = follows ? length / p->steps[i] : 0.5 / rate[i];
-        most = p->steps[i] > most ? p->steps[i] : most;
-    }
-    return most;
-}
-
-/* (H4)  f = k_hard d + f_soft z, of up to BLOCK springs */
-static void pull_block(size_t count, const double *const P[], const double *d0, const double *d,
-                       const double *z0, double *z1, double *f)
-{
-    paths p = {.n = P[3], .beta = P[4], .gamma = P[5]};
-    double x[BLOCK] = {0.0};
-    bool whole = true;
-    for (size_t i = 0; i < count; i++) {
-        x[i] = (d[i] - d0[i]) * P[2][i];
-        p.z[i] = z0[i];
-        whole = whole && (p.n[i] == 1.0 || p.n[i] == 2.0);
-    }
-    const double most = divide(&p, count, x, P[6]);
-    for (size_t done = 0; (double)done < most; done++) {
-        if (whole)
-            follow_whole(&p, count, (double)done);
-        else
-            follow_all(&p, count, (double)done);
-    }
-    for (size_t i = 0; i < count; i++) {
-        z1[i] = p.z[i];
-        f[i] = P[0][i] * d[i] + P[1][i] * z1[i];
-    }
-}
-
-static void pull_bouc_wen(size_t count, const double *const P[], const double *d0, const double *d,
-                          const double *z0, double *z1, double *f)
-{
-    for (size_t i = 0; i < count; i += BLOCK) {
-        const double *of_block[PMA_SPRING_PARAMETERS];
-        for (size_t k = 0; k < PMA_SPRING_PARAMETERS; k++)
-            of_block[k] = P[k] + i;
-        const size_t m = count - i < BLOCK ? count - i : BLOCK;
-        pull_block(m, of_block, d0 + i, d + i, z0 + i, z1 + i, f + i);
-    }
-}
-
 /* ---- all springs ---------------------------------------------------------------------------- */
 
 /* Some springs of one law, and their position in the arrays of a time level. */
@@ -176,29 +42,6 @@ static void measure(const chunk *at, const double *u, double *d)
     const int32_t *first = at->set->first + at->begin, *second = at->set->second + at->begin;
     for (size_t i = 0; i < at->count; i++)
         d[i] = (first[i] < 0 ? 0.0 : u[first[i]]) - (second[i] < 0 ? 0.0 : u[second[i]]);
-}
-
-static void pull(const chunk *at, const double *d, const double *d0, const double *inner0,
-                 double *inner1, double *f)
-{
-    const double *P[PMA_SPRING_PARAMETERS] = {NULL};
-    const size_t count = at->count;
-    for (size_t k = 0; k < pma_spring_parameters[at->set->law]; k++)
-        P[k] = at->set->parameters[k] + at->begin;
-    switch (at->set->law) {
-    case PMA_CUBIC:
-        pull_cubic(count, P[0], P[1], d, f);
-        break;
-    case PMA_GAP:
-        pull_gap(count, P[0], P[1], d, f);
-        break;
-    case PMA_BILINEAR:
-        pull_bilinear(count, P[0], P[1], P[2], d, inner0, inner1, f);
-        break;
-    case PMA_BOUC_WEN:
-        pull_bouc_wen(count, P, d0, d, inner0, inner1, f);
-        break;
-    }
 }
 
 static void spread(const chunk *at, const double *f, double *y)
@@ -216,6 +59,7 @@ void pma_springs_subtract(const pma_springs *springs, const double *u, const dou
                           double *to, double *y)
 {
     const size_t total = springs->total;
+    pma_pull *const pull = pma_pull_best();
     double d[CHUNK];
     chunk at = {.position = 0};
     for (size_t s = 0; s < springs->count; s++) {
@@ -226,7 +70,7 @@ void pma_springs_subtract(const pma_springs *springs, const double *u, const dou
             const double *d0 = from + at.position, *inner0 = d0 + 2 * total;
             double *f = to + total + at.position, *inner1 = f + total;
             measure(&at, u, d);
-            pull(&at, d, d0, inner0, inner1, f);
+            pull(at.set, at.begin, at.count, d0, d, inner0, inner1, f);
             memcpy(to + at.position, d, at.count * sizeof(double));
             spread(&at, f, y);
         }
@@ -250,7 +94,7 @@ static double tangent(const pma_spring_set *set, size_t i, double d0, double d, 
         return P[0][i] + (fabs(d - inner0) > P[2][i] ? 0.0 : P[1][i]);
     case PMA_BOUC_WEN: {
         const double sign = d < d0 ? -1.0 : 1.0;
-        const double rise = sign * slope(inner1, sign, P[3][i], P[4][i], P[5][i], false);
+        const double rise = sign * pma_pull_slope(inner1, sign, P[3][i], P[4][i], P[5][i], false);
         return P[0][i] + P[1][i] * P[2][i] * rise;
     }
     }
