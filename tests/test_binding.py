@@ -458,6 +458,18 @@ def test_a_matrix_is_permuted_by_a_permutation_of_its_size():
     )
 
 
+def test_lanes_are_split_into_arrays_of_their_shape():
+    lanes = np.arange(6.0 * _core.LANES).reshape(2, 3 * _core.LANES)
+    vectors = tuple(np.zeros((2, 3)) for _ in range(2))
+    _core.split_lanes(lanes, vectors)
+    assert all(np.array_equal(x, lanes[:, k :: _core.LANES]) for k, x in enumerate(vectors))
+    frozen = np.zeros((2, 3))
+    frozen.setflags(write=False)
+    for bad in ((None,), (np.zeros((3, 2)),), (frozen,), (vectors[0],) * 9, None):
+        check_refused(lambda bad=bad: _core.split_lanes(lanes, bad))
+    check_refused(lambda: _core.split_lanes(np.zeros((2, 3)), vectors))
+
+
 def test_factors_may_have_entries_below_the_diagonal_only_and_ascending():
     for R in (
         compressed(ptr=(0, 1, 1), index=(0,), values=(1.0,)),  # on the diagonal

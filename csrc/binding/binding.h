@@ -125,6 +125,7 @@ extern PyMethodDef pma_factor_functions[];
 extern PyMethodDef pma_matrix_functions[];
 extern PyMethodDef pma_spring_functions[];
 extern PyMethodDef pma_estimate_functions[];
+extern PyMethodDef pma_case_functions[];
 extern PyType_Spec pma_subdomain_spec;
 extern PyType_Spec pma_coupler_spec;
 extern PyType_Spec pma_guard_spec;

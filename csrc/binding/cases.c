@@ -165,3 +165,37 @@ PyObject *pma_coupler_in_lanes(CouplerObject *self, PyObject *subdomains)
         Py_CLEAR(lanes);
     return (PyObject *)lanes;
 }
+
+/* ---- results -------------------------------------------------------------------------------- */
+
+static PyObject *split_lanes(PyObject *Py_UNUSED(module), PyObject *args)
+{
+    PyObject *obj, *vectors;
+    PyArrayObject *x, *own;
+    double *out[PMA_LANES];
+    npy_intp any[2] = {-1, -1};
+    if (!PyArg_ParseTuple(args, "OO!", &obj, &PyTuple_Type, &vectors) ||
+        pma_take_array(obj, NPY_DOUBLE, 2, any, "x", NULL, &x) < 0)
+        return NULL;
+    const npy_intp shape[2] = {PyArray_DIM(x, 0), PyArray_DIM(x, 1) / PMA_LANES};
+    const Py_ssize_t count = PyTuple_Size(vectors);
+    if (count > PMA_LANES || PyArray_DIM(x, 1) % PMA_LANES != 0)
+        return PyErr_Format(PyExc_ValueError, "x must be in lanes, with up to %d vectors",
+                            PMA_LANES);
+    for (Py_ssize_t l = 0; l < count; l++) {
+        PyObject *vector = PyTuple_GetItem(vectors, l);
+        if (pma_take_array(vector, NPY_DOUBLE, 2, shape, "a vector", NULL, &own) < 0)
+            return NULL;
+        if (!PyArray_ISWRITEABLE(own))
+            return PyErr_Format(PyExc_ValueError, "a vector must be writeable");
+        out[l] = PyArray_DATA(own);
+    }
+    pma_lanes_split((size_t)(shape[0] * shape[1]), PyArray_DATA(x), (size_t)count, out);
+    Py_RETURN_NONE;
+}
+
+PyMethodDef pma_case_functions[] = {
+    {"split_lanes", split_lanes, METH_VARARGS,
+     "split_lanes(x, vectors): the rows of the first lanes of x into arrays of their own"},
+    {NULL, NULL, 0, NULL},
+};

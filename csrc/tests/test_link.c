@@ -3,6 +3,7 @@
 #include <stdint.h>
 
 #include "algebra/lanes.h"
+#include "algebra/loops.h"
 #include "check.h"
 #include "tests.h"
 
@@ -45,7 +46,7 @@ static void a_link_loads_and_gathers_with_one_and_the_same_matrix(void)
 }
 
 /* The same in every lane, times the number of the lane. */
-static void a_link_loads_and_gathers_lanes(void)
+static void check_lanes(const pma_loops *loops)
 {
     const pma_link L = {
         2, 3, (int64_t[]){0, 2, 2, 3}, (int32_t[]){0, 1, 1}, (double[]){2.0, -1.0, 1.0}, NULL};
@@ -59,8 +60,8 @@ static void a_link_loads_and_gathers_lanes(void)
         for (size_t j = 0; j < 3; j++)
             x_l[j * PMA_LANES + l] = (double)l * (10.0 + 10.0 * (double)j);
     }
-    pma_lanes_add(&L, lam_l, x_l);
-    pma_lanes_gather(&L, 0.5, x_l, jump_l);
+    loops->add(&L, lam_l, x_l);
+    loops->gather(&L, 0.5, x_l, jump_l);
     for (size_t l = 0; l < PMA_LANES; l++) {
         for (size_t j = 0; j < 3; j++)
             CHECK_NEAR(x_l[j * PMA_LANES + l], (double)l * x_b[j], 0.0);
@@ -69,9 +70,32 @@ static void a_link_loads_and_gathers_lanes(void)
     }
 }
 
+static void a_link_loads_and_gathers_lanes_on_all_processors(void)
+{
+    check_lanes(pma_loops_plain());
+    check_lanes(pma_loops_best());
+}
+
+static void lanes_are_split_into_vectors(void)
+{
+    double lanes[3 * PMA_LANES], vectors[PMA_LANES][3], *out[PMA_LANES];
+    for (size_t k = 0; k < 3 * PMA_LANES; k++)
+        lanes[k] = (double)k;
+    for (size_t l = 0; l < PMA_LANES; l++)
+        out[l] = vectors[l];
+    vectors[PMA_LANES - 1][0] = 7.0;
+    pma_lanes_split(3, lanes, PMA_LANES - 1, out);
+    for (size_t l = 0; l + 1 < PMA_LANES; l++) {
+        for (size_t i = 0; i < 3; i++)
+            CHECK(vectors[l][i] == (double)(i * PMA_LANES + l));
+    }
+    CHECK(vectors[PMA_LANES - 1][0] == 7.0);
+}
+
 const test LINK_TESTS[] = {
     TEST(a_link_with_a_bad_index_is_refused),
     TEST(a_link_loads_and_gathers_with_one_and_the_same_matrix),
-    TEST(a_link_loads_and_gathers_lanes),
+    TEST(a_link_loads_and_gathers_lanes_on_all_processors),
+    TEST(lanes_are_split_into_vectors),
     END_OF_TESTS,
 };

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy import LowLevelCallable
 
-from .._core import LANES
+from .._core import LANES, split_lanes
 from ..problem.forces import Force, core_load, is_callback
 from ..setup.part import Part
 from .initial import StartValues
@@ -90,9 +90,8 @@ class Lanes:
         self.core.record_present(record)
         if self.core.advance(end, record, report) is not None:
             return False
-        for lane, own in enumerate(records):
-            for x, all_lanes in zip(own[3:6], self.interface):
-                x[:] = all_lanes[:, lane::LANES]
+        for k, all_lanes in enumerate(self.interface):
+            split_lanes(all_lanes, tuple(own[3 + k] for own in records))
         return True
 
 

@@ -138,30 +138,22 @@ void pma_lanes_solve(const pma_factor *f, double *x, double *work)
 
 /* ---- links ---------------------------------------------------------------------------------- */
 
-/* y += scale x, of one unknown */
-static inline void add(double scale, const double *x, double *restrict y)
-{
-#pragma omp simd
-    for (size_t l = 0; l < PMA_LANES; l++)
-        y[l] += scale * x[l];
-}
-
 void pma_lanes_add(const pma_link *L, const double *lam, double *xb)
 {
-    for (size_t j = 0; j < L->nb; j++) {
-        for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)
-            add(L->values[k], lam + (size_t)L->index[k] * PMA_LANES, xb + j * PMA_LANES);
-    }
+    pma_loops_best()->add(L, lam, xb);
 }
 
 void pma_lanes_gather(const pma_link *L, double scale, const double *xb, double *jump)
 {
-    double x[PMA_LANES];
-    for (size_t j = 0; j < L->nb; j++) {
-#pragma omp simd
-        for (size_t l = 0; l < PMA_LANES; l++)
-            x[l] = scale * xb[j * PMA_LANES + l];
-        for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)
-            add(L->values[k], x, jump + (size_t)L->index[k] * PMA_LANES);
+    pma_loops_best()->gather(L, scale, xb, jump);
+}
+
+/* ---- apart ---------------------------------------------------------------------------------- */
+
+void pma_lanes_split(size_t n, const double *x, size_t count, double *const *out)
+{
+    for (size_t i = 0; i < n; i++) {
+        for (size_t l = 0; l < count; l++)
+            out[l][i] = x[i * PMA_LANES + l];
     }
 }

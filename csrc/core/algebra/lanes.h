@@ -44,4 +44,7 @@ void pma_lanes_add(const pma_link *L, const double *lam, double *xb);
 /* jump (p) += scale L_b xb                                                    pma_link_gather */
 void pma_lanes_gather(const pma_link *L, double scale, const double *xb, double *jump);
 
+/* out[l] (n): the vector of lane l, for the first `count` lanes */
+void pma_lanes_split(size_t n, const double *x, size_t count, double *const *out);
+
 #endif

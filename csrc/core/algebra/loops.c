@@ -292,6 +292,35 @@ __attribute__((always_inline)) static inline void scale(const pma_factor *f, siz
     }
 }
 
+/* ---- links ---------------------------------------------------------------------------------- */
+
+__attribute__((always_inline)) static inline void add(const pma_link *L, const double *lam,
+                                                      double *xb)
+{
+    four xj[HALVES];
+    for (size_t j = 0; j < L->nb; j++) {
+        load(xb, j, xj);
+        for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++)
+            add_scaled(L->values[k], lanes_at(lam, (size_t)L->index[k]), xj);
+        store(xj, xb, j);
+    }
+}
+
+__attribute__((always_inline)) static inline void gather(const pma_link *L, double scale,
+                                                         const double *xb, double *jump)
+{
+    four xj[HALVES], row[HALVES];
+    for (size_t j = 0; j < L->nb; j++) {
+        xj[0] = scale * lanes_at(xb, j)[0];
+        xj[1] = scale * lanes_at(xb, j)[1];
+        for (int64_t k = L->ptr[j]; k < L->ptr[j + 1]; k++) {
+            load(jump, (size_t)L->index[k], row);
+            add_scaled(L->values[k], xj, row);
+            store(row, jump, (size_t)L->index[k]);
+        }
+    }
+}
+
 /* ---- for each kind of processor ------------------------------------------------------------- */
 
 static void subtract_plain(const pma_matrix *A, size_t begin, size_t end, const double *x,
@@ -315,12 +344,24 @@ static void scale_plain(const pma_factor *f, size_t first, size_t last, double *
     scale(f, first, last, x);
 }
 
+static void add_plain(const pma_link *L, const double *lam, double *xb)
+{
+    add(L, lam, xb);
+}
+
+static void gather_plain(const pma_link *L, double scale, const double *xb, double *jump)
+{
+    gather(L, scale, xb, jump);
+}
+
 /* clang-format on */
 
 static const pma_loops PLAIN = {.subtract = subtract_plain,
                                 .eliminate = eliminate_plain,
                                 .substitute = substitute_plain,
-                                .scale = scale_plain};
+                                .scale = scale_plain,
+                                .add = add_plain,
+                                .gather = gather_plain};
 
 const pma_loops *pma_loops_plain(void)
 {
@@ -356,12 +397,26 @@ __attribute__((target("avx2"))) static void scale_avx2(const pma_factor *f, size
     scale(f, first, last, x);
 }
 
+__attribute__((target("avx2"))) static void add_avx2(const pma_link *L, const double *lam,
+                                                     double *xb)
+{
+    add(L, lam, xb);
+}
+
+__attribute__((target("avx2"))) static void gather_avx2(const pma_link *L, double scale,
+                                                        const double *xb, double *jump)
+{
+    gather(L, scale, xb, jump);
+}
+
 /* clang-format on */
 
 static const pma_loops AVX2 = {.subtract = subtract_avx2,
                                .eliminate = eliminate_avx2,
                                .substitute = substitute_avx2,
-                               .scale = scale_avx2};
+                               .scale = scale_avx2,
+                               .add = add_avx2,
+                               .gather = gather_avx2};
 
 const pma_loops *pma_loops_best(void)
 {
