@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from .._core import LANES
 from ..errors import InstabilityError
 from ..run.coupler import Coupler
 from ..setup.schedule import MACRO
-from .borrowed import checked_coupler
+from .borrowed import checked_coupler, state_kept, unloaded
 
 __all__ = ["AmplificationMatrix", "amplification_matrix"]
 
@@ -69,7 +70,8 @@ def amplification_matrix(coupler: Coupler) -> AmplificationMatrix:
 
     Notes
     -----
-    The cost is N macro steps, eight of them side by side as in `Coupler.run_each`.
+    The cost is N macro steps, eight of them side by side as in `Coupler.run_each`, one by one with
+    ``drift="removed"``.
 
     Examples
     --------
@@ -84,32 +86,36 @@ def amplification_matrix(coupler: Coupler) -> AmplificationMatrix:
 
 
 def propagation(coupler: Coupler) -> tuple[np.ndarray, np.ndarray]:
-    """One macro step of each unit state: the next states, (N, N), and Lam, (p, N).
-
-    The states take their steps side by side in the lanes of the core, apart from the coupler.
-    """
+    """One macro step of each unit state: the next states, (N, N), and Lam, (p, N)."""
     checked_coupler(coupler)._require_linear("amplification_matrix")
-    with coupler._entered():
-        return _propagation(coupler)
-
-
-def _propagation(coupler: Coupler) -> tuple[np.ndarray, np.ndarray]:
     layout = Layout(coupler)
     size, rows = layout.size, coupler._row_position
-    cores = tuple(part.core.in_lanes() for part in layout.parts)
-    core = layout.core.in_lanes(cores)
     G, lam = np.empty((size, size)), np.empty((rows.size, size))
-    for begin in range(0, size, LANES):
-        units = np.eye(size, LANES, -begin)
-        layout.write(core, cores, units)
-        unstable = core.advance(1, None)
-        if unstable is not None:
-            names = [part.name for part in layout.parts]
-            raise InstabilityError(1, coupler.dt, [*names, "interface"][unstable])
-        end = min(begin + LANES, size)
-        G[:, begin:end] = layout.read(core, cores)[:, : end - begin]
-        lam[:, begin:end] = core.multipliers.reshape(-1, LANES)[rows, : end - begin]
+    with coupler._entered(), _stepper(coupler, layout) as (core, cores, lanes):
+        for begin in range(0, size, lanes):
+            layout.write(core, cores, np.eye(size, lanes, -begin))
+            unstable = core.advance(1, None)
+            if unstable is not None:
+                names = [part.name for part in layout.parts]
+                raise InstabilityError(1, coupler.dt, [*names, "interface"][unstable])
+            end = min(begin + lanes, size)
+            G[:, begin:end] = layout.read(core, cores, lanes)[:, : end - begin]
+            lam[:, begin:end] = core.multipliers.reshape(-1, lanes)[rows, : end - begin]
     return G, lam
+
+
+@contextmanager
+def _stepper(coupler: Coupler, layout: Layout) -> Iterator[tuple[Any, Sequence[Any], int]]:
+    """A coupler of the core for unit states, its subdomains, and how many states are side by side.
+
+    Second multipliers have no lanes: the coupler itself is borrowed where drift is removed.
+    """
+    if coupler._options["drift"] == "removed":
+        with state_kept(coupler), unloaded(coupler):
+            yield layout.core, [part.core for part in layout.parts], 1
+    else:
+        cores = tuple(part.core.in_lanes() for part in layout.parts)
+        yield layout.core.in_lanes(cores), cores, LANES
 
 
 class Layout:
@@ -166,7 +172,7 @@ class Layout:
         lam[self.rows] = X[self.motion_size :]
         core.start(1, lam.ravel(), zero)
 
-    def read(self, core: Any, cores: Sequence[Any], lanes: int = LANES) -> np.ndarray:
+    def read(self, core: Any, cores: Sequence[Any], lanes: int) -> np.ndarray:
         """The present state X, (size, lanes), of a coupler of the core."""
         arrays = [[x.reshape(-1, lanes) for x in own.levels()] for own in cores]
         numbers = [arrays[i][field][indices] for i, field, indices in self.fields()]

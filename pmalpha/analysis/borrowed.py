@@ -31,3 +31,16 @@ def state_kept(coupler: Coupler) -> Iterator[None]:
         yield
     finally:
         coupler._restore(snapshot)
+
+
+@contextmanager
+def unloaded(coupler: Coupler) -> Iterator[None]:
+    """Without loads and prescribed motion within the block."""
+    for part in coupler._parts:
+        part.core.set_load(None)
+    for i in range(len(coupler._loads.motions)):
+        coupler._core.set_motion(i, None)
+    try:
+        yield
+    finally:
+        coupler._loads.to_core()
