@@ -45,7 +45,7 @@ enum { BLOCK = 8 };
 
 typedef struct {
     const double *n, *beta, *gamma;
-    double z[BLOCK], sign[BLOCK], steps[BLOCK], h[BLOCK];
+    double z[BLOCK], x[BLOCK], sign[BLOCK], steps[BLOCK], h[BLOCK];
 } paths;
 
 /* A step of the classical Runge-Kutta rule for spring i, if it has one left. */
@@ -77,16 +77,16 @@ __attribute__((always_inline)) static inline void follow_whole(paths *p, size_t 
 }
 
 /* Steps with rate * h <= 1/2 along paths of the lengths |x|; returns the largest number of them. */
-__attribute__((always_inline)) static inline double divide(paths *p, size_t count, const double *x,
+__attribute__((always_inline)) static inline double divide(paths *p, size_t count,
                                                            const double *rate)
 {
     double most = 0.0;
 #pragma omp simd reduction(max : most)
     for (size_t i = 0; i < count; i++) {
-        const double length = fabs(x[i]), wanted = 2.0 * rate[i] * length;
+        const double length = fabs(p->x[i]), wanted = 2.0 * rate[i] * length;
         const bool follows = wanted < MOST_STEPS; /* NaN does not */
         const double steps = follows ? 1.0 + (double)(int)(follows ? wanted : 0.0) : MOST_STEPS;
-        p->sign[i] = x[i] < 0.0 ? -1.0 : 1.0;
+        p->sign[i] = p->x[i] < 0.0 ? -1.0 : 1.0;
         p->steps[i] = steps;
         p->h[i] = (follows ? length : 0.5) / (follows ? steps : rate[i]);
         most = steps > most ? steps : most;
@@ -100,17 +100,16 @@ pull_block(size_t count, const double *const P[], const double *d0, const double
            const double *z0, double *z1, double *f)
 {
     paths p; /* set as far as it is used: zeros first would take as long as a step */
-    double x[BLOCK];
     bool whole = true;
     p.n = P[3];
     p.beta = P[4];
     p.gamma = P[5];
     for (size_t i = 0; i < count; i++) {
-        x[i] = (d[i] - d0[i]) * P[2][i];
+        p.x[i] = (d[i] - d0[i]) * P[2][i];
         p.z[i] = z0[i];
         whole = whole && (p.n[i] == 1.0 || p.n[i] == 2.0);
     }
-    const double most = divide(&p, count, x, P[6]);
+    const double most = divide(&p, count, P[6]);
     for (size_t done = 0; (double)done < most; done++) {
         if (whole)
             follow_whole(&p, count, (double)done);
