@@ -37,7 +37,7 @@ def reference_subdomains(model):
 
 
 def rows(quick):
-    steps, few = (10, 1) if quick else (5000, 20)
+    steps, few, seconds = (10, 1, 0.0) if quick else (5000, 20, 4.0)
     model = pm.models.four_dof(rho=0.5)
     subdomains, L = reference_subdomains(model)
     coupler = model.coupler(DT)
@@ -45,6 +45,7 @@ def rows(quick):
         lambda: coupler.run(steps=steps),
         lambda: coupler.step(steps),
         lambda: reference.run(subdomains, L, DT, few),
+        seconds=seconds,
     )
     us = 1e6 / SS
     found = [
