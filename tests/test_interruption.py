@@ -86,13 +86,15 @@ def test_a_run_that_ctrl_c_ends_continues_bitwise_identically(interrupt):
     coupler, rng = made(load), np.random.default_rng(3)
     pieces, interrupted = [], 0
     while coupler.step_count < 3000:
-        begin = coupler.step_count
+        begin, history = coupler.step_count, None
         try:
             interrupt(rng.uniform(1e-4, 5e-3))
             history = coupler.run(steps=3000 - begin)
             interrupt(0.0)
         except KeyboardInterrupt:
-            interrupted, history = interrupted + 1, coupler.last_history
+            interrupted += 1
+            if history is None:  # else it came after the last run, before the timer was stopped
+                history = coupler.last_history
         if coupler.step_count == begin:  # before the first step of this call
             continue
         pieces.append(history["m"].u[1 if pieces else 0 :])
