@@ -27,7 +27,7 @@ def chain(rng, n, *, symmetric=True, cuts=0, shuffled=False):
     return permuted(canonical(A, "A", symmetric=symmetric)[0], order)
 
 
-def coupled(matrices, *, held=(), dt=DT, scheme=ALPHA, symmetric=True, dense=False, threads=1):
+def coupled(matrices, *, held=(), dt=DT, scheme=ALPHA, symmetric=True, dense=False):
     """A coupler of one subdomain, some dofs held by constraints; with dense matrices the core has
     LAPACK's factor of the whole."""
     M, K, *C = (A.toarray() if dense and sp.issparse(A) else A for A in matrices)
@@ -36,7 +36,7 @@ def coupled(matrices, *, held=(), dt=DT, scheme=ALPHA, symmetric=True, dense=Fal
     u0[list(held)] = 0.0
     s = pm.Subdomain(M, K, *C, scheme=scheme, u0=u0, symmetric=symmetric, name="s")
     constraints = [pm.Constraint({"s": np.eye(n)[list(held)]})] if held else None
-    return pm.Coupler([s], constraints, dt=dt, threads=threads)
+    return pm.Coupler([s], constraints, dt=dt, threads=1)
 
 
 def is_folded(coupler):
@@ -214,11 +214,18 @@ def test_a_saved_state_is_in_the_order_of_the_user(tmp_path):
 
 
 def test_threads_do_not_change_a_bit():
-    n = 3000
-    matrices = (np.ones(n), chain(np.random.default_rng(11), n))
+    """Two chains, of which each thread has one: a chain alone has one thread."""
+    rng, n = np.random.default_rng(11), 3000
+    K = [chain(rng, n) for _ in range(2)]
     states = []
     for threads in (1, 2):
-        c = coupled(matrices, threads=threads)
+        parts = [
+            pm.Subdomain(np.ones(n), k, scheme=ALPHA, u0=np.cos(np.arange(n)), name=x)
+            for k, x in zip(K, "ab")
+        ]
+        with pytest.warns(pm.ConstraintWarning):
+            c = pm.Coupler(parts, [], dt=DT, threads=threads)
+        assert is_folded(c) and c.threads == threads
         c.step(STEPS)
-        states.append(c.state(0).u)
+        states.append(np.concatenate([c.state(x).u for x in "ab"]))
     np.testing.assert_array_equal(*states)
