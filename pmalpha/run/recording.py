@@ -109,7 +109,7 @@ class Recording:
         """All of one block: in pieces the memory would be returned to the system when a History is
         released, and the next run would wait for new pages."""
         parts, rows = self.parts, self._rows_in_memory
-        numbers = self._numbers(rows) - rows(1) * self.energy_columns  # of the History
+        numbers = self._numbers(rows) - rows(1) * self.energy_columns  # without the History's own
         self.block, self.used = np.empty(int(numbers)), 0
         self.motions = [
             None if dofs is None else self._allocate(part.substeps, dofs.size, 3)
