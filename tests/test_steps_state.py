@@ -96,6 +96,31 @@ def test_reset_returns_to_the_first_time_after_a_change_there_and_back(coupling)
     assert same(c.run(steps=4), fresh.run(steps=4))
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("coupling", "double"), DOUBLE)
+def test_after_a_reset_a_coupler_is_as_one_just_made(coupling, double, seed):
+    """Whatever was done before, and whether or not the steps change before the first macro step."""
+
+    def load(t):
+        return [np.sin(t), np.cos(t)]
+
+    def act(c, calls):
+        for name, *arguments in calls:
+            getattr(c, name)(*arguments)
+
+    rng = np.random.default_rng(seed)
+    calls = [("step",), ("step", 2), ("change_steps", 0.05), ("change_steps", 0.1, {"B": 3})]
+    before, after = ([calls[i] for i in rng.integers(4, size=6)] for _ in range(2))
+    # what was an error: steps that were reached at a later time, taken before the first one
+    earlier = ("change_steps", 0.05, {"B": 1})
+    before, after = [*before, calls[0], earlier], [earlier, *after]
+    c, fresh = (pair(0.1, coupling=coupling, double=double, force=load) for _ in range(2))
+    act(c, [*before, ("reset",), *after])
+    act(fresh, after)
+    assert (c.time, c.dt, c.step_count) == (fresh.time, fresh.dt, fresh.step_count)
+    assert same(c.run(steps=3), fresh.run(steps=3))
+
+
 def test_load_cases_run_with_the_first_steps():
     c, fresh = changed("pm", after=1), pair(0.1, coupling="pm")
     before = c.time, c.dt, c.state("A").u

@@ -141,6 +141,8 @@ class Changes:
         loads.to_core()
         if found is not None:
             take_over(old, new, found, steps.clock)
+        else:  # an assembly of earlier steps has the time of theirs
+            new.core.set_origin(steps.clock.origin, steps.clock.t0)
         self._take(steps, new)
         self._loads, self._last_history = loads, None
 
