@@ -137,6 +137,23 @@ def test_a_state_read_while_others_step_is_that_of_a_whole_macro_step():
     assert {b"".join((s.u.tobytes(), s.v.tobytes(), s.a.tobytes())) for s in states} <= whole
 
 
+def test_a_state_is_of_the_present_assembly_where_another_thread_changes_the_steps():
+    """While this thread looks up the name, another one changes the steps and advances."""
+    c = coupler()
+    c.step(3)
+
+    class Name(str):
+        def __eq__(self, other):
+            if c.step_count == 3:
+                at_once(lambda k: (c.change_steps(substeps={"rig": 10}), c.step(2)), 1)
+            return str.__eq__(self, other)
+
+        __hash__ = str.__hash__
+
+    found = c.state(Name("rig"))
+    np.testing.assert_array_equal(found.u, c.state("rig").u)
+
+
 def test_calls_of_all_kinds_on_a_shared_coupler_leave_it_as_one_thread_would(tmp_path):
     c = coupler()
     start = c.snapshot()

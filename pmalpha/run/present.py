@@ -57,7 +57,8 @@ class Present:
     @property
     def time(self) -> float:
         """The present time, equation (T1)."""
-        return self._clock.time(self.step_count)
+        with self._entered():
+            return self._clock.time(self._steps_done())
 
     @property
     def multipliers(self) -> np.ndarray:
@@ -89,9 +90,10 @@ class Present:
         KeyError, IndexError
             When there is no such subdomain.
         """
-        part = self._parts[position(key, self._keys)]
-        with self._entered():
+        i = position(key, self._keys)
+        with self._entered():  # another thread may change the steps, and with them the parts
             self._start()
+            part = self._parts[i]
             u, v, w = part.core.state()
             if part.mean:
                 w = w + part.core.accelerate(
@@ -124,8 +126,9 @@ class Present:
         >>> Coupler([frame], dt=0.1).springs("f").force
         array([1.])
         """
-        part = self._parts[position(key, self._keys)]
+        i = position(key, self._keys)
         with self._entered():
             self._start()
+            part = self._parts[i]
             deformation, force, _ = part.core.springs()
         return SpringState(deformation, force)
