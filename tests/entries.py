@@ -6,7 +6,6 @@ what is done with the result: it must hold no NaN.
 
 import inspect
 import os
-import pickle
 import tempfile
 from functools import partial
 from importlib.util import find_spec
@@ -285,18 +284,12 @@ def study(rng):
     )
 
 
-def sent(function, chunks):
-    """A map as that of processes: what it is given and what it returns is pickled."""
-    function = pickle.loads(pickle.dumps(function))
-    return [pickle.loads(pickle.dumps(function(chunk))) for chunk in chunks]
-
-
 def made():
     return coupled(np.random.default_rng(0))
 
 
 def study_run(rng):
-    """Cases of a study, one of which may fail, and its file; not every maker can be pickled."""
+    """Cases of a study, one of which may fail, and its file."""
     returned = {"u": np.arange(3.0), "t": 1.0}
     result = one(rng, None, lambda history: odd_result, partial(dict, u=1.0))
     odd_result = odd(rng, returned)
@@ -304,8 +297,7 @@ def study_run(rng):
     s = pm.Study(make, steps=3, result=result, together=int(rng.integers(1, 4)))
     values = {"cases": [{}, {"v0": {"a": [0.0, 0.1, 0.0]}}, {"force": {"b": [1.0, 0.0]}}]}
     values |= {"save_to": "study.h5"} if HDF5 and rng.random() < 0.5 else {}
-    maps = one(rng, map, sent)
-    return in_folder(s.run, "save_to"), values | {"progress": None, "map": maps}, None
+    return in_folder(s.run, "save_to"), values | {"progress": None, "map": map}, None
 
 
 # ---- files and pictures ------------------------------------------------------------------------

@@ -39,10 +39,6 @@ class Unpicklable(Exception):
         return float, ("no exception",)
 
 
-def unpicklable(history):
-    return lambda: history
-
-
 def fails(t):
     raise Unpicklable("one and two")
 

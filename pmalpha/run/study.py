@@ -1,4 +1,4 @@
-"""Many cases of one problem, by the engine that a user has."""
+"""Many cases of one problem, by the executor that a user has."""
 
 from __future__ import annotations
 
@@ -7,26 +7,28 @@ import threading
 import traceback
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
 from os import PathLike
-from time import perf_counter
 from typing import Any
+
+import numpy as np
 
 from .._checks import whole_number
 from ..errors import CasesError, PmalphaError
+from ..files import PACKAGE_VERSION, checked_path
 from .coupler import Coupler
 from .history import History
+from .history_file import hdf5_library
 from .progress import reporting
-from .study_file import StudyFile
 
 __all__ = ["CaseResult", "Study"]
 
-# What `Coupler.reset` takes, the keys of a case.
-RESET = ("u0", "v0", "force")
-# The coupler of the last study in each thread of this process.
-_kept = threading.local()
+_kept = threading.local()  # the coupler of the last study in each thread of this process
+NOT_RUN, TEXT = b"not run", 400  # of the dataset "error"; bytes of a text that are kept
 
 
+@dataclass(frozen=True)
 class CaseResult:
     """The result of one case of a `Study`.
 
@@ -39,56 +41,34 @@ class CaseResult:
         Why it failed. One that cannot be pickled is replaced by a `PmalphaError` with its text.
     traceback : str
         Where it failed, or empty.
-    seconds : float
-        Duration of the run, or of all cases that were run together; without the time in which the
-        coupler was made.
-
-    Examples
-    --------
-    >>> study = Study(dict, 1.0)
-    >>> study({})
-    <CaseResult failed: TypeError: make_coupler must return a Coupler, got {}>
     """
 
-    def __init__(
-        self,
-        value: Any = None,
-        error: Exception | None = None,
-        traceback: str = "",
-        seconds: float = 0.0,
-    ):
-        self.value, self.error, self.traceback = value, error, traceback
-        self.seconds = seconds
-
-    def __repr__(self) -> str:
-        if self.error is not None:
-            return f"<CaseResult failed: {type(self.error).__name__}: {self.error}>"
-        return f"<CaseResult: {type(self.value).__name__} in {self.seconds:.3g} s>"
+    value: Any = None
+    error: Exception | None = None
+    traceback: str = ""
 
 
 class Study:
     """Runs of one coupled problem with different initial values and loads, on any executor.
 
-    A Study is a function of one case that can be pickled: what `map` of an executor takes, in
-    threads, processes or on other machines. In each process and thread it makes one Coupler, with
-    the first case, and resets that for every other: all factors are kept.
+    In each process and thread it makes one Coupler and keeps all factors. A Study can be pickled;
+    ``study(case)`` is the `CaseResult` of one case.
 
     Parameters
     ----------
     make_coupler : callable
-        Makes the `Coupler`, without arguments; for processes a function of a module, or a
-        ``functools.partial`` of one. Where every core of the processor has a process or thread of
-        the executor, make it with ``threads=1``.
+        Makes the `Coupler`, without arguments; for processes a function of a module. Where every
+        core of the processor has a worker, make it with ``threads=1``.
     t_end : float, optional
         As for `Coupler.run`, or `steps` as one of the options.
     result : callable, optional
-        ``result(history)`` is evaluated where the case has run, and what it returns is sent back:
-        peaks, say, in place of all time levels. Default: the whole History.
+        ``result(history)`` is evaluated by the worker, and what it returns is sent back, such as
+        peaks. Default: the whole History.
     together : int, default 1
-        Number of cases that one worker gets at a time and runs by `Coupler.run_each`. The results
-        are bitwise those of `reset` and `run`, with any number.
+        Number of cases that one worker gets at a time and runs by `Coupler.run_each`, bitwise the
+        single ones.
     **as_run
-        Further options of `Coupler.run`, such as `record` and `every`; not `record_to`.
+        Further options of `Coupler.run`; not `record_to`.
 
     Raises
     ------
@@ -143,14 +123,14 @@ class Study:
         -------
         CaseResult
         """
-        begin = perf_counter()
         try:
+            if not isinstance(case, Mapping):
+                raise TypeError(f"a case must be a dict of arguments of reset, got {case!r}")
             coupler = self._coupler()
-            begin = perf_counter()
-            coupler.reset(**_checked(case))
-            return self._result(coupler.run(**self.as_run), begin)
+            coupler.reset(**case)
+            return self._result(coupler.run(**self.as_run))
         except Exception as error:
-            return _failed(error, begin)
+            return _failed(error)
 
     def run(
         self,
@@ -168,13 +148,13 @@ class Study:
             Each what `Coupler.reset` takes: `u0`, `v0`, `force`.
         map : callable, optional
             ``map(function, cases)`` returns the results in order, as `map` of an executor does.
-            Default: the built-in one, which does one after another.
+            Default: the built-in one, one after another.
         save_to : str or path, optional
-            HDF5 file to which every result is written as it arrives. `result` must return a dict of
-            numbers and arrays, the same names and shapes for every case: the file has one dataset
-            of (cases, ...) for each, NaN where a case failed or has not run, and the text of the
-            error in ``error``, empty for success and "not run" before. Other programs can read it
-            meanwhile, and after a kill. An existing file is refused.
+            New HDF5 file to which every result is written as it arrives. `result` must return a
+            dict of numbers and arrays, the same names and shapes for every case: the file has one
+            dataset of (cases, ...) for each, NaN where a case failed or has not run, and the text
+            of the error in ``error``, empty for success and "not run" before. Other programs can
+            read it meanwhile, and after a kill.
         progress : True or callable, optional
             True: a tqdm bar. A callable is called as ``progress(done, total)``.
 
@@ -186,7 +166,8 @@ class Study:
         Raises
         ------
         TypeError, ValueError
-            For arguments of the wrong kind, and for what a `map` to processes cannot pickle.
+            For arguments of the wrong kind. A `map` to processes has errors of its own for what it
+            cannot pickle.
         ImportError
             For `save_to` without h5py, for ``progress=True`` without tqdm.
         OSError
@@ -201,76 +182,47 @@ class Study:
         """
         if not callable(map):
             raise TypeError(f"map must be a callable(function, cases), got {map!r}")
-        cases = _listed(cases)
-        found: list[CaseResult] = []
-        with ExitStack() as stack:
-            report = stack.enter_context(reporting(progress, 0, len(cases)))
-            file = None
-            if save_to is not None:
-                file = stack.enter_context(StudyFile(save_to, len(cases)))
-            for chunk in self._results(cases, map):
-                for case in chunk:
-                    found.append(case if file is None else _saved(file, len(found), case))
+        if not isinstance(cases, Iterable) or hasattr(cases, "ndim"):  # of arrays
+            raise TypeError(f"cases must be dicts of what reset takes, got {cases!r}")
+        cases, found, n = list(cases), list[CaseResult](), self.together
+        file = nullcontext(lambda k, case: case) if save_to is None else _file(save_to, len(cases))
+        with reporting(progress, 0, len(cases)) as report, file as kept:
+            results = map(self._several, [cases[k : k + n] for k in range(0, len(cases), n)])
+            if not isinstance(results, Iterable):
+                raise TypeError(f"map must return an iterable of results, got {results!r}")
+            for several in results:
+                for case in several:
+                    found.append(kept(len(found), case))
                 if report is not None:
                     report(len(found))
         return found
-
-    def _results(self, cases: Sequence[Any], map: Callable[..., Any]) -> Iterator[list[CaseResult]]:
-        """Those of `together` cases at a time."""
-        chunks = [cases[k : k + self.together] for k in range(0, len(cases), self.together)]
-        try:
-            results = map(self._several, chunks)
-            if isinstance(results, Iterable):
-                yield from results
-                return
-        except (AttributeError, TypeError, pickle.PicklingError) as error:
-            self._require_pickled(cases, error)
-            raise
-        raise TypeError(f"map must return an iterable of results, got {results!r}")
-
-    def _require_pickled(self, cases: Sequence[Any], error: Exception) -> None:
-        """TypeError that names what cannot be pickled, where that is why a map has failed."""
-        sent = {"make_coupler": self.make_coupler, "result": self.result, "cases": cases}
-        for name, value in (sent | self.as_run).items():
-            try:
-                pickle.dumps(value)
-            except Exception:
-                raise TypeError(
-                    f"{name} must be what can be pickled for this map, as functions of a module "
-                    f"can, got {value!r}: {error}"
-                ) from error
-        if "pickle" in str(error):
-            raise TypeError(
-                f"result must return what can be pickled for this map: {error}"
-            ) from error
 
     def _several(self, cases: Sequence[Mapping[str, Any]]) -> list[CaseResult]:
         """Cases that one worker was given together."""
         if len(cases) == 1:
             return [self(cases[0])]
-        begin, failures = perf_counter(), {}
+        failures: Mapping[int, Exception] = {}
         try:
-            histories = self._coupler().run_each([_checked(c) for c in cases], **self.as_run)
+            histories = self._coupler().run_each(cases, **self.as_run)
         except CasesError as error:
             histories, failures = error.histories, error.failures
-        except Exception:  # before the first case began: which of them was it?
+        except Exception:  # before the first case began: of which of them, each alone shows
             return [self(case) for case in cases]
         return [
-            _failed(failures[k], begin) if k in failures else self._result(history, begin)
+            _failed(failures[k]) if k in failures else self._result(history)
             for k, history in enumerate(histories)
         ]
 
-    def _result(self, history: History, begin: float) -> CaseResult:
+    def _result(self, history: History) -> CaseResult:
         try:
-            value = history if self.result is None else self.result(history)
+            return CaseResult(history if self.result is None else self.result(history))
         except Exception as error:
-            return _failed(error, begin)
-        return CaseResult(value, seconds=perf_counter() - begin)
+            return _failed(error)
 
     def _coupler(self) -> Coupler:
         """The coupler of this thread, made when this study is new in it."""
         if getattr(_kept, "token", None) != self._token:
-            _kept.token, _kept.coupler = None, None  # released before the next one is made
+            _kept.token = _kept.coupler = None  # released before the next one is made
             coupler = self.make_coupler()
             if not isinstance(coupler, Coupler):
                 raise TypeError(f"make_coupler must return a Coupler, got {coupler!r}")
@@ -278,43 +230,66 @@ class Study:
         return _kept.coupler
 
 
-def _listed(cases: Any) -> list[Any]:
-    if not isinstance(cases, Iterable) or hasattr(cases, "ndim"):  # of arrays
-        raise TypeError(f"cases must be dicts of what reset takes, got {cases!r}")
-    return list(cases)
-
-
-def _checked(case: Any) -> dict[str, Any]:
-    if not isinstance(case, Mapping):
-        raise TypeError(f"a case must be a dict of what reset takes, got {case!r}")
-    unknown = [key for key in case if key not in RESET]
-    if unknown:
-        raise ValueError(f"a case must have the keys u0, v0 and force, got {unknown[0]!r}")
-    return dict(case)
-
-
-def _failed(error: Exception, begin: float) -> CaseResult:
-    text = "".join(traceback.format_exception(error))
-    return CaseResult(None, _sendable(error), text, perf_counter() - begin)
-
-
-def _sendable(error: Exception) -> Exception:
-    """The exception, or one with its text where it cannot be pickled and read again."""
+def _failed(error: Exception) -> CaseResult:
+    """A failed case, with its error, or one with its text where it cannot be pickled and read."""
+    text, sent = "".join(traceback.format_exception(error)), error
     try:
-        if type(pickle.loads(pickle.dumps(error))) is type(error):
-            return error
+        readable = type(pickle.loads(pickle.dumps(error))) is type(error)
     except Exception:
-        pass
-    return PmalphaError(f"{type(error).__name__}: {error}")
+        readable = False
+    if not readable:
+        sent = PmalphaError(f"{type(error).__name__}: {error}")
+    return CaseResult(None, sent, text)
 
 
-def _saved(file: StudyFile, k: int, case: CaseResult) -> CaseResult:
-    """The case without its value, which is in the file; failed where it does not fit."""
-    if case.error is None:
-        try:
-            file.write(k, case.value)
-        except (TypeError, ValueError) as error:
-            case = CaseResult(None, error, seconds=case.seconds)
-    if case.error is not None:
-        file.fail(k, case.error)
-    return CaseResult(None, case.error, case.traceback, case.seconds)
+@contextmanager
+def _file(path: Any, count: int) -> Iterator[Callable[[int, CaseResult], CaseResult]]:
+    """A function that writes the result of case k to the file, and returns it without its value.
+
+    All rows of a dataset exist from the first result on, so that a later one changes no structure
+    of the file: it can be read meanwhile, and after a kill.
+    """
+    h5py, whole = hdf5_library(), checked_path(path, "save_to")
+    try:
+        file = h5py.File(whole, "x", locking=False)
+    except OSError as error:
+        message = f"save_to must lead to a new file that can be written: {error}"
+        raise type(error)(error.errno, message, str(whole)) from error
+    with file:
+        file.attrs.update({"format": "pmalpha Study", "pmalpha_version": PACKAGE_VERSION})
+        errors = file.create_dataset("error", data=np.full(count, NOT_RUN, dtype=f"S{TEXT}"))
+        shapes: dict[str, tuple[int, ...]] = {}
+
+        def kept(k: int, case: CaseResult) -> CaseResult:
+            try:
+                if case.error is None:
+                    arrays = _arrays(case.value, shapes)
+                    for name, x in arrays.items():
+                        if name not in file:
+                            file[name] = np.full((count, *x.shape), np.nan)
+                        file[name][k] = x
+                    shapes.update({name: x.shape for name, x in arrays.items()})
+            except (TypeError, ValueError) as error:
+                case = _failed(error)
+            text = "" if case.error is None else f"{type(case.error).__name__}: {case.error}"
+            errors[k] = text.encode("ascii", "replace")[:TEXT]
+            file.flush()
+            return CaseResult(None, case.error, case.traceback)
+
+        yield kept
+
+
+def _arrays(value: Any, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, np.ndarray]:
+    """The result of a case as arrays by name; these shapes if there was one before."""
+    if not isinstance(value, Mapping) or not value:
+        raise TypeError(f"result must return a dict of numbers and arrays, got {value!r}")
+    if any(not isinstance(name, str) or name in ("error", "") or "/" in name for name in value):
+        raise ValueError(f"result must have names that a file can have, got {list(value)}")
+    found = {name: np.asarray(x) for name, x in value.items()}
+    wrong = [name for name, x in found.items() if x.dtype.kind not in "biuf"]
+    if wrong:
+        raise TypeError(f"result[{wrong[0]!r}] must hold real numbers, got {value[wrong[0]]!r}")
+    got = {name: x.shape for name, x in found.items()}
+    if shapes and got != shapes:
+        raise ValueError(f"result must have the shapes of the first, {dict(shapes)}, got {got}")
+    return {name: x.astype(np.float64) for name, x in found.items()}
