@@ -109,6 +109,7 @@ docs: $(VENV)/.docs
 	cp -Rp CHANGELOG.md CONTRIBUTING.md benchmarks docs examples notebooks build/docs/source
 	$(VENV)/bin/sphinx-build -q -W --keep-going -c docs -d build/docs/trees \
 		build/docs/source build/docs/html
+	$(VENV)/bin/python docs/check.py build/docs/html
 
 # A wheel for Linux with glibc 2.17 or later and Python 3.10 or later, in build/wheels: compiled by
 # zig, which brings a C compiler and the symbols of that glibc, and checked for both.

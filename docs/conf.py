@@ -1,6 +1,10 @@
 """Configuration of the site; `make docs` copies the sources of the pages to build/docs/source."""
 
+import re
 from pathlib import Path
+
+import latex2mathml.converter
+from docutils.nodes import SkipNode, Text, raw
 
 import pmalpha
 
@@ -38,19 +42,40 @@ numpydoc_validation_checks = {
 }
 
 html_theme = "furo"
+html_math_renderer = "mathml"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 html_title = f"pmalpha {release}"
 html_show_copyright = False
 html_show_sphinx = False
 
 
-def display(_app, doctree):
-    """Equations as they are: Sphinx would set them in an environment that refuses a \\tag."""
-    from docutils.nodes import math_block
+def mathml(formula, display):
+    """A formula as MathML, which browsers draw without a script, a font or a network."""
+    formula, tag, _ = (*re.split(r"\\tag\{(.*?)\}", formula), "", "")[:3]
+    drawn = latex2mathml.converter.convert(formula, display="block" if display else "inline")
+    if unknown := re.findall(r"<m[io]>(\\\w*)", drawn):
+        raise ValueError(f"{unknown[0]} in {formula!r} has no MathML")
+    return drawn, tag
 
-    for node in doctree.findall(math_block):
-        if "\\begin{equation" not in node.astext():
-            node.children[:] = [type(node.children[0])(f"\\[{node.astext()}\\]")]
-        node["nowrap"] = node["no-wrap"] = True
+
+def inline(writer, node):
+    writer.body.append(mathml(node.astext(), display=False)[0])
+    raise SkipNode
+
+
+def block(writer, node):
+    drawn, tag = mathml(node.astext(), display=True)
+    number = f'<span class="eqno">({tag})</span>' if tag else ""
+    writer.body.append(f'<div class="math">{drawn}{number}</div>\n')
+    raise SkipNode
+
+
+def without_addresses(_app, doctree):
+    """The signs on the buttons of animations, of matplotlib from elsewhere, are in site.css."""
+    for node in doctree.findall(raw):
+        if "font-awesome" in (text := node.astext()):
+            node.children[:] = [Text(re.sub(r"<link [^>]*font-awesome[^>]*>", "", text))]
 
 
 def redirect(app, failed):
@@ -61,5 +86,6 @@ def redirect(app, failed):
 
 
 def setup(app):
-    app.connect("doctree-read", display)
+    app.connect("doctree-read", without_addresses)
+    app.add_html_math_renderer("mathml", (inline, None), (block, None))
     app.connect("build-finished", redirect)

@@ -108,3 +108,21 @@ def test_every_test_that_a_page_cites_exists(page):
     cited = set(re.findall(r"`(test_\w+)`", (ROOT / "docs" / page).read_text()))
     written = "\n".join(path.read_text() for path in ROOT.glob("tests/*.py"))
     assert cited and not [name for name in cited if f"def {name}(" not in written]
+
+
+def test_the_check_of_the_site_finds_what_a_page_would_load_from_elsewhere(tmp_path):
+    check = runpy.run_path(str(ROOT / "docs" / "check.py"))
+    (tmp_path / "own.html").write_text(
+        '<script src="own.js"></script><a href="https://x.org">x</a>'
+    )
+    assert not list(check["addresses_outside"](tmp_path))
+    (tmp_path / "page.html").write_text('<link rel="stylesheet"\nhref="https://x.org/a.css">')
+    (tmp_path / "style.css").write_text("a { background: url(//x.org/b.png) }")
+    found = [address for _, address in check["addresses_outside"](tmp_path)]
+    assert found == ["https://x.org/a.css", "//x.org/b.png"]
+
+
+def test_the_check_of_the_site_finds_formulas_that_are_not_drawn(tmp_path):
+    check = runpy.run_path(str(ROOT / "docs" / "check.py"))
+    (tmp_path / "page.html").write_text("<p>\\(\\bar M w\\)</p><pre>\\alpha</pre>")
+    assert [str(page) for page, _ in check["formulas_not_drawn"](tmp_path)] == ["page.html"]

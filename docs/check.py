@@ -1,0 +1,52 @@
+"""Checks of the built site: `python docs/check.py build/docs/html`.
+
+Every public name has a page, formulas are drawn, and no page, style or script loads anything from
+another address: the site reads the same without a network.
+"""
+
+import inspect
+import re
+import sys
+from pathlib import Path
+
+import pmalpha
+
+LOADED = re.compile(
+    r"""<(?:script|img|iframe|source|link(?![^>]*rel="(?:canonical|license)"))[^>]*?"""
+    r"""(?:src|href)\s*=\s*"((?:https?:)?//[^"]*)"|url\(["']?((?:https?:)?//[^)"']*)|@import\s+([^;]*)"""
+)
+
+
+def addresses_outside(site):
+    """(page, address) of all that the files of the site would load from elsewhere."""
+    for path in sorted([*site.rglob("*.html"), *site.rglob("*.css")]):
+        for found in LOADED.finditer(path.read_text()):
+            yield path.relative_to(site), next(filter(None, found.groups()))
+
+
+def names_without_a_page(site):
+    pages = {path.stem for path in (site / "docs" / "api").glob("*.html")}
+    public = [getattr(pmalpha, name) for name in pmalpha.__all__]
+    modules = [pmalpha, *filter(inspect.ismodule, public)]
+    names = {x.__name__ for x in modules}
+    names |= {f"{x.__name__}.{n}" for x in modules for n in x.__all__ if callable(getattr(x, n))}
+    return sorted(names - pages)
+
+
+def formulas_not_drawn(site):
+    """Pages with TeX left in their text."""
+    for path in sorted(site.rglob("*.html")):
+        text = re.sub(r"(?s)<(pre|script|code|annotation).*?</\1>", "", path.read_text())
+        if found := re.search(r"\\(?:frac|bar|tilde|alpha|Lambda|\[|\()", text):
+            yield path.relative_to(site), found[0]
+
+
+if __name__ == "__main__":
+    site = Path(sys.argv[1])
+    faults = [
+        *(f"{page} loads {address}" for page, address in addresses_outside(site)),
+        *(f"{name} has no page" for name in names_without_a_page(site)),
+        *(f"{page} shows {tex} as it is written" for page, tex in formulas_not_drawn(site)),
+    ]
+    print("\n".join(faults) or f"{len(list(site.rglob('*.html')))} pages, complete by themselves")
+    sys.exit(bool(faults))
