@@ -4,15 +4,20 @@ import argparse
 import sys
 import time
 import warnings
-from collections.abc import Iterator
-from typing import TypeAlias
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from . import __version__
 from .errors import AccuracyWarning
 from .models import FourDof, four_dof
+from .plot.styling import LINES, save, style
 from .run.history import History
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # The History of each run, and its time in seconds.
 Runs: TypeAlias = dict[str, tuple[History, float]]
@@ -114,14 +119,64 @@ def _costs(runs: Runs, steps: int) -> Iterator[str]:
 
 
 def _draw(model: FourDof, runs: Runs, path: str) -> None:
-    from . import plot
-
     titles = {
         "PM": "PM: trapezoidal rule and central difference",
         "PM-alpha": r"PM-$\alpha$: $\rho_\infty = \rho_b = 0.5$",
     }
     histories = {titles[name]: history for name, (history, _) in runs.items()}
-    plot.save(plot.figure7(model, histories), path)
+    save(figure7(model, histories), path)
+
+
+def figure7(model: FourDof, histories: Mapping[str, History]) -> "Figure":
+    """Figure 7 of the paper: free vibration of the four-dof system, and its modal amplitudes.
+
+    Displacements (left) and amplitudes of the modes of the uncut system (right), both at the macro
+    time levels.
+
+    Parameters
+    ----------
+    model : FourDof
+        From `pmalpha.models.four_dof`, with the initial values of the histories.
+    histories : dict
+        History by title of its row, from top to bottom.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A row for each history.
+    """
+    with style():
+        from matplotlib.figure import Figure
+
+        rows = len(histories)
+        figure = Figure(figsize=(7.1, 0.6 + 2.1 * rows), layout="constrained")
+        axes = figure.subplots(
+            rows, 2, sharex=True, sharey="col", squeeze=False, width_ratios=(1.5, 1.0)
+        )
+        for (left, right), (title, history) in zip(axes, histories.items(), strict=True):
+            _displacements(left, *model.displacements(history))
+            _modal_amplitudes(right, *model.modal_amplitudes(history), model.frequencies)
+            left.set_title(title, loc="left")
+        for ax in axes[0]:
+            ax.legend(loc="lower left", bbox_to_anchor=(-0.02, 1.08), ncols=2)
+        for ax in axes[-1]:
+            ax.set_xlabel("time $t$ (s)")
+    return figure
+
+
+def _displacements(ax: "Axes", t: np.ndarray, u: np.ndarray) -> None:
+    for i, line in enumerate(LINES):  # u_1, the smallest, above the others
+        ax.plot(t, u[:, i], **line, zorder=3.0 - 0.1 * i, label=f"$u_{i + 1}$")
+    ax.set_ylabel("displacement (m)")
+    ax.set_xlim(t[0], t[-1])
+
+
+def _modal_amplitudes(
+    ax: "Axes", t: np.ndarray, amplitudes: np.ndarray, frequencies: np.ndarray
+) -> None:
+    for i, line in enumerate(LINES):
+        ax.plot(t, amplitudes[:, i], **line, label=f"{frequencies[i]:.2f} Hz")
+    ax.set_ylabel("modal amplitude (m kg$^{1/2}$)")
 
 
 if __name__ == "__main__":

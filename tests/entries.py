@@ -348,7 +348,6 @@ def pictures(rng):
         (history.plot, {"dofs": {"a": [0, 1]}, "quantity": "v", "title": "x"}),
         (history["a"].plot, {"quantity": "u", "dofs": [0, 1]}),
         (pm.plot.deformed, mesh | {"u": u, "scale": 2.0}),
-        (pm.plot.scheme_radius, {"schemes": {"a": pm.Newmark()}, "xi": 0.02}),
     )
     return function, values, lambda _: plt.close("all")
 

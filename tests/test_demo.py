@@ -125,8 +125,7 @@ def test_without_matplotlib_the_demo_names_what_to_install(tmp_path):
 
 def test_the_examples_of_the_plots_run():
     pytest.importorskip("matplotlib")
-    from pmalpha.plot import drawings, figures
+    from pmalpha.plot import styling
 
-    results = [doctest.testmod(m) for m in (drawings, figures)]
-    assert sum(result.attempted for result in results) > 3
-    assert sum(result.failed for result in results) == 0
+    result = doctest.testmod(styling)
+    assert result.attempted > 3 and result.failed == 0

@@ -245,11 +245,6 @@ REFUSED = {
         TypeError,
         "map must return an iterable of results, got None",
     ),
-    "a picture of no scheme": (
-        lambda: pm.plot.scheme_radius(5),
-        TypeError,
-        "schemes must be pmalpha schemes, got 5",
-    ),
     "a picture of a list of quantities": (
         lambda: pm.Coupler([single()], dt=0.1).run(steps=1).plot(quantity=["u"]),
         ValueError,
@@ -264,16 +259,6 @@ REFUSED = {
         lambda: pm.models.modes([1.0, -1e308, 1.0], K, 1),
         ValueError,
         "M must have entries that are finite times K_ii / M_ii, got up to 1e+308",
-    ),
-    "a picture of an array of no dimension": (
-        lambda: pm.plot.scheme_radius(np.array(1.0)),
-        TypeError,
-        "schemes must be pmalpha schemes, got array(1.)",
-    ),
-    "a picture of a sparse matrix": (
-        lambda: pm.plot.scheme_radius(sp.dia_array(np.eye(3))),
-        TypeError,
-        "schemes must be pmalpha schemes",
     ),
     "a picture of displacements out of range": (
         lambda: pm.plot.deformed([[0.0], [1.0]], [[0, 1]], [[0.0], [1e308]], scale=2.0),
@@ -401,11 +386,6 @@ REFUSED = {
         lambda: moving(BLOCK),
         ValueError,
         "u of 'subdomain 0' for meshes[0] must have shape",
-    ),
-    "a picture of a scheme without a name": (
-        lambda: pm.plot.scheme_radius({"": BETA}),
-        ValueError,
-        "schemes must have names that do not begin with an underscore, got ''",
     ),
     "a scheme that is a matrix": (
         lambda: pm.cut(BLOCK, [0], dt=0.1, scheme=sp.dia_array(np.eye(3))),

@@ -21,8 +21,12 @@ def test_there_are_notebooks():
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_the_notebook_runs_and_leaves_its_file_alone(path, tmp_path, monkeypatch):
-    # the kernel imports the package that is being tested
-    folders = [str(Path(pmalpha.__file__).parents[1]), os.environ.get("PYTHONPATH")]
+    # the kernel imports the package that is being tested, and drawings beside the notebooks
+    folders = [
+        str(Path(pmalpha.__file__).parents[1]),
+        str(path.parent),
+        os.environ.get("PYTHONPATH"),
+    ]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, folders)))
     before = path.read_bytes()
     notebook = nbformat.reads(before.decode(), as_version=4)

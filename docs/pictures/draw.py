@@ -7,6 +7,7 @@ The first example is the code in README.md itself; its exact solution is a matri
 
 import contextlib
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ import pmalpha as pm
 from pmalpha import plot
 
 ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "notebooks"))
 COMPUTED = {"facecolor": "0.9", "edgecolor": "k", "linewidth": 0.8}
 FINE = {"facecolor": "#A9CBE6", "edgecolor": "k", "linewidth": 0.8}
 COLUMN = {"color": "k", "linestyle": "-", "linewidth": 1.2}
@@ -162,11 +164,12 @@ SCHEDULES = {"staggered": "gc", "interfield-parallel": "pm"}
 
 def main():
     import matplotlib
+    from drawings import timeline
     from matplotlib.figure import Figure
 
     # svg.hashsalt: the same picture gives the same file; a white ground for dark pages
     with matplotlib.rc_context(plot.RC | {"svg.hashsalt": "pmalpha", "savefig.facecolor": "w"}):
-        pictures = {name: plot.timeline(coupling) for name, coupling in SCHEDULES.items()}
+        pictures = {name: timeline(coupling) for name, coupling in SCHEDULES.items()}
         for name, (content, size) in DRAWN.items():
             pictures[name] = Figure(figsize=size, layout="constrained")
             content(pictures[name])

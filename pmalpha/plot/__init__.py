@@ -4,27 +4,10 @@ Curves differ by line style and grey value, not only by colour. No function open
 returns a matplotlib object; `save` writes a Figure to a file.
 """
 
-from .drawings import split_oscillator, timeline
-from .figures import figure7, save, slope
 from .meshes import animation, deformed
-from .schemes import scheme_damping, scheme_period, scheme_radius
-from .styling import LINES, RC, style
+from .styling import LINES, RC, save, style
 
-__all__ = [
-    "LINES",
-    "RC",
-    "animation",
-    "deformed",
-    "figure7",
-    "save",
-    "scheme_damping",
-    "scheme_period",
-    "scheme_radius",
-    "slope",
-    "split_oscillator",
-    "style",
-    "timeline",
-]
+__all__ = ["LINES", "RC", "animation", "deformed", "save", "style"]
 
 
 def __dir__() -> list[str]:

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from os import PathLike
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["LINES", "RC", "style"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["LINES", "RC", "save", "style"]
 
 # Colours of Okabe and Ito, distinguishable in colour blindness, from light to dark
 LINES: tuple[dict[str, Any], ...] = (
@@ -100,3 +104,28 @@ def shown_style() -> Iterator[None]:
     pyplot.draw_if_interactive()  # type: ignore[no-untyped-call]  # of matplotlib
     with style():
         yield
+
+
+def save(figure: Figure, path: str | PathLike[str]) -> None:
+    """Write a figure to a file, with the resolution of print.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        Such as of `History.plot`.
+    path : str or path
+        The suffix gives the format: .png, .pdf, .svg.
+
+    Raises
+    ------
+    OSError, ValueError
+        From matplotlib: no such folder, unknown format.
+
+    Examples
+    --------
+    >>> import io, matplotlib.figure
+    >>> from pmalpha import plot
+    >>> plot.save(matplotlib.figure.Figure(), io.BytesIO())
+    """
+    with style():
+        figure.savefig(path)

@@ -1,4 +1,4 @@
-"""Schematic drawings: the split oscillator, the schedules of the couplings."""
+"""Drawings of several notebooks: the split oscillator, schedules of the couplings, slopes."""
 
 from __future__ import annotations
 
@@ -7,14 +7,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .._checks import check_word
-from .styling import style
+from pmalpha.plot import style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["split_oscillator", "timeline"]
 
 # Markers of time levels: of A, of its other chain, of B, and between the time levels of A
 LEVEL = {"marker": "o", "color": "k", "markersize": 7.0, "linestyle": "none"}
@@ -34,24 +31,7 @@ ARROW = {
 
 
 def split_oscillator() -> Figure:
-    """The split oscillator: its cut, and the two subdomains with the interface force.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Not to scale.
-
-    Raises
-    ------
-    ImportError
-        If matplotlib is missing.
-
-    Examples
-    --------
-    >>> from pmalpha import plot
-    >>> len(plot.split_oscillator().axes)
-    1
-    """
+    """The split oscillator: its cut, and the two subdomains with the interface force."""
     with style():
         from matplotlib.figure import Figure
 
@@ -89,33 +69,9 @@ def timeline(coupling: str | None = None) -> Figure:
 
     Two subdomains, A with one step per macro step and B with four. For each schedule: the time
     levels and the steps between them in simulated time, then the work of two macro steps in wall
-    clock time. The widths of the blocks are schematic, not measured.
-
-    Parameters
-    ----------
-    coupling : {"gc", "pm"}, optional
-        The schedule of this coupling alone. Default: both.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Both schedules, one above the other.
-
-    Raises
-    ------
-    ImportError
-        If matplotlib is missing.
-    ValueError
-        For another coupling.
-
-    Examples
-    --------
-    >>> from pmalpha import plot
-    >>> len(plot.timeline().axes), len(plot.timeline("pm").axes)
-    (4, 2)
+    clock time. The widths of the blocks are schematic, not measured. `coupling`, "gc" or "pm": the
+    schedule that is drawn alone.
     """
-    if coupling is not None:
-        check_word(coupling, "coupling", list(SCHEDULES))
     drawn = [SCHEDULES[name] for name in ([coupling] if coupling else SCHEDULES)]
     with style():
         from matplotlib.figure import Figure
@@ -235,6 +191,19 @@ def _bare(ax: Axes) -> None:
     ax.grid(False)
     ax.spines[:].set_visible(False)
     ax.tick_params(length=0)
+
+
+def slope(ax: Axes, order: float, x: Sequence[float], y: float) -> None:
+    """A reference line of this order on logarithmic axes, labelled at its end.
+
+    `x` are its begin and end, `y` is the value at the begin.
+    """
+    begin, end = x
+    top = y * (end / begin) ** order
+    ax.plot([begin, end], [y, top], color="0.45", linestyle="-", linewidth=0.7)
+    ax.annotate(
+        f"{order:g}", (end, top), (3, 0), textcoords="offset points", va="center", color="0.3"
+    )
 
 
 class Schedule(NamedTuple):
