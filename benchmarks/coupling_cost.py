@@ -30,7 +30,7 @@ SIDES = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
 
 def structures(counts, faces):
     """The central structure and its neighbours at the first `faces` sides."""
-    build = pm.models.plate if len(counts) == 2 else pm.models.solid
+    build = pm.structures.plate if len(counts) == 2 else pm.structures.solid
     origins = [(0,) * len(counts)] + [side[: len(counts)] for side in SIDES[:faces]]
     return [
         build(*counts, 1.0, **MATERIAL, mass="lumped", origin=np.multiply(origin, counts))

@@ -20,21 +20,25 @@ def graded(n, ratio):
     """A square of n by n elements whose edges grow by this ratio along both axes."""
     edges = np.concatenate([[0.0], np.cumsum(np.geomspace(1.0, ratio, n))]) / ratio
     points = np.stack(np.meshgrid(edges, edges, indexing="ij"), axis=-1).reshape(-1, 2)
-    quads = pm.models.plate(n, n, 1.0, E=1.0, nu=0.3, rho=1.0).elements["quad"]
-    return pm.models.plate_on(points, quads, **MATERIAL)
+    quads = pm.structures.plate(n, n, 1.0, E=1.0, nu=0.3, rho=1.0).elements["quad"]
+    return pm.structures.plate_on(points, quads, **MATERIAL)
 
 
 def cases(quick):
     """Name, structure and arguments of cut."""
     n = 8 if quick else 60
-    plate = pm.models.plate(n, n, 0.1, **MATERIAL)
+    plate = pm.structures.plate(n, n, 0.1, **MATERIAL)
     yield "graded plate", graded(n, 100.0), {"labels": "steps", "dt": 0.4}
     if quick:
         return
     yield "graded plate", graded(150, 100.0), {"labels": "steps", "dt": 0.4}
     yield "graded plate", graded(300, 30.0), {"labels": "steps", "dt": 0.06}
-    yield "cube", pm.models.solid(20, 20, 20, 0.1, **MATERIAL), {"parts": 4, "scheme": EXPLICIT}
-    yield "cube", pm.models.solid(20, 20, 20, 0.1, **MATERIAL), {"parts": 16, "scheme": EXPLICIT}
+    yield "cube", pm.structures.solid(20, 20, 20, 0.1, **MATERIAL), {"parts": 4, "scheme": EXPLICIT}
+    yield (
+        "cube",
+        pm.structures.solid(20, 20, 20, 0.1, **MATERIAL),
+        {"parts": 16, "scheme": EXPLICIT},
+    )
     yield "plate, implicit", plate, {"parts": 4, "scheme": pm.GeneralizedAlpha(0.5)}
 
 

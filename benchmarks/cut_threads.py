@@ -27,7 +27,7 @@ def largest_share(parts):
 
 def rows(quick):
     n, counts, seconds = (4, (2,), 0.0) if quick else (36, (2, 4, 8, 16), 10.0)
-    structure = pm.models.solid(n, n, n, 1.0 / n, **MATERIAL)
+    structure = pm.structures.solid(n, n, n, 1.0 / n, **MATERIAL)
     uncut = pm.Coupler([structure.subdomain(scheme=EXPLICIT)], dt=DT, threads=1)
     cuts = [pm.cut(structure, parts=count, scheme=EXPLICIT) for count in counts]
     couplers = [uncut, *(parts.coupler(DT, coupling="gc", threads=1) for parts in cuts)]

@@ -20,8 +20,8 @@ PARTS = 16
 def cube(n, kind):
     """n^3 elements: a Structure, or Elements with the matrices of one element."""
     if kind == "structure":
-        return pm.models.solid(n, n, n, 1.0 / n, **MATERIAL)
-    one = pm.models.solid(1, 1, 1, 1.0 / n, **MATERIAL)
+        return pm.structures.solid(n, n, n, 1.0 / n, **MATERIAL)
+    one = pm.structures.solid(1, 1, 1, 1.0 / n, **MATERIAL)
     own = one.dofs(one.elements["hexahedron"][0])
     first = np.arange((n + 1) ** 3).reshape(n + 1, n + 1, n + 1)[:-1, :-1, :-1].ravel()
     # the corners of one element in a cube of (n + 1)^3 nodes

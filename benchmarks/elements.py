@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from timing import in_turn, once, run
 
-from pmalpha import models
+from pmalpha import structures
 
 try:
     import skfem
@@ -21,31 +21,31 @@ E, NU = 210.0, 0.3
 CUBE = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
 
 
-def structures(quick):
+def makers(quick):
     """Makers of the structures by name, and the size of their random displacements."""
     box, flat = ((4, 3, 2), (6, 4)) if quick else ((25, 20, 20), (100, 100))
     lines = 24 if quick else 10000
-    steel = models.J2Plasticity(E, NU, yield_stress=1.0, isotropic=2.0)
-    kirchhoff, rubber = models.StVenantKirchhoff(E, NU), models.NeoHookean(E, NU)
+    steel = structures.J2Plasticity(E, NU, yield_stress=1.0, isotropic=2.0)
+    kirchhoff, rubber = structures.StVenantKirchhoff(E, NU), structures.NeoHookean(E, NU)
     member = {"points": [[0, 0], [lines, 0]], "members": [[0, 1]], "divisions": lines}
     member |= {"EA": 1.0, "rhoA": 1.0}
-    solid = partial(models.nonlinear_solid, rho=1.0)
+    solid = partial(structures.nonlinear_solid, rho=1.0)
     return {
         "hex8 StVenantKirchhoff": partial(distorted, box, kirchhoff),
         "hex8 NeoHookean": partial(distorted, box, rubber),
         "hex8 J2Plasticity": partial(distorted, box, steel),
         "hex8 NeoHookean, equal elements": partial(solid, box, 1.0, rubber),
         "quad4 NeoHookean": partial(solid, flat, 1.0, rubber),
-        "corotational beam": partial(models.corotational_frame, **member, EI=1.0),
-        "bar": partial(models.truss, **member),
+        "corotational beam": partial(structures.corotational_frame, **member, EI=1.0),
+        "bar": partial(structures.truss, **member),
     }
 
 
 def distorted(counts, material):
     """Hexahedra of different shapes, so that no element can stand for another."""
-    box = models.solid(*counts, 1.0, E=E, nu=NU, rho=1.0)
+    box = structures.solid(*counts, 1.0, E=E, nu=NU, rho=1.0)
     points = box.points + 0.05 * np.sin(7.0 * box.points)
-    return models.nonlinear_solid_on(points, box.elements["hexahedron"], material, rho=1.0)
+    return structures.nonlinear_solid_on(points, box.elements["hexahedron"], material, rho=1.0)
 
 
 def by_scikit_fem(structure):
@@ -113,7 +113,7 @@ def row(name, make, quick):
 def rows(quick):
     if not skfem:
         print("scikit-fem is not installed: left out")
-    return [row(name, make, quick) for name, make in structures(quick).items()]
+    return [row(name, make, quick) for name, make in makers(quick).items()]
 
 
 if __name__ == "__main__":

@@ -30,19 +30,19 @@ def loaded(structure, scheme, **options):
 def explicit_solid(n):
     """One explicit box of hex8 with about n dofs, uncoupled."""
     side = round((n / 3) ** (1 / 3)) - 1
-    return [loaded(pm.models.solid(side, side, side, 1.0, **MATERIAL), EXPLICIT)], None, 0.5
+    return [loaded(pm.structures.solid(side, side, side, 1.0, **MATERIAL), EXPLICIT)], None, 0.5
 
 
 def implicit_solid(n):
     """One implicit box of hex8 with about n dofs, uncoupled."""
     side = round((n / 3) ** (1 / 3)) - 1
-    return [loaded(pm.models.solid(side, side, side, 1.0, **MATERIAL), IMPLICIT)], None, 0.5
+    return [loaded(pm.structures.solid(side, side, side, 1.0, **MATERIAL), IMPLICIT)], None, 0.5
 
 
 def implicit_edge(p):
     """Two implicit strips of 2500 x 4 elements, tied at p dofs of their long edges."""
-    lower = pm.models.plate(2500, 4, 1.0, **MATERIAL)
-    upper = pm.models.plate(2500, 4, 1.0, **MATERIAL, origin=(0.0, 4.0))
+    lower = pm.structures.plate(2500, 4, 1.0, **MATERIAL)
+    upper = pm.structures.plate(2500, 4, 1.0, **MATERIAL, origin=(0.0, 4.0))
     a, b = loaded(lower, IMPLICIT), loaded(upper, IMPLICIT)
     of_a, of_b = (s.dofs(s.nodes_at(y=4.0))[:p] for s in (lower, upper))
     return [a, b], pm.tie(a, of_a, b, of_b), 0.5
@@ -59,7 +59,7 @@ def explicit_constraints(p):
 def tiles(columns, rows):
     """Plates of 4 x 4 elements, tied at common edges, alternately implicit and explicit."""
     meshes = [
-        pm.models.plate(4, 4, 1.0, **MATERIAL, origin=(4.0 * i, 4.0 * j))
+        pm.structures.plate(4, 4, 1.0, **MATERIAL, origin=(4.0 * i, 4.0 * j))
         for i in range(columns)
         for j in range(rows)
     ]

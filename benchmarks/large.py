@@ -26,8 +26,8 @@ SHARE = 0.02
 
 def bars(side, explicit, implicit):
     """Both subdomains, as Structures."""
-    left = pm.models.solid(implicit - 1, side - 1, side - 1, 1.0, **MATERIAL)
-    right = pm.models.solid(
+    left = pm.structures.solid(implicit - 1, side - 1, side - 1, 1.0, **MATERIAL)
+    right = pm.structures.solid(
         explicit - 1, side - 1, side - 1, 1.0, **MATERIAL, origin=(implicit - 1.0, 0.0, 0.0)
     )
     return left, right

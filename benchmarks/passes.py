@@ -23,8 +23,8 @@ def corners(mesh, counts):
 
 def coupler(counts, substeps, coupling, called):
     """The bar with substeps and its layer; the bar's subdomain."""
-    layer = pm.models.solid(1, *counts[1:], 1.0, **MATERIAL, origin=(-1.0, 0.0, 0.0))
-    bar = pm.models.solid(*counts, 1.0, **MATERIAL)
+    layer = pm.structures.solid(1, *counts[1:], 1.0, **MATERIAL, origin=(-1.0, 0.0, 0.0))
+    bar = pm.structures.solid(*counts, 1.0, **MATERIAL)
     force = np.sin(np.arange(bar.n))
     a = layer.subdomain(scheme=pm.GeneralizedAlpha(0.8), name="layer")
     b = bar.subdomain(

@@ -29,8 +29,8 @@ COMPARED = 20
 
 def problem(nx, ny):
     """Matrices, load and the tied dofs of the two plates."""
-    left = pm.models.plate(nx, ny, H, **MATERIAL)
-    right = pm.models.plate(nx, ny, H, **MATERIAL, mass="lumped", origin=(nx * H, 0.0))
+    left = pm.structures.plate(nx, ny, H, **MATERIAL)
+    right = pm.structures.plate(nx, ny, H, **MATERIAL, mass="lumped", origin=(nx * H, 0.0))
     free = np.setdiff1d(np.arange(left.n), left.dofs(left.nodes_at(x=0.0)))
     lower = right.nodes_at(y=0.0)
     load = np.zeros(right.n)

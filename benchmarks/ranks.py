@@ -41,7 +41,7 @@ INNER = "--inner"  # the argument of what each rank does
 
 def row_of_boxes(n, count, own=slice(None), comm=None, coupled=True, scheme=EXPLICIT):
     """Cubes of n hex8 a side one after the other, tied at their faces."""
-    box = pm.models.solid(n, n, n, 1.0, E=1.0, nu=0.3, rho=1.0, mass="lumped")
+    box = pm.structures.solid(n, n, n, 1.0, E=1.0, nu=0.3, rho=1.0, mass="lumped")
     x = np.repeat(box.points[:, 0], 3)
     left, right = np.flatnonzero(x == x.min()), np.flatnonzero(x == x.max())
     names = [str(i) for i in range(count)]
@@ -214,7 +214,7 @@ def masses(p, own, comm):
 def plates(p, own, comm):
     """Two layers of hex8, tied at a face with p dofs, which are in one matrix."""
     n = round((p / 3) ** 0.5) - 1
-    layer = pm.models.solid(n, n, 1, 1.0, E=1.0, nu=0.3, rho=1.0, mass="lumped")
+    layer = pm.structures.solid(n, n, 1, 1.0, E=1.0, nu=0.3, rho=1.0, mass="lumped")
     z = np.repeat(layer.points[:, 2], 3)
     top, bottom = np.flatnonzero(z == z.max()), np.flatnonzero(z == z.min())
     pair = [layer.subdomain(scheme=IMPLICIT, name=name) for name in "ab"]

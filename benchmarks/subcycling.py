@@ -27,7 +27,7 @@ STEPS = 5
 
 
 def box(layers, side, E, begin=0):
-    return pm.models.solid(layers, side, side, 1.0, E=E, origin=(begin, 0.0, 0.0), **MATERIAL)
+    return pm.structures.solid(layers, side, side, 1.0, E=E, origin=(begin, 0.0, 0.0), **MATERIAL)
 
 
 def subdomain(structure, scheme, substeps):

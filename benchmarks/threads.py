@@ -69,7 +69,7 @@ def many(count, n, threads):
 
 def solid(n, threads):
     """One explicit box of n x n x n hex8 with lumped mass."""
-    box = pm.models.solid(n, n, n, 1.0, E=1.0, nu=0.3, rho=1.0, mass="lumped")
+    box = pm.structures.solid(n, n, n, 1.0, E=1.0, nu=0.3, rho=1.0, mass="lumped")
     return pm.Coupler(
         [box.subdomain(scheme=EXPLICIT, force=np.ones(box.n))], dt=0.5, threads=threads
     )
@@ -77,7 +77,7 @@ def solid(n, threads):
 
 def branches(counts, threads):
     """One implicit box of hex8."""
-    box = pm.models.solid(*counts, 1.0, E=1.0, nu=0.3, rho=1.0, mass="lumped")
+    box = pm.structures.solid(*counts, 1.0, E=1.0, nu=0.3, rho=1.0, mass="lumped")
     return pm.Coupler(
         [box.subdomain(scheme=IMPLICIT, force=np.ones(box.n))], dt=0.5, threads=threads
     )
@@ -183,7 +183,7 @@ def measure(quick):
         )
     halves = limit_of_balanced(quick)
     for n in (12,) if quick else (12, 20, 40):
-        K_bytes = 8 * pm.models.solid(n, n, n, 1.0, E=1.0, nu=0.3, rho=1.0).K.nnz
+        K_bytes = 8 * pm.structures.solid(n, n, n, 1.0, E=1.0, nu=0.3, rho=1.0).K.nnz
         rows.append(
             row_of(
                 "split",

@@ -56,7 +56,7 @@ class Loop:
 
 def solid(*counts):
     """Matrices of a solid that is fixed at one end."""
-    box = pm.models.solid(*counts, 1.0, **SOLID)
+    box = pm.structures.solid(*counts, 1.0, **SOLID)
     free = np.setdiff1d(np.arange(box.n), box.dofs(box.nodes_at(x=0.0)))
     return sp.csr_array(box.M[free][:, free]), sp.csr_array(box.K[free][:, free])
 

@@ -3,6 +3,7 @@
 The formulas are in docs/method.md. Units are any consistent set unless stated otherwise.
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -13,6 +14,7 @@ import scipy.linalg
 import scipy.sparse
 from numpy.typing import ArrayLike
 
+from . import structures
 from ._checks import positive_number, real_array, real_number, require_moderate, vector
 from .memory import require
 from .problem.constraints import Constraint, tie
@@ -21,63 +23,26 @@ from .problem.schemes import CentralDifference, GeneralizedAlpha, Newmark, Schem
 from .problem.subdomain import Subdomain
 from .run.coupler import Coupler
 from .run.history import History
-from .structures import (
-    ElementForce,
-    J2Plasticity,
-    NeoHookean,
-    Structure,
-    StVenantKirchhoff,
-    beam_frame,
-    chain,
-    corotational_frame,
-    from_mesh,
-    modes,
-    nonlinear_solid,
-    nonlinear_solid_on,
-    plane_contact,
-    plate,
-    plate_on,
-    rod,
-    solid,
-    solid_on,
-    sphere_contact,
-    subdivide,
-    submesh,
-    truss,
-)
 
 __all__ = [
-    "ElementForce",
     "FourDof",
-    "J2Plasticity",
     "Model",
-    "NeoHookean",
-    "StVenantKirchhoff",
-    "Structure",
-    "beam_frame",
-    "chain",
-    "corotational_frame",
     "el_centro",
     "four_dof",
-    "from_mesh",
     "modal_damping",
-    "modes",
-    "nonlinear_solid",
-    "nonlinear_solid_on",
-    "plane_contact",
-    "plate",
-    "plate_on",
     "rayleigh",
-    "rod",
     "shear_frame",
-    "solid",
-    "solid_on",
-    "sphere_contact",
     "split_oscillator",
-    "subdivide",
-    "submesh",
-    "truss",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """A name of `structures`, where it is now."""
+    if name not in structures.__all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    message = f"models.{name} is structures.{name}; the old name ends with version 0.4"
+    warnings.warn(message, DeprecationWarning, stacklevel=2)
+    return getattr(structures, name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -504,7 +469,7 @@ def modal_damping(
     ------
     TypeError, ValueError
         For ratios that are not numbers or negative, more of them than dofs with mass, and for
-        matrices that `modes` refuses.
+        matrices that `structures.modes` refuses.
     MemoryError
         When C would not fit.
 
@@ -531,7 +496,7 @@ def modal_damping(
         raise ValueError(f"ratios must not be negative, got {values[worst]:g} at mode {worst}")
     require_moderate(values, "ratios")
     require(16.0 * n * n, f"the modal damping matrix ({n} dofs, dense)")
-    omegas, shapes = modes(M, K, values.size)
+    omegas, shapes = structures.modes(M, K, values.size)
     momenta = product(mass, shapes) * np.sqrt(2.0 * values * omegas)
     C = momenta @ momenta.T
     return scipy.sparse.csr_array(C) if scipy.sparse.issparse(K) else C

@@ -181,7 +181,7 @@ def large_structure(rng, shape, at):
     """A plate or a solid that begins at x = `at`, and its two faces to tie it by."""
     kind, length, *rest = shape
     material = dict(E=4.0, nu=0.3, rho=1.0, mass=one_of(rng, ["lumped", "consistent"]))
-    make = pm.models.plate if kind == "plate" else pm.models.solid
+    make = pm.structures.plate if kind == "plate" else pm.structures.solid
     made = make(length, *rest, 1.0, origin=(float(at), *[0.0] * len(rest)), **material)
     x = made.points[:, 0]
     return made, tuple(made.dofs(np.flatnonzero(np.isclose(x, end))) for end in (at, at + length))

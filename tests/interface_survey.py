@@ -18,7 +18,7 @@ import numpy as np
 import scipy.linalg
 
 import pmalpha as pm
-from pmalpha import models
+from pmalpha import structures
 from pmalpha.run.accuracy import COARSE, accumulated_errors
 from pmalpha.run.drift import drift_shares
 
@@ -40,10 +40,10 @@ class Bar:
         self.length = rng.uniform(0.5, 2.0)
         lengths = [self.length, c * rng.uniform(0.5, 2.0)]
         self.rods = [
-            models.rod(
+            structures.rod(
                 self.counts[0], lengths[0], EA=1.0, rhoA=1.0, mass="lumped", origin=-lengths[0]
             ),
-            models.rod(self.counts[1], lengths[1], EA=Z * c, rhoA=Z / c, mass="lumped"),
+            structures.rod(self.counts[1], lengths[1], EA=Z * c, rhoA=Z / c, mass="lumped"),
         ]
         self.times = [lengths[0] / self.counts[0], lengths[1] / self.counts[1] / c]  # h / c
         self.K = [rod.K.toarray() for rod in self.rods]

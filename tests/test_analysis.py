@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from problems import random_problem
 
 import pmalpha as pm
-from pmalpha import analysis, models
+from pmalpha import analysis, models, structures
 from pmalpha.analysis import amplification
 
 RHOS = [0.0, 0.05, 0.2, 1 / 3, 0.5, 0.65, 0.8, 0.95, 0.99]
@@ -419,7 +419,7 @@ def test_many_equal_frequencies_have_a_critical_step_and_modes(n):
     M, K = np.eye(n) + 1e-3, np.full(n, 0.25)
     s = pm.Subdomain(M, K, scheme=pm.CentralDifference())
     assert analysis.critical_step(s) == pytest.approx(2.0 / 0.5, rel=1e-7)
-    omegas, shapes = models.modes(M, K, 4)
+    omegas, shapes = structures.modes(M, K, 4)
     exact = np.sqrt(0.25 / (1.0 + 1e-3 * n))
     assert omegas == pytest.approx([exact, 0.5, 0.5, 0.5], rel=1e-10)
     assert shapes.T @ M @ shapes == pytest.approx(np.eye(4), abs=1e-12)
@@ -430,7 +430,7 @@ def test_many_equal_frequencies_have_a_critical_step_and_modes(n):
 def test_modes_of_equal_substructures_are_all_found(n):
     one = sp.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n))
     K = sp.csr_array(sp.block_diag([one] * 5))
-    omegas, shapes = models.modes(np.ones(5 * n), K, 10)
+    omegas, shapes = structures.modes(np.ones(5 * n), K, 10)
     exact = 2.0 * np.sin(np.arange(1, 3) * np.pi / (2 * n + 2))
     assert omegas == pytest.approx(np.repeat(exact, 5), rel=1e-9)
     assert shapes.T @ shapes == pytest.approx(np.eye(10), abs=1e-9)

@@ -7,7 +7,7 @@ import scipy.sparse as sp
 from problems import random_problem
 
 import pmalpha as pm
-from pmalpha import models
+from pmalpha import structures
 
 
 def assert_satisfies(coupler, structure):
@@ -78,7 +78,7 @@ def test_the_assembled_chain_has_the_entries_of_the_whole_one():
 
 def test_a_long_cut_chain_has_the_frequencies_of_the_whole_one():
     n = 3000  # above the limit of the dense solver
-    K = [models.chain(m, 1.0, 1e4).K for m in (n // 2 + 1, n // 2)]
+    K = [structures.chain(m, 1.0, 1e4).K for m in (n // 2 + 1, n // 2)]
     first, second = np.ones(n // 2 + 1), np.ones(n // 2)
     first[-1] = second[0] = 0.5
     a = pm.Subdomain(first, K[0], scheme=pm.Newmark(), name="a")

@@ -9,7 +9,7 @@ from scipy.linalg import eigh
 from test_export import read_xdmf
 
 import pmalpha as pm
-from pmalpha import models, structures
+from pmalpha import structures
 from pmalpha.cutting.division import Division
 from pmalpha.cutting.steps import frequencies
 from pmalpha.cutting.whole import whole_of
@@ -24,19 +24,21 @@ def warped(structure, size, rng):
 
 
 def plate(rng, mass="lumped", nx=6, ny=5):
-    regular = models.plate(nx, ny, 0.5, E=1.0, nu=0.3, rho=1.0)
+    regular = structures.plate(nx, ny, 0.5, E=1.0, nu=0.3, rho=1.0)
     count = nx * ny
     values = {x: rng.uniform(0.5, 2.0, count) for x in ("E", "rho", "t")}
-    return models.plate_on(
+    return structures.plate_on(
         warped(regular, 0.5, rng), regular.elements["quad"], nu=0.3, mass=mass, **values
     )
 
 
 def solid(rng, mass="lumped"):
-    regular = models.solid(3, 3, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
+    regular = structures.solid(3, 3, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
     points = warped(regular, 0.5, rng)
     E = rng.uniform(0.5, 2.0, 18)
-    return models.solid_on(points, regular.elements["hexahedron"], E=E, nu=0.2, rho=1.0, mass=mass)
+    return structures.solid_on(
+        points, regular.elements["hexahedron"], E=E, nu=0.2, rho=1.0, mass=mass
+    )
 
 
 TOWER = ([[0, 0], [0, 3], [2, 3], [2, 0], [1, 5]], [[0, 1], [1, 2], [3, 2], [1, 4], [4, 2]])
@@ -44,15 +46,15 @@ TOWER = ([[0, 0], [0, 3], [2, 3], [2, 0], [1, 5]], [[0, 1], [1, 2], [3, 2], [1, 
 
 def frame(rng, mass="lumped"):
     EA = rng.uniform(20.0, 50.0, 5)
-    return models.beam_frame(*TOWER, EA=EA, EI=2.0, rhoA=1.0, divisions=4, mass=mass)
+    return structures.beam_frame(*TOWER, EA=EA, EI=2.0, rhoA=1.0, divisions=4, mass=mass)
 
 
 def rod(rng, mass="lumped"):
-    return models.rod(20, 4.0, EA=rng.uniform(1, 2, 20), rhoA=rng.uniform(1, 2, 20), mass=mass)
+    return structures.rod(20, 4.0, EA=rng.uniform(1, 2, 20), rhoA=rng.uniform(1, 2, 20), mass=mass)
 
 
 def chain(rng):
-    return models.chain(20, rng.uniform(1, 2, 20), rng.uniform(1, 2, 19), ground=(3.0, 0.5))
+    return structures.chain(20, rng.uniform(1, 2, 20), rng.uniform(1, 2, 19), ground=(3.0, 0.5))
 
 
 def second_order(points, nodes, kind):
@@ -65,28 +67,28 @@ def second_order(points, nodes, kind):
 
 def mixed_plate(rng):
     """Triangles in one half, quadrilaterals in the other."""
-    regular = models.plate(6, 4, 0.5, E=1.0, nu=0.3, rho=1.0)
+    regular = structures.plate(6, 4, 0.5, E=1.0, nu=0.3, rho=1.0)
     quads = regular.elements["quad"]
     triangles = np.vstack([quads[:12, [0, 1, 2]], quads[:12, [0, 2, 3]]])
     elements = {"quad": quads[12:], "triangle": triangles}
     points, E = warped(regular, 0.5, rng), rng.uniform(0.5, 2.0, 36)
-    return models.plate_on(points, elements, E=E, nu=0.3, rho=1.0, mass="lumped")
+    return structures.plate_on(points, elements, E=E, nu=0.3, rho=1.0, mass="lumped")
 
 
 def tetrahedra(rng, order):
-    box = models.solid(2, 2, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
+    box = structures.solid(2, 2, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
     corners = box.elements["hexahedron"]
     six = [[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]]
     nodes, points, kind = np.vstack([corners[:, own] for own in six]), box.points, "tetra"
     if order == 2:
         (points, nodes), kind = second_order(points, nodes, kind), "tetra10"
-    return models.solid_on(points, {kind: nodes}, E=1.0, nu=0.3, rho=1.0, mass="lumped")
+    return structures.solid_on(points, {kind: nodes}, E=1.0, nu=0.3, rho=1.0, mass="lumped")
 
 
 def quadratic_plate(rng):
-    regular = models.plate(4, 3, 0.5, E=1.0, nu=0.3, rho=1.0)
+    regular = structures.plate(4, 3, 0.5, E=1.0, nu=0.3, rho=1.0)
     points, nodes = second_order(regular.points, regular.elements["quad"], "quad")
-    return models.plate_on(points, {"quad8": nodes}, E=1.0, nu=0.3, rho=1.0, mass="lumped")
+    return structures.plate_on(points, {"quad8": nodes}, E=1.0, nu=0.3, rho=1.0, mass="lumped")
 
 
 LINEAR = {
@@ -96,7 +98,7 @@ LINEAR = {
     "tetrahedra of second order": lambda rng: tetrahedra(rng, 2),
     "plate": plate,
     "plate, consistent": lambda rng: plate(rng, "consistent"),
-    "regular plate": lambda rng: models.plate(6, 5, 0.5, E=1.0, nu=0.3, rho=1.0, mass="lumped"),
+    "regular plate": lambda rng: structures.plate(6, 5, 0.5, E=1.0, nu=0.3, rho=1.0, mass="lumped"),
     "solid": solid,
     "solid, consistent": lambda rng: solid(rng, "consistent"),
     "frame": frame,
@@ -108,10 +110,10 @@ LINEAR = {
 
 
 def rubber(rng):
-    sheet = models.nonlinear_solid(
-        (4, 3), 0.5, models.NeoHookean(rng.uniform(1, 2, 12), 0.3), rho=1.0, mass="lumped"
+    sheet = structures.nonlinear_solid(
+        (4, 3), 0.5, structures.NeoHookean(rng.uniform(1, 2, 12), 0.3), rho=1.0, mass="lumped"
     )
-    floor = models.plane_contact(
+    floor = structures.plane_contact(
         sheet, sheet.nodes_at(y=0.0), point=[0.0, -0.01], normal=[0.0, 1.0], stiffness=3.0
     )
     return sheet.with_internal(floor)
@@ -119,20 +121,20 @@ def rubber(rng):
 
 NONLINEAR = {
     "rubber and contact": rubber,
-    "block": lambda rng: models.nonlinear_solid(
-        (3, 2, 2), 0.5, models.StVenantKirchhoff(1.0, 0.3), rho=1.0, mass="lumped"
+    "block": lambda rng: structures.nonlinear_solid(
+        (3, 2, 2), 0.5, structures.StVenantKirchhoff(1.0, 0.3), rho=1.0, mass="lumped"
     ),
-    "plastic": lambda rng: models.nonlinear_solid(
+    "plastic": lambda rng: structures.nonlinear_solid(
         (4, 3),
         0.5,
-        models.J2Plasticity(1.0, 0.3, yield_stress=0.02, isotropic=0.1),
+        structures.J2Plasticity(1.0, 0.3, yield_stress=0.02, isotropic=0.1),
         rho=1.0,
         mass="lumped",
     ),
-    "truss": lambda rng: models.truss(
+    "truss": lambda rng: structures.truss(
         *TOWER, EA=5.0, rhoA=1.0, divisions=3, prestress=0.5, mass="lumped"
     ),
-    "turning frame": lambda rng: models.corotational_frame(
+    "turning frame": lambda rng: structures.corotational_frame(
         *TOWER, EA=20.0, EI=2.0, rhoA=1.0, divisions=3
     ),
 }
@@ -342,10 +344,10 @@ def test_initial_values_go_to_both_sides_and_come_back():
 def test_elements_of_several_kinds_make_one_structure():
     """Hexahedra given by their matrices with rods on them, some dofs fixed by negative numbers."""
     rng = np.random.default_rng(SEED)
-    box = models.solid(2, 2, 2, 0.5, E=1.0, nu=0.3, rho=1.0, mass="lumped")
-    one = models.solid(1, 1, 1, 0.5, E=1.0, nu=0.3, rho=1.0, mass="lumped")
+    box = structures.solid(2, 2, 2, 0.5, E=1.0, nu=0.3, rho=1.0, mass="lumped")
+    one = structures.solid(1, 1, 1, 0.5, E=1.0, nu=0.3, rho=1.0, mass="lumped")
     nodes = box.elements["hexahedron"]
-    corner = np.argsort(models.solid(1, 1, 1, 0.5, E=1, nu=0, rho=1).elements["hexahedron"][0])
+    corner = np.argsort(structures.solid(1, 1, 1, 0.5, E=1, nu=0, rho=1).elements["hexahedron"][0])
     where = one.elements["hexahedron"][0]
     own = (3 * where[:, None] + np.arange(3)).ravel()
     assert corner.size == 8
@@ -421,7 +423,7 @@ def test_elements_with_internal_forces_dampers_and_history():
 
 def test_parts_of_equal_cost_are_balanced_with_small_interfaces():
     pytest.importorskip("pymetis")
-    structure = models.plate(40, 40, 1.0, E=1.0, nu=0.3, rho=1.0)
+    structure = structures.plate(40, 40, 1.0, E=1.0, nu=0.3, rho=1.0)
     parts = pm.cut(structure, parts=4)
     sizes = np.bincount(parts.labels)
     assert sizes.max() < 1.05 * sizes.mean()  # METIS allows 3 %
@@ -431,7 +433,7 @@ def test_parts_of_equal_cost_are_balanced_with_small_interfaces():
 
 def test_without_metis_coordinates_are_bisected(monkeypatch):
     monkeypatch.setattr("pmalpha.cutting.partition.has_nested_dissection", lambda: False)
-    structure = models.plate(12, 4, 1.0, E=1.0, nu=0.3, rho=1.0)
+    structure = structures.plate(12, 4, 1.0, E=1.0, nu=0.3, rho=1.0)
     parts = pm.cut(structure, parts=3)
     assert np.bincount(parts.labels).tolist() == [16, 16, 16]
     assert parts.p == 2 * 2 * 5  # two straight cuts of five nodes with two dofs
@@ -443,7 +445,7 @@ def test_without_metis_coordinates_are_bisected(monkeypatch):
 
 
 def test_names_are_labels_and_schemes_can_differ():
-    structure = models.rod(4, 4.0, EA=1.0, rhoA=1.0)
+    structure = structures.rod(4, 4.0, EA=1.0, rhoA=1.0)
     schemes = {"b": pm.Newmark(), "a": pm.GeneralizedAlpha(0.8)}
     parts = pm.cut(structure, ["b", "b", "a", "a"], scheme=schemes)
     assert [s.name for s in parts.subdomains] == ["a", "b"]
@@ -454,7 +456,7 @@ def test_names_are_labels_and_schemes_can_differ():
 
 
 def test_a_gathered_history_is_that_of_macro_times_with_every_and_substeps():
-    structure = models.rod(6, 3.0, EA=[1.0] * 3 + [16.0] * 3, rhoA=1.0, mass="lumped")
+    structure = structures.rod(6, 3.0, EA=[1.0] * 3 + [16.0] * 3, rhoA=1.0, mass="lumped")
     parts = pm.cut(
         structure, np.repeat([0, 1], 3), dt=0.4, scheme=pm.CentralDifference(), v0=np.ones(7)
     )
@@ -512,9 +514,11 @@ def graded_plate(ratio=300.0, n=24, rng=None):
     """A square with elements that become finer towards the lower left corner."""
     edges = np.concatenate([[0.0], np.cumsum(np.geomspace(1.0, ratio, n))]) / ratio
     X, Y = np.meshgrid(edges, edges, indexing="ij")
-    regular = models.plate(n, n, 1.0, E=1.0, nu=0.3, rho=1.0)
+    regular = structures.plate(n, n, 1.0, E=1.0, nu=0.3, rho=1.0)
     points = np.column_stack([X.ravel(), Y.ravel()])
-    return models.plate_on(points, regular.elements["quad"], E=1.0, nu=0.3, rho=1.0, mass="lumped")
+    return structures.plate_on(
+        points, regular.elements["quad"], E=1.0, nu=0.3, rho=1.0, mass="lumped"
+    )
 
 
 def neighbours(structure):
@@ -546,7 +550,7 @@ def test_levels_suffice_for_each_element_and_are_graded():
 
 
 def test_neighbours_of_a_much_smaller_element_are_graded_by_a_factor_of_four():
-    rod = models.rod(
+    rod = structures.rod(
         60, 60.0, EA=np.where(np.arange(60) == 30, 4.0**6, 1.0), rhoA=1.0, mass="lumped"
     )
     parts = pm.cut(rod, "steps", dt=0.8)
@@ -559,13 +563,13 @@ def test_neighbours_of_a_much_smaller_element_are_graded_by_a_factor_of_four():
 def test_an_island_of_a_few_coarse_elements_is_absorbed_and_a_fine_one_is_not():
     EA = np.full(60, 4.0)
     EA[10:14], EA[30:50] = 1.0, 1.0  # 4 and 20 elements that need half as many substeps
-    rod = models.rod(60, 60.0, EA=EA, rhoA=1.0, mass="lumped")
+    rod = structures.rod(60, 60.0, EA=EA, rhoA=1.0, mass="lumped")
     parts = pm.cut(rod, "steps", dt=0.8)
     own = np.array([s.substeps for s in parts.subdomains])[parts.labels]
     assert np.all(own[10:14] == 2) and np.all(own[30:50] == 1)
     EA = np.ones(60)
     EA[20] = 4.0
-    parts = pm.cut(models.rod(60, 60.0, EA=EA, rhoA=1.0, mass="lumped"), "steps", dt=0.8)
+    parts = pm.cut(structures.rod(60, 60.0, EA=EA, rhoA=1.0, mass="lumped"), "steps", dt=0.8)
     assert np.array([s.substeps for s in parts.subdomains])[parts.labels][20] == 2
 
 
@@ -662,7 +666,7 @@ def test_a_file_has_the_subdomains_of_the_elements(tmp_path, name):
 # ---- errors ------------------------------------------------------------------------------------
 
 K2 = [[[1.0, -1.0], [-1.0, 1.0]]]
-CHAIN = models.chain(4, 1.0, 1.0)
+CHAIN = structures.chain(4, 1.0, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -799,8 +803,8 @@ def test_what_cannot_be_cut_is_refused():
         pm.cut(without, [0, 1], scheme=pm.CentralDifference())
     with pytest.raises(ValueError, match="some elements have no mass where they have stiffness"):
         pm.cut(without, "steps", dt=0.1)
-    other = models.truss([[0, 0], [1, 0]], [[0, 1]], EA=1.0, rhoA=1.0)
-    base = models.truss([[0, 0], [1, 0]], [[0, 1]], EA=2.0, rhoA=1.0)
+    other = structures.truss([[0, 0], [1, 0]], [[0, 1]], EA=1.0, rhoA=1.0)
+    base = structures.truss([[0, 0], [1, 0]], [[0, 1]], EA=2.0, rhoA=1.0)
     with pytest.raises(TypeError, match="internal forces of its elements and contact only"):
         pm.cut(base.with_internal(*other.internal), [0])
     with pytest.raises(ValueError, match="points must have a row for each of 2 elements, got 1"):
@@ -832,14 +836,16 @@ def test_shares_without_weights_are_equal():
 
 PLANNED = {
     "levels": lambda: pm.cut(graded_plate(40.0, 20), "steps", dt=0.5),
-    "implicit parts": lambda: pm.cut(models.plate(30, 30, 0.1, E=1.0, nu=0.3, rho=1.0), parts=4),
+    "implicit parts": lambda: pm.cut(
+        structures.plate(30, 30, 0.1, E=1.0, nu=0.3, rho=1.0), parts=4
+    ),
     "solids": lambda: pm.cut(
-        models.solid(8, 8, 8, 0.1, E=1.0, nu=0.3, rho=1.0, mass="lumped"),
+        structures.solid(8, 8, 8, 0.1, E=1.0, nu=0.3, rho=1.0, mass="lumped"),
         parts=5,
         scheme=pm.CentralDifference(),
     ),
     "mixed": lambda: pm.cut(
-        models.plate(20, 20, 0.1, E=1.0, nu=0.3, rho=1.0, mass="lumped"),
+        structures.plate(20, 20, 0.1, E=1.0, nu=0.3, rho=1.0, mass="lumped"),
         np.arange(400) // 200,
         scheme=[pm.Newmark(), pm.CentralDifference()],
         rayleigh=(0.1, 0.0),
@@ -868,7 +874,7 @@ def test_a_plan_predicts_the_steps_and_the_entries_that_the_core_reads(kind):
 
 def test_the_entries_of_the_uncut_run_are_those_that_its_core_reads():
     for scheme in (pm.CentralDifference(), pm.Newmark()):
-        structure = models.plate(30, 30, 0.1, E=1.0, nu=0.3, rho=1.0, mass="lumped")
+        structure = structures.plate(30, 30, 0.1, E=1.0, nu=0.3, rho=1.0, mass="lumped")
         plan = pm.cut(structure, parts=3, scheme=scheme).plan(1e-3)
         coupler = pm.Coupler([structure.subdomain(scheme=scheme)], dt=1e-3)
         entries = coupler._parts[0].core.entries
@@ -889,11 +895,11 @@ def test_the_automatic_cut_is_the_cheapest_of_its_choices():
         return [s.scheme.explicit for s in parts.subdomains]
 
     # one part of elements with equal steps: nothing to cut
-    even = models.plate(20, 20, 0.1, E=1.0, nu=0.3, rho=1.0, mass="lumped")
+    even = structures.plate(20, 20, 0.1, E=1.0, nu=0.3, rho=1.0, mass="lumped")
     assert kinds(pm.cut(even, parts="auto", dt=0.05)) == [True]
     # a few elements ten thousand times as stiff at the end of a rod
     EA = np.repeat([1.0, 1e8], [3997, 3])
-    rod = models.rod(4000, 4000.0, EA=EA, rhoA=1.0, mass="lumped")
+    rod = structures.rod(4000, 4000.0, EA=EA, rhoA=1.0, mass="lumped")
     mixed = pm.cut(rod, parts="auto", dt=0.8)
     assert kinds(mixed) == [True, False] and mixed.subdomains[1].n <= 12
     # a step far above the critical one of every element

@@ -8,7 +8,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 import pmalpha as pm
-from pmalpha import models
+from pmalpha import structures
 from pmalpha.run.drift import LARGE, drift_shares
 
 WIDTH = 0.25  # of the pulse; the wave speed is 1
@@ -22,7 +22,7 @@ def cut_bar(per_step, *, every_dof=True, scale=1.0):
     """
     sizes = 113, 355
     rods = [
-        models.rod(n, 1.0, EA=1.0, rhoA=1.0, mass="lumped", origin=x)
+        structures.rod(n, 1.0, EA=1.0, rhoA=1.0, mass="lumped", origin=x)
         for n, x in zip(sizes, (-1.0, 0.0))
     ]
     x = np.concatenate([rods[0].points[:, 0], rods[1].points[1:, 0]])

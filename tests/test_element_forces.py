@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pmalpha as pm
-from pmalpha import models
+from pmalpha import structures
 
 EPS = np.finfo(float).eps
 
@@ -12,7 +12,7 @@ EPS = np.finfo(float).eps
 def portal(divisions=3):
     """Two columns of 3 and a girder of 4, clamped at points 0 and 1."""
     points = [[0.0, 0.0], [4.0, 0.0], [0.0, 3.0], [4.0, 3.5]]
-    return models.beam_frame(
+    return structures.beam_frame(
         points,
         [[0, 2], [1, 3], [2, 3]],
         EA=[50.0, 60.0, 70.0],
@@ -46,7 +46,7 @@ def test_end_forces_of_all_elements_add_up_to_the_nodal_forces():
 def test_a_cantilever_has_the_forces_of_statics():
     """Length 2 along 3-4-5, a tip load P across and N along: shear P, moment P (2 - s), force N."""
     direction, across = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
-    beam = models.beam_frame(
+    beam = structures.beam_frame(
         [[1.0, -1.0], 2.0 * direction + [1.0, -1.0]], [[0, 1]],
         EA=7.0, EI=3.0, rhoA=1.0, divisions=4,
     )  # fmt: skip
@@ -68,11 +68,11 @@ def test_a_cantilever_has_the_forces_of_statics():
 
 def test_rods_and_chains_have_normal_forces():
     EA = np.array([2.0, 5.0, 3.0])
-    bar = models.rod(3, 1.5, EA=EA, rhoA=1.0)
+    bar = structures.rod(3, 1.5, EA=EA, rhoA=1.0)
     np.testing.assert_allclose(
         bar.element_forces() @ (0.2 * bar.points[:, 0]), 0.2 * EA, rtol=1e-14
     )
-    chain = models.chain(4, 1.0, [1.0, 2.0, 3.0], ground=(9.0, 8.0))
+    chain = structures.chain(4, 1.0, [1.0, 2.0, 3.0], ground=(9.0, 8.0))
     assert np.array_equal(chain.element_forces() @ [0.0, 1.0, 0.0, 2.0], [1.0, -2.0, 6.0])
 
 
@@ -106,12 +106,12 @@ def test_the_base_shear_of_a_shaken_frame_balances_its_inertia():
 
 
 def test_other_structures_are_refused():
-    wall = models.plate(2, 2, 0.5, E=1.0, nu=0.2, rho=1.0, t=1.0)
+    wall = structures.plate(2, 2, 0.5, E=1.0, nu=0.2, rho=1.0, t=1.0)
     with pytest.raises(ValueError, match=r"needs elements 'line' .* got \['quad'\]"):
         wall.element_forces()
-    chain = models.chain(2, 1.0, 3.0)
+    chain = structures.chain(2, 1.0, 3.0)
     twice = {"line": np.array([[0, 1], [1, 0]])}
-    parallel = models.Structure(chain.M, chain.K, chain.points, twice, ("ux",))
+    parallel = structures.Structure(chain.M, chain.K, chain.points, twice, ("ux",))
     with pytest.raises(ValueError, match="one element at most between two nodes"):
         parallel.element_forces()
     with pytest.raises(ValueError, match=r"nodes must lie in 0..1, got 5"):

@@ -7,7 +7,7 @@ from meshes import FIRST, PLANE, SOLID, box, distorted, order_of, second_order
 from scipy.sparse.linalg import spsolve
 
 import pmalpha as pm
-from pmalpha import models
+from pmalpha import structures
 from pmalpha.problem.kinds import KINDS
 from pmalpha.problem.shapes import SHAPES
 
@@ -17,7 +17,7 @@ GRADIENT = np.array([[0.3, -0.2, 0.5], [0.7, 0.1, -0.4], [0.2, 0.6, -0.1]])
 
 
 def build(points, elements, **options):
-    make = models.plate_on if np.shape(points)[1] == 2 else models.solid_on
+    make = structures.plate_on if np.shape(points)[1] == 2 else structures.solid_on
     return make(points, elements, **{**MATERIAL, **options})
 
 
@@ -116,7 +116,7 @@ def test_rigid_motions_have_no_force_and_one_element_has_no_others(kind, mass):
 def first_cell(kind):
     first = FIRST.get(kind, kind)
     points, elements = distorted(first, 3)
-    points, cell, _ = models.submesh(points, elements[:1])
+    points, cell, _ = structures.submesh(points, elements[:1])
     return points, cell
 
 
@@ -196,7 +196,7 @@ def shear_frequency(kind, n, mass="consistent"):
             for side in (0.0, 1.0)
         ]
     )
-    omega, _ = models.modes(structure.M, structure.K, 1, fixed=fixed)
+    omega, _ = structures.modes(structure.M, structure.K, 1, fixed=fixed)
     _, mu = lame(points.shape[1])
     return omega[0] / (np.pi * np.sqrt(2.0 * mu / MATERIAL["rho"]))
 
@@ -308,14 +308,14 @@ def mixed():
 def test_a_mixed_mesh_is_the_sum_of_its_kinds_with_materials_by_element():
     points, elements = mixed()
     E = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
-    whole = models.plate_on(points, elements, E=E, nu=0.3, rho=E, t=0.5)
+    whole = structures.plate_on(points, elements, E=E, nu=0.3, rho=E, t=0.5)
     M, K = np.zeros((2, whole.n, whole.n))
     start = 0
     for nodes in elements.values():
-        own_points, own, number = models.submesh(points, nodes)
+        own_points, own, number = structures.submesh(points, nodes)
         chosen = E[start : start + len(own)]
         start += len(own)
-        some = models.plate_on(own_points, own, E=chosen, nu=0.3, rho=chosen, t=0.5)
+        some = structures.plate_on(own_points, own, E=chosen, nu=0.3, rho=chosen, t=0.5)
         dofs = whole.dofs(number)
         M[np.ix_(dofs, dofs)] += some.M.toarray()
         K[np.ix_(dofs, dofs)] += some.K.toarray()
@@ -380,8 +380,8 @@ def test_kinds_without_shape_functions_are_refused():
 
 def test_stresses_need_linear_plates_or_solids():
     with pytest.raises(ValueError, match="element_stresses needs linear plates .* got .* 'line'"):
-        models.chain(3, 1.0, 1.0).element_stresses()
-    block = models.nonlinear_solid((2, 2), 1.0, models.NeoHookean(1.0, 0.3), rho=1.0)
+        structures.chain(3, 1.0, 1.0).element_stresses()
+    block = structures.nonlinear_solid((2, 2), 1.0, structures.NeoHookean(1.0, 0.3), rho=1.0)
     with pytest.raises(ValueError, match="element_stresses needs a linear structure"):
         block.element_stresses()
 

@@ -7,7 +7,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg
 
 import pmalpha as pm
-from pmalpha import models
+from pmalpha import structures
 
 E, NU = 7.0, 0.3
 EPS = np.finfo(float).eps
@@ -23,16 +23,18 @@ def moved_inside(grid, share=0.25):
 
 def sheet(material, **options):
     """3 x 3 distorted quadrilaterals."""
-    grid = models.plate(3, 3, 0.5, E=1.0, nu=0.3, rho=1.0)
+    grid = structures.plate(3, 3, 0.5, E=1.0, nu=0.3, rho=1.0)
     options = {"rho": 2.0, "t": 0.2, **options}
-    return models.nonlinear_solid_on(moved_inside(grid), grid.elements["quad"], material, **options)
+    return structures.nonlinear_solid_on(
+        moved_inside(grid), grid.elements["quad"], material, **options
+    )
 
 
 def block(material, **options):
     """2 x 3 x 2 distorted hexahedra."""
-    grid = models.solid(2, 3, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
+    grid = structures.solid(2, 3, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
     cells, options = grid.elements["hexahedron"], {"rho": 2.0, **options}
-    return models.nonlinear_solid_on(moved_inside(grid), cells, material, **options)
+    return structures.nonlinear_solid_on(moved_inside(grid), cells, material, **options)
 
 
 def varied(count):
@@ -46,13 +48,13 @@ def net(d, **options):
     points = np.array([[0, 0, 0.2], [1, 0, 0], [1, 2, 0.5], [0, 1.5, 1]])[:, :d]
     members = [[0, 1], [1, 2], [3, 2], [0, 3], [0, 2]]
     EA = [3.0, 4.0, 5.0, 6.0, 7.0]
-    return models.truss(points, members, EA=EA, rhoA=2.0, divisions=[1, 2, 1, 1, 1], **options)
+    return structures.truss(points, members, EA=EA, rhoA=2.0, divisions=[1, 2, 1, 1, 1], **options)
 
 
 def frame():
     points, members = [[0, 0], [0, 3], [4, 4], [4, 0]], [[0, 1], [1, 2], [3, 2]]
     options = {"EA": [50.0, 60.0, 70.0], "EI": [3.0, 4.0, 5.0], "rhoA": [1.0, 2.0, 3.0]}
-    return models.corotational_frame(points, members, **options, divisions=[2, 3, 1])
+    return structures.corotational_frame(points, members, **options, divisions=[2, 3, 1])
 
 
 # Structures without prestress, and the size of random displacements that their elements bear.
@@ -60,11 +62,11 @@ ELASTIC = {
     "bars 2d": (lambda: net(2), 0.3),
     "bars 3d green": (lambda: net(3, strain="green"), 0.3),
     "beams": (frame, 0.3),
-    "sheet svk": (lambda: sheet(models.StVenantKirchhoff(*varied(9))), 0.05),
-    "sheet svk stress": (lambda: sheet(models.StVenantKirchhoff(E, NU), plane="stress"), 0.05),
-    "sheet rubber": (lambda: sheet(models.NeoHookean(E, NU)), 0.05),
-    "block svk": (lambda: block(models.StVenantKirchhoff(E, NU)), 0.05),
-    "block rubber": (lambda: block(models.NeoHookean(*varied(12))), 0.05),
+    "sheet svk": (lambda: sheet(structures.StVenantKirchhoff(*varied(9))), 0.05),
+    "sheet svk stress": (lambda: sheet(structures.StVenantKirchhoff(E, NU), plane="stress"), 0.05),
+    "sheet rubber": (lambda: sheet(structures.NeoHookean(E, NU)), 0.05),
+    "block svk": (lambda: block(structures.StVenantKirchhoff(E, NU)), 0.05),
+    "block rubber": (lambda: block(structures.NeoHookean(*varied(12))), 0.05),
 }
 STRESSED = {
     "bars prestressed": (lambda: net(2, prestress=[1.0, -0.5, 0.0, 2.0, 1.0]), 0.3),
@@ -72,14 +74,14 @@ STRESSED = {
     "cables": (lambda: net(3, prestress=0.1, slack=True), 0.3),
 }
 CONTACTS = {
-    "plane": (lambda: alone(floor(sheet(models.StVenantKirchhoff(E, NU)))), 0.3),
+    "plane": (lambda: alone(floor(sheet(structures.StVenantKirchhoff(E, NU)))), 0.3),
     "plane under a frame": (lambda: alone(floor(frame())), 0.3),
-    "sphere": (lambda: alone(ball(block(models.NeoHookean(E, NU)))), 0.3),
+    "sphere": (lambda: alone(ball(block(structures.NeoHookean(E, NU)))), 0.3),
     "bowl": (lambda: alone(ball(net(2), inside=True)), 0.3),
 }
 PLASTIC = {
-    "sheet plastic": (lambda: sheet(models.J2Plasticity(*varied(9), 0.2, 0.5, 0.3)), 0.05),
-    "block plastic": (lambda: block(models.J2Plasticity(E, NU, 0.2, 0.5)), 0.05),
+    "sheet plastic": (lambda: sheet(structures.J2Plasticity(*varied(9), 0.2, 0.5, 0.3)), 0.05),
+    "block plastic": (lambda: block(structures.J2Plasticity(E, NU, 0.2, 0.5)), 0.05),
 }
 ALL = ELASTIC | STRESSED | CONTACTS | PLASTIC
 
@@ -89,7 +91,7 @@ def floor(structure):
     normal = [0.1, 1.0, 0.3][: structure.points.shape[1]]
     k = np.linspace(1.0, 2.0, len(nodes))
     middle = structure.points.mean(axis=0)
-    return structure, models.plane_contact(
+    return structure, structures.plane_contact(
         structure, nodes, point=middle, normal=normal, stiffness=k
     )
 
@@ -97,7 +99,7 @@ def floor(structure):
 def ball(structure, inside=False):
     nodes = np.arange(0, len(structure.points), 2)
     options = {"center": structure.points.mean(axis=0) + 0.05, "radius": 0.9, "inside": inside}
-    return structure, models.sphere_contact(structure, nodes, **options, stiffness=2.0)
+    return structure, structures.sphere_contact(structure, nodes, **options, stiffness=2.0)
 
 
 def alone(pair):
@@ -105,7 +107,7 @@ def alone(pair):
     structure, contact = pair
     K = sp.csr_array((structure.n, structure.n))
     points, cells, components = structure.points, structure.elements, structure.components
-    return models.Structure(structure.M, K, points, cells, components, (contact,))
+    return structures.Structure(structure.M, K, points, cells, components, (contact,))
 
 
 def case(name):
@@ -214,9 +216,9 @@ def test_a_reduced_force_is_the_whole_one_with_the_other_dofs_at_zero(name):
 
 
 def test_chunks_of_a_mesh_give_its_whole_force(monkeypatch):
-    whole = block(models.NeoHookean(*varied(12)))
+    whole = block(structures.NeoHookean(*varied(12)))
     monkeypatch.setattr("pmalpha.structures.nonlinear.POINTS", 40)  # 5 elements: 5 + 5 + 2
-    cut = block(models.NeoHookean(*varied(12)))
+    cut = block(structures.NeoHookean(*varied(12)))
     assert len(cut.internal[0]._assembly.chunks) == 3
     u = np.random.default_rng(2).uniform(-0.05, 0.05, whole.n)
     (f, K, _, _), (f_cut, K_cut, _, _) = (s.internal[0](u) for s in (whole, cut))
@@ -282,7 +284,11 @@ def test_the_force_turns_with_the_structure(name, angle):
 
 # ---- small displacements --------------------------------------------------------------------
 
-LAWS = [models.StVenantKirchhoff, models.NeoHookean, lambda E, nu: models.J2Plasticity(E, nu, 0.1)]
+LAWS = [
+    structures.StVenantKirchhoff,
+    structures.NeoHookean,
+    lambda E, nu: structures.J2Plasticity(E, nu, 0.1),
+]
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -291,7 +297,7 @@ def test_at_rest_a_block_has_mass_and_stiffness_of_the_linear_solid(law, mass):
     young, nu = varied(12)
     ours = block(law(young, nu), mass=mass)
     cells = ours.elements["hexahedron"]
-    linear = models.solid_on(ours.points, cells, E=young, nu=nu, rho=2.0, mass=mass)
+    linear = structures.solid_on(ours.points, cells, E=young, nu=nu, rho=2.0, mass=mass)
     # rounding: the same integrals over up to 8 elements in another order
     assert largest(ours.tangent() - linear.K) < 20 * EPS * largest(linear.K)
     assert largest(ours.M - linear.M) == 0.0
@@ -306,30 +312,30 @@ def test_at_rest_a_sheet_in_plane_strain_is_a_plate_of_other_moduli(law):
     # Timoshenko and Goodier: plane stress with E / (1 - nu^2), nu / (1 - nu) is plane strain
     moduli = {"E": young / (1 - nu**2), "nu": nu / (1 - nu)}
     options = {"rho": 2.0, "t": np.linspace(0.1, 0.3, 9)}
-    linear = models.plate_on(ours.points, ours.elements["quad"], **moduli, **options)
+    linear = structures.plate_on(ours.points, ours.elements["quad"], **moduli, **options)
     assert largest(ours.tangent() - linear.K) < 20 * EPS * largest(linear.K)
     assert largest(ours.M - linear.M) < 4 * EPS * largest(linear.M)
 
 
 def test_at_rest_a_sheet_in_plane_stress_is_the_plate():
-    ours = sheet(models.StVenantKirchhoff(E, NU), plane="stress")
+    ours = sheet(structures.StVenantKirchhoff(E, NU), plane="stress")
     options = {"E": E, "nu": NU, "rho": 2.0, "t": 0.2}
-    linear = models.plate_on(ours.points, ours.elements["quad"], **options)
+    linear = structures.plate_on(ours.points, ours.elements["quad"], **options)
     assert largest(ours.tangent() - linear.K) < 20 * EPS * largest(linear.K)
 
 
 def test_a_regular_mesh_is_that_of_plate_and_solid():
-    rubber = models.NeoHookean(E, NU)
-    flat = models.nonlinear_solid((3, 2), (0.5, 0.4), rubber, rho=1.0, origin=(1.0, 2.0))
-    plate = models.plate(3, 2, (0.5, 0.4), E=E, nu=NU, rho=1.0, origin=(1.0, 2.0))
-    cube = models.nonlinear_solid((3, 2, 1), 0.5, rubber, rho=1.0)
-    solid = models.solid(3, 2, 1, 0.5, E=E, nu=NU, rho=1.0)
+    rubber = structures.NeoHookean(E, NU)
+    flat = structures.nonlinear_solid((3, 2), (0.5, 0.4), rubber, rho=1.0, origin=(1.0, 2.0))
+    plate = structures.plate(3, 2, (0.5, 0.4), E=E, nu=NU, rho=1.0, origin=(1.0, 2.0))
+    cube = structures.nonlinear_solid((3, 2, 1), 0.5, rubber, rho=1.0)
+    solid = structures.solid(3, 2, 1, 0.5, E=E, nu=NU, rho=1.0)
     for ours, linear in ((flat, plate), (cube, solid)):
         np.testing.assert_array_equal(ours.points, linear.points)
         for kind, elements in linear.elements.items():
             np.testing.assert_array_equal(ours.elements[kind], elements)
         # one element for all, and each by itself
-        each = models.nonlinear_solid_on(ours.points, *ours.elements.values(), rubber, rho=1.0)
+        each = structures.nonlinear_solid_on(ours.points, *ours.elements.values(), rubber, rho=1.0)
         u = np.random.default_rng(1).uniform(-0.03, 0.03, ours.n)
         f, K, _, _ = ours.internal[0](u)
         f_each, K_each, _, _ = each.internal[0](u)
@@ -340,8 +346,8 @@ def test_a_regular_mesh_is_that_of_plate_and_solid():
 def test_at_rest_bars_have_the_stiffness_of_rods_and_the_mass_of_theirs():
     rods = {"EA": [2.0, 3.0], "rhoA": 5.0}
     for mass in ("consistent", "lumped"):
-        bars = models.truss([[0, 1], [1, 1], [2, 1]], [[0, 1], [1, 2]], **rods, mass=mass)
-        rod = models.rod(2, 2.0, **rods, mass=mass)
+        bars = structures.truss([[0, 1], [1, 1], [2, 1]], [[0, 1], [1, 2]], **rods, mass=mass)
+        rod = structures.rod(2, 2.0, **rods, mass=mass)
         along = bars.dofs([0, 1, 2], "ux")
         across = bars.dofs([0, 1, 2], "uy")
         K, M = bars.tangent().toarray(), bars.M.toarray()
@@ -355,7 +361,7 @@ def test_at_rest_a_frame_has_mass_and_stiffness_of_the_linear_one():
     ours = frame()
     points, members = [[0, 0], [0, 3], [4, 4], [4, 0]], [[0, 1], [1, 2], [3, 2]]
     options = {"EA": [50.0, 60.0, 70.0], "EI": [3.0, 4.0, 5.0], "rhoA": [1.0, 2.0, 3.0]}
-    linear = models.beam_frame(points, members, **options, divisions=[2, 3, 1], mass="lumped")
+    linear = structures.beam_frame(points, members, **options, divisions=[2, 3, 1], mass="lumped")
     assert largest(ours.tangent() - linear.K) < 20 * EPS * largest(linear.K)
     assert largest(ours.M - linear.M) < 4 * EPS * largest(linear.M)
 
@@ -366,7 +372,7 @@ def test_at_rest_a_frame_has_mass_and_stiffness_of_the_linear_one():
 @pytest.mark.parametrize("strain", ["engineering", "green"])
 def test_a_bar_has_the_force_of_its_law(strain):
     EA, L, L0, N0, stretched = 50.0, 5.0, 4.8, 2.0, 5.7
-    bar = models.truss(
+    bar = structures.truss(
         [[0, 0], [3, 4]], [[0, 1]], EA=EA, rhoA=1.0, strain=strain, prestress=N0, unstressed=L0
     )
     direction = np.array([0.6, 0.8])
@@ -380,7 +386,7 @@ def test_a_bar_has_the_force_of_its_law(strain):
 
 def test_a_shallow_arch_snaps_through_where_its_closed_form_has_its_maximum():
     EA, height, half = 100.0, 0.2, 1.0
-    arch = models.truss([[-1, 0], [0, height], [1, 0]], [[0, 1], [1, 2]], EA=EA, rhoA=1.0)
+    arch = structures.truss([[-1, 0], [0, height], [1, 0]], [[0, 1], [1, 2]], EA=EA, rhoA=1.0)
     top = arch.dofs(1, "uy")
 
     def state(y):
@@ -402,7 +408,7 @@ def test_a_shallow_arch_snaps_through_where_its_closed_form_has_its_maximum():
 
 def test_an_unstressed_length_is_a_prestress_of_the_bar_shortened_to_it():
     line = {"points": [[0, 0, 0], [2, 0, 0]], "members": [[0, 1]], "EA": 50.0, "rhoA": 3.0}
-    short = models.truss(**line, unstressed=1.9, divisions=4)
+    short = structures.truss(**line, unstressed=1.9, divisions=4)
     (force,) = short.internal
     f, K, _, _ = force(np.zeros(force.n))
     # N = 50 (2.0 - 1.9) / 1.9 in each of 4 pieces; across, a string of tension N: K = 2 N / h
@@ -418,7 +424,7 @@ def test_an_unstressed_length_is_a_prestress_of_the_bar_shortened_to_it():
 
 def test_a_slack_cable_carries_nothing_and_a_tight_one_is_a_bar():
     ends = {"points": [[0, 0], [1, 0]], "members": [[0, 1]], "EA": 10.0, "rhoA": 1.0}
-    bar, cable = (models.truss(**ends, slack=slack).internal[0] for slack in (False, True))
+    bar, cable = (structures.truss(**ends, slack=slack).internal[0] for slack in (False, True))
     for shift, is_tight in ((0.1, True), (-0.1, False), (-0.9, False)):
         u = np.array([0.0, 0.0, shift, 0.0])
         f, K, _, _ = cable(u)
@@ -442,7 +448,7 @@ def test_a_hanging_cable_has_the_shape_of_the_elastic_catenary():
 
     def error(pieces):
         ends = catenary(np.array([-half, half]))
-        cable = models.truss(
+        cable = structures.truss(
             ends, [[0, 1]], EA=EA, rhoA=1.0, divisions=pieces, unstressed=2 * half, slack=True
         )
         arcs = np.append([-half, half], np.linspace(-half, half, pieces + 1)[1:-1])
@@ -466,7 +472,7 @@ def test_a_hanging_cable_has_the_shape_of_the_elastic_catenary():
 
 
 def cantilever(n, EI=2.0):
-    return models.corotational_frame(
+    return structures.corotational_frame(
         [[0, 0], [3, 0]], [[0, 1]], EA=500.0, EI=EI, rhoA=1.0, divisions=n
     )
 
@@ -532,7 +538,7 @@ def test_a_cantilever_under_a_tip_load_approaches_the_elastica():
     angle, _, x, y = shape.y[:, -1]
 
     def error(n):
-        beam = models.corotational_frame(
+        beam = structures.corotational_frame(
             [[0, 0], [L, 0]], [[0, 1]], EA=EA, EI=EI, rhoA=1.0, divisions=n
         )
         free = np.delete(np.arange(beam.n), beam.dofs(0))
@@ -555,7 +561,7 @@ def test_a_cantilever_under_a_tip_load_approaches_the_elastica():
 
 def test_only_nodes_beyond_the_plane_are_pushed_back():
     bars = net(3)
-    contact = models.plane_contact(
+    contact = structures.plane_contact(
         bars, [0, 1, 3], point=[0, 0, 0.1], normal=[0, 0, 4], stiffness=[10.0, 20.0, 30.0]
     )
     u = np.zeros(bars.n)
@@ -572,7 +578,7 @@ def test_only_nodes_beyond_the_plane_are_pushed_back():
 @pytest.mark.parametrize("inside", [False, True])
 def test_a_sphere_pushes_along_its_radius(inside):
     bars = net(3)
-    contact = models.sphere_contact(
+    contact = structures.sphere_contact(
         bars, [1, 2], center=[1, 1, 0], radius=2.0, stiffness=5.0, inside=inside
     )
     u = np.zeros(bars.n)
@@ -587,9 +593,9 @@ def test_a_sphere_pushes_along_its_radius(inside):
 
 
 def test_a_block_on_a_floor_has_its_weight_as_contact_force():
-    stiff = models.nonlinear_solid((2, 2), 0.5, models.NeoHookean(100.0, 0.3), rho=1.0)
+    stiff = structures.nonlinear_solid((2, 2), 0.5, structures.NeoHookean(100.0, 0.3), rho=1.0)
     ground = stiff.nodes_at(y=0.0)
-    contact = models.plane_contact(
+    contact = structures.plane_contact(
         stiff, ground, point=[0, 0], normal=[0, 1], stiffness=[50.0, 100.0, 50.0]
     )
     whole = stiff.with_internal(contact)
@@ -625,11 +631,13 @@ def test_a_structure_sums_the_tangents_of_its_forces_and_damps_by_them():
     at_rest = bars.tangent() + other(np.zeros(bars.n))[1]
     C = both.damping(0.3, 0.2)
     assert largest(C - (0.3 * bars.M + 0.2 * at_rest)) <= 2 * EPS * largest(C)
-    assert "2 internal forces" in repr(both) and "internal" not in repr(models.chain(2, 1.0, 1.0))
+    assert "2 internal forces" in repr(both) and "internal" not in repr(
+        structures.chain(2, 1.0, 1.0)
+    )
 
 
 def test_a_structure_hands_its_forces_to_the_subdomain():
-    structure = floor(sheet(models.J2Plasticity(E, NU, 0.2)))
+    structure = floor(sheet(structures.J2Plasticity(E, NU, 0.2)))
     steel = structure[0].with_internal(structure[1])
     subdomain = steel.subdomain(scheme=pm.Newmark(), name="steel")
     assert subdomain.n == steel.n and subdomain.name == "steel"
@@ -639,7 +647,7 @@ def test_a_structure_hands_its_forces_to_the_subdomain():
         np.testing.assert_array_equal(given.pattern.toarray(), force.pattern.toarray())
         assert given.residual == force.residual
         assert given.potential == getattr(force, "potential", None)
-    assert models.chain(2, 1.0, 1.0).subdomain(scheme=pm.Newmark()).internal is None
+    assert structures.chain(2, 1.0, 1.0).subdomain(scheme=pm.Newmark()).internal is None
 
 
 def test_an_internal_force_of_the_user_is_added_to_those_of_the_structure():
@@ -653,7 +661,7 @@ def test_an_internal_force_of_the_user_is_added_to_those_of_the_structure():
 
 
 def test_forces_name_themselves_and_their_sizes():
-    steel = block(models.J2Plasticity(E, NU, 0.2)).internal[0]
+    steel = block(structures.J2Plasticity(E, NU, 0.2)).internal[0]
     assert repr(steel) == "<SolidForce of 108 dofs, 672 of history>"
     assert repr(steel.reduced([1, 2])) == "<SolidForce of 108 dofs reduced to 2, 672 of history>"
     assert repr(net(2).internal[0]) == "<BarForce of 10 dofs>"
@@ -687,124 +695,140 @@ def test_the_motion_of_a_nonlinear_structure_is_written_as_that_of_a_linear_one(
 
 LINE = {"points": [[0, 0], [1, 0]], "members": [[0, 1]], "EA": 1.0, "rhoA": 1.0}
 CELL = ([[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2, 3]])
-SVK = models.StVenantKirchhoff(1.0, 0.3)
-BAR = models.truss(**LINE)
+SVK = structures.StVenantKirchhoff(1.0, 0.3)
+BAR = structures.truss(**LINE)
 
 
 @pytest.mark.parametrize(
     "call, error, text",
     [
-        (lambda: models.truss(**{**LINE, "EA": 0.0}), ValueError, "EA must be positive, got 0"),
-        (lambda: models.truss(**LINE, strain="log"), ValueError, "strain must be 'engineering' or"),
-        (lambda: models.truss(**LINE, slack=1), TypeError, "slack must be True or False, got 1"),
-        (lambda: models.truss(**LINE, unstressed=-1.0), ValueError, "unstressed must be positive"),
-        (lambda: models.truss(**LINE, mass="none"), ValueError, 'mass must be "consistent" or'),
-        (lambda: models.truss(**LINE, prestress=[1.0, 2.0]), ValueError, "prestress must be a num"),
+        (lambda: structures.truss(**{**LINE, "EA": 0.0}), ValueError, "EA must be positive, got 0"),
         (
-            lambda: models.truss(**{**LINE, "points": [[0.0], [1.0]]}),
+            lambda: structures.truss(**LINE, strain="log"),
+            ValueError,
+            "strain must be 'engineering' or",
+        ),
+        (
+            lambda: structures.truss(**LINE, slack=1),
+            TypeError,
+            "slack must be True or False, got 1",
+        ),
+        (
+            lambda: structures.truss(**LINE, unstressed=-1.0),
+            ValueError,
+            "unstressed must be positive",
+        ),
+        (lambda: structures.truss(**LINE, mass="none"), ValueError, 'mass must be "consistent" or'),
+        (
+            lambda: structures.truss(**LINE, prestress=[1.0, 2.0]),
+            ValueError,
+            "prestress must be a num",
+        ),
+        (
+            lambda: structures.truss(**{**LINE, "points": [[0.0], [1.0]]}),
             ValueError,
             r"points must have shape \(N, 2\) or \(N, 3\), got \(2, 1\)",
         ),
         (
-            lambda: models.corotational_frame(**LINE, EI=-1.0),
+            lambda: structures.corotational_frame(**LINE, EI=-1.0),
             ValueError,
             "EI must be positive, got -1",
         ),
         (
-            lambda: models.corotational_frame(**LINE, EI=1.0, rotary=-1.0),
+            lambda: structures.corotational_frame(**LINE, EI=1.0, rotary=-1.0),
             ValueError,
             "rotary must be finite and at least 0",
         ),
         (
-            lambda: models.nonlinear_solid_on(*CELL, "steel", rho=1.0),
+            lambda: structures.nonlinear_solid_on(*CELL, "steel", rho=1.0),
             TypeError,
             "material must be StVenantKirchhoff, NeoHookean or J2Plasticity, got 'steel'",
         ),
         (
-            lambda: models.nonlinear_solid_on(*CELL, models.NeoHookean(1.0, 0.5), rho=1.0),
+            lambda: structures.nonlinear_solid_on(*CELL, structures.NeoHookean(1.0, 0.5), rho=1.0),
             ValueError,
             r"nu must lie in \(-1, 0.5\), got 0.5",
         ),
         (
-            lambda: models.nonlinear_solid_on(
-                *CELL, models.NeoHookean(1.0, 0.3), rho=1, plane="stress"
+            lambda: structures.nonlinear_solid_on(
+                *CELL, structures.NeoHookean(1.0, 0.3), rho=1, plane="stress"
             ),
             ValueError,
             "plane must be 'strain' for NeoHookean, got 'stress'",
         ),
         (
-            lambda: models.nonlinear_solid_on(
-                *CELL, models.J2Plasticity(1.0, 0.3, 1.0), rho=1, plane="stress"
+            lambda: structures.nonlinear_solid_on(
+                *CELL, structures.J2Plasticity(1.0, 0.3, 1.0), rho=1, plane="stress"
             ),
             ValueError,
             "plane must be 'strain' for J2Plasticity, got 'stress'",
         ),
         (
-            lambda: models.nonlinear_solid_on(*CELL, SVK, rho=1.0, plane="flat"),
+            lambda: structures.nonlinear_solid_on(*CELL, SVK, rho=1.0, plane="flat"),
             ValueError,
             "plane must be 'strain' or 'stress', got 'flat'",
         ),
         (
-            lambda: models.nonlinear_solid_on(CELL[0], [[0, 3, 2, 1]], SVK, rho=1.0),
+            lambda: structures.nonlinear_solid_on(CELL[0], [[0, 3, 2, 1]], SVK, rho=1.0),
             ValueError,
             "elements must be convex with corners in meshio's order",
         ),
         (
-            lambda: models.nonlinear_solid((1, 1, 1), 1.0, SVK, rho=1.0, t=0.1),
+            lambda: structures.nonlinear_solid((1, 1, 1), 1.0, SVK, rho=1.0, t=0.1),
             ValueError,
             "t and plane must not be given in three dimensions",
         ),
         (
-            lambda: models.nonlinear_solid((2,), 1.0, SVK, rho=1.0),
+            lambda: structures.nonlinear_solid((2,), 1.0, SVK, rho=1.0),
             ValueError,
             r"counts must be two or three numbers, got \(2,\)",
         ),
         (
-            lambda: models.nonlinear_solid((2, 0), 1.0, SVK, rho=1.0),
+            lambda: structures.nonlinear_solid((2, 0), 1.0, SVK, rho=1.0),
             ValueError,
             "counts must be at least 1, got 0",
         ),
         (
-            lambda: models.nonlinear_solid(
-                (1, 1), 1.0, models.J2Plasticity(1.0, 0.3, 0.0), rho=1.0
+            lambda: structures.nonlinear_solid(
+                (1, 1), 1.0, structures.J2Plasticity(1.0, 0.3, 0.0), rho=1.0
             ),
             ValueError,
             "yield_stress must be positive, got 0",
         ),
         (
-            lambda: models.nonlinear_solid(
-                (1, 1), 1.0, models.J2Plasticity(1.0, 0.3, 1.0, kinematic=-2.0), rho=1.0
+            lambda: structures.nonlinear_solid(
+                (1, 1), 1.0, structures.J2Plasticity(1.0, 0.3, 1.0, kinematic=-2.0), rho=1.0
             ),
             ValueError,
             "kinematic must not be negative, got -2",
         ),
         (
-            lambda: models.plane_contact(BAR, 0, point=[0, 0], normal=[0, 0], stiffness=1.0),
+            lambda: structures.plane_contact(BAR, 0, point=[0, 0], normal=[0, 0], stiffness=1.0),
             ValueError,
             "normal must not be zero",
         ),
         (
-            lambda: models.plane_contact(BAR, 2, point=[0, 0], normal=[0, 1], stiffness=1.0),
+            lambda: structures.plane_contact(BAR, 2, point=[0, 0], normal=[0, 1], stiffness=1.0),
             ValueError,
             "nodes must lie in 0..1, got 2",
         ),
         (
-            lambda: models.plane_contact(BAR, [], point=[0, 0], normal=[0, 1], stiffness=1.0),
+            lambda: structures.plane_contact(BAR, [], point=[0, 0], normal=[0, 1], stiffness=1.0),
             ValueError,
             "nodes must not be empty",
         ),
         (
-            lambda: models.plane_contact(BAR, 0, point=[0, 0, 0], normal=[0, 1], stiffness=1.0),
+            lambda: structures.plane_contact(BAR, 0, point=[0, 0, 0], normal=[0, 1], stiffness=1.0),
             ValueError,
             r"point must have shape \(2,\), got \(3,\)",
         ),
         (
-            lambda: models.sphere_contact(BAR, 0, center=[0, 0], radius=0.0, stiffness=1.0),
+            lambda: structures.sphere_contact(BAR, 0, center=[0, 0], radius=0.0, stiffness=1.0),
             ValueError,
             "radius must be positive, got 0",
         ),
         (
-            lambda: models.sphere_contact(BAR, 0, center=[0, 0], radius=1.0, stiffness=0.0),
+            lambda: structures.sphere_contact(BAR, 0, center=[0, 0], radius=1.0, stiffness=0.0),
             ValueError,
             "stiffness must be positive, got 0",
         ),

@@ -9,10 +9,10 @@ import scipy.integrate
 import scipy.sparse as sp
 
 import pmalpha as pm
-from pmalpha import models
+from pmalpha import structures
 
 PAGE = Path(__file__).parent.parent / "docs" / "elements.md"
-RUBBER = models.NeoHookean(100.0, 0.3)
+RUBBER = structures.NeoHookean(100.0, 0.3)
 
 
 def by_runge_kutta(mass, force, load, u0, v0, times):
@@ -32,7 +32,7 @@ def by_runge_kutta(mass, force, load, u0, v0, times):
 
 def strip(nx=4, origin=0.0, t=1.0):
     """nx by 1 quadrilaterals with edges 0.5."""
-    return models.nonlinear_solid(
+    return structures.nonlinear_solid(
         (nx, 1), 0.5, RUBBER, rho=1.0, t=t, mass="lumped", origin=(origin, 0.0)
     )
 
@@ -114,7 +114,7 @@ def test_a_strip_cut_into_an_implicit_and_an_explicit_subdomain_moves_as_the_who
 def test_an_elastic_pendulum_turns_over_as_its_equation():
     # a mass on an elastic bar, thrown so that it turns over; gravity as a load
     EA, L, m, g = 400.0, 1.0, 2.0, 9.81
-    bar = models.truss([[0, 0], [0, -L]], [[0, 1]], EA=EA, rhoA=4.0, mass="lumped")
+    bar = structures.truss([[0, 0], [0, -L]], [[0, 1]], EA=EA, rhoA=4.0, mass="lumped")
     reduction, internal = held(bar, bar.dofs(0))
     assert reduction.M.diagonal().tolist() == [m, m]  # half of the bar
     v0 = np.array([7.5, 0.0])  # above sqrt(5 g L) = 7
@@ -152,8 +152,8 @@ def test_an_elastic_pendulum_turns_over_as_its_equation():
 @pytest.mark.parametrize("scheme", [pm.Newmark(), pm.CentralDifference()])
 def test_a_mass_rebounds_from_the_floor_after_half_a_period_of_its_penalty(scheme):
     m, k, fall = 2.0, 800.0, 1.5
-    bar = models.truss([[0, 0.3], [1, 0.3]], [[0, 1]], EA=1.0, rhoA=2 * m, mass="lumped")
-    contact = models.plane_contact(bar, [0, 1], point=[0, 0], normal=[0, 1], stiffness=k)
+    bar = structures.truss([[0, 0.3], [1, 0.3]], [[0, 1]], EA=1.0, rhoA=2 * m, mass="lumped")
+    contact = structures.plane_contact(bar, [0, 1], point=[0, 0], normal=[0, 1], stiffness=k)
     v0 = np.tile([0.0, -fall], 2)
     falling = pm.Subdomain(bar.M, None, internal=contact, scheme=scheme, v0=v0)
     # free until 0.3 / 1.5 = 0.2, in contact for pi sqrt(m / k) = 0.157, then back
@@ -173,8 +173,8 @@ def shear_layer(hardening):
     """One quadrilateral that only shears, and the spring that it is."""
     E, nu, strength = 200.0, 0.25, 1.5
     G = E / (2 * (1 + nu))
-    steel = models.J2Plasticity(E, nu, strength, kinematic=hardening)
-    layer = models.nonlinear_solid((1, 1), 1.0, steel, rho=4.0, mass="lumped")
+    steel = structures.J2Plasticity(E, nu, strength, kinematic=hardening)
+    layer = structures.nonlinear_solid((1, 1), 1.0, steel, rho=4.0, mass="lumped")
     free = layer.dofs(layer.nodes_at(y=1.0), "ux")
     internal = layer.internal[0].reduced(free)
     spring = {"k": G / 2, "fy": strength / np.sqrt(3) / 2}

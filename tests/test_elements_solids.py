@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from pmalpha import models
+from pmalpha import structures
 
 E, NU = 7.0, 0.3
 LAM, MU = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
@@ -23,13 +23,13 @@ def moved_inside(grid):
 def patch(d, material, plane="strain"):
     """A distorted mesh of a box with edges of 1.5, and which of its nodes are inside."""
     if d == 2:
-        grid, t = models.plate(3, 3, 0.5, E=1.0, nu=0.3, rho=1.0), THICKNESS
+        grid, t = structures.plate(3, 3, 0.5, E=1.0, nu=0.3, rho=1.0), THICKNESS
     else:
-        grid, t = models.solid(3, 3, 3, 0.5, E=1.0, nu=0.3, rho=1.0), 1.0
+        grid, t = structures.solid(3, 3, 3, 0.5, E=1.0, nu=0.3, rho=1.0), 1.0
     points, inside = moved_inside(grid)
     (elements,) = grid.elements.values()
     options = {"t": t, "plane": plane}
-    return models.nonlinear_solid_on(points, elements, material, rho=1.0, **options), inside
+    return structures.nonlinear_solid_on(points, elements, material, rho=1.0, **options), inside
 
 
 # F of the patch tests: large, and neither symmetric nor diagonal.
@@ -65,11 +65,11 @@ def rubber(F):
 
 
 CASES = [
-    (2, models.StVenantKirchhoff, "strain", kirchhoff),
-    (2, models.StVenantKirchhoff, "stress", kirchhoff_in_plane_stress),
-    (2, models.NeoHookean, "strain", rubber),
-    (3, models.StVenantKirchhoff, "strain", kirchhoff),
-    (3, models.NeoHookean, "strain", rubber),
+    (2, structures.StVenantKirchhoff, "strain", kirchhoff),
+    (2, structures.StVenantKirchhoff, "stress", kirchhoff_in_plane_stress),
+    (2, structures.NeoHookean, "strain", rubber),
+    (3, structures.StVenantKirchhoff, "strain", kirchhoff),
+    (3, structures.NeoHookean, "strain", rubber),
 ]
 
 
@@ -107,19 +107,19 @@ def test_inner_nodes_follow_a_constant_deformation_of_the_boundary(d, law, plane
 def test_small_strains_have_a_stress_without_cancellation():
     # at a strain of 1e-9 the force is the linear one to 1e-9, not to the rounding of 1 + 1e-9
     for d in (2, 3):
-        for law in (models.StVenantKirchhoff, models.NeoHookean):
+        for law in (structures.StVenantKirchhoff, structures.NeoHookean):
             structure, _ = patch(d, law(E, NU))
             u = 1e-9 * np.random.default_rng(1).uniform(-1.0, 1.0, structure.n)
             linear = structure.tangent() @ u
             f = structure.internal[0].residual(u)
             np.testing.assert_allclose(f, linear, atol=1e-7 * np.abs(linear).max())
             energy = structure.internal[0].potential(u)
-            if law is models.StVenantKirchhoff:  # of rubber, W is a difference of large numbers
+            if law is structures.StVenantKirchhoff:  # of rubber, W is a difference of large numbers
                 assert energy == pytest.approx(0.5 * u @ linear, rel=1e-7)
 
 
 def test_rubber_turned_inside_out_has_no_finite_force_and_no_warning():
-    cell = models.nonlinear_solid((1, 1, 1), 1.0, models.NeoHookean(E, NU), rho=1.0)
+    cell = structures.nonlinear_solid((1, 1, 1), 1.0, structures.NeoHookean(E, NU), rho=1.0)
     u = np.zeros((8, 3))
     u[cell.nodes_at(z=1.0), 2] = -1.5
     f, K, _, _ = cell.internal[0](u.ravel())
@@ -129,7 +129,7 @@ def test_rubber_turned_inside_out_has_no_finite_force_and_no_warning():
 
 def test_kirchhoff_softens_in_strong_compression():
     # uniaxial strain, F = s: P = (lam + 2 mu) s (s^2 - 1) / 2, with its least value at s = 1/sqrt 3
-    cell = models.nonlinear_solid((1, 1, 1), 1.0, models.StVenantKirchhoff(E, NU), rho=1.0)
+    cell = structures.nonlinear_solid((1, 1, 1), 1.0, structures.StVenantKirchhoff(E, NU), rho=1.0)
     top = cell.nodes_at(z=1.0)
     across = np.zeros(cell.n)
     across[cell.dofs(top, "uz")] = 1.0
@@ -177,12 +177,12 @@ def forms(law):
         pull = LAM * ddot(inverse, dH) * inverse
         return MU * dH + (MU - LAM * np.log(det(F))) * turned + pull
 
-    if law is models.NeoHookean:
+    if law is structures.NeoHookean:
         return rubber_stress, rubber_change
     return lambda H: mul(*kirchhoff_stress(H)), kirchhoff_change
 
 
-@pytest.mark.parametrize("law", [models.StVenantKirchhoff, models.NeoHookean])
+@pytest.mark.parametrize("law", [structures.StVenantKirchhoff, structures.NeoHookean])
 @pytest.mark.parametrize("d", [2, 3])
 def test_force_and_tangent_are_those_of_scikit_fem(d, law):
     skfem = pytest.importorskip("skfem")

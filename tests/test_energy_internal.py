@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pmalpha as pm
-from pmalpha import structures as models
+from pmalpha import structures
 
 TRAPEZOIDAL, EXPLICIT = pm.Newmark(), pm.CentralDifference()
 
@@ -123,8 +123,8 @@ def held(structure, fixed, **options):
 
 def test_the_elements_of_a_frame_and_of_a_cable_keep_their_energy():
     ends = [[0, 0], [2, 0]], [[0, 1]]
-    beam = models.corotational_frame(*ends, EA=1e3, EI=4.0, rhoA=1.0, divisions=4)
-    cable = models.truss(*ends, EA=50.0, rhoA=1.0, divisions=4, prestress=2.0, slack=True)
+    beam = structures.corotational_frame(*ends, EA=1e3, EI=4.0, rhoA=1.0, divisions=4)
+    cable = structures.truss(*ends, EA=50.0, rhoA=1.0, divisions=4, prestress=2.0, slack=True)
     for structure, fixed in ((beam, beam.dofs(0)), (cable, cable.dofs([0, 1]))):
         lost = []
         for h in (0.002, 0.001):
@@ -160,7 +160,9 @@ def test_the_works_of_two_intervals_are_those_of_one(coupling):
 def test_a_shear_test_of_a_plastic_square_dissipates_what_its_loop_encloses():
     E, nu, strength, amplitude = 200.0, 0.25, 0.3, 0.02
     mu = E / (2.0 * (1.0 + nu))
-    square = models.nonlinear_solid((1, 1), 1.0, models.J2Plasticity(E, nu, strength), rho=1.0)
+    square = structures.nonlinear_solid(
+        (1, 1), 1.0, structures.J2Plasticity(E, nu, strength), rho=1.0
+    )
     top = square.dofs(square.nodes_at(y=1.0), "ux")
 
     def velocity(t):

@@ -6,7 +6,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 import pmalpha as pm
-from pmalpha import models
+from pmalpha import structures
 
 
 def ten_digits(A):
@@ -20,8 +20,8 @@ def ten_digits(A):
 def test_a_chain_with_a_tiny_mass_has_the_frequencies_of_the_chain_without_it(n, tiny):
     masses = np.ones(n)
     masses[25] = tiny
-    chain = models.chain(n, masses, 1.0, ground=(1.0, 0.0))
-    omegas, X = models.modes(masses, chain.K, 5)
+    chain = structures.chain(n, masses, 1.0, ground=(1.0, 0.0))
+    omegas, X = structures.modes(masses, chain.K, 5)
     # without mass 25 follows: two springs in series instead
     rest = np.delete(np.arange(n), 25)
     K = chain.K.toarray()
@@ -38,41 +38,41 @@ def test_a_frame_with_a_tiny_rotary_inertia_has_the_frequencies_of_one_without(m
         x = np.linspace(0.0, 5.0, members + 1)
         nodes = np.column_stack([x, np.zeros(members + 1)])
         lines = np.column_stack([np.arange(members), np.arange(1, members + 1)])
-        return models.beam_frame(
+        return structures.beam_frame(
             nodes, lines, EA=1e5, EI=3.0, rhoA=2.0, mass="lumped", rotary=rotary
         )
 
     frame = beam(1e-12)
     held = frame.dofs(0)
-    omegas, _ = models.modes(frame.M, frame.K, 3, fixed=held)
+    omegas, _ = structures.modes(frame.M, frame.K, 3, fixed=held)
     # a clamped beam: 1.875^2, 4.694^2, 7.855^2 times sqrt(EI / rhoA) / L^2
     expected = np.array([3.51602, 22.0345, 61.6972]) * np.sqrt(1.5) / 25.0
     # lumped mass: the error is of order (k h)^2, below 1 % and 0.01 % of the third
     np.testing.assert_allclose(omegas, expected, rtol=0.06 if members == 10 else 5e-4)
     without = beam(0.0)
     np.testing.assert_allclose(
-        omegas, models.modes(without.M, without.K, 3, fixed=held)[0], rtol=1e-5
+        omegas, structures.modes(without.M, without.K, 3, fixed=held)[0], rtol=1e-5
     )
 
 
 @pytest.mark.parametrize("nx", [4, 30])  # dense, ARPACK
 def test_a_floating_plate_of_ten_digits_has_its_modes_and_a_warning_at_most(nx):
-    plate = models.plate(nx, 4, 0.1, E=2e11, nu=0.3, rho=7850.0, t=0.01)
+    plate = structures.plate(nx, 4, 0.1, E=2e11, nu=0.3, rho=7850.0, t=0.01)
     K = ten_digits(plate.K)
     shift = sp.diags_array(-3e-11 * K.diagonal())  # indefinite for certain
-    expected, _ = models.modes(plate.M, plate.K, 8)
+    expected, _ = structures.modes(plate.M, plate.K, 8)
     with pytest.warns(UserWarning, match="omega.2 = -.* of the terms of x.T K x, is taken as 0"):
-        omegas, _ = models.modes(plate.M, K + shift, 8)
+        omegas, _ = structures.modes(plate.M, K + shift, 8)
     assert omegas[0] == 0.0
     # the elastic ones: 1e-10 of |K| against omega^2, which is 1e-5 of it for the longer plate
     np.testing.assert_allclose(omegas[3:], expected[3:], rtol=1e-4)
 
 
 def test_a_stiffness_that_is_indefinite_beyond_its_digits_is_refused():
-    plate = models.plate(4, 4, 0.1, E=2e11, nu=0.3, rho=7850.0, t=0.01)
+    plate = structures.plate(4, 4, 0.1, E=2e11, nu=0.3, rho=7850.0, t=0.01)
     K = plate.K - sp.diags_array(1e-7 * plate.K.diagonal())
     with pytest.raises(ValueError, match="K must be positive semidefinite, got omega.2 = -"):
-        models.modes(plate.M, K, 4)
+        structures.modes(plate.M, K, 4)
 
 
 # ---- couplers -----------------------------------------------------------------------------------
@@ -80,7 +80,7 @@ def test_a_stiffness_that_is_indefinite_beyond_its_digits_is_refused():
 
 def indefinite(share, n=6):
     """A chain whose consistent mass has an eigenvalue of -share times its largest entry."""
-    chain = models.rod(n - 1, 1.0, EA=1.0, rhoA=1.0)
+    chain = structures.rod(n - 1, 1.0, EA=1.0, rhoA=1.0)
     M = chain.M.toarray()
     values, X = np.linalg.eigh(M)
     lowest = X[:, 0]

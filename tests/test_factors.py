@@ -395,7 +395,7 @@ def test_the_nodes_of_finite_elements_are_found_although_couplings_vanish(mass):
 
 
 def test_the_dofs_of_a_node_share_supernodes_although_their_couplings_vanish():
-    K = pm.models.plate(40, 20, 1.0, E=1.0, nu=0.3, rho=1.0).K
+    K = pm.structures.plate(40, 20, 1.0, E=1.0, nu=0.3, rho=1.0).K
     graph, last = graph_of([K]), np.arange(40)
     full = with_full_nodes(graph, last)
     A, edges = sp.csr_array(K != 0.0).toarray(), np.zeros((K.shape[0],) * 2, dtype=bool)

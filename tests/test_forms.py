@@ -51,7 +51,7 @@ def test_rows_with_few_columns_in_common_are_stored_with_an_index_for_each_entry
 
 def test_strips_may_take_more_bytes_than_rows_unless_the_matrix_leaves_the_cache(monkeypatch):
     """Rows of a plate of squares have zeros, which strips store: 1.26 times the bytes of rows."""
-    K = canonical(pm.models.plate(20, 20, 1.0, E=1.0, nu=0.3, rho=1.0).K, "K")[0]
+    K = canonical(pm.structures.plate(20, 20, 1.0, E=1.0, nu=0.3, rho=1.0).K, "K")[0]
     first, _, index, _, values = core_matrix(K)
     over = (8 * values.size + 4 * index.size + 24 * first.size) / (12 * K.nnz + 8 * K.shape[0])
     assert matrices.STRIPS_OVER_ROWS < over < matrices.STRIPS_OVER_ROWS_IN_CACHE
@@ -90,7 +90,7 @@ def test_a_solid_is_stored_in_strips_of_rows_with_fewer_bytes_than_by_rows():
 
 
 def solid():
-    return pm.models.solid(5, 4, 3, 0.5, E=2.0, nu=0.3, rho=1.0, mass="lumped")
+    return pm.structures.solid(5, 4, 3, 0.5, E=2.0, nu=0.3, rho=1.0, mass="lumped")
 
 
 @pytest.mark.parametrize("scheme", [IMPLICIT, EXPLICIT])

@@ -256,7 +256,7 @@ REFUSED = {
         "fixed must be",
     ),
     "modes of a mass whose shift overflows": (
-        lambda: pm.models.modes([1.0, -1e308, 1.0], K, 1),
+        lambda: pm.structures.modes([1.0, -1e308, 1.0], K, 1),
         ValueError,
         "M must have entries that are finite times K_ii / M_ii, got up to 1e+308",
     ),

@@ -7,7 +7,7 @@ import pytest
 from meshes import PLANE, SOLID, box, distorted
 
 import pmalpha as pm
-from pmalpha import models, structures
+from pmalpha import structures
 from pmalpha.problem.kinds import KINDS
 from pmalpha.problem.shapes import SHAPES
 
@@ -42,7 +42,7 @@ def halves(kind, *further):
 
 def direct(kind, **options):
     points, elements = distorted(kind, 2)
-    make = models.plate_on if points.shape[1] == 2 else models.solid_on
+    make = structures.plate_on if points.shape[1] == 2 else structures.solid_on
     return make(points, elements, **{**STEEL, **options})
 
 
@@ -150,7 +150,7 @@ def test_a_file_of_gmsh_4_1_has_its_names_and_loses_points_without_elements(tmp_
     assert structure.labels().tolist() == ["soft", "hard", "hard"]
     points = structure.points
     assert points.tolist() == [[0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1]]
-    expected = models.plate_on(points, structure.elements, **{**STEEL, "E": [1.0, 10.0, 10.0]})
+    expected = structures.plate_on(points, structure.elements, **{**STEEL, "E": [1.0, 10.0, 10.0]})
     assert_equal(structure, expected)
 
 
@@ -202,7 +202,7 @@ def test_an_input_of_abaqus_has_its_sets(tmp_path):
     assert structure.sets["of_left"].tolist() == [0, 1, 3, 4]
     assert structure.sets["ALL"].tolist() == list(range(6))
     assert repr(structure) == "<Structure 6 points, 1 quad, 2 triangle, 2 line, 12 dofs>"
-    plate = models.plate_on(
+    plate = structures.plate_on(
         structure.points,
         {"quad": [[0, 1, 4, 3]], "triangle": [[1, 2, 5], [1, 5, 4]]},
         **STEEL,
@@ -326,7 +326,7 @@ def test_bars_are_those_of_a_truss_at_rest(d, mass):
     structure = structures.from_mesh(
         meshio.Mesh(in_space(points), [("line", lines)]), {"EA": EA, "rhoA": 2.0 * EA}, mass=mass
     )
-    truss = models.truss(points, lines, EA=EA, rhoA=2.0 * EA, mass=mass)
+    truss = structures.truss(points, lines, EA=EA, rhoA=2.0 * EA, mass=mass)
     assert abs(structure.M - truss.M).max() < 1e-15 * 10.0
     assert abs(structure.K - truss.tangent()).max() < 1e-14 * abs(structure.K).max()
 
@@ -338,7 +338,7 @@ def test_beams_are_those_of_a_frame(mass):
     mesh = meshio.Mesh(points, [("line", lines)])
     structure = structures.from_mesh(mesh, values, mass=mass)
     assert structure.components == ("ux", "uy", "rz") and structure.unused.size == 0
-    assert_equal(structure, models.beam_frame(points, lines, **values, mass=mass))
+    assert_equal(structure, structures.beam_frame(points, lines, **values, mass=mass))
     assert structure.element_forces().shape == (12, 9)
 
 
@@ -372,9 +372,9 @@ def test_a_plate_with_bars_and_beams_is_their_sum(mass):
     assert list(whole.elements) == ["quad", "line"]
     assert whole.groups["beams"].tolist() == [6, 7]
     n = whole.n
-    plate = models.plate_on(points, quads, **STEEL, t=0.5, mass=mass)
-    frame = models.beam_frame(points[[2, 5, 8]], [[0, 1], [1, 2]], **beam, mass=mass)
-    truss = models.truss(points[[0, 1, 2]], [[0, 1], [1, 2]], **bar, mass=mass)
+    plate = structures.plate_on(points, quads, **STEEL, t=0.5, mass=mass)
+    frame = structures.beam_frame(points[[2, 5, 8]], [[0, 1], [1, 2]], **beam, mass=mass)
+    truss = structures.truss(points[[0, 1, 2]], [[0, 1], [1, 2]], **bar, mass=mass)
     placed = [
         (plate.M, plate.K, whole.dofs(np.arange(9), ["ux", "uy"])),
         (frame.M, frame.K, whole.dofs([2, 5, 8])),
@@ -394,8 +394,8 @@ def test_a_plate_with_bars_and_beams_is_their_sum(mass):
     cut = pm.cut(whole, labels=whole.labels(), fixed=fixed, scheme=pm.GeneralizedAlpha(0.8))
     assembled = cut.coupler(dt=0.1, coupling="gc").assembled()
     free = np.setdiff1d(np.arange(n), fixed)
-    exact = models.modes(whole.M, whole.K, 4, fixed=fixed)[0]
-    np.testing.assert_allclose(models.modes(assembled.M, assembled.K, 4)[0], exact, rtol=1e-9)
+    exact = structures.modes(whole.M, whole.K, 4, fixed=fixed)[0]
+    np.testing.assert_allclose(structures.modes(assembled.M, assembled.K, 4)[0], exact, rtol=1e-9)
     assert assembled.n == free.size
 
 
@@ -407,8 +407,8 @@ def test_numbers_of_a_group_can_be_arrays_and_a_group_can_be_left_out():
     E = np.arange(1.0, left.size + 1.0)
     structure = structures.from_mesh(mesh, {"left": {**STEEL, "E": E}, "right": None})
     points, elements = distorted("triangle", 2)
-    some_points, own, _ = models.submesh(points, elements[left])
-    assert_equal(structure, models.plate_on(some_points, own, **{**STEEL, "E": E}))
+    some_points, own, _ = structures.submesh(points, elements[left])
+    assert_equal(structure, structures.plate_on(some_points, own, **{**STEEL, "E": E}))
     assert "right" not in structure.groups and structure.groups["left"].size == left.size
 
 

@@ -496,7 +496,7 @@ def test_constraints_at_the_start_are_checked_relative_to_the_initial_values(nam
 def test_the_end_of_a_pulse_far_from_the_interface_violates_nothing(scale):
     pulse = scale * np.exp(-(np.linspace(6.1, 0.0, 40) ** 2))  # 7e-17 of its top at the interface
     bar, other = (
-        pm.Subdomain(np.ones(40), pm.models.chain(40, 1.0, 1.0).K, scheme=SOFT, v0=v0)
+        pm.Subdomain(np.ones(40), pm.structures.chain(40, 1.0, 1.0).K, scheme=SOFT, v0=v0)
         for v0 in (pulse, None)
     )
     pm.Coupler([bar, other], pm.tie(bar, 0, other, 0), dt=0.1)

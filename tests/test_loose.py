@@ -7,7 +7,7 @@ import pytest
 import scipy.sparse as sp
 
 import pmalpha as pm
-from pmalpha import models
+from pmalpha import structures
 
 SCHEME = pm.GeneralizedAlpha(0.8)
 PLATE = dict(E=1.0, nu=0.3, rho=1.0, t=1.0)
@@ -19,7 +19,7 @@ def mass(name, k=1.0):
 
 def plate(name, nx=3, floor=0.0, x=0.0):
     """A floating plate of nx x 2 elements, its mesh, and its left and right edge."""
-    mesh = models.plate(nx, 2, 1.0, **PLATE, origin=(x, 0.0))
+    mesh = structures.plate(nx, 2, 1.0, **PLATE, origin=(x, 0.0))
     K = mesh.K + floor * sp.eye_array(mesh.n)
     return pm.Subdomain(mesh.M, K, scheme=SCHEME, name=name), mesh
 
@@ -79,7 +79,9 @@ def test_two_floating_plates_that_are_tied_along_an_edge_may_fly_together():
 
 def test_a_floating_frame_with_rotations_is_held_by_a_clamp_and_not_by_a_hinge():
     def member(name, start, held):
-        mesh = models.beam_frame([[start, 0], [start + 1, 0]], [[0, 1]], EA=1e3, EI=1.0, rhoA=1.0)
+        mesh = structures.beam_frame(
+            [[start, 0], [start + 1, 0]], [[0, 1]], EA=1e3, EI=1.0, rhoA=1.0
+        )
         K = mesh.K + sp.diags_array(np.tile([held, held, 0.0], 2))
         return pm.Subdomain(mesh.M, K, scheme=SCHEME, name=name)
 

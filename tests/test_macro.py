@@ -161,7 +161,7 @@ def test_any_number_of_threads_gives_bitwise_identical_results(seed, monkeypatch
 @pytest.mark.parametrize("coupling", ["macro", "mean"])
 def test_unit_responses_of_several_threads_are_bitwise_those_of_one(coupling, monkeypatch):
     monkeypatch.setattr(macro, "SHARE", 1.0)  # entries: all threads have a share
-    plate = pm.models.plate(12, 6, 1.0, E=1.0, nu=0.3, rho=1.0, mass="lumped")
+    plate = pm.structures.plate(12, 6, 1.0, E=1.0, nu=0.3, rho=1.0, mass="lumped")
     edge = plate.dofs(plate.nodes_at(x=12.0))
     other = ground(edge.size)
 
@@ -576,7 +576,7 @@ def test_substeps_in_passes_are_bitwise_those_that_are_recorded_one_by_one(
     """A bar of 1647 dofs, which is long enough for passes of several substeps."""
     if storing == "repeated":
         monkeypatch.setattr(macro, "STORED", 0)
-    bar = pm.models.solid(60, 2, 2, 1.0, E=1.0, nu=0.3, rho=1.0, mass="lumped")
+    bar = pm.structures.solid(60, 2, 2, 1.0, E=1.0, nu=0.3, rho=1.0, mass="lumped")
     load, held = np.sin(np.arange(bar.n)), bar.K + 0.01 * sp.eye_array(bar.n)
     long = pm.Subdomain(bar.M, held, scheme=FAST, substeps=9, force=load, name="bar")
     mass = pm.Subdomain(np.ones(2), np.ones(2), scheme=SECOND, name="mass")

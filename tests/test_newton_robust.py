@@ -13,7 +13,7 @@ from newton_reference import run_macro
 from test_elements_motion import held
 
 import pmalpha as pm
-from pmalpha import models
+from pmalpha import structures
 
 # omega h of 10 to 400, no double step damped: long steps on purpose
 pytestmark = pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
@@ -131,10 +131,10 @@ def test_a_pendulum_of_stiff_bars_in_every_schedule(schedule):
 
 @pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
 def test_a_pendulum_of_trusses_is_that_of_the_reference(coupling):
-    # the same two bars from `models.truss`, whose elements are vectorized
+    # the same two bars from `structures.truss`, whose elements are vectorized
     bars = [
-        models.truss([[0.0, 0.0], [1.0, 0.0]], [[0, 1]], EA=1e7, rhoA=1.0, mass="lumped"),
-        models.truss([[1.0, 0.0], [2.0, 0.0]], [[0, 1]], EA=1e7, rhoA=2.0, mass="lumped"),
+        structures.truss([[0.0, 0.0], [1.0, 0.0]], [[0, 1]], EA=1e7, rhoA=1.0, mass="lumped"),
+        structures.truss([[1.0, 0.0], [2.0, 0.0]], [[0, 1]], EA=1e7, rhoA=2.0, mass="lumped"),
     ]
     reduction, internal = held(bars[0], bars[0].dofs(0))
     subdomains, L = pendulum(ss=(1, 5), double=coupling == "pm")

@@ -6,7 +6,7 @@ import scipy.integrate
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
-from pmalpha import models
+from pmalpha import structures
 
 E, NU, YIELD = 200.0, 0.3, 2.0
 KAPPA, MU = E / (3 * (1 - 2 * NU)), E / (2 * (1 + NU))
@@ -15,8 +15,8 @@ EPS = np.finfo(float).eps
 
 def cube(**hardening):
     """One element with edges of 1."""
-    steel = models.J2Plasticity(E, NU, YIELD, **hardening)
-    return models.nonlinear_solid((1, 1, 1), 1.0, steel, rho=1.0)
+    steel = structures.J2Plasticity(E, NU, YIELD, **hardening)
+    return structures.nonlinear_solid((1, 1, 1), 1.0, steel, rho=1.0)
 
 
 def stress_of(structure, strain, q):
@@ -102,7 +102,7 @@ def test_unloading_is_elastic_and_keeps_the_history():
     elastic = (KAPPA - 2 / 3 * MU) * np.trace(change) * np.eye(3) + 2 * MU * change
     np.testing.assert_allclose(back - loaded, elastic, atol=100 * EPS * E * 0.03)
     u = (body.points @ (0.95 * strain)).ravel()
-    linear = models.solid(1, 1, 1, 1.0, E=E, nu=NU, rho=1.0)
+    linear = structures.solid(1, 1, 1, 1.0, E=E, nu=NU, rho=1.0)
     K = body.internal[0](u, q=q)[1]
     assert np.abs((K - linear.K).data).max() < 20 * EPS * np.abs(linear.K.data).max()
 
@@ -178,9 +178,9 @@ def test_stress_is_never_beyond_the_yield_surface_and_plastic_strain_keeps_the_v
 
 def test_plane_strain_is_a_layer_of_hexahedra_held_across():
     E_of = np.array([100.0, 150.0, 200.0, 250.0])
-    steel = models.J2Plasticity(E_of, NU, YIELD, **HARDENING)
-    flat = models.nonlinear_solid((2, 2), 0.5, steel, rho=1.0, t=0.5)
-    layer = models.nonlinear_solid((2, 2, 1), 0.5, steel, rho=1.0)
+    steel = structures.J2Plasticity(E_of, NU, YIELD, **HARDENING)
+    flat = structures.nonlinear_solid((2, 2), 0.5, steel, rho=1.0, t=0.5)
+    layer = structures.nonlinear_solid((2, 2, 1), 0.5, steel, rho=1.0)
     rng = np.random.default_rng(6)
     q_flat, q_layer = flat.internal[0].history, layer.internal[0].history
     for _ in range(3):
@@ -202,8 +202,8 @@ def test_plane_strain_is_a_layer_of_hexahedra_held_across():
 
 
 def test_newton_converges_quadratically_with_the_consistent_tangent():
-    steel = models.J2Plasticity(E, NU, YIELD, isotropic=5.0)
-    beam = models.nonlinear_solid((6, 2), 0.5, steel, rho=1.0)
+    steel = structures.J2Plasticity(E, NU, YIELD, isotropic=5.0)
+    beam = structures.nonlinear_solid((6, 2), 0.5, steel, rho=1.0)
     (force,) = beam.internal
     free = np.setdiff1d(np.arange(beam.n), beam.dofs(beam.nodes_at(x=0.0)))
     load = np.zeros(beam.n)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import pmalpha as pm
-from pmalpha import models
+from pmalpha import models, structures
 
 matplotlib = pytest.importorskip("matplotlib")
 from matplotlib.animation import AbstractMovieWriter  # noqa: E402
@@ -659,7 +659,7 @@ def test_an_object_with_points_and_elements_is_a_mesh():
 
 
 def test_a_structure_with_fixed_dofs_is_shown_with_all_of_them():
-    wall = models.plate(3, 1, 1.0, E=100.0, nu=0.3, rho=1.0)
+    wall = structures.plate(3, 1, 1.0, E=100.0, nu=0.3, rho=1.0)
     foot = wall.dofs(wall.nodes_at(x=0.0))
     free = pm.reduce(wall.M, wall.K, fixed=foot)
     v0 = np.zeros(wall.n)

@@ -53,9 +53,9 @@ def test_a_step_whose_square_is_infinite_is_refused_by_name():
     [
         (lambda: pm.Bilinear([0], k=5e-324, fy=1.0), "fy must be k times a deformation"),
         (lambda: pm.BoucWen([0], k=1.0, fy=5e-324), "fy must be k times a deformation"),
-        (lambda: pm.models.rod(2, 1.0, EA=1.7e308, rhoA=1.0), "EA must lie in 1e-50..1e"),
-        (lambda: pm.models.rod(2, 5e-324, EA=1.0, rhoA=1.0), "length must lie in 1e-50..1e"),
-        (lambda: pm.models.plate(2, 2, 1e300, E=1.0, nu=0.3, rho=1.0), "h must lie in 1e-50"),
+        (lambda: pm.structures.rod(2, 1.0, EA=1.7e308, rhoA=1.0), "EA must lie in 1e-50..1e"),
+        (lambda: pm.structures.rod(2, 5e-324, EA=1.0, rhoA=1.0), "length must lie in 1e-50..1e"),
+        (lambda: pm.structures.plate(2, 2, 1e300, E=1.0, nu=0.3, rho=1.0), "h must lie in 1e-50"),
         (
             lambda: pm.models.shear_frame([np.longdouble("1e4000")], [1.0]),
             "masses must be finite",

@@ -6,7 +6,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 import pmalpha as pm
-from pmalpha import models
+from pmalpha import models, structures
 
 SCHEME = pm.GeneralizedAlpha(0.8)
 FORMS = {
@@ -91,15 +91,15 @@ def test_rayleigh_refuses_what_is_not_two_coefficients(wrong, error, words):
 
 def made_by_models():
     mesh = dict(E=30e9, nu=0.2, rho=2500.0, mass="lumped")
-    plate = models.plate(3, 2, 0.5, t=0.3, **mesh)
-    solid = models.solid(2, 1, 1, 0.5, **mesh)
-    frame = models.beam_frame(
+    plate = structures.plate(3, 2, 0.5, t=0.3, **mesh)
+    solid = structures.solid(2, 1, 1, 0.5, **mesh)
+    frame = structures.beam_frame(
         [[0, 0], [0, 3]], [[0, 1]], EA=1e9, EI=1e7, rhoA=100.0, mass="lumped", rotary=0.01
     )
-    rod = models.rod(4, 2.0, EA=3.0, rhoA=12.0, mass="lumped")
-    chain = models.chain(4, 2.0, 5.0)
-    structures = dict(plate=plate, solid=solid, frame=frame, rod=rod, chain=chain)
-    made = {name: (s.M, s.K) for name, s in structures.items()}
+    rod = structures.rod(4, 2.0, EA=3.0, rhoA=12.0, mass="lumped")
+    chain = structures.chain(4, 2.0, 5.0)
+    each = dict(plate=plate, solid=solid, frame=frame, rod=rod, chain=chain)
+    made = {name: (s.M, s.K) for name, s in each.items()}
     made["shear_frame"] = models.shear_frame(MASSES, SPRINGS)
     for form in FORMS:
         held = pm.reduce(MASSES, FORMS[form](FRAME_K), fixed=[0])
@@ -198,7 +198,7 @@ def test_modal_damping_with_one_ratio_damps_all_modes():
 
 
 def test_modal_damping_leaves_rigid_motions_and_massless_dofs_free():
-    chain = models.chain(3, [2.0, 1.0, 0.0], [8.0, 8.0])
+    chain = structures.chain(3, [2.0, 1.0, 0.0], [8.0, 8.0])
     C = models.modal_damping(chain.M, chain.K, 0.1).toarray()
     # dof 2 moves with dof 1; two masses on a spring: omega^2 = k (1/m1 + 1/m2) = 12
     reduced = np.array([1.0, -1.0]) * np.sqrt(2.0 / 3.0)  # M x, with x^T M x = 1

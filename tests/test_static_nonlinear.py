@@ -5,7 +5,7 @@ import pytest
 from test_internal_input import compiled
 
 import pmalpha as pm
-from pmalpha import structures as models
+from pmalpha import structures
 
 IMPLICIT, EXPLICIT = pm.GeneralizedAlpha(0.8), pm.CentralDifference()
 
@@ -46,7 +46,7 @@ def test_a_hardening_spring_carries_its_load():
 
 
 def cantilever(n, EI=1.0):
-    beam = models.corotational_frame(
+    beam = structures.corotational_frame(
         [[0, 0], [1, 0]], [[0, 1]], EA=1e6, EI=EI, rhoA=1.0, divisions=n
     )
     return beam, int(np.argmax(beam.points[:, 0]))
@@ -93,8 +93,8 @@ def test_two_halves_of_a_beam_are_the_whole_beam():
     u = np.zeros(beam.n)
     u[free] = pm.Coupler([s], dt=0.01).static()["beam"]
     options = {"EA": 1e6, "EI": 1.0, "rhoA": 1.0, "divisions": 4}
-    left = models.corotational_frame([[0, 0], [0.5, 0]], [[0, 1]], **options)
-    right = models.corotational_frame([[0.5, 0], [1, 0]], [[0, 1]], **options)
+    left = structures.corotational_frame([[0, 0], [0.5, 0]], [[0, 1]], **options)
+    right = structures.corotational_frame([[0.5, 0], [1, 0]], [[0, 1]], **options)
     load = np.zeros(right.n)
     load[right.dofs(1, "uy")] = 5.0
     a, own = held(left, left.dofs(0), "a", np.zeros(left.n))
@@ -108,7 +108,7 @@ def test_two_halves_of_a_beam_are_the_whole_beam():
 
 def cable(sag=0.0, **options):
     """A hanging cable of 8 pieces between (0, 0) and (2, 0), with its weight."""
-    line = models.truss(
+    line = structures.truss(
         [[0, 0], [2, 0]], [[0, 1]], EA=1e3, rhoA=1.0, divisions=8, slack=True, mass="lumped",
         **options,
     )  # fmt: skip
@@ -163,8 +163,8 @@ def test_a_cable_stays_at_rest():
 
 def test_a_bent_beam_of_two_subdomains_stays_at_rest():
     options = {"EA": 1e3, "EI": 1.0, "rhoA": 1.0, "divisions": 3}
-    left = models.corotational_frame([[0, 0], [0.5, 0]], [[0, 1]], **options)
-    right = models.corotational_frame([[0.5, 0], [1, 0]], [[0, 1]], **options)
+    left = structures.corotational_frame([[0, 0], [0.5, 0]], [[0, 1]], **options)
+    right = structures.corotational_frame([[0.5, 0], [1, 0]], [[0, 1]], **options)
     load = np.zeros(right.n)
     load[right.dofs(1, "uy")] = 3.0
     for coupling in ("pm", "gc", "macro"):
@@ -178,8 +178,8 @@ def test_a_bent_beam_of_two_subdomains_stays_at_rest():
 @pytest.mark.parametrize("steps", [1, 5])
 def test_a_plastic_solid_stays_at_rest(steps):
     """Pulled to beyond yield; load steps do not change which state it is."""
-    steel = models.J2Plasticity(200.0, 0.3, 0.3, isotropic=20.0)
-    block = models.nonlinear_solid((3, 2), 0.5, steel, rho=1.0, mass="lumped")
+    steel = structures.J2Plasticity(200.0, 0.3, 0.3, isotropic=20.0)
+    block = structures.nonlinear_solid((3, 2), 0.5, steel, rho=1.0, mass="lumped")
     load = np.zeros(block.n)
     load[block.dofs(block.nodes_at(x=1.5), "ux")] = 0.2
     s, _ = held(block, block.dofs(block.nodes_at(x=0.0)), "block", load)
@@ -229,7 +229,7 @@ def test_an_equilibrium_is_found_again_from_itself():
 
 
 def test_a_prestressed_cable_without_load_stays_straight():
-    line = models.truss(
+    line = structures.truss(
         [[0.1, 0.3], [2.0, 0.7]], [[0, 1]], EA=1e3, rhoA=1.0, divisions=7, prestress=5.0
     )
     s, _ = held(line, line.dofs([0, 1]), "cable", np.zeros(line.n))
@@ -239,7 +239,7 @@ def test_a_prestressed_cable_without_load_stays_straight():
 
 def test_of_two_equilibria_the_one_near_to_the_initial_displacements_is_found():
     """A von Mises truss of two bars, before and after it has snapped through."""
-    arch = models.truss([[-1, 0], [0, 0.2], [1, 0]], [[0, 1], [1, 2]], EA=100.0, rhoA=1.0)
+    arch = structures.truss([[-1, 0], [0, 0.2], [1, 0]], [[0, 1], [1, 2]], EA=100.0, rhoA=1.0)
     fixed = arch.dofs([0, 2])
     for start, below in ((0.0, False), (-0.4, True)):
         s, _ = held(arch, fixed, "arch", np.zeros(arch.n), u0=[0.0, start + 0.01])
@@ -276,7 +276,7 @@ def test_a_structure_that_only_an_open_stop_holds_is_floating():
 
 def test_an_equilibrium_that_is_not_stable_is_refused():
     """Exactly at the top of its snap-through a bar has no stiffness upwards."""
-    arch = models.truss([[-1, 0], [0, 0.2], [1, 0]], [[0, 1], [1, 2]], EA=100.0, rhoA=1.0)
+    arch = structures.truss([[-1, 0], [0, 0.2], [1, 0]], [[0, 1], [1, 2]], EA=100.0, rhoA=1.0)
     s, _ = held(arch, arch.dofs([0, 2]), "arch", np.zeros(arch.n), u0=[0.0, -0.2])
     with pytest.raises(pm.FactorizationError, match="indefinite"):
         pm.Coupler([s], dt=0.01).static()

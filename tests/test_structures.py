@@ -9,7 +9,7 @@ from skfem.helpers import dot
 from skfem.models.elasticity import lame_parameters, linear_elasticity, plane_stress
 
 import pmalpha as pm
-from pmalpha import models
+from pmalpha import models, structures
 
 STEEL = {"E": 210.0, "nu": 0.3, "rho": 7.8}
 
@@ -21,14 +21,16 @@ def largest(A):
 
 def distorted_plate(**options):
     """4 x 3 elements on 2 x 1.5; inner points moved by up to a quarter of an edge."""
-    grid = models.plate(4, 3, 0.5, **STEEL)
-    return models.plate_on(moved_inside(grid), grid.elements["quad"], **{**STEEL, **options})
+    grid = structures.plate(4, 3, 0.5, **STEEL)
+    return structures.plate_on(moved_inside(grid), grid.elements["quad"], **{**STEEL, **options})
 
 
 def distorted_solid(**options):
     """3 x 4 x 3 elements on 1.5 x 2 x 1.5; inner points moved by up to a quarter of an edge."""
-    grid = models.solid(3, 4, 3, 0.5, **STEEL)
-    return models.solid_on(moved_inside(grid), grid.elements["hexahedron"], **{**STEEL, **options})
+    grid = structures.solid(3, 4, 3, 0.5, **STEEL)
+    return structures.solid_on(
+        moved_inside(grid), grid.elements["hexahedron"], **{**STEEL, **options}
+    )
 
 
 def moved_inside(grid):
@@ -43,8 +45,8 @@ def all_structures(mass):
     corners, members = [[0, 0], [0, 3], [4, 3], [4, 0]], [[0, 1], [1, 2], [3, 2]]
     frame = {"EA": [50.0, 60.0, 70.0], "EI": [3.0, 4.0, 5.0], "rhoA": [1.0, 2.0, 3.0]}
     return {
-        "rod": models.rod(5, 2.0, EA=[1.0, 2, 3, 4, 5], rhoA=[5.0, 4, 3, 2, 1], mass=mass),
-        "frame": models.beam_frame(corners, members, **frame, divisions=[2, 3, 1], mass=mass),
+        "rod": structures.rod(5, 2.0, EA=[1.0, 2, 3, 4, 5], rhoA=[5.0, 4, 3, 2, 1], mass=mass),
+        "frame": structures.beam_frame(corners, members, **frame, divisions=[2, 3, 1], mass=mass),
         "plate": distorted_plate(mass=mass, E=np.arange(1.0, 13.0), t=0.2),
         "solid": distorted_solid(mass=mass, E=np.arange(1.0, 37.0)),
     }
@@ -59,22 +61,22 @@ KINDS = ["rod", "frame", "plate", "solid"]
 def test_a_chain_on_the_ground_is_a_shear_frame():
     masses, springs = [3.0, 2.0, 1.0], [30.0, 20.0, 10.0]
     M, K = models.shear_frame(masses, springs)
-    chain = models.chain(3, masses, springs[1:], ground=(springs[0], 0.0))
+    chain = structures.chain(3, masses, springs[1:], ground=(springs[0], 0.0))
     np.testing.assert_array_equal(chain.M.toarray(), M.toarray())  # whole numbers: no rounding
     np.testing.assert_array_equal(chain.K.toarray(), K.toarray())
 
 
 def test_a_chain_between_two_walls_has_the_frequencies_of_the_textbook():
     n, m, k = 9, 2.0, 50.0
-    chain = models.chain(n, m, k, ground=(k, k))
+    chain = structures.chain(n, m, k, ground=(k, k))
     # omega_i = 2 sqrt(k/m) sin(i pi / (2 (n + 1)))
     expected = 10.0 * np.sin(np.arange(1, n + 1) * np.pi / (2 * (n + 1)))
-    omegas, _ = models.modes(chain.M, chain.K, n)
+    omegas, _ = structures.modes(chain.M, chain.K, n)
     np.testing.assert_allclose(omegas, expected, rtol=1e-13)  # rounding, condition number 40
 
 
 def test_a_chain_of_one_mass_hangs_on_its_two_springs():
-    chain = models.chain(1, 2.0, 7.0, ground=(3.0, 5.0))
+    chain = structures.chain(1, 2.0, 7.0, ground=(3.0, 5.0))
     assert chain.M.toarray().tolist() == [[2.0]]
     assert chain.K.toarray().tolist() == [[8.0]]
     assert chain.elements["line"].shape == (0, 2)
@@ -95,8 +97,8 @@ def rod_frequencies(mass, theta, c_over_h):
 @pytest.mark.parametrize("fixed, half", [([0], 0.5), ([], 1.0)])
 def test_a_rod_has_the_frequencies_of_its_difference_equation(mass, fixed, half):
     n = 20
-    rod = models.rod(n, 3.0, EA=8.0, rhoA=2.0, mass=mass)  # c = 2
-    omegas, shapes = models.modes(rod.M, rod.K, n, fixed=fixed)
+    rod = structures.rod(n, 3.0, EA=8.0, rhoA=2.0, mass=mass)  # c = 2
+    omegas, shapes = structures.modes(rod.M, rod.K, n, fixed=fixed)
     # fixed-free (i - 1/2) pi, free-free (i - 1) pi, over the length
     i = np.arange(1, n + 1)
     theta = (i - half) * np.pi / n
@@ -114,8 +116,8 @@ def test_a_rod_has_the_frequencies_of_its_difference_equation(mass, fixed, half)
 def test_the_frequencies_of_a_rod_converge_with_order_two(mass, side):
     exact = np.array([0.5, 1.5, 2.5]) * np.pi * 2.0 / 3.0  # (i - 1/2) pi c / L
     for n in (40, 80):
-        rod = models.rod(n, 3.0, EA=8.0, rhoA=2.0, mass=mass)
-        error = models.modes(rod.M, rod.K, 3, fixed=[0])[0] / exact - 1.0
+        rod = structures.rod(n, 3.0, EA=8.0, rhoA=2.0, mass=mass)
+        error = structures.modes(rod.M, rod.K, 3, fixed=[0])[0] / exact - 1.0
         theta = (np.arange(3) + 0.5) * np.pi / n
         # +- theta^2 / 24 and terms of theta^4, of which there are 0.03 relative to the first
         np.testing.assert_allclose(error, side * theta**2 / 24.0, rtol=0.01)
@@ -123,7 +125,7 @@ def test_the_frequencies_of_a_rod_converge_with_order_two(mass, side):
 
 def test_a_rod_of_two_materials_stretches_like_springs_in_a_row():
     EA = np.array([1.0, 2.0, 4.0, 5.0])
-    rod = models.rod(4, 2.0, EA=EA, rhoA=1.0, origin=-1.0)
+    rod = structures.rod(4, 2.0, EA=EA, rhoA=1.0, origin=-1.0)
     np.testing.assert_array_equal(rod.points[:, 0], [-1.0, -0.5, 0.0, 0.5, 1.0])
     u = np.linalg.solve(rod.K[1:, 1:].toarray(), [0.0, 0.0, 0.0, 3.0])
     # u = sum F h / EA; rounding
@@ -132,7 +134,7 @@ def test_a_rod_of_two_materials_stretches_like_springs_in_a_row():
 
 def test_a_lumped_rod_carries_a_pulse_exactly_at_the_critical_step():
     n, steps = 40, 15
-    rod = models.rod(n, 4.0, EA=9.0, rhoA=1.0, mass="lumped")  # c = 3, h = 0.1
+    rod = structures.rod(n, 4.0, EA=9.0, rhoA=1.0, mass="lumped")  # c = 3, h = 0.1
     pulse = np.zeros(n + 1)
     pulse[18:23] = [0.25, 0.75, 1.0, 0.75, 0.25]
     bar = rod.subdomain(scheme=pm.CentralDifference(), u0=pulse)
@@ -151,7 +153,7 @@ def beam(n, mass="consistent", slope=(1.0, 0.0), **options):
     end = 5.0 * np.array(slope) / np.hypot(*slope)
     properties = {"EA": 1e5, "EI": 3.0, "rhoA": 2.0}
     line = [[0.0, 0.0], end]
-    return models.beam_frame(line, [[0, 1]], **properties, divisions=n, mass=mass, **options)
+    return structures.beam_frame(line, [[0, 1]], **properties, divisions=n, mass=mass, **options)
 
 
 # cos x cosh x = -1, and +1
@@ -175,7 +177,7 @@ def test_a_beam_has_the_frequencies_of_the_textbook_and_converges_with_order_fou
     bending = roots > 0.0
     for n in (8, 16):
         frame = beam(n)
-        omegas, _ = models.modes(frame.M, frame.K, len(roots), fixed=fixed)
+        omegas, _ = structures.modes(frame.M, frame.K, len(roots), fixed=fixed)
         assert np.all(omegas[~bending] == 0.0)
         error = omegas[bending] / beam_frequencies(roots[bending]) - 1.0
         # energy of the interpolation error of the mode, h^4/720 int u''''^2, over twice int u''^2;
@@ -205,7 +207,7 @@ def test_a_supported_beam_has_the_frequencies_of_its_difference_equation(mass, r
     frame = beam(n, mass, slope=(3.0, 4.0), rotary=rotary)
     fixed = frame.dofs([0, 1], ["ux", "uy"])
     expected = [supported_frequency(i * np.pi / n, 5.0 / n, mass, rotary) for i in (1, 2, 3, 4)]
-    omegas, _ = models.modes(frame.M, frame.K, 4, fixed=fixed)
+    omegas, _ = structures.modes(frame.M, frame.K, 4, fixed=fixed)
     # rounding: eps times EA h^2 / EI = 1e4 times (n / pi)^4 = 100
     np.testing.assert_allclose(omegas, expected, rtol=1e-9)
 
@@ -215,7 +217,7 @@ def test_a_cantilever_of_lumped_mass_converges_with_order_two(rotary):
     errors = []
     for n in (16, 32):
         frame = beam(n, "lumped", rotary=rotary)
-        omegas, _ = models.modes(frame.M, frame.K, 3, fixed=[0, 1, 2])
+        omegas, _ = structures.modes(frame.M, frame.K, 3, fixed=[0, 1, 2])
         errors.append(np.abs(omegas / beam_frequencies(CANTILEVER) - 1.0))
     # order 2 is a factor of 4; the next term is some (7.85/16)^2 / 4 = 6 % of the first
     np.testing.assert_allclose(errors[0] / errors[1], 4.0, rtol=0.08)
@@ -243,7 +245,7 @@ def test_a_beam_in_any_direction_bends_under_a_load_at_its_tip_as_in_the_textboo
 def test_a_beam_is_a_rod_along_its_axis(mass):
     n = 4
     frame = beam(n, mass)
-    rod = models.rod(n, 5.0, EA=1e5, rhoA=2.0, mass=mass)
+    rod = structures.rod(n, 5.0, EA=1e5, rhoA=2.0, mass=mass)
     along = frame.dofs([0, *range(2, n + 1), 1], "ux")  # the end given is node 1
     np.testing.assert_allclose(frame.points[along // 3, 0], rod.points[:, 0], rtol=1e-15)
     M = frame.M.toarray()[np.ix_(along, along)]
@@ -267,10 +269,10 @@ def test_a_frame_that_is_turned_keeps_its_frequencies(mass):
     c, s = np.cos(0.7), np.sin(0.7)
     omegas = []
     for points in (corners, corners @ np.array([[c, s], [-s, c]])):
-        frame = models.beam_frame(
+        frame = structures.beam_frame(
             points, members, EA=50.0, EI=3.0, rhoA=2.0, divisions=2, mass=mass
         )
-        omegas.append(models.modes(frame.M, frame.K, 9, fixed=frame.dofs([0, 2]))[0])
+        omegas.append(structures.modes(frame.M, frame.K, 9, fixed=frame.dofs([0, 2]))[0])
     np.testing.assert_allclose(*omegas, rtol=1e-11)  # rounding, condition number 1e4
 
 
@@ -284,7 +286,7 @@ def test_the_lumped_masses_of_a_beam_have_the_ratios_of_the_consistent_diagonal(
 
 def test_members_are_cut_into_equal_elements_in_their_own_direction():
     points = [[0.0, 0.0], [0.0, 3.0], [4.0, 3.0]]
-    nodes, lines, member = models.subdivide(points, [[1, 0], [1, 2]], [3, 1])
+    nodes, lines, member = structures.subdivide(points, [[1, 0], [1, 2]], [3, 1])
     assert nodes[3:].tolist() == [[0.0, 2.0], [0.0, 1.0]]
     assert lines.tolist() == [[1, 3], [3, 4], [4, 0], [1, 2]]
     assert member.tolist() == [0, 0, 0, 1]
@@ -292,7 +294,7 @@ def test_members_are_cut_into_equal_elements_in_their_own_direction():
 
 def test_members_that_are_not_cut_stay_as_they_are():
     points, members = [[0.0, 0.0], [0.0, 3.0], [4.0, 3.0]], [[0, 1], [2, 1]]
-    nodes, lines, member = models.subdivide(points, members, 1)
+    nodes, lines, member = structures.subdivide(points, members, 1)
     assert (nodes.tolist(), lines.tolist(), member.tolist()) == (points, members, [0, 1])
 
 
@@ -321,7 +323,7 @@ def test_rigid_motions_have_no_energy_and_are_all_that_have_none(kind, mass):
     # rounding of a row: some 100 terms
     assert largest(structure.K @ rigid) < 1e-13 * largest(structure.K) * largest(rigid)
     count = rigid.shape[1]
-    omegas, _ = models.modes(structure.M, structure.K, count + 1)
+    omegas, _ = structures.modes(structure.M, structure.K, count + 1)
     assert np.all(omegas[:count] == 0.0)
     # a spurious mode of no energy has omega^2 of eps times the highest one, not a thousandth of
     # the ratio of stiffness to mass
@@ -442,7 +444,7 @@ def test_a_linear_displacement_strains_a_distorted_solid_evenly():
 
 def test_nodes_and_elements_of_a_plate_are_where_the_docstring_states():
     nx, ny, h = 3, 2, (0.5, 0.25)
-    plate = models.plate(nx, ny, h, **STEEL, origin=(1.0, 2.0))
+    plate = structures.plate(nx, ny, h, **STEEL, origin=(1.0, 2.0))
     for i, j in np.ndindex(nx + 1, ny + 1):
         place = plate.points[(ny + 1) * i + j]
         assert place.tolist() == [1.0 + 0.5 * i, 2.0 + 0.25 * j]
@@ -453,7 +455,7 @@ def test_nodes_and_elements_of_a_plate_are_where_the_docstring_states():
 
 def test_nodes_and_elements_of_a_solid_are_where_the_docstring_states():
     nx, ny, nz = 2, 3, 4
-    solid = models.solid(nx, ny, nz, (1.0, 2.0, 4.0), **STEEL)
+    solid = structures.solid(nx, ny, nz, (1.0, 2.0, 4.0), **STEEL)
     for i, j, k in np.ndindex(nx + 1, ny + 1, nz + 1):
         place = solid.points[((ny + 1) * i + j) * (nz + 1) + k]
         assert place.tolist() == [i, 2.0 * j, 4.0 * k]
@@ -466,15 +468,15 @@ def test_nodes_and_elements_of_a_solid_are_where_the_docstring_states():
 def test_a_regular_mesh_gives_what_the_general_function_gives_on_it(mass):
     E = np.arange(1.0, 7.0).reshape(3, 2)
     rho = 10.0 - E
-    plate = models.plate(3, 2, (0.5, 0.3), E=E, nu=0.3, rho=rho, mass=mass)
-    same = models.plate_on(
+    plate = structures.plate(3, 2, (0.5, 0.3), E=E, nu=0.3, rho=rho, mass=mass)
+    same = structures.plate_on(
         plate.points, plate.elements["quad"], E=E.ravel(), nu=0.3, rho=rho.ravel(), mass=mass
     )
     E = np.arange(1.0, 13.0).reshape(3, 2, 2)
-    solid = models.solid(3, 2, 2, (0.5, 0.3, 0.2), E=E, nu=0.3, rho=1.0 / E, mass=mass)
+    solid = structures.solid(3, 2, 2, (0.5, 0.3, 0.2), E=E, nu=0.3, rho=1.0 / E, mass=mass)
     E = E.ravel()
     hexahedra = solid.elements["hexahedron"]
-    alike = models.solid_on(solid.points, hexahedra, E=E, nu=0.3, rho=1.0 / E, mass=mass)
+    alike = structures.solid_on(solid.points, hexahedra, E=E, nu=0.3, rho=1.0 / E, mass=mass)
     for ours, other in ((plate, same), (solid, alike)):
         for A, B in ((ours.K, other.K), (ours.M, other.M)):
             assert largest(A - B) < 1e-14 * largest(A)  # rounding of the Jacobians
@@ -492,9 +494,9 @@ def axial(structure, shape):
 def test_without_lateral_contraction_the_axial_modes_are_those_of_a_rod(kind, mass):
     n, material = 12, {"E": 4.0, "nu": 0.0, "rho": 1.0, "mass": mass}  # c = 2, h = 0.25
     if kind == "plate":
-        bar = models.plate(n, 2, (0.25, 0.3), **material, t=0.7)
+        bar = structures.plate(n, 2, (0.25, 0.3), **material, t=0.7)
     else:
-        bar = models.solid(n, 2, 3, (0.25, 0.3, 0.2), **material)
+        bar = structures.solid(n, 2, 3, (0.25, 0.3, 0.2), **material)
     for i in (1, 3, 7):
         theta = (i - 0.5) * np.pi / n  # fixed at x = 0
         mode = axial(bar, np.sin(theta * bar.points[:, 0] / 0.25))
@@ -507,9 +509,9 @@ def test_without_lateral_contraction_the_axial_modes_are_those_of_a_rod(kind, ma
 def test_a_solid_bar_has_the_axial_frequency_of_a_rod():
     n, length, b = 20, 10.0, 0.5
     # a quarter of a bar 2b x 2b: planes of symmetry keep bending and torsion out
-    bar = models.solid(n, 2, 2, (length / n, b / 2.0, b / 2.0), E=4.0, nu=0.3, rho=1.0)
+    bar = structures.solid(n, 2, 2, (length / n, b / 2.0, b / 2.0), E=4.0, nu=0.3, rho=1.0)
     held = [bar.dofs(bar.nodes_at(**{a: 0.0}), f"u{a}") for a in "xyz"]
-    omegas, _ = models.modes(bar.M, bar.K, 1, fixed=np.concatenate(held))
+    omegas, _ = structures.modes(bar.M, bar.K, 1, fixed=np.concatenate(held))
     k = 0.5 * np.pi / length
     # (k h)^2 / 24 = 2.6e-4 above by the mesh, nu^2 k^2 (2b)^2 / 12 = 1.9e-4 below by the lateral
     # inertia (Rayleigh, Love), of which a coarse mesh gets the half. With lateral strain held the
@@ -534,9 +536,9 @@ def timoshenko(root, squared_radius, shear):
 
 def test_a_slender_cantilever_plate_has_the_frequencies_of_a_beam():
     length, ny = 20.0, 6
-    plate = models.plate(20 * ny, ny, 1.0 / ny, E=12.0, nu=0.0, rho=1.0)
+    plate = structures.plate(20 * ny, ny, 1.0 / ny, E=12.0, nu=0.0, rho=1.0)
     fixed = plate.dofs(plate.nodes_at(x=0.0))
-    omegas, _ = models.modes(plate.M, plate.K, 2, fixed=fixed)
+    omegas, _ = structures.modes(plate.M, plate.K, 2, fixed=fixed)
     roots = CANTILEVER[:2]
     error = omegas / (roots / length) ** 2 - 1.0  # EI = rhoA = 1
     # The bilinear element locks: bending strains it with a shear of curvature times distance from
@@ -552,9 +554,9 @@ def test_a_slender_cantilever_plate_has_the_frequencies_of_a_beam():
 def test_a_plate_of_two_materials_is_the_sum_of_two_plates():
     E = np.array([[1.0, 1.0], [1.0, 1.0], [5.0, 5.0]])
     rho = np.array([[3.0, 3.0], [3.0, 3.0], [2.0, 2.0]])
-    whole = models.plate(3, 2, 0.5, E=E, nu=0.3, rho=rho)
-    left = models.plate(2, 2, 0.5, E=1.0, nu=0.3, rho=3.0)
-    right = models.plate(1, 2, 0.5, E=5.0, nu=0.3, rho=2.0, origin=(1.0, 0.0))
+    whole = structures.plate(3, 2, 0.5, E=E, nu=0.3, rho=rho)
+    left = structures.plate(2, 2, 0.5, E=1.0, nu=0.3, rho=3.0)
+    right = structures.plate(1, 2, 0.5, E=5.0, nu=0.3, rho=2.0, origin=(1.0, 0.0))
     np.testing.assert_array_equal(np.vstack([left.points[:6], right.points]), whole.points)
     for name in ("M", "K"):
         total = np.zeros((24, 24))
@@ -566,8 +568,8 @@ def test_a_plate_of_two_materials_is_the_sum_of_two_plates():
 def test_two_plates_coupled_by_gc_have_the_displacements_of_another_program():
     nx, ny, h = 99, 24, 0.1
     material = {"E": 1000.0, "nu": 0.3, "rho": 100.0}
-    left = models.plate(nx, ny, h, **material)
-    right = models.plate(nx, ny, h, **material, mass="lumped", origin=(nx * h, 0.0))
+    left = structures.plate(nx, ny, h, **material)
+    right = structures.plate(nx, ny, h, **material, mass="lumped", origin=(nx * h, 0.0))
     free = np.setdiff1d(np.arange(left.n), left.dofs(left.nodes_at(x=0.0)))
     lower = right.nodes_at(y=0.0)
     load = np.zeros(right.n)
@@ -625,9 +627,9 @@ def case(kind):
     if kind == "plate":
         lam, mu = plane_stress(E, nu)
         options = {"E": E, "nu": nu, "rho": rho, "t": t}
-        return models.plate_on, structure, options, (t * lam, t * mu, t * rho)
+        return structures.plate_on, structure, options, (t * lam, t * mu, t * rho)
     lam, mu = lame_parameters(E, nu)
-    return models.solid_on, structure, {"E": E, "nu": nu, "rho": rho}, (lam, mu, rho)
+    return structures.solid_on, structure, {"E": E, "nu": nu, "rho": rho}, (lam, mu, rho)
 
 
 def assert_same(ours, theirs):
@@ -654,7 +656,7 @@ def test_matrices_over_some_of_the_elements_sum_to_the_whole(kind):
     left = mesh.points[elements].mean(axis=1)[:, 0] < 0.8
     totals = [np.zeros((whole.n, whole.n)) for _ in range(4)]
     for chosen in (np.flatnonzero(left), np.flatnonzero(~left)):
-        points, renumbered, nodes = models.submesh(mesh.points, elements[chosen])
+        points, renumbered, nodes = structures.submesh(mesh.points, elements[chosen])
         some = build(points, renumbered, **{name: x[chosen] for name, x in options.items()})
         assert some.n < whole.n
         dofs = whole.dofs(nodes)
@@ -672,13 +674,13 @@ def test_matrices_over_some_of_the_elements_sum_to_the_whole(kind):
 
 
 def test_modes_by_arpack_are_those_of_a_dense_solver():
-    plate = models.plate(16, 6, 0.1, **STEEL)  # 224 free dofs: above what is solved densely
+    plate = structures.plate(16, 6, 0.1, **STEEL)  # 224 free dofs: above what is solved densely
     fixed = plate.dofs(plate.nodes_at(x=0.0))
     free = np.setdiff1d(np.arange(plate.n), fixed)
     squares = scipy.linalg.eigh(
         plate.K[free][:, free].toarray(), plate.M[free][:, free].toarray(), eigvals_only=True
     )
-    omegas, _ = models.modes(plate.M, plate.K, 8, fixed=fixed)
+    omegas, _ = structures.modes(plate.M, plate.K, 8, fixed=fixed)
     # rounding of the dense solver: eps times the highest square, which is 1e5 times the lowest
     np.testing.assert_allclose(omegas**2, squares[:8], rtol=1e-10)
 
@@ -686,9 +688,9 @@ def test_modes_by_arpack_are_those_of_a_dense_solver():
 @pytest.mark.parametrize("nx", [6, 20])  # dense, ARPACK
 @pytest.mark.parametrize("mass", ["consistent", "lumped"])
 def test_modes_solve_the_eigenvalue_problem_and_are_mass_normalised(nx, mass):
-    plate = models.plate(nx, 6, 0.1, **STEEL, mass=mass)
+    plate = structures.plate(nx, 6, 0.1, **STEEL, mass=mass)
     fixed = plate.dofs(plate.nodes_at(x=0.0), "ux")  # still free along y
-    omegas, X = models.modes(plate.M, plate.K, 6, fixed=fixed)
+    omegas, X = structures.modes(plate.M, plate.K, 6, fixed=fixed)
     M = plate.M
     np.testing.assert_allclose(X.T @ (M @ X), np.eye(6), rtol=0.0, atol=1e-12)  # rounding
     assert omegas[0] == 0.0 and np.all(np.diff(omegas) > 0.0)
@@ -709,15 +711,15 @@ def test_dofs_without_mass_follow_the_others(n):
     follow = -np.linalg.solve(K[np.ix_(rotations, rotations)], K[np.ix_(rotations, moving)])
     condensed = K[np.ix_(moving, moving)] + K[np.ix_(moving, rotations)] @ follow
     squares = scipy.linalg.eigh(condensed, np.diag(frame.M.diagonal()[moving]), eigvals_only=True)
-    omegas, X = models.modes(frame.M, frame.K, 3, fixed=fixed)
+    omegas, X = structures.modes(frame.M, frame.K, 3, fixed=fixed)
     # rounding: K is up to 12 EI / h^3, omega^2 m down to EI h / L^4: (n^4 = 2e8) times eps
     np.testing.assert_allclose(omegas**2, squares[:3], rtol=1e-6)
     np.testing.assert_allclose(X[rotations], follow @ X[moving], rtol=0.0, atol=1e-8)
 
 
 def test_all_modes_of_a_small_structure_can_be_computed():
-    plate = models.plate(2, 1, 0.5, **STEEL)
-    omegas, X = models.modes(plate.M, plate.K, plate.n)
+    plate = structures.plate(2, 1, 0.5, **STEEL)
+    omegas, X = structures.modes(plate.M, plate.K, plate.n)
     # completeness: sum of x x^T is the inverse of M; rounding
     np.testing.assert_allclose(X @ X.T @ plate.M.toarray(), np.eye(plate.n), atol=1e-12)
     rebuilt = plate.M @ (X * omegas**2) @ (plate.M @ X).T
@@ -725,28 +727,28 @@ def test_all_modes_of_a_small_structure_can_be_computed():
 
 
 def test_modes_accept_matrices_of_every_format():
-    chain = models.chain(4, 2.0, 5.0, ground=(1.0, 0.0))
-    expected = models.modes(chain.M, chain.K, 4)
+    chain = structures.chain(4, 2.0, 5.0, ground=(1.0, 0.0))
+    expected = structures.modes(chain.M, chain.K, 4)
     for M in (chain.M.toarray(), chain.M.diagonal(), sp.csr_matrix(chain.M)):
         for K in (chain.K.toarray(), chain.K.tocoo()):
-            omegas, shapes = models.modes(M, K, 4)
+            omegas, shapes = structures.modes(M, K, 4)
             np.testing.assert_allclose(omegas, expected[0], rtol=1e-13)  # rounding
             np.testing.assert_allclose(shapes, expected[1], atol=1e-13)
 
 
 def test_modes_are_the_same_in_every_run():
-    plate = models.plate(20, 6, 0.1, **STEEL)
-    first, second = (models.modes(plate.M, plate.K, 5) for _ in range(2))
+    plate = structures.plate(20, 6, 0.1, **STEEL)
+    first, second = (structures.modes(plate.M, plate.K, 5) for _ in range(2))
     np.testing.assert_array_equal(first[1], second[1])
 
 
 @pytest.mark.parametrize("n", [5, 300])  # dense, ARPACK
 def test_an_indefinite_stiffness_has_no_modes(n):
-    chain = models.chain(n, 1.0, 1.0)
+    chain = structures.chain(n, 1.0, 1.0)
     held = np.zeros(n)
     held[n // 2] = -0.1
     with pytest.raises(ValueError, match="K must be positive semidefinite"):
-        models.modes(chain.M, chain.K + sp.diags_array(held), 2)
+        structures.modes(chain.M, chain.K + sp.diags_array(held), 2)
 
 
 @pytest.mark.parametrize("n", [5, 300])
@@ -754,7 +756,7 @@ def test_a_dof_without_mass_and_stiffness_is_refused(n):
     M, K = np.ones(n), np.ones(n)
     M[2] = K[2] = 0.0
     with pytest.raises(ValueError, match="every dof have mass or stiffness"):
-        models.modes(M, K, 2)
+        structures.modes(M, K, 2)
 
 
 @pytest.mark.parametrize(
@@ -774,14 +776,14 @@ def test_a_dof_without_mass_and_stiffness_is_refused(n):
 def test_invalid_arguments_of_modes_are_named(change, error, message):
     arguments = {"M": [1.0, 0.0, 1.0], "K": [1.0, 1.0, 1.0], "k": 1, **change}
     with pytest.raises(error, match=message):
-        models.modes(**arguments)
+        structures.modes(**arguments)
 
 
 # ---- Structure ------------------------------------------------------------------------------
 
 
 def test_nodes_are_found_by_a_condition_and_by_coordinates():
-    plate = models.plate(3, 2, 0.1, **STEEL, origin=(0.7, 0.0))
+    plate = structures.plate(3, 2, 0.1, **STEEL, origin=(0.7, 0.0))
     # 0.7 + 3 * 0.1 is not 1.0 in floating point
     assert plate.nodes_at(x=1.0).tolist() == [9, 10, 11]
     assert plate.nodes_at(x=0.9, y=0.2).tolist() == [8]
@@ -789,7 +791,7 @@ def test_nodes_are_found_by_a_condition_and_by_coordinates():
 
 
 def test_dofs_come_node_by_node():
-    plate = models.plate(1, 1, 1.0, **STEEL)
+    plate = structures.plate(1, 1, 1.0, **STEEL)
     assert plate.dofs([3, 0]).tolist() == [6, 7, 0, 1]
     assert plate.dofs([3, 0], "uy").tolist() == [7, 1]
     assert plate.dofs(2, ("uy", "ux")).tolist() == [5, 4]
@@ -797,9 +799,9 @@ def test_dofs_come_node_by_node():
 
 @pytest.mark.parametrize("mass", ["consistent", "lumped"])
 def test_rayleigh_damping_gives_each_mode_its_ratio(mass):
-    plate = models.plate(5, 2, 0.5, **STEEL, mass=mass)
+    plate = structures.plate(5, 2, 0.5, **STEEL, mass=mass)
     fixed = plate.dofs(plate.nodes_at(x=0.0))
-    omegas, X = models.modes(plate.M, plate.K, 4, fixed=fixed)
+    omegas, X = structures.modes(plate.M, plate.K, 4, fixed=fixed)
     C = plate.damping(*models.rayleigh([omegas[0], omegas[3]], [0.02, 0.05]))
     ratios = np.diag(X.T @ (C @ X)) / (2.0 * omegas)
     np.testing.assert_allclose(ratios[[0, 3]], [0.02, 0.05], rtol=1e-9)  # rounding of the modes
@@ -878,9 +880,9 @@ BOX = {"nx": 1, "ny": 1, "nz": 1, "h": 1.0, "E": 1.0, "nu": 0.3, "rho": 1.0}
     ],
 )
 def test_invalid_arguments_of_structures_are_named(build, given, change, error, message):
-    getattr(models, build)(**given)
+    getattr(structures, build)(**given)
     with pytest.raises(error, match=message):
-        getattr(models, build)(**{**given, **change})
+        getattr(structures, build)(**{**given, **change})
 
 
 @pytest.mark.parametrize(
@@ -900,9 +902,9 @@ def test_invalid_arguments_of_structures_are_named(build, given, change, error, 
 )
 def test_invalid_arguments_of_a_structure_are_named(call, error, message):
     with pytest.raises(error, match=message):
-        call(models.plate(**PLATE))
+        call(structures.plate(**PLATE))
 
 
 def test_matrices_and_points_of_a_structure_must_agree():
     with pytest.raises(ValueError, match="K must have 2 rows, 1 for each of 2 points, got 3"):
-        models.Structure(np.ones(2), sp.eye_array(3), np.zeros((2, 1)), {}, ("ux",))
+        structures.Structure(np.ones(2), sp.eye_array(3), np.zeros((2, 1)), {}, ("ux",))

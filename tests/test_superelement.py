@@ -10,7 +10,7 @@ from scipy import LowLevelCallable
 from scipy.linalg import expm
 
 import pmalpha as pm
-from pmalpha import models
+from pmalpha import structures
 
 SCHEME = pm.GeneralizedAlpha(0.8)
 STEEL = {"E": 100.0, "nu": 0.3, "rho": 1.0}
@@ -19,7 +19,7 @@ FORMATS = {"sparse": lambda A: A, "dense": lambda A: A.toarray()}
 
 def plate(nx=10, ny=3, mass="consistent"):
     """A cantilever, its free dofs, and the dofs of its free edge among them."""
-    structure = models.plate(nx, ny, 1.0, **STEEL, mass=mass)
+    structure = structures.plate(nx, ny, 1.0, **STEEL, mass=mass)
     held = pm.reduce(structure.M, structure.K, fixed=structure.dofs(structure.nodes_at(x=0.0)))
     edge = held.place(structure.dofs(structure.nodes_at(x=float(nx))))
     return held, edge
@@ -77,7 +77,7 @@ def counted(m):
 
 def test_guyan_reduction_of_a_chain_is_one_spring_and_the_mass_of_a_bar():
     n = 9
-    chain = models.chain(n, 1.0, 8.0).subdomain(scheme=SCHEME)
+    chain = structures.chain(n, 1.0, 8.0).subdomain(scheme=SCHEME)
     small, basis = chain.reduced([0, n - 1], modes=0)
     np.testing.assert_allclose(small.K, [[1.0, -1.0], [-1.0, 1.0]], rtol=1e-13)
     x = np.arange(n) / (n - 1)
@@ -87,7 +87,7 @@ def test_guyan_reduction_of_a_chain_is_one_spring_and_the_mass_of_a_bar():
 
 def test_frequencies_up_to_a_limit_are_all_of_them():
     n = 400  # clamped at both ends: 2 sqrt(k/m) sin(i pi / (2 (n - 1)))
-    chain = models.chain(n, 1.0, 1.0).subdomain(scheme=SCHEME)
+    chain = structures.chain(n, 1.0, 1.0).subdomain(scheme=SCHEME)
     i = np.arange(1, n - 1)
     exact = 2.0 * np.sin(i * np.pi / (2 * (n - 1)))
     _, basis = chain.reduced([0, n - 1], omega=exact[19] * (1.0 + 1e-9))
@@ -99,7 +99,7 @@ def test_frequencies_up_to_a_limit_are_all_of_them():
 
 
 def test_equal_frequencies_are_all_kept():
-    square = models.plate(16, 16, 1.0, **STEEL)  # symmetric: frequencies in pairs
+    square = structures.plate(16, 16, 1.0, **STEEL)  # symmetric: frequencies in pairs
     rim = square.nodes(lambda x, y: (x == 0) | (x == 16) | (y == 0) | (y == 16))
     s = square.subdomain(scheme=SCHEME)
     _, basis = s.reduced(square.dofs(rim), modes=6)
@@ -109,7 +109,7 @@ def test_equal_frequencies_are_all_kept():
 
 
 def test_rigid_motions_keep_their_mass_and_have_no_force():
-    structure = models.plate(6, 4, 1.0, **STEEL)
+    structure = structures.plate(6, 4, 1.0, **STEEL)
     keep = structure.dofs(structure.nodes_at(x=0.0))
     small, basis = structure.subdomain(scheme=SCHEME).reduced(keep, modes=2)
     x, y = structure.points.T
@@ -122,11 +122,11 @@ def test_rigid_motions_keep_their_mass_and_have_no_force():
 
 def test_the_error_of_frequencies_is_positive_and_falls_with_the_number_of_modes():
     held, edge = plate()
-    exact = models.modes(held.M, held.K, 5)[0]
+    exact = structures.modes(held.M, held.K, 5)[0]
     errors = []
     for m in (0, 2, 5, 10, 20):
         small, _ = subdomain(held).reduced(edge, modes=m)
-        errors.append(models.modes(small.M, small.K, 5)[0] / exact - 1.0)
+        errors.append(structures.modes(small.M, small.K, 5)[0] / exact - 1.0)
     errors = np.array(errors)
     assert np.all(errors > -1e-11)  # a smaller space has higher Rayleigh quotients
     assert np.all(np.diff(errors, axis=0) < 1e-11)
@@ -172,7 +172,9 @@ def test_with_all_modes_a_coupled_run_is_that_of_the_full_subdomain():
     K[edge[0], edge[0]] += 3.0
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
     exact = expm(A) @ np.append(np.zeros(n), v0)
-    low = models.modes(sp.csr_array(M), sp.csr_array(K), 1)[1][:, 0] @ M  # the first mode, resolved
+    low = (
+        structures.modes(sp.csr_array(M), sp.csr_array(K), 1)[1][:, 0] @ M
+    )  # the first mode, resolved
     found = basis.expand(reduced["plate"].u[-1])
     assert low @ found == pytest.approx(low @ exact[:n], rel=1e-3)  # dt = 0.01, period about 9
 
@@ -314,7 +316,7 @@ def test_all_dofs_can_be_kept_in_another_order():
 
 
 def test_a_mask_chooses_the_kept_dofs():
-    s = models.chain(4, 1.0, 1.0).subdomain(scheme=SCHEME)
+    s = structures.chain(4, 1.0, 1.0).subdomain(scheme=SCHEME)
     _, basis = s.reduced(np.array([True, False, False, True]), modes=1)
     assert basis.keep.tolist() == [0, 3]
 
@@ -323,7 +325,7 @@ def test_a_mask_chooses_the_kept_dofs():
 
 
 def chain(**options):
-    return models.chain(5, 1.0, 1.0).subdomain(scheme=SCHEME, **options)
+    return structures.chain(5, 1.0, 1.0).subdomain(scheme=SCHEME, **options)
 
 
 @pytest.mark.parametrize(
@@ -350,7 +352,7 @@ def test_what_does_not_fit_is_refused(options, keep, given, error, message):
 
 
 def test_a_subdomain_that_floats_with_the_kept_dofs_fixed_is_refused():
-    structure = models.plate(6, 4, 1.0, **STEEL)
+    structure = structures.plate(6, 4, 1.0, **STEEL)
     s = structure.subdomain(scheme=SCHEME)
     for keep in (structure.dofs(0), structure.dofs([0, 34], "ux")):
         with pytest.raises(ValueError, match="keep must hold the subdomain, which floats"):

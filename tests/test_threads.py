@@ -236,7 +236,7 @@ def star():
 
 def short_solid():
     """K of a solid with two large faces, and their dofs: it is factored in the ordinary order."""
-    made = pm.models.solid(2, 10, 10, 1.0, E=4.0, nu=0.3, rho=1.0)
+    made = pm.structures.solid(2, 10, 10, 1.0, E=4.0, nu=0.3, rho=1.0)
     faces = np.flatnonzero(np.isin(made.points[:, 0], [0.0, 2.0]))
     return made.K + sp.eye_array(made.n), np.sort(made.dofs(faces))
 
@@ -399,7 +399,7 @@ def test_a_large_subdomain_that_cannot_be_split_is_computed_by_one_thread():
 @pytest.mark.parametrize("symmetric", [True, False])
 def test_a_solid_that_several_threads_factor_moves_bitwise_as_with_one(monkeypatch, symmetric):
     monkeypatch.setattr(factors, "SHARE", 1.0)  # multiplications: every factor is shared
-    solid = pm.models.solid(6, 6, 6, 1.0, E=1.0, nu=0.3, rho=1.0, mass="consistent")
+    solid = pm.structures.solid(6, 6, 6, 1.0, E=1.0, nu=0.3, rho=1.0, mass="consistent")
     K = solid.K if symmetric else sp.csr_array(solid.K + 0.01 * sp.triu(solid.K, k=1))
     load = np.sin(np.arange(solid.n))
     make = lambda threads: pm.Coupler(  # noqa: E731
@@ -418,8 +418,8 @@ def test_tangents_that_several_threads_factor_are_bitwise_those_of_one(
     monkeypatch, coupling, tangent
 ):
     monkeypatch.setattr(factors, "SHARE", 1.0)  # multiplications: every factor is shared
-    material = pm.models.NeoHookean(210.0, 0.3)
-    rubber = pm.models.nonlinear_solid((4, 3, 3), 1.0, material, rho=1.0)
+    material = pm.structures.NeoHookean(210.0, 0.3)
+    rubber = pm.structures.nonlinear_solid((4, 3, 3), 1.0, material, rho=1.0)
     v0 = np.zeros((len(rubber.points), 3))
     v0[:, 0] = 0.2 * rubber.points[:, 0]
 

@@ -16,7 +16,9 @@ DT, STEPS = 0.1, 12
 def blocks(count=2, *, substeps=(1, 1), scale=1.0, force=None, **options):
     """Blocks of hexahedra in a row, each with a factor of some hundred thousand entries."""
     meshes = [
-        pm.models.solid(7, 6, 6, 1.0, E=100.0, nu=0.3, rho=1.0, origin=(7 * i, 0, 0), mass="lumped")
+        pm.structures.solid(
+            7, 6, 6, 1.0, E=100.0, nu=0.3, rho=1.0, origin=(7 * i, 0, 0), mass="lumped"
+        )
         for i in range(count)
     ]
     members = [
@@ -60,7 +62,7 @@ def test_steps_at_once_one_by_one_and_with_energies_are_bitwise_identical(
 
 def large_block(**options):
     """A block that two workers share."""
-    mesh = pm.models.solid(9, 9, 9, 1.0, E=100.0, nu=0.3, rho=1.0, mass="lumped")
+    mesh = pm.structures.solid(9, 9, 9, 1.0, E=100.0, nu=0.3, rho=1.0, mass="lumped")
     member = mesh.subdomain(scheme=IMPLICIT, force=np.sin(np.arange(mesh.n)))
     return pm.Coupler([member], dt=DT, **options)
 

@@ -108,8 +108,8 @@ def cut(
     A rod, its right half with twice the speed of sound and two substeps. Here the cut costs more
     than it saves, as predicted from the sizes:
 
-    >>> from pmalpha import models
-    >>> rod = models.rod(4, 4.0, EA=[1.0, 1.0, 4.0, 4.0], rhoA=1.0, mass="lumped")
+    >>> from pmalpha import structures
+    >>> rod = structures.rod(4, 4.0, EA=[1.0, 1.0, 4.0, 4.0], rhoA=1.0, mass="lumped")
     >>> parts = cut(rod, ["soft", "soft", "stiff", "stiff"], dt=0.9,
     ...             scheme=CentralDifference(), fixed=0)
     >>> parts

@@ -86,8 +86,9 @@ class Plan:
 
     Examples
     --------
-    >>> from pmalpha import models
-    >>> rod = models.rod(2000, 2.0, EA=np.repeat([1.0, 64.0], [1900, 100]), rhoA=1.0, mass="lumped")
+    >>> from pmalpha import structures
+    >>> EA = np.repeat([1.0, 64.0], [1900, 100])
+    >>> rod = structures.rod(2000, 2.0, EA=EA, rhoA=1.0, mass="lumped")
     >>> plan = cut(rod, "steps", dt=8e-4).plan()
     >>> [row.substeps for row in plan.subdomains], [row.dofs for row in plan.subdomains]
     ([1, 2, 8], [1900, 2, 101])

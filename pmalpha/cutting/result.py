@@ -58,8 +58,8 @@ class Cut:
 
     Examples
     --------
-    >>> from pmalpha import models
-    >>> wall = models.plate(8, 4, 0.5, E=30e9, nu=0.2, rho=2500.0, mass="lumped")
+    >>> from pmalpha import structures
+    >>> wall = structures.plate(8, 4, 0.5, E=30e9, nu=0.2, rho=2500.0, mass="lumped")
     >>> left = wall.points[wall.elements["quad"], 0].mean(axis=1) < 2.0
     >>> halves = cut(wall, np.where(left, 0, 1), fixed=wall.dofs(wall.nodes_at(y=0.0)))
     >>> halves.constraints
@@ -162,8 +162,8 @@ class Cut:
 
         Examples
         --------
-        >>> from pmalpha import models
-        >>> masses = models.chain(6, 1.0, 4.0)
+        >>> from pmalpha import structures
+        >>> masses = structures.chain(6, 1.0, 4.0)
         >>> cut(masses, parts=2).plan(dt=0.1).entries > 0
         True
         """
@@ -192,8 +192,8 @@ class Cut:
 
         Examples
         --------
-        >>> from pmalpha import models
-        >>> parts = cut(models.chain(3, 1.0, 2.0), [0, 1])
+        >>> from pmalpha import structures
+        >>> parts = cut(structures.chain(3, 1.0, 2.0), [0, 1])
         >>> {name: u.tolist() for name, u in parts.scatter([1.0, 2.0, 3.0]).items()}
         {'part 0': [1.0, 2.0], 'part 1': [2.0, 3.0]}
         """
@@ -221,8 +221,8 @@ class Cut:
 
         Examples
         --------
-        >>> from pmalpha import models
-        >>> parts = cut(models.chain(3, 1.0, 2.0), [0, 1], v0=[0.0, 0.0, 1.0])
+        >>> from pmalpha import structures
+        >>> parts = cut(structures.chain(3, 1.0, 2.0), [0, 1], v0=[0.0, 0.0, 1.0])
         >>> parts.gather(parts.coupler(dt=0.1).run(steps=2)).v[0].tolist()
         [0.0, 0.0, 1.0]
         """
@@ -261,8 +261,8 @@ class Cut:
 
         Examples
         --------
-        >>> from pmalpha import models
-        >>> halves = cut(models.plate(4, 2, 0.5, E=1.0, nu=0.3, rho=1.0), parts=2)
+        >>> from pmalpha import structures
+        >>> halves = cut(structures.plate(4, 2, 0.5, E=1.0, nu=0.3, rho=1.0), parts=2)
         >>> [text.get_text() for text in halves.plot().get_legend().get_texts()]
         ['part 0, 1 substep', 'part 1, 1 substep']
         """
@@ -290,8 +290,8 @@ class Cut:
         Examples
         --------
         >>> import tempfile, pathlib
-        >>> from pmalpha import models
-        >>> halves = cut(models.plate(4, 2, 0.5, E=1.0, nu=0.3, rho=1.0), parts=2)
+        >>> from pmalpha import structures
+        >>> halves = cut(structures.plate(4, 2, 0.5, E=1.0, nu=0.3, rho=1.0), parts=2)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "run.xdmf")
         ...     halves.export(path, halves.coupler(dt=0.1).run(steps=2))

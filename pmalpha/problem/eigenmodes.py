@@ -84,9 +84,9 @@ def modes(
 
     Examples
     --------
-    >>> from pmalpha import models
-    >>> masses = models.chain(3, 2.0, 8.0)  # floating: 2 sqrt(k/m) sin(i pi / 6)
-    >>> models.modes(masses.M, masses.K, 3)[0].round(6).tolist()
+    >>> from pmalpha import structures
+    >>> masses = structures.chain(3, 2.0, 8.0)  # floating: 2 sqrt(k/m) sin(i pi / 6)
+    >>> structures.modes(masses.M, masses.K, 3)[0].round(6).tolist()
     [0.0, 2.0, 3.464102]
     """
     mass, n = canonical(M, "M")

@@ -288,12 +288,12 @@ class Subdomain(Frozen):
         --------
         A rod of 50 elements by its ends and eight modes has the first frequency of a free rod:
 
-        >>> from pmalpha import models
-        >>> rod = models.rod(50, 1.0, EA=1.0, rhoA=1.0)
+        >>> from pmalpha import structures
+        >>> rod = structures.rod(50, 1.0, EA=1.0, rhoA=1.0)
         >>> small, basis = rod.subdomain(scheme=GeneralizedAlpha(0.9)).reduced([0, 50], modes=8)
         >>> small
         <Subdomain 10 dofs, GeneralizedAlpha(0.9, explicit=False), substeps=1>
-        >>> models.modes(small.M, small.K, 2)[0].round(2).tolist()  # 0 and pi
+        >>> structures.modes(small.M, small.K, 2)[0].round(2).tolist()  # 0 and pi
         [0.0, 3.14]
         """
         allowed = ("scheme", "substeps", "double_step", "damping", "name")

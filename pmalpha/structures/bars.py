@@ -84,8 +84,8 @@ def truss(
     --------
     Two bars that snap through (von Mises truss), and their force on the way:
 
-    >>> from pmalpha import models
-    >>> arch = models.truss([[-1, 0], [0, 0.2], [1, 0]], [[0, 1], [1, 2]], EA=100.0, rhoA=1.0)
+    >>> from pmalpha import structures
+    >>> arch = structures.truss([[-1, 0], [0, 0.2], [1, 0]], [[0, 1], [1, 2]], EA=100.0, rhoA=1.0)
     >>> def force(drop):
     ...     u = np.zeros(arch.n)
     ...     u[arch.dofs(1, "uy")] = -drop

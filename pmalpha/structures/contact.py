@@ -56,9 +56,9 @@ def plane_contact(
 
     Examples
     --------
-    >>> from pmalpha import models
-    >>> bar = models.truss([[0, 0], [0, 1]], [[0, 1]], EA=1.0, rhoA=1.0)
-    >>> floor = models.plane_contact(bar, 0, point=[0, -0.1], normal=[0, 1], stiffness=50.0)
+    >>> from pmalpha import structures
+    >>> bar = structures.truss([[0, 0], [0, 1]], [[0, 1]], EA=1.0, rhoA=1.0)
+    >>> floor = structures.plane_contact(bar, 0, point=[0, -0.1], normal=[0, 1], stiffness=50.0)
     >>> floor.residual([0.0, -0.3, 0.0, 0.0]).round(12).tolist()  # pushed up by 10
     [0.0, -10.0, 0.0, 0.0]
     """
@@ -114,9 +114,9 @@ def sphere_contact(
 
     Examples
     --------
-    >>> from pmalpha import models
-    >>> bar = models.truss([[0, 0, 1], [0, 0, 3]], [[0, 1]], EA=1.0, rhoA=1.0)
-    >>> ball = models.sphere_contact(bar, 0, center=[0, 0, 0], radius=0.9, stiffness=50.0)
+    >>> from pmalpha import structures
+    >>> bar = structures.truss([[0, 0, 1], [0, 0, 3]], [[0, 1]], EA=1.0, rhoA=1.0)
+    >>> ball = structures.sphere_contact(bar, 0, center=[0, 0, 0], radius=0.9, stiffness=50.0)
     >>> ball.residual([0.0, 0.0, -0.3, 0.0, 0.0, 0.0]).round(12).tolist()
     [0.0, 0.0, -10.0, 0.0, 0.0, 0.0]
     """

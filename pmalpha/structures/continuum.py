@@ -69,8 +69,8 @@ def plate(
 
     Examples
     --------
-    >>> from pmalpha import models
-    >>> models.plate(99, 24, 0.1, E=1000.0, nu=0.3, rho=100.0)
+    >>> from pmalpha import structures
+    >>> structures.plate(99, 24, 0.1, E=1000.0, nu=0.3, rho=100.0)
     <Structure 2500 points, 2376 quad, 5000 dofs>
     """
     counts = whole_number(nx, "nx", low=1), whole_number(ny, "ny", low=1)
@@ -134,10 +134,10 @@ def plate_on(
     --------
     Some elements of another plate, by `submesh`:
 
-    >>> from pmalpha import models
-    >>> whole = models.plate(4, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
-    >>> points, quads, nodes = models.submesh(whole.points, whole.elements["quad"][:4])
-    >>> models.plate_on(points, quads, E=1.0, nu=0.3, rho=1.0)
+    >>> from pmalpha import structures
+    >>> whole = structures.plate(4, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
+    >>> points, quads, nodes = structures.submesh(whole.points, whole.elements["quad"][:4])
+    >>> structures.plate_on(points, quads, E=1.0, nu=0.3, rho=1.0)
     <Structure 9 points, 4 quad, 18 dofs>
     """
     return _on(points, elements, 2, E, nu, rho, t, plane, mass)
@@ -184,8 +184,8 @@ def solid(
 
     Examples
     --------
-    >>> from pmalpha import models
-    >>> models.solid(20, 4, 4, 0.25, E=30e9, nu=0.2, rho=2500.0, mass="lumped")
+    >>> from pmalpha import structures
+    >>> structures.solid(20, 4, 4, 0.25, E=30e9, nu=0.2, rho=2500.0, mass="lumped")
     <Structure 525 points, 320 hexahedron, 1575 dofs>
     """
     sizes = zip(("nx", "ny", "nz"), (nx, ny, nz))
@@ -241,10 +241,10 @@ def solid_on(
 
     Examples
     --------
-    >>> from pmalpha import models
-    >>> box = models.solid(2, 2, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
+    >>> from pmalpha import structures
+    >>> box = structures.solid(2, 2, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
     >>> points = box.points + 0.1 * box.points[:, ::-1] ** 2
-    >>> models.solid_on(points, box.elements["hexahedron"], E=1.0, nu=0.3, rho=1.0)
+    >>> structures.solid_on(points, box.elements["hexahedron"], E=1.0, nu=0.3, rho=1.0)
     <Structure 27 points, 8 hexahedron, 81 dofs>
     """
     return _on(points, elements, 3, E, nu, rho, 1.0, "strain", mass)

@@ -68,10 +68,10 @@ def corotational_frame(
     --------
     At rest its tangent is the stiffness of the linear frame:
 
-    >>> from pmalpha import models
+    >>> from pmalpha import structures
     >>> beam = {"EA": 5.0, "EI": 1.0, "rhoA": 2.0, "divisions": 3}
-    >>> turning = models.corotational_frame([[0, 0], [3, 4]], [[0, 1]], **beam)
-    >>> linear = models.beam_frame([[0, 0], [3, 4]], [[0, 1]], **beam)
+    >>> turning = structures.corotational_frame([[0, 0], [3, 4]], [[0, 1]], **beam)
+    >>> linear = structures.beam_frame([[0, 0], [3, 4]], [[0, 1]], **beam)
     >>> bool(abs(turning.tangent() - linear.K).max() < 1e-14 * abs(linear.K).max())
     True
     """

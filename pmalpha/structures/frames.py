@@ -91,8 +91,8 @@ def beam_frame(
 
     Examples
     --------
-    >>> from pmalpha import models
-    >>> frame = models.beam_frame([[0, 0], [3, 4]], [[0, 1]], EA=5.0, EI=1.0, rhoA=2.0)
+    >>> from pmalpha import structures
+    >>> frame = structures.beam_frame([[0, 0], [3, 4]], [[0, 1]], EA=5.0, EI=1.0, rhoA=2.0)
     >>> frame.K[[0], [0]].round(4).tolist()  # 9/25 EA/L + 16/25 12 EI/L^3
     [0.4214]
     """
@@ -217,8 +217,9 @@ def subdivide(
 
     Examples
     --------
-    >>> from pmalpha import models
-    >>> points, lines, member = models.subdivide([[0, 0], [0, 3], [2, 3]], [[0, 1], [1, 2]], [3, 2])
+    >>> from pmalpha import structures
+    >>> points, members = [[0, 0], [0, 3], [2, 3]], [[0, 1], [1, 2]]
+    >>> points, lines, member = structures.subdivide(points, members, [3, 2])
     >>> points[3:].tolist()
     [[0.0, 1.0], [0.0, 2.0], [1.0, 3.0]]
     >>> lines.tolist(), member.tolist()

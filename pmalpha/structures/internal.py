@@ -36,8 +36,8 @@ class ElementForce:
     --------
     A cable of two pieces between (0, 0) and (2, 0), its middle pulled up by 0.1 and pushed down:
 
-    >>> from pmalpha import models
-    >>> cable = models.truss([[0, 0], [2, 0]], [[0, 1]], EA=100.0, rhoA=1.0, divisions=2,
+    >>> from pmalpha import structures
+    >>> cable = structures.truss([[0, 0], [2, 0]], [[0, 1]], EA=100.0, rhoA=1.0, divisions=2,
     ...                      prestress=5.0, slack=True)
     >>> (force,) = cable.internal
     >>> u = np.zeros(force.n)
@@ -119,8 +119,8 @@ class ElementForce:
 
         Examples
         --------
-        >>> from pmalpha import models
-        >>> bar = models.truss([[0, 0], [2, 0]], [[0, 1]], EA=100.0, rhoA=1.0)
+        >>> from pmalpha import structures
+        >>> bar = structures.truss([[0, 0], [2, 0]], [[0, 1]], EA=100.0, rhoA=1.0)
         >>> bar.internal[0].residual([0.0, 0.0, 0.02, 0.0]).round(12).tolist()
         [-1.0, 0.0, 1.0, 0.0]
         """
@@ -146,8 +146,8 @@ class ElementForce:
 
         Examples
         --------
-        >>> from pmalpha import models
-        >>> bar = models.truss([[0, 0], [2, 0]], [[0, 1]], EA=100.0, rhoA=1.0)
+        >>> from pmalpha import structures
+        >>> bar = structures.truss([[0, 0], [2, 0]], [[0, 1]], EA=100.0, rhoA=1.0)
         >>> free = reduce(bar.M, bar.K, fixed=[0, 1, 3]).free
         >>> f, K_t, _, _ = bar.internal[0].reduced(free)([0.02])
         >>> f.round(12).tolist(), K_t.toarray().round(12).tolist()

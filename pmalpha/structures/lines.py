@@ -55,8 +55,8 @@ def chain(
 
     Examples
     --------
-    >>> from pmalpha import models
-    >>> models.chain(3, 1.0, [10.0, 20.0], ground=(5.0, 0.0)).K.toarray().tolist()
+    >>> from pmalpha import structures
+    >>> structures.chain(3, 1.0, [10.0, 20.0], ground=(5.0, 0.0)).K.toarray().tolist()
     [[15.0, -10.0, 0.0], [-10.0, 30.0, -20.0], [0.0, -20.0, 20.0]]
     """
     n = whole_number(n, "n", low=1)
@@ -131,11 +131,11 @@ def rod(
 
     Examples
     --------
-    >>> from pmalpha import models
-    >>> bar = models.rod(2, 1.0, EA=3.0, rhoA=12.0)
+    >>> from pmalpha import structures
+    >>> bar = structures.rod(2, 1.0, EA=3.0, rhoA=12.0)
     >>> bar.M.toarray().tolist()
     [[2.0, 1.0, 0.0], [1.0, 4.0, 1.0], [0.0, 1.0, 2.0]]
-    >>> models.rod(2, 1.0, EA=3.0, rhoA=12.0, mass="lumped").M.diagonal().tolist()
+    >>> structures.rod(2, 1.0, EA=3.0, rhoA=12.0, mass="lumped").M.diagonal().tolist()
     [3.0, 6.0, 3.0]
     """
     n = whole_number(n, "n", low=1)

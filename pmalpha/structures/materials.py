@@ -66,8 +66,9 @@ class StVenantKirchhoff(Hyperelastic):
 
     Examples
     --------
-    >>> from pmalpha import models
-    >>> models.nonlinear_solid((4, 2), 0.5, models.StVenantKirchhoff(210e9, 0.3), rho=7850.0)
+    >>> from pmalpha import structures
+    >>> steel = structures.StVenantKirchhoff(210e9, 0.3)
+    >>> structures.nonlinear_solid((4, 2), 0.5, steel, rho=7850.0)
     <Structure 15 points, 8 quad, 30 dofs, 1 internal force>
     """
 
@@ -120,8 +121,8 @@ class NeoHookean(Hyperelastic):
 
     Examples
     --------
-    >>> from pmalpha import models
-    >>> models.nonlinear_solid((2, 2, 2), 0.5, models.NeoHookean(1e6, 0.4), rho=1100.0)
+    >>> from pmalpha import structures
+    >>> structures.nonlinear_solid((2, 2, 2), 0.5, structures.NeoHookean(1e6, 0.4), rho=1100.0)
     <Structure 27 points, 8 hexahedron, 81 dofs, 1 internal force>
     """
 

@@ -72,12 +72,12 @@ def nonlinear_solid(
 
     Examples
     --------
-    >>> from pmalpha import models
-    >>> rubber = models.NeoHookean(1e6, 0.45)
-    >>> block = models.nonlinear_solid((8, 4, 4), 0.01, rubber, rho=1100.0, mass="lumped")
+    >>> from pmalpha import structures
+    >>> rubber = structures.NeoHookean(1e6, 0.45)
+    >>> block = structures.nonlinear_solid((8, 4, 4), 0.01, rubber, rho=1100.0, mass="lumped")
     >>> block
     <Structure 225 points, 128 hexahedron, 675 dofs, 1 internal force>
-    >>> box = models.solid(8, 4, 4, 0.01, E=1e6, nu=0.45, rho=1100.0)
+    >>> box = structures.solid(8, 4, 4, 0.01, E=1e6, nu=0.45, rho=1100.0)
     >>> bool(abs(block.tangent() - box.K).max() < 1e-12 * abs(box.K).max())  # without strain
     True
     """
@@ -142,10 +142,10 @@ def nonlinear_solid_on(
     --------
     The force of a rotation is zero:
 
-    >>> from pmalpha import models
-    >>> mesh = models.plate(3, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
-    >>> sheet = models.nonlinear_solid_on(
-    ...     mesh.points, mesh.elements["quad"], models.StVenantKirchhoff(1.0, 0.3), rho=1.0)
+    >>> from pmalpha import structures
+    >>> mesh = structures.plate(3, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
+    >>> sheet = structures.nonlinear_solid_on(
+    ...     mesh.points, mesh.elements["quad"], structures.StVenantKirchhoff(1.0, 0.3), rho=1.0)
     >>> turned = mesh.points @ [[0.0, 1.0], [-1.0, 0.0]]  # by 90 degrees
     >>> force = sheet.internal[0].residual((turned - mesh.points).ravel())
     >>> bool(abs(force).max() < 1e-15)

@@ -62,8 +62,8 @@ class Structure:
 
     Examples
     --------
-    >>> from pmalpha import models
-    >>> wall = models.plate(4, 2, 0.5, E=30e9, nu=0.2, rho=2500.0, t=0.3)
+    >>> from pmalpha import structures
+    >>> wall = structures.plate(4, 2, 0.5, E=30e9, nu=0.2, rho=2500.0, t=0.3)
     >>> foot = wall.dofs(wall.nodes_at(y=0.0))
     >>> wall.n, foot.tolist()
     (30, [0, 1, 6, 7, 12, 13, 18, 19, 24, 25])
@@ -152,8 +152,8 @@ class Structure:
         Examples
         --------
         >>> import dataclasses
-        >>> from pmalpha import models
-        >>> bar = models.rod(3, 1.0, EA=1.0, rhoA=1.0)
+        >>> from pmalpha import structures
+        >>> bar = structures.rod(3, 1.0, EA=1.0, rhoA=1.0)
         >>> bar = dataclasses.replace(bar, groups={"left": np.array([0]), "rest": np.array([1, 2])})
         >>> bar.labels().tolist()
         ['left', 'rest', 'rest']
@@ -195,8 +195,8 @@ class Structure:
 
         Examples
         --------
-        >>> from pmalpha import models
-        >>> bar = models.rod(4, 2.0, EA=1.0, rhoA=1.0)
+        >>> from pmalpha import structures
+        >>> bar = structures.rod(4, 2.0, EA=1.0, rhoA=1.0)
         >>> bar.nodes(lambda x: x > 0.9).tolist()
         [2, 3, 4]
         """
@@ -232,8 +232,8 @@ class Structure:
 
         Examples
         --------
-        >>> from pmalpha import models
-        >>> box = models.solid(2, 1, 1, 0.1, E=1.0, nu=0.3, rho=1.0)
+        >>> from pmalpha import structures
+        >>> box = structures.solid(2, 1, 1, 0.1, E=1.0, nu=0.3, rho=1.0)
         >>> box.nodes_at(x=0.2, z=0.1).tolist()
         [9, 11]
         """
@@ -274,8 +274,8 @@ class Structure:
 
         Examples
         --------
-        >>> from pmalpha import models
-        >>> frame = models.beam_frame([[0, 0], [0, 3]], [[0, 1]], EA=1.0, EI=1.0, rhoA=1.0)
+        >>> from pmalpha import structures
+        >>> frame = structures.beam_frame([[0, 0], [0, 3]], [[0, 1]], EA=1.0, EI=1.0, rhoA=1.0)
         >>> frame.dofs([0, 1], "ux").tolist(), frame.dofs(1, ["ux", "rz"]).tolist()
         ([0, 3], [3, 5])
         """
@@ -309,9 +309,9 @@ class Structure:
 
         Examples
         --------
-        >>> from pmalpha import models
-        >>> ball = models.nonlinear_solid((2, 2), 0.5, models.NeoHookean(1e6, 0.3), rho=1e3)
-        >>> floor = models.plane_contact(ball, ball.nodes_at(y=0.0), point=[0.0, 0.0],
+        >>> from pmalpha import structures
+        >>> ball = structures.nonlinear_solid((2, 2), 0.5, structures.NeoHookean(1e6, 0.3), rho=1e3)
+        >>> floor = structures.plane_contact(ball, ball.nodes_at(y=0.0), point=[0.0, 0.0],
         ...                              normal=[0.0, 1.0], stiffness=1e7)
         >>> ball.with_internal(floor)
         <Structure 9 points, 4 quad, 18 dofs, 2 internal forces>
@@ -340,11 +340,11 @@ class Structure:
         --------
         A string under the tension of 4, with unit mass per length, has the wave speed 2:
 
-        >>> from pmalpha import models
-        >>> string = models.truss([[0, 0], [1, 0]], [[0, 1]], EA=1e4, rhoA=1.0, divisions=50,
+        >>> from pmalpha import structures
+        >>> string = structures.truss([[0, 0], [1, 0]], [[0, 1]], EA=1e4, rhoA=1.0, divisions=50,
         ...                       prestress=4.0)
         >>> held = reduce(string.M, string.tangent(), fixed=[0, 1, 2, 3])
-        >>> omega, _ = models.modes(held.M, held.K, 1)
+        >>> omega, _ = structures.modes(held.M, held.K, 1)
         >>> round(float(omega[0] / (2.0 * np.pi)), 3)
         1.0
         """
@@ -373,8 +373,8 @@ class Structure:
 
         Examples
         --------
-        >>> from pmalpha import models
-        >>> masses = models.chain(2, 3.0, 5.0)
+        >>> from pmalpha import structures
+        >>> masses = structures.chain(2, 3.0, 5.0)
         >>> masses.damping(0.1, 0.01).toarray().round(3).tolist()
         [[0.35, -0.05], [-0.05, 0.35]]
         """
@@ -407,8 +407,8 @@ class Structure:
 
         Examples
         --------
-        >>> from pmalpha import models
-        >>> models.chain(3, 1.0, [10.0, 20.0]).element_forces().toarray().tolist()
+        >>> from pmalpha import structures
+        >>> structures.chain(3, 1.0, [10.0, 20.0]).element_forces().toarray().tolist()
         [[-10.0, 10.0, 0.0], [0.0, -20.0, 20.0]]
         """
         self._require_linear("element_forces")
@@ -441,8 +441,8 @@ class Structure:
 
         Examples
         --------
-        >>> from pmalpha import models
-        >>> strip = models.plate(2, 1, 1.0, E=10.0, nu=0.25, rho=1.0)
+        >>> from pmalpha import structures
+        >>> strip = structures.plate(2, 1, 1.0, E=10.0, nu=0.25, rho=1.0)
         >>> stretched = np.column_stack([0.01 * strip.points[:, 0], np.zeros(6)]).ravel()
         >>> (strip.element_stresses() @ stretched).reshape(-1, 3).round(4).tolist()
         [[0.1067, 0.0267, 0.0], [0.1067, 0.0267, 0.0]]
@@ -487,8 +487,8 @@ class Structure:
         --------
         A rod fixed at its first node, of stiffness 2 / 0.5 next to it:
 
-        >>> from pmalpha import GeneralizedAlpha, models, reduce, solve
-        >>> bar = models.rod(4, 2.0, EA=2.0, rhoA=1.0)
+        >>> from pmalpha import GeneralizedAlpha, reduce, solve, structures
+        >>> bar = structures.rod(4, 2.0, EA=2.0, rhoA=1.0)
         >>> fixed = reduce(bar.M, bar.K, fixed=[0])
         >>> model = Subdomain(fixed.M, fixed.K, scheme=GeneralizedAlpha(0.5), v0=np.ones(4))
         >>> outputs = {0: {"base": bar.base_shear(0)[:, fixed.free]}}
@@ -527,8 +527,8 @@ class Structure:
 
         Examples
         --------
-        >>> from pmalpha import GeneralizedAlpha, models
-        >>> bar = models.rod(4, 2.0, EA=1.0, rhoA=1.0, mass="lumped")
+        >>> from pmalpha import GeneralizedAlpha, structures
+        >>> bar = structures.rod(4, 2.0, EA=1.0, rhoA=1.0, mass="lumped")
         >>> bar.subdomain(scheme=GeneralizedAlpha(0.5, explicit=True), name="bar").n
         5
         """

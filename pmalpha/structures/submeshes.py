@@ -37,8 +37,8 @@ def submesh(points: ArrayLike, elements: ArrayLike) -> tuple[np.ndarray, np.ndar
 
     Examples
     --------
-    >>> from pmalpha import models
-    >>> points, lines, nodes = models.submesh([[0.0], [1.0], [2.0], [3.0]], [[3, 2]])
+    >>> from pmalpha import structures
+    >>> points, lines, nodes = structures.submesh([[0.0], [1.0], [2.0], [3.0]], [[3, 2]])
     >>> points.tolist(), lines.tolist(), nodes.tolist()
     ([[2.0], [3.0]], [[1, 0]], [2, 3])
     """
