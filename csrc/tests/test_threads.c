@@ -1,6 +1,7 @@
 /* test_threads.c - a coupler with a team: bitwise what it is alone, whatever happens. */
 #define _POSIX_C_SOURCE 200809L
 #include <math.h>
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <time.h>
@@ -390,17 +391,43 @@ static void forces_are_not_evaluated_beyond_a_macro_step_that_may_still_fail(voi
 
 /* ---- polls of a caller that waits ----------------------------------------------------------- */
 
+/* A poll that a worker can see, and what an opening waits for: a number of calls of it. */
+typedef struct {
+    atomic_size_t polled, awaited;
+    bool stops;
+} meeting;
+
+static meeting met;
+
+static bool poll_meeting(void *ctx)
+{
+    (void)ctx;
+    atomic_fetch_add(&met.polled, 1);
+    return met.stops;
+}
+
 static pma_status (*open_naively)(void *self, const pma_substep *step);
 
-/* 100 ms, of which the caller is called to look every 20 ms or so */
-static pma_status open_slowly(void *self, const pma_substep *step)
+static void pause(void)
 {
-    nanosleep(&(struct timespec){0, 100000000}, NULL);
+    nanosleep(&(struct timespec){0, 1000000}, NULL);
+}
+
+/* Until the caller, which waits for this, has polled again; a minute at most, after which the test
+ * finds too few polls. */
+static pma_status open_when_polled(void *self, const pma_substep *step)
+{
+    for (int i = 0; i < 60000 && atomic_load(&met.polled) < atomic_load(&met.awaited); i++)
+        pause();
+    if (!met.stops && atomic_load(&met.awaited) > 0)
+        atomic_fetch_add(&met.awaited, 1);
+    for (int i = 0; i < 50 && met.stops && atomic_load(&met.awaited) > 0; i++)
+        pause(); /* long enough for a second poll, were there one */
     return open_naively(self, step);
 }
 
-/* An oscillator cut in two naive members; the second is worker 1's, and slow in opening. */
-static void make_slow(model *m, bool macro)
+/* An oscillator cut in two naive members; the second is worker 1's, whose opening waits. */
+static void make_waiting(model *m, bool macro)
 {
     *m =
         (model){.count = 2, .p = 1, .dt = 0.1, .threads = 2, .macro = macro, .naive = {true, true}};
@@ -411,10 +438,10 @@ static void make_slow(model *m, bool macro)
     CHECK_INT(m->coupler->coupled[0].worker, 0);
     CHECK_INT(m->coupler->coupled[1].worker, 1);
     open_naively = m->wrapped[1].table.open;
-    m->wrapped[1].table.open = open_slowly;
+    m->wrapped[1].table.open = open_when_polled;
 }
 
-static void check_slow_run(model *m, int64_t steps)
+static void check_run(model *m, int64_t steps)
 {
     naive_run(m, (size_t)steps);
     CHECK_INT(pma_coupler_step_count(m->coupler), steps);
@@ -422,17 +449,19 @@ static void check_slow_run(model *m, int64_t steps)
     CHECK_NEAR(pma_coupler_multipliers(m->coupler)[0], m->lam[steps][0], AGREE);
 }
 
-/* Never called for what the caller reads itself: only while it waits. */
+/* Never called for what the caller reads itself: only while it waits. Every opening of the second
+ * member waits for one more call. */
 static void a_caller_that_waits_for_a_worker_polls(void)
 {
     static model m;
+    const pma_poll poll = {poll_meeting, NULL, SIZE_MAX};
     for (int macro = 0; macro <= 1; macro++) {
-        stopper stop = {0, 0};
-        const pma_poll poll = {poll_stopper, &stop, SIZE_MAX};
-        make_slow(&m, macro);
+        make_waiting(&m, macro);
+        met = (meeting){.polled = 0, .awaited = 1};
         CHECK_STATUS(pma_coupler_advance(m.coupler, 2, NULL, &poll), PMA_OK);
-        CHECK(stop.polled >= 2);
-        check_slow_run(&m, 2);
+        CHECK(atomic_load(&met.awaited) == 3 && atomic_load(&met.polled) >= 2);
+        atomic_store(&met.awaited, 0);
+        check_run(&m, 2);
         destroy_model(&m);
     }
 }
@@ -441,17 +470,18 @@ static void a_caller_that_waits_for_a_worker_polls(void)
 static void a_caller_that_waits_can_be_stopped(void)
 {
     static model m;
+    const pma_poll poll = {poll_meeting, NULL, SIZE_MAX};
     for (int macro = 0; macro <= 1; macro++) {
         for (int64_t steps = 1; steps <= 2; steps++) {
-            stopper stop = {0, 1};
-            const pma_poll poll = {poll_stopper, &stop, SIZE_MAX};
-            make_slow(&m, macro);
+            make_waiting(&m, macro);
+            met = (meeting){.polled = 0, .awaited = 1, .stops = true};
             CHECK_STATUS(pma_coupler_advance(m.coupler, steps, NULL, &poll), PMA_STOPPED);
             const int64_t done = pma_coupler_step_count(m.coupler);
-            CHECK_INT(stop.polled, 1); /* not again: what it raised is pending */
+            CHECK_INT(atomic_load(&met.polled), 1); /* not again: what it raised is pending */
             CHECK_INT(done, !macro);
+            atomic_store(&met.awaited, 0);
             CHECK_STATUS(pma_coupler_advance(m.coupler, 2 - done, NULL, NULL), PMA_OK);
-            check_slow_run(&m, 2);
+            check_run(&m, 2);
             destroy_model(&m);
         }
     }
