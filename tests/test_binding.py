@@ -7,7 +7,6 @@ Tests that might crash the interpreter run in another process.
 import ast
 import contextlib
 import copy
-import functools
 import gc
 import importlib
 import os
@@ -24,6 +23,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse as sp
+import waits
 from scipy.linalg import cython_blas
 
 import pmalpha as pm
@@ -98,12 +98,12 @@ def record(rows=11, *, macro_rows=None, begin=0, every=0, parts=1, p=1, position
     return (begin, every, tuple(nodes() for _ in range(parts)), *jumps)
 
 
-def in_a_process(code, seconds=30):
+def in_a_process(code):
     """The output of another Python process with these helpers; its death by a signal fails."""
     head = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
     head += "from test_binding import *\nfrom pmalpha import _core\n"
     done = subprocess.run(
-        [sys.executable, "-c", head + code], capture_output=True, text=True, timeout=seconds
+        [sys.executable, "-c", head + code], capture_output=True, text=True, timeout=waits.LIMIT
     )
     assert done.returncode >= 0, f"died by signal {-done.returncode}: {done.stderr[-500:]}"
     return done.stdout + done.stderr
@@ -875,16 +875,12 @@ none = np.empty(0)
 try:
     c = _core.Coupler((), 0, NONE, NONE, 0.1, True, ())
     c.start(0, none, none)
-    signal.signal(signal.SIGALRM, signal.default_int_handler)
-    signal.setitimer(signal.ITIMER_REAL, 0.2)
-    c.advance(2**62, None)
+    with waits.ctrl_c_when(lambda: True, after=0.2):
+        c.advance(2**62, None)
 except (KeyboardInterrupt, TypeError, ValueError):
     print("stopped")
 """
-    try:
-        assert "stopped" in in_a_process(code, seconds=5)
-    except subprocess.TimeoutExpired:
-        pytest.fail("it does not stop")
+    assert "stopped" in in_a_process(code)
 
 
 # ---- patterns and panels ------------------------------------------------------------------------
@@ -1255,10 +1251,10 @@ def test_many_threads_at_one_coupler_leave_it_as_one_would():
     c, _ = long_run(n=20)
     counts = {"done": 0, "refused": 0}
     other, _ = long_run(n=20)
-    stop = time.perf_counter() + 1.0
+    end = time.monotonic() + waits.LIMIT
 
     def work():
-        while time.perf_counter() < stop:
+        while min(counts.values()) < 100 and time.monotonic() < end:
             for call in (lambda: c.run(steps=3), lambda: c.step(2), lambda: c.state("a")):
                 try:
                     call()
@@ -1276,7 +1272,7 @@ def test_many_threads_at_one_coupler_leave_it_as_one_would():
             thread.join()
     finally:
         sys.setswitchinterval(switch)
-    assert counts["done"] > 0 and counts["refused"] > 0
+    assert min(counts.values()) >= 100
     other.step(c.step_count)
     for name in "ab":
         np.testing.assert_array_equal(c.state(name).u, other.state(name).u)
@@ -1300,26 +1296,6 @@ def test_couplers_of_the_same_subdomains_run_in_threads_at_once():
 # ---- signals --------------------------------------------------------------------------------
 
 
-@contextlib.contextmanager
-def interrupt_after(seconds):
-    """KeyboardInterrupt from a timer, as Ctrl-C would send it."""
-    old = signal.signal(signal.SIGALRM, signal.default_int_handler)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, old)
-
-
-def interrupted(call, after=0.3):
-    """Seconds from the signal to the exception."""
-    begin = time.perf_counter()
-    with pytest.raises(KeyboardInterrupt), interrupt_after(after):
-        call()
-    return time.perf_counter() - begin - after
-
-
 def check_same_state(c, other):
     assert c.step_count == other.step_count
     np.testing.assert_array_equal(c.multipliers, other.multipliers)
@@ -1330,9 +1306,9 @@ def check_same_state(c, other):
 
 
 @pytest.mark.parametrize("n", [1, 3, 1000])
-def test_ctrl_c_ends_a_run_within_a_second_at_a_whole_macro_step(n):
+def test_ctrl_c_ends_a_run_at_a_whole_macro_step(n):
     c, steps = long_run(n) if n > 1 else (one_dof(), 10**9)
-    assert interrupted(lambda: c.run(steps=steps, every=1_000_000)) < 1.0
+    waits.interrupted_run(c, steps, every=1_000_000)
     done = c.step_count
     assert 0 < done < steps
     assert c.time == done * 0.1
@@ -1355,18 +1331,19 @@ def one_dof():
 def test_ctrl_c_ends_a_single_macro_step_of_many_substeps():
     a = pm.Subdomain([1.0], [1.0], scheme=pm.CentralDifference(), u0=[1.0], substeps=2**31)
     c = pm.Coupler([a], dt=0.1)
-    assert interrupted(c.step) < 1.0
+    with pytest.raises(KeyboardInterrupt), waits.ctrl_c_when(lambda: waits.is_stepped(c), 0.1):
+        c.step()
     assert c.step_count == 0 and c.state(0).u[0] == 1.0
 
 
 def test_the_history_of_an_interrupted_run_is_that_of_a_short_one():
-    c, _ = long_run(100)
-    run = functools.partial(c.run, steps=200_000, record={"a": [0, 99]})  # 0.3 s and more
-    assert interrupted(run, after=0.1) < 1.0
+    c, steps = long_run(100)
+    options = {"record": {"a": [0, 99]}, "every": 10}
+    waits.interrupted_run(c, steps, **options)
     history, done = c.last_history, c.step_count
-    assert 0 < done < 200_000
+    assert 0 < done < steps
     other, _ = long_run(100)
-    expected = other.run(steps=done, record={"a": [0, 99]})
+    expected = other.run(steps=done, **options)
     for x in ("t", "u", "v", "a"):
         np.testing.assert_array_equal(getattr(history["a"], x), getattr(expected["a"], x))
     for x in ("multipliers", "multiplier_times", "velocity_jump", "displacement_jump"):
@@ -1387,7 +1364,9 @@ def test_ctrl_c_under_a_callable_load_evaluates_only_the_interrupted_time_twice(
     other, _ = long_run(20, force=lambda t: np.full(20, np.sin(t)))
     times = 40  # the signal comes in the load, around it, or in the core
     for k in range(times):
-        assert interrupted(lambda: c.run(steps=steps, every=1_000_000), after=0.01 + 1e-4 * k) < 1.0
+        with pytest.raises(KeyboardInterrupt):
+            with waits.ctrl_c_when(lambda: waits.is_stepped(c), 0.01 + 1e-4 * k):
+                c.run(steps=steps, every=1_000_000)
     other.step(c.step_count)
     check_same_state(c, other)
     c.step(3)
@@ -1397,24 +1376,26 @@ def test_ctrl_c_under_a_callable_load_evaluates_only_the_interrupted_time_twice(
     assert len(times_of_load) - len(set(times_of_load)) <= times
 
 
-def test_ctrl_c_in_a_slow_load_does_not_wait_for_all_steps_evaluated_ahead():
-    # 2 ms for a load, 5 to 20 for a step (three passes over 32 MB): the signal comes in a load,
-    # when the loads of some 600 steps are evaluated and no step is done
+def test_few_steps_are_evaluated_ahead_under_a_slow_load_for_which_ctrl_c_waits():
+    # 32 loads of the first chunk take more than 50 ms, after which chunks become shorter
+    times, ahead = [], []
+
     def force(t):
         time.sleep(0.002)
-        return np.full(2000, np.sin(t))
+        times.append(t)
+        ahead.append(round(t / 0.1) - c._core.step_count)
+        return [np.sin(t)]
 
-    K = 4.0 * np.eye(2000) + 1e-3
-    a = pm.Subdomain(np.ones(2000), K, scheme=pm.GeneralizedAlpha(0.5), force=force)
+    a = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), force=force)
     c = pm.Coupler([a], dt=0.1)
-    assert interrupted(lambda: c.run(steps=3000, every=1000), after=1.5) < 1.0
-    assert c.last_history is not None
+    c.run(steps=100)
+    assert len(times) == 101 and max(ahead) <= 32
 
 
 def test_a_handler_that_does_not_raise_does_not_stop_the_run():
     seen = []
     c, _ = long_run(10)
-    old = signal.signal(signal.SIGALRM, lambda *args: seen.append(time.perf_counter()))
+    old = signal.signal(signal.SIGALRM, lambda *args: seen.append(args))
     signal.setitimer(signal.ITIMER_REAL, 0.02, 0.02)
     try:
         c.step(300_000)
@@ -1433,14 +1414,10 @@ def test_a_handler_may_not_call_the_coupler_that_is_being_stepped():
     def call(*args):
         c.state("a")
 
-    old = signal.signal(signal.SIGALRM, call)
-    signal.setitimer(signal.ITIMER_REAL, 0.1)
-    try:
+    with waits.ctrl_c_when(lambda: waits.is_stepped(c)):
+        signal.signal(signal.SIGINT, call)  # restored by the context
         with pytest.raises(RuntimeError, match="being stepped"):
             c.step(steps)
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, old)
     other, _ = long_run(10)
     other.step(c.step_count)
     check_same_state(c, other)

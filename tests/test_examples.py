@@ -1,14 +1,14 @@
 """The examples run, and their results are asserted."""
 
-import os
+import contextlib
 import signal
 import sys
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+import waits
 
 import pmalpha as pm
 
@@ -159,21 +159,21 @@ def test_when_the_rig_dies_the_file_contains_the_run_up_to_that_step(tmp_path):
 def test_a_silent_rig_ends_the_run_which_resumes_with_the_rig(ctrl_c):
     expected = rig.hybrid(InProcess()).run(steps=6)
 
-    def interrupt():
-        time.sleep(0.3)
-        os.kill(os.getpid(), signal.SIGINT)
-
+    silent = threading.Event()
     with rig.simulated_rig(**rig.specimen) as (address, process):
 
         def stop():
             process.send_signal(signal.SIGSTOP)
-            if ctrl_c:
-                threading.Thread(target=interrupt).start()
+            silent.set()
+            client.client._messages.timeout = waits.LIMIT if ctrl_c else 0.1
 
-        client = rig.Rig(address, timeout=20.0 if ctrl_c else 0.3)
+        client = rig.Rig(address, timeout=waits.LIMIT)
         coupler = rig.hybrid(Until(client, 36, stop))
+        ctrl_c_in_a_wait = waits.ctrl_c_when(silent.is_set, after=0.1)
         with pytest.raises(KeyboardInterrupt if ctrl_c else TimeoutError):
-            coupler.run(steps=6)
+            with ctrl_c_in_a_wait if ctrl_c else contextlib.nullcontext():
+                coupler.run(steps=6)
+        client.client._messages.timeout = waits.LIMIT
         assert coupler.step_count == 3
         first = coupler.last_history
         process.send_signal(signal.SIGCONT)

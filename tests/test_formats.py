@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse as sp
+import waits
 
 import pmalpha as pm
 
@@ -390,7 +391,9 @@ def test_zeros_stored_on_one_side_of_the_diagonal_are_no_crash_and_no_error(name
     # symmetric numbers in a pattern that is not symmetric, as differences of matrices and boundary
     # conditions produce it
     code = ONE_SIDED.format(folder=str(Path(__file__).parent), matrix=ONE_SIDED_MATRICES[name])
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=waits.LIMIT
+    )
     assert done.returncode >= 0, f"died by signal {-done.returncode}: {done.stderr[-300:]}"
     assert done.stdout == "the same\n", done.stderr[-1000:]
 

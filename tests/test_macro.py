@@ -1,6 +1,5 @@
 """Macro coupling: agreement with the reference, order, stability, energy and errors."""
 
-import signal
 import warnings
 from functools import partial
 
@@ -8,6 +7,7 @@ import numpy as np
 import pytest
 import reference
 import scipy.sparse as sp
+import waits
 from problems import Problem, random_problem, random_restored_problem, reference_subdomain
 from scipy.integrate import solve_ivp
 
@@ -661,17 +661,10 @@ def test_ctrl_c_ends_the_unit_responses_between_two_substeps():
     slow = pm.Subdomain(np.ones(n), np.eye(n) + 0.001, scheme=FAST, substeps=1_000_000, name="slow")
     other = pm.Subdomain(np.ones(1), np.ones(1), scheme=SECOND)
 
-    def stop(number, frame):
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGALRM, stop)
-    try:
-        signal.setitimer(signal.ITIMER_REAL, 0.5)
-        with pytest.warns(pm.PerformanceWarning), pytest.raises(KeyboardInterrupt):
+    # the warning comes shortly before them
+    with pytest.warns(pm.PerformanceWarning) as warned, pytest.raises(KeyboardInterrupt):
+        with waits.ctrl_c_when(lambda: len(warned), after=0.1):
             pm.Coupler([slow, other], pm.tie(slow, [0], other, [0]), dt=1.0, coupling="macro")
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
 
 
 def test_h_is_symmetric_for_damping_that_is_not_proportional():

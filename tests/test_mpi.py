@@ -11,11 +11,12 @@ from pathlib import Path
 import campaign_memory
 import numpy as np
 import pytest
+import waits
 
 import pmalpha as pm
 
 HERE = Path(__file__).parent
-LIMIT = 300  # seconds: nothing waits for ever
+LIMIT = waits.LIMIT
 
 
 def mpiexec():

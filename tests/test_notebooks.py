@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
+import waits
 
 import pmalpha
 
@@ -30,7 +31,8 @@ def test_the_notebook_runs_and_leaves_its_file_alone(path, tmp_path, monkeypatch
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, folders)))
     before = path.read_bytes()
     notebook = nbformat.reads(before.decode(), as_version=4)
-    nbclient.execute(notebook, cwd=tmp_path, timeout=300)  # an error in a cell is raised here
+    # an error in a cell is raised here
+    nbclient.execute(notebook, cwd=tmp_path, timeout=int(waits.LIMIT))
     assert path.read_bytes() == before
     assert not list(tmp_path.iterdir())
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
+import waits
 
 import pmalpha as pm
 from pmalpha.remote import Client, RemoteError, started
@@ -36,7 +37,10 @@ NEWTON, LINEAR = 1, 0
 def alone(what, *numbers):
     """A function of tests/opensees_own.py."""
     program = [ROOT / "tests" / "opensees_own.py", what, *numbers]
-    with started(program, timeout=60.0) as (address, _), Client(address, timeout=60.0) as client:
+    with (
+        started(program, timeout=waits.LIMIT) as (address, _),
+        Client(address, timeout=waits.LIMIT) as client,
+    ):
         yield client
 
 

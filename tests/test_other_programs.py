@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import waits
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 sys.path.insert(0, str(EXAMPLES))
@@ -302,7 +303,7 @@ def test_the_participants_run_under_precice(kind, monolithic, lagged, tmp_path):
     other = subprocess.Popen([*program, "Spring", configuration], cwd=tmp_path)
     try:
         printed = subprocess.check_output(
-            [*program, "Tower", configuration], cwd=tmp_path, text=True, timeout=120
+            [*program, "Tower", configuration], cwd=tmp_path, text=True, timeout=waits.LIMIT
         )
         assert other.wait(60) == 0
     finally:

@@ -146,7 +146,6 @@ def test_without_tqdm_the_error_names_what_to_install(monkeypatch):
 # ---- kill -INT ------------------------------------------------------------------------------
 
 PROGRAM = """
-    import sys, time
     import numpy as np
     import pmalpha as pm
 
@@ -159,11 +158,17 @@ PROGRAM = """
 
     c, other = pair(), pair()
     c.step(1)
-    print("ready", flush=True)
+    begun = []
+
+    def report(done, total):
+        if not begun:
+            print("running", flush=True)
+        begun.append(done)
+
     try:
-        c.run(steps=10**8, record={{1: None}}, every=1000)
+        c.run(steps=10**8, record={{1: None}}, every=1000, progress=report)
     except KeyboardInterrupt:
-        print(time.monotonic(), c.step_count, flush=True)
+        print(c.step_count, flush=True)
     history = c.last_history
     other.step(1)
     whole = other.run(steps=c.step_count - 1, record={{1: None}}, every=1000)
@@ -185,13 +190,8 @@ def test_kill_int_ends_a_run_at_a_whole_macro_step_from_which_it_continues(n):
         text=True,
     )
     with program:
-        assert program.stdout.readline() == "ready\n"
-        time.sleep(0.3)
-        begin = time.monotonic()
+        assert program.stdout.readline() == "running\n"
         program.send_signal(signal.SIGINT)
-        end, steps = program.stdout.readline().split()
-        # 50 ms between two readings of the clock, on a machine with other work
-        assert float(end) - begin < 0.5
-        assert int(steps) > 1
+        assert 0 < int(program.stdout.readline()) < 10**8
         assert program.stdout.read() == "continued\n"
     assert program.returncode == 0

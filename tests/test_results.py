@@ -6,6 +6,7 @@ import textwrap
 
 import numpy as np
 import pytest
+import waits
 from test_record_to import require_identical
 
 import pmalpha as pm
@@ -46,7 +47,7 @@ def test_a_plot_is_shown_once_in_a_fresh_notebook(tmp_path, pyplot):
     make = "import pmalpha as pm\nh = pm.models.four_dof().coupler(0.05).run(steps=9)"
     cells = [make, "h.plot()", "figure = h.plot()", "figure", "h['A'].plot(); h.plot()"]
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(x) for x in cells])
-    nbclient.NotebookClient(notebook, timeout=120, kernel_name="python3").execute()
+    nbclient.NotebookClient(notebook, timeout=int(waits.LIMIT), kernel_name="python3").execute()
     pictures = [
         sum("image/png" in x.get("data", {}) for x in cell.outputs) for cell in notebook.cells
     ]

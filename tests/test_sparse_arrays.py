@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse as sp
+import waits
 
 import pmalpha as pm
 
@@ -99,7 +100,7 @@ def test_a_sparse_matrix_with_damaged_arrays_is_a_value_error_that_names_it():
     code += "  print(*c, call, refused(*c, call), sep=' | ', flush=True)\n"
     head = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
     done = subprocess.run(
-        [sys.executable, "-c", head + code], capture_output=True, text=True, timeout=120
+        [sys.executable, "-c", head + code], capture_output=True, text=True, timeout=waits.LIMIT
     )
     lines = done.stdout.splitlines()
     assert done.returncode == 0, f"{done.returncode} after {lines[-1:]}: {done.stderr[-500:]}"

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import studied
+import waits
 
 import pmalpha as pm
 
@@ -109,7 +110,9 @@ def test_mpi4py():
         "OMPI_ALLOW_RUN_AS_ROOT": "1",
         "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
     }
-    done = subprocess.run(program, capture_output=True, text=True, timeout=120, env=environment)
+    done = subprocess.run(
+        program, capture_output=True, text=True, timeout=waits.LIMIT, env=environment
+    )
     assert done.returncode == 0, done.stderr
     rows = [line.split() for line in done.stdout.splitlines()]
     for (u, last, _), expected in zip(rows, alone(6), strict=True):
@@ -222,7 +225,9 @@ def test_results_are_in_the_file_as_they_arrive(study, tmp_path):
             "    print((file['error'][:].tolist(), np.isfinite(file['u'][:, 0]).tolist()))"
         )
         if done in (2, 3):
-            output = subprocess.check_output([sys.executable, "-c", program, path], timeout=60)
+            output = subprocess.check_output(
+                [sys.executable, "-c", program, path], timeout=waits.LIMIT
+            )
             seen.append((done, *eval(output)))
 
     cases = studied.cases(3)
@@ -280,7 +285,7 @@ def test_after_a_kill_the_file_has_what_had_arrived(tmp_path):
         f"study.run(studied.cases(5), save_to={str(path)!r}, progress=kill)\n"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), str(HERE.parent)])}
-    done = subprocess.run([sys.executable, "-c", program], env=environment, timeout=60)
+    done = subprocess.run([sys.executable, "-c", program], env=environment, timeout=waits.LIMIT)
     assert done.returncode == -9
     with h5py.File(path, "r") as file:
         assert file["error"][:].tolist() == [b""] * 3 + [b"not run"] * 2

@@ -7,13 +7,13 @@ import signal
 import subprocess
 import sys
 import textwrap
-import time
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.sparse as sp
+import waits
 from problems import random_problem
 
 import pmalpha as pm
@@ -502,7 +502,7 @@ def test_one_thread_is_no_thread():
     assert tasks() == before
 
 
-def run_script(text, timeout=60):
+def run_script(text, timeout=waits.LIMIT):
     folders = os.pathsep.join([str(Path(__file__).parent), str(Path(pm.__file__).parent.parent)])
     return subprocess.run(
         [sys.executable, "-c", textwrap.dedent(text)],
@@ -567,9 +567,15 @@ def test_ctrl_c_ends_a_threaded_run_at_a_macro_step_from_which_it_continues():
                 import numpy as np
                 from test_threads import row_of_subdomains
                 coupler = row_of_subdomains(4, 2000, threads=3)
-                print("ready", flush=True)
+
+                def report(done, total):
+                    if not begun:
+                        print("running", flush=True)
+                    begun.append(done)
+
+                begun = []
                 try:
-                    coupler.run(steps=10**8, record={}, every=10**8)
+                    coupler.run(steps=10**8, record={}, every=10**8, progress=report)
                 except KeyboardInterrupt:
                     print("interrupted", flush=True)
                 steps = coupler.step_count
@@ -592,10 +598,9 @@ def test_ctrl_c_ends_a_threaded_run_at_a_macro_step_from_which_it_continues():
         text=True,
     )
     try:
-        assert child.stdout.readline() == "ready\n"
-        time.sleep(0.3)
+        assert child.stdout.readline() == "running\n"
         child.send_signal(signal.SIGINT)
-        out, _ = child.communicate(timeout=60)
+        out, _ = child.communicate(timeout=waits.LIMIT)
     finally:
         child.kill()
     assert out == "interrupted\nthe same True\n"

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import waits
 
 import pmalpha as pm
 
@@ -99,7 +100,7 @@ def reports(user):
     """Lines that mypy prints on the two scripts."""
     pytest.importorskip("mypy")
     command = [sys.executable, "-m", "mypy", "right.py", "wrong.py"]
-    run = subprocess.run(command, cwd=user, capture_output=True, text=True, timeout=300)
+    run = subprocess.run(command, cwd=user, capture_output=True, text=True, timeout=waits.LIMIT)
     assert not run.stderr
     lines = run.stdout.splitlines()
     return {name: [x for x in lines if x.startswith(name)] for name in ("right", "wrong")}
@@ -111,7 +112,7 @@ def of_pyright(user):
     pytest.importorskip("pyright")
     command = [sys.executable, "-m", "pyright", "--outputjson"]
     command += ["--pythonpath", sys.executable, "right.py", "wrong.py"]
-    run = subprocess.run(command, cwd=user, capture_output=True, text=True, timeout=300)
+    run = subprocess.run(command, cwd=user, capture_output=True, text=True, timeout=waits.LIMIT)
     return json.loads(run.stdout)["generalDiagnostics"]
 
 
@@ -162,7 +163,7 @@ def test_a_folder_of_the_same_name_does_not_shadow_the_package(tmp_path):
     # as in the parent folder of a clone; a namespace package there has no __file__
     (tmp_path / "pmalpha").mkdir()
     command = [sys.executable, "-c", "import pmalpha; print(pmalpha.__file__, pmalpha.Coupler)"]
-    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=waits.LIMIT)
     assert run.returncode == 0, run.stderr
     assert Path(run.stdout.split()[0]).samefile(pm.__file__)
 
