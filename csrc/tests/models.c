@@ -11,30 +11,15 @@
 
 /* ---- models: coupled parts, for the core and for the naive program -------------------------- */
 
-static const level REST = {.u = {0.0}};
-
-/* The link response to lam over a macro step, from rest; the last substep               (M3) */
-static level naive_response(const part *x, bool twice, const double *lam)
-{
-    level at = REST;
-    for (size_t j = 1; j <= x->substeps; j++) {
-        const level from = at;
-        double grown[CONSTRAINTS];
-        for (size_t row = 0; row < x->p; row++)
-            grown[row] = lam[row] * (double)j / (double)x->substeps;
-        naive_respond(x, twice, grown, &from, &at);
-    }
-    return at;
-}
-
-/* v (n): what a unit multiplier adds to the velocity by the next interface problem */
+/* v (n): what a unit multiplier adds to the velocity by the next interface problem; to the
+ * displacement under mean coupling */
 static void naive_unit_velocity(const model *m, const part *x, bool twice, size_t row, double *v)
 {
     double unit[CONSTRAINTS] = {0.0};
     unit[row] = 1.0;
     if (m->macro) {
         const level end = naive_response(x, twice, unit);
-        memcpy(v, end.v, x->n * sizeof(double));
+        memcpy(v, x->mean ? end.u : end.v, x->n * sizeof(double));
         return;
     }
     naive_link(x, twice, unit, v);
@@ -59,6 +44,8 @@ static pma_interface make_interface(model *m, bool later)
     memset(H, 0, sizeof m->H[later]);
     for (size_t i = 0; i < m->count; i++)
         add_interface(m, &m->parts[i], later, H);
+    if (m->mean)
+        return dense_lu_interface(&m->lu[later], m->p, H);
     naive_factor(m->p, H, m->R[later], m->inverse[later]);
     const pma_factor factor = {.form = PMA_DENSE,
                                .n = m->p,
@@ -70,6 +57,49 @@ static pma_interface make_interface(model *m, bool later)
     return pma_ldl_interface(&m->ldl[later]);
 }
 
+/* Of the multipliers of the last macro step, which a double step feels too                  (K4) */
+static pma_matrix make_doubled(model *m)
+{
+    memset(m->doubled, 0, sizeof m->doubled);
+    for (size_t i = 0; i < m->count; i++) {
+        if (m->parts[i].doubled)
+            add_interface(m, &m->parts[i], true, m->doubled);
+    }
+    return (pma_matrix){.form = PMA_DENSE, .n = m->p, .values = m->doubled};
+}
+
+/* S_mu = sum L (Y - al1 Z) + (sum al1 L Y) H^-1 (sum al2 L Z)                               (V4) */
+static pma_interface make_gap(model *m)
+{
+    const size_t p = m->p;
+    double S[CONSTRAINTS * CONSTRAINTS] = {0.0}, LY[CONSTRAINTS * CONSTRAINTS] = {0.0};
+    double HLZ[CONSTRAINTS][CONSTRAINTS];
+    for (size_t column = 0; column < p; column++) {
+        double unit[CONSTRAINTS] = {0.0}, *LZ = HLZ[column], y[MOST], z[MOST];
+        memset(LZ, 0, sizeof HLZ[column]);
+        unit[column] = 1.0;
+        for (size_t i = 0; i < m->count; i++) {
+            const part *x = &m->parts[i];
+            const double al1 = al1_of(x, false);
+            naive_link(x, false, unit, y);
+            naive_stiffness_of(x, y, z);
+            for (size_t row = 0; row < p; row++) {
+                LY[row * p + column] += al1 * constrained(x, row, y);
+                LZ[row] += al2_of(x, false) * constrained(x, row, z);
+                S[row * p + column] += constrained(x, row, y) - al1 * constrained(x, row, z);
+            }
+        }
+        naive_solve(p, m->H[0], LZ);
+    }
+    for (size_t row = 0; row < p; row++) {
+        for (size_t column = 0; column < p; column++) {
+            for (size_t k = 0; k < p; k++)
+                S[row * p + column] += LY[row * p + k] * HLZ[column][k];
+        }
+    }
+    return dense_lu_interface(&m->S_mu, p, S);
+}
+
 pma_coupler_parts describe_coupler(model *m)
 {
     const pma_interface H_start = make_interface(m, false), H = make_interface(m, true);
@@ -78,6 +108,8 @@ pma_coupler_parts describe_coupler(model *m)
                                .p = m->p,
                                .H_start = H_start,
                                .H = H,
+                               .gap = m->tied ? make_gap(m) : (pma_interface){.p = 0},
+                               .doubled = m->mean ? make_doubled(m) : (pma_matrix){.n = 0},
                                .dt = m->dt,
                                .rebased = m->rebased,
                                .schedule = schedule_of(m),
@@ -127,9 +159,24 @@ static void solve_start(model *m)
         memcpy(m->levels[q][0].w, b + first, m->parts[q].n * sizeof(double));
 }
 
+/* w = M^-1 (F(0) - C v - K u), without multipliers                                             */
+static void start_free(const part *x, level *first)
+{
+    double F[MOST];
+    naive_force(x, 0.0, 0, F);
+    for (size_t i = 0; i < x->n; i++) {
+        first->w[i] = x->load.kind == PMA_LOAD_TABLE ? 0.0 : F[i];
+        for (size_t j = 0; j < x->n; j++)
+            first->w[i] -= x->C[i * x->n + j] * x->v0[j] + x->K[i * x->n + j] * x->u0[j];
+    }
+    naive_solve(x->n, x->M, first->w);
+}
+
 void start_model(model *m)
 {
     solve_start(m);
+    for (size_t i = 0; i < m->count && m->mean; i++)
+        start_free(&m->parts[i], &m->levels[i][0]);
     start_histories(m);
     for (size_t i = 0; i < m->count; i++) {
         part *x = &m->parts[i];
@@ -143,6 +190,8 @@ void start_model(model *m)
     }
     const double g0[CONSTRAINTS] = {0.0};
     pma_coupler_start(m->coupler, 0, m->lam0, g0);
+    if (m->mean)
+        memcpy(pma_coupler_end_multipliers(m->coupler), m->lam0, m->p * sizeof(double));
 }
 
 static bool has_entry(const part *x, size_t row)
@@ -173,11 +222,22 @@ static void store_response(model *m, size_t i)
     pma_response_store(pma_subdomain_response(x->core), units);
 }
 
+static bool is_damped(const part *x)
+{
+    double sum = 0.0;
+    for (size_t i = 0; i < x->n * x->n; i++)
+        sum += fabs(x->C[i]);
+    return sum > 0.0;
+}
+
 static pma_member make_member(model *m, size_t i)
 {
     part *x = &m->parts[i];
     x->h = m->dt / (double)x->substeps;
-    x->responds = m->macro && x->substeps > 1 && !x->inner.used;
+    x->responds = (m->mean || (m->macro && x->substeps > 1)) && !x->inner.used;
+    x->mean = m->mean;
+    x->waits = m->mean && x->implicit && x->substeps == 1 && !is_damped(x);
+    x->shifts = m->tied;
     make_part(x);
     m->subdomains[i] = x->core;
     if (m->stored && x->responds)
@@ -207,6 +267,9 @@ void destroy_model(model *m)
         pma_subdomain_destroy(m->parts[i].core);
     pma_ldl_destroy(&m->ldl[0]);
     pma_ldl_destroy(&m->ldl[1]);
+    pma_gap_destroy(&m->lu[0].gap);
+    pma_gap_destroy(&m->lu[1].gap);
+    pma_gap_destroy(&m->S_mu.gap);
 }
 
 snapshot present(const model *m)
@@ -352,12 +415,16 @@ void build_chain(model *m, const chain *chosen)
                  .rebased = chosen->plan.rebased,
                  .motion_count = chosen->plan.moved,
                  .threads = chosen->threads,
-                 .macro = chosen->macro,
+                 .macro = chosen->macro || chosen->mean,
+                 .mean = chosen->mean,
+                 .tied = chosen->tied,
                  .stored = chosen->stored,
                  .looks_ahead = chosen->looks_ahead};
     memcpy(m->naive, chosen->naive, sizeof m->naive);
     m->newton = chosen->newton;
     fill_chain(m, &chosen->plan, scale);
+    for (size_t i = 0; i < PARTS && chosen->undamped; i++)
+        memset(m->parts[i].C, 0, sizeof m->parts[i].C);
     fill_loads(m, scale);
     if (chosen->plan.restored)
         fill_restoring(m);
@@ -376,121 +443,6 @@ void make_chain(model *m, plan chosen, double scale)
 void make_threaded_chain(model *m, plan chosen, size_t threads)
 {
     build_chain(m, &(chain){.plan = chosen, .threads = threads});
-}
-
-/* ---- the naive coupler: section 5 as written ------------------------------------------------ */
-
-/* From time level k of part i to the next one, the free problem. */
-static void naive_open(model *m, size_t i, size_t k)
-{
-    const part *x = &m->parts[i];
-    const bool twice = x->doubled && k >= x->substeps;
-    const double t = (double)(k + 1) / (double)x->substeps * m->dt;
-    level *to = &m->levels[i][k + 1];
-    double F[MOST];
-    naive_force(x, t, k, F);
-    naive_free(x, twice, t, F, twice ? to - 2 : to - 1, to);
-}
-
-static void naive_end(model *m, size_t i, size_t k, const double *lam)
-{
-    const part *x = &m->parts[i];
-    const bool twice = x->doubled && k >= x->substeps;
-    level *to = &m->levels[i][k + 1];
-    naive_close(x, twice, lam, twice ? to - 2 : to - 1, to);
-}
-
-/* L vf of part i at fine step k, in mid-step interpolated; opens the substep that begins there. */
-static void naive_free_velocity(model *m, size_t i, size_t k, double *jump)
-{
-    const part *x = &m->parts[i];
-    const size_t ratio = m->fine / x->substeps, next = (k + ratio - 1) / ratio;
-    const level *to = &m->levels[i][next], *last = to - 1;
-    if ((k - 1) % ratio == 0)
-        naive_open(m, i, next - 1);
-    const double theta = (double)(k - (next - 1) * ratio) / (double)ratio;
-    for (size_t row = 0; row < m->p; row++)
-        jump[row] +=
-            (1.0 - theta) * constrained(x, row, last->vf) + theta * constrained(x, row, to->vf);
-}
-
-/* A part that has a time level at fine step k takes Lam. */
-static void naive_arrive(model *m, size_t i, size_t k)
-{
-    const part *x = &m->parts[i];
-    const size_t ratio = m->fine / x->substeps;
-    if (k % ratio != 0)
-        return;
-    naive_end(m, i, k / ratio - 1, m->lam[k]);
-    if (k == m->fine && x->doubled && m->rebased)
-        naive_store(x, true, m->lam[k], &m->levels[i][k / ratio]);
-}
-
-static void naive_fine_step(model *m, size_t k)
-{
-    double jump[CONSTRAINTS] = {0.0};
-    prescribe(m, k, m->lam[k]);
-    for (size_t i = 0; i < m->count; i++)
-        naive_free_velocity(m, i, k, jump);
-    for (size_t row = 0; row < m->p; row++)
-        m->lam[k][row] -= jump[row];
-    naive_solve(m->p, m->H[k > m->fine], m->lam[k]);
-    for (size_t i = 0; i < m->count; i++)
-        naive_arrive(m, i, k);
-}
-
-/* ---- the same in macro coupling: section 13 as written -------------------------------------- */
-
-/* (M2), with lam held */
-static void naive_free_macro_run(model *m, size_t i, size_t macro)
-{
-    const size_t begin = macro * m->parts[i].substeps;
-    for (size_t k = begin; k < begin + m->parts[i].substeps; k++) {
-        naive_open(m, i, k);
-        naive_end(m, i, k, m->lam[macro]);
-    }
-}
-
-/* (M3) added to every level of the macro step, (M5) */
-static void naive_add_response(model *m, size_t i, size_t macro, const double *dlam)
-{
-    const part *x = &m->parts[i];
-    const bool twice = x->doubled && macro > 0;
-    level at = REST;
-    for (size_t j = 1; j <= x->substeps; j++) {
-        const level from = at;
-        double grown[CONSTRAINTS];
-        for (size_t row = 0; row < m->p; row++)
-            grown[row] = dlam[row] * (double)j / (double)x->substeps;
-        naive_respond(x, twice, grown, &from, &at);
-        naive_add(x, &at, &m->levels[i][macro * x->substeps + j]);
-    }
-}
-
-static void naive_macro_step(model *m, size_t macro)
-{
-    double dlam[CONSTRAINTS];
-    prescribe(m, macro + 1, dlam);
-    for (size_t i = 0; i < m->count; i++) {
-        const part *x = &m->parts[i];
-        naive_free_macro_run(m, i, macro);
-        for (size_t row = 0; row < m->p; row++)
-            dlam[row] -= constrained(x, row, m->levels[i][(macro + 1) * x->substeps].v);
-    }
-    naive_solve(m->p, m->H[macro > 0], dlam); /* (M4) */
-    for (size_t row = 0; row < m->p; row++)
-        m->lam[macro + 1][row] = m->lam[macro][row] + dlam[row];
-    for (size_t i = 0; i < m->count; i++)
-        naive_add_response(m, i, macro, dlam);
-}
-
-void naive_run(model *m, size_t steps)
-{
-    memcpy(m->lam[0], m->lam0, sizeof m->lam0);
-    for (size_t macro = 0; m->macro && macro < steps; macro++)
-        naive_macro_step(m, macro);
-    for (size_t k = 1; !m->macro && k <= steps * m->fine; k++)
-        naive_fine_step(m, k);
 }
 
 /* ---- tapes: records of everything ----------------------------------------------------------- */
@@ -539,7 +491,8 @@ static void check_part_against_naive(const model *m, size_t i, const tape *t, si
         for (size_t k = 0; k < x->n; k++) {
             CHECK_NEAR(t->u[i][row * x->n + k], m->levels[i][row].u[k], AGREE);
             CHECK_NEAR(t->v[i][row * x->n + k], m->levels[i][row].v[k], AGREE);
-            CHECK_NEAR(t->w[i][row * x->n + k], m->levels[i][row].w[k], AGREE);
+            CHECK_NEAR(t->w[i][row * x->n + k], m->levels[i][row].w[k] + m->levels[i][row].more[k],
+                       AGREE);
         }
     }
     const level *last = &m->levels[i][steps * x->substeps];

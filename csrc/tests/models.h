@@ -9,6 +9,7 @@
 #include "coupling/coupler.h"
 #include "coupling/interface.h"
 #include "coupling/record.h"
+#include "interfaces.h"
 #include "iterated_models.h"
 #include "member/member.h"
 #include "member/subdomain.h"
@@ -26,7 +27,9 @@ struct model {
     part parts[PARTS];
     size_t count, p, fine; /* fine: interface problems in a macro step */
     double dt;
-    bool rebased, macro; /* macro: the schedule of section 13, else of section 5 */
+    bool rebased, macro; /* macro: one interface problem in a macro step, as in section 13; */
+    bool mean;           /* ... as in section 15, else fine steps as in section 5 */
+    bool tied;           /* ... with displacements tied */
     size_t threads;
     bool naive[PARTS], looks_ahead; /* naive members, and whether they can look ahead */
     bool stored;                    /* link responses, for unit multipliers */
@@ -36,6 +39,8 @@ struct model {
     double H[2][CONSTRAINTS * CONSTRAINTS]; /* of the first macro step, of the later ones */
     double R[2][CONSTRAINTS * CONSTRAINTS], inverse[2][CONSTRAINTS];
     pma_ldl ldl[2];
+    dense_lu lu[2], S_mu; /* of H under mean coupling, which need not be symmetric; of (V4) */
+    double doubled[CONSTRAINTS * CONSTRAINTS]; /* the part of H of double steps */
     double lam0[CONSTRAINTS];
     pma_subdomain *subdomains[PARTS];
     naive_member wrapped[PARTS];
@@ -105,10 +110,12 @@ typedef struct {
 /* What else a chain can be. */
 struct chain {
     plan plan;
-    double scale;               /* of initial values and loads; 0 stands for 1 */
-    size_t threads;             /* 0 stands for 1 */
-    bool macro, stored, sprung; /* sprung: springs of all laws; linear ones with internal forces
-                                   that are linear */
+    double scale;   /* of initial values and loads; 0 stands for 1 */
+    size_t threads; /* 0 stands for 1 */
+    bool macro, mean, tied;
+    bool stored, sprung; /* sprung: springs of all laws; linear ones with internal forces that are
+                            linear */
+    bool undamped;
     bool naive[PARTS], looks_ahead;
     bool inner[PARTS]; /* internal forces, with shares of the matrices */
     bool nonlinear;    /* ... and with all other terms of inner.h */
@@ -122,9 +129,12 @@ void make_threaded_chain(model *m, plan chosen, size_t threads);
 /* all with different steps, double steps, and a prescribed velocity between B and C */
 static const plan MIXED = {{2, 6, 3}, true, true, true, true, false};
 
-/* ---- the naive coupler: sections 5, 6 and 13 as written ------------------------------------- */
+/* ---- the naive coupler: sections 5, 6, 13 and 15 as written, naive_schedules.c --------------- */
 
 void naive_run(model *m, size_t steps);
+
+/* The response to lam over a macro step, from rest; the last substep                (M3) (K3) */
+level naive_response(const part *x, bool twice, const double *lam);
 
 /* ---- tapes: records of everything ----------------------------------------------------------- */
 

@@ -106,6 +106,13 @@ static pma_matrix estimate(size_t n, const double *values)
     return (pma_matrix){.form = PMA_ZERO, .n = n};
 }
 
+static pma_factor make_mass(part *x)
+{
+    naive_factor(x->n, x->M, x->R_mass, x->inverse_mass);
+    return (pma_factor){
+        .form = PMA_DENSE, .n = x->n, .nb = x->nb, .inverse = x->inverse_mass, .values = x->R_mass};
+}
+
 pma_parts describe(part *x)
 {
     const double al1[2] = {al1_of(x, false), al1_of(x, true)};
@@ -121,6 +128,10 @@ pma_parts describe(part *x)
                        .D_r = estimate(x->n, x->D_r),
                        .K_r = estimate(x->n, x->K_r),
                        .responds = x->responds,
+                       .mean = x->mean,
+                       .mass = make_mass(x),
+                       .waits = x->waits,
+                       .shifts = x->shifts,
                        .shoots = x->inner.used,
                        .M = {.form = PMA_DENSE, .n = x->n, .values = x->M},
                        .K = {.form = PMA_DENSE, .n = x->n, .values = x->inner.K},
@@ -220,10 +231,18 @@ double naive_recur(pma_scheme s, double w1, double w0, double a0)
     return ((1.0 - s.af) * w1 + s.af * w0 - s.am * a0) / (1.0 - s.am);
 }
 
-void naive_free(const part *x, bool twice, double t, const double *F, const level *from, level *to)
+/* (5), (6) and (R1) under an acceleration y                                               (K2) */
+static void take_free(const part *x, bool twice, double t, const double *F, const double *y,
+                      const level *from, level *to)
 {
     double ut[MOST], vt[MOST], vs[MOST], late[MOST];
+    const double h = twice ? 2.0 * x->h : x->h;
     naive_predict(x, twice, from, ut, vt, vs);
+    for (size_t i = 0; i < x->n; i++) {
+        ut[i] += h * h / 2.0 * y[i];
+        vt[i] += h * y[i];
+        vs[i] += h * y[i];
+    }
     naive_pull(x, t, ut, vs, to->r);
     for (size_t i = 0; i < x->n; i++) {
         to->w[i] = F[i] - to->r[i];
@@ -235,6 +254,53 @@ void naive_free(const part *x, bool twice, double t, const double *F, const leve
     naive_solve(x->n, x->Mbar[twice], to->w);
     naive_correct(x, twice, ut, vt, to);
     memcpy(to->vf, to->v, x->n * sizeof(double));
+}
+
+void naive_free(const part *x, bool twice, double t, const double *F, const level *from, level *to)
+{
+    const double none[MOST] = {0.0};
+    take_free(x, twice, t, F, none, from, to);
+}
+
+void naive_push(const part *x, const double *lam, double *y)
+{
+    memset(y, 0, x->n * sizeof(double));
+    for (size_t row = 0; row < x->p; row++) {
+        for (size_t i = 0; i < x->n; i++)
+            y[i] += x->L[row * x->n + i] * lam[row];
+    }
+    naive_solve(x->n, x->M, y);
+}
+
+void naive_pushed(const part *x, bool twice, double t, const double *F, const double *y,
+                  const level *from, level *to)
+{
+    take_free(x, twice, t, F, y, from, to);
+    for (size_t i = 0; i < x->n; i++)
+        to->a[i] = naive_recur(x->scheme, to->w[i], from->w[i], from->a[i]);
+}
+
+void naive_stiffness_of(const part *x, const double *y, double *z)
+{
+    for (size_t i = 0; i < x->n; i++) {
+        z[i] = 0.0;
+        for (size_t j = 0; j < x->n; j++)
+            z[i] += (x->K[i * x->n + j] + x->K_r[i * x->n + j]) * y[j];
+    }
+    naive_solve(x->n, x->Mbar[0], z);
+}
+
+void naive_shift(const part *x, const double *mu, level *to)
+{
+    double y[MOST], z[MOST];
+    naive_link(x, false, mu, y);
+    naive_stiffness_of(x, y, z);
+    for (size_t i = 0; i < x->n; i++) {
+        to->u[i] += y[i] - al1_of(x, false) * z[i];
+        to->v[i] -= al2_of(x, false) * z[i];
+        to->vf[i] -= al2_of(x, false) * z[i];
+        to->w[i] -= z[i];
+    }
 }
 
 void naive_link(const part *x, bool twice, const double *lam, double *wl)

@@ -46,6 +46,7 @@ int pull(double t, intptr_t n, double *u, double *v, double *r, void *user);
 struct part {
     size_t n, nb, p, substeps;
     bool implicit, doubled, responds;
+    bool mean, waits, shifts; /* as those of pma_parts */
     pma_scheme scheme;
     double h;
     double M[MOST * MOST], C[MOST * MOST], K[MOST * MOST]; /* n*n by rows */
@@ -61,6 +62,7 @@ struct part {
     int64_t order[MOST];
     double work[3 * MOST];
     double Mbar[2][MOST * MOST], R[2][MOST * MOST], inverse[2][MOST]; /* of h and of 2 h */
+    double R_mass[MOST * MOST], inverse_mass[MOST];
     int64_t ptr[MOST + 1];
     int32_t constraint[CONSTRAINTS * MOST];
     double sign[CONSTRAINTS * MOST];
@@ -92,6 +94,7 @@ static const double SWING_TOLERANCE = 10.0 * SWINGS * DBL_EPSILON;
 /* All there is at a time level; r is the restoring force of the substep that ended there. */
 typedef struct {
     double u[MOST], v[MOST], w[MOST], a[MOST], vf[MOST], r[MOST];
+    double more[MOST]; /* what is recorded beside w (K5) */
 } level;
 
 /* F (n) := F(t) at the end of this substep of the run */
@@ -118,6 +121,17 @@ void naive_close(const part *x, bool twice, const double *lam, const level *from
 
 /* vf := v - al2 Mbar^-1 L^T lam, (S2) and (S3) */
 void naive_store(const part *x, bool twice, const double *lam, level *at);
+
+/* y (n) := M^-1 L^T lam, and a substep that it pushes                               (K1) (K2) */
+void naive_push(const part *x, const double *lam, double *y);
+void naive_pushed(const part *x, bool twice, double t, const double *F, const double *y,
+                  const level *from, level *to);
+
+/* to := the same with the predictor shifted by Mbar^-1 L^T mu                          (V1) (V2) */
+void naive_shift(const part *x, const double *mu, level *to);
+
+/* z (n) := Mbar^-1 (K + K_r) y with the operator of the single step                          (V2) */
+void naive_stiffness_of(const part *x, const double *y, double *z);
 
 /* A substep of the link response under lam: (M3) with K + K_r, C + D_r, lagged C vs */
 void naive_respond(const part *x, bool twice, const double *lam, const level *from, level *to);

@@ -53,6 +53,8 @@ extern const test THREADS_TESTS[];
 extern const test SPLIT_TESTS[];
 extern const test TILES_TESTS[];
 extern const test MACRO_TESTS[];
+extern const test SCHEDULES_TESTS[];
+extern const test PROCESSES_TESTS[];
 extern const test BROYDEN_TESTS[];
 extern const test INTERNAL_TESTS[];
 extern const test NEWTON_TESTS[];

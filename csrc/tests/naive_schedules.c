@@ -1,0 +1,269 @@
+/* naive_schedules.c - the coupled steps as docs/method.md has them, with all time levels kept. */
+#include <string.h>
+
+#include "models.h"
+
+static const level REST = {.u = {0.0}};
+static const double NOTHING[MOST] = {0.0};
+
+level naive_response(const part *x, bool twice, const double *lam)
+{
+    level at = REST;
+    double y[MOST];
+    naive_push(x, lam, y);
+    for (size_t i = 0; i < x->n; i++)
+        y[i] *= twice ? 0.5 : 1.0;
+    for (size_t j = 1; j <= x->substeps; j++) {
+        const level from = at;
+        double grown[CONSTRAINTS];
+        for (size_t row = 0; row < x->p; row++)
+            grown[row] = lam[row] * (double)j / (double)x->substeps;
+        if (x->mean)
+            naive_pushed(x, twice, 0.0, NOTHING, y, &from, &at);
+        else
+            naive_respond(x, twice, grown, &from, &at);
+    }
+    return at;
+}
+
+/* ---- the naive coupler: section 5 as written ------------------------------------------------ */
+
+/* From time level k of part i to the next one, the free problem. */
+static void naive_open(model *m, size_t i, size_t k)
+{
+    const part *x = &m->parts[i];
+    const bool twice = x->doubled && k >= x->substeps;
+    const double t = (double)(k + 1) / (double)x->substeps * m->dt;
+    level *to = &m->levels[i][k + 1];
+    double F[MOST];
+    naive_force(x, t, k, F);
+    naive_free(x, twice, t, F, twice ? to - 2 : to - 1, to);
+}
+
+static void naive_end(model *m, size_t i, size_t k, const double *lam)
+{
+    const part *x = &m->parts[i];
+    const bool twice = x->doubled && k >= x->substeps;
+    level *to = &m->levels[i][k + 1];
+    naive_close(x, twice, lam, twice ? to - 2 : to - 1, to);
+}
+
+/* L vf of part i at fine step k, in mid-step interpolated; opens the substep that begins there. */
+static void naive_free_velocity(model *m, size_t i, size_t k, double *jump)
+{
+    const part *x = &m->parts[i];
+    const size_t ratio = m->fine / x->substeps, next = (k + ratio - 1) / ratio;
+    const level *to = &m->levels[i][next], *last = to - 1;
+    if ((k - 1) % ratio == 0)
+        naive_open(m, i, next - 1);
+    const double theta = (double)(k - (next - 1) * ratio) / (double)ratio;
+    for (size_t row = 0; row < m->p; row++)
+        jump[row] +=
+            (1.0 - theta) * constrained(x, row, last->vf) + theta * constrained(x, row, to->vf);
+}
+
+/* A part that has a time level at fine step k takes Lam. */
+static void naive_arrive(model *m, size_t i, size_t k)
+{
+    const part *x = &m->parts[i];
+    const size_t ratio = m->fine / x->substeps;
+    if (k % ratio != 0)
+        return;
+    naive_end(m, i, k / ratio - 1, m->lam[k]);
+    if (k == m->fine && x->doubled && m->rebased)
+        naive_store(x, true, m->lam[k], &m->levels[i][k / ratio]);
+}
+
+/* d (p): the integral of the prescribed velocity up to fine step k, by the trapezoidal rule    (V5) */
+static void naive_gap(const model *m, size_t k, double *d)
+{
+    double g0[CONSTRAINTS], g1[CONSTRAINTS];
+    memset(d, 0, m->p * sizeof(double));
+    for (size_t step = 1; step <= k; step++) {
+        prescribe(m, step - 1, g0);
+        prescribe(m, step, g1);
+        for (size_t row = 0; row < m->p; row++)
+            d[row] += m->dt / (double)m->fine * (g0[row] + g1[row]) / 2.0;
+    }
+}
+
+/* Both multipliers at once, and the shift; right: g - sum L vf at the end of fine step k (V3) (V1) */
+static void naive_tie(model *m, size_t k, const double *right)
+{
+    const size_t p = m->p, size = 2 * p;
+    double A[4 * CONSTRAINTS * CONSTRAINTS] = {0.0}, b[2 * CONSTRAINTS], y[MOST], z[MOST];
+    memcpy(b, right, p * sizeof(double));
+    naive_gap(m, k, b + p);
+    for (size_t i = 0; i < m->count; i++) {
+        const part *x = &m->parts[i];
+        const double al1 = al1_of(x, false), al2 = al2_of(x, false);
+        const level *end = &m->levels[i][k * x->substeps / m->fine];
+        for (size_t column = 0; column < p; column++) {
+            double unit[CONSTRAINTS] = {0.0};
+            unit[column] = 1.0;
+            naive_link(x, false, unit, y);
+            naive_stiffness_of(x, y, z);
+            for (size_t row = 0; row < p; row++) {
+                A[row * size + column] += al2 * constrained(x, row, y);
+                A[row * size + p + column] -= al2 * constrained(x, row, z);
+                A[(p + row) * size + column] += al1 * constrained(x, row, y);
+                A[(p + row) * size + p + column] +=
+                    constrained(x, row, y) - al1 * constrained(x, row, z);
+            }
+            b[p + column] -= constrained(x, column, end->u);
+        }
+    }
+    naive_solve(size, A, b);
+    memcpy(m->lam[k], b, p * sizeof(double));
+    for (size_t i = 0; i < m->count; i++)
+        naive_shift(&m->parts[i], b + p, &m->levels[i][k * m->parts[i].substeps / m->fine]);
+}
+
+static void naive_fine_step(model *m, size_t k)
+{
+    double jump[CONSTRAINTS] = {0.0};
+    prescribe(m, k, m->lam[k]);
+    for (size_t i = 0; i < m->count; i++)
+        naive_free_velocity(m, i, k, jump);
+    for (size_t row = 0; row < m->p; row++)
+        m->lam[k][row] -= jump[row];
+    if (m->tied && k % m->fine == 0)
+        naive_tie(m, k, m->lam[k]);
+    else
+        naive_solve(m->p, m->H[k > m->fine], m->lam[k]);
+    for (size_t i = 0; i < m->count; i++)
+        naive_arrive(m, i, k);
+}
+
+/* ---- the same in macro coupling: section 13 as written -------------------------------------- */
+
+/* (M2), with lam held */
+static void naive_free_macro_run(model *m, size_t i, size_t macro)
+{
+    const size_t begin = macro * m->parts[i].substeps;
+    for (size_t k = begin; k < begin + m->parts[i].substeps; k++) {
+        naive_open(m, i, k);
+        naive_end(m, i, k, m->lam[macro]);
+    }
+}
+
+/* (M3) added to every level of the macro step, (M5) */
+static void naive_add_response(model *m, size_t i, size_t macro, const double *dlam)
+{
+    const part *x = &m->parts[i];
+    const bool twice = x->doubled && macro > 0;
+    level at = REST;
+    for (size_t j = 1; j <= x->substeps; j++) {
+        const level from = at;
+        double grown[CONSTRAINTS];
+        for (size_t row = 0; row < m->p; row++)
+            grown[row] = dlam[row] * (double)j / (double)x->substeps;
+        naive_respond(x, twice, grown, &from, &at);
+        naive_add(x, &at, &m->levels[i][macro * x->substeps + j]);
+    }
+}
+
+static void naive_macro_step(model *m, size_t macro)
+{
+    double dlam[CONSTRAINTS];
+    prescribe(m, macro + 1, dlam);
+    for (size_t i = 0; i < m->count; i++) {
+        const part *x = &m->parts[i];
+        naive_free_macro_run(m, i, macro);
+        for (size_t row = 0; row < m->p; row++)
+            dlam[row] -= constrained(x, row, m->levels[i][(macro + 1) * x->substeps].v);
+    }
+    naive_solve(m->p, m->H[macro > 0], dlam); /* (M4) */
+    for (size_t row = 0; row < m->p; row++)
+        m->lam[macro + 1][row] = m->lam[macro][row] + dlam[row];
+    for (size_t i = 0; i < m->count; i++)
+        naive_add_response(m, i, macro, dlam);
+}
+
+/* ---- mean coupling: section 15 as written ---------------------------------------------------- */
+
+/* All substeps of a macro step under lam, in a double step under its mean with the one before   (K2) */
+static void naive_mean_run(model *m, size_t i, size_t macro, const double *lam)
+{
+    const part *x = &m->parts[i];
+    const bool twice = x->doubled && macro > 0;
+    double both[CONSTRAINTS], y[MOST], F[MOST];
+    for (size_t row = 0; row < m->p; row++)
+        both[row] = twice ? (m->lam[macro][row] + lam[row]) / 2.0 : lam[row];
+    naive_push(x, both, y);
+    for (size_t k = macro * x->substeps; k < (macro + 1) * x->substeps; k++) {
+        const double t = (double)(k + 1) / (double)x->substeps * m->dt;
+        level *to = &m->levels[i][k + 1];
+        naive_force(x, t, k, F);
+        naive_pushed(x, twice, t, F, y, twice ? to - 2 : to - 1, to);
+    }
+}
+
+/* g_u (p): 0, and where a velocity is prescribed the displacement that it leads to             (K4) */
+static void naive_target(const model *m, size_t macro, double *target)
+{
+    double g0[CONSTRAINTS], g1[CONSTRAINTS];
+    prescribe(m, macro, g0);
+    prescribe(m, macro + 1, g1);
+    memset(target, 0, m->p * sizeof(double));
+    if (m->motion_count == 0)
+        return;
+    const size_t row = (size_t)m->moved_row;
+    target[row] = m->dt * (g0[row] + g1[row]) / 2.0;
+    for (size_t i = 0; i < m->count; i++)
+        target[row] += constrained(&m->parts[i], row, m->levels[i][macro * m->parts[i].substeps].u);
+}
+
+/* The multiplier at time t of macro step `macro`, in macro steps: on the line through the last two
+ * means of neighbours, at the time level between them; at first through Lam_0 and what there is (K5) */
+static double multiplier_at(const model *m, size_t macro, double t, size_t row)
+{
+    const double first = m->lam[0][row], now = m->lam[macro + 1][row];
+    if (macro == 0)
+        return first + t / 0.5 * (now - first);
+    const double mean = (m->lam[macro][row] + now) / 2.0;
+    const double before = macro == 1 ? first : (m->lam[macro - 1][row] + m->lam[macro][row]) / 2.0;
+    return before + (t - (double)macro + 1.0) * (mean - before);
+}
+
+static void naive_accelerate(model *m, size_t i, size_t macro)
+{
+    const part *x = &m->parts[i];
+    for (size_t j = 1; j <= x->substeps; j++) {
+        const double t = (double)macro + (double)j / (double)x->substeps;
+        double lam[CONSTRAINTS];
+        for (size_t row = 0; row < m->p; row++)
+            lam[row] = multiplier_at(m, macro, t, row);
+        naive_push(x, lam, m->levels[i][macro * x->substeps + j].more);
+    }
+}
+
+static void naive_mean_step(model *m, size_t macro)
+{
+    double *lam = m->lam[macro + 1];
+    naive_target(m, macro, lam);
+    for (size_t i = 0; i < m->count; i++) {
+        naive_mean_run(m, i, macro, NOTHING);
+        for (size_t row = 0; row < m->p; row++)
+            lam[row] -=
+                constrained(&m->parts[i], row, m->levels[i][(macro + 1) * m->parts[i].substeps].u);
+    }
+    naive_solve(m->p, m->H[macro > 0], lam); /* (K4) */
+    for (size_t i = 0; i < m->count; i++) {
+        naive_mean_run(m, i, macro, lam);
+        naive_accelerate(m, i, macro);
+    }
+}
+
+/* ---- all of them ------------------------------------------------------------------------------ */
+
+void naive_run(model *m, size_t steps)
+{
+    for (size_t i = 0; i < m->count && m->mean; i++)
+        naive_push(&m->parts[i], m->lam0, m->levels[i][0].more);
+    memcpy(m->lam[0], m->lam0, sizeof m->lam0);
+    for (size_t macro = 0; m->macro && macro < steps; macro++)
+        (m->mean ? naive_mean_step : naive_macro_step)(m, macro);
+    for (size_t k = 1; !m->macro && k <= steps * m->fine; k++)
+        naive_fine_step(m, k);
+}

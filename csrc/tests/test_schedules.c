@@ -1,0 +1,68 @@
+/* test_schedules.c - schedules of sections 5 and 15 of docs/method.md against the naive program:
+ * displacements tied at macro time levels, and mean coupling. */
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "check.h"
+#include "models.h"
+#include "tests.h"
+
+static void check(chain chosen)
+{
+    static model m;
+    static tape t;
+    build_chain(&m, &chosen);
+    make_tape(&t, &m, 0, 0);
+    run_taped(&m, &t, STEPS);
+    naive_run(&m, STEPS);
+    check_against_naive(&m, &t, STEPS);
+    destroy_model(&m);
+}
+
+static void tied_displacements_are_shifted_as_it_is_written(void)
+{
+    for (int moved = 0; moved <= 1; moved++) {
+        check((chain){.plan = {{1, 1, 1}, false, false, true, moved, false}, .tied = true});
+        check((chain){.plan = {{1, 6, 2}, false, false, true, moved, false}, .tied = true});
+        check((chain){.plan = {{6, 3, 1}, false, false, true, moved, true}, .tied = true});
+    }
+}
+
+/* A, damped, responds to the multipliers; without damping single implicit steps are closed (K7). */
+static void mean_coupling_is_the_schedule_as_it_is_written(void)
+{
+    for (int k = 0; k < 8; k++) {
+        const bool moved = k & 1, undamped = k & 2, stored = k & 4;
+        check((chain){.plan = {{1, 1, 1}, false, false, true, moved, false},
+                      .mean = true,
+                      .undamped = undamped});
+        check((chain){.plan = {{1, 3, 5}, false, false, true, moved, false},
+                      .mean = true,
+                      .stored = stored,
+                      .undamped = undamped});
+        check((chain){.plan = {{2, 6, 1}, false, false, true, moved, false},
+                      .mean = true,
+                      .stored = stored,
+                      .undamped = undamped});
+    }
+}
+
+static void double_steps_of_mean_coupling_feel_both_multipliers(void)
+{
+    for (int k = 0; k < 4; k++) {
+        const bool moved = k & 1, undamped = k & 2;
+        check((chain){.plan = {{1, 4, 1}, true, false, true, moved, false},
+                      .mean = true,
+                      .undamped = undamped});
+        check((chain){.plan = {{1, 4, 1}, true, true, true, moved, false},
+                      .mean = true,
+                      .undamped = undamped});
+    }
+}
+
+const test SCHEDULES_TESTS[] = {
+    TEST(tied_displacements_are_shifted_as_it_is_written),
+    TEST(mean_coupling_is_the_schedule_as_it_is_written),
+    TEST(double_steps_of_mean_coupling_feel_both_multipliers),
+    END_OF_TESTS,
+};
