@@ -381,14 +381,14 @@ int pma_take_springs(PyObject *obj, PyObject *arrays, pma_spring_set **sets, pma
     return 0;
 }
 
-/* (values, shape, dt, hold) */
+/* (values, shape, dt, hold, begin) */
 static int take_sampled(PyObject *obj, PyObject *arrays, pma_load *load)
 {
     PyObject *values, *shape;
     PyArrayObject *array;
     const npy_intp any[2] = {-1, -1};
     int hold;
-    if (!PyArg_ParseTuple(obj, "OOdp", &values, &shape, &load->dt, &hold) ||
+    if (!PyArg_ParseTuple(obj, "OOdpd", &values, &shape, &load->dt, &hold, &load->begin) ||
         pma_take_array(values, NPY_DOUBLE, 2, any, "values", arrays, &array) < 0)
         return -1;
     load->kind = PMA_LOAD_SAMPLED;
@@ -438,7 +438,7 @@ static int take_any_load(PyObject *obj, PyObject *arrays, pma_load *load)
         load->kind = PMA_LOAD_CONSTANT;
         return pma_take_doubles(obj, (npy_intp)load->n, "load", arrays, &load->values);
     }
-    if (PyTuple_Size(obj) == 4)
+    if (PyTuple_Size(obj) == 5)
         return take_sampled(obj, arrays, load);
     if (PyTuple_Size(obj) == 2 && pma_is_compiled(PyTuple_GetItem(obj, 0)))
         return pma_take_force(obj, arrays, load);

@@ -489,7 +489,7 @@ static PyGetSetDef subdomain_getset[] = {
 
 static PyMethodDef subdomain_methods[] = {
     {"set_load", (PyCFunction)subdomain_set_load, METH_O,
-     "set_load(None | f | (values, shape, dt, hold) | (rows, first) | (function, order))"},
+     "set_load(None | f | (values, shape, dt, hold, begin) | (rows, first) | (function, order))"},
     {"start", (PyCFunction)subdomain_start, METH_VARARGS, "start(u, v, w, lam): state at t = 0"},
     {"rebase", (PyCFunction)subdomain_rebase, METH_VARARGS,
      "rebase(twice, lam): the stored free velocity that gives the present velocity with lam"},

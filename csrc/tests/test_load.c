@@ -54,6 +54,9 @@ static void a_sampled_load_is_linear_between_samples_and_held_or_zero_after(void
         check_load(&load, 0.5000001, 0, hold ? samples[2] : NOTHING);
         check_load(&load, 100.0, 0, hold ? samples[2] : NOTHING);
     }
+    load.begin = 2.0;
+    check_load(&load, 2.0625, 0, (double[]){1.0, 6.0, 1.0});
+    load.begin = 0.0;
     load.samples = 1;
     check_load(&load, 0.0, 0, samples[0]);
     check_load(&load, 0.25, 0, samples[0]); /* held, from the last pass */

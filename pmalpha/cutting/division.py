@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted, require_finite, vector
-from ..problem.forces import BaseAcceleration, SampledForce, checked_force, is_callback
+from ..problem.forces import SampledForce, checked_force, is_callback
 
 # Rounding of zeros in a computed motion, relative to its largest entry.
 ROUNDING = 1e-12
@@ -118,14 +118,10 @@ class Division:
 
 def _share(force: Any, dofs: np.ndarray, share: np.ndarray) -> Any:
     """The part of a load on some dofs, each entry times its share."""
-    if isinstance(force, BaseAcceleration):
-        assert force.shape is not None
-        shape = share[:, None] * force.shape[dofs]
-        return BaseAcceleration(force.values, force.dt, -shape, np.ones(dofs.size))
     if isinstance(force, SampledForce):
         if force.shape is None:
-            return SampledForce(share * force.values[:, dofs], force.dt)
-        return SampledForce(force.values, force.dt, share[:, None] * force.shape[dofs])
+            return force._changed(values=share * force.values[:, dofs])
+        return force._changed(shape=share[:, None] * force.shape[dofs])
     if isinstance(force, np.ndarray):
         return share * force[dofs]
     if is_callback(force):

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from .._checks import counted, listing, numbered
 from .arguments import DofsLike, MatrixLike
 from .dofs import dof_list
-from .forces import BaseAcceleration, checked_force
+from .forces import BaseAcceleration, SampledForce, checked_force
 from .frozen import Frozen
 from .matrices import rectangular
 from .subdomain import Subdomain
@@ -99,6 +99,8 @@ class Constraint(Frozen):
             )
         if isinstance(velocity, BaseAcceleration):
             raise TypeError("velocity must be a SampledForce, a callable or an array, not a force")
+        if isinstance(velocity, SampledForce) and velocity.average:
+            raise ValueError("velocity must be a SampledForce without average, got average=True")
         self.velocity = checked_force(velocity, self.p, "velocity")
         self._freeze()
 

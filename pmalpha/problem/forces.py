@@ -1,6 +1,6 @@
 """Loads: the values that ``force`` of a subdomain can have.
 
-A load is evaluated at the end of a step only (docs/method.md).
+A load is evaluated at the end of a step only, as its value there or as a mean (docs/method.md).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any, TypeAlias, TypeGuard
 import numpy as np
 from scipy import LowLevelCallable
 
-from .._checks import counted, real_array, time_step, vector
+from .._checks import counted, flag, real_array, time_step, vector
 from .arguments import MatrixLike
 from .frozen import Frozen
 from .lowlevel import check_signature
@@ -24,7 +24,10 @@ __all__ = ["BaseAcceleration", "SampledForce"]
 class SampledForce(Frozen):
     """A force given by samples with linear interpolation, equation (L1).
 
-    After the last sample the force is constant.
+    A subdomain takes its values at the ends of its own substeps only, t = 0 included. What is
+    between two of them has no influence: samples closer together than the steps are skipped, and
+    frequencies above half a step's are seen as lower ones. The Coupler warns where that changes the
+    response; `average` takes means instead. After the last sample the force is constant.
 
     Parameters
     ----------
@@ -35,6 +38,13 @@ class SampledForce(Frozen):
     shape : (n,) or (n, k) array, optional
         Distribution of the k samples over the n dofs: F(t) = shape @ s(t). Without it the samples
         are the forces on the dofs, k = n.
+    average : bool, default False
+        True: each time level takes the mean of the force over one step of the subdomain about it,
+        half of the step that ends there and half of the one that begins there, equation (L2);
+        double steps take it over 2 h. Impulses are kept, wherever they are, nothing is delayed, and
+        the order of accuracy remains; t = 0 takes the mean over the first half step. Frequencies
+        near those of the steps are damped, not removed: filter the record for that. Calling the
+        object returns F(t) itself.
 
     Raises
     ------
@@ -52,10 +62,12 @@ class SampledForce(Frozen):
 
     hold = True
     _values_name, _shape_name = "values", "shape"
+    _begin = 0.0  # the time of the first sample
 
-    def __init__(self, values: Any, dt: float, shape: Any = None):
+    def __init__(self, values: Any, dt: float, shape: Any = None, *, average: bool = False):
         self.values = _columns(values, self._values_name)
         self.dt = time_step(dt, "dt")
+        self.average = flag(average, "average")
         self.shape = None if shape is None else _columns(shape, "shape")
         if self.shape is not None and self.shape.shape[1] != self.values.shape[1]:
             raise ValueError(
@@ -77,23 +89,25 @@ class SampledForce(Frozen):
     def __repr__(self) -> str:
         m, k = self.values.shape
         series = "" if k == 1 else f" of {k} series"
+        averaged = ", averaged" if self.average else ""
         return (
             f"<{type(self).__name__} on {counted(self.n, 'dof')}: {counted(m, 'sample')}{series}, "
-            f"dt = {self.dt:g}, to t = {(m - 1) * self.dt:g}>"
+            f"dt = {self.dt:g}, to t = {(m - 1) * self.dt:g}{averaged}>"
         )
 
     def _projected(self, T: np.ndarray) -> SampledForce:
         """The force T^T F(t) on other coordinates, with the displacements T u; T is (n, r)."""
+        return self._changed(shape=T.T if self.shape is None else T.T @ self.shape)
+
+    def _changed(self, **attributes: Any) -> SampledForce:
         new = object.__new__(type(self))
-        new.values, new.dt = self.values, self.dt
-        new.shape = T.T if self.shape is None else T.T @ self.shape
-        new._freeze()
+        new.__dict__.update(self.__dict__, **attributes)
         return new
 
     def __call__(self, t: float) -> np.ndarray:
         """F(t), shape (n,), for t >= 0, evaluated like in the core."""
         last = len(self.values) - 1
-        x = _position(t / self.dt)
+        x = _position((t - self._begin) / self.dt)
         if x >= last:
             sample = self.values[last] * (1.0 if self.hold or x == last else 0.0)
         else:
@@ -118,13 +132,16 @@ class BaseAcceleration(SampledForce):
     ----------
     record : (m,) or (m, k) array
         Ground acceleration at t = 0, dt, 2 dt, ..., in the unit of u / t^2 (multiply a record in
-        units of g by g). Zero after its end.
+        units of g by g). Zero after its end. Between samples and between steps as for
+        `SampledForce`.
     dt : float
         Time between two samples, positive.
     direction : (n,) or (n, k) array
         Displacement of each dof for a unit displacement of the ground; a column for each record.
     M : (n,) or (n, n) array or scipy.sparse matrix
         The mass matrix of the same subdomain.
+    average : bool, default False
+        As for `SampledForce`: True takes means over the steps of the subdomain.
 
     Raises
     ------
@@ -141,7 +158,9 @@ class BaseAcceleration(SampledForce):
     hold = False
     _values_name, _shape_name = "record", "direction"
 
-    def __init__(self, record: Any, dt: float, direction: Any, M: MatrixLike):
+    def __init__(
+        self, record: Any, dt: float, direction: Any, M: MatrixLike, *, average: bool = False
+    ):
         direction = _columns(direction, "direction")
         mass, n = canonical(M, "M")
         if n != len(direction):
@@ -150,7 +169,7 @@ class BaseAcceleration(SampledForce):
             shape = -product(mass, direction)
         if not np.all(np.isfinite(shape)):
             raise ValueError("M times direction must be finite")
-        super().__init__(record, dt, shape)
+        super().__init__(record, dt, shape, average=average)
 
 
 def _columns(value: Any, name: str) -> np.ndarray:
@@ -192,9 +211,10 @@ def core_load(force: Force, order: np.ndarray) -> Any:
     if isinstance(force, LowLevelCallable):
         return force, order
     assert isinstance(force, SampledForce)
+    times = force.dt, force.hold, force._begin
     if force.shape is None:
-        return np.ascontiguousarray(force.values[:, order]), None, force.dt, force.hold
-    return force.values, np.ascontiguousarray(force.shape[order].T), force.dt, force.hold
+        return np.ascontiguousarray(force.values[:, order]), None, *times
+    return force.values, np.ascontiguousarray(force.shape[order].T), *times
 
 
 def is_callback(force: Force) -> TypeGuard[Callable[[float], Any]]:

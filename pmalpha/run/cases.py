@@ -26,6 +26,7 @@ from .loads import Loads
 from .motion import Motion
 from .progress import Report, reporting
 from .recording import Recording
+from .sampled import seen_by
 
 ARGUMENTS = ("u0", "v0", "force")
 # Numbers of each array that the check of accuracy reads of a case among several side by side.
@@ -178,6 +179,7 @@ class Cases:
     _accumulated_errors: Any
     _warn_of: Any
     _return_to_start: Any
+    _warn_of_records: Any
     _steps: Any
     _assembly: Any
     _take: Any
@@ -290,6 +292,7 @@ class Cases:
         with self._entered():
             motions, tied = self._loads.motions, self.coupling == "mean"
             checked = checked_cases(cases, self._keys, self._rows, motions, tied)
+            self._warn_of_records(checked)
             paths = checked_paths(record_to, len(checked))
             chosen |= dict(overwrite=overwrite)
             results = Results(len(checked))
@@ -377,7 +380,11 @@ class Cases:
         the recordings. None where the initial values of a case fail."""
         cases = [plan.cases[k] for k in group]
         cases += [cases[-1]] * (LANES - len(cases))
-        forces = [case.forces for case in cases]
+        parts, clock = self._parts, self._clock
+        forces = [
+            [seen_by(part, force, clock) for part, force in zip(parts, case.forces)]
+            for case in cases
+        ]
         try:
             if self._initial_accelerations is None:
                 p, rows = self._rows.p, np.argsort(self._row_position)

@@ -21,6 +21,7 @@ from .keys import by_index
 from .loads import Loads
 from .progress import Report, reporting
 from .recording import Recording
+from .sampled import warn_of_skipped
 from .tolerance import Controller, Pieces, checked_file, checked_tolerance, chosen_run
 from .transfer import Steps, follow_energies, moves, take_over
 
@@ -136,6 +137,9 @@ class Changes:
                 lambda i: steps.lengths(i, step),
                 first=True,
             )
+        if clock is None:
+            fine = layout.dt / new.core.instants
+            warn_of_skipped(new.parts, loads.forces, loads.motions, fine)
         if self._ranks is not None:
             self._ranks.share(None)  # from here on nothing fails
         loads.to_core()

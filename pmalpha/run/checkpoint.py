@@ -116,7 +116,8 @@ def load(force: Any) -> str:
     """A description of a load; equal loads have equal descriptions."""
     if isinstance(force, SampledForce):
         shape = "" if force.shape is None else f", shape {checksum(force.shape)}"
-        return f"{type(force).__name__} {checksum(force.values)}, dt {force.dt!r}{shape}"
+        average = ", average" if force.average else ""
+        return f"{type(force).__name__} {checksum(force.values)}, dt {force.dt!r}{shape}{average}"
     if isinstance(force, LowLevelCallable):
         return "a compiled function"
     if isinstance(force, tuple):

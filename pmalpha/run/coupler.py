@@ -45,6 +45,7 @@ from .motion import motions_of
 from .present import Present
 from .progress import Report, reporting
 from .recording import FiledRecording, Recording, recording_class
+from .sampled import warn_of_skipped
 from .saving import Saving
 from .snapshot import Snapshots
 from .stiffening import warn_of_present_steps
@@ -248,6 +249,7 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         self._constants: dict[str, Any] | None = None  # of the problem, for a checkpoint
         self._started = self._was_reset = False
         forces = [s.force for s in subdomains]
+        warn_of_skipped(self._parts, forces, motions, clock.dt / self._fine)
         self._loads = Loads(self._core, self._parts, clock, forces, motions, newton, names)
         self._take_loads()
 
@@ -526,6 +528,7 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
             self._check_call("reset")
             case = checked_case(self._keys, self._rows, u0, v0, force)
             case.initial.check(self._loads.motions, tied=self.coupling == "mean")
+            self._warn_of_records([case])
             kept = self._initial, self._loads, self._started, self._steps, self._assembly
             self._was_reset = True
             try:
@@ -537,6 +540,17 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
                 self._loads.to_core()
                 raise
             self._last_history = None
+
+    def _warn_of_records(self, cases: Sequence[Case]) -> None:
+        """Warn of loads of which steps skip samples, but for those of the `Subdomain`, of which
+        the set-up has warned."""
+        parts = self._assemblies.first.parts
+        for case in cases:
+            forces = [
+                None if force is part.subdomain.force else force
+                for part, force in zip(parts, case.forces)
+            ]
+            warn_of_skipped(parts, forces)
 
     def _return_to_start(self, case: Case) -> None:
         self._take_first_steps()

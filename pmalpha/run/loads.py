@@ -17,6 +17,7 @@ from ..setup.part import Part
 from .callback import CallbackLoad
 from .clock import Clock
 from .motion import Motion, all_known
+from .sampled import seen_by
 
 
 class Loads:
@@ -54,6 +55,7 @@ class Loads:
         self.names = [part.name for part in parts] if names is None else names
         self.core, self.parts, self.clock = core, parts, clock
         fine, self.forces = core.instants, forces
+        self.seen = self._seen()
         self.motions = [motion.renewed(fine, clock) for motion in motions]
         self.callbacks = {
             i: CallbackLoad(
@@ -82,6 +84,7 @@ class Loads:
         """The same loads for other objects of the core, with the same steps and stored values."""
         moved = copy(self)
         moved.core, moved.parts = core, parts
+        moved.seen = moved._seen()
         moved.to_core()
         return moved
 
@@ -108,7 +111,7 @@ class Loads:
 
     def to_core(self) -> None:
         """Give the core all loads but those of callables, which `prepare` gives it."""
-        for i, (part, force) in enumerate(zip(self.parts, self.forces)):
+        for i, (part, force) in enumerate(zip(self.parts, self.seen)):
             if i not in self.callbacks:
                 part.core.set_load(core_load(force, part.order))
         for i, motion in enumerate(self.motions):
@@ -158,7 +161,7 @@ class Loads:
 
     def at_start(self, i: int, step: int = 0) -> np.ndarray:
         """F(0) of a subdomain; `step` is the present macro step, for errors."""
-        force, part = self.forces[i], self.parts[i]
+        force, part = self.seen[i], self.parts[i]
         if i in self.callbacks:
             return self.callbacks[i].near_start_value(0.0)
         if isinstance(force, LowLevelCallable):
@@ -172,7 +175,7 @@ class Loads:
             return self.at_start(i)
         if i in self.callbacks:
             return self.callbacks[i].value_at(self.clock.count(step) * part.substeps)
-        force, t = self.forces[i], self.clock.time(step)
+        force, t = self.seen[i], self.clock.time(step)
         if isinstance(force, LowLevelCallable):
             return self._values(part.core.force(t), "force", i, step)
         return force_at(force, part, t)
@@ -208,6 +211,10 @@ class Loads:
                 r = self._values(part.core.restore(0.0, u, v), "restoring force", i, 0)
                 terms[i].append(-r)
         return terms
+
+    def _seen(self) -> list[Force]:
+        """The forces as the steps of the subdomains take them."""
+        return [seen_by(part, force, self.clock) for part, force in zip(self.parts, self.forces)]
 
     def _values(self, values: Any, what: str, i: int, step: int) -> Any:
         """The values of a compiled function; CallbackError if it returned a code."""

@@ -37,10 +37,10 @@ typedef struct {
     double weight[2];
 } sum_of_samples;
 
-/* F(t) = shape ((1 - theta) s_j + theta s_{j+1}), t = (j + theta) dt                    (L1) */
+/* F(t) = shape ((1 - theta) s_j + theta s_{j+1}), t = begin + (j + theta) dt            (L1) */
 static sum_of_samples samples_at(const pma_load *load, double t)
 {
-    const double x = sample_position(load->dt, t);
+    const double x = sample_position(load->dt, t - load->begin);
     const double last = (double)(load->samples - 1);
     if (x >= last)
         return (sum_of_samples){
@@ -102,7 +102,7 @@ static void add_lanes_by_pieces(const pma_load *load, double t, size_t begin, si
 static bool can_be_joined(const pma_load *a, const pma_load *b)
 {
     return b->kind == PMA_LOAD_SAMPLED && b->shape && b->k == a->k && b->dt == a->dt &&
-           b->samples == a->samples && b->hold == a->hold;
+           b->begin == a->begin && b->samples == a->samples && b->hold == a->hold;
 }
 
 size_t pma_load_joined_size(const pma_load *each)

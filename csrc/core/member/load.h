@@ -28,7 +28,8 @@ typedef struct pma_load {
                              in lanes: NULL, or those of all lanes by pma_load_join */
     const double *shape;  /* sampled: k vectors of length n, or NULL: k = n and the unit matrix */
     size_t samples, k;
-    double dt;     /* sampled: time between two samples, the first at t = 0 */
+    double begin;  /* sampled: the time of the first sample */
+    double dt;     /* sampled: time between two samples */
     bool hold;     /* sampled: keep the last sample after the end, else zero */
     int64_t first; /* table: the substep whose load is row 0, counted from the start */
     size_t rows;
