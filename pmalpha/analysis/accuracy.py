@@ -198,7 +198,7 @@ def local_error(
     with coupler._entered(), state_kept(coupler):
         for part in coupler._parts:
             part.core.set_levels(_exact_state(coupler, part, exact, n))
-        zero = np.zeros(coupler._row_position.size)  # no step reads these multipliers
+        zero = np.zeros(coupler._core_rows.p)  # no step reads these multipliers
         coupler._core.start(n, zero, zero)
         coupler._advance(n + 1, None)
         return _errors(coupler, exact(coupler._clock.time(n + 1)))
@@ -231,21 +231,19 @@ def _exact_at(
         vector(x, part.n, f"{name} of {part.name!r} from exact({t:g})")[part.order]
         for x, name in zip(states[part.name], "uvw")
     ]
-    p = coupler._row_position.size
-    rows = np.empty(p)
-    rows[coupler._row_position] = vector(lam, p, f"Lam from exact({t:g})")
-    return (*state, rows)
+    rows = coupler._core_rows
+    return (*state, rows.forces_in_core(vector(lam, rows.p, f"Lam from exact({t:g})")))
 
 
 def _errors(coupler: Coupler, solution: Instant) -> dict[str, float]:
     """Maximum absolute errors of the present state."""
     states, lam = solution
-    p = coupler._row_position.size
-    got = coupler._core.multipliers[coupler._row_position]
+    rows = coupler._core_rows
+    got = rows.forces(coupler._core.multipliers)
     errors = {"u": 0.0, "v": 0.0, "a": 0.0}
     for part in coupler._parts:
         for name, x, y in zip(errors, part.core.state(), states[part.name]):
             y = vector(y, part.n, f"{name} of {part.name!r} from exact")
             errors[name] = max(errors[name], float(np.max(np.abs(x[part.position] - y))))
-    difference = np.abs(got - vector(lam, p, "Lam from exact"))
+    difference = np.abs(got - vector(lam, rows.p, "Lam from exact"))
     return errors | {"multipliers": float(np.max(difference, initial=0.0))}

@@ -11,6 +11,7 @@ import numpy as np
 from .._core import LANES
 from ..errors import InstabilityError
 from ..run.coupler import Coupler
+from ..setup.core_rows import CoreRows
 from ..setup.schedule import MACRO
 from .borrowed import checked_coupler, state_kept, unloaded
 
@@ -89,8 +90,8 @@ def propagation(coupler: Coupler) -> tuple[np.ndarray, np.ndarray]:
     """One macro step of each unit state: the next states, (N, N), and Lam, (p, N)."""
     checked_coupler(coupler)._require_linear("amplification_matrix")
     layout = Layout(coupler)
-    size, rows = layout.size, coupler._row_position
-    G, lam = np.empty((size, size)), np.empty((rows.size, size))
+    size, rows = layout.size, coupler._core_rows
+    G, lam = np.empty((size, size)), np.empty((rows.p, size))
     with coupler._entered(), _stepper(coupler, layout) as (core, cores, lanes):
         for begin in range(0, size, lanes):
             layout.write(core, cores, np.eye(size, lanes, -begin))
@@ -100,7 +101,8 @@ def propagation(coupler: Coupler) -> tuple[np.ndarray, np.ndarray]:
                 raise InstabilityError(1, coupler.dt, [*names, "interface"][unstable])
             end = min(begin + lanes, size)
             G[:, begin:end] = layout.read(core, cores, lanes)[:, : end - begin]
-            lam[:, begin:end] = core.multipliers.reshape(-1, lanes)[rows, : end - begin]
+            now = core.multipliers.reshape(-1, lanes)[:, : end - begin]
+            lam[:, begin:end] = rows.forces(now.T).T
     return G, lam
 
 
@@ -141,8 +143,8 @@ class Layout:
             for p, stored in zip(self.parts, self.stored)
         )
         # the state has the multipliers under "macro" only
-        self.rows = coupler._row_position if macro else np.arange(0)
-        self.size = self.motion_size + self.rows.size
+        self.rows = coupler._core_rows if macro else CoreRows(np.arange(0), np.ones(0))
+        self.size = self.motion_size + self.rows.p
 
     def fields(self) -> Iterator[tuple[int, int, np.ndarray]]:
         """Index of the subdomain, of its array in the core, and dofs in elimination order, as X has
@@ -168,15 +170,17 @@ class Layout:
         for own, levels in zip(cores, arrays):
             own.set_levels(tuple(x.ravel() for x in levels))
         zero = np.zeros_like(core.multipliers)
-        lam = zero.reshape(-1, lanes).copy()
-        lam[self.rows] = X[self.motion_size :]
-        core.start(1, lam.ravel(), zero)
+        lam = zero.copy()
+        if self.rows.p:
+            lam = self.rows.forces_in_core(X[self.motion_size :].T).T.ravel()
+        core.start(1, lam, zero)
 
     def read(self, core: Any, cores: Sequence[Any], lanes: int) -> np.ndarray:
         """The present state X, (size, lanes), of a coupler of the core."""
         arrays = [[x.reshape(-1, lanes) for x in own.levels()] for own in cores]
         numbers = [arrays[i][field][indices] for i, field, indices in self.fields()]
-        return np.concatenate([*numbers, core.multipliers.reshape(-1, lanes)[self.rows]])
+        lam = core.multipliers.reshape(-1, lanes)[: self.rows.p]
+        return np.concatenate([*numbers, self.rows.forces(lam.T).T])
 
     def names(self) -> tuple[str, ...]:
         names = []
@@ -186,4 +190,4 @@ class Layout:
             when = "n-1" if field >= LEVEL_FIELDS else "n"
             dofs = np.arange(part.n) if field % LEVEL_FIELDS < 4 else part.order[part.n - part.nb :]
             names += [f"{symbol}[{d}] of {part.name} at {when}" for d in dofs[: indices.size]]
-        return (*names, *(f"Lam[{row}]" for row in range(self.rows.size)))
+        return (*names, *(f"Lam[{row}]" for row in range(self.rows.p)))

@@ -182,7 +182,7 @@ def zero_stability(coupler: Coupler) -> float:
 
 def _masses_alone(coupler: Coupler) -> Coupler:
     """The same coupler without stiffness, damping and loads; dt = 1."""
-    if not checked_coupler(coupler)._row_position.size:
+    if not checked_coupler(coupler)._core_rows.p:
         raise ValueError("coupler must have constraints, got none")
     for part in coupler._parts:
         if part.subdomain.massless.size:

@@ -31,7 +31,8 @@ class Constraint(Frozen):
     Without `velocity`, g is zero and the subdomains are tied. With `velocity`, the motion of a
     support or a driven end is prescribed.
 
-    The multipliers act as + L_i^T Lam on the right-hand side of (1).
+    The multipliers act as + L_i^T Lam on the right-hand side of (1). A row and its g
+    times a factor are the same constraint, whose multiplier is divided by this factor.
 
     Parameters
     ----------

@@ -7,8 +7,6 @@ from contextlib import contextmanager
 from os import PathLike
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from .._checks import counted
 from .._core import LANES
 from ..errors import CasesError
@@ -164,7 +162,7 @@ class Cases:
     _core: Any
     _require_alone: Any
     _rows: Any
-    _row_position: Any
+    _core_rows: Any
     _initial_accelerations: InitialAccelerations | None
     _clock: Any
     _loads: Loads
@@ -387,13 +385,13 @@ class Cases:
         ]
         try:
             if self._initial_accelerations is None:
-                p, rows = self._rows.p, np.argsort(self._row_position)
+                p, rows = self._rows.p, self._core_rows.numbers
                 self._initial_accelerations = InitialAccelerations(self._parts, p, rows)
             start = consistent_in_lanes(
                 [case.initial for case in cases],
                 forces,
                 self._loads,
-                self._row_position,
+                self._core_rows,
                 self._initial_accelerations,
             )
         except Exception:  # of which case, is found by running each alone

@@ -27,6 +27,7 @@ from ..files import read_npz, write_npz
 from ..problem.forces import SampledForce
 from ..problem.springs import Spring
 from ..setup.assembly import Assembly
+from ..setup.core_rows import CoreRows
 from ..setup.part import Part
 from .clock import Clock
 from .motion import Motion
@@ -179,13 +180,13 @@ def order_of(part: Part, name: str, x: np.ndarray) -> np.ndarray:
 
 
 def state_arrays(
-    assembly: Assembly, row_position: np.ndarray, options: Mapping[str, Any]
+    assembly: Assembly, rows: CoreRows, options: Mapping[str, Any]
 ) -> dict[str, np.ndarray]:
     """The state of a coupler with these options, by name, in the user's order.
 
     Subdomains have their numbers among those of all processes.
     """
-    arrays, p, core = {}, row_position.size, assembly.core
+    arrays, p, core = {}, rows.p, assembly.core
     for i, part in enumerate(assembly.parts, assembly.first):
         for name, x in zip(names(part), part.core.levels()):
             if x.size or not name.endswith("history"):
@@ -196,15 +197,15 @@ def state_arrays(
             if entries is not None:
                 arrays[f"{i}.tangent"] = entries[places_of(part)]
     if core.iteration().size:
-        arrays["shooting"] = reordered(core.iteration(), row_position)
+        arrays["shooting"] = reordered(core.iteration(), rows.position, rows.scale)
     if options["coupling"] == "mean":
         *line, arrays[LENGTHS] = np.split(core.end_multipliers(), [p, 2 * p])
         for name, lam in zip(LINE, line):
-            arrays[name] = lam[row_position]
+            arrays[name] = rows.forces(lam)
     if options["drift"] == "removed":
-        arrays["gap"] = core.gap()[row_position]
-    arrays["multipliers"] = core.multipliers[row_position]
-    arrays["prescribed"] = core.prescribed[row_position]
+        arrays["gap"] = rows.jumps(core.gap())
+    arrays["multipliers"] = rows.forces(core.multipliers)
+    arrays["prescribed"] = rows.jumps(core.prescribed)
     return arrays
 
 
@@ -228,11 +229,11 @@ def core_state(
     path: str | PathLike[str],
     arrays: Mapping[str, np.ndarray],
     assembly: Assembly,
-    row_position: np.ndarray,
+    rows: CoreRows,
     options: Mapping[str, Any],
 ) -> CoreState:
     """The inverse of `state_arrays`; ValueError for missing or wrong arrays."""
-    p, core = row_position.size, assembly.core
+    p, core = rows.p, assembly.core
     parts = list(enumerate(assembly.parts, assembly.first))
     try:
         states = [core_arrays(part, i, arrays) for i, part in parts]
@@ -240,17 +241,17 @@ def core_state(
         size = core.iteration().size
         shooting = np.empty(0)
         if size:
-            shooting = reordered(checked(arrays, "shooting", size), np.argsort(row_position))
-        lam, g, gap, *line = np.zeros((5, p))
+            shooting = checked(arrays, "shooting", size)
+            shooting = reordered(shooting, rows.numbers, 1.0 / rows.scale[rows.numbers])
+        gap, *line = np.zeros((3, p))
         lengths = np.zeros(2)
         if options["drift"] == "removed":
-            gap[row_position] = checked(arrays, "gap", p)
-        for name, end in zip(LINE, line):
-            if options["coupling"] == "mean":
-                end[row_position] = checked(arrays, name, p)
-                lengths = checked(arrays, LENGTHS, 2)
-        lam[row_position] = checked(arrays, "multipliers", p)
-        g[row_position] = checked(arrays, "prescribed", p)
+            gap = rows.jumps_in_core(checked(arrays, "gap", p))
+        if options["coupling"] == "mean":
+            line = [rows.forces_in_core(checked(arrays, name, p)) for name in LINE]
+            lengths = checked(arrays, LENGTHS, 2)
+        lam = rows.forces_in_core(checked(arrays, "multipliers", p))
+        g = rows.jumps_in_core(checked(arrays, "prescribed", p))
     except (LookupError, ValueError) as error:
         raise damaged(path, error) from None
     return CoreState(states, iterations, shooting, lam, g, np.concatenate([*line, lengths]), gap)
@@ -290,8 +291,9 @@ def places_of(part: Part) -> np.ndarray:
     return part.tangent.places(part.internal.pattern)
 
 
-def reordered(shooting: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """What shooting continues with, with the constraints in another order.
+def reordered(shooting: np.ndarray, rows: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """What shooting continues with, with the constraints in another order and times `scale`, so
+    that multipliers are divided by it.
 
     Its first numbers are a scale and the increment of the multipliers. Up to 500 constraints a
     matrix follows, for more a number and pairs of vectors.
@@ -299,10 +301,13 @@ def reordered(shooting: np.ndarray, rows: np.ndarray) -> np.ndarray:
     p = rows.size
     head, rest = shooting[:1], shooting[1 + p :]
     if rest.size == p * p:
-        tail = rest.reshape(p, p)[np.ix_(rows, rows)].ravel()
+        B = rest.reshape(p, p)[np.ix_(rows, rows)]  # of jumps it makes multipliers
+        tail = (B / scale[:, None] / scale).ravel()
     else:
-        tail = np.concatenate([rest[:1], rest[1:].reshape(-1, p)[:, rows].ravel()])
-    return np.concatenate([head, shooting[1 : 1 + p][rows], tail])
+        pairs = rest[1:].reshape(-1, 2, p)[:, :, rows]  # x += a (s . x)
+        pairs = np.stack([pairs[:, 0] / scale, pairs[:, 1] * scale], axis=1)
+        tail = np.concatenate([rest[:1], pairs.ravel()])
+    return np.concatenate([head, shooting[1 : 1 + p][rows] / scale, tail])
 
 
 def checked(arrays: Mapping[str, np.ndarray], name: str, size: int) -> np.ndarray:

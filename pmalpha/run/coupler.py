@@ -16,6 +16,7 @@ from ..problem.newton import DEFAULT, Newton
 from ..problem.subdomain import Subdomain
 from ..setup.assembly import Assemblies, Layout
 from ..setup.constraint_rows import ConstraintRows
+from ..setup.core_rows import CoreRows
 from ..setup.ranks import Ranks, described, require_equal_problems
 from ..setup.schedule import (
     MACRO,
@@ -242,7 +243,7 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
                 ranks=ranks,
             )
         self._take(Steps(layout, clock), self._assemblies.first)
-        self._row_position = self._assemblies.row_position
+        self._core_rows = CoreRows(self._assemblies.row_position, self._rows.scale)
         self._initial_accelerations: InitialAccelerations | None = self._assemblies.accelerations
 
         self._last_history: History | None = None
@@ -425,7 +426,7 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         return make(
             self._parts,
             self._keys,
-            self._row_position,
+            self._core_rows,
             fine=self._fine,
             middle=self.coupling == "mean",
             begin=begin,
@@ -585,7 +586,7 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         if self._started:
             return
         solver = self._initial.start(
-            self._core, self._parts, self._loads, self._row_position, self._initial_accelerations
+            self._core, self._parts, self._loads, self._core_rows, self._initial_accelerations
         )
         self._started = True
         # only a reset needs the factor of M again: kept from the first reset on

@@ -12,6 +12,7 @@ from ..errors import InstabilityError
 from ..problem.forces import Force
 from ..problem.subdomain import Subdomain
 from ..setup.constraint_rows import ConstraintRows
+from ..setup.core_rows import CoreRows
 from ..setup.part import Part
 from ..setup.start import InitialAccelerations
 from .keys import by_index
@@ -98,16 +99,16 @@ class InitialValues:
         core: Any,
         parts: Sequence[Part],
         loads: Loads,
-        row_position: np.ndarray,
+        rows: CoreRows,
         solver: InitialAccelerations | None,
     ) -> InitialAccelerations:
         """Set consistent initial values (S1) in the core, which changes in the last lines only.
 
         Returns the solver of the initial accelerations, created here if it is None.
         """
-        ranks, rows = self.rows.ranks, np.argsort(row_position)
-        solver = solver or InitialAccelerations(parts, self.rows.p, rows, ranks)
-        start = self.consistent(parts, loads, row_position, solver)
+        ranks = self.rows.ranks
+        solver = solver or InitialAccelerations(parts, rows.p, rows.numbers, ranks)
+        start = self.consistent(parts, loads, rows, solver)
         for part, state in zip(parts, start.states):
             part.core.start(*state, start.lam)
         core.start(0, start.lam, start.g)
@@ -119,16 +120,14 @@ class InitialValues:
         self,
         parts: Sequence[Part],
         loads: Loads,
-        row_position: np.ndarray,
+        rows: CoreRows,
         solver: InitialAccelerations,
     ) -> StartValues:
         """Consistent initial values (S1), in elimination order."""
-        p = self.rows.p
         states = self.in_order(parts)
         terms = loads.terms_at_start(states)
-        rows = np.argsort(row_position)
-        g = values_at_start(loads.motions, p)[rows]
-        slope = slopes_at_start(loads.motions, p)[rows]
+        g = rows.jumps_in_core(values_at_start(loads.motions, rows.p))
+        slope = rows.jumps_in_core(slopes_at_start(loads.motions, rows.p))
         if not all_known(loads.motions):
             self._check_velocities(loads.motions)
         if self.rows.ranks is not None:
@@ -142,7 +141,7 @@ class InitialValues:
             w - part.core.accelerate(lam) if part.mean else w
             for part, w in zip(parts, accelerations)
         ]
-        gap = self.rows.gaps([u for u, _ in self.values])[rows]
+        gap = rows.jumps_in_core(self.rows.gaps([u for u, _ in self.values]))
         return StartValues([(u, v, w) for (u, v), w in zip(states, free)], lam, g, gap)
 
     def in_order(self, parts: Sequence[Part]) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -154,7 +153,7 @@ def consistent_in_lanes(
     initials: Sequence[InitialValues],
     forces: Sequence[Sequence[Force]],
     loads: Loads,
-    row_position: np.ndarray,
+    rows: CoreRows,
     solver: InitialAccelerations,
 ) -> StartValues:
     """Consistent initial values (S1) of several cases without functions, in elimination order.
@@ -169,7 +168,7 @@ def consistent_in_lanes(
     loads : Loads
         With the prescribed velocities of all cases.
     """
-    parts, p, rows = loads.parts, row_position.size, np.argsort(row_position)
+    parts, p = loads.parts, rows.p
     states = {initial: initial.in_order(parts) for initial in initials}
     moving = {initial: loads.terms_of_motion(own) for initial, own in states.items()}
     u, v = (
@@ -181,8 +180,8 @@ def consistent_in_lanes(
         each = zip(*(moving[initial][i] for initial in initials))
         F = columns([force_at(own[i], part, 0.0) for own in forces])
         terms.append([F, *map(columns, each)])
-    g = values_at_start(loads.motions, p)[rows]
-    slope = slopes_at_start(loads.motions, p)[rows]
+    g = rows.jumps_in_core(values_at_start(loads.motions, p))
+    slope = rows.jumps_in_core(slopes_at_start(loads.motions, p))
     w, lam = solver.solve_columns(terms, slope)
     for part, own in zip(parts, w):
         if not np.all(np.isfinite(own)):

@@ -61,9 +61,8 @@ class Lanes:
             core.start(*(x.ravel() for x in start.states[i]), lam)
             core.set_load(tuple(core_load(own[i], part.order) for own in forces))
         for k, motion in enumerate(motions):
-            load = core_load(motion.velocity, np.arange(motion.rows.size))
             for lane in range(LANES):
-                self.core.set_motion(k * LANES + lane, load)
+                self.core.set_motion(k * LANES + lane, motion.core_load())
         self.core.start(0, lam, g)
         self.core.set_end_multipliers(np.concatenate([lam, lam, np.zeros(2)]))
 

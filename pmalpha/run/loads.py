@@ -116,7 +116,7 @@ class Loads:
                 part.core.set_load(core_load(force, part.order))
         for i, motion in enumerate(self.motions):
             if motion.known:
-                self.core.set_motion(i, core_load(motion.velocity, np.arange(motion.rows.size)))
+                self.core.set_motion(i, motion.core_load())
 
     # ---- ahead of the core -------------------------------------------------------------------
 
@@ -139,7 +139,8 @@ class Loads:
             self.parts[i].core.set_load((callback.rows, callback.first))
         for i, motion in enumerate(self.motions):
             if motion.callback is not None:
-                self.core.set_motion(i, (motion.callback.rows, motion.callback.first))
+                rows = motion.in_core(motion.callback.rows)
+                self.core.set_motion(i, (rows, motion.callback.first))
         return end, first_failure
 
     def motion_values(self, begin: int, end: int) -> list[bytes]:

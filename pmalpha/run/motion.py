@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from ..problem.forces import Force, SampledForce, is_callback
+from ..problem.forces import Force, SampledForce, core_load, is_callback
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.schedule import Rows
 from .callback import CallbackLoad
@@ -23,6 +24,8 @@ class Motion:
         Its name in messages, such as "velocity of constraint 0".
     rows : array of int
         Its rows among all constraints.
+    scale : array
+        Of these rows, by which the core has them divided.
     fine : int
         Interface problems per macro step.
     clock : Clock
@@ -35,12 +38,13 @@ class Motion:
         velocity: Force,
         what: str,
         rows: np.ndarray,
+        scale: np.ndarray,
         fine: int,
         clock: Clock,
         apart: float | None = None,
     ):
         self.velocity, self.what, self.rows = velocity, what, rows
-        self.fine = fine
+        self.scale, self.fine = scale, fine
         self.apart = clock.dt / fine / 16.0 if apart is None else apart
         self.callback: CallbackLoad | None = None
         if is_callback(velocity):
@@ -48,12 +52,26 @@ class Motion:
 
     def renewed(self, fine: int, clock: Clock) -> Motion:
         """The same motion for other steps, with the same g'(0); without values of a callable."""
-        return Motion(self.velocity, self.what, self.rows, fine, clock, self.apart)
+        return Motion(self.velocity, self.what, self.rows, self.scale, fine, clock, self.apart)
 
     @property
     def known(self) -> bool:
         """Whether it is no Python callable."""
         return self.callback is None
+
+    def in_core(self, values: np.ndarray) -> np.ndarray:
+        """Values (..., rows) of g for the rows as the core has them."""
+        return values if np.all(self.scale == 1.0) else values / self.scale
+
+    def core_load(self) -> Any:
+        """g that is no Python callable, in a form of the core."""
+        load = core_load(self.velocity, np.arange(self.rows.size))
+        if isinstance(load, np.ndarray):
+            return self.in_core(load)
+        values, shape, *how = load
+        if shape is None:
+            return (self.in_core(values), None, *how)
+        return (values, self.in_core(shape), *how)
 
     def at(self, t: float) -> np.ndarray:
         """g(t) for the initial values."""
@@ -84,8 +102,8 @@ def motions_of(
 ) -> list[Motion]:
     """The prescribed velocities of the constraints that have one."""
     return [
-        Motion(c.velocity, f"velocity of constraint {i}", rows.of(i), fine, clock)
-        for i, c in enumerate(constraints)
+        Motion(c.velocity, f"velocity of constraint {i}", own, rows.scale[own], fine, clock)
+        for i, (c, own) in enumerate(zip(constraints, map(rows.of, range(len(constraints)))))
         if c.velocity is not None
     ]
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..problem.springs import SpringState
 from ..problem.subdomain import Subdomain
+from ..setup.core_rows import CoreRows
 from .history import History
 from .keys import position
 
@@ -37,7 +38,7 @@ class Present:
     _parts: Any
     _core: Any
     _clock: Any
-    _row_position: np.ndarray
+    _core_rows: CoreRows
     _last_history: History | None
     _entered: Any
     _start: Any
@@ -65,7 +66,7 @@ class Present:
         """Lam, (p,), at the present time; a copy."""
         with self._entered():
             self._start()
-            return self._core.multipliers[self._row_position]
+            return self._core_rows.forces(self._core.multipliers)
 
     @property
     def last_history(self) -> History | Any:  # not | None, which a checker would have tested
@@ -96,9 +97,7 @@ class Present:
             part = self._parts[i]
             u, v, w = part.core.state()
             if part.mean:
-                w = w + part.core.accelerate(
-                    self._core.end_multipliers()[: self._row_position.size]
-                )
+                w = w + part.core.accelerate(self._core.end_multipliers()[: self._core_rows.p])
         return State(u[part.position], v[part.position], w[part.position])
 
     def springs(self, key: str | int | Subdomain) -> SpringState:

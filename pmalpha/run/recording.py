@@ -18,6 +18,7 @@ from ..files import check_replaceable, checked_path
 from ..memory import require
 from ..problem.dofs import dof_list
 from ..problem.subdomain import Subdomain
+from ..setup.core_rows import CoreRows
 from ..setup.part import Part
 from .appending import EarlierRows, check_new
 from .clock import Clock
@@ -39,8 +40,8 @@ class Recording:
     ----------
     parts : sequence of Part
     keys : sequence of (name, Subdomain)
-    row_position : (p,) array of int
-        Row of each constraint in the core's order.
+    rows : CoreRows
+        The constraints as the core has them.
     fine : int
         Interface problems per macro step.
     middle : bool
@@ -64,7 +65,7 @@ class Recording:
         self,
         parts: Sequence[Part],
         keys: Sequence[tuple[str, Subdomain]],
-        row_position: np.ndarray,
+        rows: CoreRows,
         *,
         fine: int,
         middle: bool,
@@ -78,8 +79,7 @@ class Recording:
         record_springs: Mapping[Any, Any] | None = None,
         outputs: Mapping[Any, Any] | None = None,
     ):
-        self.parts, self.keys, self.row_position = parts, tuple(keys), row_position
-        self.in_users_order = np.array_equal(row_position, np.arange(row_position.size))
+        self.parts, self.keys, self.core_rows = parts, tuple(keys), rows
         self.begin, self.end, self.clock = begin, end, clock
         # by levels per macro step: of which macro steps, and the times; the same in all cases
         self.instants: dict[int, tuple[tuple[int, int], np.ndarray]] = {}
@@ -128,7 +128,7 @@ class Recording:
             () if own is None else own.in_order(part.position)
             for part, own in zip(parts, self.outputs)
         ]
-        p = self.row_position.size
+        p = self.core_rows.p
         self.multipliers, self.velocity_jump = self._allocate(self.fine, p, 2)
         (self.displacement_jump,) = self._allocate(1, p, 1)
         (self.energy,) = self._allocate(1, self.energy_columns, 1)
@@ -169,7 +169,7 @@ class Recording:
 
     def _numbers(self, rows: Callable[[int], float]) -> float:
         """Numbers in all arrays; ``rows(levels)`` is the number of rows of an array."""
-        p = self.row_position.size
+        p = self.core_rows.p
         numbers = 2.0 * rows(self.fine) * p
         numbers += rows(1) * (p + 2.0 * self.energy_columns)  # energies also as a History has them
         for part, dofs in zip(self.parts, self.dofs):
@@ -277,10 +277,10 @@ class Recording:
         fine, macro = self.rows(self.fine, end), self.rows(1, end)
         return History(
             subdomains=tuple(subdomains),
-            multipliers=self._in_users_order(self.multipliers[:fine]),
+            multipliers=self.core_rows.forces(self.multipliers[:fine]),
             multiplier_times=self._multiplier_times(end),
-            velocity_jump=self._in_users_order(self.velocity_jump[:fine]),
-            displacement_jump=self._in_users_order(self.displacement_jump[:macro]),
+            velocity_jump=self.core_rows.jumps(self.velocity_jump[:fine]),
+            displacement_jump=self.core_rows.jumps(self.displacement_jump[:macro]),
             macro_times=self.times(1, end),
             keys=self.keys,
             energy=self._energy_history(macro, end) if self.has_energy else None,
@@ -324,9 +324,6 @@ class Recording:
         if self.conserved != "dual":
             kinds["conserved"] = None if self.conserved is None else stored
         return Energy.balanced(self.times(1, end), **kinds, start=stored[0])
-
-    def _in_users_order(self, columns: np.ndarray) -> np.ndarray:
-        return columns if self.in_users_order else columns[:, self.row_position]
 
 
 class FiledRecording(Recording):

@@ -22,7 +22,7 @@ class Saving:
     _parts: Any
     _core: Any
     _rows: ConstraintRows
-    _row_position: Any
+    _core_rows: Any
     _options: dict[str, Any]
     _constants: dict[str, Any] | None
     _loads: Any
@@ -77,7 +77,7 @@ class Saving:
         with self._together():
             self._check_call("save")
             self._start()
-            arrays = checkpoint.state_arrays(self._assembly, self._row_position, self._options)
+            arrays = checkpoint.state_arrays(self._assembly, self._core_rows, self._options)
             steps, done = self._steps_facts(), self._core.step_count
             if self._ranks is None:
                 checkpoint.write(path, self._problem(), done, arrays, steps)
@@ -128,8 +128,8 @@ class Saving:
                 reason = f"step_count must be in {steps.clock.origin}..{most}, got {step}"
                 raise checkpoint.damaged(path, reason)
             parts, core = assembly.parts, assembly.core
-            position, options = self._row_position, self._options
-            state = checkpoint.core_state(path, arrays, assembly, position, options)
+            rows, options = self._core_rows, self._options
+            state = checkpoint.core_state(path, arrays, assembly, rows, options)
             if self._ranks is not None:
                 self._ranks.share(None)  # from here on nothing fails
             # stored values of callables are of other times

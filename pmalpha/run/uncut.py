@@ -104,7 +104,7 @@ class Uncut:
         return dict(zip((name for name, _ in self._keys), u))
 
     def _equilibrium(self, forces: list[np.ndarray], steps: int) -> list[np.ndarray]:
-        internal, matrices = [part.internal for part in self._parts], self._rows.matrices
+        internal, matrices = [part.internal for part in self._parts], self._rows.scaled
         iterated = [bool(s.springs) or x is not None for (_, s), x in zip(self._keys, internal)]
         if any(joined(self._ranks, iterated)):
             newton, ranks = self._loads.newton, self._ranks
@@ -154,7 +154,7 @@ class Uncut:
                     f"force, got none for {name!r}"
                 )
         matrices = [_with_tangents(part) for part in self._parts]
-        return assembled([name for name, _ in self._keys], matrices, self._rows.matrices)
+        return assembled([name for name, _ in self._keys], matrices, self._rows.scaled)
 
     def modes(self, k: int = 6) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """The lowest natural frequencies and modes of the structure with its ties.

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from .._checks import numbered
 from ..errors import ConstraintError, ConstraintWarning, warn
 from ..problem.subdomain import Subdomain
+from .core_rows import scale_of_rows
 from .link import Link
 from .rank import require_independent
 from .ranks import Ranks, joined
@@ -40,10 +41,12 @@ class ConstraintRows:
     ----------
     p : int
         Number of rows.
+    scale : (p,) array
+        What each row is divided by for the core.
     links : list of Link
-        L_i of every subdomain of this process.
+        L_i of every subdomain of this process, with the rows divided by `scale`.
     matrices : list of (p, n_i) csc_array
-        The same for products.
+        L_i as given, for products.
 
     Raises
     ------
@@ -65,10 +68,12 @@ class ConstraintRows:
         whole = self._stacked(constraints, begins)
         if constraints:
             require_independent(sp.csr_array(whole), self.name)
-        stacked = Link.of(whole)
-        self.links = [stacked.of_dofs(i, j) for i, j in zip(begins, begins[1:])][own]
         self._sizes = np.zeros(self.p)  # the largest entry of each row
         np.maximum.at(self._sizes, whole.indices, np.abs(whole.data))
+        self.scale = scale_of_rows(self._sizes)
+        stacked = Link.of(whole)
+        self._given = [stacked.of_dofs(i, j) for i, j in zip(begins, begins[1:])][own]
+        self.links = [link.with_rows_divided(self.scale) for link in self._given]
 
     def _stacked(self, constraints: Sequence[Rows], begins: np.ndarray) -> sp.csc_array:
         """(L_1, L_2, ...), whose columns begin at `begins`."""
@@ -87,6 +92,11 @@ class ConstraintRows:
 
     @cached_property
     def matrices(self) -> list[sp.csc_array]:
+        return [link.matrix for link in self._given]
+
+    @property
+    def scaled(self) -> list[sp.csc_array]:
+        """The matrices of `links`."""
         return [link.matrix for link in self.links]
 
     def of(self, i: int) -> np.ndarray:
@@ -150,7 +160,7 @@ class ConstraintRows:
             self.ranks,
             [
                 (link.matrix @ x, abs(link.matrix) @ np.abs(x), float(np.max(np.abs(x))))
-                for link, x in zip(self.links, values)
+                for link, x in zip(self._given, values)
                 if x.any()
             ],
         )

@@ -117,6 +117,12 @@ class Link:
         entries = np.lexsort((index, self.columns))
         return Link(self.p, self.ptr, index[entries], self.values[entries])
 
+    def with_rows_divided(self, scale: np.ndarray) -> Link:
+        """Row k is divided by scale[k]."""
+        if np.all(scale == 1.0):
+            return self
+        return replace(self, values=self.values / scale[self.index])
+
     def of_dofs(self, begin: int, end: int) -> Link:
         """The columns from begin to end."""
         ptr = self.ptr[begin : end + 1]

@@ -21,12 +21,14 @@ from ..blas import one_thread
 from ..errors import FactorizationError, PerformanceWarning, StabilityWarning, warn
 from ..memory import require
 from ..problem.matrices import Matrix, core_sparse, dense
+from ..problem.positive import scales_to_one
 from ..problem.schemes import Scheme
 from .compliance import Block
 from .factors import LOST
 from .interface import interface_matrix, is_symmetric_sum, summed
 from .macro import ABSURD, LONG, RATE
 from .part import Part
+from .rank import row_sizes
 from .ranks import Ranks, joined
 
 # The largest spectral radius at infinity of implicit schemes beside any explicit scheme, and the
@@ -134,9 +136,14 @@ def gap_factors(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> tu
         return lu_factors(sp.block_array([[H, -_sparse(B)], [_sparse(A), _sparse(D)]]), p)
     require(6.0 * 8.0 * p**2, f"the displacement constraints of {counted(p, 'constraint')}")
     with one_thread():
-        kind = "pos" if symmetric else "gen"
-        S = dense(D) + dense(A) @ dense_solution(H, dense(B), assume_a=kind)
+        S = dense(D) + dense(A) @ _solution(H, dense(B), symmetric)
     return lu_factors(S, p)
+
+
+def _solution(H: np.ndarray, B: np.ndarray, symmetric: bool) -> np.ndarray:
+    """H^-1 B. Compliances of light and of heavy dofs are brought to one size, by powers of two."""
+    s = scales_to_one(np.diagonal(H))[:, None]
+    return s * dense_solution(s * H * s.T, s * B, assume_a="pos" if symmetric else "gen")
 
 
 def _sparse(A: Matrix) -> sp.csr_array:
@@ -198,12 +205,20 @@ def lu_factors(A: Matrix, p: int) -> tuple[Any, ...]:
         diagonal, lower, upper, row, column = _sparse_factors(sp.csc_array(A))
     else:
         diagonal, lower, upper, row, column = _dense_factors(A)
-    size = np.abs(diagonal)
-    if n and not np.min(size) > LOST * np.max(size):
+    sizes = np.empty(n)  # of the rows, at the places where they are eliminated
+    sizes[row] = _row_sizes(A)
+    if not np.all(np.abs(diagonal) > LOST * sizes):
         raise singular()
     wanted = slice(n - p, n)
     places = (x[wanted].astype(np.int32) for x in (row, column))
     return (1.0 / diagonal, core_sparse(lower), core_sparse(upper), *places)
+
+
+def _row_sizes(A: Matrix) -> np.ndarray:
+    """The largest entry of each row: those of rows on light and on heavy dofs are far apart."""
+    if A.ndim == 1:
+        return np.abs(A)
+    return row_sizes(sp.csr_array(A)) if sp.issparse(A) else np.max(np.abs(A), axis=1)
 
 
 def _sparse_factors(A: sp.csc_array) -> tuple[Any, ...]:
