@@ -96,12 +96,10 @@ def targets():
         target(f"{r['problem']}, {short(r['n'])} dofs, over the limit", r["target"], r[OVER], "")
         for r in read("limits")
     ]
-    passes = min(r["gain"] for r in read("passes"))
     row = next(
         r for r in read("growth") if r["problem"] == "subdomains in a row" and r["size"] == 1e3
     )
     rows += [
-        target("explicit substeps in passes, the least gain", 1.8, passes, "times", least=True),
         target("set-up of 1000 subdomains in a row", 1.0, row["set-up s"], "s"),
     ]
     alone = [r for r in read("threads") if r["problem"] == "branches" and r["size"] == 4719]
@@ -161,7 +159,6 @@ TABLES = {
     "limits": lambda: read("limits"),
     "threads": lambda: read("threads"),
     "cases": lambda: read("cases"),
-    "passes": lambda: read("passes"),
     "newton": lambda: read("newton"),
 }
 

@@ -51,7 +51,6 @@ extern const test COUPLER_TESTS[];
 extern const test STOP_TESTS[];
 extern const test THREADS_TESTS[];
 extern const test SPLIT_TESTS[];
-extern const test TILES_TESTS[];
 extern const test MACRO_TESTS[];
 extern const test SCHEDULES_TESTS[];
 extern const test PROCESSES_TESTS[];

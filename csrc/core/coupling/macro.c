@@ -58,19 +58,19 @@ static bool all(const pma_coupled *m)
 }
 
 /* Worker 0 polls, the others see what came of it. */
-bool pma_macro_is_stopped(pma_coupler *c, const pma_coupled *m, size_t substeps)
+bool pma_macro_is_stopped(pma_coupler *c, const pma_coupled *m)
 {
     if (m->worker > 0)
         return atomic_load(&c->stopped);
     const bool stopped = pma_coupler_is_stopped(c);
-    c->unpolled += substeps * m->member.entries;
+    c->unpolled += m->member.entries;
     return stopped;
 }
 
 bool pma_macro_stops(void *context)
 {
     const pma_stop_context *at = context;
-    return pma_macro_is_stopped(at->c, at->m, 1);
+    return pma_macro_is_stopped(at->c, at->m);
 }
 
 const pma_selection *pma_macro_selection(const pma_coupler *c, const pma_coupled *m)
@@ -81,37 +81,15 @@ const pma_selection *pma_macro_selection(const pma_coupler *c, const pma_coupled
     return pma_selection_is_empty(selection) ? NULL : selection;
 }
 
-size_t pma_macro_pass(const pma_coupler *c, const pma_coupled *m, size_t left)
-{
-    const pma_member *member = &m->member;
-    if (!member->table->depth || pma_macro_selection(c, m))
-        return 1;
-    const size_t depth = member->table->depth(member->self), passes = (left + depth - 1) / depth;
-    return (left + passes - 1) / passes; /* of about equal length */
-}
-
-/* `count` substeps from time level j on, opened and closed under lam */
-static pma_status take_pass(pma_coupler *c, pma_coupled *m, size_t j, size_t count,
-                            const double *lam)
-{
-    pma_substep steps[PMA_MOST_PASS];
-    for (size_t k = 0; k < count; k++) {
-        steps[k] = pma_substep_of(c, m, j + k);
-        steps[k].held = true;
-    }
-    return m->member.table->run(m->member.self, steps, count, lam);
-}
-
-pma_status pma_macro_run(pma_coupler *c, pma_coupled *m, const double *lam,
+pma_status pma_macro_run(pma_coupler *c, pma_coupled *m,
                          pma_status (*take)(pma_coupler *c, pma_coupled *m, size_t j))
 {
     const pma_member *member = &m->member;
     const pma_selection *inner = pma_macro_selection(c, m);
-    for (size_t j = 0, count; j < member->substeps; j += count) {
-        count = pma_macro_pass(c, m, member->substeps - j);
-        if (pma_macro_is_stopped(c, m, count))
+    for (size_t j = 0; j < member->substeps; j++) {
+        if (pma_macro_is_stopped(c, m))
             return PMA_STOPPED;
-        const pma_status status = count > 1 ? take_pass(c, m, j, count, lam) : take(c, m, j);
+        const pma_status status = take(c, m, j);
         if (status != PMA_OK)
             return status;
         if (inner && j + 1 < member->substeps)
@@ -140,7 +118,7 @@ static pma_status free_substep(pma_coupler *c, pma_coupled *m, size_t j)
 
 pma_status pma_macro_free_run(pma_coupler *c, pma_coupled *m)
 {
-    return pma_macro_run(c, m, c->present.lam, free_substep);
+    return pma_macro_run(c, m, free_substep);
 }
 
 /* ---- interface (M4) ------------------------------------------------------------------------- */
@@ -185,14 +163,10 @@ pma_status pma_macro_respond(pma_coupler *c, pma_coupled *m)
     if (member->substeps == 1)
         return member->table->close(member->self, &m->step, c->working.lam);
     const size_t repeats = member->table->repeats(member->self, inner != NULL);
-    for (size_t j = 1, count; j <= repeats; j += count) {
-        count = pma_macro_pass(c, m, repeats + 1 - j);
-        if (pma_macro_is_stopped(c, m, count))
+    for (size_t j = 1; j <= repeats; j++) {
+        if (pma_macro_is_stopped(c, m))
             return PMA_STOPPED;
-        if (count > 1)
-            member->table->respond_run(member->self, j, count, c->dlam);
-        else
-            member->table->respond(member->self, j, c->present.lam, c->dlam);
+        member->table->respond(member->self, j, c->present.lam, c->dlam);
         if (inner && j < member->substeps)
             member->table->record_response(member->self, inner,
                                            pma_recorder_row(c, j, member->substeps));

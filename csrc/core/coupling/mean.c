@@ -82,7 +82,7 @@ static pma_status free_substep(pma_coupler *c, pma_coupled *m, size_t j)
 pma_status pma_mean_free_run(pma_coupler *c, pma_coupled *m)
 {
     memset(m->lam, 0, c->parts.p * sizeof(double));
-    return pma_macro_run(c, m, m->lam, free_substep);
+    return pma_macro_run(c, m, free_substep);
 }
 
 /* ---- interface (K4) ------------------------------------------------------------------------- */
@@ -187,14 +187,10 @@ pma_status pma_mean_respond(pma_coupler *c, pma_coupled *m)
     const size_t repeats = member->table->repeats(member->self, inner != NULL);
     member->table->begin_response(member->self, m->step.twice, lam);
     member->table->hold_energy(member->self, m->step.twice, held_multipliers(c, m));
-    for (size_t j = 1, count; j <= repeats; j += count) {
-        count = pma_macro_pass(c, m, repeats + 1 - j);
-        if (pma_macro_is_stopped(c, m, count))
+    for (size_t j = 1; j <= repeats; j++) {
+        if (pma_macro_is_stopped(c, m))
             return PMA_STOPPED;
-        if (count > 1)
-            member->table->respond_run(member->self, j, count, c->dlam);
-        else
-            member->table->respond(member->self, j, c->working.lam, c->dlam);
+        member->table->respond(member->self, j, c->working.lam, c->dlam);
         if (!inner || j == member->substeps)
             continue;
         member->table->record_response(member->self, inner,

@@ -247,12 +247,8 @@ void pma_macro_move_to(pma_coupler *c, size_t k); /* the same; k = 1 */
 size_t pma_macro_pieces(const pma_coupler *c, const pma_coupled *m, size_t round,
                         pma_piece *pieces);
 
-/* How many of the next `left` substeps a member takes in one pass: 1 where inner time levels are
- * recorded. */
-size_t pma_macro_pass(const pma_coupler *c, const pma_coupled *m, size_t left);
-
-/* The substeps of a member: several in one pass under lam, else each taken by `take` and recorded. */
-pma_status pma_macro_run(pma_coupler *c, pma_coupled *m, const double *lam,
+/* The substeps of a member, each taken by `take` and recorded. */
+pma_status pma_macro_run(pma_coupler *c, pma_coupled *m,
                          pma_status (*take)(pma_coupler *c, pma_coupled *m, size_t j));
 
 /* The free macro run of a member (M2), and its link response under c->dlam, added (M5); what it
@@ -261,8 +257,8 @@ pma_status pma_macro_free_run(pma_coupler *c, pma_coupled *m);
 pma_status pma_macro_respond(pma_coupler *c, pma_coupled *m);
 void pma_macro_free_velocity(const pma_coupled *m, double *sum);
 
-/* Is the run to be stopped? Before one or several substeps, on any worker. */
-bool pma_macro_is_stopped(pma_coupler *c, const pma_coupled *m, size_t substeps);
+/* Is the run to be stopped? Before a substep, on any worker. */
+bool pma_macro_is_stopped(pma_coupler *c, const pma_coupled *m);
 
 /* The same as a callback, of a member in a coupler. */
 typedef struct {

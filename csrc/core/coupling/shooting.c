@@ -112,7 +112,7 @@ static pma_status run(pma_coupler *c, pma_coupled *m)
 {
     if (is_mean(c))
         begin_push(c, m);
-    return pma_macro_run(c, m, NULL, run_substep);
+    return pma_macro_run(c, m, run_substep);
 }
 
 /* ---- the residual of the tie ---------------------------------------------------------------- */

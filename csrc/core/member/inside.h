@@ -1,13 +1,12 @@
 /* inside.h - the subdomain from inside: what its files share.
  *
  * subdomain.c is the object, table.c the operations that a coupler calls; substep.c makes a
- * substep, visit.c two of them at once, rows.c one in ranges of rows, pass.c several of an explicit
- * subdomain, response.c what macro coupling adds. */
+ * substep, visit.c two of them at once, rows.c one in ranges of rows, response.c what macro
+ * coupling adds. */
 #ifndef PMA_INSIDE_H
 #define PMA_INSIDE_H
 
 #include "algebra/branches.h"
-#include "algebra/tiles.h"
 #include "member/levels.h"
 #include "member/subdomain.h"
 #include "member/update.h"
@@ -52,8 +51,6 @@ struct pma_subdomain {
     double *link, *link_work;    /* the same of `compliance`, which may be called meanwhile */
     int code;                    /* what a function that failed returned */
     pma_tree *tree, *tree_twice; /* of the factors of both operators; NULL where there is none */
-    pma_tiles tiles;   /* of K, where substeps can be taken several in a pass; else none */
-    double *predicted; /* 2 n: predictors of two substeps of a pass, if it has tiles */
     double *block;
     void *spread; /* springs in lanes */
 };
@@ -135,26 +132,6 @@ void pma_rows_predict(pma_subdomain *s, const pma_substep *step, size_t begin, s
 void pma_rows_open_interface(pma_subdomain *s, const pma_substep *step);
 void pma_rows_close_interface(pma_subdomain *s, const pma_substep *step, const double *lam);
 bool pma_rows_correct(pma_subdomain *s, const pma_substep *step, size_t begin, size_t end);
-
-/* ---- several substeps in one pass over K: pass.c -------------------------------------------- */
-
-/* Diagonal Mbar and C, linear, with nothing that needs all rows at once. */
-bool pma_pass_divides(const pma_subdomain *s);
-
-/* Substeps that are taken in one pass at present; 1: none. */
-size_t pma_pass_depth(const pma_subdomain *s);
-
-/* Of the free macro run: `count` substeps, one after the other, opened and closed under lam. */
-pma_status pma_pass_run(pma_subdomain *s, const pma_substep *steps, size_t count,
-                        const double *lam);
-
-/* Stages of the k-th substep of a pass in a range of rows: predictors, pushed by an acceleration
- * unless that is NULL (K2); (11) without loads; (14) and (8), (9), true when all is finite. */
-void pma_pass_predict(const pma_subdomain *s, size_t k, size_t begin, size_t end,
-                      const double *push, const pma_state *from, const pma_state *to);
-void pma_pass_add_forces(const pma_subdomain *s, size_t k, size_t begin, size_t end,
-                         const pma_state *x);
-bool pma_pass_correct(const pma_subdomain *s, size_t begin, size_t end, const pma_state *x);
 
 /* ---- link response: response.c -------------------------------------------------------------- */
 

@@ -10,7 +10,7 @@
  * `prepare_visits`.
  *
  * A member that is `doubled` has rebase; that `responds`: respond, record_response, add_response
- * and repeats, and may have depth, run and respond_run; that `divides`: the stages of ranges of rows. is_known comes with look_ahead, energy
+ * and repeats; that `divides`: the stages of ranges of rows. is_known comes with look_ahead, energy
  * with is_observed; hold is needed in macro coupling without substeps. */
 #ifndef PMA_MEMBER_H
 #define PMA_MEMBER_H
@@ -23,9 +23,6 @@
 #include "member/selection.h"
 #include "member/substep.h"
 #include "status.h"
-
-/* Most substeps in one pass over the matrices. */
-enum { PMA_MOST_PASS = 32 };
 
 /* What a member has on the interface. */
 typedef enum {
@@ -109,13 +106,6 @@ typedef struct {
      * inner time levels are recorded or not. */
     void (*begin_response)(void *self, bool twice, const double *dlam);
     void (*respond)(void *self, size_t j, const double *lam, const double *dlam);
-
-    /* Several substeps in one pass over the matrices: at most `depth` and PMA_MOST_PASS of them, 1
-     * where they have to be taken one by one; bitwise identical. `run` is open and close under lam,
-     * and fails as they do; `respond_run` is respond for j..j+count-1. */
-    size_t (*depth)(const void *self);
-    pma_status (*run)(void *self, const pma_substep *steps, size_t count, const double *lam);
-    void (*respond_run)(void *self, size_t j, size_t count, const double *dlam);
 
     void (*record_response)(const void *self, const pma_selection *selection, size_t row);
     pma_status (*add_response)(void *self, const double *dlam);

@@ -117,26 +117,15 @@ static void add_acceleration(const pma_response *r, double h, const pma_state *x
         r->vs[i] += h * r->y[i];
 }
 
-/* pull := L_b^T lam */
-static void load_interface(const pma_response *r, const double *lam)
-{
-    pma_link_load(&r->of->parts.link, lam, r->pull);
-}
-
-/* w += (j / substeps) L_b^T lam in the rows begin..end-1 */
-static void add_ramp(const pma_response *r, size_t j, size_t begin, size_t end, double *w)
+/* w += (j / substeps) L_b^T lam */
+static void add_ramp(const pma_response *r, size_t j, const double *lam, double *w)
 {
     const pma_subdomain *s = r->of;
     const double share = (double)j / (double)s->parts.substeps;
-    const size_t interior = s->parts.n - s->parts.nb;
-    for (size_t i = most(begin, interior); i < end; i++)
-        w[i] += share * r->pull[i - interior];
-}
-
-/* From rest: u, v, w, a are one array. */
-static void rest(const pma_response *r)
-{
-    memset(r->state.u, 0, 4 * r->of->parts.n * sizeof(double));
+    double *w_b = pma_interface_of(s, w);
+    pma_link_load(&s->parts.link, lam, r->pull);
+    for (size_t i = 0; i < s->parts.nb; i++)
+        w_b[i] += share * r->pull[i];
 }
 
 void pma_response_step(pma_response *r, size_t j, const double *lam)
@@ -144,8 +133,8 @@ void pma_response_step(pma_response *r, size_t j, const double *lam)
     const pma_subdomain *s = r->of;
     const pma_operator *op = pma_operator_of(s, r->twice);
     const pma_state *x = &r->state;
-    if (j == 1)
-        rest(r);
+    if (j == 1) /* from rest: u, v, w, a are one array */
+        memset(x->u, 0, 4 * s->parts.n * sizeof(double));
 
     /* (R1), (5), (6) */
     if (s->parts.lagged)
@@ -161,45 +150,10 @@ void pma_response_step(pma_response *r, size_t j, const double *lam)
     pma_matrix_subtract(&s->parts.K_r, x->u, x->w);
 
     /* (12)  w = Mbar^-1 (g + (j / substeps) L_b^T lam), (8), (9) */
-    if (!s->parts.mean) {
-        load_interface(r, lam);
-        add_ramp(r, j, 0, s->parts.n, x->w);
-    }
+    if (!s->parts.mean)
+        add_ramp(r, j, lam, x->w);
     pma_factor_solve(&op->factor, x->w, r->work);
     s->update->correct(&op->step, 0, s->parts.n, x);
-}
-
-/* ---- several substeps in one pass, see pass.c ----------------------------------------------- */
-
-typedef struct {
-    const pma_response *r;
-    size_t j, count;
-} response_pass;
-
-static bool stage(void *context, size_t k, size_t begin, size_t end)
-{
-    const response_pass *pass = context;
-    const pma_response *r = pass->r;
-    const pma_subdomain *s = r->of;
-    const pma_state *x = &r->state;
-    if (k > 0) {
-        pma_pass_add_forces(s, k - 1, begin, end, x);
-        if (!s->parts.mean)
-            add_ramp(r, pass->j + k - 1, begin, end, x->w);
-        (void)pma_pass_correct(s, begin, end, x);
-    }
-    if (k < pass->count)
-        pma_pass_predict(s, k, begin, end, s->parts.mean ? r->y : NULL, x, x);
-    return true; /* judged when all is added up */
-}
-
-void pma_response_run(pma_response *r, size_t j, size_t count, const double *lam)
-{
-    response_pass pass = {r, j, count};
-    if (j == 1)
-        rest(r);
-    load_interface(r, lam);
-    (void)pma_tiles_advance(&r->of->tiles, count, stage, &pass);
 }
 
 /* ---- (M5) ----------------------------------------------------------------------------------- */

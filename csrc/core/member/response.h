@@ -35,9 +35,6 @@ void pma_response_begin(pma_response *r, bool twice, const double *lam);
  * under mean coupling to y                                                                  (K3) */
 void pma_response_step(pma_response *r, size_t j, const double *lam);
 
-/* Substeps j..j+count-1 in one pass over K, of a subdomain that has tiles; bitwise as one by one. */
-void pma_response_run(pma_response *r, size_t j, size_t count, const double *lam);
-
 /* The state after the last substep; u, v, w, a are one array of 4 n. */
 const pma_state *pma_response_state(const pma_response *r);
 

@@ -175,19 +175,6 @@ static pma_status create_trees(pma_subdomain *s)
     return create_tree(twice, &s->tree_twice);
 }
 
-/* Several substeps of a macro step in one pass over K, where that pays */
-static pma_status lay_tiles(pma_subdomain *s)
-{
-    const pma_parts *p = &s->parts;
-    if (!pma_pass_divides(s))
-        return PMA_OK;
-    const pma_status status = pma_tiles_create(&p->K, p->nb, &s->tiles);
-    if (status != PMA_OK || s->tiles.count == 0)
-        return status;
-    s->predicted = calloc(2 * p->n, sizeof *s->predicted);
-    return s->predicted ? PMA_OK : PMA_NO_MEMORY;
-}
-
 /* Whatever sweeps the factor of a step sweeps that of the last tangent. */
 static pma_status create_iterate(pma_subdomain *s, const pma_iterate_parts *parts)
 {
@@ -225,8 +212,6 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
         s->slab = slab_of(s);
         status = lay_out(s);
     }
-    if (status == PMA_OK)
-        status = lay_tiles(s);
     if (status != PMA_OK) {
         pma_subdomain_destroy(s);
         return status;
@@ -246,8 +231,6 @@ void pma_subdomain_destroy(pma_subdomain *s)
     pma_visit_destroy(s);
     pma_tree_destroy(s->tree);
     pma_tree_destroy(s->tree_twice);
-    pma_tiles_destroy(&s->tiles);
-    free(s->predicted);
     free(s->block);
     free(s->spread);
     free(s);

@@ -245,22 +245,6 @@ static void respond(void *self, size_t j, const double *lam, const double *dlam)
                            pma_response_state(s->response), lam, dlam);
 }
 
-static size_t depth(const void *self)
-{
-    return pma_pass_depth(self);
-}
-
-static pma_status run(void *self, const pma_substep *steps, size_t count, const double *lam)
-{
-    return pma_pass_run(self, steps, count, lam);
-}
-
-static void respond_run(void *self, size_t j, size_t count, const double *dlam)
-{
-    const pma_subdomain *s = self;
-    pma_response_run(s->response, j, count, dlam);
-}
-
 static void record_response(const void *self, const pma_selection *selection, size_t row)
 {
     const pma_subdomain *s = self;
@@ -387,9 +371,6 @@ static const pma_member_table TABLE = {
     .record_acceleration = record_acceleration,
     .push = push,
     .respond = respond,
-    .depth = depth,
-    .run = run,
-    .respond_run = respond_run,
     .record_response = record_response,
     .add_response = add_response,
     .repeats = repeats,
