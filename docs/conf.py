@@ -1,6 +1,7 @@
 """Configuration of the site; `make docs` copies the sources of the pages to build/docs/source."""
 
 import re
+import sys
 from pathlib import Path
 
 import latex2mathml.converter
@@ -8,18 +9,27 @@ from docutils.nodes import SkipNode, Text, raw
 
 import pmalpha
 
+sys.path.insert(0, str(Path(__file__).parent))
+import gallery  # noqa: E402
+
 project = "pmalpha"
 author = copyright = "the pmalpha authors"
 release = pmalpha.__version__
 
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.autosummary", "numpydoc", "myst_nb"]
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "numpydoc",
+    "myst_nb",
+    "sphinx_design",
+]
 root_doc = "docs/index"
 include_patterns = ["docs/**", "notebooks/**", "benchmarks/*.md", "CHANGELOG.md", "CONTRIBUTING.md"]
 exclude_patterns = ["docs/_templates"]
 templates_path = [str(Path(__file__).with_name("_templates"))]
 
 # Pages are read by GitHub too: its anchors, its fences for mathematics
-myst_enable_extensions = ["dollarmath", "amsmath"]
+myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
 myst_heading_anchors = 4
 myst_fence_as_directive = ["math"]
 nb_execution_mode = "off"  # the tests execute the notebooks
@@ -86,6 +96,7 @@ def redirect(app, failed):
 
 
 def setup(app):
+    app.connect("builder-inited", lambda app: gallery.write(app.srcdir))
     app.connect("doctree-read", without_addresses)
     app.add_html_math_renderer("mathml", (inline, None), (block, None))
     app.connect("build-finished", redirect)

@@ -38,7 +38,16 @@ def test_docstrings_of_public_names_have_examples():
 
 @pytest.mark.parametrize(
     "page",
-    ["README.md", "docs/cutting.md", "docs/experiments.md", "docs/model.md", "docs/tutorial.md"],
+    [
+        "README.md",
+        "docs/cutting.md",
+        "docs/diverges.md",
+        "docs/experiments.md",
+        "docs/index.md",
+        "docs/model.md",
+        "docs/own-element.md",
+        "docs/tutorial.md",
+    ],
 )
 def test_code_on_a_page_runs_and_prints_what_its_comments_state(page, tmp_path, monkeypatch):
     if "record_to" in (shown := (ROOT / page).read_text()):
