@@ -1,5 +1,6 @@
 """History: files, and conversion to xarray."""
 
+import dataclasses
 import json
 import os
 import sys
@@ -13,6 +14,7 @@ import pytest
 
 import pmalpha as pm
 from pmalpha import models
+from pmalpha.run.quantities import OF_INTERFACE, OF_SUBDOMAIN
 
 NODAL = ("t", "u", "v", "a", "dofs")
 INTERFACE = (
@@ -410,3 +412,19 @@ def test_without_xarray_the_error_names_what_to_install(monkeypatch):
     history = models.split_oscillator(10.0).coupler(0.05).run(steps=1)
     with pytest.raises(ImportError, match=r"pip install 'pmalpha\[xarray\]'"):
         history.to_xarray()
+
+
+def test_the_arrays_of_a_history_are_those_of_the_table_of_quantities():
+    others = {"name", "substep", "double_after", "outputs", "subdomains", "keys", "energy"}
+    for kind, table in ((pm.SubdomainHistory, OF_SUBDOMAIN), (pm.History, OF_INTERFACE)):
+        assert {field.name for field in dataclasses.fields(kind)} - others == set(table)
+
+
+def test_iterations_and_histories_of_internal_forces_are_converted_too():
+    pytest.importorskip("xarray")
+    spring = pm.Bilinear([0], k=4.0, fy=0.1)
+    mass = pm.Subdomain([1.0], None, scheme=pm.Newmark(), internal=spring, v0=[1.0], name="m")
+    history = pm.Coupler([mass], dt=0.1).run(steps=4)
+    whole = history.to_xarray()
+    assert whole["m_iterations"].values.tolist() == history["m"].iterations.tolist()
+    assert whole["m_iterations"].dims == ("m_time",)

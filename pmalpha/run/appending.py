@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .history_file import read, row_count
+from .quantities import OF_SUBDOMAIN, of_columns
 
 
 def check_new(path: Path) -> None:
@@ -86,11 +87,8 @@ class EarlierRows:
                 self._refuse("must be of the same coupler, dt and recorded quantities")
         if not self.has_present:
             return
-        states = [
-            name
-            for name in header["nodes"]
-            if name.endswith((".t", ".u", ".v", ".a")) or ".outputs." in name
-        ]
+        motion = tuple(f".{name}" for name in ("t", *of_columns(OF_SUBDOMAIN, "dofs")))
+        states = [x for x in header["nodes"] if x.endswith(motion) or ".outputs." in x]
         if any(not np.array_equal(self.arrays[x][-1], first[x][0]) for x in states):
             self._refuse("must have the present state of the coupler, it has another at this time")
 

@@ -10,27 +10,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..files import PACKAGE_VERSION
+from .quantities import OF_INTERFACE, OF_SUBDOMAIN
 
 # By the last component of the HDF5 path: what the array is, and its unit.
-ARRAYS = {
-    "t": ("times of the time levels", "t"),
-    "u": ("displacement, a row for each time level, a column for each recorded dof", "u"),
-    "v": ("velocity, as u", "u/t"),
-    "a": ("acceleration, as u", "u/t^2"),
-    "dofs": ("the recorded dofs, from 0", "1"),
-    "deformation": ("deformation of springs, a row for each time level", "u"),
-    "force": ("force of springs, as deformation", "F"),
-    "springs": ("the recorded springs, from 0", "1"),
-    "iterations": ("Newton iterations of each substep", "1"),
-    "q": ("history of internal forces, a row for each time level", "any"),
-    "multipliers": ("interface forces, a column for each constraint", "F"),
-    "multiplier_times": ("times of multipliers and velocity_jump", "t"),
-    "velocity_jump": ("violation of the velocity constraints, as multipliers", "u/t"),
-    "displacement_jump": ("displacement drift, a column for each constraint", "u"),
-    "macro_times": ("times of displacement_jump and of the energies", "t"),
-    "substeps": ("substeps in the macro step that ends at macro_times, by subdomain", "1"),
-    "step_count": ("macro steps up to which all rows are written", "1"),
-}
+ARRAYS = {name: (x.what, x.unit) for name, x in (OF_SUBDOMAIN | OF_INTERFACE).items()}
+ARRAYS["step_count"] = ("macro steps up to which all rows are written", "1")
 ENERGY = ("a row for each macro time level, a column for each subdomain", "F u")
 CONSERVED = (
     "a share in the conserved quantity, " + ENERGY[0],

@@ -6,41 +6,54 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .quantities import OF_INTERFACE, OF_SUBDOMAIN, TIMES, growing, of_columns
+
 if TYPE_CHECKING:
     import pandas
     import xarray
 
-MOTION, LOOPS = ("u", "v", "a"), ("deformation", "force")
+# The coordinates of columns; others have a name made of that of the quantity.
+COORDINATES = {"dofs": "dof", "springs": "spring"}
 
 
 def subdomain_frame(s: Any) -> pandas.DataFrame:
     """The implementation of `SubdomainHistory.to_pandas`."""
-    columns = [(q, s.dofs, getattr(s, q)) for q in MOTION]
-    if s.springs is not None:
-        columns += [(q, s.springs, getattr(s, q)) for q in LOOPS]
-    columns += [(q, range(x.shape[1]), x) for q, x in s.outputs.items()]
+    columns = [
+        (name, getattr(s, OF_SUBDOMAIN[name].columns, None), x.reshape(len(x), -1))
+        for name, x in growing(s).items()
+        if name != "t"
+    ]
+    columns += [(name, None, x) for name, x in s.outputs.items()]
     return _frame(s.t, columns, ["quantity", "dof"])
 
 
 def frames(history: Any) -> dict[str, pandas.DataFrame]:
     """The implementation of `History.to_pandas`."""
     found = {s.name: subdomain_frame(s) for s in history.subdomains if s is not None}
-    rows = np.arange(history.multipliers.shape[1])
-    if rows.size:
+    if history.multipliers.shape[1]:
         if "interface" in found:
             raise ValueError("to_pandas needs another name of the subdomain 'interface'")
-        columns = [(q, rows, getattr(history, q)) for q in ("multipliers", "velocity_jump")]
+        columns = [
+            (name, None, getattr(history, name))
+            for name in of_columns(OF_INTERFACE, "constraints")
+            if OF_INTERFACE[name].levels == "fine"
+        ]
         labels = ["quantity", "constraint"]
         found["interface"] = _frame(history.multiplier_times, columns, labels)
     return found
 
 
 def _frame(t: np.ndarray, columns: list[tuple[Any, ...]], names: list[str]) -> pandas.DataFrame:
+    """A table of quantities, the numbers of their columns (None: all), and their values."""
     try:
         import pandas
     except ImportError as error:
         raise ImportError("to_pandas needs pandas: pip install 'pmalpha[pandas]'") from error
-    labels = [(quantity, int(i)) for quantity, numbers, _ in columns for i in numbers]
+    labels = [
+        (quantity, int(i))
+        for quantity, numbers, values in columns
+        for i in (range(values.shape[1]) if numbers is None else numbers)
+    ]
     return pandas.DataFrame(
         np.hstack([values for _, _, values in columns]),
         index=pandas.Index(t, name="time"),
@@ -50,20 +63,57 @@ def _frame(t: np.ndarray, columns: list[tuple[Any, ...]], names: list[str]) -> p
 
 def subdomain_dataset(s: Any) -> xarray.Dataset:
     """The implementation of `SubdomainHistory.to_xarray`."""
+    return _dataset(*_variables(s, ""), attrs={"name": s.name})
+
+
+def dataset(history: Any) -> xarray.Dataset:
+    """The implementation of `History.to_xarray`."""
+    macro = TIMES["macro"]
+    dimension = {"constraints": "condition", "subdomains": "subdomain"}
+    variables: dict[str, Any] = {}
+    coordinates: dict[str, Any] = {name: getattr(history, name) for name in of_times()}
+    coordinates["condition"] = np.arange(history.multipliers.shape[1])
+    for name, x in growing(history).items():
+        quantity = OF_INTERFACE[name]
+        if quantity.columns:
+            variables[name] = ((TIMES[quantity.levels], dimension[quantity.columns]), x)
+    if history.energy is not None:
+        for name, x in history.energy.arrays().items():
+            variables[f"energy_{name}"] = ((macro, "subdomain"), x)
+    if history.substeps is not None or history.energy is not None:
+        coordinates["subdomain"] = [name for name, _ in history.keys]
+    for s in history.subdomains:
+        if s is not None:
+            own, places = _variables(s, f"{s.name}_")
+            variables, coordinates = variables | own, coordinates | places
+    return _dataset(variables, coordinates)
+
+
+def of_times() -> list[str]:
+    """The times of a History."""
+    return [name for name in of_columns(OF_INTERFACE, "") if name in TIMES.values()]
+
+
+def _variables(s: Any, prefix: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Variables and coordinates of a subdomain; their names begin with the prefix."""
+    time = f"{prefix}time"
+    variables: dict[str, Any] = {}
+    coordinates = {time: s.t}
+    for name, x in growing(s).items():
+        columns = OF_SUBDOMAIN[name].columns
+        along = f"{prefix}{COORDINATES.get(columns, f'{name}_column')}"
+        if columns:
+            variables[prefix + name] = ((time, along) if x.ndim > 1 else (time,), x)
+        if columns in COORDINATES:
+            coordinates[along] = getattr(s, columns)
+    for name, x in s.outputs.items():
+        variables[prefix + name] = ((time, f"{prefix}{name}_row"), x)
+    return variables, coordinates
+
+
+def _dataset(variables: Any, coordinates: Any, **options: Any) -> xarray.Dataset:
     try:
         import xarray
     except ImportError as error:
         raise ImportError("to_xarray needs xarray: pip install 'pmalpha[xarray]'") from error
-    variables: dict[str, tuple[str | tuple[str, str], Any]] = {
-        q: (("time", "dof"), getattr(s, q)) for q in MOTION
-    }
-    coordinates = {"time": s.t, "dof": s.dofs}
-    if s.springs is not None:
-        variables |= {q: (("time", "spring"), getattr(s, q)) for q in LOOPS}
-        coordinates["spring"] = s.springs
-    if s.iterations is not None:
-        variables["iterations"] = ("time", s.iterations)
-    if s.q is not None:
-        variables["q"] = (("time", "q_column"), s.q)
-    variables |= {q: (("time", f"{q}_row"), x) for q, x in s.outputs.items()}
-    return xarray.Dataset(variables, coordinates, attrs={"name": s.name})
+    return xarray.Dataset(variables, coordinates, **options)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field, fields
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -14,11 +14,12 @@ from ..files import checked_path, read_npz, write_npz
 from ..problem.subdomain import Subdomain
 from . import history_file
 from .accuracy import local_error
-from .conversion import frames, subdomain_dataset, subdomain_frame
+from .conversion import dataset, frames, subdomain_dataset, subdomain_frame
 from .energy import ENERGY_FIELDS, Energy
 from .history_file import FORMAT, VERSION, output_array, whole_numbers
 from .joining import joined
 from .keys import position
+from .quantities import OF_INTERFACE, OF_SUBDOMAIN, Quantity, arrays_of
 
 if TYPE_CHECKING:
     import pandas
@@ -26,19 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = ["History", "SubdomainHistory"]
-
-# The arrays of a History in a file: of a subdomain, of its springs, of the interface.
-MOTION = ("t", "u", "v", "a", "dofs")
-LOOPS = ("deformation", "force", "springs")
-OF_INTERNAL = ("iterations", "q")
-STEPS = ("substep", "double_after")  # in the header
-INTERFACE = (
-    "multipliers",
-    "multiplier_times",
-    "velocity_jump",
-    "displacement_jump",
-    "macro_times",
-)
 
 
 @dataclass(frozen=True)
@@ -199,8 +187,8 @@ class SubdomainHistory:
         -------
         pandas.DataFrame
             The index is ``time``, the columns are (quantity, dof): u, v and a, with recorded
-            springs also deformation and force, whose second label is the spring, and outputs by
-            their names, whose second label is the row.
+            springs also deformation and force, whose second label is the spring, with internal
+            forces iterations and q, and outputs by their names, whose second label is the row.
 
         Raises
         ------
@@ -218,7 +206,15 @@ class SubdomainHistory:
     def _alone(self) -> History:
         """A History of this subdomain only, without constraints."""
         none = np.empty((self.t.size, 0))
-        return History((self,), none, self.t, none, none, self.t, keys=((self.name, None),))
+        return History(
+            subdomains=(self,),
+            multipliers=none,
+            multiplier_times=self.t,
+            velocity_jump=none,
+            displacement_jump=none,
+            macro_times=self.t,
+            keys=((self.name, None),),
+        )
 
     def __repr__(self) -> str:
         levels, dofs = counted(self.t.size, "time level"), counted(self.dofs.size, "dof")
@@ -410,14 +406,10 @@ class History:
             "steps": [s and (s.substep, s.double_after) for s in self.subdomains],
             "outputs": [list(s.outputs) if s else [] for s in self.subdomains],
         }
-        arrays = {name: getattr(self, name) for name in INTERFACE}
-        if self.substeps is not None:
-            arrays["substeps"] = self.substeps
+        arrays = arrays_of(self)
         for i, s in enumerate(self.subdomains):
             if s is not None:
-                kept: tuple[str, ...] = MOTION if s.springs is None else MOTION + LOOPS
-                kept += tuple(name for name in OF_INTERNAL if getattr(s, name) is not None)
-                arrays |= {f"{i}.{name}": getattr(s, name) for name in kept}
+                arrays |= {f"{i}.{name}": x for name, x in arrays_of(s).items()}
                 arrays |= {output_array(i, k): x for k, x in enumerate(s.outputs.values())}
         if self.energy is not None:
             arrays |= {f"energy.{name}": x for name, x in self.energy.arrays().items()}
@@ -464,21 +456,15 @@ class History:
             steps = header.get("steps", [(None, None)] * len(header["names"]))
             outputs = header.get("outputs", [()] * len(header["names"]))
             for i in header["recorded"]:
-                has_springs = f"{i}.springs" in arrays
-                kept = [*MOTION, *LOOPS] if has_springs else [*MOTION]
-                kept += [name for name in OF_INTERNAL if f"{i}.{name}" in arrays]
-                motion: dict[str, Any] = {key: arrays[f"{i}.{key}"] for key in kept}
-                if "iterations" in motion:
-                    motion["iterations"] = whole_numbers(arrays, f"{i}.iterations")
+                substep, double_after = steps[i]
                 subdomains[i] = SubdomainHistory(
-                    header["names"][i],
-                    **motion,
-                    **dict(zip(STEPS, steps[i])),
+                    name=header["names"][i],
+                    substep=substep,
+                    double_after=double_after,
                     outputs={x: arrays[output_array(i, k)] for k, x in enumerate(outputs[i])},
+                    **_read(SubdomainHistory, OF_SUBDOMAIN, arrays, f"{i}."),
                 )
-            interface = {key: arrays[key] for key in INTERFACE}
-            if "substeps" in arrays:
-                interface["substeps"] = whole_numbers(arrays, "substeps")
+            interface = _read(cls, OF_INTERFACE, arrays)
             energy = None
             if any(key.startswith("energy.") for key in arrays):
                 energies = {key: arrays[f"energy.{key}"] for key in ENERGY_FIELDS}
@@ -563,38 +549,18 @@ class History:
         ImportError
             If xarray is missing.
         """
-        try:
-            import xarray
-        except ImportError as error:
-            raise ImportError("to_xarray needs xarray: pip install 'pmalpha[xarray]'") from error
-        fine, macro = ("multiplier_times", "condition"), ("macro_times", "condition")
-        variables: dict[str, Any] = {
-            "multipliers": (fine, self.multipliers),
-            "velocity_jump": (fine, self.velocity_jump),
-            "displacement_jump": (macro, self.displacement_jump),
-        }
-        coordinates: dict[str, Any] = {
-            "multiplier_times": self.multiplier_times,
-            "macro_times": self.macro_times,
-            "condition": np.arange(self.multipliers.shape[1]),
-        }
-        by_subdomain = (macro[0], "subdomain")
-        if self.substeps is not None or self.energy is not None:
-            coordinates["subdomain"] = [name for name, _ in self.keys]
-        if self.substeps is not None:
-            variables["substeps"] = (by_subdomain, self.substeps)
-        if self.energy is not None:
-            for name, values in self.energy.arrays().items():
-                variables[f"energy_{name}"] = (by_subdomain, values)
-        for s in self.subdomains:
-            if s is not None:
-                time, dof = f"{s.name}_time", f"{s.name}_dof"
-                coordinates |= {time: s.t, dof: s.dofs}
-                variables |= {f"{s.name}_{q}": ((time, dof), getattr(s, q)) for q in "uva"}
-                for q, values in s.outputs.items():
-                    variables[f"{s.name}_{q}"] = ((time, f"{s.name}_{q}_row"), values)
-            if s is not None and s.springs is not None:
-                time, spring = f"{s.name}_time", f"{s.name}_spring"
-                coordinates[spring] = s.springs
-                variables |= {f"{s.name}_{q}": ((time, spring), getattr(s, q)) for q in LOOPS[:2]}
-        return xarray.Dataset(variables, coordinates)
+        return dataset(self)
+
+
+def _read(
+    kind: type, table: Mapping[str, Quantity], arrays: Mapping[str, np.ndarray], prefix: str = ""
+) -> dict[str, Any]:
+    """The arrays of a History from a file; LookupError where one is missing that all files have."""
+    needed = {x.name for x in fields(kind) if x.default is MISSING}
+    names = (name for name in table if name in needed or prefix + name in arrays)
+    return {
+        name: whole_numbers(arrays, prefix + name)
+        if table[name].is_count
+        else arrays[prefix + name]
+        for name in names
+    }

@@ -26,24 +26,17 @@ import numpy as np
 from ..files import checked_path, mismatch, reading, replacing
 from ..memory import require
 from .attributes import describe
+from .quantities import OF_INTERFACE, OF_SUBDOMAIN, of_columns
 
 # In the header; the first bytes of an HDF5 file; the dataset with the last complete macro step.
 FORMAT, VERSION = "pmalpha History", 1
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 COUNTER = "step_count"
-OF_THE_INTERFACE = (
-    "multipliers",
-    "multiplier_times",
-    "velocity_jump",
-    "displacement_jump",
-    "macro_times",
-)
 # Maximum number of bytes per system call.
 LONGEST_WRITE = 1 << 30
 
-
 # What is finite at every time level of a run.
-OF_STATES = ("t", "u", "v", "a", "dofs", "q", "multipliers", "multiplier_times", "macro_times")
+STATES = {name for name, x in (OF_SUBDOMAIN | OF_INTERFACE).items() if x.is_state}
 
 
 def row_count(begin: int, end: int, every: int, levels: int) -> int:
@@ -341,8 +334,9 @@ def write_master(path: Path, files: Sequence[str], first: Sequence[int]) -> None
         for rank, name in enumerate(files):
             for i in range(first[rank], first[rank + 1]):
                 whole[str(i)] = h5py.ExternalLink(name, f"/{i - first[rank]}")
-        for array in OF_THE_INTERFACE:
-            whole[array] = h5py.ExternalLink(files[0], f"/{array}")
+        for array, quantity in OF_INTERFACE.items():
+            if quantity.columns != "subdomains":
+                whole[array] = h5py.ExternalLink(files[0], f"/{array}")
     with replacing(path) as file:
         file.write(content.getvalue())
 
@@ -368,7 +362,7 @@ def _of_all_ranks(
             if name in header["nodes"]:
                 levels = header["nodes"][name]
                 x = x[: row_count(header["begin"], step, header["every"], levels)]
-            if name == "substeps" or number == "energy":
+            if number == "energy" or name in of_columns(OF_INTERFACE, "subdomains"):
                 columns.setdefault(name, []).append(x)
             else:
                 arrays.setdefault(f"{count + int(number)}.{rest}" if rest else name, x)
@@ -393,10 +387,7 @@ def check_contents(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) 
     if not all(isinstance(name, str) for name in header["names"]):
         raise ValueError(f"names that are words, got {header['names']}")
     for i in header["recorded"]:
-        shape = (arrays[f"{i}.t"].size, arrays[f"{i}.dofs"].size)
-        for quantity in "uva":
-            if arrays[f"{i}.{quantity}"].shape != shape:
-                raise ValueError(f"rows of {i}.{quantity}, which has not the shape {shape}")
+        _check_shapes(i, arrays)
         for step in header["steps"][i] if "steps" in header else ():
             number = type(step) in (int, float) and abs(step) <= sys.float_info.max
             if not (number or step is None):
@@ -407,12 +398,24 @@ def check_contents(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) 
             raise ValueError(f"rows of {name}, which has not {rows} of them")
 
 
+def _check_shapes(i: int, arrays: Mapping[str, np.ndarray]) -> None:
+    """Those of the motion of subdomain i, and of its springs where there are any."""
+    rows = arrays[f"{i}.t"].size
+    for numbers in ("dofs", "springs"):
+        names = list(of_columns(OF_SUBDOMAIN, numbers))
+        if numbers == "dofs" or any(f"{i}.{name}" in arrays for name in (numbers, *names)):
+            shape = (rows, arrays[f"{i}.{numbers}"].size)
+            for name in names:
+                if arrays[f"{i}.{name}"].shape != shape:
+                    raise ValueError(f"rows of {i}.{name}, which has not the shape {shape}")
+
+
 def not_finite(arrays: Mapping[str, np.ndarray]) -> str | None:
     """The first array of a History with values that no run has: states, multipliers and times that
     are not finite. Jumps, energies, outputs and deformations of springs are sums of products, and
     may be."""
     for name, x in arrays.items():
-        if name.rpartition(".")[2] in OF_STATES and x.size:
+        if name.rpartition(".")[2] in STATES and x.size:
             with np.errstate(invalid="ignore"):  # two numbers, not an array as isfinite(x) has
                 ends = x.min(), x.max()
             if not np.isfinite(ends).all():

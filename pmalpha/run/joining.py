@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+
+from .quantities import with_rows
 
 WORKS = "works count from the beginning of a run, and the chains of a double step begin there anew"
 # Times are equal up to the rounding of two ways to compute them.
@@ -73,53 +75,24 @@ def _without_common_row(first: Any, second: Any) -> Any:
     common = second.macro_times[0] - first.macro_times[-1] <= ROUNDING * first.macro_times[-1]
     if not common:
         return second
-    later = {name: getattr(second, name)[1:] for name in _interface(second)}
-    subdomains = [
-        s
-        and replace(
-            s,
-            **{name: getattr(s, name)[1:] for name in _motion(s)},
-            outputs={q: x[1:] for q, x in s.outputs.items()},
-        )
-        for s in second.subdomains
-    ]
-    return replace(second, subdomains=tuple(subdomains), **later)
+    return _with_rows(lambda x: x[1:], second)
 
 
 def stacked(pieces: Sequence[Any]) -> Any:
     """The rows of all pieces, one after the other, without energies."""
-    first = pieces[0]
-    interface: dict[str, np.ndarray | None] = {
-        name: np.concatenate([getattr(piece, name) for piece in pieces])
-        for name in _interface(first)
-        if all(getattr(piece, name) is not None for piece in pieces)
-    }
-    if "substeps" not in interface:
-        interface["substeps"] = None
-    subdomains = [s and _stacked(own) for s, *own in _by_subdomain(pieces)]
-    return replace(first, subdomains=tuple(subdomains), **interface, energy=None)
+    whole = _with_rows(lambda *x: np.concatenate(x), *pieces)
+    subdomains = [
+        s and replace(s, substep=s.substep if len({x.substep for x in own}) == 1 else None)
+        for s, *own in zip(whole.subdomains, *(piece.subdomains for piece in pieces))
+    ]
+    return replace(whole, subdomains=tuple(subdomains), energy=None)
 
 
-def _by_subdomain(pieces: Sequence[Any]) -> list[tuple[Any, ...]]:
-    """For each subdomain its history in the first piece, and those in all."""
-    return [(own[0], *own) for own in zip(*(piece.subdomains for piece in pieces))]
-
-
-def _stacked(own: Sequence[Any]) -> Any:
-    first = own[0]
-    rows = {name: np.concatenate([getattr(s, name) for s in own]) for name in _motion(first)}
-    outputs = {q: np.concatenate([s.outputs[q] for s in own]) for q in first.outputs}
-    same = len({s.substep for s in own}) == 1
-    return replace(first, **rows, outputs=outputs, substep=first.substep if same else None)
-
-
-def _interface(piece: Any) -> tuple[str, ...]:
-    """The arrays of a History with a row for each time level."""
-    names = ("multipliers", "multiplier_times", "velocity_jump", "displacement_jump", "macro_times")
-    return names if piece.substeps is None else (*names, "substeps")
-
-
-def _motion(s: Any) -> tuple[str, ...]:
-    """The same of a subdomain."""
-    names = ("t", "u", "v", "a") + (() if s.springs is None else ("deformation", "force"))
-    return names + tuple(x for x in ("iterations", "q") if getattr(s, x) is not None)
+def _with_rows(change: Callable[..., np.ndarray], *pieces: Any) -> Any:
+    """The first History with ``change(x, ...)`` for each array of those of all of them."""
+    subdomains = [
+        own[0] and with_rows(own[0], change, *own[1:])
+        for own in zip(*(piece.subdomains for piece in pieces))
+    ]
+    first = with_rows(pieces[0], change, *pieces[1:])
+    return replace(first, subdomains=tuple(subdomains))

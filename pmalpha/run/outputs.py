@@ -12,10 +12,11 @@ import scipy.sparse as sp
 from ..problem.matrices import rectangular
 from ..problem.subdomain import Subdomain
 from .keys import by_index
+from .quantities import OF_SUBDOMAIN
 
 QUANTITIES = ("u", "v", "a")
 # Names of other columns of `to_pandas` and `to_xarray`.
-RESERVED = (*QUANTITIES, "t", "time", "dof", "deformation", "force", "spring")
+RESERVED = (*OF_SUBDOMAIN, "time", "dof", "spring")
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,12 @@ from ..setup.part import Part
 from .appending import EarlierRows, check_new
 from .clock import Clock
 from .energy import ENERGIES, ENERGY_FIELDS, Energy
-from .history import LOOPS, OF_INTERNAL, History, SubdomainHistory
+from .history import History, SubdomainHistory
 from .history_file import HistoryFile, hdf5_library, output_array, row_count
 from .joining import WORKS
 from .keys import by_index
 from .outputs import Outputs, chosen_outputs
+from .quantities import APART, OF_INTERFACE, OF_SUBDOMAIN, column_counts, of_columns
 
 # A run that is written to a file: bytes kept in memory, and seconds between two writes, about.
 FILED_BYTES, FILED_SECONDS = 16e6, 0.3
@@ -88,6 +89,7 @@ class Recording:
         self.outputs = chosen_outputs(outputs, self.keys)
         self.dofs = chosen_dofs(record, self.keys, self.outputs)
         self.springs = chosen_springs(record_springs, self.keys, self.dofs)
+        self.columns = [recorded_columns(*own) for own in zip(parts, self.dofs, self.springs)]
         self.has_energy = energy
         self.energy_columns = len(parts) * len(ENERGIES) if energy else 0
         self.steps_in_memory = self._steps_in_memory()
@@ -111,17 +113,12 @@ class Recording:
         parts, rows = self.parts, self._rows_in_memory
         numbers = self._numbers(rows) - rows(1) * self.energy_columns  # without the History's own
         self.block, self.used = np.empty(int(numbers)), 0
-        self.motions = [
-            None if dofs is None else self._allocate(part.substeps, dofs.size, 3)
-            for part, dofs in zip(parts, self.dofs)
+        self.arrays = [
+            {x: self._allocate(part.substeps, count) for x, count in columns.items()}
+            for part, columns in zip(parts, self.columns)
         ]
-        self.loops = [
-            [] if springs is None else self._allocate(part.substeps, springs.size, 2)
-            for part, springs in zip(parts, self.springs)
-        ]
-        self.memories = [self._allocate_memory(part, dofs) for part, dofs in zip(parts, self.dofs)]
         self.output_values = [
-            None if own is None else self._allocate(part.substeps, own.rows, 1)[0]
+            None if own is None else self._allocate(part.substeps, own.rows)
             for part, own in zip(parts, self.outputs)
         ]
         self.weights = [
@@ -129,9 +126,11 @@ class Recording:
             for part, own in zip(parts, self.outputs)
         ]
         p = self.core_rows.p
-        self.multipliers, self.velocity_jump = self._allocate(self.fine, p, 2)
-        (self.displacement_jump,) = self._allocate(1, p, 1)
-        (self.energy,) = self._allocate(1, self.energy_columns, 1)
+        self.interface = {
+            name: self._allocate(self._levels_of(name), p)
+            for name in of_columns(OF_INTERFACE, "constraints")
+        }
+        self.energy = self._allocate(1, self.energy_columns)
         assert self.used == self.block.size
 
     @property
@@ -139,11 +138,9 @@ class Recording:
         """Numbers that the History keeps in memory."""
         return self._numbers(self._rows_in_memory)
 
-    def _allocate_memory(self, part: Part, dofs: np.ndarray | None) -> dict[str, np.ndarray]:
-        """Arrays for the iterations and, where all dofs are recorded, the history of internal
-        forces."""
-        columns = history_columns(part, dofs)
-        return {name: self._allocate(part.substeps, count, 1)[0] for name, count in columns.items()}
+    def _levels_of(self, name: str) -> int:
+        """Time levels per macro step of an array of the interface."""
+        return self.fine if OF_INTERFACE[name].levels == "fine" else 1
 
     def __enter__(self) -> Recording:
         return self
@@ -170,31 +167,20 @@ class Recording:
     def _numbers(self, rows: Callable[[int], float]) -> float:
         """Numbers in all arrays; ``rows(levels)`` is the number of rows of an array."""
         p = self.core_rows.p
-        numbers = 2.0 * rows(self.fine) * p
-        numbers += rows(1) * (p + 2.0 * self.energy_columns)  # energies also as a History has them
-        for part, dofs in zip(self.parts, self.dofs):
-            if dofs is not None:
-                numbers += 3.0 * rows(part.substeps) * dofs.size
-        for part, springs in zip(self.parts, self.springs):
-            if springs is not None:
-                numbers += 2.0 * rows(part.substeps) * springs.size
-        for part, dofs in zip(self.parts, self.dofs):
-            columns = sum(history_columns(part, dofs).values())
-            numbers += rows(part.substeps) * columns
-        for part, own in zip(self.parts, self.outputs):
-            if own is not None:
-                numbers += rows(part.substeps) * own.rows
+        numbers = 2.0 * rows(1) * self.energy_columns  # also as a History has them
+        for name in of_columns(OF_INTERFACE, "constraints"):
+            numbers += rows(self._levels_of(name)) * p
+        for part, columns, own in zip(self.parts, self.columns, self.outputs):
+            outputs = 0 if own is None else own.rows
+            numbers += rows(part.substeps) * (sum(columns.values()) + outputs)
         return numbers
 
-    def _allocate(self, levels: int, columns: int, count: int) -> list[np.ndarray]:
-        """`count` arrays of the block."""
+    def _allocate(self, levels: int, columns: int) -> np.ndarray:
+        """An array of the block."""
         shape = self._rows_in_memory(levels), columns
-        begin, size = self.used, shape[0] * columns
-        self.used += count * size
-        return [
-            np.ndarray(shape, buffer=self.block, offset=8 * (begin + k * size))
-            for k in range(count)
-        ]
+        begin = self.used
+        self.used += shape[0] * columns
+        return np.ndarray(shape, buffer=self.block, offset=8 * begin)
 
     def rows(self, levels: int, end: int) -> int:
         """Number of rows up to macro step `end`, with `levels` time levels per macro step."""
@@ -232,17 +218,23 @@ class Recording:
         """The record in the form of the core."""
         selections: list[tuple[Any, ...] | None] = [None] * len(self.parts)
         for i, (part, dofs) in enumerate(zip(self.parts, self.dofs)):
-            motion, springs, outputs = self.motions[i], self.springs[i], self.outputs[i]
-            if dofs is not None and motion is not None:
+            arrays, springs, outputs = self.arrays[i], self.springs[i], self.outputs[i]
+            if dofs is not None:
                 selections[i] = (
                     part.position[dofs],
-                    *motion,
-                    None if springs is None else (springs, *self.loops[i]),
+                    *(arrays[name] for name in of_columns(OF_SUBDOMAIN, "dofs")),
+                    springs
+                    if springs is None
+                    else (springs, *(arrays[x] for x in of_columns(OF_SUBDOMAIN, "springs"))),
                     None if outputs is None else (self.output_values[i], *self.weights[i]),
-                    tuple(self.memories[i].get(name) for name in OF_INTERNAL),
+                    tuple(
+                        arrays.get(name)
+                        for name, x in OF_SUBDOMAIN.items()
+                        if x.columns not in APART
+                    ),
                 )
-        interface = self.multipliers, self.velocity_jump, self.displacement_jump
         energy = self._energies(self.energy) if self.has_energy else None
+        interface = self.interface.values()
         return (self.begin, self.every or 0, tuple(selections), *interface, energy)
 
     def _energies(self, rows: np.ndarray) -> np.ndarray:
@@ -252,35 +244,35 @@ class Recording:
     def history(self, end: int) -> History:
         """The History up to macro step `end`."""
         subdomains: list[SubdomainHistory | None] = []
-        for i, (part, dofs, arrays) in enumerate(zip(self.parts, self.dofs, self.motions)):
-            substeps = part.substeps
-            rows = self.rows(substeps, end)
-            if arrays is None or dofs is None:
+        for i, (part, dofs) in enumerate(zip(self.parts, self.dofs)):
+            rows = self.rows(part.substeps, end)
+            if dofs is None:
                 subdomains.append(None)
                 continue
-            u, v, a = (x[:rows] for x in arrays)
-            others: dict[str, Any] = {**self._loops(i, rows), **self._memory(i, rows)}
             subdomains.append(
                 SubdomainHistory(
-                    part.name,
-                    self.times(substeps, end),
-                    u,
-                    v,
-                    a,
-                    dofs,
-                    **others,
+                    name=part.name,
+                    t=self.times(part.substeps, end),
+                    dofs=dofs,
+                    springs=self.springs[i],
                     outputs=self._output_values(i, rows),
                     substep=part.h,
                     double_after=self._double_after(part),
+                    **{
+                        name: x[:rows, 0].astype(int) if OF_SUBDOMAIN[name].is_count else x[:rows]
+                        for name, x in self.arrays[i].items()
+                    },
                 )
             )
-        fine, macro = self.rows(self.fine, end), self.rows(1, end)
+        interface = {
+            name: self._in_users_rows(name, x[: self.rows(self._levels_of(name), end)])
+            for name, x in self.interface.items()
+        }
+        macro = self.rows(1, end)
         return History(
             subdomains=tuple(subdomains),
-            multipliers=self.core_rows.forces(self.multipliers[:fine]),
+            **interface,
             multiplier_times=self._multiplier_times(end),
-            velocity_jump=self.core_rows.jumps(self.velocity_jump[:fine]),
-            displacement_jump=self.core_rows.jumps(self.displacement_jump[:macro]),
             macro_times=self.times(1, end),
             keys=self.keys,
             energy=self._energy_history(macro, end) if self.has_energy else None,
@@ -297,21 +289,6 @@ class Recording:
             return None
         return self.clock.t0 + (self.clock.dt if part.over is None else 0.0)
 
-    def _loops(self, i: int, rows: int) -> dict[str, np.ndarray]:
-        """The recorded arrays of the springs of a subdomain."""
-        springs = self.springs[i]
-        if springs is None:
-            return {}
-        deformation, force = (x[:rows] for x in self.loops[i])
-        return dict(deformation=deformation, force=force, springs=springs)
-
-    def _memory(self, i: int, rows: int) -> dict[str, np.ndarray]:
-        """The recorded iterations and history of internal forces of a subdomain."""
-        recorded = {name: x[:rows] for name, x in self.memories[i].items()}
-        if "iterations" in recorded:
-            recorded["iterations"] = recorded["iterations"][:, 0].astype(int)
-        return recorded
-
     def _output_values(self, i: int, rows: int) -> dict[str, np.ndarray]:
         """The recorded outputs of a subdomain by name."""
         own, values = self.outputs[i], self.output_values[i]
@@ -324,6 +301,11 @@ class Recording:
         if self.conserved != "dual":
             kinds["conserved"] = None if self.conserved is None else stored
         return Energy.balanced(self.times(1, end), **kinds, start=stored[0])
+
+    def _in_users_rows(self, name: str, x: np.ndarray) -> np.ndarray:
+        """Forces or jumps of the constraints as the user has written them."""
+        rows = self.core_rows
+        return rows.forces(x) if OF_INTERFACE[name].unit == "F" else rows.jumps(x)
 
 
 class FiledRecording(Recording):
@@ -390,16 +372,10 @@ class FiledRecording(Recording):
 
     def _levels(self) -> dict[str, int]:
         """Time levels per macro step of all growing arrays, by name."""
-        levels = {"multipliers": self.fine, "multiplier_times": self.fine}
-        levels |= {"velocity_jump": self.fine, "displacement_jump": 1, "macro_times": 1}
-        levels["substeps"] = 1
-        for i, (part, dofs) in enumerate(zip(self.parts, self.dofs)):
-            if dofs is not None:
-                levels |= {f"{i}.{name}": part.substeps for name in "tuva"}
-                if self.springs[i] is not None:
-                    levels |= {f"{i}.{name}": part.substeps for name in LOOPS[:2]}
-                levels |= {f"{i}.{name}": part.substeps for name in self.memories[i]}
-                own = self.outputs[i]
+        levels = {name: self._levels_of(name) for name in OF_INTERFACE}
+        for i, (part, columns, own) in enumerate(zip(self.parts, self.columns, self.outputs)):
+            if self.dofs[i] is not None:
+                levels |= {f"{i}.{name}": part.substeps for name in ("t", *columns)}
                 count = 0 if own is None else len(own.sizes)
                 levels |= {output_array(i, k): part.substeps for k in range(count)}
         fields = ENERGY_FIELDS if self.conserved is None else (*ENERGY_FIELDS, "conserved")
@@ -477,11 +453,12 @@ def chosen_springs(
     return chosen
 
 
-def history_columns(part: Part, dofs: np.ndarray | None) -> dict[str, int]:
-    """The columns of what is recorded of internal forces, by the names of `OF_INTERNAL`."""
-    if part.internal is None or dofs is None:
+def recorded_columns(
+    part: Part, dofs: np.ndarray | None, springs: np.ndarray | None
+) -> dict[str, int]:
+    """The number of columns of each array that the core records of a subdomain."""
+    if dofs is None:
         return {}
-    columns = {} if part.tangent is None else {"iterations": 1}
-    if part.internal.initial.size and dofs.size == part.n:
-        columns["q"] = part.internal.initial.size
-    return columns
+    counts = column_counts(part, dofs, springs)
+    found = ((name, counts.get(x.columns)) for name, x in OF_SUBDOMAIN.items())
+    return {name: count for name, count in found if count is not None}

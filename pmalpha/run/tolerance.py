@@ -24,6 +24,7 @@ from .joining import stacked
 from .keys import by_index
 from .outputs import chosen_outputs
 from .progress import Report
+from .quantities import OF_SUBDOMAIN, of_columns, with_rows
 from .recording import Recording, chosen_dofs
 
 # The most substeps that are chosen, a power of two.
@@ -169,20 +170,17 @@ class Pieces:
 
     def _reduced(self, piece: History, rows: slice) -> History:
         """Chosen dofs, and some rows of all arrays."""
-        interface = ["multipliers", "multiplier_times", "velocity_jump"]
-        interface += ["displacement_jump", "macro_times", "substeps"]
         energy = piece.energy
         if energy is not None:
             names = ("t", *KINDS, "balance")
             energy = replace(energy, conserved=None)
             energy = replace(energy, **{name: getattr(energy, name)[rows] for name in names})
         return replace(
-            piece,
+            with_rows(piece, lambda x: x[rows]),
             subdomains=tuple(
                 None if s is None or dofs is None else reduced(s, dofs, rows)
                 for s, dofs in zip(piece.subdomains, self.dofs)
             ),
-            **{name: getattr(piece, name)[rows] for name in interface},
             energy=energy,
         )
 
@@ -199,13 +197,11 @@ class Pieces:
 
 def reduced(s: SubdomainHistory, dofs: np.ndarray, rows: slice) -> SubdomainHistory:
     """Some rows of a subdomain, and some of its dofs."""
-    whole = dofs.size == s.u.shape[1]
-    fields: dict[str, Any] = {name: getattr(s, name)[rows][:, dofs] for name in "uva"}
-    for name in ("t", "deformation", "force", "iterations", "q"):
-        x = getattr(s, name)
-        fields[name] = None if x is None or (name == "q" and not whole) else x[rows]
-    outputs = {name: x[rows] for name, x in s.outputs.items()}
-    return replace(s, **fields, dofs=dofs, outputs=outputs, substep=None)
+    some = with_rows(s, lambda x: x[rows])
+    fields = {x: getattr(some, x)[:, dofs] for x in of_columns(OF_SUBDOMAIN, "dofs")}
+    if dofs.size < s.dofs.size:
+        fields |= dict.fromkeys(of_columns(OF_SUBDOMAIN, "memory"))
+    return replace(some, **fields, dofs=dofs, substep=None)
 
 
 def rates_of(history: History) -> list[float]:
