@@ -80,7 +80,9 @@ class Subdomain:
         single: _Operator,
         twice: _Operator | None,
         link: tuple[int, np.ndarray, np.ndarray, np.ndarray],
-        restoring: tuple[tuple[Callable[..., Any] | LowLevelCallable, ...], np.ndarray]
+        restoring: tuple[
+            tuple[Callable[..., Any] | LowLevelCallable, ...], np.ndarray, np.ndarray | None
+        ]
         | None = None,
         D_r: _Matrix = None,
         lagged: bool = False,

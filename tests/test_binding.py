@@ -1377,7 +1377,7 @@ def test_ctrl_c_under_a_callable_load_evaluates_only_the_interrupted_time_twice(
 
 
 def test_few_steps_are_evaluated_ahead_under_a_slow_load_for_which_ctrl_c_waits():
-    # 32 loads of the first chunk take more than 50 ms, after which chunks become shorter
+    # a chunk is 32 macro steps, however long they take
     times, ahead = [], []
 
     def force(t):

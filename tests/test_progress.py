@@ -56,15 +56,15 @@ def test_progress_of_a_short_run_is_reported_at_the_end_only():
 
 
 def test_progress_is_reported_while_a_slow_load_is_evaluated():
-    # 60 macro steps of 10 ms, all of it in the load: chunks of 32, 16, 8 and 4 macro steps
+    # four chunks of 32 macro steps, whose loads take 64 ms; reports are 50 ms apart
     def force(t):
-        time.sleep(0.01)
+        time.sleep(0.002)
         return [np.sin(t)]
 
     reports = []
     c = pair(force)
-    c.run(steps=60, progress=lambda *x: reports.append(x[0]))
-    assert len(reports) >= 4 and reports == sorted(reports) and reports[-1] == 60
+    c.run(steps=128, progress=lambda *x: reports.append(x[0]))
+    assert len(reports) >= 4 and reports == sorted(reports) and reports[-1] == 128
 
 
 def test_a_run_with_progress_is_the_same_run():

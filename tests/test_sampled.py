@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pmalpha as pm
-from pmalpha import models
+from pmalpha import models, structures
 
 # other tests ignore it
 pytestmark = pytest.mark.filterwarnings("error:steps skip samples:pmalpha.AccuracyWarning")
@@ -197,7 +197,7 @@ def test_a_coupler_with_means_is_another_problem(tmp_path):
 
 
 def test_a_cut_structure_keeps_the_means():
-    bar = models.rod(4, 1.0, EA=1.0, rhoA=1.0)
+    bar = structures.rod(4, 1.0, EA=1.0, rhoA=1.0)
     for force in (
         pm.BaseAcceleration([0.0, 1.0], 0.1, np.ones(5), bar.M, average=True),
         pm.SampledForce(np.ones((2, 5)), 0.1, average=True),

@@ -195,16 +195,19 @@ static int take_functions(PyObject *functions, npy_intp n, PyObject *arrays, pma
 
 int pma_take_restoring(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring *out)
 {
-    PyObject *functions, *order;
+    PyObject *functions, *order, *load;
     *out = (pma_restoring){.n = (size_t)n};
     if (obj == Py_None)
         return 0;
     if (!PyTuple_Check(obj)) {
-        PyErr_SetString(PyExc_TypeError, "restoring must be None or a tuple (functions, order)");
+        PyErr_SetString(PyExc_TypeError,
+                        "restoring must be None or a tuple (functions, order, load)");
         return -1;
     }
-    if (!PyArg_ParseTuple(obj, "O!O", &PyTuple_Type, &functions, &order) ||
+    if (!PyArg_ParseTuple(obj, "O!OO", &PyTuple_Type, &functions, &order, &load) ||
         pma_take_order(order, n, arrays, &out->order) < 0)
+        return -1;
+    if (load != Py_None && pma_take_doubles(load, n, "load", arrays, &out->load) < 0)
         return -1;
     out->work = add_scratch(3 * n, arrays);
     if (!out->work || PyList_Append(arrays, functions) < 0)

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted, require_finite, vector
-from ..problem.forces import SampledForce, checked_force, is_callback
+from ..problem.forces import SampledForce, checked_force, depends_on_motion, is_callback
 
 # Rounding of zeros in a computed motion, relative to its largest entry.
 ROUNDING = 1e-12
@@ -126,9 +126,10 @@ def _share(force: Any, dofs: np.ndarray, share: np.ndarray) -> Any:
         return share * force[dofs]
     if is_callback(force):
         return DividedForce(force, dofs, share)
+    kind = "function of t, u and v" if depends_on_motion(force) else "LowLevelCallable"
     raise TypeError(
-        "force must not be a LowLevelCallable, which cannot be divided; give each subdomain its "
-        "own by pm.Subdomain"
+        f"force must not be a {kind}, which cannot be divided; give each subdomain its own by "
+        "pm.Subdomain"
     )
 
 

@@ -6,6 +6,7 @@ A load is evaluated at the end of a step only, as its value there or as a mean (
 from __future__ import annotations
 
 from collections.abc import Callable
+from inspect import signature
 from sys import float_info
 from typing import Any, TypeAlias, TypeGuard
 
@@ -179,7 +180,7 @@ def _columns(value: Any, name: str) -> np.ndarray:
     return array.reshape(len(array), -1)
 
 
-Force: TypeAlias = np.ndarray | SampledForce | Callable[[float], Any] | LowLevelCallable | None
+Force: TypeAlias = np.ndarray | SampledForce | Callable[..., Any] | LowLevelCallable | None
 
 
 def checked_force(force: Any, n: int, name: str = "force") -> Force:
@@ -198,18 +199,47 @@ def checked_force(force: Any, n: int, name: str = "force") -> Force:
     if isinstance(force, LowLevelCallable):
         raise TypeError(f"{name} must not be a LowLevelCallable")
     if callable(force):
-        return force
+        count = required_arguments(force)
+        if count == 1 or count == 3 and name == "force":
+            return force
+        rule = "t alone, or of t, u and v" if name == "force" else "t alone"
+        raise TypeError(
+            f"{name} must be a function of {rule}, got one with {count} required arguments: "
+            f"{force!r}"
+        )
     return vector(force, n, name)
 
 
+def required_arguments(function: Callable[..., Any]) -> int:
+    """Positional arguments that a function requires; 1 if it can be called with one.
+
+    A function without a readable signature, such as a compiled one, is taken as one of t.
+    """
+    try:
+        parameters = signature(function).parameters.values()
+    except (TypeError, ValueError):
+        return 1
+    positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    required = sum(p.default is p.empty for p in positional)
+    takes_one = bool(positional) or any(p.kind == p.VAR_POSITIONAL for p in parameters)
+    return 1 if required == 0 and takes_one else required
+
+
+def depends_on_motion(force: Force) -> TypeGuard[Callable[..., Any]]:
+    """True for a force f(t, u, v), which is evaluated like a restoring force."""
+    return is_function(force) and required_arguments(force) == 3
+
+
 def core_load(force: Force, order: np.ndarray) -> Any:
-    """A force that is not a Python callable, in a form of the core, in elimination order."""
+    """A force that is not a Python callable of t, in a form of the core, in elimination order."""
     if force is None:
         return None
     if isinstance(force, np.ndarray):
         return force[order]
     if isinstance(force, LowLevelCallable):
         return force, order
+    if depends_on_motion(force):
+        return None  # part of the restoring forces
     assert isinstance(force, SampledForce)
     times = force.dt, force.hold, force._begin
     if force.shape is None:
@@ -218,5 +248,10 @@ def core_load(force: Force, order: np.ndarray) -> Any:
 
 
 def is_callback(force: Force) -> TypeGuard[Callable[[float], Any]]:
+    """True for a force that is a Python callable of t alone, to be evaluated in advance."""
+    return is_function(force) and not depends_on_motion(force)
+
+
+def is_function(force: Force) -> TypeGuard[Callable[..., Any]]:
     """True for a force that is a Python callable."""
     return callable(force) and not isinstance(force, SampledForce)

@@ -61,6 +61,38 @@ def functions_of(restoring: Restoring) -> tuple[Function, ...]:
     return tuple(item for item in items_of(restoring) if not isinstance(item, Spring))
 
 
+class Feedback:
+    """A force f(t, u, v) of a subdomain, which is evaluated with its restoring forces.
+
+    Parameters
+    ----------
+    what : str
+        Its name in messages, such as "force of subdomain 'rig'".
+    n : int
+        Number of dofs.
+
+    Attributes
+    ----------
+    function : callable or None
+        The present one; None while the load is another one, by `Coupler.reset`.
+    last : (n,) array
+        Its last value, which the core reads for its work.
+    """
+
+    def __init__(self, what: str, n: int):
+        self.what, self.last = what, np.zeros(n)
+        self.function: Callable[..., Any] | None = None
+
+    def __call__(self, u: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+        if self.function is None:
+            return np.zeros(self.last.size)
+        value = self.function(t, u, v)
+        try:
+            return vector(value, self.last.size, "its value")
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"{self.what} at t = {t:g}: {error}") from None
+
+
 class CheckedRestoring:
     """The sum of Python callables for the core, whose values are checked.
 
@@ -73,6 +105,8 @@ class CheckedRestoring:
         Number of dofs.
     watch : callable, optional
         Called after each evaluation as ``watch(u, v, r, t)``, r the sum.
+    feedback : Feedback, optional
+        A load, evaluated after them; the sum contains it with a minus.
     """
 
     def __init__(
@@ -80,21 +114,25 @@ class CheckedRestoring:
         functions: Sequence[tuple[Callable[..., Any], str]],
         n: int,
         watch: Watch | None = None,
+        feedback: Feedback | None = None,
     ):
-        # a function may change its arguments: u and v, the core's copies, are for the last one
-        *self.others, self.last = functions
-        self.n, self.watch = n, watch
+        self.functions, self.n, self.watch, self.feedback = functions, n, watch, feedback
+        # a function may change its arguments, the core's copies
+        self.copies = len(functions) + (feedback is not None) + (watch is not None) > 1
 
     def __call__(self, u: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
-        before = (u.copy(), v.copy()) if self.watch else (u, v)
-        if self.others:
-            first, *more = (self._value(*x, u.copy(), v.copy(), t) for x in self.others)
-            r = sum(more, first) + self._value(*self.last, u, v, t)
-        else:
-            r = self._value(*self.last, u, v, t)
+        values = [self._value(*x, *self._motion(u, v), t) for x in self.functions]
+        r = sum(values[1:], values[0]) if values else np.zeros(self.n)
+        if self.feedback is not None:
+            f = self.feedback(*self._motion(u, v), t)
+            self.feedback.last[:] = f
+            r = r - f
         if self.watch:
-            self.watch(*before, r, t)
+            self.watch(u, v, r, t)
         return r
+
+    def _motion(self, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return (u.copy(), v.copy()) if self.copies else (u, v)
 
     def _value(
         self, function: Callable[..., Any], what: str, u: np.ndarray, v: np.ndarray, t: float
@@ -111,12 +149,16 @@ def is_compiled(function: Function) -> bool:
 
 
 def core_restoring(
-    restoring: Restoring, name: str, order: np.ndarray, watch: Watch | None = None
+    restoring: Restoring,
+    name: str,
+    order: np.ndarray,
+    watch: Watch | None = None,
+    feedback: Feedback | None = None,
 ) -> tuple[Any, ...] | None:
     """The functions of subdomain `name` in the form of the core, None without functions.
 
-    The Python callables are one function of the core, which comes first; each compiled function is
-    another one.
+    The Python callables are one function of the core, which comes first, with a load that depends
+    on the motion; each compiled function is another one.
     """
     items = items_of(restoring)
     label = "restoring" if len(items) == 1 else "restoring[{}]"
@@ -125,6 +167,9 @@ def core_restoring(
         for i, item in enumerate(items)
         if not isinstance(item, Spring) and not is_compiled(item)
     ]
-    functions: list[Any] = [CheckedRestoring(called, order.size, watch)] if called else []
+    functions: list[Any] = []
+    if called or feedback is not None:
+        functions.append(CheckedRestoring(called, order.size, watch, feedback))
     functions += [function for function in functions_of(restoring) if is_compiled(function)]
-    return (tuple(functions), order) if functions else None
+    load = None if feedback is None else feedback.last
+    return (tuple(functions), order, load) if functions else None

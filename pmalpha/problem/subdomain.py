@@ -11,7 +11,7 @@ from ..errors import FactorizationError
 from .arguments import Damping, DofsLike, MatrixLike, VectorLike
 from .damping import checked_rayleigh, damping_matrix
 from .discrete_gradient import internal_for
-from .forces import checked_force
+from .forces import checked_force, depends_on_motion
 from .frozen import Frozen
 from .internal import Internal
 from .matrices import EXPORTED, Matrix, canonical, combination, diagonal, is_symmetric
@@ -56,7 +56,10 @@ class Subdomain(Frozen):
         double steps require True, and one substep.
     force : (n,) array, callable, LowLevelCallable, `SampledForce` or `BaseAcceleration`, optional
         External load, evaluated at the end of each substep. A callable ``f(t) -> (n,)`` is
-        evaluated in advance, once for each substep in the order of time, and once at t = 0. A
+        evaluated in advance, once for each substep in the order of time, and once at t = 0; it may
+        not depend on what happens in the run. A callable ``f(t, u, v) -> (n,)``, of three
+        required arguments, is a load that does, such as a controller: it is evaluated when and
+        where `restoring` is, and its work is external. A
         ``scipy.LowLevelCallable`` ``int (double t, intptr_t n, double *f, void *user)`` is
         evaluated in the step, without the GIL; f is zero on entry. For one dof a number will do
         in place of an array, also as the value of a callable.
@@ -159,6 +162,8 @@ class Subdomain(Frozen):
     C: Any
     # whether a function among the restoring forces has no estimate of its stiffness
     has_unknown_stiffness: bool
+    # whether the force is a function of the motion
+    has_feedback: bool
 
     def __init__(
         self,
@@ -206,6 +211,7 @@ class Subdomain(Frozen):
         self.C = damping_matrix(C, self.rayleigh, self.n, **others)
         self.damping = damping
         self.force = checked_force(force, self.n)
+        self.has_feedback = depends_on_motion(self.force)
         self.has_unknown_stiffness = self.has_functions and restoring_stiffness is None
         if self.restoring_springs and self.internal is not None and self.internal.springs:
             raise ValueError(

@@ -23,7 +23,7 @@ from ..memory import require
 from .arguments import DofsLike
 from .dofs import dof_list
 from .eigenmodes import modes
-from .forces import SampledForce
+from .forces import SampledForce, depends_on_motion
 from .matrices import Matrix, dense, diagonal, is_symmetric, product
 from .positive import FLOATING, positive_definite, scale_to_one, softest
 
@@ -321,6 +321,8 @@ def _projected(force: Any, T: np.ndarray) -> Any:
         return None
     if isinstance(force, LowLevelCallable):
         raise ValueError("force must not be a compiled function for a reduction")
+    if depends_on_motion(force):
+        raise ValueError("force must not be a function of t, u and v for a reduction")
     if isinstance(force, SampledForce):
         return force._projected(T)
     return ProjectedForce(force, T) if callable(force) else T.T @ force

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import nullcontext
-from time import perf_counter
 from typing import Any
 
 from ..blas import one_thread
@@ -18,9 +17,9 @@ from .progress import Report
 # Bytes of load values evaluated ahead of the core at a time. While a table is filled the previous
 # one still exists: 64 MB together.
 AHEAD = 32_000_000
-# Macro steps of the first chunk. The next chunk has twice as many if the last one took less than
-# CHUNK_SECONDS (s), half as many otherwise: Ctrl-C and reports wait for the end of a chunk.
-FIRST_CHUNK, CHUNK_SECONDS = 32, 0.03
+# Macro steps of a chunk. Not by the clock: a callable that reads what another function wrote, which
+# it should not, would then return something else in every run.
+CHUNK = 32
 
 
 def advance(
@@ -91,18 +90,14 @@ def _ready_on_all(
 
 
 def _chunks(core: Any, loads: Loads, end: int) -> Iterator[int]:
-    """Last macro steps of the chunks; with callables a chunk takes about 50 ms.
+    """Last macro steps of the chunks; one without callables.
 
     The load values of a chunk take at most `AHEAD` bytes.
     """
     size = loads.bytes_per_macro_step
-    longest = max(1, AHEAD // size) if size else end
-    steps = min(FIRST_CHUNK, longest) if size else longest
+    steps = max(1, min(CHUNK, AHEAD // size)) if size else end
     while core.step_count < end:
-        begin = perf_counter()
         yield min(end, core.step_count + steps)
-        seconds = perf_counter() - begin
-        steps = min(2 * steps, longest) if seconds < CHUNK_SECONDS else max(1, steps // 2)
 
 
 def _error(failed: Any, step: int, loads: Loads, first: int) -> Exception:

@@ -11,7 +11,7 @@ from .._checks import counted
 from .._core import LANES
 from ..errors import CasesError
 from ..memory import require
-from ..problem.forces import Force, checked_force
+from ..problem.forces import Force, checked_force, depends_on_motion
 from ..problem.subdomain import Subdomain
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.start import InitialAccelerations
@@ -53,8 +53,19 @@ def checked_forces(keys: Sequence[tuple[str, Subdomain]], force: Any) -> list[Fo
     """The force on each subdomain, that of the `Subdomain` where none is given."""
     given = by_index(force, keys, "force")
     return [
-        checked_force(given[i], s.n) if i in given else s.force for i, (_, s) in enumerate(keys)
+        _checked_force(given[i], s, name) if i in given else s.force
+        for i, (name, s) in enumerate(keys)
     ]
+
+
+def _checked_force(force: Any, s: Subdomain, name: str) -> Force:
+    checked = checked_force(force, s.n)
+    if depends_on_motion(checked) and not s.has_feedback:
+        raise ValueError(
+            f"force of {name!r} can only be a function of t, u and v where that of the Subdomain "
+            "is one"
+        )
+    return checked
 
 
 def checked_cases(

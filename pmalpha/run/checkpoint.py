@@ -24,7 +24,7 @@ from scipy import LowLevelCallable
 from .._checks import MOST, counted, listing
 from ..blas import one_thread
 from ..files import read_npz, write_npz
-from ..problem.forces import SampledForce
+from ..problem.forces import SampledForce, depends_on_motion
 from ..problem.springs import Spring
 from ..setup.assembly import Assembly
 from ..setup.core_rows import CoreRows
@@ -126,7 +126,9 @@ def load(force: Any) -> str:
     if isinstance(force, Spring):
         # these words are in files of all versions; repr may change
         return f"<{type(force).__name__} x {len(force)}> {checksum(force.numbers)}"
-    return "a callable" if callable(force) else checksum(force)
+    if callable(force):
+        return "a callable of t, u and v" if depends_on_motion(force) else "a callable"
+    return checksum(force)
 
 
 def internal(part: Part) -> str:

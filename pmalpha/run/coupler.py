@@ -571,6 +571,11 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
             if s.restoring is not None or s.internal is not None:
                 kind = "a restoring force" if s.internal is None else "an internal force"
                 raise ValueError(f"{what} needs linear subdomains, got {kind} on {name!r}")
+            if s.has_feedback:
+                raise ValueError(
+                    f"{what} needs loads that do not depend on the motion, got a force that is a "
+                    f"function of t, u and v on {name!r}"
+                )
 
     def _steps_done(self) -> int:
         return self._core.step_count if self._started else 0

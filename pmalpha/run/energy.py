@@ -133,7 +133,7 @@ def _conserves(part: Part) -> bool:
     """A linear subdomain with a Newmark scheme and single steps, whose matrices are symmetric."""
     s = part.subdomain
     newmark = s.scheme.gamma == 0.5 and s.scheme.am == s.scheme.af  # then a = w
-    linear = s.restoring is None and s.internal is None
+    linear = s.restoring is None and s.internal is None and not s.has_feedback
     return newmark and linear and not part.double and is_symmetric(s.K)
 
 

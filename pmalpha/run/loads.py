@@ -10,7 +10,7 @@ import numpy as np
 from scipy import LowLevelCallable
 
 from ..errors import CallbackError
-from ..problem.forces import Force, core_load, is_callback
+from ..problem.forces import Force, core_load, depends_on_motion, is_callback
 from ..problem.matrices import product
 from ..problem.newton import Newton
 from ..setup.part import Part
@@ -96,6 +96,7 @@ class Loads:
             or any(isinstance(force, LowLevelCallable) for force in self.forces)
             or not all_known(self.motions)
             or any(part.subdomain.has_functions for part in self.parts)
+            or any(depends_on_motion(force) for force in self.forces)
             or any(part.internal is not None and part.internal.functions for part in self.parts)
         )
 
@@ -112,6 +113,8 @@ class Loads:
     def to_core(self) -> None:
         """Give the core all loads but those of callables, which `prepare` gives it."""
         for i, (part, force) in enumerate(zip(self.parts, self.seen)):
+            if part.feedback is not None:
+                part.feedback.function = force if depends_on_motion(force) else None
             if i not in self.callbacks:
                 part.core.set_load(core_load(force, part.order))
         for i, motion in enumerate(self.motions):
@@ -161,13 +164,24 @@ class Loads:
     # ---- at one time, in elimination order ----------------------------------------------------
 
     def at_start(self, i: int, step: int = 0) -> np.ndarray:
-        """F(0) of a subdomain; `step` is the present macro step, for errors."""
+        """F(0) of a subdomain; `step` is the present macro step, for errors.
+
+        Without a force that depends on the motion, which is one of the terms of the motion.
+        """
         force, part = self.seen[i], self.parts[i]
         if i in self.callbacks:
             return self.callbacks[i].near_start_value(0.0)
         if isinstance(force, LowLevelCallable):
             return self._values(part.core.force(0.0), "force", i, step)
         return force_at(force, part, 0.0)
+
+    def static(self, i: int, motion: tuple[np.ndarray, np.ndarray], step: int) -> np.ndarray:
+        """The same, with a force that depends on the motion at (u, v), in elimination order."""
+        part = self.parts[i]
+        if part.feedback is None or part.feedback.function is None:
+            return self.at_start(i, step)
+        u, v = motion
+        return part.feedback(u.copy(), v.copy(), 0.0)[part.order]
 
     def at_present(self, i: int) -> np.ndarray:
         """F of a subdomain at the present time."""
@@ -208,7 +222,8 @@ class Loads:
                 for part, (u, v) in zip(self.parts, states)
             ]
         for i, (part, (u, v)) in enumerate(zip(self.parts, states)):
-            if part.subdomain.restoring is not None or part.internal is not None:
+            s = part.subdomain
+            if s.restoring is not None or part.internal is not None or part.feedback is not None:
                 r = self._values(part.core.restore(0.0, u, v), "restoring force", i, 0)
                 terms[i].append(-r)
         return terms
@@ -226,6 +241,6 @@ class Loads:
 
 def force_at(force: Force, part: Part, t: float) -> np.ndarray:
     """A force that is no function, at one time in elimination order."""
-    if force is None:
+    if force is None or depends_on_motion(force):
         return np.zeros(part.n)
     return (force(t) if callable(force) else force)[part.order]

@@ -51,11 +51,12 @@ def checked_tolerance(
             f'tolerance needs coupling="gc", got "{coupling}", {why[coupling]}; change_steps '
             "changes steps under every coupling"
         )
-    repeated = [name for name, s in keys if s.has_functions]
+    repeated = [name for name, s in keys if s.has_functions or s.has_feedback]
     if repeated:
         raise ValueError(
-            "tolerance must come without restoring functions, which are evaluated once for every "
-            f"substep, since macro steps can be repeated; got one on {listing(repeated)}"
+            "tolerance must come without restoring functions and forces that are functions of t, "
+            "u and v, which are evaluated once for every substep, since macro steps can be "
+            f"repeated; got one on {listing(repeated)}"
         )
     if not isinstance(tolerance, Mapping):
         return [positive_number(tolerance, "tolerance")] * len(keys)

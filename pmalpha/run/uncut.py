@@ -40,7 +40,8 @@ class Uncut:
         structure, with all matrices, and returns the displacements of its own subdomains. With
         springs or internal forces the equilibrium is iterated by Newton's method, from the initial
         displacements: those of the `Subdomain`, or of the last `reset`. Of several equilibria it
-        finds one near to them.
+        finds one near to them. A force that is a function of t, u and v is a constant load with its
+        value at t = 0 and the initial values.
 
         Parameters
         ----------
@@ -99,7 +100,11 @@ class Uncut:
                         f"got a restoring function on {name!r}"
                     )
             done = self._steps_done()
-            forces = [self._loads.at_start(i, done)[p.position] for i, p in enumerate(self._parts)]
+            motions = self._initial.values
+            forces = [
+                self._loads.static(i, motions[i], done)[part.position]
+                for i, part in enumerate(self._parts)
+            ]
             u = self._equilibrium(forces, steps)
         return dict(zip((name for name, _ in self._keys), u))
 

@@ -44,6 +44,12 @@ def prepare_iterated(parts: Sequence[Part], coupling: str) -> None:
                 '"gc", or '
                 "put the restoring force into a subdomain of its own"
             )
+        if shoots and part.subdomain.has_feedback:
+            raise ValueError(
+                f"force of {part.name!r} must not be a function of t, u and v where there are "
+                f'internal forces under coupling="{coupling}", which repeats its substeps; take '
+                '"pm" or "gc"'
+            )
         if coupling == "mean":
             part.blocks = mean_blocks(linear_twin(part))
         elif coupling == "macro":

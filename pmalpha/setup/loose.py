@@ -78,7 +78,7 @@ def warn_of_loose(keys: Sequence[tuple[str, Subdomain]], links: Sequence[Link]) 
 
 def _is_loose(s: Subdomain, L: Link) -> bool:
     """Whether a rigid-body motion satisfies the constraints."""
-    if s.has_unknown_stiffness:
+    if s.has_unknown_stiffness or s.has_feedback:  # which may hold it
         return False
     K = s.largest_tangent
     if K is None:

@@ -38,6 +38,12 @@ def check_mean(parts: Sequence[Part]) -> None:
                 f"restoring forces in {part.name!r}: the free macro run has no multipliers, so "
                 "that forces would be evaluated away from the motion"
             )
+        if s.has_feedback:
+            raise ValueError(
+                'coupling must be "macro", "pm" or "gc" with a force that is a function of t, u '
+                f'and v, got "mean" and such a force on {part.name!r}: it would be evaluated away '
+                "from the motion"
+            )
         rho = getattr(s.scheme, "rho", 1.0)
         if s.scheme.explicit and rho < LEAST_EXPLICIT_RHO:
             raise ValueError(

@@ -20,7 +20,7 @@ from ..problem.matrices import (
     permuted,
 )
 from ..problem.ordering import graph_of, has_nested_dissection
-from ..problem.restoring import core_restoring
+from ..problem.restoring import Feedback, core_restoring
 from ..problem.schemes import Scheme
 from ..problem.springs import core_springs
 from ..problem.subdomain import Subdomain
@@ -96,6 +96,8 @@ class Part:
         If it responds: its block of H (M4), and the one from the mean velocities in the macro step.
     step_ratio : StepRatio or None
         Its step divided by its critical step, as far as set-up computed it.
+    feedback : Feedback or None
+        Its load if that depends on the motion, for steps of all lengths.
     """
 
     subdomain: Subdomain
@@ -129,6 +131,7 @@ class Part:
     step_ratio: StepRatio | None = None
     over: float | None = None
     known: dict[float, tuple[Any, ...]] = field(default_factory=dict)
+    feedback: Feedback | None = None
 
     @property
     def step(self) -> float:
@@ -340,6 +343,7 @@ def make_part(
         tangent=tangent,
         **fields,
         responds=responds and internal is None,
+        feedback=Feedback(f"force of subdomain {name!r}", n) if subdomain.has_feedback else None,
         known={} if external is None or external.first is None else {h: (h, *external.first)},
     )
 
@@ -454,9 +458,8 @@ def warn_of_order(parts: Sequence[Part]) -> None:
 def watch_of(part: Part) -> StiffnessWatch | None:
     """What looks at the values of Python functions whose stiffness is not given."""
     s = part.subdomain
-    if not s.has_unknown_stiffness or s.massless.size:
-        return None
-    return StiffnessWatch(s, part.name, part.step)
+    unknown = s.has_unknown_stiffness or (s.has_feedback and not s.has_functions)
+    return StiffnessWatch(s, part.name, part.step) if unknown and not s.massless.size else None
 
 
 def build(part: Part, mass: Factor | None = None, threads: int = 1) -> None:
@@ -473,7 +476,9 @@ def build(part: Part, mass: Factor | None = None, threads: int = 1) -> None:
         substeps=part.substeps,
         K=part.K,
         C=part.C,
-        restoring=core_restoring(part.subdomain.restoring, part.name, part.order, watch_of(part)),
+        restoring=core_restoring(
+            part.subdomain.restoring, part.name, part.order, watch_of(part), part.feedback
+        ),
         D_r=part.D_r,
         lagged=part.subdomain.damping == "lagged",
         responds=part.responds,

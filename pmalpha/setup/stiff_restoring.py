@@ -42,7 +42,7 @@ class StiffnessWatch:
     def __init__(self, subdomain: Subdomain, name: str, step: float):
         self.M, self.name, self.step = subdomain.M, name, step
         s = subdomain.scheme
-        self.explicit = s.explicit
+        self.explicit, self.is_load = s.explicit, not subdomain.has_functions
         self.Omega = critical_product(Scheme(s.am, s.af, s.beta, s.gamma, explicit=True))
         self.last: tuple[np.ndarray, ...] | None = None
         self.increment: np.ndarray | None = None
@@ -93,8 +93,11 @@ class StiffnessWatch:
         remedy = "take smaller steps, or an implicit scheme with an estimate restoring_stiffness="
         if not self.explicit:
             remedy = "give an estimate of it as restoring_stiffness=, or take smaller steps"
+        if self.is_load:
+            remedy = "take smaller steps"
+        kind = "force, a function of the motion," if self.is_load else "restoring function"
         self.cause = (
-            f"the restoring function of subdomain {self.name!r} is stiff: its values correspond to "
+            f"the {kind} of subdomain {self.name!r} is stiff: its values correspond to "
             f"a circular frequency of about {omega:.3g}, for which the step {self.step:g} is above "
             f"the critical step {self.Omega / omega:.3g}; {remedy}"
         )

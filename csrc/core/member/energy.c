@@ -23,6 +23,7 @@ struct pma_energy {
     size_t kept;
     bool begun;            /* a macro step has been committed since the beginning */
     double *start_damping; /* n: C v + f at the beginning */
+    double *start_load;    /* n: F at the beginning, without what depends on the motion */
     double start_potential;
     bool conserves;  /* E* is asked for, */
     double weight;   /* ... with this multiple of K beside M */
@@ -54,7 +55,8 @@ static void lay_out(pma_energy *e)
     for (size_t k = 0; k < e->kept; k++)
         e->work[k] = take_level(&next, &e->parts);
     e->start_damping = next;
-    e->product = next + e->parts.n;
+    e->start_load = next + e->parts.n;
+    e->product = next + 2 * e->parts.n;
 }
 
 pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out)
@@ -70,7 +72,7 @@ pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out)
         return status;
     const size_t kept = parts->responds && parts->substeps > KEPT ? parts->substeps : KEPT;
     const size_t size = 3 * parts->n + parts->nb + spring_numbers(parts);
-    /* (kept + 2) size + 2 n doubles: no overflow below this size */
+    /* (kept + 2) size + 3 n doubles: no overflow below this size */
     if (size > SIZE_MAX / ((kept + 4) * sizeof(double)))
         return PMA_NO_MEMORY;
     pma_energy *e = calloc(1, sizeof *e);
@@ -79,7 +81,7 @@ pma_status pma_energy_create(const pma_energy_parts *parts, pma_energy **out)
     e->parts = *parts;
     e->kept = kept;
     e->work = calloc(kept, sizeof *e->work);
-    e->block = calloc((kept + 2) * size + 2 * parts->n, sizeof(double));
+    e->block = calloc((kept + 2) * size + 3 * parts->n, sizeof(double));
     if (!e->work || !e->block) {
         pma_energy_destroy(e);
         return PMA_NO_MEMORY;
@@ -128,20 +130,27 @@ static void add(size_t n, const double *x, double *y)
         y[i] += x[i];
 }
 
-/* r of the substep closed last. At the beginning it is not known, since it is evaluated once per
- * substep: there it counts as that of the first one. */
+/* r of the substep closed last, and the external load in it. At the beginning they are not known,
+ * since they are evaluated once per substep: there they count as those of the first one. */
 static void take_restoring(pma_energy *e, const pma_substep *step, level *to)
 {
     const pma_restoring *restoring = e->parts.restoring;
     if (!restoring->function)
         return;
-    const double *r = pma_restoring_last(restoring);
-    for (size_t i = 0; i < e->parts.n; i++)
-        to->damping[i] = r[restoring->order[i]];
+    const double *r = pma_restoring_last(restoring), *f = restoring->load;
+    double *load = e->product;
+    for (size_t i = 0; i < e->parts.n; i++) {
+        const size_t k = (size_t)restoring->order[i];
+        load[i] = f ? f[k] : 0.0;
+        to->damping[i] = f ? r[k] + f[k] : r[k];
+    }
+    add(e->parts.n, load, to->load);
     if (step->j > 0 || e->begun)
         return;
     memcpy(e->present.damping, e->start_damping, e->parts.n * sizeof(double));
+    memcpy(e->present.load, e->start_load, e->parts.n * sizeof(double));
     add(e->parts.n, to->damping, e->present.damping);
+    add(e->parts.n, load, e->present.load);
 }
 
 /* f and its potential, as evaluated last */
@@ -220,6 +229,7 @@ void pma_energy_begin(pma_energy *e, const pma_state *x, const double *load, con
     take_internal(e, at);
     add_damping(e, x, at->damping);
     memcpy(e->start_damping, at->damping, e->parts.n * sizeof(double));
+    memcpy(e->start_load, load, e->parts.n * sizeof(double));
     e->start_potential = at->potential;
     fill_pull(e, lam, at);
     at->dissipated = 0.0;
@@ -253,6 +263,7 @@ void pma_energy_follow(pma_energy *e, const pma_energy *from)
     copy_level(e, &from->present, &e->present);
     copy_level(e, &from->previous, &e->previous);
     memcpy(e->start_damping, from->start_damping, e->parts.n * sizeof(double));
+    memcpy(e->start_load, from->start_load, e->parts.n * sizeof(double));
     e->start_potential = from->start_potential;
     e->begun = from->begun;
 }

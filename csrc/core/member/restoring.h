@@ -21,6 +21,8 @@ typedef struct {
     size_t n;
     const int64_t *order; /* n: the user's dof of each of ours */
     double *work;         /* 3 n: scratch */
+    const double *load;   /* n, in the user's order: an external load f(t, u, v) that the last r
+                             contains as - f, for its work; or NULL */
 } pma_restoring;
 
 /* PMA_BAD_INDEX unless every dof lies in 0..n-1 */
