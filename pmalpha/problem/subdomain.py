@@ -162,8 +162,6 @@ class Subdomain(Frozen):
     C: Any
     # whether a function among the restoring forces has no estimate of its stiffness
     has_unknown_stiffness: bool
-    # whether the force is a function of the motion
-    has_feedback: bool
 
     def __init__(
         self,
@@ -211,7 +209,6 @@ class Subdomain(Frozen):
         self.C = damping_matrix(C, self.rayleigh, self.n, **others)
         self.damping = damping
         self.force = checked_force(force, self.n)
-        self.has_feedback = depends_on_motion(self.force)
         self.has_unknown_stiffness = self.has_functions and restoring_stiffness is None
         if self.restoring_springs and self.internal is not None and self.internal.springs:
             raise ValueError(
@@ -342,6 +339,11 @@ class Subdomain(Frozen):
     def has_functions(self) -> bool:
         """Whether functions of the user are among the restoring forces."""
         return bool(functions_of(self.restoring))
+
+    @property
+    def has_feedback(self) -> bool:
+        """Whether the force is a function of the motion, f(t, u, v)."""
+        return depends_on_motion(self.force)
 
     @property
     def springs(self) -> tuple[Spring, ...]:
