@@ -89,6 +89,20 @@ def test_a_constant_load_does_not_change_it():
     assert change(coupler.run(steps=1000, energy=True).energy.conserved) < EXACT
 
 
+@pytest.mark.parametrize("load", [np.array([0.0, 1.0, 0.0, 3.0]), "function"])
+def test_under_mean_coupling_the_potential_of_a_constant_load_belongs_to_it(load):
+    F = np.array([0.0, 1.0, 0.0, 3.0])
+    force = (lambda t: F) if isinstance(load, str) else load
+    coupler = random_loop((1, 3, 7), TRAPEZOIDAL, "mean", force=force)
+    coupler.step(3)  # works begin at zero there, what is conserved does not
+    energy = coupler.run(steps=1000, energy=True).energy
+    before = random_loop((1, 3, 7), TRAPEZOIDAL, "mean", force=force).run(steps=1, energy=True)
+    total, stored = energy.conserved.sum(axis=1), (energy.kinetic + energy.strain).sum(axis=1)
+    largest = np.max(stored)
+    assert np.max(np.abs(total - before.energy.conserved[0].sum())) < EXACT * largest
+    assert np.ptp(stored) > 0.1 * largest  # the load does work
+
+
 def pull(t):
     return np.array([0.0, np.sin(t), 0.0, 0.0])
 

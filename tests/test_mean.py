@@ -115,6 +115,40 @@ def test_means_of_neighbouring_multipliers_are_of_order_two():
     assert np.log2(errors[0] / errors[1]) > 1.8
 
 
+def tied_springs(explicit, C=0.0, u0=(0.0, 0.0)):
+    """Two springs to the ground under loads, whose masses are tied; omega h = 0.2 in the second."""
+    a = pm.Subdomain([2.0], [3.0], [C], scheme=pm.Newmark(), force=[5.0], u0=u0[:1], name="a")
+    b = pm.Subdomain(
+        [1.0], [16.0], [C], scheme=explicit, substeps=2, force=[-1.0], u0=u0[1:], name="b"
+    )
+    return pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.1, coupling="mean")
+
+
+def test_the_static_solution_is_at_rest_with_central_difference():
+    u = tied_springs(pm.CentralDifference()).static()
+    coupler = tied_springs(pm.CentralDifference(), u0=(u["a"][0], u["b"][0]))
+    history = coupler.run(steps=300)
+    for name in "ab":  # rounding, which 600 substeps add up
+        assert np.max(np.abs(history[name].u - u[name])) < 1e-13
+        assert np.max(np.abs(history[name].v)) < 1e-12
+
+
+@pytest.mark.parametrize("rho", [0.5, 1.0])
+def test_explicit_generalized_alpha_rests_beside_it(rho):
+    # (K9): 3 u = 5 + lam and 16 (u + al1 y) = -1 - lam with y = -lam
+    am, af = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
+    beta = 0.25 * (1.0 - am + af) ** 2
+    al1 = 0.05**2 * beta * (1.0 - af) / (1.0 - am)
+    u, lam = np.linalg.solve([[3.0, -1.0], [16.0, 1.0 - 16.0 * al1]], [5.0, -1.0])
+    coupler = tied_springs(pm.GeneralizedAlpha(rho, explicit=True), C=2.0)
+    coupler.step(1000)  # damped: exp(-c t / 2 m) = e-67
+    static = coupler.static()
+    assert coupler.state("a").u[0] == pytest.approx(u, abs=1e-13)
+    assert coupler.state("b").u[0] == pytest.approx(u, abs=1e-13)
+    assert coupler.multipliers[0] == pytest.approx(lam, abs=1e-12)
+    assert abs(u - static["a"][0]) > 1e-3 * abs(u)
+
+
 def test_recorded_accelerations_are_those_of_the_present():
     coupler = loop((1, 3, 7), MIXED, 0.05)
     first = coupler.run(steps=7)

@@ -50,7 +50,8 @@ class Energy:
         and internal forces. Under "macro" with any substeps, and under "gc" and "pm" with equal
         substeps in all subdomains, w (M + h^2 (beta - 1/4) K) w / 2 + v K v / 2 (M9), with the
         acceleration w and the substep h: its unit is energy by time squared. Under "mean" with
-        the trapezoidal rule kinetic + strain. Damping and varying loads and motions change it.
+        the trapezoidal rule kinetic + strain - F . u. Damping and varying loads and motions change
+        it.
         None with other schemes and steps, with restoring and internal forces, with
         ``drift="removed"``, and in files of older versions.
     """
@@ -114,7 +115,7 @@ class Energy:
 def conserved_quantity(
     parts: Sequence[Part], options: Mapping[str, Any], ranks: Ranks | None = None
 ) -> str | None:
-    """Which quantity is conserved: "dual" for (M9), "energy" for kinetic + strain, or None."""
+    """Which quantity is conserved: "dual" for (M9), "energy" for T + U - F . u, or None."""
     found = [
         (_conserves(part), stiffness_weight(part.subdomain.scheme, 1.0) == 0.0, part.substeps)
         for part in parts

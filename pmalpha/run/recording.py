@@ -298,8 +298,8 @@ class Recording:
         by_kind = np.moveaxis(self._energies(self.energy[:rows]), -1, 0)
         kinds: dict[str, Any] = dict(zip(ENERGIES, map(np.ascontiguousarray, by_kind)))
         stored = kinds["kinetic"] + kinds["strain"]
-        if self.conserved != "dual":
-            kinds["conserved"] = None if self.conserved is None else stored
+        if self.conserved is None:
+            kinds["conserved"] = None
         return Energy.balanced(self.times(1, end), **kinds, start=stored[0])
 
     def _in_users_rows(self, name: str, x: np.ndarray) -> np.ndarray:

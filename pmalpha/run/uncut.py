@@ -74,6 +74,10 @@ class Uncut:
         (N17), whatever the load steps: so the run stays at rest. Where yielding depends on the path
         of the load, apply it in a run.
 
+        Exception: under "mean" explicit subdomains with `GeneralizedAlpha` rest in another
+        equilibrium, (K9), which differs by 0.1 to 0.3 (omega h)^2 of the displacements. Central
+        difference, implicit schemes and other couplings do rest.
+
         Examples
         --------
         >>> a = Subdomain([1.0], [2.0], scheme=Newmark(), force=[3.0], name="a")

@@ -344,6 +344,15 @@ static double conserved(pma_energy *e, const pma_state *x)
     return sum;
 }
 
+/* F . u */
+static double potential_of_load(const pma_energy *e, const level *at)
+{
+    double sum = 0.0;
+    for (size_t i = 0; i < e->parts.n; i++)
+        sum += at->load[i] * at->u[i];
+    return sum;
+}
+
 void pma_energy_at(pma_energy *e, size_t j, const pma_state *x, double *out)
 {
     const level *at = level_at(e, j);
@@ -353,5 +362,7 @@ void pma_energy_at(pma_energy *e, size_t j, const pma_state *x, double *out)
     out[PMA_DISSIPATED] = at->dissipated - (at->potential - e->start_potential);
     out[PMA_EXTERNAL] = at->external;
     out[PMA_INTERFACE_WORK] = at->interface;
-    out[PMA_CONSERVED] = e->conserves ? conserved(e, x) : 0.0;
+    out[PMA_CONSERVED] = e->conserves
+                             ? conserved(e, x)
+                             : out[PMA_KINETIC] + out[PMA_STRAIN] - potential_of_load(e, at);
 }

@@ -19,8 +19,8 @@
 #include "member/substep.h"
 #include "status.h"
 
-/* Of a time level: T and U there, the works done since the beginning, and the share in E*, 0 if it
- * is not asked for.                                                            (B1) (B2) (M9) */
+/* Of a time level: T and U there, the works done since the beginning, and the share in E*, or if
+ * that is not asked for T + U - F . u.                                         (B1) (B2) (M9) */
 enum {
     PMA_KINETIC,
     PMA_STRAIN,
@@ -83,7 +83,8 @@ void pma_energy_conserve(pma_energy *e, double weight);
 
 void pma_energy_commit(pma_energy *e);
 
-/* out (PMA_ENERGIES): T and U of the state x at time level j, and the works up to it */
+/* out (PMA_ENERGIES): T and U of the state x at time level j, the works up to it, and a share in
+ * what is conserved */
 void pma_energy_at(pma_energy *e, size_t j, const pma_state *x, double *out);
 
 #endif
