@@ -10,8 +10,8 @@ LANES: int  # vectors side by side: unit responses of one pass, load cases
 
 _Compressed = tuple[np.ndarray, np.ndarray, np.ndarray]  # ptr int64, index int32, values float64
 # values of an unsymmetric matrix or factor: both sides of the diagonal, along a first axis more
-# of a matrix [d, i] = A_i,i+d, of a factor [j, k] = R_j+1+k,j; whether it is a folded chain
-_Band = tuple[np.ndarray, bool]
+# of a matrix [d, i] = A_i,i+d, of a factor [j, k] = R_j+1+k,j
+_Band = tuple[np.ndarray]
 _Panels = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 _Strips = _Panels  # first, ptr, index, start, values
 _Matrix = np.ndarray | _Band | _Compressed | _Strips | None
@@ -207,9 +207,6 @@ def factor_panels(
     dtrsm: Any,
     threads: int,
     /,
-) -> int | None: ...
-def factor_fold(
-    diagonal: np.ndarray, values: np.ndarray, inverse: np.ndarray, lost: float, growth: float, /
 ) -> int | None: ...
 def strips(matrix: _Compressed, /) -> _Strips: ...
 def columns_of(

@@ -325,46 +325,11 @@ def test_bands_that_do_not_fit_are_refused():
         [[1.0, 1.0], [0.0, 0.0]],
         None,
     ):
-        check_refused(lambda band=band: subdomain(K=(band, False)))
-    subdomain(K=(two, False))
+        check_refused(lambda band=band: subdomain(K=(band,)))
+    subdomain(K=(two,))
     for band in (two, np.zeros((2, 0)), np.zeros((3, 1)), np.zeros(2), None):
-        check_refused(lambda band=band: subdomain(single=(0.1, np.ones(2), (band, False))))
-    subdomain(single=(0.1, np.ones(2), (np.zeros((2, 1)), False)))
-
-
-def test_only_tridiagonal_matrices_are_folded():
-    wide, narrow = np.zeros((3, 3)), np.zeros((2, 3))
-    three = {"n": 3, "nb": 0, "K": None, "single": operator(3)}
-    three |= {"link": (0, i64(0), i32(), f64())}
-    check_refused(lambda: subdomain(**three | {"K": (wide, True)}))
-    check_refused(lambda: subdomain(**three | {"K": (narrow, Undecided())}))
-    subdomain(**three | {"K": (narrow, True)})
-    for R, folded in ((wide[:, :2], True), (narrow[:1].T, Undecided())):
-        R = np.ascontiguousarray(R)
-        single = (0.1, np.ones(3), (R, folded))
-        check_refused(lambda single=single: subdomain(**three | {"single": single}))
-    subdomain(**three | {"single": (0.1, np.ones(3), (np.zeros((3, 1)), True))})
-
-
-def test_a_folded_chain_is_factored_in_arrays_that_are_written():
-    d, values, inverse = np.ones(3), np.zeros((2, 3)), np.empty(3)
-    fixed = values.copy()
-    fixed.flags.writeable = False
-    for bad in (None, "d", np.zeros(3), np.zeros((3, 3)), values.astype(np.float32), fixed):
-        check_refused(lambda bad=bad: _core.factor_fold(d, bad, inverse, 0.0, 1.0))
-    for bad in (None, "d", np.zeros(2), np.zeros((3, 1)), fixed[0]):
-        check_refused(lambda bad=bad: _core.factor_fold(d, values, bad, 0.0, 1.0))
-    for bad in (None, "d", np.zeros((3, 1)), d.astype(int)):
-        check_refused(lambda bad=bad: _core.factor_fold(bad, values, inverse, 0.0, 1.0))
-    assert _core.factor_fold(d, values, inverse, 0.0, 1.0) is None
-    assert _core.factor_fold(0.0 * d, values[:1], inverse, 0.0, 1.0) == 0
-
-
-class Undecided:
-    """Neither true nor false."""
-
-    def __bool__(self):
-        raise ValueError("undecided")
+        check_refused(lambda band=band: subdomain(single=(0.1, np.ones(2), (band,))))
+    subdomain(single=(0.1, np.ones(2), (np.zeros((2, 1)),)))
 
 
 def strips(**others):

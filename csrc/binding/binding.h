@@ -172,14 +172,14 @@ int pma_take_array(PyObject *obj, int type, int ndim, const npy_intp *shape, con
 int pma_take_doubles(PyObject *obj, npy_intp count, const char *name, PyObject *arrays,
                      const double **out);
 
-/* None, an (n,) array, an (n, n) array or a tuple: (band, folded), (ptr, index, values) or
+/* None, an (n,) array, an (n, n) array or a tuple: (band,), (ptr, index, values) or
  * strips */
 int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *arrays, pma_matrix *out);
 
 /* (first, row_ptr, rows, start, values), the panels of a factor; not checked yet */
 int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panels *out);
 
-/* (inverse, R): R is None, an (n, n) array whose row j is column j of R, (band, folded),
+/* (inverse, R): R is None, an (n, n) array whose row j is column j of R, (band,),
  * (ptr, index, values), or panels, followed by (position, supernodes) where the interface is not
  * last */
 int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, PyObject *arrays,

@@ -126,13 +126,7 @@ static int band_error(const char *name, npy_intp n, const npy_intp shape[2])
     return -1;
 }
 
-/* Whether a band, (values, folded), is folded: 1 or 0, -1 with an exception. */
-static int is_folded(PyObject *obj)
-{
-    return PyObject_IsTrue(PyTuple_GetItem(obj, 1));
-}
-
-/* (values, folded), values[d, i] = A_i,i+d; unsymmetric: values[0, d, i] and
+/* (values,), values[d, i] = A_i,i+d; unsymmetric: values[0, d, i] and
  * values[1, d, i] = A_i+d,i */
 static int take_matrix_band(PyObject *obj, npy_intp n, const char *name, PyObject *arrays,
                             pma_matrix *out)
@@ -144,13 +138,11 @@ static int take_matrix_band(PyObject *obj, npy_intp n, const char *name, PyObjec
         return -1;
     if (shape[1] != n || shape[0] < 1 || shape[0] > n)
         return band_error(name, n, shape);
-    const int folded = is_folded(obj);
     out->width = (size_t)shape[0] - 1;
-    out->folded = folded > 0;
-    return folded < 0 ? -1 : 0;
+    return 0;
 }
 
-/* (values, folded), values[j, k] = R_j+1+k,j; unsymmetric: values[0, j, k] and values[1, j, k] of
+/* (values,), values[j, k] = R_j+1+k,j; unsymmetric: values[0, j, k] and values[1, j, k] of
  * Q */
 static int take_factor_band(PyObject *obj, npy_intp n, const char *name, PyObject *arrays,
                             pma_factor *out)
@@ -162,10 +154,8 @@ static int take_factor_band(PyObject *obj, npy_intp n, const char *name, PyObjec
         return -1;
     if (shape[0] != n || shape[1] < 1 || shape[1] >= n)
         return band_error(name, n, shape);
-    const int folded = is_folded(obj);
     out->width = (size_t)shape[1];
-    out->folded = folded > 0;
-    return folded < 0 ? -1 : 0;
+    return 0;
 }
 
 /* (first, ptr, index, start, values), laid out like panels; not checked yet */
@@ -188,7 +178,7 @@ int pma_take_matrix(PyObject *obj, npy_intp n, const char *name, PyObject *array
     *out = (pma_matrix){.form = PMA_ZERO, .n = (size_t)n};
     if (obj == Py_None)
         return 0;
-    if (PyTuple_Check(obj) && PyTuple_Size(obj) == 2)
+    if (PyTuple_Check(obj) && PyTuple_Size(obj) == 1)
         return take_matrix_band(obj, n, name, arrays, out);
     if (PyTuple_Check(obj) && PyTuple_Size(obj) == 5) {
         out->form = PMA_STRIPS;
@@ -295,7 +285,7 @@ int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, Py
         return 0;
     if (PyTuple_Check(R) && (PyTuple_Size(R) == 5 || PyTuple_Size(R) == 7))
         return take_panels_and_path(R, n, name, arrays, out);
-    if (PyTuple_Check(R) && PyTuple_Size(R) == 2)
+    if (PyTuple_Check(R) && PyTuple_Size(R) == 1)
         return take_factor_band(R, n, name, arrays, out);
     if (PyTuple_Check(R)) {
         out->form = PMA_SPARSE;

@@ -3,7 +3,6 @@
 #include "binding.h"
 
 #include "algebra/elimination.h"
-#include "algebra/fold.h"
 #include "algebra/symbolic.h"
 #include "workers/team.h"
 #include "workers/thread.h"
@@ -401,51 +400,6 @@ done:
     return result;
 }
 
-/* A vector that is written, (n,), or two of them in one array. */
-static int take_written(PyObject *obj, int ndim, const npy_intp *shape, const char *name,
-                        PyObject *arrays, double **out)
-{
-    PyArrayObject *array;
-    if (pma_take_array(obj, NPY_DOUBLE, ndim, shape, name, arrays, &array) < 0)
-        return -1;
-    *out = PyArray_DATA(array);
-    if (PyArray_ISWRITEABLE(array))
-        return 0;
-    PyErr_Format(PyExc_ValueError, "%s must be writeable", name);
-    return -1;
-}
-
-/* factor_fold(diagonal, values, inverse, lost, growth): of a folded chain, values (1, n) beside the
- * diagonal, or (2, n) below and above it, become R, or R and Q; None, or the column whose pivot is
- * refused */
-static PyObject *factor_fold(PyObject *Py_UNUSED(module), PyObject *args)
-{
-    PyObject *diagonal_obj, *values_obj, *inverse_obj, *result = NULL;
-    const double *diagonal;
-    double lost, growth, *values, *inverse;
-    PyArrayObject *array;
-    npy_intp n = -1;
-    size_t column = 0;
-    if (!PyArg_ParseTuple(args, "OOOdd", &diagonal_obj, &values_obj, &inverse_obj, &lost, &growth))
-        return NULL;
-    PyObject *arrays = PyList_New(0);
-    if (!arrays || pma_take_array(diagonal_obj, NPY_DOUBLE, 1, &n, "diagonal", arrays, &array) < 0)
-        goto done;
-    diagonal = PyArray_DATA(array);
-    n = PyArray_DIM(array, 0);
-    const bool pair = PyArray_Check(values_obj) && PyArray_SIZE((PyArrayObject *)values_obj) > n;
-    const npy_intp shape[2] = {pair ? 2 : 1, n};
-    if (take_written(values_obj, 2, shape, "values", arrays, &values) < 0 ||
-        take_written(inverse_obj, 1, &n, "inverse", arrays, &inverse) < 0)
-        goto done;
-    const pma_status status = pma_fold_factor((size_t)n, diagonal, lost, growth, values,
-                                              pair ? values + n : NULL, inverse, &column);
-    result = status == PMA_OK ? Py_NewRef(Py_None) : PyLong_FromSize_t(column);
-done:
-    Py_XDECREF(arrays);
-    return result;
-}
-
 PyMethodDef pma_factor_functions[] = {
     {"graph_of_groups", graph_of_groups, METH_VARARGS,
      "graph_of_groups(ptr, index, group, groups) -> (ptr, index), symmetric, without loops"},
@@ -458,7 +412,5 @@ PyMethodDef pma_factor_functions[] = {
     {"factor_panels", factor_panels, METH_VARARGS,
      "factor_panels(matrix, structure, values, inverse, lost, growth, dgemm, dtrsm, threads) -> "
      "None or a column"},
-    {"factor_fold", factor_fold, METH_VARARGS,
-     "factor_fold(diagonal, values, inverse, lost, growth) -> None or a column"},
     {NULL, NULL, 0, NULL},
 };

@@ -29,7 +29,6 @@ extern const test NUMERIC_TESTS[];
 extern const test MEMORY_TESTS[];
 extern const test UNSYMMETRIC_TESTS[];
 extern const test NARROW_TESTS[];
-extern const test FOLD_TESTS[];
 extern const test LINK_TESTS[];
 extern const test LOAD_TESTS[];
 extern const test RESTORING_TESTS[];

@@ -367,22 +367,13 @@ def core_matrix(A: Matrix | None, *, symmetric: bool = True) -> Any:
         return None if A is None else np.ascontiguousarray(A if symmetric else A.T)
     n, rows = A.shape[0], row_of_entries(A)
     width = int(np.max(np.abs(A.indices - rows), initial=0))
-    folded = width == 2 and is_folded(n, rows, A.indices)
-    width = 1 if folded else width
     if not is_narrow(width + 1, n, A.nnz):
         return strips_or_rows(core_sparse(A))
     band = np.zeros((1 if symmetric else 2, width + 1, n))
     for own, (i, j) in zip(band, ((rows, A.indices), (A.indices, rows))):
         upper = j >= i
-        own[np.minimum(j[upper] - i[upper], width), i[upper]] = A.data[upper]
-    return band[0] if symmetric else band, folded
-
-
-def is_folded(n: int, rows: np.ndarray, columns: np.ndarray) -> bool:
-    """Whether entries off the diagonal are those of a tridiagonal matrix in the order 0, n - 1, 1,
-    n - 2, ...: each row with the second row after it, and the last two."""
-    first, second = np.minimum(rows, columns), np.maximum(rows, columns)
-    return bool(np.all((first == second) | (second == np.minimum(first + 2, n - 1))))
+        own[j[upper] - i[upper], i[upper]] = A.data[upper]
+    return (band[0] if symmetric else band,)
 
 
 def strips_or_rows(A: tuple[np.ndarray, np.ndarray, np.ndarray]) -> tuple[np.ndarray, ...]:

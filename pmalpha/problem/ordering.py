@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import spilu
 
 from .. import _core
@@ -93,35 +92,6 @@ def elimination_order(n: int, graph: Graph | None, last: np.ndarray) -> np.ndarr
     best = _least_fill(nodes)
     best = best[_core.postorder(*rows_of(nodes.graph, best), nodes.border)]
     return nodes.dofs_of(best)
-
-
-def folded_order(graph: Graph) -> np.ndarray | None:
-    """Dof at each position of an order that eliminates chains from both ends at once.
-
-    Of dofs along chains, the first, the last, the second and so on; None unless the graph consists
-    of chains alone.
-    """
-    n = graph.n
-    if most_neighbours(graph) > 2:
-        return None
-    along = np.arange(n)
-    if not _is_tridiagonal(graph):
-        pattern = sp.csr_array((np.ones(graph.index.size), graph.index, graph.ptr), shape=(n, n))
-        along = reverse_cuthill_mckee(pattern, symmetric_mode=True).astype(np.int64)
-        if not _is_tridiagonal(rows_of(graph, along)):
-            return None  # a cycle
-    folded = np.empty(n, dtype=np.int64)
-    folded[::2], folded[1::2] = along[: (n + 1) // 2], along[: (n - 1) // 2 : -1]
-    return folded
-
-
-def most_neighbours(graph: Graph) -> int:
-    return int(np.diff(graph.ptr).max(initial=0))
-
-
-def _is_tridiagonal(graph: Graph) -> bool:
-    row = np.repeat(np.arange(graph.n), np.diff(graph.ptr))
-    return bool(np.all(np.abs(row - graph.index) <= 1))
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ in the elimination tree, of a factor that may be much smaller.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from hashlib import sha256
 
@@ -18,9 +17,6 @@ from ..problem.matrices import Matrix, permuted
 from ..problem.ordering import (
     Graph,
     elimination_order,
-    folded_order,
-    graph_of,
-    most_neighbours,
     rows_of,
     with_full_nodes,
 )
@@ -30,8 +26,6 @@ from .paths import Paths, paths_to
 # The ordinary order is considered where the block of the interface alone is this share of the
 # factor. Below, sweeping the paths would cost more than the fill of an interface that is last.
 BORDER_SHARE = 0.1
-# Chains of fewer dofs are eliminated from one end.
-WORTH_FOLDING = 8
 
 
 @dataclass(frozen=True)
@@ -139,28 +133,6 @@ def elimination(
         return chosen
     other = ordinary(graph, last)
     return other if other is not None and other.swept < chosen.swept else chosen
-
-
-def from_both_ends(
-    graph: Graph | None, last: np.ndarray, matrices: Iterable[Matrix | None]
-) -> Elimination | None:
-    """The elimination of chains without interface from both ends at once; None for all others.
-
-    Parameters
-    ----------
-    graph : Graph or None
-        As for `elimination`.
-    last : (nb,) sorted array of int
-    matrices : iterable of matrices
-        All that the subdomain has: products with wider ones are slower in another order.
-    """
-    if graph is None or graph.n < WORTH_FOLDING or last.size or most_neighbours(graph) > 2:
-        return None
-    whole = graph_of(list(matrices))
-    order = None if whole is None else folded_order(whole)
-    if order is None:
-        return None
-    return Elimination(order, 0, Structure(2 * graph.n - 1, None, folded=True))
 
 
 def ordinary(graph: Graph, last: np.ndarray) -> Elimination | None:

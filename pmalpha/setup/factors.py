@@ -97,13 +97,10 @@ class Structure:
         Stored entries of R, with the diagonal.
     panels : tuple or None
         (first, row_ptr, rows, start, owner); None where sweeps of columns are faster.
-    folded : bool
-        Whether it is that of a chain eliminated from both ends at once.
     """
 
     entries: int
     panels: tuple[Any, ...] | None
-    folded: bool = False
 
     @property
     def operations(self) -> float:
@@ -176,10 +173,6 @@ def factorize(
     if A.ndim == 1:
         check_pivots(A, A, names)
         return 1.0 / A, None
-    if structure is not None and structure.folded:
-        factor = fold(A, names, symmetric)
-        (check_softest if symmetric else check_smallest)(A, factor, names)
-        return factor
     if not symmetric:
         with one_thread():
             factor = unsymmetric(A, names, nb, structure, threads)
@@ -236,23 +229,6 @@ def _factor_panels(
     return _core.factor_panels(
         A, structure.panels, values, inverse, LOST, GROWTH, gemm, trsm, threads
     )
-
-
-# ---- chains eliminated from both ends ----------------------------------------------------------
-
-
-def fold(A: sp.csr_array, names: Names, symmetric: bool) -> Factor:
-    """R D R^T, or R D Q^T, of a chain whose dofs are in the order of `folded_order`."""
-    n, rows = A.shape[0], row_of_entries(A)
-    d, inverse = A.diagonal(), np.empty(n)
-    values = np.zeros((1 if symmetric else 2, n))
-    for own, (i, j) in zip(values, ((rows, A.indices), (A.indices, rows))):
-        below = i > j
-        own[j[below]] = A.data[below]
-    failed = _core.factor_fold(d, values, inverse, LOST, GROWTH)
-    if failed is None:
-        return inverse, (values[0, :, None] if symmetric else values[:, :, None], True)
-    raise names.not_definite(A, failed) if symmetric else _refused(names, d, inverse, failed)
 
 
 # ---- unsymmetric matrices ----------------------------------------------------------------------
@@ -349,8 +325,8 @@ def sides(factor: Factor) -> list[Factor]:
     inverse, R = factor
     if R is None or isinstance(R, np.ndarray):
         return [factor] if R is None or R.ndim == 2 else [(inverse, R[0]), (inverse, R[1])]
-    at = 0 if len(R) == 2 else 2 if len(R) == 3 else 4
-    if R[at].ndim == (2 if len(R) == 2 else 1):
+    at = 0 if len(R) == 1 else 2 if len(R) == 3 else 4
+    if R[at].ndim == (2 if len(R) == 1 else 1):
         return [factor]
     return [(inverse, (*R[:at], values, *R[at + 1 :])) for values in R[at]]
 
@@ -405,7 +381,7 @@ def in_columns(ptr: np.ndarray, rows: np.ndarray, values: np.ndarray) -> tuple[A
     if width < n and is_narrow(width, n, rows.size):
         band = np.zeros((*values.shape[:-1], n, width))
         band[..., columns, distance - 1] = values
-        return band, False
+        return (band,)
     return ptr, rows.astype(np.int32, copy=False), np.ascontiguousarray(values)
 
 
@@ -464,7 +440,7 @@ def interface_block(factor: Factor, nb: int) -> np.ndarray:
         return np.eye(nb)
     if isinstance(R, np.ndarray):
         return R[begin:, begin:].T
-    if len(R) == 2:
+    if len(R) == 1:
         return _block_of_band(R[0][begin:])
     block = np.zeros((nb, nb), order="F")
     if len(R) == 3:

@@ -25,7 +25,7 @@ from ..problem.schemes import Scheme
 from ..problem.springs import core_springs
 from ..problem.subdomain import Subdomain
 from .compliance import Block, compliance, diagonal_compliances
-from .elimination import Elimination, Eliminations, from_both_ends
+from .elimination import Elimination, Eliminations
 from .external import External
 from .factors import Factor, Names
 from .internal import (
@@ -322,8 +322,7 @@ def make_part(
         assert external.perm is not None
         eliminated = Elimination(external.perm, last.size)
     else:
-        chains = None if factorize == "superlu" else from_both_ends(graph, last, matrices.values())
-        eliminated = chains or eliminations.of(n, graph, last)
+        eliminated = eliminations.of(n, graph, last)
     eliminated = replace(eliminated, threads=threads)
     order = eliminated.order
     different = {id(A): permuted(A, order) for A in {id(A): A for A in matrices.values()}.values()}

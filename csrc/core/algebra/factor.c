@@ -2,7 +2,6 @@
 
 #include <string.h>
 
-#include "algebra/fold.h"
 #include "algebra/kernel.h"
 #include "algebra/lanes.h"
 
@@ -44,8 +43,7 @@ pma_status pma_factor_check(const pma_factor *f)
     if (f->form == PMA_PANELS)
         return pma_panels_check(&f->panels, f->n, f->nb);
     if (f->form == PMA_BAND)
-        return f->width > 0 && f->width < (f->folded ? 2 : f->n) && f->n > 1 ? PMA_OK
-                                                                             : PMA_BAD_SIZE;
+        return f->width > 0 && f->width < f->n ? PMA_OK : PMA_BAD_SIZE;
     if (f->form != PMA_SPARSE)
         return PMA_OK;
     if (f->ptr[0] != 0)
@@ -110,7 +108,7 @@ size_t pma_factor_reach(const pma_factor *f)
     case PMA_DIAGONAL:
         return 0;
     case PMA_BAND:
-        return f->folded ? 2 : f->width;
+        return f->width;
     case PMA_SPARSE:
         return reach_of_columns(f);
     case PMA_IN_LANES:
@@ -213,9 +211,7 @@ static void substitute_wide(const pma_factor *f, size_t first, size_t last, doub
 static void eliminate_band(const pma_factor *f, size_t first, size_t last, double *x, double *work)
 {
     (void)work;
-    if (f->folded)
-        pma_fold_eliminate(f->n, f->values, first, last, x);
-    else if (f->width == 1)
+    if (f->width == 1)
         eliminate_chain(f, first, last, x);
     else
         eliminate_wide(f, first, last, x);
@@ -224,9 +220,7 @@ static void eliminate_band(const pma_factor *f, size_t first, size_t last, doubl
 static void substitute_band(const pma_factor *f, size_t first, size_t last, double *x, double *work)
 {
     (void)work;
-    if (f->folded)
-        pma_fold_substitute(f->n, f->values + f->Q, f->inverse, first, last, x);
-    else if (f->width == 1)
+    if (f->width == 1)
         substitute_chain(f, first, last, x);
     else
         substitute_wide(f, first, last, x);

@@ -29,7 +29,6 @@ typedef struct pma_factor {
     const int32_t *index;  /* sparse: row of each entry, below the diagonal and ascending */
     size_t width;          /* band: entries of a column below the diagonal, 1..n-1; in the last
                               columns the entries outside the matrix are zero */
-    bool folded;           /* band of width 1: a chain folded in the middle, see fold.h */
     size_t Q;              /* where Q begins in values, laid out like R; 0: Q is R. Of panels,
                               panels.Q instead */
     pma_panels panels;     /* panels: see there */
@@ -38,7 +37,7 @@ typedef struct pma_factor {
     const struct pma_factor *each; /* in lanes: the factor of each, also along paths; else NULL */
 } pma_factor;
 
-/* PMA_BAD_SIZE when nb > n or a band is too wide, or folded and not of width 1, PMA_BAD_INDEX unless the entries of each column
+/* PMA_BAD_SIZE when nb > n or a band is too wide, PMA_BAD_INDEX unless the entries of each column
  * ascend and lie below the diagonal. */
 pma_status pma_factor_check(const pma_factor *f);
 

@@ -1,6 +1,5 @@
 #include "algebra/loops.h"
 
-#include "algebra/fold.h"
 #include "algebra/kernel.h"
 
 /* One register of AVX2, two of SSE2 or NEON; PMA_LANES numbers are two of them. */
@@ -80,26 +79,6 @@ subtract_band(const pma_matrix *A, size_t begin, size_t end, const double *x, do
     }
 }
 
-/* Row i couples with next(i), with i - 2, and the last row with the one before. */
-__attribute__((always_inline)) static inline void
-subtract_folded(const pma_matrix *A, size_t begin, size_t end, const double *x, double *y)
-{
-    const double *above = A->values + A->n, *below = above + A->below;
-    const size_t last = A->n - 1;
-    four yi[HALVES];
-    for (size_t i = begin; i < end; i++) {
-        load(y, i, yi);
-        subtract_scaled(A->values[i], lanes_at(x, i), yi);
-        if (i < last)
-            subtract_scaled(above[i], lanes_at(x, pma_fold_next(A->n, i)), yi);
-        if (i > 0 && i == last)
-            subtract_scaled(below[i - 1], lanes_at(x, i - 1), yi);
-        if (i >= 2)
-            subtract_scaled(below[i - 2], lanes_at(x, i - 2), yi);
-        store(yi, y, i);
-    }
-}
-
 __attribute__((always_inline)) static inline void
 subtract_sparse(const pma_matrix *A, size_t begin, size_t end, const double *x, double *y)
 {
@@ -119,8 +98,6 @@ __attribute__((always_inline)) static inline void subtract(const pma_matrix *A, 
 {
     if (A->form == PMA_DIAGONAL)
         subtract_diagonal(A, begin, end, x, y);
-    else if (A->form == PMA_BAND && A->folded)
-        subtract_folded(A, begin, end, x, y);
     else if (A->form == PMA_BAND)
         subtract_band(A, begin, end, x, y);
     else
@@ -199,47 +176,6 @@ eliminate_sparse(const pma_factor *f, size_t first, size_t last, double *x)
     }
 }
 
-/* The unknowns of both ends of a folded chain take turns; those at hand are kept in registers. */
-__attribute__((always_inline)) static inline void
-eliminate_folded(const pma_factor *f, size_t first, size_t last, double *x)
-{
-    const size_t end = last < f->n ? last : f->n - 1;
-    four here[HALVES], beside[HALVES], next[HALVES];
-    if (first >= end)
-        return;
-    load(x, 0, here);
-    load(x, 1, beside);
-    for (size_t j = first; j < end; j++) {
-        const size_t i = pma_fold_next(f->n, j) - first;
-        load(x, i, next);
-        subtract_scaled(f->values[j], here, next);
-        store(next, x, i);
-        copy(beside, here);
-        copy(next, beside);
-    }
-}
-
-__attribute__((always_inline)) static inline void
-substitute_folded(const pma_factor *f, size_t first, size_t last, double *x)
-{
-    const double *Q = f->values + f->Q;
-    const size_t end = last < f->n ? last : f->n - 1;
-    four xj[HALVES], beside[HALVES], next[HALVES];
-    if (last == f->n) {
-        load_divided(f, end, x, first, xj);
-        store(xj, x, end - first);
-    }
-    load(x, end - first, beside);
-    load(x, (end + 1 < f->n ? end + 1 : end) - first, next);
-    for (size_t j = end; j-- > first;) {
-        load_divided(f, j, x, first, xj);
-        subtract_scaled(Q[j], next, xj);
-        store(xj, x, j - first);
-        copy(beside, next);
-        copy(xj, beside);
-    }
-}
-
 /* The next unknown comes first, and the others are summed up before. */
 __attribute__((always_inline)) static inline void
 substitute_sparse(const pma_factor *f, size_t first, size_t last, double *x)
@@ -263,9 +199,7 @@ substitute_sparse(const pma_factor *f, size_t first, size_t last, double *x)
 __attribute__((always_inline)) static inline void eliminate(const pma_factor *f, size_t first,
                                                             size_t last, double *x)
 {
-    if (f->form == PMA_BAND && f->folded)
-        eliminate_folded(f, first, last, x);
-    else if (f->form == PMA_BAND)
+    if (f->form == PMA_BAND)
         eliminate_band(f, first, last, x);
     else
         eliminate_sparse(f, first, last, x);
@@ -274,9 +208,7 @@ __attribute__((always_inline)) static inline void eliminate(const pma_factor *f,
 __attribute__((always_inline)) static inline void substitute(const pma_factor *f, size_t first,
                                                              size_t last, double *x)
 {
-    if (f->form == PMA_BAND && f->folded)
-        substitute_folded(f, first, last, x);
-    else if (f->form == PMA_BAND)
+    if (f->form == PMA_BAND)
         substitute_band(f, first, last, x);
     else
         substitute_sparse(f, first, last, x);

@@ -1,13 +1,12 @@
 #include "algebra/matrix.h"
 
-#include "algebra/fold.h"
 #include "algebra/kernel.h"
 #include "algebra/lanes.h"
 
 pma_status pma_matrix_check(const pma_matrix *A)
 {
     if (A->form == PMA_BAND)
-        return A->width < A->n && (!A->folded || A->width == 1) ? PMA_OK : PMA_BAD_SIZE;
+        return A->width < A->n ? PMA_OK : PMA_BAD_SIZE;
     if (A->form == PMA_STRIPS)
         return pma_strips_check(&A->strips, A->n);
     if (A->form != PMA_SPARSE)
@@ -61,7 +60,7 @@ size_t pma_matrix_reach(const pma_matrix *A)
 {
     switch (A->form) {
     case PMA_BAND:
-        return A->folded ? 2 : A->width;
+        return A->width;
     case PMA_DENSE:
         return A->n - 1;
     case PMA_SPARSE:
@@ -116,13 +115,6 @@ static void subtract_few(const pma_matrix *A, size_t begin, size_t end, const do
     }
 }
 
-static void subtract_folded(const pma_matrix *A, size_t begin, size_t end, const double *x,
-                            double *y)
-{
-    const double *above = A->values + A->n;
-    pma_fold_subtract(A->n, A->values, above, above + A->below, begin, end, x, y);
-}
-
 static void subtract_few_of_chain(const pma_matrix *A, size_t begin, size_t end, const double *x,
                                   double *y)
 {
@@ -140,9 +132,7 @@ static void subtract_few_of_chain(const pma_matrix *A, size_t begin, size_t end,
 
 static void subtract_band(const pma_matrix *A, size_t begin, size_t end, const double *x, double *y)
 {
-    if (A->folded)
-        subtract_folded(A, begin, end, x, y);
-    else if (A->width == 1 && A->n <= FEW)
+    if (A->width == 1 && A->n <= FEW)
         subtract_few_of_chain(A, begin, end, x, y);
     else
         pma_kernel_best()->subtract_band(A->values, A->values + A->below, A->n, A->width, begin,

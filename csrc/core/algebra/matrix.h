@@ -32,14 +32,12 @@ typedef struct pma_matrix {
     size_t width;                  /* band: diagonals above the main one, below n */
     size_t below;                  /* band: where those below it begin in values, A_i+d,i at
                                       below + d*n + i; 0 of a symmetric matrix */
-    bool folded;                   /* band of width 1: a chain folded in the middle, with
-                                      A_i,next(i) in place of A_i,i+1, see fold.h */
     pma_strips strips;             /* strips: see there */
     const struct pma_matrix *each; /* in lanes: the matrix of each */
 } pma_matrix;
 
 /* PMA_BAD_INDEX unless every row and column index lies in the matrix, PMA_BAD_SIZE for a band
- * wider than it, or folded and not of width 1. */
+ * wider than it. */
 pma_status pma_matrix_check(const pma_matrix *A);
 
 /* Entries read by one product. */
