@@ -163,7 +163,7 @@ def factor_form(factor: Factor, *, along_paths: bool) -> str:
         return f"diagonal, {n}"
     if isinstance(R, np.ndarray):
         return f"dense, {n * (n + 1) // 2}"
-    if len(R) == 2:
+    if len(R) == 1:
         return f"band, {n + R[0].size}"
     if len(R) == 3:
         return f"columns, {n + R[2].size}"
