@@ -561,7 +561,7 @@ def test_masked_dofs_are_refused():
 
 def test_both_sides_of_a_tie_have_equally_many_dofs():
     a, b = single(3), single(4)
-    refused(ValueError, lambda: pm.tie(a, [0, 1], b, [0]), "equally many", "2 and 1")
+    refused(ValueError, lambda: pm.tie(a, [0, 1], b, [0]), "the same length", "2 and 1")
     refused(ValueError, lambda: pm.tie(a, [], b, []), "at least one", "0 and 0")
 
 

@@ -178,7 +178,7 @@ def tie(a: Subdomain | str, dofs_a: DofsLike, b: Subdomain | str, dofs_b: DofsLi
     columns_a, columns_b = _dofs(dofs_a, a, "dofs_a"), _dofs(dofs_b, b, "dofs_b")
     if columns_a.size != columns_b.size or columns_a.size == 0:
         raise ValueError(
-            "dofs_a and dofs_b must be equally many and at least one, got "
+            "dofs_a and dofs_b must have the same length, at least one, got "
             f"{columns_a.size} and {columns_b.size}"
         )
     matrices = {a: _boolean(columns_a, 1.0, a), b: _boolean(columns_b, -1.0, b)}

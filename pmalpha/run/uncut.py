@@ -64,7 +64,7 @@ class Uncut:
             When the iteration does not converge in small load steps; its time is 0.
         TypeError, ValueError
             For `steps` that is not a whole number above 0; for a function among restoring forces,
-            whose equilibrium only an experiment finds: `internal` takes forces that can be
+            whose equilibrium needs an experiment: `internal` takes forces that can be
             iterated.
 
         Notes
