@@ -10,6 +10,7 @@ from .cutting.plan import Plan, PlanRow
 from .cutting.result import Cut
 from .errors import (
     AccuracyWarning,
+    BucklingError,
     CallbackError,
     CasesError,
     ConstraintError,
@@ -53,6 +54,7 @@ __all__ = [
     "BaseAcceleration",
     "Bilinear",
     "BoucWen",
+    "BucklingError",
     "CallbackError",
     "CaseResult",
     "CasesError",

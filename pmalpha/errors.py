@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import sys
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
 __all__ = [
     "AccuracyWarning",
+    "BucklingError",
     "CallbackError",
     "CasesError",
     "ConstraintError",
@@ -57,6 +59,22 @@ class FactorizationError(PmalphaError):
         self.subdomain = subdomain
         self.dof = dof
         self.inertia = inertia
+
+
+class BucklingError(PmalphaError, ValueError):
+    """The stiffness of a structure in its present state is negative for some motion.
+
+    Attributes
+    ----------
+    growth : float
+        The rate at which the motion grows from this state without damping, sqrt(-omega^2).
+    mode : dict of (n_i,) arrays by name
+        The motion that grows fastest, mass-normalised.
+    """
+
+    def __init__(self, message: str, growth: float, mode: Mapping[str, Any]):
+        super().__init__(message)
+        self.growth, self.mode = growth, mode
 
 
 class InstabilityError(PmalphaError):

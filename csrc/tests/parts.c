@@ -93,7 +93,8 @@ static pma_restoring make_restoring(part *x)
 {
     for (size_t i = 0; i < x->n; i++)
         x->order[i] = (int64_t)(x->n - 1 - i);
-    return (pma_restoring){x->restored ? pull : NULL, &x->pulled, false, x->n, x->order, x->work};
+    return (pma_restoring){
+        x->restored ? pull : NULL, &x->pulled, false, x->n, x->order, x->work, NULL};
 }
 
 /* No form where there is nothing: the core then leaves out what belongs to it. */

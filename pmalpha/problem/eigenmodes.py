@@ -19,6 +19,22 @@ from .positive import positive_definite
 
 __all__ = ["modes"]
 
+
+class IndefiniteStiffness(ValueError):
+    """K has a negative omega^2.
+
+    Attributes
+    ----------
+    square : float
+        The lowest one that was found.
+    shape : (n,) array
+        Its mode, mass-normalised.
+    """
+
+    square: float
+    shape: np.ndarray
+
+
 # The problem is solved for theta = 1 / (omega^2 + shift), so that a floating structure can be
 # factored. The shift is this multiple of a large K_ii / M_ii: small for ARPACK, which separates
 # low modes; larger for the dense solver, where the error of theta is eps / shift.
@@ -39,6 +55,8 @@ NOTABLE = 100.0
 SPREAD = 1e3
 # An indefinite K + shift M is tried again with shifts that grow by this factor.
 GROWTH, TRIALS = 100.0, 4
+# Further trials, up to shifts at which a negative omega^2 is found, for the error that states it.
+FURTHER = 4
 LARGEST_SHIFT = DENSE_SHIFT * GROWTH**TRIALS
 
 
@@ -114,7 +132,12 @@ def modes(
             f"M must have entries that are finite times K_ii / M_ii, got up to {abs(B).max():g} "
             f"and ratios about {scale:g}"
         )
-    squares, shapes = _lowest(A, B, k, scale)
+    try:
+        squares, shapes = _lowest(A, B, k, scale)
+    except IndefiniteStiffness as error:
+        part, error.shape = error.shape, np.zeros(n)
+        error.shape[free] = part
+        raise
     full = np.zeros((n, k))
     full[free] = shapes * np.sign(shapes[np.abs(shapes).argmax(axis=0), np.arange(k)])
     return np.sqrt(squares), full
@@ -140,13 +163,13 @@ def _lowest(A: Any, B: Any, k: int, scale: float) -> tuple[np.ndarray, np.ndarra
     """The k lowest omega^2 and their modes, by Ritz's method in the space that they span."""
     n = B.shape[0]
     space = _dense_space if n <= DENSE or 4 * k > n else _space
-    for trial in range(TRIALS):
+    for trial in range(TRIALS + FURTHER):
         try:
             X = space(A, B, k, GROWTH**trial * scale)
             _, y = scipy.linalg.eigh(X.T @ product(A, X), X.T @ product(B, X))
             break
         except np.linalg.LinAlgError as error:
-            if trial == TRIALS - 1:
+            if trial == TRIALS + FURTHER - 1:
                 raise ValueError(
                     "K must be positive semidefinite and every dof have mass or stiffness, got a "
                     "singular or indefinite K + shift M"
@@ -160,7 +183,11 @@ def _lowest(A: Any, B: Any, k: int, scale: float) -> tuple[np.ndarray, np.ndarra
     # what should be zero in x is a rounding error of its largest entries, and counts by its square
     rounding = ROUNDING * (size + ROUNDING * scale)
     if np.any(squares < -EXPORTED * size):
-        raise ValueError(f"K must be positive semidefinite, got omega^2 = {squares.min():g}")
+        failure = IndefiniteStiffness(
+            f"K must be positive semidefinite, got omega^2 = {squares[0]:g}"
+        )
+        failure.square, failure.shape = float(squares[0]), X[:, 0]
+        raise failure
     if np.any(squares < -NOTABLE * rounding):
         worst = int(np.argmin(squares))
         warn(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.sparse as sp
@@ -55,6 +55,8 @@ class Spring(Frozen):
     """
 
     law: int
+    # whether the force depends on the path, so that the tangent is another one in unloading
+    has_memory: ClassVar[bool] = False
     names: tuple[str, ...]
     k: np.ndarray
 
@@ -210,6 +212,7 @@ class Bilinear(Spring):
     """
 
     law = BILINEAR
+    has_memory = True
     fy: np.ndarray
     hardening: np.ndarray
 
@@ -261,6 +264,7 @@ class BoucWen(Spring):
     """
 
     law = BOUC_WEN
+    has_memory = True
     fy: np.ndarray
     hardening: np.ndarray
     beta: np.ndarray

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from .._checks import whole_number
-from ..problem.eigenmodes import modes
-from ..problem.matrices import Matrix, combination, is_symmetric
+from ..errors import BucklingError
+from ..problem.eigenmodes import IndefiniteStiffness, modes
+from ..problem.matrices import Matrix, is_symmetric
 from ..problem.subdomain import Subdomain
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.equilibrium import Equilibrium
+from ..setup.evaluated import REMEMBERED, matrices_at
 from ..setup.part import Part
 from ..setup.ranks import Ranks, joined
 from ..setup.static import static_displacements
@@ -31,6 +34,10 @@ class Uncut:
     _ranks: Ranks | None
     _initial: Any
     _steps_done: Any
+    _entered: Any
+    _start: Any
+    _clock: Any
+    _core: Any
 
     def static(self, *, steps: int = 1) -> dict[str, np.ndarray]:
         """Static equilibrium under F(0) with displacements tied, such as u0 under dead load.
@@ -128,8 +135,15 @@ class Uncut:
 
         Dofs that ties connect are one dof; the others follow in the order of the subdomains. Rows
         with a prescribed velocity are held at zero. A general constraint removes one of its dofs,
-        expressed by the others. K and C include the estimates of restoring forces, such as the
-        initial tangents of springs, and the tangents of internal forces at t = 0. The coupler
+        expressed by the others.
+
+        K and C are those of small motions about the present state of the coupler: with the tangents
+        of internal forces and springs at its displacements, velocities, histories and time, and
+        with the estimates of restoring functions. Springs with a memory (`Bilinear`, `BoucWen`)
+        count with their initial tangent if it is larger, since one that yields unloads in small
+        motions; gaps count where they are closed. Before the first step the initial accelerations
+        are computed first, as by `state`; a force that is a function of t, u and v is a load and
+        has no part in K. The coupler
         itself is unchanged.
 
         Returns
@@ -155,20 +169,35 @@ class Uncut:
         >>> M.diagonal().tolist(), K.toarray().tolist(), map["b"].toarray().tolist()
         ([1.0, 6.0], [[3.0, -1.0], [-1.0, 6.0]], [[0.0, 1.0]])
         """
-        self._require_alone("assembled")
+        with self._entered():
+            return self._assembled("assembled")
+
+    def _assembled(self, what: str) -> Assembled:
+        self._require_alone(what)
         for name, s in self._keys:
             if s.has_unknown_stiffness:
                 raise ValueError(
                     "the assembled structure needs restoring_stiffness where there is a restoring "
                     f"force, got none for {name!r}"
                 )
-        matrices = [_with_tangents(part) for part in self._parts]
-        return assembled([name for name, _ in self._keys], matrices, self._rows.scaled)
+        self._start()
+        t = self._clock.time(self._core.step_count)
+        matrices = [_present_matrices(part, t) for part in self._parts]
+        for part, (_, _, K) in zip(self._parts, matrices):
+            if what == "modes" and not (part.subdomain.symmetric or is_symmetric(K)):
+                raise ValueError(
+                    "modes needs a symmetric stiffness, got an unsymmetric one of "
+                    f"{part.name!r}; M, C and K of assembled() have complex eigenvalues, of "
+                    "[[0, 1], [-M^-1 K, -M^-1 C]]"
+                )
+        return assembled([name for name, _ in self._keys], matrices, self._rows.matrices)
 
     def modes(self, k: int = 6) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """The lowest natural frequencies and modes of the structure with its ties.
 
-        Those of M and K of `assembled`, undamped: C has no influence, neither a gyroscopic one,
+        Those of M and K of `assembled`, for small motions about the present state of the coupler:
+        for frequencies under dead load take ``coupler.reset(u0=coupler.static())`` first. Undamped:
+        C has no influence, neither a gyroscopic one,
         whose frequencies of whirl are complex eigenvalues, nor have the steps of the subdomains.
 
         Parameters
@@ -186,9 +215,12 @@ class Uncut:
 
         Raises
         ------
+        BucklingError
+            For a motion of negative stiffness, with its mode and rate of growth: the state is not a
+            stable equilibrium. A ValueError too.
         TypeError, ValueError
             As `assembled`; for a k that is not a whole number or larger than the number of dofs
-            with mass; for a stiffness that is not symmetric and positive semidefinite.
+            with mass; for a stiffness that is not symmetric.
         scipy.sparse.linalg.ArpackError
             When ARPACK does not converge.
 
@@ -202,22 +234,46 @@ class Uncut:
         >>> omega, shapes = Coupler([a, b], tie(a, [1], b, [0]), dt=0.1).modes(3)
         >>> omega.round(6).tolist(), shapes["b"].shape
         ([0.0, 2.0, 3.464102], (2, 3))
+
+        A mass on a hardening spring u + u^3 under a force of 10, at rest at u = 2:
+
+        >>> mass = Subdomain([1.0], None, scheme=Newmark(), force=[10.0],
+        ...                  internal=CubicSpring([0], k=1.0, k3=1.0))
+        >>> coupler = Coupler([mass], dt=0.1)
+        >>> coupler.modes(1)[0].round(6).tolist()  # unloaded
+        [1.0]
+        >>> coupler.reset(u0=coupler.static())
+        >>> coupler.modes(1)[0].round(6).tolist()  # sqrt(1 + 3 u^2)
+        [3.605551]
         """
-        for part in self._parts:
-            if not (part.subdomain.symmetric or is_symmetric(_with_tangents(part)[2])):
-                raise ValueError(
-                    "modes needs a symmetric stiffness, got an unsymmetric one of "
-                    f"{part.name!r}; M, C and K of assembled() have complex eigenvalues, of "
-                    "[[0, 1], [-M^-1 K, -M^-1 C]]"
-                )
-        whole = self.assembled()
-        omega, shapes = modes(whole.M, whole.K, k)
+        with self._entered():
+            whole, t = self._assembled("modes"), self._clock.time(self._core.step_count)
+        try:
+            omega, shapes = modes(whole.M, whole.K, k)
+        except IndefiniteStiffness as error:
+            raise _buckling(error, whole, t) from None
         return omega, {name: T @ shapes for name, T in whole.map.items()}
 
 
-def _with_tangents(part: Part) -> tuple[Matrix, Matrix, Matrix]:
-    """M, C and K of a subdomain with the estimates of its restoring forces and its tangents."""
-    s, internal = part.subdomain, part.internal
-    C = [s.C, s.restoring_damping, None if internal is None else internal.C]
-    K = [s.tangent, None if internal is None else internal.K]
-    return s.M, combination([(1.0, A) for A in C]), combination([(1.0, A) for A in K])
+def _present_matrices(part: Part, t: float) -> tuple[Matrix, Matrix, Matrix]:
+    """M, C and K of a subdomain about its present state."""
+    levels, internal = part.core.levels(), part.internal
+    u, v = (levels[i][part.position] for i in (0, 1))
+    springs, history = levels[5].reshape(REMEMBERED, -1), levels[6]
+    q = history[: 0 if internal is None else internal.initial.size]
+    return part.subdomain.M, *matrices_at(part.subdomain, internal, u, v, t, q, springs)
+
+
+def _buckling(error: IndefiniteStiffness, whole: Assembled, t: float) -> BucklingError:
+    growth = math.sqrt(-error.square)
+    mode = {name: T @ error.shape for name, T in whole.map.items()}
+    name = max(mode, key=lambda name: float(np.max(np.abs(mode[name]), initial=0.0)))
+    dof = int(np.argmax(np.abs(mode[name])))
+    return BucklingError(
+        f"the structure must be stable in its present state, at t = {t:g}, but has a motion of "
+        f"negative stiffness, buckling or softening: omega^2 = {error.square:g}, which grows like "
+        f"exp({growth:.3g} t); its largest displacement is that of dof {dof} of {name!r}, and "
+        "`mode` of this error has it",
+        growth,
+        mode,
+    )

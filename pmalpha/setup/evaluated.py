@@ -100,6 +100,37 @@ def present_tangent(
     return combination([(1.0, K), (1.0, matrix_of_springs(s, larger))])
 
 
+def matrices_at(
+    s: Subdomain,
+    internal: InternalForces | None,
+    u: np.ndarray,
+    v: np.ndarray,
+    t: float,
+    q: np.ndarray,
+    remembered: np.ndarray,
+) -> tuple[Matrix | None, Matrix | None]:
+    """C and K of a subdomain for small motions about a state, estimates of functions included.
+
+    Springs have their tangents there, whatever estimate was given of them; that of functions is
+    what K_r is beyond the initial tangents of springs beside them. Springs with a memory count as
+    in `present_tangent`: in small motions one that yields unloads.
+    """
+    forces = internal_at(internal, s.n, u, v, t, q)
+    C = [s.C, s.restoring_damping, forces.C]
+    K: list[tuple[float, Matrix | None]] = [(1.0, s.K), (1.0, forces.K)]
+    if s.has_functions or not s.springs:
+        K.append((1.0, s.restoring_stiffness))
+    if s.springs:
+        tangents = [
+            np.maximum(spring.initial_tangent, k) if spring.has_memory else k
+            for spring, k in zip(s.springs, springs_at(s, u, remembered)[1])
+        ]
+        K.append((1.0, matrix_of_springs(s, tangents)))
+    if s.has_functions and s.restoring_springs:
+        K.append((-1.0, matrix_of_springs(s, [x.initial_tangent for x in s.springs])))
+    return combination([(1.0, A) for A in C]), combination(K)
+
+
 def matrix_of_springs(s: Subdomain, tangents: Sequence[np.ndarray]) -> Matrix:
     """The stiffness of all springs of a subdomain with these tangents."""
     return canonical(assembled(s.springs, tangents, s.n), "springs", s.n)[0]
