@@ -16,6 +16,7 @@ from rank_bitwise import (
     chosen,
     drifting,
     explicit,
+    fed,
     interpolated,
     iterated,
     static,
@@ -34,6 +35,7 @@ TESTS = (
     checkpoints,
     explicit,
     failures,
+    fed,
     files,
     interpolated,
 )

@@ -169,6 +169,36 @@ def explicit():
     report("explicit")
 
 
+def fed():
+    """Loads that depend on the motion, and means of a record over the steps of each subdomain."""
+    record = np.random.default_rng(5).standard_normal(400)
+    loads = [
+        pm.SampledForce(record, 0.003, np.ones(3), average=True),
+        lambda t, u, v: np.sin(9.0 * t) - 0.7 * v - 2.0 * u**3,
+        lambda t, u, v: [-v[0], 0.0, 1.0],
+    ]
+    subdomains = [
+        chain(3, f"r{i}", substeps=substeps, force=force)
+        for i, (force, substeps) in enumerate(zip(loads, (1, 4, 2)))
+    ]
+    first = np.linspace(0, 3, SIZE + 1).astype(int)
+    own = subdomains[first[RANK] : first[RANK + 1]]
+    for coupling in ("pm", "gc", "macro"):
+        options = dict(dt=0.01, coupling=coupling)
+        alone = pm.Coupler(subdomains, ties(3), **options)
+        shared = pm.Coupler(own, ties(3), **options, comm=WORLD)
+        rest = alone.static()
+        for name, u in shared.static().items():
+            np.testing.assert_array_equal(u, rest[name])
+        one, other = (c.run(steps=40, energy=True) for c in (shared, alone))
+        same(one, other, [s.name for s in own])
+        same_energies(one.energy, other.energy, slice(first[RANK], first[RANK + 1]))
+        for c in (shared, alone):
+            c.change_steps(dt=0.008)
+        same(*(c.run(steps=10) for c in (shared, alone)), [s.name for s in own])
+    report("fed")
+
+
 VARIANTS = {  # double steps (None: the default), and Newton's method
     "gc": [(None, pm.Newton())],
     "pm": [(None, pm.Newton()), (None, REUSE), (True, REUSE), (False, REUSE)],

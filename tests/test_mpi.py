@@ -81,6 +81,11 @@ def test_internal_forces_of_explicit_subdomains_too(ranks):
 
 
 @needs_mpi
+def test_loads_that_depend_on_the_motion_and_means_of_records_too():
+    assert run(2, "fed") == ["fed"] * 2
+
+
+@needs_mpi
 @pytest.mark.parametrize("ranks", [1, 2, 3, 4])
 @pytest.mark.parametrize("couplings", [("pm", "gc"), ("macro", "mean")])
 def test_internal_forces_are_iterated_by_all_ranks(ranks, couplings, tmp_path):
