@@ -217,20 +217,9 @@ def follow_springs(
     springs: tuple[_Springs, ...], u: np.ndarray, levels: np.ndarray, /
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]: ...
 
-# u, v, a of a case, levels x dofs; converted where they are not as above
+# u, v, a, levels x dofs; converted where they are not as above
 _Motion = tuple[np.ndarray, np.ndarray, np.ndarray]
 
-def step_errors(
-    motions: tuple[_Motion, ...], begin: np.ndarray, end: np.ndarray, h: float, /
-) -> np.ndarray: ...
-def step_norms(
-    motions: tuple[_Motion, ...],
-    begin: np.ndarray,
-    end: np.ndarray,
-    h: float,
-    stride: int,
-    mass: np.ndarray,
-    levels: np.ndarray,
-    /,
-) -> np.ndarray: ...
+def step_errors(motion: _Motion, begin: np.ndarray, end: np.ndarray, h: float, /) -> np.ndarray: ...
+def follow_recursion(P: np.ndarray, x: np.ndarray, /) -> np.ndarray: ...
 def split_lanes(x: np.ndarray, vectors: tuple[np.ndarray, ...], /) -> None: ...

@@ -245,8 +245,9 @@ class ConstraintWarning(UserWarning):
 class AccuracyWarning(UserWarning):
     """The steps of a run are too coarse for its motion.
 
-    The local errors of the recorded steps, accumulated over the run, are above 3 per cent of the
-    amplitude, (D3) of docs/method.md. `SubdomainHistory.local_error` returns them. Or under macro
+    The displacements of the run are estimated to be wrong by more than 3 per cent of the largest
+    one, (D3) of docs/method.md, from the record of all dofs of all subdomains; a run that records
+    some of them is not judged. `SubdomainHistory.local_error` returns local errors. Or under macro
     coupling the displacements at the interface drift apart too far, (D4): the macro step is too
     long for the interface forces, which are linear in it.
     """

@@ -3,9 +3,10 @@
     python tests/interface_survey.py 200 [--first 0] [--each]
 
 Even numbers are bars of two materials, explicit and implicit, with a pulse that crosses the cut,
-low modes, or a harmonic load; odd ones are the chains of accuracy_survey.py with any numbers of
+low modes, or a harmonic load; odd ones are chains of masses and springs with any numbers of
 substeps. Both are cut in two or three, with macro steps from far too long to fine, most of them
-under "macro". The error is that of accuracy_survey.py. Beside the verdict is the measure (D4), and
+under "macro". The error is the largest displacement error, divided
+by the largest distance of a displacement from its mean. Beside the verdict is the measure (D4), and
 (D3), which sees the errors of the steps and not those of the interface.
 """
 
@@ -19,9 +20,10 @@ import scipy.linalg
 
 import pmalpha as pm
 from pmalpha import structures
-from pmalpha.run.accuracy import COARSE, accumulated_errors
+from pmalpha.run.accuracy import COARSE, estimated_error
 from pmalpha.run.drift import drift_shares
 
+RHOS = (0.3, 0.5, 0.8, 0.9, 1.0)
 COUPLINGS = ("macro", "macro", "macro", "pm", "gc")
 # Substeps times macro steps of a case that would take long.
 MOST = 15_000
@@ -124,10 +126,97 @@ class Bar:
         return made, [pm.tie(made[0], self.counts[0], made[1], 0)], self.dofs
 
 
+class Chain:
+    """A fixed-free chain, its load p cos(Omega t), and its exact motion."""
+
+    def __init__(self, rng):
+        self.n = int(rng.integers(2, 25))
+        self.m = 10.0 ** rng.uniform(-0.5, 0.5, self.n)
+        self.k = 10.0 ** rng.uniform(-0.7, 0.7, self.n)
+        self.K = np.diag(self.k + np.append(self.k[1:], 0.0))
+        self.K -= np.diag(self.k[1:], 1) + np.diag(self.k[1:], -1)
+        omega2, modes = scipy.linalg.eigh(self.K, np.diag(self.m))
+        self.omega = np.sqrt(omega2)
+        self.c = rng.choice([0.0, 0.0, 0.02, 0.1]) * self.omega[0]  # C = c M
+        self.u0, self.p, self.Omega = np.zeros(self.n), np.zeros(self.n), 0.0
+        self.kind = str(rng.choice(["free", "free", "constant", "harmonic"]))
+        if self.kind == "free":
+            kept = min(self.n, 4)
+            shares = rng.normal(size=kept) / (1.0 + np.arange(kept)) ** 2
+            self.u0 = modes[:, :kept] @ (shares / self.omega[:kept])
+        else:
+            self.p[int(rng.integers(self.n))] = 1.0
+            self.Omega = rng.uniform(0.2, 2.0) * self.omega[0] if self.kind == "harmonic" else 0.0
+
+    def exact(self, h, count):
+        """(count + 1, n) displacements at 0, h, ..., with cos and sin as two more unknowns."""
+        n = self.n
+        A = np.zeros((2 * n + 2, 2 * n + 2))
+        A[:n, n : 2 * n] = np.eye(n)
+        A[n : 2 * n, :n] = -self.K / self.m[:, None]
+        A[n : 2 * n, n : 2 * n] = -self.c * np.eye(n)
+        A[n : 2 * n, 2 * n] = self.p / self.m
+        A[2 * n, 2 * n + 1], A[2 * n + 1, 2 * n] = -self.Omega, self.Omega
+        G = scipy.linalg.expm(h * A)
+        x = np.zeros(2 * n + 2)
+        x[:n], x[2 * n] = self.u0, 1.0
+        out = [x]
+        for _ in range(count):
+            out.append(G @ out[-1])
+        return np.array(out)[:, :n]
+
+
+def cut(chain, rng, coupling):
+    """(subdomains, constraints, dofs of each): neighbours share a dof, half of its mass each."""
+    pieces = int(rng.integers(1, min(4, chain.n)))
+    ends = np.sort(rng.choice(np.arange(1, chain.n), pieces - 1, replace=False))
+    fine = int(rng.choice([1, 2, 5, 20]))
+    bounds = [(-1 if i == 0 else int(ends[i - 1])) for i in range(pieces)]
+    subdomains, all_dofs = [], []
+    for i, begin in enumerate(bounds):
+        end = int(ends[i]) if i < pieces - 1 else chain.n - 1
+        dofs = np.arange(max(begin, 0), end + 1)
+        shared = np.array([sum(a <= d <= b for a, b in spans(chain.n, ends)) for d in dofs])
+        m = chain.m[dofs] / shared
+        K = np.zeros((dofs.size, dofs.size))
+        for s in range(begin + 1, end + 1):  # spring s is between dofs s - 1 and s
+            where = [d - dofs[0] for d in (s - 1, s) if d >= 0]
+            K[np.ix_(where, where)] += (
+                chain.k[s] * np.array([[1, -1], [-1, 1]])[-len(where) :][:, -len(where) :]
+            )
+        explicit = bool(rng.random() < 0.4)
+        family = int(rng.integers(3))
+        rho = float(rng.choice(RHOS))
+        scheme = pm.GeneralizedAlpha(rho, explicit=explicit)
+        if family == 0:
+            scheme = pm.CentralDifference() if explicit else pm.Newmark()
+        p, Omega = chain.p[dofs] / shared, chain.Omega
+        subdomains.append(
+            pm.Subdomain(
+                m,
+                K,
+                chain.c * m if chain.c else None,
+                scheme=scheme,
+                substeps=fine if i == pieces - 1 else 1,
+                force=(lambda t, p=p, Omega=Omega: p * np.cos(Omega * t)) if p.any() else None,
+                u0=chain.u0[dofs],
+                name=f"s{i}",
+            )
+        )
+        all_dofs.append(dofs)
+    pairs = zip(subdomains, subdomains[1:])
+    ties = [pm.tie(a, [a.n - 1], b, [0]) for a, b in pairs]
+    return subdomains, ties, all_dofs
+
+
+def spans(n, ends):
+    return zip([0, *ends], [*ends, n - 1])
+
+
 def chain_case(rng, coupling):
     """(exact, subdomains, ties, dofs, dt, duration, words) of a cut chain."""
-    chain = accuracy_survey.Chain(rng)
-    made, ties, dofs = accuracy_survey.cut(chain, rng, coupling)
+    chain = Chain(rng)
+    made, ties, dofs = cut(chain, rng, coupling)
     if coupling == "macro":
         made = [
             pm.Subdomain(
@@ -182,7 +271,8 @@ def case(seed):
         for own, s, d in zip(history.subdomains, made, dofs)
     )
     drift = np.sum(drift_shares(history, coupler._parts, coupler._rows, []))
-    coarse = np.sum(accumulated_errors([history.subdomains], coupler._parts, duration))
+    found = estimated_error(history.subdomains, coupler._parts, coupler._rows, [])
+    coarse = 0.0 if found is None else found.size
     words += f" {coupling} {steps} steps, substeps {[s.substeps for s in made]}"
     return error / np.max(np.abs(x - x.mean(axis=0))), warned, drift, coarse, words
 

@@ -376,39 +376,36 @@ def test_strips_are_made_of_a_matrix_by_rows_that_is_right_in_itself():
     assert values.tolist() == [2.0, 0.0, 0.0, 0.0, 0.0, 3.0, 0.0, 0.0]
 
 
-def estimated(function, **others):
-    motion = (np.zeros((3, 2)),) * 3
-    parts = {"motions": (motion, motion), "begin": i64(0, 1), "end": i64(1, 2), "h": 0.1}
-    if function is _core.step_norms:
-        parts |= {"stride": 1, "mass": np.ones(2), "levels": i64(0, 2)}
-    return function(*(parts | others).values())
+def estimated(**others):
+    parts = {"motion": (np.zeros((3, 2)),) * 3, "begin": i64(0, 1), "end": i64(1, 2), "h": 0.1}
+    return _core.step_errors(*(parts | others).values())
 
 
-@pytest.mark.parametrize("function", [_core.step_errors, _core.step_norms])
-def test_steps_whose_errors_are_estimated_must_be_recorded(function):
+def test_steps_whose_errors_are_estimated_must_be_recorded():
     three, short = np.zeros((3, 2)), np.zeros((2, 2))
-    assert estimated(function).shape == ((2, 2, 2) if function is _core.step_errors else (2, 6))
+    assert estimated().shape == (2, 2)
     for others in (
-        {"motions": ()},
-        {"motions": None},
-        {"motions": (None,)},
-        {"motions": ((three, three),)},
-        {"motions": ((three, three, short),)},
-        {"motions": ((three,) * 3, (short,) * 3)},
-        {"motions": ((np.zeros(3),) * 3,)},
+        {"motion": ()},
+        {"motion": None},
+        {"motion": (None,) * 3},
+        {"motion": (three, three)},
+        {"motion": (three, three, short)},
+        {"motion": (np.zeros(3),) * 3},
         {"begin": i64(-1, 1)},
         {"begin": i32(0, 1)},
         {"begin": i64(0)},
         {"end": i64(1, 3)},
         {"h": None},
     ):
-        check_refused(lambda others=others: estimated(function, **others))
+        check_refused(lambda others=others: estimated(**others))
 
 
-def test_norms_of_steps_need_a_mass_for_each_column_and_recorded_levels():
-    assert estimated(_core.step_norms, stride=2, mass=np.ones(1)).shape == (2, 6)
-    for others in ({"stride": 0}, {"stride": 2}, {"mass": np.ones(3)}, {"levels": i64(3)}):
-        check_refused(lambda others=others: estimated(_core.step_norms, **others))
+def test_a_recursion_needs_a_square_matrix_of_its_size():
+    P, x = np.array([[2.0]]), np.array([[1.0], [10.0], [100.0]])
+    assert _core.follow_recursion(P, x).ravel().tolist() == [1.0, 12.0, 124.0]
+    assert x[1, 0] == 10.0
+    for bad in ((P, x[:, 0]), (np.ones((1, 2)), x), (np.ones((2, 2)), x), (P, None), (x, P)):
+        check_refused(lambda bad=bad: _core.follow_recursion(*bad))
 
 
 def test_a_matrix_is_permuted_by_a_permutation_of_its_size():

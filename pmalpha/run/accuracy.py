@@ -1,4 +1,4 @@
-"""Local errors of the steps of a run, from what it recorded; AccuracyWarning.
+"""Local errors of the steps of a run, and the error of its result; AccuracyWarning.
 
 The estimates are equations (D1) to (D3) of docs/method.md.
 """
@@ -7,29 +7,38 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
+import scipy.linalg
 
 from .._checks import listing
-from .._core import step_errors, step_norms
+from .._core import follow_recursion, step_errors
 from ..errors import AccuracyWarning, warn
-from ..problem.matrices import Matrix, diagonal, product
+from ..problem.matrices import product
 from ..problem.schemes import Scheme
-from ..problem.subdomain import Subdomain
+from ..setup.constraint_rows import ConstraintRows
 from ..setup.part import Part
+from ..setup.ranks import Ranks, joined
+from .motion import Motion
 
-# A run warns from this accumulated error on, relative to the amplitude of the motion.
-COARSE = 0.03
-# A run of fewer steps of a subdomain is not judged.
-FEWEST_STEPS = 16
-# Numbers of each array that the check reads; of longer records it takes samples.
-SAMPLED_NUMBERS, SAMPLED_DOFS = 40_000, 400
-# Time levels, the same ones of all subdomains, at which the amplitude of the motion is taken.
-SHAPE = 200
-# Mean of |cos| of an oscillation is 2 / pi of its amplitude.
-AMPLITUDE = 0.5 * np.pi
+# A run warns from this error on, relative to the largest displacement; what it advises gives FINE.
+COARSE, FINE = 0.03, 0.01
+# A run of fewer levels is not judged.
+FEWEST_LEVELS = 8
+# Time levels of which shapes are made, and the first ones among them; shapes at most.
+SNAPSHOTS, FIRST, SHAPES = 48, 8, 40
+# Shapes are left out that are below this share of the velocity, of the displacement.
+OF_VELOCITY, OF_DISPLACEMENT = 1e-6, 1e-3
+# Of the levels of long records that are read: omega times their distance, and how much the force
+# changes between them.
+RESOLVED, CHANGE = 0.5, 0.1
+# Fourth over second differences of a force from which on it is taken as linear between levels.
+ROUGH = 0.7
+# Of a force, against the accelerations: what is left of it in free motion.
+NOISE = 1e-6
+# Levels at which the error of each dof is looked at.
+WORST = 64
 
 
 class Recorded(Protocol):
@@ -87,202 +96,447 @@ def local_error(history: Recorded) -> np.ndarray:
     begin = previous_level(history, np.arange(history.t.size - 1))
     known = begin >= 0
     errors = np.full((begin.size, history.dofs.size), np.nan)
-    errors[known] = errors_of([history], np.flatnonzero(known))[:, 0].T
+    errors[known] = errors_of(history, np.flatnonzero(known)).T
     return errors
 
 
-def errors_of(histories: Sequence[Recorded], steps: np.ndarray) -> np.ndarray:
-    """e of some of the steps of a subdomain in several cases, (D1), (dofs, cases, steps)."""
-    begin, end, h = ends_of(histories[0], steps)
-    return step_errors(motions_of(histories), begin, end, h)
+def errors_of(history: Recorded, steps: np.ndarray) -> np.ndarray:
+    """e of some of the steps of a subdomain, (D1), (dofs, steps)."""
+    begin, end, h = previous_level(history, steps), steps + 1, history.substep or 0.0
+    return step_errors((history.u, history.v, history.a), begin, end, h)
 
 
-def ends_of(history: Recorded, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """The levels at which steps begin and end, and the length of one level."""
-    return previous_level(history, steps), steps + 1, history.substep or 0.0
-
-
-def motions_of(
-    histories: Sequence[Recorded],
-) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]:
-    return tuple((history.u, history.v, history.a) for history in histories)
-
-
-# ---- the warning ---------------------------------------------------------------------------------
+# ---- the error of a run --------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class Sample:
-    """Norms of some of the steps of a subdomain, weighted by the masses, for each case.
+class Estimate:
+    """The error of a run (D3), and where it comes from.
 
     Attributes
     ----------
-    rate : (cases,) array
-        Mean amplitude of the local error per unit of time.
-    speed : (cases,) array
-        Root mean square of the velocity.
-    amplitude : (cases, SHAPE) array
-        Distance from the mean displacement, at some time levels spread evenly over the run.
-    lost, size : (cases,) arrays
-        Means of e C e and e M e, with the local errors e.
+    size : float
+        Largest displacement error of any dof, divided by the largest displacement.
+    lasting : float
+        The same without the modes that the steps do not resolve.
+    expected : float
+        What it would be if the error did not end at the size of the motion; it goes with dt^2.
+    place : (str, int)
+        The subdomain and the dof of the largest error.
+    omega : float
+        Circular frequency of the mode that contributes most to it.
+    shares : list of (str, float, bool, float, float)
+        Of each subdomain, of any process: name, step, whether it is double, substep, and the error
+        that its steps add in this mode per unit of time.
     """
 
-    rate: np.ndarray
-    speed: np.ndarray
-    amplitude: np.ndarray
-    lost: np.ndarray
-    size: np.ndarray
+    size: float
+    lasting: float
+    expected: float
+    place: tuple[str, int]
+    omega: float
+    shares: list[tuple[str, float, bool, float, float]]
 
 
-def warn_if_coarse(errors: np.ndarray, parts: Sequence[Part], end: float) -> None:
-    """AccuracyWarning that names the subdomains whose steps are too coarse for the motion.
+def estimated_error(
+    histories: Sequence[Recorded | None],
+    parts: Sequence[Part],
+    rows: ConstraintRows,
+    motions: Sequence[Motion],
+) -> Estimate | None:
+    """The error of a run (D3), None where its records do not suffice.
 
-    `errors` (parts) are those of `accumulated_errors`, until the time `end`.
+    They do with eight time levels that all subdomains have in common, the displacements of all
+    dofs and steps up to the critical ones. All processes of `rows` call it.
     """
-    total = float(errors.sum())
-    if not COARSE < total < np.inf:
-        return
-    size = f"{100.0 * total:.2g} per cent" if total < 0.99 else "100 per cent or more"
-    coarse = [part for part, error in zip(parts, errors) if error >= 0.5 * errors.max()]
-    doubles = [f", a double step of 2 x {part.h:g}" if part.double else "" for part in coarse]
-    if len(coarse) == 1:
-        double = f"{doubles[0]}," if doubles[0] else ""
-        text = f"the step {coarse[0].step:g}{double} of subdomain {coarse[0].name!r} is"
+    ranks = rows.ranks
+    own = [_levels(history, part) for history, part in zip(histories, parts)]
+    found = joined(ranks, own)
+    count = int(np.gcd.reduce(found)) if found and min(found) else 0
+    if count < FEWEST_LEVELS:
+        return None
+    recorded = [history for history in histories if history is not None]
+    strides = [(history.t.size - 1) // count for history in recorded]
+    records = [(h.u[::k], h.v[::k], h.a[::k]) for h, k in zip(recorded, strides)]
+    with np.errstate(all="ignore"):
+        largest = _largest(ranks, [u for u, _, _ in records])
+        reduced = _reduced(records, parts, rows, motions)
+        if reduced is None or not 0.0 < largest < np.inf:
+            return None
+        step = max(joined(ranks, [(h.t[-1] - h.t[0]) / count for h in recorded]))
+        complete = all(joined(ranks, [is_complete(h) for h in recorded]))
+        return _judged(reduced, records, parts, ranks, step, largest, complete)
+
+
+def _levels(history: Recorded | None, part: Part) -> int:
+    """Intervals of the record of a subdomain; 0 if it is not judged."""
+    if part.step_ratio is not None and not part.step_ratio.value <= 1.0 + 1e-6:
+        return 0  # unstable, which has a warning of its own
+    if history is None or history.substep is None or history.t.size < FEWEST_LEVELS + 1:
+        return 0
+    t = history.t
+    mean = (t[-1] - t[0]) / (t.size - 1)
+    whole = np.array_equal(history.dofs, np.arange(part.n))
+    return t.size - 1 if whole and abs(t[1] - t[0] - mean) < 1e-6 * mean else 0
+
+
+def _largest(ranks: Ranks | None, arrays: Sequence[np.ndarray]) -> float:
+    return max(joined(ranks, [max(np.max(x), -np.min(x)) for x in arrays if x.size] or [0.0]))
+
+
+def _total(ranks: Ranks | None, terms: Sequence[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
+    """The sum over all subdomains, of all processes."""
+    return sum(joined(ranks, list(terms)), np.zeros(shape))
+
+
+Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """The structure in the shapes of its motion, M = 1 and K diagonal but for rounding.
+
+    Attributes
+    ----------
+    shapes : list of (n_i, r) arrays
+        Phi by subdomain.
+    masses, forces : list of (n_i, r) arrays
+        M Phi, and what gives Phi . M w without the lag of explicit steps.
+    K, C : (r, r) arrays
+    omega : (r,) array
+    """
+
+    shapes: list[np.ndarray]
+    masses: list[np.ndarray]
+    forces: list[np.ndarray]
+    K: np.ndarray
+    C: np.ndarray
+    omega: np.ndarray
+
+
+def _reduced(
+    records: Sequence[Rows],
+    parts: Sequence[Part],
+    rows: ConstraintRows,
+    motions: Sequence[Motion],
+) -> Reduced | None:
+    """The structure in the shapes of which the recorded displacements consist, (D2)."""
+    ranks, some = rows.ranks, _snapshots(len(records[0][0]))
+    V = [v[some].T for _, v, _ in records]
+    MV = [product(part.subdomain.M, x) for part, x in zip(parts, V)]
+    k = some.size
+    values, T = np.linalg.eigh(_total(ranks, [x.T @ y for x, y in zip(V, MV)], (k, k)))
+    if not 0.0 < values[-1] < np.inf:
+        return None
+    kept = values > OF_VELOCITY**2 * values[-1]
+    T = T[:, kept] / np.sqrt(values[kept])
+
+    # what the displacements contain of it
+    U = _total(ranks, [x.T @ u[some].T for x, (u, _, _) in zip(MV, records)], (k, k))
+    vectors, sizes, _ = np.linalg.svd(T.T @ (U - U[:, :1]), full_matrices=False)
+    if not 0.0 < sizes[0] < np.inf:
+        return None
+    T = T @ vectors[:, sizes > OF_DISPLACEMENT * sizes[0]][:, :SHAPES]
+    T = T @ _held(ranks, [x @ T for x in V], rows, motions)
+
+    # and its modes
+    terms = [_stiffness(part, x @ T) for part, x in zip(parts, V)]
+    r = T.shape[1]
+    K = _total(ranks, [T.T @ (x.T @ Kx) for x, Kx in zip(V, terms)], (r, r))
+    if not r or not np.all(np.isfinite(K)):
+        return None
+    squares, X = np.linalg.eigh(0.5 * (K + K.T))
+    T, shapes = T @ X, [x @ (T @ X) for x in V]
+    damped = [_damping(part, x) for part, x in zip(parts, shapes)]
+    C = _total(ranks, [x.T @ Cx for x, Cx in zip(shapes, damped)], (r, r))
+    masses = [x @ T for x in MV]
+    forces = [
+        _without_lag(part, Mx, Kx @ X, Cx) for part, Mx, Kx, Cx in zip(parts, masses, terms, damped)
+    ]
+    return Reduced(shapes, masses, forces, X.T @ K @ X, C, np.sqrt(np.maximum(squares, 0.0)))
+
+
+def _snapshots(levels: int) -> np.ndarray:
+    """Some levels, not at equal distances, which could be those of a period."""
+    if levels <= SNAPSHOTS + FIRST:
+        return np.arange(levels)
+    x = np.arange(SNAPSHOTS) + 0.5 * np.sin(np.arange(SNAPSHOTS) ** 2)
+    spread = np.clip(x * ((levels - 1) / (SNAPSHOTS - 1)), 0, levels - 1)
+    return np.unique(np.append(np.arange(FIRST), spread.round().astype(np.int64)))
+
+
+def _held(
+    ranks: Ranks | None,
+    shapes: Sequence[np.ndarray],
+    rows: ConstraintRows,
+    motions: Sequence[Motion],
+) -> np.ndarray:
+    """Combinations of shapes in which the rows of prescribed velocities are at rest, (r, k)."""
+    r = shapes[0].shape[1]
+    if not motions:
+        return np.eye(r)
+    prescribed = np.concatenate([motion.rows for motion in motions])
+    own = [L[prescribed] @ x for L, x in zip(rows.matrices, shapes)]
+    B = _total(ranks, own, (prescribed.size, r))
+    size = _total(
+        ranks,
+        [abs(L[prescribed]) @ np.abs(x) for L, x in zip(rows.matrices, shapes)],
+        (prescribed.size, r),
+    )
+    _, sizes, vectors = np.linalg.svd(B.T @ B)
+    return vectors[sizes <= 1e-12 * np.sum(size**2)].T
+
+
+def _stiffness(part: Part, x: np.ndarray) -> np.ndarray:
+    """K x, with the estimates of restoring forces and the tangents of internal ones at t = 0."""
+    s, internal = part.subdomain, part.internal
+    Kx = product(s.K, x) + product(s.restoring_stiffness, x)
+    return Kx if internal is None else Kx + product(internal.K, x)
+
+
+def _damping(part: Part, x: np.ndarray) -> np.ndarray:
+    s, internal = part.subdomain, part.internal
+    Cx = product(s.C, x) + product(s.restoring_damping, x)
+    return Cx if internal is None else Cx + product(internal.C, x)
+
+
+def _without_lag(part: Part, Mx: np.ndarray, Kx: np.ndarray, Cx: np.ndarray) -> np.ndarray:
+    """M w - al1 K w: explicit steps evaluate K at the predictor, and lagged ones C."""
+    s = part.subdomain
+    if not s.scheme.explicit:
+        return Mx
+    al1, al2 = s.scheme.coefficients(part.step)
+    return Mx - al1 * Kx - (al2 * Cx if s.damping == "lagged" else 0.0)
+
+
+def _judged(
+    reduced: Reduced,
+    records: Sequence[Rows],
+    parts: Sequence[Part],
+    ranks: Ranks | None,
+    step: float,
+    largest: float,
+    complete: bool,
+) -> Estimate | None:
+    stride = _stride(reduced, records, ranks, step)
+    unknown = any(joined(ranks, [part.subdomain.has_unknown_stiffness for part in parts]))
+    for some in dict.fromkeys([stride, 1]):
+        motion = _projected(reduced, records, slice(None, None, some), ranks)
+        e, is_smooth = _errors(reduced, motion, some * step, unknown)
+        if is_smooth:
+            break
     else:
-        each = [f"{part.name!r} ({part.step:g}{x})" for part, x in zip(coarse, doubles)]
+        if not complete:
+            return None  # the load between the levels is not known
+    if not np.all(np.isfinite(e)):
+        return None
+    return _located(reduced, e, motion[0], parts, ranks, some * step, largest)
+
+
+def _stride(reduced: Reduced, records: Sequence[Rows], ranks: Ranks | None, step: float) -> int:
+    """Of how many levels one is read: so that the modes are resolved, and the force."""
+    levels = len(records[0][0])
+    some = _snapshots(levels - 1)
+    first, next_one = (_projected(reduced, records, x, ranks) for x in (some, some + 1))
+    f, change = (reduced.K @ q + reduced.C @ v + w for q, v, w in (first, next_one - first))
+    size = np.linalg.norm(f) + np.linalg.norm(reduced.K @ first[0])
+    most = CHANGE * size / (np.linalg.norm(change) + 1e-300)
+    resolved = RESOLVED / (reduced.omega[-1] * step + 1e-300)
+    return max(1, int(min((levels - 1) // 16, resolved, most)))
+
+
+def _projected(
+    reduced: Reduced, records: Sequence[Rows], some: Any, ranks: Ranks | None
+) -> np.ndarray:
+    """q, its velocity and acceleration at some of the levels, (3, r, levels)."""
+    own = []
+    for (u, v, w), Mx, Wx in zip(records, reduced.masses, reduced.forces):
+        own.append(np.array([(u[some] @ Mx).T, (v[some] @ Mx).T, (w[some] @ Wx).T]))
+    return _total(ranks, own, own[0].shape)
+
+
+def _errors(
+    reduced: Reduced, motion: np.ndarray, step: float, unknown: bool
+) -> tuple[np.ndarray, bool]:
+    """The recorded q less the exact one under the recorded forces (D3), and whether these are
+    smooth: (r, levels)."""
+    q, v, w = motion
+    K, C = reduced.K, reduced.C
+    f = w + K @ q + C @ v
+    if unknown:
+        K, C, f = _with_fitted(K, C, q, v, f)
+    P, *G = _propagators(K, C, step)
+    bend, is_smooth = _bends(f, NOISE * np.max(np.abs(w)))
+    into = G[0] @ f[:, :-1] + G[1] @ (np.diff(f) - 0.5 * bend) + G[2] @ bend
+    start = np.concatenate([q[:, 0], v[:, 0]])
+    exact = follow_recursion(P, np.ascontiguousarray(np.vstack([start, into.T])))
+    return q - exact[:, : len(q)].T, is_smooth
+
+
+def _with_fitted(
+    K: np.ndarray, C: np.ndarray, q: np.ndarray, v: np.ndarray, f: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """K and C with what the force contains of q and v, where functions give an unknown part."""
+    r, levels = q.shape
+    if levels <= 6 * r:
+        return K, C, f
+    X = np.vstack([q - q.mean(axis=1, keepdims=True), v])
+    size = np.linalg.norm(X, axis=1, keepdims=True) + 1e-300
+    F = f - f.mean(axis=1, keepdims=True)
+    fit = (np.linalg.lstsq((X / size).T, F.T, rcond=1e-6)[0] / size).T
+    K, C = K - fit[:, :r], C - fit[:, r:]
+    return K, C, f - fit[:, :r] @ q - fit[:, r:] @ v
+
+
+def _propagators(K: np.ndarray, C: np.ndarray, step: float) -> tuple[np.ndarray, ...]:
+    """P of (q, v) over a step, and G of a force, of one that rises to it, and of x^2 / 2 of it."""
+    r = len(K)
+    A = np.zeros((5 * r, 5 * r))
+    A[:r, r : 2 * r] = np.eye(r)
+    A[r : 2 * r, :r], A[r : 2 * r, r : 2 * r] = -K, -C
+    for k in (1, 2, 3):
+        A[k * r : (k + 1) * r, (k + 1) * r : (k + 2) * r] = np.eye(r) / (step if k > 1 else 1.0)
+    whole = scipy.linalg.expm(A * step)[: 2 * r]
+    return tuple(np.ascontiguousarray(x) for x in np.split(whole, [2 * r, 3 * r, 4 * r], axis=1))
+
+
+def _bends(f: np.ndarray, noise: float) -> tuple[np.ndarray, bool]:
+    """The second difference of a force within each step, 0 where the force is rough; and whether
+    it is smooth everywhere, but for noise."""
+    second = np.diff(f, 2)
+    bend = np.concatenate([second[:, :1], second, second[:, -1:]], axis=1)
+    fourth = np.zeros_like(f)
+    fourth[:, 2:-2] = np.abs(np.diff(f, 4))
+    rough = _around(fourth) > ROUGH * _around(np.abs(bend))
+    mean = np.where(rough, 0.0, 0.5 * (bend[:, 1:] + bend[:, :-1]))
+    return mean, not np.any(rough & (_around(fourth) > noise))
+
+
+def _around(x: np.ndarray) -> np.ndarray:
+    """The largest of each six levels about a step."""
+    steps = x.shape[1] - 1
+    padded = np.pad(x, ((0, 0), (2, 2)))
+    return np.max([padded[:, k : k + steps] for k in range(6)], axis=0)
+
+
+def _located(
+    reduced: Reduced,
+    e: np.ndarray,
+    q: np.ndarray,
+    parts: Sequence[Part],
+    ranks: Ranks | None,
+    step: float,
+    largest: float,
+) -> Estimate:
+    """The largest error of a dof, and the mode that contributes most to it."""
+    r, omega = len(e), reduced.omega
+    # no mode is wrong by more than the distance it moves
+    moved, wrong = np.ptp(q, axis=1), np.max(np.abs(e), axis=1)
+    e = e * np.minimum(1.0, moved / np.maximum(wrong, 1e-300))[:, None]
+    peaks = [np.max(np.abs(x), axis=0, initial=0.0) for x in reduced.shapes]
+    bound = np.max(np.vstack([np.zeros((1, r)), *joined(ranks, peaks)]), axis=0) @ np.abs(e)
+    worst = np.argsort(bound)[-WORST:]
+    own = [_largest_of(part, x, e[:, worst], omega) for part, x in zip(parts, reduced.shapes)]
+    size, name, dof, mode, _ = max(joined(ranks, own))
+    shares = [
+        _share(part, x, Mx, mode, omega)
+        for part, x, Mx in zip(parts, reduced.shapes, reduced.masses)
+    ]
+    shares = list(joined(ranks, shares))
+    high = omega * max(x[1] for x in shares) > 1.0
+    rest = [
+        _largest_of(part, x, e[:, worst] * ~high[:, None], omega)[0]
+        for part, x in zip(parts, reduced.shapes)
+    ]
+    lasting = max(joined(ranks, rest))
+    return Estimate(
+        size / largest,
+        lasting / largest,
+        _expected(e[mode], size / largest),
+        (name, dof),
+        float(omega[mode]),
+        shares,
+    )
+
+
+def _largest_of(
+    part: Part, shapes: np.ndarray, e: np.ndarray, omega: np.ndarray
+) -> tuple[float, str, int, int, float]:
+    """The largest error of a dof of a subdomain: size, name, dof, mode, and its omega."""
+    errors = np.abs(shapes @ e)
+    if not errors.size:
+        return 0.0, part.name, 0, 0, 0.0
+    dof, level = np.unravel_index(np.argmax(errors), errors.shape)
+    mode = int(np.argmax(np.abs(shapes[dof] * e[:, level])))
+    return float(errors[dof, level]), part.name, int(dof), mode, float(omega[mode])
+
+
+def _share(
+    part: Part, shapes: np.ndarray, masses: np.ndarray, mode: int, omega: np.ndarray
+) -> tuple[str, float, bool, float, float]:
+    """What `Estimate.shares` has of a subdomain: its mass in the mode, and the error of its steps
+    per unit of time."""
+    mass = float(shapes[:, mode] @ masses[:, mode])
+    rate = _step_error(part.subdomain.scheme, float(omega[mode]) * part.step) / part.step
+    return part.name, part.step, part.double, part.h, mass * rate
+
+
+def _step_error(scheme: Scheme, Omega: float) -> float:
+    """|z - exp(i Omega)| of a step of a free oscillator, with the eigenvalue z that is nearest."""
+    if not 0.0 < Omega < 1e6:
+        return 0.0
+    values = np.linalg.eigvals(scheme.amplification(Omega))
+    return float(np.min(np.abs(values - np.exp(1j * Omega))))
+
+
+def _expected(e: np.ndarray, size: float) -> float:
+    """The error at the end if it went on as until it had a third of its size."""
+    first = int(np.argmax(np.abs(e) >= np.max(np.abs(e)) / 3.0))
+    return max(size, size / 3.0 * (e.size - 1) / max(first, 1))
+
+
+def warn_if_coarse(estimate: Estimate | None, end: float) -> None:
+    """AccuracyWarning that names the subdomains whose steps are too coarse for the motion."""
+    if estimate is None or not COARSE < estimate.size < np.inf:
+        return
+    x = estimate
+    worst = max(share for *_, share in x.shares)
+    coarse = [own for own in x.shares if own[-1] >= 0.5 * worst]
+    doubles = [f", a double step of 2 x {h:g}" if double else "" for _, _, double, h, _ in coarse]
+    if len(coarse) == 1:
+        name, step = coarse[0][:2]
+        text = f"the step {step:g}{doubles[0]}{',' * bool(doubles[0])} of subdomain {name!r} is"
+    else:
+        each = [f"{own[0]!r} ({own[1]:g}{double})" for own, double in zip(coarse, doubles)]
         text = f"the steps of subdomains {listing(each)} are"
+    name, dof = x.place
     warn(
-        f"{text} too coarse for {'its' if len(coarse) == 1 else 'their'} motion: the error "
-        f"accumulated until t = {end:g} is about {size} of the amplitude; take smaller steps, or "
-        "more substeps",
+        f"{text} too coarse for {'its' if len(coarse) == 1 else 'their'} motion: the error until "
+        f"t = {end:g} is about {_percent(x.size)} of the largest displacement, most at dof {dof} "
+        f"of {name!r}{_period(x, coarse[0][1])}; steps of {_advised(x, coarse[0][1])} would give "
+        "about 1 per cent",
         AccuracyWarning,
     )
 
 
-def accumulated_errors(
-    cases: Sequence[Sequence[Recorded | None]],
-    parts: Sequence[Part],
-    duration: float,
-    numbers: int = SAMPLED_NUMBERS,
-) -> np.ndarray:
-    """The share of each subdomain in the error at the end, relative to the motion, (D3).
-
-    Zero where the records do not suffice: fewer than `FEWEST_STEPS` steps, not every time level
-    recorded, a step above the critical one, or no motion.
-
-    Parameters
-    ----------
-    cases : for each case the histories of all subdomains, or None where they were not recorded
-        The same dofs and time levels in all cases.
-    parts : sequence of Part
-    duration : float
-    numbers : int
-        At most about so many are read of each array.
-
-    Returns
-    -------
-    (cases, parts) array
-    """
-    errors = np.zeros((len(cases), len(parts)))
-    if any(p.step_ratio is not None and not p.step_ratio.value <= 1.0 + 1e-6 for p in parts):
-        return errors  # unstable, which has a warning of its own
-    with np.errstate(all="ignore"):
-        samples = {
-            i: found
-            for i, (part, own) in enumerate(zip(parts, zip(*cases)))
-            if own[0] is not None and (found := sample(own, part, numbers)) is not None
-        }
-        if not samples:
-            return errors
-        moved = np.sqrt(np.max(sum(x.amplitude**2 for x in samples.values()), axis=1))
-        speed = np.sqrt(sum(x.speed**2 for x in samples.values()))
-        decay = 0.5 * sum(x.lost for x in samples.values()) / sum(x.size for x in samples.values())
-        lasting = decay * duration > 1e-9  # false where nothing moves
-        remembered = np.where(lasting, -np.expm1(-decay * duration) / decay, duration)
-        judged = (moved > 0.0) & (moved < np.inf) & (speed > 0.0) & (speed < np.inf)
-        for i, x in samples.items():
-            share = x.rate * remembered * x.speed / speed / moved
-            errors[:, i] = np.where(judged, share, 0.0)
-    return errors
+def _percent(size: float) -> str:
+    return f"{100.0 * size:.2g} per cent" if size < 0.99 else "100 per cent or more"
 
 
-def sample(
-    histories: Sequence[Recorded], part: Part, numbers: int = SAMPLED_NUMBERS
-) -> Sample | None:
-    """The norms of a subdomain in all cases; None where their records do not suffice."""
-    first = histories[0]
-    levels, dofs = first.u.shape
-    if dofs == 0 or levels < FEWEST_STEPS + 1 or not is_complete(first):
-        return None
-    stride = 1 + dofs // SAMPLED_DOFS
-    count = max(2 * FEWEST_STEPS, numbers // len(range(0, dofs, stride)))
-    steps = spread(int(previous_level(first, np.array([0]))[0] < 0), levels - 2, count)
-    mass = mass_of(part.subdomain)[first.dofs[::stride]] * stride
-    ends = ends_of(first, steps)
-    norms = step_norms(motions_of(histories), *ends, stride, mass, shape_levels(levels))
-    rate, motion, speed, acceleration = norms[:, :4].T
-    omega = np.where(motion > 0.0, np.sqrt(acceleration / motion), 0.0)  # at rest it is rounding
-    scheme = part.subdomain.scheme
-    factor = [phase_factor(scheme, float(f"{Omega:.1e}")) for Omega in omega * part.step]
-    rate = AMPLITUDE * np.array(factor) * rate
-    return Sample(rate, speed, norms[:, 4:], *decay_of(histories, part.subdomain, steps))
+def _period(x: Estimate, step: float) -> str:
+    """What moves there."""
+    if not x.omega > 0.0:
+        return ""
+    period = 2.0 * np.pi / x.omega
+    text = f", in its motion of period {period:.3g} ({period / step:.2g} steps)"
+    if 0.0 < x.lasting < COARSE:
+        text += f"; without such high modes it is {_percent(x.lasting)}"
+    return text
 
 
-@lru_cache(maxsize=64)
-def shape_levels(levels: int) -> np.ndarray:
-    """`SHAPE` time levels, evenly from the first to the last; not to be written to."""
-    some = np.linspace(0, levels - 1, SHAPE).round().astype(np.int64)
-    some.setflags(write=False)
-    return some
-
-
-@lru_cache(maxsize=64)
-def spread(first: int, last: int, count: int) -> np.ndarray:
-    """At most `count` whole numbers, evenly from first to last; not to be written to."""
-    numbers = np.linspace(first, last, min(count, last - first + 1)).astype(np.int64)
-    numbers = numbers[np.diff(numbers, prepend=first - 1) > 0]
-    numbers.setflags(write=False)
-    return numbers
-
-
-def mass_of(subdomain: Subdomain) -> np.ndarray:
-    """The diagonal of M: weights that make displacements and rotations comparable."""
-    return np.zeros(subdomain.n) if subdomain.M is None else diagonal(subdomain.M)
-
-
-def decay_of(
-    histories: Sequence[Recorded], subdomain: Subdomain, steps: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Means of e C e and e M e over some of the steps, per unit of time squared, (cases,) each."""
-    n, first, cases = subdomain.n, histories[0], len(histories)
-    some = steps[:: 1 + steps.size // 32].copy()
-    together = max(1, SAMPLED_NUMBERS // (4 * n * cases))  # several arrays of them at a time
-    lost, size = np.zeros(cases), np.zeros(cases)
-    for at in range(0, some.size, together):
-        few = some[at : at + together]
-        begin, end, h = ends_of(first, few)
-        e = np.zeros((n, cases, few.size))
-        e[first.dofs] = errors_of(histories, few) / ((end - begin) * h)
-        size += summed_product(subdomain.M, e)
-        if subdomain.C is not None:
-            lost += summed_product(subdomain.C, e)
-    return lost / some.size, size / some.size
-
-
-def summed_product(A: Matrix, e: np.ndarray) -> np.ndarray:
-    """Sums of e A e for the vectors e (n, cases, rows) of each case, (cases,)."""
-    Ae = product(A, e.reshape(len(e), -1)).reshape(e.shape)
-    return np.einsum("ikj,ikj->k", e, Ae)
-
-
-@lru_cache(maxsize=1024)
-def phase_factor(scheme: Scheme, Omega: float) -> float:
-    """Error of a step of a free oscillator divided by the estimate (D1) of it, (D2)."""
-    if not np.isfinite(Omega):
-        return np.nan  # the squares of the motion overflow: not judged
-    Omega = min(max(Omega, 0.02), 1.0)
-    values, vectors = np.linalg.eig(scheme.amplification(Omega))
-    k = int(np.argmin(np.abs(values - np.exp(1j * Omega))))
-    z, (u, v, w, _) = values[k], vectors[:, k]
-    estimate = z * u - (u + v + (2.0 * w + z * w) / 6.0)
-    return float(np.abs(z - np.exp(1j * Omega)) * np.abs(u) / np.abs(estimate))
+def _advised(x: Estimate, step: float) -> str:
+    """A step with which the error is `FINE`, of order 2, and which resolves the mode."""
+    advised = step * np.sqrt(FINE / x.expected)
+    if x.omega > 0.0:
+        advised = min(advised, 1.0 / x.omega)
+    return f"{advised:.1g}"

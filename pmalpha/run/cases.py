@@ -27,8 +27,6 @@ from .recording import Recording
 from .sampled import seen_by
 
 ARGUMENTS = ("u0", "v0", "force")
-# Numbers of each array that the check of accuracy reads of a case among several side by side.
-JUDGED = 1000
 
 
 class Case(NamedTuple):
@@ -185,8 +183,7 @@ class Cases:
     _guard: Any
     _recording: Any
     _run: Any
-    _accumulated_errors: Any
-    _warn_of: Any
+    _judge: Any
     _return_to_start: Any
     _warn_of_records: Any
     _steps: Any
@@ -267,8 +264,7 @@ class Cases:
         Warns
         -----
         AccuracyWarning, StabilityWarning, ConstraintWarning
-            As `run` and `reset` do. Of cases side by side the AccuracyWarning is estimated from
-            fewer time levels.
+            As `run` and `reset` do.
 
         Notes
         -----
@@ -414,11 +410,10 @@ class Cases:
             self._run_one_by_one(group.cases, plan)
             return
         histories = [recording.history(plan.end) for recording in group.recordings]
-        errors = self._accumulated_errors(histories, JUDGED)
-        for k, history, own in zip(group.cases, histories, errors):
+        for k, history in zip(group.cases, histories):
             plan.results.histories[k] = history
             try:
-                self._warn_of(history, own)
+                self._judge(history)
             except Exception as error:  # a warning that is an error
                 plan.results.failures[k] = error
         plan.finish(len(group.cases))

@@ -31,7 +31,7 @@ from ..setup.schedule import (
     names_of,
 )
 from ..setup.start import InitialAccelerations
-from .accuracy import SAMPLED_NUMBERS, accumulated_errors, warn_if_coarse
+from .accuracy import estimated_error, warn_if_coarse
 from .cases import Case, Cases, checked_case
 from .changes import Changes
 from .clock import Clock
@@ -457,20 +457,11 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         return history
 
     def _judge(self, history: History) -> None:
-        self._warn_of(history, *self._accumulated_errors([history]))
-
-    def _accumulated_errors(
-        self, histories: Sequence[History], numbers: int = SAMPLED_NUMBERS
-    ) -> np.ndarray:
-        """Of several cases over the same time, (cases, subdomains)."""
-        begin, end = histories[0].macro_times[[0, -1]]
-        cases = [history.subdomains for history in histories]
-        return accumulated_errors(cases, self._parts, end - begin, numbers)
-
-    def _warn_of(self, history: History, errors: np.ndarray) -> None:
-        """The warnings about a result with these accumulated errors."""
-        warn_if_coarse(errors, self._parts, history.macro_times[-1])
-        warn_if_drifting(history, self._parts, self._rows, self._loads.motions)
+        """The warnings about a result."""
+        rows, motions = self._rows, self._loads.motions
+        found = estimated_error(history.subdomains, self._parts, rows, motions)
+        warn_if_coarse(found, history.macro_times[-1])
+        warn_if_drifting(history, self._parts, rows, motions)
 
     def _advance_in_intervals(
         self, recording: Recording, report: Report | None, held: HeldSignals

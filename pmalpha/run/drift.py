@@ -6,6 +6,7 @@ The measure is equation (D4) of docs/method.md.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,12 +16,13 @@ from ..problem.matrices import product
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.part import Part
 from ..setup.ranks import joined
-from .accuracy import SAMPLED_NUMBERS, spread
 from .motion import Motion
 
 # A run warns from this measure on. It is not judged with fewer macro steps.
 LARGE = 0.005
 FEWEST_MACRO_STEPS = 3
+# Numbers of each array that are read; of longer records samples are taken.
+SAMPLED_NUMBERS = 40_000
 # Macro time levels at least, of which more are read where there are few dofs.
 SAMPLES = 64
 
@@ -92,6 +94,15 @@ def drift_shares(
         work[motion.rows] = 0.0
     size = kinetic + float(force @ amplitude)
     return work / size if size > 0.0 else none
+
+
+@lru_cache(maxsize=64)
+def spread(first: int, last: int, count: int) -> np.ndarray:
+    """At most `count` whole numbers, evenly from first to last; not to be written to."""
+    numbers = np.linspace(first, last, min(count, last - first + 1)).astype(np.int64)
+    numbers = numbers[np.diff(numbers, prepend=first - 1) > 0]
+    numbers.setflags(write=False)
+    return numbers
 
 
 def _is_judged(part: Part, own: Any) -> bool:

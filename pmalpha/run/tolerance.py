@@ -210,7 +210,7 @@ def rates_of(history: History) -> list[float]:
     rates = []
     for s in history.subdomains:
         assert s is not None and s.substep is not None
-        e = errors_of([s], np.arange(s.t.size - 1))
+        e = errors_of(s, np.arange(s.t.size - 1))
         rates.append(float(np.max(np.abs(e), initial=0.0)) / s.substep)
     return rates
 
