@@ -317,7 +317,7 @@ def test_the_warning_does_not_change_the_run():
     assert np.array_equal(coupler.state("rig").u, whole)
 
 
-@pytest.mark.parametrize("kind, number", [("random", 40), ("realistic", 10), ("nonlinear", 6)])
+@pytest.mark.parametrize("kind, number", [("random", 40), ("realistic", 12), ("nonlinear", 6)])
 def test_problems_warn_above_ten_per_cent_and_not_below_one(kind, number):
     # docs/method.md has the table of a thousand others
     cases = accuracy_survey.survey(range(number), kind).values()
