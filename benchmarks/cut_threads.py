@@ -21,8 +21,8 @@ DT, STEPS = 1e-3, 3
 def largest_share(parts):
     """Work of the busiest thread over that of all, with a thread for each subdomain."""
     coupler = parts.coupler(DT, coupling="gc", threads=len(parts.subdomains))
-    work = np.array([part.core.entries for part in coupler._parts], dtype=float)
-    return np.bincount(coupler._core.workers, work).max() / work.sum()
+    work = np.array([part.core.entries for part in coupler._session.parts], dtype=float)
+    return np.bincount(coupler._session.core.workers, work).max() / work.sum()
 
 
 def rows(quick):

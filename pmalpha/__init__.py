@@ -40,8 +40,8 @@ from .problem.tangent_check import TangentCheck
 from .run.coupler import Coupler
 from .run.energy import Energy
 from .run.history import History, SubdomainHistory
-from .run.present import State
 from .run.snapshot import Snapshot
+from .run.state import State
 from .run.study import CaseResult, Study
 from .run.uncoupled import solve
 

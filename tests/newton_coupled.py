@@ -149,8 +149,8 @@ def state_of(c):
     it by L v - G Lam before it is read, (N13).
     """
     states = []
-    for part in c._parts:
+    for part in c._session.parts:
         levels = part.core.levels()
         kept = [x for i, x in enumerate(levels) if not (part.subdomain.iterates and i % 7 == 4)]
         states.append([x.tobytes() for x in kept])
-    return c.step_count, c.multipliers.tobytes(), c._core.prescribed.tobytes(), states
+    return c.step_count, c.multipliers.tobytes(), c._session.core.prescribed.tobytes(), states

@@ -74,7 +74,7 @@ def test_core_and_reference_agree_on_a_random_problem_with_springs(seed):
 
 def assert_agreement(problem):
     coupler = problem.coupler()
-    expected = problem.reference(STEPS, [part.double for part in coupler._parts])
+    expected = problem.reference(STEPS, [part.double for part in coupler._session.parts])
     history = coupler.run(steps=STEPS)
     scale = {x: max(largest(getattr(s, x)) for s in expected.subdomains) for x in "uvw"}
     for i, s in enumerate(expected.subdomains):

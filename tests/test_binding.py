@@ -1345,7 +1345,7 @@ def test_few_steps_are_evaluated_ahead_under_a_slow_load_for_which_ctrl_c_waits(
     def force(t):
         time.sleep(0.002)
         times.append(t)
-        ahead.append(round(t / 0.1) - c._core.step_count)
+        ahead.append(round(t / 0.1) - c._session.core.step_count)
         return [np.sin(t)]
 
     a = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), force=force)

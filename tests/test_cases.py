@@ -56,7 +56,7 @@ def random_cases(c, count, seed=0):
     cases = []
     for k in range(count):
         force = {}
-        for i, (name, s) in enumerate(c._keys):
+        for i, (name, s) in enumerate(c._session.keys):
             values, shape = rng.standard_normal((30, 2)), rng.standard_normal((s.n, 2))
             force[name] = (
                 pm.SampledForce(values, 0.07, shape),
@@ -89,7 +89,7 @@ def test_random_problems_run_bitwise_as_one_by_one(seed):
     problem = random_problem(seed)
     ours, theirs = problem.coupler(), problem.coupler()
     cases = random_cases(ours, 5, seed)
-    for k, s in enumerate(s for _, s in ours._keys):  # velocities that all ties allow
+    for k, s in enumerate(s for _, s in ours._session.keys):  # velocities that all ties allow
         cases[0].setdefault("v0", {})[k] = 0.0 * s.v0
         cases[0].setdefault("u0", {})[k] = 0.0 * s.u0
     expected = one_by_one(theirs, cases, steps=4)

@@ -13,7 +13,7 @@ from pmalpha import structures
 def assert_satisfies(coupler, structure):
     """The map has full rank, and L T = 0."""
     T = sp.vstack(list(structure.map.values())).toarray()
-    L = sp.hstack(coupler._rows.matrices).toarray()
+    L = sp.hstack(coupler._session.rows.matrices).toarray()
     assert T.shape[1] == T.shape[0] - L.shape[0] == structure.n
     assert np.linalg.matrix_rank(T) == structure.n
     # rounding of the elimination, whose weights are at most some tens
@@ -28,7 +28,7 @@ def test_the_assembled_matrices_are_those_of_the_constrained_problem(seed):
     T = sp.vstack(list(structure.map.values())).toarray()
     for kind in ("M", "C", "K"):
         blocks = []
-        for _, s in coupler._keys:
+        for _, s in coupler._session.keys:
             A = getattr(s, kind)
             A = np.zeros((s.n, s.n)) if A is None else A.toarray() if sp.issparse(A) else A
             blocks.append(np.diag(A) if A.ndim == 1 else A)
@@ -128,7 +128,7 @@ def test_general_constraints_are_eliminated():
     coupler = pm.Coupler([a, b], [mean, lever, support], dt=0.01)
     structure = coupler.assembled()
     assert_satisfies(coupler, structure)
-    L = sp.hstack(coupler._rows.matrices).toarray()
+    L = sp.hstack(coupler._session.rows.matrices).toarray()
     N = scipy.linalg.null_space(L)
     K = np.diag([3.0, 4.0, 5.0, 1.0, 2.0, 3.0, 4.0])
     expected = np.sqrt(np.linalg.eigvalsh(N.T @ K @ N))  # M is the identity

@@ -62,7 +62,8 @@ def cut_bar(per_step, *, every_dof=True, scale=1.0):
 
 
 def measure(coupler, history):
-    return drift_shares(history, coupler._parts, coupler._rows, coupler._loads.motions)
+    s = coupler._session
+    return drift_shares(history, s.parts, s.rows, s.loads.motions)
 
 
 def test_a_macro_step_in_which_the_pulse_passes_is_warned_of():
@@ -86,7 +87,7 @@ def test_the_warning_ends_where_the_macro_step_resolves_the_pulse():
 
 def test_the_measure_is_that_of_the_formula():
     _, _, coupler, history = cut_bar(8)
-    left, right = coupler._keys[0][1], coupler._keys[1][1]
+    left, right = coupler._session.keys[0][1], coupler._session.keys[1][1]
     jump = history.displacement_jump[:, 0]
     force = history.multipliers[:, 0].std()
     u = [history[0].u[::14], history[1].u[::44]]

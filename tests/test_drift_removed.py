@@ -116,7 +116,7 @@ def test_an_interface_anywhere_in_the_order_gives_the_same(monkeypatch):
     last = coupled(ours).run(steps=20)
     monkeypatch.setattr("pmalpha.setup.elimination.elimination", always_ordinary)
     coupler = coupled(ours)
-    assert any(part.elimination.paths is not None for part in coupler._parts)
+    assert any(part.elimination.paths is not None for part in coupler._session.parts)
     assert_agrees(coupler.run(steps=20), reference.run(*theirs, 0.1, 20, drift="removed"))
     assert_agrees(last, reference.run(*theirs, 0.1, 20, drift="removed"))
 
@@ -145,7 +145,7 @@ def test_a_wide_explicit_interface_keeps_sparse_matrices(rho, substeps):
     rows = 3000
     ours = explicit_bars(rows, rho, substeps)
     coupler = coupled(ours, 0.2)
-    diagonal, lower, upper, *_ = tied.gap_factors(coupler._parts, rows)
+    diagonal, lower, upper, *_ = tied.gap_factors(coupler._session.parts, rows)
     assert diagonal.size == rows
     assert lower[2].size + upper[2].size < 20 * rows  # of a tridiagonal matrix
     history = coupler.run(steps=50)

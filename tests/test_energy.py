@@ -63,7 +63,7 @@ def require_energies(energy, expected, tolerance=1e-11):
 
 
 def doubles_of(coupler):
-    return [part.double for part in coupler._parts]
+    return [part.double for part in coupler._session.parts]
 
 
 @pytest.mark.parametrize("seed", range(60))

@@ -65,7 +65,7 @@ def test_the_balance_of_two_conservative_subdomains_is_of_order_two(coupling):
     damped = pm.GeneralizedAlpha(0.5)
     for h in (0.02, 0.01, 0.005):
         coupler = pair(h, (damped, damped), (1, 1), coupling)
-        assert coupler._parts[0].double == (coupling == "pm")
+        assert coupler._session.parts[0].double == (coupling == "pm")
         energy = coupler.run(2.0, energy=True).energy
         errors.append(np.abs(energy.balance).max())
         dissipated.append(np.abs(energy.dissipated).max())
@@ -90,7 +90,7 @@ def test_the_strain_energy_contains_the_potential():
     coupler = pair(0.02)
     history = coupler.run(2.0, energy=True, every=5)
     for i, (x, s) in enumerate(zip(history.subdomains, ("a", "b"))):
-        K = coupler._keys[i][1].K
+        K = coupler._session.keys[i][1].K
         expected = [0.5 * u @ K @ u + Hardening(4.0, 10.0).potential(u) for u in x.u]
         np.testing.assert_allclose(history.energy.strain[:, i], expected, rtol=1e-13, err_msg=s)
 

@@ -81,7 +81,7 @@ def test_the_function_is_called_once_for_each_matrix_with_one_pattern_a_subdomai
     np.testing.assert_array_equal(calls[0][1], np.sort(edge))
     patterns = {(A.indptr.tobytes(), A.indices.tobytes()) for A, _ in calls}
     assert len(patterns) == 1  # two halves of one mesh
-    s = coupler._parts[0].subdomain
+    s = coupler._session.parts[0].subdomain
     al1, _ = s.scheme.coefficients(0.1)
     assert any(abs(A - (s.M + al1 * s.K)).max() < 1e-14 for A, _ in calls)
     assert any(abs(A - s.M).max() == 0.0 for A, _ in calls)

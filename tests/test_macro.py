@@ -115,8 +115,8 @@ def test_the_link_responses_of_the_restored_problems_meet_estimates_and_lagged_d
 
 
 def same_to_the_last_bit(one, other):
-    for i in range(len(one._parts)):
-        mine, theirs = (c._parts[i].core.levels() for c in (one, other))
+    for i in range(len(one._session.parts)):
+        mine, theirs = (c._session.parts[i].core.levels() for c in (one, other))
         for x, y in zip(mine, theirs):
             np.testing.assert_array_equal(x, y)
     np.testing.assert_array_equal(one.multipliers, other.multipliers)
@@ -171,7 +171,7 @@ def test_unit_responses_of_several_threads_are_bitwise_those_of_one(coupling, mo
         return pm.Coupler([a, other], ties, dt=0.2, coupling=coupling, threads=threads)
 
     def responses(coupler):
-        part = coupler._parts[0]
+        part = coupler._session.parts[0]
         rows = part.L.rows
         assert rows.size > macro.LANES  # more than one block
         return macro.unit_responses(part, rows, stored=True)
@@ -791,7 +791,7 @@ def test_the_amplification_matrix_contains_the_multipliers():
 
 
 def states_of(coupler):
-    return [part.core.levels() for part in coupler._parts]
+    return [part.core.levels() for part in coupler._session.parts]
 
 
 def test_subdomains_and_couplers_without_constraints_run_as_alone():

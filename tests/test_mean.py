@@ -109,7 +109,7 @@ def test_means_of_neighbouring_multipliers_are_of_order_two():
         forces = np.concatenate(
             [s.M * solution[s.name][2] + s.K @ solution[s.name][0] for s in coupler.subdomains]
         )
-        L = np.vstack([A.toarray().T for A in coupler._rows.matrices])
+        L = np.vstack([A.toarray().T for A in coupler._session.rows.matrices])
         lam = np.linalg.lstsq(L, forces, rcond=None)[0]
         errors.append(np.max(np.abs(history.multipliers[-2:].mean(axis=0) - lam)))
     assert np.log2(errors[0] / errors[1]) > 1.8
@@ -218,7 +218,7 @@ def test_a_single_step_is_closed_as_it_would_respond(
             for name, stiffness in (("a", 1.0), ("b", 3.0))
         )
         coupler = pm.Coupler([a, b], pm.tie(a, [0, 2], b, [2, 0]), dt=0.3, coupling="mean")
-        assert {part.waits for part in coupler._parts} == {waits}
+        assert {part.waits for part in coupler._session.parts} == {waits}
         return coupler.run(steps=40, energy=True)
 
     closed = histories(True)
@@ -248,7 +248,7 @@ def test_damping_is_of_no_account_to_a_step_that_waits_for_the_trapezoidal_rule(
     a = pm.Subdomain([1.0, 1.0], [1.0, 1.0], **values)
     b = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), name="b")
     coupler = pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.1, coupling="mean")
-    assert coupler._parts[0].waits is waits
+    assert coupler._session.parts[0].waits is waits
 
 
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")

@@ -25,7 +25,7 @@ def weights(coupler, seed=0):
     """Outputs of every subdomain: of u, and a mix of u, v and a with an empty row."""
     rng = np.random.default_rng(seed)
     chosen = {}
-    for i, (_, s) in enumerate(coupler._keys):
+    for i, (_, s) in enumerate(coupler._session.keys):
         mix = {q: rng.normal(size=(3, s.n)) for q in "uva"}
         for W in mix.values():
             W[1] = 0.0

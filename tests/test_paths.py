@@ -33,7 +33,7 @@ def test_random_coupled_problems_agree_with_the_reference_along_paths(seed, monk
     monkeypatch.setattr("pmalpha.setup.elimination.elimination", always_ordinary)
     problem = random_problem(seed)
     coupler = problem.coupler()
-    expected = problem.reference(9, [part.double for part in coupler._parts])
+    expected = problem.reference(9, [part.double for part in coupler._session.parts])
     history = coupler.run(steps=9)
     scale = max(np.max(np.abs(part.u)) for part in expected.subdomains)
     for i, part in enumerate(expected.subdomains):
@@ -128,11 +128,11 @@ def enclosed(**options):
 
 def test_a_solid_tied_on_all_sides_moves_as_with_the_interface_last(monkeypatch):
     ours = enclosed()
-    assert ours._parts[0].elimination.paths is not None
+    assert ours._session.parts[0].elimination.paths is not None
     history = ours.run(steps=6)
     monkeypatch.setattr("pmalpha.setup.elimination.elimination", always_last)
     theirs = enclosed()
-    assert theirs._parts[0].elimination.paths is None
+    assert theirs._session.parts[0].elimination.paths is None
     expected = theirs.run(steps=6)
     for name in ("inner", "shell"):
         for x in "uva":
@@ -147,7 +147,7 @@ def test_a_solid_tied_on_all_sides_moves_as_with_the_interface_last(monkeypatch)
 @pytest.mark.filterwarnings("ignore:.* is floating")  # two means do not hold a cube
 def test_macro_coupling_along_paths_moves_as_with_the_interface_last(monkeypatch):
     whole = enclosed_finely()
-    assert whole._parts[0].elimination.paths is not None
+    assert whole._session.parts[0].elimination.paths is not None
     ours = whole.run(steps=4)[0].u
     monkeypatch.setattr("pmalpha.setup.elimination.elimination", always_last)
     theirs = enclosed_finely().run(steps=4)[0].u

@@ -88,7 +88,7 @@ def test_a_state_under_mean_coupling_has_the_multipliers_of_its_accelerations():
 @pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
 def test_threads_that_run_ahead_are_part_of_no_state(coupling):
     """Linear subdomains are opened before the last macro step is complete."""
-    a, b, c = (s for _, s in coupler()._keys)
+    a, b, c = (s for _, s in coupler()._session.keys)
     ties = [pm.tie(a, [5], b, [0]), pm.tie(b, [5], c, [0])]
     linear = pm.Coupler([a, b, c], ties, dt=0.1, coupling=coupling, threads=2)
     assert linear.threads == 2
@@ -159,7 +159,7 @@ def test_the_loads_and_initial_values_of_the_last_reset_return():
     ours.restore(present)
     assert bits_of(ours.run(steps=5)) == first
     ours.restore(present)
-    assert np.array_equal(ours._initial.values[1][0], np.zeros(6))
+    assert np.array_equal(ours._session.initial.values[1][0], np.zeros(6))
 
 
 def test_before_the_first_step_the_start_is_computed():

@@ -57,9 +57,9 @@ def intervals_of(coupler, problem, rng):
     for i in range(6):
         if i > 0:
             dt, substeps = random_steps(problem, rng, coupler.dt)
-            names = [s.name for s in coupler._parts]
+            names = [s.name for s in coupler._session.parts]
             coupler.change_steps(dt, dict(zip(names, substeps)))
-        layout, steps = coupler._steps.layout, int(rng.integers(1, 5))
+        layout, steps = coupler._session.steps.layout, int(rng.integers(1, 5))
         coupler.step(steps)
         found = reference.Interval(steps, layout.dt, layout.substeps, layout.doubles)
         if intervals and replace(intervals[-1], steps=steps) == found:  # no change
@@ -84,7 +84,7 @@ def test_a_run_with_changes_equals_the_reference(seed, coupling):
     for i, member in enumerate(members):
         expected = member.levels[-1].state
         assert coupler.time == pytest.approx(expected.t, rel=1e-12)
-        own = coupler._parts[i]
+        own = coupler._session.parts[i]
         for got, x in zip(own.core.state(), (expected.u, expected.v, expected.w)):
             size = 1.0 + np.max(np.abs(x))
             np.testing.assert_allclose(got[own.position], x, atol=1e-9 * size)
@@ -301,8 +301,8 @@ def test_factors_of_old_steps_are_given_up():
     for k in range(2 * assembly.KEPT):
         c.change_steps(dt=0.1 + 0.001 * k)
         c.step()
-    assert len(c._assemblies._made) == assembly.KEPT
-    assert len(c._assemblies._known) <= 2 * (assembly.KEPT + 1)
+    assert len(c._session.assemblies._made) == assembly.KEPT
+    assert len(c._session.assemblies._known) <= 2 * (assembly.KEPT + 1)
 
 
 # ---- all or nothing ------------------------------------------------------------------------------

@@ -210,7 +210,7 @@ def test_wrong_tolerances_change_nothing(value, kind):
     c = two((3, 6))
     with pytest.raises(kind, match="tolerance"):
         c.run(0.1, tolerance=value)
-    assert c.step_count == 0 and c._steps.layout.substeps == (3, 6)
+    assert c.step_count == 0 and c._session.steps.layout.substeps == (3, 6)
 
 
 def test_restoring_functions_are_refused():

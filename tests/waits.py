@@ -20,7 +20,7 @@ def until(happened, over=None):
 
 def is_stepped(coupler):
     """Is the coupler in a call of any thread?"""
-    return coupler._guard.turns % 2 == 1
+    return coupler._session.guard.turns % 2 == 1
 
 
 @contextlib.contextmanager

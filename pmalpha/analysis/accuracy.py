@@ -10,7 +10,9 @@ import numpy as np
 
 from .._checks import positive_number, real_array, real_number, vector, whole_number
 from ..errors import ConstraintWarning
+from ..run.changes import advance_to
 from ..run.coupler import Coupler
+from ..run.session import begin, require_linear
 from ..setup.part import Part, core_subdomain
 from .borrowed import checked_coupler, state_kept
 from .exact import Instant
@@ -99,10 +101,10 @@ def global_error(
     >>> errors["u"] < 0.01
     True
     """
-    with checked_coupler(coupler)._entered(), state_kept(coupler):
-        steps = coupler._clock.end(t_end, None, 0)
+    with checked_coupler(coupler)._session.guard, state_kept(coupler):
+        steps = coupler._session.clock.end(t_end, None, 0)
         _from_the_start(coupler, steps)
-        return _errors(coupler, exact(coupler._clock.time(steps)))
+        return _errors(coupler, exact(coupler._session.clock.time(steps)))
 
 
 def start_error(coupler: Coupler, exact: Callable[[float], Instant]) -> dict[str, float]:
@@ -142,9 +144,9 @@ def start_error(coupler: Coupler, exact: Callable[[float], Instant]) -> dict[str
 def _from_the_start(coupler: Coupler, steps: int) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConstraintWarning)  # given when the coupler was made
-        coupler._started = False
-        coupler._start()
-    coupler._advance(steps, None)
+        coupler._session.started = False
+        begin(coupler._session)
+    advance_to(coupler._session, steps, None)
 
 
 def local_error(
@@ -189,26 +191,26 @@ def local_error(
     2.0
     """
     n = whole_number(n, "n", low=1)
-    checked_coupler(coupler)._require_linear("local_error")
+    require_linear(checked_coupler(coupler)._session, "local_error")
     if coupler.coupling == "mean":
         raise ValueError(
             'coupling must be "pm", "gc" or "macro" for local_error, whose exact data are states '
             'with the acceleration of the multipliers, got "mean"'
         )
-    with coupler._entered(), state_kept(coupler):
-        for part in coupler._parts:
+    with coupler._session.guard, state_kept(coupler):
+        for part in coupler._session.parts:
             part.core.set_levels(_exact_state(coupler, part, exact, n))
-        zero = np.zeros(coupler._core_rows.p)  # no step reads these multipliers
-        coupler._core.start(n, zero, zero)
-        coupler._advance(n + 1, None)
-        return _errors(coupler, exact(coupler._clock.time(n + 1)))
+        zero = np.zeros(coupler._session.core_rows.p)  # no step reads these multipliers
+        coupler._session.core.start(n, zero, zero)
+        advance_to(coupler._session, n + 1, None)
+        return _errors(coupler, exact(coupler._session.clock.time(n + 1)))
 
 
 def _exact_state(
     coupler: Coupler, part: Part, exact: Callable[[float], Instant], n: int
 ) -> tuple[np.ndarray, ...]:
     """The arrays of a subdomain in the core at t_n, from exact data."""
-    u, v, w, lam = _exact_at(coupler, part, exact, coupler._clock.time(n))
+    u, v, w, lam = _exact_at(coupler, part, exact, coupler._session.clock.time(n))
     h = 2.0 * part.h if part.double else part.h
     # a separate core subdomain, whose single step is h, starts with (S2)
     core = core_subdomain(part, part.subdomain.scheme, part.L, part.operator(h))
@@ -231,17 +233,17 @@ def _exact_at(
         vector(x, part.n, f"{name} of {part.name!r} from exact({t:g})")[part.order]
         for x, name in zip(states[part.name], "uvw")
     ]
-    rows = coupler._core_rows
+    rows = coupler._session.core_rows
     return (*state, rows.forces_in_core(vector(lam, rows.p, f"Lam from exact({t:g})")))
 
 
 def _errors(coupler: Coupler, solution: Instant) -> dict[str, float]:
     """Maximum absolute errors of the present state."""
     states, lam = solution
-    rows = coupler._core_rows
-    got = rows.forces(coupler._core.multipliers)
+    rows = coupler._session.core_rows
+    got = rows.forces(coupler._session.core.multipliers)
     errors = {"u": 0.0, "v": 0.0, "a": 0.0}
-    for part in coupler._parts:
+    for part in coupler._session.parts:
         for name, x, y in zip(errors, part.core.state(), states[part.name]):
             y = vector(y, part.n, f"{name} of {part.name!r} from exact")
             errors[name] = max(errors[name], float(np.max(np.abs(x[part.position] - y))))

@@ -11,6 +11,7 @@ import numpy as np
 from .._core import LANES
 from ..errors import InstabilityError
 from ..run.coupler import Coupler
+from ..run.session import require_linear
 from ..setup.core_rows import CoreRows
 from ..setup.schedule import MACRO
 from .borrowed import checked_coupler, state_kept, unloaded
@@ -88,11 +89,11 @@ def amplification_matrix(coupler: Coupler) -> AmplificationMatrix:
 
 def propagation(coupler: Coupler) -> tuple[np.ndarray, np.ndarray]:
     """One macro step of each unit state: the next states, (N, N), and Lam, (p, N)."""
-    checked_coupler(coupler)._require_linear("amplification_matrix")
+    require_linear(checked_coupler(coupler)._session, "amplification_matrix")
     layout = Layout(coupler)
-    size, rows = layout.size, coupler._core_rows
+    size, rows = layout.size, coupler._session.core_rows
     G, lam = np.empty((size, size)), np.empty((rows.p, size))
-    with coupler._entered(), _stepper(coupler, layout) as (core, cores, lanes):
+    with coupler._session.guard, _stepper(coupler, layout) as (core, cores, lanes):
         for begin in range(0, size, lanes):
             layout.write(core, cores, np.eye(size, lanes, -begin))
             unstable = core.advance(1, None)
@@ -112,7 +113,7 @@ def _stepper(coupler: Coupler, layout: Layout) -> Iterator[tuple[Any, Sequence[A
 
     Second multipliers have no lanes: the coupler itself is borrowed where drift is removed.
     """
-    if coupler._options["drift"] == "removed":
+    if coupler._session.options["drift"] == "removed":
         with state_kept(coupler), unloaded(coupler):
             yield layout.core, [part.core for part in layout.parts], 1
     else:
@@ -133,17 +134,17 @@ class Layout:
     """
 
     def __init__(self, coupler: Coupler):
-        assembly = coupler._assemblies.of(coupler._steps.layout)
+        assembly = coupler._session.assemblies.of(coupler._session.steps.layout)
         self.parts, self.core = assembly.parts, assembly.core
         fine = max(p.substeps for p in self.parts)
-        macro = coupler._options["coupling"] in MACRO
+        macro = coupler._session.options["coupling"] in MACRO
         self.stored = [not macro and (p.double or p.substeps < fine) for p in self.parts]
         self.motion_size = sum(
             (2 if p.double else 1) * (4 * p.n + stored * p.nb)
             for p, stored in zip(self.parts, self.stored)
         )
         # the state has the multipliers under "macro" only
-        self.rows = coupler._core_rows if macro else CoreRows(np.arange(0), np.ones(0))
+        self.rows = coupler._session.core_rows if macro else CoreRows(np.arange(0), np.ones(0))
         self.size = self.motion_size + self.rows.p
 
     def fields(self) -> Iterator[tuple[int, int, np.ndarray]]:

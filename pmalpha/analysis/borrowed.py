@@ -8,6 +8,8 @@ from typing import Any
 
 from ..run.clock import Clock
 from ..run.coupler import Coupler
+from ..run.session import take
+from ..run.snapshot import restore_snapshot, snapshot_of
 from ..run.transfer import Steps
 
 
@@ -23,24 +25,26 @@ def state_kept(coupler: Coupler) -> Iterator[None]:
 
     Meanwhile its steps are its present ones as if there had been no others.
     """
-    snapshot = coupler._snapshot()
+    session = coupler._session
+    snapshot = snapshot_of(session)
     try:
-        layout = coupler._steps.layout
-        coupler._take(Steps(layout, Clock(layout.dt)), coupler._assemblies.of(layout))
-        coupler._core.set_origin(0, 0.0)
+        layout = session.steps.layout
+        take(session, Steps(layout, Clock(layout.dt)), session.assemblies.of(layout))
+        session.core.set_origin(0, 0.0)
         yield
     finally:
-        coupler._restore(snapshot)
+        restore_snapshot(session, snapshot)
 
 
 @contextmanager
 def unloaded(coupler: Coupler) -> Iterator[None]:
     """Without loads and prescribed motion within the block."""
-    for part in coupler._parts:
+    session = coupler._session
+    for part in session.parts:
         part.core.set_load(None)
-    for i in range(len(coupler._loads.motions)):
-        coupler._core.set_motion(i, None)
+    for i in range(len(session.loads.motions)):
+        session.core.set_motion(i, None)
     try:
         yield
     finally:
-        coupler._loads.to_core()
+        session.loads.to_core()

@@ -10,6 +10,7 @@ import scipy.linalg
 
 from ..problem.matrices import dense
 from ..run.coupler import Coupler
+from ..run.session import require_linear
 from .borrowed import checked_coupler
 
 __all__ = ["exact_solution"]
@@ -59,8 +60,8 @@ def exact_solution(coupler: Coupler) -> Callable[[float], Instant]:
     >>> bool(abs(v[0] + 2 * np.pi) < 1e-12)
     True
     """
-    checked_coupler(coupler)._require_linear("exact_solution")
-    with coupler._entered():
+    require_linear(checked_coupler(coupler)._session, "exact_solution")
+    with coupler._session.guard:
         return _Exact(coupler)
 
 
@@ -68,18 +69,18 @@ class _Exact:
     """The uncut structure as a linear system x' = A x, with x = (q, q', 1)."""
 
     def __init__(self, coupler: Coupler):
-        if coupler._loads.motions:
+        if coupler._session.loads.motions:
             raise ValueError("coupler must have no prescribed motion for an exact solution")
-        subdomains = [s for _, s in coupler._keys]
-        self.names = [name for name, _ in coupler._keys]
+        subdomains = [s for _, s in coupler._session.keys]
+        self.names = [name for name, _ in coupler._session.keys]
         self.ends = np.cumsum([s.n for s in subdomains])[:-1]
         M, C, K = (
             scipy.linalg.block_diag(*(_full(getattr(s, X), s.n) for s in subdomains)) for X in "MCK"
         )
         self.M, self.C, self.K = M, C, K
-        self.L = np.hstack([dense(L) for L in coupler._rows.matrices])
+        self.L = np.hstack([dense(L) for L in coupler._session.rows.matrices])
         self.F = np.concatenate([_constant(coupler, i) for i in range(len(subdomains))])
-        self.u0, v0 = (np.concatenate(x) for x in zip(*coupler._initial.values))
+        self.u0, v0 = (np.concatenate(x) for x in zip(*coupler._session.initial.values))
         self.Z = Z = scipy.linalg.null_space(self.L)
         m = Z.shape[1]
         mass = Z.T @ M @ Z
@@ -111,7 +112,7 @@ def _full(A: Any, n: int) -> np.ndarray:
 
 def _constant(coupler: Coupler, i: int) -> np.ndarray:
     """The constant load of subdomain i, in the user's order."""
-    force, part = coupler._loads.forces[i], coupler._parts[i]
+    force, part = coupler._session.loads.forces[i], coupler._session.parts[i]
     if force is not None and not isinstance(force, np.ndarray):
         raise ValueError(
             f"coupler must have no loads or constant ones for an exact solution, got {force!r} on "

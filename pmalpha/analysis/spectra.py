@@ -182,9 +182,9 @@ def zero_stability(coupler: Coupler) -> float:
 
 def _masses_alone(coupler: Coupler) -> Coupler:
     """The same coupler without stiffness, damping and loads; dt = 1."""
-    if not checked_coupler(coupler)._core_rows.p:
+    if not checked_coupler(coupler)._session.core_rows.p:
         raise ValueError("coupler must have constraints, got none")
-    for part in coupler._parts:
+    for part in coupler._session.parts:
         if part.subdomain.massless.size:
             raise ValueError(
                 f"coupler must have mass at all dofs, got dofs without mass in {part.name!r}"
@@ -198,9 +198,9 @@ def _masses_alone(coupler: Coupler) -> Coupler:
             double_step=part.double,
             name=part.name,
         )
-        for part, (_, s) in zip(coupler._parts, coupler._keys)
+        for part, (_, s) in zip(coupler._session.parts, coupler._session.keys)
     ]
-    matrices = {s: L for s, L in zip(subdomains, coupler._rows.matrices) if L.nnz}
+    matrices = {s: L for s, L in zip(subdomains, coupler._session.rows.matrices) if L.nnz}
     return Coupler(subdomains, Constraint(matrices), dt=1.0)
 
 

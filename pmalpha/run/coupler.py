@@ -2,62 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from os import PathLike
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
-from .._checks import check_word, flag, time_step, whole_number
 from .._core import Guard
 from ..problem.arguments import Coupling, Drift, Start
 from ..problem.constraints import Constraint
 from ..problem.newton import DEFAULT, Newton
+from ..problem.springs import SpringState
 from ..problem.subdomain import Subdomain
-from ..setup.assembly import Assemblies, Layout
-from ..setup.constraint_rows import ConstraintRows
-from ..setup.core_rows import CoreRows
-from ..setup.ranks import Ranks, described, require_equal_problems
-from ..setup.schedule import (
-    MACRO,
-    check_drift,
-    check_factorize,
-    check_newton,
-    checked_constraints,
-    checked_subdomains,
-    double_steps,
-    finest,
-    most_threads,
-    names_of,
-)
-from ..setup.start import InitialAccelerations
-from .accuracy import estimated_error, warn_if_coarse
-from .cases import Case, Cases, checked_case
-from .changes import Changes
-from .clock import Clock
-from .description import Description
-from .drift import warn_if_drifting
-from .energy import conserved_quantity, summed_works
+from ..setup.ranks import Ranks
+from ..setup.uncut import Assembled
+from . import cases as load_cases
+from . import changes, recorded_run, saving, uncut
+from . import reset as beginning
+from . import snapshot as snapshots
+from . import state as present
+from . import tolerance as tolerance_run
+from .description import html_of, text_of
 from .history import History
-from .initial import InitialValues
-from .interrupts import HeldSignals
-from .loads import Loads
-from .motion import motions_of
-from .present import Present
-from .progress import Report, reporting
-from .recording import FiledRecording, Recording, recording_class
-from .sampled import warn_of_skipped
-from .saving import Saving
-from .snapshot import Snapshots
-from .stiffening import warn_of_present_steps
-from .together import Together
-from .transfer import Steps
-from .uncut import Uncut
+from .session import begin, made
+from .snapshot import Snapshot
+from .state import State
 
 __all__ = ["Coupler"]
 
 
-class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together, Uncut):
+class Coupler:
     """Subdomains with different schemes and time steps, coupled by velocity constraints.
 
     Parameters
@@ -187,77 +161,135 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         factorize: Any = None,
         comm: Any = None,
     ):
-        self._guard = Guard()
-        self._ranks = None if comm is None else Ranks(comm)
-        with self._together():
-            options = {"coupling": coupling, "start": start, "drift": drift, "newton": newton}
-            self._set_up(subdomains, constraints, dt, threads, factorize, options)
-
-    def _set_up(
-        self,
-        subdomains: Any,
-        constraints: Any,
-        dt: float,
-        threads: int | None,
-        factorize: Any,
-        options: dict[str, Any],
-    ) -> None:
-        """As in the table of docs/architecture.md."""
-        coupling, start, drift, newton = options.values()
-        ranks = self._ranks
-        subdomains = checked_subdomains(subdomains, may_be_empty=ranks is not None)
-        check_word(coupling, "coupling", get_args(Coupling))
-        check_word(start, "start", get_args(Start))
-        check_drift(drift, coupling)
-        check_newton(newton)
-        self._threads_allowed = most_threads(threads)
-        check_factorize(factorize)
-        clock = Clock(time_step(dt, "dt"))
-        everything = subdomains if ranks is None else described(ranks, subdomains)
-        own = slice(None) if ranks is None else ranks.own
-        names = names_of(everything)
-        rows = checked_constraints(constraints, everything, names)
-        if ranks is not None:
-            require_equal_problems(ranks, rows, (clock.dt, coupling, start, drift, repr(newton)))
-        substeps = tuple(s.substeps for s in everything)
-        fine = finest(substeps, coupling)
-        self._everything, self._keys = everything, tuple(zip(names[own], subdomains))
-        self._options = {"dt": clock.dt, **options}
-        doubles = double_steps(everything, coupling, substeps)
-        layout = Layout(clock.dt, substeps, tuple(doubles))
-
-        self._rows = ConstraintRows(rows, everything, own, ranks)
-        motions = motions_of(rows, self._rows, 1 if coupling in MACRO else fine, clock)
-        self._initial = InitialValues(self._keys, self._rows)
-        self._initial.check(motions, tied=coupling == "mean")
-        with np.errstate(over="ignore"):  # a matrix that overflows is refused as singular
-            self._assemblies = Assemblies(
-                self._keys,
-                self._rows.links,
-                self._rows.p,
-                layout,
-                [motion.rows for motion in motions],
-                **options,
-                threads=self._threads_allowed,
+        guard, ranks = Guard(), None if comm is None else Ranks(comm)
+        with guard if ranks is None else ranks.entered(guard):
+            self._session = made(
+                guard,
+                ranks,
+                subdomains,
+                constraints,
+                dt=dt,
+                coupling=coupling,
+                start=start,
+                drift=drift,
+                newton=newton,
+                threads=threads,
                 factorize=factorize,
-                ranks=ranks,
             )
-        self._take(Steps(layout, clock), self._assemblies.first)
-        self._core_rows = CoreRows(self._assemblies.row_position, self._rows.scale)
-        self._initial_accelerations: InitialAccelerations | None = self._assemblies.accelerations
-
-        self._last_history: History | None = None
-        self._constants: dict[str, Any] | None = None  # of the problem, for a checkpoint
-        self._started = self._was_reset = False
-        forces = [s.force for s in subdomains]
-        warn_of_skipped(self._parts, forces, motions, clock.dt / self._fine)
-        self._loads = Loads(self._core, self._parts, clock, forces, motions, newton, names)
-        self._take_loads()
 
     def __reduce__(self) -> tuple[Any, ...]:
         raise TypeError("a Coupler cannot be copied or pickled: its state is in the C core")
 
-    # ---- running -----------------------------------------------------------------------------
+    def __repr__(self) -> str:
+        return text_of(self._session)
+
+    def _repr_html_(self) -> str:
+        return html_of(self._session)
+
+    # ---- what it is ------------------------------------------------------------------------------
+
+    @property
+    def dt(self) -> float:
+        """The macro step at present."""
+        return self._session.steps.layout.dt
+
+    @property
+    def coupling(self) -> str:
+        """The schedule by which the subdomains advance: "pm", "gc", "macro" or "mean"."""
+        return self._session.coupling
+
+    @property
+    def drift(self) -> str:
+        """Whether the displacement drift is "kept", or "removed" by second multipliers."""
+        drift: str = self._session.options["drift"]
+        return drift
+
+    @property
+    def subdomains(self) -> tuple[Subdomain, ...]:
+        """The subdomains in their order; they cannot be changed here."""
+        return tuple(subdomain for _, subdomain in self._session.keys)
+
+    @property
+    def threads(self) -> int:
+        """Number of threads in use, including the caller."""
+        threads: int = self._session.core.threads
+        return threads
+
+    # ---- the present ----------------------------------------------------------------------------
+
+    @property
+    def step_count(self) -> int:
+        """Number of completed macro steps."""
+        with self._session.guard:
+            return self._session.done
+
+    @property
+    def time(self) -> float:
+        """The present time, equation (T1)."""
+        with self._session.guard:
+            return self._session.clock.time(self._session.done)
+
+    @property
+    def multipliers(self) -> np.ndarray:
+        """Lam, (p,), at the present time; a copy."""
+        s = self._session
+        with s.guard:
+            begin(s)
+            return s.core_rows.forces(s.core.multipliers)
+
+    def state(self, key: str | int | Subdomain) -> State:
+        """Displacement, velocity and true acceleration of a subdomain at the present time.
+
+        Parameters
+        ----------
+        key : str, int or Subdomain
+            Its name, its index, or the subdomain itself.
+
+        Returns
+        -------
+        State
+            Copies.
+
+        Raises
+        ------
+        KeyError, IndexError
+            When there is no such subdomain.
+        """
+        return present.state(self._session, key)
+
+    def springs(self, key: str | int | Subdomain) -> SpringState:
+        """Deformation and force of the springs of a subdomain at the present time.
+
+        Parameters
+        ----------
+        key : str, int or Subdomain
+            Its name, its index, or the subdomain itself.
+
+        Returns
+        -------
+        SpringState
+            Copies.
+
+        Raises
+        ------
+        KeyError, IndexError
+            When there is no such subdomain.
+
+        Examples
+        --------
+        >>> joint = Bilinear([0], k=4.0, fy=1.0)
+        >>> frame = Subdomain([1.0], None, scheme=Newmark(), restoring=joint, u0=[1.0], name="f")
+        >>> Coupler([frame], dt=0.1).springs("f").force
+        array([1.])
+        """
+        return present.springs(self._session, key)
+
+    @property
+    def last_history(self) -> History | Any:  # not | None, which a checker would have tested
+        """After an exception or Ctrl-C in `run`: the History up to the last complete macro step."""
+        return self._session.last_history
+
+    # ---- running --------------------------------------------------------------------------------
 
     def run(
         self,
@@ -380,104 +412,12 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         >>> history["mass"].outputs["N"].shape
         (101, 1)
         """
+        s, end, files = self._session, (t_end, steps), (record_to, append, overwrite)
+        chosen: dict[str, Any] = dict(record=record, every=every, energy=energy)
+        chosen |= dict(record_springs=record_springs, outputs=outputs)
         if tolerance is not None:
-            chosen = dict(record=record, every=every, energy=energy)
-            chosen |= dict(record_springs=record_springs, outputs=outputs)
-            files = record_to, append, overwrite
-            return self._run_with_tolerance(tolerance, (t_end, steps), chosen, files, progress)
-        with self._together(), HeldSignals(self._guard) as held:
-            begin = self._steps_done()
-            end = self._clock.end(t_end, steps, begin)
-            self._check_call("run", end, every, energy)
-            recording = self._recording(
-                begin,
-                end,
-                record_to,
-                append=append,
-                overwrite=overwrite,
-                record=record,
-                every=every,
-                energy=energy,
-                record_springs=record_springs,
-                outputs=outputs,
-            )
-            with reporting(progress, begin, recording.end) as report:
-                history = self._run(recording, report, held)
-        self._last_history = None
-        return history
-
-    def _recording(
-        self,
-        begin: int,
-        end: int,
-        record_to: str | PathLike[str] | None = None,
-        *,
-        append: bool = False,
-        overwrite: bool = False,
-        energy: bool = False,
-        **chosen: Any,
-    ) -> Recording:
-        """The arrays of a run between two macro steps; `chosen` are arguments of `run`."""
-        energy, conserved = flag(energy, "energy"), None
-        if energy:
-            conserved = conserved_quantity(self._parts, self._options, self._ranks)
-        record_to = self._own_record(record_to, append, overwrite)
-        make = recording_class(record_to, append=append, overwrite=overwrite)
-        return make(
-            self._parts,
-            self._keys,
-            self._core_rows,
-            fine=self._fine,
-            middle=self.coupling == "mean",
-            begin=begin,
-            end=end,
-            clock=self._clock,
-            energy=energy,
-            conserved=conserved,
-            **chosen,
-        )
-
-    def _run(self, recording: Recording, report: Report | None, held: HeldSignals) -> History:
-        """Run through an interval from the present on, and judge the result.
-
-        `last_history` is the result too: the caller replaces it when the result is safe.
-        """
-        self._last_history = None
-        held.during(self._start)
-        energies = recording.has_energy, recording.conserved
-        with summed_works(self, *energies), recording:
-            self._record_present(recording)
-            try:
-                self._advance_in_intervals(recording, report, held)
-            except BaseException:
-                self._last_history = recording.history(self._core.step_count)
-                raise
-        self._last_history = history = recording.history(recording.end)  # if a warning is an error
-        held.during(self._judge, history)
-        return history
-
-    def _judge(self, history: History) -> None:
-        """The warnings about a result."""
-        rows, motions = self._rows, self._loads.motions
-        found = estimated_error(history.subdomains, self._parts, rows, motions)
-        warn_if_coarse(found, history.macro_times[-1])
-        warn_if_drifting(history, self._parts, rows, motions)
-
-    def _advance_in_intervals(
-        self, recording: Recording, report: Report | None, held: HeldSignals
-    ) -> None:
-        begin, end = recording.begin, recording.end
-        if end > begin and (begin or self._was_reset):  # else the set-up has warned
-            held.during(warn_of_present_steps, self._parts, self._clock.time(begin))
-        for pause in recording.pauses():
-            if isinstance(recording, FiledRecording) and recording.begin == begin:
-                self._write_master(recording.path)
-            held.during(self._advance, pause, recording, report)
-            recording.keep(pause)
-        if isinstance(recording, FiledRecording) and end == begin:
-            self._write_master(recording.path)
-        if report is not None:
-            held.during(report, end)
+            return tolerance_run.run(s, tolerance, end, files, progress, **chosen)
+        return recorded_run.run(s, end, files, progress, **chosen)
 
     def step(self, n: int = 1) -> None:
         """Advance by n macro steps without a History.
@@ -489,11 +429,109 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         n : int, default 1
             Number of macro steps, 0 or more.
         """
-        with self._together():
-            n = whole_number(n, "n")
-            self._check_call("step", n)
-            self._start()
-            self._advance(self._core.step_count + n, None)
+        recorded_run.step(self._session, n)
+
+    def run_each(
+        self,
+        cases: Iterable[Mapping[str, Any]],
+        t_end: float | None = None,
+        *,
+        steps: int | None = None,
+        record: Mapping[Any, Any] | None = None,
+        every: int | None = None,
+        energy: bool = False,
+        record_to: Iterable[str | PathLike[str]] | None = None,
+        overwrite: bool = False,
+        record_springs: Mapping[Any, Any] | None = None,
+        outputs: Mapping[Any, Any] | None = None,
+        progress: Any = None,
+    ) -> list[History]:
+        """Run several load cases from t = 0, each equal to ``reset(**case)`` and `run`.
+
+        Eight cases at a time advance side by side, so that matrices and factors are read once for
+        all of them, and each of the ``threads`` of the `Coupler` has eight; the results are bitwise
+        identical to those of single runs. The coupler itself is not changed: its present state,
+        loads and `last_history` are those before the call.
+
+        Parameters
+        ----------
+        cases : iterable of dict
+            For each case a dict of arguments of `reset`: ``u0``, ``v0``, ``force``, each a dict by
+            subdomain. What is left out is that of the `Subdomain`.
+        t_end : float
+            As for `run`, from t = 0. Give this or `steps`.
+        steps : int
+            As for `run`.
+        record : dict, optional
+            As for `run`, the same for all cases, and so are the next two.
+        every : int, optional
+            As for `run`.
+        energy : bool, default False
+            As for `run`.
+        record_to : iterable of str or path, optional
+            One HDF5 file for each case.
+        overwrite : bool, default False
+            Replace existing files of `record_to`.
+        record_springs : dict, optional
+            As for `run`, the same for all cases.
+        outputs : dict, optional
+            As for `run`, the same for all cases.
+        progress : True or callable, optional
+            As for `run`, in macro steps of all cases together.
+
+        Returns
+        -------
+        list of History
+            One for each case.
+
+        Raises
+        ------
+        TypeError, ValueError, ConstraintError
+            For wrong arguments, before the first case begins; the message names the case.
+        CasesError
+            When cases failed, by an InstabilityError, a ConvergenceError or an exception of a load
+            or restoring force. The other cases are completed first; `CasesError.histories` has
+            them and `CasesError.failures` the exceptions.
+        MemoryError
+            When the Histories of all cases together exceed the available memory.
+        OSError
+            When a file of `record_to` exists or its path cannot be written; found before the first
+            case begins. A file that cannot be written later is a failure of its case.
+
+        Warns
+        -----
+        AccuracyWarning, StabilityWarning, ConstraintWarning
+            As `run` and `reset` do.
+
+        Notes
+        -----
+        Cases advance side by side where all that is evaluated in a step is known to the core:
+        constant and sampled loads, base accelerations, springs. Cases with a load that is a
+        function run one after the other, and so do all cases of a coupler with restoring or
+        internal forces that are functions, with callable prescribed velocities, or with
+        ``drift="removed"``, and all cases with ``energy=True`` or `record_to`. Groups of less than
+        three cases run one after the other too, and those in which a case fails run again so.
+
+        Ctrl-C and an exception of `progress` end the call at once. What a Python function of the
+        user itself remembers is not restored.
+
+        Examples
+        --------
+        Three initial velocities, and a load:
+
+        >>> mass = Subdomain([1.0], [4.0], scheme=Newmark(), name="mass")
+        >>> coupler = Coupler([mass], dt=0.01)
+        >>> cases = [{"v0": {"mass": [v]}} for v in (1.0, 2.0, 3.0)]
+        >>> histories = coupler.run_each([*cases, {"force": {"mass": [1.0]}}], 1.0)
+        >>> [float(np.round(history["mass"].u[-1, 0], 3)) for history in histories]
+        [0.455, 0.909, 1.364, 0.354]
+        >>> coupler.step_count
+        0
+        """
+        end, files = (t_end, steps), (record_to, overwrite)
+        chosen: dict[str, Any] = dict(record=record, every=every, energy=energy)
+        chosen |= dict(record_springs=record_springs, outputs=outputs)
+        return load_cases.run_each(self._session, cases, end, files, progress, **chosen)
 
     def reset(
         self,
@@ -516,74 +554,344 @@ class Coupler(Cases, Changes, Description, Present, Saving, Snapshots, Together,
         TypeError, ValueError, ConstraintError, InstabilityError
             As when the coupler was made. The coupler is then unchanged.
         """
-        with self._together():
-            self._check_call("reset")
-            case = checked_case(self._keys, self._rows, u0, v0, force)
-            case.initial.check(self._loads.motions, tied=self.coupling == "mean")
-            self._warn_of_records([case])
-            kept = self._initial, self._loads, self._started, self._steps, self._assembly
-            self._was_reset = True
-            try:
-                self._return_to_start(case)
-            except BaseException:
-                self._initial, self._loads, self._started, steps, assembly = kept
-                self._take(steps, assembly)
-                self._core.set_origin(steps.clock.origin, steps.clock.t0)
-                self._loads.to_core()
-                raise
-            self._last_history = None
+        beginning.reset(self._session, u0, v0, force)
 
-    def _warn_of_records(self, cases: Sequence[Case]) -> None:
-        """Warn of loads of which steps skip samples, but for those of the `Subdomain`, of which
-        the set-up has warned."""
-        parts = self._assemblies.first.parts
-        for case in cases:
-            forces = [
-                None if force is part.subdomain.force else force
-                for part, force in zip(parts, case.forces)
-            ]
-            warn_of_skipped(parts, forces)
+    def change_steps(
+        self, dt: float | None = None, substeps: Mapping[Any, int] | None = None
+    ) -> None:
+        """Change the macro step, or numbers of substeps, from the present macro time level on.
 
-    def _return_to_start(self, case: Case) -> None:
-        self._take_first_steps()
-        self._initial, self._started = case.initial, False
-        self._loads = self._loads.renewed(case.forces)
-        self._take_loads()  # changes the core in its last lines only
+        Displacements, velocities, accelerations and multipliers stay; the method keeps its order of
+        accuracy over any sequence of changes. The factors of the 32 sets of steps used last are
+        kept: a change back to one of them factors nothing.
 
-    # ---- inside ------------------------------------------------------------------------------
+        Parameters
+        ----------
+        dt : float, optional
+            The new macro step, positive. Default: the present one.
+        substeps : dict of int, optional
+            New numbers of substeps by subdomain; with `comm` of those of this rank. Default: the
+            present ones.
 
-    def _entered(self) -> Guard:
-        """One call at a time: a load that used its own coupler would see an incomplete step."""
-        return self._guard
+        Raises
+        ------
+        TypeError, ValueError, FactorizationError, MemoryError
+            As when a Coupler is made with these steps, and if nothing is given. The coupler is then
+            unchanged.
 
-    def _require_linear(self, what: str) -> None:
-        self._require_alone(what)
-        for name, s in self._keys:
-            if s.restoring is not None or s.internal is not None:
-                kind = "a restoring force" if s.internal is None else "an internal force"
-                raise ValueError(f"{what} needs linear subdomains, got {kind} on {name!r}")
-            if s.has_feedback:
-                raise ValueError(
-                    f"{what} needs loads that do not depend on the motion, got a force that is a "
-                    f"function of t, u and v on {name!r}"
-                )
+        Warns
+        -----
+        StabilityWarning
+            When a new step is above its critical step.
 
-    def _steps_done(self) -> int:
-        return self._core.step_count if self._started else 0
+        See Also
+        --------
+        run : With ``tolerance`` it chooses substeps.
 
-    def _take_loads(self) -> None:
-        """Give the core the loads, and start unless the start has to evaluate functions."""
-        self._loads.to_core()
-        if self._ranks is not None or not self._loads.has_functions:
-            self._start()  # otherwise `run` or `step` starts, and may raise an exception of theirs
+        Notes
+        -----
+        Equations (Q1) to (Q4) of docs/method.md. Times are counted from the change: time levels
+        are t_change + (k / max ss) dt, and `t_end` of `run` is a whole number of macro steps after
+        t_change. `step_count` goes on.
 
-    def _start(self) -> None:
-        """Consistent initial values, unless computed before, equation (S1)."""
-        if self._started:
-            return
-        solver = self._initial.start(
-            self._core, self._parts, self._loads, self._core_rows, self._initial_accelerations
-        )
-        self._started = True
-        # only a reset needs the factor of M again: kept from the first reset on
-        self._initial_accelerations = solver if self._was_reset else None
+        Under "pm", which subdomains take double steps follows from the new numbers as it does when
+        a Coupler is made. One with one substep that took double steps before takes a double step of
+        length dt_old + dt_new over the change; others begin with a macro step of single steps.
+
+        The steps belong to the state: `save`, `load`, `snapshot` and `restore` keep them, and
+        `reset` returns to those with which the coupler was made, as `run_each` does for its cases.
+
+        Examples
+        --------
+        >>> coupler = models.split_oscillator(10.0).coupler(0.05)
+        >>> first = coupler.run(1.0)
+        >>> coupler.change_steps(dt=0.01, substeps={"B": 2})
+        >>> coupler.dt, coupler.step_count, coupler.time
+        (0.01, 20, 1.0)
+        >>> coupler.run(1.5)["B"].t.size
+        101
+        """
+        changes.change_steps(self._session, dt, substeps)
+
+    # ---- states that are kept -------------------------------------------------------------------
+
+    def snapshot(self) -> Snapshot:
+        """The whole present state in memory, for `restore`.
+
+        Displacements, velocities and accelerations, multipliers, the memory of springs and
+        histories of internal forces, the previous time level of double steps, what iterations
+        continue with, and the loads and initial values of the last `reset`. What a Python function
+        of the user itself remembers is not part of it, nor is a file or a History.
+
+        Returns
+        -------
+        Snapshot
+            For this coupler only. It takes the memory of the state, without matrices and factors.
+
+        Notes
+        -----
+        Before the first step the initial accelerations are computed first, as by `state`; an
+        exception of a callable load reaches the caller.
+
+        Examples
+        --------
+        Two continuations of one run:
+
+        >>> coupler = models.split_oscillator(10.0).coupler(0.05)
+        >>> coupler.step(7)
+        >>> present = coupler.snapshot()
+        >>> first = coupler.run(steps=3)
+        >>> coupler.restore(present)
+        >>> second = coupler.run(steps=3)
+        >>> coupler.step_count, bool(np.all(first["A"].u == second["A"].u))
+        (10, True)
+        """
+        return snapshots.snapshot(self._session)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Return to the state of a snapshot of this coupler.
+
+        The continued run is bitwise identical to the one that followed the snapshot, if callables
+        return the same values: those of loads are evaluated again from the restored time on.
+        `last_history` is None afterwards.
+
+        Parameters
+        ----------
+        snapshot : Snapshot
+            Of `snapshot`.
+
+        Raises
+        ------
+        TypeError
+            For an object that is not a Snapshot.
+        ValueError
+            For a snapshot of another coupler, also one of the same problem: `save` and `load`
+            transfer a state between those. The coupler is then unchanged.
+        """
+        snapshots.restore(self._session, snapshot)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the present state to a file; a run continues from it bitwise identically.
+
+        An npz file without pickled objects: the state and a description of the problem with
+        checksums of its matrices, not the matrices themselves. Written atomically; an existing file
+        survives an interrupted save.
+
+        Parameters
+        ----------
+        path : str or path
+            Used as given; no suffix is added. With `comm` each rank writes a file of its own, with
+            the number of the macro step, a token of this save and the number of the rank added, and
+            this one, written last, leads to them: keep them together. The files of states that were
+            saved there before, whole or not, are removed.
+
+        Raises
+        ------
+        TypeError, OSError
+            For a wrong type of path, and for a file that cannot be written.
+
+        Before the first step the initial accelerations are computed first, as by `state`; an
+        exception of a callable load reaches the caller.
+
+        Examples
+        --------
+        >>> import tempfile, pathlib
+        >>> coupler, other = (models.split_oscillator(10.0).coupler(0.05) for _ in range(2))
+        >>> coupler.step(7)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     coupler.save(pathlib.Path(folder, "state.npz"))
+        ...     other.load(pathlib.Path(folder, "state.npz"))
+        >>> coupler.step(), other.step()
+        (None, None)
+        >>> other.step_count, bool(other.state("A").u == coupler.state("A").u)
+        (8, True)
+        """
+        saving.save(self._session, path)
+
+    def load(self, path: str | PathLike[str]) -> None:
+        """Restore the state that a coupler of the same problem saved.
+
+        The two couplers must be built the same way, in the same process or another. The continued
+        run is bitwise identical to an uninterrupted one, with the same build, CPU and packages.
+        Initial values may differ (with internal forces under "macro" the continued run then agrees
+        to the tolerance of `Newton`, not bitwise). Constant and sampled loads are compared by their
+        numbers; callables cannot be compared: the caller provides the same functions, which are
+        evaluated from the restored time on.
+
+        Parameters
+        ----------
+        path : str or path
+            A file written by `save`, by any number of ranks, or by a coupler without `comm`.
+
+        Raises
+        ------
+        TypeError, OSError
+            For a wrong type of path, and for a file that cannot be read.
+        ValueError
+            For another problem, with a list of what differs, for any other file, or a damaged one.
+            The coupler is then unchanged.
+        """
+        saving.load(self._session, path)
+
+    # ---- the whole structure --------------------------------------------------------------------
+
+    def static(self, *, steps: int = 1) -> dict[str, np.ndarray]:
+        """Static equilibrium under F(0) with displacements tied, such as u0 under dead load.
+
+        Rows with a prescribed velocity are held at zero. The coupler itself is unchanged; use
+        ``coupler.reset(u0=coupler.static())``. With `comm` every rank solves for the whole
+        structure, with all matrices, and returns the displacements of its own subdomains. With
+        springs or internal forces the equilibrium is iterated by Newton's method, from the initial
+        displacements: those of the `Subdomain`, or of the last `reset`. Of several equilibria it
+        finds one near to them. A force that is a function of t, u and v is a constant load with its
+        value at t = 0 and the initial values.
+
+        Parameters
+        ----------
+        steps : int, default 1
+            Number of equal load steps, in which the residual of the initial displacements is
+            removed. One that does not converge is halved, so that more than 1 are needed only to
+            stay on a branch of solutions. No effect for linear subdomains.
+
+        Returns
+        -------
+        dict of (n_i,) arrays by name
+            Displacements.
+
+        Raises
+        ------
+        FactorizationError
+            For a floating structure, a mechanism at the solution, or an indefinite stiffness: an
+            equilibrium that is not stable. An unsymmetric stiffness is only required to be regular.
+        ConvergenceError
+            When the iteration does not converge in small load steps; its time is 0.
+        TypeError, ValueError
+            For `steps` that is not a whole number above 0; for a function among restoring forces,
+            whose equilibrium needs an experiment: `internal` takes forces that can be
+            iterated.
+
+        Notes
+        -----
+        Equations (N18) to (N20) of docs/method.md. Springs and forces with a history are evaluated
+        at the end of one path from their history at t = 0, as the start of a run evaluates them,
+        (N17), whatever the load steps: so the run stays at rest. Where yielding depends on the path
+        of the load, apply it in a run.
+
+        Exception: under "mean" explicit subdomains with `GeneralizedAlpha` rest in another
+        equilibrium, (K9), which differs by 0.1 to 0.3 (omega h)^2 of the displacements. Central
+        difference, implicit schemes and other couplings do rest.
+
+        Examples
+        --------
+        >>> a = Subdomain([1.0], [2.0], scheme=Newmark(), force=[3.0], name="a")
+        >>> b = Subdomain([1.0], [1.0], scheme=CentralDifference(), name="b")
+        >>> coupler = Coupler([a, b], tie(a, [0], b, [0]), dt=0.1)
+        >>> {name: float(u[0]) for name, u in coupler.static().items()}
+        {'a': 1.0, 'b': 1.0}
+
+        With a hardening spring, 2 u + u + u^3 = 4:
+
+        >>> b = Subdomain([1.0], [1.0], scheme=Newmark(), internal=CubicSpring([0], 0.0, 1.0))
+        >>> a = Subdomain([1.0], [2.0], scheme=Newmark(), force=[4.0], name="a")
+        >>> coupler = Coupler([a, b], tie(a, [0], b, [0]), dt=0.1)
+        >>> float(coupler.static()["a"][0].round(12))
+        1.0
+        """
+        return uncut.static(self._session, steps)
+
+    def assembled(self) -> Assembled:
+        """The structure before it was cut: M, C and K with the constraints eliminated exactly.
+
+        Dofs that ties connect are one dof; the others follow in the order of the subdomains. Rows
+        with a prescribed velocity are held at zero. A general constraint removes one of its dofs,
+        expressed by the others.
+
+        K and C are those of small motions about the present state of the coupler: with the tangents
+        of internal forces and springs at its displacements, velocities, histories and time, and
+        with the estimates of restoring functions. Springs with a memory (`Bilinear`, `BoucWen`)
+        count with their initial tangent if it is larger, since one that yields unloads in small
+        motions; gaps count where they are closed. Before the first step the initial accelerations
+        are computed first, as by `state`; a force that is a function of t, u and v is a load and
+        has no part in K. The coupler
+        itself is unchanged.
+
+        Returns
+        -------
+        Assembled
+            A tuple ``(M, C, K, map)``: (n, n) csr_array matrices, and by name the (n_i, n)
+            csr_array with u_i = map[name] @ u. Displacements, velocities and accelerations are
+            mapped alike; a force f_i on a subdomain is map[name].T @ f_i on the structure.
+
+        Raises
+        ------
+        ValueError
+            For a restoring force without `restoring_stiffness`, which may have any stiffness; when
+            the constraints hold all dofs.
+        MemoryError
+            When many constraints that are not ties share dofs.
+
+        Examples
+        --------
+        >>> a = Subdomain([1.0, 2.0], [[3.0, -1.0], [-1.0, 1.0]], scheme=Newmark(), name="a")
+        >>> b = Subdomain([4.0], [5.0], scheme=Newmark(), name="b")
+        >>> M, C, K, map = Coupler([a, b], tie(a, [1], b, [0]), dt=0.1).assembled()
+        >>> M.diagonal().tolist(), K.toarray().tolist(), map["b"].toarray().tolist()
+        ([1.0, 6.0], [[3.0, -1.0], [-1.0, 6.0]], [[0.0, 1.0]])
+        """
+        return uncut.assembled(self._session)
+
+    def modes(self, k: int = 6) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """The lowest natural frequencies and modes of the structure with its ties.
+
+        Those of M and K of `assembled`, for small motions about the present state of the coupler:
+        for frequencies under dead load take ``coupler.reset(u0=coupler.static())`` first. Undamped:
+        C has no influence, neither a gyroscopic one,
+        whose frequencies of whirl are complex eigenvalues, nor have the steps of the subdomains.
+
+        Parameters
+        ----------
+        k : int, default 6
+            Number of modes, including rigid-body modes.
+
+        Returns
+        -------
+        omega : (k,) ndarray
+            Angular frequencies in rising order, radians per unit of time; 0 for rigid-body modes.
+        modes : dict of (n_i, k) ndarray by name
+            In columns, on all dofs of each subdomain; tied dofs have equal values. Mass-normalised:
+            the sum of modes[name].T @ M_i @ modes[name] is the identity.
+
+        Raises
+        ------
+        BucklingError
+            For a motion of negative stiffness, with its mode and rate of growth: the state is not a
+            stable equilibrium. A ValueError too.
+        TypeError, ValueError
+            As `assembled`; for a k that is not a whole number or larger than the number of dofs
+            with mass; for a stiffness that is not symmetric.
+        scipy.sparse.linalg.ArpackError
+            When ARPACK does not converge.
+
+        Examples
+        --------
+        A chain of three equal masses, cut at the second: omega = 2 sqrt(k/m) sin(i pi / 6).
+
+        >>> K = [[4.0, -4.0], [-4.0, 4.0]]
+        >>> a = Subdomain([1.0, 0.5], K, scheme=Newmark(), name="a")
+        >>> b = Subdomain([0.5, 1.0], K, scheme=Newmark(), name="b")
+        >>> omega, shapes = Coupler([a, b], tie(a, [1], b, [0]), dt=0.1).modes(3)
+        >>> omega.round(6).tolist(), shapes["b"].shape
+        ([0.0, 2.0, 3.464102], (2, 3))
+
+        A mass on a hardening spring u + u^3 under a force of 10, at rest at u = 2:
+
+        >>> mass = Subdomain([1.0], None, scheme=Newmark(), force=[10.0],
+        ...                  internal=CubicSpring([0], k=1.0, k3=1.0))
+        >>> coupler = Coupler([mass], dt=0.1)
+        >>> coupler.modes(1)[0].round(6).tolist()  # unloaded
+        [1.0]
+        >>> coupler.reset(u0=coupler.static())
+        >>> coupler.modes(1)[0].round(6).tolist()  # sqrt(1 + 3 u^2)
+        [3.605551]
+        """
+        return uncut.modes(self._session, k)

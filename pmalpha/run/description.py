@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from functools import cached_property
 from html import escape
-from typing import Any
 
 import numpy as np
 
 from .._checks import counted
 from ..problem.schemes import CentralDifference, Scheme
-from ..problem.subdomain import Subdomain
-from ..setup.constraint_rows import ConstraintRows
 from ..setup.factors import Factor
 from ..setup.part import Part
 from ..setup.stability import SMALL, limit_of
+from .session import Session
 
 HEADINGS = (
     "subdomain",
@@ -32,68 +29,29 @@ HEADINGS = (
 LEFT = ("subdomain", "scheme", "factor")  # columns of words
 
 
-class Description:
-    """What a `Coupler` was made from, as properties and as a table.
+def title(session: Session) -> str:
+    """What a coupler is, in a line."""
+    options, threads = session.options, counted(session.core.threads, "thread")
+    drift = "" if options["drift"] == "kept" else ", drift removed"
+    start = f"Coupler: coupling = {session.coupling!r}{drift}, dt = {session.steps.layout.dt:g}"
+    return f"{start}, {counted(session.rows.p, 'constraint')}, {threads}"
 
-    Examples
-    --------
-    >>> a = Subdomain([0.5], [2.0], scheme=Newmark(), name="a")
-    >>> b = Subdomain([0.5], [2.0], scheme=CentralDifference(), substeps=20, name="b")
-    >>> coupler = Coupler([a, b], tie(a, [0], b, [0]), dt=0.01)
-    >>> coupler  # doctest: +ELLIPSIS
-    <Coupler: coupling = 'pm', dt = 0.01, 1 constraint, 1 thread>
-    subdomain  dofs  scheme             rho    step  double  substeps  step / critical ...
-    a             1  Newmark, implicit    1    0.02     yes         1         no limit ...
-    b             1  CentralDifference    1  0.0005      no        20           0.0005 ...
-    >>> coupler.coupling, coupler.dt
-    ('pm', 0.01)
-    """
 
-    _keys: tuple[tuple[str, Subdomain], ...]
-    _options: dict[str, Any]
-    _steps: Any
-    _parts: tuple[Part, ...]
-    _rows: ConstraintRows
-    _core: Any
+def table(session: Session) -> list[tuple[str, ...]]:
+    """The rows below `HEADINGS`, made once for the present steps."""
+    if session.table is None:
+        session.table = [row_of(*x) for x in zip(session.parts, session.core.workers)]
+    return session.table
 
-    @property
-    def dt(self) -> float:
-        """The macro step at present."""
-        return self._steps.layout.dt
 
-    @property
-    def coupling(self) -> str:
-        """The schedule by which the subdomains advance: "pm", "gc", "macro" or "mean"."""
-        return self._options["coupling"]
+def text_of(session: Session) -> str:
+    """The repr of a coupler."""
+    return f"<{title(session)}>\n{text_table(HEADINGS, table(session))}"
 
-    @property
-    def drift(self) -> str:
-        """Whether the displacement drift is "kept", or "removed" by second multipliers."""
-        return self._options["drift"]
 
-    @property
-    def subdomains(self) -> tuple[Subdomain, ...]:
-        """The subdomains in their order; they cannot be changed here."""
-        return tuple(subdomain for _, subdomain in self._keys)
-
-    @cached_property
-    def _table(self) -> list[tuple[str, ...]]:
-        """The rows below `HEADINGS`, until the steps change."""
-        return [row_of(part, thread) for part, thread in zip(self._parts, self._core.workers)]
-
-    @property
-    def _title(self) -> str:
-        constraints = counted(self._rows.p, "constraint")
-        threads = counted(self._core.threads, "thread")
-        drift = "" if self.drift == "kept" else ", drift removed"
-        start = f"Coupler: coupling = {self.coupling!r}{drift}, dt = {self.dt:g}"
-        return f"{start}, {constraints}, {threads}"
-
-    def __repr__(self) -> str:
-        return f"<{self._title}>\n{text_table(HEADINGS, self._table)}"
-
-    def _repr_html_(self) -> str:
-        return f"<p>{escape(self._title)}</p>{html_table(HEADINGS, self._table)}"
+def html_of(session: Session) -> str:
+    """The same for notebooks."""
+    return f"<p>{escape(title(session))}</p>{html_table(HEADINGS, table(session))}"
 
 
 def row_of(part: Part, thread: int | None) -> tuple[str, ...]:

@@ -144,12 +144,12 @@ def stiffness_weight(scheme: Scheme, h: float) -> float:
 
 
 @contextmanager
-def summed_works(coupler: Any, wanted: bool, conserved: str | None) -> Iterator[None]:
+def summed_works(session: Any, wanted: bool, conserved: str | None) -> Iterator[None]:
     """Sum the works of each substep in the core; its memory for them is released afterwards."""
     try:
         if wanted:
-            lam, loads = coupler._core.multipliers, coupler._loads
-            for i, part in enumerate(coupler._parts):
+            lam, loads = session.core.multipliers, session.loads
+            for i, part in enumerate(session.parts):
                 loads.evaluate_present(i)
                 scheme = part.subdomain.scheme
                 weight = (stiffness_weight(scheme, part.h),) if conserved == "dual" else ()
@@ -157,5 +157,5 @@ def summed_works(coupler: Any, wanted: bool, conserved: str | None) -> Iterator[
                 part.core.begin_energy(*own, loads.at_present(i), lam, *weight)
         yield
     finally:
-        for part in coupler._parts if wanted else ():
+        for part in session.parts if wanted else ():
             part.core.end_energy()

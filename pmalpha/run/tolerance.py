@@ -14,8 +14,10 @@ from ..errors import AccuracyWarning, warn
 from ..files import check_replaceable, checked_path
 from ..problem.subdomain import Subdomain
 from ..setup.part import Part
+from . import history_file
 from .accuracy import errors_of
 from .appending import check_new
+from .changes import advance_to, choose
 from .energy import Energy, summed_works
 from .history import History, SubdomainHistory
 from .history_file import hdf5_library
@@ -23,9 +25,12 @@ from .interrupts import HeldSignals
 from .joining import stacked
 from .keys import by_index
 from .outputs import chosen_outputs
-from .progress import Report
+from .progress import Report, reporting
 from .quantities import OF_SUBDOMAIN, of_columns, with_rows
+from .recorded_run import own_record, record_present, recording_of, write_master_of
 from .recording import Recording, chosen_dofs
+from .session import Session, begin, check_call, in_any, together
+from .snapshot import restore_snapshot, snapshot_of
 
 # The most substeps that are chosen, a power of two.
 MOST = 4096
@@ -35,6 +40,32 @@ REPEATED = 4.0
 KINDS = ("kinetic", "strain", "dissipated", "external", "interface")
 # Substeps are halved below this x of (Q6), and more by this factor than needed above 1.
 FEW, RESERVE = 0.35, 1.1
+
+
+def run(
+    session: Session,
+    tolerance: Any,
+    end: tuple[float | None, int | None],
+    files: tuple[Any, bool, bool],
+    progress: Any,
+    **chosen: Any,
+) -> History:
+    """`Coupler.run` with a tolerance; `end` is t_end and steps, `files` record_to, append and
+    overwrite, and `chosen` what is recorded."""
+    with together(session), HeldSignals(session.guard) as held:
+        tolerances = checked_tolerance(tolerance, session.coupling, session.keys)
+        path, first = checked_file(own_record(session, *files), *files[1:]), session.done
+        last = session.clock.end(*end, first)
+        check_call(session, "run", last, chosen["every"], chosen["energy"], path is None)
+        pieces = Pieces(session, chosen)
+        controller = Controller(tolerances, session.parts, session.clock.dt)
+        with reporting(progress, first, last) as report:
+            history = chosen_run(session, controller, pieces, last, report, held)
+        if path is not None:
+            history_file.write(path, *history.contents())
+            write_master_of(session, path)
+    session.last_history = None
+    return history
 
 
 def checked_tolerance(
@@ -127,34 +158,34 @@ class Pieces:
 
     Parameters
     ----------
-    coupler : Coupler
+    session : Session
     chosen : dict
         Arguments of `run`: record, every, energy, record_springs, outputs.
     """
 
-    def __init__(self, coupler: Any, chosen: Mapping[str, Any]):
-        self.coupler, self.every = coupler, chosen["every"]
+    def __init__(self, session: Session, chosen: Mapping[str, Any]):
+        self.session, self.every = session, chosen["every"]
         self.energy = bool(chosen["energy"])
-        outputs = chosen_outputs(chosen["outputs"], coupler._keys)
-        self.dofs = chosen_dofs(chosen["record"], coupler._keys, outputs)
+        outputs = chosen_outputs(chosen["outputs"], session.keys)
+        self.dofs = chosen_dofs(chosen["record"], session.keys, outputs)
         self.options = {**chosen, "record": None, "every": None}
-        coupler._recording(0, 0, **chosen)  # refuses wrong arguments
+        recording_of(session, 0, 0, **chosen)  # refuses wrong arguments
         self.histories: list[History] = []
         self.works: dict[str, Any] = {name: 0.0 for name in KINDS[2:]}
 
     def recording(self) -> Recording:
         """Arrays for the next macro step."""
-        step = self.coupler._core.step_count
-        return self.coupler._recording(step, step + 1, **self.options)
+        step = self.session.core.step_count
+        return recording_of(self.session, step, step + 1, **self.options)
 
     def begin(self, recording: Recording) -> None:
         """Keep the present, the first row of all arrays."""
-        present = recording.history(self.coupler._core.step_count)
+        present = recording.history(self.session.core.step_count)
         self.histories.append(self._reduced(present, slice(0, 1)))
 
     def keep(self, recording: Recording) -> None:
         """Keep the macro step that was recorded."""
-        step = self.coupler._core.step_count
+        step = self.session.core.step_count
         piece = recording.history(step)
         if piece.energy is not None:
             piece = replace(piece, energy=self._continued(piece.energy))
@@ -216,7 +247,7 @@ def rates_of(history: History) -> list[float]:
 
 
 def chosen_run(
-    coupler: Any,
+    session: Session,
     controller: Controller,
     pieces: Pieces,
     end: int,
@@ -224,30 +255,30 @@ def chosen_run(
     held: HeldSignals,
 ) -> History:
     """Run up to macro step `end`; `last_history` is what was done, after an exception too."""
-    coupler._last_history = None
-    held.during(coupler._start)
-    coupler._choose(controller.first(coupler._parts))
+    session.last_history = None
+    held.during(begin, session)
+    choose(session, controller.first(session.parts))
     try:
-        one_step(coupler, controller, pieces, end, report, held)
-        while coupler._core.step_count < end:
-            one_step(coupler, controller, pieces, end, report, held)
+        one_step(session, controller, pieces, end, report, held)
+        while session.core.step_count < end:
+            one_step(session, controller, pieces, end, report, held)
     finally:
         if pieces.histories:
-            coupler._last_history = pieces.history()
+            session.last_history = history = pieces.history()
     if report is not None:
         held.during(report, end)
     if controller.short:
-        names = [repr(coupler._parts[i].name) for i in sorted(controller.short)]
+        names = [repr(session.parts[i].name) for i in sorted(controller.short)]
         warn(
             f"tolerance was not reached for {listing(names)} with the {MOST} substeps that are "
             "chosen at most; take a smaller dt",
             AccuracyWarning,
         )
-    return coupler._last_history
+    return history
 
 
 def one_step(
-    coupler: Any,
+    session: Session,
     controller: Controller,
     pieces: Pieces,
     end: int,
@@ -255,28 +286,28 @@ def one_step(
     held: HeldSignals,
 ) -> None:
     """One macro step, kept or to be repeated with more substeps; none at the end of the run."""
-    before, step = coupler._snapshot(), coupler._core.step_count
+    before, step = snapshot_of(session), session.core.step_count
     recording = pieces.recording()
-    with summed_works(coupler, pieces.energy, recording.conserved):
-        coupler._record_present(recording)
+    with summed_works(session, pieces.energy, recording.conserved):
+        record_present(session, recording)
         if not pieces.histories:
             pieces.begin(recording)
         if step == end:
             return
         try:
-            held.during(coupler._advance, step + 1, recording, report)
+            held.during(advance_to, session, step + 1, recording, report)
         except BaseException:
-            if coupler._core.step_count > step:
+            if session.core.step_count > step:
                 pieces.keep(recording)
             raise
         rates = rates_of(recording.history(step + 1))
-        chosen, exceeded = controller.wanted(rates, [p.substeps for p in coupler._parts])
-        repeated = coupler._any(exceeded)
+        chosen, exceeded = controller.wanted(rates, [p.substeps for p in session.parts])
+        repeated = in_any(session, exceeded)
         if not repeated:
             pieces.keep(recording)
     if repeated:
-        coupler._restore(before)
-    coupler._choose(chosen)
+        restore_snapshot(session, before)
+    choose(session, chosen)
 
 
 def checked_file(record_to: str | PathLike[str] | None, append: bool, overwrite: bool) -> Any:

@@ -1,0 +1,164 @@
+"""Runs that record: `Coupler.run` and `Coupler.step`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._checks import flag, whole_number
+from ..files import check_replaceable, checked_path
+from ..setup.ranks import Elsewhere, file_of
+from .accuracy import estimated_error, warn_if_coarse
+from .appending import check_new
+from .changes import advance_to
+from .drift import warn_if_drifting
+from .energy import conserved_quantity, summed_works
+from .history import History
+from .history_file import write_master
+from .interrupts import HeldSignals
+from .progress import Report, reporting
+from .recording import FiledRecording, Recording, recording_class
+from .session import Session, begin, check_call, together
+from .stiffening import warn_of_present_steps
+
+
+def run(
+    session: Session,
+    end: tuple[float | None, int | None],
+    files: tuple[Any, bool, bool],
+    progress: Any,
+    **chosen: Any,
+) -> History:
+    """`Coupler.run` without tolerance; `end` is t_end and steps, `files` record_to, append and
+    overwrite, and `chosen` what is recorded."""
+    with together(session), HeldSignals(session.guard) as held:
+        done = session.done
+        last = session.clock.end(*end, done)
+        check_call(session, "run", last, chosen["every"], chosen["energy"])
+        recording = recording_of(session, done, last, *files, **chosen)
+        with reporting(progress, done, recording.end) as report:
+            history = recorded(session, recording, report, held)
+    session.last_history = None
+    return history
+
+
+def step(session: Session, n: int) -> None:
+    """`Coupler.step`."""
+    with together(session):
+        n = whole_number(n, "n")
+        check_call(session, "step", n)
+        begin(session)
+        advance_to(session, session.core.step_count + n, None)
+
+
+def recording_of(
+    session: Session,
+    first: int,
+    end: int,
+    record_to: str | PathLike[str] | None = None,
+    append: bool = False,
+    overwrite: bool = False,
+    *,
+    energy: bool = False,
+    **chosen: Any,
+) -> Recording:
+    """The arrays of a run between two macro steps; `chosen` are arguments of `Coupler.run`."""
+    energy, conserved = flag(energy, "energy"), None
+    if energy:
+        conserved = conserved_quantity(session.parts, session.options, session.ranks)
+    record_to = own_record(session, record_to, append, overwrite)
+    make = recording_class(record_to, append=append, overwrite=overwrite)
+    return make(
+        session.parts,
+        session.keys,
+        session.core_rows,
+        fine=session.fine,
+        middle=session.coupling == "mean",
+        begin=first,
+        end=end,
+        clock=session.clock,
+        energy=energy,
+        conserved=conserved,
+        **chosen,
+    )
+
+
+def recorded(
+    session: Session, recording: Recording, report: Report | None, held: HeldSignals
+) -> History:
+    """Run through an interval from the present on, and judge the result.
+
+    `last_history` is the result too: the caller replaces it when the result is safe.
+    """
+    session.last_history = None
+    held.during(begin, session)
+    energies = recording.has_energy, recording.conserved
+    with summed_works(session, *energies), recording:
+        record_present(session, recording)
+        try:
+            advance_in_intervals(session, recording, report, held)
+        except BaseException:
+            session.last_history = recording.history(session.core.step_count)
+            raise
+    session.last_history = history = recording.history(recording.end)  # if a warning is an error
+    held.during(judge, session, history)
+    return history
+
+
+def judge(session: Session, history: History) -> None:
+    """The warnings about a result."""
+    parts, rows, motions = session.parts, session.rows, session.loads.motions
+    found = estimated_error(history.subdomains, parts, rows, motions)
+    warn_if_coarse(found, history.macro_times[-1])
+    warn_if_drifting(history, parts, rows, motions)
+
+
+def advance_in_intervals(
+    session: Session, recording: Recording, report: Report | None, held: HeldSignals
+) -> None:
+    begin, end = recording.begin, recording.end
+    if end > begin and (begin or session.was_reset):  # else the set-up has warned
+        held.during(warn_of_present_steps, session.parts, session.clock.time(begin))
+    for pause in recording.pauses():
+        if isinstance(recording, FiledRecording) and recording.begin == begin:
+            write_master_of(session, recording.path)
+        held.during(advance_to, session, pause, recording, report)
+        recording.keep(pause)
+    if isinstance(recording, FiledRecording) and end == begin:
+        write_master_of(session, recording.path)
+    if report is not None:
+        held.during(report, end)
+
+
+def record_present(session: Session, recording: Recording) -> None:
+    record = recording.core_record()
+    if session.ranks is not None:
+        session.ranks.share(None)
+    elsewhere = session.core.record_present(record)
+    if elsewhere is not None:
+        raise Elsewhere(*elsewhere)
+
+
+def own_record(session: Session, path: Any, append: bool, overwrite: bool) -> Any:
+    """`record_to` of this rank; rank 0 looks whether the master file can be written."""
+    if session.ranks is None or path is None:
+        return path
+    if session.ranks.rank == 0:
+        check_replaceable(path, "record_to")
+        if not (append or overwrite):
+            check_new(checked_path(path))
+    return file_of(path, session.ranks.rank)
+
+
+def write_master_of(session: Session, own: Path) -> None:
+    """The file that reads as one History, when those of the ranks are there; `own` is that of
+    this one."""
+    if session.ranks is None or session.ranks.rank > 0:
+        return
+    path = own.with_suffix("")  # without the rank
+    files = [Path(file_of(path, rank)).name for rank in range(session.ranks.size)]
+    write_master(path, files, session.ranks.first.tolist())

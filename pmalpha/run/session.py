@@ -1,0 +1,295 @@
+"""The state of a coupler, and what all of its calls begin with.
+
+`Coupler` has one `Session`; the functions of this folder take it as their first argument.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, get_args
+
+import numpy as np
+
+from .._checks import check_word, time_step
+from .._core import Guard
+from ..problem.arguments import Coupling, Drift, Start
+from ..problem.newton import Newton
+from ..problem.subdomain import Subdomain
+from ..setup.assembly import Assemblies, Assembly, Layout
+from ..setup.constraint_rows import ConstraintRows
+from ..setup.core_rows import CoreRows
+from ..setup.part import Part
+from ..setup.ranks import Ranks, described, joined, require_equal_problems
+from ..setup.schedule import (
+    MACRO,
+    check_drift,
+    check_factorize,
+    check_newton,
+    checked_constraints,
+    checked_subdomains,
+    double_steps,
+    finest,
+    most_threads,
+    names_of,
+)
+from ..setup.start import InitialAccelerations
+from .clock import Clock
+from .history import History
+from .initial import InitialValues
+from .loads import Loads
+from .motion import motions_of
+from .sampled import warn_of_skipped
+from .transfer import Steps
+
+
+@dataclass
+class Session:
+    """What a `Coupler` was made of, and its present state.
+
+    Attributes
+    ----------
+    guard : Guard
+        One call at a time: a load that used its own coupler would see an incomplete step.
+    ranks : Ranks or None
+        The processes that share the problem.
+    everything : sequence
+        The subdomains of all processes, or what is known of those of others.
+    keys : tuple of (name, Subdomain)
+        Of this process.
+    options : dict
+        dt, coupling, start, drift and newton as given.
+    threads_allowed : (int, bool)
+        From `most_threads`.
+    rows, core_rows
+        The constraints, as the user has written them and as the core has them.
+    assemblies, steps, assembly
+        What was made for each set of steps; the present steps, and what belongs to them.
+    initial, loads
+        Initial values and loads of the last start or `reset`.
+    accelerations : InitialAccelerations or None
+        The solver of the initial ones, while it is kept.
+    started, was_reset : bool
+        Whether the initial accelerations are in the core; whether there was a `reset`.
+    last_history : History or None
+    constants : dict or None
+        Facts of the problem for a checkpoint, once they were needed.
+    table : list or None
+        The rows of the repr, until the steps change.
+    """
+
+    guard: Guard
+    ranks: Ranks | None
+    everything: Sequence[Any]
+    keys: tuple[tuple[str, Subdomain], ...]
+    options: dict[str, Any]
+    threads_allowed: tuple[int, bool]
+    rows: ConstraintRows
+    core_rows: CoreRows
+    assemblies: Assemblies
+    steps: Steps
+    assembly: Assembly
+    initial: InitialValues
+    loads: Loads
+    accelerations: InitialAccelerations | None
+    started: bool = False
+    was_reset: bool = False
+    last_history: History | None = None
+    constants: dict[str, Any] | None = None
+    table: list[tuple[str, ...]] | None = None
+
+    @property
+    def coupling(self) -> str:
+        """The schedule by which the subdomains advance."""
+        coupling: str = self.options["coupling"]
+        return coupling
+
+    @property
+    def clock(self) -> Clock:
+        """The times of the present steps."""
+        return self.steps.clock
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """The subdomains of this process with the present steps."""
+        return self.assembly.parts
+
+    @property
+    def core(self) -> Any:
+        """The coupler of the core with the present steps."""
+        return self.assembly.core
+
+    @property
+    def fine(self) -> int:
+        """Interface problems in a macro step."""
+        fine: int = self.core.instants
+        return fine
+
+    @property
+    def done(self) -> int:
+        """Completed macro steps."""
+        return self.core.step_count if self.started else 0
+
+
+def made(
+    guard: Guard,
+    ranks: Ranks | None,
+    subdomains: Any,
+    constraints: Any,
+    *,
+    dt: float,
+    coupling: Coupling,
+    start: Start,
+    drift: Drift,
+    newton: Newton,
+    threads: int | None,
+    factorize: Any,
+) -> Session:
+    """The session of a new `Coupler` with these arguments, as in the table of
+    docs/architecture.md."""
+    subdomains = checked_subdomains(subdomains, may_be_empty=ranks is not None)
+    _check_words(coupling, start, drift)
+    check_newton(newton)
+    threads_allowed = most_threads(threads)
+    check_factorize(factorize)
+    clock = Clock(time_step(dt, "dt"))
+    everything = subdomains if ranks is None else described(ranks, subdomains)
+    own = slice(None) if ranks is None else ranks.own
+    names = names_of(everything)
+    given = checked_constraints(constraints, everything, names)
+    if ranks is not None:
+        require_equal_problems(ranks, given, (clock.dt, coupling, start, drift, repr(newton)))
+    keys = tuple(zip(names[own], subdomains))
+    layout = layout_of(everything, coupling, clock.dt, tuple(s.substeps for s in everything))
+
+    rows = ConstraintRows(given, everything, own, ranks)
+    motions = motions_of(given, rows, 1 if coupling in MACRO else max(layout.substeps), clock)
+    initial = InitialValues(keys, rows)
+    initial.check(motions, tied=coupling == "mean")
+    with np.errstate(over="ignore"):  # a matrix that overflows is refused as singular
+        assemblies = Assemblies(
+            keys,
+            rows.links,
+            rows.p,
+            layout,
+            [motion.rows for motion in motions],
+            coupling=coupling,
+            start=start,
+            drift=drift,
+            newton=newton,
+            threads=threads_allowed,
+            factorize=factorize,
+            ranks=ranks,
+        )
+    assembly, forces = assemblies.first, [s.force for s in subdomains]
+    warn_of_skipped(assembly.parts, forces, motions, clock.dt / assembly.core.instants)
+    session = Session(
+        guard=guard,
+        ranks=ranks,
+        everything=everything,
+        keys=keys,
+        options=dict(dt=clock.dt, coupling=coupling, start=start, drift=drift, newton=newton),
+        threads_allowed=threads_allowed,
+        rows=rows,
+        core_rows=CoreRows(assemblies.row_position, rows.scale),
+        assemblies=assemblies,
+        steps=Steps(layout, clock),
+        assembly=assembly,
+        initial=initial,
+        loads=Loads(assembly.core, assembly.parts, clock, forces, motions, newton, names),
+        accelerations=assemblies.accelerations,
+    )
+    take_loads(session)
+    return session
+
+
+def _check_words(coupling: Coupling, start: Start, drift: Drift) -> None:
+    check_word(coupling, "coupling", get_args(Coupling))
+    check_word(start, "start", get_args(Start))
+    check_drift(drift, coupling)
+
+
+def layout_of(
+    everything: Sequence[Any], coupling: str, dt: float, substeps: tuple[int, ...]
+) -> Layout:
+    """The lengths of all steps; ValueError for numbers of substeps that do not fit."""
+    finest(substeps, coupling)
+    return Layout(dt, substeps, double_steps(everything, coupling, substeps))
+
+
+# ---- calls ---------------------------------------------------------------------------------------
+
+
+def together(session: Session) -> AbstractContextManager[Any]:
+    """One call at a time, that all processes make: it ends in all of them, or with an exception
+    in all of them."""
+    guard: AbstractContextManager[Any] = session.guard
+    return guard if session.ranks is None else session.ranks.entered(session.guard)
+
+
+def check_call(session: Session, *call: Any) -> None:
+    """ValueError unless all processes make the same call."""
+    if session.ranks is not None:
+        session.ranks.require_equal("the call", call)
+
+
+def in_any(session: Session, happened: bool) -> bool:
+    """Whether this happened in some process."""
+    return any(joined(session.ranks, [happened]))
+
+
+def require_alone(session: Session, what: str) -> None:
+    """ValueError with `comm`."""
+    if session.ranks is not None:
+        raise ValueError(f"{what} needs a Coupler without comm")
+
+
+def require_linear(session: Session, what: str) -> None:
+    """ValueError with `comm`, and for restoring and internal forces."""
+    require_alone(session, what)
+    for name, s in session.keys:
+        if s.restoring is not None or s.internal is not None:
+            kind = "a restoring force" if s.internal is None else "an internal force"
+            raise ValueError(f"{what} needs linear subdomains, got {kind} on {name!r}")
+        if s.has_feedback:
+            raise ValueError(
+                f"{what} needs loads that do not depend on the motion, got a force that is a "
+                f"function of t, u and v on {name!r}"
+            )
+
+
+# ---- steps and start -----------------------------------------------------------------------------
+
+
+def take(session: Session, steps: Steps, assembly: Assembly) -> None:
+    """Continue with these steps and this assembly."""
+    session.steps, session.assembly, session.table = steps, assembly, None
+
+
+def take_first_steps(session: Session) -> None:
+    """The steps with which the coupler was made, for a start."""
+    layout, first = session.assemblies.first_layout, session.assemblies.first
+    take(session, Steps(layout, Clock(layout.dt)), first)
+    first.core.set_origin(0, 0.0)
+    if session.loads.core is not first.core or session.loads.clock != session.clock:
+        session.loads = session.loads.with_steps(first.core, first.parts, session.clock)
+
+
+def take_loads(session: Session) -> None:
+    """Give the core the loads, and start unless the start has to evaluate functions."""
+    session.loads.to_core()
+    if session.ranks is not None or not session.loads.has_functions:
+        begin(session)  # otherwise `run` or `step` starts, and may raise an exception of theirs
+
+
+def begin(session: Session) -> None:
+    """Consistent initial values, unless computed before, equation (S1)."""
+    if session.started:
+        return
+    solver = session.initial.start(
+        session.core, session.parts, session.loads, session.core_rows, session.accelerations
+    )
+    session.started = True
+    # only a reset needs the factor of M again: kept from the first reset on
+    session.accelerations = solver if session.was_reset else None
