@@ -316,7 +316,7 @@ def test_an_aborted_macro_step_leaves_no_trace_in_a_history():
         return 0.0 * u
 
     def with_a_fourth():
-        subdomains = [s for _, s in coupled()._keys]
+        subdomains = [s for _, s in coupled()._session.keys]
         fourth = pm.Subdomain(
             [1.0], [1.0], scheme=EXPLICIT, substeps=4, restoring=counted, v0=[1.5]
         )
