@@ -113,7 +113,7 @@ def _stepper(coupler: Coupler, layout: Layout) -> Iterator[tuple[Any, Sequence[A
 
     Second multipliers have no lanes: the coupler itself is borrowed where drift is removed.
     """
-    if coupler._session.options["drift"] == "removed":
+    if coupler._session.options.drift == "removed":
         with state_kept(coupler), unloaded(coupler):
             yield layout.core, [part.core for part in layout.parts], 1
     else:
@@ -137,7 +137,7 @@ class Layout:
         assembly = coupler._session.assemblies.of(coupler._session.steps.layout)
         self.parts, self.core = assembly.parts, assembly.core
         fine = max(p.substeps for p in self.parts)
-        macro = coupler._session.options["coupling"] in MACRO
+        macro = coupler._session.options.coupling in MACRO
         self.stored = [not macro and (p.double or p.substeps < fine) for p in self.parts]
         self.motion_size = sum(
             (2 if p.double else 1) * (4 * p.n + stored * p.nb)

@@ -29,6 +29,7 @@ from ..problem.springs import Spring
 from ..setup.assembly import Assembly
 from ..setup.core_rows import CoreRows
 from ..setup.part import Part
+from ..setup.schedule import Options
 from .clock import Clock
 from .motion import Motion
 
@@ -55,7 +56,7 @@ SHOWN = 6
 
 
 def constants(
-    options: Mapping[str, Any],
+    options: Options,
     names: Sequence[str],
     p: int,
     parts: Sequence[Part],
@@ -67,8 +68,7 @@ def constants(
 
     Parameters
     ----------
-    options : dict
-        The options of the coupler.
+    options : Options
     names : sequence of str
         Of the subdomains of all processes.
     p : int
@@ -80,9 +80,9 @@ def constants(
     iterates : bool
         Whether some subdomain has internal forces.
     """
-    facts = {**options, "newton": repr(options["newton"])}
+    facts = {**options._asdict(), "newton": repr(options.newton)}
     facts |= {"names": list(names), "conditions": p}
-    if options["drift"] == "kept":
+    if options.drift == "kept":
         del facts["drift"]  # the same
     if not iterates:
         del facts["newton"]  # which nothing uses, and files of older versions do not have
@@ -181,9 +181,7 @@ def order_of(part: Part, name: str, x: np.ndarray) -> np.ndarray:
     return np.argsort(part.order[part.n - x.size :])
 
 
-def state_arrays(
-    assembly: Assembly, rows: CoreRows, options: Mapping[str, Any]
-) -> dict[str, np.ndarray]:
+def state_arrays(assembly: Assembly, rows: CoreRows, options: Options) -> dict[str, np.ndarray]:
     """The state of a coupler with these options, by name, in the user's order.
 
     Subdomains have their numbers among those of all processes.
@@ -200,11 +198,11 @@ def state_arrays(
                 arrays[f"{i}.tangent"] = entries[places_of(part)]
     if core.iteration().size:
         arrays["shooting"] = reordered(core.iteration(), rows.position, rows.scale)
-    if options["coupling"] == "mean":
+    if options.coupling == "mean":
         *line, arrays[LENGTHS] = np.split(core.end_multipliers(), [p, 2 * p])
         for name, lam in zip(LINE, line):
             arrays[name] = rows.forces(lam)
-    if options["drift"] == "removed":
+    if options.drift == "removed":
         arrays["gap"] = rows.jumps(core.gap())
     arrays["multipliers"] = rows.forces(core.multipliers)
     arrays["prescribed"] = rows.jumps(core.prescribed)
@@ -232,7 +230,7 @@ def core_state(
     arrays: Mapping[str, np.ndarray],
     assembly: Assembly,
     rows: CoreRows,
-    options: Mapping[str, Any],
+    options: Options,
 ) -> CoreState:
     """The inverse of `state_arrays`; ValueError for missing or wrong arrays."""
     p, core = rows.p, assembly.core
@@ -247,9 +245,9 @@ def core_state(
             shooting = reordered(shooting, rows.numbers, 1.0 / rows.scale[rows.numbers])
         gap, *line = np.zeros((3, p))
         lengths = np.zeros(2)
-        if options["drift"] == "removed":
+        if options.drift == "removed":
             gap = rows.jumps_in_core(checked(arrays, "gap", p))
-        if options["coupling"] == "mean":
+        if options.coupling == "mean":
             line = [rows.forces_in_core(checked(arrays, name, p)) for name in LINE]
             lengths = checked(arrays, LENGTHS, 2)
         lam = rows.forces_in_core(checked(arrays, "multipliers", p))

@@ -15,6 +15,7 @@ from ..problem.newton import DEFAULT, Newton
 from ..problem.springs import SpringState
 from ..problem.subdomain import Subdomain
 from ..setup.ranks import Ranks
+from ..setup.schedule import Options
 from ..setup.uncut import Assembled
 from . import cases as load_cases
 from . import changes, recorded_run, saving, uncut
@@ -163,19 +164,8 @@ class Coupler:
     ):
         guard, ranks = Guard(), None if comm is None else Ranks(comm)
         with guard if ranks is None else ranks.entered(guard):
-            self._session = made(
-                guard,
-                ranks,
-                subdomains,
-                constraints,
-                dt=dt,
-                coupling=coupling,
-                start=start,
-                drift=drift,
-                newton=newton,
-                threads=threads,
-                factorize=factorize,
-            )
+            options = Options(dt, coupling, start, drift, newton)
+            self._session = made(guard, ranks, subdomains, constraints, options, threads, factorize)
 
     def __reduce__(self) -> tuple[Any, ...]:
         raise TypeError("a Coupler cannot be copied or pickled: its state is in the C core")
@@ -201,8 +191,7 @@ class Coupler:
     @property
     def drift(self) -> str:
         """Whether the displacement drift is "kept", or "removed" by second multipliers."""
-        drift: str = self._session.options["drift"]
-        return drift
+        return self._session.options.drift
 
     @property
     def subdomains(self) -> tuple[Subdomain, ...]:

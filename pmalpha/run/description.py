@@ -32,7 +32,7 @@ LEFT = ("subdomain", "scheme", "factor")  # columns of words
 def title(session: Session) -> str:
     """What a coupler is, in a line."""
     options, threads = session.options, counted(session.core.threads, "thread")
-    drift = "" if options["drift"] == "kept" else ", drift removed"
+    drift = "" if options.drift == "kept" else ", drift removed"
     start = f"Coupler: coupling = {session.coupling!r}{drift}, dt = {session.steps.layout.dt:g}"
     return f"{start}, {counted(session.rows.p, 'constraint')}, {threads}"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +14,7 @@ from ..problem.matrices import core_matrix, is_symmetric, skew_part
 from ..problem.schemes import Scheme
 from ..setup.part import Part
 from ..setup.ranks import Ranks, joined
+from ..setup.schedule import Options
 
 __all__ = ["Energy"]
 
@@ -113,7 +114,7 @@ class Energy:
 
 
 def conserved_quantity(
-    parts: Sequence[Part], options: Mapping[str, Any], ranks: Ranks | None = None
+    parts: Sequence[Part], options: Options, ranks: Ranks | None = None
 ) -> str | None:
     """Which quantity is conserved: "dual" for (M9), "energy" for T + U - F . u, or None."""
     found = [
@@ -123,11 +124,11 @@ def conserved_quantity(
     conserves, trapezoidal, substeps = zip(*joined(ranks, found))
     if not all(conserves):
         return None
-    if options["coupling"] == "mean":
+    if options.coupling == "mean":
         return "energy" if all(trapezoidal) else None
     equal = len(set(substeps)) == 1
-    kept = options["drift"] == "kept"
-    return "dual" if kept and (equal or options["coupling"] == "macro") else None
+    kept = options.drift == "kept"
+    return "dual" if kept and (equal or options.coupling == "macro") else None
 
 
 def _conserves(part: Part) -> bool:

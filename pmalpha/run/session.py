@@ -8,14 +8,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
-from .._checks import check_word, time_step
 from .._core import Guard
-from ..problem.arguments import Coupling, Drift, Start
-from ..problem.newton import Newton
+from ..problem.arguments import Coupling
 from ..problem.subdomain import Subdomain
 from ..setup.assembly import Assemblies, Assembly, Layout
 from ..setup.constraint_rows import ConstraintRows
@@ -24,10 +22,10 @@ from ..setup.part import Part
 from ..setup.ranks import Ranks, described, joined, require_equal_problems
 from ..setup.schedule import (
     MACRO,
-    check_drift,
+    Options,
     check_factorize,
-    check_newton,
     checked_constraints,
+    checked_options,
     checked_subdomains,
     double_steps,
     finest,
@@ -58,8 +56,7 @@ class Session:
         The subdomains of all processes, or what is known of those of others.
     keys : tuple of (name, Subdomain)
         Of this process.
-    options : dict
-        dt, coupling, start, drift and newton as given.
+    options : Options
     threads_allowed : (int, bool)
         From `most_threads`.
     rows, core_rows
@@ -83,7 +80,7 @@ class Session:
     ranks: Ranks | None
     everything: Sequence[Any]
     keys: tuple[tuple[str, Subdomain], ...]
-    options: dict[str, Any]
+    options: Options
     threads_allowed: tuple[int, bool]
     rows: ConstraintRows
     core_rows: CoreRows
@@ -100,10 +97,9 @@ class Session:
     table: list[tuple[str, ...]] | None = None
 
     @property
-    def coupling(self) -> str:
+    def coupling(self) -> Coupling:
         """The schedule by which the subdomains advance."""
-        coupling: str = self.options["coupling"]
-        return coupling
+        return self.options.coupling
 
     @property
     def clock(self) -> Clock:
@@ -137,29 +133,21 @@ def made(
     ranks: Ranks | None,
     subdomains: Any,
     constraints: Any,
-    *,
-    dt: float,
-    coupling: Coupling,
-    start: Start,
-    drift: Drift,
-    newton: Newton,
+    options: Options,
     threads: int | None,
     factorize: Any,
 ) -> Session:
     """The session of a new `Coupler` with these arguments, as in the table of
     docs/architecture.md."""
     subdomains = checked_subdomains(subdomains, may_be_empty=ranks is not None)
-    _check_words(coupling, start, drift)
-    check_newton(newton)
+    options, coupling = checked_options(options), options.coupling
     threads_allowed = most_threads(threads)
     check_factorize(factorize)
-    clock = Clock(time_step(dt, "dt"))
-    everything = subdomains if ranks is None else described(ranks, subdomains)
-    own = slice(None) if ranks is None else ranks.own
-    names = names_of(everything)
-    given = checked_constraints(constraints, everything, names)
+    everything, own = _of_all(ranks, subdomains)
+    given = checked_constraints(constraints, everything, names := names_of(everything))
     if ranks is not None:
-        require_equal_problems(ranks, given, (clock.dt, coupling, start, drift, repr(newton)))
+        require_equal_problems(ranks, given, (*options[:-1], repr(options.newton)))
+    clock = Clock(options.dt)
     keys = tuple(zip(names[own], subdomains))
     layout = layout_of(everything, coupling, clock.dt, tuple(s.substeps for s in everything))
 
@@ -175,9 +163,9 @@ def made(
             layout,
             [motion.rows for motion in motions],
             coupling=coupling,
-            start=start,
-            drift=drift,
-            newton=newton,
+            start=options.start,
+            drift=options.drift,
+            newton=options.newton,
             threads=threads_allowed,
             factorize=factorize,
             ranks=ranks,
@@ -189,7 +177,7 @@ def made(
         ranks=ranks,
         everything=everything,
         keys=keys,
-        options=dict(dt=clock.dt, coupling=coupling, start=start, drift=drift, newton=newton),
+        options=options,
         threads_allowed=threads_allowed,
         rows=rows,
         core_rows=CoreRows(assemblies.row_position, rows.scale),
@@ -197,17 +185,16 @@ def made(
         steps=Steps(layout, clock),
         assembly=assembly,
         initial=initial,
-        loads=Loads(assembly.core, assembly.parts, clock, forces, motions, newton, names),
+        loads=Loads(assembly.core, assembly.parts, clock, forces, motions, options.newton, names),
         accelerations=assemblies.accelerations,
     )
     take_loads(session)
     return session
 
 
-def _check_words(coupling: Coupling, start: Start, drift: Drift) -> None:
-    check_word(coupling, "coupling", get_args(Coupling))
-    check_word(start, "start", get_args(Start))
-    check_drift(drift, coupling)
+def _of_all(ranks: Ranks | None, subdomains: Sequence[Subdomain]) -> tuple[Sequence[Any], slice]:
+    """The subdomains of all processes, and which of them are those of this one."""
+    return (subdomains, slice(None)) if ranks is None else (described(ranks, subdomains), ranks.own)
 
 
 def layout_of(

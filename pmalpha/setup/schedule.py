@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 import scipy.sparse as sp
 
-from .._checks import check_word, counted, listing, whole_number
-from ..problem.arguments import Drift
+from .._checks import check_word, counted, listing, time_step, whole_number
+from ..problem.arguments import Coupling, Drift, Start
 from ..problem.constraints import Constraint
 from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
@@ -145,6 +145,25 @@ def _wide(L: sp.csr_array, n: int, s: Any, k: int, *, by_dofs: bool) -> sp.csr_a
         return sp.csr_array((L.data, L.indices, L.indptr), shape=(L.shape[0], n))
     has = f"dof {L.shape[1] - 1}" if by_dofs else counted(L.shape[1], "column")
     raise ValueError(f"constraint {k} must fit {s!r} of {counted(n, 'dof')}, got {has}")
+
+
+class Options(NamedTuple):
+    """The options of a coupler that are part of its problem, as it was made."""
+
+    dt: float
+    coupling: Coupling
+    start: Start
+    drift: Drift
+    newton: Newton
+
+
+def checked_options(options: Options) -> Options:
+    """The options with dt as a number; TypeError and ValueError for others than there are."""
+    check_word(options.coupling, "coupling", get_args(Coupling))
+    check_word(options.start, "start", get_args(Start))
+    check_drift(options.drift, options.coupling)
+    check_newton(options.newton)
+    return options._replace(dt=time_step(options.dt, "dt"))
 
 
 def check_drift(value: Any, coupling: str) -> None:
