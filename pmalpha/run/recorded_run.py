@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from .._checks import flag, whole_number
 from ..files import check_replaceable, checked_path
