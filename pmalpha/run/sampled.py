@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.linalg.blas import dtbsv
 
 from .._checks import listing
 from ..errors import AccuracyWarning, warn
@@ -136,8 +137,6 @@ def skipped(force: SampledForce, step: float, weights: np.ndarray) -> tuple[floa
     Returns the energy of the difference, relative to that of the force, and the root mean square
     of the difference of the responses, relative to that of the response.
     """
-    from scipy.signal import lfilter  # takes long to import
-
     f = force.values * (weights / (np.abs(force.values).max() or 1.0))
     if f.shape[1] > JUDGED_SERIES:
         f = f[:, np.argsort(np.sum(f * f, axis=0))[-JUDGED_SERIES:]]
@@ -148,13 +147,23 @@ def skipped(force: SampledForce, step: float, weights: np.ndarray) -> tuple[floa
     levels = step * np.arange(int(t[-1] / step) + 2)
     lines = np.stack([np.interp(t, levels, np.interp(levels, t, x)) for x in f.T], axis=1)
     both = np.concatenate([f, f - lines], axis=1)
-    # y'' + 2 zeta omega y' + omega^2 y = f by the trapezoidal rule, the step being small
-    x = np.pi * force.dt / period
-    damping = 2.0 * DAMPING * x
-    a = [1.0 + damping + x * x, 2.0 * x * x - 2.0, 1.0 - damping + x * x]
-    responses = lfilter([1.0, 2.0, 1.0], a, both, axis=0)
+    responses = _motions(both, math.pi * force.dt / period)
     (energy, lost), (response, change) = (
         [float(np.sum(half * half)) for half in np.split(values, 2, axis=1)]
         for values in (both[: len(force.values)], responses)
     )
     return (lost / energy, math.sqrt(change / response)) if energy and response else (0.0, 0.0)
+
+
+def _motions(f: np.ndarray, x: float) -> np.ndarray:
+    """The motion of an oscillator under each column of f, from rest; x = omega dt / 2.
+
+    y'' + 2 zeta omega y' + omega^2 y = f by the trapezoidal rule, without the factor (dt / 2)^2.
+    """
+    damping = 2.0 * DAMPING * x
+    a = [1.0 + damping + x * x, 2.0 * x * x - 2.0, 1.0 - damping + x * x]
+    rows = np.asfortranarray(np.tile(np.array(a)[:, None], len(f)))  # a lower triangle, as a band
+    sums = f.copy()
+    sums[1:] += 2.0 * f[:-1]
+    sums[2:] += f[:-2]
+    return np.stack([dtbsv(2, rows, column, lower=1) for column in sums.T], axis=1)
