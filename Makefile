@@ -21,18 +21,34 @@ SANITIZED := test_binding test_snapshot
 RACES     := test_threads test_waiting
 LIBRARY    = $(shell $(CC) -print-file-name=$(1))
 
-.PHONY: demo test ctest tsan sanitized races analyze release cross example lint notebooks docs wheels free-threaded \
-	benchmarks clean
-.NOTPARALLEL:
+# a test or a compilation for each processor
+JOBS     := $(shell getconf _NPROCESSORS_ONLN)
+# BLAS alone: its threads would wait for each other by spinning while another test has the processor
+PYTEST    = OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n $(JOBS) --dist worksteal
+
+.PHONY: demo test others campaigns ctest tsan sanitized races analyze release cross example lint \
+	notebooks docs wheels free-threaded benchmarks clean
 
 demo: $(VENV)/.plot,fast
 	$(VENV)/bin/python -m pmalpha
 
 test: $(VENV)/.test
-	$(VENV)/bin/python -m pytest
+	@echo "The tests of the package and its files, on $(JOBS) processors: about 3 minutes on two."
+	@echo "Not among them: make others (10 minutes), make ctest, make campaigns (an hour)."
+	$(PYTEST) -m "not gate" $(ARGS)
 
-ctest: build/test_core
-	build/test_core
+# The tests that take long or need other programs: notebooks, MPI, type checkers, OpenSees, FMI,
+# benchmarks, and the campaigns in a short form.
+others: $(VENV)/.gate
+	$(PYTEST) -m gate $(ARGS)
+
+# random input, histories of calls, signals and files: each campaign for ten minutes
+campaigns: $(VENV)/.test
+	for script in tests/campaign_?*.py; do \
+		echo $$script; $(VENV)/bin/python $$script --seconds 600 || exit; done
+
+ctest: build/test_core_asan
+	$<
 
 # the same tests where ThreadSanitizer watches
 tsan: build/test_core_tsan
@@ -57,14 +73,13 @@ races: build/races/_core.abi3.so $(VENV)/.test
 # reports variables that do not exist; clang-tidy, what it leaves out is in .clang-tidy; cppcheck,
 # without `(void)a, (void)b;` for unused arguments, casts of blocks that are laid out by hand, and
 # an array that is filled up to its use; mypy on the package; the stub of the extension.
-analyze: $(VENV)/.lint $(VENV)/.test
+analyze: $(VENV)/.lint,test
 	mkdir -p build/analyzed
-	set -e; for file in $(CORE); do \
-		$(CC) -std=c11 -O1 -fanalyzer -Werror -Icsrc/core -Wno-unknown-pragmas -c $$file \
-			-o build/analyzed/core.o; done
-	printf '%s\n' $(CORE) | xargs -n 8 -P 2 $(VENV)/bin/clang-tidy --quiet \
+	printf '%s\n' $(CORE) | xargs -P $(JOBS) -I {} sh -c '$(CC) -std=c11 -O1 -fanalyzer -Werror \
+		-Icsrc/core -Wno-unknown-pragmas -c {} -o build/analyzed/$$$$.o || exit 255'
+	printf '%s\n' $(CORE) | xargs -n 8 -P $(JOBS) $(VENV)/bin/clang-tidy --quiet \
 		--extra-arg=-std=c11 --extra-arg=-Icsrc/core
-	$(VENV)/bin/cppcheck --quiet --error-exitcode=1 --std=c11 --language=c -Icsrc/core \
+	$(VENV)/bin/cppcheck -j $(JOBS) --quiet --error-exitcode=1 --std=c11 --language=c -Icsrc/core \
 		--enable=warning,performance,portability --suppress=constStatement \
 		--suppress=invalidPointerCast --suppress=uninitvar:csrc/core/algebra/kernel.c csrc/core
 	PYTHONPATH=. $(VENV)/bin/python -m mypy
@@ -168,16 +183,26 @@ $(VENV)/.%: pyproject.toml setup.py $(HEADERS) $(CORE) $(BINDING) | $(VENV)/bin/
 $(VENV)/bin/pip:
 	$(PYTHON) -m venv $(VENV)
 
-build/test_core:         FLAGS := -O1 -g $(SANITIZE) $(if $(filter Linux,$(shell uname)),$(WRAPPED))
-build/test_core_tsan:    FLAGS := -O1 -g -fsanitize=thread
-build/test_core_release: FLAGS := -O3 -DNDEBUG
-build/test_core_clang:   FLAGS := -O3 -DNDEBUG
-build/test_core_clang:   CC    := clang
-build/test_core build/test_core_tsan build/test_core_release build/test_core_clang: \
-		$(TESTS) $(CORE) $(HEADERS)
-	mkdir -p build
-	$(CC) -std=c11 $(FLAGS) -ffp-contract=off -fopenmp-simd -pthread -Wall -Wextra \
-		-Icsrc/core $(filter %.c,$^) -lm -o $@
+# The C tests in four builds, of objects that `make -j` compiles at once. Those of the sanitizers are
+# for an extension too.
+BUILDS         := asan tsan release clang
+FLAGS_asan     := -O1 -g -fPIC $(SANITIZE) $(if $(filter Linux,$(shell uname)),$(WRAPPED))
+FLAGS_tsan     := -O1 -g -fPIC -fsanitize=thread
+FLAGS_release  := -O3 -DNDEBUG
+FLAGS_clang    := -O3 -DNDEBUG
+COMPILER        = $(if $(filter clang,$(1)),clang,$(CC))
+OBJECTS         = $(patsubst %.c,build/$(1)/%.o,$(filter %.c,$(2)))
+
+define BUILD
+build/$(1)/%.o: %.c $(HEADERS) $(filter %.h,$(TESTS))
+	@mkdir -p $$(@D)
+	$$(call COMPILER,$(1)) -std=c11 $$(FLAGS_$(1)) -ffp-contract=off -fopenmp-simd -pthread \
+		-Wall -Wextra -Icsrc/core -c $$< -o $$@
+
+build/test_core_$(1): $(call OBJECTS,$(1),$(TESTS) $(CORE))
+	$$(call COMPILER,$(1)) $$(FLAGS_$(1)) -pthread $$^ -lm -o $$@
+endef
+$(foreach build,$(BUILDS),$(eval $(call BUILD,$(build))))
 
 # A copy of the package with this extension. Not tested with it: symbols, memory, forks, what is
 # interrupted or faults on purpose, and a process of a limited time, which starts slower.
@@ -191,17 +216,18 @@ TESTED = $(CURDIR)/$(VENV)/bin/python -m pytest -q -p no:cacheprovider \
 	-k "not exports and not memory_of_the_core and not interrupt and not fork and not a_fault_in \
 	and not beyond_its_rows"
 
-build/sanitized/_core.abi3.so: FLAGS := -O1 -g $(SANITIZE)
-build/races/_core.abi3.so:     FLAGS := -O1 -g -fsanitize=thread
-build/sanitized/_core.abi3.so build/races/_core.abi3.so: \
-		$(CORE) $(HEADERS) $(BINDING) | $(VENV)/.test
+build/sanitized/_core.abi3.so: FLAGS := $(filter-out $(WRAPPED),$(FLAGS_asan))
+build/races/_core.abi3.so:     FLAGS := $(FLAGS_tsan)
+build/sanitized/_core.abi3.so: $(call OBJECTS,asan,$(CORE))
+build/races/_core.abi3.so:     $(call OBJECTS,tsan,$(CORE))
+build/sanitized/_core.abi3.so build/races/_core.abi3.so: $(BINDING) | $(VENV)/.test
 	mkdir -p $(@D)
-	$(CC) -std=c11 $(FLAGS) -shared -fPIC -ffp-contract=off -fno-trapping-math -fopenmp-simd \
+	$(CC) -std=c11 $(FLAGS) -shared -ffp-contract=off -fno-trapping-math -fopenmp-simd \
 		-pthread -D_POSIX_C_SOURCE=200809L -D_XOPEN_SOURCE=700 -DPy_LIMITED_API=0x030A0000 \
 		-DNPY_NO_DEPRECATED_API=NPY_2_0_API_VERSION -DNPY_TARGET_VERSION=NPY_1_23_API_VERSION \
 		-Icsrc/core $$($(VENV)/bin/python -c "import numpy, sysconfig; \
 			print('-I', numpy.get_include(), '-I', sysconfig.get_path('include'))") \
-		$(filter %.c,$^) -lm -o $@
+		$(filter %.c %.o,$^) -lm -o $@
 
 build/example: csrc/example.c $(CORE) $(HEADERS)
 	mkdir -p build

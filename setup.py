@@ -1,7 +1,9 @@
 """The C extension; everything else about the package stands in pyproject.toml."""
 
+import os
 import sys
 import sysconfig
+from concurrent.futures import ThreadPoolExecutor
 from glob import glob
 from pathlib import Path
 
@@ -17,7 +19,20 @@ STABLE = not sysconfig.get_config_var("Py_GIL_DISABLED")
 
 
 class Build(build_ext):
-    """Without libraries of earlier builds for one version of Python, which would be imported."""
+    """With all processors, and without earlier libraries for one version of Python.
+
+    Those would be imported.
+    """
+
+    def build_extension(self, ext):
+        compiler = self.compiler.compile
+
+        def together(sources, **options):
+            with ThreadPoolExecutor(os.cpu_count()) as pool:
+                return sum(pool.map(lambda source: compiler([source], **options), sources), [])
+
+        self.compiler.compile = together
+        super().build_extension(ext)
 
     def run(self):
         super().run()

@@ -118,9 +118,10 @@ def run(command, folder, seconds, **environment):
 
 def killed_by_c(folder, seconds):
     """What killed the mutant in this folder, or None; built as the Makefile says, no sanitizers."""
-    if not run(["make", "SANITIZE=", "build/test_core"], folder, 300.0):
+    if not run(["make", "SANITIZE=", "build/test_core_asan"], folder, 300.0):
         return "compiler"
-    return {True: None, False: "C tests", None: "time"}[run(["build/test_core"], folder, seconds)]
+    done = run(["build/test_core_asan"], folder, seconds)
+    return {True: None, False: "C tests", None: "time"}[done]
 
 
 def killed_by_python(folder, tests, seconds):

@@ -14,6 +14,8 @@ import campaign_soak
 import pytest
 from campaign import tried
 
+pytestmark = pytest.mark.gate
+
 
 @pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")  # long runs with one step
 def test_ctrl_c_at_any_instant_leaves_the_last_macro_step_and_its_history():

@@ -44,6 +44,7 @@ def oscillators():
     return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.01)
 
 
+@pytest.mark.gate
 def test_the_example_in_c_computes_what_the_package_computes(printed):
     coupler = oscillators()
     for t, u_a, u_b, exact, lam in printed:
@@ -57,6 +58,7 @@ def test_the_example_in_c_computes_what_the_package_computes(printed):
     assert len(printed) == 11
 
 
+@pytest.mark.gate
 def test_the_example_in_c_follows_the_closed_form(printed):
     # of order 1 with substeps: within omega dt over these 16 radians, and not exact
     error = np.abs(printed[:, 1] - printed[:, 3])

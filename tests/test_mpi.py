@@ -15,6 +15,8 @@ import waits
 
 import pmalpha as pm
 
+pytestmark = pytest.mark.gate
+
 HERE = Path(__file__).parent
 LIMIT = waits.LIMIT
 

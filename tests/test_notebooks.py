@@ -8,6 +8,8 @@ import waits
 
 import pmalpha
 
+pytestmark = pytest.mark.gate
+
 nbclient = pytest.importorskip("nbclient")
 nbformat = pytest.importorskip("nbformat")
 pytest.importorskip("ipykernel")

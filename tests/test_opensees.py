@@ -20,6 +20,8 @@ sys.path.insert(0, str(ROOT / "examples"))
 import opensees_model as example  # noqa: E402
 import rig  # noqa: E402
 
+pytestmark = pytest.mark.gate
+
 pytest.importorskip("openseespy", reason="OpenSeesPy is not installed")
 imported = subprocess.run(
     [sys.executable, "-c", "import opensees_model; opensees_model.opensees()"],

@@ -19,6 +19,8 @@ import precice_tower  # noqa: E402
 from precice_tower import SPRING  # noqa: E402
 from tower_on_rig import DT, ROOF, tower_on_rig  # noqa: E402
 
+pytestmark = pytest.mark.gate
+
 STEPS = 200
 
 

@@ -12,6 +12,8 @@ import waits
 
 import pmalpha as pm
 
+pytestmark = pytest.mark.gate
+
 RIGHT = """
 import numpy as np
 import scipy.sparse as sp
