@@ -193,7 +193,7 @@ def test_put_together_the_motion_is_that_of_the_uncut_structure(kind, scheme):
     # a subdomain alone can vibrate faster than the whole, but not faster than its elements
     limit = 2.0 / frequencies(whole_of(structure, fixed, None)).max()
     count = elements_of(structure)
-    for k in (1, 2, 7, min(50, count)):
+    for k in (2, min(50, count)):
         labels = random_labels(count, k, rng)
         parts = pm.cut(structure, labels, fixed=fixed, scheme=scheme, rayleigh=(0.1, 0.0), **values)
         assert len(parts.subdomains) == k

@@ -12,6 +12,7 @@ from test_models import PM, PM_ALPHA, four_dof_by_reference
 
 import pmalpha
 from pmalpha import models
+from pmalpha.__main__ import main
 
 PACKAGE = Path(pmalpha.__file__).parents[1]
 
@@ -97,10 +98,12 @@ def test_name_of_the_picture_and_number_of_steps_can_be_chosen(tmp_path):
 
 
 @pytest.mark.parametrize("steps", ["0", "-1", "1.5", "many"])
-def test_an_invalid_number_of_steps_is_refused(tmp_path, steps):
-    done = demo(tmp_path, f"--steps={steps}")
-    assert done.returncode == 2
-    assert f"must be a whole number above 0, got '{steps}'" in done.stderr
+def test_an_invalid_number_of_steps_is_refused(tmp_path, steps, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main([f"--steps={steps}"])
+    assert ended.value.code == 2
+    assert f"must be a whole number above 0, got '{steps}'" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import waits
+from pairwise import pairwise
 
 import pmalpha as pm
 
@@ -119,9 +120,10 @@ def killed_at(command, process, client):
 
 # the warning of macro coupling for a restoring force with substeps
 @pytest.mark.filterwarnings("ignore:the restoring force:pmalpha.StabilityWarning")
-@pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("coupling", ["pm", "gc", "macro"])
-@pytest.mark.parametrize("command", [75, 81, 82])  # in mid-step, and at its end
+@pytest.mark.parametrize(
+    ("command", "coupling", "threads"),
+    pairwise([75, 81, 82], ["pm", "gc", "macro"], [1, 2]),  # in mid-step, and at its end
+)
 def test_when_the_rig_dies_the_coupler_is_at_the_last_whole_macro_step(command, coupling, threads):
     done = (command - 2) // rig.substeps
     shorter = rig.hybrid(InProcess(), coupling=coupling)

@@ -8,6 +8,7 @@ import pytest
 import reference
 import scipy.sparse as sp
 import waits
+from pairwise import pairwise
 from problems import Problem, random_problem, random_restored_problem, reference_subdomain
 from scipy.integrate import solve_ivp
 
@@ -884,10 +885,10 @@ def nonlinear_error(r, K_r, D_r, substeps, explicit, dt):
     return np.array([largest(s.u[:, 0] - truth[0]), largest(s.v[:, 0] - truth[1])])
 
 
-@pytest.mark.parametrize("explicit", [True, False], ids=["explicit", "implicit"])
-@pytest.mark.parametrize("substeps", [1, 5, 20])
-@pytest.mark.parametrize("share", [0.0, 1.0, 2.0])
-@pytest.mark.parametrize("force", [duffing, van_der_pol])
+@pytest.mark.parametrize(
+    ("force", "share", "substeps", "explicit"),
+    pairwise([duffing, van_der_pol], [0.0, 1.0, 2.0], [1, 5, 20], [True, False]),
+)
 def test_restoring_forces_keep_order_two_under_macro_coupling(force, share, substeps, explicit):
     K_r, D_r = (30.0, 0.0) if force is duffing else (20.0, 3.0)
     errors = [

@@ -239,8 +239,8 @@ def duffing_pair(dt, substeps, coupling, gap=False, kind=pm.DiscreteGradient, **
 @pytest.mark.parametrize(
     ("coupling", "substeps", "steps", "gap"),
     [
-        ("mean", (1, 1), 1000, False),
-        ("mean", (1, 5), 1000, False),
+        ("mean", (1, 1), 300, False),
+        ("mean", (1, 5), 300, False),
         ("mean", (3, 5), 100, True),
         ("gc", (1, 1), 300, True),
     ],

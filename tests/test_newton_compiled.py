@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 from newton_coupled import same_bits
+from pairwise import pairwise
 from scipy import LowLevelCallable
 from test_checkpoint import snapshot
 
@@ -123,10 +124,10 @@ def compiled(function):
     return pm.InternalForce(function, history=np.zeros(N), pattern=DIAGONAL)
 
 
-@pytest.mark.parametrize("tangent", ["full", "reuse"])
-@pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
-@pytest.mark.parametrize("threads", [1, 2, 3])
-@pytest.mark.parametrize("make", MAKERS)
+@pytest.mark.parametrize(
+    ("make", "threads", "coupling", "tangent"),
+    pairwise(MAKERS, [1, 2, 3], ["gc", "pm", "macro"], ["full", "reuse"]),
+)
 def test_a_compiled_force_gives_the_bits_of_its_python_twin(make, threads, coupling, tangent):
     expected = coupled(twin(), coupling, tangent=tangent).run(steps=20)
     history = coupled(compiled(make()), coupling, threads, tangent).run(steps=20)

@@ -7,6 +7,7 @@ import signal
 import numpy as np
 import pytest
 from newton_coupled import VARIANTS, Law, plastic_pair, same_bits, state_of
+from pairwise import pairwise
 
 import pmalpha as pm
 
@@ -59,9 +60,9 @@ FAILURES = {
 }
 
 
-@variants
-@pytest.mark.parametrize("side", [0, 1])
-@pytest.mark.parametrize("failure", FAILURES)
+@pytest.mark.parametrize(
+    ("variant", "side", "failure"), pairwise(list(VARIANTS), [0, 1], list(FAILURES))
+)
 def test_a_failure_in_any_iteration_leaves_the_last_macro_step(variant, side, failure):
     action, error, text = FAILURES[failure]
     history, states, calls = undisturbed(variant)
@@ -82,9 +83,9 @@ def test_a_failure_in_any_iteration_leaves_the_last_macro_step(variant, side, fa
         assert state_of(c) == states[-1]
 
 
-@variants
-@pytest.mark.parametrize("threads", [1, 2, 3])
-@pytest.mark.parametrize("tangent", ["full", "reuse"])
+@pytest.mark.parametrize(
+    ("variant", "threads", "tangent"), pairwise(list(VARIANTS), [1, 2, 3], ["full", "reuse"])
+)
 def test_all_iterations_of_a_macro_step_may_fail_one_by_one(variant, threads, tangent):
     # with any number of threads, and whatever tangents are kept
     _, states, calls = undisturbed(variant, tangent=tangent)

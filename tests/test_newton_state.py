@@ -5,6 +5,7 @@ import functools
 import numpy as np
 import pytest
 from newton_coupled import VARIANTS, plastic_pair, same_bits
+from pairwise import pairwise
 from test_checkpoint import snapshot
 
 import pmalpha as pm
@@ -56,9 +57,9 @@ def test_steps_one_by_one_and_runs_in_pieces_are_the_whole_run(variant, tangent)
                 np.testing.assert_array_equal(np.concatenate(parts), getattr(x, name))
 
 
-@variants
-@tangents
-@pytest.mark.parametrize("steps", [0, 1, 2, 7])
+@pytest.mark.parametrize(
+    ("variant", "tangent", "steps"), pairwise(list(VARIANTS), ["full", "reuse"], [0, 1, 2, 7])
+)
 def test_a_loaded_state_goes_on_as_the_saved_one(tmp_path, variant, tangent, steps):
     _, end = whole_run(variant, tangent)
     one, other = made(variant, tangent), made(variant, tangent)

@@ -6,10 +6,11 @@ import scipy.sparse as sp
 from newton_coupled import coupler, differences, same_bits
 from newton_problems import bilinear, chain, cubic, springs
 from newton_step import Nonlinear
+from pairwise import pairwise
 from reference import alpha
 from scipy import LowLevelCallable
 from scipy.integrate import solve_ivp
-from test_newton import IDS, SCHEDULES, both, doubled, iterations_agree
+from test_newton import SCHEDULES, both, doubled, iterations_agree
 from test_newton_compiled import INTERNAL
 
 import pmalpha as pm
@@ -45,9 +46,10 @@ def whirling_chain(law, n=N, size=1.0, **values):
 LAWS = {"cubic": (cubic(1.0, 1e3), None), "plastic": (bilinear(1e3, 0.05, 0.01), 0.0)}
 
 
-@pytest.mark.parametrize("coupling, double, ss", SCHEDULES, ids=IDS)
-@pytest.mark.parametrize("tangent", ["full", "reuse"])
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(
+    ("law", "tangent", "coupling", "double", "ss"),
+    [(*case[:2], *case[2]) for case in pairwise(list(LAWS), ["full", "reuse"], SCHEDULES)],
+)
 def test_chains_move_and_iterate_as_in_the_reference(law, tangent, coupling, double, ss):
     """1e-9 and, where Broyden's matrix magnifies rounding, 1e-7: as in test_newton.py."""
     force, q = LAWS[law]

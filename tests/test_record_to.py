@@ -125,9 +125,13 @@ def test_an_hdf5_file_that_cannot_be_saved_leaves_the_old_one(tmp_path):
     assert path.read_bytes() == old and os.listdir(tmp_path) == ["h.h5"]
 
 
-@pytest.mark.parametrize("seed", range(12))
+OPTIONS = [{}, {"every": 3}, {"record": {0: [0]}}, {"record": {}}, {"energy": True}]
+
+
 @pytest.mark.parametrize(
-    "options", [{}, {"every": 3}, {"record": {0: [0]}}, {"record": {}}, {"energy": True}], ids=str
+    ("seed", "options"),
+    [(k, OPTIONS[k % 5]) for k in range(10)] + [(k, OPTIONS[(k + 2) % 5]) for k in range(10)],
+    ids=str,
 )
 def test_the_history_in_the_file_is_bitwise_identical_to_that_in_memory(tmp_path, seed, options):
     problem = random_problem(seed)
@@ -505,8 +509,9 @@ def test_rows_are_counted_as_the_core_counts_them():
     assert history_file.row_count(5, 9, 5, 4) == 1
 
 
-def test_an_interrupt_on_entering_any_function_of_the_package_leaves_a_whole_file(tmp_path):
-    # CPython checks for signals when a Python function is entered: every other entry in turn
+@pytest.mark.parametrize("stride", [29, pytest.param(2, marks=pytest.mark.gate)])
+def test_an_interrupt_on_entering_a_function_of_the_package_leaves_a_whole_file(tmp_path, stride):
+    # CPython checks for signals when a Python function is entered: one in `stride` entries in turn
     path = tmp_path / "run.h5"
     whole = long_run(5)[0].run(steps=9)
     k, finished = 0, False
@@ -523,5 +528,5 @@ def test_an_interrupt_on_entering_any_function_of_the_package_leaves_a_whole_fil
             same(history.velocity_jump, whole.velocity_jump[: len(history.multipliers)])
         coupler.step(9 - done)
         same(coupler.state("a").u, whole["a"].u[-1])
-        k += 2
+        k += stride
     assert k > 40

@@ -70,7 +70,7 @@ def intervals_of(coupler, problem, rng):
 
 @pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning", "ignore::pmalpha.ConstraintWarning")
 @pytest.mark.parametrize("coupling", COUPLINGS)
-@pytest.mark.parametrize("seed", range(25))
+@pytest.mark.parametrize("seed", range(12))
 def test_a_run_with_changes_equals_the_reference(seed, coupling):
     """1e-9: rounding, grown by explicit steps near their limit; the largest found was 3e-11."""
     rng = np.random.default_rng([seed, 5])
@@ -108,8 +108,11 @@ SECOND_ORDER = {
 }
 
 
-@pytest.mark.parametrize("pattern", PATTERNS)
-@pytest.mark.parametrize("name", SECOND_ORDER)
+@pytest.mark.parametrize(
+    ("name", "pattern"),
+    [("gc", pattern) for pattern in PATTERNS]
+    + [(name, PATTERNS[k % 3]) for k, name in enumerate(SECOND_ORDER) if name != "gc"],
+)
 def test_the_order_is_two_with_any_pattern_of_steps(name, pattern):
     """1.8: orders between 96 and 192 macro steps; those of random lengths scatter."""
     orders = order(lambda dt: pair(dt, **SECOND_ORDER[name]), pattern, 96)
