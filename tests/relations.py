@@ -1,0 +1,771 @@
+"""Random coupled problems of all kinds, and relations between runs that hold whatever the numbers.
+
+A problem is plain data (`Whole`), so that it can be given in another order, in other units or in
+another form. Runs that make the same operations are bitwise identical. Others agree to rounding:
+every problem is also run with its numbers changed by parts of `SHIFT`, and what that changes, per
+part, is what rounding may change (`Spread`). test_relations.py tries a few problems,
+campaign_relations.py any number.
+"""
+
+import tempfile
+import warnings
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from problems import EXPLICIT, FORMATS, IMPLICIT, _random_constraints, _semidefinite
+
+import pmalpha as pm
+
+STEPS = 8
+# Relative changes of all numbers of a problem, of which the spread is found.
+SHIFT = 2.0**-36
+# Relative errors of the operations of a run that are magnified like changes of its numbers: sums of
+# some tens of terms. Iterated forces are converged to the tolerance `TOL` of an energy, the passes
+# of macro and mean coupling to ten times that in each macro step.
+ROUNDING, TOL = 50.0 * np.finfo(float).eps, 1e-12
+ITERATED = 100.0 * TOL
+# A spread beyond this is an unstable problem, or one near a stop of a spring: it shows nothing.
+WILD = 1e6
+COUPLINGS = ["pm", "gc", "removed", "macro", "mean"]
+
+
+# ---- a problem ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Load:
+    """direction times a function of time: 1, cos(omega t), or samples; or a base acceleration."""
+
+    kind: str
+    direction: np.ndarray
+    omega: float
+    samples: np.ndarray
+    step: float
+
+    def given(self, M):
+        if self.kind == "none":
+            return None
+        if self.kind == "constant":
+            return self.direction
+        if self.kind == "called":
+            return lambda t: self.direction * np.cos(self.omega * t)
+        if self.kind == "base":
+            return pm.BaseAcceleration(self.samples, self.step, self.direction, M)
+        return pm.SampledForce(self.samples, self.step, shape=self.direction)
+
+
+@dataclass(frozen=True)
+class Springs:
+    """Springs of one law, by pairs of dofs, -1 for the ground: stiffness, force and length."""
+
+    law: str
+    pairs: np.ndarray
+    k: float
+    fy: float
+    gap: float
+    k3: float
+
+    def given(self):
+        return {
+            "cubic": lambda: pm.CubicSpring(self.pairs, self.k, self.k3),
+            "gap": lambda: pm.Gap(self.pairs, self.k, self.gap),
+            "bilinear": lambda: pm.Bilinear(self.pairs, self.k, self.fy, 0.1),
+            "boucwen": lambda: pm.BoucWen(self.pairs, self.k, self.fy, 0.05, n=1.5),
+        }[self.law]()
+
+
+@dataclass(frozen=True)
+class Function:
+    """G (force tanh(G^T u / length) + c G^T v + pulse sin(omega t)), as a function."""
+
+    G: np.ndarray
+    force: float
+    length: float
+    c: float
+    pulse: float
+    omega: float
+
+    def value(self, u, v, t):
+        x = self.G.T @ u / self.length
+        along = self.force * np.tanh(x) + self.c * (self.G.T @ v)
+        return self.G @ (along + self.pulse * np.sin(self.omega * t))
+
+    def iterated(self, u, v, t, q):
+        slope = self.force / self.length / np.cosh(self.G.T @ u / self.length) ** 2
+        return self.value(u, v, t), (self.G * slope) @ self.G.T, self.c * self.G @ self.G.T
+
+    @property
+    def stiffness(self):
+        return self.force / self.length * self.G @ self.G.T
+
+    @property
+    def damping(self):
+        return self.c * self.G @ self.G.T
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A u, as a function."""
+
+    A: np.ndarray
+    damping = None
+
+    def value(self, u, v, t):
+        return self.A @ u
+
+    def iterated(self, u, v, t, q):
+        return self.A @ u, self.A
+
+    @property
+    def stiffness(self):
+        return self.A
+
+
+@dataclass(frozen=True)
+class Part:
+    """A subdomain. `role`: what springs and function are, "restoring" or "internal"."""
+
+    name: str
+    M: np.ndarray
+    K: np.ndarray
+    C: np.ndarray | None
+    scheme: pm.Scheme
+    substeps: int
+    double: bool
+    forms: tuple
+    load: Load
+    u0: np.ndarray
+    v0: np.ndarray
+    lagged: bool = False
+    role: str = "restoring"
+    springs: tuple = ()
+    function: Function | Linear | None = None
+    estimated: bool = False
+
+    @property
+    def n(self):
+        return len(self.M)
+
+    def given(self):
+        M, C, K = (
+            None if A is None else f(A) for A, f in zip((self.M, self.C, self.K), self.forms)
+        )
+        options = dict(scheme=self.scheme, substeps=self.substeps, double_step=self.double)
+        options |= dict(u0=self.u0, v0=self.v0, name=self.name, force=self.load.given(self.M))
+        options["damping"] = "lagged" if self.lagged else "implicit"
+        forces = [springs.given() for springs in self.springs]
+        if self.function is not None:
+            function = self.function
+            forces = [function.value if self.role == "restoring" else function.iterated]
+            if self.role == "restoring" and self.estimated:
+                options["restoring_stiffness"] = function.stiffness
+                options["restoring_damping"] = function.damping
+        if forces:
+            options[self.role] = forces if self.springs else forces[0]
+        return pm.Subdomain(M, K, C, **options)
+
+    @property
+    def stiffness(self):
+        """K with the largest tangents of everything else."""
+        K = self.K if self.function is None else self.K + self.function.stiffness
+        return K + sum((spring_matrix(s.pairs, s.k, self.n) for s in self.springs), 0.0 * self.K)
+
+
+def spring_matrix(pairs, k, n):
+    B = np.zeros((len(pairs), n + 1))
+    B[np.arange(len(pairs)), pairs[:, 0]] = 1.0
+    B[np.arange(len(pairs)), pairs[:, 1]] -= 1.0  # the last column is the ground
+    return k * B[:, :n].T @ B[:, :n]
+
+
+@dataclass(frozen=True)
+class Whole:
+    """Subdomains, rows L (p, all dofs), and velocities g sin(omega t) of the rows."""
+
+    parts: tuple
+    L: np.ndarray
+    dt: float
+    coupling: str
+    start: str
+    g: np.ndarray | None = None
+    omega: float = 1.0
+
+    @property
+    def columns(self):
+        """L of each subdomain."""
+        return np.split(self.L, np.cumsum([p.n for p in self.parts])[:-1], axis=1)
+
+    @property
+    def is_iterated(self):
+        return any(p.role == "internal" and (p.springs or p.function) for p in self.parts)
+
+    def coupler(self, threads=1):
+        made = [p.given() for p in self.parts]
+        rows = {s: L for s, L in zip(made, self.columns) if L.any()}
+        velocity = None
+        if self.g is not None:
+            velocity = lambda t: self.g * np.sin(self.omega * t)  # noqa: E731
+        removed = self.coupling == "removed"
+        return pm.Coupler(
+            made,
+            pm.Constraint(rows, velocity=velocity),
+            dt=self.dt,
+            coupling="gc" if removed else self.coupling,
+            drift="removed" if removed else "kept",
+            start=self.start,
+            newton=pm.Newton(tol=TOL),
+            threads=threads,
+        )
+
+    def results(self):
+        return results_of(self.coupler().run(steps=STEPS))
+
+    def each(self, change):
+        """The same with each subdomain changed."""
+        return replace(self, parts=tuple(change(p) for p in self.parts))
+
+
+# ---- random problems ----------------------------------------------------------------------------
+
+
+def drawn(seed):
+    """2 to 4 subdomains of 1 to 7 dofs, of all kinds that the coupling takes."""
+    rng = np.random.default_rng([seed, 11])
+    coupling = COUPLINGS[seed % len(COUPLINGS)]
+    count = int(rng.integers(2, 5))
+    sizes = [int(rng.integers(1, 8)) for _ in range(count)]
+    L = np.hstack(_random_constraints(rng, sizes))
+    steps = _substeps(rng, count, coupling)
+    parts = []
+    for i, (n, (substeps, double)) in enumerate(zip(sizes, steps)):
+        tied = np.split(L, np.cumsum(sizes)[:-1], axis=1)[i].any(axis=0)
+        parts.append(_part(rng, f"s{i}", n, substeps, double, tied, coupling))
+    g = rng.normal(size=len(L)) if rng.random() < 0.3 else None
+    start = "plain" if rng.random() < 0.2 else "rebased"
+    whole = Whole(tuple(parts), L, 1.0, coupling, start, g)
+    if whole.is_iterated:
+        whole = replace(whole, start="rebased")
+    return _at_start(rng, _with_step(rng, whole))
+
+
+def _substeps(rng, count, coupling):
+    """(substeps, double step) of each subdomain."""
+    fine = int(rng.choice([1, 2, 3, 4, 6]))
+    free = [1, 2, 3, 5] if coupling in ("macro", "mean") else []
+    choices = free or [d for d in range(1, fine + 1) if fine % d == 0]
+    steps = [int(rng.choice(choices)) for _ in range(count)]
+    steps[0] = fine
+    doubles = [bool(rng.random() < 0.4) for _ in range(count)]
+    if coupling in ("gc", "removed"):
+        doubles = [False] * count
+    if free:
+        doubles = [double and s == 1 for double, s in zip(doubles, steps)]
+    doubles[0] = False
+    return list(zip(steps, doubles))
+
+
+def _part(rng, name, n, substeps, double, tied, coupling):
+    explicit = rng.random() < 0.4
+    schemes = EXPLICIT if explicit else IMPLICIT
+    if coupling == "mean":
+        schemes = [s for s in schemes if not explicit or getattr(s, "rho", 1.0) >= 0.5]
+    scheme = schemes[int(rng.integers(len(schemes)))]
+    M = np.diag(rng.uniform(1.0, 3.0, n))
+    if rng.random() < 0.5:
+        M += 0.3 * _semidefinite(rng, n)
+    K = 20.0 * _semidefinite(rng, n) + np.eye(n)
+    C = 0.2 * M + 0.003 * K if rng.random() < 0.5 else None
+    if coupling == "mean" and 2.0 * scheme.beta > (1.0 + 1e-9) * scheme.gamma:
+        C = None  # it grows
+    light = _massless(rng, scheme, tied if coupling == "mean" else np.zeros(n, bool))
+    M[light, :] = M[:, light] = 0.0
+    if C is not None and light.any():
+        C = 0.2 * M
+    lagged = bool(C is not None and not light.any() and rng.random() < 0.2)
+    part = Part(
+        name, M, K, C, scheme, substeps, double, _forms(rng, M), _load(rng, light),
+        np.zeros(n), np.zeros(n), lagged,
+    )  # fmt: skip
+    return _with_forces(rng, part, ~light, coupling)
+
+
+def _massless(rng, scheme, kept):
+    light = np.zeros(kept.size, bool)
+    if not scheme.explicit and scheme.radius_at_infinity() < 0.9 and rng.random() < 0.2:
+        light[int(rng.integers(kept.size))] = True
+    return light & ~kept
+
+
+def _forms(rng, M):
+    forms = [FORMATS[int(rng.integers(len(FORMATS)))] for _ in range(3)]
+    if np.count_nonzero(M - np.diag(np.diag(M))) == 0 and rng.random() < 0.5:
+        forms[0] = np.diag
+    return tuple(forms)
+
+
+def _load(rng, light):
+    kinds = ["none", "constant", "called", "sampled", "base"]
+    direction = np.where(light, 0.0, rng.normal(size=light.size))
+    samples = rng.normal(size=9)
+    return Load(kinds[int(rng.integers(5))], direction, 3.0, samples, rng.uniform(0.05, 0.2))
+
+
+def _with_forces(rng, part, moving, coupling):
+    """With springs or a function in some of the subdomains."""
+    if rng.random() < 0.5 or not moving.any():
+        return part
+    roles = {"mean": ["internal"], "removed": ["restoring"]}.get(
+        coupling, ["restoring", "internal"]
+    )
+    role = roles[int(rng.integers(len(roles)))]
+    if rng.random() < 0.4:
+        G = np.where(moving[:, None], rng.normal(size=(part.n, 2)), 0.0)
+        function = Function(G, 2.0, 0.5, 0.1 * rng.random(), 0.5, 2.0)
+        return replace(part, role=role, function=function, estimated=bool(rng.random() < 0.7))
+    laws = ["cubic"] if role == "internal" else ["cubic", "gap", "bilinear", "boucwen"]
+    chosen = rng.permutation(laws)[: int(rng.integers(1, 3))]
+    springs = [
+        Springs(law, _pairs(rng, np.flatnonzero(moving)), 3.0, 0.6, 0.05, 5.0) for law in chosen
+    ]
+    return replace(part, role=role, springs=tuple(springs))
+
+
+def _pairs(rng, dofs):
+    first = rng.choice(dofs, int(rng.integers(1, 4)))
+    second = rng.choice(np.append(dofs, -1), first.size)
+    return np.column_stack([first, np.where(second == first, -1, second)])
+
+
+def _with_step(rng, whole):
+    """A macro step that resolves explicit subdomains and what is not known as K."""
+    most = 0.1 * max(p.substeps for p in whole.parts)
+    for p in whole.parts:
+        if not p.scheme.explicit and not (p.springs or p.function):
+            continue
+        inverse = np.diag(1.0 / np.where(np.diag(p.M) > 0.0, np.diag(p.M), np.inf))
+        omega = np.sqrt(np.max(np.abs(np.linalg.eigvals(inverse @ p.stiffness))))
+        length = 1.0 / (omega * (1.0 + p.double))  # half the limit of most schemes
+        most = min(most, p.substeps * length)
+    return replace(whole, dt=float(most * rng.uniform(0.3, 1.0)))
+
+
+def _at_start(rng, whole):
+    """Random motions that satisfy the constraints, unless dofs have no mass."""
+    if any(np.any(np.diag(p.M) == 0.0) for p in whole.parts):
+        return replace(whole, g=None)
+    ends = np.cumsum([p.n for p in whole.parts])[:-1]
+    states = []
+    for size in (0.3, 1.0):
+        x = size * rng.normal(size=whole.L.shape[1])
+        states.append(np.split(x - np.linalg.pinv(whole.L) @ (whole.L @ x), ends))
+    parts = [replace(p, u0=u, v0=v) for p, u, v in zip(whole.parts, *states)]
+    return replace(whole, parts=tuple(parts))
+
+
+# ---- results and their comparison ---------------------------------------------------------------
+
+
+def results_of(history):
+    """Arrays by (quantity, subdomain)."""
+    found = {(q, s.name): getattr(s, q) for s in history.subdomains for q in "tuva"}
+    for name in ("multipliers", "velocity_jump", "displacement_jump"):
+        found[name, "interface"] = getattr(history, name)
+    return found
+
+
+LIKE = {"velocity_jump": "v", "displacement_jump": "u"}
+
+
+def sizes_of(results, whole, still):
+    """The numbers of each quantity whose rounding it has.
+
+    They are its own and those of what is tied, of which a step of length h makes accelerations:
+    velocities; displacements where they are tied, and where nothing moves.
+    """
+    sizes = {}
+    for (quantity, _), x in results.items():
+        sizes[quantity] = max(sizes.get(quantity, 0.0), float(np.max(np.abs(x), initial=0.0)))
+    h = whole.dt / max(p.substeps for p in whole.parts)
+    if still or whole.coupling in ("mean", "removed"):
+        sizes["v"] = max(sizes["v"], sizes["u"] / h)
+    sizes["a"] = max(sizes["a"], sizes["v"] / h)
+    mass = max(np.max(p.M) for p in whole.parts)
+    sizes["multipliers"] = max(sizes["multipliers"], mass * sizes["a"])
+    row = np.max(np.sum(np.abs(whole.L), axis=1))
+    return sizes | {jump: row * sizes[of] for jump, of in LIKE.items()}
+
+
+class Spread:
+    """How much results of a problem may differ where the operations of a run are others."""
+
+    def __init__(self, whole, results, rng, still=False):
+        self.sizes = sizes_of(results, whole, still)
+        self.unit = ROUNDING + ITERATED * whole.is_iterated
+        self.factors = {quantity: 10.0 for quantity in self.sizes}
+        for _ in range(2):
+            other = shifted(whole, rng).results()
+            for (quantity, name), x in results.items():
+                size = SHIFT * max(self.sizes[quantity], 1e-300)
+                off = float(np.max(np.abs(other[quantity, name] - x), initial=0.0)) / size
+                self.factors[quantity] = max(self.factors[quantity], off)
+
+    @property
+    def is_wild(self):
+        return not max(self.factors[quantity] for quantity in "uv") < WILD
+
+    def bound(self, quantity, factor):
+        return factor * self.unit * self.factors[quantity] * self.sizes[quantity]
+
+
+def require_equal(relation, one, two, spread=None, factor=1.0):
+    """AssertionError with the place of the largest difference; without `spread` for any."""
+    for key, x in one.items():
+        quantity, name = key
+        y = two[key]
+        assert x.shape == y.shape, f"{relation}: {quantity} of {name} is {y.shape}, not {x.shape}"
+        bound = 0.0 if spread is None else spread.bound(quantity, factor)
+        off = np.abs(y - x)
+        if x.size == 0 or np.all(off <= bound):
+            continue
+        place = np.unravel_index(np.nanargmax(np.where(np.isnan(off), np.inf, off)), off.shape)
+        which = f", {'row' if name == 'interface' else 'dof'} {place[1]}" if x.ndim > 1 else ""
+        raise AssertionError(
+            f"{relation}: {quantity} of {name} at time level {place[0]}{which} is {y[place]!r} "
+            f"instead of {x[place]!r}: {off[place]:.2g} apart, {bound:.2g} allowed, largest number "
+            f"{np.max(np.abs(x)):.2g}"
+        )
+
+
+def shifted(whole, rng):
+    """The same with every number changed by a part of about `SHIFT`."""
+
+    def noise(shape=()):
+        return 1.0 + SHIFT * rng.uniform(-1.0, 1.0, shape)
+
+    def symmetric(A):
+        if A is None:
+            return None
+        N = np.tril(noise(A.shape))
+        return A * (N + np.tril(N, -1).T)
+
+    start = noise(2)
+
+    def change(p):
+        springs = tuple(
+            replace(s, k=s.k * noise(), fy=s.fy * noise(), gap=s.gap * noise(), k3=s.k3 * noise())
+            for s in p.springs
+        )
+        f = p.function
+        if f is not None:
+            f = replace(f, G=f.G * noise(f.G.shape), force=f.force * noise(), c=f.c * noise())
+        load = replace(
+            p.load,
+            direction=p.load.direction * noise(p.n),
+            samples=p.load.samples * noise(p.load.samples.size),
+        )
+        M, C, K = map(symmetric, (p.M, p.C, p.K))
+        u0, v0 = p.u0 * start[0], p.v0 * start[1]
+        return replace(p, M=M, C=C, K=K, springs=springs, function=f, load=load, u0=u0, v0=v0)
+
+    g = None if whole.g is None else whole.g * noise(whole.g.size)
+    return replace(whole.each(change), g=g, dt=whole.dt * noise())
+
+
+# ---- relations ----------------------------------------------------------------------------------
+
+
+class Run:
+    """A problem, its results, and how much they may differ."""
+
+    def __init__(self, seed):
+        self.seed = seed
+        self.begin("spread")
+        self.whole = drawn(seed)
+        self.results = self.whole.results()
+        self.spread = Spread(self.whole, self.results, self.rng)
+
+    def begin(self, name):
+        """Random numbers of a relation of this name, whatever was tried before."""
+        self.rng = np.random.default_rng([self.seed, *name.encode()])
+
+
+run_of = lru_cache(maxsize=16)(Run)
+
+
+def order(run):
+    """Dofs, subdomains and rows in another order; rows in other combinations and units."""
+    rng, whole = run.rng, run.whole
+    dofs = [rng.permutation(p.n) for p in whole.parts]
+    parts = [_reordered(p, own) for p, own in zip(whole.parts, dofs)]
+    columns = [L[:, own] for L, own in zip(whole.columns, dofs)]
+    p = len(whole.L)
+    far = 10.0 ** rng.permutation(np.linspace(-5.0, 5.0, p))
+    mix = np.diag(far)[rng.permutation(p)]
+    if rng.random() < 0.5:
+        mix = mix @ (np.eye(p) + 0.3 * rng.uniform(-1.0, 1.0, (p, p)))
+    chosen = rng.permutation(len(parts))
+    g = None if whole.g is None else mix @ whole.g
+    other = replace(
+        whole,
+        parts=tuple(parts[i] for i in chosen),
+        L=mix @ np.hstack([columns[i] for i in chosen]),
+        g=g,
+    )
+    found = other.results()
+    for part, own in zip(whole.parts, dofs):
+        for q in "uva":
+            back = np.empty_like(found[q, part.name])
+            back[:, own] = found[q, part.name]
+            found[q, part.name] = back
+    found["multipliers", "interface"] = found["multipliers", "interface"] @ mix
+    for q in ("velocity_jump", "displacement_jump"):
+        found[q, "interface"] = np.linalg.solve(mix, found[q, "interface"].T).T
+    # rows of one size: what is left of the scale
+    unit = mix / np.max(np.abs(mix), axis=1, keepdims=True)
+    require_equal("order", run.results, found, run.spread, np.linalg.cond(unit))
+
+
+def _reordered(p, dofs):
+    """Dof k is what was dof dofs[k]."""
+    place = np.append(np.argsort(dofs), -1)  # of the ground too
+    both = np.ix_(dofs, dofs)
+    M, C, K = (None if A is None else A[both] for A in (p.M, p.C, p.K))
+    springs = tuple(replace(s, pairs=place[s.pairs]) for s in p.springs)
+    f = None if p.function is None else replace(p.function, G=p.function.G[dofs])
+    load = replace(p.load, direction=p.load.direction[dofs])
+    return replace(
+        p, M=M, C=C, K=K, springs=springs, function=f, load=load, u0=p.u0[dofs], v0=p.v0[dofs]
+    )
+
+
+def units(run):
+    """Other units of length, time and force."""
+    length, time, force = 10.0 ** run.rng.uniform(-3.0, 3.0, 3)
+    k, c, m = force / length, force * time / length, force * time**2 / length
+
+    def change(p):
+        springs = tuple(
+            replace(s, k=s.k * k, fy=s.fy * force, gap=s.gap * length, k3=s.k3 * k / length**2)
+            for s in p.springs
+        )
+        f = p.function
+        if f is not None:
+            f = replace(f, force=f.force * force, length=f.length * length, c=f.c * c)
+            f = replace(f, pulse=f.pulse * force, omega=f.omega / time)
+        load = replace(p.load, omega=p.load.omega / time, step=p.load.step * time)
+        if load.kind == "base":
+            load = replace(load, samples=load.samples * length / time**2)
+        else:
+            load = replace(load, direction=load.direction * force)
+        C = None if p.C is None else p.C * c
+        u0, v0 = p.u0 * length, p.v0 * length / time
+        changed = replace(p, M=p.M * m, C=C, K=p.K * k, springs=springs, function=f)
+        return replace(changed, load=load, u0=u0, v0=v0)
+
+    whole = run.whole
+    g = None if whole.g is None else whole.g * length / time
+    other = replace(whole.each(change), g=g, dt=whole.dt * time, omega=whole.omega / time)
+    speed = length / time
+    factors = {"t": time, "u": length, "v": speed, "a": speed / time, "multipliers": force}
+    factors |= {"velocity_jump": speed, "displacement_jump": length}
+    found = {key: x / factors[key[0]] for key, x in other.results().items()}
+    require_equal("units", run.results, found, run.spread)
+
+
+def forms(run):
+    """Matrices in another format."""
+    other = run.whole.each(lambda p: replace(p, forms=_forms(run.rng, p.M)))
+    require_equal("forms", run.results, other.results(), run.spread)
+
+
+def linear_force(run):
+    """A linear force as a part of K, as springs, and as a function with its stiffness."""
+    rng, whole = run.rng, run.whole
+    i = int(rng.integers(len(whole.parts)))
+    part = replace(whole.parts[i], springs=(), function=None)
+    moving = np.flatnonzero(np.diag(part.M) > 0.0)
+    if not moving.size:
+        return
+    pairs, k = _pairs(rng, moving), 2.0
+    A = spring_matrix(pairs, k, part.n)
+    springs = (Springs("cubic", pairs, k, 0.0, 0.0, 0.0),)
+    inside = replace(part, K=part.K + A)
+
+    def with_part(other):
+        parts = [*whole.parts[:i], other, *whole.parts[i + 1 :]]
+        return replace(whole, parts=tuple(parts), start="rebased")
+
+    one = with_part(inside)
+    first = one.results()
+    spread = Spread(one, first, rng)
+    if spread.is_wild:
+        return
+    roles = {"mean": ["internal"], "removed": ["restoring"]}
+    for role in roles.get(whole.coupling, ["restoring", "internal"]):
+        if role == "internal":  # converged to the tolerance
+            spread.unit = ROUNDING + ITERATED
+        for as_function in (False, True):
+            given = replace(part, role=role, springs=springs)
+            if as_function:
+                given = replace(part, role=role, function=Linear(A), estimated=True)
+            kind = f"a linear force as {role} {'function' if as_function else 'springs'}"
+            require_equal(f"{kind} of {part.name}", first, with_part(given).results(), spread)
+
+
+def pieces(run):
+    """In one run and in pieces, recorded in a file and in two, saved and loaded, with threads."""
+    rng, whole, one = run.rng, run.whole, run.results
+    first, second = sorted(int(k) for k in rng.choice(np.arange(1, STEPS), 2, replace=False))
+
+    coupler = whole.coupler()
+    parts = [coupler.run(steps=k) for k in (first, second - first)]
+    coupler.step(STEPS - second)
+    states = {
+        (q, s.name): getattr(coupler.state(s.name), q)[None] for s in whole.parts for q in "uva"
+    }
+    ends = {key: one[key][-1:] for key in states}
+    require_equal(f"runs of {first} and {second - first} macro steps, then steps", ends, states)
+    for (q, name), x in results_of(parts[0]).items():
+        require_equal(
+            "the first of several runs", {(q, name): one[q, name][: len(x)]}, {(q, name): x}
+        )
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "run.h5")
+        coupler = whole.coupler()
+        coupler.run(steps=second, record_to=path)
+        coupler.run(steps=STEPS - second, record_to=path, append=True)
+        require_equal("two runs into one file", one, results_of(pm.History.load(path)))
+
+        coupler = whole.coupler()
+        coupler.step(first)
+        coupler.save(Path(folder, "state.npz"))
+        other = whole.coupler(threads=2)
+        other.load(Path(folder, "state.npz"))
+        other.step(STEPS - first)
+    states = {key: getattr(other.state(key[1]), key[0])[None] for key in ends}
+    require_equal(f"saved after {first} macro steps and loaded, with two threads", ends, states)
+    threads = whole.coupler(threads=3).run(steps=STEPS)
+    require_equal("three threads", one, results_of(threads))
+
+
+def cases(run):
+    """Several cases by `run_each`, and each by `reset` and `run`."""
+    rng, whole = run.rng, run.whole
+    light = [np.diag(p.M) == 0.0 for p in whole.parts]
+    chosen = []
+    for factor in (0.5, 2.0, -1.0):
+        loads = {
+            p.name: np.where(own, 0.0, factor * rng.normal(size=p.n))
+            for p, own in zip(whole.parts, light)
+        }
+        chosen.append({"force": loads})
+        if whole.g is None:  # else v0 has to satisfy g(0)
+            chosen[-1]["v0"] = {p.name: factor * p.v0 for p in whole.parts}
+    coupler = whole.coupler(threads=2)
+    together = coupler.run_each(chosen, steps=STEPS)
+    for k, case in enumerate(chosen):
+        coupler.reset(**case)
+        alone = coupler.run(steps=STEPS)
+        require_equal(f"case {k} of run_each", results_of(alone), results_of(together[k]))
+
+
+def uncut(run):
+    """Subdomains with one scheme and one step, and the structure that they are cut from."""
+    rng, whole = run.rng, run.whole
+    if whole.coupling == "mean" or any(np.any(np.diag(p.M) == 0.0) for p in whole.parts):
+        return
+    scheme = whole.parts[0].scheme
+    most = max(p.substeps for p in whole.parts)
+    substeps = 1 if whole.coupling == "macro" else most
+
+    def change(p):
+        plain = replace(p, springs=(), function=None, lagged=False, double=False)
+        return replace(plain, scheme=scheme, substeps=substeps)
+
+    whole = _with_step(rng, replace(whole.each(change), g=None))
+    if whole.g is not None or np.any(whole.L @ np.concatenate([p.v0 for p in whole.parts]) > 1e-9):
+        whole = _at_start(rng, whole)
+    coupler = whole.coupler()
+    first = results_of(coupler.run(steps=STEPS))
+    spread = Spread(whole, first, rng)
+    if spread.is_wild:
+        return
+    M, C, K, maps = coupler.assembled()
+    dense = {name: T.toarray() for name, T in maps.items()}
+    every = np.vstack([dense[p.name] for p in whole.parts])
+    u0, v0 = (
+        np.linalg.lstsq(every, np.concatenate([getattr(p, x) for p in whole.parts]), rcond=None)[0]
+        for x in ("u0", "v0")
+    )
+    loads = [(dense[p.name], value_of(p)) for p in whole.parts]
+    alone = pm.Subdomain(
+        M, K, C, scheme=scheme, substeps=substeps, u0=u0, v0=v0, name="whole",
+        force=lambda t: sum(T.T @ F(t) for T, F in loads),
+    )  # fmt: skip
+    history = pm.Coupler([alone], dt=whole.dt).run(steps=STEPS)["whole"]
+    found = {(q, p.name): getattr(history, q) @ dense[p.name].T for p in whole.parts for q in "uva"}
+    motion = {key: first[key] for key in found}
+    condition = np.linalg.cond(whole.L)
+    require_equal("cut and uncut", found, motion, spread, condition)
+
+
+def value_of(part):
+    """Its load as a function of time."""
+    load = part.load.given(part.M)
+    if load is None:
+        load = np.zeros(part.n)
+    return load if callable(load) else lambda t: load
+
+
+def rest(run):
+    """The static equilibrium under constant loads stays as it is."""
+    rng, whole = run.rng, run.whole
+
+    def change(p):
+        constant = replace(p.load, kind="constant")
+        scheme = p.scheme
+        if whole.coupling == "mean" and scheme.explicit:  # others rest beside it, (K9)
+            scheme = pm.CentralDifference()
+        function = p.function if p.role == "internal" else None
+        if function is not None:
+            function = replace(function, c=0.0, pulse=0.0)
+        zero = np.zeros(p.n)
+        return replace(p, load=constant, scheme=scheme, function=function, u0=zero, v0=zero)
+
+    whole = replace(whole, g=None, start="rebased")  # a plain start moves, (S3)
+    whole = _with_step(rng, whole.each(change))
+    u = whole.coupler().static()
+    whole = whole.each(lambda p: replace(p, u0=u[p.name]))
+    first = whole.results()
+    spread = Spread(whole, first, rng, still=True)
+    if spread.is_wild:
+        return
+    for p in whole.parts:
+        zero = np.zeros_like(first["u", p.name])
+        require_equal("rest", {("u", p.name): zero + u[p.name]}, first, spread)
+        require_equal("rest", {(x, p.name): zero for x in "va"}, first, spread)
+
+
+RELATIONS = {x.__name__: x for x in (order, units, forms, linear_force, pieces, cases, uncut, rest)}
+
+
+def attempt(seed, counts, names=tuple(RELATIONS)):
+    """One problem and all relations, or some."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            run = run_of(seed)
+        except (ValueError, pm.PmalphaError) as error:
+            counts[f"refused, {type(error).__name__}"] += 1
+            return
+        if run.spread.is_wild:
+            counts["unstable, left out"] += 1
+            return
+        for name in names:
+            run.begin(name)
+            RELATIONS[name](run)
+            counts[name] += 1
+        counts[f"coupling {run.whole.coupling}"] += 1

@@ -1,0 +1,62 @@
+"""Relations between runs that hold whatever the numbers, on random problems of all kinds.
+
+relations.py has the problems, the relations and what rounding may change; campaign_relations.py
+tries other seeds.
+"""
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import relations
+
+# Five couplings in turn, and forces of all kinds.
+SEEDS = range(5, 15)
+
+
+@pytest.mark.parametrize("name", relations.RELATIONS)
+def test_it_holds_for_random_problems(name):
+    counts = Counter()
+    for seed in SEEDS:
+        try:
+            relations.attempt(seed, counts, [name])
+        except AssertionError as error:
+            raise AssertionError(f"seed {seed}, {error}") from None
+    assert counts[name] >= len(SEEDS) - 1  # few are refused or unstable
+
+
+def test_the_problems_are_of_all_kinds():
+    wholes = [relations.drawn(seed) for seed in SEEDS]
+    parts = [p for whole in wholes for p in whole.parts]
+    assert {whole.coupling for whole in wholes} == set(relations.COUPLINGS)
+    assert {p.load.kind for p in parts} == {"none", "constant", "called", "sampled", "base"}
+    assert {p.role for p in parts if p.springs or p.function} == {"restoring", "internal"}
+    assert any(p.function for p in parts) and any(p.springs for p in parts)
+    assert any(p.double for p in parts) and any(p.substeps > 1 for p in parts)
+    assert any(p.scheme.explicit for p in parts) and any(p.lagged for p in parts)
+    assert any(whole.g is not None for whole in wholes)
+    assert any(np.any(np.diag(p.M) == 0.0) for p in parts)
+
+
+@pytest.mark.parametrize("quantity", ["u", "v", "a", "multipliers"])
+def test_a_relation_that_is_broken_names_the_place(quantity):
+    run = relations.run_of(1)
+    name = "interface" if quantity == "multipliers" else run.whole.parts[1].name
+    wrong = {key: x.copy() for key, x in run.results.items()}
+    wrong[quantity, name][3, 0] += 1e-7 * run.spread.sizes[quantity]
+    kind = "row" if name == "interface" else "dof"
+    with pytest.raises(AssertionError, match=rf"^order: {quantity} of {name} at .* 3, {kind} 0 is"):
+        relations.require_equal("order", run.results, wrong, run.spread)
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning")
+@pytest.mark.filterwarnings("ignore::pmalpha.AccuracyWarning")
+@pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
+def test_a_problem_that_differs_by_a_millionth_of_one_number_is_another():
+    run = relations.run_of(1)
+    first, *others = run.whole.parts
+    heavier = replace(first, M=first.M * (1.0 + 1e-6))
+    other = replace(run.whole, parts=(heavier, *others)).results()
+    with pytest.raises(AssertionError, match="heavier"):
+        relations.require_equal("heavier", run.results, other, run.spread)
