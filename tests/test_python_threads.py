@@ -194,7 +194,7 @@ def test_couplers_of_the_core_that_share_a_subdomain_do_not_step_it_at_once():
         inside.release()
         return np.zeros(2)
 
-    first, s = started(restoring=((spring,), np.arange(2)))
+    first, s = started(restoring=((spring,), np.arange(2), None))
     couplers = [first, *(started(subdomains=(s,))[0] for _ in range(THREADS - 1))]
 
     def work(k):
