@@ -37,9 +37,9 @@ from .problem.subdomain import Subdomain
 from .problem.superelement import ReducedBasis
 from .problem.supports import SupportMotion
 from .problem.tangent_check import TangentCheck
+from .results.energy import Energy
+from .results.history import History, SubdomainHistory
 from .run.coupler import Coupler
-from .run.energy import Energy
-from .run.history import History, SubdomainHistory
 from .run.snapshot import Snapshot
 from .run.state import State
 from .run.study import CaseResult, Study

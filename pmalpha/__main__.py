@@ -13,7 +13,7 @@ from . import __version__
 from .errors import AccuracyWarning
 from .models import FourDof, four_dof
 from .plot.styling import LINES, save, style
-from .run.history import History
+from .results.history import History
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -21,8 +21,8 @@ from .problem.constraints import Constraint, tie
 from .problem.matrices import canonical, diagonal, product, sparse_diagonal
 from .problem.schemes import CentralDifference, GeneralizedAlpha, Newmark, Scheme
 from .problem.subdomain import Subdomain
+from .results.history import History
 from .run.coupler import Coupler
-from .run.history import History
 
 __all__ = [
     "FourDof",

@@ -22,8 +22,8 @@ from odd_values import odd, odd_array
 
 import pmalpha as pm
 from pmalpha import files
+from pmalpha.results import history_file
 from pmalpha.run import checkpoint as checkpoints
-from pmalpha.run import history_file
 from pmalpha.structures.mesh_files import FORMATS
 
 HDF5 = find_spec("h5py") is not None

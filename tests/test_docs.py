@@ -107,7 +107,9 @@ def test_the_architecture_names_the_modules_that_there_are():
     there = {str(path.relative_to(ROOT)) for path in ROOT.glob("[pt]*/**/*.py")}
     assert not [name for name in named if not any(f"/{x}".endswith(f"/{name}") for x in there)]
     described = {
-        path.name for x in ("problem", "setup", "run") for path in ROOT.glob(f"pmalpha/{x}/*.py")
+        path.name
+        for x in ("problem", "setup", "results", "run")
+        for path in ROOT.glob(f"pmalpha/{x}/*.py")
     }
     assert not described - {name.split("/")[-1] for name in named}
 

@@ -14,7 +14,7 @@ import pytest
 
 import pmalpha as pm
 from pmalpha import models
-from pmalpha.run.quantities import OF_INTERFACE, OF_SUBDOMAIN
+from pmalpha.results.quantities import OF_INTERFACE, OF_SUBDOMAIN
 
 NODAL = ("t", "u", "v", "a", "dofs")
 INTERFACE = (

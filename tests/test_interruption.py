@@ -12,8 +12,8 @@ import waits
 import pmalpha as pm
 from pmalpha._core import Guard
 from pmalpha.blas import one_thread
+from pmalpha.results.clock import Clock
 from pmalpha.run.callback import CallbackLoad
-from pmalpha.run.clock import Clock
 from pmalpha.run.interrupts import HeldSignals
 
 STEPS = 100

@@ -16,7 +16,7 @@ from test_binding import interrupt_at_entry, long_run
 
 import pmalpha as pm
 from pmalpha import models
-from pmalpha.run import history_file, recording
+from pmalpha.results import history_file, recording
 
 h5py = pytest.importorskip("h5py")
 ROOT = Path(__file__).parent.parent
@@ -309,7 +309,7 @@ KILLED = """
     import numpy as np
     import h5py
     from pmalpha import models
-    from pmalpha.run import recording
+    from pmalpha.results import recording
 
     rng = np.random.default_rng(1)
     for kill in range({kills}):

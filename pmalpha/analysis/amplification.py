@@ -14,7 +14,7 @@ from ..run.coupler import Coupler
 from ..run.session import require_linear
 from ..setup.core_rows import CoreRows
 from ..setup.schedule import MACRO
-from .borrowed import checked_coupler, state_kept, unloaded
+from .kept_state import checked_coupler, state_kept, unloaded
 
 __all__ = ["AmplificationMatrix", "amplification_matrix"]
 

@@ -15,7 +15,7 @@ from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from ..run.coupler import Coupler
 from .amplification import Layout, amplification_matrix, propagation
-from .borrowed import checked_coupler
+from .kept_state import checked_coupler
 
 __all__ = ["period_and_damping", "spectral_radius", "stability_limit", "zero_stability"]
 

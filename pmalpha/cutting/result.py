@@ -14,8 +14,8 @@ from ..export import write_series
 from ..problem.constraints import Constraint
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
+from ..results.history import History, SubdomainHistory
 from ..run.coupler import Coupler
-from ..run.history import History, SubdomainHistory
 from ..structures.structure import Structure
 from .division import Division, checked_levels
 from .plan import Plan, plan_of

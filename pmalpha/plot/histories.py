@@ -1,4 +1,7 @@
-"""Figure of a History: time histories of dofs, jumps and multipliers."""
+"""Figure of a History: time histories of dofs, jumps and multipliers.
+
+A `History` draws itself by this module, which therefore does not import it.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,7 @@ import numpy as np
 
 from .._checks import listing
 from ..problem.dofs import dof_list
-from ..run.history import History, SubdomainHistory
-from ..run.keys import by_index
+from ..results.keys import by_index
 from .styling import LINES, shown_style
 
 if TYPE_CHECKING:
@@ -56,7 +58,7 @@ class Curve(NamedTuple):
 
 
 def time_histories(
-    history: History,
+    history: Any,
     dofs: Any = None,
     *,
     conditions: Any = None,
@@ -123,7 +125,7 @@ def _units(units: Mapping[str, str] | None) -> dict[str, str]:
     return found
 
 
-def _rounding_notes(history: History) -> dict[str, str]:
+def _rounding_notes(history: Any) -> dict[str, str]:
     """A sentence on each jump that is a rounding error of the recorded motion, by its name."""
     notes = {}
     for name, of in JUMPS.items():
@@ -156,7 +158,7 @@ def _power_of_ten(x: float) -> str:
 # ---- choice of curves -----------------------------------------------------------------------
 
 
-def _curves(history: History, dofs: Any, quantity: str) -> Iterator[Curve]:
+def _curves(history: Any, dofs: Any, quantity: str) -> Iterator[Curve]:
     if dofs is None:
         chosen = _largest(history, quantity)
     else:
@@ -176,7 +178,7 @@ def _shortened(name: str) -> str:
     return name if len(name) <= LONGEST else f"{name[: LONGEST - 1]}\N{HORIZONTAL ELLIPSIS}"
 
 
-def _largest(history: History, quantity: str) -> list[tuple[SubdomainHistory, list[int]]]:
+def _largest(history: Any, quantity: str) -> list[tuple[Any, list[int]]]:
     """The columns of largest range, an equal number of each subdomain."""
     motions = {
         i: getattr(s, quantity)
@@ -202,7 +204,7 @@ def _distinct(x: np.ndarray, ranges: np.ndarray, count: int) -> list[int]:
     return sorted(chosen)
 
 
-def _given_dofs(history: History, dofs: Any) -> Iterator[tuple[SubdomainHistory, Any]]:
+def _given_dofs(history: Any, dofs: Any) -> Iterator[tuple[Any, Any]]:
     """Recorded subdomains with the dofs given for each."""
     if not isinstance(dofs, Mapping) and len(history) == 1:
         dofs = {0: dofs}
@@ -213,7 +215,7 @@ def _given_dofs(history: History, dofs: Any) -> Iterator[tuple[SubdomainHistory,
         yield subdomain, given
 
 
-def _columns(subdomain: SubdomainHistory, given: Any) -> list[int]:
+def _columns(subdomain: Any, given: Any) -> list[int]:
     """The columns of the given dofs, of all dofs for None."""
     if given is None:
         return list(range(subdomain.dofs.size))
@@ -229,7 +231,7 @@ def _columns(subdomain: SubdomainHistory, given: Any) -> list[int]:
     return [columns[int(dof)] for dof in dofs]
 
 
-def _rows(history: History, conditions: Any) -> list[int]:
+def _rows(history: Any, conditions: Any) -> list[int]:
     """The constraints to draw."""
     p = history.multipliers.shape[1]
     if p == 0 and conditions is None:
@@ -247,7 +249,7 @@ def _rows(history: History, conditions: Any) -> list[int]:
 
 def _draw_interface(
     axes: Sequence[Axes],
-    history: History,
+    history: Any,
     rows: list[int],
     unit: Mapping[str, str],
     interface: Mapping[str, tuple[str, str]],
@@ -266,7 +268,7 @@ def _varies(substeps: np.ndarray | None) -> bool:
     return substeps is not None and bool(np.any(substeps != substeps[0]))
 
 
-def _draw_substeps(ax: Axes, history: History) -> None:
+def _draw_substeps(ax: Axes, history: Any) -> None:
     """Substeps of the macro steps, each at the end of one; labels beside the ends of the curves."""
     for i, (name, _) in enumerate(history.keys[:DEFAULT_CURVES]):
         look = _look(i) | {"marker": "", "drawstyle": "steps-pre"}

@@ -18,7 +18,7 @@ from .._checks import (
     whole_number,
 )
 from ..problem.kinds import KINDS
-from ..run.history import History, SubdomainHistory
+from ..results.history import History, SubdomainHistory
 from ..structures.mesh import (
     Block,
     Mesh,

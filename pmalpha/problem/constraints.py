@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted, listing, numbered
-from .arguments import DofsLike, MatrixLike
+from .argument_types import DofsLike, MatrixLike
 from .dofs import dof_list
 from .forces import BaseAcceleration, SampledForce, checked_force
 from .frozen import Frozen

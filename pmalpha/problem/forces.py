@@ -14,7 +14,7 @@ import numpy as np
 from scipy import LowLevelCallable
 
 from .._checks import counted, flag, real_array, time_step, vector
-from .arguments import MatrixLike
+from .argument_types import MatrixLike
 from .frozen import Frozen
 from .lowlevel import check_signature
 from .matrices import canonical, product

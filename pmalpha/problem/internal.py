@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from scipy import LowLevelCallable
 
 from .._checks import counted, positive_number, real_array, real_number, vector
-from .arguments import SparseLike, VectorLike
+from .argument_types import SparseLike, VectorLike
 from .compiled import evaluate_compiled
 from .frozen import Frozen
 from .lowlevel import check_signature

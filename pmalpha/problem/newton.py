@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar, get_args
 
 from .._checks import check_word, real_number, whole_number
-from .arguments import TangentPolicy
+from .argument_types import TangentPolicy
 from .frozen import Frozen
 
 __all__ = ["Newton"]

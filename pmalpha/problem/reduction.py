@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted, listing, plain_array, require_finite
-from .arguments import DofsLike, MatrixLike
+from .argument_types import DofsLike, MatrixLike
 from .dofs import checked_mask, dof_list
 from .matrices import Matrix, canonical, sparse_diagonal
 

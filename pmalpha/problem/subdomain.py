@@ -8,7 +8,7 @@ import numpy as np
 
 from .._checks import check_word, counted, flag, numbered, vector, whole_number
 from ..errors import FactorizationError
-from .arguments import Damping, DofsLike, MatrixLike, VectorLike
+from .argument_types import Damping, DofsLike, MatrixLike, VectorLike
 from .damping import checked_rayleigh, damping_matrix
 from .discrete_gradient import internal_for
 from .forces import checked_force, depends_on_motion

@@ -20,7 +20,7 @@ from .._checks import counted, listing, plain_array, positive_number, vector, wh
 from ..blas import one_thread
 from ..errors import warn
 from ..memory import require
-from .arguments import DofsLike
+from .argument_types import DofsLike
 from .dofs import dof_list
 from .eigenmodes import modes
 from .forces import SampledForce, depends_on_motion

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._checks import vector
-from .clock import Clock
+from ..results.clock import Clock
 
 
 class CallbackLoad:

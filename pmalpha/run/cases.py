@@ -13,16 +13,16 @@ from ..errors import CasesError
 from ..memory import require
 from ..problem.forces import Force
 from ..problem.subdomain import Subdomain
+from ..results.history import History
+from ..results.recording import Recording
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.start import InitialAccelerations
-from .history import History
 from .initial import InitialValues, StartValues, consistent_in_lanes
 from .interrupts import HeldSignals
 from .lanes import FEWEST, Crew, Group, fits, lanes_are_possible
 from .motion import Motion
 from .progress import Report, reporting
 from .recorded_run import judge, recorded, recording_of
-from .recording import Recording
 from .reset import Case, checked_forces, return_to_start, warn_of_records
 from .sampled import seen_by
 from .session import Session, require_alone, take, take_first_steps

@@ -7,14 +7,14 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from .._checks import real_number, time_step, whole_number
+from ..results.clock import Clock
+from ..results.keys import by_index
+from ..results.recording import Recording
 from ..setup.assembly import Assembly
 from ..setup.ranks import joined
 from .advance import advance
 from .checkpoint import damaged
-from .clock import Clock
-from .keys import by_index
 from .progress import Report
-from .recording import Recording
 from .sampled import warn_of_skipped
 from .session import Session, check_call, layout_of, take, together
 from .transfer import Steps, follow_energies, moves, take_over

@@ -26,11 +26,11 @@ from ..blas import one_thread
 from ..files import read_npz, write_npz
 from ..problem.forces import SampledForce, depends_on_motion
 from ..problem.springs import Spring
+from ..results.clock import Clock
 from ..setup.assembly import Assembly
 from ..setup.core_rows import CoreRows
 from ..setup.part import Part
 from ..setup.schedule import Options
-from .clock import Clock
 from .motion import Motion
 
 # In the header of the file.

@@ -9,22 +9,22 @@ from typing import Any
 import numpy as np
 
 from .._core import Guard
-from ..problem.arguments import Coupling, Drift, Start
+from ..problem.argument_types import Coupling, Drift, Start
 from ..problem.constraints import Constraint
 from ..problem.newton import DEFAULT, Newton
 from ..problem.springs import SpringState
 from ..problem.subdomain import Subdomain
+from ..results.history import History
+from ..setup.eliminated_rows import Assembled
 from ..setup.ranks import Ranks
 from ..setup.schedule import Options
-from ..setup.uncut import Assembled
 from . import cases as load_cases
-from . import changes, recorded_run, saving, uncut
+from . import changes, recorded_run, saving, whole_structure
 from . import reset as beginning
 from . import snapshot as snapshots
 from . import state as present
 from . import tolerance as tolerance_run
 from .description import html_of, text_of
-from .history import History
 from .session import begin, made
 from .snapshot import Snapshot
 from .state import State
@@ -786,7 +786,7 @@ class Coupler:
         >>> float(coupler.static()["a"][0].round(12))
         1.0
         """
-        return uncut.static(self._session, steps)
+        return whole_structure.static(self._session, steps)
 
     def assembled(self) -> Assembled:
         """The structure before it was cut: M, C and K with the constraints eliminated exactly.
@@ -827,7 +827,7 @@ class Coupler:
         >>> M.diagonal().tolist(), K.toarray().tolist(), map["b"].toarray().tolist()
         ([1.0, 6.0], [[3.0, -1.0], [-1.0, 6.0]], [[0.0, 1.0]])
         """
-        return uncut.assembled(self._session)
+        return whole_structure.assembled(self._session)
 
     def modes(self, k: int = 6) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """The lowest natural frequencies and modes of the structure with its ties.
@@ -883,4 +883,4 @@ class Coupler:
         >>> coupler.modes(1)[0].round(6).tolist()  # sqrt(1 + 3 u^2)
         [3.605551]
         """
-        return uncut.modes(self._session, k)
+        return whole_structure.modes(self._session, k)

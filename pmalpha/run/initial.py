@@ -11,11 +11,11 @@ from .._checks import vector
 from ..errors import InstabilityError
 from ..problem.forces import Force
 from ..problem.subdomain import Subdomain
+from ..results.keys import by_index
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.core_rows import CoreRows
 from ..setup.part import Part
 from ..setup.start import InitialAccelerations
-from .keys import by_index
 from .loads import Loads, force_at
 from .motion import Motion, all_known, slopes_at_start, values_at_start
 

@@ -14,11 +14,11 @@ from scipy import LowLevelCallable
 
 from .._core import LANES, split_lanes
 from ..problem.forces import Force, core_load, is_callback
+from ..results.recording import Recording
 from ..setup.part import Part
 from .initial import StartValues
 from .motion import Motion, all_known
 from .progress import INTERVAL
-from .recording import Recording
 
 # Fewer cases are run one after the other: a step of all lanes takes about twice that of one case.
 FEWEST = 3

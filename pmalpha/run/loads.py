@@ -13,9 +13,9 @@ from ..errors import CallbackError
 from ..problem.forces import Force, core_load, depends_on_motion, is_callback
 from ..problem.matrices import product
 from ..problem.newton import Newton
+from ..results.clock import Clock
 from ..setup.part import Part
 from .callback import CallbackLoad
-from .clock import Clock
 from .motion import Motion, all_known
 from .sampled import seen_by
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from ..problem.forces import Force, SampledForce, core_load, is_callback
+from ..results.clock import Clock
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.schedule import Rows
 from .callback import CallbackLoad
-from .clock import Clock
 
 
 class Motion:

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from .._checks import flag, whole_number
 from ..files import check_replaceable, checked_path
+from ..problem.matrices import core_matrix, skew_part
+from ..results.appending import check_new
+from ..results.energy import conserved_quantity, stiffness_weight
+from ..results.history import History
+from ..results.history_file import write_master
+from ..results.recording import FiledRecording, Recording, recording_class
 from ..setup.ranks import Elsewhere, file_of
 from .accuracy import estimated_error, warn_if_coarse
-from .appending import check_new
 from .changes import advance_to
 from .drift import warn_if_drifting
-from .energy import conserved_quantity, summed_works
-from .history import History
-from .history_file import write_master
 from .interrupts import HeldSignals
 from .progress import Report, reporting
-from .recording import FiledRecording, Recording, recording_class
 from .session import Session, begin, check_call, together
 from .stiffening import warn_of_present_steps
 
@@ -159,3 +162,21 @@ def write_master_of(session: Session, own: Path) -> None:
     path = own.with_suffix("")  # without the rank
     files = [Path(file_of(path, rank)).name for rank in range(session.ranks.size)]
     write_master(path, files, session.ranks.first.tolist())
+
+
+@contextmanager
+def summed_works(session: Session, wanted: bool, conserved: str | None) -> Iterator[None]:
+    """Sum the works of each substep in the core; its memory for them is released afterwards."""
+    try:
+        if wanted:
+            lam, loads = session.core.multipliers, session.loads
+            for i, part in enumerate(session.parts):
+                loads.evaluate_present(i)
+                scheme = part.subdomain.scheme
+                weight = (stiffness_weight(scheme, part.h),) if conserved == "dual" else ()
+                own = (core_matrix(part.M), core_matrix(skew_part(part.K), symmetric=False))
+                part.core.begin_energy(*own, loads.at_present(i), lam, *weight)
+        yield
+    finally:
+        for part in session.parts if wanted else ():
+            part.core.end_energy()

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 from ..problem.forces import Force, checked_force, depends_on_motion
 from ..problem.subdomain import Subdomain
+from ..results.keys import by_index
 from ..setup.constraint_rows import ConstraintRows
 from .initial import InitialValues
-from .keys import by_index
 from .sampled import warn_of_skipped
 from .session import Session, check_call, take, take_first_steps, take_loads, together
 

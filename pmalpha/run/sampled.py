@@ -11,8 +11,8 @@ from scipy.linalg.blas import dtbsv
 from .._checks import listing
 from ..errors import AccuracyWarning, warn
 from ..problem.forces import Force, SampledForce
+from ..results.clock import Clock
 from ..setup.part import Part
-from .clock import Clock
 from .motion import Motion
 
 # The mean over a step shorter than this share of the time between samples is its value in the

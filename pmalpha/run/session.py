@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 
 from .._core import Guard
-from ..problem.arguments import Coupling
+from ..problem.argument_types import Coupling
 from ..problem.subdomain import Subdomain
+from ..results.clock import Clock
+from ..results.history import History
 from ..setup.assembly import Assemblies, Assembly, Layout
 from ..setup.constraint_rows import ConstraintRows
 from ..setup.core_rows import CoreRows
@@ -33,8 +35,6 @@ from ..setup.schedule import (
     names_of,
 )
 from ..setup.start import InitialAccelerations
-from .clock import Clock
-from .history import History
 from .initial import InitialValues
 from .loads import Loads
 from .motion import motions_of

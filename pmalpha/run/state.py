@@ -8,7 +8,7 @@ import numpy as np
 
 from ..problem.springs import SpringState
 from ..problem.subdomain import Subdomain
-from .keys import position
+from ..results.keys import position
 from .session import Session, begin
 
 __all__ = ["State"]

@@ -17,9 +17,9 @@ import numpy as np
 from .._checks import whole_number
 from ..errors import CasesError, PmalphaError
 from ..files import PACKAGE_VERSION, checked_path
+from ..results.history import History
+from ..results.history_file import hdf5_library
 from .coupler import Coupler
-from .history import History
-from .history_file import hdf5_library
 from .progress import reporting
 
 __all__ = ["CaseResult", "Study"]

@@ -13,22 +13,22 @@ from .._checks import listing, positive_number
 from ..errors import AccuracyWarning, warn
 from ..files import check_replaceable, checked_path
 from ..problem.subdomain import Subdomain
+from ..results import history_file
+from ..results.appending import check_new
+from ..results.energy import Energy
+from ..results.history import History, SubdomainHistory
+from ..results.history_file import hdf5_library
+from ..results.joining import stacked
+from ..results.keys import by_index
+from ..results.local_error import errors_of
+from ..results.outputs import chosen_outputs
+from ..results.quantities import OF_SUBDOMAIN, of_columns, with_rows
+from ..results.recording import Recording, chosen_dofs
 from ..setup.part import Part
-from . import history_file
-from .accuracy import errors_of
-from .appending import check_new
 from .changes import advance_to, choose
-from .energy import Energy, summed_works
-from .history import History, SubdomainHistory
-from .history_file import hdf5_library
 from .interrupts import HeldSignals
-from .joining import stacked
-from .keys import by_index
-from .outputs import chosen_outputs
 from .progress import Report, reporting
-from .quantities import OF_SUBDOMAIN, of_columns, with_rows
-from .recorded_run import own_record, record_present, recording_of, write_master_of
-from .recording import Recording, chosen_dofs
+from .recorded_run import own_record, record_present, recording_of, summed_works, write_master_of
 from .session import Session, begin, check_call, in_any, together
 from .snapshot import restore_snapshot, snapshot_of
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..results.clock import Clock
 from ..setup.assembly import Assembly, Layout
 from ..setup.part import Part
-from .clock import Clock
 
 # Number of arrays of a time level in the core (u, v, w, a, vf, springs, history), and where w and a
 # are among them.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from ..problem.subdomain import Subdomain
+from ..results.history import SubdomainHistory
 from .coupler import Coupler
-from .history import SubdomainHistory
 
 __all__ = ["solve"]
 

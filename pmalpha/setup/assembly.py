@@ -16,10 +16,10 @@ from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
 from .elimination import Eliminations
 from .factors import Factor
+from .floating import warn_of_loose
 from .interface import interface_factor, interface_matrix, is_symmetric_sum, row_order
 from .iteration import iteration_of, prepare_iterated
 from .link import Link
-from .loose import warn_of_loose
 from .macro import prepare, warn_of_resonance
 from .mean import check_mean, doubled_part, mass_of_interface, prepare_mean, warn_of_damping
 from .part import Part, build, make_part, warn_of_factors, warn_of_order

@@ -20,9 +20,9 @@ from ..problem.matrices import combination, product
 from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
 from .evaluated import internal_at, matrix_of_springs, springs_at
-from .internal import InternalForces
 from .ranks import Ranks, joined
 from .static import require_stiff, sparse
+from .tangent_pattern import InternalForces
 
 # Shares of the diagonal that are added to a tangent, in turn: a singular or indefinite one gives
 # no direction in which the equilibrium is closer.

@@ -14,7 +14,7 @@ from ..problem.compiled import evaluate_compiled
 from ..problem.matrices import Matrix, canonical, combination
 from ..problem.springs import assembled, core_springs
 from ..problem.subdomain import Subdomain
-from .internal import InternalForces
+from .tangent_pattern import InternalForces
 
 # What a spring remembers: deformation, force and inner variable.
 REMEMBERED = 3

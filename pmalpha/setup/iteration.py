@@ -20,11 +20,11 @@ from ..problem.matrices import combination, core_matrix, permuted
 from ..problem.newton import Newton
 from .compliance import Block
 from .interface import is_symmetric_sum, summed, total
-from .internal import core_size, numeric, structure
 from .macro import compute_unit_responses
 from .mean import mass_of_interface, mean_blocks
 from .part import Part, core_subdomain
 from .ranks import Ranks, joined
+from .tangent_pattern import core_size, numeric, structure
 
 
 def prepare_iterated(parts: Sequence[Part], coupling: str) -> None:

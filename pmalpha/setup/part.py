@@ -28,7 +28,10 @@ from .compliance import Block, compliance, diagonal_compliances
 from .elimination import Elimination, Eliminations
 from .external import External
 from .factors import Factor, Names
-from .internal import (
+from .link import Link
+from .stability import StepRatio
+from .stiff_restoring import StiffnessWatch
+from .tangent_pattern import (
     InternalForces,
     TangentPattern,
     core_internal,
@@ -36,9 +39,6 @@ from .internal import (
     internal_forces,
     tangent_pattern,
 )
-from .link import Link
-from .stability import StepRatio
-from .stiff_restoring import StiffnessWatch
 
 # Below this number of entries (0.8 MB) a factor stays in the caches, and its sweeps are cheap.
 NOTABLE_FACTOR = 100_000

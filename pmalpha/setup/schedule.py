@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, get_args
 import scipy.sparse as sp
 
 from .._checks import check_word, counted, listing, time_step, whole_number
-from ..problem.arguments import Coupling, Drift, Start
+from ..problem.argument_types import Coupling, Drift, Start
 from ..problem.constraints import Constraint
 from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain

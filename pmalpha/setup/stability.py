@@ -14,7 +14,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, eigsh
 from .._checks import listing, vector
 from ..blas import one_thread
 from ..errors import StabilityWarning, warn
-from ..problem.arguments import VectorLike
+from ..problem.argument_types import VectorLike
 from ..problem.matrices import (
     Matrix,
     combination,
@@ -28,7 +28,7 @@ from ..problem.matrices import (
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from .evaluated import present_tangent
-from .internal import InternalForces, internal_forces
+from .tangent_pattern import InternalForces, internal_forces
 
 # Below this size the eigenvalues of the dense matrices take less time than Lanczos.
 SMALL = 200

@@ -12,9 +12,9 @@ from .bars import truss
 from .contact import plane_contact, sphere_contact
 from .continuum import plate, plate_on, solid, solid_on
 from .corotational import corotational_frame
+from .element_force import ElementForce
 from .frames import beam_frame, subdivide
 from .imported import from_mesh
-from .internal import ElementForce
 from .lines import chain, rod
 from .materials import NeoHookean, StVenantKirchhoff
 from .nonlinear import nonlinear_solid, nonlinear_solid_on

@@ -11,13 +11,13 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from .._checks import check_word, flag, plain_array, require_moderate
-from .arguments import is_lumped, mesh_arguments, per_element, positive
-from .assembly import Assembly
+from .checked import is_lumped, mesh_arguments, per_element, positive
+from .element_force import Conservative
 from .frames import subdivide
-from .internal import Conservative
 from .pattern import Pattern, lumped_mass
 from .recipe import Chosen, Made, of_chosen
 from .structure import Structure
+from .tangent_sums import Assembly
 
 __all__ = ["truss"]
 

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 
 from .._checks import flag, positive_number, vector
 from ..problem.dofs import dof_list
-from .arguments import positive
-from .assembly import Assembly
-from .internal import Conservative
+from .checked import positive
+from .element_force import Conservative
 from .structure import Structure
+from .tangent_sums import Assembly
 
 __all__ = ["plane_contact", "sphere_contact"]
 

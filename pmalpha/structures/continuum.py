@@ -14,7 +14,7 @@ from .._checks import check_word, plain_array, real_array, require_moderate, who
 from ..blas import one_thread
 from ..problem.kinds import KINDS
 from ..problem.shapes import SHAPES
-from .arguments import is_lumped, isotropic, measure, node_numbers, poisson, positive, require_used
+from .checked import is_lumped, isotropic, measure, node_numbers, poisson, positive, require_used
 from .elasticity import Moduli, mass_matrix, stiffness
 from .mesh import Block
 from .pattern import Pattern

@@ -11,11 +11,11 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from .._checks import real_number
-from .assembly import Assembly
+from .element_force import Conservative
 from .frames import frame_arguments, lumped_beams
-from .internal import Conservative
 from .recipe import Chosen, Made, of_chosen
 from .structure import Structure
+from .tangent_sums import Assembly
 
 __all__ = ["corotational_frame"]
 

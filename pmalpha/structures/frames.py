@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from .._checks import listing, plain_array, real_number
-from .arguments import is_lumped, mesh_arguments, positive
+from .checked import is_lumped, mesh_arguments, positive
 from .lines import SPRING
 from .pattern import Pattern, lumped_mass
 from .recipe import Chosen, Made, Recipe, of_chosen

@@ -13,7 +13,7 @@ import numpy as np
 from .._checks import check_word, listing, plain_array
 from ..problem.kinds import KINDS
 from ..problem.shapes import SHAPES
-from .arguments import is_lumped, positive
+from .checked import is_lumped, positive
 from .continuum import elastic_matrices, moduli_of
 from .elasticity import Moduli
 from .frames import ROTARY, beam_matrices

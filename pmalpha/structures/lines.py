@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from .._checks import real_number, vector, whole_number
-from .arguments import is_lumped, measure, not_negative, positive
+from .checked import is_lumped, measure, not_negative, positive
 from .pattern import Pattern, lumped_mass
 from .recipe import Chosen, Made, of_chosen
 from .structure import Structure

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arguments import isotropic
+from .checked import isotropic
 
 __all__ = ["NeoHookean", "StVenantKirchhoff"]
 

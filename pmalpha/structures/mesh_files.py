@@ -16,7 +16,7 @@ import numpy as np
 from .._checks import listing, require_finite, require_moderate
 from ..files import reading
 from ..problem.kinds import KINDS
-from ..run.history_file import SIGNATURE, own_array
+from ..results.history_file import SIGNATURE, own_array
 from .inp import Input
 from .mesh import Block
 

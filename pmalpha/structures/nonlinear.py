@@ -11,16 +11,16 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from .._checks import check_word, plain_array, whole_number
-from .arguments import is_lumped, mesh_arguments, positive
-from .assembly import Assembly
+from .checked import is_lumped, mesh_arguments, positive
 from .continuum import grid
 from .elasticity import gradients, mass_matrix
-from .internal import Conservative, ElementForce
+from .element_force import Conservative, ElementForce
 from .materials import Hyperelastic, Material
 from .mesh import Block
 from .pattern import Pattern
 from .recipe import Chosen, Made, of_chosen
 from .structure import Structure
+from .tangent_sums import Assembly
 
 __all__ = ["nonlinear_solid", "nonlinear_solid_on"]
 

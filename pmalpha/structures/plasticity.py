@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arguments import isotropic, not_negative, positive
+from .checked import isotropic, not_negative, positive
 from .materials import Material, component_pairs
 
 __all__ = ["J2Plasticity"]

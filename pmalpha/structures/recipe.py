@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 if TYPE_CHECKING:
-    from .internal import ElementForce
+    from .element_force import ElementForce
 
 # The elements that are meant, by kind: their numbers, or slice(None) for all.
 Chosen = Mapping[str, Any]

@@ -15,7 +15,7 @@ from ..problem.matrices import Matrix, combination, sparse_diagonal
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from .elasticity import Moduli, stresses
-from .internal import ElementForce
+from .element_force import ElementForce
 from .line_forces import BAR, BEAM, line_forces
 from .recipe import Recipe, all_of
 

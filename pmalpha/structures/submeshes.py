@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._checks import real_array
-from .arguments import node_numbers
+from .checked import node_numbers
 
 __all__ = ["submesh"]
 

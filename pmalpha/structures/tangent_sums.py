@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 import scipy.sparse as sp
 
-from .internal import in_pattern
+from .element_force import in_pattern
 from .pattern import Pattern, upper
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from ..run.clock import Clock
+from ..results.clock import Clock
 from ..run.coupler import Coupler
 from ..run.session import take
 from ..run.snapshot import restore_snapshot, snapshot_of

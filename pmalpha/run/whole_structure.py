@@ -11,13 +11,13 @@ from ..errors import BucklingError
 from ..problem.eigenmodes import IndefiniteStiffness
 from ..problem.eigenmodes import modes as modes_of
 from ..problem.matrices import Matrix, is_symmetric
+from ..setup.eliminated_rows import Assembled
+from ..setup.eliminated_rows import assembled as assemble
 from ..setup.equilibrium import Equilibrium
 from ..setup.evaluated import REMEMBERED, matrices_at
 from ..setup.part import Part
 from ..setup.ranks import joined
 from ..setup.static import static_displacements
-from ..setup.uncut import Assembled
-from ..setup.uncut import assembled as assemble
 from .session import Session, begin, check_call, require_alone, together
 
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from .._checks import counted
-from ..problem.matrices import core_matrix, is_symmetric, skew_part
+from ..problem.matrices import is_symmetric
 from ..problem.schemes import Scheme
 from ..setup.part import Part
 from ..setup.ranks import Ranks, joined
@@ -142,21 +141,3 @@ def _conserves(part: Part) -> bool:
 def stiffness_weight(scheme: Scheme, h: float) -> float:
     """The multiple of K beside M in (M9); an explicit scheme with am = af is central difference."""
     return -0.25 * h**2 if scheme.explicit else (scheme.beta - 0.25) * h**2
-
-
-@contextmanager
-def summed_works(session: Any, wanted: bool, conserved: str | None) -> Iterator[None]:
-    """Sum the works of each substep in the core; its memory for them is released afterwards."""
-    try:
-        if wanted:
-            lam, loads = session.core.multipliers, session.loads
-            for i, part in enumerate(session.parts):
-                loads.evaluate_present(i)
-                scheme = part.subdomain.scheme
-                weight = (stiffness_weight(scheme, part.h),) if conserved == "dual" else ()
-                own = (core_matrix(part.M), core_matrix(skew_part(part.K), symmetric=False))
-                part.core.begin_energy(*own, loads.at_present(i), lam, *weight)
-        yield
-    finally:
-        for part in session.parts if wanted else ():
-            part.core.end_energy()

@@ -13,12 +13,12 @@ from .._checks import counted
 from ..files import checked_path, read_npz, write_npz
 from ..problem.subdomain import Subdomain
 from . import history_file
-from .accuracy import local_error
 from .conversion import dataset, frames, subdomain_dataset, subdomain_frame
 from .energy import ENERGY_FIELDS, Energy
 from .history_file import FORMAT, VERSION, output_array, whole_numbers
 from .joining import joined
 from .keys import position
+from .local_error import local_error
 from .quantities import OF_INTERFACE, OF_SUBDOMAIN, Quantity, arrays_of
 
 if TYPE_CHECKING:
