@@ -32,7 +32,15 @@ from .problem.interpolation import interpolate
 from .problem.newton import Newton
 from .problem.reduction import Reduction, reduce
 from .problem.schemes import HHT, WBZ, CentralDifference, GeneralizedAlpha, Newmark, Scheme
-from .problem.springs import Bilinear, BoucWen, CubicSpring, Gap, SpringState
+from .problem.springs import (
+    Bilinear,
+    BoucWen,
+    CubicSpring,
+    Gap,
+    Multilinear,
+    RambergOsgood,
+    SpringState,
+)
 from .problem.subdomain import Subdomain
 from .problem.superelement import ReducedBasis
 from .problem.supports import SupportMotion
@@ -75,12 +83,14 @@ __all__ = [
     "History",
     "InstabilityError",
     "InternalForce",
+    "Multilinear",
     "Newmark",
     "Newton",
     "PerformanceWarning",
     "Plan",
     "PlanRow",
     "PmalphaError",
+    "RambergOsgood",
     "ReducedBasis",
     "Reduction",
     "SampledForce",

@@ -6,6 +6,7 @@ from typing import Any, final
 import numpy as np
 from scipy import LowLevelCallable
 
+SPRING_LAWS: dict[str, int]  # number of each law of springs
 LANES: int  # vectors side by side: unit responses of one pass, load cases
 
 _Compressed = tuple[np.ndarray, np.ndarray, np.ndarray]  # ptr int64, index int32, values float64
@@ -214,7 +215,7 @@ def columns_of(
 ) -> tuple[np.ndarray, _Compressed, bool]: ...
 def permuted(matrix: _Compressed, order: np.ndarray, /) -> _Compressed: ...
 def follow_springs(
-    springs: tuple[_Springs, ...], u: np.ndarray, levels: np.ndarray, /
+    springs: tuple[_Springs, ...], u: np.ndarray, levels: np.ndarray | None, /
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]: ...
 
 # u, v, a, levels x dofs; converted where they are not as above

@@ -124,6 +124,7 @@ PyObject *pma_subdomain_set_iteration(SubdomainObject *self, PyObject *args);
 extern PyMethodDef pma_factor_functions[];
 extern PyMethodDef pma_matrix_functions[];
 extern PyMethodDef pma_spring_functions[];
+PyObject *pma_spring_laws(void);
 extern PyMethodDef pma_estimate_functions[];
 extern PyMethodDef pma_case_functions[];
 extern PyType_Spec pma_subdomain_spec;

@@ -1,6 +1,8 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
+#include "member/laws.h"
+
 PyObject *pma_raise(pma_status status, const char *what)
 {
     if (PyErr_Occurred())
@@ -319,6 +321,16 @@ int pma_take_lu(PyObject *obj, npy_intp p, PyObject *arrays, pma_lu *out)
     return 0;
 }
 
+/* As many elements as there are parameters for; -1 without an exception where these do not fit. */
+static int take_elements(int law, PyObject *parameters, pma_spring_set *set)
+{
+    const size_t count = (size_t)PyTuple_Size(parameters), own = pma_laws[law].parameters;
+    const size_t each = pma_laws[law].each_parameters;
+    set->law = (pma_spring_law)law;
+    set->elements = each > 0 && count > own ? (count - own) / each : 0;
+    return count <= PMA_SPRING_PARAMETERS && pma_spring_parameters(set) == count ? 0 : -1;
+}
+
 /* (law, first, second, (parameter, ...)) */
 static int take_spring_set(PyObject *obj, PyObject *arrays, pma_spring_set *set)
 {
@@ -339,12 +351,10 @@ static int take_spring_set(PyObject *obj, PyObject *arrays, pma_spring_set *set)
     if (pma_take_array(second, NPY_INT32, 1, &count, "second", arrays, &array) < 0)
         return -1;
     set->second = PyArray_DATA(array);
-    if (law < 0 || law >= PMA_SPRING_LAWS ||
-        (size_t)PyTuple_Size(parameters) != pma_spring_parameters[law]) {
+    if (law < 0 || law >= PMA_SPRING_LAWS || take_elements(law, parameters, set) < 0) {
         PyErr_SetString(PyExc_ValueError, "springs: law and number of parameters must agree");
         return -1;
     }
-    set->law = (pma_spring_law)law;
     for (Py_ssize_t k = 0; k < PyTuple_Size(parameters); k++) {
         if (pma_take_doubles(PyTuple_GetItem(parameters, k), count, "parameter", arrays,
                              &set->parameters[k]) < 0)

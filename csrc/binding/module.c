@@ -31,6 +31,11 @@ static int module_exec(PyObject *module)
         PyModule_AddFunctions(module, pma_case_functions) < 0 ||
         PyModule_AddIntConstant(module, "LANES", PMA_LANES) < 0)
         return -1;
+    PyObject *laws = pma_spring_laws();
+    const int failed = laws ? PyModule_AddObjectRef(module, "SPRING_LAWS", laws) : -1;
+    Py_XDECREF(laws);
+    if (failed)
+        return -1;
     state->subdomain_type = add_type(module, &pma_subdomain_spec);
     if (!state->subdomain_type)
         return -1;

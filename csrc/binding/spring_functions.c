@@ -2,6 +2,8 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
+#include "member/laws.h"
+
 static double *data_of(PyObject *array)
 {
     return PyArray_DATA((PyArrayObject *)array);
@@ -10,7 +12,8 @@ static double *data_of(PyObject *array)
 /* (levels, slopes, f) of springs that go from `from` to u */
 static PyObject *follow(const pma_springs *springs, npy_intp n, const double *u, const double *from)
 {
-    const npy_intp total = (npy_intp)springs->total, shape[2] = {PMA_SPRING_FIELDS, total};
+    const npy_intp total = (npy_intp)springs->total,
+                   shape[2] = {(npy_intp)pma_springs_fields(springs), total};
     PyObject *to = PyArray_ZEROS(2, shape, NPY_DOUBLE, 0), *result = NULL;
     PyObject *slopes = PyArray_ZEROS(1, &total, NPY_DOUBLE, 0);
     PyObject *f = PyArray_ZEROS(1, &n, NPY_DOUBLE, 0);
@@ -36,8 +39,16 @@ static PyObject *take_and_follow(PyObject *list, PyObject *u_obj, PyObject *from
     if (pma_take_springs(list, arrays, sets, &springs) < 0 ||
         pma_take_array(u_obj, NPY_DOUBLE, 1, &any, "u", NULL, &u) < 0)
         return NULL;
-    const npy_intp n = PyArray_DIM(u, 0), shape[2] = {PMA_SPRING_FIELDS, (npy_intp)springs.total};
-    if (pma_take_array(from_obj, NPY_DOUBLE, 2, shape, "levels", NULL, &from) < 0)
+    const npy_intp n = PyArray_DIM(u, 0);
+    const npy_intp shape[2] = {(npy_intp)pma_springs_fields(&springs), (npy_intp)springs.total};
+    PyObject *zeros = from_obj == Py_None ? PyArray_ZEROS(2, shape, NPY_DOUBLE, 0) : NULL;
+    if (zeros && PyList_Append(arrays, zeros) < 0) {
+        Py_DECREF(zeros);
+        return NULL;
+    }
+    Py_XDECREF(zeros);
+    if ((from_obj == Py_None && !zeros) ||
+        pma_take_array(zeros ? zeros : from_obj, NPY_DOUBLE, 2, shape, "levels", NULL, &from) < 0)
         return NULL;
     const pma_status status = pma_springs_check(&springs, (size_t)n);
     if (status != PMA_OK)
@@ -58,9 +69,22 @@ static PyObject *follow_springs(PyObject *Py_UNUSED(module), PyObject *args)
     return result;
 }
 
+/* {name: number in the core} of all laws */
+PyObject *pma_spring_laws(void)
+{
+    PyObject *laws = PyDict_New();
+    for (int i = 0; laws && i < PMA_SPRING_LAWS; i++) {
+        PyObject *number = PyLong_FromLong(i);
+        if (!number || PyDict_SetItemString(laws, pma_laws[i].name, number) < 0)
+            Py_CLEAR(laws);
+        Py_XDECREF(number);
+    }
+    return laws;
+}
+
 PyMethodDef pma_spring_functions[] = {
     {"follow_springs", follow_springs, METH_VARARGS,
      "follow_springs(springs, u, levels) -> (levels, slopes, f): springs that go from what they "
-     "remember, (3, springs), to u"},
+     "remember, (fields, springs), to u; None: that were never loaded"},
     {NULL, NULL, 0, NULL},
 };

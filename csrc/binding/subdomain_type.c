@@ -410,7 +410,7 @@ static void list_fields(const pma_kept_levels *levels, double *fields[2 * LEVEL_
 
 static npy_intp field_size(const pma_parts *parts, Py_ssize_t field)
 {
-    const size_t n = parts->n, remembered = PMA_SPRING_FIELDS * parts->springs.total;
+    const size_t n = parts->n, remembered = pma_springs_numbers(&parts->springs);
     const size_t history = parts->internal.history + (parts->iterate ? 1 : 0);
     const size_t sizes[LEVEL_FIELDS] = {n, n, n, n, parts->nb, remembered, history};
     return (npy_intp)sizes[field % LEVEL_FIELDS];
@@ -437,19 +437,19 @@ static PyObject *subdomain_levels(SubdomainObject *self, PyObject *Py_UNUSED(ign
     return tuple;
 }
 
-/* springs(): deformation, force and inner variable of all springs at the present time level */
+/* springs(): deformation, force and inner variables of all springs at the present time level */
 static PyObject *subdomain_springs(SubdomainObject *self, PyObject *Py_UNUSED(ignored))
 {
-    const size_t total = pma_subdomain_parts(self->core)->springs.total;
-    const npy_intp shape[2] = {PMA_SPRING_FIELDS, (npy_intp)total};
+    const pma_springs *springs = &pma_subdomain_parts(self->core)->springs;
+    const npy_intp shape[2] = {(npy_intp)pma_springs_fields(springs), (npy_intp)springs->total};
     PyObject *out = PyArray_SimpleNew(2, shape, NPY_DOUBLE);
     if (!out || !pma_subdomain_claim(self)) {
         Py_XDECREF(out);
         return NULL;
     }
-    if (total > 0)
+    if (springs->total > 0)
         memcpy(PyArray_DATA((PyArrayObject *)out), pma_subdomain_present(self->core)->springs,
-               PMA_SPRING_FIELDS * total * sizeof(double));
+               pma_springs_numbers(springs) * sizeof(double));
     pma_subdomain_release(self);
     return out;
 }
@@ -503,7 +503,8 @@ static PyMethodDef subdomain_methods[] = {
      "previous one if "
      "double; copies"},
     {"springs", (PyCFunction)subdomain_springs, METH_NOARGS,
-     "springs() -> (3, springs) array: present deformation, force and inner variable, a copy"},
+     "springs() -> (fields, springs) array: present deformation, force and inner variables, a "
+     "copy"},
     {"set_levels", (PyCFunction)subdomain_set_levels, METH_O, "set_levels(levels): the inverse"},
     {"evaluate_present", (PyCFunction)subdomain_evaluate_present, METH_VARARGS,
      "evaluate_present(t): internal forces and their potential, for begin_energy; None, or the "

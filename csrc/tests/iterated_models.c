@@ -112,7 +112,7 @@ size_t copy_iteration(const model *m, double *out)
         pma_iterate *it = pma_subdomain_iterate(x->core);
         const double *history = pma_subdomain_present(x->core)->history;
         const double *springs = pma_subdomain_present(x->core)->springs;
-        for (size_t k = 0; k < PMA_SPRING_FIELDS * x->springs.total; k++)
+        for (size_t k = 0; k < SPRING_FIELDS * x->springs.total; k++)
             out[count++] = springs[k];
         for (size_t k = 0; x->inner.used && k < HISTORY + (it ? 1 : 0); k++)
             out[count++] = history[k];
@@ -128,7 +128,7 @@ size_t copy_iteration(const model *m, double *out)
 static void copy_state(const part *x, const pma_state *from, const pma_state *to)
 {
     const size_t history = x->inner.used ? HISTORY + (x->implicit ? 1 : 0) : 0;
-    const size_t springs = PMA_SPRING_FIELDS * x->springs.total;
+    const size_t springs = SPRING_FIELDS * x->springs.total;
     if (!from->u)
         return;
     memcpy(to->u, from->u, x->n * sizeof(double));

@@ -39,7 +39,7 @@ void start_histories(model *m);
  * energy scales, and what the coupler keeps. Returns how many numbers. */
 enum {
     MOST_SPRINGS = 2, /* of a part */
-    MORE = 3 * (PMA_SPRING_FIELDS * MOST_SPRINGS + HISTORY + 2) + 1 + CONSTRAINTS +
+    MORE = 3 * (SPRING_FIELDS * MOST_SPRINGS + HISTORY + 2) + 1 + CONSTRAINTS +
            CONSTRAINTS * CONSTRAINTS
 };
 size_t copy_iteration(const model *m, double *out);

@@ -24,6 +24,7 @@ pma_scheme generalized_alpha(double rho);
 /* ---- parts ---------------------------------------------------------------------------------- */
 
 enum {
+    SPRING_FIELDS = 3, /* deformation, force and an inner variable */
     CONSTRAINTS = 2,
     FINE = 6,  /* fine steps in a macro step */
     STEPS = 8, /* macro steps */

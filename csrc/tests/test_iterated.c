@@ -73,7 +73,7 @@ static void linear_internal_forces_are_the_matrices_they_come_from(void)
 /* A time level as it was recorded; a and history follow from it. */
 typedef struct {
     level state;
-    double history[HISTORY], springs[PMA_SPRING_FIELDS * MOST_SPRINGS];
+    double history[HISTORY], springs[SPRING_FIELDS * MOST_SPRINGS];
 } known_level;
 
 static void read_level(const part *x, const double *u, const double *v, const double *w, size_t row,
@@ -166,7 +166,7 @@ static void check_part_equations(const model *m, const tape *t, size_t i)
         return;
     const double *history = pma_subdomain_present(x->core)->history;
     const double *springs = pma_subdomain_present(x->core)->springs;
-    for (size_t k = 0; k < PMA_SPRING_FIELDS * x->springs.total; k++)
+    for (size_t k = 0; k < SPRING_FIELDS * x->springs.total; k++)
         CHECK_NEAR(springs[k], last->springs[k], AGREE);
     CHECK_NEAR(history[0], last->history[0], AGREE);
     CHECK(history[1] == last->history[1]); /* one more for every step, whatever was evaluated */

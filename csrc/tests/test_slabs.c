@@ -128,7 +128,7 @@ static void check_narrow(bool sprung)
         largest = fmax(largest, fabs(x->w[i]));
     }
     CHECK(largest < 100.0 && largest > 0.1); /* of order one */
-    for (size_t i = 0; sprung && i < PMA_SPRING_FIELDS * SPRINGS; i++)
+    for (size_t i = 0; sprung && i < SPRING_FIELDS * SPRINGS; i++)
         CHECK_NEAR(x->springs[i], y->springs[i], STEPS_AGREE);
     pma_subdomain_destroy(narrow);
     pma_subdomain_destroy(dense);
@@ -233,7 +233,7 @@ static void check_cases(bool narrow, bool sprung)
         check_lane(LONG, l, x->v, y->v);
         check_lane(LONG, l, x->w, y->w);
         check_lane(LONG, l, x->a, y->a);
-        check_lane(sprung ? PMA_SPRING_FIELDS * SPRINGS : 0, l, x->springs, y->springs);
+        check_lane(sprung ? SPRING_FIELDS * SPRINGS : 0, l, x->springs, y->springs);
         pma_subdomain_destroy(one);
     }
     pma_subdomain_destroy(cases);

@@ -5,13 +5,13 @@
 #include <string.h>
 
 #include "check.h"
-#include "member/pull.h"
 #include "member/springs.h"
 #include "member/subdomain.h"
 #include "models.h"
 #include "naive.h"
 #include "tests.h"
 
+enum { NUMBERS = 64 };       /* that any spring remembers, at most */
 enum { MANY_SPRINGS = 600 }; /* more than a chunk of the core */
 
 /* Force and inner variable of one spring between dof 0 and the ground, led along a path. */
@@ -20,10 +20,11 @@ static void lead(pma_spring_law law, const double *parameters, size_t count, con
 {
     const int32_t first = 0, ground = -1;
     pma_spring_set set = {.law = law, .count = 1, .first = &first, .second = &ground};
-    for (size_t k = 0; k < pma_spring_parameters[law]; k++)
+    set.elements = law == PMA_MULTILINEAR || law == PMA_ELASTIC ? 2 : 0;
+    for (size_t k = 0; k < pma_spring_parameters(&set); k++)
         set.parameters[k] = &parameters[k];
     const pma_springs springs = {1, &set, 1};
-    double memory[PMA_SPRING_FIELDS] = {0.0};
+    double memory[NUMBERS] = {0.0};
     CHECK_STATUS(pma_springs_check(&springs, 1), PMA_OK);
     for (size_t i = 0; i < count; i++) {
         double y = 0.0;
@@ -175,34 +176,118 @@ static void many_springs_between_two_dofs_pull_equally_on_both(void)
 static void springs_pull_bitwise_identically_on_all_processors(void)
 {
     enum { COUNT = 21 };
-    double P[PMA_SPRING_PARAMETERS][COUNT], d0[COUNT], d[COUNT], inner[COUNT];
-    double forces[2][COUNT], after[2][COUNT];
+    static double from[NUMBERS * COUNT], to[2][NUMBERS * COUNT];
+    double P[PMA_SPRING_PARAMETERS][COUNT], u[COUNT], forces[2][COUNT];
+    int32_t first[COUNT], ground[COUNT];
     uint64_t seed = 5;
     for (int law = 0; law < PMA_SPRING_LAWS; law++) {
-        pma_spring_set set = {.law = (pma_spring_law)law, .count = COUNT};
+        pma_spring_set set = {.law = (pma_spring_law)law, .first = first, .second = ground};
+        set.elements = law == PMA_MULTILINEAR || law == PMA_ELASTIC ? 3 : 0;
         for (size_t k = 0; k < PMA_SPRING_PARAMETERS; k++) {
             draw_vector(COUNT, &seed, P[k]);
             set.parameters[k] = P[k];
         }
-        draw_vector(COUNT, &seed, d0);
-        draw_vector(COUNT, &seed, inner);
         for (size_t i = 0; i < COUNT; i++) {
-            d[i] = i == 3 ? NAN : i == 4 ? 1e200 : P[0][i] + d0[i];
+            first[i] = (int32_t)i, ground[i] = -1;
+            u[i] = i == 3 ? NAN : i == 4 ? 1e200 : 3.0 * P[0][i];
             P[3][i] = i < 11 ? 1.0 + (double)(i % 2) : 1.5;
             P[6][i] = 10.0 * fabs(P[6][i]) + 0.1;
         }
-        for (size_t count = 1; count + 2 <= COUNT; count++) {
-            for (size_t k = 0; k < 2; k++) {
-                memset(forces[k], 0, sizeof forces[k]);
-                memset(after[k], 0, sizeof after[k]);
-                pma_pull *pull = k == 0 ? pma_pull_plain() : pma_pull_best();
-                pull(&set, 2, count, d0, d, inner, after[k], forces[k]);
-            }
+        for (set.count = 1; set.count <= COUNT; set.count++) {
+            const pma_springs springs = {1, &set, set.count};
+            memset(from, 0, sizeof from);
+            draw_vector(set.count, &seed, from);
+            memset(to, 0, sizeof to);
+            memset(forces, 0, sizeof forces);
+            pma_springs_subtract(&springs, u, from, to[0], forces[0]);
+            pma_springs_subtract_plain(&springs, u, from, to[1], forces[1]);
+            CHECK_BITS(NUMBERS * COUNT, to[1], to[0]);
             CHECK_BITS(COUNT, forces[1], forces[0]);
-            CHECK_BITS(COUNT, after[1], after[0]);
-            CHECK(forces[0][count] == 0.0);
         }
     }
+}
+
+/* ---- laws of several inner variables ---------------------------------------------------------- */
+
+/* Backbone through (1, 4), (2, 6), (4, 7) and on with slope 1/2: elements of stiffness 2 and 3/2 that
+ * yield at 1 and 2. By hand, out, back and out again. */
+static void a_multilinear_spring_is_elements_in_parallel(void)
+{
+    const double law[5] = {0.5, 2.0, 1.0, 1.5, 2.0};
+    const double path[7] = {1.0, 2.0, 4.0, 2.0, 0.0, -4.0, 4.0};
+    const double forces[7] = {4.0, 6.0, 7.0, -1.0, -5.0, -7.0, 7.0};
+    const double elastic[7] = {4.0, 6.0, 7.0, 6.0, 0.0, -7.0, 7.0};
+    double force[7], inner[7];
+    lead(PMA_MULTILINEAR, law, 7, path, force, inner);
+    CHECK_BITS(7, force, forces);
+    lead(PMA_ELASTIC, law, 7, path, force, inner);
+    CHECK_BITS(7, force, elastic);
+}
+
+/* d_y = 1/2, f_y = 2, n = 3, alpha = 1: on the skeleton f = f_y g at d = d_y (g + g^3), on a branch
+ * twice that from where it begins. Loops within loops close at the force at which they began, and
+ * what was before goes on: Masing's rules. */
+static void a_ramberg_osgood_spring_closes_loops_within_loops(void)
+{
+    const double law[4] = {0.5, 2.0, 3.0, 1.0};
+    /* g = 2, then branches of g = -1.5 and 1, closed, on to the first, to its mirror and the skeleton */
+    const double path[8] = {5.0, 0.125, 2.125, 0.125, 5.0 - 10.0, -5.0, -15.0, 15.0};
+    const double forces[8] = {4.0, -2.0, 2.0, -2.0, -4.0, -4.0, -6.0, 6.0};
+    double force[8], inner[8];
+    lead(PMA_RAMBERG_OSGOOD, law, 8, path, force, inner);
+    for (size_t i = 0; i < 8; i++)
+        CHECK_NEAR(force[i], forces[i], 32.0 * EPS);
+    CHECK(inner[2] == 2.0 && inner[4] == 0.0 && inner[7] == 0.0); /* open reversals */
+}
+
+/* More loops within loops than it has room for: the smallest are forgotten, and the outermost loop
+ * still closes. */
+static void a_ramberg_osgood_spring_forgets_the_smallest_loops(void)
+{
+    const double law[4] = {0.5, 2.0, 3.0, 1.0};
+    double path[62], force[62], inner[62];
+    for (size_t i = 0; i < 60; i++)
+        path[i] = (i % 2 ? -5.0 : 5.0) * pow(0.9, (double)i);
+    path[60] = -5.0;
+    path[61] = 5.0;
+    lead(PMA_RAMBERG_OSGOOD, law, 62, path, force, inner);
+    CHECK_NEAR(force[60], -4.0, 32.0 * EPS);
+    CHECK_NEAR(force[61], 4.0, 32.0 * EPS);
+}
+
+/* What a spring can give back is never more than the work done on it, and around a closed loop it is
+ * the same again; the work by the trapezoidal rule over 2000 steps of a swing. */
+static void check_energy(pma_spring_law law, size_t elements, const double *parameters)
+{
+    const int32_t first = 0, ground = -1;
+    pma_spring_set set = {
+        .law = law, .count = 1, .elements = elements, .first = &first, .second = &ground};
+    for (size_t k = 0; k < pma_spring_parameters(&set); k++)
+        set.parameters[k] = &parameters[k];
+    const pma_springs springs = {1, &set, 1};
+    double level[NUMBERS] = {0.0}, to[NUMBERS] = {0.0}, work = 0.0, lost = 0.0, y = 0.0,
+           first_top = 0.0;
+    for (size_t i = 1; i <= 10000; i++) {
+        const double d = 5.0 * sin(2.0 * PI * (double)i / 2000.0);
+        pma_springs_subtract(&springs, &d, level, to, &y);
+        work += pma_springs_work(&springs, level, to);
+        const double stored = pma_springs_energy(&springs, to);
+        CHECK(stored >= -1e-12 && work - stored >= lost - 2e-4);
+        lost = fmax(lost, work - stored);
+        first_top = i == 500 ? stored : first_top;
+        if (i == 8500)
+            CHECK_NEAR(stored, first_top, 1e-9);
+        memcpy(level, to, sizeof level);
+    }
+    CHECK(law == PMA_ELASTIC ? lost < 2e-4 : lost > 10.0);
+}
+
+static void energy_is_stored_and_lost_but_never_made(void)
+{
+    const double multilinear[5] = {0.5, 2.0, 1.0, 1.5, 2.0}, masing[4] = {0.5, 2.0, 3.0, 1.0};
+    check_energy(PMA_MULTILINEAR, 2, multilinear);
+    check_energy(PMA_ELASTIC, 2, multilinear);
+    check_energy(PMA_RAMBERG_OSGOOD, 0, masing);
 }
 
 /* ---- tangents --------------------------------------------------------------------------------- */
@@ -213,7 +298,8 @@ static double pull_to(pma_spring_law law, const double *parameters, const double
 {
     const int32_t first = 0, ground = -1;
     pma_spring_set set = {.law = law, .count = 1, .first = &first, .second = &ground};
-    for (size_t k = 0; k < pma_spring_parameters[law]; k++)
+    set.elements = law == PMA_MULTILINEAR || law == PMA_ELASTIC ? 2 : 0;
+    for (size_t k = 0; k < pma_spring_parameters(&set); k++)
         set.parameters[k] = &parameters[k];
     const pma_springs springs = {1, &set, 1};
     double y = 0.0;
@@ -228,7 +314,7 @@ static void check_tangents(pma_spring_law law, const double *parameters, double 
                            double tolerance)
 {
     const double h = 1e-6;
-    double level[PMA_SPRING_FIELDS] = {0.0}, to[PMA_SPRING_FIELDS], slope, unused;
+    double level[NUMBERS] = {0.0}, to[NUMBERS], slope, unused;
     for (size_t i = 1; i < 200; i++) {
         const double d = 0.9 * sin(step * (double)i) + 0.003;
         const bool turns = fabs(d - level[0]) < 4.0 * h; /* loading on one side, unloading beyond */
@@ -249,6 +335,10 @@ static void tangents_of_springs_are_the_differences_of_their_forces(void)
     check_tangents(PMA_GAP, gap, 0.1, 4e-9);
     check_tangents(PMA_BILINEAR, bilinear, 0.1, 4e-9);
     check_tangents(PMA_BILINEAR, bilinear, 2.0, 4e-9);
+    const double parallel[5] = {0.5, 2.0, 0.1, 1.5, 0.3}, masing[4] = {0.2, 2.0, 3.0, 1.0};
+    check_tangents(PMA_MULTILINEAR, parallel, 0.1, 4e-9);
+    check_tangents(PMA_ELASTIC, parallel, 0.1, 4e-9);
+    check_tangents(PMA_RAMBERG_OSGOOD, masing, 0.1, 1e-8);
     /* f_soft/d_y dz/dx of the path itself; a step of the Runge-Kutta rule of length x < 1/10 departs
      * from that by x^4/24 times the fifth derivative of z, which for tanh is 16 at most */
     const double bouc_wen[7] = {0.5, 0.25, 2.0, 2.0, 0.5, 0.5, 2.0};
@@ -262,7 +352,7 @@ static void a_tangent_is_that_of_the_branch_on_which_the_spring_is(void)
 {
     const double bilinear[3] = {1.0, 3.0, 0.5}, path[6] = {0.25, 1.0, 1.5, 1.25, 0.0, -1.0};
     const double expected[6] = {4.0, 1.0, 1.0, 4.0, 1.0, 1.0};
-    double level[PMA_SPRING_FIELDS] = {0.0}, out[PMA_SPRING_FIELDS], back[PMA_SPRING_FIELDS], slope;
+    double level[NUMBERS] = {0.0}, out[NUMBERS], back[NUMBERS], slope;
     for (size_t i = 0; i < 6; i++) {
         pull_to(PMA_BILINEAR, bilinear, level, path[i], out, &slope);
         CHECK(slope == expected[i]);
@@ -302,6 +392,10 @@ const test SPRINGS_TESTS[] = {
     TEST(springs_that_do_not_fit_are_refused),
     TEST(many_springs_between_two_dofs_pull_equally_on_both),
     TEST(springs_pull_bitwise_identically_on_all_processors),
+    TEST(a_multilinear_spring_is_elements_in_parallel),
+    TEST(a_ramberg_osgood_spring_closes_loops_within_loops),
+    TEST(a_ramberg_osgood_spring_forgets_the_smallest_loops),
+    TEST(energy_is_stored_and_lost_but_never_made),
     TEST(tangents_of_springs_are_the_differences_of_their_forces),
     TEST(a_tangent_is_that_of_the_branch_on_which_the_spring_is),
     TEST(tangents_are_in_the_order_of_the_sets),

@@ -1,29 +1,37 @@
 """Springs between two dofs or a dof and the ground, as restoring forces of a subdomain.
 
 An object holds any number of springs of one law, which the core evaluates. Equations (H1) to (H5)
-of docs/method.md.
+and (H9) to (H12) of docs/method.md.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
+from .. import _core
 from .._checks import MOST, counted, listing, plain_array, real_array
 from .frozen import Frozen
 
-__all__ = ["Bilinear", "BoucWen", "CubicSpring", "Gap", "SpringState"]
+__all__ = [
+    "Bilinear",
+    "BoucWen",
+    "CubicSpring",
+    "Gap",
+    "Multilinear",
+    "RambergOsgood",
+    "SpringState",
+]
 
-# Numbers of the laws in the core.
-CUBIC, GAP, BILINEAR, BOUC_WEN = range(4)
 GROUND = -1
 
 # Range of the deformation at first yield: its powers and inverse are finite.
 LARGEST = 1e100
+MOST_POINTS = 32  # of a backbone, two parameters each and one
 
 
 @dataclass(frozen=True)
@@ -54,9 +62,9 @@ class Spring(Frozen):
         Parameters of the law as given by the user.
     """
 
-    law: int
+    law: str  # name in the core
     # whether the force depends on the path, so that the tangent is another one in unloading
-    has_memory: ClassVar[bool] = False
+    has_memory: bool = False
     names: tuple[str, ...]
     k: np.ndarray
 
@@ -78,6 +86,10 @@ class Spring(Frozen):
         counts = {"to the ground": ground, "between two dofs": len(self) - ground}
         kinds = [f"{counted(n, 'spring')} {where}" for where, n in counts.items() if n]
         return f"<{type(self).__name__}: {', '.join(kinds)}>"
+
+    def moved(self, dofs: np.ndarray) -> Spring:
+        """The same springs between other dofs, (springs, 2)."""
+        return type(self)(dofs, **dict(zip(self.names, self.parameters)))
 
     @property
     def initial_tangent(self) -> np.ndarray:
@@ -137,7 +149,7 @@ class CubicSpring(Spring):
     0.8044
     """
 
-    law = CUBIC
+    law = "cubic"
     k3: np.ndarray
 
     def __init__(self, dofs: Any, k: Any, k3: Any):
@@ -173,7 +185,7 @@ class Gap(Spring):
     True
     """
 
-    law = GAP
+    law = "gap"
     gap: np.ndarray
 
     def __init__(self, dofs: Any, k: Any, gap: Any):
@@ -211,7 +223,7 @@ class Bilinear(Spring):
     array([0.02])
     """
 
-    law = BILINEAR
+    law = "bilinear"
     has_memory = True
     fy: np.ndarray
     hardening: np.ndarray
@@ -263,7 +275,7 @@ class BoucWen(Spring):
     <BoucWen: 1 spring between two dofs>
     """
 
-    law = BOUC_WEN
+    law = "Bouc-Wen"
     has_memory = True
     fy: np.ndarray
     hardening: np.ndarray
@@ -309,6 +321,164 @@ class BoucWen(Spring):
         return hard, soft, self.k / self.fy, n, beta, gamma, rate
 
 
+class RambergOsgood(Spring):
+    """The hysteresis of Ramberg and Osgood with Masing's rules, equation (H11).
+
+    On first loading d = f/k (1 + alpha |f/fy|^(n - 1)); after each reversal the same curve from
+    there, twice as large. A loop that closes is forgotten, and the branch before it goes on.
+
+    Parameters
+    ----------
+    dofs : int, (m,) or (m, 2) array of int
+        As for `CubicSpring`.
+    k, fy : float or (m,) array
+        Initial stiffness and force at which the plastic deformation is alpha fy/k, both positive.
+    n : float or (m,) array
+        Exponent, at least 1: 5 to 10 for steel.
+    alpha : float or (m,) array, default 1
+        Plastic over elastic deformation at fy, positive.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As for `CubicSpring`.
+
+    Notes
+    -----
+    Twelve reversals whose loops are open are kept; beyond, the smallest loop is forgotten.
+
+    Examples
+    --------
+    >>> damper = RambergOsgood([(0, 1)], k=50.0, fy=2.0, n=7)
+    >>> damper
+    <RambergOsgood: 1 spring between two dofs>
+    """
+
+    law = "Ramberg-Osgood"
+    has_memory = True
+    fy: np.ndarray
+    n: np.ndarray
+    alpha: np.ndarray
+
+    def __init__(self, dofs: Any, k: Any, fy: Any, n: Any, alpha: Any = 1.0):
+        super().__init__(dofs, k=k, fy=fy, n=n, alpha=alpha)
+        _check_yield(self)
+        self._require((self.n >= 1.0) & (self.n <= 1000.0), "n", "lie in [1, 1000]")
+        within = (self.alpha >= 1.0 / LARGEST) & (self.alpha <= LARGEST)
+        self._require(within, "alpha", f"be positive, in {1 / LARGEST:g}..{LARGEST:g}")
+
+    @property
+    def initial_tangent(self) -> np.ndarray:
+        """Stiffness of each spring at zero deformation."""
+        return np.where(self.n > 1.0, self.k, self.k / (1.0 + self.alpha))
+
+    def core_parameters(self) -> tuple[np.ndarray, ...]:
+        """fy / k, fy, n and alpha.
+
+        Returns
+        -------
+        tuple of (springs,) arrays
+        """
+        return self.fy / self.k, self.fy, self.n, self.alpha
+
+
+class Multilinear(Spring):
+    """A force that is linear between points of a backbone, equations (H9) and (H10).
+
+    Parameters
+    ----------
+    dofs : int, (m,) or (m, 2) array of int
+        As for `CubicSpring`.
+    points : (p, 2) array
+        Deformation and force of the backbone, both increasing from (0, 0), which is left out; the
+        same for all springs and both directions, at most 32. Beyond the last point its slope goes
+        on.
+    rule : {"kinematic", "elastic"}
+        "kinematic": elastic-plastic elements in parallel (Iwan), so that loops are the backbone
+        twice as large (Masing); its slopes must not increase. "elastic": back along the backbone.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As for `CubicSpring`.
+
+    Examples
+    --------
+    >>> joint = Multilinear([0], [(0.01, 1.0), (0.03, 1.6), (0.1, 2.0)])
+    >>> joint.k
+    array([100.])
+    """
+
+    points: np.ndarray
+    rule: str
+
+    def __init__(self, dofs: Any, points: Any, rule: str = "kinematic"):
+        if rule not in ("kinematic", "elastic"):
+            raise ValueError(f"rule must be 'kinematic' or 'elastic', got {rule!r}")
+        self.dofs, self.parameters, self.names = _pairs(dofs), (), ()
+        self.points, self.rule = _backbone(points), rule
+        self.law = "multilinear" if rule == "kinematic" else "multilinear elastic"
+        self.has_memory = rule == "kinematic"
+        slopes = self._slopes()
+        if rule == "kinematic" and np.any(np.diff(slopes) > 0.0):
+            i = int(np.argmax(np.diff(slopes) > 0.0)) + 1
+            raise ValueError(
+                "points must have slopes that do not increase, with rule='kinematic', got "
+                f"{slopes[i]:g} after {slopes[i - 1]:g} at point {i}"
+            )
+        self.k = _spread(slopes[0], "k", len(self.dofs))
+        self._freeze()
+
+    def _slopes(self) -> np.ndarray:
+        d, f = np.diff(self.points, axis=0, prepend=0.0).T
+        slopes: np.ndarray = f / d
+        return slopes
+
+    def moved(self, dofs: np.ndarray) -> Multilinear:
+        """The same springs between other dofs, (springs, 2)."""
+        return Multilinear(dofs, self.points, self.rule)
+
+    @property
+    def largest_tangent(self) -> np.ndarray:
+        """Largest stiffness of each spring, for the critical step."""
+        return np.full(len(self), self._slopes().max())
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """Dofs, points and rule, a row for each spring; equal for equal springs."""
+        own = np.append(self.points.ravel(), float(self.rule == "elastic"))
+        return np.column_stack([self.dofs, np.tile(own, (len(self), 1))])
+
+    def core_parameters(self) -> tuple[np.ndarray, ...]:
+        """The stiffness beyond the last point, and that of each element with its limit.
+
+        Returns
+        -------
+        tuple of (springs,) arrays
+        """
+        slopes = self._slopes()
+        elements = np.column_stack([-np.diff(slopes), self.points[:-1, 0]]).ravel()
+        return tuple(np.full(len(self), x) for x in [slopes[-1], *elements])
+
+
+def _backbone(points: Any) -> np.ndarray:
+    """(p, 2) array of increasing points, without (0, 0)."""
+    array = np.array(real_array(points, "points", (2,)))
+    if array.shape[1] == 2 and len(array) and not array[0].any():
+        array = array[1:]
+    if array.shape[1] != 2 or not 1 <= len(array) <= MOST_POINTS:
+        raise ValueError(
+            f"points must be of shape (p, 2), p in 1..{MOST_POINTS}, got {np.shape(points)}"
+        )
+    steps = np.diff(array, axis=0, prepend=0.0)
+    for i, name in enumerate(("deformations", "forces")):
+        rises = steps[:, i] > 0.0 if i == 0 else steps[:, i] >= 0.0
+        if not (rises.all() and array[0, i] > 0.0):
+            raise ValueError(f"points must have {name} that increase from 0, got {array[:, i]}")
+    array.setflags(write=False)
+    return array
+
+
 def _check_yield(spring: Any) -> None:
     spring._require(spring.k > 0.0, "k", "be positive")
     spring._require(spring.fy > 0.0, "fy", "be positive")
@@ -316,9 +486,9 @@ def _check_yield(spring: Any) -> None:
         deformation = spring.fy / spring.k
     within = (deformation <= LARGEST) & (deformation >= 1.0 / LARGEST)
     spring._require(within, "fy", f"be k times a deformation in {1 / LARGEST:g}..{LARGEST:g}")
-    spring._require(
-        (spring.hardening >= 0.0) & (spring.hardening <= 1.0), "hardening", "lie in [0, 1]"
-    )
+    if "hardening" in spring.names:
+        within = (spring.hardening >= 0.0) & (spring.hardening <= 1.0)
+        spring._require(within, "hardening", "lie in [0, 1]")
 
 
 def _pairs(dofs: Any) -> np.ndarray:
@@ -397,7 +567,7 @@ def core_springs(springs: tuple[Spring, ...], position: np.ndarray) -> tuple[Any
     with_ground = np.append(position, GROUND).astype(np.int32)  # index -1 is the ground
     return tuple(
         (
-            spring.law,
+            _core.SPRING_LAWS[spring.law],
             np.ascontiguousarray(with_ground[spring.dofs[:, 0]]),
             np.ascontiguousarray(with_ground[spring.dofs[:, 1]]),
             tuple(np.ascontiguousarray(x) for x in spring.core_parameters()),

@@ -47,5 +47,5 @@ def springs(session: Session, key: str | int | Subdomain) -> SpringState:
     i = position(key, session.keys)
     with session.guard:
         begin(session)
-        deformation, force, _ = session.parts[i].core.springs()
+        deformation, force = session.parts[i].core.springs()[:2]
     return SpringState(deformation, force)

@@ -16,9 +16,6 @@ from ..problem.springs import assembled, core_springs
 from ..problem.subdomain import Subdomain
 from .tangent_pattern import InternalForces
 
-# What a spring remembers: deformation, force and inner variable.
-REMEMBERED = 3
-
 
 class Evaluation(NamedTuple):
     """f (n,), df/du and df/dv at one state, in the user's order of dofs."""
@@ -68,11 +65,10 @@ def springs_at(
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Force (n,) of all springs of a subdomain that go to u, and the tangents of each object.
 
-    `remembered`, (3, springs), is what they remember; None for springs never loaded before.
+    `remembered`, (fields, springs), is what they remember; None for springs never loaded before.
     """
     ends = np.cumsum([len(spring) for spring in s.springs])
-    levels = np.zeros((REMEMBERED, ends[-1])) if remembered is None else remembered
-    _, slopes, f = _core.follow_springs(core_springs(s.springs, np.arange(s.n)), u, levels)
+    _, slopes, f = _core.follow_springs(core_springs(s.springs, np.arange(s.n)), u, remembered)
     return f, np.split(slopes, ends[:-1])
 
 

@@ -279,7 +279,7 @@ def present_ratio(
     internal : InternalForces
     step, t : float
     state : (u, v, q, remembered)
-        In the user's order of dofs; remembered is that of springs, (3, springs).
+        In the user's order of dofs; remembered is that of springs, (fields, springs).
     """
     u, v, q, remembered = state
     K = present_tangent(subdomain, internal, u, v, t, q, remembered)

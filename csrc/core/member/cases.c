@@ -17,7 +17,7 @@ static size_t parameters_of(const pma_springs *springs)
 {
     size_t count = 0;
     for (size_t s = 0; s < springs->count; s++)
-        count += springs->sets[s].count * pma_spring_parameters[springs->sets[s].law];
+        count += springs->sets[s].count * pma_spring_parameters(&springs->sets[s]);
     return count;
 }
 
@@ -32,12 +32,16 @@ static void spread_set(const pma_spring_set *each, pma_spring_set *set, int32_t 
 {
     const size_t count = each->count * PMA_LANES;
     int32_t *first = dofs, *second = dofs + count;
-    *set = (pma_spring_set){.law = each->law, .count = count, .first = first, .second = second};
+    *set = (pma_spring_set){.law = each->law,
+                            .count = count,
+                            .elements = each->elements,
+                            .first = first,
+                            .second = second};
     for (size_t k = 0; k < count; k++) {
         first[k] = dof_in_lane(each->first[k / PMA_LANES], k % PMA_LANES);
         second[k] = dof_in_lane(each->second[k / PMA_LANES], k % PMA_LANES);
     }
-    for (size_t q = 0; q < pma_spring_parameters[each->law]; q++, numbers += count) {
+    for (size_t q = 0; q < pma_spring_parameters(each); q++, numbers += count) {
         for (size_t k = 0; k < count; k++)
             numbers[k] = each->parameters[q][k / PMA_LANES];
         set->parameters[q] = numbers;
@@ -60,7 +64,7 @@ static pma_status spread_springs(const pma_springs *each, pma_springs *out, void
         const size_t count = each->sets[s].count * PMA_LANES;
         spread_set(&each->sets[s], &sets[s], ends, parameters);
         ends += 2 * count;
-        parameters += count * pma_spring_parameters[each->sets[s].law];
+        parameters += count * pma_spring_parameters(&each->sets[s]);
     }
     out->sets = sets;
     return PMA_OK;

@@ -35,7 +35,7 @@ struct pma_energy {
 
 static size_t spring_numbers(const pma_energy_parts *parts)
 {
-    return PMA_SPRING_FIELDS * parts->springs->total;
+    return pma_springs_numbers(parts->springs);
 }
 
 static level take_level(double **next, const pma_energy_parts *parts)

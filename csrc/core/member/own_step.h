@@ -49,7 +49,7 @@ extern const pma_iterated_table pma_own_step_table;
 /* Numbers that the springs remember of a time level. */
 static inline size_t pma_iterate_spring_numbers(const pma_iterate *it)
 {
-    return PMA_SPRING_FIELDS * it->of->parts.springs.total;
+    return pma_springs_numbers(&it->of->parts.springs);
 }
 
 #endif

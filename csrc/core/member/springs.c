@@ -1,14 +1,34 @@
 #include "member/springs.h"
 
-#include <math.h>
+#include <stdbool.h>
 #include <string.h>
 
-#include "member/pull.h"
+#include "member/laws.h"
 
 /* Springs at a time, so that their deformations and forces stay in the first cache. */
 enum { CHUNK = 256 };
 
-const size_t pma_spring_parameters[PMA_SPRING_LAWS] = {2, 2, 3, 7};
+size_t pma_spring_parameters(const pma_spring_set *set)
+{
+    const pma_law *law = &pma_laws[set->law];
+    return law->parameters + set->elements * law->each_parameters;
+}
+
+size_t pma_springs_fields(const pma_springs *springs)
+{
+    size_t inner = 1;
+    for (size_t s = 0; s < springs->count; s++) {
+        const pma_law *law = &pma_laws[springs->sets[s].law];
+        const size_t own = law->inner + springs->sets[s].elements * law->each_inner;
+        inner = own > inner ? own : inner;
+    }
+    return 2 + inner;
+}
+
+size_t pma_springs_numbers(const pma_springs *springs)
+{
+    return springs->total > 0 ? pma_springs_fields(springs) * springs->total : 0;
+}
 
 static int is_dof(int32_t dof, size_t n)
 {
@@ -21,6 +41,8 @@ pma_status pma_springs_check(const pma_springs *springs, size_t n)
     for (size_t s = 0; s < springs->count; s++) {
         const pma_spring_set *set = &springs->sets[s];
         total += set->count;
+        if (pma_spring_parameters(set) > PMA_SPRING_PARAMETERS)
+            return PMA_BAD_SIZE;
         for (size_t i = 0; i < set->count; i++) {
             if (!is_dof(set->first[i], n) || !is_dof(set->second[i], n))
                 return PMA_BAD_INDEX;
@@ -55,11 +77,40 @@ static void spread(const chunk *at, const double *f, double *y)
     }
 }
 
-void pma_springs_subtract(const pma_springs *springs, const double *u, const double *from,
-                          double *to, double *y)
+/* The springs of a chunk go from one level to another, to the deformations d. */
+static void go(const chunk *at, size_t total, const double *d, const double *from, double *to,
+               bool best)
+{
+    const double *P[PMA_SPRING_PARAMETERS] = {NULL};
+    const pma_law *law = &pma_laws[at->set->law];
+    for (size_t k = 0; k < pma_spring_parameters(at->set); k++)
+        P[k] = at->set->parameters[k] + at->begin;
+    const pma_law_path path = {.count = at->count,
+                               .elements = at->set->elements,
+                               .stride = total,
+                               .P = P,
+                               .d0 = from + at->position,
+                               .d = d,
+                               .f0 = from + total + at->position,
+                               .inner0 = from + 2 * total + at->position,
+                               .f = to + total + at->position,
+                               .inner1 = to + 2 * total + at->position};
+    (best ? law->go : law->go_plain)(&path);
+}
+
+static bool has_avx2(void)
+{
+#if defined(__x86_64__)
+    return __builtin_cpu_supports("avx2");
+#else
+    return true;
+#endif
+}
+
+static void subtract(const pma_springs *springs, const double *u, const double *from, double *to,
+                     double *y, bool best)
 {
     const size_t total = springs->total;
-    pma_pull *const pull = pma_pull_best();
     double d[CHUNK];
     chunk at = {.position = 0};
     for (size_t s = 0; s < springs->count; s++) {
@@ -67,76 +118,65 @@ void pma_springs_subtract(const pma_springs *springs, const double *u, const dou
         for (at.begin = 0; at.begin < at.set->count; at.begin += CHUNK, at.position += at.count) {
             const size_t left = at.set->count - at.begin;
             at.count = left < CHUNK ? left : CHUNK;
-            const double *d0 = from + at.position, *inner0 = d0 + 2 * total;
-            double *f = to + total + at.position, *inner1 = f + total;
             measure(&at, u, d);
-            pull(at.set, at.begin, at.count, d0, d, inner0, inner1, f);
+            go(&at, total, d, from, to, best);
             memcpy(to + at.position, d, at.count * sizeof(double));
-            spread(&at, f, y);
+            spread(&at, to + total + at.position, y);
         }
     }
 }
 
-/* ---- tangents ------------------------------------------------------------------------------- */
-
-/* Of one spring that went from d0 with the inner variable inner0 to d with inner1. That of Bouc-Wen
- * is the slope of the path itself, which the Runge-Kutta rule follows to a few digits. */
-static double tangent(const pma_spring_set *set, size_t i, double d0, double d, double inner0,
-                      double inner1)
+void pma_springs_subtract(const pma_springs *springs, const double *u, const double *from,
+                          double *to, double *y)
 {
-    const double *const *P = set->parameters;
-    switch (set->law) {
-    case PMA_CUBIC:
-        return P[0][i] + 3.0 * P[1][i] * d * d;
-    case PMA_GAP:
-        return d <= P[1][i] ? 0.0 : P[0][i];
-    case PMA_BILINEAR:
-        return P[0][i] + (fabs(d - inner0) > P[2][i] ? 0.0 : P[1][i]);
-    case PMA_BOUC_WEN: {
-        const double sign = d < d0 ? -1.0 : 1.0;
-        const double rise = sign * pma_pull_slope(inner1, sign, P[3][i], P[4][i], P[5][i], false);
-        return P[0][i] + P[1][i] * P[2][i] * rise;
-    }
-    }
-    return 0.0;
+    subtract(springs, u, from, to, y, has_avx2());
+}
+
+void pma_springs_subtract_plain(const pma_springs *springs, const double *u, const double *from,
+                                double *to, double *y)
+{
+    subtract(springs, u, from, to, y, false);
+}
+
+/* ---- tangents and energy -------------------------------------------------------------------- */
+
+/* Spring i of a set, number `at` of all, that went from one level to another. */
+static pma_law_end end_of(const pma_springs *springs, const pma_spring_set *set, size_t i,
+                          size_t at, const double *from, const double *to)
+{
+    const size_t total = springs->total;
+    return (pma_law_end){.i = i,
+                         .elements = set->elements,
+                         .stride = total,
+                         .P = set->parameters,
+                         .d0 = from[at],
+                         .d = to[at],
+                         .f = to[total + at],
+                         .inner0 = from + 2 * total + at,
+                         .inner1 = to + 2 * total + at};
 }
 
 void pma_springs_tangent(const pma_springs *springs, const double *from, const double *to,
                          double *slopes)
 {
-    const size_t total = springs->total;
     for (size_t s = 0, at = 0; s < springs->count; at += springs->sets[s++].count) {
-        for (size_t i = 0; i < springs->sets[s].count; i++)
-            slopes[at + i] = tangent(&springs->sets[s], i, from[at + i], to[at + i],
-                                     from[2 * total + at + i], to[2 * total + at + i]);
+        const pma_spring_set *set = &springs->sets[s];
+        for (size_t i = 0; i < set->count; i++) {
+            const pma_law_end end = end_of(springs, set, i, at + i, from, to);
+            slopes[at + i] = pma_laws[set->law].tangent(&end);
+        }
     }
-}
-
-/* ---- energy --------------------------------------------------------------------------------- */
-
-/* (H5) */
-static double stored(const pma_spring_set *set, size_t i, double d, double inner)
-{
-    const double *const *P = set->parameters;
-    switch (set->law) {
-    case PMA_CUBIC:
-        return 0.5 * d * d * (P[0][i] + 0.5 * P[1][i] * d * d);
-    case PMA_GAP:
-        return d <= P[1][i] ? 0.0 : 0.5 * P[0][i] * (d - P[1][i]) * (d - P[1][i]);
-    case PMA_BILINEAR:
-        return 0.5 * (P[0][i] * d * d + P[1][i] * (d - inner) * (d - inner));
-    case PMA_BOUC_WEN:
-        return 0.5 * (P[0][i] * d * d + P[1][i] / P[2][i] * inner * inner);
-    }
-    return 0.0;
 }
 
 double pma_springs_energy(const pma_springs *springs, const double *level)
 {
     double sum = 0.0;
     for (size_t s = 0, at = 0; s < springs->count; at += springs->sets[s++].count) {
-        for (size_t i = 0; i < springs->sets[s].count; i++)
-            sum += stored(&springs->sets[s], i, level[at + i], level[2 * springs->total + at + i]);
+        const pma_spring_set *set = &springs->sets[s];
+        for (size_t i = 0; i < set->count; i++) {
+            const pma_law_end end = end_of(springs, set, i, at + i, level, level);
+            sum += pma_laws[set->law].energy(&end);
+        }
     }
     return sum;
 }

@@ -10,23 +10,31 @@
 
 #include "status.h"
 
-/* The laws (H1) to (H4), with their parameters in this order:
+/* The laws, with their parameters in this order:
  *
- *   cubic      k, k3                                        f = k d + k3 d^3
- *   gap        k, gap                                       f = k (d - gap), if that is positive
- *   bilinear   k_hard, k_soft, d_y                          f = k_hard d + k_soft (d - p)
- *   Bouc-Wen   k_hard, f_soft, 1/d_y, n, beta, gamma, rate  f = k_hard d + f_soft z */
-typedef enum { PMA_CUBIC, PMA_GAP, PMA_BILINEAR, PMA_BOUC_WEN } pma_spring_law;
+ *   cubic           k, k3                                        f = k d + k3 d^3            (H1)
+ *   gap             k, gap                                       f = k (d - gap), if positive (H2)
+ *   bilinear        k_hard, k_soft, d_y                          f = k_hard d + k_soft (d - p) (H3)
+ *   Bouc-Wen        k_hard, f_soft, 1/d_y, n, beta, gamma, rate  f = k_hard d + f_soft z     (H4)
+ *   multilinear     k, then k_e, d_e of each element             f = k d + sum k_e (d - p_e) (H9)
+ *   ... elastic     the same                                     and without memory          (H10)
+ *   Ramberg-Osgood  d_y, f_y, n, alpha                           Masing's branches          (H11) */
+typedef enum {
+    PMA_CUBIC,
+    PMA_GAP,
+    PMA_BILINEAR,
+    PMA_BOUC_WEN,
+    PMA_MULTILINEAR,
+    PMA_ELASTIC,
+    PMA_RAMBERG_OSGOOD
+} pma_spring_law;
 
-enum { PMA_SPRING_LAWS = PMA_BOUC_WEN + 1, PMA_SPRING_PARAMETERS = 7 };
-
-/* The number of parameters of each law. */
-extern const size_t pma_spring_parameters[PMA_SPRING_LAWS];
+enum { PMA_SPRING_LAWS = PMA_RAMBERG_OSGOOD + 1, PMA_SPRING_PARAMETERS = 63 };
 
 /* Springs of one law. Arrays of the caller, which have to outlive it. */
 typedef struct {
     pma_spring_law law;
-    size_t count;
+    size_t count, elements;                          /* elements in parallel of each, or 0 */
     const int32_t *first, *second;                   /* count: dofs, -1 for the ground */
     const double *parameters[PMA_SPRING_PARAMETERS]; /* count each */
 } pma_spring_set;
@@ -37,18 +45,27 @@ typedef struct {
     size_t total; /* springs in all of them */
 } pma_springs;
 
-/* What springs remember of a time level: `total` deformations, forces, and inner variables (p or
- * z), in the order of the sets. All zero: a spring that was never loaded. */
-enum { PMA_SPRING_FIELDS = 3 };
+/* What springs remember of a time level: `total` deformations, forces, and for each inner variable
+ * of the law that has most of them, at least one, `total` numbers; springs in the order of the sets.
+ * All zero: a spring that was never loaded. */
+size_t pma_springs_fields(const pma_springs *springs);
+size_t pma_springs_numbers(const pma_springs *springs); /* fields x total */
+
+/* The number of parameters of a spring of a set. */
+size_t pma_spring_parameters(const pma_spring_set *set);
 
 /* PMA_BAD_INDEX unless all dofs lie in 0..n-1 or are the ground, PMA_BAD_SIZE unless the total
- * is one. */
+ * is one and the parameters are at most PMA_SPRING_PARAMETERS. */
 pma_status pma_springs_check(const pma_springs *springs, size_t n);
 
 /* y -= r(u): `to` is what the springs remember after they went from `from` to u. `from` and `to`
  * may be the same. Does not allocate. */
 void pma_springs_subtract(const pma_springs *springs, const double *u, const double *from,
                           double *to, double *y);
+
+/* The same by loops for any processor, to be compared. */
+void pma_springs_subtract_plain(const pma_springs *springs, const double *u, const double *from,
+                                double *to, double *y);
 
 /* df/dd (total) at the end of the path from one level to another, which r(u) was evaluated for. */
 void pma_springs_tangent(const pma_springs *springs, const double *from, const double *to,

@@ -104,7 +104,7 @@ static size_t slab_of(const pma_subdomain *s)
 /* Numbers that the springs remember of a time level. */
 static size_t spring_numbers(const pma_parts *parts)
 {
-    return PMA_SPRING_FIELDS * parts->springs.total;
+    return pma_springs_numbers(&parts->springs);
 }
 
 static pma_status lay_out(pma_subdomain *s)
