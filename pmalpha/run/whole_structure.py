@@ -14,7 +14,7 @@ from ..problem.matrices import Matrix, is_symmetric
 from ..setup.eliminated_rows import Assembled
 from ..setup.eliminated_rows import assembled as assemble
 from ..setup.equilibrium import Equilibrium
-from ..setup.evaluated import REMEMBERED, matrices_at
+from ..setup.evaluated import matrices_at
 from ..setup.part import Part
 from ..setup.ranks import joined
 from ..setup.static import static_displacements
@@ -96,7 +96,7 @@ def _present_matrices(part: Part, t: float) -> tuple[Matrix, Matrix, Matrix]:
     """M, C and K of a subdomain about its present state."""
     levels, internal = part.core.levels(), part.internal
     u, v = (levels[i][part.position] for i in (0, 1))
-    springs, history = levels[5].reshape(REMEMBERED, -1), levels[6]
+    springs, history = part.core.springs(), levels[6]
     q = history[: 0 if internal is None else internal.initial.size]
     return part.subdomain.M, *matrices_at(part.subdomain, internal, u, v, t, q, springs)
 
