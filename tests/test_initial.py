@@ -359,6 +359,22 @@ def test_three_massless_dofs_tied_in_a_row_share_the_balance_and_do_not_accelera
     assert_initial(coupler, [np.zeros(1)] * 3, np.array([-5.0, -3.0]))
 
 
+def test_massless_dofs_that_a_row_leaves_free_have_the_smallest_accelerations():
+    # 0 = b_k lam, so lam = 0 and m w = F; one row, b . w_m = - c w, for three accelerations w_m.
+    # Rounding decides whether a pivot is exactly zero
+    rng = np.random.default_rng(2)
+    for _ in range(40):
+        b, c, F = rng.normal(size=3), rng.normal(), rng.normal()
+        mass = pm.Subdomain([2.0], [1.0], scheme=SOFT, force=[F], name="mass")
+        light = [pm.Subdomain([0.0], [1.0], scheme=SOFT, name=str(k)) for k in range(3)]
+        rows = {mass: [[c]]} | {s: [[x]] for s, x in zip(light, b)}
+        coupler = pm.Coupler([mass, *light], pm.Constraint(rows), dt=0.1)
+        w = [coupler.state(s.name).a[0] for s in (mass, *light)]
+        # w_m of least norm with b . w_m = - c w
+        expected = [F / 2.0, *(-c * F / 2.0 * b / (b @ b))]
+        assert w == pytest.approx(expected, abs=ROUNDING * max(1.0, abs(c)) / np.max(np.abs(b)))
+
+
 @every_form
 def test_a_massless_row_that_is_not_in_equilibrium_warns_with_dof_and_amount(form):
     # row of dof 0: 100 u0 - 70 u1 = 3 for u0 = 0.73

@@ -43,7 +43,7 @@ class CoreRows:
 
     def forces(self, lam: np.ndarray) -> np.ndarray:
         """Multipliers of the core, (..., p), as the user's."""
-        return self._divided(self._in_users_order(lam), self.scale)
+        return self._divided(self._in_users_order(lam))
 
     def jumps(self, x: np.ndarray) -> np.ndarray:
         """Jumps or prescribed velocities of the core, (..., p), as the user's."""
@@ -57,13 +57,13 @@ class CoreRows:
 
     def jumps_in_core(self, x: np.ndarray) -> np.ndarray:
         """Jumps or prescribed velocities of the user's, (..., p), as the core has them."""
-        return self._divided(x, self.scale)[..., self.numbers]
+        return self._divided(x)[..., self.numbers]
 
     def _in_users_order(self, x: np.ndarray) -> np.ndarray:
         return x if self._in_order else x[..., self.position]
 
-    def _divided(self, x: np.ndarray, scale: np.ndarray) -> np.ndarray:
-        return x if self._of_size_one else x / scale
+    def _divided(self, x: np.ndarray) -> np.ndarray:
+        return x if self._of_size_one else x / self.scale
 
 
 def scale_of_rows(sizes: np.ndarray) -> np.ndarray:
