@@ -109,7 +109,10 @@ def loads(
     parts: Sequence[Part], forces: Sequence[Any], motions: Sequence[Motion]
 ) -> dict[str, str]:
     """The loads of a problem, which `reset` can change. Callables cannot be compared."""
-    facts = {f"force of {part.name!r}": load(force) for part, force in zip(parts, forces)}
+    facts = {
+        f"force of {part.name!r}": load(force) + depends_on_motion(force) * " of t, u and v"
+        for part, force in zip(parts, forces)
+    }
     return facts | {motion.what: load(motion.velocity) for motion in motions}
 
 
@@ -126,9 +129,7 @@ def load(force: Any) -> str:
     if isinstance(force, Spring):
         # these words are in files of all versions; repr may change
         return f"<{type(force).__name__} x {len(force)}> {checksum(force.numbers)}"
-    if callable(force):
-        return "a callable of t, u and v" if depends_on_motion(force) else "a callable"
-    return checksum(force)
+    return "a callable" if callable(force) else checksum(force)
 
 
 def internal(part: Part) -> str:
