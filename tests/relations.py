@@ -24,7 +24,7 @@ SHIFT = 2.0**-36
 # Relative errors of the operations of a run that are magnified like changes of its numbers: sums of
 # some tens of terms. Iterated forces are converged to the tolerance `TOL` of an energy, the passes
 # of macro and mean coupling to ten times that in each macro step.
-ROUNDING, TOL = 50.0 * np.finfo(float).eps, 1e-12
+ROUNDING, TOL = 200.0 * np.finfo(float).eps, 1e-12
 ITERATED = 100.0 * TOL
 # A spread beyond this is an unstable problem, or one near a stop of a spring: it shows nothing.
 WILD = 1e6
