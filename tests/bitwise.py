@@ -429,7 +429,7 @@ class Problem:
         self.coupling = str(rng.choice(["pm", "pm", "gc", "macro"]))
         self.start = "plain" if chance(rng, 0.3) else "rebased"
         self.threads = int(rng.integers(1, 5))
-        self.factorize = "superlu" if chance(rng, 0.2) else None
+        self.factorize = "superlu" if chance(rng, 0.2) else None  # of 0.2.0; drawn, not used
         few = self.long or self.size == "large"
         count = int(rng.choice([1, 2, 3, 3, 4])) if few else int(rng.integers(1, 6))
         shape = draw_shape(rng)
@@ -509,7 +509,6 @@ class Problem:
             coupling=self.coupling,
             start=self.start,
             threads=threads,
-            factorize=self.factorize,
         )
         return made, functions
 
@@ -754,7 +753,7 @@ def features(seed, folder):
     kind = "equal" if len(steps) == 1 else "dividing" if divide else "coprime"
     options = {problem.coupling, problem.start, f"threads={problem.threads}", f"substeps {kind}"}
     rows = {f"{kind} rows" for kind, _ in problem.rows} | {f"moved {problem.motion}"}
-    count = {f"{len(problem.parts)} subdomains", f"factorize={problem.factorize}"}
+    count = {f"{len(problem.parts)} subdomains"}
     of_size = {
         word.rstrip("0123456789") if word[:2] in ("pl", "so", "lo") else word for word in members
     }

@@ -203,7 +203,7 @@ def coupler(rng):
     a, b, tie = sides()
     values = {"subdomains": [a, b], "constraints": one(rng, tie, [tie]), "dt": 0.05, "threads": 2}
     values |= {"coupling": one(rng, "pm", "gc", "macro", "mean"), "start": "rebased"}
-    values |= {"drift": "kept", "factorize": one(rng, None, "superlu")}
+    values |= {"drift": "kept"}
     return pm.Coupler, values, steps
 
 

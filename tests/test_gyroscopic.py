@@ -406,12 +406,6 @@ def test_modes_leave_a_gyroscopic_matrix_out_and_refuse_an_unsymmetric_stiffness
         shaft(5.0, 1.0)(0.1, "gc").modes(3)
 
 
-@pytest.mark.parametrize("factorize", ["superlu", lambda A, last: None])
-def test_other_factorizations_are_refused(factorize):
-    with pytest.raises(ValueError, match="factorize must be None where matrices are not symmetric"):
-        shaft(5.0, factorize=factorize)(0.1, "gc")
-
-
 def test_unsymmetric_matrices_are_refused_by_default_and_the_remedy_is_named():
     for value in (dict(K=J + np.eye(2)), dict(K=np.eye(2), C=J)):
         with pytest.raises(ValueError, match="must be symmetric, got 1 at .*take symmetric=False"):

@@ -72,10 +72,6 @@ class Coupler:
         the time, else 1. `Coupler.threads` is the number in use: larger than the number of
         subdomains only if a large one is split among threads. Large factors, those
         of tangents in the steps too, and unit responses are made by several threads.
-    factorize : None, "superlu" or callable, optional
-        The factorization of the sparse matrices Mbar and M of the subdomains. None: the supernodal
-        code of this package, and SciPy's SuperLU for a matrix with little fill. "superlu": always
-        SuperLU, slower and larger. A callable ``factorize(A, last) -> (L, D, perm)``: see Notes.
     comm : mpi4py.MPI.Intracomm, optional
         Communicator of the processes that share the problem: `subdomains` are those of this rank,
         possibly none, and `constraints` the same list, in names, on every rank. The same calls are
@@ -86,7 +82,7 @@ class Coupler:
     TypeError, ValueError
         For arguments of the wrong kind, equal names, numbers of substeps that do not divide the
         largest, double steps in all subdomains of the finest step, an initial state of the wrong
-        shape; for a wrong result of `factorize`; under "macro" and "mean" for a double step with
+        shape; under "macro" and "mean" for a double step with
         substeps, and for unit responses that would take longer than a day; under "mean" for an
         explicit scheme with rho < 0.5, interface dofs without mass, restoring
         forces; with `comm` for interface dofs without mass. An error on one rank ends the call on
@@ -120,15 +116,6 @@ class Coupler:
     -----
     Equations (1) to (18) of docs/method.md; Bursi, He, Bonelli and Pegon 2008.
 
-    A callable `factorize` is called when the Coupler is made, once for each matrix of a subdomain
-    that has sparse matrices, with `A`, an (n, n) csc_array of both triangles in the user's order of
-    dofs, and `last`, a sorted (nb,) array of the interface dofs. It returns `L`, (n, n) lower
-    triangular with a diagonal of ones or none, sparse or dense, `D`, (n,) positive, and `perm`,
-    (n,) int, ending with the dofs of `last` in any order, so that
-    ``A[perm][:, perm] = L @ diag(D) @ L.T``. All matrices of a subdomain have the same pattern,
-    with stored zeros, and must get the same `perm`. Diagonal and dense matrices and the interface
-    matrix are factored by the package.
-
     The repr, and the output of a notebook, is a table of what each subdomain will do: the length of
     its steps (2 h if they are double, from the second macro step on), the step divided by the
     critical step (an upper bound from 200 dofs on), form and entries of its factor, and its thread.
@@ -159,13 +146,12 @@ class Coupler:
         drift: Drift = "kept",
         newton: Newton = DEFAULT,
         threads: int | None = None,
-        factorize: Any = None,
         comm: Any = None,
     ):
         guard, ranks = Guard(), None if comm is None else Ranks(comm)
         with guard if ranks is None else ranks.entered(guard):
             options = Options(dt, coupling, start, drift, newton)
-            self._session = made(guard, ranks, subdomains, constraints, options, threads, factorize)
+            self._session = made(guard, ranks, subdomains, constraints, options, threads)
 
     def __reduce__(self) -> tuple[Any, ...]:
         raise TypeError("a Coupler cannot be copied or pickled: its state is in the C core")

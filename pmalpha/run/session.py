@@ -25,7 +25,6 @@ from ..setup.ranks import Ranks, described, joined, require_equal_problems
 from ..setup.schedule import (
     MACRO,
     Options,
-    check_factorize,
     checked_constraints,
     checked_options,
     checked_subdomains,
@@ -135,14 +134,12 @@ def made(
     constraints: Any,
     options: Options,
     threads: int | None,
-    factorize: Any,
 ) -> Session:
     """The session of a new `Coupler` with these arguments, as in the table of
     docs/architecture.md."""
     subdomains = checked_subdomains(subdomains, may_be_empty=ranks is not None)
     options, coupling = checked_options(options), options.coupling
     threads_allowed = most_threads(threads)
-    check_factorize(factorize)
     everything, own = _of_all(ranks, subdomains)
     given = checked_constraints(constraints, everything, names := names_of(everything))
     if ranks is not None:
@@ -167,7 +164,6 @@ def made(
             drift=options.drift,
             newton=options.newton,
             threads=threads_allowed,
-            factorize=factorize,
             ranks=ranks,
         )
     assembly, forces = assemblies.first, [s.force for s in subdomains]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 from weakref import WeakValueDictionary
@@ -98,7 +97,7 @@ class Assemblies:
         Of the first assembly.
     prescribed : sequence of arrays of int
         The rows of each prescribed velocity.
-    coupling, start, drift, newton, factorize
+    coupling, start, drift, newton
         As for `Coupler`.
     threads : (int, bool)
         Maximum number of threads, and whether to use fewer where more are not faster.
@@ -126,26 +125,22 @@ class Assemblies:
         drift: str,
         newton: Newton,
         threads: tuple[int, bool],
-        factorize: Any,
         ranks: Ranks | None = None,
     ):
         self.ranks = ranks
         self.first_own = 0 if ranks is None else ranks.own.start
         self.coupling, self.start, self.newton = coupling, start, newton
-        self.threads, self.superlu = threads, factorize == "superlu"
-        self.external = callable(factorize)
+        self.threads = threads
         self.tied = drift == "removed"
         warn_of_loose(keys, links)
-        _check_symmetry(keys, factorize)
 
         # elimination order of each subdomain, and of the rows
         steps = [layout.of(i) for i in range(self.first_own, self.first_own + len(keys))]
-        parts = _ordered(keys, links, steps, coupling, self.tied, newton, factorize, threads[0])
+        parts = _ordered(keys, links, steps, coupling, self.tied, newton, threads[0])
         if coupling == "mean":
             check_mean(parts)
         if self.tied:
             check_tied(parts)
-        _check_factorize(parts, factorize)
         self.rows = row_order(parts, p, ranks)
         self.row_position = np.argsort(self.rows)
         for part in parts:
@@ -195,8 +190,7 @@ class Assemblies:
 
     def _assemble(self, layout: Layout, parts: tuple[Part, ...]) -> Assembly:
         """Factor and couple subdomains, of which some may be built already."""
-        # once, not for each factor; a function of the user has all threads
-        with nullcontext() if self.external else one_thread():
+        with one_thread():  # once, not for each factor
             return self._factored(layout, parts)
 
     def _factored(self, layout: Layout, parts: tuple[Part, ...]) -> Assembly:
@@ -291,7 +285,7 @@ class Assemblies:
         start = layout.spans_change  # whose assembly takes the first macro step alone
         matrix = interface_matrix(parts, p, start=start, ranks=self.ranks)
         symmetric = is_symmetric_sum(parts, self.ranks)
-        options = dict(superlu=self.superlu, symmetric=symmetric, threads=self.threads[0])
+        options: dict[str, Any] = {"symmetric": symmetric, "threads": self.threads[0]}
         H = interface_factor(matrix, self.rows, **options)
         if self.coupling == "macro":
             warn_of_resonance(matrix, H, parts, self.row_position, self.ranks)
@@ -312,27 +306,6 @@ def _check_start(parts: Sequence[Part], start: str, coupling: str) -> None:
         )
 
 
-def _check_symmetry(keys: Sequence[tuple[str, Subdomain]], factorize: Any) -> None:
-    """ValueError for another factorization of matrices that only the core factors, (F10)."""
-    own = [name for name, s in keys if not s.has_symmetric_steps]
-    if own and factorize is not None:
-        raise ValueError(
-            "factorize must be None where matrices are not symmetric, which the core factors "
-            f"itself, got {factorize!r} and symmetric=False in {', '.join(map(repr, own))}"
-        )
-
-
-def _check_factorize(parts: Sequence[Part], factorize: Any) -> None:
-    """ValueError for another factorization where the core factors tangents."""
-    iterated = [part.name for part in parts if part.tangent is not None]
-    if iterated and factorize is not None:
-        raise ValueError(
-            "factorize must be None with internal forces in implicit subdomains, whose tangents "
-            f"the core factors itself, got {factorize!r} and internal forces in "
-            f"{', '.join(map(repr, iterated))}"
-        )
-
-
 def _ordered(
     keys: Sequence[tuple[str, Subdomain]],
     links: Sequence[Link],
@@ -340,11 +313,10 @@ def _ordered(
     coupling: str,
     tied: bool,
     newton: Newton,
-    factorize: Any,
     threads: int,
 ) -> tuple[Part, ...]:
     """The subdomains in elimination order, with warnings of factors that are large."""
-    eliminations = Eliminations(superlu=factorize == "superlu")
+    eliminations = Eliminations()
     parts = tuple(
         make_part(
             s,
@@ -354,7 +326,6 @@ def _ordered(
             substeps,
             L,
             eliminations,
-            factorize,
             threads=threads,
             responds=_responds(coupling, substeps),
             mean=coupling == "mean",

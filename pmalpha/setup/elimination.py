@@ -42,8 +42,6 @@ class Elimination:
         One symbolic analysis for Mbar(h), Mbar(2 h) and M; None where nothing is sparse.
     paths : Paths or None
         Given where the interface is not last in the factors.
-    superlu : bool
-        Whether SuperLU makes the factors.
     threads : int
         Maximum number of threads that make one.
     """
@@ -52,7 +50,6 @@ class Elimination:
     nb: int
     structure: Structure | None = None
     paths: Paths | None = None
-    superlu: bool = False
     threads: int = 1
 
     @property
@@ -72,7 +69,6 @@ class Elimination:
                 names,
                 nb=self.nb,
                 structure=self.structure,
-                superlu=self.superlu,
                 symmetric=symmetric,
                 threads=self.threads,
             )
@@ -93,8 +89,7 @@ class Eliminations:
     materials, have one elimination, which is found once.
     """
 
-    def __init__(self, *, superlu: bool = False):
-        self._superlu = superlu
+    def __init__(self) -> None:
         self._known: dict[bytes, Elimination] = {}
 
     def of(self, n: int, graph: Graph | None, last: np.ndarray) -> Elimination:
@@ -105,13 +100,11 @@ class Eliminations:
             digest.update(x)
         key = digest.digest()
         if key not in self._known:
-            self._known[key] = elimination(n, graph, last, superlu=self._superlu)
+            self._known[key] = elimination(n, graph, last)
         return self._known[key]
 
 
-def elimination(
-    n: int, graph: Graph | None, last: np.ndarray, *, superlu: bool = False
-) -> Elimination:
+def elimination(n: int, graph: Graph | None, last: np.ndarray) -> Elimination:
     """The elimination with the fewest predicted entries in the sweeps of a step.
 
     Parameters
@@ -127,9 +120,9 @@ def elimination(
         return Elimination(order, last.size)
     graph = with_full_nodes(graph, last)
     structure = structure_of(*rows_of(graph, order), last.size)
-    chosen = Elimination(order, last.size, structure, superlu=superlu)
+    chosen = Elimination(order, last.size, structure)
     border = last.size * (last.size + 1) / 2
-    if superlu or structure.panels is None or border < BORDER_SHARE * structure.entries:
+    if structure.panels is None or border < BORDER_SHARE * structure.entries:
         return chosen
     other = ordinary(graph, last)
     return other if other is not None and other.swept < chosen.swept else chosen

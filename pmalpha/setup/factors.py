@@ -139,7 +139,6 @@ def factorize(
     *,
     nb: int = 0,
     structure: Structure | None = None,
-    superlu: bool = False,
     symmetric: bool = True,
     threads: int = 1,
 ) -> Factor:
@@ -154,8 +153,6 @@ def factorize(
         Number of interface unknowns, which are last and swept separately.
     structure : Structure, optional
         Of a pattern that contains that of A, if A is sparse. Default: of the pattern of A.
-    superlu : bool, default False
-        Sparse factors by SuperLU, for any pattern.
     symmetric : bool, default True
         A is symmetric, and has to be positive definite. Otherwise pivots have any sign.
     threads : int, default 1
@@ -184,7 +181,7 @@ def factorize(
         else:
             if structure is None:
                 structure = structure_of(*core_sparse(A)[:2], nb)
-            if superlu or structure.panels is None:
+            if structure.panels is None:
                 factor = columns(A, names, structure.entries, nb=nb)
             else:
                 factor = panels(A, names, structure, threads)

@@ -134,7 +134,6 @@ def interface_factor(
     rows: np.ndarray,
     what: str = "the interface matrix H",
     *,
-    superlu: bool = False,
     symmetric: bool = True,
     threads: int = 1,
 ) -> Factor:
@@ -142,4 +141,4 @@ def interface_factor(
     if H is None:
         return np.empty(0), None
     names = Names(what, rows)
-    return factorize(H, names, superlu=superlu, symmetric=symmetric, threads=threads)
+    return factorize(H, names, symmetric=symmetric, threads=threads)

@@ -26,7 +26,6 @@ from ..problem.springs import core_springs
 from ..problem.subdomain import Subdomain
 from .compliance import Block, compliance, diagonal_compliances
 from .elimination import Elimination, Eliminations
-from .external import External
 from .factors import Factor, Names
 from .link import Link
 from .stability import StepRatio
@@ -77,8 +76,6 @@ class Part:
         Of Mbar(h) and, for a double step, of Mbar(2 h).
     elimination : Elimination
         The factorization of its sparse matrices.
-    external : External or None
-        The function of the user that factors them instead.
     blocks : dict
         Its blocks of H computed so far, by whether they are of the double step.
     internal : InternalForces or None
@@ -119,7 +116,6 @@ class Part:
     core: Any = None
     mass_factor: Factor | None = None
     factors: list[Factor] = field(default_factory=list)
-    external: External | None = None
     blocks: dict[bool, Any] = field(default_factory=dict)
     internal: InternalForces | None = None
     tangent: TangentPattern | None = None
@@ -220,8 +216,6 @@ class Part:
 
     def factor(self, A: Matrix | None, what: str, *, symmetric: bool = True) -> Factor:
         """The factor of a matrix of this subdomain, in elimination order."""
-        if self.external is not None and A is not None and A.ndim == 2:
-            return self.external.factor(permuted(A, self.position), what)
         names = Names(what, self.order, self.name)
         return self.elimination.factor(A, names, symmetric=symmetric)
 
@@ -290,7 +284,6 @@ def make_part(
     substeps: int,
     L: Link,
     eliminations: Eliminations,
-    factorize: Any = None,
     *,
     threads: int = 1,
     responds: bool = False,
@@ -301,8 +294,7 @@ def make_part(
     `eliminations` are those of all subdomains, `threads` is the maximum number of threads that make
     a factor, and `does` has the values of `reuses`, `mean` and `shifts`.
     """
-    n, scheme = subdomain.n, subdomain.scheme
-    last = L.dofs
+    n, last = subdomain.n, L.dofs
     stiffness, damping = subdomain.implicit_stiffness, subdomain.implicit_damping
     matrices = {"M": subdomain.M, "K": subdomain.K, "C": subdomain.C}
     matrices |= {"stiffness": stiffness, "damping": damping}
@@ -312,15 +304,8 @@ def make_part(
     if internal is not None and subdomain.iterates:
         tangent = tangent_pattern(internal.pattern, last)
     graph = graph_of([subdomain.M, damping, stiffness])
-    external = None
     if tangent is not None:
         eliminated = Elimination(tangent.order, last.size, tangent.symbolic)
-    elif callable(factorize) and graph is not None:
-        external = External(factorize, graph, last, name)
-        whole = mbar(scheme, h, subdomain.M, damping, stiffness)
-        external.factor(whole, name_of_mbar(scheme, name))
-        assert external.perm is not None
-        eliminated = Elimination(external.perm, last.size)
     else:
         eliminated = eliminations.of(n, graph, last)
     eliminated = replace(eliminated, threads=threads)
@@ -337,13 +322,11 @@ def make_part(
         np.argsort(order),
         L=L.in_order(order),
         nb=last.size,
-        external=external,
         internal=internal,
         tangent=tangent,
         **fields,
         responds=responds and internal is None,
         feedback=Feedback(f"force of subdomain {name!r}", n) if subdomain.has_feedback else None,
-        known={} if external is None or external.first is None else {h: (h, *external.first)},
     )
 
 

@@ -180,15 +180,6 @@ def check_drift(value: Any, coupling: str) -> None:
         )
 
 
-def check_factorize(value: Any) -> None:
-    if value is None or callable(value):
-        return
-    if not isinstance(value, str):
-        raise TypeError(f"factorize must be None, 'superlu' or a callable, got {value!r}")
-    if value != "superlu":
-        raise ValueError(f"factorize must be None, 'superlu' or a callable, got {value!r}")
-
-
 def check_newton(value: Any) -> None:
     if not isinstance(value, Newton):
         raise TypeError(f"newton must be a Newton, got {value!r}")
