@@ -121,23 +121,9 @@ static pma_status prepare_visits(pma_coupler *c)
     return status;
 }
 
-/* Where a stage reads more than the private caches hold, and calls no function of the caller's, which
- * would see the order. */
-static bool alternates(const pma_coupler *c)
-{
-    size_t entries = 0;
-    bool by_caller = false;
-    for (size_t i = 0; i < c->parts.count; i++) {
-        entries += c->coupled[i].member.entries;
-        by_caller = by_caller || c->coupled[i].member.by_caller;
-    }
-    return c->parts.count > 1 && !by_caller && entries > PMA_ALTERNATE;
-}
-
 static pma_status create_team(pma_coupler *c)
 {
     pma_status status = make_roster(c);
-    c->alternates = alternates(c);
     if (status == PMA_OK)
         status = pma_look_ahead_is_used(c) ? pma_look_ahead_create(c) : prepare_visits(c);
     for (size_t i = 0; i < c->parts.count; i++)

@@ -91,8 +91,6 @@ struct pma_coupler {
     pma_team *team;     /* NULL when the caller is alone */
     pma_task task;      /* what the team does, and with which members */
     pma_due due;
-    bool alternates; /* in ascending order and, in every other stage, in descending order */
-    bool descends;
     atomic_bool has_failed; /* the task, with some member */
     atomic_bool not_finite; /* some rows of the member that is split were not */
 };
@@ -337,10 +335,6 @@ void pma_recorder_complete(const pma_coupler *c);
 
 /* ---- several threads: workers/ -------------------------------------------------------------- */
 
-/* Entries read in a stage from which on members are done in alternating order: the next stage then
- * begins with what the one before has left in the caches. */
-enum { PMA_ALTERNATE = 8 * PMA_SUBTREE };
-
 /* Every worker does `task` with those of its members that are `due`, worker 0 too; all wait for the
  * last. What went wrong with the first member, in order, with which it did. (share.c) */
 pma_status pma_share_out(pma_coupler *c, pma_task task, pma_due due);
@@ -348,7 +342,7 @@ pma_status pma_share_out(pma_coupler *c, pma_task task, pma_due due);
 /* The same, in a loop of the caller's for a small system, which is short. */
 static inline pma_status pma_share(pma_coupler *c, pma_task task, pma_due due)
 {
-    if (c->team || c->alternates)
+    if (c->team)
         return pma_share_out(c, task, due);
     pma_coupled *const end = c->coupled + c->parts.count;
     for (pma_coupled *m = c->coupled; m < end; m++) {

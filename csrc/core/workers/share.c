@@ -34,20 +34,18 @@ static bool is_due(const pma_coupler *c, const pma_coupled *m)
     return c->due(m) && m != c->split;
 }
 
-/* The first that goes wrong in ascending order ends a worker's share, so that what went wrong first
- * of all is found whichever worker has it; in descending order nothing ends it. */
+/* The first that goes wrong ends a worker's share; in ascending order, so that what went wrong first
+ * of all is found whichever worker has it. */
 static void work_through(void *ctx, size_t worker)
 {
     pma_coupler *c = ctx;
-    const size_t begin = c->roster.begin[worker], end = c->roster.begin[worker + 1];
-    for (size_t k = 0; k < end - begin; k++) {
-        pma_coupled *m = member_of(c, c->descends ? end - 1 - k : begin + k);
+    for (size_t i = c->roster.begin[worker]; i < c->roster.begin[worker + 1]; i++) {
+        pma_coupled *m = member_of(c, i);
         const pma_status status = is_due(c, m) ? c->task(c, m) : PMA_OK;
         if (status != PMA_OK) {
             m->status = status;
             atomic_store(&c->has_failed, true);
-            if (!c->descends)
-                return;
+            return;
         }
     }
 }
@@ -76,21 +74,10 @@ static pma_status take_status(pma_coupler *c)
     return first;
 }
 
-/* Only then has a stage an order. */
-static bool are_several_due(const pma_coupler *c)
-{
-    size_t count = 0;
-    for (size_t i = 0; i < c->parts.count && count < 2; i++)
-        count += is_due(c, &c->coupled[i]);
-    return count == 2;
-}
-
 pma_status pma_share_out(pma_coupler *c, pma_task task, pma_due due)
 {
     c->task = task;
     c->due = due;
-    if (c->alternates && are_several_due(c))
-        c->descends = !c->descends;
     if (c->split && due(c->split)) {
         c->split->status = task(c, c->split);
         atomic_store(&c->has_failed, c->split->status != PMA_OK);
