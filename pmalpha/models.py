@@ -413,7 +413,7 @@ def rayleigh(omegas: Sequence[float], ratios: Sequence[float]) -> tuple[float, f
     omegas : two floats
         Different angular frequencies, above 0.
     ratios : two floats
-        Damping ratios at these frequencies (1 is critical damping).
+        Damping ratios at these frequencies, below 1, which is critical damping: 5 per cent is 0.05.
 
     Returns
     -------
@@ -425,7 +425,7 @@ def rayleigh(omegas: Sequence[float], ratios: Sequence[float]) -> tuple[float, f
     Raises
     ------
     TypeError, ValueError
-        If the frequencies are not positive or equal, or not two.
+        If the frequencies are not positive or equal, or not two, and for ratios of 1 and more.
 
     Examples
     --------
@@ -438,6 +438,11 @@ def rayleigh(omegas: Sequence[float], ratios: Sequence[float]) -> tuple[float, f
     first, second = at.tolist()
     if not (first > 0.0 and second > 0.0 and first != second):
         raise ValueError(f"omegas must be two different positive numbers, got {omegas!r}")
+    if not np.all(wanted < 1.0):
+        raise ValueError(
+            f"ratios must be below 1, as fractions of critical damping (5 per cent is 0.05), got "
+            f"{ratios!r}"
+        )
     # ratio = c_m / (2 omega) + c_k omega / 2
     rows = [[0.5 / first, 0.5 * first], [0.5 / second, 0.5 * second]]
     c_m, c_k = np.linalg.solve(rows, wanted)

@@ -18,7 +18,7 @@ static Py_ssize_t count_all(CouplerObject *self)
  * subdomain; its exception is then cleared, except for KeyboardInterrupt. */
 static bool is_raised(CouplerObject *self, pma_status status, size_t failed)
 {
-    if (status == PMA_NOT_FINITE || status == PMA_FORCE_FAILED)
+    if (status == PMA_NOT_FINITE || status == PMA_UNBOUNDED || status == PMA_FORCE_FAILED)
         return !PyErr_ExceptionMatches(PyExc_Exception);
     if (status != PMA_RESTORING_FAILED && status != PMA_INTERNAL_FAILED)
         return true;
@@ -56,7 +56,7 @@ PyObject *pma_failure(CouplerObject *self, pma_status status)
             return NULL;
         PyErr_Clear();
     }
-    if (status == PMA_NOT_FINITE)
+    if (status == PMA_NOT_FINITE || status == PMA_UNBOUNDED)
         return PyLong_FromSsize_t(i == PMA_INTERFACE ? count_all(self) : (Py_ssize_t)i);
     if (status == PMA_ELSEWHERE)
         return Py_BuildValue("(n)", (Py_ssize_t)pma_coupler_failed_rank(self->core));

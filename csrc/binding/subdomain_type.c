@@ -473,8 +473,29 @@ static PyObject *subdomain_set_levels(SubdomainObject *self, PyObject *tuple)
     list_fields(&levels, fields);
     for (Py_ssize_t i = 0; i < count; i++)
         memcpy(fields[i], values[i], (size_t)field_size(parts, i) * sizeof(double));
+    pma_subdomain_watch_again(self->core);
     pma_subdomain_release(self);
     Py_RETURN_NONE;
+}
+
+/* watch(M, K_r): once, after the subdomain was made; the arrays are its own from then on */
+static PyObject *subdomain_watch(SubdomainObject *self, PyObject *args)
+{
+    PyObject *M_obj, *K_r_obj;
+    pma_matrix M, K_r;
+    const npy_intp n = (npy_intp)pma_subdomain_parts(self->core)->n;
+    if (!PyArg_ParseTuple(args, "OO", &M_obj, &K_r_obj) ||
+        pma_take_matrix(M_obj, n, "M", self->arrays, &M) < 0 ||
+        pma_take_matrix(K_r_obj, n, "K_r", self->arrays, &K_r) < 0 || !pma_subdomain_claim(self))
+        return NULL;
+    const pma_status status = pma_subdomain_watch(self->core, M, K_r);
+    pma_subdomain_release(self);
+    return status == PMA_OK ? Py_NewRef(Py_None) : pma_raise(status, "watch");
+}
+
+static PyObject *subdomain_get_gain(SubdomainObject *self, void *Py_UNUSED(closure))
+{
+    return PyFloat_FromDouble(pma_subdomain_gain(self->core));
 }
 
 static PyObject *subdomain_get_entries(SubdomainObject *self, void *Py_UNUSED(closure))
@@ -483,6 +504,9 @@ static PyObject *subdomain_get_entries(SubdomainObject *self, void *Py_UNUSED(cl
 }
 
 static PyGetSetDef subdomain_getset[] = {
+    {"gain", (getter)subdomain_get_gain, NULL,
+     "energy that the scheme has added, in multiples of that of the motion; 0 if not watched",
+     NULL},
     {"entries", (getter)subdomain_get_entries, NULL, "matrix entries read by one substep", NULL},
     {NULL, NULL, NULL, NULL, NULL},
 };
@@ -506,6 +530,8 @@ static PyMethodDef subdomain_methods[] = {
      "springs() -> (fields, springs) array: present deformation, force and inner variables, a "
      "copy"},
     {"set_levels", (PyCFunction)subdomain_set_levels, METH_O, "set_levels(levels): the inverse"},
+    {"watch", (PyCFunction)subdomain_watch, METH_VARARGS,
+     "watch(M, K_r): the energy is summed up that the scheme adds through evaluated forces"},
     {"evaluate_present", (PyCFunction)subdomain_evaluate_present, METH_VARARGS,
      "evaluate_present(t): internal forces and their potential, for begin_energy; None, or the "
      "code that a function returned"},

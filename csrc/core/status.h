@@ -14,6 +14,7 @@
     X(PMA_NOT_DEFINITE, "a pivot is not positive")                \
     X(PMA_NOT_READY, "the coupler has no initial state yet")      \
     X(PMA_NOT_FINITE, "a value is not finite")                    \
+    X(PMA_UNBOUNDED, "a scheme has added too much energy")        \
     X(PMA_FORCE_FAILED, "a force did not return 0")               \
     X(PMA_RESTORING_FAILED, "a restoring force did not return 0") \
     X(PMA_INTERNAL_FAILED, "an internal force did not return 0")  \

@@ -45,6 +45,8 @@ class InternalForce(Frozen):
         evaluation in every step.
         If it has a method ``residual(u, v, t, q) -> f``, and the force no history, that is called
         where no tangent is needed. A method ``potential(u) -> float`` is its energy, see `Energy`.
+        A method ``largest_tangent() -> K_t`` is the stiffest tangent, of contact that is closed,
+        for the critical step of an explicit subdomain.
         A ``scipy.LowLevelCallable`` ``int (double t, intptr_t n, double *u, double *v, double *q,
         double *f, double *K, double *C, double *q1, void *user)`` is evaluated without the GIL. K
         and C are the values of `pattern` by rows, or NULL where no tangent is needed; f, K, C and
@@ -129,6 +131,11 @@ class InternalForce(Frozen):
     def potential(self) -> Callable[..., Any] | None:
         """The method ``potential(u) -> float`` of evaluate, or None."""
         return _method(self.evaluate, "potential")
+
+    @property
+    def largest_tangent(self) -> Callable[[], Any] | None:
+        """The method ``largest_tangent() -> K_t`` of evaluate, or None."""
+        return _method(self.evaluate, "largest_tangent")
 
     def check(
         self,

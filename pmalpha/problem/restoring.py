@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias
+from contextlib import nullcontext
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from scipy import LowLevelCallable
 
 from .._checks import vector
+from ..errors import UnboundedMotion
 from .lowlevel import check_signature
 from .springs import Spring, check_dofs
 
 Function: TypeAlias = Callable[[np.ndarray, np.ndarray, float], Any] | LowLevelCallable
-Watch = Callable[[np.ndarray, np.ndarray, np.ndarray, float], None]
 # A function, springs, or at least one of each or several functions, in the user's order.
 Restoring = Function | tuple[Spring | Function, ...] | None
+
+
+class Watch(Protocol):
+    """What looks at the values of restoring functions."""
+
+    def __call__(self, u: np.ndarray, v: np.ndarray, r: np.ndarray, t: float) -> None:
+        """Called after each evaluation."""
+
+    def runaway(self, u: np.ndarray) -> UnboundedMotion | None:
+        """What is to be raised where r is not finite because u had grown out of all bounds."""
 
 
 def labelled(given: Any, name: str) -> list[tuple[Any, str]]:
@@ -61,6 +72,10 @@ def functions_of(restoring: Restoring) -> tuple[Function, ...]:
     return tuple(item for item in items_of(restoring) if not isinstance(item, Spring))
 
 
+class NotFinite(ValueError):
+    """A value of a function is not finite."""
+
+
 class Feedback:
     """A force f(t, u, v) of a subdomain, which is evaluated with its restoring forces.
 
@@ -86,11 +101,18 @@ class Feedback:
     def __call__(self, u: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
         if self.function is None:
             return np.zeros(self.last.size)
-        value = self.function(t, u, v)
-        try:
-            return vector(value, self.last.size, "its value")
-        except (TypeError, ValueError) as error:
-            raise type(error)(f"{self.what} at t = {t:g}: {error}") from None
+        return _checked(self.function(t, u, v), self.last.size, f"{self.what} at t = {t:g}")
+
+
+def _checked(value: Any, n: int, where: str) -> np.ndarray:
+    try:
+        return vector(value, n, "its value")
+    except TypeError as error:
+        raise TypeError(f"{where}: {error}") from None
+    except ValueError as error:
+        # the values are wrong, or their number
+        kind = NotFinite if getattr(value, "size", 1) == n else ValueError
+        raise kind(f"{where}: {error}") from None
 
 
 class CheckedRestoring:
@@ -103,7 +125,7 @@ class CheckedRestoring:
         gets copies of u and v, and is evaluated once in a call, in this order.
     n : int
         Number of dofs.
-    watch : callable, optional
+    watch : Watch, optional
         Called after each evaluation as ``watch(u, v, r, t)``, r the sum.
     feedback : Feedback, optional
         A load, evaluated after them; the sum contains it with a minus.
@@ -121,15 +143,26 @@ class CheckedRestoring:
         self.copies = len(functions) + (feedback is not None) + (watch is not None) > 1
 
     def __call__(self, u: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
+        if self.watch is None:
+            return self._sum(u, v, t)
+        runaway = self.watch.runaway(u)
+        try:
+            # overflows are the effect then, and the error says so
+            with nullcontext() if runaway is None else np.errstate(over="ignore", invalid="ignore"):
+                r = self._sum(u, v, t)
+        except NotFinite as error:
+            raise (runaway or ValueError(str(error))) from None
+        self.watch(u, v, r, t)
+        return r
+
+    def _sum(self, u: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
         values = [self._value(*x, *self._motion(u, v), t) for x in self.functions]
         r = sum(values[1:], values[0]) if values else np.zeros(self.n)
-        if self.feedback is not None:
-            f = self.feedback(*self._motion(u, v), t)
-            self.feedback.last[:] = f
-            r = r - f
-        if self.watch:
-            self.watch(u, v, r, t)
-        return r
+        if self.feedback is None:
+            return r
+        f = self.feedback(*self._motion(u, v), t)
+        self.feedback.last[:] = f
+        return r - f
 
     def _motion(self, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return (u.copy(), v.copy()) if self.copies else (u, v)
@@ -137,11 +170,7 @@ class CheckedRestoring:
     def _value(
         self, function: Callable[..., Any], what: str, u: np.ndarray, v: np.ndarray, t: float
     ) -> np.ndarray:
-        value = function(u, v, t)
-        try:
-            return vector(value, self.n, "its value")
-        except (TypeError, ValueError) as error:
-            raise type(error)(f"{what} at t = {t:g}: {error}") from None
+        return _checked(function(u, v, t), self.n, f"{what} at t = {t:g}")
 
 
 def is_compiled(function: Function) -> bool:

@@ -372,6 +372,15 @@ class Subdomain(Frozen):
         return combination([(1.0, rest), (1.0, canonical(tangents, "springs", self.n)[0])])
 
     @property
+    def initial_tangent(self) -> Matrix | None:
+        """The same with the initial tangents of springs: contact with a clearance is open."""
+        springs = self.restoring_springs
+        if not springs or self.has_functions:
+            return self.tangent
+        tangents = stiffness(springs, "initial_tangent", self.n)
+        return combination([(1.0, self.K), (1.0, canonical(tangents, "springs", self.n)[0])])
+
+    @property
     def implicit_stiffness(self) -> Matrix | None:
         """The matrix with the factor al1 in Mbar (R3): K + K_r, None if explicit."""
         return None if self.scheme.explicit else self.tangent

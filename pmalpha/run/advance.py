@@ -11,6 +11,7 @@ from ..errors import CallbackError, ConvergenceError, InstabilityError, Unbounde
 from ..problem.matrices import ADMITTED
 from ..problem.tangents import SYMMETRY
 from ..setup.ranks import Elsewhere, Ranks
+from .cause import cause_of
 from .loads import Loads
 from .progress import Report
 
@@ -117,7 +118,10 @@ def _error(failed: Any, step: int, loads: Loads, first: int) -> Exception:
     if isinstance(failed, tuple):
         index, code, what = failed
         return CallbackError(code, what, step, t, names[index])
-    return InstabilityError(step, t, names[failed])
+    own = failed - first
+    if not 0 <= own < len(loads.parts):
+        return InstabilityError(step, t, names[failed])
+    return InstabilityError(step, t, names[failed], cause_of(loads.parts[own]))
 
 
 def _convergence_error(

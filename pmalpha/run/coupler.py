@@ -347,7 +347,7 @@ class Coupler:
         ConvergenceError
             When the iteration of internal forces does not converge.
         InstabilityError
-            When a value is not finite, or after that StabilityWarning has left all bounds.
+            When a value is not finite, or steps have added energy without bound, (B10).
         CallbackError
             When a compiled function did not return 0.
         MemoryError
@@ -363,8 +363,8 @@ class Coupler:
         AccuracyWarning, StabilityWarning
             When the recorded steps are too coarse for the motion, or under "macro" the macro step
             for the multipliers; when steps are above the critical step for the stiffness seen in a
-            restoring callable without ``restoring_stiffness``, or, once at the beginning, for the
-            tangents of the internal forces of explicit subdomains in the present state.
+            restoring callable or, at the beginning, for the present tangents of explicit
+            subdomains with internal forces; when steps have added energy, (B10).
 
         Notes
         -----

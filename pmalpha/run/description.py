@@ -8,7 +8,9 @@ from html import escape
 import numpy as np
 
 from .._checks import counted
+from ..problem.matrices import combination
 from ..problem.schemes import CentralDifference, Scheme
+from ..setup.evaluated import closing_tangent
 from ..setup.factors import Factor
 from ..setup.part import Part
 from ..setup.stability import SMALL, limit_of
@@ -102,7 +104,8 @@ def step_ratio(part: Part) -> str:
         return "no limit"
     if is_bound and part.n <= SMALL:
         internal = None if part.internal is None else part.internal.K
-        ratio, is_bound = part.step / limit_of(s, internal), False
+        K = combination([(1.0, internal), (1.0, closing_tangent(s))])
+        ratio, is_bound = part.step / limit_of(s, K), False
     return f"<= {ratio:.3g}" if is_bound else f"{ratio:.3g}"
 
 

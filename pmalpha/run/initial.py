@@ -111,6 +111,7 @@ class InitialValues:
         start = self.consistent(parts, loads, rows, solver)
         for part, state in zip(parts, start.states):
             part.core.start(*state, start.lam)
+            part.gain_reported = False
         core.start(0, start.lam, start.g)
         core.set_gap(start.gap)
         core.set_end_multipliers(start.end_multipliers)

@@ -18,6 +18,7 @@ from ..results.history_file import write_master
 from ..results.recording import FiledRecording, Recording, recording_class
 from ..setup.ranks import Elsewhere, file_of
 from .accuracy import estimated_error, warn_if_coarse
+from .cause import warn_of_gains
 from .changes import advance_to
 from .drift import warn_if_drifting
 from .interrupts import HeldSignals
@@ -53,6 +54,7 @@ def step(session: Session, n: int) -> None:
         check_call(session, "step", n)
         begin(session)
         advance_to(session, session.core.step_count + n, None)
+        warn_of_gains(session.parts)
 
 
 def recording_of(
@@ -112,6 +114,7 @@ def recorded(
 def judge(session: Session, history: History) -> None:
     """The warnings about a result."""
     parts, rows, motions = session.parts, session.rows, session.loads.motions
+    warn_of_gains(parts)
     found = estimated_error(history.subdomains, parts, rows, motions)
     warn_if_coarse(found, history.macro_times[-1])
     warn_if_drifting(history, parts, rows, motions)

@@ -21,5 +21,5 @@ def _ratio(part: Part, t: float) -> StepRatio:
     assert part.internal is not None
     levels = part.core.levels()
     u, v = (levels[i][part.position] for i in (0, 1))
-    remembered, q = levels[5].reshape(3, -1), levels[6][: part.internal.initial.size]
+    remembered, q = part.core.springs(), levels[6][: part.internal.initial.size]
     return present_ratio(part.subdomain, part.internal, part.step, t, (u, v, q, remembered))

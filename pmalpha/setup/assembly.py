@@ -13,9 +13,12 @@ from .. import _core
 from ..blas import one_thread
 from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
+from .bounce import warn_of_bounces
 from .elimination import Eliminations
+from .evaluated import closing_tangent
 from .factors import Factor
 from .floating import warn_of_loose
+from .growing import warn_of_growing
 from .interface import interface_factor, interface_matrix, is_symmetric_sum, row_order
 from .iteration import iteration_of, prepare_iterated
 from .link import Link
@@ -152,6 +155,7 @@ class Assemblies:
         self._masses: dict[str, Factor] = {}
         self.accelerations: InitialAccelerations | None = None
         self.first_layout, self.first = layout, self._assemble(layout, parts)
+        warn_of_growing(keys, links, complete=ranks is None)
 
     def of(self, layout: Layout) -> Assembly:
         """The assembly of a layout: a known one, or one with the factors that are known.
@@ -239,9 +243,11 @@ class Assemblies:
         ratios = []
         for part in new:
             internal = None if part.internal is None else part.internal.K
-            part.step_ratio = step_ratio(part.subdomain, part.step, internal)
+            closing = closing_tangent(part.subdomain)
+            part.step_ratio = step_ratio(part.subdomain, part.step, internal, closing)
             ratios.append((part.name, part.subdomain, part.step, part.step_ratio))
         warn_of_steps(ratios)
+        warn_of_bounces(ratios)
         own = enumerate(parts, self.first_own)
         self._known.update({(i, *layout.of(i)): part for i, part in own})
         return Assembly(parts, core, self.first_own)

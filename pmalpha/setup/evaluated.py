@@ -80,19 +80,24 @@ def present_tangent(
     t: float,
     q: np.ndarray,
     remembered: np.ndarray | None = None,
+    *,
+    closed: bool = False,
 ) -> Matrix | None:
     """K_t of the internal forces of an explicit subdomain, for its critical step.
 
     Springs count with their initial stiffness or the present one, whichever is larger: one that
-    yields will unload.
+    yields will unload. With `closed` it is the largest one, and all contact is closed.
     """
     if s.internal is None:
         return None
     K = internal_at(internal, s.n, u, v, t, q).K
+    if closed:
+        K = combination([(1.0, K), (1.0, _closing_of_functions(s, u, v, t))])
     if not s.internal.springs:
         return K
     _, tangents = springs_at(s, u, remembered)
-    larger = [np.maximum(x.initial_tangent, k) for x, k in zip(s.springs, tangents)]
+    least = [x.largest_tangent if closed else x.initial_tangent for x in s.springs]
+    larger = [np.maximum(x, k) for x, k in zip(least, tangents)]
     return combination([(1.0, K), (1.0, matrix_of_springs(s, larger))])
 
 
@@ -125,6 +130,30 @@ def matrices_at(
     if s.has_functions and s.restoring_springs:
         K.append((-1.0, matrix_of_springs(s, [x.initial_tangent for x in s.springs])))
     return combination([(1.0, A) for A in C]), combination(K)
+
+
+def closing_tangent(s: Subdomain) -> Matrix | None:
+    """What springs and contact add to the initial tangent of an explicit subdomain, at most."""
+    if s.internal is None or not s.scheme.explicit:
+        return None
+    K = _closing_of_functions(s, s.u0, s.v0, 0.0)
+    rises = [x.largest_tangent - x.initial_tangent for x in s.internal.springs]
+    if not any(np.any(rise > 0.0) for rise in rises):
+        return K
+    return combination([(1.0, K), (1.0, matrix_of_springs(s, rises))])
+
+
+def _closing_of_functions(s: Subdomain, u: np.ndarray, v: np.ndarray, t: float) -> Matrix | None:
+    """The largest tangents of the forces that know them, less the present ones."""
+    assert s.internal is not None
+    terms: list[tuple[float, Matrix]] = []
+    for force in s.internal.forces:
+        largest = None if force.largest_tangent is None else force.largest_tangent()
+        if largest is not None:
+            present = force(u.copy(), v.copy(), t, force.history.copy())[1]
+            terms += [(1.0, canonical(largest, "largest_tangent", s.n)[0])]
+            terms += [(-1.0, canonical(present, "K_t", s.n)[0])]
+    return combination(terms)
 
 
 def matrix_of_springs(s: Subdomain, tangents: Sequence[np.ndarray]) -> Matrix:

@@ -93,6 +93,8 @@ class Part:
         If it responds: its block of H (M4), and the one from the mean velocities in the macro step.
     step_ratio : StepRatio or None
         Its step divided by its critical step, as far as set-up computed it.
+    gain_reported : bool
+        Whether the energy that its steps add has been warned of since the last start.
     feedback : Feedback or None
         Its load if that depends on the motion, for steps of all lengths.
     """
@@ -125,6 +127,7 @@ class Part:
     responds: bool = False
     response_blocks: tuple[Block, Block] | None = None
     step_ratio: StepRatio | None = None
+    gain_reported: bool = False
     over: float | None = None
     known: dict[float, tuple[Any, ...]] = field(default_factory=dict)
     feedback: Feedback | None = None
@@ -174,6 +177,7 @@ class Part:
             blocks={},
             response_blocks=None,
             step_ratio=None,
+            gain_reported=False,
         )
 
     @property
@@ -438,10 +442,9 @@ def warn_of_order(parts: Sequence[Part]) -> None:
 
 
 def watch_of(part: Part) -> StiffnessWatch | None:
-    """What looks at the values of Python functions whose stiffness is not given."""
+    """What looks at the values of Python functions."""
     s = part.subdomain
-    unknown = s.has_unknown_stiffness or (s.has_feedback and not s.has_functions)
-    return StiffnessWatch(s, part.name, part.step) if unknown and not s.massless.size else None
+    return None if s.massless.size else StiffnessWatch(s, part.name, part.step)
 
 
 def build(part: Part, mass: Factor | None = None, threads: int = 1) -> None:
@@ -472,6 +475,9 @@ def build(part: Part, mass: Factor | None = None, threads: int = 1) -> None:
         shifts=part.shifts,
         continues=part.over is not None,
     )
+    if part.subdomain.restoring is not None or part.internal is not None:
+        K_r = None if part.subdomain.scheme.explicit else part.K_r
+        part.core.watch(*(core_matrix(A, symmetric=part.symmetric) for A in (part.M, K_r)))
 
 
 def _internal(part: Part, threads: int) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -19,6 +19,7 @@ from ..problem.matrices import (
     Matrix,
     combination,
     dense,
+    diagonal,
     is_symmetric,
     largest_pairs,
     product,
@@ -40,10 +41,14 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class StepRatio:
-    """The step of a subdomain divided by its critical step; with `is_bound` an upper bound."""
+    """The step of a subdomain divided by its critical step; with `is_bound` an upper bound.
+
+    `when_closed`: it is at most 1 as long as contact is open.
+    """
 
     value: float
     is_bound: bool = False
+    when_closed: bool = False
 
 
 @lru_cache(maxsize=256)
@@ -71,6 +76,11 @@ def _are_stable(scheme: Scheme, Omegas: Iterable[float]) -> np.ndarray:
     return np.max(np.abs(np.linalg.eigvals(whole)), axis=1) <= 1.0 + 1e-7
 
 
+def predicted_product(scheme: Scheme) -> float:
+    """Omega_s of a force at the predictor: that of the explicit scheme with these parameters."""
+    return critical_product(Scheme(scheme.am, scheme.af, scheme.beta, scheme.gamma, explicit=True))
+
+
 @lru_cache(maxsize=256)
 def critical_damping_product(scheme: Scheme) -> float:
     """Z_s, the largest stable c h of lagged damping without stiffness, equation (C2)."""
@@ -96,7 +106,7 @@ def critical_step(
         Its interface is taken as free: ties do not raise the limit.
     u, v : (n,) array, optional
         Displacement and velocity at which the tangents of internal forces are evaluated, those of
-        `Coupler.state` for example. Default: u0 and v0 of the subdomain.
+        `Coupler.state` for example. Default: u0 and v0 of the subdomain. Contact counts as closed.
     q : (m,) array, optional
         Their history there, a row of `SubdomainHistory.q`. Default: that at t = 0.
 
@@ -115,12 +125,13 @@ def critical_step(
     it is complex the motion itself grows, and no step is stable. Of lagged damping with a skew part
     G, h is the step up to which an oscillator with the largest stiffness, damping and ``|G|`` is
     stable, equation (C3). A restoring force is represented by the estimate K_r, which is added to
-    K, and springs by their largest tangent stiffness (k of a `CubicSpring`). Internal forces are
-    represented by their tangents at u, v and q, at the time 0, and springs among them by their
-    tangent at u or their initial one, whichever is larger.
+    K, and springs by their largest tangent stiffness (k of a `CubicSpring`); in an implicit
+    subdomain they have the limit (C4), which K_r raises. Internal forces are represented by their
+    tangents at u, v and q, at the time 0, springs among them by the tangent at u or the largest one
+    and contact as closed at all of its nodes: with a longer step a bounce adds energy.
 
-    `Coupler.run` warns once, at its beginning, if an explicit step is above the critical one for
-    the tangents of the present state.
+    `Coupler` warns of steps above the critical one, and `Coupler.run` once, at its beginning, of
+    explicit steps above that for the tangents of the present state.
 
     Examples
     --------
@@ -147,37 +158,82 @@ def critical_step(
         subdomain.v0 if v is None else vector(v, subdomain.n, "v"),
     )
     past = initial if q is None else vector(q, initial.size, "q")
-    return limit_of(subdomain, present_tangent(subdomain, forces, *state, 0.0, past))
+    K = present_tangent(subdomain, forces, *state, 0.0, past, closed=True)
+    return limit_of(subdomain, K)
 
 
 @np.errstate(over="ignore")  # then the step is above any limit
-def limit_of(subdomain: Subdomain, internal: Matrix) -> float:
-    """The critical step with this tangent of the internal forces."""
-    stiffness, damping = (combination([term]) for term in limiting_terms(subdomain, internal))
+def limit_of(subdomain: Subdomain, internal: Matrix, *, closed: bool = True) -> float:
+    """The critical step with this tangent of the internal forces; `closed` is for springs."""
+    own = _limit_of_matrices(subdomain, internal, closed)
+    return min(own, _limit_of_springs(subdomain)) if closed else own
+
+
+def _limit_of_matrices(subdomain: Subdomain, internal: Matrix, closed: bool) -> float:
+    terms = limiting_terms(subdomain, internal, closed=closed)
+    stiffness, damping = (combination([term]) for term in terms)
     if stiffness is None and damping is None:
         return np.inf
     if subdomain.M is None or subdomain.massless.size:
         return 0.0
     if not is_symmetric(damping):
         return _skew_limit(subdomain, internal)
-    terms = [A for A in (stiffness, damping) if A is not None]
-    margin = 1.0 if all(_is_cheap(A, subdomain.M) for A in terms) else 1.0 + MARGIN
+    given = [A for A in (stiffness, damping) if A is not None]
+    margin = 1.0 if all(_is_cheap(A, subdomain.M) for A in given) else 1.0 + MARGIN
     if not (subdomain.symmetric or is_symmetric(stiffness)):
         return 1.0 / (margin * np.sqrt(_largest_modulus(stiffness, subdomain.M)))
     return _root(stiffness, damping, subdomain.M) / margin
 
 
+def _limit_of_springs(s: Subdomain) -> float:
+    """The critical step of springs at the predictor of an implicit subdomain, equation (C4).
+
+    Of many dofs, or where some have no mass, that of the dofs of the springs with all others held:
+    not too short.
+    """
+    if s.scheme.explicit or not s.restoring_springs:
+        return np.inf
+    Omega2 = predicted_product(s.scheme) ** 2
+    b = s.scheme.coefficients(1.0)[0]
+    A, M = at_springs(s, combination([(1.0, s.largest_tangent), (-b * Omega2, s.tangent)]))
+    heavy = M > 0.0 if M.ndim == 1 else diagonal(M) > 0.0
+    rounding = ROUNDING * float(np.max(np.abs(diagonal(s.largest_tangent))))
+    if not heavy.all():
+        light = np.eye(heavy.size)[:, ~heavy]
+        if np.max(np.linalg.eigvalsh(light.T @ dense(A) @ light)) > rounding:
+            return 0.0
+        A, M = _of_dofs(A, heavy), _of_dofs(M, heavy)
+    value = largest_eigenvalue(A, M)[0] if heavy.any() else 0.0
+    is_rounding = value * float(np.max(diagonal(M), initial=0.0)) <= rounding
+    return np.inf if is_rounding else float(np.sqrt(Omega2 / value))
+
+
+def at_springs(s: Subdomain, A: Matrix) -> tuple[Matrix, Matrix]:
+    """A and M, of many dofs or where some have no mass those of the dofs of restoring springs."""
+    M = np.zeros(s.n) if s.M is None else s.M
+    if s.n <= SMALL and not s.massless.size:
+        return A, M
+    dofs = np.unique(np.concatenate([spring.dofs.ravel() for spring in s.restoring_springs]))
+    own = dofs[dofs >= 0]
+    return _of_dofs(A, own), _of_dofs(M, own)
+
+
+def _of_dofs(A: Matrix, dofs: np.ndarray) -> Matrix:
+    return A[dofs] if A.ndim == 1 else A[dofs][:, dofs]
+
+
 def limiting_terms(
-    subdomain: Subdomain, internal: Matrix | None = None
+    subdomain: Subdomain, internal: Matrix | None = None, *, closed: bool = True
 ) -> list[tuple[float, Matrix]]:
     """A = (K + K_r + K_t) / Omega_s^2 and B = C / Z_s if lagged: h^2 A + h B has to stay below M.
 
-    Each is a factor and a matrix, which saves a copy of a large matrix.
+    Each is a factor and a matrix, which saves a copy of a large matrix. Springs count with their
+    largest tangents, unless `closed` is False.
     """
     Omega = critical_product(subdomain.scheme)
     A = None
     if np.isfinite(Omega):
-        A = subdomain.largest_tangent
+        A = subdomain.largest_tangent if closed else subdomain.initial_tangent
         A = A if internal is None else combination([(1.0, A), (1.0, internal)])
     if subdomain.damping != "lagged":
         return [(1.0 / Omega**2, A), (0.0, None)]
@@ -247,20 +303,40 @@ def _lagged_radius(scheme: Scheme, h: float, k: float, c: complex) -> float:
     return float(np.max(np.abs(np.linalg.eigvals(step))))
 
 
-@np.errstate(over="ignore")
-def step_ratio(subdomain: Subdomain, step: float, internal: Matrix | None = None) -> StepRatio:
+def step_ratio(
+    subdomain: Subdomain,
+    step: float,
+    internal: Matrix | None = None,
+    closing: Matrix | None = None,
+) -> StepRatio:
     """The step divided by the critical one, as far as it has to be computed.
 
-    `internal` is a tangent of the internal forces, which is added to K.
+    `internal` is a tangent of the internal forces, which is added to K, and `closing` what contact
+    adds to it where it closes.
     """
+    with np.errstate(over="ignore"):
+        whole = combination([(1.0, internal), (1.0, closing)])
+        ratio = _ratio_of_matrices(subdomain, step, whole)
+        springs = _limit_of_springs(subdomain)
+        if np.isfinite(springs) and step > ratio.value * springs:
+            ratio = StepRatio(step / springs if springs > 0.0 else np.inf)
+        if ratio.is_bound or not ratio.value > 1.0 + ROUNDING:
+            return ratio
+        if closing is None and not subdomain.restoring_springs:
+            return ratio
+        opened = step / limit_of(subdomain, internal, closed=False)
+        return replace(ratio, when_closed=opened <= 1.0 + ROUNDING)
+
+
+def _ratio_of_matrices(subdomain: Subdomain, step: float, internal: Matrix | None) -> StepRatio:
     (a, A), (b, B) = limiting_terms(subdomain, internal)
     if not is_symmetric(B):
-        return StepRatio(step / limit_of(subdomain, internal))
+        return StepRatio(step / _limit_of_matrices(subdomain, internal, True))
     # the bound takes little time and nearly always suffices
     of_A, of_B = (a * row_sum_bound(A, subdomain.M), b * row_sum_bound(B, subdomain.M))
     if step * step * of_A + step * of_B <= 1.0 + ROUNDING:
         return StepRatio(0.5 * step * (of_B + np.sqrt(of_B**2 + 4.0 * of_A)), is_bound=True)
-    critical = limit_of(subdomain, internal)
+    critical = _limit_of_matrices(subdomain, internal, True)
     return StepRatio(step / critical if critical > 0.0 else np.inf)
 
 
@@ -294,21 +370,29 @@ def warn_of_steps(steps: Iterable[tuple[str, Subdomain, float, StepRatio]]) -> N
     steps : iterable of (name, subdomain, length of the step that it takes, ratio of `step_ratio`)
     """
     above = [
-        (name, subdomain, step, step / ratio.value)
+        (name, subdomain, step, ratio)
         for name, subdomain, step, ratio in steps
         if not ratio.is_bound and not ratio.value <= 1.0 + ROUNDING
     ]
     if not above:
         return
+    each = [f"{name!r} ({step:g} above {_limit(step, ratio)})" for name, _, step, ratio in above]
+    text = f"the steps of these subdomains are above their critical steps: {listing(each)}"
+    if len(above) == 1:
+        ((name, _, step, ratio),) = above
+        text = f"the step {step:g} of subdomain {name!r} is above its critical step "
+        text += _limit(step, ratio)
     implicit = any(s.C is not None and s.damping == "implicit" for _, s, _, _ in above)
     damping = " (damping, which may raise it, is left out)" if implicit else ""
-    name, _, step, critical = above[0]
-    if len(above) == 1:
-        text = f"the step {step:g} of subdomain {name!r} is above its critical step {critical:.6g}"
-    else:
-        each = [f"{name!r} ({step:g} above {critical:.6g})" for name, _, step, critical in above]
-        text = f"the steps of these subdomains are above their critical steps: {listing(each)}"
-    warn(f"{text}{damping}: the run will grow without bound; take smaller steps", StabilityWarning)
+    closed = all(ratio.when_closed for _, _, _, ratio in above)
+    effect = "contact will add energy" if closed else "the run will grow without bound"
+    once = any(ratio.when_closed or s.restoring_springs for _, s, _, ratio in above)
+    remedy = ", or give springs and contact as internal= of an implicit scheme" if once else ""
+    warn(f"{text}{damping}: {effect}; take smaller steps{remedy}", StabilityWarning)
+
+
+def _limit(step: float, ratio: StepRatio) -> str:
+    return f"{step / ratio.value:.6g}{' when contact is closed' if ratio.when_closed else ''}"
 
 
 def row_sum_bound(A: Matrix | None, M: Matrix | None) -> float:

@@ -8,9 +8,9 @@ import numpy as np
 
 from ..errors import StabilityWarning, UnboundedMotion, warn
 from ..problem.matrices import product
-from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
-from .stability import critical_product
+from .bounce import MOST, bounce_gain
+from .stability import predicted_product
 
 # Increments from which the stiffness is estimated.
 WINDOW = 4
@@ -18,8 +18,13 @@ WINDOW = 4
 COLLINEAR = 1e-6
 # Excess of the stiffness over the critical one from which on it is reported.
 EXCESS = 1.1
-# Growth of the motion after the warning that ends the run.
+# Contact: the stiffness rises by this factor between two increments, and the work of the rise is
+# this multiple of the largest kinetic energy so far; friction and noise are below.
+CLOSES, IMPACT = 10.0, 4.0
+# Growth of the motion after the warning that ends the run; that of the kinetic energy by contact.
 GROWTH = 1e6
+# Displacements that no motion has: this multiple of all before, or above the second one.
+RUNAWAY, HUGE = 1e3, 1e50
 
 
 class StiffnessWatch:
@@ -28,7 +33,9 @@ class StiffnessWatch:
     A restoring force without estimate K_r is evaluated at the predictor, so that it is stable up to
     the critical step of the explicit scheme with the same parameters, in an implicit subdomain too.
     The estimate is omega^2 in dr = omega^2 M du + c M dv, by least squares over the last
-    increments, so that the force of a dashpot is not taken as stiffness.
+    increments, so that the force of a dashpot is not taken as stiffness. An estimate K_r raises the
+    limit as in (C4). Contact, which lasts fewer increments, is seen by its first one, with the gain
+    of speed of (C5).
 
     Parameters
     ----------
@@ -43,39 +50,95 @@ class StiffnessWatch:
         self.M, self.name, self.step = subdomain.M, name, step
         s = subdomain.scheme
         self.explicit, self.is_load = s.explicit, not subdomain.has_functions
-        self.Omega = critical_product(Scheme(s.am, s.af, s.beta, s.gamma, explicit=True))
+        self.scheme, self.Omega = s, predicted_product(s)
+        unknown = s.explicit or self.is_load or subdomain.has_unknown_stiffness
+        self.K_r = None if unknown else subdomain.restoring_stiffness
+        self.raised = s.coefficients(1.0)[0] * self.Omega**2  # b Omega_s^2 of (C4)
         self.last: tuple[np.ndarray, ...] | None = None
         self.increment: np.ndarray | None = None
         self.sums: deque[np.ndarray] = deque(maxlen=WINDOW)
         self.largest, self.cause = 0.0, ""
+        self.kinetic, self.seen, self.impact = 0.0, np.inf, np.inf
 
     def __call__(self, u: np.ndarray, v: np.ndarray, r: np.ndarray, t: float) -> None:
         """Take in an evaluation; StabilityWarning once, then UnboundedMotion."""
         if t == 0.0:  # a run begins, possibly after a reset: its motion is not that of the last one
             self.last = self.increment = None
             self.sums.clear()
-            self.largest = 0.0
+            self.largest = self.kinetic = 0.0
+            self.seen = self.impact = np.inf
         with np.errstate(over="ignore", invalid="ignore"):
-            self._take(u, v, r)
+            contact = self._take(u, v, r)
             omega2, is_resolved = self._estimate()
+        if self.kinetic > GROWTH * self.impact:
+            raise UnboundedMotion(self.name, self.cause)
         size = float(np.max(np.abs(u), initial=0.0))
         if not self.cause or len(self.sums) < WINDOW:
             self.largest = max(self.largest, size)
             if not self.cause and omega2 * self.step**2 > EXCESS * self.Omega**2:
                 self._warn(np.sqrt(omega2))
+            elif not self.cause and contact is not None:
+                self._warn_of_contact(*contact, t)
+                self.impact = self.kinetic
         elif size > GROWTH * self.largest and not is_resolved:
             raise UnboundedMotion(self.name, self.cause)
 
-    def _take(self, u: np.ndarray, v: np.ndarray, r: np.ndarray) -> None:
+    def runaway(self, u: np.ndarray) -> UnboundedMotion | None:
+        """The error for a u beyond all that the motion before could reach in a step, or None."""
+        size = float(np.max(np.abs(u), initial=0.0))
+        reach = np.inf
+        if self.last is not None:
+            past = [float(np.max(np.abs(x), initial=0.0)) for x in self.last[:2]]
+            reach = RUNAWAY * (max(self.largest, past[0]) + self.step * past[1])
+        if self.cause and size > GROWTH * self.largest:
+            return UnboundedMotion(self.name, self.cause)
+        if size <= min(reach, HUGE):
+            return None
+        return UnboundedMotion(
+            self.name,
+            self.cause
+            or f"the {self.kind} of subdomain {self.name!r} threw the motion to {size:.3g} "
+            f"in a step: it is too stiff for the step {self.step:g}; give an estimate of it as "
+            "restoring_stiffness=, take smaller steps, or give it as internal= of an implicit "
+            "scheme",
+        )
+
+    def _take(self, u: np.ndarray, v: np.ndarray, r: np.ndarray) -> tuple[float, float] | None:
+        """Sum up an increment; (omega, gain of speed) where it closes a contact."""
+        contact = None
+        kinetic = 0.5 * float(v @ product(self.M, v))
         if self.last is not None:
             du, dv, dr = (new - old for new, old in zip((u, v, r), self.last))
             Mdu = product(self.M, du)
             bend = du - self.increment if self.increment is not None else 0.0 * du
             bends = bend @ product(self.M, bend)
             Mdv = product(self.M, dv)
-            self.sums.append(np.array([du @ Mdu, du @ Mdv, dv @ Mdv, du @ dr, dv @ dr, bends]))
+            K_r = 0.0 if self.K_r is None else float(du @ product(self.K_r, du))
+            # dr without what K_r of (C4) admits
+            xz, yz = du @ dr - self.raised * K_r, dv @ dr
+            self.sums.append(np.array([du @ Mdu, du @ Mdv, dv @ Mdv, xz, yz, bends]))
             self.increment = du
+            work = float(du @ dr)
+            if not float(du @ self.last[2]) < -0.25 * work:  # friction that turns around
+                contact = self._contact(float(du @ Mdu), work, K_r)
+        self.kinetic = max(self.kinetic, kinetic)
         self.last = u, v, r
+        return contact
+
+    def _contact(self, m: float, work: float, K_r: float) -> tuple[float, float] | None:
+        """(omega, gain of speed) where an increment closes a contact that the step is too long for.
+
+        m and work are du . M du and du . dr.
+        """
+        omega2 = work / m if m > 0.0 else 0.0
+        before, self.seen = self.seen, omega2
+        Omega = self.step * np.sqrt(max(omega2, 0.0))
+        sudden = omega2 > CLOSES * abs(before) and work > IMPACT * self.kinetic
+        if not (sudden and Omega > self.Omega and np.isfinite(Omega)):
+            return None
+        share = min(max(K_r / work, 0.0), 1.0)
+        gain = bounce_gain(self.scheme, float(Omega), round(share, 6))
+        return (float(np.sqrt(omega2)), gain) if gain > MOST else None
 
     def _estimate(self) -> tuple[float, bool]:
         """omega^2 of the window, 0 while it is not full; whether the steps resolve the motion."""
@@ -89,16 +152,33 @@ class StiffnessWatch:
             omega2 = xz / xx if xx > 0.0 else 0.0
         return float(omega2) if np.isfinite(omega2) else 0.0, not bends > xx
 
+    @property
+    def kind(self) -> str:
+        return "force, a function of the motion," if self.is_load else "restoring function"
+
+    def _warn_of_contact(self, omega: float, gain: float, t: float) -> None:
+        self.cause = (
+            f"the {self.kind} of subdomain {self.name!r} closes a contact at t = {t:g} that "
+            f"the step {self.step:g} does not resolve: its stiffness corresponds to a circular "
+            f"frequency of about {omega:.3g}, and what arrives with the speed 1 can leave with "
+            f"{gain:.3g}; take smaller steps (below {2.0 / omega:.3g}), or give contact as "
+            "internal= of an implicit scheme"
+        )
+        warn(self.cause, StabilityWarning)
+
     def _warn(self, omega: float) -> None:
+        what = "is stiff: its values"
         remedy = "take smaller steps, or an implicit scheme with an estimate restoring_stiffness="
         if not self.explicit:
             remedy = "give an estimate of it as restoring_stiffness=, or take smaller steps"
         if self.is_load:
             remedy = "take smaller steps"
-        kind = "force, a function of the motion," if self.is_load else "restoring function"
+        if self.K_r is not None:
+            what = "is stiffer than restoring_stiffness= admits: the rest of its values"
+            remedy = "give a larger restoring_stiffness=, or take smaller steps"
         self.cause = (
-            f"the {kind} of subdomain {self.name!r} is stiff: its values correspond to "
-            f"a circular frequency of about {omega:.3g}, for which the step {self.step:g} is above "
-            f"the critical step {self.Omega / omega:.3g}; {remedy}"
+            f"the {self.kind} of subdomain {self.name!r} {what} correspond to a circular "
+            f"frequency of about {omega:.3g}, for which the step {self.step:g} is above the "
+            f"critical step {self.Omega / omega:.3g}; {remedy}"
         )
         warn(f"{self.cause}; otherwise the run will grow without bound", StabilityWarning)

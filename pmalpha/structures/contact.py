@@ -7,6 +7,7 @@ from copy import copy
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from .._checks import flag, positive_number, vector
@@ -187,6 +188,17 @@ class ContactForce(Conservative):
         values[:, 0, :dim, 0, :dim] = K
         return f, self._assembly.tangent(values), q
 
+    def largest_tangent(self) -> sp.csr_array:
+        """k n n^T of every node, or k where the normal turns; on spheres k g c is left out."""
+        dim, d = self._start.shape[1], self._assembly.d
+        values = np.zeros((len(self._start), 1, d, 1, d))
+        values[:, 0, :dim, 0, :dim] = self._k[:, None, None] * self._directions()
+        return self._assembly.tangent(values)
+
+    def _directions(self) -> np.ndarray:
+        """(dim, dim): at least n n^T for every normal."""
+        return np.eye(self._start.shape[1])
+
     def _potential(self, u: np.ndarray) -> float:
         gap, _, _ = self._gaps(self._at(u))
         return float(np.sum(0.5 * self._k * np.minimum(gap, 0.0) ** 2))
@@ -203,6 +215,9 @@ class PlaneContact(ContactForce):
     ):
         super().__init__(structure, nodes, stiffness)
         self._point, self._normal = point, normal
+
+    def _directions(self) -> np.ndarray:
+        return np.outer(self._normal, self._normal)
 
     def _gaps(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         gap = (x - self._point) @ self._normal

@@ -126,6 +126,17 @@ class ElementForce:
         """
         return self._evaluate(self._displacements(u), self._before(q), False)[0]
 
+    def largest_tangent(self) -> sp.csr_array | None:
+        """The stiffest tangent, for the critical step of an explicit subdomain.
+
+        Returns
+        -------
+        csr_array or None
+            Of contact that is closed at all of its nodes; None where the tangent at u stands for
+            it.
+        """
+        return None
+
     def reduced(self, free: Any) -> ElementForce:
         """The force on some of the dofs, the others being fixed at zero.
 
@@ -219,6 +230,10 @@ class _Reduced(ElementForce):
 
     def __repr__(self) -> str:
         return repr(self._whole).replace(" dofs", f" dofs reduced to {self.n}")
+
+    def largest_tangent(self) -> sp.csr_array | None:
+        whole = self._whole.largest_tangent()
+        return None if whole is None else sp.csr_array(whole[self._free][:, self._free])
 
     def _expanded(self, u: np.ndarray) -> np.ndarray:
         whole = np.zeros(self._whole.n)

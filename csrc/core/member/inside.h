@@ -7,6 +7,7 @@
 #define PMA_INSIDE_H
 
 #include "algebra/branches.h"
+#include "member/balance.h"
 #include "member/levels.h"
 #include "member/subdomain.h"
 #include "member/update.h"
@@ -26,6 +27,7 @@ struct pma_subdomain {
     pma_load load;
     pma_levels levels;
     pma_energy *energy;     /* of a run that sums it up, else NULL */
+    pma_balance *balance;   /* of one whose forces are watched, else NULL */
     pma_response *response; /* if the subdomain responds, else NULL */
     pma_iterate *iterate;   /* if its steps are iterated, else NULL */
     const pma_update *update;
@@ -97,6 +99,9 @@ void pma_substep_load_interface(pma_subdomain *s, const double *lam);
  * the internal forces; fails only where a function of the user evaluates that. */
 pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam);
 pma_status pma_substep_evaluate_potential(pma_subdomain *s, const double *u);
+
+/* The balance is shown a substep that is closed. */
+void pma_substep_balance(pma_subdomain *s, const pma_substep *step);
 
 /* Under mean coupling, the rows begin..end-1:  ut += h^2/2 y, vt += h y with y in s->push, and the
  * velocity that is extrapolated                                                           (K2) */

@@ -59,6 +59,8 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
     const pma_operator *op = pma_operator_of(s, step->twice);
     const pma_state *from = pma_levels_origin(&s->levels, step);
     const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
+    if (s->balance && pma_balance_is_broken(s->balance))
+        return PMA_UNBOUNDED;
     const pma_status status = pma_substep_load(s, step);
     if (status != PMA_OK)
         return status;
@@ -450,6 +452,18 @@ static pma_status converge(void *self, const pma_newton *newton, const double *l
     return status;
 }
 
+/* Springs and functions at the end of the substep: they are evaluated at the state itself */
+static void balance(pma_iterate *it, const pma_state *x)
+{
+    pma_subdomain *s = it->of;
+    double *r = pma_balance_open(s->balance, it->step.number, x->u);
+    if (it->parts.springs)
+        pma_springs_add(&s->parts.springs, x->springs, r);
+    for (size_t i = 0; i < s->parts.n; i++)
+        r[i] += it->force[i];
+    pma_substep_balance(s, &it->step);
+}
+
 /* (8), (9); what springs and functions remember is that of the state itself, not of the iterate
  * before the last correction */
 static pma_status finish(void *self, const double *lam)
@@ -468,6 +482,8 @@ static pma_status finish(void *self, const double *lam)
             return PMA_NOT_FINITE;
     }
     x->history[history] = (double)it->corrections;
+    if (s->balance)
+        balance(it, x);
     it->scale = it->motion;
     return pma_substep_observe(s, &it->step, lam);
 }

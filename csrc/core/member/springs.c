@@ -189,3 +189,23 @@ double pma_springs_work(const pma_springs *springs, const double *from, const do
         sum += (to[i] - from[i]) * (from[total + i] + to[total + i]);
     return 0.5 * sum;
 }
+
+void pma_springs_add(const pma_springs *springs, const double *level, double *r)
+{
+    const double *f = level + springs->total;
+    for (size_t s = 0; s < springs->count; s++) {
+        const pma_spring_set *set = &springs->sets[s];
+        for (size_t i = 0; i < set->count; i++, f++) {
+            if (set->first[i] >= 0)
+                r[set->first[i]] += *f;
+            if (set->second[i] >= 0)
+                r[set->second[i]] -= *f;
+        }
+    }
+}
+
+double pma_springs_excess(const pma_springs *springs, const double *from, const double *to)
+{
+    return pma_springs_energy(springs, to) - pma_springs_energy(springs, from) -
+           pma_springs_work(springs, from, to);
+}

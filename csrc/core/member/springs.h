@@ -77,4 +77,10 @@ double pma_springs_energy(const pma_springs *springs, const double *level);
 /* The work done on them between two time levels, (d1 - d0) (f0 + f1) / 2 each. */
 double pma_springs_work(const pma_springs *springs, const double *from, const double *to);
 
+/* r += what the springs pull with at a time level. */
+void pma_springs_add(const pma_springs *springs, const double *level, double *r);
+
+/* What they can give back of that work, less the work: what they dissipate, negative, and its error. */
+double pma_springs_excess(const pma_springs *springs, const double *from, const double *to);
+
 #endif

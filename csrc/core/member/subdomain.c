@@ -225,6 +225,7 @@ void pma_subdomain_destroy(pma_subdomain *s)
     if (!s)
         return;
     pma_energy_destroy(s->energy);
+    pma_balance_destroy(s->balance);
     pma_response_destroy(s->response);
     pma_iterate_destroy(s->iterate);
     pma_levels_destroy(&s->levels);
@@ -335,6 +336,7 @@ void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, con
     memcpy(x->a, w, bytes);
     memcpy(x->history, s->history, s->parts.internal.history * sizeof(double));
     pma_levels_discard(&s->levels);
+    pma_subdomain_watch_again(s);
     if (s->iterate) {
         x->history[s->parts.internal.history] = 0.0; /* corrections */
         pma_iterate_restore(s->iterate, 0.0, NULL, false);
@@ -361,6 +363,42 @@ pma_kept_levels pma_subdomain_levels(pma_subdomain *s)
                              .vf = s->levels.vf_present,
                              .previous = s->levels.previous,
                              .vf_previous = s->levels.vf_previous};
+}
+
+/* ---- balance -------------------------------------------------------------------------------- */
+
+pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r)
+{
+    const pma_parts *p = &s->parts;
+    const pma_matrix none = {.form = PMA_ZERO, .n = p->n};
+    static const pma_springs no_springs = {0};
+    const bool follows = !s->iterate && !p->doubled;      /* vs is that of the level before */
+    const bool once = s->iterate && !p->iterate->springs; /* not at the state itself */
+    const pma_balance_parts parts = {.n = p->n,
+                                     .h = p->single.step.h,
+                                     .M = M,
+                                     .K_r = s->iterate ? none : K_r,
+                                     .D_r = follows ? p->D_r : none,
+                                     .springs = once ? &no_springs : &p->springs};
+    pma_balance *balance;
+    const pma_status status = pma_balance_create(&parts, &balance);
+    if (status != PMA_OK)
+        return status;
+    pma_balance_destroy(s->balance);
+    s->balance = balance;
+    pma_subdomain_watch_again(s);
+    return PMA_OK;
+}
+
+void pma_subdomain_watch_again(pma_subdomain *s)
+{
+    if (s->balance)
+        pma_balance_begin(s->balance, s->levels.present.v);
+}
+
+double pma_subdomain_gain(const pma_subdomain *s)
+{
+    return s->balance ? pma_balance_gain(s->balance) : 0.0;
 }
 
 /* ---- energy --------------------------------------------------------------------------------- */

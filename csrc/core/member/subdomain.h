@@ -127,6 +127,18 @@ void pma_subdomain_push(pma_subdomain *s, const double *lam, double *y);
 /* Unit responses that set-up has stored; see response.h. NULL unless the subdomain responds. */
 pma_response *pma_subdomain_response(pma_subdomain *s);
 
+/* ---- the balance of forces that are evaluated (balance.h) ------------------------------------ */
+
+/* Watched from the present on, with these matrices: M, and K_r where it acts. Allocates. Steps that
+ * follow a gain out of bounds fail with PMA_UNBOUNDED. */
+pma_status pma_subdomain_watch(pma_subdomain *s, pma_matrix M, pma_matrix K_r);
+
+/* The present was written. */
+void pma_subdomain_watch_again(pma_subdomain *s);
+
+/* The energy that the scheme has added, see pma_balance_gain; 0 where it is not watched. */
+double pma_subdomain_gain(const pma_subdomain *s);
+
 /* ---- energy: from the present on, of every substep until it is ended ------------------------ */
 
 /* Evaluates the internal forces of functions and their potential at the present, time t, from the

@@ -92,6 +92,22 @@ __attribute__((noinline)) static pma_status restore(pma_subdomain *s, const pma_
     return PMA_OK;
 }
 
+/* The forces of restore, for the balance */
+__attribute__((noinline)) static void watch_forces(pma_subdomain *s, const pma_substep *step,
+                                                   const pma_state *to)
+{
+    const pma_parts *p = &s->parts;
+    double *r = pma_balance_open(s->balance, step->number, to->u);
+    pma_springs_add(&p->springs, to->springs, r);
+    if (p->restoring.function) {
+        const double *last = pma_restoring_last(&p->restoring);
+        for (size_t i = 0; i < p->n; i++)
+            r[i] += last[p->restoring.order[i]];
+    }
+    for (size_t i = 0; p->internal.count > 0 && i < p->n; i++)
+        r[i] += s->force[i];
+}
+
 pma_status pma_substep_load(pma_subdomain *s, const pma_substep *step)
 {
     if (s->load.kind != PMA_LOAD_CALLED)
@@ -146,6 +162,8 @@ static inline pma_status solve_free(pma_subdomain *s, const pma_substep *step,
         /* (R3), in all rows at once */
         if (s->restores)
             status = restore(s, from, to, step->t1);
+        if (s->balance && status == PMA_OK)
+            watch_forces(s, step, to);
 
         /* (F2), (F3) */
         if (status == PMA_OK)
@@ -176,6 +194,8 @@ pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
     const pma_operator *op = pma_operator_of(s, step->twice);
     const pma_state *to = pma_levels_at(&s->levels, step->j + 1);
     double *vf = pma_levels_free_velocity(&s->levels, step->j + 1);
+    if (s->balance && pma_balance_is_broken(s->balance))
+        return PMA_UNBOUNDED;
     pma_status status = pma_substep_load(s, step);
     if (status == PMA_OK)
         status = solve_free(s, step, op, to, vf);
@@ -286,6 +306,14 @@ pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const 
     return PMA_OK;
 }
 
+void pma_substep_balance(pma_subdomain *s, const pma_substep *step)
+{
+    const pma_step *c = &pma_operator_of(s, step->twice)->step;
+    const pma_state *x = pma_levels_at(&s->levels, step->j + 1);
+    const double al1 = s->iterate ? 0.0 : c->al1; /* iterated forces are those at the state */
+    pma_balance_close(s->balance, step->number, step->j, al1, x->v, x->w, x->springs);
+}
+
 /* Closed under h^2 / (2 al1) L^T lam, w -= h^2 / (2 al1) y, and what (8), (9) make of y; in v that
  * is zero for the trapezoidal rule, in u always                                           (K7) */
 __attribute__((noinline)) static pma_status close_waiting(pma_subdomain *s, const pma_substep *step,
@@ -307,7 +335,11 @@ __attribute__((noinline)) static pma_status close_waiting(pma_subdomain *s, cons
         x->a[i] -= c->a_w1 * share * s->push[i];
         zero += 0.0 * s->push[i];
     }
-    return finite && zero == 0.0 ? pma_substep_observe(s, step, lam) : PMA_NOT_FINITE;
+    if (!finite || zero != 0.0)
+        return PMA_NOT_FINITE;
+    if (s->balance)
+        pma_substep_balance(s, step);
+    return pma_substep_observe(s, step, lam);
 }
 
 pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const double *lam)
@@ -318,5 +350,7 @@ pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const do
     pma_substep_load_interface(s, lam);
     if (!sweep_back(s, pma_operator_of(s, step->twice), pma_levels_at(&s->levels, step->j + 1)))
         return PMA_NOT_FINITE;
+    if (s->balance)
+        pma_substep_balance(s, step);
     return s->energy ? pma_substep_observe(s, step, lam) : PMA_OK;
 }

@@ -116,6 +116,8 @@ static void commit(void *self)
 {
     pma_subdomain *s = self;
     pma_levels_commit(&s->levels);
+    if (s->balance)
+        pma_balance_commit(s->balance, s->levels.present.v);
     if (s->energy)
         pma_energy_commit(s->energy);
 }

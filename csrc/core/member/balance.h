@@ -1,0 +1,54 @@
+/* balance.h - the energy that a scheme adds to a subdomain through forces that it evaluates.
+ *
+ * Between two time levels the forces r do the work  (r0 + r1) . (ut1 - ut0) / 2  along the path of
+ * their evaluations, springs that of (H5); what the velocities see of it is
+ * h (r0 + r1) . (v0 + v1) / 4  with the forces as they act. The difference is what the scheme adds,
+ * whatever the forces are: one that feeds in energy does so in both.               (B8) to (B10) */
+#ifndef PMA_BALANCE_H
+#define PMA_BALANCE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "algebra/matrix.h"
+#include "member/springs.h"
+#include "status.h"
+
+/* Matrices in elimination order, arrays of the caller. */
+typedef struct {
+    size_t n;
+    double h;                   /* between two time levels */
+    pma_matrix M;               /* for the kinetic energy */
+    pma_matrix K_r, D_r;        /* as in (R2); zero where they do not act */
+    const pma_springs *springs; /* among the forces */
+} pma_balance_parts;
+
+typedef struct pma_balance pma_balance;
+
+pma_status pma_balance_create(const pma_balance_parts *parts, pma_balance **out);
+void pma_balance_destroy(pma_balance *b); /* NULL is allowed */
+
+/* From the present on, with the velocity v (n). */
+void pma_balance_begin(pma_balance *b, const double *v);
+
+/* Of the substep with this number, when it is opened: keeps the predictor ut (n); -> r (n), zeroed,
+ * for the forces evaluated there. Two of them can be open. */
+double *pma_balance_open(pma_balance *b, int64_t number, const double *ut);
+
+/* The substep that ends at time level j + 1 is closed: its velocity v and acceleration w (n), and
+ * what its springs remember; u - ut = al1 w. Begins again from the present with
+ * j = 0. */
+void pma_balance_close(pma_balance *b, int64_t number, size_t j, double al1, const double *v,
+                       const double *w, const double *springs);
+
+/* The last time level becomes the present, with velocity v (n), and is judged. */
+void pma_balance_commit(pma_balance *b, const double *v);
+
+/* The energy that the scheme has added, in multiples of the largest one of the motion without it
+ * (kinetic, and what the forces took up), kept over some macro steps: the largest so far, and
+ * whether it is out of bounds. */
+double pma_balance_gain(const pma_balance *b);
+bool pma_balance_is_broken(const pma_balance *b);
+
+#endif

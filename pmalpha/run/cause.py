@@ -1,0 +1,90 @@
+"""Why the motion of a subdomain with evaluated forces grew, as far as it can be found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..errors import StabilityWarning, warn
+from ..problem.matrices import canonical, combination
+from ..problem.springs import assembled
+from ..problem.subdomain import Subdomain
+from ..setup.evaluated import springs_at
+from ..setup.part import Part
+from ..setup.stability import at_springs, largest_eigenvalue, predicted_product
+
+# Gain of energy that is reported: stable forces evaluated once a step reach the first one at 0.976
+# of their critical step, and smooth ones that are iterated 1.
+REPORTED, ITERATED = 20.0, 2.0
+
+
+def warn_of_gains(parts: Sequence[Part]) -> None:
+    """StabilityWarning for energy that steps have added, once for each subdomain and start."""
+    for part in parts:
+        least = ITERATED if part.subdomain.iterates else REPORTED
+        reported, part.gain_reported = part.gain_reported, part.core.gain > least
+        if part.gain_reported and not reported:
+            warn(
+                f"the energy of subdomain {part.name!r} grows by its steps: {cause_of(part)}",
+                StabilityWarning,
+            )
+
+
+def cause_of(part: Part) -> str:
+    """The cause of growth in a subdomain with restoring or internal forces, or empty."""
+    s = part.subdomain
+    if s.restoring is None and s.internal is None:
+        return ""
+    gain, what = part.core.gain, _of_springs(part)
+    if what or gain > 1.0:
+        added = f"its steps added {gain:.3g} times its kinetic energy: " if gain > 1.0 else ""
+        return f"{added}{what or _of_others(part)}; {_remedy(s)}"
+    return ""
+
+
+def _of_springs(part: Part) -> str:
+    s = part.subdomain
+    if not s.springs or s.massless.size:
+        return ""
+    omega = _frequency_of_springs(part)
+    if not omega * part.step > predicted_product(s.scheme):
+        return ""
+    once = "" if s.iterates and not s.restoring_springs else ", where they are evaluated once,"
+    return (
+        f"its springs are too stiff for the step {part.step:g}{once} with a circular frequency of "
+        f"{omega:.3g} at present, or when contact is closed"
+    )
+
+
+def _of_others(part: Part) -> str:
+    s = part.subdomain
+    kind = "internal forces are" if s.restoring is None else "restoring forces are"
+    over = " or restoring_damping= above their damping" if s.restoring_damping is not None else ""
+    return f"its {kind} too stiff for the step {part.step:g}{over}"
+
+
+def _remedy(s: Subdomain) -> str:
+    if s.iterates:
+        return "take smaller steps, or internal=DiscreteGradient(...) for springs"
+    if s.restoring is None or s.scheme.explicit:
+        return "take smaller steps, or internal= with an implicit scheme"
+    return (
+        "take smaller steps, give a larger estimate restoring_stiffness=, or give the forces as "
+        "internal="
+    )
+
+
+def _frequency_of_springs(part: Part) -> float:
+    """The largest circular frequency of the springs alone where they will be, or closed."""
+    s = part.subdomain
+    levels = part.core.levels()
+    u, v = (levels[i][part.position] for i in (0, 1))
+    with np.errstate(over="ignore", invalid="ignore"):
+        _, tangents = springs_at(s, u + part.step * v, part.core.springs())
+        larger = [np.maximum(x.largest_tangent, k) for x, k in zip(s.springs, tangents)]
+        if not all(np.all(np.isfinite(k)) for k in larger):
+            return np.inf
+        K = canonical(assembled(s.springs, larger, s.n), "springs", s.n)[0]
+        A, M = at_springs(s, combination([(1.0, K)]))
+        return float(np.sqrt(largest_eigenvalue(A, M)[0]))
