@@ -753,8 +753,9 @@ class Coupler:
         of the load, apply it in a run.
 
         Exception: under "mean" explicit subdomains with `GeneralizedAlpha` rest in another
-        equilibrium, (K9), which differs by 0.1 to 0.3 (omega h)^2 of the displacements. Central
-        difference, implicit schemes and other couplings do rest.
+        equilibrium, (K9): K acts at a distance of 0.25 to 0.3 h^2 y from it, with the acceleration
+        y that the multipliers alone would give the masses. Central difference, implicit schemes and
+        other couplings do rest.
 
         Examples
         --------
