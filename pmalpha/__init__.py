@@ -23,6 +23,9 @@ from .errors import (
     StabilityWarning,
 )
 from .files import PACKAGE_VERSION as _version
+from .gradients.gradient import Gradient
+from .gradients.misfit import Misfit
+from .gradients.parameters import Parameters
 from .problem.coincident import tie_coincident
 from .problem.constraints import Constraint, tie
 from .problem.discrete_gradient import DiscreteGradient
@@ -80,12 +83,15 @@ __all__ = [
     "FactorizationError",
     "Gap",
     "GeneralizedAlpha",
+    "Gradient",
     "History",
     "InstabilityError",
     "InternalForce",
+    "Misfit",
     "Multilinear",
     "Newmark",
     "Newton",
+    "Parameters",
     "PerformanceWarning",
     "Plan",
     "PlanRow",

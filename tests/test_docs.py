@@ -43,6 +43,7 @@ def test_docstrings_of_public_names_have_examples():
         "docs/cutting.md",
         "docs/diverges.md",
         "docs/experiments.md",
+        "docs/gradients.md",
         "docs/index.md",
         "docs/model.md",
         "docs/own-element.md",

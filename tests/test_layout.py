@@ -20,6 +20,7 @@ LAYERS = (
     ("problem",),
     ("setup",),
     ("results",),
+    ("gradients",),
     ("run",),
     ("structures", "readers"),
     ("export", "remote"),

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from os import PathLike
 from typing import Any
 
 import numpy as np
 
 from .._core import Guard
+from ..gradients import gradient as gradients
+from ..gradients import jacobian as sensitivities
+from ..gradients.gradient import Gradient
+from ..gradients.misfit import Misfit
+from ..gradients.parameters import Parameters
 from ..problem.argument_types import Coupling, Drift, Start
 from ..problem.constraints import Constraint
 from ..problem.newton import DEFAULT, Newton
@@ -25,7 +31,8 @@ from . import snapshot as snapshots
 from . import state as present
 from . import tolerance as tolerance_run
 from .description import html_of, text_of
-from .session import begin, made
+from .progress import reporting
+from .session import begin, made, require_linear
 from .snapshot import Snapshot
 from .state import State
 
@@ -587,6 +594,134 @@ class Coupler:
         101
         """
         changes.change_steps(self._session, dt, substeps)
+
+    def gradient(
+        self,
+        objective: Misfit | Callable[[History], tuple[float, Mapping[str, Any]]],
+        t_end: float | None = None,
+        *,
+        steps: int | None = None,
+        parameters: Parameters | Sequence[Parameters] = (),
+        block: int | None = None,
+        progress: Any = None,
+    ) -> Gradient:
+        """Value and gradient of a function of a linear run, for the price of about two more runs.
+
+        The run begins at t = 0 with the present initial values and loads. The gradient is exact, to
+        rounding, for the discrete run itself, and costs the same for any number of parameters: the
+        adjoint of a run is a run of the same coupler in reversed time. The coupler stays as it is.
+
+        Parameters
+        ----------
+        objective : Misfit or callable
+            A `Misfit`, or a function of the History that returns the value and its derivatives: by
+            subdomain a dict with "u", "v", "a" of arrays (levels, dofs) like those of the History,
+            and "multipliers", (levels, p); what is left out is zero.
+        t_end, steps
+            As for `run`, from t = 0.
+        parameters : Parameters or sequence of them, optional
+            What the matrices depend on. The gradients with respect to loads and initial values
+            are always computed.
+        block : int, optional
+            Macro steps between two states that are kept. The memory is that of the states, and of
+            the motion in one block. Default: 100. Rounding grows with it.
+        progress : True or callable, optional
+            As for `run`, in macro steps, twice those of the run.
+
+        Returns
+        -------
+        Gradient
+
+        Raises
+        ------
+        ValueError
+            For couplings and subdomains whose adjoint is not such a run: "mean", drift removed, the
+            plain start, restoring and internal forces, lagged damping, dofs without mass, `comm`.
+        TypeError, KeyError, ValueError
+            For arguments and sources of the wrong kind or shape.
+
+        Notes
+        -----
+        Equations (A1) to (A14) of docs/method.md. Unsymmetric matrices, prescribed velocities and
+        functions of the multipliers need couplers of their own for the reversed run.
+
+        Examples
+        --------
+        The stiffness of a spring, from a displacement that was measured:
+
+        >>> import pmalpha as pm
+        >>> def spring(k):
+        ...     return Coupler([Subdomain([1.0], [k], v0=[1.0], scheme=pm.Newmark(), name="m")],
+        ...                    dt=0.1)
+        >>> data = spring(4.0).run(2.0)["m"].u
+        >>> misfit = pm.Misfit({"m": dict(dofs=[0], u=data)})
+        >>> k = pm.Parameters("m", dofs=[[0]], K=[[1.0]])
+        >>> value = lambda x: spring(x).gradient(misfit, 2.0).value
+        >>> exact = spring(4.5).gradient(misfit, 2.0, parameters=k).parameters[0][0]
+        >>> bool(abs((value(4.5 + 1e-5) - value(4.5 - 1e-5)) / 2e-5 / exact - 1.0) < 1e-7)
+        True
+        """
+        require_linear(self._session, "gradient")
+        end, report = (t_end, steps), partial(reporting, progress, 0)
+        return gradients.gradient(self, self._session, objective, end, parameters, block, report)
+
+    def jacobian(
+        self,
+        sensors: Mapping[str, Any],
+        t_end: float | None = None,
+        *,
+        steps: int | None = None,
+        parameters: Parameters | Sequence[Parameters],
+        what: str = "a",
+        progress: Any = None,
+    ) -> dict[str, np.ndarray]:
+        """How the motion at some dofs depends on parameters: forward sensitivities of a linear run.
+
+        One run for each parameter, eight of them at a time side by side. They are exact, to
+        rounding. For few parameters this and Gauss-Newton steps take less time than `gradient`; for
+        hundreds of them `gradient` does.
+
+        Parameters
+        ----------
+        sensors : dict
+            Dofs, an array of int, by name of the subdomain.
+        t_end, steps
+            As for `run`, from t = 0 with the present initial values and loads.
+        parameters : Parameters or sequence of them
+            What the matrices depend on.
+        what : {"a", "v", "u"}
+            The motion that is measured.
+        progress : True or callable, optional
+            Called with the number of parameters that are done.
+
+        Returns
+        -------
+        dict of (levels, sensors, m) arrays
+            By name of the subdomain; parameters in their order, of all `Parameters` one after the
+            other.
+
+        Raises
+        ------
+        ValueError
+            As `gradient`, and for "pm" and "gc" with different substeps, where the interface matrix
+            depends on the parameters.
+        TypeError, KeyError
+            For arguments of the wrong kind.
+
+        Examples
+        --------
+        >>> import pmalpha as pm
+        >>> mass = Subdomain([1.0], [4.0], v0=[1.0], scheme=Newmark(), name="mass")
+        >>> k = pm.Parameters(mass, dofs=[[0]], K=[[1.0]])
+        >>> S = Coupler([mass], dt=0.05).jacobian({"mass": [0]}, 1.0, parameters=k, what="u")
+        >>> S["mass"].shape  # d/dk sin(sqrt(k) t) / sqrt(k) at k = 4, t = 1: -0.1088
+        (21, 1, 1)
+        >>> float(S["mass"][-1, 0, 0].round(3))
+        -0.109
+        """
+        require_linear(self._session, "jacobian")
+        end, report = (t_end, steps), partial(reporting, progress, 0)
+        return sensitivities.jacobian(self, self._session, sensors, end, parameters, what, report)
 
     # ---- states that are kept -------------------------------------------------------------------
 

@@ -1,0 +1,324 @@
+"""The adjoint of a linear coupled run: the same coupler, run once more under reversed loads.
+
+All couplings are reciprocal: the transposed run is the run itself under reversed time, up to one
+scalar filter for each subdomain. The equations (A1) to (A14) are in docs/method.md.
+
+A run is divided in blocks of macro steps, the last one first. What a block leaves to the one before
+it is the adjoint of the state in which it began.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as sla
+
+from ..problem.forces import SampledForce
+from ..problem.schemes import Scheme
+from .filters import Filters, responses_to_state
+from .parameters import Parameters
+
+UNITS = ("u", "v", "w", "a")  # the order of handed-over adjoints
+
+
+@dataclass
+class Sources:
+    """dJ/du, dJ/dv and dJ/dw of some dofs of a subdomain, (levels, dofs) each."""
+
+    dofs: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    w: np.ndarray
+
+    def of_levels(self, first: int, last: int) -> Sources:
+        """Those of the levels first + 1 to last, in reversed order."""
+        rows = slice(first + 1, last + 1)
+        return Sources(self.dofs, *(x[rows][::-1] for x in (self.u, self.v, self.w)))
+
+    def at(self, level: int, n: int) -> np.ndarray:
+        """(4, n), in the order of `UNITS`."""
+        out = np.zeros((4, n))
+        for row, x in zip(out, (self.u, self.v, self.w)):
+            row[self.dofs] = x[level]
+        return out
+
+
+class Member:
+    """A subdomain as its adjoint needs it.
+
+    Parameters
+    ----------
+    name : str
+    subdomain : Subdomain
+    L : (p, n) sparse
+    dt : float
+        Macro step.
+    ratio : int
+        Interface levels in a substep; under "macro" 1.
+    double : bool
+        Whether its steps are double ones.
+    """
+
+    def __init__(
+        self, name: str, subdomain: Any, L: sp.csc_array, dt: float, ratio: int, double: bool
+    ):
+        self.name, self.n, self.L = name, subdomain.n, sp.csr_array(L)
+        self.substeps, self.ratio, self.double = subdomain.substeps, ratio, double
+        self.h = dt / subdomain.substeps
+        self.scheme: Scheme = subdomain.scheme
+        self.M, self.K = (_operator(x, self.n) for x in (subdomain.M, subdomain.K))
+        self.C = _operator(subdomain.C, self.n)
+        self.filters = Filters(self.scheme, self.h, double)
+        al1, al2 = self.scheme.coefficients(2.0 * self.h if double else self.h)
+        self.al1, self.al2 = al1, al2
+        self.al1_beside_K = al1 if self.scheme.explicit else 0.0
+
+    def links(self) -> tuple[np.ndarray, np.ndarray]:
+        """Y = Mbar^-1 L^T and Mbar^-T L^T, (n, p), for (A10) and (A12)."""
+        implicit = 0.0 if self.scheme.explicit else self.al1
+        Mbar = sla.splu(sp.csc_array(self.M + self.al2 * self.C + implicit * self.K))
+        LT = self.L.T.toarray()
+        return Mbar.solve(LT), Mbar.solve(LT, trans="T")
+
+    def motion(self, run: Any) -> dict[str, np.ndarray]:
+        """What stands beside dM, dC and dK in (A9)."""
+        return {"M": run.a, "C": run.v, "K": run.u - self.al1_beside_K * run.a}
+
+    @property
+    def weights(self) -> dict[str, float]:
+        """Those of dM, dC and dK in dMbar."""
+        return {"M": 1.0, "C": self.al2, "K": 0.0 if self.scheme.explicit else self.al1}
+
+
+@dataclass
+class Handed:
+    """Adjoints at the end of a block: of the states of each subdomain, and of its equilibrium.
+
+    A state is u, v, w, a at the last level, for double steps at the last but one too.
+    """
+
+    states: list[np.ndarray]  # (1 or 2, 4, n)
+    eta: list[np.ndarray]  # (n,)
+
+
+class Adjoint:
+    """The adjoint of runs of one coupler.
+
+    Parameters
+    ----------
+    members : list of Member
+    macro : bool
+        Whether the interface is solved at macro steps only.
+    dt : float
+        Macro step.
+    fine : int
+        Interface levels in a macro step.
+    reverse : callable
+        ``reverse(forces, steps, g, double)``, the History of a run of this number of macro steps
+        from rest under these loads by name, with the transposed matrices. g: velocities (levels, p)
+        of the constraints, None for zero. double: steps are double after the first macro step.
+    """
+
+    def __init__(
+        self,
+        members: Sequence[Member],
+        macro: bool,
+        dt: float,
+        fine: int,
+        reverse: Callable[..., Any],
+    ):
+        self.members, self.macro, self.fine, self.reverse = members, macro, fine, reverse
+        self.h = dt / fine
+        self.p = members[0].L.shape[0]
+        self.double = any(x.double for x in members)
+        self._links: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+
+    def links(self, member: Member) -> tuple[np.ndarray, np.ndarray]:
+        if member.name not in self._links:
+            self._links[member.name] = member.links()
+        return self._links[member.name]
+
+    def nothing_handed(self) -> Handed:
+        return Handed(
+            [np.zeros((1, 4, x.n)) for x in self.members], [np.zeros(x.n) for x in self.members]
+        )
+
+    def block(
+        self,
+        sources: Mapping[str, Sources],
+        of_lam: np.ndarray | None,
+        first: int,
+        last: int,
+        handed: Handed,
+    ) -> tuple[list[np.ndarray], np.ndarray, list[np.ndarray], np.ndarray]:
+        """The adjoint of macro steps first + 1 to last.
+
+        Parameters
+        ----------
+        sources : dict of Sources
+            By name.
+        of_lam : (interface levels, p) array or None
+            dJ/dlam from t = 0 on.
+        first, last : int
+            The block.
+        handed : Handed
+            From the block after it.
+
+        Returns
+        -------
+        mu : list of (levels, n)
+            dJ/dF at the levels after the first, of each subdomain.
+        nu : (interface levels, p)
+            dJ/dg.
+        start : list of (1 or 2, 4, n)
+            The adjoints of the states in which the block begins.
+        lam : (p,)
+            Those of its multipliers.
+        """
+        g = None if of_lam is None else self._velocities(of_lam, first, last)
+        lead = int(self.double or g is not None)
+        taken = [
+            sources[x.name].of_levels(first * x.substeps, last * x.substeps) for x in self.members
+        ]
+        forces = {
+            x.name: _load(x, phi, states, lead * x.substeps)
+            for x, phi, states in zip(self.members, taken, handed.states)
+        }
+        run = self.reverse(forces, lead + last - first, g, self.double)
+        mus = [x.filters.phi(run[x.name].a[lead * x.substeps + 1 :])[::-1] for x in self.members]
+        lam = np.diff(run.multipliers[lead * self.fine :], axis=0)
+        lam[1:] -= lam[:-1].copy()
+        nu = -lam[::-1] / self.h
+        start, of_start = self._start(taken, handed.states, mus, nu)
+        for mu, eta in zip(mus, handed.eta):
+            mu[-1] += eta
+        return mus, nu, start, of_start
+
+    def _velocities(self, of_lam: np.ndarray, first: int, last: int) -> np.ndarray:
+        """(A7), after a macro step of rest."""
+        levels = of_lam[first * self.fine + 1 : last * self.fine + 1][::-1]
+        g = -self.h * np.cumsum(np.cumsum(levels, axis=0), axis=0)
+        return np.vstack([np.zeros((self.fine + 1, self.p)), g])
+
+    def _start(
+        self,
+        taken: Sequence[Sources],
+        states: Sequence[np.ndarray],
+        mus: Sequence[np.ndarray],
+        nu: np.ndarray,
+    ) -> tuple[list[np.ndarray], np.ndarray]:
+        """(A11), (A12)"""
+        starts, of_lam = [], np.zeros(self.p)
+        for x, phi, handed, mu in zip(self.members, taken, states, mus):
+            e = responses_to_state(x.scheme, x.h, len(mu), x.double)
+            eu, ev = e[:, 0, 1:], e[:, 1, 1:]
+            at_nodes = self._transposed(x, nu)
+            start = -(x.K.T @ (eu @ mu).T).T - (x.C.T @ (ev @ mu).T).T
+            start[:, phi.dofs] += eu[:, ::-1] @ phi.u + ev[:, ::-1] @ phi.v
+            start -= (x.L.T @ (e[:, 1] @ at_nodes).T).T
+            for k, (of_u, of_v, _, of_a) in enumerate(handed[: len(mu)]):
+                of_level = e[:, :, len(mu) - k]
+                start += of_level @ np.stack([of_u, of_v, of_a])
+            start = start.reshape(-1, 4, x.n)
+            if len(handed) > len(mu):  # the last level but one is the first of this block
+                start[0] += handed[1]
+            starts.append(start)
+            if self.macro:
+                ramp = 1.0 - np.arange(1, x.substeps) / x.substeps
+                of_lam += x.L @ (ramp @ mu[: x.substeps - 1])
+            elif x.ratio > 1:
+                _, transposed = self.links(x)
+                of_lam += x.al2 * (x.L @ (transposed @ at_nodes[0]))
+        return starts, of_lam
+
+    def _transposed(self, x: Member, nu: np.ndarray) -> np.ndarray:
+        """P^T nu on the levels of a subdomain from the first on; under "macro" R^T nu."""
+        if self.macro:
+            out = np.zeros((len(nu) * x.substeps + 1, self.p))
+            out[x.substeps :: x.substeps] = nu
+            return out
+        steps = len(nu) // x.ratio
+        out = np.zeros((steps + 1, self.p))
+        within = np.vstack([np.zeros((1, self.p)), nu[:-1]]).reshape(steps, x.ratio, self.p)
+        theta = np.arange(x.ratio) / x.ratio
+        out[:-1] += np.einsum("j,kjp->kp", 1.0 - theta, within)
+        out[1:] += np.einsum("j,kjp->kp", theta, within)
+        out[-1] += nu[-1]
+        return out
+
+    def taking_over(self, start: list[np.ndarray], of_lam: np.ndarray) -> Handed:
+        """(A14): what the next block leaves, with the adjoint of its multipliers as sources."""
+        if not self.p:
+            return Handed(start, [np.zeros(x.n) for x in self.members])
+        gram = sp.csc_array(sum(x.L @ x.L.T for x in self.members))
+        y = sla.spsolve(gram, -of_lam).reshape(-1)
+        etas = []
+        for x, state in zip(self.members, start):
+            eta = x.L.T @ y
+            of_u = x.K.T @ eta
+            state[0, 0] -= of_u
+            state[0, 1] -= x.C.T @ eta
+            state[0, 2] -= x.M.T @ eta - x.al1_beside_K * of_u
+            etas.append(eta)
+        return Handed(start, etas)
+
+    def at_zero(
+        self, sources: Mapping[str, Sources], start: list[np.ndarray], of_lam: np.ndarray
+    ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+        """(A13): mu_0, and the adjoints of u0 and v0."""
+        states = [s[0] + sources[x.name].at(0, x.n) for x, s in zip(self.members, start)]
+        M = sp.block_diag([x.M.T for x in self.members], format="csc")
+        L = sp.hstack([x.L for x in self.members], format="csc")
+        whole = sp.block_array([[M, L.T], [L, None]], format="csc") if self.p else M
+        right = np.concatenate([s[2] + s[3] for s in states] + [-of_lam])
+        mu = sla.splu(whole).solve(right)[: -self.p or None]
+        mus = np.split(mu, np.cumsum([x.n for x in self.members])[:-1])
+        u0 = [s[0] - x.K.T @ m for x, s, m in zip(self.members, states, mus)]
+        v0 = [s[1] - x.C.T @ m for x, s, m in zip(self.members, states, mus)]
+        return mus, u0, v0
+
+    def of_interface(
+        self, parameters: Parameters, member: Member, lam: np.ndarray, nu: np.ndarray
+    ) -> np.ndarray:
+        """(A10): lam (interface levels + 1, p) from the first level of the block on."""
+        if self.macro or member.ratio == 1:
+            return np.zeros(parameters.m)
+        q = member.ratio
+        theta = np.arange(q)[:, None] / q
+        nodes = lam[::q]
+        straight = (1.0 - theta) * nodes[:-1, None] + theta * nodes[1:, None]
+        beyond = lam[:-1].reshape(len(nodes) - 1, q, self.p) - straight  # zero at the nodes
+        B = beyond.reshape(len(lam) - 1, self.p)[1:].T @ nu[:-1]
+        Y, transposed = self.links(member)
+        return member.al2 * parameters._traces(Y @ B, transposed, member.weights)
+
+
+def _load(x: Member, phi: Sources, handed: np.ndarray, lead: int) -> Any:
+    """The loads (A6) of the reversed run: of the sources, and of what was handed over."""
+    levels = len(phi.u)
+    loads = x.filters.loads(phi.u, phi.v, phi.w)
+    shape = np.zeros((x.n, phi.dofs.size))
+    shape[phi.dofs, np.arange(phi.dofs.size)] = 1.0
+    series, shapes = [loads], [shape]
+    impulses = x.filters.impulses(levels)
+    for k, states in enumerate(handed[:levels]):
+        if np.any(states):
+            series.append(np.vstack([np.zeros((k, 4)), impulses[: levels - k]]))
+            shapes.append(states.T)
+    values, columns = np.hstack(series), np.hstack(shapes)
+    if values.shape[1] == 0:
+        return np.zeros(x.n)
+    values = np.vstack([np.zeros((lead + 1, values.shape[1])), values])
+    if values.shape[1] >= x.n:
+        return SampledForce(values @ columns.T, x.h)
+    return SampledForce(values, x.h, columns)
+
+
+def _operator(A: Any, n: int) -> Any:
+    if A is None:
+        return sp.csr_array((n, n))
+    return sp.diags_array(A, format="csr") if np.ndim(A) == 1 else sp.csr_array(A)

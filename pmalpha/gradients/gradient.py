@@ -1,0 +1,205 @@
+"""`Coupler.gradient`: value and gradient of a function of a linear run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .._checks import whole_number
+from .adjoint import Adjoint, Member, Sources
+from .misfit import KINDS, Misfit
+from .parameters import Parameters
+from .problem import Problem, require_adjoint
+
+# Macro steps in a block: rounding grows with it, and the memory of a block.
+BLOCK = 100
+
+
+@dataclass(frozen=True)
+class Gradient:
+    """Value and gradient of a function of a run, of `Coupler.gradient`.
+
+    Attributes
+    ----------
+    value : float
+    parameters : list of (m,) arrays
+        With respect to each of the `Parameters`.
+    force : dict of (levels, n) arrays
+        With respect to the loads at the time levels of each subdomain, from t = 0 on.
+    u0, v0 : dict of (n,) arrays
+        With respect to the initial values.
+    velocity : (interface levels, p) array
+        With respect to the velocities that the constraints prescribe, from t = 0 on, where it is 0.
+    history : History
+        The run.
+    """
+
+    value: float
+    parameters: list[np.ndarray]
+    force: dict[str, np.ndarray]
+    u0: dict[str, np.ndarray]
+    v0: dict[str, np.ndarray]
+    velocity: np.ndarray
+    history: Any
+
+
+def gradient(
+    coupler: Any,
+    session: Any,
+    objective: Any,
+    end: tuple[float | None, int | None],
+    parameters: Any,
+    block: int | None,
+    reporting: Callable[[int], AbstractContextManager[Any]],
+) -> Gradient:
+    """`Coupler.gradient`; `reporting` makes the report of a number of macro steps."""
+    parameters = checked_parameters(parameters)
+    if not callable(objective):
+        raise TypeError(f"objective must be a Misfit or a function of a History, got {objective!r}")
+    block = BLOCK if block is None else whole_number(block, "block", low=1)
+    require_adjoint(session, "gradient")
+    present = coupler.snapshot()
+    try:
+        return_to_beginning(coupler, session)
+        problem = Problem(coupler, session)
+        names = [problem.name_of(p) for p in parameters]
+        steps = session.clock.end(*end, 0)
+        with reporting(2 * steps) as report:
+            blocks = Blocks(coupler, problem, steps, block, report)
+            return blocks.gradient(objective, parameters, names)
+    finally:
+        coupler.restore(present)
+
+
+def return_to_beginning(coupler: Any, session: Any) -> None:
+    """To t = 0 with the present initial values and loads."""
+    names = [name for name, _ in session.keys]
+    u0, v0 = (dict(zip(names, x)) for x in zip(*session.initial.values))
+    coupler.reset(u0, v0, dict(zip(names, session.loads.forces)))
+
+
+class Blocks:
+    """A run in blocks of macro steps, forward and back."""
+
+    def __init__(self, coupler: Any, problem: Problem, steps: int, block: int, report: Any):
+        self.coupler, self.steps, self.report = coupler, steps, report
+        self.single, self.steady = problem.single, problem.steady
+        lead = 0 if self.single is self.steady else min(1, steps)
+        self.borders = sorted({0, lead, steps, *range(lead, steps, block)})
+
+    def adjoint(self, first: int) -> Adjoint:
+        """That of the block that begins there."""
+        return self.single if first == 0 else self.steady
+
+    def forward(self, record: Any) -> tuple[list[Any], Any]:
+        """Snapshots at the beginnings of blocks, and the History."""
+        snapshots, pieces = [], []
+        for first, last in zip(self.borders, self.borders[1:]):
+            snapshots.append(self.coupler.snapshot())
+            pieces.append(self.coupler.run(steps=last - first, record=record))
+            self._reported(last)
+        return snapshots, type(pieces[0]).join(pieces)
+
+    def _reported(self, done: int) -> None:
+        if self.report is not None:
+            self.report(done)
+
+    def gradient(
+        self, objective: Any, parameters: Sequence[Parameters], names: Sequence[str]
+    ) -> Gradient:
+        """`names` are the subdomains of the parameters."""
+        record = objective.record if isinstance(objective, Misfit) else None
+        snapshots, history = self.forward(record)
+        value, given = objective(history)
+        members, p, fine = self.single.members, self.single.p, self.single.fine
+        sources, of_lam = checked_sources(members, given, history, self.steps)
+
+        totals = [np.zeros(p.m) for p in parameters]
+        force = {x.name: np.zeros((self.steps * x.substeps + 1, x.n)) for x in members}
+        velocity = np.zeros((self.steps * fine + 1, p))
+        place = {x.name: i for i, x in enumerate(members)}
+        handed = self.steady.nothing_handed()
+        start, of_start = handed.states, np.zeros(p)
+        for first, last in zip(self.borders[-2::-1], self.borders[:0:-1]):
+            adjoint = self.adjoint(first)
+            if last < self.steps:
+                handed = adjoint.taking_over(start, of_start)
+            self.coupler.restore(snapshots.pop())
+            run = self.coupler.run(steps=last - first, record=dict.fromkeys(names))
+            mus, nu, start, of_start = adjoint.block(sources, of_lam, first, last, handed)
+            velocity[first * fine + 1 : last * fine + 1] = nu
+            for x, mu in zip(members, mus):
+                force[x.name][first * x.substeps + 1 : last * x.substeps + 1] = mu
+            for total, of, name in zip(totals, parameters, names):
+                x = adjoint.members[place[name]]
+                motion = {kind: values[1:] for kind, values in x.motion(run[name]).items()}
+                total += of._products(mus[place[name]], motion)
+                total += adjoint.of_interface(of, x, run.multipliers, nu)
+            self._reported(2 * self.steps - first)
+        if of_lam is not None:
+            of_start = of_start + of_lam[0]
+        at_zero, u0, v0 = self.single.at_zero(sources, start, of_start)
+        for x, mu in zip(members, at_zero):
+            force[x.name][0] = mu
+        for total, of, name in zip(totals, parameters, names):
+            at = run[name]
+            motion = {"M": at.a[:1], "C": at.v[:1], "K": at.u[:1]}
+            total += of._products(force[name][:1], motion)
+        of_u0, of_v0 = dict(zip(place, u0)), dict(zip(place, v0))
+        return Gradient(value, totals, force, of_u0, of_v0, velocity, history)
+
+
+def checked_parameters(parameters: Any) -> list[Parameters]:
+    """A list of Parameters from one or several."""
+    listed = [parameters] if isinstance(parameters, Parameters) else list(parameters)
+    for p in listed:
+        if not isinstance(p, Parameters):
+            raise TypeError(f"parameters must be Parameters, got {type(p).__name__}")
+    return listed
+
+
+def checked_sources(
+    members: Sequence[Member], given: Any, history: Any, steps: int
+) -> tuple[dict[str, Sources], np.ndarray | None]:
+    """What the objective returned, by subdomain, and that of the multipliers."""
+    if not isinstance(given, Mapping):
+        raise TypeError(f"objective must return (value, sources), a dict, got {given!r}")
+    names = [x.name for x in members]
+    if unknown := set(given) - {*names, "multipliers"}:
+        raise KeyError(f"sources must be by subdomain, {names}, got {sorted(map(str, unknown))}")
+    of_lam = given.get("multipliers")
+    if of_lam is not None:
+        of_lam = np.asarray(of_lam, float)
+        if of_lam.shape != history.multipliers.shape:
+            raise ValueError(
+                f"the source of multipliers must have shape {history.multipliers.shape}, got "
+                f"{of_lam.shape}"
+            )
+    return {x.name: _sources(x, given.get(x.name, {}), history, steps) for x in members}, of_lam
+
+
+def _sources(x: Member, given: Mapping[str, Any], history: Any, steps: int) -> Sources:
+    """The sources of a subdomain as the objective returned them, on the dofs where they are."""
+    levels = steps * x.substeps + 1
+    if not given:
+        none = np.zeros((levels, 0))
+        return Sources(np.zeros(0, int), none, none, none)
+    dofs = history[x.name].dofs
+    if unknown := set(given) - set(KINDS):
+        raise ValueError(
+            f"sources of {x.name!r} must be of u, v or a, got {sorted(map(str, unknown))}"
+        )
+    arrays = []
+    for kind in KINDS:
+        array = np.zeros((levels, dofs.size)) if kind not in given else np.asarray(given[kind])
+        if array.shape != (levels, dofs.size):
+            raise ValueError(
+                f"the source {kind} of {x.name!r} must have shape {(levels, dofs.size)}, got "
+                f"{array.shape}"
+            )
+        arrays.append(array)
+    return Sources(dofs, *arrays)

@@ -1,0 +1,149 @@
+"""What of a coupler its adjoint needs, and the couplers that run in reversed time."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..problem.constraints import Constraint
+from ..problem.forces import SampledForce
+from ..problem.matrices import is_symmetric
+from ..problem.subdomain import Subdomain
+from .adjoint import Adjoint, Member
+from .parameters import Parameters
+
+COUPLINGS = ("pm", "gc", "macro")
+
+
+class Problem:
+    """A linear coupled problem.
+
+    Attributes
+    ----------
+    single, steady : Adjoint
+        Of the first macro step, whose steps are single, and of the others; one object where all
+        steps are single.
+    """
+
+    def __init__(self, coupler: Any, session: Any):
+        self.coupler, self.keys = coupler, session.keys
+        layout, self.matrices = session.steps.layout, session.rows.matrices
+        self.dt, self.macro = layout.dt, session.coupling == "macro"
+        self.options = session.options
+        self.fine = 1 if self.macro else max(layout.substeps)
+        self.symmetric = all(is_symmetric(s.C) and is_symmetric(s.K) for _, s in self.keys)
+        self.prescribed = bool(session.loads.motions)
+        self.doubles = layout.doubles
+        self.single = self._adjoint([False] * len(self.keys))
+        self.steady = self._adjoint(self.doubles) if any(self.doubles) else self.single
+
+    def name_of(self, p: Parameters) -> str:
+        """The name of the subdomain of some parameters."""
+        for name, s in self.keys:
+            if p.subdomain in (name, s):
+                p._check_size(s.n, name)
+                return name
+        names = ", ".join(repr(name) for name, _ in self.keys)
+        raise KeyError(f"parameters must be of one of the subdomains {names}, got {p!r}")
+
+    def motion(self, name: str, run: Any) -> dict[str, np.ndarray]:
+        """What dM, dC and dK of a subdomain are multiplied by in (A9), at all levels of a run."""
+        i = [key for key, _ in self.keys].index(name)
+        motion = self.steady.members[i].motion(run)
+        first = self.single.members[i]
+        single = slice(0, first.substeps + 1 if self.single is not self.steady else 1)
+        motion["K"][single] = run.u[single] - first.al1_beside_K * run.a[single]
+        motion["K"][0] = run.u[0]
+        return motion
+
+    def require_constant_interface(self, what: str) -> None:
+        """ValueError where H multiplies what depends on the parameters, (A10)."""
+        if not self.macro and any(s.substeps < self.fine for _, s in self.keys):
+            raise ValueError(
+                f'{what} needs coupling "macro", or equal substeps: under '
+                f'"{self.options.coupling}" the H beside interpolated velocities depends on the '
+                "parameters. "
+                "Coupler.gradient has no such limit"
+            )
+
+    def sensitive(self, cases: Sequence[Mapping[str, Any]], steps: int, record: Any) -> list[Any]:
+        """Runs from rest, each under loads on one subdomain by name."""
+        rest = {name: np.zeros(s.n) for name, s in self.keys}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # their loads are not those of a structure
+            coupler = self.coupler if not self.prescribed else self._copy(None, True, False)
+            runs = [{"u0": rest, "v0": rest, "force": {**rest, **case}} for case in cases]
+            return list(coupler.run_each(runs, steps=steps, record=record))
+
+    def _adjoint(self, doubles: Sequence[bool]) -> Adjoint:
+        members = []
+        for (name, s), L, double in zip(self.keys, self.matrices, doubles):
+            ratio = 1 if self.macro else self.fine // s.substeps
+            members.append(Member(name, s, L, self.dt, ratio, double))
+        return Adjoint(members, self.macro, self.dt, self.fine, self._reverse)
+
+    def _reverse(
+        self, forces: Mapping[str, Any], steps: int, g: np.ndarray | None, double: bool
+    ) -> Any:
+        """A run from rest under loads by name, with velocities g (levels, p) of the constraints."""
+        rest = {name: np.zeros(s.n) for name, s in self.keys}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # its loads are not those of a structure
+            if g is None and self.symmetric and not self.prescribed:
+                coupler = self.coupler
+            else:
+                coupler = self._copy(g, double, True)
+            case = {"u0": rest, "v0": rest, "force": forces}
+            return coupler.run_each([case], steps=steps)[0]
+
+    def _copy(self, g: np.ndarray | None, double: bool, transposed: bool) -> Any:
+        """A coupler of the same matrices, or the transposed ones, without loads."""
+
+        def turned(A: Any) -> Any:
+            return A.T if transposed and A is not None else A
+
+        subdomains = [
+            Subdomain(
+                s.M,
+                turned(s.K),
+                turned(s.C),
+                scheme=s.scheme,
+                substeps=s.substeps,
+                double_step=steady and (double or g is None),
+                symmetric=s.symmetric,
+                name=name,
+            )
+            for (name, s), steady in zip(self.keys, self.doubles)
+        ]
+        velocity = None if g is None else SampledForce(g, self.dt / self.fine)
+        rows = None
+        if self.single.p:
+            rows = Constraint({s: L for s, L in zip(subdomains, self.matrices) if L.nnz}, velocity)
+        o = self.options
+        return type(self.coupler)(subdomains, rows, dt=self.dt, coupling=o.coupling)
+
+
+def require_adjoint(session: Any, what: str) -> None:
+    """ValueError where the adjoint of a linear run is not such a run, with the reason."""
+    options = session.options
+    if options.coupling not in COUPLINGS:
+        raise ValueError(
+            f'{what} needs coupling "pm", "gc" or "macro", got "{options.coupling}": its ties are '
+            "between displacements"
+        )
+    if options.drift != "kept":
+        raise ValueError(f'{what} needs drift="kept": second multipliers have no adjoint here')
+    if options.start != "rebased":
+        raise ValueError(f'{what} needs start="rebased", got "{options.start}"')
+    for name, s in session.keys:
+        if s.damping == "lagged":
+            raise ValueError(f'{what} needs damping="implicit", got "lagged" of {name!r}')
+        diagonal = s.M if s.M.ndim == 1 else s.M.diagonal()
+        if np.any(diagonal == 0.0):
+            raise ValueError(
+                f"{what} needs a mass at each dof, got none at dof "
+                f"{int(np.argmin(np.abs(diagonal)))} of {name!r}"
+            )

@@ -1,0 +1,281 @@
+"""Gradients of coupled runs by reversed runs, (A1) to (A14), against differences of the run itself.
+
+A function of second order has exact central differences in what the run is linear in, loads and
+initial values; in parameters those of fourth order leave 1e-8.
+"""
+
+import numpy as np
+import pytest
+
+import pmalpha as pm
+
+STEPS, DT = 14, 0.1
+SIZES = (3, 4, 3)
+SPRING = np.outer([1.0, -1.0, 0.0, 0.0], [1.0, -1.0, 0.0, 0.0])
+MASS = np.diag([0.1, 0.0, 0.2, 0.0])
+CHANGED = pm.Parameters("s1", dofs=[[0, 1, 2, 3]], K=SPRING, C=0.05 * SPRING, M=MASS)
+# Rounding of differences of values of size 1e3 from their parts, relative to the gradient.
+LINEAR, DIFFERENCES = 1e-10, 1e-6
+
+half, fine = pm.GeneralizedAlpha(0.5), pm.GeneralizedAlpha(0.8)
+explicit = pm.GeneralizedAlpha(0.8, explicit=True)
+three = (half, pm.Newmark(), pm.GeneralizedAlpha(0.9))
+
+
+def problem(
+    coupling, substeps, schemes, *, theta=0.0, u0=None, v0=None, force=None, g=None, **kind
+):
+    """Random floating subdomains in a chain; `force` and `g` are added to what there is."""
+    rng = np.random.default_rng(1)
+    subdomains = []
+    for i, (n, s, scheme) in enumerate(zip(SIZES, substeps, schemes)):
+        M, B = np.diag(rng.uniform(1.0, 2.0, n)), rng.normal(size=(n, n))
+        K = 4.0 * B @ B.T
+        C = 0.05 * K + 0.1 * M
+        turned = rng.normal(size=(n, n))
+        if kind.get("unsymmetric"):
+            K, C = K + 0.3 * (turned - turned.T), C + 0.1 * (turned - turned.T)
+        F = rng.normal(size=(STEPS * s + 1, n))
+        if i == 1:
+            K, C, M = K + theta * SPRING, C + 0.05 * theta * SPRING, M + theta * MASS
+        subdomains.append(
+            pm.Subdomain(
+                M.diagonal() if scheme.explicit else M,
+                K,
+                C,
+                scheme=scheme,
+                substeps=s,
+                double_step=True if kind.get("double") and s == 1 else None,
+                symmetric=not kind.get("unsymmetric"),
+                force=pm.SampledForce(F if force is None else F + force[i], DT / s),
+                u0=None if u0 is None else u0[i],
+                v0=None if v0 is None else v0[i],
+                name=f"s{i}",
+            )
+        )
+    rows = [pm.tie("s0", [0, 1], "s1", [1, 2])]
+    if len(substeps) > 2:
+        rows.append(pm.tie("s1", [0], "s2", [1]))
+    if kind.get("moved"):
+        levels = 1 if coupling == "macro" else max(substeps)
+        swing = 0.1 * np.sin(0.4 * np.arange(STEPS * levels + 1))[:, None]
+        swing[:2] = 0.0  # at rest at the start, where g'(0) enters
+        velocity = pm.SampledForce(swing if g is None else swing + g, DT / levels)
+        rows.append(pm.Constraint({"s0": [[0.0, 0.0, 1.0]]}, velocity=velocity))
+    return pm.Coupler(subdomains, rows, dt=DT, coupling=coupling, threads=1)
+
+
+def squares(history, multipliers=False):
+    """Weighted squares of everything that is recorded, and their derivatives."""
+    rng = np.random.default_rng(5)
+    value, sources = 0.0, {}
+    for name, _ in history.keys:
+        sources[name] = {}
+        for kind in "uva":
+            x = getattr(history[name], kind)
+            weight, difference = rng.uniform(1.0, 2.0, x.shape), x - rng.normal(size=x.shape)
+            value += 0.5 * np.sum(weight * difference**2)
+            sources[name][kind] = weight * difference
+    if multipliers:
+        difference = history.multipliers - rng.normal(size=history.multipliers.shape)
+        value += 0.5 * np.sum(difference**2)
+        sources["multipliers"] = difference
+    return value, sources
+
+
+# coupling, substeps, schemes, kind, whether multipliers are in the function, macro steps of a block
+CASES = [
+    ("gc", (1, 1), (half, fine), {}, False, None),
+    ("gc", (1, 5), (half, explicit), {}, False, 4),
+    ("gc", (1, 2, 4), three, {}, True, None),
+    ("gc", (1, 2, 4), (pm.HHT(0.1), pm.WBZ(0.2), pm.Newmark(0.3, 0.6)), {}, True, 3),
+    ("gc", (1, 3), (half, fine), {"unsymmetric": True}, False, 4),
+    ("gc", (1, 3), (half, fine), {"moved": True}, False, None),
+    ("pm", (1, 5), (half, explicit), {}, False, None),
+    ("pm", (1, 2, 4), (half, fine, fine), {}, True, 3),
+    ("pm", (1, 3), (half, fine), {"unsymmetric": True}, True, None),
+    ("pm", (1, 3), (half, fine), {"moved": True}, False, 4),
+    ("macro", (2, 3, 7), (half, pm.GeneralizedAlpha(0.3), pm.Newmark()), {}, True, 4),
+    ("macro", (1, 5), (half, explicit), {"double": True}, True, 4),
+    ("macro", (1, 5, 3), (pm.CentralDifference(), pm.CentralDifference(), fine), {}, False, None),
+    ("macro", (1, 3), (half, fine), {"moved": True, "unsymmetric": True}, False, 4),
+]
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning", "ignore::pmalpha.ConstraintWarning")
+@pytest.mark.parametrize(("coupling", "substeps", "schemes", "kind", "multipliers", "block"), CASES)
+def test_a_gradient_is_that_of_the_run(coupling, substeps, schemes, kind, multipliers, block):
+    def objective(history):
+        return squares(history, multipliers)
+
+    def value(**changed):
+        changed = problem(coupling, substeps, schemes, **kind, **changed)
+        return objective(changed.run(steps=STEPS))[0]
+
+    def along(name, directions):
+        """The derivative of a function of second order, exact but for rounding."""
+        back = -directions if name == "g" else [-x for x in directions]
+        return (value(**{name: directions}) - value(**{name: back})) / 2.0
+
+    coupler = problem(coupling, substeps, schemes, **kind)
+    coupler.step(3)
+    found = coupler.gradient(objective, steps=STEPS, parameters=CHANGED, block=block)
+    assert coupler.step_count == 3
+    assert found.value == value()
+    e = 1e-4
+    near, far = (value(theta=x) - value(theta=-x) for x in (e, 2.0 * e))
+    slope = (8.0 * near - far) / (12.0 * e)
+    assert abs(found.parameters[0][0] / slope - 1.0) < DIFFERENCES
+
+    rng, names = np.random.default_rng(2), [s.name for s in coupler.subdomains]
+    u0 = [rng.normal(size=s.n) for s in coupler.subdomains]
+    expected = along("u0", u0)
+    assert abs(sum(found.u0[k] @ x for k, x in zip(names, u0)) / expected - 1.0) < LINEAR
+    force = [rng.normal(size=found.force[k].shape) for k in names]
+    expected = along("force", force)
+    total = sum(np.sum(found.force[k] * x) for k, x in zip(names, force))
+    assert abs(total / expected - 1.0) < LINEAR
+    if kind.get("moved"):
+        g = rng.normal(size=(len(found.velocity), 1))
+        g[:2] = 0.0
+        expected = along("g", g)
+        assert abs(np.sum(found.velocity[:, -1:] * g) / expected - 1.0) < LINEAR
+    else:  # equal velocities everywhere satisfy the ties
+        v0 = [0.7 * np.ones(s.n) for s in coupler.subdomains]
+        expected = along("v0", v0)
+        assert abs(sum(found.v0[k] @ x for k, x in zip(names, v0)) / expected - 1.0) < LINEAR
+
+
+def test_without_the_interface_term_a_gradient_under_gc_is_wrong(monkeypatch):
+    from pmalpha.gradients.adjoint import Adjoint
+
+    def gradient():
+        coupler = problem("gc", (1, 2, 4), three)
+        return coupler.gradient(squares, steps=STEPS, parameters=CHANGED).parameters[0]
+
+    exact = gradient()
+    monkeypatch.setattr(Adjoint, "of_interface", lambda *a: np.zeros(1))
+    assert abs(gradient() / exact - 1.0) > 1e-3
+
+
+JACOBIANS = [
+    ("macro", (1, 5), (half, explicit), {"double": True}),
+    ("macro", (1, 3), (half, fine), {"moved": True, "unsymmetric": True}),
+    ("gc", (1, 1), (half, explicit), {}),
+    ("pm", (1, 1), (half, fine), {}),
+]
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.ConstraintWarning")
+@pytest.mark.parametrize(("coupling", "substeps", "schemes", "kind"), JACOBIANS)
+@pytest.mark.parametrize("what", ["u", "a"])
+def test_a_jacobian_and_a_gradient_are_of_the_same_run(coupling, substeps, schemes, kind, what):
+    """Forward sensitivities times weights are the gradient of the weighted sum; both are exact."""
+    diagonals = pm.Parameters("s0", K=[np.eye(3), np.diag([0.0, 1.0, 0.0])])
+    sensors = {"s0": [2, 0], "s1": [3]}
+    coupler = problem(coupling, substeps, schemes, **kind)
+    rng = np.random.default_rng(3)
+    weights = {
+        name: rng.normal(size=(STEPS * s + 1, len(dofs)))
+        for (name, dofs), s in zip(sensors.items(), substeps)
+    }
+
+    def weighted(history):
+        value, sources = 0.0, {}
+        for name, dofs in sensors.items():
+            x = getattr(history[name], what)
+            sources[name] = {what: np.zeros_like(x)}
+            sources[name][what][:, dofs] = weights[name]
+            value += np.sum(weights[name] * x[:, dofs])
+        return value, sources
+
+    found = coupler.jacobian(sensors, steps=STEPS, parameters=[CHANGED, diagonals], what=what)
+    assert found["s0"].shape == (STEPS * substeps[0] + 1, 2, 3)
+    forward = sum(np.einsum("ls,lsm->m", weights[name], found[name]) for name in sensors)
+    gradient = coupler.gradient(weighted, steps=STEPS, parameters=[CHANGED, diagonals])
+    backward = np.concatenate(gradient.parameters)
+    assert np.allclose(forward, backward, rtol=0.0, atol=1e-11 * abs(forward).max())
+
+
+def test_stiffnesses_are_found_again_from_what_was_measured():
+    """Gauss-Newton with the Jacobian, from stiffnesses that are wrong by 30 per cent."""
+    true = np.array([1000.0, 900.0, 800.0, 700.0])
+    sensors = np.array([1, 3])
+
+    def frame(k):
+        M, K = pm.models.shear_frame(np.ones(4), k)
+        upper = pm.Subdomain(M, K, 0.002 * K, scheme=fine, name="frame", v0=[0.0, 0.0, 0.0, 1.0])
+        return pm.Coupler([upper], dt=0.01)
+
+    springs = [np.zeros((4, 4)) for _ in range(4)]
+    for j, D in enumerate(springs):
+        D[j, j] += 1.0
+        if j > 0:
+            D[j - 1, j - 1] += 1.0
+            D[[j - 1, j], [j, j - 1]] -= 1.0
+    parameters = pm.Parameters("frame", K=springs, C=[0.002 * D for D in springs])
+    data = frame(true).run(0.5)["frame"].a[:, sensors]
+    misfit = pm.Misfit({"frame": dict(dofs=sensors, a=data)})
+    k = true * [1.3, 0.8, 1.2, 0.75]
+    first = frame(k).gradient(misfit, 0.5).value
+    for _ in range(8):
+        S = frame(k).jacobian({"frame": sensors}, 0.5, parameters=parameters)["frame"]
+        residual = data - frame(k).run(0.5)["frame"].a[:, sensors]
+        k = k + np.linalg.lstsq(S.reshape(-1, 4), residual.ravel(), rcond=None)[0]
+    assert np.allclose(k, true, rtol=1e-9)
+    last = frame(k).gradient(misfit, 0.5, parameters=parameters)
+    assert last.value < 1e-15 * first
+    assert abs(last.parameters[0]).max() < 1e-9 * first / 700.0
+
+
+def test_data_that_are_missing_do_not_count():
+    coupler = problem("macro", (1, 2), (half, fine))
+    data = np.full((STEPS + 1, 1), np.nan)
+    data[3] = 0.5
+    misfit = pm.Misfit({"s0": dict(dofs=[1], u=data, weight=[4.0])})
+    found = coupler.gradient(misfit, steps=STEPS, parameters=CHANGED)
+    u = found.history["s0"].u[3, 0]
+    assert found.value == pytest.approx(2.0 * (u - 0.5) ** 2, rel=1e-14)
+    assert not found.force["s0"][4:].any() and found.force["s0"][3].any()
+
+
+def refused(message, call, *arguments, error=ValueError, **named):
+    with pytest.raises(error, match=message):
+        call(*arguments, **named)
+
+
+def test_runs_without_such_an_adjoint_are_refused_with_the_reason():
+    mass = dict(scheme=half, name="m")
+    spring = pm.Subdomain([1.0], [1.0], restoring=pm.CubicSpring([0], 1.0, 1.0), **mass)
+    refused("restoring force", pm.Coupler([spring], dt=0.01).gradient, squares, 0.1)
+    massless = pm.Subdomain([[1.0, 0.0], [0.0, 0.0]], np.eye(2), **mass)
+    refused("mass at each dof", pm.Coupler([massless], dt=0.01).gradient, squares, 0.1)
+    refused("displacements", problem("mean", (1, 2), (pm.Newmark(),) * 2).gradient, squares, 0.1)
+    staggered = problem("gc", (1, 2), (half, fine))
+    refused("equal substeps", staggered.jacobian, {"s0": [0]}, 0.1, parameters=CHANGED)
+
+
+def test_bad_arguments_are_refused_and_the_coupler_stays_as_it_was():
+    coupler = problem("macro", (1, 2), (half, fine))
+    coupler.step(2)
+    before = coupler.state("s1").u
+    call = coupler.gradient
+    refused("must have shape", call, lambda h: (0.0, {"s0": {"u": np.zeros((1, 3))}}), steps=3)
+    refused("by subdomain", call, lambda h: (0.0, {"x": {}}), steps=3, error=KeyError)
+    refused("u, v or a", call, lambda h: (0.0, {"s0": {"w": 0.0}}), steps=3)
+    refused(
+        "one of the subdomains",
+        call,
+        squares,
+        steps=3,
+        error=KeyError,
+        parameters=pm.Parameters("x", dofs=[[0]], K=[[1.0]]),
+    )
+    refused(
+        "below 4", call, squares, steps=3, parameters=pm.Parameters("s1", dofs=[[4]], K=[[1.0]])
+    )
+    refused("must be a Misfit", call, 3.0, steps=3, error=TypeError)
+    refused("K, C or M", pm.Parameters, "s1", dofs=[[0]])
+    refused("must have shape", pm.Parameters, "s1", dofs=[[0, 1]], K=[[1.0]])
+    refused("unknown keys", pm.Misfit, {"s0": dict(dofs=[0], w=np.zeros((4, 1)))})
+    assert coupler.step_count == 2 and np.all(coupler.state("s1").u == before)
