@@ -1,7 +1,8 @@
 """Mass, stiffness and stresses of isotropic elastic elements of any kind of `SHAPES`.
 
 Arrays by element have one row where all elements are equal, as in a regular mesh: it is then
-computed once.
+computed once. Products are stacks of one per element: the rounding of one product for all of them
+would depend on their number, and differ where a structure is cut.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ def mass_matrix(
     squares = (N[:, :, None] * N[:, None, :]).reshape(-1, a * a)
     sums = np.zeros((1, pattern.indices.size))
     for part in chunks(len(block.nodes), a * a):
-        pattern.add(sums, part, [(rows(weights, part) @ squares).reshape(-1, a, a)])
+        pattern.add(sums, part, [(rows(weights, part)[:, None] @ squares).reshape(-1, a, a)])
     scalar = pattern.of_blocks(sums.reshape(-1, 1, 1))
     return sp.csr_array(sp.kron(scalar, sp.eye_array(d), format="csr"))
 
@@ -85,8 +86,8 @@ def lumped_shares(kind: str, N: np.ndarray, masses: np.ndarray) -> np.ndarray:
     diagonal scaled to the mass of the element (Hinton, Rock, Zienkiewicz 1976).
     """
     if N.shape[1] == SHAPES[kind].corners:
-        return masses @ N
-    diagonal = masses @ N**2
+        return (masses[:, None] @ N)[:, 0]
+    diagonal = (masses[:, None] @ N**2)[:, 0]
     return diagonal * (masses.sum(axis=1) / diagonal.sum(axis=1))[:, None]
 
 
@@ -136,9 +137,8 @@ def gradients(kind: str, corners: np.ndarray, first: int = 0) -> tuple[np.ndarra
 def _jacobian(corners: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     """J_ij = dx_i / dxi_j, (d, d, E, q)."""
     q, a, d = slopes.shape
-    by_component = np.ascontiguousarray(np.moveaxis(corners, 2, 0)).reshape(-1, a)
-    J = [(by_component @ slopes[:, :, j].T).reshape(d, -1, q) for j in range(d)]
-    return np.stack(J, axis=1)
+    J = np.moveaxis(slopes, 2, 0).reshape(d * q, a) @ corners  # (E, d q, d)
+    return np.ascontiguousarray(J.reshape(-1, d, q, d).transpose(3, 1, 0, 2))
 
 
 def _cofactors(J: np.ndarray) -> np.ndarray:
