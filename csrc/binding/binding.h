@@ -86,8 +86,9 @@ static inline void pma_swap(PyObject **slot, PyObject **value)
 }
 
 /* Marks the subdomain busy until `release`; false with a RuntimeError if it is so already. Whatever
- * reads or writes more than its constant parts claims it, also for a moment: other threads run where
- * the GIL is released or does not exist. In between no Python code runs but the user's functions. */
+ * reads or writes more than its constant parts claims it, also for a moment: other threads run
+ * where the GIL is released or does not exist. In between no Python code runs but the user's
+ * functions. */
 bool pma_subdomain_claim(SubdomainObject *self);
 void pma_subdomain_release(SubdomainObject *self);
 
@@ -160,8 +161,9 @@ int pma_gil_call(int (*call)(void *ctx), void *ctx);
 PyObject *pma_raise(pma_status status, const char *what);
 
 /* (rank,) of the process that failed, if it was another one (its own rank when the exchange itself
- * failed); the index of the subdomain that became unstable, the tuple of four above, or (index, code, what)
- * if its function returned a code, (index, time) of a tangent that is not symmetric; NULL with the exception of any other status. */
+ * failed); the index of the subdomain that became unstable, the tuple of four above, or (index,
+ * code, what) if its function returned a code, (index, time) of a tangent that is not symmetric;
+ * NULL with the exception of any other status. */
 PyObject *pma_failure(CouplerObject *self, pma_status status);
 
 /* ---- conversion: each returns 0, or -1 with an exception set ------------------------------- */
@@ -239,8 +241,8 @@ void pma_release_forces(pma_forces *forces);
 int pma_take_numeric(PyObject *obj, npy_intp n, npy_intp nb, PyObject *arrays,
                      pma_numeric_parts *out);
 
-/* (springs, keeps, pattern, base, base_twice, M_size, threads), pattern as above; *team: the threads
- * that factor tangents, or unchanged */
+/* (springs, keeps, pattern, base, base_twice, M_size, threads), pattern as above; *team: the
+ * threads that factor tangents, or unchanged */
 int pma_take_iterate(PyObject *obj, const pma_parts *parts, PyObject *arrays, pma_team **team,
                      pma_iterate_parts *out);
 

@@ -171,8 +171,8 @@ static PyObject *subdomain_set_load(SubdomainObject *self, PyObject *obj)
     Py_RETURN_NONE;
 }
 
-/* Releases the subdomain after an evaluation of a function of the user. Its result, or the code that
- * it returned; NULL with the exception that it raised. Steals the reference to the result. */
+/* Releases the subdomain after an evaluation of a function of the user. Its result, or the code
+ * that it returned; NULL with the exception that it raised. Steals the reference to the result. */
 static PyObject *result_of(SubdomainObject *self, pma_status status, PyObject *result)
 {
     const int code = pma_subdomain_code(self->core);

@@ -74,7 +74,7 @@ static void naive_arrive(model *m, size_t i, size_t k)
         naive_store(x, true, m->lam[k], &m->levels[i][k / ratio]);
 }
 
-/* d (p): the integral of the prescribed velocity up to fine step k, by the trapezoidal rule    (V5) */
+/* d (p): the integral of the prescribed velocity up to fine step k, by the trapezoidal rule (V5) */
 static void naive_gap(const model *m, size_t k, double *d)
 {
     double g0[CONSTRAINTS], g1[CONSTRAINTS];
@@ -87,7 +87,8 @@ static void naive_gap(const model *m, size_t k, double *d)
     }
 }
 
-/* Both multipliers at once, and the shift; right: g - sum L vf at the end of fine step k (V3) (V1) */
+/* Both multipliers at once, and the shift; right: g - sum L vf at the end of fine step k (V3) (V1)
+ * */
 static void naive_tie(model *m, size_t k, const double *right)
 {
     const size_t p = m->p, size = 2 * p;
@@ -182,7 +183,7 @@ static void naive_macro_step(model *m, size_t macro)
 
 /* ---- mean coupling: section 15 as written ---------------------------------------------------- */
 
-/* All substeps of a macro step under lam, in a double step under its mean with the one before   (K2) */
+/* All substeps of a macro step under lam, in a double step under the mean of both           (K2) */
 static void naive_mean_run(model *m, size_t i, size_t macro, const double *lam)
 {
     const part *x = &m->parts[i];
@@ -199,7 +200,7 @@ static void naive_mean_run(model *m, size_t i, size_t macro, const double *lam)
     }
 }
 
-/* g_u (p): 0, and where a velocity is prescribed the displacement that it leads to             (K4) */
+/* g_u (p): 0, and where a velocity is prescribed the displacement that it leads to          (K4) */
 static void naive_target(const model *m, size_t macro, double *target)
 {
     double g0[CONSTRAINTS], g1[CONSTRAINTS];
@@ -215,7 +216,8 @@ static void naive_target(const model *m, size_t macro, double *target)
 }
 
 /* The multiplier at time t of macro step `macro`, in macro steps: on the line through the last two
- * means of neighbours, at the time level between them; at first through Lam_0 and what there is (K5) */
+ * means of neighbours, at the time level between them; at first through Lam_0 and what there is
+ * (K5) */
 static double multiplier_at(const model *m, size_t macro, double t, size_t row)
 {
     const double first = m->lam[0][row], now = m->lam[macro + 1][row];
@@ -255,7 +257,7 @@ static void naive_mean_step(model *m, size_t macro)
     }
 }
 
-/* ---- all of them ------------------------------------------------------------------------------ */
+/* ---- all of them ----------------------------------------------------------------------------- */
 
 void naive_run(model *m, size_t steps)
 {

@@ -131,7 +131,7 @@ void naive_pushed(const part *x, bool twice, double t, const double *F, const do
 /* to := the same with the predictor shifted by Mbar^-1 L^T mu                          (V1) (V2) */
 void naive_shift(const part *x, const double *mu, level *to);
 
-/* z (n) := Mbar^-1 (K + K_r) y with the operator of the single step                          (V2) */
+/* z (n) := Mbar^-1 (K + K_r) y with the operator of the single step                         (V2) */
 void naive_stiffness_of(const part *x, const double *y, double *z);
 
 /* A substep of the link response under lam: (M3) with K + K_r, C + D_r, lagged C vs */

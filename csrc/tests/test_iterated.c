@@ -18,8 +18,9 @@
 
 enum { CASES = 60 };
 
-/* The error e that Newton's method leaves is below TIGHT s, as energies, and s is that of velocities
- * of order one. |R|^2 <= |Mbar| e^2 / al1 with |Mbar| < 10 and al1 = h^2/4 > 1e-4: |R| < 300 e. */
+/* The error e that Newton's method leaves is below TIGHT s, as energies, and s is that of
+ * velocities of order one. |R|^2 <= |Mbar| e^2 / al1 with |Mbar| < 10 and al1 = h^2/4 > 1e-4: |R| <
+ * 300 e. */
 static const double BALANCED = 300.0 * 1e-13 * 10.0;
 
 /* Some parts have internal forces, some are naive; B is at the finest step and single. */
@@ -217,7 +218,7 @@ static void every_substep_is_in_equilibrium_and_every_macro_step_tied(void)
     check_nonlinear(true);
 }
 
-/* ---- what is recorded of iterations -------------------------------------------------------------- */
+/* ---- what is recorded of iterations ---------------------------------------------------------- */
 
 typedef struct {
     double history[PARTS][LEVELS * HISTORY], corrections[PARTS][LEVELS];

@@ -109,7 +109,7 @@ static void a_function_that_fails_leaves_the_last_whole_macro_step(void)
     }
 }
 
-/* ---- a value that is not finite --------------------------------------------------------------- */
+/* ---- a value that is not finite -------------------------------------------------------------- */
 
 /* From one evaluation on all forces of part i are NaN; then they are not any more. */
 static void check_spoilt(int k, size_t i, size_t from, const snapshot *at_macro)
@@ -142,7 +142,7 @@ static void forces_that_are_no_longer_finite_leave_the_last_whole_macro_step(voi
     }
 }
 
-/* ---- too few iterations ----------------------------------------------------------------------- */
+/* ---- too few iterations ---------------------------------------------------------------------- */
 
 static void an_iteration_that_does_not_converge_names_the_subdomain(void)
 {
@@ -196,7 +196,7 @@ static void an_iteration_can_be_stopped_anywhere_and_goes_on(void)
     }
 }
 
-/* ---- saved and restored ------------------------------------------------------------------------ */
+/* ---- saved and restored ---------------------------------------------------------------------- */
 
 /* What is copied is all there is: another coupler goes on with it. */
 static void a_run_goes_on_from_what_was_saved(void)

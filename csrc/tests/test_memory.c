@@ -20,7 +20,7 @@ enum { WORKERS = 3 };
 static structure m;
 static pma_tree *tree; /* of it */
 
-/* ---- what is made, and destroyed where it was --------------------------------------------------- */
+/* ---- what is made, and destroyed where it was ------------------------------------------------ */
 
 static pma_status make_elimination(void)
 {
@@ -95,7 +95,7 @@ static pma_status make_team(void)
     return status;
 }
 
-/* ---- each allocation fails once ------------------------------------------------------------------ */
+/* ---- each allocation fails once -------------------------------------------------------------- */
 
 /* Returns how many there are. */
 static size_t check_failures(pma_status (*make)(void))

@@ -90,7 +90,7 @@ static scalar equation(double (*f)(double), double (*slope)(double), double firs
         .f = f, .slope = slope, .x = first, .first = first, .motion = 1.0, .residual = INFINITY};
 }
 
-/* ---- f and its derivative --------------------------------------------------------------------- */
+/* ---- f and its derivative -------------------------------------------------------------------- */
 
 static double square(double x)
 {
@@ -154,7 +154,7 @@ static double nowhere(double x)
     return (double)NAN;
 }
 
-/* ---- fresh tangents --------------------------------------------------------------------------- */
+/* ---- fresh tangents -------------------------------------------------------------------------- */
 
 /* Corrections of a plain loop until the error is below the tolerance. */
 static size_t plain_corrections(const scalar *q, double root)
@@ -222,7 +222,7 @@ static void corrections_that_overshoot_are_shortened(void)
     CHECK_NEAR(q.x, 0.0, 1e-10);
 }
 
-/* ---- tangents that are kept ------------------------------------------------------------------- */
+/* ---- tangents that are kept ------------------------------------------------------------------ */
 
 /* A tangent is fresh where there is none, and where the corrections fell by less than 0.2. */
 static void check_kept(scalar q, bool has_factor, double root, size_t expected)
@@ -277,7 +277,7 @@ static void a_correction_with_a_kept_tangent_that_overshoots_is_taken_back(void)
     CHECK(!q.fresh[0] && !q.fresh[1] && q.fresh[2] && q.fresh[3]);
 }
 
-/* ---- what does not go well -------------------------------------------------------------------- */
+/* ---- what does not go well ------------------------------------------------------------------- */
 
 static void values_that_are_not_finite_are_reported(void)
 {
@@ -333,7 +333,7 @@ static void what_an_operation_comes_back_with_is_returned(void)
     }
 }
 
-/* ---- corrections that are rounding ------------------------------------------------------------ */
+/* ---- corrections that are rounding ----------------------------------------------------------- */
 
 /* x - 1/3 up to multiples of 2^-26, which is never zero: corrections do not fall below 2^-27. */
 static double noisy(double x)

@@ -15,7 +15,7 @@
 #include "workers/team.h"
 #include "workers/thread.h"
 
-/* ---- patterns --------------------------------------------------------------------------------- */
+/* ---- patterns -------------------------------------------------------------------------------- */
 
 typedef enum { DIAGONAL, BAND, ARROW, RANDOM, FULL, PATTERNS } kind;
 
@@ -77,7 +77,7 @@ static pma_numeric_parts describe_numeric(const structure *m)
                                .blas = NAIVE_BLAS};
 }
 
-/* ---- factors ---------------------------------------------------------------------------------- */
+/* ---- factors --------------------------------------------------------------------------------- */
 
 static void write_values(const pma_numeric *f, const structure *m)
 {
@@ -309,7 +309,7 @@ static void a_factor_made_again_by_a_crew_is_bitwise_that_of_one(void)
     }
 }
 
-/* ---- patterns that are refused ---------------------------------------------------------------- */
+/* ---- patterns that are refused --------------------------------------------------------------- */
 
 static pma_status status_of(size_t n, size_t nb, const int64_t *ptr, const int32_t *index)
 {

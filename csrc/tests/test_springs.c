@@ -171,8 +171,8 @@ static void many_springs_between_two_dofs_pull_equally_on_both(void)
     CHECK_NEAR(pma_springs_work(&springs, from, to), MANY_SPRINGS * 0.125 * 2.25, 1e-9);
 }
 
-/* Numbers of springs with and without a rest beyond registers; (H4) with whole exponents and others,
- * with paths of a few substeps and of more than it takes. */
+/* Numbers of springs with and without a rest beyond registers; (H4) with whole exponents and
+ * others, with paths of a few substeps and of more than it takes. */
 static void springs_pull_bitwise_identically_on_all_processors(void)
 {
     enum { COUNT = 21 };
@@ -207,10 +207,10 @@ static void springs_pull_bitwise_identically_on_all_processors(void)
     }
 }
 
-/* ---- laws of several inner variables ---------------------------------------------------------- */
+/* ---- laws of several inner variables --------------------------------------------------------- */
 
-/* Backbone through (1, 4), (2, 6), (4, 7) and on with slope 1/2: elements of stiffness 2 and 3/2 that
- * yield at 1 and 2. By hand, out, back and out again. */
+/* Backbone through (1, 4), (2, 6), (4, 7) and on with slope 1/2: elements of stiffness 2 and 3/2
+ * that yield at 1 and 2. By hand, out, back and out again. */
 static void a_multilinear_spring_is_elements_in_parallel(void)
 {
     const double law[5] = {0.5, 2.0, 1.0, 1.5, 2.0};
@@ -230,7 +230,8 @@ static void a_multilinear_spring_is_elements_in_parallel(void)
 static void a_ramberg_osgood_spring_closes_loops_within_loops(void)
 {
     const double law[4] = {0.5, 2.0, 3.0, 1.0};
-    /* g = 2, then branches of g = -1.5 and 1, closed, on to the first, to its mirror and the skeleton */
+    /* g = 2, then branches of g = -1.5 and 1, closed, on to the first, to its mirror and the
+     * skeleton */
     const double path[8] = {5.0, 0.125, 2.125, 0.125, 5.0 - 10.0, -5.0, -15.0, 15.0};
     const double forces[8] = {4.0, -2.0, 2.0, -2.0, -4.0, -4.0, -6.0, 6.0};
     double force[8], inner[8];
@@ -255,8 +256,8 @@ static void a_ramberg_osgood_spring_forgets_the_smallest_loops(void)
     CHECK_NEAR(force[61], 4.0, 32.0 * EPS);
 }
 
-/* What a spring can give back is never more than the work done on it, and around a closed loop it is
- * the same again; the work by the trapezoidal rule over 2000 steps of a swing. */
+/* What a spring can give back is never more than the work done on it, and around a closed loop it
+ * is the same again; the work by the trapezoidal rule over 2000 steps of a swing. */
 static void check_energy(pma_spring_law law, size_t elements, const double *parameters)
 {
     const int32_t first = 0, ground = -1;
@@ -290,7 +291,7 @@ static void energy_is_stored_and_lost_but_never_made(void)
     check_energy(PMA_RAMBERG_OSGOOD, 0, masing);
 }
 
-/* ---- tangents --------------------------------------------------------------------------------- */
+/* ---- tangents -------------------------------------------------------------------------------- */
 
 /* Force of one spring that goes from a level to d, and the tangent there. */
 static double pull_to(pma_spring_law law, const double *parameters, const double *from, double d,
@@ -308,8 +309,8 @@ static double pull_to(pma_spring_law law, const double *parameters, const double
     return to[1];
 }
 
-/* The tangent at the end of every interval of a path to and fro, by central differences: their error
- * is h^2/6 of the third derivative, 1e-12, and the rounding of the forces over h, 1e-9. */
+/* The tangent at the end of every interval of a path to and fro, by central differences: their
+ * error is h^2/6 of the third derivative, 1e-12, and the rounding of the forces over h, 1e-9. */
 static void check_tangents(pma_spring_law law, const double *parameters, double step,
                            double tolerance)
 {
@@ -339,8 +340,8 @@ static void tangents_of_springs_are_the_differences_of_their_forces(void)
     check_tangents(PMA_MULTILINEAR, parallel, 0.1, 4e-9);
     check_tangents(PMA_ELASTIC, parallel, 0.1, 4e-9);
     check_tangents(PMA_RAMBERG_OSGOOD, masing, 0.1, 1e-8);
-    /* f_soft/d_y dz/dx of the path itself; a step of the Runge-Kutta rule of length x < 1/10 departs
-     * from that by x^4/24 times the fifth derivative of z, which for tanh is 16 at most */
+    /* f_soft/d_y dz/dx of the path itself; a step of the Runge-Kutta rule of length x < 1/10
+     * departs from that by x^4/24 times the fifth derivative of z, which for tanh is 16 at most */
     const double bouc_wen[7] = {0.5, 0.25, 2.0, 2.0, 0.5, 0.5, 2.0};
     const double other[7] = {0.5, 0.25, 2.0, 1.0, 0.75, 0.25, 2.0};
     check_tangents(PMA_BOUC_WEN, bouc_wen, 0.05, 4e-5);

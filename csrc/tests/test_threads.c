@@ -16,7 +16,7 @@
 
 enum { MOST_THREADS = 4, PLANS = 40, EXCHANGED = 64 };
 
-/* ---- a process that exchanges with itself ----------------------------------------------------- */
+/* ---- a process that exchanges with itself ---------------------------------------------------- */
 
 static bool gather_alone(void *ctx, double *all, const int *counts, const int *starts)
 {

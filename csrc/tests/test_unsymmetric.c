@@ -12,7 +12,7 @@
 #include "naive.h"
 #include "tests.h"
 
-/* ---- sweeps over given factors ---------------------------------------------------------------- */
+/* ---- sweeps over given factors --------------------------------------------------------------- */
 
 /* R and Q by columns, NaN where nothing is read */
 static pma_factor dense_pair(const triple *t, size_t nb, double *values)
@@ -92,7 +92,7 @@ static void unsymmetric_factors_solve_for_every_size_of_interface(void)
     }
 }
 
-/* ---- factors that are made -------------------------------------------------------------------- */
+/* ---- factors that are made ------------------------------------------------------------------- */
 
 /* A band, an arrow, a forest, a few of all pairs, and all of them. */
 typedef enum { BAND, ARROW, FOREST, RANDOM, FULL, PATTERNS } kind;
@@ -229,7 +229,7 @@ static void unsymmetric_factors_that_are_made_again_solve(void)
     CHECK(forms[PMA_BAND] && forms[PMA_PANELS]);
 }
 
-/* ---- what is refused -------------------------------------------------------------------------- */
+/* ---- what is refused ------------------------------------------------------------------------- */
 
 /* [[d, 1], [-1, 1]] has the pivots d and 1 + 1/d: where d is small, the 1 is lost (F11). */
 static void pivots_that_lose_the_digits_of_the_diagonal_are_refused(void)
@@ -283,7 +283,7 @@ static void a_pattern_that_is_not_symmetric_is_refused(void)
     pma_elimination_destroy(e);
 }
 
-/* ---- matrices that are multiplied ------------------------------------------------------------- */
+/* ---- matrices that are multiplied ------------------------------------------------------------ */
 
 static void unsymmetric_matrices_multiply_like_two_loops(void)
 {

@@ -22,8 +22,8 @@ typedef struct {
     size_t *first, *last; /* tasks: supernodes of each */
 } pma_agenda;
 
-/* Panels that were checked, with the supernode of each column; for one worker each tree is one task. Allocates:
- * PMA_NO_MEMORY; *out is empty then. */
+/* Panels that were checked, with the supernode of each column; for one worker each tree is one
+ * task. Allocates: PMA_NO_MEMORY; *out is empty then. */
 pma_status pma_agenda_create(const pma_panels *p, const int64_t *owner, size_t workers,
                              pma_agenda *out);
 void pma_agenda_destroy(pma_agenda *a); /* an empty one is allowed */

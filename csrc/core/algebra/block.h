@@ -1,7 +1,8 @@
 /* block.h - the compliance of an interface from a factor, all constraints at once.        (F6)
  *
- * G = L_b S^-1 L_b^T = Y^T D_b^-1 X with X = R_bb^-1 L_b^T and Y = Q_bb^-1 L_b^T. One sweep for each constraint reads the
- * factor of the interface as often as there are constraints; here BLAS takes many together. */
+ * G = L_b S^-1 L_b^T = Y^T D_b^-1 X with X = R_bb^-1 L_b^T and Y = Q_bb^-1 L_b^T. One sweep for
+ * each constraint reads the factor of the interface as often as there are constraints; here BLAS
+ * takes many together. */
 #ifndef PMA_BLOCK_H
 #define PMA_BLOCK_H
 

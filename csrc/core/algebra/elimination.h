@@ -39,8 +39,8 @@ typedef struct pma_elimination pma_elimination;
 /* Threads besides the caller's, which take part where a factor is made again and again. */
 typedef struct {
     size_t workers; /* with the caller; 0: it is alone */
-    /* Calls pma_elimination_work for all workers, or for some and at least for worker 0, and returns
-     * when all of these have returned. */
+    /* Calls pma_elimination_work for all workers, or for some and at least for worker 0, and
+     * returns when all of these have returned. */
     void (*work)(void *ctx, pma_elimination *e);
     void (*rest)(void); /* see pma_patience */
     void *ctx;
@@ -53,9 +53,9 @@ pma_status pma_elimination_create(const pma_panels *p, size_t n, const int64_t *
                                   const pma_blas *blas, size_t workers, pma_elimination **out);
 void pma_elimination_destroy(pma_elimination *e); /* NULL is allowed */
 
-/* R, Q and the reciprocals of D; pivots are on the diagonal. Begun by one thread, which is worker 0;
- * done by the workers, all or some of them, each in a thread of its own; ended by one thread when
- * all have returned.
+/* R, Q and the reciprocals of D; pivots are on the diagonal. Begun by one thread, which is worker
+ * 0; done by the workers, all or some of them, each in a thread of its own; ended by one thread
+ * when all have returned.
  *
  * Symmetric (p->Q is 0): pivots are positive. Otherwise they have any sign, and what is subtracted
  * from a diagonal entry is bounded by `growth`: A is factored without a loss of digits.    (F11)

@@ -14,15 +14,21 @@ enum { STRIP = PMA_STRIP_ROWS };
 
 /* ---- the loops, to be compiled for each kind of processor ----------------------------------- */
 
+/* A number of some entries from A, to be fetched only: it may be outside of the array. */
+__attribute__((always_inline)) static inline const void *beyond(const double *A, intptr_t entries)
+{
+    return (const void *)((uintptr_t)A + (uintptr_t)entries * sizeof *A);
+}
+
 /* Four rows of some columns at a time: as many numbers of the columns that a sweep reads next are
  * fetched meanwhile, in the order of memory. To the loads of a processor the columns are several
  * short streams, of which it recognises each too late. */
-__attribute__((always_inline)) static inline void fetch(const double *next, size_t row,
+__attribute__((always_inline)) static inline void fetch(const double *A, intptr_t next, size_t row,
                                                         const size_t columns)
 {
 #pragma GCC unroll 4
     for (size_t k = 0; k < columns / 2; k++)
-        __builtin_prefetch(next + row * columns + 8 * k, 0, 2);
+        __builtin_prefetch(beyond(A, next + (intptr_t)(row * columns + 8 * k)), 0, 2);
 }
 
 /* y_i -= sum over the columns of A_ij x_j */
@@ -37,7 +43,7 @@ subtract_columns(const double *A, size_t ld, size_t rows, const size_t columns, 
         for (size_t j = 0; j < columns; j++)
             sum -= *(const four *)(A + j * ld + i) * x[j];
         *(four *)(y + i) = sum;
-        fetch(A + columns * ld, i, columns);
+        fetch(A, (intptr_t)(columns * ld), i, columns);
     }
     for (; i < rows; i++) {
         double sum = y[i];
@@ -60,7 +66,7 @@ subtract_products(const double *A, size_t ld, size_t rows, const size_t columns,
 #pragma GCC unroll 8
         for (size_t j = 0; j < columns; j++)
             sum[j] += *(const four *)(A + j * ld + i) * *(const four *)(y + i);
-        fetch(A - GROUP * ld, i, columns);
+        fetch(A, -(intptr_t)(GROUP * ld), i, columns);
     }
     for (; i < rows; i++) {
 #pragma GCC unroll 8
@@ -254,7 +260,7 @@ subtract_rows_lanes(const double *A, size_t ld, const size_t rows, size_t column
     for (size_t j = 0; j < columns; j++) {
         const four low = lanes_at(x, j)[0], high = lanes_at(x, j)[1];
         if (rows == ROWS)
-            __builtin_prefetch(A + (j + GROUP) * ld);
+            __builtin_prefetch(beyond(A, (intptr_t)((j + GROUP) * ld)));
 #pragma GCC unroll 4
         for (size_t r = 0; r < rows; r++) {
             sum[r][0] -= A[j * ld + r] * low;
@@ -294,7 +300,7 @@ add_products_lanes(const double *A, size_t ld, size_t rows, const size_t columns
 #pragma GCC unroll 1
     for (size_t i = k; i < rows; i += 4) {
         const four low = lanes_at(y, i)[0], high = lanes_at(y, i)[1];
-        __builtin_prefetch(A + (k % columns) * ld + i - GROUP * ld);
+        __builtin_prefetch(beyond(A, (intptr_t)((k % columns) * ld + i) - (intptr_t)(GROUP * ld)));
 #pragma GCC unroll 4
         for (size_t j = 0; j < columns; j++) {
             sum[j][0] += A[j * ld + i] * low;

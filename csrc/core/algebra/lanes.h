@@ -5,8 +5,8 @@
  * that has to be read. Each function does in every lane what the function of one vector does
  * that it names, bitwise; no lane depends on another, so that those that are not needed may hold
  * zeros. Sizes are those of one lane: an `x (n)` has
- * n * PMA_LANES doubles, and scratch `work` has PMA_LANES times that of one vector. Where one vector
- * is updated element by element, as by pma_update, it may as well be n * PMA_LANES long. */
+ * n * PMA_LANES doubles, and scratch `work` has PMA_LANES times that of one vector. Where one
+ * vector is updated element by element, as by pma_update, it may as well be n * PMA_LANES long. */
 #ifndef PMA_LANES_H
 #define PMA_LANES_H
 
@@ -15,9 +15,9 @@
 #include "algebra/link.h"
 #include "algebra/matrix.h"
 
-/* A matrix or factor that does the same in every lane, of PMA_LANES times its size, for the functions
- * of matrix.h and factor.h: ranges of rows begin and end with whole unknowns. `each` has to outlive
- * it. */
+/* A matrix or factor that does the same in every lane, of PMA_LANES times its size, for the
+ * functions of matrix.h and factor.h: ranges of rows begin and end with whole unknowns. `each` has
+ * to outlive it. */
 pma_matrix pma_lanes_matrix(const pma_matrix *each);
 pma_factor pma_lanes_factor(const pma_factor *each);
 pma_link pma_lanes_link(const pma_link *each);

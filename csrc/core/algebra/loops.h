@@ -1,7 +1,8 @@
-/* loops.h - vectors in lanes: matrices, factors and links of short rows, for each kind of processor.
+/* loops.h - vectors in lanes: matrices, factors and links of short rows, for each kind of
+ * processor.
  *
- * What kernel.h has for panels, strips and dense matrices; bitwise the same on all processors, and in
- * every lane what one vector gets. Sizes and rows are those of one lane. */
+ * What kernel.h has for panels, strips and dense matrices; bitwise the same on all processors, and
+ * in every lane what one vector gets. Sizes and rows are those of one lane. */
 #ifndef PMA_LOOPS_H
 #define PMA_LOOPS_H
 

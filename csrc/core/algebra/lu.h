@@ -1,5 +1,6 @@
-/* lu.h - sweeps over finished factors A = P^T L U Q^T of an unsymmetric matrix, P and Q permutations,
- * of whose unknowns the last p are wanted, with zeros on the right-hand side of the others. */
+/* lu.h - sweeps over finished factors A = P^T L U Q^T of an unsymmetric matrix, P and Q
+ * permutations, of whose unknowns the last p are wanted, with zeros on the right-hand side of the
+ * others. */
 #ifndef PMA_LU_H
 #define PMA_LU_H
 

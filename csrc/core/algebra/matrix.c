@@ -74,7 +74,7 @@ size_t pma_matrix_reach(const pma_matrix *A)
     }
 }
 
-/* ---- y -= A x in some rows, for each form ----------------------------------------------------- */
+/* ---- y -= A x in some rows, for each form ---------------------------------------------------- */
 
 static void subtract_zero(const pma_matrix *A, size_t begin, size_t end, const double *x, double *y)
 {

@@ -192,7 +192,8 @@ static void eliminate_column(double *column, double *diagonal, size_t rows, size
     }
 }
 
-/* D_j+1 = A_j+1,j+1 - A_j+1,j^2 / D_j: only a division and a difference wait for the pivot before */
+/* D_j+1 = A_j+1,j+1 - A_j+1,j^2 / D_j: only a division and a difference wait for the pivot before
+ * */
 static pma_status factor_chain(pma_numeric *f, size_t *column)
 {
     const size_t last = f->parts.n - 1;

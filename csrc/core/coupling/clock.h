@@ -40,9 +40,9 @@ static inline pma_moment pma_clock_moment(size_t k, size_t ratio)
     return (pma_moment){.j = j, .phase = k - j * ratio};
 }
 
-/* The number of the first substep that is a double step: none is, unless the subdomain is `doubled`;
- * all are where it `continues` from an earlier time level; else those from the second macro step
- * on, since double steps are not self-starting. */
+/* The number of the first substep that is a double step: none is, unless the subdomain is
+ * `doubled`; all are where it `continues` from an earlier time level; else those from the second
+ * macro step on, since double steps are not self-starting. */
 static inline int64_t pma_clock_first_double(bool doubled, bool continues, size_t substeps)
 {
     return !doubled ? INT64_MAX : continues ? 0 : (int64_t)substeps;

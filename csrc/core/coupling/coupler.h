@@ -81,8 +81,8 @@ void pma_coupler_destroy(pma_coupler *c); /* NULL is allowed */
 void pma_coupler_set_motion(pma_coupler *c, size_t i, pma_load load);
 
 /* Macro steps are counted and times taken from macro step `number` at time t, before the next start
- * and until it is set again; from 0 and 0.0 unless it is set. Loads in tables are counted from there
- * too, and the macro step that begins there is the first one of H_start. */
+ * and until it is set again; from 0 and 0.0 unless it is set. Loads in tables are counted from
+ * there too, and the macro step that begins there is the first one of H_start. */
 void pma_coupler_set_origin(pma_coupler *c, int64_t number, double t);
 
 /* The present is macro step `step_count` with lam and the prescribed velocities g (p each, 0 where
@@ -92,10 +92,9 @@ void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, co
 
 /* `steps` macro steps, recorded if record is not NULL. PMA_NOT_READY before a start,
  * PMA_NOT_FINITE, PMA_FORCE_FAILED, PMA_RESTORING_FAILED, PMA_INTERNAL_FAILED, PMA_UNSYMMETRIC,
- * PMA_NOT_CONVERGED and PMA_SINGULAR (pma_coupler_failed says where), PMA_STOPPED (possibly with all
- * steps done), PMA_ELSEWHERE (all processes are at the same macro step), and
- * PMA_NO_THREADS before the first step. Does not allocate, but for the threads when they are not
- * there yet. */
+ * PMA_NOT_CONVERGED and PMA_SINGULAR (pma_coupler_failed says where), PMA_STOPPED (possibly with
+ * all steps done), PMA_ELSEWHERE (all processes are at the same macro step), and PMA_NO_THREADS
+ * before the first step. Does not allocate, but for the threads when they are not there yet. */
 pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *record,
                                const pma_poll *poll);
 
@@ -119,17 +118,18 @@ const double *pma_coupler_prescribed(const pma_coupler *c);  /* p, g of the pres
 /* The subdomain whose function failed, or where a value was first not finite; of several in the
  * same fine step, the first in order. */
 size_t pma_coupler_failed(const pma_coupler *c);
-/* Tied schedule: the gap of the displacements at the present, sum_i L_i u_i = gap (p), which belongs
- * to the state; 0 after a start. */
+/* Tied schedule: the gap of the displacements at the present, sum_i L_i u_i = gap (p), which
+ * belongs to the state; 0 after a start. */
 double *pma_coupler_gap(pma_coupler *c);
 /* After PMA_ELSEWHERE: the rank in which something failed; this one when the exchange did. */
 size_t pma_coupler_failed_rank(const pma_coupler *c);
 /* With members in other processes, in all of them: before pma_coupler_record_present, and in place
- * of pma_coupler_advance where that cannot be called. Another status than PMA_OK ends the others. */
+ * of pma_coupler_advance where that cannot be called. Another status than PMA_OK ends the others.
+ * */
 pma_status pma_coupler_meet(pma_coupler *c, pma_status status);
-/* Mean coupling: the multipliers at the present, from which accelerations are recorded, those before
- * the last ones (p each), and the lengths of the last two macro steps (2), 0 where there was none,
- * one after the other; they belong to the state, to be written after a start. */
+/* Mean coupling: the multipliers at the present, from which accelerations are recorded, those
+ * before the last ones (p each), and the lengths of the last two macro steps (2), 0 where there was
+ * none, one after the other; they belong to the state, to be written after a start. */
 double *pma_coupler_end_multipliers(pma_coupler *c);
 /* What the iteration of internal forces keeps from one macro step to the next, beside what the
  * subdomains keep: `*size` numbers, to be read or written after a start. */

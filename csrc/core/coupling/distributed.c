@@ -1,8 +1,8 @@
 /* distributed.c - the schedules "pm" and "gc" with members in other processes.
  *
  * To be read with fine.c: between the stages of a fine step the processes meet. Members beside the
- * fine steps (look_ahead.c) work on meanwhile, but all have arrived at the end of a macro step before
- * the processes agree to commit it. */
+ * fine steps (look_ahead.c) work on meanwhile, but all have arrived at the end of a macro step
+ * before the processes agree to commit it. */
 #include "coupling/schedule.h"
 
 size_t pma_fine_pieces(const pma_coupled *m, pma_piece *pieces)

@@ -205,7 +205,7 @@ const pma_schedule pma_fine_schedule = {.check = check,
                                         .step = fine_steps,
                                         .visits = true};
 
-/* ---- the same for iterated.c, tied.c and distributed.c ---------------------------------------- */
+/* ---- the same for iterated.c, tied.c and distributed.c --------------------------------------- */
 
 pma_status pma_fine_open(pma_coupler *c, pma_coupled *m)
 {

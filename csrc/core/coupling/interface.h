@@ -39,7 +39,7 @@ void pma_ldl_destroy(pma_ldl *ldl); /* an empty one is allowed */
 /* What a coupler is given; ldl has to outlive it. */
 pma_interface pma_ldl_interface(pma_ldl *ldl);
 
-/* ---- an unsymmetric matrix, by factors L U: S_mu of (V4) ---------------------------------------- */
+/* ---- an unsymmetric matrix, by factors L U: S_mu of (V4) ------------------------------------- */
 
 typedef struct {
     pma_lu factor;

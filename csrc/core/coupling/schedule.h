@@ -2,8 +2,9 @@
  *
  * coupler.c is the object and its macro steps, fine.c the schedule with an interface problem in
  * every fine step ("pm", "gc"), tied.c the same without drift, macro.c and mean.c those with one in
- * a macro step; iterated.c and shooting.c are the first and macro.c with internal forces; recorder.c what is recorded; workers/share.c,
- * look_ahead.c and split.c are what several threads do in them. */
+ * a macro step; iterated.c and shooting.c are the first and macro.c with internal forces;
+ * recorder.c what is recorded; workers/share.c, look_ahead.c and split.c are what several threads
+ * do in them. */
 #ifndef PMA_SCHEDULE_H
 #define PMA_SCHEDULE_H
 
@@ -188,9 +189,9 @@ static inline bool pma_coupler_is_stopped(pma_coupler *c)
 pma_status pma_exchange_create(pma_coupler *c, const pma_exchange_parts *parts);
 void pma_exchange_destroy(pma_exchange *x); /* NULL is allowed */
 
-/* Rounds in which all processes meet. Each returns PMA_ELSEWHERE when another one has failed: before
- * the first macro step of a call, where the status is what happened here so far; before an interface
- * problem; before its jumps are recorded, if they are; */
+/* Rounds in which all processes meet. Each returns PMA_ELSEWHERE when another one has failed:
+ * before the first macro step of a call, where the status is what happened here so far; before an
+ * interface problem; before its jumps are recorded, if they are. */
 pma_status pma_exchange_present(pma_coupler *c, pma_status status);
 pma_status pma_exchange_interface(pma_coupler *c);
 pma_status pma_exchange_jumps(pma_coupler *c);
@@ -208,11 +209,11 @@ pma_status pma_exchange_message(pma_coupler *c, const pma_message *message, pma_
 pma_status pma_exchange_fail(pma_coupler *c, pma_status status);
 bool pma_exchange_is_ended(const pma_coupler *c);
 
-/* and around a macro step: whatever happened in it, all return PMA_OK or none does. */
+/* Around a macro step: whatever happened in it, all return PMA_OK or none does. */
 void pma_exchange_begin(pma_coupler *c);
 pma_status pma_exchange_agree(pma_coupler *c, pma_status status);
 
-/* ---- iterated steps in several processes: messages.c ------------------------------------------ */
+/* ---- iterated steps in several processes: messages.c ----------------------------------------- */
 
 /* The pieces of the interface problem; the round at the beginning of a fine step, where substeps
  * begin; which members have a factor that can be kept. */
@@ -365,36 +366,36 @@ pma_status pma_split_open(pma_coupler *c);
 pma_status pma_split_close(pma_coupler *c);
 pma_status pma_split_visit(pma_coupler *c, const pma_substep *opened);
 
-/* Members beside the fine steps (look_ahead.c): room for them; */
+/* Members beside the fine steps (look_ahead.c). Room for them; allocates. */
 pma_status pma_look_ahead_create(pma_coupler *c);
-/* are there any? if not, nothing below has to be called; */
+/* Are there any? If not, nothing below has to be called. */
 static inline bool pma_look_ahead_is_used(const pma_coupler *c)
 {
     return c->roster.fine < c->roster.workers;
 }
-/* is the substep from time level j open, or being opened? */
+/* Is the substep from time level j open, or being opened? */
 static inline bool pma_look_ahead_has_open(const pma_coupled *m, size_t j)
 {
     return m->assigned.opens ? m->assigned.opened.j >= j
                              : m->member.table->opened(m->member.self) > j;
 }
-/* is the closing of the substep that ends with this fine step under way? */
+/* Is the closing of the substep that ends with this fine step under way? */
 static inline bool pma_look_ahead_is_deferred(const pma_coupled *m)
 {
     return m->assigned.closes && pma_is_ending(m);
 }
-/* ... of any member? */
+/* The same of any member. */
 bool pma_look_ahead_defers(const pma_coupler *c);
-/* is anything under way, or did it fail? */
+/* Is anything under way, or did it fail? */
 bool pma_look_ahead_is_busy(const pma_coupler *c);
-/* those that begin a substep, and have it open, begin to open the next one; */
+/* Those that begin a substep, and have it open, begin to open the next one. */
 void pma_look_ahead_open(pma_coupler *c);
-/* those that end a substep are awaited, and all if a macro step waits to be committed;
- * PMA_NOT_FINITE when what is awaited was not; */
+/* Those that end a substep are awaited, and all if a macro step waits to be committed.
+ * PMA_NOT_FINITE when what is awaited was not. */
 pma_status pma_look_ahead_await(pma_coupler *c);
-/* those that end a substep have its closing deferred where that is possible; */
+/* Those that end a substep have its closing deferred where that is possible. */
 void pma_look_ahead_defer(pma_coupler *c);
-/* all is awaited after what ended the fine step at hand with this status. A failure that belongs to
+/* All is awaited after what ended the fine step at hand with this status. A failure that belongs to
  * an earlier time is the one that is returned, and the macro step before committed if it can. */
 pma_status pma_look_ahead_end(pma_coupler *c, pma_status status);
 

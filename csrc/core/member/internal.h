@@ -49,8 +49,8 @@ size_t pma_internal_scratch(const pma_internal *internal);
 
 /* f (n) += f(u, v, t; q) in elimination order, q1 := the histories at the end; where `tangent` (of
  * the entries of the pattern) is not NULL, tangent += al1 df/du + al2 df/dv. q1 may be q.
- * PMA_INTERNAL_FAILED when a function returns other than 0, which goes to *code, PMA_UNSYMMETRIC for
- * a tangent that should be symmetric. Does not allocate. */
+ * PMA_INTERNAL_FAILED when a function returns other than 0, which goes to *code, PMA_UNSYMMETRIC
+ * for a tangent that should be symmetric. Does not allocate. */
 pma_status pma_internal_evaluate(const pma_internal *internal, double t, const double *u,
                                  const double *v, const double *q, double *f, double *q1,
                                  double al1, double al2, double *tangent, double *scratch,

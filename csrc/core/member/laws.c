@@ -278,9 +278,9 @@ static double elastic_energy(const pma_law_end *s)
 
 /* ---- (H11)  d / d_y = g + alpha g |g|^(n-1), g = f / f_y, and branches of twice its size ----- */
 
-/* Parameters: d_y, f_y, n, alpha. Inner variables: the number of reversals whose loops are open, and
- * deformation and force at each. When there are as many as there is room for, the smallest loop is
- * forgotten. */
+/* Parameters: d_y, f_y, n, alpha. Inner variables: the number of reversals whose loops are open,
+ * and deformation and force at each. When there are as many as there is room for, the smallest loop
+ * is forgotten. */
 enum { REVERSALS = 12, RAMBERG_OSGOOD = 1 + 2 * REVERSALS };
 
 /* g of x: from above, where the convex curve lets Newton's method only go down; what is not finite

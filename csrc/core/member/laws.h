@@ -10,9 +10,9 @@
 
 #include "member/springs.h"
 
-/* `count` springs that go from the deformations d0 to d, with their forces and inner variables before
- * and after. Parameter k of spring i is P[k][i], its inner variable k is [k * stride + i]. What is
- * after may be where what is before was. */
+/* `count` springs that go from the deformations d0 to d, with their forces and inner variables
+ * before and after. Parameter k of spring i is P[k][i], its inner variable k is [k * stride + i].
+ * What is after may be where what is before was. */
 typedef struct {
     size_t count, elements, stride;
     const double *const *P;

@@ -61,8 +61,8 @@ static inline size_t pma_levels_slot(const pma_levels *l, size_t j)
     return (l->first + (l->turns ? j - 1 : j > l->substeps)) % l->count;
 }
 
-/* Of the stored free velocity of time level j > 0. Those of the level before and of all that are open
- * are needed too, so they take turns: 2 of them, or 4 where the next macro step can begin. */
+/* Of the stored free velocity of time level j > 0. Those of the level before and of all that are
+ * open are needed too, so they take turns: 2 of them, or 4 where the next macro step can begin. */
 static inline size_t pma_levels_free_slot(const pma_levels *l, size_t j)
 {
     return (l->vf_first + j - 1) & l->vf_most;

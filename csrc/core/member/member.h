@@ -6,8 +6,8 @@
  *
  * One thread at a time works with a member. The operations marked (c) may be called by the thread
  * that called pma_coupler_advance while another one is inside `open`, `close` or `record`; `opened`
- * and `is_known` while it is inside `close` or `record`. No operation allocates but `look_ahead` and
- * `prepare_visits`.
+ * and `is_known` while it is inside `close` or `record`. No operation allocates but `look_ahead`
+ * and `prepare_visits`.
  *
  * A member that is `doubled` has rebase; that `responds`: respond, record_response, add_response
  * and repeats; that `divides`: the stages of ranges of rows. is_known comes with look_ahead, energy
@@ -57,8 +57,8 @@ typedef struct {
      * to j + 1 is open */
     void (*free_velocity)(const void *self, size_t j, double theta, double scale, double *sum);
 
-    /* sum += L v, and L u, at time level j, which is closed; L u of a step that waits to be closed is
-     * that of its free solution */
+    /* sum += L v, and L u, at time level j, which is closed; L u of a step that waits to be closed
+     * is that of its free solution */
     void (*velocity)(const void *self, size_t j, double *sum);
     void (*displacement)(const void *self, size_t j, double *sum);
 
@@ -147,11 +147,11 @@ typedef struct {
     bool (*correct)(void *self, const pma_substep *step, size_t begin, size_t end);
     void (*observe)(void *self, const pma_substep *step, const double *lam);
 
-    /* A substep closed, or the next one opened, or both in one visit, by several threads in branches
-     * of an elimination tree; what is not done is NULL, and two are both double steps or neither.
-     * `divide` among a number of workers allocates. Then begin_visit; `go` by all workers, true when
-     * every new value is finite; when all are done end_visit, which fails as close. Bitwise
-     * identical for any number of workers. */
+    /* A substep closed, or the next one opened, or both in one visit, by several threads in
+     * branches of an elimination tree; what is not done is NULL, and two are both double steps or
+     * neither. `divide` among a number of workers allocates. Then begin_visit; `go` by all workers,
+     * true when every new value is finite; when all are done end_visit, which fails as close.
+     * Bitwise identical for any number of workers. */
     pma_status (*divide)(void *self, size_t workers);
     pma_status (*begin_visit)(void *self, const pma_substep *closed, const pma_substep *opened,
                               const double *lam);

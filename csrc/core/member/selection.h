@@ -35,8 +35,8 @@ typedef struct pma_selection {
 /* True if nothing is recorded. */
 bool pma_selection_is_empty(const pma_selection *selection);
 
-/* Copies the selected dofs and springs of a state into a row, and computes its outputs; and all that
- * for the selections that follow it, in this function and in those below. */
+/* Copies the selected dofs and springs of a state into a row, and computes its outputs; and all
+ * that for the selections that follow it, in this function and in those below. */
 void pma_selection_write(const pma_selection *selection, const pma_state *state, size_t row);
 
 /* Adds an acceleration y (n) to the selected w, and to the outputs that depend on it. */

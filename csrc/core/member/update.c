@@ -2,9 +2,9 @@
 
 /* clang-format off: attributes are long, and a name begins its line */
 
-/* Fewer rows than fill two registers are taken one after the other: what was stored as one number and
- * is loaded as part of a register, or the other way round, has to wait for the cache. They have loops
- * of their own, whose functions save no registers and compare no addresses. */
+/* Fewer rows than fill two registers are taken one after the other: what was stored as one number
+ * and is loaded as part of a register, or the other way round, has to wait for the cache. They have
+ * loops of their own, whose functions save no registers and compare no addresses. */
 enum { FEW = 8 };
 
 /* ---- the loops, to be compiled for each kind of processor ----------------------------------- */

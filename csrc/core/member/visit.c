@@ -129,7 +129,7 @@ void pma_visit_destroy(pma_subdomain *s)
     s->fronts = NULL;
 }
 
-/* ---- a visit: trunk down, branches, trunk up -------------------------------------------------- */
+/* ---- a visit: trunk down, branches, trunk up ------------------------------------------------- */
 
 /* (8), (9) of the one substep, (5), (6) of the other; true when all that is new is finite */
 static bool turn(const pma_subdomain *s, size_t begin, size_t end)
@@ -160,8 +160,8 @@ static void go_up(const pma_subdomain *s, size_t node, double *front)
     pma_factor_open_node(f, node, v->to->w, front, s->work);
 }
 
-/* Children are visited from the first on and, in every other visit, from the last on: of what a visit
- * reads, the next one finds in the caches what was read last. */
+/* Children are visited from the first on and, in every other visit, from the last on: of what a
+ * visit reads, the next one finds in the caches what was read last. */
 static size_t first_child(const pma_tree *T, size_t node, bool reversed)
 {
     return reversed && T->child[node] != PMA_NO_NODE ? node - 1 : T->child[node];

@@ -185,9 +185,9 @@ static bool records_inner_jumps(const pma_coupler *c)
     return c->record && c->record->every == 0;
 }
 
-/* Not at the end of a call, nor of a macro step that several processes commit, and not where the next
- * macro step would have to be taken back: a restoring force is evaluated once for every step of the
- * macro steps that are completed. */
+/* Not at the end of a call, nor of a macro step that several processes commit, and not where the
+ * next macro step would have to be taken back: a restoring force is evaluated once for every step
+ * of the macro steps that are completed. */
 static bool can_defer(const pma_coupler *c, const pma_coupled *m)
 {
     if (!pma_is_ending(m) || !m->step.twice)

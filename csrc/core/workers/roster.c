@@ -63,7 +63,7 @@ static bool goes_aside(const division *d, const entrant *e)
     return d->aside > 0 && e->duty.aside;
 }
 
-/* Every worker has a part of what can be divided.                                            (W3) */
+/* Every worker has a part of what can be divided.                                           (W3) */
 static void assign_ranges(const division *d, entrant *e, size_t end)
 {
     e->worker = 0;

@@ -34,8 +34,8 @@ static bool is_due(const pma_coupler *c, const pma_coupled *m)
     return c->due(m) && m != c->split;
 }
 
-/* The first that goes wrong ends a worker's share; in ascending order, so that what went wrong first
- * of all is found whichever worker has it. */
+/* The first that goes wrong ends a worker's share; in ascending order, so that what went wrong
+ * first of all is found whichever worker has it. */
 static void work_through(void *ctx, size_t worker)
 {
     pma_coupler *c = ctx;
