@@ -212,7 +212,7 @@ def test_the_random_problems_contain_what_the_next_test_needs():
 def present(coupler):
     """The state X of the coupler, as the amplification matrix has it."""
     cores = [part.core for part in coupler._session.parts]
-    return amplification.Layout(coupler).read(coupler._session.core, cores, 1)[:, 0]
+    return amplification.layout_of(coupler).read(coupler._session.core, cores, 1)[:, 0]
 
 
 @pytest.mark.parametrize("seed", range(40))

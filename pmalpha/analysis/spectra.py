@@ -14,7 +14,7 @@ from ..problem.constraints import Constraint
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from ..run.coupler import Coupler
-from .amplification import Layout, amplification_matrix, propagation
+from .amplification import amplification_matrix, layout_of, propagated
 from .kept_state import checked_coupler
 
 __all__ = ["period_and_damping", "spectral_radius", "stability_limit", "zero_stability"]
@@ -171,9 +171,9 @@ def zero_stability(coupler: Coupler) -> float:
     0.5
     """
     masses = _masses_alone(coupler)
-    G, B = propagation(masses)
+    G, B = propagated(masses)
     # without stiffness, displacements have no effect
-    used = np.array([not name.startswith("u") for name in Layout(masses).names()])
+    used = np.array([not name.startswith("u") for name in layout_of(masses).names()])
     values, vectors = np.linalg.eig(G[np.ix_(used, used)])
     B = B[:, used] / np.linalg.norm(B[:, used], axis=1, keepdims=True)
     observable = np.max(np.abs(B @ vectors), axis=0) > OBSERVABLE

@@ -388,7 +388,7 @@ def _located(
     return Estimate(
         size / largest,
         lasting / largest,
-        _expected(e[mode], size / largest),
+        _expected(e[mode], moved[mode], size / largest),
         (name, dof),
         float(omega[mode]),
         shares,
@@ -425,9 +425,12 @@ def _step_error(scheme: Scheme, Omega: float) -> float:
     return float(np.min(np.abs(values - np.exp(1j * Omega))))
 
 
-def _expected(e: np.ndarray, size: float) -> float:
-    """The error at the end if it went on as until it had a third of its size."""
-    first = int(np.argmax(np.abs(e) >= np.max(np.abs(e)) / 3.0))
+def _expected(e: np.ndarray, moved: float, size: float) -> float:
+    """The error without its end at the size of the motion: as it began, where it came near that."""
+    largest = float(np.max(np.abs(e)))
+    if not largest > 0.4 * moved:
+        return size
+    first = int(np.argmax(np.abs(e) >= largest / 3.0))
     return max(size, size / 3.0 * (e.size - 1) / max(first, 1))
 
 

@@ -14,22 +14,24 @@ from ..blas import one_thread
 from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
 from .bounce import warn_of_bounces
+from .core_rows import CoreRows
 from .elimination import Eliminations
 from .evaluated import closing_tangent
 from .factors import Factor
 from .floating import warn_of_loose
 from .growing import warn_of_growing
+from .growth import warn_of_growth
 from .interface import interface_factor, interface_matrix, is_symmetric_sum, row_order
 from .iteration import iteration_of, prepare_iterated
 from .link import Link
 from .macro import prepare, warn_of_resonance
-from .mean import check_mean, doubled_part, mass_of_interface, prepare_mean, warn_of_damping
+from .mean import check_mean, doubled_part, doubts_of_damping, mass_of_interface, prepare_mean
 from .part import Part, build, make_part, warn_of_factors, warn_of_order
 from .processes import processes, remote_of
 from .ranks import Ranks, joined
 from .stability import step_ratio, warn_of_steps
 from .start import InitialAccelerations
-from .tied import check_tied, gap_factors, warn_of_growth
+from .tied import UNSTABLE, check_tied, doubts_of_schemes, gap_factors
 
 # Assemblies that are kept beside the first one, those used last.
 KEPT = 32
@@ -248,9 +250,26 @@ class Assemblies:
             ratios.append((part.name, part.subdomain, part.step, part.step_ratio))
         warn_of_steps(ratios)
         warn_of_bounces(ratios)
+        self._warn_of_growth(layout, parts, core)
         own = enumerate(parts, self.first_own)
         self._known.update({(i, *layout.of(i)): part for i, part in own})
         return Assembly(parts, core, self.first_own)
+
+    def _warn_of_growth(self, layout: Layout, parts: Sequence[Part], core: Any) -> None:
+        """StabilityWarning for couplings that grow."""
+        p = self.rows.size
+        doubts: list[str] = []
+        otherwise = None
+        if self.coupling == "mean":
+            doubts = doubts_of_damping(parts, self.ranks)
+        elif self.tied:
+            doubts = doubts_of_schemes(parts, self.ranks)
+            otherwise = UNSTABLE
+        if p == 0 or layout.spans_change:
+            return  # nothing is coupled; or it is one macro step
+        rows = CoreRows(self.row_position, np.ones(p))
+        kinds = {"in_lanes": not self.tied, "alone": self.ranks is None}
+        warn_of_growth(doubts, otherwise, parts, core, self.coupling, rows, **kinds)
 
     def _threads_of_tangents(self, parts: Sequence[Part]) -> int:
         """The maximum number of threads that factor a tangent: subdomains whose tangents are large
@@ -263,11 +282,9 @@ class Assemblies:
         p = self.rows.size
         others = {"processes": processes(self.ranks, map(remote_of, parts))}
         if self.coupling == "mean":
-            warn_of_damping(parts, self.ranks)
             return others | {"doubled": doubled_part(parts, p, self.ranks)}
         if not self.tied:
             return others
-        warn_of_growth(parts, self.ranks)
         return others | {"gap": gap_factors(parts, p, self.ranks)}
 
     def _mass(self, part: Part) -> Factor:

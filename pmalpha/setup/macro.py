@@ -15,8 +15,6 @@ from .._core import LANES
 from ..errors import ConstraintWarning, PerformanceWarning, StabilityWarning, warn
 from ..memory import require
 from ..problem.matrices import Matrix
-from ..problem.schemes import Scheme
-from ..problem.subdomain import UNDAMPED
 from .compliance import Block
 from .factors import Factor, solve
 from .interface import interface_matrix
@@ -43,7 +41,6 @@ def prepare(parts: Sequence[Part]) -> None:
             compute_unit_responses(part)
     _warn_of_restoring(parts)
     _warn_of_massless_ties(parts)
-    _warn_of_double_steps(parts)
 
 
 def _names(parts: Sequence[Part]) -> str:
@@ -53,7 +50,7 @@ def _names(parts: Sequence[Part]) -> str:
 
 def _warn_of_restoring(parts: Sequence[Part]) -> None:
     """StabilityWarning for restoring forces, which are evaluated in the free macro run."""
-    restored = [p for p in parts if p.responds and p.subdomain.restoring is not None]
+    restored = [p for p in parts if p.responds and p.nb and p.subdomain.restoring is not None]
     if not restored:
         return
     one = len(restored) == 1
@@ -85,25 +82,6 @@ def _warn_of_massless_ties(parts: Sequence[Part]) -> None:
         '"pm" or "gc"',
         ConstraintWarning,
     )
-
-
-def _warn_of_double_steps(parts: Sequence[Part]) -> None:
-    """StabilityWarning for double steps without algorithmic damping."""
-    undamped = [part for part in parts if part.double and _damps_nothing(part.subdomain.scheme)]
-    if not undamped:
-        return
-    one = len(undamped) == 1
-    schemes = dict.fromkeys(repr(part.subdomain.scheme) for part in undamped)
-    warn(
-        f"the double {'step' if one else 'steps'} of {_names(undamped)} "
-        f"{'leaves' if one else 'leave'} a zig-zag of period 2 dt undamped with "
-        f"{' and '.join(schemes)}; take rho < 1",
-        StabilityWarning,
-    )
-
-
-def _damps_nothing(scheme: Scheme) -> bool:
-    return bool(np.max(np.abs(np.linalg.eigvals(scheme.amplification(1.0)))) > UNDAMPED)
 
 
 def check_work(parts: Sequence[Part], coupling: str) -> None:

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from .._checks import listing, numbered
-from ..errors import StabilityWarning, warn
 from ..problem.matrices import combination, core_matrix
 from .compliance import Block
 from .factors import Factor
@@ -58,17 +57,17 @@ def check_mean(parts: Sequence[Part]) -> None:
             )
 
 
-def warn_of_damping(parts: Sequence[Part], ranks: Ranks | None = None) -> None:
-    """StabilityWarning for damping with which the velocity gap grows, (K8)."""
+def doubts_of_damping(parts: Sequence[Part], ranks: Ranks | None = None) -> list[str]:
+    """Why the velocity gap can grow with damping, (K8)."""
     own = [part.name for part in parts if _grows(part)]
     names = [repr(name) for name in joined(ranks, own)]
-    if names:
-        warn(
-            'coupling="mean" grows with damping in subdomains with one substep and rho < 1 '
-            f"({listing(names)}): the velocity gap at the interface does; take there the "
-            'trapezoidal rule or central difference, or coupling="macro"',
-            StabilityWarning,
-        )
+    if not names:
+        return []
+    return [
+        'coupling="mean" grows with damping in subdomains with one substep and rho < 1 '
+        f"({listing(names)}): the velocity gap at the interface does; take there the "
+        'trapezoidal rule or central difference, or coupling="macro"'
+    ]
 
 
 def _grows(part: Part) -> bool:

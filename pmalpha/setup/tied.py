@@ -18,7 +18,7 @@ from scipy.sparse.linalg import splu
 
 from .._checks import counted, listing
 from ..blas import one_thread
-from ..errors import FactorizationError, PerformanceWarning, StabilityWarning, warn
+from ..errors import FactorizationError, PerformanceWarning, warn
 from ..memory import require
 from ..problem.matrices import Matrix, core_sparse, dense
 from ..problem.positive import scales_to_one
@@ -36,6 +36,11 @@ from .ranks import Ranks, joined
 MOST_BESIDE, LEAST_ALIKE, MOST_ALIKE = 0.5, 0.3, 0.8
 # The same of implicit schemes without explicit ones.
 MOST_ALONE = 0.9
+# Of a coupling that grows with other schemes.
+UNSTABLE = (
+    'drift="removed" is unstable with these schemes and steps; coupling="mean" has no drift '
+    "without it"
+)
 # Entries between two checks for Ctrl-C.
 BLOCK = 5e7
 # Of a spectral radius, a triple eigenvalue.
@@ -63,8 +68,8 @@ class _Stepped(NamedTuple):
     substeps: int
 
 
-def warn_of_growth(parts: Sequence[Part], ranks: Ranks | None = None) -> None:
-    """StabilityWarning for schemes with which steps were found to grow; docs/couplings.md."""
+def doubts_of_schemes(parts: Sequence[Part], ranks: Ranks | None = None) -> list[str]:
+    """Why steps can grow, for schemes with which some were found to; docs/couplings.md."""
     own = [_Stepped(part.name, part.subdomain.scheme, part.substeps) for part in parts]
     everything = joined(ranks, own)
     substeps = {s.substeps for s in everything}
@@ -78,21 +83,21 @@ def warn_of_growth(parts: Sequence[Part], ranks: Ranks | None = None) -> None:
         s for s in everything if not s.scheme.explicit and s.scheme.radius_at_infinity() > most
     ]
     if coarse:
-        _warn("explicit subdomains with fewer substeps than others", coarse)
-    elif explicit and undamped:
+        return [_doubt("explicit subdomains with fewer substeps than others", coarse)]
+    if explicit and undamped:
         what = "implicit subdomains with little or no algorithmic damping beside explicit ones"
-        _warn(what, undamped, f"; rho <= {MOST_BESIDE:g} is safe there")
-    elif len(undamped) > 1 and len(substeps) > 1:
+        return [_doubt(what, undamped, f"; rho <= {MOST_BESIDE:g} is safe there")]
+    if len(undamped) > 1 and len(substeps) > 1:
         what = "several subdomains without algorithmic damping and with different substeps"
-        _warn(what, undamped, f"; rho <= {MOST_ALONE:g} in all but one of them is safe")
+        return [_doubt(what, undamped, f"; rho <= {MOST_ALONE:g} in all but one of them is safe")]
+    return []
 
 
-def _warn(what: str, subdomains: Sequence[_Stepped], advice: str = "") -> None:
+def _doubt(what: str, subdomains: Sequence[_Stepped], advice: str = "") -> str:
     names = listing([repr(s.name) for s in subdomains])
-    warn(
+    return (
         f'drift="removed" can be unstable with {what} ({names}){advice}; coupling="mean" has no '
-        "drift without it",
-        StabilityWarning,
+        "drift without it"
     )
 
 

@@ -1,0 +1,119 @@
+"""Macro steps of unit states in the core: the amplification matrix of a linear assembly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from .._core import LANES
+from ..errors import InstabilityError
+from .core_rows import CoreRows
+from .part import Part
+from .schedule import MACRO
+
+# Arrays of a time level in the core: u, v, w, a, vf, and history variables of springs.
+LEVEL_FIELDS = 7
+
+
+def propagation(
+    layout: Layout, rows: CoreRows, dt: float, *, in_lanes: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """One macro step of each unit state: the next states, (N, N), and Lam, (p, N).
+
+    Without `in_lanes`, of second multipliers, the core itself is used, and its state is lost.
+    """
+    core, cores, lanes = layout.core, [part.core for part in layout.parts], 1
+    if in_lanes:
+        cores = [own.in_lanes() for own in cores]
+        core, lanes = core.in_lanes(tuple(cores)), LANES
+    size = layout.size
+    G, lam = np.empty((size, size)), np.empty((rows.p, size))
+    for begin in range(0, size, lanes):
+        layout.write(core, cores, np.eye(size, lanes, -begin))
+        unstable = core.advance(1, None)
+        if unstable is not None:
+            names = [part.name for part in layout.parts]
+            raise InstabilityError(1, dt, [*names, "interface"][unstable])
+        end = min(begin + lanes, size)
+        G[:, begin:end] = layout.read(core, cores, lanes)[:, : end - begin]
+        now = core.multipliers.reshape(-1, lanes)[:, : end - begin]
+        lam[:, begin:end] = rows.forces(now.T).T
+    return G, lam
+
+
+class Layout:
+    """The order of the numbers of all subdomains in X.
+
+    Parameters
+    ----------
+    parts : tuple of Part
+    core : _core.Coupler
+    coupling : str
+    rows : CoreRows
+
+    Attributes
+    ----------
+    size : int
+        Numbers in X.
+    """
+
+    def __init__(self, parts: Sequence[Part], core: Any, coupling: str, rows: CoreRows):
+        self.parts, self.core = parts, core
+        fine = max(p.substeps for p in self.parts)
+        macro = coupling in MACRO
+        self.stored = [not macro and (p.double or p.substeps < fine) for p in self.parts]
+        self.motion_size = sum(
+            (2 if p.double else 1) * (4 * p.n + stored * p.nb)
+            for p, stored in zip(self.parts, self.stored)
+        )
+        # the state has the multipliers under "macro" only
+        self.rows = rows if macro else CoreRows(np.arange(0), np.ones(0))
+        self.size = self.motion_size + self.rows.p
+
+    def fields(self) -> Iterator[tuple[int, int, np.ndarray]]:
+        """Index of the subdomain, of its array in the core, and dofs in elimination order, as X has
+        them.
+
+        The core has the present time level first, X the one before it.
+        """
+        for i, (part, stored) in enumerate(zip(self.parts, self.stored)):
+            interface = np.arange(part.nb) if stored else np.arange(0)
+            for first in (LEVEL_FIELDS, 0) if part.double else (0,):
+                for field in range(4):
+                    yield i, first + field, part.position
+                yield i, first + 4, interface
+
+    def write(self, core: Any, cores: Sequence[Any], X: np.ndarray) -> None:
+        """Set the state of a coupler of the core to X, (size, lanes), after the start."""
+        lanes = X.shape[1]
+        arrays = [[np.zeros((x.size // lanes, lanes)) for x in own.levels()] for own in cores]
+        begin = 0
+        for i, field, indices in self.fields():
+            arrays[i][field][indices] = X[begin : begin + indices.size]
+            begin += indices.size
+        for own, levels in zip(cores, arrays):
+            own.set_levels(tuple(x.ravel() for x in levels))
+        zero = np.zeros_like(core.multipliers)
+        lam = zero.copy()
+        if self.rows.p:
+            lam = self.rows.forces_in_core(X[self.motion_size :].T).T.ravel()
+        core.start(1, lam, zero)
+
+    def read(self, core: Any, cores: Sequence[Any], lanes: int) -> np.ndarray:
+        """The present state X, (size, lanes), of a coupler of the core."""
+        arrays = [[x.reshape(-1, lanes) for x in own.levels()] for own in cores]
+        numbers = [arrays[i][field][indices] for i, field, indices in self.fields()]
+        lam = core.multipliers.reshape(-1, lanes)[: self.rows.p]
+        return np.concatenate([*numbers, self.rows.forces(lam.T).T])
+
+    def names(self) -> tuple[str, ...]:
+        names = []
+        for i, field, indices in self.fields():
+            part = self.parts[i]
+            symbol = ("u", "v", "w", "a", "vf")[field % LEVEL_FIELDS]
+            when = "n-1" if field >= LEVEL_FIELDS else "n"
+            dofs = np.arange(part.n) if field % LEVEL_FIELDS < 4 else part.order[part.n - part.nb :]
+            names += [f"{symbol}[{d}] of {part.name} at {when}" for d in dofs[: indices.size]]
+        return (*names, *(f"Lam[{row}]" for row in range(self.rows.p)))
