@@ -428,7 +428,8 @@ def test_an_indefinite_mbar_is_named_with_subdomain_and_dof(form, scheme):
     # Mbar = M + al1 K, al1 about dt^2 / 4 and more: 1 - 0.25 * 2e4 < 0 at dof 2, positive elsewhere
     bad = subdomain(np.ones(3), indefinite(form), scheme=scheme, name="bad")
     refused(pm.FactorizationError, lambda: pm.Coupler([bad], dt=1.0), "Mbar", "'bad'", "dof 2")
-    pm.Coupler([bad], dt=1e-3)  # definite at that dof: the step makes it indefinite
+    with pytest.warns(pm.StabilityWarning, match="the motion itself grows"):
+        pm.Coupler([bad], dt=1e-3)  # definite at that dof: the step makes it indefinite
 
 
 @pytest.mark.parametrize("form", ["diagonal", "dense", "sparse"])
@@ -1352,7 +1353,8 @@ def test_an_unstable_coupler_can_be_reset_and_run():
 def test_an_unstable_implicit_subdomain_is_named():
     # negative stiffness: u = cosh(30 t), w = 900 u
     falling = subdomain([1.0], [-900.0], u0=[1.0], name="falling")
-    coupler = pm.Coupler([falling, single(name="other", substeps=2)], dt=0.001)
+    with pytest.warns(pm.StabilityWarning, match=r"'falling'.* grows as exp\(30 t\)"):
+        coupler = pm.Coupler([falling, single(name="other", substeps=2)], dt=0.001)
     with pytest.raises(pm.InstabilityError) as caught:
         coupler.run(steps=100_000, every=1000)
     assert caught.value.subdomain == "falling"
