@@ -210,7 +210,8 @@ def _portions(whole: Whole, labels: np.ndarray, parts: Sequence[Part]) -> list[A
 
 
 def _masses(portion: Portion) -> np.ndarray:
-    return np.maximum(diagonal(portion.M), 0.0)
+    result: np.ndarray = np.maximum(diagonal(portion.M), 0.0)
+    return result
 
 
 def _require_mass(part: Part, dofs: np.ndarray, mass: np.ndarray) -> None:

@@ -55,7 +55,10 @@ def _colours(substeps: np.ndarray) -> np.ndarray:
     from matplotlib import colormaps
 
     if np.unique(substeps).size == substeps.size:
-        return colormaps["viridis"](np.linspace(0.95, 0.1, substeps.size)[_ranks(substeps)])
+        result: np.ndarray = colormaps["viridis"](
+            np.linspace(0.95, 0.1, substeps.size)[_ranks(substeps)]
+        )
+        return result
     shade = 1.0 - 0.5 * np.log2(substeps) / max(1.0, np.log2(substeps.max()))
     hues = colormaps["tab20"](np.arange(substeps.size) % 20)
     return np.column_stack([hues[:, :3] * shade[:, None], hues[:, 3]])

@@ -248,11 +248,14 @@ def _uncut_entries(cut: Any, scheme: Scheme) -> int:
     fixed = STEP_NUMBERS * n + _size(K) + _size(C)
     implicit = [M, C] if scheme.explicit else [M, C, K]
     if all(A is None or A.ndim == 1 for A in implicit):
-        return fixed + 2 * n
+        result: int = fixed + 2 * n
+        return result
     graph = graph_of(implicit)
     if graph is None:
-        return fixed + n * (n + 1)
-    return fixed + elimination(cut.n, graph, np.arange(0)).swept
+        result = fixed + n * (n + 1)
+        return result
+    result = fixed + elimination(cut.n, graph, np.arange(0)).swept
+    return result
 
 
 def _union(matrices: Sequence[Matrix], dofs: Sequence[np.ndarray], n: int) -> Matrix | None:

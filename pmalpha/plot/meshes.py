@@ -322,7 +322,8 @@ def _interpolated(times: np.ndarray, s: SubdomainHistory) -> np.ndarray:
     before = np.maximum(after - 1, 0)
     step = np.where(after > before, s.t[after] - s.t[before], 1.0)
     fraction = np.clip((times - s.t[before]) / step, 0.0, 1.0)[:, None]
-    return (1.0 - fraction) * s.u[before] + fraction * s.u[after]
+    result: np.ndarray = (1.0 - fraction) * s.u[before] + fraction * s.u[after]
+    return result
 
 
 def _painter(
@@ -359,7 +360,8 @@ def _axes(mesh: Mesh, ax: Any | None) -> Axes:
         if (ax.name == "3d") != solid:
             needed = 'projection="3d"' if solid else "two dimensions"
             raise ValueError(f"ax must have {needed} for these points, got {ax!r}")
-        return ax
+        result: Axes = ax
+        return result
     figure = Figure(figsize=(WIDTH, 4.0), layout="constrained")
     ax = figure.add_subplot(projection="3d" if solid else None)
     if solid:
@@ -420,7 +422,8 @@ def _norm(ax: Any, picture: Picture, limits: Any, label: str) -> Normalize:
         ax.figure.colorbar(bar, ax=ax, label=label, shrink=0.8)
     norm: Any = picture.norm
     norm.vmin, norm.vmax = min(low, norm.vmin), max(high, norm.vmax)
-    return norm
+    result: Normalize = norm
+    return result
 
 
 def _enclose(ax: Any, x: np.ndarray, picture: Picture) -> None:
@@ -509,7 +512,8 @@ def _draw(ax: Any, mesh: Mesh, x: np.ndarray, look: Look) -> list[Artist]:
 
 
 def _thinner(lines: int) -> float:
-    return min(1.0, np.sqrt(FULL_WIDTH_LINES / lines))
+    result: float = min(1.0, np.sqrt(FULL_WIDTH_LINES / lines))
+    return result
 
 
 def _draw_lines(ax: Any, ends: Any, nodes: np.ndarray, look: Look) -> list[Artist]:
@@ -586,4 +590,5 @@ def _draw_in_space(ax: Any, x: np.ndarray, faces: list[Block], look: Look) -> li
 
 def _means(values: np.ndarray, faces: Block) -> np.ndarray:
     """The mean at the corners of each face."""
-    return values[faces.nodes[:, : len(KINDS[faces.kind].edges)]].mean(axis=1)
+    result: np.ndarray = values[faces.nodes[:, : len(KINDS[faces.kind].edges)]].mean(axis=1)
+    return result

@@ -111,7 +111,8 @@ def _require_proper(cell: Cell, points: np.ndarray, radius: np.ndarray) -> None:
 
 def jacobian(cell: Cell, xi: np.ndarray, points: np.ndarray) -> np.ndarray:
     """dx / dxi (m, dimension, d) of the elements, at one xi (d,) or at one for each (m, d)."""
-    return points.transpose(0, 2, 1) @ cell.slopes(np.atleast_2d(xi))
+    result: np.ndarray = points.transpose(0, 2, 1) @ cell.slopes(np.atleast_2d(xi))
+    return result
 
 
 def _measure(J: np.ndarray) -> np.ndarray:
@@ -120,5 +121,6 @@ def _measure(J: np.ndarray) -> np.ndarray:
     if d == 1:
         return length(J[:, :, 0])
     if d == dimension:
-        return np.linalg.det(J)
+        result: np.ndarray = np.linalg.det(J)
+        return result
     return np.cross(J[:, :, 0], J[:, :, 1])

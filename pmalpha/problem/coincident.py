@@ -154,7 +154,8 @@ def _inside(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray
 def _components(pairs: np.ndarray, n: int) -> np.ndarray:
     """For each of n nodes the number of its connected component."""
     graph = sp.coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), (n, n))
-    return connected_components(graph, directed=False)[1]
+    result: np.ndarray = connected_components(graph, directed=False)[1]
+    return result
 
 
 def _pairwise(

@@ -203,13 +203,15 @@ def _projected(
 
 def _mapped(cell: Cell, xi: np.ndarray, points: np.ndarray) -> np.ndarray:
     """x = sum_j N_j(xi) x_j."""
-    return np.einsum("qk,qkx->qx", cell.weights(xi), points)
+    result: np.ndarray = np.einsum("qk,qkx->qx", cell.weights(xi), points)
+    return result
 
 
 def _snapped(weights: np.ndarray, smallest: np.ndarray) -> np.ndarray:
     """Weights with rounding replaced by zero, scaled to the sum 1."""
     weights = np.where(weights <= smallest[:, None], 0.0, weights)
-    return weights / weights.sum(axis=1, keepdims=True)
+    result: np.ndarray = weights / weights.sum(axis=1, keepdims=True)
+    return result
 
 
 def _refuse_outside(

@@ -214,7 +214,8 @@ def _symmetric(A: Any, name: str, required: bool | None) -> Any:
 
 def _largest_of_rows(A: Any) -> np.ndarray:
     largest = abs(A).max(axis=1)
-    return largest.toarray().ravel() if sp.issparse(A) else largest
+    result: np.ndarray = largest.toarray().ravel() if sp.issparse(A) else largest
+    return result
 
 
 def _simplest(A: Any) -> Matrix | None:
@@ -237,7 +238,8 @@ def _simplest(A: Any) -> Matrix | None:
 
 def diagonal(A: Any) -> np.ndarray:
     """The diagonal of a matrix in inner form that is not None."""
-    return A if A.ndim == 1 else A.diagonal()
+    result: np.ndarray = A if A.ndim == 1 else A.diagonal()
+    return result
 
 
 def sparse_diagonal(d: np.ndarray) -> sp.csr_array:
@@ -312,7 +314,8 @@ def _sparse_sum(A: Any, B: Any) -> Any:
 def dense(A: Any) -> np.ndarray:
     """A matrix in inner form as (n, n) array."""
     if sp.issparse(A):
-        return A.toarray()
+        result: np.ndarray = A.toarray()
+        return result
     return np.diag(A) if A.ndim == 1 else A
 
 
@@ -331,15 +334,19 @@ def product(A: Matrix | None, x: np.ndarray) -> np.ndarray:
     if A is None:
         return np.zeros_like(x)
     if A.ndim == 1:
-        return (A * x.T).T
+        result: np.ndarray = (A * x.T).T
+        return result
     if not x.any():
         return np.zeros_like(x)
     if sp.issparse(A):
-        return A @ x
+        result = A @ x
+        return result
     if A.size <= SMALL:
-        return np.einsum("ij,j...->i...", A, x)
+        result = np.einsum("ij,j...->i...", A, x)
+        return result
     with one_thread():
-        return A @ x
+        result = A @ x
+        return result
 
 
 def is_symmetric(A: Matrix | None) -> bool:

@@ -24,7 +24,8 @@ class DenseFactors:
 
     def solve(self, b: np.ndarray) -> np.ndarray:
         """S^-1 b for b of shape (n,) or (n, k)."""
-        return dpotrs(self._lower, b, lower=True)[0]
+        result: np.ndarray = dpotrs(self._lower, b, lower=True)[0]
+        return result
 
 
 class Factors:

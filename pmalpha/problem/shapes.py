@@ -70,7 +70,8 @@ class Shape:
 
     def values(self, xi: np.ndarray) -> np.ndarray:
         """N (q, k) at xi (q, d)."""
-        return self._powers(xi, self.exponents) @ self.coefficients
+        result: np.ndarray = self._powers(xi, self.exponents) @ self.coefficients
+        return result
 
     def slopes(self, xi: np.ndarray) -> np.ndarray:
         """dN / dxi (q, k, d) at xi (q, d)."""
@@ -82,7 +83,8 @@ class Shape:
         return np.stack(columns, axis=2)
 
     def _powers(self, xi: np.ndarray, exponents: np.ndarray) -> np.ndarray:
-        return np.prod(xi[:, None, :] ** exponents, axis=2)
+        result: np.ndarray = np.prod(xi[:, None, :] ** exponents, axis=2)
+        return result
 
 
 def _nodes(kind: Kind, corners: np.ndarray) -> np.ndarray:

@@ -168,7 +168,8 @@ def marked(numbers: np.ndarray, n: int) -> np.ndarray:
 
 
 def length(vectors: np.ndarray) -> np.ndarray:
-    return np.sqrt((vectors * vectors).sum(axis=-1))
+    result: np.ndarray = np.sqrt((vectors * vectors).sum(axis=-1))
+    return result
 
 
 def constraint_of(sides: Sequence[Side], entries: Sequence[Entries], p: int) -> Constraint:

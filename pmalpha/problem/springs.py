@@ -304,7 +304,8 @@ class BoucWen(Spring):
         """Largest stiffness of each spring: k, or more on unloading where beta > gamma."""
         # unloading from the limit |z|^n = 1 / (beta + gamma): dz/dx = 2 beta / (beta + gamma)
         steepest = np.maximum(1.0, 2.0 * self.beta / (self.beta + self.gamma))
-        return self.k * (self.hardening + (1.0 - self.hardening) * steepest)
+        result: np.ndarray = self.k * (self.hardening + (1.0 - self.hardening) * steepest)
+        return result
 
     def core_parameters(self) -> tuple[np.ndarray, ...]:
         """Parameters of (H4) for the core, with the largest rate of z.

@@ -106,7 +106,8 @@ class ReducedBasis:
                 f"u must hold numbers with {r} in the last dimension, got dtype {values.dtype} "
                 f"and shape {values.shape}"
             )
-        return values @ self.matrix.T
+        result: np.ndarray = values @ self.matrix.T
+        return result
 
     def place(self, dofs: Any) -> np.ndarray:
         """Numbers of kept dofs in the reduced subdomain, for `tie`, `record` or springs.
@@ -139,7 +140,8 @@ class ReducedBasis:
             raise ValueError(f"dofs must be kept ones, got {listing(missing)}")
         number = np.zeros(n, dtype=np.int64)
         number[self.keep] = np.arange(self.keep.size)
-        return number[wanted]
+        result: np.ndarray = number[wanted]
+        return result
 
 
 def reduced_arguments(
@@ -258,7 +260,8 @@ def _among(A: Matrix | None, dofs: np.ndarray) -> Any:
 
 
 def _symmetric(A: np.ndarray) -> np.ndarray:
-    return 0.5 * (A + A.T)
+    result: np.ndarray = 0.5 * (A + A.T)
+    return result
 
 
 def _of_kept(A: Matrix, kept: np.ndarray, r: int, name: str) -> np.ndarray:
@@ -310,7 +313,8 @@ class ProjectedForce:
         self.force, self.T = force, T
 
     def __call__(self, t: float) -> np.ndarray:
-        return self.T.T @ vector(self.force(t), len(self.T), "the value of force")
+        result: np.ndarray = self.T.T @ vector(self.force(t), len(self.T), "the value of force")
+        return result
 
 
 def _projected(force: Any, T: np.ndarray) -> Any:

@@ -504,7 +504,8 @@ class History:
         >>> whole["A"].u.shape, whole.macro_times.round(2).tolist()[-1]
         ((8, 1), 0.35)
         """
-        return joined(tuple(pieces))
+        result: History = joined(tuple(pieces))
+        return result
 
     def to_pandas(self) -> dict[str, pandas.DataFrame]:
         """The history as pandas.DataFrames by name of the recorded subdomains.

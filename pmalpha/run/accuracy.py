@@ -117,7 +117,10 @@ def _levels(history: Recorded | None, part: Part) -> int:
 
 
 def _largest(ranks: Ranks | None, arrays: Sequence[np.ndarray]) -> float:
-    return max(joined(ranks, [max(np.max(x), -np.min(x)) for x in arrays if x.size] or [0.0]))
+    result: float = max(
+        joined(ranks, [max(np.max(x), -np.min(x)) for x in arrays if x.size] or [0.0])
+    )
+    return result
 
 
 def _total(ranks: Ranks | None, terms: Sequence[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
@@ -220,20 +223,23 @@ def _held(
         (prescribed.size, r),
     )
     _, sizes, vectors = np.linalg.svd(B.T @ B)
-    return vectors[sizes <= 1e-12 * np.sum(size**2)].T
+    result: np.ndarray = vectors[sizes <= 1e-12 * np.sum(size**2)].T
+    return result
 
 
 def _stiffness(part: Part, x: np.ndarray) -> np.ndarray:
     """K x, with the estimates of restoring forces and the tangents of internal ones at t = 0."""
     s, internal = part.subdomain, part.internal
     Kx = product(s.K, x) + product(s.restoring_stiffness, x)
-    return Kx if internal is None else Kx + product(internal.K, x)
+    result: np.ndarray = Kx if internal is None else Kx + product(internal.K, x)
+    return result
 
 
 def _damping(part: Part, x: np.ndarray) -> np.ndarray:
     s, internal = part.subdomain, part.internal
     Cx = product(s.C, x) + product(s.restoring_damping, x)
-    return Cx if internal is None else Cx + product(internal.C, x)
+    result: np.ndarray = Cx if internal is None else Cx + product(internal.C, x)
+    return result
 
 
 def _without_lag(part: Part, Mx: np.ndarray, Kx: np.ndarray, Cx: np.ndarray) -> np.ndarray:
@@ -352,7 +358,8 @@ def _around(x: np.ndarray) -> np.ndarray:
     """The largest of each six levels about a step."""
     steps = x.shape[1] - 1
     padded = np.pad(x, ((0, 0), (2, 2)))
-    return np.max([padded[:, k : k + steps] for k in range(6)], axis=0)
+    result: np.ndarray = np.max([padded[:, k : k + steps] for k in range(6)], axis=0)
+    return result
 
 
 def _located(

@@ -55,7 +55,8 @@ class CallbackLoad:
         """f(t) in elimination order, checked."""
         value = self.force(t)
         try:
-            return vector(value, self.order.size, "its value")[self.order]
+            result: np.ndarray = vector(value, self.order.size, "its value")[self.order]
+            return result
         except (TypeError, ValueError) as error:
             raise type(error)(f"{self.what} at t = {t:g}: {error}") from None
 
@@ -73,7 +74,8 @@ class CallbackLoad:
         """
         row = level - 1 - self.first
         if 0 <= row < len(self.rows):
-            return self.rows[row].copy()
+            result: np.ndarray = self.rows[row].copy()
+            return result
         return self.evaluate(self.clock.level(level, self.substeps))
 
     def prepare(self, begin: int, end: int) -> tuple[int, Exception | None]:

@@ -114,9 +114,11 @@ def _is_judged(part: Part, own: Any) -> bool:
 
 def levels_of(values: np.ndarray, levels: int, some: np.ndarray) -> np.ndarray:
     """Some of the macro time levels of an array with rows for all its time levels."""
-    return values[some * ((len(values) - 1) // (levels - 1))]
+    result: np.ndarray = values[some * ((len(values) - 1) // (levels - 1))]
+    return result
 
 
 def deviation(values: np.ndarray) -> np.ndarray:
     """Root mean square distance from the mean, column by column."""
-    return np.std(values, axis=0)
+    result: np.ndarray = np.std(values, axis=0)
+    return result

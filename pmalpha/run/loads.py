@@ -172,7 +172,8 @@ class Loads:
         if i in self.callbacks:
             return self.callbacks[i].near_start_value(0.0)
         if isinstance(force, LowLevelCallable):
-            return self._values(part.core.force(0.0), "force", i, step)
+            result: np.ndarray = self._values(part.core.force(0.0), "force", i, step)
+            return result
         return force_at(force, part, 0.0)
 
     def static(self, i: int, motion: tuple[np.ndarray, np.ndarray], step: int) -> np.ndarray:
@@ -181,7 +182,8 @@ class Loads:
         if part.feedback is None or part.feedback.function is None:
             return self.at_start(i, step)
         u, v = motion
-        return part.feedback(u.copy(), v.copy(), 0.0)[part.order]
+        result: np.ndarray = part.feedback(u.copy(), v.copy(), 0.0)[part.order]
+        return result
 
     def at_present(self, i: int) -> np.ndarray:
         """F of a subdomain at the present time."""
@@ -192,7 +194,8 @@ class Loads:
             return self.callbacks[i].value_at(self.clock.count(step) * part.substeps)
         force, t = self.seen[i], self.clock.time(step)
         if isinstance(force, LowLevelCallable):
-            return self._values(part.core.force(t), "force", i, step)
+            result: np.ndarray = self._values(part.core.force(t), "force", i, step)
+            return result
         return force_at(force, part, t)
 
     def evaluate_present(self, i: int) -> None:
@@ -243,4 +246,5 @@ def force_at(force: Force, part: Part, t: float) -> np.ndarray:
     """A force that is no function, at one time in elimination order."""
     if force is None or depends_on_motion(force):
         return np.zeros(part.n)
-    return (force(t) if callable(force) else force)[part.order]
+    result: np.ndarray = (force(t) if callable(force) else force)[part.order]
+    return result

@@ -90,11 +90,13 @@ class Motion:
         """g'(0)"""
         if isinstance(self.velocity, SampledForce):
             dt = self.velocity.dt
-            return (self.velocity(dt) - self.velocity(0.0)) / dt
+            result: np.ndarray = (self.velocity(dt) - self.velocity(0.0)) / dt
+            return result
         if self.known:
             return np.zeros(self.rows.size)
         d = self.apart
-        return (4.0 * self.at(d) - 3.0 * self.at(0.0) - self.at(2.0 * d)) / (2.0 * d)
+        result = (4.0 * self.at(d) - 3.0 * self.at(0.0) - self.at(2.0 * d)) / (2.0 * d)
+        return result
 
 
 def motions_of(

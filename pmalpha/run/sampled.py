@@ -59,7 +59,8 @@ def _half_steps(part: Part, levels: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _means(force: SampledForce, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
     """The means of the samples, linear between them, over intervals; (k, series)."""
-    return (_integral(force, end) - _integral(force, begin)) / (end - begin)[:, None]
+    result: np.ndarray = (_integral(force, end) - _integral(force, begin)) / (end - begin)[:, None]
+    return result
 
 
 def _integral(force: SampledForce, t: np.ndarray) -> np.ndarray:
@@ -74,7 +75,8 @@ def _integral(force: SampledForce, t: np.ndarray) -> np.ndarray:
     total = whole[j] + dt * s * (f[j] + 0.5 * s * (f[np.minimum(j + 1, last)] - f[j]))
     if force.hold:
         total += np.maximum(t - last * dt, 0.0)[:, None] * f[last]
-    return total
+    result: np.ndarray = total
+    return result
 
 
 # ---- what steps skip ---------------------------------------------------------------------------
@@ -128,7 +130,8 @@ def _weights(force: SampledForce) -> np.ndarray:
     """How much each series counts: the norm of its distribution over the dofs."""
     if force.shape is None:
         return np.ones(force.values.shape[1])
-    return np.linalg.norm(force.shape / (np.abs(force.shape).max() or 1.0), axis=0)
+    result: np.ndarray = np.linalg.norm(force.shape / (np.abs(force.shape).max() or 1.0), axis=0)
+    return result
 
 
 def skipped(force: SampledForce, step: float, weights: np.ndarray) -> tuple[float, float]:

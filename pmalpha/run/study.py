@@ -227,7 +227,8 @@ class Study:
             if not isinstance(coupler, Coupler):
                 raise TypeError(f"make_coupler must return a Coupler, got {coupler!r}")
             _kept.token, _kept.coupler = self._token, coupler
-        return _kept.coupler
+        result: Coupler = _kept.coupler
+        return result
 
 
 def _failed(error: Exception) -> CaseResult:

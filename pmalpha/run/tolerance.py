@@ -219,12 +219,14 @@ class Pieces:
     def history(self) -> History:
         whole = stacked(self.histories)
         if not self.energy:
-            return whole
+            result: History = whole
+            return result
         names = ("t", *KINDS)
         rows = [piece.energy for piece in self.histories]
         kinds = {name: np.concatenate([getattr(x, name) for x in rows]) for name in names}
         start = kinds["kinetic"][0] + kinds["strain"][0]
-        return replace(whole, energy=Energy.balanced(**kinds, start=start))
+        result = replace(whole, energy=Energy.balanced(**kinds, start=start))
+        return result
 
 
 def reduced(s: SubdomainHistory, dofs: np.ndarray, rows: slice) -> SubdomainHistory:

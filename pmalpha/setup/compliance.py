@@ -115,7 +115,8 @@ def _compliance_of_last(
             X = Y = _solved(R_bb, L)
             if Q_bb is not None:
                 Y = _solved(Q_bb, L)
-            return Y.T @ (inverse[:, None] * X)
+            result: np.ndarray = Y.T @ (inverse[:, None] * X)
+            return result
         root = 1.0 / np.sqrt(inverse)
         G = np.asfortranarray(R_bb * root)
         np.fill_diagonal(G, root)
@@ -128,4 +129,7 @@ def _compliance_of_last(
 def _solved(R_bb: np.ndarray, L: Link) -> np.ndarray:
     """R_bb^-1 L_b^T"""
     right = L.dense(len(R_bb)).T
-    return solve_triangular(R_bb, right, lower=True, unit_diagonal=True, overwrite_b=True)
+    result: np.ndarray = solve_triangular(
+        R_bb, right, lower=True, unit_diagonal=True, overwrite_b=True
+    )
+    return result

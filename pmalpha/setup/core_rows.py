@@ -68,4 +68,5 @@ class CoreRows:
 
 def scale_of_rows(sizes: np.ndarray) -> np.ndarray:
     """The powers of two at or below the largest entries of rows."""
-    return np.ldexp(1.0, np.frexp(sizes)[1] - 1)
+    result: np.ndarray = np.ldexp(1.0, np.frexp(sizes)[1] - 1)
+    return result

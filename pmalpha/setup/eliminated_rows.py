@@ -41,7 +41,8 @@ class Assembled(NamedTuple):
     @property
     def n(self) -> int:
         """Number of dofs."""
-        return self.K.shape[0]
+        result: int = self.K.shape[0]
+        return result
 
 
 def assembled(

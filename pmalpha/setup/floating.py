@@ -120,7 +120,8 @@ def _translations(K: Any, n: int) -> np.ndarray:
 
 def _are_free(K: Any, size: Any, x: np.ndarray) -> np.ndarray:
     """Whether K x is rounding for each column of x, in rows of K; `size` is |K|."""
-    return np.all(np.abs(K @ x) <= ROUNDING * (size @ x), axis=0)
+    result: np.ndarray = np.all(np.abs(K @ x) <= ROUNDING * (size @ x), axis=0)
+    return result
 
 
 def _is_singular(K: Any, L: np.ndarray | sp.csr_array) -> bool:

@@ -92,10 +92,12 @@ class Link:
         """The constraints of `rows` times X, (nb, k), of the last nb dofs."""
         nb = len(X)
         if self.rows.size < self.index.size:
-            return self.own(nb) @ X
+            result: np.ndarray = self.own(nb) @ X
+            return result
         order = np.argsort(self.local)  # one entry in each, as in ties
         values, column = self.values[order], self.columns[order] - (self.n - nb)
-        return values[:, None] * X[column] + 0.0  # a sum that begins with zero has no -0.0
+        result = values[:, None] * X[column] + 0.0  # a sum that begins with zero has no -0.0
+        return result
 
     def dense(self, nb: int | None = None) -> np.ndarray:
         """The same as an array."""

@@ -230,7 +230,8 @@ class Part:
     def block(self, twice: bool) -> Block:
         """al2 L Mbar^-1 L^T for the single or the double step; cached during set-up."""
         if twice in self.blocks:
-            return self.blocks[twice]
+            result: Block = self.blocks[twice]
+            return result
         if self.is_diagonal:
             (block,) = diagonal_compliances([self.diagonal_inverse(twice)], [self.L])
         else:

@@ -85,7 +85,8 @@ def checked_subdomains(subdomains: Any, *, may_be_empty: bool = False) -> tuple[
         raise ValueError("subdomains must not be empty")
     if len(set(map(id, subdomains))) < len(subdomains):
         raise ValueError("subdomains must be different, got one of them twice")
-    return subdomains
+    result: tuple[Subdomain, ...] = subdomains
+    return result
 
 
 @dataclass(frozen=True)

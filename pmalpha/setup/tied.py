@@ -148,7 +148,10 @@ def gap_factors(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> tu
 def _solution(H: np.ndarray, B: np.ndarray, symmetric: bool) -> np.ndarray:
     """H^-1 B. Compliances of light and of heavy dofs are brought to one size, by powers of two."""
     s = scales_to_one(np.diagonal(H))[:, None]
-    return s * dense_solution(s * H * s.T, s * B, assume_a="pos" if symmetric else "gen")
+    result: np.ndarray = s * dense_solution(
+        s * H * s.T, s * B, assume_a="pos" if symmetric else "gen"
+    )
+    return result
 
 
 def _sparse(A: Matrix) -> sp.csr_array:

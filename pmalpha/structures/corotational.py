@@ -172,10 +172,12 @@ def _tangents(
     second[:, 5] += 1.0
 
     def outer(factor: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return factor[:, None, None] * a[:, :, None] * b[:, None, :]
+        result: np.ndarray = factor[:, None, None] * a[:, :, None] * b[:, None, :]
+        return result
 
     K = outer(EA, r, r) + outer(N / length, z, z)
     K += outer(4.0 * EI, first, first) + outer(4.0 * EI, second, second)
     K += outer(2.0 * EI, first, second) + outer(2.0 * EI, second, first)
     K += outer(shear / length, r, z) + outer(shear / length, z, r)
-    return K.reshape(-1, 2, 3, 2, 3)
+    result: np.ndarray = K.reshape(-1, 2, 3, 2, 3)
+    return result

@@ -173,7 +173,8 @@ def _scaled(factor: np.ndarray, unit: np.ndarray, L: np.ndarray) -> np.ndarray:
     """(E, 6, 6): the matrix of length 1 times a factor, rows and columns of rotations times L."""
     S = np.ones((len(L), 6))
     S[:, [2, 5]] = L[:, None]
-    return factor[:, None, None] * S[:, :, None] * unit * S[:, None, :]
+    result: np.ndarray = factor[:, None, None] * S[:, :, None] * unit * S[:, None, :]
+    return result
 
 
 def _turned(local: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -184,7 +185,8 @@ def _turned(local: np.ndarray, direction: np.ndarray) -> np.ndarray:
     R[:, 1, 0], R[:, 1, 1] = -s, c
     R[:, 2, 2] = 1.0
     blocks = local.reshape(-1, 2, 3, 2, 3)
-    return np.einsum("eki,eakbl,elj->eaibj", R, blocks, R, optimize=True)
+    result: np.ndarray = np.einsum("eki,eakbl,elj->eaibj", R, blocks, R, optimize=True)
+    return result
 
 
 def subdivide(

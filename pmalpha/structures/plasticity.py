@@ -128,7 +128,8 @@ def _moduli(
     d = out.shape[1]
 
     def direction(i: int, j: int) -> np.ndarray:
-        return n[positions[min(i, j), max(i, j)]]
+        result: np.ndarray = n[positions[min(i, j), max(i, j)]]
+        return result
 
     for k, (i, j) in enumerate(component_pairs(d)):
         for J, L in np.ndindex(d, d):
