@@ -35,13 +35,11 @@ class Subdomain(Frozen):
     Parameters
     ----------
     M, K : (n,) array, (n, n) array, scipy.sparse matrix or array, or a number
-        Mass and stiffness. A 1-D array is a diagonal, a number the matrix of one dof. Symmetric;
-        M positive semidefinite (for an implicit scheme within 1e-10 of its largest entry, the
-        rounding of a file with ten digits; the Coupler warns), and positive definite for an
-        explicit scheme. A dof without mass is a zero row and column of M; it requires an implicit
-        scheme that damps at infinite frequency.
-        K may be None where there is a restoring or an internal force, and unsymmetric with
-        `symmetric=False`.
+        Mass and stiffness. A 1-D array is a diagonal, a number the matrix of one dof. Symmetric; M
+        positive definite for an explicit scheme, else semidefinite (within 1e-10 of its largest
+        entry). A dof without mass is a zero row and column of M; it requires an implicit scheme
+        that damps at infinite frequency. K may be None where there is a restoring or an internal
+        force, and unsymmetric with `symmetric=False`.
     C : like M and K, optional
         Viscous damping, symmetric; with `symmetric=False` also gyroscopic. Default: none.
     scheme : Scheme
@@ -50,10 +48,9 @@ class Subdomain(Frozen):
         Number of substeps in a macro step dt, of length h = dt / substeps.
     double_step : bool, optional
         Whether the subdomain takes double steps, from t_{n-1} to t_{n+1}, under coupling "pm".
-        Default: True if it is implicit and its substep is coarser than the finest one; if all
-        substeps are equal and `double_step` is None for all subdomains, True for the first implicit
-        one. A single subdomain takes single steps, as do all subdomains under "gc". Under "macro"
-        double steps require True, and one substep.
+        Default: True if it is implicit and its substep coarser than the finest one; if all substeps
+        are equal and none is given, for the first implicit subdomain of several. Never under "gc";
+        under "macro" and "mean" only if True is given, with one substep.
     force : (n,) array, callable, LowLevelCallable, `SampledForce` or `BaseAcceleration`, optional
         External load, evaluated at the end of each substep. A callable ``f(t) -> (n,)`` is
         evaluated in advance, once for each substep in the order of time, and once at t = 0; it may
@@ -65,16 +62,13 @@ class Subdomain(Frozen):
         in place of an array, also as the value of a callable.
     restoring : callable, LowLevelCallable, springs, or a list of these, optional
         A further force beside K u + C v, such as a nonlinear element or a specimen in a test rig,
-        equation (R2); of a list, the sum. Springs are `CubicSpring`, `Gap`, `Bilinear` and
-        `BoucWen`, evaluated by the core. A callable ``r(u, v, t) -> (n,)`` is evaluated once for
+        equation (R2); of a list, the sum. A callable ``r(u, v, t) -> (n,)`` is evaluated once for
         the initial accelerations, then exactly once for each substep, in the order of time, at the
         predictor of the displacement and an extrapolated velocity; after an exception, evaluations
-        of the macro step that it ended are repeated. u and v are copies. A
-        ``scipy.LowLevelCallable`` ``int (double t, intptr_t n, double *u, double *v, double *r,
-        void *user)`` is evaluated without the GIL; r is zero on entry. With several threads it is
-        called from any of them, for each subdomain from one at a time. A return value other than 0
-        stops the run with a `CallbackError`. In a list, callables are evaluated first and
-        LowLevelCallables after them, each kind in the order of the list.
+        of the macro step that it ended are repeated. A ``scipy.LowLevelCallable`` ``int (double t,
+        intptr_t n, double *u, double *v, double *r, void *user)`` is evaluated without the GIL, in
+        any thread, one at a time for each subdomain; r is zero on entry. A return value other than
+        0 stops the run with a `CallbackError`.
     restoring_stiffness, restoring_damping : like M and K, optional
         Estimates K_r, D_r of the stiffness and damping of the restoring force, for operator
         splitting. An implicit subdomain is stable for any step if K_r is at least the tangent
@@ -87,10 +81,8 @@ class Subdomain(Frozen):
         ``f(u, v, t, q)`` returns ``(f, K_t)``, ``(f, K_t, C_t)`` or ``(f, K_t, C_t, q1)``, see
         `InternalForce`, which also takes compiled functions, and gives a force a history q and a
         pattern. Nonlinear elements of `structures` are such callables. In an explicit subdomain it
-        is evaluated once per substep, at the predictor of the displacement and an extrapolated
-        velocity. A list sums its forces. Each has to be a function of u, v, t and q alone: one that
-        returns other values at the next call with the same arguments is not noticed, and a step can
-        be accepted whose equation holds for one of those calls only.
+        is evaluated once per substep, as `restoring`. Each has to be a function of u, v, t and q
+        alone.
     damping : {"implicit", "lagged"}, default "implicit"
         "lagged": C acts on the extrapolated velocity, equation (R4), so that an explicit subdomain
         whose C is not diagonal needs no factor. The critical step is smaller, equation (C2).
@@ -100,10 +92,8 @@ class Subdomain(Frozen):
         without `restoring_stiffness`.
     symmetric : bool, default True
         False admits unsymmetric K, C, estimates and tangents of internal forces: gyroscopic and
-        circulatory terms, follower forces. M remains symmetric. Steps of a subdomain whose matrices
-        are unsymmetric sweep two triangular factors, equation (F10), and the interface matrix is
-        unsymmetric too. Where all matrices are symmetric it has no effect, except with internal
-        forces in an implicit subdomain, whose tangents are then taken as unsymmetric.
+        circulatory terms, follower forces. M remains symmetric. Where all matrices are symmetric it
+        has no effect but on tangents of internal forces.
     u0, v0 : (n,) array, optional; a number for one dof
         Initial displacement and velocity. Default: zero.
     name : str, optional

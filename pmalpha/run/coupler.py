@@ -53,32 +53,23 @@ class Coupler:
         length dt / substeps_i; the largest number of substeps must be a multiple of all others,
         except under "macro" and "mean".
     coupling : {"pm", "gc", "macro", "mean"}, default "pm"
-        "pm": interfield parallel, with double steps (PM-alpha; with Newmark schemes the PM
-        method). "gc": staggered, single steps (GC-alpha). "macro": one interface problem per macro
-        step, multipliers linear over it, velocities tied at its end; order 2 with any numbers of
-        substeps, double steps only with ``double_step=True`` (and ``substeps=1``). "mean": one
-        interface problem per macro step, multipliers constant over it, displacements tied at its
-        end; like "macro", and without displacement drift, and with Newmark schemes without loss or
-        gain of energy. docs/couplings.md compares them.
+        "pm": interfield parallel, with double steps (PM-alpha; PM with Newmark schemes). "gc":
+        staggered, single steps (GC-alpha). "macro": one interface problem per macro step, order 2
+        with any numbers of substeps. "mean": as "macro", with tied displacements. docs/couplings.md
+        compares them.
     start : {"rebased", "plain"}, default "rebased"
         "rebased": the stored free velocity of a double-step subdomain is replaced when its double
-        steps begin, after the first macro step, equation (S3). "plain": it is kept, as in the
-        paper. No effect under "macro", where no step reads a stored free velocity.
+        steps begin, equation (S3). "plain": it is kept, as in the paper.
     drift : {"kept", "removed"}, default "kept"
-        "removed", with "gc" only: second multipliers tie the displacements at the ends of macro
-        steps too, equations (V1) to (V5), so that `History.displacement_jump` keeps its value at
-        t = 0 (plus the integral of prescribed velocities) to rounding. Costs two sweeps and a
-        product with K per subdomain and macro step. Not with internal forces. Where all steps
-        have algorithmic damping (rho < 1) no growth was found. "mean" ties displacements by itself.
+        "removed", with "gc" only and without internal forces: second multipliers tie the
+        displacements at the ends of macro steps too, equations (V1) to (V5).
     newton : Newton, default Newton()
         How internal forces are iterated; no effect without them.
     threads : int, optional
         Maximum number of threads, including the caller; 1 runs serially. Results are bitwise
         identical for any number. Default: the number of processors of this process if equations
-        (W1) to (W3) of docs/method.md predict from the sizes alone that threads save a fifth of
-        the time, else 1. `Coupler.threads` is the number in use: larger than the number of
-        subdomains only if a large one is split among threads. Large factors, those
-        of tangents in the steps too, and unit responses are made by several threads.
+        (W1) to (W3) of docs/method.md predict a gain, else 1. `Coupler.threads` is the number in
+        use.
     comm : mpi4py.MPI.Intracomm, optional
         Communicator of the processes that share the problem: `subdomains` are those of this rank,
         possibly none, and `constraints` the same list, in names, on every rank. The same calls are
@@ -106,26 +97,24 @@ class Coupler:
     Warns
     -----
     StabilityWarning
-        When the step of a subdomain is above its critical step; under "macro" when a subdomain
-        resonates with the macro step, and for a double step without algorithmic damping (rho = 1);
-        under "mean" for damping in a subdomain with one substep and algorithmic damping (rho < 1).
+        When the step of a subdomain is above its critical step; under "macro" when it resonates
+        with the macro step, and for double steps without algorithmic damping; under "mean" for
+        damping in a subdomain with one substep and algorithmic damping.
     PerformanceWarning
-        When the unit responses of "macro" take long; when M or C of an explicit subdomain is not
-        diagonal and the sweeps over the factor that it needs take longer than the rest of its step,
-        from 100 000 entries on (smaller factors stay in the caches); for a long factorization
-        without pymetis.
+        When unit responses or a factorization take long; for M or C of an explicit subdomain that
+        need a large factor.
     ConstraintWarning
-        When the initial displacements violate a constraint; for a subdomain beside others that no
-        constraint reaches, and a floating one that its constraints leave loose; under "macro" for
-        interface dofs without mass in a subdomain with substeps.
+        When the initial displacements violate a constraint; for a subdomain that no constraint
+        reaches, or a floating one that its constraints do not hold; under "macro" for interface
+        dofs without mass in a subdomain with substeps.
 
     Notes
     -----
     Equations (1) to (18) of docs/method.md; Bursi, He, Bonelli and Pegon 2008.
 
-    The repr, and the output of a notebook, is a table of what each subdomain will do: the length of
-    its steps (2 h if they are double, from the second macro step on), the step divided by the
-    critical step (an upper bound from 200 dofs on), form and entries of its factor, and its thread.
+    The repr is a table of what each subdomain does: the length of its steps (2 h if they are
+    double), the step divided by the critical step (an upper bound from 200 dofs on), form and
+    entries of its factor, and its thread.
 
     Examples
     --------
@@ -305,42 +294,34 @@ class Coupler:
             Record only time levels at which `step_count` is a multiple of this, and the first of
             the run, in all arrays. Default: every time level of each subdomain.
         energy : bool, default False
-            Record the energies of all subdomains, with works counted from the beginning of this
-            run, in ``history.energy``, an `Energy`. Results are unchanged. Costs a product with C
-            per substep, products with M and K per recorded macro step, and the memory of 13 vectors
-            of each subdomain; under "macro" 3 more per substep, and stored link responses are not
-            used but computed again.
+            Record the energies of all subdomains in ``history.energy``, an `Energy`, with works
+            counted from the beginning of this run. Costs products with C, M and K and the memory of
+            13 vectors of each subdomain.
         record_to : str or path, optional
-            HDF5 file to which the History is written during the run, about three times per second
-            and with 16 MB of it in memory. An existing file is refused. The arrays of the returned
-            History, and of `last_history`, are mapped from the file and read on access.
-            `History.load` and other programs can read it during the run and after a kill. With
-            `comm` each rank writes a file of its own, with ``.0``, ``.1`` and so on added; the file
-            itself leads to them and reads as one History.
+            New HDF5 file to which the History is written during the run; `History.load` and other
+            programs can read it meanwhile and after a kill. The arrays of the returned History are
+            read from it on access. With `comm` each rank writes a file of its own, with ``.0`` and
+            so on added; the file itself leads to them and reads as one History.
         append : bool, default False
             Continue an existing file of `record_to` from the present state, which it must contain;
-            rows written after it, by a run that was killed after a checkpoint, are replaced. The
-            returned History is that of the whole file. Without such a file a new one is made.
-            Not with energies, whose works count from the beginning of a run.
+            rows after it are replaced. The returned History is that of the whole file. Not with
+            energies.
         overwrite : bool, default False
             Replace an existing file before the first step.
         record_springs : dict, optional
             Springs whose deformation and force are recorded: indices by subdomain, None for all
             springs of one. Default: none.
         outputs : dict, optional
-            Linear combinations of the motion, base shears or element forces say, that are recorded
-            as ``history[name].outputs[output]``, by subdomain and by name of the output: a matrix
-            W, (rows, n) dense or scipy.sparse or (n,) for one row, for W u; or a dict of such
-            matrices by "u", "v" and "a" for W_u u + W_v v + W_a a. They are computed during the run
-            from all dofs, recorded or not: with ``record={}`` only outputs are recorded.
+            Linear combinations of the motion, such as base shears, by subdomain and by name, which
+            are recorded as ``history[name].outputs[output]``: a matrix W, (rows, n) dense or sparse
+            or (n,), for W u, or a dict of them by "u", "v" and "a" for W_u u + W_v v + W_a a. With
+            ``record={}`` only outputs are recorded.
         tolerance : float or dict of float, optional
             With "gc": local error of the displacements per unit of time, one number or by
-            subdomain (with `comm` of this rank), below which the substeps of every macro step are
-            chosen to stay; see Notes.
+            subdomain, below which the chosen substeps stay; see Notes.
         progress : True or callable, optional
-            True: a tqdm bar. A callable is called as ``progress(done, total)``, in macro steps of
-            this call, about every 50 ms and at the end. It may not use the coupler. An exception
-            in it ends the run as Ctrl-C does.
+            True: a tqdm bar. A callable is called as ``progress(done, total)``, in macro steps,
+            about every 50 ms and at the end. An exception in it ends the run.
 
         Returns
         -------
@@ -381,9 +362,8 @@ class Coupler:
 
         With `tolerance`, (Q5) and (Q6), a macro step with more than four times the tolerance is
         repeated. All substeps become powers of two, at most 4096 (else an AccuracyWarning), and
-        stay after the run; a `record_to` file is written at its end. The estimate does not see the
-        error at the interface, of order 1 where substeps differ: errors at the end were 0.08 to 1.7
-        of tolerance times duration for 10 to 0.2 per cent of the motion, and more below.
+        stay after the run; a `record_to` file is written at its end. The estimate does not contain
+        the error at the interface.
 
         Examples
         --------
