@@ -45,7 +45,8 @@ class Problem:
         for name, s in self.keys:
             if p.subdomain in (name, s):
                 p._check_size(s.n, name)
-                return name
+                result: str = name
+                return result
         names = ", ".join(repr(name) for name, _ in self.keys)
         raise KeyError(f"parameters must be of one of the subdomains {names}, got {p!r}")
 
