@@ -87,7 +87,8 @@ def test_the_stiff_cubic_chain_keeps_its_energy_with_small_rho(schedule, rho):
 
 def test_it_grows_with_large_rho_since_the_uncoupled_scheme_does():
     subdomains, L = newton_tables.stiff_chain(rho=0.9)
-    history = run_of(subdomains, L, 10.0 / newton_tables.OMEGA, 300, "gc, s = 1", tol=1e-10)
+    history = run_of(subdomains, L, 10.0 / newton_tables.OMEGA, 250, "gc, s = 1", tol=1e-10)
+    # after 262 steps the run of the uncut chain ends in an InstabilityError
     assert newton_tables.energy(Relative(history)).max() > 10.0  # docs/method.md: 3850 in 600 steps
     whole = uncoupled(0.9)
     assert whole.max() > 10.0 and uncoupled(0.5).max() < 1.5
@@ -106,7 +107,7 @@ def uncoupled(rho):
         u0=newton_tables.U0,
     )
     dt = 10.0 / newton_tables.OMEGA
-    history = pm.solve(s, dt=dt, t_end=300 * dt)
+    history = pm.solve(s, dt=dt, t_end=250 * dt)
     d = np.diff(history.u, axis=1, prepend=0.0)
     strain = (0.5 * newton_tables.K * d**2 + 0.25 * newton_tables.K3 * d**4).sum(axis=1)
     E = 0.5 * (history.v**2).sum(axis=1) + strain
