@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -96,12 +95,12 @@ def estimated_error(
     records = [(h.u[::k], h.v[::k], h.a[::k]) for h, k in zip(recorded, strides)]
     with np.errstate(all="ignore"):
         largest = _largest(ranks, [u for u, _, _ in records])
-        reduced = _reduced(records, parts, rows, motions)
+        reduced = _reduced(records, count + 1, parts, rows, motions)
         if reduced is None or not 0.0 < largest < np.inf:
             return None
         step = max(joined(ranks, [(h.t[-1] - h.t[0]) / count for h in recorded]))
         complete = all(joined(ranks, [is_complete(h) for h in recorded]))
-        return _judged(reduced, records, parts, ranks, step, largest, complete)
+        return _judged(reduced, records, count + 1, parts, ranks, step, largest, complete)
 
 
 def _levels(history: Recorded | None, part: Part) -> int:
@@ -155,12 +154,13 @@ class Reduced:
 
 def _reduced(
     records: Sequence[Rows],
+    levels: int,
     parts: Sequence[Part],
     rows: ConstraintRows,
     motions: Sequence[Motion],
 ) -> Reduced | None:
     """The structure in the shapes of which the recorded displacements consist, (D2)."""
-    ranks, some = rows.ranks, _snapshots(len(records[0][0]))
+    ranks, some = rows.ranks, _snapshots(levels)
     V = [v[some].T for _, v, _ in records]
     MV = [product(part.subdomain.M, x) for part, x in zip(parts, V)]
     k = some.size
@@ -176,7 +176,7 @@ def _reduced(
     if not 0.0 < sizes[0] < np.inf:
         return None
     T = T @ vectors[:, sizes > OF_DISPLACEMENT * sizes[0]][:, :SHAPES]
-    T = T @ _held(ranks, [x @ T for x in V], rows, motions)
+    T = T @ _held(ranks, [x @ T for x in V], T.shape[1], rows, motions)
 
     # and its modes
     terms = [_stiffness(part, x @ T) for part, x in zip(parts, V)]
@@ -207,11 +207,11 @@ def _snapshots(levels: int) -> np.ndarray:
 def _held(
     ranks: Ranks | None,
     shapes: Sequence[np.ndarray],
+    r: int,
     rows: ConstraintRows,
     motions: Sequence[Motion],
 ) -> np.ndarray:
-    """Combinations of shapes in which the rows of prescribed velocities are at rest, (r, k)."""
-    r = shapes[0].shape[1]
+    """Combinations of r shapes in which the rows of prescribed velocities are at rest, (r, k)."""
     if not motions:
         return np.eye(r)
     prescribed = np.concatenate([motion.rows for motion in motions])
@@ -254,16 +254,17 @@ def _without_lag(part: Part, Mx: np.ndarray, Kx: np.ndarray, Cx: np.ndarray) -> 
 def _judged(
     reduced: Reduced,
     records: Sequence[Rows],
+    levels: int,
     parts: Sequence[Part],
     ranks: Ranks | None,
     step: float,
     largest: float,
     complete: bool,
 ) -> Estimate | None:
-    stride = _stride(reduced, records, ranks, step)
+    stride = _stride(reduced, records, levels, ranks, step)
     unknown = any(joined(ranks, [part.subdomain.has_unknown_stiffness for part in parts]))
     for some in dict.fromkeys([stride, 1]):
-        motion = _projected(reduced, records, slice(None, None, some), ranks)
+        motion = _projected(reduced, records, np.arange(0, levels, some), ranks)
         e, is_smooth = _errors(reduced, motion, some * step, unknown)
         if is_smooth:
             break
@@ -275,9 +276,10 @@ def _judged(
     return _located(reduced, e, motion[0], parts, ranks, some * step, largest)
 
 
-def _stride(reduced: Reduced, records: Sequence[Rows], ranks: Ranks | None, step: float) -> int:
+def _stride(
+    reduced: Reduced, records: Sequence[Rows], levels: int, ranks: Ranks | None, step: float
+) -> int:
     """Of how many levels one is read: so that the modes are resolved, and the force."""
-    levels = len(records[0][0])
     some = _snapshots(levels - 1)
     first, next_one = (_projected(reduced, records, x, ranks) for x in (some, some + 1))
     f, change = (reduced.K @ q + reduced.C @ v + w for q, v, w in (first, next_one - first))
@@ -288,13 +290,13 @@ def _stride(reduced: Reduced, records: Sequence[Rows], ranks: Ranks | None, step
 
 
 def _projected(
-    reduced: Reduced, records: Sequence[Rows], some: Any, ranks: Ranks | None
+    reduced: Reduced, records: Sequence[Rows], some: np.ndarray, ranks: Ranks | None
 ) -> np.ndarray:
     """q, its velocity and acceleration at some of the levels, (3, r, levels)."""
     own = []
     for (u, v, w), Mx, Wx in zip(records, reduced.masses, reduced.forces):
         own.append(np.array([(u[some] @ Mx).T, (v[some] @ Mx).T, (w[some] @ Wx).T]))
-    return _total(ranks, own, own[0].shape)
+    return _total(ranks, own, (3, reduced.omega.size, some.size))
 
 
 def _errors(
