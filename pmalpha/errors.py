@@ -76,6 +76,9 @@ class BucklingError(PmalphaError, ValueError):
         super().__init__(message)
         self.growth, self.mode = growth, mode
 
+    def __reduce__(self) -> tuple[type, tuple[object, ...]]:
+        return type(self), (str(self), self.growth, self.mode)
+
 
 class InstabilityError(PmalphaError):
     """A value of the run is not finite, or has left all bounds.

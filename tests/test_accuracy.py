@@ -292,6 +292,8 @@ def test_a_prescribed_motion_is_not_an_error():
 def test_a_motion_whose_squares_overflow_is_not_judged():
     part = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), u0=[1e200], name="huge")
     pm.Coupler([part], dt=0.5).run(50.0)
+    part = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), v0=[1e200], name="huge")
+    pm.Coupler([part], dt=0.1).run(1.0)
 
 
 def test_an_unstable_run_has_its_own_warning_only():

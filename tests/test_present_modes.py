@@ -1,5 +1,7 @@
 """`Coupler.modes` and `Coupler.assembled` about the present state; buckling."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -157,6 +159,9 @@ def test_a_pendulum_upside_down_buckles():
     growth = np.sqrt(G / (LENGTH * (1.0 - G / EA)))
     assert found.value.growth == pytest.approx(growth, rel=1e-8)
     assert abs(found.value.mode["mass"]) == pytest.approx([1.0, 0.0], abs=1e-8)
+    again = pickle.loads(pickle.dumps(found.value))  # as from a process of a Study
+    assert str(again) == str(found.value) and again.growth == found.value.growth
+    assert np.array_equal(again.mode["mass"], found.value.mode["mass"])
     assert coupler.assembled().K.toarray()[0, 0] < 0.0  # which is not refused
 
 

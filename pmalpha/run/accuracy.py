@@ -164,17 +164,21 @@ def _reduced(
     V = [v[some].T for _, v, _ in records]
     MV = [product(part.subdomain.M, x) for part, x in zip(parts, V)]
     k = some.size
-    values, T = np.linalg.eigh(_total(ranks, [x.T @ y for x, y in zip(V, MV)], (k, k)))
-    if not 0.0 < values[-1] < np.inf:
+    products = _total(ranks, [x.T @ y for x, y in zip(V, MV)], (k, k))
+    if not np.all(np.isfinite(products)):
+        return None
+    values, T = np.linalg.eigh(products)
+    if not values[-1] > 0.0:
         return None
     kept = values > OF_VELOCITY**2 * values[-1]
     T = T[:, kept] / np.sqrt(values[kept])
 
     # what the displacements contain of it
     U = _total(ranks, [x.T @ u[some].T for x, (u, _, _) in zip(MV, records)], (k, k))
-    vectors, sizes, _ = np.linalg.svd(T.T @ (U - U[:, :1]), full_matrices=False)
-    if not 0.0 < sizes[0] < np.inf:
+    content = T.T @ (U - U[:, :1])
+    if not np.any(content) or not np.all(np.isfinite(content)):
         return None
+    vectors, sizes, _ = np.linalg.svd(content, full_matrices=False)
     T = T @ vectors[:, sizes > OF_DISPLACEMENT * sizes[0]][:, :SHAPES]
     T = T @ _held(ranks, [x @ T for x in V], T.shape[1], rows, motions)
 
