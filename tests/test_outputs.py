@@ -296,7 +296,7 @@ BAD_COMBINATIONS = {
 
 
 def core_of_one():
-    return pm.Coupler([sdof("a", 4.0, 0.0, u0=[1.0])], dt=0.1)._core
+    return pm.Coupler([sdof("a", 4.0, 0.0, u0=[1.0])], dt=0.1)._session.core
 
 
 def record_of(outputs, springs=None):

@@ -50,7 +50,7 @@ def test_random_coupled_problems_agree_with_the_reference_along_paths(seed, monk
 def test_random_problems_do_take_paths(monkeypatch):
     monkeypatch.setattr(factors, "WIDE", 0)
     monkeypatch.setattr("pmalpha.setup.elimination.elimination", always_ordinary)
-    parts = [part for seed in range(60) for part in random_problem(seed).coupler()._parts]
+    parts = [part for seed in range(60) for part in random_problem(seed).coupler()._session.parts]
     # two thirds of the matrices are drawn sparse or diagonal, most subdomains have an interface
     assert sum(part.elimination.paths is not None for part in parts) > 30
 
