@@ -7,12 +7,12 @@ It continues tests/reference.py with subdomains
 whose internal force f is iterated with its tangents; q is the history of f, such as plastic
 strains. The schedules are in tests/newton_reference.py. Numbers are those of docs/method.md:
 
-    (N2)  residual of a step                (N7)   acceptance
-    (N3)  tangent matrix and correction     (N8)   rounding floor
+    (N2)  residual of a step                (N7)   forces of each row, acceptance
+    (N3)  tangent matrix and correction     (N8)   rounding by rows
     (N4)  first guess                       (N9)   corrections that are rounding
     (N5)  energy of a correction            (N10)  slope of the line search
     (N6)  energy scale                      (N11)  affine law of the interface velocity
-    (N21) rounding by rows                  (N12)  interface problem of an iteration
+                                            (N12)  interface problem of an iteration
 
 All others, and the symbols, are those of tests/reference.py; s of (N6) is `scale`, its square.
 """
@@ -24,7 +24,8 @@ import numpy as np
 from reference import State, Subdomain
 
 EPS = np.finfo(float).eps
-STAGNANT = 0.5
+SHARE = 0.1  # of the largest force, below which no row has to be balanced (N7)
+UNKNOWN, MARGIN = 1e3, 10.0  # what is left where the rate is not known; of a predicted residual
 
 # ---- the problem ----------------------------------------------------------------------------
 
@@ -58,7 +59,7 @@ class Newton:
     Attributes
     ----------
     tol : float
-        Tolerance of (N7), relative to the energy scale (N6).
+        Tolerance of (N7): of residuals and of the error that is left.
     iterations : int
         Largest number of iterations of one solution, and of passes of a macro step.
     tangent : {"full", "reuse"}
@@ -118,6 +119,10 @@ class Trial:
         self.ut, self.vt, self.g = self.step.right_side(old, t1)
         self.guess = (old.v - self.vt) / self.al2  # (N4)  v_1 = v_n
         self.iterations = 0
+        self.seen, self.largest = False, 0.0
+        self.renews = True  # the tangent of the iterate is the one that will solve
+        # the forces at the beginning, with the load at the end
+        self.forces = abs(self.s.load(t1)) + abs(self.L.T) @ abs(Lam) + abs(self.s.M) @ abs(old.w)
         self.move(self.guess, Lam)
 
     def move(self, w, Lam):
@@ -140,15 +145,23 @@ class Trial:
         self.R = self.g + self.L.T @ self.Lam - self.step.mbar @ w - f
         # (N3)  Mbar_t = Mbar + al2 C_t + al1 K_t
         self.fresh = self.step.mbar + self.al2 * C_t + self.al1 * K_t
-        # (N8)  |u| . (|f| + |C v + K u + r| + |F| + |L^T Lam|) + al1 |w| . |M| |w|
-        F = self.s.load(self.t1)
-        others = (self.step.mbar - self.s.M) @ w - self.g + F
-        forces, inertia = abs(f) + abs(others) + abs(F), abs(self.s.M) @ abs(w)
-        pull = abs(self.L.T @ self.Lam)
-        self.rounding = abs(u) @ (forces + pull) + self.al1 * abs(w) @ inertia
-        # (N21)  |R| / (|f| + |C v + K u + r| + |F| + |L^T| |Lam| + |M| |w|)
-        terms = forces + abs(self.L.T) @ abs(self.Lam) + inertia
-        self.residual = max(abs(self.R) / np.where(terms > 0.0, terms, 1.0))
+        self.measure(f)
+
+    def measure(self, f):
+        """The residual by rows, against its scale (N7) and its rounding (N8)."""
+        s, mbar, pull = self.s, self.step.mbar, abs(self.L.T) @ abs(self.Lam)
+        linear = s.C @ self.vt + s.K @ self.ut
+        given = abs(self.g + linear) + pull
+        inner = abs(f) + abs((mbar - s.M) @ self.w + linear)
+        terms = inner + given + abs(s.M) @ abs(self.w)
+        base = np.diag(mbar)
+        tangent = self.fresh if self.renews else self.member.tangent
+        root = np.sqrt(abs(base) + abs(np.diag(tangent) - base))
+        self.rounding = worst(self.R, 100.0 * EPS * root * max(terms / root))
+        self.forces = np.maximum(self.forces, terms) if not self.seen else self.forces
+        self.seen = True
+        largest = max(max(self.forces / root), np.sqrt(self.member.scale / self.al1))
+        self.scale = np.maximum(self.forces, SHARE * largest * root)
 
     def refresh(self):
         """Take the tangent of the iterate."""
@@ -168,7 +181,10 @@ class Trial:
         load = self.R + self.L.T @ (Lam - self.Lam)
         dw = self.solve(load)  # (N3)
         du = self.displacement(self.w + dw) - self.old.u
-        return dw, abs(self.al1 * dw @ load), du @ self.member.tangent @ du / self.al1
+        self.residual = worst(load, self.scale)
+        energy = abs(self.al1 * dw @ load)
+        self.largest = max(self.largest, energy)
+        return dw, energy, du @ self.member.tangent @ du / self.al1
 
     def closed(self):
         """The state at the end of the step; the history is taken over."""
@@ -177,6 +193,12 @@ class Trial:
         a = ((1 - af) * w + af * old.w - am * old.a) / (1 - am)  # (9)
         q = self.s.internal(u, v, self.t1, old.q)[3] if old.q.size else old.q
         return Level(self.t1, u, v, w, a, v, q, self.Lam, self.iterations)
+
+
+def worst(R, scale):
+    """max |R_j| / scale_j, where 0 / 0 is 0."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.nan_to_num(abs(R) / scale, nan=0.0, posinf=np.inf).max(initial=0.0)
 
 
 # ---- Newton's iteration ---------------------------------------------------------------------
@@ -192,9 +214,9 @@ class Correction:
     stale: bool
 
     def at(self, x):
-        """The iterates at the fraction x of the correction."""
+        """The iterates at the fraction x of the correction, with the new multipliers."""
         pairs = zip(self.start, self.change, strict=True)
-        return [(w + x * dw, Lam + x * dLam) for (w, Lam), (dw, dLam) in pairs]
+        return [(w + x * dw, Lam + dLam) for (w, Lam), (dw, dLam) in pairs]
 
 
 class Iteration:
@@ -220,6 +242,7 @@ class Iteration:
         self.due = any(x.member.tangent is None for x in self.trials)
         self.e = None  # root energy of the last correction
         self.tied = False  # the iterates satisfy the constraints
+        self.close = False  # the last correction was small enough (N7)
         self.last = None  # the last correction, if its slope is to be tested
 
     def move(self, iterates):
@@ -229,15 +252,20 @@ class Iteration:
     def run(self):
         """Iterate up to the accepted iterates."""
         for count in range(1, self.newton.iterations + 1):
-            self.count = count
             self.evaluate()
+            parts = [worst(x.R, x.scale) for x in self.trials]
+            if self.accepts(self.close and max(parts) <= self.newton.tol):
+                count -= 1
+                break
+            self.count = count
             if self.correct():
                 break
         else:
             if not self.rounding():
                 self.fail()
-        for x in self.trials:
+        for x, scale in zip(self.trials, self.scales, strict=True):
             x.iterations += count
+            x.member.scale = scale
 
     def fail(self):
         worst = self.trials[int(np.argmax(self.energies))]
@@ -252,8 +280,10 @@ class Iteration:
         if self.departure(2.0**-10) <= 0.5 or not self.departure(2.0**20) <= 0.1:
             return False
         self.move(ends)
-        for y, energy in zip(self.trials, self.energies, strict=True):
-            y.member.scale = max(y.member.scale, 1e6 * energy / self.newton.tol**2)
+        self.scales = [
+            max(scale, 4e6 * y.largest / self.newton.tol**2)
+            for y, scale in zip(self.trials, self.scales, strict=True)
+        ]
         return True
 
     def departure(self, x):
@@ -263,6 +293,9 @@ class Iteration:
 
     def evaluate(self):
         """R and tangents at the iterates; the slope tests of the correction that led to them."""
+        self.fresh = self.always or (self.due and not self.close)
+        for x in self.trials:
+            x.renews = self.fresh
         s_1 = self.slope() if self.last else None
         if self.last is None:
             pass
@@ -270,10 +303,11 @@ class Iteration:
             if not abs(s_1) <= 0.8 * abs(self.last.slope):
                 # a stale tangent overshoots: back, and with fresh tangents from now on
                 self.move(self.last.start)
-                self.always, self.e = True, None
+                self.always, self.fresh, self.close, self.e = True, True, False, None
         elif self.last.slope > 0.0 and not s_1 >= -0.8 * self.last.slope:
-            self.e *= self.search(s_1)
+            self.e, self.close = self.e * self.search(s_1), False
         for x in self.trials:
+            x.renews = self.fresh
             x.evaluate()
 
     def slope(self):
@@ -301,6 +335,9 @@ class Iteration:
                 high, s_high = x, s
         return x
 
+    def accepts(self, good):
+        return good
+
     def multipliers(self):
         """Lam of each trial after the correction (N12)."""
         if self.others is None:
@@ -312,13 +349,11 @@ class Iteration:
 
     def correct(self):
         """Correct the iterates (N3); True if they are then accepted (N7)."""
-        trials = self.trials
-        fresh = self.always or self.due
+        trials, fresh = self.trials, self.fresh
         if fresh:
             for x in trials:
                 x.refresh()
-        floor = 100.0 * EPS * np.sqrt(sum(x.rounding for x in trials))  # (N8)
-        residual = max(x.residual for x in trials)
+        rounding = max(x.rounding for x in trials)
         Lam = self.multipliers()
         parts = [x.correction(y) for x, y in zip(trials, Lam, strict=True)]
         self.energies = [energy for _, energy, _ in parts]
@@ -339,16 +374,15 @@ class Iteration:
         self.move([(w + dw, y) for (w, _), (dw, _), y in zip(start, change, Lam, strict=True)])
         self.e, self.due = e, theta is not None and theta > 0.2
         scales = [max(x.member.scale, part[2]) for x, part in zip(trials, parts, strict=True)]
-        # (N21)  corrections that do not fall, of a residual that is rounding in every row
-        fixed = theta is not None and theta >= STAGNANT and residual <= 100.0 * EPS
-        if fixed or accepted(e, theta, self.newton.tol * np.sqrt(sum(scales)), floor):
-            for x, scale in zip(trials, scales, strict=True):
-                x.member.scale = scale
-            return True
-        return False
+        motion = np.sqrt(sum(scales))
+        residual = max(x.residual for x in trials)
+        rate, tol = rate_of(theta), self.newton.tol
+        self.close = rate * e <= tol * motion
+        balanced = fresh and min(1.0, MARGIN * rate) * residual <= tol
+        self.scales = scales
+        return self.accepts((theta is not None and rounding <= 1.0) or (self.close and balanced))
 
 
-def accepted(e, theta, limit, floor):
-    """Whether a correction of the root energy e was the last one (N7)."""
-    converged = theta is not None and theta < 1.0 and theta / (1.0 - theta) * e <= limit
-    return converged or e <= 1e-3 * limit or e <= floor
+def rate_of(theta):
+    """The error that is left after a correction, relative to the correction (N7)."""
+    return UNKNOWN if theta is None or theta >= 1.0 else min(UNKNOWN, theta / (1.0 - theta))

@@ -299,3 +299,29 @@ def test_a_coupler_that_has_failed_may_be_reset(variant):
         c.run(steps=STEPS)
     c.reset()
     same_bits(c.run(steps=STEPS), history)
+
+
+@pytest.mark.parametrize("ss", [(1, 1), (1, 4), (4, 1)])
+@pytest.mark.parametrize("coupling", ["gc", "pm", "macro"])
+def test_a_tangent_that_is_lost_is_a_convergence_error_and_nothing_is_committed(coupling, ss):
+    B = np.eye(3) - np.eye(3, k=-1)
+
+    def law(u, v, t, q):
+        k = 1e6 if t < 0.43 else 0.0  # of three springs in a row, which stay as they are
+        return 1e6 * (B.T @ B @ u), k * B.T @ B
+
+    alpha = pm.GeneralizedAlpha(0.5)
+    rig = pm.Subdomain(
+        np.ones(3), None, scheme=alpha, internal=law, v0=[0.0, 1.0, 0.0], substeps=ss[0], name="rig"
+    )
+    frame = pm.Subdomain([1.0, 1.0], [1e3, 1e3], scheme=alpha, substeps=ss[1], name="frame")
+    tie = pm.tie(rig, [2], frame, [0])
+    c = pm.Coupler([rig, frame], tie, dt=0.05, coupling=coupling)
+    with pytest.raises(pm.ConvergenceError) as caught:
+        c.run(1.0)
+    assert caught.value.subdomain == "rig" and 0.43 < caught.value.time <= 0.45 + 1e-9
+    assert caught.value.iterations > 0
+    # the macro step from 0.4 to 0.45 has not been made
+    assert c.step_count == 8 and abs(c.state("rig").u).max() < 1.0
+    np.testing.assert_array_equal(c.last_history["rig"].u[-1], c.state("rig").u)
+    assert c.last_history["rig"].t[-1] == pytest.approx(0.4, abs=1e-12)

@@ -19,8 +19,10 @@ class Newton(Frozen):
     Parameters
     ----------
     tol : float, default 1e-8
-        Estimated error of an iteration when it is accepted, in the energy norm and relative to the
-        largest motion in a step of the run so far; in (0, 1).
+        Relative accuracy of forces and motion when an iteration is accepted, in (0, 1): in every
+        row the residual is at most ``tol`` of the forces that acted there when the step began, and
+        the estimated error at most ``tol`` of the largest motion in a step so far, in the energy
+        norm. A residual that is rounding is accepted by itself.
     iterations : int, default 40
         Largest number of iterations in a substep; more are a `ConvergenceError`. At least 1.
     tangent : {"full", "reuse"}, default "full"

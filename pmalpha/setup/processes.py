@@ -14,7 +14,7 @@ from .ranks import Ranks
 
 # Pieces of its interface values that the core sends of a subdomain at a time, at most, and numbers
 # that measure an iteration.
-PIECES, MEASURES = 3, 5
+PIECES, MEASURES = 3, 6
 
 
 def remote_of(

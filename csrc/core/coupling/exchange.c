@@ -30,7 +30,7 @@ size_t pma_exchange_size(size_t ranks, size_t count, const pma_member *members)
     size_t size = ranks;
     for (size_t i = 0; i < count; i++) {
         const pma_iterated *iterated = &members[i].iterated;
-        const size_t values = PMA_MOST_PIECES * interface_size(&members[i]) + PMA_MEASURES;
+        const size_t values = PMA_MOST_PIECES * interface_size(&members[i]) + PMA_MEASURES + 1;
         const size_t block = iterated->table ? iterated->count * iterated->count : 0;
         size += block > values ? block : values;
     }

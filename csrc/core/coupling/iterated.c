@@ -42,12 +42,12 @@ static pma_status open_long(pma_coupler *c, pma_coupled *m)
     const pma_newton *newton = &c->iteration->parts.newton;
     const double *lam = c->iteration->lam_begin;
     void *self = m->member.self;
-    double slope;
+    pma_measure measure;
     bool changed;
     pma_stop_context at = {.c = c, .m = m};
     pma_status status = table->converge(self, newton, lam, pma_macro_stops, &at);
     if (status == PMA_OK)
-        status = table->evaluate(self, true, &slope);
+        status = table->evaluate(self, true, &measure);
     if (status == PMA_OK)
         status = table->linearize(self, true, lam, &changed);
     if (status != PMA_OK)
@@ -110,7 +110,8 @@ static bool is_any_iterated(const pma_coupler *c)
 
 static pma_status evaluate_one(pma_coupler *c, pma_coupled *m)
 {
-    return table_of(m)->evaluate(m->member.self, c->iteration->tangent, &member_in(c, m)->slope);
+    pma_measure *measure = &member_in(c, m)->measure;
+    return table_of(m)->evaluate(m->member.self, c->iteration->tangent, measure);
 }
 
 static pma_status linearize_one(pma_coupler *c, pma_coupled *m)
@@ -142,7 +143,16 @@ static pma_status restart_one(pma_coupler *c, pma_coupled *m)
     return PMA_OK;
 }
 
-static pma_status evaluate(void *ctx, bool tangent, double *slope)
+static void sum_measures(const pma_coupler *c, pma_measure *sum)
+{
+    *sum = (pma_measure){0};
+    for (size_t i = 0; i < c->parts.count; i++) {
+        if (is_iterated(&c->coupled[i]))
+            pma_measure_add(sum, &c->iteration->members[i].measure);
+    }
+}
+
+static pma_status evaluate(void *ctx, bool tangent, pma_measure *measure)
 {
     pma_coupler *c = ctx;
     c->iteration->tangent = tangent;
@@ -150,14 +160,10 @@ static pma_status evaluate(void *ctx, bool tangent, double *slope)
     if (!pma_coupler_is_stopped(c))
         status = pma_share(c, evaluate_one, is_iterated);
     if (c->exchange)
-        status = pma_messages_slopes(c, status);
-    *slope = 0.0;
-    for (size_t i = 0; i < c->parts.count; i++) {
-        if (!is_iterated(&c->coupled[i]))
-            continue;
-        *slope += c->iteration->members[i].slope;
-        c->unpolled += c->coupled[i].member.entries;
-    }
+        status = pma_messages_residuals(c, status);
+    sum_measures(c, measure);
+    for (size_t i = 0; i < c->parts.count; i++)
+        c->unpolled += is_iterated(&c->coupled[i]) ? c->coupled[i].member.entries : 0;
     return status;
 }
 
@@ -187,10 +193,7 @@ static pma_status correct(void *ctx, bool fresh, pma_measure *measure)
     if (c->exchange)
         status = pma_messages_measures(c);
     memcpy(it->lam_star, c->working.lam, c->parts.p * sizeof(double));
-    for (size_t i = 0; i < c->parts.count; i++) {
-        if (is_iterated(&c->coupled[i]))
-            pma_measure_add(measure, &it->members[i].measure);
-    }
+    sum_measures(c, measure);
     return status;
 }
 

@@ -39,7 +39,6 @@ typedef struct {
     bool known;     /* the block follows its tangent, */
     bool changed;   /* ... and was made since the last interface problem */
     bool factored;  /* there is a factor, which can be kept */
-    double slope;
     pma_measure measure;
     /* macro */
     double *corrections; /* substeps: made in all passes of a macro step */

@@ -93,40 +93,66 @@ pma_status pma_messages_factors(pma_coupler *c)
     return pma_exchange_message(c, &FACTORS, PMA_OK);
 }
 
-/* ---- slopes --------------------------------------------------------------------------------- */
+/* ---- measures of residuals and corrections -------------------------------------------------- */
 
-/* the slope, and whether the residual of this member was the first that is not finite */
-static size_t slope_size(const pma_coupler *c, const pma_coupled *m)
+static size_t measure_size(const pma_coupler *c, const pma_coupled *m)
 {
-    return 2 * one(c, m);
+    return PMA_MEASURES * one(c, m);
 }
 
-static void write_slope(const pma_coupler *c, const pma_coupled *m, double *to)
+static void write_measure(const pma_coupler *c, const pma_coupled *m, double *to)
 {
-    if (!is_iterated(m))
-        return;
-    to[0] = member_in(c, m)->slope;
-    to[1] = c->iteration->not_finite && c->failed == (size_t)(m - c->coupled);
+    const pma_measure *own = &member_in(c, m)->measure;
+    const double numbers[PMA_MEASURES] = {own->correction, own->motion, own->slope, own->residual,
+                                          own->rounding};
+    memcpy(to, numbers, measure_size(c, m) * sizeof(double));
 }
 
-static void read_slope(pma_coupler *c, const pma_coupled *m, const double *from)
+static void read_measure(pma_coupler *c, const pma_coupled *m, const double *from)
+{
+    if (is_iterated(m))
+        member_in(c, m)->measure = (pma_measure){.correction = from[0],
+                                                 .motion = from[1],
+                                                 .slope = from[2],
+                                                 .residual = from[3],
+                                                 .rounding = from[4]};
+}
+
+pma_status pma_messages_measures(pma_coupler *c)
+{
+    static const pma_message MEASURES = {measure_size, write_measure, read_measure};
+    return pma_exchange_message(c, &MEASURES, PMA_OK);
+}
+
+/* the same, and whether the residual of this member was the first that is not finite */
+static size_t residual_size(const pma_coupler *c, const pma_coupled *m)
+{
+    return measure_size(c, m) + one(c, m);
+}
+
+static void write_residual(const pma_coupler *c, const pma_coupled *m, double *to)
+{
+    write_measure(c, m, to);
+    if (is_iterated(m))
+        to[PMA_MEASURES] = c->iteration->not_finite && c->failed == (size_t)(m - c->coupled);
+}
+
+static void read_residual(pma_coupler *c, const pma_coupled *m, const double *from)
 {
     const size_t i = (size_t)(m - c->coupled);
-    if (!is_iterated(m))
-        return;
-    member_in(c, m)->slope = from[0];
-    if (from[1] == 0.0)
+    read_measure(c, m, from);
+    if (!is_iterated(m) || from[PMA_MEASURES] == 0.0)
         return;
     c->failed = c->iteration->not_finite && c->failed < i ? c->failed : i;
     c->iteration->not_finite = true;
 }
 
 /* A residual that is not finite can be answered by a shorter correction, and ends nothing. */
-pma_status pma_messages_slopes(pma_coupler *c, pma_status status)
+pma_status pma_messages_residuals(pma_coupler *c, pma_status status)
 {
-    static const pma_message SLOPES = {slope_size, write_slope, read_slope};
+    static const pma_message RESIDUALS = {residual_size, write_residual, read_residual};
     c->iteration->not_finite = status == PMA_NOT_FINITE;
-    status = pma_exchange_message(c, &SLOPES, status == PMA_NOT_FINITE ? PMA_OK : status);
+    status = pma_exchange_message(c, &RESIDUALS, status == PMA_NOT_FINITE ? PMA_OK : status);
     return status == PMA_OK && c->iteration->not_finite ? PMA_NOT_FINITE : status;
 }
 
@@ -163,37 +189,6 @@ pma_status pma_messages_laws(pma_coupler *c, pma_status status)
     static const pma_message LAWS = {law_size, write_law, read_law};
     status = pma_exchange_message(c, &LAWS, status);
     return status == PMA_OK ? send_blocks(c) : status;
-}
-
-/* ---- measures ------------------------------------------------------------------------------- */
-
-static size_t measure_size(const pma_coupler *c, const pma_coupled *m)
-{
-    return PMA_MEASURES * one(c, m);
-}
-
-static void write_measure(const pma_coupler *c, const pma_coupled *m, double *to)
-{
-    const pma_measure *own = &member_in(c, m)->measure;
-    const double numbers[PMA_MEASURES] = {own->correction, own->motion, own->rounding, own->slope,
-                                          own->residual};
-    memcpy(to, numbers, measure_size(c, m) * sizeof(double));
-}
-
-static void read_measure(pma_coupler *c, const pma_coupled *m, const double *from)
-{
-    if (is_iterated(m))
-        member_in(c, m)->measure = (pma_measure){.correction = from[0],
-                                                 .motion = from[1],
-                                                 .rounding = from[2],
-                                                 .slope = from[3],
-                                                 .residual = from[4]};
-}
-
-pma_status pma_messages_measures(pma_coupler *c)
-{
-    static const pma_message MEASURES = {measure_size, write_measure, read_measure};
-    return pma_exchange_message(c, &MEASURES, PMA_OK);
 }
 
 /* ---- runs (N14) ----------------------------------------------------------------------------- */

@@ -184,7 +184,7 @@ static inline bool pma_coupler_is_stopped(pma_coupler *c)
     return c->poll && c->unpolled >= c->poll->entries && pma_coupler_poll(c);
 }
 
-/* ---- members in other processes: exchange.c -------------------------------------------------- */
+/* ---- members in other processes: exchange.c ------------------------------------------------- */
 
 pma_status pma_exchange_create(pma_coupler *c, const pma_exchange_parts *parts);
 void pma_exchange_destroy(pma_exchange *x); /* NULL is allowed */
@@ -213,7 +213,7 @@ bool pma_exchange_is_ended(const pma_coupler *c);
 void pma_exchange_begin(pma_coupler *c);
 pma_status pma_exchange_agree(pma_coupler *c, pma_status status);
 
-/* ---- iterated steps in several processes: messages.c ----------------------------------------- */
+/* ---- iterated steps in several processes: messages.c ---------------------------------------- */
 
 /* The pieces of the interface problem; the round at the beginning of a fine step, where substeps
  * begin; which members have a factor that can be kept. */
@@ -224,14 +224,14 @@ pma_status pma_messages_factors(pma_coupler *c);
 
 /* After residuals, laws and corrections: what all members have, and whether some process failed in
  * making them. PMA_NOT_FINITE in all processes when a residual is not finite. */
-pma_status pma_messages_slopes(pma_coupler *c, pma_status status);
+pma_status pma_messages_residuals(pma_coupler *c, pma_status status);
 pma_status pma_messages_laws(pma_coupler *c, pma_status status);
 pma_status pma_messages_measures(pma_coupler *c);
 
 /* After the runs of a pass of shooting: the ends of all runs, and their measures. */
 pma_status pma_messages_runs(pma_coupler *c, pma_status status);
 
-/* ---- macro coupling without internal forces: macro.c ----------------------------------------- */
+/* ---- macro coupling without internal forces: macro.c ---------------------------------------- */
 
 /* Can all members do what macro coupling needs? PMA_BAD_SIZE if not. */
 pma_status pma_macro_check(const pma_coupler_parts *parts);
@@ -269,7 +269,7 @@ bool pma_macro_stops(void *context);
 /* What is recorded of the inner time levels of a macro step, or NULL. */
 const pma_selection *pma_macro_selection(const pma_coupler *c, const pma_coupled *m);
 
-/* ---- mean coupling: mean.c ------------------------------------------------------------------- */
+/* ---- mean coupling: mean.c ------------------------------------------------------------------ */
 
 /* Can all members do what mean coupling needs, with internal forces or not? PMA_BAD_SIZE if not. */
 pma_status pma_mean_check(const pma_coupler_parts *parts);
@@ -293,7 +293,7 @@ pma_status pma_mean_accelerate(pma_coupler *c, pma_coupled *m);
 void pma_mean_record(pma_coupler *c);
 void pma_mean_record_present(const pma_coupler *c, const pma_record *record);
 
-/* ---- fine steps: fine.c ---------------------------------------------------------------------- */
+/* ---- fine steps: fine.c --------------------------------------------------------------------- */
 
 /* The largest number of substeps; PMA_BAD_SIZE unless it is a multiple of all others. */
 size_t pma_fine_instants(const pma_coupler_parts *parts);

@@ -86,20 +86,22 @@ static pma_status allocate(pma_iterate *it)
     const size_t history = p->internal.history, functions = pma_internal_scratch(&p->internal);
     const size_t kept = it->parts.keeps ? (size_t)it->parts.tangent.ptr[n] : 0;
     const size_t size =
-        12 * n + p->nb + 2 * p->link.p + springs + total + history + functions + kept;
+        14 * n + 2 * p->nb + 2 * p->link.p + springs + total + history + functions + kept;
     it->block = calloc(size + 1, sizeof(double));
     it->rows = calloc(p->link.p + 1, sizeof *it->rows);
     it->column = calloc(entries_of_link(&p->link) + 1, sizeof *it->column);
     it->spring_entries = calloc(4 * total + 1, sizeof *it->spring_entries);
-    if (!it->block || !it->rows || !it->column || !it->spring_entries)
+    it->diagonal = calloc(n + 1, sizeof *it->diagonal);
+    if (!it->block || !it->rows || !it->column || !it->spring_entries || !it->diagonal)
         return PMA_NO_MEMORY;
     double *next = it->block;
-    double **const vectors[12] = {&it->u_n, &it->v_n, &it->held, &it->guess,
-                                  &it->u,   &it->v,   &it->f,    &it->force,
-                                  &it->R,   &it->dw,  &it->size, &it->product};
-    for (size_t i = 0; i < 12; i++)
+    double **const vectors[14] = {&it->u_n,  &it->v_n,     &it->held,   &it->guess, &it->u,
+                                  &it->v,    &it->f,       &it->force,  &it->R,     &it->dw,
+                                  &it->size, &it->product, &it->forces, &it->limit};
+    for (size_t i = 0; i < 14; i++)
         *vectors[i] = take(&next, n);
     it->pull = take(&next, p->nb);
+    it->pull_size = take(&next, p->nb);
     it->lam = take(&next, 2 * p->link.p);
     it->springs_n = take(&next, springs);
     it->slopes = take(&next, total);
@@ -125,6 +127,8 @@ pma_status pma_iterate_create(pma_subdomain *s, const pma_iterate_parts *parts, 
         status = allocate(it);
     if (status == PMA_OK) {
         find_rows(it);
+        for (size_t i = 0; i < s->parts.n; i++)
+            it->diagonal[i] = (int64_t)pma_numeric_entry(&parts->tangent, i, i);
         status = find_spring_entries(it);
     }
     if (status == PMA_OK) {
@@ -149,6 +153,7 @@ void pma_iterate_destroy(pma_iterate *it)
     free(it->rows);
     free(it->column);
     free(it->spring_entries);
+    free(it->diagonal);
     free(it);
 }
 

@@ -27,7 +27,7 @@ typedef struct {
     /* See pma_equations. `linearize` factors the tangent if it is fresh, and makes the law: o is
      * then the free velocity at the end of the substep, G its compliance, and `changed` says
      * whether G is another one than before; lam: the multipliers that `correct` was given last. */
-    pma_status (*evaluate)(void *self, bool tangent, double *slope);
+    pma_status (*evaluate)(void *self, bool tangent, pma_measure *measure);
     pma_status (*linearize)(void *self, bool fresh, const double *lam, bool *changed);
     void (*correct)(void *self, const double *lam, pma_measure *measure);
     void (*move)(void *self, double by);

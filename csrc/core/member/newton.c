@@ -5,8 +5,10 @@
 /* A tangent that is kept is made again where corrections fall by less than this. */
 #define SLOW 0.2
 
-/* Corrections that fall by less than this are rounding, if the residual is.                (N21) */
-#define STAGNANT 0.5
+/* Where nothing is known of the next correction, or corrections hardly fall, what is left counts
+ * this many times; and the residual ten times what is left of it.                          (N7) */
+#define UNKNOWN 1e3
+#define MARGIN 10.0
 
 /* Where the slope along a correction has grown to this part of the one before it, with the other
  * sign, the correction is too long; it is shortened to half that.                          (N10) */
@@ -31,27 +33,33 @@ typedef struct {
     bool keeps;      /* tangents are kept; false after they have failed */
     bool has_factor; /* ... and there is one */
     bool slow;       /* ... which is to be made again */
+    bool close;      /* the last correction was small enough */
+    pma_measure at;  /* the residual at the iterate */
 } iteration;
 
-/* ---- (N7)  is the error after the last correction small enough? ----------------------------- */
+/* ---- (N7)  is what is left small enough? ---------------------------------------------------- */
 
-static bool is_accepted(const iteration *it, const pma_measure *m, double theta)
+/* After a correction with the root energy e, theta of the one before. */
+static bool is_accepted(iteration *it, const pma_measure *m, double theta, bool fresh)
 {
-    const double e = sqrt(m->correction), limit = it->newton->tolerance * sqrt(m->motion);
-    if (e <= 1e-3 * limit || m->correction <= m->rounding)
-        return true;
-    if (it->e > 0.0 && theta >= STAGNANT && m->residual <= 1.0)
-        return true;
-    return theta < 1.0 && theta / (1.0 - theta) * e <= limit;
+    const double tolerance = it->newton->tolerance;
+    const double rate = theta < 1.0 ? fmin(theta / (1.0 - theta), UNKNOWN) : UNKNOWN;
+    it->close = rate * sqrt(m->correction) <= tolerance * sqrt(m->motion);
+    if (it->e > 0.0 && it->at.rounding <= 1.0)
+        return true; /* (N8) */
+    return it->close && fresh && fmin(1.0, MARGIN * rate) * m->residual <= tolerance;
 }
 
 /* ---- (N10)  line search --------------------------------------------------------------------- */
 
 static pma_status slope_at(const iteration *it, double *x, double to, double *slope)
 {
+    pma_measure m = {0};
     it->equations->move(it->ctx, to - *x);
     *x = to;
-    return it->equations->evaluate(it->ctx, false, slope);
+    const pma_status status = it->equations->evaluate(it->ctx, false, &m);
+    *slope = m.slope;
+    return status;
 }
 
 /* The correction is shortened to where the slope has fallen to half. `s1` is that at its end, or
@@ -80,6 +88,7 @@ static pma_status search(iteration *it, double s1)
         }
     }
     it->e *= x;
+    it->close = false;
     return status;
 }
 
@@ -87,13 +96,13 @@ static pma_status search(iteration *it, double s1)
 
 static bool wants_tangent(const iteration *it)
 {
-    return !it->keeps || !it->has_factor || it->slow;
+    return !it->keeps || !it->has_factor || (it->slow && !it->close);
 }
 
 /* Tangents that were kept have failed: fresh ones from now on, from where the iterate is now. */
 static void give_up_tangents(iteration *it)
 {
-    it->keeps = false;
+    it->keeps = it->close = false;
     it->e = 0.0;
 }
 
@@ -115,9 +124,9 @@ static bool led_astray(const iteration *it, pma_status status, double slope)
 static pma_status evaluate(iteration *it, bool *fresh)
 {
     const pma_equations *eq = it->equations;
-    double slope = 0.0;
     *fresh = wants_tangent(it);
-    pma_status status = eq->evaluate(it->ctx, *fresh, &slope);
+    pma_status status = eq->evaluate(it->ctx, *fresh, &it->at);
+    const double slope = it->at.slope;
     if (status != PMA_OK && status != PMA_NOT_FINITE)
         return status;
     if (!led_astray(it, status, slope))
@@ -137,16 +146,17 @@ static pma_status evaluate(iteration *it, bool *fresh)
             return status;
     }
     *fresh = true;
-    return eq->evaluate(it->ctx, true, &slope);
+    return eq->evaluate(it->ctx, true, &it->at);
 }
 
-/* ---- (N9)  corrections that do not fall because they are rounding ---------------------------- */
+/* ---- (N9)  corrections that do not fall because they are rounding --------------------------- */
 
 /* By how much the slope at the part x of the last correction departs from that of the tangent. */
 static double departure(const iteration *it, double *x, double to)
 {
-    double s = NAN;
-    slope_at(it, x, to, &s);
+    double s;
+    if (slope_at(it, x, to, &s) != PMA_OK)
+        return NAN;
     return fabs(s - (1.0 - to) * it->slope) / fabs(to * it->slope);
 }
 
@@ -154,6 +164,8 @@ static double departure(const iteration *it, double *x, double to)
  * does over a large multiple. */
 static bool is_rounding(const iteration *it)
 {
+    if (it->count < 2)
+        return false;
     double x = 1.0;
     const bool noise = !(departure(it, &x, NEAR) <= 0.5) && departure(it, &x, FAR) <= 0.1;
     it->equations->move(it->ctx, 1.0 - x);
@@ -172,6 +184,8 @@ pma_status pma_newton_solve(const pma_newton *newton, const pma_equations *equat
         pma_measure m = {0};
         bool fresh = false;
         pma_status status = evaluate(&it, &fresh);
+        if (status == PMA_OK && it.close && it.at.residual <= newton->tolerance)
+            return PMA_OK;
         if (status == PMA_OK)
             status = equations->correct(ctx, fresh, &m);
         if (status != PMA_OK)
@@ -185,14 +199,14 @@ pma_status pma_newton_solve(const pma_newton *newton, const pma_equations *equat
             equations->restart(ctx);
             continue;
         }
-        if (is_accepted(&it, &m, theta))
+        if (is_accepted(&it, &m, theta, fresh))
             return PMA_OK;
         it.slow = it.count > 1 && theta > SLOW;
         it.e = e;
         it.slope = m.slope;
     }
-    if (it.count < 2 || !is_rounding(&it))
+    if (!is_rounding(&it))
         return PMA_NOT_CONVERGED;
-    equations->raise(ctx, 1e6 / (newton->tolerance * newton->tolerance));
+    equations->raise(ctx, 4e6 / (newton->tolerance * newton->tolerance));
     return PMA_OK;
 }

@@ -11,48 +11,46 @@
 #include "status.h"
 
 typedef struct {
-    double tolerance;  /* of the error after the last correction, as a part of the motion */
+    double tolerance;  /* of a residual and of the error after the last correction          (N7) */
     size_t iterations; /* at most */
     bool reuse;        /* a tangent is kept until convergence slows down */
 } pma_newton;
 
-/* Energies, which are squares: e^2, s^2 and e_0^2 of (N5) to (N8). Scaling of single dofs does not
- * change them; of several subdomains, sums. */
+/* What is measured of the residual at an iterate, and of a correction. Energies are squares: e^2 and
+ * s^2 of (N5) and (N6); of several subdomains, sums. Parts are the largest of all rows. */
 typedef struct {
     double correction; /* e^2 = al1 dw . Mbar_t dw                                          (N5) */
     double motion;     /* the largest du . Mbar_t du / al1 so far, du over a substep        (N6) */
-    double rounding;   /* of the terms of the residual                                      (N8) */
-    double slope;      /* al2 dw . R before the correction */
-    double residual;   /* no energy: the largest |R| before the correction, in parts of the
-                        * rounding of the terms of its row                                (N21) */
+    double slope; /* al2 dw . R: of the last correction at the iterate, of one at its beginning */
+    double residual; /* |R| in parts of the forces in its row, before a correction with L^T dLam */
+    double rounding; /* |R| in parts of its rounding                                      (N8) */
 } pma_measure;
 
 static inline void pma_measure_add(pma_measure *sum, const pma_measure *m)
 {
     sum->correction += m->correction;
     sum->motion += m->motion;
-    sum->rounding += m->rounding;
     sum->slope += m->slope;
     sum->residual = m->residual > sum->residual ? m->residual : sum->residual;
+    sum->rounding = m->rounding > sum->rounding ? m->rounding : sum->rounding;
 }
 
 /* Operations on the iterate. Those that return a status end the iteration with it, but that a value
  * which is not finite can be answered by a shorter step. */
 typedef struct {
-    /* The residual R at the iterate, with its tangent if wanted; slope: al2 dw . R, dw the last
-     * correction. */
-    pma_status (*evaluate)(void *ctx, bool tangent, double *slope);
-    /* A correction, with the tangent factored before if it is new. */
+    /* The residual R at the iterate, with its tangent if wanted; measures all but a correction. */
+    pma_status (*evaluate)(void *ctx, bool tangent, pma_measure *measure);
+    /* A correction, with the tangent factored before if it is new; measures it. */
     pma_status (*correct)(void *ctx, bool fresh, pma_measure *measure);
     /* The iterate goes on along the last correction by this part of it; by -1: back. */
     void (*move)(void *ctx, double by);
     /* The iterate is the first guess again. */
     void (*restart)(void *ctx);
-    /* The motion so far counts as at least this many times the energy of the last correction. */
+    /* The motion so far counts as at least this many times the largest energy of a correction. */
     void (*raise)(void *ctx, double factor);
 } pma_equations;
 
-/* Iterates until the error is below the tolerance. PMA_NOT_CONVERGED, or what an operation comes
+/* Iterates until residual and error are below the tolerance. PMA_NOT_CONVERGED, or what an operation comes
  * back with.
  *
  * has_factor: is there a factor that can be kept? */

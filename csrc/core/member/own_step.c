@@ -10,6 +10,9 @@
 /* Residuals are exact up to this many units in the last place of their terms.              (N8) */
 #define ROUNDING (100.0 * DBL_EPSILON)
 
+/* No row has to be nearer to balance than this part of the largest force asks for.          (N7) */
+#define SHARE 0.1
+
 static const pma_operator *operator_of(const pma_iterate *it)
 {
     return pma_operator_of(it->of, it->step.twice);
@@ -22,13 +25,11 @@ static const pma_state *iterate_of(const pma_iterate *it)
 
 /* ---- first guess (N4) ----------------------------------------------------------------------- */
 
-/* held := F(t1) - r(ut, vs, t1) + D_r vs, what is evaluated once; lagged: - C vs too */
+/* held := F(t1) - r(ut, vs, t1) + D_r vs, what is evaluated once, from F(t1); lagged: - C vs too */
 static pma_status hold(pma_iterate *it, const pma_state *from, const pma_state *to)
 {
     pma_subdomain *s = it->of;
     const pma_parts *p = &s->parts;
-    memset(it->held, 0, p->n * sizeof(double));
-    pma_load_add(&s->load, it->step.t1, it->step.number, it->held);
     if (p->lagged)
         pma_matrix_subtract(&p->C, s->vs, it->held);
     if (!it->parts.springs)
@@ -43,12 +44,44 @@ static pma_status hold(pma_iterate *it, const pma_state *from, const pma_state *
     return pma_restoring_subtract(&p->restoring, it->step.t1, to->u, s->vs, it->held, &s->code);
 }
 
+/* pull := L_b^T Lam, and its size */
 static void load_interface(const pma_iterate *it, const double *lam, double *pull)
 {
-    if (it->of->parts.mean) /* they push instead */
-        memset(pull, 0, it->of->parts.nb * sizeof(double));
-    else
-        pma_link_load(&it->of->parts.link, lam, pull);
+    const pma_parts *p = &it->of->parts;
+    const pma_link *L = &p->link;
+    memset(pull, 0, p->nb * sizeof(double));
+    memset(it->pull_size, 0, p->nb * sizeof(double));
+    if (p->mean)
+        return; /* they push instead */
+    pma_link_load(L, lam, pull);
+    for (size_t i = 0; i < p->nb; i++) {
+        for (int64_t k = L->ptr[i]; k < L->ptr[i + 1]; k++)
+            it->pull_size[i] += fabs(L->values[k] * lam[L->index[k]]);
+    }
+}
+
+/* M_size w, which is not negative, in it->product */
+static void find_inertia(pma_iterate *it, const double *w)
+{
+    const size_t n = it->of->parts.n;
+    for (size_t i = 0; i < n; i++) {
+        it->size[i] = -fabs(w[i]);
+        it->product[i] = 0.0;
+    }
+    pma_matrix_subtract(&it->parts.M_size, it->size, it->product);
+}
+
+/* The forces at the beginning: |F(t1)| + |L^T| |Lam| + |M| |w_n|                           (N7) */
+static void begin_forces(pma_iterate *it, const pma_state *from)
+{
+    const pma_parts *p = &it->of->parts;
+    const size_t n = p->n, inner = n - p->nb;
+    memset(it->held, 0, n * sizeof(double));
+    pma_load_add(&it->of->load, it->step.t1, it->step.number, it->held);
+    find_inertia(it, from->w);
+    for (size_t i = 0; i < n; i++)
+        it->forces[i] =
+            fabs(it->held[i]) + it->product[i] + (i < inner ? 0.0 : it->pull_size[i - inner]);
 }
 
 static pma_status begin(void *self, const pma_substep *step, const double *lam)
@@ -70,11 +103,14 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
         it->scale = it->scale_present; /* a macro step may be run again */
     it->motion = it->scale;
     it->singular = SIZE_MAX;
-    it->linearized = false;
+    it->linearized = it->begun = false;
+    it->largest = 0.0;
     memcpy(it->u_n, from->u, p->n * sizeof(double));
     memcpy(it->v_n, from->v, p->n * sizeof(double));
     memcpy(it->springs_n, from->springs, pma_iterate_spring_numbers(it) * sizeof(double));
     memcpy(it->history_n, from->history, p->internal.history * sizeof(double));
+    load_interface(it, lam, it->pull);
+    begin_forces(it, from);
 
     /* (R1), (5), (6); v1 = v_n */
     if (s->extrapolates)
@@ -84,7 +120,6 @@ static pma_status begin(void *self, const pma_substep *step, const double *lam)
         pma_substep_push(s, op->step.h, 0, p->n, to);
     for (size_t i = 0; i < p->n; i++)
         it->guess[i] = to->w[i] = (it->v_n[i] - to->v[i]) / op->step.al2;
-    load_interface(it, lam, it->pull);
     return hold(it, from, to);
 }
 
@@ -168,15 +203,60 @@ static double dot(size_t n, const double *x, const double *y)
     return sum;
 }
 
+/* max |R_i| / limit_i, where 0 / 0 is 0 */
+static double largest_part(const pma_iterate *it, const double *limit)
+{
+    double largest = 0.0;
+    for (size_t i = 0; i < it->of->parts.n; i++)
+        largest = fmax(largest, fabs(it->R[i]) / limit[i]);
+    return largest;
+}
+
+/* The root of a diagonal entry of Mbar_t, by whose multiple rows are compared; its parts do not
+ * cancel. */
+static double root_of_row(const pma_iterate *it, size_t i)
+{
+    const double *base = it->step.twice ? it->parts.base_twice : it->parts.base;
+    const int64_t k = it->diagonal[i];
+    return sqrt(fabs(base[k]) + fabs(it->numeric.values[k] - base[k]));
+}
+
+/* (N7)  |R| in parts of the forces at the beginning, of the first guess too
+ * (N8)  ... and of its rounding, 100 eps of the largest terms of all rows */
+static void measure_residual(pma_iterate *it)
+{
+    const pma_parts *p = &it->of->parts;
+    const size_t n = p->n, inner = n - p->nb;
+    double *root = it->size, *terms = it->product, largest = 0.0;
+    double begun = sqrt(it->scale / operator_of(it)->step.al1);
+    find_inertia(it, iterate_of(it)->w);
+    for (size_t i = 0; i < n; i++) {
+        const double given = fabs(it->held[i]) + (i < inner ? 0.0 : it->pull_size[i - inner]);
+        terms[i] += fabs(it->force[i]) + fabs(it->f[i] - it->force[i]) + given;
+        root[i] = root_of_row(it, i);
+        largest = fmax(largest, terms[i] / root[i]);
+        it->forces[i] = it->begun ? it->forces[i] : fmax(it->forces[i], terms[i]);
+        begun = fmax(begun, it->forces[i] / root[i]);
+    }
+    for (size_t i = 0; i < n; i++) {
+        it->limit[i] = fmax(it->forces[i], SHARE * begun * root[i]);
+        root[i] *= ROUNDING * largest;
+    }
+    it->begun = true;
+    it->measure.residual = largest_part(it, it->limit);
+    it->measure.rounding = largest_part(it, root);
+}
+
 /* R = F + L^T Lam - M w - f at the iterate                                                 (N2) */
-static pma_status evaluate(void *self, bool tangent, double *slope)
+static pma_status evaluate(void *self, bool tangent, pma_measure *m)
 {
     pma_subdomain *s = self;
     pma_iterate *it = s->iterate;
     const size_t n = s->parts.n;
     const pma_step *c = &operator_of(it)->step;
     const pma_state *x = iterate_of(it);
-    *slope = 0.0;
+    *m = it->measure;
+    m->slope = 0.0;
     if (it->linearized)
         return PMA_OK; /* as it was left by the free solution of a long substep */
     for (size_t i = 0; i < n; i++) {
@@ -202,8 +282,12 @@ static pma_status evaluate(void *self, bool tangent, double *slope)
             it->size[i] = c->al1 * x->w[i];
         pma_matrix_subtract(&s->parts.K_r, it->size, it->R); /* K_r (u - ut) */
     }
-    *slope = c->al2 * dot(n, it->dw, it->R);
-    return is_finite(n, it->R) ? PMA_OK : PMA_NOT_FINITE;
+    if (!is_finite(n, it->R))
+        return PMA_NOT_FINITE;
+    measure_residual(it);
+    it->measure.slope = c->al2 * dot(n, it->dw, it->R);
+    *m = it->measure;
+    return PMA_OK;
 }
 
 /* ---- correction ----------------------------------------------------------------------------- */
@@ -227,44 +311,6 @@ static pma_status factor(pma_iterate *it, bool *changed)
     return status;
 }
 
-/* The terms of R by rows: of |L^T| |Lam| in row i of the interface */
-static double size_of_pull(const pma_parts *p, size_t i, const double *lam)
-{
-    double sum = 0.0;
-    if (p->mean)
-        return sum;
-    for (int64_t k = p->link.ptr[i]; k < p->link.ptr[i + 1]; k++)
-        sum += fabs(p->link.values[k] * lam[p->link.index[k]]);
-    return sum;
-}
-
-/* (N8)  e_0^2 of  sum |u| . (|f| + |F| + |L^T Lam|) + al1 |w| . |M| |w|
- * (N21) max |R| / (|f| + |C v + K u| + |F| + |L^T| |Lam| + |M| |w|) by rows */
-static void measure_rounding(pma_iterate *it, const double *lam)
-{
-    const pma_parts *p = &it->of->parts;
-    const size_t n = p->n, inner = n - p->nb;
-    const double *w = iterate_of(it)->w;
-    double energy = 0.0, largest = 0.0;
-    for (size_t i = 0; i < n; i++) {
-        it->size[i] = fabs(w[i]);
-        it->product[i] = 0.0;
-    }
-    pma_matrix_subtract(&it->parts.M_size, it->size, it->product);
-    for (size_t i = 0; i < n; i++) {
-        const double pull = i < inner ? 0.0 : it->pull[i - inner];
-        const double terms = fabs(it->force[i]) + fabs(it->f[i] - it->force[i]) +
-                             fabs(it->held[i]) - it->product[i] +
-                             (i < inner ? 0.0 : size_of_pull(p, i - inner, lam));
-        energy += fabs(it->u[i]) * (fabs(it->f[i]) + fabs(it->held[i]) + fabs(pull)) -
-                  operator_of(it)->step.al1 * it->size[i] * it->product[i];
-        if (!(fabs(it->R[i]) <= largest * ROUNDING * terms))
-            largest = fabs(it->R[i]) / (ROUNDING * terms);
-    }
-    it->rounding = ROUNDING * ROUNDING * energy;
-    it->residual = largest;
-}
-
 /* o = L (v + al2 Mbar_t^-1 R) - G Lam, before L: the free velocity                        (N11) */
 static pma_status linearize(void *self, bool fresh, const double *lam, bool *changed)
 {
@@ -280,7 +326,6 @@ static pma_status linearize(void *self, bool fresh, const double *lam, bool *cha
     if (status != PMA_OK)
         return status;
     it->linearized = fresh;
-    measure_rounding(it, lam);
     memcpy(it->dw, it->R, n * sizeof(double));
     pma_factor_open(&it->numeric.factor, it->dw, vf, s->work);
     pma_substep_solve_link(s, op, lam);
@@ -325,14 +370,12 @@ static void correct(void *self, const double *lam, pma_measure *m)
     }
     const double step = dot(n, it->dw, it->R);
     it->motion = fmax(it->scale, motion(it, c->al1));
-    it->correction = fabs(c->al1 * step);
-    *m = (pma_measure){
-        .correction = it->correction,
-        .motion = it->motion,
-        .rounding = it->rounding,
-        .slope = c->al2 * step,
-        .residual = it->residual,
-    };
+    it->measure.correction = fabs(c->al1 * step);
+    it->measure.motion = it->motion;
+    it->measure.slope = c->al2 * step;
+    it->measure.residual = largest_part(it, it->limit);
+    *m = it->measure;
+    it->largest = fmax(it->largest, m->correction);
     it->corrections++;
     it->linearized = false;
 }
@@ -340,7 +383,7 @@ static void correct(void *self, const double *lam, pma_measure *m)
 static void raise(void *self, double factor)
 {
     pma_iterate *it = ((pma_subdomain *)self)->iterate;
-    it->motion = fmax(it->motion, factor * it->correction);
+    it->motion = fmax(it->motion, factor * it->largest);
 }
 
 /* ---- in interface space --------------------------------------------------------------------- */
@@ -404,10 +447,10 @@ typedef struct {
     void *ctx;
 } own_step;
 
-static pma_status own_evaluate(void *ctx, bool tangent, double *slope)
+static pma_status own_evaluate(void *ctx, bool tangent, pma_measure *m)
 {
     const own_step *own = ctx;
-    return own->stop(own->ctx) ? PMA_STOPPED : evaluate(own->s, tangent, slope);
+    return own->stop(own->ctx) ? PMA_STOPPED : evaluate(own->s, tangent, m);
 }
 
 static pma_status own_correct(void *ctx, bool fresh, pma_measure *m)

@@ -20,22 +20,24 @@ struct pma_iterate {
     size_t singular;               /* dof of a pivot that is not positive */
 
     double scale, motion;  /* energy of the largest motion so far; with the iterate */
-    double correction;     /* energy of the last one */
-    double rounding;       /* energy of the rounding of R */
-    double residual;       /* largest |R| of a row, in parts of the rounding of its terms */
+    double largest;        /* energy of a correction of this substep */
+    pma_measure measure;   /* of the residual at the iterate, and of the last correction */
+    bool begun;            /* the substep has a residual: its forces are those of the first */
     double scale_present;  /* the same at the present */
     bool factored_present; /* ... of a factor that is kept */
     bool factored_twice_present;
     bool refactored; /* the tangent was written since the present */
     bool linearized; /* with a fresh tangent at the iterate where it is */
 
-    double *u_n, *v_n;                  /* state in which the substep begins */
-    double *springs_n, *history_n;      /* what springs and functions remember of it */
-    double *held;                       /* F(t1) and what else is evaluated once */
-    double *guess;                      /* first guess of w */
-    double *u, *v, *f, *force;          /* iterate, C v + K u + f, f of the functions */
-    double *R, *dw;                     /* residual, last correction */
-    double *pull;                       /* nb: L_b^T Lam that R contains */
+    double *u_n, *v_n;             /* state in which the substep begins */
+    double *springs_n, *history_n; /* what springs and functions remember of it */
+    double *held;                  /* F(t1) and what else is evaluated once */
+    double *guess;                 /* first guess of w */
+    double *u, *v, *f, *force;     /* iterate, C v + K u + f, f of the functions */
+    double *R, *dw;                /* residual, last correction */
+    double *pull, *pull_size;      /* nb: L_b^T Lam that R contains, |L_b^T| |Lam| */
+    double *forces, *limit;        /* of each row at the beginning; |R| is a part of the latter */
+    int64_t *diagonal;             /* entries of Mbar */
     double *slopes, *scratch, *entries; /* of springs; of functions; kept at the present */
     double *lam;                        /* 2 p: scratch, the first half zero */
     double *many;                       /* scratch of pma_block_compliance */

@@ -205,7 +205,7 @@ static void record_acceleration(void *self, const double *lam, const pma_selecti
     (void)self, (void)lam, (void)selection, (void)row;
 }
 
-/* ---- iterated elsewhere; the coupler receives slopes, laws, blocks and measures -------------- */
+/* ---- iterated elsewhere; the coupler receives slopes, laws, blocks and measures ------------- */
 
 static pma_status begin(void *self, const pma_substep *step, const double *lam)
 {
@@ -220,9 +220,9 @@ static pma_status converge(void *self, const pma_newton *newton, const double *l
     return PMA_OK;
 }
 
-static pma_status evaluate(void *self, bool tangent, double *slope)
+static pma_status evaluate(void *self, bool tangent, pma_measure *measure)
 {
-    (void)self, (void)tangent, (void)slope;
+    (void)self, (void)tangent, (void)measure;
     return PMA_OK;
 }
 
