@@ -357,8 +357,11 @@ class Shooting:
             scale = max(self.scale, self.kinetic(ends))
             c = 0.1 if count == 1 else 10.0
             limit = c * self.newton.tol * np.sqrt(scale + sum(x.scale for x in self.members))
-            floor = 100.0 * EPS * np.sqrt(self.dt * abs(Lam + d) @ abs(self.H) @ abs(Lam + d))
-            if np.sqrt(abs(step @ r) * self.dt) <= max(limit, floor):  # (N16)
+            # what the multipliers moved, and what is summed in r
+            ties = zip(self.members, ends, strict=True)
+            terms = abs(self.H) @ abs(Lam + d) + abs(g) + sum(abs(x.L @ y.v) for x, y in ties)
+            rounding = (abs(r) <= 100.0 * EPS * terms).all()
+            if rounding or np.sqrt(abs(step @ r) * self.dt) <= limit:  # (N16)
                 self.d, self.scale = d, scale
                 return [counted(*x) for x in zip(runs, work, strict=True)], count
             d, r_old = d + step, r

@@ -344,3 +344,18 @@ def test_contact_that_opens_and_closes_has_the_limits_of_the_discrete_gradient()
         f, K, _, _ = stop(np.array([u1]), None, 0.0, started)
         assert f[0] == pytest.approx(2.0 * mean - 2.0, abs=1e-14)
         assert K.nnz == 1
+
+
+@pytest.mark.parametrize("dt", [1e-3, 1e-2, 1e-1])
+@pytest.mark.parametrize("v0", [0.0, 1e-12, 1e-9])
+@pytest.mark.parametrize("ss", [(3, 1), (1, 3)])
+def test_a_spring_at_rest_under_a_load_converges(dt, v0, ss):
+    # f = u = F = 1: what is left in the constraint is rounding of displacements
+    how = dict(scheme=pm.Newmark(), force=[1.0], u0=[1.0], v0=[v0])
+    law = pm.CubicSpring([0], 1.0, 0.0)
+    a = pm.Subdomain([1.0], None, internal=law, substeps=ss[0], **how)
+    b = pm.Subdomain([1.0], [1.0], substeps=ss[1], **how)
+    history = pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=dt, coupling="mean").run(steps=30)
+    # 30 steps of 100 units in the last place of u, and the motion itself
+    assert abs(history[0].u - 1.0).max() <= 30 * 2.3e-14 + v0 * 30 * dt
+    assert abs(history.displacement_jump).max() <= 2.3e-14 * 4.0

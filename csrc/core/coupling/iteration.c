@@ -33,7 +33,7 @@ static pma_status create(pma_coupler *c, const pma_iteration_parts *parts, size_
     it->size = extra;
     it->members = calloc(c->parts.count + 1, sizeof *it->members);
     it->positions = calloc(entries + 1, sizeof *it->positions);
-    it->block = calloc(own + 8 * p + 2 * it->size, sizeof *it->block);
+    it->block = calloc(own + 9 * p + 2 * it->size, sizeof *it->block);
     if (!it->members || !it->positions || !it->block)
         return PMA_NO_MEMORY;
     double *next = it->block + own;
@@ -43,7 +43,8 @@ static pma_status create(pma_coupler *c, const pma_iteration_parts *parts, size_
     it->residual_before = next + 3 * p;
     it->correction = next + 4 * p;
     it->scratch = next + 5 * p;
-    it->present = next + 8 * p;
+    it->terms = next + 8 * p;
+    it->present = next + 9 * p;
     it->working = it->present + it->size;
     return PMA_OK;
 }

@@ -59,6 +59,7 @@ typedef struct {
     /* macro: the increment of the multipliers, the residual, the last correction, B ~ H^-1 */
     double *dlam, *residual, *residual_before, *correction;
     double *scratch; /* 3 p */
+    double *terms;   /* p: the size of what is summed in the residual */
     pma_broyden broyden;
 
     /* macro: what belongs to the present, and the same of the macro step at hand: the energy scale,

@@ -135,13 +135,28 @@ static void known_part(pma_coupler *c, double *known)
     }
 }
 
-/* r(dLam) = sum L v - g at the end of the runs                                     (N14) (K6) */
+/* terms := |H| |Lam| + |known|: what the multipliers moved rounds, too, where nothing moves in sum */
+static void begin_terms(const pma_coupler *c, const double *known)
+{
+    const pma_iteration *it = c->iteration;
+    const size_t p = c->parts.p;
+    double *lam = it->scratch;
+    for (size_t row = 0; row < p; row++) {
+        lam[row] = -fabs((is_mean(c) ? 0.0 : c->present.lam[row]) + it->dlam[row]);
+        it->terms[row] = fabs(known[row]);
+    }
+    pma_matrix_subtract(&it->parts.H_size, lam, it->terms);
+}
+
+/* r(dLam) = sum L v - g at the end of the runs, and the size of its terms           (N14) (K6) */
 static void residual(const pma_coupler *c, const double *known, double *r)
 {
     const pma_iteration *it = c->iteration;
     const pma_matrix *response =
         c->present.number > 0 ? &it->parts.response : &it->parts.response_start;
     const size_t p = c->parts.p;
+    double *own = it->scratch;
+    begin_terms(c, known);
     for (size_t row = 0; row < p; row++)
         r[row] = -known[row];
     pma_matrix_subtract(response, it->dlam, r);
@@ -149,10 +164,17 @@ static void residual(const pma_coupler *c, const double *known, double *r)
         r[row] = -r[row];
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
-        if (member->shoots && is_mean(c))
-            member->table->displacement(member->self, member->substeps, r);
-        else if (member->shoots)
-            member->table->velocity(member->self, member->substeps, r);
+        if (!member->shoots)
+            continue;
+        memset(own, 0, p * sizeof(double));
+        if (is_mean(c))
+            member->table->displacement(member->self, member->substeps, own);
+        else
+            member->table->velocity(member->self, member->substeps, own);
+        for (size_t row = 0; row < p; row++) {
+            r[row] += own[row];
+            it->terms[row] += fabs(own[row]);
+        }
     }
 }
 
@@ -195,24 +217,17 @@ static double scales(const pma_coupler *c)
 
 /* ---- shooting (N14) ------------------------------------------------------------------------- */
 
-/* |Lam| . |H| |Lam| at the end, for the rounding of the residual */
-static double size_of_terms(const pma_coupler *c)
+static bool is_rounding(const pma_iteration *it, size_t p)
 {
-    const pma_iteration *it = c->iteration;
-    const size_t p = c->parts.p;
-    double *lam = it->scratch, *product = lam + p, sum = 0.0;
     for (size_t row = 0; row < p; row++) {
-        lam[row] = fabs((is_mean(c) ? 0.0 : c->present.lam[row]) + it->dlam[row]);
-        product[row] = 0.0;
+        if (!(fabs(it->residual[row]) <= ROUNDING * it->terms[row]))
+            return false;
     }
-    pma_matrix_subtract(&it->parts.H_size, lam, product);
-    for (size_t row = 0; row < p; row++)
-        sum -= lam[row] * product[row];
-    return sum;
+    return true;
 }
 
 /* (N16)  The work that the next correction would do, sqrt(|correction . r| dt), is small enough;
- * with a residual of displacements it is sqrt(|correction . r|). */
+ * with a residual of displacements it is sqrt(|correction . r|). Or the residual is rounding. */
 static bool is_accepted(const pma_coupler *c, bool first, double scale)
 {
     const pma_iteration *it = c->iteration;
@@ -221,8 +236,7 @@ static bool is_accepted(const pma_coupler *c, bool first, double scale)
         work += it->correction[row] * it->residual[row];
     const double time = is_mean(c) ? 1.0 : c->parts.dt;
     const double e = sqrt(fabs(work) * time), part = first ? FIRST_PASS : LATER_PASSES;
-    return e <= part * it->parts.newton.tolerance * sqrt(scale) ||
-           e <= ROUNDING * sqrt(time * size_of_terms(c));
+    return e <= part * it->parts.newton.tolerance * sqrt(scale) || is_rounding(it, c->parts.p);
 }
 
 /* dLam += -B r, after B has learned from the last correction */
