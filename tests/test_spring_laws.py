@@ -100,7 +100,7 @@ def test_cases_side_by_side_are_single_runs(law):
 def test_numbers_of_points_tell_springs_apart():
     a, b = pm.Multilinear([0], BACKBONE), pm.Multilinear([0], BACKBONE, rule="elastic")
     assert not np.array_equal(a.numbers, b.numbers)
-    assert a.moved(np.array([[1, -1]])).points.tolist() == a.points.tolist()
+    assert a._moved(np.array([[1, -1]])).points.tolist() == a.points.tolist()
 
 
 @pytest.mark.parametrize(

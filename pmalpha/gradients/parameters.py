@@ -20,11 +20,12 @@ class Parameters(Frozen):
 
     Parameters
     ----------
-    subdomain : Subdomain, or its name
+    subdomain : Subdomain or str
+        The subdomain, or its name.
     dofs : (m, k) array of int, optional
         Dofs of the element that belongs to each parameter. Then K, C and M are element matrices.
     K, C, M : (k, k) or (m, k, k) array, or list of m (n, n) matrices
-        dK/dtheta, dC/dtheta, dM/dtheta: with `dofs` one element matrix for all parameters or one
+        Derivatives of these matrices: with `dofs` one element matrix for all parameters or one
         for each; without, m dense or sparse matrices. With Rayleigh damping a stiffness
         parameter has ``C = c_k * K``. Those left out are zero.
 

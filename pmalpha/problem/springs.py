@@ -87,7 +87,7 @@ class Spring(Frozen):
         kinds = [f"{counted(n, 'spring')} {where}" for where, n in counts.items() if n]
         return f"<{type(self).__name__}: {', '.join(kinds)}>"
 
-    def moved(self, dofs: np.ndarray) -> Spring:
+    def _moved(self, dofs: np.ndarray) -> Spring:
         """The same springs between other dofs, (springs, 2)."""
         return type(self)(dofs, **dict(zip(self.names, self.parameters)))
 
@@ -325,7 +325,7 @@ class BoucWen(Spring):
 class RambergOsgood(Spring):
     """The hysteresis of Ramberg and Osgood with Masing's rules, equation (H11).
 
-    On first loading d = f/k (1 + alpha |f/fy|^(n - 1)); after each reversal the same curve from
+    On first loading ``d = f/k (1 + alpha |f/fy|^(n - 1))``; after each reversal the same curve from
     there, twice as large. A loop that closes is forgotten, and the branch before it goes on.
 
     Parameters
@@ -374,11 +374,12 @@ class RambergOsgood(Spring):
         return np.where(self.n > 1.0, self.k, self.k / (1.0 + self.alpha))
 
     def core_parameters(self) -> tuple[np.ndarray, ...]:
-        """fy / k, fy, n and alpha.
+        """Parameters of (H11) for the core.
 
         Returns
         -------
         tuple of (springs,) arrays
+            The elastic deformation fy / k at the force fy, then fy, n and alpha.
         """
         return self.fy / self.k, self.fy, self.n, self.alpha
 
@@ -435,7 +436,7 @@ class Multilinear(Spring):
         slopes: np.ndarray = f / d
         return slopes
 
-    def moved(self, dofs: np.ndarray) -> Multilinear:
+    def _moved(self, dofs: np.ndarray) -> Multilinear:
         """The same springs between other dofs, (springs, 2)."""
         return Multilinear(dofs, self.points, self.rule)
 
@@ -451,11 +452,12 @@ class Multilinear(Spring):
         return np.column_stack([self.dofs, np.tile(own, (len(self), 1))])
 
     def core_parameters(self) -> tuple[np.ndarray, ...]:
-        """The stiffness beyond the last point, and that of each element with its limit.
+        """Parameters of the elements in parallel for the core.
 
         Returns
         -------
         tuple of (springs,) arrays
+            The stiffness beyond the last point, and that of each element with its limit.
         """
         slopes = self._slopes()
         elements = np.column_stack([-np.diff(slopes), self.points[:-1, 0]]).ravel()

@@ -298,7 +298,7 @@ def _springs(subdomain: Any, kept: np.ndarray) -> dict[str, Any]:
                 raise ValueError(
                     f"keep must have the dofs of springs, got {name} springs on {listing(lost)}"
                 )
-        moved = [spring.moved(number[spring.dofs]) for spring in given]
+        moved = [spring._moved(number[spring.dofs]) for spring in given]
         found[name] = moved or None
     return found
 
