@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .._checks import whole_number
+from ..errors import AccuracyWarning
 from .adjoint import Adjoint, Member, Sources
 from .misfit import KINDS, Misfit
 from .parameters import Parameters
@@ -55,8 +57,10 @@ def gradient(
     parameters: Any,
     block: int | None,
     reporting: Callable[[int], AbstractContextManager[Any]],
+    judge: Callable[[Any, Any], None],
 ) -> Gradient:
-    """`Coupler.gradient`; `reporting` makes the report of a number of macro steps."""
+    """`Coupler.gradient`; `reporting` makes the report of a number of macro steps, and `judge`
+    warns of a run of this session."""
     parameters = checked_parameters(parameters)
     if not callable(objective):
         raise TypeError(f"objective must be a Misfit or a function of a History, got {objective!r}")
@@ -70,7 +74,9 @@ def gradient(
         steps = session.clock.end(*end, 0)
         with reporting(2 * steps) as report:
             blocks = Blocks(coupler, problem, steps, block, report)
-            return blocks.gradient(objective, parameters, names)
+            result = blocks.gradient(objective, parameters, names)
+            judge(session, result.history)
+            return result
     finally:
         coupler.restore(present)
 
@@ -100,9 +106,15 @@ class Blocks:
         snapshots, pieces = [], []
         for first, last in zip(self.borders, self.borders[1:]):
             snapshots.append(self.coupler.snapshot())
-            pieces.append(self.coupler.run(steps=last - first, record=record))
+            pieces.append(self._run(last - first, record))
             self._reported(last)
         return snapshots, type(pieces[0]).join(pieces)
+
+    def _run(self, steps: int, record: Any) -> Any:
+        """A block, which is not judged: the whole run is."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", AccuracyWarning)
+            return self.coupler.run(steps=steps, record=record)
 
     def _reported(self, done: int) -> None:
         if self.report is not None:
@@ -129,7 +141,7 @@ class Blocks:
             if last < self.steps:
                 handed = adjoint.taking_over(start, of_start)
             self.coupler.restore(snapshots.pop())
-            run = self.coupler.run(steps=last - first, record=dict.fromkeys(names))
+            run = self._run(last - first, dict.fromkeys(names))
             mus, nu, start, of_start = adjoint.block(sources, of_lam, first, last, handed)
             velocity[first * fine + 1 : last * fine + 1] = nu
             for x, mu in zip(members, mus):

@@ -643,7 +643,10 @@ class Coupler:
         """
         require_linear(self._session, "gradient")
         end, report = (t_end, steps), partial(reporting, progress, 0)
-        return gradients.gradient(self, self._session, objective, end, parameters, block, report)
+        judge = recorded_run.judge
+        return gradients.gradient(
+            self, self._session, objective, end, parameters, block, report, judge
+        )
 
     def jacobian(
         self,
