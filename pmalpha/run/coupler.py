@@ -597,8 +597,10 @@ class Coupler:
             A `Misfit`, or a function of the History that returns the value and its derivatives: by
             subdomain a dict with "u", "v", "a" of arrays (levels, dofs) like those of the History,
             and "multipliers", (levels, p); what is left out is zero.
-        t_end, steps
-            As for `run`, from t = 0.
+        t_end : float
+            As for `run`, from t = 0. Give this or `steps`.
+        steps : int
+            As for `run`.
         parameters : Parameters or sequence of them, optional
             What the matrices depend on. The gradients with respect to loads and initial values
             are always computed.
@@ -611,6 +613,7 @@ class Coupler:
         Returns
         -------
         Gradient
+            The value, its derivatives, and the History of the run.
 
         Raises
         ------
@@ -668,8 +671,11 @@ class Coupler:
         ----------
         sensors : dict
             Dofs, an array of int, by name of the subdomain.
-        t_end, steps
-            As for `run`, from t = 0 with the present initial values and loads.
+        t_end : float
+            As for `run`, from t = 0 with the present initial values and loads. Give this or
+            `steps`.
+        steps : int
+            As for `run`.
         parameters : Parameters or sequence of them
             What the matrices depend on.
         what : {"a", "v", "u"}
