@@ -368,3 +368,24 @@ def test_the_gain_is_that_of_the_formulas(K_r, substeps):
     # sums of some hundred terms
     np.testing.assert_allclose(coupler._session.parts[0].core.gain, max(lasting), rtol=1e-9)
     assert max(lasting) > 0.05
+
+
+@pytest.mark.parametrize("share", [0.9, 1.0])
+def test_a_sound_run_under_macro_coupling_is_not_ended(share):
+    """With K_r near k no energy is added, at whatever macro step (docs/couplings.md)."""
+    for product in (4.4, 6.4):
+        k = 0.5 * product**2
+        a = pm.Subdomain([0.5], [k], scheme=pm.GeneralizedAlpha(0.5), u0=[1.0])
+        b = pm.Subdomain(
+            [0.5],
+            None,
+            scheme=pm.GeneralizedAlpha(0.5, explicit=True),
+            substeps=20,
+            u0=[1.0],
+            restoring=lambda u, v, t, k=k: k * u,
+            restoring_stiffness=[share * k],
+        )
+        with pytest.warns(pm.StabilityWarning, match="restoring"):
+            coupler = pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=1.0, coupling="macro")
+        x = coupler.run(steps=60)[1]
+        assert x.t[-1] == 60.0

@@ -476,7 +476,8 @@ def build(part: Part, mass: Factor | None = None, threads: int = 1) -> None:
         shifts=part.shifts,
         continues=part.over is not None,
     )
-    if part.subdomain.restoring is not None or part.internal is not None:
+    # evaluated in a free macro run, a force is on another path than that of the motion
+    if not part.responds and (part.subdomain.restoring is not None or part.internal is not None):
         K_r = None if part.subdomain.scheme.explicit else part.K_r
         part.core.watch(*(core_matrix(A, symmetric=part.symmetric) for A in (part.M, K_r)))
 
