@@ -23,7 +23,7 @@ enum { LASTS = 4 };
  * and the sum of their sizes; the work from the predictor to the state. */
 typedef struct {
     double *ut, *r, *acting, *v, *vs, *springs;
-    double work, added, gross, size, rest;
+    double work, added, gross, size, rest, start;
 } level;
 
 struct pma_balance {
@@ -187,6 +187,10 @@ void pma_balance_close(pma_balance *b, int64_t number, size_t j, double al1, con
     to->added = from->added + (known ? path - seen : 0.0);
     to->gross = from->gross + (known ? fabs(path) + fabs(seen) : 0.0);
     to->size = fmax(from->size, size);
+    if (!known) /* the forces that there are at the start have done work before it */
+        to->start = 0.5 * size;
+    else
+        to->start = from->start;
     memcpy(to->springs, springs, spring_numbers(&b->parts) * sizeof(double));
 }
 
@@ -199,6 +203,7 @@ static double gain_at(pma_balance *b, const double *v)
     const double added = at->added - b->least_added;
     const double energy = kinetic(b, v) + at->work - b->least_work;
     b->motion = fmax(b->motion, fmax(energy - added, ROUNDING * at->size));
+    b->motion = fmax(b->motion, at->start);
     /* what was added and dissipated at once does no harm */
     return added > SHARE * at->gross ? fmin(added, energy) / b->motion : 0.0;
 }
