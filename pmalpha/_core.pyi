@@ -70,6 +70,7 @@ _Processes = tuple[
 @final
 class Subdomain:
     entries: int
+    gain: float
     def __new__(
         cls,
         n: int,
@@ -111,8 +112,6 @@ class Subdomain:
     def iteration(self) -> tuple[float, np.ndarray | None, bool] | None: ...
     def set_iteration(self, scale: float, entries: np.ndarray | None, twice: bool, /) -> None: ...
     def evaluate_present(self, t: float, /) -> int | None: ...
-    gain: float
-
     def watch(self, M: _Matrix, K_r: _Matrix, /) -> None: ...
     def begin_energy(
         self,

@@ -110,6 +110,8 @@ def test_a_transposed_gyroscopic_matrix_is_another_problem():
     assert np.max(np.abs(x - y)) > 0.5
 
 
+# the shaft itself is driven: its motion grows by 0.2 per cent in a macro step
+@pytest.mark.filterwarnings("ignore:drift=.removed. is unstable")
 @pytest.mark.parametrize("substeps, explicit", [(1, False), (3, False), (1, True), (4, True)])
 def test_drift_is_removed_with_unsymmetric_matrices(substeps, explicit):
     """(V4) with unsymmetric compliances: the gap of displacements of 3 is rounding after 200 steps,

@@ -268,7 +268,7 @@ def _judged(
     stride = _stride(reduced, records, levels, ranks, step)
     unknown = any(joined(ranks, [part.subdomain.has_unknown_stiffness for part in parts]))
     for some in dict.fromkeys([stride, 1]):
-        motion = _projected(reduced, records, np.arange(0, levels, some), ranks)
+        motion = _projected(reduced, records, slice(0, levels, some), levels, ranks)
         e, is_smooth = _errors(reduced, motion, some * step, unknown)
         if is_smooth:
             break
@@ -285,7 +285,7 @@ def _stride(
 ) -> int:
     """Of how many levels one is read: so that the modes are resolved, and the force."""
     some = _snapshots(levels - 1)
-    first, next_one = (_projected(reduced, records, x, ranks) for x in (some, some + 1))
+    first, next_one = (_projected(reduced, records, x, levels, ranks) for x in (some, some + 1))
     f, change = (reduced.K @ q + reduced.C @ v + w for q, v, w in (first, next_one - first))
     size = np.linalg.norm(f) + np.linalg.norm(reduced.K @ first[0])
     most = CHANGE * size / (np.linalg.norm(change) + 1e-300)
@@ -294,13 +294,18 @@ def _stride(
 
 
 def _projected(
-    reduced: Reduced, records: Sequence[Rows], some: np.ndarray, ranks: Ranks | None
+    reduced: Reduced,
+    records: Sequence[Rows],
+    some: np.ndarray | slice,
+    levels: int,
+    ranks: Ranks | None,
 ) -> np.ndarray:
-    """q, its velocity and acceleration at some of the levels, (3, r, levels)."""
+    """q, its velocity and acceleration at some of the levels, (3, r, levels); a slice is not copied
+    from a file."""
     own = []
     for (u, v, w), Mx, Wx in zip(records, reduced.masses, reduced.forces):
         own.append(np.array([(u[some] @ Mx).T, (v[some] @ Mx).T, (w[some] @ Wx).T]))
-    return _total(ranks, own, (3, reduced.omega.size, some.size))
+    return _total(ranks, own, (3, reduced.omega.size, np.arange(levels)[some].size))
 
 
 def _errors(
