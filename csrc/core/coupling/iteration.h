@@ -60,6 +60,7 @@ typedef struct {
     double *dlam, *residual, *residual_before, *correction;
     double *scratch; /* 3 p */
     double *terms;   /* p: the size of what is summed in the residual */
+    double moved;    /* |Lam| . |H| |Lam| */
     pma_broyden broyden;
 
     /* macro: what belongs to the present, and the same of the macro step at hand: the energy scale,

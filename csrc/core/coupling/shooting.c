@@ -135,17 +135,23 @@ static void known_part(pma_coupler *c, double *known)
     }
 }
 
-/* terms := |H| |Lam| + |known|: what the multipliers moved rounds, too, where nothing moves in sum */
+/* terms := |H| |Lam| + |known|: what the multipliers moved rounds, too, where nothing moves in sum;
+ * their work |Lam| . |H| |Lam| */
 static void begin_terms(const pma_coupler *c, const double *known)
 {
-    const pma_iteration *it = c->iteration;
+    pma_iteration *it = c->iteration;
     const size_t p = c->parts.p;
     double *lam = it->scratch;
     for (size_t row = 0; row < p; row++) {
         lam[row] = -fabs((is_mean(c) ? 0.0 : c->present.lam[row]) + it->dlam[row]);
-        it->terms[row] = fabs(known[row]);
+        it->terms[row] = 0.0;
     }
     pma_matrix_subtract(&it->parts.H_size, lam, it->terms);
+    it->moved = 0.0;
+    for (size_t row = 0; row < p; row++) {
+        it->moved -= lam[row] * it->terms[row];
+        it->terms[row] += fabs(known[row]);
+    }
 }
 
 /* r(dLam) = sum L v - g at the end of the runs, and the size of its terms           (N14) (K6) */
@@ -227,7 +233,8 @@ static bool is_rounding(const pma_iteration *it, size_t p)
 }
 
 /* (N16)  The work that the next correction would do, sqrt(|correction . r| dt), is small enough;
- * with a residual of displacements it is sqrt(|correction . r|). Or the residual is rounding. */
+ * with a residual of displacements it is sqrt(|correction . r|). Or the residual is rounding, of the
+ * work of all multipliers or in every row. */
 static bool is_accepted(const pma_coupler *c, bool first, double scale)
 {
     const pma_iteration *it = c->iteration;
@@ -236,7 +243,8 @@ static bool is_accepted(const pma_coupler *c, bool first, double scale)
         work += it->correction[row] * it->residual[row];
     const double time = is_mean(c) ? 1.0 : c->parts.dt;
     const double e = sqrt(fabs(work) * time), part = first ? FIRST_PASS : LATER_PASSES;
-    return e <= part * it->parts.newton.tolerance * sqrt(scale) || is_rounding(it, c->parts.p);
+    return e <= part * it->parts.newton.tolerance * sqrt(scale) ||
+           e <= ROUNDING * sqrt(time * it->moved) || is_rounding(it, c->parts.p);
 }
 
 /* dLam += -B r, after B has learned from the last correction */
