@@ -239,6 +239,19 @@ def test_data_that_are_missing_do_not_count():
     assert not found.force["s0"][4:].any() and found.force["s0"][3].any()
 
 
+def test_the_history_of_a_run_that_was_ended_is_kept():
+    def stop(done, total):
+        raise KeyboardInterrupt
+
+    coupler = problem("macro", (1, 2), (half, fine))
+    with pytest.raises(KeyboardInterrupt):
+        coupler.run(steps=2, progress=stop)
+    last = coupler.last_history
+    coupler.gradient(squares, steps=2)
+    coupler.jacobian({"s0": [0]}, steps=2, parameters=CHANGED)
+    assert last is not None and coupler.last_history is last
+
+
 def refused(message, call, *arguments, error=ValueError, **named):
     with pytest.raises(error, match=message):
         call(*arguments, **named)

@@ -66,7 +66,7 @@ def gradient(
         raise TypeError(f"objective must be a Misfit or a function of a History, got {objective!r}")
     block = BLOCK if block is None else whole_number(block, "block", low=1)
     require_adjoint(session, "gradient")
-    present = coupler.snapshot()
+    present, last = coupler.snapshot(), session.last_history
     try:
         return_to_beginning(coupler, session)
         problem = Problem(coupler, session)
@@ -79,6 +79,7 @@ def gradient(
             return result
     finally:
         coupler.restore(present)
+        session.last_history = last
 
 
 def return_to_beginning(coupler: Any, session: Any) -> None:

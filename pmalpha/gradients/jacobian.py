@@ -34,7 +34,7 @@ def jacobian(
     if what not in KINDS:
         raise ValueError(f"what must be one of {', '.join(KINDS)}, got {what!r}")
     require_adjoint(session, "jacobian")
-    present = coupler.snapshot()
+    present, last = coupler.snapshot(), session.last_history
     try:
         return_to_beginning(coupler, session)
         problem = Problem(coupler, session)
@@ -52,6 +52,7 @@ def jacobian(
                     report(len(columns))
     finally:
         coupler.restore(present)
+        session.last_history = last
     return {name: np.stack([x[name] for x in columns], axis=-1) for name in sensors}
 
 

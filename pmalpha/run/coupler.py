@@ -589,7 +589,8 @@ class Coupler:
 
         The run begins at t = 0 with the present initial values and loads. The gradient is exact, to
         rounding, for the discrete run itself, and costs the same for any number of parameters: the
-        adjoint of a run is a run of the same coupler in reversed time. The coupler stays as it is.
+        adjoint of a run is a run of the same coupler in reversed time. The coupler stays as it is;
+        no other thread may use it meanwhile.
 
         Parameters
         ----------
