@@ -33,7 +33,7 @@ demo: $(VENV)/.plot,fast
 	$(VENV)/bin/python -m pmalpha
 
 test: $(VENV)/.test
-	@echo "The tests of the package and its files, on $(JOBS) processors: about 3 minutes on two."
+	@echo "The tests of the package and its files, on $(JOBS) processors: about 5 minutes on two."
 	@echo "Not among them: make others (10 minutes), make ctest, make campaigns (an hour)."
 	$(PYTEST) -m "not gate" $(ARGS)
 
