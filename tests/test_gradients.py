@@ -287,6 +287,9 @@ def test_bad_arguments_are_refused_and_the_coupler_stays_as_it_was():
     refused(
         "below 4", call, squares, steps=3, parameters=pm.Parameters("s1", dofs=[[4]], K=[[1.0]])
     )
+    refused("at least one macro step", call, squares, steps=0)
+    far = {"s0": [3]}
+    refused(r"sensors\['s0'\]", coupler.jacobian, far, steps=2, parameters=CHANGED)
     refused("must be a Misfit", call, 3.0, steps=3, error=TypeError)
     refused("K, C or M", pm.Parameters, "s1", dofs=[[0]])
     refused("must have shape", pm.Parameters, "s1", dofs=[[0, 1]], K=[[1.0]])

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -77,6 +78,7 @@ class Member:
         self.al1, self.al2 = al1, al2
         self.al1_beside_K = al1 if self.scheme.explicit else 0.0
 
+    @cached_property
     def links(self) -> tuple[np.ndarray, np.ndarray]:
         """Y = Mbar^-1 L^T and Mbar^-T L^T, (n, p), for (A10) and (A12)."""
         implicit = 0.0 if self.scheme.explicit else self.al1
@@ -135,12 +137,6 @@ class Adjoint:
         self.h = dt / fine
         self.p = members[0].L.shape[0]
         self.double = any(x.double for x in members)
-        self._links: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-
-    def links(self, member: Member) -> tuple[np.ndarray, np.ndarray]:
-        if member.name not in self._links:
-            self._links[member.name] = member.links()
-        return self._links[member.name]
 
     def nothing_handed(self) -> Handed:
         return Handed(
@@ -231,7 +227,7 @@ class Adjoint:
                 ramp = 1.0 - np.arange(1, x.substeps) / x.substeps
                 of_lam += x.L @ (ramp @ mu[: x.substeps - 1])
             elif x.ratio > 1:
-                _, transposed = self.links(x)
+                _, transposed = x.links
                 of_lam += x.al2 * (x.L @ (transposed @ at_nodes[0]))
         return starts, of_lam
 
@@ -250,12 +246,16 @@ class Adjoint:
         out[-1] += nu[-1]
         return out
 
+    @cached_property
+    def _gram(self) -> Any:
+        """The factors of sum L L^T."""
+        return sla.splu(sp.csc_array(sum(x.L @ x.L.T for x in self.members)))
+
     def taking_over(self, start: list[np.ndarray], of_lam: np.ndarray) -> Handed:
         """(A14): what the next block leaves, with the adjoint of its multipliers as sources."""
         if not self.p:
             return Handed(start, [np.zeros(x.n) for x in self.members])
-        gram = sp.csc_array(sum(x.L @ x.L.T for x in self.members))
-        y = sla.spsolve(gram, -of_lam).reshape(-1)
+        y = self._gram.solve(-of_lam)
         etas = []
         for x, state in zip(self.members, start):
             eta = x.L.T @ y
@@ -293,7 +293,7 @@ class Adjoint:
         straight = (1.0 - theta) * nodes[:-1, None] + theta * nodes[1:, None]
         beyond = lam[:-1].reshape(len(nodes) - 1, q, self.p) - straight  # zero at the nodes
         B = beyond.reshape(len(lam) - 1, self.p)[1:].T @ nu[:-1]
-        Y, transposed = self.links(member)
+        Y, transposed = member.links
         result: np.ndarray = member.al2 * parameters._traces(Y @ B, transposed, member.weights)
         return result
 

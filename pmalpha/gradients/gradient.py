@@ -71,7 +71,7 @@ def gradient(
         return_to_beginning(coupler, session)
         problem = Problem(coupler, session)
         names = [problem.name_of(p) for p in parameters]
-        steps = session.clock.end(*end, 0)
+        steps = steps_of(session, end)
         with reporting(2 * steps) as report:
             blocks = Blocks(coupler, problem, steps, block, report)
             result = blocks.gradient(objective, parameters, names)
@@ -87,6 +87,14 @@ def return_to_beginning(coupler: Any, session: Any) -> None:
     names = [name for name, _ in session.keys]
     u0, v0 = (dict(zip(names, x)) for x in zip(*session.initial.values))
     coupler.reset(u0, v0, dict(zip(names, session.loads.forces)))
+
+
+def steps_of(session: Any, end: tuple[float | None, int | None]) -> int:
+    """The number of macro steps from t = 0, at least one."""
+    steps: int = session.clock.end(*end, 0)
+    if steps == 0:
+        raise ValueError("a gradient needs a run of at least one macro step, got none")
+    return steps
 
 
 class Blocks:

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from ..problem.dofs import dof_list
 from ..problem.forces import SampledForce
-from .gradient import checked_parameters, return_to_beginning
+from .gradient import checked_parameters, return_to_beginning, steps_of
 from .misfit import KINDS, places
 from .parameters import Parameters
 from .problem import Problem, require_adjoint
@@ -33,6 +34,7 @@ def jacobian(
         raise ValueError("parameters must be at least one, got none")
     if what not in KINDS:
         raise ValueError(f"what must be one of {', '.join(KINDS)}, got {what!r}")
+    sensors = checked_sensors(sensors, session.keys)
     require_adjoint(session, "jacobian")
     present, last = coupler.snapshot(), session.last_history
     try:
@@ -40,7 +42,7 @@ def jacobian(
         problem = Problem(coupler, session)
         problem.require_constant_interface("jacobian")
         names = [problem.name_of(p) for p in parameters]
-        steps = session.clock.end(*end, 0)
+        steps = steps_of(session, end)
         run = coupler.run(steps=steps, record=dict.fromkeys(names))
         cases = [x for p, name in zip(parameters, names) for x in _cases(problem, p, name, run)]
         columns = []
@@ -54,6 +56,18 @@ def jacobian(
         coupler.restore(present)
         session.last_history = last
     return {name: np.stack([x[name] for x in columns], axis=-1) for name in sensors}
+
+
+def checked_sensors(sensors: Any, keys: Any) -> dict[str, np.ndarray]:
+    """Dofs by name, each an array of int."""
+    if not isinstance(sensors, Mapping) or not sensors:
+        raise TypeError(f"sensors must be a dict of dofs by subdomain, got {sensors!r}")
+    sizes = {name: s.n for name, s in keys}
+    if unknown := set(sensors) - set(sizes):
+        raise KeyError(f"sensors must be of {sorted(sizes)}, got {sorted(map(str, unknown))}")
+    return {
+        name: dof_list(dofs, sizes[name], f"sensors[{name!r}]") for name, dofs in sensors.items()
+    }
 
 
 def _chunks(cases: Sequence[Any]) -> Iterator[Sequence[Any]]:

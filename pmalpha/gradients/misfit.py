@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import counted
+from .._checks import counted, real_array
+from ..problem.dofs import dof_list
 from ..problem.frozen import Frozen
 
 __all__ = ["Misfit"]
@@ -89,12 +90,13 @@ def places(recorded: np.ndarray, dofs: np.ndarray) -> np.ndarray:
 def _checked(name: str, of: dict[str, Any]) -> dict[str, Any]:
     if unknown := set(of) - {"dofs", "weight", *KINDS}:
         raise ValueError(f"measured[{name!r}] has unknown keys: {sorted(unknown)}")
-    dofs = np.asarray(of.get("dofs", ()))
-    if dofs.ndim != 1 or dofs.size == 0 or not np.issubdtype(dofs.dtype, np.integer):
-        raise ValueError(f"dofs of {name!r} must be whole numbers, at least one, got {dofs!r}")
-    if np.unique(dofs).size < dofs.size or dofs.min() < 0:
-        raise ValueError(f"dofs of {name!r} must be different and 0 or more, got {dofs}")
-    out: dict[str, Any] = {"dofs": dofs, "weight": np.asarray(of.get("weight", 1.0), float)}
+    dofs = dof_list(of.get("dofs", ()), None, f"dofs of {name!r}")
+    if not dofs.size:
+        raise ValueError(f"dofs of {name!r} must be at least one, got none")
+    out: dict[str, Any] = {
+        "dofs": dofs,
+        "weight": real_array(of.get("weight", 1.0), "weight", (0, 1)),
+    }
     if out["weight"].shape not in ((), dofs.shape):
         raise ValueError(
             f"weight of {name!r} must be a number or have shape {dofs.shape}, got "
@@ -102,6 +104,10 @@ def _checked(name: str, of: dict[str, Any]) -> dict[str, Any]:
         )
     for kind in (k for k in KINDS if k in of):
         out[kind] = np.array(of[kind], float)
+        if np.any(np.isinf(out[kind])):
+            raise ValueError(
+                f"{kind} of {name!r} must be finite, or nan where nothing was measured"
+            )
         if out[kind].ndim != 2 or out[kind].shape[1] != dofs.size:
             raise ValueError(
                 f"{kind} of {name!r} must have shape (levels, {dofs.size}), got {out[kind].shape}"

@@ -131,8 +131,6 @@ class Parameters(Frozen):
             for kind, element in self.matrices.items():
                 D = element if element.ndim == 2 else element[j]
                 total -= motion[kind][:, dofs] @ D.T
-            if np.unique(dofs).size < dofs.size:
-                raise ValueError(f"dofs[{j}] of Parameters must be different, got {dofs}")
             return dofs, total
         total = np.zeros_like(motion["K"])
         for kind, listed in self.matrices.items():
