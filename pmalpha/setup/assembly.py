@@ -19,8 +19,8 @@ from .elimination import Eliminations
 from .evaluated import closing_tangent
 from .factors import Factor
 from .floating import warn_of_loose
-from .growing import warn_of_growing
 from .growth import warn_of_growth
+from .indefinite import warn_of_growing
 from .interface import interface_factor, interface_matrix, is_symmetric_sum, row_order
 from .iteration import iteration_of, prepare_iterated
 from .link import Link
