@@ -305,3 +305,129 @@ def test_the_accuracy_of_the_whole_run_is_judged_once():
     with pytest.warns(pm.AccuracyWarning, match="until t = 20 ") as found:
         coupler.gradient(misfit, 20.0, block=50)
     assert len(found) == 1
+
+
+def cut_wall(stiff=(1.0, 1.0, 1.0), thick=1.0):
+    """A wall of three materials, cut into an implicit and an explicit part."""
+    material = np.repeat([4, 7, 11], 8)
+    E = 100.0 * np.choose(np.repeat([0, 1, 2], 8), stiff)
+    t = np.where(material == 7, thick, 1.0)
+    wall = pm.structures.plate(6, 4, 0.5, E=E, nu=0.2, rho=1.0, t=t, mass="lumped")
+    schemes = [pm.GeneralizedAlpha(0.8), pm.GeneralizedAlpha(0.8, explicit=True)]
+    halves = pm.cut(
+        wall,
+        np.repeat([0, 1], 12),
+        scheme=schemes,
+        dt=0.05,
+        fixed=wall.dofs(wall.nodes_at(y=0.0)),
+        force=np.where(np.arange(wall.n) % 2, 0.0, 1.0),
+        rayleigh=(0.1, 0.002),
+    )
+    return halves, halves.coupler(coupling="macro"), material
+
+
+def test_a_cut_gives_factors_of_its_materials_and_thicknesses():
+    halves, coupler, material = cut_wall()
+    assert halves.subdomains[1].substeps > 1
+    of = halves.parameters(material)
+    assert [p.labels.tolist() for p in of] == [[4, 7, 11]] * 2
+    thickness = halves.parameters(np.where(material == 7, 1, 0), scales="thickness")
+
+    def squares_of_all(history):
+        return squares(history)
+
+    found = coupler.gradient(squares_of_all, steps=20, parameters=[*of, *thickness]).parameters
+    by_material, by_thickness = found[0] + found[1], (found[2] + found[3])[1]
+
+    def slope(value, e=1e-4):
+        near, far = (value(x) - value(-x) for x in (e, 2.0 * e))
+        return (8.0 * near - far) / (12.0 * e)
+
+    def changed(**kind):
+        return squares(cut_wall(**kind)[1].run(steps=20))[0]
+
+    for j in range(3):
+        own = np.eye(3)[j]
+        expected = slope(lambda x, own=own: changed(stiff=1.0 + x * own))
+        assert abs(by_material[j] / expected - 1.0) < DIFFERENCES
+    # the loads do not change with the thickness: they are those of nodes
+    expected = slope(lambda x: changed(thick=1.0 + x))
+    assert abs(by_thickness / expected - 1.0) < DIFFERENCES
+    S = coupler.jacobian({"part 1": [3]}, steps=20, parameters=of, what="u")["part 1"]
+    u = [
+        cut_wall(stiff=(1.0, 1.0 + x, 1.0))[1].run(steps=20)["part 1"].u[:, 3]
+        for x in (-1e-4, 1e-4)
+    ]
+    both = S[:, 0, 1] + S[:, 0, 4]
+    assert np.max(abs((u[1] - u[0]) / 2e-4 - both)) < 1e-6 * np.max(abs(both))
+
+
+def test_elements_of_a_structure_and_of_groups_are_the_same_factors():
+    wall = pm.structures.plate(3, 2, 0.5, E=100.0, nu=0.2, rho=1.0)
+    foot = wall.dofs(wall.nodes_at(x=0.0))
+    held = pm.reduce(wall.M, wall.K, fixed=foot)
+    s = pm.Subdomain(held.M, held.K, scheme=half, name="wall")
+    each = pm.Parameters.of_elements(wall, s, labels=np.arange(6), fixed=foot)
+    total = np.zeros((s.n, s.n))
+    for dofs, K in zip(each.dofs, each.matrices["K"]):
+        np.add.at(total, np.ix_(dofs, dofs), K)
+    assert each.m == 6 and np.allclose(
+        total, s.K.toarray(), rtol=0.0, atol=1e-13 * abs(total).max()
+    )
+    rods = pm.Elements([[-1, 0], [0, 1]], M=[[0.5, 0.5]], K=[[[1.0, -1.0], [-1.0, 1.0]]])
+    springs = pm.Parameters.of_elements(rods, "chain", labels=["b", "a"])
+    assert springs.labels.tolist() == ["a", "b"]
+    for bad, message in (([0, 1], "labels must be"), (np.full(6, 0.5), "whole numbers or names")):
+        refused(message, pm.Parameters.of_elements, wall, s, labels=bad, fixed=foot)
+    refused("must have the 18 dofs", pm.Parameters.of_elements, wall, s)
+    refused("scales must be", pm.Parameters.of_elements, wall, s, fixed=foot, scales="E")
+    refused("come with the dofs", pm.Parameters, "m", K=[np.eye(2)], labels=[0])
+
+
+def test_combinations_and_multipliers_are_measured_too():
+    """The Misfit against the same sum written as a function."""
+    coupler = problem("gc", (1, 2), (half, fine))
+    W = np.array([[1.0, -1.0, 0.0], [0.0, 2.0, 1.0]])
+    rng = np.random.default_rng(4)
+    drifts, forces = rng.normal(size=(STEPS + 1, 2)), rng.normal(size=(2 * STEPS + 1, 1))
+    above = rng.normal(size=(STEPS + 1, 1))
+    drifts[3, 1] = np.nan
+    misfit = pm.Misfit(
+        {
+            "s0": [dict(W=W, u=drifts, v=drifts, weight=[1.0, 3.0]), dict(dofs=[2], u=above)],
+            "multipliers": dict(rows=[1], data=forces, weight=0.5),
+        }
+    )
+    assert repr(misfit) == (
+        "<Misfit of 's0': u, v of 2 rows, 15 levels; 's0': u of 1 dof, 15 levels; "
+        "'multipliers': 1 row, 29 levels>"
+    )
+
+    def by_hand(history):
+        value, sources = 0.0, {}
+        for kind in "uv":
+            x = getattr(history["s0"], kind)
+            difference = np.nan_to_num(x @ W.T - drifts) * [1.0, 3.0]
+            value += 0.5 * np.sum(difference**2 / [1.0, 3.0])
+            sources[kind] = difference @ W
+        difference = history["s0"].u[:, [2]] - above
+        sources["u"][:, [2]] += difference
+        lam = np.zeros_like(history.multipliers)
+        lam[:, [1]] = 0.5 * (history.multipliers[:, [1]] - forces)
+        value += 0.5 * np.sum(difference**2) + np.sum(lam**2)
+        return value, {"s0": sources, "multipliers": lam}
+
+    found, expected = (
+        coupler.gradient(x, steps=STEPS, parameters=CHANGED) for x in (misfit, by_hand)
+    )
+    assert found.value == pytest.approx(expected.value, rel=1e-14)
+    assert np.allclose(found.parameters[0], expected.parameters[0], rtol=1e-12)
+    assert np.allclose(found.u0["s1"], expected.u0["s1"], rtol=1e-10, atol=1e-12)
+    for wrong, message, error in (
+        ({"s0": dict(W=[[1.0]], u=drifts[:, :1])}, "must have 3 columns", ValueError),
+        ({"x": dict(dofs=[0], u=above)}, "Misfit must be of", KeyError),
+        ({"multipliers": dict(rows=[2], data=forces)}, "rows of 'multipliers'", ValueError),
+    ):
+        refused(message, coupler.gradient, pm.Misfit(wrong), steps=STEPS, error=error)
+    refused("dofs or W", pm.Misfit, {"s0": dict(u=above)})
+    refused("must have data", pm.Misfit, {"multipliers": dict(rows=[0])})

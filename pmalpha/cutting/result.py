@@ -11,6 +11,7 @@ import numpy as np
 
 from .._checks import counted, sampling_step
 from ..export import write_series
+from ..gradients.parameters import Parameters, factors
 from ..problem.constraints import Constraint
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
@@ -19,6 +20,7 @@ from ..run.coupler import Coupler
 from ..structures.structure import Structure
 from .division import Division, checked_levels
 from .plan import Plan, plan_of
+from .whole import whole_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -115,6 +117,44 @@ class Cut:
     @property
     def _names(self) -> list[str]:
         return [str(s.name) for s in self.subdomains]
+
+    def parameters(self, labels: Any = None, *, scales: str = "stiffness") -> list[Parameters]:
+        """Factors of the stiffness, mass or thickness of elements, for `Coupler.gradient`.
+
+        An element belongs to one subdomain, a label to several: each subdomain has all factors,
+        and the gradient with respect to them is the sum of those of the subdomains.
+
+        Parameters
+        ----------
+        labels, scales
+            As for `Parameters.of_elements`, for all elements of the structure.
+
+        Returns
+        -------
+        list of Parameters
+            One for each subdomain, with the same labels.
+
+        Raises
+        ------
+        ValueError
+            For bad labels, and internal forces.
+
+        Examples
+        --------
+        >>> from pmalpha import structures
+        >>> wall = structures.plate(8, 4, 0.5, E=30e9, nu=0.2, rho=2500.0)
+        >>> halves = cut(wall, np.repeat([0, 1], 16), fixed=wall.dofs(wall.nodes_at(y=0.0)))
+        >>> halves.parameters(np.tile(["lower", "upper"], 16))
+        [<Parameters of 'part 0': 2 by K>, <Parameters of 'part 1': 2 by K>]
+        """
+        fixed = np.ones(self.n, bool)
+        fixed[self._division.present] = False
+        whole = whole_of(self.structure, fixed, None)
+        given = np.zeros(whole.count, int) if labels is None else labels
+        return [
+            factors(whole, s, dofs, self.labels == i, given, scales)
+            for i, (s, dofs) in enumerate(zip(self.subdomains, self._division.dofs))
+        ]
 
     def coupler(self, dt: float | None = None, **options: Any) -> Coupler:
         """A Coupler of the subdomains with their ties.

@@ -26,9 +26,11 @@ class Portion(NamedTuple):
 
 
 class Blocks(NamedTuple):
-    """Numbers of some elements with their matrices, (e, k, k); M (e, k) where lumped."""
+    """Numbers and dofs (e, k) of some elements with their matrices, (e, k, k), or one row where all
+    are equal; M (e, k) where lumped."""
 
     numbers: np.ndarray
+    dofs: np.ndarray
     M: np.ndarray
     K: np.ndarray
     free: np.ndarray  # (e, k): which of the dofs are free
@@ -172,7 +174,7 @@ class WholeStructure(Whole):
         masses = M.reshape(e, k) if M.ndim == 1 else _diagonal_blocks(M, e, k)
         idle = idle_dofs(M, K, internal).reshape(e, k)
         free = self.free[dofs] & ~(idle & self._used[dofs])
-        return Blocks(begin + numbers, masses, _diagonal_blocks(K, e, k), free)
+        return Blocks(begin + numbers, dofs, masses, _diagonal_blocks(K, e, k), free)
 
 
 class WholeElements(Whole):
@@ -244,7 +246,7 @@ class WholeElements(Whole):
                 free = (where >= 0) & self.free[where]
                 if free.all() and len(M) == len(K) == 1:
                     free = free[:1]  # all elements are equal
-                yield Blocks(begin + own, M, K, free)
+                yield Blocks(begin + own, where, M, K, free)
             begin += e
 
 

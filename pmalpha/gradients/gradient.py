@@ -64,6 +64,8 @@ def gradient(
     parameters = checked_parameters(parameters)
     if not callable(objective):
         raise TypeError(f"objective must be a Misfit or a function of a History, got {objective!r}")
+    if isinstance(objective, Misfit):
+        objective.check_sizes({name: s.n for name, s in session.keys}, session.rows.p)
     block = BLOCK if block is None else whole_number(block, "block", low=1)
     require_adjoint(session, "gradient")
     present, last = coupler.snapshot(), session.last_history

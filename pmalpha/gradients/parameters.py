@@ -8,11 +8,21 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import real_array
+from .._checks import check_word, counted, real_array
+from ..cutting.assembled import assembled
+from ..cutting.whole import Whole, whole_of
 from ..problem.frozen import Frozen
 from ..problem.subdomain import Subdomain
+from ..structures.elasticity import rows
 
 __all__ = ["Parameters"]
+
+# What a factor of elements multiplies.
+SCALED = {"stiffness": "K", "mass": "M", "thickness": "MK"}
+# Elements whose matrices are made at once.
+CHUNK = 4096
+# Numbers in the largest arrays of products by element: 32 MB
+NUMBERS = 2**22
 
 
 class Parameters(Frozen):
@@ -22,12 +32,23 @@ class Parameters(Frozen):
     ----------
     subdomain : Subdomain or str
         The subdomain, or its name.
-    dofs : (m, k) array of int, optional
+    dofs : (e, k) array of int, optional
         Dofs of the element that belongs to each parameter. Then K, C and M are element matrices.
-    K, C, M : (k, k) or (m, k, k) array, or list of m (n, n) matrices
+    K, C, M : (k, k) or (e, k, k) array, or list of m (n, n) matrices
         Derivatives of these matrices: with `dofs` one element matrix for all parameters or one
         for each; without, m dense or sparse matrices. With Rayleigh damping a stiffness
         parameter has ``C = c_k * K``. Those left out are zero.
+    labels : (e,) array_like, optional
+        With `dofs` of e elements: those with the same label, a number or a name, share a parameter,
+        such as the modulus of a material. The parameters are in rising order of the labels.
+        Default: each element has its own.
+
+    Attributes
+    ----------
+    m : int
+        Number of parameters.
+    labels : (m,) ndarray
+        Of each parameter; without `labels` its number.
 
     Raises
     ------
@@ -54,6 +75,7 @@ class Parameters(Frozen):
         K: Any = None,
         C: Any = None,
         M: Any = None,
+        labels: Any = None,
     ):
         if not isinstance(subdomain, (Subdomain, str)):
             raise TypeError(
@@ -66,21 +88,89 @@ class Parameters(Frozen):
         self.dofs: np.ndarray | None = None
         self.matrices: dict[str, Any]  # element matrices, or lists of matrices
         if dofs is None:
+            if labels is not None:
+                raise ValueError("labels must come with the dofs of elements")
             self.matrices = {x: _listed(value, x) for x, value in given.items()}
             counts = {name: len(value) for name, value in self.matrices.items()}
             if len(set(counts.values())) != 1:
                 raise ValueError(f"K, C and M must be lists of one length, got {counts}")
-            self.m = next(iter(counts.values()))
+            self.labels = np.arange(next(iter(counts.values())))
         else:
             self.dofs = _whole(dofs)
-            self.m = len(self.dofs)
             self.matrices = {x: _element(value, x, self.dofs) for x, value in given.items()}
+            self.labels, self._of = _labelled(labels, len(self.dofs))
+        self.m = len(self.labels)
         self._freeze()
 
     @property
     def name(self) -> str | None:
         """The name of the subdomain."""
         return self.subdomain if isinstance(self.subdomain, str) else self.subdomain.name
+
+    @classmethod
+    def of_elements(
+        cls,
+        structure: Any,
+        subdomain: Subdomain | str,
+        *,
+        labels: Any = None,
+        scales: str = "stiffness",
+        fixed: Any = None,
+    ) -> Parameters:
+        """Factors of the stiffness, mass or thickness of elements, at 1: uncut structures.
+
+        Parameters
+        ----------
+        structure : Structure, Elements, or list of Elements
+            Of which the matrices of the subdomain were made. `Cut.parameters` is for those that
+            were cut.
+        subdomain : Subdomain or str
+            Its dofs are the free dofs in rising order. With Rayleigh damping a Subdomain, not its
+            name: its C then changes with M and K.
+        labels : (elements,) array_like, optional
+            Elements with the same label share a factor, such as ``structure.labels()`` for the
+            groups of a mesh, or ``np.arange(...)`` for a factor of each element. The elements are
+            counted through all kinds and groups. Default: one factor for all.
+        scales : {"stiffness", "mass", "thickness"}
+            What the factor multiplies: K (Young's modulus), M (density), or both.
+        fixed : array_like, optional
+            As for `cut`: the dofs that the subdomain has not.
+
+        Returns
+        -------
+        Parameters
+            With ``labels``.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For bad labels, internal forces, and another number of free dofs than the subdomain has.
+
+        Examples
+        --------
+        The moduli of two halves of a cantilever:
+
+        >>> import numpy as np, pmalpha as pm
+        >>> from pmalpha import structures
+        >>> wall = structures.plate(8, 2, 0.5, E=30e9, nu=0.2, rho=2500.0)
+        >>> foot = wall.dofs(wall.nodes_at(x=0.0))
+        >>> held = pm.reduce(wall.M, wall.K, fixed=foot)
+        >>> beam = pm.Subdomain(held.M, held.K, scheme=pm.Newmark(), name="beam")
+        >>> halves = np.where(np.arange(16) < 8, "left", "right")
+        >>> moduli = pm.Parameters.of_elements(wall, beam, labels=halves, fixed=foot)
+        >>> moduli, moduli.labels.tolist()
+        (<Parameters of 'beam': 2 by K>, ['left', 'right'])
+        """
+        whole = whole_of(structure, fixed, None)
+        n = np.count_nonzero(whole.free)
+        if isinstance(subdomain, Subdomain) and subdomain.n != n:
+            raise ValueError(
+                f"structure must have the {counted(subdomain.n, 'dof')} of {subdomain.name!r} free,"
+                f" got {n}: give the others as fixed"
+            )
+        given = np.zeros(whole.count, int) if labels is None else labels
+        every = np.ones(whole.count, bool)
+        return factors(whole, subdomain, np.flatnonzero(whole.free), every, given, scales)
 
     def __repr__(self) -> str:
         return f"<Parameters of {self.name!r}: {self.m} by {', '.join(self.matrices)}>"
@@ -111,26 +201,38 @@ class Parameters(Frozen):
             What stands beside "M", "C" and "K": w, v and u (levels, n); of an explicit scheme the
             predictor for u.
         """
-        total = np.zeros(self.m)
-        for kind, matrices in self.matrices.items():
-            x = motion[kind]
-            if self.dofs is None:
-                total -= [np.vdot(mu, (D @ x.T).T) for D in matrices]
-            else:
-                of_elements = np.einsum("lmi,lmj->mij", mu[:, self.dofs], x[:, self.dofs])
-                total -= np.einsum(
-                    "mij,mij->m", of_elements, np.broadcast_to(matrices, of_elements.shape)
-                )
-        return total
+        if self.dofs is None:
+            whole = [
+                [np.vdot(mu, (D @ motion[kind].T).T) for D in matrices]
+                for kind, matrices in self.matrices.items()
+            ]
+            return -np.sum(whole, axis=0)
+        e, k = self.dofs.shape
+        total = np.zeros(e)
+        levels = max(NUMBERS // (e * k), 1)
+        for first in range(0, len(mu), levels):
+            rows = slice(first, first + levels)
+            at = mu[rows][:, self.dofs].transpose(1, 2, 0)
+            for kind, matrices in self.matrices.items():
+                products = at @ motion[kind][rows][:, self.dofs].transpose(1, 0, 2)
+                total -= np.sum(products * matrices, axis=(1, 2))
+        return self._summed(total)
+
+    def _summed(self, of_elements: np.ndarray) -> np.ndarray:
+        """Sums over the elements of each parameter."""
+        sums: np.ndarray = np.bincount(self._of, of_elements, self.m)
+        return sums
 
     def _force(self, j: int, motion: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Dofs, and -(dM w + dC v + dK u) on them, (levels, dofs), for parameter j."""
         if self.dofs is not None:
-            dofs = self.dofs[j]
+            own = np.flatnonzero(self._of == j)
+            dofs, local = np.unique(self.dofs[own], return_inverse=True)
+            local = local.reshape(own.size, -1)
             total = np.zeros((len(motion["K"]), dofs.size))
             for kind, element in self.matrices.items():
-                D = element if element.ndim == 2 else element[j]
-                total -= motion[kind][:, dofs] @ D.T
+                D = assembled(local, element if len(element) == 1 else element[own], dofs.size)
+                total -= (D @ motion[kind][:, dofs].T).T
             return dofs, total
         total = np.zeros_like(motion["K"])
         for kind, listed in self.matrices.items():
@@ -141,25 +243,71 @@ class Parameters(Frozen):
 
     def _traces(self, Y: np.ndarray, Z: np.ndarray, weights: dict[str, float]) -> np.ndarray:
         """tr(dMbar_j Y Z^T) with dMbar = sum of weights times dM, dC, dK, for (A10)."""
-        total = np.zeros(self.m)
-        for kind, matrices in self.matrices.items():
-            if weights[kind] == 0.0:
-                continue
-            if self.dofs is None:
-                total += [weights[kind] * np.sum(Z * (D @ Y)) for D in matrices]
-            else:
-                of_elements = np.einsum("mip,mjp->mij", Z[self.dofs], Y[self.dofs])
-                total += weights[kind] * np.einsum(
-                    "mij,mij->m", of_elements, np.broadcast_to(matrices, of_elements.shape)
-                )
-        return total
+        used = {kind: x for kind, x in self.matrices.items() if weights[kind] != 0.0}
+        if self.dofs is None:
+            whole = [[weights[kind] * np.sum(Z * (D @ Y)) for D in x] for kind, x in used.items()]
+            return np.sum(whole, axis=0) if whole else np.zeros(self.m)
+        pairs = Z[self.dofs] @ Y[self.dofs].transpose(0, 2, 1)
+        total = np.zeros(len(self.dofs))
+        for kind, x in used.items():
+            total += weights[kind] * np.sum(pairs * x, axis=(1, 2))
+        return self._summed(total)
+
+
+def factors(
+    whole: Whole,
+    subdomain: Subdomain | str,
+    dofs: np.ndarray,
+    chosen: np.ndarray,
+    labels: Any,
+    scales: str,
+) -> Parameters:
+    """`Parameters.of_elements` for the chosen (elements,) of a structure, with all of its labels.
+
+    `dofs` are those of the structure that the subdomain has, in its order.
+    """
+    if not whole.linear:
+        raise ValueError("structure must have no internal forces: they have no gradients here")
+    check_word(scales, "scales", tuple(SCALED))
+    names, of = _labelled(labels, whole.count)
+    place = np.full(whole.n + 1, -1)  # the last entry is that of negative dofs
+    place[dofs] = np.arange(dofs.size)
+    # a label without elements here has one without entries
+    where, own_labels = [np.zeros((names.size, 1), int)], [names]
+    matrices = {kind: [np.zeros((names.size, 1, 1))] for kind in SCALED[scales]}
+    for block in whole.blocks(CHUNK):
+        own = np.flatnonzero(chosen[block.numbers])
+        local = place[block.dofs[own]]
+        free = (local >= 0) & rows(block.free, own)
+        pairs = free[:, :, None] & free[:, None, :]
+        where.append(np.where(free, local, 0))
+        own_labels.append(names[of[block.numbers[own]]])
+        for kind, listed in matrices.items():
+            values = rows(getattr(block, kind), own)
+            if values.ndim == 2:
+                values = values[:, :, None] * np.eye(values.shape[1])
+            listed.append(np.where(pairs, values, 0.0))
+    given = {kind: _stacked(listed) for kind, listed in matrices.items()}
+    rayleigh = getattr(subdomain, "rayleigh", None)
+    if rayleigh is not None:
+        shares = dict(zip("MK", rayleigh))
+        given["C"] = np.sum([shares[kind] * x for kind, x in given.items()], axis=0)
+    return Parameters(subdomain, dofs=_stacked(where), labels=np.concatenate(own_labels), **given)
+
+
+def _stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:
+    """One below the other, with zeros at the end of shorter rows and columns."""
+    width = max(x.shape[1] for x in arrays)
+    return np.concatenate(
+        [np.pad(x, [(0, 0), *[(0, width - x.shape[1])] * (x.ndim - 1)]) for x in arrays]
+    )
 
 
 def _whole(dofs: Any) -> np.ndarray:
     array = np.asarray(dofs)
     if array.ndim != 2 or array.size == 0 or not np.issubdtype(array.dtype, np.integer):
         raise ValueError(
-            "dofs must be an (m, k) array of whole numbers, a row for each parameter, got "
+            "dofs must be an (e, k) array of whole numbers, a row for each element, got "
             f"shape {array.shape} of {array.dtype}"
         )
     if array.min() < 0:
@@ -172,7 +320,18 @@ def _element(value: Any, name: str, dofs: np.ndarray) -> np.ndarray:
     array = real_array(value, name, (2, 3))
     if array.shape not in ((k, k), (m, k, k)):
         raise ValueError(f"{name} must have shape {(k, k)} or {(m, k, k)}, got {array.shape}")
-    return array
+    return array if array.ndim == 3 else array[None]
+
+
+def _labelled(labels: Any, e: int) -> tuple[np.ndarray, np.ndarray]:
+    """The different labels in rising order, and the number of that of each element."""
+    given = np.arange(e) if labels is None else np.asarray(labels)
+    if given.shape != (e,) or given.dtype.kind not in "iuU":
+        raise ValueError(
+            f"labels must be whole numbers or names of {counted(e, 'element')}, got shape "
+            f"{given.shape} of {given.dtype}"
+        )
+    return np.unique(given, return_inverse=True)
 
 
 def _listed(value: Any, name: str) -> list[Any]:

@@ -44,7 +44,7 @@ def chunks(count: int, numbers: int) -> Iterator[slice]:
     return (slice(first, min(first + size, count)) for first in range(0, count, size))
 
 
-def rows(values: np.ndarray, part: slice) -> np.ndarray:
+def rows(values: np.ndarray, part: slice | np.ndarray) -> np.ndarray:
     """Values of some elements, or the one row for all."""
     return values if len(values) == 1 else values[part]
 
