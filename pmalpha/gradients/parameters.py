@@ -206,7 +206,8 @@ class Parameters(Frozen):
                 [np.vdot(mu, (D @ motion[kind].T).T) for D in matrices]
                 for kind, matrices in self.matrices.items()
             ]
-            return -np.sum(whole, axis=0)
+            sums: np.ndarray = -np.sum(whole, axis=0)
+            return sums
         e, k = self.dofs.shape
         total = np.zeros(e)
         levels = max(NUMBERS // (e * k), 1)
