@@ -5,6 +5,7 @@ Start with `Subdomain`, `tie` and `Coupler`; the equations are in docs/method.md
 
 from . import analysis, export, models, plot, readers, remote, structures
 from .cutting.cut import cut
+from .cutting.element_factors import element_parameters
 from .cutting.elements import Elements
 from .cutting.plan import Plan, PlanRow
 from .cutting.result import Cut
@@ -112,6 +113,7 @@ __all__ = [
     "TangentCheck",
     "analysis",
     "cut",
+    "element_parameters",
     "export",
     "interpolate",
     "models",

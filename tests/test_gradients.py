@@ -367,7 +367,7 @@ def test_elements_of_a_structure_and_of_groups_are_the_same_factors():
     foot = wall.dofs(wall.nodes_at(x=0.0))
     held = pm.reduce(wall.M, wall.K, fixed=foot)
     s = pm.Subdomain(held.M, held.K, scheme=half, name="wall")
-    each = pm.Parameters.of_elements(wall, s, labels=np.arange(6), fixed=foot)
+    each = pm.element_parameters(wall, s, labels=np.arange(6), fixed=foot)
     total = np.zeros((s.n, s.n))
     for dofs, K in zip(each.dofs, each.matrices["K"]):
         np.add.at(total, np.ix_(dofs, dofs), K)
@@ -375,12 +375,12 @@ def test_elements_of_a_structure_and_of_groups_are_the_same_factors():
         total, s.K.toarray(), rtol=0.0, atol=1e-13 * abs(total).max()
     )
     rods = pm.Elements([[-1, 0], [0, 1]], M=[[0.5, 0.5]], K=[[[1.0, -1.0], [-1.0, 1.0]]])
-    springs = pm.Parameters.of_elements(rods, "chain", labels=["b", "a"])
+    springs = pm.element_parameters(rods, "chain", labels=["b", "a"])
     assert springs.labels.tolist() == ["a", "b"]
     for bad, message in (([0, 1], "labels must be"), (np.full(6, 0.5), "whole numbers or names")):
-        refused(message, pm.Parameters.of_elements, wall, s, labels=bad, fixed=foot)
-    refused("must have the 18 dofs", pm.Parameters.of_elements, wall, s)
-    refused("scales must be", pm.Parameters.of_elements, wall, s, fixed=foot, scales="E")
+        refused(message, pm.element_parameters, wall, s, labels=bad, fixed=foot)
+    refused("must have the 18 dofs", pm.element_parameters, wall, s)
+    refused("scales must be", pm.element_parameters, wall, s, fixed=foot, scales="E")
     refused("come with the dofs", pm.Parameters, "m", K=[np.eye(2)], labels=[0])
 
 

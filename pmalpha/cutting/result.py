@@ -11,7 +11,7 @@ import numpy as np
 
 from .._checks import counted, sampling_step
 from ..export import write_series
-from ..gradients.parameters import Parameters, factors
+from ..gradients.parameters import Parameters
 from ..problem.constraints import Constraint
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
@@ -19,6 +19,7 @@ from ..results.history import History, SubdomainHistory
 from ..run.coupler import Coupler
 from ..structures.structure import Structure
 from .division import Division, checked_levels
+from .element_factors import factors
 from .plan import Plan, plan_of
 from .whole import whole_of
 
@@ -127,7 +128,7 @@ class Cut:
         Parameters
         ----------
         labels, scales
-            As for `Parameters.of_elements`, for all elements of the structure.
+            As for `element_parameters`, for all elements of the structure.
 
         Returns
         -------

@@ -8,19 +8,12 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import check_word, counted, real_array
-from ..cutting.assembled import assembled
-from ..cutting.whole import Whole, whole_of
+from .._checks import counted, real_array
 from ..problem.frozen import Frozen
 from ..problem.subdomain import Subdomain
-from ..structures.elasticity import rows
 
 __all__ = ["Parameters"]
 
-# What a factor of elements multiplies.
-SCALED = {"stiffness": "K", "mass": "M", "thickness": "MK"}
-# Elements whose matrices are made at once.
-CHUNK = 4096
 # Numbers in the largest arrays of products by element: 32 MB
 NUMBERS = 2**22
 
@@ -98,7 +91,7 @@ class Parameters(Frozen):
         else:
             self.dofs = _whole(dofs)
             self.matrices = {x: _element(value, x, self.dofs) for x, value in given.items()}
-            self.labels, self._of = _labelled(labels, len(self.dofs))
+            self.labels, self._of = labelled(labels, len(self.dofs))
         self.m = len(self.labels)
         self._freeze()
 
@@ -106,71 +99,6 @@ class Parameters(Frozen):
     def name(self) -> str | None:
         """The name of the subdomain."""
         return self.subdomain if isinstance(self.subdomain, str) else self.subdomain.name
-
-    @classmethod
-    def of_elements(
-        cls,
-        structure: Any,
-        subdomain: Subdomain | str,
-        *,
-        labels: Any = None,
-        scales: str = "stiffness",
-        fixed: Any = None,
-    ) -> Parameters:
-        """Factors of the stiffness, mass or thickness of elements, at 1: uncut structures.
-
-        Parameters
-        ----------
-        structure : Structure, Elements, or list of Elements
-            Of which the matrices of the subdomain were made. `Cut.parameters` is for those that
-            were cut.
-        subdomain : Subdomain or str
-            Its dofs are the free dofs in rising order. With Rayleigh damping a Subdomain, not its
-            name: its C then changes with M and K.
-        labels : (elements,) array_like, optional
-            Elements with the same label share a factor, such as ``structure.labels()`` for the
-            groups of a mesh, or ``np.arange(...)`` for a factor of each element. The elements are
-            counted through all kinds and groups. Default: one factor for all.
-        scales : {"stiffness", "mass", "thickness"}
-            What the factor multiplies: K (Young's modulus), M (density), or both.
-        fixed : array_like, optional
-            As for `cut`: the dofs that the subdomain has not.
-
-        Returns
-        -------
-        Parameters
-            With ``labels``.
-
-        Raises
-        ------
-        TypeError, ValueError
-            For bad labels, internal forces, and another number of free dofs than the subdomain has.
-
-        Examples
-        --------
-        The moduli of two halves of a cantilever:
-
-        >>> import numpy as np, pmalpha as pm
-        >>> from pmalpha import structures
-        >>> wall = structures.plate(8, 2, 0.5, E=30e9, nu=0.2, rho=2500.0)
-        >>> foot = wall.dofs(wall.nodes_at(x=0.0))
-        >>> held = pm.reduce(wall.M, wall.K, fixed=foot)
-        >>> beam = pm.Subdomain(held.M, held.K, scheme=pm.Newmark(), name="beam")
-        >>> halves = np.where(np.arange(16) < 8, "left", "right")
-        >>> moduli = pm.Parameters.of_elements(wall, beam, labels=halves, fixed=foot)
-        >>> moduli, moduli.labels.tolist()
-        (<Parameters of 'beam': 2 by K>, ['left', 'right'])
-        """
-        whole = whole_of(structure, fixed, None)
-        n = np.count_nonzero(whole.free)
-        if isinstance(subdomain, Subdomain) and subdomain.n != n:
-            raise ValueError(
-                f"structure must have the {counted(subdomain.n, 'dof')} of {subdomain.name!r} free,"
-                f" got {n}: give the others as fixed"
-            )
-        given = np.zeros(whole.count, int) if labels is None else labels
-        every = np.ones(whole.count, bool)
-        return factors(whole, subdomain, np.flatnonzero(whole.free), every, given, scales)
 
     def __repr__(self) -> str:
         return f"<Parameters of {self.name!r}: {self.m} by {', '.join(self.matrices)}>"
@@ -229,10 +157,15 @@ class Parameters(Frozen):
         if self.dofs is not None:
             own = np.flatnonzero(self._of == j)
             dofs, local = np.unique(self.dofs[own], return_inverse=True)
-            local = local.reshape(own.size, -1)
+            pairs = np.broadcast_arrays(
+                *(local.reshape(own.size, -1)[at] for at in (np.s_[:, :, None], np.s_[:, None, :]))
+            )
             total = np.zeros((len(motion["K"]), dofs.size))
             for kind, element in self.matrices.items():
-                D = assembled(local, element if len(element) == 1 else element[own], dofs.size)
+                entries = np.broadcast_to(
+                    element if len(element) == 1 else element[own], pairs[0].shape
+                )
+                D = sp.csr_array((entries.ravel(), [x.ravel() for x in pairs]), (dofs.size,) * 2)
                 total -= (D @ motion[kind][:, dofs].T).T
             return dofs, total
         total = np.zeros_like(motion["K"])
@@ -255,55 +188,6 @@ class Parameters(Frozen):
         return self._summed(total)
 
 
-def factors(
-    whole: Whole,
-    subdomain: Subdomain | str,
-    dofs: np.ndarray,
-    chosen: np.ndarray,
-    labels: Any,
-    scales: str,
-) -> Parameters:
-    """`Parameters.of_elements` for the chosen (elements,) of a structure, with all of its labels.
-
-    `dofs` are those of the structure that the subdomain has, in its order.
-    """
-    if not whole.linear:
-        raise ValueError("structure must have no internal forces: they have no gradients here")
-    check_word(scales, "scales", tuple(SCALED))
-    names, of = _labelled(labels, whole.count)
-    place = np.full(whole.n + 1, -1)  # the last entry is that of negative dofs
-    place[dofs] = np.arange(dofs.size)
-    # a label without elements here has one without entries
-    where, own_labels = [np.zeros((names.size, 1), int)], [names]
-    matrices = {kind: [np.zeros((names.size, 1, 1))] for kind in SCALED[scales]}
-    for block in whole.blocks(CHUNK):
-        own = np.flatnonzero(chosen[block.numbers])
-        local = place[block.dofs[own]]
-        free = (local >= 0) & rows(block.free, own)
-        pairs = free[:, :, None] & free[:, None, :]
-        where.append(np.where(free, local, 0))
-        own_labels.append(names[of[block.numbers[own]]])
-        for kind, listed in matrices.items():
-            values = rows(getattr(block, kind), own)
-            if values.ndim == 2:
-                values = values[:, :, None] * np.eye(values.shape[1])
-            listed.append(np.where(pairs, values, 0.0))
-    given = {kind: _stacked(listed) for kind, listed in matrices.items()}
-    rayleigh = getattr(subdomain, "rayleigh", None)
-    if rayleigh is not None:
-        shares = dict(zip("MK", rayleigh))
-        given["C"] = np.sum([shares[kind] * x for kind, x in given.items()], axis=0)
-    return Parameters(subdomain, dofs=_stacked(where), labels=np.concatenate(own_labels), **given)
-
-
-def _stacked(arrays: Sequence[np.ndarray]) -> np.ndarray:
-    """One below the other, with zeros at the end of shorter rows and columns."""
-    width = max(x.shape[1] for x in arrays)
-    return np.concatenate(
-        [np.pad(x, [(0, 0), *[(0, width - x.shape[1])] * (x.ndim - 1)]) for x in arrays]
-    )
-
-
 def _whole(dofs: Any) -> np.ndarray:
     array = np.asarray(dofs)
     if array.ndim != 2 or array.size == 0 or not np.issubdtype(array.dtype, np.integer):
@@ -324,7 +208,7 @@ def _element(value: Any, name: str, dofs: np.ndarray) -> np.ndarray:
     return array if array.ndim == 3 else array[None]
 
 
-def _labelled(labels: Any, e: int) -> tuple[np.ndarray, np.ndarray]:
+def labelled(labels: Any, e: int) -> tuple[np.ndarray, np.ndarray]:
     """The different labels in rising order, and the number of that of each element."""
     given = np.arange(e) if labels is None else np.asarray(labels)
     if given.shape != (e,) or given.dtype.kind not in "iuU":
