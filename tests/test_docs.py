@@ -82,7 +82,7 @@ def test_the_errors_that_the_readme_states_are_those_of_its_example():
 
 
 def test_links_between_the_documents_have_targets():
-    for page in [ROOT / "README.md", *ROOT.glob("docs/*.md"), ROOT / "CONTRIBUTING.md"]:
+    for page in [ROOT / "README.md", *ROOT.glob("docs/**/*.md"), ROOT / "CONTRIBUTING.md"]:
         links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text())
         missing = [link for link in links if not (page.parent / link).exists()]
         assert not missing, page.name
@@ -113,6 +113,21 @@ def test_the_architecture_names_the_modules_that_there_are():
         for path in ROOT.glob(f"pmalpha/{x}/*.py")
     }
     assert not described - {name.split("/")[-1] for name in named}
+
+
+def test_every_equation_that_is_cited_is_in_the_method():
+    """Ours have a letter and a number, (F2), the paper's a number; no number is used twice."""
+    pages = "\n".join(path.read_text() for path in (ROOT / "docs" / "method").glob("*.md"))
+    tags = re.findall(r"\\tag\{([A-Z]?\d+)\}", pages)
+    assert len(tags) == len(set(tags))
+    letters = "".join({tag[0] for tag in tags if tag[0].isalpha()})
+    cited = {
+        number
+        for pattern in ["csrc/**/*.[ch]", "pmalpha/**/*.py", "tests/*.py", "docs/method*/**/*.md"]
+        for path in [ROOT / "docs" / "method.md", *ROOT.glob(pattern)]
+        for number in re.findall(rf"\(([{letters}][1-9]\d?)\)", path.read_text())
+    }
+    assert len(cited) > 80 and not cited - set(tags)
 
 
 @pytest.mark.parametrize("page", ["reproduction.md", "couplings.md"])
