@@ -160,7 +160,7 @@ class Frame:
 
 def record(factor):
     """The ground motion in m/s^2, from 0 on."""
-    return np.concatenate([[0.0], factor * 9.81 * models.el_centro()[0]])
+    return np.concatenate([[0.0], factor * 9.81 * models.el_centro().values])
 
 
 def shear_frame(n):

@@ -18,7 +18,9 @@ from . import structures
 from ._checks import positive_number, real_array, real_number, require_moderate, vector
 from .memory import require
 from .problem.constraints import Constraint, tie
+from .problem.damping import rayleigh_coefficients
 from .problem.matrices import canonical, diagonal, product, sparse_diagonal
+from .problem.record import Record
 from .problem.schemes import CentralDifference, GeneralizedAlpha, Newmark, Scheme
 from .problem.subdomain import Subdomain
 from .results.history import History
@@ -405,6 +407,7 @@ def shear_frame(
 def rayleigh(omegas: Sequence[float], ratios: Sequence[float]) -> tuple[float, float]:
     """Coefficients of Rayleigh damping C = c_m M + c_k K from two damping ratios.
 
+    ``Subdomain(damping_ratio={T1: ratio1, T2: ratio2})`` takes periods in place of frequencies.
     If every subdomain uses the coefficients of the uncut structure with its own M and K, the
     damping matrices of the subdomains add up to that of the uncut structure.
 
@@ -438,15 +441,7 @@ def rayleigh(omegas: Sequence[float], ratios: Sequence[float]) -> tuple[float, f
     first, second = at.tolist()
     if not (first > 0.0 and second > 0.0 and first != second):
         raise ValueError(f"omegas must be two different positive numbers, got {omegas!r}")
-    if not np.all(wanted < 1.0):
-        raise ValueError(
-            f"ratios must be below 1, as fractions of critical damping (5 per cent is 0.05), got "
-            f"{ratios!r}"
-        )
-    # ratio = c_m / (2 omega) + c_k omega / 2
-    rows = [[0.5 / first, 0.5 * first], [0.5 / second, 0.5 * second]]
-    c_m, c_k = np.linalg.solve(rows, wanted)
-    return float(c_m), float(c_k)
+    return rayleigh_coefficients([first, second], wanted.tolist(), "ratios")
 
 
 def modal_damping(
@@ -507,7 +502,7 @@ def modal_damping(
     return scipy.sparse.csr_array(C) if scipy.sparse.issparse(K) else C
 
 
-def el_centro() -> tuple[np.ndarray, float]:
+def el_centro() -> Record:
     """Ground acceleration of El Centro 1940, component north-south.
 
     Peknold's version of the measured record, as published in Chopra, Dynamics of Structures (see
@@ -516,19 +511,18 @@ def el_centro() -> tuple[np.ndarray, float]:
 
     Returns
     -------
-    acceleration : (1561,) ndarray
-        In m/s^2, the first sample at t = 0, the last at t = 31.2 s.
-    dt : float
-        0.02, in s.
+    Record
+        1561 values in m/s^2, the first at t = 0, the last at t = 31.2 s; dt = 0.02 s.
+        ``acceleration, dt = el_centro()``.
 
     Examples
     --------
     >>> from pmalpha import models
-    >>> acceleration, dt = models.el_centro()
-    >>> len(acceleration), dt, round(float(abs(acceleration).max()), 3)
-    (1561, 0.02, 3.128)
+    >>> models.el_centro()
+    <Record 'El Centro 1940, north-south': 1561 samples, dt = 0.02, to t = 31.2, largest 3.128>
     """
     path = resources.files(__package__) / "data" / "el_centro_1940_ns.txt"
     lines = path.read_text(encoding="ascii").splitlines()
     numbers = " ".join(line for line in lines if not line.startswith("#")).split()
-    return 9.81 * np.array([0.0, *map(float, numbers)]), 0.02
+    values = 9.81 * np.array([0.0, *map(float, numbers)])
+    return Record(values, 0.02, "El Centro 1940, north-south")

@@ -31,26 +31,27 @@ def written(tmp_path, text, name="record.AT2"):
 
 @pytest.mark.parametrize("form", FORMS, ids=repr)
 def test_all_forms_of_the_header_give_the_same_record(tmp_path, form):
-    record, dt, header = read_at2(written(tmp_path, TITLE + UNITS + form + SAMPLES))
-    assert record.tolist() == VALUES and dt == 0.005
-    assert header.splitlines() == [x.strip() for x in (TITLE + UNITS + form).splitlines()]
+    record = read_at2(written(tmp_path, TITLE + UNITS + form + SAMPLES))
+    assert record.values.tolist() == VALUES and record.dt == 0.005
+    assert record.name == "record.AT2"
+    assert record.header.splitlines() == [x.strip() for x in (TITLE + UNITS + form).splitlines()]
 
 
 def test_line_ends_of_windows_and_a_missing_last_one_do_not_matter(tmp_path):
     text = (TITLE + UNITS + FORMS[0] + SAMPLES).replace("\n", "\r\n").rstrip()
-    assert read_at2(written(tmp_path, text))[0].tolist() == VALUES
+    assert read_at2(written(tmp_path, text)).values.tolist() == VALUES
 
 
 def test_columns_of_fortran_without_a_blank_between_are_read(tmp_path):
     text = TITLE + UNITS + "NPTS= 3, DT= .01 SEC\n-.1000000E-01-.2000000E-01\n+.3000000E-01\n\n"
-    assert read_at2(written(tmp_path, text))[0].tolist() == [-0.01, -0.02, 0.03]
+    assert read_at2(written(tmp_path, text)).values.tolist() == [-0.01, -0.02, 0.03]
 
 
 def test_the_shipped_record_comes_back_from_a_file_of_peer(tmp_path):
     acceleration, dt = pm.models.el_centro()
     rows = "\n".join("".join(f"{x:15.7E}" for x in row) for row in np.split(acceleration, [3, 900]))
     text = f"{TITLE}{UNITS}NPTS= {acceleration.size}, DT= {dt:.4f} SEC\n{rows}\n"
-    record, step, _ = read_at2(written(tmp_path, text))
+    record, step = read_at2(written(tmp_path, text))
     # eight digits are written
     assert step == dt and np.allclose(record, acceleration, rtol=1e-7, atol=0.0)
 

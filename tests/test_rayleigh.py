@@ -219,3 +219,41 @@ def test_modal_damping_leaves_rigid_motions_and_massless_dofs_free():
 def test_modal_damping_refuses_what_is_not_a_ratio(ratios, error, words):
     with pytest.raises(error, match=words):
         models.modal_damping(MASSES, FRAME_K, ratios)
+
+
+# ---- by ratios and periods ---------------------------------------------------------------------
+
+
+def test_damping_ratios_at_two_periods_are_those_of_the_modes():
+    M, K = models.shear_frame([1.0, 1.0], [3.0, 2.0])  # omega = 1, sqrt(6)
+    periods = 2.0 * np.pi / np.array([1.0, np.sqrt(6.0)])
+    frame = pm.Subdomain(M, K, scheme=SCHEME, damping_ratio=dict(zip(periods, (0.05, 0.08))))
+    omega, x = pm.structures.modes(M, K, 2)
+    damping = np.diag(x.T @ frame.C @ x) / (2.0 * omega)
+    np.testing.assert_allclose(damping, [0.05, 0.08], rtol=1e-12)  # rounding of two systems
+    assert frame.rayleigh == pytest.approx(models.rayleigh([1.0, np.sqrt(6.0)], [0.05, 0.08]))
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        (0.05, TypeError, r"dict of two periods with their damping ratios, such as \{1.2: 0.05"),
+        ({1.0: 0.05}, TypeError, "dict of two periods"),
+        ({1.0: 0.05, -1.0: 0.05}, ValueError, "a period must be positive, got -1.0"),
+        ({1.0: 5.0, 0.1: 5.0}, ValueError, "damping_ratio must be below 1.*5 per cent is 0.05"),
+        ({1.0: 0.05, 0.1: -0.1}, ValueError, "a ratio must be finite and at least 0, got -0.1"),
+        ({1.0: 0.0, 0.9: 0.5}, ValueError, "c_m, c_k >= 0, got .*: c_m = -"),
+    ],
+)
+def test_damping_ratios_that_are_none_are_refused(given, error, message):
+    with pytest.raises(error, match=message):
+        pm.Subdomain([1.0], [1.0], scheme=SCHEME, damping_ratio=given)
+
+
+def test_damping_is_given_in_one_form_and_divided_by_cut():
+    with pytest.raises(TypeError, match="rayleigh must not be given with damping_ratio"):
+        pm.Subdomain([1.0], [1.0], scheme=SCHEME, rayleigh=(0.1, 0.1), damping_ratio={1: 0, 2: 0})
+    rod = pm.structures.rod(2, 1.0, EA=1.0, rhoA=1.0)
+    cut = pm.cut(rod, [0, 1], damping_ratio={2.0: 0.05, 0.2: 0.05})
+    whole = pm.Subdomain(rod.M, rod.K, scheme=SCHEME, damping_ratio={2.0: 0.05, 0.2: 0.05})
+    assert [s.rayleigh for s in cut.subdomains] == [whole.rayleigh] * 2

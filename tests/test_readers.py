@@ -380,3 +380,32 @@ def test_the_dof_file_of_calculix_gives_the_labels(written):
     labels = [[int(part) for part in line.strip().split(".")] for line in lines]
     K = read_abaqus(written(LOWER, "job.sti"), labels=labels)
     np.testing.assert_array_equal(K.arranged(LABELS).matrix.toarray(), SORTED)
+
+
+# ---- taken where a matrix is -------------------------------------------------------------------
+
+
+def test_what_a_reader_returns_is_taken_as_a_matrix(written):
+    K = read_abaqus(written("5,1, 5,1, 2.0\n5,1, 9,1, -1.0\n9,1, 9,1, 1.0\n"))
+    M = read_abaqus(written("5,1, 5,1, 3.0\n9,1, 9,1, 4.0\n", "job_MASS1.mtx"))
+    s = pm.Subdomain(M, K, K, scheme=pm.Newmark())
+    assert s.M.tolist() == [3.0, 4.0]
+    for A in (s.K, s.C, pm.reduce(M, K, fixed=[]).K, symmetrized(K, 0.0)):
+        assert A.toarray().tolist() == [[2.0, -1.0], [-1.0, 1.0]]
+    omega = pm.structures.modes(K=K, M=M, k=2)[0]
+    np.testing.assert_allclose(omega, pm.structures.modes(M.matrix, K.matrix, 2)[0], rtol=1e-12)
+    quake = pm.BaseAcceleration([0.0, 1.0], 0.1, [1.0, 1.0], M)
+    assert quake(0.1).tolist() == [-3.0, -4.0]
+
+
+def test_matrices_of_readers_with_other_rows_are_refused(written):
+    K = read_abaqus(written("5,1, 5,1, 2.0\n5,1, 9,1, -1.0\n9,1, 9,1, 1.0\n"))
+    M = read_abaqus(written("2,1, 2,1, 3.0\n9,1, 9,1, 4.0\n", "job_MASS1.mtx"))
+    match = "K must have the labels of M, row by row, got 2 rows beside 2; K.arranged"
+    for use in (
+        lambda: pm.Subdomain(M, K, scheme=pm.Newmark()),
+        lambda: pm.reduce(M, K, fixed=[]),
+        lambda: pm.structures.modes(M, K, 1),
+    ):
+        with pytest.raises(ValueError, match=match):
+            use()

@@ -218,7 +218,7 @@ def test_average_is_checked():
 
 
 def quake(**options):
-    record, dt, *_ = models.el_centro()
+    record, dt = models.el_centro()
     return pm.BaseAcceleration(record, dt, [1.0], [1.0], **options), dt
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +12,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from .._checks import flag, real_array, real_number, require_moderate, sampling_step
+from ..problem.record import Record, takes_record
 
 __all__ = ["ResponseSpectrum", "response_spectrum"]
 
@@ -67,6 +69,24 @@ class ResponseSpectrum:
         )
 
 
+@overload
+def response_spectrum(
+    record: Record, periods: ArrayLike, damping: float = 0.05, *, free_vibration: bool = False
+) -> ResponseSpectrum: ...
+
+
+@overload
+def response_spectrum(
+    record: ArrayLike,
+    dt: float,
+    periods: ArrayLike,
+    damping: float = 0.05,
+    *,
+    free_vibration: bool = False,
+) -> ResponseSpectrum: ...
+
+
+@takes_record
 def response_spectrum(
     record: ArrayLike,
     dt: float,
@@ -83,8 +103,9 @@ def response_spectrum(
 
     Parameters
     ----------
-    record : (m,) array
-        Ground acceleration at t = 0, dt, 2 dt, ..., m >= 2, in any unit of acceleration.
+    record : (m,) array, or Record
+        Ground acceleration at t = 0, dt, 2 dt, ..., m >= 2, in any unit of acceleration. A Record
+        has its dt: ``response_spectrum(record, periods)``.
     dt : float
         Time between two samples, positive.
     periods : (k,) array
@@ -120,7 +141,7 @@ def response_spectrum(
     the samples of the record; between them the oscillators move up to (omega dt)^2 / 8 further:
 
     >>> from pmalpha import analysis, models
-    >>> spectrum = analysis.response_spectrum(*models.el_centro(), [0.5, 1.0, 2.0], 0.02)
+    >>> spectrum = analysis.response_spectrum(models.el_centro(), [0.5, 1.0, 2.0], 0.02)
     >>> (spectrum.sd / 9.81 * 386.09).round(2).tolist()
     [2.69, 5.97, 7.47]
     """

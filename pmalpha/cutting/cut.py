@@ -37,6 +37,7 @@ def cut(
     u0: VectorLike | None = None,
     v0: VectorLike | None = None,
     rayleigh: Any = None,
+    damping_ratio: Mapping[float, float] | None = None,
     points: Any = None,
     fixed: Any = None,
 ) -> Cut:
@@ -76,6 +77,8 @@ def cut(
         Initial values of the uncut structure, zero at fixed dofs.
     rayleigh : (float, float), optional
         C = c_m M + c_k K in all subdomains, as for `Subdomain`.
+    damping_ratio : dict, optional
+        In place of `rayleigh`, damping ratios at two periods, as for `Subdomain`.
     points : (elements, dim) array, optional
         Centres of the elements of `Elements`, for `parts` without METIS; a Structure has them.
     fixed : array of int, or (n,) array of bool, optional
@@ -120,7 +123,7 @@ def cut(
     """
     whole = whole_of(structure, fixed, points)
     motion = checked_motion(u0, whole.free, "u0"), checked_motion(v0, whole.free, "v0")
-    damping = checked_rayleigh(rayleigh)
+    damping = checked_rayleigh(rayleigh, damping_ratio)
     step = None if dt is None else time_step(dt, "dt")
     _check_centres(whole)
     values = Values(force, *motion, damping)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import plain_array, real_number
+from .._checks import plain_array, positive_number, real_number
 from ..errors import PerformanceWarning, warn
 from .matrices import Matrix, canonical, combination, dense, read_only
 
@@ -70,8 +71,12 @@ def damping_matrix(
     return read_only(whole)
 
 
-def checked_rayleigh(rayleigh: Any) -> tuple[float, float] | None:
-    """(c_m, c_k), both finite and at least 0."""
+def checked_rayleigh(rayleigh: Any, damping_ratio: Any = None) -> tuple[float, float] | None:
+    """(c_m, c_k), both finite and at least 0; given as such or by ratios at two periods."""
+    if damping_ratio is not None:
+        if rayleigh is not None:
+            raise TypeError("rayleigh must not be given with damping_ratio, which determines it")
+        return _of_ratios(damping_ratio)
     if rayleigh is None:
         return None
     try:
@@ -79,6 +84,39 @@ def checked_rayleigh(rayleigh: Any) -> tuple[float, float] | None:
     except (TypeError, ValueError):
         raise TypeError(f"rayleigh must be a pair (c_m, c_k), got {rayleigh!r}") from None
     return real_number(c_m, "rayleigh[0]", low=0.0), real_number(c_k, "rayleigh[1]", low=0.0)
+
+
+def _of_ratios(given: Any) -> tuple[float, float]:
+    """c_m and c_k with these damping ratios at two periods."""
+    if not isinstance(given, Mapping) or len(given) != 2:
+        raise TypeError(
+            "damping_ratio must be a dict of two periods with their damping ratios, such as "
+            f"{{1.2: 0.05, 0.1: 0.05}}, got {given!r}"
+        )
+    periods = np.array([positive_number(T, "damping_ratio: a period") for T in given])
+    ratios = [real_number(x, "damping_ratio: a ratio", low=0.0) for x in given.values()]
+    coefficients = rayleigh_coefficients(2.0 * np.pi / periods, ratios, "damping_ratio")
+    if min(coefficients) < 0.0:
+        raise ValueError(
+            "damping_ratio must have ratios that c_m M + c_k K gives with c_m, c_k >= 0, got "
+            f"{given!r}: c_m = {coefficients[0]:g}, c_k = {coefficients[1]:g}"
+        )
+    return coefficients
+
+
+def rayleigh_coefficients(
+    omegas: Sequence[float] | np.ndarray, ratios: Sequence[float], name: str
+) -> tuple[float, float]:
+    """c_m and c_k with these damping ratios at two angular frequencies."""
+    if not max(ratios) < 1.0:
+        raise ValueError(
+            f"{name} must be below 1, as fractions of critical damping (5 per cent is 0.05), got "
+            f"{max(ratios)!r}"
+        )
+    # ratio = c_m / (2 omega) + c_k omega / 2
+    rows = [[0.5 / omega, 0.5 * omega] for omega in omegas]
+    c_m, c_k = np.linalg.solve(rows, ratios)
+    return float(c_m), float(c_k)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is no such C

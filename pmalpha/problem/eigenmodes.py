@@ -14,7 +14,15 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from .._checks import whole_number
 from ..errors import warn
 from .dofs import dof_list
-from .matrices import EXPORTED, canonical, combination, diagonal, largest_pairs, product
+from .matrices import (
+    EXPORTED,
+    canonical,
+    combination,
+    diagonal,
+    largest_pairs,
+    plain_matrices,
+    product,
+)
 from .positive import positive_definite
 
 __all__ = ["modes"]
@@ -107,6 +115,7 @@ def modes(
     >>> structures.modes(masses.M, masses.K, 3)[0].round(6).tolist()
     [0.0, 2.0, 3.464102]
     """
+    M, K = plain_matrices(M=M, K=K)
     mass, n = canonical(M, "M")
     if mass is None:
         raise ValueError("M must not be zero")

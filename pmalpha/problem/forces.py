@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from inspect import signature
 from sys import float_info
-from typing import Any, TypeAlias, TypeGuard
+from typing import Any, TypeAlias, TypeGuard, overload
 
 import numpy as np
 from scipy import LowLevelCallable
@@ -18,6 +18,7 @@ from .argument_types import MatrixLike
 from .frozen import Frozen
 from .lowlevel import check_signature
 from .matrices import canonical, product
+from .record import Record, takes_record
 
 __all__ = ["BaseAcceleration", "SampledForce"]
 
@@ -32,8 +33,9 @@ class SampledForce(Frozen):
 
     Parameters
     ----------
-    values : (m,) or (m, k) array
-        Samples at t = 0, dt, 2 dt, ...; m >= 1.
+    values : (m,) or (m, k) array, or Record
+        Samples at t = 0, dt, 2 dt, ...; m >= 1. A Record has its dt:
+        ``SampledForce(record, shape)``.
     dt : float
         Time between two samples, any consistent unit, positive; not the vector of their times.
     shape : (n,) or (n, k) array, optional
@@ -65,6 +67,13 @@ class SampledForce(Frozen):
     _values_name, _shape_name = "values", "shape"
     _begin = 0.0  # the time of the first sample
 
+    @overload
+    def __init__(self, values: Record, shape: Any = None, *, average: bool = False): ...
+
+    @overload
+    def __init__(self, values: Any, dt: float, shape: Any = None, *, average: bool = False): ...
+
+    @takes_record
     def __init__(self, values: Any, dt: float, shape: Any = None, *, average: bool = False):
         self.values = _columns(values, self._values_name)
         self.dt = time_step(dt, "dt")
@@ -133,10 +142,10 @@ class BaseAcceleration(SampledForce):
 
     Parameters
     ----------
-    record : (m,) or (m, k) array
+    record : (m,) or (m, k) array, or Record
         Ground acceleration at t = 0, dt, 2 dt, ..., in the unit of u / t^2 (multiply a record in
         units of g by g). Zero after its end. Between samples and between steps as for
-        `SampledForce`.
+        `SampledForce`. A Record has its dt: ``BaseAcceleration(record, direction, M)``.
     dt : float
         Time between two samples, positive.
     direction : (n,) or (n, k) array
@@ -161,6 +170,15 @@ class BaseAcceleration(SampledForce):
     hold = False
     _values_name, _shape_name = "record", "direction"
 
+    @overload
+    def __init__(self, record: Record, direction: Any, M: MatrixLike, *, average: bool = False): ...
+
+    @overload
+    def __init__(
+        self, record: Any, dt: float, direction: Any, M: MatrixLike, *, average: bool = False
+    ): ...
+
+    @takes_record
     def __init__(
         self, record: Any, dt: float, direction: Any, M: MatrixLike, *, average: bool = False
     ):

@@ -51,6 +51,24 @@ CACHE = 8_000_000  # bytes
 WIDEST_BAND = 64
 
 
+def plain_matrix(value: Any) -> Any:
+    """The sparse matrix of what is not one but has ``tocsr``, such as a reader's result."""
+    return value.tocsr() if hasattr(value, "tocsr") and not sp.issparse(value) else value
+
+
+def plain_matrices(**given: Any) -> list[Any]:
+    """`plain_matrix` of each; ValueError unless the readers' results among them have equal rows."""
+    labelled = [(name, A.labels) for name, A in given.items() if hasattr(A, "labels")]
+    for name, labels in labelled[1:]:
+        first, rows = labelled[0]
+        if not np.array_equal(labels, rows):
+            raise ValueError(
+                f"{name} must have the labels of {first}, row by row, got {len(labels)} rows "
+                f"beside {len(rows)}; {name}.arranged({first}.labels) has them in that order"
+            )
+    return [plain_matrix(A) for A in given.values()]
+
+
 def canonical(
     value: Any, name: str, n: int | None = None, *, symmetric: bool | None = None
 ) -> tuple[Matrix, int]:
@@ -59,7 +77,7 @@ def canonical(
     Parameters
     ----------
     value : (n,) array, (n, n) array, scipy.sparse matrix or array, or a number for one dof
-        Real or integer numbers, symmetric.
+        Or the result of a reader. Real or integer numbers, symmetric.
     name : str
         Name in messages.
     n : int, optional
@@ -81,6 +99,7 @@ def canonical(
     ValueError
         For a wrong shape, an entry that is not finite, or an unsymmetric matrix.
     """
+    value = plain_matrix(value)
     A = _sparse(value, name) if sp.issparse(value) else real_array(value, name, (0, 1, 2))
     if A.ndim == 0:
         if n not in (None, 1):
@@ -161,6 +180,7 @@ def rectangular(
     TypeError, ValueError
         For entries that are not real and finite, and for a wrong shape.
     """
+    value = plain_matrix(value)
     if sp.issparse(value):
         if value.dtype.kind not in "iuf":
             raise TypeError(f"{name} must hold real numbers, got dtype {value.dtype}")

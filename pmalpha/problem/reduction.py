@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from .._checks import counted, listing, plain_array, require_finite
 from .argument_types import DofsLike, MatrixLike
 from .dofs import checked_mask, dof_list
-from .matrices import Matrix, canonical, sparse_diagonal
+from .matrices import Matrix, canonical, plain_matrices, sparse_diagonal
 
 __all__ = ["Reduction", "reduce"]
 
@@ -225,6 +225,7 @@ def reduce(
     >>> chain.M.diagonal().tolist(), chain.K.tolist(), chain.free.tolist()
     ([1.0, 0.5], [[2.0, -1.0], [-1.0, 1.0]], [1, 2])
     """
+    M, K, C = plain_matrices(M=M, K=K, C=C)
     mass, n = canonical(M, "M")
     named = (("K", K), ("C", C))
     stiffness, damping = (None if A is None else canonical(A, name, n)[0] for name, A in named)

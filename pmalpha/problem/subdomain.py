@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, get_args
 
 import numpy as np
@@ -14,7 +15,15 @@ from .discrete_gradient import internal_for
 from .forces import checked_force, depends_on_motion
 from .frozen import Frozen
 from .internal import Internal
-from .matrices import EXPORTED, Matrix, canonical, combination, diagonal, is_symmetric
+from .matrices import (
+    EXPORTED,
+    Matrix,
+    canonical,
+    combination,
+    diagonal,
+    is_symmetric,
+    plain_matrices,
+)
 from .restoring import Restoring, checked_restoring, functions_of, springs_of
 from .schemes import Scheme
 from .springs import Spring, stiffness
@@ -34,8 +43,9 @@ class Subdomain(Frozen):
 
     Parameters
     ----------
-    M, K : (n,) array, (n, n) array, scipy.sparse matrix or array, or a number
-        Mass and stiffness. A 1-D array is a diagonal, a number the matrix of one dof. Symmetric; M
+    M, K : (n,) array, (n, n) array, scipy.sparse matrix or array, a number, or a reader's result
+        Mass and stiffness. A 1-D array is a diagonal, a number the matrix of one dof. What
+        `readers` return is taken as it is, if all have the same rows. Symmetric; M
         positive definite for an explicit scheme, else semidefinite (within 1e-10 of its largest
         entry). A dof without mass is a zero row and column of M; it requires an implicit scheme
         that damps at infinite frequency. K may be None where there is a restoring or an internal
@@ -90,6 +100,10 @@ class Subdomain(Frozen):
         Rayleigh damping c_m M + c_k K, in place of C or added to it, in any format of M and K. In
         1/time and in time, at least 0; `models.rayleigh` computes them from damping ratios. K is
         without `restoring_stiffness`.
+    damping_ratio : dict, optional
+        Rayleigh damping by damping ratios at two periods, in place of `rayleigh`:
+        ``{1.2: 0.05, 0.1: 0.05}`` has 5 per cent at 1.2 and at 0.1, less between them and more
+        outside. Those of the whole structure are the same in all of its subdomains.
     symmetric : bool, default True
         False admits unsymmetric K, C, estimates and tangents of internal forces: gyroscopic and
         circulatory terms, follower forces. M remains symmetric. Where all matrices are symmetric it
@@ -169,18 +183,14 @@ class Subdomain(Frozen):
         internal: Any = None,
         damping: Damping = "implicit",
         rayleigh: tuple[float, float] | None = None,
+        damping_ratio: Mapping[float, float] | None = None,
         symmetric: bool = True,
         u0: VectorLike | None = None,
         v0: VectorLike | None = None,
         name: str | None = None,
     ):
-        if not isinstance(scheme, Scheme):
-            raise TypeError(f"scheme must be a pmalpha scheme, got {scheme!r}")
-        if name is not None and not (isinstance(name, str) and name):
-            raise TypeError(f"name must be a string that is not empty, got {name!r}")
-        if M is None:
-            raise TypeError("M must be a matrix, got None")
-        check_word(damping, "damping", get_args(Damping))
+        _check_kinds(M, scheme, damping, name)
+        M, K, C = plain_matrices(M=M, K=K, C=C)
         self.scheme = scheme
         self.substeps = whole_number(substeps, "substeps", low=1)
         self.double_step = None if double_step is None else flag(double_step, "double_step")
@@ -194,7 +204,7 @@ class Subdomain(Frozen):
                 "K must be a matrix where there is no restoring force and no internal one, got None"
             )
         self.K = self._matrix(K, "K")
-        self.rayleigh = checked_rayleigh(rayleigh)
+        self.rayleigh = checked_rayleigh(rayleigh, damping_ratio)
         others = dict(M=self.M, K=self.K, given=K, symmetric=self.symmetric)
         self.C = damping_matrix(C, self.rayleigh, self.n, **others)
         self.damping = damping
@@ -457,3 +467,14 @@ class Subdomain(Frozen):
                 f"scheme must damp at infinite frequency (rho < 1) for dofs without mass, got "
                 f"{self.scheme!r} and no mass at {numbered('dof', massless)} of {label}"
             )
+
+
+def _check_kinds(M: Any, scheme: Any, damping: Any, name: Any) -> None:
+    """Errors of arguments of the wrong kind."""
+    if not isinstance(scheme, Scheme):
+        raise TypeError(f"scheme must be a pmalpha scheme, got {scheme!r}")
+    if name is not None and not (isinstance(name, str) and name):
+        raise TypeError(f"name must be a string that is not empty, got {name!r}")
+    if M is None:
+        raise TypeError("M must be a matrix, got None")
+    check_word(damping, "damping", get_args(Damping))

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import overload
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, PPoly
 
 from .._checks import check_word, counted, real_array, require_moderate, sampling_step
+from .record import Record, takes_record
 
 __all__ = ["SupportMotion"]
 
@@ -20,8 +23,9 @@ class SupportMotion:
 
     Parameters
     ----------
-    record : (m,) or (m, k) array
-        Samples at t = 0, dt, 2 dt, ..., m >= 2; a column for each support.
+    record : (m,) or (m, k) array, or Record
+        Samples at t = 0, dt, 2 dt, ..., m >= 2; a column for each support. A Record has its dt:
+        ``SupportMotion(record, "acceleration")``.
     dt : float
         Time between two samples, positive.
     kind : {"acceleration", "displacement"}
@@ -57,6 +61,13 @@ class SupportMotion:
     True
     """
 
+    @overload
+    def __init__(self, record: Record, kind: str): ...
+
+    @overload
+    def __init__(self, record: ArrayLike, dt: float, kind: str): ...
+
+    @takes_record
     def __init__(self, record: ArrayLike, dt: float, kind: str):
         samples = real_array(record, "record", (1, 2))
         require_moderate(samples, "record")

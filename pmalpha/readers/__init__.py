@@ -4,13 +4,22 @@ docs/exported-matrices.md has the input of these programs. ``scipy.io.mmread`` a
 ``scipy.io.hb_read`` read Matrix Market and Harwell-Boeing files.
 """
 
+from ..problem.record import Record
 from .abaqus import read_abaqus
 from .exported import ExportedMatrix
 from .nastran import read_dmig
 from .peer import read_at2
 from .symmetry import asymmetry, symmetrized
 
-__all__ = ["ExportedMatrix", "asymmetry", "read_abaqus", "read_at2", "read_dmig", "symmetrized"]
+__all__ = [
+    "ExportedMatrix",
+    "Record",
+    "asymmetry",
+    "read_abaqus",
+    "read_at2",
+    "read_dmig",
+    "symmetrized",
+]
 
 
 def __dir__() -> list[str]:

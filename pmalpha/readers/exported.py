@@ -17,6 +17,8 @@ __all__ = ["ExportedMatrix"]
 class ExportedMatrix:
     """A square matrix from a file, with node and component of its rows.
 
+    It is taken where a matrix is: ``Subdomain(M, K)``, `reduce`, `structures.modes`.
+
     Attributes
     ----------
     matrix : (n, n) csr_array
@@ -56,6 +58,31 @@ class ExportedMatrix:
     def n(self) -> int:
         """Number of rows."""
         return len(self.labels)
+
+    @property
+    def nnz(self) -> int:
+        """Number of stored entries."""
+        return int(self.matrix.nnz)
+
+    def tocsr(self, copy: bool = False) -> sp.csr_array:
+        """The matrix, as a matrix of SciPy returns itself.
+
+        Parameters
+        ----------
+        copy : bool
+            True: a copy.
+
+        Returns
+        -------
+        (n, n) csr_array
+            `matrix`.
+
+        Examples
+        --------
+        >>> ExportedMatrix(sp.csr_array([[5.0]]), [[9, 1]]).tocsr().toarray().tolist()
+        [[5.0]]
+        """
+        return self.matrix.copy() if copy else self.matrix
 
     def rows(self, nodes: Any, component: int | None = None) -> np.ndarray:
         """Rows of nodes, in the order of the nodes: dofs for `tie`, loads and `reduce`.

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
-from os import PathLike
 
 import numpy as np
 
 from ..files import checked_path, reading
+from ..problem.record import Record
 from .text import refuse
 
 __all__ = ["read_at2"]
@@ -22,7 +23,7 @@ NUMBERS = re.compile(rf"^\s*(\d+)\s*,?\s+({NUMBER})\s*,?\s*(?:SEC\b)?", re.IGNOR
 TITLE_LINES = 8  # maximum number of lines of a header
 
 
-def read_at2(path: str | PathLike[str]) -> tuple[np.ndarray, float, str]:
+def read_at2(path: str | os.PathLike[str]) -> Record:
     """Read a ground motion record in the text format of PEER.
 
     A header of some lines, whose last gives the number of samples and the time between them, as
@@ -37,13 +38,10 @@ def read_at2(path: str | PathLike[str]) -> tuple[np.ndarray, float, str]:
 
     Returns
     -------
-    record : (m,) ndarray
-        The samples in the unit that the header names: for .AT2 files g, so that
-        ``9.81 * record`` is in m/s^2.
-    dt : float
-        Time between two samples, in s.
-    header : str
-        The lines of the header, without the blanks at their ends.
+    Record
+        Its values are in the unit that the header names: for .AT2 files g, so that
+        ``9.81 * record`` is in m/s^2; its dt is in s. Its name is that of the file, its header
+        the lines of the header, without the blanks at their ends. ``values, dt = record``.
 
     Raises
     ------
@@ -60,8 +58,8 @@ def read_at2(path: str | PathLike[str]) -> tuple[np.ndarray, float, str]:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = pathlib.Path(folder, "record.AT2")
     ...     _ = path.write_text(text)
-    ...     record, dt, header = read_at2(path)
-    >>> record.tolist(), dt, header.splitlines()[1]
+    ...     record = read_at2(path)
+    >>> record.values.tolist(), record.dt, record.header.splitlines()[1]
     ([0.01, -0.02, 0.3], 0.005, 'A VALLEY')
     """
     name = str(checked_path(path))
@@ -71,11 +69,12 @@ def read_at2(path: str | PathLike[str]) -> tuple[np.ndarray, float, str]:
         refuse(name, 1, "must be text, got a binary file")
     lines = [line.rstrip() for line in content.decode("latin-1").splitlines()]
     count, dt, first = _header(name, lines)
-    record = _samples(name, lines, first)
-    if record.size != count:
-        rule = f"must give the number of samples, got NPTS = {count} and {record.size} samples"
+    values = _samples(name, lines, first)
+    if values.size != count:
+        rule = f"must give the number of samples, got NPTS = {count} and {values.size} samples"
         refuse(name, first, rule)
-    return record, dt, "\n".join(line.strip() for line in lines[:first])
+    header = "\n".join(line.strip() for line in lines[:first])
+    return Record(values, dt, os.path.basename(name), header=header)
 
 
 def _header(name: str, lines: list[str]) -> tuple[int, float, int]:

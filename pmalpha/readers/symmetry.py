@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import real_array, real_number
+from ..problem.matrices import plain_matrix
 from ..problem.sparse_arrays import check_arrays
 
 __all__ = ["asymmetry", "symmetrized"]
@@ -86,6 +87,7 @@ def symmetrized(A: Any, tol: float) -> Any:
 
 
 def _square(value: Any) -> Any:
+    value = plain_matrix(value)
     if sp.issparse(value):
         check_arrays(value, "A")
     A = sp.csr_array(value) if sp.issparse(value) else real_array(value, "A", 2)

@@ -1,0 +1,115 @@
+"""A measured record: its samples, the time between them, its name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import wraps
+from inspect import signature
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from .._checks import real_array, real_number, time_step
+from .frozen import Frozen
+
+__all__ = ["Record"]
+
+
+class Record(Frozen):
+    """Samples at t = 0, dt, 2 dt, ..., as `readers.read_at2` and `models.el_centro` return them.
+
+    `BaseAcceleration`, `SampledForce`, `SupportMotion` and `analysis.response_spectrum` take it in
+    place of samples and dt: ``BaseAcceleration(record, direction, M)``. ``values, dt = record``
+    unpacks it, ``9.81 * record`` changes its unit, and where an array is expected it is its values.
+
+    Parameters
+    ----------
+    values : (m,) or (m, k) array_like
+        The samples.
+    dt : float
+        Time between two samples, positive.
+    name : str, optional
+        Of the record or of its file.
+    header : str, optional
+        What the file says of it.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For samples that are not finite numbers, and a dt that is not positive.
+
+    Examples
+    --------
+    >>> from pmalpha.readers import Record
+    >>> record = 9.81 * Record([0.0, 0.1, -0.2], 0.02, name="valley")
+    >>> record
+    <Record 'valley': 3 samples, dt = 0.02, to t = 0.04, largest 1.962>
+    >>> values, dt = record
+    >>> push = SampledForce(record, shape=[0.0, 2.0])
+    >>> push(0.02).round(3).tolist()
+    [0.0, 1.962]
+    """
+
+    def __init__(self, values: Any, dt: float, name: str = "", *, header: str = ""):
+        self.values = real_array(values, "values", (1, 2))
+        self.dt = time_step(dt, "dt")
+        for word, text in (("name", name), ("header", header)):
+            if not isinstance(text, str):
+                raise TypeError(f"{word} must be a string, got {text!r}")
+        self.name, self.header = name, header
+        self._freeze()
+
+    def __repr__(self) -> str:
+        m = len(self.values)
+        label = f" {self.name!r}" if self.name else ""
+        largest = np.abs(self.values).max(initial=0.0)
+        return (
+            f"<Record{label}: {m} samples, dt = {self.dt:g}, to t = {(m - 1) * self.dt:g}, "
+            f"largest {largest:.4g}>"
+        )
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter((np.array(self.values), self.dt))
+
+    def __getitem__(self, i: int) -> Any:
+        return tuple(self)[i]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return np.array(self.values, dtype=dtype)
+
+    # a number of NumPy leaves the product to __rmul__
+    __array_priority__ = 1.0
+
+    def __mul__(self, factor: Any) -> Record:
+        if not isinstance(factor, Real):
+            return NotImplemented
+        values = real_number(factor, "factor") * self.values
+        return Record(values, self.dt, self.name, header=self.header)
+
+    __rmul__ = __mul__
+
+
+def takes_record(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function with parameters for samples and, next, ``dt`` that takes a Record for both.
+
+    The arguments after dt may come one place earlier. A dt that is given has to be the Record's.
+    """
+    names = list(signature(function).parameters)
+    samples = names.index("dt") - 1
+
+    @wraps(function)
+    def call(*args: Any, **keywords: Any) -> Any:
+        record = args[samples] if len(args) > samples else keywords.get(names[samples])
+        if not isinstance(record, Record):
+            return function(*args, **keywords)
+        keywords.pop(names[samples], None)
+        before, after = args[:samples], list(args[samples + 1 :])
+        dt = keywords.pop("dt", None)
+        if after and (after[0] is None or isinstance(after[0], Real)):
+            dt = after.pop(0)
+        if dt is not None and dt != record.dt:
+            raise ValueError(f"dt must be {record.dt!r} as in {record!r}, got {dt!r}")
+        return function(*before, record.values, record.dt, *after, **keywords)
+
+    return call
