@@ -71,7 +71,9 @@ def frame():
         restoring=pm.BoucWen([(1, 0), (2, 1)], k=k[1:], fy=fy[1:], hardening=0.05),
         name="upper",
     )
-    return pm.Coupler([lower, upper], pm.tie(upper, [0], lower, [0]), dt=DT, threads=1)
+    return pm.Coupler(
+        [lower, upper], pm.tie(upper, [0], lower, [0]), dt=DT, threads=1, coupling="pm"
+    )
 
 
 def study_row(count, rounds):

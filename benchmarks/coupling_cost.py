@@ -58,10 +58,10 @@ def measure(name, counts, faces, substeps, seconds):
     members = subdomains(meshes, substeps)
     points = {s: mesh.points for s, mesh in zip(members, meshes)}
     tie = pm.tie_coincident(points, components=len(counts))
-    coupled = pm.Coupler(members, tie, dt=DT, threads=1)
+    coupled = pm.Coupler(members, tie, dt=DT, threads=1, coupling="pm")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", pm.ConstraintWarning)  # that nothing is tied
-        untied = pm.Coupler(members, [], dt=DT, threads=1)
+        untied = pm.Coupler(members, [], dt=DT, threads=1, coupling="pm")
     alone = [pm.Coupler([s], dt=DT, threads=1) for s in members]
 
     def each_alone():

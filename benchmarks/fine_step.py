@@ -40,7 +40,7 @@ def rows(quick):
     steps, few, seconds = (10, 1, 0.0) if quick else (5000, 20, 4.0)
     model = pm.models.four_dof(rho=0.5)
     subdomains, L = reference_subdomains(model)
-    coupler = model.coupler(DT)
+    coupler = model.coupler(DT, coupling="pm")
     recorded, stepped, plain = in_turn(
         lambda: coupler.run(steps=steps),
         lambda: coupler.step(steps),

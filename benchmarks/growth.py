@@ -96,7 +96,9 @@ def measure(problem, size):
     made, (subdomains, constraints, dt) = once(lambda: PROBLEMS[problem][0](size))
     before = memory.present()
     memory.forget_peak()
-    setup, coupler = once(lambda: pm.Coupler(subdomains, constraints, dt=dt, threads=1))
+    setup, coupler = once(
+        lambda: pm.Coupler(subdomains, constraints, dt=dt, threads=1, coupling="pm")
+    )
     coupler.step(2)
     (step,) = in_turn(coupler.step, rounds=3, seconds=1.0)
     return {

@@ -16,7 +16,7 @@ from timing import run
 RUN = """
 import pmalpha as pm
 model = pm.models.four_dof(rho=0.5)
-model.coupler(1.0 / 40.0 / 0.47).run(steps={steps})
+model.coupler(1.0 / 40.0 / 0.47, coupling="pm").run(steps={steps})
 """
 STEPS, SS = 100, 20
 ALLOCATORS = "malloc", "calloc", "realloc", "free"

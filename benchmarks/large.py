@@ -93,7 +93,9 @@ def rows(quick):
     counts = [solid.n for solid in solids]
     pair, tie = measured("Subdomain and tie", partial(subdomains, *solids))
     del solids
-    coupler = measured("Coupler", partial(profile.runcall, pm.Coupler, pair, tie, dt=DT))
+    coupler = measured(
+        "Coupler", partial(profile.runcall, pm.Coupler, pair, tie, dt=DT, coupling="pm")
+    )
     setup = found[-1]["processor s"]
     measured("first two macro steps", partial(coupler.step, 2))
     (step,) = in_turn(coupler.step, rounds=2 if quick else 10, clock=time.perf_counter)

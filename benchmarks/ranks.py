@@ -208,7 +208,7 @@ def masses(p, own, comm):
     """Twice p explicit masses, tied one by one."""
     pair = [pm.Subdomain(np.ones(p), np.ones(p), scheme=EXPLICIT, name=name) for name in "ab"]
     ties = pm.tie("a", np.arange(p), "b", np.arange(p))
-    return pm.Coupler(pair[own], ties, dt=0.1, comm=comm)
+    return pm.Coupler(pair[own], ties, dt=0.1, comm=comm, coupling="pm")
 
 
 def plates(p, own, comm):
@@ -218,7 +218,9 @@ def plates(p, own, comm):
     z = np.repeat(layer.points[:, 2], 3)
     top, bottom = np.flatnonzero(z == z.max()), np.flatnonzero(z == z.min())
     pair = [layer.subdomain(scheme=IMPLICIT, name=name) for name in "ab"]
-    return pm.Coupler(pair[own], pm.tie("a", top, "b", bottom), dt=0.1, threads=1, comm=comm)
+    return pm.Coupler(
+        pair[own], pm.tie("a", top, "b", bottom), dt=0.1, threads=1, comm=comm, coupling="pm"
+    )
 
 
 KINDS = {"diagonal H": masses, "dense H": plates}

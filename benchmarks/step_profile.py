@@ -42,11 +42,13 @@ def solids(*counts):
     members = subdomains(meshes, 10)
     points = {s: mesh.points for s, mesh in zip(members, meshes)}
     tie = pm.tie_coincident(points, components=3)
-    return pm.Coupler(members, tie, dt=0.1, threads=1)
+    return pm.Coupler(members, tie, dt=0.1, threads=1, coupling="pm")
 
 
 PROBLEMS = {
-    "four dofs, ss = 20": lambda: pm.models.four_dof(rho=0.5).coupler(1.0 / 40.0 / 0.47),
+    "four dofs, ss = 20": lambda: pm.models.four_dof(rho=0.5).coupler(
+        1.0 / 40.0 / 0.47, coupling="pm"
+    ),
     "chain, n = 1000": lambda: chain_alone(1000),
     "chain, n = 100 000": lambda: chain_alone(100_000),
     "hex8, n = 29 106": lambda: solid_alone(21, 20, 21),

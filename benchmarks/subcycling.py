@@ -42,7 +42,7 @@ def measure(scheme, layers, stiff, side, seconds):
     uncut = subdomain(box(layers, side, E), scheme, SS)
     a, b = subdomain(soft, scheme, 1), subdomain(hard, scheme, SS)
     tie = pm.tie_coincident({a: soft.points, b: hard.points}, components=3)
-    split = pm.Coupler([a, b], tie, dt=DT, threads=1)
+    split = pm.Coupler([a, b], tie, dt=DT, threads=1, coupling="pm")
     couplers = [split, *(pm.Coupler([s], dt=DT, threads=1) for s in (a, b, uncut))]
     calls = [partial(c.step, STEPS) for c in couplers]
     ours, of_a, of_b, fine = (x / STEPS for x in in_turn(*calls, rounds=3, seconds=seconds))

@@ -46,7 +46,7 @@ def subdomain(K, scheme=IMPLICIT, **options):
 def two(a, b, count, **options):
     """Two subdomains tied at `count` dofs of an edge."""
     edge = np.arange(count)
-    return pm.Coupler([a, b], pm.tie(a, edge, b, edge), dt=0.2, **options)
+    return pm.Coupler([a, b], pm.tie(a, edge, b, edge), dt=0.2, **{"coupling": "pm", **options})
 
 
 def balanced(n, coupling, threads):

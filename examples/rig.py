@@ -47,7 +47,7 @@ def simulated_rig(**options):
     return pm.remote.started([program, *(f"--{name}={x}" for name, x in options.items())])
 
 
-def hybrid(restoring, dt=dt, **options):
+def hybrid(restoring, dt=dt, coupling="pm", **options):
     """Frame and specimen; each has half of the first floor."""
     record, record_step = models.el_centro()
     M, K = models.shear_frame([m[0] / 2, *m[1:]], [0.0, *k[1:]])  # floating without the specimen
@@ -70,7 +70,9 @@ def hybrid(restoring, dt=dt, **options):
         restoring_stiffness=[specimen["k"]],
         name="rig",
     )
-    return pm.Coupler([rig, frame], pm.tie(frame, [0], rig, [0]), dt=dt, **options)
+    return pm.Coupler(
+        [rig, frame], pm.tie(frame, [0], rig, [0]), dt=dt, coupling=coupling, **options
+    )
 
 
 def paced(coupler, steps, period):

@@ -75,7 +75,7 @@ def _positive(text: str) -> int:
 
 def _run(model: FourDof, steps: int) -> tuple[History, float]:
     """The History of a run and its time in seconds."""
-    coupler = model.coupler(model.macro_step)
+    coupler = model.coupler(model.macro_step, coupling="pm")
     begin = time.perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", AccuracyWarning)  # the steps are those of the paper

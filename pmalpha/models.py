@@ -70,7 +70,7 @@ class Model:
         dt : float
             Macro step.
         **options
-            Further arguments of `Coupler`, such as ``coupling="gc"``.
+            Further arguments of `Coupler`: coupling, which is required, threads, ...
 
         Returns
         -------
@@ -85,7 +85,7 @@ class Model:
         Examples
         --------
         >>> from pmalpha import models
-        >>> history = models.split_oscillator(10.0).coupler(0.05).run(steps=3)
+        >>> history = models.split_oscillator(10.0).coupler(0.05, coupling="pm").run(steps=3)
         >>> history["A"].u.shape
         (4, 1)
         """
@@ -141,7 +141,7 @@ def split_oscillator(
     Examples
     --------
     >>> from pmalpha import models
-    >>> history = models.split_oscillator(10.0).coupler(0.01).run(1.0)
+    >>> history = models.split_oscillator(10.0).coupler(0.01, coupling="pm").run(1.0)
     >>> bool(abs(history["A"].u[-1, 0] - 1.0) < 0.01)
     True
     """
@@ -249,7 +249,7 @@ class FourDof(Model):
         --------
         >>> from pmalpha import models
         >>> chain = models.four_dof()
-        >>> history = chain.coupler(chain.macro_step).run(steps=10)
+        >>> history = chain.coupler(chain.macro_step, coupling="pm").run(steps=10)
         >>> t, amplitudes = chain.modal_amplitudes(history)
         >>> amplitudes[0].round(3).tolist()
         [0.716, 0.042, 0.697, 0.0]

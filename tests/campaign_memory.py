@@ -58,7 +58,7 @@ def of_ranks():
 
     whole = small("linear")
     ties = [pm.tie("a", [2], "b", [0]), pm.tie("b", [1], "c", [0])]
-    return pm.Coupler(whole.subdomains, ties, dt=0.05, threads=2, comm=MPI.COMM_SELF)
+    return pm.Coupler(whole.subdomains, ties, dt=0.05, threads=2, comm=MPI.COMM_SELF, coupling="pm")
 
 
 def small(kind):

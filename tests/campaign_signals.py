@@ -26,7 +26,7 @@ def made(threads, with_load):
     scheme = pm.GeneralizedAlpha(0.5)
     a = pm.Subdomain(np.ones(3), K, scheme=scheme, u0=[1.0, 0.5, 0.2], force=load, name="a")
     b = pm.Subdomain(np.ones(2), [3.0, 3.0], scheme=scheme, substeps=4, u0=[0.2, 0.0], name="b")
-    return pm.Coupler([a, b], pm.tie(a, [2], b, [0]), dt=0.05, threads=threads)
+    return pm.Coupler([a, b], pm.tie(a, [2], b, [0]), dt=0.05, threads=threads, coupling="pm")
 
 
 class Interrupts:

@@ -152,7 +152,7 @@ def internal_force(rng):
 def newton(rng):
     def use(newton):
         a, b, tie = sides(internal=pm.CubicSpring([0], k=1.0, k3=2.0))
-        return steps(pm.Coupler([a, b], tie, dt=0.05, newton=newton))
+        return steps(pm.Coupler([a, b], tie, dt=0.05, newton=newton, coupling="pm"))
 
     return pm.Newton, {"tol": 1e-8, "iterations": 40, "tangent": "full"}, use
 
@@ -163,7 +163,7 @@ def constraint(rng):
     velocity = one(rng, None, lambda t: [np.sin(t)], pm.SampledForce(np.arange(9.0), 0.1))
 
     def use(constraint):
-        return steps(pm.Coupler([a, b], constraint, dt=0.05))
+        return steps(pm.Coupler([a, b], constraint, dt=0.05, coupling="pm"))
 
     return pm.Constraint, {"matrices": matrices, "velocity": velocity}, use
 
@@ -173,7 +173,7 @@ def tie(rng):
     values = {"a": one(rng, a, "a"), "dofs_a": [1, 2], "b": b, "dofs_b": np.array([0, 1])}
 
     def use(constraint):
-        return pm.Coupler([a, b], constraint, dt=0.05)
+        return pm.Coupler([a, b], constraint, dt=0.05, coupling="pm")
 
     return pm.tie, values, use
 
@@ -182,7 +182,7 @@ def coincident(rng):
     a, b, _ = sides()
     points = {a: np.arange(3.0)[:, None], b: np.array([[2.0], [3.0]])}
     values = {"points": points, "components": 1, "dofs_per_node": one(rng, None, 1), "tol": 1e-6}
-    return pm.tie_coincident, values, lambda c: pm.Coupler([a, b], c, dt=0.05)
+    return pm.tie_coincident, values, lambda c: pm.Coupler([a, b], c, dt=0.05, coupling="pm")
 
 
 def interpolated(rng):
@@ -191,7 +191,11 @@ def interpolated(rng):
     a = pm.Subdomain(np.ones(4), np.ones(4), scheme=pm.Newmark(), name="a")
     values = {"a": a, "points_a": np.array([[0.5, 0.0], [1.0, 0.25]]), "b": b, "components": 2}
     values |= {"points_b": QUAD, "elements_b": np.array([[0, 1, 2, 3]]), "tol": 1e-6}
-    return pm.interpolate, values | {"cell": "quad"}, lambda c: pm.Coupler([a, b], c, dt=0.05)
+    return (
+        pm.interpolate,
+        values | {"cell": "quad"},
+        lambda c: pm.Coupler([a, b], c, dt=0.05, coupling="pm"),
+    )
 
 
 def reduction(rng):
@@ -363,7 +367,7 @@ def animations(rng):
     held = pm.reduce(plate.M, plate.K, fixed=[0, 1])
     free = pm.Subdomain(held.M, held.K, scheme=pm.Newmark(), u0=np.ones(held.M.shape[0]), name="f")
     whole = plate.subdomain(scheme=pm.Newmark(), u0=np.linspace(0.0, 1.0, plate.n), name="w")
-    history = pm.Coupler([free, whole], dt=0.1).run(steps=3)
+    history = pm.Coupler([free, whole], dt=0.1, coupling="pm").run(steps=3)
     meshes = {"f": (plate, held.expand), "w": one(rng, plate, (plate.points, plate.elements))}
     values = {"history": history, "meshes": meshes, "frames": 4, "interval": 20.0, "scale": 2.0}
     values |= one(rng, {}, {"values": lambda u: u[:, 0], "value_label": "x"})
@@ -514,7 +518,7 @@ def forces_on(rng, n):
 
 def cut_of(**values):
     made = pm.cut(**values)
-    return steps(made.coupler(dt=0.05))
+    return steps(made.coupler(dt=0.05, coupling="pm"))
 
 
 def analysis(rng):
@@ -571,7 +575,7 @@ def advanced(s):
     """A run of this subdomain, alone or beside another one."""
     b = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), name="beside", u0=[s.u0[s.n - 1]])
     b = b if s.name != "beside" else pm.Subdomain([1.0], [4.0], scheme=pm.Newmark())
-    return pm.Coupler([s, b], dt=0.01 * s.substeps).run(steps=3)
+    return pm.Coupler([s, b], dt=0.01 * s.substeps, coupling="pm").run(steps=3)
 
 
 def solved(**changes):

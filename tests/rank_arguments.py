@@ -22,9 +22,11 @@ def one_of(kind, call, *words, failed=SIZE - 1, everywhere=False):
 def arguments():
     """Wrong arguments on one rank raise on all, and nothing waits for ever."""
 
-    def make(dt=0.01, constraints=None, own=None, name=f"r{RANK}", **options):
+    def make(dt=0.01, constraints=None, own=None, name=f"r{RANK}", coupling="pm", **options):
         own = [chain(3, name)] if own is None else own
-        return pm.Coupler(own, constraints or ties(), dt=dt, comm=WORLD, **options)
+        return pm.Coupler(
+            own, constraints or ties(), dt=dt, coupling=coupling, comm=WORLD, **options
+        )
 
     singular = pm.Subdomain([[1.0, 2], [2, 1]], np.eye(2), scheme=pm.Newmark(), name=f"r{RANK}")
     one_of(ValueError, lambda bad: make(dt=-1.0 if bad else 0.01), "dt must be positive")

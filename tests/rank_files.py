@@ -59,7 +59,7 @@ def files(folder):
     # all subdomains on the last rank
     names = [f"r{r}" for r in range(SIZE)]
     own = [chain(3, name) for name in names] if RANK == SIZE - 1 else []
-    coupler = pm.Coupler(own, ties(), dt=0.01, comm=WORLD)
+    coupler = pm.Coupler(own, ties(), dt=0.01, comm=WORLD, coupling="pm")
     coupler.run(steps=3, record_to=folder / "one.h5", energy=True)
     WORLD.Barrier()
     whole = pm.History.load(folder / "one.h5")

@@ -20,7 +20,7 @@ def memory():
     def make():
         own = [chain(n, name) for name in "ab"] if RANK == 0 else [chain(3, f"r{RANK}")]
         ties = [pm.tie("a", np.arange(n), "b", np.arange(n)), pm.tie("a", [0], f"r{SIZE - 1}", [0])]
-        return pm.Coupler(own, ties, dt=0.01, comm=WORLD)
+        return pm.Coupler(own, ties, dt=0.01, comm=WORLD, coupling="pm")
 
     coupler = make()
     coupler.step(3)

@@ -16,7 +16,7 @@ def make():
     a = pm.Subdomain(np.ones(2), K, scheme=pm.GeneralizedAlpha(0.5), name="a")
     scheme = pm.GeneralizedAlpha(0.5, explicit=True)
     b = pm.Subdomain(np.ones(2), K, scheme=scheme, substeps=2, name="b")
-    return pm.Coupler([a, b], pm.tie("a", 1, "b", 0), dt=0.1, threads=1)
+    return pm.Coupler([a, b], pm.tie("a", 1, "b", 0), dt=0.1, threads=1, coupling="pm")
 
 
 def peaks(history):

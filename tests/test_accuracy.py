@@ -31,7 +31,7 @@ def tower_and_rig(dt):
     )
     scheme = pm.GeneralizedAlpha(0.8, explicit=True)
     rig = pm.Subdomain([1.0], [4000.0], scheme=scheme, substeps=20, name="rig")
-    return pm.Coupler([tower, rig], pm.tie(tower, [0], rig, [0]), dt=dt)
+    return pm.Coupler([tower, rig], pm.tie(tower, [0], rig, [0]), dt=dt, coupling="pm")
 
 
 # ---- local_error ---------------------------------------------------------------------------------

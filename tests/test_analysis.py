@@ -259,7 +259,9 @@ def test_loads_are_left_out_of_the_matrix():
 
 
 def test_the_rows_of_the_split_oscillator_are_those_of_the_paper():
-    G = analysis.amplification_matrix(models.split_oscillator(10.0, substeps=2).coupler(0.1))
+    G = analysis.amplification_matrix(
+        models.split_oscillator(10.0, substeps=2).coupler(0.1, coupling="pm")
+    )
     a = [f"{x}[0] of A at {when}" for when in ("n-1", "n") for x in ("u", "v", "w", "a", "vf")]
     b = [f"{x}[0] of B at n" for x in ("u", "v", "w", "a")]
     assert G.shape == (14, 14)
@@ -286,7 +288,7 @@ def loaded_coupler(kind):
     )  # fmt: skip
     motion = {"velocity": lambda t: [0.1 * np.sin(t)]} if kind == "callable" else {}
     driven = pm.Constraint({b: [[0.0, 1.0]]}, **motion)
-    return pm.Coupler([a, b], [pm.tie(a, [1], b, [0]), driven], dt=0.05)
+    return pm.Coupler([a, b], [pm.tie(a, [1], b, [0]), driven], dt=0.05, coupling="pm")
 
 
 def history_bytes(history):
@@ -472,16 +474,18 @@ def test_the_warning_begins_at_the_critical_step_or_at_half_of_it_with_double_st
     stiff = chain_of(3, explicit(0.5), np.asarray, double_step=double, name="stiff")
     soft = pm.Subdomain([1.0], [0.01], scheme=implicit(0.5), double_step=False)
     critical = analysis.critical_step(stiff) / (2 if double else 1)
-    pm.Coupler([stiff, soft], pm.tie(stiff, [2], soft, [0]), dt=critical)
+    pm.Coupler([stiff, soft], pm.tie(stiff, [2], soft, [0]), dt=critical, coupling="pm")
     with pytest.warns(pm.StabilityWarning, match="'stiff' is above its critical step"):
-        pm.Coupler([stiff, soft], pm.tie(stiff, [2], soft, [0]), dt=critical * (1 + 1e-6))
+        pm.Coupler(
+            [stiff, soft], pm.tie(stiff, [2], soft, [0]), dt=critical * (1 + 1e-6), coupling="pm"
+        )
 
 
 def double_explicit(rho, Omega, double):
     """An explicit oscillator of frequency 1, not tied; another subdomain takes single steps."""
     subdomain = pm.Subdomain([1.0], [1.0], scheme=explicit(rho), double_step=double)
     other = pm.Subdomain([1.0], [0.0], scheme=implicit(rho), double_step=False)
-    return pm.Coupler([subdomain, other], dt=Omega)
+    return pm.Coupler([subdomain, other], dt=Omega, coupling="pm")
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
@@ -511,7 +515,7 @@ def test_the_drift_and_a_free_motion_are_not_taken_for_instability():
         K = np.array([[1.0, -1.0], [-1.0, 1.0]])
         a = pm.Subdomain([1.0, 1.0], 1e-3 * K, scheme=pm.Newmark(), name="a")
         b = pm.Subdomain([1.0, 1.0], K, scheme=pm.CentralDifference(), name="b")
-        return pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=h)
+        return pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=h, coupling="pm")
 
     found = analysis.stability_limit(floating, 0.1, 20.0)
     # ties do not lower the limit of the floating subdomain, 2 / sqrt(2)
@@ -573,11 +577,13 @@ def test_interior_dofs_and_stiffness_do_not_enter_the_loop():
     for ss in (1, 3):
         chain = models.four_dof(0.6, substeps=ss)
         halves = models.split_oscillator(1.0, rho=0.6, substeps=ss)
-        found = analysis.zero_stability(chain.coupler(0.01))
-        assert found == pytest.approx(analysis.zero_stability(halves.coupler(0.01)), abs=1e-10)
+        found = analysis.zero_stability(chain.coupler(0.01, coupling="pm"))
+        assert found == pytest.approx(
+            analysis.zero_stability(halves.coupler(0.01, coupling="pm")), abs=1e-10
+        )
         assert found != pytest.approx(
             analysis.zero_stability(
-                models.split_oscillator(2.0, rho=0.6, substeps=ss).coupler(0.01)
+                models.split_oscillator(2.0, rho=0.6, substeps=ss).coupler(0.01, coupling="pm")
             ),
             abs=1e-3,
         )
@@ -589,7 +595,7 @@ def test_interior_dofs_and_stiffness_do_not_enter_the_loop():
 def test_the_loop_is_what_the_spectrum_of_the_coupler_tends_to(b1, ss, rho):
     # as dt -> 0: the largest eigenvalue away from 1 and -1, which belong to motion and chains,
     # and apart from the root of recursion (9), which is not in the loop
-    coupler = models.split_oscillator(b1, rho=rho, substeps=ss).coupler(1e-5)
+    coupler = models.split_oscillator(b1, rho=rho, substeps=ss).coupler(1e-5, coupling="pm")
     values = np.linalg.eigvals(analysis.amplification_matrix(coupler))
     distance = np.abs(np.abs(values) - analysis.zero_stability(coupler))
     assert distance.min() < 1e-7  # perturbed by (omega dt)^2 = 4e-9
@@ -602,7 +608,7 @@ def test_zero_stability_needs_constraints_and_masses():
         analysis.zero_stability(oscillator(implicit(0.5), 0.1))
     a = pm.Subdomain([0.0, 1.0], [[2.0, -1.0], [-1.0, 1.0]], scheme=implicit(0.5), name="rod")
     b = pm.Subdomain([1.0], [1.0], scheme=implicit(0.5))
-    coupler = pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=0.1)
+    coupler = pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=0.1, coupling="pm")
     with pytest.raises(ValueError, match="mass at all dofs, got dofs without mass in 'rod'"):
         analysis.zero_stability(coupler)
 
@@ -660,7 +666,7 @@ def three_bars(force=None, substeps=(1, 2, 6), **options):
             )  # fmt: skip
         )
     ties = [pm.tie(bars[i], [0], bars[i + 1], [0]) for i in (0, 1)]
-    return pm.Coupler(bars, ties, **({"dt": 0.01} | options))
+    return pm.Coupler(bars, ties, **({"dt": 0.01, "coupling": "pm"} | options))
 
 
 def assembled():
@@ -717,7 +723,7 @@ def test_a_gap_stays_in_the_exact_solution():
     a = pm.Subdomain([1.0], [2.0], scheme=implicit(0.5), u0=[0.3], name="a")
     b = pm.Subdomain([1.0], [2.0], scheme=implicit(0.5), name="b")
     with pytest.warns(pm.ConstraintWarning):
-        coupler = pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1)
+        coupler = pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1, coupling="pm")
     states, _ = analysis.exact_solution(coupler)(1.7)
     assert states["a"][0] - states["b"][0] == pytest.approx(0.3, abs=1e-13)
     # mean displacement: an oscillator of mass 2 and stiffness 4

@@ -13,7 +13,7 @@ OPTIONS = [{}, {"record": {0: [0]}, "every": 2}, {"every": 3}, {"record": {}}]
 
 
 def four_dof():
-    return models.four_dof().coupler(0.05)
+    return models.four_dof().coupler(0.05, coupling="pm")
 
 
 # ---- an existing file -----------------------------------------------------------------------
@@ -147,7 +147,7 @@ def test_a_file_of_something_else_is_not_continued(tmp_path):
     other.step(5)
     refused(other, "the same coupler, dt and recorded quantities", every=5)
     refused(other, "the same coupler, dt and recorded quantities", record={"A": [0]})
-    shorter = models.four_dof().coupler(0.04)
+    shorter = models.four_dof().coupler(0.04, coupling="pm")
     shorter.step(5)
     refused(shorter, "the same coupler, dt and recorded quantities")
     u0 = {name: 2.0 * moved.state(name).u for name in ("A", "B")}

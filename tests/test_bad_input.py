@@ -65,7 +65,7 @@ def two_subdomains(**of_a):
 
 def coupled(**of_a):
     a, b, tie = two_subdomains(**of_a)
-    return pm.Coupler([a, b], tie, dt=0.1)
+    return pm.Coupler([a, b], tie, dt=0.1, coupling="pm")
 
 
 def as_bytes(coupler, steps=4):
@@ -610,7 +610,7 @@ def test_a_constraint_is_keyed_by_subdomains():
 def dependent(subdomains, constraints):
     return refused(
         pm.ConstraintError,
-        lambda: pm.Coupler(subdomains, constraints, dt=0.1),
+        lambda: pm.Coupler(subdomains, constraints, dt=0.1, coupling="pm"),
         "must be linearly independent",
     )
 
@@ -618,7 +618,7 @@ def dependent(subdomains, constraints):
 def test_a_ring_of_ties_at_a_cross_point_has_one_redundant_tie():
     a, b, c, d = (single(2) for _ in range(4))
     ring = [pm.tie(a, [0], b, [0]), pm.tie(b, [0], c, [0]), pm.tie(c, [0], d, [0])]
-    pm.Coupler([a, b, c, d], ring, dt=0.1)
+    pm.Coupler([a, b, c, d], ring, dt=0.1, coupling="pm")
     message = dependent([a, b, c, d], [*ring, pm.tie(d, [0], a, [0])])
     assert "1 of 4 rows" in message
     assert all(f"(row 0 of constraint {i})" in message for i in range(4))
@@ -758,7 +758,7 @@ def path_of_ties(p):
 def test_a_hundred_thousand_independent_ties_are_accepted_in_seconds():
     a, b = single(MANY, scheme=EXPLICIT), single(MANY, scheme=EXPLICIT)
     tie = pm.tie(a, np.arange(MANY), b, np.arange(MANY)[::-1])
-    assert seconds(lambda: pm.Coupler([a, b], tie, dt=0.1)) < SOON
+    assert seconds(lambda: pm.Coupler([a, b], tie, dt=0.1, coupling="pm")) < SOON
 
 
 def test_a_hundred_thousand_ties_in_a_path_are_accepted_in_seconds():
@@ -796,7 +796,7 @@ def test_independent_rows_of_extreme_scale_are_not_reported_as_dependent(scale):
     a, b = single(2), single(2)
     L = np.diag([1.0, scale])
     try:
-        pm.Coupler([a, b], pm.Constraint({a: L, b: -L}), dt=0.1)
+        pm.Coupler([a, b], pm.Constraint({a: L, b: -L}), dt=0.1, coupling="pm")
     except (pm.PmalphaError, ValueError) as error:
         assert "linearly independent" not in str(error)
 
@@ -809,19 +809,21 @@ def test_initial_velocities_that_violate_a_constraint_are_named_with_row_and_amo
     b = subdomain(v0=[0.5, -0.5])
     message = refused(
         pm.ConstraintError,
-        lambda: pm.Coupler([a, b], pm.tie(a, [0, 1], b, [0, 1]), dt=0.1),
+        lambda: pm.Coupler([a, b], pm.tie(a, [0, 1], b, [0, 1]), dt=0.1, coupling="pm"),
         "velocities v0",
     )
     assert "1 by 0.75" in message and "0 by" not in message
     split = [pm.tie(a, [0], b, [0]), pm.tie(a, [1], b, [1])]
-    message = refused(pm.ConstraintError, lambda: pm.Coupler([a, b], split, dt=0.1), "0.75")
+    message = refused(
+        pm.ConstraintError, lambda: pm.Coupler([a, b], split, dt=0.1, coupling="pm"), "0.75"
+    )
     assert "row 0 of constraint 1" in message
 
 
 def test_initial_velocities_that_agree_to_rounding_are_accepted():
     third = 1.0 / 3.0
     a, b = subdomain(v0=[third, 1.0]), subdomain(v0=[1.0 - 2.0 * third, 1.0])
-    pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1)
+    pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1, coupling="pm")
 
 
 @pytest.mark.parametrize("scale", [1e-150, 1e-12, 1e-6, 1e6, 1e12, 1e150])
@@ -831,7 +833,7 @@ def test_a_violated_constraint_is_detected_at_any_scale_of_its_row(scale):
     L = np.diag([1.0, scale])
     refused(
         pm.ConstraintError,
-        lambda: pm.Coupler([a, b], pm.Constraint({a: L, b: -L}), dt=0.1),
+        lambda: pm.Coupler([a, b], pm.Constraint({a: L, b: -L}), dt=0.1, coupling="pm"),
         "velocities v0",
     )
 
@@ -841,20 +843,20 @@ def test_a_gap_is_detected_at_any_scale_of_its_row(scale):
     a, b = subdomain(u0=[1.0, 1.0]), subdomain(u0=[1.0, 0.5])
     L = np.diag([1.0, scale])
     with pytest.warns(pm.ConstraintWarning, match="row 1"):
-        pm.Coupler([a, b], pm.Constraint({a: L, b: -L}), dt=0.1)
+        pm.Coupler([a, b], pm.Constraint({a: L, b: -L}), dt=0.1, coupling="pm")
 
 
 def test_a_gap_of_the_displacements_is_a_warning_with_rows_and_amounts():
     a, b = subdomain(u0=[0.5, 0.25]), subdomain(u0=[0.5, -0.5])
     with pytest.warns(pm.ConstraintWarning, match=r"gap.* row 1: 0\.75$") as caught:
-        pm.Coupler([a, b], pm.tie(a, [0, 1], b, [0, 1]), dt=0.1)
+        pm.Coupler([a, b], pm.tie(a, [0, 1], b, [0, 1]), dt=0.1, coupling="pm")
     assert [w.filename for w in caught] == [__file__]
 
 
 def test_a_gap_is_detected_at_once_also_under_a_load_that_is_evaluated_later():
     a, b = subdomain(u0=[0.5, 0.25], force=lambda t: np.zeros(2)), subdomain()
     with pytest.warns(pm.ConstraintWarning, match=r"row 0: 0\.5"):
-        pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1)
+        pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1, coupling="pm")
 
 
 def test_initial_values_whose_forces_overflow_are_an_error():
@@ -879,7 +881,14 @@ def test_a_first_load_that_gives_an_infinite_acceleration_is_an_error():
 
 def test_substeps_must_divide_the_largest():
     subdomains = [single(substeps=ss) for ss in (6, 3, 4)]
-    refused(ValueError, lambda: pm.Coupler(subdomains, dt=0.1), "substeps", "divide", "6", "got 4")
+    refused(
+        ValueError,
+        lambda: pm.Coupler(subdomains, dt=0.1, coupling="pm"),
+        "substeps",
+        "divide",
+        "6",
+        "got 4",
+    )
 
 
 def test_double_steps_of_all_finest_subdomains_are_a_value_error():
@@ -888,7 +897,9 @@ def test_double_steps_of_all_finest_subdomains_are_a_value_error():
         single(double_step=True, substeps=2),
         single(),
     ]
-    message = refused(ValueError, lambda: pm.Coupler(subdomains, dt=0.1), "double_step", "finest")
+    message = refused(
+        ValueError, lambda: pm.Coupler(subdomains, dt=0.1, coupling="pm"), "double_step", "finest"
+    )
     assert "substeps = 2" in message
     pm.Coupler(subdomains, dt=0.1, coupling="gc")  # no double steps under "gc"
     pm.Coupler([single(double_step=True)], dt=0.1)  # nor for a single subdomain
@@ -904,23 +915,23 @@ def test_an_unknown_word_is_a_value_error_with_the_known_ones(name, good, value)
 
 def test_subdomains_are_a_list_of_different_subdomains():
     a = subdomain()
-    refused(TypeError, lambda: pm.Coupler(a, dt=0.1), "subdomains", "list")
+    refused(TypeError, lambda: pm.Coupler(a, dt=0.1, coupling="pm"), "subdomains", "list")
     refused(TypeError, lambda: pm.Coupler(None, dt=0.1), "subdomains", "None")
-    refused(TypeError, lambda: pm.Coupler([a, "b"], dt=0.1), "subdomains", "'b'")
-    refused(ValueError, lambda: pm.Coupler([], dt=0.1), "subdomains", "empty")
-    refused(ValueError, lambda: pm.Coupler([a, a], dt=0.1), "subdomains", "twice")
+    refused(TypeError, lambda: pm.Coupler([a, "b"], dt=0.1, coupling="pm"), "subdomains", "'b'")
+    refused(ValueError, lambda: pm.Coupler([], dt=0.1, coupling="pm"), "subdomains", "empty")
+    refused(ValueError, lambda: pm.Coupler([a, a], dt=0.1, coupling="pm"), "subdomains", "twice")
 
 
 def test_names_must_differ_also_from_default_names():
     refused(
         ValueError,
-        lambda: pm.Coupler([subdomain(name="x"), subdomain(name="x")], dt=0.1),
+        lambda: pm.Coupler([subdomain(name="x"), subdomain(name="x")], dt=0.1, coupling="pm"),
         "names",
         "x twice",
     )
     refused(
         ValueError,
-        lambda: pm.Coupler([subdomain(name="subdomain 1"), subdomain()], dt=0.1),
+        lambda: pm.Coupler([subdomain(name="subdomain 1"), subdomain()], dt=0.1, coupling="pm"),
         "names",
         "subdomain 1 twice",
     )
@@ -934,7 +945,12 @@ def test_a_name_is_a_string_that_is_not_empty(name):
 def test_a_constraint_on_a_subdomain_of_another_coupler_is_a_value_error():
     a, b, foreign = subdomain(), subdomain(), subdomain(name="foreign")
     ties = [pm.tie(a, [0], b, [0]), pm.tie(b, [1], foreign, [1])]
-    refused(ValueError, lambda: pm.Coupler([a, b], ties, dt=0.1), "constraint 1", "'foreign'")
+    refused(
+        ValueError,
+        lambda: pm.Coupler([a, b], ties, dt=0.1, coupling="pm"),
+        "constraint 1",
+        "'foreign'",
+    )
 
 
 def test_constraints_are_constraints():
@@ -1001,7 +1017,7 @@ def test_reset_takes_dicts(name):
 @pytest.mark.parametrize("name", ["u0", "v0", "force"])
 def test_a_subdomain_named_twice_in_reset_is_a_value_error(name):
     a, b, tie = two_subdomains()
-    coupler = pm.Coupler([a, b], tie, dt=0.1)
+    coupler = pm.Coupler([a, b], tie, dt=0.1, coupling="pm")
     same = {"u0": [1.0, 0.5], "v0": [0.0, 0.25], "force": [0.0, 0.0]}[name]
     values = {a: same, "a": same}
     refused(ValueError, lambda: coupler.reset(**{name: values}), name, "a", "twice")
@@ -1094,16 +1110,16 @@ def test_a_refused_coupler_leaves_its_subdomains_as_they_were():
     expected = as_bytes(coupled())
     a, b, tie = two_subdomains()
     for bad in (
-        lambda: pm.Coupler([a, b], tie, dt=-1.0),
-        lambda: pm.Coupler([a, b], [tie, tie], dt=0.1),
+        lambda: pm.Coupler([a, b], tie, dt=-1.0, coupling="pm"),
+        lambda: pm.Coupler([a, b], [tie, tie], dt=0.1, coupling="pm"),
         lambda: pm.Coupler(
-            [a, b], tie, dt=10.0
+            [a, b], tie, dt=10.0, coupling="pm"
         ),  # the explicit subdomain is above its critical step
-        lambda: pm.Coupler([a, b, a], tie, dt=0.1),
+        lambda: pm.Coupler([a, b, a], tie, dt=0.1, coupling="pm"),
     ):
         with pytest.raises((ValueError, pm.StabilityWarning)):
             bad()
-    assert as_bytes(pm.Coupler([a, b], tie, dt=0.1)) == expected
+    assert as_bytes(pm.Coupler([a, b], tie, dt=0.1, coupling="pm")) == expected
 
 
 # ---- return values of loads --------------------------------------------------------------------
@@ -1232,7 +1248,7 @@ def test_two_loads_that_fail_are_reported_by_the_earlier_failure():
 
     for first, second in ((0.3, 0.5), (0.5, 0.3)):
         subdomains = [single(force=fail_at(first)), single(force=fail_at(second))]
-        coupler = pm.Coupler(subdomains, dt=0.1)
+        coupler = pm.Coupler(subdomains, dt=0.1, coupling="pm")
         with pytest.raises(Breakdown, match="0.3"):
             coupler.run(steps=9)
         assert coupler.step_count == 2
@@ -1307,7 +1323,9 @@ def unstable(form, names="ABC", tied=True):
     }
     ties = [pm.tie(given["A"], [2], given["B"], [0]), pm.tie(given["B"], [2], given["C"], [0])]
     with pytest.warns(pm.StabilityWarning, match="'B'"):
-        return pm.Coupler([given[name] for name in names], ties if tied else None, dt=0.1)
+        return pm.Coupler(
+            [given[name] for name in names], ties if tied else None, dt=0.1, coupling="pm"
+        )
 
 
 @pytest.mark.parametrize("form", STIFF)
@@ -1354,7 +1372,7 @@ def test_an_unstable_implicit_subdomain_is_named():
     # negative stiffness: u = cosh(30 t), w = 900 u
     falling = subdomain([1.0], [-900.0], u0=[1.0], name="falling")
     with pytest.warns(pm.StabilityWarning, match=r"'falling'.* grows as exp\(30 t\)"):
-        coupler = pm.Coupler([falling, single(name="other", substeps=2)], dt=0.001)
+        coupler = pm.Coupler([falling, single(name="other", substeps=2)], dt=0.001, coupling="pm")
     with pytest.raises(pm.InstabilityError) as caught:
         coupler.run(steps=100_000, every=1000)
     assert caught.value.subdomain == "falling"
@@ -1487,14 +1505,14 @@ def test_a_double_step_explicit_subdomain_has_half_the_limit():
     rig = subdomain([1.0], [4.0], scheme=EXPLICIT, double_step=True, name="rig")
     other = single(substeps=2)
     critical = limit(EXPLICIT) / 2.0
-    pm.Coupler([rig, other], dt=0.5 * critical * (1.0 - CLOSE))
+    pm.Coupler([rig, other], dt=0.5 * critical * (1.0 - CLOSE), coupling="pm")
     with pytest.warns(pm.StabilityWarning, match="'rig'") as caught:
-        pm.Coupler([rig, other], dt=0.5 * critical * (1.0 + CLOSE))
+        pm.Coupler([rig, other], dt=0.5 * critical * (1.0 + CLOSE), coupling="pm")
     # besides the one that no constraint reaches the two
     assert len([w for w in caught if w.category is pm.StabilityWarning]) == 1
     pm.Coupler([rig, other], dt=critical * (1.0 - CLOSE), coupling="gc")  # single there
     single_step = subdomain([1.0], [4.0], scheme=EXPLICIT)
-    pm.Coupler([single_step, other], dt=critical * (1.0 - CLOSE))
+    pm.Coupler([single_step, other], dt=critical * (1.0 - CLOSE), coupling="pm")
 
 
 def test_the_row_sum_bound_alone_never_warns():
@@ -1537,7 +1555,7 @@ def test_the_warning_points_at_the_line_that_made_the_coupler():
 
 def test_the_warning_points_out_of_the_package_where_a_model_made_the_coupler():
     with pytest.warns(pm.StabilityWarning) as caught:
-        pm.models.split_oscillator(10.0).coupler(5.0)
+        pm.models.split_oscillator(10.0).coupler(5.0, coupling="pm")
     assert {w.filename for w in caught} == {__file__}
 
 
@@ -1583,7 +1601,9 @@ def test_a_dense_factor_that_does_not_fit_is_refused_with_the_figures(megabyte):
 def test_an_interface_block_that_does_not_fit_is_refused_with_the_figures(megabyte):
     a, b = subdomain(np.ones(400), plate(20, fixed=True), name="a"), single(400, scheme=EXPLICIT)
     tie = pm.tie(a, np.arange(400), b, np.arange(400))
-    needed = out_of_memory(lambda: pm.Coupler([a, b], tie, dt=0.1), "interface", "400 constraints")
+    needed = out_of_memory(
+        lambda: pm.Coupler([a, b], tie, dt=0.1, coupling="pm"), "interface", "400 constraints"
+    )
     assert needed.endswith("MB")
 
 
@@ -1591,7 +1611,9 @@ def test_constraints_that_all_share_a_dof_are_refused_before_they_fill_the_memor
     # L L^T and H are full: 8 MB for a thousand rows, 80 GB for a hundred thousand
     floor, columns = single(scheme=EXPLICIT), single(1000, scheme=EXPLICIT)
     rigid = pm.Constraint({floor: np.ones((1000, 1)), columns: -sp.eye_array(1000)})
-    out_of_memory(lambda: pm.Coupler([floor, columns], rigid, dt=0.1), "1000 constraints")
+    out_of_memory(
+        lambda: pm.Coupler([floor, columns], rigid, dt=0.1, coupling="pm"), "1000 constraints"
+    )
 
 
 def test_where_the_free_memory_is_unknown_nothing_is_refused(monkeypatch):
@@ -1664,7 +1686,7 @@ def test_a_step_that_is_subnormal_is_an_error_and_no_infinity():
     # h / substeps underflows or H does: there is no way to solve for the multipliers
     a, b = single(), single(substeps=2)
     with pytest.raises((ValueError, pm.FactorizationError)):
-        pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=5e-324)
+        pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=5e-324, coupling="pm")
 
 
 def test_a_million_substeps_in_a_macro_step_are_computed():
@@ -1774,7 +1796,7 @@ def test_a_load_may_not_call_the_coupler_that_evaluates_it():
 
 def test_a_load_may_run_another_coupler_of_the_same_subdomains():
     a, b, tie = two_subdomains()
-    inner = pm.Coupler([a, b], tie, dt=0.1)
+    inner = pm.Coupler([a, b], tie, dt=0.1, coupling="pm")
     seen = []
 
     def load(t):
@@ -1821,7 +1843,7 @@ def test_pickling_a_coupler_is_a_type_error():
 def test_subdomains_schemes_and_histories_can_be_copied_and_pickled():
     for again in (copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))):
         a, b, tie = again(two_subdomains())
-        coupler = pm.Coupler([a, b], tie, dt=0.1)
+        coupler = pm.Coupler([a, b], tie, dt=0.1, coupling="pm")
         assert again(a.scheme) == a.scheme and repr(again(b.scheme)) == repr(b.scheme)
         history = coupler.run(steps=4)
         np.testing.assert_array_equal(again(history)["b"].u, history["b"].u)

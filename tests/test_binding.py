@@ -1164,7 +1164,7 @@ def long_run(n=1000, force=None):
         substeps=2, force=force, name="a",
     )  # fmt: skip
     b = pm.Subdomain([1.0], [1.0], scheme=pm.GeneralizedAlpha(0.5), u0=[0.0], name="b")
-    return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1), 10_000_000
+    return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1, coupling="pm"), 10_000_000
 
 
 def test_one_of_two_threads_in_the_same_core_object_gets_a_runtime_error():
@@ -1244,7 +1244,7 @@ def test_couplers_of_the_same_subdomains_run_in_threads_at_once():
     first, _ = long_run(n=50)
     subdomains = [first.run(steps=0).keys[i][1] for i in range(2)]
     tie = pm.tie(subdomains[0], [0], subdomains[1], [0])
-    couplers = [pm.Coupler(subdomains, tie, dt=0.1) for _ in range(4)]
+    couplers = [pm.Coupler(subdomains, tie, dt=0.1, coupling="pm") for _ in range(4)]
     threads = [threading.Thread(target=c.step, args=(2000,)) for c in couplers]
     for thread in threads:
         thread.start()

@@ -401,7 +401,7 @@ def test_no_restoring_force_is_evaluated_beyond_a_macro_step_that_fails(threads)
     b = pm.Subdomain([1.0], [1.0], restoring=restoring, name="b", **explicit)
     c = pm.Subdomain([1.0], [1.0], name="c", **explicit)
     ties = [pm.tie(a, [1], b, [0]), pm.tie(b, [0], c, [0])]
-    coupler = pm.Coupler([a, b, c], ties, dt=0.1, threads=threads)
+    coupler = pm.Coupler([a, b, c], ties, dt=0.1, threads=threads, coupling="pm")
     with pytest.raises(pm.InstabilityError) as caught:
         coupler.run(steps=10)
     assert (caught.value.subdomain, caught.value.step) == ("a", 4)

@@ -168,7 +168,7 @@ class Structure:
             )
         ]  # fmt: skip
         ties = [pm.tie(parts[i], [a], parts[j], [b]) for i, a, j, b in self.ties]
-        return pm.Coupler(parts, ties, dt=t_end / count, **options).run(t_end)
+        return pm.Coupler(parts, ties, dt=t_end / count, **{"coupling": "pm", **options}).run(t_end)
 
     def errors(self, t_end, counts, substeps, sample=None, **options):
         """Largest errors of u, v, a, Lam in the second half of the run; a row for each count.

@@ -41,7 +41,7 @@ def printed(tmp_path_factory):
 def oscillators():
     a = pm.Subdomain([3.0], [10.0], scheme=pm.Newmark(), u0=[1.0], name="a")
     b = pm.Subdomain([1.0], [30.0], scheme=pm.CentralDifference(), substeps=4, u0=[1.0], name="b")
-    return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.01)
+    return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.01, coupling="pm")
 
 
 @pytest.mark.gate

@@ -51,7 +51,7 @@ def cut_chain(n, at, **options):
     scheme = pm.GeneralizedAlpha(0.5)
     a = pm.Subdomain(m_left, left, scheme=scheme, name="a", **options)
     b = pm.Subdomain(m_right, right, scheme=scheme, substeps=3, name="b")
-    return M, K, pm.Coupler([a, b], pm.tie(a, [at], b, [0]), dt=0.01)
+    return M, K, pm.Coupler([a, b], pm.tie(a, [at], b, [0]), dt=0.01, coupling="pm")
 
 
 def test_the_frequencies_and_modes_of_a_cut_chain_are_those_of_the_whole_one():
@@ -83,7 +83,7 @@ def test_a_long_cut_chain_has_the_frequencies_of_the_whole_one():
     first[-1] = second[0] = 0.5
     a = pm.Subdomain(first, K[0], scheme=pm.Newmark(), name="a")
     b = pm.Subdomain(second, K[1], scheme=pm.Newmark(), name="b")
-    coupler = pm.Coupler([a, b], pm.tie(a, [n // 2], b, [0]), dt=1e-3)
+    coupler = pm.Coupler([a, b], pm.tie(a, [n // 2], b, [0]), dt=1e-3, coupling="pm")
     omega, _ = coupler.modes(4)
     expected = 200.0 * np.sin(np.arange(4) * np.pi / (2 * n))  # 2 sqrt(k/m) sin(i pi / 2n)
     # ARPACK's shift and the conditioning (n / pi)^2 of the lowest mode
@@ -100,7 +100,7 @@ def test_masses_without_springs_have_the_frequency_zero_exactly():
         M = np.eye(5) + 0.3 * np.diag(rng.normal(size=4), 1)
         free = pm.Subdomain(M @ M.T, np.diag(k), scheme=pm.Newmark(), name="free")
         other = pm.Subdomain([1.0], [2.0], scheme=pm.Newmark(), name="other")
-        coupler = pm.Coupler([free, other], pm.tie(free, 3, other, 0), dt=0.01)
+        coupler = pm.Coupler([free, other], pm.tie(free, 3, other, 0), dt=0.01, coupling="pm")
         omega, _ = coupler.modes(4)
         assert np.array_equal(omega > 0.0, [False, False, True, True])
 
@@ -125,7 +125,7 @@ def test_general_constraints_are_eliminated():
     mean = pm.Constraint({a: [[0.25, 0.75, 0.0]], b: [[-1.0, 0.0, 0.0, 0.0]]})
     lever = pm.Constraint({a: [[0.0, 0.0, 2.0]], b: [[0.0, 1.0, 0.0, 0.0]]})
     support = pm.Constraint({b: [[0.0, 0.0, 1.0, 0.0]]}, velocity=lambda t: [0.0])
-    coupler = pm.Coupler([a, b], [mean, lever, support], dt=0.01)
+    coupler = pm.Coupler([a, b], [mean, lever, support], dt=0.01, coupling="pm")
     structure = coupler.assembled()
     assert_satisfies(coupler, structure)
     L = sp.hstack(coupler._session.rows.matrices).toarray()
@@ -139,7 +139,7 @@ def test_two_ties_of_opposite_sign_hold_their_dofs():
     a = pm.Subdomain([1.0, 1.0], [1.0, 4.0], scheme=pm.Newmark(), name="a")
     b = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), name="b")
     ties = [pm.tie(a, [0], b, [0]), pm.Constraint({a: [[1.0, 0.0]], b: [[1.0]]})]
-    coupler = pm.Coupler([a, b], ties, dt=0.01)
+    coupler = pm.Coupler([a, b], ties, dt=0.01, coupling="pm")
     assert coupler.assembled().map["a"].toarray().tolist() == [[0.0], [1.0]]
     assert coupler.modes(1)[0] == pytest.approx([2.0], rel=1e-12)
 
@@ -147,7 +147,7 @@ def test_two_ties_of_opposite_sign_hold_their_dofs():
 def test_a_dof_where_three_subdomains_meet_is_one_dof():
     parts = [pm.Subdomain([1.0], [3.0 * i + 1.0], scheme=pm.Newmark()) for i in range(3)]
     ties = [pm.tie(parts[0], [0], parts[1], [0]), pm.tie(parts[1], [0], parts[2], [0])]
-    coupler = pm.Coupler(parts, ties, dt=0.01)
+    coupler = pm.Coupler(parts, ties, dt=0.01, coupling="pm")
     assert coupler.modes(1)[0] == pytest.approx([2.0], rel=1e-12)  # sqrt((1 + 4 + 7) / 3)
     assert coupler.assembled().n == 1
 

@@ -12,11 +12,13 @@ import pmalpha as pm
 TOWER_K = np.array([[9.0, -9.0, 0.0], [-9.0, 18.0, -9.0], [0.0, -9.0, 9.0]])
 
 
-def tower_and_rig(**options):
+def tower_and_rig(coupling="pm", **options):
     tower = pm.Subdomain([1, 2, 1], TOWER_K, scheme=pm.GeneralizedAlpha(0.8), name="tower")
     scheme = pm.GeneralizedAlpha(0.6, explicit=True)
     rig = pm.Subdomain([1.0], [4000.0], scheme=scheme, substeps=20, name="rig")
-    return pm.Coupler([tower, rig], pm.tie(tower, [0], rig, [0]), dt=0.05, **options)
+    return pm.Coupler(
+        [tower, rig], pm.tie(tower, [0], rig, [0]), dt=0.05, coupling=coupling, **options
+    )
 
 
 def table(coupler):
@@ -91,7 +93,9 @@ def test_form_and_entries_of_the_factor_are_shown():
 
 def test_each_subdomain_has_a_thread():
     parts = [pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), name=name) for name in "ab"]
-    coupler = pm.Coupler(parts, pm.tie(parts[0], [0], parts[1], [0]), dt=0.1, threads=2)
+    coupler = pm.Coupler(
+        parts, pm.tie(parts[0], [0], parts[1], [0]), dt=0.1, threads=2, coupling="pm"
+    )
     assert {row["thread"] for row in table(coupler).values()} == {"0", "1"}
     assert {row["thread"] for row in table(tower_and_rig(threads=1)).values()} == {"0"}
 

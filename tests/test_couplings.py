@@ -1,6 +1,7 @@
 """The table of docs/couplings.md: orders, errors, energies, drift and spectra of every coupling."""
 
 import warnings
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from scipy.integrate import solve_ivp
 
 import pmalpha as pm
 from pmalpha import analysis, models
+from pmalpha.problem.argument_types import Coupling
 
 COUPLINGS = {
     "pm": dict(coupling="pm"),
@@ -248,3 +250,23 @@ def test_soft_restoring_forces_keep_the_order(substeps):
         coupler = pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=2.0 / n, **COUPLINGS["removed"])
         found.append(abs(coupler.run(2.0)["a"].v[-1, 0] - exact))
     assert abs(np.log2(found[0] / found[1]) - (2.0 if substeps == 1 else 1.0)) < 0.25
+
+
+def test_a_coupling_is_required_with_more_than_one_subdomain():
+    a, b = (pm.Subdomain([1.0], [1.0], scheme=pm.Newmark()) for _ in range(2))
+    with pytest.raises(TypeError, match="coupling must be given for 2 subdomains") as refused:
+        pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.1)
+    first, *lines = str(refused.value).splitlines()
+    named = [line.split()[0].strip("'") for line in lines]  # a line each
+    assert named == list(get_args(Coupling))
+    assert "2 subdomains" in first
+    with pytest.raises(TypeError, match="coupling must be given for 2 subdomains"):
+        pm.models.split_oscillator(1.0).coupler(0.1)
+
+
+def test_one_subdomain_needs_no_coupling_and_takes_single_steps_under_all():
+    mass = pm.Subdomain([1.0], [4.0], u0=[1.0], scheme=pm.Newmark())
+    alone = pm.Coupler([mass], dt=0.1).run(steps=20)[0].u
+    for coupling in get_args(Coupling):
+        named = pm.Coupler([mass], dt=0.1, coupling=coupling).run(steps=20)[0].u
+        np.testing.assert_allclose(named, alone, atol=1e-13)  # rounding of 20 steps

@@ -334,7 +334,7 @@ def test_initial_values_go_to_both_sides_and_come_back():
     structure = solid(rng)
     values = initial(structure, structure.dofs(0), rng)
     parts = pm.cut(structure, np.arange(18) % 5, fixed=structure.dofs(0), **values)
-    back = parts.gather(parts.coupler(0.01).run(steps=0))
+    back = parts.gather(parts.coupler(0.01, coupling="pm").run(steps=0))
     # the mean of equal values with shares that sum up to 1 up to rounding
     assert np.allclose(back.u[0], values["u0"], rtol=1e-15, atol=0.0)
     assert np.allclose(back.v[0], values["v0"], rtol=1e-15, atol=0.0)
@@ -398,7 +398,7 @@ def test_elements_with_internal_forces_dampers_and_history():
     v0 = rng.standard_normal(12)
     newton = pm.Newton(tol=1e-12)
     one = pm.cut(group, np.zeros(12, dtype=int), v0=v0)
-    reference = one.gather(one.coupler(0.05, newton=newton).run(steps=30))
+    reference = one.gather(one.coupler(0.05, newton=newton, coupling="pm").run(steps=30))
     for labels in (np.arange(12) // 5, np.arange(12) % 3):
         parts = pm.cut(group, labels, v0=v0)
         run = parts.coupler(0.05, coupling="gc", newton=newton).run(steps=30)
@@ -474,8 +474,8 @@ def test_one_way_and_back_of_many_levels(tmp_path):
     rng = np.random.default_rng(SEED)
     structure = plate(rng)
     parts = pm.cut(structure, np.arange(30) % 3, v0=rng.standard_normal(structure.n))
-    run = parts.coupler(0.05).run(steps=50, record_to=tmp_path / "run.h5")
-    again = parts.coupler(0.05).run(steps=50)
+    run = parts.coupler(0.05, coupling="pm").run(steps=50, record_to=tmp_path / "run.h5")
+    again = parts.coupler(0.05, coupling="pm").run(steps=50)
     assert np.array_equal(parts.gather(run).u, parts.gather(again).u)
 
 
@@ -813,7 +813,7 @@ def test_what_cannot_be_cut_is_refused():
 
 def test_what_cannot_be_gathered_is_refused():
     parts = pm.cut(CHAIN, [0, 0, 1])
-    coupler = parts.coupler(0.1)
+    coupler = parts.coupler(0.1, coupling="pm")
     with pytest.raises(TypeError, match="history must be a History"):
         parts.gather(np.zeros(3))
     with pytest.raises(ValueError, match="history must have all 3 dofs of 'part 0', got 1"):

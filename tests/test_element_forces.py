@@ -91,7 +91,9 @@ def test_the_base_shear_of_a_shaken_frame_balances_its_inertia():
     damper = pm.Subdomain(
         [1.5], [0.0], scheme=pm.GeneralizedAlpha(0.8), substeps=3, v0=v0[top], name="damper"
     )
-    coupler = pm.Coupler([tower, damper], pm.tie(tower, fixed.place(top), damper, 0), dt=0.05)
+    coupler = pm.Coupler(
+        [tower, damper], pm.tie(tower, fixed.place(top), damper, 0), dt=0.05, coupling="pm"
+    )
     ux = np.zeros(frame.n)
     ux[frame.dofs(np.arange(len(frame.points)), "ux")] = 1.0
     mass = (frame.M @ ux)[fixed.free]

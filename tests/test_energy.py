@@ -247,7 +247,7 @@ def test_recording_the_energy_changes_no_result(seed):
 
 
 def test_the_energy_with_every_is_that_without_at_the_same_time_levels():
-    coupler, other = (models.four_dof().coupler(0.05) for _ in range(2))
+    coupler, other = (models.four_dof().coupler(0.05, coupling="pm") for _ in range(2))
     for c in (coupler, other):
         c.step(2)
     whole = coupler.run(steps=20, energy=True).energy
@@ -259,7 +259,7 @@ def test_the_energy_with_every_is_that_without_at_the_same_time_levels():
 
 
 def test_a_run_without_it_has_none():
-    coupler = models.four_dof().coupler(0.05)
+    coupler = models.four_dof().coupler(0.05, coupling="pm")
     coupler.run(steps=3, energy=True)
     assert coupler.run(steps=3).energy is None
     assert coupler.run(steps=3, energy=False).energy is None
@@ -278,7 +278,7 @@ def test_a_callable_load_is_evaluated_no_more_often():
 
         a = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), force=force, name="a")
         b = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), substeps=3, name="b")
-        c = pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.05)
+        c = pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.05, coupling="pm")
         for _ in range(3):
             c.run(steps=4, energy=energy)
 
@@ -325,18 +325,18 @@ def test_an_interrupted_run_has_the_energy_up_to_the_interruption():
 
 
 def test_the_energy_is_kept_with_the_history(tmp_path):
-    history = models.four_dof().coupler(0.05).run(steps=7, energy=True)
+    history = models.four_dof().coupler(0.05, coupling="pm").run(steps=7, energy=True)
     history.save(tmp_path / "h.npz")
     loaded = pm.History.load(tmp_path / "h.npz").energy
     for name in ("t", *KINDS, "balance"):
         assert getattr(loaded, name).tobytes() == getattr(history.energy, name).tobytes()
-    models.four_dof().coupler(0.05).run(steps=7).save(tmp_path / "without.npz")
+    models.four_dof().coupler(0.05, coupling="pm").run(steps=7).save(tmp_path / "without.npz")
     assert pm.History.load(tmp_path / "without.npz").energy is None
 
 
 def test_a_dataset_has_the_energy_with_names():
     pytest.importorskip("xarray")
-    history = models.four_dof().coupler(0.05).run(steps=7, energy=True)
+    history = models.four_dof().coupler(0.05, coupling="pm").run(steps=7, energy=True)
     data = history.to_xarray()
     assert data["energy_balance"].dims == ("macro_times", "subdomain")
     np.testing.assert_array_equal(

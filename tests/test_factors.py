@@ -555,7 +555,7 @@ def test_the_error_for_an_indefinite_subdomain_has_dof_and_inertia(form, monkeyp
     good = pm.Subdomain(np.ones(2), np.ones(2), scheme=pm.Newmark())
     bad = pm.Subdomain(np.ones(40), K, scheme=pm.Newmark(), name="bad")
     with pytest.raises(DEFINITE, match="'bad'.*indefinite.*pivots: 2 neg.*0 zero, 38") as caught:
-        pm.Coupler([good, bad], pm.tie(good, [0], bad, [20]), dt=0.1)
+        pm.Coupler([good, bad], pm.tie(good, [0], bad, [20]), dt=0.1, coupling="pm")
     error = caught.value
     assert error.subdomain == "bad" and error.dof in (7, 30) and error.inertia == (2, 0, 38)
     again = pickle.loads(pickle.dumps(error))
@@ -587,7 +587,7 @@ def test_mbar_of_both_steps_and_the_mass_share_one_structure():
     face = a.dofs(a.nodes(lambda x, y, z: x < 1e-9))
     first = a.subdomain(scheme=pm.GeneralizedAlpha(0.5))
     second = b.subdomain(scheme=pm.GeneralizedAlpha(0.5), substeps=2)
-    coupler = pm.Coupler([first, second], pm.tie(first, face, second, face), dt=0.1)
+    coupler = pm.Coupler([first, second], pm.tie(first, face, second, face), dt=0.1, coupling="pm")
     part = coupler._session.parts[0]
     single, twice = (factor[1] for factor in part.factors)
     for k in range(4):  # first, row_ptr, rows, start
@@ -617,7 +617,7 @@ def test_an_interface_of_implicit_subdomains_that_does_not_fit_is_refused_with_t
     coupling = pm.tie(a, face, b, face)
     monkeypatch.setattr("pmalpha.memory.available", lambda: 50_000_000)
     with pytest.raises(MemoryError, match="interface matrix of 1323 constraints.*MB.*available"):
-        pm.Coupler([a, b], coupling, dt=0.1)
+        pm.Coupler([a, b], coupling, dt=0.1, coupling="pm")
 
 
 @pytest.mark.parametrize("rows", [[2, 0, 3, 1], [2, 0, 2, 1], [0, 0, 0, 0]])

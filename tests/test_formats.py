@@ -40,7 +40,9 @@ def history(scheme=IMPLICIT, **given):
     options = {name: x[name] for name in ("u0", "v0", "force")}
     a = pm.Subdomain(x["M"], x["K"], x["C"], scheme=scheme, substeps=2, name="a", **options)
     b = pm.Subdomain(np.ones(3), K_B, scheme=pm.GeneralizedAlpha(0.8), u0=U0_B, v0=V0_B, name="b")
-    return pm.Coupler([a, b], pm.Constraint({a: x["L"], b: L_B}), dt=0.125).run(steps=20)
+    return pm.Coupler([a, b], pm.Constraint({a: x["L"], b: L_B}), dt=0.125, coupling="pm").run(
+        steps=20
+    )
 
 
 def check_same(ours, theirs):
@@ -340,7 +342,9 @@ def large_history(K, mass=None, explicit_mass=None):
     else:
         a = pm.Subdomain(explicit_mass, np.ones(n), scheme=EXPLICIT, force=force, name="a")
     b = pm.Subdomain(np.ones(2), [3.0, 5.0], scheme=pm.GeneralizedAlpha(0.8), name="b")
-    return pm.Coupler([a, b], pm.tie(a, [n // 2, 0], b, [0, 1]), dt=0.1).run(steps=10)
+    return pm.Coupler([a, b], pm.tie(a, [n // 2, 0], b, [0, 1]), dt=0.1, coupling="pm").run(
+        steps=10
+    )
 
 
 # in float32 the numbers would be others, and hundreds of diagonals are nothing for dia
@@ -485,7 +489,7 @@ def test_a_prescribed_velocity_may_have_any_format(form):
 def test_reset_takes_vectors_in_any_format(plain, form):
     a = pm.Subdomain(M, K, C, scheme=pm.GeneralizedAlpha(0.5), substeps=2, name="a")
     b = pm.Subdomain(np.ones(3), K_B, scheme=pm.GeneralizedAlpha(0.8), name="b")
-    coupler = pm.Coupler([a, b], pm.Constraint({a: L_A, b: L_B}), dt=0.125)
+    coupler = pm.Coupler([a, b], pm.Constraint({a: L_A, b: L_B}), dt=0.125, coupling="pm")
     coupler.step(3)
     coupler.reset(
         u0={"a": VECTORS[form](U0), "b": VECTORS[form](U0_B)},
@@ -528,7 +532,9 @@ def test_dofs_of_a_tie_may_be_any_whole_numbers_in_any_order(form):
     def run(dofs_a, dofs_b):
         a = pm.Subdomain(M, K, scheme=pm.GeneralizedAlpha(0.5), force=FORCE)
         b = pm.Subdomain(np.ones(3), K_B, scheme=pm.GeneralizedAlpha(0.8))
-        return pm.Coupler([a, b], pm.tie(a, dofs_a, b, dofs_b), dt=0.125).run(steps=5)
+        return pm.Coupler([a, b], pm.tie(a, dofs_a, b, dofs_b), dt=0.125, coupling="pm").run(
+            steps=5
+        )
 
     given_a, given_b = DOFS[form]([3, 0]), DOFS[form]([2, 1])
     before = snapshot(given_a)

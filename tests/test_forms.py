@@ -129,7 +129,9 @@ def stepped(make, K, C, scheme, force):
         for substeps in (1, 2)
     ]
     # the last of one on the last of the other: in the first the order of elimination is natural
-    return pm.Coupler(subdomains, pm.tie(subdomains[0], [n - 1], subdomains[1], [n - 1]), dt=0.1)
+    return pm.Coupler(
+        subdomains, pm.tie(subdomains[0], [n - 1], subdomains[1], [n - 1]), dt=0.1, coupling="pm"
+    )
 
 
 @pytest.mark.parametrize("damped", [False, True])

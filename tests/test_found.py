@@ -189,7 +189,7 @@ REFUSED = {
         "pattern must hold real numbers",
     ),
     "subdomains that are a sparse matrix": (
-        lambda: pm.Coupler(sp.dia_array(np.eye(3)), dt=0.1),
+        lambda: pm.Coupler(sp.dia_array(np.eye(3)), dt=0.1, coupling="pm"),
         TypeError,
         "subdomains must be a list of Subdomains",
     ),

@@ -14,7 +14,7 @@ from pmalpha.run import checkpoint
 
 def saved(folder, name="run.npz"):
     path = folder / name
-    pm.models.split_oscillator(10.0).coupler(0.05).run(steps=3).save(path)
+    pm.models.split_oscillator(10.0).coupler(0.05, coupling="pm").run(steps=3).save(path)
     return path
 
 
@@ -190,7 +190,7 @@ def test_a_checkpoint_of_a_step_that_its_steps_do_not_have_changes_nothing(tmp_p
     ],
 )
 def test_a_checkpoint_of_several_processes_leads_to_files_in_its_folder_only(tmp_path, facts):
-    coupler = pm.models.split_oscillator(10.0).coupler(0.05)
+    coupler = pm.models.split_oscillator(10.0).coupler(0.05, coupling="pm")
     path = tmp_path / "whole.npz"
     checkpoint.write_master(path, ["x.npz"], [0, 2])
     (tmp_path / "x.npz").write_bytes(b"none")

@@ -381,7 +381,7 @@ def test_a_static_equilibrium_with_a_follower_load():
         [1.0, 1.0], K, scheme=pm.Newmark(), force=[1.0, 2.0], symmetric=False, name="a"
     )
     b = pm.Subdomain([1.0], [0.5], scheme=pm.Newmark(), force=[0.25], name="b")
-    coupler = pm.Coupler([a, b], pm.tie(a, 1, b, 0), dt=0.1)
+    coupler = pm.Coupler([a, b], pm.tie(a, 1, b, 0), dt=0.1, coupling="pm")
     whole = K + np.diag([0.0, 0.5])
     expected = np.linalg.solve(whole, [1.0, 2.25])
     found = coupler.static()

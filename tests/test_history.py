@@ -37,7 +37,9 @@ def three_subdomains():
         oscillator(name="b\0", substeps=3),
         oscillator(name="left out"),
     )
-    coupler = pm.Coupler([a, b, c], [pm.tie(a, [0], b, [0]), pm.tie(b, [1], c, [1])], dt=0.1)
+    coupler = pm.Coupler(
+        [a, b, c], [pm.tie(a, [0], b, [0]), pm.tie(b, [1], c, [1])], dt=0.1, coupling="pm"
+    )
     coupler.step(2)
     return coupler.run(1.0, record={a: None, b: [1]}), a
 
@@ -394,7 +396,7 @@ def test_names_of_subdomains_never_meet_those_of_the_interface():
     pytest.importorskip("xarray")
     names = ["macro", "multiplier", "a", "a_u", "condition"]
     subdomains = [oscillator(name=name) for name in names]
-    history = pm.Coupler(subdomains, dt=0.1).run(steps=2)
+    history = pm.Coupler(subdomains, dt=0.1, coupling="pm").run(steps=2)
     data = history.to_xarray()
     for name in names:
         np.testing.assert_array_equal(data[f"{name}_u"], history[name].u)
@@ -409,7 +411,7 @@ def test_a_dataset_of_one_subdomain_has_no_constraints():
 
 def test_without_xarray_the_error_names_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
-    history = models.split_oscillator(10.0).coupler(0.05).run(steps=1)
+    history = models.split_oscillator(10.0).coupler(0.05, coupling="pm").run(steps=1)
     with pytest.raises(ImportError, match=r"pip install 'pmalpha\[xarray\]'"):
         history.to_xarray()
 

@@ -61,17 +61,17 @@ def test_ties_that_hold_it_decide():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         stiff = part([3.0], name="stiff")
-        pm.Coupler([soft, stiff], pm.tie(soft, [0], stiff, [0]), dt=0.01)
+        pm.Coupler([soft, stiff], pm.tie(soft, [0], stiff, [0]), dt=0.01, coupling="pm")
     weak = part([0.5], name="weak")
     # (1 - 0.5) / 2
     with pytest.warns(pm.StabilityWarning, match=r"'soft'.* exp\(0.5 t\)"):
-        pm.Coupler([soft, weak], pm.tie(soft, [0], weak, [0]), dt=0.01)
+        pm.Coupler([soft, weak], pm.tie(soft, [0], weak, [0]), dt=0.01, coupling="pm")
 
 
 def test_large_structures_are_warned_of_with_doubt():
     soft, large = part([-1.0], name="soft"), part(chain(500, end=2.0), name="large")
     with pytest.warns(pm.StabilityWarning, match="unless its constraints hold it"):
-        pm.Coupler([soft, large], pm.tie(soft, [0], large, [0]), dt=0.01)
+        pm.Coupler([soft, large], pm.tie(soft, [0], large, [0]), dt=0.01, coupling="pm")
 
 
 def test_springs_that_hold_it_and_internal_forces_are_not_judged():

@@ -99,7 +99,7 @@ def test_initial_accelerations_and_multipliers_solve_all_equations_at_once(form,
         subdomain(q, form, scheme, substeps=ss)
         for q, scheme, ss in zip(subdomains, schemes, (1, 4, 2, 4))
     ]
-    coupler = pm.Coupler(made, pm.Constraint(dict(zip(made, L))), dt=0.01)
+    coupler = pm.Coupler(made, pm.Constraint(dict(zip(made, L))), dt=0.01, coupling="pm")
     w, Lam = kkt(subdomains, L)
     assert_initial(coupler, w, Lam)
     # without the multipliers they would differ
@@ -114,7 +114,9 @@ def test_sparse_constraints_equal_dense_ones():
     set_states(rng, subdomains, L)
     for to in (np.asarray, sp.csr_array, sp.coo_matrix, sp.lil_array):
         made = [subdomain(q) for q in subdomains]
-        coupler = pm.Coupler(made, pm.Constraint({s: to(x) for s, x in zip(made, L)}), dt=0.01)
+        coupler = pm.Coupler(
+            made, pm.Constraint({s: to(x) for s, x in zip(made, L)}), dt=0.01, coupling="pm"
+        )
         assert_initial(coupler, *kkt(subdomains, L))
 
 
@@ -154,7 +156,9 @@ TREES = {"star": ((0, 1), (0, 2), (0, 3)), "chain": ((2, 0), (0, 3), (3, 1))}
 @every_form
 def test_subdomains_that_meet_at_a_cross_point_start_as_the_uncut_structure(form, tree, consistent):
     subdomains, made, w = cross(form, consistent)
-    coupler = pm.Coupler(made, [pm.tie(made[i], [0], made[j], [0]) for i, j in tree], dt=0.01)
+    coupler = pm.Coupler(
+        made, [pm.tie(made[i], [0], made[j], [0]) for i, j in tree], dt=0.01, coupling="pm"
+    )
     L = [np.zeros((3, 4)) for _ in subdomains]
     for row, (i, j) in enumerate(tree):
         L[i][row, 0], L[j][row, 0] = 1.0, -1.0
@@ -185,7 +189,9 @@ def test_a_callable_load_enters_with_its_value_at_zero():
         )
         for s in made
     ]
-    coupler = pm.Coupler(made, [pm.tie(made[0], [0], s, [0]) for s in made[1:]], dt=0.01)
+    coupler = pm.Coupler(
+        made, [pm.tie(made[0], [0], s, [0]) for s in made[1:]], dt=0.01, coupling="pm"
+    )
     np.testing.assert_allclose(
         coupler.state(2).a[0], w[0], rtol=1e-11
     )  # 13 dofs, condition number 100
@@ -193,7 +199,7 @@ def test_a_callable_load_enters_with_its_value_at_zero():
 
 def test_without_constraints_every_subdomain_starts_by_itself():
     subdomains, made, _ = cross(sp.csr_array, True)
-    coupler = pm.Coupler(made, dt=0.01)
+    coupler = pm.Coupler(made, dt=0.01, coupling="pm")
     w = [np.linalg.solve(q["M"], q["F"] - q["C"] @ q["v0"] - q["K"] @ q["u0"]) for q in subdomains]
     assert_initial(coupler, w, np.zeros(0))
 
@@ -211,7 +217,7 @@ def test_a_constraint_on_one_subdomain_alone_is_a_support():
 def test_masses_a_million_million_million_times_apart_are_both_masses():
     light = pm.Subdomain([1e-14], [1.0], scheme=SOFT, u0=[1e-14], name="light")
     heavy = pm.Subdomain([1e6], [1.0], scheme=SOFT, u0=[1.0], name="heavy")
-    coupler = pm.Coupler([light, heavy], dt=1e-9)
+    coupler = pm.Coupler([light, heavy], dt=1e-9, coupling="pm")
     # w = - k u / m, two roundings
     np.testing.assert_allclose(coupler.state("light").a, [-1.0], rtol=1e-15)
     np.testing.assert_allclose(coupler.state("heavy").a, [-1e-6], rtol=1e-15)
@@ -220,9 +226,9 @@ def test_masses_a_million_million_million_times_apart_are_both_masses():
 def test_a_structure_at_rest_without_loads_starts_and_stays_at_zero():
     _, made, _ = cross(sp.csr_array, True)
     still = [pm.Subdomain(s.M, s.K, s.C, scheme=s.scheme, substeps=s.substeps) for s in made]
-    history = pm.Coupler(still, [pm.tie(still[0], [0], s, [0]) for s in still[1:]], dt=0.01).run(
-        steps=5
-    )
+    history = pm.Coupler(
+        still, [pm.tie(still[0], [0], s, [0]) for s in still[1:]], dt=0.01, coupling="pm"
+    ).run(steps=5)
     for subdomain in history.subdomains:
         assert not subdomain.u.any() and not subdomain.v.any() and not subdomain.a.any()
     assert not history.multipliers.any()
@@ -269,7 +275,9 @@ def test_several_massless_dofs_inside_are_condensed_in_a_coupled_structure(form)
     ):  # fmt: skip
         a = pm.Subdomain(mass, stiff, scheme=SOFT, u0=start)
         b = pm.Subdomain([1.5], [60.0], **other)
-        histories.append(pm.Coupler([a, b], pm.tie(a, [last], b, [0]), dt=0.02).run(steps=100))
+        histories.append(
+            pm.Coupler([a, b], pm.tie(a, [last], b, [0]), dt=0.02, coupling="pm").run(steps=100)
+        )
     whole, small = histories
     # rounding of a = 50 over 200 fine steps
     np.testing.assert_allclose(whole[0].u[:, m], small[0].u, rtol=0, atol=1e-12)
@@ -285,7 +293,7 @@ def test_a_massless_dof_on_the_interface_follows_the_constraint(form):
     a = pm.Subdomain([0.0], [30.0], scheme=SOFT, u0=[1.0], name="a")
     K = 70.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
     b = pm.Subdomain(form(np.diag([0.5, 2.0])), form(K), scheme=SOFT, u0=[1.0, 2.0], name="b")
-    coupler = pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.01)
+    coupler = pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.01, coupling="pm")
     # row of a: Lam = 30 * 1. Row of b0: 0.5 w = 70 - 30. Row of b1: 2 w = - 70
     assert_initial(coupler, [np.array([80.0]), np.array([80.0, -35.0])], np.array([30.0]))
 
@@ -304,7 +312,7 @@ def test_massless_dofs_in_general_constraints_solve_all_equations_at_once(form, 
     set_states(rng, subdomains, L)
     schemes = SOFT, FAST, pm.HHT(0.2)
     made = [subdomain(q, form, scheme) for q, scheme in zip(subdomains, schemes)]
-    coupler = pm.Coupler(made, pm.Constraint(dict(zip(made, L))), dt=0.01)
+    coupler = pm.Coupler(made, pm.Constraint(dict(zip(made, L))), dt=0.01, coupling="pm")
     assert_initial(coupler, *kkt(subdomains, L))
 
 
@@ -317,7 +325,7 @@ def test_two_massless_dofs_tied_to_each_other_carry_the_force_and_do_not_acceler
     j = 1.5
     a = pm.Subdomain(form(np.diag([1.0, 0.0])), form(K_a), scheme=SOFT, u0=[0.5, j], name="a")
     b = pm.Subdomain(form(np.diag([0.0, 3.0])), form(K_b), scheme=SOFT, u0=[j, 2.0], name="b")
-    coupler = pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=0.01)
+    coupler = pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=0.01, coupling="pm")
     # the force 20 pulls the joint back in a, so Lam = 20; no equation determines its acceleration
     w_a, w_b = np.array([-(25.0 - 30.0), 0.0]), np.array([0.0, -20.0 / 3.0])
     assert_initial(coupler, [w_a, w_b], np.array([20.0]))
@@ -335,7 +343,7 @@ def test_a_structure_cut_at_a_massless_joint_moves_as_the_condensed_one():
     for count in (400, 800):
         a = pm.Subdomain([1.0, 0.0], K_a, scheme=SOFT, u0=[0.5, 1.5])
         b = pm.Subdomain([0.0, 3.0], K_b, scheme=SOFT, u0=[1.5, 2.0])
-        history = pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=1 / count).run(1.0)
+        history = pm.Coupler([a, b], pm.tie(a, [1], b, [0]), dt=1 / count, coupling="pm").run(1.0)
         errors.append(np.abs([history[0].u[-1, 0], history[1].u[-1, 1]] - truth).max())
     # order 2 with equal steps; dt omega = 0.02: the next term
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
@@ -345,7 +353,7 @@ def test_three_massless_dofs_at_a_cross_point_and_one_with_mass_all_follow_the_m
     subdomains = [pm.Subdomain([0.0], [k], scheme=SOFT, u0=[1.0]) for k in (1.0, 2.0, 3.0)]
     subdomains.append(pm.Subdomain([2.0], [4.0], scheme=FAST, u0=[1.0], substeps=2))
     ties = [pm.tie(subdomains[i], [0], subdomains[i + 1], [0]) for i in range(3)]
-    coupler = pm.Coupler(subdomains, ties, dt=0.01)
+    coupler = pm.Coupler(subdomains, ties, dt=0.01, coupling="pm")
     # Lam of tie i carries the springs 0..i; the mass has w = - (1 + 2 + 3 + 4) / 2
     assert_initial(coupler, [np.array([-5.0])] * 4, np.array([1.0, 3.0, 6.0]))
 
@@ -354,7 +362,7 @@ def test_three_massless_dofs_tied_in_a_row_share_the_balance_and_do_not_accelera
     loads = (5.0, -2.0, -3.0)
     subdomains = [pm.Subdomain([0.0], [1.0], scheme=SOFT, force=[f]) for f in loads]
     ties = [pm.tie(subdomains[i], [0], subdomains[i + 1], [0]) for i in range(2)]
-    coupler = pm.Coupler(subdomains, ties, dt=0.01)
+    coupler = pm.Coupler(subdomains, ties, dt=0.01, coupling="pm")
     # 0 = F + L^T Lam from the left: Lam = -5, then -5 + 2; no equation determines w
     assert_initial(coupler, [np.zeros(1)] * 3, np.array([-5.0, -3.0]))
 
@@ -368,7 +376,7 @@ def test_massless_dofs_that_a_row_leaves_free_have_the_smallest_accelerations():
         mass = pm.Subdomain([2.0], [1.0], scheme=SOFT, force=[F], name="mass")
         light = [pm.Subdomain([0.0], [1.0], scheme=SOFT, name=str(k)) for k in range(3)]
         rows = {mass: [[c]]} | {s: [[x]] for s, x in zip(light, b)}
-        coupler = pm.Coupler([mass, *light], pm.Constraint(rows), dt=0.1)
+        coupler = pm.Coupler([mass, *light], pm.Constraint(rows), dt=0.1, coupling="pm")
         w = [coupler.state(s.name).a[0] for s in (mass, *light)]
         # w_m of least norm with b . w_m = - c w
         expected = [F / 2.0, *(-c * F / 2.0 * b / (b @ b))]
@@ -412,7 +420,9 @@ def test_equilibrium_of_massless_rows_is_checked_relative_to_the_forces(scale):
 def test_massless_dofs_tied_to_each_other_out_of_balance_warn():
     subdomains = [pm.Subdomain([0.0], [1.0], scheme=SOFT, force=[f]) for f in (5.0, -2.0)]
     with pytest.warns(pm.ConstraintWarning, match="no mass"):
-        coupler = pm.Coupler(subdomains, pm.tie(subdomains[0], [0], subdomains[1], [0]), dt=0.1)
+        coupler = pm.Coupler(
+            subdomains, pm.tie(subdomains[0], [0], subdomains[1], [0]), dt=0.1, coupling="pm"
+        )
     assert np.isfinite(coupler.run(steps=50)[0].u).all()
 
 
@@ -441,7 +451,7 @@ def three(u0=None, v0=None, force=None, weight=1.0):
     subdomains.append(pm.Subdomain([1.0], [2.0], scheme=SOFT, name="right", **last))
     a, b, c = subdomains
     row = pm.Constraint({b: [[weight, 0.0]], c: [[-weight]]})
-    return pm.Coupler(subdomains, [pm.tie(a, [0, 1], b, [1, 0]), row], dt=0.1)
+    return pm.Coupler(subdomains, [pm.tie(a, [0, 1], b, [1, 0]), row], dt=0.1, coupling="pm")
 
 
 def test_consistent_initial_values_neither_warn_nor_raise():
@@ -488,7 +498,7 @@ def test_velocities_that_violate_a_constraint_raise_with_row_and_amount():
 def test_velocities_that_violate_the_only_constraint_name_its_row():
     a, b = (pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=SOFT, v0=v) for v in ([1, 2], [1, 2.5]))
     with pytest.raises(pm.ConstraintError, match=r"rows? 1 by -0\.5"):
-        pm.Coupler([a, b], pm.tie(a, [0, 1], b, [0, 1]), dt=0.1)
+        pm.Coupler([a, b], pm.tie(a, [0, 1], b, [0, 1]), dt=0.1, coupling="pm")
 
 
 @pytest.mark.parametrize("scale", [1e-30, 1.0, 1e20])
@@ -515,9 +525,9 @@ def test_the_end_of_a_pulse_far_from_the_interface_violates_nothing(scale):
         pm.Subdomain(np.ones(40), pm.structures.chain(40, 1.0, 1.0).K, scheme=SOFT, v0=v0)
         for v0 in (pulse, None)
     )
-    pm.Coupler([bar, other], pm.tie(bar, 0, other, 0), dt=0.1)
+    pm.Coupler([bar, other], pm.tie(bar, 0, other, 0), dt=0.1, coupling="pm")
     with pytest.raises(pm.ConstraintError, match="row 0"):
-        pm.Coupler([bar, other], pm.tie(bar, 10, other, 0), dt=0.1)
+        pm.Coupler([bar, other], pm.tie(bar, 10, other, 0), dt=0.1, coupling="pm")
 
 
 BROKEN = {
@@ -541,5 +551,5 @@ def test_a_constraint_times_a_factor_is_checked_as_before(name, row, weight):
 
 def test_velocities_on_dofs_in_no_constraint_are_free():
     a, b = (pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=SOFT, v0=v) for v in ([1, 2], [9, 1]))
-    coupler = pm.Coupler([a, b], pm.tie(a, [0], b, [1]), dt=0.1)
+    coupler = pm.Coupler([a, b], pm.tie(a, [0], b, [1]), dt=0.1, coupling="pm")
     np.testing.assert_array_equal(coupler.state(1).v, [9.0, 1.0])

@@ -323,10 +323,12 @@ def trio(form, split):
     """Three subdomains in a row, tied at two dofs in one Constraint or in two ties."""
     a, b, c = (_plain(form, name) for name in "abc")
     if split:
-        return pm.Coupler([a, b, c], [pm.tie(a, [0], b, [1]), pm.tie(b, [2], c, [0])], dt=0.02)
+        return pm.Coupler(
+            [a, b, c], [pm.tie(a, [0], b, [1]), pm.tie(b, [2], c, [0])], dt=0.02, coupling="pm"
+        )
     L = np.zeros((3, 2, 3))
     L[0, 0, 0], L[1, 0, 1], L[1, 1, 2], L[2, 1, 0] = 1.0, -1.0, 1.0, -1.0
-    return pm.Coupler([a, b, c], pm.Constraint(dict(zip((a, b, c), L))), dt=0.02)
+    return pm.Coupler([a, b, c], pm.Constraint(dict(zip((a, b, c), L))), dt=0.02, coupling="pm")
 
 
 def _plain(form, name, **options):
@@ -346,7 +348,7 @@ def test_a_tie_the_other_way_round_changes_the_sign_of_its_multiplier_alone(form
         a = _plain(form, "a")
         b = _plain(form, "b", substeps=4, scheme=pm.CentralDifference())
         constraint = pm.tie(b, [0, 2], a, [1, 2]) if turned else pm.tie(a, [1, 2], b, [0, 2])
-        return pm.Coupler([a, b], constraint, dt=0.02).run(steps=20)
+        return pm.Coupler([a, b], constraint, dt=0.02, coupling="pm").run(steps=20)
 
     one, two = history(False), history(True)
     for x, y in zip(one.subdomains, two.subdomains):
@@ -360,7 +362,7 @@ def test_a_tie_the_other_way_round_changes_the_sign_of_its_multiplier_alone(form
 def test_a_positive_multiplier_pushes_the_first_and_pulls_the_second():
     a = pm.Subdomain([2.0], [0.0], scheme=pm.Newmark())
     b = pm.Subdomain([1.0], [0.0], scheme=pm.Newmark(), force=[6.0])
-    coupler = pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1)
+    coupler = pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1, coupling="pm")
     # both accelerate by 6 / 3 = 2; a needs the force 2 * 2 for that; a rounding or two
     np.testing.assert_allclose(coupler.multipliers, [4.0], rtol=1e-15)
     np.testing.assert_allclose(coupler.run(steps=3).multipliers, 4.0, rtol=1e-14)
@@ -504,9 +506,12 @@ def test_couplers_made_of_the_same_subdomains_are_independent(form):
         return a, b
 
     def couplers(pairs):
-        options = [{"dt": 0.02}, {"dt": 0.02}, {"dt": 0.05, "coupling": "gc"}]
+        options = [(0.02, "pm"), (0.02, "pm"), (0.05, "gc")]
         made = zip(pairs, options)
-        return [pm.Coupler([a, b], pm.tie(a, [0], b, [1]), **o) for (a, b), o in made]
+        return [
+            pm.Coupler([a, b], pm.tie(a, [0], b, [1]), dt=dt, coupling=coupling)
+            for (a, b), (dt, coupling) in made
+        ]
 
     alone = [c.run(steps=12) for c in couplers([subdomains() for _ in range(3)])]
     same = couplers([subdomains()] * 3)
@@ -529,7 +534,7 @@ def test_a_subdomain_is_not_changed_by_a_coupler(form):
     a = _plain(form, "a", u0=[1.0, 0.0, 0.5])
     b = _plain(form, "b", substeps=3, v0=[0.0, 0.0, 2.0])
     before = [{k: frozen(v) for k, v in vars(s).items()} for s in (a, b)]
-    coupler = pm.Coupler([a, b], pm.tie(a, [1], b, [1]), dt=0.02)
+    coupler = pm.Coupler([a, b], pm.tie(a, [1], b, [1]), dt=0.02, coupling="pm")
     coupler.run(steps=10)
     coupler.reset(u0={"a": [0.0, 0.0, 9.0]}, force={"b": None})
     coupler.step(3)
@@ -572,7 +577,7 @@ def coupler_of(x, spoil):
     general = pm.Constraint({a: x["L_dense"], c: x["L_sparse"]})
     ties = [general, pm.tie(b, x["dofs_a"], c, x["dofs_b"])]
     spoil("L_dense", "L_sparse", "dofs_a", "dofs_b")
-    return pm.Coupler([a, b, c], ties, dt=0.02)
+    return pm.Coupler([a, b, c], ties, dt=0.02, coupling="pm")
 
 
 def numbers(x):
@@ -660,7 +665,7 @@ def test_reset_with_other_values_equals_a_new_coupler(form):
     def coupler(u_a, v_b, force_a, force_b):
         a = _plain(form, "a", u0=u_a, force=force_a)
         b = _plain(form, "b", substeps=4, v0=v_b, force=force_b)
-        return pm.Coupler([a, b], pm.tie(a, [1], b, [1]), dt=0.02)
+        return pm.Coupler([a, b], pm.tie(a, [1], b, [1]), dt=0.02, coupling="pm")
 
     def turn(t):
         return np.array([np.sin(9.0 * t), 1.0, t])
@@ -707,7 +712,7 @@ def test_a_reset_that_fails_changes_nothing(wrong, error, callable_load):
         loads = {"force": lambda t: np.array([t, 1.0, 0.0])} if callable_load else {}
         a = _plain("dense", "a", u0=[1.0, 0.0, 3.0], **loads)
         b = _plain("dense", "b", substeps=2)
-        return pm.Coupler([a, b], pm.tie(a, [1], b, [1]), dt=0.1)
+        return pm.Coupler([a, b], pm.tie(a, [1], b, [1]), dt=0.1, coupling="pm")
 
     expected = coupler().run(steps=5)
     other = coupler()

@@ -27,7 +27,7 @@ def plate(name, nx=3, floor=0.0, x=0.0):
 def messages(subdomains, constraints):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        pm.Coupler(subdomains, constraints, dt=0.01)
+        pm.Coupler(subdomains, constraints, dt=0.01, coupling="pm")
     assert all(w.category is pm.ConstraintWarning and w.filename == __file__ for w in caught)
     return [str(w.message) for w in caught]
 

@@ -107,7 +107,7 @@ def coupled(restoring, force, threads=1):
         name="b",
         **common,
     )
-    return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1, threads=threads)
+    return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1, threads=threads, coupling="pm")
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -169,7 +169,7 @@ def test_a_force_of_a_double_step_subdomain_is_evaluated_in_its_turn_and_not_ahe
         for name in "abc"
     )
     ties = [pm.tie(a, [0], b, [0]), pm.tie(b, [0], c, [0])]
-    coupler = pm.Coupler([a, b, c], ties, dt=0.3, threads=threads)
+    coupler = pm.Coupler([a, b, c], ties, dt=0.3, threads=threads, coupling="pm")
     for steps in (1, 4, 7):  # in each call up to its end
         coupler.step(steps - coupler.step_count)
         assert times == [k / 2 * 0.3 for k in range(2 * steps + 1)]  # (T1)

@@ -17,7 +17,7 @@ from pmalpha import models
 
 def error_at_half_a_period(dt, **options):
     """Error of the displacement of A; the exact one is u0 cos(2 pi t), -1 at t = 1/2."""
-    history = models.split_oscillator(10.0, **options).coupler(dt).run(0.5)
+    history = models.split_oscillator(10.0, **options).coupler(dt, coupling="pm").run(0.5)
     return abs(history["A"].u[-1, 0] + 1.0)
 
 
@@ -32,7 +32,9 @@ def test_the_split_oscillator_moves_like_the_uncut_one(rho):
 
 @pytest.mark.parametrize("b1", [0.1, 1.0, 10.0])
 def test_b1_is_the_ratio_of_the_masses_and_of_the_springs(b1):
-    coupler = models.split_oscillator(b1, mass=3.0, stiffness=12.0, u0=1.0).coupler(0.01)
+    coupler = models.split_oscillator(b1, mass=3.0, stiffness=12.0, u0=1.0).coupler(
+        0.01, coupling="pm"
+    )
     # Lam = mA w + kA u at t = 0, w = -k/m u:  (k - b1 k) / (1 + b1)
     expected = 12.0 * (1.0 - b1) / (1.0 + b1)
     # rounding of some ten operations on numbers up to 12
@@ -44,9 +46,9 @@ def test_other_schemes_replace_those_of_rho():
     by_hand = models.split_oscillator(
         10.0, substeps=3, scheme_a=pm.Newmark(), scheme_b=pm.CentralDifference()
     )
-    ours, theirs = (model.coupler(0.02).run(steps=7) for model in (by_rho, by_hand))
+    ours, theirs = (model.coupler(0.02, coupling="pm").run(steps=7) for model in (by_rho, by_hand))
     np.testing.assert_array_equal(ours["B"].u, theirs["B"].u)
-    other = models.split_oscillator(10.0, substeps=3).coupler(0.02).run(steps=7)
+    other = models.split_oscillator(10.0, substeps=3).coupler(0.02, coupling="pm").run(steps=7)
     assert np.any(ours["B"].u != other["B"].u)
 
 
@@ -141,7 +143,7 @@ PM_ALPHA = (reference.alpha(0.5), reference.alpha(0.5, explicit=True))
 @pytest.mark.parametrize("rho, schemes", [(None, PM), (0.5, PM_ALPHA)])
 def test_the_four_dof_experiment_agrees_with_the_reference(rho, schemes):
     chain = models.four_dof(rho)
-    history = chain.coupler(chain.macro_step).run(steps=100)
+    history = chain.coupler(chain.macro_step, coupling="pm").run(steps=100)
     a, b = four_dof_by_reference(chain, *schemes).subdomains
     u, v = (
         np.column_stack([xb[::20, 0], 0.5 * (xa[:, 0] + xb[::20, 1]), xa[:, 1:]])
@@ -157,7 +159,7 @@ def test_pm_keeps_the_high_modes_and_pm_alpha_annihilates_them():
     amplitudes = {}
     for rho in (None, 0.5):
         chain = models.four_dof(rho)
-        history = chain.coupler(chain.macro_step).run(steps=100)
+        history = chain.coupler(chain.macro_step, coupling="pm").run(steps=100)
         amplitudes[rho] = chain.modal_amplitudes(history)[1]
     first, _, third, _ = amplitudes[0.5][0]
     # the claim of the paper's figure 7, after macro step 100
@@ -171,15 +173,19 @@ def test_pm_keeps_the_high_modes_and_pm_alpha_annihilates_them():
 
 def test_amplitudes_need_all_dofs_of_both_subdomains():
     chain = models.four_dof()
-    history = chain.coupler(chain.macro_step).run(steps=2, record={"A": [0], "B": None})
+    history = chain.coupler(chain.macro_step, coupling="pm").run(
+        steps=2, record={"A": [0], "B": None}
+    )
     with pytest.raises(ValueError, match="all dofs of A and B"):
         chain.modal_amplitudes(history)
 
 
 def test_a_thinned_history_gives_the_amplitudes_at_its_time_levels():
     chain = models.four_dof()
-    t, amplitudes = chain.modal_amplitudes(chain.coupler(chain.macro_step).run(steps=10))
-    thin = chain.coupler(chain.macro_step).run(steps=10, every=5)
+    t, amplitudes = chain.modal_amplitudes(
+        chain.coupler(chain.macro_step, coupling="pm").run(steps=10)
+    )
+    thin = chain.coupler(chain.macro_step, coupling="pm").run(steps=10, every=5)
     thin_t, thin_amplitudes = chain.modal_amplitudes(thin)
     np.testing.assert_array_equal(thin_t, t[::5])
     np.testing.assert_array_equal(thin_amplitudes, amplitudes[::5])

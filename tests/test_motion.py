@@ -61,7 +61,9 @@ def test_an_explicit_subdomain_with_substeps_follows_a_driven_end_too():
     errors = []
     for n in (200, 400, 800):
         drive = pm.Constraint({a: [[1.0, 0.0]]}, velocity=g)
-        history = pm.Coupler([a, b], [pm.tie(a, [0, 1], b, [0, 1]), drive], dt=2.0 / n).run(2.0)
+        history = pm.Coupler(
+            [a, b], [pm.tie(a, [0, 1], b, [0, 1]), drive], dt=2.0 / n, coupling="pm"
+        ).run(2.0)
         errors.append(abs(history["b"].u[-1, 1] - u))
         # every row, prescribed or not, is satisfied to rounding at every fine step
         assert np.max(np.abs(history.velocity_jump)) < 1e-12
@@ -98,7 +100,7 @@ def test_a_function_is_evaluated_once_at_every_fine_step_and_near_the_start():
     a = pm.Subdomain([1.0, 1.0], np.eye(2), scheme=pm.GeneralizedAlpha(0.5))
     b = pm.Subdomain([1.0], [1.0], scheme=pm.CentralDifference(), substeps=4)
     ties = [pm.tie(a, [1], b, [0]), pm.Constraint({a: [[1.0, 0.0]]}, velocity=velocity)]
-    coupler = pm.Coupler([a, b], ties, dt=0.1)
+    coupler = pm.Coupler([a, b], ties, dt=0.1, coupling="pm")
     assert not times  # creating a coupler calls no function of the user
     coupler.run(steps=3)
     later = [t for t in times if t > 0.1 / 4 / 8]

@@ -19,7 +19,9 @@ def chain(n, name, u0=None):
 def run(constraints):
     """The motion of two chains whose last and first dofs are tied, all numbers of it."""
     u0 = [0.3, -0.2, 0.1]
-    history = pm.Coupler([chain(3, "a", u0), chain(4, "b", [0.1, 0, 0, 0.1])], constraints, dt=0.1)
+    history = pm.Coupler(
+        [chain(3, "a", u0), chain(4, "b", [0.1, 0, 0, 0.1])], constraints, dt=0.1, coupling="pm"
+    )
     history = history.run(steps=20)
     return np.hstack([history["a"].u.ravel(), history["b"].v.ravel(), history.multipliers.ravel()])
 
@@ -29,7 +31,7 @@ def test_a_tie_in_names_is_that_of_the_subdomains(names):
     a, b = chain(3, "a", [0.3, -0.2, 0.1]), chain(4, "b", [0.1, 0, 0, 0.1])
     first, second = (name or s for name, s in zip(names, (a, b)))
     histories = [
-        pm.Coupler([a, b], c, dt=0.1).run(steps=20)
+        pm.Coupler([a, b], c, dt=0.1, coupling="pm").run(steps=20)
         for c in (pm.tie(a, [2], b, [0]), pm.tie(first, [2], second, [0]))
     ]
     for key in ("a", "b"):
@@ -48,9 +50,9 @@ def test_general_constraints_and_masks_in_names():
 
 def test_a_name_that_the_coupler_gave_is_one_too():
     parts = [pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), u0=[1.0]) for _ in range(2)]
-    coupler = pm.Coupler(parts, pm.tie("subdomain 0", 0, "subdomain 1", 0), dt=0.1)
+    coupler = pm.Coupler(parts, pm.tie("subdomain 0", 0, "subdomain 1", 0), dt=0.1, coupling="pm")
     by_name = coupler.run(steps=3).multipliers
-    again = pm.Coupler(parts, pm.tie(parts[0], 0, parts[1], 0), dt=0.1)
+    again = pm.Coupler(parts, pm.tie(parts[0], 0, parts[1], 0), dt=0.1, coupling="pm")
     np.testing.assert_array_equal(by_name, again.run(steps=3).multipliers)
 
 
@@ -98,9 +100,12 @@ def test_without_names_subdomains_and_constraint_are_pickled_together():
     parts = [pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), u0=[1.0]) for _ in range(2)]
     tied = pm.tie(parts[0], 0, parts[1], 0)
     again, constraint = pickle.loads(pickle.dumps((parts, tied)))
-    assert pm.Coupler(again, constraint, dt=0.1).run(steps=3).multipliers.shape == (4, 1)
+    assert pm.Coupler(again, constraint, dt=0.1, coupling="pm").run(steps=3).multipliers.shape == (
+        4,
+        1,
+    )
     with pytest.raises(ValueError, match="constraint 0 must hold subdomains of this coupler"):
-        pm.Coupler(parts, pickle.loads(pickle.dumps(tied)), dt=0.1)
+        pm.Coupler(parts, pickle.loads(pickle.dumps(tied)), dt=0.1, coupling="pm")
 
 
 @pytest.mark.parametrize(
@@ -121,11 +126,11 @@ def test_without_names_subdomains_and_constraint_are_pickled_together():
 )
 def test_what_does_not_fit_is_named(make, message):
     with pytest.raises(ValueError, match=message):
-        pm.Coupler([chain(3, "a"), chain(4, "b")], make(), dt=0.1)
+        pm.Coupler([chain(3, "a"), chain(4, "b")], make(), dt=0.1, coupling="pm")
 
 
 def test_a_default_name_and_the_subdomain_are_one():
     parts = [pm.Subdomain([1.0], [4.0], scheme=pm.Newmark()) for _ in range(2)]
     both = pm.Constraint({parts[0]: [[1.0]], "subdomain 0": [[1.0]]})
     with pytest.raises(ValueError, match="constraint 0 must not hold 'subdomain 0' twice"):
-        pm.Coupler(parts, both, dt=0.1)
+        pm.Coupler(parts, both, dt=0.1, coupling="pm")

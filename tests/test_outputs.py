@@ -108,7 +108,7 @@ def test_the_base_shear_balances_the_inertia_forces():
     first = [[1.0, 0.0, 0.0]]
     shear = {"u": k * np.array(first), "v": c * np.array(first)}
     outputs = {"a": {"base shear": shear, "inertia": {"a": -m_a}}, "b": {"inertia": {"a": -m_b}}}
-    history = pm.Coupler([a, b], pm.tie(a, 2, b, 0), dt=0.02).run(
+    history = pm.Coupler([a, b], pm.tie(a, 2, b, 0), dt=0.02, coupling="pm").run(
         steps=40, record={}, outputs=outputs
     )
     inertia = history["a"].outputs["inertia"] + history["b"].outputs["inertia"][::4]
@@ -146,7 +146,7 @@ NAMES = ("Grundschub ↔", "N/V.M\0")  # none that a path or an array of a file 
 
 def two(outputs=True):
     a, b = sdof("a", 4.0, 0.1, u0=[1.0]), sdof("b", 9.0, 0.2, u0=[1.0], substeps=3)
-    coupler = pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.05)
+    coupler = pm.Coupler([a, b], pm.tie(a, 0, b, 0), dt=0.05, coupling="pm")
     given = {"a": {NAMES[0]: [4.0]}, "b": dict.fromkeys(NAMES, [[9.0], [1.0]])}
     return coupler, dict(record={"a": [0]}, outputs=given if outputs else None)
 

@@ -104,7 +104,7 @@ def header_of(path):
 
 
 def test_files_name_the_version_that_wrote_them(tmp_path):
-    coupler = pm.models.split_oscillator(10.0).coupler(0.05)
+    coupler = pm.models.split_oscillator(10.0).coupler(0.05, coupling="pm")
     history = coupler.run(steps=2)
     history.save(tmp_path / "run.npz")
     coupler.save(tmp_path / "state.npz")

@@ -114,7 +114,7 @@ def nonzero_eigenvalues(G):
 def coupler(Omega, rho=0.5, b1=10.0, ss=1, **options):
     """The split oscillator of the package with Omega_B = omega_B dt_B and dt_B = 1."""
     model = models.split_oscillator(b1, rho=rho, substeps=ss, stiffness=Omega**2 / b1, **options)
-    return model.coupler(float(ss))
+    return model.coupler(float(ss), coupling="pm")
 
 
 def matrix(Omega, rho=0.5, b1=10.0, ss=1):
@@ -223,12 +223,12 @@ PHASE = {"v0": 2 * np.pi}
 SHORT = [1 / 1280, 1 / 2560, 1 / 5120]
 
 
-def orders(error, quantities, steps, *, rho, ss=1, **options):
+def orders(error, quantities, steps, *, rho, ss=1, coupling="pm", **options):
     """Observed orders of an analysis function of (coupler, exact)."""
     model = models.split_oscillator(10.0, rho=rho, substeps=ss, **PHASE)
     found = {}
     for dt in steps:
-        c = model.coupler(dt, **options)
+        c = model.coupler(dt, coupling=coupling, **options)
         found[dt] = error(c, analysis.exact_solution(c))
     slopes = [analysis.observed_order(lambda dt, q=q: found[dt][q], steps) for q in quantities]
     return np.array(slopes)
@@ -399,7 +399,7 @@ def test_alpha_dissipation_can_be_controlled_and_that_of_pm_comes_from_substeps_
 
 def four_dof_run(rho, start="rebased", steps=100):
     chain = models.four_dof(rho)
-    history = chain.coupler(chain.macro_step, start=start).run(steps=steps)
+    history = chain.coupler(chain.macro_step, start=start, coupling="pm").run(steps=steps)
     return history, chain.modal_amplitudes(history)[1]
 
 

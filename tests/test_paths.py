@@ -110,7 +110,7 @@ def test_subdomains_with_the_same_graph_and_interface_share_their_elimination():
     np.testing.assert_array_equal(others[0].order[1 - dofs.size :], dofs[1:])
 
 
-def enclosed(**options):
+def enclosed(threads=None):
     """A cube with all its surface tied to a frame of points, in double steps and with mass."""
     s, dofs = box(6)
     inner = s.subdomain(scheme=pm.GeneralizedAlpha(0.5), force=np.ones(s.n), name="inner")
@@ -122,7 +122,11 @@ def enclosed(**options):
         name="shell",
     )
     return pm.Coupler(
-        [inner, shell], pm.tie(inner, dofs, shell, np.arange(dofs.size)), dt=0.05, **options
+        [inner, shell],
+        pm.tie(inner, dofs, shell, np.arange(dofs.size)),
+        dt=0.05,
+        coupling="pm",
+        threads=threads,
     )
 
 

@@ -23,7 +23,7 @@ from pmalpha import plot  # noqa: E402
 
 def four_dof(steps=60, **record):
     chain = models.four_dof()
-    return chain.coupler(chain.macro_step).run(steps=steps, record=record or None)
+    return chain.coupler(chain.macro_step, coupling="pm").run(steps=steps, record=record or None)
 
 
 def made_up(u, multipliers=None, name="a", t=None):
@@ -122,7 +122,7 @@ def test_a_jump_of_rounding_errors_is_a_sentence_and_not_a_panel(
 
 def test_jumps_are_drawn_where_no_motion_is_recorded_to_compare_them_with():
     model = models.split_oscillator(10.0)
-    history = model.coupler(0.05).run(steps=5, record={})
+    history = model.coupler(0.05, coupling="pm").run(steps=5, record={})
     assert 0.0 < np.abs(history.velocity_jump).max() < 1e-12
     assert [ax.get_ylabel().split(" ($")[0] for ax in history.plot().axes] == PANELS[1:]
 
@@ -155,7 +155,7 @@ def test_one_subdomain_without_constraints_has_one_panel():
 
 def test_without_recorded_dofs_the_interface_is_drawn_alone():
     model = models.split_oscillator(10.0)
-    history = model.coupler(0.05).run(steps=5, record={})
+    history = model.coupler(0.05, coupling="pm").run(steps=5, record={})
     assert len(history.plot().axes) == 3
 
 

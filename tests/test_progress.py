@@ -24,7 +24,7 @@ def pair(force=None):
     """A long run of 1e7 macro steps takes seconds; every=STEPS keeps two time levels of it."""
     a = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), force=force, name="a")
     b = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), substeps=2, name="b")
-    return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.01)
+    return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.01, coupling="pm")
 
 
 # ---- a callable -----------------------------------------------------------------------------
@@ -154,7 +154,7 @@ PROGRAM = """
         K = np.eye(n) * 4.0 + 1e-3
         a = pm.Subdomain(np.ones(n), K, scheme=pm.GeneralizedAlpha(0.5), u0=np.ones(n))
         b = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), u0=[1.0], substeps=2)
-        return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.01)
+        return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.01, coupling="pm")
 
     c, other = pair(), pair()
     c.step(1)

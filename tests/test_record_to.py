@@ -148,7 +148,7 @@ def test_the_history_in_the_file_is_bitwise_identical_to_that_in_memory(tmp_path
 @pytest.mark.parametrize("every", [None, 1, 7])
 def test_any_number_of_intervals_makes_the_same_file(tmp_path, monkeypatch, size, every):
     monkeypatch.setattr(recording, "FILED_BYTES", size)
-    ours, theirs = (models.four_dof().coupler(0.05) for _ in range(2))
+    ours, theirs = (models.four_dof().coupler(0.05, coupling="pm") for _ in range(2))
     for c in (ours, theirs):
         c.step(5)
     options = {"every": every, "energy": True}
@@ -159,14 +159,17 @@ def test_any_number_of_intervals_makes_the_same_file(tmp_path, monkeypatch, size
 def test_a_file_of_many_subdomains_and_any_names_is_a_file(tmp_path):
     names = ["Größe 塔", "b\0", "header", "step_count", "0/u", *(f"part {i}" for i in range(300))]
     subdomains = [pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), v0=[1.0], name=x) for x in names]
-    coupler, other = pm.Coupler(subdomains, dt=0.1), pm.Coupler(subdomains, dt=0.1)
+    coupler, other = (
+        pm.Coupler(subdomains, dt=0.1, coupling="pm"),
+        pm.Coupler(subdomains, dt=0.1, coupling="pm"),
+    )
     history = coupler.run(steps=3, record_to=str(tmp_path / "run.h5"))
     require_identical(history, other.run(steps=3))
     assert pm.History.load(tmp_path / "run.h5")["b\0"].u.shape == (4, 1)
 
 
 def test_a_history_of_a_file_has_the_methods_of_a_history(tmp_path):
-    coupler = models.four_dof().coupler(0.05)
+    coupler = models.four_dof().coupler(0.05, coupling="pm")
     history = coupler.run(steps=40, energy=True, record_to=tmp_path / "run.h5")
     history.save(tmp_path / "run.npz")
     require_identical(pm.History.load(tmp_path / "run.npz"), history)
@@ -230,7 +233,7 @@ def test_steps_that_were_not_run_take_no_room_on_disk(tmp_path):
 @pytest.mark.parametrize("options", [{}, {"swmr": True}])
 def test_others_read_while_the_run_goes_on(tmp_path, options):
     path, counts = tmp_path / "run.h5", []
-    coupler, other = (models.four_dof().coupler(0.05) for _ in range(2))
+    coupler, other = (models.four_dof().coupler(0.05, coupling="pm") for _ in range(2))
 
     def tell(done, total):
         with h5py.File(path, "r", **options) as file:
@@ -252,14 +255,16 @@ def test_others_read_while_the_run_goes_on(tmp_path, options):
 @pytest.mark.parametrize("options", [{}, {"swmr": True}, {"locking": False}, {"locking": True}])
 def test_a_file_that_this_process_has_open_is_read(tmp_path, options):
     path = tmp_path / "run.h5"
-    history = models.four_dof().coupler(0.05).run(steps=9, record_to=path)
+    history = models.four_dof().coupler(0.05, coupling="pm").run(steps=9, record_to=path)
     with h5py.File(path, "r", **options) as file:
         require_identical(pm.History.load(path), history)
         assert file["step_count"][0] == 9
 
 
 def test_a_file_that_was_packed_again_is_read(tmp_path):
-    history = models.four_dof().coupler(0.05).run(steps=9, record_to=tmp_path / "run.h5")
+    history = (
+        models.four_dof().coupler(0.05, coupling="pm").run(steps=9, record_to=tmp_path / "run.h5")
+    )
     with h5py.File(tmp_path / "run.h5") as old, h5py.File(tmp_path / "packed.h5", "w") as new:
 
         def pack(name, x):
@@ -289,7 +294,7 @@ def test_after_an_exception_the_last_history_is_the_file_up_to_the_last_macro_st
 
         a = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), force=force, name="a")
         b = pm.Subdomain([1.0], [4.0], scheme=pm.GeneralizedAlpha(0.5), substeps=3, name="b")
-        return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.05)
+        return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.05, coupling="pm")
 
     broken, other = coupler(True), coupler(False)
     with pytest.raises(type(error)):
@@ -317,7 +322,7 @@ KILLED = """
         seconds = rng.uniform(1e-3, 0.15)
         child = os.fork()
         if child == 0:
-            coupler = models.four_dof().coupler(0.05)
+            coupler = models.four_dof().coupler(0.05, coupling="pm")
             coupler.step(3)
             signal.signal(signal.SIGPROF, signal.SIG_DFL)
             signal.setitimer(signal.ITIMER_PROF, seconds)  # of its own work: it is killed
@@ -334,7 +339,7 @@ def test_a_file_is_whole_up_to_its_count_after_a_kill_at_any_time(tmp_path):
     subprocess.run(
         [sys.executable, "-c", program], env=environment, check=True, timeout=waits.LIMIT
     )
-    other = models.four_dof().coupler(0.05)
+    other = models.four_dof().coupler(0.05, coupling="pm")
     other.step(3)
     whole = other.run(steps=100_000, energy=True)
     counts = [count_after_kill(tmp_path / str(kill), whole) for kill in range(20)]
@@ -367,7 +372,7 @@ def cut(x, name, last):
 
 
 def test_a_path_that_cannot_be_written_is_an_error_before_the_first_step(tmp_path):
-    coupler, other = (models.four_dof().coupler(0.05) for _ in range(2))
+    coupler, other = (models.four_dof().coupler(0.05, coupling="pm") for _ in range(2))
     missing, folder, device = tmp_path / "nowhere" / "run.h5", tmp_path, "/dev/full"
     for path, why in (
         (missing, "No such file or directory.*nowhere/run.h5'"),
@@ -389,18 +394,18 @@ def test_a_run_that_cannot_begin_leaves_the_old_file(tmp_path):
         raise ZeroDivisionError
 
     path = tmp_path / "run.h5"
-    models.four_dof().coupler(0.05).run(steps=3, record_to=path)
+    models.four_dof().coupler(0.05, coupling="pm").run(steps=3, record_to=path)
     good = path.read_bytes()
     s = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), force=force)
     with pytest.raises(ZeroDivisionError):
         pm.Coupler([s], dt=0.1).run(steps=3, record_to=path, overwrite=True)
     with pytest.raises(TypeError, match="either t_end or steps"):
-        models.four_dof().coupler(0.05).run(record_to=path)
+        models.four_dof().coupler(0.05, coupling="pm").run(record_to=path)
     assert path.read_bytes() == good
 
 
 def test_a_history_keeps_its_numbers_when_its_file_is_replaced(tmp_path):
-    coupler = models.four_dof().coupler(0.05)
+    coupler = models.four_dof().coupler(0.05, coupling="pm")
     first = coupler.run(steps=5, record_to=tmp_path / "run.h5")
     before = first["A"].u.copy()
     coupler.run(steps=50, record_to=tmp_path / "run.h5", overwrite=True)
@@ -409,7 +414,7 @@ def test_a_history_keeps_its_numbers_when_its_file_is_replaced(tmp_path):
 
 def test_a_full_disk_ends_the_run_with_what_was_counted(tmp_path, monkeypatch):
     monkeypatch.setattr(recording, "FILED_BYTES", 1.0)  # every macro step
-    coupler, other = (models.four_dof().coupler(0.05) for _ in range(2))
+    coupler, other = (models.four_dof().coupler(0.05, coupling="pm") for _ in range(2))
     written, pwrite = [], os.pwrite
 
     def full(descriptor, data, position):
@@ -435,7 +440,7 @@ def test_a_disk_that_is_full_is_an_error_before_the_first_step(tmp_path):
         import resource
         from pmalpha import models
         resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
-        coupler = models.four_dof().coupler(0.05)
+        coupler = models.four_dof().coupler(0.05, coupling="pm")
         try:
             coupler.run(steps=1000, record_to={str(tmp_path / "run.h5")!r})
         except OSError as error:
@@ -454,7 +459,7 @@ def test_a_disk_that_is_full_is_an_error_before_the_first_step(tmp_path):
 
 def test_a_file_that_is_cut_off_or_another_is_refused(tmp_path):
     path = tmp_path / "run.h5"
-    models.four_dof().coupler(0.05).run(steps=30, record_to=path)
+    models.four_dof().coupler(0.05, coupling="pm").run(steps=30, record_to=path)
     whole = path.read_bytes()
     for length in np.linspace(8, len(whole) - 1, 30).astype(int):
         path.write_bytes(whole[:length])
@@ -472,7 +477,7 @@ def test_a_file_that_is_cut_off_or_another_is_refused(tmp_path):
 
 def test_a_count_beyond_the_rows_is_refused(tmp_path):
     path = tmp_path / "run.h5"
-    models.four_dof().coupler(0.05).run(steps=30, record_to=path)
+    models.four_dof().coupler(0.05, coupling="pm").run(steps=30, record_to=path)
     with h5py.File(path, "r+") as file:
         file["step_count"][0] = 31
     with pytest.raises(ValueError, match="has 601 rows, 621 were counted"):
@@ -480,7 +485,7 @@ def test_a_count_beyond_the_rows_is_refused(tmp_path):
 
 
 def test_without_h5py_the_error_names_what_to_install(tmp_path, monkeypatch):
-    coupler = models.four_dof().coupler(0.05)
+    coupler = models.four_dof().coupler(0.05, coupling="pm")
     coupler.run(steps=1, record_to=tmp_path / "run.h5")
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(ImportError, match=r"pip install 'pmalpha\[hdf5\]'"):
@@ -494,7 +499,7 @@ def test_the_descriptor_of_the_file_is_released(tmp_path):
     def open_files():
         return len(os.listdir("/dev/fd"))
 
-    coupler = models.four_dof().coupler(0.05)
+    coupler = models.four_dof().coupler(0.05, coupling="pm")
     before = open_files()
     for _ in range(3):
         coupler.run(steps=3, record_to=tmp_path / "run.h5", overwrite=True)

@@ -30,7 +30,7 @@ def oscillation():
 
 
 def test_a_plot_is_a_figure_of_pyplot_so_that_show_shows_it(pyplot):
-    history = models.four_dof().coupler(0.05).run(steps=40)
+    history = models.four_dof().coupler(0.05, coupling="pm").run(steps=40)
     figures = [history.plot(), history["A"].plot(), oscillation().plot([1])]
     assert [pyplot.figure(i) for i in pyplot.get_fignums()] == figures
     assert [len(figure.axes) for figure in figures] == [3, 1, 1]  # dofs, gap, multiplier
@@ -44,7 +44,9 @@ def test_many_plots_do_not_warn(pyplot):
 def test_a_plot_is_shown_once_in_a_fresh_notebook(tmp_path, pyplot):
     nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")
-    make = "import pmalpha as pm\nh = pm.models.four_dof().coupler(0.05).run(steps=9)"
+    make = (
+        "import pmalpha as pm\nh = pm.models.four_dof().coupler(0.05, coupling='pm').run(steps=9)"
+    )
     cells = [make, "h.plot()", "figure = h.plot()", "figure", "h['A'].plot(); h.plot()"]
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(x) for x in cells])
     nbclient.NotebookClient(notebook, timeout=int(waits.LIMIT), kernel_name="python3").execute()
@@ -60,7 +62,7 @@ def test_a_script_shows_the_plot(tmp_path):
         import matplotlib
         matplotlib.use("agg")
         import matplotlib.pyplot as plt, pmalpha as pm
-        pm.models.four_dof().coupler(0.05).run(steps=9).plot()
+        pm.models.four_dof().coupler(0.05, coupling="pm").run(steps=9).plot()
         plt.show = lambda: print(len(plt.get_fignums()))
         plt.show()
     """
@@ -71,12 +73,12 @@ def test_a_script_shows_the_plot(tmp_path):
 
 
 def test_units_are_in_the_labels(pyplot):
-    history = models.four_dof().coupler(0.05).run(steps=40)
+    history = models.four_dof().coupler(0.05, coupling="pm").run(steps=40)
     labels = [ax.get_ylabel().replace("\n", " ") for ax in history.plot(units=UNITS).axes]
     assert labels[0] == "displacement (mm)" and labels[2] == "multiplier (kN)"
     assert labels[1] == "displacement jump (mm)"
     # without recorded velocities the jump has nothing to be small against, and is drawn
-    jumps = models.four_dof().coupler(0.05).run(steps=40, record={})
+    jumps = models.four_dof().coupler(0.05, coupling="pm").run(steps=40, record={})
     label = jumps.plot(units=UNITS).axes[0].get_ylabel().replace("\n", " ")
     assert label.startswith("velocity jump (") and label.endswith("mm/s)")
     figure = history["A"].plot(quantity="a", units=UNITS)
@@ -114,7 +116,11 @@ def test_what_solve_returns_becomes_a_dataset():
 
 def test_a_history_becomes_data_frames():
     pytest.importorskip("pandas")
-    history = models.four_dof().coupler(0.05).run(steps=10, record={"A": [2, 0], "B": None})
+    history = (
+        models.four_dof()
+        .coupler(0.05, coupling="pm")
+        .run(steps=10, record={"A": [2, 0], "B": None})
+    )
     frames = history.to_pandas()
     assert list(frames) == ["A", "B", "interface"]
     a = frames["A"]

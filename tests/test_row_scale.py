@@ -215,4 +215,4 @@ def test_messages_have_the_rows_of_the_user():
     b = pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), name="b")
     rows = pm.Constraint({a: [[100.0]], b: [[-100.0]]})
     with pytest.warns(pm.ConstraintWarning, match="row 0: 100$"):
-        pm.Coupler([a, b], rows, dt=0.1)
+        pm.Coupler([a, b], rows, dt=0.1, coupling="pm")

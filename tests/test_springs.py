@@ -217,7 +217,7 @@ def test_an_isolated_frame_under_el_centro_coupled_and_uncut():
         force=pm.BaseAcceleration(record, step, [1.0], [2.0]),
         name="rig",
     )
-    coupler = pm.Coupler([frame, rig], pm.tie(frame, [0], rig, [0]), dt=dt)
+    coupler = pm.Coupler([frame, rig], pm.tie(frame, [0], rig, [0]), dt=dt, coupling="pm")
     history = coupler.run(20.0, record_springs={"rig": None})
     scale = np.abs(whole.u).max()
     assert np.abs(whole.deformation).max() > 3 * 4.0 / 400.0  # it yields
@@ -325,7 +325,7 @@ def test_an_aborted_macro_step_leaves_no_trace_in_a_history():
             pm.tie(subdomains[1], [0], subdomains[2], [0]),
             pm.tie(subdomains[2], [0], fourth, [0]),
         ]
-        return pm.Coupler([*subdomains, fourth], ties, dt=0.05)
+        return pm.Coupler([*subdomains, fourth], ties, dt=0.05, coupling="pm")
 
     expected, interrupted = with_a_fourth(), with_a_fourth()
     fails = [False] * 9
@@ -509,7 +509,7 @@ def test_what_springs_dissipate_is_summed_up_from_where_the_energy_begins(begin)
         )
         for scheme, substeps, name in ((IMPLICIT, 1, "A"), (EXPLICIT, 4, "B"))
     ]
-    coupler = pm.Coupler(parts, pm.tie(parts[0], [1], parts[1], [1]), dt=0.05)
+    coupler = pm.Coupler(parts, pm.tie(parts[0], [1], parts[1], [1]), dt=0.05, coupling="pm")
     coupler.step(begin)
     history = coupler.run(steps=40, energy=True, record_springs={"A": None})
     d, f = history["A"].deformation, history["A"].force

@@ -24,7 +24,7 @@ def hanging(n_a, n_b, supported=True):
     weight = np.zeros(n_b + 1)
     weight[-1] = 1.0
     b = pm.Subdomain(np.ones(n_b + 1), chain(n_b), scheme=IMPLICIT, force=weight, name="b")
-    return pm.Coupler([a, b], pm.tie(a, [n_a], b, [0]), dt=0.1)
+    return pm.Coupler([a, b], pm.tie(a, [n_a], b, [0]), dt=0.1, coupling="pm")
 
 
 @pytest.mark.parametrize("n", [1, 5, 20_000])

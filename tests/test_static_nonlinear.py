@@ -100,7 +100,7 @@ def test_two_halves_of_a_beam_are_the_whole_beam():
     a, own = held(left, left.dofs(0), "a", np.zeros(left.n))
     b = right.subdomain(scheme=IMPLICIT, force=load, substeps=2, name="b")
     joint = np.searchsorted(own, left.dofs(1))
-    coupler = pm.Coupler([a, b], pm.tie(a, joint, b, right.dofs(0)), dt=1e-3)
+    coupler = pm.Coupler([a, b], pm.tie(a, joint, b, right.dofs(0)), dt=1e-3, coupling="pm")
     halves = coupler.static()
     np.testing.assert_allclose(halves["b"][right.dofs(1)], u[beam.dofs(tip)], rtol=1e-10)
     np.testing.assert_allclose(halves["a"][joint], halves["b"][right.dofs(0)], atol=1e-14)
@@ -296,7 +296,9 @@ def test_a_wrong_tangent_does_not_converge_and_the_subdomain_is_named():
 
     a = pm.Subdomain([1.0], None, scheme=IMPLICIT, internal=wrong, force=[5.0], name="wrong")
     b = pm.Subdomain([1.0], [1.0], scheme=IMPLICIT, name="b")
-    coupler = pm.Coupler([b, a], pm.tie(a, [0], b, [0]), dt=0.01, newton=pm.Newton(iterations=2))
+    coupler = pm.Coupler(
+        [b, a], pm.tie(a, [0], b, [0]), dt=0.01, newton=pm.Newton(iterations=2), coupling="pm"
+    )
     with pytest.raises(pm.ConvergenceError, match="of the static load") as info:
         coupler.static()
     assert info.value.subdomain == "wrong" and info.value.time == 0.0

@@ -30,7 +30,7 @@ def chain(n):
     )
 
 
-def row_of_subdomains(count=4, n=20, *, dt=0.1, force=None, **options):
+def row_of_subdomains(count=4, n=20, *, dt=0.1, force=None, coupling="pm", **options):
     """Chains in a row, implicit and explicit in turn, the explicit ones with ten substeps."""
     subdomains = [
         pm.Subdomain(
@@ -44,7 +44,7 @@ def row_of_subdomains(count=4, n=20, *, dt=0.1, force=None, **options):
         for i in range(count)
     ]
     ties = [pm.tie(a, [n - 1], b, [0]) for a, b in zip(subdomains, subdomains[1:])]
-    return pm.Coupler(subdomains, ties, dt=dt, **options)
+    return pm.Coupler(subdomains, ties, dt=dt, coupling=coupling, **options)
 
 
 def assert_identical(a, b):
@@ -89,7 +89,7 @@ def test_steps_runs_and_resets_are_bitwise_identical_too(seed):
     assert_identical(shared.run(steps=5, every=2), first)
 
 
-def double_and_fine(**options):
+def double_and_fine(coupling="pm", **options):
     """A coarse implicit subdomain with double steps, two fine ones, all loaded."""
     n = 30
     a = pm.Subdomain(
@@ -103,7 +103,7 @@ def double_and_fine(**options):
         for load in ({"name": "b"}, {"name": "c", **options.pop("of_c", {})})
     )
     ties = [pm.tie(a, [n - 1], b, [0]), pm.tie(b, [n - 1], c, [0])]
-    return pm.Coupler([a, b, c], ties, dt=0.5, **options)
+    return pm.Coupler([a, b, c], ties, dt=0.5, coupling=coupling, **options)
 
 
 def sums(u, v, t):
@@ -251,7 +251,9 @@ def held_by_its_mean(K, interface, threads):
     b = pm.Subdomain([1.0], [1.0], scheme=EXPLICIT, substeps=20, force=[1.0], name="b")
     mean = np.zeros((1, n))
     mean[:, interface] = 1.0 / interface.size
-    return pm.Coupler([a, b], pm.Constraint({a: mean, b: [[-1.0]]}), dt=0.2, threads=threads)
+    return pm.Coupler(
+        [a, b], pm.Constraint({a: mean, b: [[-1.0]]}), dt=0.2, threads=threads, coupling="pm"
+    )
 
 
 @contextmanager
@@ -319,7 +321,9 @@ def test_springs_are_recorded_alike_with_dofs_or_without():
             )
             for scheme, substeps in ((IMPLICIT, 1), (EXPLICIT, 5))
         )
-        coupler = pm.Coupler([a, b], pm.tie(a, [n - 1], b, [0]), dt=0.3, threads=threads)
+        coupler = pm.Coupler(
+            [a, b], pm.tie(a, [n - 1], b, [0]), dt=0.3, threads=threads, coupling="pm"
+        )
         history = coupler.run(steps=20, record={a: [], b: []}, record_springs={a: None, b: None})
         seen.append([x for i in (0, 1) for x in (history[i].deformation, history[i].force)])
         assert np.abs(seen[-1][1]).max() > 0.1  # they yield
@@ -462,10 +466,10 @@ def test_small_problems_get_one_thread_and_large_ones_all_that_help(monkeypatch)
     assert row_of_subdomains().threads == 1
     n = 10_000  # at least 12 n entries per substep: far above the 20 000 of a synchronization (W1)
     a, b = (pm.Subdomain(np.ones(n), chain(n), scheme=IMPLICIT) for _ in range(2))
-    assert pm.Coupler([a, b], pm.tie(a, [n - 1], b, [0]), dt=0.1).threads == 2
+    assert pm.Coupler([a, b], pm.tie(a, [n - 1], b, [0]), dt=0.1, coupling="pm").threads == 2
     assert pm.Coupler([a], dt=0.1).threads == 1
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {5}, raising=False)
-    assert pm.Coupler([a, b], pm.tie(a, [n - 1], b, [0]), dt=0.1).threads == 1
+    assert pm.Coupler([a, b], pm.tie(a, [n - 1], b, [0]), dt=0.1, coupling="pm").threads == 1
 
 
 def test_solve_takes_a_number_of_threads_too():

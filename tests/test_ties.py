@@ -40,7 +40,7 @@ def dense(constraint, *subdomains):
 def require_full_rank(constraint, *subdomains):
     """By the singular values, and by the Coupler, which refuses dependent rows."""
     assert np.linalg.matrix_rank(dense(constraint, *subdomains)) == constraint.p
-    pm.Coupler(subdomains, constraint, dt=0.1)
+    pm.Coupler(subdomains, constraint, dt=0.1, coupling="pm")
 
 
 # ---- matching interfaces: the ties ------------------------------------------------------------
@@ -650,7 +650,9 @@ class CutPlate:
         self.tied = interpolate(a, self.points["a"], b, self.points["b"], elements, components=2)
 
     def run(self, steps=20):
-        return pm.Coupler(list(self.subdomains.values()), self.tied, dt=0.05).run(steps=steps)
+        return pm.Coupler(list(self.subdomains.values()), self.tied, dt=0.05, coupling="pm").run(
+            steps=steps
+        )
 
 
 def test_a_rigid_motion_is_that_of_the_uncut_plate():

@@ -19,11 +19,11 @@ def subdomain(substeps=1, **options):
     return pm.Subdomain([1.0], [4.0], substeps=substeps, u0=[1.0], **options)
 
 
-def pair(dt, *substeps, **options):
+def pair(dt, *substeps, coupling="pm", **options):
     """Subdomains of one dof with these substeps, tied in a row."""
     subdomains = [subdomain(ss) for ss in substeps]
     ties = [pm.tie(a, [0], b, [0]) for a, b in zip(subdomains, subdomains[1:])]
-    return pm.Coupler(subdomains, ties, dt=dt, **options)
+    return pm.Coupler(subdomains, ties, dt=dt, coupling=coupling, **options)
 
 
 def divisor(ss):
@@ -71,7 +71,7 @@ def test_loads_of_all_subdomains_are_evaluated_at_bitwise_identical_instants(ss)
 
     a, b = subdomain(force=logged("coarse")), subdomain(ss, force=logged("fine"))
     dt = float(str(Decimal("0.001") * ss))
-    history = pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=dt).run(steps=11)
+    history = pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=dt, coupling="pm").run(steps=11)
     np.testing.assert_array_equal(times["fine"], history[1].t)
     np.testing.assert_array_equal(times["coarse"], times["fine"][::ss])
 
@@ -83,7 +83,7 @@ def test_the_core_evaluates_loads_at_bitwise_identical_instants(ss):
     options = {"scheme": SOFT, "force": clock}
     masses = [pm.Subdomain([1.0], [0.0], substeps=n, **options) for n in (1, divisor(ss), ss)]
     dt = float(str(Decimal("0.001") * ss))
-    history = pm.Coupler(masses, dt=dt).run(steps=23)
+    history = pm.Coupler(masses, dt=dt, coupling="pm").run(steps=23)
     for shown in history.subdomains:
         np.testing.assert_array_equal(shown.a[:, 0], shown.t)
 

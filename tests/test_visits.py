@@ -13,7 +13,7 @@ IMPLICIT = pm.GeneralizedAlpha(0.8)
 DT, STEPS = 0.1, 12
 
 
-def blocks(count=2, *, substeps=(1, 1), scale=1.0, force=None, **options):
+def blocks(count=2, *, substeps=(1, 1), scale=1.0, force=None, coupling="pm", **options):
     """Blocks of hexahedra in a row, each with a factor of some hundred thousand entries."""
     meshes = [
         pm.structures.solid(
@@ -32,7 +32,7 @@ def blocks(count=2, *, substeps=(1, 1), scale=1.0, force=None, **options):
     ]
     points = {s: mesh.points for s, mesh in zip(members, meshes)}
     ties = pm.tie_coincident(points, components=3) if count > 1 else []
-    return pm.Coupler(members, ties, dt=DT, **options)
+    return pm.Coupler(members, ties, dt=DT, coupling=coupling, **options)
 
 
 def assert_same(a, b):
@@ -131,7 +131,9 @@ def test_an_error_in_a_load_leaves_the_last_macro_level(at):
 @pytest.mark.parametrize("broken", [(0, 1), (0, 1, 2), (1, 2)])
 def test_of_several_subdomains_that_overflow_the_first_is_named_in_either_order(broken, step):
     with pytest.warns(pm.ConstraintWarning):  # tied, the interface would overflow first
-        coupler = pm.Coupler(blocks(3, substeps=(1, 1, 1)).subdomains, [], dt=DT, threads=1)
+        coupler = pm.Coupler(
+            blocks(3, substeps=(1, 1, 1)).subdomains, [], dt=DT, threads=1, coupling="pm"
+        )
     n = coupler.subdomains[0].n
     samples = np.zeros(STEPS + 1)
     samples[step] = 1.7e308  # on masses of 1/8 at the corners

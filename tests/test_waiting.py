@@ -37,14 +37,14 @@ def waiting(t, n, u, v, r, user):
         seen.wait(waits.LIMIT)
     return 0
 
-def two(function, substeps, **options):
+def two(function, substeps, coupling="pm"):
     # equal sizes: worker 0 has the first subdomain, worker 1 the second
     a, b = (
         pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), substeps=substeps, u0=[1.0], name=name,
                      restoring=LowLevelCallable(RESTORING(f)))
         for name, f in (("a", quick), ("b", function))
     )
-    return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1, threads=2, **options)
+    return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.1, threads=2, coupling=coupling)
 """
 
 

@@ -27,7 +27,7 @@ def apart():
 def closed():
     subdomains, tie = apart()
     a = pm.Subdomain([1.0], [1.0], scheme=SOFT, name="a")
-    return pm.Coupler([a, subdomains[1]], pm.tie(a, 0, subdomains[1], 0), dt=0.1)
+    return pm.Coupler([a, subdomains[1]], pm.tie(a, 0, subdomains[1], 0), dt=0.1, coupling="pm")
 
 
 def massless():
@@ -39,11 +39,11 @@ def massless():
 CALLS = {
     "coupler": lambda: pm.Coupler([stiff("a")], dt=1.0),
     "solve": lambda: pm.solve(stiff("a"), dt=1.0, steps=0),
-    "gap": lambda: pm.Coupler(*apart(), dt=0.1),
+    "gap": lambda: pm.Coupler(*apart(), dt=0.1, coupling="pm"),
     "reset": lambda: closed().reset(u0={"a": [1.0]}),
     "start": lambda: pm.Coupler([massless()], dt=0.1).run(steps=1),
     "state": lambda: pm.Coupler([massless()], dt=0.1).state("m"),
-    "model": lambda: models.split_oscillator(0.5).coupler(100.0),
+    "model": lambda: models.split_oscillator(0.5).coupler(100.0, coupling="pm"),
     "amplification": lambda: analysis.amplification_matrix(pm.Coupler([stiff("a")], dt=1.0)),
 }
 
@@ -125,7 +125,7 @@ def test_loose_subdomains_are_one_warning():
     held = pm.Subdomain([1.0], [1.0], scheme=SOFT, name="held")
     difference = pm.Constraint({s: [[1.0, -1.0, 0.0]] for s in made})
     with pytest.warns(pm.ConstraintWarning) as caught:
-        pm.Coupler([*made, held], [difference, pm.tie(made[0], 2, held, 0)], dt=0.1)
+        pm.Coupler([*made, held], [difference, pm.tie(made[0], 2, held, 0)], dt=0.1, coupling="pm")
     text = only(caught, pm.ConstraintWarning)
     assert text.startswith(
         "subdomains 'b' (1 constraint), 'c' (1 constraint) are floating, and their constraints do "
@@ -137,7 +137,7 @@ def test_equations_without_mass_are_one_warning():
     K = [[1.0, -1.0], [-1.0, 2.0]]
     made = [pm.Subdomain([1.0, 0.0], K, scheme=SOFT, force=[0.0, 1.0], name=x) for x in "ab"]
     with pytest.warns(pm.ConstraintWarning) as caught:
-        pm.Coupler(made, pm.tie(made[0], 0, made[1], 0), dt=0.1).run(steps=1)
+        pm.Coupler(made, pm.tie(made[0], 0, made[1], 0), dt=0.1, coupling="pm").run(steps=1)
     text = only(caught, pm.ConstraintWarning)
     assert text.startswith("dof 1 of 'a', dof 1 of 'b' have no mass, and their equation does not")
 
@@ -147,7 +147,7 @@ def test_large_factors_of_explicit_subdomains_are_one_warning():
     M = np.eye(n) + np.full((n, n), 1e-3)
     made = [pm.Subdomain(M, np.ones(n), scheme=FAST, name=name) for name in "ab"]
     with pytest.warns(pm.PerformanceWarning) as caught:
-        pm.Coupler(made, pm.tie(made[0], 0, made[1], 0), dt=0.1)
+        pm.Coupler(made, pm.tie(made[0], 0, made[1], 0), dt=0.1, coupling="pm")
     assert only(caught, pm.PerformanceWarning).startswith(
         "matrices of explicit subdomains, M of 'a' (125250 entries, 1 MB), M of 'b' (125250 "
         "entries, 1 MB), are not diagonal: every step sweeps factors of this size"
@@ -168,7 +168,7 @@ def test_one_row_is_singular(u0, words):
     a = pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=SOFT, u0=u0)
     b = pm.Subdomain([1.0, 1.0], [1.0, 1.0], scheme=SOFT)
     with pytest.warns(pm.ConstraintWarning, match=f"the gaps in {words}"):
-        pm.Coupler([a, b], pm.tie(a, [0, 1], b, [0, 1]), dt=0.1)
+        pm.Coupler([a, b], pm.tie(a, [0, 1], b, [0, 1]), dt=0.1, coupling="pm")
 
 
 @pytest.mark.parametrize(("M", "words"), [([0, 1, 1], "dof 0;"), ([0, 1, 0], "dofs 0, 2;")])

@@ -58,9 +58,10 @@ def error(u, reference):
 
 
 def double_steps(tower, rig, dt):
-    """The tower of the example under the default coupling, with the substep of 0.002 s."""
+    """The tower of the example under "pm", with the substep of 0.002 s."""
     rig = pm.Subdomain(rig.M, rig.K, scheme=rig.scheme, substeps=round(dt / 0.002), name="rig")
-    return pm.Coupler([tower, rig], pm.tie(tower, [0], rig, [0]), dt=dt).run(20.0)["tower"]
+    ties = pm.tie(tower, [0], rig, [0])
+    return pm.Coupler([tower, rig], ties, dt=dt, coupling="pm").run(20.0)["tower"]
 
 
 # ---- pictures --------------------------------------------------------------------------------

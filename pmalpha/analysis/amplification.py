@@ -71,7 +71,8 @@ def amplification_matrix(coupler: Coupler) -> AmplificationMatrix:
     Examples
     --------
     >>> from pmalpha import models
-    >>> G = amplification_matrix(models.split_oscillator(10.0, substeps=2).coupler(0.1))
+    >>> oscillator = models.split_oscillator(10.0, substeps=2)
+    >>> G = amplification_matrix(oscillator.coupler(0.1, coupling="pm"))
     >>> G.shape, G.names[0]
     ((14, 14), 'u[0] of A at n-1')
     """

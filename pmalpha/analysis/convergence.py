@@ -97,7 +97,7 @@ def global_error(
     Examples
     --------
     >>> from pmalpha import analysis, models
-    >>> coupler = models.split_oscillator(10.0).coupler(0.01)
+    >>> coupler = models.split_oscillator(10.0).coupler(0.01, coupling="pm")
     >>> errors = analysis.global_error(coupler, analysis.exact_solution(coupler), 1.0)
     >>> errors["u"] < 0.01
     True
@@ -132,7 +132,7 @@ def start_error(coupler: Coupler, exact: Callable[[float], Instant]) -> dict[str
     >>> from pmalpha import analysis, models
     >>> oscillator = models.split_oscillator(10.0, substeps=5, v0=6.0)
     >>> def error_of_v(dt, start):
-    ...     coupler = oscillator.coupler(dt, start=start)
+    ...     coupler = oscillator.coupler(dt, start=start, coupling="pm")
     ...     return analysis.start_error(coupler, analysis.exact_solution(coupler))["v"]
     >>> steps = [1 / 640, 1 / 1280]
     >>> [round(analysis.observed_order(lambda dt: error_of_v(dt, start), steps))
@@ -186,7 +186,7 @@ def local_error(
     >>> from pmalpha import analysis, models
     >>> oscillator = models.split_oscillator(10.0, rho=0.5, v0=6.0)
     >>> def error_of_v(dt):
-    ...     coupler = oscillator.coupler(dt)
+    ...     coupler = oscillator.coupler(dt, coupling="pm")
     ...     return analysis.local_error(coupler, analysis.exact_solution(coupler))["v"]
     >>> round(analysis.observed_order(error_of_v, [1 / 640, 1 / 1280]), 1)
     2.0

@@ -54,7 +54,7 @@ def exact_solution(coupler: Coupler) -> Callable[[float], Instant]:
     Examples
     --------
     >>> from pmalpha import analysis, models
-    >>> exact = analysis.exact_solution(models.split_oscillator(10.0).coupler(0.05))
+    >>> exact = analysis.exact_solution(models.split_oscillator(10.0).coupler(0.05, coupling="pm"))
     >>> state, lam = exact(0.25)
     >>> u, v, w = state["B"]
     >>> bool(abs(v[0] + 2 * np.pi) < 1e-12)

@@ -52,7 +52,8 @@ def spectral_radius(G: np.ndarray, drop: Sequence[complex] = (), tol: float = 1e
     Examples
     --------
     >>> from pmalpha import analysis, models
-    >>> G = analysis.amplification_matrix(models.split_oscillator(10.0).coupler(0.05))
+    >>> oscillator = models.split_oscillator(10.0)
+    >>> G = analysis.amplification_matrix(oscillator.coupler(0.05, coupling="pm"))
     >>> radius = analysis.spectral_radius(G)
     >>> abs(radius - 1.0) < 1e-9, analysis.spectral_radius(G, drop=[1.0]) < 1.0
     (True, True)
@@ -99,7 +100,8 @@ def stability_limit(make_coupler: Callable[[float], Coupler], lo: float, hi: flo
     --------
     >>> from pmalpha import analysis, models
     >>> def oscillator(Omega):  # B has angular frequency 1
-    ...     return models.split_oscillator(1.0, rho=0.5, stiffness=1.0).coupler(Omega)
+    ...     oscillator = models.split_oscillator(1.0, rho=0.5, stiffness=1.0)
+    ...     return oscillator.coupler(Omega, coupling="pm")
     >>> limit = analysis.stability_limit(oscillator, 1.0, 10.0)
     >>> bool(limit >= np.sqrt(12 * 1.5 * 1.5 / 7.75))
     True
@@ -201,7 +203,7 @@ def _masses_alone(coupler: Coupler) -> Coupler:
         for part, (_, s) in zip(coupler._session.parts, coupler._session.keys)
     ]
     matrices = {s: L for s, L in zip(subdomains, coupler._session.rows.matrices) if L.nnz}
-    return Coupler(subdomains, Constraint(matrices), dt=1.0)
+    return Coupler(subdomains, Constraint(matrices), dt=1.0, coupling="pm")
 
 
 def period_and_damping(

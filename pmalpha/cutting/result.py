@@ -165,7 +165,8 @@ class Cut:
         dt : float, optional
             The macro step. Default: the one for which the cut was made.
         **options
-            Further arguments of `Coupler`: coupling, threads, ...
+            Further arguments of `Coupler`: coupling, required unless there is one part, threads,
+            ...
 
         Returns
         -------
@@ -175,7 +176,7 @@ class Cut:
         Raises
         ------
         TypeError
-            Without dt, if the cut was made without one.
+            Without dt, if the cut was made without one; from `Coupler`.
         """
         step = self.dt if dt is None else dt
         if step is None:
@@ -264,7 +265,7 @@ class Cut:
         --------
         >>> from pmalpha import structures
         >>> parts = cut(structures.chain(3, 1.0, 2.0), [0, 1], v0=[0.0, 0.0, 1.0])
-        >>> parts.gather(parts.coupler(dt=0.1).run(steps=2)).v[0].tolist()
+        >>> parts.gather(parts.coupler(dt=0.1, coupling="pm").run(steps=2)).v[0].tolist()
         [0.0, 0.0, 1.0]
         """
         if not isinstance(history, History):
@@ -335,7 +336,7 @@ class Cut:
         >>> halves = cut(structures.plate(4, 2, 0.5, E=1.0, nu=0.3, rho=1.0), parts=2)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "run.xdmf")
-        ...     halves.export(path, halves.coupler(dt=0.1).run(steps=2))
+        ...     halves.export(path, halves.coupler(dt=0.1, coupling="pm").run(steps=2))
         ...     '"part"' in path.read_text()
         True
         """

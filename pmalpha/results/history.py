@@ -336,7 +336,7 @@ class History:
 
         Examples
         --------
-        >>> history = models.four_dof().coupler(0.05).run(steps=40)
+        >>> history = models.four_dof().coupler(0.05, coupling="pm").run(steps=40)
         >>> figure = history.plot({"A": [2], "B": [0, 1]}, units={"length": "m", "force": "N"})
         >>> [ax.get_ylabel() for ax in figure.axes][::2]
         ['displacement (m)', 'multiplier (N)']
@@ -373,7 +373,7 @@ class History:
         Examples
         --------
         >>> import tempfile, pathlib
-        >>> history = models.split_oscillator(10.0).coupler(0.05).run(steps=3)
+        >>> history = models.split_oscillator(10.0).coupler(0.05, coupling="pm").run(steps=3)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     path = pathlib.Path(folder, "run.npz")
         ...     history.save(path)
@@ -499,7 +499,7 @@ class History:
 
         Examples
         --------
-        >>> coupler = models.split_oscillator(10.0).coupler(0.05)
+        >>> coupler = models.split_oscillator(10.0).coupler(0.05, coupling="pm")
         >>> whole = History.join([coupler.run(steps=3), coupler.run(steps=4)])
         >>> whole["A"].u.shape, whole.macro_times.round(2).tolist()[-1]
         ((8, 1), 0.35)

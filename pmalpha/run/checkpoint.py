@@ -82,6 +82,8 @@ def constants(
     """
     facts = {**options._asdict(), "newton": repr(options.newton)}
     facts |= {"names": list(names), "conditions": p}
+    if len(names) == 1 and options.coupling == "gc":
+        facts["coupling"] = "pm"  # the same; files of older versions have it
     if options.drift == "kept":
         del facts["drift"]  # the same
     if not iterates:

@@ -52,11 +52,12 @@ class Coupler:
         The macro step, in any consistent unit, positive. The substeps of subdomain i have the
         length dt / substeps_i; the largest number of substeps must be a multiple of all others,
         except under "macro" and "mean".
-    coupling : {"pm", "gc", "macro", "mean"}, default "pm"
-        "pm": interfield parallel, with double steps (PM-alpha; PM with Newmark schemes). "gc":
-        staggered, single steps (GC-alpha). "macro": one interface problem per macro step, order 2
-        with any numbers of substeps. "mean": as "macro", with tied displacements. docs/couplings.md
-        compares them.
+    coupling : {"pm", "gc", "macro", "mean"}
+        Required with more than one subdomain; one alone needs none and takes single steps. "pm":
+        interfield parallel, with double steps (PM-alpha; PM with Newmark schemes). "gc": staggered,
+        single steps (GC-alpha). "macro": one interface problem per macro step, order 2 with any
+        numbers of substeps. "mean": as "macro", with tied displacements. docs/choosing.md helps to
+        choose, docs/couplings.md compares them.
     start : {"rebased", "plain"}, default "rebased"
         "rebased": the stored free velocity of a double-step subdomain is replaced when its double
         steps begin, equation (S3). "plain": it is kept, as in the paper.
@@ -78,9 +79,9 @@ class Coupler:
     Raises
     ------
     TypeError, ValueError
-        For arguments of the wrong kind, equal names, numbers of substeps that do not divide the
-        largest, double steps in all subdomains of the finest step, an initial state of the wrong
-        shape; under "macro" and "mean" for a double step with
+        For several subdomains without `coupling`, arguments of the wrong kind, equal names, numbers
+        of substeps that do not divide the largest, double steps in all subdomains of the finest
+        step, an initial state of the wrong shape; under "macro" and "mean" for a double step with
         substeps, and for unit responses that would take longer than a day; under "mean" for an
         explicit scheme with rho < 0.5, interface dofs without mass, restoring
         forces; with `comm` for interface dofs without mass. An error on one rank ends the call on
@@ -123,7 +124,7 @@ class Coupler:
     >>> a = Subdomain([0.5], [2.0], scheme=GeneralizedAlpha(0.5), u0=[1.0], name="a")
     >>> b = Subdomain([0.5], [2.0], scheme=GeneralizedAlpha(0.5, explicit=True), substeps=20,
     ...               u0=[1.0], name="b")
-    >>> coupler = Coupler([a, b], tie(a, [0], b, [0]), dt=0.01)
+    >>> coupler = Coupler([a, b], tie(a, [0], b, [0]), dt=0.01, coupling="pm")
     >>> history = coupler.run(1.0)
     >>> history["a"].u.shape, history["b"].u.shape, history.multipliers.shape
     ((101, 1), (2001, 1), (2001, 1))
@@ -137,7 +138,7 @@ class Coupler:
         constraints: Constraint | Sequence[Constraint] | None = None,
         *,
         dt: float,
-        coupling: Coupling = "pm",
+        coupling: Coupling | None = None,
         start: Start = "rebased",
         drift: Drift = "kept",
         newton: Newton = DEFAULT,
@@ -146,7 +147,7 @@ class Coupler:
     ):
         guard, ranks = Guard(), None if comm is None else Ranks(comm)
         with guard if ranks is None else ranks.entered(guard):
-            options = Options(dt, coupling, start, drift, newton)
+            options = Options(dt, coupling, start, drift, newton)  # type: ignore[arg-type]  # None is resolved there
             self._session = made(guard, ranks, subdomains, constraints, options, threads)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -565,7 +566,7 @@ class Coupler:
 
         Examples
         --------
-        >>> coupler = models.split_oscillator(10.0).coupler(0.05)
+        >>> coupler = models.split_oscillator(10.0).coupler(0.05, coupling="pm")
         >>> first = coupler.run(1.0)
         >>> coupler.change_steps(dt=0.01, substeps={"B": 2})
         >>> coupler.dt, coupler.step_count, coupler.time
@@ -737,7 +738,7 @@ class Coupler:
         --------
         Two continuations of one run:
 
-        >>> coupler = models.split_oscillator(10.0).coupler(0.05)
+        >>> coupler = models.split_oscillator(10.0).coupler(0.05, coupling="pm")
         >>> coupler.step(7)
         >>> present = coupler.snapshot()
         >>> first = coupler.run(steps=3)
@@ -796,7 +797,8 @@ class Coupler:
         Examples
         --------
         >>> import tempfile, pathlib
-        >>> coupler, other = (models.split_oscillator(10.0).coupler(0.05) for _ in range(2))
+        >>> model = models.split_oscillator(10.0)
+        >>> coupler, other = (model.coupler(0.05, coupling="pm") for _ in range(2))
         >>> coupler.step(7)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     coupler.save(pathlib.Path(folder, "state.npz"))
@@ -886,7 +888,7 @@ class Coupler:
         --------
         >>> a = Subdomain([1.0], [2.0], scheme=Newmark(), force=[3.0], name="a")
         >>> b = Subdomain([1.0], [1.0], scheme=CentralDifference(), name="b")
-        >>> coupler = Coupler([a, b], tie(a, [0], b, [0]), dt=0.1)
+        >>> coupler = Coupler([a, b], tie(a, [0], b, [0]), dt=0.1, coupling="pm")
         >>> {name: float(u[0]) for name, u in coupler.static().items()}
         {'a': 1.0, 'b': 1.0}
 
@@ -894,7 +896,7 @@ class Coupler:
 
         >>> b = Subdomain([1.0], [1.0], scheme=Newmark(), internal=CubicSpring([0], 0.0, 1.0))
         >>> a = Subdomain([1.0], [2.0], scheme=Newmark(), force=[4.0], name="a")
-        >>> coupler = Coupler([a, b], tie(a, [0], b, [0]), dt=0.1)
+        >>> coupler = Coupler([a, b], tie(a, [0], b, [0]), dt=0.1, coupling="pm")
         >>> float(coupler.static()["a"][0].round(12))
         1.0
         """
@@ -935,7 +937,7 @@ class Coupler:
         --------
         >>> a = Subdomain([1.0, 2.0], [[3.0, -1.0], [-1.0, 1.0]], scheme=Newmark(), name="a")
         >>> b = Subdomain([4.0], [5.0], scheme=Newmark(), name="b")
-        >>> M, C, K, map = Coupler([a, b], tie(a, [1], b, [0]), dt=0.1).assembled()
+        >>> M, C, K, map = Coupler([a, b], tie(a, [1], b, [0]), dt=0.1, coupling="pm").assembled()
         >>> M.diagonal().tolist(), K.toarray().tolist(), map["b"].toarray().tolist()
         ([1.0, 6.0], [[3.0, -1.0], [-1.0, 6.0]], [[0.0, 1.0]])
         """
@@ -980,7 +982,7 @@ class Coupler:
         >>> K = [[4.0, -4.0], [-4.0, 4.0]]
         >>> a = Subdomain([1.0, 0.5], K, scheme=Newmark(), name="a")
         >>> b = Subdomain([0.5, 1.0], K, scheme=Newmark(), name="b")
-        >>> omega, shapes = Coupler([a, b], tie(a, [1], b, [0]), dt=0.1).modes(3)
+        >>> omega, shapes = Coupler([a, b], tie(a, [1], b, [0]), dt=0.1, coupling="pm").modes(3)
         >>> omega.round(6).tolist(), shapes["b"].shape
         ([0.0, 2.0, 3.464102], (2, 3))
 

@@ -28,6 +28,7 @@ from ..setup.schedule import (
     checked_constraints,
     checked_options,
     checked_subdomains,
+    chosen_coupling,
     double_steps,
     finest,
     most_threads,
@@ -138,9 +139,10 @@ def made(
     """The session of a new `Coupler` with these arguments, as in the table of
     docs/architecture.md."""
     subdomains = checked_subdomains(subdomains, may_be_empty=ranks is not None)
-    options, coupling = checked_options(options), options.coupling
     threads_allowed = most_threads(threads)
     everything, own = _of_all(ranks, subdomains)
+    chosen = chosen_coupling(options.coupling, len(everything))
+    options, coupling = checked_options(options._replace(coupling=chosen)), chosen
     given = checked_constraints(constraints, everything, names := names_of(everything))
     if ranks is not None:
         require_equal_problems(ranks, given, (*options[:-1], repr(options.newton)))

@@ -38,7 +38,7 @@ class Snapshot:
 
     Examples
     --------
-    >>> coupler = models.split_oscillator(10.0).coupler(0.05)
+    >>> coupler = models.split_oscillator(10.0).coupler(0.05, coupling="pm")
     >>> coupler.step(7)
     >>> coupler.snapshot()
     <Snapshot at step_count = 7>

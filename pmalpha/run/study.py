@@ -83,7 +83,7 @@ class Study:
     --------
     >>> from functools import partial
     >>> from concurrent.futures import ThreadPoolExecutor
-    >>> make = partial(models.split_oscillator(10.0).coupler, 0.05)
+    >>> make = partial(models.split_oscillator(10.0).coupler, 0.05, coupling="pm")
     >>> study = Study(make, steps=100, result=lambda history: abs(history["A"].u).max())
     >>> cases = [{"v0": {"A": [v], "B": [v]}} for v in (1.0, 2.0, 4.0)]
     >>> with ThreadPoolExecutor(2) as pool:
@@ -176,7 +176,8 @@ class Study:
         Examples
         --------
         >>> from functools import partial
-        >>> study = Study(partial(models.split_oscillator(10.0).coupler, 0.05), steps=10)
+        >>> make = partial(models.split_oscillator(10.0).coupler, 0.05, coupling="pm")
+        >>> study = Study(make, steps=10)
         >>> [case.value["A"].u.shape for case in study.run([{}, {"v0": {"A": [1.0], "B": [1.0]}}])]
         [(11, 1), (11, 1)]
         """

@@ -18,6 +18,13 @@ from ..problem.subdomain import Subdomain
 MOST_SUBSTEPS = 2**31
 # With one interface problem in a macro step.
 MACRO = ("macro", "mean")
+# What each coupling is for, in a line; docs/choosing.md says more.
+COUPLINGS: dict[Coupling, str] = {
+    "pm": "test rigs, stiff restoring forces, a large coarse subdomain; double steps of 2 dt",
+    "gc": "the same and contact, with single steps; explicit levels of a cut mesh",
+    "macro": "linear subdomains with substeps: order 2, where the first two are of order 1",
+    "mean": "no drift, and exact energy without damping; for long runs",
+}
 
 
 def double_steps(
@@ -146,6 +153,22 @@ def _wide(L: sp.csr_array, n: int, s: Any, k: int, *, by_dofs: bool) -> sp.csr_a
         return sp.csr_array((L.data, L.indices, L.indptr), shape=(L.shape[0], n))
     has = f"dof {L.shape[1] - 1}" if by_dofs else counted(L.shape[1], "column")
     raise ValueError(f"constraint {k} must fit {s!r} of {counted(n, 'dof')}, got {has}")
+
+
+def chosen_coupling(coupling: Any, count: int) -> Any:
+    """The coupling of this number of subdomains: one subdomain needs none.
+
+    Raises
+    ------
+    TypeError
+        For none with several subdomains.
+    """
+    if coupling is not None:
+        return coupling
+    if count == 1:
+        return "gc"  # single steps, as under all couplings; the one with every option
+    lines = "".join(f"\n  {repr(name):8} {what}" for name, what in COUPLINGS.items())
+    raise TypeError(f"coupling must be given for {counted(count, 'subdomain')}, one of{lines}")
 
 
 class Options(NamedTuple):
