@@ -197,6 +197,50 @@ def test_a_jacobian_and_a_gradient_are_of_the_same_run(coupling, substeps, schem
     assert np.allclose(forward, backward, rtol=0.0, atol=1e-11 * abs(forward).max())
 
 
+REVERSED = [
+    ("macro", (1, 5), (half, explicit), {}),
+    ("macro", (2, 3), (half, fine), {"moved": True, "unsymmetric": True}),
+    ("gc", (1, 1), (half, explicit), {}),
+    ("pm", (1, 1), (pm.CentralDifference(), explicit), {}),
+]
+
+
+@pytest.mark.filterwarnings("ignore::pmalpha.StabilityWarning", "ignore::pmalpha.ConstraintWarning")
+@pytest.mark.parametrize(("coupling", "substeps", "schemes", "kind"), REVERSED)
+@pytest.mark.parametrize("what", ["u", "v", "a"])
+def test_reversed_runs_and_forward_ones_have_the_same_jacobian(
+    monkeypatch, coupling, substeps, schemes, kind, what
+):
+    from pmalpha.gradients import jacobian
+
+    springs = pm.Parameters(
+        "s1", dofs=[[0, 1], [2, 3], [1, 3]], K=SPRING[:2, :2], C=0.1 * np.eye(2)
+    )
+    pair = pm.Parameters("s1", dofs=[[0, 1], [1, 2], [0, 3]], K=np.eye(2), labels=["b", "a", "b"])
+    diagonals = pm.Parameters("s0", K=[np.eye(3), np.diag([0.0, 1.0, 0.0])])
+    coupler = problem(coupling, substeps, schemes, **kind)
+    sensors = {"s0": [2, 0], "s1": [3]}
+
+    def found(advantage):
+        monkeypatch.setattr(jacobian, "ADVANTAGE", advantage)
+        done = []
+        report = lambda count, total: done.append((count, total))  # noqa: E731
+        S = coupler.jacobian(
+            sensors,
+            steps=STEPS,
+            parameters=[springs, pair, diagonals],
+            what=what,
+            progress=report,
+        )
+        return S, done[-1]
+
+    (forward, of_forward), (backward, of_backward) = found(np.inf), found(0)
+    runs = 2 * substeps[0] + substeps[1]
+    assert of_forward == (7, 7) and of_backward == (runs, runs)
+    for name, S in forward.items():
+        assert np.max(abs(S - backward[name])) < 1e-11 * np.max(abs(S))
+
+
 def test_stiffnesses_are_found_again_from_what_was_measured():
     """Gauss-Newton with the Jacobian, from stiffnesses that are wrong by 30 per cent."""
     true = np.array([1000.0, 900.0, 800.0, 700.0])

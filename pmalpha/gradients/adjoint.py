@@ -181,7 +181,7 @@ class Adjoint:
             sources[x.name].of_levels(first * x.substeps, last * x.substeps) for x in self.members
         ]
         forces = {
-            x.name: _load(x, phi, states, lead * x.substeps)
+            x.name: reversed_load(x, phi, states, lead * x.substeps)
             for x, phi, states in zip(self.members, taken, handed.states)
         }
         run = self.reverse(forces, lead + last - first, g, self.double)
@@ -298,7 +298,9 @@ class Adjoint:
         return result
 
 
-def _load(x: Member, phi: Sources, handed: np.ndarray, lead: int) -> Any:
+def reversed_load(
+    x: Member, phi: Sources, handed: Sequence[np.ndarray] | np.ndarray = (), lead: int = 0
+) -> Any:
     """The loads (A6) of the reversed run: of the sources, and of what was handed over."""
     levels = len(phi.u)
     loads = x.filters.loads(phi.u, phi.v, phi.w)

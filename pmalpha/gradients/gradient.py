@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,9 +68,7 @@ def gradient(
         objective.check_sizes({name: s.n for name, s in session.keys}, session.rows.p)
     block = BLOCK if block is None else whole_number(block, "block", low=1)
     require_adjoint(session, "gradient")
-    present, last = coupler.snapshot(), session.last_history
-    try:
-        return_to_beginning(coupler, session)
+    with from_beginning(coupler, session):
         problem = Problem(coupler, session)
         names = [problem.name_of(p) for p in parameters]
         steps = steps_of(session, end)
@@ -79,16 +77,20 @@ def gradient(
             result = blocks.gradient(objective, parameters, names)
             judge(session, result.history)
             return result
+
+
+@contextmanager
+def from_beginning(coupler: Any, session: Any) -> Iterator[None]:
+    """At t = 0 with the present initial values and loads; afterwards as before."""
+    present, last = coupler.snapshot(), session.last_history
+    names = [name for name, _ in session.keys]
+    u0, v0 = (dict(zip(names, x)) for x in zip(*session.initial.values))
+    try:
+        coupler.reset(u0, v0, dict(zip(names, session.loads.forces)))
+        yield
     finally:
         coupler.restore(present)
         session.last_history = last
-
-
-def return_to_beginning(coupler: Any, session: Any) -> None:
-    """To t = 0 with the present initial values and loads."""
-    names = [name for name, _ in session.keys]
-    u0, v0 = (dict(zip(names, x)) for x in zip(*session.initial.values))
-    coupler.reset(u0, v0, dict(zip(names, session.loads.forces)))
 
 
 def steps_of(session: Any, end: tuple[float | None, int | None]) -> int:

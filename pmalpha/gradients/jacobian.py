@@ -1,20 +1,31 @@
-"""`Coupler.jacobian`: how recorded motions depend on parameters."""
+"""`Coupler.jacobian`: how recorded motions depend on parameters.
+
+Either by forward sensitivities, a run for each parameter, or by reversed runs, one for each sensor
+and each of its substeps in a macro step: from rest, the adjoint of a sensor at one macro time level
+is that at another one, shifted. Its products with the motion are convolutions.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+import scipy.fft as sfft
 
 from ..problem.dofs import dof_list
 from ..problem.forces import SampledForce
-from .gradient import checked_parameters, return_to_beginning, steps_of
+from .gradient import checked_parameters, from_beginning, steps_of
 from .misfit import KINDS, places
 from .parameters import Parameters
 from .problem import Problem, require_adjoint
 
+# Parameters of one subdomain, its name, and its motion by what it is multiplied by.
+Of: TypeAlias = "tuple[Parameters, str, dict[str, np.ndarray]]"
+
+# A reversed run with its convolutions takes the time of so many forward sensitivities.
+ADVANTAGE = 2
 # Cases whose loads are in memory at one time.
 TOGETHER = 64
 
@@ -36,26 +47,93 @@ def jacobian(
         raise ValueError(f"what must be one of {', '.join(KINDS)}, got {what!r}")
     sensors = checked_sensors(sensors, session.keys)
     require_adjoint(session, "jacobian")
-    present, last = coupler.snapshot(), session.last_history
-    try:
-        return_to_beginning(coupler, session)
+    with from_beginning(coupler, session):
         problem = Problem(coupler, session)
         problem.require_constant_interface("jacobian")
         names = [problem.name_of(p) for p in parameters]
         steps = steps_of(session, end)
         run = coupler.run(steps=steps, record=dict.fromkeys(names))
-        cases = [x for p, name in zip(parameters, names) for x in _cases(problem, p, name, run)]
-        columns = []
-        with reporting(len(cases)) as report:
-            for chunk in _chunks(cases):
-                runs = problem.sensitive(chunk, steps, sensors)
-                columns += [_recorded(history, sensors, what) for history in runs]
-                if report is not None:
-                    report(len(columns))
-    finally:
-        coupler.restore(present)
-        session.last_history = last
+        of = [(p, name, problem.motion(name, run[name])) for p, name in zip(parameters, names)]
+        count = sum(dofs.size * problem.substeps[name] for name, dofs in sensors.items())
+        m = sum(p.m for p in parameters)
+        if ADVANTAGE * count < m and problem.invariant and all(map(_at_rest, of)):
+            with reporting(count) as report:
+                return _by_reversed_runs(problem, of, sensors, steps, what, report)
+        with reporting(m) as report:
+            return _by_forward_runs(problem, of, sensors, steps, what, report)
+
+
+def _at_rest(of: Of) -> bool:
+    """Whether the parameters do not matter at t = 0, where a reversed run has another end."""
+    p, _, motion = of
+    return not any(np.any(motion[kind][0]) for kind in p.matrices)
+
+
+def _by_forward_runs(
+    problem: Problem,
+    of: Sequence[Of],
+    sensors: Mapping[str, np.ndarray],
+    steps: int,
+    what: str,
+    report: Any,
+) -> dict[str, np.ndarray]:
+    cases = [case for each in of for case in _cases(problem, *each)]
+    columns: list[dict[str, np.ndarray]] = []
+    for chunk in _chunks(cases):
+        runs = problem.sensitive(chunk, steps, sensors)
+        columns += [_recorded(history, sensors, what) for history in runs]
+        if report is not None:
+            report(len(columns))
     return {name: np.stack([x[name] for x in columns], axis=-1) for name in sensors}
+
+
+def _by_reversed_runs(
+    problem: Problem,
+    of: Sequence[Of],
+    sensors: Mapping[str, np.ndarray],
+    steps: int,
+    what: str,
+    report: Any,
+) -> dict[str, np.ndarray]:
+    """(A16): the load of each parameter convolved with the adjoint of each sensor."""
+    members = {x.name: x for x in problem.single.members}
+    names = {name for _, name, _ in of}
+    lengths = {name: sfft.next_fast_len(2 * steps * members[name].substeps) for name in names}
+    spectra = [
+        (p, name, {kind: sfft.rfft(motion[kind][1:], lengths[name], axis=0) for kind in p.matrices})
+        for p, name, motion in of
+    ]
+    m = sum(p.m for p, *_ in of)
+    out = {
+        name: np.zeros((steps * members[name].substeps + 1, dofs.size, m))
+        for name, dofs in sensors.items()
+    }
+    each = [
+        (name, column, dof, before)
+        for name, dofs in sensors.items()
+        for column, dof in enumerate(dofs)
+        for before in range(members[name].substeps)
+    ]
+    for chunk in _chunks(each):
+        cases = [
+            problem.unit_loads(name, dof, before, what, steps) for name, _, dof, before in chunk
+        ]
+        runs = problem.reversed_runs(cases, steps, dict.fromkeys(names))
+        for (name, column, _, before), run in zip(chunk, runs):
+            mus = {
+                x: sfft.rfft(members[x].filters.phi(run[x].a[1:]), lengths[x], axis=0)
+                for x in names
+            }
+            level = slice(members[name].substeps - before, None, members[name].substeps)
+            first = 0
+            for p, own, motion in spectra:
+                q = members[own].substeps
+                series = sfft.irfft(p._spectrum(mus[own], motion), lengths[own], axis=0)
+                out[name][level, column, first : first + p.m] = series[q - 1 : steps * q : q]
+                first += p.m
+        if report is not None:
+            report(each.index(chunk[-1]) + 1)
+    return out
 
 
 def checked_sensors(sensors: Any, keys: Any) -> dict[str, np.ndarray]:
@@ -75,15 +153,16 @@ def _chunks(cases: Sequence[Any]) -> Iterator[Sequence[Any]]:
         yield cases[first : first + TOGETHER]
 
 
-def _cases(problem: Problem, p: Parameters, name: str, run: Any) -> Iterator[dict[str, Any]]:
+def _cases(
+    problem: Problem, p: Parameters, name: str, motion: dict[str, np.ndarray]
+) -> Iterator[dict[str, Any]]:
     """The load of each parameter, -(dM w + dC v + dK u), (A9), with zero initial values."""
-    motion = problem.motion(name, run[name])
     for j in range(p.m):
         dofs, values = p._force(j, motion)
         n = motion["K"].shape[1]
         shape = np.zeros((n, dofs.size))
         shape[dofs, np.arange(dofs.size)] = 1.0
-        yield {name: SampledForce(values, run[name].t[1] - run[name].t[0], shape)}
+        yield {name: SampledForce(values, problem.dt / problem.substeps[name], shape)}
 
 
 def _recorded(history: Any, sensors: Mapping[str, Any], what: str) -> dict[str, np.ndarray]:

@@ -147,6 +147,28 @@ class Parameters(Frozen):
                 total -= np.sum(products * matrices, axis=(1, 2))
         return self._summed(total)
 
+    def _spectrum(self, mu: np.ndarray, motion: dict[str, np.ndarray]) -> np.ndarray:
+        """`_products` of spectra, frequency by frequency: (frequencies, m), complex."""
+        if self.dofs is None:
+            whole = [
+                [np.sum(mu * (D @ motion[kind].T).T, axis=1) for D in matrices]
+                for kind, matrices in self.matrices.items()
+            ]
+            sums: np.ndarray = -np.sum(whole, axis=0).T
+            return sums
+        frequencies, (e, k) = len(mu), self.dofs.shape
+        total = np.zeros((frequencies, self.m), complex)
+        together = max(NUMBERS // (frequencies * k), 1)
+        for first in range(0, e, together):
+            rows = slice(first, first + together)
+            dofs = self.dofs[rows]
+            at = mu.T[dofs]  # (elements, k, frequencies)
+            for kind, matrices in self.matrices.items():
+                D = matrices if len(matrices) == 1 else matrices[rows]
+                products = np.sum(at * (D @ motion[kind].T[dofs]), axis=1)
+                np.subtract.at(total.T, self._of[rows], products)
+        return total
+
     def _summed(self, of_elements: np.ndarray) -> np.ndarray:
         """Sums over the elements of each parameter."""
         sums: np.ndarray = np.bincount(self._of, of_elements, self.m)

@@ -12,7 +12,7 @@ from ..problem.constraints import Constraint
 from ..problem.forces import SampledForce
 from ..problem.matrices import is_symmetric
 from ..problem.subdomain import Subdomain
-from .adjoint import Adjoint, Member
+from .adjoint import Adjoint, Member, Sources, reversed_load
 from .parameters import Parameters
 
 COUPLINGS = ("pm", "gc", "macro")
@@ -37,6 +37,7 @@ class Problem:
         self.symmetric = all(is_symmetric(s.C) and is_symmetric(s.K) for _, s in self.keys)
         self.prescribed = bool(session.loads.motions)
         self.doubles = layout.doubles
+        self.substeps = {name: s.substeps for name, s in self.keys}
         self.single = self._adjoint([False] * len(self.keys))
         self.steady = self._adjoint(self.doubles) if any(self.doubles) else self.single
 
@@ -59,6 +60,24 @@ class Problem:
         motion["K"][single] = run.u[single] - first.al1_beside_K * run.a[single]
         motion["K"][0] = run.u[0]
         return motion
+
+    @property
+    def invariant(self) -> bool:
+        """Whether all macro steps are alike."""
+        return self.single is self.steady
+
+    def unit_loads(self, name: str, dof: int, before: int, what: str, steps: int) -> dict[str, Any]:
+        """Loads of the reversed run of one dof at one level, so many substeps before the end."""
+        loads: dict[str, Any] = {}
+        for x in self.single.members:
+            if x.name != name:
+                loads[x.name] = np.zeros(x.n)
+                continue
+            unit, none = np.zeros((2, steps * x.substeps, 1))
+            unit[before] = 1.0
+            u, v, w = (unit if what == kind else none for kind in "uva")
+            loads[name] = reversed_load(x, Sources(np.array([dof]), u, v, w))
+        return loads
 
     def require_constant_interface(self, what: str) -> None:
         """ValueError where H multiplies what depends on the parameters, (A10)."""
@@ -90,15 +109,26 @@ class Problem:
         self, forces: Mapping[str, Any], steps: int, g: np.ndarray | None, double: bool
     ) -> Any:
         """A run from rest under loads by name, with velocities g (levels, p) of the constraints."""
+        return self.reversed_runs([forces], steps, None, g, double)[0]
+
+    def reversed_runs(
+        self,
+        cases: Sequence[Mapping[str, Any]],
+        steps: int,
+        record: Any,
+        g: np.ndarray | None = None,
+        double: bool = False,
+    ) -> list[Any]:
+        """Runs with the transposed matrices from rest, each under loads by name."""
         rest = {name: np.zeros(s.n) for name, s in self.keys}
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # its loads are not those of a structure
+            warnings.simplefilter("ignore")  # their loads are not those of a structure
             if g is None and self.symmetric and not self.prescribed:
                 coupler = self.coupler
             else:
                 coupler = self._copy(g, double, True)
-            case = {"u0": rest, "v0": rest, "force": forces}
-            return coupler.run_each([case], steps=steps)[0]
+            runs = [{"u0": rest, "v0": rest, "force": forces} for forces in cases]
+            return list(coupler.run_each(runs, steps=steps, record=record))
 
     def _copy(self, g: np.ndarray | None, double: bool, transposed: bool) -> Any:
         """A coupler of the same matrices, or the transposed ones, without loads."""
