@@ -411,7 +411,7 @@ def draw_size(seed, rng):
 
 
 def draw_shape(rng):
-    """Of plates or solids in a row; short solids are factored along the paths of their faces."""
+    """Of plates or solids in a row."""
     if chance(rng, 0.35):
         return ["plate", *one_of(rng, [(2, 40), (4, 40), (10, 30), (30, 30), (25, 8)])]
     short = [(1, 6, 6), (1, 7, 7), (2, 7, 7), (2, 8, 8)]

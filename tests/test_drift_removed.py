@@ -6,11 +6,10 @@ import pytest
 import reference
 import scipy.sparse as sp
 from scipy.integrate import solve_ivp
-from test_paths import always_ordinary
 
 import pmalpha as pm
 from pmalpha import analysis
-from pmalpha.setup import factors, interface, tied
+from pmalpha.setup import interface, tied
 
 ALPHA = pm.GeneralizedAlpha
 # Drifting subdomains are allowed to be coarse here, and some schemes have no damping.
@@ -109,17 +108,6 @@ def test_a_sparse_interface_matrix_gives_the_same(sparse, monkeypatch):
     assert taken[0].shape == ((2 * p, 2 * p) if sparse else (p, p))
     assert_agrees(history, reference.run(*theirs, 0.3, 30, drift="removed"))
     assert largest(history.displacement_jump) < 1e-15
-
-
-def test_an_interface_anywhere_in_the_order_gives_the_same(monkeypatch):
-    monkeypatch.setattr(factors, "WIDE", 0)
-    ours, theirs = random_loop(0.5, (1, 2, 4), (0, 0, 0), form=sp.csr_array, n=9)
-    last = coupled(ours).run(steps=20)
-    monkeypatch.setattr("pmalpha.setup.elimination.elimination", always_ordinary)
-    coupler = coupled(ours)
-    assert any(part.elimination.paths is not None for part in coupler._session.parts)
-    assert_agrees(coupler.run(steps=20), reference.run(*theirs, 0.1, 20, drift="removed"))
-    assert_agrees(last, reference.run(*theirs, 0.1, 20, drift="removed"))
 
 
 def explicit_bars(rows, rho, substeps):

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse as sp
-import test_paths
-from drawn_matrices import compliance_problem, unsymmetric_matrix
+from drawn_matrices import unsymmetric_matrix
 from problems import random_restored_problem, random_unsymmetric_problem
 from scipy.sparse.linalg import splu
 from test_against_reference import assert_agreement
@@ -16,9 +15,7 @@ from pmalpha.problem.matrices import permuted
 from pmalpha.problem.ordering import elimination_order, graph_of
 from pmalpha.setup import factors
 from pmalpha.setup.compliance import compliance
-from pmalpha.setup.elimination import ordinary
 from pmalpha.setup.link import Link
-from pmalpha.setup.paths import compliance_along_paths
 
 # ---- against the reference -----------------------------------------------------------------------
 
@@ -45,11 +42,9 @@ def test_the_random_problems_have_all_kinds_of_unsymmetric_matrices():
     assert {type(f(np.eye(2))) for s in drawn for f in s.forms} >= {np.ndarray}
 
 
-@pytest.mark.parametrize("ordering", ["always_last", "always_ordinary"])
 @pytest.mark.parametrize("seed", range(20))
-def test_core_and_reference_agree_with_panels_and_paths(seed, ordering, monkeypatch):
+def test_core_and_reference_agree_with_panels(seed, monkeypatch):
     monkeypatch.setattr(factors, "WIDE", 0)  # panels for the smallest sparse matrix
-    monkeypatch.setattr("pmalpha.setup.elimination.elimination", getattr(test_paths, ordering))
     assert_agreement(random_unsymmetric_problem(seed))
 
 
@@ -112,21 +107,6 @@ def test_compliances_are_those_of_the_dense_inverse(pattern, monkeypatch):
         )
     if n > 1:
         assert np.max(np.abs(expected - expected.T)) > 1e-4
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_the_compliance_along_paths_is_that_of_the_dense_inverse(seed, monkeypatch):
-    monkeypatch.setattr(factors, "WIDE", 0)
-    monkeypatch.setattr("pmalpha.setup.paths.BLOCK", 7)
-    rng = np.random.default_rng(seed)
-    A, last, L, exact = compliance_problem(rng, unsymmetric_matrix, [0.01, 0.03, 0.1])
-    chosen = ordinary(graph_of([A]), last)
-    factor = chosen.factor(
-        permuted(A, chosen.order), factors.Names("A", chosen.order), symmetric=False
-    )
-    ours = compliance_along_paths(factor, sp.csr_array(L))
-    # condition numbers below 1e4
-    np.testing.assert_allclose(ours, exact, rtol=0, atol=1e-11 * np.max(np.abs(exact)))
 
 
 def test_a_skew_matrix_is_ordered_like_any_other():

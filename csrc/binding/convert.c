@@ -243,32 +243,6 @@ int pma_take_panels(PyObject *obj, const char *name, PyObject *arrays, pma_panel
     return 0;
 }
 
-/* (position, supernodes), the last two items of a factor whose interface is not last */
-static int take_path(PyObject *R, npy_intp n, const char *name, PyObject *arrays, pma_path *out)
-{
-    const npy_intp any = -1;
-    PyArrayObject *position, *supernodes;
-    if (pma_take_array(PyTuple_GetItem(R, 5), NPY_INT64, 1, &n, name, arrays, &position) < 0 ||
-        pma_take_array(PyTuple_GetItem(R, 6), NPY_INT64, 1, &any, name, arrays, &supernodes) < 0)
-        return -1;
-    *out = (pma_path){.place = PyArray_DATA(position),
-                      .supernodes = PyArray_DATA(supernodes),
-                      .count = (size_t)PyArray_DIM(supernodes, 0)};
-    return 0;
-}
-
-static int take_panels_and_path(PyObject *R, npy_intp n, const char *name, PyObject *arrays,
-                                pma_factor *out)
-{
-    out->form = PMA_PANELS;
-    PyObject *panels = PyTuple_GetSlice(R, 0, 5);
-    const int failed = panels ? pma_take_panels(panels, name, arrays, &out->panels) : -1;
-    Py_XDECREF(panels);
-    if (failed || PyTuple_Size(R) != 7)
-        return failed;
-    return take_path(R, n, name, arrays, &out->path);
-}
-
 int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, PyObject *arrays,
                     pma_factor *out)
 {
@@ -285,8 +259,10 @@ int pma_take_factor(PyObject *obj, npy_intp n, npy_intp nb, const char *name, Py
         return -1;
     if (R == Py_None)
         return 0;
-    if (PyTuple_Check(R) && (PyTuple_Size(R) == 5 || PyTuple_Size(R) == 7))
-        return take_panels_and_path(R, n, name, arrays, out);
+    if (PyTuple_Check(R) && PyTuple_Size(R) == 5) {
+        out->form = PMA_PANELS;
+        return pma_take_panels(R, name, arrays, &out->panels);
+    }
     if (PyTuple_Check(R) && PyTuple_Size(R) == 1)
         return take_factor_band(R, n, name, arrays, out);
     if (PyTuple_Check(R)) {

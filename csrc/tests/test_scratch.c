@@ -14,8 +14,7 @@
 
 enum { DOFS = 3, FACE = 2, ROUNDS = 500 };
 
-/* A part whose factors are in panels, 0 | 1 2: the last one is the interface, or is reached
- * along paths: these sweeps want scratch. */
+/* A part whose factors are in panels, 0 | 1 2: sweeps of the first want scratch. */
 typedef struct {
     part of;
     double values[2][7];
@@ -25,18 +24,14 @@ typedef struct {
 
 static const int64_t PANEL_FIRST[3] = {0, 1, 3}, ROW_PTR[3] = {0, 2, 2}, START[3] = {0, 3, 7};
 static const int32_t ROWS[2] = {1, 2};
-static const int64_t IN_PLACE[DOFS] = {0, 1, 2}, LAST[1] = {1};
 
-static void put_into_panels(const part *x, bool twice, bool along_paths, double *values,
-                            pma_factor *f)
+static void put_into_panels(const part *x, bool twice, double *values, pma_factor *f)
 {
     static const size_t places[7] = {0, 1, 2, 4, 5, 7, 8}; /* in R by columns */
     for (size_t k = 0; k < 7; k++)
         values[k] = x->R[twice][places[k]];
     f->form = PMA_PANELS;
     f->panels = (pma_panels){2, PANEL_FIRST, ROW_PTR, ROWS, START, values, 0};
-    if (along_paths)
-        f->path = (pma_path){IN_PLACE, LAST, 1};
 }
 
 static void fill_part(panelled *q)
@@ -63,12 +58,12 @@ static void create_panelled(panelled *q, const pma_parts *parts)
     q->member = pma_subdomain_member(q->core);
 }
 
-static void make_panelled(panelled *q, bool along_paths)
+static void make_panelled(panelled *q)
 {
     fill_part(q);
     pma_parts parts = describe(&q->of);
-    put_into_panels(&q->of, false, along_paths, q->values[0], &parts.single.factor);
-    put_into_panels(&q->of, true, along_paths, q->values[1], &parts.twice.factor);
+    put_into_panels(&q->of, false, q->values[0], &parts.single.factor);
+    put_into_panels(&q->of, true, q->values[1], &parts.twice.factor);
     create_panelled(q, &parts);
 }
 
@@ -100,24 +95,18 @@ static void check_marked(size_t count, const double *x)
         CHECK(x[i] == UNTOUCHED);
 }
 
-static void check_scratch_of_compliance(bool along_paths)
+static void steps_leave_the_scratch_of_the_compliance_alone(void)
 {
     panelled q;
-    make_panelled(&q, along_paths);
+    make_panelled(&q);
     const size_t scratch = pma_factor_scratch(&q.core->parts.single.factor);
-    CHECK_INT(scratch, along_paths ? 6 : 3); /* the height of the first panel, and n */
+    CHECK_INT(scratch, 3); /* the height of the first panel */
     mark(FACE, q.core->link);
     mark(scratch, q.core->link_work);
     walk(&q.member, false);
     check_marked(FACE, q.core->link);
     check_marked(scratch, q.core->link_work);
     pma_subdomain_destroy(q.core);
-}
-
-static void steps_leave_the_scratch_of_the_compliance_alone(void)
-{
-    check_scratch_of_compliance(false);
-    check_scratch_of_compliance(true);
 }
 
 static void compare_closed(const panelled *actual, const panelled *expected)
@@ -129,11 +118,11 @@ static void compare_closed(const panelled *actual, const panelled *expected)
 }
 
 /* Between the opening of a substep and its closing. */
-static void check_scratch_of_steps(bool along_paths)
+static void the_compliance_leaves_the_scratch_of_the_steps_alone(void)
 {
     panelled q, alone;
-    make_panelled(&q, along_paths);
-    make_panelled(&alone, along_paths);
+    make_panelled(&q);
+    make_panelled(&alone);
     const size_t scratch = pma_factor_scratch(&q.core->parts.single.factor);
     const double lam[CONSTRAINTS] = {3.0, -4.0};
     double sum[CONSTRAINTS] = {0.0}, vf[2][CONSTRAINTS] = {{0.0}};
@@ -157,20 +146,14 @@ static void check_scratch_of_steps(bool along_paths)
     pma_subdomain_destroy(alone.core);
 }
 
-static void the_compliance_leaves_the_scratch_of_the_steps_alone(void)
-{
-    check_scratch_of_steps(false);
-    check_scratch_of_steps(true);
-}
-
 /* One factor may want scratch and the other none. */
-static void check_one_in_panels(bool twice, bool along_paths)
+static void check_one_in_panels(bool twice)
 {
     panelled q, dense;
     fill_part(&q);
     fill_part(&dense);
     pma_parts parts = describe(&q.of);
-    put_into_panels(&q.of, twice, along_paths, q.values[twice],
+    put_into_panels(&q.of, twice, q.values[twice],
                     twice ? &parts.twice.factor : &parts.single.factor);
     create_panelled(&q, &parts);
     parts = describe(&dense.of);
@@ -197,14 +180,12 @@ static void check_one_in_panels(bool twice, bool along_paths)
 
 static void scratch_is_enough_for_the_factor_of_either_step(void)
 {
-    for (int twice = 0; twice <= 1; twice++) {
-        check_one_in_panels(twice, false);
-        check_one_in_panels(twice, true);
-    }
+    for (int twice = 0; twice <= 1; twice++)
+        check_one_in_panels(twice);
 }
 
 /* Substeps of a link response while a substep of the free macro run is open. */
-static void check_response(bool along_paths)
+static void link_responses_have_scratch_of_their_own(void)
 {
     panelled q, dense;
     const double lam[CONSTRAINTS] = {3.0, -4.0};
@@ -214,7 +195,7 @@ static void check_response(bool along_paths)
     q.of.doubled = dense.of.doubled = false;
     q.of.responds = dense.of.responds = true;
     pma_parts parts = describe(&q.of);
-    put_into_panels(&q.of, false, along_paths, q.values[0], &parts.single.factor);
+    put_into_panels(&q.of, false, q.values[0], &parts.single.factor);
     create_panelled(&q, &parts);
     parts = describe(&dense.of);
     create_panelled(&dense, &parts);
@@ -238,12 +219,6 @@ static void check_response(bool along_paths)
     pma_subdomain_destroy(dense.core);
 }
 
-static void link_responses_have_scratch_of_their_own(void)
-{
-    check_response(false);
-    check_response(true);
-}
-
 /* ---- by two threads ------------------------------------------------------------------------- */
 
 static void walk_on(void *ctx, size_t worker)
@@ -254,14 +229,14 @@ static void walk_on(void *ctx, size_t worker)
 }
 
 /* Marked (c) in member.h. ThreadSanitizer watches, and no number changes. */
-static void check_two_threads(bool along_paths)
+static void the_compliance_can_be_evaluated_while_steps_are_made(void)
 {
     panelled q, alone;
     pma_team *team;
     const double lam[CONSTRAINTS] = {3.0, -4.0};
     double expected[CONSTRAINTS] = {0.0}, x[4 * MOST], y[4 * MOST];
-    make_panelled(&q, along_paths);
-    make_panelled(&alone, along_paths);
+    make_panelled(&q);
+    make_panelled(&alone);
     alone.member.table->compliance(alone.member.self, false, lam, expected);
     walk_on(&alone.member, 0);
     CHECK_STATUS(pma_team_create(2, &team), PMA_OK);
@@ -281,12 +256,6 @@ static void check_two_threads(bool along_paths)
     pma_team_destroy(team);
     pma_subdomain_destroy(q.core);
     pma_subdomain_destroy(alone.core);
-}
-
-static void the_compliance_can_be_evaluated_while_steps_are_made(void)
-{
-    check_two_threads(false);
-    check_two_threads(true);
 }
 
 const test SCRATCH_TESTS[] = {

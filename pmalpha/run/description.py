@@ -113,10 +113,10 @@ def factor_of(part: Part) -> str:
     """The form of the factor of a substep; of one that is iterated, that of its tangents."""
     if part.tangent is not None:
         return f"of each tangent, {part.tangent.entries}"
-    return factor_form(part.factors[-1], along_paths=part.elimination.paths is not None)
+    return factor_form(part.factors[-1])
 
 
-def factor_form(factor: Factor, *, along_paths: bool) -> str:
+def factor_form(factor: Factor) -> str:
     """The form of a factor and the number of its entries, the diagonal included."""
     inverse, R = factor
     n = inverse.size
@@ -128,8 +128,7 @@ def factor_form(factor: Factor, *, along_paths: bool) -> str:
         return f"band, {n + R[0].size}"
     if len(R) == 3:
         return f"columns, {n + R[2].size}"
-    order = "panels in the ordinary order" if along_paths else "panels"
-    return f"{order}, {R[4].size}"
+    return f"panels, {R[4].size}"
 
 
 def text_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

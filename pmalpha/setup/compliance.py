@@ -14,7 +14,6 @@ from ..blas import one_thread
 from ..memory import require
 from .factors import Factor, interface_block, sides
 from .link import Link
-from .paths import compliance_along_paths
 
 
 @dataclass(frozen=True)
@@ -90,12 +89,9 @@ def compliance(factor: Factor, L: Link, nb: int, name: str) -> Block:
         return Block(rows, np.zeros((0, 0)))
     size = 8.0 * (3.0 * rows.size**2 + 4.0 * nb * max(nb, rows.size))
     require(size, f"the interface matrix of {counted(rows.size, 'constraint')} of {name!r}")
-    inverse, R = factor
-    if isinstance(R, tuple) and len(R) == 7:
-        block = compliance_along_paths(factor, L.own(nb))
-    else:
-        R_bb, *Q_bb = (interface_block(side, nb) for side in sides(factor))
-        block = _compliance_of_last(inverse[inverse.size - nb :], R_bb, L, *Q_bb)
+    inverse, _ = factor
+    R_bb, *Q_bb = (interface_block(side, nb) for side in sides(factor))
+    block = _compliance_of_last(inverse[inverse.size - nb :], R_bb, L, *Q_bb)
     if len(sides(factor)) > 1:
         return Block(rows, block)
     return Block(rows, 0.5 * (block + block.T))  # symmetric up to rounding

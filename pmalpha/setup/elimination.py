@@ -1,19 +1,14 @@
-"""The elimination of a subdomain: its order and the symbolic factorization.
-
-The core has two implementations of a coupled step. With the interface last, the step is two sweeps
-of the factor. In the ordinary order it is two sweeps, and two more along the paths of the interface
-in the elimination tree, of a factor that may be much smaller.
-"""
+"""The elimination of a subdomain: its order, the interface last, and the symbolic factorization."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from hashlib import sha256
 
 import numpy as np
 import scipy.sparse as sp
 
-from ..problem.matrices import Matrix, permuted
+from ..problem.matrices import Matrix
 from ..problem.ordering import (
     Graph,
     elimination_order,
@@ -21,11 +16,6 @@ from ..problem.ordering import (
     with_full_nodes,
 )
 from .factors import Factor, Names, Structure, factorize, structure_of
-from .paths import Paths, paths_to
-
-# The ordinary order is considered where the block of the interface alone is this share of the
-# factor. Below, sweeping the paths would cost more than the fill of an interface that is last.
-BORDER_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -40,8 +30,6 @@ class Elimination:
         Number of interface dofs.
     structure : Structure or None
         One symbolic analysis for Mbar(h), Mbar(2 h) and M; None where nothing is sparse.
-    paths : Paths or None
-        Given where the interface is not last in the factors.
     threads : int
         Maximum number of threads that make one.
     """
@@ -49,37 +37,26 @@ class Elimination:
     order: np.ndarray
     nb: int
     structure: Structure | None = None
-    paths: Paths | None = None
     threads: int = 1
 
     @property
     def swept(self) -> int:
         """Matrix entries that a coupled step reads in sweeps."""
-        along = 0 if self.paths is None else self.paths.entries
         assert self.structure is not None
-        return 2 * (self.structure.entries + along)
+        return 2 * self.structure.entries
 
     def factor(self, A: Matrix | None, names: Names, *, symmetric: bool = True) -> Factor:
         """The factor of a matrix in the subdomain's order."""
         if A is None or not sp.issparse(A):
             return factorize(A, names, nb=self.nb, symmetric=symmetric)
-        if self.paths is None:
-            return factorize(
-                A,
-                names,
-                nb=self.nb,
-                structure=self.structure,
-                symmetric=symmetric,
-                threads=self.threads,
-            )
-        position, supernodes = self.paths.position, self.paths.supernodes
-        order = np.argsort(position)
-        names = replace(names, numbers=names.numbers[order])
-        A = permuted(A, order)
-        inverse, panels = factorize(
-            A, names, structure=self.structure, symmetric=symmetric, threads=self.threads
+        return factorize(
+            A,
+            names,
+            nb=self.nb,
+            structure=self.structure,
+            symmetric=symmetric,
+            threads=self.threads,
         )
-        return inverse, (*panels, position, supernodes)
 
 
 class Eliminations:
@@ -105,7 +82,7 @@ class Eliminations:
 
 
 def elimination(n: int, graph: Graph | None, last: np.ndarray) -> Elimination:
-    """The elimination with the fewest predicted entries in the sweeps of a step.
+    """The elimination with little fill, the interface dofs last.
 
     Parameters
     ----------
@@ -119,22 +96,4 @@ def elimination(n: int, graph: Graph | None, last: np.ndarray) -> Elimination:
     if graph is None:
         return Elimination(order, last.size)
     graph = with_full_nodes(graph, last)
-    structure = structure_of(*rows_of(graph, order), last.size)
-    chosen = Elimination(order, last.size, structure)
-    border = last.size * (last.size + 1) / 2
-    if structure.panels is None or border < BORDER_SHARE * structure.entries:
-        return chosen
-    other = ordinary(graph, last)
-    return other if other is not None and other.swept < chosen.swept else chosen
-
-
-def ordinary(graph: Graph, last: np.ndarray) -> Elimination | None:
-    """The elimination in the ordinary order; None where columns are swept, not panels."""
-    n, nb = graph.n, last.size
-    whole = elimination_order(n, graph, np.arange(0))
-    structure = structure_of(*rows_of(graph, whole), 0)
-    if structure.panels is None or nb == 0:
-        return None
-    order = np.concatenate([whole[~np.isin(whole, last)], last])
-    position = np.argsort(whole)[order]
-    return Elimination(order, nb, structure, paths_to(structure.panels, position, nb))
+    return Elimination(order, last.size, structure_of(*rows_of(graph, order), last.size))

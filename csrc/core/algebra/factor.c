@@ -15,11 +15,6 @@ static size_t most(size_t a, size_t b)
     return a > b ? a : b;
 }
 
-static bool is_ordinary(const pma_factor *f)
-{
-    return f->path.place != NULL;
-}
-
 static const pma_factor *each_of(const pma_factor *f)
 {
     return f->each ? f->each : f;
@@ -36,10 +31,6 @@ pma_status pma_factor_check(const pma_factor *f)
         return PMA_BAD_SIZE;
     if (f->form == PMA_IN_LANES)
         return pma_factor_check(f->each);
-    if (is_ordinary(f)) {
-        const pma_status status = pma_panels_check(&f->panels, f->n, 0);
-        return status == PMA_OK ? pma_path_check(&f->path, &f->panels, f->n, f->nb) : status;
-    }
     if (f->form == PMA_PANELS)
         return pma_panels_check(&f->panels, f->n, f->nb);
     if (f->form == PMA_BAND)
@@ -69,7 +60,7 @@ size_t pma_factor_scratch(const pma_factor *f)
         return PMA_LANES * pma_factor_scratch(f->each);
     const size_t height = f->form == PMA_PANELS ? pma_panels_most_height(&f->panels) : 0;
     const size_t tree = f->tree ? pma_tree_front(f->tree) + pma_tree_updates(f->tree) : 0;
-    return most(height + (is_ordinary(f) ? f->n : 0), tree);
+    return most(height, tree);
 }
 
 size_t pma_factor_entries(const pma_factor *f)
@@ -82,8 +73,7 @@ size_t pma_factor_entries(const pma_factor *f)
     case PMA_SPARSE:
         return f->n + (size_t)f->ptr[f->n];
     case PMA_PANELS:
-        return (size_t)f->panels.start[f->panels.count] +
-               (is_ordinary(f) ? pma_path_entries(&f->path, &f->panels) : 0);
+        return (size_t)f->panels.start[f->panels.count];
     case PMA_IN_LANES:
         return pma_factor_entries(f->each);
     default:
@@ -315,35 +305,6 @@ static void substitute(const pma_factor *f, size_t first, size_t last, double *x
         SUBSTITUTE[f->form](f, first, last, x, work);
 }
 
-/* ---- with the interface anywhere in the order ----------------------------------------------- */
-
-__attribute__((noinline)) static void interface_ordinary(const pma_factor *f, double *xb,
-                                                         double *work)
-{
-    const pma_factor *e = each_of(f);
-    pma_path_interface(&e->path, &e->panels, e->inverse, e->n, e->nb, lanes_of(f), xb, work);
-}
-
-__attribute__((noinline)) static void open_ordinary(const pma_factor *f, double *x, double *xb,
-                                                    double *work)
-{
-    const pma_factor *e = each_of(f);
-    pma_path_open(&e->path, &e->panels, e->inverse, e->n, e->nb, lanes_of(f), x, xb, work);
-}
-
-__attribute__((noinline)) static void close_ordinary(const pma_factor *f, const double *fb,
-                                                     double *x, double *work)
-{
-    const pma_factor *e = each_of(f);
-    pma_path_close(&e->path, &e->panels, e->inverse, e->n, e->nb, lanes_of(f), fb, x, work);
-}
-
-__attribute__((noinline)) static void solve_ordinary(const pma_factor *f, double *x, double *work)
-{
-    const pma_factor *e = each_of(f);
-    pma_path_solve(&e->path, &e->panels, e->inverse, e->n, lanes_of(f), x, work);
-}
-
 /* ---- by the nodes of a tree ------------------------------------------------------------------ */
 
 size_t pma_factor_node(const pma_factor *f, size_t node)
@@ -402,10 +363,8 @@ void pma_factor_interface(const pma_factor *f, double *xb, double *work)
         return;
     if (f->form == PMA_DIAGONAL) {
         divide(f->inverse + interior, f->nb, xb);
-    } else if (f->nb == 1 && !is_ordinary(f)) { /* the last unknown alone: a sweep of nothing */
+    } else if (f->nb == 1) { /* the last unknown alone: a sweep of nothing */
         xb[0] *= f->inverse[interior];
-    } else if (is_ordinary(f)) {
-        interface_ordinary(f, xb, work);
     } else {
         eliminate(f, interior, f->n, xb, work);
         substitute(f, interior, f->n, xb, work);
@@ -451,8 +410,6 @@ void pma_factor_open_part(const pma_factor *f, size_t begin, size_t end, double 
 {
     if (f->form == PMA_DIAGONAL)
         open_diagonal(f, end, x, xb);
-    else if (is_ordinary(f))
-        open_ordinary(f, x, xb, work);
     else if (pma_factor_tree(f))
         open_tree(f, begin, end, x, xb, work);
     else
@@ -504,8 +461,6 @@ void pma_factor_close_part(const pma_factor *f, size_t begin, size_t end, const 
 {
     if (f->form == PMA_DIAGONAL)
         close_diagonal(f, begin, end, fb, x);
-    else if (is_ordinary(f))
-        close_ordinary(f, fb, x, work);
     else if (pma_factor_tree(f))
         close_tree(f, begin, end, fb, x, work);
     else
@@ -519,10 +474,6 @@ void pma_factor_close(const pma_factor *f, const double *fb, double *x, double *
 
 void pma_factor_solve(const pma_factor *f, double *x, double *work)
 {
-    if (is_ordinary(f)) {
-        solve_ordinary(f, x, work);
-        return;
-    }
     eliminate(f, 0, f->n, x, work);
     substitute(f, 0, f->n, x, work);
 }

@@ -3,8 +3,7 @@
  * Q is R where A is symmetric; else it has the pattern and the layout of R. The last nb unknowns
  * are the interface; R = [[R_ii, 0], [R_bi, R_bb]]. Sweeping the interior and the interface apart
  * is what lets one forward and one backward sweep make a coupled step.
- * With nb = n the interface solve is the whole solve: so the interface matrix H is swept too.
- * Panels can have the interface anywhere in their order of elimination: see path.h. */
+ * With nb = n the interface solve is the whole solve: so the interface matrix H is swept too. */
 #ifndef PMA_FACTOR_H
 #define PMA_FACTOR_H
 
@@ -14,7 +13,6 @@
 
 #include "algebra/matrix.h"
 #include "algebra/panels.h"
-#include "algebra/path.h"
 #include "algebra/tree.h"
 #include "status.h"
 
@@ -32,9 +30,8 @@ typedef struct pma_factor {
     size_t Q;              /* where Q begins in values, laid out like R; 0: Q is R. Of panels,
                               panels.Q instead */
     pma_panels panels;     /* panels: see there */
-    pma_path path;         /* panels whose interface is not last; else path.place is NULL */
     const pma_tree *tree;  /* panels that are swept by subtrees, else NULL */
-    const struct pma_factor *each; /* in lanes: the factor of each, also along paths; else NULL */
+    const struct pma_factor *each; /* in lanes: the factor of each, else NULL */
 } pma_factor;
 
 /* PMA_BAD_SIZE when nb > n or a band is too wide, PMA_BAD_INDEX unless the entries of each column
@@ -44,7 +41,7 @@ pma_status pma_factor_check(const pma_factor *f);
 /* Doubles of scratch that every function below needs as `work`; of a factor that was checked. */
 size_t pma_factor_scratch(const pma_factor *f);
 
-/* Entries read by a sweep through all columns and one along the paths of the interface. */
+/* Entries read by a sweep through all columns. */
 size_t pma_factor_entries(const pma_factor *f);
 
 /* How far below the diagonal a column has entries; n where a step is opened and closed at once. */
@@ -52,10 +49,10 @@ size_t pma_factor_reach(const pma_factor *f);
 
 /* A step is opened with the right-hand side and closed with what acts on the interface:
  *
- * x (n): swept as far as the interface needs; xb (nb) := (A^-1 x)_b              (F2) (F3) (F7) */
+ * x (n): swept as far as the interface needs; xb (nb) := (A^-1 x)_b              (F2) (F3) */
 void pma_factor_open(const pma_factor *f, double *x, double *xb, double *work);
 
-/* x (n) as open left it := A^-1 (right-hand side + fb on the interface)       (F4) (F5) (F8) */
+/* x (n) as open left it := A^-1 (right-hand side + fb on the interface)       (F4) (F5) */
 void pma_factor_close(const pma_factor *f, const double *fb, double *x, double *work);
 
 /* The same in several calls for the rows begin..end-1 each, to open from the first rows on, to
@@ -87,7 +84,7 @@ void pma_factor_close_node(const pma_factor *f, size_t node, double *x, double *
 /* x (n) := A^-1 x, both at once */
 void pma_factor_solve(const pma_factor *f, double *x, double *work);
 
-/* xb (nb) := (A^-1)_bb xb = S^-1 xb with the Schur complement S = R_bb D_b Q_bb^T  (F3) (F9) */
+/* xb (nb) := (A^-1)_bb xb = S^-1 xb with the Schur complement S = R_bb D_b Q_bb^T       (F3) */
 void pma_factor_interface(const pma_factor *f, double *xb, double *work);
 
 #endif

@@ -105,11 +105,8 @@ pma_link pma_lanes_link(const pma_link *each)
 
 pma_factor pma_lanes_factor(const pma_factor *each)
 {
-    return (pma_factor){.form = PMA_IN_LANES,
-                        .n = each->n * PMA_LANES,
-                        .nb = each->nb * PMA_LANES,
-                        .path = each->path,
-                        .each = each};
+    return (pma_factor){
+        .form = PMA_IN_LANES, .n = each->n * PMA_LANES, .nb = each->nb * PMA_LANES, .each = each};
 }
 
 void pma_lanes_interface(const pma_factor *f, double *xb, double *work)

@@ -139,23 +139,17 @@ substitute_supernode(const pma_kernel *kernel, const pma_panels *p, const double
     memcpy(v.own, work, v.width * lanes * sizeof *work);
 }
 
-/* Supernodes from..to-1, or those of a list; x[0] is unknown `first`. */
+/* Supernodes from..to-1; x[0] is unknown `first`. */
 typedef struct {
-    const int64_t *list; /* or NULL */
     size_t from, to, first;
 } range;
-
-static size_t member_of(const range *r, size_t k)
-{
-    return r->list ? (size_t)r->list[k] : k;
-}
 
 __attribute__((always_inline)) static inline void
 eliminate_range(const pma_panels *p, const range *r, const size_t lanes, double *x, double *work)
 {
     const pma_kernel *kernel = pma_kernel_best();
     for (size_t k = r->from; k < r->to; k++)
-        eliminate_supernode(kernel, p, member_of(r, k), r->first, lanes, x, work);
+        eliminate_supernode(kernel, p, k, r->first, lanes, x, work);
 }
 
 __attribute__((always_inline)) static inline void
@@ -164,7 +158,7 @@ substitute_range(const pma_panels *p, const double *inverse, const range *r, con
 {
     const pma_kernel *kernel = pma_kernel_best();
     for (size_t k = r->to; k-- > r->from;)
-        substitute_supernode(kernel, p, inverse, member_of(r, k), r->first, lanes, x, work);
+        substitute_supernode(kernel, p, inverse, k, r->first, lanes, x, work);
 }
 
 /* clang-format on */
@@ -198,17 +192,4 @@ void pma_panels_substitute(const pma_panels *p, const double *inverse, size_t la
 {
     const range r = {.from = supernode_at(p, from), .to = supernode_at(p, to), .first = from};
     substitute(p, inverse, &r, lanes, x, work);
-}
-
-void pma_panels_eliminate_these(const pma_panels *p, const int64_t *supernodes, size_t count,
-                                size_t lanes, double *x, double *work)
-{
-    eliminate(p, &(range){.list = supernodes, .to = count}, lanes, x, work);
-}
-
-void pma_panels_substitute_these(const pma_panels *p, const double *inverse,
-                                 const int64_t *supernodes, size_t count, size_t lanes, double *x,
-                                 double *work)
-{
-    substitute(p, inverse, &(range){.list = supernodes, .to = count}, lanes, x, work);
 }

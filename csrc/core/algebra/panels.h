@@ -56,11 +56,4 @@ void pma_panels_eliminate(const pma_panels *p, size_t lanes, size_t from, size_t
 void pma_panels_substitute(const pma_panels *p, const double *inverse, size_t lanes, size_t from,
                            size_t to, double *x, double *work);
 
-/* `count` supernodes in ascending order; x[0] is unknown 0. work: most_height. */
-void pma_panels_eliminate_these(const pma_panels *p, const int64_t *supernodes, size_t count,
-                                size_t lanes, double *x, double *work);
-void pma_panels_substitute_these(const pma_panels *p, const double *inverse,
-                                 const int64_t *supernodes, size_t count, size_t lanes, double *x,
-                                 double *work);
-
 #endif

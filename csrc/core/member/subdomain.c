@@ -154,7 +154,7 @@ static pma_status lay_out(pma_subdomain *s)
  * came with a tree. */
 static pma_status create_tree(pma_factor *f, pma_tree **out)
 {
-    if (f->form != PMA_PANELS || f->path.place || f->tree)
+    if (f->form != PMA_PANELS || f->tree)
         return PMA_OK;
     const pma_status status = pma_tree_create(&f->panels, f->n, f->nb, PMA_SUBTREE, out);
     f->tree = *out;
