@@ -55,7 +55,7 @@ def row(problem, dofs, what, seconds, other, other_seconds, iterations, differen
 
 def block(counts):
     """A block of rubber that is stretched and sheared, as a structure and its subdomain."""
-    structure = structures.nonlinear_solid(counts, 1.0, structures.NeoHookean(210.0, 0.3), rho=1.0)
+    structure = structures.nonlinear_solid(*counts, 1.0, structures.NeoHookean(210.0, 0.3), rho=1.0)
     v0 = np.zeros((len(structure.points), 3))
     v0[:, :2] = np.outer(structure.points[:, 0], [0.1, 0.2])
     scheme = pm.GeneralizedAlpha(0.8)

@@ -431,7 +431,7 @@ def materials(rng):
     kind = one(
         rng, (s.NeoHookean, values), (s.StVenantKirchhoff, values), (s.J2Plasticity, values | more)
     )
-    return *kind, lambda m: structure(s.nonlinear_solid((1, 1), 1.0, m, rho=1.0))
+    return *kind, lambda m: structure(s.nonlinear_solid(1, 1, 1.0, m, rho=1.0))
 
 
 def contact(rng):
@@ -497,8 +497,8 @@ def cut_model(rng):
         (s.truss(**square, **common, strain="green", prestress=0.1), [0, 1, 2, 3]),
         (s.beam_frame(**square, **common, EI=1.0), [0, 1, 2]),
         (s.corotational_frame(**square, **common, EI=1.0, rotary=0.1), [0, 1, 2]),
-        (s.nonlinear_solid((4, 1), 0.5, s.NeoHookean(1.0, 0.3), rho=1.0), [0, 1]),
-        (s.nonlinear_solid((4, 1), 0.5, plastic(), rho=1.0), [0, 1]),
+        (s.nonlinear_solid(4, 1, 0.5, s.NeoHookean(1.0, 0.3), rho=1.0), [0, 1]),
+        (s.nonlinear_solid(4, 1, 0.5, plastic(), rho=1.0), [0, 1]),
     )
     count = sum(len(x) for x in structure.elements.values())
     values = {"structure": structure, "dt": 0.02, "fixed": fixed, "rayleigh": (0.1, 0.0)}

@@ -381,7 +381,7 @@ def test_kinds_without_shape_functions_are_refused():
 def test_stresses_need_linear_plates_or_solids():
     with pytest.raises(ValueError, match="element_stresses needs linear plates .* got .* 'line'"):
         structures.chain(3, 1.0, 1.0).element_stresses()
-    block = structures.nonlinear_solid((2, 2), 1.0, structures.NeoHookean(1.0, 0.3), rho=1.0)
+    block = structures.nonlinear_solid(2, 2, 1.0, structures.NeoHookean(1.0, 0.3), rho=1.0)
     with pytest.raises(ValueError, match="element_stresses needs a linear structure"):
         block.element_stresses()
 

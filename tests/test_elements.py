@@ -326,9 +326,9 @@ def test_at_rest_a_sheet_in_plane_stress_is_the_plate():
 
 def test_a_regular_mesh_is_that_of_plate_and_solid():
     rubber = structures.NeoHookean(E, NU)
-    flat = structures.nonlinear_solid((3, 2), (0.5, 0.4), rubber, rho=1.0, origin=(1.0, 2.0))
+    flat = structures.nonlinear_solid(3, 2, (0.5, 0.4), rubber, rho=1.0, origin=(1.0, 2.0))
     plate = structures.plate(3, 2, (0.5, 0.4), E=E, nu=NU, rho=1.0, origin=(1.0, 2.0))
-    cube = structures.nonlinear_solid((3, 2, 1), 0.5, rubber, rho=1.0)
+    cube = structures.nonlinear_solid(3, 2, 1, 0.5, rubber, rho=1.0)
     solid = structures.solid(3, 2, 1, 0.5, E=E, nu=NU, rho=1.0)
     for ours, linear in ((flat, plate), (cube, solid)):
         np.testing.assert_array_equal(ours.points, linear.points)
@@ -593,7 +593,7 @@ def test_a_sphere_pushes_along_its_radius(inside):
 
 
 def test_a_block_on_a_floor_has_its_weight_as_contact_force():
-    stiff = structures.nonlinear_solid((2, 2), 0.5, structures.NeoHookean(100.0, 0.3), rho=1.0)
+    stiff = structures.nonlinear_solid(2, 2, 0.5, structures.NeoHookean(100.0, 0.3), rho=1.0)
     ground = stiff.nodes_at(y=0.0)
     contact = structures.plane_contact(
         stiff, ground, point=[0, 0], normal=[0, 1], stiffness=[50.0, 100.0, 50.0]
@@ -774,30 +774,30 @@ BAR = structures.truss(**LINE)
             "elements must be convex with corners in meshio's order",
         ),
         (
-            lambda: structures.nonlinear_solid((1, 1, 1), 1.0, SVK, rho=1.0, t=0.1),
+            lambda: structures.nonlinear_solid(1, 1, 1, 1.0, SVK, rho=1.0, t=0.1),
             ValueError,
             "t and plane must not be given in three dimensions",
         ),
         (
-            lambda: structures.nonlinear_solid((2,), 1.0, SVK, rho=1.0),
+            lambda: structures.nonlinear_solid(2, 1.0, SVK, rho=1.0),
             ValueError,
-            r"counts must be two or three numbers, got \(2,\)",
+            r"nonlinear_solid needs two or three numbers of elements, got \[2\]",
         ),
         (
-            lambda: structures.nonlinear_solid((2, 0), 1.0, SVK, rho=1.0),
+            lambda: structures.nonlinear_solid(2, 0, 1.0, SVK, rho=1.0),
             ValueError,
-            "counts must be at least 1, got 0",
+            "ny must be at least 1, got 0",
         ),
         (
             lambda: structures.nonlinear_solid(
-                (1, 1), 1.0, structures.J2Plasticity(1.0, 0.3, 0.0), rho=1.0
+                1, 1, 1.0, structures.J2Plasticity(1.0, 0.3, 0.0), rho=1.0
             ),
             ValueError,
             "yield_stress must be positive, got 0",
         ),
         (
             lambda: structures.nonlinear_solid(
-                (1, 1), 1.0, structures.J2Plasticity(1.0, 0.3, 1.0, kinematic=-2.0), rho=1.0
+                1, 1, 1.0, structures.J2Plasticity(1.0, 0.3, 1.0, kinematic=-2.0), rho=1.0
             ),
             ValueError,
             "kinematic must not be negative, got -2",
@@ -854,3 +854,17 @@ BAR = structures.truss(**LINE)
 def test_bad_input_is_refused_by_name(call, error, text):
     with pytest.raises(error, match=text):
         call()
+
+
+def test_a_tuple_of_counts_warns_and_makes_the_same_solid():
+    rubber = structures.NeoHookean(1.0, 0.3)
+    for counts in ((2, 1), (2, 1, 3)):
+        block = structures.nonlinear_solid(*counts, 0.5, rubber, rho=1.0)
+        named = structures.nonlinear_solid(*counts, h=0.5, material=rubber, rho=1.0)
+        with pytest.warns(DeprecationWarning, match="nx, ny and nz one by one") as found:
+            old = structures.nonlinear_solid(counts, 0.5, rubber, rho=1.0)
+        assert found[0].filename == __file__
+        for one in (named, old):
+            assert (one.points == block.points).all() and (one.M != block.M).nnz == 0
+    with pytest.raises(TypeError, match="nonlinear_solid needs nx, ny, h and a material"):
+        structures.nonlinear_solid(2, 0.5, rho=1.0)

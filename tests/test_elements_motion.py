@@ -33,7 +33,7 @@ def by_runge_kutta(mass, force, load, u0, v0, times):
 def strip(nx=4, origin=0.0, t=1.0):
     """nx by 1 quadrilaterals with edges 0.5."""
     return structures.nonlinear_solid(
-        (nx, 1), 0.5, RUBBER, rho=1.0, t=t, mass="lumped", origin=(origin, 0.0)
+        nx, 1, 0.5, RUBBER, rho=1.0, t=t, mass="lumped", origin=(origin, 0.0)
     )
 
 
@@ -174,7 +174,7 @@ def shear_layer(hardening):
     E, nu, strength = 200.0, 0.25, 1.5
     G = E / (2 * (1 + nu))
     steel = structures.J2Plasticity(E, nu, strength, kinematic=hardening)
-    layer = structures.nonlinear_solid((1, 1), 1.0, steel, rho=4.0, mass="lumped")
+    layer = structures.nonlinear_solid(1, 1, 1.0, steel, rho=4.0, mass="lumped")
     free = layer.dofs(layer.nodes_at(y=1.0), "ux")
     internal = layer.internal[0].reduced(free)
     spring = {"k": G / 2, "fy": strength / np.sqrt(3) / 2}

@@ -119,7 +119,7 @@ def test_small_strains_have_a_stress_without_cancellation():
 
 
 def test_rubber_turned_inside_out_has_no_finite_force_and_no_warning():
-    cell = structures.nonlinear_solid((1, 1, 1), 1.0, structures.NeoHookean(E, NU), rho=1.0)
+    cell = structures.nonlinear_solid(1, 1, 1, 1.0, structures.NeoHookean(E, NU), rho=1.0)
     u = np.zeros((8, 3))
     u[cell.nodes_at(z=1.0), 2] = -1.5
     f, K, _, _ = cell.internal[0](u.ravel())
@@ -129,7 +129,7 @@ def test_rubber_turned_inside_out_has_no_finite_force_and_no_warning():
 
 def test_kirchhoff_softens_in_strong_compression():
     # uniaxial strain, F = s: P = (lam + 2 mu) s (s^2 - 1) / 2, with its least value at s = 1/sqrt 3
-    cell = structures.nonlinear_solid((1, 1, 1), 1.0, structures.StVenantKirchhoff(E, NU), rho=1.0)
+    cell = structures.nonlinear_solid(1, 1, 1, 1.0, structures.StVenantKirchhoff(E, NU), rho=1.0)
     top = cell.nodes_at(z=1.0)
     across = np.zeros(cell.n)
     across[cell.dofs(top, "uz")] = 1.0

@@ -161,7 +161,7 @@ def test_a_shear_test_of_a_plastic_square_dissipates_what_its_loop_encloses():
     E, nu, strength, amplitude = 200.0, 0.25, 0.3, 0.02
     mu = E / (2.0 * (1.0 + nu))
     square = structures.nonlinear_solid(
-        (1, 1), 1.0, structures.J2Plasticity(E, nu, strength), rho=1.0
+        1, 1, 1.0, structures.J2Plasticity(E, nu, strength), rho=1.0
     )
     top = square.dofs(square.nodes_at(y=1.0), "ux")
 

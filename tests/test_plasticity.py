@@ -16,7 +16,7 @@ EPS = np.finfo(float).eps
 def cube(**hardening):
     """One element with edges of 1."""
     steel = structures.J2Plasticity(E, NU, YIELD, **hardening)
-    return structures.nonlinear_solid((1, 1, 1), 1.0, steel, rho=1.0)
+    return structures.nonlinear_solid(1, 1, 1, 1.0, steel, rho=1.0)
 
 
 def stress_of(structure, strain, q):
@@ -179,8 +179,8 @@ def test_stress_is_never_beyond_the_yield_surface_and_plastic_strain_keeps_the_v
 def test_plane_strain_is_a_layer_of_hexahedra_held_across():
     E_of = np.array([100.0, 150.0, 200.0, 250.0])
     steel = structures.J2Plasticity(E_of, NU, YIELD, **HARDENING)
-    flat = structures.nonlinear_solid((2, 2), 0.5, steel, rho=1.0, t=0.5)
-    layer = structures.nonlinear_solid((2, 2, 1), 0.5, steel, rho=1.0)
+    flat = structures.nonlinear_solid(2, 2, 0.5, steel, rho=1.0, t=0.5)
+    layer = structures.nonlinear_solid(2, 2, 1, 0.5, steel, rho=1.0)
     rng = np.random.default_rng(6)
     q_flat, q_layer = flat.internal[0].history, layer.internal[0].history
     for _ in range(3):
@@ -203,7 +203,7 @@ def test_plane_strain_is_a_layer_of_hexahedra_held_across():
 
 def test_newton_converges_quadratically_with_the_consistent_tangent():
     steel = structures.J2Plasticity(E, NU, YIELD, isotropic=5.0)
-    beam = structures.nonlinear_solid((6, 2), 0.5, steel, rho=1.0)
+    beam = structures.nonlinear_solid(6, 2, 0.5, steel, rho=1.0)
     (force,) = beam.internal
     free = np.setdiff1d(np.arange(beam.n), beam.dofs(beam.nodes_at(x=0.0)))
     load = np.zeros(beam.n)

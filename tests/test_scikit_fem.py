@@ -71,7 +71,7 @@ def test_a_constant_deformation_of_quadratic_triangles_has_its_stress(page):
 
 
 def test_on_hexahedra_the_forms_of_the_page_are_nonlinear_solid(page):
-    block = structures.nonlinear_solid((3, 2, 2), 0.1, structures.NeoHookean(E, NU), rho=1.0)
+    block = structures.nonlinear_solid(3, 2, 2, 0.1, structures.NeoHookean(E, NU), rho=1.0)
     cube = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
     order = [cube.index(tuple(p)) for p in skfem.MeshHex.init_refdom().p.T.astype(int)]
     mesh = skfem.MeshHex(block.points.T, block.elements["hexahedron"][:, order].T)
@@ -91,7 +91,7 @@ def test_on_hexahedra_the_forms_of_the_page_are_nonlinear_solid(page):
 
 
 def test_the_strip_of_the_page_moves_as_one_of_quadrilaterals(page):
-    strip = structures.nonlinear_solid((48, 12), 0.4 / 48, structures.NeoHookean(E, NU), rho=1100.0)
+    strip = structures.nonlinear_solid(48, 12, 0.4 / 48, structures.NeoHookean(E, NU), rho=1100.0)
     held = pm.reduce(strip.M, strip.K, fixed=strip.dofs(strip.nodes_at(x=0.0)))
     load = np.zeros(strip.n)
     end = strip.dofs(strip.nodes_at(x=0.4), "uy")

@@ -179,7 +179,7 @@ def test_a_bent_beam_of_two_subdomains_stays_at_rest():
 def test_a_plastic_solid_stays_at_rest(steps):
     """Pulled to beyond yield; load steps do not change which state it is."""
     steel = structures.J2Plasticity(200.0, 0.3, 0.3, isotropic=20.0)
-    block = structures.nonlinear_solid((3, 2), 0.5, steel, rho=1.0, mass="lumped")
+    block = structures.nonlinear_solid(3, 2, 0.5, steel, rho=1.0, mass="lumped")
     load = np.zeros(block.n)
     load[block.dofs(block.nodes_at(x=1.5), "ux")] = 0.2
     s, _ = held(block, block.dofs(block.nodes_at(x=0.0)), "block", load)

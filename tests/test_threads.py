@@ -422,7 +422,7 @@ def test_tangents_that_several_threads_factor_are_bitwise_those_of_one(
 ):
     monkeypatch.setattr(factors, "SHARE", 1.0)  # multiplications: every factor is shared
     material = pm.structures.NeoHookean(210.0, 0.3)
-    rubber = pm.structures.nonlinear_solid((4, 3, 3), 1.0, material, rho=1.0)
+    rubber = pm.structures.nonlinear_solid(4, 3, 3, 1.0, material, rho=1.0)
     v0 = np.zeros((len(rubber.points), 3))
     v0[:, 0] = 0.2 * rubber.points[:, 0]
 

@@ -182,17 +182,8 @@ def checked_labels(labels: Any, count: int) -> tuple[list[str], np.ndarray]:
         return names.tolist(), numbers
     if given.dtype.kind not in "iu":
         raise TypeError(f"labels must be whole numbers or names, got dtype {given.dtype}")
-    if given.min() < 0:
-        raise ValueError(f"labels must not be negative, got {int(given.min())}")
-    k = int(given.max()) + 1
-    if k > count:
-        raise ValueError(f"labels must be 0, 1, ... for {count} elements, got {k - 1}")
-    empty = np.flatnonzero(np.bincount(given, minlength=k) == 0)
-    if empty.size:
-        raise ValueError(
-            f"labels must give each subdomain an element, got none for {listing(empty)}"
-        )
-    return [f"part {i}" for i in range(k)], given.astype(np.int64)
+    tags, numbers = np.unique(given, return_inverse=True)
+    return [f"part {tag}" for tag in tags.tolist()], numbers
 
 
 def _schemes(scheme: Any, names: Sequence[str]) -> list[Scheme]:

@@ -51,9 +51,10 @@ def cut(
     structure : Structure, Elements, or list of Elements
         Linear or with internal forces.
     labels : (elements,) array of int or str, or "steps"
-        Which subdomain an element belongs to: numbers 0, 1, ..., each at least once, of subdomains
-        named "part 0", "part 1", ...; or their names. Elements are counted group by group; those of
-        a Structure kind by kind. The elements of a subdomain need not be connected.
+        Which subdomain an element belongs to: whole numbers, such as the tags 3, 7, 11 of a mesh,
+        of subdomains named "part 3", "part 7", "part 11"; or their names. Subdomains are in rising
+        order of these. Elements are counted group by group; those of a Structure kind by kind. The
+        elements of a subdomain need not be connected.
         "steps": explicit subdomains named "1 substep", "2 substeps", "4 substeps", ... by the
         critical steps of the elements, see Notes.
     parts : int, optional

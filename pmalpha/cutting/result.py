@@ -53,7 +53,7 @@ class Cut:
         The ties: one Constraint with a row for each dof and each of its subdomains but one, +1 on
         the first and -1 on the other one; empty where no dof is shared.
     labels : (elements,) array of int
-        The subdomain of each element.
+        The index in `subdomains` of the subdomain of each element.
     dt : float or None
         The macro step for which the numbers of substeps were chosen.
     choices : dict of Plan by name

@@ -68,7 +68,7 @@ class StVenantKirchhoff(Hyperelastic):
     --------
     >>> from pmalpha import structures
     >>> steel = structures.StVenantKirchhoff(210e9, 0.3)
-    >>> structures.nonlinear_solid((4, 2), 0.5, steel, rho=7850.0)
+    >>> structures.nonlinear_solid(4, 2, 0.5, steel, rho=7850.0)
     <Structure 15 points, 8 quad, 30 dofs, 1 internal force>
     """
 
@@ -123,7 +123,7 @@ class NeoHookean(Hyperelastic):
     Examples
     --------
     >>> from pmalpha import structures
-    >>> structures.nonlinear_solid((2, 2, 2), 0.5, structures.NeoHookean(1e6, 0.4), rho=1100.0)
+    >>> structures.nonlinear_solid(2, 2, 2, 0.5, structures.NeoHookean(1e6, 0.4), rho=1100.0)
     <Structure 27 points, 8 hexahedron, 81 dofs, 1 internal force>
     """
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from .._checks import check_word, plain_array, whole_number
+from ..errors import warn
 from .checked import is_lumped, mesh_arguments, positive
 from .continuum import grid
 from .elasticity import gradients, mass_matrix
@@ -28,8 +29,11 @@ __all__ = ["nonlinear_solid", "nonlinear_solid_on"]
 POINTS = 2048
 
 
+@overload
 def nonlinear_solid(
-    counts: Sequence[int],
+    nx: int,
+    ny: int,
+    /,
     h: float | Sequence[float],
     material: Material,
     *,
@@ -38,15 +42,44 @@ def nonlinear_solid(
     plane: str = "strain",
     mass: str = "consistent",
     origin: Sequence[float] | None = None,
+) -> Structure: ...
+
+
+@overload
+def nonlinear_solid(
+    nx: int,
+    ny: int,
+    nz: int,
+    /,
+    h: float | Sequence[float],
+    material: Material,
+    *,
+    rho: ArrayLike,
+    mass: str = "consistent",
+    origin: Sequence[float] | None = None,
+) -> Structure: ...
+
+
+def nonlinear_solid(
+    *arguments: Any,
+    h: Any = None,
+    material: Any = None,
+    rho: ArrayLike,
+    t: ArrayLike = 1.0,
+    plane: str = "strain",
+    mass: str = "consistent",
+    origin: Sequence[float] | None = None,
 ) -> Structure:
     """A rectangle or box of equal elements: `nonlinear_solid_on` a regular mesh.
 
-    Nodes and elements have the numbers of `plate` and `solid`.
+    ``nonlinear_solid(nx, ny, h, material, ...)`` as `plate`, ``nonlinear_solid(nx, ny, nz, h,
+    material, ...)`` as `solid`, whose numbers of nodes and elements it has.
 
     Parameters
     ----------
-    counts : two or three ints
-        Number of elements along the axes, at least 1: quadrilaterals or hexahedra.
+    *arguments : int
+        nx, ny and nz, the number of elements along the axes, at least 1: two of quadrilaterals,
+        three of hexahedra. Until version 0.4 also as one tuple, with a warning.
     h : float, or one for each axis
         Edge lengths of an element.
     material : StVenantKirchhoff, NeoHookean or J2Plasticity
@@ -74,17 +107,30 @@ def nonlinear_solid(
     --------
     >>> from pmalpha import structures
     >>> rubber = structures.NeoHookean(1e6, 0.45)
-    >>> block = structures.nonlinear_solid((8, 4, 4), 0.01, rubber, rho=1100.0, mass="lumped")
+    >>> block = structures.nonlinear_solid(8, 4, 4, 0.01, rubber, rho=1100.0, mass="lumped")
     >>> block
     <Structure 225 points, 128 hexahedron, 675 dofs, 1 internal force>
     >>> box = structures.solid(8, 4, 4, 0.01, E=1e6, nu=0.45, rho=1100.0)
     >>> bool(abs(block.tangent() - box.K).max() < 1e-12 * abs(box.K).max())  # without strain
     True
     """
-    sizes = plain_array(counts, "counts")
-    if sizes.shape not in ((2,), (3,)):
-        raise ValueError(f"counts must be two or three numbers, got {counts!r}")
-    numbers = tuple(whole_number(count, "counts", low=1) for count in counts)
+    given = [*arguments, *(x for x in (h, material) if x is not None)]
+    if len(given) < 3:
+        raise TypeError(
+            "nonlinear_solid needs nx, ny, h and a material, or nx, ny, nz, h and a material, got "
+            f"{given!r}"
+        )
+    *counts, h, material = given
+    if len(counts) == 1 and np.ndim(counts[0]) == 1:
+        (counts,) = counts
+        warn(
+            "nonlinear_solid takes nx, ny and nz one by one, as solid does; a tuple of them ends "
+            "with version 0.4",
+            DeprecationWarning,
+        )
+    if len(counts) not in (2, 3):
+        raise ValueError(f"nonlinear_solid needs two or three numbers of elements, got {counts!r}")
+    numbers = tuple(whole_number(n, name, low=1) for n, name in zip(counts, ("nx", "ny", "nz")))
     start = (0.0,) * len(numbers) if origin is None else origin
     points, elements, corners = grid(numbers, h, start)
     return _solid(points, elements, corners, material, rho, t, plane, mass)

@@ -42,7 +42,7 @@ class J2Plasticity(Material):
     --------
     >>> from pmalpha import structures
     >>> steel = structures.J2Plasticity(210e9, 0.3, yield_stress=235e6, isotropic=2e9)
-    >>> block = structures.nonlinear_solid((2, 1, 1), 0.1, steel, rho=7850.0)
+    >>> block = structures.nonlinear_solid(2, 1, 1, 0.1, steel, rho=7850.0)
     >>> block.internal[0].history.size  # 2 elements, 8 Gauss points, 7 numbers
     112
     """

@@ -310,7 +310,7 @@ class Structure:
         Examples
         --------
         >>> from pmalpha import structures
-        >>> ball = structures.nonlinear_solid((2, 2), 0.5, structures.NeoHookean(1e6, 0.3), rho=1e3)
+        >>> ball = structures.nonlinear_solid(2, 2, 0.5, structures.NeoHookean(1e6, 0.3), rho=1e3)
         >>> floor = structures.plane_contact(ball, ball.nodes_at(y=0.0), point=[0.0, 0.0],
         ...                              normal=[0.0, 1.0], stiffness=1e7)
         >>> ball.with_internal(floor)
