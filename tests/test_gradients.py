@@ -296,6 +296,57 @@ def test_the_history_of_a_run_that_was_ended_is_kept():
     assert last is not None and coupler.last_history is last
 
 
+def test_differences_of_runs_are_the_gradient_where_both_can_be_had():
+    coupler = problem("gc", (1, 2), (half, fine), moved=True)
+    pair = pm.Parameters("s1", dofs=[[0, 1], [1, 2], [0, 3]], K=np.eye(2), labels=[1, 0, 1])
+    both = [CHANGED, pair]
+    coupler.step(2)
+
+    def objective(history):
+        return squares(history, True)
+
+    done = []
+    exact = coupler.gradient(objective, steps=STEPS, parameters=both)
+    found = coupler.gradient(
+        objective,
+        steps=STEPS,
+        parameters=both,
+        differences=1e-4,
+        progress=lambda *x: done.append(x),
+    )
+    assert coupler.step_count == 2 and done[-1] == (6, 6)
+    assert found.value == exact.value and not found.force and found.velocity is None
+    for one, other in zip(found.parameters, exact.parameters):
+        assert np.allclose(one, other, rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["restoring", "internal"])
+def test_differences_know_springs(kind):
+    """A Duffing oscillator: the slope of u in k against a difference of DOP853 solutions."""
+    from scipy.integrate import solve_ivp
+
+    def exact(k):
+        def rates(t, y):
+            return [y[1], -k * y[0] - 3.0 * y[0] ** 3]
+
+        return solve_ivp(rates, (0.0, 2.0), [1.0, 0.5], "DOP853", rtol=1e-12, atol=1e-12).y[0, -1]
+
+    spring = pm.CubicSpring([0], k=0.0, k3=3.0)
+    mass = pm.Subdomain(
+        [1.0], [4.0], scheme=pm.Newmark(), u0=[1.0], v0=[0.5], name="mass", **{kind: spring}
+    )
+    coupler = pm.Coupler([mass], dt=2e-3)
+    k = pm.Parameters(mass, dofs=[[0]], K=[[1.0]])
+    arguments = dict(parameters=k, what="u", differences=1e-4)
+    S = coupler.jacobian({"mass": [0]}, 2.0, **arguments)["mass"]
+    slope = (exact(4.0 + 1e-3) - exact(4.0 - 1e-3)) / 2e-3
+    assert abs(S[-1, 0, 0] / slope - 1.0) < 1e-4  # (omega dt)^2 with 700 steps in a period
+    refused("without differences= needs linear", coupler.gradient, squares, 2.0)
+    refused(
+        "differences must be", coupler.jacobian, {"mass": [0]}, 2.0, parameters=k, differences=0
+    )
+
+
 def refused(message, call, *arguments, error=ValueError, **named):
     with pytest.raises(error, match=message):
         call(*arguments, **named)

@@ -13,9 +13,10 @@ import numpy as np
 from .._checks import whole_number
 from ..errors import AccuracyWarning
 from .adjoint import Adjoint, Member, Sources
+from .differences import by_differences
 from .misfit import KINDS, Misfit
 from .parameters import Parameters
-from .problem import Problem, require_adjoint
+from .problem import Problem, require_adjoint, subdomain_of
 
 # Macro steps in a block: rounding grows with it, and the memory of a block.
 BLOCK = 100
@@ -34,8 +35,9 @@ class Gradient:
         With respect to the loads at the time levels of each subdomain, from t = 0 on.
     u0, v0 : dict of (n,) arrays
         With respect to the initial values.
-    velocity : (interface levels, p) array
+    velocity : (interface levels, p) array or None
         With respect to the velocities that the constraints prescribe, from t = 0 on, where it is 0.
+        By differences `force`, `u0` and `v0` are empty, and this is None.
     history : History
         The run.
     """
@@ -45,7 +47,7 @@ class Gradient:
     force: dict[str, np.ndarray]
     u0: dict[str, np.ndarray]
     v0: dict[str, np.ndarray]
-    velocity: np.ndarray
+    velocity: np.ndarray | None
     history: Any
 
 
@@ -56,27 +58,51 @@ def gradient(
     end: tuple[float | None, int | None],
     parameters: Any,
     block: int | None,
+    differences: float | None,
     reporting: Callable[[int], AbstractContextManager[Any]],
     judge: Callable[[Any, Any], None],
 ) -> Gradient:
-    """`Coupler.gradient`; `reporting` makes the report of a number of macro steps, and `judge`
-    warns of a run of this session."""
+    """`Coupler.gradient`; `reporting` makes the report of a number of macro steps, or of runs, and
+    `judge` warns of a run of this session."""
     parameters = checked_parameters(parameters)
     if not callable(objective):
         raise TypeError(f"objective must be a Misfit or a function of a History, got {objective!r}")
     if isinstance(objective, Misfit):
         objective.check_sizes({name: s.n for name, s in session.keys}, session.rows.p)
     block = BLOCK if block is None else whole_number(block, "block", low=1)
-    require_adjoint(session, "gradient")
+    if differences is not None:
+        return _by_differences(coupler, session, objective, end, parameters, differences, reporting)
+    require_adjoint(session, "gradient without differences=")
     with from_beginning(coupler, session):
         problem = Problem(coupler, session)
-        names = [problem.name_of(p) for p in parameters]
+        names = [subdomain_of(session.keys, p) for p in parameters]
         steps = steps_of(session, end)
         with reporting(2 * steps) as report:
             blocks = Blocks(coupler, problem, steps, block, report)
             result = blocks.gradient(objective, parameters, names)
             judge(session, result.history)
             return result
+
+
+def _by_differences(
+    coupler: Any,
+    session: Any,
+    objective: Any,
+    end: tuple[float | None, int | None],
+    parameters: Sequence[Parameters],
+    differences: float,
+    reporting: Callable[[int], AbstractContextManager[Any]],
+) -> Gradient:
+    names = [subdomain_of(session.keys, p) for p in parameters]
+    record = objective.record if isinstance(objective, Misfit) else None
+    with from_beginning(coupler, session):
+        steps = steps_of(session, end)
+        history = coupler.run(steps=steps, record=record)
+    of = list(zip(parameters, names))
+    runs = by_differences(session, type(coupler), of, steps, record, differences, reporting)
+    slopes = np.array([(objective(b)[0] - objective(a)[0]) / h for a, b, h in runs])
+    split = np.split(slopes, np.cumsum([p.m for p in parameters])[:-1])
+    return Gradient(objective(history)[0], split, {}, {}, {}, None, history)
 
 
 @contextmanager

@@ -16,10 +16,11 @@ import scipy.fft as sfft
 
 from ..problem.dofs import dof_list
 from ..problem.forces import SampledForce
+from .differences import by_differences
 from .gradient import checked_parameters, from_beginning, steps_of
 from .misfit import KINDS, places
 from .parameters import Parameters
-from .problem import Problem, require_adjoint
+from .problem import Problem, require_adjoint, subdomain_of
 
 # Parameters of one subdomain, its name, and its motion by what it is multiplied by.
 Of: TypeAlias = "tuple[Parameters, str, dict[str, np.ndarray]]"
@@ -37,20 +38,31 @@ def jacobian(
     end: tuple[float | None, int | None],
     parameters: Any,
     what: str,
+    differences: float | None,
     reporting: Callable[[int], AbstractContextManager[Any]],
 ) -> dict[str, np.ndarray]:
-    """`Coupler.jacobian`; `reporting` makes the report of a number of parameters."""
+    """`Coupler.jacobian`; `reporting` makes the report of a number of parameters or runs."""
     parameters = checked_parameters(parameters)
     if not parameters:
         raise ValueError("parameters must be at least one, got none")
     if what not in KINDS:
         raise ValueError(f"what must be one of {', '.join(KINDS)}, got {what!r}")
     sensors = checked_sensors(sensors, session.keys)
-    require_adjoint(session, "jacobian")
+    names = [subdomain_of(session.keys, p) for p in parameters]
+    if differences is not None:
+        with from_beginning(coupler, session):
+            steps, of_names = steps_of(session, end), list(zip(parameters, names))
+        make = type(coupler)
+        runs = by_differences(session, make, of_names, steps, sensors, differences, reporting)
+        columns = []
+        for histories in runs:
+            a, b = (_recorded(x, sensors, what) for x in histories[:2])
+            columns.append({name: (b[name] - a[name]) / histories[2] for name in sensors})
+        return {name: np.stack([x[name] for x in columns], axis=-1) for name in sensors}
+    require_adjoint(session, "jacobian without differences=")
     with from_beginning(coupler, session):
         problem = Problem(coupler, session)
-        problem.require_constant_interface("jacobian")
-        names = [problem.name_of(p) for p in parameters]
+        problem.require_constant_interface("jacobian without differences=")
         steps = steps_of(session, end)
         run = coupler.run(steps=steps, record=dict.fromkeys(names))
         of = [(p, name, problem.motion(name, run[name])) for p, name in zip(parameters, names)]

@@ -177,18 +177,10 @@ class Parameters(Frozen):
     def _force(self, j: int, motion: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """Dofs, and -(dM w + dC v + dK u) on them, (levels, dofs), for parameter j."""
         if self.dofs is not None:
-            own = np.flatnonzero(self._of == j)
-            dofs, local = np.unique(self.dofs[own], return_inverse=True)
-            pairs = np.broadcast_arrays(
-                *(local.reshape(own.size, -1)[at] for at in (np.s_[:, :, None], np.s_[:, None, :]))
-            )
+            dofs = np.unique(self.dofs[self._of == j])
             total = np.zeros((len(motion["K"]), dofs.size))
-            for kind, element in self.matrices.items():
-                entries = np.broadcast_to(
-                    element if len(element) == 1 else element[own], pairs[0].shape
-                )
-                D = sp.csr_array((entries.ravel(), [x.ravel() for x in pairs]), (dofs.size,) * 2)
-                total -= (D @ motion[kind][:, dofs].T).T
+            for kind in self.matrices:
+                total -= (self._matrix(kind, j, dofs) @ motion[kind][:, dofs].T).T
             return dofs, total
         total = np.zeros_like(motion["K"])
         for kind, listed in self.matrices.items():
@@ -196,6 +188,18 @@ class Parameters(Frozen):
         dofs = np.flatnonzero(np.any(total, axis=0))
         dofs = dofs if dofs.size else np.zeros(1, int)
         return dofs, total[:, dofs]
+
+    def _matrix(self, kind: str, j: int, dofs: np.ndarray) -> Any:
+        """Parameter j's dM, dC or dK for these dofs of the subdomain, which are in rising order."""
+        matrices = self.matrices[kind]
+        if self.dofs is None:
+            return matrices[j][dofs][:, dofs]
+        own = np.flatnonzero(self._of == j)
+        local = np.searchsorted(dofs, self.dofs[own])
+        entries = matrices if len(matrices) == 1 else matrices[own]
+        rows, columns, values = np.broadcast_arrays(local[:, :, None], local[:, None], entries)
+        shape = (dofs.size, dofs.size)
+        return sp.csr_array((values.ravel(), (rows.ravel(), columns.ravel())), shape)
 
     def _traces(self, Y: np.ndarray, Z: np.ndarray, weights: dict[str, float]) -> np.ndarray:
         """tr(dMbar_j Y Z^T) with dMbar = sum of weights times dM, dC, dK, for (A10)."""

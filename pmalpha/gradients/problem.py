@@ -41,16 +41,6 @@ class Problem:
         self.single = self._adjoint([False] * len(self.keys))
         self.steady = self._adjoint(self.doubles) if any(self.doubles) else self.single
 
-    def name_of(self, p: Parameters) -> str:
-        """The name of the subdomain of some parameters."""
-        for name, s in self.keys:
-            if p.subdomain in (name, s):
-                p._check_size(s.n, name)
-                result: str = name
-                return result
-        names = ", ".join(repr(name) for name, _ in self.keys)
-        raise KeyError(f"parameters must be of one of the subdomains {names}, got {p!r}")
-
     def motion(self, name: str, run: Any) -> dict[str, np.ndarray]:
         """What dM, dC and dK of a subdomain are multiplied by in (A9), at all levels of a run."""
         i = [key for key, _ in self.keys].index(name)
@@ -85,8 +75,7 @@ class Problem:
             raise ValueError(
                 f'{what} needs coupling "macro", or equal substeps: under '
                 f'"{self.options.coupling}" the H beside interpolated velocities depends on the '
-                "parameters. "
-                "Coupler.gradient has no such limit"
+                "parameters. Coupler.gradient has no such limit"
             )
 
     def sensitive(self, cases: Sequence[Mapping[str, Any]], steps: int, record: Any) -> list[Any]:
@@ -155,6 +144,17 @@ class Problem:
             rows = Constraint({s: L for s, L in zip(subdomains, self.matrices) if L.nnz}, velocity)
         o = self.options
         return type(self.coupler)(subdomains, rows, dt=self.dt, coupling=o.coupling)
+
+
+def subdomain_of(keys: Any, p: Parameters) -> str:
+    """The name of the subdomain of some parameters."""
+    for name, s in keys:
+        if p.subdomain in (name, s):
+            p._check_size(s.n, name)
+            result: str = name
+            return result
+    names = ", ".join(repr(name) for name, _ in keys)
+    raise KeyError(f"parameters must be of one of the subdomains {names}, got {p!r}")
 
 
 def require_adjoint(session: Any, what: str) -> None:

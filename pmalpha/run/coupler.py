@@ -32,7 +32,7 @@ from . import state as present
 from . import tolerance as tolerance_run
 from .description import html_of, text_of
 from .progress import reporting
-from .session import begin, made, require_linear
+from .session import begin, made, require_alone, require_linear
 from .snapshot import Snapshot
 from .state import State
 
@@ -584,6 +584,7 @@ class Coupler:
         steps: int | None = None,
         parameters: Parameters | Sequence[Parameters] = (),
         block: int | None = None,
+        differences: float | None = None,
         progress: Any = None,
     ) -> Gradient:
         """Value and gradient of a function of a linear run, for the price of about two more runs.
@@ -609,8 +610,14 @@ class Coupler:
         block : int, optional
             Macro steps between two states that are kept. The memory is that of the states, and of
             the motion in one block. Default: 100. Rounding grows with it.
+        differences : float, optional
+            For problems without such an adjoint, see Raises: parameters only, by central
+            differences of whole runs with each one changed by this step to both sides, two runs
+            and two set-ups for each. Their error is that of the third derivatives, with the
+            square of the step, and rounding of the value divided by the step: 1e-4 of a parameter
+            leaves five to eight digits of what is smooth.
         progress : True or callable, optional
-            As for `run`, in macro steps, twice those of the run.
+            As for `run`, in macro steps, twice those of the run; by differences in runs.
 
         Returns
         -------
@@ -620,8 +627,9 @@ class Coupler:
         Raises
         ------
         ValueError
-            For couplings and subdomains whose adjoint is not such a run: "mean", drift removed, the
-            plain start, restoring and internal forces, lagged damping, dofs without mass, `comm`.
+            Without `differences` for couplings and subdomains whose adjoint is not such a run:
+            "mean", drift removed, the plain start, restoring and internal forces, lagged damping,
+            dofs without mass; always for `comm`.
         TypeError, KeyError, ValueError
             For arguments and sources of the wrong kind or shape.
 
@@ -646,11 +654,13 @@ class Coupler:
         >>> bool(abs((value(4.5 + 1e-5) - value(4.5 - 1e-5)) / 2e-5 / exact - 1.0) < 1e-7)
         True
         """
-        require_linear(self._session, "gradient")
+        if differences is None:
+            require_linear(self._session, "gradient without differences=")
+        require_alone(self._session, "gradient")
         end, report = (t_end, steps), partial(reporting, progress, 0)
         judge = recorded_run.judge
         return gradients.gradient(
-            self, self._session, objective, end, parameters, block, report, judge
+            self, self._session, objective, end, parameters, block, differences, report, judge
         )
 
     def jacobian(
@@ -661,13 +671,16 @@ class Coupler:
         steps: int | None = None,
         parameters: Parameters | Sequence[Parameters],
         what: str = "a",
+        differences: float | None = None,
         progress: Any = None,
     ) -> dict[str, np.ndarray]:
-        """How the motion at some dofs depends on parameters: forward sensitivities of a linear run.
+        """How the motion at some dofs depends on parameters, for a linear run.
 
-        One run for each parameter, eight of them at a time side by side. They are exact, to
-        rounding. For few parameters this and Gauss-Newton steps take less time than `gradient`; for
-        hundreds of them `gradient` does.
+        Exact, to rounding: by one run for each parameter, or, where that is cheaper and u0 and v0
+        are zero, by one run in reversed time for each sensor and each of its substeps in a macro
+        step; eight runs at a time side by side. With dozens of parameters this and Gauss-Newton
+        steps take less time than `gradient`; with hundreds of them and many sensors `gradient`
+        does.
 
         Parameters
         ----------
@@ -682,8 +695,10 @@ class Coupler:
             What the matrices depend on.
         what : {"a", "v", "u"}
             The motion that is measured.
+        differences : float, optional
+            As for `gradient`.
         progress : True or callable, optional
-            Called with the number of parameters that are done.
+            Called with the number of runs that are done.
 
         Returns
         -------
@@ -710,9 +725,13 @@ class Coupler:
         >>> float(S["mass"][-1, 0, 0].round(3))
         -0.109
         """
-        require_linear(self._session, "jacobian")
+        if differences is None:
+            require_linear(self._session, "jacobian without differences=")
+        require_alone(self._session, "jacobian")
         end, report = (t_end, steps), partial(reporting, progress, 0)
-        return sensitivities.jacobian(self, self._session, sensors, end, parameters, what, report)
+        return sensitivities.jacobian(
+            self, self._session, sensors, end, parameters, what, differences, report
+        )
 
     # ---- states that are kept -------------------------------------------------------------------
 
