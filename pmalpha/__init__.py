@@ -3,7 +3,7 @@
 Start with `Subdomain`, `tie` and `Coupler`; the equations are in docs/method.md.
 """
 
-from . import analysis, export, models, plot, readers, remote, structures
+from . import analysis, export, models, plot, readers, remote, rig, structures
 from .cutting.cut import cut
 from .cutting.element_factors import element_parameters
 from .cutting.elements import Elements
@@ -121,6 +121,7 @@ __all__ = [
     "readers",
     "reduce",
     "remote",
+    "rig",
     "solve",
     "structures",
     "tie",

@@ -125,6 +125,7 @@ PyObject *pma_subdomain_set_iteration(SubdomainObject *self, PyObject *args);
 extern PyMethodDef pma_factor_functions[];
 extern PyMethodDef pma_matrix_functions[];
 extern PyMethodDef pma_spring_functions[];
+extern PyMethodDef pma_specimen_functions[];
 PyObject *pma_spring_laws(void);
 extern PyMethodDef pma_estimate_functions[];
 extern PyMethodDef pma_case_functions[];
@@ -222,12 +223,30 @@ void *pma_address_of(PyObject *obj, void **user);
 /* True for a scipy.LowLevelCallable */
 bool pma_is_compiled(PyObject *obj);
 
+/* n doubles of scratch, owned by the list of arrays */
+double *pma_add_scratch(npy_intp n, PyObject *arrays);
+
+/* A function of the user in the form of the core. */
+typedef struct {
+    pma_restoring_function function;
+    void *user;
+} pma_callback;
+
+/* A callable or LowLevelCallable of restoring forces; *by_caller is set for the former. */
+int pma_take_callback(PyObject *function, pma_callback *out, bool *by_caller);
+
+/* (filters, springs, function or None), in the user's order of dofs, with memory after that which
+ * *restoring has already: each filter is (lag, weight, largest, phi, before, after, slope, noise,
+ * quantum, seed), or (h, limits, threshold, every, window, section) */
+int pma_take_specimen(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring *restoring,
+                      pma_callback *out);
+
 /* (f, order): f is a LowLevelCallable with the signature of pma_force_function */
 int pma_take_force(PyObject *obj, PyObject *arrays, pma_load *load);
 
 /* None, or ((f, ...), order), of which the sum counts: each f is a callable f(u, v, t) -> (n,)
- * array in the user's order of dofs, or a LowLevelCallable with the signature of
- * pma_restoring_function */
+ * array in the user's order of dofs, a LowLevelCallable with the signature of
+ * pma_restoring_function, or a specimen */
 int pma_take_restoring(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring *out);
 
 /* None, or (order, initial, ((function, history, where, potential), ...)): each is a callable

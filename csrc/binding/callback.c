@@ -2,17 +2,23 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-/* r := f(u, v, t); -1 with an exception set. The callable gets copies of u and v. */
-static int evaluate(PyObject *callable, double t, npy_intp n, const double *u, const double *v,
-                    double *r)
+/* r := f(u, v, t), and u := x where the callable returns (r, x), what was measured; -1 with an
+ * exception set. The callable gets copies of u and v. */
+static int evaluate(PyObject *callable, double t, npy_intp n, double *u, const double *v, double *r)
 {
-    const double *values;
+    const double *values, *measured = NULL;
     int failed = -1;
     PyObject *result = NULL, *own_u = pma_new_vector(n, u), *own_v = pma_new_vector(n, v);
     if (own_u && own_v)
         result = PyObject_CallFunction(callable, "OOd", own_u, own_v, t);
-    if (result && pma_take_doubles(result, n, "restoring", NULL, &values) == 0) {
+    const bool both = result && PyTuple_Check(result) && PyTuple_Size(result) == 2;
+    PyObject *force = both ? PyTuple_GetItem(result, 0) : result;
+    if (result && pma_take_doubles(force, n, "restoring", NULL, &values) == 0 &&
+        (!both ||
+         pma_take_doubles(PyTuple_GetItem(result, 1), n, "measured", NULL, &measured) == 0)) {
         memcpy(r, values, (size_t)n * sizeof(double));
+        if (measured)
+            memcpy(u, measured, (size_t)n * sizeof(double));
         failed = 0;
     }
     Py_XDECREF(result);
@@ -25,7 +31,8 @@ typedef struct {
     PyObject *callable;
     double t;
     npy_intp n;
-    const double *u, *v;
+    double *u;
+    const double *v;
     double *r;
 } evaluation;
 
@@ -46,7 +53,7 @@ static int call_callable(double t, intptr_t n, double *u, double *v, double *r, 
 }
 
 /* n doubles of scratch, owned by the list of arrays */
-static double *add_scratch(npy_intp n, PyObject *arrays)
+double *pma_add_scratch(npy_intp n, PyObject *arrays)
 {
     PyObject *work = PyArray_ZEROS(1, &n, NPY_DOUBLE, 0);
     double *data = NULL;
@@ -98,23 +105,18 @@ int pma_take_force(PyObject *obj, PyObject *arrays, pma_load *load)
         pma_take_order(order, n, arrays, &load->order) < 0)
         return -1;
     load->kind = PMA_LOAD_CALLED;
-    load->work = add_scratch(n, arrays);
+    load->work = pma_add_scratch(n, arrays);
     load->function = (pma_force_function)pma_address_of(function, &load->user);
     return load->work && load->function ? PyList_Append(arrays, function) : -1;
 }
 
 /* ---- restoring forces ----------------------------------------------------------------------- */
 
-typedef struct {
-    pma_restoring_function function;
-    void *user;
-} callback;
-
 /* Several functions as one: their sum, in this order. */
 typedef struct {
     double *work; /* 3 n: scratch */
     Py_ssize_t count;
-    callback each[];
+    pma_callback each[];
 } series;
 
 static int call_series(double t, intptr_t n, double *u, double *v, double *r, void *user)
@@ -136,7 +138,7 @@ static int call_series(double t, intptr_t n, double *u, double *v, double *r, vo
 }
 
 /* A function of the user; *by_caller is set for a Python callable. */
-static int take_callback(PyObject *function, callback *out, bool *by_caller)
+int pma_take_callback(PyObject *function, pma_callback *out, bool *by_caller)
 {
     out->function = (pma_restoring_function)pma_address_of(function, &out->user);
     if (out->function)
@@ -145,7 +147,7 @@ static int take_callback(PyObject *function, callback *out, bool *by_caller)
         PyErr_SetString(PyExc_TypeError, "restoring must be callable");
         return -1;
     }
-    *out = (callback){call_callable, function};
+    *out = (pma_callback){call_callable, function};
     *by_caller = true;
     return 0;
 }
@@ -169,8 +171,32 @@ static series *add_series(Py_ssize_t count, npy_intp n, PyObject *arrays)
     Py_DECREF(owner);
     if (failed)
         return NULL;
-    all->work = add_scratch(3 * n, arrays);
+    all->work = pma_add_scratch(3 * n, arrays);
     return all->work ? all : NULL;
+}
+
+/* A tuple of tuples is a specimen, one that begins with a capsule a LowLevelCallable. */
+static int take_function(PyObject *function, npy_intp n, PyObject *arrays, pma_restoring *restoring,
+                         pma_callback *out)
+{
+    if (PyTuple_Check(function) && PyTuple_Size(function) > 0 &&
+        PyTuple_Check(PyTuple_GetItem(function, 0)))
+        return pma_take_specimen(function, n, arrays, restoring, out);
+    return pma_take_callback(function, out, &restoring->by_caller);
+}
+
+/* The cell in which the functions find what they remember. */
+static int add_place(PyObject *arrays, pma_restoring *out)
+{
+    out->place = PyMem_Calloc(1, sizeof *out->place);
+    PyObject *owner = out->place ? PyCapsule_New(out->place, NULL, free_series) : PyErr_NoMemory();
+    if (!owner) {
+        PyMem_Free(out->place);
+        return -1;
+    }
+    const int failed = PyList_Append(arrays, owner);
+    Py_DECREF(owner);
+    return failed;
 }
 
 static int take_functions(PyObject *functions, npy_intp n, PyObject *arrays, pma_restoring *out)
@@ -181,13 +207,13 @@ static int take_functions(PyObject *functions, npy_intp n, PyObject *arrays, pma
         return -1;
     }
     series *all = add_series(count, n, arrays);
-    if (!all)
+    if (!all || add_place(arrays, out) < 0)
         return -1;
     for (Py_ssize_t i = 0; i < count; i++) {
-        if (take_callback(PyTuple_GetItem(functions, i), &all->each[i], &out->by_caller) < 0)
+        if (take_function(PyTuple_GetItem(functions, i), n, arrays, out, &all->each[i]) < 0)
             return -1;
     }
-    const callback whole = count == 1 ? all->each[0] : (callback){call_series, all};
+    const pma_callback whole = count == 1 ? all->each[0] : (pma_callback){call_series, all};
     out->function = whole.function;
     out->user = whole.user;
     return 0;
@@ -209,7 +235,7 @@ int pma_take_restoring(PyObject *obj, npy_intp n, PyObject *arrays, pma_restorin
         return -1;
     if (load != Py_None && pma_take_doubles(load, n, "load", arrays, &out->load) < 0)
         return -1;
-    out->work = add_scratch(3 * n, arrays);
+    out->work = pma_add_scratch(3 * n, arrays);
     if (!out->work || PyList_Append(arrays, functions) < 0)
         return -1;
     return take_functions(functions, n, arrays, out);

@@ -410,7 +410,7 @@ static void list_fields(const pma_kept_levels *levels, double *fields[2 * LEVEL_
 
 static npy_intp field_size(const pma_parts *parts, Py_ssize_t field)
 {
-    const size_t n = parts->n, remembered = pma_springs_numbers(&parts->springs);
+    const size_t n = parts->n, remembered = pma_parts_memory(parts);
     const size_t history = parts->internal.history + (parts->iterate ? 1 : 0);
     const size_t sizes[LEVEL_FIELDS] = {n, n, n, n, parts->nb, remembered, history};
     return (npy_intp)sizes[field % LEVEL_FIELDS];

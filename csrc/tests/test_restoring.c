@@ -20,13 +20,15 @@ static void a_force_is_evaluated_in_the_users_order_and_a_code_leaves_the_sum_as
     double y[3] = {10.0, 20.0, 30.0}, work[9];
     int code = -1;
     diary d = {.fail_at = 2};
-    const pma_restoring restoring = {pull, &d, false, 3, order, work, NULL};
+    const pma_restoring restoring = {
+        .function = pull, .user = &d, .n = 3, .order = order, .work = work};
     /* user's u (2, 3, 1), v (8, 16, 4): r = (8 + 16 + 2, 27 + 6 + 4, 1 + 4 + 1) + 1/2 */
-    CHECK_STATUS(pma_restoring_subtract(&restoring, 4.0, u, v, y, &code), PMA_OK);
+    CHECK_STATUS(pma_restoring_subtract(&restoring, 4.0, u, v, NULL, NULL, y, &code), PMA_OK);
     const double expected[3] = {10.0 - 6.5, 20.0 - 26.5, 30.0 - 37.5};
     CHECK_BITS(3, y, expected);
     CHECK_INT(code, 0);
-    CHECK_STATUS(pma_restoring_subtract(&restoring, 5.0, u, v, y, &code), PMA_RESTORING_FAILED);
+    CHECK_STATUS(pma_restoring_subtract(&restoring, 5.0, u, v, NULL, NULL, y, &code),
+                 PMA_RESTORING_FAILED);
     CHECK_BITS(3, y, expected);
     CHECK_INT(code, 7);
     CHECK(d.times[0] == 4.0 && d.times[1] == 5.0);

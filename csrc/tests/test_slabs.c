@@ -259,7 +259,7 @@ static void functions_are_evaluated_for_one_case_alone(void)
     for (size_t i = 0; i < LONG; i++)
         order[i] = (int64_t)i;
     pma_parts parts = describe_long(true, false);
-    parts.restoring = (pma_restoring){pull, NULL, false, LONG, order, work, NULL};
+    parts.restoring = (pma_restoring){.function = pull, .n = LONG, .order = order, .work = work};
     pma_subdomain *s = NULL, *cases = NULL;
     CHECK_STATUS(pma_subdomain_create(&parts, &s), PMA_OK);
     CHECK(!pma_cases_are_possible(s));
@@ -296,7 +296,7 @@ static void only_an_explicit_linear_subdomain_with_single_steps_divides(void)
     bad[1].doubled = true;
     bad[2].lagged = true;
     bad[3].springs = (pma_springs){1, &SET, SPRINGS};
-    bad[4].restoring = (pma_restoring){pull, NULL, false, LONG, order, work, NULL};
+    bad[4].restoring = (pma_restoring){.function = pull, .n = LONG, .order = order, .work = work};
     bad[5].D_r = good.C;
     for (size_t i = 0; i < 6; i++)
         CHECK(!member_of(&bad[i]).divides);
@@ -320,7 +320,7 @@ static void a_member_is_what_its_parts_are(void)
     parts.doubled = false;
     parts.responds = true;
     CHECK(!member_of(&parts).doubled && member_of(&parts).responds);
-    parts.restoring = (pma_restoring){pull, NULL, false, LONG, order, work, NULL};
+    parts.restoring = (pma_restoring){.function = pull, .n = LONG, .order = order, .work = work};
     CHECK(member_of(&parts).evaluates && !member_of(&parts).by_caller);
     parts.restoring.by_caller = true;
     CHECK(member_of(&parts).evaluates && member_of(&parts).by_caller);

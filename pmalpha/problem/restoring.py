@@ -11,10 +11,11 @@ from scipy import LowLevelCallable
 
 from .._checks import vector
 from ..errors import UnboundedMotion
+from .actuators import Device, core_specimen, divided
 from .lowlevel import check_signature
 from .springs import Spring, check_dofs
 
-Function: TypeAlias = Callable[[np.ndarray, np.ndarray, float], Any] | LowLevelCallable
+Function: TypeAlias = Callable[[np.ndarray, np.ndarray, float], Any] | LowLevelCallable | Device
 # A function, springs, or at least one of each or several functions, in the user's order.
 Restoring = Function | tuple[Spring | Function, ...] | None
 
@@ -48,6 +49,8 @@ def checked_restoring(restoring: Any, n: int) -> Restoring:
             check_dofs((item,), n, label)
         elif isinstance(item, LowLevelCallable):
             check_signature(item, "restoring", label)
+        elif isinstance(item, Device):
+            check_dofs(item.springs, n, label)
         elif not callable(item):
             rule = "callable or a list of springs" if item is restoring else "a spring or callable"
             raise TypeError(f"{label} must be {rule}, got {item!r}")
@@ -70,6 +73,11 @@ def springs_of(restoring: Restoring) -> tuple[Spring, ...]:
 def functions_of(restoring: Restoring) -> tuple[Function, ...]:
     """The callables and LowLevelCallables, in the user's order."""
     return tuple(item for item in items_of(restoring) if not isinstance(item, Spring))
+
+
+def devices_of(restoring: Restoring) -> tuple[Device, ...]:
+    """The specimens behind actuators and compensators."""
+    return tuple(item for item in items_of(restoring) if isinstance(item, Device))
 
 
 class NotFinite(ValueError):
@@ -171,7 +179,8 @@ class CheckedRestoring:
     def _value(
         self, function: Callable[..., Any], what: str, u: np.ndarray, v: np.ndarray, t: float
     ) -> np.ndarray:
-        return _checked(function(u, v, t), self.n, f"{what} at t = {t:g}")
+        r, _ = divided(function(u, v, t), self.n)
+        return _checked(r, self.n, f"{what} at t = {t:g}")
 
 
 def is_compiled(function: Function) -> bool:
@@ -182,24 +191,29 @@ def core_restoring(
     restoring: Restoring,
     name: str,
     order: np.ndarray,
+    h: float,
     watch: Watch | None = None,
     feedback: Feedback | None = None,
 ) -> tuple[Any, ...] | None:
     """The functions of subdomain `name` in the form of the core, None without functions.
 
     The Python callables are one function of the core, which comes first, with a load that depends
-    on the motion; each compiled function is another one.
+    on the motion; each compiled function is another one, and each specimen behind an actuator or
+    a compensator, for substeps of length h.
     """
     items = items_of(restoring)
     label = "restoring" if len(items) == 1 else "restoring[{}]"
-    called = [
-        (item, f"{label.format(i)} of subdomain {name!r}")
-        for i, item in enumerate(items)
-        if not isinstance(item, Spring) and not is_compiled(item)
-    ]
+    named = [(item, f"{label.format(i)} of subdomain {name!r}") for i, item in enumerate(items)]
     functions: list[Any] = []
+    called: list[Any] = [
+        x for x in named if not isinstance(x[0], (Spring, Device)) and not is_compiled(x[0])
+    ]
     if called or feedback is not None:
         functions.append(CheckedRestoring(called, order.size, watch, feedback))
-    functions += [function for function in functions_of(restoring) if is_compiled(function)]
+    for item, what in named:
+        if isinstance(item, Device):
+            functions.append(core_specimen(item, order.size, h, what))
+        elif is_compiled(item):
+            functions.append(item)
     load = None if feedback is None else feedback.last
     return (tuple(functions), order, load) if functions else None

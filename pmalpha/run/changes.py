@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from .._checks import real_number, time_step, whole_number
+from ..problem.restoring import devices_of
 from ..results.clock import Clock
 from ..results.keys import by_index
 from ..results.recording import Recording
@@ -49,6 +50,13 @@ def change(
     step = session.done
     if layout == session.steps.layout:
         return
+    for i, part in enumerate(session.parts, session.assembly.first):
+        h = layout.of(i)[0]
+        if part.h != h and devices_of(part.subdomain.restoring):
+            raise ValueError(
+                f"steps of subdomain {part.name!r} must stay {part.h:g}, got {h:g}: its actuators "
+                "and compensators remember commands step by step; make another coupler"
+            )
     steps = session.steps.changed(layout, step) if clock is None else Steps(layout, clock)
     session.assemblies.of(layout)  # what it lacks is found now, not after the first macro step
     new, old, before = session.assemblies.of(steps.present), session.assembly, session.steps

@@ -24,6 +24,7 @@ from scipy import LowLevelCallable
 from .._checks import MOST, counted, listing
 from ..blas import one_thread
 from ..files import read_npz, write_npz
+from ..problem.actuators import Device
 from ..problem.forces import SampledForce, depends_on_motion
 from ..problem.springs import Spring
 from ..results.clock import Clock
@@ -126,6 +127,8 @@ def load(force: Any) -> str:
         return f"{type(force).__name__} {checksum(force.values)}, dt {force.dt!r}{shape}{average}"
     if isinstance(force, LowLevelCallable):
         return "a compiled function"
+    if isinstance(force, Device):
+        return f"{force.facts} of {load(force.specimen)}"
     if isinstance(force, tuple):
         return ", ".join(load(item) for item in force)
     if isinstance(force, Spring):

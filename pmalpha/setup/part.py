@@ -463,7 +463,7 @@ def build(part: Part, mass: Factor | None = None, threads: int = 1) -> None:
         K=part.K,
         C=part.C,
         restoring=core_restoring(
-            part.subdomain.restoring, part.name, part.order, watch_of(part), part.feedback
+            part.subdomain.restoring, part.name, part.order, part.h, watch_of(part), part.feedback
         ),
         D_r=part.D_r,
         lagged=part.subdomain.damping == "lagged",

@@ -42,6 +42,7 @@ struct pma_subdomain {
     double *vs;            /* n: extrapolated velocity, if there is one */
     double *force;         /* n, and scratch: internal forces of an explicit subdomain */
     double *history;       /* of internal forces, at the next start */
+    double *remembered;    /* by the restoring function, at the next start */
     double potential;      /* of internal forces, as evaluated last */
     double *product;       /* n: scratch, if it shoots */
     double *acceleration;  /* n: scratch, under mean coupling */
@@ -90,6 +91,10 @@ void pma_substep_store_free_velocity(pma_subdomain *s, const pma_operator *op, c
 
 /* Its stages, where they are the same for ranges of rows. */
 pma_status pma_substep_load(pma_subdomain *s, const pma_substep *step);
+/* y -= r(ut, vs, t1); what the function remembers goes on from the level before, double step or not,
+ * since it is evaluated at one level after the other */
+pma_status pma_substep_restore(pma_subdomain *s, const pma_substep *step, const pma_state *to,
+                               double *y);
 void pma_substep_add_forces(const pma_subdomain *s, const pma_substep *step, size_t begin,
                             size_t end);
 void pma_substep_free_velocity(pma_subdomain *s, const pma_substep *step);

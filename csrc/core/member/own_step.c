@@ -41,7 +41,7 @@ static pma_status hold(pma_iterate *it, const pma_state *from, const pma_state *
     }
     if (!p->restoring.function)
         return PMA_OK;
-    return pma_restoring_subtract(&p->restoring, it->step.t1, to->u, s->vs, it->held, &s->code);
+    return pma_substep_restore(s, &it->step, to, it->held);
 }
 
 /* pull := L_b^T Lam, and its size */

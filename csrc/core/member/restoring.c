@@ -12,7 +12,8 @@ pma_status pma_restoring_check(const pma_restoring *restoring)
 }
 
 pma_status pma_restoring_subtract(const pma_restoring *restoring, double t, const double *u,
-                                  const double *v, double *y, int *code)
+                                  const double *v, const double *from, double *to, double *y,
+                                  int *code)
 {
     const size_t n = restoring->n;
     const int64_t *order = restoring->order;
@@ -22,6 +23,11 @@ pma_status pma_restoring_subtract(const pma_restoring *restoring, double t, cons
         own_v[order[i]] = v[i];
     }
     memset(r, 0, n * sizeof(double));
+    if (restoring->memory > 0) {
+        if (to != from)
+            memcpy(to, from, restoring->memory * sizeof(double));
+        *restoring->place = to;
+    }
     *code = restoring->function(t, (intptr_t)n, own_u, own_v, r, restoring->user);
     if (*code != 0)
         return PMA_RESTORING_FAILED;

@@ -23,15 +23,19 @@ typedef struct {
     double *work;         /* 3 n: scratch */
     const double *load;   /* n, in the user's order: an external load f(t, u, v) that the last r
                              contains as - f, for its work; or NULL */
+    size_t memory;        /* numbers that the function remembers from one evaluation to the next */
+    double **place;       /* where it finds them, set for each evaluation; NULL without */
 } pma_restoring;
 
 /* PMA_BAD_INDEX unless every dof lies in 0..n-1 */
 pma_status pma_restoring_check(const pma_restoring *restoring);
 
-/* y (n) -= r(u, v, t), all in elimination order. PMA_RESTORING_FAILED when the function returns
+/* y (n) -= r(u, v, t), all in elimination order; `to` (memory) is what the function remembers
+ * after it, `from` before it, which may be the same. PMA_RESTORING_FAILED when the function returns
  * other than 0, which goes to *code; y is then as it was. Does not allocate. */
 pma_status pma_restoring_subtract(const pma_restoring *restoring, double t, const double *u,
-                                  const double *v, double *y, int *code);
+                                  const double *v, const double *from, double *to, double *y,
+                                  int *code);
 
 /* r (n) of the last call, in the user's order. */
 const double *pma_restoring_last(const pma_restoring *restoring);

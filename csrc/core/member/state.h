@@ -11,7 +11,8 @@
  *   a    acceleration-like variable  its part that is known, (af w - am a)/(1 - am) */
 typedef struct {
     double *u, *v, *w, *a; /* n each */
-    double *springs;       /* what they remember; of an open substep already that of its end */
+    double *springs;       /* what they remember, and then the restoring function; of an open
+                              substep already that of its end */
     double *history;       /* the same of internal forces; of an iterated substep the number of
                               corrections follows */
 } pma_state;

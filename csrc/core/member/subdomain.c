@@ -101,10 +101,15 @@ static size_t slab_of(const pma_subdomain *s)
     return s->reach <= NARROW * lanes && s->reach < n / 2 && !s->restores ? SLAB * lanes : n;
 }
 
-/* Numbers that the springs remember of a time level. */
+/* Numbers that the springs remember of a time level, and with the restoring function. */
 static size_t spring_numbers(const pma_parts *parts)
 {
     return pma_springs_numbers(&parts->springs);
+}
+
+size_t pma_parts_memory(const pma_parts *parts)
+{
+    return spring_numbers(parts) + parts->restoring.memory;
 }
 
 static pma_status lay_out(pma_subdomain *s)
@@ -120,7 +125,7 @@ static pma_status lay_out(pma_subdomain *s)
         p->internal.count > 0 ? p->n + pma_internal_scratch(&p->internal) + history : 0;
     s->levels = (pma_levels){.n = p->n,
                              .nb = p->nb,
-                             .springs = spring_numbers(p),
+                             .springs = pma_parts_memory(p),
                              .history = p->internal.history + (s->iterate ? 1 : 0),
                              .substeps = p->substeps,
                              .doubled = p->doubled};
@@ -130,7 +135,7 @@ static pma_status lay_out(pma_subdomain *s)
     const size_t product = p->shoots ? p->n : 0, acceleration = p->mean ? 2 * p->n : 0;
     const size_t shift = p->shifts ? 2 * p->n : 0;
     s->block = calloc(extrapolated + functions + product + acceleration + shift + 2 * p->nb +
-                          2 * scratch + 1,
+                          2 * scratch + p->restoring.memory + 1,
                       sizeof(double));
     if (!s->block)
         return PMA_NO_MEMORY;
@@ -147,6 +152,7 @@ static pma_status lay_out(pma_subdomain *s)
     s->link = s->closing + p->nb;
     s->work = s->link + p->nb;
     s->link_work = s->work + scratch;
+    s->remembered = s->link_work + scratch;
     return p->responds ? pma_response_create(s, &s->response) : PMA_OK;
 }
 
@@ -304,8 +310,10 @@ pma_status pma_subdomain_restore(pma_subdomain *s, double t, const double *u, co
     memset(r, 0, p->n * sizeof(double));
     pma_springs_subtract(&p->springs, u, fresh, fresh, r);
     free(fresh);
+    memset(s->remembered, 0, p->restoring.memory * sizeof(double));
     if (p->restoring.function)
-        status = pma_restoring_subtract(&p->restoring, t, u, v, r, &s->code);
+        status = pma_restoring_subtract(&p->restoring, t, u, v, s->remembered, s->remembered, r,
+                                        &s->code);
     for (size_t i = 0; i < p->n; i++)
         r[i] = 0.0 - r[i]; /* no negative zeros */
     return status == PMA_OK ? add_initial_forces(s, t, u, v, r) : status;
@@ -334,6 +342,8 @@ void pma_subdomain_start(pma_subdomain *s, const double *u, const double *v, con
     memcpy(x->v, v, bytes);
     memcpy(x->w, w, bytes);
     memcpy(x->a, w, bytes);
+    memcpy(x->springs + spring_numbers(&s->parts), s->remembered,
+           s->parts.restoring.memory * sizeof(double));
     memcpy(x->history, s->history, s->parts.internal.history * sizeof(double));
     pma_levels_discard(&s->levels);
     pma_subdomain_watch_again(s);

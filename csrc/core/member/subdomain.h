@@ -67,6 +67,9 @@ void pma_subdomain_destroy(pma_subdomain *s); /* NULL is allowed */
 
 const pma_parts *pma_subdomain_parts(const pma_subdomain *s);
 
+/* The numbers that springs and restoring function remember of a time level, in this order. */
+size_t pma_parts_memory(const pma_parts *parts);
+
 /* What a coupler is given; the subdomain has to outlive it. */
 pma_member pma_subdomain_member(pma_subdomain *s);
 

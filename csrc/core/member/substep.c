@@ -70,18 +70,29 @@ static pma_status subtract_internal(pma_subdomain *s, const pma_state *from, con
     return status;
 }
 
-/* y -= r(ut, vs, t1) + D_r (vt - vs); vs is then used up                                  (R3) */
-__attribute__((noinline)) static pma_status restore(pma_subdomain *s, const pma_state *from,
-                                                    const pma_state *to, double t1)
+pma_status pma_substep_restore(pma_subdomain *s, const pma_substep *step, const pma_state *to,
+                               double *y)
 {
     const pma_parts *p = &s->parts;
+    const size_t springs = pma_springs_numbers(&p->springs);
+    const pma_state *last = pma_levels_at(&s->levels, step->j);
+    return pma_restoring_subtract(&p->restoring, step->t1, to->u, s->vs, last->springs + springs,
+                                  to->springs + springs, y, &s->code);
+}
+
+/* y -= r(ut, vs, t1) + D_r (vt - vs); vs is then used up                                  (R3) */
+__attribute__((noinline)) static pma_status restore(pma_subdomain *s, const pma_substep *step,
+                                                    const pma_state *from, const pma_state *to)
+{
+    const pma_parts *p = &s->parts;
+    const double t1 = step->t1;
     pma_status status = PMA_OK;
     if (p->springs.total > 0)
         pma_springs_subtract(&p->springs, to->u, from->springs, to->springs, to->w);
     if (!s->extrapolates)
         return PMA_OK;
     if (p->restoring.function)
-        status = pma_restoring_subtract(&p->restoring, t1, to->u, s->vs, to->w, &s->code);
+        status = pma_substep_restore(s, step, to, to->w);
     if (status == PMA_OK && p->internal.count > 0)
         status = subtract_internal(s, from, to, t1);
     if (status != PMA_OK || p->D_r.form == PMA_ZERO)
@@ -161,7 +172,7 @@ static inline pma_status solve_free(pma_subdomain *s, const pma_substep *step,
 
         /* (R3), in all rows at once */
         if (s->restores)
-            status = restore(s, from, to, step->t1);
+            status = restore(s, step, from, to);
         if (s->balance && status == PMA_OK)
             watch_forces(s, step, to);
 

@@ -1,0 +1,6 @@
+"""Specimens in a laboratory or in another program: actuators, delays, and the protocol of rigs."""
+
+from ..problem.actuators import Compensated, Response, SimulatedActuator
+from .tracking import Tracking, tracking
+
+__all__ = ["Compensated", "Response", "SimulatedActuator", "Tracking", "tracking"]
