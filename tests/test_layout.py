@@ -23,6 +23,7 @@ LAYERS = (
     ("gradients",),
     ("run",),
     ("structures", "readers"),
+    ("rig",),
     ("export", "remote"),
     ("models",),
     ("analysis",),
@@ -39,7 +40,7 @@ EXCEPTIONS = {("pmalpha.results.history", "pmalpha.plot.histories")}
 # A class is in one file: this one has the reference of all methods, whose lines do not count.
 OF_ONE_CLASS = {Path("pmalpha/run/coupler.py")}
 
-PUBLIC_PACKAGES = ("analysis", "plot", "readers", "structures")
+PUBLIC_PACKAGES = ("analysis", "plot", "readers", "rig", "structures")
 
 
 def name_of(path):
@@ -198,7 +199,7 @@ def test_dir_shows_public_names_only():
 
 
 def test_what_is_public_keeps_its_path():
-    for name in ("analysis", "export", "models", "plot", "readers", "structures"):
+    for name in ("analysis", "export", "models", "plot", "readers", "rig", "structures"):
         assert getattr(pm, name) is importlib.import_module(f"pmalpha.{name}")
 
 

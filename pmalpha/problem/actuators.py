@@ -78,7 +78,7 @@ class Device:
         """Its parameters, for the comparison of problems."""
         raise NotImplementedError
 
-    def filter(self, h: float) -> tuple[Any, ...]:
+    def _filter(self, h: float) -> tuple[Any, ...]:
         """The filter in the form of the core, for steps of length h."""
         raise NotImplementedError
 
@@ -208,7 +208,7 @@ class SimulatedActuator(Device):
         given = ", ".join(f"{name}={getattr(self, name)!r}" for name in names)
         return f"SimulatedActuator {given}"
 
-    def filter(self, h: float) -> tuple[Any, ...]:
+    def _filter(self, h: float) -> tuple[Any, ...]:
         dynamics = held_dynamics(self.order, self.frequency, self.damping, h)
         largest = np.inf if self.saturation is None else self.saturation
         rest = (self.noise, self.quantum or 0.0, self.seed)
@@ -267,7 +267,7 @@ class Compensated(Device):
         order = f", order={self.order}" if self.method == "polynomial" else ""
         return f"Compensated delay={self.delay!r}, method={self.method!r}{order}"
 
-    def filter(self, h: float) -> tuple[Any, ...]:
+    def _filter(self, h: float) -> tuple[Any, ...]:
         if self.method == "adaptive":
             return adaptive(self.delay, h)
         taps: list[tuple[float, np.ndarray, np.ndarray]]
@@ -383,4 +383,4 @@ def core_specimen(device: Device, n: int, h: float, what: str) -> tuple[Any, ...
     else:
         needs = isinstance(last, Compensated) and last.method == "adaptive"
         springs, function = (), CheckedSpecimen(inner, n, what, needs_measured=needs)
-    return tuple(one.filter(h) for one in devices), springs, function
+    return tuple(one._filter(h) for one in devices), springs, function

@@ -4,3 +4,7 @@ from ..problem.actuators import Compensated, Response, SimulatedActuator
 from .tracking import Tracking, tracking
 
 __all__ = ["Compensated", "Response", "SimulatedActuator", "Tracking", "tracking"]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

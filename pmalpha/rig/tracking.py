@@ -36,7 +36,7 @@ class Tracking:
     J1, J2, J3 : float
         Of the benchmark of Silva and others (2020): delay in thousandths of the unit of t, whole
         samples and at most 49; tracking errors in per cent, standard deviation and largest.
-    J4, ..., J9 : float or None
+    J4, J5, J6, J7, J8, J9 : float or None
         Per cent, of the storeys 1, 2 and 3 against a reference: J4, J6, J7 standard deviations, J5,
         J8, J9 largest values. None without reference.
     """
