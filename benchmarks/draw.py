@@ -1,4 +1,4 @@
-"""The tables of docs/performance.md and its pictures, from the CSV files of benchmarks/results.
+"""Tables and pictures of docs/performance.md and benchmarks/README.md, from benchmarks/results.
 
 Nothing is measured here. The tables are between the lines `<!-- name -->` and `<!-- end -->`.
 """
@@ -12,7 +12,7 @@ import numpy as np
 from pmalpha.plot import LINES, RC
 
 ROOT = Path(__file__).parent.parent
-PAGE = ROOT / "docs" / "performance.md"
+PAGES = ROOT / "docs" / "performance.md", ROOT / "benchmarks" / "README.md"
 RESULTS = ROOT / "benchmarks" / "results"
 PICTURES = ROOT / "docs" / "pictures"
 
@@ -51,8 +51,10 @@ def table(rows):
     return text + "".join(f"\n\nMeasured on {m}; {v}; {d}." for m, v, d in origins)
 
 
-def without(rows, *columns):
-    return [{k: v for k, v in row.items() if k not in columns} for row in rows]
+def pick(name, columns, *problems):
+    """Columns of a file by their names in the table, of all rows or those of some problems."""
+    rows = [r for r in read(name) if not problems or r["problem"] in problems]
+    return [{shown: row[column] for shown, column in columns.items()} for row in rows]
 
 
 # ---- tables ----------------------------------------------------------------------------------
@@ -71,15 +73,10 @@ def target(what, limit, reached, unit, *, least=False):
 
 def targets():
     alone, plates = read("uncoupled"), read("plate")
-    chains = {r["n"]: r["us a step"] for r in alone if r["problem"] == "chain"}
     solids = [r["loop over ours"] for r in alone if r["problem"] == "solid"]
     one_face = [r["coupled over sum"] for r in read("coupling_cost") if r["faces"] == 1]
     fine = {r["what"]: 1e3 * r["us a fine step"] for r in read("fine_step")}
     rows = [
-        target(f"chain, {short(n)} dofs, uncoupled step", limit, chains[n], "us")
-        for n, limit in ((2.0, 0.05), (1000.0, 5.0), (100_000.0, 500.0))
-    ]
-    rows += [
         target("SciPy loop over hex8 solids", 2.5, min(solids), "times", least=True),
         target(
             "SciPy loop over coupled plates, the smallest ratio of all meshes",
@@ -137,29 +134,55 @@ def targets():
     ]
 
 
-def plate():
-    return without(read("plate"), "difference")
-
-
 def large():
-    """The stages, and the functions of set-up in the same table."""
-    return without(read("large"), "dofs implicit", "dofs explicit", "constraints")
+    """The stages; the functions of set-up are in the file only."""
+    columns = "what", "seconds", "processor s", "MB peak"
+    rows = [r for r in read("large") if not r["what"].startswith("of set-up")]
+    return [{c: row[c] for c in columns} for row in rows]
+
+
+SIZES = {"problem": "problem", "dofs": "dofs", "set-up s": "set-up s"}
+SIZES |= {"step ms": "macro step ms", "MB before": "MB before", "MB peak": "MB peak"}
+MANY = {"problem": "problem", "size": "size", "constraints": "constraints"}
+MANY |= {x: x for x in ("set-up s", "macro step ms", "MB peak")}
+TIED = ("subdomains", "dofs per subdomain", "faces", "substeps of the neighbours", "constraints")
+TIED += ("coupled over sum", "limit: untied over sum")
+SUBCYCLED = "schemes", "dofs", "stiff share", "subcycled ms", "uncut at the fine step ms", "ratio"
+NEWTON = "problem", "dofs", "what", "iterations a step", "us", "compared with", "that over this"
+THREADS = "problem", "size", "us a macro step", "two over one", "threads by None", "none over one"
+PLATE = {x: x for x in ("mesh", "dofs per subdomain", "macro step ms", "loop over ours")}
+PLATE |= {"Kratos over ours": "Kratos over ours", "difference of Kratos": "difference of Kratos"}
+UNCOUPLED = "problem", "n", "us a step", "us a step of the loop", "loop over ours"
+ROW, GRID = "subdomains in a row", "subdomains in a grid"
+
+
+def same(*columns):
+    return {x: x for x in columns}
 
 
 TABLES = {
     "targets": targets,
-    "uncoupled": lambda: read("uncoupled"),
-    "plate": plate,
-    "coupling_cost": lambda: read("coupling_cost"),
-    "subcycling": lambda: read("subcycling"),
-    "growth": lambda: read("growth"),
+    "sizes": lambda: pick(
+        "growth", SIZES | same(*ORIGIN), "explicit hex8, dofs", "implicit hex8, dofs"
+    ),
+    "many": lambda: pick(
+        "growth", MANY, ROW, GRID, "constraints, implicit", "constraints, explicit"
+    ),
     "large": large,
+    "uncoupled": lambda: pick("uncoupled", same(*UNCOUPLED)),
+    "plate": lambda: pick("plate", PLATE),
+    "coupling_cost": lambda: pick("coupling_cost", same(*TIED)),
+    "subcycling": lambda: pick("subcycling", same(*SUBCYCLED)),
     "fine_step": lambda: read("fine_step"),
     "instructions": lambda: read("instructions"),
     "limits": lambda: read("limits"),
-    "threads": lambda: read("threads"),
-    "cases": lambda: read("cases"),
-    "newton": lambda: read("newton"),
+    "threads": lambda: pick(
+        "threads", same(*THREADS), "balanced, gc", "parallel to 20 substeps", "split", "branches"
+    ),
+    "cases": lambda: pick(
+        "cases", same("problem", "one, us a macro step", "eight, us a macro step", "gain")
+    ),
+    "newton": lambda: pick("newton", same(*NEWTON)),
 }
 
 
@@ -331,7 +354,8 @@ def draw():
 
 
 def main():
-    PAGE.write_text(page(PAGE.read_text()))
+    for path in PAGES:
+        path.write_text(page(path.read_text()))
     draw()
 
 

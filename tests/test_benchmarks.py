@@ -91,20 +91,21 @@ def test_every_benchmark_is_named_in_the_readme():
     assert not [name for name in sorted(scripts) if f"benchmarks/{name}.py" not in readme]
 
 
-def test_the_tables_of_the_page_are_those_of_the_results(monkeypatch):
+def test_the_tables_of_the_pages_are_those_of_the_results(monkeypatch):
     monkeypatch.syspath_prepend(BENCHMARKS)
     draw = importlib.import_module("draw")
-    text = draw.PAGE.read_text()
-    assert draw.page(text) == text
-    assert set(re.findall(r"<!-- (\w+) -->", text)) - {"end"} <= set(draw.TABLES)
+    texts = [path.read_text() for path in draw.PAGES]
+    assert [draw.page(text) for text in texts] == texts
+    assert set(re.findall(r"<!-- (\w+) -->", "".join(texts))) - {"end"} == set(draw.TABLES)
 
 
-def test_every_picture_of_the_page_is_drawn_from_results_with_these_columns(monkeypatch, tmp_path):
+def test_every_picture_of_the_pages_is_drawn_from_results_with_these_columns(monkeypatch, tmp_path):
     matplotlib = pytest.importorskip("matplotlib")
     monkeypatch.syspath_prepend(BENCHMARKS)
     draw = importlib.import_module("draw")
     monkeypatch.setattr(draw, "PICTURES", tmp_path)
     with matplotlib.rc_context():
         draw.draw()
-    named = set(re.findall(r"pictures/(performance-\S+\.svg)", draw.PAGE.read_text()))
+    texts = "".join(path.read_text() for path in draw.PAGES)
+    named = set(re.findall(r"pictures/(performance-\S+\.svg)", texts))
     assert named == {path.name for path in tmp_path.iterdir()}
