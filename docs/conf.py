@@ -10,6 +10,7 @@ from docutils.nodes import SkipNode, Text, raw
 import pmalpha
 
 sys.path.insert(0, str(Path(__file__).parent))
+import files  # noqa: E402
 import gallery  # noqa: E402
 
 project = "pmalpha"
@@ -97,6 +98,7 @@ def redirect(app, failed):
 
 def setup(app):
     app.connect("builder-inited", lambda app: gallery.write(app.srcdir))
+    app.connect("builder-inited", lambda app: files.write(app.srcdir))
     app.connect("doctree-read", without_addresses)
     app.add_html_math_renderer("mathml", (inline, None), (block, None))
     app.connect("build-finished", redirect)

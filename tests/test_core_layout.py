@@ -67,9 +67,3 @@ def test_functions_in_c_have_at_most_60_lines(path):
 def test_a_long_function_would_be_seen():
     text = "static void f(void)\n{\n" + 60 * "    g();\n" + "}\n"
     assert list(functions(text)) == [(2, 62)]
-
-
-def test_every_file_of_the_core_is_in_the_architecture():
-    text = (CSRC.parent / "docs" / "architecture.md").read_text()
-    named = set(re.findall(r"`([a-z_]+)(?:\.[ch])?`", text))
-    assert {path.stem for path in FILES} <= named

@@ -97,16 +97,13 @@ def test_the_stub_names_what_the_core_has():
         assert named == {name for name in vars(type_) if not name.startswith("__")}
 
 
-def test_the_architecture_names_the_modules_that_there_are():
-    named = set(re.findall(r"([\w/]+\.py)\b", (ROOT / "docs" / "architecture.md").read_text()))
-    there = {str(path.relative_to(ROOT)) for path in ROOT.glob("[pt]*/**/*.py")}
-    assert not [name for name in named if not any(f"/{x}".endswith(f"/{name}") for x in there)]
-    described = {
-        path.name
-        for x in ("problem", "setup", "results", "run")
-        for path in ROOT.glob(f"pmalpha/{x}/*.py")
-    }
-    assert not described - {name.split("/")[-1] for name in named}
+def test_the_list_of_files_has_a_line_for_each_and_the_architecture_names_files_that_there_are():
+    files = runpy.run_path(str(ROOT / "docs" / "files.py"))
+    assert not re.findall(r"\| `(\S+)` \|  \|", files["page"]())
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    named = set(re.findall(r"([\w/]+\.(?:py|[ch]))\b", text))
+    there = {f"/{path.relative_to(ROOT)}" for path in ROOT.glob("[pctd]*/**/*.*")}
+    assert named and not [name for name in named if not any(x.endswith(f"/{name}") for x in there)]
 
 
 def test_every_equation_that_is_cited_is_in_the_method():

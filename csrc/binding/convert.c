@@ -1,3 +1,4 @@
+/* Arguments of Python in the forms of the core, and results back. */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 

@@ -1,3 +1,4 @@
+/* The type Coupler. */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 

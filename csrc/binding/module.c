@@ -1,3 +1,4 @@
+/* The module: its types, functions and constants. */
 #include "binding.h"
 
 #include "algebra/lanes.h"

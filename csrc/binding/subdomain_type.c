@@ -1,3 +1,4 @@
+/* The type Subdomain. */
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 

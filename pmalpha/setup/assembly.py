@@ -1,4 +1,4 @@
-"""Set-up of a `Coupler`, step by step as in the table of docs/architecture.md."""
+"""Set-up of a `Coupler`: `assemble` is its steps in order, line by line."""
 
 from __future__ import annotations
 
