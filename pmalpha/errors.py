@@ -115,6 +115,7 @@ class InstabilityError(PmalphaError):
 class ConvergenceError(PmalphaError):
     """The iteration of internal forces did not converge.
 
+    Or a tangent is singular but for rounding; one that is indefinite, as in buckling, is no error.
     The coupler has the state of the last whole macro step. `InternalForce.check` compares a tangent
     with differences of its force.
 

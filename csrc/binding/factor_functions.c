@@ -363,7 +363,7 @@ static int take_problem(PyObject *matrix, PyObject *structure, PyObject *values,
 static PyObject *factor_panels(PyObject *Py_UNUSED(module), PyObject *args)
 {
     PyObject *matrix, *structure, *values, *inverse_obj, *dgemm, *dtrsm, *result = NULL;
-    pma_panels_input A;
+    pma_panels_input A = {.indefinite = false};
     pma_panels p;
     pma_blas blas;
     const int64_t *owner;

@@ -11,7 +11,7 @@
     X(PMA_BAD_SIZE, "sizes do not agree")                         \
     X(PMA_BAD_INDEX, "an index is out of range or not in order")  \
     X(PMA_BAD_STEP, "the lengths of steps do not agree")          \
-    X(PMA_NOT_DEFINITE, "a pivot is not positive")                \
+    X(PMA_NOT_DEFINITE, "a pivot is not positive, or is lost")    \
     X(PMA_NOT_READY, "the coupler has no initial state yet")      \
     X(PMA_NOT_FINITE, "a value is not finite")                    \
     X(PMA_UNBOUNDED, "a scheme has added too much energy")        \
@@ -20,7 +20,7 @@
     X(PMA_INTERNAL_FAILED, "an internal force did not return 0")  \
     X(PMA_UNSYMMETRIC, "a tangent is not symmetric")              \
     X(PMA_NOT_CONVERGED, "an iteration does not converge")        \
-    X(PMA_SINGULAR, "a tangent is not positive definite")         \
+    X(PMA_SINGULAR, "a tangent is singular")                      \
     X(PMA_STOPPED, "stopped by the caller")                       \
     X(PMA_NO_THREADS, "the system makes no more threads")         \
     X(PMA_ELSEWHERE, "another process has failed")

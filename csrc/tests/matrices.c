@@ -418,7 +418,7 @@ void check_definite_residual(const structure *m, const double *x, const double *
         double residual = b[i], scale = 0.0;
         for (size_t j = 0; j < n; j++) {
             residual -= m->A[i * n + j] * x[j];
-            scale += sqrt(m->A[i * n + i] * m->A[j * n + j]) * fabs(x[j]);
+            scale += sqrt(fabs(m->A[i * n + i] * m->A[j * n + j])) * fabs(x[j]);
         }
         CHECK_NEAR(residual, 0.0, 8.0 * (double)(n + 1) * EPS * scale);
     }

@@ -119,6 +119,10 @@ static void check_both_kinds(problem *q)
 {
     prepare(q, false);
     check_alike(q);
+    q->input.indefinite = true;
+    for (int64_t k = q->m.ptr[q->m.n] / 2; k < q->m.ptr[q->m.n]; k++)
+        q->m.entries[k] *= -1.0; /* of a row those from the diagonal on are read */
+    check_alike(q);
     prepare(q, true);
     check_alike(q);
 }

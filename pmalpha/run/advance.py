@@ -140,7 +140,7 @@ def _convergence_error(
     if position >= 0:
         dof = loads.parts[index - first].order[position]
         cause = (
-            f"its tangent Mbar is not positive definite, first seen at dof {dof}, as in buckling "
-            "or softening, or after an iterate far away: take smaller steps"
+            f"its tangent Mbar is singular but for rounding, first seen at dof {dof}, as at a "
+            "load that buckles it, or after an iterate far away: take other steps"
         )
     return ConvergenceError(names[index], t, iterations, cause)

@@ -329,7 +329,7 @@ def restore(state: CoreState, parts: Sequence[Part], core: Any, clock: Clock, st
     Raises
     ------
     ValueError
-        For a kept tangent that is not positive definite; the state is then unchanged.
+        For a kept tangent that is singular; the state is then unchanged.
     """
     set_iterations(state.iterations, parts)
     for part, levels in zip(parts, state.levels):
@@ -351,7 +351,7 @@ def set_iterations(iterations: Sequence[Any], parts: Sequence[Part]) -> None:
         except (RuntimeError, ValueError) as error:
             for (part, _), old in zip(iterated, before):
                 part.core.set_iteration(*old)
-            raise ValueError(f"a kept tangent is not positive definite: {error}") from None
+            raise ValueError(f"a kept tangent is singular: {error}") from None
 
 
 # ---- files -----------------------------------------------------------------------------------

@@ -169,7 +169,7 @@ def factorize(
     if A is None:
         raise names.not_definite(A, 0)
     if A.ndim == 1:
-        check_pivots(A, A, names)
+        check_pivots(A if symmetric else np.abs(A), A, names)
         return 1.0 / A, None
     if not symmetric:
         with one_thread():

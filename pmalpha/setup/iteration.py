@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted
+from ..errors import FactorizationError
 from ..memory import require
 from ..problem.matrices import combination, core_matrix, permuted
 from ..problem.newton import Newton
@@ -89,7 +90,11 @@ def linear_twin(part: Part) -> Part:
         blocks={},
         known={},
     )
-    single, *twice = map(twin.operator, twin.lengths)
+    try:
+        single, *twice = map(twin.operator, twin.lengths)
+    except FactorizationError:  # by (F10), whose pivots have any sign
+        twin.indefinite = part.indefinite = True
+        single, *twice = map(twin.operator, twin.lengths)
     twin.factors = [operator[1:] for operator in (single, *twice)]
     twin.core = core_subdomain(
         twin,

@@ -97,6 +97,8 @@ class Part:
         Whether the energy that its steps add has been warned of since the last start.
     feedback : Feedback or None
         Its load if that depends on the motion, for steps of all lengths.
+    indefinite : bool
+        Tangents at t = 0 in place of internal forces made Mbar indefinite: pivots of any sign.
     """
 
     subdomain: Subdomain
@@ -131,6 +133,7 @@ class Part:
     over: float | None = None
     known: dict[float, tuple[Any, ...]] = field(default_factory=dict)
     feedback: Feedback | None = None
+    indefinite: bool = False
 
     @property
     def step(self) -> float:
@@ -204,7 +207,8 @@ class Part:
     @property
     def has_symmetric_block(self) -> bool:
         """Whether its block of H is symmetric: under mean coupling with damping, (K8)."""
-        return self.symmetric and not (self.mean and self.is_damped and not self._is_trapezoidal)
+        damped = self.mean and self.is_damped and not self._is_trapezoidal
+        return self.symmetric and not self.indefinite and not damped
 
     @property
     def is_damped(self) -> bool:
@@ -263,7 +267,7 @@ class Part:
             return self.known[h]
         what = name_of_mbar(self.subdomain.scheme, self.name)
         own = self.symmetric or is_symmetric(self.damping) and is_symmetric(self.stiffness)
-        factor = self.factor(self.mbar(h), what, symmetric=own)
+        factor = self.factor(self.mbar(h), what, symmetric=own and not self.indefinite)
         if self.stiffness is None and self.damping is None:
             self.mass_factor = factor
         return (h, *factor)

@@ -102,7 +102,7 @@ void pma_elimination_destroy(pma_elimination *e)
     free(e);
 }
 
-/* ---- one supernode: left-looking; a symmetric panel as a dense Cholesky factor -------------- */
+/* ---- one supernode: left-looking; a symmetric panel as a dense factor G S G^T --------------- */
 
 /* The row of the panel that a row of the matrix is, or its height when it is none. */
 static size_t place_in(const pma_panels *p, const hand *h, size_t s, int64_t row)
@@ -199,8 +199,13 @@ static void update_panel(const pma_elimination *e, const hand *h, size_t d, size
     int m = (int)(pma_panels_rows(p, d) - begin), columns = (int)(end - begin);
     int k = (int)pma_panels_width(p, d), ld = (int)pma_panels_height(p, d);
     double one = 1.0, zero = 0.0;
-    e->blas.dgemm("N", "T", &m, &columns, &k, &one, below + X, &ld, below + Y, &ld, &zero,
-                  h->update, &m);
+    if (p->Q > 0)
+        e->blas.dgemm("N", "T", &m, &columns, &k, &one, below + X, &ld, below + Y, &ld, &zero,
+                      h->update, &m);
+    else
+        pma_trapezoid_multiply(p->values + p->start[d], (size_t)k, (size_t)ld, 1.0, below,
+                               (size_t)m, below, (size_t)columns, 0.0, h->update, (size_t)m,
+                               &e->blas);
     const int64_t first = h->place[rows[begin]];
     const bool adjoined = h->place[rows[begin + (size_t)m - 1]] == first + m - 1;
     for (size_t j = 0; j < (size_t)columns; j++) {
@@ -238,7 +243,7 @@ static size_t factor_panel(const pma_elimination *e, size_t s)
     if (p->Q > 0)
         return pma_trapezoid_factor_pair(R, R + p->Q, width, height, diagonal, e->A->lost,
                                          &e->blas);
-    return pma_trapezoid_factor(R, width, height, diagonal, e->A->lost, &e->blas);
+    return pma_trapezoid_factor(R, width, height, diagonal, e->A->lost, e->A->indefinite, &e->blas);
 }
 
 /* ---- workers -------------------------------------------------------------------------------- */
@@ -336,8 +341,8 @@ void pma_elimination_work(pma_elimination *e, size_t worker)
 
 /* ---- the end -------------------------------------------------------------------------------- */
 
-/* R is a unit factor, Q that of A^T still times D. n, or the first row of this panel from whose
- * diagonal entry too much was subtracted                                                  (F11) */
+/* R is a unit factor, Q that of A^T still times D; or both are G. n, or the first row of this panel
+ * from whose diagonal entry too much was subtracted                                       (F11) */
 static size_t grown_row(const pma_elimination *e, size_t s)
 {
     const pma_panels *p = e->p;
@@ -354,6 +359,18 @@ static size_t grown_row(const pma_elimination *e, size_t s)
         }
     }
     return e->n;
+}
+
+static bool has_negative_pivot(const pma_panels *p)
+{
+    for (size_t s = 0; s < p->count; s++) {
+        const size_t width = pma_panels_width(p, s), height = pma_panels_height(p, s);
+        for (size_t j = 0; j < width; j++) {
+            if (signbit(p->values[p->start[s] + (int64_t)(j * height + j)]))
+                return true;
+        }
+    }
+    return false;
 }
 
 static pma_status check_growth(const pma_elimination *e, size_t *column)
@@ -392,7 +409,7 @@ pma_status pma_elimination_end(pma_elimination *e, size_t *column)
     if (atomic_load(&e->stopped))
         return PMA_STOPPED;
     pma_status status = take_status(e, column);
-    if (status == PMA_OK && e->p->Q > 0)
+    if (status == PMA_OK && (e->p->Q > 0 || has_negative_pivot(e->p)))
         status = check_growth(e, column);
     for (size_t s = 0; s < e->p->count && status == PMA_OK; s++)
         scale(e->p, s, e->inverse + e->p->first[s]);

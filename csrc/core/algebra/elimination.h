@@ -23,8 +23,9 @@ typedef struct {
     const int64_t *ptr;
     const int32_t *index;
     const double *values;
-    double lost;   /* a pivot must be above this part of its diagonal entry */
-    double growth; /* unsymmetric: most that R_ij D_j Q_ij may be, relative to A_ii */
+    double lost;     /* a pivot must be above this part of its diagonal entry */
+    double growth;   /* pivots of any sign: most that R_ij D_j Q_ij may be, relative to A_ii */
+    bool indefinite; /* symmetric, with pivots of any sign */
 } pma_panels_input;
 
 /* What a call of `work` does besides, in the thread of worker 0. */
@@ -57,8 +58,9 @@ void pma_elimination_destroy(pma_elimination *e); /* NULL is allowed */
  * 0; done by the workers, all or some of them, each in a thread of its own; ended by one thread
  * when all have returned.
  *
- * Symmetric (p->Q is 0): pivots are positive. Otherwise they have any sign, and what is subtracted
- * from a diagonal entry is bounded by `growth`: A is factored without a loss of digits.    (F11)
+ * Symmetric (p->Q is 0) and not `indefinite`: pivots are positive. Otherwise they have any sign, and
+ * what is subtracted from a diagonal entry is bounded by `growth`: A is factored without a loss of
+ * digits.                                                                                  (F11)
  * inverse (n): output. PMA_NOT_DEFINITE with the first such column in *column, PMA_BAD_INDEX for an
  * entry outside the pattern or across from none, PMA_STOPPED when stop returned true. */
 void pma_elimination_begin(pma_elimination *e, const pma_panels_input *input, double *inverse,

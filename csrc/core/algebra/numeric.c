@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A pivot below this part of its diagonal entry has lost all digits. */
+/* A pivot below this part of its diagonal entry has lost all digits.                      (F11) */
 #define LOST (64.0 * DBL_EPSILON)
 
 /* Subtracted from a diagonal entry, this multiple of it leaves half of the digits.        (F11) */
@@ -146,16 +146,16 @@ static pma_status invert(pma_numeric *f, size_t *column)
 {
     for (size_t i = 0; i < f->parts.n; i++) {
         *column = i;
-        if (!((f->parts.unsymmetric ? fabs(f->values[i]) : f->values[i]) > DBL_MIN))
+        if (!(fabs(f->values[i]) > DBL_MIN))
             return PMA_NOT_DEFINITE;
         f->inverse[i] = 1.0 / f->values[i];
     }
     return PMA_OK;
 }
 
-/* The lower triangle by columns, without the diagonal, which goes to `inverse`, and with the least
- * pivots to `limits`. Unsymmetric: the upper triangle by rows too, and the most that may be
- * subtracted from the pivots. Row j of a symmetric matrix is its column j. */
+/* The lower triangle by columns, without the diagonal, which goes to `inverse`; the least pivots and
+ * the most that may be subtracted from them to `limits`. Unsymmetric: the upper triangle by rows
+ * too. Row j of a symmetric matrix is its column j. */
 static void fill_band(pma_numeric *f)
 {
     const pma_numeric_parts *parts = &f->parts;
@@ -176,33 +176,38 @@ static void fill_band(pma_numeric *f)
     }
 }
 
-/* A_ik -= A_ij A_kj / D_j for i >= k > j, then R_kj = A_kj / D_j */
-static void eliminate_column(double *column, double *diagonal, size_t rows, size_t width,
-                             double inverse)
+/* A_ik -= A_ij A_kj / D_j for i >= k > j, then R_kj = A_kj / D_j; `rows`, or the first of which
+ * too much is subtracted                                                                (F11) */
+static size_t eliminate_column(double *column, double *diagonal, size_t rows, size_t width,
+                               double inverse, const double *most)
 {
     for (size_t k = 0; k < rows; k++) {
-        const double r = column[k] * inverse;
+        const double r = column[k] * inverse, product = r * column[k];
         double *below = column + (k + 1) * width - (k + 1);
         const size_t end = r == 0.0 ? 0 : rows; /* a band is seldom full */
-        diagonal[k] -= r * column[k];
+        if (!(fabs(product) <= most[k]))
+            return k;
+        diagonal[k] -= product;
 #pragma omp simd
         for (size_t i = k + 1; i < end; i++)
             below[i] -= r * column[i];
         column[k] = r;
     }
+    return rows;
 }
 
 /* D_j+1 = A_j+1,j+1 - A_j+1,j^2 / D_j: only a division and a difference wait for the pivot before
  * */
 static pma_status factor_chain(pma_numeric *f, size_t *column)
 {
-    const size_t last = f->parts.n - 1;
-    double *below = f->numbers, *inverse = f->inverse, pivot = inverse[0];
-    for (size_t j = 0; j <= last; j++) {
+    const size_t n = f->parts.n;
+    double *below = f->numbers, *inverse = f->inverse, pivot = inverse[0], product = 0.0;
+    for (size_t j = 0; j < n; j++) {
         *column = j;
-        if (!(pivot > f->limits[j]))
+        if (!(fabs(pivot) > f->limits[j] && fabs(product) <= f->limits[n + j]))
             return PMA_NOT_DEFINITE;
-        const double next = j < last ? inverse[j + 1] - below[j] * below[j] / pivot : 0.0;
+        product = j + 1 < n ? below[j] * below[j] / pivot : 0.0;
+        const double next = j + 1 < n ? inverse[j + 1] - product : 0.0;
         inverse[j] = 1.0 / pivot;
         below[j] *= inverse[j];
         pivot = next;
@@ -234,40 +239,26 @@ static size_t eliminate_pair(double *R, double *Q, double *diagonal, size_t rows
     return rows;
 }
 
-static pma_status factor_band_pair(pma_numeric *f, size_t *column)
+static pma_status factor_band(pma_numeric *f, size_t *column)
 {
     const size_t n = f->parts.n, width = f->factor.width;
     double *R = f->numbers, *Q = R + f->factor.Q;
+    fill_band(f);
+    if (width == 1 && Q == R)
+        return factor_chain(f, column);
     for (size_t j = 0; j < n; j++) {
         *column = j;
         if (!(fabs(f->inverse[j]) > f->limits[j]))
             return PMA_NOT_DEFINITE;
-        f->inverse[j] = 1.0 / f->inverse[j];
+        const double inverse = f->inverse[j] = 1.0 / f->inverse[j];
         const size_t rows = n - 1 - j < width ? n - 1 - j : width;
-        const size_t good = eliminate_pair(R + j * width, Q + j * width, f->inverse + j + 1, rows,
-                                           width, f->inverse[j], f->limits + n + j + 1);
+        double *r = R + j * width, *q = Q + j * width, *diagonal = f->inverse + j + 1;
+        const double *most = f->limits + n + j + 1;
+        const size_t good = Q == R ? eliminate_column(r, diagonal, rows, width, inverse, most)
+                                   : eliminate_pair(r, q, diagonal, rows, width, inverse, most);
         *column = j + 1 + good;
         if (good < rows)
             return PMA_NOT_DEFINITE;
-    }
-    return PMA_OK;
-}
-
-static pma_status factor_band(pma_numeric *f, size_t *column)
-{
-    const size_t n = f->parts.n, width = f->factor.width;
-    fill_band(f);
-    if (f->factor.Q > 0)
-        return factor_band_pair(f, column);
-    if (width == 1)
-        return factor_chain(f, column);
-    for (size_t j = 0; j < n; j++) {
-        *column = j;
-        if (!(f->inverse[j] > f->limits[j]))
-            return PMA_NOT_DEFINITE;
-        f->inverse[j] = 1.0 / f->inverse[j];
-        const size_t rows = n - 1 - j < width ? n - 1 - j : width;
-        eliminate_column(f->numbers + j * width, f->inverse + j + 1, rows, width, f->inverse[j]);
     }
     return PMA_OK;
 }
@@ -284,7 +275,8 @@ static pma_status factor(pma_numeric *f, size_t *column)
                                     .index = parts->index,
                                     .values = f->values,
                                     .lost = LOST,
-                                    .growth = GROWTH};
+                                    .growth = GROWTH,
+                                    .indefinite = true};
     const pma_crew *crew = &parts->crew;
     const pma_patience patience = {.stop = never, .rest = crew->rest};
     if (crew->workers == 0)

@@ -46,8 +46,8 @@ pma_status pma_numeric_create(const pma_numeric_parts *parts, pma_numeric *out);
 void pma_numeric_destroy(pma_numeric *f); /* an empty one is allowed */
 
 /* The factor of the values, which is kept where they are those of the last one: tangents of elastic
- * steps are equal to the bit. PMA_NOT_DEFINITE with the column whose pivot is not positive, or of
- * unsymmetric values zero or grown (F11); there is no factor then. */
+ * steps are equal to the bit. Pivots have any sign; PMA_NOT_DEFINITE with the column of one that is
+ * lost to rounding (F11); there is no factor then. */
 pma_status pma_numeric_factor(pma_numeric *f, size_t *column);
 
 /* The entry (row, column) in the values, or SIZE_MAX. */

@@ -5,45 +5,82 @@
 /* Columns of a dense factor made before what is right of them is updated. */
 enum { BLOCK = 48 };
 
-/* Cholesky factor of a small block, column by column; `columns` or the first that fails */
+/* G of a small block, column by column; `columns` or the first that fails */
 static size_t factor_block(double *block, size_t columns, size_t ld, const double *diagonal,
-                           double lost)
+                           double lost, bool indefinite)
 {
     for (size_t j = 0; j < columns; j++) {
         double *column = block + j * ld;
-        if (!(column[j] > lost * fabs(diagonal[j])))
+        const double size = indefinite ? fabs(column[j]) : column[j];
+        if (!(size > lost * fabs(diagonal[j])))
             return j;
-        const double root = sqrt(column[j]);
-        column[j] = root;
+        const double root = sqrt(size), sign = copysign(1.0, column[j]);
+        column[j] = sign * root;
         for (size_t i = j + 1; i < columns; i++)
             column[i] /= root;
         for (size_t k = j + 1; k < columns; k++) {
+            const double factor = sign * column[k];
             for (size_t i = k; i < columns; i++)
-                block[k * ld + i] -= column[i] * column[k];
+                block[k * ld + i] -= column[i] * factor;
         }
     }
     return columns;
 }
 
-size_t pma_trapezoid_factor(double *panel, size_t width, size_t height, const double *diagonal,
-                            double lost, const pma_blas *blas)
+/* Columns from j on whose pivots have one sign. */
+static size_t alike(const double *G, size_t j, size_t width, size_t ld)
 {
-    double one = 1.0, minus = -1.0;
+    size_t end = j + 1;
+    while (end < width && signbit(G[end * ld + end]) == signbit(G[j * ld + j]))
+        end++;
+    return end - j;
+}
+
+void pma_trapezoid_multiply(const double *G, size_t width, size_t ld, double alpha, double *X,
+                            size_t m, double *Y, size_t columns, double beta, double *C,
+                            size_t ld_C, const pma_blas *blas)
+{
+    int rows = (int)m, count = (int)columns, ldx = (int)ld, ldc = (int)ld_C;
+    double one = 1.0;
+    for (size_t j = 0, some = 0; j < width; j += some) {
+        some = alike(G, j, width, ld);
+        int k = (int)some;
+        double signed_alpha = copysign(1.0, G[j * ld + j]) * alpha;
+        blas->dgemm("N", "T", &rows, &count, &k, &signed_alpha, X + j * ld, &ldx, Y + j * ld, &ldx,
+                    j == 0 ? &beta : &one, C, &ldc);
+    }
+}
+
+/* X := X S */
+static void change_signs(const double *G, size_t columns, size_t ld, double *X, size_t m)
+{
+    for (size_t j = 0; j < columns; j++) {
+        for (size_t i = 0; signbit(G[j * ld + j]) && i < m; i++)
+            X[j * ld + i] = -X[j * ld + i];
+    }
+}
+
+size_t pma_trapezoid_factor(double *panel, size_t width, size_t height, const double *diagonal,
+                            double lost, bool indefinite, const pma_blas *blas)
+{
+    double one = 1.0;
     int ld = (int)height;
     for (size_t begin = 0; begin < width; begin += BLOCK) {
         const size_t columns = width - begin < BLOCK ? width - begin : BLOCK;
         const size_t end = begin + columns;
         double *block = panel + begin * height + begin, *below = block + columns;
-        const size_t good = factor_block(block, columns, height, diagonal + begin, lost);
-        int m = (int)(height - end), k = (int)columns, right = (int)(width - end);
+        const size_t good =
+            factor_block(block, columns, height, diagonal + begin, lost, indefinite);
+        int m = (int)(height - end), k = (int)columns;
         if (good < columns)
             return begin + good;
         if (m == 0)
             continue;
-        blas->dtrsm("R", "L", "T", "N", &m, &k, &one, block, &ld, below, &ld);
-        if (right > 0)
-            blas->dgemm("N", "T", &m, &right, &k, &minus, below, &ld, below, &ld, &one,
-                        panel + end * height + end, &ld);
+        blas->dtrsm("R", "L", "T", "N", &m, &k, &one, block, &ld, below, &ld); /* G S */
+        change_signs(block, columns, height, below, height - end);
+        if (width > end)
+            pma_trapezoid_multiply(block, columns, height, -1.0, below, height - end, below,
+                                   width - end, 1.0, panel + end * height + end, height, blas);
     }
     return width;
 }
@@ -53,7 +90,7 @@ void pma_trapezoid_scale(double *panel, size_t width, size_t height, double *inv
     for (size_t j = 0; j < width; j++) {
         double *column = panel + j * height;
         const double root = column[j];
-        inverse[j] = 1.0 / (root * root);
+        inverse[j] = 1.0 / (root * fabs(root));
         column[j] = 1.0;
         for (size_t i = j + 1; i < height; i++)
             column[i] /= root;

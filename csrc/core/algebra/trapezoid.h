@@ -4,16 +4,24 @@
 #ifndef PMA_TRAPEZOID_H
 #define PMA_TRAPEZOID_H
 
+#include <stdbool.h>
 #include <stddef.h>
 
 #include "algebra/blas.h"
 
-/* Its Cholesky factor G in place, in blocks; its width, or the first column whose pivot is not
- * above the part `lost` of its diagonal entry, diagonal (width). */
+/* A = G S G^T in place, in blocks, where S has the signs of the diagonal of G: its Cholesky factor
+ * if they are positive. Its width, or the first column whose pivot is not above the part `lost` of
+ * its diagonal entry, diagonal (width); indefinite: whose size is not. */
 size_t pma_trapezoid_factor(double *panel, size_t width, size_t height, const double *diagonal,
-                            double lost, const pma_blas *blas);
+                            double lost, bool indefinite, const pma_blas *blas);
 
-/* From G to a unit diagonal: R_ij = G_ij / G_jj, D_j = G_jj^2. inverse (width): output, of D */
+/* C (m x columns) := beta C + alpha X S Y^T, with `width` columns of X and Y, ld the distance
+ * between two of them and of the diagonal entries of G, whose signs S are. */
+void pma_trapezoid_multiply(const double *G, size_t width, size_t ld, double alpha, double *X,
+                            size_t m, double *Y, size_t columns, double beta, double *C,
+                            size_t ld_C, const pma_blas *blas);
+
+/* From G to a unit diagonal: R_ij = G_ij / G_jj, D_j = S_j G_jj^2. inverse (width): output, of D */
 void pma_trapezoid_scale(double *panel, size_t width, size_t height, double *inverse);
 
 /* Unsymmetric: R has the columns, Q the rows of what is factored. R becomes the unit factor, Q that

@@ -17,7 +17,7 @@ struct pma_iterate {
     pma_substep step;
     size_t corrections;
     bool factored, factored_twice; /* there is a factor, and of which step */
-    size_t singular;               /* dof of a pivot that is not positive */
+    size_t singular;               /* dof of a pivot that is lost */
 
     double scale, motion;  /* energy of the largest motion so far; with the iterate */
     double largest;        /* energy of a correction of this substep */
