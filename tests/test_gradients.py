@@ -19,6 +19,7 @@ LINEAR, DIFFERENCES = 1e-10, 1e-6
 
 half, fine = pm.GeneralizedAlpha(0.5), pm.GeneralizedAlpha(0.8)
 explicit = pm.GeneralizedAlpha(0.8, explicit=True)
+trapezoidal = (pm.Newmark(),) * 3
 three = (half, pm.Newmark(), pm.GeneralizedAlpha(0.9))
 
 
@@ -65,13 +66,13 @@ def problem(
     return pm.Coupler(subdomains, rows, dt=DT, coupling=coupling, threads=1)
 
 
-def squares(history, multipliers=False):
+def squares(history, multipliers=False, kinds="uva"):
     """Weighted squares of everything that is recorded, and their derivatives."""
     rng = np.random.default_rng(5)
     value, sources = 0.0, {}
     for name, _ in history.keys:
         sources[name] = {}
-        for kind in "uva":
+        for kind in kinds:
             x = getattr(history[name], kind)
             weight, difference = rng.uniform(1.0, 2.0, x.shape), x - rng.normal(size=x.shape)
             value += 0.5 * np.sum(weight * difference**2)
@@ -99,6 +100,8 @@ CASES = [
     ("macro", (1, 5), (half, explicit), {"double": True}, True, 4),
     ("macro", (1, 5, 3), (pm.CentralDifference(), pm.CentralDifference(), fine), {}, False, None),
     ("macro", (1, 3), (half, fine), {"moved": True, "unsymmetric": True}, False, 4),
+    ("mean", (1, 3, 4), trapezoidal, {}, False, None),
+    ("mean", (2, 3), trapezoidal[:2], {"unsymmetric": True}, False, 4),
 ]
 
 
@@ -106,7 +109,7 @@ CASES = [
 @pytest.mark.parametrize(("coupling", "substeps", "schemes", "kind", "multipliers", "block"), CASES)
 def test_a_gradient_is_that_of_the_run(coupling, substeps, schemes, kind, multipliers, block):
     def objective(history):
-        return squares(history, multipliers)
+        return squares(history, multipliers, "uv" if coupling == "mean" else "uva")
 
     def value(**changed):
         changed = problem(coupling, substeps, schemes, **kind, **changed)
@@ -129,6 +132,9 @@ def test_a_gradient_is_that_of_the_run(coupling, substeps, schemes, kind, multip
 
     rng, names = np.random.default_rng(2), [s.name for s in coupler.subdomains]
     u0 = [rng.normal(size=s.n) for s in coupler.subdomains]
+    if coupling == "mean":  # which ties displacements
+        u0[1][[1, 2]] = u0[0][[0, 1]]
+        u0[-1][1] = u0[1][0] if len(u0) > 2 else u0[-1][1]
     expected = along("u0", u0)
     assert abs(sum(found.u0[k] @ x for k, x in zip(names, u0)) / expected - 1.0) < LINEAR
     force = [rng.normal(size=found.force[k].shape) for k in names]
@@ -163,6 +169,7 @@ JACOBIANS = [
     ("macro", (1, 3), (half, fine), {"moved": True, "unsymmetric": True}),
     ("gc", (1, 1), (half, explicit), {}),
     ("pm", (1, 1), (half, fine), {}),
+    ("mean", (1, 3), trapezoidal[:2], {}),
 ]
 
 
@@ -173,6 +180,7 @@ def test_a_jacobian_and_a_gradient_are_of_the_same_run(coupling, substeps, schem
     """Forward sensitivities times weights are the gradient of the weighted sum; both are exact."""
     diagonals = pm.Parameters("s0", K=[np.eye(3), np.diag([0.0, 1.0, 0.0])])
     sensors = {"s0": [2, 0], "s1": [3]}
+    what = "v" if coupling == "mean" and what == "a" else what
     coupler = problem(coupling, substeps, schemes, **kind)
     rng = np.random.default_rng(3)
     weights = {
@@ -202,6 +210,7 @@ REVERSED = [
     ("macro", (2, 3), (half, fine), {"moved": True, "unsymmetric": True}),
     ("gc", (1, 1), (half, explicit), {}),
     ("pm", (1, 1), (pm.CentralDifference(), explicit), {}),
+    ("mean", (2, 3), trapezoidal[:2], {}),
 ]
 
 
@@ -218,6 +227,7 @@ def test_reversed_runs_and_forward_ones_have_the_same_jacobian(
     )
     pair = pm.Parameters("s1", dofs=[[0, 1], [1, 2], [0, 3]], K=np.eye(2), labels=["b", "a", "b"])
     diagonals = pm.Parameters("s0", K=[np.eye(3), np.diag([0.0, 1.0, 0.0])])
+    what = "v" if coupling == "mean" and what == "a" else what
     coupler = problem(coupling, substeps, schemes, **kind)
     sensors = {"s0": [2, 0], "s1": [3]}
 
@@ -358,7 +368,8 @@ def test_runs_without_such_an_adjoint_are_refused_with_the_reason():
     refused("restoring force", pm.Coupler([spring], dt=0.01).gradient, squares, 0.1)
     massless = pm.Subdomain([[1.0, 0.0], [0.0, 0.0]], np.eye(2), **mass)
     refused("mass at each dof", pm.Coupler([massless], dt=0.01).gradient, squares, 0.1)
-    refused("displacements", problem("mean", (1, 2), (pm.Newmark(),) * 2).gradient, squares, 0.1)
+    refused("trapezoidal", problem("mean", (1, 2), (half, fine)).gradient, squares, 0.1)
+    refused("function of u and v", problem("mean", (1, 2), trapezoidal[:2]).gradient, squares, 0.1)
     staggered = problem("gc", (1, 2), (half, fine))
     refused("equal substeps", staggered.jacobian, {"s0": [0]}, 0.1, parameters=CHANGED)
 

@@ -86,9 +86,13 @@ class Member:
         LT = self.L.T.toarray()
         return Mbar.solve(LT), Mbar.solve(LT, trans="T")
 
-    def motion(self, run: Any) -> dict[str, np.ndarray]:
-        """What stands beside dM, dC and dK in (A9)."""
+    def motion(self, run: Any, w: np.ndarray | None) -> dict[str, np.ndarray]:
+        """What stands beside dM, dC and dK in (A9), of a run; w: that at its beginning."""
         return {"M": run.a, "C": run.v, "K": run.u - self.al1_beside_K * run.a}
+
+    def adjoint_of(self, run: Any, first: int = 0) -> np.ndarray:
+        """mu of a reversed run after its level `first`, in its order, (A8)."""
+        return self.filters.phi(run.a[first + 1 :])
 
     @property
     def weights(self) -> dict[str, float]:
@@ -124,6 +128,9 @@ class Adjoint:
         from rest under these loads by name, with the transposed matrices. g: velocities (levels, p)
         of the constraints, None for zero. double: steps are double after the first macro step.
     """
+
+    # Whose responses, of u, v and a, the constraints are on.
+    tied = 1
 
     def __init__(
         self,
@@ -167,7 +174,7 @@ class Adjoint:
         Returns
         -------
         mu : list of (levels, n)
-            dJ/dF at the levels after the first, of each subdomain.
+            dJ/dF at the levels after the first, of each subdomain; at the last one without eta.
         nu : (interface levels, p)
             dJ/dg.
         start : list of (1 or 2, 4, n)
@@ -185,14 +192,16 @@ class Adjoint:
             for x, phi, states in zip(self.members, taken, handed.states)
         }
         run = self.reverse(forces, lead + last - first, g, self.double)
-        mus = [x.filters.phi(run[x.name].a[lead * x.substeps + 1 :])[::-1] for x in self.members]
-        lam = np.diff(run.multipliers[lead * self.fine :], axis=0)
-        lam[1:] -= lam[:-1].copy()
-        nu = -lam[::-1] / self.h
+        mus = [x.adjoint_of(run[x.name], lead * x.substeps)[::-1] for x in self.members]
+        nu = self._of_motion(run.multipliers[lead * self.fine :])
         start, of_start = self._start(taken, handed.states, mus, nu)
-        for mu, eta in zip(mus, handed.eta):
-            mu[-1] += eta
         return mus, nu, start, of_start
+
+    def _of_motion(self, lam: np.ndarray) -> np.ndarray:
+        """dJ/dg of the multipliers of a reversed run from its beginning on, (A8)."""
+        lam = np.diff(lam, axis=0)
+        lam[1:] -= lam[:-1].copy()
+        return -lam[::-1] / self.h
 
     def _velocities(self, of_lam: np.ndarray, first: int, last: int) -> np.ndarray:
         """(A7), after a macro step of rest."""
@@ -215,7 +224,7 @@ class Adjoint:
             at_nodes = self._transposed(x, nu)
             start = -(x.K.T @ (eu @ mu).T).T - (x.C.T @ (ev @ mu).T).T
             start[:, phi.dofs] += eu[:, ::-1] @ phi.u + ev[:, ::-1] @ phi.v
-            start -= (x.L.T @ (e[:, 1] @ at_nodes).T).T
+            start -= (x.L.T @ (e[:, self.tied] @ at_nodes).T).T
             for k, (of_u, of_v, _, of_a) in enumerate(handed[: len(mu)]):
                 of_level = e[:, :, len(mu) - k]
                 start += of_level @ np.stack([of_u, of_v, of_a])
@@ -223,13 +232,18 @@ class Adjoint:
             if len(handed) > len(mu):  # the last level but one is the first of this block
                 start[0] += handed[1]
             starts.append(start)
-            if self.macro:
-                ramp = 1.0 - np.arange(1, x.substeps) / x.substeps
-                of_lam += x.L @ (ramp @ mu[: x.substeps - 1])
-            elif x.ratio > 1:
-                _, transposed = x.links
-                of_lam += x.al2 * (x.L @ (transposed @ at_nodes[0]))
+            of_lam += self._of_start_multipliers(x, mu, at_nodes)
         return starts, of_lam
+
+    def _of_start_multipliers(self, x: Member, mu: np.ndarray, at_nodes: np.ndarray) -> Any:
+        """The share of a subdomain in (A12)."""
+        if self.macro:
+            ramp = 1.0 - np.arange(1, x.substeps) / x.substeps
+            return x.L @ (ramp @ mu[: x.substeps - 1])
+        if x.ratio > 1:
+            _, transposed = x.links
+            return x.al2 * (x.L @ (transposed @ at_nodes[0]))
+        return 0.0
 
     def _transposed(self, x: Member, nu: np.ndarray) -> np.ndarray:
         """P^T nu on the levels of a subdomain from the first on; under "macro" R^T nu."""

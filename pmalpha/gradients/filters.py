@@ -92,6 +92,27 @@ class Filters:
         return np.hstack([f(unit) for f in (self._of_u, self._of_v, self._of_w, self._of_a)])
 
 
+class MeanFilters:
+    """Those of the trapezoidal rule under "mean", from displacements of the reversed run, (A17)."""
+
+    def __init__(self, h: float):
+        mean = (0.5, 0.5)
+        self.phi = Filter(1.0, [DIFFERENCE, mean])
+        self._of_u = Filter(1.0, [], [DIFFERENCE, mean])
+        self._of_v = Filter(1.0 / h, [], [mean, mean])
+
+    def loads(self, u: np.ndarray, v: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """As `Filters.loads`; there are no sources of w."""
+        result: np.ndarray = self._of_u(u) + self._of_v(v)
+        return result
+
+    def impulses(self, levels: int) -> np.ndarray:
+        """As `Filters.impulses`."""
+        unit, none = np.zeros((2, levels, 1))
+        unit[0] = 1.0
+        return np.hstack([self._of_u(unit), self._of_v(unit), none, none])
+
+
 def _stretched(c: Factor) -> Factor:
     """c with z^2 in place of z."""
     out = [0.0] * (2 * len(c) - 1)

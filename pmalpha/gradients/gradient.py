@@ -132,7 +132,7 @@ class Blocks:
 
     def __init__(self, coupler: Any, problem: Problem, steps: int, block: int, report: Any):
         self.coupler, self.steps, self.report = coupler, steps, report
-        self.single, self.steady = problem.single, problem.steady
+        self.problem, self.single, self.steady = problem, problem.single, problem.steady
         lead = 0 if self.single is self.steady else min(1, steps)
         self.borders = sorted({0, lead, steps, *range(lead, steps, block)})
 
@@ -168,6 +168,11 @@ class Blocks:
         value, given = objective(history)
         members, p, fine = self.single.members, self.single.p, self.single.fine
         sources, of_lam = checked_sources(members, given, history, self.steps)
+        if self.problem.mean and (of_lam is not None or any(np.any(x.w) for x in sources.values())):
+            raise ValueError(
+                'objective must be a function of u and v under "mean", whose multipliers and '
+                "accelerations alternate, got a source of a or of multipliers"
+            )
 
         totals = [np.zeros(p.m) for p in parameters]
         force = {x.name: np.zeros((self.steps * x.substeps + 1, x.n)) for x in members}
@@ -180,15 +185,21 @@ class Blocks:
             if last < self.steps:
                 handed = adjoint.taking_over(start, of_start)
             self.coupler.restore(snapshots.pop())
+            beginning = self.problem.accelerations()
             run = self._run(last - first, dict.fromkeys(names))
+            end = self.problem.accelerations()
             mus, nu, start, of_start = adjoint.block(sources, of_lam, first, last, handed)
             velocity[first * fine + 1 : last * fine + 1] = nu
-            for x, mu in zip(members, mus):
+            for x, mu, eta in zip(members, mus, handed.eta):
                 force[x.name][first * x.substeps + 1 : last * x.substeps + 1] = mu
+                force[x.name][last * x.substeps] += eta
             for total, of, name in zip(totals, parameters, names):
-                x = adjoint.members[place[name]]
-                motion = {kind: values[1:] for kind, values in x.motion(run[name]).items()}
-                total += of._products(mus[place[name]], motion)
+                i = place[name]
+                x = adjoint.members[i]
+                motion = x.motion(run[name], beginning[i])
+                total += of._products(mus[i], {kind: y[1:] for kind, y in motion.items()})
+                of_end = {kind: y[-1:] for kind, y in motion.items()} | {"M": end[i][None]}
+                total += of._products(handed.eta[i][None], of_end)
                 total += adjoint.of_interface(of, x, run.multipliers, nu)
             self._reported(2 * self.steps - first)
         if of_lam is not None:
@@ -198,7 +209,7 @@ class Blocks:
             force[x.name][0] = mu
         for total, of, name in zip(totals, parameters, names):
             at = run[name]
-            motion = {"M": at.a[:1], "C": at.v[:1], "K": at.u[:1]}
+            motion = {"M": beginning[place[name]][None], "C": at.v[:1], "K": at.u[:1]}
             total += of._products(force[name][:1], motion)
         of_u0, of_v0 = dict(zip(place, u0)), dict(zip(place, v0))
         return Gradient(value, totals, force, of_u0, of_v0, velocity, history)

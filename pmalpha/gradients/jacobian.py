@@ -64,8 +64,13 @@ def jacobian(
         problem = Problem(coupler, session)
         problem.require_constant_interface("jacobian without differences=")
         steps = steps_of(session, end)
+        if problem.mean and what == "a":
+            raise ValueError('what must be "u" or "v" under "mean", whose accelerations alternate')
+        coupler.step(0)
+        beginning = problem.accelerations()
         run = coupler.run(steps=steps, record=dict.fromkeys(names))
-        of = [(p, name, problem.motion(name, run[name])) for p, name in zip(parameters, names)]
+        motions = problem.motions(run, beginning)
+        of = [(p, name, motions[name]) for p, name in zip(parameters, names)]
         count = sum(dofs.size * problem.substeps[name] for name, dofs in sensors.items())
         m = sum(p.m for p in parameters)
         if ADVANTAGE * count < m and problem.invariant and all(map(_at_rest, of)):
@@ -132,10 +137,7 @@ def _by_reversed_runs(
         ]
         runs = problem.reversed_runs(cases, steps, dict.fromkeys(names))
         for (name, column, _, before), run in zip(chunk, runs):
-            mus = {
-                x: sfft.rfft(members[x].filters.phi(run[x].a[1:]), lengths[x], axis=0)
-                for x in names
-            }
+            mus = {x: sfft.rfft(members[x].adjoint_of(run[x]), lengths[x], axis=0) for x in names}
             level = slice(members[name].substeps - before, None, members[name].substeps)
             first = 0
             for p, own, motion in spectra:

@@ -13,9 +13,10 @@ from ..problem.forces import SampledForce
 from ..problem.matrices import is_symmetric
 from ..problem.subdomain import Subdomain
 from .adjoint import Adjoint, Member, Sources, reversed_load
+from .mean_adjoint import MeanAdjoint, MeanMember
 from .parameters import Parameters
 
-COUPLINGS = ("pm", "gc", "macro")
+TRAPEZOIDAL = (0.0, 0.0, 0.25, 0.5)  # alpha_m, alpha_f, beta, gamma
 
 
 class Problem:
@@ -31,7 +32,9 @@ class Problem:
     def __init__(self, coupler: Any, session: Any):
         self.coupler, self.keys = coupler, session.keys
         layout, self.matrices = session.steps.layout, session.rows.matrices
-        self.dt, self.macro = layout.dt, session.coupling == "macro"
+        self.dt, self.mean = layout.dt, session.coupling == "mean"
+        self.macro = self.mean or session.coupling == "macro"
+        self._parts = session.parts
         self.options = session.options
         self.fine = 1 if self.macro else max(layout.substeps)
         self.symmetric = all(is_symmetric(s.C) and is_symmetric(s.K) for _, s in self.keys)
@@ -41,15 +44,25 @@ class Problem:
         self.single = self._adjoint([False] * len(self.keys))
         self.steady = self._adjoint(self.doubles) if any(self.doubles) else self.single
 
-    def motion(self, name: str, run: Any) -> dict[str, np.ndarray]:
-        """What dM, dC and dK of a subdomain are multiplied by in (A9), at all levels of a run."""
-        i = [key for key, _ in self.keys].index(name)
-        motion = self.steady.members[i].motion(run)
-        first = self.single.members[i]
-        single = slice(0, first.substeps + 1 if self.single is not self.steady else 1)
-        motion["K"][single] = run.u[single] - first.al1_beside_K * run.a[single]
-        motion["K"][0] = run.u[0]
-        return motion
+    def accelerations(self) -> list[np.ndarray]:
+        """w of each subdomain at present, without what multipliers add under "mean"."""
+        return [part.core.state()[2][part.position] for part in self._parts]
+
+    def motions(self, run: Any, beginning: Sequence[np.ndarray]) -> dict[str, Any]:
+        """What dM, dC and dK are multiplied by in (A9), at all levels of a run from t = 0.
+
+        `beginning` is w of each subdomain at t = 0.
+        """
+        out = {}
+        members = zip(self.single.members, self.steady.members)
+        for (first, x), w, own in zip(members, beginning, run.subdomains):
+            if own is None:
+                continue
+            out[x.name] = motion = x.motion(own, w)
+            single = slice(0, 1 if self.invariant else first.substeps + 1)
+            motion["K"][single] = own.u[single] - first.al1_beside_K * own.a[single]
+            motion["K"][0] = own.u[0]
+        return out
 
     @property
     def invariant(self) -> bool:
@@ -88,11 +101,12 @@ class Problem:
             return list(coupler.run_each(runs, steps=steps, record=record))
 
     def _adjoint(self, doubles: Sequence[bool]) -> Adjoint:
+        of_member, of_all = (MeanMember, MeanAdjoint) if self.mean else (Member, Adjoint)
         members = []
         for (name, s), L, double in zip(self.keys, self.matrices, doubles):
             ratio = 1 if self.macro else self.fine // s.substeps
-            members.append(Member(name, s, L, self.dt, ratio, double))
-        return Adjoint(members, self.macro, self.dt, self.fine, self._reverse)
+            members.append(of_member(name, s, L, self.dt, ratio, double))
+        return of_all(members, self.macro, self.dt, self.fine, self._reverse)
 
     def _reverse(
         self, forces: Mapping[str, Any], steps: int, g: np.ndarray | None, double: bool
@@ -160,11 +174,8 @@ def subdomain_of(keys: Any, p: Parameters) -> str:
 def require_adjoint(session: Any, what: str) -> None:
     """ValueError where the adjoint of a linear run is not such a run, with the reason."""
     options = session.options
-    if options.coupling not in COUPLINGS:
-        raise ValueError(
-            f'{what} needs coupling "pm", "gc" or "macro", got "{options.coupling}": its ties are '
-            "between displacements"
-        )
+    if options.coupling == "mean":
+        _require_trapezoidal(session, what)
     if options.drift != "kept":
         raise ValueError(f'{what} needs drift="kept": second multipliers have no adjoint here')
     if options.start != "rebased":
@@ -178,3 +189,17 @@ def require_adjoint(session: Any, what: str) -> None:
                 f"{what} needs a mass at each dof, got none at dof "
                 f"{int(np.argmin(np.abs(diagonal)))} of {name!r}"
             )
+
+
+def _require_trapezoidal(session: Any, what: str) -> None:
+    """ValueError where a run under "mean" is not reciprocal."""
+    for name, s in session.keys:
+        x = s.scheme
+        if x.explicit or (x.am, x.af, x.beta, x.gamma) != TRAPEZOIDAL:
+            raise ValueError(
+                f'{what} needs the trapezoidal rule under "mean", Newmark(), got {x!r} of {name!r}'
+            )
+    if any(session.steps.layout.doubles):
+        raise ValueError(f'{what} needs single steps under "mean", got double ones')
+    if session.loads.motions:
+        raise ValueError(f'{what} needs constraints without velocity under "mean"')

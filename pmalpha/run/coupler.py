@@ -628,14 +628,14 @@ class Coupler:
         ------
         ValueError
             Without `differences` for couplings and subdomains whose adjoint is not such a run:
-            "mean", drift removed, the plain start, restoring and internal forces, lagged damping,
-            dofs without mass; always for `comm`.
+            "mean" with another scheme than the trapezoidal rule, drift removed, the plain start,
+            restoring and internal forces, lagged damping, dofs without mass; always for `comm`.
         TypeError, KeyError, ValueError
             For arguments and sources of the wrong kind or shape.
 
         Notes
         -----
-        Equations (A1) to (A14) of docs/method.md. Unsymmetric matrices, prescribed velocities and
+        Equations (A1) to (A17) of docs/method.md. Unsymmetric matrices, prescribed velocities and
         functions of the multipliers need couplers of their own for the reversed run.
 
         Examples
