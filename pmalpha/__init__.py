@@ -19,6 +19,8 @@ from .errors import (
     ConvergenceError,
     FactorizationError,
     InstabilityError,
+    LimitError,
+    PacingError,
     PerformanceWarning,
     PmalphaError,
     StabilityWarning,
@@ -51,6 +53,7 @@ from .problem.supports import SupportMotion
 from .problem.tangent_check import TangentCheck
 from .results.energy import Energy
 from .results.history import History, SubdomainHistory
+from .results.pacing import Pacing
 from .run.coupler import Coupler
 from .run.snapshot import Snapshot
 from .run.state import State
@@ -88,10 +91,13 @@ __all__ = [
     "History",
     "InstabilityError",
     "InternalForce",
+    "LimitError",
     "Misfit",
     "Multilinear",
     "Newmark",
     "Newton",
+    "Pacing",
+    "PacingError",
     "Parameters",
     "PerformanceWarning",
     "Plan",

@@ -112,6 +112,15 @@ class Subdomain:
     def iteration(self) -> tuple[float, np.ndarray | None, bool] | None: ...
     def set_iteration(self, scale: float, entries: np.ndarray | None, twice: bool, /) -> None: ...
     def evaluate_present(self, t: float, /) -> int | None: ...
+    def limit(
+        self,
+        displacement: np.ndarray | None,
+        velocity: np.ndarray | None,
+        acceleration: np.ndarray | None,
+        force: np.ndarray | None,
+        energy: float,
+        /,
+    ) -> None: ...
     def watch(self, M: _Matrix, K_r: _Matrix, /) -> None: ...
     def begin_energy(
         self,
@@ -145,6 +154,7 @@ class Coupler:
     multipliers: np.ndarray
     prescribed: np.ndarray
     instants: int
+    paced: bool
     threads: int
     workers: tuple[int | None, ...]
     def __new__(
@@ -175,8 +185,11 @@ class Coupler:
         | tuple[int, int, str]
         | tuple[int, float | None, int | None, int]
         | tuple[int, float]
+        | tuple[int, str, int, float, float, float]
+        | str
         | None
     ): ...
+    def set_pace(self, pace: tuple[float, bool, int, np.ndarray, np.ndarray] | None, /) -> None: ...
     def record_present(self, record: _Record, /) -> tuple[int] | None: ...
     def in_lanes(self, subdomains: tuple[Subdomain, ...], /) -> Coupler: ...
     def iteration(self) -> np.ndarray: ...

@@ -20,6 +20,8 @@ __all__ = [
     "ConvergenceError",
     "FactorizationError",
     "InstabilityError",
+    "LimitError",
+    "PacingError",
     "PerformanceWarning",
     "PmalphaError",
     "StabilityWarning",
@@ -159,6 +161,82 @@ class ConvergenceError(PmalphaError):
 
     def __reduce__(self) -> tuple[type, tuple[object, ...]]:
         return type(self), (self.subdomain, self.time, self.iterations, self.cause)
+
+
+class LimitError(PmalphaError):
+    """A specimen would have been commanded beyond its limits, or has returned too large a force.
+
+    The last command that was given is within the limits; the coupler has the state of the last
+    whole macro step.
+
+    Attributes
+    ----------
+    subdomain : str
+        Name of the subdomain with the specimen.
+    quantity : str
+        "displacement", "velocity", "acceleration", "force" or "energy".
+    dof : int or None
+        Of the subdomain; None for the energy, which is that of all.
+    value, limit : float
+        What was found, with its sign, and its largest absolute value.
+    time : float
+        The time level of the command.
+    """
+
+    def __init__(
+        self,
+        subdomain: str,
+        quantity: str,
+        dof: int | None,
+        value: float,
+        limit: float,
+        time: float,
+    ):
+        if quantity == "energy":
+            what = "has returned more energy than it was given, by"
+        elif quantity == "force":
+            what = f"returns the force at dof {dof}"
+        else:
+            what = f"would be commanded the {quantity} at dof {dof}"
+        end = (
+            "the control loop is going unstable" if quantity == "energy" else "the command is held"
+        )
+        super().__init__(
+            f"the specimen of subdomain {subdomain!r} {what} {value:g} at t = {time:g}, beyond its "
+            f"limit {limit:g}: {end}"
+        )
+        self.subdomain, self.quantity, self.dof = subdomain, quantity, dof
+        self.value, self.limit, self.time = value, limit, time
+
+    def __reduce__(self) -> tuple[type, tuple[object, ...]]:
+        own = (self.subdomain, self.quantity, self.dof, self.value, self.limit, self.time)
+        return type(self), own
+
+
+class PacingError(PmalphaError):
+    """A fine step of `Coupler.run_paced` ended after the next one was due.
+
+    The coupler has the state of the last whole macro step; ``coupler.last_history.pacing`` has the
+    times of all fine steps up to the late one.
+
+    Attributes
+    ----------
+    step : int
+        Macro step, counted from 0, with the late fine step.
+    time : float
+        The time at which that macro step begins, which is the present time of the coupler.
+    """
+
+    def __init__(self, step: int, time: float):
+        super().__init__(
+            f"a fine step of macro step {step}, which begins at t = {time:g}, ended after the next "
+            "one was due; coupler.last_history.pacing has the times"
+        )
+        self.step = step
+        self.time = time
+
+    def __reduce__(self) -> tuple[type, tuple[object, ...]]:
+        return type(self), (self.step, self.time)
 
 
 class UnboundedMotion(Exception):

@@ -47,6 +47,7 @@ def test_docstrings_of_public_names_have_examples():
         "docs/index.md",
         "docs/model.md",
         "docs/own-element.md",
+        "docs/paced.md",
         "docs/tutorial.md",
     ],
 )

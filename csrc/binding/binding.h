@@ -61,6 +61,7 @@ typedef struct {
     PyObject *arrays;         /* list: the arrays that the core points into */
     PyObject *motions;        /* list: the arrays of each prescribed motion */
     pma_processes *processes; /* the others, or NULL */
+    PyObject *pace;           /* tuple (period, stops, signals, (origin, done), times), or NULL */
     atomic_bool busy;
 } CouplerObject;
 
@@ -111,6 +112,10 @@ PyObject *pma_subdomain_unit_responses(SubdomainObject *self, PyObject *args);
 PyObject *pma_subdomain_accelerate(SubdomainObject *self, PyObject *obj);
 PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *args);
 
+/* ... in rig.c. */
+PyObject *pma_subdomain_object_limit(SubdomainObject *self, PyObject *args);
+PyObject *pma_coupler_object_set_pace(CouplerObject *self, PyObject *obj);
+
 /* ... in cases.c: several load cases side by side. */
 PyObject *pma_subdomain_in_lanes(SubdomainObject *self, PyObject *ignored);
 PyObject *pma_coupler_in_lanes(CouplerObject *self, PyObject *subdomains);
@@ -139,7 +144,18 @@ typedef struct {
     long long last;             /* ms */
     PyObject *report;           /* called with the macro steps done, or NULL */
     const pma_coupler *coupler; /* the coupler that counts these steps */
+    bool quiet;                 /* the GIL is not taken until a signal arrives in `signals` */
+    int signals;                /* a file, read without waiting */
 } pma_watch;
+
+/* The pace of the coupler and its subdomains for so many macro steps, if one was set, until it is
+ * released, which writes origin and done. Both with the coupler claimed. *signals: a file to which
+ * signals are written, or -1. */
+int pma_take_pace(CouplerObject *self, long long steps, pma_pace *pace, int *signals);
+void pma_release_pace(CouplerObject *self, pma_pace *pace);
+
+/* Is anything written in the file? Does not wait. */
+bool pma_signal_arrived(int file);
 
 long long pma_watch_milliseconds(void); /* of a monotonic clock */
 
@@ -163,7 +179,8 @@ PyObject *pma_raise(pma_status status, const char *what);
 
 /* (rank,) of the process that failed, if it was another one (its own rank when the exchange itself
  * failed); the index of the subdomain that became unstable, the tuple of four above, or (index,
- * code, what) if its function returned a code, (index, time) of a tangent that is not symmetric;
+ * code, what) if its function returned a code, (index, time) of a tangent that is not symmetric,
+ * (index, what, position, value, limit, time) of a specimen, "late" of a paced run;
  * NULL with the exception of any other status. */
 PyObject *pma_failure(CouplerObject *self, pma_status status);
 

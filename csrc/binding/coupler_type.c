@@ -204,6 +204,7 @@ static int coupler_traverse(CouplerObject *self, visitproc visit, void *arg)
     Py_VISIT(self->subdomains);
     Py_VISIT(self->arrays);
     Py_VISIT(self->motions);
+    Py_VISIT(self->pace);
     return 0;
 }
 
@@ -219,6 +220,7 @@ static void coupler_dealloc(CouplerObject *self)
     Py_XDECREF(self->subdomains);
     Py_XDECREF(self->arrays);
     Py_XDECREF(self->motions);
+    Py_XDECREF(self->pace);
     PyObject_GC_Del(self);
     Py_DECREF(type);
 }
@@ -311,6 +313,8 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
     long long steps;
     PyObject *obj, *report = Py_None, *result = NULL;
     pma_record record = {0};
+    pma_pace pace = {0};
+    int signals = -1;
     pma_status status = PMA_OK;
     if (!PyArg_ParseTuple(args, "LO|O", &steps, &obj, &report))
         return NULL;
@@ -320,7 +324,8 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
         return NULL;
     if (check_steps(self, steps) < 0 || check_tables(self, steps) < 0 ||
         (obj != Py_None &&
-         pma_take_record(self, obj, pma_coupler_step_count(self->core) + steps, &record) < 0)) {
+         pma_take_record(self, obj, pma_coupler_step_count(self->core) + steps, &record) < 0) ||
+        pma_take_pace(self, steps, &pace, &signals) < 0) {
         if (self->processes && steps > 0)
             meet(self, PMA_NO_MEMORY);
         goto done;
@@ -328,7 +333,9 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
 
     pma_watch watch = {.last = pma_watch_milliseconds(),
                        .report = report == Py_None ? NULL : report,
-                       .coupler = self->core};
+                       .coupler = self->core,
+                       .quiet = self->pace != NULL,
+                       .signals = signals};
     const pma_poll poll = {pma_watch_signals, &watch, POLL_ENTRIES};
     PyThreadState *before = pma_gil_release();
     status = pma_coupler_advance(self->core, steps, obj == Py_None ? NULL : &record, &poll);
@@ -336,6 +343,7 @@ static PyObject *coupler_advance(CouplerObject *self, PyObject *args)
 
     result = status == PMA_OK ? Py_NewRef(Py_None) : pma_failure(self, status);
 done:
+    pma_release_pace(self, &pace);
     PyMem_Free(record.selections);
     pma_coupler_release(self);
     return result;
@@ -458,6 +466,11 @@ static PyObject *coupler_get_prescribed(CouplerObject *self, void *Py_UNUSED(clo
     return copy_rows(self, pma_coupler_prescribed);
 }
 
+static PyObject *coupler_get_paced(CouplerObject *self, void *Py_UNUSED(closure))
+{
+    return PyBool_FromLong(self->pace != NULL);
+}
+
 static PyObject *coupler_get_threads(CouplerObject *self, void *Py_UNUSED(closure))
 {
     return PyLong_FromSize_t(pma_coupler_threads(self->core));
@@ -498,6 +511,10 @@ static PyMethodDef coupler_methods[] = {
      "subdomain that became "
      "unstable, or (index, code, what) if its function returned a code; report(step_count) is "
      "called about every 50 ms"},
+    {"set_pace", (PyCFunction)pma_coupler_object_set_pace, METH_O,
+     "set_pace(None | (period, stops, signals, state, times)): fine steps of later advances begin "
+     "every `period` ns; state (2,) has their beginning and number, times (4, rows) when they "
+     "began, commanded, received and ended; signals is a file to which those are written, or -1"},
     {"record_present", (PyCFunction)coupler_record_present, METH_O,
      "record_present(record) -> None or (rank,): writes the present time level into row 0"},
     {"in_lanes", (PyCFunction)pma_coupler_in_lanes, METH_O,
@@ -521,6 +538,7 @@ static PyGetSetDef coupler_getset[] = {
     {"step_count", (getter)coupler_get_step_count, NULL, "macro steps done", NULL},
     {"multipliers", (getter)coupler_get_multipliers, NULL, "at the present, a copy", NULL},
     {"instants", (getter)coupler_get_instants, NULL, "interface problems in a macro step", NULL},
+    {"paced", (getter)coupler_get_paced, NULL, "whether a pace is set", NULL},
     {"threads", (getter)coupler_get_threads, NULL, "number of threads", NULL},
     {"workers", (getter)coupler_get_workers, NULL,
      "the worker of each subdomain, 0 the caller; None where several share its rows", NULL},

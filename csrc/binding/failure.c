@@ -39,6 +39,15 @@ static PyObject *iteration_failure(CouplerObject *self, size_t i, bool singular)
                          singular ? (Py_ssize_t)at.dof : (Py_ssize_t)-1);
 }
 
+static PyObject *breach(CouplerObject *self, size_t i)
+{
+    static const char *const names[] = {"displacement", "velocity", "acceleration", "force",
+                                        "energy"};
+    const pma_breach b = pma_subdomain_breach(own_subdomain(self, i)->core);
+    return Py_BuildValue("(nsnddd)", (Py_ssize_t)i, names[b.what], (Py_ssize_t)b.position, b.value,
+                         b.limit, b.t);
+}
+
 /* What a function that returned a code is to a subdomain; NULL for any other status. */
 static const char *what_failed(pma_status status)
 {
@@ -66,6 +75,10 @@ PyObject *pma_failure(CouplerObject *self, pma_status status)
         pma_subdomain *s = own_subdomain(self, i)->core;
         return Py_BuildValue("(nd)", (Py_ssize_t)i, pma_iterate_failed(pma_subdomain_iterate(s)).t);
     }
+    if (status == PMA_LATE)
+        return PyUnicode_FromString("late");
+    if (status == PMA_LIMITED)
+        return breach(self, i);
     if (!what_failed(status))
         return pma_raise(status, "advance");
     const int code = pma_subdomain_code(own_subdomain(self, i)->core);

@@ -533,6 +533,8 @@ static PyMethodDef subdomain_methods[] = {
     {"set_levels", (PyCFunction)subdomain_set_levels, METH_O, "set_levels(levels): the inverse"},
     {"watch", (PyCFunction)subdomain_watch, METH_VARARGS,
      "watch(M, K_r): the energy is summed up that the scheme adds through evaluated forces"},
+    {"limit", (PyCFunction)pma_subdomain_object_limit, METH_VARARGS,
+     "limit(displacement, velocity, acceleration, force, energy): of a specimen, (n,) or None"},
     {"evaluate_present", (PyCFunction)subdomain_evaluate_present, METH_VARARGS,
      "evaluate_present(t): internal forces and their potential, for begin_energy; None, or the "
      "code that a function returned"},

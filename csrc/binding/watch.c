@@ -69,6 +69,10 @@ bool pma_watch_signals(void *ctx)
     const long long now = pma_watch_milliseconds();
     if (now - watch->last < WATCH_MILLISECONDS)
         return false;
+    if (watch->quiet && !watch->report && !pma_signal_arrived(watch->signals)) {
+        watch->last = now;
+        return false;
+    }
     const int raised = pma_gil_call(check_signals, watch);
     watch->last = pma_watch_milliseconds();
     return raised != 0;

@@ -15,6 +15,7 @@ from .discrete_gradient import internal_for
 from .forces import checked_force, depends_on_motion
 from .frozen import Frozen
 from .internal import Internal
+from .limits import Limits, limits_of_dofs
 from .matrices import (
     EXPORTED,
     Matrix,
@@ -93,6 +94,9 @@ class Subdomain(Frozen):
         pattern. Nonlinear elements of `structures` are such callables. In an explicit subdomain it
         is evaluated once per substep, as `restoring`. Each has to be a function of u, v, t and q
         alone.
+    limits : `pmalpha.rig.Limits`, optional
+        Of the restoring force, if it is that of a test specimen: a command or a measured force
+        beyond them ends the run with a `LimitError`, before the command is given.
     damping : {"implicit", "lagged"}, default "implicit"
         "lagged": C acts on the extrapolated velocity, equation (R4), so that an explicit subdomain
         whose C is not diagonal needs no factor. The critical step is smaller, equation (C2).
@@ -181,6 +185,7 @@ class Subdomain(Frozen):
         restoring_stiffness: MatrixLike | None = None,
         restoring_damping: MatrixLike | None = None,
         internal: Any = None,
+        limits: Limits | None = None,
         damping: Damping = "implicit",
         rayleigh: tuple[float, float] | None = None,
         damping_ratio: Mapping[float, float] | None = None,
@@ -219,6 +224,7 @@ class Subdomain(Frozen):
             restoring_stiffness = stiffness(self.restoring_springs, "initial_tangent", self.n)
         self.restoring_stiffness = self._estimate(restoring_stiffness, "restoring_stiffness")
         self.restoring_damping = self._estimate(restoring_damping, "restoring_damping")
+        self.limits = self._limits(limits)
         self.u0 = self._initial(u0, "u0")
         self.v0 = self._initial(v0, "v0")
         self._check()
@@ -402,6 +408,16 @@ class Subdomain(Frozen):
         if value is not None and self.restoring is None:
             raise ValueError(f"{name} must come with a restoring force, got restoring=None")
         return self._matrix(value, name)
+
+    def _limits(self, limits: Any) -> Limits | None:
+        if limits is None:
+            return None
+        if not isinstance(limits, Limits):
+            raise TypeError(f"limits must be of type pmalpha.rig.Limits, got {limits!r}")
+        if self.restoring is None:
+            raise ValueError("limits must come with a restoring force, got restoring=None")
+        limits_of_dofs(limits, self.n)
+        return limits
 
     def _initial(self, value: Any, name: str) -> np.ndarray:
         if value is None:

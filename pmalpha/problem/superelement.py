@@ -285,6 +285,8 @@ def _springs(subdomain: Any, kept: np.ndarray) -> dict[str, Any]:
             "restoring and internal forces must be springs for a reduction, got functions; give "
             "them to a subdomain that is tied to the reduced one"
         )
+    if subdomain.limits is not None:
+        raise ValueError("limits must be None for a reduction, got those of a specimen")
     number = np.full(subdomain.n + 1, -2)
     number[kept], number[-1] = np.arange(kept.size), -1
     found = {}

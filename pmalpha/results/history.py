@@ -19,6 +19,7 @@ from .history_file import FORMAT, VERSION, output_array, whole_numbers
 from .joining import joined
 from .keys import position
 from .local_error import local_error
+from .pacing import Pacing
 from .quantities import OF_INTERFACE, OF_SUBDOMAIN, Quantity, arrays_of
 
 if TYPE_CHECKING:
@@ -254,6 +255,8 @@ class History:
     substeps : (macro time levels, subdomains) array of int, or None
         Row k has those of the macro step that ends at ``macro_times[k]``, row 0 those with which
         the run began; they vary with ``run(tolerance=)``. None for a file of an older version.
+    pacing : `Pacing` or None
+        With `Coupler.run_paced`: the times of its fine steps. Not in files.
     """
 
     subdomains: tuple[SubdomainHistory | None, ...]
@@ -266,6 +269,7 @@ class History:
     # not | None: a checker would want a test at each use of what was requested
     energy: Energy | Any = None
     substeps: np.ndarray | Any = None
+    pacing: Pacing | Any = None
 
     def __getitem__(self, key: str | int | Subdomain) -> SubdomainHistory:
         i = position(key, self.keys)

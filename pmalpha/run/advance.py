@@ -7,7 +7,14 @@ from contextlib import nullcontext
 from typing import Any
 
 from ..blas import one_thread
-from ..errors import CallbackError, ConvergenceError, InstabilityError, UnboundedMotion
+from ..errors import (
+    CallbackError,
+    ConvergenceError,
+    InstabilityError,
+    LimitError,
+    PacingError,
+    UnboundedMotion,
+)
 from ..problem.matrices import ADMITTED
 from ..problem.tangents import SYMMETRY
 from ..setup.ranks import Elsewhere, Ranks
@@ -96,7 +103,8 @@ def _chunks(core: Any, loads: Loads, end: int) -> Iterator[int]:
     The load values of a chunk take at most `AHEAD` bytes.
     """
     size = loads.bytes_per_macro_step
-    steps = max(1, min(CHUNK, AHEAD // size)) if size else end
+    most = end if core.paced else CHUNK  # nothing is evaluated between two paced steps
+    steps = max(1, min(most, AHEAD // size)) if size else end
     while core.step_count < end:
         yield min(end, core.step_count + steps)
 
@@ -105,6 +113,13 @@ def _error(failed: Any, step: int, loads: Loads, first: int) -> Exception:
     """The exception for a macro step that the core did not complete; `first` is the number of the
     first subdomain of this process."""
     names, t = [*loads.names, "interface"], loads.clock.time(step)
+    if failed == "late":
+        return PacingError(step, t)
+    if isinstance(failed, tuple) and len(failed) == 6:
+        index, what, position, value, limit, end = failed
+        part = loads.parts[index - first]
+        dof = None if what == "energy" else int(part.order[position])
+        return LimitError(part.name, what, dof, value, limit, end)
     if isinstance(failed, tuple) and len(failed) == 1:
         return Elsewhere(f"rank {failed[0]} has failed")
     if isinstance(failed, tuple) and len(failed) == 4:

@@ -25,7 +25,7 @@ from ..setup.eliminated_rows import Assembled
 from ..setup.ranks import Ranks
 from ..setup.schedule import Options
 from . import cases as load_cases
-from . import changes, recorded_run, saving, whole_structure
+from . import changes, paced, recorded_run, saving, whole_structure
 from . import reset as beginning
 from . import snapshot as snapshots
 from . import state as present
@@ -381,6 +381,87 @@ class Coupler:
         if tolerance is not None:
             return tolerance_run.run(s, tolerance, end, files, progress, **chosen)
         return recorded_run.run(s, end, files, progress, **chosen)
+
+    def run_paced(
+        self,
+        t_end: float,
+        *,
+        rate: float = 1.0,
+        on_late: str = "continue",
+        priority: int | None = None,
+        lock_memory: bool = False,
+        record: Mapping[Any, Any] | None = None,
+        every: int | None = None,
+        energy: bool = False,
+        record_springs: Mapping[Any, Any] | None = None,
+        outputs: Mapping[Any, Any] | None = None,
+        progress: Any = None,
+    ) -> History:
+        """`run` at the pace of a clock: each fine step begins at its absolute time.
+
+        For a specimen in a laboratory, given as ``restoring=``. Fine steps are those of the largest
+        number of substeps; step k is due k h / `rate` after the first. The command of a fine step
+        is computed and given to the specimen when it begins. Results are bitwise those of `run`.
+
+        Parameters
+        ----------
+        t_end : float
+            As for `run`. The times of the problem are in seconds.
+        rate : float, default 1
+            Time of the problem per time of the clock: 0.01 is a slow test, a hundredfold.
+        on_late : {"continue", "stop"}, default "continue"
+            "stop": a `PacingError` when a fine step ends after the next one was due. "continue":
+            the next ones follow at once until the times are kept again; none is left out.
+        priority : int, optional
+            Priority of SCHED_FIFO for the calling thread during the steps, 1 to 99 on Linux. Needs
+            special rights. Other threads do not inherit it. Default: that of the thread.
+        lock_memory : bool, default False
+            Lock all memory of the process during the steps, so that none is paged. Needs rights.
+        record, every, energy, record_springs, outputs, progress
+            As for `run`. A callable of `progress` takes the GIL every 50 ms.
+
+        Returns
+        -------
+        History
+            With `Pacing` as ``pacing``: when each fine step was due, began, gave its command and
+            had its force.
+
+        Raises
+        ------
+        PacingError
+            With ``on_late="stop"``.
+        LimitError
+            When the specimen would leave its `Limits`.
+        OSError
+            For `priority` and `lock_memory` without the rights, before the first step; the message
+            has what is needed.
+        ValueError
+            Under "macro" and "mean", whose commands have no times of their own; with `comm`.
+        TypeError, ValueError, and others
+            As `run`.
+
+        Notes
+        -----
+        The steps run in C in the calling thread, which sleeps until each is due. Nothing is
+        allocated, no lock is waited for, and with compiled loads and a compiled specimen the GIL is
+        not taken, so that other Python threads cannot delay a step. A Python callable takes it in
+        each evaluation; ``f(t)`` is evaluated before the run, as far as 32 MB suffice. Under "pm"
+        the double steps of coarse subdomains run in other threads, and delay a fine step only where
+        it waits for them. docs/paced.md has measured times.
+
+        Examples
+        --------
+        Ten steps at 1 kHz:
+
+        >>> mass = Subdomain([1.0], [4.0], scheme=Newmark(), v0=[1.0], name="mass")
+        >>> history = Coupler([mass], dt=0.001, coupling="gc").run_paced(0.01)
+        >>> history.pacing.due.round(6).tolist()[:3], bool(np.all(history.pacing.lateness >= 0.0))
+        ([0.0, 0.001, 0.002], True)
+        """
+        pace = paced.Pace(rate, on_late, priority, lock_memory)
+        chosen: dict[str, Any] = dict(record=record, every=every, energy=energy)
+        chosen |= dict(record_springs=record_springs, outputs=outputs)
+        return paced.run_paced(self._session, t_end, pace, (None, False, False), progress, **chosen)
 
     def step(self, n: int = 1) -> None:
         """Advance by n macro steps without a History.

@@ -25,9 +25,14 @@ FEWEST = 3
 
 
 def lanes_are_possible(parts: Sequence[Part], motions: Sequence[Motion]) -> bool:
-    """Whether no function of the user is evaluated by these subdomains and motions."""
+    """Whether no function of the user is evaluated by these subdomains and motions, and no
+    specimen has limits."""
     functions = any(
-        p.subdomain.has_functions or p.feedback is not None or p.internal is not None for p in parts
+        p.subdomain.has_functions
+        or p.subdomain.limits is not None
+        or p.feedback is not None
+        or p.internal is not None
+        for p in parts
     )
     return not functions and all_known(motions)
 

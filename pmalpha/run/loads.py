@@ -11,6 +11,7 @@ from scipy import LowLevelCallable
 
 from ..errors import CallbackError
 from ..problem.forces import Force, core_load, depends_on_motion, is_callback
+from ..problem.limits import check_first_command
 from ..problem.matrices import product
 from ..problem.newton import Newton
 from ..results.clock import Clock
@@ -226,6 +227,8 @@ class Loads:
             ]
         for i, (part, (u, v)) in enumerate(zip(self.parts, states)):
             s = part.subdomain
+            if s.limits is not None:
+                check_first_command(s.limits, part.name, u[part.position], v[part.position])
             if s.restoring is not None or part.internal is not None or part.feedback is not None:
                 r = self._values(part.core.restore(0.0, u, v), "restoring force", i, 0)
                 terms[i].append(-r)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -90,9 +90,13 @@ def recording_of(
 
 
 def recorded(
-    session: Session, recording: Recording, report: Report | None, held: HeldSignals
+    session: Session,
+    recording: Recording,
+    report: Report | None,
+    held: HeldSignals,
+    around: AbstractContextManager[None] = nullcontext(),  # noqa: B008  # has no state
 ) -> History:
-    """Run through an interval from the present on, and judge the result.
+    """Run through an interval from the present on, the steps in a context, and judge the result.
 
     `last_history` is the result too: the caller replaces it when the result is safe.
     """
@@ -102,7 +106,8 @@ def recorded(
     with summed_works(session, *energies), recording:
         record_present(session, recording)
         try:
-            advance_in_intervals(session, recording, report, held)
+            with around:
+                advance_in_intervals(session, recording, report, held)
         except BaseException:
             session.last_history = recording.history(session.core.step_count)
             raise

@@ -12,6 +12,7 @@ import numpy as np
 from .. import _core
 from .._checks import listing
 from ..errors import PerformanceWarning, warn
+from ..problem.limits import limits_of_dofs
 from ..problem.matrices import (
     Matrix,
     combination,
@@ -480,6 +481,9 @@ def build(part: Part, mass: Factor | None = None, threads: int = 1) -> None:
         shifts=part.shifts,
         continues=part.over is not None,
     )
+    if (limits := part.subdomain.limits) is not None:
+        in_order = (x if x is None else x[part.order] for x in limits_of_dofs(limits, part.n))
+        part.core.limit(*in_order, math.inf if limits.energy is None else limits.energy)
     # evaluated in a free macro run, a force is on another path than that of the motion
     if not part.responds and (part.subdomain.restoring is not None or part.internal is not None):
         K_r = None if part.subdomain.scheme.explicit else part.K_r

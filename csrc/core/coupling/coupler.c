@@ -200,6 +200,11 @@ void pma_coupler_set_origin(pma_coupler *c, int64_t number, double t)
     c->origin = (pma_origin){.number = number, .t = t};
 }
 
+void pma_coupler_set_pace(pma_coupler *c, pma_pace *pace)
+{
+    c->pace = pace;
+}
+
 void pma_coupler_start(pma_coupler *c, int64_t step_count, const double *lam, const double *g)
 {
     assert(step_count >= c->origin.number);

@@ -14,6 +14,7 @@
 #include "coupling/interface.h"
 #include "coupling/iteration.h"
 #include "coupling/motion.h"
+#include "coupling/pace.h"
 #include "coupling/record.h"
 #include "member/member.h"
 #include "status.h"
@@ -84,6 +85,10 @@ void pma_coupler_set_motion(pma_coupler *c, size_t i, pma_load load);
  * and until it is set again; from 0 and 0.0 unless it is set. Loads in tables are counted from
  * there too, and the macro step that begins there is the first one of H_start. */
 void pma_coupler_set_origin(pma_coupler *c, int64_t number, double t);
+
+/* Fine steps ("pm", "gc") begin at times of a clock from now on, PMA_LATE as pace.h says, and the poll
+ * is called before each; NULL: as soon as they can. The pace is the caller's. */
+void pma_coupler_set_pace(pma_coupler *c, pma_pace *pace);
 
 /* The present is macro step `step_count` with lam and the prescribed velocities g (p each, 0 where
  * none is), not before the origin. At 0 the subdomains have been started with the same lam; later

@@ -174,6 +174,21 @@ static void rebase(pma_coupler *c)
     }
 }
 
+/* Sleeps until the fine step is due, and takes it. */
+__attribute__((noinline)) static pma_status take_paced(pma_coupler *c,
+                                                       pma_status (*take)(pma_coupler *c))
+{
+    while (!pma_pace_wait(c->pace)) {
+        if (c->poll && pma_coupler_poll(c))
+            return PMA_STOPPED;
+    }
+    if (c->poll && pma_coupler_poll(c))
+        return PMA_STOPPED;
+    pma_pace_begin(c->pace);
+    const pma_status status = take(c);
+    return status == PMA_OK ? pma_pace_end(c->pace) : status;
+}
+
 static inline pma_status take_steps(pma_coupler *c, pma_status (*take)(pma_coupler *c))
 {
     for (size_t i = 0; i < c->fine; i++) {
@@ -183,7 +198,7 @@ static inline pma_status take_steps(pma_coupler *c, pma_status (*take)(pma_coupl
             pma_coupler_move_on(c);
         if (pma_coupler_is_stopped(c))
             return PMA_STOPPED;
-        const pma_status status = take(c);
+        const pma_status status = c->pace ? take_paced(c, take) : take(c);
         if (status != PMA_OK)
             return status;
         if (c->record)

@@ -69,6 +69,7 @@ struct pma_coupler {
     int64_t end;              /* macro step at which it ends */
     const pma_record *record; /* or NULL */
     const pma_poll *poll;     /* or NULL */
+    pma_pace *pace;           /* or NULL */
     size_t unpolled;          /* entries read since the last poll */
     atomic_bool stopped;      /* by the poll */
     size_t failed;

@@ -28,6 +28,8 @@ struct pma_subdomain {
     pma_levels levels;
     pma_energy *energy;     /* of a run that sums it up, else NULL */
     pma_balance *balance;   /* of one whose forces are watched, else NULL */
+    pma_limits *limits;     /* of a specimen that has some, else NULL */
+    pma_stamp *stamp;       /* of one in a paced run, else NULL */
     pma_response *response; /* if the subdomain responds, else NULL */
     pma_iterate *iterate;   /* if its steps are iterated, else NULL */
     const pma_update *update;
@@ -104,6 +106,11 @@ void pma_substep_load_interface(pma_subdomain *s, const double *lam);
  * the internal forces; fails only where a function of the user evaluates that. */
 pma_status pma_substep_observe(pma_subdomain *s, const pma_substep *step, const double *lam);
 pma_status pma_substep_evaluate_potential(pma_subdomain *s, const double *u);
+
+/* Before and after springs and functions are evaluated at the displacement of `to`: within the
+ * limits of the specimen? PMA_LIMITED if not. */
+pma_status pma_substep_command(pma_subdomain *s, const pma_substep *step, const pma_state *to);
+pma_status pma_substep_measure(pma_subdomain *s, const pma_state *to);
 
 /* The balance is shown a substep that is closed. */
 void pma_substep_balance(pma_subdomain *s, const pma_substep *step);

@@ -32,6 +32,9 @@ static pma_status hold(pma_iterate *it, const pma_state *from, const pma_state *
     const pma_parts *p = &s->parts;
     if (p->lagged)
         pma_matrix_subtract(&p->C, s->vs, it->held);
+    pma_status status = s->limits || s->stamp ? pma_substep_command(s, &it->step, to) : PMA_OK;
+    if (status != PMA_OK)
+        return status;
     if (!it->parts.springs)
         pma_springs_subtract(&p->springs, to->u, from->springs, to->springs, it->held);
     if (p->D_r.form != PMA_ZERO) {
@@ -39,9 +42,9 @@ static pma_status hold(pma_iterate *it, const pma_state *from, const pma_state *
             it->product[i] = -s->vs[i];
         pma_matrix_subtract(&p->D_r, it->product, it->held);
     }
-    if (!p->restoring.function)
-        return PMA_OK;
-    return pma_substep_restore(s, &it->step, to, it->held);
+    if (p->restoring.function)
+        status = pma_substep_restore(s, &it->step, to, it->held);
+    return status == PMA_OK && (s->limits || s->stamp) ? pma_substep_measure(s, to) : status;
 }
 
 /* pull := L_b^T Lam, and its size */

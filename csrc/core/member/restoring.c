@@ -40,3 +40,12 @@ const double *pma_restoring_last(const pma_restoring *restoring)
 {
     return restoring->work + 2 * restoring->n;
 }
+
+void pma_restoring_add(const pma_restoring *restoring, double *r)
+{
+    const double *last = pma_restoring_last(restoring), *load = restoring->load;
+    for (size_t i = 0; i < restoring->n; i++) {
+        const int64_t k = restoring->order[i];
+        r[i] += last[k] + (load ? load[k] : 0.0);
+    }
+}

@@ -232,6 +232,7 @@ void pma_subdomain_destroy(pma_subdomain *s)
         return;
     pma_energy_destroy(s->energy);
     pma_balance_destroy(s->balance);
+    pma_limits_destroy(s->limits);
     pma_response_destroy(s->response);
     pma_iterate_destroy(s->iterate);
     pma_levels_destroy(&s->levels);
@@ -404,11 +405,38 @@ void pma_subdomain_watch_again(pma_subdomain *s)
 {
     if (s->balance)
         pma_balance_begin(s->balance, s->levels.present.v);
+    if (s->limits)
+        pma_limits_begin(s->limits);
 }
 
 double pma_subdomain_gain(const pma_subdomain *s)
 {
     return s->balance ? pma_balance_gain(s->balance) : 0.0;
+}
+
+/* ---- a specimen ----------------------------------------------------------------------------- */
+
+pma_status pma_subdomain_limit(pma_subdomain *s, const pma_limits_parts *parts)
+{
+    pma_limits *limits;
+    if (parts->n != s->parts.n)
+        return PMA_BAD_SIZE;
+    const pma_status status = pma_limits_create(parts, &limits);
+    if (status != PMA_OK)
+        return status;
+    pma_limits_destroy(s->limits);
+    s->limits = limits;
+    return PMA_OK;
+}
+
+pma_breach pma_subdomain_breach(const pma_subdomain *s)
+{
+    return *pma_limits_breach(s->limits);
+}
+
+void pma_subdomain_time(pma_subdomain *s, pma_stamp *stamp)
+{
+    s->stamp = stamp;
 }
 
 /* ---- energy --------------------------------------------------------------------------------- */

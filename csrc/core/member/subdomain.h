@@ -14,6 +14,7 @@
 #include "member/energy.h"
 #include "member/internal.h"
 #include "member/iterate.h"
+#include "member/limits.h"
 #include "member/load.h"
 #include "member/member.h"
 #include "member/response.h"
@@ -141,6 +142,17 @@ void pma_subdomain_watch_again(pma_subdomain *s);
 
 /* The energy that the scheme has added, see pma_balance_gain; 0 where it is not watched. */
 double pma_subdomain_gain(const pma_subdomain *s);
+
+/* ---- a specimen among the restoring forces (limits.h) ---------------------------------------- */
+
+/* What it may be commanded and may return; these arrays are the caller's. Allocates. Steps that would
+ * leave the limits fail with PMA_LIMITED before the command is given. */
+pma_status pma_subdomain_limit(pma_subdomain *s, const pma_limits_parts *parts);
+/* What was exceeded, after PMA_LIMITED; the dof is in elimination order. */
+pma_breach pma_subdomain_breach(const pma_subdomain *s);
+
+/* When its function is called and returns, from now on; NULL: no longer. */
+void pma_subdomain_time(pma_subdomain *s, pma_stamp *stamp);
 
 /* ---- energy: from the present on, of every substep until it is ended ------------------------ */
 

@@ -80,20 +80,49 @@ pma_status pma_substep_restore(pma_subdomain *s, const pma_substep *step, const 
                                   to->springs + springs, y, &s->code);
 }
 
+pma_status pma_substep_command(pma_subdomain *s, const pma_substep *step, const pma_state *to)
+{
+    const pma_state *from = pma_levels_at(&s->levels, step->j);
+    if (s->limits &&
+        !pma_limits_command(s->limits, step->number, step->j % s->parts.substeps == 0, step->t1,
+                            from->u, from->v, to->u, s->parts.restoring.function ? s->vs : NULL))
+        return PMA_LIMITED;
+    if (s->stamp)
+        s->stamp->commanded = s->stamp->now(s->stamp->ctx);
+    return PMA_OK;
+}
+
+pma_status pma_substep_measure(pma_subdomain *s, const pma_state *to)
+{
+    const pma_parts *p = &s->parts;
+    if (s->stamp)
+        s->stamp->returned = s->stamp->now(s->stamp->ctx);
+    if (!s->limits)
+        return PMA_OK;
+    double *r = pma_limits_force(s->limits);
+    memset(r, 0, p->n * sizeof(double));
+    pma_springs_add(&p->springs, to->springs, r);
+    if (p->restoring.function)
+        pma_restoring_add(&p->restoring, r);
+    return pma_limits_measure(s->limits) ? PMA_OK : PMA_LIMITED;
+}
+
 /* y -= r(ut, vs, t1) + D_r (vt - vs); vs is then used up                                  (R3) */
 __attribute__((noinline)) static pma_status restore(pma_subdomain *s, const pma_substep *step,
                                                     const pma_state *from, const pma_state *to)
 {
     const pma_parts *p = &s->parts;
     const double t1 = step->t1;
-    pma_status status = PMA_OK;
-    if (p->springs.total > 0)
+    pma_status status = s->limits || s->stamp ? pma_substep_command(s, step, to) : PMA_OK;
+    if (status == PMA_OK && p->springs.total > 0)
         pma_springs_subtract(&p->springs, to->u, from->springs, to->springs, to->w);
-    if (!s->extrapolates)
-        return PMA_OK;
-    if (p->restoring.function)
+    if (status == PMA_OK && p->restoring.function)
         status = pma_substep_restore(s, step, to, to->w);
-    if (status == PMA_OK && p->internal.count > 0)
+    if (status == PMA_OK && (s->limits || s->stamp))
+        status = pma_substep_measure(s, to);
+    if (status != PMA_OK || !s->extrapolates)
+        return status;
+    if (p->internal.count > 0)
         status = subtract_internal(s, from, to, t1);
     if (status != PMA_OK || p->D_r.form == PMA_ZERO)
         return status;

@@ -1,0 +1,137 @@
+/* A specimen in a laboratory: its limits, the pace of a run, and signals that are seen without the
+ * GIL. */
+#define NO_IMPORT_ARRAY
+#include "binding.h"
+
+#include <unistd.h>
+
+/* ---- limits ----------------------------------------------------------------------------- */
+
+/* limit(displacement, velocity, acceleration, force, energy): (n,) arrays or None; once, after the
+ * subdomain was made */
+PyObject *pma_subdomain_object_limit(SubdomainObject *self, PyObject *args)
+{
+    const pma_parts *p = pma_subdomain_parts(self->core);
+    pma_limits_parts parts = {.n = p->n, .h = p->single.step.h};
+    const double **const out[4] = {&parts.displacement, &parts.velocity, &parts.acceleration,
+                                   &parts.force};
+    PyObject *objs[4];
+    if (!PyArg_ParseTuple(args, "OOOOd", &objs[0], &objs[1], &objs[2], &objs[3], &parts.energy))
+        return NULL;
+    for (size_t i = 0; i < 4; i++) {
+        if (objs[i] != Py_None &&
+            pma_take_doubles(objs[i], (npy_intp)p->n, "limit", self->arrays, out[i]) < 0)
+            return NULL;
+    }
+    if (!pma_subdomain_claim(self))
+        return NULL;
+    const pma_status status = pma_subdomain_limit(self->core, &parts);
+    pma_subdomain_release(self);
+    return status == PMA_OK ? Py_NewRef(Py_None) : pma_raise(status, "limit");
+}
+
+/* ---- pace ------------------------------------------------------------------------------- */
+
+/* (origin, done), times (4, rows) as in pma_pace */
+static int take_times(PyObject *state, PyObject *times, pma_pace *pace)
+{
+    PyArrayObject *counts, *rows;
+    const npy_intp two = 2, shape[2] = {4, -1};
+    if (pma_take_array(state, NPY_INT64, 1, &two, "state", NULL, &counts) < 0 ||
+        pma_take_array(times, NPY_DOUBLE, 2, shape, "times", NULL, &rows) < 0)
+        return -1;
+    const int64_t *count = PyArray_DATA(counts);
+    if (!PyArray_ISWRITEABLE(rows) || !PyArray_ISWRITEABLE(counts) || count[1] < 0 ||
+        !(pace->period > 0.0)) {
+        PyErr_SetString(PyExc_ValueError, "a pace needs writeable arrays and a positive period");
+        return -1;
+    }
+    double *const data = PyArray_DATA(rows);
+    pace->rows = (size_t)PyArray_DIM(rows, 1);
+    pace->begun = data;
+    pace->commanded = data + pace->rows;
+    pace->returned = data + 2 * pace->rows;
+    pace->ended = data + 3 * pace->rows;
+    pace->origin = count[0];
+    pace->done = (size_t)count[1];
+    return 0;
+}
+
+/* Every subdomain with a restoring function has a stamp. */
+static int add_stamps(CouplerObject *self, pma_pace *pace)
+{
+    const Py_ssize_t count = PyTuple_Size(self->subdomains);
+    pace->stamps = PyMem_Calloc((size_t)count + 1, sizeof *pace->stamps);
+    if (!pace->stamps) {
+        PyErr_NoMemory();
+        return -1;
+    }
+    for (Py_ssize_t i = 0; i < count; i++) {
+        pma_subdomain *s = pma_subdomain_of(self, i)->core;
+        if (!pma_subdomain_parts(s)->restoring.function)
+            continue;
+        pma_stamp *stamp = &pace->stamps[pace->stamp_count++];
+        *stamp = (pma_stamp){.now = pace->clock.now, .ctx = pace->clock.ctx};
+        pma_subdomain_time(s, stamp);
+    }
+    return 0;
+}
+
+/* set_pace(None | tuple) */
+PyObject *pma_coupler_object_set_pace(CouplerObject *self, PyObject *obj)
+{
+    PyObject *pace = obj == Py_None ? NULL : Py_NewRef(obj);
+    if (pace && !PyTuple_Check(pace)) {
+        Py_DECREF(pace);
+        return PyErr_Format(PyExc_TypeError, "a pace must be None or a tuple");
+    }
+    if (pma_coupler_claim(self) < 0) {
+        Py_XDECREF(pace);
+        return NULL;
+    }
+    pma_swap(&self->pace, &pace);
+    pma_coupler_release(self);
+    Py_XDECREF(pace);
+    Py_RETURN_NONE;
+}
+
+int pma_take_pace(CouplerObject *self, long long steps, pma_pace *pace, int *signals)
+{
+    PyObject *state, *times;
+    int stops;
+    if (!self->pace)
+        return 0;
+    *pace = (pma_pace){.clock = pma_pace_system_clock};
+    if (!PyArg_ParseTuple(self->pace, "dpiOO", &pace->period, &stops, signals, &state, &times) ||
+        take_times(state, times, pace) < 0)
+        return -1;
+    pace->stops = stops;
+    const size_t fine = pma_coupler_instants(self->core), left = pace->rows - pace->done;
+    if (self->processes || pace->done > pace->rows || left / fine < (size_t)steps) {
+        PyErr_SetString(PyExc_ValueError, "the pace does not fit the coupler");
+        return -1;
+    }
+    if (add_stamps(self, pace) < 0)
+        return -1;
+    pma_coupler_set_pace(self->core, pace);
+    return 0;
+}
+
+void pma_release_pace(CouplerObject *self, pma_pace *pace)
+{
+    if (!pace->stamps)
+        return;
+    pma_coupler_set_pace(self->core, NULL);
+    for (Py_ssize_t i = 0; i < PyTuple_Size(self->subdomains); i++)
+        pma_subdomain_time(pma_subdomain_of(self, i)->core, NULL);
+    int64_t *count = PyArray_DATA((PyArrayObject *)PyTuple_GetItem(self->pace, 3));
+    count[0] = pace->origin;
+    count[1] = (int64_t)pace->done;
+    PyMem_Free(pace->stamps);
+}
+
+bool pma_signal_arrived(int fd)
+{
+    char buffer[64];
+    return read(fd, buffer, sizeof buffer) > 0;
+}

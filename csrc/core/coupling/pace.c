@@ -1,0 +1,76 @@
+#include "coupling/pace.h"
+
+#include <assert.h>
+#include <math.h>
+
+#include "workers/timer.h"
+
+/* ns between two looks for signals */
+enum { NAP = 50000000 };
+
+static int64_t system_now(void *ctx)
+{
+    (void)ctx;
+    return pma_timer_now();
+}
+
+static void system_sleep(void *ctx, int64_t until)
+{
+    (void)ctx;
+    pma_timer_sleep(until);
+}
+
+const pma_pace_clock pma_pace_system_clock = {.now = system_now, .sleep = system_sleep};
+
+static int64_t now(const pma_pace *p)
+{
+    return p->clock.now(p->clock.ctx);
+}
+
+static double seconds(const pma_pace *p, int64_t t)
+{
+    return 1e-9 * (double)(t - p->origin);
+}
+
+bool pma_pace_wait(pma_pace *p)
+{
+    const int64_t t = now(p);
+    if (p->done == 0)
+        p->origin = t;
+    const int64_t due = p->origin + pma_pace_due(p, p->done);
+    if (t >= due)
+        return true;
+    p->clock.sleep(p->clock.ctx, due - t > NAP ? t + NAP : due);
+    return now(p) >= due;
+}
+
+void pma_pace_begin(pma_pace *p)
+{
+    assert(p->done < p->rows);
+    for (size_t i = 0; i < p->stamp_count; i++)
+        p->stamps[i].commanded = p->stamps[i].returned = PMA_NEVER;
+    p->begun[p->done] = seconds(p, now(p));
+}
+
+/* The first command, the last force */
+static void take_stamps(pma_pace *p)
+{
+    double commanded = NAN, returned = NAN;
+    for (size_t i = 0; i < p->stamp_count; i++) {
+        if (p->stamps[i].returned == PMA_NEVER)
+            continue;
+        commanded = fmin(commanded, seconds(p, p->stamps[i].commanded));
+        returned = fmax(returned, seconds(p, p->stamps[i].returned));
+    }
+    p->commanded[p->done] = commanded;
+    p->returned[p->done] = returned;
+}
+
+pma_status pma_pace_end(pma_pace *p)
+{
+    const int64_t t = now(p);
+    take_stamps(p);
+    p->ended[p->done] = seconds(p, t);
+    p->done++;
+    return p->stops && t - p->origin > pma_pace_due(p, p->done) ? PMA_LATE : PMA_OK;
+}

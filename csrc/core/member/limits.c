@@ -1,0 +1,175 @@
+#include "member/limits.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Commands of the last substeps, and those before a macro step that may be taken again. */
+enum { RING = 4, KEPT = 2 };
+
+typedef struct {
+    int64_t number; /* of the substep, or NONE */
+    double *u, *r;  /* command and force, n each */
+    double work;    /* of the forces since the first one */
+    bool measured;
+} command;
+
+#define NONE INT64_MIN
+
+struct pma_limits {
+    pma_limits_parts parts;
+    command ring[RING], kept[KEPT];
+    command *last;
+    double t; /* of the last command */
+    pma_breach breach;
+    double *block;
+};
+
+pma_status pma_limits_create(const pma_limits_parts *parts, pma_limits **out)
+{
+    const size_t n = parts->n;
+    *out = NULL;
+    if (!(parts->h > 0.0))
+        return PMA_BAD_STEP;
+    if (n > SIZE_MAX / (2 * (RING + KEPT) * sizeof(double)))
+        return PMA_NO_MEMORY;
+    pma_limits *l = calloc(1, sizeof *l);
+    if (!l)
+        return PMA_NO_MEMORY;
+    l->parts = *parts;
+    l->block = calloc(2 * (RING + KEPT) * n + 1, sizeof(double));
+    if (!l->block) {
+        free(l);
+        return PMA_NO_MEMORY;
+    }
+    for (size_t i = 0; i < RING + KEPT; i++) {
+        command *x = i < RING ? &l->ring[i] : &l->kept[i - RING];
+        x->u = l->block + 2 * i * n;
+        x->r = x->u + n;
+    }
+    pma_limits_begin(l);
+    *out = l;
+    return PMA_OK;
+}
+
+void pma_limits_destroy(pma_limits *l)
+{
+    if (l)
+        free(l->block);
+    free(l);
+}
+
+void pma_limits_begin(pma_limits *l)
+{
+    for (size_t i = 0; i < RING; i++)
+        l->ring[i].number = NONE;
+    for (size_t i = 0; i < KEPT; i++)
+        l->kept[i].number = NONE;
+    l->last = &l->ring[0];
+}
+
+const pma_breach *pma_limits_breach(const pma_limits *l)
+{
+    return &l->breach;
+}
+
+/* ---- commands by number --------------------------------------------------------------------- */
+
+static command *slot(pma_limits *l, int64_t number)
+{
+    return &l->ring[number & (RING - 1)];
+}
+
+static void copy(const pma_limits *l, const command *from, command *to)
+{
+    memcpy(to->u, from->u, l->parts.n * sizeof(double));
+    memcpy(to->r, from->r, l->parts.n * sizeof(double));
+    to->number = from->number;
+    to->work = from->work;
+    to->measured = from->measured;
+}
+
+/* Those before a macro step are kept, or taken again when it is. */
+static void keep(pma_limits *l, int64_t number)
+{
+    for (int64_t k = 0; k < KEPT; k++) {
+        command *before = slot(l, number - 1 - k), *kept = &l->kept[k];
+        if (before->number == number - 1 - k)
+            copy(l, before, kept);
+        else if (kept->number == number - 1 - k)
+            copy(l, kept, before);
+    }
+}
+
+/* A motion at the velocity v0 up to u0, before the first command */
+static void assume(pma_limits *l, int64_t number, const double *u0, const double *v0)
+{
+    for (int64_t k = 1; k <= KEPT; k++) {
+        command *x = slot(l, number - k);
+        for (size_t i = 0; i < l->parts.n; i++)
+            x->u[i] = u0[i] - (double)(k - 1) * l->parts.h * v0[i];
+        x->number = number - k;
+        x->work = 0.0;
+        x->measured = false;
+    }
+}
+
+/* ---- limits --------------------------------------------------------------------------------- */
+
+static bool breaks(pma_limits *l, pma_limited what, size_t i, double value, double limit)
+{
+    if (fabs(value) <= limit)
+        return false;
+    l->breach =
+        (pma_breach){.what = what, .position = i, .value = value, .limit = limit, .t = l->t};
+    return true;
+}
+
+bool pma_limits_command(pma_limits *l, int64_t number, bool first, double t, const double *u0,
+                        const double *v0, const double *u, const double *v)
+{
+    const pma_limits_parts *p = &l->parts;
+    if (first)
+        keep(l, number);
+    if (slot(l, number - 1)->number != number - 1 || slot(l, number - 2)->number != number - 2)
+        assume(l, number, u0, v0);
+    const double *u1 = slot(l, number - 1)->u, *u2 = slot(l, number - 2)->u;
+    l->t = t;
+    for (size_t i = 0; i < p->n; i++) {
+        const double rate = (u[i] - u1[i]) / p->h, rate_before = (u1[i] - u2[i]) / p->h;
+        const double acceleration = (rate - rate_before) / p->h;
+        if ((p->displacement && breaks(l, PMA_OF_DISPLACEMENT, i, u[i], p->displacement[i])) ||
+            (p->velocity && breaks(l, PMA_OF_VELOCITY, i, rate, p->velocity[i])) ||
+            (p->velocity && v && breaks(l, PMA_OF_VELOCITY, i, v[i], p->velocity[i])) ||
+            (p->acceleration &&
+             breaks(l, PMA_OF_ACCELERATION, i, acceleration, p->acceleration[i])))
+            return false;
+    }
+    l->last = slot(l, number);
+    memcpy(l->last->u, u, p->n * sizeof(double));
+    l->last->number = number;
+    l->last->measured = false;
+    return true;
+}
+
+double *pma_limits_force(pma_limits *l)
+{
+    return l->last->r;
+}
+
+bool pma_limits_measure(pma_limits *l)
+{
+    const pma_limits_parts *p = &l->parts;
+    command *at = l->last;
+    const command *before = slot(l, at->number - 1);
+    const double *r = at->r;
+    at->work = before->work;
+    at->measured = true;
+    for (size_t i = 0; p->force && i < p->n; i++) {
+        if (breaks(l, PMA_OF_FORCE, i, r[i], p->force[i]))
+            return false;
+    }
+    for (size_t i = 0; before->measured && i < p->n; i++)
+        at->work += 0.5 * (before->r[i] + r[i]) * (at->u[i] - before->u[i]);
+    return !breaks(l, PMA_OF_ENERGY, 0, fmax(-at->work, 0.0), p->energy);
+}

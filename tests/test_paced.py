@@ -1,0 +1,269 @@
+"""Runs at the pace of a clock. No test depends on how fast the machine is."""
+
+import os
+import signal
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+import waits
+
+import pmalpha as pm
+from pmalpha.run import paced, realtime
+
+FAST = 1e12  # a period of less than a nanosecond: every fine step is late
+SLOW = 1e-5  # one of a thousand seconds: none is, and the second one never begins
+
+
+def made(coupling="gc", restoring=None, **options):
+    a = pm.Subdomain([1.0], [4.0], scheme=pm.Newmark(), v0=[1.0], name="a")
+    b = pm.Subdomain(
+        [1.0],
+        None if restoring else [4.0],
+        scheme=pm.CentralDifference(),
+        substeps=2,
+        restoring=restoring,
+        v0=[1.0],
+        name="b",
+    )
+    return pm.Coupler([a, b], pm.tie(a, [0], b, [0]), dt=0.02, coupling=coupling, **options)
+
+
+def spring(u, v, t):
+    return 4.0 * u
+
+
+@pytest.mark.parametrize("coupling", ["gc", "pm"])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_paced_run_is_bitwise_the_run(coupling, threads):
+    run = made(coupling, spring, threads=threads).run(0.2, energy=True)
+    coupler = made(coupling, spring, threads=threads)
+    paced = coupler.run_paced(0.2, rate=FAST, energy=True)
+    for name in "ab":
+        for x in "uva":
+            assert np.array_equal(getattr(paced[name], x), getattr(run[name], x))
+    assert np.array_equal(paced.multipliers, run.multipliers)
+    assert np.array_equal(paced.energy.strain, run.energy.strain)
+    assert run.pacing is None and coupler.last_history is None
+
+
+def test_steps_begin_when_they_are_due_and_commands_come_in_between():
+    pacing = made(restoring=spring).run_paced(0.1, rate=2.0).pacing
+    assert pacing.period == pytest.approx(0.005, rel=1e-14)
+    np.testing.assert_allclose(pacing.due, 0.005 * np.arange(10), atol=1e-9)
+    times = (pacing.due, pacing.begun, pacing.commanded, pacing.returned, pacing.ended)
+    assert all(np.all(x <= y) for x, y in zip(times[:-1], times[1:]))
+    assert np.array_equal(pacing.lateness, pacing.begun - pacing.due)
+    assert pacing.percentile(100.0) == pacing.lateness.max()
+    assert pacing.longest(3)[0] == np.argmax(pacing.duration)
+
+
+def test_without_a_specimen_there_are_no_commands():
+    pacing = made().run_paced(0.1, rate=FAST).pacing
+    assert np.all(np.isnan(pacing.commanded)) and np.all(np.isnan(pacing.returned))
+
+
+def test_late_steps_are_counted_and_none_is_left_out():
+    pacing = made().run_paced(0.1, rate=FAST).pacing
+    assert pacing.due.size == pacing.missed == 10
+
+
+def test_a_late_step_ends_a_run_that_stops():
+    coupler = made(restoring=spring)
+    coupler.step(2)
+    with pytest.raises(pm.PacingError, match="macro step 2, which begins at t = 0.04") as caught:
+        coupler.run_paced(0.2, rate=FAST, on_late="stop")
+    assert (caught.value.step, caught.value.time) == (2, 0.04)
+    assert coupler.step_count == 2
+    pacing = coupler.last_history.pacing
+    assert pacing.due.size == pacing.missed == 1
+    assert coupler.last_history.macro_times.tolist() == [0.04]
+
+
+def test_steps_that_are_never_late_are_not_missed():
+    stopped = []
+
+    def specimen(u, v, t):
+        stopped.append(t)
+        if len(stopped) == 3:  # the start, and two fine steps
+            raise RuntimeError("enough")
+        return 4.0 * u
+
+    mass = pm.Subdomain([1.0], None, scheme=pm.CentralDifference(), restoring=specimen, v0=[1.0])
+    coupler = pm.Coupler([mass], dt=0.02, coupling="gc")
+    with pytest.raises(RuntimeError, match="enough"):
+        coupler.run_paced(0.2, rate=1.0 / 30.0, on_late="stop")  # 0.6 s each: ample, for a spring
+    assert coupler.step_count == 1
+    assert coupler.last_history.pacing.missed == 0
+
+
+@pytest.mark.parametrize("restoring", [None, spring])
+def test_ctrl_c_ends_a_long_wait(restoring):
+    coupler = made(restoring=restoring)
+    begun = lambda: waits.is_stepped(coupler)  # noqa: E731
+    with pytest.raises(KeyboardInterrupt), waits.ctrl_c_when(begun, after=0.1):
+        coupler.run_paced(0.2, rate=SLOW)
+    assert coupler.step_count == 0
+    assert signal.set_wakeup_fd(-1) == -1
+    coupler.run_paced(0.2, rate=FAST)
+
+
+def test_the_gil_is_not_taken_while_paced_steps_are_compiled(monkeypatch):
+    seen = []
+
+    class Seen(paced.Times):
+        def __init__(self, *args):
+            super().__init__(*args)
+            seen.append(self.times)
+
+    def hold():
+        waits.until(lambda: seen and not np.isnan(seen[0][0, 0]))
+        end = time.monotonic() + 60.0
+        while np.isnan(seen[0][3, -1]) and time.monotonic() < end:
+            pass  # with the GIL, which nothing takes from a thread within the interval
+        seen.append(time.monotonic() < end)
+
+    monkeypatch.setattr(paced, "Times", Seen)
+    coupler, interval = made(), sys.getswitchinterval()
+    thread = threading.Thread(target=hold)
+    thread.start()
+    sys.setswitchinterval(1000.0)
+    try:
+        coupler.run_paced(0.2)  # longer than the 50 ms after which other runs look for signals
+    finally:
+        sys.setswitchinterval(interval)
+        thread.join()
+    assert seen[1]
+
+
+def test_a_run_can_be_paced_outside_of_the_main_thread():
+    found = []
+    thread = threading.Thread(target=lambda: found.append(made().run_paced(0.1, rate=FAST)))
+    thread.start()
+    thread.join()
+    assert found[0].pacing.due.size == 10
+
+
+def test_loads_that_are_functions_are_evaluated_before_the_run():
+    times = []
+    mass = pm.Subdomain(
+        [1.0], [4.0], scheme=pm.Newmark(), force=lambda t: times.append(t) or [np.sin(t)]
+    )
+    coupler = pm.Coupler([mass], dt=0.001, coupling="gc")
+    seen = []
+    coupler.run_paced(0.1, rate=1.0, progress=lambda done, total: seen.append(len(times)))
+    assert set(seen) == {101}  # at 0, and at each of the steps
+
+
+@pytest.mark.parametrize("coupling", ["macro", "mean"])
+def test_couplings_without_fine_steps_are_refused(coupling):
+    coupler = made(coupling)
+    with pytest.raises(ValueError, match="needs coupling 'pm' or 'gc'.*free run"):
+        coupler.run_paced(0.2)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "match"),
+    [
+        (dict(rate=0.0), ValueError, "rate must be positive, got 0.0"),
+        (dict(rate=-1.0), ValueError, "rate must be positive"),
+        (dict(rate="fast"), TypeError, "rate must be a real number"),
+        (dict(rate=1e-12), ValueError, "at most thirty years"),
+        (dict(on_late="wait"), ValueError, "on_late must be"),
+        (dict(priority=0), ValueError, r"priority must be in 1\.\.99 or None, got 0"),
+        (dict(priority=1.5), TypeError, "priority must be a whole number"),
+        (dict(lock_memory="yes"), TypeError, "lock_memory must be"),
+    ],
+)
+def test_wrong_arguments_are_refused_and_nothing_moves(options, error, match):
+    coupler = made()
+    if "priority" in options and not hasattr(os, "sched_setscheduler"):
+        pytest.skip("no priorities here")
+    with pytest.raises(error, match=match):
+        coupler.run_paced(0.2, **options)
+    assert coupler.step_count == 0
+
+
+def test_steps_of_other_lengths_after_a_change_come_first():
+    coupler = made("pm")
+    coupler.step(3)
+    coupler.change_steps(substeps={"b": 4})
+    with pytest.raises(ValueError, match="after change_steps.*call step"):
+        coupler.run_paced(0.2, rate=FAST)
+    coupler.step()
+    assert coupler.run_paced(0.2, rate=FAST).pacing.due.size == 4 * 6
+
+
+# ---- what the system allows ----------------------------------------------------------------------
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setscheduler"), reason="no priorities here")
+def test_without_the_right_to_a_priority_nothing_moves(monkeypatch):
+    def refuse(*args):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(realtime.os, "sched_setscheduler", refuse)
+    coupler = made()
+    with pytest.raises(PermissionError, match="priority=5 needs the right to SCHED_FIFO.*rtprio"):
+        coupler.run_paced(0.2, rate=FAST, priority=5)
+    assert coupler.step_count == 0
+    assert coupler.run_paced(0.2, rate=FAST).pacing.due.size == 20
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setscheduler"), reason="no priorities here")
+def test_the_priority_is_that_of_the_steps_of_this_thread_alone():
+    before, inside, other = os.sched_getscheduler(0), [], []
+
+    def specimen(u, v, t):
+        if t > 0.0:
+            inside.append(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK)
+            thread = threading.Thread(target=lambda: other.append(os.sched_getscheduler(0)))
+            thread.start()
+            thread.join()
+        return 4.0 * u
+
+    try:
+        made(restoring=specimen).run_paced(0.02, rate=FAST, priority=1)
+    except PermissionError:
+        pytest.skip("no right to SCHED_FIFO")
+    assert set(inside) == {os.SCHED_FIFO} and os.SCHED_FIFO not in other
+    assert os.sched_getscheduler(0) == before
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_memory_is_locked_during_the_steps():
+    def locked():
+        with open("/proc/self/status") as status:
+            return next(int(x.split()[1]) for x in status if x.startswith("VmLck"))
+
+    seen = []
+    coupler = made(restoring=lambda u, v, t: seen.append(locked()) or 4.0 * u)
+    coupler.step()
+    before = locked()
+    try:
+        coupler.run_paced(0.04, rate=FAST, lock_memory=True)
+    except OSError as error:
+        assert "lock_memory=True needs the right" in str(error)
+        pytest.skip("no right to lock memory")
+    assert seen[-1] > before == locked()
+
+
+# ---- what is left of it --------------------------------------------------------------------------
+
+
+def test_times_are_drawn_as_a_histogram():
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    pacing = made().run_paced(0.1, rate=FAST).pacing
+    own = pyplot.subplots()[1]
+    assert pacing.plot(own) is own and own.get_xscale() == "log"
+    ax = pacing.plot()
+    assert ax.figure.number in pyplot.get_fignums()
+    pyplot.close("all")
+
+
+def test_a_run_of_no_steps_has_no_times():
+    pacing = made().run_paced(0.0).pacing
+    assert repr(pacing) == "<Pacing: no fine steps>" and pacing.missed == 0
+    assert np.isnan(pacing.percentile(50.0)) and np.isnan(pacing.percentile([1, 2])).all()
