@@ -46,12 +46,14 @@ class Pacing:
     @property
     def lateness(self) -> np.ndarray:
         """How late each fine step began, (k,), in s."""
-        return self.begun - self.due
+        late: np.ndarray = self.begun - self.due
+        return late
 
     @property
     def duration(self) -> np.ndarray:
         """How long each fine step took, (k,), in s."""
-        return self.ended - self.begun
+        length: np.ndarray = self.ended - self.begun
+        return length
 
     @property
     def missed(self) -> int:
@@ -110,7 +112,7 @@ class Pacing:
         largest = max([1e-6, *(float(x.max()) for x in samples.values() if x.size)])
         bins = np.geomspace(0.1, 1.001e6 * largest, 60)
         for label, x in samples.items():
-            ax.hist(np.maximum(1e6 * x, bins[0]), bins, histtype="step", label=label)
+            ax.hist(np.maximum(1e6 * x, bins[0]), bins.tolist(), histtype="step", label=label)
         ax.axvline(1e6 * self.period, color="0.6", linewidth=1.0, label="period")
         ax.set(xscale="log", yscale="log", xlabel="time (µs)", ylabel="fine steps")
         ax.legend()
@@ -128,4 +130,5 @@ class Pacing:
 
 def due_times(period: float, count: int) -> np.ndarray:
     """When so many fine steps are due, in s; `period` in ns. As the core counts them."""
-    return 1e-9 * np.floor(period * np.arange(count))
+    due: np.ndarray = 1e-9 * np.floor(period * np.arange(count))
+    return due
