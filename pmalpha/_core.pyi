@@ -186,7 +186,7 @@ class Coupler:
         | tuple[int, float | None, int | None, int]
         | tuple[int, float]
         | tuple[int, str, int, float, float, float]
-        | str
+        | tuple[()]
         | None
     ): ...
     def set_pace(self, pace: tuple[float, bool, int, np.ndarray, np.ndarray] | None, /) -> None: ...

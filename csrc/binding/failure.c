@@ -76,7 +76,7 @@ PyObject *pma_failure(CouplerObject *self, pma_status status)
         return Py_BuildValue("(nd)", (Py_ssize_t)i, pma_iterate_failed(pma_subdomain_iterate(s)).t);
     }
     if (status == PMA_LATE)
-        return PyUnicode_FromString("late");
+        return PyTuple_New(0);
     if (status == PMA_LIMITED)
         return breach(self, i);
     if (!what_failed(status))

@@ -113,7 +113,7 @@ def _error(failed: Any, step: int, loads: Loads, first: int) -> Exception:
     """The exception for a macro step that the core did not complete; `first` is the number of the
     first subdomain of this process."""
     names, t = [*loads.names, "interface"], loads.clock.time(step)
-    if failed == "late":
+    if failed == ():
         return PacingError(step, t)
     if isinstance(failed, tuple) and len(failed) == 6:
         index, what, position, value, limit, end = failed
