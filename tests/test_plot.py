@@ -10,7 +10,9 @@ import pmalpha as pm
 from pmalpha import models, structures
 
 matplotlib = pytest.importorskip("matplotlib")
+from matplotlib import pyplot  # noqa: E402
 from matplotlib.animation import AbstractMovieWriter  # noqa: E402
+from matplotlib.axes import Axes  # noqa: E402
 from matplotlib.collections import LineCollection, PolyCollection, TriMesh  # noqa: E402
 from matplotlib.colors import to_rgba  # noqa: E402
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # noqa: E402
@@ -46,7 +48,7 @@ def legend(ax):
 
 def test_chosen_dofs_jumps_and_multipliers_are_drawn_over_time():
     history = four_dof()
-    figure = history.plot({"A": [2, 0], "B": 1})
+    figure = history.plot({"A": [2, 0], "B": 1}).figure
     dofs, displacement, multiplier = figure.axes
     a, b = history["A"], history["B"]
     expected = {
@@ -67,7 +69,7 @@ def test_chosen_dofs_jumps_and_multipliers_are_drawn_over_time():
 
 def test_panels_share_one_axis_of_time_and_have_labels():
     history = four_dof()
-    axes = history.plot(title="free vibration").axes
+    axes = history.plot(title="free vibration").figure.axes
     assert all(ax.get_shared_x_axes().joined(axes[0], ax) for ax in axes)
     assert axes[0].get_xlim() == (0.0, history.macro_times[-1])
     names = [ax.get_ylabel().split(" ($")[0] for ax in axes]
@@ -113,7 +115,7 @@ PANELS = ["displacement", "velocity\njump", "displacement\njump", "multiplier"]
 def test_a_jump_of_rounding_errors_is_a_sentence_and_not_a_panel(
     velocity, displacement, without, words
 ):
-    figure = with_jumps(velocity, displacement).plot()
+    figure = with_jumps(velocity, displacement).plot().figure
     names = [ax.get_ylabel().split(" ($")[0] for ax in figure.axes]
     assert names == [name for i, name in enumerate(PANELS) if i not in without]
     assert "\n".join(text.get_text() for text in figure.texts) == words
@@ -124,19 +126,19 @@ def test_jumps_are_drawn_where_no_motion_is_recorded_to_compare_them_with():
     model = models.split_oscillator(10.0)
     history = model.coupler(0.05, coupling="pm").run(steps=5, record={})
     assert 0.0 < np.abs(history.velocity_jump).max() < 1e-12
-    assert [ax.get_ylabel().split(" ($")[0] for ax in history.plot().axes] == PANELS[1:]
+    assert [ax.get_ylabel().split(" ($")[0] for ax in history.plot().figure.axes] == PANELS[1:]
 
 
 @pytest.mark.parametrize("quantity, name", [("v", "velocity"), ("a", "acceleration")])
 def test_velocities_and_accelerations_can_be_drawn(quantity, name):
     history = four_dof()
-    ax = history.plot({"B": [0]}, quantity=quantity).axes[0]
+    ax = history.plot({"B": [0]}, quantity=quantity).figure.axes[0]
     assert ax.get_ylabel().startswith(name)
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), getattr(history["B"], quantity)[:, 0])
 
 
 def test_a_power_of_ten_is_in_the_label_and_not_above_the_axis():
-    figure = made_up(3e-7 * np.sin(np.linspace(0.0, 9.0, 50))[:, None]).plot()
+    figure = made_up(3e-7 * np.sin(np.linspace(0.0, 9.0, 50))[:, None]).plot().figure
     (ax,) = figure.axes
     figure.draw_without_rendering()
     assert ax.get_ylabel() == "displacement ($10^{-7}$)"
@@ -147,16 +149,16 @@ def test_a_power_of_ten_is_in_the_label_and_not_above_the_axis():
 def test_one_subdomain_without_constraints_has_one_panel():
     subdomain = pm.Subdomain([1.0, 1.0], [4.0, 9.0], scheme=pm.Newmark(), u0=[1.0, 0.5])
     history = pm.Coupler([subdomain], dt=0.1).run(3.0)
-    (ax,) = history.plot().axes
+    (ax,) = history.plot().figure.axes
     assert list(lines(ax)) == ["dof 0 of subdomain 0", "dof 1 of subdomain 0"]
-    (ax,) = history.plot(1).axes
+    (ax,) = history.plot(1).figure.axes
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), history[0].u[:, 1])
 
 
 def test_without_recorded_dofs_the_interface_is_drawn_alone():
     model = models.split_oscillator(10.0)
     history = model.coupler(0.05, coupling="pm").run(steps=5, record={})
-    assert len(history.plot().axes) == 3
+    assert len(history.plot().figure.axes) == 3
 
 
 def test_by_default_each_subdomain_has_its_share_of_four_curves():
@@ -164,14 +166,14 @@ def test_by_default_each_subdomain_has_its_share_of_four_curves():
     ranges = np.ptp(history["A"].u, axis=0)
     assert ranges[0] < 0.2 * ranges[1:].min()  # so dof 0 is the one to leave out
     labels = ["dof 1 of A", "dof 2 of A", "dof 0 of B", "dof 1 of B"]
-    assert list(lines(history.plot().axes[0])) == labels
+    assert list(lines(history.plot().figure.axes[0])) == labels
 
 
 def test_of_thousands_of_dofs_a_few_that_move_differently_are_drawn():
     t = np.linspace(0.0, 1.0, 300)[:, None]
     place = np.linspace(0.0, 1.0, 3000)
     u = np.sin(3.0 * t) * place + 0.3 * np.sin(40.0 * t) * np.sin(np.pi * place)
-    (ax,) = made_up(u).plot().axes
+    (ax,) = made_up(u).plot().figure.axes
     drawn = [line.get_ydata() for line in ax.lines]
     assert 2 <= len(drawn) <= 4
     assert max(np.ptp(x) for x in drawn) == np.ptp(u, axis=0).max()
@@ -182,14 +184,14 @@ def test_of_thousands_of_dofs_a_few_that_move_differently_are_drawn():
 
 def test_dofs_that_move_alike_are_drawn_once():
     t = np.linspace(0.0, 1.0, 300)[:, None]
-    (ax,) = made_up(np.sin(9.0 * t) * np.ones(50)).plot().axes
+    (ax,) = made_up(np.sin(9.0 * t) * np.ones(50)).plot().figure.axes
     assert len(ax.lines) == 1
 
 
 def test_many_constraints_are_a_few_curves_and_the_band_of_all():
     t = np.linspace(0.0, 1.0, 200)[:, None]
     lam = np.cos(7.0 * t + np.arange(300)) * np.linspace(1.0, 5.0, 300)
-    axes = made_up(t, lam).plot().axes
+    axes = made_up(t, lam).plot().figure.axes
     for ax, x in zip(axes[1:], (1e-3 * lam, 10.0 * lam, lam), strict=True):
         assert 2 <= len(ax.lines) <= 4
         (band,) = ax.collections
@@ -202,7 +204,7 @@ def test_many_constraints_are_a_few_curves_and_the_band_of_all():
 
 def test_constraints_can_be_chosen():
     lam = np.random.default_rng(0).normal(size=(50, 9))
-    axes = made_up(lam, lam).plot(conditions=[7, 2]).axes
+    axes = made_up(lam, lam).plot(conditions=[7, 2]).figure.axes
     assert list(lines(axes[-1])) == ["constraint 7", "constraint 2"]
     np.testing.assert_array_equal(axes[-1].lines[0].get_ydata(), lam[:, 7])
 
@@ -212,7 +214,7 @@ def test_a_long_history_is_drawn_by_its_extremes():
     k = 100_003
     x = np.sin(np.linspace(0.0, 3000.0, k)) + 0.1 * rng.normal(size=k)
     history = made_up(x[:, None])
-    (ax,) = history.plot().axes
+    (ax,) = history.plot().figure.axes
     t, drawn = ax.lines[0].get_data()
     assert len(t) < 5000
     assert np.all(np.diff(t) > 0.0)
@@ -227,14 +229,14 @@ def test_a_long_history_is_drawn_by_its_extremes():
 
 
 def test_curves_differ_without_colour():
-    (ax,) = made_up(np.random.default_rng(2).normal(size=(9, 16))).plot({0: None}).axes
+    (ax,) = made_up(np.random.default_rng(2).normal(size=(9, 16))).plot({0: None}).figure.axes
     looks = {(str(line._unscaled_dash_pattern), line.get_marker()) for line in ax.lines}
     assert len(looks) == 16
 
 
 def test_names_are_shown_as_they_are():
     name = "_k_1$^$ " + 60 * "x"
-    (ax,) = made_up(np.eye(3), name=name).plot(0).axes
+    (ax,) = made_up(np.eye(3), name=name).plot(0).figure.axes
     (label,) = legend(ax)
     assert label.startswith(r"dof 0 of _k_1\$^\$ xxx")
     assert label.endswith("x\N{HORIZONTAL ELLIPSIS}")
@@ -243,7 +245,7 @@ def test_names_are_shown_as_they_are():
 
 def test_a_history_of_one_time_level_is_drawn_as_points():
     history = four_dof(steps=0)
-    figure = history.plot()
+    figure = history.plot().figure
     figure.draw_without_rendering()
     assert {line.get_marker() for line in figure.axes[0].lines} == {"o"}
 
@@ -252,7 +254,7 @@ def test_a_history_from_a_file_draws_the_same(tmp_path):
     history = four_dof()
     history.save(tmp_path / "h")
     loaded = pm.History.load(tmp_path / "h")
-    for ours, theirs in zip(loaded.plot().axes, history.plot().axes, strict=True):
+    for ours, theirs in zip(loaded.plot().figure.axes, history.plot().figure.axes, strict=True):
         assert list(lines(ours)) == list(lines(theirs))
         for label, data in lines(theirs).items():
             np.testing.assert_array_equal(lines(ours)[label], data)
@@ -702,7 +704,9 @@ def test_a_solid_moves_in_space(polygons):
     "meshes, options, message",
     [
         ({}, {}, "meshes must be a dict of meshes"),
-        (SQUARE, {}, "meshes must be a dict of meshes"),
+        ((*SQUARE, lambda u: u, 3), {}, r"meshes must be a Structure or \(points, elements\)"),
+        ({0: SQUARE}, {"values": "mises"}, "values must be numbers unless a Structure is drawn"),
+        ({0: SQUARE}, {"values": 3.0}, "values must be callable or the name of a stress, got 3.0"),
         ({0: SQUARE}, {"frames": 0}, "frames must be at least 1"),
         ({0: SQUARE}, {"scale": -1.0}, "scale must be positive"),
         (
@@ -724,3 +728,112 @@ def test_a_film_needs_all_dofs():
         plot.animation(chain, {"A": ([[0.0], [1.0]], [[0, 1]])})
     with pytest.raises(KeyError, match="'B' was not recorded"):
         plot.animation(chain, {"B": ([[0.0], [1.0]], [[0, 1]])})
+
+
+# ---- structures, cuts and stresses ----------------------------------------------------------
+
+WALL = structures.plate(4, 2, 0.5, E=10.0, nu=0.3, rho=1.0)
+STRETCHED = np.column_stack([0.01 * WALL.points[:, 0] ** 2, 0.0 * WALL.points[:, 0]]).ravel()
+
+
+def cut_wall():
+    """A wall in two subdomains, its history, and the motion of the uncut wall."""
+    parts = pm.cut(WALL, parts=2, u0=STRETCHED)
+    history = parts.coupler(dt=0.1, coupling="gc").run(steps=3)
+    return parts, history, parts.gather(history)
+
+
+def test_all_that_draws_returns_the_axes_it_is_given_and_else_those_of_pyplot():
+    parts, history, motion = cut_wall()
+
+    def film(ax):
+        (shown,) = watched(plot.animation(motion, WALL, frames=1, ax=ax), lambda ax: ax)
+        return shown
+
+    draws = (
+        lambda ax: history.plot(ax=ax),
+        lambda ax: motion.plot([0, 7], ax=ax),
+        lambda ax: plot.deformed(WALL, STRETCHED, ax=ax),
+        lambda ax: parts.plot(ax=ax),
+        film,
+    )
+    for draw in draws:
+        _, ax = pyplot.subplots()
+        assert draw(ax) is ax
+        new = draw(None)
+        assert isinstance(new, Axes) and pyplot.figure(pyplot.get_fignums()[-1]) is new.figure
+        pyplot.close("all")
+
+
+def test_two_histories_in_one_axes_have_different_looks():
+    t = np.linspace(0.0, 1.0, 20)
+    _, ax = pyplot.subplots()
+    for i in range(5):
+        made_up(np.sin(t + i)[:, None]).plot(0, ax=ax, title="five", units={"time": "s"})
+    looks = {(line.get_color(), line.get_marker()) for line in ax.lines}
+    assert len(looks) == len(ax.lines) == len(ax.get_legend().get_texts()) == 5
+    assert (ax.get_title(loc="left"), ax.get_xlabel()) == ("five", "time $t$ (s)")
+    empty = four_dof(steps=2, A=[])
+    with pytest.raises(ValueError, match="the history has no recorded dofs to draw"):
+        empty.plot(ax=ax)
+
+
+def drawn_polygons(ax):
+    return np.array([p.vertices[:4] for p in of(ax, PolyCollection)[0].get_paths()])
+
+
+def test_a_structure_and_a_cut_are_drawn_like_their_mesh():
+    parts, _, _ = cut_wall()
+    expected = drawn_polygons(plot.deformed(WALL.points, WALL.elements, STRETCHED, scale=2))
+    for ax in (plot.deformed(x, STRETCHED, scale=2) for x in (WALL, parts)):
+        np.testing.assert_array_equal(drawn_polygons(ax), expected)
+
+
+def test_the_gathered_motion_of_a_cut_moves_like_a_structure():
+    parts, history, motion = cut_wall()
+    expected = watched(
+        plot.animation(motion, (WALL.points, WALL.elements), frames=3), drawn_polygons
+    )
+    for given in ((motion, WALL), (motion, parts), (history, parts)):
+        np.testing.assert_array_equal(
+            watched(plot.animation(*given, frames=3), drawn_polygons), expected
+        )
+    assert np.ptp(expected, axis=0).max() > 0.0
+    with pytest.raises(TypeError, match="meshes must be a dict of meshes by subdomain"):
+        plot.animation(history, WALL)
+
+
+def test_stresses_of_a_structure_are_colours():
+    _, _, motion = cut_wall()
+    ax = plot.deformed(WALL, STRETCHED.reshape(-1, 2), values="mises")
+    (fill,) = of(ax, TriMesh)
+    np.testing.assert_array_equal(fill.get_array(), WALL.stress(STRETCHED))
+    assert ax.figure.axes[1].get_ylabel() == "von Mises stress"
+    moving = plot.animation(motion, WALL, frames=4, values="xx", value_label="$\\sigma$")
+    frames = watched(moving, lambda ax: of(ax, TriMesh)[0].get_array().copy())
+    np.testing.assert_allclose(frames, WALL.stress(motion.u, "xx"), rtol=0.0, atol=1e-15)
+    with pytest.raises(ValueError, match="what must be 'mises' or 'xx' or 'yy' or 'xy', got 'zz'"):
+        plot.deformed(WALL, STRETCHED, values="zz")
+    with pytest.raises(TypeError, match="values must be numbers unless a Structure is drawn"):
+        plot.deformed(WALL.points, WALL.elements, STRETCHED, values="mises")
+
+
+@pytest.mark.parametrize("plane", ["stress", "strain"])
+def test_stresses_of_a_plate_are_those_of_a_solid_between_free_or_fixed_faces(plane):
+    """A uniform strain; in plane stress the solid is free to become thinner."""
+    flat = structures.plate(2, 2, 1.0, E=10.0, nu=0.3, rho=1.0, plane=plane)
+    box = structures.solid(2, 2, 1, 1.0, E=10.0, nu=0.3, rho=1.0)
+    H = np.zeros((3, 3))
+    H[:2, :2] = [[0.01, 0.002], [0.003, -0.004]]
+    H[2, 2] = -0.3 / 0.7 * (H[0, 0] + H[1, 1]) if plane == "stress" else 0.0
+    u = (flat.points @ H[:2, :2].T).ravel(), (box.points @ H.T).ravel()
+    for what in ("mises", "xx", "yy", "xy"):
+        s, S = flat.stress(u[0], what), box.stress(u[1], what)
+        np.testing.assert_allclose(s, S[0], rtol=1e-12)  # rounding of sums of a few products
+    E, nu = 10.0, 0.3
+    sheet = E / (1.0 - nu**2) * (H[0, 0] + nu * H[1, 1])
+    if plane == "stress":
+        np.testing.assert_allclose(flat.stress(u[0], "xx"), sheet, rtol=1e-12)
+    assert flat.stress([u[0], 2.0 * u[0]]).shape == (2, 9)
+    with pytest.raises(ValueError, match=r"u must have 18 in the last dimension, got shape \(3,\)"):
+        flat.stress(np.zeros(3))

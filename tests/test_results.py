@@ -31,7 +31,7 @@ def oscillation():
 
 def test_a_plot_is_a_figure_of_pyplot_so_that_show_shows_it(pyplot):
     history = models.four_dof().coupler(0.05, coupling="pm").run(steps=40)
-    figures = [history.plot(), history["A"].plot(), oscillation().plot([1])]
+    figures = [x.figure for x in (history.plot(), history["A"].plot(), oscillation().plot([1]))]
     assert [pyplot.figure(i) for i in pyplot.get_fignums()] == figures
     assert [len(figure.axes) for figure in figures] == [3, 1, 1]  # dofs, gap, multiplier
 
@@ -47,7 +47,7 @@ def test_a_plot_is_shown_once_in_a_fresh_notebook(tmp_path, pyplot):
     make = (
         "import pmalpha as pm\nh = pm.models.four_dof().coupler(0.05, coupling='pm').run(steps=9)"
     )
-    cells = [make, "h.plot()", "figure = h.plot()", "figure", "h['A'].plot(); h.plot()"]
+    cells = [make, "h.plot()", "ax = h.plot()", "ax.figure", "h['A'].plot(); h.plot()"]
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(x) for x in cells])
     nbclient.NotebookClient(notebook, timeout=int(waits.LIMIT), kernel_name="python3").execute()
     pictures = [
@@ -74,17 +74,17 @@ def test_a_script_shows_the_plot(tmp_path):
 
 def test_units_are_in_the_labels(pyplot):
     history = models.four_dof().coupler(0.05, coupling="pm").run(steps=40)
-    labels = [ax.get_ylabel().replace("\n", " ") for ax in history.plot(units=UNITS).axes]
+    labels = [ax.get_ylabel().replace("\n", " ") for ax in history.plot(units=UNITS).figure.axes]
     assert labels[0] == "displacement (mm)" and labels[2] == "multiplier (kN)"
     assert labels[1] == "displacement jump (mm)"
     # without recorded velocities the jump has nothing to be small against, and is drawn
     jumps = models.four_dof().coupler(0.05, coupling="pm").run(steps=40, record={})
-    label = jumps.plot(units=UNITS).axes[0].get_ylabel().replace("\n", " ")
+    label = jumps.plot(units=UNITS).figure.axes[0].get_ylabel().replace("\n", " ")
     assert label.startswith("velocity jump (") and label.endswith("mm/s)")
-    figure = history["A"].plot(quantity="a", units=UNITS)
+    figure = history["A"].plot(quantity="a", units=UNITS).figure
     assert figure.axes[0].get_ylabel().endswith("mm/s$^2$)")
     assert figure.axes[0].get_xlabel() == "time $t$ (s)"
-    partial = history.plot(quantity="v", units={"length": "m"}).axes
+    partial = history.plot(quantity="v", units={"length": "m"}).figure.axes
     assert partial[0].get_ylabel() == "velocity" and partial[2].get_ylabel() == "multiplier"
     for units, error in (({"mass": "kg"}, ValueError), ("m", TypeError), ({"time": 1}, TypeError)):
         with pytest.raises(error, match="units must be"):

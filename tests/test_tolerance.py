@@ -229,7 +229,7 @@ def test_constant_substeps_are_in_every_history(tmp_path):
 
 def test_chosen_substeps_are_drawn():
     pytest.importorskip("matplotlib")
-    figure = two(**PROBLEMS["burst"]).run(1.0, tolerance=0.02).plot()
+    figure = two(**PROBLEMS["burst"]).run(1.0, tolerance=0.02).plot().figure
     assert [ax.get_ylabel() for ax in figure.axes][-1] == "substeps"
     constant = two().run(0.2).plot()
-    assert "substeps" not in [ax.get_ylabel() for ax in constant.axes]
+    assert "substeps" not in [ax.get_ylabel() for ax in constant.figure.axes]

@@ -287,7 +287,7 @@ class Cut:
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
-            Default: a new figure.
+            Default: those of a new figure of pyplot.
 
         Returns
         -------

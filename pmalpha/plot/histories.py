@@ -13,11 +13,10 @@ import numpy as np
 from .._checks import listing
 from ..problem.dofs import dof_list
 from ..results.keys import by_index
-from .styling import LINES, shown_style
+from .styling import LINES, shown_figure, shown_style, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 QUANTITIES = {"u": "displacement", "v": "velocity", "a": "acceleration"}
 UNITS = ("length", "time", "force")
@@ -65,12 +64,15 @@ def time_histories(
     quantity: str = "u",
     title: str | None = None,
     units: Mapping[str, str] | None = None,
-) -> Figure:
+    ax: Axes | None = None,
+) -> Axes:
     """The implementation of `History.plot`."""
     unit = _units(units)
     if not isinstance(quantity, str) or quantity not in QUANTITIES:
         raise ValueError(f"quantity must be 'u', 'v' or 'a', got {quantity!r}")
     curves = list(_curves(history, dofs, quantity))
+    if ax is not None:
+        return _drawn_into(ax, curves, quantity, unit, title)
     rows = _rows(history, conditions)
     notes = _rounding_notes(history) if rows else {}
     interface = {x: of for x, of in INTERFACE.items() if rows and of[1] not in notes}
@@ -80,12 +82,11 @@ def time_histories(
     if not heights:
         raise ValueError("the history has neither recorded dofs nor constraints to draw")
     with shown_style():
-        from .shown import shown_figure
-
         figure = shown_figure(figsize=(7.1, 0.8 + sum(heights)), layout="constrained")
         panels = figure.subplots(len(heights), sharex=True, squeeze=False, height_ratios=heights)
         axes = list(panels[:, 0])
-        axes[-1].set_xlabel(f"time $t$ ({unit['t']})" if "t" in unit else "time $t$")
+        first: Axes = axes[0]
+        axes[-1].set_xlabel(_time_label(unit))
         if history.macro_times[-1] > history.macro_times[0]:
             axes[-1].set_xlim(history.macro_times[0], history.macro_times[-1])
         if title is not None:
@@ -102,7 +103,31 @@ def time_histories(
         if rows:
             _draw_interface(axes, history, rows, unit, interface)
         figure.align_ylabels()
-    return figure
+    return first
+
+
+def _drawn_into(
+    ax: Axes,
+    curves: Sequence[Curve],
+    quantity: str,
+    unit: Mapping[str, str],
+    title: str | None,
+) -> Axes:
+    """The panel of the dofs, in axes that are given."""
+    if not curves:
+        raise ValueError("the history has no recorded dofs to draw")
+    with style():
+        _draw(ax, curves, len(ax.lines))
+        ax.set_xlabel(_time_label(unit))
+        _label_axis(ax, QUANTITIES[quantity], unit.get(quantity))
+        ax.legend()
+        if title is not None:
+            ax.set_title(title, loc="left")
+    return ax
+
+
+def _time_label(unit: Mapping[str, str]) -> str:
+    return f"time $t$ ({unit['t']})" if "t" in unit else "time $t$"
 
 
 def _units(units: Mapping[str, str] | None) -> dict[str, str]:
@@ -282,8 +307,9 @@ def _draw_substeps(ax: Axes, history: Any) -> None:
     ax.legend(loc="upper right", ncols=DEFAULT_CURVES)
 
 
-def _draw(ax: Axes, curves: Sequence[Curve]) -> None:
-    for i, (label, t, x) in enumerate(curves):
+def _draw(ax: Axes, curves: Sequence[Curve], first: int = 0) -> None:
+    """Curves with the looks from number `first` on."""
+    for i, (label, t, x) in enumerate(curves, start=first):
         shown = _envelope(x)
         look = _look(i)
         if t.size == 1:
@@ -296,7 +322,7 @@ def _draw(ax: Axes, curves: Sequence[Curve]) -> None:
 
 def _look(i: int) -> dict[str, Any]:
     """Line and marker of curve i."""
-    line, marker = i % DEFAULT_CURVES, MARKERS[i // DEFAULT_CURVES]
+    line, marker = i % DEFAULT_CURVES, MARKERS[i // DEFAULT_CURVES % len(MARKERS)]
     return LINES[::-1][line] | {"marker": marker, "markersize": 3.5}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 from weakref import WeakKeyDictionary
@@ -10,15 +10,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from .._checks import (
-    listing,
     positive_number,
     real_number,
     require_finite,
     require_moderate,
-    whole_number,
 )
 from ..problem.kinds import KINDS
-from ..results.history import History, SubdomainHistory
 from ..structures.mesh import (
     Block,
     Mesh,
@@ -30,10 +27,9 @@ from ..structures.mesh import (
     outer_faces,
     padded,
 )
-from .styling import style
+from .styling import shown_figure, shown_style
 
 if TYPE_CHECKING:
-    from matplotlib.animation import FuncAnimation
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.colors import Normalize
@@ -80,7 +76,7 @@ class Look(NamedTuple):
 def deformed(
     points: Any,
     elements: Any,
-    u: Any,
+    u: Any = None,
     *,
     scale: float | None = None,
     values: Any = None,
@@ -92,13 +88,15 @@ def deformed(
 ) -> Axes:
     """A deformed mesh, over the undeformed one in thin grey.
 
+    ``deformed(points, elements, u)``, or ``deformed(structure, u)`` with a `Structure` or a `Cut`.
     For several subdomains in one figure, call it once for each, with the `ax` of the first call.
     They have one scale and one colour bar.
 
     Parameters
     ----------
-    points : (N, dim) array_like
-        Coordinates of the nodes; dim is 1, 2 or 3.
+    points : (N, dim) array_like, or Structure or Cut
+        Coordinates of the nodes; dim is 1, 2 or 3. A Structure and a Cut have them with their
+        elements, and u follows.
     elements : array_like of int, or dict
         Nodes of elements by the name of their kind, in the order of nodes of meshio and VTK:
         "line", "triangle", "quad", "tetra", "pyramid", "wedge", "hexahedron", and of second order
@@ -113,11 +111,12 @@ def deformed(
         Factor of the displacements, shown above the axes. Default: that of the axes; for new axes
         1, 2 or 5 times a power of ten such that the largest displacement is 5 to 10 % of the size
         of the mesh, or 1 if it is about that already.
-    values : (N,) array_like, optional
+    values : (N,) array_like or str, optional
         Values shown by colour, with a colour bar. In space each face has one colour, for the mean
-        of its corners.
+        of its corners. "mises" and the other words of `Structure.stress`: stresses of a Structure
+        of linear plates or solids.
     value_label : str, optional
-        Label of the colour bar.
+        Label of the colour bar. Default: of stresses their name.
     limits : (low, high), optional
         Limits of the colour bar. Default: the range of all values in the axes.
     color : colour of matplotlib, optional
@@ -125,7 +124,8 @@ def deformed(
     label : str, optional
         Name of the subdomain: in the legend, or with `values` on the mesh.
     ax : matplotlib.axes.Axes, optional
-        Axes to draw into, three-dimensional for three-dimensional points. Default: a new figure.
+        Axes to draw into, three-dimensional for three-dimensional points. Default: those of a new
+        figure of pyplot.
 
     Returns
     -------
@@ -151,132 +151,60 @@ def deformed(
     >>> ax = plot.deformed(mast, [[0, 1]], [[0.01, 0.0], [0.03, 0.0]], label="mast", ax=ax)
     >>> ax.get_title(loc="right")
     'displacements × 10'
+
+    Stresses of a wall that is pushed:
+
+    >>> from pmalpha import structures
+    >>> wall = structures.plate(4, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
+    >>> ax = plot.deformed(wall, 0.01 * np.repeat(wall.points[:, 1:], 2, axis=1), values="mises")
     """
-    mesh, u = _flattened(checked_mesh(points, elements), u, "u")
+    structure = structure_of(points)
+    if structure is not None:
+        u = elements if u is None else u
+        points, elements = structure.points, structure.elements
+    if isinstance(values, str):
+        values, value_label = stresses(structure, u, values), value_label or stress_label(values)
+    mesh, u = flattened(checked_mesh(points, elements), u, "u")
     if values is not None:
         values = nodal_values(values, mesh, "values")
-    with style():
-        own, ax = ax is None, _axes(mesh, ax)
-        picture = _picture(ax, [(mesh, u)], scale, own)
-        x = _moved(mesh, picture.scale, u)
-        _draw_undeformed(ax, mesh)
-        look = _plain(picture.meshes) if color is None else Look(color, color)
+    with shown_style():
+        own, ax = ax is None, axes_for(mesh, ax)
+        picture = picture_of(ax, [(mesh, u)], scale, own)
+        x = moved_points(mesh, picture.scale, u)
+        draw_undeformed(ax, mesh)
+        look = plain(picture.meshes) if color is None else Look(color, color)
         if values is not None:
-            norm = _norm(ax, picture, limits or (values.min(), values.max()), value_label)
+            norm = norm_of(ax, picture, limits or (values.min(), values.max()), value_label)
             look = look._replace(values=values, norm=norm)
-        _draw(ax, mesh, x, look)
-        _enclose(ax, np.concatenate([mesh.points, x]), picture)
+        draw_mesh(ax, mesh, x, look)
+        enclose(ax, np.concatenate([mesh.points, x]), picture)
         if label is not None:
             _label_mesh(ax, mesh, x, label, look)
         picture.meshes += 1
     return ax
 
 
-def animation(
-    history: History,
-    meshes: Mapping[Any, Any],
-    *,
-    frames: int = 60,
-    interval: float = 50.0,
-    scale: float | None = None,
-    values: Callable[[np.ndarray], Any] | None = None,
-    value_label: str = "",
-) -> FuncAnimation:
-    """Animation of the deformed meshes of subdomains, for a notebook.
-
-    Show it with ``IPython.display.HTML(animation.to_jshtml())``.
-
-    Parameters
-    ----------
-    history : History
-        With all dofs of these subdomains recorded.
-    meshes : dict
-        By subdomain, with the keys of the history: ``(points, elements)`` as for `deformed`, or a
-        `Structure`. If the subdomain has other dofs than the mesh,
-        ``(points, elements, expand)`` or ``(structure, expand)`` with a function from displacements
-        (k, n) of the subdomain to those of the mesh, such as ``reduction.expand``.
-    frames : int
-        Number of frames, at equal intervals from the first to the last macro time level;
-        displacements are interpolated between time levels.
-    interval : float
-        Milliseconds between frames.
-    scale : float, optional
-        As for `deformed`, one for all frames.
-    values : callable, optional
-        Function from displacements (N, dim) to the values shown by colour, (N,).
-    value_label : str, optional
-        Label of the colour bar.
-
-    Returns
-    -------
-    matplotlib.animation.FuncAnimation
-        To be kept by the caller while it is shown.
-
-    Raises
-    ------
-    ImportError
-        If matplotlib is missing.
-    TypeError, ValueError
-        For meshes that are inconsistent with the dofs, and dofs that were not recorded.
-
-    Examples
-    --------
-    >>> from pmalpha import plot
-    >>> bar = Subdomain([1.0, 1.0], [[1.0, -1.0], [-1.0, 1.0]], scheme=Newmark(), v0=[0.0, 1.0])
-    >>> history = Coupler([bar], dt=0.1).run(1.0)
-    >>> moving = plot.animation(history, {0: ([[0.0], [1.0]], [[0, 1]])}, frames=2)
-    >>> "<img" in moving.to_jshtml()
-    True
-    """
-    if not isinstance(history, History):
-        raise TypeError(f"history must be a History, got {history!r}")
-    if values is not None and not callable(values):
-        raise TypeError(f"values must be callable, got {values!r}")
-    _require_text(value_label, "value_label")
-    interval = positive_number(interval, "interval")
-    frames = whole_number(frames, "frames", low=1)
-    times = np.linspace(history.macro_times[0], history.macro_times[-1], frames)
-    films = _films(history, meshes, times)
-    with style():
-        from matplotlib.animation import FuncAnimation
-
-        ax = _axes(films[0].mesh, None)
-        figure: Any = ax.figure
-        picture = _picture(ax, [(film.mesh, u) for film in films for u in film.u], scale, True)
-        paint = _painter(ax, picture, films, values, value_label)
-        for film in films:
-            _draw_undeformed(ax, film.mesh)
-            moved = _moved(film.mesh, picture.scale, film.u)
-            _enclose(ax, np.concatenate([film.mesh.points, *moved]), picture)
-        ax.set_autoscale_on(False)
-        time_label = ax.set_title("$t$", loc="left")
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")  # the layout is computed once, not for each frame
-        drawn: list[Artist] = []
-
-        def show(frame: int) -> list[Artist]:
-            while drawn:
-                drawn.pop().remove()
-            for i, (mesh, u) in enumerate(films):
-                x = _moved(mesh, picture.scale, u[frame])
-                drawn.extend(_draw(ax, mesh, x, paint(i, u[frame])))
-            time_label.set_text(f"$t$ = {times[frame]:.4g}")
-            return drawn
-
-        return FuncAnimation(figure, show, frames=frames, interval=interval, blit=False)
+def structure_of(given: Any) -> Any:
+    """The Structure that is given or of which a Cut is given; None for something else."""
+    found = getattr(given, "structure", given)
+    return found if hasattr(found, "points") and hasattr(found, "elements") else None
 
 
-def _require_text(value: Any, name: str) -> None:
-    """An error for what cannot be drawn as text."""
-    if not isinstance(value, str):
-        raise TypeError(f"{name} must be a str, got {value!r}")
-    try:
-        value.encode()
-    except UnicodeEncodeError:
-        raise ValueError(f"{name} must be text, got {value!r}") from None
+def stresses(structure: Any, u: Any, what: str) -> np.ndarray:
+    """Stresses (..., N) at the nodes for displacements (..., n) or (..., N, d)."""
+    if structure is None or not hasattr(structure, "stress"):
+        raise TypeError(f"values must be numbers unless a Structure is drawn, got {what!r}")
+    u = np.asarray(u)
+    by_node = u.shape[-2:] == (len(structure.points), structure.dofs_per_node)
+    result: np.ndarray = structure.stress(u.reshape(*u.shape[:-2], -1) if by_node else u, what)
+    return result
 
 
-def _moved(mesh: Mesh, scale: float, u: np.ndarray) -> np.ndarray:
+def stress_label(what: str) -> str:
+    return "von Mises stress" if what == "mises" else f"stress {what}"
+
+
+def moved_points(mesh: Mesh, scale: float, u: np.ndarray) -> np.ndarray:
     """The points where they are drawn; ValueError where the picture has no number for them."""
     with np.errstate(over="ignore"):
         x = mesh.points + scale * u
@@ -284,77 +212,17 @@ def _moved(mesh: Mesh, scale: float, u: np.ndarray) -> np.ndarray:
     return x
 
 
-class Film(NamedTuple):
-    """A mesh and its displacements (frames, N, dim)."""
-
-    mesh: Mesh
-    u: np.ndarray
-
-
-def _films(history: History, meshes: Any, times: np.ndarray) -> list[Film]:
-    if not isinstance(meshes, Mapping) or not meshes:
-        raise TypeError(f"meshes must be a dict of meshes by subdomain, got {meshes!r}")
-    films = []
-    for key, given in meshes.items():
-        s = history[key]
-        if not np.array_equal(s.dofs, np.arange(s.dofs.size)):
-            raise ValueError(f"all dofs of {s.name!r} must be recorded, got {listing(s.dofs)}")
-        mesh = given if isinstance(given, (tuple, list)) else (given,)
-        u = _interpolated(times, s)
-        if len(mesh) > 1 and callable(mesh[-1]):
-            mesh, u = mesh[:-1], mesh[-1](u)
-        if len(mesh) == 1 and hasattr(mesh[0], "points") and hasattr(mesh[0], "elements"):
-            mesh = mesh[0].points, mesh[0].elements
-        if len(mesh) != 2:
-            raise TypeError(
-                f"meshes[{key!r}] must be a Structure or (points, elements), with or without a "
-                f"function, got {given!r}"
-            )
-        checked = checked_mesh(mesh[0], mesh[1], f" of meshes[{key!r}]")
-        name = f"u of {s.name!r} for meshes[{key!r}]"
-        films.append(Film(*_flattened(checked, u, name, len(times))))
-    return films
-
-
-def _interpolated(times: np.ndarray, s: SubdomainHistory) -> np.ndarray:
-    """Displacements at these times, interpolated linearly between time levels."""
-    after = np.clip(np.searchsorted(s.t, times), min(1, s.t.size - 1), s.t.size - 1)
-    before = np.maximum(after - 1, 0)
-    step = np.where(after > before, s.t[after] - s.t[before], 1.0)
-    fraction = np.clip((times - s.t[before]) / step, 0.0, 1.0)[:, None]
-    result: np.ndarray = (1.0 - fraction) * s.u[before] + fraction * s.u[after]
-    return result
-
-
-def _painter(
-    ax: Any, picture: Picture, films: Sequence[Film], values: Any, value_label: str
-) -> Callable[[int, np.ndarray], Look]:
-    """Function from mesh number and displacements to a `Look`."""
-    if values is None:
-        return lambda i, u: _plain(i)
-
-    def values_of(i: int, u: np.ndarray) -> np.ndarray:
-        return nodal_values(values(u), films[i].mesh, "the result of values")
-
-    results = [values_of(i, u) for i, film in enumerate(films) for u in film.u]
-    limits = min(x.min() for x in results), max(x.max() for x in results)
-    norm = _norm(ax, picture, limits, value_label)
-    return lambda i, u: Look(EDGE, EDGE, values_of(i, u), norm)
-
-
 # ---- axes and scales ------------------------------------------------------------------------
 
 
-def _flattened(mesh: Mesh, u: Any, name: str, times: int | None = None) -> tuple[Mesh, np.ndarray]:
+def flattened(mesh: Mesh, u: Any, name: str, times: int | None = None) -> tuple[Mesh, np.ndarray]:
     """Mesh and displacements with at least two coordinates."""
     u = nodal_vectors(u, mesh, name, times=times)
     return Mesh(padded(mesh.points, 2), mesh.blocks), padded(u, 2)
 
 
-def _axes(mesh: Mesh, ax: Any | None) -> Axes:
+def axes_for(mesh: Mesh, ax: Any | None) -> Axes:
     """New axes, or the given ones if their dimension is that of the mesh."""
-    from matplotlib.figure import Figure
-
     solid = mesh.points.shape[1] == 3
     if ax is not None:
         if (ax.name == "3d") != solid:
@@ -362,7 +230,7 @@ def _axes(mesh: Mesh, ax: Any | None) -> Axes:
             raise ValueError(f"ax must have {needed} for these points, got {ax!r}")
         result: Axes = ax
         return result
-    figure = Figure(figsize=(WIDTH, 4.0), layout="constrained")
+    figure = shown_figure(figsize=(WIDTH, 4.0), layout="constrained")
     ax = figure.add_subplot(projection="3d" if solid else None)
     if solid:
         ax.set_axis_off()
@@ -373,7 +241,7 @@ def _axes(mesh: Mesh, ax: Any | None) -> Axes:
     return ax
 
 
-def _picture(
+def picture_of(
     ax: Any, moved: Sequence[tuple[Mesh, np.ndarray]], scale: float | None, own: bool
 ) -> Picture:
     """The `Picture` of these axes, created if there is none yet."""
@@ -402,7 +270,7 @@ def _fitting_scale(moved: Sequence[tuple[Mesh, np.ndarray]]) -> float:
     return float(power * max(digit for digit in (1.0, 2.0, 5.0) if digit * power <= limit))
 
 
-def _plain(number: int) -> Look:
+def plain(number: int) -> Look:
     """The colours of a mesh; lines are darker than faces, for contrast."""
     from matplotlib.colors import to_rgb
 
@@ -410,7 +278,7 @@ def _plain(number: int) -> Look:
     return Look(face, tuple(0.55 * channel for channel in face))
 
 
-def _norm(ax: Any, picture: Picture, limits: Any, label: str) -> Normalize:
+def norm_of(ax: Any, picture: Picture, limits: Any, label: str) -> Normalize:
     """The colour scale of the axes, extended to these limits; a new one gets a colour bar."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -426,7 +294,7 @@ def _norm(ax: Any, picture: Picture, limits: Any, label: str) -> Normalize:
     return result
 
 
-def _enclose(ax: Any, x: np.ndarray, picture: Picture) -> None:
+def enclose(ax: Any, x: np.ndarray, picture: Picture) -> None:
     """Extend the axes to these points, and adjust the height of the figure."""
     if ax.name == "3d":
         _enclose_in_space(ax, x)
@@ -491,7 +359,7 @@ def _draw_directions(ax: Any, mesh: Mesh) -> None:
 # ---- drawing --------------------------------------------------------------------------------
 
 
-def _draw_undeformed(ax: Any, mesh: Mesh) -> None:
+def draw_undeformed(ax: Any, mesh: Mesh) -> None:
     """All edges as one interrupted line, which is below the faces also in space."""
     ends = mesh.points[np.concatenate([lines(mesh), edges(outer_faces(mesh))])]
     line = np.concatenate([ends, np.full_like(ends[:, :1], np.nan)], axis=1)
@@ -500,12 +368,12 @@ def _draw_undeformed(ax: Any, mesh: Mesh) -> None:
     ax.plot(*line.reshape(-1, ends.shape[-1]).T, **look, zorder=1)
 
 
-def _draw(ax: Any, mesh: Mesh, x: np.ndarray, look: Look) -> list[Artist]:
+def draw_mesh(ax: Any, mesh: Mesh, x: np.ndarray, look: Look) -> list[Artist]:
     pieces, faces = lines(mesh), outer_faces(mesh)
     drawn: list[Artist] = []
     if faces:
-        draw = _draw_in_space if ax.name == "3d" else _draw_in_plane
-        drawn += draw(ax, x, faces, look)
+        fill = _draw_in_space if ax.name == "3d" else _draw_in_plane
+        drawn += fill(ax, x, faces, look)
     if len(pieces):
         drawn += _draw_lines(ax, x[pieces], pieces, look)
     return drawn

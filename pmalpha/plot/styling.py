@@ -8,6 +8,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = ["LINES", "RC", "save", "style"]
@@ -106,13 +107,22 @@ def shown_style() -> Iterator[None]:
         yield
 
 
-def save(figure: Figure, path: str | PathLike[str]) -> None:
+def shown_figure(**options: Any) -> Figure:
+    """A figure of pyplot, with its options: a notebook shows it at the end of the cell, a script by
+    plt.show()."""
+    from matplotlib import pyplot
+
+    with pyplot.rc_context({"figure.max_open_warning": 0}):
+        return pyplot.figure(**options)
+
+
+def save(figure: Figure | Axes, path: str | PathLike[str]) -> None:
     """Write a figure to a file, with the resolution of print.
 
     Parameters
     ----------
-    figure : matplotlib.figure.Figure
-        Such as of `History.plot`.
+    figure : matplotlib.figure.Figure or matplotlib.axes.Axes
+        Such as of `History.plot`; of axes, their figure.
     path : str or path
         The suffix gives the format: .png, .pdf, .svg.
 
@@ -127,5 +137,6 @@ def save(figure: Figure, path: str | PathLike[str]) -> None:
     >>> from pmalpha import plot
     >>> plot.save(matplotlib.figure.Figure(), io.BytesIO())
     """
+    whole: Any = figure if hasattr(figure, "savefig") else figure.figure
     with style():
-        figure.savefig(path)
+        whole.savefig(path)

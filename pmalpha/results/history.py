@@ -25,7 +25,7 @@ from .quantities import OF_INTERFACE, OF_SUBDOMAIN, Quantity, arrays_of
 if TYPE_CHECKING:
     import pandas
     import xarray
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
 __all__ = ["History", "SubdomainHistory"]
 
@@ -116,7 +116,8 @@ class SubdomainHistory:
         quantity: str = "u",
         title: str | None = None,
         units: Mapping[str, str] | None = None,
-    ) -> Figure:
+        ax: Axes | None = None,
+    ) -> Axes:
         """Plot time histories of dofs, as `History.plot`, whose errors it raises.
 
         Parameters
@@ -129,20 +130,22 @@ class SubdomainHistory:
             Default: none.
         units : dict, optional
             As for `History.plot`.
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw into. Default: those of a new figure of pyplot.
 
         Returns
         -------
-        matplotlib.figure.Figure
+        matplotlib.axes.Axes
             As of `History.plot`.
 
         Examples
         --------
         >>> oscillator = Subdomain([1.0], [4.0], scheme=Newmark(), u0=[1.0])
-        >>> figure = solve(oscillator, dt=0.1, t_end=9.0).plot(units={"time": "s"})
-        >>> figure.axes[0].get_xlabel()
+        >>> ax = solve(oscillator, dt=0.1, t_end=9.0).plot(units={"time": "s"})
+        >>> ax.get_xlabel()
         'time $t$ (s)'
         """
-        return self._alone().plot(dofs, quantity=quantity, title=title, units=units)
+        return self._alone().plot(dofs, quantity=quantity, title=title, units=units, ax=ax)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write to a file, as `History.save`: a History of this subdomain only.
@@ -298,7 +301,8 @@ class History:
         quantity: str = "u",
         title: str | None = None,
         units: Mapping[str, str] | None = None,
-    ) -> Figure:
+        ax: Axes | None = None,
+    ) -> Axes:
         """Plot time histories of dofs, the jumps at the interface and the multipliers.
 
         Panels one above another with a common time axis; without constraints only the panel of the
@@ -323,13 +327,16 @@ class History:
             For the labels of the axes: units of "length", "time" and "force", such as
             ``{"length": "m", "time": "s", "force": "N"}``. Numbers are not converted. A quantity
             whose unit does not follow from those given is labelled without.
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw into, without the panels of the interface. Default: a new figure of pyplot.
 
         Returns
         -------
-        matplotlib.figure.Figure
-            A notebook shows it at the end of the cell, a script with
-            ``matplotlib.pyplot.show()``; ``matplotlib.pyplot.close(figure)`` releases it.
-            `pmalpha.plot.save` writes it to a file.
+        matplotlib.axes.Axes
+            `ax`, or the first panel of the new figure ``ax.figure``, whose ``axes`` are all panels.
+            A notebook shows it at the end of the cell, a script with ``matplotlib.pyplot.show()``;
+            ``matplotlib.pyplot.close(ax.figure)`` releases it. `pmalpha.plot.save` writes it to a
+            file.
 
         Raises
         ------
@@ -341,14 +348,14 @@ class History:
         Examples
         --------
         >>> history = models.four_dof().coupler(0.05, coupling="pm").run(steps=40)
-        >>> figure = history.plot({"A": [2], "B": [0, 1]}, units={"length": "m", "force": "N"})
-        >>> [ax.get_ylabel() for ax in figure.axes][::2]
+        >>> ax = history.plot({"A": [2], "B": [0, 1]}, units={"length": "m", "force": "N"})
+        >>> [panel.get_ylabel() for panel in ax.figure.axes][::2]
         ['displacement (m)', 'multiplier (N)']
         """
         from ..plot.histories import time_histories
 
         return time_histories(
-            self, dofs, conditions=conditions, quantity=quantity, title=title, units=units
+            self, dofs, conditions=conditions, quantity=quantity, title=title, units=units, ax=ax
         )
 
     # ---- files and other libraries -----------------------------------------------------------

@@ -258,10 +258,12 @@ def moduli_of(
     young, density = positive(E, "E", shape), positive(rho, "rho", shape)
     if d == 3 or plane == "strain":
         lam, mu = isotropic(E, nu, shape)
+        across = 0.5 * lam / (lam + mu)  # nu
     else:
+        across = np.zeros(1)
         ratio = poisson(nu, shape, incompressible=True)
         lam, mu = young * ratio / (1.0 - ratio**2), young / (2.0 * (1.0 + ratio))
-    return Moduli(lam, mu, density, positive(t, "t", shape))
+    return Moduli(lam, mu, density, positive(t, "t", shape), across)
 
 
 def grid(counts: tuple[int, ...], h: Any, origin: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -310,7 +312,7 @@ def elastic_matrices(
     with one_thread():
         for kind, own in elements.items():
             which, block = chosen[kind], Block(kind, own)
-            lam, mu, density, t = (of_chosen(values, which) for values in moduli[kind])
+            lam, mu, density, t, _ = (of_chosen(values, which) for values in moduli[kind])
             where = points[whole[kind][which]] if corners is None else corners[kind]
             pattern = Pattern.of(own, nodes)
             M = M + mass_matrix(block, pattern, where, t * density, lumped)

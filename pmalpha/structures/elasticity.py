@@ -29,13 +29,15 @@ FLAT = 1e-14
 class Moduli(NamedTuple):
     """Lame's constants (in plane stress those of the plane), density and thickness of elements.
 
-    (E,) or, for equal elements, (1,) each; the thickness of a solid is 1.
+    (E,) or, for equal elements, (1,) each; the thickness of a solid is 1. `across` is zz over
+    xx + yy of the stresses in a plate: nu in plane strain, 0 in plane stress.
     """
 
     lam: np.ndarray
     mu: np.ndarray
     density: np.ndarray
     thickness: np.ndarray
+    across: np.ndarray
 
 
 def chunks(count: int, numbers: int) -> Iterator[slice]:

@@ -18,6 +18,7 @@ from .elasticity import Moduli, stresses
 from .element_force import ElementForce
 from .line_forces import BAR, BEAM, line_forces
 from .recipe import Recipe, all_of
+from .stress import nodal_stress
 
 __all__ = ["Structure"]
 
@@ -46,8 +47,8 @@ class Structure:
         Forces of nonlinear elements and of contact, beside K u.
     moduli : dict
         Of linear elastic plates and solids, by the name of the elements: Lame's constants ``lam``,
-        ``mu`` (in plane stress those of the plane), ``density`` and ``thickness``, each (E,), or
-        (1,) where they are equal.
+        ``mu`` (in plane stress those of the plane), ``density``, ``thickness`` and ``across`` (zz
+        over xx + yy in a plate), each (E,), or (1,) where they are equal.
     recipe : callable or None
         Makes M, K and forces of some of the elements, for `pmalpha.cut`; None where the elements of
         the matrices are not known.
@@ -458,6 +459,39 @@ class Structure:
             for kind, own in self.moduli.items()
         ]
         return sp.csr_array(sp.vstack(parts, format="csr"))
+
+    def stress(self, u: Any, what: str = "mises") -> np.ndarray:
+        """Stresses at the nodes, the mean of the elements that meet there, for pictures.
+
+        ``plot.deformed(structure, u, values="mises")`` draws them.
+
+        Parameters
+        ----------
+        u : (n,) or (k, n) array_like
+            Displacements.
+        what : str, default "mises"
+            "mises" (von Mises) or a component of `element_stresses`: "xx", "yy", "xy", in space
+            also "zz", "yz" and "xz".
+
+        Returns
+        -------
+        (N,) or (k, N) ndarray
+            Zero at nodes of lines alone.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As of `element_stresses`, and for displacements of another shape.
+
+        Examples
+        --------
+        >>> from pmalpha import structures
+        >>> strip = structures.plate(2, 1, 1.0, E=10.0, nu=0.0, rho=1.0)
+        >>> stretched = np.column_stack([0.01 * strip.points[:, 0], np.zeros(6)]).ravel()
+        >>> strip.stress(stretched, "xx").round(6).tolist()
+        [0.1, 0.1, 0.1, 0.1, 0.1, 0.1]
+        """
+        return nodal_stress(self, u, what)
 
     def base_shear(self, nodes: Any, component: str = "ux") -> sp.csr_array:
         """The matrix W from displacements of all dofs to the force of the supports at some nodes.
