@@ -39,79 +39,53 @@ UNDAMPED = 1.0 - 1e-9
 class Subdomain(Frozen):
     """One subdomain of the coupled problem (1): M w + C v + K u + r + f = F(t) + L^T Lam.
 
-    Units are any consistent set. The arrays are copied. Attributes can be read, not assigned. A
-    `Coupler` does not change a subdomain, so that several couplers can contain the same one.
+    Arrays are copied, and several couplers can contain the same subdomain.
 
     Parameters
     ----------
     M, K : (n,) array, (n, n) array, scipy.sparse matrix or array, a number, or a reader's result
-        Mass and stiffness. A 1-D array is a diagonal, a number the matrix of one dof. What
-        `readers` return is taken as it is, if all have the same rows. Symmetric; M
-        positive definite for an explicit scheme, else semidefinite (within 1e-10 of its largest
-        entry). A dof without mass is a zero row and column of M; it requires an implicit scheme
-        that damps at infinite frequency. K may be None where there is a restoring or an internal
-        force, and unsymmetric with `symmetric=False`.
+        Mass and stiffness, symmetric; a 1-D array is a diagonal. M is positive definite for an
+        explicit scheme, else semidefinite: a dof without mass is a zero row and column, and
+        requires an implicit scheme that damps at infinite frequency. K may be None beside a
+        restoring or internal force.
     C : like M and K, optional
-        Viscous damping, symmetric; with `symmetric=False` also gyroscopic. Default: none.
+        Viscous damping, symmetric unless `symmetric` is False. Default: none.
     scheme : Scheme
         `GeneralizedAlpha`, `Newmark`, `CentralDifference`, `HHT` or `WBZ`.
     substeps : int, default 1
-        Number of substeps in a macro step dt, of length h = dt / substeps.
+        Number of substeps in a macro step dt.
     double_step : bool, optional
-        Whether the subdomain takes double steps, from t_{n-1} to t_{n+1}, under coupling "pm".
-        Default: True if it is implicit and its substep coarser than the finest one; if all substeps
-        are equal and none is given, for the first implicit subdomain of several. Never under "gc";
-        under "macro" and "mean" only if True is given, with one substep.
+        Whether the subdomain takes double steps, from t_{n-1} to t_{n+1}. Default under "pm": if
+        it is implicit and coarser than the finest, or the first of equal ones; else False.
     force : (n,) array, callable, LowLevelCallable, `SampledForce` or `BaseAcceleration`, optional
-        External load, evaluated at the end of each substep. A callable ``f(t) -> (n,)`` is
-        evaluated in advance, once for each substep in the order of time, and once at t = 0; it may
-        not depend on what happens in the run. A callable ``f(t, u, v) -> (n,)``, of three
-        required arguments, is a load that does, such as a controller: it is evaluated when and
-        where `restoring` is, and its work is external. A
-        ``scipy.LowLevelCallable`` ``int (double t, intptr_t n, double *f, void *user)`` is
-        evaluated in the step, without the GIL; f is zero on entry. For one dof a number will do
-        in place of an array, also as the value of a callable.
+        External load at the end of each substep. A callable ``f(t)`` is evaluated in advance, once
+        for each substep; ``f(t, u, v)``, such as a controller, when `restoring` is. A
+        ``scipy.LowLevelCallable`` is ``int (double t, intptr_t n, double *f, void *user)``.
     restoring : callable, LowLevelCallable, springs, or a list of these, optional
-        A further force beside K u + C v, such as a nonlinear element or a specimen in a test rig,
-        equation (R2); of a list, the sum. A callable ``r(u, v, t) -> (n,)`` is evaluated once for
-        the initial accelerations, then exactly once for each substep, in the order of time, at the
-        predictor of the displacement and an extrapolated velocity; after an exception, evaluations
-        of the macro step that it ended are repeated. A ``scipy.LowLevelCallable`` ``int (double t,
-        intptr_t n, double *u, double *v, double *r, void *user)`` is evaluated without the GIL, in
-        any thread, one at a time for each subdomain; r is zero on entry. A return value other than
-        0 stops the run with a `CallbackError`.
+        A further force, equation (R2), such as a specimen: ``r(u, v, t)`` is evaluated exactly
+        once for each substep, in the order of time, at predicted displacements and velocities. A
+        ``scipy.LowLevelCallable`` is ``int (double t, intptr_t n, double *u, double *v, double *r,
+        void *user)``.
     restoring_stiffness, restoring_damping : like M and K, optional
-        Estimates K_r, D_r of the stiffness and damping of the restoring force, for operator
-        splitting. An implicit subdomain is stable for any step if K_r is at least the tangent
-        stiffness; for an explicit one K_r only enters the critical step. Default: zero for
-        functions, the initial tangent for springs. A given K_r is that of the whole sum, with its
-        springs.
-    internal : callable, `InternalForce`, springs, or a list of them, optional
-        A further force f(u, v, t; q) beside K u + C v that an implicit subdomain iterates with its
-        tangents, by Newton's method; `restoring` is evaluated once per substep instead. A callable
-        ``f(u, v, t, q)`` returns ``(f, K_t)``, ``(f, K_t, C_t)`` or ``(f, K_t, C_t, q1)``, see
-        `InternalForce`, which also takes compiled functions, and gives a force a history q and a
-        pattern. Nonlinear elements of `structures` are such callables. In an explicit subdomain it
-        is evaluated once per substep, as `restoring`. Each has to be a function of u, v, t and q
-        alone.
+        Estimates K_r, D_r of its stiffness and damping. An implicit subdomain is stable for any
+        step if K_r is at least the tangent. Default: the initial tangent of springs.
     limits : `pmalpha.rig.Limits`, optional
-        Of the restoring force, if it is that of a test specimen: a command or a measured force
-        beyond them ends the run with a `LimitError`, before the command is given.
+        Of a test specimen: a command or a measured force beyond them ends the run with a
+        `LimitError`, before the command is given.
+    internal : callable, `InternalForce`, springs, or a list of them, optional
+        A further force that an implicit subdomain iterates with its tangents: ``f(u, v, t, q)``
+        returns ``(f, K_t)``, ``(f, K_t, C_t)`` or ``(f, K_t, C_t, q1)``, a function of its
+        arguments alone. Nonlinear elements of `structures` are such callables.
     damping : {"implicit", "lagged"}, default "implicit"
-        "lagged": C acts on the extrapolated velocity, equation (R4), so that an explicit subdomain
-        whose C is not diagonal needs no factor. The critical step is smaller, equation (C2).
+        "lagged": C acts on the extrapolated velocity, (R4), so that an explicit subdomain needs no
+        factor, and its critical step is smaller, (C2).
     rayleigh : (c_m, c_k), optional
-        Rayleigh damping c_m M + c_k K, in place of C or added to it, in any format of M and K. In
-        1/time and in time, at least 0; `models.rayleigh` computes them from damping ratios. K is
-        without `restoring_stiffness`.
+        Rayleigh damping c_m M + c_k K, added to C.
     damping_ratio : dict, optional
-        Rayleigh damping by damping ratios at two periods, in place of `rayleigh`:
-        ``{1.2: 0.05, 0.1: 0.05}`` has 5 per cent at 1.2 and at 0.1, less between them and more
-        outside. Those of the whole structure are the same in all of its subdomains.
+        The same by damping ratios at two periods: ``{1.2: 0.05, 0.1: 0.05}``.
     symmetric : bool, default True
-        False admits unsymmetric K, C, estimates and tangents of internal forces: gyroscopic and
-        circulatory terms, follower forces. M remains symmetric. Where all matrices are symmetric it
-        has no effect but on tangents of internal forces.
+        False admits unsymmetric K, C, estimates and tangents: gyroscopic and circulatory terms,
+        follower forces.
     u0, v0 : (n,) array, optional; a number for one dof
         Initial displacement and velocity. Default: zero.
     name : str, optional
@@ -120,19 +94,14 @@ class Subdomain(Frozen):
     Raises
     ------
     TypeError, ValueError
-        For complex, unsymmetric or infinite entries, shapes that do not agree, a scheme or force
-        of the wrong kind, dofs without mass under a scheme that does not damp them, estimates
-        without a restoring force, springs in both `restoring` and `internal`, lagged damping that
-        is not symmetric unless the scheme is explicit with rho = 0. The values of restoring and
-        internal forces are checked when they are evaluated.
-        Also for a C that is c_m * M + c_k * K with a 1-D M, which NumPy adds to every row of K.
+        For an argument of the wrong kind, unsymmetric or infinite entries.
     FactorizationError
         For a dof without mass in an explicit subdomain.
 
     Warns
     -----
     PerformanceWarning
-        For a dense C beside a sparse or diagonal K. A C that is meant to be full can be sparse.
+        For a dense C beside a sparse or diagonal K.
 
     Examples
     --------
@@ -141,20 +110,6 @@ class Subdomain(Frozen):
     ...                   scheme=GeneralizedAlpha(0.5), name="tower")
     >>> tower.n
     2
-
-    With Rayleigh damping C = 0.75 M + 0.0025 K:
-
-    >>> damped = Subdomain([2.0, 1.0], [[3.0, -1.0], [-1.0, 1.0]], rayleigh=(0.75, 0.0025),
-    ...                    scheme=GeneralizedAlpha(0.5))
-    >>> damped.C.round(4).tolist()
-    [[1.5075, -0.0025], [-0.0025, 0.7525]]
-
-    A disc on a shaft that turns, with gyroscopic moments:
-
-    >>> disc = Subdomain([1.0, 1.0], 4.0 * np.eye(2), [[0.0, 3.0], [-3.0, 0.0]], symmetric=False,
-    ...                  scheme=GeneralizedAlpha(0.5))
-    >>> disc.C.tolist()
-    [[0.0, 3.0], [-3.0, 0.0]]
 
     A Duffing oscillator, explicit:
 

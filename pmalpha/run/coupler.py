@@ -49,73 +49,55 @@ class Coupler:
     constraints : `Constraint` or list of them, optional
         The interface constraints, from `tie` or general ones. They must be independent.
     dt : float
-        The macro step, in any consistent unit, positive. The substeps of subdomain i have the
-        length dt / substeps_i; the largest number of substeps must be a multiple of all others,
-        except under "macro" and "mean".
+        The macro step. Subdomain i takes substeps of dt / substeps_i; under "pm" and "gc" the
+        largest number of substeps must be a multiple of all others.
     coupling : {"pm", "gc", "macro", "mean"}
-        Required with more than one subdomain; one alone needs none and takes single steps. "pm":
-        interfield parallel, with double steps (PM-alpha; PM with Newmark schemes). "gc": staggered,
-        single steps (GC-alpha). "macro": one interface problem per macro step, order 2 with any
+        Required with more than one subdomain. "pm": interfield parallel, with double steps. "gc":
+        staggered, single steps. "macro": one interface problem per macro step, order 2 with any
         numbers of substeps. "mean": as "macro", with tied displacements. docs/choosing.md helps to
-        choose, docs/couplings.md compares them.
+        choose.
     start : {"rebased", "plain"}, default "rebased"
-        "rebased": the stored free velocity of a double-step subdomain is replaced when its double
-        steps begin, equation (S3). "plain": it is kept, as in the paper.
+        "plain" begins double steps as the paper does, without (S3).
     drift : {"kept", "removed"}, default "kept"
-        "removed", with "gc" only and without internal forces: second multipliers tie the
-        displacements at the ends of macro steps too, equations (V1) to (V5).
+        "removed", with "gc" and without internal forces: displacements are tied at the ends of
+        macro steps too, (V1) to (V5).
     newton : Newton, default Newton()
-        How internal forces are iterated; no effect without them.
+        How internal forces are iterated.
     threads : int, optional
-        Maximum number of threads, including the caller; 1 runs serially. Results are bitwise
-        identical for any number. Default: the number of processors of this process if equations
-        (W1) to (W3) of docs/method.md predict a gain, else 1. `Coupler.threads` is the number in
-        use.
+        Maximum number of threads, including the caller; results are bitwise identical. Default: the
+        number of processors if (W1) to (W3) of docs/method.md predict a gain, else 1.
     comm : mpi4py.MPI.Intracomm, optional
-        Communicator of the processes that share the problem: `subdomains` are those of this rank,
-        possibly none, and `constraints` the same list, in names, on every rank. The same calls are
-        made on all ranks; see docs/mpi.md. The communicator is duplicated.
+        Processes that share the problem: `subdomains` are those of this rank, `constraints` the
+        same on every rank, and all ranks make the same calls; see docs/mpi.md.
 
     Raises
     ------
     TypeError, ValueError
-        For several subdomains without `coupling`, arguments of the wrong kind, equal names, numbers
-        of substeps that do not divide the largest, double steps in all subdomains of the finest
-        step, an initial state of the wrong shape; under "macro" and "mean" for a double step with
-        substeps, and for unit responses that would take longer than a day; under "mean" for an
-        explicit scheme with rho < 0.5, interface dofs without mass, restoring
-        forces; with `comm` for interface dofs without mass. An error on one rank ends the call on
-        all: there with its own exception, elsewhere with the same class if it is of pmalpha, else
-        with a PmalphaError; both name the rank.
+        For arguments of the wrong kind, and what the coupling does not do (docs/couplings.md). With
+        `comm`, an error on one rank ends the call on all.
     ConstraintError
         For constraints that are dependent or that the initial velocities violate; under "mean" also
         for initial displacements that do.
     FactorizationError
-        For a singular or indefinite Mbar or mass matrix, with subdomain, dof and inertia.
+        For a singular or indefinite matrix, with subdomain, dof and inertia.
     MemoryError
         For a problem whose predicted size exceeds the available memory.
 
     Warns
     -----
     StabilityWarning
-        When the step of a subdomain is above its critical step; under "macro" when it resonates
-        with the macro step, and for double steps without algorithmic damping; under "mean" for
-        damping in a subdomain with one substep and algorithmic damping.
+        When a step is above its critical step, or the coupled step can grow.
     PerformanceWarning
-        When unit responses or a factorization take long; for M or C of an explicit subdomain that
-        need a large factor.
+        When set-up takes long, or an explicit subdomain needs a large factor.
     ConstraintWarning
-        When the initial displacements violate a constraint; for a subdomain that no constraint
-        reaches, or a floating one that its constraints do not hold; under "macro" for interface
-        dofs without mass in a subdomain with substeps.
+        When the initial displacements violate a constraint, and for a subdomain that the
+        constraints do not reach or do not hold.
 
     Notes
     -----
-    Equations (1) to (18) of docs/method.md; Bursi, He, Bonelli and Pegon 2008.
-
-    The repr is a table of what each subdomain does: the length of its steps (2 h if they are
-    double), the step divided by the critical step (an upper bound from 200 dofs on), form and
-    entries of its factor, and its thread.
+    Equations (1) to (18) of docs/method.md; Bursi, He, Bonelli and Pegon 2008. The repr is a table
+    of what each subdomain does: the length of its steps (2 h if they are double), the step divided
+    by the critical step (an upper bound from 200 dofs on), its factor, and its thread.
 
     Examples
     --------
@@ -284,45 +266,35 @@ class Coupler:
         Parameters
         ----------
         t_end : float
-            End of the run, absolute time. A whole number of macro steps from 0, within 1e-6 of a
-            macro step, not before the present time. Give this or `steps`.
+            End of the run, a whole number of macro steps from 0. Give this or `steps`.
         steps : int
             Number of macro steps, 0 or more.
         record : dict, optional
-            Dofs to record by subdomain: their numbers, one number, or a mask, None for all dofs of
-            one; a subdomain left out is not recorded. Default: all dofs of all subdomains.
+            Dofs by subdomain: numbers or a mask, None for all dofs of one; a subdomain left out is
+            not recorded. Default: all dofs of all subdomains.
         every : int, optional
-            Record only time levels at which `step_count` is a multiple of this, and the first of
-            the run, in all arrays. Default: every time level of each subdomain.
+            Record only time levels at which `step_count` is a multiple of this, and the first.
         energy : bool, default False
-            Record the energies of all subdomains in ``history.energy``, an `Energy`, with works
-            counted from the beginning of this run. Costs products with C, M and K and the memory of
-            13 vectors of each subdomain.
+            Record the energies of all subdomains in ``history.energy``, an `Energy`.
         record_to : str or path, optional
-            New HDF5 file to which the History is written during the run; `History.load` and other
-            programs can read it meanwhile and after a kill. The arrays of the returned History are
-            read from it on access. With `comm` each rank writes a file of its own, with ``.0`` and
-            so on added; the file itself leads to them and reads as one History.
+            New HDF5 file to which the History is written during the run; `History.load` reads it
+            meanwhile and after a kill. With `comm` each rank writes a file of its own.
         append : bool, default False
-            Continue an existing file of `record_to` from the present state, which it must contain;
-            rows after it are replaced. The returned History is that of the whole file. Not with
-            energies.
+            Continue the file of `record_to` from the present state, which it must contain; rows
+            after it are replaced. Not with energies.
         overwrite : bool, default False
             Replace an existing file before the first step.
         record_springs : dict, optional
-            Springs whose deformation and force are recorded: indices by subdomain, None for all
-            springs of one. Default: none.
+            Springs whose deformation and force are recorded: indices by subdomain, None for all.
         outputs : dict, optional
-            Linear combinations of the motion, such as base shears, by subdomain and by name, which
-            are recorded as ``history[name].outputs[output]``: a matrix W, (rows, n) dense or sparse
-            or (n,), for W u, or a dict of them by "u", "v" and "a" for W_u u + W_v v + W_a a. With
-            ``record={}`` only outputs are recorded.
+            Linear combinations of the motion, such as base shears, by subdomain and name: a matrix
+            W, (rows, n) or (n,), for W u, or a dict of them by "u", "v" and "a". They are recorded
+            as ``history[name].outputs[output]``.
         tolerance : float or dict of float, optional
-            With "gc": local error of the displacements per unit of time, one number or by
-            subdomain, below which the chosen substeps stay; see Notes.
+            With "gc": choose substeps, powers of two up to 4096, so that the local error of the
+            displacements per unit of time stays below this, (Q5) and (Q6).
         progress : True or callable, optional
-            True: a tqdm bar. A callable is called as ``progress(done, total)``, in macro steps,
-            about every 50 ms and at the end. An exception in it ends the run.
+            True: a tqdm bar; or called as ``progress(done, total)`` about every 50 ms.
 
         Returns
         -------
@@ -339,32 +311,19 @@ class Coupler:
             When a value is not finite, or steps have added energy without bound, (B10).
         CallbackError
             When a compiled function did not return 0.
-        MemoryError
-            When the History exceeds the available memory.
-        ImportError
-            For ``progress=True`` without tqdm, and for `record_to` without h5py.
-        OSError
-            When `record_to` cannot be written or exists; for a wrong path before any load is
-            evaluated.
+        MemoryError, ImportError, OSError
+            When the History exceeds the memory, tqdm or h5py is missing, or `record_to` exists.
 
         Warns
         -----
         AccuracyWarning, StabilityWarning
-            When the recorded steps are too coarse for the motion, or under "macro" the macro step
-            for the multipliers; when steps are above the critical step for the stiffness seen in a
-            restoring callable or, at the beginning, for the present tangents of explicit
-            subdomains with internal forces; when steps have added energy, (B10).
+            When steps are too coarse, above the critical step of forces seen in the run, or have
+            added energy, (B10).
 
         Notes
         -----
-        An exception of a load or of a restoring force reaches the caller, and so does Ctrl-C,
-        within 0.1 s or a fine step, whichever is longer. After any exception the coupler is at the
-        last completed macro step, `last_history` has the run up to it, and the run can continue.
-
-        With `tolerance`, (Q5) and (Q6), a macro step with more than four times the tolerance is
-        repeated. All substeps become powers of two, at most 4096 (else an AccuracyWarning), and
-        stay after the run; a `record_to` file is written at its end. The estimate does not contain
-        the error at the interface.
+        After any exception, of a function too, and after Ctrl-C the coupler is at the last
+        completed macro step, `last_history` has the run up to it, and the run can continue.
 
         Examples
         --------
