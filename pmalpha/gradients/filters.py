@@ -149,14 +149,10 @@ def responses_to_state(scheme: Scheme, h: float, levels: int, double: bool) -> n
         out[1, ..., 1::2] = chain[..., 1 : (levels + 1) // 2 + 1]
         return out.reshape(8, 3, levels + 1)
     am, af, beta, gamma = scheme.am, scheme.af, scheme.beta, scheme.gamma
-    out = np.zeros((4, 3, levels + 1))
-    for unit in range(4):
-        u, v, w, a = np.eye(4)[unit]
-        out[unit, :, 0] = u, v, a
-        for k in range(1, levels + 1):
-            a1 = (af * w - am * a) / (1.0 - am)
-            u = u + h * v + h * h * ((0.5 - beta) * a + beta * a1)
-            v = v + h * ((1.0 - gamma) * a + gamma * a1)
-            w, a = 0.0, a1
-            out[unit, :, k] = u, v, a
-    return out
+    u0, v0, w0, a0 = np.eye(4)[..., None]
+    first = (af * w0 - am * a0) / (1.0 - am)
+    a = np.hstack([a0, first * (-am / (1.0 - am)) ** np.arange(levels)])
+    v = np.cumsum(np.hstack([v0, h * ((1.0 - gamma) * a[:, :-1] + gamma * a[:, 1:])]), axis=1)
+    step = h * v[:, :-1] + h * h * ((0.5 - beta) * a[:, :-1] + beta * a[:, 1:])
+    u = np.cumsum(np.hstack([u0, step]), axis=1)
+    return np.stack([u, v, a], axis=1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._checks import whole_number
-from ..errors import AccuracyWarning
+from ..results.history import History
 from .adjoint import Adjoint, Member, Sources
 from .differences import by_differences
 from .misfit import KINDS, Misfit
@@ -20,6 +19,8 @@ from .problem import Problem, require_adjoint, subdomain_of
 
 # Macro steps in a block: rounding grows with it, and the memory of a block.
 BLOCK = 100
+# Bytes of the motion that the gradient needs, up to which the run keeps it; else it is run again.
+KEPT = 2**27
 
 
 @dataclass(frozen=True)
@@ -80,8 +81,8 @@ def gradient(
         with reporting(2 * steps) as report:
             blocks = Blocks(coupler, problem, steps, block, report)
             result = blocks.gradient(objective, parameters, names)
-            judge(session, result.history)
-            return result
+    judge(session, result.history)
+    return result
 
 
 def _by_differences(
@@ -107,14 +108,19 @@ def _by_differences(
 
 @contextmanager
 def from_beginning(coupler: Any, session: Any) -> Iterator[None]:
-    """At t = 0 with the present initial values and loads; afterwards as before."""
+    """At t = 0 with the present initial values and loads; afterwards as before.
+
+    Runs in between are not judged by warnings.
+    """
     present, last = coupler.snapshot(), session.last_history
     names = [name for name, _ in session.keys]
     u0, v0 = (dict(zip(names, x)) for x in zip(*session.initial.values))
+    session.judges = False
     try:
         coupler.reset(u0, v0, dict(zip(names, session.loads.forces)))
         yield
     finally:
+        session.judges = True
         coupler.restore(present)
         session.last_history = last
 
@@ -140,20 +146,31 @@ class Blocks:
         """That of the block that begins there."""
         return self.single if first == 0 else self.steady
 
-    def forward(self, record: Any) -> tuple[list[Any], Any]:
-        """Snapshots at the beginnings of blocks, and the History."""
-        snapshots, pieces = [], []
-        for first, last in zip(self.borders, self.borders[1:]):
-            snapshots.append(self.coupler.snapshot())
-            pieces.append(self._run(last - first, record))
-            self._reported(last)
-        return snapshots, type(pieces[0]).join(pieces)
+    def forward(self, record: Any, names: Sequence[str]) -> tuple[list[Any], list[Any], Any]:
+        """Of each block a snapshot at its beginning or its motion, w at all borders, the History.
 
-    def _run(self, steps: int, record: Any) -> Any:
-        """A block, which is not judged: the whole run is."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", AccuracyWarning)
-            return self.coupler.run(steps=steps, record=record)
+        `names` are the subdomains of the parameters.
+        """
+        sizes = {x.name: x.n * x.substeps for x in self.single.members}
+        kept = 24 * self.steps * sum(sizes[name] for name in set(names)) <= KEPT
+        if kept and record is not None:
+            record = {**record, **dict.fromkeys(names)}
+        blocks, pieces, borders = [], [], []
+        for first, last in zip(self.borders, self.borders[1:]):
+            snapshot = self.coupler.snapshot()
+            borders.append(self.problem.accelerations())
+            pieces.append(self.coupler.run(steps=last - first, record=record))
+            blocks.append(pieces[-1] if kept else snapshot)
+            self._reported(last)
+        borders.append(self.problem.accelerations())
+        return blocks, borders, type(pieces[0]).join(pieces)
+
+    def motion(self, block: Any, steps: int, names: Sequence[str]) -> Any:
+        """That of a block of which there is the motion or a snapshot."""
+        if isinstance(block, History):
+            return block
+        self.coupler.restore(block)
+        return self.coupler.run(steps=steps, record=dict.fromkeys(names))
 
     def _reported(self, done: int) -> None:
         if self.report is not None:
@@ -164,7 +181,7 @@ class Blocks:
     ) -> Gradient:
         """`names` are the subdomains of the parameters."""
         record = objective.record if isinstance(objective, Misfit) else None
-        snapshots, history = self.forward(record)
+        blocks, accelerations, history = self.forward(record, names)
         value, given = objective(history)
         members, p, fine = self.single.members, self.single.p, self.single.fine
         sources, of_lam = checked_sources(members, given, history, self.steps)
@@ -184,10 +201,8 @@ class Blocks:
             adjoint = self.adjoint(first)
             if last < self.steps:
                 handed = adjoint.taking_over(start, of_start)
-            self.coupler.restore(snapshots.pop())
-            beginning = self.problem.accelerations()
-            run = self._run(last - first, dict.fromkeys(names))
-            end = self.problem.accelerations()
+            run = self.motion(blocks.pop(), last - first, names)
+            end, beginning = accelerations.pop(), accelerations[-1]
             mus, nu, start, of_start = adjoint.block(sources, of_lam, first, last, handed)
             velocity[first * fine + 1 : last * fine + 1] = nu
             for x, mu, eta in zip(members, mus, handed.eta):
@@ -264,4 +279,5 @@ def _sources(x: Member, given: Mapping[str, Any], history: Any, steps: int) -> S
                 f"{array.shape}"
             )
         arrays.append(array)
-    return Sources(dofs, *arrays)
+    present = np.any([np.any(array, axis=0) for array in arrays], axis=0)
+    return Sources(dofs[present], *(array[:, present] for array in arrays))

@@ -229,7 +229,7 @@ def _whole(dofs: Any) -> np.ndarray:
 def _element(value: Any, name: str, dofs: np.ndarray) -> np.ndarray:
     m, k = dofs.shape
     array = real_array(value, name, (2, 3))
-    if array.shape not in ((k, k), (m, k, k)):
+    if array.shape not in ((k, k), (1, k, k), (m, k, k)):
         raise ValueError(f"{name} must have shape {(k, k)} or {(m, k, k)}, got {array.shape}")
     return array if array.ndim == 3 else array[None]
 

@@ -157,7 +157,9 @@ class Problem:
         if self.single.p:
             rows = Constraint({s: L for s, L in zip(subdomains, self.matrices) if L.nnz}, velocity)
         o = self.options
-        return type(self.coupler)(subdomains, rows, dt=self.dt, coupling=o.coupling)
+        coupler = type(self.coupler)(subdomains, rows, dt=self.dt, coupling=o.coupling)
+        coupler._session.judges = False
+        return coupler
 
 
 def subdomain_of(keys: Any, p: Parameters) -> str:

@@ -118,6 +118,8 @@ def recorded(
 
 def judge(session: Session, history: History) -> None:
     """The warnings about a result."""
+    if not session.judges:
+        return
     parts, rows, motions = session.parts, session.rows, session.loads.motions
     warn_of_gains(parts)
     found = estimated_error(history.subdomains, parts, rows, motions)
