@@ -11,6 +11,7 @@ import pytest
 import waits
 
 import pmalpha as pm
+from pmalpha.results import history_file, recording, ring
 from pmalpha.run import paced, realtime
 
 FAST = 1e12  # a period of less than a nanosecond: every fine step is late
@@ -267,3 +268,86 @@ def test_a_run_of_no_steps_has_no_times():
     pacing = made().run_paced(0.0).pacing
     assert repr(pacing) == "<Pacing: no fine steps>" and pacing.missed == 0
     assert np.isnan(pacing.percentile(50.0)) and np.isnan(pacing.percentile([1, 2])).all()
+
+
+# ---- written by a thread of its own --------------------------------------------------------------
+
+
+@pytest.mark.parametrize("coupling", ["gc", "pm"])
+@pytest.mark.parametrize("options", [{}, {"every": 3}, {"energy": True, "record": {"b": [0]}}])
+def test_a_file_of_a_paced_run_is_that_of_a_run(coupling, options, tmp_path, monkeypatch):
+    pytest.importorskip("h5py")
+    monkeypatch.setattr(recording, "FILED_BYTES", 4000)  # some ten macro steps at a time
+    monkeypatch.setattr(ring, "INTERVAL", 0.001)
+    slow = dict(rate=20.0)  # half a millisecond a step
+    made(coupling, spring, threads=2).run(0.7, record_to=tmp_path / "run.h5", **options)
+    coupler = made(coupling, spring, threads=2)
+    history = coupler.run_paced(0.4, record_to=tmp_path / "paced.h5", **slow, **options)
+    if history.pacing.lost == 0 and not options.get("energy"):
+        path = dict(record_to=tmp_path / "paced.h5", append=True)
+        history = coupler.run_paced(0.7, **path, **slow, **options)
+        run = pm.History.load(tmp_path / "run.h5")
+        if history.pacing.lost == 0:  # else the machine was too busy; what is lost is tested below
+            assert np.array_equal(history["b"].u, run["b"].u)
+            assert np.array_equal(history.multipliers, run.multipliers)
+            assert np.array_equal(history.displacement_jump, run.displacement_jump)
+            assert np.array_equal(history.macro_times, run.macro_times)
+    assert history.macro_times.shape == history.displacement_jump.shape[:1]
+
+
+def test_a_full_ring_is_counted_and_never_waited_for(tmp_path, monkeypatch):
+    pytest.importorskip("h5py")
+    monkeypatch.setattr(recording, "FILED_BYTES", 4000)
+    monkeypatch.setattr(ring, "INTERVAL", 0.001)
+    over = []
+
+    def specimen(u, v, t):
+        over.append(t)
+        return 4.0 * u
+
+    write = history_file.HistoryFile.write
+
+    def blocked(*args):  # until the last fine step was commanded
+        waits.until(lambda: over[-1] >= 2.0)
+        write(*args)
+
+    monkeypatch.setattr(history_file.HistoryFile, "write", blocked)
+    run = made(restoring=spring).run(2.0)
+    path = tmp_path / "paced.h5"
+    history = made(restoring=specimen).run_paced(2.0, rate=FAST, record_to=path)
+    lost = history.pacing.lost
+    there = ~np.isnan(history["b"].u[:, 0])
+    assert 0 < lost == np.count_nonzero(np.isnan(history.displacement_jump)) < 100
+    assert np.array_equal(history["b"].u[there], run["b"].u[there])
+    assert np.count_nonzero(~there) == 2 * lost
+
+
+def test_a_file_that_cannot_be_written_is_raised_after_the_run(tmp_path, monkeypatch):
+    pytest.importorskip("h5py")
+
+    def full(*args):
+        raise OSError(28, "no space left")
+
+    monkeypatch.setattr(history_file.HistoryFile, "write", full)
+    coupler = made()
+    with pytest.raises(OSError, match="no space left"):
+        coupler.run_paced(0.2, rate=FAST, record_to=tmp_path / "paced.h5")
+    assert coupler.step_count == 10
+
+
+def test_a_paced_run_that_ends_early_has_its_file(tmp_path):
+    pytest.importorskip("h5py")
+    calls = []
+
+    def specimen(u, v, t):
+        calls.append(t)
+        if t > 0.1:
+            raise RuntimeError("enough")
+        return 4.0 * u
+
+    coupler = made(restoring=specimen)
+    with pytest.raises(RuntimeError, match="enough"):
+        coupler.run_paced(0.2, rate=FAST, record_to=tmp_path / "paced.h5")
+    assert coupler.step_count == 5 and coupler.last_history.pacing.due.size == 10
+    assert pm.History.load(tmp_path / "paced.h5").macro_times.size == 6
+    coupler.reset()  # and no ring is left

@@ -62,6 +62,8 @@ typedef struct {
     PyObject *motions;        /* list: the arrays of each prescribed motion */
     pma_processes *processes; /* the others, or NULL */
     PyObject *pace;           /* tuple (period, stops, signals, (origin, done), times), or NULL */
+    pma_ring ring;            /* of the record, if `held` is set */
+    PyObject *held;           /* its array, or NULL */
     atomic_bool busy;
 } CouplerObject;
 
@@ -115,6 +117,8 @@ PyObject *pma_subdomain_store_responses(SubdomainObject *self, PyObject *args);
 /* ... in rig.c. */
 PyObject *pma_subdomain_object_limit(SubdomainObject *self, PyObject *args);
 PyObject *pma_coupler_object_set_pace(CouplerObject *self, PyObject *obj);
+PyObject *pma_coupler_object_set_ring(CouplerObject *self, PyObject *obj);
+PyObject *pma_coupler_object_ring(CouplerObject *self, PyObject *obj);
 
 /* ... in cases.c: several load cases side by side. */
 PyObject *pma_subdomain_in_lanes(SubdomainObject *self, PyObject *ignored);

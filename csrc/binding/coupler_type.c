@@ -205,6 +205,7 @@ static int coupler_traverse(CouplerObject *self, visitproc visit, void *arg)
     Py_VISIT(self->arrays);
     Py_VISIT(self->motions);
     Py_VISIT(self->pace);
+    Py_VISIT(self->held);
     return 0;
 }
 
@@ -221,6 +222,7 @@ static void coupler_dealloc(CouplerObject *self)
     Py_XDECREF(self->arrays);
     Py_XDECREF(self->motions);
     Py_XDECREF(self->pace);
+    Py_XDECREF(self->held);
     PyObject_GC_Del(self);
     Py_DECREF(type);
 }
@@ -515,6 +517,12 @@ static PyMethodDef coupler_methods[] = {
      "set_pace(None | (period, stops, signals, state, times)): fine steps of later advances begin "
      "every `period` ns; state (2,) has their beginning and number, times (4, rows) when they "
      "began, commanded, received and ended; signals is a file to which those are written, or -1"},
+    {"set_ring", (PyCFunction)pma_coupler_object_set_ring, METH_O,
+     "set_ring(None | held): records have rows for held.size recorded macro steps, used in turn; "
+     "held, of int64, begins with -1"},
+    {"ring", (PyCFunction)pma_coupler_object_ring, METH_O,
+     "ring(read) -> (written, lost): so many recorded macro steps were read; all are written or "
+     "lost up to this macro step, and so many lost. From any thread"},
     {"record_present", (PyCFunction)coupler_record_present, METH_O,
      "record_present(record) -> None or (rank,): writes the present time level into row 0"},
     {"in_lanes", (PyCFunction)pma_coupler_in_lanes, METH_O,

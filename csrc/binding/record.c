@@ -194,6 +194,8 @@ static int take_selections(PyObject *obj, SubdomainObject *s, size_t last, pma_s
  * step. */
 static size_t last_row(const pma_record *record, int64_t end, size_t levels)
 {
+    if (record->ring)
+        return (size_t)record->ring->size * (record->every == 0 ? levels : 1);
     if (record->every == 0) {
         const size_t steps = (size_t)(end - record->begin);
         return steps > SIZE_MAX / levels ? SIZE_MAX : steps * levels;
@@ -258,6 +260,7 @@ int pma_take_record(CouplerObject *self, PyObject *obj, int64_t end, pma_record 
     }
     record->begin = begin;
     record->every = every;
+    record->ring = self->held ? &self->ring : NULL;
     const size_t lanes = count > 0 && pma_subdomain_of(self, 0)->of ? PMA_LANES : 1;
     const size_t first = pma_processes_first(self->processes);
     const size_t all = pma_processes_count(self->processes, (size_t)count);

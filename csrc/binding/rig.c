@@ -135,3 +135,38 @@ bool pma_signal_arrived(int fd)
     char buffer[64];
     return read(fd, buffer, sizeof buffer) > 0;
 }
+
+/* ---- a ring of records ---------------------------------------------------------------------- */
+
+PyObject *pma_coupler_object_set_ring(CouplerObject *self, PyObject *obj)
+{
+    const npy_intp any = -1;
+    PyArrayObject *array = NULL;
+    if (obj != Py_None && pma_take_array(obj, NPY_INT64, 1, &any, "held", NULL, &array) < 0)
+        return NULL;
+    if (array && (PyArray_DIM(array, 0) < 1 || !PyArray_ISWRITEABLE(array)))
+        return PyErr_Format(PyExc_ValueError, "held must be writeable and not empty");
+    if (pma_coupler_claim(self) < 0)
+        return NULL;
+    PyObject *held = array ? Py_NewRef(obj) : NULL;
+    pma_swap(&self->held, &held);
+    self->ring.size = array ? (int64_t)PyArray_DIM(array, 0) : 0;
+    self->ring.held = array ? PyArray_DATA(array) : NULL;
+    atomic_store(&self->ring.read, 0);
+    atomic_store(&self->ring.written, pma_coupler_step_count(self->core));
+    atomic_store(&self->ring.lost, 0);
+    pma_coupler_release(self);
+    Py_XDECREF(held);
+    Py_RETURN_NONE;
+}
+
+/* Not claimed: it is another thread that calls it while the coupler is stepped. */
+PyObject *pma_coupler_object_ring(CouplerObject *self, PyObject *obj)
+{
+    const long long read = PyLong_AsLongLong(obj);
+    if (read == -1 && PyErr_Occurred())
+        return NULL;
+    atomic_store_explicit(&self->ring.read, read, memory_order_release);
+    const long long written = atomic_load_explicit(&self->ring.written, memory_order_acquire);
+    return Py_BuildValue("(LL)", written, (long long)atomic_load(&self->ring.lost));
+}

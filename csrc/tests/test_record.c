@@ -28,6 +28,38 @@ static void the_row_of_a_time_level_follows_from_its_number(void)
     CHECK_INT(pma_record_row(&begun_at_one, 8, 1, 1), 1);
 }
 
+static void rows_of_a_ring_are_used_again_once_they_are_read_and_else_lost(void)
+{
+    int64_t held[2] = {-1, -1};
+    pma_ring ring = {.size = 2, .held = held};
+    const pma_record all = {.begin = 4, .every = 0, .ring = &ring};
+    for (int64_t macro = 4; macro < 7; macro++) /* there are rows for two of them */
+        pma_record_begin(&all, macro);
+    CHECK_INT(pma_record_row(&all, 4, 5, 5), 5);
+    CHECK_INT(pma_record_row(&all, 5, 1, 5), 6);
+    CHECK_INT(pma_record_row(&all, 6, 1, 5), PMA_NO_ROW);
+    CHECK_INT(ring.lost, 1);
+    atomic_store(&ring.read, 1);
+    pma_record_begin(&all, 7); /* in the slot of 5, which is not read */
+    atomic_store(&ring.read, 3);
+    pma_record_begin(&all, 8);
+    CHECK_INT(pma_record_row(&all, 7, 1, 5), PMA_NO_ROW);
+    CHECK_INT(pma_record_row(&all, 8, 2, 5), 2);
+    CHECK_INT(ring.lost, 2);
+    pma_record_end(&all, 9);
+    CHECK_INT(ring.written, 9);
+
+    held[0] = held[1] = -1;
+    atomic_store(&ring.read, 0);
+    const pma_record third = {.begin = 4, .every = 3, .ring = &ring};
+    for (int64_t macro = 4; macro < 12; macro++)
+        pma_record_begin(&third, macro);
+    CHECK_INT(pma_record_row(&third, 5, 5, 5), 1);
+    CHECK_INT(pma_record_row(&third, 8, 5, 5), 2);
+    CHECK_INT(pma_record_row(&third, 11, 5, 5), PMA_NO_ROW);
+    CHECK_INT(ring.lost, 3);
+}
+
 static void the_selected_dofs_of_a_state_are_written_in_the_order_of_the_selection(void)
 {
     double u[3] = {1, 2, 3}, v[3] = {4, 5, 6}, w[3] = {7, 8, 9};
@@ -168,6 +200,7 @@ static void a_run_without_constraints_leaves_the_interface_arrays_alone(void)
 
 const test RECORD_TESTS[] = {
     TEST(the_row_of_a_time_level_follows_from_its_number),
+    TEST(rows_of_a_ring_are_used_again_once_they_are_read_and_else_lost),
     TEST(the_selected_dofs_of_a_state_are_written_in_the_order_of_the_selection),
     TEST(the_selected_springs_of_a_state_are_written_too),
     TEST(outputs_are_weighted_sums_of_a_state),

@@ -352,6 +352,9 @@ class Coupler:
         record: Mapping[Any, Any] | None = None,
         every: int | None = None,
         energy: bool = False,
+        record_to: str | PathLike[str] | None = None,
+        append: bool = False,
+        overwrite: bool = False,
         record_springs: Mapping[Any, Any] | None = None,
         outputs: Mapping[Any, Any] | None = None,
         progress: Any = None,
@@ -378,6 +381,10 @@ class Coupler:
             Lock all memory of the process during the steps, so that none is paged. Needs rights.
         record, every, energy, record_springs, outputs, progress
             As for `run`. A callable of `progress` takes the GIL every 50 ms.
+        record_to, append, overwrite
+            As for `run`, but a thread of its own writes the file, from a ring of 16 MB. The steps
+            never wait for it: macro steps that find the ring full are NaN in the file, and counted
+            in ``pacing.lost``.
 
         Returns
         -------
@@ -420,7 +427,8 @@ class Coupler:
         pace = paced.Pace(rate, on_late, priority, lock_memory)
         chosen: dict[str, Any] = dict(record=record, every=every, energy=energy)
         chosen |= dict(record_springs=record_springs, outputs=outputs)
-        return paced.run_paced(self._session, t_end, pace, (None, False, False), progress, **chosen)
+        files = (record_to, append, overwrite)
+        return paced.run_paced(self._session, t_end, pace, files, progress, **chosen)
 
     def step(self, n: int = 1) -> None:
         """Advance by n macro steps without a History.

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,6 +13,8 @@ import numpy as np
 from .._checks import check_word, flag, positive_number, whole_number
 from ..results.history import History
 from ..results.pacing import Pacing, due_times
+from ..results.recording import Recording, recording_class
+from ..results.ring import RingRecording
 from .interrupts import HeldSignals
 from .progress import reporting
 from .realtime import check_priority, on_time, signals_written
@@ -40,7 +43,8 @@ def run_paced(
         done = session.done
         last = session.clock.end(t_end, None, done)
         times = Times(session, pace, last - done)
-        recording = recording_of(session, done, last, *record_to, **chosen)
+        kind = partial(paced_recording, session.core)
+        recording = recording_of(session, done, last, *record_to, kind=kind, **chosen)
         recording.block[:] = 0.0  # no page is touched for the first time in the run
         try:
             with reporting(progress, done, recording.end) as report:
@@ -48,10 +52,10 @@ def run_paced(
                 history = recorded(session, recording, report, held, around)
         except BaseException:
             if session.last_history is not None and times.state[1]:
-                session.last_history = replace(session.last_history, pacing=times.pacing())
+                session.last_history = replace(session.last_history, pacing=times.pacing(recording))
             raise
         session.last_history = None
-        return replace(history, pacing=times.pacing())
+        return replace(history, pacing=times.pacing(recording))
 
 
 def checked_pace(session: Session, pace: Pace) -> Pace:
@@ -75,6 +79,16 @@ def checked_pace(session: Session, pace: Pace) -> Pace:
         priority = whole_number(priority, "priority")
     check_priority(priority)
     return Pace(rate, pace.on_late, priority, flag(pace.lock_memory, "lock_memory"))
+
+
+def paced_recording(
+    core: Any, record_to: Any, *, append: bool, overwrite: bool
+) -> Callable[..., Recording]:
+    """What makes the recording: a file is written by a thread of its own."""
+    make = recording_class(record_to, append=append, overwrite=overwrite)
+    if record_to is None:
+        return make
+    return partial(RingRecording, core, record_to, append=append, overwrite=overwrite)
 
 
 class Times:
@@ -102,8 +116,9 @@ class Times:
             finally:
                 session.core.set_pace(None)
 
-    def pacing(self) -> Pacing:
+    def pacing(self, recording: Recording) -> Pacing:
         done = int(self.state[1])
         begun, commanded, returned, ended = self.times[:, :done].copy()
         due = due_times(self.period, done)
-        return Pacing(1e-9 * self.period, due, begun, commanded, returned, ended)
+        lost = recording.lost if isinstance(recording, RingRecording) else 0
+        return Pacing(1e-9 * self.period, due, begun, commanded, returned, ended, lost)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from os import PathLike
 from pathlib import Path
@@ -65,15 +65,17 @@ def recording_of(
     append: bool = False,
     overwrite: bool = False,
     *,
+    kind: Callable[..., Callable[..., Recording]] = recording_class,
     energy: bool = False,
     **chosen: Any,
 ) -> Recording:
-    """The arrays of a run between two macro steps; `chosen` are arguments of `Coupler.run`."""
+    """The arrays of a run between two macro steps; `chosen` are arguments of `Coupler.run`,
+    `kind` makes what makes them."""
     energy, conserved = flag(energy, "energy"), None
     if energy:
         conserved = conserved_quantity(session.parts, session.options, session.ranks)
     record_to = own_record(session, record_to, append, overwrite)
-    make = recording_class(record_to, append=append, overwrite=overwrite)
+    make = kind(record_to, append=append, overwrite=overwrite)
     return make(
         session.parts,
         session.keys,

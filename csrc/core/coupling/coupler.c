@@ -354,6 +354,8 @@ void pma_coupler_commit(pma_coupler *c)
     swap(&c->present, &c->reached);
     c->reached.number = c->present.number;
     c->k -= c->fine;
+    if (c->record && c->record->ring)
+        pma_record_end(c->record, c->origin.number + c->present.number);
 }
 
 /* All members have arrived at the end of a macro step. It is committed, or waits for the members
@@ -420,6 +422,8 @@ pma_status pma_coupler_advance(pma_coupler *c, int64_t steps, const pma_record *
     if (c->exchange && steps > 0)
         status = pma_exchange_present(c, status);
     for (int64_t step = 0; step < steps && status == PMA_OK; step++) {
+        if (record && record->ring)
+            pma_record_begin(record, c->origin.number + c->reached.number);
         status = take_step(c);
         if (status == PMA_OK) {
             reach(c);

@@ -4,13 +4,43 @@
 #include "coupling/schedule.h"
 #include "member/energy.h"
 
-size_t pma_record_row(const pma_record *record, int64_t macro, size_t j, size_t levels)
+/* How many recorded macro steps came before this one, or -1 where it is not recorded. */
+static inline int64_t count_before(const pma_record *record, int64_t macro)
 {
     if (record->every == 0)
-        return (size_t)(macro - record->begin) * levels + j;
-    if (j != levels || (macro + 1) % record->every != 0)
+        return macro - record->begin;
+    if ((macro + 1) % record->every != 0)
+        return -1;
+    return (macro + 1) / record->every - record->begin / record->every - 1;
+}
+
+size_t pma_record_row(const pma_record *record, int64_t macro, size_t j, size_t levels)
+{
+    const pma_ring *ring = record->ring;
+    int64_t before = count_before(record, macro);
+    if (before < 0 || (record->every > 0 && j != levels))
         return PMA_NO_ROW;
-    return (size_t)((macro + 1) / record->every - record->begin / record->every);
+    if (ring && ring->held[before % ring->size] != before)
+        return PMA_NO_ROW;
+    before = ring ? before % ring->size : before;
+    return record->every == 0 ? (size_t)before * levels + j : (size_t)before + 1;
+}
+
+void pma_record_begin(const pma_record *record, int64_t macro)
+{
+    pma_ring *ring = record->ring;
+    const int64_t before = count_before(record, macro);
+    if (before < 0)
+        return;
+    if (before - atomic_load_explicit(&ring->read, memory_order_acquire) < ring->size)
+        ring->held[before % ring->size] = before;
+    else
+        atomic_fetch_add(&ring->lost, 1);
+}
+
+void pma_record_end(const pma_record *record, int64_t macro)
+{
+    atomic_store_explicit(&record->ring->written, macro, memory_order_release);
 }
 
 size_t pma_recorder_row(const pma_coupler *c, size_t j, size_t levels)
