@@ -2,7 +2,7 @@
 
 The tower of the README on its rig: two subdomains with different steps, which the program that
 imports the FMU sees as one. `python examples/coupler_fmu.py` writes TowerOnRig.fmu. Whoever
-simulates it needs a Python with pmalpha; docs/beside-other-programs.md has the rest.
+simulates it needs a Python with pmalpha; docs/other-programs.md has the rest.
 """
 
 import struct

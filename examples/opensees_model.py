@@ -1,8 +1,8 @@
 """A frame in OpenSees, served to pmalpha: its matrices, or its lowest storey as a specimen.
 
 Three storeys, one bay; the columns of the lowest storey yield. OpenSees has one model in a process,
-so each runs in a process of its own, `with served("upper", "matrices") as model:`. docs/opensees.md
-is the program that calls this one.
+so each runs in a process of its own, `with served("upper", "matrices") as model:`. The program that
+calls this one is in docs/other-programs.md.
 
     matrices    a call without arguments returns M, C and K of the free dofs
     specimen    a call (u, v, t) moves the interface to u, and returns the forces that takes

@@ -1,4 +1,4 @@
-"""The program of docs/opensees.md, against what OpenSees computes alone."""
+"""The program of docs/other-programs.md, against what OpenSees computes alone."""
 
 import re
 import subprocess
@@ -49,12 +49,12 @@ def alone(what, *numbers):
 @pytest.fixture(scope="module")
 def page():
     """The names of the program of the page, which was run; it prints what is shown."""
-    code = "".join(
-        re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "opensees.md").read_text(), re.S)
-    )
+    text = (ROOT / "docs" / "other-programs.md").read_text()
+    section = re.search(r"\n## OpenSees\n(.*?)\n## ", text, re.S)[1]
+    code = "".join(re.findall(r"```python\n(.*?)```", section, re.S))
     names, printed = {}, []
     names["print"] = lambda value: printed.append(str(value))
-    exec(compile(code, "opensees.md", "exec"), names)
+    exec(compile(code, "other-programs.md", "exec"), names)
     assert printed == re.findall(r"print\(.*\)  # (.*)", code)
     return names
 

@@ -1,4 +1,4 @@
-"""The page docs/scikit-fem.md: its forms are a force and its tangent."""
+"""The section of docs/other-programs.md: its forms are a force and its tangent."""
 
 import re
 from pathlib import Path
@@ -12,7 +12,7 @@ from pmalpha import structures
 
 skfem = pytest.importorskip("skfem")
 
-PAGE = Path(__file__).parent.parent / "docs" / "scikit-fem.md"
+PAGE = Path(__file__).parent.parent / "docs" / "other-programs.md"
 LAM, MU = 1.4e6, 0.36e6
 E, NU = MU * (3 * LAM + 2 * MU) / (LAM + MU), LAM / (2 * (LAM + MU))
 STRETCH = np.array([[1.2, 0.3], [-0.2, 0.9]])
@@ -22,7 +22,8 @@ STRETCH = np.array([[1.2, 0.3], [-0.2, 0.9]])
 def page():
     """The names of the programs of the page, which were run."""
     names = {}
-    for program in re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL):
+    section = re.search(r"\n## scikit-fem\n(.*?)\n## ", PAGE.read_text(), re.DOTALL)[1]
+    for program in re.findall(r"```python\n(.*?)```", section, re.DOTALL):
         exec(compile(program, PAGE.name, "exec"), names)
     return names
 

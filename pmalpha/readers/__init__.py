@@ -1,6 +1,6 @@
 """Readers of matrices exported as text by Abaqus, CalculiX and Nastran, and of PEER records.
 
-docs/exported-matrices.md has the input of these programs. ``scipy.io.mmread`` and
+docs/other-programs.md has the input of these programs. ``scipy.io.mmread`` and
 ``scipy.io.hb_read`` read Matrix Market and Harwell-Boeing files.
 """
 

@@ -68,7 +68,7 @@ class Coupler:
         number of processors if (W1) to (W3) of docs/method.md predict a gain, else 1.
     comm : mpi4py.MPI.Intracomm, optional
         Processes that share the problem: `subdomains` are those of this rank, `constraints` the
-        same on every rank, and all ranks make the same calls; see docs/mpi.md.
+        same on every rank, and all ranks make the same calls; see docs/many.md.
 
     Raises
     ------
