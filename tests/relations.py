@@ -642,12 +642,12 @@ def pieces(run):
         coupler = whole.coupler()
         coupler.step(first)
         coupler.save(Path(folder, "state.npz"))
-        other = whole.coupler(threads=2, coupling="pm")
+        other = whole.coupler(threads=2)
         other.load(Path(folder, "state.npz"))
         other.step(STEPS - first)
     states = {key: getattr(other.state(key[1]), key[0])[None] for key in ends}
     require_equal(f"saved after {first} macro steps and loaded, with two threads", ends, states)
-    threads = whole.coupler(threads=3, coupling="pm").run(steps=STEPS)
+    threads = whole.coupler(threads=3).run(steps=STEPS)
     require_equal("three threads", one, results_of(threads))
 
 
@@ -664,7 +664,7 @@ def cases(run):
         chosen.append({"force": loads})
         if whole.g is None:  # else v0 has to satisfy g(0)
             chosen[-1]["v0"] = {p.name: factor * p.v0 for p in whole.parts}
-    coupler = whole.coupler(threads=2, coupling="pm")
+    coupler = whole.coupler(threads=2)
     together = coupler.run_each(chosen, steps=STEPS)
     for k, case in enumerate(chosen):
         coupler.reset(**case)

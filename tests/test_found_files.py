@@ -46,18 +46,18 @@ def forged_hdf5(tmp_path, change):
     saved(tmp_path, "other.h5")
     path = saved(tmp_path, "run.h5")
     with h5py.File(path, "r+") as whole:
-        del whole["0/u"]
+        del whole["A/u"]
         change(h5py, whole)
     return path
 
 
 ELSEWHERE = {
     "a link to another file": lambda h5py, whole: whole.__setitem__(
-        "0/u", h5py.ExternalLink("other.h5", "/0/u")
+        "A/u", h5py.ExternalLink("other.h5", "/A/u")
     ),
-    "a link in the file": lambda h5py, whole: whole.__setitem__("0/u", h5py.SoftLink("/1/u")),
+    "a link in the file": lambda h5py, whole: whole.__setitem__("A/u", h5py.SoftLink("/B/u")),
     "storage in another file": lambda h5py, whole: whole.create_dataset(
-        "0/u", (4, 1), "f8", external=[("other.h5", 0, 32)]
+        "A/u", (4, 1), "f8", external=[("other.h5", 0, 32)]
     ),
 }
 
@@ -65,14 +65,14 @@ ELSEWHERE = {
 @pytest.mark.parametrize("where", ELSEWHERE)
 def test_a_history_reads_no_other_file_than_its_own(tmp_path, where):
     path = forged_hdf5(tmp_path, ELSEWHERE[where])
-    refused(ValueError, lambda: pm.History.load(path), "run.h5", "0/u")
+    refused(ValueError, lambda: pm.History.load(path), "run.h5", "A/u")
 
 
 def test_an_array_that_was_never_written_is_refused_before_memory_is_taken(tmp_path):
     path = forged_hdf5(
-        tmp_path, lambda h5py, whole: whole.create_dataset("0/u", (2**40,), "f4", chunks=(1024,))
+        tmp_path, lambda h5py, whole: whole.create_dataset("A/u", (2**40,), "f4", chunks=(1024,))
     )
-    refused(ValueError, lambda: pm.History.load(path), "0/u must have 4398046511104 bytes")
+    refused(ValueError, lambda: pm.History.load(path), "A/u must have 4398046511104 bytes")
 
 
 @pytest.mark.parametrize("files", [["../run.h5"], ["/etc/passwd"], [".."]])

@@ -379,7 +379,7 @@ def test_a_dataset_has_the_arrays_of_the_history_with_names():
     np.testing.assert_array_equal(data["b\0_v"].sel({"b\0_dof": 1}), b.v[:, 0])
     for name in ("multipliers", "velocity_jump", "displacement_jump"):
         np.testing.assert_array_equal(data[name], getattr(history, name))
-    assert data["displacement_jump"].dims == ("macro_times", "condition")
+    assert data["displacement_jump"].dims == ("macro_times", "constraint")
     np.testing.assert_array_equal(data["multiplier_times"], history.multiplier_times)
     assert not [name for name in data.variables if name.startswith("left out")]
 
@@ -394,7 +394,7 @@ def test_a_dataset_shares_its_memory_with_the_history():
 
 def test_names_of_subdomains_never_meet_those_of_the_interface():
     pytest.importorskip("xarray")
-    names = ["macro", "multiplier", "a", "a_u", "condition"]
+    names = ["macro", "multiplier", "a", "a_u", "constraint"]
     subdomains = [oscillator(name=name) for name in names]
     history = pm.Coupler(subdomains, dt=0.1, coupling="pm").run(steps=2)
     data = history.to_xarray()
@@ -405,7 +405,7 @@ def test_names_of_subdomains_never_meet_those_of_the_interface():
 def test_a_dataset_of_one_subdomain_has_no_constraints():
     pytest.importorskip("xarray")
     data = pm.Coupler([oscillator()], dt=0.1).run(steps=2).to_xarray()
-    assert data.sizes["condition"] == 0
+    assert data.sizes["constraint"] == 0
     assert data["subdomain 0_u"].shape == (3, 2)
 
 
@@ -418,6 +418,7 @@ def test_without_xarray_the_error_names_what_to_install(monkeypatch):
 
 def test_the_arrays_of_a_history_are_those_of_the_table_of_quantities():
     others = {"name", "substep", "double_after", "outputs", "subdomains", "keys", "energy"}
+    others |= {"n", "dof_names"}
     for kind, table in ((pm.SubdomainHistory, OF_SUBDOMAIN), (pm.History, OF_INTERFACE)):
         assert {field.name for field in dataclasses.fields(kind)} - others == set(table)
 

@@ -112,10 +112,10 @@ def test_without_names_subdomains_and_constraint_are_pickled_together():
     "make, message",
     [
         (lambda: pm.tie("a", 0, "tower", 0), "must name subdomains of this coupler, 'a', 'b', got"),
-        (lambda: pm.tie("a", 3, "b", 0), "constraint 0 must fit 'a' of 3 dofs, got dof 3"),
+        (lambda: pm.tie("a", 3, "b", 0), "constraint 0: dofs_a must lie in 0..2, got 3 of 'a'"),
         (lambda: pm.Constraint({"a": [[1.0, 0.0]]}), "must fit 'a' of 3 dofs, got 2 columns"),
         (lambda: pm.Constraint({"a": np.eye(1, 5)}), "must fit 'a' of 3 dofs, got 5 columns"),
-        (lambda: pm.tie("a", -1, "b", 0), "dofs_a must not be negative, got -1"),
+        (lambda: pm.tie("a", -4, "b", 0), "constraint 0: dofs_a must lie in 0..2, got -4 of 'a'"),
         (lambda: pm.tie("a", 0, "a", 1), "a and b must be two different subdomains"),
         (lambda: pm.tie(chain(3, "a"), 0, "a", 1), "a and b must be two different subdomains"),
         (

@@ -170,7 +170,7 @@ def test_an_hdf5_file_names_the_outputs(tmp_path):
     coupler, options = two()
     coupler.run(steps=4, **options, record_to=tmp_path / "run.h5")
     with h5py.File(tmp_path / "run.h5") as file:
-        outputs = file["1/outputs"]
+        outputs = file["b/outputs"]
         assert [outputs[k].attrs["name"] for k in "01"] == [NAMES[0], "N/V.M?"]
         assert outputs["0"].shape == (13, 2)
         assert "a row for each time level" in outputs["0"].attrs["description"]
@@ -260,7 +260,7 @@ BAD = [
     ({"a": {"x": [1j]}}, TypeError, "must hold real numbers"),
     ({"a": {"x": sp.csr_array([[np.inf]])}}, ValueError, "stored entries .* must be finite"),
     ({"a": {"x": np.zeros((0, 1))}}, ValueError, r"one number of rows, at least 1, got \[0\]"),
-    ({"a": {"x": {}}}, ValueError, "a dict of matrices by 'u', 'v' or 'a', got keys"),
+    ({"a": {"x": {}}}, ValueError, "a dict of these by 'u', 'v' or 'a', got keys"),
     ({"a": {"x": {"w": [1.0]}}}, ValueError, r"by 'u', 'v' or 'a', got keys \['w'\]"),
     ({"a": {"x": {"v": [1.0, 2.0]}}}, ValueError, r"outputs\['a'\]\['x'\]\['v'\] must have 1 col"),
     ({"a": {"x": {"u": [1.0], "v": [[1.0], [2.0]]}}}, ValueError, r"number of rows.*\[1, 2\]"),

@@ -264,7 +264,7 @@ def test_a_history_from_a_file_draws_the_same(tmp_path):
     "arguments, error, message",
     [
         ({"dofs": {"A": [1]}}, ValueError, "dofs of 'A' must have been recorded, got 1; .* 0, 2"),
-        ({"dofs": {"A": [-1]}}, ValueError, "dofs of 'A' must lie in"),
+        ({"dofs": {"A": [-4]}}, ValueError, "dofs of 'A' must lie in"),
         ({"dofs": {"A": 0.5}}, TypeError, "dofs of 'A' must be a 1-D array of whole numbers"),
         ({"dofs": {"C": [0]}}, ValueError, "dofs: no subdomain 'C'; there are 'A', 'B'"),
         ({"dofs": {"B": [0]}}, ValueError, "dofs: subdomain 'B' was not recorded"),

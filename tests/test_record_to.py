@@ -66,7 +66,7 @@ def test_a_history_saved_as_hdf5_is_read_back_bitwise_identical(tmp_path, option
         loaded.save(path)  # over the one it was read from
         require_identical(pm.History.load(path), history)
         with h5py.File(path) as plain:
-            assert np.array_equal(plain["0/u"], history[0].u)
+            assert np.array_equal(plain[f"{history[0].name}/u"], history[0].u)
     assert os.listdir(tmp_path) == [path.name]
 
 
@@ -241,10 +241,10 @@ def test_others_read_while_the_run_goes_on(tmp_path, options):
                 assert pm.History.load(path).macro_times[-1] == file["step_count"][0] * 0.05
             counts.append(int(file["step_count"][0]))
             names = json.loads(file["header"][()])["names"]
-            assert names == ["A", "B"] and file["0/u"].shape == (200_001, 3)
+            assert names == ["A", "B"] and file["A/u"].shape == (200_001, 3)
             if counts[-1] == 0:
                 require_identical(pm.History.load(path), other.run(steps=0, record={"A": None}))
-            rows = file["0/t"][: counts[-1] + 1]
+            rows = file["A/t"][: counts[-1] + 1]
         np.testing.assert_array_equal(rows, np.arange(len(rows)) * 0.05)
 
     coupler.run(steps=200_000, record={"A": None}, record_to=path, progress=tell)

@@ -135,7 +135,7 @@ def test_place_finds_dofs_of_the_whole_among_the_free_ones():
     [
         ([0, 4, 1], "dofs must be free, got the fixed ones 1, 4"),
         ([6], r"dofs must lie in 0\.\.5, got 6"),
-        ([-1], r"dofs must lie in 0\.\.5, got -1"),
+        ([-7], r"dofs must lie in 0\.\.5, got -7"),
     ],
 )
 def test_place_refuses_dofs_that_are_fixed_or_do_not_exist(dofs, message):
@@ -191,9 +191,8 @@ def test_a_reduced_run_is_that_of_the_whole_with_the_dof_held_by_a_constraint():
     "fixed, message",
     [
         ([6], r"fixed must lie in 0\.\.5, got 6"),
-        ([-1], r"fixed must lie in 0\.\.5, got -1"),
+        ([-7], r"fixed must lie in 0\.\.5, got -7"),
         ([True, False], r"fixed must be a mask of shape \(6,\), got shape \(2,\)"),
-        (np.ones((6, 1), dtype=bool), r"fixed must be a mask of shape \(6,\), got shape \(6, 1\)"),
         (range(6), "fixed must leave a dof free, got all 6"),
         (np.ones(6, dtype=bool), "fixed must leave a dof free, got all 6"),
     ],
@@ -203,7 +202,7 @@ def test_invalid_fixed_dofs_are_refused(fixed, message):
         reduce(np.ones(6), np.ones(6), fixed=fixed)
 
 
-@pytest.mark.parametrize("fixed", [[1.0], 1.0, [[1, 2]], "left", None])
+@pytest.mark.parametrize("fixed", [[1.0], 1.0, [[1, 2]], "left", None, np.ones((6, 1), dtype=bool)])
 def test_fixed_dofs_of_the_wrong_kind_are_refused(fixed):
     with pytest.raises(TypeError, match="fixed must be a 1-D array of whole numbers"):
         reduce(np.ones(6), np.ones(6), fixed=fixed)

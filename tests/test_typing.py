@@ -73,7 +73,7 @@ pm.Subdomain([1.0], [1.0], scheme=pm.Newmark(), damping="lag")  # arg-type
 pm.Coupler([a], dt=0.1, coupling="GC")  # arg-type
 pm.Coupler([a], dt=0.1, start="rebase")  # arg-type
 pm.Coupler([a], dt=0.1, step=3)  # call-arg
-pm.tie(a, "0", a, 0)  # arg-type
+pm.tie(a, 0.5, a, 0)  # arg-type
 pm.Coupler([a], dt=0.1).run(1.0)["a"].w  # attr-defined
 """
 

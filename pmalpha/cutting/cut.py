@@ -13,6 +13,7 @@ from ..errors import FactorizationError
 from ..problem.argument_types import VectorLike
 from ..problem.constraints import Constraint
 from ..problem.damping import checked_rayleigh
+from ..problem.dofs import names_at
 from ..problem.matrices import diagonal
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
@@ -189,6 +190,7 @@ def _divided(structure: Any, whole: Whole, choice: Choice, dt: float | None, val
                 u0=u0[i],
                 v0=v0[i],
                 name=part.name,
+                dof_names=names_at(getattr(structure, "dof_names", None), division.dofs[i]),
             )
         )
     labels.setflags(write=False)

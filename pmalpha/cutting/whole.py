@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import counted, listing, numbered, plain_array
-from ..problem.dofs import checked_mask, dof_list
+from .._checks import counted, listing, numbered
+from ..problem.dofs import dof_array
 from ..structures.structure import Structure, idle_dofs
 from .assembled import GroupForce, assembled, assembled_mass
 from .elements import Elements
@@ -267,16 +267,10 @@ def whole_of(structure: Any, fixed: Any, points: Any) -> Whole:
     return WholeElements(groups, fixed, points)
 
 
-def _free(fixed: Any, n: int) -> np.ndarray:
+def _free(fixed: Any, n: int, names: Any = None) -> np.ndarray:
     free = np.ones(n, dtype=bool)
-    if fixed is None:
-        return free
-    given = plain_array(fixed, "fixed")
-    if given.dtype == bool:
-        free &= ~checked_mask(given, n, "fixed")
-    else:
-        once = np.unique(given) if given.dtype.kind in "iu" else given
-        free[dof_list(once, n, "fixed")] = False
+    if fixed is not None:
+        free[dof_array(fixed, n, "fixed", names)] = False
     if not free.any():
         raise ValueError(f"fixed must leave a dof free, got all {counted(n, 'dof')}")
     return free

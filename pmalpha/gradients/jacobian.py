@@ -154,11 +154,12 @@ def checked_sensors(sensors: Any, keys: Any) -> dict[str, np.ndarray]:
     """Dofs by name, each an array of int."""
     if not isinstance(sensors, Mapping) or not sensors:
         raise TypeError(f"sensors must be a dict of dofs by subdomain, got {sensors!r}")
-    sizes = {name: s.n for name, s in keys}
-    if unknown := set(sensors) - set(sizes):
-        raise KeyError(f"sensors must be of {sorted(sizes)}, got {sorted(map(str, unknown))}")
+    known = dict(keys)
+    if unknown := set(sensors) - set(known):
+        raise KeyError(f"sensors must be of {sorted(known)}, got {sorted(map(str, unknown))}")
     return {
-        name: dof_list(dofs, sizes[name], f"sensors[{name!r}]") for name, dofs in sensors.items()
+        name: dof_list(dofs, known[name].n, f"sensors[{name!r}]", known[name].dof_names)
+        for name, dofs in sensors.items()
     }
 
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .._checks import listing
 from ..problem.dofs import dof_list
+from ..results.dof_motion import columns_of
 from ..results.keys import by_index
 from .styling import LINES, shown_figure, shown_style, style
 
@@ -194,7 +194,8 @@ def _curves(history: Any, dofs: Any, quantity: str) -> Iterator[Curve]:
     for s, columns in chosen:
         for j in columns:
             # a legend omits labels that begin with an underscore
-            label = f"dof {s.dofs[j]} of {_shortened(s.name)}".replace("$", r"\$")
+            dof = f"dof {s.dofs[j]}" if s.dof_names is None else s.dof_names[j]
+            label = f"{dof} of {_shortened(s.name)}".replace("$", r"\$")
             yield Curve(label, s.t, getattr(s, quantity)[:, j])
 
 
@@ -244,16 +245,9 @@ def _columns(subdomain: Any, given: Any) -> list[int]:
     """The columns of the given dofs, of all dofs for None."""
     if given is None:
         return list(range(subdomain.dofs.size))
-    name = f"dofs of {subdomain.name!r}"
-    dofs = dof_list(given, np.iinfo(np.int64).max, name)
-    columns = {int(dof): j for j, dof in enumerate(subdomain.dofs)}
-    missing = [int(dof) for dof in dofs if int(dof) not in columns]
-    if missing:
-        raise ValueError(
-            f"{name} must have been recorded, got {listing(missing)}; "
-            f"recorded are {listing(subdomain.dofs)}"
-        )
-    return [columns[int(dof)] for dof in dofs]
+    return columns_of(
+        given, subdomain.dofs, subdomain.n, subdomain.dof_names, f"dofs of {subdomain.name!r}"
+    )
 
 
 def _rows(history: Any, conditions: Any) -> list[int]:

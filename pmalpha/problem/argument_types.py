@@ -49,5 +49,5 @@ class SparseLike(Protocol):
 VectorLike: TypeAlias = float | Sequence[float] | np.ndarray | SupportsArray
 # (n,) for a diagonal, (n, n), or sparse.
 MatrixLike: TypeAlias = VectorLike | Sequence[Sequence[float]] | Sequence[np.ndarray] | SparseLike
-# One dof, numbers of dofs, or a mask.
-DofsLike: TypeAlias = int | Sequence[int] | np.ndarray | SupportsArray
+# One dof, numbers or names of dofs, or a mask.
+DofsLike: TypeAlias = int | str | Sequence[int | str] | np.ndarray | SupportsArray

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
 
-from .._checks import counted, listing, numbered
+from .._checks import counted, listing, numbered, plain_array
 from .argument_types import DofsLike, MatrixLike
 from .dofs import dof_list
 from .forces import BaseAcceleration, SampledForce, checked_force
@@ -39,7 +40,8 @@ class Constraint(Frozen):
     matrices : dict
         A matrix L_i, (p, n_i) dense or scipy.sparse, for each of the one or more subdomains that
         the constraints involve, by the `Subdomain` or by its name. A name is looked up, and n_i
-        compared, by the `Coupler`.
+        compared, by the `Coupler`. A list of p names of dofs is the matrix that selects them:
+        ``Constraint({"frame": ["left", "right"]}, velocity=SupportMotion(...))``.
     velocity : callable, `SampledForce` or (p,) array, optional
         Right-hand side g(t) of the p rows. It is evaluated at every fine step, in advance like a
         load, and the initial velocities must satisfy it. Its derivative at t = 0, which the initial
@@ -79,10 +81,9 @@ class Constraint(Frozen):
     def __init__(self, matrices: MatricesLike, velocity: Any = None):
         if not isinstance(matrices, Mapping) or not matrices:
             raise TypeError(f"matrices must be a dict of matrices by subdomain, got {matrices!r}")
-        self.matrices: dict[Subdomain | str, sp.csr_array] = {
+        self.matrices: dict[Subdomain | str, sp.csr_array | Chosen] = {
             s: _constraint_matrix(s, L) for s, L in matrices.items()
         }
-        self._by_dofs: tuple[str, ...] = ()  # names whose matrices may lack columns: of ties
         names = [name_of(s) for s in self.matrices]
         if len(set(names) - {None}) < len(names) - names.count(None):
             raise ValueError(f"matrices must not name a subdomain twice, got {listing(names)}")
@@ -90,7 +91,7 @@ class Constraint(Frozen):
         if len(rows) > 1:
             raise ValueError(f"matrices must have the same number of rows, got {sorted(rows)}")
         self.p = rows.pop()
-        counts = sum(np.diff(L.indptr) for L in self.matrices.values())
+        counts = sum(_counts(L) for L in self.matrices.values())
         if self.p == 0:
             raise ValueError("matrices must have at least one row, got none")
         if np.any(counts == 0):
@@ -111,7 +112,7 @@ class Constraint(Frozen):
 
     def __repr__(self) -> str:
         subdomains = [
-            name_of(s) or f"subdomain of {counted(L.shape[1], 'dof')}"
+            name_of(s) or f"subdomain of {counted(L.shape[1] or 0, 'dof')}"
             for s, L in self.matrices.items()
         ]
         *others, last = map(repr, subdomains)
@@ -131,11 +132,76 @@ def name_of(subdomain: Subdomain | str) -> str | None:
     return subdomain if isinstance(subdomain, str) else subdomain.name
 
 
-def _constraint_matrix(subdomain: Any, L: Any) -> sp.csr_array:
+@dataclass(frozen=True)
+class Chosen:
+    """Rows with one entry, in dofs of a subdomain that is given by its name.
+
+    Their numbers are known where the subdomain is, in the `Coupler`.
+
+    Attributes
+    ----------
+    dofs : sequence
+        Numbers and names, one a row.
+    entry : float
+        Of all rows.
+    what : str
+        The argument, for errors.
+    """
+
+    dofs: Sequence[Any]
+    entry: float
+    what: str
+
+    @property
+    def shape(self) -> tuple[int, None]:
+        return len(self.dofs), None
+
+    def matrix(self, n: int, names: Sequence[str] | None) -> sp.csr_array:
+        """The rows, for a subdomain of n dofs with these names."""
+        return selection(dof_list(self.dofs, n, self.what, names), self.entry, n)
+
+
+def selection(dofs: np.ndarray, entry: float, n: int) -> sp.csr_array:
+    """Rows with one entry each, (dofs, n)."""
+    p = dofs.size
+    return sp.csr_array((np.full(p, entry), (np.arange(p), dofs)), shape=(p, n))
+
+
+def _counts(L: sp.csr_array | Chosen) -> np.ndarray:
+    """Entries in each row."""
+    return np.ones(L.shape[0], int) if isinstance(L, Chosen) else np.diff(L.indptr)
+
+
+def _constraint_matrix(subdomain: Any, L: Any) -> sp.csr_array | Chosen:
     if not isinstance(subdomain, (Subdomain, str)):
         raise TypeError(f"matrices must be keyed by Subdomain or name, got {subdomain!r}")
+    if isinstance(L, Chosen):  # of a tie
+        return L
+    if isinstance(L, str) or isinstance(L, (list, tuple)) and any(isinstance(x, str) for x in L):
+        return chosen(L, subdomain, 1.0, f"dofs of {name_of(subdomain)!r}")
     columns = None if isinstance(subdomain, str) else subdomain.n
     return rectangular(L, columns, f"L of {subdomain!r}", ndim=2)
+
+
+def chosen(
+    value: Any, subdomain: Subdomain | str, entry: float, what: str
+) -> sp.csr_array | Chosen:
+    """Rows with one entry each, in dofs as a user gives them."""
+    if isinstance(subdomain, Subdomain):
+        dofs = dof_list(value, subdomain.n, what, subdomain.dof_names)
+        return selection(dofs, entry, subdomain.n)
+    array = plain_array(value, what)
+    if array.dtype.kind == "b" and array.ndim == 1:
+        value = array = np.flatnonzero(array)
+    if array.dtype.kind not in "UO" and not (array.dtype.kind == "i" and array.min(initial=0) < 0):
+        dof_list(array, None, what)  # its errors do not depend on the subdomain
+    elif array.ndim > 1:
+        raise TypeError(f"{what} must be a 1-D array of whole numbers or names, got {value!r}")
+    own = [value] if array.ndim == 0 else list(value)
+    if len(set(own)) < len(own):
+        twice = sorted({str(x) for x in own if own.count(x) > 1})
+        raise ValueError(f"{what} must not repeat a dof, got {listing(twice)} twice")
+    return Chosen(tuple(own), entry, what)
 
 
 def tie(a: Subdomain | str, dofs_a: DofsLike, b: Subdomain | str, dofs_b: DofsLike) -> Constraint:
@@ -147,11 +213,12 @@ def tie(a: Subdomain | str, dofs_a: DofsLike, b: Subdomain | str, dofs_b: DofsLi
     ----------
     a : Subdomain or str
         One side, or its name.
-    dofs_a : int, (p,) array of int, or (n,) array of bool
-        Its dofs, in numbers or as a mask.
+    dofs_a : int, str, (p,) array of them, or (n,) array of bool
+        Its dofs: numbers, of which negative ones count from the end, names (`dof_names`), or a
+        mask.
     b : Subdomain or str
         The other side, or its name.
-    dofs_b : int, (p,) array of int, or (n,) array of bool
+    dofs_b : int, str, (p,) array of them, or (n,) array of bool
         Its dofs; entry k of `dofs_a` is tied to entry k of `dofs_b`.
 
     Returns
@@ -162,8 +229,8 @@ def tie(a: Subdomain | str, dofs_a: DofsLike, b: Subdomain | str, dofs_b: DofsLi
     Raises
     ------
     TypeError, ValueError
-        For dofs that are not whole numbers, out of range, repeated, or of unequal number. Where a
-        side is given by name, the `Coupler` compares its dofs with the number that it has.
+        For dofs that are not whole numbers or names, out of range, repeated, or of unequal number.
+        Where a side is given by name, the `Coupler` looks its dofs up.
 
     Examples
     --------
@@ -175,17 +242,15 @@ def tie(a: Subdomain | str, dofs_a: DofsLike, b: Subdomain | str, dofs_b: DofsLi
     <2 constraints on 'tower' and 'rig'>
     """
     require_two(a, b)
-    columns_a, columns_b = _dofs(dofs_a, a, "dofs_a"), _dofs(dofs_b, b, "dofs_b")
-    if columns_a.size != columns_b.size or columns_a.size == 0:
+    rows_a, rows_b = chosen(dofs_a, a, 1.0, "dofs_a"), chosen(dofs_b, b, -1.0, "dofs_b")
+    counts = rows_a.shape[0], rows_b.shape[0]
+    if counts[0] != counts[1] or counts[0] == 0:
         raise ValueError(
             "dofs_a and dofs_b must have the same length, at least one, got "
-            f"{columns_a.size} and {columns_b.size}"
+            f"{counts[0]} and {counts[1]}"
         )
-    matrices = {a: _boolean(columns_a, 1.0, a), b: _boolean(columns_b, -1.0, b)}
-    constraint = Constraint(matrices)
-    names = tuple(s for s in matrices if isinstance(s, str))
-    object.__setattr__(constraint, "_by_dofs", names)
-    return constraint
+    matrices: Any = {a: rows_a, b: rows_b}
+    return Constraint(matrices)
 
 
 def require_two(a: Any, b: Any) -> None:
@@ -195,13 +260,3 @@ def require_two(a: Any, b: Any) -> None:
             raise TypeError(f"a and b must be Subdomains or their names, got {s!r}")
     if a is b or (name_of(a) is not None and name_of(a) == name_of(b)):
         raise ValueError(f"a and b must be two different subdomains, got {a!r} and {b!r}")
-
-
-def _dofs(value: Any, subdomain: Subdomain | str, name: str) -> np.ndarray:
-    return dof_list(value, None if isinstance(subdomain, str) else subdomain.n, name)
-
-
-def _boolean(columns: np.ndarray, sign: float, subdomain: Subdomain | str) -> sp.csr_array:
-    p = columns.size
-    n = int(columns.max()) + 1 if isinstance(subdomain, str) else subdomain.n
-    return sp.csr_array((np.full(p, sign), (np.arange(p), columns)), shape=(p, n))

@@ -12,7 +12,8 @@ from .._checks import counted
 from .frozen import Frozen
 from .internal import Internal, checked_internal
 from .schemes import Scheme
-from .springs import GROUND, CubicSpring, Gap, Spring, check_dofs
+from .spring_dofs import GROUND
+from .springs import CubicSpring, Gap, Spring
 
 __all__ = ["DiscreteGradient"]
 
@@ -72,7 +73,11 @@ class DiscreteGradient(Frozen):
         self.history = np.zeros(1 + 2 * sum(len(item) for item in items))
         self.history.flags.writeable = False
         self.pattern = None
+        if all(item.dofs.dtype != object for item in items):
+            self._prepare(items)
+        self._freeze()
 
+    def _prepare(self, items: Sequence[Spring]) -> None:
         # where forces and tangents are added: at both ends of each spring that are not the ground
         first, second = np.concatenate([item.dofs for item in items]).T
         self._dofs = np.concatenate([first, second])
@@ -84,7 +89,10 @@ class DiscreteGradient(Frozen):
         places, self._slots = np.unique(pairs, axis=0, return_inverse=True)
         self._slots = self._slots.reshape(-1)
         self._rows, self._columns = places.T.copy()
-        self._freeze()
+
+    def _placed(self, n: int, names: Sequence[str] | None, label: str) -> DiscreteGradient:
+        """The same with numbers of dofs of a subdomain; `label` is that of the argument."""
+        return DiscreteGradient([item._placed(n, names, label) for item in self.springs])
 
     def __repr__(self) -> str:
         return f"<DiscreteGradient of {counted((self.history.size - 1) // 2, 'spring')}>"
@@ -142,13 +150,14 @@ class DiscreteGradient(Frozen):
         return sp.csr_array((data, self._columns, starts), shape=(n, n))
 
 
-def internal_for(internal: Any, scheme: Scheme, n: int) -> Internal | None:
+def internal_for(
+    internal: Any, scheme: Scheme, n: int, names: Sequence[str] | None = None
+) -> Internal | None:
     """A user's internal forces, checked, discrete gradients for the trapezoidal rule alone."""
-    own = checked_internal(internal, n)
+    own = checked_internal(internal, n, names)
     for force in [] if own is None else [force.evaluate for force in own.forces]:
         if not isinstance(force, DiscreteGradient):
             continue
-        check_dofs(force.springs, n, "internal")
         exact = (scheme.beta, scheme.gamma, scheme.am) == (0.25, 0.5, scheme.af)
         if scheme.explicit or not exact:
             raise ValueError(

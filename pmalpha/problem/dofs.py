@@ -1,38 +1,179 @@
-"""Numbers of dofs as a user gives them."""
+"""Dofs as a user gives them: numbers, negative ones that count from the end, names, masks."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from difflib import get_close_matches
+from typing import Any, overload
 
 import numpy as np
 
-from .._checks import MOST, listing, plain_array
+from .._checks import MOST, counted, listing, plain_array
+
+# Names among which the nearest one is looked for.
+MOST_COMPARED = 20_000
 
 
-def dof_list(value: Any, n: int | None, name: str) -> np.ndarray:
-    """Whole numbers in 0..n-1, none twice: from one number, several, or a mask of n.
+class NodeNames(Sequence[str]):
+    """Names of the dofs of a mesh, "ux 12": the component and the number of the node.
 
-    Where n is not known, None, they are not negative.
+    They are not stored: a mesh may have millions of dofs.
+
+    Parameters
+    ----------
+    components : sequence of str
+        Of a node, in the order of its dofs.
+    numbers : (n,) array of int
+        The dofs, in the numbering of all dofs of the mesh.
+    whole : int
+        Number of all dofs of the mesh.
     """
-    dofs = plain_array(value, name)
+
+    def __init__(self, components: Sequence[str], numbers: np.ndarray, whole: int):
+        self.components, self.numbers, self.whole = tuple(components), numbers, whole
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    @overload
+    def __getitem__(self, i: int) -> str: ...
+
+    @overload
+    def __getitem__(self, i: slice) -> tuple[str, ...]: ...
+
+    def __getitem__(self, i: int | slice) -> str | tuple[str, ...]:
+        if isinstance(i, slice):
+            return tuple(map(self._name, self.numbers[i]))
+        return self._name(self.numbers[i])
+
+    def _name(self, dof: int) -> str:
+        node, component = divmod(int(dof), len(self.components))
+        return f"{self.components[component]} {node}"
+
+    def index(self, name: Any, *limits: Any) -> int:
+        """The position of a name; ValueError if it is not there."""
+        component, _, node = str(name).rpartition(" ")
+        if component in self.components and node.isdecimal():
+            dof = len(self.components) * int(node) + self.components.index(component)
+            found = np.flatnonzero(self.numbers == dof)
+            if found.size:
+                return int(found[0])
+        raise ValueError(f"{name!r} is not among the names")
+
+    def __repr__(self) -> str:
+        return f"<names of {counted(len(self), 'dof')} of nodes>"
+
+
+def checked_names(value: Any, n: int) -> Sequence[str] | None:
+    """The names of n dofs, different words."""
+    if value is None:
+        return None
+    if isinstance(value, str) or not isinstance(value, (Sequence, np.ndarray)):
+        raise TypeError(f"dof_names must be a list of {counted(n, 'name')}, got {value!r}")
+    if len(value) != n:
+        raise ValueError(f"dof_names must be {counted(n, 'name')}, one a dof, got {len(value)}")
+    if isinstance(value, NodeNames):
+        return value
+    for name in value:
+        if not isinstance(name, str) or not name:
+            raise TypeError(f"dof_names must be words that are not empty, got {name!r}")
+    names = tuple(map(str, value))
+    if len(set(names)) < n:
+        twice = sorted({name for name in names if names.count(name) > 1})
+        raise ValueError(f"dof_names must be different, got {listing(twice)} twice")
+    return names
+
+
+def names_at(names: Sequence[str] | None, dofs: np.ndarray) -> Sequence[str] | None:
+    """The names of some of the dofs."""
+    if names is None:
+        return None
+    if isinstance(names, NodeNames):
+        return NodeNames(names.components, names.numbers[dofs], names.whole)
+    return tuple(names[i] for i in dofs)
+
+
+def dof_list(
+    value: Any, n: int | None, name: str, names: Sequence[str] | None = None
+) -> np.ndarray:
+    """Different dofs, (k,), as `dof_array`."""
+    if np.ndim(plain_array(value, name)) > 1:
+        raise TypeError(f"{name} must be a 1-D array of whole numbers, got {value!r}")
+    dofs = np.atleast_1d(dof_array(value, n, name, names))
+    values, counts = np.unique(dofs, return_counts=True)
+    if np.any(counts > 1):
+        raise ValueError(f"{name} must not repeat a dof, got {listing(values[counts > 1])} twice")
+    return dofs
+
+
+def dof_array(
+    value: Any, n: int | None, name: str, names: Sequence[str] | None = None
+) -> np.ndarray:
+    """Whole numbers in 0..n-1: from numbers, of which negative ones count from the end, from names,
+    from both, or from a mask of n.
+
+    Where n is not known, None, they are numbers that are not negative.
+
+    Parameters
+    ----------
+    value : int, str, array_like of them, or mask
+    n : int or None
+        Number of dofs.
+    name : str
+        Of the argument, for errors.
+    names : sequence of str, optional
+        Of the n dofs.
+
+    Returns
+    -------
+    ndarray of int
+        Of the shape of the value; of a mask the numbers, (k,).
+    """
+    dofs = plain_array(numbers_of(value, name, names), name)
     if dofs.size == 0:
         dofs = dofs.astype(np.int64)
     if dofs.dtype.kind == "b" and dofs.ndim == 1:
         return np.flatnonzero(dofs if n is None else checked_mask(dofs, n, name))
-    if dofs.dtype.kind not in "iu" or dofs.ndim > 1:
+    if dofs.dtype.kind not in "iu":
         raise TypeError(f"{name} must be a 1-D array of whole numbers, got {value!r}")
-    dofs = np.atleast_1d(dofs)
-    outside = dofs[(dofs < 0) | (dofs >= (MOST if n is None else n))]
+    outside = dofs[(dofs < (0 if n is None else -n)) | (dofs >= (MOST if n is None else n))]
     if outside.size and n is None:
         rule = "not be negative" if outside.min() < 0 else f"be below {MOST}"
         raise ValueError(f"{name} must {rule}, got {listing(outside)}")
     if outside.size:
         assert n is not None
         raise ValueError(f"{name} must lie in 0..{n - 1}, got {listing(outside)}")
-    values, counts = np.unique(dofs, return_counts=True)
-    if np.any(counts > 1):
-        raise ValueError(f"{name} must not repeat a dof, got {listing(values[counts > 1])} twice")
-    return dofs.astype(np.int64)
+    dofs = dofs.astype(np.int64)
+    return dofs if n is None else np.where(dofs < 0, dofs + n, dofs)
+
+
+def numbers_of(value: Any, name: str, names: Sequence[str] | None) -> Any:
+    """The same with numbers in place of names."""
+    if isinstance(value, str):
+        return number_of(value, name, names)
+    if isinstance(value, np.ndarray) and value.dtype.kind in "UO":
+        value = value.tolist()
+    if isinstance(value, (list, tuple)) and any(isinstance(x, (str, list, tuple)) for x in value):
+        return [
+            numbers_of(x, name, names) if isinstance(x, (str, list, tuple)) else x for x in value
+        ]
+    return value
+
+
+def number_of(given: str, name: str, names: Sequence[str] | None) -> int:
+    """The number of a dof by its name; ValueError with the nearest name."""
+    if names is None:
+        raise TypeError(
+            f"{name} must be a 1-D array of whole numbers, since there are no dof_names, got "
+            f"{given!r}"
+        )
+    try:
+        return names.index(given)
+    except ValueError:
+        near = get_close_matches(given, names[:MOST_COMPARED], n=1, cutoff=0.0)
+        raise ValueError(
+            f"{name} must be names of dofs, got {given!r}; the nearest is {near[0]!r}"
+        ) from None
 
 
 def checked_mask(mask: np.ndarray, n: int, name: str) -> np.ndarray:

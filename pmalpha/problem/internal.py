@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -17,7 +17,7 @@ from .frozen import Frozen
 from .lowlevel import check_signature
 from .matrices import read_only, shorten_indices
 from .restoring import labelled
-from .springs import Spring, check_dofs
+from .springs import Spring
 from .tangent_check import TangentCheck, check_tangents
 from .tangents import by_rows
 
@@ -244,7 +244,7 @@ class Internal:
     labels: tuple[str, ...] = ()
 
 
-def checked_internal(internal: Any, n: int) -> Internal | None:
+def checked_internal(internal: Any, n: int, names: Sequence[str] | None = None) -> Internal | None:
     """A user's internal forces, checked as far as possible without evaluating them.
 
     None where there are none: an empty list is the sum of no forces.
@@ -254,8 +254,9 @@ def checked_internal(internal: Any, n: int) -> Internal | None:
     items = labelled(internal, "internal")
     springs, forces, labels = [], [], []
     for item, label in items:
+        if hasattr(item, "_placed"):  # springs, or forces made of some
+            item = item._placed(n, names, label)
         if isinstance(item, Spring):
-            check_dofs((item,), n, label)
             springs.append(item)
         else:
             forces.append(_force(item, label, n))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,7 @@ import scipy.sparse as sp
 
 from .._checks import counted, listing, plain_array, require_finite
 from .argument_types import DofsLike, MatrixLike
-from .dofs import checked_mask, dof_list
+from .dofs import checked_names, dof_array, names_at
 from .matrices import Matrix, canonical, plain_matrices, sparse_diagonal
 
 __all__ = ["Reduction", "reduce"]
@@ -36,6 +37,8 @@ class Reduction:
         The free dofs, ascending.
     fixed : (n - n_free,) ndarray of int
         The fixed dofs, ascending.
+    all_names : sequence of str or None
+        The `dof_names` that were given, of all dofs.
 
     Examples
     --------
@@ -56,6 +59,12 @@ class Reduction:
     n: int
     free: np.ndarray
     fixed: np.ndarray
+    all_names: Sequence[str] | None = None
+
+    @property
+    def dof_names(self) -> Sequence[str] | None:
+        """Names of the free dofs, for `Subdomain`; None without names."""
+        return names_at(self.all_names, self.free)
 
     def __repr__(self) -> str:
         return f"<Reduction of {counted(self.n, 'dof')} to {self.free.size}>"
@@ -93,7 +102,7 @@ class Reduction:
 
         Parameters
         ----------
-        dofs : array_like of int, any shape, or (n,) array of bool
+        dofs : array_like of int or str, any shape, or (n,) array of bool
             Free dofs, in the numbering of the unreduced matrices, or a mask.
 
         Returns
@@ -111,13 +120,11 @@ class Reduction:
         >>> reduce([1.0, 1.0, 1.0], [2.0, 2.0, 2.0], fixed=[1]).place([0, 2]).tolist()
         [0, 1]
         """
-        wanted = plain_array(dofs, "dofs")
-        if wanted.dtype == bool:
-            wanted = dof_list(wanted, self.n, "dofs")
-        held = np.intersect1d(dof_list(np.unique(wanted), self.n, "dofs"), self.fixed)
+        wanted = dof_array(dofs, self.n, "dofs", self.all_names)
+        held = np.intersect1d(wanted, self.fixed)
         if held.size:
             raise ValueError(f"dofs must be free, got the fixed ones {listing(held)}")
-        return np.searchsorted(self.free, wanted if wanted.size else wanted.astype(np.int64))
+        return np.searchsorted(self.free, wanted)
 
     def reduce_load(self, f: Any) -> np.ndarray:
         """The entries of a load on the free dofs.
@@ -186,7 +193,12 @@ class Reduction:
 
 
 def reduce(
-    M: MatrixLike, K: MatrixLike | None, C: MatrixLike | None = None, *, fixed: DofsLike
+    M: MatrixLike,
+    K: MatrixLike | None,
+    C: MatrixLike | None = None,
+    *,
+    fixed: DofsLike,
+    dof_names: Sequence[str] | np.ndarray | None = None,
 ) -> Reduction:
     """Remove the rows and columns of dofs that are fixed to the ground.
 
@@ -195,9 +207,12 @@ def reduce(
     M, K, C : (n,) array, (n, n) array or scipy.sparse matrix or array
         As for `Subdomain`, symmetric, with all dofs. K or C can be None, and is then None in the
         result.
-    fixed : int, array of int, or (n,) array of bool
-        The dofs that do not move: their numbers, in any order, possibly repeated, or a mask. All
-        dofs at x = 0 of nodes with two dofs each: ``np.repeat(points[:, 0] == 0.0, 2)``.
+    fixed : int, str, array of them, or (n,) array of bool
+        The dofs that do not move: their numbers or names, in any order, possibly repeated, or a
+        mask. All dofs at x = 0 of nodes with two dofs each: ``np.repeat(points[:, 0] == 0.0, 2)``.
+    dof_names : sequence of n str, optional
+        Names of all dofs, such as ``structure.dof_names``. Those of the free ones are
+        ``reduction.dof_names``.
 
     Returns
     -------
@@ -229,7 +244,12 @@ def reduce(
     mass, n = canonical(M, "M")
     named = (("K", K), ("C", C))
     stiffness, damping = (None if A is None else canonical(A, name, n)[0] for name, A in named)
-    mask = _mask(fixed, n)
+    names = checked_names(dof_names, n)
+    mask = np.zeros(n, dtype=bool)
+    given = dof_array(fixed, n, "fixed", names)
+    if given.ndim > 1:
+        raise TypeError(f"fixed must be a 1-D array of whole numbers or a mask, got {fixed!r}")
+    mask[given] = True
     free, held = np.flatnonzero(~mask), np.flatnonzero(mask)
     if not free.size:
         raise ValueError(f"fixed must leave a dof free, got all {n} of them")
@@ -241,19 +261,8 @@ def reduce(
         n=n,
         free=free,
         fixed=held,
+        all_names=names,
     )
-
-
-def _mask(fixed: Any, n: int) -> np.ndarray:
-    """True at the fixed dofs, from a mask or from numbers."""
-    given = plain_array(fixed, "fixed")
-    if given.dtype == bool:
-        return checked_mask(given, n, "fixed")
-    if given.ndim > 1:
-        raise TypeError(f"fixed must be a 1-D array of whole numbers or a mask, got {fixed!r}")
-    mask = np.zeros(n, dtype=bool)
-    mask[dof_list(np.unique(given), n, "fixed")] = True
-    return mask
 
 
 def _kept(A: Matrix | None, free: np.ndarray) -> np.ndarray | sp.csr_array:

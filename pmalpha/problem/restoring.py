@@ -13,7 +13,7 @@ from .._checks import vector
 from ..errors import UnboundedMotion
 from .actuators import Device, core_specimen, divided
 from .lowlevel import check_signature
-from .springs import Spring, check_dofs
+from .springs import Spring
 
 Function: TypeAlias = Callable[[np.ndarray, np.ndarray, float], Any] | LowLevelCallable | Device
 # A function, springs, or at least one of each or several functions, in the user's order.
@@ -41,22 +41,24 @@ def labelled(given: Any, name: str) -> list[tuple[Any, str]]:
     return [] if given is None else [(given, name)]
 
 
-def checked_restoring(restoring: Any, n: int) -> Restoring:
+def checked_restoring(restoring: Any, n: int, names: Sequence[str] | None = None) -> Restoring:
     """A user's restoring force, checked as far as possible without evaluating it."""
-    items = labelled(restoring, "restoring")
-    for item, label in items:
+    found: list[Spring | Function] = []
+    for item, label in labelled(restoring, "restoring"):
         if isinstance(item, Spring):
-            check_dofs((item,), n, label)
-        elif isinstance(item, LowLevelCallable):
+            found.append(item._placed(n, names, label))
+            continue
+        if isinstance(item, LowLevelCallable):
             check_signature(item, "restoring", label)
         elif isinstance(item, Device):
             check_dofs(item.springs, n, label)
         elif not callable(item):
             rule = "callable or a list of springs" if item is restoring else "a spring or callable"
             raise TypeError(f"{label} must be {rule}, got {item!r}")
-    if len(items) == 1 and not isinstance(items[0][0], Spring):
-        return items[0][0]
-    return tuple(item for item, _ in items) or None
+        found.append(item)
+    if len(found) == 1 and not isinstance(found[0], Spring):
+        return found[0]
+    return tuple(found) or None
 
 
 def items_of(restoring: Restoring) -> tuple[Spring | Function, ...]:

@@ -14,8 +14,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from .. import _core
-from .._checks import MOST, counted, listing, plain_array, real_array
+from .._checks import counted, real_array
+from .dofs import dof_list
 from .frozen import Frozen
+from .spring_dofs import GROUND, spring_dofs
 
 __all__ = [
     "Bilinear",
@@ -26,8 +28,6 @@ __all__ = [
     "RambergOsgood",
     "SpringState",
 ]
-
-GROUND = -1
 
 # Range of the deformation at first yield: its powers and inverse are finite.
 LARGEST = 1e100
@@ -56,8 +56,10 @@ class Spring(Frozen):
 
     Attributes
     ----------
-    dofs : (springs, 2) array of int
-        First and second dof of each spring, -1 for the ground.
+    dofs : (springs, 2) array
+        First and second dof of each spring, -1 for the ground. Names, and numbers that count from
+        the end, are those that were given, with None for the ground; `Subdomain.springs` has
+        numbers.
     parameters : tuple of (springs,) arrays
         Parameters of the law as given by the user.
     """
@@ -69,7 +71,7 @@ class Spring(Frozen):
     k: np.ndarray
 
     def __init__(self, dofs: Any, **parameters: Any):
-        self.dofs = _pairs(dofs)
+        self.dofs = spring_dofs(dofs)
         self.parameters = tuple(
             _spread(value, name, len(self.dofs)) for name, value in parameters.items()
         )
@@ -82,7 +84,8 @@ class Spring(Frozen):
         return len(self.dofs)
 
     def __repr__(self) -> str:
-        ground = int(np.sum(self.dofs.min(axis=1) == GROUND))
+        ends = (GROUND, None)
+        ground = sum(first in ends or second in ends for first, second in self.dofs.tolist())
         counts = {"to the ground": ground, "between two dofs": len(self) - ground}
         kinds = [f"{counted(n, 'spring')} {where}" for where, n in counts.items() if n]
         return f"<{type(self).__name__}: {', '.join(kinds)}>"
@@ -90,6 +93,22 @@ class Spring(Frozen):
     def _moved(self, dofs: np.ndarray) -> Spring:
         """The same springs between other dofs, (springs, 2)."""
         return type(self)(dofs, **dict(zip(self.names, self.parameters)))
+
+    def _placed(self, n: int, names: Sequence[str] | None, label: str) -> Spring:
+        """The same springs with numbers of dofs of a subdomain; `label` is that of the argument."""
+        if self.dofs.dtype != object:
+            if self.dofs.max() >= n:
+                raise ValueError(
+                    f"{label}: dofs of a {type(self).__name__} must lie in 0..{n - 1}, got "
+                    f"{self.dofs.max()}"
+                )
+            return self
+        what = f"{label}: dofs of a {type(self).__name__}"
+        pairs = [
+            [GROUND if x is None else int(dof_list(x, n, what, names)[0]) for x in pair]
+            for pair in self.dofs
+        ]
+        return self._moved(np.array(pairs))
 
     @property
     def initial_tangent(self) -> np.ndarray:
@@ -127,11 +146,12 @@ class CubicSpring(Spring):
 
     Parameters
     ----------
-    dofs : int, (m,) or (m, 2) array of int
-        Dofs of the subdomain. One dof for each spring: between that dof and the ground, d = u, so
-        that ``[0, 1]`` are two springs to the ground. A pair for each spring: d = u_first -
-        u_second, where -1 is the ground, so that ``[(0, 1)]`` is one spring between two dofs.
-        A single pair without the list, ``(0, 1)``, is refused.
+    dofs : int, str, (m,) or (m, 2) array of them
+        Dofs of the subdomain, numbers or names. One dof for each spring: between that dof and the
+        ground, d = u, so that ``[0, 1]`` are two springs to the ground, ``[-1]`` is one at the last
+        dof. A pair for each spring: d = u_first - u_second, so that ``[(0, 1)]`` is one spring
+        between two dofs; in pairs -1 and ``"ground"`` are the ground. A single pair without the
+        list, ``(0, 1)``, is refused.
     k, k3 : float or (m,) array
         Linear stiffness, not negative, and cubic stiffness of any sign.
 
@@ -368,6 +388,22 @@ class RambergOsgood(Spring):
         within = (self.alpha >= 1.0 / LARGEST) & (self.alpha <= LARGEST)
         self._require(within, "alpha", f"be positive, in {1 / LARGEST:g}..{LARGEST:g}")
 
+    def _placed(self, n: int, names: Sequence[str] | None, label: str) -> Spring:
+        """The same springs with numbers of dofs of a subdomain; `label` is that of the argument."""
+        if self.dofs.dtype != object:
+            if self.dofs.max() >= n:
+                raise ValueError(
+                    f"{label}: dofs of a {type(self).__name__} must lie in 0..{n - 1}, got "
+                    f"{self.dofs.max()}"
+                )
+            return self
+        what = f"{label}: dofs of a {type(self).__name__}"
+        pairs = [
+            [GROUND if x is None else int(dof_list(x, n, what, names)[0]) for x in pair]
+            for pair in self.dofs
+        ]
+        return self._moved(np.array(pairs))
+
     @property
     def initial_tangent(self) -> np.ndarray:
         """Stiffness of each spring at zero deformation."""
@@ -417,7 +453,7 @@ class Multilinear(Spring):
     def __init__(self, dofs: Any, points: Any, rule: str = "kinematic"):
         if rule not in ("kinematic", "elastic"):
             raise ValueError(f"rule must be 'kinematic' or 'elastic', got {rule!r}")
-        self.dofs, self.parameters, self.names = _pairs(dofs), (), ()
+        self.dofs, self.parameters, self.names = spring_dofs(dofs), (), ()
         self.points, self.rule = _backbone(points), rule
         self.law = "multilinear" if rule == "kinematic" else "multilinear elastic"
         self.has_memory = rule == "kinematic"
@@ -494,35 +530,6 @@ def _check_yield(spring: Any) -> None:
         spring._require(within, "hardening", "lie in [0, 1]")
 
 
-def _pairs(dofs: Any) -> np.ndarray:
-    """(m, 2) array of int, -1 for the ground."""
-    array = plain_array(dofs, "dofs")
-    if array.dtype.kind not in "iu" and array.size:
-        raise TypeError(f"dofs must be whole numbers, got {dofs!r}")
-    if isinstance(dofs, tuple) and array.shape == (2,):
-        pair = tuple(array.tolist())
-        raise ValueError(
-            f"dofs must be [{pair}] for one spring between two dofs, or {list(pair)} for two "
-            f"springs to the ground, got {pair}"
-        )
-    array = np.array(array)  # one without memory of its own may claim to be of any size
-    if array.size and not GROUND <= int(array.min()) <= int(array.max()) < MOST:
-        rule = "not be below -1, the ground" if array.min() < GROUND else f"be below {MOST}"
-        wrong = array.min() if array.min() < GROUND else array.max()
-        raise ValueError(f"dofs must {rule}, got {wrong}")
-    if array.ndim < 2:
-        first = np.atleast_1d(array)
-        array = np.column_stack([first, np.full_like(first, GROUND, dtype=np.int64)])
-    if array.ndim != 2 or array.shape[1] != 2 or len(array) == 0:
-        raise ValueError(f"dofs must be of shape (m,) or (m, 2), m > 0, got {np.shape(dofs)}")
-    array = array.astype(np.int64)
-    same = np.flatnonzero(array[:, 0] == array[:, 1])
-    if same.size:
-        raise ValueError(f"dofs of a spring must differ, got the same at springs {listing(same)}")
-    array.setflags(write=False)
-    return array
-
-
 def _spread(value: Any, name: str, count: int) -> np.ndarray:
     """A number, or one for each spring, as (count,) array."""
     array = real_array(value, name, (0, 1))
@@ -534,16 +541,6 @@ def _spread(value: Any, name: str, count: int) -> np.ndarray:
 
 
 # ---- for a subdomain ---------------------------------------------------------------------------
-
-
-def check_dofs(springs: tuple[Spring, ...], n: int, name: str) -> None:
-    """ValueError for dofs that the subdomain does not have; `name` is that of the argument."""
-    for spring in springs:
-        if spring.dofs.max() >= n:
-            raise ValueError(
-                f"{name}: dofs of a {type(spring).__name__} must lie in 0..{n - 1}, got "
-                f"{spring.dofs.max()}"
-            )
 
 
 def stiffness(springs: tuple[Spring, ...], tangent: str, n: int) -> sp.csr_array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, get_args
 
 import numpy as np
@@ -12,6 +12,7 @@ from ..errors import FactorizationError
 from .argument_types import Damping, DofsLike, MatrixLike, VectorLike
 from .damping import checked_rayleigh, damping_matrix
 from .discrete_gradient import internal_for
+from .dofs import checked_names
 from .forces import checked_force, depends_on_motion
 from .frozen import Frozen
 from .internal import Internal
@@ -90,6 +91,11 @@ class Subdomain(Frozen):
         Initial displacement and velocity. Default: zero.
     name : str, optional
         Default: "subdomain i", where i is its index in the Coupler.
+    dof_names : sequence of n str, optional
+        Names of the dofs, such as "roof", which are accepted wherever numbers of dofs are: in
+        `tie`, springs, ``run(record=)``, ``run(outputs=)``, plots, and
+        ``history["frame"]["roof"]``. Negative numbers count from the end. Subdomains of a mesh have
+        the component and the number of the node, "ux 12".
 
     Raises
     ------
@@ -148,6 +154,7 @@ class Subdomain(Frozen):
         u0: VectorLike | None = None,
         v0: VectorLike | None = None,
         name: str | None = None,
+        dof_names: Sequence[str] | np.ndarray | None = None,
     ):
         _check_kinds(M, scheme, damping, name)
         M, K, C = plain_matrices(M=M, K=K, C=C)
@@ -157,8 +164,9 @@ class Subdomain(Frozen):
         self.name = name
         self.symmetric = flag(symmetric, "symmetric")
         self.M, self.n = canonical(M, "M")
-        self.internal: Internal | None = internal_for(internal, scheme, self.n)
-        self.restoring: Restoring = checked_restoring(restoring, self.n)
+        self.dof_names = names = checked_names(dof_names, self.n)
+        self.internal: Internal | None = internal_for(internal, scheme, self.n, names)
+        self.restoring: Restoring = checked_restoring(restoring, self.n, names)
         if K is None and self.restoring is None and self.internal is None:
             raise TypeError(
                 "K must be a matrix where there is no restoring force and no internal one, got None"

@@ -8,7 +8,7 @@ without Phi, Guyan 1965). The matrices are T^T M T, T^T C T and T^T K T, loads T
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,7 @@ from ..blas import one_thread
 from ..errors import warn
 from ..memory import require
 from .argument_types import DofsLike
-from .dofs import dof_list
+from .dofs import dof_array, dof_list
 from .eigenmodes import modes
 from .forces import SampledForce, depends_on_motion
 from .matrices import Matrix, dense, diagonal, is_symmetric, product
@@ -51,6 +51,8 @@ class ReducedBasis:
         The kept dofs; coordinate k < b is the displacement of dof ``keep[k]``.
     omega : (m,) ndarray
         Angular frequencies of the modes, in rising order; the kept dofs are fixed in them.
+    all_names : sequence of str or None
+        The `dof_names` of the whole subdomain.
 
     Examples
     --------
@@ -68,6 +70,7 @@ class ReducedBasis:
     matrix: np.ndarray
     keep: np.ndarray
     omega: np.ndarray
+    all_names: Sequence[str] | None = None
 
     def __repr__(self) -> str:
         n, _ = self.matrix.shape
@@ -114,7 +117,7 @@ class ReducedBasis:
 
         Parameters
         ----------
-        dofs : array_like of int, any shape
+        dofs : array_like of int or str, any shape
             Kept dofs, in the numbering of the whole subdomain.
 
         Returns
@@ -133,9 +136,9 @@ class ReducedBasis:
         >>> bar.reduced([2, 0], modes=0)[1].place([0, 2]).tolist()
         [1, 0]
         """
-        wanted = plain_array(dofs, "dofs")
         n = self.matrix.shape[0]
-        missing = np.setdiff1d(dof_list(np.unique(wanted), n, "dofs"), self.keep)
+        wanted = dof_array(dofs, n, "dofs", self.all_names)
+        missing = np.setdiff1d(wanted, self.keep)
         if missing.size:
             raise ValueError(f"dofs must be kept ones, got {listing(missing)}")
         number = np.zeros(n, dtype=np.int64)
@@ -148,7 +151,7 @@ def reduced_arguments(
     subdomain: Any, keep: DofsLike, count: int | None, omega: float | None
 ) -> tuple[dict[str, Any], ReducedBasis]:
     """The arguments of the reduced Subdomain, and the basis; `Subdomain.reduced`."""
-    kept = dof_list(np.atleast_1d(plain_array(keep, "keep")), subdomain.n, "keep")
+    kept = dof_list(keep, subdomain.n, "keep", subdomain.dof_names)
     if (count is None) == (omega is None):
         raise TypeError(f"either modes or omega must be given, got modes={count}, omega={omega}")
     if subdomain.K is None:
@@ -205,7 +208,7 @@ def _basis(
         T[others, kept.size :] = Phi
     for array in (T, kept, frequencies):
         array.setflags(write=False)
-    return ReducedBasis(T, kept, frequencies)
+    return ReducedBasis(T, kept, frequencies, subdomain.dof_names)
 
 
 def _static(K: Matrix, others: np.ndarray, kept: np.ndarray) -> np.ndarray:

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from ..files import PACKAGE_VERSION
 from .quantities import OF_INTERFACE, OF_SUBDOMAIN
 
@@ -41,10 +43,13 @@ def describe(whole: Any, header: Mapping[str, Any]) -> None:
             "units": UNITS,
         }
     )
+    numbers = {group: i for i, group in enumerate(header["groups"])}
     for key, item in whole.items():
-        if key.isdecimal():
-            item.attrs["name"] = _storable(header["names"][int(key)])
-            _name_outputs(item.get("outputs", {}), header["outputs"][int(key)])
+        if key in numbers:
+            i = numbers[key]
+            item.attrs["name"] = storable(header["names"][i])
+            _name_outputs(item.get("outputs", {}), header["outputs"][i])
+            _name_dofs(item, header["dof_names"][i])
         for name, array in item.items() if hasattr(item, "items") else [(key, item)]:
             of_energy = CONSERVED if name == "conserved" else ENERGY
             known = of_energy if key == "energy" else ARRAYS.get(name)
@@ -54,9 +59,16 @@ def describe(whole: Any, header: Mapping[str, Any]) -> None:
 
 def _name_outputs(group: Mapping[str, Any], names: Sequence[str]) -> None:
     for k, array in group.items():
-        array.attrs.update({"name": _storable(names[int(k)]), "description": OUTPUT})
+        array.attrs.update({"name": storable(names[int(k)]), "description": OUTPUT})
 
 
-def _storable(name: str) -> str:
+def _name_dofs(group: Any, names: Sequence[str] | None) -> None:
+    """The names of the columns of u, v and a, which `History.load` takes from the header."""
+    if names:
+        group["dof_names"] = np.array([storable(name).encode() for name in names])
+        group["dof_names"].attrs["description"] = "names of the recorded dofs, utf-8"
+
+
+def storable(name: str) -> str:
     """The name without what HDF5 cannot store in a string: lone surrogates and zeros."""
     return name.encode("utf-8", "replace").decode().replace("\0", "?")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .dof_motion import labels_of
 from .quantities import OF_INTERFACE, OF_SUBDOMAIN, TIMES, growing, of_columns
 
 if TYPE_CHECKING:
@@ -19,12 +20,19 @@ COORDINATES = {"dofs": "dof", "springs": "spring"}
 def subdomain_frame(s: Any) -> pandas.DataFrame:
     """The implementation of `SubdomainHistory.to_pandas`."""
     columns = [
-        (name, getattr(s, OF_SUBDOMAIN[name].columns, None), x.reshape(len(x), -1))
+        (name, _labels(s, OF_SUBDOMAIN[name].columns), x.reshape(len(x), -1))
         for name, x in growing(s).items()
         if name != "t"
     ]
     columns += [(name, None, x) for name, x in s.outputs.items()]
     return _frame(s.t, columns, ["quantity", "dof"])
+
+
+def _labels(s: Any, columns: str) -> Any:
+    """The names or numbers of columns; None where they have none."""
+    if columns == "dofs":
+        return labels_of(s.dofs, s.dof_names)
+    return getattr(s, columns, None)
 
 
 def frames(history: Any) -> dict[str, pandas.DataFrame]:
@@ -44,15 +52,15 @@ def frames(history: Any) -> dict[str, pandas.DataFrame]:
 
 
 def _frame(t: np.ndarray, columns: list[tuple[Any, ...]], names: list[str]) -> pandas.DataFrame:
-    """A table of quantities, the numbers of their columns (None: all), and their values."""
+    """A table of quantities, the labels of their columns (None: numbers), and their values."""
     try:
         import pandas
     except ImportError as error:
         raise ImportError("to_pandas needs pandas: pip install 'pmalpha[pandas]'") from error
     labels = [
-        (quantity, int(i))
-        for quantity, numbers, values in columns
-        for i in (range(values.shape[1]) if numbers is None else numbers)
+        (quantity, i if isinstance(i, str) else int(i))
+        for quantity, labels_of_columns, values in columns
+        for i in (range(values.shape[1]) if labels_of_columns is None else labels_of_columns)
     ]
     return pandas.DataFrame(
         np.hstack([values for _, _, values in columns]),
@@ -69,10 +77,10 @@ def subdomain_dataset(s: Any) -> xarray.Dataset:
 def dataset(history: Any) -> xarray.Dataset:
     """The implementation of `History.to_xarray`."""
     macro = TIMES["macro"]
-    dimension = {"constraints": "condition", "subdomains": "subdomain"}
+    dimension = {"constraints": "constraint", "subdomains": "subdomain"}
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {name: getattr(history, name) for name in of_times()}
-    coordinates["condition"] = np.arange(history.multipliers.shape[1])
+    coordinates["constraint"] = np.arange(history.multipliers.shape[1])
     for name, x in growing(history).items():
         quantity = OF_INTERFACE[name]
         if quantity.columns:
@@ -105,7 +113,7 @@ def _variables(s: Any, prefix: str) -> tuple[dict[str, Any], dict[str, Any]]:
         if columns:
             variables[prefix + name] = ((time, along) if x.ndim > 1 else (time,), x)
         if columns in COORDINATES:
-            coordinates[along] = getattr(s, columns)
+            coordinates[along] = _labels(s, columns)
     for name, x in s.outputs.items():
         variables[prefix + name] = ((time, f"{prefix}{name}_row"), x)
     return variables, coordinates

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from ..files import checked_path, read_npz, write_npz
 from ..problem.subdomain import Subdomain
 from . import history_file
 from .conversion import dataset, frames, subdomain_dataset, subdomain_frame
+from .dof_motion import DofMotion, columns_of, label_of
 from .energy import ENERGY_FIELDS, Energy
 from .history_file import FORMAT, VERSION, output_array, whole_numbers
 from .joining import joined
@@ -33,6 +34,9 @@ __all__ = ["History", "SubdomainHistory"]
 @dataclass(frozen=True)
 class SubdomainHistory:
     """The recorded motion of one subdomain.
+
+    ``motion["roof"]``, by a name or number of a dof, is the `DofMotion` of that dof, with ``.t``,
+    ``.u``, ``.v`` and ``.a``; negative numbers count from the end.
 
     Attributes
     ----------
@@ -60,6 +64,10 @@ class SubdomainHistory:
         of an older version.
     double_after : float or None
         The time after which its steps are double, of length 2 h; None if they are single.
+    n : int or None
+        Number of all dofs of the subdomain; None from a file of an older version.
+    dof_names : sequence of str, or None
+        Names of the dofs of the columns.
     """
 
     name: str
@@ -76,6 +84,16 @@ class SubdomainHistory:
     outputs: Mapping[str, np.ndarray] = field(default_factory=dict)
     iterations: np.ndarray | None = None
     q: np.ndarray | None = None
+    n: int | None = None
+    dof_names: Sequence[str] | None = None
+
+    def __getitem__(self, key: int | str) -> DofMotion:
+        (j,) = columns_of(key, self.dofs, self.n, self.dof_names, f"dof of {self.name!r}", one=True)
+        name = label_of(self.dofs, self.dof_names, j)
+        return DofMotion(name, self.u[:, j], self.v[:, j], self.a[:, j], self.t)
+
+    def __iter__(self) -> NoReturn:  # else dof after dof up to an error
+        raise TypeError("a SubdomainHistory has dofs by name or number: take its u, v or a")
 
     def local_error(self) -> np.ndarray:
         """Estimate of the displacement error that each step adds, from recorded u, v and a.
@@ -190,7 +208,8 @@ class SubdomainHistory:
         Returns
         -------
         pandas.DataFrame
-            The index is ``time``, the columns are (quantity, dof): u, v and a, with recorded
+            The index is ``time``, the columns are (quantity, dof), dofs by name where they have
+            names: u, v and a, with recorded
             springs also deformation and force, whose second label is the spring, with internal
             forces iterations and q, and outputs by their names, whose second label is the row.
 
@@ -370,7 +389,7 @@ class History:
         ----------
         path : str or path
             Used as given; no suffix is added. With the suffix ".h5" or ".hdf5" the file is HDF5;
-            attributes name the subdomains of its groups, and its arrays and their units.
+            its groups are called by the subdomains, attributes describe its arrays and their units.
 
         Raises
         ------
@@ -416,6 +435,11 @@ class History:
             "recorded": [i for i, s in enumerate(self.subdomains) if s is not None],
             "steps": [s and (s.substep, s.double_after) for s in self.subdomains],
             "outputs": [list(s.outputs) if s else [] for s in self.subdomains],
+            "sizes": [s and s.n for s in self.subdomains],
+            "dof_names": [
+                None if s is None or s.dof_names is None else list(s.dof_names)
+                for s in self.subdomains
+            ],
         }
         arrays = arrays_of(self)
         for i, s in enumerate(self.subdomains):
@@ -466,12 +490,17 @@ class History:
             subdomains: list[SubdomainHistory | None] = [None] * len(header["names"])
             steps = header.get("steps", [(None, None)] * len(header["names"]))
             outputs = header.get("outputs", [()] * len(header["names"]))
+            sizes, dof_names = (
+                header.get(key, [None] * len(header["names"])) for key in ("sizes", "dof_names")
+            )
             for i in header["recorded"]:
                 substep, double_after = steps[i]
                 subdomains[i] = SubdomainHistory(
                     name=header["names"][i],
                     substep=substep,
                     double_after=double_after,
+                    n=sizes[i],
+                    dof_names=dof_names[i],
                     outputs={x: arrays[output_array(i, k)] for k, x in enumerate(outputs[i])},
                     **_read(SubdomainHistory, OF_SUBDOMAIN, arrays, f"{i}."),
                 )
@@ -546,10 +575,10 @@ class History:
         the coordinates ``rig_time`` and ``rig_dof``, and with recorded springs ``rig_deformation``
         and ``rig_force`` with ``rig_time`` and ``rig_spring``. An output "base shear" is
         ``rig_base shear`` with ``rig_time`` and ``rig_base shear_row``. The interface has
-        ``multipliers`` and ``velocity_jump`` with ``multiplier_times`` and ``condition`` (the
-        constraint, a row of L), and ``displacement_jump`` with ``macro_times`` and ``condition``. A
-        run with ``energy=True`` has ``energy_kinetic`` and so on with ``macro_times`` and
-        ``subdomain``.
+        ``multipliers`` and ``velocity_jump`` with ``multiplier_times`` and ``constraint`` (a row of
+        L), and ``displacement_jump`` with ``macro_times`` and ``constraint``. Dofs with names have
+        these as coordinates. A run with ``energy=True`` has ``energy_kinetic`` and so on with
+        ``macro_times`` and ``subdomain``.
 
         Returns
         -------

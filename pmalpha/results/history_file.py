@@ -25,7 +25,7 @@ import numpy as np
 
 from ..files import checked_path, mismatch, reading, replacing
 from ..memory import require
-from .attributes import describe
+from .attributes import describe, storable
 from .quantities import OF_INTERFACE, OF_SUBDOMAIN, of_columns
 
 # In the header; the first bytes of an HDF5 file; the dataset with the last complete macro step.
@@ -85,7 +85,8 @@ class HistoryFile:
     ):
         h5py = hdf5_library()
         start = header["begin"] if start is None else start
-        self.path, self.header = Path(os.path.abspath(checked_path(path))), dict(header)
+        self.path = Path(os.path.abspath(checked_path(path)))
+        self.header = {**header, "groups": group_names(header["names"])}
         self.offsets: dict[str, int] = {}  # in bytes, of the growing arrays
         self.descriptor = -1
         with replacing(path) as file:
@@ -126,10 +127,11 @@ class HistoryFile:
             self.counter = counter
             for name, x in arrays.items():
                 if name not in self.header["nodes"]:
-                    whole[dataset(name)] = x
+                    whole[dataset(name, self.header)] = x
                     continue
                 shape = (self.rows(name, end), *x.shape[1:])
-                offset = reserve(h5py, whole, dataset(name), shape, h5py.h5t.IEEE_F64LE)
+                path = dataset(name, self.header)
+                offset = reserve(h5py, whole, path, shape, h5py.h5t.IEEE_F64LE)
                 if offset is not None:
                     self.offsets[name] = offset
             describe(whole, self.header)
@@ -240,9 +242,28 @@ def output_array(i: int, k: int) -> str:
     return f"{i}.outputs.{k}"
 
 
-def dataset(name: str) -> str:
-    """The HDF5 path of an array: the arrays of subdomain 0 are in group "0"."""
-    return name.replace(".", "/")
+def dataset(name: str, header: Mapping[str, Any]) -> str:
+    """The HDF5 path of an array: those of a subdomain are in the group of its name."""
+    first, *rest = name.split(".")
+    groups = header.get("groups")  # None in files of older versions, whose groups are numbers
+    if first.isdecimal() and groups is not None:
+        first = groups[int(first)]
+    return "/".join([first, *rest])
+
+
+def group_names(names: Sequence[str]) -> list[str]:
+    """The names of subdomains as those of HDF5 groups: different, and without what these lack."""
+    taken = {"header", COUNTER, "energy", *OF_INTERFACE}
+    groups = []
+    for i, name in enumerate(names):
+        group = storable(name).replace("/", "_")
+        if group in taken or not group.strip("."):
+            group = f"{group} ({i})"
+        while group in taken:
+            group += "_"
+        taken.add(group)
+        groups.append(group)
+    return groups
 
 
 def hdf5_library() -> ModuleType:
@@ -319,7 +340,9 @@ def header_text(header: Mapping[str, Any]) -> np.bytes_:
     return np.bytes_(json.dumps(header).encode())
 
 
-def write_master(path: Path, files: Sequence[str], first: Sequence[int]) -> None:
+def write_master(
+    path: Path, files: Sequence[str], first: Sequence[int], names: Sequence[str]
+) -> None:
     """Write the file that reads as one History of the files of several ranks beside it.
 
     Parameters
@@ -329,15 +352,18 @@ def write_master(path: Path, files: Sequence[str], first: Sequence[int]) -> None
         Their names, by rank.
     first : sequence of int
         The number of the first subdomain of each rank, and the number of all.
+    names : sequence of str
+        Of all subdomains.
     """
-    h5py = hdf5_library()
+    h5py, groups = hdf5_library(), group_names(names)
     content = io.BytesIO()
     with h5py.File(content, "w") as whole:
         header = {"format": FORMAT, "version": VERSION, "files": list(files)}
         whole["header"] = header_text(header)
         for rank, name in enumerate(files):
-            for i in range(first[rank], first[rank + 1]):
-                whole[str(i)] = h5py.ExternalLink(name, f"/{i - first[rank]}")
+            own = slice(first[rank], first[rank + 1])
+            for group, there in zip(groups[own], group_names(names[own])):
+                whole[group] = h5py.ExternalLink(name, f"/{there}")
         for array, quantity in OF_INTERFACE.items():
             if quantity.columns != "subdomains":
                 whole[array] = h5py.ExternalLink(files[0], f"/{array}")
@@ -351,15 +377,19 @@ def _of_all_ranks(
     """Header and arrays of the files of all ranks, up to the last step that is in all of them."""
     found = [read(path.with_name(name), may_lead=False) for name in master["files"]]
     step = min(header["step_count"] for header, _ in found)
+    lists = ("names", "steps", "outputs", "sizes", "dof_names")  # not all in older versions
+    by_subdomain = [key for key in lists if all(key in header for header, _ in found)]
     whole = dict(found[0][0], step_count=step)
-    for key in ("names", "recorded", "steps", "outputs"):
+    whole.pop("groups", None)  # of one file
+    whole["recorded"] = []
+    for key in by_subdomain:
         whole[key] = []
     arrays: dict[str, np.ndarray] = {}
     columns: dict[str, list[np.ndarray]] = {}  # of arrays with a column for each subdomain
     for header, own in found:
         count = len(whole["names"])
         whole["recorded"] += [count + i for i in header["recorded"]]
-        for key in ("names", "steps", "outputs"):
+        for key in by_subdomain:
             whole[key] += header[key]
         for name, x in own.items():
             number, _, rest = name.partition(".")
@@ -377,9 +407,9 @@ def _arrays(whole: Any, header: Mapping[str, Any], content: np.ndarray) -> dict[
     step, arrays = header["step_count"], {}
     for name, levels in header["nodes"].items():
         rows = row_count(header["begin"], step, header["every"], levels)
-        arrays[name] = _mapped(own_array(whole, dataset(name)), rows, content)
+        arrays[name] = _mapped(own_array(whole, dataset(name, header)), rows, content)
     for name in header["fixed"]:
-        arrays[name] = own_array(whole, dataset(name))[...]
+        arrays[name] = own_array(whole, dataset(name, header))[...]
     return arrays
 
 
@@ -390,6 +420,13 @@ def check_contents(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) 
             raise ValueError(f"numbers in {name}, which has dtype {x.dtype}, shape {x.shape}")
     if not all(isinstance(name, str) for name in header["names"]):
         raise ValueError(f"names that are words, got {header['names']}")
+    for i, own in enumerate(header.get("dof_names", [])):
+        words = own is None or all(isinstance(name, str) for name in own)
+        if not words or own is not None and len(own) != arrays[f"{i}.dofs"].size:
+            raise ValueError(f"names of the dofs of subdomain {i}")
+    for i, n in enumerate(header.get("sizes", [])):
+        if n is not None and not (type(n) is int and n > arrays[f"{i}.dofs"].max(initial=-1)):
+            raise ValueError(f"a number of dofs of subdomain {i} that fits them, got {n!r}")
     for i in header["recorded"]:
         _check_shapes(i, arrays)
         for step in header["steps"][i] if "steps" in header else ():

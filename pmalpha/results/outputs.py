@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
+from .._checks import real_number
+from ..problem.dofs import NodeNames, dof_list
 from ..problem.matrices import rectangular
 from ..problem.subdomain import Subdomain
 from .keys import by_index
@@ -73,11 +76,11 @@ def chosen_outputs(
     chosen: list[Outputs | None] = [None] * len(keys)
     for i, given in by_index(outputs, keys, "outputs").items():
         name, subdomain = keys[i]
-        chosen[i] = _outputs(given, subdomain.n, f"outputs[{name!r}]")
+        chosen[i] = _outputs(given, subdomain, f"outputs[{name!r}]")
     return chosen
 
 
-def _outputs(given: Any, n: int, what: str) -> Outputs:
+def _outputs(given: Any, subdomain: Subdomain, what: str) -> Outputs:
     if not isinstance(given, Mapping) or not given:
         raise TypeError(f"{what} must be a dict of matrices by name, got {given!r}")
     for name in given:
@@ -85,27 +88,48 @@ def _outputs(given: Any, n: int, what: str) -> Outputs:
             raise ValueError(
                 f"{what} must have names other than {', '.join(map(repr, RESERVED))}, got {name!r}"
             )
-    blocks = {name: _terms(value, n, f"{what}[{name!r}]") for name, value in given.items()}
+    n = subdomain.n
+    blocks = {name: _terms(value, subdomain, f"{what}[{name!r}]") for name, value in given.items()}
     sizes = {name: next(iter(terms.values())).shape[0] for name, terms in blocks.items()}
     return Outputs(sizes, tuple(_stacked(blocks, sizes, n, quantity) for quantity in QUANTITIES))
 
 
-def _terms(value: Any, n: int, what: str) -> dict[str, sp.csr_array]:
+def _terms(value: Any, subdomain: Subdomain, what: str) -> dict[str, sp.csr_array]:
     """The matrices of an output, (rows, n), by the quantity that each acts on."""
-    given = value if isinstance(value, Mapping) else {"u": value}
+    by_quantity = isinstance(value, Mapping) and not _is_weights(value)
+    given: Any = value if by_quantity else {"u": value}
     if not given or any(quantity not in QUANTITIES for quantity in given):
         raise ValueError(
-            f"{what} must be a matrix, or a dict of matrices by 'u', 'v' or 'a', got keys "
-            f"{list(given)}"
+            f"{what} must be a matrix, weights by dof, or a dict of these by 'u', 'v' or 'a', got "
+            f"keys {list(given)}"
         )
     terms = {
-        quantity: rectangular(W, n, what if given is not value else f"{what}[{quantity!r}]")
+        quantity: _weights(W, subdomain, f"{what}[{quantity!r}]" if by_quantity else what)
         for quantity, W in given.items()
     }
     rows = {W.shape[0] for W in terms.values()}
     if len(rows) > 1 or 0 in rows:
         raise ValueError(f"{what} must have one number of rows, at least 1, got {sorted(rows)}")
     return terms
+
+
+def _is_weights(value: Mapping[Any, Any]) -> bool:
+    """Whether it is a number for each of some dofs."""
+    return bool(value) and all(isinstance(x, (Real, np.number)) for x in value.values())
+
+
+def _weights(W: Any, subdomain: Subdomain, what: str) -> sp.csr_array:
+    """The matrix, (rows, n), from one, from weights by dof, or from that of a whole mesh."""
+    n, names = subdomain.n, subdomain.dof_names
+    if isinstance(W, Mapping):
+        numbers = {key: real_number(x, f"{what}[{key!r}]") for key, x in W.items()}
+        columns = dof_list(list(numbers), n, what, names)
+        entries = np.array(list(numbers.values())), (np.zeros(columns.size, int), columns)
+        return sp.csr_array(entries, shape=(1, n))
+    whole = names.whole if isinstance(names, NodeNames) else n
+    if isinstance(names, NodeNames) and whole > n and np.shape(W)[-1:] == (whole,):
+        return sp.csr_array(rectangular(W, whole, what)[:, names.numbers])  # others are fixed
+    return rectangular(W, n, what)
 
 
 def _stacked(

@@ -16,7 +16,7 @@ import numpy as np
 from .._checks import MOST, flag, whole_number
 from ..files import check_replaceable, checked_path
 from ..memory import require
-from ..problem.dofs import dof_list
+from ..problem.dofs import dof_list, names_at
 from ..problem.subdomain import Subdomain
 from ..setup.core_rows import CoreRows
 from ..setup.part import Part
@@ -258,6 +258,8 @@ class Recording:
                     outputs=self._output_values(i, rows),
                     substep=part.h,
                     double_after=self._double_after(part),
+                    n=part.n,
+                    dof_names=names_at(part.subdomain.dof_names, dofs),
                     **{
                         name: x[:rows, 0].astype(int) if OF_SUBDOMAIN[name].is_count else x[:rows]
                         for name, x in self.arrays[i].items()
@@ -430,8 +432,12 @@ def chosen_dofs(
     chosen: list[np.ndarray | None] = [None if own is None else none for own in outputs]
     for i, dofs in by_index(record, keys, "record").items():
         name, subdomain = keys[i]
-        every_dof = np.arange(subdomain.n)
-        chosen[i] = every_dof if dofs is None else dof_list(dofs, subdomain.n, f"record[{name!r}]")
+        what = f"record[{name!r}]"
+        chosen[i] = (
+            np.arange(subdomain.n)
+            if dofs is None
+            else dof_list(dofs, subdomain.n, what, subdomain.dof_names)
+        )
     return chosen
 
 

@@ -270,8 +270,8 @@ class Coupler:
         steps : int
             Number of macro steps, 0 or more.
         record : dict, optional
-            Dofs by subdomain: numbers or a mask, None for all dofs of one; a subdomain left out is
-            not recorded. Default: all dofs of all subdomains.
+            Dofs by subdomain: numbers, names or a mask, None for all dofs of one; a subdomain left
+            out is not recorded. Default: all dofs of all subdomains.
         every : int, optional
             Record only time levels at which `step_count` is a multiple of this, and the first.
         energy : bool, default False
@@ -288,8 +288,10 @@ class Coupler:
             Springs whose deformation and force are recorded: indices by subdomain, None for all.
         outputs : dict, optional
             Linear combinations of the motion, such as base shears, by subdomain and name: a matrix
-            W, (rows, n) or (n,), for W u, or a dict of them by "u", "v" and "a". They are recorded
-            as ``history[name].outputs[output]``.
+            W, (rows, n) or (n,), for W u, weights by dof, ``{"roof": 1.0, "floor": -1.0}``, or a
+            dict of these by "u", "v" and "a". They are recorded as
+            ``history[name].outputs[output]``. In a subdomain of a mesh with fixed dofs W may have
+            all of them, such as `Structure.storey_drifts`.
         tolerance : float or dict of float, optional
             With "gc": choose substeps, powers of two up to 4096, so that the local error of the
             displacements per unit of time stays below this, (Q5) and (Q6).

@@ -173,7 +173,7 @@ def write_master_of(session: Session, own: Path) -> None:
         return
     path = own.with_suffix("")  # without the rank
     files = [Path(file_of(path, rank)).name for rank in range(session.ranks.size)]
-    write_master(path, files, session.ranks.first.tolist())
+    write_master(path, files, session.ranks.first.tolist(), session.loads.names)
 
 
 @contextmanager

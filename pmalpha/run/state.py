@@ -2,31 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-import numpy as np
-
 from ..problem.springs import SpringState
 from ..problem.subdomain import Subdomain
+from ..results.dof_motion import State
 from ..results.keys import position
 from .session import Session, begin
 
 __all__ = ["State"]
-
-
-@dataclass(frozen=True)
-class State:
-    """The motion of a subdomain at one time.
-
-    Attributes
-    ----------
-    u, v, a : (n,) arrays
-        Displacement, velocity and true acceleration (w of the equations).
-    """
-
-    u: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
 
 
 def state(session: Session, key: str | int | Subdomain) -> State:
@@ -39,7 +21,8 @@ def state(session: Session, key: str | int | Subdomain) -> State:
         if part.mean:
             lam = session.core.end_multipliers()[: session.core_rows.p]
             w = w + part.core.accelerate(lam)
-    return State(u[part.position], v[part.position], w[part.position])
+    u, v, w = (x[part.position] for x in (u, v, w))
+    return State(u, v, w, n=part.n, dof_names=part.subdomain.dof_names)
 
 
 def springs(session: Session, key: str | int | Subdomain) -> SpringState:

@@ -12,6 +12,7 @@ import numpy as np
 from .._checks import listing, positive_number
 from ..errors import AccuracyWarning, warn
 from ..files import check_replaceable, checked_path
+from ..problem.dofs import names_at
 from ..problem.subdomain import Subdomain
 from ..results import history_file
 from ..results.appending import check_new
@@ -235,7 +236,8 @@ def reduced(s: SubdomainHistory, dofs: np.ndarray, rows: slice) -> SubdomainHist
     fields = {x: getattr(some, x)[:, dofs] for x in of_columns(OF_SUBDOMAIN, "dofs")}
     if dofs.size < s.dofs.size:
         fields |= dict.fromkeys(of_columns(OF_SUBDOMAIN, "memory"))
-    return replace(some, **fields, dofs=dofs, substep=None)
+    names = names_at(s.dof_names, dofs)
+    return replace(some, **fields, dofs=dofs, substep=None, dof_names=names)
 
 
 def rates_of(history: History) -> list[float]:

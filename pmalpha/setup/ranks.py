@@ -36,6 +36,7 @@ class Described:
     substeps: int
     scheme: Scheme
     double_step: bool | None
+    dof_names: Sequence[str] | None = None
 
 
 class Elsewhere(Exception):
@@ -227,7 +228,7 @@ def joined(ranks: Ranks | None, own: Sequence[T]) -> Sequence[T]:
 
 def described(ranks: Ranks, own: Sequence[Subdomain]) -> list[Any]:
     """All subdomains, of other processes as `Described`."""
-    sent = [Described(s.name, s.n, s.substeps, s.scheme, s.double_step) for s in own]
+    sent = [Described(s.name, s.n, s.substeps, s.scheme, s.double_step, s.dof_names) for s in own]
     found = ranks.share(sent)
     ranks.first = np.cumsum([0] + [len(x) for x in found]).astype(np.int64)
     if ranks.first[-1] == 0:

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from .._checks import check_word, counted, listing, time_step, whole_number
 from ..problem.argument_types import Coupling, Drift, Start
-from ..problem.constraints import Constraint
+from ..problem.constraints import Chosen, Constraint
 from ..problem.newton import Newton
 from ..problem.subdomain import Subdomain
 
@@ -128,7 +128,7 @@ def checked_constraints(
             i = _index(s, known, names, k)
             if i in matrices:
                 raise ValueError(f"constraint {k} must not hold {names[i]!r} twice")
-            matrices[i] = _wide(L, subdomains[i].n, s, k, by_dofs=s in c._by_dofs)
+            matrices[i] = _rows(L, subdomains[i], s, k)
         found.append(Rows(c.p, matrices, c.velocity))
     return tuple(found)
 
@@ -145,14 +145,20 @@ def _index(s: Any, known: dict[Any, int], names: Sequence[str], k: int) -> int:
     raise ValueError(f"constraint {k} must hold subdomains of this coupler, got [{s!r}]")
 
 
-def _wide(L: sp.csr_array, n: int, s: Any, k: int, *, by_dofs: bool) -> sp.csr_array:
-    """L with n columns; that of dofs of a subdomain given by name may have fewer."""
-    if L.shape[1] == n:
-        return L
-    if by_dofs and L.shape[1] < n:
-        return sp.csr_array((L.data, L.indices, L.indptr), shape=(L.shape[0], n))
-    has = f"dof {L.shape[1] - 1}" if by_dofs else counted(L.shape[1], "column")
-    raise ValueError(f"constraint {k} must fit {s!r} of {counted(n, 'dof')}, got {has}")
+def _rows(L: Any, subdomain: Any, s: Any, k: int) -> sp.csr_array:
+    """The rows of constraint k on a subdomain that is given as s."""
+    n = subdomain.n
+    if isinstance(L, Chosen):
+        try:
+            return L.matrix(n, subdomain.dof_names)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"constraint {k}: {error} of {s!r}") from None
+    if L.shape[1] != n:
+        raise ValueError(
+            f"constraint {k} must fit {s!r} of {counted(n, 'dof')}, got "
+            f"{counted(L.shape[1], 'column')}"
+        )
+    return L
 
 
 def chosen_coupling(coupling: Any, count: int) -> Any:

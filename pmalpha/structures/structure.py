@@ -10,8 +10,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from .._checks import counted, listing, real_number
-from ..problem.dofs import dof_list
+from ..problem.argument_types import DofsLike
+from ..problem.dofs import NodeNames, dof_list
 from ..problem.matrices import Matrix, combination, sparse_diagonal
+from ..problem.reduction import reduce
 from ..problem.schemes import Scheme
 from ..problem.subdomain import Subdomain
 from .elasticity import Moduli, stresses
@@ -126,6 +128,11 @@ class Structure:
     def n(self) -> int:
         """Number of dofs."""
         return len(self.points) * len(self.components)
+
+    @property
+    def dof_names(self) -> NodeNames:
+        """Names of the dofs, the component and the number of the node: "ux 12"."""
+        return NodeNames(self.components, np.arange(self.n), self.n)
 
     @property
     def unused(self) -> np.ndarray:
@@ -538,21 +545,23 @@ class Structure:
         if self.internal:
             raise ValueError(f"{what} needs a linear structure, got one with internal forces")
 
-    def subdomain(self, *, scheme: Scheme, **options: Any) -> Subdomain:
-        """A Subdomain with this M, K and internal forces, without supports.
+    def subdomain(self, *, scheme: Scheme, fixed: DofsLike = (), **options: Any) -> Subdomain:
+        """A Subdomain with this M, K and internal forces, and the names of the dofs.
 
         Parameters
         ----------
         scheme : Scheme
             As for `Subdomain`.
+        fixed : int, str, array of them, or (n,) array of bool, optional
+            Dofs of supports, which the Subdomain does not have. Default: none.
         **options
-            Further arguments of `Subdomain`: C, substeps, force, u0, name, ... An `internal` is
-            added to the forces of the structure.
+            Further arguments of `Subdomain`, of the dofs that are not fixed: C, substeps, force,
+            u0, name, ... An `internal` is added to the forces of the structure.
 
         Returns
         -------
         Subdomain
-            With all dofs of the structure.
+            Its dofs have the names of the structure, "ux 12", whatever is fixed.
 
         Raises
         ------
@@ -565,14 +574,24 @@ class Structure:
         >>> bar = structures.rod(4, 2.0, EA=1.0, rhoA=1.0, mass="lumped")
         >>> bar.subdomain(scheme=GeneralizedAlpha(0.5, explicit=True), name="bar").n
         5
+
+        Fixed at its first node:
+
+        >>> held = bar.subdomain(scheme=GeneralizedAlpha(0.5), fixed=["ux 0"])
+        >>> held.n, held.dof_names[0]
+        (4, 'ux 1')
         """
+        held = reduce(self.M, self.K, fixed=fixed, dof_names=self.dof_names)
         if self.internal:
             given = options.get("internal") or []
             further = (
                 given if type(given) in (list, tuple) else [given]
             )  # a LowLevelCallable is one
-            options["internal"] = [*self.internal, *further]
-        return Subdomain(self.M, self.K, scheme=scheme, **options)
+            own = [force.reduced(held.free) for force in self.internal]
+            options["internal"] = [*(own if held.fixed.size else self.internal), *further]
+        M, K = (held.M, held.K) if held.fixed.size else (self.M, self.K)
+        options.setdefault("dof_names", held.dof_names)
+        return Subdomain(M, K, scheme=scheme, **options)
 
 
 def idle_dofs(M: Any, K: Any, forces: Sequence[ElementForce]) -> np.ndarray:

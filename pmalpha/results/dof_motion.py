@@ -1,0 +1,141 @@
+"""The motion of dofs by name, and of all dofs at one time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NoReturn
+
+import numpy as np
+
+from .._checks import counted, listing
+from ..problem.dofs import dof_list
+
+__all__ = ["DofMotion", "State"]
+
+
+@dataclass(frozen=True)
+class DofMotion:
+    """The motion of one dof: ``history["frame"]["roof"]``.
+
+    Attributes
+    ----------
+    name : str
+        Its name in `dof_names`, or its number.
+    u, v, a : (k,) arrays, or numbers
+        Displacement, velocity and true acceleration; numbers of a `State`.
+    t : (k,) array, or None
+        Times of the recorded time levels.
+    """
+
+    name: str
+    u: Any
+    v: Any
+    a: Any
+    t: Any = None
+
+    def __repr__(self) -> str:
+        return f"<dof {self.name}: {counted(np.size(self.u), 'time level')}>"
+
+
+@dataclass(frozen=True)
+class State:
+    """The motion of a subdomain at one time.
+
+    ``state["roof"]``, by name or number, is that of one dof.
+
+    Attributes
+    ----------
+    u, v, a : (dofs,) arrays
+        Displacement, velocity and true acceleration (w of the equations).
+    dofs : (dofs,) array of int, or None
+        The dofs of the entries. None: all.
+    n : int or None
+        Number of dofs of the subdomain.
+    dof_names : sequence of str, or None
+        Names of the entries.
+    """
+
+    u: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    dofs: np.ndarray | None = None
+    n: int | None = None
+    dof_names: Sequence[str] | None = None
+
+    def __getitem__(self, key: int | str) -> DofMotion:
+        dofs = np.arange(len(self.u)) if self.dofs is None else self.dofs
+        (j,) = columns_of(key, dofs, self.n, self.dof_names, "dof", one=True)
+        name = label_of(dofs, self.dof_names, j)
+        return DofMotion(name, *(float(x[j]) for x in (self.u, self.v, self.a)))
+
+    def __iter__(self) -> NoReturn:  # else entry after entry up to an error
+        raise TypeError("a State is of one time: take its u, v or a")
+
+
+def columns_of(
+    given: Any,
+    dofs: np.ndarray,
+    n: int | None,
+    names: Sequence[str] | None,
+    what: str,
+    *,
+    one: bool = False,
+) -> list[int]:
+    """The columns of dofs among the recorded ones.
+
+    Parameters
+    ----------
+    given : int, str, or sequence of them
+        Dofs of the subdomain.
+    dofs : (k,) array of int
+        Those of the columns.
+    n : int or None
+        Number of dofs of the subdomain; None in files of older versions.
+    names : sequence of str or None
+        Of the columns.
+    what : str
+        Of the argument, for errors.
+    one : bool, default False
+        Whether it must be a single dof.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For what is not a dof, or was not recorded.
+    """
+    if one and (isinstance(given, bool) or not isinstance(given, (int, str, np.integer))):
+        raise TypeError(f"{what} must be a name or a number, got {given!r}")
+    if isinstance(given, str) or np.asarray(given).dtype.kind in "UO":
+        every = [given] if isinstance(given, str) else list(given)
+        return [j for x in every for j in _columns_of_one(x, dofs, n, names, what)]
+    numbers = dof_list(given, np.iinfo(np.int64).max if n is None else n, what)
+    if dofs.size and np.array_equal(dofs, np.arange(dofs[0], dofs[0] + dofs.size)):
+        found = {int(x): int(x - dofs[0]) for x in numbers if 0 <= x - dofs[0] < dofs.size}
+    else:
+        places = {int(dof): j for j, dof in enumerate(dofs)}
+        found = {int(x): places[int(x)] for x in numbers if int(x) in places}
+    missing = [int(x) for x in numbers if int(x) not in found]
+    if missing:
+        raise ValueError(
+            f"{what} must have been recorded, got {listing(missing)}; recorded are {listing(dofs)}"
+        )
+    return [found[int(x)] for x in numbers]
+
+
+def _columns_of_one(
+    given: Any, dofs: np.ndarray, n: int | None, names: Sequence[str] | None, what: str
+) -> list[int]:
+    if isinstance(given, str):
+        return [int(x) for x in dof_list(given, len(dofs), what, names)]
+    return columns_of(given, dofs, n, names, what)
+
+
+def label_of(dofs: np.ndarray, names: Sequence[str] | None, j: int) -> str:
+    """The name of a column, or the number of its dof."""
+    return str(int(dofs[j])) if names is None else names[j]
+
+
+def labels_of(dofs: np.ndarray, names: Sequence[str] | None) -> list[Any]:
+    """The names of columns, or the numbers of their dofs."""
+    return [int(x) for x in dofs] if names is None else list(names)
