@@ -54,6 +54,8 @@ def test_springs_take_names():
         one, other = (frame(**{argument: given}) for given in (springs, numbers))
         same(run(one, rig(), ties), run(other, rig(), ties))
         assert [x.dofs.tolist() for x in one.springs] == [x.dofs.tolist() for x in numbers]
+    behind = (pm.rig.SimulatedActuator(given, delay=0.1) for given in (springs, numbers))
+    same(*(run(frame(restoring=x), rig(), ties) for x in behind))
     exact = (pm.DiscreteGradient(pm.CubicSpring(x, 2.0, 3.0)) for x in (["roof"], [2]))
     same(*(run(frame(internal=x), rig(), ties) for x in exact))
 

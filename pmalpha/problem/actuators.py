@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from copy import copy
 from math import comb
 from typing import Any, NamedTuple
 
@@ -72,6 +74,17 @@ class Device:
         """The springs of the specimen, if it is made of them."""
         inner = self.innermost
         return inner if type(inner) is tuple else ()
+
+    def _placed(self, n: int, names: Sequence[str] | None, label: str) -> Device:
+        """The same with numbers of dofs in the springs; `label` is that of the argument."""
+        given = self.springs
+        placed = tuple(spring._placed(n, names, label) for spring in given)
+        if all(one is other for one, other in zip(given, placed)):
+            return self
+        moved = copy(self)
+        inner = self.specimen
+        moved.specimen = inner._placed(n, names, label) if isinstance(inner, Device) else placed
+        return moved
 
     @property
     def facts(self) -> str:

@@ -45,13 +45,11 @@ def checked_restoring(restoring: Any, n: int, names: Sequence[str] | None = None
     """A user's restoring force, checked as far as possible without evaluating it."""
     found: list[Spring | Function] = []
     for item, label in labelled(restoring, "restoring"):
-        if isinstance(item, Spring):
+        if isinstance(item, (Spring, Device)):
             found.append(item._placed(n, names, label))
             continue
         if isinstance(item, LowLevelCallable):
             check_signature(item, "restoring", label)
-        elif isinstance(item, Device):
-            check_dofs(item.springs, n, label)
         elif not callable(item):
             rule = "callable or a list of springs" if item is restoring else "a spring or callable"
             raise TypeError(f"{label} must be {rule}, got {item!r}")

@@ -388,22 +388,6 @@ class RambergOsgood(Spring):
         within = (self.alpha >= 1.0 / LARGEST) & (self.alpha <= LARGEST)
         self._require(within, "alpha", f"be positive, in {1 / LARGEST:g}..{LARGEST:g}")
 
-    def _placed(self, n: int, names: Sequence[str] | None, label: str) -> Spring:
-        """The same springs with numbers of dofs of a subdomain; `label` is that of the argument."""
-        if self.dofs.dtype != object:
-            if self.dofs.max() >= n:
-                raise ValueError(
-                    f"{label}: dofs of a {type(self).__name__} must lie in 0..{n - 1}, got "
-                    f"{self.dofs.max()}"
-                )
-            return self
-        what = f"{label}: dofs of a {type(self).__name__}"
-        pairs = [
-            [GROUND if x is None else int(dof_list(x, n, what, names)[0]) for x in pair]
-            for pair in self.dofs
-        ]
-        return self._moved(np.array(pairs))
-
     @property
     def initial_tangent(self) -> np.ndarray:
         """Stiffness of each spring at zero deformation."""
