@@ -35,7 +35,10 @@ LAYERS = (
 LEVEL = {unit: level for level, units in enumerate(LAYERS) for unit in units}
 # History.plot is a method of what a run returns and draws by matplotlib, which only drawing needs:
 # the import is inside the method, and no other module of `results` imports pictures.
-EXCEPTIONS = {("pmalpha.results.history", "pmalpha.plot.histories")}
+EXCEPTIONS = {
+    (f"pmalpha.results.{name}", "pmalpha.plot.histories")
+    for name in ("history", "subdomain_history")
+}
 
 # A class is in one file: these have the reference of all methods, whose lines do not count.
 OF_ONE_CLASS = {Path("pmalpha/run/coupler.py"), Path("pmalpha/structures/structure.py")}

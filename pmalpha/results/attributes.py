@@ -33,7 +33,7 @@ def describe(whole: Any, header: Mapping[str, Any]) -> None:
     ----------
     whole : h5py.File
     header : dict
-        From `History.contents`.
+        From `contents_of`.
     """
     whole.attrs.update(
         {

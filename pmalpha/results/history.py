@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from os import PathLike
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._checks import counted
-from ..files import checked_path, read_npz, write_npz
 from ..problem.subdomain import Subdomain
-from . import history_file
-from .conversion import dataset, frames, subdomain_dataset, subdomain_frame
-from .dof_motion import DofMotion, columns_of, label_of
-from .energy import ENERGY_FIELDS, Energy
-from .history_file import FORMAT, VERSION, output_array, whole_numbers
+from .conversion import dataset, frames
+from .energy import Energy
 from .joining import joined
 from .keys import position
-from .local_error import local_error
 from .pacing import Pacing
-from .quantities import OF_INTERFACE, OF_SUBDOMAIN, Quantity, arrays_of
+from .stored import stored_fields, write_history
+from .subdomain_history import SubdomainHistory
 
 if TYPE_CHECKING:
     import pandas
@@ -29,220 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 __all__ = ["History", "SubdomainHistory"]
-
-
-@dataclass(frozen=True)
-class SubdomainHistory:
-    """The recorded motion of one subdomain.
-
-    ``motion["roof"]``, by a name or number of a dof, is the `DofMotion` of that dof, with ``.t``,
-    ``.u``, ``.v`` and ``.a``; negative numbers count from the end.
-
-    Attributes
-    ----------
-    name : str
-        Of the subdomain.
-    t : (k,) array
-        Times of the recorded time levels; the first is the beginning of the run.
-    u, v, a : (k, dofs) arrays
-        Displacement, velocity and true acceleration (w of the equations).
-    dofs : (dofs,) array of int
-        The dofs of the columns.
-    deformation, force : (k, springs) arrays, or None
-        Hysteresis loops of the springs, with ``record_springs``. See `SpringState`.
-    springs : (springs,) array of int, or None
-        The springs of these columns.
-    outputs : dict of (k, rows) arrays
-        The outputs of ``run(outputs=)`` by name.
-    iterations : (k,) array of int, or None
-        Newton iterations of each substep with internal forces, zero at the first time level: those
-        of its beginning and its end together, under "macro" those of all passes.
-    q : (k, m) array, or None
-        The history of the internal forces, where all dofs are recorded.
-    substep : float or None
-        The length h of its substeps; None where it changed in the History, and for one from a file
-        of an older version.
-    double_after : float or None
-        The time after which its steps are double, of length 2 h; None if they are single.
-    n : int or None
-        Number of all dofs of the subdomain; None from a file of an older version.
-    dof_names : sequence of str, or None
-        Names of the dofs of the columns.
-    """
-
-    name: str
-    t: np.ndarray
-    u: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    dofs: np.ndarray
-    deformation: np.ndarray | None = None
-    force: np.ndarray | None = None
-    springs: np.ndarray | None = None
-    substep: float | None = None
-    double_after: float | None = None
-    outputs: Mapping[str, np.ndarray] = field(default_factory=dict)
-    iterations: np.ndarray | None = None
-    q: np.ndarray | None = None
-    n: int | None = None
-    dof_names: Sequence[str] | None = None
-
-    def __getitem__(self, key: int | str) -> DofMotion:
-        (j,) = columns_of(key, self.dofs, self.n, self.dof_names, f"dof of {self.name!r}", one=True)
-        name = label_of(self.dofs, self.dof_names, j)
-        return DofMotion(name, self.u[:, j], self.v[:, j], self.a[:, j], self.t)
-
-    def __iter__(self) -> NoReturn:  # else dof after dof up to an error
-        raise TypeError("a SubdomainHistory has dofs by name or number: take its u, v or a")
-
-    def local_error(self) -> np.ndarray:
-        """Estimate of the displacement error that each step adds, from recorded u, v and a.
-
-        Returns
-        -------
-        (k - 1, dofs) array
-            Row i is for the step that ends at ``t[i + 1]``, in the unit of u: equation (D1),
-            e = u_1 - [u + h v + h^2 (2 w + w_1) / 6], of order h^3. A double step begins two time
-            levels before its end; NaN where that level was before the beginning of the run.
-
-        Raises
-        ------
-        ValueError
-            For a run with ``every``, unless all substeps are at recorded macro time levels, for
-            steps that changed, and for a file of an older version.
-
-        Notes
-        -----
-        The estimate does not contain the error of the interface, of order 1 with substeps under
-        "pm" and "gc".
-
-        Examples
-        --------
-        The trapezoidal rule adds h^3 / 12 times the third derivative, here 8 cos(2 t):
-
-        >>> one = Subdomain([1.0], [4.0], scheme=Newmark(), v0=[-1.0])
-        >>> e = solve(one, dt=0.01, t_end=1.0).local_error()
-        >>> e.shape, float(np.round(e[0, 0] / (0.01**3 / 12), 2))
-        ((100, 1), 4.0)
-        """
-        return local_error(self)
-
-    def plot(
-        self,
-        dofs: Any = None,
-        *,
-        quantity: str = "u",
-        title: str | None = None,
-        units: Mapping[str, str] | None = None,
-        ax: Axes | None = None,
-    ) -> Axes:
-        """Plot time histories of dofs, as `History.plot`, whose errors it raises.
-
-        Parameters
-        ----------
-        dofs : int, list of int or None
-            At most 16. Default: at most four, with the largest range and different motion.
-        quantity : {"u", "v", "a"}, default "u"
-            Displacement, velocity or acceleration.
-        title : str, optional
-            Default: none.
-        units : dict, optional
-            As for `History.plot`.
-        ax : matplotlib.axes.Axes, optional
-            Axes to draw into. Default: those of a new figure of pyplot.
-
-        Returns
-        -------
-        matplotlib.axes.Axes
-            As of `History.plot`.
-
-        Examples
-        --------
-        >>> oscillator = Subdomain([1.0], [4.0], scheme=Newmark(), u0=[1.0])
-        >>> ax = solve(oscillator, dt=0.1, t_end=9.0).plot(units={"time": "s"})
-        >>> ax.get_xlabel()
-        'time $t$ (s)'
-        """
-        return self._alone().plot(dofs, quantity=quantity, title=title, units=units, ax=ax)
-
-    def save(self, path: str | PathLike[str]) -> None:
-        """Write to a file, as `History.save`: a History of this subdomain only.
-
-        Parameters
-        ----------
-        path : str or path
-            As for `History.save`.
-
-        Examples
-        --------
-        >>> import tempfile, pathlib
-        >>> motion = solve(Subdomain([1.0], [4.0], scheme=Newmark(), u0=[1.0]), dt=0.1, t_end=1.0)
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     path = pathlib.Path(folder, "run.npz")
-        ...     motion.save(path)
-        ...     bool(np.all(History.load(path)[0].u == motion.u))
-        True
-        """
-        self._alone().save(path)
-
-    def to_xarray(self) -> xarray.Dataset:
-        """The motion with the coordinates time and dof; the arrays are shared, not copied.
-
-        Returns
-        -------
-        xarray.Dataset
-            With u, v and a over ``time`` and ``dof``, and ``deformation`` and ``force`` of recorded
-            springs over ``time`` and ``spring``; outputs are variables by their names over
-            ``time`` and rows.
-
-        Raises
-        ------
-        ImportError
-            If xarray is missing.
-        """
-        return subdomain_dataset(self)
-
-    def to_pandas(self) -> pandas.DataFrame:
-        """The motion as a table, a row for each time level.
-
-        Returns
-        -------
-        pandas.DataFrame
-            The index is ``time``, the columns are (quantity, dof), dofs by name where they have
-            names: u, v and a, with recorded
-            springs also deformation and force, whose second label is the spring, with internal
-            forces iterations and q, and outputs by their names, whose second label is the row.
-
-        Raises
-        ------
-        ImportError
-            If pandas is missing.
-
-        Examples
-        --------
-        >>> motion = solve(Subdomain([1.0], [4.0], scheme=Newmark(), u0=[1.0]), dt=0.1, t_end=1.0)
-        >>> motion.to_pandas()["u"].shape  # doctest: +SKIP
-        (11, 1)
-        """
-        return subdomain_frame(self)
-
-    def _alone(self) -> History:
-        """A History of this subdomain only, without constraints."""
-        none = np.empty((self.t.size, 0))
-        return History(
-            subdomains=(self,),
-            multipliers=none,
-            multiplier_times=self.t,
-            velocity_jump=none,
-            displacement_jump=none,
-            macro_times=self.t,
-            keys=((self.name, None),),
-        )
-
-    def __repr__(self) -> str:
-        levels, dofs = counted(self.t.size, "time level"), counted(self.dofs.size, "dof")
-        outputs = f", {counted(len(self.outputs), 'output')}" if self.outputs else ""
-        return f"<{self.name!r}: {levels}, {dofs}{outputs}>"
 
 
 @dataclass(frozen=True)
@@ -410,45 +192,7 @@ class History:
         ...     bool(np.all(History.load(path)["A"].u == history["A"].u))
         True
         """
-        header, arrays = self.contents()
-        wrong = history_file.not_finite(arrays)
-        if wrong is not None:
-            raise ValueError(f"a History must have finite states to be saved, {wrong} has others")
-        is_hdf5 = checked_path(path).suffix in (".h5", ".hdf5")
-        write = history_file.write if is_hdf5 else write_npz
-        write(path, header, arrays)
-
-    def contents(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """The contents of a file of this History.
-
-        Returns
-        -------
-        header : dict
-            Format, version, names and steps.
-        arrays : dict of arrays
-            By name.
-        """
-        header = {
-            "format": FORMAT,
-            "version": VERSION,
-            "names": [name for name, _ in self.keys],
-            "recorded": [i for i, s in enumerate(self.subdomains) if s is not None],
-            "steps": [s and (s.substep, s.double_after) for s in self.subdomains],
-            "outputs": [list(s.outputs) if s else [] for s in self.subdomains],
-            "sizes": [s and s.n for s in self.subdomains],
-            "dof_names": [
-                None if s is None or s.dof_names is None else list(s.dof_names)
-                for s in self.subdomains
-            ],
-        }
-        arrays = arrays_of(self)
-        for i, s in enumerate(self.subdomains):
-            if s is not None:
-                arrays |= {f"{i}.{name}": x for name, x in arrays_of(s).items()}
-                arrays |= {output_array(i, k): x for k, x in enumerate(s.outputs.values())}
-        if self.energy is not None:
-            arrays |= {f"energy.{name}": x for name, x in self.energy.arrays().items()}
-        return header, arrays
+        write_history(path, self)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> History:
@@ -477,45 +221,7 @@ class History:
         ImportError
             For an HDF5 file without h5py.
         """
-        is_mapped = history_file.is_hdf5(path)
-        if is_mapped:
-            header, arrays = history_file.read(path)
-        else:
-            header, arrays = read_npz(path, FORMAT, VERSION)
-        try:
-            history_file.check_contents(header, arrays)
-            wrong = None if is_mapped else history_file.not_finite(arrays)
-            if wrong is not None:
-                raise ValueError(f"finite numbers in {wrong}")
-            subdomains: list[SubdomainHistory | None] = [None] * len(header["names"])
-            steps = header.get("steps", [(None, None)] * len(header["names"]))
-            outputs = header.get("outputs", [()] * len(header["names"]))
-            sizes, dof_names = (
-                header.get(key, [None] * len(header["names"])) for key in ("sizes", "dof_names")
-            )
-            for i in header["recorded"]:
-                substep, double_after = steps[i]
-                subdomains[i] = SubdomainHistory(
-                    name=header["names"][i],
-                    substep=substep,
-                    double_after=double_after,
-                    n=sizes[i],
-                    dof_names=dof_names[i],
-                    outputs={x: arrays[output_array(i, k)] for k, x in enumerate(outputs[i])},
-                    **_read(SubdomainHistory, OF_SUBDOMAIN, arrays, f"{i}."),
-                )
-            interface = _read(cls, OF_INTERFACE, arrays)
-            energy = None
-            if any(key.startswith("energy.") for key in arrays):
-                energies = {key: arrays[f"energy.{key}"] for key in ENERGY_FIELDS}
-                conserved = arrays.get("energy.conserved")
-                energy = Energy(interface["macro_times"], **energies, conserved=conserved)
-        except (AttributeError, LookupError, TypeError, ValueError) as error:
-            raise ValueError(
-                f"path must lead to a complete file, {str(path)!r} lacks {error}"
-            ) from None
-        keys = tuple((name, None) for name in header["names"])
-        return cls(subdomains=tuple(subdomains), **interface, keys=keys, energy=energy)
+        return cls(**stored_fields(path, cls, SubdomainHistory))
 
     @classmethod
     def join(cls, pieces: Iterable[History]) -> History:
@@ -591,17 +297,3 @@ class History:
             If xarray is missing.
         """
         return dataset(self)
-
-
-def _read(
-    kind: type, table: Mapping[str, Quantity], arrays: Mapping[str, np.ndarray], prefix: str = ""
-) -> dict[str, Any]:
-    """The arrays of a History from a file; LookupError where one is missing that all files have."""
-    needed = {x.name for x in fields(kind) if x.default is MISSING}
-    names = (name for name in table if name in needed or prefix + name in arrays)
-    return {
-        name: whole_numbers(arrays, prefix + name)
-        if table[name].is_count
-        else arrays[prefix + name]
-        for name in names
-    }

@@ -58,7 +58,7 @@ class HistoryFile:
     path : str or path
         An existing file is replaced when the arrays are allocated.
     header : dict
-        From `History.contents`, with "begin" and "every" of the run, and "nodes", the number of
+        From `contents_of`, with "begin" and "every" of the run, and "nodes", the number of
         time levels per macro step of each growing array.
     arrays : dict
         The rows of the growing arrays up to `start`, and all rows of the others.

@@ -29,6 +29,7 @@ from .joining import WORKS
 from .keys import by_index
 from .outputs import Outputs, chosen_outputs
 from .quantities import APART, OF_INTERFACE, OF_SUBDOMAIN, column_counts, of_columns
+from .stored import contents_of
 
 # A run that is written to a file: bytes kept in memory, and seconds between two writes, about.
 FILED_BYTES, FILED_SECONDS = 16e6, 0.3
@@ -353,7 +354,7 @@ class FiledRecording(Recording):
         return int(min(self.end - self.begin, max(steps, 1.0)))
 
     def pauses(self) -> Iterator[int]:
-        header, arrays = super().history(self.begin).contents()
+        header, arrays = contents_of(super().history(self.begin))
         header |= {"begin": self.begin, "every": self.every or 0, "nodes": self._levels()}
         header["fixed"] = sorted(arrays.keys() - header["nodes"].keys())
         if self.clock.origin == 0:  # else times are counted from a change of the steps
@@ -386,7 +387,7 @@ class FiledRecording(Recording):
     def keep(self, end: int) -> None:
         if end > self.begin:
             assert self.file is not None
-            self.file.write(super().history(end).contents()[1], self.begin, end)
+            self.file.write(contents_of(super().history(end))[1], self.begin, end)
             self.begin = end
 
     def history(self, end: int) -> History:

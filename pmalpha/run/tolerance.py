@@ -25,6 +25,7 @@ from ..results.local_error import errors_of
 from ..results.outputs import chosen_outputs
 from ..results.quantities import OF_SUBDOMAIN, of_columns, with_rows
 from ..results.recording import Recording, chosen_dofs
+from ..results.stored import contents_of
 from ..setup.part import Part
 from .changes import advance_to, choose
 from .interrupts import HeldSignals
@@ -63,7 +64,7 @@ def run(
         with reporting(progress, first, last) as report:
             history = chosen_run(session, controller, pieces, last, report, held)
         if path is not None:
-            history_file.write(path, *history.contents())
+            history_file.write(path, *contents_of(history))
             write_master_of(session, path)
     session.last_history = None
     return history
