@@ -62,7 +62,7 @@ static pma_interface interface_of(const pma_member *m, bool later, double *inver
 {
     double unit = 1.0, H = 0.0;
     for (size_t i = 0; i < 2; i++)
-        m[i].table->compliance(m[i].self, later && m[i].doubled, &unit, &H);
+        pma_member_compliance(&m[i], later && m[i].doubling != PMA_SINGLE, &unit, &H);
     *inverse = 1.0 / H;
     const pma_factor factor = {.form = PMA_DIAGONAL, .n = 1, .nb = 1, .inverse = inverse};
     must(pma_ldl_create(&factor, ldl), "interface");

@@ -18,8 +18,6 @@ BELOW = {
     "workers": set(),
     "coupling": {"algebra", "member", "workers"},
 }
-# What several threads do in a step: stages of the coupler, kept beside the team that does them.
-STAGES = {"workers/look_ahead.c", "workers/share.c", "workers/split.c"}
 
 
 def included(path):
@@ -41,8 +39,6 @@ def functions(text):
 def test_a_folder_of_the_core_includes_what_is_below_it(path):
     folder = str(path.parent) if path.parent.name else ""
     allowed = BELOW[folder] | {folder, ""}
-    if str(path) in STAGES:
-        allowed |= {"coupling"}
     for name in included(path):
         assert (CORE / name).exists(), name
         assert (name.split("/")[0] if "/" in name else "") in allowed, name

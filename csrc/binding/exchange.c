@@ -64,28 +64,27 @@ static int take_iterated(PyObject *obj, PyObject *arrays, pma_remote_parts *part
     return 0;
 }
 
-/* (n, nb, substeps, h, doubled, continues, shoots, al2, al2_twice, link, rows) */
+/* (nb, substeps, h, doubled, continues, shoots, link, rows) */
 static int take_remote(PyObject *obj, PyObject *arrays, pma_remote **out)
 {
-    pma_remote_parts parts = {.n = 0};
-    Py_ssize_t n, nb, substeps;
+    pma_remote_parts parts = {.iterates = false};
+    Py_ssize_t nb, substeps;
     int doubled, continues, shoots;
     PyObject *link, *rows;
     if (!PyTuple_Check(obj)) {
         PyErr_SetString(PyExc_TypeError, "a remote subdomain must be a tuple");
         return -1;
     }
-    if (!PyArg_ParseTuple(obj, "nnndpppddOO", &n, &nb, &substeps, &parts.h, &doubled, &continues,
-                          &shoots, &parts.al2, &parts.al2_twice, &link, &rows))
+    if (!PyArg_ParseTuple(obj, "nndpppOO", &nb, &substeps, &parts.h, &doubled, &continues, &shoots,
+                          &link, &rows))
         return -1;
-    if (n < 1 || nb < 0 || nb > n || substeps < 1) {
-        PyErr_SetString(PyExc_ValueError, "a remote subdomain must have dofs and substeps");
+    if (nb < 0 || substeps < 1) {
+        PyErr_SetString(PyExc_ValueError, "a remote subdomain must have substeps");
         return -1;
     }
     if (pma_take_link(link, (size_t)nb, arrays, &parts.link) < 0 ||
         take_iterated(rows, arrays, &parts) < 0)
         return -1;
-    parts.n = (size_t)n;
     parts.substeps = (size_t)substeps;
     parts.doubled = doubled;
     parts.continues = continues;

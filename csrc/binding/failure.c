@@ -23,7 +23,8 @@ static bool is_raised(CouplerObject *self, pma_status status, size_t failed)
     if (status != PMA_RESTORING_FAILED && status != PMA_INTERNAL_FAILED)
         return true;
     pma_subdomain *s = own_subdomain(self, failed)->core;
-    return pma_subdomain_member(s).by_caller || !PyErr_ExceptionMatches(PyExc_Exception);
+    return pma_subdomain_member(s).forces == PMA_BY_CALLER ||
+           !PyErr_ExceptionMatches(PyExc_Exception);
 }
 
 /* (index, t, corrections, position): of the subdomain that did not converge, or of the interface

@@ -17,9 +17,9 @@ static void fill_compliance(pma_subdomain *s, bool twice, const int64_t *rows, n
 {
     const pma_member member = pma_subdomain_member(s);
     for (npy_intp c = 0; c < k; c++) {
-        memset(sum, 0, member.p * sizeof(double));
+        memset(sum, 0, member.link->p * sizeof(double));
         lam[rows[c]] = 1.0;
-        member.table->compliance(member.self, twice, lam, sum);
+        pma_member_compliance(&member, twice, lam, sum);
         lam[rows[c]] = 0.0;
         for (npy_intp r = 0; r < k; r++)
             out[r * k + c] = sum[rows[r]];

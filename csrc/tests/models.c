@@ -242,7 +242,8 @@ static pma_member make_member(model *m, size_t i)
     m->subdomains[i] = x->core;
     if (m->stored && x->responds)
         store_response(m, i);
-    m->wrapped[i] = (naive_member){.of = x, .looks_ahead = m->looks_ahead};
+    m->wrapped[i] =
+        (naive_member){.of = x, .looks_ahead = m->looks_ahead, .link = describe(x).link};
     return m->naive[i] ? naive_member_of(&m->wrapped[i]) : pma_subdomain_member(x->core);
 }
 

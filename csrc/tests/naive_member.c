@@ -24,28 +24,28 @@ static const level *origin(const naive_member *s, const pma_substep *step)
     return &s->levels[place(s, step->j) - step->twice];
 }
 
-/* sum (p) += scale L x */
-static void gather(const part *x, double scale, const double *values, double *sum)
-{
-    for (size_t row = 0; row < x->p; row++)
-        sum[row] += scale * constrained(x, row, values);
-}
-
 /* ---- a substep ------------------------------------------------------------------------------ */
 
-static pma_status open_substep(void *self, const pma_substep *step)
+static void hold(const naive_member *s, const pma_substep *step, const double *lam, level *to)
 {
-    naive_member *s = self;
+    double wl[MOST];
+    naive_link(s->of, step->twice, lam, wl);
+    for (size_t i = 0; i < s->of->n; i++)
+        to->vf[i] += al2_of(s->of, step->twice) * wl[i];
+}
+
+static void open_substep(naive_member *s, const pma_substep *step, const double *lam)
+{
     double F[MOST];
     naive_force(s->of, step->t1, (size_t)step->number, F);
     naive_free(s->of, step->twice, step->t1, F, origin(s, step), &s->levels[place(s, step->j + 1)]);
+    if (step->held && s->of->substeps == 1)
+        hold(s, step, lam, &s->levels[place(s, step->j + 1)]);
     s->opened = step->j + 1;
-    return PMA_OK;
 }
 
-static pma_status close_substep(void *self, const pma_substep *step, const double *lam)
+static pma_status close_substep(naive_member *s, const pma_substep *step, const double *lam)
 {
-    naive_member *s = self;
     level *to = &s->levels[place(s, step->j + 1)];
     naive_close(s->of, step->twice, lam, origin(s, step), to);
     for (size_t i = 0; i < s->of->n; i++) {
@@ -53,6 +53,16 @@ static pma_status close_substep(void *self, const pma_substep *step, const doubl
             return PMA_NOT_FINITE;
     }
     return PMA_OK;
+}
+
+static pma_status advance(void *self, const pma_substep *closed, const pma_substep *opened,
+                          const double *lam, const pma_workers *workers)
+{
+    assert(!workers);
+    const pma_status status = closed ? close_substep(self, closed, lam) : PMA_OK;
+    if (opened && status == PMA_OK)
+        open_substep(self, opened, lam);
+    return status;
 }
 
 static size_t opened(const void *self)
@@ -63,53 +73,43 @@ static size_t opened(const void *self)
 
 /* ---- values on the interface ---------------------------------------------------------------- */
 
-static void compliance(void *self, bool twice, const double *lam, double *sum)
+static const double *link_velocity(naive_member *s, bool twice, const double *lam)
 {
-    const naive_member *s = self;
-    double wl[MOST];
-    naive_link(s->of, twice, lam, wl);
-    gather(s->of, al2_of(s->of, twice), wl, sum);
+    naive_link(s->of, twice, lam, s->added);
+    for (size_t i = 0; i < s->of->n; i++)
+        s->added[i] *= al2_of(s->of, twice);
+    return s->added;
 }
 
-static void free_velocity(const void *self, size_t j, double theta, double scale, double *sum)
+static const double *values(void *self, pma_interface_kind kind, size_t j, bool twice,
+                            const double *lam)
 {
-    const naive_member *s = self;
-    gather(s->of, scale * (1.0 - theta), s->levels[place(s, j)].vf, sum);
-    gather(s->of, scale * theta, s->levels[place(s, j + 1)].vf, sum);
-}
-
-static void velocity(const void *self, size_t j, double *sum)
-{
-    const naive_member *s = self;
-    gather(s->of, 1.0, s->levels[place(s, j)].v, sum);
-}
-
-static void displacement(const void *self, size_t j, double *sum)
-{
-    const naive_member *s = self;
-    gather(s->of, 1.0, s->levels[place(s, j)].u, sum);
-}
-
-static bool is_finite(const void *self, size_t j)
-{
-    const naive_member *s = self;
-    for (size_t i = 0; i < s->of->n; i++) {
-        if (!isfinite(s->levels[place(s, j)].vf[i]))
-            return false;
-    }
-    return true;
+    naive_member *s = self;
+    const size_t interior = s->of->n - s->of->nb;
+    if (kind == PMA_LINK_VELOCITY)
+        return link_velocity(s, twice, lam) + interior;
+    const level *x = &s->levels[place(s, j)];
+    assert(kind != PMA_EXPECTED_DISPLACEMENT);
+    return (kind == PMA_VELOCITY ? x->v : kind == PMA_DISPLACEMENT ? x->u : x->vf) + interior;
 }
 
 /* ---- time levels ---------------------------------------------------------------------------- */
 
-static void record(const void *self, size_t j, const pma_selection *selection, size_t row)
+static void record(void *self, pma_recordable what, size_t j, const double *lam,
+                   const pma_selection *selection, size_t row)
 {
     const naive_member *s = self;
-    const level *x = &s->levels[place(s, j)];
-    for (size_t i = 0; i < selection->count; i++) {
-        selection->u[row * selection->count + i] = x->u[selection->position[i]];
-        selection->v[row * selection->count + i] = x->v[selection->position[i]];
-        selection->w[row * selection->count + i] = x->w[selection->position[i]];
+    const size_t count = selection->count;
+    const level *x = what == PMA_RESPONSE ? &s->response : &s->levels[place(s, j)];
+    (void)lam;
+    for (size_t i = 0; i < count; i++) {
+        const size_t k = row * count + i;
+        selection->u[k] =
+            x->u[selection->position[i]] + (what == PMA_MOTION ? 0.0 : selection->u[k]);
+        selection->v[k] =
+            x->v[selection->position[i]] + (what == PMA_MOTION ? 0.0 : selection->v[k]);
+        selection->w[k] =
+            x->w[selection->position[i]] + (what == PMA_MOTION ? 0.0 : selection->w[k]);
     }
 }
 
@@ -135,9 +135,9 @@ static void rebase(void *self, size_t j, const double *lam)
 
 /* ---- look-ahead: there is room for all time levels ------------------------------------------ */
 
-static pma_status look_ahead(void *self)
+static pma_status prepare(void *self, pma_turns turns, size_t workers)
 {
-    (void)self;
+    (void)self, (void)turns, (void)workers;
     return PMA_OK;
 }
 
@@ -150,16 +150,6 @@ static bool is_known(const void *self, const pma_substep *step)
 
 /* ---- macro coupling ------------------------------------------------------------------------- */
 
-static void hold(void *self, const pma_substep *step, const double *lam)
-{
-    naive_member *s = self;
-    level *to = &s->levels[place(s, step->j + 1)];
-    double wl[MOST];
-    naive_link(s->of, step->twice, lam, wl);
-    for (size_t i = 0; i < s->of->n; i++)
-        to->vf[i] += al2_of(s->of, step->twice) * wl[i];
-}
-
 static void respond(void *self, size_t j, const double *lam, const double *dlam)
 {
     naive_member *s = self;
@@ -171,17 +161,6 @@ static void respond(void *self, size_t j, const double *lam, const double *dlam)
         grown[row] = dlam[row] * (double)j / (double)s->of->substeps;
     const level from = s->response;
     naive_respond(s->of, false, grown, &from, &s->response);
-}
-
-static void record_response(const void *self, const pma_selection *selection, size_t row)
-{
-    const naive_member *s = self;
-    const level *x = &s->response;
-    for (size_t i = 0; i < selection->count; i++) {
-        selection->u[row * selection->count + i] += x->u[selection->position[i]];
-        selection->v[row * selection->count + i] += x->v[selection->position[i]];
-        selection->w[row * selection->count + i] += x->w[selection->position[i]];
-    }
 }
 
 static pma_status add_response(void *self, const double *dlam)
@@ -202,23 +181,13 @@ static size_t repeats(const void *self, bool recorded)
 /* ---- the member ----------------------------------------------------------------------------- */
 
 static const pma_member_table IN_TURN = {
-    .open = open_substep,
-    .close = close_substep,
+    .advance = advance,
     .opened = opened,
-    .compliance = compliance,
-    .free_velocity = free_velocity,
-    .velocity = velocity,
-    .displacement = displacement,
-    .is_finite = is_finite,
+    .values = values,
     .record = record,
     .commit = commit,
     .discard = discard,
     .rebase = rebase,
-    .hold = hold,
-    .respond = respond,
-    .record_response = record_response,
-    .add_response = add_response,
-    .repeats = repeats,
 };
 
 pma_member naive_member_of(naive_member *s)
@@ -226,17 +195,21 @@ pma_member naive_member_of(naive_member *s)
     const part *x = s->of;
     s->table = IN_TURN;
     if (s->looks_ahead) {
-        s->table.look_ahead = look_ahead;
+        s->table.prepare = prepare;
         s->table.is_known = is_known;
+    }
+    if (x->responds) {
+        s->table.respond = respond;
+        s->table.add_response = add_response;
+        s->table.repeats = repeats;
     }
     return (pma_member){.table = &s->table,
                         .self = s,
-                        .p = x->p,
-                        .n = x->n,
+                        .link = &s->link,
                         .substeps = x->substeps,
                         .h = x->h,
                         .entries = 4 * x->n * x->n,
-                        .doubled = x->doubled,
-                        .evaluates = x->restored,
-                        .responds = x->responds};
+                        .alone = 4 * x->n * x->n,
+                        .doubling = pma_doubling_of(x->doubled, false),
+                        .forces = x->restored ? PMA_BY_ANY : PMA_NO_FORCES};
 }

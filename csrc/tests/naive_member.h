@@ -1,7 +1,7 @@
 /* naive_member.h - a part as a member of a coupler: a second implementation of member.h.
  *
  * It keeps all time levels of the run and solves dense systems, all by the naive steps; of the core
- * it has nothing but the table. No energy, no ranges of rows, and look-ahead only where it is
+ * it has nothing but the table. No energy, no workers, and look-ahead only where it is
  * wanted, so that operations that may be left out are left out. */
 #ifndef PMA_TEST_NAIVE_MEMBER_H
 #define PMA_TEST_NAIVE_MEMBER_H
@@ -21,6 +21,8 @@ typedef struct {
     size_t opened;
     level levels[LEVELS + AHEAD]; /* since the start */
     level response;               /* after the last substep of the link response */
+    double added[MOST];           /* of multipliers, to the velocity */
+    pma_link link;
     pma_member_table table;
 } naive_member;
 

@@ -80,9 +80,9 @@ static void double_steps_are_taken_from_the_second_macro_step_on(void)
         for (size_t substeps = 1; substeps <= SUBSTEPS; substeps++) {
             for (size_t j = 0; j < 2 * substeps; j++) {
                 const bool first = macro == 0 && j < substeps;
-                const int64_t doubles = pma_clock_first_double(true, false, substeps);
-                const int64_t none = pma_clock_first_double(false, false, substeps);
-                const int64_t all = pma_clock_first_double(true, true, substeps);
+                const int64_t doubles = pma_clock_first_double(PMA_DOUBLED, substeps);
+                const int64_t none = pma_clock_first_double(PMA_SINGLE, substeps);
+                const int64_t all = pma_clock_first_double(PMA_CONTINUED, substeps);
                 CHECK_INT(pma_clock_substep(0.0, 0.3, macro, substeps, j, doubles).twice, !first);
                 CHECK_INT(pma_clock_substep(0.0, 0.3, macro, substeps, j, none).twice, false);
                 CHECK_INT(pma_clock_substep(0.0, 0.3, macro, substeps, j, all).twice, true);
@@ -109,7 +109,7 @@ static void a_substep_is_the_same_from_wherever_it_is_counted(void)
 {
     for (size_t i = 0; i < MACRO_COUNT; i++) {
         for (size_t substeps = 1; substeps <= SUBSTEPS; substeps++) {
-            const int64_t first = pma_clock_first_double(true, false, substeps);
+            const int64_t first = pma_clock_first_double(PMA_DOUBLED, substeps);
             for (size_t j = 0; j < substeps; j++) {
                 const pma_substep later =
                     pma_clock_substep(0.0, 0.3, MACROS[i], substeps, j + substeps, first);

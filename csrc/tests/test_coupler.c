@@ -63,6 +63,11 @@ static void a_motion_of_rows_that_do_not_exist_is_refused(void)
     destroy_model(&m);
 }
 
+static void shift_nothing(void *self, const pma_substep *step, const double *mu)
+{
+    (void)self, (void)step, (void)mu;
+}
+
 static void a_tied_schedule_needs_a_matrix_and_members_that_shift(void)
 {
     static model m;
@@ -75,16 +80,19 @@ static void a_tied_schedule_needs_a_matrix_and_members_that_shift(void)
     pma_coupler_parts parts = describe_coupler(&m);
     parts.schedule = &pma_tied_schedule;
     CHECK_STATUS(pma_gap_create(&S, &gap), PMA_OK);
+    pma_member_table shifting = *m.members[0].table;
+    shifting.shift = shift_nothing;
     for (size_t i = 0; i < m.count; i++)
-        m.members[i].shifts = true;
+        m.members[i].table = &shifting;
     CHECK_STATUS(status_of(&parts), PMA_BAD_SIZE); /* no matrix */
     parts.gap = pma_gap_interface(&gap);
     CHECK_STATUS(status_of(&parts), PMA_BAD_SIZE); /* of two constraints, not one */
     parts.gap.p = m.p;
     CHECK_STATUS(status_of(&parts), PMA_OK);
-    m.members[1].shifts = false;
+    m.members[1].table = pma_subdomain_member(m.parts[1].core).table;
     CHECK_STATUS(status_of(&parts), PMA_BAD_SIZE);
-    m.members[1].shifts = m.members[0].doubled = true;
+    m.members[1].table = &shifting;
+    m.members[0].doubling = PMA_DOUBLED;
     CHECK_STATUS(status_of(&parts), PMA_BAD_SIZE);
     pma_gap_destroy(&gap);
     destroy_model(&m);

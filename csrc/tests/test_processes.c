@@ -67,12 +67,9 @@ static void make_process(process *q, const chain *chosen, meeting *place, size_t
     for (size_t i = 0; i < PARTS; i++) {
         part *x = &q->m.parts[i];
         const pma_remote_parts parts = {.link = pma_subdomain_parts(x->core)->link,
-                                        .n = x->n,
                                         .substeps = x->substeps,
                                         .h = x->h,
-                                        .doubled = x->doubled,
-                                        .al2 = al2_of(x, false),
-                                        .al2_twice = al2_of(x, true)};
+                                        .doubled = x->doubled};
         if (is_own(q, i))
             continue;
         CHECK_STATUS(pma_remote_create(&parts, &q->remotes[i]), PMA_OK);

@@ -73,8 +73,8 @@ static void walk(const pma_member *m, bool twice)
     for (size_t j = 0; j < 2; j++) {
         const pma_substep step = {.j = j, .twice = twice};
         const double lam[CONSTRAINTS] = {1.0 + (double)j, -2.0};
-        CHECK_STATUS(m->table->open(m->self, &step), PMA_OK);
-        CHECK_STATUS(m->table->close(m->self, &step, lam), PMA_OK);
+        CHECK_STATUS(m->table->advance(m->self, NULL, &step, NULL, NULL), PMA_OK);
+        CHECK_STATUS(m->table->advance(m->self, &step, NULL, lam, NULL), PMA_OK);
     }
     m->table->commit(m->self);
 }
@@ -127,20 +127,20 @@ static void the_compliance_leaves_the_scratch_of_the_steps_alone(void)
     const double lam[CONSTRAINTS] = {3.0, -4.0};
     double sum[CONSTRAINTS] = {0.0}, vf[2][CONSTRAINTS] = {{0.0}};
     const pma_substep step = {.j = 0};
-    CHECK_STATUS(q.member.table->open(q.member.self, &step), PMA_OK);
-    CHECK_STATUS(alone.member.table->open(alone.member.self, &step), PMA_OK);
+    CHECK_STATUS(q.member.table->advance(q.member.self, NULL, &step, NULL, NULL), PMA_OK);
+    CHECK_STATUS(alone.member.table->advance(alone.member.self, NULL, &step, NULL, NULL), PMA_OK);
     mark(FACE, q.core->closing);
     mark(scratch, q.core->work);
     for (int twice = 0; twice <= 1; twice++)
-        q.member.table->compliance(q.member.self, twice, lam, sum);
+        pma_member_compliance(&q.member, twice, lam, sum);
     check_marked(FACE, q.core->closing);
     check_marked(scratch, q.core->work);
     CHECK(sum[0] != 0.0 && sum[1] != 0.0);
-    q.member.table->free_velocity(q.member.self, 0, 0.5, 1.0, vf[0]);
-    alone.member.table->free_velocity(alone.member.self, 0, 0.5, 1.0, vf[1]);
+    pma_member_free_velocity(&q.member, 0, 0.5, 1.0, vf[0]);
+    pma_member_free_velocity(&alone.member, 0, 0.5, 1.0, vf[1]);
     CHECK_BITS(CONSTRAINTS, vf[0], vf[1]);
-    CHECK_STATUS(q.member.table->close(q.member.self, &step, lam), PMA_OK);
-    CHECK_STATUS(alone.member.table->close(alone.member.self, &step, lam), PMA_OK);
+    CHECK_STATUS(q.member.table->advance(q.member.self, &step, NULL, lam, NULL), PMA_OK);
+    CHECK_STATUS(alone.member.table->advance(alone.member.self, &step, NULL, lam, NULL), PMA_OK);
     compare_closed(&q, &alone);
     pma_subdomain_destroy(q.core);
     pma_subdomain_destroy(alone.core);
@@ -163,8 +163,8 @@ static void check_one_in_panels(bool twice)
     for (size_t macro = 0; macro < 3; macro++) {
         walk(&q.member, macro > 0);
         walk(&dense.member, macro > 0);
-        q.member.table->compliance(q.member.self, macro > 0, lam, x);
-        dense.member.table->compliance(dense.member.self, macro > 0, lam, y);
+        pma_member_compliance(&q.member, macro > 0, lam, x);
+        pma_member_compliance(&dense.member, macro > 0, lam, y);
     }
     for (size_t i = 0; i < DOFS; i++) {
         CHECK_NEAR(pma_subdomain_present(q.core)->u[i], pma_subdomain_present(dense.core)->u[i],
@@ -200,7 +200,7 @@ static void link_responses_have_scratch_of_their_own(void)
     parts = describe(&dense.of);
     create_panelled(&dense, &parts);
     const size_t scratch = pma_factor_scratch(&q.core->parts.single.factor);
-    CHECK_STATUS(q.member.table->open(q.member.self, &step), PMA_OK);
+    CHECK_STATUS(q.member.table->advance(q.member.self, NULL, &step, NULL, NULL), PMA_OK);
     mark(scratch, q.core->work);
     mark(scratch, q.core->link_work);
     for (size_t j = 1; j <= 2; j++) {
@@ -237,14 +237,14 @@ static void the_compliance_can_be_evaluated_while_steps_are_made(void)
     double expected[CONSTRAINTS] = {0.0}, x[4 * MOST], y[4 * MOST];
     make_panelled(&q);
     make_panelled(&alone);
-    alone.member.table->compliance(alone.member.self, false, lam, expected);
+    pma_member_compliance(&alone.member, false, lam, expected);
     walk_on(&alone.member, 0);
     CHECK_STATUS(pma_team_create(2, &team), PMA_OK);
     CHECK_STATUS(pma_team_gather(team), PMA_OK);
     pma_team_post(team, 1, walk_on, &q.member);
     for (size_t k = 0; k < ROUNDS; k++) {
         double sum[CONSTRAINTS] = {0.0};
-        q.member.table->compliance(q.member.self, false, lam, sum);
+        pma_member_compliance(&q.member, false, lam, sum);
         CHECK_BITS(CONSTRAINTS, sum, expected);
     }
     pma_team_await(team, 1, NULL, NULL);

@@ -102,8 +102,8 @@ static void walk(pma_subdomain *s)
         for (size_t j = 0; j < 2; j++) {
             const pma_substep step = {.j = j, .number = 2 * macro + (int64_t)j, .twice = macro > 0};
             const double lam = 1.0 - (double)j;
-            CHECK_STATUS(m.table->open(m.self, &step), PMA_OK);
-            CHECK_STATUS(m.table->close(m.self, &step, &lam), PMA_OK);
+            CHECK_STATUS(m.table->advance(m.self, NULL, &step, NULL, NULL), PMA_OK);
+            CHECK_STATUS(m.table->advance(m.self, &step, NULL, &lam, NULL), PMA_OK);
         }
         m.table->commit(m.self);
     }
@@ -201,8 +201,8 @@ static void walk_with(pma_subdomain *s, size_t lanes, size_t lane)
             double lam[PMA_LANES];
             for (size_t l = 0; l < lanes; l++)
                 lam[l] = (double)(lane + l) - (double)j;
-            CHECK_STATUS(m.table->open(m.self, &step), PMA_OK);
-            CHECK_STATUS(m.table->close(m.self, &step, lam), PMA_OK);
+            CHECK_STATUS(m.table->advance(m.self, NULL, &step, NULL, NULL), PMA_OK);
+            CHECK_STATUS(m.table->advance(m.self, &step, NULL, lam, NULL), PMA_OK);
         }
         m.table->commit(m.self);
     }
@@ -280,7 +280,7 @@ static pma_member member_of(const pma_parts *parts)
 }
 
 /* Diagonal Mbar, linear, single steps: no row waits for another. */
-static void only_an_explicit_linear_subdomain_with_single_steps_divides(void)
+static void only_an_explicit_linear_subdomain_with_single_steps_is_shared(void)
 {
     int64_t order[LONG];
     double work[3 * LONG];
@@ -290,7 +290,7 @@ static void only_an_explicit_linear_subdomain_with_single_steps_divides(void)
     pma_parts good = describe_long(true, false);
     good.doubled = false;
     good.single.factor.form = PMA_DIAGONAL;
-    CHECK(member_of(&good).divides);
+    CHECK_INT(member_of(&good).alone, 0);
     pma_parts bad[6] = {good, good, good, good, good, good};
     bad[0].single.factor.form = PMA_BAND;
     bad[1].doubled = true;
@@ -299,7 +299,7 @@ static void only_an_explicit_linear_subdomain_with_single_steps_divides(void)
     bad[4].restoring = (pma_restoring){.function = pull, .n = LONG, .order = order, .work = work};
     bad[5].D_r = good.C;
     for (size_t i = 0; i < 6; i++)
-        CHECK(!member_of(&bad[i]).divides);
+        CHECK_INT(member_of(&bad[i]).alone, member_of(&bad[i]).entries);
 }
 
 static void a_member_is_what_its_parts_are(void)
@@ -309,30 +309,27 @@ static void a_member_is_what_its_parts_are(void)
     draw_numbers();
     pma_parts parts = describe_long(true, false);
     const pma_member plain = member_of(&parts);
-    CHECK_INT(plain.p, 1);
-    CHECK_INT(plain.n, LONG);
     CHECK_INT(plain.substeps, 2);
     CHECK(plain.h == 0.1);
-    CHECK(plain.doubled && !plain.evaluates && !plain.by_caller && !plain.responds);
+    CHECK(plain.doubling == PMA_DOUBLED && plain.forces == PMA_NO_FORCES);
     parts.springs = (pma_springs){1, &SET, SPRINGS};
     CHECK(member_of(&parts).entries > plain.entries);
-    CHECK(!member_of(&parts).evaluates);
+    CHECK_INT(member_of(&parts).forces, PMA_NO_FORCES);
     parts.doubled = false;
-    parts.responds = true;
-    CHECK(!member_of(&parts).doubled && member_of(&parts).responds);
+    CHECK_INT(member_of(&parts).doubling, PMA_SINGLE);
     parts.restoring = (pma_restoring){.function = pull, .n = LONG, .order = order, .work = work};
-    CHECK(member_of(&parts).evaluates && !member_of(&parts).by_caller);
+    CHECK_INT(member_of(&parts).forces, PMA_BY_ANY);
     parts.restoring.by_caller = true;
-    CHECK(member_of(&parts).evaluates && member_of(&parts).by_caller);
+    CHECK_INT(member_of(&parts).forces, PMA_BY_CALLER);
     parts.restoring.function = NULL;
-    CHECK(!member_of(&parts).evaluates && !member_of(&parts).by_caller);
+    CHECK_INT(member_of(&parts).forces, PMA_NO_FORCES);
 }
 
 const test SLABS_TESTS[] = {
     TEST(a_narrow_subdomain_is_stepped_slab_by_slab_as_at_once),
     TEST(every_case_in_a_lane_is_bitwise_the_subdomain_alone),
     TEST(functions_are_evaluated_for_one_case_alone),
-    TEST(only_an_explicit_linear_subdomain_with_single_steps_divides),
+    TEST(only_an_explicit_linear_subdomain_with_single_steps_is_shared),
     TEST(a_member_is_what_its_parts_are),
     END_OF_TESTS,
 };

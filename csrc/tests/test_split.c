@@ -76,7 +76,7 @@ static void make_B(large *m, uint64_t *seed)
                    {.form = PMA_DIAGONAL, .n = n, .nb = tied ? FACE : 0, .inverse = m->inverse}},
         .link = {tied ? CONSTRAINTS : 0, tied ? FACE : 0, m->ptr, m->rows, m->one, NULL}};
     CHECK_STATUS(pma_subdomain_create(&parts, &m->subdomains[0]), PMA_OK);
-    CHECK(pma_subdomain_member(m->subdomains[0]).divides);
+    CHECK_INT(pma_subdomain_member(m->subdomains[0]).alone, 0);
     pma_subdomain_set_load(m->subdomains[0],
                            (pma_load){.kind = PMA_LOAD_CONSTANT, .n = n, .values = m->load});
     start(m->subdomains[0], n, m, seed);
@@ -107,7 +107,8 @@ static void make_A(large *m, uint64_t *seed)
                              .twice = {pma_step_make(SCHEME, 12e-2), factor},
                              .link = {CONSTRAINTS, 1, m->ptr_A, m->row_A, m->minus_one, NULL}};
     CHECK_STATUS(pma_subdomain_create(&parts, &m->subdomains[1]), PMA_OK);
-    CHECK(!pma_subdomain_member(m->subdomains[1]).divides);
+    CHECK_INT(pma_subdomain_member(m->subdomains[1]).alone,
+              pma_subdomain_member(m->subdomains[1]).entries);
     start(m->subdomains[1], n, m, seed);
 }
 
@@ -140,7 +141,7 @@ static void couple(large *m, size_t threads)
         double column[CONSTRAINTS] = {0.0};
         unit[row] = 1.0;
         for (size_t i = 0; i < m->count; i++)
-            m->members[i].table->compliance(m->members[i].self, i == 1, unit, column);
+            pma_member_compliance(&m->members[i], i == 1, unit, column);
         unit[row] = 0.0;
         m->inverse_H[row] = 1.0 / column[row];
     }

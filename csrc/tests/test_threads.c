@@ -406,7 +406,7 @@ static bool poll_meeting(void *ctx)
     return met.stops;
 }
 
-static pma_status (*open_naively)(void *self, const pma_substep *step);
+static pma_member_table naively;
 
 static void pause(void)
 {
@@ -415,15 +415,18 @@ static void pause(void)
 
 /* Until the caller, which waits for this, has polled again; a minute at most, after which the test
  * finds too few polls. */
-static pma_status open_when_polled(void *self, const pma_substep *step)
+static pma_status open_when_polled(void *self, const pma_substep *closed, const pma_substep *opened,
+                                   const double *lam, const pma_workers *workers)
 {
+    if (!opened)
+        return naively.advance(self, closed, opened, lam, workers);
     for (int i = 0; i < 60000 && atomic_load(&met.polled) < atomic_load(&met.awaited); i++)
         pause();
     if (!met.stops && atomic_load(&met.awaited) > 0)
         atomic_fetch_add(&met.awaited, 1);
     for (int i = 0; i < 50 && met.stops && atomic_load(&met.awaited) > 0; i++)
         pause(); /* long enough for a second poll, were there one */
-    return open_naively(self, step);
+    return naively.advance(self, closed, opened, lam, workers);
 }
 
 /* An oscillator cut in two naive members; the second is worker 1's, whose opening waits. */
@@ -437,8 +440,8 @@ static void make_waiting(model *m, bool macro)
     make_model(m);
     CHECK_INT(m->coupler->coupled[0].worker, 0);
     CHECK_INT(m->coupler->coupled[1].worker, 1);
-    open_naively = m->wrapped[1].table.open;
-    m->wrapped[1].table.open = open_when_polled;
+    naively = m->wrapped[1].table;
+    m->wrapped[1].table.advance = open_when_polled;
 }
 
 static void check_run(model *m, int64_t steps)

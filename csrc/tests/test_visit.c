@@ -68,15 +68,15 @@ static void check_steps(pma_subdomain *a, pma_subdomain *b, bool doubled)
 {
     const pma_member x = pma_subdomain_member(a), y = pma_subdomain_member(b);
     const pma_substep first = substep(0, 0, doubled);
-    CHECK_STATUS(y.table->prepare_visits(y.self), PMA_OK);
-    CHECK_STATUS(y.table->open(y.self, &first), PMA_OK);
+    CHECK_STATUS(y.table->prepare(y.self, PMA_JOINED, 1), PMA_OK);
+    CHECK_STATUS(y.table->advance(y.self, NULL, &first, NULL, NULL), PMA_OK);
     for (size_t macro = 0; macro < MACROS; macro++) {
         for (size_t j = 0; j < SUBSTEPS; j++) {
             const pma_substep now = substep(macro, j, doubled),
                               next = substep(macro, j + 1, doubled);
-            CHECK_STATUS(x.table->open(x.self, &now), PMA_OK);
-            CHECK_STATUS(x.table->close(x.self, &now, NULL), PMA_OK);
-            CHECK_STATUS(y.table->visit(y.self, &now, &next, NULL), PMA_OK);
+            CHECK_STATUS(x.table->advance(x.self, NULL, &now, NULL, NULL), PMA_OK);
+            CHECK_STATUS(x.table->advance(x.self, &now, NULL, NULL, NULL), PMA_OK);
+            CHECK_STATUS(y.table->advance(y.self, &now, &next, NULL, NULL), PMA_OK);
             CHECK_INT(y.table->opened(y.self), j + 2);
             check_same(a, b, j + 1);
             CHECK_BITS(a->parts.nb, pma_levels_free_velocity(&b->levels, j + 1),
@@ -94,27 +94,33 @@ static void check_discarded(pma_subdomain *a, pma_subdomain *b, bool doubled)
 {
     const pma_member x = pma_subdomain_member(a), y = pma_subdomain_member(b);
     const pma_substep now = substep(MACROS, 0, doubled), next = substep(MACROS, 1, doubled);
-    CHECK_STATUS(y.table->visit(y.self, &now, &next, NULL), PMA_OK);
+    CHECK_STATUS(y.table->advance(y.self, &now, &next, NULL, NULL), PMA_OK);
     y.table->discard(y.self);
     CHECK_INT(y.table->opened(y.self), 0);
     check_same(a, b, 0);
     for (size_t i = 0; i < 2; i++) {
         const pma_member *z = i == 0 ? &x : &y;
-        CHECK_STATUS(z->table->open(z->self, &now), PMA_OK);
-        CHECK_STATUS(z->table->close(z->self, &now, NULL), PMA_OK);
+        CHECK_STATUS(z->table->advance(z->self, NULL, &now, NULL, NULL), PMA_OK);
+        CHECK_STATUS(z->table->advance(z->self, &now, NULL, NULL, NULL), PMA_OK);
     }
     check_same(a, b, 1);
 }
 
-/* What is closed or opened, or both, in the branches of as many workers, one after the other. */
+/* The branches of as many workers, one after the other. */
+static bool share_in_turn(void *ctx, bool (*work)(void *self, size_t worker), void *self)
+{
+    bool finite = true;
+    for (size_t w = *(const size_t *)ctx; w-- > 0;)
+        finite = work(self, w) && finite;
+    return finite;
+}
+
+/* What is closed or opened, or both. */
 static pma_status visit_in_branches(const pma_member *m, size_t workers, const pma_substep *closed,
                                     const pma_substep *opened)
 {
-    bool finite = true;
-    CHECK_STATUS(m->table->begin_visit(m->self, closed, opened, NULL), PMA_OK);
-    for (size_t w = workers; w-- > 0;)
-        finite = m->table->go(m->self, w) && finite;
-    return m->table->end_visit(m->self, finite);
+    const pma_workers all = {workers, &workers, share_in_turn};
+    return m->table->advance(m->self, closed, opened, NULL, &all);
 }
 
 /* Every node is in one branch or in the trunk. */
@@ -137,19 +143,18 @@ static void check_branches(pma_subdomain *a, pma_subdomain *b, bool doubled, siz
 {
     const pma_member x = pma_subdomain_member(a), y = pma_subdomain_member(b);
     const size_t last = SUBSTEPS - 1;
-    if (!y.branches)
+    if (!b->fuses)
         return;
-    CHECK_STATUS(y.table->divide(y.self, workers), PMA_OK);
+    CHECK_STATUS(y.table->prepare(y.self, PMA_JOINED, workers), PMA_OK);
     check_division(b, workers);
-    CHECK_STATUS(y.table->prepare_visits(y.self), PMA_OK);
     for (size_t macro = 0; macro < 2; macro++) {
         const pma_substep first = substep(macro, 0, doubled), end = substep(macro, last, doubled);
         CHECK_STATUS(visit_in_branches(&y, workers, NULL, &first), PMA_OK);
         for (size_t j = 0; j < SUBSTEPS; j++) {
             const pma_substep now = substep(macro, j, doubled),
                               next = substep(macro, j + 1, doubled);
-            CHECK_STATUS(x.table->open(x.self, &now), PMA_OK);
-            CHECK_STATUS(x.table->close(x.self, &now, NULL), PMA_OK);
+            CHECK_STATUS(x.table->advance(x.self, NULL, &now, NULL, NULL), PMA_OK);
+            CHECK_STATUS(x.table->advance(x.self, &now, NULL, NULL, NULL), PMA_OK);
             if (j < last)
                 CHECK_STATUS(visit_in_branches(&y, workers, &now, &next), PMA_OK);
         }
@@ -174,17 +179,38 @@ static interrupter stop;
 static const pma_member_table *usual;
 static pma_member_table interrupted;
 
-static pma_status visit_and_interrupt(void *self, const pma_substep *closed,
-                                      const pma_substep *opened, const double *lam)
+/* Where several share it, each of them is interrupted in its work. */
+typedef struct {
+    const pma_workers *workers;
+    bool (*work)(void *self, size_t worker);
+    void *self;
+} interrupted_work;
+
+static bool work_and_interrupt(void *ctx, size_t worker)
 {
-    interrupt(&stop, false);
-    return usual->visit(self, closed, opened, lam);
+    const interrupted_work *w = ctx;
+    interrupt(&stop, worker > 0);
+    return w->work(w->self, worker);
 }
 
-static bool go_and_interrupt(const void *self, size_t worker)
+static bool share_and_interrupt(void *ctx, bool (*work)(void *self, size_t worker), void *self)
 {
-    interrupt(&stop, worker > 0);
-    return usual->go(self, worker);
+    const pma_workers *workers = ctx;
+    interrupted_work w = {workers, work, self};
+    return workers->share(workers->ctx, work_and_interrupt, &w);
+}
+
+static pma_status advance_and_interrupt(void *self, const pma_substep *closed,
+                                        const pma_substep *opened, const double *lam,
+                                        const pma_workers *workers)
+{
+    if (!workers) {
+        if (closed && opened)
+            interrupt(&stop, false);
+        return usual->advance(self, closed, opened, lam, workers);
+    }
+    const pma_workers shared = {workers->count, (void *)(uintptr_t)workers, share_and_interrupt};
+    return usual->advance(self, closed, opened, lam, &shared);
 }
 
 /* As a coupler does it, which takes the member for one that is worth several workers. */
@@ -193,11 +219,10 @@ static pma_coupler *couple(pma_subdomain *s, size_t threads, pma_ldl *none)
     const pma_factor empty = {.form = PMA_DIAGONAL};
     pma_member member = pma_subdomain_member(s);
     member.entries = 10 * PMA_RANGE;
-    member.visits = true;
+    member.joins = true;
     usual = member.table;
     interrupted = *usual;
-    interrupted.visit = visit_and_interrupt;
-    interrupted.go = go_and_interrupt;
+    interrupted.advance = advance_and_interrupt;
     member.table = &interrupted;
     CHECK_STATUS(pma_ldl_create(&empty, none), PMA_OK);
     const pma_interface H = pma_ldl_interface(none);

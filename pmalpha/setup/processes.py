@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ..problem.schemes import Scheme
 from .link import Link
 from .part import Part, link_of
 from .ranks import Ranks
@@ -17,28 +16,22 @@ from .ranks import Ranks
 PIECES, MEASURES = 3, 6
 
 
-def remote_of(
-    part: Part, scheme: Scheme | None = None, L: Link | None = None, h: float | None = None
-) -> tuple[Any, ...]:
-    """What other processes have to know of a subdomain: (n, nb, substeps, h, doubled, continues,
-    whether it has internal forces, al2 of the single and of the double step, link, constraints if
-    its steps are iterated). With a scheme a single step of length h, without others.
+def remote_of(part: Part, L: Link | None = None, h: float | None = None) -> tuple[Any, ...]:
+    """What other processes have to know of a subdomain: (nb, substeps, h, doubled, continues,
+    whether it has internal forces, link, constraints if its steps are iterated). With another link
+    a single step of length h, without others.
     """
-    single = scheme is not None
-    scheme = part.subdomain.scheme if scheme is None else scheme
+    single = L is not None
     h = part.h if h is None else h
     double = not single and part.double
     L = part.L if L is None else L
     return (
-        part.n,
         part.nb,
         1 if single else part.substeps,
         h,
         double,
         double and part.over is not None,
         not single and part.internal is not None,
-        _al2(scheme, h),
-        _al2(scheme, part.lengths[1] if double else h),
         link_of(part, L),
         None if single or part.tangent is None else L.rows,
     )
@@ -49,18 +42,13 @@ def _numbers(nb: int, rows: np.ndarray | None) -> int:
     return max(PIECES * nb + MEASURES, 0 if rows is None else rows.size**2)
 
 
-def _al2(scheme: Scheme, h: float) -> float:
-    """al2 with the rounding of the core."""
-    return h * scheme.gamma * (1.0 - scheme.af) / (1.0 - scheme.am)
-
-
 def processes(ranks: Ranks | None, each: Iterable[tuple[Any, ...]]) -> tuple[Any, ...] | None:
     """The argument of that name of the core's coupler, from `remote_of` each own subdomain."""
     if ranks is None:
         return None
     own = list(each)
     remotes: list[Any] = list(ranks.joined(own))
-    size = ranks.size + sum(_numbers(nb, rows) for _, nb, *_, rows in remotes)
+    size = ranks.size + sum(_numbers(nb, rows) for nb, *_, rows in remotes)
     remotes[ranks.own] = [None] * len(own)
     values, counts, starts, gather = ranks.gather(size)
     return ranks.rank, tuple(remotes), ranks.first, values, counts, starts, gather

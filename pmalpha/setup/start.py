@@ -256,7 +256,7 @@ class _Mass:
         return core_subdomain(self.part, UNIT_STEP, L, self.operator)
 
     def remote(self) -> tuple[Any, ...]:
-        return remote_of(self.part, UNIT_STEP, self.linked, 1.0)
+        return remote_of(self.part, self.linked, 1.0)
 
     def broken_equations(
         self, r: np.ndarray, lam: np.ndarray, size: float

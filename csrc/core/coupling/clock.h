@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "member/substep.h"
+#include "member/member.h"
 
 /* A subdomain at the end of a fine step: `phase` of `ratio` fine steps inside the substep from time
  * level j to j + 1, phase = 1..ratio. */
@@ -41,11 +41,13 @@ static inline pma_moment pma_clock_moment(size_t k, size_t ratio)
 }
 
 /* The number of the first substep that is a double step: none is, unless the subdomain is
- * `doubled`; all are where it `continues` from an earlier time level; else those from the second
- * macro step on, since double steps are not self-starting. */
-static inline int64_t pma_clock_first_double(bool doubled, bool continues, size_t substeps)
+ * doubled; all are where it continues from an earlier time level; else those from the second macro
+ * step on, since double steps are not self-starting. */
+static inline int64_t pma_clock_first_double(pma_doubling doubling, size_t substeps)
 {
-    return !doubled ? INT64_MAX : continues ? 0 : (int64_t)substeps;
+    if (doubling == PMA_SINGLE)
+        return INT64_MAX;
+    return doubling == PMA_CONTINUED ? 0 : (int64_t)substeps;
 }
 
 /* The substep from time level j of a subdomain whose substeps are double from `first_double` on.

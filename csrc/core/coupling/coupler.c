@@ -19,7 +19,7 @@ static bool has_step(const pma_member *member, double dt)
 static pma_status check_members(const pma_coupler_parts *parts)
 {
     for (size_t i = 0; i < parts->count; i++) {
-        if (parts->members[i].p != parts->p)
+        if (parts->members[i].link->p != parts->p)
             return PMA_BAD_SIZE;
     }
     const pma_status status = parts->schedule->check(parts);
@@ -38,11 +38,11 @@ static void lay_out(pma_coupler *c, const pma_coupler_parts *parts)
     for (size_t i = 0; i < parts->count; i++) {
         const pma_member *member = &parts->members[i];
         const size_t ratio = c->fine / member->substeps;
-        c->coupled[i] = (pma_coupled){.member = *member,
-                                      .ratio = ratio > 0 ? ratio : 1,
-                                      .first_double = pma_clock_first_double(
-                                          member->doubled, member->continues, member->substeps)};
-        c->evaluates = c->evaluates || member->evaluates;
+        c->coupled[i] = (pma_coupled){
+            .member = *member,
+            .ratio = ratio > 0 ? ratio : 1,
+            .first_double = pma_clock_first_double(member->doubling, member->substeps)};
+        c->evaluates = c->evaluates || member->forces != PMA_NO_FORCES;
         c->entries += (member->entries + c->coupled[i].ratio - 1) / c->coupled[i].ratio;
     }
     double *next = c->block;
@@ -76,7 +76,7 @@ static pma_status allocate(pma_coupler *c, const pma_coupler_parts *parts)
 static bool all_look_ahead(const pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
-        if (!c->coupled[i].member.table->look_ahead)
+        if (!c->coupled[i].member.table->is_known)
             return false;
     }
     return true;
@@ -101,22 +101,27 @@ static pma_status make_roster(pma_coupler *c)
         for (size_t i = c->roster.begin[w]; i < c->roster.begin[w + 1]; i++)
             c->coupled[c->roster.order[i]].worker = w;
     }
-    if (status == PMA_OK && c->roster.split != PMA_NO_SPLIT)
+    if (status == PMA_OK && c->roster.split != PMA_NO_SPLIT) {
         c->split = &c->coupled[c->roster.split];
-    if (c->split && c->split->member.branches)
-        return c->split->member.table->divide(c->split->member.self, c->roster.fine);
+        c->workers = pma_teamwork_workers(c);
+        c->split->workers = &c->workers;
+    }
     return status;
 }
 
-static pma_status prepare_visits(pma_coupler *c)
+/* Room for what the schedule and the roster do with every member. */
+static pma_status prepare_members(pma_coupler *c)
 {
+    const bool ahead = pma_look_ahead_is_used(c);
     pma_status status = PMA_OK;
     for (size_t i = 0; i < c->parts.count && status == PMA_OK; i++) {
         pma_coupled *m = &c->coupled[i];
-        m->visits =
-            c->parts.schedule->visits && m->member.visits && (m != c->split || m->member.branches);
-        if (m->visits)
-            status = m->member.table->prepare_visits(m->member.self);
+        m->joins = c->parts.schedule->joins && m->member.joins && !ahead;
+        m->ahead = m->joins || ahead;
+        const pma_turns turns = ahead ? PMA_AHEAD : m->joins ? PMA_JOINED : PMA_IN_TURN;
+        if (m->ahead || m->workers)
+            status =
+                m->member.table->prepare(m->member.self, turns, m->workers ? m->workers->count : 1);
     }
     return status;
 }
@@ -124,10 +129,10 @@ static pma_status prepare_visits(pma_coupler *c)
 static pma_status create_team(pma_coupler *c)
 {
     pma_status status = make_roster(c);
+    if (status == PMA_OK && pma_look_ahead_is_used(c))
+        status = pma_look_ahead_create(c);
     if (status == PMA_OK)
-        status = pma_look_ahead_is_used(c) ? pma_look_ahead_create(c) : prepare_visits(c);
-    for (size_t i = 0; i < c->parts.count; i++)
-        c->coupled[i].ahead = c->coupled[i].visits || pma_look_ahead_is_used(c);
+        status = prepare_members(c);
     if (status != PMA_OK || c->roster.workers == 1)
         return status;
     return pma_team_create(c->roster.workers, &c->team);
@@ -305,12 +310,22 @@ void pma_coupler_prescribe(pma_coupler *c)
     pma_motion_prescribe(c->parts.motion_count, c->motions, t, number, c->scratch, c->working.g);
 }
 
+static bool is_finite(size_t count, const double *x)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (!isfinite(x[i]))
+            return false;
+    }
+    return true;
+}
+
 /* The member whose free velocity made the multipliers infinite. */
 static size_t find_unstable(const pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_coupled *m = &c->coupled[i];
-        if (!m->member.table->is_finite(m->member.self, m->now.j + 1))
+        const pma_member *m = &c->coupled[i].member;
+        const size_t j = c->coupled[i].now.j + 1;
+        if (!is_finite(m->link->nb, m->table->values(m->self, PMA_FREE_VELOCITY, j, false, NULL)))
             return i;
     }
     return PMA_INTERFACE;
@@ -321,13 +336,10 @@ pma_status pma_coupler_solve(pma_coupler *c)
     const pma_interface *H = c->present.number > 0 ? &c->parts.H : &c->parts.H_start;
     H->table->solve(H->self, c->working.lam);
     c->unpolled += H->entries;
-    for (size_t row = 0; row < c->parts.p; row++) {
-        if (!isfinite(c->working.lam[row])) {
-            c->failed = find_unstable(c);
-            return PMA_NOT_FINITE;
-        }
-    }
-    return PMA_OK;
+    if (is_finite(c->parts.p, c->working.lam))
+        return PMA_OK;
+    c->failed = find_unstable(c);
+    return PMA_NOT_FINITE;
 }
 
 bool pma_coupler_poll(pma_coupler *c)
@@ -383,7 +395,7 @@ static bool is_any_observed(const pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
-        if (member->table->is_observed && member->table->is_observed(member->self))
+        if (member->table->energy && member->table->energy(member->self, 0, NULL))
             return true;
     }
     return false;

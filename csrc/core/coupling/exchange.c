@@ -20,17 +20,12 @@ struct pma_exchange {
     size_t failed;        /* the first rank in which it did */
 };
 
-static size_t interface_size(const pma_member *member)
-{
-    return member->table->interface_size(member->self);
-}
-
 size_t pma_exchange_size(size_t ranks, size_t count, const pma_member *members)
 {
     size_t size = ranks;
     for (size_t i = 0; i < count; i++) {
         const pma_iterated *iterated = &members[i].iterated;
-        const size_t values = PMA_MOST_PIECES * interface_size(&members[i]) + PMA_MEASURES + 1;
+        const size_t values = PMA_MOST_PIECES * members[i].link->nb + PMA_MEASURES + 1;
         const size_t block = iterated->table ? iterated->count * iterated->count : 0;
         size += block > values ? block : values;
     }
@@ -109,7 +104,7 @@ static size_t pieces_of(const pma_coupler *c, const pma_coupled *m, round now, p
         return jump_pieces(c, m, pieces);
     case REBASED:
         pieces[0] = (pma_piece){.kind = PMA_FREE_VELOCITY, .j = m->member.substeps};
-        return m->member.doubled ? 1 : 0;
+        return m->member.doubling != PMA_SINGLE;
     case AGREEMENT:
         break;
     }
@@ -119,16 +114,16 @@ static size_t pieces_of(const pma_coupler *c, const pma_coupled *m, round now, p
 static size_t piece_numbers(const pma_coupler *c, const pma_coupled *m)
 {
     pma_piece pieces[PMA_MOST_PIECES];
-    return pieces_of(c, m, c->exchange->now, pieces) * interface_size(&m->member);
+    return pieces_of(c, m, c->exchange->now, pieces) * m->member.link->nb;
 }
 
 static void write_pieces(const pma_coupler *c, const pma_coupled *m, double *to)
 {
     pma_piece pieces[PMA_MOST_PIECES];
-    const size_t count = pieces_of(c, m, c->exchange->now, pieces), nb = interface_size(&m->member);
+    const size_t count = pieces_of(c, m, c->exchange->now, pieces), nb = m->member.link->nb;
     for (size_t k = 0; k < count; k++, to += nb) {
-        const double *values = m->member.table->interface_values(
-            m->member.self, pieces[k].kind, pieces[k].j, m->step.twice, c->working.lam);
+        const double *values = m->member.table->values(m->member.self, pieces[k].kind, pieces[k].j,
+                                                       m->step.twice, c->working.lam);
         memcpy(to, values, nb * sizeof(double));
     }
 }
@@ -138,7 +133,7 @@ static void read_pieces(pma_coupler *c, const pma_coupled *m, const double *from
     const round now = c->exchange->now;
     const bool moves = now == INTERFACE && c->exchange->solved < c->fine;
     pma_piece pieces[PMA_MOST_PIECES];
-    const size_t count = pieces_of(c, m, now, pieces), nb = interface_size(&m->member);
+    const size_t count = pieces_of(c, m, now, pieces), nb = m->member.link->nb;
     for (size_t k = 0; k < count; k++, from += nb)
         pma_remote_receive(m->member.self, pieces[k].kind, pieces[k].j, moves, from);
 }

@@ -38,7 +38,8 @@ static pma_status check(const pma_coupler_parts *parts)
 pma_duty pma_fine_duty_aside(const pma_member *member)
 {
     pma_duty duty = pma_fine_duty(member);
-    duty.aside = member->doubled && !member->evaluates && !member->elsewhere;
+    duty.aside =
+        member->doubling != PMA_SINGLE && member->forces == PMA_NO_FORCES && !member->elsewhere;
     return duty;
 }
 
@@ -51,7 +52,8 @@ static bool begins(const pma_coupled *m)
 
 static pma_status open_substep(pma_coupler *c, pma_coupled *m)
 {
-    return m == c->split ? pma_split_open(c) : m->member.table->open(m->member.self, &m->step);
+    (void)c;
+    return m->member.table->advance(m->member.self, NULL, &m->step, NULL, m->workers);
 }
 
 /* The substeps that begin with this fine step, as far as they are not open yet. */
@@ -71,8 +73,7 @@ static inline void right_side(pma_coupler *c)
     memcpy(c->working.lam, c->working.g, c->parts.p * sizeof(double));
     const pma_coupled *const end = c->coupled + c->parts.count;
     for (const pma_coupled *m = c->coupled; m < end; m++)
-        m->member.table->free_velocity(m->member.self, m->now.j, pma_theta(m), -1.0,
-                                       c->working.lam);
+        pma_add_free_velocity(m, -1.0, c->working.lam);
 }
 
 /* H Lam = g - sum_i L_i vf_i, vf_i interpolated in mid-step                     (15) (18) (G1) */
@@ -95,8 +96,7 @@ static bool ends(const pma_coupled *m)
 
 static pma_status close_substep(pma_coupler *c, pma_coupled *m)
 {
-    return m == c->split ? pma_split_close(c)
-                         : m->member.table->close(m->member.self, &m->step, c->working.lam);
+    return m->member.table->advance(m->member.self, &m->step, NULL, c->working.lam, m->workers);
 }
 
 /* Can the substep after the one that ends be opened at once? Not at the end of a call, not before
@@ -112,12 +112,11 @@ static bool goes_on(const pma_coupler *c, const pma_coupled *m, const pma_subste
 
 static pma_status end_substep(pma_coupler *c, pma_coupled *m)
 {
-    if (m->visits) {
+    if (m->joins) {
         const pma_substep next = pma_substep_of(c, m, m->now.j + 1);
         if (goes_on(c, m, &next))
-            return m == c->split
-                       ? pma_split_visit(c, &next)
-                       : m->member.table->visit(m->member.self, &m->step, &next, c->working.lam);
+            return m->member.table->advance(m->member.self, &m->step, &next, c->working.lam,
+                                            m->workers);
     }
     return close_substep(c, m);
 }
@@ -169,7 +168,7 @@ static void rebase(pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
-        if (member->doubled && member->table->rebase)
+        if (member->doubling != PMA_SINGLE && member->table->rebase)
             member->table->rebase(member->self, member->substeps, c->working.lam);
     }
 }
@@ -218,7 +217,7 @@ const pma_schedule pma_fine_schedule = {.check = check,
                                         .instants = pma_fine_instants,
                                         .duty = pma_fine_duty_aside,
                                         .step = fine_steps,
-                                        .visits = true};
+                                        .joins = true};
 
 /* ---- the same for iterated.c, tied.c and distributed.c --------------------------------------- */
 
@@ -256,8 +255,8 @@ pma_duty pma_fine_duty(const pma_member *member)
 {
     return (pma_duty){.entries = member->entries,
                       .substeps = member->substeps,
-                      .by_caller = member->by_caller,
-                      .divides = member->divides || member->branches,
+                      .by_caller = member->forces == PMA_BY_CALLER,
+                      .divides = member->alone < member->entries,
                       .alone = member->alone};
 }
 

@@ -17,9 +17,7 @@ pma_status pma_macro_check(const pma_coupler_parts *parts)
         const pma_member *member = &parts->members[i];
         if (member->shoots)
             continue;
-        if (member->substeps > 1 && (member->doubled || !member->responds))
-            return PMA_BAD_SIZE;
-        if (member->substeps == 1 && !member->table->hold)
+        if (member->substeps > 1 && (member->doubling != PMA_SINGLE || !member->table->respond))
             return PMA_BAD_SIZE;
     }
     return PMA_OK;
@@ -48,7 +46,7 @@ pma_duty pma_macro_duty(const pma_member *member)
         member->shoots || (member->substeps > 1 && member->table->repeats(member->self, false) > 0);
     return (pma_duty){.entries = member->entries * member->substeps * (repeats ? 2 : 1),
                       .substeps = 1,
-                      .by_caller = member->by_caller};
+                      .by_caller = member->forces == PMA_BY_CALLER};
 }
 
 static bool all(const pma_coupled *m)
@@ -93,7 +91,7 @@ pma_status pma_macro_run(pma_coupler *c, pma_coupled *m,
         if (status != PMA_OK)
             return status;
         if (inner && j + 1 < member->substeps)
-            member->table->record(member->self, j + 1, inner,
+            member->table->record(member->self, PMA_MOTION, j + 1, NULL, inner,
                                   pma_recorder_row(c, j + 1, member->substeps));
     }
     return PMA_OK;
@@ -101,19 +99,18 @@ pma_status pma_macro_run(pma_coupler *c, pma_coupled *m,
 
 /* ---- free macro run (M2) -------------------------------------------------------------------- */
 
-/* A substep as far as it is known: with the multipliers of the beginning held */
+/* A substep as far as it is known: with the multipliers of the beginning held; a single one is
+ * closed when all is known (M6) */
 static pma_status free_substep(pma_coupler *c, pma_coupled *m, size_t j)
 {
     const pma_member *member = &m->member;
     pma_substep step = pma_substep_of(c, m, j);
     step.held = true;
-    const pma_status status = member->table->open(member->self, &step);
-    if (status != PMA_OK)
+    const pma_status status =
+        member->table->advance(member->self, NULL, &step, c->present.lam, NULL);
+    if (status != PMA_OK || member->substeps == 1)
         return status;
-    if (member->substeps > 1)
-        return member->table->close(member->self, &step, c->present.lam);
-    member->table->hold(member->self, &step, c->present.lam); /* (M6): closed when all is known */
-    return PMA_OK;
+    return member->table->advance(member->self, &step, NULL, c->present.lam, NULL);
 }
 
 pma_status pma_macro_free_run(pma_coupler *c, pma_coupled *m)
@@ -127,9 +124,9 @@ void pma_macro_free_velocity(const pma_coupled *m, double *sum)
 {
     const pma_member *member = &m->member;
     if (member->substeps > 1)
-        member->table->velocity(member->self, member->substeps, sum);
+        pma_member_gather(member, PMA_VELOCITY, member->substeps, 1.0, sum);
     else
-        member->table->free_velocity(member->self, 0, 1.0, 1.0, sum);
+        pma_member_gather(member, PMA_FREE_VELOCITY, 1, 1.0, sum);
 }
 
 /* H dLam = g - sum_i L_i v_i(free run)                                              (M4) (G1) */
@@ -161,15 +158,15 @@ pma_status pma_macro_respond(pma_coupler *c, pma_coupled *m)
     const pma_member *member = &m->member;
     const pma_selection *inner = pma_macro_selection(c, m);
     if (member->substeps == 1)
-        return member->table->close(member->self, &m->step, c->working.lam);
+        return member->table->advance(member->self, &m->step, NULL, c->working.lam, NULL);
     const size_t repeats = member->table->repeats(member->self, inner != NULL);
     for (size_t j = 1; j <= repeats; j++) {
         if (pma_macro_is_stopped(c, m))
             return PMA_STOPPED;
         member->table->respond(member->self, j, c->present.lam, c->dlam);
         if (inner && j < member->substeps)
-            member->table->record_response(member->self, inner,
-                                           pma_recorder_row(c, j, member->substeps));
+            member->table->record(member->self, PMA_RESPONSE, j, NULL, inner,
+                                  pma_recorder_row(c, j, member->substeps));
     }
     return member->table->add_response(member->self, c->dlam);
 }

@@ -14,8 +14,8 @@ pma_status pma_mean_check(const pma_coupler_parts *parts)
 {
     for (size_t i = 0; i < parts->count; i++) {
         const pma_member *member = &parts->members[i];
-        if (!(member->responds || member->shoots) || !member->table->record_acceleration ||
-            (member->substeps > 1 && member->doubled))
+        if (!(member->table->respond || member->shoots) || !member->table->hold_energy ||
+            (member->substeps > 1 && member->doubling != PMA_SINGLE))
             return PMA_BAD_SIZE;
     }
     return parts->doubled.n == parts->p ? PMA_OK : PMA_BAD_SIZE;
@@ -73,10 +73,10 @@ static pma_status free_substep(pma_coupler *c, pma_coupled *m, size_t j)
     const pma_member *member = &m->member;
     pma_substep step = pma_substep_of(c, m, j);
     step.held = true;
-    const pma_status status = member->table->open(member->self, &step);
+    const pma_status status = member->table->advance(member->self, NULL, &step, m->lam, NULL);
     if (status != PMA_OK || member->waits)
         return status;
-    return member->table->close(member->self, &step, m->lam);
+    return member->table->advance(member->self, &step, NULL, m->lam, NULL);
 }
 
 pma_status pma_mean_free_run(pma_coupler *c, pma_coupled *m)
@@ -96,10 +96,8 @@ static void find_target(pma_coupler *c, double *target)
         return;
     pma_coupler_prescribe(c);
     memset(c->sums, 0, p * sizeof(double));
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_member *member = &c->coupled[i].member;
-        member->table->displacement(member->self, 0, c->sums);
-    }
+    for (size_t i = 0; i < c->parts.count; i++)
+        pma_member_gather(&c->coupled[i].member, PMA_DISPLACEMENT, 0, 1.0, c->sums);
     for (size_t k = 0; k < c->parts.motion_count; k++) {
         for (size_t i = 0; i < c->motions[k].load.n; i++) {
             const int64_t row = c->motions[k].rows[i];
@@ -117,7 +115,7 @@ void pma_mean_right_side(pma_coupler *c, double *right)
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
         if (!member->shoots)
-            member->table->displacement(member->self, member->substeps, c->sums);
+            pma_member_gather(member, PMA_DISPLACEMENT, member->substeps, 1.0, c->sums);
     }
     for (size_t row = 0; row < p; row++)
         right[row] -= c->sums[row];
@@ -164,7 +162,7 @@ static pma_status close_waiting(const pma_coupler *c, pma_coupled *m)
     for (size_t row = 0; m->step.twice && row < c->parts.p; row++)
         m->lam[row] *= 0.5;
     member->table->hold_energy(member->self, m->step.twice, lam);
-    return member->table->close(member->self, &m->step, lam);
+    return member->table->advance(member->self, &m->step, NULL, lam, NULL);
 }
 
 /* Adds the acceleration at an inner time level to its row. */
@@ -174,7 +172,7 @@ static void accelerate_inner(const pma_coupler *c, const pma_coupled *m, size_t 
     const pma_member *member = &m->member;
     const size_t row = pma_recorder_row(c, j, member->substeps);
     multipliers_at(c, (double)j / (double)member->substeps, m->lam);
-    member->table->record_acceleration(member->self, m->lam, inner, row);
+    member->table->record(member->self, PMA_ACCELERATION, j, m->lam, inner, row);
 }
 
 pma_status pma_mean_respond(pma_coupler *c, pma_coupled *m)
@@ -193,8 +191,8 @@ pma_status pma_mean_respond(pma_coupler *c, pma_coupled *m)
         member->table->respond(member->self, j, c->working.lam, c->dlam);
         if (!inner || j == member->substeps)
             continue;
-        member->table->record_response(member->self, inner,
-                                       pma_recorder_row(c, j, member->substeps));
+        member->table->record(member->self, PMA_RESPONSE, j, NULL, inner,
+                              pma_recorder_row(c, j, member->substeps));
         accelerate_inner(c, m, j, inner);
     }
     return member->table->add_response(member->self, multipliers_of(c, m));
@@ -219,7 +217,7 @@ void pma_mean_record(pma_coupler *c)
         const pma_selection *selection = &c->record->selections[i];
         const size_t row = pma_recorder_row(c, m->member.substeps, m->member.substeps);
         if (!pma_selection_is_empty(selection) && row != PMA_NO_ROW)
-            m->member.table->record_acceleration(m->member.self, c->sums, selection, row);
+            m->member.table->record(m->member.self, PMA_ACCELERATION, 0, c->sums, selection, row);
     }
     const double *before = is_first(c) ? c->lam_end : c->present.lam;
     memcpy(c->lam_before, before, c->parts.p * sizeof(double));
@@ -280,7 +278,8 @@ void pma_mean_record_present(const pma_coupler *c, const pma_record *record)
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
         if (!pma_selection_is_empty(&record->selections[i]))
-            member->table->record_acceleration(member->self, c->lam_end, &record->selections[i], 0);
+            member->table->record(member->self, PMA_ACCELERATION, 0, c->lam_end,
+                                  &record->selections[i], 0);
     }
 }
 

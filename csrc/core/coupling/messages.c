@@ -28,7 +28,7 @@ size_t pma_messages_pieces(const pma_coupler *c, const pma_coupled *m, size_t ro
     if (m->now.phase != 1 || is_iterated(m))
         return 0;
     pieces[0] = (pma_piece){.kind = PMA_FREE_VELOCITY, .j = m->now.j + 1};
-    pieces[1] = (pma_piece){.kind = PMA_REBASED_VELOCITY, .j = m->now.j};
+    pieces[1] = (pma_piece){.kind = PMA_BEGINNING_VELOCITY, .j = m->now.j};
     return m->member.iterated.table ? 2 : 1;
 }
 
@@ -162,7 +162,7 @@ pma_status pma_messages_residuals(pma_coupler *c, pma_status status)
 static size_t law_size(const pma_coupler *c, const pma_coupled *m)
 {
     (void)c;
-    return is_iterated(m) ? 1 + m->member.table->interface_size(m->member.self) : 0;
+    return is_iterated(m) ? 1 + m->member.link->nb : 0;
 }
 
 static void write_law(const pma_coupler *c, const pma_coupled *m, double *to)
@@ -171,9 +171,9 @@ static void write_law(const pma_coupler *c, const pma_coupled *m, double *to)
         return;
     const pma_member_table *table = m->member.table;
     void *self = m->member.self;
-    const double *o = table->interface_values(self, PMA_FREE_VELOCITY, m->now.j + 1, false, NULL);
+    const double *o = table->values(self, PMA_FREE_VELOCITY, m->now.j + 1, false, NULL);
     to[0] = member_in(c, m)->changed;
-    memcpy(to + 1, o, table->interface_size(self) * sizeof(double));
+    memcpy(to + 1, o, m->member.link->nb * sizeof(double));
 }
 
 static void read_law(pma_coupler *c, const pma_coupled *m, const double *from)
@@ -203,7 +203,7 @@ static pma_interface_kind tied_kind(const pma_coupler *c)
 static size_t run_size(const pma_coupler *c, const pma_coupled *m)
 {
     (void)c;
-    return m->member.shoots ? 3 + m->member.table->interface_size(m->member.self) : 0;
+    return m->member.shoots ? 3 + m->member.link->nb : 0;
 }
 
 static void write_run(const pma_coupler *c, const pma_coupled *m, double *to)
@@ -213,11 +213,11 @@ static void write_run(const pma_coupler *c, const pma_coupled *m, double *to)
     if (!member->shoots)
         return;
     const double *end =
-        member->table->interface_values(member->self, tied_kind(c), member->substeps, false, NULL);
+        member->table->values(member->self, tied_kind(c), member->substeps, false, NULL);
     *to++ = own->kinetic_before;
     *to++ = own->kinetic;
     *to++ = own->scale;
-    memcpy(to, end, member->table->interface_size(member->self) * sizeof(double));
+    memcpy(to, end, member->link->nb * sizeof(double));
 }
 
 static void read_run(pma_coupler *c, const pma_coupled *m, const double *from)

@@ -58,7 +58,7 @@ static void macro_velocity_jump(const pma_coupler *c, size_t macro, const double
         jump[row] = -g[row];
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
-        member->table->velocity(member->self, macro * member->substeps, jump);
+        pma_member_gather(member, PMA_VELOCITY, macro * member->substeps, 1.0, jump);
     }
 }
 
@@ -68,7 +68,7 @@ static void displacement_jump(const pma_coupler *c, size_t macro, double *jump)
     memset(jump, 0, c->parts.p * sizeof(double));
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
-        member->table->displacement(member->self, macro * member->substeps, jump);
+        pma_member_gather(member, PMA_DISPLACEMENT, macro * member->substeps, 1.0, jump);
     }
 }
 
@@ -80,12 +80,11 @@ static void velocity_jump(const pma_coupler *c, double *jump)
         jump[row] = -c->working.g[row];
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_coupled *m = &c->coupled[i];
-        const pma_member_table *table = m->member.table;
         if (pma_is_ending(m)) {
-            table->velocity(m->member.self, m->now.j + 1, jump);
+            pma_member_gather(&m->member, PMA_VELOCITY, m->now.j + 1, 1.0, jump);
         } else {
-            table->free_velocity(m->member.self, m->now.j, pma_theta(m), 1.0, jump);
-            table->compliance(m->member.self, m->step.twice, c->working.lam, jump);
+            pma_add_free_velocity(m, 1.0, jump);
+            pma_member_compliance(&m->member, m->step.twice, c->working.lam, jump);
         }
     }
 }
@@ -101,7 +100,7 @@ static void write_members(const pma_coupler *c)
             continue;
         const size_t row = pma_recorder_row(c, m->now.j + 1, m->member.substeps);
         if (row != PMA_NO_ROW)
-            m->member.table->record(m->member.self, m->now.j + 1, selection, row);
+            m->member.table->record(m->member.self, PMA_MOTION, m->now.j + 1, NULL, selection, row);
     }
 }
 
@@ -118,7 +117,7 @@ static void write_interface(const pma_coupler *c, bool deferred)
 static bool is_observed(const pma_coupled *m)
 {
     const pma_member *member = &m->member;
-    return member->table->is_observed && member->table->is_observed(member->self);
+    return member->table->energy && member->table->energy(member->self, 0, NULL);
 }
 
 /* Of macro time level `macro`: the present or the end of the macro step at hand. */
@@ -132,7 +131,7 @@ static void write_energy(const pma_coupler *c, const pma_record *record, size_t 
         const pma_member *member = &c->coupled[i].member;
         if (!is_observed(&c->coupled[i]))
             continue;
-        member->table->energy(member->self, macro * member->substeps, out);
+        (void)member->table->energy(member->self, macro * member->substeps, out);
         out += PMA_ENERGIES;
     }
 }
@@ -176,7 +175,7 @@ void pma_coupler_record_present(const pma_coupler *c, const pma_record *record)
     const size_t p = c->parts.p;
     for (size_t i = 0; i < c->parts.count; i++) {
         const pma_member *member = &c->coupled[i].member;
-        member->table->record(member->self, 0, &record->selections[i], 0);
+        member->table->record(member->self, PMA_MOTION, 0, NULL, &record->selections[i], 0);
     }
     if (c->parts.schedule->record_present)
         c->parts.schedule->record_present(c, record);

@@ -3,8 +3,7 @@
  * coupler.c is the object and its macro steps, fine.c the schedule with an interface problem in
  * every fine step ("pm", "gc"), tied.c the same without drift, macro.c and mean.c those with one in
  * a macro step; iterated.c and shooting.c are the first and macro.c with internal forces;
- * recorder.c what is recorded; workers/share.c, look_ahead.c and split.c are what several threads
- * do in them. */
+ * recorder.c what is recorded; teamwork.c and look_ahead.c are what several threads do in them. */
 #ifndef PMA_SCHEDULE_H
 #define PMA_SCHEDULE_H
 
@@ -28,14 +27,15 @@ typedef struct {
 /* A member in a coupler, and where it is in the macro step. */
 typedef struct {
     pma_member member;
-    size_t ratio;         /* fine steps in a substep */
-    int64_t first_double; /* number of the first substep that is a double step */
-    pma_moment now;       /* at the end of the fine step at hand */
-    pma_substep step;     /* ... and the substep that it is in */
-    size_t worker;        /* that has it */
-    bool visits;          /* can be closed and opened in one visit */
-    bool ahead;           /* ... or beside the fine steps: its next substep may be open already */
-    pma_status status;    /* of the last open or close; written when it is not PMA_OK */
+    size_t ratio;               /* fine steps in a substep */
+    int64_t first_double;       /* number of the first substep that is a double step */
+    pma_moment now;             /* at the end of the fine step at hand */
+    pma_substep step;           /* ... and the substep that it is in */
+    size_t worker;              /* that has it */
+    const pma_workers *workers; /* who share it, or NULL */
+    bool joins;                 /* can be closed and opened at once */
+    bool ahead;        /* ... or beside the fine steps: its next substep may be open already */
+    pma_status status; /* of the last open or close; written when it is not PMA_OK */
     pma_assignment assigned;
     double *lam; /* p: what it is closed with beside the fine steps, or in a run; else NULL */
 } pma_coupled;
@@ -88,13 +88,18 @@ struct pma_coupler {
     pma_exchange *exchange;   /* with members in other processes, else NULL */
     pma_iteration *iteration; /* with members that have internal forces, else NULL */
 
-    pma_roster roster;  /* which worker has which subdomains */
-    pma_coupled *split; /* the one that all workers of the fine steps do together, or NULL */
-    pma_team *team;     /* NULL when the caller is alone */
-    pma_task task;      /* what the team does, and with which members */
+    pma_roster roster;   /* which worker has which subdomains */
+    pma_coupled *split;  /* the one that all workers of the fine steps do together, or NULL */
+    pma_workers workers; /* ... these */
+    pma_team *team;      /* NULL when the caller is alone */
+    pma_task task;       /* what the team does, and with which members */
     pma_due due;
     atomic_bool has_failed; /* the task, with some member */
-    atomic_bool not_finite; /* some rows of the member that is split were not */
+    struct {                /* work on the member that is split, by each of them */
+        bool (*work)(void *self, size_t worker);
+        void *self;
+        atomic_bool failed; /* with one of them it returned false */
+    } shared;
 };
 
 struct pma_schedule {
@@ -119,7 +124,7 @@ struct pma_schedule {
     size_t more_rounds;
     bool rebases;
     /* May a subdomain be opened when it is closed, before its next substep is due? */
-    bool visits;
+    bool joins;
 };
 
 /* ---- clock ---------------------------------------------------------------------------------- */
@@ -153,10 +158,15 @@ static inline bool pma_is_ending(const pma_coupled *m)
     return m->now.phase == m->ratio;
 }
 
-/* (15)  Where it is in its substep. */
-static inline double pma_theta(const pma_coupled *m)
+/* sum (p) += scale L vf where it is in its substep                                        (15) */
+static inline void pma_add_free_velocity(const pma_coupled *m, double scale, double *sum)
 {
-    return pma_is_ending(m) ? 1.0 : (double)(int64_t)m->now.phase / (double)(int64_t)m->ratio;
+    if (pma_is_ending(m)) {
+        pma_member_gather(&m->member, PMA_FREE_VELOCITY, m->now.j + 1, scale, sum);
+    } else {
+        const double theta = (double)(int64_t)m->now.phase / (double)(int64_t)m->ratio;
+        pma_member_free_velocity(&m->member, m->now.j, theta, scale, sum);
+    }
 }
 
 /* The macro step before is not committed yet. */
@@ -335,17 +345,17 @@ void pma_recorder_write(const pma_coupler *c);
 /* What had to wait for members that were closed beside the fine steps: the jumps at `reached`. */
 void pma_recorder_complete(const pma_coupler *c);
 
-/* ---- several threads: workers/ -------------------------------------------------------------- */
+/* ---- several threads ------------------------------------------------------------------- */
 
 /* Every worker does `task` with those of its members that are `due`, worker 0 too; all wait for the
- * last. What went wrong with the first member, in order, with which it did. (share.c) */
-pma_status pma_share_out(pma_coupler *c, pma_task task, pma_due due);
+ * last. What went wrong with the first member, in order, with which it did. (teamwork.c) */
+pma_status pma_teamwork_do(pma_coupler *c, pma_task task, pma_due due);
 
 /* The same, in a loop of the caller's for a small system, which is short. */
 static inline pma_status pma_share(pma_coupler *c, pma_task task, pma_due due)
 {
     if (c->team)
-        return pma_share_out(c, task, due);
+        return pma_teamwork_do(c, task, due);
     pma_coupled *const end = c->coupled + c->parts.count;
     for (pma_coupled *m = c->coupled; m < end; m++) {
         const pma_status status = due(m) ? task(c, m) : PMA_OK;
@@ -357,15 +367,12 @@ static inline pma_status pma_share(pma_coupler *c, pma_task task, pma_due due)
     return PMA_OK;
 }
 
-/* Waits for a worker and calls the poll meanwhile; gives it work(c, worker). (share.c) */
-void pma_share_await(pma_coupler *c, size_t worker);
-void pma_share_post(pma_coupler *c, size_t worker, pma_work work);
+/* Waits for a worker and calls the poll meanwhile; gives it work(c, worker). (teamwork.c) */
+void pma_teamwork_await(pma_coupler *c, size_t worker);
+void pma_teamwork_post(pma_coupler *c, size_t worker, pma_work work);
 
-/* open, close and visit of c->split by all workers of the fine steps; visits, if it has branches.
- * (split.c) */
-pma_status pma_split_open(pma_coupler *c);
-pma_status pma_split_close(pma_coupler *c);
-pma_status pma_split_visit(pma_coupler *c, const pma_substep *opened);
+/* All workers of the fine steps, to share the work of one member. */
+pma_workers pma_teamwork_workers(pma_coupler *c);
 
 /* Members beside the fine steps (look_ahead.c). Room for them; allocates. */
 pma_status pma_look_ahead_create(pma_coupler *c);

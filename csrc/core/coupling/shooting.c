@@ -80,8 +80,9 @@ static pma_status run_substep(pma_coupler *c, pma_coupled *m, size_t j)
     const pma_substep step = pma_substep_of(c, m, j);
     const double *lam = multipliers_at(c, m, j + 1);
     if (!iterated) {
-        const pma_status status = member->table->open(member->self, &step);
-        return status == PMA_OK ? member->table->close(member->self, &step, lam) : status;
+        const pma_status status = member->table->advance(member->self, NULL, &step, lam, NULL);
+        return status == PMA_OK ? member->table->advance(member->self, &step, NULL, lam, NULL)
+                                : status;
     }
     pma_stop_context at = {.c = c, .m = m};
     pma_status status = iterated->begin(member->self, &step, lam);
@@ -173,10 +174,8 @@ static void residual(const pma_coupler *c, const double *known, double *r)
         if (!member->shoots)
             continue;
         memset(own, 0, p * sizeof(double));
-        if (is_mean(c))
-            member->table->displacement(member->self, member->substeps, own);
-        else
-            member->table->velocity(member->self, member->substeps, own);
+        pma_member_gather(member, is_mean(c) ? PMA_DISPLACEMENT : PMA_VELOCITY, member->substeps,
+                          1.0, own);
         for (size_t row = 0; row < p; row++) {
             r[row] += own[row];
             it->terms[row] += fabs(own[row]);
@@ -299,7 +298,7 @@ static pma_status shoot(pma_coupler *c, const double *known)
 static bool is_any_doubled(const pma_coupler *c)
 {
     for (size_t i = 0; i < c->parts.count; i++) {
-        if (c->coupled[i].member.doubled)
+        if (c->coupled[i].member.doubling != PMA_SINGLE)
             return true;
     }
     return false;

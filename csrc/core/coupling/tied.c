@@ -11,7 +11,7 @@ static pma_status check(const pma_coupler_parts *parts)
 {
     for (size_t i = 0; i < parts->count; i++) {
         const pma_member *member = &parts->members[i];
-        if (!member->shifts || member->doubled)
+        if (!member->table->shift || member->doubling != PMA_SINGLE)
             return PMA_BAD_SIZE;
     }
     return parts->gap.p == parts->p ? pma_fine_check(parts) : PMA_BAD_SIZE;
@@ -47,8 +47,10 @@ static void find_shift(pma_coupler *c)
     double *mu = c->dlam;
     memset(c->sums, 0, c->parts.p * sizeof(double));
     for (size_t i = 0; i < c->parts.count; i++) {
-        pma_coupled *m = &c->coupled[i];
-        m->member.table->expect(m->member.self, &m->step, c->working.lam, c->sums);
+        const pma_coupled *m = &c->coupled[i];
+        const double *u = m->member.table->values(m->member.self, PMA_EXPECTED_DISPLACEMENT,
+                                                  m->step.j + 1, m->step.twice, c->working.lam);
+        pma_link_gather(m->member.link, 1.0, u, c->sums);
     }
     for (size_t row = 0; row < c->parts.p; row++)
         mu[row] = c->working.gap[row] - c->sums[row];

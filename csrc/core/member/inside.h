@@ -1,8 +1,7 @@
 /* inside.h - the subdomain from inside: what its files share.
  *
- * subdomain.c is the object, table.c the operations that a coupler calls; substep.c makes a
- * substep, visit.c two of them at once, rows.c one in ranges of rows, response.c what macro
- * coupling adds. */
+ * subdomain.c is the object, operations.c what a coupler calls; substep.c makes a substep, visit.c
+ * two of them at once, ranges.c one in ranges of rows, response.c what macro coupling adds. */
 #ifndef PMA_INSIDE_H
 #define PMA_INSIDE_H
 
@@ -18,12 +17,13 @@ typedef struct {
     const pma_substep *closed, *opened; /* or NULL */
     const double *lam;
     const pma_state *x, *from, *to; /* at the end of `closed`; at both ends of `opened` */
-    bool finite;                    /* the trunk and the border */
+    const pma_workers *workers;     /* who share it, or NULL */
     bool reversed;                  /* children from the last on */
 } pma_visit;
 
 struct pma_subdomain {
     pma_parts parts;
+    pma_member_table table;
     pma_load load;
     pma_levels levels;
     pma_energy *energy;     /* of a run that sums it up, else NULL */
@@ -76,7 +76,7 @@ static inline double *pma_interface_of(const pma_subdomain *s, double *x)
 pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step);
 pma_status pma_substep_close(pma_subdomain *s, const pma_substep *step, const double *lam);
 
-/* vf at the end of the substep += al2 S^-1 L_b^T lam                                       (M6) */
+/* vf at the end of the open substep += al2 S^-1 L_b^T lam                                  (M6) */
 void pma_substep_hold(pma_subdomain *s, const pma_substep *step, const double *lam);
 
 /* u_b (nb) that lam would give an open substep at its end, time level j, until the next call;
@@ -130,25 +130,26 @@ void pma_substep_extrapolate(double h, size_t n, const pma_state *from, double *
 pma_status pma_visit_find(pma_subdomain *s);
 void pma_visit_destroy(pma_subdomain *s);
 
-pma_status pma_visit_substeps(pma_subdomain *s, const pma_substep *closed,
-                              const pma_substep *opened, const double *lam);
-
-/* The same by several workers, if both are steps of one operator; one of them may be NULL. */
+/* Among as many workers. Allocates. */
 pma_status pma_visit_divide(pma_subdomain *s, size_t workers);
-pma_status pma_visit_begin(pma_subdomain *s, const pma_substep *closed, const pma_substep *opened,
-                           const double *lam);
-bool pma_visit_go(const pma_subdomain *s, size_t worker);
-pma_status pma_visit_end(pma_subdomain *s, bool finite);
 
-/* ---- the same in ranges of rows: rows.c ----------------------------------------------------- */
+pma_visit pma_visit_make(const pma_subdomain *s, const pma_substep *closed,
+                         const pma_substep *opened, const double *lam, const pma_workers *workers);
+pma_status pma_visit_advance(pma_subdomain *s, const pma_substep *closed, const pma_substep *opened,
+                             const double *lam, const pma_workers *workers);
+
+/* ---- the same in ranges of rows: ranges.c --------------------------------------------------- */
 
 /* Diagonal Mbar, linear, single steps: no row waits for another one in the same stage. */
-bool pma_rows_divide(const pma_subdomain *s);
+bool pma_ranges_are_apart(const pma_subdomain *s);
 
-void pma_rows_predict(pma_subdomain *s, const pma_substep *step, size_t begin, size_t end);
-void pma_rows_open_interface(pma_subdomain *s, const pma_substep *step);
-void pma_rows_close_interface(pma_subdomain *s, const pma_substep *step, const double *lam);
-bool pma_rows_correct(pma_subdomain *s, const pma_substep *step, size_t begin, size_t end);
+pma_status pma_ranges_advance(pma_subdomain *s, const pma_substep *closed,
+                              const pma_substep *opened, const double *lam,
+                              const pma_workers *workers);
+
+/* ---- the member: operations.c --------------------------------------------------------------- */
+
+pma_member_table pma_subdomain_table(const pma_subdomain *s);
 
 /* ---- link response: response.c -------------------------------------------------------------- */
 

@@ -1,6 +1,5 @@
 #include "member/remote.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -51,7 +50,7 @@ static double *target_of(const pma_remote *r, pma_interface_kind kind, size_t j)
     switch (kind) {
     case PMA_FREE_VELOCITY:
         return r->after;
-    case PMA_REBASED_VELOCITY:
+    case PMA_BEGINNING_VELOCITY:
         return r->before;
     case PMA_EXPECTED_DISPLACEMENT:
         return r->displaced;
@@ -78,70 +77,26 @@ void pma_remote_receive(pma_remote *r, pma_interface_kind kind, size_t j, bool n
 
 /* ---- values on the interface ---------------------------------------------------------------- */
 
-static void compliance(void *self, bool twice, const double *lam, double *sum)
+/* What was received belongs to the operator and to the multipliers. */
+static const double *values(void *self, pma_interface_kind kind, size_t j, bool twice,
+                            const double *lam)
 {
-    const pma_remote *r = self;
-    (void)lam; /* those that were received belong to it */
-    pma_link_gather(&r->parts.link, twice ? r->parts.al2_twice : r->parts.al2, r->moving, sum);
-}
-
-static void free_velocity(const void *self, size_t j, double theta, double scale, double *sum)
-{
-    const pma_remote *r = self;
-    (void)j;
-    if (theta < 1.0)
-        pma_link_gather(&r->parts.link, scale * (1.0 - theta), r->before, sum);
-    pma_link_gather(&r->parts.link, scale * theta, r->after, sum);
-}
-
-static void velocity(const void *self, size_t j, double *sum)
-{
-    const pma_remote *r = self;
-    (void)j;
-    pma_link_gather(&r->parts.link, 1.0, r->moving, sum);
-}
-
-static void displacement(const void *self, size_t j, double *sum)
-{
-    const pma_remote *r = self;
-    pma_link_gather(&r->parts.link, 1.0, j > 0 ? r->displaced : r->displaced_before, sum);
-}
-
-static void expect(void *self, const pma_substep *step, const double *lam, double *sum)
-{
-    const pma_remote *r = self;
-    (void)step, (void)lam; /* those that were received belong to them */
-    pma_link_gather(&r->parts.link, 1.0, r->displaced, sum);
-}
-
-static bool is_finite(const void *self, size_t j)
-{
-    const pma_remote *r = self;
-    (void)j;
-    for (size_t i = 0; i < r->parts.link.nb; i++) {
-        if (!isfinite(r->after[i]))
-            return false;
-    }
-    return true;
-}
-
-static size_t interface_size(const void *self)
-{
-    const pma_remote *r = self;
-    return r->parts.link.nb;
+    (void)twice, (void)lam;
+    return target_of(self, kind, j);
 }
 
 /* ---- what is done elsewhere ----------------------------------------------------------------- */
 
-static pma_status open_substep(void *self, const pma_substep *step)
+static pma_status advance(void *self, const pma_substep *closed, const pma_substep *opened,
+                          const double *lam, const pma_workers *workers)
 {
-    (void)self, (void)step;
+    (void)self, (void)closed, (void)opened, (void)lam, (void)workers;
     return PMA_OK;
 }
 
-static pma_status close_substep(void *self, const pma_substep *step, const double *lam)
+static pma_status prepare(void *self, pma_turns turns, size_t workers)
 {
-    (void)self, (void)step, (void)lam;
+    (void)self, (void)turns, (void)workers;
     return PMA_OK;
 }
 
@@ -151,9 +106,16 @@ static size_t opened(const void *self)
     return 0;
 }
 
-static void record(const void *self, size_t j, const pma_selection *selection, size_t row)
+static bool is_known(const void *self, const pma_substep *step)
 {
-    (void)self, (void)j, (void)selection, (void)row;
+    (void)self, (void)step;
+    return false;
+}
+
+static void record(void *self, pma_recordable what, size_t j, const double *lam,
+                   const pma_selection *selection, size_t row)
+{
+    (void)self, (void)what, (void)j, (void)lam, (void)selection, (void)row;
 }
 
 static void commit(void *self)
@@ -161,15 +123,9 @@ static void commit(void *self)
     (void)self;
 }
 
-static pma_status look_ahead(void *self)
+static void shift(void *self, const pma_substep *step, const double *mu)
 {
-    (void)self;
-    return PMA_OK;
-}
-
-static void hold(void *self, const pma_substep *step, const double *lam)
-{
-    (void)self, (void)step, (void)lam;
+    (void)self, (void)step, (void)mu;
 }
 
 static void begin_response(void *self, bool twice, const double *dlam)
@@ -182,11 +138,6 @@ static void respond(void *self, size_t j, const double *lam, const double *dlam)
     (void)self, (void)j, (void)lam, (void)dlam;
 }
 
-static void record_response(const void *self, const pma_selection *selection, size_t row)
-{
-    (void)self, (void)selection, (void)row;
-}
-
 static pma_status add_response(void *self, const double *dlam)
 {
     (void)self, (void)dlam;
@@ -197,12 +148,6 @@ static size_t repeats(const void *self, bool recorded)
 {
     (void)self, (void)recorded;
     return 0;
-}
-
-static void record_acceleration(void *self, const double *lam, const pma_selection *selection,
-                                size_t row)
-{
-    (void)self, (void)lam, (void)selection, (void)row;
 }
 
 /* ---- iterated elsewhere; the coupler receives slopes, laws, blocks and measures ------------- */
@@ -283,31 +228,20 @@ static const pma_iterated_table ITERATED = {.begin = begin,
                                             .finish = finish,
                                             .has_factor = has_factor};
 
-static const pma_member_table TABLE = {
-    .open = open_substep,
-    .close = close_substep,
-    .opened = opened,
-    .compliance = compliance,
-    .free_velocity = free_velocity,
-    .velocity = velocity,
-    .displacement = displacement,
-    .is_finite = is_finite,
-    .interface_size = interface_size,
-    .record = record,
-    .commit = commit,
-    .discard = commit,
-    .look_ahead = look_ahead,
-    .hold = hold,
-    .begin_response = begin_response,
-    .hold_energy = begin_response,
-    .respond = respond,
-    .record_response = record_response,
-    .add_response = add_response,
-    .expect = expect,
-    .shift = hold,
-    .repeats = repeats,
-    .record_acceleration = record_acceleration,
-};
+static const pma_member_table TABLE = {.advance = advance,
+                                       .opened = opened,
+                                       .values = values,
+                                       .record = record,
+                                       .commit = commit,
+                                       .discard = commit,
+                                       .prepare = prepare,
+                                       .is_known = is_known,
+                                       .begin_response = begin_response,
+                                       .respond = respond,
+                                       .add_response = add_response,
+                                       .repeats = repeats,
+                                       .hold_energy = begin_response,
+                                       .shift = shift};
 
 pma_member pma_remote_member(pma_remote *r)
 {
@@ -315,15 +249,12 @@ pma_member pma_remote_member(pma_remote *r)
     return (pma_member){
         .table = &TABLE,
         .self = r,
-        .p = p->link.p,
-        .n = p->n,
+        .link = &p->link,
         .substeps = p->substeps,
         .h = p->h,
         .entries = 1,
-        .doubled = p->doubled,
-        .continues = p->continues,
-        .responds = true,
-        .shifts = true,
+        .alone = 1,
+        .doubling = pma_doubling_of(p->doubled, p->continues),
         .shoots = p->shoots,
         .elsewhere = true,
         .iterated = {.table = p->iterates ? &ITERATED : NULL, .count = p->count, .rows = p->rows}};

@@ -12,12 +12,11 @@
 /* What a coupler has to know beforehand; the arrays of the link are the caller's. */
 typedef struct {
     pma_link link;
-    size_t n, substeps;
+    size_t substeps;
     double h;
     bool doubled, continues;
-    bool shoots;           /* has internal forces */
-    double al2, al2_twice; /* of the single and of the double step */
-    bool iterates;         /* ... its steps, with the interface; then its constraints, ascending */
+    bool shoots;   /* has internal forces */
+    bool iterates; /* ... its steps, with the interface; then its constraints, ascending */
     size_t count;
     const int64_t *rows;
 } pma_remote_parts;

@@ -216,6 +216,7 @@ pma_status pma_subdomain_create(const pma_parts *parts, pma_subdomain **out)
     if (status == PMA_OK) {
         s->reach = reach_of(&s->parts);
         s->slab = slab_of(s);
+        s->table = pma_subdomain_table(s);
         status = lay_out(s);
     }
     if (status != PMA_OK) {

@@ -241,7 +241,8 @@ pma_status pma_substep_open(pma_subdomain *s, const pma_substep *step)
         status = solve_free(s, step, op, to, vf);
     if (status == PMA_OK)
         find_free_velocity(s, step, op, to, vf);
-    s->open = s->parts.waits ? op : NULL;
+    if (s->parts.waits)
+        s->open = op;
     return status;
 }
 

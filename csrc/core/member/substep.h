@@ -15,7 +15,7 @@ typedef struct {
     int64_t number; /* counted from the start of the run */
     double t1;      /* time at its end (T1) */
     bool twice;     /* double step: from time level j - 1, over 2 h */
-    bool held; /* free macro run (M2): closed with the last multipliers held, the rest follows */
+    bool held;      /* free macro run (M2): under the last multipliers, held; the rest follows */
 } pma_substep;
 
 #endif

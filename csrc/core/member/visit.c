@@ -106,6 +106,8 @@ pma_status pma_visit_find(pma_subdomain *s)
 
 pma_status pma_visit_divide(pma_subdomain *s, size_t workers)
 {
+    if (s->branches.workers == workers)
+        return PMA_OK;
     const pma_factor *f = &s->parts.single.factor;
     pma_branches branches;
     const pma_status status = pma_branches_create(pma_factor_tree(f), workers, &branches);
@@ -194,35 +196,39 @@ static bool go_through(const pma_subdomain *s, size_t root, double *front)
     }
 }
 
-pma_status pma_visit_begin(pma_subdomain *s, const pma_substep *closed, const pma_substep *opened,
-                           const double *lam)
+pma_visit pma_visit_make(const pma_subdomain *s, const pma_substep *closed,
+                         const pma_substep *opened, const double *lam, const pma_workers *workers)
+{
+    const pma_substep *step = closed ? closed : opened;
+    return (pma_visit){.op = pma_operator_of(s, step->twice),
+                       .closed = closed,
+                       .opened = opened,
+                       .lam = lam,
+                       .workers = workers,
+                       .x = closed ? pma_levels_at(&s->levels, closed->j + 1) : NULL,
+                       .from = opened ? pma_levels_origin(&s->levels, opened) : NULL,
+                       .to = opened ? pma_levels_at(&s->levels, opened->j + 1) : NULL,
+                       .reversed = !s->visit.reversed};
+}
+
+/* The trunk down; true when every new value is finite */
+static bool begin(pma_subdomain *s)
 {
     const size_t n = s->parts.n;
-    const pma_substep *step = closed ? closed : opened;
-    const pma_status status = opened ? pma_substep_load(s, opened) : PMA_OK;
-    if (status != PMA_OK)
-        return status;
-    s->visit = (pma_visit){.op = pma_operator_of(s, step->twice),
-                           .closed = closed,
-                           .opened = opened,
-                           .lam = lam,
-                           .x = closed ? pma_levels_at(&s->levels, closed->j + 1) : NULL,
-                           .from = opened ? pma_levels_origin(&s->levels, opened) : NULL,
-                           .to = opened ? pma_levels_at(&s->levels, opened->j + 1) : NULL,
-                           .reversed = !s->visit.reversed};
-    if (closed) {
-        pma_substep_load_interface(s, lam);
+    if (s->visit.closed) {
+        pma_substep_load_interface(s, s->visit.lam);
         pma_factor_close_part(&s->visit.op->factor, n, n, s->closing, s->visit.x->w, s->work);
     }
     bool finite = turn(s, n - s->parts.nb, n);
     for (size_t i = s->branches.trunk_count; i-- > 0;)
         finite = go_down(s, s->branches.trunk[i], NULL) && finite;
-    s->visit.finite = finite;
-    return PMA_OK;
+    return finite;
 }
 
-bool pma_visit_go(const pma_subdomain *s, size_t worker)
+/* The branches of a worker */
+static bool go(void *self, size_t worker)
 {
+    const pma_subdomain *s = self;
     const pma_branches *b = &s->branches;
     double *front =
         worker == 0 ? NULL : s->fronts + (worker - 1) * pma_factor_front(&s->visit.op->factor);
@@ -235,33 +241,52 @@ bool pma_visit_go(const pma_subdomain *s, size_t worker)
     return finite;
 }
 
-pma_status pma_visit_end(pma_subdomain *s, bool finite)
+static bool go_all(pma_subdomain *s)
+{
+    bool finite = true;
+    if (s->visit.workers)
+        return s->visit.workers->share(s->visit.workers->ctx, go, s);
+    for (size_t w = 0; w < s->branches.workers; w++)
+        finite = go(s, w) && finite;
+    return finite;
+}
+
+/* The trunk up */
+static void end(pma_subdomain *s)
 {
     const pma_visit *v = &s->visit;
     const size_t n = s->parts.n;
-    if (!(finite && v->finite))
-        return PMA_NOT_FINITE;
     for (size_t i = 0; i < s->branches.trunk_count; i++)
         go_up(s, s->branches.trunk[i], NULL);
-    if (v->opened) {
-        pma_substep_add_forces(s, v->opened, n - s->parts.nb, n);
-        pma_factor_open_part(&v->op->factor, n, n, v->to->w,
-                             pma_levels_free_velocity(&s->levels, v->opened->j + 1), s->work);
-        pma_substep_free_velocity(s, v->opened);
-    }
-    return v->closed ? pma_substep_observe(s, v->closed, v->lam) : PMA_OK;
+    if (!v->opened)
+        return;
+    pma_substep_add_forces(s, v->opened, n - s->parts.nb, n);
+    pma_factor_open_part(&v->op->factor, n, n, v->to->w,
+                         pma_levels_free_velocity(&s->levels, v->opened->j + 1), s->work);
+    pma_substep_free_velocity(s, v->opened);
 }
 
-pma_status pma_visit_substeps(pma_subdomain *s, const pma_substep *closed,
-                              const pma_substep *opened, const double *lam)
+/* Steps of one operator */
+static pma_status visit(pma_subdomain *s, const pma_substep *closed, const pma_substep *opened,
+                        const double *lam, const pma_workers *workers)
 {
-    if (!s->fuses || closed->twice != opened->twice) {
-        const pma_status status = pma_substep_close(s, closed, lam);
-        return status == PMA_OK ? pma_substep_open(s, opened) : status;
-    }
-    const pma_status status = pma_visit_begin(s, closed, opened, lam);
-    bool finite = true;
-    for (size_t w = 0; w < s->branches.workers && status == PMA_OK; w++)
-        finite = pma_visit_go(s, w) && finite;
-    return status == PMA_OK ? pma_visit_end(s, finite) : status;
+    const pma_status status = opened ? pma_substep_load(s, opened) : PMA_OK;
+    if (status != PMA_OK)
+        return status;
+    s->visit = pma_visit_make(s, closed, opened, lam, workers);
+    bool finite = begin(s);
+    finite = go_all(s) && finite;
+    if (!finite)
+        return PMA_NOT_FINITE;
+    end(s);
+    return closed ? pma_substep_observe(s, closed, lam) : PMA_OK;
+}
+
+pma_status pma_visit_advance(pma_subdomain *s, const pma_substep *closed, const pma_substep *opened,
+                             const double *lam, const pma_workers *workers)
+{
+    if (!closed || !opened || closed->twice == opened->twice)
+        return visit(s, closed, opened, lam, workers);
+    const pma_status status = visit(s, closed, NULL, lam, workers);
+    return status == PMA_OK ? visit(s, NULL, opened, lam, workers) : status;
 }

@@ -1,4 +1,5 @@
-/* share.c - a stage of a step by all workers, each with the subdomains that it has. */
+/* teamwork.c - a stage of a step by all workers: each with the subdomains that it has, or several
+ * with one large one. */
 #include "coupling/schedule.h"
 
 /* ---- waiting -------------------------------------------------------------------------------- */
@@ -11,14 +12,14 @@ static void look(void *ctx)
         pma_coupler_poll(c);
 }
 
-void pma_share_await(pma_coupler *c, size_t worker)
+void pma_teamwork_await(pma_coupler *c, size_t worker)
 {
     pma_team_await(c->team, worker, look, c);
 }
 
-void pma_share_post(pma_coupler *c, size_t worker, pma_work work)
+void pma_teamwork_post(pma_coupler *c, size_t worker, pma_work work)
 {
-    pma_share_await(c, worker);
+    pma_teamwork_await(c, worker);
     pma_team_post(c->team, worker, work, c);
 }
 
@@ -74,7 +75,7 @@ static pma_status take_status(pma_coupler *c)
     return first;
 }
 
-pma_status pma_share_out(pma_coupler *c, pma_task task, pma_due due)
+pma_status pma_teamwork_do(pma_coupler *c, pma_task task, pma_due due)
 {
     c->task = task;
     c->due = due;
@@ -84,12 +85,41 @@ pma_status pma_share_out(pma_coupler *c, pma_task task, pma_due due)
     }
     for (size_t w = 1; w < c->roster.workers; w++) {
         if (has_work(c, w))
-            pma_share_post(c, w, work_through);
+            pma_teamwork_post(c, w, work_through);
     }
     work_through(c, 0);
     for (size_t w = 1; w < c->roster.workers; w++) {
         if (pma_team_is_at(c->team, w, work_through))
-            pma_share_await(c, w);
+            pma_teamwork_await(c, w);
     }
     return atomic_load(&c->has_failed) ? take_status(c) : PMA_OK;
+}
+
+/* ---- one member by several workers ---------------------------------------------------------- */
+
+static void work_on_split(void *ctx, size_t worker)
+{
+    pma_coupler *c = ctx;
+    if (!c->shared.work(c->shared.self, worker))
+        atomic_store(&c->shared.failed, true);
+}
+
+/* Every worker of the fine steps; all wait for the last. */
+static bool share(void *ctx, bool (*work)(void *self, size_t worker), void *self)
+{
+    pma_coupler *c = ctx;
+    c->shared.work = work;
+    c->shared.self = self;
+    atomic_store(&c->shared.failed, false);
+    for (size_t w = 1; w < c->roster.fine; w++)
+        pma_teamwork_post(c, w, work_on_split);
+    work_on_split(c, 0);
+    for (size_t w = 1; w < c->roster.fine; w++)
+        pma_teamwork_await(c, w);
+    return !atomic_load(&c->shared.failed);
+}
+
+pma_workers pma_teamwork_workers(pma_coupler *c)
+{
+    return (pma_workers){.count = c->roster.fine, .ctx = c, .share = share};
 }

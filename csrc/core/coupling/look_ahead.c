@@ -30,12 +30,6 @@ pma_status pma_look_ahead_create(pma_coupler *c)
         return PMA_NO_MEMORY;
     for (size_t i = first; i < c->parts.count; i++)
         member_of(c, i)->lam = c->lam_deferred + (i - first) * p;
-    for (size_t i = 0; i < c->parts.count; i++) {
-        const pma_member *member = &c->coupled[i].member;
-        const pma_status status = member->table->look_ahead(member->self);
-        if (status != PMA_OK)
-            return status;
-    }
     return PMA_OK;
 }
 
@@ -45,9 +39,11 @@ static pma_status close_assigned(pma_coupled *m)
 {
     const pma_assignment *work = &m->assigned;
     const pma_member *member = &m->member;
-    const pma_status status = member->table->close(member->self, &work->closed, m->lam);
+    const pma_status status =
+        member->table->advance(member->self, &work->closed, NULL, m->lam, NULL);
     if (status == PMA_OK && work->row != PMA_NO_ROW)
-        member->table->record(member->self, work->closed.j + 1, work->selection, work->row);
+        member->table->record(member->self, PMA_MOTION, work->closed.j + 1, NULL, work->selection,
+                              work->row);
     return status;
 }
 
@@ -61,14 +57,15 @@ static void go_ahead(void *ctx, size_t worker)
         if (work->closes)
             work->status = close_assigned(m);
         if (work->opens && work->status == PMA_OK)
-            work->status = m->member.table->open(m->member.self, &work->opened);
+            work->status =
+                m->member.table->advance(m->member.self, NULL, &work->opened, NULL, NULL);
     }
 }
 
 /* From now on what this worker has made can be used. */
 static void await(pma_coupler *c, size_t worker)
 {
-    pma_share_await(c, worker);
+    pma_teamwork_await(c, worker);
     for (size_t i = c->roster.begin[worker]; i < c->roster.begin[worker + 1]; i++)
         member_of(c, i)->assigned.closes = member_of(c, i)->assigned.opens = false;
 }
@@ -96,7 +93,7 @@ static void assign(pma_coupler *c, bool (*is_due)(const pma_coupler *c, const pm
             any = true;
         }
         if (any)
-            pma_share_post(c, w, go_ahead);
+            pma_teamwork_post(c, w, go_ahead);
     }
 }
 
