@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from pmalpha import InternalForce
-from pmalpha.remote import Client, serve, started
+from pmalpha.rig.remote import Client, serve, started
 
 # m, N, kg, s; nodes 1 and 2 are fixed, 11 and 12 are in mid-height of the lowest columns
 FLOORS = [(3, 4), (5, 6), (7, 8)]
@@ -250,7 +250,7 @@ def in_a_copy(function, *arguments):
 
 @contextmanager
 def served(part, what, timeout=60.0):
-    """A `pmalpha.remote.Client` of this program, which ends with the block."""
+    """A `pmalpha.rig.Client` of this program, which ends with the block."""
     with (
         started([Path(__file__), part, what], timeout=timeout) as (address, _),
         Client(address, timeout=timeout, name=f"OpenSees, {part} {what}") as client,

@@ -25,7 +25,7 @@ class Rig:
     """r(u, v, t) of a specimen in a laboratory: sends a displacement, receives a force."""
 
     def __init__(self, address, timeout=5.0):
-        self.client = pm.remote.Client(address, timeout=timeout, name="the rig")
+        self.client = pm.rig.Client(address, timeout=timeout, name="the rig")
 
     def __call__(self, u, v, t):
         return self.client(t, u)
@@ -44,7 +44,7 @@ class Rig:
 def simulated_rig(**options):
     """A rig in a separate process, which ends with the block: its address and the process."""
     program = Path(__file__).with_name("simulated_rig.py")
-    return pm.remote.started([program, *(f"--{name}={x}" for name, x in options.items())])
+    return pm.rig.started([program, *(f"--{name}={x}" for name, x in options.items())])
 
 
 def hybrid(restoring, dt=dt, coupling="pm", **options):

@@ -1,4 +1,4 @@
-"""Strangers on a connection of pm.remote: wrong bytes, half messages, huge lengths, sudden ends.
+"""Strangers on a connection of rig.remote: wrong bytes, half messages, huge lengths, sudden ends.
 
 A stranger takes the place of the client or of the server. Its bytes are those of good messages with
 damage, in pieces of any size, and it may stop, close or reset the connection at any of them. The
@@ -18,7 +18,7 @@ import campaign_input
 import numpy as np
 from entries import one
 
-from pmalpha import remote
+from pmalpha.rig import remote
 
 WAIT = 0.05  # s, the timeout of both sides
 SLACK = 600.0  # s, which only a hang takes

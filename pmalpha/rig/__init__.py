@@ -1,10 +1,35 @@
-"""Specimens in a laboratory or in another program: actuators, delays, and the protocol of rigs."""
+"""Specimens in a laboratory or in another program: actuators, delays, and the protocol of rigs.
+
+`serve` makes a function, a subdomain or a coupler the element of a model of OpenSees, `connect` a
+specimen of what listens elsewhere, both by the messages of OpenSees and OpenFresco. `Client` and
+`started` call any function of numbers and arrays in another process, which `remote.serve` serves.
+"""
 
 from ..problem.actuators import Compensated, Response, SimulatedActuator
 from ..problem.limits import Limits
+from . import remote
+from .connecting import Connected, connect
+from .remote import Client, RemoteError, started
+from .served import Command
+from .serving import serve
 from .tracking import Tracking, tracking
 
-__all__ = ["Compensated", "Limits", "Response", "SimulatedActuator", "Tracking", "tracking"]
+__all__ = [
+    "Client",
+    "Command",
+    "Compensated",
+    "Connected",
+    "Limits",
+    "RemoteError",
+    "Response",
+    "SimulatedActuator",
+    "Tracking",
+    "connect",
+    "remote",
+    "serve",
+    "started",
+    "tracking",
+]
 
 
 def __dir__() -> list[str]:

@@ -1,0 +1,224 @@
+"""An element for a program that integrates: OpenSees' genericClient, or another pmalpha."""
+
+from __future__ import annotations
+
+import logging
+import socket
+from collections.abc import Callable, Collection
+from typing import Any
+
+import numpy as np
+
+from .._checks import whole_number
+from . import wire as w
+from .served import Element, Trial, check_served, element_of
+
+log = logging.getLogger("pmalpha.rig")
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+HEAD_BYTES = 4 * w.HEAD
+
+
+def serve(
+    what: Any,
+    port: int = 0,
+    *,
+    host: str = "127.0.0.1",
+    allow: Collection[str] | None = None,
+    secret: bytes | str | None = None,
+    stiffness: Any = None,
+    damping: Any = None,
+    mass: Any = None,
+    timeout: float | None = 60.0,
+    announce: Callable[[int], Any] | None = None,
+) -> int:
+    """Serve one client that has this as an element, until it ends.
+
+    The client is OpenSees' ``element genericClient``, OpenFresco's generic control, or `connect`.
+    It sends trial displacements, velocities and times, and is given the resisting force without
+    inertia and damping, and the matrices it asks for.
+
+    Parameters
+    ----------
+    what : callable, springs, Subdomain or Coupler
+        A specimen ``r(u, v, t)``, evaluated once for each trial state that a force is wanted of,
+        and for the one that is accepted; it may return (r, x), and have a method ``commit()``,
+        called at the end of each step. Springs go on from their last committed state. A Subdomain
+        without load has all its dofs on the interface; it gives M, C and its tangent too. A Coupler
+        has one constraint with ``velocity=rig.Command(p)``, its interface: it takes a macro step
+        for each step of the client, which must have the same length, from the velocity committed
+        last to the trial velocity, and gives the multipliers.
+    port : int, default 0
+        On which to listen; 0 for any that is free.
+    host : str, default "127.0.0.1"
+        The address on which to listen; the default is reached from this machine only. Any other
+        needs `allow` or `secret`.
+    allow : collection of str, optional
+        Numerical addresses of clients; others are turned away.
+    secret : bytes or str, optional
+        That a `connect` with the same one knows; other programs have no way to show it. Neither
+        it nor the data are encrypted.
+    stiffness, damping, mass : (n, n) or (n,) array, optional
+        Of a function (of springs the latter two), for clients that ask. Default: zero.
+    timeout : float, optional
+        Longest wait for the client and for each of its messages, in seconds; None for ever.
+    announce : callable, optional
+        Called with the port when it is open. Default: prints it.
+
+    Returns
+    -------
+    int
+        Number of steps that were committed.
+
+    Raises
+    ------
+    TimeoutError
+        When the client was silent for too long.
+    ConnectionError
+        When it has ended without saying so, does not speak the protocol, or asks for what it does
+        not know.
+    ValueError, TypeError
+        For what cannot be served, or another number of dofs than the client has; whatever `what`
+        raises. OpenSees is not told and has to be ended: it waits for ever.
+
+    See Also
+    --------
+    connect, Command
+
+    Examples
+    --------
+    >>> import threading, queue
+    >>> ports = queue.Queue()
+    >>> server = threading.Thread(target=rig.serve, args=(lambda u, v, t: 4.0 * u,),
+    ...                           kwargs=dict(announce=ports.put))
+    >>> server.start()
+    >>> with rig.connect(("127.0.0.1", ports.get())) as spring:
+    ...     mass = Subdomain([1.0], None, scheme=Newmark(), restoring=spring, u0=[1.0], name="m")
+    ...     history = Coupler([mass], dt=0.01).run(0.5)
+    >>> server.join()
+    >>> bool(abs(history["m"].u[-1, 0] - np.cos(1.0)) < 1e-4)
+    True
+    """
+    check_served(what)
+    port = whole_number(port, "port", high=65535)
+    known = checked_secret(secret)
+    if host not in LOOPBACK and allow is None and known is None:
+        raise ValueError(
+            f"allow or secret must be given with host {host!r}, which other machines can reach"
+        )
+    connection, peer = _accepted(host, port, allow, timeout, announce)
+    link = w.Wire(connection, timeout, peer)
+    try:
+        if known is not None:
+            w.prove(link, known, server=True)
+        sizes = w.sizes_of(link.receive(HEAD_BYTES, "the first message"), peer)
+        matrices = dict(stiffness=stiffness, damping=damping, mass=mass)
+        # a program that sends accelerations integrates: it adds C v and M a itself
+        splits = sizes.control[w.KINDS.index("acceleration")] > 0
+        element = element_of(what, sizes.n, matrices, splits=splits)
+        return _Session(w.Doubles(link, sizes), element).run()
+    finally:
+        link.close()
+
+
+def checked_secret(secret: bytes | str | None) -> bytes | None:
+    if secret is None:
+        return None
+    if not isinstance(secret, (bytes, str)) or not secret:
+        raise TypeError(f"secret must be text or bytes that are not empty, got {secret!r}")
+    return secret.encode() if isinstance(secret, str) else secret
+
+
+def _accepted(
+    host: str,
+    port: int,
+    allow: Collection[str] | None,
+    timeout: float | None,
+    announce: Callable[[int], Any] | None,
+) -> tuple[socket.socket, str]:
+    """The connection of the first client that is allowed, and its name."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.create_server((host, port), family=family) as server:
+        server.settimeout(timeout)
+        opened = server.getsockname()[1]
+        if host not in LOOPBACK:
+            of = "clients with the secret" if allow is None else ", ".join(allow)
+            log.warning("pmalpha.rig listens on %s:%d, for %s", host, opened, of)
+        if announce is None:
+            print(opened, flush=True)
+        else:
+            announce(opened)
+        while True:
+            connection, address = server.accept()
+            if allow is None or address[0] in allow:
+                return connection, f"the client {address[0]}:{address[1]}"
+            log.warning("pmalpha.rig turned away %s", address[0])
+            connection.close()
+
+
+class _Session:
+    """The messages of one client."""
+
+    def __init__(self, doubles: w.Doubles, element: Element):
+        self.doubles, self.element, self.sizes = doubles, element, doubles.sizes
+        n = self.sizes.n
+        self.trial = Trial(np.zeros(n), np.zeros(n), None)
+        self.commits = 0
+        self.fields: dict[str, np.ndarray] = {}
+
+    def run(self) -> int:
+        """Until the client ends; the number of commits."""
+        while True:
+            message = self.doubles.receive("the next action")
+            action = message[0]
+            if action == w.END:
+                return self.commits
+            if action == w.TRIAL:
+                self._take(message)
+            elif action == w.COMMIT:
+                self.element.commit(self.trial)
+                self.commits += 1
+            elif action in w.VALUES:
+                self.doubles.send(self._values())
+            elif action in w.MATRICES:
+                self.doubles.send(self._matrix(int(action)))
+            elif action not in w.SILENT:
+                raise ConnectionError(f"{self.doubles.wire.peer} asks for {action:g}, no action")
+
+    def _take(self, message: np.ndarray) -> None:
+        self.fields = w.fields(self.sizes.control, message[1:])
+        for kind, values in self.fields.items():
+            if not np.isfinite(values).all():
+                raise ValueError(f"{kind} must be finite, got {values} from the client")
+        u, v = (self.fields.get(x, np.zeros(self.sizes.n)) for x in ("displacement", "velocity"))
+        t = float(self.fields["time"][0]) if "time" in self.fields else None
+        self.trial = Trial(u, v, t)
+
+    def _values(self) -> np.ndarray:
+        """What the client has announced, in its order."""
+        r, x = self.element.force(self.trial)
+        zero, t = np.zeros(self.sizes.n), self.trial.t
+        found = {
+            "displacement": x,
+            "velocity": self.trial.v,
+            "acceleration": self.fields.get("acceleration", zero),
+            "force": r,
+            "time": np.array([0.0 if t is None else t]),
+        }
+        counts = zip(w.KINDS, self.sizes.daq)
+        return np.concatenate([found[kind] for kind, count in counts if count])
+
+    def _matrix(self, action: int) -> np.ndarray:
+        """A matrix by columns."""
+        n = self.sizes.n
+        if n * n > self.sizes.doubles:
+            raise ConnectionError(
+                f"{self.doubles.wire.peer} asks for a matrix of {n} x {n} in messages of "
+                f"{self.sizes.doubles} doubles"
+            )
+        if action == w.DAMPING:
+            A = self.element.damping()
+        elif action == w.MASS:
+            A = self.element.mass()
+        else:
+            A = self.element.stiffness(self.trial, initial=action == w.INITIAL_STIFFNESS)
+        return np.asarray(A).T.ravel()

@@ -1,0 +1,232 @@
+"""Messages of OpenSees' genericClient, actuator and adapter, and of OpenFresco's generic control.
+
+The client sends eleven int32, the numbers of values of each kind in both directions and the length
+of the messages, and then messages of that length in doubles, the first of them an action.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import os
+import socket
+import struct
+from collections.abc import Sequence
+from contextlib import suppress
+from time import monotonic
+from typing import NamedTuple
+
+import numpy as np
+
+# The kinds of values, in the order in which they are announced and packed.
+KINDS = ("displacement", "velocity", "acceleration", "force", "time")
+# What a client asks for.
+OPEN, SETUP, TRIAL, EXECUTE, COMMIT, DAQ = 1, 2, 3, 4, 5, 6
+DISPLACEMENT, VELOCITY, ACCELERATION, FORCE, TIME = 7, 8, 9, 10, 11
+INITIAL_STIFFNESS, TANGENT, DAMPING, MASS = 12, 13, 14, 15
+ACQUIRE, SHUTDOWN, END = 50, 98, 99
+VALUES = (DAQ, DISPLACEMENT, VELOCITY, ACCELERATION, FORCE, TIME)
+MATRICES = (INITIAL_STIFFNESS, TANGENT, DAMPING, MASS)
+SILENT = (OPEN, SETUP, EXECUTE, ACQUIRE, SHUTDOWN)
+# Largest number of values of a kind and length of a message: a wrong one is no order to allocate.
+MOST_VALUES, MOST_DOUBLES = 1 << 16, 1 << 24
+HEAD = 11
+# Proof that both sides know the secret.
+NONCE = 32
+BYTE_ORDERS = {"little": "<", "big": ">"}
+
+
+class Sizes(NamedTuple):
+    """The first message: numbers of values sent by the client and by the server, and the length.
+
+    Attributes
+    ----------
+    control, daq : tuple of int
+        By `KINDS`.
+    doubles : int
+        Length of each later message.
+    order : {"<", ">"}
+        Byte order.
+    """
+
+    control: tuple[int, ...]
+    daq: tuple[int, ...]
+    doubles: int
+    order: str = "<"
+
+    @property
+    def n(self) -> int:
+        """The number of dofs."""
+        return max(*self.control[:4], *self.daq[:4])
+
+    def bytes(self) -> bytes:
+        return struct.pack(f"{self.order}{HEAD}i", *self.control, *self.daq, self.doubles)
+
+    def problem(self, matrices: bool = False) -> str | None:
+        """What is wrong with them; None for nothing."""
+        several = {x for x in (*self.control[:4], *self.daq[:4]) if x}
+        if any(not 0 <= x <= MOST_VALUES for x in (*self.control, *self.daq)):
+            return "numbers of values must lie in [0, 65536]"
+        if len(several) != 1 or max(self.control[4], self.daq[4]) > 1:
+            return "all kinds must have the same number of values, and time at most one"
+        need = max(1 + sum(self.control), sum(self.daq), self.n**2 if matrices else 0)
+        if not need <= self.doubles <= MOST_DOUBLES:
+            return f"messages must have {need} to {MOST_DOUBLES} doubles, got {self.doubles}"
+        return None
+
+
+def sizes_of(head: bytes, peer: str) -> Sizes:
+    """The first message in the byte order in which it makes sense.
+
+    Raises
+    ------
+    ConnectionError
+        For one that makes sense in neither.
+    """
+    found = []
+    for order in BYTE_ORDERS.values():
+        numbers = struct.unpack(f"{order}{HEAD}i", head)
+        found.append(Sizes(numbers[:5], numbers[5:10], numbers[10], order))
+    for sizes in found:
+        if sizes.problem() is None:
+            return sizes
+    raise ConnectionError(
+        f"{peer} does not speak the protocol of rigs: {found[0].problem()}; its first message, "
+        f"eleven int32, is {found[0].control}, {found[0].daq}, {found[0].doubles}"
+    )
+
+
+class Wire:
+    """A connection on which messages have a known length.
+
+    Parameters
+    ----------
+    connection : socket
+    timeout : float or None
+        Longest wait for a message, in seconds.
+    peer : str
+        The other side in messages.
+    """
+
+    def __init__(self, connection: socket.socket, timeout: float | None, peer: str):
+        self.connection, self.timeout, self.peer = connection, timeout, peer
+        self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.connection.settimeout(timeout)
+        # without it a peer that sends two small messages in a row waits 40 ms after the first
+        self._quick = getattr(socket, "TCP_QUICKACK", None)
+
+    def close(self) -> None:
+        self.connection.close()
+
+    def send(self, data: bytes) -> None:
+        """Send all; ConnectionError or TimeoutError otherwise."""
+        try:
+            self.connection.sendall(data)
+        except TimeoutError:
+            raise TimeoutError(f"{self.peer} takes no data within {self.timeout:g} s") from None
+        except OSError as error:
+            raise ConnectionError(f"{self.peer} was lost: {error}") from error
+
+    def receive(self, size: int, what: str) -> bytes:
+        """So many bytes, which have to be here in time."""
+        data = bytearray()
+        end = None if self.timeout is None else monotonic() + self.timeout
+        while len(data) < size:
+            more = self._some(size - len(data), end, what)
+            if not more:
+                state = f"after {len(data)} of {size} bytes" if data else "and sent nothing"
+                raise ConnectionError(f"{self.peer} closed the connection {state} of {what}")
+            data += more
+        return bytes(data)
+
+    def _some(self, size: int, end: float | None, what: str) -> bytes:
+        if end is not None:
+            left = end - monotonic()
+            if left <= 0.0:
+                raise TimeoutError(f"no {what} of {self.peer} within {self.timeout:g} s")
+            self.connection.settimeout(left)
+        try:
+            if self._quick is not None:  # the flag does not stay set
+                self.connection.setsockopt(socket.IPPROTO_TCP, self._quick, 1)
+            return self.connection.recv(size)
+        except TimeoutError:
+            raise TimeoutError(f"no {what} of {self.peer} within {self.timeout:g} s") from None
+        except OSError as error:
+            raise ConnectionError(f"{self.peer} was lost: {error}") from error
+        finally:
+            with suppress(OSError):
+                self.connection.settimeout(self.timeout)
+
+    def check_silent(self) -> None:
+        """ConnectionError where more has come than was asked for."""
+        self.connection.setblocking(False)
+        try:
+            more = self.connection.recv(1, socket.MSG_PEEK)
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError as error:
+            raise ConnectionError(f"{self.peer} was lost: {error}") from error
+        finally:
+            self.connection.settimeout(self.timeout)
+        if more:
+            raise ConnectionError(f"{self.peer} sends more than was asked for")
+        raise ConnectionError(f"{self.peer} closed the connection")
+
+
+class Doubles:
+    """Messages of a fixed number of doubles.
+
+    Parameters
+    ----------
+    wire : Wire
+    sizes : Sizes
+    """
+
+    def __init__(self, wire: Wire, sizes: Sizes):
+        self.wire, self.sizes = wire, sizes
+        self.type = np.dtype(f"{sizes.order}f8")
+
+    def send(self, values: Sequence[float] | np.ndarray) -> None:
+        """The values, and zeros up to the length of messages."""
+        message = np.zeros(self.sizes.doubles, self.type)
+        message[: len(values)] = values
+        self.wire.send(message.tobytes())
+
+    def receive(self, what: str) -> np.ndarray:
+        data = self.wire.receive(self.sizes.doubles * self.type.itemsize, what)
+        return np.frombuffer(data, self.type).astype(np.float64)
+
+
+def fields(counts: Sequence[int], values: np.ndarray) -> dict[str, np.ndarray]:
+    """The values of each kind that was announced."""
+    found, at = {}, 0
+    for kind, count in zip(KINDS, counts):
+        if count:
+            found[kind] = values[at : at + count]
+        at += count
+    return found
+
+
+# ---- who may connect -----------------------------------------------------------------------------
+
+
+def _digest(secret: bytes, *parts: bytes) -> bytes:
+    return hmac.new(secret, b"".join(parts), hashlib.sha256).digest()
+
+
+def prove(wire: Wire, secret: bytes, *, server: bool) -> None:
+    """Both sides show that they know the secret, without sending it.
+
+    Raises
+    ------
+    ConnectionError
+        When the other side does not.
+    """
+    own = os.urandom(NONCE)
+    wire.send(own)
+    other = wire.receive(NONCE, "the proof of the secret")
+    role, its = (b"server", b"client") if server else (b"client", b"server")
+    wire.send(_digest(secret, role, other, own))
+    proof = wire.receive(NONCE, "the proof of the secret")
+    if not hmac.compare_digest(proof, _digest(secret, its, own, other)):
+        raise ConnectionError(f"{wire.peer} does not know the secret")
