@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from pmalpha import InternalForce
-from pmalpha.rig.remote import Client, serve, started
+from pmalpha.rig.calls import Client, serve, started
 
 # m, N, kg, s; nodes 1 and 2 are fixed, 11 and 12 are in mid-height of the lowest columns
 FLOORS = [(3, 4), (5, 6), (7, 8)]

@@ -13,7 +13,7 @@ from bisect import bisect_right
 
 import numpy as np
 
-from pmalpha.rig.remote import serve
+from pmalpha.rig.calls import serve
 
 
 class Yielding:

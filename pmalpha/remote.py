@@ -1,5 +1,5 @@
-"""The earlier place of `pmalpha.rig.remote`: functions of other processes."""
+"""The earlier place of `pmalpha.rig.calls`: functions of other processes."""
 
-from .rig.remote import Client, RemoteError, serve, started
+from .rig.calls import Client, RemoteError, serve, started
 
 __all__ = ["Client", "RemoteError", "serve", "started"]

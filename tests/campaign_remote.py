@@ -18,7 +18,7 @@ import campaign_input
 import numpy as np
 from entries import one
 
-from pmalpha.rig import remote
+from pmalpha.rig import calls as remote
 
 WAIT = 0.05  # s, the timeout of both sides
 SLACK = 600.0  # s, which only a hang takes

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "examples"))
 import opensees_model as example
 
 from pmalpha import models
-from pmalpha.rig.remote import serve
+from pmalpha.rig.calls import serve
 
 ALGORITHMS = ("Linear", "Newton")
 INTEGRATORS = ("Newmark", "HHT", "GeneralizedAlpha")

@@ -12,7 +12,7 @@ import scipy.linalg
 import waits
 
 import pmalpha as pm
-from pmalpha.rig.remote import Client, RemoteError, started
+from pmalpha.rig.calls import Client, RemoteError, started
 
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "examples"))

@@ -15,9 +15,9 @@ import pytest
 import waits
 
 import pmalpha as pm
-from pmalpha.rig import remote
+from pmalpha.rig import calls as remote
 
-TWICE = "from pmalpha.rig.remote import serve; serve(lambda x: 2.0 * x, timeout=600.0)"
+TWICE = "from pmalpha.rig.calls import serve; serve(lambda x: 2.0 * x, timeout=600.0)"
 
 
 @pytest.fixture

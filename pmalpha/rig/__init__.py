@@ -7,9 +7,9 @@ specimen of what listens elsewhere, both by the messages of OpenSees and OpenFre
 
 from ..problem.actuators import Compensated, Response, SimulatedActuator
 from ..problem.limits import Limits
-from . import remote
+from . import calls as remote
+from .calls import Client, RemoteError, started
 from .connecting import Connected, connect
-from .remote import Client, RemoteError, started
 from .served import Command
 from .serving import serve
 from .tracking import Tracking, tracking

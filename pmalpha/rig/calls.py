@@ -228,7 +228,7 @@ def started(
 
     Examples
     --------
-    >>> program = "from pmalpha.rig.remote import serve; serve(lambda x: 2.0 * x)"
+    >>> program = "from pmalpha.rig.calls import serve; serve(lambda x: 2.0 * x)"
     >>> with started([sys.executable, "-c", program]) as (address, process):
     ...     with Client(address) as double:
     ...         print(double([1.0, 2.0]))
@@ -332,14 +332,14 @@ class _Messages:
         self._need(LENGTH.size)
         (size,) = LENGTH.unpack_from(self.buffer)
         if not HEAD.size <= size <= LARGEST:
-            raise ConnectionError(f"a message of {size} bytes is none of pmalpha.remote")
+            raise ConnectionError(f"a message of {size} bytes is none of pmalpha.rig.calls")
         self._need(LENGTH.size + size)
         body = bytes(self.buffer[LENGTH.size : LENGTH.size + size])
         del self.buffer[: LENGTH.size + size]
         try:
             return _parsed(body)
         except (struct.error, OverflowError, ValueError) as error:
-            raise ConnectionError(f"the message is none of pmalpha.remote: {error}") from error
+            raise ConnectionError(f"the message is none of pmalpha.rig.calls: {error}") from error
 
     def _need(self, size: int) -> None:
         while len(self.buffer) < size:
