@@ -132,7 +132,7 @@ class Device:
         if v.shape != d.shape:
             raise ValueError(f"velocity must have shape {d.shape}, got {v.shape}")
         shape = d.shape if d.ndim == 2 else (d.size, 1)
-        own = core_specimen(self, shape[1], dt, "the specimen")
+        own = core_specimen(self._placed(shape[1], None, "specimen"), shape[1], dt, "the specimen")
         t = dt * np.arange(shape[0])
         flat = (np.ascontiguousarray(x.reshape(shape)) for x in (d, v))
         force, measured = _core.follow_specimen(own, t, *flat)

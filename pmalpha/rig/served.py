@@ -15,7 +15,7 @@ from ..problem.actuators import divided
 from ..problem.evaluation import evaluated
 from ..problem.internal import InternalForce
 from ..problem.restoring import functions_of
-from ..problem.springs import Spring, assembled, check_dofs, core_springs
+from ..problem.springs import Spring, assembled, core_springs
 from ..problem.subdomain import Subdomain
 from ..run.coupler import Coupler
 
@@ -326,8 +326,8 @@ def element_of(what: Any, n: int, matrices: dict[str, Any], *, splits: bool) -> 
         return _of_size(CouplerElement(what, splits=splits), n, "the interface of the coupler")
     checked = {name: _square(A, n, name) for name, A in given.items()}
     if not callable(what):
-        check_dofs(springs_in(what), n, "what")
-        return StructureElement(n, springs_in(what), checked)
+        springs = tuple(spring._placed(n, None, "what") for spring in springs_in(what))
+        return StructureElement(n, springs, checked)
     return FunctionElement(what, n, checked)
 
 
