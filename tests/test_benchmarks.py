@@ -28,6 +28,7 @@ SCRIPTS = [
     "limits",
     "mean",
     "newton",
+    "pacing",
     "plate",
     "subcycling",
     "threads",

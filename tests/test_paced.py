@@ -1,10 +1,12 @@
 """Runs at the pace of a clock. No test depends on how fast the machine is."""
 
+import importlib
 import os
 import signal
 import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ import pmalpha as pm
 from pmalpha.results import history_file, recording, ring
 from pmalpha.run import paced, realtime
 
+EXAMPLES = Path(__file__).parents[1] / "examples"
 FAST = 1e12  # a period of less than a nanosecond: every fine step is late
 SLOW = 1e-5  # one of a thousand seconds: none is, and the second one never begins
 
@@ -351,3 +354,78 @@ def test_a_paced_run_that_ends_early_has_its_file(tmp_path):
     assert coupler.step_count == 5 and coupler.last_history.pacing.due.size == 10
     assert pm.History.load(tmp_path / "paced.h5").macro_times.size == 6
     coupler.reset()  # and no ring is left
+
+
+# ---- another process looks at it -----------------------------------------------------------------
+
+
+def test_a_monitor_has_commands_forces_and_times(tmp_path):
+    coupler = made(restoring=spring)
+    coupler.step()
+    coupler.monitor(tmp_path / "live")
+    history = coupler.run_paced(0.2, rate=FAST)
+    last = pm.rig.read_monitor(tmp_path / "live")
+    assert last.step.tolist() == list(range(18)) and last.period == history.pacing.period
+    for name in ("due", "begun", "commanded", "returned", "ended", "lateness"):
+        assert np.array_equal(getattr(last, name), getattr(history.pacing, name))
+    np.testing.assert_allclose(last.t, history["b"].t[1:], rtol=1e-14)  # (T1) sums otherwise
+    # under the central difference the displacement is the command
+    assert np.array_equal(last.command["b"], history["b"].u[1:])
+    assert np.array_equal(last.force["b"], 4.0 * history["b"].u[1:])
+    assert list(last.dofs) == ["b"] and last.dofs["b"].tolist() == [0]
+
+
+def test_a_monitor_keeps_the_last_rows_of_the_last_run(tmp_path):
+    coupler = made(restoring=spring)
+    coupler.monitor(tmp_path / "live", {"b": None}, rows=7)
+    coupler.run_paced(0.2, rate=FAST)
+    history = coupler.run_paced(0.4, rate=FAST)
+    last = pm.rig.read_monitor(tmp_path / "live")
+    assert last.step.tolist() == list(range(13, 20))
+    assert np.array_equal(last.command["b"], history["b"].u[-7:])
+    coupler.monitor(None)
+    coupler.run_paced(0.6, rate=FAST)
+    assert np.array_equal(pm.rig.read_monitor(tmp_path / "live").t, last.t)
+
+
+def test_a_monitor_is_written_while_the_run_goes_on(tmp_path):
+    seen = []
+
+    def specimen(u, v, t):
+        if t > 0.1:  # what came before is written some time
+            waits.until(lambda: (tmp_path / "live").exists())
+            waits.until(lambda: pm.rig.read_monitor(tmp_path / "live").step.size >= 10)
+            seen.append(pm.rig.read_monitor(tmp_path / "live"))
+        return 4.0 * u
+
+    coupler = made(restoring=specimen)
+    coupler.monitor(tmp_path / "live")
+    coupler.run_paced(0.12, rate=FAST)
+    assert seen[0].step.size == 10
+
+
+def test_only_specimens_are_monitored(tmp_path):
+    coupler = made(restoring=spring)
+    with pytest.raises(ValueError, match=r"dofs\['a'\] must be of a specimen"):
+        coupler.monitor(tmp_path / "live", {"a": [0]})
+    with pytest.raises(ValueError, match="rows must be"):
+        coupler.monitor(tmp_path / "live", rows=0)
+    (tmp_path / "other").write_text("something else")
+    with pytest.raises(ValueError, match="path must be a file of Coupler.monitor"):
+        pm.rig.read_monitor(tmp_path / "other")
+
+
+def test_the_example_draws_what_is_monitored(tmp_path, monkeypatch):
+    figure = pytest.importorskip("matplotlib.figure")
+    monkeypatch.syspath_prepend(EXAMPLES)
+    live = importlib.import_module("live")
+    coupler = live.test()
+    coupler.monitor(tmp_path / "live")
+    history = coupler.run_paced(0.5, rate=FAST)
+    lines = live.panels(figure.Figure())
+    live.update(lines, pm.rig.read_monitor(tmp_path / "live"))
+    assert [len(line.get_xdata()) for line in lines] == 3 * [500]
+    u, r, late = (line.get_ydata() for line in lines)
+    assert np.array_equal(late, 1e6 * history.pacing.lateness)
+    # a stiffness of 4e6 N/m, 2 ms late: u, in mm, is by 4 % of its size another one then
+    assert np.abs(r - 4.0 * u).max() < 0.3 * np.abs(r).max()

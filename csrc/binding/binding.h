@@ -61,7 +61,7 @@ typedef struct {
     PyObject *arrays;         /* list: the arrays that the core points into */
     PyObject *motions;        /* list: the arrays of each prescribed motion */
     pma_processes *processes; /* the others, or NULL */
-    PyObject *pace;           /* tuple (period, stops, signals, (origin, done), times), or NULL */
+    PyObject *pace;           /* tuple as set_pace describes, or NULL */
     pma_ring ring;            /* of the record, if `held` is set */
     PyObject *held;           /* its array, or NULL */
     atomic_bool busy;

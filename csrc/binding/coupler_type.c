@@ -514,9 +514,12 @@ static PyMethodDef coupler_methods[] = {
      "unstable, or (index, code, what) if its function returned a code; report(step_count) is "
      "called about every 50 ms"},
     {"set_pace", (PyCFunction)pma_coupler_object_set_pace, METH_O,
-     "set_pace(None | (period, stops, signals, state, times)): fine steps of later advances begin "
+     "set_pace(None | (period, stops, signals, state, times, monitored, values)): fine steps of "
+     "later "
+     "advances begin "
      "every `period` ns; state (2,) has their beginning and number, times (4, rows) when they "
-     "began, commanded, received and ended; signals is a file to which those are written, or -1"},
+     "began, commanded, received and ended; signals is a file to which those are written, or -1; "
+     "monitored has (positions, last) or None by subdomain, values their commands and forces"},
     {"set_ring", (PyCFunction)pma_coupler_object_set_ring, METH_O,
      "set_ring(None | held): records have rows for held.size recorded macro steps, used in turn; "
      "held, of int64, begins with -1"},

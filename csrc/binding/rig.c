@@ -57,10 +57,39 @@ static int take_times(PyObject *state, PyObject *times, pma_pace *pace)
     return 0;
 }
 
-/* Every subdomain with a restoring function has a stamp. */
-static int add_stamps(CouplerObject *self, pma_pace *pace)
+/* The commands and forces of a subdomain at `positions`, in `last` (2, count). */
+static int take_monitored(PyObject *positions, PyObject *last, const pma_subdomain *s,
+                          pma_stamp *stamp)
+{
+    const npy_intp any = -1;
+    PyArrayObject *array, *rows;
+    if (pma_take_array(positions, NPY_INT64, 1, &any, "positions", NULL, &array) < 0)
+        return -1;
+    const npy_intp shape[2] = {2, PyArray_DIM(array, 0)};
+    if (pma_take_array(last, NPY_DOUBLE, 2, shape, "last", NULL, &rows) < 0)
+        return -1;
+    stamp->count = (size_t)shape[1];
+    stamp->position = PyArray_DATA(array);
+    stamp->command = PyArray_DATA(rows);
+    stamp->force = stamp->command + stamp->count;
+    for (size_t k = 0; k < stamp->count; k++) {
+        if (stamp->position[k] < 0 || (size_t)stamp->position[k] >= pma_subdomain_parts(s)->n) {
+            PyErr_SetString(PyExc_ValueError, "positions: one is out of range");
+            return -1;
+        }
+    }
+    return 0;
+}
+
+/* Every subdomain with a restoring function has a stamp. `monitored`: for each subdomain None or
+ * (positions, last) */
+static int add_stamps(CouplerObject *self, PyObject *monitored, PyObject *values, pma_pace *pace)
 {
     const Py_ssize_t count = PyTuple_Size(self->subdomains);
+    if (PyTuple_Size(monitored) != count) {
+        PyErr_SetString(PyExc_ValueError, "monitored must have an entry for each subdomain");
+        return -1;
+    }
     pace->stamps = PyMem_Calloc((size_t)count + 1, sizeof *pace->stamps);
     if (!pace->stamps) {
         PyErr_NoMemory();
@@ -72,8 +101,18 @@ static int add_stamps(CouplerObject *self, pma_pace *pace)
             continue;
         pma_stamp *stamp = &pace->stamps[pace->stamp_count++];
         *stamp = (pma_stamp){.now = pace->clock.now, .ctx = pace->clock.ctx};
+        PyObject *own = PyTuple_GetItem(monitored, i), *positions, *last;
+        if (own != Py_None && (!PyArg_ParseTuple(own, "OO", &positions, &last) ||
+                               take_monitored(positions, last, s, stamp) < 0))
+            return -1;
+        pace->columns += 2 * stamp->count;
         pma_subdomain_time(s, stamp);
     }
+    PyArrayObject *array;
+    const npy_intp shape[2] = {(npy_intp)pace->rows, (npy_intp)pace->columns};
+    if (pma_take_array(values, NPY_DOUBLE, 2, shape, "values", NULL, &array) < 0)
+        return -1;
+    pace->values = PyArray_DATA(array);
     return 0;
 }
 
@@ -97,12 +136,13 @@ PyObject *pma_coupler_object_set_pace(CouplerObject *self, PyObject *obj)
 
 int pma_take_pace(CouplerObject *self, long long steps, pma_pace *pace, int *signals)
 {
-    PyObject *state, *times;
+    PyObject *state, *times, *monitored, *values;
     int stops;
     if (!self->pace)
         return 0;
     *pace = (pma_pace){.clock = pma_pace_system_clock};
-    if (!PyArg_ParseTuple(self->pace, "dpiOO", &pace->period, &stops, signals, &state, &times) ||
+    if (!PyArg_ParseTuple(self->pace, "dpiOOO!O", &pace->period, &stops, signals, &state, &times,
+                          &PyTuple_Type, &monitored, &values) ||
         take_times(state, times, pace) < 0)
         return -1;
     pace->stops = stops;
@@ -111,7 +151,7 @@ int pma_take_pace(CouplerObject *self, long long steps, pma_pace *pace, int *sig
         PyErr_SetString(PyExc_ValueError, "the pace does not fit the coupler");
         return -1;
     }
-    if (add_stamps(self, pace) < 0)
+    if (add_stamps(self, monitored, values, pace) < 0)
         return -1;
     pma_coupler_set_pace(self->core, pace);
     return 0;

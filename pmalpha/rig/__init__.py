@@ -7,6 +7,7 @@ specimen of what listens elsewhere, both by the messages of OpenSees and OpenFre
 
 from ..problem.actuators import Compensated, Response, SimulatedActuator
 from ..problem.limits import Limits
+from ..results.monitored import Monitored, read_monitor
 from . import calls as remote
 from .calls import Client, RemoteError, started
 from .connecting import Connected, connect
@@ -20,11 +21,13 @@ __all__ = [
     "Compensated",
     "Connected",
     "Limits",
+    "Monitored",
     "RemoteError",
     "Response",
     "SimulatedActuator",
     "Tracking",
     "connect",
+    "read_monitor",
     "remote",
     "serve",
     "started",

@@ -26,6 +26,7 @@ from ..setup.ranks import Ranks
 from ..setup.schedule import Options
 from . import cases as load_cases
 from . import changes, paced, recorded_run, saving, whole_structure
+from . import monitor as monitoring
 from . import reset as beginning
 from . import snapshot as snapshots
 from . import state as present
@@ -431,6 +432,36 @@ class Coupler:
         chosen |= dict(record_springs=record_springs, outputs=outputs)
         files = (record_to, append, overwrite)
         return paced.run_paced(self._session, t_end, pace, files, progress, **chosen)
+
+    def monitor(
+        self,
+        path: str | PathLike[str] | None,
+        dofs: Mapping[Any, Any] | None = None,
+        *,
+        rows: int = 10_000,
+    ) -> None:
+        """Let another process look at paced runs, through a file.
+
+        Later `run_paced` write their last fine steps into the file, twenty times a second by a
+        thread of its own: times, commands and measured forces. `pmalpha.rig.read_monitor` reads
+        it; examples/live.py draws it.
+
+        Parameters
+        ----------
+        path : str or path, or None
+            Replaced when a run begins; in memory (/dev/shm on Linux) is best. None: no longer.
+        dofs : dict, optional
+            Dofs of specimens, subdomains with a restoring function, by name; None for all of one.
+            Default: the first eight of each.
+        rows : int, default 10 000
+            Fine steps that are kept.
+
+        Raises
+        ------
+        TypeError, ValueError, KeyError
+            For arguments of the wrong kind.
+        """
+        monitoring.monitor(self._session, path, dofs, rows)
 
     def step(self, n: int = 1) -> None:
         """Advance by n macro steps without a History.

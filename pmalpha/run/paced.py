@@ -16,6 +16,7 @@ from ..results.pacing import Pacing, due_times
 from ..results.recording import Recording, recording_class
 from ..results.ring import RingRecording
 from .interrupts import HeldSignals
+from .monitor import Watched
 from .progress import reporting
 from .realtime import check_priority, on_time, signals_written
 from .recorded_run import recorded, recording_of
@@ -104,13 +105,19 @@ class Times:
             )
         self.state = np.zeros(2, dtype=np.int64)  # ns at which the run began, fine steps done
         self.times = np.full((4, count), np.nan)
+        self.watched = Watched(session, self.period, self.times)
 
     @contextmanager
     def kept(self, session: Session, pace: Pace) -> Iterator[None]:
         """A context in which the core keeps the pace."""
-        with on_time(pace.priority, pace.lock_memory), signals_written() as signals:
-            stops = pace.on_late == "stop"
-            session.core.set_pace((self.period, stops, signals, self.state, self.times))
+        watched, stops = self.watched, pace.on_late == "stop"
+        with (
+            watched.written(),
+            on_time(pace.priority, pace.lock_memory),
+            signals_written() as signals,
+        ):
+            given = (self.period, stops, signals, self.state, self.times)
+            session.core.set_pace((*given, watched.monitored, watched.values))
             try:
                 yield
             finally:

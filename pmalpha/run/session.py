@@ -74,6 +74,8 @@ class Session:
         Facts of the problem for a checkpoint, once they were needed.
     table : list or None
         The rows of the repr, until the steps change.
+    monitor : Monitor or None
+        What paced runs write for another process to look at.
     judges : bool
         Whether results are judged by warnings; those of other runs within a call are not.
     """
@@ -97,6 +99,7 @@ class Session:
     last_history: History | None = None
     constants: dict[str, Any] | None = None
     table: list[tuple[str, ...]] | None = None
+    monitor: Any = None
     judges: bool = True
 
     @property

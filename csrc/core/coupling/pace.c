@@ -2,6 +2,7 @@
 
 #include <assert.h>
 #include <math.h>
+#include <string.h>
 
 #include "workers/timer.h"
 
@@ -55,12 +56,16 @@ void pma_pace_begin(pma_pace *p)
 /* The first command, the last force */
 static void take_stamps(pma_pace *p)
 {
-    double commanded = NAN, returned = NAN;
+    double commanded = NAN, returned = NAN, *values = p->values + p->done * p->columns;
     for (size_t i = 0; i < p->stamp_count; i++) {
-        if (p->stamps[i].returned == PMA_NEVER)
-            continue;
-        commanded = fmin(commanded, seconds(p, p->stamps[i].commanded));
-        returned = fmax(returned, seconds(p, p->stamps[i].returned));
+        const pma_stamp *stamp = &p->stamps[i];
+        if (stamp->returned != PMA_NEVER) {
+            commanded = fmin(commanded, seconds(p, stamp->commanded));
+            returned = fmax(returned, seconds(p, stamp->returned));
+            memcpy(values, stamp->command, stamp->count * sizeof(double));
+            memcpy(values + stamp->count, stamp->force, stamp->count * sizeof(double));
+        }
+        values += 2 * stamp->count;
     }
     p->commanded[p->done] = commanded;
     p->returned[p->done] = returned;

@@ -29,6 +29,8 @@ typedef struct {
     double *begun, *commanded, *returned, *ended; /* rows each; nan where nothing is evaluated */
     size_t stamp_count;
     pma_stamp *stamps; /* of members with a specimen */
+    size_t columns;    /* commands and forces of all stamps */
+    double *values;    /* rows x columns: command and force of each stamp in turn */
     int64_t origin;    /* when the first one was due; set when it begins */
     size_t done;       /* fine steps */
 } pma_pace;

@@ -16,10 +16,14 @@
 
 #define PMA_NEVER INT64_MIN
 
+/* ... and what they were at some positions of the elimination order, arrays of the caller. */
 typedef struct {
     int64_t (*now)(void *ctx);
     void *ctx;
     int64_t commanded, returned;
+    size_t count;
+    const int64_t *position;
+    double *command, *force; /* count each */
 } pma_stamp;
 
 /* ---- how much -------------------------------------------------------------------------------- */

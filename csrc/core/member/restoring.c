@@ -41,11 +41,8 @@ const double *pma_restoring_last(const pma_restoring *restoring)
     return restoring->work + 2 * restoring->n;
 }
 
-void pma_restoring_add(const pma_restoring *restoring, double *r)
+double pma_restoring_force(const pma_restoring *restoring, size_t i)
 {
-    const double *last = pma_restoring_last(restoring), *load = restoring->load;
-    for (size_t i = 0; i < restoring->n; i++) {
-        const int64_t k = restoring->order[i];
-        r[i] += last[k] + (load ? load[k] : 0.0);
-    }
+    const int64_t k = restoring->order[i];
+    return pma_restoring_last(restoring)[k] + (restoring->load ? restoring->load[k] : 0.0);
 }

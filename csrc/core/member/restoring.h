@@ -37,8 +37,8 @@ pma_status pma_restoring_subtract(const pma_restoring *restoring, double t, cons
                                   const double *v, const double *from, double *to, double *y,
                                   int *code);
 
-/* r (n) += what the last call has returned, without an external load that it contains. */
-void pma_restoring_add(const pma_restoring *restoring, double *r);
+/* What the last call has returned at position i, without an external load that it contains. */
+double pma_restoring_force(const pma_restoring *restoring, size_t i);
 
 /* r (n) of the last call, in the user's order. */
 const double *pma_restoring_last(const pma_restoring *restoring);

@@ -87,23 +87,29 @@ pma_status pma_substep_command(pma_subdomain *s, const pma_substep *step, const 
         !pma_limits_command(s->limits, step->number, step->j % s->parts.substeps == 0, step->t1,
                             from->u, from->v, to->u, s->parts.restoring.function ? s->vs : NULL))
         return PMA_LIMITED;
-    if (s->stamp)
-        s->stamp->commanded = s->stamp->now(s->stamp->ctx);
+    const pma_stamp *stamp = s->stamp;
+    for (size_t k = 0; stamp && k < stamp->count; k++)
+        stamp->command[k] = to->u[stamp->position[k]];
+    if (stamp)
+        s->stamp->commanded = stamp->now(stamp->ctx);
     return PMA_OK;
 }
 
 pma_status pma_substep_measure(pma_subdomain *s, const pma_state *to)
 {
     const pma_parts *p = &s->parts;
-    if (s->stamp)
-        s->stamp->returned = s->stamp->now(s->stamp->ctx);
+    const pma_stamp *stamp = s->stamp;
+    if (stamp)
+        s->stamp->returned = stamp->now(stamp->ctx);
+    for (size_t k = 0; stamp && k < stamp->count; k++)
+        stamp->force[k] = pma_restoring_force(&p->restoring, (size_t)stamp->position[k]);
     if (!s->limits)
         return PMA_OK;
     double *r = pma_limits_force(s->limits);
     memset(r, 0, p->n * sizeof(double));
     pma_springs_add(&p->springs, to->springs, r);
-    if (p->restoring.function)
-        pma_restoring_add(&p->restoring, r);
+    for (size_t i = 0; p->restoring.function && i < p->n; i++)
+        r[i] += pma_restoring_force(&p->restoring, i);
     return pma_limits_measure(s->limits) ? PMA_OK : PMA_LIMITED;
 }
 
