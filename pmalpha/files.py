@@ -8,7 +8,7 @@ import math
 import os
 import secrets
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version as installed
 from pathlib import Path
@@ -21,14 +21,25 @@ PACKAGE_VERSION = installed("pmalpha")
 NO_FILE = "a folder or a device, not a file"
 
 
-def checked_path(path: str | os.PathLike[str], name: str = "path") -> Path:
-    """The path as a Path; TypeError for other values, ValueError for what HDF5 would cut off."""
+# Suffixes of files of NumPy and of HDF5.
+NPZ, HDF5 = (".npz",), (".h5", ".hdf5")
+
+
+def checked_path(
+    path: str | os.PathLike[str], name: str = "path", suffixes: Sequence[str] = ()
+) -> Path:
+    """The path as a Path; TypeError for other values, ValueError for what HDF5 would cut off.
+
+    With `suffixes` ValueError for another one; none is right too.
+    """
     try:
         whole = Path(os.fsdecode(path))
     except TypeError:
         raise TypeError(f"{name} must be a str or a path, got {path!r}") from None
     if "\0" in str(whole):
         raise ValueError(f"{name} must have no null character, got {path!r}")
+    if suffixes and whole.suffix.lower() not in ("", *suffixes):
+        raise ValueError(f"{name} must end in {' or '.join(suffixes)}, got {str(whole)!r}")
     return whole
 
 

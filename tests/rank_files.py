@@ -102,10 +102,10 @@ def checkpoints(folder):
         path = folder / f"{coupling}.npz"
         shared.save(path)
         if RANK == 0:
-            alone.save(folder / f"{coupling}.alone")
+            alone.save(folder / f"{coupling}-alone")
         WORLD.Barrier()
         expected = alone.run(steps=5)
-        for source in (path, folder / f"{coupling}.alone"):
+        for source in (path, folder / f"{coupling}-alone"):
             for comm, own in ((WORLD, last(WORLD)), (fewer, part(fewer)), (None, slice(None))):
                 other = four(comm, own, coupling)
                 other.load(source)

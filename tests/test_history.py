@@ -121,8 +121,8 @@ def test_the_file_opens_in_numpy_without_pickle(tmp_path):
 
 def test_the_path_is_taken_as_it_is(tmp_path):
     history, _ = three_subdomains()
-    history.save(tmp_path / "run.1")
-    assert [file.name for file in tmp_path.iterdir()] == ["run.1"]
+    history.save(tmp_path / "run")
+    assert [file.name for file in tmp_path.iterdir()] == ["run"]
 
 
 class Interrupted(BaseException):
@@ -431,3 +431,25 @@ def test_iterations_and_histories_of_internal_forces_are_converted_too():
     whole = history.to_xarray()
     assert whole["m_iterations"].values.tolist() == history["m"].iterations.tolist()
     assert whole["m_iterations"].dims == ("m_time",)
+
+
+def test_unknown_suffixes_are_refused_everywhere(tmp_path):
+    pytest.importorskip("h5py")
+    coupler = pm.Coupler([pm.Subdomain([1.0], [1.0], scheme=pm.Newmark())], dt=0.1)
+    history = coupler.run(steps=1)
+    numpy, hdf5 = "must end in .npz", "must end in .h5 or .hdf5, got '.*x.csv'"
+    case = {"u0": {0: [1.0]}}
+    for write, message in (
+        (history.save, "path must end in .npz or .h5 or .hdf5, got '.*x.csv'"),
+        (history[0].save, "path must end in .npz or .h5 or .hdf5"),
+        (coupler.save, f"path {numpy}"),
+        (lambda path: coupler.run(steps=1, record_to=path), f"record_to {hdf5}"),
+        (lambda path: coupler.run_each([case], steps=1, record_to=[path]), f"record_to {hdf5}"),
+        (lambda path: pm.Study(lambda: coupler, 0.1).run([case], save_to=path), "save_to"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            write(tmp_path / "x.csv")
+    assert not list(tmp_path.iterdir())
+    for name in ("x", "x.NPZ", "x.H5"):
+        history.save(tmp_path / name)
+        assert pm.History.load(tmp_path / name)[0].u.tolist() == history[0].u.tolist()

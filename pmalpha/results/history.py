@@ -170,15 +170,17 @@ class History:
         Parameters
         ----------
         path : str or path
-            Used as given; no suffix is added. With the suffix ".h5" or ".hdf5" the file is HDF5;
-            its groups are called by the subdomains, attributes describe its arrays and their units.
+            Used as given; no suffix is added. With the suffix ".npz" or none the file is that of
+            NumPy, with ".h5" or ".hdf5" it is HDF5, others are refused. In HDF5 the groups are
+            called by the subdomains, attributes describe its arrays and their units.
 
         Raises
         ------
         TypeError, OSError
             For a wrong type of path, and for a file that cannot be written.
         ValueError
-            For times, states or multipliers that are not finite, which no run records.
+            For another suffix, and times, states or multipliers that are not finite, which no run
+            records.
         ImportError
             For an HDF5 file without h5py.
 

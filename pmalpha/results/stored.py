@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..files import checked_path, read_npz, write_npz
+from ..files import HDF5, NPZ, checked_path, read_npz, write_npz
 from . import history_file
 from .energy import ENERGY_FIELDS, Energy
 from .history_file import FORMAT, VERSION, output_array, whole_numbers
@@ -22,7 +22,7 @@ def write_history(path: str | PathLike[str], history: Any) -> None:
     wrong = history_file.not_finite(arrays)
     if wrong is not None:
         raise ValueError(f"a History must have finite states to be saved, {wrong} has others")
-    is_hdf5 = checked_path(path).suffix in (".h5", ".hdf5")
+    is_hdf5 = checked_path(path, suffixes=NPZ + HDF5).suffix.lower() in HDF5
     write = history_file.write if is_hdf5 else write_npz
     write(path, header, arrays)
 

@@ -10,6 +10,7 @@ from typing import Any
 from .._checks import counted
 from .._core import LANES
 from ..errors import CasesError
+from ..files import HDF5, checked_path
 from ..memory import require
 from ..problem.forces import Force
 from ..problem.subdomain import Subdomain
@@ -78,6 +79,8 @@ def checked_paths(record_to: Any, count: int) -> list[Any]:
         )
     if len({str(path) for path in paths}) != count:
         raise ValueError("record_to must have a path of its own for each case, got one twice")
+    for path in paths:
+        checked_path(path, "record_to", HDF5)
     return paths
 
 

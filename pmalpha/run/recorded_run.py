@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .._checks import flag, whole_number
-from ..files import check_replaceable, checked_path
+from ..files import HDF5, check_replaceable, checked_path
 from ..problem.matrices import core_matrix, skew_part
 from ..results.appending import check_new
 from ..results.energy import conserved_quantity, stiffness_weight
@@ -157,7 +157,10 @@ def record_present(session: Session, recording: Recording) -> None:
 
 def own_record(session: Session, path: Any, append: bool, overwrite: bool) -> Any:
     """`record_to` of this rank; rank 0 looks whether the master file can be written."""
-    if session.ranks is None or path is None:
+    if path is None:
+        return None
+    checked_path(path, "record_to", HDF5)
+    if session.ranks is None:
         return path
     if session.ranks.rank == 0:
         check_replaceable(path, "record_to")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .._checks import MOST
-from ..files import checked_path
+from ..files import NPZ, checked_path
 from ..setup.ranks import file_of, joined
 from . import checkpoint
 from .changes import steps_facts, steps_of
@@ -19,6 +19,7 @@ def save(session: Session, path: str | PathLike[str]) -> None:
     """`Coupler.save`."""
     with together(session):
         check_call(session, "save")
+        checked_path(path, suffixes=NPZ)
         begin(session)
         arrays = checkpoint.state_arrays(session.assembly, session.core_rows, session.options)
         steps, done = steps_facts(session), session.core.step_count

@@ -16,7 +16,7 @@ import numpy as np
 
 from .._checks import whole_number
 from ..errors import CasesError, PmalphaError
-from ..files import PACKAGE_VERSION, checked_path
+from ..files import HDF5, PACKAGE_VERSION, checked_path
 from ..results.history import History
 from ..results.history_file import hdf5_library
 from .coupler import Coupler
@@ -251,7 +251,7 @@ def _file(path: Any, count: int) -> Iterator[Callable[[int, CaseResult], CaseRes
     All rows of a dataset exist from the first result on, so that a later one changes no structure
     of the file: it can be read meanwhile, and after a kill.
     """
-    h5py, whole = hdf5_library(), checked_path(path, "save_to")
+    h5py, whole = hdf5_library(), checked_path(path, "save_to", HDF5)
     try:
         file = h5py.File(whole, "x", locking=False)
     except OSError as error:
