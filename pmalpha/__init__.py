@@ -3,12 +3,10 @@
 Start with `Subdomain`, `tie` and `Coupler`; the equations are in docs/method.md.
 """
 
-from . import analysis, export, models, plot, readers, remote, rig, structures
-from .cutting.cut import cut
-from .cutting.element_factors import element_parameters
-from .cutting.elements import Elements
-from .cutting.plan import Plan, PlanRow
-from .cutting.result import Cut
+from importlib import import_module as _import_module
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+from typing import Any as _Any
+
 from .errors import (
     AccuracyWarning,
     BucklingError,
@@ -25,10 +23,6 @@ from .errors import (
     PmalphaError,
     StabilityWarning,
 )
-from .files import PACKAGE_VERSION as _version
-from .gradients.gradient import Gradient
-from .gradients.misfit import Misfit
-from .gradients.parameters import Parameters
 from .problem.coincident import tie_coincident
 from .problem.constraints import Constraint, tie
 from .problem.discrete_gradient import DiscreteGradient
@@ -36,31 +30,25 @@ from .problem.forces import BaseAcceleration, SampledForce
 from .problem.internal import InternalForce
 from .problem.interpolation import interpolate
 from .problem.newton import Newton
-from .problem.reduction import Reduction, reduce
+from .problem.reduction import reduce
 from .problem.schemes import HHT, WBZ, CentralDifference, GeneralizedAlpha, Newmark, Scheme
-from .problem.springs import (
-    Bilinear,
-    BoucWen,
-    CubicSpring,
-    Gap,
-    Multilinear,
-    RambergOsgood,
-    SpringState,
-)
+from .problem.springs import Bilinear, BoucWen, CubicSpring, Gap, Multilinear, RambergOsgood
 from .problem.subdomain import Subdomain
-from .problem.superelement import ReducedBasis
 from .problem.supports import SupportMotion
-from .problem.tangent_check import TangentCheck
-from .results.energy import Energy
 from .results.history import History, SubdomainHistory
-from .results.pacing import Pacing
 from .run.coupler import Coupler
-from .run.snapshot import Snapshot
-from .run.state import State
-from .run.study import CaseResult, Study
 from .run.uncoupled import solve
 
-__version__ = _version
+if _TYPE_CHECKING:
+    __version__: str
+    from . import analysis, export, models, plot, readers, remote, rig, structures
+    from .cutting.cut import cut
+    from .cutting.element_factors import element_parameters
+    from .cutting.elements import Elements
+    from .cutting.result import Cut
+    from .gradients.misfit import Misfit
+    from .gradients.parameters import Parameters
+    from .run.study import Study
 
 __all__ = [
     "HHT",
@@ -71,7 +59,6 @@ __all__ = [
     "BoucWen",
     "BucklingError",
     "CallbackError",
-    "CaseResult",
     "CasesError",
     "CentralDifference",
     "Constraint",
@@ -83,11 +70,9 @@ __all__ = [
     "CubicSpring",
     "DiscreteGradient",
     "Elements",
-    "Energy",
     "FactorizationError",
     "Gap",
     "GeneralizedAlpha",
-    "Gradient",
     "History",
     "InstabilityError",
     "InternalForce",
@@ -96,27 +81,18 @@ __all__ = [
     "Multilinear",
     "Newmark",
     "Newton",
-    "Pacing",
     "PacingError",
     "Parameters",
     "PerformanceWarning",
-    "Plan",
-    "PlanRow",
     "PmalphaError",
     "RambergOsgood",
-    "ReducedBasis",
-    "Reduction",
     "SampledForce",
     "Scheme",
-    "Snapshot",
-    "SpringState",
     "StabilityWarning",
-    "State",
     "Study",
     "Subdomain",
     "SubdomainHistory",
     "SupportMotion",
-    "TangentCheck",
     "analysis",
     "cut",
     "element_parameters",
@@ -133,6 +109,54 @@ __all__ = [
     "tie",
     "tie_coincident",
 ]
+
+# The modules of what is loaded when it is first used, for a third of the time of the import.
+_LATER = {
+    "cut": "cutting.cut",
+    "element_parameters": "cutting.element_factors",
+    "Elements": "cutting.elements",
+    "Cut": "cutting.result",
+    "Misfit": "gradients.misfit",
+    "Parameters": "gradients.parameters",
+    "Study": "run.study",
+}
+_MODULES = ("analysis", "export", "models", "plot", "readers", "remote", "rig", "structures")
+
+# What is only returned is found in its module; the old names end with version 0.4.
+_MOVED = {
+    "CaseResult": "run.study",
+    "Energy": "results.energy",
+    "Gradient": "gradients.gradient",
+    "Pacing": "results.pacing",
+    "Plan": "cutting.plan",
+    "PlanRow": "cutting.plan",
+    "ReducedBasis": "problem.superelement",
+    "Reduction": "problem.reduction",
+    "Snapshot": "run.snapshot",
+    "SpringState": "problem.springs",
+    "State": "run.state",
+    "TangentCheck": "problem.tangent_check",
+}
+
+
+def __getattr__(name: str) -> _Any:
+    """What is loaded when it is first used, and what has moved."""
+    if name in _MODULES:
+        return _import_module(f".{name}", __name__)
+    if name == "__version__":
+        return _import_module(".files", __name__).package_version()
+    home = _LATER.get(name) or _MOVED.get(name)
+    if home is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(_import_module(f".{home}", __name__), name)
+    if name in _LATER:
+        globals()[name] = value
+        return value
+    from .errors import warn
+
+    old = f"pmalpha.{name} is pmalpha.{home}.{name}; the old name ends with version 0.4"
+    warn(old, DeprecationWarning)
+    return value
 
 
 def __dir__() -> list[str]:

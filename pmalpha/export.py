@@ -14,11 +14,16 @@ import numpy as np
 
 from ._checks import listing, real_array, whole_number
 from .errors import warn
-from .files import PACKAGE_VERSION, checked_path, replacing
+from .files import checked_path, package_version, replacing
 from .problem.kinds import KINDS
 from .structures.mesh import Mesh, checked_mesh, nodal_values, nodal_vectors, padded
 
 __all__ = ["write_series"]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
 
 ORDER = {"little": "Little", "big": "Big"}[sys.byteorder]
 # Maximum number of times in a .pvd file by default: each is a file of its own
@@ -350,7 +355,7 @@ def _data_array(parent: xml.Element, name: str, array: np.ndarray) -> None:
 
 
 def _write_xml(path: Path, root: xml.Element) -> None:
-    root.insert(0, xml.Comment(f" pmalpha {PACKAGE_VERSION} "))
+    root.insert(0, xml.Comment(f" pmalpha {package_version()} "))
     xml.indent(root)
     with replacing(path) as file:
         xml.ElementTree(root).write(file, encoding="utf-8", xml_declaration=True)

@@ -10,15 +10,22 @@ import secrets
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from importlib.metadata import version as installed
+from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
 HEADER = "header"
-PACKAGE_VERSION = installed("pmalpha")
 NO_FILE = "a folder or a device, not a file"
+
+
+@cache
+def package_version() -> str:
+    """The version of the package that is installed."""
+    from importlib.metadata import version
+
+    return version("pmalpha")
 
 
 # Suffixes of files of NumPy and of HDF5.
@@ -115,7 +122,7 @@ def write_npz(
     The header also names the version of the package. No suffix is added to the path. The file
     contains numbers and text only, no pickle.
     """
-    header = {**header, "pmalpha_version": PACKAGE_VERSION}
+    header = {**header, "pmalpha_version": package_version()}
     with replacing(path) as file:
         np.savez(file, **{HEADER: np.array(json.dumps(header))}, **arrays)  # type: ignore[arg-type]
 

@@ -10,7 +10,7 @@ from importlib import resources
 from typing import Any
 
 import numpy as np
-import scipy.linalg
+import scipy
 import scipy.sparse
 from numpy.typing import ArrayLike
 
@@ -36,6 +36,10 @@ __all__ = [
     "shear_frame",
     "split_oscillator",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
 
 
 def __getattr__(name: str) -> Any:

@@ -3,3 +3,7 @@
 from .rig.calls import Client, RemoteError, serve, started
 
 __all__ = ["Client", "RemoteError", "serve", "started"]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -26,6 +26,7 @@ from campaign import arguments, seeds
 from odd_values import odd
 
 import pmalpha as pm
+from pmalpha.results.energy import Energy
 
 DOCUMENTED = (TypeError, ValueError, KeyError, IndexError, pm.PmalphaError, MemoryError, OSError)
 LONGEST, HANGS = 5, 60  # s, of one call: then Ctrl-C, then the end of the process
@@ -51,7 +52,7 @@ def arrays_in(x, depth=5):
             yield from arrays_in(y, depth - 1)
     elif depth and isinstance(x, dict):
         yield from arrays_in(list(x.values()), depth - 1)
-    elif isinstance(x, pm.Energy):  # beyond the range of numbers where the motion is within it
+    elif isinstance(x, Energy):  # beyond the range of numbers where the motion is within it
         return
     elif depth and type(x).__module__.startswith("pmalpha") and hasattr(x, "__dict__"):
         yield from arrays_in(list(vars(x).values()), depth - 1)

@@ -26,7 +26,9 @@ MODULES = sorted(
 @pytest.mark.parametrize("name", MODULES)
 def test_the_examples_in_docstrings_run(name):
     module = importlib.import_module(name)
-    result = doctest.testmod(module, extraglobs={**vars(pm), "np": np})
+    result = doctest.testmod(
+        module, extraglobs={name: getattr(pm, name) for name in pm.__all__} | {"np": np}
+    )
     assert result.failed == 0
 
 

@@ -2,7 +2,10 @@
 
 import ast
 import importlib
+import inspect
 import re
+import subprocess
+import sys
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -195,10 +198,48 @@ def test_dir_shows_public_names_only():
     assert all(hasattr(pm, name) for name in pm.__all__)
     hidden = {"problem", "setup", "results", "run", "errors", "files", "memory", "blas", "version"}
     assert hidden.isdisjoint(dir(pm))
-    for name in PUBLIC_PACKAGES:
+    for name in (*PUBLIC_PACKAGES, "export", "models", "remote", "rig"):
         package = importlib.import_module(f"pmalpha.{name}")
         assert dir(package) == sorted(package.__all__)
         assert all(hasattr(package, public) for public in package.__all__)
+
+
+def test_a_public_name_is_at_one_place():
+    public = [getattr(pm, name) for name in pm.__all__]
+    packages = [x for x in public if inspect.ismodule(x)]
+    names = [*pm.__all__, *(name for package in packages for name in package.__all__)]
+    assert sorted(set(names)) == sorted(names)
+
+
+def test_what_is_only_returned_is_found_in_its_module_and_warns_under_its_old_name():
+    for name, home in pm._MOVED.items():
+        with pytest.warns(
+            DeprecationWarning, match=f"pmalpha.{name} is pmalpha.{home}.{name}"
+        ) as w:
+            found = getattr(pm, name)
+        assert found is getattr(importlib.import_module(f"pmalpha.{home}"), name)
+        assert name not in pm.__all__ and w[0].filename == __file__
+    with pytest.raises(AttributeError, match="module 'pmalpha' has no attribute 'Coupled'"):
+        pm.Coupled  # noqa: B018
+
+
+def test_type_checkers_see_what_is_loaded_when_it_is_first_used():
+    tree = ast.parse((PACKAGE / "__init__.py").read_text())
+    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    imports = [node for node in block.body if isinstance(node, ast.ImportFrom)]
+    seen = {alias.name: node.module for node in imports for alias in node.names}
+    assert seen == dict.fromkeys(pm._MODULES) | pm._LATER
+
+
+def test_parts_of_scipy_and_of_the_package_are_loaded_when_they_are_used():
+    code = "import sys, pmalpha; print(*sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(run.stdout.split())
+    assert "scipy.sparse" in loaded and "pmalpha.run.coupler" in loaded
+    parts = {"linalg", "sparse.linalg", "sparse.csgraph", "interpolate", "optimize", "signal"}
+    later = {"analysis", "cutting", "gradients", "models", "plot", "structures"}
+    assert not loaded & {f"scipy.{part}" for part in parts}
+    assert not loaded & {f"pmalpha.{name}" for name in later}
 
 
 def test_what_is_public_keeps_its_path():

@@ -11,6 +11,7 @@ from test_checkpoint import coupler, require_same_history, snapshot
 import pmalpha as pm
 from pmalpha import analysis
 from pmalpha.analysis.kept_state import state_kept
+from pmalpha.run.snapshot import Snapshot
 
 DAMPED = pm.GeneralizedAlpha(0.5)
 
@@ -200,7 +201,7 @@ def test_another_coupler_is_refused():
         other.restore(present)
     assert snapshot(other) == before
     with pytest.raises(ValueError, match="got <Snapshot of no coupler>"):
-        ours.restore(pm.Snapshot())
+        ours.restore(Snapshot())
     with pytest.raises(TypeError, match="must be a Snapshot, got 3"):
         ours.restore(3)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from ..problem.matrices import dense
 from ..run.coupler import Coupler

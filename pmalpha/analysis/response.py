@@ -8,8 +8,6 @@ from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import expm
-from scipy.optimize import brentq
 
 from .._checks import flag, real_array, real_number, require_moderate, sampling_step
 from ..problem.record import Record, takes_record
@@ -187,6 +185,8 @@ def _states(a: np.ndarray, dt: float, omegas: np.ndarray, xi: float) -> np.ndarr
 
     One step is the exponential of the matrix of (omega^2 u, omega v, a, dt a'), with a' constant.
     """
+    from scipy.linalg import expm
+
     A = np.zeros((omegas.size, 4, 4))
     A[:, 0, 1] = omegas * dt
     A[:, 1, :3] = np.array([-1.0, -2.0 * xi, -1.0]) * omegas[:, None] * dt
@@ -275,6 +275,8 @@ class _Waves:
 
     def _peak_in(self, j: int, tau: np.ndarray) -> float:
         """The largest |x| in interval j: at the root of x' beside the largest |x| at `tau`."""
+        from scipy.optimize import brentq
+
         x, slope, _ = self._derivatives(j, tau)
         i = int(np.argmax(np.abs(x)))
         other = i + 1 if x[i] * slope[i] > 0.0 else i - 1  # |x| rises towards it

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
 from ..problem.schemes import Scheme
 from ..setup.stability import critical_product
@@ -150,6 +149,8 @@ def _absorb_islands(whole: Whole, levels: np.ndarray) -> None:
 
 def _connected(whole: Whole, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The group of each element, connected through nodes with elements of its level; sizes."""
+    from scipy.sparse.csgraph import connected_components
+
     nodes, top = whole.link_count, int(levels.max()) + 1
     begin, rows, columns = 0, [], []
     for links, own in zip(whole.links, whole.by_group(levels)):

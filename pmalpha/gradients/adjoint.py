@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-import scipy.sparse.linalg as sla
 
 from ..problem.forces import SampledForce
 from ..problem.schemes import Scheme
@@ -81,6 +80,8 @@ class Member:
     @cached_property
     def links(self) -> tuple[np.ndarray, np.ndarray]:
         """Y = Mbar^-1 L^T and Mbar^-T L^T, (n, p), for (A10) and (A12)."""
+        import scipy.sparse.linalg as sla
+
         implicit = 0.0 if self.scheme.explicit else self.al1
         Mbar = sla.splu(sp.csc_array(self.M + self.al2 * self.C + implicit * self.K))
         LT = self.L.T.toarray()
@@ -263,6 +264,8 @@ class Adjoint:
     @cached_property
     def _gram(self) -> Any:
         """The factors of sum L L^T."""
+        import scipy.sparse.linalg as sla
+
         return sla.splu(sp.csc_array(sum(x.L @ x.L.T for x in self.members)))
 
     def taking_over(self, start: list[np.ndarray], of_lam: np.ndarray) -> Handed:
@@ -284,6 +287,8 @@ class Adjoint:
         self, sources: Mapping[str, Sources], start: list[np.ndarray], of_lam: np.ndarray
     ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
         """(A13): mu_0, and the adjoints of u0 and v0."""
+        import scipy.sparse.linalg as sla
+
         states = [s[0] + sources[x.name].at(0, x.n) for x, s in zip(self.members, start)]
         M = sp.block_diag([x.M.T for x in self.members], format="csc")
         L = sp.hstack([x.L for x in self.members], format="csc")

@@ -12,7 +12,6 @@ from contextlib import AbstractContextManager
 from typing import Any, TypeAlias
 
 import numpy as np
-import scipy.fft as sfft
 
 from ..problem.dofs import dof_list
 from ..problem.forces import SampledForce
@@ -113,6 +112,8 @@ def _by_reversed_runs(
     report: Any,
 ) -> dict[str, np.ndarray]:
     """(A16): the load of each parameter convolved with the adjoint of each sensor."""
+    import scipy.fft as sfft
+
     members = {x.name: x for x in problem.single.members}
     names = {name for _, name, _ in of}
     lengths = {name: sfft.next_fast_len(2 * steps * members[name].substeps) for name in names}

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-import scipy.sparse.linalg as sla
 
 from .adjoint import Adjoint, Handed, Member, Sources
 from .filters import MeanFilters
@@ -42,6 +41,8 @@ class MeanMember(Member):
     @cached_property
     def inertia(self) -> Any:
         """The factors of M^T."""
+        import scipy.sparse.linalg as sla
+
         return sla.splu(sp.csc_array(self.M.T))
 
 

@@ -9,8 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import LowLevelCallable
-from scipy.linalg import expm
-from scipy.signal import butter
 
 from .. import _core
 from .._checks import (
@@ -321,6 +319,8 @@ def held_dynamics(
     order: int, frequency: float | None, damping: float, h: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """phi, before, after and slope of (Y2): exact for commands that are linear in a step."""
+    from scipy.linalg import expm
+
     if frequency is None:
         return np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(1)
     w = 2.0 * np.pi * frequency
@@ -340,6 +340,8 @@ def held_dynamics(
 
 def adaptive(delay: float, h: float) -> tuple[Any, ...]:
     """The adaptive compensation, (Y6) and (Y7), for steps of length h."""
+    from scipy.signal import butter
+
     every = max(1, round(1.0 / (SAMPLES * h)))
     window = max(8, round(1.0 / (every * h)))
     # larger limits for a larger delay, of a1 in proportion and of a2 to its square

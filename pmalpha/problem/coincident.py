@@ -7,7 +7,6 @@ from typing import Any, NoReturn
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 
 from .constraints import Constraint
 from .reduction import Reduction
@@ -153,6 +152,8 @@ def _inside(points: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray
 
 def _components(pairs: np.ndarray, n: int) -> np.ndarray:
     """For each of n nodes the number of its connected component."""
+    from scipy.sparse.csgraph import connected_components
+
     graph = sp.coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), (n, n))
     result: np.ndarray = connected_components(graph, directed=False)[1]
     return result

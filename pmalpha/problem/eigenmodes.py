@@ -6,10 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import scipy.linalg
+import scipy
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
-from scipy.sparse.linalg import LinearOperator, eigsh
 
 from .._checks import whole_number
 from ..errors import warn
@@ -221,6 +220,8 @@ def _space(A: Any, B: Any, k: int, scale: float) -> np.ndarray:
     ones instead, as if all were found. So the lowest frequency outside the space is computed too;
     the space grows until it is above the k lowest ones inside.
     """
+    from scipy.sparse.linalg import LinearOperator, eigsh
+
     n, shift = B.shape[0], ARPACK_SHIFT * scale
     shifted: Any = combination([(1.0, A), (shift, B)])
     S, mass = (sp.csc_array(sp.diags_array(x) if x.ndim == 1 else x) for x in (shifted, B))

@@ -11,7 +11,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import eigh
 
 from .. import _core
 from .._checks import counted, real_array, require_finite
@@ -341,6 +340,8 @@ def dense(A: Any) -> np.ndarray:
 
 def largest_pairs(A: Matrix, B: Matrix, k: int) -> tuple[np.ndarray, np.ndarray]:
     """The k largest theta of A x = theta B x, ascending, and their vectors (n, k); B definite."""
+    from scipy.linalg import eigh
+
     n = A.shape[0]
     A, B = dense(A), dense(B)
     values, x = eigh(A, B, subset_by_index=[n - k, n - 1])

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import spilu
 
 from .. import _core
 from .matrices import Matrix
@@ -241,6 +240,8 @@ def rows_of(graph: Graph, order: np.ndarray) -> Graph:
 def _minimum_degree(graph: Graph) -> np.ndarray:
     """Multiple minimum degree by SuperLU; the incomplete factor drops all entries, so that only the
     order is computed."""
+    from scipy.sparse.linalg import spilu
+
     n, ptr = graph.n, graph.ptr
     if n < 2 or graph.index.size == 0:
         return np.arange(n)

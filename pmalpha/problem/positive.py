@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg.lapack import dpotrf, dpotrs
-from scipy.sparse.linalg import splu
 
 from .ordering import elimination_order, graph_of
 
@@ -18,12 +16,16 @@ class DenseFactors:
     """LAPACK's Cholesky factor of a dense matrix; RuntimeError for a pivot that is not positive."""
 
     def __init__(self, S: np.ndarray):
+        from scipy.linalg.lapack import dpotrf
+
         self._lower, failed = dpotrf(S, lower=True)
         if failed:
             raise RuntimeError("a pivot is not positive")
 
     def solve(self, b: np.ndarray) -> np.ndarray:
         """S^-1 b for b of shape (n,) or (n, k)."""
+        from scipy.linalg.lapack import dpotrs
+
         result: np.ndarray = dpotrs(self._lower, b, lower=True)[0]
         return result
 
@@ -32,6 +34,8 @@ class Factors:
     """SuperLU's factors in an order of little fill."""
 
     def __init__(self, S: sp.csc_array, order: np.ndarray):
+        from scipy.sparse.linalg import splu
+
         symmetric = {"SymmetricMode": True}
         permuted = sp.csc_array(sp.csr_array(S)[order][:, order])
         self._order = order

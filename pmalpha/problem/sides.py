@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.spatial import cKDTree
 
 from .._checks import listing, real_array, real_number, require_moderate, whole_number
 from ..errors import ConstraintWarning, warn
@@ -155,8 +154,10 @@ def warn_of_near(missed: np.ndarray, reach: float, near: float) -> None:
         )
 
 
-def tree_of(points: np.ndarray) -> cKDTree:
+def tree_of(points: np.ndarray) -> Any:
     # sliding midpoints: medians are slow where many nodes have equal coordinates
+    from scipy.spatial import cKDTree
+
     return cKDTree(points, balanced_tree=False)
 
 

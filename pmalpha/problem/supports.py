@@ -6,7 +6,6 @@ from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline, PPoly
 
 from .._checks import check_word, counted, real_array, require_moderate, sampling_step
 from .record import Record, takes_record
@@ -69,6 +68,8 @@ class SupportMotion:
 
     @takes_record
     def __init__(self, record: ArrayLike, dt: float, kind: str):
+        from scipy.interpolate import CubicSpline, PPoly
+
         samples = real_array(record, "record", (1, 2))
         require_moderate(samples, "record")
         if len(samples) < 2 or samples.size == 0:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..files import PACKAGE_VERSION
+from ..files import package_version
 from .quantities import OF_INTERFACE, OF_SUBDOMAIN
 
 # By the last component of the HDF5 path: what the array is, and its unit.
@@ -39,7 +39,7 @@ def describe(whole: Any, header: Mapping[str, Any]) -> None:
         {
             "format": header["format"],
             "format_version": header["version"],
-            "pmalpha_version": PACKAGE_VERSION,
+            "pmalpha_version": package_version(),
             "units": UNITS,
         }
     )

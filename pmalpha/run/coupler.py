@@ -5,16 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._core import Guard
-from ..gradients import gradient as gradients
-from ..gradients import jacobian as sensitivities
-from ..gradients.gradient import Gradient
-from ..gradients.misfit import Misfit
-from ..gradients.parameters import Parameters
 from ..problem.argument_types import Coupling, Drift, Start
 from ..problem.constraints import Constraint
 from ..problem.newton import DEFAULT, Newton
@@ -36,6 +31,11 @@ from .progress import reporting
 from .session import begin, made, require_alone, require_linear
 from .snapshot import Snapshot
 from .state import State
+
+if TYPE_CHECKING:
+    from ..gradients.gradient import Gradient
+    from ..gradients.misfit import Misfit
+    from ..gradients.parameters import Parameters
 
 __all__ = ["Coupler"]
 
@@ -735,6 +735,8 @@ class Coupler:
         >>> bool(abs((value(4.5 + 1e-5) - value(4.5 - 1e-5)) / 2e-5 / exact - 1.0) < 1e-7)
         True
         """
+        from ..gradients import gradient as gradients
+
         if differences is None:
             require_linear(self._session, "gradient without differences=")
         require_alone(self._session, "gradient")
@@ -806,6 +808,8 @@ class Coupler:
         >>> float(S["mass"][-1, 0, 0].round(3))
         -0.109
         """
+        from ..gradients import jacobian as sensitivities
+
         if differences is None:
             require_linear(self._session, "jacobian without differences=")
         require_alone(self._session, "jacobian")

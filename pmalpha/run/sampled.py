@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg.blas import dtbsv
 
 from .._checks import listing
 from ..errors import AccuracyWarning, warn
@@ -163,6 +162,8 @@ def _motions(f: np.ndarray, x: float) -> np.ndarray:
 
     y'' + 2 zeta omega y' + omega^2 y = f by the trapezoidal rule, without the factor (dt / 2)^2.
     """
+    from scipy.linalg.blas import dtbsv
+
     damping = 2.0 * DAMPING * x
     a = [1.0 + damping + x * x, 2.0 * x * x - 2.0, 1.0 - damping + x * x]
     rows = np.asfortranarray(np.tile(np.array(a)[:, None], len(f)))  # a lower triangle, as a band

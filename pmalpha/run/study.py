@@ -16,7 +16,7 @@ import numpy as np
 
 from .._checks import whole_number
 from ..errors import CasesError, PmalphaError
-from ..files import HDF5, PACKAGE_VERSION, checked_path
+from ..files import HDF5, checked_path, package_version
 from ..results.history import History
 from ..results.history_file import hdf5_library
 from .coupler import Coupler
@@ -258,7 +258,7 @@ def _file(path: Any, count: int) -> Iterator[Callable[[int, CaseResult], CaseRes
         message = f"save_to must lead to a new file that can be written: {error}"
         raise type(error)(error.errno, message, str(whole)) from error
     with file:
-        file.attrs.update({"format": "pmalpha Study", "pmalpha_version": PACKAGE_VERSION})
+        file.attrs.update({"format": "pmalpha Study", "pmalpha_version": package_version()})
         errors = file.create_dataset("error", data=np.full(count, NOT_RUN, dtype=f"S{TEXT}"))
         shapes: dict[str, tuple[int, ...]] = {}
 

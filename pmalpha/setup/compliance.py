@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dpotri
 
 from .._checks import counted
 from ..blas import one_thread
@@ -105,6 +103,8 @@ def _compliance_of_last(
     The whole inverse S^-1 takes a third of the work of nb solutions, if it is symmetric; few
     constraints need fewer solutions than that.
     """
+    from scipy.linalg.lapack import dpotri
+
     few = Q_bb is not None or 3 * L.rows.size < inverse.size
     with one_thread():
         if few:
@@ -124,6 +124,8 @@ def _compliance_of_last(
 
 def _solved(R_bb: np.ndarray, L: Link) -> np.ndarray:
     """R_bb^-1 L_b^T"""
+    from scipy.linalg import solve_triangular
+
     right = L.dense(len(R_bb)).T
     result: np.ndarray = solve_triangular(
         R_bb, right, lower=True, unit_diagonal=True, overwrite_b=True

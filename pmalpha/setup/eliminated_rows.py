@@ -7,8 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import qr, solve_triangular
-from scipy.sparse.csgraph import connected_components
 
 from .._checks import counted
 from ..memory import require
@@ -104,6 +102,8 @@ def kernel(L: sp.csr_array) -> sp.csr_array:
 
 def _kernel_of_ties(L: sp.csr_array) -> sp.csr_array:
     """The same for the rows of one entry, u_a = 0, and of two, l_a u_a + l_b u_b = 0."""
+    from scipy.sparse.csgraph import connected_components
+
     n, entries = L.shape[1], np.diff(L.indptr)
     held = L.indices[L.indptr[:-1][entries == 1]]
     first = L.indptr[:-1][entries == 2]
@@ -150,6 +150,9 @@ def _factors(n: int, a: np.ndarray, b: np.ndarray, ratio: np.ndarray) -> np.ndar
 
 def _kernel_of_groups(L: sp.csr_array) -> sp.csr_array:
     """The same for general rows, in groups of rows that share dofs."""
+    from scipy.linalg import qr, solve_triangular
+    from scipy.sparse.csgraph import connected_components
+
     n = L.shape[1]
     count, group = connected_components(sp.csr_array(abs(L) @ abs(L.T)), directed=False)
     removed = np.zeros(n, dtype=bool)

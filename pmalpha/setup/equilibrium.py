@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from ..errors import ConvergenceError
 from ..problem.matrices import combination, product
@@ -180,6 +179,8 @@ class Equilibrium:
         self, K: sp.csc_array, R: np.ndarray, gap: np.ndarray, shift: float
     ) -> _Trial | None:
         """K du - L^T Lam = R, L du = - gap; None unless du . K du > 0."""
+        from scipy.sparse.linalg import splu
+
         d = np.abs(K.diagonal())
         d[d == 0.0] = np.max(d, initial=0.0) or 1.0
         scale = sp.diags_array(2.0 ** np.round(-0.5 * np.log2(d)))

@@ -7,9 +7,6 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import cython_blas
-from scipy.linalg.lapack import dpotrf
-from scipy.sparse.linalg import splu
 
 from .. import _core
 from ..blas import one_thread
@@ -192,6 +189,8 @@ def factorize(
 
 def dense_columns(A: np.ndarray, names: Names) -> Factor:
     """LAPACK's Cholesky factor, scaled to a unit diagonal."""
+    from scipy.linalg.lapack import dpotrf
+
     n = A.shape[0]
     require(16.0 * n * n, f"the factor of {names.what} ({n} dofs, dense)")
     lower, info = dpotrf(A, lower=True, clean=True)
@@ -222,6 +221,8 @@ def _factor_panels(
     A: tuple[Any, ...], structure: Structure, values: np.ndarray, inverse: np.ndarray, threads: int
 ) -> int | None:
     """Fills values and inverse; the column where it failed, or None."""
+    from scipy.linalg import cython_blas
+
     assert structure.panels is not None
     gemm, trsm = (cython_blas.__pyx_capi__[name] for name in ("dgemm", "dtrsm"))
     return _core.factor_panels(
@@ -338,6 +339,8 @@ def columns(A: sp.csr_array, names: Names, entries: int, *, nb: int) -> Factor:
     Where SuperLU pivots off the diagonal or reports a singular matrix, the matrix is probably not
     definite: then the supernodal factor decides, and locates the pivot.
     """
+    from scipy.sparse.linalg import splu
+
     n = A.shape[0]
     require(SUPERLU_BYTES * entries, f"the factor of {names.what} ({n} dofs, {entries} entries)")
     d = A.diagonal()

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import eigh, null_space
 
 from .._checks import listing
 from ..blas import one_thread
@@ -91,6 +90,8 @@ def _sparse(A: Matrix) -> sp.csr_array:
 
 def _negative_direction(K: Matrix) -> sp.csr_array | None:
     """A vector (n, 1) of at most two entries with x . K x < 0, or None where there is none."""
+    from scipy.linalg import eigh
+
     d, n = diagonal(K), K.shape[0]
     i = int(np.argmin(d))
     if d[i] < 0.0:
@@ -110,6 +111,8 @@ def _negative_direction(K: Matrix) -> sp.csr_array | None:
 
 def _dense_rate(K: np.ndarray, M: np.ndarray) -> float:
     """sqrt(-omega^2) of the lowest omega^2; inf without mass in its way, 0 where none grows."""
+    from scipy.linalg import eigh
+
     size = np.abs(np.diag(K))
     size = np.where(size > 0.0, size, np.max(np.abs(K), axis=1))
     root = 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0))
@@ -127,6 +130,8 @@ def _dense_rate(K: np.ndarray, M: np.ndarray) -> float:
 
 def _rate_with_ties(subdomains: Sequence[Subdomain], links: Sequence[Link]) -> float:
     """The rate of growth of the structure, with the displacements that its constraints allow."""
+    from scipy.linalg import null_space
+
     rows = np.hstack([L.matrix.toarray() for L in links])
     K, M = (
         sp.block_diag([np.diag(A) if A.ndim == 1 else A for A in each]).toarray()

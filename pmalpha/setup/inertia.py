@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import eigvalsh
-from scipy.sparse.linalg import splu
 
 from .. import _core
 from ..blas import one_thread
@@ -34,6 +32,8 @@ def inertia(A: Matrix | None, n: int) -> Inertia | None:
         If sparse, in elimination order.
     n : int
     """
+    from scipy.linalg import eigvalsh
+
     if A is None:
         return 0, n, 0
     values = A.data if sp.issparse(A) else A
@@ -73,6 +73,8 @@ def _scaled(A: np.ndarray | sp.csr_array) -> np.ndarray | sp.csr_array:
 
 def _pivots(A: sp.csr_array) -> np.ndarray | None:
     """The pivots of A in the given order, None where SuperLU pivots off the diagonal."""
+    from scipy.sparse.linalg import splu
+
     options = dict(SymmetricMode=True)
     try:
         with one_thread():

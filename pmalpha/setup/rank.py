@@ -6,9 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import qr
-from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
 
 from .._checks import counted, listing
 from ..errors import ConstraintError
@@ -53,6 +50,9 @@ def _dependent_rows(unit: sp.csr_array) -> np.ndarray:
     below lets the factorization continue past a zero pivot. Connected rows with a small pivot, or
     with constraints that are not ties, then get a QR factorization where they are few enough.
     """
+    from scipy.sparse.csgraph import connected_components
+    from scipy.sparse.linalg import splu
+
     p = unit.shape[0]
     shift, threshold = 1e-14, 1e-13 * (p + 100)
     gram = sp.csc_array(unit @ unit.T) + shift * sp.eye_array(p, format="csc")
@@ -81,6 +81,8 @@ def _is_tie(unit: sp.csr_array) -> np.ndarray:
 
 def _dependent_of_few(unit: sp.csr_array, rows: np.ndarray) -> np.ndarray:
     """Dependent rows by a rank-revealing QR factorization with pivoting."""
+    from scipy.linalg import qr
+
     block = sp.csc_array(unit[rows])
     touched = np.flatnonzero(np.diff(block.indptr))
     R, order = qr(block[:, touched].toarray().T, mode="r", pivoting=True)
@@ -104,6 +106,8 @@ def rows_of_size_one(L: sp.csr_array) -> sp.csr_array:
 
 def _combination(unit: sp.csr_array, independent: np.ndarray, row: int) -> np.ndarray:
     """The independent rows whose combination is the dependent row."""
+    from scipy.sparse.linalg import splu
+
     block = unit[independent]
     gram = sp.csc_array(block @ block.T)
     weights = splu(gram).solve((block @ unit[[row]].T).toarray()[:, 0])

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-import scipy.linalg
+import scipy
 import scipy.sparse as sp
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, eigsh, splu
 
 from .._checks import listing, vector
 from ..blas import one_thread
@@ -418,6 +417,8 @@ def _absolute(A: Matrix) -> Matrix:
 
 def _largest_modulus(A: Matrix, M: Matrix) -> float:
     """The largest modulus of an eigenvalue of A x = mu M x of an unsymmetric A; M definite."""
+    from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, splu
+
     n = A.shape[0]
     if _is_cheap(A, M):
         with one_thread():
@@ -455,6 +456,8 @@ def _is_cheap(A: Matrix, M: Matrix) -> bool:
 
 def _lanczos(A: Matrix, M: Matrix) -> tuple[float, np.ndarray]:
     # M^-1/2 A M^-1/2 for a diagonal M: no factor, and symmetric
+    from scipy.sparse.linalg import ArpackNoConvergence, eigsh
+
     n = A.shape[0]
     start = np.cos(np.arange(n))  # the same start in every run
     options = dict(k=1, which="LA", tol=LANCZOS_TOLERANCE, v0=start)

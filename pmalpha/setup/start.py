@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import lsmr, splu
 
 from .. import _core
 from .._checks import listing, numbered
@@ -334,6 +333,8 @@ class _Saddle:
     """Solves [[H, B], [B^T, 0]] x = right; the minimum-norm x where the matrix is singular."""
 
     def __init__(self, H: sp.csr_array, B: sp.csr_array):
+        from scipy.sparse.linalg import splu
+
         matrix = sp.csc_array(sp.block_array([[H, B], [B.T, None]]))
         # units of mass scale H, not B: both are scaled to the same size, by a power of two
         size = np.max(np.abs(H.data), initial=0.0)
@@ -356,6 +357,8 @@ class _Saddle:
         return bool(np.linalg.norm(x) < 1.0 / (ZERO * abs(self.matrix).max()) ** 2)
 
     def solve(self, right: np.ndarray) -> np.ndarray:
+        from scipy.sparse.linalg import lsmr
+
         scaled = self.scale * right
         with one_thread():
             x = None if self.lu is None else self.lu.solve(scaled)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from ..errors import FactorizationError
 from ..problem.matrices import Matrix
@@ -33,6 +32,8 @@ def static_displacements(
     FactorizationError
         When the structure is floating or its stiffness indefinite.
     """
+    from scipy.sparse.linalg import splu
+
     sizes = [f.size for f in forces]
     K = sp.csc_array(sp.block_diag([sparse(A, n) for A, n in zip(stiffnesses, sizes)]))
     L = sp.csr_array(sp.hstack(constraints))
@@ -47,6 +48,8 @@ def static_displacements(
 
 def _smallest_image(G: sp.csc_array) -> float:
     """The smallest ``|G x|`` for vectors x of length 1, approximately."""
+    from scipy.sparse.linalg import splu
+
     try:
         lu = splu(G)
     except RuntimeError:  # exactly singular

@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 from scipy import LowLevelCallable
-from scipy.linalg import cython_blas
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from .. import _core
 from ..memory import require
@@ -224,6 +222,8 @@ def narrow_order(pattern: sp.csr_array, last: np.ndarray) -> tuple[np.ndarray, i
 
     Among the natural order, that of Cuthill and McKee, and both reversed.
     """
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
     n = pattern.shape[0]
     entries = pattern.tocoo()
     border = np.zeros(n, dtype=bool)
@@ -260,6 +260,8 @@ def numeric(
     MemoryError
         When the factor does not fit.
     """
+    from scipy.linalg import cython_blas
+
     panel = 8.0 if symmetric else 16.0
     size = 8.0 * pattern.nnz + (0.0 if panels is None else panel * float(panels[3][-1])) + scratch
     require(size, f"the factor of {what} ({pattern.shape[0]} rows)")

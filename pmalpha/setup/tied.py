@@ -12,9 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import solve as dense_solution
-from scipy.linalg.lapack import dgetrf
-from scipy.sparse.linalg import splu
 
 from .._checks import counted, listing
 from ..blas import one_thread
@@ -147,6 +144,8 @@ def gap_factors(parts: Sequence[Part], p: int, ranks: Ranks | None = None) -> tu
 
 def _solution(H: np.ndarray, B: np.ndarray, symmetric: bool) -> np.ndarray:
     """H^-1 B. Compliances of light and of heavy dofs are brought to one size, by powers of two."""
+    from scipy.linalg import solve as dense_solution
+
     s = scales_to_one(np.diagonal(H))[:, None]
     result: np.ndarray = s * dense_solution(
         s * H * s.T, s * B, assume_a="pos" if symmetric else "gen"
@@ -230,6 +229,8 @@ def _row_sizes(A: Matrix) -> np.ndarray:
 
 
 def _sparse_factors(A: sp.csc_array) -> tuple[Any, ...]:
+    from scipy.sparse.linalg import splu
+
     try:
         with one_thread():
             factors = splu(A)
@@ -241,6 +242,8 @@ def _sparse_factors(A: sp.csc_array) -> tuple[Any, ...]:
 
 
 def _dense_factors(A: np.ndarray) -> tuple[Any, ...]:
+    from scipy.linalg.lapack import dgetrf
+
     n = len(A)
     require(
         TRIANGLE_BYTES * n * float(n), f"the factors of {counted(n, 'displacement constraint')}"
