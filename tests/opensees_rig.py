@@ -14,6 +14,7 @@ import opensees_model as example
 
 E, A, MOMENT, H = 200e9, 5e-3, 4e-5, 3.0
 MASS = [500.0, 500.0, 20.0]  # of the column elsewhere
+STIFF = 1e9  # between a command and the column: known exactly, and rounding is small
 DT, STEPS = 0.01, 60
 INTEGRATORS = {
     "newmark": ("Newmark", 0.5, 0.25),
@@ -93,13 +94,12 @@ def actuator(port, kind):
     ops.fix(1, 1, 1, 1)
     ops.element("elasticBeamColumn", 1, 1, 2, A, E, MOMENT, 1)
     if kind == "adapter":
-        stiff = 1e12
-        kb = [stiff if i == j else 0.0 for i in range(3) for j in range(3)]
+        kb = [STIFF if i == j else 0.0 for i in range(3) for j in range(3)]
         ops.element("adapter", 2, "-node", 2, "-dof", 1, 2, 3, "-stif", *kb, port)
     else:
         ops.node(3, -1.0, H)
         ops.fix(3, 1, 1, 1)
-        ops.element("actuator", 2, 3, 2, 1e12, port)
+        ops.element("actuator", 2, 3, 2, STIFF, port)
     ops.timeSeries("Linear", 1)
     ops.pattern("Plain", 1, 1)
     ops.constraints("Plain")
@@ -109,7 +109,6 @@ def actuator(port, kind):
     ops.algorithm("Newton")
     ops.integrator("LoadControl", 1.0)
     ops.analysis("Static")
-    print(port, flush=True)
     while ops.analyze(1) == 0:
         pass
 

@@ -49,6 +49,7 @@ def test_docstrings_of_public_names_have_examples():
         "docs/model.md",
         "docs/own-element.md",
         "docs/paced.md",
+        "docs/rig.md",
         "docs/tutorial.md",
     ],
 )
