@@ -12,6 +12,7 @@ import pmalpha
 sys.path.insert(0, str(Path(__file__).parent))
 import files  # noqa: E402
 import gallery  # noqa: E402
+import questions  # noqa: E402
 
 project = "pmalpha"
 author = copyright = "the pmalpha authors"
@@ -99,6 +100,7 @@ def redirect(app, failed):
 def setup(app):
     app.connect("builder-inited", lambda app: gallery.write(app.srcdir))
     app.connect("builder-inited", lambda app: files.write(app.srcdir))
+    app.connect("builder-inited", lambda app: questions.write(app.srcdir))
     app.connect("doctree-read", without_addresses)
     app.add_html_math_renderer("mathml", (inline, None), (block, None))
     app.connect("build-finished", redirect)
