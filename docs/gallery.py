@@ -41,15 +41,33 @@ def thumbnail(notebook, number, path):
     card.save(path)
 
 
+def picture_first(notebook, number, path):
+    """The picture of the gallery below the introduction, in the copied notebook."""
+    list(pictures(notebook))[number - 1].save(path)
+    contents = json.loads(notebook.read_text())
+    shown = {
+        "cell_type": "markdown",
+        "metadata": {},
+        "source": f"![](../docs/thumbnails/{path.name})",
+    }
+    if "id" in contents["cells"][0]:
+        shown["id"] = "picture-first"
+    contents["cells"].insert(1, shown)
+    notebook.write_text(json.dumps(contents))
+
+
 def write(sources):
-    """The page with cards in place of the list, and the thumbnails, in the copied sources."""
+    """The page with cards in place of the list, thumbnails, and notebooks whose picture comes
+    first, in the copied sources."""
     page = Path(sources, "docs", "gallery.md")
     text = page.read_text()
     folder = page.with_name("thumbnails")
     folder.mkdir(exist_ok=True)
     for entry in ENTRY.finditer(text):
         notebook = Path(sources, "notebooks", f"{entry['name']}.ipynb")
-        thumbnail(notebook, int(entry["picture"]), folder / f"{entry['name']}.png")
+        number = int(entry["picture"])
+        thumbnail(notebook, number, folder / f"{entry['name']}.png")
+        picture_first(notebook, number, folder / f"{entry['name']}-whole.png")
     listed = re.sub(r"\?P<\w+>", "?:", f"(?:{ENTRY.pattern})+")
     page.write_text(re.sub(listed, cards, text, flags=re.MULTILINE))
 

@@ -26,8 +26,6 @@ def write(sources):
         path = Path(sources, "docs", f"{page}.md")
         title, rest = path.read_text().split("\n", 1)
         entries = [
-            f"```{{index}} !{question}\n```"
-            for question, at in QUESTIONS.items()
-            if at == page
+            f"```{{index}} !{question}\n```" for question, at in QUESTIONS.items() if at == page
         ]
         path.write_text("\n\n".join([title, *entries, rest]))

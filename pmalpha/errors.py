@@ -83,7 +83,7 @@ class BucklingError(PmalphaError, ValueError):
 
 
 class InstabilityError(PmalphaError):
-    """A value of the run is not finite, or has left all bounds.
+    """A value of the run is not finite, or exceeds all bounds.
 
     The coupler has the state of the last whole macro step.
 
@@ -100,7 +100,7 @@ class InstabilityError(PmalphaError):
     """
 
     def __init__(self, step: int, time: float, subdomain: str, cause: str = ""):
-        what = "has left all bounds" if cause else "is not finite any more"
+        what = "exceeds all bounds" if cause else "is not finite any more"
         super().__init__(
             f"subdomain {subdomain!r} {what} in macro step {step}, "
             f"which begins at t = {time:g}: {cause or 'the run is unstable'}"
@@ -240,7 +240,7 @@ class PacingError(PmalphaError):
 
 
 class UnboundedMotion(Exception):
-    """Raised inside a step where a motion has left all bounds; a run raises InstabilityError."""
+    """Raised inside a step where a motion exceeds all bounds; a run raises InstabilityError."""
 
     def __init__(self, subdomain: str, cause: str):
         super().__init__(subdomain, cause)
