@@ -63,3 +63,56 @@ def test_functions_in_c_have_at_most_60_lines(path):
 def test_a_long_function_would_be_seen():
     text = "static void f(void)\n{\n" + 60 * "    g();\n" + "}\n"
     assert list(functions(text)) == [(2, 62)]
+
+
+DEFINED = re.compile(
+    r"^(?!static)[A-Za-z_][\w *]*?\**(pma_\w+)(?:\([^;{}]*\)\s*\{|\s*=|\[\w*\]\s*=)", re.MULTILINE
+)
+
+
+def code(path):
+    return re.sub(r'/\*.*?\*/|"(?:\\.|[^"\\])*"', " ", path.read_text(), flags=re.DOTALL)
+
+
+def uses_of_sources(texts):
+    """Which others a source uses: those that define a function or a constant which it names."""
+    home = {name: path for path, text in texts.items() for name in DEFINED.findall(text)}
+    return {
+        path: {home[name] for name in re.findall(r"\bpma_\w+", text) if name in home} - {path}
+        for path, text in texts.items()
+    }
+
+
+def circle(uses):
+    """The files that are in a circle, or that only files in one use."""
+    left = dict(uses)
+    while True:
+        free = [path for path, used in left.items() if not used & left.keys()]
+        if not free:
+            return sorted(map(str, left))
+        for path in free:
+            del left[path]
+
+
+def test_no_source_uses_one_that_uses_it():
+    uses = uses_of_sources({path: code(path) for path in SOURCES if path.parent.name != "tests"})
+    assert sum(map(len, uses.values())) > 300
+    assert circle(uses) == []
+
+
+def test_no_header_includes_one_that_includes_it():
+    headers = [path for path in FILES if path.suffix == ".h"]
+    assert circle({str(path): set(included(path)) for path in headers}) == []
+
+
+def test_a_circle_would_be_seen():
+    texts = {
+        "a": "int pma_a(void)\n{\n    return pma_b();\n}\n",
+        "b": "const int *pma_b = pma_c;\n",
+    }
+    assert circle(uses_of_sources(texts)) == []
+    assert circle(uses_of_sources({**texts, "c": "void pma_c(int x)\n{\n    pma_a();\n}\n"})) == [
+        "a",
+        "b",
+        "c",
+    ]

@@ -158,9 +158,6 @@ typedef struct {
 int pma_take_pace(CouplerObject *self, long long steps, pma_pace *pace, int *signals);
 void pma_release_pace(CouplerObject *self, pma_pace *pace);
 
-/* Is anything written in the file? Does not wait. */
-bool pma_signal_arrived(int file);
-
 long long pma_watch_milliseconds(void); /* of a monotonic clock */
 
 /* True if a signal or the report raised an exception; checked at most every 50 ms. Called without
@@ -261,9 +258,6 @@ int pma_take_callback(PyObject *function, pma_callback *out, bool *by_caller);
  * quantum, seed), or (h, limits, threshold, every, window, section) */
 int pma_take_specimen(PyObject *obj, npy_intp n, PyObject *arrays, pma_restoring *restoring,
                       pma_callback *out);
-
-/* (f, order): f is a LowLevelCallable with the signature of pma_force_function */
-int pma_take_force(PyObject *obj, PyObject *arrays, pma_load *load);
 
 /* None, or ((f, ...), order), of which the sum counts: each f is a callable f(u, v, t) -> (n,)
  * array in the user's order of dofs, a LowLevelCallable with the signature of

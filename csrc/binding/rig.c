@@ -3,8 +3,6 @@
 #define NO_IMPORT_ARRAY
 #include "binding.h"
 
-#include <unistd.h>
-
 /* ---- limits ----------------------------------------------------------------------------- */
 
 /* limit(displacement, velocity, acceleration, force, energy): (n,) arrays or None; once, after the
@@ -168,12 +166,6 @@ void pma_release_pace(CouplerObject *self, pma_pace *pace)
     count[0] = pace->origin;
     count[1] = (int64_t)pace->done;
     PyMem_Free(pace->stamps);
-}
-
-bool pma_signal_arrived(int fd)
-{
-    char buffer[64];
-    return read(fd, buffer, sizeof buffer) > 0;
 }
 
 /* ---- a ring of records ---------------------------------------------------------------------- */

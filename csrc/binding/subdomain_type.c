@@ -135,21 +135,6 @@ static void subdomain_dealloc(SubdomainObject *self)
     Py_DECREF(type);
 }
 
-/* ---- a busy flag, not a lock -------------------------------------------------------------- */
-
-bool pma_subdomain_claim(SubdomainObject *self)
-{
-    if (!atomic_exchange(&self->busy, true))
-        return true;
-    PyErr_SetString(PyExc_RuntimeError, "the subdomain is being stepped");
-    return false;
-}
-
-void pma_subdomain_release(SubdomainObject *self)
-{
-    atomic_store(&self->busy, false);
-}
-
 /* ---- loads -------------------------------------------------------------------------------- */
 
 static PyObject *subdomain_set_load(SubdomainObject *self, PyObject *obj)

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "algebra/lanes.h"
+#include "algebra/loops.h"
 #include "algebra/symbolic.h"
 #include "check.h"
 
@@ -174,6 +175,7 @@ void check_lanes(const pma_factor *f,
                  uint64_t *seed)
 {
     const size_t scratch = pma_factor_scratch(f) * PMA_LANES, on_b = f->nb * PMA_LANES;
+    const pma_factor lanes = pma_lanes_factor(f);
     const size_t interior = (f->n - f->nb) * PMA_LANES;
     static double b[UNKNOWNS * PMA_LANES], x[UNKNOWNS * PMA_LANES], x_b[UNKNOWNS * PMA_LANES],
         f_b[UNKNOWNS * PMA_LANES], solved[UNKNOWNS * PMA_LANES], opened[UNKNOWNS * PMA_LANES];
@@ -184,22 +186,22 @@ void check_lanes(const pma_factor *f,
 
     draw_lanes(f->n, seed, b);
     memcpy(x, b, f->n * PMA_LANES * sizeof *x);
-    pma_lanes_solve(f, x, work);
+    pma_factor_solve(&lanes, x, work);
     check_each_lane(f->n, x, b, check, of);
     memcpy(solved, x, sizeof x);
 
     draw_lanes(f->nb, seed, f_b);
     memcpy(x, b, f->n * PMA_LANES * sizeof *x);
-    pma_lanes_open(f, x, x_b, work);
+    pma_factor_open(&lanes, x, x_b, work);
     memcpy(opened, x, sizeof x);
-    pma_lanes_close(f, f_b, x, work);
+    pma_factor_close(&lanes, f_b, x, work);
     check_lane_bits(f, b, f_b, solved, opened, x_b, x);
     for (size_t k = 0; k < on_b; k++)
         b[interior + k] += f_b[k];
     check_each_lane(f->n, x, b, check, of);
 
     /* what is opened and what the interface adds is the whole; of small numbers */
-    pma_lanes_interface(f, f_b, work);
+    pma_factor_interface(&lanes, f_b, work);
     for (size_t k = 0; k < on_b; k++) {
         const double size = fabs(x_b[k]) + fabs(f_b[k]) + 1.0;
         if (k % PMA_LANES + 1 < PMA_LANES)
@@ -217,7 +219,7 @@ void check_lane_product(const pma_matrix *A, uint64_t *seed)
         x[k] = k % PMA_LANES + 1 < PMA_LANES ? 1.0 / (1 + draw(seed, 100)) : (double)NAN;
         y[k] = before[k] = 1.0 / (1 + draw(seed, 100));
     }
-    pma_lanes_subtract(A, x, y);
+    pma_loops_subtract(A, x, y);
     for (size_t l = 0; l + 1 < PMA_LANES; l++) {
         double *lane = y_one + A->n;
         take_lane(A->n, l, x, one);

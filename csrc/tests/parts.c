@@ -93,8 +93,11 @@ static pma_restoring make_restoring(part *x)
 {
     for (size_t i = 0; i < x->n; i++)
         x->order[i] = (int64_t)(x->n - 1 - i);
-    return (pma_restoring){
-        x->restored ? pull : NULL, &x->pulled, false, x->n, x->order, x->work, NULL};
+    return (pma_restoring){.function = x->restored ? pull : NULL,
+                           .user = &x->pulled,
+                           .n = x->n,
+                           .order = x->order,
+                           .work = x->work};
 }
 
 /* No form where there is nothing: the core then leaves out what belongs to it. */

@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "algebra/kernel.h"
-#include "algebra/lanes.h"
+#include "algebra/loops.h"
 
 static size_t least(size_t a, size_t b)
 {
@@ -268,13 +268,13 @@ static void substitute_panels(const pma_factor *f, size_t first, size_t last, do
 
 static void eliminate_lanes(const pma_factor *f, size_t first, size_t last, double *x, double *work)
 {
-    pma_lanes_eliminate(f->each, first / PMA_LANES, last / PMA_LANES, x, work);
+    pma_loops_eliminate(f->each, first / PMA_LANES, last / PMA_LANES, x, work);
 }
 
 static void substitute_lanes(const pma_factor *f, size_t first, size_t last, double *x,
                              double *work)
 {
-    pma_lanes_substitute(f->each, first / PMA_LANES, last / PMA_LANES, x, work);
+    pma_loops_substitute(f->each, first / PMA_LANES, last / PMA_LANES, x, work);
 }
 
 /* Some columns of a factor, x[0] is unknown `first`. In tables: in a switch, every form would save

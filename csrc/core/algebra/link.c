@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-#include "algebra/lanes.h"
+#include "algebra/loops.h"
 
 pma_status pma_link_check(const pma_link *L)
 {
@@ -24,7 +24,7 @@ pma_status pma_link_check(const pma_link *L)
 __attribute__((noinline)) static void load_lanes(const pma_link *L, const double *lam, double *xb)
 {
     memset(xb, 0, L->nb * sizeof *xb);
-    pma_lanes_add(L->each, lam, xb);
+    pma_loops_add(L->each, lam, xb);
 }
 
 void pma_link_load(const pma_link *L, const double *lam, double *xb)
@@ -46,7 +46,7 @@ void pma_link_load(const pma_link *L, const double *lam, double *xb)
 void pma_link_add(const pma_link *L, const double *lam, double *xb)
 {
     if (L->each) {
-        pma_lanes_add(L->each, lam, xb);
+        pma_loops_add(L->each, lam, xb);
         return;
     }
     for (size_t j = 0; j < L->nb; j++) {
@@ -58,7 +58,7 @@ void pma_link_add(const pma_link *L, const double *lam, double *xb)
 void pma_link_gather(const pma_link *L, double scale, const double *xb, double *jump)
 {
     if (L->each) {
-        pma_lanes_gather(L->each, scale, xb, jump);
+        pma_loops_gather(L->each, scale, xb, jump);
         return;
     }
     const pma_link l = *L; /* or it would be read again after each number that is stored */

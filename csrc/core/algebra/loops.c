@@ -363,3 +363,103 @@ const pma_loops *pma_loops_best(void)
 }
 
 #endif
+
+/* ---- by any form ---------------------------------------------------------------------------- */
+
+enum { PIECE = 256 }; /* rows at a time, so that what is read again stays in the cache */
+
+static size_t least(size_t a, size_t b)
+{
+    return a < b ? a : b;
+}
+
+/* ---- product -------------------------------------------------------------------------------- */
+
+static void subtract_dense(const pma_matrix *A, size_t begin, size_t end, const double *x,
+                           double *y)
+{
+    for (size_t i = begin; i < end; i += PIECE)
+        pma_kernel_best()->subtract_lanes(A->values + i, A->n, least(PIECE, end - i), A->n, x,
+                                          y + i * PMA_LANES);
+}
+
+static void subtract_strips(const pma_strips *S, size_t begin, size_t end, const double *x,
+                            double *y)
+{
+    const pma_kernel *kernel = pma_kernel_best();
+    double product[PMA_STRIP_ROWS * PMA_LANES];
+    for (size_t s = pma_strips_at(S, begin); s < S->count && (size_t)S->first[s] < end; s++) {
+        const size_t first = (size_t)S->first[s], last = (size_t)S->first[s + 1];
+        kernel->multiply_strip_lanes(S->values + S->start[s], last - first,
+                                     (size_t)(S->ptr[s + 1] - S->ptr[s]), S->index + S->ptr[s], x,
+                                     product);
+        const size_t to = least(last, end) * PMA_LANES;
+        for (size_t k = (first > begin ? first : begin) * PMA_LANES; k < to; k++)
+            y[k] -= product[k - first * PMA_LANES];
+    }
+}
+
+void pma_loops_subtract_rows(const pma_matrix *A, size_t begin, size_t end, const double *x,
+                             double *y)
+{
+    if (A->form == PMA_DENSE) {
+        subtract_dense(A, begin, end, x, y);
+        return;
+    }
+    if (A->form == PMA_STRIPS) {
+        subtract_strips(&A->strips, begin, end, x, y);
+        return;
+    }
+    if (A->form != PMA_ZERO)
+        pma_loops_best()->subtract(A, begin, end, x, y);
+}
+
+void pma_loops_subtract(const pma_matrix *A, const double *x, double *y)
+{
+    pma_loops_subtract_rows(A, 0, A->n, x, y);
+}
+
+/* ---- sweeps, x[0] being unknown `first` ----------------------------------------------------- */
+
+void pma_loops_eliminate(const pma_factor *f, size_t first, size_t last, double *x, double *work)
+{
+    if (first == last || f->form == PMA_DIAGONAL)
+        return;
+    if (f->form == PMA_DENSE) {
+        pma_kernel_best()->eliminate_lanes(f->values + first * f->n + first, f->n, f->n - first,
+                                           last - first, x);
+    } else if (f->form == PMA_PANELS) {
+        pma_panels_eliminate(&f->panels, PMA_LANES, first, last, x, work);
+    } else {
+        pma_loops_best()->eliminate(f, first, last, x);
+    }
+}
+
+void pma_loops_substitute(const pma_factor *f, size_t first, size_t last, double *x, double *work)
+{
+    if (first == last)
+        return;
+    if (f->form == PMA_DIAGONAL) {
+        pma_loops_best()->scale(f, first, last, x);
+    } else if (f->form == PMA_DENSE) {
+        pma_loops_best()->scale(f, first, last, x);
+        pma_kernel_best()->substitute_lanes(f->values + f->Q + first * f->n + first, f->n,
+                                            f->n - first, last - first, x);
+    } else if (f->form == PMA_PANELS) {
+        pma_panels_substitute(&f->panels, f->inverse, PMA_LANES, first, last, x, work);
+    } else {
+        pma_loops_best()->substitute(f, first, last, x);
+    }
+}
+
+/* ---- links ---------------------------------------------------------------------------------- */
+
+void pma_loops_add(const pma_link *L, const double *lam, double *xb)
+{
+    pma_loops_best()->add(L, lam, xb);
+}
+
+void pma_loops_gather(const pma_link *L, double scale, const double *xb, double *jump)
+{
+    pma_loops_best()->gather(L, scale, xb, jump);
+}

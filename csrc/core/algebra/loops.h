@@ -29,4 +29,22 @@ typedef struct {
 const pma_loops *pma_loops_best(void);
 const pma_loops *pma_loops_plain(void);
 
+/* ---- by any form; x (n) has n * PMA_LANES numbers, `work` as many times the scratch ----------- */
+
+/* y (n) -= A x                                                           pma_matrix_subtract */
+void pma_loops_subtract(const pma_matrix *A, const double *x, double *y);
+void pma_loops_subtract_rows(const pma_matrix *A, size_t begin, size_t end, const double *x,
+                             double *y);
+
+/* Forward through the columns first..last-1 of a factor whose interface is last, and backward; x[0]
+ * is unknown `first`. */
+void pma_loops_eliminate(const pma_factor *f, size_t first, size_t last, double *x, double *work);
+void pma_loops_substitute(const pma_factor *f, size_t first, size_t last, double *x, double *work);
+
+/* xb (nb) += L_b^T lam, lam (p)                                                  pma_link_add */
+void pma_loops_add(const pma_link *L, const double *lam, double *xb);
+
+/* jump (p) += scale L_b xb                                                    pma_link_gather */
+void pma_loops_gather(const pma_link *L, double scale, const double *xb, double *jump);
+
 #endif

@@ -1,7 +1,7 @@
 #include "algebra/matrix.h"
 
 #include "algebra/kernel.h"
-#include "algebra/lanes.h"
+#include "algebra/loops.h"
 
 pma_status pma_matrix_check(const pma_matrix *A)
 {
@@ -157,7 +157,7 @@ static void subtract_strips(const pma_matrix *A, size_t begin, size_t end, const
 static void subtract_lanes(const pma_matrix *A, size_t begin, size_t end, const double *x,
                            double *y)
 {
-    pma_lanes_subtract_rows(A->each, begin / PMA_LANES, end / PMA_LANES, x, y);
+    pma_loops_subtract_rows(A->each, begin / PMA_LANES, end / PMA_LANES, x, y);
 }
 
 /* A table: in a switch, every form would save the registers of all. */

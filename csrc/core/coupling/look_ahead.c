@@ -167,15 +167,6 @@ bool pma_look_ahead_is_busy(const pma_coupler *c)
     return false;
 }
 
-bool pma_look_ahead_defers(const pma_coupler *c)
-{
-    for (size_t i = first_aside(c); i < c->parts.count; i++) {
-        if (pma_look_ahead_is_deferred(member_of(c, i)))
-            return true;
-    }
-    return false;
-}
-
 /* A jump that is recorded in the middle of a macro step needs all states at once. */
 static bool records_inner_jumps(const pma_coupler *c)
 {

@@ -196,7 +196,7 @@ pma_status pma_messages_laws(pma_coupler *c, pma_status status)
 /* Of the end of a run, what is tied there. */
 static pma_interface_kind tied_kind(const pma_coupler *c)
 {
-    const bool is_mean = c->parts.schedule == &pma_mean_shooting_schedule;
+    const bool is_mean = c->parts.schedule->ties_displacements;
     return is_mean ? PMA_DISPLACEMENT : PMA_VELOCITY;
 }
 

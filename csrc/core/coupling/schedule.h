@@ -1,6 +1,6 @@
 /* schedule.h - the coupler from inside: what its files share.
  *
- * coupler.c is the object and its macro steps, fine.c the schedule with an interface problem in
+ * coupler.c is the object and its macro steps, stages.c what the schedules share, fine.c the schedule with an interface problem in
  * every fine step ("pm", "gc"), tied.c the same without drift, macro.c and mean.c those with one in
  * a macro step; iterated.c and shooting.c are the first and macro.c with internal forces;
  * recorder.c what is recorded; teamwork.c and look_ahead.c are what several threads do in them. */
@@ -46,6 +46,13 @@ typedef struct {
     int64_t number;
     double *lam, *g, *gap;
 } pma_macro_level;
+
+static inline void pma_macro_level_swap(pma_macro_level *a, pma_macro_level *b)
+{
+    const pma_macro_level kept = *a;
+    *a = *b;
+    *b = kept;
+}
 
 typedef struct pma_exchange pma_exchange;
 
@@ -125,6 +132,8 @@ struct pma_schedule {
     bool rebases;
     /* May a subdomain be opened when it is closed, before its next substep is due? */
     bool joins;
+    /* In place of velocities, at the end of a macro step? */
+    bool ties_displacements;
 };
 
 /* ---- clock ---------------------------------------------------------------------------------- */
@@ -175,7 +184,7 @@ static inline bool pma_is_pending(const pma_coupler *c)
     return c->reached.number > c->present.number;
 }
 
-/* ---- stages of a macro step: coupler.c ------------------------------------------------------ */
+/* ---- stages of a macro step: stages.c ------------------------------------------------------- */
 
 /* working.g (p) := g of interface problem k, if there are motions */
 void pma_coupler_prescribe(pma_coupler *c);
@@ -392,8 +401,6 @@ static inline bool pma_look_ahead_is_deferred(const pma_coupled *m)
 {
     return m->assigned.closes && pma_is_ending(m);
 }
-/* The same of any member. */
-bool pma_look_ahead_defers(const pma_coupler *c);
 /* Is anything under way, or did it fail? */
 bool pma_look_ahead_is_busy(const pma_coupler *c);
 /* Those that begin a substep, and have it open, begin to open the next one. */

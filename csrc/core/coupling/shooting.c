@@ -40,7 +40,7 @@ static bool responds(const pma_coupled *m)
  * all of them. */
 static bool is_mean(const pma_coupler *c)
 {
-    return c->parts.schedule == &pma_mean_shooting_schedule;
+    return c->parts.schedule->ties_displacements;
 }
 
 /* lam (p) := Lam_n + (j / substeps) dLam */
@@ -388,7 +388,8 @@ const pma_schedule pma_shooting_schedule = {.check = pma_macro_check,
                                             .interface_pieces = macro_pieces,
                                             .move_to = pma_macro_move_to};
 
-const pma_schedule pma_mean_shooting_schedule = {.check = pma_mean_check,
+const pma_schedule pma_mean_shooting_schedule = {.ties_displacements = true,
+                                                 .check = pma_mean_check,
                                                  .instants = pma_macro_instants,
                                                  .duty = pma_macro_duty,
                                                  .step = macro_step,

@@ -115,6 +115,9 @@ pma_status pma_substep_measure(pma_subdomain *s, const pma_state *to);
 /* The balance is shown a substep that is closed. */
 void pma_substep_balance(pma_subdomain *s, const pma_substep *step);
 
+/* y (n) := M^-1 L_b^T lam: mean coupling alone                                             (K1) */
+void pma_substep_accelerate(pma_subdomain *s, const double *lam, double *y);
+
 /* Under mean coupling, the rows begin..end-1:  ut += h^2/2 y, vt += h y with y in s->push, and the
  * velocity that is extrapolated                                                           (K2) */
 void pma_substep_push(const pma_subdomain *s, double h, size_t begin, size_t end,

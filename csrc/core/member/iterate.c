@@ -172,11 +172,6 @@ double *pma_iterate_force(const pma_iterate *it)
     return it->force;
 }
 
-pma_iterated pma_iterate_member(const pma_iterate *it)
-{
-    return (pma_iterated){.table = &pma_own_step_table, .count = it->count, .rows = it->rows};
-}
-
 /* ---- what belongs to the present ------------------------------------------------------------ */
 
 pma_iterate_failure pma_iterate_failed(const pma_iterate *it)

@@ -38,9 +38,6 @@ const pma_iterate_parts *pma_iterate_get_parts(const pma_iterate *it);
 /* The factor that follows the tangent: at the same place as long as the iterate exists. */
 const pma_factor *pma_iterate_factor(const pma_iterate *it);
 
-/* What a coupler is given. */
-pma_iterated pma_iterate_member(const pma_iterate *it);
-
 /* Where the last iteration failed: time of its substep, corrections made, and the dof (in
  * elimination order) at which the tangent was singular, or SIZE_MAX. */
 typedef struct {

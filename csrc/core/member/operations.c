@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "member/inside.h"
+#include "member/own_step.h"
 
 /* ---- a substep ------------------------------------------------------------------------------ */
 
@@ -66,7 +67,7 @@ static void push(void *self, const double *lam)
 {
     pma_subdomain *s = self;
     s->is_pushed = true;
-    pma_subdomain_push(s, lam, s->push);
+    pma_substep_accelerate(s, lam, s->push);
 }
 
 /* ---- values on the interface ---------------------------------------------------------------- */
@@ -125,7 +126,7 @@ static void record(void *self, pma_recordable what, size_t j, const double *lam,
     } else if (what == PMA_RESPONSE) {
         pma_selection_add(selection, pma_response_state(s->response), row);
     } else {
-        pma_subdomain_push(s, lam, s->acceleration);
+        pma_substep_accelerate(s, lam, s->acceleration);
         pma_selection_accelerate(selection, s->acceleration, row);
     }
 }
@@ -307,6 +308,6 @@ pma_member pma_subdomain_member(pma_subdomain *s)
                          .waits = p->waits,
                          .shoots = p->shoots};
     if (s->iterate)
-        member.iterated = pma_iterate_member(s->iterate);
+        member.iterated = pma_own_step_member(s->iterate);
     return member;
 }

@@ -536,17 +536,22 @@ static pma_status finish(void *self, const double *lam)
 
 /* ---- the table ------------------------------------------------------------------------------ */
 
-const pma_iterated_table pma_own_step_table = {.begin = begin,
-                                               .converge = converge,
-                                               .evaluate = evaluate,
-                                               .linearize = linearize,
-                                               .correct = correct,
-                                               .move = move,
-                                               .restart = restart,
-                                               .rebase = rebase,
-                                               .block = block,
-                                               .finish = finish,
-                                               .has_factor = has_factor,
-                                               .raise = raise,
-                                               .corrections = corrections,
-                                               .scale = scale};
+static const pma_iterated_table TABLE = {.begin = begin,
+                                         .converge = converge,
+                                         .evaluate = evaluate,
+                                         .linearize = linearize,
+                                         .correct = correct,
+                                         .move = move,
+                                         .restart = restart,
+                                         .rebase = rebase,
+                                         .block = block,
+                                         .finish = finish,
+                                         .has_factor = has_factor,
+                                         .raise = raise,
+                                         .corrections = corrections,
+                                         .scale = scale};
+
+pma_iterated pma_own_step_member(const pma_iterate *it)
+{
+    return (pma_iterated){.table = &TABLE, .count = it->count, .rows = it->rows};
+}

@@ -45,8 +45,8 @@ struct pma_iterate {
     double *block;
 };
 
-/* The table of operations that a coupler calls: own_step.c */
-extern const pma_iterated_table pma_own_step_table;
+/* What a coupler is given. */
+pma_iterated pma_own_step_member(const pma_iterate *it);
 
 /* Numbers that the springs remember of a time level. */
 static inline size_t pma_iterate_spring_numbers(const pma_iterate *it)

@@ -264,9 +264,7 @@ const pma_load *pma_subdomain_load(const pma_subdomain *s)
 
 void pma_subdomain_push(pma_subdomain *s, const double *lam, double *y)
 {
-    memset(y, 0, s->parts.n * sizeof(double)); /* as an open step without loads leaves it */
-    pma_link_load(&s->parts.link, lam, s->closing);
-    pma_factor_close(&s->parts.mass, s->closing, y, s->work);
+    pma_substep_accelerate(s, lam, y);
 }
 
 pma_response *pma_subdomain_response(pma_subdomain *s)

@@ -54,6 +54,13 @@ void pma_substep_push(const pma_subdomain *s, double h, size_t begin, size_t end
         s->vs[i] += h * s->push[i];
 }
 
+void pma_substep_accelerate(pma_subdomain *s, const double *lam, double *y)
+{
+    memset(y, 0, s->parts.n * sizeof(double)); /* as an open step without loads leaves it */
+    pma_link_load(&s->parts.link, lam, s->closing);
+    pma_factor_close(&s->parts.mass, s->closing, y, s->work);
+}
+
 /* y -= f(ut, vs, t1; q), internal forces of an explicit subdomain, which go on to q1 */
 static pma_status subtract_internal(pma_subdomain *s, const pma_state *from, const pma_state *to,
                                     double t1)
@@ -375,7 +382,7 @@ __attribute__((noinline)) static pma_status close_waiting(pma_subdomain *s, cons
         s->closing[i] *= share;
     bool finite = sweep_back(s, s->open, x);
     s->open = NULL;
-    pma_subdomain_push(s, lam, s->push);
+    pma_substep_accelerate(s, lam, s->push);
     for (size_t i = 0; i < s->parts.n; i++) {
         x->v[i] += v_y * s->push[i];
         x->w[i] -= share * s->push[i];

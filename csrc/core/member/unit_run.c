@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "algebra/lanes.h"
+#include "algebra/loops.h"
 #include "member/inside.h"
 
 struct pma_unit_run {
@@ -102,7 +103,8 @@ static void accelerate(pma_unit_run *r)
     clear(r->y, p->n);
     for (size_t k = 0; k < p->nb * PMA_LANES; k++)
         y_b[k] = share * r->pull[k];
-    pma_lanes_solve(&p->mass, r->y, r->work);
+    const pma_factor mass = pma_lanes_factor(&p->mass);
+    pma_factor_solve(&mass, r->y, r->work);
 }
 
 void pma_unit_run_begin(pma_unit_run *r, bool twice, size_t count, const int64_t *rows)
@@ -116,7 +118,7 @@ void pma_unit_run_begin(pma_unit_run *r, bool twice, size_t count, const int64_t
     clear(r->mean, p->link.p);
     for (size_t l = 0; l < count; l++)
         r->lam[(size_t)rows[l] * PMA_LANES + l] = 1.0;
-    pma_lanes_add(&p->link, r->lam, r->pull);
+    pma_loops_add(&p->link, r->lam, r->pull);
     if (p->mean)
         accelerate(r);
 }
@@ -149,25 +151,26 @@ void pma_unit_run_step(pma_unit_run *r, size_t j)
 {
     const pma_parts *p = &r->of->parts;
     const pma_operator *op = pma_operator_of(r->of, r->twice);
+    const pma_factor factor = pma_lanes_factor(&op->factor);
     const pma_state *x = &r->state;
     const size_t interior = (p->n - p->nb) * PMA_LANES;
     predict(r, &op->step);
 
     /* -(C + D_r) vt - (K + K_r) ut; lagged: C vs (R4) */
-    pma_lanes_subtract(&p->C, p->lagged ? r->vs : x->v, x->w);
-    pma_lanes_subtract(&p->K, x->u, x->w);
-    pma_lanes_subtract(&p->D_r, x->v, x->w);
-    pma_lanes_subtract(&p->K_r, x->u, x->w);
+    pma_loops_subtract(&p->C, p->lagged ? r->vs : x->v, x->w);
+    pma_loops_subtract(&p->K, x->u, x->w);
+    pma_loops_subtract(&p->D_r, x->v, x->w);
+    pma_loops_subtract(&p->K_r, x->u, x->w);
 
     /* (12)  w = Mbar^-1 (g + (j / substeps) L_b^T lam), (8), (9) */
     if (!p->mean)
         add(p->nb, (double)j / (double)p->substeps, r->pull, x->w + interior);
-    pma_lanes_solve(&op->factor, x->w, r->work);
+    pma_factor_solve(&factor, x->w, r->work);
     r->of->update->correct(&op->step, 0, p->n * PMA_LANES, x);
 
-    pma_lanes_gather(&p->link, 1.0 / (double)p->substeps, x->v + interior, r->mean);
+    pma_loops_gather(&p->link, 1.0 / (double)p->substeps, x->v + interior, r->mean);
     if (j == p->substeps)
-        pma_lanes_gather(&p->link, 1.0, (p->mean ? x->u : x->v) + interior, r->end);
+        pma_loops_gather(&p->link, 1.0, (p->mean ? x->u : x->v) + interior, r->end);
 }
 
 /* ---- results -------------------------------------------------------------------------------- */
