@@ -537,3 +537,92 @@ def test_combinations_and_multipliers_are_measured_too():
         refused(message, coupler.gradient, pm.Misfit(wrong), steps=STEPS, error=error)
     refused("dofs or W", pm.Misfit, {"s0": dict(u=above)})
     refused("must have data", pm.Misfit, {"multipliers": dict(rows=[0])})
+
+
+# ---- statements about whole runs -----------------------------------------------------------------
+
+
+RECIPROCAL = [
+    ("gc", (1, 2, 4), three, {}),
+    ("gc", (2, 3, 6), (half, explicit, fine), {}),
+    ("pm", (1, 4, 2), (half, explicit, fine), {}),
+    ("macro", (2, 3, 7), three, {}),
+    ("macro", (1, 5, 7), (half, explicit, fine), {"double": True}),
+    ("mean", (1, 3, 4), trapezoidal, {}),
+]
+
+
+@pytest.mark.parametrize(("coupling", "substeps", "schemes", "kind"), RECIPROCAL)
+def test_a_long_run_and_its_adjoint_have_the_same_products(coupling, substeps, schemes, kind):
+    """<W f, y> = <f, W^T y> for loads f from rest and weights y of the motion, 1000 macro steps."""
+    steps, rng = 1000, np.random.default_rng(8)
+    coupler = problem(coupling, substeps, schemes, **kind)
+    names = [s.name for s in coupler.subdomains]
+    loads, weights = {}, {}
+    for s in coupler.subdomains:
+        shape = (steps * s.substeps + 1, s.n)
+        loads[s.name], weights[s.name] = rng.normal(size=shape), rng.normal(size=shape)
+        loads[s.name][0] = 0.0
+    force = {
+        n: pm.SampledForce(loads[n], DT / s.substeps) for n, s in zip(names, coupler.subdomains)
+    }
+    coupler.reset(force=force)
+    what = "v" if coupling == "mean" else "a"
+
+    def product(history):
+        value = sum(np.sum(weights[n] * getattr(history[n], what)) for n in names)
+        return value, {n: {what: weights[n]} for n in names}
+
+    found = coupler.gradient(product, steps=steps)
+    other = sum(np.sum(found.force[n] * loads[n]) for n in names)
+    size = sum(np.sum(abs(found.force[n] * loads[n])) for n in names)
+    assert abs(found.value - other) < 1e-12 * size
+
+
+@pytest.mark.parametrize(("coupling", "substeps", "schemes", "kind"), RECIPROCAL)
+def test_the_remainder_of_a_step_along_the_gradient_is_of_second_order(
+    coupling, substeps, schemes, kind
+):
+    def objective(history):
+        return squares(history, False, "uv" if coupling == "mean" else "uva")
+
+    def value(theta):
+        return objective(
+            problem(coupling, substeps, schemes, theta=theta, **kind).run(steps=STEPS)
+        )[0]
+
+    coupler = problem(coupling, substeps, schemes, **kind)
+    found = coupler.gradient(objective, steps=STEPS, parameters=CHANGED)
+    remainders = [abs(value(e) - found.value - e * found.parameters[0][0]) for e in (1e-2, 2e-2)]
+    assert abs(np.log2(remainders[1] / remainders[0]) - 2.0) < 0.02
+
+
+def test_blocks_of_any_length_have_the_same_gradient():
+    """2000 macro steps. Rounding grows with the length, most for sources of u, which are integrated
+    three times: 2e-10 in one block."""
+    coupler = problem("macro", (1, 5), (half, explicit))
+    coupler.reset(force={"s0": np.ones(3), "s1": np.ones(4)})
+    found = [
+        coupler.gradient(squares, steps=2000, parameters=CHANGED, block=block)
+        for block in (20, 100, 500)
+    ]
+    first, *others = (np.append(x.parameters[0], [*x.u0["s0"], *x.v0["s1"]]) for x in found)
+    for other in others:
+        assert np.max(abs(other - first)) < 1e-10 * np.max(abs(first))
+
+
+def test_with_algorithmic_damping_mean_coupling_is_not_reciprocal(monkeypatch):
+    """What is refused would be wrong."""
+    from pmalpha.gradients import problem as of_problem
+
+    def objective(history):
+        return squares(history, False, "uv")
+
+    schemes = (pm.GeneralizedAlpha(0.5), pm.GeneralizedAlpha(0.8))
+    coupler = problem("mean", (1, 5), schemes)
+    monkeypatch.setattr(of_problem, "_require_trapezoidal", lambda *a: None)
+    wrong = coupler.gradient(objective, steps=STEPS, parameters=CHANGED).parameters[0][0]
+    right = coupler.gradient(
+        objective, steps=STEPS, parameters=CHANGED, differences=1e-4
+    ).parameters[0][0]
+    assert abs(wrong / right - 1.0) > 1e-4
