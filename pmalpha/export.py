@@ -5,9 +5,11 @@ from __future__ import annotations
 import base64
 import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple, TypeAlias
 from xml.etree import ElementTree as xml
 
 import numpy as np
@@ -16,6 +18,7 @@ from ._checks import listing, real_array, whole_number
 from .errors import warn
 from .files import checked_path, package_version, replacing
 from .problem.kinds import KINDS
+from .results.history import SubdomainHistory
 from .structures.mesh import Mesh, checked_mesh, nodal_values, nodal_vectors, padded
 
 __all__ = ["write_series"]
@@ -28,6 +31,10 @@ def __dir__() -> list[str]:
 ORDER = {"little": "Little", "big": "Big"}[sys.byteorder]
 # Maximum number of times in a .pvd file by default: each is a file of its own
 MOST_FILES = 1000
+
+
+# Writes an array and returns the element of XDMF that says where it is.
+Item: TypeAlias = Callable[[np.ndarray], xml.Element]
 
 
 class Series(NamedTuple):
@@ -54,8 +61,8 @@ def write_series(
     path: str | os.PathLike[str],
     points: Any,
     elements: Any,
-    times: Any,
-    u: Any,
+    times: Any = None,
+    u: Any = None,
     v: Any = None,
     a: Any = None,
     *,
@@ -65,23 +72,29 @@ def write_series(
 ) -> None:
     """Write the motion of a mesh for ParaView.
 
-    The suffix of the path chooses the format. ``.xdmf``: an XML description, and a binary file of
-    the same name with the suffix ``.bin``. ``.pvd``: an XML list of the times, and a folder of the
-    same name with a ``.vtu`` file for each time. In ParaView, the filter "Warp By Vector" shows the
-    displacements. Numbers are written time by time, in double precision, without a copy of all.
+    ``write_series(path, points, elements, times, u, v, a)``, or ``write_series(path, structure,
+    motion)`` with a `Structure`, or a `Cut` and what `Cut.gather` returns or a History of its
+    subdomains.
+
+    The suffix of the path chooses the format. ``.xdmf``: an XML description, and the numbers in an
+    HDF5 file beside it, ``run.xdmf.h5`` for ``run.xdmf``, which meshio's TimeSeriesReader reads
+    too; without h5py in a binary file, ``run.bin``. ``.pvd``: an XML list of the times, and a
+    folder of the same name with a ``.vtu`` file for each time. In ParaView, the filter "Warp By
+    Vector" shows the displacements. Numbers are written time by time, in double precision, without
+    a copy of all.
 
     Parameters
     ----------
     path : str or path
         With suffix .xdmf or .pvd. Existing files are replaced.
-    points : (N, dim) array_like
+    points : (N, dim) array_like, or Structure or Cut
         Coordinates of the nodes; dim is 1, 2 or 3.
-    elements : array_like of int, or dict
+    elements : array_like of int, or dict; SubdomainHistory
         Nodes of elements by the name of their kind, in the order of nodes of meshio and VTK:
         "line", "triangle", "quad", "tetra", "pyramid", "wedge", "hexahedron", and of second order
         "line3", "triangle6", "quad8", "quad9", "tetra10", "pyramid13", "wedge15", "hexahedron20".
         An array is taken as lines (m, 2), triangles (m, 3), quadrilaterals (m, 4) or hexahedra
-        (m, 8).
+        (m, 8). After a Structure or Cut its motion, with all dofs.
     times : (k,) array_like
         In rising order.
     u, v, a : (k, N * d) or (k, N, d) array_like
@@ -117,9 +130,18 @@ def write_series(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = pathlib.Path(folder, "bar.xdmf")
     ...     write_series(path, [[0.0], [1.0]], [[0, 1]], [0.0, 0.1], [[0.0, 0.0], [0.0, 0.2]])
-    ...     sorted(file.name for file in path.parent.iterdir())
-    ['bar.bin', 'bar.xdmf']
+    ...     '"displacement"' in path.read_text()
+    True
     """
+    if hasattr(points, "gather"):
+        points.export(path, elements, data=data, cells=cells or {}, most_times=most_times)
+        return
+    if hasattr(points, "elements"):
+        if not isinstance(elements, SubdomainHistory) or times is not None:
+            raise TypeError(f"a Structure must come with a motion alone, got {elements!r}")
+        motion = elements
+        times, u, v, a = motion.t, motion.u, motion.v, motion.a
+        points, elements = points.points, points.elements
     path = checked_path(path)
     writers = {".xdmf": _write_xdmf, ".pvd": _write_pvd}
     if path.suffix.lower() not in writers:
@@ -209,32 +231,26 @@ def _write_xdmf(path: Path, series: Series) -> None:
     steps = xml.SubElement(
         domain, "Grid", Name="steps", GridType="Collection", CollectionType="Temporal"
     )
-    binary = path.with_suffix(".bin")
-    with replacing(binary) as file:
-        topology, geometry = _xdmf_mesh(file, binary.name, series.mesh)
-        fixed = [
-            _attribute(file, binary.name, name, values, "Cell")
-            for name, values in series.cells.items()
-        ]
+    with _numbers_beside(path) as item:
+        topology, geometry = _xdmf_mesh(item, series.mesh)
+        fixed = [_attribute(item, name, values, "Cell") for name, values in series.cells.items()]
         for step in series.steps:
             grid = xml.SubElement(steps, "Grid", Name="mesh", GridType="Uniform")
             xml.SubElement(grid, "Time", Value=repr(float(series.times[step])))
             grid.extend([topology, geometry, *fixed])
             for name, values in series.at(step):
-                grid.append(_attribute(file, binary.name, name, values, "Node"))
+                grid.append(_attribute(item, name, values, "Node"))
     _write_xml(path, root)
 
 
-def _attribute(
-    file: BinaryIO, file_name: str, name: str, values: np.ndarray, center: str
-) -> xml.Element:
+def _attribute(item: Item, name: str, values: np.ndarray, center: str) -> xml.Element:
     kind = "Vector" if values.ndim == 2 else "Scalar"
     field = xml.Element("Attribute", Name=name, AttributeType=kind, Center=center)
-    field.append(_data_item(file, file_name, values))
+    field.append(item(values))
     return field
 
 
-def _xdmf_mesh(file: BinaryIO, name: str, mesh: Mesh) -> tuple[xml.Element, xml.Element]:
+def _xdmf_mesh(item: Item, mesh: Mesh) -> tuple[xml.Element, xml.Element]:
     count = str(sum(len(block.nodes) for block in mesh.blocks))
     if len(mesh.blocks) == 1:
         (block,) = mesh.blocks
@@ -245,12 +261,12 @@ def _xdmf_mesh(file: BinaryIO, name: str, mesh: Mesh) -> tuple[xml.Element, xml.
             NumberOfElements=count,
             NodesPerElement=str(kind.nodes),
         )
-        topology.append(_data_item(file, name, block.nodes))
+        topology.append(item(block.nodes))
     else:
         topology = xml.Element("Topology", TopologyType="Mixed", NumberOfElements=count)
-        topology.append(_data_item(file, name, _mixed(mesh)))
+        topology.append(item(_mixed(mesh)))
     geometry = xml.Element("Geometry", GeometryType="XYZ")
-    geometry.append(_data_item(file, name, np.ascontiguousarray(padded(mesh.points, 3))))
+    geometry.append(item(np.ascontiguousarray(padded(mesh.points, 3))))
     return topology, geometry
 
 
@@ -263,19 +279,46 @@ def _mixed(mesh: Mesh) -> np.ndarray:
     return np.concatenate(rows)
 
 
-def _data_item(file: BinaryIO, name: str, array: np.ndarray) -> xml.Element:
-    """Write the array and return the element with its position in the file."""
+@contextmanager
+def _numbers_beside(path: Path) -> Iterator[Item]:
+    """A function that writes an array beside the file and returns the element with its place.
+
+    In HDF5, which all readers of XDMF find from any folder, or without h5py as plain numbers, which
+    ParaView reads.
+    """
+    try:
+        import h5py
+    except ImportError:
+        with replacing(path.with_suffix(".bin")) as file:
+            yield partial(_binary_item, file, path.with_suffix(".bin").name)
+        return
+    beside = path.with_name(f"{path.name}.h5")
+    with replacing(beside) as file, h5py.File(file.name, "w", locking=False) as numbers:
+        yield partial(_hdf5_item, numbers, beside.name)
+
+
+def _hdf5_item(file: Any, name: str, array: np.ndarray) -> xml.Element:
+    key = f"data{len(file)}"
+    file.create_dataset(key, data=array)
+    return _item("HDF", array, f"{name}:/{key}")
+
+
+def _binary_item(file: BinaryIO, name: str, array: np.ndarray) -> xml.Element:
+    item = _item("Binary", array, name, Endian=ORDER, Seek=str(file.tell()))
+    file.write(array.data)
+    return item
+
+
+def _item(form: str, array: np.ndarray, text: str, **attributes: str) -> xml.Element:
     item = xml.Element(
         "DataItem",
-        Format="Binary",
-        Endian=ORDER,
+        attributes,
+        Format=form,
         DataType="Float" if array.dtype.kind == "f" else "Int",
         Precision="8",
         Dimensions=" ".join(str(size) for size in array.shape),
-        Seek=str(file.tell()),
     )
-    item.text = name
-    file.write(array.data)
+    item.text = text
     return item
 
 

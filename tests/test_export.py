@@ -1,11 +1,13 @@
 """Files for ParaView, read back by independent readers."""
 
+import sys
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from pmalpha import export
+import pmalpha as pm
+from pmalpha import export, structures
 from pmalpha.export import write_series
 
 TIMES = np.array([0.0, 0.1, 0.30000000000000004])
@@ -116,9 +118,15 @@ def test_displacements_alone_are_enough_and_are_what_vtk_warps_by(tmp_path):
 def read_item(path, item):
     """The numbers of a DataItem, read as it describes them."""
     kind = {("Float", "8"): "f8", ("Int", "8"): "i8"}[item.get("DataType"), item.get("Precision")]
-    order = {"Little": "<", "Big": ">"}[item.get("Endian")]
     shape = [int(size) for size in item.get("Dimensions").split()]
+    if item.get("Format") == "HDF":
+        name, key = item.text.split(":")
+        with pytest.importorskip("h5py").File(path.parent / name) as file:
+            numbers = file[key][()]
+        assert numbers.shape == tuple(shape) and numbers.dtype == kind
+        return numbers
     assert item.get("Format") == "Binary"
+    order = {"Little": "<", "Big": ">"}[item.get("Endian")]
     numbers = np.fromfile(
         path.parent / item.text,
         dtype=order + kind,
@@ -148,12 +156,16 @@ def read_xdmf(path):
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_xdmf_gives_the_location_of_the_numbers_of_each_time(tmp_path, name):
+@pytest.mark.parametrize("h5py", [True, False])
+def test_xdmf_gives_the_location_of_the_numbers_of_each_time(tmp_path, monkeypatch, name, h5py):
+    if not h5py:
+        monkeypatch.setitem(sys.modules, "h5py", None)
     points, elements = MESHES[name]
     u, v = motion(points), motion(points, seed=1)
     heat = motion(points, seed=2)[..., 0]
     path = tmp_path / "run.xdmf"
     write_series(path, points, elements, TIMES, u, v, data={"heat": heat})
+    assert (tmp_path / ("run.xdmf.h5" if h5py else "run.bin")).exists()
     read = list(read_xdmf(path))
     assert [time for time, *_ in read] == list(TIMES)
     for k, (_, places, _, fields) in enumerate(read):
@@ -165,6 +177,59 @@ def test_xdmf_gives_the_location_of_the_numbers_of_each_time(tmp_path, name):
         ]
         for values, expected in zip(fields.values(), (in_space(u), in_space(v), heat), strict=True):
             np.testing.assert_array_equal(values, expected[k])
+
+
+@pytest.mark.parametrize("name", ["squares", "cube", "mixed"])
+def test_meshio_reads_an_xdmf_file_from_any_folder(tmp_path, monkeypatch, name):
+    meshio = pytest.importorskip("meshio")
+    pytest.importorskip("h5py")
+    points, elements = MESHES[name]
+    u, a = motion(points), motion(points, seed=1)
+    parts = np.arange(float(sum(map(len, blocks(elements).values()))))
+    write_series(tmp_path / "run.xdmf", points, elements, TIMES, u, a=a, cells={"part": parts})
+    (tmp_path / "moved").mkdir()
+    for file in list(tmp_path.glob("run.*")):
+        file.rename(tmp_path / "moved" / file.name)
+    monkeypatch.chdir(tmp_path)
+    with meshio.xdmf.TimeSeriesReader("moved/run.xdmf") as reader:
+        places, cells = reader.read_points_cells()
+        np.testing.assert_array_equal(places, in_space(points))
+        assert {c.type: c.data.tolist() for c in cells} == {
+            kind: nodes.tolist() for kind, nodes in blocks(elements).items()
+        }
+        for k, time in enumerate(TIMES):
+            t, fields, numbers = reader.read_data(k)
+            assert t == time and np.concatenate(numbers["part"]).tolist() == parts.tolist()
+            np.testing.assert_array_equal(fields["displacement"], in_space(u)[k])
+            np.testing.assert_array_equal(fields["acceleration"], in_space(a)[k])
+
+
+@pytest.mark.parametrize("name", ["run.xdmf", "run.pvd"])
+def test_a_structure_and_a_cut_are_written_with_their_motion(tmp_path, name):
+    wall = structures.plate(4, 2, 0.5, E=1.0, nu=0.3, rho=1.0)
+    parts = pm.cut(wall, [7, 7, 7, 7, 3, 3, 3, 3], v0=np.ones(wall.n))
+    history = parts.coupler(dt=0.1, coupling="gc").run(steps=2)
+    motion = parts.gather(history)
+    (tmp_path / "expected").mkdir()
+    all_of = motion.t, motion.u, motion.v, motion.a
+    write_series(tmp_path / "expected" / name, wall.points, wall.elements, *all_of)
+    write_series(tmp_path / name, wall, motion)
+    expected = {
+        path.relative_to(tmp_path / "expected"): path for path in files_in(tmp_path / "expected")
+    }
+    for path, other in expected.items():
+        assert (tmp_path / path).read_bytes() == other.read_bytes()
+    for given in (history, motion):
+        write_series(tmp_path / name, parts, given)
+        written = "".join(path.read_text() for path in files_in(tmp_path) if path.suffix != ".h5")
+        assert '"part"' in written and '"substeps"' in written
+    for wrong in (history, wall.elements):
+        with pytest.raises(TypeError, match="a Structure must come with a motion alone"):
+            write_series(tmp_path / name, wall, wrong)
+
+
+def files_in(folder):
+    return [path for path in folder.rglob("*") if path.is_file()]
 
 
 @pytest.mark.parametrize(

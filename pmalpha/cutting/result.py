@@ -18,6 +18,7 @@ from ..problem.subdomain import Subdomain
 from ..results.history import History, SubdomainHistory
 from ..run.coupler import Coupler
 from ..structures.structure import Structure
+from ..structures.vtk import grid_of
 from .division import Division, checked_levels
 from .element_factors import factors
 from .plan import Plan, plan_of
@@ -313,15 +314,17 @@ class Cut:
 
         return drawn(self, self._mesh("plot"), ax)
 
-    def export(self, path: str | PathLike[str], history: History, **options: Any) -> None:
+    def export(
+        self, path: str | PathLike[str], history: History | SubdomainHistory, **options: Any
+    ) -> None:
         """Write the motion of the uncut structure for ParaView, with the subdomains.
 
         Parameters
         ----------
         path : str or path
             As for `pmalpha.export.write_series`.
-        history : History
-            As for `gather`.
+        history : History or SubdomainHistory
+            As for `gather`, or what it has returned.
         **options
             Further arguments of `write_series`. Elements have the numbers "part" and "substeps".
 
@@ -341,12 +344,41 @@ class Cut:
         ...     '"part"' in path.read_text()
         True
         """
-        structure, motion = self._mesh("export"), self.gather(history)
-        substeps = np.array([s.substeps for s in self.subdomains])
-        cells = {"part": self.labels, "substeps": substeps[self.labels]}
-        cells |= options.pop("cells", {})
+        structure = self._mesh("export")
+        motion = history if isinstance(history, SubdomainHistory) else self.gather(history)
+        cells = self._numbers() | options.pop("cells", {})
         whole = (motion.t, motion.u, motion.v, motion.a)
         write_series(path, structure.points, structure.elements, *whole, cells=cells, **options)
+
+    def to_pyvista(self, motion: Any = None, t: float | None = None) -> Any:
+        """The uncut mesh as an unstructured grid of pyvista, with its subdomains.
+
+        Parameters
+        ----------
+        motion : History, SubdomainHistory or (n,) array_like, optional
+            A History of the subdomains, what `gather` has returned, or displacements.
+        t : float, optional
+            As for `Structure.to_pyvista`.
+
+        Returns
+        -------
+        pyvista.UnstructuredGrid
+            As of `Structure.to_pyvista`; the cells have "part" and "substeps".
+
+        Raises
+        ------
+        ImportError
+            Without pyvista.
+        TypeError, ValueError
+            As of `gather` and `Structure.to_pyvista`; for `Elements`, which have no mesh.
+        """
+        whole = self.gather(motion) if isinstance(motion, History) else motion
+        return grid_of(self._mesh("to_pyvista"), whole, t, self._numbers())
+
+    def _numbers(self) -> dict[str, np.ndarray]:
+        """Numbers of the elements for files and pictures."""
+        substeps = np.array([s.substeps for s in self.subdomains])
+        return {"part": self.labels, "substeps": substeps[self.labels]}
 
     def _mesh(self, what: str) -> Structure:
         if not isinstance(self.structure, Structure):

@@ -276,6 +276,23 @@ class History:
         """
         return frames(self)
 
+    def to_pyvista(self, mesh: Any, t: float | None = None) -> Any:
+        """The motion of a cut structure as an unstructured grid of pyvista.
+
+        Parameters
+        ----------
+        mesh : Cut
+            What moves.
+        t : float, optional
+            As for `Structure.to_pyvista`.
+
+        Returns
+        -------
+        pyvista.UnstructuredGrid
+            That of ``mesh.to_pyvista(self, t)``.
+        """
+        return mesh.to_pyvista(self, t)
+
     def to_xarray(self) -> xarray.Dataset:
         """The history as an xarray.Dataset; the arrays are shared, not copied.
 

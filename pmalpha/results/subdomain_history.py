@@ -180,6 +180,23 @@ class SubdomainHistory:
         """
         write_history(path, OneSubdomain(self))
 
+    def to_pyvista(self, mesh: Any, t: float | None = None) -> Any:
+        """The motion of a mesh as an unstructured grid of pyvista.
+
+        Parameters
+        ----------
+        mesh : Structure or Cut
+            What moves.
+        t : float, optional
+            As for `Structure.to_pyvista`.
+
+        Returns
+        -------
+        pyvista.UnstructuredGrid
+            That of ``mesh.to_pyvista(self, t)``.
+        """
+        return mesh.to_pyvista(self, t)
+
     def to_xarray(self) -> xarray.Dataset:
         """The motion with the coordinates time and dof; the arrays are shared, not copied.
 

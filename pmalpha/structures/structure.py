@@ -21,6 +21,7 @@ from .element_force import ElementForce
 from .line_forces import BAR, BEAM, line_forces
 from .recipe import Recipe, all_of
 from .stress import nodal_stress
+from .vtk import grid_of
 
 __all__ = ["Structure"]
 
@@ -499,6 +500,33 @@ class Structure:
         [0.1, 0.1, 0.1, 0.1, 0.1, 0.1]
         """
         return nodal_stress(self, u, what)
+
+    def to_pyvista(self, motion: Any = None, t: float | None = None) -> Any:
+        """The mesh as an unstructured grid of pyvista, for solids in a notebook.
+
+        ``grid.warp_by_vector("displacement", factor=50).plot()`` draws it deformed.
+
+        Parameters
+        ----------
+        motion : (n,) array_like or SubdomainHistory, optional
+            Displacements, or a motion with all dofs. Default: at rest.
+        t : float, optional
+            Time of a motion: the recorded level nearest to it is taken. Default: the last.
+
+        Returns
+        -------
+        pyvista.UnstructuredGrid
+            With "displacement", of a motion also "velocity" and "acceleration", (N, 3) at the
+            points, and "time" as field data.
+
+        Raises
+        ------
+        ImportError
+            Without pyvista.
+        TypeError, ValueError
+            For other shapes, and times outside of the motion.
+        """
+        return grid_of(self, motion, t)
 
     def base_shear(self, nodes: Any, component: str = "ux") -> sp.csr_array:
         """The matrix W from displacements of all dofs to the force of the supports at some nodes.
