@@ -2,7 +2,6 @@
 
 #include <assert.h>
 #include <math.h>
-#include <string.h>
 
 #include "workers/timer.h"
 
@@ -56,14 +55,18 @@ void pma_pace_begin(pma_pace *p)
 /* The first command, the last force */
 static void take_stamps(pma_pace *p)
 {
-    double commanded = NAN, returned = NAN, *values = p->values + p->done * p->columns;
+    double commanded = NAN, returned = NAN, *values = p->values;
+    if (p->columns > 0)
+        values += p->done * p->columns;
     for (size_t i = 0; i < p->stamp_count; i++) {
         const pma_stamp *stamp = &p->stamps[i];
         if (stamp->returned != PMA_NEVER) {
             commanded = fmin(commanded, seconds(p, stamp->commanded));
             returned = fmax(returned, seconds(p, stamp->returned));
-            memcpy(values, stamp->command, stamp->count * sizeof(double));
-            memcpy(values + stamp->count, stamp->force, stamp->count * sizeof(double));
+            for (size_t k = 0; k < stamp->count; k++) {
+                values[k] = stamp->command[k];
+                values[stamp->count + k] = stamp->force[k];
+            }
         }
         values += 2 * stamp->count;
     }
